@@ -1,0 +1,94 @@
+//! Callers' mistakes and broken surroundings. How a solve ended is not an error: see [`crate::solver::Status`].
+
+use std::path::{Path, PathBuf};
+
+/// What can go wrong outside the numerical methods.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A value breaks a limit. `place` says where it stands, `limit` what would be accepted.
+    #[error("{place}: {value}, but it must be {limit}")]
+    Invalid {
+        /// Where the value stands, e.g. `foot 2, phase 3, duration`.
+        place: String,
+        /// The value found.
+        value: String,
+        /// What is accepted.
+        limit: String,
+    },
+    /// A name that is not in a list.
+    #[error("unknown {what} `{name}`; known: {known}")]
+    Unknown {
+        /// What kind of thing was named.
+        what: &'static str,
+        /// The name given.
+        name: String,
+        /// Every accepted name.
+        known: String,
+    },
+    /// Text that is not what a format asks for.
+    #[error("{message}")]
+    Format {
+        /// What the parser found, with line and column where it knows them.
+        message: String,
+    },
+    /// An error inside a file.
+    #[error("{}{}: {source}", path.display(), line.map(|l| format!(", line {l}")).unwrap_or_default())]
+    InFile {
+        /// The file.
+        path: PathBuf,
+        /// One-based line, for formats with one object a line.
+        line: Option<usize>,
+        /// What is wrong there.
+        source: Box<Error>,
+    },
+    /// The operating system refused.
+    #[error("cannot {action} {}: {source}", path.display())]
+    Io {
+        /// What was tried, e.g. `read`.
+        action: &'static str,
+        /// On which path.
+        path: PathBuf,
+        /// Its answer.
+        source: std::io::Error,
+    },
+}
+
+/// Result with this crate's [`Error`].
+pub type Result<T> = std::result::Result<T, Error>;
+
+impl Error {
+    /// A value that breaks a limit.
+    pub fn invalid(place: impl Into<String>, value: impl std::fmt::Display, limit: impl Into<String>) -> Self {
+        Error::Invalid { place: place.into(), value: value.to_string(), limit: limit.into() }
+    }
+
+    /// Says in which file, and on which line of it, this error is.
+    pub fn in_file(self, path: &Path, line: Option<usize>) -> Self {
+        Error::InFile { path: path.to_owned(), line, source: Box::new(self) }
+    }
+
+    /// Says inside what this error is: prefixes the place of an [`Error::Invalid`].
+    pub fn within(self, outer: impl std::fmt::Display) -> Self {
+        match self {
+            Error::Invalid { place, value, limit } => Error::Invalid { place: format!("{outer}: {place}"), value, limit },
+            Error::Format { message } => Error::Format { message: format!("{outer}: {message}") },
+            other => other,
+        }
+    }
+}
+
+impl From<serde_json::Error> for Error {
+    fn from(e: serde_json::Error) -> Self {
+        Error::Format { message: e.to_string() }
+    }
+}
+
+/// Checks that a number is finite and inside `[low, high]`.
+pub fn check_range(place: &str, value: f64, low: f64, high: f64) -> Result<()> {
+    if value.is_finite() && value >= low && value <= high {
+        Ok(())
+    } else {
+        Err(Error::invalid(place, value, format!("a number from {low} to {high}")))
+    }
+}

@@ -1,0 +1,8 @@
+//! Gaits: contact schedules, the curves between nodes, and trajectories as node values.
+
+pub mod schedule;
+pub mod spline;
+pub mod trajectory;
+
+pub use schedule::{Phase, Schedule};
+pub use trajectory::{Curve, FootCurves, Trajectory};

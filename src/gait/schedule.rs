@@ -1,0 +1,154 @@
+//! Contact schedules: when each foot stands and swings.
+
+use crate::error::{Error, Result};
+use crate::robot::MAX_FEET;
+
+/// Longest horizon, s.
+pub const MAX_HORIZON: f64 = 120.;
+/// Most phases of one foot.
+pub const MAX_PHASES: usize = 1001;
+/// Shortest phase, s.
+pub const MIN_PHASE: f64 = 1e-3;
+
+/// An interval in which one foot's contact does not change.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Phase {
+    /// Start, s.
+    pub start: f64,
+    /// End, s.
+    pub end: f64,
+    /// Whether the foot stands.
+    pub stance: bool,
+}
+
+impl Phase {
+    /// Duration, s.
+    pub fn duration(&self) -> f64 {
+        self.end - self.start
+    }
+}
+
+/// Phase durations of all feet, s, alternating stance, swing, ..., stance.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Schedule {
+    durations: Vec<Vec<f64>>,
+}
+
+impl Schedule {
+    /// A validated schedule.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] names the foot and the phase: no feet or more than [`MAX_FEET`], an even number of phases (it would end
+    /// in swing), more than [`MAX_PHASES`], durations that are no numbers or shorter than [`MIN_PHASE`], more than [`MAX_HORIZON`].
+    pub fn new(durations: Vec<Vec<f64>>) -> Result<Schedule> {
+        if durations.is_empty() || durations.len() > MAX_FEET {
+            return Err(Error::invalid("durations", format!("{} feet", durations.len()), format!("1 to {MAX_FEET} feet")));
+        }
+        for (foot, phases) in durations.iter().enumerate() {
+            let place = format!("durations, foot {foot}");
+            if phases.is_empty() || phases.len() > MAX_PHASES {
+                return Err(Error::invalid(place, format!("{} phases", phases.len()), format!("1 to {MAX_PHASES} phases")));
+            }
+            if phases.len() % 2 == 0 {
+                return Err(Error::invalid(
+                    place,
+                    format!("{} phases", phases.len()),
+                    "an odd number: stance and swing alternate, the first and the last phase are stance",
+                ));
+            }
+            for (phase, &d) in phases.iter().enumerate() {
+                if !(d.is_finite() && d >= MIN_PHASE) {
+                    return Err(Error::invalid(format!("{place}, phase {phase}"), format!("{d} s"), format!("at least {MIN_PHASE} s")));
+                }
+            }
+            let total: f64 = phases.iter().sum();
+            if total > MAX_HORIZON {
+                return Err(Error::invalid(place, format!("{total} s in all"), format!("at most {MAX_HORIZON} s")));
+            }
+        }
+        Ok(Schedule { durations })
+    }
+
+    /// Durations, s, `[feet][phases]`.
+    pub fn durations(&self) -> &[Vec<f64>] {
+        &self.durations
+    }
+
+    /// Number of feet.
+    pub fn feet(&self) -> usize {
+        self.durations.len()
+    }
+
+    /// Number of stance phases of a foot.
+    pub fn stances(&self, foot: usize) -> usize {
+        self.durations[foot].len().div_ceil(2)
+    }
+
+    /// Longest sum of a foot's durations, s.
+    pub fn horizon(&self) -> f64 {
+        self.durations.iter().map(|d| d.iter().sum()).fold(0., f64::max)
+    }
+
+    /// Number of intervals of length `interval` that cover the horizon.
+    pub fn intervals(&self, interval: f64) -> usize {
+        ((self.horizon() / interval - 1e-9).ceil() as usize).max(1)
+    }
+
+    /// The same schedule with every foot's last stance stretched to a common horizon, a multiple of `interval`.
+    ///
+    /// The paper \[1\] stretches to the longest foot; the rest, less than one interval, makes knots and instants uniform.
+    pub fn aligned(&self, interval: f64) -> Schedule {
+        let horizon = self.intervals(interval) as f64 * interval;
+        let mut durations = self.durations.clone();
+        for phases in &mut durations {
+            let total: f64 = phases.iter().sum();
+            if let Some(last) = phases.last_mut() {
+                *last += horizon - total;
+            }
+        }
+        Schedule { durations }
+    }
+
+    /// Phases of a foot with their times.
+    pub fn phases(&self, foot: usize) -> Vec<Phase> {
+        let mut start = 0.;
+        let phases = self.durations[foot].iter().enumerate();
+        phases
+            .map(|(i, &d)| {
+                let phase = Phase { start, end: start + d, stance: i % 2 == 0 };
+                start = phase.end;
+                phase
+            })
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn aligned_ends_every_foot_on_the_same_multiple() {
+        let s = Schedule::new(vec![vec![0.3, 0.2, 0.33], vec![0.25]]).unwrap();
+        let a = s.aligned(0.1);
+        assert_eq!(s.intervals(0.1), 9);
+        for foot in 0..2 {
+            assert!((a.durations()[foot].iter().sum::<f64>() - 0.9).abs() < 1e-12);
+        }
+        assert_eq!(a.aligned(0.1), a);
+        assert_eq!((a.stances(0), a.stances(1)), (2, 1));
+        assert!(a.phases(0)[0].stance && !a.phases(0)[1].stance);
+    }
+
+    #[test]
+    fn bad_schedules_say_where_and_why() {
+        let refused = |durations: Vec<Vec<f64>>| Schedule::new(durations).unwrap_err().to_string();
+        assert!(refused(vec![]).contains("0 feet"));
+        assert!(refused(vec![vec![1.]; 9]).contains("9 feet"));
+        assert!(refused(vec![vec![1.], vec![]]).contains("foot 1"));
+        assert!(refused(vec![vec![1., 2.]]).contains("odd number"));
+        assert!(refused(vec![vec![1., -0.1, 1.]]).contains("foot 0, phase 1"));
+        assert!(refused(vec![vec![f64::NAN]]).contains("NaN"));
+        assert!(refused(vec![vec![1e9]]).contains("at most 120"));
+    }
+}

@@ -1,0 +1,148 @@
+//! Trajectories as Hermite nodes, in the form of TOWR's variables \[3\]; what `solve` writes and `verify` reads.
+
+use crate::error::{Error, Result};
+use crate::robot::Robot;
+use crate::terrain::Terrain;
+use serde::{Deserialize, Serialize};
+
+/// A piecewise cubic Hermite curve.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Curve {
+    /// Durations of the pieces, s.
+    pub poly_durations: Vec<f64>,
+    /// Nodes between them, one more than pieces: value and slope, `[x, y, z, dx/dt, dy/dt, dz/dt]`.
+    pub nodes: Vec<[f64; 6]>,
+}
+
+impl Curve {
+    /// Checks sizes and numbers.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] names the piece or node.
+    pub fn validate(&self, place: &str) -> Result<()> {
+        if self.poly_durations.is_empty() || self.nodes.len() != self.poly_durations.len() + 1 {
+            return Err(Error::invalid(
+                format!("{place}.nodes"),
+                format!("{} nodes for {} pieces", self.nodes.len(), self.poly_durations.len()),
+                "at least one piece and one node more than pieces",
+            ));
+        }
+        for (i, d) in self.poly_durations.iter().enumerate() {
+            if !(d.is_finite() && *d > 0.) {
+                return Err(Error::invalid(format!("{place}.poly_durations[{i}]"), d, "a positive number of seconds"));
+            }
+        }
+        for (i, node) in self.nodes.iter().enumerate() {
+            if let Some(v) = node.iter().find(|v| !v.is_finite()) {
+                return Err(Error::invalid(format!("{place}.nodes[{i}]"), v, "a finite number"));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Motion and force of one foot.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FootCurves {
+    /// Position, world frame, m and m/s.
+    pub motion: Curve,
+    /// Contact force on the robot, world frame, N and N/s.
+    pub force: Curve,
+}
+
+/// A built-in thing by name, or a user's own in full.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum NamedOr<T> {
+    /// Name of a built-in.
+    Name(String),
+    /// The whole description.
+    Own(T),
+}
+
+/// A motion with its contact schedule and forces. Keys that it does not know are ignored when it is read.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Trajectory {
+    /// Scenario it belongs to, if any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scenario: Option<String>,
+    /// Target of the scenario, 1 to 20.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub target: Option<usize>,
+    /// Robot; taken from the scenario when absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub robot: Option<NamedOr<Robot>>,
+    /// Terrain; taken from the scenario when absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub terrain: Option<NamedOr<Terrain>>,
+    /// Which rows it was made to satisfy.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub transcription: Option<String>,
+    /// Seed of the search that found it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
+    /// Version of the program that wrote it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub version: Option<String>,
+    /// Base position at the start, m; above the origin when absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub init_base: Option<[f64; 3]>,
+    /// Base position asked for at the end, m.
+    pub base_target: [f64; 3],
+    /// Yaw asked for at the end, rad.
+    pub yaw_target: f64,
+    /// Phase durations, s, `[feet][phases]`.
+    pub durations: Vec<Vec<f64>>,
+    /// Horizon, s.
+    #[serde(rename = "T")]
+    pub horizon: f64,
+    /// Base position, world frame.
+    pub base_lin: Curve,
+    /// Base Euler angles roll, pitch, yaw and their rates; rotation `Rz(yaw) Ry(pitch) Rx(roll)`.
+    pub base_ang: Curve,
+    /// Per foot.
+    pub ee: Vec<FootCurves>,
+}
+
+impl Trajectory {
+    /// Reads a trajectory from JSON text and checks its form.
+    ///
+    /// # Errors
+    /// [`Error::Format`] for malformed JSON; [`Error::Invalid`] for sizes or numbers that cannot be a trajectory.
+    pub fn from_json(text: &str) -> Result<Trajectory> {
+        let trajectory: Trajectory = serde_json::from_str(text)?;
+        trajectory.validate()?;
+        Ok(trajectory)
+    }
+
+    /// Checks sizes and numbers, not physics.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] names the place.
+    pub fn validate(&self) -> Result<()> {
+        crate::gait::Schedule::new(self.durations.clone())?;
+        if self.ee.len() != self.durations.len() {
+            return Err(Error::invalid("ee", format!("{} feet", self.ee.len()), format!("{} feet, as in `durations`", self.durations.len())));
+        }
+        self.base_lin.validate("base_lin")?;
+        self.base_ang.validate("base_ang")?;
+        for (foot, curves) in self.ee.iter().enumerate() {
+            curves.motion.validate(&format!("ee[{foot}].motion"))?;
+            curves.force.validate(&format!("ee[{foot}].force"))?;
+        }
+        let finite = self.base_target.iter().chain(self.init_base.iter().flatten()).chain([&self.yaw_target]).all(|v| v.is_finite());
+        if !finite {
+            return Err(Error::invalid("base_target, yaw_target or init_base", "not finite", "finite numbers"));
+        }
+        let totals = self.durations.iter().map(|d| d.iter().sum::<f64>());
+        let curves = self.ee.iter().flat_map(|e| [&e.motion, &e.force]).chain([&self.base_lin, &self.base_ang]);
+        for total in totals.chain(curves.map(|c| c.poly_durations.iter().sum())) {
+            if (total - self.horizon).abs() > 1e-6 || !self.horizon.is_finite() {
+                return Err(Error::invalid("T", format!("{} s", self.horizon), format!("the end of every curve and foot; one ends at {total} s")));
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,239 @@
+//! Newton-Euler equations of the single rigid body at the dynamics instants.
+//!
+//! `moment = I_w omega' + omega x I_w omega - sum (x_i - p) x f_i`, divided by `m g l`;
+//! `balance = m p'' - sum f_i + m g e_z`, divided by `m g`. World frame, `I_w = R I R'`. Source: \[3\].
+
+use super::math::{Mat3, Vec3, add, cross, euler, mul, mul_transposed, scale, sub};
+use crate::nlp::layout::{DynamicsInstant, NONE};
+use crate::nlp::{Layout, Real};
+use crate::terrain::Ground;
+
+/// Rate of angular momentum of a rotating body and its derivatives.
+pub struct Spin<T> {
+    /// `I_w omega' + omega x I_w omega`, N m.
+    pub moment: Vec3<T>,
+    /// Its derivative with respect to each Euler angle, `[angle]`.
+    pub by_angle: [Vec3<T>; 3],
+    /// With respect to each rate.
+    pub by_rate: [Vec3<T>; 3],
+    /// With respect to each acceleration.
+    pub by_acceleration: [Vec3<T>; 3],
+}
+
+/// `I_w v` with `I_w = R I R'`.
+#[inline(always)]
+fn inertia_times<T: Real>(rot_wb: &Mat3<T>, inertia: &Mat3<T>, v: Vec3<T>) -> Vec3<T> {
+    mul(rot_wb, mul(inertia, mul_transposed(rot_wb, v)))
+}
+
+/// Rate of angular momentum from Euler angles, their rates and accelerations.
+///
+/// With axes `E = (e_r, e_p, e_z)`: `omega = E angles'` and
+/// `omega' = E angles'' + (pitch' e_p + yaw' e_z) x roll' e_r + yaw' e_z x pitch' e_p`.
+/// Turning the yaw turns everything; the pitch axis carries `e_r` along; the roll moves no axis.
+#[inline(always)]
+pub fn spin<T: Real>(inertia: &Mat3<T>, angles: Vec3<T>, rates: Vec3<T>, accelerations: Vec3<T>) -> Spin<T> {
+    let (rot_wb, [e_r, e_p, e_z]) = euler(angles);
+    let axes = [e_r, e_p, e_z];
+    let combine = |v: Vec3<T>| add(add(scale(v[0], e_r), scale(v[1], e_p)), scale(v[2], e_z));
+    let omega = combine(rates);
+    // What carries the roll axis, and the two rates that are carried.
+    let carrier = add(scale(rates[1], e_p), scale(rates[2], e_z));
+    let (roll, pitch, yaw) = (scale(rates[0], e_r), scale(rates[1], e_p), scale(rates[2], e_z));
+    let bias = add(cross(carrier, roll), cross(yaw, pitch));
+    let omega_dot = add(combine(accelerations), bias);
+
+    let momentum = inertia_times(&rot_wb, inertia, omega);
+    let inertial = inertia_times(&rot_wb, inertia, omega_dot);
+    let moment = add(inertial, cross(omega, momentum));
+    // Change of the moment when omega and omega' change by (w, a) while the body keeps its attitude.
+    let by_motion = |w: Vec3<T>, a: Vec3<T>| {
+        add(inertia_times(&rot_wb, inertia, a), add(cross(w, momentum), cross(omega, inertia_times(&rot_wb, inertia, w))))
+    };
+    // Change when the body turns about an axis: d(I_w v) = axis x I_w v - I_w (axis x v).
+    let by_turn = |axis: Vec3<T>| {
+        let turned = sub(cross(axis, inertial), inertia_times(&rot_wb, inertia, cross(axis, omega_dot)));
+        let momentum_turned = sub(cross(axis, momentum), inertia_times(&rot_wb, inertia, cross(axis, omega)));
+        add(turned, cross(omega, momentum_turned))
+    };
+    let e_r_pitched = cross(e_p, e_r);
+    let roll_pitched = scale(rates[0], e_r_pitched);
+    let by_pitch = by_motion(roll_pitched, add(scale(accelerations[0], e_r_pitched), cross(carrier, roll_pitched)));
+    Spin {
+        moment,
+        by_angle: [by_turn(e_r), add(by_turn(e_p), by_pitch), cross(e_z, moment)],
+        by_rate: [
+            by_motion(e_r, cross(carrier, e_r)),
+            by_motion(e_p, add(cross(e_p, roll), cross(yaw, e_p))),
+            by_motion(e_z, cross(e_z, add(roll, pitch))),
+        ],
+        by_acceleration: std::array::from_fn(|i| inertia_times(&rot_wb, inertia, axes[i])),
+    }
+}
+
+/// Dynamics rows of all instants.
+///
+/// * `residual` - out, `[instants][6]`, moment then balance
+/// * `jacobian` - out, at each instant's place
+#[inline(always)]
+pub fn dynamics<T: Real>(layout: &Layout<T>, x: &[T], ground: &[Ground<T>], residual: &mut [T], mut jacobian: Option<&mut [T]>) {
+    for instant in &layout.dynamics {
+        dynamics_instant(layout, instant, x, ground, residual, jacobian.as_deref_mut());
+    }
+}
+
+/// Dynamics rows of one instant.
+#[inline(always)]
+fn dynamics_instant<T: Real>(
+    layout: &Layout<T>,
+    instant: &DynamicsInstant<T>,
+    x: &[T],
+    ground: &[Ground<T>],
+    residual: &mut [T],
+    jacobian: Option<&mut [T]>,
+) {
+    let constants = &layout.constants;
+    let zero = T::zero();
+    let (mut pose, mut rate, mut acceleration) = (instant.reference, instant.rate, [zero; 6]);
+    for i in 0..3 {
+        let at = instant.variable[i] as usize;
+        for d in 0..6 {
+            pose[d] += instant.weights[0][i] * x[at + d];
+            rate[d] += instant.weights[1][i] * x[at + d];
+            acceleration[d] += instant.weights[2][i] * x[at + d];
+        }
+    }
+    let base_w = [pose[0], pose[1], pose[2]];
+    let spin = spin(
+        &constants.inertia,
+        [pose[3], pose[4], pose[5]],
+        [rate[3], rate[4], rate[5]],
+        [acceleration[3], acceleration[4], acceleration[5]],
+    );
+
+    let (moment_scale, balance_scale) = (constants.moment_scale, constants.balance_scale);
+    let stride = instant.place.stride as usize;
+    let mut force_sum = [zero; 3];
+    let mut moment_sum = [zero; 3];
+    let mut rows: Option<[&mut [T]; 6]> = jacobian.map(|j| rows_of(j, instant.place.jacobian as usize, stride));
+    for stance in &layout.stance_forces[instant.forces.start as usize..instant.forces.end as usize] {
+        let mut force_w = [zero; 3];
+        for i in 0..2 {
+            if stance.node[i] != NONE {
+                let at = stance.node[i] as usize;
+                for d in 0..3 {
+                    force_w[d] += stance.weights[i][0] * x[at + d] + stance.weights[i][1] * x[at + 3 + d];
+                }
+            }
+        }
+        let at = layout.footholds[stance.foothold as usize] as usize;
+        let under = &ground[stance.foothold as usize];
+        let arm = sub([x[at], x[at + 1], under.height], base_w);
+        force_sum = add(force_sum, force_w);
+        moment_sum = add(moment_sum, cross(arm, force_w));
+        let Some(rows) = rows.as_mut() else { continue };
+        // d(-arm x f)/df = -[arm]x, d(-f)/df = -1.
+        let minus_arm = scale(-moment_scale, arm);
+        for i in 0..2 {
+            if stance.node[i] == NONE {
+                continue;
+            }
+            let column = stance.node_column[i] as usize;
+            for part in 0..2 {
+                let w = stance.weights[i][part];
+                let c = column + 3 * part;
+                put_cross(rows, c, scale(w, minus_arm));
+                for r in 0..3 {
+                    for d in 0..3 {
+                        rows[3 + r][c + d] = if r == d { -w * balance_scale } else { zero };
+                    }
+                }
+            }
+        }
+        // d(-arm x f)/d arm = [f]x; the height follows the slope.
+        if stance.foothold_column != NONE {
+            let c = stance.foothold_column as usize;
+            let f = scale(moment_scale, force_w);
+            // [f]x e_x = (0, f_z, -f_y), [f]x e_y = (-f_z, 0, f_x), [f]x e_z = (f_y, -f_x, 0).
+            let along_x = add([zero, f[2], -f[1]], scale(under.slope[0], [f[1], -f[0], zero]));
+            let along_y = add([-f[2], zero, f[0]], scale(under.slope[1], [f[1], -f[0], zero]));
+            for r in 0..3 {
+                rows[r][c] = along_x[r];
+                rows[r][c + 1] = along_y[r];
+                rows[3 + r][c] = zero;
+                rows[3 + r][c + 1] = zero;
+            }
+        }
+    }
+
+    let at = instant.place.row as usize;
+    for d in 0..3 {
+        residual[at + d] = (spin.moment[d] - moment_sum[d]) * moment_scale;
+        let gravity = if d == 2 { constants.weight } else { zero };
+        residual[at + 3 + d] = (constants.mass * acceleration[d] - force_sum[d] + gravity) * balance_scale;
+    }
+    let Some(rows) = rows.as_mut() else { return };
+    // d(-(x - p) x f)/dp = -[sum f]x.
+    let minus_force = scale(-moment_scale, force_sum);
+    for i in 0..3 {
+        if instant.column[i] == NONE {
+            continue;
+        }
+        let c = instant.column[i] as usize;
+        let (w0, w1, w2) = (instant.weights[0][i], instant.weights[1][i], instant.weights[2][i]);
+        put_cross(rows, c, scale(w0, minus_force));
+        for r in 0..3 {
+            for d in 0..3 {
+                rows[3 + r][c + d] = if r == d { constants.mass * w2 * balance_scale } else { zero };
+                rows[3 + r][c + 3 + d] = zero;
+                let turn = w0 * spin.by_angle[d][r] + w1 * spin.by_rate[d][r] + w2 * spin.by_acceleration[d][r];
+                rows[r][c + 3 + d] = turn * moment_scale;
+            }
+        }
+    }
+}
+
+/// The rows of an element in the Jacobian buffer.
+#[inline(always)]
+pub(super) fn rows_of<T, const M: usize>(jacobian: &mut [T], at: usize, stride: usize) -> [&mut [T]; M] {
+    let mut rest = &mut jacobian[at..at + M * stride];
+    std::array::from_fn(|_| {
+        let (row, after) = std::mem::take(&mut rest).split_at_mut(stride);
+        rest = after;
+        row
+    })
+}
+
+/// Writes `[a]x` into the first three rows from a column on.
+#[inline(always)]
+fn put_cross<T: Real>(rows: &mut [&mut [T]; 6], column: usize, a: Vec3<T>) {
+    let zero = T::zero();
+    let matrix = [[zero, -a[2], a[1]], [a[2], zero, -a[0]], [-a[1], a[0], zero]];
+    for r in 0..3 {
+        rows[r][column..column + 3].copy_from_slice(&matrix[r]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::math::dot;
+    use super::*;
+
+    #[test]
+    fn spin_derivatives_match_central_differences() {
+        let inertia = [[0.9, -0.01, 0.05], [-0.01, 1.9, 0.02], [0.05, 0.02, 2.1]];
+        let at = [0.3, -0.4, 2.0, 0.7, -1.1, 0.9, 1.5, -0.6, 2.2];
+        let value = |v: [f64; 9]| spin(&inertia, [v[0], v[1], v[2]], [v[3], v[4], v[5]], [v[6], v[7], v[8]]);
+        let exact = value(at);
+        let d = 1e-6;
+        for i in 0..9 {
+            let (mut up, mut down) = (at, at);
+            up[i] += d;
+            down[i] -= d;
+            let difference = scale(1. / (2. * d), sub(value(up).moment, value(down).moment));
+            let analytic = [exact.by_angle, exact.by_rate, exact.by_acceleration][i / 3][i % 3];
+            let gap = sub(difference, analytic);
+            assert!(dot(gap, gap).sqrt() < 1e-7, "derivative {i}: {difference:?} against {analytic:?}");
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! Contact forces at their nodes: they push, not too hard, inside the friction pyramid of the ground under the foothold.
+//!
+//! With unit normal `n` and tangents `t1`, `t2` of the ground: `n.f <= f_max`, `+-t1.f - mu n.f <= 0`, `+-t2.f - mu n.f <= 0`, `-n.f <= 0`,
+//! each tightened by a margin. Forces are in the force unit. Source: \[3\].
+
+use super::dynamics::rows_of;
+use super::math::{Vec3, add, dot, scale, sub};
+use crate::nlp::layout::NONE;
+use crate::nlp::{Layout, Real};
+use crate::terrain::Ground;
+
+/// A unit vector and its derivatives with respect to x and y.
+struct Direction<T> {
+    unit: Vec3<T>,
+    by: [Vec3<T>; 2],
+}
+
+/// Normalises `v`, whose derivatives are `by`: `d(v/|v|) = (dv - u (u.dv)) / |v|`.
+#[inline(always)]
+fn normalised<T: Real>(v: Vec3<T>, by: [Vec3<T>; 2]) -> Direction<T> {
+    let inverse = T::one() / dot(v, v).sqrt();
+    let unit = scale(inverse, v);
+    Direction { unit, by: by.map(|dv| scale(inverse, sub(dv, scale(dot(unit, dv), unit)))) }
+}
+
+/// Normal and tangents of the ground.
+#[inline(always)]
+fn basis<T: Real>(ground: &Ground<T>) -> [Direction<T>; 3] {
+    let (zero, one) = (T::zero(), T::one());
+    let ([hx, hy], [hxx, hxy, hyy]) = (ground.slope, ground.curvature);
+    [
+        normalised([-hx, -hy, one], [[-hxx, -hxy, zero], [-hxy, -hyy, zero]]),
+        normalised([one, zero, hx], [[zero, zero, hxx], [zero, zero, hxy]]),
+        normalised([zero, one, hy], [[zero, zero, hxy], [zero, zero, hyy]]),
+    ]
+}
+
+/// Force rows of all nodes.
+///
+/// * `residual` - out, at each node's place: normal limit, 4 friction rows, push
+/// * `jacobian` - out, 5 rows at each node's place; the push is the lower side of the first
+#[inline(always)]
+pub fn force<T: Real>(layout: &Layout<T>, x: &[T], ground: &[Ground<T>], residual: &mut [T], mut jacobian: Option<&mut [T]>) {
+    let constants = &layout.constants;
+    let (zero, one) = (T::zero(), T::one());
+    for node in &layout.force_nodes {
+        let at = node.node as usize;
+        let force = [x[at], x[at + 1], x[at + 2]];
+        let [n, t1, t2] = basis(&ground[node.foothold as usize]);
+        let minus_mu_n = scale(-constants.friction, n.unit);
+        let normals = [n.unit, add(t1.unit, minus_mu_n), sub(minus_mu_n, t1.unit), add(t2.unit, minus_mu_n), sub(minus_mu_n, t2.unit)];
+        let at = node.place.inequality as usize;
+        for r in 0..5 {
+            let bound = if r == 0 { constants.force_limit } else { zero };
+            residual[at + r] = dot(normals[r], force) - bound + constants.force_margin;
+        }
+        residual[at + 5] = -dot(n.unit, force) + constants.force_margin;
+        let Some(jacobian) = jacobian.as_deref_mut() else { continue };
+        let rows: [&mut [T]; 5] = rows_of(jacobian, node.place.jacobian as usize, node.place.stride as usize);
+        let c = node.node_column as usize;
+        for r in 0..5 {
+            for d in 0..3 {
+                rows[r][c + d] = normals[r][d];
+                rows[r][c + 3 + d] = zero;
+            }
+        }
+        if node.foothold_column == NONE {
+            continue;
+        }
+        let c = node.foothold_column as usize;
+        for d in 0..2 {
+            let by_n = dot(n.by[d], force);
+            let by_t = [dot(t1.by[d], force), dot(t2.by[d], force)];
+            rows[0][c + d] = by_n;
+            for (r, side) in [(1, one), (2, -one), (3, one), (4, -one)] {
+                rows[r][c + d] = side * by_t[(r - 1) / 2] - constants.friction * by_n;
+            }
+        }
+    }
+}

@@ -1,0 +1,38 @@
+//! The numerical kernels: plain loops over flat buffers and the index tables of a [`Layout`](crate::nlp::Layout), without allocation.
+//!
+//! One file a kernel; each is written so that a WGSL shader of the same name can mirror it line by line. No kernel uses fused
+//! multiply-add, and every sum has a fixed order, so results do not depend on the processor's vector width.
+
+pub mod dynamics;
+pub mod force;
+pub mod foothold;
+pub mod front;
+pub mod math;
+pub mod reach;
+pub mod step;
+pub mod swing;
+
+use crate::nlp::{Layout, Real};
+use crate::terrain::Ground;
+
+/// Residuals (and, when asked for, Jacobian values) of all elements at `x`.
+///
+/// * `ground` - scratch, `[footholds]`
+/// * `equality` - out, `c`, `[equalities]`, dimensionless; zero when it holds
+/// * `inequality` - out, `g`, `[inequalities]`, dimensionless; holds when `g <= 0`
+/// * `jacobian` - out, values of every element, `[rows][stride]`
+#[inline(always)]
+pub fn evaluate<T: Real>(
+    layout: &Layout<T>,
+    x: &[T],
+    ground: &mut [Ground<T>],
+    equality: &mut [T],
+    inequality: &mut [T],
+    mut jacobian: Option<&mut [T]>,
+) {
+    foothold::footholds(layout, x, ground);
+    dynamics::dynamics(layout, x, ground, equality, jacobian.as_deref_mut());
+    reach::reach(layout, x, ground, inequality, jacobian.as_deref_mut());
+    force::force(layout, x, ground, inequality, jacobian.as_deref_mut());
+    swing::swing(layout, x, inequality, jacobian);
+}

@@ -1,0 +1,31 @@
+//! Where the solver starts: TOWR's initial values \[3\].
+//!
+//! The base moves along a line, its height towards the nominal leg height above the goal; footholds are spread along the line from
+//! the first to the last nominal foothold; every foot in contact carries an equal share of the weight.
+
+use crate::task::Task;
+
+/// Base height towards which the initial guess moves, m.
+pub fn final_base_height(task: &Task) -> f64 {
+    let [x, y, _] = task.base_target;
+    task.terrain.height(x, y) - task.robot.nominal_feet[0][2]
+}
+
+/// Foothold of stance `stance` of `stances` of a foot (x, y), m.
+///
+/// TOWR spreads the motion nodes evenly over the line, three a stance and swing; a stance takes the place of its second node.
+pub fn foothold(task: &Task, foot: usize, stance: usize, stances: usize) -> [f64; 2] {
+    let (start, goal) = (task.foothold_start(foot), task.foothold_goal(foot));
+    if stance == 0 {
+        return start;
+    }
+    let nodes = 3 * stances - 1;
+    let part = (3 * stance + 1) as f64 / (nodes - 1) as f64;
+    [start[0] + part * (goal[0] - start[0]), start[1] + part * (goal[1] - start[1])]
+}
+
+/// Height of the mid node of the swing after stance `stance`, m: the terrain under it.
+pub fn swing_height(task: &Task, foot: usize, stance: usize, stances: usize) -> f64 {
+    let (a, b) = (foothold(task, foot, stance, stances), foothold(task, foot, stance + 1, stances));
+    task.terrain.height((a[0] + b[0]) / 2., (a[1] + b[1]) / 2.)
+}

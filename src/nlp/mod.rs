@@ -1,0 +1,52 @@
+//! The trajectory optimisation problem of one candidate: its variables, its rows and the tables that the kernels walk.
+//!
+//! Rows come in elements. An element is a small group of rows that share their columns, such as the six dynamics rows of an instant.
+//! The kernels fill each element's residuals and dense Jacobian; everything after that (assembly, products, steps) knows elements only
+//! and serves every transcription.
+
+pub mod initial_guess;
+pub mod layout;
+pub mod sweep;
+pub mod towr;
+
+pub use layout::Layout;
+
+/// Scalar of the solver: `f32` for speed, `f64` for certification.
+pub trait Real: num_traits::Float + num_traits::NumAssign + std::iter::Sum + Default + std::fmt::Debug + Send + Sync + 'static {
+    /// Nearest value to an `f64`.
+    fn of(value: f64) -> Self;
+    /// This value as an `f64`.
+    fn as_f64(self) -> f64;
+    /// Partial Cholesky factorisation with the register tile that suits the scalar, see [`crate::kernels::front`].
+    fn partial_cholesky(front: &mut [Self], stride: usize, size: usize, pivots: usize) -> bool;
+}
+
+impl Real for f32 {
+    #[inline(always)]
+    fn of(value: f64) -> Self {
+        value as f32
+    }
+    #[inline(always)]
+    fn as_f64(self) -> f64 {
+        f64::from(self)
+    }
+    #[inline(always)]
+    fn partial_cholesky(front: &mut [Self], stride: usize, size: usize, pivots: usize) -> bool {
+        crate::kernels::front::partial_cholesky::<f32, 16>(front, stride, size, pivots)
+    }
+}
+
+impl Real for f64 {
+    #[inline(always)]
+    fn of(value: f64) -> Self {
+        value
+    }
+    #[inline(always)]
+    fn as_f64(self) -> f64 {
+        self
+    }
+    #[inline(always)]
+    fn partial_cholesky(front: &mut [Self], stride: usize, size: usize, pivots: usize) -> bool {
+        crate::kernels::front::partial_cholesky::<f64, 8>(front, stride, size, pivots)
+    }
+}

@@ -1,0 +1,153 @@
+//! Symbolic analysis of the frontal factorisation: a sort by the time of a variable's last row.
+//!
+//! The sweep walks the instants in order. The front of a step holds the variables that have a row at or before it and one at or after
+//! it; those whose last row is here are its pivots. Variables are numbered in that order, so the pivots of a step are consecutive and a
+//! front sorted by variable starts with them.
+
+use super::layout::Block;
+use std::ops::Range;
+
+/// Consecutive variables: in `x`, in the front, and in an element's columns (or in the next front).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(C)]
+pub struct Run {
+    /// First variable.
+    pub variable: u32,
+    /// Its slot in the front.
+    pub slot: u32,
+    /// Its column in the element, or its slot in the previous front.
+    pub column: u32,
+    /// How many.
+    pub len: u32,
+}
+
+/// One step of the sweep.
+#[derive(Debug, Clone)]
+pub struct Step {
+    /// Size of the front.
+    pub size: u32,
+    /// How many of its variables, the first, are eliminated here.
+    pub pivots: u32,
+    /// First pivot.
+    pub variable: u32,
+    /// Offset of its rows in the factor, `[pivots][stride]`; the right-hand side stands in column `size`.
+    pub factor: u32,
+    /// Distance of two of them.
+    pub stride: u32,
+    /// Elements assembled here.
+    pub elements: Range<u32>,
+    /// What stays of the previous front: runs from slot `column` there to slot `slot` here.
+    pub moves: Range<u32>,
+    /// The front after its pivots, as runs.
+    pub rest: Range<u32>,
+}
+
+/// Result of the analysis.
+pub(super) struct Fronts {
+    pub steps: Vec<Step>,
+    pub runs: Vec<Run>,
+    pub stride: usize,
+    pub factor_len: usize,
+    /// Contents of each step's front, as runs.
+    contents: Vec<Vec<Run>>,
+}
+
+impl Fronts {
+    /// Slot of a variable in the front of a step.
+    pub fn slot(&self, step: usize, variable: u32) -> u32 {
+        let contents = &self.contents[step];
+        let at = contents.partition_point(|r| r.variable <= variable);
+        let run = &contents[at - 1];
+        debug_assert!(variable < run.variable + run.len);
+        run.slot + variable - run.variable
+    }
+}
+
+/// Position of every block in `x`: free blocks by their last step, then their first, then fixed blocks.
+pub(super) fn order(blocks: &[Block]) -> Vec<u32> {
+    let mut ids: Vec<usize> = (0..blocks.len()).collect();
+    ids.sort_by_key(|&i| (blocks[i].fixed, blocks[i].last, std::cmp::Reverse(blocks[i].first), i));
+    let mut positions = vec![0; blocks.len()];
+    let mut next = 0;
+    for id in ids {
+        positions[id] = next;
+        next += blocks[id].initial.len() as u32;
+    }
+    positions
+}
+
+/// Fronts of all steps.
+pub(super) fn fronts(blocks: &[Block], positions: &[u32], steps: usize) -> Fronts {
+    let mut free: Vec<usize> = (0..blocks.len()).filter(|&i| !blocks[i].fixed).collect();
+    free.sort_by_key(|&i| positions[i]);
+    let mut result = Fronts { steps: Vec::with_capacity(steps), runs: Vec::new(), stride: 0, factor_len: 0, contents: Vec::with_capacity(steps) };
+    let mut first_free = 0;
+    for k in 0..steps {
+        while first_free < free.len() && blocks[free[first_free]].last < k {
+            first_free += 1;
+        }
+        let mut contents: Vec<Run> = Vec::new();
+        let (mut size, mut pivots) = (0u32, 0u32);
+        let variable = free.get(first_free).map_or(0, |&i| positions[i]);
+        for &i in &free[first_free..] {
+            let (block, at) = (&blocks[i], positions[i]);
+            if block.first > k {
+                continue;
+            }
+            let len = block.initial.len() as u32;
+            push_run(&mut contents, 0, Run { variable: at, slot: size, column: 0, len });
+            size += len;
+            if block.last == k {
+                pivots += len;
+            }
+        }
+        let first_move = result.runs.len();
+        if let Some(previous) = result.contents.last() {
+            let gone = result.steps[k - 1].pivots;
+            for old in previous {
+                let skip = gone.saturating_sub(old.slot).min(old.len);
+                // A run of the old front is a run of the new one too, or several where new variables came between.
+                let mut from = skip;
+                while from < old.len {
+                    let variable = old.variable + from;
+                    let at = contents.partition_point(|r| r.variable <= variable) - 1;
+                    let new = contents[at];
+                    let len = (old.len - from).min(new.variable + new.len - variable);
+                    let run = Run { variable, slot: new.slot + variable - new.variable, column: old.slot + from, len };
+                    result.runs.push(run);
+                    from += len;
+                }
+            }
+        }
+        let first_rest = result.runs.len();
+        for run in &contents {
+            let skip = pivots.saturating_sub(run.slot).min(run.len);
+            if skip < run.len {
+                result.runs.push(Run { variable: run.variable + skip, slot: run.slot + skip, column: 0, len: run.len - skip });
+            }
+        }
+        let stride = (size + 1).next_multiple_of(8);
+        result.steps.push(Step {
+            size,
+            pivots,
+            variable,
+            factor: result.factor_len as u32,
+            stride,
+            elements: 0..0,
+            moves: first_move as u32..first_rest as u32,
+            rest: first_rest as u32..result.runs.len() as u32,
+        });
+        result.factor_len += (pivots * stride) as usize;
+        result.stride = result.stride.max((size as usize + 1).next_multiple_of(16));
+        result.contents.push(contents);
+    }
+    result
+}
+
+/// Appends a run, joined to the last one (from index `from` on) where it continues it.
+fn push_run(runs: &mut Vec<Run>, from: usize, run: Run) {
+    match runs[from..].last_mut() {
+        Some(last) if last.variable + last.len == run.variable => last.len += run.len,
+        _ => runs.push(run),
+    }
+}

@@ -1,0 +1,104 @@
+//! From solver variables back to TOWR's node values \[3\].
+
+use super::Layout;
+use super::layout::{NONE, SWING_DURATION};
+use crate::gait::spline::BSpline;
+use crate::gait::{Curve, FootCurves, Trajectory};
+use crate::task::Task;
+
+/// Node values of a solution: the same curves as Hermite pieces.
+///
+/// * `x` - as [`Layout::initial`], fixed values included
+pub fn towr_nodes(task: &Task, layout: &Layout<f64>, x: &[f64]) -> Trajectory {
+    let curves = &layout.curves;
+    let horizon = curves.intervals as f64 * curves.interval;
+    Trajectory {
+        scenario: None,
+        target: None,
+        robot: None,
+        terrain: None,
+        transcription: Some("towr".into()),
+        seed: None,
+        version: Some(env!("CARGO_PKG_VERSION").into()),
+        init_base: Some(task.base_start()),
+        base_target: task.base_target,
+        yaw_target: task.yaw_target,
+        durations: curves.feet.iter().map(|f| f.phases.iter().map(|p| p.duration()).collect()).collect(),
+        horizon,
+        base_lin: base_curve(task, layout, x, 0),
+        base_ang: base_curve(task, layout, x, 3),
+        ee: (0..curves.feet.len())
+            .map(|foot| FootCurves { motion: motion_curve(task, layout, x, foot), force: force_curve(layout, x, foot) })
+            .collect(),
+    }
+}
+
+/// Base position (`first = 0`) or Euler angles (`first = 3`) at the knots.
+fn base_curve(task: &Task, layout: &Layout<f64>, x: &[f64], first: usize) -> Curve {
+    let curves = &layout.curves;
+    let (n, h) = (curves.intervals, curves.interval);
+    let (spline, horizon) = (BSpline::new(n, h), n as f64 * h);
+    let start = [task.base_start(), [0.; 3]].concat();
+    let goal = [task.base_target, [0., 0., task.yaw_target]].concat();
+    let nodes = (0..=n).map(|k| {
+        let (t, interval) = (k as f64 * h, k.min(n - 1));
+        let weights = [spline.basis(interval, t, 0), spline.basis(interval, t, 1)];
+        std::array::from_fn(|i| {
+            let (derivative, d) = (i / 3, first + i % 3);
+            let rate = (goal[d] - start[d]) / horizon;
+            let reference = if derivative == 0 { start[d] + rate * t } else { rate };
+            reference + (0..4).map(|j| weights[derivative][j] * x[curves.base[interval + j] as usize + d]).sum::<f64>()
+        })
+    });
+    Curve { poly_durations: vec![h; n], nodes: nodes.collect() }
+}
+
+/// One piece a stance, two a swing.
+fn motion_curve(task: &Task, layout: &Layout<f64>, x: &[f64], foot: usize) -> Curve {
+    let blocks = &layout.curves.feet[foot];
+    let foothold = |stance: usize| {
+        let at = blocks.footholds[stance] as usize;
+        let [px, py] = [x[at], x[at + 1]];
+        [px, py, task.terrain.height(px, py)]
+    };
+    let mut curve = Curve { poly_durations: Vec::new(), nodes: Vec::new() };
+    for (i, phase) in blocks.phases.iter().enumerate() {
+        if phase.stance {
+            let [px, py, pz] = foothold(i / 2);
+            curve.nodes.extend([[px, py, pz, 0., 0., 0.]; 2]);
+            curve.poly_durations.push(phase.duration());
+        } else {
+            let (a, b) = (foothold(i / 2), foothold(i / 2 + 1));
+            let z = x[blocks.heights[i / 2] as usize];
+            let mid = |d: usize| (a[d] + b[d]) / 2.;
+            let speed = |d: usize| (b[d] - a[d]) / SWING_DURATION;
+            curve.nodes.push([mid(0), mid(1), z, speed(0), speed(1), 0.]);
+            curve.poly_durations.extend([phase.duration() / 2.; 2]);
+        }
+    }
+    curve
+}
+
+/// The settings' number of pieces a stance, one zero piece a swing.
+fn force_curve(layout: &Layout<f64>, x: &[f64], foot: usize) -> Curve {
+    let blocks = &layout.curves.feet[foot];
+    let unit = layout.constants.force_unit;
+    let mut curve = Curve { poly_durations: Vec::new(), nodes: Vec::new() };
+    for (i, phase) in blocks.phases.iter().enumerate() {
+        if !phase.stance {
+            curve.poly_durations.push(phase.duration());
+            continue;
+        }
+        let nodes = &blocks.force_nodes[i / 2];
+        let duration = phase.duration() / (nodes.len() - 1) as f64;
+        curve.poly_durations.extend(vec![duration; nodes.len() - 1]);
+        curve.nodes.extend(nodes.iter().map(|&node| {
+            if node == NONE {
+                return [0.; 6];
+            }
+            let at = node as usize;
+            std::array::from_fn(|d| x[at + d] * if d < 3 { unit } else { unit / duration })
+        }));
+    }
+    curve
+}

@@ -1,0 +1,176 @@
+//! Robot models: a single rigid body with feet that reach inside boxes.
+
+use crate::error::{Error, Result, check_range};
+use serde::{Deserialize, Serialize};
+
+/// Standard gravity, m/s². Source: \[3\].
+pub const GRAVITY: f64 = 9.80665;
+
+/// Most feet a robot can have.
+pub const MAX_FEET: usize = 8;
+
+/// A legged robot as the solver sees it.
+///
+/// The base frame sits in the centre of mass: x forward, y left, z up.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Robot {
+    /// Name, used in results.
+    pub name: String,
+    /// Mass, kg.
+    pub mass: f64,
+    /// Inertia tensor about the centre of mass, base frame, kg m², rows of the symmetric 3 x 3 matrix.
+    /// Off-diagonal entries are tensor entries: `inertia[0][1] = -int x y dm`.
+    pub inertia: [[f64; 3]; 3],
+    /// Height of the base above the terrain at the start, m.
+    pub base_height: f64,
+    /// Nominal foot positions in the base frame, m, `[feet][3]`.
+    pub nominal_feet: Vec<[f64; 3]>,
+    /// Half-widths of the box around its nominal position that each foot reaches, base axes, m.
+    pub reach: [f64; 3],
+}
+
+/// Names of the built-in robots.
+pub const ROBOTS: [&str; 6] = ["monoped", "biped", "hyq", "anymal", "pexod", "pexod-as-published"];
+
+/// Symmetric matrix from its six entries.
+fn symmetric(xx: f64, yy: f64, zz: f64, xy: f64, xz: f64, yz: f64) -> [[f64; 3]; 3] {
+    [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+}
+
+/// Feet left, right, from front to hind, mirrored in y: LF, RF, LH, RH for a quadruped.
+fn pairs(xs: &[f64], y: f64, z: f64) -> Vec<[f64; 3]> {
+    xs.iter().flat_map(|&x| [[x, y, z], [x, -y, z]]).collect()
+}
+
+impl Robot {
+    /// A built-in robot by name. Numbers: \[3\] for the first four, \[4\] for the hexapod.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] lists [`ROBOTS`].
+    pub fn named(name: &str) -> Result<Robot> {
+        let (mass, inertia, base_height, nominal_feet, reach) = match name {
+            "monoped" => (20., symmetric(1.2, 5.5, 6.0, 0., 0.2, 0.01), 0.58, vec![[0., 0., -0.58]], [0.25, 0.15, 0.2]),
+            "biped" => (20., symmetric(1.209, 5.583, 6.056, -0.005, 0.19, 0.012), 0.65, pairs(&[0.], 0.2, -0.65), [0.25, 0.15, 0.15]),
+            "hyq" => (83., symmetric(4.26, 8.97, 9.88, 0.0063, -0.193, -0.0126), 0.58, pairs(&[0.31, -0.31], 0.29, -0.58), [0.25, 0.2, 0.1]),
+            "anymal" => (
+                29.5,
+                symmetric(0.946438, 1.94478, 2.01835, -0.000938112, 0.00595386, 0.00146328),
+                0.5,
+                pairs(&[0.34, -0.34], 0.19, -0.42),
+                [0.15, 0.1, 0.1],
+            ),
+            // A 0.24 x 0.20 x 0.04 m box.
+            "pexod" => (
+                1.031,
+                symmetric(0.00357413333333, 0.00508626666667, 0.00838546666667, 0., 0., 0.),
+                0.14,
+                pairs(&[0.11, 0., -0.11], 0.185, -0.14),
+                [0.15, 0.1, 0.05],
+            ),
+            // The same numbers in the order in which the public code of [4] passes them: no possible body, kept for comparisons.
+            "pexod-as-published" => (
+                1.031,
+                symmetric(0.00357413333333, 0., 0., -0.00508626666667, 0., -0.00838546666667),
+                0.14,
+                pairs(&[0.11, 0., -0.11], 0.185, -0.14),
+                [0.15, 0.1, 0.05],
+            ),
+            _ => return Err(Error::Unknown { what: "robot", name: name.into(), known: ROBOTS.join(", ") }),
+        };
+        Ok(Robot { name: name.into(), mass, inertia, base_height, nominal_feet, reach })
+    }
+
+    /// Reads a robot from JSON text and validates it.
+    ///
+    /// # Errors
+    /// [`Error::Format`] for malformed JSON, unknown or missing keys; [`Error::Invalid`] for impossible values.
+    pub fn from_json(text: &str) -> Result<Robot> {
+        let robot: Robot = serde_json::from_str(text)?;
+        robot.validate()?;
+        Ok(robot)
+    }
+
+    /// Checks that this is a possible body with feet below it.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] names the first field that is out of its limits.
+    pub fn validate(&self) -> Result<()> {
+        check_range("robot.mass", self.mass, 1e-3, 1e6)?;
+        check_range("robot.base_height", self.base_height, 1e-3, 100.)?;
+        if self.nominal_feet.is_empty() || self.nominal_feet.len() > MAX_FEET {
+            return Err(Error::invalid("robot.nominal_feet", format!("{} feet", self.nominal_feet.len()), format!("1 to {MAX_FEET} feet")));
+        }
+        for (foot, p) in self.nominal_feet.iter().enumerate() {
+            for (axis, &v) in p.iter().enumerate() {
+                check_range(&format!("robot.nominal_feet[{foot}][{axis}]"), v, -100., 100.)?;
+            }
+        }
+        for (axis, &v) in self.reach.iter().enumerate() {
+            check_range(&format!("robot.reach[{axis}]"), v, 1e-3, 100.)?;
+        }
+        let i = &self.inertia;
+        for r in 0..3 {
+            for c in 0..3 {
+                check_range(&format!("robot.inertia[{r}][{c}]"), i[r][c], -1e6, 1e6)?;
+                if i[r][c] != i[c][r] {
+                    return Err(Error::invalid(format!("robot.inertia[{r}][{c}]"), i[r][c], format!("equal to inertia[{c}][{r}] = {}", i[c][r])));
+                }
+            }
+        }
+        if self.name == "pexod-as-published" && *self == Robot::named("pexod-as-published")? {
+            return Ok(());
+        }
+        let mut eigen = nalgebra::Matrix3::from_fn(|r, c| i[r][c]).symmetric_eigenvalues();
+        eigen.as_mut_slice().sort_by(f64::total_cmp);
+        if eigen[0] <= 0. || eigen[0] + eigen[1] < eigen[2] * (1. - 1e-9) {
+            return Err(Error::invalid(
+                "robot.inertia",
+                format!("principal moments {:.4e}, {:.4e}, {:.4e}", eigen[0], eigen[1], eigen[2]),
+                "positive, none larger than the sum of the other two",
+            ));
+        }
+        Ok(())
+    }
+
+    /// Number of feet.
+    pub fn feet(&self) -> usize {
+        self.nominal_feet.len()
+    }
+
+    /// Nominal leg height, m, the length that makes moments dimensionless; at least 0.1 m.
+    pub fn leg_height(&self) -> f64 {
+        self.nominal_feet[0][2].abs().max(0.1)
+    }
+
+    /// Weight, N.
+    pub fn weight(&self) -> f64 {
+        self.mass * GRAVITY
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_built_in_robot_is_valid_and_survives_json() {
+        for name in ROBOTS {
+            let robot = Robot::named(name).unwrap();
+            robot.validate().unwrap();
+            assert_eq!(Robot::from_json(&serde_json::to_string(&robot).unwrap()).unwrap(), robot);
+        }
+        assert!(Robot::named("cat").unwrap_err().to_string().contains("anymal"));
+    }
+
+    #[test]
+    fn impossible_bodies_are_refused() {
+        let mut robot = Robot::named("anymal").unwrap();
+        robot.inertia[2][2] = 10.;
+        assert!(robot.validate().unwrap_err().to_string().contains("principal moments"));
+        let mut robot = Robot::named("anymal").unwrap();
+        robot.nominal_feet = vec![[0.; 3]; 9];
+        assert!(robot.validate().unwrap_err().to_string().contains("9 feet"));
+        assert!(Robot::from_json(r#"{"name":"x","mass":1,"wings":2}"#).unwrap_err().to_string().contains("wings"));
+    }
+}

@@ -1,0 +1,121 @@
+//! Every tunable value of the transcription and the solver, with unit, default and limits.
+
+use crate::error::{Result, check_range};
+use serde::{Deserialize, Serialize};
+
+/// How the motion is turned into variables and rows.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TranscriptionSettings {
+    /// Interval of base knots and dynamics instants, s. Longer: fewer variables, motions that hold less between instants.
+    pub interval: f64,
+    /// Interval of reach rows, s.
+    pub reach_interval: f64,
+    /// Cubic pieces of the force in a stance, at least 2.
+    pub force_pieces: usize,
+    /// Tightening of reach and swing rows, m. Too small: rows that the f32 solution touches fail the f64 check; too large: fewer gaits.
+    pub length_margin: f64,
+    /// Tightening of force rows, in body weights.
+    pub force_margin: f64,
+}
+
+impl Default for TranscriptionSettings {
+    fn default() -> Self {
+        TranscriptionSettings { interval: 0.1, reach_interval: 0.08, force_pieces: 3, length_margin: 1e-3, force_margin: 1e-3 }
+    }
+}
+
+/// How the solver iterates. Symbols as in [`crate::solver`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SolverSettings {
+    /// Iteration limit.
+    pub max_iterations: usize,
+    /// Scaled infeasibility `F` below which the f32 solve ends; the f64 closing steps do the rest.
+    pub tolerance: f64,
+    /// Row violation below which an f64 solve ends, in the row's own unit (N, N m, m). Certification counts beyond 1e-4.
+    pub row_tolerance: f64,
+    /// First barrier parameter `mu`.
+    pub barrier: f64,
+    /// First proximal weight `eps`. Larger: shorter, safer steps.
+    pub proximal: f64,
+    /// Smallest proximal weight.
+    pub proximal_floor: f64,
+    /// `F` below which closing steps start.
+    pub closing: f64,
+    /// Closing steps in f64 after an f32 solve, before the solve is repeated in f64.
+    pub closing_steps: usize,
+    /// End candidates that make no progress.
+    pub stall: StallSettings,
+}
+
+impl Default for SolverSettings {
+    fn default() -> Self {
+        SolverSettings {
+            max_iterations: 200,
+            tolerance: 1e-7,
+            row_tolerance: 2e-5,
+            barrier: 0.05,
+            proximal: 1e-3,
+            proximal_floor: 1e-5,
+            closing: 1e-3,
+            closing_steps: 8,
+            stall: StallSettings::default(),
+        }
+    }
+}
+
+/// When a candidate counts as stalled: `F` has not fallen below `factor` times its value `window` iterations ago, after iteration
+/// `start`. Calibrated in `benches/README.md`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct StallSettings {
+    /// Whether the rule is in force.
+    pub enabled: bool,
+    /// First iteration at which it may end a candidate.
+    pub start: usize,
+    /// Iterations looked back.
+    pub window: usize,
+    /// Share of `F` that must be lost over the window.
+    pub factor: f64,
+}
+
+impl Default for StallSettings {
+    fn default() -> Self {
+        StallSettings { enabled: true, start: 20, window: 3, factor: 0.9 }
+    }
+}
+
+impl TranscriptionSettings {
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// [`crate::Error::Invalid`] names the first field that is out of its limits.
+    pub fn validate(&self) -> Result<()> {
+        check_range("transcription.interval", self.interval, 0.01, 1.)?;
+        check_range("transcription.reach_interval", self.reach_interval, 0.005, 1.)?;
+        check_range("transcription.force_pieces", self.force_pieces as f64, 2., 16.)?;
+        check_range("transcription.length_margin", self.length_margin, 0., 0.1)?;
+        check_range("transcription.force_margin", self.force_margin, 0., 0.1)
+    }
+}
+
+impl SolverSettings {
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// [`crate::Error::Invalid`] names the first field that is out of its limits.
+    pub fn validate(&self) -> Result<()> {
+        check_range("solver.max_iterations", self.max_iterations as f64, 0., 1e6)?;
+        check_range("solver.tolerance", self.tolerance, 1e-12, 1.)?;
+        check_range("solver.row_tolerance", self.row_tolerance, 1e-9, 1.)?;
+        check_range("solver.barrier", self.barrier, 1e-6, 1e3)?;
+        check_range("solver.proximal", self.proximal, 1e-9, 1e3)?;
+        check_range("solver.proximal_floor", self.proximal_floor, 1e-9, self.proximal)?;
+        check_range("solver.closing", self.closing, 0., 1e3)?;
+        check_range("solver.closing_steps", self.closing_steps as f64, 0., 100.)?;
+        check_range("solver.stall.start", self.stall.start as f64, 1., 1e6)?;
+        check_range("solver.stall.window", self.stall.window as f64, 1., 1e3)?;
+        check_range("solver.stall.factor", self.stall.factor, 0., 1.)
+    }
+}

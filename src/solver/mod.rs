@@ -1,0 +1,339 @@
+//! Elastic primal-dual augmented-Lagrangian Gauss-Newton solver for one candidate.
+//!
+//! For scaled equalities `c(x) = 0` and inequalities `g(x) <= 0` with slacks `s`, multipliers `z` and penalty `rho = 1`, it minimises
+//! `rho/2 |c|^2 + rho/2 |g + s|^2 - mu sum ln s` with a proximal term. Eliminating slacks and multipliers leaves one positive definite
+//! system an iteration,
+//!
+//! `(eps D + rho Jc'Jc + Jg' W Jg) d = -(rho Jc' c + Jg'(z + w (g - z/rho + mu/z)))`, `w = 1 / (s/z + 1/rho)`,
+//!
+//! whose weights are bounded by `rho`, so that it is safe in f32. Near a solution, closing steps (Gauss-Newton on the equalities and the
+//! violated rows) converge quadratically.
+
+mod status;
+
+pub use status::{Outcome, Status};
+
+use crate::kernels::front::{self, Factor};
+use crate::kernels::step::{self, Slacks};
+use crate::nlp::layout::Family;
+use crate::nlp::{Layout, Real};
+use crate::settings::SolverSettings;
+use crate::terrain::Ground;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// When a solve is done.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Finish {
+    /// The scaled infeasibility `F`, margins included, is below this.
+    Infeasibility(f64),
+    /// No row is violated by more than this in its own unit (N, N m, m); margins do not count.
+    Rows(f64),
+}
+
+/// Residuals at one point.
+#[derive(Debug, Default)]
+struct Residuals<T> {
+    c: Vec<T>,
+    g: Vec<T>,
+}
+
+impl<T: Real> Residuals<T> {
+    fn resize(&mut self, layout: &Layout<T>) {
+        self.c.resize(layout.equalities, T::zero());
+        self.g.resize(layout.inequalities, T::zero());
+    }
+}
+
+/// Buffers for one candidate at a time; made once a thread and reused, so that a solve allocates only when it meets a larger candidate.
+#[derive(Debug)]
+pub struct Solver<T> {
+    x: Vec<T>,
+    trial: Vec<T>,
+    direction: Vec<T>,
+    diagonal: Vec<T>,
+    ground: Vec<Ground<T>>,
+    now: Residuals<T>,
+    next: Residuals<T>,
+    change: Residuals<T>,
+    linear: Residuals<T>,
+    jacobian: Vec<T>,
+    weight: Vec<T>,
+    value: Vec<T>,
+    slacks: Slacks<T>,
+    factor: Factor<T>,
+    history: Vec<f64>,
+}
+
+impl<T: Real> Default for Solver<T> {
+    fn default() -> Self {
+        Solver {
+            x: Vec::new(),
+            trial: Vec::new(),
+            direction: Vec::new(),
+            diagonal: Vec::new(),
+            ground: Vec::new(),
+            now: Residuals::default(),
+            next: Residuals::default(),
+            change: Residuals::default(),
+            linear: Residuals::default(),
+            jacobian: Vec::new(),
+            weight: Vec::new(),
+            value: Vec::new(),
+            slacks: Slacks::default(),
+            factor: Factor::default(),
+            history: Vec::new(),
+        }
+    }
+}
+
+/// How an attempt to step ended.
+enum Attempt {
+    Accepted { step: f64, ratio: f64 },
+    Refused,
+}
+
+/// Attempts to step before an iteration gives up, each with a larger proximal weight.
+const ATTEMPTS: usize = 6;
+/// Growth of the proximal weight after a refused attempt.
+const PROXIMAL_GROWTH: f64 = 6.;
+
+impl<T: Real> Solver<T> {
+    /// Solves one candidate from `start` (or from the layout's initial values).
+    ///
+    /// The result does not depend on what was solved before. `cancel` ends the solve at the next iteration.
+    pub fn solve(
+        &mut self,
+        layout: &Layout<T>,
+        settings: &SolverSettings,
+        finish: Finish,
+        start: Option<&[f64]>,
+        cancel: &AtomicBool,
+    ) -> Outcome {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") {
+            // SAFETY: the processor has AVX2. The code is the same, and so are its results: no kernel's order of operations depends on the
+            // vector width, and fused multiply-add is not used.
+            return unsafe { self.solve_avx2(layout, settings, finish, start, cancel) };
+        }
+        self.solve_here(layout, settings, finish, start, cancel)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn solve_avx2(&mut self, layout: &Layout<T>, settings: &SolverSettings, finish: Finish, start: Option<&[f64]>, cancel: &AtomicBool) -> Outcome {
+        self.solve_here(layout, settings, finish, start, cancel)
+    }
+
+    /// The last `x` in `f64`, fixed values included.
+    pub fn solution(&self) -> Vec<f64> {
+        self.x.iter().map(|v| v.as_f64()).collect()
+    }
+
+    #[inline(always)]
+    fn solve_here(&mut self, layout: &Layout<T>, settings: &SolverSettings, finish: Finish, start: Option<&[f64]>, cancel: &AtomicBool) -> Outcome {
+        self.prepare(layout, start);
+        self.linearise(layout);
+        step::column_scaling(layout, &self.jacobian, &mut self.diagonal);
+        let mut mu = settings.barrier;
+        for i in 0..layout.inequalities {
+            let s = self.now.g[i].abs().max(T::of(0.1));
+            self.slacks.slack[i] = s;
+            self.slacks.multiplier[i] = T::of(mu) / s;
+        }
+
+        let mut eps = settings.proximal;
+        let mut closing_below = settings.closing;
+        let mut closing = false;
+        let mut outcome = Outcome { status: Status::MaxIterations, iterations: 0, factorisations: 0, infeasibility: f64::NAN };
+        loop {
+            let f = step::infeasibility(&self.now.c, &self.now.g).as_f64();
+            outcome.infeasibility = f;
+            self.history.push(f);
+            if !f.is_finite() {
+                return outcome.ended(Status::NonFinite);
+            }
+            if self.finished(layout, finish, f) {
+                return outcome.ended(Status::Solved);
+            }
+            if outcome.iterations >= settings.max_iterations {
+                return outcome;
+            }
+            if self.stalled(settings) {
+                return outcome.ended(Status::Stalled);
+            }
+            if cancel.load(Ordering::Relaxed) {
+                return outcome.ended(Status::Cancelled);
+            }
+            closing = closing || f < closing_below;
+            match self.attempt(layout, settings, closing, mu, &mut eps, &mut outcome) {
+                Attempt::Refused if closing => {
+                    // Back to the barrier until the violated rows are better known.
+                    closing = false;
+                    closing_below *= 0.1;
+                    continue;
+                }
+                Attempt::Refused => return outcome.ended(Status::Stalled),
+                Attempt::Accepted { step, ratio } => {
+                    if ratio > 0.7 {
+                        eps = (eps / 4.).max(settings.proximal_floor);
+                    } else if ratio < 0.25 {
+                        eps *= 2.;
+                    }
+                    if !closing {
+                        mu = self.update_barrier(mu, step);
+                    }
+                }
+            }
+            std::mem::swap(&mut self.x, &mut self.trial);
+            self.linearise(layout);
+            outcome.iterations += 1;
+        }
+    }
+
+    fn prepare(&mut self, layout: &Layout<T>, start: Option<&[f64]>) {
+        self.x.clear();
+        self.x.extend_from_slice(&layout.initial);
+        if let Some(start) = start {
+            for (x, &v) in self.x.iter_mut().zip(start) {
+                *x = T::of(v);
+            }
+        }
+        self.trial.clone_from(&self.x);
+        self.direction.resize(layout.variables, T::zero());
+        self.diagonal.resize(layout.variables, T::zero());
+        self.ground.resize(layout.footholds.len(), Ground::level(T::zero()));
+        for residuals in [&mut self.now, &mut self.next, &mut self.change, &mut self.linear] {
+            residuals.resize(layout);
+        }
+        // The padding of Jacobian rows must be zero, and no kernel writes it.
+        self.jacobian.clear();
+        self.jacobian.resize(layout.jacobian_len, T::zero());
+        self.weight.resize(layout.rows, T::zero());
+        self.value.resize(layout.rows, T::zero());
+        for v in [
+            &mut self.slacks.slack,
+            &mut self.slacks.multiplier,
+            &mut self.slacks.slack_step,
+            &mut self.slacks.multiplier_step,
+        ] {
+            v.resize(layout.inequalities, T::zero());
+        }
+        self.factor.resize(layout);
+        self.history.clear();
+    }
+
+    /// Residuals and Jacobian at `x`.
+    #[inline(always)]
+    fn linearise(&mut self, layout: &Layout<T>) {
+        crate::kernels::evaluate(layout, &self.x, &mut self.ground, &mut self.now.c, &mut self.now.g, Some(&mut self.jacobian));
+    }
+
+    /// Looks for a step from the linearisation at `x`; on success `trial` holds the new point.
+    #[inline(always)]
+    fn attempt(
+        &mut self,
+        layout: &Layout<T>,
+        _settings: &SolverSettings,
+        closing: bool,
+        mu: f64,
+        eps: &mut f64,
+        outcome: &mut Outcome,
+    ) -> Attempt {
+        let (mu_t, f) = (T::of(mu), outcome.infeasibility);
+        if closing {
+            step::closing_rows(layout, &self.now.c, &self.now.g, &mut self.weight, &mut self.value);
+        } else {
+            step::barrier_rows(layout, &self.now.c, &self.now.g, &self.slacks, mu_t, &mut self.weight, &mut self.value);
+        }
+        let merit_of = |r: &Residuals<T>| {
+            if closing { step::infeasibility(&r.c, &r.g).as_f64() } else { step::merit(&r.c, &r.g, mu_t) }
+        };
+        let merit = merit_of(&self.now);
+        for _ in 0..ATTEMPTS {
+            outcome.factorisations += 1;
+            let proximal = T::of(*eps);
+            let positive =
+                front::factorise(layout, &self.jacobian, &self.weight, &self.value, &self.diagonal, proximal, &mut self.factor);
+            if !positive {
+                *eps *= PROXIMAL_GROWTH;
+                continue;
+            }
+            front::substitute(layout, &mut self.factor, &mut self.direction);
+            step::jacobian_times(layout, &self.jacobian, &self.direction, &mut self.change.c, &mut self.change.g);
+            let length = if closing { T::one() } else { step::slack_steps(&self.now.g, &self.change.g, mu_t, &mut self.slacks) };
+            step::advance(&self.x[..layout.variables], length, &self.direction, &mut self.trial[..layout.variables]);
+            step::advance(&self.now.c, length, &self.change.c, &mut self.linear.c);
+            step::advance(&self.now.g, length, &self.change.g, &mut self.linear.g);
+            crate::kernels::evaluate(layout, &self.trial, &mut self.ground, &mut self.next.c, &mut self.next.g, None);
+            let (merit_next, merit_linear) = (merit_of(&self.next), merit_of(&self.linear));
+            let predicted = merit - merit_linear;
+            let falls = merit_next < merit;
+            let near_linear = !closing && {
+                let gap = step::nonlinearity(&self.next.c, &self.linear.c, &self.next.g, &self.linear.g).as_f64();
+                gap < 0.3 * predicted.max(0.05 * f)
+            };
+            if falls || near_linear {
+                let ratio = if predicted > 0. { (merit - merit_next) / predicted } else { 0. };
+                return Attempt::Accepted { step: length.as_f64(), ratio };
+            }
+            *eps *= PROXIMAL_GROWTH;
+        }
+        Attempt::Refused
+    }
+
+    /// Moves slacks and multipliers and lowers the barrier the more, the longer the step was.
+    #[inline(always)]
+    fn update_barrier(&mut self, mu: f64, step: f64) -> f64 {
+        let gap = step::update_slacks(&mut self.slacks, T::of(step)).as_f64();
+        if step <= 0.2 {
+            return mu;
+        }
+        let factor = if step > 0.9 {
+            0.1
+        } else if step > 0.5 {
+            0.3
+        } else {
+            0.8
+        };
+        (mu.min(gap) * factor).max(1e-9)
+    }
+
+    fn finished(&self, layout: &Layout<T>, finish: Finish, f: f64) -> bool {
+        match finish {
+            Finish::Infeasibility(tolerance) => f < tolerance,
+            Finish::Rows(tolerance) => rows_hold(layout, &self.now.c, &self.now.g, tolerance),
+        }
+    }
+
+    /// The stall rule, see [`crate::settings::StallSettings`]. Closing steps are never cut short.
+    fn stalled(&self, settings: &SolverSettings) -> bool {
+        let (rule, done) = (&settings.stall, self.history.len() - 1);
+        rule.enabled
+            && done >= rule.start.max(rule.window)
+            && self.history[done] > settings.closing
+            && self.history[done] > rule.factor * self.history[done - rule.window]
+    }
+
+    /// `F` at the start and after each iteration of the last solve.
+    pub fn history(&self) -> &[f64] {
+        &self.history
+    }
+}
+
+/// Whether no row is violated by more than `tolerance` in its own unit, margins aside.
+fn rows_hold<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], tolerance: f64) -> bool {
+    let k = &layout.constants;
+    let tolerance = T::of(tolerance);
+    layout.elements.iter().all(|element| {
+        let (row, at) = (element.place.row as usize, element.place.inequality as usize);
+        let count = (element.rows + element.pairs) as usize;
+        let limit = match element.family {
+            Family::Dynamics => {
+                return (0..6).all(|r| c[row + r].abs() <= tolerance * if r < 3 { k.moment_scale } else { k.balance_scale });
+            }
+            Family::Reach | Family::Swing => (tolerance + k.length_margin) * k.length_scale,
+            Family::Force => tolerance / k.force_unit + k.force_margin,
+        };
+        g[at..at + count].iter().all(|&g| g <= limit)
+    })
+}

@@ -1,0 +1,51 @@
+//! How a solve ended.
+
+use serde::{Deserialize, Serialize};
+
+/// How the solve of one candidate ended. Not an error: the last point is kept in every case.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Status {
+    /// Every row holds to the tolerance that was asked for.
+    Solved,
+    /// The iteration limit was reached.
+    MaxIterations,
+    /// No progress: the stall rule ended it, or every attempt to step was refused.
+    Stalled,
+    /// A residual became infinite or no number.
+    NonFinite,
+    /// Ended from outside, because an answer was found or the user asked for the end.
+    Cancelled,
+}
+
+impl std::fmt::Display for Status {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Status::Solved => "solved",
+            Status::MaxIterations => "iteration limit",
+            Status::Stalled => "stalled",
+            Status::NonFinite => "not finite",
+            Status::Cancelled => "cancelled",
+        })
+    }
+}
+
+/// How a solve ended and what it cost.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outcome {
+    /// How it ended.
+    pub status: Status,
+    /// Accepted steps.
+    pub iterations: usize,
+    /// Factorisations, refused attempts included.
+    pub factorisations: usize,
+    /// Scaled infeasibility `F` at the last point.
+    pub infeasibility: f64,
+}
+
+impl Outcome {
+    pub(super) fn ended(mut self, status: Status) -> Outcome {
+        self.status = status;
+        self
+    }
+}

@@ -1,0 +1,73 @@
+//! A task: which robot, on which ground, from where to where.
+
+use crate::error::{Error, Result, check_range};
+use crate::robot::Robot;
+use crate::terrain::Terrain;
+use std::sync::Arc;
+
+/// Largest normal force of a foot, N, as in \[3\].
+pub const DEFAULT_FORCE_LIMIT: f64 = 1000.;
+
+/// What is to be done. The robot starts at rest above the origin with yaw 0 and its feet at their nominal positions on the ground.
+#[derive(Debug, Clone)]
+pub struct Task {
+    /// The robot.
+    pub robot: Arc<Robot>,
+    /// The ground.
+    pub terrain: Arc<Terrain>,
+    /// Final base position, world frame, m.
+    pub base_target: [f64; 3],
+    /// Final yaw, rad; final roll and pitch are zero.
+    pub yaw_target: f64,
+    /// Largest normal force of a foot, N.
+    pub force_limit: f64,
+}
+
+impl Task {
+    /// A validated task.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] when the goal is off the terrain, or a number is out of its limits.
+    pub fn new(robot: Arc<Robot>, terrain: Arc<Terrain>, base_target: [f64; 3], yaw_target: f64) -> Result<Task> {
+        let task = Task { robot, terrain, base_target, yaw_target, force_limit: DEFAULT_FORCE_LIMIT };
+        task.validate()?;
+        Ok(task)
+    }
+
+    /// Checks robot, terrain and goal.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] names the first value that is out of its limits.
+    pub fn validate(&self) -> Result<()> {
+        self.robot.validate()?;
+        self.terrain.validate()?;
+        let [x, y, z] = self.base_target;
+        for (axis, v) in [x, y, z].into_iter().enumerate() {
+            check_range(&format!("base_target[{axis}]"), v, -1000., 1000.)?;
+        }
+        self.terrain.check_inside("base_target", x, y)?;
+        if z <= self.terrain.height(x, y) {
+            return Err(Error::invalid("base_target[2]", z, format!("above the terrain, which is {} m high there", self.terrain.height(x, y))));
+        }
+        check_range("yaw_target", self.yaw_target, -20. * std::f64::consts::PI, 20. * std::f64::consts::PI)?;
+        check_range("force_limit", self.force_limit, 1e-3, 1e7)
+    }
+
+    /// Base position at the start, world frame, m.
+    pub fn base_start(&self) -> [f64; 3] {
+        [0., 0., self.robot.base_height + self.terrain.height(0., 0.)]
+    }
+
+    /// Foothold of a foot at the start (x, y), world frame, m.
+    pub fn foothold_start(&self, foot: usize) -> [f64; 2] {
+        let [x, y, _] = self.robot.nominal_feet[foot];
+        [x, y]
+    }
+
+    /// Nominal foothold of a foot at the goal (x, y), world frame, m.
+    pub fn foothold_goal(&self, foot: usize) -> [f64; 2] {
+        let [x, y, _] = self.robot.nominal_feet[foot];
+        let (sin, cos) = self.yaw_target.sin_cos();
+        [self.base_target[0] + cos * x - sin * y, self.base_target[1] + sin * x + cos * y]
+    }
+}

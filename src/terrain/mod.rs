@@ -1,0 +1,129 @@
+//! Terrain: height, slope and curvature at (x, y), generic over the scalar so that kernels and checks share one definition.
+
+pub mod grid;
+pub mod profile;
+
+pub use grid::Grid;
+pub use profile::Profile;
+
+use crate::error::{Error, Result, check_range};
+use num_traits::Float;
+use serde::{Deserialize, Serialize};
+
+/// Names of the built-in terrains.
+pub const TERRAINS: [&str; 8] = ["flat", "step", "block", "stairs", "gap", "slope", "chimney", "chimney-lr"];
+
+/// The ground under one point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ground<T> {
+    /// Height, m.
+    pub height: T,
+    /// Derivatives of the height with respect to x and y.
+    pub slope: [T; 2],
+    /// Second derivatives xx, xy, yy, 1/m.
+    pub curvature: [T; 3],
+}
+
+impl<T: Float> Ground<T> {
+    /// Level ground at a height.
+    pub fn level(height: T) -> Self {
+        Ground { height, slope: [T::zero(); 2], curvature: [T::zero(); 3] }
+    }
+}
+
+/// Shape of the ground.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Shape {
+    /// Level ground at height 0.
+    Flat,
+    /// One of the analytic profiles of \[3\].
+    Profile(Profile),
+    /// A grid of heights.
+    Grid(Grid),
+}
+
+/// A terrain: its shape and its friction.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Terrain {
+    /// Name, used in results.
+    pub name: String,
+    /// Friction coefficient of the pyramid, dimensionless.
+    pub friction: f64,
+    /// Height over (x, y).
+    pub shape: Shape,
+}
+
+impl Terrain {
+    /// A built-in terrain by name, with friction coefficient 1. `step` is the grid of \[4\], the others are those of \[3\].
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] lists [`TERRAINS`].
+    pub fn named(name: &str) -> Result<Terrain> {
+        let shape = match name {
+            "flat" => Shape::Flat,
+            "step" => Shape::Grid(Grid::step()),
+            "block" => Shape::Profile(Profile::Block),
+            "stairs" => Shape::Profile(Profile::Stairs),
+            "gap" => Shape::Profile(Profile::Gap),
+            "slope" => Shape::Profile(Profile::Slope),
+            "chimney" => Shape::Profile(Profile::Chimney),
+            "chimney-lr" => Shape::Profile(Profile::ChimneyLr),
+            _ => return Err(Error::Unknown { what: "terrain", name: name.into(), known: TERRAINS.join(", ") }),
+        };
+        Ok(Terrain { name: name.into(), friction: 1., shape })
+    }
+
+    /// Reads a terrain from JSON text and validates it.
+    ///
+    /// # Errors
+    /// [`Error::Format`] for malformed JSON, unknown or missing keys; [`Error::Invalid`] for impossible values.
+    pub fn from_json(text: &str) -> Result<Terrain> {
+        let terrain: Terrain = serde_json::from_str(text)?;
+        terrain.validate()?;
+        Ok(terrain)
+    }
+
+    /// Checks friction and, for a grid, its sizes and heights.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] names the first field that is out of its limits.
+    pub fn validate(&self) -> Result<()> {
+        check_range("terrain.friction", self.friction, 1e-3, 100.)?;
+        match &self.shape {
+            Shape::Grid(grid) => grid.validate(),
+            _ => Ok(()),
+        }
+    }
+
+    /// Height, slope and curvature at (x, y), m. Beyond the edge of a grid its edge goes on.
+    pub fn ground<T: Float>(&self, x: T, y: T) -> Ground<T> {
+        match &self.shape {
+            Shape::Flat => Ground::level(T::zero()),
+            Shape::Profile(profile) => profile.ground(x, y),
+            Shape::Grid(grid) => grid.ground(x, y),
+        }
+    }
+
+    /// Height at (x, y), m.
+    pub fn height(&self, x: f64, y: f64) -> f64 {
+        self.ground(x, y).height
+    }
+
+    /// Checks that a point lies on the terrain.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] with the limits of the grid.
+    pub fn check_inside(&self, place: &str, x: f64, y: f64) -> Result<()> {
+        let (low, high) = match &self.shape {
+            Shape::Grid(grid) => (grid.low, grid.high),
+            _ => ([-1000.; 2], [1000.; 2]),
+        };
+        if x >= low[0] && x <= high[0] && y >= low[1] && y <= high[1] {
+            return Ok(());
+        }
+        let limit = format!("on the terrain `{}`: x from {} to {}, y from {} to {} m", self.name, low[0], high[0], low[1], high[1]);
+        Err(Error::invalid(place, format!("({x}, {y})"), limit))
+    }
+}

@@ -1,0 +1,130 @@
+//! The analytic terrains of TOWR \[3\]. Heights in m; all start beyond the origin, along +x.
+
+use super::Ground;
+use num_traits::Float;
+use serde::{Deserialize, Serialize};
+
+/// An analytic height profile.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Profile {
+    /// A 0.5 m high block from x = 0.7 to 4.2 with a 0.03 m wide ramp up to it.
+    Block,
+    /// Steps of 0.2 and 0.4 m at x = 1.0 and 1.4, back to 0 at 2.4.
+    Stairs,
+    /// A parabolic ditch, 1.5 m deep, from x = 1.0 to 1.6.
+    Gap,
+    /// A ramp up to 0.7 m from x = 1 to 2 and down again to x = 3.
+    Slope,
+    /// A wall of slope 3 in y for x from 1.0 to 2.5.
+    Chimney,
+    /// A wall of slope 2 rising to the left for x from 0.5 to 1.5, then to the right up to 2.5.
+    ChimneyLr,
+}
+
+impl Profile {
+    /// Height, slope and curvature at (x, y).
+    pub fn ground<T: Float>(self, x: T, y: T) -> Ground<T> {
+        let c = |v: f64| T::from(v).unwrap_or_else(T::nan);
+        let zero = T::zero();
+        let within = |low: f64, high: f64| x >= c(low) && x <= c(high);
+        let mut ground = Ground::level(zero);
+        match self {
+            Profile::Block => {
+                let (start, ramp, length, height) = (0.7, 0.03, 3.5, 0.5);
+                if within(start + ramp, start + length) {
+                    ground.height = c(height);
+                } else if within(start, start + ramp) {
+                    ground.height = c(height / ramp) * (x - c(start));
+                    ground.slope[0] = c(height / ramp);
+                }
+            }
+            Profile::Stairs => {
+                if x >= c(1.0) && x < c(1.4) {
+                    ground.height = c(0.2);
+                } else if x >= c(1.4) && x < c(2.4) {
+                    ground.height = c(0.4);
+                }
+            }
+            Profile::Gap => {
+                // Zero at both edges and -depth in the middle.
+                let (start, width, depth) = (1.0, 0.6, 1.5);
+                if within(start, start + width) {
+                    let a = 4. * depth / (width * width);
+                    let u = x - c(start + width / 2.);
+                    ground.height = c(a) * u * u - c(depth);
+                    ground.slope[0] = c(2. * a) * u;
+                    ground.curvature[0] = c(2. * a);
+                }
+            }
+            Profile::Slope => {
+                let (start, top, end, height) = (1.0, 2.0, 3.0, 0.7);
+                if x >= c(start) && x < c(top) {
+                    ground.height = c(height) * (x - c(start));
+                    ground.slope[0] = c(height);
+                } else if x >= c(top) && x < c(end) {
+                    ground.height = c(height) - c(height) * (x - c(top));
+                    ground.slope[0] = c(-height);
+                }
+            }
+            Profile::Chimney => {
+                if within(1.0, 2.5) {
+                    ground.height = c(3.) * (y - c(0.5));
+                    ground.slope[1] = c(3.);
+                }
+            }
+            Profile::ChimneyLr => {
+                // At the common edge the second wall wins.
+                if within(1.5, 2.5) {
+                    ground.height = c(-2.) * (y + c(0.5));
+                    ground.slope[1] = c(-2.);
+                } else if within(0.5, 1.5) {
+                    ground.height = c(2.) * (y - c(0.5));
+                    ground.slope[1] = c(2.);
+                }
+            }
+        }
+        ground
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn heights_at_landmarks() {
+        let h = |p: Profile, x: f64, y: f64| p.ground(x, y).height;
+        assert!((h(Profile::Block, 0.715, 0.) - 0.25).abs() < 1e-12);
+        assert_eq!(h(Profile::Block, 1., 0.), 0.5);
+        assert_eq!(h(Profile::Block, 4.3, 0.), 0.);
+        assert_eq!((h(Profile::Stairs, 1.2, 0.), h(Profile::Stairs, 1.4, 0.), h(Profile::Stairs, 2.4, 0.)), (0.2, 0.4, 0.));
+        assert!((h(Profile::Gap, 1.3, 0.) + 1.5).abs() < 1e-12 && h(Profile::Gap, 1.0, 0.).abs() < 1e-12);
+        assert!((h(Profile::Slope, 2., 0.) - 0.7).abs() < 1e-12 && (h(Profile::Slope, 2.5, 0.) - 0.35).abs() < 1e-12);
+        assert_eq!(h(Profile::Chimney, 2., 1.5), 3.);
+        assert_eq!(h(Profile::ChimneyLr, 1., 1.), 1.);
+        assert_eq!(h(Profile::ChimneyLr, 2., -1.), 1.);
+    }
+
+    #[test]
+    fn derivatives_match_central_differences() {
+        let d = 1e-5;
+        for p in [Profile::Block, Profile::Stairs, Profile::Gap, Profile::Slope, Profile::Chimney, Profile::ChimneyLr] {
+            for i in 0..200 {
+                // Irrational steps keep clear of the edges.
+                let (x, y) = (-0.5 + 0.0271828 * f64::from(i), 0.3 - 0.00314159 * f64::from(i));
+                let edge = (0..=1).any(|s| p.ground(x + d, y).curvature[0] != p.ground(x - d, y).curvature[0] && s == 0);
+                let g = p.ground(x, y);
+                let dx = (p.ground(x + d, y).height - p.ground(x - d, y).height) / (2. * d);
+                let dy = (p.ground(x, y + d).height - p.ground(x, y - d).height) / (2. * d);
+                if !edge && dx.abs() < 1e3 {
+                    assert!((dx - g.slope[0]).abs() < 1e-6 && (dy - g.slope[1]).abs() < 1e-6, "{p:?} at {x}, {y}");
+                }
+                let dxx = (p.ground(x + d, y).slope[0] - p.ground(x - d, y).slope[0]) / (2. * d);
+                if dxx.abs() < 1e3 {
+                    assert!((dxx - g.curvature[0]).abs() < 1e-5, "{p:?} at {x}, {y}");
+                }
+            }
+        }
+    }
+}
