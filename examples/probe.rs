@@ -6,14 +6,12 @@ use cregopt::settings::*;
 use cregopt::solver::*;
 use std::io::BufRead;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 fn run<T: Real>(filter: &str, target: usize, robot: Option<&str>, verbose: bool) {
     let f = std::fs::File::open("../shared/reference/ipopt_candidates.jsonl").unwrap();
-    let (ts, ss) = (TranscriptionSettings::default(), SolverSettings { stall: StallSettings { enabled: std::env::var("STALL").is_ok(), ..Default::default() }, max_iterations: std::env::var("IT").ok().map_or(40, |v| v.parse().unwrap()), ..Default::default() });
+    let (ts, ss) = (TranscriptionSettings::default(), SolverSettings { stall: StallSettings { enabled: std::env::var("STALL").is_ok(), ..Default::default() }, max_iterations: std::env::var("IT").ok().map_or(40, |v| v.parse().unwrap()), edge_radius: std::env::var("ER").ok().map_or(0.02, |v| v.parse().unwrap()), ..Default::default() });
     let mut solver = Solver::<T>::default();
-    let cancel = AtomicBool::new(false);
     let (mut ok, mut ipopt_ok, mut lost, mut total, mut its, mut facts) = (0, 0, vec![], 0, vec![], 0);
     let t0 = Instant::now();
     let mut build = 0.0;
@@ -28,7 +26,7 @@ fn run<T: Real>(filter: &str, target: usize, robot: Option<&str>, verbose: bool)
         let layout = Layout::<T>::new(&task, &s, &ts);
         build += b0.elapsed().as_secs_f64();
         let finish = if size_of::<T>() == 4 { Finish::Infeasibility(ss.tolerance) } else { Finish::Rows(1e-4) };
-        let o = solver.solve(&layout, &ss, finish, None, &cancel);
+        let o = solver.solve(&layout, &ss, finish, None, &|| false);
         let ip = v["ipopt"]["n_violated"] == 0 || v["ipopt_long"]["n_violated"] == 0;
         total += 1; facts += o.factorisations;
         if ip { ipopt_ok += 1; }

@@ -41,6 +41,8 @@ pub struct SolverSettings {
     pub proximal: f64,
     /// Smallest proximal weight.
     pub proximal_floor: f64,
+    /// Rounding of terrain edges until closing steps start, m. 0: feet cannot cross an edge; large: feet may end on the wrong side of it.
+    pub edge_radius: f64,
     /// `F` below which closing steps start.
     pub closing: f64,
     /// Closing steps in f64 after an f32 solve, before the solve is repeated in f64.
@@ -58,6 +60,7 @@ impl Default for SolverSettings {
             barrier: 0.05,
             proximal: 1e-3,
             proximal_floor: 1e-5,
+            edge_radius: 0.04,
             closing: 1e-3,
             closing_steps: 8,
             stall: StallSettings::default(),
@@ -112,6 +115,7 @@ impl SolverSettings {
         check_range("solver.barrier", self.barrier, 1e-6, 1e3)?;
         check_range("solver.proximal", self.proximal, 1e-9, 1e3)?;
         check_range("solver.proximal_floor", self.proximal_floor, 1e-9, self.proximal)?;
+        check_range("solver.edge_radius", self.edge_radius, 0., 1.)?;
         check_range("solver.closing", self.closing, 0., 1e3)?;
         check_range("solver.closing_steps", self.closing_steps as f64, 0., 100.)?;
         check_range("solver.stall.start", self.stall.start as f64, 1., 1e6)?;

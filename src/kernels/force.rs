@@ -37,16 +37,18 @@ fn basis<T: Real>(ground: &Ground<T>) -> [Direction<T>; 3] {
 
 /// Force rows of all nodes.
 ///
+/// * `edge_radius` - over which edges of the terrain are rounded, m; 0 for the exact rows
 /// * `residual` - out, at each node's place: normal limit, 4 friction rows, push
 /// * `jacobian` - out, 5 rows at each node's place; the push is the lower side of the first
 #[inline(always)]
-pub fn force<T: Real>(layout: &Layout<T>, x: &[T], ground: &[Ground<T>], residual: &mut [T], mut jacobian: Option<&mut [T]>) {
+pub fn force<T: Real>(layout: &Layout<T>, x: &[T], edge_radius: T, residual: &mut [T], mut jacobian: Option<&mut [T]>) {
     let constants = &layout.constants;
     let (zero, one) = (T::zero(), T::one());
     for node in &layout.force_nodes {
         let at = node.node as usize;
         let force = [x[at], x[at + 1], x[at + 2]];
-        let [n, t1, t2] = basis(&ground[node.foothold as usize]);
+        let under = layout.footholds[node.foothold as usize] as usize;
+        let [n, t1, t2] = basis(&layout.terrain.rounded_ground(x[under], x[under + 1], edge_radius));
         let minus_mu_n = scale(-constants.friction, n.unit);
         let normals = [n.unit, add(t1.unit, minus_mu_n), sub(minus_mu_n, t1.unit), add(t2.unit, minus_mu_n), sub(minus_mu_n, t2.unit)];
         let at = node.place.inequality as usize;

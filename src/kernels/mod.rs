@@ -17,6 +17,7 @@ use crate::terrain::Ground;
 
 /// Residuals (and, when asked for, Jacobian values) of all elements at `x`.
 ///
+/// * `edge_radius` - over which edges of the terrain are rounded for the force rows, m; 0 for the exact rows
 /// * `ground` - scratch, `[footholds]`
 /// * `equality` - out, `c`, `[equalities]`, dimensionless; zero when it holds
 /// * `inequality` - out, `g`, `[inequalities]`, dimensionless; holds when `g <= 0`
@@ -25,6 +26,7 @@ use crate::terrain::Ground;
 pub fn evaluate<T: Real>(
     layout: &Layout<T>,
     x: &[T],
+    edge_radius: T,
     ground: &mut [Ground<T>],
     equality: &mut [T],
     inequality: &mut [T],
@@ -33,6 +35,6 @@ pub fn evaluate<T: Real>(
     foothold::footholds(layout, x, ground);
     dynamics::dynamics(layout, x, ground, equality, jacobian.as_deref_mut());
     reach::reach(layout, x, ground, inequality, jacobian.as_deref_mut());
-    force::force(layout, x, ground, inequality, jacobian.as_deref_mut());
+    force::force(layout, x, edge_radius, inequality, jacobian.as_deref_mut());
     swing::swing(layout, x, inequality, jacobian);
 }

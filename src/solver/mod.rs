@@ -19,7 +19,6 @@ use crate::nlp::layout::Family;
 use crate::nlp::{Layout, Real};
 use crate::settings::SolverSettings;
 use crate::terrain::Ground;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// When a solve is done.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,6 +61,8 @@ pub struct Solver<T> {
     slacks: Slacks<T>,
     factor: Factor<T>,
     history: Vec<f64>,
+    /// Rounding of terrain edges in force; 0 once closing steps began.
+    edge_radius: T,
 }
 
 impl<T: Real> Default for Solver<T> {
@@ -82,6 +83,7 @@ impl<T: Real> Default for Solver<T> {
             slacks: Slacks::default(),
             factor: Factor::default(),
             history: Vec::new(),
+            edge_radius: T::zero(),
         }
     }
 }
@@ -107,7 +109,7 @@ impl<T: Real> Solver<T> {
         settings: &SolverSettings,
         finish: Finish,
         start: Option<&[f64]>,
-        cancel: &AtomicBool,
+        cancel: &dyn Fn() -> bool,
     ) -> Outcome {
         #[cfg(target_arch = "x86_64")]
         if std::arch::is_x86_feature_detected!("avx2") {
@@ -120,7 +122,7 @@ impl<T: Real> Solver<T> {
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
-    fn solve_avx2(&mut self, layout: &Layout<T>, settings: &SolverSettings, finish: Finish, start: Option<&[f64]>, cancel: &AtomicBool) -> Outcome {
+    fn solve_avx2(&mut self, layout: &Layout<T>, settings: &SolverSettings, finish: Finish, start: Option<&[f64]>, cancel: &dyn Fn() -> bool) -> Outcome {
         self.solve_here(layout, settings, finish, start, cancel)
     }
 
@@ -130,8 +132,9 @@ impl<T: Real> Solver<T> {
     }
 
     #[inline(always)]
-    fn solve_here(&mut self, layout: &Layout<T>, settings: &SolverSettings, finish: Finish, start: Option<&[f64]>, cancel: &AtomicBool) -> Outcome {
+    fn solve_here(&mut self, layout: &Layout<T>, settings: &SolverSettings, finish: Finish, start: Option<&[f64]>, cancel: &dyn Fn() -> bool) -> Outcome {
         self.prepare(layout, start);
+        self.edge_radius = if layout.terrain.has_edges() { T::of(settings.edge_radius) } else { T::zero() };
         self.linearise(layout);
         step::column_scaling(layout, &self.jacobian, &mut self.diagonal);
         let mut mu = settings.barrier;
@@ -152,6 +155,13 @@ impl<T: Real> Solver<T> {
             if !f.is_finite() {
                 return outcome.ended(Status::NonFinite);
             }
+            if f < settings.closing && self.edge_radius > T::zero() {
+                // Near enough: from here on the exact rows.
+                self.edge_radius = T::zero();
+                self.linearise(layout);
+                self.history.pop();
+                continue;
+            }
             if self.finished(layout, finish, f) {
                 return outcome.ended(Status::Solved);
             }
@@ -161,7 +171,7 @@ impl<T: Real> Solver<T> {
             if self.stalled(settings) {
                 return outcome.ended(Status::Stalled);
             }
-            if cancel.load(Ordering::Relaxed) {
+            if cancel() {
                 return outcome.ended(Status::Cancelled);
             }
             closing = closing || f < closing_below;
@@ -194,7 +204,7 @@ impl<T: Real> Solver<T> {
         self.x.clear();
         self.x.extend_from_slice(&layout.initial);
         if let Some(start) = start {
-            for (x, &v) in self.x.iter_mut().zip(start) {
+            for (x, &v) in self.x[..layout.variables].iter_mut().zip(start) {
                 *x = T::of(v);
             }
         }
@@ -225,7 +235,7 @@ impl<T: Real> Solver<T> {
     /// Residuals and Jacobian at `x`.
     #[inline(always)]
     fn linearise(&mut self, layout: &Layout<T>) {
-        crate::kernels::evaluate(layout, &self.x, &mut self.ground, &mut self.now.c, &mut self.now.g, Some(&mut self.jacobian));
+        crate::kernels::evaluate(layout, &self.x, self.edge_radius, &mut self.ground, &mut self.now.c, &mut self.now.g, Some(&mut self.jacobian));
     }
 
     /// Looks for a step from the linearisation at `x`; on success `trial` holds the new point.
@@ -264,7 +274,7 @@ impl<T: Real> Solver<T> {
             step::advance(&self.x[..layout.variables], length, &self.direction, &mut self.trial[..layout.variables]);
             step::advance(&self.now.c, length, &self.change.c, &mut self.linear.c);
             step::advance(&self.now.g, length, &self.change.g, &mut self.linear.g);
-            crate::kernels::evaluate(layout, &self.trial, &mut self.ground, &mut self.next.c, &mut self.next.g, None);
+            crate::kernels::evaluate(layout, &self.trial, self.edge_radius, &mut self.ground, &mut self.next.c, &mut self.next.g, None);
             let (merit_next, merit_linear) = (merit_of(&self.next), merit_of(&self.linear));
             let predicted = merit - merit_linear;
             let falls = merit_next < merit;

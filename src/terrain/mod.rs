@@ -106,6 +106,35 @@ impl Terrain {
         }
     }
 
+    /// The ground at (x, y) with the direction of its surface averaged over `radius` to either side along each axis, m.
+    ///
+    /// At an edge of a grid the normal jumps, and with it the friction pyramid: no small step crosses it. The average,
+    /// `(h(x + r) - h(x - r)) / 2r`, turns continuously. Height stays exact. Radius 0 is [`Terrain::ground`].
+    pub fn rounded_ground<T: Float>(&self, x: T, y: T, radius: T) -> Ground<T> {
+        let exact = self.ground(x, y);
+        // Stairs are level where they are not vertical: nothing to average.
+        if radius == T::zero() || matches!(self.shape, Shape::Flat | Shape::Profile(Profile::Stairs)) {
+            return exact;
+        }
+        let width = radius + radius;
+        let [east, west] = [x + radius, x - radius].map(|x| self.ground(x, y));
+        let [north, south] = [y + radius, y - radius].map(|y| self.ground(x, y));
+        Ground {
+            height: exact.height,
+            slope: [(east.height - west.height) / width, (north.height - south.height) / width],
+            curvature: [
+                (east.slope[0] - west.slope[0]) / width,
+                (east.slope[1] - west.slope[1]) / width,
+                (north.slope[1] - south.slope[1]) / width,
+            ],
+        }
+    }
+
+    /// Whether the direction of the surface jumps anywhere.
+    pub fn has_edges(&self) -> bool {
+        self.shape != Shape::Flat
+    }
+
     /// Height at (x, y), m.
     pub fn height(&self, x: f64, y: f64) -> f64 {
         self.ground(x, y).height
