@@ -1,6 +1,9 @@
 //! Gait optimisation for legged robots.
+pub mod backend;
+pub mod cem;
 pub mod certify;
 pub mod error;
+pub mod evaluate;
 pub mod gait;
 pub mod kernels;
 pub mod nlp;

@@ -52,7 +52,9 @@ impl Robot {
         let (mass, inertia, base_height, nominal_feet, reach) = match name {
             "monoped" => (20., symmetric(1.2, 5.5, 6.0, 0., 0.2, 0.01), 0.58, vec![[0., 0., -0.58]], [0.25, 0.15, 0.2]),
             "biped" => (20., symmetric(1.209, 5.583, 6.056, -0.005, 0.19, 0.012), 0.65, pairs(&[0.], 0.2, -0.65), [0.25, 0.15, 0.15]),
-            "hyq" => (83., symmetric(4.26, 8.97, 9.88, 0.0063, -0.193, -0.0126), 0.58, pairs(&[0.31, -0.31], 0.29, -0.58), [0.25, 0.2, 0.1]),
+            "hyq" => {
+                (83., symmetric(4.26, 8.97, 9.88, 0.0063, -0.193, -0.0126), 0.58, pairs(&[0.31, -0.31], 0.29, -0.58), [0.25, 0.2, 0.1])
+            }
             "anymal" => (
                 29.5,
                 symmetric(0.946438, 1.94478, 2.01835, -0.000938112, 0.00595386, 0.00146328),
@@ -114,7 +116,11 @@ impl Robot {
             for c in 0..3 {
                 check_range(&format!("robot.inertia[{r}][{c}]"), i[r][c], -1e6, 1e6)?;
                 if i[r][c] != i[c][r] {
-                    return Err(Error::invalid(format!("robot.inertia[{r}][{c}]"), i[r][c], format!("equal to inertia[{c}][{r}] = {}", i[c][r])));
+                    return Err(Error::invalid(
+                        format!("robot.inertia[{r}][{c}]"),
+                        i[r][c],
+                        format!("equal to inertia[{c}][{r}] = {}", i[c][r]),
+                    ));
                 }
             }
         }

@@ -68,8 +68,8 @@ impl Default for SolverSettings {
     }
 }
 
-/// When a candidate counts as stalled: `F` has not fallen below `factor` times its value `window` iterations ago, after iteration
-/// `start`. Calibrated in `benches/README.md`.
+/// When a candidate counts as stalled: at the rate of the last `window` iterations, `F` would need more than `budget` further
+/// iterations to fall to [`SolverSettings::closing`]. Calibrated in `benches/README.md`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct StallSettings {
@@ -77,15 +77,15 @@ pub struct StallSettings {
     pub enabled: bool,
     /// First iteration at which it may end a candidate.
     pub start: usize,
-    /// Iterations looked back.
+    /// Iterations over which the rate is taken. Too short: a slow patch ends a candidate that would have gone on.
     pub window: usize,
-    /// Share of `F` that must be lost over the window.
-    pub factor: f64,
+    /// Iterations that a candidate may still need. Too small: candidates are lost; too large: failing ones cost more.
+    pub budget: f64,
 }
 
 impl Default for StallSettings {
     fn default() -> Self {
-        StallSettings { enabled: true, start: 20, window: 3, factor: 0.9 }
+        StallSettings { enabled: true, start: 12, window: 5, budget: 120. }
     }
 }
 
@@ -120,6 +120,6 @@ impl SolverSettings {
         check_range("solver.closing_steps", self.closing_steps as f64, 0., 100.)?;
         check_range("solver.stall.start", self.stall.start as f64, 1., 1e6)?;
         check_range("solver.stall.window", self.stall.window as f64, 1., 1e3)?;
-        check_range("solver.stall.factor", self.stall.factor, 0., 1.)
+        check_range("solver.stall.budget", self.stall.budget, 1., 1e6)
     }
 }

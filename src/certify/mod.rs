@@ -1,1 +1,9 @@
-//! Certification.
+//! Certification: f64 closing steps, and an evaluation of the result that shares nothing with the solver.
+
+mod close;
+pub mod dense;
+pub mod verify;
+
+pub use close::close;
+pub use dense::DenseReport;
+pub use verify::{Report, RowReport, TOLERANCE, verify, verify_rows};

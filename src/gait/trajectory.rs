@@ -124,7 +124,11 @@ impl Trajectory {
     pub fn validate(&self) -> Result<()> {
         crate::gait::Schedule::new(self.durations.clone())?;
         if self.ee.len() != self.durations.len() {
-            return Err(Error::invalid("ee", format!("{} feet", self.ee.len()), format!("{} feet, as in `durations`", self.durations.len())));
+            return Err(Error::invalid(
+                "ee",
+                format!("{} feet", self.ee.len()),
+                format!("{} feet, as in `durations`", self.durations.len()),
+            ));
         }
         self.base_lin.validate("base_lin")?;
         self.base_ang.validate("base_ang")?;
@@ -140,7 +144,11 @@ impl Trajectory {
         let curves = self.ee.iter().flat_map(|e| [&e.motion, &e.force]).chain([&self.base_lin, &self.base_ang]);
         for total in totals.chain(curves.map(|c| c.poly_durations.iter().sum())) {
             if (total - self.horizon).abs() > 1e-6 || !self.horizon.is_finite() {
-                return Err(Error::invalid("T", format!("{} s", self.horizon), format!("the end of every curve and foot; one ends at {total} s")));
+                return Err(Error::invalid(
+                    "T",
+                    format!("{} s", self.horizon),
+                    format!("the end of every curve and foot; one ends at {total} s"),
+                ));
             }
         }
         Ok(())

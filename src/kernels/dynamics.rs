@@ -3,10 +3,12 @@
 //! `moment = I_w omega' + omega x I_w omega - sum (x_i - p) x f_i`, divided by `m g l`;
 //! `balance = m p'' - sum f_i + m g e_z`, divided by `m g`. World frame, `I_w = R I R'`. Source: \[3\].
 
+use super::Rows;
 use super::math::{Mat3, Vec3, add, cross, euler, mul, mul_transposed, scale, sub};
 use crate::nlp::layout::{DynamicsInstant, NONE};
 use crate::nlp::{Layout, Real};
 use crate::terrain::Ground;
+use multiversion::multiversion;
 
 /// Rate of angular momentum of a rotating body and its derivatives.
 pub struct Spin<T> {
@@ -20,10 +22,44 @@ pub struct Spin<T> {
     pub by_acceleration: [Vec3<T>; 3],
 }
 
-/// `I_w v` with `I_w = R I R'`.
+/// A rotating body: its attitude and motion, and what follows from them.
+struct Body<'a, T> {
+    rot_wb: Mat3<T>,
+    inertia: &'a Mat3<T>,
+    omega: Vec3<T>,
+    omega_dot: Vec3<T>,
+    /// `I_w omega`.
+    momentum: Vec3<T>,
+    /// `I_w omega'`.
+    inertial: Vec3<T>,
+}
+
+impl<T: Real> Body<'_, T> {
+    /// `I_w v` with `I_w = R I R'`.
+    #[inline(always)]
+    fn inertia_times(&self, v: Vec3<T>) -> Vec3<T> {
+        mul(&self.rot_wb, mul(self.inertia, mul_transposed(&self.rot_wb, v)))
+    }
+
+    /// Change of the moment when `omega` and `omega'` change by `w` and `a` while the body keeps its attitude.
+    #[inline(always)]
+    fn by_motion(&self, w: Vec3<T>, a: Vec3<T>) -> Vec3<T> {
+        add(self.inertia_times(a), add(cross(w, self.momentum), cross(self.omega, self.inertia_times(w))))
+    }
+
+    /// Change of the moment when the body turns about an axis: `d(I_w v) = axis x I_w v - I_w (axis x v)`.
+    #[inline(always)]
+    fn by_turn(&self, axis: Vec3<T>) -> Vec3<T> {
+        let turned = sub(cross(axis, self.inertial), self.inertia_times(cross(axis, self.omega_dot)));
+        let momentum_turned = sub(cross(axis, self.momentum), self.inertia_times(cross(axis, self.omega)));
+        add(turned, cross(self.omega, momentum_turned))
+    }
+}
+
+/// `sum_i v[i] axes[i]`.
 #[inline(always)]
-fn inertia_times<T: Real>(rot_wb: &Mat3<T>, inertia: &Mat3<T>, v: Vec3<T>) -> Vec3<T> {
-    mul(rot_wb, mul(inertia, mul_transposed(rot_wb, v)))
+fn along<T: Real>(axes: &[Vec3<T>; 3], v: Vec3<T>) -> Vec3<T> {
+    add(add(scale(v[0], axes[0]), scale(v[1], axes[1])), scale(v[2], axes[2]))
 }
 
 /// Rate of angular momentum from Euler angles, their rates and accelerations.
@@ -33,41 +69,30 @@ fn inertia_times<T: Real>(rot_wb: &Mat3<T>, inertia: &Mat3<T>, v: Vec3<T>) -> Ve
 /// Turning the yaw turns everything; the pitch axis carries `e_r` along; the roll moves no axis.
 #[inline(always)]
 pub fn spin<T: Real>(inertia: &Mat3<T>, angles: Vec3<T>, rates: Vec3<T>, accelerations: Vec3<T>) -> Spin<T> {
-    let (rot_wb, [e_r, e_p, e_z]) = euler(angles);
-    let axes = [e_r, e_p, e_z];
-    let combine = |v: Vec3<T>| add(add(scale(v[0], e_r), scale(v[1], e_p)), scale(v[2], e_z));
-    let omega = combine(rates);
-    // What carries the roll axis, and the two rates that are carried.
+    let (rot_wb, axes) = euler(angles);
+    let [e_r, e_p, e_z] = axes;
+    // What carries the roll axis, and the rates that are carried.
     let carrier = add(scale(rates[1], e_p), scale(rates[2], e_z));
     let (roll, pitch, yaw) = (scale(rates[0], e_r), scale(rates[1], e_p), scale(rates[2], e_z));
     let bias = add(cross(carrier, roll), cross(yaw, pitch));
-    let omega_dot = add(combine(accelerations), bias);
+    let (omega, omega_dot) = (along(&axes, rates), add(along(&axes, accelerations), bias));
+    let mut body = Body { rot_wb, inertia, omega, omega_dot, momentum: omega, inertial: omega_dot };
+    body.momentum = body.inertia_times(omega);
+    body.inertial = body.inertia_times(omega_dot);
 
-    let momentum = inertia_times(&rot_wb, inertia, omega);
-    let inertial = inertia_times(&rot_wb, inertia, omega_dot);
-    let moment = add(inertial, cross(omega, momentum));
-    // Change of the moment when omega and omega' change by (w, a) while the body keeps its attitude.
-    let by_motion = |w: Vec3<T>, a: Vec3<T>| {
-        add(inertia_times(&rot_wb, inertia, a), add(cross(w, momentum), cross(omega, inertia_times(&rot_wb, inertia, w))))
-    };
-    // Change when the body turns about an axis: d(I_w v) = axis x I_w v - I_w (axis x v).
-    let by_turn = |axis: Vec3<T>| {
-        let turned = sub(cross(axis, inertial), inertia_times(&rot_wb, inertia, cross(axis, omega_dot)));
-        let momentum_turned = sub(cross(axis, momentum), inertia_times(&rot_wb, inertia, cross(axis, omega)));
-        add(turned, cross(omega, momentum_turned))
-    };
+    let moment = add(body.inertial, cross(omega, body.momentum));
     let e_r_pitched = cross(e_p, e_r);
     let roll_pitched = scale(rates[0], e_r_pitched);
-    let by_pitch = by_motion(roll_pitched, add(scale(accelerations[0], e_r_pitched), cross(carrier, roll_pitched)));
+    let by_pitch = body.by_motion(roll_pitched, add(scale(accelerations[0], e_r_pitched), cross(carrier, roll_pitched)));
     Spin {
         moment,
-        by_angle: [by_turn(e_r), add(by_turn(e_p), by_pitch), cross(e_z, moment)],
+        by_angle: [body.by_turn(e_r), add(body.by_turn(e_p), by_pitch), cross(e_z, moment)],
         by_rate: [
-            by_motion(e_r, cross(carrier, e_r)),
-            by_motion(e_p, add(cross(e_p, roll), cross(yaw, e_p))),
-            by_motion(e_z, cross(e_z, add(roll, pitch))),
+            body.by_motion(e_r, cross(carrier, e_r)),
+            body.by_motion(e_p, add(cross(e_p, roll), cross(yaw, e_p))),
+            body.by_motion(e_z, cross(e_z, add(roll, pitch))),
         ],
-        by_acceleration: std::array::from_fn(|i| inertia_times(&rot_wb, inertia, axes[i])),
+        by_acceleration: [body.inertia_times(e_r), body.inertia_times(e_p), body.inertia_times(e_z)],
     }
 }
 
@@ -75,7 +100,7 @@ pub fn spin<T: Real>(inertia: &Mat3<T>, angles: Vec3<T>, rates: Vec3<T>, acceler
 ///
 /// * `residual` - out, `[instants][6]`, moment then balance
 /// * `jacobian` - out, at each instant's place
-#[inline(always)]
+#[multiversion(targets("x86_64+avx2"))]
 pub fn dynamics<T: Real>(layout: &Layout<T>, x: &[T], ground: &[Ground<T>], residual: &mut [T], mut jacobian: Option<&mut [T]>) {
     for instant in &layout.dynamics {
         dynamics_instant(layout, instant, x, ground, residual, jacobian.as_deref_mut());
@@ -112,10 +137,9 @@ fn dynamics_instant<T: Real>(
     );
 
     let (moment_scale, balance_scale) = (constants.moment_scale, constants.balance_scale);
-    let stride = instant.place.stride as usize;
     let mut force_sum = [zero; 3];
     let mut moment_sum = [zero; 3];
-    let mut rows: Option<[&mut [T]; 6]> = jacobian.map(|j| rows_of(j, instant.place.jacobian as usize, stride));
+    let mut rows = jacobian.map(|j| Rows::new(j, &instant.place));
     for stance in &layout.stance_forces[instant.forces.start as usize..instant.forces.end as usize] {
         let mut force_w = [zero; 3];
         for i in 0..2 {
@@ -145,7 +169,7 @@ fn dynamics_instant<T: Real>(
                 put_cross(rows, c, scale(w, minus_arm));
                 for r in 0..3 {
                     for d in 0..3 {
-                        rows[3 + r][c + d] = if r == d { -w * balance_scale } else { zero };
+                        rows.put(3 + r, c + d, if r == d { -w * balance_scale } else { zero });
                     }
                 }
             }
@@ -158,10 +182,10 @@ fn dynamics_instant<T: Real>(
             let along_x = add([zero, f[2], -f[1]], scale(under.slope[0], [f[1], -f[0], zero]));
             let along_y = add([-f[2], zero, f[0]], scale(under.slope[1], [f[1], -f[0], zero]));
             for r in 0..3 {
-                rows[r][c] = along_x[r];
-                rows[r][c + 1] = along_y[r];
-                rows[3 + r][c] = zero;
-                rows[3 + r][c + 1] = zero;
+                rows.put(r, c, along_x[r]);
+                rows.put(r, c + 1, along_y[r]);
+                rows.put(3 + r, c, zero);
+                rows.put(3 + r, c + 1, zero);
             }
         }
     }
@@ -184,33 +208,24 @@ fn dynamics_instant<T: Real>(
         put_cross(rows, c, scale(w0, minus_force));
         for r in 0..3 {
             for d in 0..3 {
-                rows[3 + r][c + d] = if r == d { constants.mass * w2 * balance_scale } else { zero };
-                rows[3 + r][c + 3 + d] = zero;
+                rows.put(3 + r, c + d, if r == d { constants.mass * w2 * balance_scale } else { zero });
+                rows.put(3 + r, c + 3 + d, zero);
                 let turn = w0 * spin.by_angle[d][r] + w1 * spin.by_rate[d][r] + w2 * spin.by_acceleration[d][r];
-                rows[r][c + 3 + d] = turn * moment_scale;
+                rows.put(r, c + 3 + d, turn * moment_scale);
             }
         }
     }
 }
 
-/// The rows of an element in the Jacobian buffer.
-#[inline(always)]
-pub(super) fn rows_of<T, const M: usize>(jacobian: &mut [T], at: usize, stride: usize) -> [&mut [T]; M] {
-    let mut rest = &mut jacobian[at..at + M * stride];
-    std::array::from_fn(|_| {
-        let (row, after) = std::mem::take(&mut rest).split_at_mut(stride);
-        rest = after;
-        row
-    })
-}
-
 /// Writes `[a]x` into the first three rows from a column on.
 #[inline(always)]
-fn put_cross<T: Real>(rows: &mut [&mut [T]; 6], column: usize, a: Vec3<T>) {
+fn put_cross<T: Real>(rows: &mut Rows<T>, column: usize, a: Vec3<T>) {
     let zero = T::zero();
     let matrix = [[zero, -a[2], a[1]], [a[2], zero, -a[0]], [-a[1], a[0], zero]];
     for r in 0..3 {
-        rows[r][column..column + 3].copy_from_slice(&matrix[r]);
+        for d in 0..3 {
+            rows.put(r, column + d, matrix[r][d]);
+        }
     }
 }
 

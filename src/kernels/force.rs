@@ -3,11 +3,12 @@
 //! With unit normal `n` and tangents `t1`, `t2` of the ground: `n.f <= f_max`, `+-t1.f - mu n.f <= 0`, `+-t2.f - mu n.f <= 0`, `-n.f <= 0`,
 //! each tightened by a margin. Forces are in the force unit. Source: \[3\].
 
-use super::dynamics::rows_of;
+use super::Rows;
 use super::math::{Vec3, add, dot, scale, sub};
 use crate::nlp::layout::NONE;
 use crate::nlp::{Layout, Real};
 use crate::terrain::Ground;
+use multiversion::multiversion;
 
 /// A unit vector and its derivatives with respect to x and y.
 struct Direction<T> {
@@ -20,7 +21,11 @@ struct Direction<T> {
 fn normalised<T: Real>(v: Vec3<T>, by: [Vec3<T>; 2]) -> Direction<T> {
     let inverse = T::one() / dot(v, v).sqrt();
     let unit = scale(inverse, v);
-    Direction { unit, by: by.map(|dv| scale(inverse, sub(dv, scale(dot(unit, dv), unit)))) }
+    let mut direction = Direction { unit, by };
+    for dv in &mut direction.by {
+        *dv = scale(inverse, sub(*dv, scale(dot(unit, *dv), unit)));
+    }
+    direction
 }
 
 /// Normal and tangents of the ground.
@@ -40,7 +45,7 @@ fn basis<T: Real>(ground: &Ground<T>) -> [Direction<T>; 3] {
 /// * `edge_radius` - over which edges of the terrain are rounded, m; 0 for the exact rows
 /// * `residual` - out, at each node's place: normal limit, 4 friction rows, push
 /// * `jacobian` - out, 5 rows at each node's place; the push is the lower side of the first
-#[inline(always)]
+#[multiversion(targets("x86_64+avx2"))]
 pub fn force<T: Real>(layout: &Layout<T>, x: &[T], edge_radius: T, residual: &mut [T], mut jacobian: Option<&mut [T]>) {
     let constants = &layout.constants;
     let (zero, one) = (T::zero(), T::one());
@@ -58,12 +63,12 @@ pub fn force<T: Real>(layout: &Layout<T>, x: &[T], edge_radius: T, residual: &mu
         }
         residual[at + 5] = -dot(n.unit, force) + constants.force_margin;
         let Some(jacobian) = jacobian.as_deref_mut() else { continue };
-        let rows: [&mut [T]; 5] = rows_of(jacobian, node.place.jacobian as usize, node.place.stride as usize);
+        let mut rows = Rows::new(jacobian, &node.place);
         let c = node.node_column as usize;
         for r in 0..5 {
             for d in 0..3 {
-                rows[r][c + d] = normals[r][d];
-                rows[r][c + 3 + d] = zero;
+                rows.put(r, c + d, normals[r][d]);
+                rows.put(r, c + 3 + d, zero);
             }
         }
         if node.foothold_column == NONE {
@@ -73,9 +78,9 @@ pub fn force<T: Real>(layout: &Layout<T>, x: &[T], edge_radius: T, residual: &mu
         for d in 0..2 {
             let by_n = dot(n.by[d], force);
             let by_t = [dot(t1.by[d], force), dot(t2.by[d], force)];
-            rows[0][c + d] = by_n;
+            rows.put(0, c + d, by_n);
             for (r, side) in [(1, one), (2, -one), (3, one), (4, -one)] {
-                rows[r][c + d] = side * by_t[(r - 1) / 2] - constants.friction * by_n;
+                rows.put(r, c + d, side * by_t[(r - 1) / 2] - constants.friction * by_n);
             }
         }
     }

@@ -5,6 +5,7 @@
 
 use crate::nlp::layout::Element;
 use crate::nlp::{Layout, Real};
+use multiversion::multiversion;
 
 /// Buffers of the factorisation.
 #[derive(Debug, Default)]
@@ -38,7 +39,6 @@ impl<T: Real> Factor<T> {
 /// * `value` - `v`, `[rows]`
 /// * `diagonal` - `D`, `[variables]`
 /// * `proximal` - `eps`
-#[inline(always)]
 pub fn factorise<T: Real>(
     layout: &Layout<T>,
     jacobian: &[T],
@@ -77,7 +77,7 @@ pub fn factorise<T: Real>(
 }
 
 /// Copies what stays of the old front to its slots in the new one.
-#[inline(always)]
+#[multiversion(targets("x86_64+avx2"))]
 fn move_front<T: Real>(
     layout: &Layout<T>,
     moves: &std::ops::Range<u32>,
@@ -126,7 +126,7 @@ fn assemble<T: Real>(
 /// Width of the vector loops of [`assemble`].
 const LANES: usize = 8;
 
-#[inline(always)]
+#[multiversion(targets("x86_64+avx2"))]
 #[expect(clippy::too_many_arguments, reason = "buffers of one kernel")]
 fn assemble_rows<T: Real, const M: usize>(
     layout: &Layout<T>,
@@ -141,45 +141,45 @@ fn assemble_rows<T: Real, const M: usize>(
 ) {
     let place = &element.place;
     let row = place.row as usize;
-    let weights: [T; M] = std::array::from_fn(|r| weight[row + r]);
-    let values: [T; M] = std::array::from_fn(|r| value[row + r]);
+    let weights: [T; M] = tile_of(&weight[row..]);
+    let values: [T; M] = tile_of(&value[row..]);
     if weights.iter().all(|w| *w == T::zero()) {
         return;
     }
     let runs = &layout.runs[element.runs.start as usize..element.runs.end as usize];
-    let Some(end) = runs.last().map(|r| (r.slot + r.len) as usize) else { return };
+    let Some(end) = runs.last().map(|r| ((r.slot + r.len) as usize).next_multiple_of(LANES)) else { return };
     let begin = runs[0].slot as usize / LANES * LANES;
+    // Lanes of all rows side by side: slot `s` of row `r` stands at `(s / LANES * M + r) * LANES + s % LANES`.
+    let at = |slot: usize, r: usize| (slot / LANES * M + r) * LANES + slot % LANES;
+    spread[begin * M..end * M].fill(T::zero());
     for r in 0..M {
         let source = &jacobian[place.jacobian as usize + r * place.stride as usize..][..place.stride as usize];
-        let target = &mut spread[r * stride..(r + 1) * stride];
-        target[begin..end.next_multiple_of(LANES)].fill(T::zero());
         for run in runs {
-            target[run.slot as usize..(run.slot + run.len) as usize].copy_from_slice(&source[run.column as usize..(run.column + run.len) as usize]);
+            let values = &source[run.column as usize..(run.column + run.len) as usize];
+            for (i, &v) in values.iter().enumerate() {
+                spread[at(run.slot as usize + i, r)] = v;
+            }
         }
     }
-    let spread: [&[T]; M] = std::array::from_fn(|r| &spread[r * stride..(r + 1) * stride]);
     for run in runs {
         for i in run.slot as usize..(run.slot + run.len) as usize {
-            let left: [T; M] = std::array::from_fn(|r| weights[r] * spread[r][i]);
-            let line = &mut front[i * stride..(i + 1) * stride];
-            let mut j = i / LANES * LANES;
-            while j < end {
-                let chunk: &mut [T; LANES] = (&mut line[j..j + LANES]).try_into().unwrap_or_else(|_| unreachable!());
-                let mut sum = *chunk;
-                for r in 0..M {
-                    let right: &[T; LANES] = spread[r][j..j + LANES].try_into().unwrap_or_else(|_| unreachable!());
-                    for l in 0..LANES {
-                        sum[l] += left[r] * right[l];
-                    }
-                }
-                *chunk = sum;
-                j += LANES;
-            }
+            let mut left = weights;
             let mut rhs = T::zero();
             for r in 0..M {
-                rhs += values[r] * spread[r][i];
+                let v = spread[at(i, r)];
+                rhs += values[r] * v;
+                left[r] *= v;
             }
+            let from = i / LANES * LANES;
+            let line = &mut front[i * stride..(i + 1) * stride];
             line[size] -= rhs;
+            for (sum, right) in line[from..end].chunks_exact_mut(LANES).zip(spread[from * M..end * M].chunks_exact(LANES * M)) {
+                for r in 0..M {
+                    for l in 0..LANES {
+                        sum[l] += left[r] * right[r * LANES + l];
+                    }
+                }
+            }
         }
     }
 }
@@ -188,7 +188,7 @@ fn assemble_rows<T: Real, const M: usize>(
 ///
 /// Rows are taken four at a time, columns `W` at a time, so that a 4 x `W` tile stays in registers while all earlier pivot rows pass.
 /// Returns false when a pivot is not positive.
-#[inline(always)]
+#[multiversion(targets("x86_64+avx2"))]
 pub fn partial_cholesky<T: Real, const W: usize>(front: &mut [T], stride: usize, size: usize, pivots: usize) -> bool {
     const R: usize = 4;
     let mut first = 0;
@@ -200,7 +200,10 @@ pub fn partial_cholesky<T: Real, const W: usize>(front: &mut [T], stride: usize,
             let mut j = first / W * W;
             while j <= size {
                 // Rows past the end repeat the last one and are not stored.
-                let mut tile: [[T; W]; R] = std::array::from_fn(|r| tile_of(&below[r.min(rows - 1) * stride + j..]));
+                let mut tile = [[T::zero(); W]; R];
+                for r in 0..R {
+                    tile[r] = tile_of(&below[r.min(rows - 1) * stride + j..]);
+                }
                 for c in 0..done {
                     let pivot = &above[c * stride..(c + 1) * stride];
                     let right: [T; W] = tile_of(&pivot[j..]);
@@ -248,13 +251,15 @@ pub fn partial_cholesky<T: Real, const W: usize>(front: &mut [T], stride: usize,
 
 #[inline(always)]
 fn tile_of<T: Real, const W: usize>(values: &[T]) -> [T; W] {
-    values[..W].try_into().unwrap_or_else(|_| unreachable!())
+    let mut tile = [T::zero(); W];
+    tile.copy_from_slice(&values[..W]);
+    tile
 }
 
 /// Back substitution after [`factorise`].
 ///
 /// * `direction` - out, `d`, `[variables]`
-#[inline(always)]
+#[multiversion(targets("x86_64+avx2"))]
 pub fn substitute<T: Real>(layout: &Layout<T>, factor: &mut Factor<T>, direction: &mut [T]) {
     let local = &mut factor.local;
     for step in layout.steps.iter().rev() {

@@ -46,7 +46,7 @@ pub fn mul<T: Real>(m: &Mat3<T>, a: Vec3<T>) -> Vec3<T> {
 /// Transposed matrix times vector.
 #[inline(always)]
 pub fn mul_transposed<T: Real>(m: &Mat3<T>, a: Vec3<T>) -> Vec3<T> {
-    std::array::from_fn(|c| m[0][c] * a[0] + m[1][c] * a[1] + m[2][c] * a[2])
+    add(add(scale(a[0], m[0]), scale(a[1], m[1])), scale(a[2], m[2]))
 }
 
 /// Rotation `Rz(yaw) Ry(pitch) Rx(roll)` from base to world, and the axes about which the angles turn, in world coordinates.

@@ -12,8 +12,27 @@ pub mod reach;
 pub mod step;
 pub mod swing;
 
+use crate::nlp::layout::Place;
 use crate::nlp::{Layout, Real};
 use crate::terrain::Ground;
+
+/// Jacobian rows of one element.
+struct Rows<'a, T> {
+    values: &'a mut [T],
+    stride: usize,
+}
+
+impl<'a, T> Rows<'a, T> {
+    #[inline(always)]
+    fn new(jacobian: &'a mut [T], place: &Place) -> Self {
+        Rows { values: &mut jacobian[place.jacobian as usize..], stride: place.stride as usize }
+    }
+
+    #[inline(always)]
+    fn put(&mut self, row: usize, column: usize, value: T) {
+        self.values[row * self.stride + column] = value;
+    }
+}
 
 /// Residuals (and, when asked for, Jacobian values) of all elements at `x`.
 ///

@@ -2,17 +2,18 @@
 //!
 //! `v = R' (foot - p) - nominal`, rows `v - reach + margin <= 0` and `-v - reach + margin <= 0`, times the length scale. Source: \[3\].
 
-use super::dynamics::rows_of;
+use super::Rows;
 use super::math::{cross, euler, mul_transposed, scale, sub};
 use crate::nlp::layout::NONE;
 use crate::nlp::{Layout, Real};
 use crate::terrain::Ground;
+use multiversion::multiversion;
 
 /// Reach rows of all feet at all reach instants.
 ///
 /// * `residual` - out, at each foot's place: 3 upper sides, 3 lower sides
 /// * `jacobian` - out, 3 rows at each foot's place
-#[inline(always)]
+#[multiversion(targets("x86_64+avx2"))]
 pub fn reach<T: Real>(layout: &Layout<T>, x: &[T], ground: &[Ground<T>], residual: &mut [T], mut jacobian: Option<&mut [T]>) {
     let constants = &layout.constants;
     let zero = T::zero();
@@ -50,9 +51,12 @@ pub fn reach<T: Real>(layout: &Layout<T>, x: &[T], ground: &[Ground<T>], residua
                 residual[at + 3 + d] = (-offset_b[d] - room) * unit;
             }
             let Some(jacobian) = jacobian.as_deref_mut() else { continue };
-            let rows: [&mut [T]; 3] = rows_of(jacobian, foot.place.jacobian as usize, foot.place.stride as usize);
+            let mut rows = Rows::new(jacobian, &foot.place);
             // d(R' leg)/d angle_i = R' (leg x axis_i).
-            let turns = axes.map(|axis| scale(unit, mul_transposed(&rot_wb, cross(leg_w, axis))));
+            let mut turns = axes;
+            for turn in &mut turns {
+                *turn = scale(unit, mul_transposed(&rot_wb, cross(leg_w, *turn)));
+            }
             for i in 0..4 {
                 if foot.base_column[i] == NONE {
                     continue;
@@ -60,8 +64,8 @@ pub fn reach<T: Real>(layout: &Layout<T>, x: &[T], ground: &[Ground<T>], residua
                 let (c, w) = (foot.base_column[i] as usize, instant.base.weights[i]);
                 for r in 0..3 {
                     for d in 0..3 {
-                        rows[r][c + d] = -w * rot_wb[d][r] * unit;
-                        rows[r][c + 3 + d] = w * turns[d][r];
+                        rows.put(r, c + d, -w * rot_wb[d][r] * unit);
+                        rows.put(r, c + 3 + d, w * turns[d][r]);
                     }
                 }
             }
@@ -73,13 +77,13 @@ pub fn reach<T: Real>(layout: &Layout<T>, x: &[T], ground: &[Ground<T>], residua
                 let slope = ground[foot.foothold[i] as usize].slope;
                 for r in 0..3 {
                     for d in 0..2 {
-                        rows[r][c + d] = (foot.xy_weights[i] * rot_wb[d][r] + foot.z_weights[i] * slope[d] * rot_wb[2][r]) * unit;
+                        rows.put(r, c + d, (foot.xy_weights[i] * rot_wb[d][r] + foot.z_weights[i] * slope[d] * rot_wb[2][r]) * unit);
                     }
                 }
             }
             if foot.height != NONE {
                 for r in 0..3 {
-                    rows[r][foot.height_column as usize] = foot.z_weights[2] * rot_wb[2][r] * unit;
+                    rows.put(r, foot.height_column as usize, foot.z_weights[2] * rot_wb[2][r] * unit);
                 }
             }
         }

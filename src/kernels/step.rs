@@ -1,6 +1,7 @@
 //! Everything elementwise between two factorisations: barrier weights, slack and multiplier steps, step length, merit, update.
 
 use crate::nlp::{Layout, Real};
+use multiversion::multiversion;
 
 /// Barrier state of the inequalities, each `[inequalities]`.
 #[derive(Debug, Default)]
@@ -43,7 +44,7 @@ fn per_row<T: Real>(layout: &Layout<T>, weight: &mut [T], value: &mut [T], of: i
 }
 
 /// Row weights of a barrier step: `W = rho` and `w = 1 / (s/z + 1/rho)`, `v = rho c` and `z + w (g - z/rho + mu/z)`, with `rho = 1`.
-#[inline(always)]
+#[multiversion(targets("x86_64+avx2"))]
 pub fn barrier_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], slacks: &Slacks<T>, mu: T, weight: &mut [T], value: &mut [T]) {
     let one = T::one();
     weight[..layout.equalities].fill(one);
@@ -56,7 +57,7 @@ pub fn barrier_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], slacks: &Slac
 }
 
 /// Row weights of a closing step: the equalities and the violated inequalities.
-#[inline(always)]
+#[multiversion(targets("x86_64+avx2"))]
 pub fn closing_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], weight: &mut [T], value: &mut [T]) {
     let (zero, one) = (T::zero(), T::one());
     weight[..layout.equalities].fill(one);
@@ -65,7 +66,7 @@ pub fn closing_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], weight: &mut 
 }
 
 /// Products `J d`: for equalities in `c_change`, for inequalities (with the sign of their side) in `g_change`.
-#[inline(always)]
+#[multiversion(targets("x86_64+avx2"))]
 pub fn jacobian_times<T: Real>(layout: &Layout<T>, jacobian: &[T], d: &[T], c_change: &mut [T], g_change: &mut [T]) {
     for element in &layout.elements {
         let place = &element.place;
@@ -97,7 +98,7 @@ pub const MAX_COLUMNS: usize = 6 * 3 + crate::robot::MAX_FEET * 14 + 6;
 /// Steps of slacks and multipliers for `d`: `dz = w (J d + g - z/rho + mu/z)`, `ds = -(s - mu/z) - (s/z) dz`.
 ///
 /// Returns the largest step in `(0, 1]` that keeps a twentieth of every slack and multiplier.
-#[inline(always)]
+#[multiversion(targets("x86_64+avx2"))]
 pub fn slack_steps<T: Real>(g: &[T], g_change: &[T], mu: T, slacks: &mut Slacks<T>) -> T {
     let one = T::one();
     let count = g.len();
@@ -120,7 +121,7 @@ pub fn slack_steps<T: Real>(g: &[T], g_change: &[T], mu: T, slacks: &mut Slacks<
 }
 
 /// Infeasibility `F = (|c|^2 + |max(g, 0)|^2) / 2`.
-#[inline(always)]
+#[multiversion(targets("x86_64+avx2"))]
 pub fn infeasibility<T: Real>(c: &[T], g: &[T]) -> T {
     let half = T::of(0.5);
     let mut lanes = [T::zero(); 8];
@@ -135,7 +136,7 @@ pub fn infeasibility<T: Real>(c: &[T], g: &[T]) -> T {
 /// `q = sqrt(g^2 + b^2)`, `b = 2 sqrt(mu)`. Its derivative is `(g + q) / 2`, a smooth `max(g, 0)`.
 ///
 /// Logarithms are taken of products of eight slacks. In `f64`, for the products' sake.
-#[inline(always)]
+#[multiversion(targets("x86_64+avx2"))]
 pub fn merit<T: Real>(c: &[T], g: &[T], mu: T) -> f64 {
     let half = T::of(0.5);
     let b2 = T::of(4.) * mu;
@@ -152,14 +153,18 @@ pub fn merit<T: Real>(c: &[T], g: &[T], mu: T) -> f64 {
             slack[l] = if g > T::zero() { smaller } else { larger };
             squares[l] += over * over;
         }
-        logs += slack.into_iter().map(T::as_f64).product::<f64>().ln();
+        let mut product = 1.;
+        for s in slack {
+            product *= s.as_f64();
+        }
+        logs += product.ln();
     }
     let squares = half * (super::front::dot(c, c) + squares.into_iter().sum::<T>());
     squares.as_f64() - mu.as_f64() * logs
 }
 
 /// Squared distance of residuals from their linear model: `(|c - c_lin|^2 + |g - g_lin|^2) / 2`.
-#[inline(always)]
+#[multiversion(targets("x86_64+avx2"))]
 pub fn nonlinearity<T: Real>(c: &[T], c_linear: &[T], g: &[T], g_linear: &[T]) -> T {
     let mut lanes = [T::zero(); 8];
     for (value, linear) in [(c, c_linear), (g, g_linear)] {
@@ -172,7 +177,7 @@ pub fn nonlinearity<T: Real>(c: &[T], c_linear: &[T], g: &[T], g_linear: &[T]) -
 }
 
 /// `out = a + step * b`.
-#[inline(always)]
+#[multiversion(targets("x86_64+avx2"))]
 pub fn advance<T: Real>(a: &[T], step: T, b: &[T], out: &mut [T]) {
     for i in 0..out.len() {
         out[i] = a[i] + step * b[i];
@@ -180,7 +185,7 @@ pub fn advance<T: Real>(a: &[T], step: T, b: &[T], out: &mut [T]) {
 }
 
 /// Moves slacks and multipliers along their steps, keeps them off zero, and returns their mean product.
-#[inline(always)]
+#[multiversion(targets("x86_64+avx2"))]
 pub fn update_slacks<T: Real>(slacks: &mut Slacks<T>, step: T) -> T {
     let count = slacks.slack.len();
     let mut lanes = [T::zero(); 8];
@@ -196,7 +201,7 @@ pub fn update_slacks<T: Real>(slacks: &mut Slacks<T>, step: T) -> T {
 }
 
 /// Column scaling `D_j = sum_eq J_ij^2 + 1/2 sum_ineq J_ij^2`, at least 1e-2.
-#[inline(always)]
+#[multiversion(targets("x86_64+avx2"))]
 pub fn column_scaling<T: Real>(layout: &Layout<T>, jacobian: &[T], diagonal: &mut [T]) {
     diagonal.fill(T::zero());
     for element in &layout.elements {

@@ -41,6 +41,11 @@ impl<T: Real> Residuals<T> {
         self.c.resize(layout.equalities, T::zero());
         self.g.resize(layout.inequalities, T::zero());
     }
+
+    /// What a step must lower: the infeasibility in closing steps, the smoothed merit else.
+    fn merit(&self, closing: bool, mu: T) -> f64 {
+        if closing { step::infeasibility(&self.c, &self.g).as_f64() } else { step::merit(&self.c, &self.g, mu) }
+    }
 }
 
 /// Buffers for one candidate at a time; made once a thread and reused, so that a solve allocates only when it meets a larger candidate.
@@ -111,18 +116,6 @@ impl<T: Real> Solver<T> {
         start: Option<&[f64]>,
         cancel: &dyn Fn() -> bool,
     ) -> Outcome {
-        #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor has AVX2. The code is the same, and so are its results: no kernel's order of operations depends on the
-            // vector width, and fused multiply-add is not used.
-            return unsafe { self.solve_avx2(layout, settings, finish, start, cancel) };
-        }
-        self.solve_here(layout, settings, finish, start, cancel)
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    fn solve_avx2(&mut self, layout: &Layout<T>, settings: &SolverSettings, finish: Finish, start: Option<&[f64]>, cancel: &dyn Fn() -> bool) -> Outcome {
         self.solve_here(layout, settings, finish, start, cancel)
     }
 
@@ -131,7 +124,6 @@ impl<T: Real> Solver<T> {
         self.x.iter().map(|v| v.as_f64()).collect()
     }
 
-    #[inline(always)]
     fn solve_here(&mut self, layout: &Layout<T>, settings: &SolverSettings, finish: Finish, start: Option<&[f64]>, cancel: &dyn Fn() -> bool) -> Outcome {
         self.prepare(layout, start);
         self.edge_radius = if layout.terrain.has_edges() { T::of(settings.edge_radius) } else { T::zero() };
@@ -233,13 +225,11 @@ impl<T: Real> Solver<T> {
     }
 
     /// Residuals and Jacobian at `x`.
-    #[inline(always)]
     fn linearise(&mut self, layout: &Layout<T>) {
         crate::kernels::evaluate(layout, &self.x, self.edge_radius, &mut self.ground, &mut self.now.c, &mut self.now.g, Some(&mut self.jacobian));
     }
 
     /// Looks for a step from the linearisation at `x`; on success `trial` holds the new point.
-    #[inline(always)]
     fn attempt(
         &mut self,
         layout: &Layout<T>,
@@ -255,10 +245,7 @@ impl<T: Real> Solver<T> {
         } else {
             step::barrier_rows(layout, &self.now.c, &self.now.g, &self.slacks, mu_t, &mut self.weight, &mut self.value);
         }
-        let merit_of = |r: &Residuals<T>| {
-            if closing { step::infeasibility(&r.c, &r.g).as_f64() } else { step::merit(&r.c, &r.g, mu_t) }
-        };
-        let merit = merit_of(&self.now);
+        let merit = self.now.merit(closing, mu_t);
         for _ in 0..ATTEMPTS {
             outcome.factorisations += 1;
             let proximal = T::of(*eps);
@@ -275,7 +262,7 @@ impl<T: Real> Solver<T> {
             step::advance(&self.now.c, length, &self.change.c, &mut self.linear.c);
             step::advance(&self.now.g, length, &self.change.g, &mut self.linear.g);
             crate::kernels::evaluate(layout, &self.trial, self.edge_radius, &mut self.ground, &mut self.next.c, &mut self.next.g, None);
-            let (merit_next, merit_linear) = (merit_of(&self.next), merit_of(&self.linear));
+            let (merit_next, merit_linear) = (self.next.merit(closing, mu_t), self.linear.merit(closing, mu_t));
             let predicted = merit - merit_linear;
             let falls = merit_next < merit;
             let near_linear = !closing && {
@@ -292,7 +279,6 @@ impl<T: Real> Solver<T> {
     }
 
     /// Moves slacks and multipliers and lowers the barrier the more, the longer the step was.
-    #[inline(always)]
     fn update_barrier(&mut self, mu: f64, step: f64) -> f64 {
         let gap = step::update_slacks(&mut self.slacks, T::of(step)).as_f64();
         if step <= 0.2 {
@@ -318,10 +304,12 @@ impl<T: Real> Solver<T> {
     /// The stall rule, see [`crate::settings::StallSettings`]. Closing steps are never cut short.
     fn stalled(&self, settings: &SolverSettings) -> bool {
         let (rule, done) = (&settings.stall, self.history.len() - 1);
-        rule.enabled
-            && done >= rule.start.max(rule.window)
-            && self.history[done] > settings.closing
-            && self.history[done] > rule.factor * self.history[done - rule.window]
+        if !rule.enabled || done < rule.start.max(rule.window) {
+            return false;
+        }
+        let (now, before) = (self.history[done], self.history[done - rule.window]);
+        // Logarithmic distance left against that covered in the window, in windows.
+        now > settings.closing && (now / settings.closing).ln() * rule.window as f64 > rule.budget * (before / now).ln()
     }
 
     /// `F` at the start and after each iteration of the last solve.

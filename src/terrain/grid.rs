@@ -42,7 +42,11 @@ impl Grid {
         }
         for (i, row) in self.heights.iter().enumerate() {
             if row.len() != columns {
-                return Err(Error::invalid(format!("terrain.grid.heights[{i}]"), format!("{} columns", row.len()), format!("{columns} columns")));
+                return Err(Error::invalid(
+                    format!("terrain.grid.heights[{i}]"),
+                    format!("{} columns", row.len()),
+                    format!("{columns} columns"),
+                ));
             }
             for (j, &h) in row.iter().enumerate() {
                 check_range(&format!("terrain.grid.heights[{i}][{j}]"), h, -100., 100.)?;

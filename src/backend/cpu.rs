@@ -1,0 +1,83 @@
+//! The CPU backend: candidates in order of their index, one a thread.
+
+use super::{Backend, Precision, Problem, Solution};
+use crate::error::{Error, Result};
+use crate::nlp::{Layout, Real};
+use crate::settings::{SolverSettings, TranscriptionSettings};
+use crate::solver::{Finish, Solver, Status};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Threads of this machine.
+#[derive(Debug)]
+pub struct Cpu {
+    pool: rayon::ThreadPool,
+}
+
+impl Cpu {
+    /// A pool of `threads` threads, or one a processor when that is 0.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] when the system does not start the threads.
+    pub fn new(threads: usize) -> Result<Cpu> {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+        pool.map(|pool| Cpu { pool }).map_err(|e| Error::invalid("threads", format!("{threads}: {e}"), "a number of threads that the system starts"))
+    }
+
+    /// Number of threads.
+    pub fn threads(&self) -> usize {
+        self.pool.current_num_threads()
+    }
+
+    /// Takes candidates in order: with an early exit the first ones matter most.
+    fn work<T: Real>(
+        &self,
+        problems: &[Problem],
+        transcription: &TranscriptionSettings,
+        settings: &SolverSettings,
+        finish_at: Finish,
+        skip: &(dyn Fn(usize) -> bool + Sync),
+        finish: &(dyn Fn(usize, Solution) + Sync),
+    ) {
+        let next = AtomicUsize::new(0);
+        self.pool.scope(|scope| {
+            for _ in 0..self.threads().min(problems.len()) {
+                scope.spawn(|_| {
+                    let mut solver = Solver::<T>::default();
+                    loop {
+                        let index = next.fetch_add(1, Ordering::Relaxed);
+                        let Some(problem) = problems.get(index) else { break };
+                        if skip(index) {
+                            continue;
+                        }
+                        let layout = Layout::<T>::new(problem.task, &problem.schedule, transcription);
+                        let outcome = solver.solve(&layout, settings, finish_at, None, &|| skip(index));
+                        if outcome.status != Status::Cancelled {
+                            finish(index, Solution { outcome, x: solver.solution() });
+                        }
+                    }
+                });
+            }
+        });
+    }
+}
+
+impl Backend for Cpu {
+    fn device(&self) -> String {
+        format!("cpu, {} threads", self.threads())
+    }
+
+    fn solve(
+        &self,
+        problems: &[Problem],
+        transcription: &TranscriptionSettings,
+        settings: &SolverSettings,
+        precision: Precision,
+        skip: &(dyn Fn(usize) -> bool + Sync),
+        finish: &(dyn Fn(usize, Solution) + Sync),
+    ) {
+        match precision {
+            Precision::F32 => self.work::<f32>(problems, transcription, settings, Finish::Infeasibility(settings.tolerance), skip, finish),
+            Precision::F64 => self.work::<f64>(problems, transcription, settings, Finish::Rows(settings.row_tolerance), skip, finish),
+        }
+    }
+}

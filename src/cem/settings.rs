@@ -1,0 +1,216 @@
+//! Every tunable value of the search, with default and limits.
+
+use super::{Objective, heuristic};
+use crate::error::{Error, Result, check_range};
+use crate::gait::schedule::{MAX_HORIZON, MIN_PHASE};
+use serde::{Deserialize, Serialize};
+
+/// Names of the presets, each with what it is for. Numbers: \[1\], section of the same name.
+pub const PRESETS: [(&str, &str); 3] = [
+    ("experiment1", "find any feasible gait, 16 candidates a generation"),
+    ("experiment2", "the numbers of experiment1, to compare robots"),
+    ("experiment3", "find the gait with the fewest stances, 64 candidates a generation, 50 generations"),
+];
+
+/// When a search ends before its last generation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Stopping {
+    /// At the generation that has a feasible candidate.
+    FirstFeasible,
+    /// When the distribution has converged: see [`super::Distribution::converged`].
+    Convergence,
+}
+
+/// Where the candidates come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Sampler {
+    /// The distribution, fitted to the elites after each generation.
+    Cem,
+    /// The initial distribution throughout: plain random search, for comparisons.
+    Random,
+}
+
+/// How the search runs. Symbols as in \[1\].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CemSettings {
+    /// Candidates a generation, `N`. Too small: the elites say little about the distribution; too large: few generations in the same time.
+    pub population: usize,
+    /// Elites, `M`. Too small: early convergence anywhere; close to `population`: no selection.
+    pub elites: usize,
+    /// Most generations, `K`.
+    pub generations: usize,
+    /// Fewest stance phases of a foot.
+    pub min_stances: usize,
+    /// Most stance phases of a foot. The heuristic ends at `min_stances + 8` and needs at least that.
+    pub max_stances: usize,
+    /// Whether the feet pick their stance counts from a common triplet: see [`heuristic`].
+    pub heuristic: bool,
+    /// Limits of the log durations (durations in s); samples outside are moved to the nearer one.
+    pub log_duration: [f64; 2],
+    /// Mean of every log duration in the first generation.
+    pub initial_mean: f64,
+    /// Standard deviation of every log duration in the first generation.
+    pub initial_std: f64,
+    /// Smallest standard deviation of a log duration. Too small: the search freezes.
+    pub min_std: f64,
+    /// Added to every category's frequency among the elites, before normalising. 0: a category can be lost for good; too large: no learning.
+    pub floor: f64,
+    /// Penalty `alpha` of a violated constraint, in the unit of the objective. Too small: infeasible gaits win.
+    pub penalty: f64,
+    /// What is sought among feasible gaits.
+    pub objective: Objective,
+    /// When to end early.
+    pub stopping: Stopping,
+    /// Whether the rest of a generation is evaluated after its first feasible candidate, so that its best feasible candidate is returned
+    /// and not the one with the lowest index. Only with [`Stopping::FirstFeasible`].
+    pub whole_generation: bool,
+    /// Largest standard deviation of the used log durations at which the distribution counts as converged; 0: never.
+    pub converged_std: f64,
+    /// Where the candidates come from.
+    pub sampler: Sampler,
+}
+
+impl Default for CemSettings {
+    /// Preset `experiment1`.
+    fn default() -> Self {
+        CemSettings {
+            population: 16,
+            elites: 12,
+            generations: 20,
+            min_stances: 5,
+            max_stances: 13,
+            heuristic: true,
+            log_duration: [-2.5, -1.],
+            initial_mean: -1.75,
+            initial_std: 1.,
+            min_std: 1e-3,
+            floor: 0.05,
+            penalty: 100.,
+            objective: Objective::Feasibility,
+            stopping: Stopping::FirstFeasible,
+            whole_generation: false,
+            converged_std: 5e-3,
+            sampler: Sampler::Cem,
+        }
+    }
+}
+
+impl CemSettings {
+    /// A preset by name.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] lists [`PRESETS`].
+    pub fn preset(name: &str) -> Result<CemSettings> {
+        match name {
+            "experiment1" | "experiment2" => Ok(CemSettings::default()),
+            "experiment3" => Ok(CemSettings {
+                population: 64,
+                elites: 32,
+                generations: 50,
+                min_stances: 3,
+                max_stances: 11,
+                penalty: 1000.,
+                objective: Objective::FewestStances,
+                stopping: Stopping::Convergence,
+                ..CemSettings::default()
+            }),
+            _ => Err(Error::Unknown { what: "preset", name: name.into(), known: PRESETS.map(|(name, _)| name).join(", ") }),
+        }
+    }
+
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] names the first field that is out of its limits.
+    pub fn validate(&self) -> Result<()> {
+        check_count("cem.population", self.population, 1, 65_536)?;
+        check_count("cem.elites", self.elites, 1, self.population)?;
+        check_count("cem.generations", self.generations, 1, 100_000)?;
+        check_count("cem.min_stances", self.min_stances, 1, 501)?;
+        check_count("cem.max_stances", self.max_stances, self.min_stances, 501)?;
+        if self.heuristic && self.max_stances < self.min_stances + heuristic::LARGEST {
+            let limit =
+                format!("at least cem.min_stances + {} = {} with the heuristic", heuristic::LARGEST, self.min_stances + heuristic::LARGEST);
+            return Err(Error::invalid("cem.max_stances", self.max_stances, limit));
+        }
+        let [low, high] = self.log_duration;
+        if !(low.is_finite() && high.is_finite() && low < high) {
+            return Err(Error::invalid("cem.log_duration", format!("[{low}, {high}]"), "two finite numbers, the smaller one first"));
+        }
+        if low.exp() < MIN_PHASE {
+            return Err(Error::invalid("cem.log_duration[0]", low, format!("at least ln {MIN_PHASE} s = {:.4}", MIN_PHASE.ln())));
+        }
+        // Every schedule that can be drawn is a valid one.
+        let longest = MAX_HORIZON / self.phases() as f64;
+        if high.exp() > longest {
+            let limit = format!("at most {:.4}, so that {} phases last at most {MAX_HORIZON} s", longest.ln(), self.phases());
+            return Err(Error::invalid("cem.log_duration[1]", high, limit));
+        }
+        check_range("cem.initial_mean", self.initial_mean, low, high)?;
+        check_range("cem.initial_std", self.initial_std, 1e-9, 100.)?;
+        check_range("cem.min_std", self.min_std, 1e-9, 100.)?;
+        check_range("cem.floor", self.floor, 0., 1.)?;
+        check_range("cem.penalty", self.penalty, 0., 1e12)?;
+        check_range("cem.converged_std", self.converged_std, 0., 100.)
+    }
+
+    /// Largest stance count that can be drawn.
+    pub fn largest_stances(&self) -> usize {
+        if self.heuristic { self.min_stances + heuristic::LARGEST } else { self.max_stances }
+    }
+
+    /// Phases of a foot with the largest stance count.
+    pub fn phases(&self) -> usize {
+        2 * self.largest_stances() - 1
+    }
+}
+
+/// Checks that a count is inside `[low, high]`.
+fn check_count(place: &str, value: usize, low: usize, high: usize) -> Result<()> {
+    if (low..=high).contains(&value) { Ok(()) } else { Err(Error::invalid(place, value, format!("an integer from {low} to {high}"))) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_preset_is_valid_and_survives_json() {
+        for (name, line) in PRESETS {
+            let settings = CemSettings::preset(name).unwrap();
+            settings.validate().unwrap();
+            assert!(!line.is_empty());
+            assert_eq!(serde_json::from_str::<CemSettings>(&serde_json::to_string(&settings).unwrap()).unwrap(), settings);
+        }
+        assert!(CemSettings::preset("experiment9").unwrap_err().to_string().contains("experiment1, experiment2, experiment3"));
+    }
+
+    #[test]
+    fn bad_settings_name_the_field_the_value_and_the_limit() {
+        let refused = |change: fn(&mut CemSettings)| {
+            let mut settings = CemSettings::default();
+            change(&mut settings);
+            settings.validate().unwrap_err().to_string()
+        };
+        assert_eq!(refused(|s| s.population = 70_000), "cem.population: 70000, but it must be an integer from 1 to 65536");
+        assert_eq!(refused(|s| s.elites = 17), "cem.elites: 17, but it must be an integer from 1 to 16");
+        assert!(refused(|s| s.elites = 0).starts_with("cem.elites"));
+        assert!(refused(|s| s.generations = 0).starts_with("cem.generations"));
+        assert!(refused(|s| s.min_stances = 0).starts_with("cem.min_stances"));
+        assert!(refused(|s| s.min_stances = 14).starts_with("cem.max_stances"));
+        assert!(refused(|s| s.max_stances = 12).contains("= 13 with the heuristic"));
+        assert!(refused(|s| s.log_duration = [f64::NAN, -1.]).contains("NaN"));
+        assert!(refused(|s| s.log_duration = [-1., -1.]).contains("smaller one first"));
+        assert!(refused(|s| s.log_duration[0] = -7.).contains("0.001 s"));
+        assert!(refused(|s| s.log_duration[1] = 2.).contains("25 phases"));
+        assert!(refused(|s| s.initial_mean = 0.).starts_with("cem.initial_mean"));
+        assert!(refused(|s| s.initial_std = 0.).starts_with("cem.initial_std"));
+        assert!(refused(|s| s.min_std = -1.).starts_with("cem.min_std"));
+        assert!(refused(|s| s.floor = 1.1).starts_with("cem.floor"));
+        assert!(refused(|s| s.penalty = -1.).starts_with("cem.penalty"));
+        assert!(refused(|s| s.converged_std = f64::NAN).starts_with("cem.converged_std"));
+    }
+}

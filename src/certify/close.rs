@@ -1,0 +1,49 @@
+//! Closing steps: an f32 solution made exact in f64.
+
+use crate::backend::Solution;
+use crate::nlp::Layout;
+use crate::settings::{SolverSettings, StallSettings};
+use crate::solver::{Finish, Outcome, Solver, Status};
+
+/// Brings an f32 solution to f64 accuracy.
+///
+/// One or two Gauss-Newton steps from a solved point usually do. Where they do not, or where f32 crept without arriving
+/// (`F` below [`SolverSettings::closing`]), the solve goes on in f64 from there, then once more from the start.
+/// Everything else is returned as it is.
+///
+/// Returns the outcome with the costs of all attempts added, and the point.
+pub fn close(layout: &Layout<f64>, solution: Solution, settings: &SolverSettings, cancel: &dyn Fn() -> bool) -> (Outcome, Vec<f64>) {
+    let solved = solution.outcome.status == Status::Solved;
+    if !solved && !(solution.outcome.infeasibility < settings.closing) {
+        return (solution.outcome, solution.x);
+    }
+    let finish = Finish::Rows(settings.row_tolerance);
+    let closing = SolverSettings {
+        max_iterations: settings.closing_steps,
+        closing: f64::INFINITY,
+        edge_radius: 0.,
+        proximal: settings.proximal_floor,
+        stall: StallSettings { enabled: false, ..settings.stall.clone() },
+        ..settings.clone()
+    };
+    let mut attempts: Vec<(&SolverSettings, Option<&[f64]>)> = Vec::new();
+    if solved {
+        attempts.push((&closing, Some(&solution.x)));
+    }
+    attempts.push((settings, Some(&solution.x)));
+    attempts.push((settings, None));
+    let mut solver = Solver::<f64>::default();
+    let mut total = solution.outcome;
+    for (settings, start) in attempts {
+        let outcome = solver.solve(layout, settings, finish, start, cancel);
+        total = Outcome {
+            iterations: total.iterations + outcome.iterations,
+            factorisations: total.factorisations + outcome.factorisations,
+            ..outcome
+        };
+        if outcome.status == Status::Solved || outcome.status == Status::Cancelled {
+            break;
+        }
+    }
+    (total, solver.solution())
+}

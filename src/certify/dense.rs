@@ -1,0 +1,406 @@
+//! What a trajectory does between the instants at which its rows hold, in f64 and apart from the solver's kernels.
+
+use crate::error::Result;
+use crate::gait::{Curve, Trajectory};
+use crate::robot::{GRAVITY, Robot};
+use crate::terrain::Terrain;
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use serde::Serialize;
+use std::fmt;
+
+/// Distance of the times at which a trajectory is sampled, s.
+pub const SAMPLE_STEP: f64 = 1e-3;
+
+/// Times closer than this are one, s. Sums of durations differ in their last digits between programs.
+pub(super) const SAME_TIME: f64 = 1e-6;
+
+/// Greatest value of a quantity over the trajectory, never negative; infinite when the quantity was no number somewhere.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Extreme {
+    /// The value, in the unit of the field.
+    pub value: f64,
+    /// When it occurs first, s.
+    pub time: f64,
+    /// At which foot; none for the base, or when the value is zero.
+    pub foot: Option<usize>,
+}
+
+impl Extreme {
+    fn update(&mut self, value: f64, foot: Option<usize>, time: f64) {
+        let value = if value.is_nan() { f64::INFINITY } else { value };
+        if value > self.value {
+            *self = Extreme { value, time, foot };
+        }
+    }
+}
+
+/// Worst values on a grid of [`SAMPLE_STEP`] and at the end. None of them is counted as a violation.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct DenseReport {
+    /// Number of times sampled.
+    pub samples: usize,
+    /// `|m pddot - sum f + m g e_z| / (m g)`, body weights.
+    pub force_defect: Extreme,
+    /// `|I_w wdot + w x I_w w - sum (x_i - p) x f_i| / (m g l)`, body weights times leg height.
+    pub moment_defect: Extreme,
+    /// How far a foot is outside its reach box, along the worst axis of the base, m.
+    pub reach_excess: Extreme,
+    /// Normal force with which a foot pulls the ground, body weights.
+    pub pull: Extreme,
+    /// `max(|f.t1|, |f.t2|) - mu f.n` where it is positive, body weights.
+    pub friction_excess: Extreme,
+    /// How far a foot is below the terrain, m.
+    pub penetration: Extreme,
+    /// How high a foot is above the terrain, m.
+    pub foot_height: Extreme,
+    /// Speed of a foot, m/s.
+    pub foot_speed: Extreme,
+    /// Speed of the base at the end, m/s.
+    pub final_base_speed: f64,
+}
+
+impl fmt::Display for DenseReport {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let lines = [
+            ("force defect", self.force_defect, "m g"),
+            ("moment defect", self.moment_defect, "m g l"),
+            ("reach excess", self.reach_excess, "m"),
+            ("pull", self.pull, "m g"),
+            ("friction excess", self.friction_excess, "m g"),
+            ("penetration", self.penetration, "m"),
+            ("foot height", self.foot_height, "m"),
+            ("foot speed", self.foot_speed, "m/s"),
+        ];
+        for (name, extreme, unit) in lines {
+            write!(f, "{name:<18}{:>10} {unit:<6}", readable(extreme.value))?;
+            if extreme.value > 0. {
+                write!(f, " at {:.3} s", extreme.time)?;
+            }
+            writeln!(f, "{}", extreme.foot.map(|foot| format!(", foot {foot}")).unwrap_or_default())?;
+        }
+        writeln!(f, "{:<18}{:>10} m/s", "final base speed", readable(self.final_base_speed))
+    }
+}
+
+/// A number in few digits: with an exponent only when it is very small or very large.
+pub(super) fn readable(value: f64) -> String {
+    if value == 0. || (1e-3..1e6).contains(&value) { format!("{value:.3}") } else { format!("{value:.2e}") }
+}
+
+/// Samples a trajectory and reports the worst of each quantity.
+///
+/// # Errors
+/// [`crate::Error::Invalid`] when the trajectory is malformed, or robot and trajectory disagree on the number of feet.
+pub fn dense(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain) -> Result<DenseReport> {
+    Ok(sample(&Motion::new(trajectory, robot)?, terrain))
+}
+
+/// As [`dense`], of curves already laid out in time.
+pub(super) fn sample(motion: &Motion, terrain: &Terrain) -> DenseReport {
+    let robot = motion.robot;
+    let (weight, leg) = (robot.weight(), robot.leg_height());
+    let mut report = DenseReport::default();
+    let steps = (motion.horizon / SAMPLE_STEP) as usize;
+    for time in (0..=steps).map(|i| i as f64 * SAMPLE_STEP).chain([motion.horizon]) {
+        report.samples += 1;
+        let base = motion.base(time);
+        let (moment, force) = motion.defect(&base, time);
+        report.moment_defect.update(moment.norm() / (weight * leg), None, time);
+        report.force_defect.update(force.norm() / weight, None, time);
+        for foot in 0..motion.feet.len() {
+            let at = Some(foot);
+            let place = motion.feet[foot].motion.at(time);
+            let force = motion.feet[foot].force.at(time).value;
+            for excess in motion.reach_excess(&base, foot, place.value).iter() {
+                report.reach_excess.update(*excess, at, time);
+            }
+            let height = place.value.z - terrain.height(place.value.x, place.value.y);
+            report.foot_height.update(height, at, time);
+            report.penetration.update(-height, at, time);
+            report.foot_speed.update(place.first.norm(), at, time);
+            // A swinging foot has no force to be judged: its rows say so.
+            let axes = ContactAxes::new(terrain, motion.feet[foot].foothold(time).unwrap_or(place.value));
+            let (normal, t1, t2) = (force.dot(&axes.normal), force.dot(&axes.tangents[0]), force.dot(&axes.tangents[1]));
+            report.pull.update(-normal / weight, at, time);
+            // `f64::max` would drop a NaN.
+            for tangential in [t1, t2] {
+                report.friction_excess.update((tangential.abs() - terrain.friction * normal) / weight, at, time);
+            }
+        }
+    }
+    report.final_base_speed = motion.base_lin.at(motion.horizon).first.norm();
+    report
+}
+
+/// A point of a curve.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Point {
+    /// Value.
+    pub value: Vector3<f64>,
+    /// First derivative.
+    pub first: Vector3<f64>,
+    /// Second derivative.
+    pub second: Vector3<f64>,
+}
+
+/// A Hermite curve with the times of its nodes.
+pub(super) struct TimedCurve<'a> {
+    curve: &'a Curve,
+    /// Times of the nodes, s.
+    pub times: Vec<f64>,
+}
+
+impl<'a> TimedCurve<'a> {
+    fn new(curve: &'a Curve) -> Self {
+        let mut times = vec![0.];
+        let mut end = 0.;
+        for duration in &curve.poly_durations {
+            end += duration;
+            times.push(end);
+        }
+        TimedCurve { curve, times }
+    }
+
+    /// Value of a node.
+    pub fn value(&self, node: usize) -> Vector3<f64> {
+        let n = &self.curve.nodes[node];
+        Vector3::new(n[0], n[1], n[2])
+    }
+
+    /// Slope of a node.
+    pub fn slope(&self, node: usize) -> Vector3<f64> {
+        let n = &self.curve.nodes[node];
+        Vector3::new(n[3], n[4], n[5])
+    }
+
+    /// Point at a time, clamped to the curve; at a node, of the piece that ends there, as TOWR does.
+    pub fn at(&self, time: f64) -> Point {
+        // The slack keeps the side when times are sums of other durations.
+        let after = self.times[1..].partition_point(|&end| end < time - 1e-9);
+        let piece = after.min(self.curve.poly_durations.len() - 1);
+        self.on_piece(piece, time - self.times[piece])
+    }
+
+    /// Point of a piece, `t` s after its start: `p = a + b t + c t^2 + d t^3` through both nodes with their slopes.
+    pub fn on_piece(&self, piece: usize, t: f64) -> Point {
+        let length = self.curve.poly_durations[piece];
+        let t = t.clamp(0., length);
+        let (a, b) = (self.value(piece), self.slope(piece));
+        // Mean speed against the slopes at both ends; differences first, so that a standing foot stands exactly.
+        let mean = (self.value(piece + 1) - a) / length;
+        let next = self.slope(piece + 1);
+        let c = (mean * 3. - b * 2. - next) / length;
+        let d = (b + next - mean * 2.) / (length * length);
+        Point { value: a + (b + (c + d * t) * t) * t, first: b + (c * 2. + d * (3. * t)) * t, second: c * 2. + d * (6. * t) }
+    }
+
+    /// Length of a piece, s.
+    pub fn length(&self, piece: usize) -> f64 {
+        self.curve.poly_durations[piece]
+    }
+}
+
+/// Curves of a foot and its phases.
+pub(super) struct FootMotion<'a> {
+    /// Position, m.
+    pub motion: TimedCurve<'a>,
+    /// Force, N.
+    pub force: TimedCurve<'a>,
+    /// Times at which the contact changes, s; before the first of them the foot stands.
+    pub switches: Vec<f64>,
+    /// Position in each stance phase, m.
+    footholds: Vec<Vector3<f64>>,
+}
+
+impl<'a> FootMotion<'a> {
+    fn new(motion: TimedCurve<'a>, force: TimedCurve<'a>, durations: &[f64]) -> Self {
+        let mut starts = vec![0.];
+        let mut end = 0.;
+        for duration in durations {
+            end += duration;
+            starts.push(end);
+        }
+        starts.pop();
+        // Of the node, not of the curve: a node on an edge of the terrain must stay on its side.
+        let footholds = starts.iter().step_by(2).map(|&start| motion.value(nearest(&motion.times, start))).collect();
+        starts.remove(0);
+        FootMotion { motion, force, switches: starts, footholds }
+    }
+
+    /// First and last phase that a time belongs to: two neighbours when it is a switch, else twice the same. Stances are even.
+    pub fn phases(&self, time: f64) -> (usize, usize) {
+        let first = self.switches.partition_point(|&s| s < time - SAME_TIME);
+        (first, self.switches.partition_point(|&s| s <= time + SAME_TIME))
+    }
+
+    /// Position of the stance phase at a time, m; none in a swing.
+    pub fn foothold(&self, time: f64) -> Option<Vector3<f64>> {
+        let (first, last) = self.phases(time);
+        [first, last].into_iter().find(|phase| phase % 2 == 0).map(|stance| self.footholds[stance / 2])
+    }
+}
+
+/// Index of the time nearest to another, among ascending times.
+pub(super) fn nearest(times: &[f64], time: f64) -> usize {
+    let after = times.partition_point(|&t| t < time).min(times.len() - 1);
+    let before = after.saturating_sub(1);
+    if (times[before] - time).abs() < (times[after] - time).abs() { before } else { after }
+}
+
+/// Normal and tangents of the terrain under a foothold, unit vectors.
+///
+/// `n ~ (-h_x, -h_y, 1)`, `t1 ~ (1, 0, h_x)`, `t2 ~ (0, 1, h_y)`; on a slope along both axes t1 and t2 are not orthogonal, as in TOWR.
+pub(super) struct ContactAxes {
+    pub normal: Vector3<f64>,
+    pub tangents: [Vector3<f64>; 2],
+}
+
+impl ContactAxes {
+    pub fn new(terrain: &Terrain, foothold: Vector3<f64>) -> Self {
+        let [hx, hy] = terrain.ground(foothold.x, foothold.y).slope;
+        ContactAxes {
+            normal: Vector3::new(-hx, -hy, 1.).normalize(),
+            tangents: [Vector3::new(1., 0., hx).normalize(), Vector3::new(0., 1., hy).normalize()],
+        }
+    }
+}
+
+/// State of the base at one time, world frame.
+pub(super) struct BaseState {
+    position: Vector3<f64>,
+    acceleration: Vector3<f64>,
+    /// Base to world.
+    rotation: Rotation3<f64>,
+    omega: Vector3<f64>,
+    omega_dot: Vector3<f64>,
+}
+
+/// A trajectory laid out in time, of a robot that fits it.
+pub(super) struct Motion<'a> {
+    pub robot: &'a Robot,
+    pub horizon: f64,
+    pub base_lin: TimedCurve<'a>,
+    pub base_ang: TimedCurve<'a>,
+    pub feet: Vec<FootMotion<'a>>,
+}
+
+impl<'a> Motion<'a> {
+    pub fn new(trajectory: &'a Trajectory, robot: &'a Robot) -> Result<Self> {
+        trajectory.validate()?;
+        if trajectory.ee.len() != robot.feet() {
+            let limit = format!("{} feet, as the robot `{}` has", robot.feet(), robot.name);
+            return Err(crate::error::Error::invalid("ee", format!("{} feet", trajectory.ee.len()), limit));
+        }
+        let curves = trajectory.ee.iter().zip(&trajectory.durations);
+        let feet = curves.map(|(e, d)| FootMotion::new(TimedCurve::new(&e.motion), TimedCurve::new(&e.force), d)).collect();
+        let (base_lin, base_ang) = (TimedCurve::new(&trajectory.base_lin), TimedCurve::new(&trajectory.base_ang));
+        Ok(Motion { robot, horizon: trajectory.horizon, base_lin, base_ang, feet })
+    }
+
+    /// State of the base.
+    ///
+    /// The Euler angles turn about the axes `a_yaw = e_z`, `a_pitch = Rz e_y`, `a_roll = Rz Ry e_x`:
+    /// `w = roll' a_roll + pitch' a_pitch + yaw' a_yaw`; each axis is carried along by the turns before it.
+    pub fn base(&self, time: f64) -> BaseState {
+        let lin = self.base_lin.at(time);
+        let ang = self.base_ang.at(time);
+        let (angle, rate, rate_dot) = (ang.value, ang.first, ang.second);
+        let yaw_turn = Rotation3::from_axis_angle(&Vector3::z_axis(), angle.z);
+        let pitch_turn = Rotation3::from_axis_angle(&Vector3::y_axis(), angle.y);
+        let roll_turn = Rotation3::from_axis_angle(&Vector3::x_axis(), angle.x);
+        let a_yaw = Vector3::z();
+        let a_pitch = yaw_turn * Vector3::y();
+        let a_roll = yaw_turn * pitch_turn * Vector3::x();
+        let a_pitch_dot = (a_yaw * rate.z).cross(&a_pitch);
+        let a_roll_dot = (a_yaw * rate.z + a_pitch * rate.y).cross(&a_roll);
+        BaseState {
+            position: lin.value,
+            acceleration: lin.second,
+            rotation: yaw_turn * pitch_turn * roll_turn,
+            omega: a_roll * rate.x + a_pitch * rate.y + a_yaw * rate.z,
+            omega_dot: a_roll * rate_dot.x + a_pitch * rate_dot.y + a_yaw * rate_dot.z + a_pitch_dot * rate.y + a_roll_dot * rate.x,
+        }
+    }
+
+    /// Moment `I_w wdot + w x I_w w - sum (x_i - p) x f_i`, N m, and force `m pddot - sum f_i + m g e_z`, N, missing; world frame.
+    pub fn defect(&self, base: &BaseState, time: f64) -> (Vector3<f64>, Vector3<f64>) {
+        let rotation = base.rotation.matrix();
+        let inertia = rotation * Matrix3::from_fn(|r, c| self.robot.inertia[r][c]) * rotation.transpose();
+        let mut moment = inertia * base.omega_dot + base.omega.cross(&(inertia * base.omega));
+        let mut force = (base.acceleration + Vector3::z() * GRAVITY) * self.robot.mass;
+        for foot in &self.feet {
+            let f = foot.force.at(time).value;
+            moment -= (foot.motion.at(time).value - base.position).cross(&f);
+            force -= f;
+        }
+        (moment, force)
+    }
+
+    /// How far a foot is outside its box along each axis of the base, m; negative inside.
+    pub fn reach_excess(&self, base: &BaseState, foot: usize, position: Vector3<f64>) -> Vector3<f64> {
+        let in_base = base.rotation.inverse() * (position - base.position);
+        (in_base - Vector3::from(self.robot.nominal_feet[foot])).abs() - Vector3::from(self.robot.reach)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_piece_is_the_cubic_through_its_nodes() {
+        // p = 1 - 2 t + 3 t^2 - 4 t^3 over 0.5 s, then a tail that stands.
+        let (p, v) = (|t: f64| 1. - 2. * t + 3. * t * t - 4. * t * t * t, |t: f64| -2. + 6. * t - 12. * t * t);
+        let node = |t: f64| [p(t), 0., 7., v(t), 0., 0.];
+        let curve = Curve { poly_durations: vec![0.2, 0.3], nodes: vec![node(0.), node(0.2), node(0.5)] };
+        let timed = TimedCurve::new(&curve);
+        for t in [0., 0.1, 0.2, 0.37, 0.5] {
+            let at = timed.at(t);
+            assert!((at.value.x - p(t)).abs() < 1e-14 && (at.first.x - v(t)).abs() < 1e-13, "t = {t}");
+            assert!((at.second.x - (6. - 24. * t)).abs() < 1e-12, "t = {t}");
+            assert_eq!((at.value.z, at.first.z, at.second.z), (7., 0., 0.));
+        }
+        assert_eq!(timed.at(-1.).value, timed.at(0.).value);
+        assert_eq!(timed.at(9.).value, timed.at(0.5).value);
+    }
+
+    #[test]
+    fn at_a_node_the_earlier_piece_gives_the_acceleration() {
+        let curve = Curve { poly_durations: vec![0.1; 2], nodes: vec![[0.; 6], [1., 0., 0., 0., 0., 0.], [0.; 6]] };
+        let timed = TimedCurve::new(&curve);
+        assert!(timed.at(0.1).second.x < 0. && timed.at(0.1 + 1e-12).second.x < 0.);
+        assert_eq!(timed.at(0.1).second, timed.on_piece(0, 0.1).second);
+        assert_eq!([-1., 0.04, 0.06, 0.2, 3.].map(|t| nearest(&timed.times, t)), [0, 0, 1, 2, 2]);
+    }
+
+    #[test]
+    fn angular_velocity_and_acceleration_are_those_of_the_rotation() {
+        let robot = Robot::named("monoped").unwrap();
+        let still = Curve { poly_durations: vec![1.], nodes: vec![[0.; 6]; 2] };
+        let turning = Curve { poly_durations: vec![1.], nodes: vec![[0.3, -0.4, 2., 1., 2., -3.], [0.9, 0.6, -1., -2., 1., 0.5]] };
+        let motion =
+            Motion { robot: &robot, horizon: 1., base_lin: TimedCurve::new(&still), base_ang: TimedCurve::new(&turning), feet: vec![] };
+        let d = 1e-5;
+        for t in [0.2, 0.5, 0.9] {
+            let (before, now, after) = (motion.base(t - d), motion.base(t), motion.base(t + d));
+            let angles = motion.base_ang.at(t).value;
+            assert!((now.rotation.matrix() - Rotation3::from_euler_angles(angles.x, angles.y, angles.z).matrix()).norm() < 1e-14);
+            // R' = [w]x R
+            let spin = (after.rotation.matrix() - before.rotation.matrix()) / (2. * d) * now.rotation.matrix().transpose();
+            assert!((Vector3::new(spin[(2, 1)], spin[(0, 2)], spin[(1, 0)]) - now.omega).norm() < 1e-8);
+            assert!(((after.omega - before.omega) / (2. * d) - now.omega_dot).norm() < 1e-7);
+        }
+    }
+
+    #[test]
+    fn extremes_keep_the_first_greatest_and_turn_nan_into_infinity() {
+        let mut e = Extreme::default();
+        e.update(-1., Some(1), 0.1);
+        assert_eq!(e, Extreme::default());
+        e.update(2., Some(1), 0.2);
+        e.update(2., Some(3), 0.3);
+        assert_eq!((e.value, e.time, e.foot), (2., 0.2, Some(1)));
+        e.update(f64::NAN, None, 0.4);
+        assert_eq!((e.value, e.time), (f64::INFINITY, 0.4));
+    }
+}
