@@ -1,0 +1,216 @@
+//! Arguments that several commands share.
+
+use super::Failure;
+use crate::backend::{Cpu, Precision};
+use crate::error::{Error, Result};
+use crate::evaluate::LowerSettings;
+use crate::report::files;
+use crate::robot::{ROBOTS, Robot};
+use crate::scenario::Scenario;
+use crate::task::Task;
+use crate::terrain::{TERRAINS, Terrain};
+use clap::{Args, ValueEnum};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Robot by name, or a JSON file.
+pub fn robot(name: &str) -> Result<Arc<Robot>> {
+    named_or_file(name, &ROBOTS, "robot", Robot::named, Robot::from_json).map(Arc::new)
+}
+
+/// Terrain by name, or a JSON file.
+pub fn terrain(name: &str) -> Result<Arc<Terrain>> {
+    named_or_file(name, &TERRAINS, "terrain", Terrain::named, Terrain::from_json).map(Arc::new)
+}
+
+fn named_or_file<T>(
+    name: &str,
+    known: &[&str],
+    what: &'static str,
+    named: impl Fn(&str) -> Result<T>,
+    parse: impl Fn(&str) -> Result<T>,
+) -> Result<T> {
+    let path = Path::new(name);
+    if known.contains(&name) {
+        named(name)
+    } else if path.exists() || path.extension().is_some_and(|e| e == "json") {
+        parse(&files::read(path)?).map_err(|e| e.in_file(path, None))
+    } else {
+        Err(Error::Unknown { what, name: name.into(), known: format!("{}, or a .json file", known.join(", ")) })
+    }
+}
+
+/// Robot and ground.
+#[derive(Debug, Args)]
+pub struct WorldArgs {
+    /// Robot: a name from `list` or a JSON file; the scenario's by default
+    #[arg(long, value_name = "NAME|FILE")]
+    pub robot: Option<String>,
+    /// Terrain: a name from `list` or a JSON file; the scenario's by default
+    #[arg(long, value_name = "NAME|FILE")]
+    pub terrain: Option<String>,
+    /// Largest normal force of a foot, N
+    #[arg(long, value_name = "N", default_value_t = crate::task::DEFAULT_FORCE_LIMIT)]
+    pub force_limit: f64,
+}
+
+/// Robot and terrain that were named, read once.
+pub struct World {
+    pub robot: Option<Arc<Robot>>,
+    pub terrain: Option<Arc<Terrain>>,
+    pub force_limit: f64,
+}
+
+impl WorldArgs {
+    /// Reads what was named.
+    pub fn read(&self) -> Result<World> {
+        Ok(World {
+            robot: self.robot.as_deref().map(robot).transpose()?,
+            terrain: self.terrain.as_deref().map(terrain).transpose()?,
+            force_limit: self.force_limit,
+        })
+    }
+}
+
+/// Where a goal comes from: a scenario's target, or numbers, which win.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Goal {
+    pub target: Option<usize>,
+    pub base_target: Option<[f64; 3]>,
+    /// Goal without a height: nominal above the terrain.
+    pub xy: Option<[f64; 2]>,
+    pub yaw: Option<f64>,
+}
+
+impl World {
+    /// A task from what was named, the scenario filling in the rest.
+    pub fn task(&self, scenario: Option<&Scenario>, goal: Goal) -> Result<Task> {
+        let missing = |what: &str| Error::invalid(what, "missing", "given, or a scenario that has it");
+        let robot = match (&self.robot, scenario) {
+            (Some(robot), _) => robot.clone(),
+            (None, Some(s)) => Arc::new(Robot::named(s.robot)?),
+            (None, None) => return Err(missing("robot")),
+        };
+        let terrain = match (&self.terrain, scenario) {
+            (Some(terrain), _) => terrain.clone(),
+            (None, Some(s)) => Arc::new(Terrain::named(s.terrain)?),
+            (None, None) => Arc::new(Terrain::named("flat")?),
+        };
+        let base_target = match (goal.base_target, goal.xy, goal.target) {
+            (Some(p), _, _) => p,
+            (None, xy, target) => {
+                let [x, y] = match (xy, target) {
+                    (Some(xy), _) => xy,
+                    (None, Some(target)) => Scenario::goal(target)?,
+                    (None, None) => return Err(missing("base_target")),
+                };
+                terrain.check_inside("goal", x, y)?;
+                [x, y, robot.base_height + terrain.height(x, y)]
+            }
+        };
+        let yaw = goal.yaw.or(scenario.map(|s| s.yaw_target)).unwrap_or(0.);
+        let mut task = Task::new(robot, terrain, base_target, yaw)?;
+        task.force_limit = self.force_limit;
+        task.validate()?;
+        Ok(task)
+    }
+}
+
+/// Rows of the lower level.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum TranscriptionArg {
+    /// TOWR's rows: dynamics at instants 0.1 s apart
+    Towr,
+}
+
+/// Scalar of the main solve.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum PrecisionArg {
+    /// f32, closed in f64
+    F32,
+    /// f64 throughout
+    F64,
+}
+
+/// How to solve.
+#[derive(Debug, Args)]
+pub struct LowerArgs {
+    /// Rows that a motion must satisfy
+    #[arg(long, value_enum, default_value = "towr")]
+    pub transcription: TranscriptionArg,
+    /// Scalar of the solver
+    #[arg(long, value_enum, default_value = "f32")]
+    pub precision: PrecisionArg,
+    /// Threads; 0 is one a processor. Results do not depend on it
+    #[arg(long, default_value_t = 0)]
+    pub threads: usize,
+    /// Any setting by its path, e.g. `solver.max_iterations=100`; all are in result.json
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+}
+
+impl LowerArgs {
+    /// Settings of the lower level; keys that begin with `search.` are left alone.
+    pub fn settings(&self) -> Result<LowerSettings> {
+        let TranscriptionArg::Towr = self.transcription;
+        let precision = match self.precision {
+            PrecisionArg::F32 => Precision::F32,
+            PrecisionArg::F64 => Precision::F64,
+        };
+        let sets = self.set.iter().filter(|s| !s.starts_with("search."));
+        let settings = apply(LowerSettings { precision, ..LowerSettings::default() }, sets.map(String::as_str))?;
+        settings.validate()?;
+        Ok(settings)
+    }
+
+    /// The CPU.
+    pub fn backend(&self) -> std::result::Result<Cpu, Failure> {
+        if self.threads > 4096 {
+            return Err(Error::invalid("--threads", self.threads, "at most 4096").into());
+        }
+        Ok(Cpu::new(self.threads)?)
+    }
+}
+
+/// Applies `path.to.field=value` assignments to settings.
+pub fn apply<'a, S: Serialize + DeserializeOwned>(settings: S, sets: impl Iterator<Item = &'a str>) -> Result<S> {
+    let mut tree = serde_json::to_value(settings)?;
+    let mut known = Vec::new();
+    leaves(&tree, String::new(), &mut known);
+    let mut names = String::new();
+    for set in sets {
+        let Some((key, value)) = set.split_once('=') else {
+            return Err(Error::invalid("--set", set, "KEY=VALUE"));
+        };
+        let pointer = format!("/{}", key.replace('.', "/"));
+        match tree.pointer_mut(&pointer) {
+            Some(slot) if !slot.is_object() => *slot = serde_json::from_str(value).unwrap_or_else(|_| value.into()),
+            _ => return Err(Error::Unknown { what: "setting", name: key.into(), known: known.join(", ") }),
+        }
+        names += &format!("{set} ");
+    }
+    serde_json::from_value(tree).map_err(|e| Error::invalid(format!("--set {}", names.trim()), e, "a value of the setting's type"))
+}
+
+/// Paths of all leaves of a settings tree.
+fn leaves(tree: &serde_json::Value, path: String, into: &mut Vec<String>) {
+    match tree.as_object() {
+        Some(object) => {
+            for (key, value) in object {
+                leaves(value, if path.is_empty() { key.clone() } else { format!("{path}.{key}") }, into);
+            }
+        }
+        None => into.push(path),
+    }
+}
+
+/// `x,y` or `x,y,z`.
+pub fn parse_goal(text: &str) -> std::result::Result<Vec<f64>, String> {
+    let numbers: std::result::Result<Vec<f64>, _> = text.split(',').map(|v| v.trim().parse::<f64>()).collect();
+    match numbers {
+        Ok(v) if (v.len() == 2 || v.len() == 3) && v.iter().all(|v| v.is_finite()) => Ok(v),
+        _ => Err("expected X,Y or X,Y,Z in metres".into()),
+    }
+}

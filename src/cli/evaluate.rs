@@ -1,0 +1,160 @@
+//! `evaluate`: solve given schedules.
+
+use super::args::{Goal, LowerArgs, World, WorldArgs};
+use super::solve::{precision_name, robot_name, terrain_name};
+use super::{CANCELLED, Failure, Verdict, print};
+use crate::backend::Backend;
+use crate::error::{Error, Result};
+use crate::evaluate::{Evaluated, check_candidate, evaluate};
+use crate::gait::{Schedule, Trajectory};
+use crate::report::{EvaluateResult, files};
+use crate::scenario::Scenario;
+use crate::task::Task;
+use clap::Args;
+use serde::Deserialize;
+use serde_json::{Map, Value};
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+/// Candidates solved at once; bounds memory for long files.
+const CHUNK: usize = 1024;
+
+#[derive(Debug, Args)]
+pub struct Evaluate {
+    /// Schedules: JSON lines with `durations` per foot, and optionally `scenario`, `base_target`, `yaw_target`
+    schedules: PathBuf,
+    /// Results: the same lines with `result`
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Trajectories, one a line, feasible or not
+    #[arg(long, value_name = "FILE")]
+    trajectories: Option<PathBuf>,
+    /// Scenario for lines that name none
+    #[arg(long)]
+    scenario: Option<String>,
+    #[command(flatten)]
+    world: WorldArgs,
+    #[command(flatten)]
+    lower: LowerArgs,
+    /// Print the result lines instead of a summary
+    #[arg(long)]
+    json: bool,
+}
+
+/// What is read of a line; other keys are copied.
+#[derive(Deserialize)]
+struct Line {
+    durations: Vec<Vec<f64>>,
+    scenario: Option<String>,
+    target: Option<usize>,
+    base_target: Option<[f64; 3]>,
+    yaw_target: Option<f64>,
+}
+
+/// A line that can be solved.
+struct Item {
+    object: Map<String, Value>,
+    scenario: Option<String>,
+    task: Task,
+    schedule: Schedule,
+}
+
+impl Evaluate {
+    pub fn run(&self) -> std::result::Result<Verdict, Failure> {
+        let settings = self.lower.settings()?;
+        let world = self.world.read()?;
+        // A wrong flag is a usage error, not one of the file.
+        self.scenario.as_deref().map(Scenario::named).transpose()?;
+        let text = files::read(&self.schedules)?;
+        for path in [&self.out, &self.trajectories].into_iter().flatten() {
+            files::check_writable(path)?;
+        }
+        let backend = self.lower.backend()?;
+        let device = format!("{}, {}", backend.device(), precision_name(settings.precision));
+
+        // Lines before a bad one keep their results.
+        let mut failure = None;
+        let mut items = Vec::new();
+        for (number, line) in files::lines(&text) {
+            match self.item(line, &world).and_then(|item| check_candidate(&item.task, &item.schedule, &settings).map(|()| item)) {
+                Ok(item) => items.push(item),
+                Err(e) => {
+                    failure = Some(e.in_file(&self.schedules, Some(number)));
+                    break;
+                }
+            }
+        }
+        if items.is_empty() && failure.is_none() {
+            failure = Some(Error::invalid("schedules", "none", "at least one line").in_file(&self.schedules, None));
+        }
+
+        let start = Instant::now();
+        let (mut results, mut trajectories) = (String::new(), String::new());
+        let (mut feasible, mut evaluated_lines, mut iterations) = (0, 0, 0);
+        for chunk in items.chunks(CHUNK) {
+            let candidates: Vec<(&Task, &Schedule)> = chunk.iter().map(|i| (&i.task, &i.schedule)).collect();
+            let evaluated = evaluate(&candidates, &settings, &backend, false, &CANCELLED)?;
+            for (item, evaluated) in chunk.iter().zip(evaluated) {
+                let Some(evaluated) = evaluated else { break };
+                evaluated_lines += 1;
+                feasible += usize::from(evaluated.feasible);
+                iterations += evaluated.iterations;
+                let mut object = item.object.clone();
+                object.insert("result".into(), serde_json::to_value(EvaluateResult::new(&evaluated, &device)).map_err(Error::from)?);
+                results += &(Value::Object(object).to_string() + "\n");
+                if self.trajectories.is_some() {
+                    let trajectory = item.label(evaluated);
+                    trajectories += &(serde_json::to_string(&trajectory).map_err(Error::from)? + "\n");
+                }
+            }
+            if CANCELLED.load(Ordering::Relaxed) {
+                break;
+            }
+        }
+        let seconds = start.elapsed().as_secs_f64();
+        if let Some(path) = &self.out {
+            files::write(path, &results)?;
+        }
+        if let Some(path) = &self.trajectories {
+            files::write(path, &trajectories)?;
+        }
+        if self.json {
+            print(&results);
+        } else {
+            let rate = evaluated_lines as f64 / seconds.max(1e-9);
+            print(&format!(
+                "{feasible} of {evaluated_lines} candidates feasible, {iterations} iterations, {seconds:.3} s, {rate:.1} candidates/s ({device})\n"
+            ));
+        }
+        match failure {
+            Some(error) => Err(Failure::Input(error)),
+            None if feasible > 0 => Ok(Verdict::Feasible),
+            None => Ok(Verdict::Infeasible),
+        }
+    }
+
+    fn item(&self, line: &str, world: &World) -> Result<Item> {
+        let object: Map<String, Value> = serde_json::from_str(line)?;
+        let parsed: Line = serde_json::from_value(Value::Object(object.clone()))?;
+        let schedule = Schedule::new(parsed.durations)?;
+        let scenario = parsed.scenario.or_else(|| self.scenario.clone());
+        let named = scenario.as_deref().map(Scenario::named).transpose()?;
+        let goal = Goal { target: parsed.target, base_target: parsed.base_target, xy: None, yaw: parsed.yaw_target };
+        Ok(Item { object, scenario, task: world.task(named.as_ref(), goal)?, schedule })
+    }
+}
+
+impl Item {
+    /// The trajectory with everything that says where it comes from.
+    fn label(&self, evaluated: Evaluated) -> Trajectory {
+        Trajectory {
+            scenario: self.scenario.clone(),
+            target: self.object.get("target").and_then(Value::as_u64).map(|t| t as usize),
+            seed: self.object.get("seed").and_then(Value::as_u64),
+            robot: Some(robot_name(&self.task.robot)),
+            terrain: Some(terrain_name(&self.task.terrain)),
+            ..evaluated.trajectory
+        }
+    }
+}

@@ -1,0 +1,101 @@
+//! The command line: one file a command.
+
+mod args;
+mod evaluate;
+mod list;
+mod solve;
+mod verify;
+
+use crate::error::Error;
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Set by Ctrl-C: searches end with the best so far.
+static CANCELLED: AtomicBool = AtomicBool::new(false);
+
+/// Finds gaits for legged robots: which foot steps when, with a motion and forces that are physically valid.
+///
+/// Exit codes: 0 feasible, 2 usage, 3 nothing feasible within the budget, 4 bad input file or unusable output.
+#[derive(Debug, Parser)]
+#[command(version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Search for a gait
+    Solve(Box<solve::Solve>),
+    /// Solve given contact schedules, one JSON object a line
+    Evaluate(evaluate::Evaluate),
+    /// Check a trajectory file, this program's or TOWR's
+    Verify(verify::Verify),
+    /// List robots, terrains, scenarios and presets
+    List(list::List),
+}
+
+/// How a command that ran to its end found things.
+enum Verdict {
+    Feasible,
+    Infeasible,
+}
+
+/// Why a command did not run to its end.
+enum Failure {
+    /// The command line asks for something that cannot be.
+    Usage(Error),
+    /// A file or folder is unusable.
+    Input(Error),
+}
+
+impl From<Error> for Failure {
+    fn from(error: Error) -> Self {
+        match error {
+            Error::InFile { .. } | Error::Io { .. } => Failure::Input(error),
+            _ => Failure::Usage(error),
+        }
+    }
+}
+
+/// Parses the command line, runs the command and returns the exit code.
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    // Without a handler Ctrl-C just ends the program: nothing to do about it.
+    let _ = ctrlc::set_handler(|| {
+        if CANCELLED.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    });
+    let result = match cli.command {
+        Command::Solve(command) => command.run(),
+        Command::Evaluate(command) => command.run(),
+        Command::Verify(command) => command.run(),
+        Command::List(command) => command.run(),
+    };
+    match result {
+        Ok(Verdict::Feasible) => ExitCode::SUCCESS,
+        Ok(Verdict::Infeasible) => ExitCode::from(3),
+        Err(Failure::Usage(error)) => {
+            eprintln!("error: {error}");
+            ExitCode::from(2)
+        }
+        Err(Failure::Input(error)) => {
+            eprintln!("error: {error}");
+            ExitCode::from(4)
+        }
+    }
+}
+
+/// Prints to stdout. A closed pipe (`| head`) is no error.
+fn print(text: &str) {
+    use std::io::Write;
+    let mut out = std::io::stdout().lock();
+    let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+}
+
+/// Text of a JSON document for people and programs, ending in a newline.
+fn to_json(value: &impl serde::Serialize) -> Result<String, Error> {
+    Ok(serde_json::to_string_pretty(value)? + "\n")
+}

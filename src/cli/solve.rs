@@ -1,0 +1,223 @@
+//! `solve`: search for a gait.
+
+use super::args::{Goal, LowerArgs, WorldArgs, apply, parse_goal};
+use super::{CANCELLED, Failure, Verdict, print, to_json};
+use crate::backend::Backend;
+use crate::cem::{CemSettings, Objective, Sampler, Stopping};
+use crate::certify::verify;
+use crate::error::Result;
+use crate::gait::Schedule;
+use crate::gait::trajectory::{NamedOr, Trajectory};
+use crate::report::result::Run;
+use crate::report::{SolveResult, files, gait_diagram};
+use crate::robot::{ROBOTS, Robot};
+use crate::scenario::Scenario;
+use crate::search::search;
+use crate::task::Task;
+use crate::terrain::{TERRAINS, Terrain};
+use clap::{Args, ValueEnum};
+use std::io::IsTerminal;
+use std::path::PathBuf;
+
+#[derive(Debug, Args)]
+pub struct Solve {
+    /// Scenario from `list`
+    #[arg(long)]
+    scenario: Option<String>,
+    /// Target of the scenario, 1 to 20
+    #[arg(long, default_value_t = 10)]
+    target: usize,
+    /// Goal instead of a target, m; without Z the base is as high above the ground there as at the start
+    #[arg(long, value_name = "X,Y[,Z]", value_parser = parse_goal, allow_hyphen_values = true)]
+    goal: Option<Vec<f64>>,
+    /// Final yaw, rad; the scenario's by default
+    #[arg(long, allow_hyphen_values = true)]
+    yaw: Option<f64>,
+    #[command(flatten)]
+    world: WorldArgs,
+    /// Seed of the search
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Search settings to start from, from `list`
+    #[arg(long, default_value = "experiment1")]
+    preset: String,
+    /// Candidates a generation; elites keep their share
+    #[arg(long)]
+    population: Option<usize>,
+    /// Most generations
+    #[arg(long)]
+    generations: Option<usize>,
+    /// What to search for; anything but feasibility runs until convergence
+    #[arg(long, value_enum)]
+    objective: Option<ObjectiveArg>,
+    /// Draw stance counts of the feet independently instead of in triplets
+    #[arg(long)]
+    no_heuristic: bool,
+    /// Plain random sampling: never update the distribution
+    #[arg(long)]
+    random: bool,
+    /// Evaluate the whole generation even when a candidate is feasible
+    #[arg(long)]
+    whole_generation: bool,
+    #[command(flatten)]
+    lower: LowerArgs,
+    /// Folder for result.json and trajectory.json
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Print result.json instead of text
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum ObjectiveArg {
+    /// Any feasible gait
+    Feasibility,
+    /// Fewest stance phases
+    FewestStances,
+    /// Least mean normal force
+    LeastForce,
+}
+
+impl Solve {
+    pub fn run(&self) -> std::result::Result<Verdict, Failure> {
+        let scenario = self.scenario.as_deref().map(Scenario::named).transpose()?;
+        let lower = self.lower.settings()?;
+        let settings = self.search_settings()?;
+        let task = self.task(scenario.as_ref())?;
+        if let Some(folder) = &self.out {
+            files::make_folder(folder)?;
+        }
+        let backend = self.lower.backend()?;
+
+        let terminal = std::io::stderr().is_terminal();
+        let mut progress = |g: &crate::cem::GenerationRecord| {
+            if terminal {
+                let fewest = g.lowest_n_violated.map_or("-".into(), |n| n.to_string());
+                eprintln!("generation {}: {} evaluated, {} feasible, fewest violations {fewest}", g.generation, g.evaluated, g.feasible);
+            }
+        };
+        let found = search(&task, &settings, &lower, self.seed, &backend, &CANCELLED, &mut progress)?;
+
+        let target = scenario.filter(|_| self.goal.is_none()).map(|_| self.target);
+        let trajectory = found.best.as_ref().map(|b| self.label(&b.solution.trajectory, &task, scenario.as_ref(), target));
+        let certificate = trajectory.as_ref().map(|t| verify(t, &task.robot, &task.terrain, task.force_limit)).transpose()?;
+        let device = format!("{}, {}", backend.device(), precision_name(lower.precision));
+        let run = Run {
+            scenario: scenario.as_ref().map(|s| (s.name, target)),
+            task: &task,
+            search: &settings,
+            lower: &lower,
+            seed: self.seed,
+            device,
+        };
+        let result = SolveResult::new(&run, &found, certificate);
+        if let Some(folder) = &self.out {
+            if let Some(trajectory) = &trajectory {
+                files::write(&folder.join("trajectory.json"), &(serde_json::to_string(trajectory).map_err(crate::Error::from)? + "\n"))?;
+            }
+            files::write(&folder.join("result.json"), &to_json(&result)?)?;
+        }
+        print(&if self.json { to_json(&result)? } else { self.text(&result)? });
+        Ok(if result.feasible { Verdict::Feasible } else { Verdict::Infeasible })
+    }
+
+    fn task(&self, scenario: Option<&Scenario>) -> Result<Task> {
+        let goal = Goal {
+            target: scenario.map(|_| self.target),
+            base_target: self.goal.as_ref().filter(|g| g.len() == 3).map(|g| [g[0], g[1], g[2]]),
+            xy: self.goal.as_ref().filter(|g| g.len() == 2).map(|g| [g[0], g[1]]),
+            yaw: self.yaw,
+        };
+        self.world.read()?.task(scenario, goal)
+    }
+
+    /// The preset with what was given on top.
+    fn search_settings(&self) -> Result<CemSettings> {
+        let mut settings = CemSettings::preset(&self.preset)?;
+        if let Some(population) = self.population {
+            settings.elites = (population * settings.elites / settings.population).max(1);
+            settings.population = population;
+        }
+        if let Some(generations) = self.generations {
+            settings.generations = generations;
+        }
+        if let Some(objective) = self.objective {
+            (settings.objective, settings.stopping) = match objective {
+                ObjectiveArg::Feasibility => (Objective::Feasibility, Stopping::FirstFeasible),
+                ObjectiveArg::FewestStances => (Objective::FewestStances, Stopping::Convergence),
+                ObjectiveArg::LeastForce => (Objective::LeastForce, Stopping::Convergence),
+            };
+        }
+        settings.heuristic &= !self.no_heuristic;
+        settings.whole_generation |= self.whole_generation;
+        if self.random {
+            settings.sampler = Sampler::Random;
+        }
+        let settings = apply(settings, self.lower.set.iter().filter_map(|s| s.strip_prefix("search.")))?;
+        settings.validate()?;
+        Ok(settings)
+    }
+
+    /// The trajectory with everything that says where it comes from.
+    fn label(&self, trajectory: &Trajectory, task: &Task, scenario: Option<&Scenario>, target: Option<usize>) -> Trajectory {
+        Trajectory {
+            scenario: scenario.map(|s| s.name.into()),
+            target,
+            robot: Some(robot_name(&task.robot)),
+            terrain: Some(terrain_name(&task.terrain)),
+            seed: Some(self.seed),
+            ..trajectory.clone()
+        }
+    }
+
+    fn text(&self, result: &SolveResult) -> Result<String> {
+        let [x, y, z] = result.base_target;
+        let scenario = result.scenario.as_deref().map(|s| format!("{s}: ")).unwrap_or_default();
+        let mut text = format!(
+            "{scenario}{} on {}, to ({x:.3}, {y:.3}, {z:.3}) m, yaw {:.3} rad\nseed {}, {}, {} rows\n\n",
+            result.robot, result.terrain, result.yaw_target, result.seed, result.device, result.transcription
+        );
+        let generations = result.generations.len();
+        let evaluated: usize = result.generations.iter().map(|g| g.evaluated).sum();
+        let verdict = if result.feasible { "gait found" } else { "no feasible gait" };
+        text += &format!("{verdict} in {:.3} s: {evaluated} candidates in {generations} generations ({})\n", result.seconds, result.stop);
+        if let Some(after) = result.first_feasible_seconds {
+            text += &format!("first feasible gait after {after:.3} s\n");
+        }
+        if let Some(gait) = &result.gait {
+            let total: usize = gait.n_stance.iter().sum();
+            text += &format!(
+                "horizon {:.1} s, stance phases {:?} ({total}), {} variables, {} after {} iterations, mean normal force {:.1} N\n\n",
+                gait.horizon, gait.n_stance, gait.n_variables, gait.status, gait.iterations, gait.mean_normal_force
+            );
+            text += &gait_diagram(&Schedule::new(gait.durations.clone())?);
+        }
+        if let Some(certificate) = &result.certificate {
+            text += &format!("\n{certificate}\n");
+        }
+        if let Some(folder) = &self.out {
+            text += &format!("\nwritten to {}\n", folder.display());
+        }
+        Ok(text)
+    }
+}
+
+pub fn precision_name(precision: crate::backend::Precision) -> &'static str {
+    match precision {
+        crate::backend::Precision::F32 => "f32 closed in f64",
+        crate::backend::Precision::F64 => "f64",
+    }
+}
+
+/// A built-in robot by its name, a user's own in full.
+pub fn robot_name(robot: &Robot) -> NamedOr<Robot> {
+    let built_in = ROBOTS.contains(&robot.name.as_str()) && Robot::named(&robot.name).is_ok_and(|r| r == *robot);
+    if built_in { NamedOr::Name(robot.name.clone()) } else { NamedOr::Own(robot.clone()) }
+}
+
+/// A built-in terrain by its name, a user's own in full.
+pub fn terrain_name(terrain: &Terrain) -> NamedOr<Terrain> {
+    let built_in = TERRAINS.contains(&terrain.name.as_str()) && Terrain::named(&terrain.name).is_ok_and(|t| t == *terrain);
+    if built_in { NamedOr::Name(terrain.name.clone()) } else { NamedOr::Own(terrain.clone()) }
+}

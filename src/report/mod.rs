@@ -1,0 +1,8 @@
+//! What users read: result files and text for the terminal.
+
+pub mod files;
+pub mod gait_diagram;
+pub mod result;
+
+pub use gait_diagram::gait_diagram;
+pub use result::{EvaluateResult, SolveResult};
