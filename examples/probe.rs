@@ -10,7 +10,7 @@ use std::time::Instant;
 
 fn run<T: Real>(filter: &str, target: usize, robot: Option<&str>, verbose: bool) {
     let f = std::fs::File::open("../shared/reference/ipopt_candidates.jsonl").unwrap();
-    let (ts, ss) = (TranscriptionSettings::default(), SolverSettings { stall: StallSettings { enabled: std::env::var("STALL").is_ok(), ..Default::default() }, max_iterations: std::env::var("IT").ok().map_or(40, |v| v.parse().unwrap()), edge_radius: std::env::var("ER").ok().map_or(0.02, |v| v.parse().unwrap()), ..Default::default() });
+    let (ts, ss) = (TranscriptionSettings::default(), SolverSettings { stall: StallSettings { enabled: std::env::var("STALL").is_ok(), ..Default::default() }, max_iterations: std::env::var("IT").ok().map_or(40, |v| v.parse().unwrap()), closing: std::env::var("CL").ok().map_or(1e-3, |v| v.parse().unwrap()), edge_radius: std::env::var("ER").ok().map_or(0.04, |v| v.parse().unwrap()), ..Default::default() });
     let mut solver = Solver::<T>::default();
     let (mut ok, mut ipopt_ok, mut lost, mut total, mut its, mut facts) = (0, 0, vec![], 0, vec![], 0);
     let t0 = Instant::now();

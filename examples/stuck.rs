@@ -6,13 +6,13 @@ use std::io::BufRead; fn main() {
         let v: serde_json::Value = serde_json::from_str(&line.unwrap()).unwrap();
         if v["scenario"] != a[1] || v["target"].to_string() != a[2] || v["idx"].to_string() != a[3] { continue; }
         let ts = TranscriptionSettings::default();
-        let ss = SolverSettings { stall: StallSettings { enabled: false, ..Default::default() }, max_iterations: 40, ..Default::default() };
+        let ss = SolverSettings { stall: StallSettings { enabled: false, ..Default::default() }, max_iterations: std::env::var("IT").map_or(40, |v| v.parse().unwrap()), ..Default::default() };
         let task = Scenario::named(&a[1]).unwrap().task(a[2].parse().unwrap()).unwrap();
         let s = Schedule::new(serde_json::from_value(v["durations"].clone()).unwrap()).unwrap().aligned(0.1);
         let l = Layout::<f64>::new(&task, &s, &ts);
         let mut so = Solver::<f64>::default();
         let o = so.solve(&l, &ss, Finish::Rows(1e-4), None, &|| false);
-        println!("{o:?}");
+        println!("{o:?}"); println!("{}", so.history().iter().map(|f| format!("{f:.1e}")).collect::<Vec<_>>().join(" "));
         let x = so.solution();
         let mut gr = vec![cregopt::terrain::Ground::level(0.); l.footholds.len()]; let mut c = vec![0.; l.equalities]; let mut g = vec![0.; l.inequalities];
         cregopt::kernels::evaluate(&l, &x, 0., &mut gr, &mut c, &mut g, None);

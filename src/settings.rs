@@ -61,7 +61,7 @@ impl Default for SolverSettings {
             proximal: 1e-3,
             proximal_floor: 1e-5,
             edge_radius: 0.04,
-            closing: 1e-3,
+            closing: 1e-5,
             closing_steps: 8,
             stall: StallSettings::default(),
         }

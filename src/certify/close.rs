@@ -5,16 +5,19 @@ use crate::nlp::Layout;
 use crate::settings::{SolverSettings, StallSettings};
 use crate::solver::{Finish, Outcome, Solver, Status};
 
+/// Infeasibility below which a solve that f32 did not end goes on in f64.
+pub const CONTINUE_BELOW: f64 = 1e-2;
+
 /// Brings an f32 solution to f64 accuracy.
 ///
 /// One or two Gauss-Newton steps from a solved point usually do. Where they do not, or where f32 crept without arriving
-/// (`F` below [`SolverSettings::closing`]), the solve goes on in f64 from there, then once more from the start.
+/// (`F` below [`CONTINUE_BELOW`]), the solve goes on in f64 from there, then once more from the start.
 /// Everything else is returned as it is.
 ///
 /// Returns the outcome with the costs of all attempts added, and the point.
 pub fn close(layout: &Layout<f64>, solution: Solution, settings: &SolverSettings, cancel: &dyn Fn() -> bool) -> (Outcome, Vec<f64>) {
     let solved = solution.outcome.status == Status::Solved;
-    if !solved && !(solution.outcome.infeasibility < settings.closing) {
+    if !solved && !(solution.outcome.infeasibility < CONTINUE_BELOW) {
         return (solution.outcome, solution.x);
     }
     let finish = Finish::Rows(settings.row_tolerance);

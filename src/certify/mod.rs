@@ -4,6 +4,6 @@ mod close;
 pub mod dense;
 pub mod verify;
 
-pub use close::close;
+pub use close::{CONTINUE_BELOW, close};
 pub use dense::DenseReport;
 pub use verify::{Report, RowReport, TOLERANCE, verify, verify_rows};

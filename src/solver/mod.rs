@@ -66,6 +66,8 @@ pub struct Solver<T> {
     slacks: Slacks<T>,
     factor: Factor<T>,
     history: Vec<f64>,
+    /// Iteration from which the stall rule looks back: before it other rows were in force.
+    stall_from: usize,
     /// Rounding of terrain edges in force; 0 once closing steps began.
     edge_radius: T,
 }
@@ -88,6 +90,7 @@ impl<T: Real> Default for Solver<T> {
             slacks: Slacks::default(),
             factor: Factor::default(),
             history: Vec::new(),
+            stall_from: 0,
             edge_radius: T::zero(),
         }
     }
@@ -152,6 +155,7 @@ impl<T: Real> Solver<T> {
                 self.edge_radius = T::zero();
                 self.linearise(layout);
                 self.history.pop();
+                self.stall_from = self.history.len();
                 continue;
             }
             if self.finished(layout, finish, f) {
@@ -222,6 +226,7 @@ impl<T: Real> Solver<T> {
         }
         self.factor.resize(layout);
         self.history.clear();
+        self.stall_from = 0;
     }
 
     /// Residuals and Jacobian at `x`.
@@ -304,7 +309,7 @@ impl<T: Real> Solver<T> {
     /// The stall rule, see [`crate::settings::StallSettings`]. Closing steps are never cut short.
     fn stalled(&self, settings: &SolverSettings) -> bool {
         let (rule, done) = (&settings.stall, self.history.len() - 1);
-        if !rule.enabled || done < rule.start.max(rule.window) {
+        if !rule.enabled || done < rule.start.max(self.stall_from + rule.window) {
             return false;
         }
         let (now, before) = (self.history[done], self.history[done - rule.window]);
