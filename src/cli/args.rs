@@ -45,21 +45,40 @@ fn named_or_file<T>(
 /// Robot and ground.
 #[derive(Debug, Args)]
 pub struct WorldArgs {
-    /// Robot: a name from `list` or a JSON file; the scenario's by default
+    /// Robot: a name from `list` or a JSON file; the scenario's by default. SCENARIO=NAME|FILE for the lines of one scenario
     #[arg(long, value_name = "NAME|FILE")]
-    pub robot: Option<String>,
-    /// Terrain: a name from `list` or a JSON file; the scenario's by default
+    pub robot: Vec<String>,
+    /// Terrain: as --robot
     #[arg(long, value_name = "NAME|FILE")]
-    pub terrain: Option<String>,
+    pub terrain: Vec<String>,
     /// Largest normal force of a foot, N
     #[arg(long, value_name = "N", default_value_t = crate::task::DEFAULT_FORCE_LIMIT)]
     pub force_limit: f64,
 }
 
-/// Robot and terrain that were named, read once.
+/// What was named for one scenario, or for all.
+struct Choices<T>(Vec<(Option<&'static str>, Arc<T>)>);
+
+impl<T> Choices<T> {
+    fn read(texts: &[String], read: impl Fn(&str) -> Result<Arc<T>>) -> Result<Self> {
+        let choice = |text: &String| match text.split_once('=') {
+            Some((scenario, name)) => Ok((Some(Scenario::named(scenario)?.name), read(name)?)),
+            None => Ok((None, read(text)?)),
+        };
+        texts.iter().map(choice).collect::<Result<_>>().map(Choices)
+    }
+
+    /// The choice for a scenario: its own before the one for all.
+    fn get(&self, scenario: Option<&str>) -> Option<Arc<T>> {
+        let own = self.0.iter().find(|(s, _)| s.is_some() && *s == scenario);
+        own.or_else(|| self.0.iter().find(|(s, _)| s.is_none())).map(|(_, v)| v.clone())
+    }
+}
+
+/// Robots and terrains that were named, read once.
 pub struct World {
-    pub robot: Option<Arc<Robot>>,
-    pub terrain: Option<Arc<Terrain>>,
+    robots: Choices<Robot>,
+    terrains: Choices<Terrain>,
     pub force_limit: f64,
 }
 
@@ -67,8 +86,8 @@ impl WorldArgs {
     /// Reads what was named.
     pub fn read(&self) -> Result<World> {
         Ok(World {
-            robot: self.robot.as_deref().map(robot).transpose()?,
-            terrain: self.terrain.as_deref().map(terrain).transpose()?,
+            robots: Choices::read(&self.robot, robot)?,
+            terrains: Choices::read(&self.terrain, terrain)?,
             force_limit: self.force_limit,
         })
     }
@@ -85,16 +104,27 @@ pub struct Goal {
 }
 
 impl World {
+    /// The robot that was named for a scenario.
+    pub fn robot(&self, scenario: Option<&str>) -> Option<Arc<Robot>> {
+        self.robots.get(scenario)
+    }
+
+    /// The terrain that was named for a scenario.
+    pub fn terrain(&self, scenario: Option<&str>) -> Option<Arc<Terrain>> {
+        self.terrains.get(scenario)
+    }
+
     /// A task from what was named, the scenario filling in the rest.
     pub fn task(&self, scenario: Option<&Scenario>, goal: Goal) -> Result<Task> {
         let missing = |what: &str| Error::invalid(what, "missing", "given, or a scenario that has it");
-        let robot = match (&self.robot, scenario) {
-            (Some(robot), _) => robot.clone(),
+        let name = scenario.map(|s| s.name);
+        let robot = match (self.robot(name), scenario) {
+            (Some(robot), _) => robot,
             (None, Some(s)) => Arc::new(Robot::named(s.robot)?),
             (None, None) => return Err(missing("robot")),
         };
-        let terrain = match (&self.terrain, scenario) {
-            (Some(terrain), _) => terrain.clone(),
+        let terrain = match (self.terrain(name), scenario) {
+            (Some(terrain), _) => terrain,
             (None, Some(s)) => Arc::new(Terrain::named(s.terrain)?),
             (None, None) => Arc::new(Terrain::named("flat")?),
         };

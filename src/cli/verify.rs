@@ -1,6 +1,6 @@
 //! `verify`: count what a trajectory file violates.
 
-use super::args::{WorldArgs, robot as robot_by_name, terrain as terrain_by_name};
+use super::args::{World, WorldArgs, robot as robot_by_name, terrain as terrain_by_name};
 use super::{Failure, Verdict, print, to_json};
 use crate::certify::{Report, verify};
 use crate::error::{Error, Result};
@@ -55,8 +55,8 @@ impl Verify {
         let mut failure = None;
         for (line, document) in documents {
             let report = Trajectory::from_json(document).and_then(|trajectory| {
-                let robot = robot_of(&world.robot, &trajectory)?;
-                let terrain = terrain_of(&world.terrain, &trajectory)?;
+                let robot = robot_of(&world, &trajectory)?;
+                let terrain = terrain_of(&world, &trajectory)?;
                 let report = verify(&trajectory, &robot, &terrain, world.force_limit)?;
                 Ok(Line { line, scenario: trajectory.scenario, robot: robot.name.clone(), terrain: terrain.name.clone(), report })
             });
@@ -95,9 +95,9 @@ fn scenario_of(trajectory: &Trajectory, what: &str) -> Result<Scenario> {
 }
 
 /// The robot on the command line, else the file's, else its scenario's.
-fn robot_of(given: &Option<Arc<Robot>>, trajectory: &Trajectory) -> Result<Arc<Robot>> {
-    match (given, &trajectory.robot) {
-        (Some(robot), _) => Ok(robot.clone()),
+fn robot_of(world: &World, trajectory: &Trajectory) -> Result<Arc<Robot>> {
+    match (world.robot(trajectory.scenario.as_deref()), &trajectory.robot) {
+        (Some(robot), _) => Ok(robot),
         (None, Some(NamedOr::Name(name))) => robot_by_name(name),
         (None, Some(NamedOr::Own(robot))) => robot.validate().map(|()| Arc::new(robot.clone())),
         (None, None) => robot_by_name(scenario_of(trajectory, "robot")?.robot),
@@ -105,9 +105,9 @@ fn robot_of(given: &Option<Arc<Robot>>, trajectory: &Trajectory) -> Result<Arc<R
 }
 
 /// The terrain on the command line, else the file's, else its scenario's.
-fn terrain_of(given: &Option<Arc<Terrain>>, trajectory: &Trajectory) -> Result<Arc<Terrain>> {
-    match (given, &trajectory.terrain) {
-        (Some(terrain), _) => Ok(terrain.clone()),
+fn terrain_of(world: &World, trajectory: &Trajectory) -> Result<Arc<Terrain>> {
+    match (world.terrain(trajectory.scenario.as_deref()), &trajectory.terrain) {
+        (Some(terrain), _) => Ok(terrain),
         (None, Some(NamedOr::Name(name))) => terrain_by_name(name),
         (None, Some(NamedOr::Own(terrain))) => terrain.validate().map(|()| Arc::new(terrain.clone())),
         (None, None) => terrain_by_name(scenario_of(trajectory, "terrain")?.terrain),
