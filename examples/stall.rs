@@ -21,15 +21,5 @@ fn main() {
     let solved = all.iter().filter(|a| a.0).count();
     println!("{} candidates, solved {solved}, iterations {full}, of solved {}", all.len(), all.iter().filter(|a| a.0).map(|a| a.1.len() - 1).sum::<usize>());
     for sc in ["s1", "s2", "s3", "biped", "hex"] { println!("{sc}: {}/{}", all.iter().filter(|a| a.0 && a.2.starts_with(&format!("{sc} "))).count(), all.iter().filter(|a| a.2.starts_with(&format!("{sc} "))).count()); }
-    for target in [1e-3, 1e-4, 1e-5] { for start in [8, 12, 15] { for window in [2, 3, 4, 5, 6, 8] { for budget in [20., 30., 40., 60., 80., 120., 200.] {
-        let (mut lost, mut used) = (vec![], 0);
-        for (ok, h, n) in &all {
-            let cut = (start.max(window)..h.len()).find(|&k| h[k] > target && (h[k] / target).ln() * window as f64 > budget * (h[k - window] / h[k]).ln());
-            used += cut.unwrap_or(h.len() - 1);
-            if cut.is_some() && *ok { lost.push(n.clone()); }
-        }
-        if lost.len() <= 1 { println!("target {target} start {start} window {window} budget {budget}: lost {lost:?} iterations {used} ({:.1}% saved)", 100. * (1. - used as f64 / full as f64)); }
-    } } } }
-    let slow: Vec<_> = all.iter().filter(|a| a.0 && a.1.len() > 40).map(|a| format!("{} {}", a.2, a.1.len() - 1)).collect();
-    println!("slow solved: {slow:?}");
+    for a in all.iter() { println!("H {} {} {}", a.2.replace(' ', "/"), a.0, a.1.iter().map(|f| format!("{f:.6e}")).collect::<Vec<_>>().join(" ")); }
 }

@@ -85,7 +85,7 @@ pub struct StallSettings {
 
 impl Default for StallSettings {
     fn default() -> Self {
-        StallSettings { enabled: true, start: 12, window: 5, budget: 200. }
+        StallSettings { enabled: true, start: 12, window: 5, budget: 800. }
     }
 }
 
