@@ -163,22 +163,44 @@ fn assemble_rows<T: Real, const M: usize>(
     }
     for run in runs {
         for i in run.slot as usize..(run.slot + run.len) as usize {
-            let mut left = weights;
+            // Rows that do not touch this column (many: a balance row touches one axis) are left out.
+            let mut left = [T::zero(); M];
+            let mut touching = [0; M];
+            let mut count = 0;
             let mut rhs = T::zero();
             for r in 0..M {
-                let v = spread[at(i, r)];
-                rhs += values[r] * v;
-                left[r] *= v;
+                let v = weights[r] * spread[at(i, r)];
+                rhs += values[r] * spread[at(i, r)];
+                left[count] = v;
+                touching[count] = r * LANES;
+                count += usize::from(v != T::zero());
             }
             let from = i / LANES * LANES;
             let line = &mut front[i * stride..(i + 1) * stride];
             line[size] -= rhs;
-            for (sum, right) in line[from..end].chunks_exact_mut(LANES).zip(spread[from * M..end * M].chunks_exact(LANES * M)) {
-                for r in 0..M {
-                    for l in 0..LANES {
-                        sum[l] += left[r] * right[r * LANES + l];
-                    }
-                }
+            let (line, tile) = (&mut line[from..end], &spread[from * M..end * M]);
+            match count {
+                0 => {}
+                1 => accumulate::<T, 1>(line, tile, LANES * M, &left, &touching),
+                2 => accumulate::<T, 2>(line, tile, LANES * M, &left, &touching),
+                3 => accumulate::<T, 3>(line, tile, LANES * M, &left, &touching),
+                4 => accumulate::<T, 4>(line, tile, LANES * M, &left, &touching),
+                5 => accumulate::<T, 5>(line, tile, LANES * M, &left, &touching),
+                _ => accumulate::<T, 6>(line, tile, LANES * M, &left, &touching),
+            }
+        }
+    }
+}
+
+/// `line += sum_k left[k] row_k`, where row `k` stands `offset[k]` into each group of `width` values of `tile`.
+#[inline(always)]
+fn accumulate<T: Real, const K: usize>(line: &mut [T], tile: &[T], width: usize, left: &[T], offset: &[usize]) {
+    let (left, offset): ([T; K], [usize; K]) = (tile_of(left), std::array::from_fn(|k| offset[k]));
+    for (sum, right) in line.chunks_exact_mut(LANES).zip(tile.chunks_exact(width)) {
+        for k in 0..K {
+            let right = &right[offset[k]..offset[k] + LANES];
+            for l in 0..LANES {
+                sum[l] += left[k] * right[l];
             }
         }
     }
