@@ -114,8 +114,7 @@ pub fn evaluate(
     }
     let start = Instant::now();
     let interval = settings.transcription.interval;
-    let problems: Vec<Problem> =
-        candidates.iter().map(|(task, schedule)| Problem { task, schedule: schedule.aligned(interval) }).collect();
+    let problems: Vec<Problem> = candidates.iter().map(|(task, schedule)| Problem { task, schedule: schedule.aligned(interval) }).collect();
     let lowest = AtomicUsize::new(usize::MAX);
     let results: Vec<Mutex<Option<Evaluated>>> = problems.iter().map(|_| Mutex::new(None)).collect();
     let skip = |index: usize| cancelled.load(Ordering::Relaxed) || (first_feasible && index > lowest.load(Ordering::Relaxed));

@@ -47,11 +47,8 @@ impl Evaluate for Lower<'_> {
         });
         let feasible = results.iter().flatten().filter(|r| r.feasible).map(|r| before + r.finished_after);
         self.first_feasible_after = self.first_feasible_after.or_else(|| feasible.reduce(f64::min));
-        let evaluation = |r: &Evaluated| Evaluation {
-            n_violated: r.n_violated,
-            feasible: r.feasible,
-            mean_normal_force: r.mean_normal_force,
-        };
+        let evaluation =
+            |r: &Evaluated| Evaluation { n_violated: r.n_violated, feasible: r.feasible, mean_normal_force: r.mean_normal_force };
         results.into_iter().map(|r| r.map(|r| (evaluation(&r), r))).collect()
     }
 

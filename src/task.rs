@@ -47,7 +47,11 @@ impl Task {
         }
         self.terrain.check_inside("base_target", x, y)?;
         if z <= self.terrain.height(x, y) {
-            return Err(Error::invalid("base_target[2]", z, format!("above the terrain, which is {} m high there", self.terrain.height(x, y))));
+            return Err(Error::invalid(
+                "base_target[2]",
+                z,
+                format!("above the terrain, which is {} m high there", self.terrain.height(x, y)),
+            ));
         }
         check_range("yaw_target", self.yaw_target, -20. * std::f64::consts::PI, 20. * std::f64::consts::PI)?;
         check_range("force_limit", self.force_limit, 1e-3, 1e7)

@@ -20,7 +20,8 @@ impl Cpu {
     /// [`Error::Invalid`] when the system does not start the threads.
     pub fn new(threads: usize) -> Result<Cpu> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-        pool.map(|pool| Cpu { pool }).map_err(|e| Error::invalid("threads", format!("{threads}: {e}"), "a number of threads that the system starts"))
+        pool.map(|pool| Cpu { pool })
+            .map_err(|e| Error::invalid("threads", format!("{threads}: {e}"), "a number of threads that the system starts"))
     }
 
     /// Number of threads.

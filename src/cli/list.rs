@@ -18,9 +18,12 @@ pub struct List {
 impl List {
     pub fn run(&self) -> Result<Verdict, Failure> {
         if self.json {
-            let scenarios = SCENARIOS.map(|s| json!({"name": s.name, "about": s.about, "robot": s.robot, "terrain": s.terrain, "yaw_target": s.yaw_target}));
+            let scenarios = SCENARIOS
+                .map(|s| json!({"name": s.name, "about": s.about, "robot": s.robot, "terrain": s.terrain, "yaw_target": s.yaw_target}));
             let presets = PRESETS.map(|(name, about)| json!({"name": name, "about": about}));
-            print(&to_json(&json!({"robots": ROBOTS, "terrains": TERRAINS, "scenarios": scenarios, "targets": TARGETS, "presets": presets}))?);
+            print(&to_json(
+                &json!({"robots": ROBOTS, "terrains": TERRAINS, "scenarios": scenarios, "targets": TARGETS, "presets": presets}),
+            )?);
             return Ok(Verdict::Feasible);
         }
         let mut text = String::from("robots\n");

@@ -135,7 +135,10 @@ mod tests {
         for foot in 0..2 {
             assert!((a.durations()[foot].iter().sum::<f64>() - 0.9).abs() < 1e-12);
         }
-        assert_eq!(a.aligned(0.1), a);
+        // Aligned again, nothing moves but the last bit of a sum.
+        for (once, twice) in a.durations().iter().flatten().zip(a.aligned(0.1).durations().iter().flatten()) {
+            assert!((once - twice).abs() < 1e-14);
+        }
         assert_eq!((a.stances(0), a.stances(1)), (2, 1));
         assert!(a.phases(0)[0].stance && !a.phases(0)[1].stance);
     }

@@ -4,8 +4,8 @@
 //! multiply-add, and every sum has a fixed order, so results do not depend on the processor's vector width.
 
 pub mod dynamics;
-pub mod force;
 pub mod foothold;
+pub mod force;
 pub mod front;
 pub mod math;
 pub mod reach;

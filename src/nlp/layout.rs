@@ -670,7 +670,8 @@ impl<'a, T: Real> Builder<'a, T> {
             }
             jacobian += rows * stride as usize;
             self.resolve(&draft, place, &columns, &positions);
-            let element = Element { family: draft.family, rows: rows as u32, pairs: pairs as u32, place, runs: first_run as u32..runs.len() as u32 };
+            let element =
+                Element { family: draft.family, rows: rows as u32, pairs: pairs as u32, place, runs: first_run as u32..runs.len() as u32 };
             steps[draft.step].elements.end = elements.len() as u32 + 1;
             elements.push(element);
         }

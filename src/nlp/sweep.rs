@@ -80,7 +80,8 @@ pub(super) fn order(blocks: &[Block]) -> Vec<u32> {
 pub(super) fn fronts(blocks: &[Block], positions: &[u32], steps: usize) -> Fronts {
     let mut free: Vec<usize> = (0..blocks.len()).filter(|&i| !blocks[i].fixed).collect();
     free.sort_by_key(|&i| positions[i]);
-    let mut result = Fronts { steps: Vec::with_capacity(steps), runs: Vec::new(), stride: 0, factor_len: 0, contents: Vec::with_capacity(steps) };
+    let mut result =
+        Fronts { steps: Vec::with_capacity(steps), runs: Vec::new(), stride: 0, factor_len: 0, contents: Vec::with_capacity(steps) };
     let mut first_free = 0;
     for k in 0..steps {
         while first_free < free.len() && blocks[free[first_free]].last < k {

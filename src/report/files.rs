@@ -53,9 +53,11 @@ pub fn make_folder(path: &Path) -> Result<()> {
 /// [`Error::Io`] when the system refuses.
 pub fn check_writable(path: &Path) -> Result<()> {
     let probe: PathBuf = path.with_file_name(format!(".cregopt-{}.probe", std::process::id()));
-    fs::File::create(&probe)
-        .and_then(|_| fs::remove_file(&probe))
-        .map_err(|source| Error::Io { action: "write", path: path.to_owned(), source })
+    fs::File::create(&probe).and_then(|_| fs::remove_file(&probe)).map_err(|source| Error::Io {
+        action: "write",
+        path: path.to_owned(),
+        source,
+    })
 }
 
 /// Non-empty lines with their one-based numbers.

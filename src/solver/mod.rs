@@ -127,7 +127,14 @@ impl<T: Real> Solver<T> {
         self.x.iter().map(|v| v.as_f64()).collect()
     }
 
-    fn solve_here(&mut self, layout: &Layout<T>, settings: &SolverSettings, finish: Finish, start: Option<&[f64]>, cancel: &dyn Fn() -> bool) -> Outcome {
+    fn solve_here(
+        &mut self,
+        layout: &Layout<T>,
+        settings: &SolverSettings,
+        finish: Finish,
+        start: Option<&[f64]>,
+        cancel: &dyn Fn() -> bool,
+    ) -> Outcome {
         self.prepare(layout, start);
         self.edge_radius = if layout.terrain.has_edges() { T::of(settings.edge_radius) } else { T::zero() };
         self.linearise(layout);
@@ -216,12 +223,7 @@ impl<T: Real> Solver<T> {
         self.jacobian.resize(layout.jacobian_len, T::zero());
         self.weight.resize(layout.rows, T::zero());
         self.value.resize(layout.rows, T::zero());
-        for v in [
-            &mut self.slacks.slack,
-            &mut self.slacks.multiplier,
-            &mut self.slacks.slack_step,
-            &mut self.slacks.multiplier_step,
-        ] {
+        for v in [&mut self.slacks.slack, &mut self.slacks.multiplier, &mut self.slacks.slack_step, &mut self.slacks.multiplier_step] {
             v.resize(layout.inequalities, T::zero());
         }
         self.factor.resize(layout);
@@ -231,7 +233,15 @@ impl<T: Real> Solver<T> {
 
     /// Residuals and Jacobian at `x`.
     fn linearise(&mut self, layout: &Layout<T>) {
-        crate::kernels::evaluate(layout, &self.x, self.edge_radius, &mut self.ground, &mut self.now.c, &mut self.now.g, Some(&mut self.jacobian));
+        crate::kernels::evaluate(
+            layout,
+            &self.x,
+            self.edge_radius,
+            &mut self.ground,
+            &mut self.now.c,
+            &mut self.now.g,
+            Some(&mut self.jacobian),
+        );
     }
 
     /// Looks for a step from the linearisation at `x`; on success `trial` holds the new point.
@@ -254,8 +264,7 @@ impl<T: Real> Solver<T> {
         for _ in 0..ATTEMPTS {
             outcome.factorisations += 1;
             let proximal = T::of(*eps);
-            let positive =
-                front::factorise(layout, &self.jacobian, &self.weight, &self.value, &self.diagonal, proximal, &mut self.factor);
+            let positive = front::factorise(layout, &self.jacobian, &self.weight, &self.value, &self.diagonal, proximal, &mut self.factor);
             if !positive {
                 *eps *= PROXIMAL_GROWTH;
                 continue;
