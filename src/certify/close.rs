@@ -17,7 +17,8 @@ pub const CONTINUE_BELOW: f64 = 1e-2;
 /// Returns the outcome with the costs of all attempts added, and the point.
 pub fn close(layout: &Layout<f64>, solution: Solution, settings: &SolverSettings, cancel: &dyn Fn() -> bool) -> (Outcome, Vec<f64>) {
     let solved = solution.outcome.status == Status::Solved;
-    if !solved && !(solution.outcome.infeasibility < CONTINUE_BELOW) {
+    let near = solution.outcome.infeasibility < CONTINUE_BELOW;
+    if !solved && !near {
         return (solution.outcome, solution.x);
     }
     let finish = Finish::Rows(settings.row_tolerance);

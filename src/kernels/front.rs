@@ -3,7 +3,8 @@
 //! Solves `(eps D + J' W J) d = -J' v` with `W` and `v` given for each Jacobian row. The front holds the upper triangle row by row, the
 //! right-hand side stands in the column after the last variable, so that forward substitution happens along the way.
 
-use crate::nlp::layout::Element;
+use crate::nlp::layout::{Element, Family, NONE, ReachInstant};
+use crate::nlp::sweep::Run;
 use crate::nlp::{Layout, Real};
 use multiversion::multiversion;
 
@@ -50,7 +51,7 @@ pub fn factorise<T: Real>(
 ) -> bool {
     let stride = layout.front_stride;
     let [mut front, mut next] = factor.fronts.each_mut().map(|f| &mut f[..]);
-    let mut previous_size = 0;
+    let (mut previous_size, mut next_reach) = (0, 0);
     for step in &layout.steps {
         let (size, pivots) = (step.size as usize, step.pivots as usize);
         std::mem::swap(&mut front, &mut next);
@@ -58,8 +59,18 @@ pub fn factorise<T: Real>(
             front[i * stride + i..i * stride + size + 1].fill(T::zero());
         }
         move_front(layout, &step.moves, next, previous_size, front, size, stride);
-        for element in &layout.elements[step.elements.start as usize..step.elements.end as usize] {
-            assemble(layout, element, jacobian, weight, value, front, size, stride, &mut factor.spread);
+        let mut elements = &layout.elements[step.elements.start as usize..step.elements.end as usize];
+        while let Some((element, rest)) = elements.split_first() {
+            if element.family == Family::Reach {
+                let instant = &layout.reach[next_reach];
+                let (feet, rest) = elements.split_at(instant.feet.len());
+                assemble_reach(layout, instant, feet, jacobian, weight, value, front, size, stride, &mut factor.spread);
+                next_reach += 1;
+                elements = rest;
+            } else {
+                assemble(layout, element, jacobian, weight, value, front, size, stride, &mut factor.spread);
+                elements = rest;
+            }
         }
         for i in 0..pivots {
             front[i * stride + i] += proximal * diagonal[step.variable as usize + i];
@@ -117,7 +128,6 @@ fn assemble<T: Real>(
 ) {
     match element.rows {
         1 => assemble_rows::<T, 1>(layout, element, jacobian, weight, value, front, size, stride, spread),
-        3 => assemble_rows::<T, 3>(layout, element, jacobian, weight, value, front, size, stride, spread),
         5 => assemble_rows::<T, 5>(layout, element, jacobian, weight, value, front, size, stride, spread),
         _ => assemble_rows::<T, 6>(layout, element, jacobian, weight, value, front, size, stride, spread),
     }
@@ -192,6 +202,144 @@ fn assemble_rows<T: Real, const M: usize>(
     }
 }
 
+/// Slot of an element's column.
+#[inline(always)]
+fn slot_of(runs: &[Run], column: u32) -> usize {
+    let mut slot = 0;
+    for run in runs {
+        if column >= run.column {
+            slot = run.slot + (column - run.column);
+        }
+    }
+    slot as usize
+}
+
+/// Adds `J' W J` and `-J' v` of the reach rows of all feet at one instant.
+///
+/// All rows touch the base through its pose alone, with the same spline weights `w`: with `P` the rows by the pose, `A` by the foot's own
+/// columns, the base block of coefficients `i` and `j` is `w_i w_j sum P' W P`, that of coefficient and foot `w_i P' W A`.
+#[multiversion(targets("x86_64+avx2"))]
+#[expect(clippy::too_many_arguments, reason = "buffers of one kernel")]
+fn assemble_reach<T: Real>(
+    layout: &Layout<T>,
+    instant: &ReachInstant<T>,
+    elements: &[Element],
+    jacobian: &[T],
+    weight: &[T],
+    value: &[T],
+    front: &mut [T],
+    size: usize,
+    stride: usize,
+    spread: &mut [T],
+) {
+    const C: usize = 6;
+    let feet = &layout.reach_feet[instant.feet.start as usize..instant.feet.end as usize];
+    let runs_of = |e: &Element| &layout.runs[e.runs.start as usize..e.runs.end as usize];
+    // Free coefficients: slot and weight.
+    let mut blocks = [(0, T::zero()); 4];
+    let mut free = 0;
+    for i in 0..4 {
+        if feet[0].base_column[i] != NONE {
+            blocks[free] = (slot_of(runs_of(&elements[0]), feet[0].base_column[i]), instant.base.weights[i]);
+            free += 1;
+        }
+    }
+    let (mut begin, mut end) = (usize::MAX, 0);
+    for run in elements.iter().flat_map(runs_of) {
+        begin = begin.min(run.slot as usize / LANES * LANES);
+        end = end.max(((run.slot + run.len) as usize).next_multiple_of(LANES));
+    }
+    if begin >= end {
+        return;
+    }
+    // Row `c`: what multiplies pose component `c` in the base rows, over all slots.
+    let at = |slot: usize, c: usize| (slot / LANES * C + c) * LANES + slot % LANES;
+    spread[begin * C..end * C].fill(T::zero());
+    let mut pose_pose = [[T::zero(); C]; C];
+    let mut pose_value = [T::zero(); C];
+    for (foot, element) in feet.iter().zip(elements) {
+        let (row, place) = (foot.place.row as usize, &foot.place);
+        let (w, v): ([T; 3], [T; 3]) = (tile_of(&weight[row..]), tile_of(&value[row..]));
+        if w == [T::zero(); 3] {
+            continue;
+        }
+        let rows = &jacobian[place.jacobian as usize..];
+        let row_stride = place.stride as usize;
+        let pose: [T; 3 * C] = tile_of(&rows[3 * row_stride..]);
+        let mut weighted = pose;
+        for r in 0..3 {
+            for c in 0..C {
+                weighted[r * C + c] *= w[r];
+                pose_value[c] += pose[r * C + c] * v[r];
+            }
+            for c in 0..C {
+                for d in 0..C {
+                    pose_pose[c][d] += weighted[r * C + c] * pose[r * C + d];
+                }
+            }
+        }
+        // The foot's own columns: two a foothold, one a swing height.
+        let own = [
+            foot.foothold_column[0],
+            foot.foothold_column[0].saturating_add(1),
+            foot.foothold_column[1],
+            foot.foothold_column[1].saturating_add(1),
+            foot.height_column,
+        ];
+        let mut slots = [usize::MAX; 5];
+        let mut by_foot = [[T::zero(); 3]; 5];
+        for (f, &column) in own.iter().enumerate().filter(|(_, c)| **c != NONE) {
+            slots[f] = slot_of(runs_of(element), column);
+            for r in 0..3 {
+                by_foot[f][r] = rows[r * row_stride + column as usize];
+            }
+        }
+        for f in 0..5 {
+            let i = slots[f];
+            if i == usize::MAX {
+                continue;
+            }
+            let a = by_foot[f];
+            let line = &mut front[i * stride..(i + 1) * stride];
+            line[size] -= a[0] * v[0] + a[1] * v[1] + a[2] * v[2];
+            let mut cross = [T::zero(); C];
+            for c in 0..C {
+                cross[c] = a[0] * weighted[c] + a[1] * weighted[C + c] + a[2] * weighted[2 * C + c];
+                spread[at(i, c)] += cross[c];
+            }
+            for &(slot, spline) in &blocks[..free] {
+                if slot > i {
+                    for c in 0..C {
+                        line[slot + c] += spline * cross[c];
+                    }
+                }
+            }
+            for g in 0..5 {
+                if slots[g] != usize::MAX && slots[g] >= i {
+                    let b = by_foot[g];
+                    line[slots[g]] += a[0] * w[0] * b[0] + a[1] * w[1] * b[1] + a[2] * w[2] * b[2];
+                }
+            }
+        }
+    }
+    for &(slot, spline) in &blocks[..free] {
+        for c in 0..C {
+            for d in 0..C {
+                spread[at(slot + d, c)] += spline * pose_pose[c][d];
+            }
+        }
+    }
+    for &(slot, spline) in &blocks[..free] {
+        for c in 0..C {
+            let i = slot + c;
+            let from = i / LANES * LANES;
+            let line = &mut front[i * stride..(i + 1) * stride];
+            line[size] -= spline * pose_value[c];
+            accumulate::<T, 1>(&mut line[from..end], &spread[from * C..end * C], LANES * C, &[spline], &[c * LANES]);
+        }
+    }
+}
+
 /// `line += sum_k left[k] row_k`, where row `k` stands `offset[k]` into each group of `width` values of `tile`.
 #[inline(always)]
 fn accumulate<T: Real, const K: usize>(line: &mut [T], tile: &[T], width: usize, left: &[T], offset: &[usize]) {
@@ -212,61 +360,80 @@ fn accumulate<T: Real, const K: usize>(line: &mut [T], tile: &[T], width: usize,
 /// Returns false when a pivot is not positive.
 #[multiversion(targets("x86_64+avx2"))]
 pub fn partial_cholesky<T: Real, const W: usize>(front: &mut [T], stride: usize, size: usize, pivots: usize) -> bool {
-    const R: usize = 4;
     let mut first = 0;
+    while first + 4 <= size {
+        if !eliminate_rows::<T, W, 4>(front, stride, size, pivots, first) {
+            return false;
+        }
+        first += 4;
+    }
     while first < size {
-        let rows = R.min(size - first);
-        let done = first.min(pivots);
-        let (above, below) = front.split_at_mut(first * stride);
-        if done > 0 {
-            let mut j = first / W * W;
-            while j <= size {
-                // Rows past the end repeat the last one and are not stored.
-                let mut tile = [[T::zero(); W]; R];
-                for r in 0..R {
-                    tile[r] = tile_of(&below[r.min(rows - 1) * stride + j..]);
-                }
-                for c in 0..done {
-                    let pivot = &above[c * stride..(c + 1) * stride];
-                    let right: [T; W] = tile_of(&pivot[j..]);
-                    for r in 0..R {
-                        let left = pivot[first + r.min(rows - 1)];
-                        for l in 0..W {
-                            tile[r][l] -= left * right[l];
-                        }
-                    }
-                }
-                for r in 0..rows {
-                    below[r * stride + j..r * stride + j + W].copy_from_slice(&tile[r]);
-                }
-                j += W;
-            }
+        if !eliminate_rows::<T, W, 1>(front, stride, size, pivots, first) {
+            return false;
         }
-        if first < pivots {
-            for r in 0..rows {
-                let i = first + r;
-                let (earlier, line) = below.split_at_mut(r * stride);
-                let line = &mut line[..stride];
-                for p in 0..r.min(pivots - first) {
-                    let pivot = &earlier[p * stride..(p + 1) * stride];
-                    let left = pivot[i];
-                    for j in i..size + 1 {
-                        line[j] -= left * pivot[j];
-                    }
-                }
-                if i < pivots {
-                    let pivot = line[i];
-                    if !(pivot > T::zero() && pivot.is_finite()) {
-                        return false;
-                    }
-                    let inverse = T::one() / pivot.sqrt();
-                    for v in &mut line[i..size + 1] {
-                        *v *= inverse;
-                    }
+        first += 1;
+    }
+    true
+}
+
+/// Rows `first..first + R` of [`partial_cholesky`]: subtracts all earlier pivot rows, then eliminates what of them is a pivot.
+#[inline(always)]
+fn eliminate_rows<T: Real, const W: usize, const R: usize>(
+    front: &mut [T],
+    stride: usize,
+    size: usize,
+    pivots: usize,
+    first: usize,
+) -> bool {
+    let done = first.min(pivots);
+    let (above, below) = front.split_at_mut(first * stride);
+    let above = &above[..done * stride];
+    let mut j = first / W * W;
+    while j <= size && done > 0 {
+        let mut tile = [[T::zero(); W]; R];
+        for r in 0..R {
+            tile[r] = tile_of(&below[r * stride + j..]);
+        }
+        for pivot in above.chunks_exact(stride) {
+            let left: [T; R] = tile_of(&pivot[first..]);
+            let right: [T; W] = tile_of(&pivot[j..]);
+            for r in 0..R {
+                for l in 0..W {
+                    tile[r][l] -= left[r] * right[l];
                 }
             }
         }
-        first += R;
+        for r in 0..R {
+            below[r * stride + j..r * stride + j + W].copy_from_slice(&tile[r]);
+        }
+        j += W;
+    }
+    for r in 0..R {
+        let i = first + r;
+        let (earlier, line) = below.split_at_mut(r * stride);
+        // Whole tiles, from the one that holds the diagonal to the one that holds the right-hand side: what lies left of the diagonal is
+        // never read.
+        let (from, to) = (i / W * W, (size + 1).next_multiple_of(W));
+        for pivot in earlier.chunks_exact(stride).take(pivots.saturating_sub(first)) {
+            let left = pivot[i];
+            for (sum, right) in line[from..to].chunks_exact_mut(W).zip(pivot[from..to].chunks_exact(W)) {
+                for l in 0..W {
+                    sum[l] -= left * right[l];
+                }
+            }
+        }
+        if i < pivots {
+            let pivot = line[i];
+            if !(pivot > T::zero() && pivot.is_finite()) {
+                return false;
+            }
+            let inverse = T::one() / pivot.sqrt();
+            for sum in line[from..to].chunks_exact_mut(W) {
+                for v in sum {
+                    *v *= inverse;
+                }
+            }
+        }
     }
     true
 }

@@ -32,6 +32,17 @@ impl<'a, T> Rows<'a, T> {
     fn put(&mut self, row: usize, column: usize, value: T) {
         self.values[row * self.stride + column] = value;
     }
+
+    /// Values behind the last of `rows` rows.
+    #[inline(always)]
+    fn put_after<const R: usize, const C: usize>(&mut self, rows: usize, values: &[[T; C]; R])
+    where
+        T: Copy,
+    {
+        for (target, row) in self.values[rows * self.stride..].chunks_exact_mut(C).zip(values) {
+            target.copy_from_slice(row);
+        }
+    }
 }
 
 /// Residuals (and, when asked for, Jacobian values) of all elements at `x`.

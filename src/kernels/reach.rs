@@ -12,7 +12,7 @@ use multiversion::multiversion;
 /// Reach rows of all feet at all reach instants.
 ///
 /// * `residual` - out, at each foot's place: 3 upper sides, 3 lower sides
-/// * `jacobian` - out, 3 rows at each foot's place
+/// * `jacobian` - out, 3 rows at each foot's place, then the same rows by the base pose, `[3][6]`
 #[multiversion(targets("x86_64+avx2"))]
 pub fn reach<T: Real>(layout: &Layout<T>, x: &[T], ground: &[Ground<T>], residual: &mut [T], mut jacobian: Option<&mut [T]>) {
     let constants = &layout.constants;
@@ -57,15 +57,22 @@ pub fn reach<T: Real>(layout: &Layout<T>, x: &[T], ground: &[Ground<T>], residua
             for turn in &mut turns {
                 *turn = scale(unit, mul_transposed(&rot_wb, cross(leg_w, *turn)));
             }
+            let mut pose = [[zero; 6]; 3];
+            for r in 0..3 {
+                for d in 0..3 {
+                    pose[r][d] = -rot_wb[d][r] * unit;
+                    pose[r][3 + d] = turns[d][r];
+                }
+            }
+            rows.put_after(3, &pose);
             for i in 0..4 {
                 if foot.base_column[i] == NONE {
                     continue;
                 }
                 let (c, w) = (foot.base_column[i] as usize, instant.base.weights[i]);
                 for r in 0..3 {
-                    for d in 0..3 {
-                        rows.put(r, c + d, -w * rot_wb[d][r] * unit);
-                        rows.put(r, c + 3 + d, w * turns[d][r]);
+                    for d in 0..6 {
+                        rows.put(r, c + d, w * pose[r][d]);
                     }
                 }
             }

@@ -21,6 +21,9 @@ pub const NONE: u32 = u32::MAX;
 /// Average swing duration that TOWR assumes for the mid-swing velocity, s.
 pub const SWING_DURATION: f64 = 0.3;
 
+/// Values that follow the Jacobian rows of a foot's reach: its three rows by the pose of the base, padded to a multiple of 8.
+pub const POSE_VALUES: usize = 24;
+
 /// Row families, for scaling and reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Family {
@@ -668,7 +671,7 @@ impl<'a, T: Real> Builder<'a, T> {
                 row += rows;
                 inequality += rows + pairs;
             }
-            jacobian += rows * stride as usize;
+            jacobian += rows * stride as usize + if draft.family == Family::Reach { POSE_VALUES } else { 0 };
             self.resolve(&draft, place, &columns, &positions);
             let element =
                 Element { family: draft.family, rows: rows as u32, pairs: pairs as u32, place, runs: first_run as u32..runs.len() as u32 };
