@@ -34,21 +34,36 @@ impl<T: Real> Factor<T> {
     }
 }
 
+/// The normal equations by Jacobian rows.
+#[derive(Debug, Clone, Copy)]
+pub struct System<'a, T> {
+    /// Values of every element.
+    pub jacobian: &'a [T],
+    /// `W`, `[rows]`, not negative; rows of weight 0 are skipped.
+    pub weight: &'a [T],
+    /// `v`, `[rows]`.
+    pub value: &'a [T],
+}
+
+/// The front of one step: `size` variables, the right-hand side in column `size`.
+struct Front<'a, T> {
+    values: &'a mut [T],
+    size: usize,
+    stride: usize,
+}
+
+impl<T> Front<'_, T> {
+    #[inline(always)]
+    fn line(&mut self, row: usize) -> &mut [T] {
+        &mut self.values[row * self.stride..(row + 1) * self.stride]
+    }
+}
+
 /// Factorises. Returns false when a pivot is not positive (or not finite).
 ///
-/// * `weight` - `W`, `[rows]`, not negative; rows of weight 0 are skipped
-/// * `value` - `v`, `[rows]`
 /// * `diagonal` - `D`, `[variables]`
 /// * `proximal` - `eps`
-pub fn factorise<T: Real>(
-    layout: &Layout<T>,
-    jacobian: &[T],
-    weight: &[T],
-    value: &[T],
-    diagonal: &[T],
-    proximal: T,
-    factor: &mut Factor<T>,
-) -> bool {
+pub fn factorise<T: Real>(layout: &Layout<T>, system: &System<T>, diagonal: &[T], proximal: T, factor: &mut Factor<T>) -> bool {
     let stride = layout.front_stride;
     let [mut front, mut next] = factor.fronts.each_mut().map(|f| &mut f[..]);
     let (mut previous_size, mut next_reach) = (0, 0);
@@ -59,16 +74,17 @@ pub fn factorise<T: Real>(
             front[i * stride + i..i * stride + size + 1].fill(T::zero());
         }
         move_front(layout, &step.moves, next, previous_size, front, size, stride);
+        let mut assembled = Front { values: &mut *front, size, stride };
         let mut elements = &layout.elements[step.elements.start as usize..step.elements.end as usize];
         while let Some((element, rest)) = elements.split_first() {
             if element.family == Family::Reach {
                 let instant = &layout.reach[next_reach];
-                let (feet, rest) = elements.split_at(instant.feet.len());
-                assemble_reach(layout, instant, feet, jacobian, weight, value, front, size, stride, &mut factor.spread);
+                let (feet, after) = elements.split_at(instant.feet.len());
+                assemble_reach(layout, instant, feet, system, &mut assembled, &mut factor.spread);
                 next_reach += 1;
-                elements = rest;
+                elements = after;
             } else {
-                assemble(layout, element, jacobian, weight, value, front, size, stride, &mut factor.spread);
+                assemble(layout, element, system, &mut assembled, &mut factor.spread);
                 elements = rest;
             }
         }
@@ -114,22 +130,11 @@ fn move_front<T: Real>(
 
 /// Adds `J' W J` and `-J' v` of one element to the front.
 #[inline(always)]
-#[expect(clippy::too_many_arguments, reason = "buffers of one kernel")]
-fn assemble<T: Real>(
-    layout: &Layout<T>,
-    element: &Element,
-    jacobian: &[T],
-    weight: &[T],
-    value: &[T],
-    front: &mut [T],
-    size: usize,
-    stride: usize,
-    spread: &mut [T],
-) {
+fn assemble<T: Real>(layout: &Layout<T>, element: &Element, system: &System<T>, front: &mut Front<T>, spread: &mut [T]) {
     match element.rows {
-        1 => assemble_rows::<T, 1>(layout, element, jacobian, weight, value, front, size, stride, spread),
-        5 => assemble_rows::<T, 5>(layout, element, jacobian, weight, value, front, size, stride, spread),
-        _ => assemble_rows::<T, 6>(layout, element, jacobian, weight, value, front, size, stride, spread),
+        1 => assemble_rows::<T, 1>(layout, element, system, front, spread),
+        5 => assemble_rows::<T, 5>(layout, element, system, front, spread),
+        _ => assemble_rows::<T, 6>(layout, element, system, front, spread),
     }
 }
 
@@ -137,22 +142,17 @@ fn assemble<T: Real>(
 const LANES: usize = 8;
 
 #[multiversion(targets("x86_64+avx2"))]
-#[expect(clippy::too_many_arguments, reason = "buffers of one kernel")]
 fn assemble_rows<T: Real, const M: usize>(
     layout: &Layout<T>,
     element: &Element,
-    jacobian: &[T],
-    weight: &[T],
-    value: &[T],
-    front: &mut [T],
-    size: usize,
-    stride: usize,
+    system: &System<T>,
+    front: &mut Front<T>,
     spread: &mut [T],
 ) {
     let place = &element.place;
     let row = place.row as usize;
-    let weights: [T; M] = tile_of(&weight[row..]);
-    let values: [T; M] = tile_of(&value[row..]);
+    let weights: [T; M] = tile_of(&system.weight[row..]);
+    let values: [T; M] = tile_of(&system.value[row..]);
     if weights.iter().all(|w| *w == T::zero()) {
         return;
     }
@@ -163,7 +163,7 @@ fn assemble_rows<T: Real, const M: usize>(
     let at = |slot: usize, r: usize| (slot / LANES * M + r) * LANES + slot % LANES;
     spread[begin * M..end * M].fill(T::zero());
     for r in 0..M {
-        let source = &jacobian[place.jacobian as usize + r * place.stride as usize..][..place.stride as usize];
+        let source = &system.jacobian[place.jacobian as usize + r * place.stride as usize..][..place.stride as usize];
         for run in runs {
             let values = &source[run.column as usize..(run.column + run.len) as usize];
             for (i, &v) in values.iter().enumerate() {
@@ -186,7 +186,8 @@ fn assemble_rows<T: Real, const M: usize>(
                 count += usize::from(v != T::zero());
             }
             let from = i / LANES * LANES;
-            let line = &mut front[i * stride..(i + 1) * stride];
+            let size = front.size;
+            let line = front.line(i);
             line[size] -= rhs;
             let (line, tile) = (&mut line[from..end], &spread[from * M..end * M]);
             match count {
@@ -219,17 +220,12 @@ fn slot_of(runs: &[Run], column: u32) -> usize {
 /// All rows touch the base through its pose alone, with the same spline weights `w`: with `P` the rows by the pose, `A` by the foot's own
 /// columns, the base block of coefficients `i` and `j` is `w_i w_j sum P' W P`, that of coefficient and foot `w_i P' W A`.
 #[multiversion(targets("x86_64+avx2"))]
-#[expect(clippy::too_many_arguments, reason = "buffers of one kernel")]
 fn assemble_reach<T: Real>(
     layout: &Layout<T>,
     instant: &ReachInstant<T>,
     elements: &[Element],
-    jacobian: &[T],
-    weight: &[T],
-    value: &[T],
-    front: &mut [T],
-    size: usize,
-    stride: usize,
+    system: &System<T>,
+    front: &mut Front<T>,
     spread: &mut [T],
 ) {
     const C: usize = 6;
@@ -259,11 +255,11 @@ fn assemble_reach<T: Real>(
     let mut pose_value = [T::zero(); C];
     for (foot, element) in feet.iter().zip(elements) {
         let (row, place) = (foot.place.row as usize, &foot.place);
-        let (w, v): ([T; 3], [T; 3]) = (tile_of(&weight[row..]), tile_of(&value[row..]));
+        let (w, v): ([T; 3], [T; 3]) = (tile_of(&system.weight[row..]), tile_of(&system.value[row..]));
         if w == [T::zero(); 3] {
             continue;
         }
-        let rows = &jacobian[place.jacobian as usize..];
+        let rows = &system.jacobian[place.jacobian as usize..];
         let row_stride = place.stride as usize;
         let pose: [T; 3 * C] = tile_of(&rows[3 * row_stride..]);
         let mut weighted = pose;
@@ -300,7 +296,8 @@ fn assemble_reach<T: Real>(
                 continue;
             }
             let a = by_foot[f];
-            let line = &mut front[i * stride..(i + 1) * stride];
+            let size = front.size;
+            let line = front.line(i);
             line[size] -= a[0] * v[0] + a[1] * v[1] + a[2] * v[2];
             let mut cross = [T::zero(); C];
             for c in 0..C {
@@ -333,7 +330,8 @@ fn assemble_reach<T: Real>(
         for c in 0..C {
             let i = slot + c;
             let from = i / LANES * LANES;
-            let line = &mut front[i * stride..(i + 1) * stride];
+            let size = front.size;
+            let line = front.line(i);
             line[size] -= spline * pose_value[c];
             accumulate::<T, 1>(&mut line[from..end], &spread[from * C..end * C], LANES * C, &[spline], &[c * LANES]);
         }

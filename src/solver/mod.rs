@@ -13,7 +13,7 @@ mod status;
 
 pub use status::{Outcome, Status};
 
-use crate::kernels::front::{self, Factor};
+use crate::kernels::front::{self, Factor, System};
 use crate::kernels::step::{self, Slacks};
 use crate::nlp::layout::Family;
 use crate::nlp::{Layout, Real};
@@ -119,22 +119,6 @@ impl<T: Real> Solver<T> {
         start: Option<&[f64]>,
         cancel: &dyn Fn() -> bool,
     ) -> Outcome {
-        self.solve_here(layout, settings, finish, start, cancel)
-    }
-
-    /// The last `x` in `f64`, fixed values included.
-    pub fn solution(&self) -> Vec<f64> {
-        self.x.iter().map(|v| v.as_f64()).collect()
-    }
-
-    fn solve_here(
-        &mut self,
-        layout: &Layout<T>,
-        settings: &SolverSettings,
-        finish: Finish,
-        start: Option<&[f64]>,
-        cancel: &dyn Fn() -> bool,
-    ) -> Outcome {
         self.prepare(layout, start);
         self.edge_radius = if layout.terrain.has_edges() { T::of(settings.edge_radius) } else { T::zero() };
         self.linearise(layout);
@@ -203,6 +187,11 @@ impl<T: Real> Solver<T> {
         }
     }
 
+    /// The last `x` in `f64`, fixed values included.
+    pub fn solution(&self) -> Vec<f64> {
+        self.x.iter().map(|v| v.as_f64()).collect()
+    }
+
     fn prepare(&mut self, layout: &Layout<T>, start: Option<&[f64]>) {
         self.x.clear();
         self.x.extend_from_slice(&layout.initial);
@@ -264,7 +253,8 @@ impl<T: Real> Solver<T> {
         for _ in 0..ATTEMPTS {
             outcome.factorisations += 1;
             let proximal = T::of(*eps);
-            let positive = front::factorise(layout, &self.jacobian, &self.weight, &self.value, &self.diagonal, proximal, &mut self.factor);
+            let system = System { jacobian: &self.jacobian, weight: &self.weight, value: &self.value };
+            let positive = front::factorise(layout, &system, &self.diagonal, proximal, &mut self.factor);
             if !positive {
                 *eps *= PROXIMAL_GROWTH;
                 continue;

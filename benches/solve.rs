@@ -1,0 +1,129 @@
+//! One thread, the 16 reference candidates of target 10 of each scenario.
+//!
+//! * `solve/<scenario>/<precision>` - layout, solve and certification of all 16, whether they are solved or not
+//! * `layout/<scenario>` - their tables alone
+//! * `factorise/<scenario>` - one factorisation of each with every row in force, in f32
+
+use cregopt::backend::{Cpu, Precision};
+use cregopt::evaluate::{LowerSettings, evaluate};
+use cregopt::gait::Schedule;
+use cregopt::kernels;
+use cregopt::kernels::front::{Factor, factorise};
+use cregopt::kernels::step::column_scaling;
+use cregopt::nlp::Layout;
+use cregopt::scenario::{SCENARIOS, Scenario};
+use cregopt::task::Task;
+use cregopt::terrain::Ground;
+use criterion::{BenchmarkId, Criterion, SamplingMode, Throughput};
+use std::hint::black_box;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+const TARGET: usize = 10;
+
+/// A line of the reference data.
+#[derive(serde::Deserialize)]
+struct Line {
+    scenario: String,
+    target: usize,
+    durations: Vec<Vec<f64>>,
+}
+
+/// Reference schedules of a scenario.
+fn schedules(reference: &str, scenario: &str) -> Vec<Schedule> {
+    let lines = reference.lines().map(|line| serde_json::from_str(line).expect("a line of the reference data"));
+    let chosen = lines.filter(|line: &Line| line.scenario == scenario && line.target == TARGET);
+    chosen.map(|line| Schedule::new(line.durations).expect("a schedule of the reference data")).collect()
+}
+
+fn solve(c: &mut Criterion, scenario: &Scenario, task: &Task, schedules: &[Schedule]) {
+    let backend = Cpu::new(1).expect("one thread");
+    let candidates: Vec<(&Task, &Schedule)> = schedules.iter().map(|s| (task, s)).collect();
+    let mut group = c.benchmark_group("solve");
+    group.sample_size(10).sampling_mode(SamplingMode::Flat);
+    group.warm_up_time(Duration::from_millis(500)).measurement_time(Duration::from_secs(4));
+    group.throughput(Throughput::Elements(candidates.len() as u64));
+    for (name, precision) in [("f32", Precision::F32), ("f64", Precision::F64)] {
+        let settings = LowerSettings { precision, ..LowerSettings::default() };
+        let run = || evaluate(&candidates, &settings, &backend, false, &AtomicBool::new(false)).expect("valid candidates");
+        let results = run();
+        // What was measured: a fast solve that fails is no fast solve.
+        let feasible = results.iter().flatten().filter(|r| r.feasible).count();
+        let iterations: usize = results.iter().flatten().map(|r| r.iterations).sum();
+        println!("solve/{}/{name}: {feasible} of {} feasible, {iterations} iterations", scenario.name, candidates.len());
+        group.bench_function(BenchmarkId::new(scenario.name, name), |b| b.iter(|| black_box(run())));
+    }
+}
+
+fn layout(c: &mut Criterion, scenario: &Scenario, task: &Task, schedules: &[Schedule]) {
+    let settings = LowerSettings::default().transcription;
+    let aligned: Vec<Schedule> = schedules.iter().map(|s| s.aligned(settings.interval)).collect();
+    let mut group = c.benchmark_group("layout");
+    group.warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(2)).sample_size(20);
+    group.throughput(Throughput::Elements(aligned.len() as u64));
+    group.bench_function(scenario.name, |b| {
+        b.iter(|| {
+            for schedule in &aligned {
+                black_box(Layout::<f32>::new(task, schedule, &settings));
+            }
+        });
+    });
+}
+
+/// A candidate at its initial values, ready to factorise.
+struct Linearised {
+    layout: Layout<f32>,
+    jacobian: Vec<f32>,
+    weight: Vec<f32>,
+    value: Vec<f32>,
+    diagonal: Vec<f32>,
+}
+
+impl Linearised {
+    fn new(task: &Task, schedule: &Schedule) -> Linearised {
+        let settings = LowerSettings::default().transcription;
+        let layout = Layout::<f32>::new(task, &schedule.aligned(settings.interval), &settings);
+        let mut ground = vec![Ground::level(0.); layout.footholds.len()];
+        let (mut c, mut g) = (vec![0.; layout.equalities], vec![0.; layout.inequalities]);
+        let mut jacobian = vec![0.; layout.jacobian_len];
+        kernels::evaluate(&layout, &layout.initial, 0., &mut ground, &mut c, &mut g, Some(&mut jacobian));
+        let mut diagonal = vec![0.; layout.variables];
+        column_scaling(&layout, &jacobian, &mut diagonal);
+        let (weight, value) = (vec![1.; layout.rows], vec![0.1; layout.rows]);
+        Linearised { layout, jacobian, weight, value, diagonal }
+    }
+}
+
+fn factorisation(c: &mut Criterion, scenario: &Scenario, task: &Task, schedules: &[Schedule]) {
+    let candidates: Vec<Linearised> = schedules.iter().map(|s| Linearised::new(task, s)).collect();
+    let mut factor = Factor::default();
+    let mut group = c.benchmark_group("factorise");
+    group.warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(2)).sample_size(20);
+    group.throughput(Throughput::Elements(candidates.len() as u64));
+    group.bench_function(scenario.name, |b| {
+        b.iter(|| {
+            for candidate in &candidates {
+                let Linearised { layout, jacobian, weight, value, diagonal } = candidate;
+                factor.resize(layout);
+                assert!(factorise(layout, jacobian, weight, value, diagonal, 1e-3, &mut factor), "a positive pivot");
+            }
+        });
+    });
+}
+
+fn main() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/reference/ipopt_candidates.jsonl");
+    let reference = match std::fs::read_to_string(path) {
+        Ok(text) => text,
+        Err(error) => return println!("skipped: the candidates are in {path}: {error}"),
+    };
+    let mut c = Criterion::default().configure_from_args();
+    for scenario in &SCENARIOS {
+        let task = scenario.task(TARGET).expect("a target of the scenario");
+        let schedules = schedules(&reference, scenario.name);
+        solve(&mut c, scenario, &task, &schedules);
+        layout(&mut c, scenario, &task, &schedules);
+        factorisation(&mut c, scenario, &task, &schedules);
+    }
+    c.final_summary();
+}

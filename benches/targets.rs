@@ -1,0 +1,95 @@
+//! The search of experiment 1 over every scenario, target and some seeds, stopping at the first feasible gait and with whole generations.
+//!
+//! `cargo bench --bench targets -- [SEEDS] [--threads N]`: seeds 1 to SEEDS (default 1); threads 0 (default) is one a processor.
+//! Prints Markdown.
+
+use cregopt::backend::{Backend, Cpu};
+use cregopt::cem::CemSettings;
+use cregopt::evaluate::LowerSettings;
+use cregopt::scenario::{SCENARIOS, Scenario, TARGETS};
+use cregopt::search::search;
+use cregopt::{Error, Result};
+use std::sync::atomic::AtomicBool;
+
+/// What is kept of a search.
+struct Run {
+    /// Time to the first feasible gait, s.
+    first: Option<f64>,
+    /// Time of the whole search, s.
+    seconds: f64,
+    generations: usize,
+    candidates: usize,
+}
+
+/// `SEEDS` and `--threads N`; cargo adds `--bench`.
+fn arguments() -> Result<(u64, usize)> {
+    let (mut seeds, mut threads) = (1, 0);
+    let mut arguments = std::env::args().skip(1).filter(|a| a != "--bench");
+    while let Some(argument) = arguments.next() {
+        let number = |text: &str| text.parse::<u32>().map_err(|_| Error::invalid("argument", text, "[SEEDS] [--threads N]"));
+        if argument == "--threads" {
+            threads = number(&arguments.next().unwrap_or_default())? as usize;
+        } else {
+            seeds = number(&argument)?.into();
+        }
+    }
+    Ok((seeds, threads))
+}
+
+fn run(scenario: &Scenario, whole_generation: bool, seeds: u64, backend: &dyn Backend) -> Result<Vec<Run>> {
+    let settings = CemSettings { whole_generation, ..CemSettings::preset("experiment1")? };
+    let lower = LowerSettings::default();
+    let mut runs = Vec::new();
+    for target in 1..=TARGETS {
+        let task = scenario.task(target)?;
+        for seed in 1..=seeds {
+            let found = search(&task, &settings, &lower, seed, backend, &AtomicBool::new(false), &mut |_| ())?;
+            runs.push(Run {
+                first: found.first_feasible_after,
+                seconds: found.seconds,
+                generations: found.generations.len(),
+                candidates: found.generations.iter().map(|g| g.evaluated).sum(),
+            });
+        }
+    }
+    Ok(runs)
+}
+
+/// Median and worst, as two cells.
+fn median_and_worst(values: impl Iterator<Item = f64>, decimals: usize) -> String {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    match (values.get(values.len() / 2), values.last()) {
+        (Some(upper), Some(worst)) => {
+            let lower = values[(values.len() - 1) / 2];
+            format!("{:.decimals$} | {worst:.decimals$}", (lower + upper) / 2.)
+        }
+        _ => "- | -".into(),
+    }
+}
+
+fn main() -> Result<()> {
+    let (seeds, threads) = arguments()?;
+    let backend = Cpu::new(threads)?;
+    println!("cregopt {}, {}, preset experiment1, targets 1 to {TARGETS}, seeds 1 to {seeds}", env!("CARGO_PKG_VERSION"), backend.device());
+    for scenario in &SCENARIOS {
+        println!("\n### {}: {}\n", scenario.name, scenario.about);
+        println!(
+            "| stops at | found | first gait, s: median | worst | whole search, s: median | worst | generations: median | worst | candidates |"
+        );
+        println!("|---|---|---|---|---|---|---|---|---|");
+        for (name, whole_generation) in [("first feasible gait", false), ("whole generation", true)] {
+            let runs = run(scenario, whole_generation, seeds, &backend)?;
+            println!(
+                "| {name} | {} of {} | {} | {} | {} | {} |",
+                runs.iter().filter(|r| r.first.is_some()).count(),
+                runs.len(),
+                median_and_worst(runs.iter().filter_map(|r| r.first), 4),
+                median_and_worst(runs.iter().map(|r| r.seconds), 4),
+                median_and_worst(runs.iter().map(|r| r.generations as f64), 1),
+                runs.iter().map(|r| r.candidates).sum::<usize>()
+            );
+        }
+    }
+    Ok(())
+}

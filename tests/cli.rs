@@ -1,0 +1,646 @@
+//! The program as its users meet it: exit codes, messages, files. Everything runs in temporary folders.
+
+use assert_cmd::Command;
+use serde_json::{Value, json};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_cregopt");
+
+/// What a run left behind.
+struct Ran {
+    code: i32,
+    stdout: String,
+    stderr: String,
+}
+
+/// Runs the program in a folder. No test needs a minute.
+fn run_in<S: AsRef<std::ffi::OsStr>>(folder: &Path, args: &[S]) -> Ran {
+    let output = Command::new(PROGRAM).args(args).current_dir(folder).timeout(Duration::from_secs(60)).output().unwrap();
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+    // No exit code: it was killed, by a signal or for taking too long.
+    Ran { code: output.status.code().unwrap_or(-1), stdout: text(output.stdout), stderr: text(output.stderr) }
+}
+
+/// Runs words separated by spaces.
+fn run(folder: &Path, command: &str) -> Ran {
+    run_in(folder, &command.split_whitespace().collect::<Vec<_>>())
+}
+
+impl Ran {
+    fn ends_with(&self, code: i32) -> &Self {
+        assert_eq!(self.code, code, "stdout: {}\nstderr: {}", self.stdout, self.stderr);
+        self
+    }
+
+    /// The error message has every part.
+    fn says(&self, parts: &[&str]) -> &Self {
+        for part in parts {
+            assert!(self.stderr.contains(part), "no `{part}` in: {}", self.stderr);
+        }
+        self
+    }
+}
+
+fn folder() -> TempDir {
+    tempfile::tempdir().unwrap()
+}
+
+fn read(path: impl AsRef<Path>) -> Value {
+    serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
+}
+
+fn read_lines(path: impl AsRef<Path>) -> Vec<Value> {
+    fs::read_to_string(path).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+/// A file in the shared folder beside the repository, where there is one.
+fn shared(path: &str) -> Option<PathBuf> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared").join(path);
+    if !path.exists() {
+        println!("skipped: {} is absent", path.display());
+    }
+    path.exists().then_some(path)
+}
+
+/// Nothing but the named files and empty ones.
+fn assert_holds_only(folder: &Path, names: &[&str]) {
+    for entry in fs::read_dir(folder).unwrap() {
+        let entry = entry.unwrap();
+        let name = entry.file_name().into_string().unwrap();
+        let empty = entry.metadata().unwrap().is_file() && entry.metadata().unwrap().len() == 0;
+        assert!(names.contains(&name.as_str()) || empty, "{name} was left behind");
+    }
+}
+
+/// Four feet that stand while the base moves 5 cm: feasible, and solved in a millisecond.
+fn standing() -> Value {
+    json!({"durations": [[0.6], [0.6], [0.6], [0.6]], "base_target": [0.05, 0.0, 0.5], "yaw_target": 0.0})
+}
+
+/// The quadruped as a file would have it.
+fn own_robot() -> Value {
+    json!({
+        "name": "mine", "mass": 30.0, "inertia": [[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]], "base_height": 0.5,
+        "nominal_feet": [[0.34, 0.19, -0.42], [0.34, -0.19, -0.42], [-0.34, 0.19, -0.42], [-0.34, -0.19, -0.42]],
+        "reach": [0.15, 0.1, 0.1]
+    })
+}
+
+/// A slope of 5 cm a metre.
+fn own_terrain() -> Value {
+    let heights: Vec<Vec<f64>> = (0..10).map(|i| vec![0.1 * f64::from(i) - 0.5; 2]).collect();
+    json!({"name": "ramp", "friction": 0.8, "shape": {"grid": {"low": [-10.0, -10.0], "high": [10.0, 10.0], "heights": heights}}})
+}
+
+// ---------------------------------------------------------------- exit codes
+
+#[test]
+fn a_feasible_gait_exits_0_and_help_says_what_the_codes_mean() {
+    let dir = folder();
+    let ran = run(dir.path(), "solve --scenario s1");
+    ran.ends_with(0);
+    for part in ["seed 1", "gait found", "foot 3", "feasible: 0 of"] {
+        assert!(ran.stdout.contains(part), "no `{part}` in: {}", ran.stdout);
+    }
+    assert_eq!(ran.stderr, "", "progress is for terminals only");
+    let help = run(dir.path(), "--help");
+    assert!(help.ends_with(0).stdout.contains("Exit codes: 0 feasible, 2 usage, 3 nothing feasible"));
+}
+
+#[test]
+fn an_infeasible_budget_exits_3_and_still_writes_the_best_candidate() {
+    let dir = folder();
+    let ran = run(dir.path(), "solve --scenario s1 --goal 60,0 --generations 1 --out far");
+    assert!(ran.ends_with(3).stdout.contains("no feasible gait"));
+    let result = read(dir.path().join("far/result.json"));
+    assert_eq!((&result["feasible"], &result["stop"]), (&json!(false), &json!("generation-limit")));
+    assert!(result["gait"]["durations"].is_array() && result["certificate"]["n_violated"].as_u64().unwrap() > 0);
+    assert_eq!(result["n_violated"], result["certificate"]["n_violated"]);
+    assert_eq!(result["first_feasible_seconds"], Value::Null);
+    run(dir.path(), "verify far/trajectory.json").ends_with(3);
+
+    let few = "solve --scenario s1 --generations 1 --no-heuristic --set search.min_stances=2 --set search.max_stances=2 --out few";
+    run(dir.path(), few).ends_with(3);
+    assert!(dir.path().join("few/trajectory.json").exists());
+}
+
+#[test]
+fn usage_errors_exit_2_and_name_flag_value_and_limit() {
+    let dir = folder();
+    let cases: [(&str, &[&str]); 30] = [
+        ("", &["Usage"]),
+        ("swim", &["swim"]),
+        ("solve", &["robot"]),
+        ("solve --robot anymal", &["base_target"]),
+        ("solve --scenario s9", &["scenario", "s9", "s1, s2, s3, biped, hex"]),
+        ("solve --scenario s1 --target 21", &["target", "21", "1 to 20"]),
+        ("solve --scenario s1 --goal abc", &["--goal", "abc", "X,Y"]),
+        ("solve --scenario s1 --goal 1", &["--goal", "X,Y"]),
+        ("solve --scenario s1 --goal 1,nan", &["--goal", "1,nan", "X,Y"]),
+        ("solve --scenario s1 --goal 1e6,0", &["goal", "1000000", "-1000 to 1000"]),
+        ("solve --scenario s3 --goal 20,0", &["goal", "(20, 0)", "step", "-10 to 10"]),
+        ("solve --scenario s3 --goal 20,0,1", &["base_target", "(20, 0)", "step", "-10 to 10"]),
+        ("solve --scenario s3 --goal 6,0,0.1", &["base_target[2]", "0.1", "above the terrain"]),
+        ("solve --scenario s1 --yaw nan", &["yaw", "NaN"]),
+        ("solve --scenario s1 --yaw 900", &["yaw", "900", "62.8"]),
+        ("solve --scenario s1 --force-limit 0", &["force_limit", "0.001"]),
+        ("solve --scenario s1 --seed x", &["--seed", "x"]),
+        ("solve --scenario s1 --threads 100000", &["--threads", "100000", "4096"]),
+        ("solve --scenario s1 --population 0", &["population", "0", "65536"]),
+        ("solve --scenario s1 --population 18446744073709551615", &["population", "18446744073709551615", "65536"]),
+        ("solve --scenario s1 --preset x", &["preset", "x", "experiment1"]),
+        ("solve --scenario s1 --objective speed", &["--objective", "speed", "fewest-stances"]),
+        ("solve --scenario s1 --robot cat", &["robot", "cat", "anymal", ".json"]),
+        ("solve --scenario s1 --terrain moon", &["terrain", "moon", "flat", ".json"]),
+        ("solve --scenario s1 --set solver", &["--set", "solver", "KEY=VALUE"]),
+        ("solve --scenario s1 --set solver.speed=1", &["solver.speed", "solver.max_iterations"]),
+        ("solve --scenario s1 --set solver.max_iterations=many", &["solver.max_iterations", "many"]),
+        ("solve --scenario s1 --set solver.barrier=-1", &["solver.barrier", "-1", "1000"]),
+        ("solve --scenario s1 --set search.elites=17", &["elites", "17", "1 to 16"]),
+        ("verify", &["FILE"]),
+    ];
+    for (command, parts) in cases {
+        let ran = run(dir.path(), &format!("{command} {}", if command.starts_with("solve ") { "--out out" } else { "" }));
+        ran.ends_with(2).says(parts);
+        assert_eq!(ran.stdout, "", "{command}");
+    }
+    run(dir.path(), "evaluate missing.jsonl --scenario s9").ends_with(2).says(&["scenario", "s9"]);
+    run(dir.path(), "evaluate missing.jsonl --set solver.speed=1").ends_with(2).says(&["solver.speed"]);
+}
+
+#[test]
+fn a_population_that_overflows_in_a_product_is_refused() {
+    // 12 elites of 16: the share of 2^61 + 1 does not fit.
+    let dir = folder();
+    run(dir.path(), "solve --scenario s1 --population 2305843009213693953").ends_with(2).says(&["population"]);
+}
+
+// ---------------------------------------------------------------- solve
+
+#[test]
+fn the_result_has_everything_that_repeats_the_run() {
+    let dir = folder();
+    run(dir.path(), "solve --scenario s2 --target 3 --seed 5 --threads 2 --out out").ends_with(0);
+    let result = read(dir.path().join("out/result.json"));
+    let keys = [
+        "version",
+        "scenario",
+        "target",
+        "robot",
+        "terrain",
+        "base_target",
+        "yaw_target",
+        "force_limit",
+        "seed",
+        "device",
+        "transcription",
+        "search",
+        "lower",
+        "feasible",
+        "stop",
+        "n_violated",
+        "max_violation",
+        "first_feasible_seconds",
+        "seconds",
+        "gait",
+        "certificate",
+        "generations",
+    ];
+    for key in keys {
+        assert!(!result[key].is_null(), "no {key}");
+    }
+    assert_eq!(result["version"], env!("CARGO_PKG_VERSION"));
+    assert_eq!((&result["scenario"], &result["target"], &result["seed"]), (&json!("s2"), &json!(3), &json!(5)));
+    assert_eq!((&result["search"]["population"], &result["lower"]["precision"]), (&json!(16), &json!("f32")));
+    assert!(result["lower"]["solver"]["max_iterations"].is_u64() && result["lower"]["transcription"]["interval"].is_f64());
+    assert!(result["device"].as_str().unwrap().contains("cpu"));
+    assert_eq!((&result["feasible"], &result["n_violated"]), (&json!(true), &json!(0)));
+
+    let trajectory = read(dir.path().join("out/trajectory.json"));
+    for key in ["scenario", "robot", "terrain", "transcription", "seed", "version", "base_lin", "base_ang", "ee", "T"] {
+        assert!(!trajectory[key].is_null(), "no {key}");
+    }
+    assert_eq!(trajectory["durations"], result["gait"]["durations"]);
+    assert_eq!(trajectory["T"], result["gait"]["horizon"]);
+    assert_holds_only(&dir.path().join("out"), &["result.json", "trajectory.json"]);
+
+    let verified = run(dir.path(), "verify out/trajectory.json --json");
+    let reports: Value = serde_json::from_str(&verified.ends_with(0).stdout).unwrap();
+    assert_eq!(reports[0]["n_violated"], 0);
+    assert_eq!(reports[0]["max_violation"], result["max_violation"]);
+}
+
+#[test]
+fn json_on_stdout_is_result_json() {
+    let dir = folder();
+    let ran = run(dir.path(), "solve --scenario biped --out out --json");
+    assert_eq!(ran.ends_with(0).stdout, fs::read_to_string(dir.path().join("out/result.json")).unwrap());
+}
+
+#[test]
+fn the_same_seed_gives_the_same_gait_at_any_number_of_threads() {
+    let dir = folder();
+    for (seed, threads, out) in [(1, 1, "a"), (1, 2, "b"), (2, 2, "c")] {
+        run(dir.path(), &format!("solve --scenario s3 --seed {seed} --threads {threads} --out {out}")).ends_with(0);
+    }
+    let trajectory = |out: &str| fs::read_to_string(dir.path().join(out).join("trajectory.json")).unwrap();
+    let gait = |out: &str| read(dir.path().join(out).join("result.json"))["gait"].clone();
+    assert_eq!(trajectory("a"), trajectory("b"));
+    assert_eq!(gait("a"), gait("b"));
+    assert_ne!(gait("a")["durations"], gait("c")["durations"]);
+}
+
+#[test]
+fn goal_yaw_files_and_settings_are_taken() {
+    let dir = folder();
+    fs::write(dir.path().join("robot.json"), own_robot().to_string()).unwrap();
+    fs::write(dir.path().join("terrain.json"), own_terrain().to_string()).unwrap();
+    let flags = "--goal 0.5,-0.1 --yaw -0.2 --force-limit 800 --set solver.max_iterations=150 --set search.population=4 \
+                 --set search.elites=2 --set precision=f64";
+    run(dir.path(), &format!("solve --robot robot.json --terrain terrain.json {flags} --out out")).ends_with(0);
+    let result = read(dir.path().join("out/result.json"));
+    assert_eq!((&result["robot"], &result["terrain"]), (&json!("mine"), &json!("ramp")));
+    assert_eq!((&result["yaw_target"], &result["force_limit"]), (&json!(-0.2), &json!(800.0)));
+    assert_eq!((&result["scenario"], &result["target"]), (&Value::Null, &Value::Null));
+    // Samples are 2 m apart and rise 0.1 m: 0.025 m at x = 0.5, where the sample at x = 0 has height 0.
+    let goal = result["base_target"].as_array().unwrap();
+    assert_eq!((&goal[0], &goal[1]), (&json!(0.5), &json!(-0.1)));
+    assert!((goal[2].as_f64().unwrap() - 0.525).abs() < 1e-12);
+    assert_eq!((&result["lower"]["solver"]["max_iterations"], &result["lower"]["precision"]), (&json!(150), &json!("f64")));
+    assert_eq!((&result["search"]["population"], &result["search"]["elites"]), (&json!(4), &json!(2)));
+    // The trajectory carries the robot and the terrain: nothing else is needed to check it.
+    fs::remove_file(dir.path().join("robot.json")).unwrap();
+    run(dir.path(), "verify out/trajectory.json").ends_with(0);
+
+    run(dir.path(), "solve --robot anymal --goal=-0.5,0.2,0.48 --out back").ends_with(0);
+    assert_eq!(read(dir.path().join("back/result.json"))["base_target"], json!([-0.5, 0.2, 0.48]));
+}
+
+#[test]
+fn an_unusable_folder_exits_4_before_any_work() {
+    let dir = folder();
+    fs::write(dir.path().join("file"), "mine").unwrap();
+    for out in ["file", "file/below"] {
+        run(dir.path(), &format!("solve --scenario s1 --out {out}")).ends_with(4).says(&[out]);
+    }
+    assert_eq!(fs::read_to_string(dir.path().join("file")).unwrap(), "mine");
+    assert_holds_only(dir.path(), &["file"]);
+}
+
+#[test]
+fn bad_robot_files_exit_4_and_name_file_field_value_and_limit() {
+    let change = |key: &str, value: Value| {
+        let mut robot = own_robot();
+        robot[key] = value;
+        robot.to_string()
+    };
+    let without = |key: &str| {
+        let mut robot = own_robot();
+        robot.as_object_mut().unwrap().remove(key);
+        robot.to_string()
+    };
+    let cases: [(String, &[&str]); 15] = [
+        (String::new(), &["EOF"]),
+        ("{".into(), &["EOF"]),
+        ("[1]".into(), &["line 1"]),
+        (change("wings", json!(2)), &["unknown field", "wings"]),
+        (without("mass"), &["missing field", "mass"]),
+        (without("nominal_feet"), &["missing field", "nominal_feet"]),
+        (change("mass", json!(-1.0)), &["mass", "-1", "0.001"]),
+        (change("mass", Value::Null), &["null", "column"]),
+        (change("mass", json!("heavy")), &["heavy", "column"]),
+        (own_robot().to_string().replace("30.0", "1e999"), &["number out of range", "column"]),
+        (change("base_height", json!(1000.0)), &["base_height", "1000", "100"]),
+        (change("nominal_feet", json!(vec![[0.0, 0.0, -0.5]; 9])), &["nominal_feet", "9 feet", "1 to 8"]),
+        (change("nominal_feet", json!([])), &["nominal_feet", "0 feet", "1 to 8"]),
+        (change("reach", json!([0.1, 0.0, 0.1])), &["reach[1]", "0.001"]),
+        (change("inertia", json!([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 9.0]])), &["inertia", "principal moments", "sum"]),
+    ];
+    let dir = folder();
+    for (text, parts) in cases {
+        fs::write(dir.path().join("odd.json"), &text).unwrap();
+        let ran = run(dir.path(), "solve --robot odd.json --goal 0.1,0 --out out");
+        ran.ends_with(4).says(&["odd.json"]).says(parts);
+        assert_holds_only(dir.path(), &["odd.json"]);
+    }
+    run(dir.path(), "solve --robot none.json --goal 0.1,0 --out out").ends_with(4).says(&["none.json"]);
+    fs::create_dir(dir.path().join("dir")).unwrap();
+    run(dir.path(), "solve --robot dir --goal 0.1,0 --out out").ends_with(4).says(&["dir", "directory"]);
+    fs::write(dir.path().join("odd.json"), b"\xff\xfe\x00").unwrap();
+    run(dir.path(), "solve --robot odd.json --goal 0.1,0 --out out").ends_with(4).says(&["odd.json", "UTF-8"]);
+    assert_holds_only(dir.path(), &["odd.json", "dir"]);
+}
+
+#[test]
+fn bad_terrain_files_exit_4_and_name_file_field_value_and_limit() {
+    let grid = |heights: Value| json!({"name": "g", "friction": 1.0, "shape": {"grid": {"low": [-1.0, -1.0], "high": [1.0, 1.0], "heights": heights}}});
+    let cases: [(Value, &[&str]); 9] = [
+        (json!({"name": "t", "shape": "flat"}), &["missing field", "friction"]),
+        (json!({"name": "t", "friction": 1.0, "shape": "flat", "colour": "red"}), &["unknown field", "colour"]),
+        (json!({"name": "t", "friction": -1.0, "shape": "flat"}), &["friction", "-1", "0.001"]),
+        (json!({"name": "t", "friction": 1.0, "shape": "round"}), &["round", "flat"]),
+        (json!({"name": "t", "friction": 1.0, "shape": {"profile": "hill"}}), &["hill", "stairs"]),
+        (grid(json!([[0.0, 0.0], [0.0]])), &["heights[1]", "1 columns", "2 columns"]),
+        (grid(json!([[0.0, 0.0]])), &["heights", "1 x 2", "2 x 2"]),
+        (grid(json!([[0.0, 0.0], [0.0, 1000.0]])), &["heights[1][1]", "1000", "100"]),
+        (grid(json!([[0.0, 0.0], [0.0, null]])), &["null", "column"]),
+    ];
+    let dir = folder();
+    for (terrain, parts) in cases {
+        fs::write(dir.path().join("odd.json"), terrain.to_string()).unwrap();
+        let ran = run(dir.path(), "solve --scenario s1 --terrain odd.json --goal 0.1,0 --out out");
+        ran.ends_with(4).says(&["odd.json"]).says(parts);
+        assert_holds_only(dir.path(), &["odd.json"]);
+    }
+    let mut corners = grid(json!([[0.0, 0.0], [0.0, 0.0]]));
+    corners["shape"]["grid"]["high"] = json!([-2.0, 1.0]);
+    fs::write(dir.path().join("odd.json"), corners.to_string()).unwrap();
+    run(dir.path(), "solve --scenario s1 --terrain odd.json --goal 0.1,0").ends_with(4).says(&["odd.json", "high[0]", "-2"]);
+}
+
+// ---------------------------------------------------------------- evaluate
+
+/// Writes lines to `in.jsonl`.
+fn write_lines(folder: &Path, lines: &[String]) {
+    fs::write(folder.join("in.jsonl"), lines.join("\n") + "\n").unwrap();
+}
+
+#[test]
+fn evaluate_keeps_order_and_foreign_keys_and_adds_the_result() {
+    let dir = folder();
+    let lines: Vec<String> = (0..5)
+        .map(|i| {
+            let mut line = standing();
+            line["note"] = json!(format!("line {i}"));
+            line["nested"] = json!({"b": [1, null, 2.5], "a": i});
+            line["base_target"][0] = json!(0.01 * f64::from(i));
+            line.to_string()
+        })
+        .collect();
+    write_lines(dir.path(), &lines);
+    let ran = run(dir.path(), "evaluate in.jsonl --robot anymal --out out.jsonl --trajectories t.jsonl");
+    assert!(ran.ends_with(0).stdout.starts_with("5 of 5 candidates feasible"), "{}", ran.stdout);
+    let results = read_lines(dir.path().join("out.jsonl"));
+    assert_eq!(results.len(), 5);
+    for (line, result) in lines.iter().zip(results) {
+        let mut rest = result.clone();
+        let result = rest.as_object_mut().unwrap().remove("result").unwrap();
+        assert_eq!(rest.to_string(), *line, "the same keys in the same order");
+        let keys =
+            ["status", "feasible", "iterations", "factorizations", "n_violated", "max_violation", "horizon", "n_variables", "seconds"];
+        for key in keys {
+            assert!(!result[key].is_null(), "no {key}");
+        }
+        assert_eq!((&result["status"], &result["feasible"], &result["n_violated"]), (&json!("solved"), &json!(true), &json!(0)));
+        assert!((result["horizon"].as_f64().unwrap() - 0.6).abs() < 1e-12);
+        assert!(result["device"].as_str().unwrap().contains("cpu"));
+    }
+    let verified = run(dir.path(), "verify t.jsonl");
+    assert!(verified.ends_with(0).stdout.contains("5 of 5 trajectories feasible"));
+    assert_holds_only(dir.path(), &["in.jsonl", "out.jsonl", "t.jsonl"]);
+
+    let printed = run(dir.path(), "evaluate in.jsonl --robot anymal --json");
+    let printed: Vec<Value> = printed.ends_with(0).stdout.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert!(printed.iter().enumerate().all(|(i, line)| line["nested"]["a"] == i && line["result"]["feasible"] == true));
+}
+
+#[test]
+fn evaluate_takes_scenarios_from_lines_and_flags() {
+    let dir = folder();
+    let named = json!({"scenario": "biped", "durations": [[0.5], [0.5]], "base_target": [0.0, 0.0, 0.65]});
+    let unnamed = json!({"durations": [[0.5], [0.5], [0.5], [0.5]], "base_target": [0.0, 0.0, 0.5]});
+    write_lines(dir.path(), &[named.to_string(), String::new(), unnamed.to_string()]);
+    run(dir.path(), "evaluate in.jsonl --scenario s1 --out out.jsonl").ends_with(0);
+    assert!(read_lines(dir.path().join("out.jsonl")).iter().all(|line| line["result"]["feasible"] == true));
+    run(dir.path(), "evaluate in.jsonl --out none.jsonl").ends_with(4).says(&["in.jsonl", "line 3", "robot"]);
+    assert_eq!(read_lines(dir.path().join("none.jsonl")).len(), 1);
+}
+
+#[test]
+fn evaluate_exits_3_when_nothing_is_feasible() {
+    let dir = folder();
+    let mut far = standing();
+    far["base_target"][0] = json!(50.0);
+    write_lines(dir.path(), &[far.to_string()]);
+    run(dir.path(), "evaluate in.jsonl --robot anymal --out out.jsonl").ends_with(3);
+    let result = &read_lines(dir.path().join("out.jsonl"))[0]["result"];
+    assert!(result["feasible"] == false && result["n_violated"].as_u64().unwrap() > 0);
+}
+
+#[test]
+fn a_truncated_line_exits_4_names_file_and_line_and_keeps_the_results_before_it() {
+    let dir = folder();
+    let good = standing().to_string();
+    let bad = good[..good.len() / 2].to_string();
+    write_lines(dir.path(), &[good.clone(), good.clone(), bad, good]);
+    let ran = run(dir.path(), "evaluate in.jsonl --robot anymal --out out.jsonl --trajectories t.jsonl");
+    ran.ends_with(4).says(&["in.jsonl, line 3", "EOF"]);
+    let results = read_lines(dir.path().join("out.jsonl"));
+    assert!(results.len() == 2 && results.iter().all(|line| line["result"]["feasible"] == true));
+    run(dir.path(), "verify t.jsonl").ends_with(0);
+}
+
+#[test]
+fn bad_schedules_exit_4_and_name_file_line_field_value_and_limit() {
+    let durations = |durations: Value| json!({"scenario": "s1", "target": 1, "durations": durations}).to_string();
+    let feet = |phases: &[f64]| durations(json!(vec![phases; 4]));
+    let text = |durations: &str| format!(r#"{{"scenario": "s1", "target": 1, "durations": {durations}}}"#);
+    let with = |key: &str, value: Value| {
+        let mut line = standing();
+        line["scenario"] = json!("s3");
+        line[key] = value;
+        line.to_string()
+    };
+    let cases: [(String, &[&str]); 24] = [
+        ("nonsense".into(), &["column"]),
+        ("[1, 2]".into(), &["map"]),
+        ("{}".into(), &["durations"]),
+        (durations(json!([])), &["durations", "0 feet", "1 to 8"]),
+        (durations(json!([[0.5], [], [0.5], [0.5]])), &["durations, foot 1", "0 phases", "1 to"]),
+        (feet(&[0.5, -0.1, 0.5]), &["durations, foot 0, phase 1", "-0.1 s", "at least 0.001 s"]),
+        (feet(&[0.5, 0.0, 0.5]), &["durations, foot 0, phase 1", "0 s", "at least 0.001 s"]),
+        (durations(json!([[0.5], [null], [0.5], [0.5]])), &["durations", "null"]),
+        (durations(json!([[0.5], ["long"], [0.5], [0.5]])), &["durations", "long"]),
+        (text("[[0.5], [NaN], [0.5], [0.5]]"), &["column"]),
+        (text("[[0.5], [1e999], [0.5], [0.5]]"), &["number out of range", "column"]),
+        (feet(&[0.01; 1003]), &["durations, foot 0", "1003 phases", "1 to 1001"]),
+        (feet(&[0.1; 999]), &["durations", "3996 phases", "MiB"]),
+        (feet(&[0.5, 0.5]), &["durations, foot 0", "2 phases", "odd number"]),
+        (feet(&[1e300]), &["durations, foot 0", "at most 120 s"]),
+        (feet(&[100.0, 10.0, 100.0]), &["durations, foot 0", "210 s", "at most 120 s"]),
+        (durations(json!([[0.5], [0.5], [0.5]])), &["durations", "3 feet", "4 feet", "anymal"]),
+        (durations(json!(vec![[0.5]; 9])), &["durations", "9 feet", "1 to 8"]),
+        (with("base_target", json!([20.0, 0.0, 1.0])), &["base_target", "(20, 0)", "step", "-10 to 10"]),
+        (with("base_target", json!([6.0, 0.0, 0.1])), &["base_target[2]", "0.1", "above the terrain"]),
+        (with("base_target", json!([6.0, 0.0])), &["base_target"]),
+        (with("yaw_target", json!(900.0)), &["yaw_target", "900", "62.8"]),
+        (with("scenario", json!("s9")), &["scenario", "s9", "s1, s2"]),
+        (json!({"scenario": "s1", "target": 21, "durations": [[0.5], [0.5], [0.5], [0.5]]}).to_string(), &["target", "21", "1 to 20"]),
+    ];
+    let dir = folder();
+    for (line, parts) in cases {
+        write_lines(dir.path(), &[line]);
+        let ran = run(dir.path(), "evaluate in.jsonl --out out.jsonl --trajectories t.jsonl");
+        ran.ends_with(4).says(&["in.jsonl, line 1"]).says(parts);
+        assert_holds_only(dir.path(), &["in.jsonl"]);
+    }
+}
+
+#[test]
+fn schedule_files_that_cannot_be_read_or_written_exit_4() {
+    let dir = folder();
+    fs::write(dir.path().join("empty.jsonl"), "\n \n").unwrap();
+    run(dir.path(), "evaluate empty.jsonl --scenario s1").ends_with(4).says(&["empty.jsonl", "at least one line"]);
+    run(dir.path(), "evaluate none.jsonl").ends_with(4).says(&["none.jsonl"]);
+    run(dir.path(), "evaluate .").ends_with(4).says(&["directory"]);
+    write_lines(dir.path(), &[standing().to_string()]);
+    for flag in ["--out", "--trajectories"] {
+        run(dir.path(), &format!("evaluate in.jsonl --scenario s1 {flag} missing/out.jsonl")).ends_with(4).says(&["missing/out.jsonl"]);
+    }
+    assert_holds_only(dir.path(), &["empty.jsonl", "in.jsonl"]);
+}
+
+// ---------------------------------------------------------------- verify
+
+#[test]
+fn broken_trajectories_exit_4_and_perturbed_ones_3() {
+    let dir = folder();
+    write_lines(dir.path(), &[standing().to_string()]);
+    run(dir.path(), "evaluate in.jsonl --scenario s1 --trajectories t.jsonl").ends_with(0);
+    let good = read_lines(dir.path().join("t.jsonl")).remove(0);
+    let path = dir.path().join("t.json");
+    let verify = |trajectory: &Value| {
+        // Pretty: one document over many lines.
+        fs::write(&path, serde_json::to_string_pretty(trajectory).unwrap()).unwrap();
+        run(dir.path(), "verify t.json")
+    };
+    assert!(verify(&good).ends_with(0).stdout.contains("feasible: 0 of"));
+
+    let broken: [(&str, Value, &[&str]); 12] = [
+        ("/T", json!(0.7), &["T", "0.7 s", "0.6"]),
+        ("/T", Value::Null, &["null"]),
+        ("/base_lin/nodes", json!(vec![[0.0; 6]]), &["base_lin.nodes", "1 nodes for", "one node more"]),
+        ("/base_ang/poly_durations/0", json!(-0.1), &["base_ang.poly_durations[0]", "-0.1", "positive"]),
+        ("/ee/1/force/nodes", json!([]), &["ee[1].force.nodes", "0 nodes"]),
+        ("/ee/2/motion/nodes/0", json!([0.0, 0.0]), &["length 2"]),
+        ("/ee", json!([]), &["ee", "0 feet", "4 feet"]),
+        ("/durations/3/0", json!(0.5), &["T", "ends at 0.5 s"]),
+        ("/durations/3", json!([0.3, 0.3]), &["durations, foot 3", "odd number"]),
+        ("/robot", json!("cat"), &["robot", "cat", "anymal"]),
+        ("/robot", json!("biped"), &["4 feet", "2 feet", "biped"]),
+        ("/scenario", json!(5), &["5", "string"]),
+    ];
+    for (pointer, value, parts) in broken {
+        let mut trajectory = good.clone();
+        *trajectory.pointer_mut(pointer).unwrap() = value;
+        verify(&trajectory).ends_with(4).says(&["t.json"]).says(parts);
+    }
+    let mut trajectory = good.clone();
+    trajectory.as_object_mut().unwrap().remove("base_ang");
+    verify(&trajectory).ends_with(4).says(&["t.json", "missing field", "base_ang"]);
+
+    for (pointer, change) in [("/base_lin/nodes/2/0", 0.1), ("/ee/0/motion/nodes/0/2", 0.01), ("/base_target/1", 0.05)] {
+        let mut trajectory = good.clone();
+        let value = trajectory.pointer_mut(pointer).unwrap();
+        *value = json!(value.as_f64().unwrap() + change);
+        assert!(verify(&trajectory).ends_with(3).stdout.contains("not feasible"), "{pointer}");
+    }
+
+    let (good, bad) = (good.to_string(), &good.to_string()[..100]);
+    fs::write(dir.path().join("t.jsonl"), format!("{good}\n{good}\n{bad}\n")).unwrap();
+    let ran = run(dir.path(), "verify t.jsonl");
+    assert!(ran.ends_with(4).says(&["t.jsonl, line 3"]).stdout.contains("line 2"));
+    fs::write(&path, "").unwrap();
+    run(dir.path(), "verify t.json").ends_with(4).says(&["t.json", "EOF"]);
+    run(dir.path(), "verify none.json").ends_with(4).says(&["none.json"]);
+    run(dir.path(), "verify .").ends_with(4).says(&["directory"]);
+}
+
+#[test]
+fn verify_accepts_towrs_own_solutions() {
+    let Some(path) = shared("reference/towr_solutions.jsonl") else { return };
+    let dir = folder();
+    let args = ["verify", path.to_str().unwrap(), "--robot", "hex=pexod-as-published"];
+    assert!(run_in(dir.path(), &args).ends_with(0).stdout.contains("10 of 10 trajectories feasible"));
+    // With the inertia of a possible body the hexapod's do not hold.
+    run_in(dir.path(), &args[..2]).ends_with(3);
+}
+
+// ---------------------------------------------------------------- the rest
+
+#[test]
+fn list_names_everything() {
+    let dir = folder();
+    let text = run(dir.path(), "list");
+    for name in ["anymal", "pexod-as-published", "chimney-lr", "s3", "hex", "experiment3"] {
+        assert!(text.ends_with(0).stdout.contains(name), "{name}");
+    }
+    let json: Value = serde_json::from_str(&run(dir.path(), "list --json").ends_with(0).stdout).unwrap();
+    assert!(json["robots"].as_array().unwrap().contains(&json!("anymal")));
+    assert!(json["terrains"].as_array().unwrap().contains(&json!("step")));
+    assert_eq!(json["scenarios"][2]["name"], "s3");
+    assert_eq!((&json["targets"], &json["presets"][0]["name"]), (&json!(20), &json!("experiment1")));
+}
+
+/// Waits for a child, at most some seconds.
+fn wait(child: &mut std::process::Child, limit: Duration) -> std::process::ExitStatus {
+    let start = Instant::now();
+    loop {
+        if let Some(status) = child.try_wait().unwrap() {
+            return status;
+        }
+        if start.elapsed() > limit {
+            child.kill().unwrap();
+            panic!("still running after {limit:?}");
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_ends_a_search_with_the_best_so_far() {
+    let dir = folder();
+    let args = "solve --scenario s1 --preset experiment3 --objective fewest-stances --population 512 --out out";
+    let mut child = std::process::Command::new(PROGRAM)
+        .args(args.split(' '))
+        .current_dir(dir.path())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    // The folder is made after the handler.
+    let start = Instant::now();
+    while !dir.path().join("out").exists() && start.elapsed() < Duration::from_secs(10) {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    std::thread::sleep(Duration::from_secs(1));
+    assert!(std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    let status = wait(&mut child, Duration::from_secs(5));
+    assert!(matches!(status.code(), Some(0 | 3)), "{status:?}");
+    let result = read(dir.path().join("out/result.json"));
+    assert_eq!(result["stop"], "cancelled");
+    assert_eq!(result["feasible"] == true, status.code() == Some(0));
+    run(dir.path(), "verify out/trajectory.json").ends_with(status.code().unwrap());
+}
+
+#[test]
+fn a_closed_pipe_does_not_panic() {
+    let dir = folder();
+    for (args, expected) in [("solve --scenario s1", 0), ("list", 0), ("solve --scenario s9", 2)] {
+        let mut child = std::process::Command::new(PROGRAM)
+            .args(args.split(' '))
+            .current_dir(dir.path())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        // The reading ends close before the program has anything to say.
+        drop((child.stdout.take(), child.stderr.take()));
+        assert_eq!(wait(&mut child, Duration::from_secs(30)).code(), Some(expected), "{args}");
+    }
+}

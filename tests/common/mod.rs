@@ -1,0 +1,271 @@
+//! What the test binaries share: seeded gaits and points, reference data, and rows as dense matrices.
+#![allow(dead_code, reason = "each test binary uses a part of this")]
+
+use cregopt::gait::Schedule;
+use cregopt::nlp::layout::NONE;
+use cregopt::nlp::{Layout, Real};
+use cregopt::robot::Robot;
+use cregopt::scenario::Scenario;
+use cregopt::settings::TranscriptionSettings;
+use cregopt::task::Task;
+use cregopt::terrain::{Grid, Ground, Shape, Terrain};
+use nalgebra::DMatrix;
+use std::ops::RangeInclusive;
+use std::path::Path;
+use std::sync::Arc;
+
+/// SplitMix64.
+pub struct Random(u64);
+
+impl Random {
+    pub fn new(seed: u64) -> Random {
+        Random(seed)
+    }
+
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    pub fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * (self.next() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    pub fn index(&mut self, range: RangeInclusive<usize>) -> usize {
+        range.start() + (self.next() % (range.end() - range.start() + 1) as u64) as usize
+    }
+
+    fn normal(&mut self) -> f64 {
+        // Box-Muller; 1 - u is never 0.
+        let radius = (-2. * (1. - self.between(0., 1.)).ln()).sqrt();
+        radius * (std::f64::consts::TAU * self.between(0., 1.)).cos()
+    }
+}
+
+/// A gait as the reference draws it: log durations N(-1.75, 1) clamped to [-2.5, -1].
+pub fn gait(random: &mut Random, feet: usize, stances: RangeInclusive<usize>) -> Schedule {
+    let mut foot = || {
+        let phases = 2 * random.index(stances.clone()) - 1;
+        (0..phases).map(|_| (random.normal() - 1.75).clamp(-2.5, -1.).exp()).collect()
+    };
+    Schedule::new((0..feet).map(|_| foot()).collect()).unwrap()
+}
+
+/// A task for a built-in robot on a built-in terrain.
+pub fn task(robot: &str, terrain: &str, goal: [f64; 2], yaw: f64) -> Task {
+    task_for(Robot::named(robot).unwrap(), Terrain::named(terrain).unwrap(), goal, yaw)
+}
+
+/// A task that ends at the base height of the robot above the terrain.
+pub fn task_for(robot: Robot, terrain: Terrain, [x, y]: [f64; 2], yaw: f64) -> Task {
+    let z = robot.base_height + terrain.height(x, y);
+    Task::new(Arc::new(robot), Arc::new(terrain), [x, y, z], yaw).unwrap()
+}
+
+/// A made-up robot with `feet` feet on an ellipse and a full inertia tensor.
+pub fn spider(feet: usize) -> Robot {
+    let nominal_feet = (0..feet).map(|foot| {
+        let angle = std::f64::consts::TAU * (foot as f64 + 0.3) / feet as f64;
+        [0.4 * angle.cos(), 0.3 * angle.sin(), -0.3 - 0.01 * foot as f64]
+    });
+    let robot = Robot {
+        name: format!("spider with {feet} feet"),
+        mass: 12.,
+        inertia: [[0.31, 0.02, -0.03], [0.02, 0.42, 0.01], [-0.03, 0.01, 0.55]],
+        base_height: 0.33,
+        nominal_feet: nominal_feet.collect(),
+        reach: [0.2, 0.15, 0.12],
+    };
+    robot.validate().unwrap();
+    robot
+}
+
+/// Grid cells of 0.7 m by 0.5 m whose heights differ along both axes, so that every cell is twisted.
+pub fn hills() -> Terrain {
+    let height = |i: usize, j: usize| 0.05 * ((3 * i + 5 * j + i * j) % 7) as f64;
+    let heights = (0..20).map(|i| (0..16).map(|j| height(i, j)).collect()).collect();
+    let terrain = Terrain { name: "hills".into(), friction: 0.8, shape: Shape::Grid(Grid { low: [-7., -4.], high: [7., 4.], heights }) };
+    terrain.validate().unwrap();
+    terrain
+}
+
+/// Layout with the default settings of a schedule that is not aligned yet.
+pub fn layout<T: Real>(task: &Task, schedule: &Schedule) -> Layout<T> {
+    layout_with(task, schedule, &TranscriptionSettings::default())
+}
+
+/// Layout of a schedule that is not aligned yet.
+pub fn layout_with<T: Real>(task: &Task, schedule: &Schedule, settings: &TranscriptionSettings) -> Layout<T> {
+    Layout::new(task, &schedule.aligned(settings.interval), settings)
+}
+
+/// Distance from terrain edges that random points keep, m: more than a central difference or f32 rounding moves them.
+const CLEARANCE: f64 = 1e-4;
+
+/// Whether the ground around a point is smooth: its slope changes as its curvature says.
+fn smooth(terrain: &Terrain, x: f64, y: f64) -> bool {
+    let here = terrain.ground(x, y);
+    let [xx, xy, yy] = here.curvature;
+    [[-1., 0.], [1., 0.], [0., -1.], [0., 1.]].iter().all(|[u, v]| {
+        let (dx, dy) = (u * CLEARANCE, v * CLEARANCE);
+        let there = terrain.ground(x + dx, y + dy);
+        let jump = [there.slope[0] - here.slope[0] - xx * dx - xy * dy, there.slope[1] - here.slope[1] - xy * dx - yy * dy];
+        jump.iter().all(|jump| jump.abs() < 1e-9)
+    })
+}
+
+/// Whether averaged slopes have one mixed derivative, which is all that the kernels know. Near a corner of a grid's cells they have two.
+fn one_twist(terrain: &Terrain, x: f64, y: f64, radius: f64) -> bool {
+    let slope = |dx: f64, dy: f64| terrain.ground(x + dx, y + dy).slope;
+    let (across, along) = (slope(radius, 0.)[1] - slope(-radius, 0.)[1], slope(0., radius)[0] - slope(0., -radius)[0]);
+    (across - along).abs() < 1e-9
+}
+
+/// A random point near the initial guess. Footholds, the points `edge_radius` around them, and the middles of swings stay clear of
+/// edges of the terrain.
+pub fn point(layout: &Layout<f64>, random: &mut Random, edge_radius: f64) -> Vec<f64> {
+    let mut x = layout.initial.clone();
+    let free = |at: usize| at < layout.variables;
+    for block in layout.curves.base.iter().map(|&b| b as usize).filter(|&b| free(b)) {
+        for d in 0..6 {
+            x[block + d] += if d < 3 { random.between(-0.1, 0.1) } else { random.between(-0.4, 0.4) };
+        }
+    }
+    let clear = |[x, y]: [f64; 2], radius: f64| {
+        let around = [[0., 0.], [-radius, 0.], [radius, 0.], [0., -radius], [0., radius]];
+        one_twist(&layout.terrain, x, y, radius) && around.iter().all(|[dx, dy]| smooth(&layout.terrain, x + dx, y + dy))
+    };
+    for foot in &layout.curves.feet {
+        for &node in foot.force_nodes.iter().flatten().filter(|&&n| n != NONE) {
+            for d in 0..6 {
+                x[node as usize + d] += random.between(-0.6, 0.6);
+            }
+        }
+        for &height in &foot.heights {
+            x[height as usize] += random.between(-0.1, 0.1);
+        }
+        let mut previous: Option<[f64; 2]> = None;
+        for at in foot.footholds.iter().map(|&f| f as usize) {
+            let guess = [x[at], x[at + 1]];
+            let mut foothold = guess;
+            while free(at) {
+                foothold = guess.map(|v| v + random.between(-0.15, 0.15));
+                let middle = |p: [f64; 2]| [(p[0] + foothold[0]) / 2., (p[1] + foothold[1]) / 2.];
+                if clear(foothold, edge_radius) && previous.is_none_or(|p| clear(middle(p), 0.)) {
+                    break;
+                }
+            }
+            x[at..at + 2].copy_from_slice(&foothold);
+            previous = Some(foothold);
+        }
+    }
+    x
+}
+
+/// Residuals and Jacobian values at one point.
+pub struct Rows<T> {
+    pub c: Vec<T>,
+    pub g: Vec<T>,
+    pub jacobian: Vec<T>,
+}
+
+/// Runs the kernels. Residuals are filled with NaN before, so that one that is not written shows.
+pub fn rows<T: Real>(layout: &Layout<T>, x: &[T], edge_radius: f64) -> Rows<T> {
+    let mut rows = Rows {
+        c: vec![T::nan(); layout.equalities],
+        g: vec![T::nan(); layout.inequalities],
+        jacobian: vec![T::zero(); layout.jacobian_len],
+    };
+    let mut ground = vec![Ground::level(T::nan()); layout.footholds.len()];
+    cregopt::kernels::evaluate(layout, x, T::of(edge_radius), &mut ground, &mut rows.c, &mut rows.g, Some(&mut rows.jacobian));
+    rows
+}
+
+/// The Jacobian as a matrix, `[rows][variables]`, from the tables of the layout.
+pub fn dense_jacobian<T: Real>(layout: &Layout<T>, values: &[T]) -> DMatrix<f64> {
+    let mut dense = DMatrix::zeros(layout.rows, layout.variables);
+    for element in &layout.elements {
+        let place = &element.place;
+        for r in 0..element.rows as usize {
+            for run in &layout.runs[element.runs.start as usize..element.runs.end as usize] {
+                for i in 0..run.len as usize {
+                    let value = values[place.jacobian as usize + r * place.stride as usize + run.column as usize + i];
+                    dense[(place.row as usize + r, run.variable as usize + i)] += value.as_f64();
+                }
+            }
+        }
+    }
+    dense
+}
+
+/// The Jacobian of all inequalities, both sides, `[inequalities][variables]`.
+pub fn dense_inequalities<T: Real>(layout: &Layout<T>, values: &[T]) -> DMatrix<f64> {
+    let by_row = dense_jacobian(layout, values);
+    let mut dense = DMatrix::zeros(layout.inequalities, layout.variables);
+    for element in layout.elements.iter().filter(|e| e.place.row as usize >= layout.equalities) {
+        let (row, at) = (element.place.row as usize, element.place.inequality as usize);
+        for r in 0..element.rows as usize {
+            dense.set_row(at + r, &by_row.row(row + r));
+            if r < element.pairs as usize {
+                dense.set_row(at + element.rows as usize + r, &-by_row.row(row + r));
+            }
+        }
+    }
+    dense
+}
+
+/// One residual for each Jacobian row: equalities, and the upper sides of inequalities.
+pub fn one_sided<T: Real>(layout: &Layout<T>, c: &[T], g: &[T]) -> Vec<f64> {
+    let mut residuals = vec![f64::NAN; layout.rows];
+    for element in &layout.elements {
+        let (row, at) = (element.place.row as usize, element.place.inequality as usize);
+        for r in 0..element.rows as usize {
+            residuals[row + r] = if row < layout.equalities { c[row + r] } else { g[at + r] }.as_f64();
+        }
+    }
+    residuals
+}
+
+/// A candidate of `reference/ipopt_candidates.jsonl`.
+pub struct ReferenceCandidate {
+    pub scenario: String,
+    pub target: u64,
+    pub index: u64,
+    pub task: Task,
+    pub schedule: Schedule,
+    /// Whether Ipopt solved TOWR's problem, in 50 or in 500 iterations.
+    pub solved_by_ipopt: bool,
+}
+
+/// Reads the reference candidates; says so and returns `None` when they are not there.
+pub fn reference_candidates(test: &str) -> Option<Vec<ReferenceCandidate>> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/reference/ipopt_candidates.jsonl");
+    let Ok(text) = std::fs::read_to_string(&path) else {
+        println!("`{test}` skipped: no reference data at {}", path.display());
+        return None;
+    };
+    Some(text.lines().map(reference_candidate).collect())
+}
+
+fn reference_candidate(line: &str) -> ReferenceCandidate {
+    let value: serde_json::Value = serde_json::from_str(line).unwrap();
+    let scenario = Scenario::named(value["scenario"].as_str().unwrap()).unwrap();
+    let target = value["target"].as_u64().unwrap();
+    let mut task = scenario.task(target as usize).unwrap();
+    if scenario.name == "hex" {
+        // The reference was made with the inertia as published.
+        task.robot = Arc::new(Robot::named("pexod-as-published").unwrap());
+    }
+    let durations: Vec<Vec<f64>> = serde_json::from_value(value["durations"].clone()).unwrap();
+    ReferenceCandidate {
+        scenario: scenario.name.into(),
+        target,
+        index: value["idx"].as_u64().unwrap(),
+        task,
+        schedule: Schedule::new(durations).unwrap(),
+        solved_by_ipopt: ["ipopt", "ipopt_long"].iter().any(|run| value[run]["n_violated"] == 0),
+    }
+}

@@ -1,0 +1,616 @@
+//! The kernels against independent f64 formulas on TOWR's node values, central differences and dense linear algebra.
+
+mod common;
+
+use common::{
+    Random, Rows, dense_inequalities, dense_jacobian, gait, hills, layout, layout_with, one_sided, point, rows, spider, task, task_for,
+};
+use cregopt::certify::verify::{Family, verify_rows};
+use cregopt::gait::{Curve, Schedule, Trajectory};
+use cregopt::kernels::front::{Factor, System, factorise, substitute};
+use cregopt::kernels::step::{self, Slacks};
+use cregopt::nlp::towr::towr_nodes;
+use cregopt::nlp::{Layout, Real};
+use cregopt::robot::GRAVITY;
+use cregopt::settings::TranscriptionSettings;
+use cregopt::task::Task;
+use cregopt::terrain::{Shape, Terrain};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+
+/// Residuals, kernel against formula. Second differences of node values 0.1 s apart lose four of sixteen digits.
+const RESIDUAL_TOLERANCE: f64 = 1e-10;
+
+/// Step of central differences; the error of their quotient is near 1e-10 by rounding and by curvature.
+const DIFFERENCE_STEP: f64 = 1e-5;
+
+/// Jacobian entries against central differences, relative to the larger of 1 and the entry.
+const JACOBIAN_TOLERANCE: f64 = 2e-6;
+
+/// Direction, f64 front against dense solve, relative to its norm: condition numbers up to 1e7 on 1e-16.
+const F64_SOLVE_TOLERANCE: f64 = 1e-9;
+
+/// Backward error of the f32 front, in units of f32 precision: a Cholesky solve is backward stable, and sums of up to 100 products grow
+/// like the root of their number.
+const F32_BACKWARD_ERROR: f64 = 20. * f32::EPSILON as f64;
+
+/// f32 kernels against f64 kernels at the same point, relative to the larger of 1 and the value. Positions up to 6 m are 2.4e-7 m off,
+/// which rows in units of 0.1 m multiply by 10, and the normal of the steep gap by its curvature of 33/m.
+const F32_TOLERANCE: f64 = 2e-4;
+
+/// Linear conditions of elementwise steps, relative to the sizes of their terms: a few roundings.
+const ELEMENTWISE_TOLERANCE: f64 = 1e-14;
+
+/// Sums over all rows in another order, relative.
+const SUM_TOLERANCE: f64 = 1e-11;
+
+struct Case {
+    name: String,
+    task: Task,
+    schedule: Schedule,
+}
+
+/// Robots with one to eight feet, on every kind of terrain, with and without a turn.
+fn cases() -> Vec<Case> {
+    let mut random = Random::new(1);
+    let gap = || Terrain::named("gap").unwrap();
+    let tasks = [
+        task("anymal", "flat", [5.9, -0.3], std::f64::consts::PI),
+        task("anymal", "step", [3.9, 0.4], 2.),
+        task("biped", "gap", [2.7, 0.2], 0.3),
+        task("monoped", "slope", [3.8, -0.2], -0.4),
+        task("pexod", "slope", [3.3, 0.5], 1.),
+        task_for(spider(3), gap(), [2.5, 0.1], -1.),
+        task_for(spider(5), hills(), [1., 1.], 0.),
+        task_for(spider(7), hills(), [4.5, -1.], 0.5),
+        task_for(spider(8), gap(), [2.6, -0.4], 0.7),
+    ];
+    let case = |task: Task| {
+        let feet = task.robot.feet();
+        let name = format!("{} on {}", task.robot.name, task.terrain.name);
+        Case { name, schedule: gait(&mut random, feet, 5..=13), task }
+    };
+    let mut cases: Vec<Case> = tasks.into_iter().map(case).collect();
+    // Phases that begin and end at instants, and one that lasts throughout.
+    let round =
+        Schedule::new(vec![vec![0.4, 0.4, 0.2], vec![0.1, 0.3, 0.16, 0.24, 0.2], vec![1.], vec![0.08, 0.16, 0.56, 0.1, 0.1]]).unwrap();
+    cases.push(Case { name: "round durations".into(), task: task("anymal", "flat", [0.3, 0.1], 0.2), schedule: round });
+    cases
+}
+
+/// Value, first and second derivative of a curve. The piece as a polynomial in seconds.
+fn at(curve: &Curve, t: f64) -> [Vector3<f64>; 3] {
+    let (mut start, mut piece) = (0., 0);
+    while piece + 1 < curve.poly_durations.len() && t > start + curve.poly_durations[piece] {
+        start += curve.poly_durations[piece];
+        piece += 1;
+    }
+    let (d, u) = (curve.poly_durations[piece], t - start);
+    let value = |node: usize| Vector3::from_column_slice(&curve.nodes[node][..3]);
+    let slope = |node: usize| Vector3::from_column_slice(&curve.nodes[node][3..]);
+    let (p, q, v, w) = (value(piece), value(piece + 1), slope(piece), slope(piece + 1));
+    let a = (3. * (q - p) - d * (2. * v + w)) / (d * d);
+    let b = (2. * (p - q) + d * (v + w)) / (d * d * d);
+    [p + u * (v + u * (a + u * b)), v + u * (2. * a + u * 3. * b), 2. * a + 6. * u * b]
+}
+
+/// Rotation from base to world by Euler angles roll, pitch, yaw, and its first two derivatives in time.
+fn rotation([angles, rates, accelerations]: [Vector3<f64>; 3]) -> [Matrix3<f64>; 3] {
+    // One axis: R(a), R' = a' dR/da, R'' = a'' dR/da + a'^2 d2R/da2.
+    let turn = |axis: usize| {
+        let (j, k) = ((axis + 1) % 3, (axis + 2) % 3);
+        let plane = |cos: f64, sin: f64, one: f64| {
+            let mut m = Matrix3::zeros();
+            m[(axis, axis)] = one;
+            (m[(j, j)], m[(k, k)], m[(k, j)], m[(j, k)]) = (cos, cos, sin, -sin);
+            m
+        };
+        let (sin, cos) = angles[axis].sin_cos();
+        let (value, first, second) = (plane(cos, sin, 1.), plane(-sin, cos, 0.), plane(-cos, -sin, 0.));
+        [value, first * rates[axis], first * accelerations[axis] + second * rates[axis].powi(2)]
+    };
+    let product =
+        |a: [Matrix3<f64>; 3], b: [Matrix3<f64>; 3]| [a[0] * b[0], a[1] * b[0] + a[0] * b[1], a[2] * b[0] + 2. * a[1] * b[1] + a[0] * b[2]];
+    product(product(turn(2), turn(1)), turn(0))
+}
+
+/// The vector `v` of a matrix `[v]x`.
+fn axial(m: &Matrix3<f64>) -> Vector3<f64> {
+    Vector3::new(m[(2, 1)], m[(0, 2)], m[(1, 0)])
+}
+
+/// Moment and force that the forces of the feet miss at time `t`.
+fn defect(task: &Task, nodes: &Trajectory, t: f64) -> [Vector3<f64>; 2] {
+    let robot = &task.robot;
+    let [p, _, acceleration] = at(&nodes.base_lin, t);
+    let [r, r1, r2] = rotation(at(&nodes.base_ang, t));
+    let (omega, omega_dot) = (axial(&(r1 * r.transpose())), axial(&(r2 * r.transpose() + r1 * r1.transpose())));
+    let inertia_w = r * Matrix3::from_fn(|i, j| robot.inertia[i][j]) * r.transpose();
+    let mut moment = inertia_w * omega_dot + omega.cross(&(inertia_w * omega));
+    let mut force = robot.mass * (acceleration + Vector3::new(0., 0., GRAVITY));
+    for foot in &nodes.ee {
+        let (x, f) = (at(&foot.motion, t)[0], at(&foot.force, t)[0]);
+        moment -= (x - p).cross(&f);
+        force -= f;
+    }
+    [moment, force]
+}
+
+/// Scaled residuals of the reduced problem from TOWR's node values, in the order of the layout.
+fn expected(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> (Vec<f64>, Vec<f64>) {
+    let (robot, settings) = (&task.robot, TranscriptionSettings::default());
+    let (weight, feet) = (robot.mass * GRAVITY, robot.feet());
+    let leg = robot.nominal_feet[0][2].abs();
+    let mut c = vec![f64::NAN; layout.equalities];
+    let mut g = vec![f64::NAN; layout.inequalities];
+
+    let instants = (nodes.horizon / 0.1).round() as usize + 1;
+    assert_eq!(layout.dynamics.len(), instants);
+    for (k, instant) in layout.dynamics.iter().enumerate() {
+        let [moment, force] = defect(task, nodes, k as f64 * 0.1);
+        for d in 0..3 {
+            c[instant.place.row as usize + d] = moment[d] / (weight * leg);
+            c[instant.place.row as usize + 3 + d] = force[d] / weight;
+        }
+    }
+
+    let mut times: Vec<f64> = (0..).map(|i| i as f64 * 0.08).take_while(|&t| t < nodes.horizon - 1e-9).collect();
+    times.push(nodes.horizon);
+    assert_eq!(layout.reach.len(), times.len());
+    for (instant, t) in layout.reach.iter().zip(times) {
+        let base = at(&nodes.base_lin, t)[0];
+        let to_base = rotation(at(&nodes.base_ang, t))[0].transpose();
+        for (foot, entry) in layout.reach_feet[instant.feet.start as usize..instant.feet.end as usize].iter().enumerate() {
+            let offset = to_base * (at(&nodes.ee[foot].motion, t)[0] - base) - Vector3::from(robot.nominal_feet[foot]);
+            for d in 0..3 {
+                let row = entry.place.inequality as usize + d;
+                // In units of 0.1 m.
+                g[row] = (offset[d] - robot.reach[d] + settings.length_margin) / 0.1;
+                g[row + 3] = (-offset[d] - robot.reach[d] + settings.length_margin) / 0.1;
+            }
+        }
+    }
+
+    let (mut force_nodes, mut swing_nodes) = (layout.force_nodes.iter(), layout.swing_nodes.iter());
+    let unit = weight / feet as f64;
+    let margin = settings.force_margin * weight;
+    for (foot, durations) in nodes.ee.iter().zip(&nodes.durations) {
+        let stances = durations.len().div_ceil(2);
+        for stance in 0..stances {
+            // Motion nodes: two a stance, one a swing. Force nodes: four a stance.
+            let foothold = foot.motion.nodes[3 * stance];
+            let [hx, hy] = task.terrain.ground(foothold[0], foothold[1]).slope;
+            let n = Vector3::new(-hx, -hy, 1.).normalize();
+            let tangents = [Vector3::new(1., 0., hx).normalize(), Vector3::new(0., 1., hy).normalize()];
+            let free = usize::from(stance > 0)..4 - usize::from(stance + 1 < stances);
+            for node in free {
+                let f = Vector3::from_column_slice(&foot.force.nodes[4 * stance + node][..3]);
+                let row = force_nodes.next().unwrap().place.inequality as usize;
+                let (normal, limit) = (n.dot(&f), task.terrain.friction * n.dot(&f));
+                let sides = [
+                    normal - task.force_limit,
+                    tangents[0].dot(&f) - limit,
+                    -tangents[0].dot(&f) - limit,
+                    tangents[1].dot(&f) - limit,
+                    -tangents[1].dot(&f) - limit,
+                    -normal,
+                ];
+                for (r, side) in sides.into_iter().enumerate() {
+                    g[row + r] = (side + margin) / unit;
+                }
+            }
+            if stance + 1 < stances {
+                let mid = foot.motion.nodes[3 * stance + 2];
+                let row = swing_nodes.next().unwrap().place.inequality as usize;
+                g[row] = (task.terrain.height(mid[0], mid[1]) - mid[2] + settings.length_margin) / 0.1;
+            }
+        }
+    }
+    assert!(force_nodes.next().is_none() && swing_nodes.next().is_none());
+    (c, g)
+}
+
+/// The first pair that differs by more than `tolerance * max(1, |expected|)`; NaN differs from everything.
+fn first_difference(got: &[f64], expected: &[f64], tolerance: f64) -> Option<usize> {
+    assert_eq!(got.len(), expected.len());
+    let close = |a: f64, b: f64| (a - b).abs() <= tolerance * b.abs().max(1.);
+    got.iter().zip(expected).position(|(&a, &b)| !close(a, b))
+}
+
+fn assert_close(got: &[f64], expected: &[f64], tolerance: f64, what: &str) {
+    if let Some(i) = first_difference(got, expected, tolerance) {
+        panic!("{what}, entry {i}: {:e} against {:e}, gap {:e}", got[i], expected[i], got[i] - expected[i]);
+    }
+}
+
+#[test]
+fn node_values_give_towrs_rows_the_residuals_of_the_reduced_problem() {
+    for (seed, case) in cases().iter().enumerate() {
+        let layout = layout::<f64>(&case.task, &case.schedule);
+        let x = point(&layout, &mut Random::new(seed as u64), 0.);
+        let rows = rows(&layout, &x, 0.);
+        let (c, g) = expected(&case.task, &towr_nodes(&case.task, &layout, &x), &layout);
+        assert_close(&rows.c, &c, RESIDUAL_TOLERANCE, &format!("{}, equalities", case.name));
+        assert_close(&rows.g, &g, RESIDUAL_TOLERANCE, &format!("{}, inequalities", case.name));
+    }
+}
+
+#[test]
+fn rows_that_were_eliminated_hold_at_any_point() {
+    for (seed, case) in cases().iter().enumerate() {
+        let layout = layout::<f64>(&case.task, &case.schedule);
+        let x = point(&layout, &mut Random::new(seed as u64), 0.);
+        let report =
+            verify_rows(&towr_nodes(&case.task, &layout, &x), &case.task.robot, &case.task.terrain, case.task.force_limit).unwrap();
+        for family in [Family::BaseAcceleration, Family::Swing, Family::Bounds, Family::Structure] {
+            assert_eq!(report.family(family).violated, 0, "{}\n{report}", case.name);
+        }
+        assert!(report.family(Family::Dynamics).violated > 0, "a random point does not move like a rigid body");
+    }
+}
+
+/// Jacobian by central differences of one-sided residuals, `[rows][variables]`.
+fn differences(layout: &Layout<f64>, x: &[f64], edge_radius: f64) -> DMatrix<f64> {
+    let mut result = DMatrix::zeros(layout.rows, layout.variables);
+    let mut x = x.to_vec();
+    for column in 0..layout.variables {
+        let mut moved = |by: f64| {
+            let before = x[column];
+            x[column] += by;
+            let Rows { c, g, .. } = rows(layout, &x, edge_radius);
+            x[column] = before;
+            DVector::from_vec(one_sided(layout, &c, &g))
+        };
+        let difference = moved(DIFFERENCE_STEP) - moved(-DIFFERENCE_STEP);
+        result.set_column(column, &(difference / (2. * DIFFERENCE_STEP)));
+    }
+    result
+}
+
+#[test]
+fn jacobians_match_central_differences() {
+    for (seed, case) in cases().iter().enumerate() {
+        // Fewer stances than in the search: every variable takes two evaluations.
+        let schedule = gait(&mut Random::new(seed as u64), case.task.robot.feet(), 3..=6);
+        let layout = layout::<f64>(&case.task, &schedule);
+        for edge_radius in [0., 0.04] {
+            let x = point(&layout, &mut Random::new(seed as u64), edge_radius);
+            let analytic = dense_jacobian(&layout, &rows(&layout, &x, edge_radius).jacobian);
+            let numeric = differences(&layout, &x, edge_radius);
+            let difference = first_difference(analytic.as_slice(), numeric.as_slice(), JACOBIAN_TOLERANCE);
+            if let Some((row, variable)) = difference.map(|i| (i % layout.rows, i / layout.rows)) {
+                let family = layout.elements.iter().find(|e| (e.place.row..e.place.row + e.rows).contains(&(row as u32))).unwrap().family;
+                let (a, b) = (analytic[(row, variable)], numeric[(row, variable)]);
+                panic!("{}, edge radius {edge_radius}, {family:?} row {row}, variable {variable}: {a:e} against {b:e}", case.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_cases_stand_on_slopes_wherever_there_are_any() {
+    for (seed, case) in cases().iter().enumerate().filter(|(_, case)| case.task.terrain.shape != Shape::Flat) {
+        let layout = layout::<f64>(&case.task, &case.schedule);
+        let x = point(&layout, &mut Random::new(seed as u64), 0.);
+        let on_slope = layout.footholds.iter().filter(|&&f| case.task.terrain.ground(x[f as usize], x[f as usize + 1]).slope != [0.; 2]);
+        assert!(on_slope.count() >= 3, "{}", case.name);
+    }
+}
+
+#[test]
+fn a_wrong_entry_is_seen() {
+    let case = &cases()[0];
+    let layout = layout::<f64>(&case.task, &gait(&mut Random::new(0), 4, 3..=3));
+    let x = point(&layout, &mut Random::new(0), 0.);
+    let Rows { c, jacobian, .. } = rows(&layout, &x, 0.);
+    let numeric = differences(&layout, &x, 0.);
+    let mut analytic = dense_jacobian(&layout, &jacobian);
+    assert_eq!(first_difference(analytic.as_slice(), numeric.as_slice(), JACOBIAN_TOLERANCE), None);
+    let middle = analytic.len() / 2;
+    let small = 3. * JACOBIAN_TOLERANCE * numeric.as_slice()[middle].abs().max(1.);
+    for wrong in [small, -small, f64::NAN, f64::INFINITY] {
+        let right = std::mem::replace(&mut analytic.as_mut_slice()[middle], wrong + numeric.as_slice()[middle]);
+        assert_eq!(first_difference(analytic.as_slice(), numeric.as_slice(), JACOBIAN_TOLERANCE), Some(middle), "off by {wrong}");
+        analytic.as_mut_slice()[middle] = right;
+    }
+    // A foot 1 um off moves a moment.
+    let nodes = towr_nodes(&case.task, &layout, &x);
+    let mut moved = nodes.clone();
+    moved.ee[0].motion.nodes.iter_mut().for_each(|node| node[0] += 1e-6);
+    assert_eq!(first_difference(&c, &expected(&case.task, &nodes, &layout).0, RESIDUAL_TOLERANCE), None);
+    assert!(first_difference(&c, &expected(&case.task, &moved, &layout).0, RESIDUAL_TOLERANCE).is_some());
+}
+
+/// Random weights, some of them zero, with values that are zero there too; a diagonal; a proximal weight.
+struct System {
+    weight: Vec<f64>,
+    value: Vec<f64>,
+    diagonal: Vec<f64>,
+    proximal: f64,
+}
+
+impl System {
+    fn new<T: Real>(layout: &Layout<T>, random: &mut Random, zeros: f64, proximal: f64) -> System {
+        let weight: Vec<f64> =
+            (0..layout.rows).map(|_| if random.between(0., 1.) < zeros { 0. } else { random.between(0.01, 1.) }).collect();
+        let value = weight.iter().map(|&w| if w == 0. { 0. } else { random.between(-1., 1.) }).collect();
+        let diagonal = (0..layout.variables).map(|_| random.between(0.01, 10.)).collect();
+        System { weight, value, diagonal, proximal }
+    }
+
+    /// `eps D + J' W J` and `-J' v`.
+    fn dense<T: Real>(&self, layout: &Layout<T>, jacobian: &[T]) -> (DMatrix<f64>, DVector<f64>) {
+        let j = dense_jacobian(layout, jacobian);
+        let mut matrix = DMatrix::from_diagonal(&(self.proximal * DVector::from_vec(self.diagonal.clone())));
+        for (row, &w) in j.row_iter().zip(&self.weight) {
+            let entries: Vec<(usize, f64)> = row.iter().copied().enumerate().filter(|entry| entry.1 != 0.).collect();
+            for &(a, left) in &entries {
+                for &(b, right) in &entries {
+                    matrix[(b, a)] += w * left * right;
+                }
+            }
+        }
+        (matrix, -j.tr_mul(&DVector::from_vec(self.value.clone())))
+    }
+
+    /// The direction by the front; `None` when it was not positive definite.
+    fn solve<T: Real>(&self, layout: &Layout<T>, jacobian: &[T], factor: &mut Factor<T>) -> Option<DVector<f64>> {
+        let of = |values: &[f64]| values.iter().map(|&v| T::of(v)).collect::<Vec<T>>();
+        factor.resize(layout);
+        let (weight, value, diagonal) = (of(&self.weight), of(&self.value), of(&self.diagonal));
+        let positive = factorise(layout, &System { jacobian, weight: &weight, value: &value }, &diagonal, T::of(self.proximal), factor);
+        let mut direction = vec![T::nan(); layout.variables];
+        positive.then(|| {
+            substitute(layout, factor, &mut direction);
+            DVector::from_iterator(layout.variables, direction.iter().map(|d| d.as_f64()))
+        })
+    }
+}
+
+#[test]
+fn the_front_solves_what_a_dense_cholesky_solves() {
+    // One factor for all, so that leftovers of another layout would show.
+    let (mut factor, mut factor_f32) = (Factor::default(), Factor::default());
+    // Many reach instants in a step, and steps without any.
+    let coarse = TranscriptionSettings { interval: 0.3, reach_interval: 0.02, force_pieces: 4, ..TranscriptionSettings::default() };
+    let fine = TranscriptionSettings { interval: 0.05, reach_interval: 0.11, force_pieces: 2, ..TranscriptionSettings::default() };
+    let mut problems: Vec<(Case, TranscriptionSettings)> = Vec::new();
+    for (i, case) in cases().into_iter().enumerate() {
+        let mut random = Random::new(i as u64);
+        let schedule = gait(&mut random, case.task.robot.feet(), if i % 2 == 0 { 3..=7 } else { 1..=3 });
+        problems.push((Case { schedule, ..case }, [TranscriptionSettings::default(), coarse.clone(), fine.clone()][i % 3].clone()));
+    }
+    // One interval: of the base only one coefficient is free.
+    let short = Schedule::new(vec![vec![0.08]; 4]).unwrap();
+    let case = Case { name: "short".into(), task: task("anymal", "flat", [0., 0.], 0.), schedule: short };
+    problems.push((case, TranscriptionSettings::default()));
+    for (seed, (case, settings)) in problems.iter().enumerate() {
+        let mut random = Random::new(seed as u64);
+        let layout = layout_with::<f64>(&case.task, &case.schedule, settings);
+        let layout_f32 = layout_with::<f32>(&case.task, &case.schedule, settings);
+        let x = point(&layout, &mut random, 0.);
+        let jacobian = rows(&layout, &x, 0.).jacobian;
+        let x_f32: Vec<f32> = x.iter().map(|&v| v as f32).collect();
+        let jacobian_f32 = rows(&layout_f32, &x_f32, 0.).jacobian;
+        for (zeros, proximal) in [(0., 1e-3), (0.4, 1e-3), (1., 1.)] {
+            let what = format!("{}, {zeros} of the weights zero", case.name);
+            let system = System::new(&layout, &mut random, zeros, proximal);
+            let (matrix, rhs) = system.dense(&layout, &jacobian);
+            let exact = matrix.clone().cholesky().unwrap().solve(&rhs);
+            let direction = system.solve(&layout, &jacobian, &mut factor).unwrap();
+            let error = (&direction - &exact).norm();
+            assert!(error <= F64_SOLVE_TOLERANCE * exact.norm(), "{what}, f64: error {error:e} of {:e}", exact.norm());
+
+            let (matrix, rhs) = system.dense(&layout_f32, &jacobian_f32);
+            let direction = system.solve(&layout_f32, &jacobian_f32, &mut factor_f32).unwrap();
+            let (residual, size) = ((&matrix * &direction - &rhs).norm(), matrix.norm() * direction.norm() + rhs.norm());
+            assert!(residual <= F32_BACKWARD_ERROR * size, "{what}, f32: backward error {:e}", residual / size);
+            assert!(direction.norm() > 0. || zeros == 1., "{what}");
+        }
+    }
+}
+
+#[test]
+fn a_system_that_is_not_positive_definite_is_refused() {
+    let case = &cases()[0];
+    let layout = layout::<f64>(&case.task, &case.schedule);
+    let mut random = Random::new(3);
+    let x = point(&layout, &mut random, 0.);
+    let jacobian = rows(&layout, &x, 0.).jacobian;
+    let mut factor = Factor::default();
+    let mut solves = |system: &System| system.solve(&layout, &jacobian, &mut factor).is_some();
+    let system = |random: &mut Random, zeros, proximal| System::new(&layout, random, zeros, proximal);
+    assert!(solves(&system(&mut random, 0., 1e-3)));
+    assert!(!solves(&system(&mut random, 1., 0.)), "a zero matrix");
+    assert!(!solves(&system(&mut random, 0., -10.)), "a negative diagonal");
+    for (at, bad) in [(0, -1e6), (layout.variables / 2, -1e6), (layout.variables - 1, -1e6), (layout.variables - 1, f64::NAN)] {
+        let mut spoilt = system(&mut random, 0., 1e-3);
+        spoilt.diagonal[at] = bad;
+        assert!(!solves(&spoilt), "diagonal {at} is {bad}");
+    }
+    assert!(solves(&system(&mut random, 0., 1e-3)), "a refusal leaves nothing behind");
+}
+
+#[test]
+fn f32_kernels_agree_with_f64_kernels() {
+    for (seed, case) in cases().iter().enumerate() {
+        let (layout, layout_f32) = (layout::<f64>(&case.task, &case.schedule), layout::<f32>(&case.task, &case.schedule));
+        let x_f32: Vec<f32> = point(&layout, &mut Random::new(seed as u64), 0.04).iter().map(|&v| v as f32).collect();
+        let x: Vec<f64> = x_f32.iter().map(|&v| v.into()).collect();
+        for edge_radius in [0., 0.04] {
+            let (wide, narrow) = (rows(&layout, &x, edge_radius), rows(&layout_f32, &x_f32, edge_radius));
+            let widened = |values: &[f32]| values.iter().map(|&v| v.into()).collect::<Vec<f64>>();
+            let close = |got: &[f32], expected: &[f64], what: &str| {
+                assert_close(&widened(got), expected, F32_TOLERANCE, &format!("{}, edge radius {edge_radius}, {what}", case.name));
+            };
+            close(&narrow.c, &wide.c, "equalities");
+            close(&narrow.g, &wide.g, "inequalities");
+            close(&narrow.jacobian, &wide.jacobian, "Jacobian");
+        }
+    }
+}
+
+/// A random solver state on the first case: rows, slacks and multipliers around 1, some small.
+struct State {
+    layout: Layout<f64>,
+    rows: Rows<f64>,
+    slacks: Slacks<f64>,
+    x: Vec<f64>,
+}
+
+fn state() -> State {
+    let case = &cases()[1];
+    let mut random = Random::new(11);
+    let layout = layout::<f64>(&case.task, &gait(&mut random, 4, 3..=5));
+    let x = point(&layout, &mut random, 0.);
+    let rows = rows(&layout, &x, 0.);
+    let mut positive = || (0..layout.inequalities).map(|_| random.between(-6., 1.).exp()).collect::<Vec<f64>>();
+    let (slack, multiplier) = (positive(), positive());
+    let zero = vec![0.; layout.inequalities];
+    State { rows, slacks: Slacks { slack, multiplier, slack_step: zero.clone(), multiplier_step: zero }, layout, x }
+}
+
+/// Barrier parameter of the elementwise tests.
+const MU: f64 = 0.03;
+
+#[test]
+fn jacobian_products_are_derivatives_along_the_direction() {
+    let State { layout, rows, x, .. } = state();
+    let mut random = Random::new(12);
+    let direction: Vec<f64> = (0..layout.variables).map(|_| random.between(-1., 1.)).collect();
+    let (mut by_c, mut by_g) = (vec![f64::NAN; layout.equalities], vec![f64::NAN; layout.inequalities]);
+    step::jacobian_times(&layout, &rows.jacobian, &direction, &mut by_c, &mut by_g);
+    // Along a straight line, both sides of every inequality.
+    let moved = |by: f64| {
+        let mut moved = x.clone();
+        step::advance(&x[..layout.variables], by, &direction, &mut moved[..layout.variables]);
+        common::rows(&layout, &moved, 0.)
+    };
+    let (ahead, behind) = (moved(DIFFERENCE_STEP), moved(-DIFFERENCE_STEP));
+    let quotient = |a: &[f64], b: &[f64]| -> Vec<f64> { a.iter().zip(b).map(|(a, b)| (a - b) / (2. * DIFFERENCE_STEP)).collect() };
+    assert_close(&by_c, &quotient(&ahead.c, &behind.c), JACOBIAN_TOLERANCE, "equalities");
+    assert_close(&by_g, &quotient(&ahead.g, &behind.g), JACOBIAN_TOLERANCE, "inequalities");
+}
+
+#[test]
+fn row_weights_are_those_of_the_full_system() {
+    let State { layout, rows, slacks, .. } = state();
+    let (jc, jg) =
+        (dense_jacobian(&layout, &rows.jacobian).rows(0, layout.equalities).into_owned(), dense_inequalities(&layout, &rows.jacobian));
+    let j = dense_jacobian(&layout, &rows.jacobian);
+    let (c, g) = (DVector::from_column_slice(&rows.c), &rows.g);
+    let inequality = |i: usize, barrier: bool| {
+        let (s, z) = (slacks.slack[i], slacks.multiplier[i]);
+        let w = 1. / (s / z + 1.);
+        match barrier {
+            true => (w, z + w * (g[i] - z + MU / z)),
+            false if g[i] > 0. => (1., g[i]),
+            false => (0., 0.),
+        }
+    };
+    for barrier in [true, false] {
+        let (mut weight, mut value) = (vec![f64::NAN; layout.rows], vec![f64::NAN; layout.rows]);
+        match barrier {
+            true => step::barrier_rows(&layout, &rows.c, g, &slacks, MU, &mut weight, &mut value),
+            false => step::closing_rows(&layout, &rows.c, g, &mut weight, &mut value),
+        }
+        // J' W J e and J' v with all rows, against one weight for both sides of a row.
+        let probe = DVector::from_fn(layout.variables, |i, _| ((i * 7919) % 13) as f64 / 13. - 0.4);
+        let (by_c, mut by_g) = (&jc * &probe, &jg * &probe);
+        let mut v = DVector::zeros(layout.inequalities);
+        for i in 0..layout.inequalities {
+            let (w, value) = inequality(i, barrier);
+            by_g[i] *= w;
+            v[i] = value;
+        }
+        let product = jc.tr_mul(&by_c) + jg.tr_mul(&by_g);
+        let gradient = jc.tr_mul(&c) + jg.tr_mul(&v);
+        let weighted = (&j * &probe).component_mul(&DVector::from_vec(weight));
+        assert_close(j.tr_mul(&weighted).as_slice(), product.as_slice(), SUM_TOLERANCE, "matrix");
+        assert_close(j.tr_mul(&DVector::from_vec(value)).as_slice(), gradient.as_slice(), SUM_TOLERANCE, "right-hand side");
+    }
+}
+
+#[test]
+fn columns_are_scaled_by_their_squares() {
+    let State { layout, rows, .. } = state();
+    let (j, jg) = (dense_jacobian(&layout, &rows.jacobian), dense_inequalities(&layout, &rows.jacobian));
+    let mut diagonal = vec![f64::NAN; layout.variables];
+    step::column_scaling(&layout, &rows.jacobian, &mut diagonal);
+    let formula = |i: usize| {
+        let equalities = j.column(i).rows(0, layout.equalities).norm_squared();
+        (equalities + 0.5 * jg.column(i).norm_squared()).max(1e-2)
+    };
+    let expected: Vec<f64> = (0..layout.variables).map(formula).collect();
+    assert_close(&diagonal, &expected, SUM_TOLERANCE, "diagonal");
+}
+
+#[test]
+fn merits_are_their_plain_formulas() {
+    let State { rows: Rows { c, g, .. }, .. } = state();
+    let half_square = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>() / 2.;
+    let violated: Vec<f64> = g.iter().map(|g| g.max(0.)).collect();
+    assert_close(&[step::infeasibility(&c, &g)], &[half_square(&c) + half_square(&violated)], SUM_TOLERANCE, "infeasibility");
+    for mu in [1e-6, MU, 2.] {
+        // The merit with each slack where it is best: s (g + s) = mu.
+        let best = |g: f64| {
+            let s = ((g * g + 4. * mu).sqrt() - g) / 2.;
+            assert!((s * (g + s) - mu).abs() <= 1e-9 * (g * g + mu));
+            (g + s).powi(2) / 2. - mu * s.ln()
+        };
+        let expected = half_square(&c) + g.iter().map(|&g| best(g)).sum::<f64>();
+        assert_close(&[step::merit(&c, &g, mu)], &[expected], SUM_TOLERANCE, "merit");
+        // No other slack is better.
+        let with = |factor: f64| {
+            let slack = |g: f64| factor * ((g * g + 4. * mu).sqrt() - g) / 2.;
+            half_square(&c) + g.iter().map(|&g| (g + slack(g)).powi(2) / 2. - mu * slack(g).ln()).sum::<f64>()
+        };
+        assert!(with(1.01) > expected && with(0.99) > expected);
+    }
+    let far: Vec<f64> = c.iter().map(|c| c + 0.1).collect();
+    let further: Vec<f64> = g.iter().map(|g| g - 0.2).collect();
+    let gap = (0.01 * c.len() as f64 + 0.04 * g.len() as f64) / 2.;
+    assert_close(&[step::nonlinearity(&far, &c, &further, &g)], &[gap], SUM_TOLERANCE, "nonlinearity");
+}
+
+#[test]
+fn slack_steps_solve_the_linearised_conditions_and_keep_a_twentieth() {
+    let State { layout, rows: Rows { g, .. }, mut slacks, .. } = state();
+    let mut random = Random::new(13);
+    for size in [1., 1e-3] {
+        let change: Vec<f64> = (0..layout.inequalities).map(|_| size * random.between(-1., 1.)).collect();
+        let step = step::slack_steps(&g, &change, MU, &mut slacks);
+        let mut largest = f64::INFINITY;
+        for i in 0..layout.inequalities {
+            let (s, z, ds, dz) = (slacks.slack[i], slacks.multiplier[i], slacks.slack_step[i], slacks.multiplier_step[i]);
+            // z = g + s with penalty 1, and s z = mu, both to first order.
+            let (penalty, centre) = (g[i] + change[i] + s + ds - z - dz, s * z + s * dz + z * ds - MU);
+            let sizes = [g[i].abs() + s + ds.abs() + z + dz.abs(), s * z + (s * dz).abs() + (z * ds).abs() + MU];
+            assert!(penalty.abs() <= ELEMENTWISE_TOLERANCE * sizes[0], "inequality {i}: {penalty:e}");
+            assert!(centre.abs() <= ELEMENTWISE_TOLERANCE * sizes[1], "inequality {i}: {centre:e}");
+            for (value, change) in [(s, ds), (z, dz)] {
+                if change < 0. {
+                    largest = largest.min(-value / change);
+                }
+            }
+        }
+        assert_close(&[step], &[(0.95 * largest).min(1.)], SUM_TOLERANCE, "step");
+
+        let before = (slacks.slack.clone(), slacks.multiplier.clone());
+        let mean = step::update_slacks(&mut slacks, step);
+        let mut sum = 0.;
+        for i in 0..layout.inequalities {
+            let (s, z) = (before.0[i] + step * slacks.slack_step[i], before.1[i] + step * slacks.multiplier_step[i]);
+            sum += s * z;
+            assert_eq!((slacks.slack[i], slacks.multiplier[i]), (s.max(1e-6), z.max(1e-8)));
+            assert!(s >= 0.049 * before.0[i] && z >= 0.049 * before.1[i]);
+        }
+        assert_close(&[mean], &[sum / layout.inequalities as f64], SUM_TOLERANCE, "mean product");
+    }
+}
+
+#[test]
+fn slacks_and_multipliers_stay_off_zero() {
+    let mut slacks = Slacks { slack: vec![1., 2.], multiplier: vec![3., 4.], slack_step: vec![-1., 0.5], multiplier_step: vec![1., -4.] };
+    assert_eq!(step::update_slacks(&mut slacks, 1.), 0.);
+    assert_eq!((slacks.slack, slacks.multiplier), (vec![1e-6, 2.5], vec![4., 1e-8]));
+}

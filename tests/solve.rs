@@ -1,0 +1,321 @@
+//! Small whole problems with known answers, every way a solve can end, and results that do not depend on threads or order.
+
+mod common;
+
+use common::{Random, ReferenceCandidate, gait, layout, reference_candidates, task};
+use cregopt::backend::{Cpu, Precision};
+use cregopt::cem::{CemSettings, StopReason};
+use cregopt::certify::verify_rows;
+use cregopt::evaluate::{Evaluated, LowerSettings, evaluate};
+use cregopt::gait::Schedule;
+use cregopt::nlp::Real;
+use cregopt::scenario::Scenario;
+use cregopt::search::search;
+use cregopt::settings::{SolverSettings, StallSettings};
+use cregopt::solver::{Finish, Outcome, Solver, Status};
+use cregopt::task::Task;
+use std::alloc::{GlobalAlloc, Layout as Memory, System};
+use std::cell::Cell;
+use std::sync::atomic::AtomicBool;
+
+/// The system's allocator; counts what each thread asks of it.
+struct Counting;
+
+thread_local! {
+    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
+}
+
+fn count() {
+    ALLOCATIONS.set(ALLOCATIONS.get() + 1);
+}
+
+// SAFETY: every call goes to the system's allocator; counting in a constant-initialised `Cell` does not allocate.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, memory: Memory) -> *mut u8 {
+        count();
+        unsafe { System.alloc(memory) }
+    }
+
+    unsafe fn dealloc(&self, at: *mut u8, memory: Memory) {
+        unsafe { System.dealloc(at, memory) }
+    }
+
+    unsafe fn alloc_zeroed(&self, memory: Memory) -> *mut u8 {
+        count();
+        unsafe { System.alloc_zeroed(memory) }
+    }
+
+    unsafe fn realloc(&self, at: *mut u8, memory: Memory, size: usize) -> *mut u8 {
+        count();
+        unsafe { System.realloc(at, memory, size) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// ANYmal stays where it is.
+fn standing() -> (Task, Schedule) {
+    (task("anymal", "flat", [0., 0.], 0.), Schedule::new(vec![vec![1.]; 4]).unwrap())
+}
+
+/// A walk that takes some iterations.
+fn walking() -> (Task, Schedule) {
+    (task("anymal", "flat", [1.5, 0.2], 0.3), gait(&mut Random::new(5), 4, 6..=8))
+}
+
+fn solve<T: Real>(problem: &(Task, Schedule), settings: &SolverSettings, start: Option<&[f64]>, cancel: bool) -> Outcome {
+    let finish = if size_of::<T>() == 4 { Finish::Infeasibility(settings.tolerance) } else { Finish::Rows(settings.row_tolerance) };
+    Solver::<T>::default().solve(&layout(&problem.0, &problem.1), settings, finish, start, &|| cancel)
+}
+
+fn evaluate_all(candidates: &[(&Task, &Schedule)], precision: Precision, threads: usize, first_feasible: bool) -> Vec<Option<Evaluated>> {
+    let settings = LowerSettings { precision, ..LowerSettings::default() };
+    evaluate(candidates, &settings, &Cpu::new(threads).unwrap(), first_feasible, &AtomicBool::new(false)).unwrap()
+}
+
+#[test]
+fn standing_still_is_solved_in_a_few_iterations() {
+    let (task, schedule) = standing();
+    for precision in [Precision::F32, Precision::F64] {
+        let results = evaluate_all(&[(&task, &schedule)], precision, 1, false);
+        let result = results[0].as_ref().unwrap();
+        assert_eq!((result.status, result.feasible, result.n_violated), (Status::Solved, true, 0));
+        assert!(result.iterations <= 8, "{} iterations", result.iterations);
+        assert_eq!(result.horizon, 1.);
+        // The base starts and ends 0.5 m above the ground and its four feet never leave it.
+        let curves = &result.trajectory;
+        assert_eq!(curves.ee.iter().map(|foot| foot.motion.poly_durations.len()).sum::<usize>(), 4);
+        assert!((curves.base_lin.nodes[10][2] - 0.5).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn a_solvable_walk_ends_as_solved() {
+    let problem = walking();
+    for outcome in
+        [solve::<f32>(&problem, &SolverSettings::default(), None, false), solve::<f64>(&problem, &SolverSettings::default(), None, false)]
+    {
+        assert_eq!(outcome.status, Status::Solved, "{outcome:?}");
+        assert!(outcome.factorisations >= outcome.iterations && outcome.iterations > 1, "{outcome:?}");
+    }
+}
+
+#[test]
+fn an_iteration_limit_of_one_ends_as_max_iterations() {
+    let settings = SolverSettings { max_iterations: 1, ..SolverSettings::default() };
+    for outcome in [solve::<f32>(&walking(), &settings, None, false), solve::<f64>(&walking(), &settings, None, false)] {
+        assert_eq!((outcome.status, outcome.iterations), (Status::MaxIterations, 1));
+        assert!(outcome.infeasibility.is_finite());
+    }
+}
+
+#[test]
+fn six_metres_in_four_tenths_of_a_second_end_as_stalled() {
+    let impossible = (task("anymal", "flat", [6., 0.], 0.), Schedule::new(vec![vec![0.15, 0.1, 0.15]; 4]).unwrap());
+    for outcome in [
+        solve::<f32>(&impossible, &SolverSettings::default(), None, false),
+        solve::<f64>(&impossible, &SolverSettings::default(), None, false),
+    ] {
+        assert_eq!(outcome.status, Status::Stalled, "{outcome:?}");
+        // The rule steps in well before the limit.
+        assert!(outcome.iterations < 40 && outcome.infeasibility > 1., "{outcome:?}");
+    }
+    let results = evaluate_all(&[(&impossible.0, &impossible.1)], Precision::F32, 1, false);
+    let result = results[0].as_ref().unwrap();
+    assert!(!result.feasible && result.n_violated > 0 && result.status == Status::Stalled);
+}
+
+#[test]
+fn a_start_without_finite_residuals_ends_as_non_finite() {
+    let problem = walking();
+    let layout = layout::<f64>(&problem.0, &problem.1);
+    for bad in [f64::NAN, f64::INFINITY, 1e30] {
+        for at in [0, layout.variables / 2, layout.variables - 1] {
+            let mut start = layout.initial.clone();
+            start[at] = bad;
+            let outcome = solve::<f32>(&problem, &SolverSettings::default(), Some(&start), false);
+            assert_eq!((outcome.status, outcome.iterations), (Status::NonFinite, 0), "x[{at}] = {bad}");
+        }
+    }
+}
+
+#[test]
+fn a_cancelled_solve_ends_as_cancelled() {
+    let outcome = solve::<f32>(&walking(), &SolverSettings::default(), None, true);
+    assert_eq!((outcome.status, outcome.iterations), (Status::Cancelled, 0));
+    // In the middle, too.
+    let problem = walking();
+    let asked = Cell::new(0);
+    let cancel = || {
+        asked.set(asked.get() + 1);
+        asked.get() > 3
+    };
+    let outcome = Solver::<f32>::default().solve(
+        &layout(&problem.0, &problem.1),
+        &SolverSettings::default(),
+        Finish::Infeasibility(1e-7),
+        None,
+        &cancel,
+    );
+    assert_eq!((outcome.status, outcome.iterations), (Status::Cancelled, 3));
+    // A batch that is cancelled has no results.
+    let cancelled = AtomicBool::new(true);
+    let results = evaluate(&[(&problem.0, &problem.1)], &LowerSettings::default(), &Cpu::new(1).unwrap(), false, &cancelled).unwrap();
+    assert!(matches!(results[..], [None]));
+}
+
+#[test]
+fn a_candidate_with_other_feet_is_refused() {
+    let (task, _) = standing();
+    let schedule = Schedule::new(vec![vec![1.]; 2]).unwrap();
+    let error = evaluate(&[(&task, &schedule)], &LowerSettings::default(), &Cpu::new(1).unwrap(), false, &AtomicBool::new(false));
+    assert!(error.unwrap_err().to_string().contains("2 feet"));
+}
+
+/// Twelve gaits over a distance that some of them cover; sizes vary from one to the next.
+fn population() -> (Task, Vec<Schedule>) {
+    let mut random = Random::new(21);
+    let schedules = (0..12).map(|i| gait(&mut random, 4, if i % 3 == 0 { 8..=11 } else { 4..=7 })).collect();
+    (task("anymal", "step", [4.5, 0.4], 1.), schedules)
+}
+
+/// Everything but the clock.
+fn same(a: &Evaluated, b: &Evaluated) -> bool {
+    let numbers = |e: &Evaluated| [e.max_violation, e.mean_normal_force, e.horizon].map(f64::to_bits);
+    let counts = |e: &Evaluated| (e.status, e.feasible, e.iterations, e.factorisations, e.n_violated, e.n_variables);
+    a.trajectory == b.trajectory && numbers(a) == numbers(b) && counts(a) == counts(b)
+}
+
+#[test]
+fn results_do_not_depend_on_threads_or_order() {
+    let (task, schedules) = population();
+    let candidates: Vec<(&Task, &Schedule)> = schedules.iter().map(|s| (&task, s)).collect();
+    let one = evaluate_all(&candidates, Precision::F32, 1, false);
+    let two = evaluate_all(&candidates, Precision::F32, 2, false);
+    // 5 is prime to 12.
+    let order: Vec<usize> = (0..12).map(|i| (5 * i + 3) % 12).collect();
+    let permuted: Vec<(&Task, &Schedule)> = order.iter().map(|&i| candidates[i]).collect();
+    let permuted = evaluate_all(&permuted, Precision::F32, 2, false);
+    for i in 0..12 {
+        let at = order.iter().position(|&j| j == i).unwrap();
+        let [a, b, c] = [&one[i], &two[i], &permuted[at]].map(|r| r.as_ref().unwrap());
+        assert!(same(a, b) && same(a, c), "candidate {i}");
+    }
+    assert!(!same(one[0].as_ref().unwrap(), one[1].as_ref().unwrap()), "two candidates that differ");
+}
+
+#[test]
+fn first_feasible_keeps_everything_up_to_the_lowest_feasible_index() {
+    let (task, mut schedules) = population();
+    let candidates: Vec<(&Task, &Schedule)> = schedules.iter().map(|s| (&task, s)).collect();
+    let all = evaluate_all(&candidates, Precision::F32, 2, false);
+    let feasible: Vec<bool> = all.iter().map(|r| r.as_ref().unwrap().feasible).collect();
+    assert!(feasible.contains(&true) && feasible.contains(&false), "{feasible:?}");
+    // Failing ones first, so that several threads pass the answer before it is known.
+    let (mut order, good): (Vec<usize>, Vec<usize>) = (0..12).partition(|&i| !feasible[i]);
+    order.extend(good);
+    let lowest = order.iter().position(|&i| feasible[i]).unwrap();
+    assert!(lowest > 0 && lowest < 11);
+    schedules = order.iter().map(|&i| schedules[i].clone()).collect();
+    let candidates: Vec<(&Task, &Schedule)> = schedules.iter().map(|s| (&task, s)).collect();
+    for threads in [1, 2, 3] {
+        let results = evaluate_all(&candidates, Precision::F32, threads, true);
+        for (at, result) in results.iter().enumerate() {
+            assert_eq!(result.is_some(), at <= lowest, "{threads} threads, candidate {at}");
+            if let Some(result) = result {
+                assert!(same(result, all[order[at]].as_ref().unwrap()), "{threads} threads, candidate {at}");
+            }
+        }
+    }
+}
+
+#[test]
+fn reference_candidates_are_solved_in_both_precisions() {
+    let Some(candidates) = reference_candidates("reference_candidates_are_solved_in_both_precisions") else { return };
+    let candidates: Vec<ReferenceCandidate> = candidates.into_iter().filter(|c| c.target == 10).collect();
+    assert_eq!(candidates.len(), 80);
+    let problems: Vec<(&Task, &Schedule)> = candidates.iter().map(|c| (&c.task, &c.schedule)).collect();
+    let [narrow, wide] = [Precision::F32, Precision::F64].map(|precision| evaluate_all(&problems, precision, 2, false));
+    let mut solved = std::collections::BTreeMap::new();
+    let mut failures = Vec::new();
+    for ((candidate, narrow), wide) in candidates.iter().zip(&narrow).zip(&wide) {
+        let (narrow, wide) = (narrow.as_ref().unwrap(), wide.as_ref().unwrap());
+        let name = format!("{} {}", candidate.scenario, candidate.index);
+        if narrow.feasible != wide.feasible {
+            failures.push(format!("{name}: feasible in f32 {}, in f64 {}", narrow.feasible, wide.feasible));
+        }
+        if candidate.solved_by_ipopt && !narrow.feasible {
+            failures.push(format!("{name}: solved by Ipopt alone"));
+        }
+        // Counted again, from what the user gets.
+        let task = &candidate.task;
+        let rows = verify_rows(&narrow.trajectory, &task.robot, &task.terrain, task.force_limit).unwrap();
+        if (narrow.feasible, narrow.n_violated) != (rows.n_violated == 0, rows.n_violated) {
+            failures.push(format!("{name}: feasible {}, {} violated, {} counted", narrow.feasible, narrow.n_violated, rows.n_violated));
+        }
+        *solved.entry(candidate.scenario.as_str()).or_insert(0) += usize::from(narrow.feasible);
+    }
+    println!("solved of 16: {solved:?}");
+    for (scenario, at_least) in [("s1", 12), ("s2", 11), ("s3", 11), ("biped", 16), ("hex", 3)] {
+        if solved[scenario] < at_least {
+            failures.push(format!("{scenario}: {} solved, {at_least} once were", solved[scenario]));
+        }
+    }
+    assert!(failures.is_empty(), "{failures:#?}");
+}
+
+#[test]
+fn a_warm_solver_does_not_allocate() {
+    fn check<T: Real>() {
+        let (task, _) = walking();
+        let layout = layout::<T>(&task, &walking().1);
+        let settings = |max_iterations| SolverSettings {
+            max_iterations,
+            // Nothing ends the solve before its limit.
+            closing: 0.,
+            stall: StallSettings { enabled: false, ..StallSettings::default() },
+            ..SolverSettings::default()
+        };
+        let mut solver = Solver::<T>::default();
+        let mut solve = |iterations| {
+            let before = ALLOCATIONS.get();
+            let outcome = solver.solve(&layout, &settings(iterations), Finish::Infeasibility(0.), None, &|| false);
+            (outcome.iterations, ALLOCATIONS.get() - before)
+        };
+        let (iterations, cold) = solve(40);
+        assert!(iterations > 10 && cold > 10, "{iterations} iterations, {cold} allocations");
+        assert_eq!(solve(5), (5, 0));
+        assert_eq!(solve(40), (iterations, 0));
+    }
+    check::<f32>();
+    check::<f64>();
+}
+
+#[test]
+fn the_search_finds_a_gait_and_the_same_one_on_two_threads() {
+    let task = Scenario::named("s1").unwrap().task(10).unwrap();
+    let run = |threads| {
+        let backend = Cpu::new(threads).unwrap();
+        let (upper, lower) = (CemSettings::default(), LowerSettings::default());
+        let mut generations = 0;
+        let found = search(&task, &upper, &lower, 1, &backend, &AtomicBool::new(false), &mut |_| generations += 1).unwrap();
+        assert_eq!((found.stop, found.generations.len()), (StopReason::FirstFeasible, generations));
+        found.best.unwrap()
+    };
+    let (one, two) = (run(1), run(2));
+    assert!(one.evaluation.feasible && one.evaluation.n_violated == 0);
+    let rows = verify_rows(&one.solution.trajectory, &task.robot, &task.terrain, task.force_limit).unwrap();
+    assert!(rows.feasible, "{rows}");
+    assert_eq!((one.generation, one.index, &one.schedule), (two.generation, two.index, &two.schedule));
+    assert!(same(&one.solution, &two.solution));
+}
+
+#[test]
+fn a_cancelled_search_says_so() {
+    let task = Scenario::named("s1").unwrap().task(10).unwrap();
+    let (backend, cancelled) = (Cpu::new(1).unwrap(), AtomicBool::new(true));
+    let found = search(&task, &CemSettings::default(), &LowerSettings::default(), 1, &backend, &cancelled, &mut |_| ()).unwrap();
+    assert_eq!(found.stop, StopReason::Cancelled);
+    assert!(found.best.is_none() && found.first_feasible_after.is_none());
+}
