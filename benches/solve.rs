@@ -8,7 +8,7 @@ use cregopt::backend::{Cpu, Precision};
 use cregopt::evaluate::{LowerSettings, evaluate};
 use cregopt::gait::Schedule;
 use cregopt::kernels;
-use cregopt::kernels::front::{Factor, factorise};
+use cregopt::kernels::front::{Factor, NormalEquations, factorise};
 use cregopt::kernels::step::column_scaling;
 use cregopt::nlp::Layout;
 use cregopt::scenario::{SCENARIOS, Scenario};
@@ -105,7 +105,7 @@ fn factorisation(c: &mut Criterion, scenario: &Scenario, task: &Task, schedules:
             for candidate in &candidates {
                 let Linearised { layout, jacobian, weight, value, diagonal } = candidate;
                 factor.resize(layout);
-                assert!(factorise(layout, jacobian, weight, value, diagonal, 1e-3, &mut factor), "a positive pivot");
+                assert!(factorise(layout, &NormalEquations { jacobian, weight, value }, diagonal, 1e-3, &mut factor), "a positive pivot");
             }
         });
     });

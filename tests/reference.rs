@@ -7,7 +7,7 @@ use common::{
 };
 use cregopt::certify::verify::{Family, verify_rows};
 use cregopt::gait::{Curve, Schedule, Trajectory};
-use cregopt::kernels::front::{Factor, System, factorise, substitute};
+use cregopt::kernels::front::{Factor, NormalEquations, factorise, substitute};
 use cregopt::kernels::step::{self, Slacks};
 use cregopt::nlp::towr::towr_nodes;
 use cregopt::nlp::{Layout, Real};
@@ -321,20 +321,20 @@ fn a_wrong_entry_is_seen() {
 }
 
 /// Random weights, some of them zero, with values that are zero there too; a diagonal; a proximal weight.
-struct System {
+struct RandomSystem {
     weight: Vec<f64>,
     value: Vec<f64>,
     diagonal: Vec<f64>,
     proximal: f64,
 }
 
-impl System {
-    fn new<T: Real>(layout: &Layout<T>, random: &mut Random, zeros: f64, proximal: f64) -> System {
+impl RandomSystem {
+    fn new<T: Real>(layout: &Layout<T>, random: &mut Random, zeros: f64, proximal: f64) -> RandomSystem {
         let weight: Vec<f64> =
             (0..layout.rows).map(|_| if random.between(0., 1.) < zeros { 0. } else { random.between(0.01, 1.) }).collect();
         let value = weight.iter().map(|&w| if w == 0. { 0. } else { random.between(-1., 1.) }).collect();
         let diagonal = (0..layout.variables).map(|_| random.between(0.01, 10.)).collect();
-        System { weight, value, diagonal, proximal }
+        RandomSystem { weight, value, diagonal, proximal }
     }
 
     /// `eps D + J' W J` and `-J' v`.
@@ -357,7 +357,8 @@ impl System {
         let of = |values: &[f64]| values.iter().map(|&v| T::of(v)).collect::<Vec<T>>();
         factor.resize(layout);
         let (weight, value, diagonal) = (of(&self.weight), of(&self.value), of(&self.diagonal));
-        let positive = factorise(layout, &System { jacobian, weight: &weight, value: &value }, &diagonal, T::of(self.proximal), factor);
+        let positive =
+            factorise(layout, &NormalEquations { jacobian, weight: &weight, value: &value }, &diagonal, T::of(self.proximal), factor);
         let mut direction = vec![T::nan(); layout.variables];
         positive.then(|| {
             substitute(layout, factor, &mut direction);
@@ -393,7 +394,7 @@ fn the_front_solves_what_a_dense_cholesky_solves() {
         let jacobian_f32 = rows(&layout_f32, &x_f32, 0.).jacobian;
         for (zeros, proximal) in [(0., 1e-3), (0.4, 1e-3), (1., 1.)] {
             let what = format!("{}, {zeros} of the weights zero", case.name);
-            let system = System::new(&layout, &mut random, zeros, proximal);
+            let system = RandomSystem::new(&layout, &mut random, zeros, proximal);
             let (matrix, rhs) = system.dense(&layout, &jacobian);
             let exact = matrix.clone().cholesky().unwrap().solve(&rhs);
             let direction = system.solve(&layout, &jacobian, &mut factor).unwrap();
@@ -417,8 +418,8 @@ fn a_system_that_is_not_positive_definite_is_refused() {
     let x = point(&layout, &mut random, 0.);
     let jacobian = rows(&layout, &x, 0.).jacobian;
     let mut factor = Factor::default();
-    let mut solves = |system: &System| system.solve(&layout, &jacobian, &mut factor).is_some();
-    let system = |random: &mut Random, zeros, proximal| System::new(&layout, random, zeros, proximal);
+    let mut solves = |system: &RandomSystem| system.solve(&layout, &jacobian, &mut factor).is_some();
+    let system = |random: &mut Random, zeros, proximal| RandomSystem::new(&layout, random, zeros, proximal);
     assert!(solves(&system(&mut random, 0., 1e-3)));
     assert!(!solves(&system(&mut random, 1., 0.)), "a zero matrix");
     assert!(!solves(&system(&mut random, 0., -10.)), "a negative diagonal");

@@ -36,7 +36,7 @@ impl<T: Real> Factor<T> {
 
 /// The normal equations by Jacobian rows.
 #[derive(Debug, Clone, Copy)]
-pub struct System<'a, T> {
+pub struct NormalEquations<'a, T> {
     /// Values of every element.
     pub jacobian: &'a [T],
     /// `W`, `[rows]`, not negative; rows of weight 0 are skipped.
@@ -45,25 +45,11 @@ pub struct System<'a, T> {
     pub value: &'a [T],
 }
 
-/// The front of one step: `size` variables, the right-hand side in column `size`.
-struct Front<'a, T> {
-    values: &'a mut [T],
-    size: usize,
-    stride: usize,
-}
-
-impl<T> Front<'_, T> {
-    #[inline(always)]
-    fn line(&mut self, row: usize) -> &mut [T] {
-        &mut self.values[row * self.stride..(row + 1) * self.stride]
-    }
-}
-
 /// Factorises. Returns false when a pivot is not positive (or not finite).
 ///
 /// * `diagonal` - `D`, `[variables]`
 /// * `proximal` - `eps`
-pub fn factorise<T: Real>(layout: &Layout<T>, system: &System<T>, diagonal: &[T], proximal: T, factor: &mut Factor<T>) -> bool {
+pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, diagonal: &[T], proximal: T, factor: &mut Factor<T>) -> bool {
     let stride = layout.front_stride;
     let [mut front, mut next] = factor.fronts.each_mut().map(|f| &mut f[..]);
     let (mut previous_size, mut next_reach) = (0, 0);
@@ -74,17 +60,16 @@ pub fn factorise<T: Real>(layout: &Layout<T>, system: &System<T>, diagonal: &[T]
             front[i * stride + i..i * stride + size + 1].fill(T::zero());
         }
         move_front(layout, &step.moves, next, previous_size, front, size, stride);
-        let mut assembled = Front { values: &mut *front, size, stride };
         let mut elements = &layout.elements[step.elements.start as usize..step.elements.end as usize];
         while let Some((element, rest)) = elements.split_first() {
             if element.family == Family::Reach {
                 let instant = &layout.reach[next_reach];
                 let (feet, after) = elements.split_at(instant.feet.len());
-                assemble_reach(layout, instant, feet, system, &mut assembled, &mut factor.spread);
+                assemble_reach(layout, instant, feet, system, front, size, stride, &mut factor.spread);
                 next_reach += 1;
                 elements = after;
             } else {
-                assemble(layout, element, system, &mut assembled, &mut factor.spread);
+                assemble(layout, element, system, front, size, stride, &mut factor.spread);
                 elements = rest;
             }
         }
@@ -130,11 +115,19 @@ fn move_front<T: Real>(
 
 /// Adds `J' W J` and `-J' v` of one element to the front.
 #[inline(always)]
-fn assemble<T: Real>(layout: &Layout<T>, element: &Element, system: &System<T>, front: &mut Front<T>, spread: &mut [T]) {
+fn assemble<T: Real>(
+    layout: &Layout<T>,
+    element: &Element,
+    system: &NormalEquations<T>,
+    front: &mut [T],
+    size: usize,
+    stride: usize,
+    spread: &mut [T],
+) {
     match element.rows {
-        1 => assemble_rows::<T, 1>(layout, element, system, front, spread),
-        5 => assemble_rows::<T, 5>(layout, element, system, front, spread),
-        _ => assemble_rows::<T, 6>(layout, element, system, front, spread),
+        1 => assemble_rows::<T, 1>(layout, element, system, front, size, stride, spread),
+        5 => assemble_rows::<T, 5>(layout, element, system, front, size, stride, spread),
+        _ => assemble_rows::<T, 6>(layout, element, system, front, size, stride, spread),
     }
 }
 
@@ -145,8 +138,10 @@ const LANES: usize = 8;
 fn assemble_rows<T: Real, const M: usize>(
     layout: &Layout<T>,
     element: &Element,
-    system: &System<T>,
-    front: &mut Front<T>,
+    system: &NormalEquations<T>,
+    front: &mut [T],
+    size: usize,
+    stride: usize,
     spread: &mut [T],
 ) {
     let place = &element.place;
@@ -186,8 +181,7 @@ fn assemble_rows<T: Real, const M: usize>(
                 count += usize::from(v != T::zero());
             }
             let from = i / LANES * LANES;
-            let size = front.size;
-            let line = front.line(i);
+            let line = &mut front[i * stride..(i + 1) * stride];
             line[size] -= rhs;
             let (line, tile) = (&mut line[from..end], &spread[from * M..end * M]);
             match count {
@@ -220,12 +214,15 @@ fn slot_of(runs: &[Run], column: u32) -> usize {
 /// All rows touch the base through its pose alone, with the same spline weights `w`: with `P` the rows by the pose, `A` by the foot's own
 /// columns, the base block of coefficients `i` and `j` is `w_i w_j sum P' W P`, that of coefficient and foot `w_i P' W A`.
 #[multiversion(targets("x86_64+avx2"))]
+#[allow(clippy::too_many_arguments, reason = "separate slices: the compiler knows that they do not overlap")]
 fn assemble_reach<T: Real>(
     layout: &Layout<T>,
     instant: &ReachInstant<T>,
     elements: &[Element],
-    system: &System<T>,
-    front: &mut Front<T>,
+    system: &NormalEquations<T>,
+    front: &mut [T],
+    size: usize,
+    stride: usize,
     spread: &mut [T],
 ) {
     const C: usize = 6;
@@ -296,8 +293,7 @@ fn assemble_reach<T: Real>(
                 continue;
             }
             let a = by_foot[f];
-            let size = front.size;
-            let line = front.line(i);
+            let line = &mut front[i * stride..(i + 1) * stride];
             line[size] -= a[0] * v[0] + a[1] * v[1] + a[2] * v[2];
             let mut cross = [T::zero(); C];
             for c in 0..C {
@@ -330,8 +326,7 @@ fn assemble_reach<T: Real>(
         for c in 0..C {
             let i = slot + c;
             let from = i / LANES * LANES;
-            let size = front.size;
-            let line = front.line(i);
+            let line = &mut front[i * stride..(i + 1) * stride];
             line[size] -= spline * pose_value[c];
             accumulate::<T, 1>(&mut line[from..end], &spread[from * C..end * C], LANES * C, &[spline], &[c * LANES]);
         }

@@ -13,7 +13,7 @@ mod status;
 
 pub use status::{Outcome, Status};
 
-use crate::kernels::front::{self, Factor, System};
+use crate::kernels::front::{self, Factor, NormalEquations};
 use crate::kernels::step::{self, Slacks};
 use crate::nlp::layout::Family;
 use crate::nlp::{Layout, Real};
@@ -253,7 +253,7 @@ impl<T: Real> Solver<T> {
         for _ in 0..ATTEMPTS {
             outcome.factorisations += 1;
             let proximal = T::of(*eps);
-            let system = System { jacobian: &self.jacobian, weight: &self.weight, value: &self.value };
+            let system = NormalEquations { jacobian: &self.jacobian, weight: &self.weight, value: &self.value };
             let positive = front::factorise(layout, &system, &self.diagonal, proximal, &mut self.factor);
             if !positive {
                 *eps *= PROXIMAL_GROWTH;
