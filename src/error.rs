@@ -84,6 +84,21 @@ impl From<serde_json::Error> for Error {
     }
 }
 
+/// Reads a value from JSON text; errors name the field.
+///
+/// # Errors
+/// [`Error::Format`] for malformed JSON, wrong types, unknown or missing keys.
+pub fn from_json<T: serde::de::DeserializeOwned>(text: &str) -> Result<T> {
+    let mut json = serde_json::Deserializer::from_str(text);
+    let value = serde_path_to_error::deserialize(&mut json).map_err(|e| {
+        let (path, source) = (e.path().to_string(), e.into_inner());
+        // "." is the whole document.
+        Error::Format { message: if path == "." { source.to_string() } else { format!("{path}: {source}") } }
+    })?;
+    json.end()?;
+    Ok(value)
+}
+
 /// Checks that a number is finite and inside `[low, high]`.
 pub fn check_range(place: &str, value: f64, low: f64, high: f64) -> Result<()> {
     if value.is_finite() && value >= low && value <= high {

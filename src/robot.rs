@@ -88,7 +88,7 @@ impl Robot {
     /// # Errors
     /// [`Error::Format`] for malformed JSON, unknown or missing keys; [`Error::Invalid`] for impossible values.
     pub fn from_json(text: &str) -> Result<Robot> {
-        let robot: Robot = serde_json::from_str(text)?;
+        let robot: Robot = crate::error::from_json(text)?;
         robot.validate()?;
         Ok(robot)
     }

@@ -136,7 +136,7 @@ impl World {
                     (None, Some(target)) => Scenario::goal(target)?,
                     (None, None) => return Err(missing("base_target")),
                 };
-                terrain.check_inside("goal", x, y)?;
+                terrain.check_inside(if goal.xy.is_some() { "--goal" } else { "target" }, x, y)?;
                 [x, y, robot.base_height + terrain.height(x, y)]
             }
         };
@@ -236,11 +236,25 @@ fn leaves(tree: &serde_json::Value, path: String, into: &mut Vec<String>) {
     }
 }
 
-/// `x,y` or `x,y,z`.
-pub fn parse_goal(text: &str) -> std::result::Result<Vec<f64>, String> {
-    let numbers: std::result::Result<Vec<f64>, _> = text.split(',').map(|v| v.trim().parse::<f64>()).collect();
-    match numbers {
-        Ok(v) if (v.len() == 2 || v.len() == 3) && v.iter().all(|v| v.is_finite()) => Ok(v),
-        _ => Err("expected X,Y or X,Y,Z in metres".into()),
+/// `--goal`: `X,Y` or `X,Y,Z`, m.
+#[derive(Debug, Clone, Copy)]
+pub struct GoalArg {
+    /// Where on the ground.
+    pub xy: [f64; 2],
+    /// Height, if given.
+    pub z: Option<f64>,
+}
+
+impl std::str::FromStr for GoalArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let numbers: std::result::Result<Vec<f64>, _> = text.split(',').map(|v| v.trim().parse::<f64>()).collect();
+        match numbers.as_deref() {
+            Ok(numbers) if numbers.iter().any(|v| !v.is_finite()) => Err("expected finite numbers".into()),
+            Ok(&[x, y]) => Ok(GoalArg { xy: [x, y], z: None }),
+            Ok(&[x, y, z]) => Ok(GoalArg { xy: [x, y], z: Some(z) }),
+            _ => Err("expected X,Y or X,Y,Z in metres".into()),
+        }
     }
 }

@@ -4,7 +4,7 @@ use super::args::{Goal, LowerArgs, World, WorldArgs};
 use super::solve::{precision_name, robot_name, terrain_name};
 use super::{CANCELLED, Failure, Verdict, print};
 use crate::backend::Backend;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, from_json};
 use crate::evaluate::{Evaluated, check_candidate, evaluate};
 use crate::gait::{Schedule, Trajectory};
 use crate::report::{EvaluateResult, files};
@@ -135,8 +135,8 @@ impl Evaluate {
     }
 
     fn item(&self, line: &str, world: &World) -> Result<Item> {
-        let object: Map<String, Value> = serde_json::from_str(line)?;
-        let parsed: Line = serde_json::from_value(Value::Object(object.clone()))?;
+        let object: Map<String, Value> = from_json(line)?;
+        let parsed: Line = from_json(line)?;
         let schedule = Schedule::new(parsed.durations)?;
         let scenario = parsed.scenario.or_else(|| self.scenario.clone());
         let named = scenario.as_deref().map(Scenario::named).transpose()?;

@@ -78,11 +78,11 @@ pub fn main() -> ExitCode {
         Ok(Verdict::Feasible) => ExitCode::SUCCESS,
         Ok(Verdict::Infeasible) => ExitCode::from(3),
         Err(Failure::Usage(error)) => {
-            eprintln!("error: {error}");
+            complain(&error);
             ExitCode::from(2)
         }
         Err(Failure::Input(error)) => {
-            eprintln!("error: {error}");
+            complain(&error);
             ExitCode::from(4)
         }
     }
@@ -93,6 +93,12 @@ fn print(text: &str) {
     use std::io::Write;
     let mut out = std::io::stdout().lock();
     let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+}
+
+/// Prints an error to stderr. Nobody listening is no error.
+fn complain(error: &Error) {
+    use std::io::Write;
+    let _ = writeln!(std::io::stderr(), "error: {error}");
 }
 
 /// Text of a JSON document for people and programs, ending in a newline.

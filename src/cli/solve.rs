@@ -1,6 +1,6 @@
 //! `solve`: search for a gait.
 
-use super::args::{Goal, LowerArgs, WorldArgs, apply, parse_goal};
+use super::args::{Goal, GoalArg, LowerArgs, WorldArgs, apply};
 use super::{CANCELLED, Failure, Verdict, print, to_json};
 use crate::backend::Backend;
 use crate::cem::{CemSettings, Objective, Sampler, Stopping};
@@ -28,8 +28,8 @@ pub struct Solve {
     #[arg(long, default_value_t = 10)]
     target: usize,
     /// Goal instead of a target, m; without Z the base is as high above the ground there as at the start
-    #[arg(long, value_name = "X,Y[,Z]", value_parser = parse_goal, allow_hyphen_values = true)]
-    goal: Option<Vec<f64>>,
+    #[arg(long, value_name = "X,Y[,Z]", allow_hyphen_values = true)]
+    goal: Option<GoalArg>,
     /// Final yaw, rad; the scenario's by default
     #[arg(long, allow_hyphen_values = true)]
     yaw: Option<f64>,
@@ -125,8 +125,8 @@ impl Solve {
     fn task(&self, scenario: Option<&Scenario>) -> Result<Task> {
         let goal = Goal {
             target: scenario.map(|_| self.target),
-            base_target: self.goal.as_ref().filter(|g| g.len() == 3).map(|g| [g[0], g[1], g[2]]),
-            xy: self.goal.as_ref().filter(|g| g.len() == 2).map(|g| [g[0], g[1]]),
+            base_target: self.goal.and_then(|g| g.z.map(|z| [g.xy[0], g.xy[1], z])),
+            xy: self.goal.map(|g| g.xy),
             yaw: self.yaw,
         };
         self.world.read()?.task(scenario, goal)
@@ -136,7 +136,7 @@ impl Solve {
     fn search_settings(&self) -> Result<CemSettings> {
         let mut settings = CemSettings::preset(&self.preset)?;
         if let Some(population) = self.population {
-            settings.elites = (population * settings.elites / settings.population).max(1);
+            settings.elites = (population.saturating_mul(settings.elites) / settings.population).max(1);
             settings.population = population;
         }
         if let Some(generations) = self.generations {

@@ -112,7 +112,7 @@ impl Trajectory {
     /// # Errors
     /// [`Error::Format`] for malformed JSON; [`Error::Invalid`] for sizes or numbers that cannot be a trajectory.
     pub fn from_json(text: &str) -> Result<Trajectory> {
-        let trajectory: Trajectory = serde_json::from_str(text)?;
+        let trajectory: Trajectory = crate::error::from_json(text)?;
         trajectory.validate()?;
         Ok(trajectory)
     }

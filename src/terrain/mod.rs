@@ -80,7 +80,7 @@ impl Terrain {
     /// # Errors
     /// [`Error::Format`] for malformed JSON, unknown or missing keys; [`Error::Invalid`] for impossible values.
     pub fn from_json(text: &str) -> Result<Terrain> {
-        let terrain: Terrain = serde_json::from_str(text)?;
+        let terrain: Terrain = crate::error::from_json(text)?;
         terrain.validate()?;
         Ok(terrain)
     }
