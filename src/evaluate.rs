@@ -3,6 +3,7 @@
 use crate::backend::{Backend, Precision, Problem, Solution};
 use crate::certify::{close, verify_rows};
 use crate::error::{Error, Result};
+use crate::gait::schedule::MAX_HORIZON;
 use crate::gait::{Schedule, Trajectory};
 use crate::nlp::{Layout, towr::towr_nodes};
 use crate::settings::{SolverSettings, TranscriptionSettings};
@@ -81,9 +82,18 @@ pub fn check_candidate(task: &Task, schedule: &Schedule, settings: &LowerSetting
     if feet != expected {
         return Err(Error::invalid("durations", format!("{feet} feet"), format!("{expected} feet, as robot `{}` has", task.robot.name)));
     }
+    let interval = settings.transcription.interval;
+    let horizon = schedule.intervals(interval) as f64 * interval;
+    if horizon > MAX_HORIZON {
+        return Err(Error::invalid(
+            "durations",
+            format!("{horizon} s in whole intervals of {interval} s"),
+            format!("at most {MAX_HORIZON} s"),
+        ));
+    }
     // Fronts hold what is alive at once: bounded by everything that starts within the longest phase and its neighbours.
     let phases: usize = schedule.durations().iter().map(Vec::len).sum();
-    let variables = 6 * (schedule.intervals(settings.transcription.interval) + 3) + phases * (6 * settings.transcription.force_pieces + 4);
+    let variables = 6 * (schedule.intervals(interval) + 3) + phases * (6 * settings.transcription.force_pieces + 4);
     let estimate = variables * 8 * 400;
     if estimate > MAX_CANDIDATE_MEMORY {
         return Err(Error::invalid(
@@ -120,6 +130,9 @@ pub fn evaluate(
     let skip = |index: usize| cancelled.load(Ordering::Relaxed) || (first_feasible && index > lowest.load(Ordering::Relaxed));
     let finish = |index: usize, solution: Solution| {
         let mut evaluated = certify(&problems[index], solution, settings, &|| skip(index));
+        if evaluated.status == Status::Cancelled && !evaluated.feasible {
+            return;
+        }
         evaluated.finished_after = start.elapsed().as_secs_f64();
         if evaluated.feasible {
             lowest.fetch_min(index, Ordering::Relaxed);

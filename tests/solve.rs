@@ -3,7 +3,7 @@
 mod common;
 
 use common::{Random, ReferenceCandidate, gait, layout, reference_candidates, task};
-use cregopt::backend::{Cpu, Precision};
+use cregopt::backend::{Backend, Cpu, Precision, Problem, Solution};
 use cregopt::cem::{CemSettings, StopReason};
 use cregopt::certify::verify_rows;
 use cregopt::evaluate::{Evaluated, LowerSettings, evaluate};
@@ -11,7 +11,7 @@ use cregopt::gait::Schedule;
 use cregopt::nlp::Real;
 use cregopt::scenario::Scenario;
 use cregopt::search::search;
-use cregopt::settings::{SolverSettings, StallSettings};
+use cregopt::settings::{SolverSettings, StallSettings, TranscriptionSettings};
 use cregopt::solver::{Finish, Outcome, Solver, Status};
 use cregopt::task::Task;
 use std::alloc::{GlobalAlloc, Layout as Memory, System};
@@ -70,8 +70,41 @@ fn solve<T: Real>(problem: &(Task, Schedule), settings: &SolverSettings, start: 
 }
 
 fn evaluate_all(candidates: &[(&Task, &Schedule)], precision: Precision, threads: usize, first_feasible: bool) -> Vec<Option<Evaluated>> {
+    evaluate_on(&Cpu::new(threads).unwrap(), candidates, precision, first_feasible)
+}
+
+fn evaluate_on(
+    backend: &dyn Backend,
+    candidates: &[(&Task, &Schedule)],
+    precision: Precision,
+    first_feasible: bool,
+) -> Vec<Option<Evaluated>> {
     let settings = LowerSettings { precision, ..LowerSettings::default() };
-    evaluate(candidates, &settings, &Cpu::new(threads).unwrap(), first_feasible, &AtomicBool::new(false)).unwrap()
+    evaluate(candidates, &settings, backend, first_feasible, &AtomicBool::new(false)).unwrap()
+}
+
+/// A backend that finishes the last candidate first.
+struct Backwards(Cpu);
+
+impl Backend for Backwards {
+    fn device(&self) -> String {
+        "backwards".into()
+    }
+
+    fn solve(
+        &self,
+        problems: &[Problem],
+        transcription: &TranscriptionSettings,
+        settings: &SolverSettings,
+        precision: Precision,
+        skip: &(dyn Fn(usize) -> bool + Sync),
+        finish: &(dyn Fn(usize, Solution) + Sync),
+    ) {
+        for (index, problem) in problems.iter().enumerate().rev() {
+            let problem = std::slice::from_ref(problem);
+            self.0.solve(problem, transcription, settings, precision, &|_| skip(index), &|_, solution| finish(index, solution));
+        }
+    }
 }
 
 #[test]
@@ -219,12 +252,14 @@ fn first_feasible_keeps_everything_up_to_the_lowest_feasible_index() {
     assert!(lowest > 0 && lowest < 11);
     schedules = order.iter().map(|&i| schedules[i].clone()).collect();
     let candidates: Vec<(&Task, &Schedule)> = schedules.iter().map(|s| (&task, s)).collect();
-    for threads in [1, 2, 3] {
-        let results = evaluate_all(&candidates, Precision::F32, threads, true);
+    let threads = |threads| Cpu::new(threads).unwrap();
+    let backends: [&dyn Backend; 4] = [&threads(1), &threads(2), &threads(3), &Backwards(threads(1))];
+    for backend in backends {
+        let results = evaluate_on(backend, &candidates, Precision::F32, true);
         for (at, result) in results.iter().enumerate() {
-            assert_eq!(result.is_some(), at <= lowest, "{threads} threads, candidate {at}");
+            assert_eq!(result.is_some(), at <= lowest, "{}, candidate {at}", backend.device());
             if let Some(result) = result {
-                assert!(same(result, all[order[at]].as_ref().unwrap()), "{threads} threads, candidate {at}");
+                assert!(same(result, all[order[at]].as_ref().unwrap()), "{}, candidate {at}", backend.device());
             }
         }
     }

@@ -10,8 +10,8 @@ pub const CONTINUE_BELOW: f64 = 1e-2;
 
 /// Brings an f32 solution to f64 accuracy.
 ///
-/// One or two Gauss-Newton steps from a solved point usually do. Where they do not, or where f32 crept without arriving
-/// (`F` below [`CONTINUE_BELOW`]), the solve goes on in f64 from there, then once more from the start.
+/// One or two Gauss-Newton steps from a solved point usually do. Where they do not, the solve goes on in f64 from there, then once more
+/// from the start. Where f32 crept without arriving (`F` below [`CONTINUE_BELOW`]), it goes on in f64 from there.
 /// Everything else is returned as it is.
 ///
 /// Returns the outcome with the costs of all attempts added, and the point.
@@ -30,15 +30,15 @@ pub fn close(layout: &Layout<f64>, solution: Solution, settings: &SolverSettings
         stall: StallSettings { enabled: false, ..settings.stall.clone() },
         ..settings.clone()
     };
-    let mut attempts: Vec<(&SolverSettings, Option<&[f64]>)> = Vec::new();
-    if solved {
-        attempts.push((&closing, Some(&solution.x)));
-    }
-    attempts.push((settings, Some(&solution.x)));
-    attempts.push((settings, None));
+    // What f32 did not solve goes on from where it is; what it solved must close, and has more to fall back on.
+    let attempts: &[(&SolverSettings, Option<&[f64]>)] = if solved {
+        &[(&closing, Some(&solution.x)), (settings, Some(&solution.x)), (settings, None)]
+    } else {
+        &[(settings, Some(&solution.x))]
+    };
     let mut solver = Solver::<f64>::default();
     let mut total = solution.outcome;
-    for (settings, start) in attempts {
+    for &(settings, start) in attempts {
         let outcome = solver.solve(layout, settings, finish, start, cancel);
         total = Outcome {
             iterations: total.iterations + outcome.iterations,

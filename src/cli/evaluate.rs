@@ -2,7 +2,7 @@
 
 use super::args::{Goal, LowerArgs, World, WorldArgs};
 use super::solve::{precision_name, robot_name, terrain_name};
-use super::{CANCELLED, Failure, Verdict, print};
+use super::{CANCELLED, Failure, Verdict, complain, print};
 use crate::backend::Backend;
 use crate::error::{Error, Result, from_json};
 use crate::evaluate::{Evaluated, check_candidate, evaluate};
@@ -66,6 +66,12 @@ impl Evaluate {
         let world = self.world.read()?;
         // A wrong flag is a usage error, not one of the file.
         self.scenario.as_deref().map(Scenario::named).transpose()?;
+        if let Some(set) = self.lower.set.iter().find(|s| s.starts_with("search.")) {
+            return Err(Error::invalid("--set", set, "a setting of transcription, solver or precision: nothing is searched here").into());
+        }
+        if self.out.is_some() && self.out == self.trajectories {
+            return Err(Error::invalid("--trajectories", "the file of --out", "another file").into());
+        }
         let text = files::read(&self.schedules)?;
         for path in [&self.out, &self.trajectories].into_iter().flatten() {
             files::check_writable(path)?;
@@ -112,6 +118,9 @@ impl Evaluate {
                 break;
             }
         }
+        if evaluated_lines < items.len() {
+            complain(&format!("stopped: {evaluated_lines} of {} lines evaluated", items.len()));
+        }
         let seconds = start.elapsed().as_secs_f64();
         if let Some(path) = &self.out {
             files::write(path, &results)?;
@@ -120,12 +129,12 @@ impl Evaluate {
             files::write(path, &trajectories)?;
         }
         if self.json {
-            print(&results);
+            print(&results)?;
         } else {
             let rate = evaluated_lines as f64 / seconds.max(1e-9);
             print(&format!(
                 "{feasible} of {evaluated_lines} candidates feasible, {iterations} iterations, {seconds:.3} s, {rate:.1} candidates/s ({device})\n"
-            ));
+            ))?;
         }
         match failure {
             Some(error) => Err(Failure::Input(error)),

@@ -23,7 +23,7 @@ impl List {
             let presets = PRESETS.map(|(name, about)| json!({"name": name, "about": about}));
             print(&to_json(
                 &json!({"robots": ROBOTS, "terrains": TERRAINS, "scenarios": scenarios, "targets": TARGETS, "presets": presets}),
-            )?);
+            )?)?;
             return Ok(Verdict::Feasible);
         }
         let mut text = String::from("robots\n");
@@ -40,7 +40,7 @@ impl List {
         for (name, about) in PRESETS {
             text += &format!("  {name:<20} {about}\n");
         }
-        print(&text);
+        print(&text)?;
         Ok(Verdict::Feasible)
     }
 }

@@ -78,27 +78,30 @@ pub fn main() -> ExitCode {
         Ok(Verdict::Feasible) => ExitCode::SUCCESS,
         Ok(Verdict::Infeasible) => ExitCode::from(3),
         Err(Failure::Usage(error)) => {
-            complain(&error);
+            complain(&format!("error: {error}"));
             ExitCode::from(2)
         }
         Err(Failure::Input(error)) => {
-            complain(&error);
+            complain(&format!("error: {error}"));
             ExitCode::from(4)
         }
     }
 }
 
 /// Prints to stdout. A closed pipe (`| head`) is no error.
-fn print(text: &str) {
+fn print(text: &str) -> Result<(), Error> {
     use std::io::Write;
     let mut out = std::io::stdout().lock();
-    let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(Error::Io { action: "write", path: "stdout".into(), source: e }),
+        _ => Ok(()),
+    }
 }
 
-/// Prints an error to stderr. Nobody listening is no error.
-fn complain(error: &Error) {
+/// Prints a line to stderr. Nobody listening is no error.
+fn complain(error: &dyn std::fmt::Display) {
     use std::io::Write;
-    let _ = writeln!(std::io::stderr(), "error: {error}");
+    let _ = writeln!(std::io::stderr(), "{error}");
 }
 
 /// Text of a JSON document for people and programs, ending in a newline.

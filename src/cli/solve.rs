@@ -118,7 +118,7 @@ impl Solve {
             }
             files::write(&folder.join("result.json"), &to_json(&result)?)?;
         }
-        print(&if self.json { to_json(&result)? } else { self.text(&result)? });
+        print(&if self.json { to_json(&result)? } else { self.text(&result)? })?;
         Ok(if result.feasible { Verdict::Feasible } else { Verdict::Infeasible })
     }
 

@@ -69,15 +69,15 @@ impl Verify {
             }
         }
         if self.json {
-            print(&to_json(&reports)?);
+            print(&to_json(&reports)?)?;
         } else {
             for r in &reports {
                 let scenario = r.scenario.as_deref().map(|s| format!("scenario {s}, ")).unwrap_or_default();
-                print(&format!("line {}: {scenario}robot {}, terrain {}\n{}\n\n", r.line, r.robot, r.terrain, r.report));
+                print(&format!("line {}: {scenario}robot {}, terrain {}\n{}\n\n", r.line, r.robot, r.terrain, r.report))?;
             }
             if reports.len() > 1 {
                 let feasible = reports.iter().filter(|r| r.report.feasible).count();
-                print(&format!("{feasible} of {} trajectories feasible\n", reports.len()));
+                print(&format!("{feasible} of {} trajectories feasible\n", reports.len()))?;
             }
         }
         match failure {

@@ -32,11 +32,11 @@ fn normalised<T: Real>(v: Vec3<T>, by: [Vec3<T>; 2]) -> Direction<T> {
 #[inline(always)]
 fn basis<T: Real>(ground: &Ground<T>) -> [Direction<T>; 3] {
     let (zero, one) = (T::zero(), T::one());
-    let ([hx, hy], [hxx, hxy, hyy]) = (ground.slope, ground.curvature);
+    let ([hx, hy], [[hxx, hxy], [hyx, hyy]]) = (ground.slope, ground.curvature);
     [
-        normalised([-hx, -hy, one], [[-hxx, -hxy, zero], [-hxy, -hyy, zero]]),
+        normalised([-hx, -hy, one], [[-hxx, -hyx, zero], [-hxy, -hyy, zero]]),
         normalised([one, zero, hx], [[zero, zero, hxx], [zero, zero, hxy]]),
-        normalised([zero, one, hy], [[zero, zero, hxy], [zero, zero, hyy]]),
+        normalised([zero, one, hy], [[zero, zero, hyx], [zero, zero, hyy]]),
     ]
 }
 

@@ -39,7 +39,7 @@ impl<T: Real> Factor<T> {
 pub struct NormalEquations<'a, T> {
     /// Values of every element.
     pub jacobian: &'a [T],
-    /// `W`, `[rows]`, not negative; rows of weight 0 are skipped.
+    /// `W`, `[rows]`, not negative; elements of weight 0 are skipped, and `v` of a row of weight 0 must be 0.
     pub weight: &'a [T],
     /// `v`, `[rows]`.
     pub value: &'a [T],

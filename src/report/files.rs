@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use std::fs;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Largest input file, bytes.
 pub const MAX_FILE: u64 = 1 << 30;
@@ -21,17 +21,22 @@ pub fn read(path: &Path) -> Result<String> {
     fs::read_to_string(path).map_err(io)
 }
 
-/// Writes a whole file or nothing: to a neighbour first, then renamed over the target.
+/// Writes a whole file or nothing: to a neighbour first, then renamed over the target. A link is followed; a device or pipe is written
+/// directly.
 ///
 /// # Errors
 /// [`Error::Io`] when the system refuses.
 pub fn write(path: &Path, text: &str) -> Result<()> {
     let io = |source| Error::Io { action: "write", path: path.to_owned(), source };
-    let mut name = path.file_name().map(|n| n.to_owned()).unwrap_or_default();
+    let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    if fs::metadata(&target).is_ok_and(|m| !m.is_file()) {
+        return fs::OpenOptions::new().write(true).open(&target).and_then(|mut f| f.write_all(text.as_bytes())).map_err(io);
+    }
+    let mut name = target.file_name().map(|n| n.to_owned()).unwrap_or_default();
     name.push(format!(".{}.part", std::process::id()));
-    let part = path.with_file_name(name);
+    let part = target.with_file_name(name);
     let written = fs::File::create(&part).and_then(|mut f| f.write_all(text.as_bytes()).and_then(|()| f.sync_all()));
-    written.and_then(|()| fs::rename(&part, path)).map_err(|e| {
+    written.and_then(|()| fs::rename(&part, &target)).map_err(|e| {
         // The part may not exist; the first error is the one to tell.
         let _ = fs::remove_file(&part);
         io(e)
@@ -52,12 +57,15 @@ pub fn make_folder(path: &Path) -> Result<()> {
 /// # Errors
 /// [`Error::Io`] when the system refuses.
 pub fn check_writable(path: &Path) -> Result<()> {
-    let probe: PathBuf = path.with_file_name(format!(".cregopt-{}.probe", std::process::id()));
-    fs::File::create(&probe).and_then(|_| fs::remove_file(&probe)).map_err(|source| Error::Io {
-        action: "write",
-        path: path.to_owned(),
-        source,
-    })
+    let io = |source| Error::Io { action: "write", path: path.to_owned(), source };
+    let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    match fs::metadata(&target) {
+        Ok(m) if m.is_dir() => return Err(io(std::io::ErrorKind::IsADirectory.into())),
+        Ok(m) if !m.is_file() => return Ok(()),
+        _ => {}
+    }
+    let probe = target.with_file_name(format!(".cregopt-{}.probe", std::process::id()));
+    fs::File::create(&probe).and_then(|_| fs::remove_file(&probe)).map_err(io)
 }
 
 /// Non-empty lines with their one-based numbers.
@@ -78,5 +86,19 @@ mod tests {
         write(&target, "{}").unwrap();
         assert_eq!(read(&target).unwrap(), "{}");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_stays_a_link_and_a_folder_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let (real, link) = (folder.path().join("real"), folder.path().join("link"));
+        write(&real, "old").unwrap();
+        std::os::unix::fs::symlink(&real, &link).unwrap();
+        write(&link, "new").unwrap();
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert_eq!(read(&real).unwrap(), "new");
+        assert!(check_writable(folder.path()).is_err());
+        check_writable(Path::new("/dev/null")).unwrap();
     }
 }

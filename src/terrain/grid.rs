@@ -76,7 +76,7 @@ impl Grid {
         Ground {
             height: h00 + a * along_x + b * along_y + a * b * twist,
             slope: [(along_x + b * twist) * da, (along_y + a * twist) * db],
-            curvature: [T::zero(), twist * da * db, T::zero()],
+            curvature: [[T::zero(), twist * da * db], [twist * da * db, T::zero()]],
         }
     }
 }
@@ -106,7 +106,7 @@ mod tests {
             let g = grid.ground(x, y);
             assert!(((grid.ground(x + d, y).height - grid.ground(x - d, y).height) / (2. * d) - g.slope[0]).abs() < 1e-7);
             assert!(((grid.ground(x, y + d).height - grid.ground(x, y - d).height) / (2. * d) - g.slope[1]).abs() < 1e-7);
-            assert!(((grid.ground(x, y + d).slope[0] - grid.ground(x, y - d).slope[0]) / (2. * d) - g.curvature[1]).abs() < 1e-7);
+            assert!(((grid.ground(x, y + d).slope[0] - grid.ground(x, y - d).slope[0]) / (2. * d) - g.curvature[0][1]).abs() < 1e-7);
         }
     }
 

@@ -20,14 +20,14 @@ pub struct Ground<T> {
     pub height: T,
     /// Derivatives of the height with respect to x and y.
     pub slope: [T; 2],
-    /// Second derivatives xx, xy, yy, 1/m.
-    pub curvature: [T; 3],
+    /// Derivatives of the slopes, `curvature[i][j] = d slope[i] / d (x, y)[j]`, 1/m.
+    pub curvature: [[T; 2]; 2],
 }
 
 impl<T: Float> Ground<T> {
     /// Level ground at a height.
     pub fn level(height: T) -> Self {
-        Ground { height, slope: [T::zero(); 2], curvature: [T::zero(); 3] }
+        Ground { height, slope: [T::zero(); 2], curvature: [[T::zero(); 2]; 2] }
     }
 }
 
@@ -123,9 +123,8 @@ impl Terrain {
             height: exact.height,
             slope: [(east.height - west.height) / width, (north.height - south.height) / width],
             curvature: [
-                (east.slope[0] - west.slope[0]) / width,
-                (east.slope[1] - west.slope[1]) / width,
-                (north.slope[1] - south.slope[1]) / width,
+                [(east.slope[0] - west.slope[0]) / width, (east.slope[1] - west.slope[1]) / width],
+                [(north.slope[0] - south.slope[0]) / width, (north.slope[1] - south.slope[1]) / width],
             ],
         }
     }

@@ -108,20 +108,13 @@ const CLEARANCE: f64 = 1e-4;
 /// Whether the ground around a point is smooth: its slope changes as its curvature says.
 fn smooth(terrain: &Terrain, x: f64, y: f64) -> bool {
     let here = terrain.ground(x, y);
-    let [xx, xy, yy] = here.curvature;
+    let [[xx, xy], [_, yy]] = here.curvature;
     [[-1., 0.], [1., 0.], [0., -1.], [0., 1.]].iter().all(|[u, v]| {
         let (dx, dy) = (u * CLEARANCE, v * CLEARANCE);
         let there = terrain.ground(x + dx, y + dy);
         let jump = [there.slope[0] - here.slope[0] - xx * dx - xy * dy, there.slope[1] - here.slope[1] - xy * dx - yy * dy];
         jump.iter().all(|jump| jump.abs() < 1e-9)
     })
-}
-
-/// Whether averaged slopes have one mixed derivative, which is all that the kernels know. Near a corner of a grid's cells they have two.
-fn one_twist(terrain: &Terrain, x: f64, y: f64, radius: f64) -> bool {
-    let slope = |dx: f64, dy: f64| terrain.ground(x + dx, y + dy).slope;
-    let (across, along) = (slope(radius, 0.)[1] - slope(-radius, 0.)[1], slope(0., radius)[0] - slope(0., -radius)[0]);
-    (across - along).abs() < 1e-9
 }
 
 /// A random point near the initial guess. Footholds, the points `edge_radius` around them, and the middles of swings stay clear of
@@ -136,7 +129,7 @@ pub fn point(layout: &Layout<f64>, random: &mut Random, edge_radius: f64) -> Vec
     }
     let clear = |[x, y]: [f64; 2], radius: f64| {
         let around = [[0., 0.], [-radius, 0.], [radius, 0.], [0., -radius], [0., radius]];
-        one_twist(&layout.terrain, x, y, radius) && around.iter().all(|[dx, dy]| smooth(&layout.terrain, x + dx, y + dy))
+        around.iter().all(|[dx, dy]| smooth(&layout.terrain, x + dx, y + dy))
     };
     for foot in &layout.curves.feet {
         for &node in foot.force_nodes.iter().flatten().filter(|&&n| n != NONE) {
