@@ -33,6 +33,7 @@ fn standing(robot: &Robot) -> Trajectory {
         init_base: None,
         base_target: base,
         yaw_target: 0.,
+        force_limit: None,
         durations: vec![vec![1.]; robot.feet()],
         horizon: 1.,
         base_lin: constant(base, &[BASE_PIECE; 30]),

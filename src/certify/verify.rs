@@ -47,7 +47,7 @@ pub enum Family {
 }
 
 impl Family {
-    /// Every family, in the order of [`Report::families`].
+    /// Every family, in the order of [`RowReport::families`].
     pub const ALL: [Family; 8] = [
         Family::Dynamics,
         Family::BaseAcceleration,

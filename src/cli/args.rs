@@ -7,7 +7,7 @@ use crate::evaluate::LowerSettings;
 use crate::report::files;
 use crate::robot::{ROBOTS, Robot};
 use crate::scenario::Scenario;
-use crate::task::Task;
+use crate::task::{DEFAULT_FORCE_LIMIT, Task};
 use crate::terrain::{TERRAINS, Terrain};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
@@ -51,9 +51,9 @@ pub struct WorldArgs {
     /// Terrain: as --robot
     #[arg(long, value_name = "NAME|FILE")]
     pub terrain: Vec<String>,
-    /// Largest normal force of a foot, N
-    #[arg(long, value_name = "N", default_value_t = crate::task::DEFAULT_FORCE_LIMIT)]
-    pub force_limit: f64,
+    /// Largest normal force of a foot, N; 1000 by default, as in TOWR, or what the trajectory says
+    #[arg(long, value_name = "N")]
+    pub force_limit: Option<f64>,
 }
 
 /// What was named for one scenario, or for all.
@@ -68,10 +68,10 @@ impl<T> Choices<T> {
         texts.iter().map(choice).collect::<Result<_>>().map(Choices)
     }
 
-    /// The choice for a scenario: its own before the one for all.
+    /// The choice for a scenario: its own before the one for all, the last given before earlier ones.
     fn get(&self, scenario: Option<&str>) -> Option<Arc<T>> {
-        let own = self.0.iter().find(|(s, _)| s.is_some() && *s == scenario);
-        own.or_else(|| self.0.iter().find(|(s, _)| s.is_none())).map(|(_, v)| v.clone())
+        let own = self.0.iter().rfind(|(s, _)| s.is_some() && *s == scenario);
+        own.or_else(|| self.0.iter().rfind(|(s, _)| s.is_none())).map(|(_, v)| v.clone())
     }
 }
 
@@ -79,7 +79,7 @@ impl<T> Choices<T> {
 pub struct World {
     robots: Choices<Robot>,
     terrains: Choices<Terrain>,
-    pub force_limit: f64,
+    pub force_limit: Option<f64>,
 }
 
 impl WorldArgs {
@@ -116,12 +116,14 @@ impl World {
 
     /// A task from what was named, the scenario filling in the rest.
     pub fn task(&self, scenario: Option<&Scenario>, goal: Goal) -> Result<Task> {
-        let missing = |what: &str| Error::invalid(what, "missing", "given, or a scenario that has it");
+        let missing = |what: &str, by: &str| {
+            Error::invalid(what, "none", format!("given by {by}, or by a scenario (--scenario, or `scenario` in the line)"))
+        };
         let name = scenario.map(|s| s.name);
         let robot = match (self.robot(name), scenario) {
             (Some(robot), _) => robot,
             (None, Some(s)) => Arc::new(Robot::named(s.robot)?),
-            (None, None) => return Err(missing("robot")),
+            (None, None) => return Err(missing("robot", "--robot")),
         };
         let terrain = match (self.terrain(name), scenario) {
             (Some(terrain), _) => terrain,
@@ -134,7 +136,7 @@ impl World {
                 let [x, y] = match (xy, target) {
                     (Some(xy), _) => xy,
                     (None, Some(target)) => Scenario::goal(target)?,
-                    (None, None) => return Err(missing("base_target")),
+                    (None, None) => return Err(missing("goal", "--goal, `base_target` in the line")),
                 };
                 terrain.check_inside(if goal.xy.is_some() { "--goal" } else { "target" }, x, y)?;
                 [x, y, robot.base_height + terrain.height(x, y)]
@@ -142,7 +144,7 @@ impl World {
         };
         let yaw = goal.yaw.or(scenario.map(|s| s.yaw_target)).unwrap_or(0.);
         let mut task = Task::new(robot, terrain, base_target, yaw)?;
-        task.force_limit = self.force_limit;
+        task.force_limit = self.force_limit.unwrap_or(DEFAULT_FORCE_LIMIT);
         task.validate()?;
         Ok(task)
     }
@@ -190,7 +192,7 @@ impl LowerArgs {
             PrecisionArg::F64 => Precision::F64,
         };
         let sets = self.set.iter().filter(|s| !s.starts_with("search."));
-        let settings = apply(LowerSettings { precision, ..LowerSettings::default() }, sets.map(String::as_str))?;
+        let settings = apply(LowerSettings { precision, ..LowerSettings::default() }, "", sets.map(String::as_str))?;
         settings.validate()?;
         Ok(settings)
     }
@@ -204,11 +206,11 @@ impl LowerArgs {
     }
 }
 
-/// Applies `path.to.field=value` assignments to settings.
-pub fn apply<'a, S: Serialize + DeserializeOwned>(settings: S, sets: impl Iterator<Item = &'a str>) -> Result<S> {
+/// Applies `path.to.field=value` assignments to settings. `prefix` is what users type before the path.
+pub fn apply<'a, S: Serialize + DeserializeOwned>(settings: S, prefix: &str, sets: impl Iterator<Item = &'a str>) -> Result<S> {
     let mut tree = serde_json::to_value(settings)?;
     let mut known = Vec::new();
-    leaves(&tree, String::new(), &mut known);
+    leaves(&tree, prefix.trim_end_matches('.').into(), &mut known);
     let mut names = String::new();
     for set in sets {
         let Some((key, value)) = set.split_once('=') else {
@@ -217,9 +219,9 @@ pub fn apply<'a, S: Serialize + DeserializeOwned>(settings: S, sets: impl Iterat
         let pointer = format!("/{}", key.replace('.', "/"));
         match tree.pointer_mut(&pointer) {
             Some(slot) if !slot.is_object() => *slot = serde_json::from_str(value).unwrap_or_else(|_| value.into()),
-            _ => return Err(Error::Unknown { what: "setting", name: key.into(), known: known.join(", ") }),
+            _ => return Err(Error::Unknown { what: "setting", name: format!("{prefix}{key}"), known: known.join(", ") }),
         }
-        names += &format!("{set} ");
+        names += &format!("{prefix}{set} ");
     }
     serde_json::from_value(tree).map_err(|e| Error::invalid(format!("--set {}", names.trim()), e, "a value of the setting's type"))
 }

@@ -113,8 +113,12 @@ impl Solve {
         };
         let result = SolveResult::new(&run, &found, certificate);
         if let Some(folder) = &self.out {
+            let path = folder.join("trajectory.json");
             if let Some(trajectory) = &trajectory {
-                files::write(&folder.join("trajectory.json"), &(serde_json::to_string(trajectory).map_err(crate::Error::from)? + "\n"))?;
+                files::write(&path, &(serde_json::to_string(trajectory).map_err(crate::Error::from)? + "\n"))?;
+            } else if path.is_file() {
+                // One of an earlier run would pass for this one's.
+                std::fs::remove_file(&path).map_err(|source| crate::Error::Io { action: "remove", path, source })?;
             }
             files::write(&folder.join("result.json"), &to_json(&result)?)?;
         }
@@ -154,7 +158,7 @@ impl Solve {
         if self.random {
             settings.sampler = Sampler::Random;
         }
-        let settings = apply(settings, self.lower.set.iter().filter_map(|s| s.strip_prefix("search.")))?;
+        let settings = apply(settings, "search.", self.lower.set.iter().filter_map(|s| s.strip_prefix("search.")))?;
         settings.validate()?;
         Ok(settings)
     }

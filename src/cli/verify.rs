@@ -9,6 +9,7 @@ use crate::gait::trajectory::NamedOr;
 use crate::report::files;
 use crate::robot::Robot;
 use crate::scenario::Scenario;
+use crate::task::DEFAULT_FORCE_LIMIT;
 use crate::terrain::Terrain;
 use clap::Args;
 use std::path::PathBuf;
@@ -57,7 +58,8 @@ impl Verify {
             let report = Trajectory::from_json(document).and_then(|trajectory| {
                 let robot = robot_of(&world, &trajectory)?;
                 let terrain = terrain_of(&world, &trajectory)?;
-                let report = verify(&trajectory, &robot, &terrain, world.force_limit)?;
+                let force_limit = world.force_limit.or(trajectory.force_limit).unwrap_or(DEFAULT_FORCE_LIMIT);
+                let report = verify(&trajectory, &robot, &terrain, force_limit)?;
                 Ok(Line { line, scenario: trajectory.scenario, robot: robot.name.clone(), terrain: terrain.name.clone(), report })
             });
             match report {

@@ -93,6 +93,9 @@ pub struct Trajectory {
     pub base_target: [f64; 3],
     /// Yaw asked for at the end, rad.
     pub yaw_target: f64,
+    /// Largest normal force of a foot that it was made for, N.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub force_limit: Option<f64>,
     /// Phase durations, s, `[feet][phases]`.
     pub durations: Vec<Vec<f64>>,
     /// Horizon, s.

@@ -460,7 +460,7 @@ pub fn substitute<T: Real>(layout: &Layout<T>, factor: &mut Factor<T>, direction
     }
 }
 
-/// Dot product in [`LANES`] partial sums, so that its order does not depend on the vector width.
+/// Dot product in eight partial sums, so that its order does not depend on the vector width.
 #[inline(always)]
 pub fn dot<T: Real>(a: &[T], b: &[T]) -> T {
     let mut lanes = [T::zero(); LANES];

@@ -1,4 +1,4 @@
-//! The numerical kernels: plain loops over flat buffers and the index tables of a [`Layout`](crate::nlp::Layout), without allocation.
+//! The numerical kernels: plain loops over flat buffers and the index tables of a [`Layout`], without allocation.
 //!
 //! One file a kernel; each is written so that a WGSL shader of the same name can mirror it line by line. No kernel uses fused
 //! multiply-add, and every sum has a fixed order, so results do not depend on the processor's vector width.

@@ -23,6 +23,7 @@ pub fn towr_nodes(task: &Task, layout: &Layout<f64>, x: &[f64]) -> Trajectory {
         init_base: Some(task.base_start()),
         base_target: task.base_target,
         yaw_target: task.yaw_target,
+        force_limit: Some(task.force_limit),
         durations: curves.feet.iter().map(|f| f.phases.iter().map(|p| p.duration()).collect()).collect(),
         horizon,
         base_lin: base_curve(task, layout, x, 0),
