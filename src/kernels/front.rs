@@ -76,7 +76,13 @@ pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, diago
         for i in 0..pivots {
             front[i * stride + i] += proximal * diagonal[step.variable as usize + i];
         }
-        if !T::partial_cholesky(front, stride, size, pivots) {
+        // Two vector registers wide in either precision.
+        let positive = if size_of::<T>() == size_of::<f32>() {
+            partial_cholesky::<T, 16>(front, stride, size, pivots)
+        } else {
+            partial_cholesky::<T, 8>(front, stride, size, pivots)
+        };
+        if !positive {
             return false;
         }
         for i in 0..pivots {

@@ -4,7 +4,7 @@
 //! come in blocks: a base coefficient (position and angles, 6), a force node (value and slope, 6), a foothold (2), a swing height (1).
 //! All of `x` is scaled: m, rad, and for forces the weight per foot (slopes: that per piece duration).
 
-use super::sweep::{self, Run, Step};
+use super::sweep::{self, Block, Run, Step};
 use super::{Real, initial_guess};
 use crate::gait::spline::{BSpline, hermite};
 use crate::gait::{Phase, Schedule};
@@ -275,15 +275,6 @@ pub struct FootBlocks {
     pub heights: Vec<u32>,
     /// Nodes of each stance's force, [`NONE`] where the force is zero.
     pub force_nodes: Vec<Vec<u32>>,
-}
-
-/// A block before it has its place in `x`.
-pub(super) struct Block {
-    pub initial: Vec<f64>,
-    pub fixed: bool,
-    /// First and last step of the sweep that touch it.
-    pub first: usize,
-    pub last: usize,
 }
 
 /// An element before its columns are known.

@@ -17,8 +17,6 @@ pub trait Real: num_traits::Float + num_traits::NumAssign + std::iter::Sum + Def
     fn of(value: f64) -> Self;
     /// This value as an `f64`.
     fn as_f64(self) -> f64;
-    /// Partial Cholesky factorisation with the register tile that suits the scalar, see [`crate::kernels::front`].
-    fn partial_cholesky(front: &mut [Self], stride: usize, size: usize, pivots: usize) -> bool;
 }
 
 impl Real for f32 {
@@ -30,10 +28,6 @@ impl Real for f32 {
     fn as_f64(self) -> f64 {
         f64::from(self)
     }
-    #[inline(always)]
-    fn partial_cholesky(front: &mut [Self], stride: usize, size: usize, pivots: usize) -> bool {
-        crate::kernels::front::partial_cholesky::<f32, 16>(front, stride, size, pivots)
-    }
 }
 
 impl Real for f64 {
@@ -44,9 +38,5 @@ impl Real for f64 {
     #[inline(always)]
     fn as_f64(self) -> f64 {
         self
-    }
-    #[inline(always)]
-    fn partial_cholesky(front: &mut [Self], stride: usize, size: usize, pivots: usize) -> bool {
-        crate::kernels::front::partial_cholesky::<f64, 8>(front, stride, size, pivots)
     }
 }

@@ -4,7 +4,6 @@
 //! it; those whose last row is here are its pivots. Variables are numbered in that order, so the pivots of a step are consecutive and a
 //! front sorted by variable starts with them.
 
-use super::layout::Block;
 use std::ops::Range;
 
 /// Consecutive variables: in `x`, in the front, and in an element's columns (or in the next front).
@@ -40,6 +39,15 @@ pub struct Step {
     pub moves: Range<u32>,
     /// The front after its pivots, as runs.
     pub rest: Range<u32>,
+}
+
+/// A block before it has its place in `x`.
+pub(super) struct Block {
+    pub initial: Vec<f64>,
+    pub fixed: bool,
+    /// First and last step of the sweep that touch it.
+    pub first: usize,
+    pub last: usize,
 }
 
 /// Result of the analysis.
