@@ -185,7 +185,7 @@ impl Solve {
         let generations = result.generations.len();
         let evaluated: usize = result.generations.iter().map(|g| g.evaluated).sum();
         let verdict = if result.feasible { "gait found" } else { "no feasible gait" };
-        text += &format!("{verdict} in {:.3} s: {evaluated} candidates in {generations} generations ({})\n", result.seconds, result.stop);
+        text += &format!("{verdict} in {:.3} s ({}; candidates: {evaluated}, generations: {generations})\n", result.seconds, result.stop);
         if let Some(after) = result.first_feasible_seconds {
             text += &format!("first feasible gait after {after:.3} s\n");
         }
