@@ -162,7 +162,7 @@ impl<T: Real> Solver<T> {
                 return outcome.ended(Status::Cancelled);
             }
             closing = closing || f < closing_below;
-            match self.attempt(layout, settings, closing, mu, &mut eps, &mut outcome) {
+            match self.attempt(layout, closing, mu, &mut eps, &mut outcome) {
                 Attempt::Refused if closing => {
                     // Back to the barrier until the violated rows are better known.
                     closing = false;
@@ -234,15 +234,7 @@ impl<T: Real> Solver<T> {
     }
 
     /// Looks for a step from the linearisation at `x`; on success `trial` holds the new point.
-    fn attempt(
-        &mut self,
-        layout: &Layout<T>,
-        _settings: &SolverSettings,
-        closing: bool,
-        mu: f64,
-        eps: &mut f64,
-        outcome: &mut Outcome,
-    ) -> Attempt {
+    fn attempt(&mut self, layout: &Layout<T>, closing: bool, mu: f64, eps: &mut f64, outcome: &mut Outcome) -> Attempt {
         let (mu_t, f) = (T::of(mu), outcome.infeasibility);
         if closing {
             step::closing_rows(layout, &self.now.c, &self.now.g, &mut self.weight, &mut self.value);
