@@ -1,12 +1,11 @@
 //! `evaluate`: solve given schedules.
 
 use super::args::{Goal, LowerArgs, World, WorldArgs};
-use super::solve::{precision_name, robot_name, terrain_name};
+use super::label::{device, label};
 use super::{CANCELLED, Failure, Verdict, complain, print};
-use crate::backend::Backend;
 use crate::error::{Error, Result, from_json};
-use crate::evaluate::{Evaluated, check_candidate, evaluate};
-use crate::gait::{Schedule, Trajectory};
+use crate::evaluate::{check_candidate, evaluate};
+use crate::gait::Schedule;
 use crate::report::{EvaluateResult, files};
 use crate::scenario::Scenario;
 use crate::task::Task;
@@ -77,7 +76,7 @@ impl Evaluate {
             files::check_writable(path)?;
         }
         let backend = self.lower.backend()?;
-        let device = format!("{}, {}", backend.device(), precision_name(settings.precision));
+        let device = device(&backend, settings.precision);
 
         // Lines before a bad one keep their results.
         let mut failure = None;
@@ -110,7 +109,11 @@ impl Evaluate {
                 object.insert("result".into(), serde_json::to_value(EvaluateResult::new(&evaluated, &device)).map_err(Error::from)?);
                 results += &(Value::Object(object).to_string() + "\n");
                 if self.trajectories.is_some() {
-                    let trajectory = item.label(evaluated);
+                    let trajectory = {
+                        let number = |key: &str| item.object.get(key).and_then(Value::as_u64);
+                        let target = number("target").map(|t| t as usize);
+                        label(evaluated.trajectory, &item.task, item.scenario.as_deref(), target, number("seed"))
+                    };
                     trajectories += &(serde_json::to_string(&trajectory).map_err(Error::from)? + "\n");
                 }
             }
@@ -151,19 +154,5 @@ impl Evaluate {
         let named = scenario.as_deref().map(Scenario::named).transpose()?;
         let goal = Goal { target: parsed.target, base_target: parsed.base_target, xy: None, yaw: parsed.yaw_target };
         Ok(Item { object, scenario, task: world.task(named.as_ref(), goal)?, schedule })
-    }
-}
-
-impl Item {
-    /// The trajectory with everything that says where it comes from.
-    fn label(&self, evaluated: Evaluated) -> Trajectory {
-        Trajectory {
-            scenario: self.scenario.clone(),
-            target: self.object.get("target").and_then(Value::as_u64).map(|t| t as usize),
-            seed: self.object.get("seed").and_then(Value::as_u64),
-            robot: Some(robot_name(&self.task.robot)),
-            terrain: Some(terrain_name(&self.task.terrain)),
-            ..evaluated.trajectory
-        }
     }
 }

@@ -2,6 +2,7 @@
 
 mod args;
 mod evaluate;
+mod label;
 mod list;
 mod solve;
 mod verify;

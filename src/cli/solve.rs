@@ -1,20 +1,17 @@
 //! `solve`: search for a gait.
 
 use super::args::{Goal, GoalArg, LowerArgs, WorldArgs, apply};
+use super::label::{device, label};
 use super::{CANCELLED, Failure, Verdict, print, to_json};
-use crate::backend::Backend;
 use crate::cem::{CemSettings, Objective, Sampler, Stopping};
 use crate::certify::verify;
 use crate::error::Result;
 use crate::gait::Schedule;
-use crate::gait::trajectory::{NamedOr, Trajectory};
 use crate::report::result::Run;
 use crate::report::{SolveResult, files, gait_diagram};
-use crate::robot::{ROBOTS, Robot};
 use crate::scenario::Scenario;
 use crate::search::search;
 use crate::task::Task;
-use crate::terrain::{TERRAINS, Terrain};
 use clap::{Args, ValueEnum};
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -100,9 +97,12 @@ impl Solve {
         let found = search(&task, &settings, &lower, self.seed, &backend, &CANCELLED, &mut progress)?;
 
         let target = scenario.filter(|_| self.goal.is_none()).map(|_| self.target);
-        let trajectory = found.best.as_ref().map(|b| self.label(&b.solution.trajectory, &task, scenario.as_ref(), target));
+        let trajectory = found.best.as_ref().map(|b| {
+            let trajectory = b.solution.trajectory.clone();
+            label(trajectory, &task, scenario.as_ref().map(|s| s.name), target, Some(self.seed))
+        });
         let certificate = trajectory.as_ref().map(|t| verify(t, &task.robot, &task.terrain, task.force_limit)).transpose()?;
-        let device = format!("{}, {}", backend.device(), precision_name(lower.precision));
+        let device = device(&backend, lower.precision);
         let run = Run {
             scenario: scenario.as_ref().map(|s| (s.name, target)),
             task: &task,
@@ -163,18 +163,6 @@ impl Solve {
         Ok(settings)
     }
 
-    /// The trajectory with everything that says where it comes from.
-    fn label(&self, trajectory: &Trajectory, task: &Task, scenario: Option<&Scenario>, target: Option<usize>) -> Trajectory {
-        Trajectory {
-            scenario: scenario.map(|s| s.name.into()),
-            target,
-            robot: Some(robot_name(&task.robot)),
-            terrain: Some(terrain_name(&task.terrain)),
-            seed: Some(self.seed),
-            ..trajectory.clone()
-        }
-    }
-
     fn text(&self, result: &SolveResult) -> Result<String> {
         let [x, y, z] = result.base_target;
         let scenario = result.scenario.as_deref().map(|s| format!("{s}: ")).unwrap_or_default();
@@ -205,23 +193,4 @@ impl Solve {
         }
         Ok(text)
     }
-}
-
-pub fn precision_name(precision: crate::backend::Precision) -> &'static str {
-    match precision {
-        crate::backend::Precision::F32 => "f32 closed in f64",
-        crate::backend::Precision::F64 => "f64",
-    }
-}
-
-/// A built-in robot by its name, a user's own in full.
-pub fn robot_name(robot: &Robot) -> NamedOr<Robot> {
-    let built_in = ROBOTS.contains(&robot.name.as_str()) && Robot::named(&robot.name).is_ok_and(|r| r == *robot);
-    if built_in { NamedOr::Name(robot.name.clone()) } else { NamedOr::Own(robot.clone()) }
-}
-
-/// A built-in terrain by its name, a user's own in full.
-pub fn terrain_name(terrain: &Terrain) -> NamedOr<Terrain> {
-    let built_in = TERRAINS.contains(&terrain.name.as_str()) && Terrain::named(&terrain.name).is_ok_and(|t| t == *terrain);
-    if built_in { NamedOr::Name(terrain.name.clone()) } else { NamedOr::Own(terrain.clone()) }
 }

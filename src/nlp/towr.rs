@@ -6,6 +6,9 @@ use crate::gait::spline::BSpline;
 use crate::gait::{Curve, FootCurves, Trajectory};
 use crate::task::Task;
 
+/// Name of this transcription in files.
+pub const NAME: &str = "towr";
+
 /// Node values of a solution: the same curves as Hermite pieces.
 ///
 /// * `x` - as [`Layout::initial`], fixed values included
@@ -17,7 +20,7 @@ pub fn towr_nodes(task: &Task, layout: &Layout<f64>, x: &[f64]) -> Trajectory {
         target: None,
         robot: None,
         terrain: None,
-        transcription: Some("towr".into()),
+        transcription: Some(NAME.into()),
         seed: None,
         version: Some(env!("CARGO_PKG_VERSION").into()),
         init_base: Some(task.base_start()),

@@ -3,6 +3,7 @@
 use crate::cem::{CemSettings, GenerationRecord, StopReason};
 use crate::certify::Report;
 use crate::evaluate::{Evaluated, LowerSettings};
+use crate::nlp::towr;
 use crate::search::Found;
 use crate::solver::Status;
 use crate::task::Task;
@@ -51,7 +52,7 @@ impl EvaluateResult {
             n_variables: evaluated.n_variables,
             seconds: evaluated.finished_after,
             device: device.into(),
-            transcription: "towr",
+            transcription: towr::NAME,
             version: env!("CARGO_PKG_VERSION"),
         }
     }
@@ -165,7 +166,7 @@ impl SolveResult {
             force_limit: run.task.force_limit,
             seed: run.seed,
             device: run.device.clone(),
-            transcription: "towr",
+            transcription: towr::NAME,
             search: run.search.clone(),
             lower: run.lower.clone(),
             feasible: best.is_some_and(|b| b.solution.feasible),

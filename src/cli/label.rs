@@ -1,0 +1,29 @@
+//! What results say of where they come from.
+
+use crate::backend::{Backend, Precision};
+use crate::gait::Trajectory;
+use crate::gait::trajectory::NamedOr;
+use crate::robot::{ROBOTS, Robot};
+use crate::task::Task;
+use crate::terrain::{TERRAINS, Terrain};
+
+/// The device with the precision of the main solve.
+pub fn device(backend: &dyn Backend, precision: Precision) -> String {
+    let precision = match precision {
+        Precision::F32 => "f32 closed in f64",
+        Precision::F64 => "f64",
+    };
+    format!("{}, {precision}", backend.device())
+}
+
+/// A trajectory with its task, target and seed. Built-in robots and terrains go by their names, a user's own in full.
+pub fn label(trajectory: Trajectory, task: &Task, scenario: Option<&str>, target: Option<usize>, seed: Option<u64>) -> Trajectory {
+    let robot = named_or_own(&*task.robot, &task.robot.name, &ROBOTS, |name| Robot::named(name).ok());
+    let terrain = named_or_own(&*task.terrain, &task.terrain.name, &TERRAINS, |name| Terrain::named(name).ok());
+    Trajectory { scenario: scenario.map(Into::into), target, seed, robot: Some(robot), terrain: Some(terrain), ..trajectory }
+}
+
+fn named_or_own<T: Clone + PartialEq>(own: &T, name: &str, known: &[&str], named: impl Fn(&str) -> Option<T>) -> NamedOr<T> {
+    let built_in = known.contains(&name) && named(name).is_some_and(|n| n == *own);
+    if built_in { NamedOr::Name(name.into()) } else { NamedOr::Own(own.clone()) }
+}
