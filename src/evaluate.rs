@@ -5,8 +5,8 @@ use crate::certify::{close, verify_rows};
 use crate::error::{Error, Result};
 use crate::gait::schedule::MAX_HORIZON;
 use crate::gait::{Schedule, Trajectory};
-use crate::nlp::{Layout, towr::towr_nodes};
-use crate::settings::{SolverSettings, TranscriptionSettings};
+use crate::nlp::{Layout, node_values};
+use crate::settings::{SolverSettings, Transcription, TranscriptionSettings};
 use crate::solver::Status;
 use crate::task::Task;
 use serde::{Deserialize, Serialize};
@@ -49,6 +49,8 @@ impl LowerSettings {
 /// Result of one candidate.
 #[derive(Debug, Clone)]
 pub struct Evaluated {
+    /// Rows it was solved for.
+    pub transcription: Transcription,
     /// How the solve ended, f64 closing included.
     pub status: Status,
     /// Whether every row of the certificate holds.
@@ -155,10 +157,11 @@ fn certify(problem: &Problem, solution: Solution, settings: &LowerSettings, canc
         Precision::F32 => close(&layout, solution, &settings.solver, cancel),
         Precision::F64 => (solution.outcome, solution.x),
     };
-    let trajectory = towr_nodes(task, &layout, &x);
+    let trajectory = node_values(task, &layout, &x);
     let rows = verify_rows(&trajectory, &task.robot, &task.terrain, task.force_limit);
     let (n_violated, max_violation, feasible) = rows.map_or((usize::MAX, f64::NAN, false), |r| (r.n_violated, r.max_violation, r.feasible));
     Evaluated {
+        transcription: settings.transcription.rows,
         status: outcome.status,
         feasible,
         iterations: outcome.iterations,

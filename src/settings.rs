@@ -3,13 +3,45 @@
 use crate::error::{Result, check_range};
 use serde::{Deserialize, Serialize};
 
+/// Which rows stand for the motion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Transcription {
+    /// Impulses over intervals: motions that hold between the instants.
+    Momentum,
+    /// Those of TOWR \[3\]: dynamics at instants, forces at nodes. For comparisons.
+    Towr,
+}
+
+impl Transcription {
+    /// Name in files and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Transcription::Momentum => "momentum",
+            Transcription::Towr => "towr",
+        }
+    }
+}
+
+/// Velocity of the base at the goal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum GoalVelocity {
+    /// At rest, linear and angular.
+    Zero,
+    /// Any.
+    Free,
+}
+
 /// How the motion is turned into variables and rows.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TranscriptionSettings {
-    /// Interval of base knots and dynamics instants, s. Longer: fewer variables, motions that hold less between instants.
+    /// Which rows.
+    pub rows: Transcription,
+    /// Interval of base knots and dynamics rows, s. Longer: fewer variables, motions that hold less between instants.
     pub interval: f64,
-    /// Interval of reach rows, s.
+    /// `towr`: interval of reach rows, s.
     pub reach_interval: f64,
     /// Cubic pieces of the force in a stance, at least 2.
     pub force_pieces: usize,
@@ -17,11 +49,30 @@ pub struct TranscriptionSettings {
     pub length_margin: f64,
     /// Tightening of force rows, in body weights.
     pub force_margin: f64,
+    /// `momentum`: velocity of the base at the goal.
+    pub goal_velocity: GoalVelocity,
+    /// `momentum`: height of a foot above the terrain in mid-swing, m, at least.
+    pub clearance: f64,
+    /// `momentum`: height of a swinging foot above the terrain, m, at most.
+    pub swing_height: f64,
+    /// `momentum`: horizontal speed of a swinging foot, m/s, at most.
+    pub foot_speed: f64,
 }
 
 impl Default for TranscriptionSettings {
     fn default() -> Self {
-        TranscriptionSettings { interval: 0.1, reach_interval: 0.08, force_pieces: 3, length_margin: 1e-3, force_margin: 1e-3 }
+        TranscriptionSettings {
+            rows: Transcription::Momentum,
+            interval: 0.1,
+            reach_interval: 0.08,
+            force_pieces: 3,
+            length_margin: 1e-3,
+            force_margin: 1e-3,
+            goal_velocity: GoalVelocity::Zero,
+            clearance: 0.03,
+            swing_height: 0.2,
+            foot_speed: 10.,
+        }
     }
 }
 
@@ -99,7 +150,10 @@ impl TranscriptionSettings {
         check_range("transcription.reach_interval", self.reach_interval, 0.005, 1.)?;
         check_range("transcription.force_pieces", self.force_pieces as f64, 2., 16.)?;
         check_range("transcription.length_margin", self.length_margin, 0., 0.1)?;
-        check_range("transcription.force_margin", self.force_margin, 0., 0.1)
+        check_range("transcription.force_margin", self.force_margin, 0., 0.1)?;
+        check_range("transcription.clearance", self.clearance, 0., 10.)?;
+        check_range("transcription.swing_height", self.swing_height, self.clearance + 1e-3, 100.)?;
+        check_range("transcription.foot_speed", self.foot_speed, 0.1, 1000.)
     }
 }
 

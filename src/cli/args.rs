@@ -8,6 +8,7 @@ use crate::report::files;
 use crate::robot::{ROBOTS, Robot};
 use crate::scenario::Scenario;
 use crate::task::{DEFAULT_FORCE_LIMIT, Task};
+use crate::settings::{Transcription, TranscriptionSettings};
 use crate::terrain::{TERRAINS, Terrain};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
@@ -153,6 +154,8 @@ impl World {
 /// Rows of the lower level.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 pub enum TranscriptionArg {
+    /// Impulses over intervals: motions that hold between the instants
+    Momentum,
     /// TOWR's rows: dynamics at instants 0.1 s apart
     Towr,
 }
@@ -170,7 +173,7 @@ pub enum PrecisionArg {
 #[derive(Debug, Args)]
 pub struct LowerArgs {
     /// Rows that a motion must satisfy
-    #[arg(long, value_enum, default_value = "towr")]
+    #[arg(long, value_enum, default_value = "momentum")]
     pub transcription: TranscriptionArg,
     /// Scalar of the solver
     #[arg(long, value_enum, default_value = "f32")]
@@ -186,13 +189,16 @@ pub struct LowerArgs {
 impl LowerArgs {
     /// Settings of the lower level; keys that begin with `search.` are left alone.
     pub fn settings(&self) -> Result<LowerSettings> {
-        let TranscriptionArg::Towr = self.transcription;
+        let rows = match self.transcription {
+            TranscriptionArg::Momentum => Transcription::Momentum,
+            TranscriptionArg::Towr => Transcription::Towr,
+        };
         let precision = match self.precision {
             PrecisionArg::F32 => Precision::F32,
             PrecisionArg::F64 => Precision::F64,
         };
         let sets = self.set.iter().filter(|s| !s.starts_with("search."));
-        let settings = apply(LowerSettings { precision, ..LowerSettings::default() }, "", sets.map(String::as_str))?;
+        let settings = apply(LowerSettings { transcription: TranscriptionSettings { rows, ..TranscriptionSettings::default() }, precision, ..LowerSettings::default() }, "", sets.map(String::as_str))?;
         settings.validate()?;
         Ok(settings)
     }

@@ -168,7 +168,7 @@ impl Solve {
         let scenario = result.scenario.as_deref().map(|s| format!("{s}: ")).unwrap_or_default();
         let mut text = format!(
             "{scenario}{} on {}, to ({x:.3}, {y:.3}, {z:.3}) m, yaw {:.3} rad\nseed {}, {}, {} rows\n\n",
-            result.robot, result.terrain, result.yaw_target, result.seed, result.device, result.transcription
+            result.robot, result.terrain, result.yaw_target, result.seed, result.device, result.transcription.name()
         );
         let generations = result.generations.len();
         let evaluated: usize = result.generations.iter().map(|g| g.evaluated).sum();

@@ -9,6 +9,13 @@ pub fn hermite(t: f64, duration: f64) -> [f64; 4] {
     [2. * u3 - 3. * u2 + 1., (u3 - 2. * u2 + u) * duration, -2. * u3 + 3. * u2, (u3 - u2) * duration]
 }
 
+/// Weights of the derivative of [`hermite`].
+pub fn hermite_rate(t: f64, duration: f64) -> [f64; 4] {
+    let u = t / duration;
+    let u2 = u * u;
+    [6. * (u2 - u) / duration, 3. * u2 - 4. * u + 1., 6. * (u - u2) / duration, 3. * u2 - 2. * u]
+}
+
 /// Clamped uniform cubic B-spline over `intervals` intervals of length `interval`: `intervals + 3` coefficients.
 #[derive(Debug, Clone, Copy)]
 pub struct BSpline {

@@ -58,7 +58,7 @@ impl<T: Real> Body<'_, T> {
 
 /// `sum_i v[i] axes[i]`.
 #[inline(always)]
-fn along<T: Real>(axes: &[Vec3<T>; 3], v: Vec3<T>) -> Vec3<T> {
+pub(super) fn along<T: Real>(axes: &[Vec3<T>; 3], v: Vec3<T>) -> Vec3<T> {
     add(add(scale(v[0], axes[0]), scale(v[1], axes[1])), scale(v[2], axes[2]))
 }
 
@@ -166,7 +166,7 @@ fn dynamics_instant<T: Real>(
             for part in 0..2 {
                 let w = stance.weights[i][part];
                 let c = column + 3 * part;
-                put_cross(rows, c, scale(w, minus_arm));
+                put_cross(rows, 0, c, scale(w, minus_arm));
                 for r in 0..3 {
                     for d in 0..3 {
                         rows.put(3 + r, c + d, if r == d { -w * balance_scale } else { zero });
@@ -205,7 +205,7 @@ fn dynamics_instant<T: Real>(
         }
         let c = instant.column[i] as usize;
         let (w0, w1, w2) = (instant.weights[0][i], instant.weights[1][i], instant.weights[2][i]);
-        put_cross(rows, c, scale(w0, minus_force));
+        put_cross(rows, 0, c, scale(w0, minus_force));
         for r in 0..3 {
             for d in 0..3 {
                 rows.put(3 + r, c + d, if r == d { constants.mass * w2 * balance_scale } else { zero });
@@ -217,14 +217,14 @@ fn dynamics_instant<T: Real>(
     }
 }
 
-/// Writes `[a]x` into the first three rows from a column on.
+/// Writes `[a]x` into three rows from a row and a column on.
 #[inline(always)]
-fn put_cross<T: Real>(rows: &mut Rows<T>, column: usize, a: Vec3<T>) {
+pub(super) fn put_cross<T: Real>(rows: &mut Rows<T>, row: usize, column: usize, a: Vec3<T>) {
     let zero = T::zero();
     let matrix = [[zero, -a[2], a[1]], [a[2], zero, -a[0]], [-a[1], a[0], zero]];
     for r in 0..3 {
         for d in 0..3 {
-            rows.put(r, column + d, matrix[r][d]);
+            rows.put(row + r, column + d, matrix[r][d]);
         }
     }
 }

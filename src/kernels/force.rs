@@ -1,4 +1,4 @@
-//! Contact forces at their nodes: they push, not too hard, inside the friction pyramid of the ground under the foothold.
+//! Contact forces at their nodes, or at the Bezier points beside them: they push, not too hard, inside the friction pyramid of the ground under the foothold.
 //!
 //! With unit normal `n` and tangents `t1`, `t2` of the ground: `n.f <= f_max`, `+-t1.f - mu n.f <= 0`, `+-t2.f - mu n.f <= 0`, `-n.f <= 0`,
 //! each tightened by a margin. Forces are in the force unit. Source: \[3\].
@@ -51,7 +51,7 @@ pub fn force<T: Real>(layout: &Layout<T>, x: &[T], edge_radius: T, residual: &mu
     let (zero, one) = (T::zero(), T::one());
     for node in &layout.force_nodes {
         let at = node.node as usize;
-        let force = [x[at], x[at + 1], x[at + 2]];
+        let force: Vec3<T> = std::array::from_fn(|d| x[at + d] + node.slope_weight * x[at + 3 + d]);
         let under = layout.footholds[node.foothold as usize] as usize;
         let [n, t1, t2] = basis(&layout.terrain.rounded_ground(x[under], x[under + 1], edge_radius));
         let minus_mu_n = scale(-constants.friction, n.unit);
@@ -68,7 +68,7 @@ pub fn force<T: Real>(layout: &Layout<T>, x: &[T], edge_radius: T, residual: &mu
         for r in 0..5 {
             for d in 0..3 {
                 rows.put(r, c + d, normals[r][d]);
-                rows.put(r, c + 3 + d, zero);
+                rows.put(r, c + 3 + d, node.slope_weight * normals[r][d]);
             }
         }
         if node.foothold_column == NONE {

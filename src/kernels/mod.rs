@@ -8,6 +8,7 @@ pub mod foothold;
 pub mod force;
 pub mod front;
 pub mod math;
+pub mod momentum;
 pub mod reach;
 pub mod step;
 pub mod swing;
@@ -64,7 +65,8 @@ pub fn evaluate<T: Real>(
 ) {
     foothold::footholds(layout, x, ground);
     dynamics::dynamics(layout, x, ground, equality, jacobian.as_deref_mut());
+    momentum::momentum(layout, x, ground, equality, jacobian.as_deref_mut());
     reach::reach(layout, x, ground, inequality, jacobian.as_deref_mut());
     force::force(layout, x, edge_radius, inequality, jacobian.as_deref_mut());
-    swing::swing(layout, x, inequality, jacobian);
+    swing::swing(layout, x, ground, inequality, jacobian);
 }

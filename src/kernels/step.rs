@@ -66,14 +66,16 @@ pub fn closing_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], weight: &mut 
 }
 
 /// Products `J d`: for equalities in `c_change`, for inequalities (with the sign of their side) in `g_change`.
+///
+/// * `local` - scratch, `[widest]`
 #[multiversion(targets("x86_64+avx2"))]
-pub fn jacobian_times<T: Real>(layout: &Layout<T>, jacobian: &[T], d: &[T], c_change: &mut [T], g_change: &mut [T]) {
+pub fn jacobian_times<T: Real>(layout: &Layout<T>, jacobian: &[T], d: &[T], local: &mut [T], c_change: &mut [T], g_change: &mut [T]) {
     for element in &layout.elements {
         let place = &element.place;
         let (rows, pairs) = (element.rows as usize, element.pairs as usize);
         let (row, at, stride) = (place.row as usize, place.inequality as usize, place.stride as usize);
-        // The element's part of d; the widest element has 6 x (3 + 2 feet) + 2 feet columns.
-        let mut local = [T::zero(); MAX_COLUMNS];
+        // The element's part of d; the padding of Jacobian rows is zero.
+        local[..stride].fill(T::zero());
         for run in &layout.runs[element.runs.start as usize..element.runs.end as usize] {
             local[run.column as usize..(run.column + run.len) as usize]
                 .copy_from_slice(&d[run.variable as usize..(run.variable + run.len) as usize]);
@@ -91,9 +93,6 @@ pub fn jacobian_times<T: Real>(layout: &Layout<T>, jacobian: &[T], d: &[T], c_ch
         }
     }
 }
-
-/// Most columns of an element: 3 base coefficients, and for 8 feet two force nodes and a foothold.
-pub const MAX_COLUMNS: usize = 6 * 3 + crate::robot::MAX_FEET * 14 + 6;
 
 /// Steps of slacks and multipliers for `d`: `dz = w (J d + g - z/rho + mu/z)`, `ds = -(s - mu/z) - (s/z) dz`.
 ///

@@ -1,31 +1,62 @@
-//! Swing clearance: the mid node of a swing, halfway between the footholds, is not under the terrain.
+//! Swinging feet: how high above the terrain, how far in one step.
 //!
-//! `height(mid) - z + margin <= 0`, times the length scale. Source: \[3\].
+//! `low - (z - height(x, y)) + margin <= 0` and, where the row is two-sided, `(z - height(x, y)) - high + margin <= 0`, times the length
+//! scale. A step is no longer than its limit: `(|b - a|^2 / limit - limit) / 2`, times the same.
 
 use super::Rows;
 use crate::nlp::layout::NONE;
 use crate::nlp::{Layout, Real};
+use crate::settings::Transcription;
+use crate::terrain::Ground;
 
-/// Clearance rows of all swings.
+/// Height rows of all swings, and their step rows.
 ///
-/// * `residual` - out, one at each swing's place
-/// * `jacobian` - out, one row at each swing's place
+/// * `residual` - out, at each row's place: low, high; or the step
+/// * `jacobian` - out, one row at each place
 #[inline(always)]
-pub fn swing<T: Real>(layout: &Layout<T>, x: &[T], residual: &mut [T], mut jacobian: Option<&mut [T]>) {
+pub fn swing<T: Real>(layout: &Layout<T>, x: &[T], ground: &[Ground<T>], residual: &mut [T], mut jacobian: Option<&mut [T]>) {
     let constants = &layout.constants;
     let unit = constants.length_scale;
-    let half = T::of(0.5);
     for swing in &layout.swing_nodes {
-        let (a, b) = (layout.footholds[swing.foothold[0] as usize] as usize, layout.footholds[swing.foothold[1] as usize] as usize);
-        let under = layout.terrain.ground(half * (x[a] + x[b]), half * (x[a + 1] + x[b + 1]));
-        residual[swing.place.inequality as usize] = (under.height - x[swing.height as usize] + constants.length_margin) * unit;
+        let footholds = swing.foothold.map(|f| layout.footholds[f as usize] as usize);
+        let mut at = [T::zero(); 2];
+        let mut height = swing.z_weights[2] * x[swing.height as usize];
+        for i in 0..2 {
+            at[0] += swing.xy_weights[i] * x[footholds[i]];
+            at[1] += swing.xy_weights[i] * x[footholds[i] + 1];
+            height += swing.z_weights[i] * ground[swing.foothold[i] as usize].height;
+        }
+        let under = layout.terrain.ground(at[0], at[1]);
+        let place = swing.place.inequality as usize;
+        residual[place] = (under.height - height + swing.low + constants.length_margin) * unit;
+        if layout.transcription == Transcription::Momentum {
+            residual[place + 1] = (height - under.height - swing.high + constants.length_margin) * unit;
+        }
         let Some(jacobian) = jacobian.as_deref_mut() else { continue };
         let mut rows = Rows::new(jacobian, &swing.place);
-        rows.put(0, swing.height_column as usize, -unit);
+        rows.put(0, swing.height_column as usize, -swing.z_weights[2] * unit);
         for i in 0..2 {
             if swing.foothold_column[i] != NONE {
+                let slope = ground[swing.foothold[i] as usize].slope;
                 for d in 0..2 {
-                    rows.put(0, swing.foothold_column[i] as usize + d, half * under.slope[d] * unit);
+                    let value = swing.xy_weights[i] * under.slope[d] - swing.z_weights[i] * slope[d];
+                    rows.put(0, swing.foothold_column[i] as usize + d, value * unit);
+                }
+            }
+        }
+    }
+    let half = T::of(0.5);
+    for stride in &layout.strides {
+        let [a, b] = stride.foothold.map(|f| layout.footholds[f as usize] as usize);
+        let step = [x[b] - x[a], x[b + 1] - x[a + 1]];
+        let squares = step[0] * step[0] + step[1] * step[1];
+        residual[stride.place.inequality as usize] = half * (squares / stride.limit - stride.limit) * unit;
+        let Some(jacobian) = jacobian.as_deref_mut() else { continue };
+        let mut rows = Rows::new(jacobian, &stride.place);
+        for (i, sign) in [-unit, unit].into_iter().enumerate() {
+            if stride.foothold_column[i] != NONE {
+                for d in 0..2 {
+                    rows.put(0, stride.foothold_column[i] as usize + d, sign * step[d] / stride.limit);
                 }
             }
         }

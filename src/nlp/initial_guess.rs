@@ -24,8 +24,14 @@ pub fn foothold(task: &Task, foot: usize, stance: usize, stances: usize) -> [f64
     [start[0] + part * (goal[0] - start[0]), start[1] + part * (goal[1] - start[1])]
 }
 
-/// Height of the mid node of the swing after stance `stance`, m: the terrain under it.
-pub fn swing_height(task: &Task, foot: usize, stance: usize, stances: usize) -> f64 {
-    let (a, b) = (foothold(task, foot, stance, stances), foothold(task, foot, stance + 1, stances));
+/// Foothold of a foot (x, y) at its nominal position under a base pose (position, then Euler angles), m.
+pub fn under_base(task: &Task, foot: usize, pose: [f64; 6]) -> [f64; 2] {
+    let [x, y, _] = task.robot.nominal_feet[foot];
+    let (sin, cos) = pose[5].sin_cos();
+    [pose[0] + cos * x - sin * y, pose[1] + sin * x + cos * y]
+}
+
+/// Height of the terrain under the mid node of a swing between two footholds, m.
+pub fn swing_height(task: &Task, a: [f64; 2], b: [f64; 2]) -> f64 {
     task.terrain.height((a[0] + b[0]) / 2., (a[1] + b[1]) / 2.)
 }

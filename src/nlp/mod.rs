@@ -4,12 +4,16 @@
 //! The kernels fill each element's residuals and dense Jacobian; everything after that (assembly, products, steps) knows elements only
 //! and serves every transcription.
 
+mod builder;
 pub mod initial_guess;
 pub mod layout;
+pub mod momentum;
+pub mod nodes;
 pub mod sweep;
 pub mod towr;
 
 pub use layout::Layout;
+pub use nodes::node_values;
 
 /// Scalar of the solver: `f32` for speed, `f64` for certification.
 pub trait Real: num_traits::Float + num_traits::NumAssign + std::iter::Sum + Default + std::fmt::Debug + Send + Sync + 'static {

@@ -1,44 +1,124 @@
-//! From solver variables back to TOWR's node values \[3\].
+//! The `towr` transcription: TOWR's rows \[3\] in variables that leave no linear equality.
+//!
+//! The base is the C2 cubic spline that TOWR's acceleration rows make of its Hermite nodes.
 
-use super::Layout;
-use super::layout::{NONE, SWING_DURATION};
-use crate::gait::spline::BSpline;
-use crate::gait::{Curve, FootCurves, Trajectory};
+use super::builder::Builder;
+use super::layout::{BasePoint, DynamicsInstant, Family, NONE, Place, StanceForce};
+use super::{Layout, Real, initial_guess};
+use crate::gait::Curve;
+use crate::gait::spline::{BSpline, hermite};
 use crate::task::Task;
 
-/// Name of this transcription in files.
-pub const NAME: &str = "towr";
+/// Average swing duration that TOWR assumes for the mid-swing velocity, s.
+pub const SWING_DURATION: f64 = 0.3;
 
-/// Node values of a solution: the same curves as Hermite pieces.
-///
-/// * `x` - as [`Layout::initial`], fixed values included
-pub fn towr_nodes(task: &Task, layout: &Layout<f64>, x: &[f64]) -> Trajectory {
-    let curves = &layout.curves;
-    let horizon = curves.intervals as f64 * curves.interval;
-    Trajectory {
-        scenario: None,
-        target: None,
-        robot: None,
-        terrain: None,
-        transcription: Some(NAME.into()),
-        seed: None,
-        version: Some(env!("CARGO_PKG_VERSION").into()),
-        init_base: Some(task.base_start()),
-        base_target: task.base_target,
-        yaw_target: task.yaw_target,
-        force_limit: Some(task.force_limit),
-        durations: curves.feet.iter().map(|f| f.phases.iter().map(|p| p.duration()).collect()).collect(),
-        horizon,
-        base_lin: base_curve(task, layout, x, 0),
-        base_ang: base_curve(task, layout, x, 3),
-        ee: (0..curves.feet.len())
-            .map(|foot| FootCurves { motion: motion_curve(task, layout, x, foot), force: force_curve(layout, x, foot) })
-            .collect(),
+/// Largest normal force of a foot in TOWR, N, whatever the robot.
+pub const FORCE_LIMIT: f64 = 1000.;
+
+/// Base coefficients as deviations from the reference line. The first two (start pose at rest) and the last (goal) are fixed.
+pub(super) fn base_blocks<T: Real>(b: &mut Builder<T>) {
+    let spline = BSpline::new(b.intervals, b.settings.interval);
+    let count = spline.coefficients();
+    let start = b.reference(0.);
+    let rise = initial_guess::final_base_height(b.task) - b.task.base_target[2];
+    for j in 0..count {
+        let on_line = b.reference(spline.greville(j));
+        let fixed = j < 2 || j == count - 1;
+        let initial = if j < 2 {
+            (0..6).map(|i| start[i] - on_line[i]).collect()
+        } else if j == count - 1 {
+            vec![0.; 6]
+        } else {
+            vec![0., 0., spline.greville(j) / b.horizon * rise, 0., 0., 0.]
+        };
+        let id = b.block(fixed, initial);
+        b.curves.base.push(id);
+    }
+}
+
+
+/// Newton-Euler rows at every knot.
+pub(super) fn dynamics_elements<T: Real>(b: &mut Builder<T>) {
+    let spline = BSpline::new(b.intervals, b.settings.interval);
+    for k in 0..=b.intervals {
+        let t = k as f64 * b.settings.interval;
+        // At a knot three of the four functions are alive: the first three of the interval that starts there.
+        let (interval, skip) = if k < b.intervals { (k, 0) } else { (k - 1, 1) };
+        let weights = std::array::from_fn(|derivative| {
+            let basis = spline.basis(interval, t, derivative);
+            std::array::from_fn(|i| T::of(basis[i + skip]))
+        });
+        let coefficients: [u32; 3] = std::array::from_fn(|i| b.curves.base[k + i]);
+        let first_force = b.stance_forces.len() as u32;
+        let mut blocks = coefficients.to_vec();
+        for foot in 0..b.curves.feet.len() {
+            let phase = b.phase_at(foot, t);
+            if !b.curves.feet[foot].phases[phase].stance {
+                continue;
+            }
+            let force = stance_force(b, foot, phase, t);
+            blocks.extend(force.node);
+            blocks.push(b.foothold_blocks[force.foothold as usize]);
+            b.stance_forces.push(force);
+        }
+        let (start, goal) = (b.reference(0.), b.reference(b.horizon));
+        b.dynamics.push(DynamicsInstant {
+            reference: b.reference(t).map(T::of),
+            rate: std::array::from_fn(|i| T::of((goal[i] - start[i]) / b.horizon)),
+            weights,
+            variable: coefficients,
+            column: [NONE; 3],
+            forces: first_force..b.stance_forces.len() as u32,
+            place: Place::default(),
+        });
+        b.element(Family::Dynamics, k, k, blocks);
+    }
+}
+
+
+/// Weights of a force at time `t`.
+fn stance_force<T: Real>(b: &Builder<T>, foot: usize, phase: usize, t: f64) -> StanceForce<T> {
+    let span = b.curves.feet[foot].phases[phase];
+    let nodes = &b.curves.feet[foot].force_nodes[phase / 2];
+    let pieces = b.settings.force_pieces;
+    let duration = span.duration() / pieces as f64;
+    let piece = (((t - span.start) / duration).max(0.) as usize).min(pieces - 1);
+    let w = hermite(t - span.start - piece as f64 * duration, duration);
+    let (value, slope) = (b.force_unit(), b.force_unit() / duration);
+    StanceForce {
+        weights: [[T::of(w[0] * value), T::of(w[1] * slope)], [T::of(w[2] * value), T::of(w[3] * slope)]],
+        node: [nodes[piece], nodes[piece + 1]],
+        node_column: [NONE; 2],
+        foothold: (b.first_foothold[foot] + phase / 2) as u32,
+        foothold_column: NONE,
+    }
+}
+
+
+/// Reach rows of all feet every `reach_interval` and at the end.
+pub(super) fn reach_elements<T: Real>(b: &mut Builder<T>) {
+    let spline = BSpline::new(b.intervals, b.settings.interval);
+    let every = b.settings.reach_interval;
+    let mut times: Vec<f64> = (0..=(b.horizon / every + 1e-9) as usize).map(|i| i as f64 * every).collect();
+    if b.horizon - times[times.len() - 1] > 1e-6 {
+        times.push(b.horizon);
+    }
+    for t in times {
+        let t = t.min(b.horizon);
+        let interval = ((t / b.settings.interval + 1e-9) as usize).min(b.intervals - 1);
+        // The last instant goes with the last dynamics rows.
+        let step = if t >= b.horizon - 1e-9 { b.intervals } else { interval };
+        let base = BasePoint {
+            reference: b.reference(t).map(T::of),
+            weights: spline.basis(interval, t, 0).map(T::of),
+            variable: std::array::from_fn(|i| b.curves.base[interval + i]),
+        };
+        b.reach_instant(t, 0..b.curves.feet.len(), step, base);
     }
 }
 
 /// Base position (`first = 0`) or Euler angles (`first = 3`) at the knots.
-fn base_curve(task: &Task, layout: &Layout<f64>, x: &[f64], first: usize) -> Curve {
+pub(super) fn base_curve(task: &Task, layout: &Layout<f64>, x: &[f64], first: usize) -> Curve {
     let curves = &layout.curves;
     let (n, h) = (curves.intervals, curves.interval);
     let (spline, horizon) = (BSpline::new(n, h), n as f64 * h);
@@ -57,52 +137,3 @@ fn base_curve(task: &Task, layout: &Layout<f64>, x: &[f64], first: usize) -> Cur
     Curve { poly_durations: vec![h; n], nodes: nodes.collect() }
 }
 
-/// One piece a stance, two a swing.
-fn motion_curve(task: &Task, layout: &Layout<f64>, x: &[f64], foot: usize) -> Curve {
-    let blocks = &layout.curves.feet[foot];
-    let foothold = |stance: usize| {
-        let at = blocks.footholds[stance] as usize;
-        let [px, py] = [x[at], x[at + 1]];
-        [px, py, task.terrain.height(px, py)]
-    };
-    let mut curve = Curve { poly_durations: Vec::new(), nodes: Vec::new() };
-    for (i, phase) in blocks.phases.iter().enumerate() {
-        if phase.stance {
-            let [px, py, pz] = foothold(i / 2);
-            curve.nodes.extend([[px, py, pz, 0., 0., 0.]; 2]);
-            curve.poly_durations.push(phase.duration());
-        } else {
-            let (a, b) = (foothold(i / 2), foothold(i / 2 + 1));
-            let z = x[blocks.heights[i / 2] as usize];
-            let mid = |d: usize| (a[d] + b[d]) / 2.;
-            let speed = |d: usize| (b[d] - a[d]) / SWING_DURATION;
-            curve.nodes.push([mid(0), mid(1), z, speed(0), speed(1), 0.]);
-            curve.poly_durations.extend([phase.duration() / 2.; 2]);
-        }
-    }
-    curve
-}
-
-/// The settings' number of pieces a stance, one zero piece a swing.
-fn force_curve(layout: &Layout<f64>, x: &[f64], foot: usize) -> Curve {
-    let blocks = &layout.curves.feet[foot];
-    let unit = layout.constants.force_unit;
-    let mut curve = Curve { poly_durations: Vec::new(), nodes: Vec::new() };
-    for (i, phase) in blocks.phases.iter().enumerate() {
-        if !phase.stance {
-            curve.poly_durations.push(phase.duration());
-            continue;
-        }
-        let nodes = &blocks.force_nodes[i / 2];
-        let duration = phase.duration() / (nodes.len() - 1) as f64;
-        curve.poly_durations.extend(vec![duration; nodes.len() - 1]);
-        curve.nodes.extend(nodes.iter().map(|&node| {
-            if node == NONE {
-                return [0.; 6];
-            }
-            let at = node as usize;
-            std::array::from_fn(|d| x[at + d] * if d < 3 { unit } else { unit / duration })
-        }));
-    }
-    curve
-}

@@ -3,8 +3,8 @@
 use crate::cem::{CemSettings, GenerationRecord, StopReason};
 use crate::certify::Report;
 use crate::evaluate::{Evaluated, LowerSettings};
-use crate::nlp::towr;
 use crate::search::Found;
+use crate::settings::Transcription;
 use crate::solver::Status;
 use crate::task::Task;
 use serde::Serialize;
@@ -33,7 +33,7 @@ pub struct EvaluateResult {
     /// Where it was solved.
     pub device: String,
     /// Rows it was solved for.
-    pub transcription: &'static str,
+    pub transcription: Transcription,
     /// Version of this program.
     pub version: &'static str,
 }
@@ -52,7 +52,7 @@ impl EvaluateResult {
             n_variables: evaluated.n_variables,
             seconds: evaluated.finished_after,
             device: device.into(),
-            transcription: towr::NAME,
+            transcription: evaluated.transcription,
             version: env!("CARGO_PKG_VERSION"),
         }
     }
@@ -109,7 +109,7 @@ pub struct SolveResult {
     /// Where it was solved.
     pub device: String,
     /// Rows it was solved for.
-    pub transcription: &'static str,
+    pub transcription: Transcription,
     /// Settings of the upper level.
     pub search: CemSettings,
     /// Settings of the lower level.
@@ -166,7 +166,7 @@ impl SolveResult {
             force_limit: run.task.force_limit,
             seed: run.seed,
             device: run.device.clone(),
-            transcription: towr::NAME,
+            transcription: run.lower.transcription.rows,
             search: run.search.clone(),
             lower: run.lower.clone(),
             feasible: best.is_some_and(|b| b.solution.feasible),

@@ -53,6 +53,8 @@ impl<T: Real> Residuals<T> {
 pub struct Solver<T> {
     x: Vec<T>,
     trial: Vec<T>,
+    /// The direction on the columns of one element.
+    local: Vec<T>,
     direction: Vec<T>,
     diagonal: Vec<T>,
     ground: Vec<Ground<T>>,
@@ -77,6 +79,7 @@ impl<T: Real> Default for Solver<T> {
         Solver {
             x: Vec::new(),
             trial: Vec::new(),
+            local: Vec::new(),
             direction: Vec::new(),
             diagonal: Vec::new(),
             ground: Vec::new(),
@@ -210,6 +213,7 @@ impl<T: Real> Solver<T> {
         // The padding of Jacobian rows must be zero, and no kernel writes it.
         self.jacobian.clear();
         self.jacobian.resize(layout.jacobian_len, T::zero());
+        self.local.resize(layout.widest, T::zero());
         self.weight.resize(layout.rows, T::zero());
         self.value.resize(layout.rows, T::zero());
         for v in [&mut self.slacks.slack, &mut self.slacks.multiplier, &mut self.slacks.slack_step, &mut self.slacks.multiplier_step] {
@@ -252,7 +256,7 @@ impl<T: Real> Solver<T> {
                 continue;
             }
             front::substitute(layout, &mut self.factor, &mut self.direction);
-            step::jacobian_times(layout, &self.jacobian, &self.direction, &mut self.change.c, &mut self.change.g);
+            step::jacobian_times(layout, &self.jacobian, &self.direction, &mut self.local, &mut self.change.c, &mut self.change.g);
             let length = if closing { T::one() } else { step::slack_steps(&self.now.g, &self.change.g, mu_t, &mut self.slacks) };
             step::advance(&self.x[..layout.variables], length, &self.direction, &mut self.trial[..layout.variables]);
             step::advance(&self.now.c, length, &self.change.c, &mut self.linear.c);
@@ -322,10 +326,15 @@ fn rows_hold<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], tolerance: f64) -> b
         let (row, at) = (element.place.row as usize, element.place.inequality as usize);
         let count = (element.rows + element.pairs) as usize;
         let limit = match element.family {
-            Family::Dynamics => {
-                return (0..6).all(|r| c[row + r].abs() <= tolerance * if r < 3 { k.moment_scale } else { k.balance_scale });
+            Family::Dynamics | Family::LinearMomentum | Family::AngularMomentum => {
+                let scale = |r: usize| match element.family {
+                    Family::Dynamics if r < 3 => k.moment_scale,
+                    Family::AngularMomentum => k.moment_scale,
+                    _ => k.balance_scale,
+                };
+                return (0..6).all(|r| c[row + r].abs() <= tolerance * scale(r));
             }
-            Family::Reach | Family::Swing => (tolerance + k.length_margin) * k.length_scale,
+            Family::Reach | Family::Swing | Family::Stride => (tolerance + k.length_margin) * k.length_scale,
             Family::Force => tolerance / k.force_unit + k.force_margin,
         };
         g[at..at + count].iter().all(|&g| g <= limit)

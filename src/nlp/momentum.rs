@@ -1,0 +1,203 @@
+//! The `momentum` transcription: base states at knots, and the exact change of momentum over each interval in between.
+//!
+//! Forces are cubics, so their impulses are exact weights on the force nodes. So is the angular momentum: taken about the base position
+//! `p_k` at the start of the interval instead of the moving base, it changes by the moments of impulses about fixed footholds and by
+//! the moment of gravity, and both are integrals of the forces alone. With `J_i`, `P`, `W` the first to third integral of forces,
+//!
+//! `v = v_k + g tau + J / m`, `d = v_k tau + g tau^2 / 2 + P / m`,
+//! `L = L_k + sum (x_i - p_k) x J_i + (m v_k tau^2 / 2 + W) x g - m d x v`.
+//!
+//! No quadrature of moments is needed; only the attitude asks for one: the mean of `L` over an interval must be that of the planned
+//! motion, `R I R' omega`, at the nodes of a Gauss-Legendre rule.
+
+use super::builder::Builder;
+use super::layout::{BasePoint, Family, Impulse, MOMENTUM_POINTS, MomentumInterval, MomentumPoint, NONE, Place};
+use super::{Layout, Real};
+use crate::gait::Curve;
+use crate::gait::spline::{hermite, hermite_rate};
+use crate::settings::GoalVelocity;
+use crate::task::Task;
+
+/// Speed of a foot in mid-swing, in its mean speeds: that of one cubic from rest to rest.
+pub const MID_SPEED: f64 = 1.5;
+
+/// Part of the horizon in which the initial guess speeds up, and slows down again.
+const RAMP: f64 = 0.3;
+
+/// Gauss-Legendre rule on (0, 1): nodes and weights.
+const MEAN_RULE: [[f64; 2]; MOMENTUM_POINTS - 1] = [
+    [0.046_910_077_030_668_02, 0.118_463_442_528_094_54],
+    [0.230_765_344_947_158_45, 0.239_314_335_249_683_24],
+    [0.5, 0.284_444_444_444_444_44],
+    [0.769_234_655_052_841_55, 0.239_314_335_249_683_24],
+    [0.953_089_922_969_331_98, 0.118_463_442_528_094_54],
+];
+
+/// The same with three nodes: exact for the integrals of a cubic that are needed.
+const EXACT_RULE: [[f64; 2]; 3] = [[0.112_701_665_379_258_31, 5. / 18.], [0.5, 8. / 18.], [0.887_298_334_620_741_69, 5. / 18.]];
+
+/// Points of an interval of length `h`.
+pub(super) fn points<T: Real>(h: f64) -> [MomentumPoint<T>; MOMENTUM_POINTS] {
+    std::array::from_fn(|q| {
+        let [part, mean] = MEAN_RULE.get(q).copied().unwrap_or([1., 0.]);
+        let t = part * h;
+        MomentumPoint { time: T::of(t), mean: T::of(mean), value: hermite(t, h).map(T::of), rate: hermite_rate(t, h).map(T::of) }
+    })
+}
+
+/// Where the initial guess has the base at time `t`, and its rate: along the line, from rest, and to rest when the goal asks for it.
+pub(super) fn base_guess<T: Real>(b: &Builder<T>, t: f64) -> ([f64; 6], [f64; 6]) {
+    let (start, goal) = (b.reference(0.), b.reference(b.horizon));
+    let slows = b.settings.goal_velocity == GoalVelocity::Zero;
+    let u = (t / b.horizon).clamp(0., 1.);
+    // Speed rises linearly over the ramp, stays, falls linearly; the area is 1.
+    let peak = 1. / if slows { 1. - RAMP } else { 1. - RAMP / 2. };
+    let (part, speed) = if u < RAMP {
+        (peak * u * u / (2. * RAMP), peak * u / RAMP)
+    } else if slows && u > 1. - RAMP {
+        let left = 1. - u;
+        (1. - peak * left * left / (2. * RAMP), peak * left / RAMP)
+    } else {
+        (peak * (u - RAMP / 2.), peak)
+    };
+    let pose = std::array::from_fn(|i| start[i] + part * (goal[i] - start[i]));
+    (pose, std::array::from_fn(|i| speed * (goal[i] - start[i]) / b.horizon))
+}
+
+/// Pose and rates at every knot, as deviations from the reference line.
+pub(super) fn base_blocks<T: Real>(b: &mut Builder<T>) {
+    let (start, goal) = (b.reference(0.), b.reference(b.horizon));
+    for k in 0..=b.intervals {
+        let t = k as f64 * b.settings.interval;
+        let (first, last) = (k == 0, k == b.intervals);
+        let ((pose, rate), line) = (base_guess(b, t), b.reference(t));
+        let pose = (0..6).map(|i| pose[i] - line[i]).collect();
+        let rate = (0..6).map(|i| rate[i] - (goal[i] - start[i]) / b.horizon).collect();
+        let pose = b.block(first || last, pose);
+        let rate = b.block(first || (last && b.settings.goal_velocity == GoalVelocity::Zero), rate);
+        b.curves.base.extend([pose, rate]);
+    }
+}
+
+/// Momentum rows of every interval.
+pub(super) fn interval_elements<T: Real>(b: &mut Builder<T>) {
+    let (start, goal) = (b.reference(0.), b.reference(b.horizon));
+    for k in 0..b.intervals {
+        let t = k as f64 * b.settings.interval;
+        let variable: [u32; 4] = std::array::from_fn(|i| b.curves.base[2 * k + i]);
+        let first = b.impulses.len();
+        for foot in 0..b.curves.feet.len() {
+            for stance in 0..b.curves.feet[foot].force_nodes.len() {
+                let impulses = stance_impulses(b, foot, stance, t);
+                b.impulses.extend(impulses);
+            }
+        }
+        b.momentum.push(MomentumInterval {
+            reference: [t, t + b.settings.interval].map(|t| b.reference(t).map(T::of)),
+            rate: std::array::from_fn(|i| T::of((goal[i] - start[i]) / b.horizon)),
+            variable,
+            linear_column: [NONE; 4],
+            angular_column: [NONE; 4],
+            impulses: first as u32..b.impulses.len() as u32,
+            linear: Place::default(),
+            angular: Place::default(),
+        });
+        let nodes: Vec<u32> = variable.into_iter().chain(b.impulses[first..].iter().map(|i| i.node)).collect();
+        let footholds: Vec<u32> = b.impulses[first..].iter().map(|i| b.foothold_blocks[i.foothold as usize]).collect();
+        b.element(Family::LinearMomentum, k, k, nodes.iter().copied());
+        b.element(Family::AngularMomentum, k, k, nodes.into_iter().chain(footholds));
+    }
+}
+
+/// What the force nodes of a stance do in the interval that starts at `t`.
+fn stance_impulses<T: Real>(b: &Builder<T>, foot: usize, stance: usize, t: f64) -> Vec<Impulse<T>> {
+    let h = b.settings.interval;
+    let span = b.curves.feet[foot].phases[2 * stance];
+    if span.end <= t + 1e-9 || span.start >= t + h - 1e-9 {
+        return Vec::new();
+    }
+    let nodes = &b.curves.feet[foot].force_nodes[stance];
+    let pieces = b.settings.force_pieces;
+    let duration = span.duration() / pieces as f64;
+    let mut weights = vec![[[[0.; 2]; 3]; MOMENTUM_POINTS]; nodes.len()];
+    for piece in 0..pieces {
+        let start = span.start + piece as f64 * duration;
+        for q in 0..MOMENTUM_POINTS {
+            let end = t + MEAN_RULE.get(q).map_or(1., |n| n[0]) * h;
+            let (low, high) = (start.max(t), (start + duration).min(end));
+            if low >= high {
+                continue;
+            }
+            for [part, weight] in EXACT_RULE {
+                let s = low + part * (high - low);
+                let basis = hermite(s - start, duration);
+                let left = end - s;
+                for (order, kernel) in [1., left, left * left / 2.].into_iter().enumerate() {
+                    for i in 0..2 {
+                        for part in 0..2 {
+                            weights[piece + i][q][order][part] += weight * (high - low) * kernel * basis[2 * i + part];
+                        }
+                    }
+                }
+            }
+        }
+    }
+    let scale = [b.force_unit(), b.force_unit() / duration];
+    let at_work = |weights: &[[[f64; 2]; 3]; MOMENTUM_POINTS]| weights[MOMENTUM_POINTS - 1][0] != [0.; 2];
+    let impulse = |(&node, weights): (&u32, &[[[f64; 2]; 3]; MOMENTUM_POINTS])| Impulse {
+        weights: weights.map(|point| point.map(|order| std::array::from_fn(|part| T::of(order[part] * scale[part])))),
+        node,
+        linear_column: NONE,
+        angular_column: NONE,
+        foothold: (b.first_foothold[foot] + stance) as u32,
+        foothold_column: NONE,
+    };
+    nodes.iter().zip(&weights).filter(|(node, weights)| **node != NONE && at_work(weights)).map(impulse).collect()
+}
+
+/// Parts of a swing at which reach is held besides knots and half-knots.
+const SWING_PARTS: [f64; 5] = [0.125, 0.25, 0.5, 0.75, 0.875];
+
+/// Reach rows of all feet at knots and half-knots, and of swinging feet at parts of their swings.
+pub(super) fn reach_elements<T: Real>(b: &mut Builder<T>) {
+    let (h, feet) = (b.settings.interval, b.curves.feet.len());
+    let mut instants: Vec<(f64, std::ops::Range<usize>)> = (0..=2 * b.intervals).map(|i| (i as f64 * h / 2., 0..feet)).collect();
+    for foot in 0..feet {
+        for swing in b.curves.feet[foot].phases.iter().filter(|p| !p.stance) {
+            instants.extend(SWING_PARTS.map(|part| (swing.start + part * swing.duration(), foot..foot + 1)));
+        }
+    }
+    instants.sort_by(|a, b| a.0.total_cmp(&b.0));
+    for (t, feet) in instants {
+        let k = ((t / h + 1e-9) as usize).min(b.intervals - 1);
+        let in_interval = match t - k as f64 * h {
+            // A knot is a knot: what has no part in it is left out.
+            u if u < 1e-9 => 0.,
+            u if u > h - 1e-9 => h,
+            u => u,
+        };
+        let base = BasePoint {
+            reference: b.reference(t).map(T::of),
+            weights: hermite(in_interval, h).map(T::of),
+            variable: std::array::from_fn(|i| b.curves.base[2 * k + i]),
+        };
+        b.reach_instant(t, feet, k, base);
+    }
+}
+
+/// Base position (`first = 0`) or Euler angles (`first = 3`) at the knots.
+pub(super) fn base_curve(task: &Task, layout: &Layout<f64>, x: &[f64], first: usize) -> Curve {
+    let curves = &layout.curves;
+    let (n, h) = (curves.intervals, curves.interval);
+    let start = [task.base_start(), [0.; 3]].concat();
+    let goal = [task.base_target, [0., 0., task.yaw_target]].concat();
+    let nodes = (0..=n).map(|k| {
+        std::array::from_fn(|i| {
+            let d = first + i % 3;
+            let slope = (goal[d] - start[d]) / (n as f64 * h);
+            let reference = if i < 3 { start[d] + slope * k as f64 * h } else { slope };
+            reference + x[curves.base[2 * k + i / 3] as usize + d]
+        })
+    });
+    Curve { poly_durations: vec![h; n], nodes: nodes.collect() }
+}

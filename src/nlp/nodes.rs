@@ -1,0 +1,93 @@
+//! From solver variables back to curves with Hermite nodes, in the form of TOWR's \[3\].
+
+use super::layout::NONE;
+use super::{Layout, momentum, towr};
+use crate::gait::{Curve, FootCurves, Trajectory};
+use crate::settings::Transcription;
+use crate::task::Task;
+
+/// Node values of a solution: the same curves as Hermite pieces.
+///
+/// * `x` - as [`Layout::initial`], fixed values included
+pub fn node_values(task: &Task, layout: &Layout<f64>, x: &[f64]) -> Trajectory {
+    let curves = &layout.curves;
+    let horizon = curves.intervals as f64 * curves.interval;
+    let base_curve = |first| match layout.transcription {
+        Transcription::Towr => towr::base_curve(task, layout, x, first),
+        Transcription::Momentum => momentum::base_curve(task, layout, x, first),
+    };
+    Trajectory {
+        scenario: None,
+        target: None,
+        robot: None,
+        terrain: None,
+        transcription: Some(layout.transcription.name().into()),
+        seed: None,
+        version: Some(env!("CARGO_PKG_VERSION").into()),
+        init_base: Some(task.base_start()),
+        base_target: task.base_target,
+        yaw_target: task.yaw_target,
+        force_limit: Some(task.force_limit),
+        durations: curves.feet.iter().map(|f| f.phases.iter().map(|p| p.duration()).collect()).collect(),
+        horizon,
+        base_lin: base_curve(0),
+        base_ang: base_curve(3),
+        ee: (0..curves.feet.len())
+            .map(|foot| FootCurves { motion: motion_curve(task, layout, x, foot), force: force_curve(layout, x, foot) })
+            .collect(),
+    }
+}
+
+/// One piece a stance, two a swing.
+fn motion_curve(task: &Task, layout: &Layout<f64>, x: &[f64], foot: usize) -> Curve {
+    let blocks = &layout.curves.feet[foot];
+    let foothold = |stance: usize| {
+        let at = blocks.footholds[stance] as usize;
+        let [px, py] = [x[at], x[at + 1]];
+        [px, py, task.terrain.height(px, py)]
+    };
+    let mut curve = Curve { poly_durations: Vec::new(), nodes: Vec::new() };
+    for (i, phase) in blocks.phases.iter().enumerate() {
+        if phase.stance {
+            let [px, py, pz] = foothold(i / 2);
+            curve.nodes.extend([[px, py, pz, 0., 0., 0.]; 2]);
+            curve.poly_durations.push(phase.duration());
+        } else {
+            let (a, b) = (foothold(i / 2), foothold(i / 2 + 1));
+            let z = x[blocks.heights[i / 2] as usize];
+            let mid = |d: usize| (a[d] + b[d]) / 2.;
+            let time = match layout.transcription {
+                Transcription::Towr => towr::SWING_DURATION,
+                Transcription::Momentum => phase.duration() / momentum::MID_SPEED,
+            };
+            let speed = |d: usize| (b[d] - a[d]) / time;
+            curve.nodes.push([mid(0), mid(1), z, speed(0), speed(1), 0.]);
+            curve.poly_durations.extend([phase.duration() / 2.; 2]);
+        }
+    }
+    curve
+}
+
+/// The settings' number of pieces a stance, one zero piece a swing.
+fn force_curve(layout: &Layout<f64>, x: &[f64], foot: usize) -> Curve {
+    let blocks = &layout.curves.feet[foot];
+    let unit = layout.constants.force_unit;
+    let mut curve = Curve { poly_durations: Vec::new(), nodes: Vec::new() };
+    for (i, phase) in blocks.phases.iter().enumerate() {
+        if !phase.stance {
+            curve.poly_durations.push(phase.duration());
+            continue;
+        }
+        let nodes = &blocks.force_nodes[i / 2];
+        let duration = phase.duration() / (nodes.len() - 1) as f64;
+        curve.poly_durations.extend(vec![duration; nodes.len() - 1]);
+        curve.nodes.extend(nodes.iter().map(|&node| {
+            if node == NONE {
+                return [0.; 6];
+            }
+            let at = node as usize;
+            std::array::from_fn(|d| x[at + d] * if d < 3 { unit } else { unit / duration })
+        }));
+    }
+    curve
+}
