@@ -9,7 +9,7 @@ use cregopt::certify::verify::{Family, verify_rows};
 use cregopt::gait::{Curve, Schedule, Trajectory};
 use cregopt::kernels::front::{Factor, NormalEquations, factorise, substitute};
 use cregopt::kernels::step::{self, Slacks};
-use cregopt::nlp::towr::towr_nodes;
+use cregopt::nlp::node_values;
 use cregopt::nlp::{Layout, Real};
 use cregopt::robot::GRAVITY;
 use cregopt::settings::TranscriptionSettings;
@@ -228,7 +228,7 @@ fn node_values_give_towrs_rows_the_residuals_of_the_reduced_problem() {
         let layout = layout::<f64>(&case.task, &case.schedule);
         let x = point(&layout, &mut Random::new(seed as u64), 0.);
         let rows = rows(&layout, &x, 0.);
-        let (c, g) = expected(&case.task, &towr_nodes(&case.task, &layout, &x), &layout);
+        let (c, g) = expected(&case.task, &node_values(&case.task, &layout, &x), &layout);
         assert_close(&rows.c, &c, RESIDUAL_TOLERANCE, &format!("{}, equalities", case.name));
         assert_close(&rows.g, &g, RESIDUAL_TOLERANCE, &format!("{}, inequalities", case.name));
     }
@@ -240,7 +240,7 @@ fn rows_that_were_eliminated_hold_at_any_point() {
         let layout = layout::<f64>(&case.task, &case.schedule);
         let x = point(&layout, &mut Random::new(seed as u64), 0.);
         let report =
-            verify_rows(&towr_nodes(&case.task, &layout, &x), &case.task.robot, &case.task.terrain, case.task.force_limit).unwrap();
+            verify_rows(&node_values(&case.task, &layout, &x), &case.task.robot, &case.task.terrain, case.task.force_limit).unwrap();
         for family in [Family::BaseAcceleration, Family::Swing, Family::Bounds, Family::Structure] {
             assert_eq!(report.family(family).violated, 0, "{}\n{report}", case.name);
         }
@@ -313,7 +313,7 @@ fn a_wrong_entry_is_seen() {
         analytic.as_mut_slice()[middle] = right;
     }
     // A foot 1 um off moves a moment.
-    let nodes = towr_nodes(&case.task, &layout, &x);
+    let nodes = node_values(&case.task, &layout, &x);
     let mut moved = nodes.clone();
     moved.ee[0].motion.nodes.iter_mut().for_each(|node| node[0] += 1e-6);
     assert_eq!(first_difference(&c, &expected(&case.task, &nodes, &layout).0, RESIDUAL_TOLERANCE), None);
@@ -479,7 +479,7 @@ fn jacobian_products_are_derivatives_along_the_direction() {
     let mut random = Random::new(12);
     let direction: Vec<f64> = (0..layout.variables).map(|_| random.between(-1., 1.)).collect();
     let (mut by_c, mut by_g) = (vec![f64::NAN; layout.equalities], vec![f64::NAN; layout.inequalities]);
-    step::jacobian_times(&layout, &rows.jacobian, &direction, &mut by_c, &mut by_g);
+    step::jacobian_times(&layout, &rows.jacobian, &direction, &mut vec![0.; layout.widest], &mut by_c, &mut by_g);
     // Along a straight line, both sides of every inequality.
     let moved = |by: f64| {
         let mut moved = x.clone();

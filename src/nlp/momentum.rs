@@ -19,7 +19,7 @@ use crate::settings::GoalVelocity;
 use crate::task::Task;
 
 /// Speed of a foot in mid-swing, in its mean speeds: that of one cubic from rest to rest.
-pub const MID_SPEED: f64 = 1.5;
+pub const MID_SPEED: f64 = 0.75;
 
 /// Part of the horizon in which the initial guess speeds up, and slows down again.
 const RAMP: f64 = 0.3;
