@@ -26,7 +26,7 @@ pub struct Extreme {
 }
 
 impl Extreme {
-    fn update(&mut self, value: f64, foot: Option<usize>, time: f64) {
+    pub(super) fn update(&mut self, value: f64, foot: Option<usize>, time: f64) {
         let value = if value.is_nan() { f64::INFINITY } else { value };
         if value > self.value {
             *self = Extreme { value, time, foot };
@@ -34,7 +34,7 @@ impl Extreme {
     }
 }
 
-/// Worst values on a grid of [`SAMPLE_STEP`] and at the end. None of them is counted as a violation.
+/// Worst values on a grid of [`SAMPLE_STEP`] and at the end.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct DenseReport {
     /// Number of times sampled.
@@ -267,11 +267,12 @@ impl ContactAxes {
 
 /// State of the base at one time, world frame.
 pub(super) struct BaseState {
-    position: Vector3<f64>,
+    pub position: Vector3<f64>,
+    pub velocity: Vector3<f64>,
     acceleration: Vector3<f64>,
     /// Base to world.
-    rotation: Rotation3<f64>,
-    omega: Vector3<f64>,
+    pub rotation: Rotation3<f64>,
+    pub omega: Vector3<f64>,
     omega_dot: Vector3<f64>,
 }
 
@@ -315,6 +316,7 @@ impl<'a> Motion<'a> {
         let a_roll_dot = (a_yaw * rate.z + a_pitch * rate.y).cross(&a_roll);
         BaseState {
             position: lin.value,
+            velocity: lin.first,
             acceleration: lin.second,
             rotation: yaw_turn * pitch_turn * roll_turn,
             omega: a_roll * rate.x + a_pitch * rate.y + a_yaw * rate.z,
@@ -322,10 +324,15 @@ impl<'a> Motion<'a> {
         }
     }
 
+    /// Inertia in the base frame, kg m².
+    pub fn inertia(&self) -> Matrix3<f64> {
+        Matrix3::from_fn(|r, c| self.robot.inertia[r][c])
+    }
+
     /// Moment `I_w wdot + w x I_w w - sum (x_i - p) x f_i`, N m, and force `m pddot - sum f_i + m g e_z`, N, missing; world frame.
     pub fn defect(&self, base: &BaseState, time: f64) -> (Vector3<f64>, Vector3<f64>) {
         let rotation = base.rotation.matrix();
-        let inertia = rotation * Matrix3::from_fn(|r, c| self.robot.inertia[r][c]) * rotation.transpose();
+        let inertia = rotation * self.inertia() * rotation.transpose();
         let mut moment = inertia * base.omega_dot + base.omega.cross(&(inertia * base.omega));
         let mut force = (base.acceleration + Vector3::z() * GRAVITY) * self.robot.mass;
         for foot in &self.feet {

@@ -2,8 +2,10 @@
 
 mod close;
 pub mod dense;
+pub mod rollout;
 pub mod verify;
 
 pub use close::{CONTINUE_BELOW, close};
 pub use dense::DenseReport;
+pub use rollout::RolloutReport;
 pub use verify::{Report, RowReport, TOLERANCE, verify, verify_rows};

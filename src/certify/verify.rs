@@ -3,9 +3,11 @@
 //! Rows hold at instants and nodes only; [`super::dense`] reports what happens in between.
 
 use super::dense::{ContactAxes, DenseReport, FootMotion, Motion, SAME_TIME, nearest, readable, sample};
+use super::rollout::{Body, Rollout, RolloutReport};
 use crate::error::Result;
 use crate::gait::Trajectory;
 use crate::robot::Robot;
+use crate::settings::Transcription;
 use crate::terrain::Terrain;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -21,6 +23,18 @@ const REACH_STEP: f64 = 0.08;
 /// Duration of a swing from which TOWR takes the horizontal velocity of its mid node, s.
 const SWING_DURATION: f64 = 0.3;
 
+/// Limits of a `momentum` motion between its instants: distance of the base from its rollout, m,
+pub const ROLLOUT_POSITION: f64 = 0.01;
+/// angle between the base and its rollout, degrees,
+pub const ROLLOUT_ATTITUDE: f64 = 1.;
+/// how far a foot may be outside its box, m,
+pub const DENSE_REACH: f64 = 5e-3;
+/// and below the terrain, m.
+pub const PENETRATION: f64 = 1e-3;
+
+/// How far the attitude may stray over one base piece, rad. What they add up to is limited by [`ROLLOUT_ATTITUDE`].
+const PIECE_ATTITUDE: f64 = 1e-2;
+
 const AXES: [&str; 3] = ["x", "y", "z"];
 const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];
 
@@ -30,9 +44,11 @@ const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];
 pub enum Family {
     /// Newton and Euler equations of the base, every 0.1 s and at the end.
     Dynamics,
+    /// Momentum, position and attitude at the end of every base piece as the forces make them. Only asked of `momentum` motions.
+    Momentum,
     /// Acceleration of the base continuous between its pieces. Only asked of TOWR's own transcription.
     BaseAcceleration,
-    /// Feet inside their boxes, every 0.08 s and at the end.
+    /// Feet inside their boxes: every 0.08 s and at the end; of `momentum` motions at the ends and middles of base pieces.
     Reach,
     /// Standing feet on the terrain, mid nodes of a swing not below it.
     Terrain,
@@ -44,12 +60,15 @@ pub enum Family {
     Bounds,
     /// What TOWR's variables hold by construction: standing feet stand, swinging feet carry nothing, nodes at phase boundaries.
     Structure,
+    /// What must hold between the instants, beyond its limit. Only asked of `momentum` motions whose other rows hold.
+    Motion,
 }
 
 impl Family {
     /// Every family, in the order of [`RowReport::families`].
-    pub const ALL: [Family; 8] = [
+    pub const ALL: [Family; 10] = [
         Family::Dynamics,
+        Family::Momentum,
         Family::BaseAcceleration,
         Family::Reach,
         Family::Terrain,
@@ -57,12 +76,14 @@ impl Family {
         Family::Swing,
         Family::Bounds,
         Family::Structure,
+        Family::Motion,
     ];
 
     /// Name, as in JSON.
     pub fn name(self) -> &'static str {
         match self {
             Family::Dynamics => "dynamics",
+            Family::Momentum => "momentum",
             Family::BaseAcceleration => "base-acceleration",
             Family::Reach => "reach",
             Family::Terrain => "terrain",
@@ -70,6 +91,7 @@ impl Family {
             Family::Swing => "swing",
             Family::Bounds => "bounds",
             Family::Structure => "structure",
+            Family::Motion => "motion",
         }
     }
 
@@ -77,12 +99,14 @@ impl Family {
     pub fn unit(self) -> &'static str {
         match self {
             Family::Dynamics => "N, N m",
+            Family::Momentum => "N, N m, rad",
             Family::BaseAcceleration => "m/s2, rad/s2",
             Family::Reach | Family::Terrain => "m",
             Family::Force => "N",
             Family::Swing => "m, m/s",
             Family::Bounds => "m, rad, 1/s",
             Family::Structure => "m, m/s, N, N/s, s",
+            Family::Motion => "m, deg, m g",
         }
     }
 }
@@ -146,6 +170,8 @@ pub struct Report {
     pub rows: RowReport,
     /// Between the instants.
     pub dense: DenseReport,
+    /// Under the planned forces alone; none when the inertia has no inverse.
+    pub rollout: Option<RolloutReport>,
 }
 
 impl std::ops::Deref for Report {
@@ -188,7 +214,10 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         writeln!(f, "{}", self.rows)?;
         writeln!(f, "between the instants, {} samples", self.dense.samples)?;
-        write!(f, "{}", self.dense)
+        write!(f, "{}", self.dense)?;
+        let Some(rollout) = &self.rollout else { return Ok(()) };
+        writeln!(f, "\nintegrated from the start under the planned forces alone, off the plan by")?;
+        write!(f, "{rollout}")
     }
 }
 
@@ -239,7 +268,8 @@ impl Tally {
 /// [`crate::Error::Invalid`] when the trajectory is malformed, or robot and trajectory disagree on the number of feet.
 pub fn verify(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain, force_limit: f64) -> Result<Report> {
     let rows = verify_rows(trajectory, robot, terrain, force_limit)?;
-    Ok(Report { rows, dense: sample(&Motion::new(trajectory, robot)?, terrain) })
+    let motion = Motion::new(trajectory, robot)?;
+    Ok(Report { rows, dense: sample(&motion, terrain), rollout: Rollout::new(&motion).map(|r| r.report()) })
 }
 
 /// The rows of [`verify`] alone.
@@ -248,22 +278,31 @@ pub fn verify(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain, force_l
 /// As [`verify`].
 pub fn verify_rows(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain, force_limit: f64) -> Result<RowReport> {
     let motion = Motion::new(trajectory, robot)?;
+    let name = trajectory.transcription.as_deref();
+    let impulsive = name == Some(Transcription::Momentum.name());
+    let of_towr = name.is_none_or(|name| name == Transcription::Towr.name());
+    let mut broken = 0;
     let families = Family::ALL.map(|family| {
         let mut tally = Tally::new(family);
         match family {
+            Family::Dynamics if impulsive => {}
             Family::Dynamics => dynamics(&mut tally, &motion),
-            Family::BaseAcceleration => {
-                if trajectory.transcription.as_deref().is_none_or(|name| name == "towr") {
-                    base_acceleration(&mut tally, &motion);
-                }
-            }
-            Family::Reach => reach(&mut tally, &motion),
+            Family::Momentum if impulsive => momentum(&mut tally, &motion),
+            Family::Momentum => {}
+            Family::BaseAcceleration if of_towr => base_acceleration(&mut tally, &motion),
+            Family::BaseAcceleration => {}
+            Family::Reach if impulsive => reach(&mut tally, &motion, half_knots(&motion)),
+            Family::Reach => reach(&mut tally, &motion, instants(motion.horizon, REACH_STEP)),
             Family::Terrain => on_terrain(&mut tally, &motion, terrain),
             Family::Force => force(&mut tally, &motion, terrain, force_limit),
+            Family::Swing if impulsive => {}
             Family::Swing => swing(&mut tally, &motion),
             Family::Bounds => bounds(&mut tally, &motion, trajectory, terrain),
             Family::Structure => structure(&mut tally, &motion),
+            Family::Motion if impulsive && broken == 0 => between(&mut tally, &motion, terrain),
+            Family::Motion => {}
         }
+        broken += tally.0.violated;
         tally.0
     });
     let n_violated = families.iter().map(|f| f.violated).sum();
@@ -289,6 +328,49 @@ fn dynamics(tally: &mut Tally, motion: &Motion) {
     }
 }
 
+/// The ends and middles of all base pieces.
+fn half_knots(motion: &Motion) -> impl Iterator<Item = f64> {
+    let knots = &motion.base_lin.times;
+    knots.windows(2).flat_map(|piece| [piece[0], (piece[0] + piece[1]) / 2.]).chain([motion.horizon])
+}
+
+/// Each base piece by itself: from the planned state at its start, the body is integrated to its end. Momenta are given by the mean force
+/// or moment that would make up for them.
+fn momentum(tally: &mut Tally, motion: &Motion) {
+    let Some(rollout) = Rollout::new(motion) else { return };
+    let mass = motion.robot.mass;
+    for piece in motion.base_lin.times.windows(2) {
+        let (start, end) = (piece[0], piece[1]);
+        let length = end - start;
+        let reached = rollout.run(Body::planned(motion, &motion.base(start)), start, end, |_, _| {});
+        let plan = Body::planned(motion, &motion.base(end));
+        tally.zero((reached.velocity - plan.velocity) * mass / length, "mean force", AXES, None, end);
+        tally.zero((reached.position - plan.position) * 2. * mass / (length * length), "mean force for the way", AXES, None, end);
+        tally.zero((reached.momentum - plan.momentum) / length, "mean moment", AXES, None, end);
+        let apart = reached.angle_to(&plan);
+        tally.judged(apart, !(apart <= PIECE_ATTITUDE), format_args!("attitude"), None, end);
+    }
+}
+
+/// What must hold at all times.
+fn between(tally: &mut Tally, motion: &Motion, terrain: &Terrain) {
+    let dense = sample(motion, terrain);
+    let rollout = Rollout::new(motion).map(|r| r.report()).unwrap_or_default();
+    let force = TOLERANCE / motion.robot.weight();
+    let rows = [
+        ("position off the rollout", rollout.position, ROLLOUT_POSITION),
+        ("attitude off the rollout", rollout.attitude, ROLLOUT_ATTITUDE),
+        ("reach", dense.reach_excess, DENSE_REACH),
+        ("normal force, pull", dense.pull, force),
+        ("friction", dense.friction_excess, force),
+        ("foot below terrain", dense.penetration, PENETRATION),
+    ];
+    for (what, extreme, limit) in rows {
+        let over = (extreme.value - limit).max(0.);
+        tally.judged(over, extreme.value > limit, format_args!("{what}"), extreme.foot, extreme.time);
+    }
+}
+
 fn base_acceleration(tally: &mut Tally, motion: &Motion) {
     let curves = [(&motion.base_lin, "acceleration", AXES), (&motion.base_ang, "angular acceleration", ANGLES)];
     for (curve, what, axes) in curves {
@@ -300,8 +382,8 @@ fn base_acceleration(tally: &mut Tally, motion: &Motion) {
     }
 }
 
-fn reach(tally: &mut Tally, motion: &Motion) {
-    for time in instants(motion.horizon, REACH_STEP) {
+fn reach(tally: &mut Tally, motion: &Motion, times: impl Iterator<Item = f64>) {
+    for time in times {
         let base = motion.base(time);
         for (foot, curves) in motion.feet.iter().enumerate() {
             let excess = motion.reach_excess(&base, foot, curves.motion.at(time).value);

@@ -337,7 +337,7 @@ impl<'a, T: Real> Builder<'a, T> {
                 if self.settings.rows == Transcription::Momentum {
                     let step = self.step_within((span.start + span.end) / 2., height);
                     self.strides.push(Stride {
-                        limit: T::of(self.settings.foot_speed * span.duration() / momentum::MID_SPEED),
+                        limit: T::of(self.settings.foot_speed * span.duration() / momentum::TOP_SPEED),
                         foothold,
                         foothold_column: [NONE; 2],
                         place: Place::default(),

@@ -18,8 +18,14 @@ use crate::gait::spline::{hermite, hermite_rate};
 use crate::settings::GoalVelocity;
 use crate::task::Task;
 
-/// Speed of a foot in mid-swing, in its mean speeds: that of one cubic from rest to rest.
+/// Horizontal speed of a foot in mid-swing, in its mean speeds.
+///
+/// One cubic from rest to rest has 1.5. The slower the middle, the faster a foot leaves the ground and the less the base, moving on,
+/// drags it out of reach before it follows: see `benches/README.md`.
 pub const MID_SPEED: f64 = 0.75;
+
+/// Highest horizontal speed in a swing, in mean speeds: of `v(u) = (6 - 2 c) u - (6 - 3 c) u^2` in each half, with `c` = [`MID_SPEED`].
+pub const TOP_SPEED: f64 = (6. - 2. * MID_SPEED) * (6. - 2. * MID_SPEED) / (4. * (6. - 3. * MID_SPEED));
 
 /// Part of the horizon in which the initial guess speeds up, and slows down again.
 const RAMP: f64 = 0.3;
