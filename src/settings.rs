@@ -71,7 +71,7 @@ impl Default for TranscriptionSettings {
             goal_velocity: GoalVelocity::Zero,
             clearance: 0.03,
             swing_height: 0.2,
-            foot_speed: 10.,
+            foot_speed: 15.,
         }
     }
 }
