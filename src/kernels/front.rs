@@ -49,7 +49,7 @@ pub struct NormalEquations<'a, T> {
 ///
 /// * `diagonal` - `D`, `[variables]`
 /// * `proximal` - `eps`
-pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, diagonal: &[T], proximal: T, factor: &mut Factor<T>) -> bool {
+pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, diagonal: &[T], proximal: T, factor: &mut Factor<T>, hack: Option<(&[T], &[T])>) -> bool {
     let stride = layout.front_stride;
     let [mut front, mut next] = factor.fronts.each_mut().map(|f| &mut f[..]);
     let (mut previous_size, mut next_reach) = (0, 0);
@@ -75,6 +75,11 @@ pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, diago
         }
         for i in 0..pivots {
             front[i * stride + i] += proximal * diagonal[step.variable as usize + i];
+            if let Some((w, r)) = hack {
+                let v = step.variable as usize + i;
+                front[i * stride + i] += w[v];
+                front[i * stride + size] -= w[v] * r[v];
+            }
         }
         // Two vector registers wide in either precision.
         let positive = if size_of::<T>() == size_of::<f32>() {

@@ -22,7 +22,7 @@ use crate::task::Task;
 ///
 /// One cubic from rest to rest has 1.5. The slower the middle, the faster a foot leaves the ground and the less the base, moving on,
 /// drags it out of reach before it follows: see `benches/README.md`.
-pub const MID_SPEED: f64 = 0.75;
+pub const MID_SPEED: f64 = 0.0;
 
 /// Highest horizontal speed in a swing, in mean speeds: of `v(u) = (6 - 2 c) u - (6 - 3 c) u^2` in each half, with `c` = [`MID_SPEED`].
 pub const TOP_SPEED: f64 = (6. - 2. * MID_SPEED) * (6. - 2. * MID_SPEED) / (4. * (6. - 3. * MID_SPEED));
@@ -162,7 +162,7 @@ fn stance_impulses<T: Real>(b: &Builder<T>, foot: usize, stance: usize, t: f64) 
 }
 
 /// Parts of a swing at which reach is held besides knots and half-knots.
-const SWING_PARTS: [f64; 5] = [0.125, 0.25, 0.5, 0.75, 0.875];
+const SWING_PARTS: [f64; 5] = [0.0625, 0.125, 0.5, 0.875, 0.9375];
 
 /// Reach rows of all feet at knots and half-knots, and of swinging feet at parts of their swings.
 pub(super) fn reach_elements<T: Real>(b: &mut Builder<T>) {

@@ -250,7 +250,26 @@ impl<T: Real> Solver<T> {
             outcome.factorisations += 1;
             let proximal = T::of(*eps);
             let system = NormalEquations { jacobian: &self.jacobian, weight: &self.weight, value: &self.value };
-            let positive = front::factorise(layout, &system, &self.diagonal, proximal, &mut self.factor);
+            
+            let env = |n: &str| T::of(std::env::var(n).ok().and_then(|v| v.parse::<f64>().ok()).unwrap_or(0.) * (mu / 0.05));
+            let (wv, ws, wa, wr) = (env("W"), env("WS"), env("WA"), env("WR"));
+            let mut w = vec![T::zero(); layout.variables];
+            let mut r = vec![T::zero(); layout.variables];
+            if !closing {
+                for n in layout.curves.feet.iter().flat_map(|f| f.force_nodes.iter().flatten()).filter(|n| **n != u32::MAX) {
+                    for d in 0..6 {
+                        w[*n as usize + d] = if d < 3 { wv } else { ws };
+                        r[*n as usize + d] = self.x[*n as usize + d] - layout.initial[*n as usize + d];
+                    }
+                }
+                for (i, n) in layout.curves.base.iter().enumerate().filter(|n| (*n.1 as usize) < layout.variables) {
+                    for d in 3..6 {
+                        w[*n as usize + d] = if i % 2 == 0 { wa } else { wr };
+                        r[*n as usize + d] = self.x[*n as usize + d] - layout.initial[*n as usize + d];
+                    }
+                }
+            }
+            let positive = front::factorise(layout, &system, &self.diagonal, proximal, &mut self.factor, Some((&w, &r)));
             if !positive {
                 *eps *= PROXIMAL_GROWTH;
                 continue;
