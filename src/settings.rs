@@ -63,7 +63,7 @@ impl Default for TranscriptionSettings {
     fn default() -> Self {
         TranscriptionSettings {
             rows: Transcription::Momentum,
-            interval: 0.1,
+            interval: 0.05,
             reach_interval: 0.08,
             force_pieces: 3,
             length_margin: 1e-3,
@@ -90,6 +90,9 @@ pub struct SolverSettings {
     pub barrier: f64,
     /// First proximal weight `eps`. Larger: shorter, safer steps.
     pub proximal: f64,
+    /// Weight, at the first barrier parameter, of what pulls a motion to its smooth initial guess. It vanishes with the barrier: it leads
+    /// to gentler forces, and takes none away. Only `momentum` has it.
+    pub pull: f64,
     /// Smallest proximal weight.
     pub proximal_floor: f64,
     /// Rounding of terrain edges until closing steps start, m. 0: feet cannot cross an edge; large: feet may end on the wrong side of it.
@@ -110,6 +113,7 @@ impl Default for SolverSettings {
             row_tolerance: 2e-5,
             barrier: 0.05,
             proximal: 1e-3,
+            pull: 0.1,
             proximal_floor: 1e-5,
             edge_radius: 0.04,
             closing: 1e-5,
@@ -168,6 +172,7 @@ impl SolverSettings {
         check_range("solver.row_tolerance", self.row_tolerance, 1e-9, 1.)?;
         check_range("solver.barrier", self.barrier, 1e-6, 1e3)?;
         check_range("solver.proximal", self.proximal, 1e-9, 1e3)?;
+        check_range("solver.pull", self.pull, 0., 1e3)?;
         check_range("solver.proximal_floor", self.proximal_floor, 1e-9, self.proximal)?;
         check_range("solver.edge_radius", self.edge_radius, 0., 1.)?;
         check_range("solver.closing", self.closing, 0., 1e3)?;

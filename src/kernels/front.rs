@@ -1,6 +1,6 @@
 //! The frontal Cholesky factorisation in time order: assemble, eliminate, slide on; then substitute back from the end.
 //!
-//! Solves `(eps D + J' W J) d = -J' v` with `W` and `v` given for each Jacobian row. The front holds the upper triangle row by row, the
+//! Solves `(E + J' W J) d = -(u + J' v)` with `W` and `v` given for each Jacobian row, `E` and `u` for each variable. The front holds the upper triangle row by row, the
 //! right-hand side stands in the column after the last variable, so that forward substitution happens along the way.
 
 use crate::nlp::layout::{Element, Family, NONE, ReachInstant};
@@ -34,7 +34,7 @@ impl<T: Real> Factor<T> {
     }
 }
 
-/// The normal equations by Jacobian rows.
+/// The normal equations: by Jacobian rows, and what falls on single variables.
 #[derive(Debug, Clone, Copy)]
 pub struct NormalEquations<'a, T> {
     /// Values of every element.
@@ -43,13 +43,14 @@ pub struct NormalEquations<'a, T> {
     pub weight: &'a [T],
     /// `v`, `[rows]`.
     pub value: &'a [T],
+    /// `E`, `[variables]`.
+    pub diagonal: &'a [T],
+    /// `u`, `[variables]`.
+    pub gradient: &'a [T],
 }
 
 /// Factorises. Returns false when a pivot is not positive (or not finite).
-///
-/// * `diagonal` - `D`, `[variables]`
-/// * `proximal` - `eps`
-pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, diagonal: &[T], proximal: T, factor: &mut Factor<T>, hack: Option<(&[T], &[T])>) -> bool {
+pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, factor: &mut Factor<T>) -> bool {
     let stride = layout.front_stride;
     let [mut front, mut next] = factor.fronts.each_mut().map(|f| &mut f[..]);
     let (mut previous_size, mut next_reach) = (0, 0);
@@ -74,12 +75,8 @@ pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, diago
             }
         }
         for i in 0..pivots {
-            front[i * stride + i] += proximal * diagonal[step.variable as usize + i];
-            if let Some((w, r)) = hack {
-                let v = step.variable as usize + i;
-                front[i * stride + i] += w[v];
-                front[i * stride + size] -= w[v] * r[v];
-            }
+            front[i * stride + i] += system.diagonal[step.variable as usize + i];
+            front[i * stride + size] -= system.gradient[step.variable as usize + i];
         }
         // Two vector registers wide in either precision.
         let positive = if size_of::<T>() == size_of::<f32>() {

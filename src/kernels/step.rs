@@ -56,6 +56,37 @@ pub fn barrier_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], slacks: &Slac
     });
 }
 
+/// What falls on single variables: `eps D + weight pull` and `weight pull (x - initial)`.
+#[multiversion(targets("x86_64+avx2"))]
+#[allow(clippy::too_many_arguments, reason = "separate slices: the compiler knows that they do not overlap")]
+pub fn variable_terms<T: Real>(
+    scaling: &[T],
+    proximal: T,
+    pull: &[T],
+    weight: T,
+    x: &[T],
+    initial: &[T],
+    diagonal: &mut [T],
+    gradient: &mut [T],
+) {
+    for i in 0..diagonal.len() {
+        let pull = weight * pull[i];
+        diagonal[i] = proximal * scaling[i] + pull;
+        gradient[i] = pull * (x[i] - initial[i]);
+    }
+}
+
+/// Cost of being away from the initial values: `sum pull (x - initial)^2 / 2`.
+#[multiversion(targets("x86_64+avx2"))]
+pub fn pull_cost<T: Real>(pull: &[T], x: &[T], initial: &[T]) -> T {
+    let mut lanes = [T::zero(); 8];
+    for i in 0..pull.len() {
+        let away = x[i] - initial[i];
+        lanes[i % 8] += pull[i] * away * away;
+    }
+    T::of(0.5) * lanes.into_iter().sum::<T>()
+}
+
 /// Row weights of a closing step: the equalities and the violated inequalities.
 #[multiversion(targets("x86_64+avx2"))]
 pub fn closing_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], weight: &mut [T], value: &mut [T]) {

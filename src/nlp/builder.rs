@@ -124,7 +124,7 @@ impl<'a, T: Real> Builder<'a, T> {
 
     /// Adds a block and returns its id.
     pub fn block(&mut self, fixed: bool, initial: Vec<f64>) -> u32 {
-        self.blocks.push(Block { initial, fixed, first: usize::MAX, last: 0 });
+        self.blocks.push(Block { initial, pull: 0., fixed, first: usize::MAX, last: 0 });
         (self.blocks.len() - 1) as u32
     }
 
@@ -162,7 +162,7 @@ impl<'a, T: Real> Builder<'a, T> {
                 let mut nodes = Vec::with_capacity(pieces + 1);
                 for node in 0..=pieces {
                     let zero = (node == 0 && stance > 0) || (node == pieces && stance + 1 < stances);
-                    nodes.push(if zero { NONE } else { self.block(false, vec![0., 0., 1., 0., 0., 0.]) });
+                    nodes.push(if zero { NONE } else { self.force_block(foot, stance, node) });
                 }
                 self.curves.feet[foot].force_nodes.push(nodes);
             }
@@ -180,6 +180,20 @@ impl<'a, T: Real> Builder<'a, T> {
                 initial_guess::under_base(self.task, foot, pose)
             }
         }
+    }
+
+    /// Force node that carries its share of the weight: TOWR's among all feet, else among those in contact at its time.
+    fn force_block(&mut self, foot: usize, stance: usize, node: usize) -> u32 {
+        if self.settings.rows == Transcription::Towr {
+            return self.block(false, vec![0., 0., 1., 0., 0., 0.]);
+        }
+        let span = self.curves.feet[foot].phases[2 * stance];
+        let t = span.start + span.duration() * node as f64 / self.settings.force_pieces as f64;
+        let feet = self.curves.feet.len();
+        let in_contact = (0..feet).filter(|&f| self.curves.feet[f].phases[self.phase_at(f, t)].stance).count();
+        let id = self.block(false, vec![0., 0., feet as f64 / in_contact as f64, 0., 0., 0.]);
+        self.blocks[id as usize].pull = 1.;
+        id
     }
 
     /// Adds an element and extends the lives of its free blocks to its step.
@@ -354,9 +368,13 @@ impl<'a, T: Real> Builder<'a, T> {
         let variables: usize = self.blocks.iter().filter(|b| !b.fixed).map(|b| b.initial.len()).sum();
         let total: usize = self.blocks.iter().map(|b| b.initial.len()).sum();
         let mut initial = vec![T::zero(); total];
+        let mut pull = vec![T::zero(); variables];
         for (block, &at) in self.blocks.iter().zip(&positions) {
             for (i, &v) in block.initial.iter().enumerate() {
                 initial[at as usize + i] = T::of(v);
+                if !block.fixed {
+                    pull[at as usize + i] = T::of(block.pull);
+                }
             }
         }
         let mut fronts = sweep::fronts(&self.blocks, &positions, self.steps);
@@ -432,6 +450,7 @@ impl<'a, T: Real> Builder<'a, T> {
             inequalities: inequality,
             jacobian_len: jacobian,
             initial,
+            pull,
             constants: self.constants(),
             terrain: self.task.terrain.clone(),
             footholds: self.foothold_blocks,

@@ -306,6 +306,8 @@ pub struct Layout<T> {
     pub jacobian_len: usize,
     /// Initial `x`, the fixed values included.
     pub initial: Vec<T>,
+    /// How firmly each variable is pulled to its initial value while the barrier is large, `[variables]`.
+    pub pull: Vec<T>,
     /// Constants.
     pub constants: Constants<T>,
     /// Ground.

@@ -22,7 +22,7 @@ use crate::task::Task;
 ///
 /// One cubic from rest to rest has 1.5. The slower the middle, the faster a foot leaves the ground and the less the base, moving on,
 /// drags it out of reach before it follows: see `benches/README.md`.
-pub const MID_SPEED: f64 = 0.0;
+pub const MID_SPEED: f64 = 0.75;
 
 /// Highest horizontal speed in a swing, in mean speeds: of `v(u) = (6 - 2 c) u - (6 - 3 c) u^2` in each half, with `c` = [`MID_SPEED`].
 pub const TOP_SPEED: f64 = (6. - 2. * MID_SPEED) * (6. - 2. * MID_SPEED) / (4. * (6. - 3. * MID_SPEED));

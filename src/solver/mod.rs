@@ -56,7 +56,9 @@ pub struct Solver<T> {
     /// The direction on the columns of one element.
     local: Vec<T>,
     direction: Vec<T>,
+    scaling: Vec<T>,
     diagonal: Vec<T>,
+    gradient: Vec<T>,
     ground: Vec<Ground<T>>,
     now: Residuals<T>,
     next: Residuals<T>,
@@ -81,7 +83,9 @@ impl<T: Real> Default for Solver<T> {
             trial: Vec::new(),
             local: Vec::new(),
             direction: Vec::new(),
+            scaling: Vec::new(),
             diagonal: Vec::new(),
+            gradient: Vec::new(),
             ground: Vec::new(),
             now: Residuals::default(),
             next: Residuals::default(),
@@ -125,7 +129,7 @@ impl<T: Real> Solver<T> {
         self.prepare(layout, start);
         self.edge_radius = if layout.terrain.has_edges() { T::of(settings.edge_radius) } else { T::zero() };
         self.linearise(layout);
-        step::column_scaling(layout, &self.jacobian, &mut self.diagonal);
+        step::column_scaling(layout, &self.jacobian, &mut self.scaling);
         let mut mu = settings.barrier;
         for i in 0..layout.inequalities {
             let s = self.now.g[i].abs().max(T::of(0.1));
@@ -165,7 +169,8 @@ impl<T: Real> Solver<T> {
                 return outcome.ended(Status::Cancelled);
             }
             closing = closing || f < closing_below;
-            match self.attempt(layout, closing, mu, &mut eps, &mut outcome) {
+            let pull = if closing { 0. } else { settings.pull * mu / settings.barrier };
+            match self.attempt(layout, closing, mu, pull, &mut eps, &mut outcome) {
                 Attempt::Refused if closing => {
                     // Back to the barrier until the violated rows are better known.
                     closing = false;
@@ -205,7 +210,9 @@ impl<T: Real> Solver<T> {
         }
         self.trial.clone_from(&self.x);
         self.direction.resize(layout.variables, T::zero());
-        self.diagonal.resize(layout.variables, T::zero());
+        for v in [&mut self.scaling, &mut self.diagonal, &mut self.gradient] {
+            v.resize(layout.variables, T::zero());
+        }
         self.ground.resize(layout.footholds.len(), Ground::level(T::zero()));
         for residuals in [&mut self.now, &mut self.next, &mut self.change, &mut self.linear] {
             residuals.resize(layout);
@@ -238,38 +245,36 @@ impl<T: Real> Solver<T> {
     }
 
     /// Looks for a step from the linearisation at `x`; on success `trial` holds the new point.
-    fn attempt(&mut self, layout: &Layout<T>, closing: bool, mu: f64, eps: &mut f64, outcome: &mut Outcome) -> Attempt {
+    fn attempt(&mut self, layout: &Layout<T>, closing: bool, mu: f64, pull: f64, eps: &mut f64, outcome: &mut Outcome) -> Attempt {
         let (mu_t, f) = (T::of(mu), outcome.infeasibility);
         if closing {
             step::closing_rows(layout, &self.now.c, &self.now.g, &mut self.weight, &mut self.value);
         } else {
             step::barrier_rows(layout, &self.now.c, &self.now.g, &self.slacks, mu_t, &mut self.weight, &mut self.value);
         }
-        let merit = self.now.merit(closing, mu_t);
+        let pull_cost = |x: &[T]| pull * step::pull_cost(&layout.pull, &x[..layout.variables], &layout.initial).as_f64();
+        let merit = self.now.merit(closing, mu_t) + pull_cost(&self.x);
         for _ in 0..ATTEMPTS {
             outcome.factorisations += 1;
             let proximal = T::of(*eps);
-            let system = NormalEquations { jacobian: &self.jacobian, weight: &self.weight, value: &self.value };
-            
-            let env = |n: &str| T::of(std::env::var(n).ok().and_then(|v| v.parse::<f64>().ok()).unwrap_or(0.) * (mu / 0.05));
-            let (wv, ws, wa, wr) = (env("W"), env("WS"), env("WA"), env("WR"));
-            let mut w = vec![T::zero(); layout.variables];
-            let mut r = vec![T::zero(); layout.variables];
-            if !closing {
-                for n in layout.curves.feet.iter().flat_map(|f| f.force_nodes.iter().flatten()).filter(|n| **n != u32::MAX) {
-                    for d in 0..6 {
-                        w[*n as usize + d] = if d < 3 { wv } else { ws };
-                        r[*n as usize + d] = self.x[*n as usize + d] - layout.initial[*n as usize + d];
-                    }
-                }
-                for (i, n) in layout.curves.base.iter().enumerate().filter(|n| (*n.1 as usize) < layout.variables) {
-                    for d in 3..6 {
-                        w[*n as usize + d] = if i % 2 == 0 { wa } else { wr };
-                        r[*n as usize + d] = self.x[*n as usize + d] - layout.initial[*n as usize + d];
-                    }
-                }
-            }
-            let positive = front::factorise(layout, &system, &self.diagonal, proximal, &mut self.factor, Some((&w, &r)));
+            step::variable_terms(
+                &self.scaling,
+                proximal,
+                &layout.pull,
+                T::of(pull),
+                &self.x,
+                &layout.initial,
+                &mut self.diagonal,
+                &mut self.gradient,
+            );
+            let system = NormalEquations {
+                jacobian: &self.jacobian,
+                weight: &self.weight,
+                value: &self.value,
+                diagonal: &self.diagonal,
+                gradient: &self.gradient,
+            };
+            let positive = front::factorise(layout, &system, &mut self.factor);
             if !positive {
                 *eps *= PROXIMAL_GROWTH;
                 continue;
@@ -281,7 +286,8 @@ impl<T: Real> Solver<T> {
             step::advance(&self.now.c, length, &self.change.c, &mut self.linear.c);
             step::advance(&self.now.g, length, &self.change.g, &mut self.linear.g);
             crate::kernels::evaluate(layout, &self.trial, self.edge_radius, &mut self.ground, &mut self.next.c, &mut self.next.g, None);
-            let (merit_next, merit_linear) = (self.next.merit(closing, mu_t), self.linear.merit(closing, mu_t));
+            let pulled = pull_cost(&self.trial);
+            let (merit_next, merit_linear) = (self.next.merit(closing, mu_t) + pulled, self.linear.merit(closing, mu_t) + pulled);
             let predicted = merit - merit_linear;
             let falls = merit_next < merit;
             let near_linear = !closing && {
