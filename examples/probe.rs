@@ -44,7 +44,7 @@ fn main() {
         };
         if verbose {
             print!("{name} {target} {} T={:.1} {:?} it {} fac {} F", v["idx"], schedule.horizon(), o.status, o.iterations, o.factorisations);
-            for i in (0..h.len()).step_by((h.len() / 16).max(1)) { print!(" {:.1e}", h[i]); }
+            for i in (0..h.len()).step_by((h.len() / 60).max(1)) { print!(" {:.1e}", h[i]); }
             println!(" end {:.1e}", o.infeasibility);
         }
         groups.entry(format!("{name} {target:>2}")).or_default().push((o.status == cregopt::solver::Status::Solved, o.iterations, o.factorisations));

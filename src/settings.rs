@@ -71,7 +71,7 @@ impl Default for TranscriptionSettings {
             goal_velocity: GoalVelocity::Zero,
             clearance: 0.03,
             swing_height: 0.2,
-            foot_speed: 15.,
+            foot_speed: 20.,
         }
     }
 }
@@ -116,7 +116,7 @@ impl Default for SolverSettings {
             pull: 0.1,
             proximal_floor: 1e-5,
             edge_radius: 0.04,
-            closing: 1e-5,
+            closing: 1e-6,
             closing_steps: 8,
             stall: StallSettings::default(),
         }

@@ -43,16 +43,32 @@ fn per_row<T: Real>(layout: &Layout<T>, weight: &mut [T], value: &mut [T], of: i
     }
 }
 
+/// Where a barrier step aims: at products `s z = mu - correction ds dz`, with the steps of the predictor.
+#[derive(Debug, Clone, Copy)]
+pub struct Aim<T> {
+    /// Barrier parameter.
+    pub mu: T,
+    /// Share of the second-order term that is corrected for; 0 in the predictor itself.
+    pub correction: T,
+}
+
+impl<T: Real> Aim<T> {
+    #[inline(always)]
+    fn product(&self, slacks: &Slacks<T>, i: usize) -> T {
+        self.mu - self.correction * slacks.slack_step[i] * slacks.multiplier_step[i]
+    }
+}
+
 /// Row weights of a barrier step: `W = rho` and `w = 1 / (s/z + 1/rho)`, `v = rho c` and `z + w (g - z/rho + mu/z)`, with `rho = 1`.
 #[multiversion(targets("x86_64+avx2"))]
-pub fn barrier_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], slacks: &Slacks<T>, mu: T, weight: &mut [T], value: &mut [T]) {
+pub fn barrier_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], slacks: &Slacks<T>, aim: Aim<T>, weight: &mut [T], value: &mut [T]) {
     let one = T::one();
     weight[..layout.equalities].fill(one);
     value[..layout.equalities].copy_from_slice(c);
     per_row(layout, weight, value, |i| {
         let (s, z) = (slacks.slack[i], slacks.multiplier[i]);
         let w = one / (s / z + one);
-        (w, z + w * (g[i] - z + mu / z))
+        (w, z + w * (g[i] - z + aim.product(slacks, i) / z))
     });
 }
 
@@ -129,7 +145,7 @@ pub fn jacobian_times<T: Real>(layout: &Layout<T>, jacobian: &[T], d: &[T], loca
 ///
 /// Returns the largest step in `(0, 1]` that keeps a twentieth of every slack and multiplier.
 #[multiversion(targets("x86_64+avx2"))]
-pub fn slack_steps<T: Real>(g: &[T], g_change: &[T], mu: T, slacks: &mut Slacks<T>) -> T {
+pub fn slack_steps<T: Real>(g: &[T], g_change: &[T], aim: Aim<T>, slacks: &mut Slacks<T>) -> T {
     let one = T::one();
     let count = g.len();
     let (s, z) = (&slacks.slack[..count], &slacks.multiplier[..count]);
@@ -138,7 +154,7 @@ pub fn slack_steps<T: Real>(g: &[T], g_change: &[T], mu: T, slacks: &mut Slacks<
     let mut steepest = [T::zero(); 8];
     for i in 0..count {
         let ratio = s[i] / z[i];
-        let centre = mu / z[i];
+        let centre = (aim.mu - aim.correction * ds[i] * dz[i]) / z[i];
         let w = one / (ratio + one);
         dz[i] = w * (g_change[i] + g[i] - z[i] + centre);
         ds[i] = centre - s[i] - ratio * dz[i];
@@ -148,6 +164,32 @@ pub fn slack_steps<T: Real>(g: &[T], g_change: &[T], mu: T, slacks: &mut Slacks<
     }
     let steepest = steepest.into_iter().fold(T::zero(), T::max);
     if steepest * T::of(1. / 0.95) > one { T::of(0.95) / steepest } else { one }
+}
+
+/// Transposed product `out = J' v`.
+#[multiversion(targets("x86_64+avx2"))]
+pub fn transposed_times<T: Real>(layout: &Layout<T>, jacobian: &[T], v: &[T], local: &mut [T], out: &mut [T]) {
+    out.fill(T::zero());
+    for element in &layout.elements {
+        let place = &element.place;
+        let (row, stride) = (place.row as usize, place.stride as usize);
+        local[..stride].fill(T::zero());
+        for r in 0..element.rows as usize {
+            let v = v[row + r];
+            let values = &jacobian[place.jacobian as usize + r * stride..][..stride];
+            for (sum, value) in local[..stride].chunks_exact_mut(8).zip(values.chunks_exact(8)) {
+                for l in 0..8 {
+                    sum[l] += v * value[l];
+                }
+            }
+        }
+        for run in &layout.runs[element.runs.start as usize..element.runs.end as usize] {
+            let (to, from, len) = (run.variable as usize, run.column as usize, run.len as usize);
+            for i in 0..len {
+                out[to + i] += local[from + i];
+            }
+        }
+    }
 }
 
 /// Infeasibility `F = (|c|^2 + |max(g, 0)|^2) / 2`.
@@ -212,6 +254,19 @@ pub fn advance<T: Real>(a: &[T], step: T, b: &[T], out: &mut [T]) {
     for i in 0..out.len() {
         out[i] = a[i] + step * b[i];
     }
+}
+
+/// Mean of the products `s z` after a step.
+#[multiversion(targets("x86_64+avx2"))]
+pub fn mean_product<T: Real>(slacks: &Slacks<T>, step: T) -> T {
+    let count = slacks.slack.len();
+    let mut lanes = [T::zero(); 8];
+    for i in 0..count {
+        let s = slacks.slack[i] + step * slacks.slack_step[i];
+        let z = slacks.multiplier[i] + step * slacks.multiplier_step[i];
+        lanes[i % 8] += s * z;
+    }
+    lanes.into_iter().sum::<T>() / T::of(count.max(1) as f64)
 }
 
 /// Moves slacks and multipliers along their steps, keeps them off zero, and returns their mean product.

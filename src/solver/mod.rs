@@ -14,7 +14,7 @@ mod status;
 pub use status::{Outcome, Status};
 
 use crate::kernels::front::{self, Factor, NormalEquations};
-use crate::kernels::step::{self, Slacks};
+use crate::kernels::step::{self, Aim, Slacks};
 use crate::nlp::layout::Family;
 use crate::nlp::{Layout, Real};
 use crate::settings::SolverSettings;
@@ -109,6 +109,10 @@ enum Attempt {
     Refused,
 }
 
+/// Part of the infeasibility that a closing step may leave.
+const CLOSING_RATE: f64 = 0.1;
+/// Smallest barrier parameter.
+const BARRIER_FLOOR: f64 = 1e-9;
 /// Attempts to step before an iteration gives up, each with a larger proximal weight.
 const ATTEMPTS: usize = 6;
 /// Growth of the proximal weight after a refused attempt.
@@ -137,9 +141,10 @@ impl<T: Real> Solver<T> {
             self.slacks.multiplier[i] = T::of(mu) / s;
         }
 
-        let mut eps = settings.proximal;
+        let (mut eps, mut closing_eps) = (settings.proximal, settings.proximal_floor);
         let mut closing_below = settings.closing;
         let mut closing = false;
+        let mut closing_from = f64::INFINITY;
         let mut outcome = Outcome { status: Status::MaxIterations, iterations: 0, factorisations: 0, infeasibility: f64::NAN };
         loop {
             let f = step::infeasibility(&self.now.c, &self.now.g).as_f64();
@@ -168,9 +173,19 @@ impl<T: Real> Solver<T> {
             if cancel() {
                 return outcome.ended(Status::Cancelled);
             }
+            if closing && f > CLOSING_RATE * closing_from && settings.closing.is_finite() {
+                // It closes on the wrong rows: back to the barrier until they are better known.
+                closing = false;
+                closing_below = closing_below.min(0.1 * f);
+            }
             closing = closing || f < closing_below;
+            closing_from = f;
             let pull = if closing { 0. } else { settings.pull * mu / settings.barrier };
-            match self.attempt(layout, closing, mu, pull, &mut eps, &mut outcome) {
+            if !closing {
+                closing_eps = settings.proximal_floor;
+            }
+            let eps = if closing { &mut closing_eps } else { &mut eps };
+            match self.attempt(layout, closing, &mut mu, pull, eps, &mut outcome) {
                 Attempt::Refused if closing => {
                     // Back to the barrier until the violated rows are better known.
                     closing = false;
@@ -180,12 +195,12 @@ impl<T: Real> Solver<T> {
                 Attempt::Refused => return outcome.ended(Status::Stalled),
                 Attempt::Accepted { step, ratio } => {
                     if ratio > 0.7 {
-                        eps = (eps / 4.).max(settings.proximal_floor);
+                        *eps = (*eps / 4.).max(settings.proximal_floor);
                     } else if ratio < 0.25 {
-                        eps *= 2.;
+                        *eps *= 2.;
                     }
                     if !closing {
-                        mu = self.update_barrier(mu, step);
+                        step::update_slacks(&mut self.slacks, T::of(step));
                     }
                 }
             }
@@ -245,21 +260,19 @@ impl<T: Real> Solver<T> {
     }
 
     /// Looks for a step from the linearisation at `x`; on success `trial` holds the new point.
-    fn attempt(&mut self, layout: &Layout<T>, closing: bool, mu: f64, pull: f64, eps: &mut f64, outcome: &mut Outcome) -> Attempt {
-        let (mu_t, f) = (T::of(mu), outcome.infeasibility);
-        if closing {
-            step::closing_rows(layout, &self.now.c, &self.now.g, &mut self.weight, &mut self.value);
-        } else {
-            step::barrier_rows(layout, &self.now.c, &self.now.g, &self.slacks, mu_t, &mut self.weight, &mut self.value);
-        }
-        let pull_cost = |x: &[T]| pull * step::pull_cost(&layout.pull, &x[..layout.variables], &layout.initial).as_f64();
-        let merit = self.now.merit(closing, mu_t) + pull_cost(&self.x);
+    fn attempt(&mut self, layout: &Layout<T>, closing: bool, mu: &mut f64, pull: f64, eps: &mut f64, outcome: &mut Outcome) -> Attempt {
+        let f = outcome.infeasibility;
+        let predictor = Aim { mu: T::zero(), correction: T::zero() };
         for _ in 0..ATTEMPTS {
             outcome.factorisations += 1;
-            let proximal = T::of(*eps);
+            if closing {
+                step::closing_rows(layout, &self.now.c, &self.now.g, &mut self.weight, &mut self.value);
+            } else {
+                step::barrier_rows(layout, &self.now.c, &self.now.g, &self.slacks, predictor, &mut self.weight, &mut self.value);
+            }
             step::variable_terms(
                 &self.scaling,
-                proximal,
+                T::of(*eps),
                 &layout.pull,
                 T::of(pull),
                 &self.x,
@@ -274,18 +287,20 @@ impl<T: Real> Solver<T> {
                 diagonal: &self.diagonal,
                 gradient: &self.gradient,
             };
-            let positive = front::factorise(layout, &system, &mut self.factor);
-            if !positive {
+            if !front::factorise(layout, &system, &mut self.factor) {
                 *eps *= PROXIMAL_GROWTH;
                 continue;
             }
             front::substitute(layout, &mut self.factor, &mut self.direction);
             step::jacobian_times(layout, &self.jacobian, &self.direction, &mut self.local, &mut self.change.c, &mut self.change.g);
-            let length = if closing { T::one() } else { step::slack_steps(&self.now.g, &self.change.g, mu_t, &mut self.slacks) };
+            let length = if closing { T::one() } else { self.correct(layout, predictor, mu) };
             step::advance(&self.x[..layout.variables], length, &self.direction, &mut self.trial[..layout.variables]);
             step::advance(&self.now.c, length, &self.change.c, &mut self.linear.c);
             step::advance(&self.now.g, length, &self.change.g, &mut self.linear.g);
             crate::kernels::evaluate(layout, &self.trial, self.edge_radius, &mut self.ground, &mut self.next.c, &mut self.next.g, None);
+            let mu_t = T::of(*mu);
+            let pull_cost = |x: &[T]| pull * step::pull_cost(&layout.pull, &x[..layout.variables], &layout.initial).as_f64();
+            let merit = self.now.merit(closing, mu_t) + pull_cost(&self.x);
             let pulled = pull_cost(&self.trial);
             let (merit_next, merit_linear) = (self.next.merit(closing, mu_t) + pulled, self.linear.merit(closing, mu_t) + pulled);
             let predicted = merit - merit_linear;
@@ -303,20 +318,24 @@ impl<T: Real> Solver<T> {
         Attempt::Refused
     }
 
-    /// Moves slacks and multipliers and lowers the barrier the more, the longer the step was.
-    fn update_barrier(&mut self, mu: f64, step: f64) -> f64 {
-        let gap = step::update_slacks(&mut self.slacks, T::of(step)).as_f64();
-        if step <= 0.2 {
-            return mu;
+    /// Corrects the direction of the predictor, Mehrotra's way: the farther the predictor could go, the lower the barrier it aims for, and
+    /// the product of its steps is taken into account. Returns the length of the step.
+    fn correct(&mut self, layout: &Layout<T>, predictor: Aim<T>, mu: &mut f64) -> T {
+        let reach = step::slack_steps(&self.now.g, &self.change.g, predictor, &mut self.slacks);
+        let before = step::mean_product(&self.slacks, T::zero()).as_f64();
+        let after = step::mean_product(&self.slacks, reach).as_f64();
+        *mu = (before * (after / before).clamp(0., 1.).powi(2)).max(BARRIER_FLOOR);
+        let aim = Aim { mu: T::of(*mu), correction: reach };
+        step::barrier_rows(layout, &self.now.c, &self.now.g, &self.slacks, aim, &mut self.weight, &mut self.value);
+        let gradient = &mut self.trial[..layout.variables];
+        step::transposed_times(layout, &self.jacobian, &self.value, &mut self.local, gradient);
+        for (sum, own) in gradient.iter_mut().zip(&self.gradient) {
+            *sum += *own;
         }
-        let factor = if step > 0.9 {
-            0.1
-        } else if step > 0.5 {
-            0.3
-        } else {
-            0.8
-        };
-        (mu.min(gap) * factor).max(1e-9)
+        front::forward(layout, &mut self.factor, gradient);
+        front::substitute(layout, &mut self.factor, &mut self.direction);
+        step::jacobian_times(layout, &self.jacobian, &self.direction, &mut self.local, &mut self.change.c, &mut self.change.g);
+        step::slack_steps(&self.now.g, &self.change.g, aim, &mut self.slacks)
     }
 
     fn finished(&self, layout: &Layout<T>, finish: Finish, f: f64) -> bool {
