@@ -6,8 +6,9 @@ use super::dense::{ContactAxes, DenseReport, FootMotion, Motion, SAME_TIME, near
 use super::rollout::{Body, Rollout, RolloutReport};
 use crate::error::Result;
 use crate::gait::Trajectory;
+use crate::gait::trajectory::MotionLimits;
 use crate::robot::Robot;
-use crate::settings::Transcription;
+use crate::settings::{GoalVelocity, Transcription};
 use crate::terrain::Terrain;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -35,6 +36,9 @@ pub const PENETRATION: f64 = 1e-3;
 /// How far the attitude may stray over one base piece, rad. What they add up to is limited by [`ROLLOUT_ATTITUDE`].
 const PIECE_ATTITUDE: f64 = 1e-2;
 
+/// Points of a swing at which the speed of the foot is taken.
+const SPEED_SAMPLES: u32 = 20;
+
 const AXES: [&str; 3] = ["x", "y", "z"];
 const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];
 
@@ -48,13 +52,14 @@ pub enum Family {
     Momentum,
     /// Acceleration of the base continuous between its pieces. Only asked of TOWR's own transcription.
     BaseAcceleration,
-    /// Feet inside their boxes: every 0.08 s and at the end; of `momentum` motions at the ends and middles of base pieces.
+    /// Feet inside their boxes, every 0.08 s and at the end; of `momentum` motions up to [`DENSE_REACH`] outside.
     Reach,
     /// Standing feet on the terrain, mid nodes of a swing not below it.
     Terrain,
     /// Normal force between 0 and its limit, friction pyramid.
     Force,
-    /// Mid node of a two-piece swing halfway between the footholds, with the velocity that TOWR prescribes.
+    /// Mid node of a two-piece swing halfway between the footholds, with the velocity that TOWR prescribes; of `momentum` motions high
+    /// enough, not too high, not too fast.
     Swing,
     /// Start of base and feet, goal of the base.
     Bounds,
@@ -291,11 +296,10 @@ pub fn verify_rows(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain, fo
             Family::Momentum => {}
             Family::BaseAcceleration if of_towr => base_acceleration(&mut tally, &motion),
             Family::BaseAcceleration => {}
-            Family::Reach if impulsive => reach(&mut tally, &motion, half_knots(&motion)),
-            Family::Reach => reach(&mut tally, &motion, instants(motion.horizon, REACH_STEP)),
+            Family::Reach => reach(&mut tally, &motion, if impulsive { DENSE_REACH } else { 0. }),
             Family::Terrain => on_terrain(&mut tally, &motion, terrain),
             Family::Force => force(&mut tally, &motion, terrain, force_limit),
-            Family::Swing if impulsive => {}
+            Family::Swing if impulsive => swing_heights(&mut tally, &motion, terrain, trajectory.limits),
             Family::Swing => swing(&mut tally, &motion),
             Family::Bounds => bounds(&mut tally, &motion, trajectory, terrain),
             Family::Structure => structure(&mut tally, &motion),
@@ -326,12 +330,6 @@ fn dynamics(tally: &mut Tally, motion: &Motion) {
         tally.zero(moment, "moment", AXES, None, time);
         tally.zero(force, "force", AXES, None, time);
     }
-}
-
-/// The ends and middles of all base pieces.
-fn half_knots(motion: &Motion) -> impl Iterator<Item = f64> {
-    let knots = &motion.base_lin.times;
-    knots.windows(2).flat_map(|piece| [piece[0], (piece[0] + piece[1]) / 2.]).chain([motion.horizon])
 }
 
 /// Each base piece by itself: from the planned state at its start, the body is integrated to its end. Momenta are given by the mean force
@@ -382,13 +380,13 @@ fn base_acceleration(tally: &mut Tally, motion: &Motion) {
     }
 }
 
-fn reach(tally: &mut Tally, motion: &Motion, times: impl Iterator<Item = f64>) {
-    for time in times {
+fn reach(tally: &mut Tally, motion: &Motion, allowed: f64) {
+    for time in instants(motion.horizon, REACH_STEP) {
         let base = motion.base(time);
         for (foot, curves) in motion.feet.iter().enumerate() {
             let excess = motion.reach_excess(&base, foot, curves.motion.at(time).value);
             for (axis, &value) in AXES.iter().zip(excess.iter()) {
-                tally.not_positive(value, format_args!("{axis}"), Some(foot), time);
+                tally.not_positive(value - allowed, format_args!("{axis}"), Some(foot), time);
             }
         }
     }
@@ -440,6 +438,22 @@ fn swing(tally: &mut Tally, motion: &Motion) {
     }
 }
 
+fn swing_heights(tally: &mut Tally, motion: &Motion, terrain: &Terrain, limits: Option<MotionLimits>) {
+    let Some(limits) = limits else { return };
+    for (foot, curves) in motion.feet.iter().enumerate() {
+        for mid in mid_nodes(curves) {
+            let (time, place) = (curves.motion.times[mid], curves.motion.value(mid));
+            let height = place.z - terrain.height(place.x, place.y);
+            tally.not_positive(limits.clearance - height, format_args!("mid node too low"), Some(foot), time);
+            tally.not_positive(height - limits.swing_height, format_args!("mid node too high"), Some(foot), time);
+            let (start, end) = (curves.motion.times[mid - 1], curves.motion.times[mid + 1]);
+            let speed = |i: u32| curves.motion.at(start + (end - start) * f64::from(i) / f64::from(SPEED_SAMPLES)).first.xy().norm();
+            let fastest = (1..SPEED_SAMPLES).map(speed).fold(0., f64::max);
+            tally.not_positive(fastest - limits.foot_speed, format_args!("foot too fast"), Some(foot), time);
+        }
+    }
+}
+
 fn bounds(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain: &Terrain) {
     let robot = motion.robot;
     let start = trajectory.init_base.unwrap_or([0., 0., robot.base_height + terrain.height(0., 0.)]);
@@ -451,6 +465,10 @@ fn bounds(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain: 
     let (goal, attitude) = (Vector3::from(trajectory.base_target), Vector3::new(0., 0., trajectory.yaw_target));
     tally.zero(lin.value(lin.times.len() - 1) - goal, "final position", AXES, None, motion.horizon);
     tally.zero(ang.value(ang.times.len() - 1) - attitude, "final angle", ANGLES, None, motion.horizon);
+    if trajectory.limits.is_some_and(|l| l.goal_velocity == GoalVelocity::Zero) {
+        tally.zero(lin.slope(lin.times.len() - 1), "final velocity", AXES, None, motion.horizon);
+        tally.zero(ang.slope(ang.times.len() - 1), "final rate", ANGLES, None, motion.horizon);
+    }
     for (foot, curves) in motion.feet.iter().enumerate() {
         let [x, y, _] = robot.nominal_feet[foot];
         let (x, y) = (start[0] + x, start[1] + y);

@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::robot::Robot;
+use crate::settings::GoalVelocity;
 use crate::terrain::Terrain;
 use serde::{Deserialize, Serialize};
 
@@ -62,6 +63,20 @@ pub enum NamedOr<T> {
     Own(T),
 }
 
+/// What a motion was made to keep to, besides its rows.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MotionLimits {
+    /// Least height of a foot above the terrain in mid-swing, m.
+    pub clearance: f64,
+    /// Greatest, m.
+    pub swing_height: f64,
+    /// Greatest horizontal speed of a foot, m/s.
+    pub foot_speed: f64,
+    /// Velocity of the base at the goal.
+    pub goal_velocity: GoalVelocity,
+}
+
 /// A motion with its contact schedule and forces. Keys that it does not know are ignored when it is read.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Trajectory {
@@ -96,6 +111,9 @@ pub struct Trajectory {
     /// Largest normal force of a foot that it was made for, N.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub force_limit: Option<f64>,
+    /// What else it was made to keep to.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub limits: Option<MotionLimits>,
     /// Phase durations, s, `[feet][phases]`.
     pub durations: Vec<Vec<f64>>,
     /// Horizon, s.

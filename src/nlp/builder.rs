@@ -9,6 +9,7 @@ use super::layout::{
 use super::sweep::{self, Block, Run};
 use super::{Layout, Real, initial_guess, momentum, towr};
 use crate::gait::spline::hermite;
+use crate::gait::trajectory::MotionLimits;
 use crate::gait::{Phase, Schedule};
 use crate::robot::GRAVITY;
 use crate::settings::{Transcription, TranscriptionSettings};
@@ -452,6 +453,15 @@ impl<'a, T: Real> Builder<'a, T> {
             initial,
             pull,
             constants: self.constants(),
+            limits: match self.settings.rows {
+                Transcription::Towr => None,
+                Transcription::Momentum => Some(MotionLimits {
+                    clearance: self.settings.clearance,
+                    swing_height: self.settings.swing_height,
+                    foot_speed: self.settings.foot_speed,
+                    goal_velocity: self.settings.goal_velocity,
+                }),
+            },
             terrain: self.task.terrain.clone(),
             footholds: self.foothold_blocks,
             dynamics: self.dynamics,

@@ -7,6 +7,7 @@
 
 use super::sweep::{Run, Step};
 use crate::gait::Phase;
+use crate::gait::trajectory::MotionLimits;
 use crate::settings::Transcription;
 use crate::terrain::Terrain;
 use std::ops::Range;
@@ -310,6 +311,8 @@ pub struct Layout<T> {
     pub pull: Vec<T>,
     /// Constants.
     pub constants: Constants<T>,
+    /// What `momentum` motions keep to besides, for their trajectories.
+    pub limits: Option<MotionLimits>,
     /// Ground.
     pub terrain: Arc<Terrain>,
     /// Footholds in `x`: kernels name a foothold by its index here.

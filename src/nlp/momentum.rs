@@ -13,10 +13,12 @@
 use super::builder::Builder;
 use super::layout::{BasePoint, Family, Impulse, MOMENTUM_POINTS, MomentumInterval, MomentumPoint, NONE, Place};
 use super::{Layout, Real};
-use crate::gait::Curve;
 use crate::gait::spline::{hermite, hermite_rate};
+use crate::gait::{Curve, Phase};
+use crate::robot::GRAVITY;
 use crate::settings::GoalVelocity;
 use crate::task::Task;
+use nalgebra::{Matrix3, Rotation3, Vector3};
 
 /// Horizontal speed of a foot in mid-swing, in its mean speeds.
 ///
@@ -115,6 +117,35 @@ pub(super) fn interval_elements<T: Real>(b: &mut Builder<T>) {
     }
 }
 
+/// First to third integral of each node's basis functions, `[value, slope]`.
+type Integrals = [[f64; 2]; 3];
+
+/// Integrals from `t` to `end` of the basis functions of a stance's force nodes: `int b`, `int (end - s) b`, `int (end - s)^2 / 2 b ds`.
+fn basis_integrals(span: Phase, nodes: usize, t: f64, end: f64) -> Vec<Integrals> {
+    let duration = span.duration() / (nodes - 1) as f64;
+    let mut integrals = vec![Integrals::default(); nodes];
+    for piece in 0..nodes - 1 {
+        let start = span.start + piece as f64 * duration;
+        let (low, high) = (start.max(t), (start + duration).min(end));
+        if low >= high {
+            continue;
+        }
+        for [part, weight] in EXACT_RULE {
+            let s = low + part * (high - low);
+            let basis = hermite(s - start, duration);
+            let left = end - s;
+            for (order, kernel) in [1., left, left * left / 2.].into_iter().enumerate() {
+                for i in 0..2 {
+                    for part in 0..2 {
+                        integrals[piece + i][order][part] += weight * (high - low) * kernel * basis[2 * i + part];
+                    }
+                }
+            }
+        }
+    }
+    integrals
+}
+
 /// What the force nodes of a stance do in the interval that starts at `t`.
 fn stance_impulses<T: Real>(b: &Builder<T>, foot: usize, stance: usize, t: f64) -> Vec<Impulse<T>> {
     let h = b.settings.interval;
@@ -123,42 +154,21 @@ fn stance_impulses<T: Real>(b: &Builder<T>, foot: usize, stance: usize, t: f64) 
         return Vec::new();
     }
     let nodes = &b.curves.feet[foot].force_nodes[stance];
-    let pieces = b.settings.force_pieces;
-    let duration = span.duration() / pieces as f64;
-    let mut weights = vec![[[[0.; 2]; 3]; MOMENTUM_POINTS]; nodes.len()];
-    for piece in 0..pieces {
-        let start = span.start + piece as f64 * duration;
-        for q in 0..MOMENTUM_POINTS {
-            let end = t + MEAN_RULE.get(q).map_or(1., |n| n[0]) * h;
-            let (low, high) = (start.max(t), (start + duration).min(end));
-            if low >= high {
-                continue;
-            }
-            for [part, weight] in EXACT_RULE {
-                let s = low + part * (high - low);
-                let basis = hermite(s - start, duration);
-                let left = end - s;
-                for (order, kernel) in [1., left, left * left / 2.].into_iter().enumerate() {
-                    for i in 0..2 {
-                        for part in 0..2 {
-                            weights[piece + i][q][order][part] += weight * (high - low) * kernel * basis[2 * i + part];
-                        }
-                    }
-                }
-            }
-        }
-    }
-    let scale = [b.force_unit(), b.force_unit() / duration];
-    let at_work = |weights: &[[[f64; 2]; 3]; MOMENTUM_POINTS]| weights[MOMENTUM_POINTS - 1][0] != [0.; 2];
-    let impulse = |(&node, weights): (&u32, &[[[f64; 2]; 3]; MOMENTUM_POINTS])| Impulse {
-        weights: weights.map(|point| point.map(|order| std::array::from_fn(|part| T::of(order[part] * scale[part])))),
-        node,
+    let scale = [b.force_unit(), b.force_unit() * b.settings.force_pieces as f64 / span.duration()];
+    let points: [Vec<Integrals>; MOMENTUM_POINTS] = std::array::from_fn(|q| {
+        let end = t + MEAN_RULE.get(q).map_or(1., |n| n[0]) * h;
+        basis_integrals(span, nodes.len(), t, end)
+    });
+    let impulse = |node: usize| Impulse {
+        weights: std::array::from_fn(|q| points[q][node].map(|order| std::array::from_fn(|part| T::of(order[part] * scale[part])))),
+        node: nodes[node],
         linear_column: NONE,
         angular_column: NONE,
         foothold: (b.first_foothold[foot] + stance) as u32,
         foothold_column: NONE,
     };
-    nodes.iter().zip(&weights).filter(|(node, weights)| **node != NONE && at_work(weights)).map(impulse).collect()
+    let at_work = |&node: &usize| nodes[node] != NONE && points[MOMENTUM_POINTS - 1][node][0] != [0.; 2];
+    (0..nodes.len()).filter(at_work).map(impulse).collect()
 }
 
 /// Parts of a swing at which reach is held besides knots and half-knots.
@@ -191,19 +201,103 @@ pub(super) fn reach_elements<T: Real>(b: &mut Builder<T>) {
     }
 }
 
-/// Base position (`first = 0`) or Euler angles (`first = 3`) at the knots.
-pub(super) fn base_curve(task: &Task, layout: &Layout<f64>, x: &[f64], first: usize) -> Curve {
+/// Base position and Euler angles: at every knot those of the solution, halfway to the next what the forces make of them.
+pub(super) fn base_curves(task: &Task, layout: &Layout<f64>, x: &[f64]) -> [Curve; 2] {
     let curves = &layout.curves;
     let (n, h) = (curves.intervals, curves.interval);
     let start = [task.base_start(), [0.; 3]].concat();
     let goal = [task.base_target, [0., 0., task.yaw_target]].concat();
-    let nodes = (0..=n).map(|k| {
+    let knot = |k: usize| -> [[f64; 6]; 2] {
         std::array::from_fn(|i| {
-            let d = first + i % 3;
-            let slope = (goal[d] - start[d]) / (n as f64 * h);
-            let reference = if i < 3 { start[d] + slope * k as f64 * h } else { slope };
-            reference + x[curves.base[2 * k + i / 3] as usize + d]
+            std::array::from_fn(|d| {
+                let slope = (goal[d] - start[d]) / (n as f64 * h);
+                let reference = if i == 0 { start[d] + slope * k as f64 * h } else { slope };
+                reference + x[curves.base[2 * k + i] as usize + d]
+            })
         })
-    });
-    Curve { poly_durations: vec![h; n], nodes: nodes.collect() }
+    };
+    let node = |[pose, rate]: [[f64; 6]; 2], first: usize| std::array::from_fn(|i| if i < 3 { pose[first + i] } else { rate[first + i - 3] });
+    let mut nodes: [Vec<[f64; 6]>; 2] = Default::default();
+    for k in 0..=n {
+        let state = knot(k);
+        let halfway = (k < n).then(|| halfway(task, layout, x, k as f64 * h, state));
+        for state in [Some(state), halfway].into_iter().flatten() {
+            nodes[0].push(node(state, 0));
+            nodes[1].push(node(state, 3));
+        }
+    }
+    nodes.map(|nodes| Curve { poly_durations: vec![h / 2.; 2 * n], nodes })
+}
+
+/// Pose and rates half an interval after the state at time `t`, under the planned forces.
+///
+/// Position and velocity are exact; the attitude takes two Runge-Kutta steps along the exact angular momentum.
+fn halfway(task: &Task, layout: &Layout<f64>, x: &[f64], t: f64, [pose, rate]: [[f64; 6]; 2]) -> [[f64; 6]; 2] {
+    let robot = &task.robot;
+    let (mass, gravity) = (robot.mass, Vector3::new(0., 0., -GRAVITY));
+    let inertia = Matrix3::from_fn(|r, c| robot.inertia[r][c]);
+    let vector = |v: &[f64]| Vector3::new(v[0], v[1], v[2]);
+    let (p, v) = (vector(&pose), vector(&rate));
+    // Moved, velocity and angular momentum gained after `tau`.
+    let after = |tau: f64| {
+        let (mut first, mut second, mut third, mut moment) = (Vector3::zeros(), Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
+        for foot in &layout.curves.feet {
+            for (stance, nodes) in foot.force_nodes.iter().enumerate() {
+                let span = foot.phases[2 * stance];
+                if span.end <= t || span.start >= t + tau {
+                    continue;
+                }
+                let piece = span.duration() / (nodes.len() - 1) as f64;
+                let scale = [layout.constants.force_unit, layout.constants.force_unit / piece];
+                let mut sums = [Vector3::zeros(); 3];
+                for (&node, integrals) in nodes.iter().zip(basis_integrals(span, nodes.len(), t, t + tau)).filter(|(n, _)| **n != NONE) {
+                    for (sum, weights) in sums.iter_mut().zip(integrals) {
+                        for part in 0..2 {
+                            *sum += vector(&x[node as usize + 3 * part..]) * (weights[part] * scale[part]);
+                        }
+                    }
+                }
+                let at = foot.footholds[stance] as usize;
+                let foothold = Vector3::new(x[at], x[at + 1], task.terrain.height(x[at], x[at + 1]));
+                moment += (foothold - p).cross(&sums[0]);
+                first += sums[0];
+                second += sums[1];
+                third += sums[2];
+            }
+        }
+        let velocity = v + gravity * tau + first / mass;
+        let moved = v * tau + gravity * (tau * tau / 2.) + second / mass;
+        let gained = moment + (v * (mass * tau * tau / 2.) + third).cross(&gravity) - moved.cross(&velocity) * mass;
+        (moved, velocity, gained)
+    };
+    let turn = |angles: &Vector3<f64>| Rotation3::from_euler_angles(angles.x, angles.y, angles.z);
+    // omega = E rates
+    let axes = |angles: &Vector3<f64>| {
+        let yaw = Rotation3::from_axis_angle(&Vector3::z_axis(), angles.z);
+        let pitch = Rotation3::from_axis_angle(&Vector3::y_axis(), angles.y);
+        Matrix3::from_columns(&[yaw * pitch * Vector3::x(), yaw * Vector3::y(), Vector3::z()])
+    };
+    let (angles, rates) = (vector(&pose[3..]), vector(&rate[3..]));
+    let rotation = turn(&angles);
+    let at_start = rotation * (inertia * (rotation.inverse() * (axes(&angles) * rates)));
+    let inverse = inertia.try_inverse().unwrap_or_else(Matrix3::zeros);
+    let rates_at = |angles: &Vector3<f64>, momentum: Vector3<f64>| {
+        let rotation = turn(angles);
+        let omega = rotation * (inverse * (rotation.inverse() * momentum));
+        axes(angles).try_inverse().unwrap_or_else(Matrix3::zeros) * omega
+    };
+    let tau = layout.curves.interval / 2.;
+    let quarters: [_; 5] = std::array::from_fn(|i| after(tau * i as f64 / 4.));
+    let momentum = |i: usize| at_start + quarters[i].2;
+    let (mut now, step) = (angles, tau / 2.);
+    for first in [0, 2] {
+        let k1 = rates_at(&now, momentum(first));
+        let k2 = rates_at(&(now + k1 * (step / 2.)), momentum(first + 1));
+        let k3 = rates_at(&(now + k2 * (step / 2.)), momentum(first + 1));
+        let k4 = rates_at(&(now + k3 * step), momentum(first + 2));
+        now += (k1 + (k2 + k3) * 2. + k4) * (step / 6.);
+    }
+    let (moved, velocity, _) = quarters[4];
+    let join = |a: Vector3<f64>, b: Vector3<f64>| [a.x, a.y, a.z, b.x, b.y, b.z];
+    [join(p + moved, now), join(velocity, rates_at(&now, momentum(4)))]
 }

@@ -12,9 +12,9 @@ use crate::task::Task;
 pub fn node_values(task: &Task, layout: &Layout<f64>, x: &[f64]) -> Trajectory {
     let curves = &layout.curves;
     let horizon = curves.intervals as f64 * curves.interval;
-    let base_curve = |first| match layout.transcription {
-        Transcription::Towr => towr::base_curve(task, layout, x, first),
-        Transcription::Momentum => momentum::base_curve(task, layout, x, first),
+    let [base_lin, base_ang] = match layout.transcription {
+        Transcription::Towr => [0, 3].map(|first| towr::base_curve(task, layout, x, first)),
+        Transcription::Momentum => momentum::base_curves(task, layout, x),
     };
     Trajectory {
         scenario: None,
@@ -28,10 +28,11 @@ pub fn node_values(task: &Task, layout: &Layout<f64>, x: &[f64]) -> Trajectory {
         base_target: task.base_target,
         yaw_target: task.yaw_target,
         force_limit: Some(task.force_limit),
+        limits: layout.limits,
         durations: curves.feet.iter().map(|f| f.phases.iter().map(|p| p.duration()).collect()).collect(),
         horizon,
-        base_lin: base_curve(0),
-        base_ang: base_curve(3),
+        base_lin,
+        base_ang,
         ee: (0..curves.feet.len())
             .map(|foot| FootCurves { motion: motion_curve(task, layout, x, foot), force: force_curve(layout, x, foot) })
             .collect(),
