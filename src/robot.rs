@@ -28,7 +28,14 @@ pub struct Robot {
     pub nominal_feet: Vec<[f64; 3]>,
     /// Half-widths of the box around its nominal position that each foot reaches, base axes, m.
     pub reach: [f64; 3],
+    /// Largest normal force of a foot, N; [`FORCE_LIMIT`] weights when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub force_limit: Option<f64>,
 }
+
+/// Largest normal force of a foot of a robot that names none, in its weights: what a runner's leg takes. A biped cannot fly with less than
+/// two; four legs hardly need as much.
+pub const FORCE_LIMIT: f64 = 3.;
 
 /// Names of the built-in robots.
 pub const ROBOTS: [&str; 6] = ["monoped", "biped", "hyq", "anymal", "pexod", "pexod-as-published"];
@@ -80,7 +87,7 @@ impl Robot {
             ),
             _ => return Err(Error::Unknown { what: "robot", name: name.into(), known: ROBOTS.join(", ") }),
         };
-        Ok(Robot { name: name.into(), mass, inertia, base_height, nominal_feet, reach })
+        Ok(Robot { name: name.into(), mass, inertia, base_height, nominal_feet, reach, force_limit: None })
     }
 
     /// Reads a robot from JSON text and validates it.
@@ -110,6 +117,9 @@ impl Robot {
         }
         for (axis, &v) in self.reach.iter().enumerate() {
             check_range(&format!("robot.reach[{axis}]"), v, 1e-3, 100.)?;
+        }
+        if let Some(limit) = self.force_limit {
+            check_range("robot.force_limit", limit, 1e-3, 1e7)?;
         }
         let i = &self.inertia;
         for r in 0..3 {
@@ -147,6 +157,11 @@ impl Robot {
     /// Nominal leg height, m, the length that makes moments dimensionless; at least 0.1 m.
     pub fn leg_height(&self) -> f64 {
         self.nominal_feet[0][2].abs().max(0.1)
+    }
+
+    /// Largest normal force of a foot, N.
+    pub fn force_limit(&self) -> f64 {
+        self.force_limit.unwrap_or(FORCE_LIMIT * self.weight())
     }
 
     /// Weight, N.

@@ -5,9 +5,6 @@ use crate::robot::Robot;
 use crate::terrain::Terrain;
 use std::sync::Arc;
 
-/// Largest normal force of a foot, N, as in \[3\].
-pub const DEFAULT_FORCE_LIMIT: f64 = 1000.;
-
 /// What is to be done. The robot starts at rest above the origin with yaw 0 and its feet at their nominal positions on the ground.
 #[derive(Debug, Clone)]
 pub struct Task {
@@ -24,12 +21,13 @@ pub struct Task {
 }
 
 impl Task {
-    /// A validated task.
+    /// A validated task, with the force limit of the robot.
     ///
     /// # Errors
     /// [`Error::Invalid`] when the goal is off the terrain, or a number is out of its limits.
     pub fn new(robot: Arc<Robot>, terrain: Arc<Terrain>, base_target: [f64; 3], yaw_target: f64) -> Result<Task> {
-        let task = Task { robot, terrain, base_target, yaw_target, force_limit: DEFAULT_FORCE_LIMIT };
+        let force_limit = robot.force_limit();
+        let task = Task { robot, terrain, base_target, yaw_target, force_limit };
         task.validate()?;
         Ok(task)
     }

@@ -4,10 +4,11 @@ use super::Failure;
 use crate::backend::{Cpu, Precision};
 use crate::error::{Error, Result};
 use crate::evaluate::LowerSettings;
+use crate::nlp::towr;
 use crate::report::files;
 use crate::robot::{ROBOTS, Robot};
 use crate::scenario::Scenario;
-use crate::task::{DEFAULT_FORCE_LIMIT, Task};
+use crate::task::Task;
 use crate::settings::{Transcription, TranscriptionSettings};
 use crate::terrain::{TERRAINS, Terrain};
 use clap::{Args, ValueEnum};
@@ -52,7 +53,7 @@ pub struct WorldArgs {
     /// Terrain: as --robot
     #[arg(long, value_name = "NAME|FILE")]
     pub terrain: Vec<String>,
-    /// Largest normal force of a foot, N; 1000 by default, as in TOWR, or what the trajectory says
+    /// Largest normal force of a foot, N; else the robot's (three weights unless its file says), with TOWR's rows 1000
     #[arg(long, value_name = "N")]
     pub force_limit: Option<f64>,
 }
@@ -116,7 +117,7 @@ impl World {
     }
 
     /// A task from what was named, the scenario filling in the rest.
-    pub fn task(&self, scenario: Option<&Scenario>, goal: Goal) -> Result<Task> {
+    pub fn task(&self, scenario: Option<&Scenario>, goal: Goal, rows: Transcription) -> Result<Task> {
         let missing = |what: &str, by: &str| {
             Error::invalid(what, "none", format!("given by {by}, or by a scenario (--scenario, or `scenario` in the line)"))
         };
@@ -145,7 +146,11 @@ impl World {
         };
         let yaw = goal.yaw.or(scenario.map(|s| s.yaw_target)).unwrap_or(0.);
         let mut task = Task::new(robot, terrain, base_target, yaw)?;
-        task.force_limit = self.force_limit.unwrap_or(DEFAULT_FORCE_LIMIT);
+        let of_rows = match rows {
+            Transcription::Towr if task.robot.force_limit.is_none() => towr::FORCE_LIMIT,
+            _ => task.robot.force_limit(),
+        };
+        task.force_limit = self.force_limit.unwrap_or(of_rows);
         task.validate()?;
         Ok(task)
     }

@@ -8,6 +8,7 @@ use crate::evaluate::{check_candidate, evaluate};
 use crate::gait::Schedule;
 use crate::report::{EvaluateResult, files};
 use crate::scenario::Scenario;
+use crate::settings::Transcription;
 use crate::task::Task;
 use clap::Args;
 use serde::Deserialize;
@@ -82,7 +83,7 @@ impl Evaluate {
         let mut failure = None;
         let mut items = Vec::new();
         for (number, line) in files::lines(&text) {
-            match self.item(line, &world).and_then(|item| check_candidate(&item.task, &item.schedule, &settings).map(|()| item)) {
+            match self.item(line, &world, settings.transcription.rows).and_then(|item| check_candidate(&item.task, &item.schedule, &settings).map(|()| item)) {
                 Ok(item) => items.push(item),
                 Err(e) => {
                     failure = Some(e.in_file(&self.schedules, Some(number)));
@@ -146,13 +147,13 @@ impl Evaluate {
         }
     }
 
-    fn item(&self, line: &str, world: &World) -> Result<Item> {
+    fn item(&self, line: &str, world: &World, rows: Transcription) -> Result<Item> {
         let object: Map<String, Value> = from_json(line)?;
         let parsed: Line = from_json(line)?;
         let schedule = Schedule::new(parsed.durations)?;
         let scenario = parsed.scenario.or_else(|| self.scenario.clone());
         let named = scenario.as_deref().map(Scenario::named).transpose()?;
         let goal = Goal { target: parsed.target, base_target: parsed.base_target, xy: None, yaw: parsed.yaw_target };
-        Ok(Item { object, scenario, task: world.task(named.as_ref(), goal)?, schedule })
+        Ok(Item { object, scenario, task: world.task(named.as_ref(), goal, rows)?, schedule })
     }
 }

@@ -11,6 +11,7 @@ use crate::report::result::Run;
 use crate::report::{SolveResult, files, gait_diagram};
 use crate::scenario::Scenario;
 use crate::search::search;
+use crate::settings::Transcription;
 use crate::task::Task;
 use clap::{Args, ValueEnum};
 use std::io::IsTerminal;
@@ -81,7 +82,7 @@ impl Solve {
         let scenario = self.scenario.as_deref().map(Scenario::named).transpose()?;
         let lower = self.lower.settings()?;
         let settings = self.search_settings()?;
-        let task = self.task(scenario.as_ref())?;
+        let task = self.task(scenario.as_ref(), lower.transcription.rows)?;
         if let Some(folder) = &self.out {
             files::make_folder(folder)?;
         }
@@ -126,14 +127,14 @@ impl Solve {
         Ok(if result.feasible { Verdict::Feasible } else { Verdict::Infeasible })
     }
 
-    fn task(&self, scenario: Option<&Scenario>) -> Result<Task> {
+    fn task(&self, scenario: Option<&Scenario>, rows: Transcription) -> Result<Task> {
         let goal = Goal {
             target: scenario.map(|_| self.target),
             base_target: self.goal.and_then(|g| g.z.map(|z| [g.xy[0], g.xy[1], z])),
             xy: self.goal.map(|g| g.xy),
             yaw: self.yaw,
         };
-        self.world.read()?.task(scenario, goal)
+        self.world.read()?.task(scenario, goal, rows)
     }
 
     /// The preset with what was given on top.

@@ -3,13 +3,13 @@
 use super::args::{World, WorldArgs, robot as robot_by_name, terrain as terrain_by_name};
 use super::{Failure, Verdict, print, to_json};
 use crate::certify::{Report, verify};
+use crate::nlp::towr;
 use crate::error::{Error, Result};
 use crate::gait::Trajectory;
 use crate::gait::trajectory::NamedOr;
 use crate::report::files;
 use crate::robot::Robot;
 use crate::scenario::Scenario;
-use crate::task::DEFAULT_FORCE_LIMIT;
 use crate::terrain::Terrain;
 use clap::Args;
 use std::path::PathBuf;
@@ -58,7 +58,7 @@ impl Verify {
             let report = Trajectory::from_json(document).and_then(|trajectory| {
                 let robot = robot_of(&world, &trajectory)?;
                 let terrain = terrain_of(&world, &trajectory)?;
-                let force_limit = world.force_limit.or(trajectory.force_limit).unwrap_or(DEFAULT_FORCE_LIMIT);
+                let force_limit = world.force_limit.or(trajectory.force_limit).unwrap_or(towr::FORCE_LIMIT);
                 let report = verify(&trajectory, &robot, &terrain, force_limit)?;
                 Ok(Line { line, scenario: trajectory.scenario, robot: robot.name.clone(), terrain: terrain.name.clone(), report })
             });
