@@ -47,6 +47,7 @@ fn main() {
             for i in (0..h.len()).step_by((h.len() / 60).max(1)) { print!(" {:.1e}", h[i]); }
             println!(" end {:.1e}", o.infeasibility);
         }
+        if std::env::var("HIST").is_ok() { println!("HIST {} {}", (o.status == cregopt::solver::Status::Solved) as u8, h.iter().map(|v| format!("{v:.3e}")).collect::<Vec<_>>().join(" ")); }
         groups.entry(format!("{name} {target:>2}")).or_default().push((o.status == cregopt::solver::Status::Solved, o.iterations, o.factorisations));
     }
     let mut all = 0;

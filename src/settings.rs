@@ -140,7 +140,7 @@ pub struct StallSettings {
 
 impl Default for StallSettings {
     fn default() -> Self {
-        StallSettings { enabled: true, start: 12, window: 5, budget: 800. }
+        StallSettings { enabled: true, start: 10, window: 4, budget: 200. }
     }
 }
 

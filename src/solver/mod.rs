@@ -111,6 +111,8 @@ enum Attempt {
 
 /// Part of the infeasibility that a closing step may leave.
 const CLOSING_RATE: f64 = 0.1;
+/// Infeasibility above which the stall rule speaks, in that at which closing starts: below it rounding makes it rest now and then.
+const STALL_ABOVE: f64 = 10.;
 /// Smallest barrier parameter.
 const BARRIER_FLOOR: f64 = 1e-9;
 /// Attempts to step before an iteration gives up, each with a larger proximal weight.
@@ -353,7 +355,7 @@ impl<T: Real> Solver<T> {
         }
         let (now, before) = (self.history[done], self.history[done - rule.window]);
         // Logarithmic distance left against that covered in the window, in windows.
-        now > settings.closing && (now / settings.closing).ln() * rule.window as f64 > rule.budget * (before / now).ln()
+        now > STALL_ABOVE * settings.closing && (now / settings.closing).ln() * rule.window as f64 > rule.budget * (before / now).ln()
     }
 
     /// `F` at the start and after each iteration of the last solve.
