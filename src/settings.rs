@@ -63,7 +63,7 @@ impl Default for TranscriptionSettings {
     fn default() -> Self {
         TranscriptionSettings {
             rows: Transcription::Momentum,
-            interval: 0.05,
+            interval: 0.1,
             reach_interval: 0.08,
             force_pieces: 3,
             length_margin: 1e-3,

@@ -13,7 +13,7 @@ pub mod reach;
 pub mod step;
 pub mod swing;
 
-use crate::nlp::layout::Place;
+use crate::nlp::layout::{Deviation, Place};
 use crate::nlp::{Layout, Real};
 use crate::terrain::Ground;
 
@@ -46,10 +46,35 @@ impl<'a, T> Rows<'a, T> {
     }
 }
 
+/// What the rows of a candidate share at one `x`.
+#[derive(Debug, Clone)]
+pub struct Shared<T> {
+    /// Ground under the footholds, `[footholds]`.
+    pub ground: Vec<Ground<T>>,
+    /// How the base deviates from its cubic inside intervals, `[intervals]`.
+    pub deviations: Vec<Deviation<T>>,
+    /// Whether the deviations stay as they are, as the derivatives of the rows take them.
+    pub frozen: bool,
+}
+
+impl<T: Real> Default for Shared<T> {
+    fn default() -> Self {
+        Shared { ground: Vec::new(), deviations: Vec::new(), frozen: false }
+    }
+}
+
+impl<T: Real> Shared<T> {
+    /// Makes room for a layout.
+    pub fn resize(&mut self, layout: &Layout<T>) {
+        self.ground.resize(layout.footholds.len(), Ground::level(T::zero()));
+        self.deviations.resize(layout.momentum.len(), Deviation::default());
+    }
+}
+
 /// Residuals (and, when asked for, Jacobian values) of all elements at `x`.
 ///
 /// * `edge_radius` - over which edges of the terrain are rounded for the force rows, m; 0 for the exact rows
-/// * `ground` - scratch, `[footholds]`
+/// * `shared` - what rows share
 /// * `equality` - out, `c`, `[equalities]`, dimensionless; zero when it holds
 /// * `inequality` - out, `g`, `[inequalities]`, dimensionless; holds when `g <= 0`
 /// * `jacobian` - out, values of every element, `[rows][stride]`
@@ -58,15 +83,16 @@ pub fn evaluate<T: Real>(
     layout: &Layout<T>,
     x: &[T],
     edge_radius: T,
-    ground: &mut [Ground<T>],
+    shared: &mut Shared<T>,
     equality: &mut [T],
     inequality: &mut [T],
     mut jacobian: Option<&mut [T]>,
 ) {
+    let Shared { ground, deviations, frozen } = shared;
     foothold::footholds(layout, x, ground);
     dynamics::dynamics(layout, x, ground, equality, jacobian.as_deref_mut());
-    momentum::momentum(layout, x, ground, equality, jacobian.as_deref_mut());
-    reach::reach(layout, x, ground, inequality, jacobian.as_deref_mut());
+    momentum::momentum(layout, x, ground, deviations, *frozen, equality, jacobian.as_deref_mut());
+    reach::reach(layout, x, ground, deviations, inequality, jacobian.as_deref_mut());
     force::force(layout, x, edge_radius, inequality, jacobian.as_deref_mut());
     swing::swing(layout, x, ground, inequality, jacobian);
 }

@@ -9,7 +9,7 @@
 use super::Rows;
 use super::dynamics::{along, put_cross};
 use super::math::{Mat3, Vec3, add, cross, euler, mul, mul_transposed, scale, sub};
-use crate::nlp::layout::{Impulse, MOMENTUM_POINTS, MomentumInterval, NONE};
+use crate::nlp::layout::{Deviation, INNER_POINTS, Impulse, MOMENTUM_POINTS, MomentumInterval, NONE};
 use crate::nlp::{Layout, Real};
 use crate::robot::GRAVITY;
 use crate::terrain::Ground;
@@ -17,6 +17,8 @@ use multiversion::multiversion;
 
 /// Angular momentum `R I R' omega` and its derivatives.
 pub struct AngularMomentum<T> {
+    /// Rotation from base to world.
+    pub rot_wb: Mat3<T>,
     /// Its value, N m s.
     pub value: Vec3<T>,
     /// With respect to each Euler angle, `[angle]`.
@@ -37,6 +39,7 @@ pub fn angular_momentum<T: Real>(inertia: &Mat3<T>, angles: Vec3<T>, rates: Vec3
     // The pitch carries the roll axis along, the yaw everything.
     let carried = inertia_times(scale(rates[0], cross(axes[1], axes[0])));
     AngularMomentum {
+        rot_wb,
         value,
         by_angle: [by_turn(axes[0]), add(by_turn(axes[1]), carried), cross(axes[2], value)],
         by_rate: [inertia_times(axes[0]), inertia_times(axes[1]), inertia_times(axes[2])],
@@ -45,12 +48,22 @@ pub fn angular_momentum<T: Real>(inertia: &Mat3<T>, angles: Vec3<T>, rates: Vec3
 
 /// Momentum rows of all intervals.
 ///
+/// * `deviations` - in and out, `[intervals]`
+/// * `frozen` - whether the deviations are taken as they are
 /// * `residual` - out, at each interval's places
 /// * `jacobian` - out, likewise
 #[multiversion(targets("x86_64+avx2"))]
-pub fn momentum<T: Real>(layout: &Layout<T>, x: &[T], ground: &[Ground<T>], residual: &mut [T], mut jacobian: Option<&mut [T]>) {
-    for interval in &layout.momentum {
-        momentum_interval(layout, interval, x, ground, residual, jacobian.as_deref_mut());
+pub fn momentum<T: Real>(
+    layout: &Layout<T>,
+    x: &[T],
+    ground: &[Ground<T>],
+    deviations: &mut [Deviation<T>],
+    frozen: bool,
+    residual: &mut [T],
+    mut jacobian: Option<&mut [T]>,
+) {
+    for (interval, deviation) in layout.momentum.iter().zip(deviations) {
+        momentum_interval(layout, interval, x, ground, deviation, frozen, residual, jacobian.as_deref_mut());
     }
 }
 
@@ -59,15 +72,18 @@ type Points<T> = [Vec3<T>; MOMENTUM_POINTS];
 
 /// Momentum rows of one interval.
 #[inline(always)]
+#[allow(clippy::too_many_arguments, reason = "separate slices: the compiler knows that they do not overlap")]
 fn momentum_interval<T: Real>(
     layout: &Layout<T>,
     interval: &MomentumInterval<T>,
     x: &[T],
     ground: &[Ground<T>],
+    deviation: &mut Deviation<T>,
+    frozen: bool,
     residual: &mut [T],
     mut jacobian: Option<&mut [T]>,
 ) {
-    const END: usize = MOMENTUM_POINTS - 1;
+    const END: usize = INNER_POINTS;
     let constants = &layout.constants;
     let (zero, half, two) = (T::zero(), T::of(0.5), T::of(2.));
     let (mass, h, gravity) = (constants.mass, constants.interval, T::of(-GRAVITY));
@@ -152,7 +168,8 @@ fn momentum_interval<T: Real>(
     let mut planned = [zero; 3];
     let mut planned_by = [[[zero; 3]; 3]; 4];
     let line: Vec3<T> = std::array::from_fn(|d| interval.rate[3 + d]);
-    for point in &points[..END] {
+    let mut inside: [(Vec3<T>, Mat3<T>, Vec3<T>); END] = [([zero; 3], [[zero; 3]; 3], [zero; 3]); END];
+    for (q, point) in points[..END].iter().enumerate() {
         let (mut angles, mut rates) = (add(angular(&interval.reference[0]), scale(point.time, line)), line);
         for i in 0..4 {
             angles = add(angles, scale(point.value[i], angular(&state[i])));
@@ -160,6 +177,7 @@ fn momentum_interval<T: Real>(
         }
         let here = angular_momentum(&constants.inertia, angles, rates);
         planned = add(planned, scale(point.mean, here.value));
+        inside[q] = (angles, here.rot_wb, here.value);
         if jacobian.is_some() {
             for i in 0..4 {
                 let (value, slope) = (point.mean * point.value[i], point.mean * point.rate[i]);
@@ -170,6 +188,11 @@ fn momentum_interval<T: Real>(
         }
     }
 
+    if !frozen {
+        let gained_end = sub(add(start.value, gained[END]), end.value);
+        let gained_mean = sub(add(start.value, gained_mean), planned);
+        *deviation = deviate(layout, interval, &state, &start.value, &gained, &inside, gained_end, gained_mean, &moved, &velocity);
+    }
     let at = interval.linear.row as usize;
     for d in 0..3 {
         let weight = if d == 2 { gravity } else { zero };
@@ -181,7 +204,7 @@ fn momentum_interval<T: Real>(
     let at = interval.angular.row as usize;
     for d in 0..3 {
         residual[at + d] = (end.value[d] - start.value[d] - gained[END][d]) * end_scale;
-        residual[at + 3 + d] = (planned[d] - start.value[d] - gained_mean[d]) * mean_scale;
+        residual[at + 3 + d] = (planned[d] - start.value[d] - gained_mean[d] + deviation.mean[d]) * mean_scale;
     }
 
     let Some(jacobian) = jacobian else { return };
@@ -240,6 +263,79 @@ fn momentum_interval<T: Real>(
     }
 }
 
+/// How the motion inside an interval deviates from the cubic through its knots.
+///
+/// In position by the difference to the cubic through the end that the forces lead to. In attitude by the rotation vector
+/// `eps' = I_w^-1 (e - eps x L)`, where `e` is the angular momentum that the forces give beyond the planned one, less a quadratic
+/// that takes what is missing in the rows, so that rows that do not hold yet bend nothing.
+#[inline(always)]
+#[allow(clippy::too_many_arguments, reason = "what its caller has at hand")]
+fn deviate<T: Real>(
+    layout: &Layout<T>,
+    interval: &MomentumInterval<T>,
+    state: &[[T; 6]; 4],
+    momentum_start: &Vec3<T>,
+    gained: &Points<T>,
+    inside: &[(Vec3<T>, Mat3<T>, Vec3<T>); INNER_POINTS],
+    beyond_end: Vec3<T>,
+    beyond_mean: Vec3<T>,
+    moved: &Points<T>,
+    velocity: &Points<T>,
+) -> Deviation<T> {
+    const END: usize = INNER_POINTS;
+    let zero = T::zero();
+    let (constants, points) = (&layout.constants, &layout.momentum_points);
+    let mut deviation = Deviation::default();
+    let velocity_w: Vec3<T> = std::array::from_fn(|d| interval.rate[d] + state[1][d]);
+    for q in 0..END {
+        let w = &points[q].value;
+        for d in 0..3 {
+            deviation.pose[q][d] = moved[q][d] - (w[1] * velocity_w[d] + w[2] * moved[END][d] + w[3] * velocity[END][d]);
+        }
+    }
+    // Twice: the second time with the turning of what has been gained.
+    let (two, three, six) = (T::of(2.), T::of(3.), T::of(6.));
+    let mut beyond = [[zero; 3]; END];
+    for q in 0..END {
+        let u = points[q].time / constants.interval;
+        for d in 0..3 {
+            let quadratic = u * (six * beyond_mean[d] - two * beyond_end[d]) + u * u * (three * beyond_end[d] - six * beyond_mean[d]);
+            beyond[q][d] = momentum_start[d] + gained[q][d] - inside[q].2[d] - quadratic;
+        }
+    }
+    let mut turned = [[zero; 3]; END];
+    let mut rate = [[zero; 3]; END];
+    for _ in 0..2 {
+        for q in 0..END {
+            let (_, rot_wb, momentum) = &inside[q];
+            let change = sub(beyond[q], cross(turned[q], *momentum));
+            rate[q] = mul(rot_wb, mul(&constants.inverse_inertia, mul_transposed(rot_wb, change)));
+        }
+        for q in 0..END {
+            turned[q] = [zero; 3];
+            for r in 0..END {
+                turned[q] = add(turned[q], scale(points[q].integral[r], rate[r]));
+            }
+        }
+    }
+    let mut mean_rate = [zero; 3];
+    for q in 0..END {
+        mean_rate = add(mean_rate, scale(points[q].mean, rate[q]));
+        // From a rotation vector to Euler angles: the inverse of the axes, kept finite where the pitch is steep.
+        let angles = inside[q].0;
+        let (sz, cz) = angles[2].sin_cos();
+        let (sy, cy) = angles[1].sin_cos();
+        let cy = if cy.abs() < T::of(0.1) { T::of(0.1) } else { cy };
+        let forward = cz * turned[q][0] + sz * turned[q][1];
+        deviation.pose[q][3] = forward / cy;
+        deviation.pose[q][4] = cz * turned[q][1] - sz * turned[q][0];
+        deviation.pose[q][5] = turned[q][2] + forward * sy / cy;
+    }
+    let rot_wb = &inside[END / 2].1;
+    deviation.mean = scale(-T::one(), mul(rot_wb, mul(&constants.inertia, mul_transposed(rot_wb, mean_rate))));
+    deviation
+}
+
 /// Angular rows by the forces: `-[a]x` with `a = w_1 (x_i - p_k - d) + w_2 v - w_3 g`, `w` the integrals of the node's basis function.
 #[inline(always)]
 #[allow(clippy::too_many_arguments, reason = "separate slices: the compiler knows that they do not overlap")]
@@ -254,7 +350,7 @@ fn angular_by_forces<T: Real>(
     [end_scale, mean_scale]: [T; 2],
     rows: &mut Rows<T>,
 ) {
-    const END: usize = MOMENTUM_POINTS - 1;
+    const END: usize = INNER_POINTS;
     let zero = T::zero();
     for of_foothold in impulses.chunk_by(|a, b| a.foothold == b.foothold) {
         let foothold = of_foothold[0].foothold as usize;

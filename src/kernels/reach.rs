@@ -4,7 +4,7 @@
 
 use super::Rows;
 use super::math::{cross, euler, mul_transposed, scale, sub};
-use crate::nlp::layout::NONE;
+use crate::nlp::layout::{Deviation, NONE};
 use crate::nlp::{Layout, Real};
 use crate::terrain::Ground;
 use multiversion::multiversion;
@@ -14,7 +14,14 @@ use multiversion::multiversion;
 /// * `residual` - out, at each foot's place: 3 upper sides, 3 lower sides
 /// * `jacobian` - out, 3 rows at each foot's place, then the same rows by the base pose, `[3][6]`
 #[multiversion(targets("x86_64+avx2"))]
-pub fn reach<T: Real>(layout: &Layout<T>, x: &[T], ground: &[Ground<T>], residual: &mut [T], mut jacobian: Option<&mut [T]>) {
+pub fn reach<T: Real>(
+    layout: &Layout<T>,
+    x: &[T],
+    ground: &[Ground<T>],
+    deviations: &[Deviation<T>],
+    residual: &mut [T],
+    mut jacobian: Option<&mut [T]>,
+) {
     let constants = &layout.constants;
     let zero = T::zero();
     let unit = constants.length_scale;
@@ -24,6 +31,13 @@ pub fn reach<T: Real>(layout: &Layout<T>, x: &[T], ground: &[Ground<T>], residua
             let at = instant.base.variable[i] as usize;
             for d in 0..6 {
                 pose[d] += instant.base.weights[i] * x[at + d];
+            }
+        }
+        if let Some(deviation) = deviations.get(instant.base.interval as usize) {
+            for (w, deviation) in instant.base.deviation_weights.iter().zip(&deviation.pose) {
+                for d in 0..6 {
+                    pose[d] += *w * deviation[d];
+                }
             }
         }
         let base_w = [pose[0], pose[1], pose[2]];

@@ -14,6 +14,7 @@ use crate::gait::{Phase, Schedule};
 use crate::robot::GRAVITY;
 use crate::settings::{Transcription, TranscriptionSettings};
 use crate::task::Task;
+use nalgebra::Matrix3;
 
 /// An element before its columns are known.
 struct Draft {
@@ -561,10 +562,12 @@ impl<'a, T: Real> Builder<'a, T> {
     fn constants(&self) -> Constants<T> {
         let robot = &self.task.robot;
         let unit = self.force_unit();
+        let inverse = Matrix3::from_fn(|r, c| robot.inertia[r][c]).try_inverse().unwrap_or_else(Matrix3::zeros);
         Constants {
             mass: T::of(robot.mass),
             weight: T::of(robot.mass * GRAVITY),
             inertia: robot.inertia.map(|row| row.map(T::of)),
+            inverse_inertia: std::array::from_fn(|r| std::array::from_fn(|c| T::of(inverse[(r, c)]))),
             reach: robot.reach.map(T::of),
             moment_scale: T::of(1. / (robot.weight() * robot.leg_height())),
             balance_scale: T::of(1. / robot.weight()),

@@ -82,6 +82,10 @@ pub struct BasePoint<T> {
     pub weights: [T; 4],
     /// Blocks in `x`.
     pub variable: [u32; 4],
+    /// `momentum`: the interval, and weights of the deviations at its inner points.
+    pub interval: u32,
+    /// See there.
+    pub deviation_weights: [T; INNER_POINTS],
 }
 
 /// Dynamics rows at one instant.
@@ -118,11 +122,13 @@ pub struct StanceForce<T> {
     pub foothold_column: u32,
 }
 
-/// Points of an interval at which its momentum is taken: the nodes of a Gauss-Legendre rule, then the end.
-pub const MOMENTUM_POINTS: usize = 6;
+/// Nodes of the Gauss-Legendre rule at which the motion inside an interval is taken.
+pub const INNER_POINTS: usize = 6;
+/// Points of an interval at which its momentum is taken: the inner ones, then the end.
+pub const MOMENTUM_POINTS: usize = INNER_POINTS + 1;
 
 /// One of [`MOMENTUM_POINTS`] points of every interval.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct MomentumPoint<T> {
     /// Time since the start of the interval, s.
     pub time: T,
@@ -132,6 +138,8 @@ pub struct MomentumPoint<T> {
     pub value: [T; 4],
     /// The same for the rate.
     pub rate: [T; 4],
+    /// Weights of the inner points in the integral from the start to here, s.
+    pub integral: [T; INNER_POINTS],
 }
 
 /// Momentum rows of one interval.
@@ -259,6 +267,17 @@ pub struct Stride<T> {
     pub place: Place,
 }
 
+/// How the motion inside an interval deviates from the cubic between its knots, under the forces of the last evaluation.
+///
+/// Rows take it as given: their derivatives leave it out.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Deviation<T> {
+    /// Of the pose, at the inner points, m and rad.
+    pub pose: [[T; 6]; INNER_POINTS],
+    /// Of the mean of the angular momentum over the interval, when the attitude at its end is to be exact, N m s.
+    pub mean: [T; 3],
+}
+
 /// Physical constants and row scales.
 #[derive(Debug, Clone, Copy)]
 pub struct Constants<T> {
@@ -268,6 +287,8 @@ pub struct Constants<T> {
     pub weight: T,
     /// Inertia in the base frame, kg m².
     pub inertia: [[T; 3]; 3],
+    /// Its inverse.
+    pub inverse_inertia: [[T; 3]; 3],
     /// Half-widths of the reach box, m.
     pub reach: [T; 3],
     /// Scale of moments, 1/(N m).

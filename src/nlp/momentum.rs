@@ -11,7 +11,7 @@
 //! motion, `R I R' omega`, at the nodes of a Gauss-Legendre rule.
 
 use super::builder::Builder;
-use super::layout::{BasePoint, Family, Impulse, MOMENTUM_POINTS, MomentumInterval, MomentumPoint, NONE, Place};
+use super::layout::{BasePoint, Family, INNER_POINTS, Impulse, MOMENTUM_POINTS, MomentumInterval, MomentumPoint, NONE, Place};
 use super::{Layout, Real};
 use crate::gait::spline::{hermite, hermite_rate};
 use crate::gait::{Curve, Phase};
@@ -32,25 +32,55 @@ pub const TOP_SPEED: f64 = (6. - 2. * MID_SPEED) * (6. - 2. * MID_SPEED) / (4. *
 /// Part of the horizon in which the initial guess speeds up, and slows down again.
 const RAMP: f64 = 0.3;
 
-/// Gauss-Legendre rule on (0, 1): nodes and weights.
-const MEAN_RULE: [[f64; 2]; MOMENTUM_POINTS - 1] = [
-    [0.046_910_077_030_668_02, 0.118_463_442_528_094_54],
-    [0.230_765_344_947_158_45, 0.239_314_335_249_683_24],
-    [0.5, 0.284_444_444_444_444_44],
-    [0.769_234_655_052_841_55, 0.239_314_335_249_683_24],
-    [0.953_089_922_969_331_98, 0.118_463_442_528_094_54],
-];
-
-/// The same with three nodes: exact for the integrals of a cubic that are needed.
+/// Gauss-Legendre rule on (0, 1) with three nodes: exact for the integrals of a cubic that are needed.
 const EXACT_RULE: [[f64; 2]; 3] = [[0.112_701_665_379_258_31, 5. / 18.], [0.5, 8. / 18.], [0.887_298_334_620_741_69, 5. / 18.]];
+
+/// Nodes and weights of the Gauss-Legendre rule of [`INNER_POINTS`] on (0, 1), by Newton's method on the Legendre polynomial.
+fn inner_rule() -> [[f64; 2]; INNER_POINTS] {
+    let n = INNER_POINTS;
+    std::array::from_fn(|i| {
+        let mut x = -(std::f64::consts::PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();
+        let mut slope = 1.;
+        for _ in 0..20 {
+            let (mut before, mut now) = (1., x);
+            for k in 2..=n {
+                (before, now) = (now, ((2 * k - 1) as f64 * x * now - (k - 1) as f64 * before) / k as f64);
+            }
+            slope = n as f64 * (x * now - before) / (x * x - 1.);
+            x -= now / slope;
+        }
+        [(1. + x) / 2., 1. / ((1. - x * x) * slope * slope)]
+    })
+}
+
+/// Value at `u` of the polynomial that is 1 at node `i` and 0 at the others.
+fn lagrange(nodes: &[f64], i: usize, u: f64) -> f64 {
+    (0..nodes.len()).filter(|&j| j != i).map(|j| (u - nodes[j]) / (nodes[i] - nodes[j])).product()
+}
 
 /// Points of an interval of length `h`.
 pub(super) fn points<T: Real>(h: f64) -> [MomentumPoint<T>; MOMENTUM_POINTS] {
+    let rule = inner_rule();
+    let nodes = rule.map(|[u, _]| u);
     std::array::from_fn(|q| {
-        let [part, mean] = MEAN_RULE.get(q).copied().unwrap_or([1., 0.]);
+        let [part, mean] = rule.get(q).copied().unwrap_or([1., 0.]);
         let t = part * h;
-        MomentumPoint { time: T::of(t), mean: T::of(mean), value: hermite(t, h).map(T::of), rate: hermite_rate(t, h).map(T::of) }
+        // The rule itself is exact for polynomials through its nodes.
+        let integral = |i: usize| rule.iter().map(|[u, weight]| weight * t * lagrange(&nodes, i, u * part)).sum::<f64>();
+        MomentumPoint {
+            time: T::of(t),
+            mean: T::of(mean),
+            value: hermite(t, h).map(T::of),
+            rate: hermite_rate(t, h).map(T::of),
+            integral: std::array::from_fn(|i| T::of(integral(i))),
+        }
     })
+}
+
+/// Weights of the deviations at the inner points at part `u` of an interval: a polynomial that vanishes at both ends.
+fn deviation_weights(u: f64) -> [f64; INNER_POINTS] {
+    let nodes = inner_rule().map(|[u, _]| u);
+    std::array::from_fn(|i| lagrange(&nodes, i, u) * u * (1. - u) / (nodes[i] * (1. - nodes[i])))
 }
 
 /// Where the initial guess has the base at time `t`, and its rate: along the line, from rest, and to rest when the goal asks for it.
@@ -155,8 +185,9 @@ fn stance_impulses<T: Real>(b: &Builder<T>, foot: usize, stance: usize, t: f64) 
     }
     let nodes = &b.curves.feet[foot].force_nodes[stance];
     let scale = [b.force_unit(), b.force_unit() * b.settings.force_pieces as f64 / span.duration()];
+    let rule = inner_rule();
     let points: [Vec<Integrals>; MOMENTUM_POINTS] = std::array::from_fn(|q| {
-        let end = t + MEAN_RULE.get(q).map_or(1., |n| n[0]) * h;
+        let end = t + rule.get(q).map_or(1., |n| n[0]) * h;
         basis_integrals(span, nodes.len(), t, end)
     });
     let impulse = |node: usize| Impulse {
@@ -177,7 +208,8 @@ const SWING_PARTS: [f64; 5] = [0.0625, 0.125, 0.5, 0.875, 0.9375];
 /// Reach rows of all feet at knots and half-knots, and of swinging feet at parts of their swings.
 pub(super) fn reach_elements<T: Real>(b: &mut Builder<T>) {
     let (h, feet) = (b.settings.interval, b.curves.feet.len());
-    let mut instants: Vec<(f64, std::ops::Range<usize>)> = (0..=2 * b.intervals).map(|i| (i as f64 * h / 2., 0..feet)).collect();
+    let pieces = (h / PIECE).ceil() as usize;
+    let mut instants: Vec<(f64, std::ops::Range<usize>)> = (0..=pieces * b.intervals).map(|i| (i as f64 * h / pieces as f64, 0..feet)).collect();
     for foot in 0..feet {
         for swing in b.curves.feet[foot].phases.iter().filter(|p| !p.stance) {
             instants.extend(SWING_PARTS.map(|part| (swing.start + part * swing.duration(), foot..foot + 1)));
@@ -196,12 +228,17 @@ pub(super) fn reach_elements<T: Real>(b: &mut Builder<T>) {
             reference: b.reference(t).map(T::of),
             weights: hermite(in_interval, h).map(T::of),
             variable: std::array::from_fn(|i| b.curves.base[2 * k + i]),
+            interval: k as u32,
+            deviation_weights: deviation_weights(in_interval / h).map(T::of),
         };
         b.reach_instant(t, feet, k, base);
     }
 }
 
-/// Base position and Euler angles: at every knot those of the solution, halfway to the next what the forces make of them.
+/// Longest piece of a base curve, s. A cubic over twice as much would be up to a centimetre off what the forces do.
+const PIECE: f64 = 0.026;
+
+/// Base position and Euler angles: at every knot those of the solution, in between what the forces make of them.
 pub(super) fn base_curves(task: &Task, layout: &Layout<f64>, x: &[f64]) -> [Curve; 2] {
     let curves = &layout.curves;
     let (n, h) = (curves.intervals, curves.interval);
@@ -217,22 +254,31 @@ pub(super) fn base_curves(task: &Task, layout: &Layout<f64>, x: &[f64]) -> [Curv
         })
     };
     let node = |[pose, rate]: [[f64; 6]; 2], first: usize| std::array::from_fn(|i| if i < 3 { pose[first + i] } else { rate[first + i - 3] });
+    let pieces = (h / PIECE).ceil() as usize;
     let mut nodes: [Vec<[f64; 6]>; 2] = Default::default();
     for k in 0..=n {
         let state = knot(k);
-        let halfway = (k < n).then(|| halfway(task, layout, x, k as f64 * h, state));
-        for state in [Some(state), halfway].into_iter().flatten() {
+        let between = if k < n { between(task, layout, x, k as f64 * h, state, pieces) } else { Vec::new() };
+        for state in std::iter::once(state).chain(between) {
             nodes[0].push(node(state, 0));
             nodes[1].push(node(state, 3));
         }
     }
-    nodes.map(|nodes| Curve { poly_durations: vec![h / 2.; 2 * n], nodes })
+    nodes.map(|nodes| Curve { poly_durations: vec![h / pieces as f64; pieces * n], nodes })
 }
 
-/// Pose and rates half an interval after the state at time `t`, under the planned forces.
+/// Pose and rates at the ends of all but the last of the `pieces` of an interval, from the state at its start, `t`, under the planned
+/// forces.
 ///
-/// Position and velocity are exact; the attitude takes two Runge-Kutta steps along the exact angular momentum.
-fn halfway(task: &Task, layout: &Layout<f64>, x: &[f64], t: f64, [pose, rate]: [[f64; 6]; 2]) -> [[f64; 6]; 2] {
+/// Position and velocity are exact; the attitude takes two Runge-Kutta steps a piece along the exact angular momentum.
+fn between(
+    task: &Task,
+    layout: &Layout<f64>,
+    x: &[f64],
+    t: f64,
+    [pose, rate]: [[f64; 6]; 2],
+    pieces: usize,
+) -> Vec<[[f64; 6]; 2]> {
     let robot = &task.robot;
     let (mass, gravity) = (robot.mass, Vector3::new(0., 0., -GRAVITY));
     let inertia = Matrix3::from_fn(|r, c| robot.inertia[r][c]);
@@ -286,18 +332,22 @@ fn halfway(task: &Task, layout: &Layout<f64>, x: &[f64], t: f64, [pose, rate]: [
         let omega = rotation * (inverse * (rotation.inverse() * momentum));
         axes(angles).try_inverse().unwrap_or_else(Matrix3::zeros) * omega
     };
-    let tau = layout.curves.interval / 2.;
-    let quarters: [_; 5] = std::array::from_fn(|i| after(tau * i as f64 / 4.));
-    let momentum = |i: usize| at_start + quarters[i].2;
-    let (mut now, step) = (angles, tau / 2.);
-    for first in [0, 2] {
-        let k1 = rates_at(&now, momentum(first));
-        let k2 = rates_at(&(now + k1 * (step / 2.)), momentum(first + 1));
-        let k3 = rates_at(&(now + k2 * (step / 2.)), momentum(first + 1));
-        let k4 = rates_at(&(now + k3 * step), momentum(first + 2));
-        now += (k1 + (k2 + k3) * 2. + k4) * (step / 6.);
-    }
-    let (moved, velocity, _) = quarters[4];
+    let step = layout.curves.interval / (2 * pieces) as f64;
     let join = |a: Vector3<f64>, b: Vector3<f64>| [a.x, a.y, a.z, b.x, b.y, b.z];
-    [join(p + moved, now), join(velocity, rates_at(&now, momentum(4)))]
+    let mut now = angles;
+    let mut at = after(0.);
+    let mut states = Vec::with_capacity(pieces - 1);
+    for i in 0..2 * (pieces - 1) {
+        let (middle, end) = (after((i as f64 + 0.5) * step), after((i as f64 + 1.) * step));
+        let k1 = rates_at(&now, at_start + at.2);
+        let k2 = rates_at(&(now + k1 * (step / 2.)), at_start + middle.2);
+        let k3 = rates_at(&(now + k2 * (step / 2.)), at_start + middle.2);
+        let k4 = rates_at(&(now + k3 * step), at_start + end.2);
+        now += (k1 + (k2 + k3) * 2. + k4) * (step / 6.);
+        at = end;
+        if i % 2 == 1 {
+            states.push([join(p + at.0, now), join(at.1, rates_at(&now, at_start + at.2))]);
+        }
+    }
+    states
 }

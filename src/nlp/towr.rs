@@ -3,7 +3,7 @@
 //! The base is the C2 cubic spline that TOWR's acceleration rows make of its Hermite nodes.
 
 use super::builder::Builder;
-use super::layout::{BasePoint, DynamicsInstant, Family, NONE, Place, StanceForce};
+use super::layout::{BasePoint, DynamicsInstant, Family, INNER_POINTS, NONE, Place, StanceForce};
 use super::{Layout, Real, initial_guess};
 use crate::gait::Curve;
 use crate::gait::spline::{BSpline, hermite};
@@ -112,6 +112,8 @@ pub(super) fn reach_elements<T: Real>(b: &mut Builder<T>) {
             reference: b.reference(t).map(T::of),
             weights: spline.basis(interval, t, 0).map(T::of),
             variable: std::array::from_fn(|i| b.curves.base[interval + i]),
+            interval: NONE,
+            deviation_weights: [T::zero(); INNER_POINTS],
         };
         b.reach_instant(t, 0..b.curves.feet.len(), step, base);
     }

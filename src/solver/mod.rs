@@ -14,11 +14,11 @@ mod status;
 pub use status::{Outcome, Status};
 
 use crate::kernels::front::{self, Factor, NormalEquations};
+use crate::kernels::Shared;
 use crate::kernels::step::{self, Aim, Slacks};
 use crate::nlp::layout::Family;
 use crate::nlp::{Layout, Real};
 use crate::settings::SolverSettings;
-use crate::terrain::Ground;
 
 /// When a solve is done.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,7 +59,7 @@ pub struct Solver<T> {
     scaling: Vec<T>,
     diagonal: Vec<T>,
     gradient: Vec<T>,
-    ground: Vec<Ground<T>>,
+    shared: Shared<T>,
     now: Residuals<T>,
     next: Residuals<T>,
     change: Residuals<T>,
@@ -86,7 +86,7 @@ impl<T: Real> Default for Solver<T> {
             scaling: Vec::new(),
             diagonal: Vec::new(),
             gradient: Vec::new(),
-            ground: Vec::new(),
+            shared: Shared::default(),
             now: Residuals::default(),
             next: Residuals::default(),
             change: Residuals::default(),
@@ -230,7 +230,7 @@ impl<T: Real> Solver<T> {
         for v in [&mut self.scaling, &mut self.diagonal, &mut self.gradient] {
             v.resize(layout.variables, T::zero());
         }
-        self.ground.resize(layout.footholds.len(), Ground::level(T::zero()));
+        self.shared.resize(layout);
         for residuals in [&mut self.now, &mut self.next, &mut self.change, &mut self.linear] {
             residuals.resize(layout);
         }
@@ -254,7 +254,7 @@ impl<T: Real> Solver<T> {
             layout,
             &self.x,
             self.edge_radius,
-            &mut self.ground,
+            &mut self.shared,
             &mut self.now.c,
             &mut self.now.g,
             Some(&mut self.jacobian),
@@ -299,7 +299,7 @@ impl<T: Real> Solver<T> {
             step::advance(&self.x[..layout.variables], length, &self.direction, &mut self.trial[..layout.variables]);
             step::advance(&self.now.c, length, &self.change.c, &mut self.linear.c);
             step::advance(&self.now.g, length, &self.change.g, &mut self.linear.g);
-            crate::kernels::evaluate(layout, &self.trial, self.edge_radius, &mut self.ground, &mut self.next.c, &mut self.next.g, None);
+            crate::kernels::evaluate(layout, &self.trial, self.edge_radius, &mut self.shared, &mut self.next.c, &mut self.next.g, None);
             let mu_t = T::of(*mu);
             let pull_cost = |x: &[T]| pull * step::pull_cost(&layout.pull, &x[..layout.variables], &layout.initial).as_f64();
             let merit = self.now.merit(closing, mu_t) + pull_cost(&self.x);
