@@ -6,7 +6,7 @@ use crate::settings::{SolverSettings, StallSettings};
 use crate::solver::{Finish, Outcome, Solver, Status};
 
 /// Infeasibility below which a solve that f32 did not end goes on in f64.
-pub const CONTINUE_BELOW: f64 = 1e-2;
+pub const CONTINUE_BELOW: f64 = 1e-4;
 
 /// Brings an f32 solution to f64 accuracy.
 ///
@@ -30,11 +30,12 @@ pub fn close(layout: &Layout<f64>, solution: Solution, settings: &SolverSettings
         stall: StallSettings { enabled: false, ..settings.stall.clone() },
         ..settings.clone()
     };
+    let onwards = SolverSettings { barrier: settings.barrier.min(1e-3), ..settings.clone() };
     // What f32 did not solve goes on from where it is; what it solved must close, and has more to fall back on.
     let attempts: &[(&SolverSettings, Option<&[f64]>)] = if solved {
-        &[(&closing, Some(&solution.x)), (settings, Some(&solution.x)), (settings, None)]
+        &[(&closing, Some(&solution.x)), (&onwards, Some(&solution.x))]
     } else {
-        &[(settings, Some(&solution.x))]
+        &[(&onwards, Some(&solution.x))]
     };
     let mut solver = Solver::<f64>::default();
     let mut total = solution.outcome;

@@ -19,6 +19,7 @@ use crate::robot::GRAVITY;
 use crate::settings::GoalVelocity;
 use crate::task::Task;
 use nalgebra::{Matrix3, Rotation3, Vector3};
+use std::sync::LazyLock;
 
 /// Horizontal speed of a foot in mid-swing, in its mean speeds.
 ///
@@ -36,7 +37,7 @@ const RAMP: f64 = 0.3;
 const EXACT_RULE: [[f64; 2]; 3] = [[0.112_701_665_379_258_31, 5. / 18.], [0.5, 8. / 18.], [0.887_298_334_620_741_69, 5. / 18.]];
 
 /// Nodes and weights of the Gauss-Legendre rule of [`INNER_POINTS`] on (0, 1), by Newton's method on the Legendre polynomial.
-fn inner_rule() -> [[f64; 2]; INNER_POINTS] {
+static INNER_RULE: LazyLock<[[f64; 2]; INNER_POINTS]> = LazyLock::new(|| {
     let n = INNER_POINTS;
     std::array::from_fn(|i| {
         let mut x = -(std::f64::consts::PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();
@@ -51,7 +52,7 @@ fn inner_rule() -> [[f64; 2]; INNER_POINTS] {
         }
         [(1. + x) / 2., 1. / ((1. - x * x) * slope * slope)]
     })
-}
+});
 
 /// Value at `u` of the polynomial that is 1 at node `i` and 0 at the others.
 fn lagrange(nodes: &[f64], i: usize, u: f64) -> f64 {
@@ -60,7 +61,7 @@ fn lagrange(nodes: &[f64], i: usize, u: f64) -> f64 {
 
 /// Points of an interval of length `h`.
 pub(super) fn points<T: Real>(h: f64) -> [MomentumPoint<T>; MOMENTUM_POINTS] {
-    let rule = inner_rule();
+    let rule = *INNER_RULE;
     let nodes = rule.map(|[u, _]| u);
     std::array::from_fn(|q| {
         let [part, mean] = rule.get(q).copied().unwrap_or([1., 0.]);
@@ -79,7 +80,7 @@ pub(super) fn points<T: Real>(h: f64) -> [MomentumPoint<T>; MOMENTUM_POINTS] {
 
 /// Weights of the deviations at the inner points at part `u` of an interval: a polynomial that vanishes at both ends.
 fn deviation_weights(u: f64) -> [f64; INNER_POINTS] {
-    let nodes = inner_rule().map(|[u, _]| u);
+    let nodes = INNER_RULE.map(|[u, _]| u);
     std::array::from_fn(|i| lagrange(&nodes, i, u) * u * (1. - u) / (nodes[i] * (1. - nodes[i])))
 }
 
@@ -185,9 +186,8 @@ fn stance_impulses<T: Real>(b: &Builder<T>, foot: usize, stance: usize, t: f64) 
     }
     let nodes = &b.curves.feet[foot].force_nodes[stance];
     let scale = [b.force_unit(), b.force_unit() * b.settings.force_pieces as f64 / span.duration()];
-    let rule = inner_rule();
     let points: [Vec<Integrals>; MOMENTUM_POINTS] = std::array::from_fn(|q| {
-        let end = t + rule.get(q).map_or(1., |n| n[0]) * h;
+        let end = t + INNER_RULE.get(q).map_or(1., |n| n[0]) * h;
         basis_integrals(span, nodes.len(), t, end)
     });
     let impulse = |node: usize| Impulse {

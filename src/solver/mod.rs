@@ -137,8 +137,10 @@ impl<T: Real> Solver<T> {
         self.linearise(layout);
         step::column_scaling(layout, &self.jacobian, &mut self.scaling);
         let mut mu = settings.barrier;
+        // At the default barrier 0.1; a solve that starts near its end starts with small slacks, too.
+        let least_slack = T::of((0.2 * mu).sqrt());
         for i in 0..layout.inequalities {
-            let s = self.now.g[i].abs().max(T::of(0.1));
+            let s = self.now.g[i].abs().max(least_slack);
             self.slacks.slack[i] = s;
             self.slacks.multiplier[i] = T::of(mu) / s;
         }
