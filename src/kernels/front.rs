@@ -4,7 +4,6 @@
 //! right-hand side stands in the column after the last variable, so that forward substitution happens along the way.
 
 use crate::nlp::layout::{Element, Family, NONE, ReachInstant};
-use crate::nlp::sweep::Run;
 use crate::nlp::{Layout, Real};
 use multiversion::multiversion;
 
@@ -64,11 +63,16 @@ pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, facto
         let mut elements = &layout.elements[step.elements.start as usize..step.elements.end as usize];
         while let Some((element, rest)) = elements.split_first() {
             if element.family == Family::Reach {
-                let instant = &layout.reach[next_reach];
-                let (feet, after) = elements.split_at(instant.feet.len());
-                assemble_reach(layout, instant, feet, system, front, size, stride, &mut factor.spread);
-                next_reach += 1;
-                elements = after;
+                // Those of a step stand together.
+                let feet = elements.iter().take_while(|e| e.family == Family::Reach).count();
+                let first = next_reach;
+                let mut left = feet;
+                while left > 0 {
+                    left -= layout.reach[next_reach].feet.len();
+                    next_reach += 1;
+                }
+                assemble_reach(layout, &layout.reach[first..next_reach], system, front, size, stride);
+                elements = &elements[feet..];
             } else {
                 assemble(layout, element, system, front, size, stride, &mut factor.spread);
                 elements = rest;
@@ -205,138 +209,124 @@ fn assemble_rows<T: Real, const M: usize>(
     }
 }
 
-/// Slot of an element's column.
-#[inline(always)]
-fn slot_of(runs: &[Run], column: u32) -> usize {
-    let mut slot = 0;
-    for run in runs {
-        if column >= run.column {
-            slot = run.slot + (column - run.column);
-        }
-    }
-    slot as usize
-}
-
-/// Adds `J' W J` and `-J' v` of the reach rows of all feet at one instant.
+/// Adds `J' W J` and `-J' v` of the reach rows of all feet at the instants of one step, which share their base blocks.
 ///
-/// All rows touch the base through its pose alone, with the same spline weights `w`: with `P` the rows by the pose, `A` by the foot's own
-/// columns, the base block of coefficients `i` and `j` is `w_i w_j sum P' W P`, that of coefficient and foot `w_i P' W A`.
+/// All rows touch the base through its pose alone, with weights `w` that an instant's feet share: with `P` the rows by the pose, `A` by the
+/// foot's own columns, the base block of coefficients `i` and `j` is `w_i w_j sum P' W P`, that of coefficient and foot `w_i P' W A`.
 #[multiversion(targets("x86_64+avx2"))]
-#[allow(clippy::too_many_arguments, reason = "separate slices: the compiler knows that they do not overlap")]
 fn assemble_reach<T: Real>(
     layout: &Layout<T>,
-    instant: &ReachInstant<T>,
-    elements: &[Element],
+    instants: &[ReachInstant<T>],
     system: &NormalEquations<T>,
     front: &mut [T],
     size: usize,
     stride: usize,
-    spread: &mut [T],
 ) {
     const C: usize = 6;
-    let feet = &layout.reach_feet[instant.feet.start as usize..instant.feet.end as usize];
-    let runs_of = |e: &Element| &layout.runs[e.runs.start as usize..e.runs.end as usize];
-    // Free coefficients: slot and weight.
-    let mut blocks = [(0, T::zero()); 4];
-    let mut free = 0;
-    for i in 0..4 {
-        if feet[0].base_column[i] != NONE {
-            blocks[free] = (slot_of(runs_of(&elements[0]), feet[0].base_column[i]), instant.base.weights[i]);
-            free += 1;
+    /// Pairs of base blocks.
+    const PAIRS: [(usize, usize); 10] = [(0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3)];
+    let mut slots = [NONE; 4];
+    let mut sums = [[T::zero(); C * C]; PAIRS.len()];
+    let mut values = [[T::zero(); C]; 4];
+    for instant in instants {
+        let weights = instant.base.weights;
+        for i in 0..4 {
+            if instant.base.slot[i] != NONE {
+                slots[i] = instant.base.slot[i];
+            }
         }
-    }
-    let (mut begin, mut end) = (usize::MAX, 0);
-    for run in elements.iter().flat_map(runs_of) {
-        begin = begin.min(run.slot as usize / LANES * LANES);
-        end = end.max(((run.slot + run.len) as usize).next_multiple_of(LANES));
-    }
-    if begin >= end {
-        return;
-    }
-    // Row `c`: what multiplies pose component `c` in the base rows, over all slots.
-    let at = |slot: usize, c: usize| (slot / LANES * C + c) * LANES + slot % LANES;
-    spread[begin * C..end * C].fill(T::zero());
-    let mut pose_pose = [[T::zero(); C]; C];
-    let mut pose_value = [T::zero(); C];
-    for (foot, element) in feet.iter().zip(elements) {
-        let (row, place) = (foot.place.row as usize, &foot.place);
-        let (w, v): ([T; 3], [T; 3]) = (tile_of(&system.weight[row..]), tile_of(&system.value[row..]));
-        if w == [T::zero(); 3] {
-            continue;
-        }
-        let rows = &system.jacobian[place.jacobian as usize..];
-        let row_stride = place.stride as usize;
-        let pose: [T; 3 * C] = tile_of(&rows[3 * row_stride..]);
-        let mut weighted = pose;
-        for r in 0..3 {
-            for c in 0..C {
-                weighted[r * C + c] *= w[r];
-                pose_value[c] += pose[r * C + c] * v[r];
+        let mut pose_pose = [T::zero(); C * C];
+        let mut pose_value = [T::zero(); C];
+        for foot in &layout.reach_feet[instant.feet.start as usize..instant.feet.end as usize] {
+            let (row, place) = (foot.place.row as usize, &foot.place);
+            let (w, v): ([T; 3], [T; 3]) = (tile_of(&system.weight[row..]), tile_of(&system.value[row..]));
+            if w == [T::zero(); 3] {
+                continue;
+            }
+            let rows = &system.jacobian[place.jacobian as usize..];
+            let row_stride = place.stride as usize;
+            let pose: [T; 3 * C] = tile_of(&rows[3 * row_stride..]);
+            let mut weighted = pose;
+            for r in 0..3 {
+                for c in 0..C {
+                    weighted[r * C + c] *= w[r];
+                    pose_value[c] += pose[r * C + c] * v[r];
+                }
             }
             for c in 0..C {
                 for d in 0..C {
-                    pose_pose[c][d] += weighted[r * C + c] * pose[r * C + d];
+                    pose_pose[c * C + d] += weighted[c] * pose[d] + weighted[C + c] * pose[C + d] + weighted[2 * C + c] * pose[2 * C + d];
                 }
             }
-        }
-        // The foot's own columns: two a foothold, one a swing height.
-        let own = [
-            foot.foothold_column[0],
-            foot.foothold_column[0].saturating_add(1),
-            foot.foothold_column[1],
-            foot.foothold_column[1].saturating_add(1),
-            foot.height_column,
-        ];
-        let mut slots = [usize::MAX; 5];
-        let mut by_foot = [[T::zero(); 3]; 5];
-        for (f, &column) in own.iter().enumerate().filter(|(_, c)| **c != NONE) {
-            slots[f] = slot_of(runs_of(element), column);
-            for r in 0..3 {
-                by_foot[f][r] = rows[r * row_stride + column as usize];
-            }
-        }
-        for f in 0..5 {
-            let i = slots[f];
-            if i == usize::MAX {
-                continue;
-            }
-            let a = by_foot[f];
-            let line = &mut front[i * stride..(i + 1) * stride];
-            line[size] -= a[0] * v[0] + a[1] * v[1] + a[2] * v[2];
-            let mut cross = [T::zero(); C];
-            for c in 0..C {
-                cross[c] = a[0] * weighted[c] + a[1] * weighted[C + c] + a[2] * weighted[2 * C + c];
-                spread[at(i, c)] += cross[c];
-            }
-            for &(slot, spline) in &blocks[..free] {
-                if slot > i {
+            // The foot's own columns: two a foothold, one a swing height.
+            let own = [
+                (foot.slot[0], foot.foothold_column[0], 0),
+                (foot.slot[0], foot.foothold_column[0], 1),
+                (foot.slot[1], foot.foothold_column[1], 0),
+                (foot.slot[1], foot.foothold_column[1], 1),
+                (foot.slot[2], foot.height_column, 0),
+            ];
+            let by_own = own.map(|(slot, column, d)| {
+                let at = (column + d) as usize;
+                if slot == NONE { [T::zero(); 3] } else { [rows[at], rows[row_stride + at], rows[2 * row_stride + at]] }
+            });
+            for f in 0..5 {
+                if own[f].0 == NONE {
+                    continue;
+                }
+                let (i, a) = ((own[f].0 + own[f].2) as usize, by_own[f]);
+                front[i * stride + size] -= a[0] * v[0] + a[1] * v[1] + a[2] * v[2];
+                let mut cross = [T::zero(); C];
+                for c in 0..C {
+                    cross[c] = a[0] * weighted[c] + a[1] * weighted[C + c] + a[2] * weighted[2 * C + c];
+                }
+                for b in 0..4 {
+                    if instant.base.slot[b] == NONE {
+                        continue;
+                    }
+                    let slot = instant.base.slot[b] as usize;
+                    // Only what lies right of the diagonal.
+                    let (at, step) = if slot > i { (i * stride + slot, 1) } else { (slot * stride + i, stride) };
                     for c in 0..C {
-                        line[slot + c] += spline * cross[c];
+                        front[at + c * step] += weights[b] * cross[c];
+                    }
+                }
+                for g in 0..5 {
+                    let j = (own[g].0.saturating_add(own[g].2)) as usize;
+                    if own[g].0 != NONE && j >= i {
+                        let b = by_own[g];
+                        front[i * stride + j] += a[0] * w[0] * b[0] + a[1] * w[1] * b[1] + a[2] * w[2] * b[2];
                     }
                 }
             }
-            for g in 0..5 {
-                if slots[g] != usize::MAX && slots[g] >= i {
-                    let b = by_foot[g];
-                    line[slots[g]] += a[0] * w[0] * b[0] + a[1] * w[1] * b[1] + a[2] * w[2] * b[2];
+        }
+        for (sum, (i, j)) in sums.iter_mut().zip(PAIRS) {
+            let w = weights[i] * weights[j];
+            if w != T::zero() {
+                for c in 0..C * C {
+                    sum[c] += w * pose_pose[c];
                 }
             }
         }
-    }
-    for &(slot, spline) in &blocks[..free] {
-        for c in 0..C {
-            for d in 0..C {
-                spread[at(slot + d, c)] += spline * pose_pose[c][d];
+        for i in 0..4 {
+            for c in 0..C {
+                values[i][c] += weights[i] * pose_value[c];
             }
         }
     }
-    for &(slot, spline) in &blocks[..free] {
+    for i in (0..4).filter(|&i| slots[i] != NONE) {
         for c in 0..C {
-            let i = slot + c;
-            let from = i / LANES * LANES;
-            let line = &mut front[i * stride..(i + 1) * stride];
-            line[size] -= spline * pose_value[c];
-            accumulate::<T, 1>(&mut line[from..end], &spread[from * C..end * C], LANES * C, &[spline], &[c * LANES]);
+            front[(slots[i] as usize + c) * stride + size] -= values[i][c];
+        }
+    }
+    for (sum, (i, j)) in sums.iter().zip(PAIRS).filter(|(_, (i, j))| slots[*i] != NONE && slots[*j] != NONE) {
+        // The sums are symmetric.
+        let (row, column) = (slots[i].min(slots[j]) as usize, slots[i].max(slots[j]) as usize);
+        for c in 0..C {
+            let line = &mut front[(row + c) * stride + column..][..C];
+            for d in 0..C {
+                line[d] += sum[c * C + d];
+            }
         }
     }
 }

@@ -276,6 +276,7 @@ impl<'a, T: Real> Builder<'a, T> {
             base_column: [NONE; 4],
             foothold_column: [NONE; 2],
             height_column: NONE,
+            slot: [NONE; 3],
             place: Place::default(),
         }
     }
@@ -423,7 +424,7 @@ impl<'a, T: Real> Builder<'a, T> {
                 inequality += rows + pairs;
             }
             jacobian += rows * stride as usize + if draft.family == Family::Reach { POSE_VALUES } else { 0 };
-            self.resolve(&draft, place, &columns, &positions);
+            self.resolve(&draft, place, &columns, &positions, &runs[first_run..]);
             let element =
                 Element { family: draft.family, rows: rows as u32, pairs: pairs as u32, place, runs: first_run as u32..runs.len() as u32 };
             steps[draft.step].elements.end = elements.len() as u32 + 1;
@@ -487,8 +488,12 @@ impl<'a, T: Real> Builder<'a, T> {
     }
 
     /// Writes places, columns and positions into the entries of one element.
-    fn resolve(&mut self, draft: &Draft, place: Place, columns: &[(u32, u32)], positions: &[u32]) {
+    fn resolve(&mut self, draft: &Draft, place: Place, columns: &[(u32, u32)], positions: &[u32], runs: &[Run]) {
         let column = |block: u32| columns.iter().find(|c| c.0 == block).map_or(NONE, |c| c.1);
+        let slot = |column: u32| {
+            let run = runs.iter().rfind(|run| column != NONE && column >= run.column);
+            run.map_or(NONE, |run| run.slot + column - run.column)
+        };
         let position = |block: u32| if block == NONE { NONE } else { positions[block as usize] };
         match draft.family {
             Family::Dynamics => {
@@ -529,6 +534,7 @@ impl<'a, T: Real> Builder<'a, T> {
                 let entry = &mut self.reach_feet[draft.entry];
                 // The base blocks of an instant stay ids until its last foot has its columns.
                 entry.base_column = base.variable.map(column);
+                base.slot = entry.base_column.map(slot);
                 if draft.entry + 1 == instant.feet.end as usize {
                     base.variable = base.variable.map(position);
                 }
@@ -536,6 +542,7 @@ impl<'a, T: Real> Builder<'a, T> {
                 entry.foothold_column = entry.foothold.map(|f| if f == NONE { NONE } else { column(self.foothold_blocks[f as usize]) });
                 entry.height_column = column(entry.height);
                 entry.height = position(entry.height);
+                entry.slot = [entry.foothold_column[0], entry.foothold_column[1], entry.height_column].map(slot);
             }
             Family::Force => {
                 let entry = &mut self.force_nodes[draft.entry];

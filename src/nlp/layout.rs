@@ -82,6 +82,8 @@ pub struct BasePoint<T> {
     pub weights: [T; 4],
     /// Blocks in `x`.
     pub variable: [u32; 4],
+    /// Their slots in the front, [`NONE`] where they are fixed or have no part.
+    pub slot: [u32; 4],
     /// `momentum`: the interval, and weights of the deviations at its inner points.
     pub interval: u32,
     /// See there.
@@ -210,6 +212,8 @@ pub struct ReachFoot<T> {
     pub foothold_column: [u32; 2],
     /// Column of the swing height.
     pub height_column: u32,
+    /// Slots of the footholds and of the swing height in the front.
+    pub slot: [u32; 3],
     /// Buffers.
     pub place: Place,
 }

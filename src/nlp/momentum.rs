@@ -228,6 +228,7 @@ pub(super) fn reach_elements<T: Real>(b: &mut Builder<T>) {
             reference: b.reference(t).map(T::of),
             weights: hermite(in_interval, h).map(T::of),
             variable: std::array::from_fn(|i| b.curves.base[2 * k + i]),
+            slot: [NONE; 4],
             interval: k as u32,
             deviation_weights: deviation_weights(in_interval / h).map(T::of),
         };

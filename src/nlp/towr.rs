@@ -112,6 +112,7 @@ pub(super) fn reach_elements<T: Real>(b: &mut Builder<T>) {
             reference: b.reference(t).map(T::of),
             weights: spline.basis(interval, t, 0).map(T::of),
             variable: std::array::from_fn(|i| b.curves.base[interval + i]),
+            slot: [NONE; 4],
             interval: NONE,
             deviation_weights: [T::zero(); INNER_POINTS],
         };
