@@ -202,13 +202,16 @@ fn stance_impulses<T: Real>(b: &Builder<T>, foot: usize, stance: usize, t: f64) 
     (0..nodes.len()).filter(at_work).map(impulse).collect()
 }
 
+/// Longest time between reach rows of all feet, s.
+const REACH: f64 = 0.026;
+
 /// Parts of a swing at which reach is held besides knots and half-knots.
 const SWING_PARTS: [f64; 5] = [0.0625, 0.125, 0.5, 0.875, 0.9375];
 
 /// Reach rows of all feet at knots and half-knots, and of swinging feet at parts of their swings.
 pub(super) fn reach_elements<T: Real>(b: &mut Builder<T>) {
     let (h, feet) = (b.settings.interval, b.curves.feet.len());
-    let pieces = (h / PIECE).ceil() as usize;
+    let pieces = (h / REACH).ceil() as usize;
     let mut instants: Vec<(f64, std::ops::Range<usize>)> = (0..=pieces * b.intervals).map(|i| (i as f64 * h / pieces as f64, 0..feet)).collect();
     for foot in 0..feet {
         for swing in b.curves.feet[foot].phases.iter().filter(|p| !p.stance) {
