@@ -8,7 +8,7 @@ fn main() {
     for line in std::fs::read_to_string(std::env::args().nth(1).unwrap()).unwrap().lines() {
         let v: serde_json::Value = serde_json::from_str(line).unwrap();
         let task = Scenario::named(v["scenario"].as_str().unwrap()).unwrap().task(v["target"].as_u64().unwrap() as usize).unwrap();
-        let schedule = Schedule::new(serde_json::from_value(v["durations"].clone()).unwrap()).unwrap().aligned(t.interval);
+        let schedule = Schedule::new(serde_json::from_value(v["durations"].clone()).unwrap()).unwrap().aligned(t.interval_for(&task.robot));
         let l = Layout::<f32>::new(&task, &schedule, &t);
         let mut a = Solver::<f32>::default();
         let o = a.solve(&l, &s, Finish::Infeasibility(s.tolerance), None, &|| false);

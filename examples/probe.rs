@@ -30,7 +30,7 @@ fn main() {
         let target = v["target"].as_u64().unwrap() as usize;
         let mut task = Scenario::named(&name).unwrap().task(target).unwrap();
         if t.rows == Transcription::Momentum { task.force_limit = limit * task.robot.weight(); }
-        let schedule = Schedule::new(serde_json::from_value(v["durations"].clone()).unwrap()).unwrap().aligned(t.interval);
+        let schedule = Schedule::new(serde_json::from_value(v["durations"].clone()).unwrap()).unwrap().aligned(t.interval_for(&task.robot));
         let (o, h) = if f64s {
             let layout = Layout::<f64>::new(&task, &schedule, &t);
             let mut solver = Solver::<f64>::default();

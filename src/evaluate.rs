@@ -84,7 +84,7 @@ pub fn check_candidate(task: &Task, schedule: &Schedule, settings: &LowerSetting
     if feet != expected {
         return Err(Error::invalid("durations", format!("{feet} feet"), format!("{expected} feet, as robot `{}` has", task.robot.name)));
     }
-    let interval = settings.transcription.interval;
+    let interval = settings.transcription.interval_for(&task.robot);
     let horizon = schedule.intervals(interval) as f64 * interval;
     if horizon > MAX_HORIZON {
         return Err(Error::invalid(
@@ -125,8 +125,8 @@ pub fn evaluate(
         check_candidate(task, schedule, settings)?;
     }
     let start = Instant::now();
-    let interval = settings.transcription.interval;
-    let problems: Vec<Problem> = candidates.iter().map(|(task, schedule)| Problem { task, schedule: schedule.aligned(interval) }).collect();
+    let aligned = |task: &Task, schedule: &Schedule| schedule.aligned(settings.transcription.interval_for(&task.robot));
+    let problems: Vec<Problem> = candidates.iter().map(|(task, schedule)| Problem { task, schedule: aligned(task, schedule) }).collect();
     let lowest = AtomicUsize::new(usize::MAX);
     let results: Vec<Mutex<Option<Evaluated>>> = problems.iter().map(|_| Mutex::new(None)).collect();
     let skip = |index: usize| cancelled.load(Ordering::Relaxed) || (first_feasible && index > lowest.load(Ordering::Relaxed));

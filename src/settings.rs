@@ -1,6 +1,7 @@
 //! Every tunable value of the transcription and the solver, with unit, default and limits.
 
 use crate::error::{Result, check_range};
+use crate::robot::{GRAVITY, Robot};
 use serde::{Deserialize, Serialize};
 
 /// Which rows stand for the motion.
@@ -39,8 +40,9 @@ pub enum GoalVelocity {
 pub struct TranscriptionSettings {
     /// Which rows.
     pub rows: Transcription,
-    /// Interval of base knots and dynamics rows, s. Longer: fewer variables, motions that hold less between instants.
-    pub interval: f64,
+    /// Interval of base knots and dynamics rows, s; [`TranscriptionSettings::interval_for`] the robot when absent. Longer: fewer variables,
+    /// motions that hold less between instants.
+    pub interval: Option<f64>,
     /// `towr`: interval of reach rows, s.
     pub reach_interval: f64,
     /// Cubic pieces of the force in a stance, at least 2.
@@ -63,7 +65,7 @@ impl Default for TranscriptionSettings {
     fn default() -> Self {
         TranscriptionSettings {
             rows: Transcription::Momentum,
-            interval: 0.1,
+            interval: None,
             reach_interval: 0.08,
             force_pieces: 3,
             length_margin: 1e-3,
@@ -145,12 +147,26 @@ impl Default for StallSettings {
 }
 
 impl TranscriptionSettings {
+    /// Interval of base knots and dynamics rows for a robot, s, when the settings name none.
+    ///
+    /// `towr` has 0.1 s. In `momentum` it follows how fast a body on such legs can turn and fall: half of `sqrt(l / g)`, in steps of
+    /// 0.025 s from 0.025 to 0.1 s. That is 0.1 s for legs of 0.4 m and 0.05 s for those of 0.14 m.
+    pub fn interval_for(&self, robot: &Robot) -> f64 {
+        let by_legs = || ((0.5 * (robot.leg_height() / GRAVITY).sqrt() / 0.025).floor() * 0.025).clamp(0.025, 0.1);
+        self.interval.unwrap_or_else(|| match self.rows {
+            Transcription::Towr => 0.1,
+            Transcription::Momentum => by_legs(),
+        })
+    }
+
     /// Checks every field.
     ///
     /// # Errors
     /// [`crate::Error::Invalid`] names the first field that is out of its limits.
     pub fn validate(&self) -> Result<()> {
-        check_range("transcription.interval", self.interval, 0.01, 1.)?;
+        if let Some(interval) = self.interval {
+            check_range("transcription.interval", interval, 0.01, 1.)?;
+        }
         check_range("transcription.reach_interval", self.reach_interval, 0.005, 1.)?;
         check_range("transcription.force_pieces", self.force_pieces as f64, 2., 16.)?;
         check_range("transcription.length_margin", self.length_margin, 0., 0.1)?;

@@ -29,6 +29,8 @@ struct Draft {
 pub(super) struct Builder<'a, T> {
     pub task: &'a Task,
     pub settings: &'a TranscriptionSettings,
+    /// Between base knots, s.
+    pub interval: f64,
     /// Of all feet, s.
     pub horizon: f64,
     /// Intervals between base knots.
@@ -99,17 +101,19 @@ impl<T: Real> Layout<T> {
 
 impl<'a, T: Real> Builder<'a, T> {
     fn new(task: &'a Task, schedule: &Schedule, settings: &'a TranscriptionSettings) -> Self {
-        let intervals = schedule.intervals(settings.interval);
+        let interval = settings.interval_for(&task.robot);
+        let intervals = schedule.intervals(interval);
         let feet = (0..schedule.feet()).map(|foot| FootBlocks { phases: schedule.phases(foot), ..FootBlocks::default() }).collect();
         Builder {
             task,
             settings,
-            horizon: intervals as f64 * settings.interval,
+            interval,
+            horizon: intervals as f64 * interval,
             intervals,
             steps: intervals + usize::from(settings.rows == Transcription::Towr),
             blocks: Vec::new(),
             drafts: Vec::new(),
-            curves: Curves { intervals, interval: settings.interval, base: Vec::new(), feet },
+            curves: Curves { intervals, interval, base: Vec::new(), feet },
             foothold_blocks: Vec::new(),
             first_foothold: Vec::new(),
             dynamics: Vec::new(),
@@ -283,7 +287,7 @@ impl<'a, T: Real> Builder<'a, T> {
 
     /// Step of a row at time `t` that should not lengthen the life of `block`.
     fn step_within(&self, t: f64, block: u32) -> usize {
-        let step = ((t / self.settings.interval) as usize).min(self.steps - 1);
+        let step = ((t / self.interval) as usize).min(self.steps - 1);
         let block = &self.blocks[block as usize];
         if block.first <= block.last { step.clamp(block.first, block.last) } else { step }
     }
@@ -468,7 +472,7 @@ impl<'a, T: Real> Builder<'a, T> {
             footholds: self.foothold_blocks,
             dynamics: self.dynamics,
             stance_forces: self.stance_forces,
-            momentum_points: momentum::points(self.settings.interval),
+            momentum_points: momentum::points(self.interval),
             momentum: self.momentum,
             impulses: self.impulses,
             reach: self.reach,
@@ -578,7 +582,7 @@ impl<'a, T: Real> Builder<'a, T> {
             reach: robot.reach.map(T::of),
             moment_scale: T::of(1. / (robot.weight() * robot.leg_height())),
             balance_scale: T::of(1. / robot.weight()),
-            interval: T::of(self.settings.interval),
+            interval: T::of(self.interval),
             length_scale: T::of(10.),
             force_unit: T::of(unit),
             force_limit: T::of(self.task.force_limit / unit),

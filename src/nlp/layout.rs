@@ -125,7 +125,7 @@ pub struct StanceForce<T> {
 }
 
 /// Nodes of the Gauss-Legendre rule at which the motion inside an interval is taken.
-pub const INNER_POINTS: usize = 5;
+pub const INNER_POINTS: usize = 6;
 /// Points of an interval at which its momentum is taken: the inner ones, then the end.
 pub const MOMENTUM_POINTS: usize = INNER_POINTS + 1;
 

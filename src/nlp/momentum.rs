@@ -107,7 +107,7 @@ pub(super) fn base_guess<T: Real>(b: &Builder<T>, t: f64) -> ([f64; 6], [f64; 6]
 pub(super) fn base_blocks<T: Real>(b: &mut Builder<T>) {
     let (start, goal) = (b.reference(0.), b.reference(b.horizon));
     for k in 0..=b.intervals {
-        let t = k as f64 * b.settings.interval;
+        let t = k as f64 * b.interval;
         let (first, last) = (k == 0, k == b.intervals);
         let ((pose, rate), line) = (base_guess(b, t), b.reference(t));
         let pose = (0..6).map(|i| pose[i] - line[i]).collect();
@@ -122,7 +122,7 @@ pub(super) fn base_blocks<T: Real>(b: &mut Builder<T>) {
 pub(super) fn interval_elements<T: Real>(b: &mut Builder<T>) {
     let (start, goal) = (b.reference(0.), b.reference(b.horizon));
     for k in 0..b.intervals {
-        let t = k as f64 * b.settings.interval;
+        let t = k as f64 * b.interval;
         let variable: [u32; 4] = std::array::from_fn(|i| b.curves.base[2 * k + i]);
         let first = b.impulses.len();
         for foot in 0..b.curves.feet.len() {
@@ -132,7 +132,7 @@ pub(super) fn interval_elements<T: Real>(b: &mut Builder<T>) {
             }
         }
         b.momentum.push(MomentumInterval {
-            reference: [t, t + b.settings.interval].map(|t| b.reference(t).map(T::of)),
+            reference: [t, t + b.interval].map(|t| b.reference(t).map(T::of)),
             rate: std::array::from_fn(|i| T::of((goal[i] - start[i]) / b.horizon)),
             variable,
             linear_column: [NONE; 4],
@@ -179,7 +179,7 @@ fn basis_integrals(span: Phase, nodes: usize, t: f64, end: f64) -> Vec<Integrals
 
 /// What the force nodes of a stance do in the interval that starts at `t`.
 fn stance_impulses<T: Real>(b: &Builder<T>, foot: usize, stance: usize, t: f64) -> Vec<Impulse<T>> {
-    let h = b.settings.interval;
+    let h = b.interval;
     let span = b.curves.feet[foot].phases[2 * stance];
     if span.end <= t + 1e-9 || span.start >= t + h - 1e-9 {
         return Vec::new();
@@ -210,7 +210,7 @@ const SWING_PARTS: [f64; 5] = [0.0625, 0.125, 0.5, 0.875, 0.9375];
 
 /// Reach rows of all feet at knots and half-knots, and of swinging feet at parts of their swings.
 pub(super) fn reach_elements<T: Real>(b: &mut Builder<T>) {
-    let (h, feet) = (b.settings.interval, b.curves.feet.len());
+    let (h, feet) = (b.interval, b.curves.feet.len());
     let pieces = (h / REACH).ceil() as usize;
     let mut instants: Vec<(f64, std::ops::Range<usize>)> = (0..=pieces * b.intervals).map(|i| (i as f64 * h / pieces as f64, 0..feet)).collect();
     for foot in 0..feet {

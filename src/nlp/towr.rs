@@ -17,7 +17,7 @@ pub const FORCE_LIMIT: f64 = 1000.;
 
 /// Base coefficients as deviations from the reference line. The first two (start pose at rest) and the last (goal) are fixed.
 pub(super) fn base_blocks<T: Real>(b: &mut Builder<T>) {
-    let spline = BSpline::new(b.intervals, b.settings.interval);
+    let spline = BSpline::new(b.intervals, b.interval);
     let count = spline.coefficients();
     let start = b.reference(0.);
     let rise = initial_guess::final_base_height(b.task) - b.task.base_target[2];
@@ -39,9 +39,9 @@ pub(super) fn base_blocks<T: Real>(b: &mut Builder<T>) {
 
 /// Newton-Euler rows at every knot.
 pub(super) fn dynamics_elements<T: Real>(b: &mut Builder<T>) {
-    let spline = BSpline::new(b.intervals, b.settings.interval);
+    let spline = BSpline::new(b.intervals, b.interval);
     for k in 0..=b.intervals {
-        let t = k as f64 * b.settings.interval;
+        let t = k as f64 * b.interval;
         // At a knot three of the four functions are alive: the first three of the interval that starts there.
         let (interval, skip) = if k < b.intervals { (k, 0) } else { (k - 1, 1) };
         let weights = std::array::from_fn(|derivative| {
@@ -97,7 +97,7 @@ fn stance_force<T: Real>(b: &Builder<T>, foot: usize, phase: usize, t: f64) -> S
 
 /// Reach rows of all feet every `reach_interval` and at the end.
 pub(super) fn reach_elements<T: Real>(b: &mut Builder<T>) {
-    let spline = BSpline::new(b.intervals, b.settings.interval);
+    let spline = BSpline::new(b.intervals, b.interval);
     let every = b.settings.reach_interval;
     let mut times: Vec<f64> = (0..=(b.horizon / every + 1e-9) as usize).map(|i| i as f64 * every).collect();
     if b.horizon - times[times.len() - 1] > 1e-6 {
@@ -105,7 +105,7 @@ pub(super) fn reach_elements<T: Real>(b: &mut Builder<T>) {
     }
     for t in times {
         let t = t.min(b.horizon);
-        let interval = ((t / b.settings.interval + 1e-9) as usize).min(b.intervals - 1);
+        let interval = ((t / b.interval + 1e-9) as usize).min(b.intervals - 1);
         // The last instant goes with the last dynamics rows.
         let step = if t >= b.horizon - 1e-9 { b.intervals } else { interval };
         let base = BasePoint {

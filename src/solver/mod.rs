@@ -65,6 +65,8 @@ pub struct Solver<T> {
     change: Residuals<T>,
     linear: Residuals<T>,
     jacobian: Vec<T>,
+    /// That of the trial point.
+    next_jacobian: Vec<T>,
     weight: Vec<T>,
     value: Vec<T>,
     slacks: Slacks<T>,
@@ -92,6 +94,7 @@ impl<T: Real> Default for Solver<T> {
             change: Residuals::default(),
             linear: Residuals::default(),
             jacobian: Vec::new(),
+            next_jacobian: Vec::new(),
             weight: Vec::new(),
             value: Vec::new(),
             slacks: Slacks::default(),
@@ -209,7 +212,8 @@ impl<T: Real> Solver<T> {
                 }
             }
             std::mem::swap(&mut self.x, &mut self.trial);
-            self.linearise(layout);
+            std::mem::swap(&mut self.now, &mut self.next);
+            std::mem::swap(&mut self.jacobian, &mut self.next_jacobian);
             outcome.iterations += 1;
         }
     }
@@ -237,8 +241,10 @@ impl<T: Real> Solver<T> {
             residuals.resize(layout);
         }
         // The padding of Jacobian rows must be zero, and no kernel writes it.
-        self.jacobian.clear();
-        self.jacobian.resize(layout.jacobian_len, T::zero());
+        for jacobian in [&mut self.jacobian, &mut self.next_jacobian] {
+            jacobian.clear();
+            jacobian.resize(layout.jacobian_len, T::zero());
+        }
         self.local.resize(layout.widest, T::zero());
         self.weight.resize(layout.rows, T::zero());
         self.value.resize(layout.rows, T::zero());
@@ -301,7 +307,16 @@ impl<T: Real> Solver<T> {
             step::advance(&self.x[..layout.variables], length, &self.direction, &mut self.trial[..layout.variables]);
             step::advance(&self.now.c, length, &self.change.c, &mut self.linear.c);
             step::advance(&self.now.g, length, &self.change.g, &mut self.linear.g);
-            crate::kernels::evaluate(layout, &self.trial, self.edge_radius, &mut self.shared, &mut self.next.c, &mut self.next.g, None);
+            // With the Jacobian: nearly every trial is accepted.
+            crate::kernels::evaluate(
+                layout,
+                &self.trial,
+                self.edge_radius,
+                &mut self.shared,
+                &mut self.next.c,
+                &mut self.next.g,
+                Some(&mut self.next_jacobian),
+            );
             let mu_t = T::of(*mu);
             let pull_cost = |x: &[T]| pull * step::pull_cost(&layout.pull, &x[..layout.variables], &layout.initial).as_f64();
             let merit = self.now.merit(closing, mu_t) + pull_cost(&self.x);
