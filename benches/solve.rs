@@ -57,7 +57,7 @@ fn solve(c: &mut Criterion, scenario: &Scenario, task: &Task, schedules: &[Sched
 
 fn layout(c: &mut Criterion, scenario: &Scenario, task: &Task, schedules: &[Schedule]) {
     let settings = LowerSettings::default().transcription;
-    let aligned: Vec<Schedule> = schedules.iter().map(|s| s.aligned(settings.interval)).collect();
+    let aligned: Vec<Schedule> = schedules.iter().map(|s| s.aligned(settings.interval_for(&task.robot))).collect();
     let mut group = c.benchmark_group("layout");
     group.warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(2)).sample_size(20);
     group.throughput(Throughput::Elements(aligned.len() as u64));
@@ -77,20 +77,23 @@ struct Linearised {
     weight: Vec<f32>,
     value: Vec<f32>,
     diagonal: Vec<f32>,
+    gradient: Vec<f32>,
 }
 
 impl Linearised {
     fn new(task: &Task, schedule: &Schedule) -> Linearised {
         let settings = LowerSettings::default().transcription;
-        let layout = Layout::<f32>::new(task, &schedule.aligned(settings.interval), &settings);
-        let mut ground = vec![Ground::level(0.); layout.footholds.len()];
+        let layout = Layout::<f32>::new(task, &schedule.aligned(settings.interval_for(&task.robot)), &settings);
+        let mut shared = kernels::Shared::default();
+        shared.resize(&layout);
         let (mut c, mut g) = (vec![0.; layout.equalities], vec![0.; layout.inequalities]);
         let mut jacobian = vec![0.; layout.jacobian_len];
-        kernels::evaluate(&layout, &layout.initial, 0., &mut ground, &mut c, &mut g, Some(&mut jacobian));
+        kernels::evaluate(&layout, &layout.initial, 0., &mut shared, &mut c, &mut g, Some(&mut jacobian));
         let mut diagonal = vec![0.; layout.variables];
         column_scaling(&layout, &jacobian, &mut diagonal);
-        let (weight, value) = (vec![1.; layout.rows], vec![0.1; layout.rows]);
-        Linearised { layout, jacobian, weight, value, diagonal }
+        diagonal.iter_mut().for_each(|d| *d *= 1e-3);
+        let (weight, value, gradient) = (vec![1.; layout.rows], vec![0.1; layout.rows], vec![0.; layout.variables]);
+        Linearised { layout, jacobian, weight, value, diagonal, gradient }
     }
 }
 
@@ -103,9 +106,10 @@ fn factorisation(c: &mut Criterion, scenario: &Scenario, task: &Task, schedules:
     group.bench_function(scenario.name, |b| {
         b.iter(|| {
             for candidate in &candidates {
-                let Linearised { layout, jacobian, weight, value, diagonal } = candidate;
+                let Linearised { layout, jacobian, weight, value, diagonal, gradient } = candidate;
                 factor.resize(layout);
-                assert!(factorise(layout, &NormalEquations { jacobian, weight, value }, diagonal, 1e-3, &mut factor), "a positive pivot");
+                let system = NormalEquations { jacobian, weight, value, diagonal, gradient };
+                assert!(factorise(layout, &system, &mut factor), "a positive pivot");
             }
         });
     });

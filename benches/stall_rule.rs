@@ -80,7 +80,7 @@ fn draw(task: &Task, target: usize, index: usize) -> Result<Schedule> {
 
 fn solve(task: &Task, target: usize, index: usize) -> Result<Pair> {
     let transcription = TranscriptionSettings::default();
-    let layout = Layout::<f32>::new(task, &draw(task, target, index)?.aligned(transcription.interval), &transcription);
+    let layout = Layout::<f32>::new(task, &draw(task, target, index)?.aligned(transcription.interval_for(&task.robot)), &transcription);
     let outcome = |enabled| {
         let stall = StallSettings { enabled, ..StallSettings::default() };
         let settings = SolverSettings { stall, ..SolverSettings::default() };

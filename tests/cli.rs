@@ -131,7 +131,7 @@ fn an_infeasible_budget_exits_3_and_still_writes_the_best_candidate() {
 #[test]
 fn usage_errors_exit_2_and_name_flag_value_and_limit() {
     let dir = folder();
-    let cases: [(&str, &[&str]); 30] = [
+    let cases: [(&str, &[&str]); 34] = [
         ("", &["Usage"]),
         ("swim", &["swim"]),
         ("solve", &["robot"]),
@@ -160,6 +160,10 @@ fn usage_errors_exit_2_and_name_flag_value_and_limit() {
         ("solve --scenario s1 --set solver.speed=1", &["solver.speed", "solver.max_iterations"]),
         ("solve --scenario s1 --set solver.max_iterations=many", &["solver.max_iterations", "many"]),
         ("solve --scenario s1 --set solver.barrier=-1", &["solver.barrier", "-1", "1000"]),
+        ("solve --scenario s1 --transcription spline", &["--transcription", "spline", "momentum", "towr"]),
+        ("solve --scenario s1 --set transcription.goal_velocity=fast", &["transcription.goal_velocity", "fast", "zero", "free"]),
+        ("solve --scenario s1 --set transcription.clearance=-1", &["transcription.clearance", "-1", "0 to 10"]),
+        ("solve --scenario s1 --set transcription.foot_speed=0", &["transcription.foot_speed", "0.1 to 1000"]),
         ("solve --scenario s1 --set search.elites=17", &["elites", "17", "1 to 16"]),
         ("verify", &["FILE"]),
     ];
@@ -280,6 +284,82 @@ fn goal_yaw_files_and_settings_are_taken() {
     assert_eq!(read(dir.path().join("back/result.json"))["base_target"], json!([-0.5, 0.2, 0.48]));
 }
 
+/// Solves with some flags: the result, the trajectory and the report of `verify`.
+fn solve(folder: &Path, flags: &str) -> (Value, Value, Value) {
+    run(folder, &format!("solve {flags} --out out")).ends_with(0);
+    let verified = run(folder, "verify out/trajectory.json --json");
+    let mut reports: Value = serde_json::from_str(&verified.ends_with(0).stdout).unwrap();
+    (read(folder.join("out/result.json")), read(folder.join("out/trajectory.json")), reports[0].take())
+}
+
+/// Number of rows of a family in a report.
+fn rows(report: &Value, family: &str) -> u64 {
+    let families = report["families"].as_array().unwrap();
+    families.iter().find(|f| f["family"] == family).unwrap()["rows"].as_u64().unwrap()
+}
+
+#[test]
+fn momentum_is_the_default_transcription_and_towr_can_be_asked_for() {
+    let dir = folder();
+    // Three weights of ANYmal; what TOWR has for any robot.
+    for (flags, name, limit) in [("", "momentum", 3. * 29.5 * 9.80665), (" --transcription towr", "towr", 1000.)] {
+        let (result, trajectory, report) = solve(dir.path(), &format!("--scenario s1{flags}"));
+        assert_eq!((&result["transcription"], &result["lower"]["transcription"]["rows"]), (&json!(name), &json!(name)));
+        assert_eq!(trajectory["transcription"], name);
+        for file in [&result, &trajectory] {
+            assert!((file["force_limit"].as_f64().unwrap() - limit).abs() < 1e-9, "{}", file["force_limit"]);
+        }
+        let momentum = name == "momentum";
+        for family in ["momentum", "motion"] {
+            assert_eq!(rows(&report, family) > 0, momentum, "{family}");
+        }
+        assert_eq!((rows(&report, "dynamics") > 0, trajectory["limits"].is_object()), (!momentum, momentum));
+        let ran = run(dir.path(), &format!("solve --scenario s1{flags}"));
+        assert!(ran.ends_with(0).stdout.contains(&format!("{name} rows")), "{}", ran.stdout);
+
+        write_lines(dir.path(), &[standing().to_string()]);
+        run(dir.path(), &format!("evaluate in.jsonl --robot anymal{flags} --out out.jsonl")).ends_with(0);
+        assert_eq!(read_lines(dir.path().join("out.jsonl"))[0]["result"]["transcription"], name);
+    }
+}
+
+#[test]
+fn a_robot_file_may_limit_the_force_and_the_flag_wins() {
+    let dir = folder();
+    let mut robot = own_robot();
+    robot["force_limit"] = json!(700.0);
+    fs::write(dir.path().join("robot.json"), robot.to_string()).unwrap();
+    let own = "--robot robot.json --goal 0.3,0";
+    for (flags, limit) in [("", 700.), (" --transcription towr", 700.), (" --force-limit 650", 650.)] {
+        let (result, trajectory, _) = solve(dir.path(), &format!("{own}{flags}"));
+        assert_eq!((&result["force_limit"], &trajectory["force_limit"]), (&json!(limit), &json!(limit)), "{flags}");
+    }
+}
+
+#[test]
+fn the_goal_velocity_is_zero_unless_it_is_free() {
+    let dir = folder();
+    let (result, trajectory, report) = solve(dir.path(), "--scenario s1");
+    assert_eq!(
+        (&result["lower"]["transcription"]["goal_velocity"], &trajectory["limits"]["goal_velocity"]),
+        (&json!("zero"), &json!("zero"))
+    );
+    assert!(report["dense"]["final_base_speed"].as_f64().unwrap() < 1e-4);
+    let at_rest = rows(&report, "bounds");
+    let (result, trajectory, report) = solve(dir.path(), "--scenario s1 --set transcription.goal_velocity=free");
+    assert_eq!(
+        (&result["lower"]["transcription"]["goal_velocity"], &trajectory["limits"]["goal_velocity"]),
+        (&json!("free"), &json!("free"))
+    );
+    assert!(report["dense"]["final_base_speed"].as_f64().unwrap() > 0.01, "{}", report["dense"]);
+    assert_eq!(at_rest - rows(&report, "bounds"), 6);
+    // It arrives with speed: not what was asked for when the goal is at rest.
+    let mut moving = trajectory.clone();
+    moving["limits"]["goal_velocity"] = json!("zero");
+    fs::write(dir.path().join("moving.json"), moving.to_string()).unwrap();
+    assert!(run(dir.path(), "verify moving.json").ends_with(3).stdout.contains("final"));
+}
+
 #[test]
 fn an_unusable_folder_exits_4_before_any_work() {
     let dir = folder();
@@ -303,7 +383,7 @@ fn bad_robot_files_exit_4_and_name_file_field_value_and_limit() {
         robot.as_object_mut().unwrap().remove(key);
         robot.to_string()
     };
-    let cases: [(String, &[&str]); 15] = [
+    let cases: [(String, &[&str]); 16] = [
         (String::new(), &["EOF"]),
         ("{".into(), &["EOF"]),
         ("[1]".into(), &["line 1"]),
@@ -318,6 +398,7 @@ fn bad_robot_files_exit_4_and_name_file_field_value_and_limit() {
         (change("nominal_feet", json!(vec![[0.0, 0.0, -0.5]; 9])), &["nominal_feet", "9 feet", "1 to 8"]),
         (change("nominal_feet", json!([])), &["nominal_feet", "0 feet", "1 to 8"]),
         (change("reach", json!([0.1, 0.0, 0.1])), &["reach[1]", "0.001"]),
+        (change("force_limit", json!(0.0)), &["force_limit", "0.001"]),
         (change("inertia", json!([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 9.0]])), &["inertia", "principal moments", "sum"]),
     ];
     let dir = folder();
@@ -558,6 +639,22 @@ fn broken_trajectories_exit_4_and_perturbed_ones_3() {
     run(dir.path(), "verify t.json").ends_with(4).says(&["t.json", "EOF"]);
     run(dir.path(), "verify none.json").ends_with(4).says(&["none.json"]);
     run(dir.path(), "verify .").ends_with(4).says(&["directory"]);
+}
+
+#[test]
+fn verify_reports_the_rollout() {
+    let dir = folder();
+    let (result, _, report) = solve(dir.path(), "--scenario s1");
+    for (what, limit) in [("position", 0.01), ("attitude", 1.)] {
+        let value = report["rollout"][what]["value"].as_f64().unwrap();
+        assert!((0. ..limit).contains(&value), "{what} {value}");
+        assert_eq!(result["certificate"]["rollout"][what], report["rollout"][what]);
+    }
+    let ran = run(dir.path(), "verify out/trajectory.json");
+    let (_, rollout) = ran.ends_with(0).stdout.split_once("integrated from the start under the planned forces alone").unwrap();
+    let unit = |line: &str| line.split_whitespace().nth(2).map(String::from);
+    let of = |what: &str| rollout.lines().find(|line| line.starts_with(what)).and_then(unit);
+    assert_eq!((of("position").as_deref(), of("attitude").as_deref()), (Some("m"), Some("deg")), "{rollout}");
 }
 
 #[test]

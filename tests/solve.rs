@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Random, ReferenceCandidate, gait, layout, reference_candidates, task};
+use common::{Random, ReferenceCandidate, gait, layout, layout_with, reference_candidates, task, towr, transcriptions};
 use cregopt::backend::{Backend, Cpu, Precision, Problem, Solution};
 use cregopt::cem::{CemSettings, StopReason};
 use cregopt::certify::verify_rows;
@@ -61,26 +61,43 @@ fn standing() -> (Task, Schedule) {
 
 /// A walk that takes some iterations.
 fn walking() -> (Task, Schedule) {
-    (task("anymal", "flat", [1.5, 0.2], 0.3), gait(&mut Random::new(5), 4, 6..=8))
+    (task("anymal", "flat", [1.5, 0.2], 0.3), gait(&mut Random::new(2), 4, 6..=8))
 }
 
-fn solve<T: Real>(problem: &(Task, Schedule), settings: &SolverSettings, start: Option<&[f64]>, cancel: bool) -> Outcome {
+fn solve<T: Real>(
+    problem: &(Task, Schedule),
+    transcription: &TranscriptionSettings,
+    settings: &SolverSettings,
+    start: Option<&[f64]>,
+    cancel: bool,
+) -> Outcome {
     let finish = if size_of::<T>() == 4 { Finish::Infeasibility(settings.tolerance) } else { Finish::Rows(settings.row_tolerance) };
-    Solver::<T>::default().solve(&layout(&problem.0, &problem.1), settings, finish, start, &|| cancel)
+    Solver::<T>::default().solve(&layout_with(&problem.0, &problem.1, transcription), settings, finish, start, &|| cancel)
 }
 
-fn evaluate_all(candidates: &[(&Task, &Schedule)], precision: Precision, threads: usize, first_feasible: bool) -> Vec<Option<Evaluated>> {
-    evaluate_on(&Cpu::new(threads).unwrap(), candidates, precision, first_feasible)
+/// In f32, then in f64, by both transcriptions.
+fn solve_all(problem: &(Task, Schedule), settings: &SolverSettings) -> impl Iterator<Item = Outcome> {
+    transcriptions().into_iter().flat_map(|t| {
+        let (narrow, wide) = (solve::<f32>(problem, &t, settings, None, false), solve::<f64>(problem, &t, settings, None, false));
+        [narrow, wide]
+    })
+}
+
+fn evaluate_all(candidates: &[(&Task, &Schedule)], lower: &LowerSettings, threads: usize) -> Vec<Option<Evaluated>> {
+    evaluate_on(&Cpu::new(threads).unwrap(), candidates, lower, false)
 }
 
 fn evaluate_on(
     backend: &dyn Backend,
     candidates: &[(&Task, &Schedule)],
-    precision: Precision,
+    lower: &LowerSettings,
     first_feasible: bool,
 ) -> Vec<Option<Evaluated>> {
-    let settings = LowerSettings { precision, ..LowerSettings::default() };
-    evaluate(candidates, &settings, backend, first_feasible, &AtomicBool::new(false)).unwrap()
+    evaluate(candidates, lower, backend, first_feasible, &AtomicBool::new(false)).unwrap()
+}
+
+fn lower(transcription: TranscriptionSettings, precision: Precision) -> LowerSettings {
+    LowerSettings { transcription, precision, ..LowerSettings::default() }
 }
 
 /// A backend that finishes the last candidate first.
@@ -110,25 +127,24 @@ impl Backend for Backwards {
 #[test]
 fn standing_still_is_solved_in_a_few_iterations() {
     let (task, schedule) = standing();
-    for precision in [Precision::F32, Precision::F64] {
-        let results = evaluate_all(&[(&task, &schedule)], precision, 1, false);
-        let result = results[0].as_ref().unwrap();
-        assert_eq!((result.status, result.feasible, result.n_violated), (Status::Solved, true, 0));
-        assert!(result.iterations <= 8, "{} iterations", result.iterations);
-        assert_eq!(result.horizon, 1.);
-        // The base starts and ends 0.5 m above the ground and its four feet never leave it.
-        let curves = &result.trajectory;
-        assert_eq!(curves.ee.iter().map(|foot| foot.motion.poly_durations.len()).sum::<usize>(), 4);
-        assert!((curves.base_lin.nodes[10][2] - 0.5).abs() < 1e-12);
+    for transcription in transcriptions() {
+        for precision in [Precision::F32, Precision::F64] {
+            let results = evaluate_all(&[(&task, &schedule)], &lower(transcription.clone(), precision), 1);
+            let result = results[0].as_ref().unwrap();
+            assert_eq!((result.status, result.feasible, result.n_violated), (Status::Solved, true, 0));
+            assert!(result.iterations <= 8, "{} iterations", result.iterations);
+            assert_eq!((result.horizon, result.transcription), (1., transcription.rows));
+            // The base starts and ends 0.5 m above the ground and its four feet never leave it.
+            let curves = &result.trajectory;
+            assert_eq!(curves.ee.iter().map(|foot| foot.motion.poly_durations.len()).sum::<usize>(), 4);
+            assert!((curves.base_lin.nodes.last().unwrap()[2] - 0.5).abs() < 1e-12);
+        }
     }
 }
 
 #[test]
 fn a_solvable_walk_ends_as_solved() {
-    let problem = walking();
-    for outcome in
-        [solve::<f32>(&problem, &SolverSettings::default(), None, false), solve::<f64>(&problem, &SolverSettings::default(), None, false)]
-    {
+    for outcome in solve_all(&walking(), &SolverSettings::default()) {
         assert_eq!(outcome.status, Status::Solved, "{outcome:?}");
         assert!(outcome.factorisations >= outcome.iterations && outcome.iterations > 1, "{outcome:?}");
     }
@@ -136,8 +152,7 @@ fn a_solvable_walk_ends_as_solved() {
 
 #[test]
 fn an_iteration_limit_of_one_ends_as_max_iterations() {
-    let settings = SolverSettings { max_iterations: 1, ..SolverSettings::default() };
-    for outcome in [solve::<f32>(&walking(), &settings, None, false), solve::<f64>(&walking(), &settings, None, false)] {
+    for outcome in solve_all(&walking(), &SolverSettings { max_iterations: 1, ..SolverSettings::default() }) {
         assert_eq!((outcome.status, outcome.iterations), (Status::MaxIterations, 1));
         assert!(outcome.infeasibility.is_finite());
     }
@@ -146,36 +161,41 @@ fn an_iteration_limit_of_one_ends_as_max_iterations() {
 #[test]
 fn six_metres_in_four_tenths_of_a_second_end_as_stalled() {
     let impossible = (task("anymal", "flat", [6., 0.], 0.), Schedule::new(vec![vec![0.15, 0.1, 0.15]; 4]).unwrap());
-    for outcome in [
-        solve::<f32>(&impossible, &SolverSettings::default(), None, false),
-        solve::<f64>(&impossible, &SolverSettings::default(), None, false),
-    ] {
+    for outcome in solve_all(&impossible, &SolverSettings::default()) {
         assert_eq!(outcome.status, Status::Stalled, "{outcome:?}");
         // The rule steps in well before the limit.
         assert!(outcome.iterations < 40 && outcome.infeasibility > 1., "{outcome:?}");
     }
-    let results = evaluate_all(&[(&impossible.0, &impossible.1)], Precision::F32, 1, false);
-    let result = results[0].as_ref().unwrap();
-    assert!(!result.feasible && result.n_violated > 0 && result.status == Status::Stalled);
+    for transcription in transcriptions() {
+        let results = evaluate_all(&[(&impossible.0, &impossible.1)], &lower(transcription, Precision::F32), 1);
+        let result = results[0].as_ref().unwrap();
+        assert!(!result.feasible && result.n_violated > 0 && result.status == Status::Stalled);
+    }
 }
 
 #[test]
 fn a_start_without_finite_residuals_ends_as_non_finite() {
     let problem = walking();
-    let layout = layout::<f64>(&problem.0, &problem.1);
-    for bad in [f64::NAN, f64::INFINITY, 1e30] {
-        for at in [0, layout.variables / 2, layout.variables - 1] {
-            let mut start = layout.initial.clone();
-            start[at] = bad;
-            let outcome = solve::<f32>(&problem, &SolverSettings::default(), Some(&start), false);
-            assert_eq!((outcome.status, outcome.iterations), (Status::NonFinite, 0), "x[{at}] = {bad}");
+    for transcription in transcriptions() {
+        let layout = layout_with::<f64>(&problem.0, &problem.1, &transcription);
+        // Whatever the balance depends on: a pose, a force, a foothold.
+        let foot = &layout.curves.feet[1];
+        let places = [layout.curves.base[4], foot.force_nodes[1][1], foot.footholds[1]];
+        assert!(places.iter().all(|&at| (at as usize) < layout.variables));
+        for bad in [f64::NAN, f64::INFINITY, 1e30] {
+            for at in places.map(|at| at as usize) {
+                let mut start = layout.initial.clone();
+                start[at] = bad;
+                let outcome = solve::<f32>(&problem, &transcription, &SolverSettings::default(), Some(&start), false);
+                assert_eq!((outcome.status, outcome.iterations), (Status::NonFinite, 0), "x[{at}] = {bad}");
+            }
         }
     }
 }
 
 #[test]
 fn a_cancelled_solve_ends_as_cancelled() {
-    let outcome = solve::<f32>(&walking(), &SolverSettings::default(), None, true);
+    let outcome = solve::<f32>(&walking(), &TranscriptionSettings::default(), &SolverSettings::default(), None, true);
     assert_eq!((outcome.status, outcome.iterations), (Status::Cancelled, 0));
     // In the middle, too.
     let problem = walking();
@@ -224,12 +244,13 @@ fn same(a: &Evaluated, b: &Evaluated) -> bool {
 fn results_do_not_depend_on_threads_or_order() {
     let (task, schedules) = population();
     let candidates: Vec<(&Task, &Schedule)> = schedules.iter().map(|s| (&task, s)).collect();
-    let one = evaluate_all(&candidates, Precision::F32, 1, false);
-    let two = evaluate_all(&candidates, Precision::F32, 2, false);
+    let lower = LowerSettings::default();
+    let one = evaluate_all(&candidates, &lower, 1);
+    let two = evaluate_all(&candidates, &lower, 2);
     // 5 is prime to 12.
     let order: Vec<usize> = (0..12).map(|i| (5 * i + 3) % 12).collect();
     let permuted: Vec<(&Task, &Schedule)> = order.iter().map(|&i| candidates[i]).collect();
-    let permuted = evaluate_all(&permuted, Precision::F32, 2, false);
+    let permuted = evaluate_all(&permuted, &lower, 2);
     for i in 0..12 {
         let at = order.iter().position(|&j| j == i).unwrap();
         let [a, b, c] = [&one[i], &two[i], &permuted[at]].map(|r| r.as_ref().unwrap());
@@ -242,7 +263,7 @@ fn results_do_not_depend_on_threads_or_order() {
 fn first_feasible_keeps_everything_up_to_the_lowest_feasible_index() {
     let (task, mut schedules) = population();
     let candidates: Vec<(&Task, &Schedule)> = schedules.iter().map(|s| (&task, s)).collect();
-    let all = evaluate_all(&candidates, Precision::F32, 2, false);
+    let all = evaluate_all(&candidates, &LowerSettings::default(), 2);
     let feasible: Vec<bool> = all.iter().map(|r| r.as_ref().unwrap().feasible).collect();
     assert!(feasible.contains(&true) && feasible.contains(&false), "{feasible:?}");
     // Failing ones first, so that several threads pass the answer before it is known.
@@ -255,7 +276,7 @@ fn first_feasible_keeps_everything_up_to_the_lowest_feasible_index() {
     let threads = |threads| Cpu::new(threads).unwrap();
     let backends: [&dyn Backend; 4] = [&threads(1), &threads(2), &threads(3), &Backwards(threads(1))];
     for backend in backends {
-        let results = evaluate_on(backend, &candidates, Precision::F32, true);
+        let results = evaluate_on(backend, &candidates, &LowerSettings::default(), true);
         for (at, result) in results.iter().enumerate() {
             assert_eq!(result.is_some(), at <= lowest, "{}, candidate {at}", backend.device());
             if let Some(result) = result {
@@ -271,7 +292,7 @@ fn reference_candidates_are_solved_in_both_precisions() {
     let candidates: Vec<ReferenceCandidate> = candidates.into_iter().filter(|c| c.target == 10).collect();
     assert_eq!(candidates.len(), 80);
     let problems: Vec<(&Task, &Schedule)> = candidates.iter().map(|c| (&c.task, &c.schedule)).collect();
-    let [narrow, wide] = [Precision::F32, Precision::F64].map(|precision| evaluate_all(&problems, precision, 2, false));
+    let [narrow, wide] = [Precision::F32, Precision::F64].map(|precision| evaluate_all(&problems, &lower(towr(), precision), 2));
     let mut solved = std::collections::BTreeMap::new();
     let mut failures = Vec::new();
     for ((candidate, narrow), wide) in candidates.iter().zip(&narrow).zip(&wide) {
@@ -302,9 +323,9 @@ fn reference_candidates_are_solved_in_both_precisions() {
 
 #[test]
 fn a_warm_solver_does_not_allocate() {
-    fn check<T: Real>() {
+    fn check<T: Real>(transcription: &TranscriptionSettings) {
         let (task, _) = walking();
-        let layout = layout::<T>(&task, &walking().1);
+        let layout = layout_with::<T>(&task, &walking().1, transcription);
         let settings = |max_iterations| SolverSettings {
             max_iterations,
             // Nothing ends the solve before its limit.
@@ -323,8 +344,10 @@ fn a_warm_solver_does_not_allocate() {
         assert_eq!(solve(5), (5, 0));
         assert_eq!(solve(40), (iterations, 0));
     }
-    check::<f32>();
-    check::<f64>();
+    for transcription in transcriptions() {
+        check::<f32>(&transcription);
+        check::<f64>(&transcription);
+    }
 }
 
 #[test]

@@ -1,11 +1,17 @@
 //! The independent check of trajectories: it accepts what TOWR found, and counts planted faults where they belong.
 
-use cregopt::certify::verify::{Family, Report, TOLERANCE, verify};
+use cregopt::certify::RolloutReport;
+use cregopt::certify::verify::{
+    DENSE_REACH, Family, PENETRATION, ROLLOUT_ATTITUDE, ROLLOUT_POSITION, Report, TOLERANCE, verify, verify_rows,
+};
+use cregopt::gait::trajectory::MotionLimits;
 use cregopt::gait::{Curve, FootCurves, Trajectory};
-use cregopt::robot::{ROBOTS, Robot};
+use cregopt::nlp::towr::FORCE_LIMIT;
+use cregopt::robot::{GRAVITY, ROBOTS, Robot};
 use cregopt::scenario::Scenario;
-use cregopt::task::DEFAULT_FORCE_LIMIT;
+use cregopt::settings::GoalVelocity;
 use cregopt::terrain::Terrain;
+use nalgebra::{Matrix3, Vector3};
 
 /// Pieces of the base, s. Three of them between two dynamics instants: the nodes 4 and 5 move without touching any instant.
 const BASE_PIECE: f64 = 0.1 / 3.;
@@ -18,7 +24,12 @@ fn constant(value: [f64; 3], durations: &[f64]) -> Curve {
 
 /// A robot that stands still for 1 s with all forces straight up, m g / n each.
 fn standing(robot: &Robot) -> Trajectory {
-    let thirds = [0.3, 0.4, 0.3];
+    standing_for(robot, 1., &[BASE_PIECE; 30])
+}
+
+/// The same for as long as the pieces of the base last together.
+fn standing_for(robot: &Robot, horizon: f64, base_pieces: &[f64]) -> Trajectory {
+    let thirds = [0.3 * horizon, 0.4 * horizon, 0.3 * horizon];
     let base = [0., 0., robot.base_height];
     let load = [0., 0., robot.weight() / robot.feet() as f64];
     let foot = |p: &[f64; 3]| FootCurves { motion: constant([p[0], p[1], 0.], &thirds), force: constant(load, &thirds) };
@@ -34,10 +45,11 @@ fn standing(robot: &Robot) -> Trajectory {
         base_target: base,
         yaw_target: 0.,
         force_limit: None,
-        durations: vec![vec![1.]; robot.feet()],
-        horizon: 1.,
-        base_lin: constant(base, &[BASE_PIECE; 30]),
-        base_ang: constant([0.; 3], &[BASE_PIECE; 30]),
+        limits: None,
+        durations: vec![vec![horizon]; robot.feet()],
+        horizon,
+        base_lin: constant(base, base_pieces),
+        base_ang: constant([0.; 3], base_pieces),
         ee: robot.nominal_feet.iter().map(foot).collect(),
     }
 }
@@ -78,7 +90,7 @@ fn flat() -> Terrain {
 }
 
 fn check(trajectory: &Trajectory) -> Report {
-    verify(trajectory, &anymal(), &flat(), DEFAULT_FORCE_LIMIT).unwrap()
+    verify(trajectory, &anymal(), &flat(), FORCE_LIMIT).unwrap()
 }
 
 #[test]
@@ -94,10 +106,12 @@ fn every_reference_solution_of_towr_breaks_no_row() {
         // The hexapod solutions were made with the inertia as it was published.
         let robot = Robot::named(if scenario.robot == "pexod" { "pexod-as-published" } else { scenario.robot }).unwrap();
         let terrain = Terrain::named(scenario.terrain).unwrap();
-        let report = verify(&trajectory, &robot, &terrain, DEFAULT_FORCE_LIMIT).unwrap();
+        let report = verify(&trajectory, &robot, &terrain, FORCE_LIMIT).unwrap();
         println!("line {}, {}, T = {}\n{report}", line + 1, scenario.name, trajectory.horizon);
         assert!(report.feasible && report.n_violated == 0, "line {}\n{report}", line + 1);
-        assert!(report.families.iter().all(|f| f.rows > 0 && f.worst.is_some()), "line {}\n{report}", line + 1);
+        // All but the rows of the other transcription.
+        let asked = |family| ![Family::Momentum, Family::Motion].contains(&family);
+        assert!(report.families.iter().all(|f| asked(f.family) == (f.rows > 0 && f.worst.is_some())), "line {}\n{report}", line + 1);
     }
 }
 
@@ -105,7 +119,7 @@ fn every_reference_solution_of_towr_breaks_no_row() {
 fn a_standing_robot_breaks_no_row_and_has_no_defect() {
     for name in ROBOTS {
         let robot = Robot::named(name).unwrap();
-        let report = verify(&standing(&robot), &robot, &flat(), DEFAULT_FORCE_LIMIT).unwrap();
+        let report = verify(&standing(&robot), &robot, &flat(), FORCE_LIMIT).unwrap();
         assert!(report.feasible && report.n_violated == 0 && report.max_violation < 1e-12, "{name}\n{report}");
         let dense = &report.dense;
         for extreme in [dense.force_defect, dense.moment_defect] {
@@ -115,6 +129,8 @@ fn a_standing_robot_breaks_no_row_and_has_no_defect() {
             assert_eq!((extreme.value, extreme.foot), (0., None), "{name}\n{report}");
         }
         assert_eq!((dense.samples, dense.final_base_speed), (1002, 0.));
+        let RolloutReport { position, attitude } = report.rollout.unwrap();
+        assert!(position.value < 1e-12 && attitude.value < 1e-9, "{name}\n{report}");
     }
 }
 
@@ -201,11 +217,11 @@ const FAULTS: [Fault; 19] = [
         family: Family::Structure, rows: 1, row: "force slope in swing, z", foot: Some(0), time: 0.7 },
 ];
 
-#[test]
-fn planted_faults_are_counted_in_their_family_and_beyond_the_tolerance_only() {
-    for fault in &FAULTS {
+/// Plants every fault just below the tolerance, just above and well above it.
+fn check_faults(faults: &[Fault], faultless: fn() -> Trajectory) {
+    for fault in faults {
         for size in [0.99 * TOLERANCE, 1.01 * TOLERANCE, 1e-3] {
-            let mut trajectory = step();
+            let mut trajectory = faultless();
             (fault.plant)(&mut trajectory, size);
             let report = check(&trajectory);
             let context = format!("{} by {size}\n{report}", fault.name);
@@ -224,17 +240,26 @@ fn planted_faults_are_counted_in_their_family_and_beyond_the_tolerance_only() {
 }
 
 #[test]
+fn planted_faults_are_counted_in_their_family_and_beyond_the_tolerance_only() {
+    check_faults(&FAULTS, step);
+}
+
+#[test]
 fn acceleration_may_jump_in_another_transcription() {
     let mut trajectory = step();
     trajectory.base_lin.nodes[4][4] += 0.01;
-    for (transcription, feasible) in [(None, false), (Some("towr"), false), (Some("momentum"), true)] {
+    for (transcription, feasible) in [(None, false), (Some("towr"), false), (Some("momentum"), false), (Some("another"), true)] {
         trajectory.transcription = transcription.map(Into::into);
         let report = check(&trajectory);
         assert_eq!(report.feasible, feasible, "{report}");
-        assert_eq!(report.family(Family::BaseAcceleration).rows > 0, transcription != Some("momentum"));
+        let of_towr = [None, Some("towr")].contains(&transcription);
+        assert_eq!(report.family(Family::BaseAcceleration).rows > 0, of_towr);
+        // No force makes the base jump.
+        let momentum = report.family(Family::Momentum);
+        assert_eq!(momentum.violated, if transcription == Some("momentum") { report.n_violated } else { 0 }, "{report}");
         // Not at an instant, but seen: 4 x 0.01 m/s in a thirtieth of 0.1 s.
         let defect = report.dense.force_defect;
-        let peak = 4. * 0.01 / BASE_PIECE / cregopt::robot::GRAVITY;
+        let peak = 4. * 0.01 / BASE_PIECE / GRAVITY;
         assert!(defect.value < peak && defect.value > 0.9 * peak && (defect.time - 4. * BASE_PIECE).abs() < 1e-3, "{report}");
     }
 }
@@ -271,7 +296,7 @@ fn friction_is_that_of_the_slope_under_the_foothold() {
     let load = anymal().weight() / 4.;
     for (friction, violated) in [(0.701, 0), (0.699, 4 * 4)] {
         let terrain = Terrain { friction, ..Terrain::named("slope").unwrap() };
-        let report = verify(&standing_on(&terrain, [0., 0., load]), &anymal(), &terrain, DEFAULT_FORCE_LIMIT).unwrap();
+        let report = verify(&standing_on(&terrain, [0., 0., load]), &anymal(), &terrain, FORCE_LIMIT).unwrap();
         assert_eq!(report.family(Family::Force).violated, violated, "{report}");
         assert_eq!(report.family(Family::Terrain).violated, 0, "{report}");
         // Over the length of (1, 0, 0.7).
@@ -331,7 +356,7 @@ fn one_rigged_phase_boundary_is_one_violated_row_a_curve() {
 
 #[test]
 fn a_robot_with_another_number_of_feet_is_refused() {
-    let error = verify(&step(), &Robot::named("biped").unwrap(), &flat(), DEFAULT_FORCE_LIMIT).unwrap_err().to_string();
+    let error = verify(&step(), &Robot::named("biped").unwrap(), &flat(), FORCE_LIMIT).unwrap_err().to_string();
     assert!(error.contains("4 feet") && error.contains("2 feet") && error.contains("biped"), "{error}");
 }
 
@@ -362,5 +387,367 @@ fn odd_but_well_formed_trajectories_get_a_verdict() {
     // A malformed one is refused even when the caller did not check it.
     let mut trajectory = step();
     trajectory.ee[1].motion.nodes.pop();
-    assert!(verify(&trajectory, &anymal(), &flat(), DEFAULT_FORCE_LIMIT).is_err());
+    assert!(verify(&trajectory, &anymal(), &flat(), FORCE_LIMIT).is_err());
+}
+
+// ---------------------------------------------------------------- momentum
+
+const LIMITS: MotionLimits = MotionLimits { clearance: 0.03, swing_height: 0.2, foot_speed: 0.5, goal_velocity: GoalVelocity::Zero };
+
+fn momentum(trajectory: Trajectory) -> Trajectory {
+    Trajectory { transcription: Some("momentum".into()), limits: Some(LIMITS), ..trajectory }
+}
+
+/// The step as a motion of the `momentum` transcription.
+fn momentum_step() -> Trajectory {
+    momentum(step())
+}
+
+#[test]
+fn a_step_breaks_no_row_of_momentum() {
+    let report = check(&momentum_step());
+    assert!(report.feasible && report.max_violation < 1e-9, "{report}");
+    let rows = |family| report.family(family).rows;
+    assert_eq!((rows(Family::Dynamics), rows(Family::BaseAcceleration)), (0, 0));
+    // Velocity, position, angular momentum and the angle at the end of each base piece.
+    assert_eq!(rows(Family::Momentum), 30 * (3 * 3 + 1));
+    assert_eq!((rows(Family::Swing), rows(Family::Motion)), (3, 6));
+    assert_eq!(rows(Family::Bounds), 6 + 6 + 3 + 3 + 4 * 3 + 3 + 3);
+    for family in [Family::Reach, Family::Terrain, Family::Force, Family::Structure] {
+        assert_eq!(rows(family), check(&step()).family(family).rows);
+    }
+    // Limits that a trajectory does not name are not asked of it.
+    let report = check(&Trajectory { limits: None, ..momentum_step() });
+    assert_eq!((report.feasible, report.family(Family::Swing).rows, report.family(Family::Bounds).rows), (true, 0, 6 + 6 + 3 + 3 + 4 * 3));
+}
+
+/// The base rises from rest by `acceleration`, and turns about the vertical by `turn`, as the forces of feet 1 and 2 make it.
+fn accelerate(trajectory: &mut Trajectory, acceleration: f64, turn: f64) {
+    let (robot, half_length) = (anymal(), 0.34);
+    for (node, t) in (0..=30).map(|k| f64::from(k) * BASE_PIECE).enumerate() {
+        for (curve, axis, by) in [(&mut trajectory.base_lin, 2, acceleration), (&mut trajectory.base_ang, 2, turn)] {
+            curve.nodes[node][axis] += by * t * t / 2.;
+            curve.nodes[node][axis + 3] += by * t;
+        }
+    }
+    trajectory.base_target[2] += acceleration / 2.;
+    trajectory.yaw_target += turn / 2.;
+    for (foot, sign) in [(1, 1.), (2, -1.)] {
+        for node in &mut trajectory.ee[foot].force.nodes {
+            node[2] += robot.mass * acceleration / 2.;
+            node[1] += sign * robot.inertia[2][2] * turn / (2. * half_length);
+        }
+    }
+}
+
+/// A force that falls from s to 0 along half a cubic in 0.1 s, seen from the first third of it: its mean, and its mean weighted with the
+/// time that is left (`int 2 (1 - w) (1 - w^2/3 + 2 w^3/27) dw`).
+const MEAN: f64 = 49. / 54.;
+const EARLY_MEAN: f64 = 257. / 270.;
+
+#[rustfmt::skip]
+const MOMENTUM_FAULTS: [Fault; 9] = [
+    Fault { name: "one foot pushes more at the start", plant: |t, s| t.ee[1].force.nodes[0][2] += s / EARLY_MEAN,
+        family: Family::Momentum, rows: 1, row: "mean force for the way z", foot: None, time: BASE_PIECE },
+    // Late forces move less.
+    Fault { name: "one foot pushes more at the end", plant: |t, s| t.ee[1].force.nodes[7][2] += s / MEAN,
+        family: Family::Momentum, rows: 1, row: "mean force z", foot: None, time: 1. },
+    Fault { name: "the load is too far in front", plant: |t, s| for (foot, sign) in [1., 1., -1., -1.].iter().enumerate() { t.ee[foot].force.nodes[0][2] += sign * s / 1.36 / MEAN },
+        family: Family::Momentum, rows: 1, row: "mean moment y", foot: None, time: BASE_PIECE },
+    // The piece after the jump goes s L too far, which twice the force would mend that mends the velocity.
+    Fault { name: "base speed jumps", plant: |t, s| t.base_lin.nodes[4][4] += s * BASE_PIECE / (2. * anymal().mass),
+        family: Family::Momentum, rows: 1, row: "mean force for the way y", foot: None, time: 5. * BASE_PIECE },
+    Fault { name: "a mid node too low", plant: |t, s| t.ee[0].motion.nodes[2][2] = 0.03 - s,
+        family: Family::Swing, rows: 1, row: "mid node too low", foot: Some(0), time: 0.5 },
+    Fault { name: "a mid node too high", plant: |t, s| { t.limits = Some(MotionLimits { swing_height: 0.1, ..LIMITS }); t.ee[0].motion.nodes[2][2] = 0.1 + s },
+        family: Family::Swing, rows: 1, row: "mid node too high", foot: Some(0), time: 0.5 },
+    Fault { name: "a foot too fast", plant: |t, s| { t.ee[0].motion.nodes[2][3] = 0.3; t.ee[0].motion.nodes[2][4] = ((0.5 + s).powi(2) - 0.09).sqrt() },
+        family: Family::Swing, rows: 1, row: "foot too fast", foot: Some(0), time: 0.5 },
+    Fault { name: "the base arrives with speed", plant: |t, s| accelerate(t, s, 0.),
+        family: Family::Bounds, rows: 1, row: "final velocity z", foot: None, time: 1. },
+    Fault { name: "the base arrives turning", plant: |t, s| accelerate(t, 0., s),
+        family: Family::Bounds, rows: 1, row: "final rate yaw", foot: None, time: 1. },
+];
+
+#[test]
+fn planted_faults_of_momentum_are_counted_in_their_family_and_beyond_the_tolerance_only() {
+    check_faults(&MOMENTUM_FAULTS, momentum_step);
+}
+
+#[test]
+fn the_base_may_arrive_with_speed_where_its_goal_is_free() {
+    let mut trajectory = momentum_step();
+    accelerate(&mut trajectory, 0.02, 1e-3);
+    let report = check(&trajectory);
+    assert_eq!((report.n_violated, report.family(Family::Bounds).violated), (2, 2), "{report}");
+    assert!((report.dense.final_base_speed - 0.02).abs() < 1e-12);
+    trajectory.limits = Some(MotionLimits { goal_velocity: GoalVelocity::Free, ..LIMITS });
+    assert!(check(&trajectory).feasible);
+}
+
+#[test]
+fn the_attitude_of_a_base_piece_has_its_own_limit() {
+    for (angle, violated) in [(0.99e-2, 0), (1.01e-2, 2)] {
+        // Turned at one node and at rest there: no piece goes there, none comes back.
+        let mut trajectory = momentum_step();
+        trajectory.base_ang.nodes[4][2] = angle;
+        let report = check(&trajectory);
+        assert_eq!((report.n_violated, report.family(Family::Momentum).violated), (violated, violated), "{report}");
+        let worst = report.family(Family::Momentum).worst.as_ref().unwrap();
+        assert!(worst.row == "attitude" && (worst.violation - angle).abs() < 1e-9, "{report}");
+    }
+}
+
+#[test]
+fn a_foot_may_be_a_little_outside_its_box() {
+    // Apex at a reach instant.
+    for (outside, reach, motion) in [(0.0049, 0, 0), (0.00505, 0, 1), (0.0052, 1, 0)] {
+        let mut trajectory = momentum_step();
+        trajectory.ee[0].motion.poly_durations = vec![0.3, 0.18, 0.22, 0.3];
+        trajectory.ee[0].motion.nodes[2][2] = 0.18 + outside;
+        let report = check(&trajectory);
+        assert_eq!((report.family(Family::Reach).violated, report.family(Family::Motion).violated), (reach, motion), "{report}");
+        assert_eq!(report.n_violated, reach + motion, "{report}");
+        trajectory.transcription = Some("towr".into());
+        assert_eq!(check(&trajectory).family(Family::Reach).violated, 1);
+    }
+}
+
+/// A fault between the instants: its size is what the row measures.
+struct MotionFault {
+    name: &'static str,
+    faultless: fn() -> Trajectory,
+    plant: fn(&mut Trajectory, f64),
+    row: &'static str,
+    /// In the unit of `plant`, and what a unit of the row has of it.
+    limit: f64,
+    unit: f64,
+    foot: Option<usize>,
+    time: f64,
+}
+
+/// A cubic that is zero at both ends of a piece of 0.1 s with a slope at one has this part of the slope 0.033 s from there, a sample next to
+/// its extreme.
+const BULGE: f64 = 0.33 * 0.67 * 0.67 * 0.1;
+
+/// Weight of ANYmal, N.
+const WEIGHT: f64 = 29.5 * GRAVITY;
+
+/// A long stand: forces within the tolerance move the base visibly.
+const LONG: f64 = 110.;
+
+#[rustfmt::skip]
+const MOTION_FAULTS: [MotionFault; 6] = [
+    // dF T^2 / (2 m), by four feet.
+    MotionFault { name: "a small force for long", faultless: || momentum(standing_for(&anymal(), LONG, &[1.; LONG as usize])),
+        plant: |t, s| t.ee.iter_mut().flat_map(|e| &mut e.force.nodes).for_each(|node| node[2] += 2. * anymal().mass * s / (LONG * LONG) / 4.),
+        row: "position off the rollout", limit: ROLLOUT_POSITION, unit: 1., foot: None, time: LONG },
+    // In two parts, each within the limit of a piece.
+    MotionFault { name: "the base turns by itself", faultless: momentum_step,
+        plant: |t, s| for (node, part) in [(4, 0.5), (5, 1.), (6, 0.5)] { t.base_ang.nodes[node][2] = part * s.to_radians() },
+        row: "attitude off the rollout", limit: ROLLOUT_ATTITUDE, unit: 1., foot: None, time: 5. * BASE_PIECE },
+    // The box ends at 0.18 m; the nearest reach instant is 0.02 s before the apex.
+    MotionFault { name: "the foot leaves its box", faultless: momentum_step, plant: |t, s| t.ee[0].motion.nodes[2][2] = 0.18 + s,
+        row: "reach", limit: DENSE_REACH, unit: 1., foot: Some(0), time: 0.5 },
+    MotionFault { name: "a foot pulls between nodes", faultless: momentum_step,
+        plant: |t, s| for (foot, sign) in [1., -1., -1., 1.].iter().enumerate() { t.ee[foot].force.nodes[7][5] = sign * s / BULGE },
+        row: "normal force, pull", limit: TOLERANCE, unit: WEIGHT, foot: Some(0), time: 0.967 },
+    // The feet of a side pull apart.
+    MotionFault { name: "a foot slips between nodes", faultless: momentum_step,
+        plant: |t, s| for (foot, sign) in [(0, 1.), (2, -1.)] { t.ee[foot].force.nodes[0][3] = sign * (0.5 * WEIGHT / 4. + s) / BULGE },
+        row: "friction", limit: TOLERANCE, unit: WEIGHT, foot: Some(0), time: 0.033 },
+    // A swing in three pieces comes down to the ground, and again.
+    MotionFault { name: "a foot dips into the ground", faultless: momentum_step,
+        plant: |t, s| {
+            let motion = &mut t.ee[0].motion;
+            motion.poly_durations = vec![0.3, 0.2, 0.1, 0.1, 0.3];
+            let mut touching = motion.nodes[3];
+            touching[5] = -s / BULGE;
+            motion.nodes.insert(3, touching);
+        },
+        row: "foot below terrain", limit: PENETRATION, unit: 1., foot: Some(0), time: 0.633 },
+];
+
+/// Level ground on which a foot slips before it pulls.
+fn smooth() -> Terrain {
+    Terrain { friction: 0.5, ..flat() }
+}
+
+#[test]
+fn planted_faults_between_the_instants_are_counted_beyond_their_limit_only() {
+    for fault in &MOTION_FAULTS {
+        for part in [0.99, 1.01] {
+            let mut trajectory = (fault.faultless)();
+            (fault.plant)(&mut trajectory, part * fault.limit);
+            let report = verify(&trajectory, &anymal(), &smooth(), FORCE_LIMIT).unwrap();
+            let context = format!("{}, {part} of its limit\n{report}", fault.name);
+            let (motion, violated) = (report.family(Family::Motion), usize::from(part > 1.));
+            assert_eq!((motion.rows, motion.violated, report.n_violated), (6, violated, violated), "{context}");
+            assert_eq!(report.feasible, part < 1., "{context}");
+            if part > 1. {
+                let worst = motion.worst.as_ref().unwrap();
+                assert_eq!((worst.row.as_str(), worst.foot), (fault.row, fault.foot), "{context}");
+                let over = 0.01 * fault.limit / fault.unit;
+                assert!((worst.time - fault.time).abs() < 1e-6 && (worst.violation - over).abs() < 1e-3 * over, "{context}");
+            }
+        }
+    }
+}
+
+#[test]
+fn what_holds_between_the_instants_is_asked_where_all_else_holds_and_only_of_momentum() {
+    for fault in &MOTION_FAULTS[2..] {
+        let mut trajectory = (fault.faultless)();
+        (fault.plant)(&mut trajectory, 1.01 * fault.limit);
+        for transcription in [None, Some("towr"), Some("momentum")] {
+            trajectory.transcription = transcription.map(Into::into);
+            let report = verify(&trajectory, &anymal(), &smooth(), FORCE_LIMIT).unwrap();
+            let asked = transcription == Some("momentum");
+            let rows = |family| report.family(family).rows;
+            assert_eq!((rows(Family::Momentum) > 0, rows(Family::Motion) > 0, report.feasible), (asked, asked, !asked), "{report}");
+            assert!(report.rollout.is_some());
+        }
+        trajectory.base_target[0] += 0.01;
+        let report = verify(&trajectory, &anymal(), &smooth(), FORCE_LIMIT).unwrap();
+        assert_eq!((report.family(Family::Motion).rows, report.n_violated), (0, 1), "{report}");
+    }
+    // Nor are a swing's limits and the rest at the goal.
+    let mut trajectory = step();
+    trajectory.ee[0].motion.nodes[2][2] = 0.01;
+    assert!(check(&trajectory).feasible);
+}
+
+// ---------------------------------------------------------------- rollout
+
+fn rollout(trajectory: &Trajectory, robot: &Robot) -> RolloutReport {
+    verify(trajectory, robot, &flat(), FORCE_LIMIT).unwrap().rollout.unwrap()
+}
+
+#[test]
+fn a_force_that_the_plan_forgot_carries_the_base_away() {
+    // However the base turns, it moves by dF T^2 / (2 m).
+    let (robot, force) = (anymal(), [7., -3., 5.]);
+    let mut trajectory = standing(&robot);
+    for node in trajectory.ee.iter_mut().flat_map(|e| &mut e.force.nodes) {
+        (0..3).for_each(|d| node[d] += force[d] / 4.);
+    }
+    let position = rollout(&trajectory, &robot).position;
+    let expected = Vector3::from(force).norm() / (2. * robot.mass);
+    assert!((position.value - expected).abs() < 1e-9 && (position.time - 1.).abs() < 1e-9, "{position:?}");
+}
+
+#[test]
+fn a_couple_that_the_plan_forgot_turns_the_base() {
+    let mut robot = anymal();
+    robot.inertia = [[1., 0., 0.], [0., 2., 0.], [0., 0., 2.]];
+    let mut trajectory = standing(&robot);
+    // Front feet to the left, hind feet to the right, 1 N each at 0.34 m: 1.36 N m.
+    for (curves, sign) in trajectory.ee.iter_mut().zip([1., 1., -1., -1.]) {
+        curves.force.nodes.iter_mut().for_each(|node| node[1] = sign);
+    }
+    let report = rollout(&trajectory, &robot);
+    let expected = (0.5_f64 * 1.36 / 2.).to_degrees();
+    assert!((report.attitude.value - expected).abs() < 1e-9 && (report.attitude.time - 1.).abs() < 1e-9, "{report}");
+    assert!(report.position.value < 1e-12, "{report}");
+}
+
+#[test]
+fn a_robot_that_lifts_its_only_foot_falls() {
+    let robot = Robot::named("monoped").unwrap();
+    let weight = robot.weight();
+    let mut trajectory = standing(&robot);
+    trajectory.durations[0] = vec![0.3, 0.4, 0.3];
+    trajectory.ee[0].motion = constant([0.; 3], &[0.3, 0.2, 0.2, 0.3]);
+    trajectory.ee[0].force = constant([0., 0., weight], &[0.2, 0.1, 0.4, 0.1, 0.2]);
+    for node in [2, 3] {
+        trajectory.ee[0].force.nodes[node][2] = 0.;
+    }
+    let report = rollout(&trajectory, &robot);
+    // 0.4 s without any force and 0.2 s with half of it, symmetric about 0.5 s: as if the weight were gone for 0.5 s, all at 0.5 s.
+    let expected = GRAVITY * 0.5 * 0.5;
+    assert!((report.position.value - expected).abs() < 1e-9 && (report.position.time - 1.).abs() < 1e-9, "{report}");
+    assert!(report.attitude.value < 1e-9, "{report}");
+    // What a foot off the ground would push does not count.
+    trajectory.ee[0].force.nodes[2][5] = 2000.;
+    let pushes = rollout(&trajectory, &robot).position.value;
+    let before_lift_off = 2000. * 0.1 * 0.1 / robot.mass * (0.7 / 12. + 0.1 / 30.);
+    assert!((pushes - (expected + before_lift_off)).abs() < 1e-6, "{pushes} against {expected} + {before_lift_off}");
+}
+
+/// Orientation and angular velocity in the body's own axes.
+#[derive(Clone, Copy)]
+struct Spin {
+    rotation: Matrix3<f64>,
+    omega: Vector3<f64>,
+}
+
+impl Spin {
+    /// Euler's equations in body axes, `I w' = -w x I w` and `R' = R [w]x`: a step of the classical Runge-Kutta method.
+    fn after(self, inertia: &Matrix3<f64>, step: f64) -> Spin {
+        let inverse = inertia.try_inverse().unwrap();
+        let rate = |s: Spin| Spin { rotation: s.rotation * s.omega.cross_matrix(), omega: inverse * (inertia * s.omega).cross(&s.omega) };
+        let plus = |r: Spin, by: f64| Spin { rotation: self.rotation + r.rotation * by, omega: self.omega + r.omega * by };
+        let k1 = rate(self);
+        let k2 = rate(plus(k1, step / 2.));
+        let k3 = rate(plus(k2, step / 2.));
+        let k4 = rate(plus(k3, step));
+        let rotation = (k1.rotation + (k2.rotation + k3.rotation) * 2. + k4.rotation) / 6.;
+        let omega = (k1.omega + (k2.omega + k3.omega) * 2. + k4.omega) / 6.;
+        plus(Spin { rotation, omega }, step)
+    }
+
+    /// Euler angles of `Rz(yaw) Ry(pitch) Rx(roll)` and their rates, away from a pitch of 90 degrees.
+    fn euler(&self) -> [f64; 6] {
+        let r = &self.rotation;
+        let (roll, pitch, yaw) = (r[(2, 1)].atan2(r[(2, 2)]), (-r[(2, 0)]).asin(), r[(1, 0)].atan2(r[(0, 0)]));
+        let [p, q, w] = [self.omega.x, self.omega.y, self.omega.z];
+        let turn = q * roll.sin() + w * roll.cos();
+        [roll, pitch, yaw, p + turn * pitch.tan(), q * roll.cos() - w * roll.sin(), turn / pitch.cos()]
+    }
+}
+
+#[test]
+fn a_tumbling_body_keeps_its_angular_momentum() {
+    let inertia = [[0.31, 0.02, -0.03], [0.02, 0.42, 0.01], [-0.03, 0.01, 0.55]];
+    let robot = Robot { inertia, ..Robot::named("monoped").unwrap() };
+    let inertia = Matrix3::from_fn(|i, j| inertia[i][j]);
+    let pieces = [0.02; 40];
+    let mut trajectory = momentum(standing_for(&robot, 0.8, &pieces));
+    trajectory.ee[0].force = constant([0.; 3], &[0.8]);
+    let mut spin = Spin { rotation: Matrix3::identity(), omega: Vector3::new(1.5, 1., -2.) };
+    let momentum = |spin: &Spin| spin.rotation * (inertia * spin.omega);
+    let (start, velocity) = (momentum(&spin), [0.3, -0.2, 1.]);
+    let (mut fastest, mut slowest) = (0_f64, f64::INFINITY);
+    for node in 0..=pieces.len() {
+        let t = 0.02 * node as f64;
+        trajectory.base_ang.nodes[node] = spin.euler();
+        let fall = [0., 0., -GRAVITY];
+        for d in 0..3 {
+            trajectory.base_lin.nodes[node][d] += velocity[d] * t + fall[d] * t * t / 2.;
+            trajectory.base_lin.nodes[node][d + 3] = velocity[d] + fall[d] * t;
+        }
+        for _ in 0..200 {
+            spin = spin.after(&inertia, 1e-4);
+        }
+        (fastest, slowest) = (fastest.max(spin.omega.norm()), slowest.min(spin.omega.norm()));
+    }
+    assert!((momentum(&spin) - start).norm() < 1e-9, "the plan conserves it");
+    assert!(fastest > 1.01 * slowest, "it tumbles: {slowest} to {fastest} rad/s");
+
+    let report = verify(&trajectory, &robot, &flat(), FORCE_LIMIT).unwrap();
+    let RolloutReport { position, attitude } = report.rollout.unwrap();
+    assert!(position.value < 1e-9 && attitude.value < 1e-4, "{report}");
+    // From node to node neither the velocity nor the angular momentum changes but by gravity.
+    let kept = report.family(Family::Momentum);
+    assert!(kept.rows == 400 && kept.max_violation < 1e-6, "{report}");
+    assert!(report.dense.moment_defect.value < 1e-3, "{report}");
+
+    // A body that turned on at its first Euler rates would be elsewhere.
+    let first = trajectory.base_ang.nodes[0];
+    for (node, angles) in trajectory.base_ang.nodes.iter_mut().enumerate() {
+        *angles = first;
+        (0..3).for_each(|d| angles[d] += 0.02 * node as f64 * first[d + 3]);
+    }
+    let rows = verify_rows(&trajectory, &robot, &flat(), FORCE_LIMIT).unwrap();
+    assert!(rollout(&trajectory, &robot).attitude.value > 5. && rows.family(Family::Momentum).violated > 100, "{rows}");
 }

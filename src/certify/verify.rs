@@ -335,7 +335,9 @@ fn dynamics(tally: &mut Tally, motion: &Motion) {
 /// Each base piece by itself: from the planned state at its start, the body is integrated to its end. Momenta are given by the mean force
 /// or moment that would make up for them.
 fn momentum(tally: &mut Tally, motion: &Motion) {
-    let Some(rollout) = Rollout::new(motion) else { return };
+    let Some(rollout) = Rollout::new(motion) else {
+        return tally.row(f64::INFINITY, format_args!("inertia without inverse"), None, 0.);
+    };
     let mass = motion.robot.mass;
     for piece in motion.base_lin.times.windows(2) {
         let (start, end) = (piece[0], piece[1]);
@@ -353,7 +355,7 @@ fn momentum(tally: &mut Tally, motion: &Motion) {
 /// What must hold at all times.
 fn between(tally: &mut Tally, motion: &Motion, terrain: &Terrain) {
     let dense = sample(motion, terrain);
-    let rollout = Rollout::new(motion).map(|r| r.report()).unwrap_or_default();
+    let Some(rollout) = Rollout::new(motion).map(|r| r.report()) else { return };
     let force = TOLERANCE / motion.robot.weight();
     let rows = [
         ("position off the rollout", rollout.position, ROLLOUT_POSITION),

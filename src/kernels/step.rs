@@ -198,7 +198,8 @@ pub fn infeasibility<T: Real>(c: &[T], g: &[T]) -> T {
     let half = T::of(0.5);
     let mut lanes = [T::zero(); 8];
     for i in 0..g.len() {
-        let over = g[i].max(T::zero());
+        // Not `max`, which would drop a NaN.
+        let over = if g[i] <= T::zero() { T::zero() } else { g[i] };
         lanes[i % 8] += over * over;
     }
     half * (super::front::dot(c, c) + lanes.into_iter().sum::<T>())

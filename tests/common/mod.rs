@@ -2,11 +2,13 @@
 #![allow(dead_code, reason = "each test binary uses a part of this")]
 
 use cregopt::gait::Schedule;
+use cregopt::kernels::Shared;
 use cregopt::nlp::layout::NONE;
+use cregopt::nlp::towr::FORCE_LIMIT;
 use cregopt::nlp::{Layout, Real};
 use cregopt::robot::Robot;
 use cregopt::scenario::Scenario;
-use cregopt::settings::TranscriptionSettings;
+use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::task::Task;
 use cregopt::terrain::{Grid, Ground, Shape, Terrain};
 use nalgebra::DMatrix;
@@ -78,6 +80,7 @@ pub fn spider(feet: usize) -> Robot {
         base_height: 0.33,
         nominal_feet: nominal_feet.collect(),
         reach: [0.2, 0.15, 0.12],
+        force_limit: None,
     };
     robot.validate().unwrap();
     robot
@@ -92,6 +95,16 @@ pub fn hills() -> Terrain {
     terrain
 }
 
+/// Settings of the `towr` transcription, at TOWR's own interval.
+pub fn towr() -> TranscriptionSettings {
+    TranscriptionSettings { rows: Transcription::Towr, ..TranscriptionSettings::default() }
+}
+
+/// Settings of both transcriptions, the default first.
+pub fn transcriptions() -> [TranscriptionSettings; 2] {
+    [TranscriptionSettings::default(), towr()]
+}
+
 /// Layout with the default settings of a schedule that is not aligned yet.
 pub fn layout<T: Real>(task: &Task, schedule: &Schedule) -> Layout<T> {
     layout_with(task, schedule, &TranscriptionSettings::default())
@@ -99,7 +112,7 @@ pub fn layout<T: Real>(task: &Task, schedule: &Schedule) -> Layout<T> {
 
 /// Layout of a schedule that is not aligned yet.
 pub fn layout_with<T: Real>(task: &Task, schedule: &Schedule, settings: &TranscriptionSettings) -> Layout<T> {
-    Layout::new(task, &schedule.aligned(settings.interval), settings)
+    Layout::new(task, &schedule.aligned(settings.interval_for(&task.robot)), settings)
 }
 
 /// Distance from terrain edges that random points keep, m: more than a central difference or f32 rounding moves them.
@@ -117,8 +130,8 @@ fn smooth(terrain: &Terrain, x: f64, y: f64) -> bool {
     })
 }
 
-/// A random point near the initial guess. Footholds, the points `edge_radius` around them, and the middles of swings stay clear of
-/// edges of the terrain.
+/// A random point near the initial guess. Footholds, the points `edge_radius` around them, and those of swings at which rows hold stay
+/// clear of edges of the terrain. Forces are near the weight per foot.
 pub fn point(layout: &Layout<f64>, random: &mut Random, edge_radius: f64) -> Vec<f64> {
     let mut x = layout.initial.clone();
     let free = |at: usize| at < layout.variables;
@@ -131,10 +144,11 @@ pub fn point(layout: &Layout<f64>, random: &mut Random, edge_radius: f64) -> Vec
         let around = [[0., 0.], [-radius, 0.], [radius, 0.], [0., -radius], [0., radius]];
         around.iter().all(|[dx, dy]| smooth(&layout.terrain, x + dx, y + dy))
     };
+    let mut number = 0;
     for foot in &layout.curves.feet {
         for &node in foot.force_nodes.iter().flatten().filter(|&&n| n != NONE) {
             for d in 0..6 {
-                x[node as usize + d] += random.between(-0.6, 0.6);
+                x[node as usize + d] = if d == 2 { 1. } else { 0. } + random.between(-0.6, 0.6);
             }
         }
         for &height in &foot.heights {
@@ -146,13 +160,17 @@ pub fn point(layout: &Layout<f64>, random: &mut Random, edge_radius: f64) -> Vec
             let mut foothold = guess;
             while free(at) {
                 foothold = guess.map(|v| v + random.between(-0.15, 0.15));
-                let middle = |p: [f64; 2]| [(p[0] + foothold[0]) / 2., (p[1] + foothold[1]) / 2.];
-                if clear(foothold, edge_radius) && previous.is_none_or(|p| clear(middle(p), 0.)) {
+                // Points of the swing that ends here at which its height is held.
+                let swings = layout.swing_nodes.iter().filter(|s| s.foothold[1] == number);
+                let on_the_way = |p: [f64; 2], [a, b]: [f64; 2]| [a * p[0] + b * foothold[0], a * p[1] + b * foothold[1]];
+                let mut passes = swings.filter_map(|s| previous.map(|p| on_the_way(p, s.xy_weights)));
+                if clear(foothold, edge_radius) && passes.all(|p| clear(p, 0.)) {
                     break;
                 }
             }
             x[at..at + 2].copy_from_slice(&foothold);
             previous = Some(foothold);
+            number += 1;
         }
     }
     x
@@ -165,16 +183,28 @@ pub struct Rows<T> {
     pub jacobian: Vec<T>,
 }
 
-/// Runs the kernels. Residuals are filled with NaN before, so that one that is not written shows.
+/// Runs the kernels at a point.
 pub fn rows<T: Real>(layout: &Layout<T>, x: &[T], edge_radius: f64) -> Rows<T> {
+    rows_with(layout, x, edge_radius, &mut shared(layout))
+}
+
+/// Runs the kernels. Residuals are filled with NaN before, so that one that is not written shows.
+pub fn rows_with<T: Real>(layout: &Layout<T>, x: &[T], edge_radius: f64, shared: &mut Shared<T>) -> Rows<T> {
     let mut rows = Rows {
         c: vec![T::nan(); layout.equalities],
         g: vec![T::nan(); layout.inequalities],
         jacobian: vec![T::zero(); layout.jacobian_len],
     };
-    let mut ground = vec![Ground::level(T::nan()); layout.footholds.len()];
-    cregopt::kernels::evaluate(layout, x, T::of(edge_radius), &mut ground, &mut rows.c, &mut rows.g, Some(&mut rows.jacobian));
+    cregopt::kernels::evaluate(layout, x, T::of(edge_radius), shared, &mut rows.c, &mut rows.g, Some(&mut rows.jacobian));
     rows
+}
+
+/// What rows share, not evaluated yet.
+pub fn shared<T: Real>(layout: &Layout<T>) -> Shared<T> {
+    let mut shared = Shared::default();
+    shared.resize(layout);
+    shared.ground.fill(Ground::level(T::nan()));
+    shared
 }
 
 /// The Jacobian as a matrix, `[rows][variables]`, from the tables of the layout.
@@ -252,6 +282,7 @@ fn reference_candidate(line: &str) -> ReferenceCandidate {
         // The reference was made with the inertia as published.
         task.robot = Arc::new(Robot::named("pexod-as-published").unwrap());
     }
+    task.force_limit = FORCE_LIMIT;
     let durations: Vec<Vec<f64>> = serde_json::from_value(value["durations"].clone()).unwrap();
     ReferenceCandidate {
         scenario: scenario.name.into(),
