@@ -12,11 +12,27 @@ fn main() {
         let l = Layout::<f32>::new(&task, &schedule, &t);
         let mut a = Solver::<f32>::default();
         let o = a.solve(&l, &s, Finish::Infeasibility(s.tolerance), None, &|| false);
-        if o.status != cregopt::solver::Status::Solved { continue }
+        if o.status != cregopt::solver::Status::Solved {
+            continue;
+        }
         let l = Layout::<f64>::new(&task, &schedule, &t);
-        let c = SolverSettings { max_iterations: s.closing_steps, closing: f64::INFINITY, edge_radius: 0., proximal: s.proximal_floor, stall: StallSettings { enabled: false, ..s.stall.clone() }, ..s.clone() };
+        let c = SolverSettings {
+            max_iterations: s.closing_steps,
+            closing: f64::INFINITY,
+            edge_radius: 0.,
+            proximal: s.proximal_floor,
+            stall: StallSettings { enabled: false, ..s.stall.clone() },
+            ..s.clone()
+        };
         let mut b = Solver::<f64>::default();
         let p = b.solve(&l, &c, Finish::Rows(s.row_tolerance), Some(&a.solution()), &|| false);
-        println!("{} f32 {} closing {:?} fac {} {:?}", v["scenario"], o.iterations, p.status, p.factorisations, b.history().iter().map(|v| format!("{v:.1e}")).collect::<Vec<_>>());
+        println!(
+            "{} f32 {} closing {:?} fac {} {:?}",
+            v["scenario"],
+            o.iterations,
+            p.status,
+            p.factorisations,
+            b.history().iter().map(|v| format!("{v:.1e}")).collect::<Vec<_>>()
+        );
     }
 }

@@ -11,11 +11,20 @@ fn main() {
     let mut verbose = false;
     let mut f64s = false;
     for a in &args[2..] {
-        if a == "-v" { verbose = true; continue }
-        if a == "-d" { f64s = true; continue }
+        if a == "-v" {
+            verbose = true;
+            continue;
+        }
+        if a == "-d" {
+            f64s = true;
+            continue;
+        }
         let (k, v) = a.split_once('=').unwrap();
         let v: serde_json::Value = serde_json::from_str(v).unwrap_or_else(|_| v.into());
-        if k == "limit" { limit = v.as_f64().unwrap(); continue }
+        if k == "limit" {
+            limit = v.as_f64().unwrap();
+            continue;
+        }
         let p = format!("/{}", k[2..].replace('.', "/"));
         let tree = if k.starts_with("t.") { &mut t } else { &mut s };
         *tree.pointer_mut(&p).unwrap() = v;
@@ -29,7 +38,9 @@ fn main() {
         let name = v["scenario"].as_str().unwrap().to_string();
         let target = v["target"].as_u64().unwrap() as usize;
         let mut task = Scenario::named(&name).unwrap().task(target).unwrap();
-        if t.rows == Transcription::Momentum { task.force_limit = limit * task.robot.weight(); }
+        if t.rows == Transcription::Momentum {
+            task.force_limit = limit * task.robot.weight();
+        }
         let schedule = Schedule::new(serde_json::from_value(v["durations"].clone()).unwrap()).unwrap().aligned(t.interval_for(&task.robot));
         let (o, h) = if f64s {
             let layout = Layout::<f64>::new(&task, &schedule, &t);
@@ -43,19 +54,46 @@ fn main() {
             (o, solver.history().to_vec())
         };
         if verbose {
-            print!("{name} {target} {} T={:.1} {:?} it {} fac {} F", v["idx"], schedule.horizon(), o.status, o.iterations, o.factorisations);
-            for i in (0..h.len()).step_by((h.len() / 60).max(1)) { print!(" {:.1e}", h[i]); }
+            print!(
+                "{name} {target} {} T={:.1} {:?} it {} fac {} F",
+                v["idx"],
+                schedule.horizon(),
+                o.status,
+                o.iterations,
+                o.factorisations
+            );
+            for i in (0..h.len()).step_by((h.len() / 60).max(1)) {
+                print!(" {:.1e}", h[i]);
+            }
             println!(" end {:.1e}", o.infeasibility);
         }
-        if std::env::var("HIST").is_ok() { println!("HIST {} {}", (o.status == cregopt::solver::Status::Solved) as u8, h.iter().map(|v| format!("{v:.3e}")).collect::<Vec<_>>().join(" ")); }
-        groups.entry(format!("{name} {target:>2}")).or_default().push((o.status == cregopt::solver::Status::Solved, o.iterations, o.factorisations));
+        if std::env::var("HIST").is_ok() {
+            println!(
+                "HIST {} {}",
+                (o.status == cregopt::solver::Status::Solved) as u8,
+                h.iter().map(|v| format!("{v:.3e}")).collect::<Vec<_>>().join(" ")
+            );
+        }
+        groups.entry(format!("{name} {target:>2}")).or_default().push((
+            o.status == cregopt::solver::Status::Solved,
+            o.iterations,
+            o.factorisations,
+        ));
     }
     let mut all = 0;
     for (k, g) in &groups {
         let ok: Vec<usize> = g.iter().filter(|x| x.0).map(|x| x.1).collect();
-        let mut m = ok.clone(); m.sort();
+        let mut m = ok.clone();
+        m.sort();
         all += ok.len();
-        println!("{k}: {}/{} median it {} total it {} fac {}", ok.len(), g.len(), m.get(m.len() / 2).unwrap_or(&0), g.iter().map(|x| x.1).sum::<usize>(), g.iter().map(|x| x.2).sum::<usize>());
+        println!(
+            "{k}: {}/{} median it {} total it {} fac {}",
+            ok.len(),
+            g.len(),
+            m.get(m.len() / 2).unwrap_or(&0),
+            g.iter().map(|x| x.1).sum::<usize>(),
+            g.iter().map(|x| x.2).sum::<usize>()
+        );
     }
     println!("solved {all}, {:.2} s", clock.elapsed().as_secs_f64());
 }

@@ -48,7 +48,14 @@ fn transcription() -> impl Strategy<Value = TranscriptionSettings> {
     let rows = prop_oneof![Just(Transcription::Momentum), Just(Transcription::Towr)];
     let goal_velocity = prop_oneof![Just(GoalVelocity::Zero), Just(GoalVelocity::Free)];
     (rows, goal_velocity, 0.04..0.4, 0.03..0.3, 2..6usize).prop_map(|(rows, goal_velocity, interval, reach_interval, force_pieces)| {
-        TranscriptionSettings { rows, goal_velocity, interval: Some(interval), reach_interval, force_pieces, ..TranscriptionSettings::default() }
+        TranscriptionSettings {
+            rows,
+            goal_velocity,
+            interval: Some(interval),
+            reach_interval,
+            force_pieces,
+            ..TranscriptionSettings::default()
+        }
     })
 }
 
@@ -114,8 +121,8 @@ fn check_sizes(layout: &Layout<f32>, schedule: &Schedule, settings: &Transcripti
     let balance = if momentum { [0, knots, knots] } else { [knots + 1, 0, 0] };
     prop_assert_eq!(layout.equalities, 6 * balance.iter().sum::<usize>());
     let reach = match momentum {
-        // Knots and half-knots, and five parts of every swing.
-        true => (2 * knots + 1) * schedule.feet() + 5 * swings,
+        // At most 0.026 s apart, and five parts of every swing.
+        true => ((layout.curves.interval / 0.026).ceil() as usize * knots + 1) * schedule.feet() + 5 * swings,
         false => layout.reach.len() * schedule.feet(),
     };
     let strides = if momentum { swings } else { 0 };

@@ -32,11 +32,8 @@ pub fn close(layout: &Layout<f64>, solution: Solution, settings: &SolverSettings
     };
     let onwards = SolverSettings { barrier: settings.barrier.min(1e-3), ..settings.clone() };
     // What f32 did not solve goes on from where it is; what it solved must close, and has more to fall back on.
-    let attempts: &[(&SolverSettings, Option<&[f64]>)] = if solved {
-        &[(&closing, Some(&solution.x)), (&onwards, Some(&solution.x))]
-    } else {
-        &[(&onwards, Some(&solution.x))]
-    };
+    let attempts: &[(&SolverSettings, Option<&[f64]>)] =
+        if solved { &[(&closing, Some(&solution.x)), (&onwards, Some(&solution.x))] } else { &[(&onwards, Some(&solution.x))] };
     let mut solver = Solver::<f64>::default();
     let mut total = solution.outcome;
     for &(settings, start) in attempts {

@@ -8,8 +8,8 @@ use crate::nlp::towr;
 use crate::report::files;
 use crate::robot::{ROBOTS, Robot};
 use crate::scenario::Scenario;
-use crate::task::Task;
 use crate::settings::{Transcription, TranscriptionSettings};
+use crate::task::Task;
 use crate::terrain::{TERRAINS, Terrain};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
@@ -203,7 +203,15 @@ impl LowerArgs {
             PrecisionArg::F64 => Precision::F64,
         };
         let sets = self.set.iter().filter(|s| !s.starts_with("search."));
-        let settings = apply(LowerSettings { transcription: TranscriptionSettings { rows, ..TranscriptionSettings::default() }, precision, ..LowerSettings::default() }, "", sets.map(String::as_str))?;
+        let settings = apply(
+            LowerSettings {
+                transcription: TranscriptionSettings { rows, ..TranscriptionSettings::default() },
+                precision,
+                ..LowerSettings::default()
+            },
+            "",
+            sets.map(String::as_str),
+        )?;
         settings.validate()?;
         Ok(settings)
     }

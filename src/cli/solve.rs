@@ -80,9 +80,11 @@ enum ObjectiveArg {
 impl Solve {
     pub fn run(&self) -> std::result::Result<Verdict, Failure> {
         let scenario = self.scenario.as_deref().map(Scenario::named).transpose()?;
-        let lower = self.lower.settings()?;
+        let mut lower = self.lower.settings()?;
         let settings = self.search_settings()?;
         let task = self.task(scenario.as_ref(), lower.transcription.rows)?;
+        // So that the result says which it was.
+        lower.transcription.interval = Some(lower.transcription.interval_for(&task.robot));
         if let Some(folder) = &self.out {
             files::make_folder(folder)?;
         }
@@ -169,7 +171,12 @@ impl Solve {
         let scenario = result.scenario.as_deref().map(|s| format!("{s}: ")).unwrap_or_default();
         let mut text = format!(
             "{scenario}{} on {}, to ({x:.3}, {y:.3}, {z:.3}) m, yaw {:.3} rad\nseed {}, {}, {} rows\n\n",
-            result.robot, result.terrain, result.yaw_target, result.seed, result.device, result.transcription.name()
+            result.robot,
+            result.terrain,
+            result.yaw_target,
+            result.seed,
+            result.device,
+            result.transcription.name()
         );
         let generations = result.generations.len();
         let evaluated: usize = result.generations.iter().map(|g| g.evaluated).sum();

@@ -3,10 +3,10 @@
 use super::args::{World, WorldArgs, robot as robot_by_name, terrain as terrain_by_name};
 use super::{Failure, Verdict, print, to_json};
 use crate::certify::{Report, verify};
-use crate::nlp::towr;
 use crate::error::{Error, Result};
 use crate::gait::Trajectory;
 use crate::gait::trajectory::NamedOr;
+use crate::nlp::towr;
 use crate::report::files;
 use crate::robot::Robot;
 use crate::scenario::Scenario;

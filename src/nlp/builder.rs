@@ -3,8 +3,8 @@
 //! What differs between transcriptions (base, dynamics, the instants of reach rows) is in [`super::towr`] and [`super::momentum`].
 
 use super::layout::{
-    Constants, Curves, DynamicsInstant, Element, Family, FootBlocks, ForceNode, Impulse, MomentumInterval, NONE, POSE_VALUES, Place,
-    ReachFoot, ReachInstant, StanceForce, Stride, SwingNode, BasePoint,
+    BasePoint, Constants, Curves, DynamicsInstant, Element, Family, FootBlocks, ForceNode, Impulse, MomentumInterval, NONE, POSE_VALUES,
+    Place, ReachFoot, ReachInstant, StanceForce, Stride, SwingNode,
 };
 use super::sweep::{self, Block, Run};
 use super::{Layout, Real, initial_guess, momentum, towr};

@@ -405,4 +405,3 @@ pub struct FootBlocks {
     /// Nodes of each stance's force, [`NONE`] where the force is zero.
     pub force_nodes: Vec<Vec<u32>>,
 }
-

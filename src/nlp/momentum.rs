@@ -212,7 +212,8 @@ const SWING_PARTS: [f64; 5] = [0.0625, 0.125, 0.5, 0.875, 0.9375];
 pub(super) fn reach_elements<T: Real>(b: &mut Builder<T>) {
     let (h, feet) = (b.interval, b.curves.feet.len());
     let pieces = (h / REACH).ceil() as usize;
-    let mut instants: Vec<(f64, std::ops::Range<usize>)> = (0..=pieces * b.intervals).map(|i| (i as f64 * h / pieces as f64, 0..feet)).collect();
+    let mut instants: Vec<(f64, std::ops::Range<usize>)> =
+        (0..=pieces * b.intervals).map(|i| (i as f64 * h / pieces as f64, 0..feet)).collect();
     for foot in 0..feet {
         for swing in b.curves.feet[foot].phases.iter().filter(|p| !p.stance) {
             instants.extend(SWING_PARTS.map(|part| (swing.start + part * swing.duration(), foot..foot + 1)));
@@ -257,7 +258,8 @@ pub(super) fn base_curves(task: &Task, layout: &Layout<f64>, x: &[f64]) -> [Curv
             })
         })
     };
-    let node = |[pose, rate]: [[f64; 6]; 2], first: usize| std::array::from_fn(|i| if i < 3 { pose[first + i] } else { rate[first + i - 3] });
+    let node =
+        |[pose, rate]: [[f64; 6]; 2], first: usize| std::array::from_fn(|i| if i < 3 { pose[first + i] } else { rate[first + i - 3] });
     let pieces = (h / PIECE).ceil() as usize;
     let mut nodes: [Vec<[f64; 6]>; 2] = Default::default();
     for k in 0..=n {
@@ -275,14 +277,7 @@ pub(super) fn base_curves(task: &Task, layout: &Layout<f64>, x: &[f64]) -> [Curv
 /// forces.
 ///
 /// Position and velocity are exact; the attitude takes two Runge-Kutta steps a piece along the exact angular momentum.
-fn between(
-    task: &Task,
-    layout: &Layout<f64>,
-    x: &[f64],
-    t: f64,
-    [pose, rate]: [[f64; 6]; 2],
-    pieces: usize,
-) -> Vec<[[f64; 6]; 2]> {
+fn between(task: &Task, layout: &Layout<f64>, x: &[f64], t: f64, [pose, rate]: [[f64; 6]; 2], pieces: usize) -> Vec<[[f64; 6]; 2]> {
     let robot = &task.robot;
     let (mass, gravity) = (robot.mass, Vector3::new(0., 0., -GRAVITY));
     let inertia = Matrix3::from_fn(|r, c| robot.inertia[r][c]);

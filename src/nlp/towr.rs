@@ -36,7 +36,6 @@ pub(super) fn base_blocks<T: Real>(b: &mut Builder<T>) {
     }
 }
 
-
 /// Newton-Euler rows at every knot.
 pub(super) fn dynamics_elements<T: Real>(b: &mut Builder<T>) {
     let spline = BSpline::new(b.intervals, b.interval);
@@ -75,7 +74,6 @@ pub(super) fn dynamics_elements<T: Real>(b: &mut Builder<T>) {
     }
 }
 
-
 /// Weights of a force at time `t`.
 fn stance_force<T: Real>(b: &Builder<T>, foot: usize, phase: usize, t: f64) -> StanceForce<T> {
     let span = b.curves.feet[foot].phases[phase];
@@ -93,7 +91,6 @@ fn stance_force<T: Real>(b: &Builder<T>, foot: usize, phase: usize, t: f64) -> S
         foothold_column: NONE,
     }
 }
-
 
 /// Reach rows of all feet every `reach_interval` and at the end.
 pub(super) fn reach_elements<T: Real>(b: &mut Builder<T>) {
@@ -139,4 +136,3 @@ pub(super) fn base_curve(task: &Task, layout: &Layout<f64>, x: &[f64], first: us
     });
     Curve { poly_durations: vec![h; n], nodes: nodes.collect() }
 }
-

@@ -13,8 +13,8 @@ mod status;
 
 pub use status::{Outcome, Status};
 
-use crate::kernels::front::{self, Factor, NormalEquations};
 use crate::kernels::Shared;
+use crate::kernels::front::{self, Factor, NormalEquations};
 use crate::kernels::step::{self, Aim, Slacks};
 use crate::nlp::layout::Family;
 use crate::nlp::{Layout, Real};

@@ -199,6 +199,19 @@ pub fn rows_with<T: Real>(layout: &Layout<T>, x: &[T], edge_radius: f64, shared:
     rows
 }
 
+/// What rows share at a point, the deviations of the base from its cubics frozen there.
+pub fn frozen_at<T: Real>(layout: &Layout<T>, x: &[T], edge_radius: f64) -> Shared<T> {
+    let mut shared = shared(layout);
+    rows_with(layout, x, edge_radius, &mut shared);
+    shared.frozen = true;
+    shared
+}
+
+/// What rows share when the base follows its cubics.
+pub fn straight<T: Real>(layout: &Layout<T>) -> Shared<T> {
+    Shared { frozen: true, ..shared(layout) }
+}
+
 /// What rows share, not evaluated yet.
 pub fn shared<T: Real>(layout: &Layout<T>) -> Shared<T> {
     let mut shared = Shared::default();
