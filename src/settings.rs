@@ -103,6 +103,8 @@ pub struct SolverSettings {
     pub closing: f64,
     /// Closing steps in f64 after an f32 solve, before the solve is repeated in f64.
     pub closing_steps: usize,
+    /// Make what is feasible pleasant, too.
+    pub smooth: SmoothSettings,
     /// End candidates that make no progress.
     pub stall: StallSettings,
 }
@@ -120,8 +122,26 @@ impl Default for SolverSettings {
             edge_radius: 0.04,
             closing: 1e-6,
             closing_steps: 8,
+            smooth: SmoothSettings::default(),
             stall: StallSettings::default(),
         }
+    }
+}
+
+/// Iterations on a solved motion that lower its cost: forces against equal shares of the weight, their slopes, attitude and rates of the base
+/// against the initial guess. Only `momentum` has a cost.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SmoothSettings {
+    /// How many; 0: none.
+    pub iterations: usize,
+    /// Weight of the cost against the rows. Larger: faster, until multipliers of the rows cannot follow.
+    pub weight: f64,
+}
+
+impl Default for SmoothSettings {
+    fn default() -> Self {
+        SmoothSettings { iterations: 0, weight: 0.01 }
     }
 }
 
@@ -193,6 +213,8 @@ impl SolverSettings {
         check_range("solver.edge_radius", self.edge_radius, 0., 1.)?;
         check_range("solver.closing", self.closing, 0., 1e3)?;
         check_range("solver.closing_steps", self.closing_steps as f64, 0., 100.)?;
+        check_range("solver.smooth.iterations", self.smooth.iterations as f64, 0., 1e4)?;
+        check_range("solver.smooth.weight", self.smooth.weight, 1e-9, 1e3)?;
         check_range("solver.stall.start", self.stall.start as f64, 1., 1e6)?;
         check_range("solver.stall.window", self.stall.window as f64, 1., 1e3)?;
         check_range("solver.stall.budget", self.stall.budget, 1., 1e6)

@@ -249,6 +249,14 @@ pub fn nonlinearity<T: Real>(c: &[T], c_linear: &[T], g: &[T], g_linear: &[T]) -
     T::of(0.5) * lanes.into_iter().sum::<T>()
 }
 
+/// `a += b`.
+#[multiversion(targets("x86_64+avx2"))]
+pub fn add<T: Real>(a: &mut [T], b: &[T]) {
+    for (a, b) in a.iter_mut().zip(b) {
+        *a += *b;
+    }
+}
+
 /// `out = a + step * b`.
 #[multiversion(targets("x86_64+avx2"))]
 pub fn advance<T: Real>(a: &[T], step: T, b: &[T], out: &mut [T]) {

@@ -130,8 +130,13 @@ impl<'a, T: Real> Builder<'a, T> {
 
     /// Adds a block and returns its id.
     pub fn block(&mut self, fixed: bool, initial: Vec<f64>) -> u32 {
-        self.blocks.push(Block { initial, pull: 0., fixed, first: usize::MAX, last: 0 });
+        self.blocks.push(Block { initial, pull: [0.; 6], fixed, first: usize::MAX, last: 0 });
         (self.blocks.len() - 1) as u32
+    }
+
+    /// Has a block pulled to its initial values.
+    pub fn pull(&mut self, block: u32, pull: [f64; 6]) {
+        self.blocks[block as usize].pull = pull;
     }
 
     /// Straight line from start to goal: pose at time `t`.
@@ -198,7 +203,7 @@ impl<'a, T: Real> Builder<'a, T> {
         let feet = self.curves.feet.len();
         let in_contact = (0..feet).filter(|&f| self.curves.feet[f].phases[self.phase_at(f, t)].stance).count();
         let id = self.block(false, vec![0., 0., feet as f64 / in_contact as f64, 0., 0., 0.]);
-        self.blocks[id as usize].pull = 1.;
+        self.pull(id, [1.; 6]);
         id
     }
 
@@ -380,7 +385,7 @@ impl<'a, T: Real> Builder<'a, T> {
             for (i, &v) in block.initial.iter().enumerate() {
                 initial[at as usize + i] = T::of(v);
                 if !block.fixed {
-                    pull[at as usize + i] = T::of(block.pull);
+                    pull[at as usize + i] = T::of(block.pull[i]);
                 }
             }
         }

@@ -30,6 +30,11 @@ pub const MID_SPEED: f64 = 0.75;
 /// Highest horizontal speed in a swing, in mean speeds: of `v(u) = (6 - 2 c) u - (6 - 3 c) u^2` in each half, with `c` = [`MID_SPEED`].
 pub const TOP_SPEED: f64 = (6. - 2. * MID_SPEED) * (6. - 2. * MID_SPEED) / (4. * (6. - 3. * MID_SPEED));
 
+/// How firmly the base is pulled to the initial guess, against 1 for a force of the weight per foot: its attitude, 1/rad², and its rates,
+/// s²/m² and s²/rad².
+const POSE_PULL: [f64; 6] = [0., 0., 0., 1., 1., 1.];
+const RATE_PULL: [f64; 6] = [0.1; 6];
+
 /// Part of the horizon in which the initial guess speeds up, and slows down again.
 const RAMP: f64 = 0.3;
 
@@ -114,6 +119,8 @@ pub(super) fn base_blocks<T: Real>(b: &mut Builder<T>) {
         let rate = (0..6).map(|i| rate[i] - (goal[i] - start[i]) / b.horizon).collect();
         let pose = b.block(first || last, pose);
         let rate = b.block(first || (last && b.settings.goal_velocity == GoalVelocity::Zero), rate);
+        b.pull(pose, POSE_PULL);
+        b.pull(rate, RATE_PULL);
         b.curves.base.extend([pose, rate]);
     }
 }

@@ -44,8 +44,8 @@ pub struct Step {
 /// A block before it has its place in `x`.
 pub(super) struct Block {
     pub initial: Vec<f64>,
-    /// How firmly its variables are pulled to their initial values.
-    pub pull: f64,
+    /// How firmly its variables, at most six, are pulled to their initial values.
+    pub pull: [f64; 6],
     pub fixed: bool,
     /// First and last step of the sweep that touch it.
     pub first: usize,

@@ -67,6 +67,8 @@ pub struct Solver<T> {
     jacobian: Vec<T>,
     /// That of the trial point.
     next_jacobian: Vec<T>,
+    /// Multipliers of the equalities; zero but while a cost is lowered.
+    multiplier: Vec<T>,
     weight: Vec<T>,
     value: Vec<T>,
     slacks: Slacks<T>,
@@ -95,6 +97,7 @@ impl<T: Real> Default for Solver<T> {
             linear: Residuals::default(),
             jacobian: Vec::new(),
             next_jacobian: Vec::new(),
+            multiplier: Vec::new(),
             weight: Vec::new(),
             value: Vec::new(),
             slacks: Slacks::default(),
@@ -116,6 +119,8 @@ enum Attempt {
 const CLOSING_RATE: f64 = 0.1;
 /// Infeasibility above which the stall rule speaks, in that at which closing starts: below it rounding makes it rest now and then.
 const STALL_ABOVE: f64 = 10.;
+/// Barrier parameter at which a cost begins to be lowered: near rows bend it early.
+const SMOOTH_BARRIER: f64 = 1e-3;
 /// Smallest barrier parameter.
 const BARRIER_FLOOR: f64 = 1e-9;
 /// Attempts to step before an iteration gives up, each with a larger proximal weight.
@@ -140,14 +145,7 @@ impl<T: Real> Solver<T> {
         self.linearise(layout);
         step::column_scaling(layout, &self.jacobian, &mut self.scaling);
         let mut mu = settings.barrier;
-        // At the default barrier 0.1; a solve that starts near its end starts with small slacks, too.
-        let least_slack = T::of((0.2 * mu).sqrt());
-        for i in 0..layout.inequalities {
-            let s = self.now.g[i].abs().max(least_slack);
-            self.slacks.slack[i] = s;
-            self.slacks.multiplier[i] = T::of(mu) / s;
-        }
-
+        self.start_slacks(layout, mu);
         let (mut eps, mut closing_eps) = (settings.proximal, settings.proximal_floor);
         let mut closing_below = settings.closing;
         let mut closing = false;
@@ -169,6 +167,7 @@ impl<T: Real> Solver<T> {
                 continue;
             }
             if self.finished(layout, finish, f) {
+                self.smooth(layout, settings, finish, &mut outcome, cancel);
                 return outcome.ended(Status::Solved);
             }
             if outcome.iterations >= settings.max_iterations {
@@ -211,10 +210,81 @@ impl<T: Real> Solver<T> {
                     }
                 }
             }
-            std::mem::swap(&mut self.x, &mut self.trial);
-            std::mem::swap(&mut self.now, &mut self.next);
-            std::mem::swap(&mut self.jacobian, &mut self.next_jacobian);
+            self.advance();
             outcome.iterations += 1;
+        }
+    }
+
+    /// Takes the trial point.
+    fn advance(&mut self) {
+        std::mem::swap(&mut self.x, &mut self.trial);
+        std::mem::swap(&mut self.now, &mut self.next);
+        std::mem::swap(&mut self.jacobian, &mut self.next_jacobian);
+    }
+
+    /// Lowers the cost of a solved motion by the method of multipliers, one barrier step between two updates of those of the equalities
+    /// (inequalities have theirs all along), then closes again. A motion that does not close is taken back.
+    fn smooth(&mut self, layout: &Layout<T>, settings: &SolverSettings, finish: Finish, outcome: &mut Outcome, cancel: &dyn Fn() -> bool) {
+        if settings.smooth.iterations == 0 || layout.pull.iter().all(|p| *p == T::zero()) {
+            return;
+        }
+        let solved = self.x.clone();
+        let (mut mu, mut eps) = (SMOOTH_BARRIER, settings.proximal_floor);
+        self.start_slacks(layout, mu);
+        for _ in 0..settings.smooth.iterations {
+            if cancel() {
+                break;
+            }
+            match self.attempt(layout, false, &mut mu, settings.smooth.weight, &mut eps, outcome) {
+                Attempt::Refused => break,
+                Attempt::Accepted { step, .. } => {
+                    step::update_slacks(&mut self.slacks, T::of(step));
+                    self.advance();
+                    outcome.iterations += 1;
+                    // The residuals have the old multipliers in them: those are the new ones, and come on top of what they leave.
+                    for (c, multiplier) in self.now.c.iter_mut().zip(&mut self.multiplier) {
+                        let residual = *c - *multiplier;
+                        *multiplier = *c;
+                        *c += residual;
+                    }
+                }
+            }
+        }
+        self.multiplier.fill(T::zero());
+        self.linearise(layout);
+        let mut eps = settings.proximal_floor;
+        let closed = |solver: &Self| {
+            let f = step::infeasibility(&solver.now.c, &solver.now.g).as_f64();
+            solver.finished(layout, finish, f).then_some(f)
+        };
+        for _ in 0..settings.closing_steps {
+            if closed(self).is_some() {
+                break;
+            }
+            outcome.infeasibility = step::infeasibility(&self.now.c, &self.now.g).as_f64();
+            match self.attempt(layout, true, &mut mu, 0., &mut eps, outcome) {
+                Attempt::Refused => break,
+                Attempt::Accepted { .. } => {
+                    self.advance();
+                    outcome.iterations += 1;
+                }
+            }
+        }
+        if closed(self).is_none() {
+            self.x = solved;
+            self.linearise(layout);
+        }
+        outcome.infeasibility = step::infeasibility(&self.now.c, &self.now.g).as_f64();
+    }
+
+    /// Slacks at a point, and the multipliers that go with a barrier parameter.
+    fn start_slacks(&mut self, layout: &Layout<T>, mu: f64) {
+        // At the default barrier 0.1; what starts near its end starts with small slacks, too.
+        let least = T::of((0.2 * mu).sqrt());
+        for i in 0..layout.inequalities {
+            let s = self.now.g[i].abs().max(least);
+            self.slacks.slack[i] = s;
+            self.slacks.multiplier[i] = T::of(mu) / s;
         }
     }
 
@@ -246,6 +316,8 @@ impl<T: Real> Solver<T> {
             jacobian.resize(layout.jacobian_len, T::zero());
         }
         self.local.resize(layout.widest, T::zero());
+        self.multiplier.clear();
+        self.multiplier.resize(layout.equalities, T::zero());
         self.weight.resize(layout.rows, T::zero());
         self.value.resize(layout.rows, T::zero());
         for v in [&mut self.slacks.slack, &mut self.slacks.multiplier, &mut self.slacks.slack_step, &mut self.slacks.multiplier_step] {
@@ -317,6 +389,7 @@ impl<T: Real> Solver<T> {
                 &mut self.next.g,
                 Some(&mut self.next_jacobian),
             );
+            step::add(&mut self.next.c, &self.multiplier);
             let mu_t = T::of(*mu);
             let pull_cost = |x: &[T]| pull * step::pull_cost(&layout.pull, &x[..layout.variables], &layout.initial).as_f64();
             let merit = self.now.merit(closing, mu_t) + pull_cost(&self.x);
