@@ -1,6 +1,7 @@
 //! Every tunable value of the transcription and the solver, with unit, default and limits.
 
 use crate::error::{Result, check_range};
+use crate::gait::trajectory::MotionLimits;
 use crate::robot::{GRAVITY, Robot};
 use serde::{Deserialize, Serialize};
 
@@ -167,6 +168,16 @@ impl Default for StallSettings {
 }
 
 impl TranscriptionSettings {
+    /// What its motions keep to besides their rows.
+    pub fn limits(&self) -> MotionLimits {
+        MotionLimits {
+            clearance: self.clearance,
+            swing_height: self.swing_height,
+            foot_speed: self.foot_speed,
+            goal_velocity: self.goal_velocity,
+        }
+    }
+
     /// Interval of base knots and dynamics rows for a robot, s, when the settings name none.
     ///
     /// `towr` has 0.1 s. In `momentum` it follows how fast a body on such legs can turn and fall: half of `sqrt(l / g)`, in steps of

@@ -727,11 +727,15 @@ fn terms_of_single_variables_and_the_cost_of_the_pull_are_their_plain_formulas()
         assert_close(&[step::pull_cost(&pull, &x[..n], &layout.initial)], &[cost], SUM_TOLERANCE, "cost");
         assert_eq!(step::pull_cost(&pull, &layout.initial[..n], &layout.initial), 0.);
 
-        // Forces are pulled, in `momentum` alone.
+        // Forces, attitudes and rates are pulled, in `momentum` alone.
         let mut expected = vec![0.; n];
         if layout.transcription == Transcription::Momentum {
             for &node in layout.curves.feet.iter().flat_map(|f| &f.force_nodes).flatten().filter(|&&node| node != NONE) {
                 expected[node as usize..node as usize + 6].fill(1.);
+            }
+            for (i, &block) in layout.curves.base.iter().enumerate().filter(|(_, block)| (**block as usize) < n) {
+                let pull = if i % 2 == 0 { [0., 0., 0., 1., 1., 1.] } else { [0.1; 6] };
+                expected[block as usize..block as usize + 6].copy_from_slice(&pull);
             }
         }
         assert_eq!(layout.pull, expected);

@@ -5,13 +5,14 @@ mod common;
 use common::{Random, ReferenceCandidate, gait, layout, layout_with, reference_candidates, task, towr, transcriptions};
 use cregopt::backend::{Backend, Cpu, Precision, Problem, Solution};
 use cregopt::cem::{CemSettings, StopReason};
-use cregopt::certify::verify_rows;
+use cregopt::certify::{verify, verify_rows};
 use cregopt::evaluate::{Evaluated, LowerSettings, evaluate};
 use cregopt::gait::Schedule;
+use cregopt::kernels::step::pull_cost;
 use cregopt::nlp::Real;
 use cregopt::scenario::Scenario;
 use cregopt::search::search;
-use cregopt::settings::{SolverSettings, StallSettings, TranscriptionSettings};
+use cregopt::settings::{SmoothSettings, SolverSettings, StallSettings, TranscriptionSettings};
 use cregopt::solver::{Finish, Outcome, Solver, Status};
 use cregopt::task::Task;
 use std::alloc::{GlobalAlloc, Layout as Memory, System};
@@ -319,6 +320,47 @@ fn reference_candidates_are_solved_in_both_precisions() {
         }
     }
     assert!(failures.is_empty(), "{failures:#?}");
+}
+
+#[test]
+fn momentum_gaits_of_the_biped_hold_between_the_instants() {
+    let Some(candidates) = reference_candidates("momentum_gaits_of_the_biped_hold_between_the_instants") else { return };
+    let chosen: Vec<&ReferenceCandidate> = candidates.iter().filter(|c| c.scenario == "biped" && c.target == 10).collect();
+    // The robot's own force limit, not TOWR's.
+    let tasks: Vec<Task> = chosen.iter().map(|_| Scenario::named("biped").unwrap().task(10).unwrap()).collect();
+    let pairs: Vec<(&Task, &Schedule)> = tasks.iter().zip(&chosen).map(|(task, c)| (task, &c.schedule)).collect();
+    for precision in [Precision::F32, Precision::F64] {
+        for (index, evaluated) in
+            evaluate_all(&pairs, &lower(TranscriptionSettings::default(), precision), 2).into_iter().flatten().enumerate()
+        {
+            let trajectory = &evaluated.trajectory;
+            assert!(evaluated.feasible, "candidate {index}, {precision:?}: {} rows violated", evaluated.n_violated);
+            let report = verify(trajectory, &tasks[0].robot, &tasks[0].terrain, tasks[0].force_limit).unwrap();
+            let rollout = report.rollout.unwrap();
+            assert!(rollout.position.value < 0.01 && rollout.attitude.value < 1. && report.dense.reach_excess.value < 5e-3, "{report}");
+            assert!(report.dense.final_base_speed < 1e-4);
+            assert_eq!((report.dense.pull.value, report.dense.friction_excess.value), (0., 0.));
+        }
+    }
+}
+
+#[test]
+fn smoothing_lowers_the_cost_of_a_motion_that_stays_solved() {
+    let (task, schedule) = walking();
+    let transcription = TranscriptionSettings::default();
+    let layout = layout_with::<f64>(&task, &schedule, &transcription);
+    let cost = |smooth: SmoothSettings| {
+        let settings = SolverSettings { smooth, ..SolverSettings::default() };
+        let mut solver = Solver::<f64>::default();
+        let outcome = solver.solve(&layout, &settings, Finish::Rows(settings.row_tolerance), None, &|| false);
+        assert_eq!(outcome.status, Status::Solved);
+        pull_cost(&layout.pull, &solver.solution()[..layout.variables], &layout.initial)
+    };
+    let plain = cost(SmoothSettings::default());
+    let smooth = |iterations| cost(SmoothSettings { iterations, ..SmoothSettings::default() });
+    let (some, many) = (smooth(10), smooth(40));
+    assert!(some < 0.99 * plain, "{some} after, {plain} before");
+    assert!(many < 1.01 * some, "{many} after more of it, {some} before");
 }
 
 #[test]

@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::gait::Trajectory;
 use crate::gait::trajectory::MotionLimits;
 use crate::robot::Robot;
-use crate::settings::{GoalVelocity, Transcription};
+use crate::settings::{GoalVelocity, Transcription, TranscriptionSettings};
 use crate::terrain::Terrain;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -301,7 +301,7 @@ pub fn verify_rows(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain, fo
             Family::Force => force(&mut tally, &motion, terrain, force_limit),
             Family::Swing if impulsive => swing_heights(&mut tally, &motion, terrain, trajectory.limits),
             Family::Swing => swing(&mut tally, &motion),
-            Family::Bounds => bounds(&mut tally, &motion, trajectory, terrain),
+            Family::Bounds => bounds(&mut tally, &motion, trajectory, terrain, impulsive),
             Family::Structure => structure(&mut tally, &motion),
             Family::Motion if impulsive && broken == 0 => between(&mut tally, &motion, terrain),
             Family::Motion => {}
@@ -441,14 +441,16 @@ fn swing(tally: &mut Tally, motion: &Motion) {
 }
 
 fn swing_heights(tally: &mut Tally, motion: &Motion, terrain: &Terrain, limits: Option<MotionLimits>) {
-    let Some(limits) = limits else { return };
+    // A file that names no limits is held to the defaults.
+    let limits = limits.unwrap_or_else(|| TranscriptionSettings::default().limits());
     for (foot, curves) in motion.feet.iter().enumerate() {
-        for mid in mid_nodes(curves) {
-            let (time, place) = (curves.motion.times[mid], curves.motion.value(mid));
+        for swing in curves.switches.chunks_exact(2) {
+            let (start, end) = (swing[0], swing[1]);
+            let time = (start + end) / 2.;
+            let place = curves.motion.at(time).value;
             let height = place.z - terrain.height(place.x, place.y);
             tally.not_positive(limits.clearance - height, format_args!("mid node too low"), Some(foot), time);
             tally.not_positive(height - limits.swing_height, format_args!("mid node too high"), Some(foot), time);
-            let (start, end) = (curves.motion.times[mid - 1], curves.motion.times[mid + 1]);
             let speed = |i: u32| curves.motion.at(start + (end - start) * f64::from(i) / f64::from(SPEED_SAMPLES)).first.xy().norm();
             let fastest = (1..SPEED_SAMPLES).map(speed).fold(0., f64::max);
             tally.not_positive(fastest - limits.foot_speed, format_args!("foot too fast"), Some(foot), time);
@@ -456,7 +458,7 @@ fn swing_heights(tally: &mut Tally, motion: &Motion, terrain: &Terrain, limits: 
     }
 }
 
-fn bounds(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain: &Terrain) {
+fn bounds(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain: &Terrain, impulsive: bool) {
     let robot = motion.robot;
     let start = trajectory.init_base.unwrap_or([0., 0., robot.base_height + terrain.height(0., 0.)]);
     let (lin, ang) = (&motion.base_lin, &motion.base_ang);
@@ -467,7 +469,7 @@ fn bounds(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain: 
     let (goal, attitude) = (Vector3::from(trajectory.base_target), Vector3::new(0., 0., trajectory.yaw_target));
     tally.zero(lin.value(lin.times.len() - 1) - goal, "final position", AXES, None, motion.horizon);
     tally.zero(ang.value(ang.times.len() - 1) - attitude, "final angle", ANGLES, None, motion.horizon);
-    if trajectory.limits.is_some_and(|l| l.goal_velocity == GoalVelocity::Zero) {
+    if impulsive && trajectory.limits.is_none_or(|l| l.goal_velocity == GoalVelocity::Zero) {
         tally.zero(lin.slope(lin.times.len() - 1), "final velocity", AXES, None, motion.horizon);
         tally.zero(ang.slope(ang.times.len() - 1), "final rate", ANGLES, None, motion.horizon);
     }

@@ -8,7 +8,7 @@ use crate::nlp::towr;
 use crate::report::files;
 use crate::robot::{ROBOTS, Robot};
 use crate::scenario::Scenario;
-use crate::settings::{Transcription, TranscriptionSettings};
+use crate::settings::{SolverSettings, Transcription, TranscriptionSettings};
 use crate::task::Task;
 use crate::terrain::{TERRAINS, Terrain};
 use clap::{Args, ValueEnum};
@@ -174,12 +174,18 @@ pub enum PrecisionArg {
     F64,
 }
 
+/// Iterations of `--smooth`: after as many, the cost falls no further.
+const SMOOTH_ITERATIONS: usize = 20;
+
 /// How to solve.
 #[derive(Debug, Args)]
 pub struct LowerArgs {
     /// Rows that a motion must satisfy
     #[arg(long, value_enum, default_value = "momentum")]
     pub transcription: TranscriptionArg,
+    /// Lower a cost of forces and of base motion after each solve: feasible and gentler, a third slower
+    #[arg(long)]
+    pub smooth: bool,
     /// Scalar of the solver
     #[arg(long, value_enum, default_value = "f32")]
     pub precision: PrecisionArg,
@@ -202,16 +208,13 @@ impl LowerArgs {
             PrecisionArg::F32 => Precision::F32,
             PrecisionArg::F64 => Precision::F64,
         };
+        let mut solver = SolverSettings::default();
+        if self.smooth {
+            solver.smooth.iterations = SMOOTH_ITERATIONS;
+        }
         let sets = self.set.iter().filter(|s| !s.starts_with("search."));
-        let settings = apply(
-            LowerSettings {
-                transcription: TranscriptionSettings { rows, ..TranscriptionSettings::default() },
-                precision,
-                ..LowerSettings::default()
-            },
-            "",
-            sets.map(String::as_str),
-        )?;
+        let transcription = TranscriptionSettings { rows, ..TranscriptionSettings::default() };
+        let settings = apply(LowerSettings { transcription, solver, precision }, "", sets.map(String::as_str))?;
         settings.validate()?;
         Ok(settings)
     }

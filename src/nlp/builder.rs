@@ -9,7 +9,6 @@ use super::layout::{
 use super::sweep::{self, Block, Run};
 use super::{Layout, Real, initial_guess, momentum, towr};
 use crate::gait::spline::hermite;
-use crate::gait::trajectory::MotionLimits;
 use crate::gait::{Phase, Schedule};
 use crate::robot::GRAVITY;
 use crate::settings::{Transcription, TranscriptionSettings};
@@ -466,12 +465,7 @@ impl<'a, T: Real> Builder<'a, T> {
             constants: self.constants(),
             limits: match self.settings.rows {
                 Transcription::Towr => None,
-                Transcription::Momentum => Some(MotionLimits {
-                    clearance: self.settings.clearance,
-                    swing_height: self.settings.swing_height,
-                    foot_speed: self.settings.foot_speed,
-                    goal_velocity: self.settings.goal_velocity,
-                }),
+                Transcription::Momentum => Some(self.settings.limits()),
             },
             terrain: self.task.terrain.clone(),
             footholds: self.foothold_blocks,

@@ -42,6 +42,11 @@ impl<T: Real> Residuals<T> {
         self.g.resize(layout.inequalities, T::zero());
     }
 
+    fn clear(&mut self) {
+        self.c.fill(T::zero());
+        self.g.fill(T::zero());
+    }
+
     /// What a step must lower: the infeasibility in closing steps, the smoothed merit else.
     fn merit(&self, closing: bool, mu: T) -> f64 {
         if closing { step::infeasibility(&self.c, &self.g).as_f64() } else { step::merit(&self.c, &self.g, mu) }
@@ -67,8 +72,8 @@ pub struct Solver<T> {
     jacobian: Vec<T>,
     /// That of the trial point.
     next_jacobian: Vec<T>,
-    /// Multipliers of the equalities; zero but while a cost is lowered.
-    multiplier: Vec<T>,
+    /// Multipliers that residuals are shifted by, of equalities and inequalities; zero but while a cost is lowered.
+    shift: Residuals<T>,
     weight: Vec<T>,
     value: Vec<T>,
     slacks: Slacks<T>,
@@ -97,7 +102,7 @@ impl<T: Real> Default for Solver<T> {
             linear: Residuals::default(),
             jacobian: Vec::new(),
             next_jacobian: Vec::new(),
-            multiplier: Vec::new(),
+            shift: Residuals::default(),
             weight: Vec::new(),
             value: Vec::new(),
             slacks: Slacks::default(),
@@ -144,19 +149,35 @@ impl<T: Real> Solver<T> {
         self.edge_radius = if layout.terrain.has_edges() { T::of(settings.edge_radius) } else { T::zero() };
         self.linearise(layout);
         step::column_scaling(layout, &self.jacobian, &mut self.scaling);
+        let mut outcome = Outcome { status: Status::MaxIterations, iterations: 0, factorisations: 0, infeasibility: f64::NAN };
+        outcome.status = self.iterate(layout, settings, finish, &mut outcome, cancel);
+        if outcome.status == Status::Solved {
+            self.smooth(layout, settings, finish, &mut outcome, cancel);
+        }
+        outcome
+    }
+
+    /// Barrier and closing steps from the linearisation at `x` to the end. Returns how it ended; `x` is the last point.
+    fn iterate(
+        &mut self,
+        layout: &Layout<T>,
+        settings: &SolverSettings,
+        finish: Finish,
+        outcome: &mut Outcome,
+        cancel: &dyn Fn() -> bool,
+    ) -> Status {
         let mut mu = settings.barrier;
         self.start_slacks(layout, mu);
         let (mut eps, mut closing_eps) = (settings.proximal, settings.proximal_floor);
         let mut closing_below = settings.closing;
         let mut closing = false;
         let mut closing_from = f64::INFINITY;
-        let mut outcome = Outcome { status: Status::MaxIterations, iterations: 0, factorisations: 0, infeasibility: f64::NAN };
         loop {
             let f = step::infeasibility(&self.now.c, &self.now.g).as_f64();
             outcome.infeasibility = f;
             self.history.push(f);
             if !f.is_finite() {
-                return outcome.ended(Status::NonFinite);
+                return Status::NonFinite;
             }
             if f < settings.closing && self.edge_radius > T::zero() {
                 // Near enough: from here on the exact rows.
@@ -167,17 +188,16 @@ impl<T: Real> Solver<T> {
                 continue;
             }
             if self.finished(layout, finish, f) {
-                self.smooth(layout, settings, finish, &mut outcome, cancel);
-                return outcome.ended(Status::Solved);
+                return Status::Solved;
             }
             if outcome.iterations >= settings.max_iterations {
-                return outcome;
+                return Status::MaxIterations;
             }
             if self.stalled(settings) {
-                return outcome.ended(Status::Stalled);
+                return Status::Stalled;
             }
             if cancel() {
-                return outcome.ended(Status::Cancelled);
+                return Status::Cancelled;
             }
             if closing && f > CLOSING_RATE * closing_from && settings.closing.is_finite() {
                 // It closes on the wrong rows: back to the barrier until they are better known.
@@ -191,14 +211,14 @@ impl<T: Real> Solver<T> {
                 closing_eps = settings.proximal_floor;
             }
             let eps = if closing { &mut closing_eps } else { &mut eps };
-            match self.attempt(layout, closing, &mut mu, pull, eps, &mut outcome) {
+            match self.attempt(layout, closing, &mut mu, pull, eps, outcome) {
                 Attempt::Refused if closing => {
                     // Back to the barrier until the violated rows are better known.
                     closing = false;
                     closing_below *= 0.1;
                     continue;
                 }
-                Attempt::Refused => return outcome.ended(Status::Stalled),
+                Attempt::Refused => return Status::Stalled,
                 Attempt::Accepted { step, ratio } => {
                     if ratio > 0.7 {
                         *eps = (*eps / 4.).max(settings.proximal_floor);
@@ -222,59 +242,45 @@ impl<T: Real> Solver<T> {
         std::mem::swap(&mut self.jacobian, &mut self.next_jacobian);
     }
 
-    /// Lowers the cost of a solved motion by the method of multipliers, one barrier step between two updates of those of the equalities
-    /// (inequalities have theirs all along), then closes again. A motion that does not close is taken back.
+    /// Lowers the cost of a solved motion by the method of multipliers, one barrier step between two updates, then solves on without it.
+    /// A motion that is not solved again is taken back.
     fn smooth(&mut self, layout: &Layout<T>, settings: &SolverSettings, finish: Finish, outcome: &mut Outcome, cancel: &dyn Fn() -> bool) {
         if settings.smooth.iterations == 0 || layout.pull.iter().all(|p| *p == T::zero()) {
             return;
         }
-        let solved = self.x.clone();
-        let (mut mu, mut eps) = (SMOOTH_BARRIER, settings.proximal_floor);
+        let (solved, infeasibility) = (self.x.clone(), outcome.infeasibility);
+        let onwards = SolverSettings { barrier: settings.barrier.min(SMOOTH_BARRIER), pull: 0., ..settings.clone() };
+        let (mut mu, mut eps) = (onwards.barrier, settings.proximal_floor);
         self.start_slacks(layout, mu);
         for _ in 0..settings.smooth.iterations {
             if cancel() {
                 break;
             }
-            match self.attempt(layout, false, &mut mu, settings.smooth.weight, &mut eps, outcome) {
-                Attempt::Refused => break,
-                Attempt::Accepted { step, .. } => {
-                    step::update_slacks(&mut self.slacks, T::of(step));
-                    self.advance();
-                    outcome.iterations += 1;
-                    // The residuals have the old multipliers in them: those are the new ones, and come on top of what they leave.
-                    for (c, multiplier) in self.now.c.iter_mut().zip(&mut self.multiplier) {
-                        let residual = *c - *multiplier;
-                        *multiplier = *c;
-                        *c += residual;
-                    }
-                }
-            }
-        }
-        self.multiplier.fill(T::zero());
-        self.linearise(layout);
-        let mut eps = settings.proximal_floor;
-        let closed = |solver: &Self| {
-            let f = step::infeasibility(&solver.now.c, &solver.now.g).as_f64();
-            solver.finished(layout, finish, f).then_some(f)
-        };
-        for _ in 0..settings.closing_steps {
-            if closed(self).is_some() {
+            let Attempt::Accepted { step, .. } = self.attempt(layout, false, &mut mu, settings.smooth.weight, &mut eps, outcome) else {
                 break;
+            };
+            step::update_slacks(&mut self.slacks, T::of(step));
+            self.advance();
+            outcome.iterations += 1;
+            // Equalities: multiplier and residual make the new multiplier. Inequalities have theirs from the barrier.
+            for (c, shift) in self.now.c.iter_mut().zip(&mut self.shift.c) {
+                let residual = *c - *shift;
+                *shift = *c;
+                *c += residual;
             }
-            outcome.infeasibility = step::infeasibility(&self.now.c, &self.now.g).as_f64();
-            match self.attempt(layout, true, &mut mu, 0., &mut eps, outcome) {
-                Attempt::Refused => break,
-                Attempt::Accepted { .. } => {
-                    self.advance();
-                    outcome.iterations += 1;
-                }
+            for ((g, shift), z) in self.now.g.iter_mut().zip(&mut self.shift.g).zip(&self.slacks.multiplier) {
+                *g += *z - *shift;
+                *shift = *z;
             }
         }
-        if closed(self).is_none() {
+        self.shift.clear();
+        self.linearise(layout);
+        self.stall_from = self.history.len();
+        let limits = SolverSettings { max_iterations: outcome.iterations + settings.max_iterations, ..onwards };
+        if self.iterate(layout, &limits, finish, outcome, cancel) != Status::Solved {
             self.x = solved;
-            self.linearise(layout);
+            outcome.infeasibility = infeasibility;
         }
-        outcome.infeasibility = step::infeasibility(&self.now.c, &self.now.g).as_f64();
     }
 
     /// Slacks at a point, and the multipliers that go with a barrier parameter.
@@ -316,8 +322,8 @@ impl<T: Real> Solver<T> {
             jacobian.resize(layout.jacobian_len, T::zero());
         }
         self.local.resize(layout.widest, T::zero());
-        self.multiplier.clear();
-        self.multiplier.resize(layout.equalities, T::zero());
+        self.shift.resize(layout);
+        self.shift.clear();
         self.weight.resize(layout.rows, T::zero());
         self.value.resize(layout.rows, T::zero());
         for v in [&mut self.slacks.slack, &mut self.slacks.multiplier, &mut self.slacks.slack_step, &mut self.slacks.multiplier_step] {
@@ -389,7 +395,8 @@ impl<T: Real> Solver<T> {
                 &mut self.next.g,
                 Some(&mut self.next_jacobian),
             );
-            step::add(&mut self.next.c, &self.multiplier);
+            step::add(&mut self.next.c, &self.shift.c);
+            step::add(&mut self.next.g, &self.shift.g);
             let mu_t = T::of(*mu);
             let pull_cost = |x: &[T]| pull * step::pull_cost(&layout.pull, &x[..layout.variables], &layout.initial).as_f64();
             let merit = self.now.merit(closing, mu_t) + pull_cost(&self.x);

@@ -42,10 +42,3 @@ pub struct Outcome {
     /// Scaled infeasibility `F` at the last point.
     pub infeasibility: f64,
 }
-
-impl Outcome {
-    pub(super) fn ended(mut self, status: Status) -> Outcome {
-        self.status = status;
-        self
-    }
-}
