@@ -1,13 +1,15 @@
 //! The search of experiment 1 over every scenario, target and some seeds, stopping at the first feasible gait and with whole generations.
 //!
-//! `cargo bench --bench targets -- [SEEDS] [--threads N]`: seeds 1 to SEEDS (default 1); threads 0 (default) is one a processor.
-//! Prints Markdown.
+//! `cargo bench --bench targets -- [SEEDS] [--threads N] [--towr]`: seeds 1 to SEEDS (default 1); threads 0 (default) is one a processor;
+//! `--towr` for TOWR's rows and force limit. Prints Markdown.
 
 use cregopt::backend::{Backend, Cpu};
 use cregopt::cem::CemSettings;
 use cregopt::evaluate::LowerSettings;
+use cregopt::nlp::towr::FORCE_LIMIT;
 use cregopt::scenario::{SCENARIOS, Scenario, TARGETS};
 use cregopt::search::search;
+use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::{Error, Result};
 use std::sync::atomic::AtomicBool;
 
@@ -21,27 +23,33 @@ struct Run {
     candidates: usize,
 }
 
-/// `SEEDS` and `--threads N`; cargo adds `--bench`.
-fn arguments() -> Result<(u64, usize)> {
-    let (mut seeds, mut threads) = (1, 0);
+/// `SEEDS`, `--threads N` and the rows; cargo adds `--bench`.
+fn arguments() -> Result<(u64, usize, Transcription)> {
+    let (mut seeds, mut threads, mut rows) = (1, 0, Transcription::Momentum);
     let mut arguments = std::env::args().skip(1).filter(|a| a != "--bench");
     while let Some(argument) = arguments.next() {
-        let number = |text: &str| text.parse::<u32>().map_err(|_| Error::invalid("argument", text, "[SEEDS] [--threads N]"));
+        let number = |text: &str| text.parse::<u32>().map_err(|_| Error::invalid("argument", text, "[SEEDS] [--threads N] [--towr]"));
         if argument == "--threads" {
             threads = number(&arguments.next().unwrap_or_default())? as usize;
+        } else if argument == "--towr" {
+            rows = Transcription::Towr;
         } else {
             seeds = number(&argument)?.into();
         }
     }
-    Ok((seeds, threads))
+    Ok((seeds, threads, rows))
 }
 
-fn run(scenario: &Scenario, whole_generation: bool, seeds: u64, backend: &dyn Backend) -> Result<Vec<Run>> {
+fn run(scenario: &Scenario, rows: Transcription, whole_generation: bool, seeds: u64, backend: &dyn Backend) -> Result<Vec<Run>> {
     let settings = CemSettings { whole_generation, ..CemSettings::preset("experiment1")? };
-    let lower = LowerSettings::default();
+    let transcription = TranscriptionSettings { rows, ..TranscriptionSettings::default() };
+    let lower = LowerSettings { transcription, ..LowerSettings::default() };
     let mut runs = Vec::new();
     for target in 1..=TARGETS {
-        let task = scenario.task(target)?;
+        let mut task = scenario.task(target)?;
+        if rows == Transcription::Towr {
+            task.force_limit = FORCE_LIMIT;
+        }
         for seed in 1..=seeds {
             let found = search(&task, &settings, &lower, seed, backend, &AtomicBool::new(false), &mut |_| ())?;
             runs.push(Run {
@@ -69,9 +77,10 @@ fn median_and_worst(values: impl Iterator<Item = f64>, decimals: usize) -> Strin
 }
 
 fn main() -> Result<()> {
-    let (seeds, threads) = arguments()?;
+    let (seeds, threads, rows) = arguments()?;
     let backend = Cpu::new(threads)?;
-    println!("cregopt {}, {}, preset experiment1, targets 1 to {TARGETS}, seeds 1 to {seeds}", env!("CARGO_PKG_VERSION"), backend.device());
+    let (version, device) = (env!("CARGO_PKG_VERSION"), backend.device());
+    println!("cregopt {version}, {device}, {} rows, preset experiment1, targets 1 to {TARGETS}, seeds 1 to {seeds}", rows.name());
     for scenario in &SCENARIOS {
         println!("\n### {}: {}\n", scenario.name, scenario.about);
         println!(
@@ -79,7 +88,7 @@ fn main() -> Result<()> {
         );
         println!("|---|---|---|---|---|---|---|---|---|");
         for (name, whole_generation) in [("first feasible gait", false), ("whole generation", true)] {
-            let runs = run(scenario, whole_generation, seeds, &backend)?;
+            let runs = run(scenario, rows, whole_generation, seeds, &backend)?;
             println!(
                 "| {name} | {} of {} | {} | {} | {} | {} |",
                 runs.iter().filter(|r| r.first.is_some()).count(),
