@@ -13,7 +13,6 @@ use cregopt::kernels::step::column_scaling;
 use cregopt::nlp::Layout;
 use cregopt::scenario::{SCENARIOS, Scenario};
 use cregopt::task::Task;
-use cregopt::terrain::Ground;
 use criterion::{BenchmarkId, Criterion, SamplingMode, Throughput};
 use std::hint::black_box;
 use std::sync::atomic::AtomicBool;

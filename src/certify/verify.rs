@@ -348,7 +348,7 @@ fn momentum(tally: &mut Tally, motion: &Motion) {
         tally.zero((reached.position - plan.position) * 2. * mass / (length * length), "mean force for the way", AXES, None, end);
         tally.zero((reached.momentum - plan.momentum) / length, "mean moment", AXES, None, end);
         let apart = reached.angle_to(&plan);
-        tally.judged(apart, !(apart <= PIECE_ATTITUDE), format_args!("attitude"), None, end);
+        tally.judged(apart, apart > PIECE_ATTITUDE || apart.is_nan(), format_args!("attitude"), None, end);
     }
 }
 

@@ -84,9 +84,9 @@ pub struct BasePoint<T> {
     pub variable: [u32; 4],
     /// Their slots in the front, [`NONE`] where they are fixed or have no part.
     pub slot: [u32; 4],
-    /// `momentum`: the interval, and weights of the deviations at its inner points.
+    /// `momentum`: the interval whose deviation counts here.
     pub interval: u32,
-    /// See there.
+    /// Weights of [`Deviation::pose`].
     pub deviation_weights: [T; INNER_POINTS],
 }
 

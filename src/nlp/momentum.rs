@@ -39,7 +39,7 @@ const RATE_PULL: [f64; 6] = [0.1; 6];
 const RAMP: f64 = 0.3;
 
 /// Gauss-Legendre rule on (0, 1) with three nodes: exact for the integrals of a cubic that are needed.
-const EXACT_RULE: [[f64; 2]; 3] = [[0.112_701_665_379_258_31, 5. / 18.], [0.5, 8. / 18.], [0.887_298_334_620_741_69, 5. / 18.]];
+const EXACT_RULE: [[f64; 2]; 3] = [[0.112_701_665_379_258_3, 5. / 18.], [0.5, 8. / 18.], [0.887_298_334_620_741_7, 5. / 18.]];
 
 /// Nodes and weights of the Gauss-Legendre rule of [`INNER_POINTS`] on (0, 1), by Newton's method on the Legendre polynomial.
 static INNER_RULE: LazyLock<[[f64; 2]; INNER_POINTS]> = LazyLock::new(|| {
@@ -212,10 +212,10 @@ fn stance_impulses<T: Real>(b: &Builder<T>, foot: usize, stance: usize, t: f64) 
 /// Longest time between reach rows of all feet, s.
 const REACH: f64 = 0.026;
 
-/// Parts of a swing at which reach is held besides knots and half-knots.
+/// Parts of a swing at which reach is held besides: near its ends the base drags the foot along, or runs ahead of it.
 const SWING_PARTS: [f64; 5] = [0.0625, 0.125, 0.5, 0.875, 0.9375];
 
-/// Reach rows of all feet at knots and half-knots, and of swinging feet at parts of their swings.
+/// Reach rows of all feet at most [`REACH`] apart, and of swinging feet at parts of their swings.
 pub(super) fn reach_elements<T: Real>(b: &mut Builder<T>) {
     let (h, feet) = (b.interval, b.curves.feet.len());
     let pieces = (h / REACH).ceil() as usize;

@@ -6,7 +6,8 @@
 //!
 //! `(eps D + rho Jc'Jc + Jg' W Jg) d = -(rho Jc' c + Jg'(z + w (g - z/rho + mu/z)))`, `w = 1 / (s/z + 1/rho)`,
 //!
-//! whose weights are bounded by `rho`, so that it is safe in f32. Near a solution, closing steps (Gauss-Newton on the equalities and the
+//! whose weights are bounded by `rho`, so that it is safe in f32. Each factorisation serves twice: a predictor with `mu = 0` says how far the
+//! barrier can fall, and Mehrotra's corrector goes there. Near a solution, closing steps (Gauss-Newton on the equalities and the
 //! violated rows) converge quadratically.
 
 mod status;
