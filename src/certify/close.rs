@@ -6,13 +6,12 @@ use crate::settings::{SolverSettings, StallSettings};
 use crate::solver::{Finish, Outcome, Solver, Status};
 
 /// Infeasibility below which a solve that f32 did not end goes on in f64.
-pub const CONTINUE_BELOW: f64 = 1e-4;
+pub const CONTINUE_BELOW: f64 = 1e-2;
 
 /// Brings an f32 solution to f64 accuracy.
 ///
-/// One or two Gauss-Newton steps from a solved point usually do. Where they do not, the solve goes on in f64 from there, then once more
-/// from the start. Where f32 crept without arriving (`F` below [`CONTINUE_BELOW`]), it goes on in f64 from there.
-/// Everything else is returned as it is.
+/// One or two Gauss-Newton steps from a solved point usually do. Where they do not, the solve is repeated in f64. Where f32 crept without
+/// arriving (`F` below [`CONTINUE_BELOW`]), it goes on in f64 from there, with a small barrier. Everything else is returned as it is.
 ///
 /// Returns the outcome with the costs of all attempts added, and the point.
 pub fn close(layout: &Layout<f64>, solution: Solution, settings: &SolverSettings, cancel: &dyn Fn() -> bool) -> (Outcome, Vec<f64>) {
@@ -33,7 +32,7 @@ pub fn close(layout: &Layout<f64>, solution: Solution, settings: &SolverSettings
     let onwards = SolverSettings { barrier: settings.barrier.min(1e-3), ..settings.clone() };
     // What f32 did not solve goes on from where it is; what it solved must close, and has more to fall back on.
     let attempts: &[(&SolverSettings, Option<&[f64]>)] =
-        if solved { &[(&closing, Some(&solution.x)), (&onwards, Some(&solution.x))] } else { &[(&onwards, Some(&solution.x))] };
+        if solved { &[(&closing, Some(&solution.x)), (settings, None)] } else { &[(&onwards, Some(&solution.x))] };
     let mut solver = Solver::<f64>::default();
     let mut total = solution.outcome;
     for &(settings, start) in attempts {

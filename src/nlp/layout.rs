@@ -3,7 +3,7 @@
 //! `x` holds the variables in elimination order, followed by the fixed values (start of the base, first footholds, goal). Variables
 //! come in blocks: a base coefficient or knot (position and angles, or their rates, 6), a force node (value and slope, 6), a foothold
 //! (2), a swing height (1). All of `x` is scaled: m, rad, s, and for forces the weight per foot (slopes: that per piece duration).
-//! What writes these tables is [`super::builder`].
+//! `nlp/builder.rs` writes these tables.
 
 use super::sweep::{Run, Step};
 use crate::gait::Phase;
