@@ -267,7 +267,7 @@ fn assemble_reach<T: Real>(
                 (foot.slot[2], foot.height_column, 0),
             ];
             let by_own = own.map(|(slot, column, d)| {
-                let at = (column + d) as usize;
+                let at = column.saturating_add(d) as usize;
                 if slot == NONE { [T::zero(); 3] } else { [rows[at], rows[row_stride + at], rows[2 * row_stride + at]] }
             });
             for f in 0..5 {
