@@ -146,11 +146,10 @@ impl World {
         };
         let yaw = goal.yaw.or(scenario.map(|s| s.yaw_target)).unwrap_or(0.);
         let mut task = Task::new(robot, terrain, base_target, yaw)?;
-        let of_rows = match rows {
-            Transcription::Towr if task.robot.force_limit.is_none() => towr::FORCE_LIMIT,
-            _ => task.robot.force_limit(),
-        };
-        task.force_limit = self.force_limit.unwrap_or(of_rows);
+        if rows == Transcription::Towr && task.robot.force_limit.is_none() {
+            task.force_limit = towr::FORCE_LIMIT;
+        }
+        task.force_limit = self.force_limit.unwrap_or(task.force_limit);
         task.validate()?;
         Ok(task)
     }

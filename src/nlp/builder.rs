@@ -148,6 +148,12 @@ impl<'a, T: Real> Builder<'a, T> {
         })
     }
 
+    /// Rate of that line, m/s and rad/s.
+    pub fn reference_rate(&self) -> [f64; 6] {
+        let (start, goal) = (self.reference(0.), self.reference(self.horizon));
+        std::array::from_fn(|i| (goal[i] - start[i]) / self.horizon)
+    }
+
     /// Footholds, swing heights and force nodes. The force is zero, value and slope, where a stance meets a swing.
     fn foot_blocks(&mut self) {
         for foot in 0..self.curves.feet.len() {

@@ -110,13 +110,13 @@ pub(super) fn base_guess<T: Real>(b: &Builder<T>, t: f64) -> ([f64; 6], [f64; 6]
 
 /// Pose and rates at every knot, as deviations from the reference line.
 pub(super) fn base_blocks<T: Real>(b: &mut Builder<T>) {
-    let (start, goal) = (b.reference(0.), b.reference(b.horizon));
+    let line_rate = b.reference_rate();
     for k in 0..=b.intervals {
         let t = k as f64 * b.interval;
         let (first, last) = (k == 0, k == b.intervals);
         let ((pose, rate), line) = (base_guess(b, t), b.reference(t));
         let pose = (0..6).map(|i| pose[i] - line[i]).collect();
-        let rate = (0..6).map(|i| rate[i] - (goal[i] - start[i]) / b.horizon).collect();
+        let rate = (0..6).map(|i| rate[i] - line_rate[i]).collect();
         let pose = b.block(first || last, pose);
         let rate = b.block(first || (last && b.settings.goal_velocity == GoalVelocity::Zero), rate);
         b.pull(pose, POSE_PULL);
@@ -127,7 +127,6 @@ pub(super) fn base_blocks<T: Real>(b: &mut Builder<T>) {
 
 /// Momentum rows of every interval.
 pub(super) fn interval_elements<T: Real>(b: &mut Builder<T>) {
-    let (start, goal) = (b.reference(0.), b.reference(b.horizon));
     for k in 0..b.intervals {
         let t = k as f64 * b.interval;
         let variable: [u32; 4] = std::array::from_fn(|i| b.curves.base[2 * k + i]);
@@ -140,7 +139,7 @@ pub(super) fn interval_elements<T: Real>(b: &mut Builder<T>) {
         }
         b.momentum.push(MomentumInterval {
             reference: [t, t + b.interval].map(|t| b.reference(t).map(T::of)),
-            rate: std::array::from_fn(|i| T::of((goal[i] - start[i]) / b.horizon)),
+            rate: b.reference_rate().map(T::of),
             variable,
             linear_column: [NONE; 4],
             angular_column: [NONE; 4],

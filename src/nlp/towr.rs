@@ -60,10 +60,9 @@ pub(super) fn dynamics_elements<T: Real>(b: &mut Builder<T>) {
             blocks.push(b.foothold_blocks[force.foothold as usize]);
             b.stance_forces.push(force);
         }
-        let (start, goal) = (b.reference(0.), b.reference(b.horizon));
         b.dynamics.push(DynamicsInstant {
             reference: b.reference(t).map(T::of),
-            rate: std::array::from_fn(|i| T::of((goal[i] - start[i]) / b.horizon)),
+            rate: b.reference_rate().map(T::of),
             weights,
             variable: coefficients,
             column: [NONE; 3],
