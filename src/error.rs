@@ -42,6 +42,12 @@ pub enum Error {
         /// What is wrong there.
         source: Box<Error>,
     },
+    /// A GPU was asked for that is not there or not fit.
+    #[error("{message}")]
+    Device {
+        /// What was asked for, and what was found instead.
+        message: String,
+    },
     /// The operating system refused.
     #[error("cannot {action} {}: {source}", path.display())]
     Io {

@@ -1,6 +1,6 @@
 //! From schedules to certified trajectories: solve the batch, close each solution in f64, count what it violates.
 
-use crate::backend::{Backend, Precision, Problem, Solution};
+use crate::backend::{Backend, Job, Precision, Problem, Solution};
 use crate::certify::{close, verify_rows};
 use crate::error::{Error, Result};
 use crate::gait::schedule::MAX_HORIZON;
@@ -143,7 +143,8 @@ pub fn evaluate(
             *slot = Some(evaluated);
         }
     };
-    backend.solve(&problems, &settings.transcription, &settings.solver, settings.precision, &skip, &finish);
+    let job = Job { problems: &problems, transcription: &settings.transcription, settings: &settings.solver, precision: settings.precision };
+    backend.solve(&job, &skip, &finish);
     let lowest = if first_feasible { lowest.into_inner() } else { usize::MAX };
     let results = results.into_iter().enumerate();
     Ok(results.map(|(i, slot)| slot.into_inner().ok().flatten().filter(|_| i <= lowest)).collect())

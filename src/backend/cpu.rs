@@ -1,9 +1,8 @@
 //! The CPU backend: candidates in order of their index, one a thread.
 
-use super::{Backend, Precision, Problem, Solution};
+use super::{Backend, Job, Precision, Solution};
 use crate::error::{Error, Result};
 use crate::nlp::{Layout, Real};
-use crate::settings::{SolverSettings, TranscriptionSettings};
 use crate::solver::{Finish, Solver, Status};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -24,34 +23,32 @@ impl Cpu {
             .map_err(|e| Error::invalid("threads", format!("{threads}: {e}"), "a number of threads that the system starts"))
     }
 
-    /// Number of threads.
-    pub fn threads(&self) -> usize {
-        self.pool.current_num_threads()
+    /// Its threads.
+    pub(super) fn pool(&self) -> &rayon::ThreadPool {
+        &self.pool
     }
 
     /// Takes candidates in order: with an early exit the first ones matter most.
     fn work<T: Real>(
         &self,
-        problems: &[Problem],
-        transcription: &TranscriptionSettings,
-        settings: &SolverSettings,
+        job: &Job,
         finish_at: Finish,
         skip: &(dyn Fn(usize) -> bool + Sync),
         finish: &(dyn Fn(usize, Solution) + Sync),
     ) {
         let next = AtomicUsize::new(0);
         self.pool.scope(|scope| {
-            for _ in 0..self.threads().min(problems.len()) {
+            for _ in 0..self.threads().min(job.problems.len()) {
                 scope.spawn(|_| {
                     let mut solver = Solver::<T>::default();
                     loop {
                         let index = next.fetch_add(1, Ordering::Relaxed);
-                        let Some(problem) = problems.get(index) else { break };
+                        let Some(problem) = job.problems.get(index) else { break };
                         if skip(index) {
                             continue;
                         }
-                        let layout = Layout::<T>::new(problem.task, &problem.schedule, transcription);
-                        let outcome = solver.solve(&layout, settings, finish_at, None, &|| skip(index));
+                        let layout = Layout::<T>::new(problem.task, &problem.schedule, job.transcription);
+                        let outcome = solver.solve(&layout, job.settings, finish_at, None, &|| skip(index));
                         if outcome.status != Status::Cancelled {
                             finish(index, Solution { outcome, x: solver.solution() });
                         }
@@ -67,18 +64,14 @@ impl Backend for Cpu {
         format!("cpu, {} threads", self.threads())
     }
 
-    fn solve(
-        &self,
-        problems: &[Problem],
-        transcription: &TranscriptionSettings,
-        settings: &SolverSettings,
-        precision: Precision,
-        skip: &(dyn Fn(usize) -> bool + Sync),
-        finish: &(dyn Fn(usize, Solution) + Sync),
-    ) {
-        match precision {
-            Precision::F32 => self.work::<f32>(problems, transcription, settings, Finish::Infeasibility(settings.tolerance), skip, finish),
-            Precision::F64 => self.work::<f64>(problems, transcription, settings, Finish::Rows(settings.row_tolerance), skip, finish),
+    fn threads(&self) -> usize {
+        self.pool.current_num_threads()
+    }
+
+    fn solve(&self, job: &Job, skip: &(dyn Fn(usize) -> bool + Sync), finish: &(dyn Fn(usize, Solution) + Sync)) {
+        match job.precision {
+            Precision::F32 => self.work::<f32>(job, Finish::Infeasibility(job.settings.tolerance), skip, finish),
+            Precision::F64 => self.work::<f64>(job, Finish::Rows(job.settings.row_tolerance), skip, finish),
         }
     }
 }

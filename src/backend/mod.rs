@@ -1,8 +1,10 @@
 //! Where a population is solved.
 
 mod cpu;
+pub mod gpu;
 
 pub use cpu::Cpu;
+pub use gpu::Gpu;
 
 use crate::gait::Schedule;
 use crate::settings::{SolverSettings, TranscriptionSettings};
@@ -16,6 +18,19 @@ pub struct Problem<'a> {
     pub task: &'a Task,
     /// The aligned schedule.
     pub schedule: Schedule,
+}
+
+/// What a backend is to do.
+#[derive(Debug, Clone, Copy)]
+pub struct Job<'a> {
+    /// Candidates.
+    pub problems: &'a [Problem<'a>],
+    /// Variables and rows.
+    pub transcription: &'a TranscriptionSettings,
+    /// Iterations.
+    pub settings: &'a SolverSettings,
+    /// Scalar.
+    pub precision: Precision,
 }
 
 /// What a backend returns for a candidate.
@@ -42,16 +57,11 @@ pub trait Backend: Send + Sync {
     /// Name of the device, for results.
     fn device(&self) -> String;
 
+    /// Threads of the CPU that it uses.
+    fn threads(&self) -> usize;
+
     /// Solves every problem and hands each solution to `finish`, in any order and from any thread.
     ///
     /// `skip(index)` is asked before and during each solve; when it says so, that candidate is dropped (`finish` is not called).
-    fn solve(
-        &self,
-        problems: &[Problem],
-        transcription: &TranscriptionSettings,
-        settings: &SolverSettings,
-        precision: Precision,
-        skip: &(dyn Fn(usize) -> bool + Sync),
-        finish: &(dyn Fn(usize, Solution) + Sync),
-    );
+    fn solve(&self, job: &Job, skip: &(dyn Fn(usize) -> bool + Sync), finish: &(dyn Fn(usize, Solution) + Sync));
 }

@@ -140,7 +140,7 @@ fn dynamics_instant<T: Real>(
     let mut force_sum = [zero; 3];
     let mut moment_sum = [zero; 3];
     let mut rows = jacobian.map(|j| Rows::new(j, &instant.place));
-    for stance in &layout.stance_forces[instant.forces.start as usize..instant.forces.end as usize] {
+    for stance in &layout.stance_forces[instant.forces.range()] {
         let mut force_w = [zero; 3];
         for i in 0..2 {
             if stance.node[i] != NONE {

@@ -4,6 +4,7 @@
 //! right-hand side stands in the column after the last variable, so that forward substitution happens along the way.
 
 use crate::nlp::layout::{Element, Family, NONE, ReachInstant};
+use crate::nlp::sweep::Span;
 use crate::nlp::{Layout, Real};
 use multiversion::multiversion;
 
@@ -13,11 +14,11 @@ pub struct Factor<T> {
     /// Front and next front, `[size][stride]`.
     fronts: [Vec<T>; 2],
     /// Pivot rows of all steps.
-    rows: Vec<T>,
+    pub rows: Vec<T>,
     /// Jacobian rows of one element, spread over the front.
     spread: Vec<T>,
     /// Solution on the front of one step.
-    local: Vec<T>,
+    pub(super) local: Vec<T>,
 }
 
 impl<T: Real> Factor<T> {
@@ -59,8 +60,8 @@ pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, facto
         for i in 0..size {
             front[i * stride + i..i * stride + size + 1].fill(T::zero());
         }
-        move_front(layout, &step.moves, next, previous_size, front, size, stride);
-        let mut elements = &layout.elements[step.elements.start as usize..step.elements.end as usize];
+        move_front(layout, step.moves, next, previous_size, front, size, stride);
+        let mut elements = &layout.elements[step.elements.range()];
         while let Some((element, rest)) = elements.split_first() {
             if element.family == Family::Reach {
                 // Those of a step stand together.
@@ -68,7 +69,7 @@ pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, facto
                 let first = next_reach;
                 let mut left = feet;
                 while left > 0 {
-                    left -= layout.reach[next_reach].feet.len();
+                    left -= layout.reach[next_reach].feet.range().len();
                     next_reach += 1;
                 }
                 assemble_reach(layout, &layout.reach[first..next_reach], system, front, size, stride);
@@ -104,14 +105,14 @@ pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, facto
 #[multiversion(targets("x86_64+avx2"))]
 fn move_front<T: Real>(
     layout: &Layout<T>,
-    moves: &std::ops::Range<u32>,
+    moves: Span,
     old: &[T],
     old_size: usize,
     new: &mut [T],
     new_size: usize,
     stride: usize,
 ) {
-    let runs = &layout.front_runs[moves.start as usize..moves.end as usize];
+    let runs = &layout.front_runs[moves.range()];
     for (first, rows) in runs.iter().enumerate() {
         for i in 0..rows.len as usize {
             let (from, to) = ((rows.column as usize + i) * stride, (rows.slot as usize + i) * stride);
@@ -163,7 +164,7 @@ fn assemble_rows<T: Real, const M: usize>(
     if weights.iter().all(|w| *w == T::zero()) {
         return;
     }
-    let runs = &layout.runs[element.runs.start as usize..element.runs.end as usize];
+    let runs = &layout.runs[element.runs.range()];
     let Some(end) = runs.last().map(|r| ((r.slot + r.len) as usize).next_multiple_of(LANES)) else { return };
     let begin = runs[0].slot as usize / LANES * LANES;
     // Lanes of all rows side by side: slot `s` of row `r` stands at `(s / LANES * M + r) * LANES + s % LANES`.
@@ -237,7 +238,7 @@ fn assemble_reach<T: Real>(
         }
         let mut pose_pose = [T::zero(); C * C];
         let mut pose_value = [T::zero(); C];
-        for foot in &layout.reach_feet[instant.feet.start as usize..instant.feet.end as usize] {
+        for foot in &layout.reach_feet[instant.feet.range()] {
             let (row, place) = (foot.place.row as usize, &foot.place);
             let (w, v): ([T; 3], [T; 3]) = (tile_of(&system.weight[row..]), tile_of(&system.value[row..]));
             if w == [T::zero(); 3] {
@@ -434,55 +435,6 @@ fn tile_of<T: Real, const W: usize>(values: &[T]) -> [T; W] {
     let mut tile = [T::zero(); W];
     tile.copy_from_slice(&values[..W]);
     tile
-}
-
-/// Replaces the right-hand side after [`factorise`]: forward substitution of `-(u + J' v)`.
-///
-/// * `gradient` - `u + J' v`, `[variables]`
-#[multiversion(targets("x86_64+avx2"))]
-pub fn forward<T: Real>(layout: &Layout<T>, factor: &mut Factor<T>, gradient: &mut [T]) {
-    let local = &mut factor.local;
-    for step in &layout.steps {
-        let (size, pivots, first) = (step.size as usize, step.pivots as usize, step.variable as usize);
-        // What the pivots subtract from the variables that stay.
-        local[..size].fill(T::zero());
-        for i in 0..pivots {
-            let row = &mut factor.rows[step.factor as usize + i * step.stride as usize..][..size + 1];
-            let value = (-gradient[first + i] - local[i]) / row[i];
-            row[size] = value;
-            for (sum, &left) in local[i + 1..size].iter_mut().zip(&row[i + 1..size]) {
-                *sum += left * value;
-            }
-        }
-        for run in &layout.front_runs[step.rest.start as usize..step.rest.end as usize] {
-            let (slot, variable, len) = (run.slot as usize, run.variable as usize, run.len as usize);
-            for i in 0..len {
-                gradient[variable + i] += local[slot + i];
-            }
-        }
-    }
-}
-
-/// Back substitution after [`factorise`].
-///
-/// * `direction` - out, `d`, `[variables]`
-#[multiversion(targets("x86_64+avx2"))]
-pub fn substitute<T: Real>(layout: &Layout<T>, factor: &mut Factor<T>, direction: &mut [T]) {
-    let local = &mut factor.local;
-    for step in layout.steps.iter().rev() {
-        let (size, pivots) = (step.size as usize, step.pivots as usize);
-        for run in &layout.front_runs[step.rest.start as usize..step.rest.end as usize] {
-            let (slot, variable, len) = (run.slot as usize, run.variable as usize, run.len as usize);
-            local[slot..slot + len].copy_from_slice(&direction[variable..variable + len]);
-        }
-        for i in (0..pivots).rev() {
-            let row = &factor.rows[step.factor as usize + i * step.stride as usize..][..size + 1];
-            let rest = dot(&row[i + 1..size], &local[i + 1..size]);
-            local[i] = (row[size] - rest) / row[i];
-        }
-        let first = step.variable as usize;
-        direction[first..first + pivots].copy_from_slice(&local[..pivots]);
-    }
 }
 
 /// Dot product in eight partial sums, so that its order does not depend on the vector width.

@@ -3,15 +3,26 @@
 //! One file a kernel; each is written so that a WGSL shader of the same name can mirror it line by line. No kernel uses fused
 //! multiply-add, and every sum has a fixed order, so results do not depend on the processor's vector width.
 
+pub mod advance;
+pub mod batch;
+pub mod control;
 pub mod dynamics;
 pub mod foothold;
 pub mod force;
+pub mod forward;
 pub mod front;
+pub mod judge;
 pub mod math;
 pub mod momentum;
+pub mod product;
 pub mod reach;
-pub mod step;
+pub mod rows;
+pub mod shaders;
+pub mod slacks;
+pub mod start;
+pub mod substitute;
 pub mod swing;
+pub mod transposed;
 
 use crate::nlp::layout::{Deviation, Place};
 use crate::nlp::{Layout, Real};

@@ -103,7 +103,7 @@ fn momentum_interval<T: Real>(
 
     // Impulses of all feet, and their moments about the base at the start.
     let (mut first, mut second, mut third, mut moment): (Points<T>, Points<T>, Points<T>, Points<T>) = Default::default();
-    let impulses = &layout.impulses[interval.impulses.start as usize..interval.impulses.end as usize];
+    let impulses = &layout.impulses[interval.impulses.range()];
     for of_foothold in impulses.chunk_by(|a, b| a.foothold == b.foothold) {
         let mut foot_first: Points<T> = Default::default();
         for impulse in of_foothold {

@@ -42,7 +42,7 @@ pub fn reach<T: Real>(
         }
         let base_w = [pose[0], pose[1], pose[2]];
         let (rot_wb, axes) = euler([pose[3], pose[4], pose[5]]);
-        for foot in &layout.reach_feet[instant.feet.start as usize..instant.feet.end as usize] {
+        for foot in &layout.reach_feet[instant.feet.range()] {
             let mut foot_w = [zero; 3];
             for i in 0..2 {
                 if foot.foothold[i] == NONE {

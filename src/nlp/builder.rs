@@ -6,7 +6,7 @@ use super::layout::{
     BasePoint, Constants, Curves, DynamicsInstant, Element, Family, FootBlocks, ForceNode, Impulse, MomentumInterval, NONE, POSE_VALUES,
     Place, ReachFoot, ReachInstant, StanceForce, Stride, SwingNode,
 };
-use super::sweep::{self, Block, Run};
+use super::sweep::{self, Block, Run, Span};
 use super::{Layout, Real, initial_guess, momentum, towr};
 use crate::gait::spline::hermite;
 use crate::gait::{Phase, Schedule};
@@ -247,7 +247,7 @@ impl<'a, T: Real> Builder<'a, T> {
             self.reach_feet.push(reach);
             self.element(Family::Reach, self.reach_feet.len() - 1, step, blocks);
         }
-        self.reach.push(ReachInstant { base, feet: first_foot..self.reach_feet.len() as u32 });
+        self.reach.push(ReachInstant { base, feet: Span { start: first_foot, end: self.reach_feet.len() as u32 } });
     }
 
     /// Weights of a foot's position at time `t` in the phase `span` of a swing: of the footholds in x and y, and of their heights and
@@ -440,14 +440,14 @@ impl<'a, T: Real> Builder<'a, T> {
             jacobian += rows * stride as usize + if draft.family == Family::Reach { POSE_VALUES } else { 0 };
             self.resolve(&draft, place, &columns, &positions, &runs[first_run..]);
             let element =
-                Element { family: draft.family, rows: rows as u32, pairs: pairs as u32, place, runs: first_run as u32..runs.len() as u32 };
+                Element { family: draft.family, rows: rows as u32, pairs: pairs as u32, place, runs: Span { start: first_run as u32, end: runs.len() as u32 } };
             steps[draft.step].elements.end = elements.len() as u32 + 1;
             elements.push(element);
         }
         // Steps without elements: empty ranges that keep the order.
         let mut end = 0;
         for step in &mut steps {
-            step.elements = end..step.elements.end.max(end);
+            step.elements = Span { start: end, end: step.elements.end.max(end) };
             end = step.elements.end;
         }
 
@@ -510,7 +510,7 @@ impl<'a, T: Real> Builder<'a, T> {
                 entry.place = place;
                 entry.column = entry.variable.map(column);
                 entry.variable = entry.variable.map(position);
-                for force in &mut self.stance_forces[entry.forces.start as usize..entry.forces.end as usize] {
+                for force in &mut self.stance_forces[entry.forces.range()] {
                     force.node_column = force.node.map(column);
                     force.node = force.node.map(position);
                     force.foothold_column = column(self.foothold_blocks[force.foothold as usize]);
@@ -520,7 +520,7 @@ impl<'a, T: Real> Builder<'a, T> {
                 let entry = &mut self.momentum[draft.entry];
                 entry.linear = place;
                 entry.linear_column = entry.variable.map(column);
-                for impulse in &mut self.impulses[entry.impulses.start as usize..entry.impulses.end as usize] {
+                for impulse in &mut self.impulses[entry.impulses.range()] {
                     impulse.linear_column = column(impulse.node);
                 }
             }
@@ -530,7 +530,7 @@ impl<'a, T: Real> Builder<'a, T> {
                 entry.angular = place;
                 entry.angular_column = entry.variable.map(column);
                 entry.variable = entry.variable.map(position);
-                for impulse in &mut self.impulses[entry.impulses.start as usize..entry.impulses.end as usize] {
+                for impulse in &mut self.impulses[entry.impulses.range()] {
                     impulse.angular_column = column(impulse.node);
                     impulse.node = position(impulse.node);
                     impulse.foothold_column = column(self.foothold_blocks[impulse.foothold as usize]);

@@ -5,12 +5,11 @@
 //! (2), a swing height (1). All of `x` is scaled: m, rad, s, and for forces the weight per foot (slopes: that per piece duration).
 //! `nlp/builder.rs` writes these tables.
 
-use super::sweep::{Run, Step};
+use super::sweep::{Run, Span, Step};
 use crate::gait::Phase;
 use crate::gait::trajectory::MotionLimits;
 use crate::settings::Transcription;
 use crate::terrain::Terrain;
-use std::ops::Range;
 use std::sync::Arc;
 
 /// No such column or node: a fixed value, or a force node that is zero.
@@ -21,6 +20,7 @@ pub const POSE_VALUES: usize = 24;
 
 /// Row families, for scaling and reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
 pub enum Family {
     /// `towr`: Newton-Euler equations, 6 equalities an instant: moments, then forces.
     Dynamics,
@@ -47,6 +47,7 @@ impl Family {
 
 /// Where an element's rows stand in the buffers.
 #[derive(Debug, Clone, Copy, Default)]
+#[repr(C)]
 pub struct Place {
     /// First Jacobian row; equalities come first, so for them also the index of the residual.
     pub row: u32,
@@ -59,7 +60,8 @@ pub struct Place {
 }
 
 /// A group of rows over the same columns.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
 pub struct Element {
     /// Family of its rows.
     pub family: Family,
@@ -70,11 +72,12 @@ pub struct Element {
     /// Where they stand.
     pub place: Place,
     /// Its columns as runs of variables, in [`Layout::runs`].
-    pub runs: Range<u32>,
+    pub runs: Span,
 }
 
 /// Base pose at one time: `reference + sum_i weights[i] x[variable[i]..][..6]`.
 #[derive(Debug, Clone, Copy)]
+#[repr(C)]
 pub struct BasePoint<T> {
     /// Pose on the straight line from start to goal, m and rad.
     pub reference: [T; 6],
@@ -91,7 +94,8 @@ pub struct BasePoint<T> {
 }
 
 /// Dynamics rows at one instant.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
 pub struct DynamicsInstant<T> {
     /// Pose on the reference line and its rate.
     pub reference: [T; 6],
@@ -104,13 +108,14 @@ pub struct DynamicsInstant<T> {
     /// Their columns.
     pub column: [u32; 3],
     /// Feet in contact, in [`Layout::stance_forces`].
-    pub forces: Range<u32>,
+    pub forces: Span,
     /// Buffers.
     pub place: Place,
 }
 
 /// Force of a foot in contact at one instant: `sum_i (weights[i][0] value_i + weights[i][1] slope_i)`, N.
 #[derive(Debug, Clone, Copy)]
+#[repr(C)]
 pub struct StanceForce<T> {
     /// Hermite weights of value and slope of two nodes, times the scale of the variables.
     pub weights: [[T; 2]; 2],
@@ -131,6 +136,7 @@ pub const MOMENTUM_POINTS: usize = INNER_POINTS + 1;
 
 /// One of [`MOMENTUM_POINTS`] points of every interval.
 #[derive(Debug, Clone, Copy, Default)]
+#[repr(C)]
 pub struct MomentumPoint<T> {
     /// Time since the start of the interval, s.
     pub time: T,
@@ -145,7 +151,8 @@ pub struct MomentumPoint<T> {
 }
 
 /// Momentum rows of one interval.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
 pub struct MomentumInterval<T> {
     /// Pose on the reference line at the start and at the end.
     pub reference: [[T; 6]; 2],
@@ -158,7 +165,7 @@ pub struct MomentumInterval<T> {
     /// Their columns in the angular element.
     pub angular_column: [u32; 4],
     /// Force nodes at work, in [`Layout::impulses`], those of one foothold together.
-    pub impulses: Range<u32>,
+    pub impulses: Span,
     /// Buffers of the linear element.
     pub linear: Place,
     /// Buffers of the angular element.
@@ -167,6 +174,7 @@ pub struct MomentumInterval<T> {
 
 /// What one force node does in one interval.
 #[derive(Debug, Clone, Copy)]
+#[repr(C)]
 pub struct Impulse<T> {
     /// At each point `tau`, for value and slope of the node with basis function `b`: `int b`, `int (tau - s) b` and
     /// `int (tau - s)^2 / 2 b ds` from the start of the interval, times the scale of the variables.
@@ -184,17 +192,19 @@ pub struct Impulse<T> {
 }
 
 /// Reach rows at one instant.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
 pub struct ReachInstant<T> {
     /// Base pose.
     pub base: BasePoint<T>,
     /// Feet, in [`Layout::reach_feet`].
-    pub feet: Range<u32>,
+    pub feet: Span,
 }
 
 /// Reach rows of one foot: its position is
 /// `xy = sum_i xy_weights[i] foothold_i`, `z = sum_i z_weights[i] height(foothold_i) + z_weights[2] swing_height`.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
 pub struct ReachFoot<T> {
     /// Nominal position in the base frame, m.
     pub nominal: [T; 3],
@@ -219,7 +229,8 @@ pub struct ReachFoot<T> {
 }
 
 /// Force rows at a node or beside it: at `value + slope_weight slope`.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
 pub struct ForceNode<T> {
     /// Node in `x`.
     pub node: u32,
@@ -236,7 +247,8 @@ pub struct ForceNode<T> {
 }
 
 /// Height of a foot above the terrain at one point of a swing; weights as in [`ReachFoot`].
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
 pub struct SwingNode<T> {
     /// Weights of the footholds before and after.
     pub xy_weights: [T; 2],
@@ -259,7 +271,8 @@ pub struct SwingNode<T> {
 }
 
 /// Length of the step of one swing, which bounds the foot's speed.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
 pub struct Stride<T> {
     /// Longest step, m.
     pub limit: T,
@@ -275,6 +288,7 @@ pub struct Stride<T> {
 ///
 /// Rows take it as given: their derivatives leave it out.
 #[derive(Debug, Clone, Copy, Default)]
+#[repr(C)]
 pub struct Deviation<T> {
     /// Of the pose, at the inner points, m and rad.
     pub pose: [[T; 6]; INNER_POINTS],
@@ -284,6 +298,7 @@ pub struct Deviation<T> {
 
 /// Physical constants and row scales.
 #[derive(Debug, Clone, Copy)]
+#[repr(C)]
 pub struct Constants<T> {
     /// Mass, kg.
     pub mass: T,

@@ -12,6 +12,7 @@
 
 use super::builder::Builder;
 use super::layout::{BasePoint, Family, INNER_POINTS, Impulse, MOMENTUM_POINTS, MomentumInterval, MomentumPoint, NONE, Place};
+use super::sweep::Span;
 use super::{Layout, Real};
 use crate::gait::spline::{hermite, hermite_rate};
 use crate::gait::{Curve, Phase};
@@ -143,7 +144,7 @@ pub(super) fn interval_elements<T: Real>(b: &mut Builder<T>) {
             variable,
             linear_column: [NONE; 4],
             angular_column: [NONE; 4],
-            impulses: first as u32..b.impulses.len() as u32,
+            impulses: Span { start: first as u32, end: b.impulses.len() as u32 },
             linear: Place::default(),
             angular: Place::default(),
         });

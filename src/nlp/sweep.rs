@@ -4,7 +4,24 @@
 //! it; those whose last row is here are its pivots. Variables are numbered in that order, so the pivots of a step are consecutive and a
 //! front sorted by variable starts with them.
 
-use std::ops::Range;
+
+/// Consecutive entries of another table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct Span {
+    /// First entry.
+    pub start: u32,
+    /// One past the last.
+    pub end: u32,
+}
+
+impl Span {
+    /// As indices.
+    #[inline(always)]
+    pub fn range(self) -> std::ops::Range<usize> {
+        self.start as usize..self.end as usize
+    }
+}
 
 /// Consecutive variables: in `x`, in the front, and in an element's columns (or in the next front).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,7 +38,8 @@ pub struct Run {
 }
 
 /// One step of the sweep.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
+#[repr(C)]
 pub struct Step {
     /// Size of the front.
     pub size: u32,
@@ -34,11 +52,11 @@ pub struct Step {
     /// Distance of two of them.
     pub stride: u32,
     /// Elements assembled here.
-    pub elements: Range<u32>,
+    pub elements: Span,
     /// What stays of the previous front: runs from slot `column` there to slot `slot` here.
-    pub moves: Range<u32>,
+    pub moves: Span,
     /// The front after its pivots, as runs.
-    pub rest: Range<u32>,
+    pub rest: Span,
 }
 
 /// A block before it has its place in `x`.
@@ -144,9 +162,9 @@ pub(super) fn fronts(blocks: &[Block], positions: &[u32], steps: usize) -> Front
             variable,
             factor: result.factor_len as u32,
             stride,
-            elements: 0..0,
-            moves: first_move as u32..first_rest as u32,
-            rest: first_rest as u32..result.runs.len() as u32,
+            elements: Span::default(),
+            moves: Span { start: first_move as u32, end: first_rest as u32 },
+            rest: Span { start: first_rest as u32, end: result.runs.len() as u32 },
         });
         result.factor_len += (pivots * stride) as usize;
         result.stride = result.stride.max((size as usize + 1).next_multiple_of(16));

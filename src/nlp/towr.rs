@@ -4,6 +4,7 @@
 
 use super::builder::Builder;
 use super::layout::{BasePoint, DynamicsInstant, Family, INNER_POINTS, NONE, Place, StanceForce};
+use super::sweep::Span;
 use super::{Layout, Real, initial_guess};
 use crate::gait::Curve;
 use crate::gait::spline::{BSpline, hermite};
@@ -66,7 +67,7 @@ pub(super) fn dynamics_elements<T: Real>(b: &mut Builder<T>) {
             weights,
             variable: coefficients,
             column: [NONE; 3],
-            forces: first_force..b.stance_forces.len() as u32,
+            forces: Span { start: first_force, end: b.stance_forces.len() as u32 },
             place: Place::default(),
         });
         b.element(Family::Dynamics, k, k, blocks);

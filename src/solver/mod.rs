@@ -15,8 +15,17 @@ mod status;
 pub use status::{Outcome, Status};
 
 use crate::kernels::Shared;
-use crate::kernels::front::{self, Factor, NormalEquations};
-use crate::kernels::step::{self, Aim, Slacks};
+use crate::kernels::advance::{add, advance};
+use crate::kernels::control::{self, Limits, Progress};
+use crate::kernels::forward::forward;
+use crate::kernels::front::{Factor, NormalEquations, factorise};
+use crate::kernels::judge::{infeasibility, infeasibility_fall, merit_fall, nonlinearity, pull_fall, update_slacks};
+use crate::kernels::product::jacobian_times;
+use crate::kernels::rows::{barrier_rows, closing_rows, variable_terms};
+use crate::kernels::slacks::{Aim, Slacks, slack_steps, target};
+use crate::kernels::start::{column_scaling, start_slacks};
+use crate::kernels::substitute::substitute;
+use crate::kernels::transposed::transposed_times;
 use crate::nlp::layout::Family;
 use crate::nlp::{Layout, Real};
 use crate::settings::SolverSettings;
@@ -47,11 +56,6 @@ impl<T: Real> Residuals<T> {
         self.c.fill(T::zero());
         self.g.fill(T::zero());
     }
-
-    /// What a step must lower: the infeasibility in closing steps, the smoothed merit else.
-    fn merit(&self, closing: bool, mu: T) -> f64 {
-        if closing { step::infeasibility(&self.c, &self.g).as_f64() } else { step::merit(&self.c, &self.g, mu) }
-    }
 }
 
 /// Buffers for one candidate at a time; made once a thread and reused, so that a solve allocates only when it meets a larger candidate.
@@ -79,11 +83,7 @@ pub struct Solver<T> {
     value: Vec<T>,
     slacks: Slacks<T>,
     factor: Factor<T>,
-    history: Vec<f64>,
-    /// Iteration from which the stall rule looks back: before it other rows were in force.
-    stall_from: usize,
-    /// Rounding of terrain edges in force; 0 once closing steps began.
-    edge_radius: T,
+    history: Vec<T>,
 }
 
 impl<T: Real> Default for Solver<T> {
@@ -109,30 +109,12 @@ impl<T: Real> Default for Solver<T> {
             slacks: Slacks::default(),
             factor: Factor::default(),
             history: Vec::new(),
-            stall_from: 0,
-            edge_radius: T::zero(),
         }
     }
 }
 
-/// How an attempt to step ended.
-enum Attempt {
-    Accepted { step: f64, ratio: f64 },
-    Refused,
-}
-
-/// Part of the infeasibility that a closing step may leave.
-const CLOSING_RATE: f64 = 0.1;
-/// Infeasibility above which the stall rule speaks, in that at which closing starts: below it rounding makes it rest now and then.
-const STALL_ABOVE: f64 = 10.;
 /// Barrier parameter at which a cost begins to be lowered: near rows bend it early.
 const SMOOTH_BARRIER: f64 = 1e-3;
-/// Smallest barrier parameter.
-const BARRIER_FLOOR: f64 = 1e-9;
-/// Attempts to step before an iteration gives up, each with a larger proximal weight.
-const ATTEMPTS: usize = 6;
-/// Growth of the proximal weight after a refused attempt.
-const PROXIMAL_GROWTH: f64 = 6.;
 
 impl<T: Real> Solver<T> {
     /// Solves one candidate from `start` (or from the layout's initial values).
@@ -147,92 +129,98 @@ impl<T: Real> Solver<T> {
         cancel: &dyn Fn() -> bool,
     ) -> Outcome {
         self.prepare(layout, start);
-        self.edge_radius = if layout.terrain.has_edges() { T::of(settings.edge_radius) } else { T::zero() };
-        self.linearise(layout);
-        step::column_scaling(layout, &self.jacobian, &mut self.scaling);
-        let mut outcome = Outcome { status: Status::MaxIterations, iterations: 0, factorisations: 0, infeasibility: f64::NAN };
-        outcome.status = self.iterate(layout, settings, finish, &mut outcome, cancel);
-        if outcome.status == Status::Solved {
-            self.smooth(layout, settings, finish, &mut outcome, cancel);
+        let limits = Limits::new(settings);
+        let edge_radius = if layout.terrain.has_edges() { T::of(settings.edge_radius) } else { T::zero() };
+        let mut progress = Progress::first(&limits, edge_radius);
+        self.linearise(layout, edge_radius);
+        column_scaling(layout, &self.jacobian, &mut self.scaling);
+        let mut status = self.iterate(layout, &limits, finish, &mut progress, cancel);
+        if status == Status::Solved {
+            status = self.smooth(layout, settings, finish, &mut progress, cancel);
         }
-        outcome
+        Outcome {
+            status,
+            iterations: progress.iterations as usize,
+            factorisations: progress.factorisations as usize,
+            infeasibility: progress.infeasibility.as_f64(),
+        }
     }
 
     /// Barrier and closing steps from the linearisation at `x` to the end. Returns how it ended; `x` is the last point.
     fn iterate(
         &mut self,
         layout: &Layout<T>,
-        settings: &SolverSettings,
+        limits: &Limits<T>,
         finish: Finish,
-        outcome: &mut Outcome,
+        progress: &mut Progress<T>,
         cancel: &dyn Fn() -> bool,
     ) -> Status {
-        let mut mu = settings.barrier;
-        self.start_slacks(layout, mu);
-        let (mut eps, mut closing_eps) = (settings.proximal, settings.proximal_floor);
-        let mut closing_below = settings.closing;
-        let mut closing = false;
-        let mut closing_from = f64::INFINITY;
+        start_slacks(&self.now.g, limits.barrier, &mut self.slacks);
         loop {
-            let f = step::infeasibility(&self.now.c, &self.now.g).as_f64();
-            outcome.infeasibility = f;
-            self.history.push(f);
-            if !f.is_finite() {
-                return Status::NonFinite;
+            if progress.attempts == 0 {
+                let f = infeasibility(&self.now.c, &self.now.g);
+                let before = self.history.len().checked_sub(limits.stall_window as usize).map_or(f, |at| self.history[at]);
+                let held = self.finished(layout, finish, f);
+                control::begin(progress, limits, f, before, held);
+                if progress.state != control::EXACT {
+                    self.history.push(f);
+                }
+                if let Some(status) = Status::of(progress.state) {
+                    return status;
+                }
+                if cancel() {
+                    return Status::Cancelled;
+                }
             }
-            if f < settings.closing && self.edge_radius > T::zero() {
-                // Near enough: from here on the exact rows.
-                self.edge_radius = T::zero();
-                self.linearise(layout);
-                self.history.pop();
-                self.stall_from = self.history.len();
-                continue;
+            self.round(layout, limits, progress);
+            if let Some(status) = Status::of(progress.state) {
+                return status;
             }
-            if self.finished(layout, finish, f) {
-                return Status::Solved;
+        }
+    }
+
+    /// Makes a trial point from the linearisation at `x` and takes it when it is good.
+    fn round(&mut self, layout: &Layout<T>, limits: &Limits<T>, progress: &mut Progress<T>) {
+        if progress.state == control::EXACT {
+            self.linearise(layout, progress.edge_radius);
+            return control::renew(progress);
+        }
+        if !self.direction(layout, progress) {
+            return control::refuse(progress);
+        }
+        // With the Jacobian: nearly every trial is accepted.
+        crate::kernels::evaluate(
+            layout,
+            &self.trial,
+            progress.edge_radius,
+            &mut self.shared,
+            &mut self.next.c,
+            &mut self.next.g,
+            Some(&mut self.next_jacobian),
+        );
+        add(&mut self.next.c, &self.shift.c);
+        add(&mut self.next.g, &self.shift.g);
+        let (now, next, linear) = (&self.now, &self.next, &self.linear);
+        let closing = progress.state == control::CLOSE;
+        let falls = |to: &Residuals<T>| {
+            if closing {
+                infeasibility_fall(&now.c, &now.g, &to.c, &to.g)
+            } else {
+                merit_fall(&now.c, &now.g, &to.c, &to.g, progress.mu)
             }
-            if outcome.iterations >= settings.max_iterations {
-                return Status::MaxIterations;
-            }
-            if self.stalled(settings) {
-                return Status::Stalled;
-            }
-            if cancel() {
-                return Status::Cancelled;
-            }
-            if closing && f > CLOSING_RATE * closing_from && settings.closing.is_finite() {
-                // It closes on the wrong rows: back to the barrier until they are better known.
-                closing = false;
-                closing_below = closing_below.min(0.1 * f);
-            }
-            closing = closing || f < closing_below;
-            closing_from = f;
-            let pull = if closing { 0. } else { settings.pull * mu / settings.barrier };
+        };
+        let pulled = progress.pull * pull_fall(&layout.pull, &self.x, &self.trial, &layout.initial);
+        let (fall, predicted) = (falls(next) + pulled, falls(linear) + pulled);
+        let gap = nonlinearity(&next.c, &linear.c, &next.g, &linear.g);
+        if control::acceptable(progress, fall, predicted, gap) {
             if !closing {
-                closing_eps = settings.proximal_floor;
+                update_slacks(&mut self.slacks, progress.length);
             }
-            let eps = if closing { &mut closing_eps } else { &mut eps };
-            match self.attempt(layout, closing, &mut mu, pull, eps, outcome) {
-                Attempt::Refused if closing => {
-                    // Back to the barrier until the violated rows are better known.
-                    closing = false;
-                    closing_below *= 0.1;
-                    continue;
-                }
-                Attempt::Refused => return Status::Stalled,
-                Attempt::Accepted { step, ratio } => {
-                    if ratio > 0.7 {
-                        *eps = (*eps / 4.).max(settings.proximal_floor);
-                    } else if ratio < 0.25 {
-                        *eps *= 2.;
-                    }
-                    if !closing {
-                        step::update_slacks(&mut self.slacks, T::of(step));
-                    }
-                }
-            }
+            let ratio = if predicted > T::zero() { fall / predicted } else { T::zero() };
+            control::accept(progress, limits, ratio);
             self.advance();
-            outcome.iterations += 1;
+        } else {
+            control::refuse(progress);
         }
     }
 
@@ -245,53 +233,69 @@ impl<T: Real> Solver<T> {
 
     /// Lowers the cost of a solved motion by the method of multipliers, one barrier step between two updates, then solves on without it.
     /// A motion that is not solved again is taken back.
-    fn smooth(&mut self, layout: &Layout<T>, settings: &SolverSettings, finish: Finish, outcome: &mut Outcome, cancel: &dyn Fn() -> bool) {
+    fn smooth(
+        &mut self,
+        layout: &Layout<T>,
+        settings: &SolverSettings,
+        finish: Finish,
+        progress: &mut Progress<T>,
+        cancel: &dyn Fn() -> bool,
+    ) -> Status {
         if settings.smooth.iterations == 0 || layout.pull.iter().all(|p| *p == T::zero()) {
-            return;
+            return Status::Solved;
         }
-        let (solved, infeasibility) = (self.x.clone(), outcome.infeasibility);
-        let onwards = SolverSettings { barrier: settings.barrier.min(SMOOTH_BARRIER), pull: 0., ..settings.clone() };
-        let (mut mu, mut eps) = (onwards.barrier, settings.proximal_floor);
-        self.start_slacks(layout, mu);
-        for _ in 0..settings.smooth.iterations {
-            if cancel() {
+        let (solved, infeasibility) = (self.x.clone(), progress.infeasibility);
+        let onwards = SolverSettings {
+            barrier: settings.barrier.min(SMOOTH_BARRIER),
+            proximal: settings.proximal_floor,
+            pull: 0.,
+            max_iterations: progress.iterations as usize + settings.smooth.iterations + settings.max_iterations,
+            ..settings.clone()
+        };
+        let limits = Limits::new(&onwards);
+        let renewed = |progress: &Progress<T>, recorded: usize| Progress {
+            iterations: progress.iterations,
+            factorisations: progress.factorisations,
+            recorded: recorded as u32,
+            stall_from: recorded as u32,
+            infeasibility: progress.infeasibility,
+            ..Progress::first(&limits, T::zero())
+        };
+        *progress = renewed(progress, self.history.len());
+        progress.pull = T::of(settings.smooth.weight);
+        start_slacks(&self.now.g, limits.barrier, &mut self.slacks);
+        let end = progress.iterations + settings.smooth.iterations as u32;
+        while progress.iterations < end && !cancel() {
+            let before = progress.iterations;
+            self.round(layout, &limits, progress);
+            if progress.ended() {
                 break;
             }
-            let Attempt::Accepted { step, .. } = self.attempt(layout, false, &mut mu, settings.smooth.weight, &mut eps, outcome) else {
-                break;
-            };
-            step::update_slacks(&mut self.slacks, T::of(step));
-            self.advance();
-            outcome.iterations += 1;
-            // Equalities: multiplier and residual make the new multiplier. Inequalities have theirs from the barrier.
-            for (c, shift) in self.now.c.iter_mut().zip(&mut self.shift.c) {
-                let residual = *c - *shift;
-                *shift = *c;
-                *c += residual;
-            }
-            for ((g, shift), z) in self.now.g.iter_mut().zip(&mut self.shift.g).zip(&self.slacks.multiplier) {
-                *g += *z - *shift;
-                *shift = *z;
+            if progress.iterations > before {
+                self.shift_residuals();
             }
         }
         self.shift.clear();
-        self.linearise(layout);
-        self.stall_from = self.history.len();
-        let limits = SolverSettings { max_iterations: outcome.iterations + settings.max_iterations, ..onwards };
-        if self.iterate(layout, &limits, finish, outcome, cancel) != Status::Solved {
+        self.linearise(layout, T::zero());
+        *progress = renewed(progress, self.history.len());
+        if self.iterate(layout, &limits, finish, progress, cancel) != Status::Solved {
             self.x = solved;
-            outcome.infeasibility = infeasibility;
+            progress.infeasibility = infeasibility;
         }
+        Status::Solved
     }
 
-    /// Slacks at a point, and the multipliers that go with a barrier parameter.
-    fn start_slacks(&mut self, layout: &Layout<T>, mu: f64) {
-        // At the default barrier 0.1; what starts near its end starts with small slacks, too.
-        let least = T::of((0.2 * mu).sqrt());
-        for i in 0..layout.inequalities {
-            let s = self.now.g[i].abs().max(least);
-            self.slacks.slack[i] = s;
-            self.slacks.multiplier[i] = T::of(mu) / s;
+    /// Updates the multipliers by which residuals are shifted.
+    fn shift_residuals(&mut self) {
+        // Equalities: multiplier and residual make the new multiplier. Inequalities have theirs from the barrier.
+        for (c, shift) in self.now.c.iter_mut().zip(&mut self.shift.c) {
+            let residual = *c - *shift;
+            *shift = *c;
+            *c += residual;
+        }
+        for ((g, shift), z) in self.now.g.iter_mut().zip(&mut self.shift.g).zip(&self.slacks.multiplier) {
+            *g += *z - *shift;
+            *shift = *z;
         }
     }
 
@@ -332,133 +336,80 @@ impl<T: Real> Solver<T> {
         }
         self.factor.resize(layout);
         self.history.clear();
-        self.stall_from = 0;
     }
 
     /// Residuals and Jacobian at `x`.
-    fn linearise(&mut self, layout: &Layout<T>) {
-        crate::kernels::evaluate(
-            layout,
-            &self.x,
-            self.edge_radius,
-            &mut self.shared,
-            &mut self.now.c,
-            &mut self.now.g,
-            Some(&mut self.jacobian),
-        );
+    fn linearise(&mut self, layout: &Layout<T>, edge_radius: T) {
+        let (c, g) = (&mut self.now.c, &mut self.now.g);
+        crate::kernels::evaluate(layout, &self.x, edge_radius, &mut self.shared, c, g, Some(&mut self.jacobian));
     }
 
-    /// Looks for a step from the linearisation at `x`; on success `trial` holds the new point.
-    fn attempt(&mut self, layout: &Layout<T>, closing: bool, mu: &mut f64, pull: f64, eps: &mut f64, outcome: &mut Outcome) -> Attempt {
-        let f = outcome.infeasibility;
+    /// Trial point and linear residuals there. Returns false when the normal equations could not be factorised.
+    fn direction(&mut self, layout: &Layout<T>, progress: &mut Progress<T>) -> bool {
+        let closing = progress.state == control::CLOSE;
         let predictor = Aim { mu: T::zero(), correction: T::zero() };
-        for _ in 0..ATTEMPTS {
-            outcome.factorisations += 1;
-            if closing {
-                step::closing_rows(layout, &self.now.c, &self.now.g, &mut self.weight, &mut self.value);
-            } else {
-                step::barrier_rows(layout, &self.now.c, &self.now.g, &self.slacks, predictor, &mut self.weight, &mut self.value);
-            }
-            step::variable_terms(
-                &self.scaling,
-                T::of(*eps),
-                &layout.pull,
-                T::of(pull),
-                &self.x,
-                &layout.initial,
-                &mut self.diagonal,
-                &mut self.gradient,
-            );
-            let system = NormalEquations {
-                jacobian: &self.jacobian,
-                weight: &self.weight,
-                value: &self.value,
-                diagonal: &self.diagonal,
-                gradient: &self.gradient,
-            };
-            if !front::factorise(layout, &system, &mut self.factor) {
-                *eps *= PROXIMAL_GROWTH;
-                continue;
-            }
-            front::substitute(layout, &mut self.factor, &mut self.direction);
-            step::jacobian_times(layout, &self.jacobian, &self.direction, &mut self.local, &mut self.change.c, &mut self.change.g);
-            let length = if closing { T::one() } else { self.correct(layout, predictor, mu) };
-            step::advance(&self.x[..layout.variables], length, &self.direction, &mut self.trial[..layout.variables]);
-            step::advance(&self.now.c, length, &self.change.c, &mut self.linear.c);
-            step::advance(&self.now.g, length, &self.change.g, &mut self.linear.g);
-            // With the Jacobian: nearly every trial is accepted.
-            crate::kernels::evaluate(
-                layout,
-                &self.trial,
-                self.edge_radius,
-                &mut self.shared,
-                &mut self.next.c,
-                &mut self.next.g,
-                Some(&mut self.next_jacobian),
-            );
-            step::add(&mut self.next.c, &self.shift.c);
-            step::add(&mut self.next.g, &self.shift.g);
-            let mu_t = T::of(*mu);
-            let pull_cost = |x: &[T]| pull * step::pull_cost(&layout.pull, &x[..layout.variables], &layout.initial).as_f64();
-            let merit = self.now.merit(closing, mu_t) + pull_cost(&self.x);
-            let pulled = pull_cost(&self.trial);
-            let (merit_next, merit_linear) = (self.next.merit(closing, mu_t) + pulled, self.linear.merit(closing, mu_t) + pulled);
-            let predicted = merit - merit_linear;
-            let falls = merit_next < merit;
-            let near_linear = !closing && {
-                let gap = step::nonlinearity(&self.next.c, &self.linear.c, &self.next.g, &self.linear.g).as_f64();
-                gap < 0.3 * predicted.max(0.05 * f)
-            };
-            if falls || near_linear {
-                let ratio = if predicted > 0. { (merit - merit_next) / predicted } else { 0. };
-                return Attempt::Accepted { step: length.as_f64(), ratio };
-            }
-            *eps *= PROXIMAL_GROWTH;
+        progress.factorisations += 1;
+        if closing {
+            closing_rows(layout, &self.now.c, &self.now.g, &mut self.weight, &mut self.value);
+        } else {
+            barrier_rows(layout, &self.now.c, &self.now.g, &self.slacks, predictor, &mut self.weight, &mut self.value);
         }
-        Attempt::Refused
+        variable_terms(
+            &self.scaling,
+            progress.proximal(),
+            &layout.pull,
+            progress.pull,
+            &self.x,
+            &layout.initial,
+            &mut self.diagonal,
+            &mut self.gradient,
+        );
+        let system = NormalEquations {
+            jacobian: &self.jacobian,
+            weight: &self.weight,
+            value: &self.value,
+            diagonal: &self.diagonal,
+            gradient: &self.gradient,
+        };
+        if !factorise(layout, &system, &mut self.factor) {
+            return false;
+        }
+        substitute(layout, &mut self.factor, &mut self.direction);
+        jacobian_times(layout, &self.jacobian, &self.direction, &mut self.local, &mut self.change.c, &mut self.change.g);
+        progress.length = if closing { T::one() } else { self.correct(layout, predictor, progress) };
+        let (variables, length) = (layout.variables, progress.length);
+        advance(&self.x[..variables], length, &self.direction, &mut self.trial[..variables]);
+        advance(&self.now.c, length, &self.change.c, &mut self.linear.c);
+        advance(&self.now.g, length, &self.change.g, &mut self.linear.g);
+        true
     }
 
-    /// Corrects the direction of the predictor, Mehrotra's way: the farther the predictor could go, the lower the barrier it aims for, and
-    /// the product of its steps is taken into account. Returns the length of the step.
-    fn correct(&mut self, layout: &Layout<T>, predictor: Aim<T>, mu: &mut f64) -> T {
-        let reach = step::slack_steps(&self.now.g, &self.change.g, predictor, &mut self.slacks);
-        let before = step::mean_product(&self.slacks, T::zero()).as_f64();
-        let after = step::mean_product(&self.slacks, reach).as_f64();
-        *mu = (before * (after / before).clamp(0., 1.).powi(2)).max(BARRIER_FLOOR);
-        let aim = Aim { mu: T::of(*mu), correction: reach };
-        step::barrier_rows(layout, &self.now.c, &self.now.g, &self.slacks, aim, &mut self.weight, &mut self.value);
-        let gradient = &mut self.trial[..layout.variables];
-        step::transposed_times(layout, &self.jacobian, &self.value, &mut self.local, gradient);
-        for (sum, own) in gradient.iter_mut().zip(&self.gradient) {
-            *sum += *own;
-        }
-        front::forward(layout, &mut self.factor, gradient);
-        front::substitute(layout, &mut self.factor, &mut self.direction);
-        step::jacobian_times(layout, &self.jacobian, &self.direction, &mut self.local, &mut self.change.c, &mut self.change.g);
-        step::slack_steps(&self.now.g, &self.change.g, aim, &mut self.slacks)
+    /// Corrects the direction of the predictor, Mehrotra's way: the barrier parameter it aims for follows from how far the predictor could
+    /// go, and the product of its steps is taken into account. Returns the length of the step.
+    fn correct(&mut self, layout: &Layout<T>, predictor: Aim<T>, progress: &mut Progress<T>) -> T {
+        let reach = slack_steps(&self.now.g, &self.change.g, predictor, &mut self.slacks);
+        progress.mu = target(&self.slacks, reach);
+        let aim = Aim { mu: progress.mu, correction: reach };
+        barrier_rows(layout, &self.now.c, &self.now.g, &self.slacks, aim, &mut self.weight, &mut self.value);
+        let right_hand_side = &mut self.trial[..layout.variables];
+        transposed_times(layout, &self.jacobian, &self.value, &mut self.local, right_hand_side);
+        add(right_hand_side, &self.gradient);
+        forward(layout, &mut self.factor, right_hand_side);
+        substitute(layout, &mut self.factor, &mut self.direction);
+        jacobian_times(layout, &self.jacobian, &self.direction, &mut self.local, &mut self.change.c, &mut self.change.g);
+        slack_steps(&self.now.g, &self.change.g, aim, &mut self.slacks)
     }
 
-    fn finished(&self, layout: &Layout<T>, finish: Finish, f: f64) -> bool {
+    fn finished(&self, layout: &Layout<T>, finish: Finish, f: T) -> bool {
         match finish {
-            Finish::Infeasibility(tolerance) => f < tolerance,
+            Finish::Infeasibility(tolerance) => f < T::of(tolerance),
             Finish::Rows(tolerance) => rows_hold(layout, &self.now.c, &self.now.g, tolerance),
         }
     }
 
-    /// The stall rule, see [`crate::settings::StallSettings`]. Closing steps are never cut short.
-    fn stalled(&self, settings: &SolverSettings) -> bool {
-        let (rule, done) = (&settings.stall, self.history.len() - 1);
-        if !rule.enabled || done < rule.start.max(self.stall_from + rule.window) {
-            return false;
-        }
-        let (now, before) = (self.history[done], self.history[done - rule.window]);
-        // Logarithmic distance left against that covered in the window, in windows.
-        now > STALL_ABOVE * settings.closing && (now / settings.closing).ln() * rule.window as f64 > rule.budget * (before / now).ln()
-    }
-
     /// `F` at the start and after each iteration of the last solve.
-    pub fn history(&self) -> &[f64] {
-        &self.history
+    pub fn history(&self) -> Vec<f64> {
+        self.history.iter().map(|f| f.as_f64()).collect()
     }
 }
 

@@ -1,5 +1,6 @@
 //! How a solve ended.
 
+use crate::kernels::control;
 use serde::{Deserialize, Serialize};
 
 /// How the solve of one candidate ended. Not an error: the last point is kept in every case.
@@ -16,6 +17,19 @@ pub enum Status {
     NonFinite,
     /// Ended from outside, because an answer was found or the user asked for the end.
     Cancelled,
+}
+
+impl Status {
+    /// Status of a state of [`control`], none while the solve goes on.
+    pub fn of(state: u32) -> Option<Status> {
+        match state {
+            control::SOLVED => Some(Status::Solved),
+            control::MAX_ITERATIONS => Some(Status::MaxIterations),
+            control::STALLED => Some(Status::Stalled),
+            control::NON_FINITE => Some(Status::NonFinite),
+            _ => None,
+        }
+    }
 }
 
 impl std::fmt::Display for Status {

@@ -1,0 +1,33 @@
+// Reductions over a workgroup, in a fixed order. Every invocation of the workgroup must come here, and all get the result.
+
+var<workgroup> partial: array<f32, WORKGROUP>;
+
+// Sum of what the invocations bring.
+fn sum_over(lane: u32, v: f32) -> f32 {
+    partial[lane] = v;
+    for (var width = WORKGROUP / 2u; width > 0u; width /= 2u) {
+        workgroupBarrier();
+        if (lane < width) {
+            partial[lane] += partial[lane + width];
+        }
+    }
+    workgroupBarrier();
+    let sum = partial[0];
+    workgroupBarrier();
+    return sum;
+}
+
+// The largest of what they bring.
+fn max_over(lane: u32, v: f32) -> f32 {
+    partial[lane] = v;
+    for (var width = WORKGROUP / 2u; width > 0u; width /= 2u) {
+        workgroupBarrier();
+        if (lane < width) {
+            partial[lane] = max(partial[lane], partial[lane + width]);
+        }
+    }
+    workgroupBarrier();
+    let largest = partial[0];
+    workgroupBarrier();
+    return largest;
+}

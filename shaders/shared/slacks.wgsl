@@ -1,0 +1,86 @@
+// Slacks and multipliers of the inequalities: their steps, and where a barrier step aims.
+// Twin: src/kernels/slacks.rs
+
+const BARRIER_FLOOR: f32 = 1e-9;
+
+// Where a barrier step aims: at products `s z = mu - correction ds dz`, with the steps of the predictor.
+struct Aim {
+    mu: f32,
+    correction: f32,
+}
+
+// Steps of slack and multiplier of inequality `i`, into their place.
+//   g, g_change   residual, and its change along the direction
+// Returns the reciprocal of the step at which the first of them reaches zero.
+fn slack_step(base: u32, i: u32, g: f32, g_change: f32, aim: Aim) -> f32 {
+    let s = values[base + batch.slack + i];
+    let z = values[base + batch.multiplier + i];
+    let ds_at = base + batch.slack_step + i;
+    let dz_at = base + batch.multiplier_step + i;
+    let ratio = s / z;
+    // Without a correction the old steps are not looked at: they may be anything.
+    var second = 0.0;
+    if (aim.correction != 0.0) {
+        second = aim.correction * values[ds_at] * values[dz_at];
+    }
+    let centre = (aim.mu - second) / z;
+    let w = 1.0 / (ratio + 1.0);
+    let dz = w * (g_change + g - z + centre);
+    let ds = centre - s - ratio * dz;
+    values[ds_at] = ds;
+    values[dz_at] = dz;
+    return max(-ds / s, -dz / z);
+}
+
+// The largest step in (0, 1] that keeps a twentieth of every slack and multiplier.
+fn step_length(steepest: f32) -> f32 {
+    return select(1.0, 0.95 / steepest, steepest * (1.0 / 0.95) > 1.0);
+}
+
+// Product of slack and multiplier `i` after a step.
+fn product_after(base: u32, i: u32, length: f32) -> f32 {
+    let s = values[base + batch.slack + i] + length * values[base + batch.slack_step + i];
+    let z = values[base + batch.multiplier + i] + length * values[base + batch.multiplier_step + i];
+    return s * z;
+}
+
+// Barrier parameter to aim for, Mehrotra's way, from the mean product before and after the predictor.
+fn target_barrier(before: f32, after: f32) -> f32 {
+    let share = clamp(after / before, 0.0, 1.0);
+    return max(before * share * share, BARRIER_FLOOR);
+}
+
+// Weight of inequality `i` in a barrier step, and its value: `w = 1 / (s/z + 1/rho)`, `z + w (g - z/rho + mu/z)`, with `rho = 1`.
+fn barrier_row(base: u32, i: u32, g: f32, aim: Aim) -> vec2<f32> {
+    let s = values[base + batch.slack + i];
+    let z = values[base + batch.multiplier + i];
+    var second = 0.0;
+    if (aim.correction != 0.0) {
+        second = aim.correction * values[base + batch.slack_step + i] * values[base + batch.multiplier_step + i];
+    }
+    let w = 1.0 / (s / z + 1.0);
+    return vec2<f32>(w, z + w * (g - z + (aim.mu - second) / z));
+}
+
+// Weights and values of the rows of one element in a barrier step; those of equalities are 1 and the residual.
+fn barrier_rows(slot: u32, half: u32, element: Element, aim: Aim) {
+    let base = slot * batch.values;
+    let g = base + batch.g + half * batch.g_half;
+    for (var r = 0u; r < element.rows; r++) {
+        let row = element.place.row + r;
+        if (row < slots[slot].equalities) {
+            values[base + batch.weight + row] = 1.0;
+            values[base + batch.value + row] = values[base + batch.c + half * batch.c_half + row];
+            continue;
+        }
+        let upper = element.place.inequality + r;
+        var sum = barrier_row(base, upper, values[g + upper], aim);
+        if (r < element.pairs) {
+            let lower = element.place.inequality + element.rows + r;
+            let side = barrier_row(base, lower, values[g + lower], aim);
+            sum = vec2<f32>(sum.x + side.x, sum.y - side.y);
+        }
+        values[base + batch.weight + row] = sum.x;
+        values[base + batch.value + row] = sum.y;
+    }
+}

@@ -1,0 +1,160 @@
+// Terrain: height, slope and curvature at (x, y). Reads the samples of grids from `heights`.
+// Twins: src/terrain/mod.rs, src/terrain/profile.rs, src/terrain/grid.rs          Source: [3], [4]
+
+struct Ground {
+    height: f32,
+    slope: vec2<f32>,
+    // curvature[i][j] = d slope[i] / d (x, y)[j].
+    curvature: array<vec2<f32>, 2>,
+}
+
+// Level ground at a height.
+fn level(height: f32) -> Ground {
+    return Ground(height, vec2<f32>(), array<vec2<f32>, 2>());
+}
+
+// Height, slope and curvature at (x, y), m. Beyond the edge of a grid its edge goes on.
+fn ground(shape: Shape, x: f32, y: f32) -> Ground {
+    if (shape.kind == FLAT) {
+        return level(0.0);
+    }
+    if (shape.kind == GRID) {
+        return grid_ground(shape, x, y);
+    }
+    return profile_ground(shape.kind, x, y);
+}
+
+// The ground at (x, y) with the direction of its surface averaged over `radius` to either side along each axis, m.
+//
+// Height stays exact. Radius 0 is `ground`.
+fn rounded_ground(shape: Shape, x: f32, y: f32, radius: f32) -> Ground {
+    let exact = ground(shape, x, y);
+    // Stairs are level where they are not vertical: nothing to average.
+    if (radius == 0.0 || shape.kind == FLAT || shape.kind == STAIRS) {
+        return exact;
+    }
+    let width = radius + radius;
+    let east = ground(shape, x + radius, y);
+    let west = ground(shape, x - radius, y);
+    let north = ground(shape, x, y + radius);
+    let south = ground(shape, x, y - radius);
+    return Ground(
+        exact.height,
+        vec2<f32>((east.height - west.height) / width, (north.height - south.height) / width),
+        array<vec2<f32>, 2>((east.slope - west.slope) / width, (north.slope - south.slope) / width),
+    );
+}
+
+fn within(x: f32, low: f32, high: f32) -> bool {
+    return x >= low && x <= high;
+}
+
+// Height, slope and curvature of an analytic profile. Its constants are worked out in f64 and rounded once, as in the twin.
+fn profile_ground(kind: u32, x: f32, y: f32) -> Ground {
+    var ground = level(0.0);
+    switch (kind) {
+        case BLOCK: {
+            const start = 0.7;
+            const ramp = 0.03;
+            const length = 3.5;
+            const height = 0.5;
+            if (within(x, start + ramp, start + length)) {
+                ground.height = height;
+            } else if (within(x, start, start + ramp)) {
+                ground.height = height / ramp * (x - start);
+                ground.slope.x = height / ramp;
+            }
+        }
+        case STAIRS: {
+            if (x >= 1.0 && x < 1.4) {
+                ground.height = 0.2;
+            } else if (x >= 1.4 && x < 2.4) {
+                ground.height = 0.4;
+            }
+        }
+        case GAP: {
+            // Zero at both edges and -depth in the middle.
+            const start = 1.0;
+            const width = 0.6;
+            const depth = 1.5;
+            if (within(x, start, start + width)) {
+                const a = 4.0 * depth / (width * width);
+                let u = x - (start + width / 2.0);
+                ground.height = a * u * u - depth;
+                ground.slope.x = 2.0 * a * u;
+                ground.curvature[0].x = 2.0 * a;
+            }
+        }
+        case SLOPE: {
+            const start = 1.0;
+            const top = 2.0;
+            const end = 3.0;
+            const height = 0.7;
+            if (x >= start && x < top) {
+                ground.height = height * (x - start);
+                ground.slope.x = height;
+            } else if (x >= top && x < end) {
+                ground.height = height - height * (x - top);
+                ground.slope.x = -height;
+            }
+        }
+        case CHIMNEY: {
+            if (within(x, 1.0, 2.5)) {
+                ground.height = 3.0 * (y - 0.5);
+                ground.slope.y = 3.0;
+            }
+        }
+        case CHIMNEY_LR: {
+            // At the common edge the second wall wins.
+            if (within(x, 1.5, 2.5)) {
+                ground.height = -2.0 * (y + 0.5);
+                ground.slope.y = -2.0;
+            } else if (within(x, 0.5, 1.5)) {
+                ground.height = 2.0 * (y - 0.5);
+                ground.slope.y = 2.0;
+            }
+        }
+        default: {}
+    }
+    return ground;
+}
+
+// Cell, fraction in it, samples per metre (0 where clamped).
+struct Located {
+    cell: u32,
+    fraction: f32,
+    per_metre: f32,
+}
+
+fn locate(v: f32, low: f32, per_metre: f32, samples: u32) -> Located {
+    let u = (v - low) * per_metre;
+    let last = f32(samples - 1u);
+    let inside = u >= 0.0 && u <= last;
+    // 0 where u is not a number, too.
+    let clamped = select(0.0, min(u, last), u >= 0.0);
+    let cell = min(u32(floor(clamped)), samples - 2u);
+    return Located(cell, clamped - f32(cell), select(0.0, per_metre, inside));
+}
+
+// Height, slope and curvature of a grid; beyond the last sample the edge height goes on.
+fn grid_ground(shape: Shape, x: f32, y: f32) -> Ground {
+    let i = locate(x, shape.low[0], shape.per_metre[0], shape.rows);
+    let j = locate(y, shape.low[1], shape.per_metre[1], shape.columns);
+    let a = i.fraction;
+    let b = j.fraction;
+    // Columns of a row are contiguous.
+    let at = shape.first + i.cell * shape.columns + j.cell;
+    let h00 = heights[at];
+    let h10 = heights[at + shape.columns];
+    let h01 = heights[at + 1u];
+    let h11 = heights[at + shape.columns + 1u];
+    let along_x = h10 - h00;
+    let along_y = h01 - h00;
+    let twist = h11 - h10 - h01 + h00;
+    let bend = twist * i.per_metre * j.per_metre;
+    return Ground(
+        h00 + a * along_x + b * along_y + a * b * twist,
+        vec2<f32>((along_x + b * twist) * i.per_metre, (along_y + a * twist) * j.per_metre),
+        array<vec2<f32>, 2>(vec2<f32>(0.0, bend), vec2<f32>(bend, 0.0)),
+    );
+}

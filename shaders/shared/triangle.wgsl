@@ -1,0 +1,24 @@
+// Packed upper triangles.
+
+// Values of a front of `size` variables and its right-hand side, row by row from the diagonal on.
+fn ix_front(size: u32, i: u32, j: u32) -> u32 {
+    return i * (size + 1u) - (i * (i + 1u)) / 2u + j;
+}
+
+// Number of cells to walk for the upper triangle of `count` columns, see `cell`.
+fn cells(count: u32) -> u32 {
+    let even = count + (count & 1u);
+    return (even / 2u) * (even + 1u);
+}
+
+// Row and column of a cell: the triangle folded into a rectangle, whose row `r` holds rows `r` and `even - 1 - r` of the triangle. Where the
+// count is odd the last column is too large, which the caller leaves out.
+fn cell(count: u32, e: u32) -> vec2<u32> {
+    let even = count + (count & 1u);
+    let r = e / (even + 1u);
+    let at = e - r * (even + 1u);
+    if (at < even - r) {
+        return vec2<u32>(r, r + at);
+    }
+    return vec2<u32>(even - 1u - r, at - 1u);
+}

@@ -1,0 +1,372 @@
+//! Buffers for a number of candidates at once, and what is done with them: filling slots, dispatches, read-back.
+
+use super::device::{Device, Fault, Pipeline};
+use crate::kernels::batch::{Batch, FrontStep, Gather, Rest, Sizes, Slot, Sweep, Touch, first_progress};
+use crate::kernels::control::Progress;
+use crate::kernels::shaders::{Buffer, SHADERS, Variant, WORKGROUP};
+use crate::nlp::Layout;
+use crate::nlp::layout::{DynamicsInstant, Element, ForceNode, Impulse, MomentumInterval, ReachFoot, ReachInstant, StanceForce, Stride, SwingNode};
+use crate::nlp::sweep::Run;
+use crate::settings::SolverSettings;
+use bytemuck::NoUninit;
+use std::sync::Arc;
+use wgpu::BufferUsages as Use;
+
+/// Offsets of bindings are multiples of this, the most that any device asks for.
+const ALIGNMENT: u64 = 256;
+
+/// A candidate, ready to be sent.
+pub struct Prepared {
+    /// Its number in the population.
+    pub index: usize,
+    /// Its tables.
+    pub layout: Layout<f32>,
+    /// Those for shaders alone.
+    pub sweep: Sweep,
+    /// Its sizes.
+    pub sizes: Sizes,
+    /// Its slot.
+    pub slot: Slot,
+    /// Loop iterations of an invocation in the costliest step of its factorisation, at most.
+    pub loops: u32,
+}
+
+impl Prepared {
+    /// Tables of a candidate whose terrain's heights begin at `first_height`.
+    pub fn new(index: usize, layout: Layout<f32>, first_height: u32) -> Prepared {
+        let sweep = Sweep::of(&layout);
+        let sizes = Sizes::of(&layout, &sweep);
+        let slot = Slot::of(&layout, first_height);
+        let loops = layout.steps.iter().map(|step| loops(&layout, step)).max().unwrap_or(0);
+        Prepared { index, layout, sweep, sizes, slot, loops }
+    }
+}
+
+/// Loop iterations of an invocation of the shader `front` in one step of the sweep, at most.
+fn loops(layout: &Layout<f32>, step: &crate::nlp::sweep::Step) -> u32 {
+    let shares = |n: u32| n / WORKGROUP + 2;
+    let triangle = |n: u32| shares(n * (n + 3) / 2);
+    let elements: u32 = layout.elements[step.elements.range()]
+        .iter()
+        .map(|element| {
+            let columns: u32 = layout.runs[element.runs.range()].iter().map(|r| r.len).sum();
+            triangle(columns) + shares(columns) + columns + 8
+        })
+        .sum();
+    let panels = step.pivots.div_ceil(4) * (triangle(step.size) + 6 * shares(step.size));
+    elements + panels + 4 * triangle(step.size) + 4 * shares(step.size)
+}
+
+/// Which list of slots a dispatch works on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum List {
+    /// Those that iterate.
+    Running,
+    /// Those that were just filled.
+    Starting,
+}
+
+/// What a profile knows of one shader.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Timing {
+    /// Dispatches.
+    pub count: usize,
+    /// Time on the device, s.
+    pub seconds: f64,
+}
+
+/// Buffers for a number of candidates.
+pub struct Bank {
+    device: Arc<Device>,
+    pipelines: Arc<Vec<Pipeline>>,
+    groups: Vec<wgpu::BindGroup>,
+    buffers: Vec<wgpu::Buffer>,
+    /// Progress of all slots, to be read.
+    progress: wgpu::Buffer,
+    /// Solutions, to be read.
+    solutions: wgpu::Buffer,
+    /// Slots.
+    pub capacity: usize,
+    /// Candidates that fit.
+    pub sizes: Sizes,
+    /// Sizes and offsets.
+    pub batch: Batch,
+    /// Bytes of all buffers.
+    pub bytes: u64,
+    /// Steps of the factorisation a dispatch.
+    sweep: u32,
+    /// Loop iterations that a step may take.
+    loops: u32,
+    heights: Vec<f32>,
+    /// Bytes sent to the device so far.
+    pub sent: u64,
+    /// Bytes read back so far.
+    pub received: u64,
+}
+
+/// Bytes that a slot takes in a buffer; of heights all.
+fn bytes_of(buffer: Buffer, batch: &Batch, heights: usize) -> u64 {
+    let entries = |n: u32, size: usize| u64::from(n) * size as u64;
+    match buffer {
+        Buffer::Running => 4,
+        Buffer::Slots => size_of::<Slot>() as u64,
+        Buffer::Progress => size_of::<Progress<f32>>() as u64,
+        Buffer::Values => entries(batch.values, 4),
+        Buffer::Jacobian => entries(batch.jacobian, 8),
+        Buffer::Factor => entries(batch.factor, 4),
+        Buffer::Footholds => entries(batch.footholds, 4),
+        Buffer::DynamicsInstants => entries(batch.dynamics, size_of::<DynamicsInstant<f32>>()),
+        Buffer::StanceForces => entries(batch.stance_forces, size_of::<StanceForce<f32>>()),
+        Buffer::MomentumIntervals => entries(batch.momentum, size_of::<MomentumInterval<f32>>()),
+        Buffer::Impulses => entries(batch.impulses, size_of::<Impulse<f32>>()),
+        Buffer::ReachInstants => entries(batch.reach, size_of::<ReachInstant<f32>>()),
+        Buffer::ReachFeet => entries(batch.reach_feet, size_of::<ReachFoot<f32>>()),
+        Buffer::ForceNodes => entries(batch.force_nodes, size_of::<ForceNode<f32>>()),
+        Buffer::SwingNodes => entries(batch.swing_nodes, size_of::<SwingNode<f32>>()),
+        Buffer::Strides => entries(batch.strides, size_of::<Stride<f32>>()),
+        Buffer::Elements => entries(batch.elements, size_of::<Element>()),
+        Buffer::Runs => entries(batch.runs, size_of::<Run>()),
+        Buffer::FrontSteps => entries(batch.steps, size_of::<FrontStep>()),
+        Buffer::Rests => entries(batch.rests, size_of::<Rest>()),
+        Buffer::Gathers => entries(batch.gathers, size_of::<Gather>()),
+        Buffer::Touches => entries(batch.touches, size_of::<Touch>()),
+        Buffer::Heights => 4 * heights.max(1) as u64,
+    }
+}
+
+/// How many slots of these sizes the limits of a device allow.
+pub fn most_slots(device: &Device, sizes: &Sizes, settings: &SolverSettings, heights: usize) -> usize {
+    let variant = Variant::new(sizes.front, sizes.columns, device.limits.max_compute_workgroup_storage_size);
+    let batch = Batch::new(sizes, settings, variant.front == 0);
+    let limit = device.limits.max_storage_buffer_binding_size.min(device.limits.max_buffer_size);
+    let slots = |buffer| if buffer == Buffer::Heights { u64::MAX } else { limit / bytes_of(buffer, &batch, heights) };
+    let most = Buffer::ALL.into_iter().map(slots).min().unwrap_or(0);
+    most.min(u64::from(device.limits.max_compute_workgroups_per_dimension)) as usize
+}
+
+impl Bank {
+    /// Buffers for `capacity` candidates of these sizes.
+    ///
+    /// * `heights` - samples of all grids
+    /// * `loops` - loop iterations of an invocation in the costliest step of a factorisation
+    pub fn new(
+        device: &Arc<Device>,
+        sizes: Sizes,
+        settings: &SolverSettings,
+        capacity: usize,
+        heights: &[f32],
+        loops: u32,
+    ) -> Result<Bank, Fault> {
+        let variant = Variant::new(sizes.front, sizes.columns, device.limits.max_compute_workgroup_storage_size);
+        let batch = Batch::new(&sizes, settings, variant.front == 0);
+        let pipelines = device.pipelines(variant)?;
+        let list = 4 * capacity as u64;
+        let mut bytes = 0;
+        let mut buffers = Vec::new();
+        for buffer in Buffer::ALL {
+            let size = match buffer {
+                Buffer::Running => 2 * list.next_multiple_of(ALIGNMENT),
+                Buffer::Heights => bytes_of(buffer, &batch, heights.len()),
+                _ => capacity as u64 * bytes_of(buffer, &batch, 0),
+            };
+            bytes += size;
+            buffers.push(device.buffer(buffer.name(), size, Use::STORAGE | Use::COPY_DST | Use::COPY_SRC)?);
+        }
+        let uniform = device.buffer("batch", size_of::<Batch>() as u64, Use::UNIFORM | Use::COPY_DST)?;
+        device.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(&batch));
+        if !heights.is_empty() {
+            device.queue.write_buffer(&buffers[Buffer::Heights as usize], 0, bytemuck::cast_slice(heights));
+        }
+        // A driver that cuts loops short gets as many steps at once as it certainly does.
+        let sweep = device.loop_limit.map_or(batch.steps, |limit| (limit / loops.max(1)).clamp(1, batch.steps));
+        let parts = batch.steps.div_ceil(sweep);
+        let sweeps = device.buffer("sweep", ALIGNMENT * u64::from(parts), Use::UNIFORM | Use::COPY_DST)?;
+        for part in 0..parts {
+            let steps = [part * sweep, (part + 1) * sweep];
+            device.queue.write_buffer(&sweeps, ALIGNMENT * u64::from(part), bytemuck::cast_slice(&steps));
+        }
+        let groups = pipelines
+            .iter()
+            .map(|p| {
+                let mut entries = vec![wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() }];
+                for (i, (buffer, _)) in p.shader.buffers.iter().enumerate() {
+                    let size = (*buffer == Buffer::Running).then(|| list.next_multiple_of(ALIGNMENT));
+                    let binding = wgpu::BufferBinding {
+                        buffer: &buffers[*buffer as usize],
+                        offset: 0,
+                        size: size.and_then(std::num::NonZeroU64::new),
+                    };
+                    entries.push(wgpu::BindGroupEntry { binding: i as u32 + 1, resource: wgpu::BindingResource::Buffer(binding) });
+                }
+                if p.shader.sweep {
+                    let binding = wgpu::BufferBinding { buffer: &sweeps, offset: 0, size: std::num::NonZeroU64::new(8) };
+                    let binding = wgpu::BindingResource::Buffer(binding);
+                    entries.push(wgpu::BindGroupEntry { binding: entries.len() as u32, resource: binding });
+                }
+                device.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                    label: Some(p.shader.name),
+                    layout: &p.layout,
+                    entries: &entries,
+                })
+            })
+            .collect();
+        let progress_bytes = (capacity * size_of::<Progress<f32>>()) as u64;
+        let progress = device.buffer("read progress", progress_bytes, Use::MAP_READ | Use::COPY_DST)?;
+        let solutions = device.buffer("read solutions", 4 * (capacity * sizes.all).max(1) as u64, Use::MAP_READ | Use::COPY_DST)?;
+        device.check()?;
+        Ok(Bank {
+            device: device.clone(),
+            pipelines,
+            groups,
+            buffers,
+            progress,
+            solutions,
+            capacity,
+            sizes,
+            batch,
+            bytes,
+            sweep,
+            loops,
+            heights: heights.to_vec(),
+            sent: 0,
+            received: 0,
+        })
+    }
+
+    /// Whether it can be used again for candidates of these sizes with these settings.
+    pub fn serves(&self, sizes: Sizes, settings: &SolverSettings, heights: &[f32], loops: u32) -> bool {
+        let batch = Batch::new(&self.sizes, settings, self.batch.flags - self.batch.front > 0);
+        self.sizes.hold(sizes) && self.batch == batch && self.heights == heights && self.loops >= loops
+    }
+
+    /// Whether a candidate fits into a slot.
+    pub fn takes(&self, candidate: &Prepared) -> bool {
+        self.sizes.hold(candidate.sizes) && self.loops >= candidate.loops
+    }
+
+    /// A buffer.
+    pub fn buffer(&self, buffer: Buffer) -> &wgpu::Buffer {
+        &self.buffers[buffer as usize]
+    }
+
+    /// Sends the tables of one kind for candidates in consecutive slots from `first` on.
+    fn send<T: NoUninit>(&mut self, buffer: Buffer, first: usize, stride: u32, candidates: &[Prepared], of: impl Fn(&Prepared) -> &[T]) {
+        if candidates.iter().all(|c| of(c).is_empty()) {
+            return;
+        }
+        let stride = stride as usize * size_of::<T>();
+        let mut bytes = vec![0u8; stride * candidates.len()];
+        let mut last = 0;
+        for (i, candidate) in candidates.iter().enumerate() {
+            let table: &[u8] = bytemuck::cast_slice(of(candidate));
+            bytes[i * stride..i * stride + table.len()].copy_from_slice(table);
+            last = i * stride + table.len();
+        }
+        self.sent += last as u64;
+        self.device.queue.write_buffer(self.buffer(buffer), (first * stride) as u64, &bytes[..last]);
+    }
+
+    /// Fills consecutive slots from `first` on.
+    pub fn fill(&mut self, first: usize, candidates: &[Prepared], settings: &SolverSettings) {
+        let batch = self.batch;
+        // Kernels write what is not always zero; padding and the rest must be zero.
+        let mut encoder = self.device.device.create_command_encoder(&Default::default());
+        let jacobian = bytes_of(Buffer::Jacobian, &batch, 0);
+        encoder.clear_buffer(self.buffer(Buffer::Jacobian), first as u64 * jacobian, Some(candidates.len() as u64 * jacobian));
+        self.device.queue.submit([encoder.finish()]);
+        self.send(Buffer::Slots, first, 1, candidates, |c| std::slice::from_ref(&c.slot));
+        self.send(Buffer::Footholds, first, batch.footholds, candidates, |c| &c.layout.footholds);
+        self.send(Buffer::DynamicsInstants, first, batch.dynamics, candidates, |c| &c.layout.dynamics);
+        self.send(Buffer::StanceForces, first, batch.stance_forces, candidates, |c| &c.layout.stance_forces);
+        self.send(Buffer::MomentumIntervals, first, batch.momentum, candidates, |c| &c.layout.momentum);
+        self.send(Buffer::Impulses, first, batch.impulses, candidates, |c| &c.layout.impulses);
+        self.send(Buffer::ReachInstants, first, batch.reach, candidates, |c| &c.layout.reach);
+        self.send(Buffer::ReachFeet, first, batch.reach_feet, candidates, |c| &c.layout.reach_feet);
+        self.send(Buffer::ForceNodes, first, batch.force_nodes, candidates, |c| &c.layout.force_nodes);
+        self.send(Buffer::SwingNodes, first, batch.swing_nodes, candidates, |c| &c.layout.swing_nodes);
+        self.send(Buffer::Strides, first, batch.strides, candidates, |c| &c.layout.strides);
+        self.send(Buffer::Elements, first, batch.elements, candidates, |c| &c.layout.elements);
+        self.send(Buffer::Runs, first, batch.runs, candidates, |c| &c.layout.runs);
+        self.send(Buffer::FrontSteps, first, batch.steps, candidates, |c| &c.sweep.steps);
+        self.send(Buffer::Rests, first, batch.rests, candidates, |c| &c.sweep.rests);
+        self.send(Buffer::Gathers, first, batch.gathers, candidates, |c| &c.sweep.gathers);
+        self.send(Buffer::Touches, first, batch.touches, candidates, |c| &c.sweep.touches);
+        let progress: Vec<Progress<f32>> = candidates.iter().map(|c| first_progress(&c.layout, settings)).collect();
+        let at = first * size_of::<Progress<f32>>();
+        self.sent += (progress.len() * size_of::<Progress<f32>>()) as u64;
+        self.device.queue.write_buffer(self.buffer(Buffer::Progress), at as u64, bytemuck::cast_slice(&progress));
+        for (i, candidate) in candidates.iter().enumerate() {
+            let (slot, layout) = (first + i, &candidate.layout);
+            for (section, values) in [(batch.x, &layout.initial), (batch.initial, &layout.initial), (batch.pull, &layout.pull)] {
+                self.write_values(slot, section, values);
+            }
+        }
+    }
+
+    /// Writes values of a slot from an offset in [`Batch`] on.
+    pub fn write_values(&mut self, slot: usize, section: u32, values: &[f32]) {
+        let at = 4 * (slot as u64 * u64::from(self.batch.values) + u64::from(section));
+        self.sent += size_of_val(values) as u64;
+        self.device.queue.write_buffer(self.buffer(Buffer::Values), at, bytemuck::cast_slice(values));
+    }
+
+    /// Writes a list of slots.
+    pub fn list(&mut self, list: List, slots: &[u32]) {
+        self.sent += size_of_val(slots) as u64;
+        self.device.queue.write_buffer(self.buffer(Buffer::Running), u64::from(self.list_at(list)), bytemuck::cast_slice(slots));
+    }
+
+    fn list_at(&self, list: List) -> u32 {
+        match list {
+            List::Running => 0,
+            List::Starting => (4 * self.capacity as u64).next_multiple_of(ALIGNMENT) as u32,
+        }
+    }
+
+    /// Dispatches one shader over the first `count` slots of a list.
+    pub fn dispatch(&self, pass: &mut wgpu::ComputePass, shader: usize, list: List, count: usize) {
+        pass.set_pipeline(&self.pipelines[shader].pipeline);
+        let parts = if SHADERS[shader].sweep { self.batch.steps.div_ceil(self.sweep) } else { 1 };
+        for part in 0..parts {
+            let offsets = [self.list_at(list), part * ALIGNMENT as u32];
+            pass.set_bind_group(0, &self.groups[shader], &offsets[..1 + usize::from(SHADERS[shader].sweep)]);
+            pass.dispatch_workgroups(count as u32, 1, 1);
+        }
+    }
+
+    /// Has the progress of all slots copied to where it can be read.
+    pub fn copy_progress(&self, encoder: &mut wgpu::CommandEncoder) {
+        encoder.copy_buffer_to_buffer(self.buffer(Buffer::Progress), 0, &self.progress, 0, self.progress.size());
+    }
+
+    /// Reads what [`Bank::copy_progress`] copied.
+    pub fn read_progress(&mut self) -> Result<Vec<Progress<f32>>, Fault> {
+        self.received += self.progress.size();
+        Ok(bytemuck::pod_collect_to_vec(&self.device.read(&self.progress, self.progress.size())?))
+    }
+
+    /// Reads `x` of slots, each from its current half.
+    pub fn read_solutions(&mut self, slots: &[(u32, u32)]) -> Result<Vec<Vec<f32>>, Fault> {
+        let len = 4 * self.sizes.all as u64;
+        let mut encoder = self.device.device.create_command_encoder(&Default::default());
+        for (i, (slot, half)) in slots.iter().enumerate() {
+            let at = u64::from(*slot) * u64::from(self.batch.values) + u64::from(self.batch.x + half * self.batch.x_half);
+            encoder.copy_buffer_to_buffer(self.buffer(Buffer::Values), 4 * at, &self.solutions, i as u64 * len, len);
+        }
+        self.device.queue.submit([encoder.finish()]);
+        let bytes = self.device.read(&self.solutions, slots.len() as u64 * len)?;
+        self.received += bytes.len() as u64;
+        let values: Vec<f32> = bytemuck::pod_collect_to_vec(&bytes);
+        Ok(values.chunks(self.sizes.all).map(<[f32]>::to_vec).collect())
+    }
+
+    /// Reads a whole buffer. For tests.
+    pub fn read_buffer(&self, buffer: Buffer) -> Result<Vec<u8>, Fault> {
+        let from = self.buffer(buffer);
+        let to = self.device.buffer("read", from.size(), Use::MAP_READ | Use::COPY_DST)?;
+        let mut encoder = self.device.device.create_command_encoder(&Default::default());
+        encoder.copy_buffer_to_buffer(from, 0, &to, 0, from.size());
+        self.device.queue.submit([encoder.finish()]);
+        self.device.read(&to, from.size())
+    }
+}

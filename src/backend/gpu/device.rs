@@ -1,0 +1,338 @@
+//! Adapters of this machine, and one of them opened: device, limits and pipelines.
+
+use crate::error::{Error, Result};
+use crate::kernels::shaders::{Buffer, SHADERS, Shader, Variant};
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Loop iterations of one invocation after which some software adapters leave every loop.
+const LOOP_LIMIT: u32 = 65_535;
+
+/// What a device is asked to hold at least in one binding, bytes.
+const LEAST_BINDING: u64 = 64 << 20;
+
+/// Storage buffers of the shader that binds most.
+fn most_buffers() -> u32 {
+    SHADERS.iter().map(|s| s.buffers.len() as u32).max().unwrap_or(0)
+}
+
+/// An adapter of this machine.
+#[derive(Debug, Clone)]
+pub struct AdapterReport {
+    /// Its name.
+    pub name: String,
+    /// Discrete, integrated, virtual or software.
+    pub kind: String,
+    /// Interface it is reached by.
+    pub interface: String,
+    /// Driver and its version.
+    pub driver: String,
+    /// Whether it computes on a processor.
+    pub software: bool,
+    /// Workgroup memory, bytes.
+    pub workgroup_memory: u32,
+    /// Largest storage binding, bytes.
+    pub storage_binding: u64,
+    /// Storage buffers a shader may bind.
+    pub storage_buffers: u32,
+    /// Why it cannot be used, if so.
+    pub unusable: Option<String>,
+}
+
+fn instance() -> wgpu::Instance {
+    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+    descriptor.backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
+    // Nothing that depends on how this program was built.
+    descriptor.flags = wgpu::InstanceFlags::empty();
+    wgpu::Instance::new(descriptor)
+}
+
+fn report(adapter: &wgpu::Adapter) -> AdapterReport {
+    let (info, limits) = (adapter.get_info(), adapter.limits());
+    let kind = match info.device_type {
+        wgpu::DeviceType::DiscreteGpu => "discrete",
+        wgpu::DeviceType::IntegratedGpu => "integrated",
+        wgpu::DeviceType::VirtualGpu => "virtual",
+        wgpu::DeviceType::Cpu => "software",
+        wgpu::DeviceType::Other => "other",
+    };
+    let buffers = limits.max_storage_buffers_per_shader_stage;
+    let unusable = if buffers < most_buffers() {
+        Some(format!("{buffers} storage buffers a shader, {} are needed", most_buffers()))
+    } else if limits.max_storage_buffer_binding_size < LEAST_BINDING {
+        Some(format!("storage bindings of {} MiB, 64 are needed", limits.max_storage_buffer_binding_size >> 20))
+    } else {
+        None
+    };
+    AdapterReport {
+        name: info.name,
+        kind: kind.into(),
+        interface: info.backend.to_string(),
+        driver: format!("{} {}", info.driver, info.driver_info).trim().into(),
+        software: info.device_type == wgpu::DeviceType::Cpu,
+        workgroup_memory: limits.max_compute_workgroup_storage_size,
+        storage_binding: limits.max_storage_buffer_binding_size,
+        storage_buffers: buffers,
+        unusable,
+    }
+}
+
+/// Adapters of this machine, in the order in which they are tried.
+fn ranked() -> Vec<(AdapterReport, wgpu::Adapter)> {
+    let instance = instance();
+    let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+    let mut ranked: Vec<_> = adapters.into_iter().map(|a| (report(&a), a)).collect();
+    let rank = |kind: &str| ["discrete", "integrated", "virtual", "other", "software"].iter().position(|k| *k == kind);
+    ranked.sort_by_key(|(r, _)| (r.unusable.is_some(), rank(&r.kind)));
+    ranked
+}
+
+/// Adapters of this machine, in the order in which they are tried.
+pub fn adapters() -> Vec<AdapterReport> {
+    ranked().into_iter().map(|(report, _)| report).collect()
+}
+
+/// Why work on a device could not go on.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Fault {
+    /// It has not enough memory.
+    OutOfMemory,
+    /// It is lost, or refused something.
+    Lost(String),
+}
+
+impl std::fmt::Display for Fault {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Fault::OutOfMemory => f.write_str("the device is out of memory"),
+            Fault::Lost(why) => write!(f, "the device was lost: {why}"),
+        }
+    }
+}
+
+/// A shader, compiled.
+pub struct Pipeline {
+    /// Its entry in the table.
+    pub shader: &'static Shader,
+    /// Layout of its bindings.
+    pub layout: wgpu::BindGroupLayout,
+    /// For dispatches.
+    pub pipeline: wgpu::ComputePipeline,
+}
+
+/// An open device.
+pub struct Device {
+    /// Its adapter.
+    pub report: AdapterReport,
+    /// The device.
+    pub device: wgpu::Device,
+    /// Its queue.
+    pub queue: wgpu::Queue,
+    /// Its limits.
+    pub limits: wgpu::Limits,
+    /// Whether passes can be timed.
+    pub timestamps: bool,
+    /// Loop iterations after which an invocation is cut short, where the driver does that.
+    pub loop_limit: Option<u32>,
+    pipelines: Mutex<BTreeMap<Variant, Arc<Vec<Pipeline>>>>,
+    /// The first error nobody waited for.
+    fault: Arc<Mutex<Option<Fault>>>,
+}
+
+impl std::fmt::Debug for Device {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Device").field("report", &self.report).finish_non_exhaustive()
+    }
+}
+
+fn keep(fault: &Mutex<Option<Fault>>, new: Fault) {
+    fault.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(new);
+}
+
+impl Device {
+    /// Opens the first usable adapter, or the first whose name contains `name` (in any case).
+    ///
+    /// * `software` - whether adapters that compute on a processor may be taken when no name asks for one
+    ///
+    /// # Errors
+    /// [`Error::Device`] says what was found instead, or why it could not be opened.
+    pub fn open(name: Option<&str>, software: bool) -> Result<Device> {
+        let wanted = name.map(str::to_lowercase);
+        let found = ranked();
+        let fits = |r: &AdapterReport| match &wanted {
+            Some(name) => r.name.to_lowercase().contains(name),
+            None => software || !r.software,
+        };
+        let names: Vec<String> = found.iter().map(|(r, _)| format!("{} ({}, {})", r.name, r.kind, r.interface)).collect();
+        let list = if names.is_empty() { "no adapter".into() } else { names.join("; ") };
+        let Some((report, adapter)) = found.into_iter().find(|(r, _)| fits(r)) else {
+            let wanted = name.map_or("a GPU".into(), |n| format!("an adapter named `{n}`"));
+            return Err(Error::Device { message: format!("{wanted} was asked for; this machine has {list}") });
+        };
+        if let Some(why) = &report.unusable {
+            return Err(Error::Device { message: format!("{} cannot be used: {why}", report.name) });
+        }
+        let refused = |message: String| Error::Device { message: format!("{}: {message}", report.name) };
+        let limits = adapter.limits();
+        let timestamps = adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY);
+        let request = adapter.request_device(&wgpu::DeviceDescriptor {
+            label: Some("cregopt"),
+            required_features: if timestamps { wgpu::Features::TIMESTAMP_QUERY } else { wgpu::Features::empty() },
+            required_limits: limits.clone(),
+            ..Default::default()
+        });
+        let (device, queue) = pollster::block_on(request).map_err(|e| refused(e.to_string()))?;
+        let fault = Arc::new(Mutex::new(None));
+        let to = fault.clone();
+        device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| {
+            keep(&to, if matches!(e, wgpu::Error::OutOfMemory { .. }) { Fault::OutOfMemory } else { Fault::Lost(e.to_string()) });
+        }));
+        let to = fault.clone();
+        device.set_device_lost_callback(move |reason, message| keep(&to, Fault::Lost(format!("{reason:?} {message}").trim().into())));
+        let mut device = Device { report, device, queue, limits, timestamps, loop_limit: None, pipelines: Mutex::default(), fault };
+        let counted = device.count_to(3 * LOOP_LIMIT).map_err(|f| Error::Device { message: format!("{}: {f}", device.report.name) })?;
+        if counted != 3 * LOOP_LIMIT {
+            device.loop_limit = Some(counted.min(LOOP_LIMIT));
+        }
+        Ok(device)
+    }
+
+    /// The first error since the last call, or that of the device that is no more.
+    pub fn check(&self) -> std::result::Result<(), Fault> {
+        let mut fault = self.fault.lock().unwrap_or_else(PoisonError::into_inner);
+        match &*fault {
+            None => Ok(()),
+            // Memory may be found elsewhere, a lost device stays lost.
+            Some(Fault::OutOfMemory) => Err(fault.take().unwrap_or(Fault::OutOfMemory)),
+            Some(lost) => Err(lost.clone()),
+        }
+    }
+
+    /// Waits until everything submitted is done.
+    pub fn wait(&self) -> std::result::Result<(), Fault> {
+        self.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|e| Fault::Lost(e.to_string()))?;
+        self.check()
+    }
+
+    /// Makes a buffer.
+    pub fn buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> std::result::Result<wgpu::Buffer, Fault> {
+        let memory = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false });
+        if pollster::block_on(memory.pop()).is_some() {
+            return Err(Fault::OutOfMemory);
+        }
+        self.check()?;
+        Ok(buffer)
+    }
+
+    /// Reads what was copied into a buffer made for that.
+    pub fn read(&self, buffer: &wgpu::Buffer, len: u64) -> std::result::Result<Vec<u8>, Fault> {
+        let slice = buffer.slice(..len);
+        let answer = Arc::new(Mutex::new(None));
+        let to = answer.clone();
+        slice.map_async(wgpu::MapMode::Read, move |result| *to.lock().unwrap_or_else(PoisonError::into_inner) = Some(result));
+        self.wait()?;
+        match answer.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            Some(Ok(())) => {}
+            other => return Err(Fault::Lost(format!("a read-back failed: {other:?}"))),
+        }
+        let bytes = slice.get_mapped_range().map_err(|e| Fault::Lost(e.to_string()))?.to_vec();
+        buffer.unmap();
+        Ok(bytes)
+    }
+
+    fn entry(binding: u32, ty: wgpu::BufferBindingType, has_dynamic_offset: bool) -> wgpu::BindGroupLayoutEntry {
+        let ty = wgpu::BindingType::Buffer { ty, has_dynamic_offset, min_binding_size: None };
+        wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::COMPUTE, ty, count: None }
+    }
+
+    fn compile(&self, shader: &'static Shader, variant: &Variant) -> Pipeline {
+        let mut entries = vec![Device::entry(0, wgpu::BufferBindingType::Uniform, false)];
+        for (i, (buffer, write)) in shader.buffers.iter().enumerate() {
+            let ty = wgpu::BufferBindingType::Storage { read_only: !write };
+            entries.push(Device::entry(i as u32 + 1, ty, *buffer == Buffer::Running));
+        }
+        if shader.sweep {
+            entries.push(Device::entry(entries.len() as u32, wgpu::BufferBindingType::Uniform, true));
+        }
+        let label = Some(shader.name);
+        let layout = self.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries: &entries });
+        let module = self.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label,
+            source: wgpu::ShaderSource::Wgsl(shader.text(variant).into()),
+        });
+        let pipeline_layout = self.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label,
+            bind_group_layouts: &[Some(&layout)],
+            immediate_size: 0,
+        });
+        let pipeline = self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label,
+            layout: Some(&pipeline_layout),
+            module: &module,
+            entry_point: Some("main"),
+            // Every shader writes its workgroup memory before it reads it.
+            compilation_options: wgpu::PipelineCompilationOptions { zero_initialize_workgroup_memory: false, ..Default::default() },
+            cache: None,
+        });
+        Pipeline { shader, layout, pipeline }
+    }
+
+    /// Pipelines of a variant, in the order of [`SHADERS`]; compiled when first asked for.
+    pub fn pipelines(&self, variant: Variant) -> std::result::Result<Arc<Vec<Pipeline>>, Fault> {
+        let mut cached = self.pipelines.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(pipelines) = cached.get(&variant) {
+            return Ok(pipelines.clone());
+        }
+        let pipelines = Arc::new(SHADERS.iter().map(|shader| self.compile(shader, &variant)).collect::<Vec<_>>());
+        self.check()?;
+        cached.insert(variant, pipelines.clone());
+        Ok(pipelines)
+    }
+
+    /// Has one invocation count in two loops, and returns how far it came: some drivers leave loops early.
+    fn count_to(&self, count: u32) -> std::result::Result<u32, Fault> {
+        const TEXT: &str = "
+            @group(0) @binding(0) var<storage, read_write> counted: array<u32>;
+            @compute @workgroup_size(64)
+            fn main(@builtin(local_invocation_index) lane: u32) {
+                let count = counted[lane];
+                var n = 0u;
+                for (var i = 0u; i < count / 2u; i++) { n += 1u + (n >> 31u); }
+                for (var i = count / 2u; i < count; i++) { n += 1u + (n >> 31u); }
+                counted[lane] = n;
+            }";
+        let module = self
+            .device
+            .create_shader_module(wgpu::ShaderModuleDescriptor { label: Some("count"), source: wgpu::ShaderSource::Wgsl(TEXT.into()) });
+        let pipeline = self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some("count"),
+            layout: None,
+            module: &module,
+            entry_point: Some("main"),
+            compilation_options: Default::default(),
+            cache: None,
+        });
+        use wgpu::BufferUsages as Use;
+        let bytes = 4 * u64::from(crate::kernels::shaders::WORKGROUP);
+        let counted = self.buffer("count", bytes, Use::STORAGE | Use::COPY_DST | Use::COPY_SRC)?;
+        let answer = self.buffer("count", bytes, Use::MAP_READ | Use::COPY_DST)?;
+        let counts = [count; crate::kernels::shaders::WORKGROUP as usize];
+        self.queue.write_buffer(&counted, 0, bytemuck::cast_slice(&counts));
+        let group = self.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: None,
+            layout: &pipeline.get_bind_group_layout(0),
+            entries: &[wgpu::BindGroupEntry { binding: 0, resource: counted.as_entire_binding() }],
+        });
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        let mut pass = encoder.begin_compute_pass(&Default::default());
+        pass.set_pipeline(&pipeline);
+        pass.set_bind_group(0, &group, &[]);
+        pass.dispatch_workgroups(1, 1, 1);
+        drop(pass);
+        encoder.copy_buffer_to_buffer(&counted, 0, &answer, 0, bytes);
+        self.queue.submit([encoder.finish()]);
+        let answer = self.read(&answer, bytes)?;
+        Ok(answer.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).min().unwrap_or(0))
+    }
+}

@@ -1,0 +1,588 @@
+//! The GPU backend: the same rounds as the CPU's, for as many candidates at once as the device holds.
+//!
+//! Candidates stand in slots. A submission holds a few rounds of all running slots; after it the progress of each is read, finished
+//! candidates leave, and their slots are filled again once half of them are free. Meanwhile the CPU prepares the tables of those that
+//! come next and certifies those that are done.
+
+mod bank;
+mod device;
+
+pub use bank::{Bank, List, Prepared, Timing, most_slots};
+pub use device::{AdapterReport, Device, Fault, adapters};
+
+use super::{Backend, Cpu, Job, Precision, Problem, Solution};
+use crate::error::{Error, Result};
+use crate::gait::Schedule;
+use crate::kernels::control::Progress;
+use crate::kernels::shaders::{Buffer, SHADERS};
+use crate::nlp::Layout;
+use crate::settings::{SolverSettings, TranscriptionSettings};
+use crate::solver::{Finish, Outcome, Solver, Status};
+use crate::task::Task;
+use crate::terrain::{Shape, Terrain};
+use rayon::prelude::*;
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Slots of a device with memory of its own.
+const SLOTS: usize = 2048;
+/// Slots of a software adapter: what it does at once does not make it faster.
+const SOFTWARE_SLOTS: usize = 64;
+/// Candidates whose tables are made before the sizes of a bank are chosen.
+const SAMPLE: usize = 256;
+/// Room for larger candidates that come later.
+const SPARE: f64 = 1.1;
+/// A submission is kept between these times.
+const SUBMISSION: [Duration; 2] = [Duration::from_millis(25), Duration::from_millis(80)];
+/// Most rounds of a submission.
+const MOST_ROUNDS: usize = 8;
+
+/// Shaders that evaluate the rows at the trial point.
+const EVALUATION: [&str; 6] = ["foothold", "dynamics", "momentum", "reach", "force", "swing"];
+/// Shaders that make a trial point.
+const DIRECTION: [&str; 9] = ["front", "substitute", "product", "correct", "transposed", "forward", "substitute", "product", "advance"];
+/// Shaders that look at it; `rows` begins the next round.
+const VERDICT: [&str; 2] = ["judge", "rows"];
+/// Shaders behind the evaluation of the initial point.
+const START: [&str; 2] = ["start", "rows"];
+
+/// Where the time of a backend's solves went.
+#[derive(Debug, Clone, Default)]
+pub struct Profile {
+    /// By shader, when the device can time them and was asked to.
+    pub shaders: BTreeMap<&'static str, Timing>,
+    /// Waiting for the device, s.
+    pub device: f64,
+    /// Making tables, s.
+    pub tables: f64,
+    /// Sending them, s.
+    pub sending: f64,
+    /// Bytes sent.
+    pub sent: u64,
+    /// Bytes read back.
+    pub received: u64,
+    /// Bytes of the buffers.
+    pub memory: u64,
+    /// Slots.
+    pub slots: usize,
+    /// Submissions.
+    pub submissions: usize,
+    /// Rounds.
+    pub rounds: usize,
+}
+
+/// A GPU, and the CPU that stands in for it.
+#[derive(Debug)]
+pub struct Gpu {
+    device: Arc<Device>,
+    cpu: Cpu,
+    bank: Mutex<Option<Bank>>,
+    /// What the CPU had to do instead, and why.
+    fallback: Mutex<Option<(usize, Fault)>>,
+    profile: Mutex<Profile>,
+    timed: bool,
+    slots: usize,
+}
+
+impl std::fmt::Debug for Bank {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Bank").field("capacity", &self.capacity).field("bytes", &self.bytes).finish_non_exhaustive()
+    }
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Gpu {
+    /// Opens the first usable adapter (see [`Device::open`]) and tests it.
+    ///
+    /// # Errors
+    /// [`Error::Device`] when there is none, it cannot be opened, or it computes wrong numbers.
+    pub fn open(name: Option<&str>, software: bool, threads: usize) -> Result<Gpu> {
+        let device = Arc::new(Device::open(name, software)?);
+        let slots = if device.report.software { SOFTWARE_SLOTS } else { SLOTS };
+        let gpu = Gpu {
+            device,
+            cpu: Cpu::new(threads)?,
+            bank: Mutex::default(),
+            fallback: Mutex::default(),
+            profile: Mutex::default(),
+            timed: false,
+            slots,
+        };
+        gpu.self_test()?;
+        Ok(gpu)
+    }
+
+    /// Holds at most this many candidates at once.
+    pub fn with_slots(mut self, slots: usize) -> Gpu {
+        self.slots = slots.max(1);
+        self
+    }
+
+    /// Times every shader. Each then runs in a pass of its own.
+    pub fn timed(mut self) -> Gpu {
+        self.timed = self.device.timestamps;
+        self
+    }
+
+    /// The device.
+    pub fn open_device(&self) -> &Arc<Device> {
+        &self.device
+    }
+
+    /// Where the time went since the last call.
+    pub fn take_profile(&self) -> Profile {
+        std::mem::take(&mut *locked(&self.profile))
+    }
+
+    /// Solves a small problem with a known end: drivers that cut loops short or miscompile are found here, not in results.
+    fn self_test(&self) -> Result<()> {
+        let failed = |what: String| Error::Device { message: format!("{}: failed its self-test: {what}", self.device.report.name) };
+        let (task, schedule) = self_test_problem()?;
+        let transcription = TranscriptionSettings::default();
+        let settings = SolverSettings::default();
+        let schedule = schedule.aligned(transcription.interval_for(&task.robot));
+        let layout = Layout::<f32>::new(&task, &schedule, &transcription);
+        let expected = Solver::default().solve(&layout, &settings, Finish::Infeasibility(settings.tolerance), None, &|| false);
+        let problems = [Problem { task: &task, schedule }];
+        let answer = Mutex::new(None);
+        let job = Job { problems: &problems, transcription: &transcription, settings: &settings, precision: Precision::F32 };
+        self.work(&job, &|_| false, &|_, solution| *locked(&answer) = Some(solution), &mut [false]).map_err(|f| failed(f.to_string()))?;
+        let answer = answer.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let Some(Solution { outcome, x }) = answer else { return Err(failed("no answer".into())) };
+        // The rows at its solution, on the CPU.
+        let (mut c, mut g) = (vec![0.; layout.equalities], vec![0.; layout.inequalities]);
+        let mut shared = crate::kernels::Shared::default();
+        shared.resize(&layout);
+        let x: Vec<f32> = x.iter().map(|v| *v as f32).collect();
+        crate::kernels::evaluate(&layout, &x, 0., &mut shared, &mut c, &mut g, None);
+        let f = f64::from(crate::kernels::judge::infeasibility(&c, &g));
+        if outcome.status != Status::Solved || f > 10. * settings.tolerance {
+            let limit = self.device.loop_limit.map_or(String::new(), |n| format!(", loops end after {n} iterations"));
+            return Err(failed(format!("{} at infeasibility {f:.1e}, the CPU: {}{limit}", outcome.status, expected.status)));
+        }
+        self.take_profile();
+        Ok(())
+    }
+
+    /// Solves what can be solved on the device. `done` says which candidates need nothing any more.
+    fn work(
+        &self,
+        job: &Job,
+        skip: &(dyn Fn(usize) -> bool + Sync),
+        finish: &(dyn Fn(usize, Solution) + Sync),
+        done: &mut [bool],
+    ) -> std::result::Result<(), Fault> {
+        let mut bank = locked(&self.bank);
+        let mut run = Run::new(self, job, skip, done);
+        let result = self.cpu.pool().in_place_scope(|scope| {
+            run.all(&mut bank, &mut |index, solution| scope.spawn(move |_| finish(index, solution)))
+        });
+        let mut profile = locked(&self.profile);
+        if let Some(bank) = &mut *bank {
+            profile.sent += std::mem::take(&mut bank.sent);
+            profile.received += std::mem::take(&mut bank.received);
+            profile.memory = profile.memory.max(bank.bytes);
+            profile.slots = profile.slots.max(bank.capacity);
+        }
+        if result.is_err() {
+            // Its buffers may be gone.
+            *bank = None;
+        }
+        result
+    }
+}
+
+/// A biped that makes two steps.
+fn self_test_problem() -> Result<(Task, Schedule)> {
+    let scenario = crate::scenario::Scenario::named("biped")?;
+    let mut task = scenario.task(1)?;
+    task.base_target = [0.2, 0., task.base_target[2]];
+    let schedule = Schedule::new(vec![vec![0.4, 0.2, 0.3, 0.2, 0.3], vec![0.2, 0.2, 0.3, 0.2, 0.5]])?;
+    Ok((task, schedule))
+}
+
+/// One call of [`Gpu::work`].
+struct Run<'a> {
+    gpu: &'a Gpu,
+    job: &'a Job<'a>,
+    skip: &'a (dyn Fn(usize) -> bool + Sync),
+    done: &'a mut [bool],
+    /// Samples of all grids, and where those of each terrain begin.
+    heights: Vec<f32>,
+    terrains: Vec<(*const Terrain, u32)>,
+    /// Candidates that have no tables yet.
+    next: usize,
+    prepared: VecDeque<Prepared>,
+    /// Slots in use and the candidate in each.
+    running: Vec<(u32, usize)>,
+    free: Vec<u32>,
+    rounds: usize,
+}
+
+// SAFETY: the pointers are compared, never followed.
+unsafe impl Sync for Run<'_> {}
+
+impl<'a> Run<'a> {
+    fn new(gpu: &'a Gpu, job: &'a Job<'a>, skip: &'a (dyn Fn(usize) -> bool + Sync), done: &'a mut [bool]) -> Self {
+        let (mut heights, mut terrains): (Vec<f32>, Vec<(*const Terrain, u32)>) = Default::default();
+        for problem in job.problems {
+            let terrain = &problem.task.terrain;
+            if terrains.iter().all(|(known, _)| *known != Arc::as_ptr(terrain)) {
+                terrains.push((Arc::as_ptr(terrain), heights.len() as u32));
+                if let Shape::Grid(grid) = &terrain.shape {
+                    heights.extend(grid.heights.iter().flatten().map(|h| *h as f32));
+                }
+            }
+        }
+        Run {
+            gpu,
+            job,
+            skip,
+            done,
+            heights,
+            terrains,
+            next: 0,
+            prepared: VecDeque::new(),
+            running: Vec::new(),
+            free: Vec::new(),
+            rounds: 1,
+        }
+    }
+
+    /// Solves all candidates.
+    fn all(&mut self, bank: &mut Option<Bank>, finish: &mut dyn FnMut(usize, Solution)) -> std::result::Result<(), Fault> {
+        // A bank of an earlier call has other heights, maybe other settings.
+        loop {
+            self.prepare(SAMPLE);
+            let Some(sizes) = self.prepared.iter().map(|p| p.sizes).reduce(|a, b| a.max(b)) else { return Ok(()) };
+            self.make_bank(bank, sizes)?;
+            let Some(bank) = bank.as_mut() else { return Ok(()) };
+            self.free = (0..bank.capacity as u32).rev().collect();
+            while self.step(bank, finish)? {}
+            debug_assert!(self.running.is_empty());
+        }
+    }
+
+    /// Makes tables until `count` candidates have theirs or none is left.
+    fn prepare(&mut self, count: usize) {
+        let start = Instant::now();
+        while self.prepared.len() < count && self.next < self.job.problems.len() {
+            let wanted = (count - self.prepared.len()).min(self.job.problems.len() - self.next);
+            let indices = self.next..self.next + wanted;
+            self.next += wanted;
+            let this = &*self;
+            let made: Vec<Option<Prepared>> = self.gpu.cpu.pool().install(|| indices.into_par_iter().map(|i| this.tables(i)).collect());
+            for (index, prepared) in (self.next - wanted..).zip(made) {
+                match prepared {
+                    Some(prepared) => self.prepared.push_back(prepared),
+                    None => self.done[index] = true,
+                }
+            }
+        }
+        locked(&self.gpu.profile).tables += start.elapsed().as_secs_f64();
+    }
+
+    fn tables(&self, index: usize) -> Option<Prepared> {
+        if (self.skip)(index) {
+            return None;
+        }
+        let problem = &self.job.problems[index];
+        let layout = Layout::<f32>::new(problem.task, &problem.schedule, self.job.transcription);
+        let first = self.terrains.iter().find(|(t, _)| *t == Arc::as_ptr(&problem.task.terrain)).map_or(0, |t| t.1);
+        Some(Prepared::new(index, layout, first))
+    }
+
+    /// A bank that holds candidates of these sizes: as many as are left, as the device allows, and as it has memory for.
+    fn make_bank(&mut self, bank: &mut Option<Bank>, sizes: crate::kernels::batch::Sizes) -> std::result::Result<(), Fault> {
+        let (device, settings) = (&self.gpu.device, self.job.settings);
+        let left = self.prepared.len() + self.job.problems.len() - self.next;
+        let loops = self.prepared.iter().map(|p| p.loops).max().unwrap_or(0);
+        let wanted = self.gpu.slots.min(left);
+        if let Some(bank) = bank.as_ref()
+            && bank.serves(sizes, settings, &self.heights, loops)
+            && bank.capacity >= wanted
+        {
+            return Ok(());
+        }
+        *bank = None;
+        let sizes = sizes.enlarged(SPARE);
+        let mut capacity = wanted.min(most_slots(device, &sizes, settings, self.heights.len()));
+        if capacity == 0 {
+            return Err(Fault::OutOfMemory);
+        }
+        loop {
+            let loops = (f64::from(loops) * SPARE) as u32;
+            match Bank::new(device, sizes, settings, capacity, &self.heights, loops) {
+                Ok(made) => {
+                    *bank = Some(made);
+                    return Ok(());
+                }
+                Err(Fault::OutOfMemory) if capacity > 1 => capacity /= 2,
+                Err(fault) => return Err(fault),
+            }
+        }
+    }
+
+    /// One submission, and what goes with it. Returns false when nothing runs any more and nothing fits in.
+    fn step(&mut self, bank: &mut Bank, finish: &mut dyn FnMut(usize, Solution)) -> std::result::Result<bool, Fault> {
+        let start = Instant::now();
+        let (skip, done, free) = (self.skip, &mut *self.done, &mut self.free);
+        self.running.retain(|&(slot, index)| {
+            let dropped = skip(index);
+            if dropped {
+                done[index] = true;
+                free.push(slot);
+            }
+            !dropped
+        });
+        let starting = self.fill(bank);
+        if self.running.is_empty() {
+            return Ok(false);
+        }
+        let slots: Vec<u32> = self.running.iter().map(|r| r.0).collect();
+        bank.list(List::Running, &slots);
+        let mut timer = self.gpu.timed.then(|| Timer::new(&self.gpu.device, self.rounds));
+        let mut encoder = self.gpu.device.device.create_command_encoder(&Default::default());
+        let mut plan: Vec<(&'static str, List, usize)> = Vec::new();
+        if starting > 0 {
+            plan.extend(EVALUATION.iter().chain(&START).map(|s| (*s, List::Starting, starting)));
+        }
+        for _ in 0..self.rounds {
+            plan.extend(DIRECTION.iter().chain(&EVALUATION).chain(&VERDICT).map(|s| (*s, List::Running, slots.len())));
+        }
+        encode(bank, &mut encoder, &plan, timer.as_mut());
+        bank.copy_progress(&mut encoder);
+        if let Some(timer) = &timer {
+            timer.resolve(&mut encoder);
+        }
+        self.gpu.device.queue.submit([encoder.finish()]);
+        let sent = Instant::now();
+        // While it works: the tables of those that come next.
+        self.prepare(bank.capacity.div_ceil(2));
+        let waiting = Instant::now();
+        let progress = bank.read_progress()?;
+        let elapsed = sent.elapsed();
+        {
+            let mut profile = locked(&self.gpu.profile);
+            profile.sending += (sent - start).as_secs_f64();
+            profile.device += waiting.elapsed().as_secs_f64();
+            profile.submissions += 1;
+            profile.rounds += self.rounds;
+            if let Some(timer) = timer {
+                timer.add_to(&mut profile, &plan)?;
+            }
+        }
+        if elapsed < SUBMISSION[0] {
+            self.rounds = (2 * self.rounds).min(MOST_ROUNDS);
+        } else if elapsed > SUBMISSION[1] {
+            self.rounds = (self.rounds / 2).max(1);
+        }
+        self.collect(bank, &progress, finish)?;
+        Ok(true)
+    }
+
+    /// Fills free slots once half of them are free. Returns how many were filled; they are listed as starting.
+    fn fill(&mut self, bank: &mut Bank) -> usize {
+        if !(self.running.is_empty() || 2 * self.free.len() >= bank.capacity) {
+            return 0;
+        }
+        self.prepare(self.free.len());
+        // Slots in their order, so that neighbours are sent together.
+        self.free.sort_unstable();
+        let fits = self.prepared.iter().take(self.free.len()).take_while(|p| bank.takes(p)).count();
+        let slots: Vec<u32> = self.free.drain(..fits).collect();
+        let mut candidates: Vec<Prepared> = self.prepared.drain(..fits).collect();
+        self.running.extend(slots.iter().copied().zip(candidates.iter().map(|c| c.index)));
+        for run in slots.chunk_by(|a, b| a + 1 == *b) {
+            let rest = candidates.split_off(run.len());
+            bank.fill(run[0] as usize, &candidates, self.job.settings);
+            candidates = rest;
+        }
+        if !slots.is_empty() {
+            bank.list(List::Starting, &slots);
+        }
+        slots.len()
+    }
+
+    /// Hands over what has ended.
+    fn collect(
+        &mut self,
+        bank: &mut Bank,
+        progress: &[Progress<f32>],
+        finish: &mut dyn FnMut(usize, Solution),
+    ) -> std::result::Result<(), Fault> {
+        let ended: Vec<(u32, usize)> = self.running.iter().copied().filter(|(slot, _)| progress[*slot as usize].ended()).collect();
+        if ended.is_empty() {
+            return Ok(());
+        }
+        let halves: Vec<(u32, u32)> = ended.iter().map(|(slot, _)| (*slot, progress[*slot as usize].current)).collect();
+        let solutions = bank.read_solutions(&halves)?;
+        for ((slot, index), x) in ended.iter().zip(solutions) {
+            let progress = &progress[*slot as usize];
+            let outcome = Outcome {
+                status: Status::of(progress.state).unwrap_or(Status::Stalled),
+                iterations: progress.iterations as usize,
+                factorisations: progress.factorisations as usize,
+                infeasibility: f64::from(progress.infeasibility),
+            };
+            self.done[*index] = true;
+            finish(*index, Solution { outcome, x: x.into_iter().map(f64::from).collect() });
+        }
+        self.running.retain(|(slot, _)| !progress[*slot as usize].ended());
+        self.free.extend(ended.iter().map(|e| e.0));
+        Ok(())
+    }
+}
+
+/// Encodes shaders in their order, in one pass or, when they are timed, in one each.
+fn encode(bank: &Bank, encoder: &mut wgpu::CommandEncoder, plan: &[(&'static str, List, usize)], timer: Option<&mut Timer>) {
+    let number = |name: &str| SHADERS.iter().position(|s| s.name == name).unwrap_or(0);
+    match timer {
+        None => {
+            let mut pass = encoder.begin_compute_pass(&Default::default());
+            for (name, list, count) in plan {
+                bank.dispatch(&mut pass, number(name), *list, *count);
+            }
+        }
+        Some(timer) => {
+            for (i, (name, list, count)) in plan.iter().enumerate() {
+                let writes = wgpu::ComputePassTimestampWrites {
+                    query_set: &timer.queries,
+                    beginning_of_pass_write_index: Some(2 * i as u32),
+                    end_of_pass_write_index: Some(2 * i as u32 + 1),
+                };
+                let mut pass =
+                    encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some(name), timestamp_writes: Some(writes) });
+                bank.dispatch(&mut pass, number(name), *list, *count);
+            }
+        }
+    }
+}
+
+/// Times of the passes of one submission.
+struct Timer {
+    device: Arc<Device>,
+    queries: wgpu::QuerySet,
+    count: u32,
+    resolved: wgpu::Buffer,
+    answer: wgpu::Buffer,
+}
+
+impl Timer {
+    fn new(device: &Arc<Device>, rounds: usize) -> Timer {
+        let count = 2 * ((rounds + 1) * (DIRECTION.len() + EVALUATION.len() + VERDICT.len())) as u32;
+        let buffer = |label, usage| {
+            let size = 8 * u64::from(count);
+            device.device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false })
+        };
+        use wgpu::BufferUsages as Use;
+        Timer {
+            device: device.clone(),
+            queries: device.device.create_query_set(&wgpu::QuerySetDescriptor { label: None, ty: wgpu::QueryType::Timestamp, count }),
+            count,
+            resolved: buffer("times", Use::QUERY_RESOLVE | Use::COPY_SRC),
+            answer: buffer("read times", Use::MAP_READ | Use::COPY_DST),
+        }
+    }
+
+    fn resolve(&self, encoder: &mut wgpu::CommandEncoder) {
+        encoder.resolve_query_set(&self.queries, 0..self.count, &self.resolved, 0);
+        encoder.copy_buffer_to_buffer(&self.resolved, 0, &self.answer, 0, self.answer.size());
+    }
+
+    fn add_to(&self, profile: &mut Profile, plan: &[(&'static str, List, usize)]) -> std::result::Result<(), Fault> {
+        let times: Vec<u64> = bytemuck::pod_collect_to_vec(&self.device.read(&self.answer, self.answer.size())?);
+        let period = f64::from(self.device.queue.get_timestamp_period()) * 1e-9;
+        for (i, (name, ..)) in plan.iter().enumerate() {
+            let timing = profile.shaders.entry(name).or_default();
+            timing.count += 1;
+            timing.seconds += times[2 * i + 1].saturating_sub(times[2 * i]) as f64 * period;
+        }
+        Ok(())
+    }
+}
+
+impl Backend for Gpu {
+    fn device(&self) -> String {
+        let report = &self.device.report;
+        let fallback = match &*locked(&self.fallback) {
+            None => String::new(),
+            Some((count, fault)) => format!("; {count} candidates on the cpu, for {fault}"),
+        };
+        format!("gpu: {} ({}, {}){fallback}", report.name, report.interface, report.driver)
+    }
+
+    fn threads(&self) -> usize {
+        self.cpu.threads()
+    }
+
+    fn solve(&self, job: &Job, skip: &(dyn Fn(usize) -> bool + Sync), finish: &(dyn Fn(usize, Solution) + Sync)) {
+        // Only f32 exists there, and the stall rule's window is kept in every slot.
+        if job.precision == Precision::F64 {
+            return self.cpu.solve(job, skip, finish);
+        }
+        let mut done = vec![false; job.problems.len()];
+        let smoothed;
+        let finish: &(dyn Fn(usize, Solution) + Sync) = if job.settings.smooth.iterations == 0 {
+            finish
+        } else {
+            smoothed = |index: usize, solution: Solution| finish(index, smooth(job, index, solution));
+            &smoothed
+        };
+        if let Err(fault) = self.work(job, skip, finish, &mut done) {
+            let left: Vec<usize> = (0..done.len()).filter(|i| !done[*i]).collect();
+            let problems: Vec<Problem> = left.iter().map(|i| job.problems[*i].clone()).collect();
+            let mut fallback = locked(&self.fallback);
+            let before = fallback.take().map_or(0, |f| f.0);
+            *fallback = Some((before + left.len(), fault));
+            drop(fallback);
+            self.cpu.solve(&Job { problems: &problems, ..*job }, &|i| skip(left[i]), &|i, solution| finish(left[i], solution));
+        }
+    }
+}
+
+/// Lowers the cost of a solved motion, on the CPU: few are solved, and only those that are wanted.
+fn smooth(job: &Job, index: usize, solution: Solution) -> Solution {
+    if solution.outcome.status != Status::Solved {
+        return solution;
+    }
+    let problem = &job.problems[index];
+    let layout = Layout::<f32>::new(problem.task, &problem.schedule, job.transcription);
+    let mut solver = Solver::<f32>::default();
+    let finish = Finish::Infeasibility(job.settings.tolerance);
+    let outcome = solver.solve(&layout, job.settings, finish, Some(&solution.x), &|| false);
+    if outcome.status != Status::Solved {
+        return solution;
+    }
+    let outcome = Outcome {
+        iterations: solution.outcome.iterations + outcome.iterations,
+        factorisations: solution.outcome.factorisations + outcome.factorisations,
+        ..outcome
+    };
+    Solution { outcome, x: solver.solution() }
+}
+
+/// The bank and its device, for tests of single shaders.
+impl Bank {
+    /// Dispatches shaders by name over a list of slots and waits.
+    ///
+    /// # Errors
+    /// [`Fault`] when the device does not do it.
+    pub fn run(&mut self, device: &Device, shaders: &[&'static str], slots: &[u32]) -> std::result::Result<(), Fault> {
+        self.list(List::Running, slots);
+        let mut encoder = device.device.create_command_encoder(&Default::default());
+        let plan: Vec<_> = shaders.iter().map(|s| (*s, List::Running, slots.len())).collect();
+        encode(self, &mut encoder, &plan, None);
+        device.queue.submit([encoder.finish()]);
+        device.wait()
+    }
+
+    /// Writes a whole buffer of four-byte values.
+    pub fn write_buffer(&mut self, device: &Device, buffer: Buffer, bytes: &[u8]) {
+        device.queue.write_buffer(self.buffer(buffer), 0, bytes);
+    }
+}
