@@ -9,7 +9,7 @@ use cregopt::evaluate::{LowerSettings, evaluate};
 use cregopt::gait::Schedule;
 use cregopt::kernels;
 use cregopt::kernels::front::{Factor, NormalEquations, factorise};
-use cregopt::kernels::step::column_scaling;
+use cregopt::kernels::start::column_scaling;
 use cregopt::nlp::Layout;
 use cregopt::scenario::{SCENARIOS, Scenario};
 use cregopt::task::Task;

@@ -188,7 +188,7 @@ fn between_knots(task: &Task, schedule: &Schedule) -> [[f64; 2]; 2] {
     let nodes = node_values(task, &layout, &x);
     // Rows of all feet are at the times of the nodes.
     let feet = task.robot.feet();
-    let instants: Vec<_> = layout.reach.iter().filter(|instant| instant.feet.len() == feet).map(|instant| &instant.base).collect();
+    let instants: Vec<_> = layout.reach.iter().filter(|instant| instant.feet.range().len() == feet).map(|instant| &instant.base).collect();
     assert_eq!(instants.len(), nodes.base_lin.nodes.len());
     assert!(instants.len() > 2 * layout.curves.intervals);
     let mut farthest = [[0_f64; 2]; 2];
@@ -236,7 +236,7 @@ fn integrals_of_force_nodes_are_exact() {
     let h = layout.curves.interval;
     for (k, interval) in layout.momentum.iter().enumerate() {
         let start = k as f64 * h;
-        let impulses = &layout.impulses[interval.impulses.start as usize..interval.impulses.end as usize];
+        let impulses = &layout.impulses[interval.impulses.range()];
         let mut at_work = 0;
         let stances = layout.curves.feet.iter().flat_map(|f| f.force_nodes.iter().zip(f.phases.iter().step_by(2)).zip(&f.footholds));
         for ((nodes, span), foothold) in stances {

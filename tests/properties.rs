@@ -153,7 +153,7 @@ fn check_places(layout: &Layout<f32>) -> Result<(), TestCaseError> {
         } else {
             cover(1, place.inequality, element.rows + element.pairs);
         }
-        let runs = &layout.runs[element.runs.start as usize..element.runs.end as usize];
+        let runs = &layout.runs[element.runs.range()];
         let mut column = 0;
         for run in runs {
             prop_assert_eq!(run.column, column, "columns follow each other");
@@ -183,13 +183,13 @@ fn check_sweep(layout: &Layout<f32>) -> Result<(), TestCaseError> {
         prop_assert!(step.pivots <= step.size && step.size < step.stride && (step.size as usize) < layout.front_stride);
         // Variable in each slot: pivots, then the rest.
         let mut front: Vec<u32> = (step.variable..step.variable + step.pivots).collect();
-        for run in &layout.front_runs[step.rest.start as usize..step.rest.end as usize] {
+        for run in &layout.front_runs[step.rest.range()] {
             prop_assert_eq!(run.slot as usize, front.len());
             front.extend(run.variable..run.variable + run.len);
         }
         prop_assert_eq!(front.len(), step.size as usize);
-        for element in &layout.elements[step.elements.start as usize..step.elements.end as usize] {
-            for run in &layout.runs[element.runs.start as usize..element.runs.end as usize] {
+        for element in &layout.elements[step.elements.range()] {
+            for run in &layout.runs[element.runs.range()] {
                 for i in 0..run.len {
                     prop_assert_eq!(front[(run.slot + i) as usize], run.variable + i);
                     last_step[(run.variable + i) as usize] = k;
@@ -203,9 +203,9 @@ fn check_sweep(layout: &Layout<f32>) -> Result<(), TestCaseError> {
     // The front takes the feet of a reach instant together: no step splits one, nothing stands between its feet.
     let (mut instants, mut left) = (layout.reach.iter(), 0);
     for step in &layout.steps {
-        for element in &layout.elements[step.elements.start as usize..step.elements.end as usize] {
+        for element in &layout.elements[step.elements.range()] {
             if element.family == Family::Reach && left == 0 {
-                left = instants.next().map_or(0, |instant| instant.feet.len());
+                left = instants.next().map_or(0, |instant| instant.feet.range().len());
                 prop_assert!(left > 0);
             }
             prop_assert!(left == 0 || element.family == Family::Reach);

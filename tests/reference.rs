@@ -8,8 +8,16 @@ use common::{
 };
 use cregopt::certify::verify::{Family, verify_rows};
 use cregopt::gait::{Curve, FootCurves, Schedule, Trajectory};
-use cregopt::kernels::front::{Factor, NormalEquations, factorise, forward, substitute};
-use cregopt::kernels::step::{self, Aim, Slacks};
+use cregopt::kernels::advance::advance;
+use cregopt::kernels::forward::forward;
+use cregopt::kernels::front::{Factor, NormalEquations, factorise};
+use cregopt::kernels::judge::{infeasibility, infeasibility_fall, merit_fall, nonlinearity, pull_fall, update_slacks};
+use cregopt::kernels::product::jacobian_times;
+use cregopt::kernels::rows::{barrier_rows, closing_rows, variable_terms};
+use cregopt::kernels::slacks::{Aim, Slacks, mean_product, slack_steps, target};
+use cregopt::kernels::start::{column_scaling, start_slacks};
+use cregopt::kernels::substitute::substitute;
+use cregopt::kernels::transposed::transposed_times;
 use cregopt::nlp::layout::{Element, NONE};
 use cregopt::nlp::node_values;
 use cregopt::nlp::{Layout, Real};
@@ -48,6 +56,10 @@ const ELEMENTWISE_TOLERANCE: f64 = 1e-14;
 
 /// Sums over all rows in another order, relative.
 const SUM_TOLERANCE: f64 = 1e-11;
+
+/// Falls in f32, relative to how far the terms fall, up or down, and to the norm of those terms that are rounded before their difference is
+/// taken: each has a few roundings of its own, and their signs are random.
+const F32_FALL_ERROR: f64 = 4. * f32::EPSILON as f64;
 
 struct Case {
     name: String,
@@ -165,7 +177,7 @@ fn expected(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> (Vec<f64>,
     for (instant, t) in layout.reach.iter().zip(times) {
         let base = at(&nodes.base_lin, t)[0];
         let to_base = rotation(at(&nodes.base_ang, t))[0].transpose();
-        for (foot, entry) in layout.reach_feet[instant.feet.start as usize..instant.feet.end as usize].iter().enumerate() {
+        for (foot, entry) in layout.reach_feet[instant.feet.range()].iter().enumerate() {
             let offset = to_base * (at(&nodes.ee[foot].motion, t)[0] - base) - Vector3::from(robot.nominal_feet[foot]);
             for d in 0..3 {
                 let row = entry.place.inequality as usize + d;
@@ -682,11 +694,11 @@ fn jacobian_products_are_derivatives_along_the_direction() {
     for State { layout, rows, x, .. } in states() {
         let direction = random_vector(12, layout.variables);
         let (mut by_c, mut by_g) = (vec![f64::NAN; layout.equalities], vec![f64::NAN; layout.inequalities]);
-        step::jacobian_times(&layout, &rows.jacobian, &direction, &mut vec![0.; layout.widest], &mut by_c, &mut by_g);
+        jacobian_times(&layout, &rows.jacobian, &direction, &mut vec![0.; layout.widest], &mut by_c, &mut by_g);
         // Along a straight line, both sides of every inequality.
         let moved = |by: f64| {
             let mut moved = x.clone();
-            step::advance(&x[..layout.variables], by, &direction, &mut moved[..layout.variables]);
+            advance(&x[..layout.variables], by, &direction, &mut moved[..layout.variables]);
             rows_with(&layout, &moved, 0., &mut frozen_at(&layout, &x, 0.))
         };
         let (ahead, behind) = (moved(DIFFERENCE_STEP), moved(-DIFFERENCE_STEP));
@@ -702,30 +714,26 @@ fn transposed_products_are_those_of_the_dense_jacobian() {
         let v = random_vector(14, layout.rows);
         // What is left in either buffer must not show.
         let (mut product, mut local) = (vec![f64::NAN; layout.variables], vec![f64::NAN; layout.widest]);
-        step::transposed_times(&layout, &rows.jacobian, &v, &mut local, &mut product);
+        transposed_times(&layout, &rows.jacobian, &v, &mut local, &mut product);
         let expected = dense_jacobian(&layout, &rows.jacobian).tr_mul(&DVector::from_vec(v));
         assert_close(&product, expected.as_slice(), SUM_TOLERANCE, "product");
     }
 }
 
 #[test]
-fn terms_of_single_variables_and_the_cost_of_the_pull_are_their_plain_formulas() {
+fn terms_of_single_variables_are_their_plain_formulas() {
     let (proximal, weight) = (0.02, 0.3);
     for State { layout, x, .. } in states() {
         let n = layout.variables;
         let positive = |seed| random_vector(seed, n).iter().map(|v| v + 1.5).collect::<Vec<f64>>();
         let (scaling, pull) = (positive(15), positive(16));
         let (mut diagonal, mut gradient) = (vec![f64::NAN; n], vec![f64::NAN; n]);
-        step::variable_terms(&scaling, proximal, &pull, weight, &x, &layout.initial, &mut diagonal, &mut gradient);
+        variable_terms(&scaling, proximal, &pull, weight, &x, &layout.initial, &mut diagonal, &mut gradient);
         let of_each = |term: &dyn Fn(usize) -> f64| (0..n).map(term).collect::<Vec<f64>>();
         let expected = of_each(&|i| proximal * scaling[i] + weight * pull[i]);
         assert_close(&diagonal, &expected, ELEMENTWISE_TOLERANCE, "diagonal");
         let expected = of_each(&|i| weight * pull[i] * (x[i] - layout.initial[i]));
         assert_close(&gradient, &expected, ELEMENTWISE_TOLERANCE, "gradient");
-        let cost = of_each(&|i| pull[i] * (x[i] - layout.initial[i]).powi(2) / 2.).iter().sum::<f64>();
-        assert!(cost > 1.);
-        assert_close(&[step::pull_cost(&pull, &x[..n], &layout.initial)], &[cost], SUM_TOLERANCE, "cost");
-        assert_eq!(step::pull_cost(&pull, &layout.initial[..n], &layout.initial), 0.);
 
         // Forces, attitudes and rates are pulled, in `momentum` alone.
         let mut expected = vec![0.; n];
@@ -764,8 +772,8 @@ fn row_weights_are_those_of_the_full_system() {
         for aim in AIMS.map(Some).into_iter().chain([None]) {
             let (mut weight, mut value) = (vec![f64::NAN; layout.rows], vec![f64::NAN; layout.rows]);
             match aim {
-                Some(aim) => step::barrier_rows(&layout, &rows.c, g, &slacks, aim, &mut weight, &mut value),
-                None => step::closing_rows(&layout, &rows.c, g, &mut weight, &mut value),
+                Some(aim) => barrier_rows(&layout, &rows.c, g, &slacks, aim, &mut weight, &mut value),
+                None => closing_rows(&layout, &rows.c, g, &mut weight, &mut value),
             }
             // J' W J e and J' v with all rows, against one weight for both sides of a row.
             let probe = DVector::from_fn(layout.variables, |i, _| ((i * 7919) % 13) as f64 / 13. - 0.4);
@@ -790,7 +798,7 @@ fn columns_are_scaled_by_their_squares() {
     for State { layout, rows, .. } in states() {
         let (j, jg) = (dense_jacobian(&layout, &rows.jacobian), dense_inequalities(&layout, &rows.jacobian));
         let mut diagonal = vec![f64::NAN; layout.variables];
-        step::column_scaling(&layout, &rows.jacobian, &mut diagonal);
+        column_scaling(&layout, &rows.jacobian, &mut diagonal);
         let formula = |i: usize| {
             let equalities = j.column(i).rows(0, layout.equalities).norm_squared();
             (equalities + 0.5 * jg.column(i).norm_squared()).max(1e-2)
@@ -800,32 +808,243 @@ fn columns_are_scaled_by_their_squares() {
     }
 }
 
+fn half_square(values: &[f64]) -> f64 {
+    values.iter().map(|v| v * v).sum::<f64>() / 2.
+}
+
+/// Terms of the infeasibility.
+fn infeasibility_terms(c: &[f64], g: &[f64]) -> Vec<f64> {
+    c.iter().copied().chain(g.iter().map(|g| g.max(0.))).map(|v| v * v / 2.).collect()
+}
+
+/// Terms of the merit with each slack `factor` times the best one, at which `s (g + s) = mu`.
+fn merit_terms(c: &[f64], g: &[f64], mu: f64, factor: f64) -> Vec<f64> {
+    let of_row = |g: f64| {
+        let best = ((g * g + 4. * mu).sqrt() - g) / 2.;
+        assert!((best * (g + best) - mu).abs() <= 1e-9 * (g * g + mu));
+        let s = factor * best;
+        (g + s).powi(2) / 2. - mu * s.ln()
+    };
+    c.iter().map(|c| c * c / 2.).chain(g.iter().map(|&g| of_row(g))).collect()
+}
+
+/// Terms of the cost of being away from the initial values.
+fn pull_terms(pull: &[f64], x: &[f64], initial: &[f64]) -> Vec<f64> {
+    pull.iter().zip(x.iter().zip(initial)).map(|(pull, (x, initial))| pull * (x - initial).powi(2) / 2.).collect()
+}
+
+/// A fall against the difference of two sums.
+fn assert_falls(got: f64, from: &[f64], to: &[f64], tolerance: f64, what: &str) {
+    let [sum, sum_to] = [from, to].map(|terms| terms.iter().sum::<f64>());
+    let (gap, size) = (got - (sum - sum_to), sum.abs().max(sum_to.abs()).max(1.));
+    assert!(gap.abs() <= tolerance * size, "{what}: {got:e} against {:e}, gap {gap:e} of {size:e}", sum - sum_to);
+}
+
+/// How far a fall is off the difference of two sums, in units of the error that f32 may have.
+///
+/// * `rounded` - terms that are rounded before their difference is taken
+fn f32_error(got: f32, from: &[f64], to: &[f64], rounded: &[f64]) -> f64 {
+    let falls: Vec<f64> = from.iter().zip(to).map(|(from, to)| from - to).collect();
+    let size = falls.iter().map(|fall| fall.abs()).sum::<f64>() + rounded.iter().map(|v| v * v).sum::<f64>().sqrt();
+    (f64::from(got) - falls.iter().sum::<f64>()).abs() / (F32_FALL_ERROR * size)
+}
+
+/// The same of the difference of two sums in f32.
+fn f32_error_of_sums(from: &[f64], to: &[f64], rounded: &[f64]) -> f64 {
+    let [sum, sum_to] = [from, to].map(|terms| terms.iter().map(|&v| v as f32).sum::<f32>());
+    f32_error(sum - sum_to, from, to, rounded)
+}
+
+/// Values in f32, and those in f64.
+fn narrow(values: &[f64]) -> (Vec<f32>, Vec<f64>) {
+    let narrow = in_scalar::<f32>(values);
+    let wide = narrow.iter().map(|&v| v.into()).collect();
+    (narrow, wide)
+}
+
+/// Values near others, on the whole smaller by a share of `away`.
+fn near(values: &[f64], random: &mut Random, away: f64) -> Vec<f64> {
+    values.iter().map(|v| v * (1. - random.between(-0.5 * away, away))).collect()
+}
+
+/// Residuals of a state and others at which it may arrive: some rows hold in one of them only.
+fn residuals_from_and_to(Rows { c, g, .. }: &Rows<f64>) -> [(Vec<f64>, Vec<f64>); 2] {
+    let moved = |values: &[f64], seed| -> Vec<f64> {
+        let moves = random_vector(seed, values.len());
+        values.iter().zip(moves).map(|(value, by)| 0.6 * value + by).collect()
+    };
+    let (c_to, g_to) = (moved(c, 17), moved(g, 18));
+    assert!(g.iter().zip(&g_to).any(|(g, to)| *g > 0. && *to < 0.) && g.iter().zip(&g_to).any(|(g, to)| *g < 0. && *to > 0.));
+    [(c.clone(), g.clone()), (c_to, g_to)]
+}
+
+/// Barrier parameters at the end of a solve, in its midst, and far above.
+const MUS: [f64; 3] = [1e-6, MU, 2.];
+
 #[test]
-fn merits_are_their_plain_formulas() {
+fn infeasibility_and_nonlinearity_are_their_plain_formulas() {
     for State { rows: Rows { c, g, .. }, .. } in states() {
-        let half_square = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>() / 2.;
         let violated: Vec<f64> = g.iter().map(|g| g.max(0.)).collect();
-        assert_close(&[step::infeasibility(&c, &g)], &[half_square(&c) + half_square(&violated)], SUM_TOLERANCE, "infeasibility");
-        for mu in [1e-6, MU, 2.] {
-            // The merit with each slack where it is best: s (g + s) = mu.
-            let best = |g: f64| {
-                let s = ((g * g + 4. * mu).sqrt() - g) / 2.;
-                assert!((s * (g + s) - mu).abs() <= 1e-9 * (g * g + mu));
-                (g + s).powi(2) / 2. - mu * s.ln()
-            };
-            let expected = half_square(&c) + g.iter().map(|&g| best(g)).sum::<f64>();
-            assert_close(&[step::merit(&c, &g, mu)], &[expected], SUM_TOLERANCE, "merit");
-            // No other slack is better.
-            let with = |factor: f64| {
-                let slack = |g: f64| factor * ((g * g + 4. * mu).sqrt() - g) / 2.;
-                half_square(&c) + g.iter().map(|&g| (g + slack(g)).powi(2) / 2. - mu * slack(g).ln()).sum::<f64>()
-            };
-            assert!(with(1.01) > expected && with(0.99) > expected);
-        }
+        assert_close(&[infeasibility(&c, &g)], &[half_square(&c) + half_square(&violated)], SUM_TOLERANCE, "infeasibility");
         let far: Vec<f64> = c.iter().map(|c| c + 0.1).collect();
         let further: Vec<f64> = g.iter().map(|g| g - 0.2).collect();
         let gap = (0.01 * c.len() as f64 + 0.04 * g.len() as f64) / 2.;
-        assert_close(&[step::nonlinearity(&far, &c, &further, &g)], &[gap], SUM_TOLERANCE, "nonlinearity");
+        assert_close(&[nonlinearity(&far, &c, &further, &g)], &[gap], SUM_TOLERANCE, "nonlinearity");
+    }
+}
+
+#[test]
+fn residuals_that_are_no_numbers_show_in_every_sum() {
+    let (c, g) = (vec![0.1; 13], vec![-0.2; 21]);
+    let spoilt = |values: &[f64], at: usize| {
+        let mut values = values.to_vec();
+        values[at] = f64::NAN;
+        values
+    };
+    let by_c = (0..c.len()).map(|at| (spoilt(&c, at), g.clone()));
+    let by_g = (0..g.len()).map(|at| (c.clone(), spoilt(&g, at)));
+    for (bad_c, bad_g) in by_c.chain(by_g) {
+        assert!(infeasibility(&bad_c, &bad_g).is_nan());
+        assert!(infeasibility_fall(&c, &g, &bad_c, &bad_g).is_nan());
+        assert!(merit_fall(&c, &g, &bad_c, &bad_g, MU).is_nan());
+        assert!(nonlinearity(&bad_c, &c, &bad_g, &g).is_nan());
+    }
+}
+
+#[test]
+fn falls_are_differences_of_the_plain_formulas() {
+    for State { rows, .. } in states() {
+        let [(c, g), (c_to, g_to)] = residuals_from_and_to(&rows);
+        let (from, to) = (infeasibility_terms(&c, &g), infeasibility_terms(&c_to, &g_to));
+        assert_falls(infeasibility_fall(&c, &g, &c_to, &g_to), &from, &to, SUM_TOLERANCE, "infeasibility");
+        assert_falls(infeasibility_fall(&c_to, &g_to, &c, &g), &to, &from, SUM_TOLERANCE, "infeasibility, back");
+        assert_eq!(infeasibility_fall(&c, &g, &c, &g), 0.);
+        for mu in MUS {
+            let (from, to) = (merit_terms(&c, &g, mu, 1.), merit_terms(&c_to, &g_to, mu, 1.));
+            assert_falls(merit_fall(&c, &g, &c_to, &g_to, mu), &from, &to, SUM_TOLERANCE, "merit");
+            assert_falls(merit_fall(&c_to, &g_to, &c, &g, mu), &to, &from, SUM_TOLERANCE, "merit, back");
+            assert_eq!(merit_fall(&c, &g, &c, &g, mu), 0.);
+            // No other slack is better.
+            let with = |factor: f64| merit_terms(&c, &g, mu, factor).iter().sum::<f64>();
+            assert!(with(1.01) > with(1.) && with(0.99) > with(1.));
+        }
+    }
+}
+
+#[test]
+fn falls_to_a_point_nearby_are_good_in_f32() {
+    let mut random = Random::new(19);
+    // Differences of sums are not: otherwise this test would say nothing.
+    let mut worst_of_sums = [0_f64; 2];
+    for State { rows: Rows { c, g, .. }, .. } in states() {
+        for (size, away) in [1., 1e-3].into_iter().flat_map(|size| [1e-2, 1e-4, 1e-6].map(|away| (size, away))) {
+            // Equalities and violated rows go to zero together.
+            let scaled = |values: &[f64]| values.iter().map(|v| if *v > 0. { size * v } else { *v }).collect::<Vec<f64>>();
+            let c: Vec<f64> = c.iter().map(|c| size * c).collect();
+            let ((c, wide_c), (g, wide_g)) = (narrow(&c), narrow(&scaled(&g)));
+            let [(c_to, wide_c_to), (g_to, wide_g_to)] = [&wide_c, &wide_g].map(|values| narrow(&near(values, &mut random, away)));
+            let (from, to) = (infeasibility_terms(&wide_c, &wide_g), infeasibility_terms(&wide_c_to, &wide_g_to));
+            let error = f32_error(infeasibility_fall(&c, &g, &c_to, &g_to), &from, &to, &[]);
+            assert!(error <= 1., "infeasibility, {size} of it, {away} away: {error}");
+            worst_of_sums[0] = worst_of_sums[0].max(f32_error_of_sums(&from, &to, &[]));
+            for mu in MUS {
+                let mu = mu as f32;
+                let (from, to) = (merit_terms(&wide_c, &wide_g, mu.into(), 1.), merit_terms(&wide_c_to, &wide_g_to, mu.into(), 1.));
+                let error = f32_error(merit_fall(&c, &g, &c_to, &g_to, mu), &from, &to, &from);
+                assert!(error <= 1., "merit, mu = {mu}, {size} of it, {away} away: {error}");
+                worst_of_sums[1] = worst_of_sums[1].max(f32_error_of_sums(&from, &to, &from));
+            }
+        }
+    }
+    assert!(worst_of_sums.iter().all(|worst| *worst > 10.), "{worst_of_sums:?}");
+}
+
+#[test]
+fn the_cost_of_the_pull_falls_by_its_plain_formula() {
+    for State { layout, x, .. } in states() {
+        let n = layout.variables;
+        let pull: Vec<f64> = random_vector(16, n).iter().map(|v| v + 1.5).collect();
+        let (initial, x) = (&layout.initial[..n], &x[..n]);
+        let x_to: Vec<f64> = x.iter().zip(random_vector(20, n)).map(|(x, by)| x + 0.3 * by).collect();
+        let (from, to) = (pull_terms(&pull, x, initial), pull_terms(&pull, &x_to, initial));
+        assert!(from.iter().sum::<f64>() > 1.);
+        assert_falls(pull_fall(&pull, x, &x_to, initial), &from, &to, SUM_TOLERANCE, "cost");
+        assert_falls(pull_fall(&pull, &x_to, x, initial), &to, &from, SUM_TOLERANCE, "cost, back");
+        // Initial values cost nothing.
+        assert_falls(pull_fall(&pull, x, initial, initial), &from, &[], SUM_TOLERANCE, "whole cost");
+        assert_eq!(pull_fall(&pull, x, x, initial), 0.);
+
+        let mut random = Random::new(21);
+        for away in [1e-2, 1e-4, 1e-6] {
+            let [(pull, wide_pull), (initial, wide_initial), (x, wide_x)] = [&pull, initial, x].map(narrow);
+            let (x_to, wide_x_to) = narrow(&near(&wide_x, &mut random, away));
+            let (from, to) = (pull_terms(&wide_pull, &wide_x, &wide_initial), pull_terms(&wide_pull, &wide_x_to, &wide_initial));
+            let error = f32_error(pull_fall(&pull, &x, &x_to, &initial), &from, &to, &from);
+            assert!(error <= 1., "{away} away: {error}");
+        }
+    }
+}
+
+#[test]
+fn slacks_start_where_their_products_are_the_barrier_parameter() {
+    fn check<T: Real>(g: &[f64], tolerance: f64) {
+        for mu in [1e-3, 0.05, 2.] {
+            let g: Vec<T> = in_scalar(g);
+            let unset = || vec![T::nan(); g.len()];
+            let mut slacks = Slacks { slack: unset(), multiplier: unset(), slack_step: unset(), multiplier_step: unset() };
+            start_slacks(&g, T::of(mu), &mut slacks);
+            for ((g, s), z) in g.iter().zip(&slacks.slack).zip(&slacks.multiplier) {
+                let expected = g.abs().as_f64().max((mu / 5.).sqrt());
+                assert!((s.as_f64() - expected).abs() <= tolerance * expected, "slack {s:?} at {g:?}");
+                assert!((z.as_f64() * expected - mu).abs() <= tolerance * mu, "multiplier {z:?} at {g:?}");
+            }
+        }
+    }
+    for State { rows: Rows { g, .. }, .. } in states() {
+        assert!(g.iter().any(|g| g.abs() < 0.01) && g.iter().any(|g| *g > 1.) && g.iter().any(|g| *g < -1.));
+        check::<f64>(&g, ELEMENTWISE_TOLERANCE);
+        check::<f32>(&g, 4. * f64::from(f32::EPSILON));
+    }
+    // At the default barrier.
+    let mut slacks = Slacks { slack: vec![0.; 3], multiplier: vec![0.; 3], ..Slacks::default() };
+    start_slacks(&[-0.5, 0.02, 0.25], 0.05, &mut slacks);
+    assert_close(&slacks.slack, &[0.5, 0.1, 0.25], ELEMENTWISE_TOLERANCE, "slack");
+    assert_close(&slacks.multiplier, &[0.1, 0.5, 0.2], ELEMENTWISE_TOLERANCE, "multiplier");
+}
+
+#[test]
+fn the_target_is_the_square_of_what_the_predictor_leaves() {
+    for State { mut slacks, .. } in states() {
+        let mean = |slacks: &Slacks<f64>, reach: f64| {
+            let of =
+                |i: usize| (slacks.slack[i] + reach * slacks.slack_step[i]) * (slacks.multiplier[i] + reach * slacks.multiplier_step[i]);
+            (0..slacks.slack.len()).map(of).sum::<f64>() / slacks.slack.len() as f64
+        };
+        let close = |slacks: &Slacks<f64>, reach: f64, expected: f64| {
+            let got = target(slacks, reach);
+            assert!((got - expected).abs() <= SUM_TOLERANCE * expected, "reach {reach}: {got:e} against {expected:e}");
+        };
+        let before = mean(&slacks, 0.);
+        close(&slacks, 0., before);
+        // Nine tenths of every slack go, and nothing of the multipliers.
+        slacks.slack_step = slacks.slack.iter().map(|s| -0.9 * s).collect();
+        slacks.multiplier_step.fill(0.);
+        close(&slacks, 1., before / 100.);
+        // Some of both.
+        slacks.multiplier_step = slacks.multiplier.iter().zip(random_vector(22, slacks.slack.len())).map(|(z, by)| 0.5 * z * by).collect();
+        for reach in [0.1, 0.6, 1.] {
+            let after = mean(&slacks, reach);
+            assert!(after > 0. && after < before);
+            close(&slacks, reach, after * after / before);
+        }
+        // It does not rise above what is, nor fall below its floor, not even where products turn negative.
+        slacks.slack_step = slacks.slack.clone();
+        close(&slacks, 1., before);
+        slacks.multiplier_step.fill(0.);
+        for part in [1., 1.5] {
+            slacks.slack_step = slacks.slack.iter().map(|s| -part * s).collect();
+            assert_eq!(target(&slacks, 1.), 1e-9);
+        }
     }
 }
 
@@ -837,7 +1056,7 @@ fn slack_steps_solve_the_linearised_conditions_and_keep_a_twentieth() {
             let mut random = Random::new(13);
             let change: Vec<f64> = (0..layout.inequalities).map(|_| size * random.between(-1., 1.)).collect();
             let predicted = (slacks.slack_step.clone(), slacks.multiplier_step.clone());
-            let step = step::slack_steps(&g, &change, aim, &mut slacks);
+            let step = slack_steps(&g, &change, aim, &mut slacks);
             let mut largest = f64::INFINITY;
             for i in 0..layout.inequalities {
                 let (s, z, ds, dz) = (slacks.slack[i], slacks.multiplier[i], slacks.slack_step[i], slacks.multiplier_step[i]);
@@ -863,11 +1082,11 @@ fn slack_steps_solve_the_linearised_conditions_and_keep_a_twentieth() {
                 products.sum::<f64>() / layout.inequalities as f64
             };
             for length in [0., 0.3 * step, step] {
-                assert_close(&[step::mean_product(&slacks, length)], &[mean(length)], SUM_TOLERANCE, "mean product ahead");
+                assert_close(&[mean_product(&slacks, length)], &[mean(length)], SUM_TOLERANCE, "mean product ahead");
             }
-            let expected = (mean(step), (0..layout.inequalities).map(|i| after(step, i)).collect::<Vec<(f64, f64)>>());
-            assert_close(&[step::update_slacks(&mut slacks, step)], &[expected.0], SUM_TOLERANCE, "mean product");
-            for (i, (s, z)) in expected.1.into_iter().enumerate() {
+            let expected: Vec<(f64, f64)> = (0..layout.inequalities).map(|i| after(step, i)).collect();
+            update_slacks(&mut slacks, step);
+            for (i, (s, z)) in expected.into_iter().enumerate() {
                 assert_eq!((slacks.slack[i], slacks.multiplier[i]), (s.max(1e-6), z.max(1e-8)));
                 assert!(s >= 0.049 * before.0[i] && z >= 0.049 * before.1[i]);
             }
@@ -878,6 +1097,12 @@ fn slack_steps_solve_the_linearised_conditions_and_keep_a_twentieth() {
 #[test]
 fn slacks_and_multipliers_stay_off_zero() {
     let mut slacks = Slacks { slack: vec![1., 2.], multiplier: vec![3., 4.], slack_step: vec![-1., 0.5], multiplier_step: vec![1., -4.] };
-    assert_eq!(step::update_slacks(&mut slacks, 1.), 0.);
-    assert_eq!((slacks.slack, slacks.multiplier), (vec![1e-6, 2.5], vec![4., 1e-8]));
+    update_slacks(&mut slacks, 0.5);
+    assert_eq!((&slacks.slack, &slacks.multiplier), (&vec![0.5, 2.25], &vec![3.5, 2.]));
+    update_slacks(&mut slacks, 1.);
+    assert_eq!((&slacks.slack, &slacks.multiplier), (&vec![1e-6, 2.75], &vec![4.5, 1e-8]));
+    // Those on the floor leave it when they grow.
+    (slacks.slack_step, slacks.multiplier_step) = (vec![0.25, 0.], vec![0., 0.5]);
+    update_slacks(&mut slacks, 1.);
+    assert_eq!((slacks.slack, slacks.multiplier), (vec![0.250_001, 2.75], vec![4.5, 0.500_000_01]));
 }

@@ -3,12 +3,12 @@
 mod common;
 
 use common::{Random, ReferenceCandidate, gait, layout, layout_with, reference_candidates, task, towr, transcriptions};
-use cregopt::backend::{Backend, Cpu, Precision, Problem, Solution};
+use cregopt::backend::{Backend, Cpu, Job, Precision, Solution};
 use cregopt::cem::{CemSettings, StopReason};
 use cregopt::certify::{verify, verify_rows};
 use cregopt::evaluate::{Evaluated, LowerSettings, evaluate};
 use cregopt::gait::Schedule;
-use cregopt::kernels::step::pull_cost;
+use cregopt::kernels::judge::pull_fall;
 use cregopt::nlp::Real;
 use cregopt::scenario::Scenario;
 use cregopt::search::search;
@@ -109,18 +109,14 @@ impl Backend for Backwards {
         "backwards".into()
     }
 
-    fn solve(
-        &self,
-        problems: &[Problem],
-        transcription: &TranscriptionSettings,
-        settings: &SolverSettings,
-        precision: Precision,
-        skip: &(dyn Fn(usize) -> bool + Sync),
-        finish: &(dyn Fn(usize, Solution) + Sync),
-    ) {
-        for (index, problem) in problems.iter().enumerate().rev() {
-            let problem = std::slice::from_ref(problem);
-            self.0.solve(problem, transcription, settings, precision, &|_| skip(index), &|_, solution| finish(index, solution));
+    fn threads(&self) -> usize {
+        self.0.threads()
+    }
+
+    fn solve(&self, job: &Job, skip: &(dyn Fn(usize) -> bool + Sync), finish: &(dyn Fn(usize, Solution) + Sync)) {
+        for (index, problem) in job.problems.iter().enumerate().rev() {
+            let job = Job { problems: std::slice::from_ref(problem), ..*job };
+            self.0.solve(&job, &|_| skip(index), &|_, solution| finish(index, solution));
         }
     }
 }
@@ -354,7 +350,8 @@ fn smoothing_lowers_the_cost_of_a_motion_that_stays_solved() {
         let mut solver = Solver::<f64>::default();
         let outcome = solver.solve(&layout, &settings, Finish::Rows(settings.row_tolerance), None, &|| false);
         assert_eq!(outcome.status, Status::Solved);
-        pull_cost(&layout.pull, &solver.solution()[..layout.variables], &layout.initial)
+        // Initial values cost nothing.
+        pull_fall(&layout.pull, &solver.solution(), &layout.initial, &layout.initial)
     };
     let plain = cost(SmoothSettings::default());
     let smooth = |iterations| cost(SmoothSettings { iterations, ..SmoothSettings::default() });

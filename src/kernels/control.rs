@@ -232,7 +232,7 @@ pub fn refuse<T: Real>(progress: &mut Progress<T>) {
     progress.attempts += 1;
     if progress.attempts == ATTEMPTS {
         progress.attempts = 0;
-        if progress.state == CLOSE {
+        if progress.state == CLOSE && progress.closing_below.is_finite() {
             // Back to the barrier until the violated rows are better known.
             progress.state = STEP;
             progress.closing_below *= T::of(0.1);
