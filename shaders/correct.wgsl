@@ -13,7 +13,7 @@
 
 var<workgroup> round: Progress;
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(WORKGROUP)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let slot = running[group.x];
     let base = slot * batch.values;

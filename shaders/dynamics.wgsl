@@ -180,7 +180,7 @@ fn dynamics_instant(slot: u32, half: u32, k: u32) {
     }
 }
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(WORKGROUP)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let slot = running[group.x];
     if (progress[slot].state >= ENDED) {

@@ -17,7 +17,7 @@ fn foothold(slot: u32, half: u32, i: u32) {
     put_three(ix_ground(slot, i), vec3<f32>(under.height, under.slope));
 }
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(WORKGROUP)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let slot = running[group.x];
     if (progress[slot].state >= ENDED) {

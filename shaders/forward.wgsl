@@ -73,7 +73,7 @@ fn forward(slot: u32, at: FrontStep, lane: u32) {
     storageBarrier();
 }
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(WORKGROUP)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let slot = running[group.x];
     if (progress[slot].state != STEP) {

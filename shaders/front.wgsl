@@ -6,7 +6,7 @@
 //   out     factor    pivot rows, [pivots][stride] at each step; the right-hand side stands in column `size`
 //   out     values    flags: 1 when a pivot is not positive
 // Solves `(E + J' W J) d = -(u + J' v)` together with substitute.wgsl.
-// Twin: src/kernels/front.rs. Its sums have another order: rows of reach are added by pose there, pivots are eliminated one by one.
+// Twin: src/kernels/front.rs. Its sums have another order: pivots are eliminated one by one.
 
 struct Sweep {
     first: u32,
@@ -24,12 +24,22 @@ struct Sweep {
 @group(0) @binding(8) var<storage, read> runs: array<Run>;
 @group(0) @binding(9) var<storage, read> front_steps: array<FrontStep>;
 @group(0) @binding(10) var<storage, read> rests: array<Rest>;
-@group(0) @binding(11) var<uniform> sweep: Sweep;
+@group(0) @binding(11) var<storage, read> reach_instants: array<ReachInstant>;
+@group(0) @binding(12) var<storage, read> reach_feet: array<ReachFoot>;
+@group(0) @binding(13) var<uniform> sweep: Sweep;
+
+// Families of elements that are assembled in a way of their own.
+const LINEAR_MOMENTUM: u32 = 1u;
+const REACH: u32 = 3u;
 
 // Slots of the columns of an element, those of the next one beside them.
 var<workgroup> columns: array<u32, 2 * COLUMNS>;
 // Four rows of the factor, column by column.
 var<workgroup> panel: array<vec4<f32>, SIDE>;
+
+fn add_front(slot: u32, i: u32, v: f32) {
+    put_front(slot, i, front_at(slot, i) + v);
+}
 
 // Puts the columns of an element in their place. Returns how many they are: none where all that it touches is fixed.
 fn spread(slot: u32, element: Element, side: u32, lane: u32) -> u32 {
@@ -46,58 +56,261 @@ fn spread(slot: u32, element: Element, side: u32, lane: u32) -> u32 {
     return last.column + last.len;
 }
 
-// Three values of a Jacobian column; rows beyond the last repeat it, their weights are 0.
-fn column_of(first: u32, stride: u32, rows: u32, r: u32, column: u32) -> vec3<f32> {
-    let last = rows - 1u;
-    return vec3<f32>(
-        jacobian[first + min(r, last) * stride + column],
-        jacobian[first + min(r + 1u, last) * stride + column],
-        jacobian[first + min(r + 2u, last) * stride + column],
-    );
+// Rows of an element that are added together, at most six, over every `step`-th of its columns from `offset` on.
+struct Rows {
+    // First Jacobian value, and those of the rows from there.
+    first: u32,
+    at: vec3<u32>,
+    at2: vec3<u32>,
+    count: u32,
+    w: vec3<f32>,
+    v: vec3<f32>,
+    w2: vec3<f32>,
+    v2: vec3<f32>,
+    step: u32,
+    offset: u32,
 }
 
-// Three of the weights or values of an element's rows; 0 beyond the last.
-fn of_rows(at: u32, rows: u32, r: u32) -> vec3<f32> {
-    return vec3<f32>(
-        select(0.0, values[at + min(r, rows - 1u)], r < rows),
-        select(0.0, values[at + min(r + 1u, rows - 1u)], r + 1u < rows),
-        select(0.0, values[at + min(r + 2u, rows - 1u)], r + 2u < rows),
-    );
+// Up to three of the values from an index on, 0 for the others.
+fn values_from(at: u32, count: u32) -> vec3<f32> {
+    var v = vec3<f32>(values[at], 0.0, 0.0);
+    if (count > 1u) {
+        v.y = values[at + 1u];
+    }
+    if (count > 2u) {
+        v.z = values[at + 2u];
+    }
+    return v;
 }
 
-// Adds `J' W J` and `-J' v` of one element to the front.
-fn assemble(slot: u32, half: u32, element: Element, side: u32, count: u32, size: u32, lane: u32) {
-    let base = slot * batch.values;
-    let rows = element.rows;
-    let stride = element.place.stride;
-    let first = (2u * slot + half) * batch.jacobian + element.place.jacobian;
-    let w = of_rows(base + batch.weight + element.place.row, rows, 0u);
-    let v = of_rows(base + batch.value + element.place.row, rows, 0u);
-    let w2 = of_rows(base + batch.weight + element.place.row, rows, 3u);
-    let v2 = of_rows(base + batch.value + element.place.row, rows, 3u);
-    if (all(w == vec3<f32>()) && all(w2 == vec3<f32>())) {
+// All rows of an element.
+fn all_rows(slot: u32, half: u32, element: Element) -> Rows {
+    let w = slot * batch.values + batch.weight + element.place.row;
+    let v = slot * batch.values + batch.value + element.place.row;
+    var rows: Rows;
+    rows.first = (2u * slot + half) * batch.jacobian + element.place.jacobian;
+    rows.at = element.place.stride * vec3<u32>(0u, 1u, 2u);
+    rows.at2 = element.place.stride * vec3<u32>(3u, 4u, 5u);
+    rows.count = element.rows;
+    rows.w = values_from(w, element.rows);
+    rows.v = values_from(v, element.rows);
+    if (element.rows > 3u) {
+        rows.w2 = values_from(w + 3u, element.rows - 3u);
+        rows.v2 = values_from(v + 3u, element.rows - 3u);
+    }
+    rows.step = 1u;
+    return rows;
+}
+
+// The two rows of linear momentum along one axis, which touch the columns of that axis alone.
+fn rows_along(rows: Rows, axis: u32) -> Rows {
+    var along: Rows;
+    along.first = rows.first;
+    along.at = vec3<u32>(rows.at[axis], rows.at2[axis], 0u);
+    along.count = 2u;
+    along.w = vec3<f32>(rows.w[axis], rows.w2[axis], 0.0);
+    along.v = vec3<f32>(rows.v[axis], rows.v2[axis], 0.0);
+    along.step = 3u;
+    along.offset = axis;
+    return along;
+}
+
+// Values of up to three rows in one column, 0 for the others.
+fn column_of(first: u32, at: vec3<u32>, count: u32) -> vec3<f32> {
+    var v = vec3<f32>(jacobian[first + at.x], 0.0, 0.0);
+    if (count > 1u) {
+        v.y = jacobian[first + at.y];
+    }
+    if (count > 2u) {
+        v.z = jacobian[first + at.z];
+    }
+    return v;
+}
+
+// Adds `J' W J` and `-J' v` of rows over `count` columns to the front.
+fn add_rows(slot: u32, rows: Rows, side: u32, count: u32, size: u32, lane: u32) {
+    if (all(rows.w == vec3<f32>()) && all(rows.w2 == vec3<f32>())) {
         return;
     }
-    for (var e = lane; e < cells(count); e += WORKGROUP) {
-        let at = cell(count, e);
+    // Two columns by two.
+    let pairs = (count + 1u) / 2u;
+    for (var e = lane; e < cells(pairs); e += WORKGROUP) {
+        let at = 2u * cell(pairs, e);
         if (at.y >= count) {
             continue;
         }
-        var sum = dot(w * column_of(first, stride, rows, 0u, at.x), column_of(first, stride, rows, 0u, at.y));
-        if (rows > 3u) {
-            sum += dot(w2 * column_of(first, stride, rows, 3u, at.x), column_of(first, stride, rows, 3u, at.y));
+        let a = rows.step * at.x + rows.offset;
+        let b = rows.step * at.y + rows.offset;
+        let next_a = rows.step * min(at.x + 1u, count - 1u) + rows.offset;
+        let next_b = rows.step * min(at.y + 1u, count - 1u) + rows.offset;
+        let first = rows.first;
+        let n = rows.count;
+        let left = mat2x3<f32>(rows.w * column_of(first + a, rows.at, n), rows.w * column_of(first + next_a, rows.at, n));
+        let right = mat2x3<f32>(column_of(first + b, rows.at, n), column_of(first + next_b, rows.at, n));
+        var sums = transpose(left) * right;
+        if (n > 3u) {
+            let m = n - 3u;
+            let left2 = mat2x3<f32>(rows.w2 * column_of(first + a, rows.at2, m), rows.w2 * column_of(first + next_a, rows.at2, m));
+            let right2 = mat2x3<f32>(column_of(first + b, rows.at2, m), column_of(first + next_b, rows.at2, m));
+            sums += transpose(left2) * right2;
         }
-        let i = ix_front(size, columns[side + at.x], columns[side + at.y]);
-        put_front(slot, i, front_at(slot, i) + sum);
-    }
-    for (var a = lane; a < count; a += WORKGROUP) {
-        var sum = dot(v, column_of(first, stride, rows, 0u, a));
-        if (rows > 3u) {
-            sum += dot(v2, column_of(first, stride, rows, 3u, a));
+        let from_a = ix_front(size, columns[side + a], 0u);
+        let from_next = ix_front(size, columns[side + next_a], 0u);
+        let to_b = columns[side + b];
+        let to_next = columns[side + next_b];
+        // On the diagonal (a + 1, b) lies below it; behind the last column there is none.
+        let two_rows = at.x < at.y;
+        let two_columns = at.y + 1u < count;
+        add_front(slot, from_a + to_b, sums[0].x);
+        if (two_rows) {
+            add_front(slot, from_next + to_b, sums[0].y);
         }
-        let i = ix_front(size, columns[side + a], size);
-        put_front(slot, i, front_at(slot, i) - sum);
+        if (two_columns) {
+            add_front(slot, from_a + to_next, sums[1].x);
+            add_front(slot, from_next + to_next, sums[1].y);
+        }
     }
+    for (var i = lane; i < count; i += WORKGROUP) {
+        let a = rows.step * i + rows.offset;
+        var sum = dot(rows.v, column_of(rows.first + a, rows.at, rows.count));
+        if (rows.count > 3u) {
+            sum += dot(rows.v2, column_of(rows.first + a, rows.at2, rows.count - 3u));
+        }
+        add_front(slot, ix_front(size, columns[side + a], size), -sum);
+    }
+}
+
+// Adds one element.
+fn assemble(slot: u32, half: u32, element: Element, side: u32, count: u32, size: u32, lane: u32) {
+    let rows = all_rows(slot, half, element);
+    if (element.family == LINEAR_MOMENTUM) {
+        for (var axis = 0u; axis < 3u; axis++) {
+            add_rows(slot, rows_along(rows, axis), side, count / 3u, size, lane);
+        }
+    } else {
+        add_rows(slot, rows, side, count, size, lane);
+    }
+}
+
+// What the feet at one reach instant make of its pose, `P' W P` and `P' v` with `P` the rows by the pose.
+var<workgroup> by_pose: array<f32, 42>;
+
+// One of the 42 values of `by_pose`: `P' W P` row by row, then `P' v`.
+fn pose_sum(slot: u32, half: u32, feet: Span, e: u32) -> f32 {
+    let base = slot * batch.values;
+    var sum = 0.0;
+    for (var f = slot * batch.reach_feet + feet.start; f < slot * batch.reach_feet + feet.end; f++) {
+        let place = reach_feet[f].place;
+        let pose = (2u * slot + half) * batch.jacobian + place.jacobian + 3u * place.stride;
+        for (var r = 0u; r < 3u; r++) {
+            if (e < 36u) {
+                let left = values[base + batch.weight + place.row + r] * jacobian[pose + 6u * r + e / 6u];
+                sum += left * jacobian[pose + 6u * r + e % 6u];
+            } else {
+                sum += values[base + batch.value + place.row + r] * jacobian[pose + 6u * r + e - 36u];
+            }
+        }
+    }
+    return sum;
+}
+
+// Slot and Jacobian column of one of the five columns that a foot has for itself: two a foothold, one a swing height. NONE: it is fixed.
+fn own_column(foot: u32, f: u32) -> vec2<u32> {
+    let block = reach_feet[foot].slot[f / 2u];
+    if (block == NONE) {
+        return vec2<u32>(NONE, NONE);
+    }
+    if (f == 4u) {
+        return vec2<u32>(block, reach_feet[foot].height_column);
+    }
+    return vec2<u32>(block, reach_feet[foot].foothold_column[f / 2u]) + f % 2u;
+}
+
+// Adds the products of a foot's own columns with another one: of the 24 base columns, its own ones, and the values, 30 in all.
+fn add_foot(slot: u32, half: u32, instant: u32, foot: u32, size: u32, other: u32) {
+    let place = reach_feet[foot].place;
+    let first = (2u * slot + half) * batch.jacobian + place.jacobian;
+    let rows = place.stride * vec3<u32>(0u, 1u, 2u);
+    let row = slot * batch.values + place.row;
+    var right = vec3<f32>(values[row + batch.weight], values[row + batch.weight + 1u], values[row + batch.weight + 2u]);
+    var at = size;
+    if (other < 24u) {
+        let block = other / 6u;
+        at = reach_instants[instant].base.slot[block];
+        if (at == NONE) {
+            return;
+        }
+        at += other % 6u;
+        right *= column_of(first + 3u * place.stride + other % 6u, vec3<u32>(0u, 6u, 12u), 3u);
+        right *= reach_instants[instant].base.weights[block];
+    } else if (other < 29u) {
+        let second = own_column(foot, other - 24u);
+        if (second.x == NONE) {
+            return;
+        }
+        at = second.x;
+        right *= column_of(first + second.y, rows, 3u);
+    } else {
+        right = -vec3<f32>(values[row + batch.value], values[row + batch.value + 1u], values[row + batch.value + 2u]);
+    }
+    for (var f = 0u; f < 5u; f++) {
+        let own = own_column(foot, f);
+        // Of two own columns only what lies right of the diagonal.
+        if (own.x != NONE && (other < 24u || own.x <= at)) {
+            add_front(slot, ix_front(size, min(own.x, at), max(own.x, at)), dot(column_of(first + own.y, rows, 3u), right));
+        }
+    }
+}
+
+// Pair of base blocks, of the ten that there are.
+fn block_pair(pair: u32) -> vec2<u32> {
+    let i = select(select(select(0u, 1u, pair > 3u), 2u, pair > 6u), 3u, pair > 8u);
+    let before = i * 4u - (i * (i - min(i, 1u))) / 2u;
+    return vec2<u32>(i, i + pair - before);
+}
+
+// Adds one of the 360 products of the base columns at an instant, 36 of each pair of blocks.
+fn add_pose(slot: u32, instant: u32, size: u32, e: u32) {
+    let pair = block_pair(e / 36u);
+    let rows = reach_instants[instant].base.slot[pair.x];
+    let columns = reach_instants[instant].base.slot[pair.y];
+    let c = (e % 36u) / 6u;
+    let d = e % 6u;
+    // On the diagonal only what lies right of it; else the block above it, whichever of the two comes first. The sums are symmetric.
+    if (rows != NONE && columns != NONE && (pair.x != pair.y || c <= d)) {
+        let weight = reach_instants[instant].base.weights[pair.x] * reach_instants[instant].base.weights[pair.y];
+        add_front(slot, ix_front(size, min(rows, columns) + c, max(rows, columns) + d), weight * by_pose[e % 36u]);
+    }
+}
+
+// Adds `J' W J` and `-J' v` of the reach rows of all feet at the instants of a step, which share their base blocks.
+//
+// All rows touch the base through its pose alone, with weights `w` that an instant's feet share: with `P` the rows by the pose, `A` by the
+// foot's own columns, the base block of coefficients `i` and `j` is `w_i w_j sum P' W P`, that of coefficient and foot `w_i P' W A`.
+fn assemble_reach(slot: u32, half: u32, at: FrontStep, lane: u32) {
+    for (var k = at.reach.start; k < at.reach.end; k++) {
+        let instant = slot * batch.reach + k;
+        let feet = reach_instants[instant].feet;
+        front_barrier();
+        for (var e = lane; e < 42u; e += WORKGROUP) {
+            by_pose[e] = pose_sum(slot, half, feet, e);
+        }
+        workgroupBarrier();
+        for (var e = lane; e < 360u; e += WORKGROUP) {
+            add_pose(slot, instant, at.size, e);
+        }
+        for (var e = lane; e < 24u; e += WORKGROUP) {
+            let block = reach_instants[instant].base.slot[e / 6u];
+            if (block != NONE) {
+                let sum = reach_instants[instant].base.weights[e / 6u] * by_pose[36u + e % 6u];
+                add_front(slot, ix_front(at.size, block + e % 6u, at.size), -sum);
+            }
+        }
+        for (var e = lane; e < 30u * (feet.end - feet.start); e += WORKGROUP) {
+            add_foot(slot, half, instant, slot * batch.reach_feet + feet.start + e / 30u, at.size, e % 30u);
+        }
+    }
+    front_barrier();
 }
 
 // The front of a step before its rows: zero, and what stays of the previous one.
@@ -189,21 +402,43 @@ fn eliminate(slot: u32, at: FrontStep, p: u32, lane: u32) -> bool {
         }
     }
     workgroupBarrier();
-    // The rest, with the right-hand side as its last column.
+    // The rest, with the right-hand side as its last column, four rows by four columns.
     let first = p + count;
-    let rest = size - first + 1u;
-    for (var e = lane; e < cells(rest); e += WORKGROUP) {
-        let ab = cell(rest, e) + first;
-        if (ab.x < size && ab.y <= size) {
-            let i = ix_front(size, ab.x, ab.y);
-            put_front(slot, i, front_at(slot, i) - dot(panel[ab.x], panel[ab.y]));
+    let tiles = (size - first + 4u) / 4u;
+    for (var e = lane; e < cells(tiles); e += WORKGROUP) {
+        let at = first + 4u * cell(tiles, e);
+        let i = at.x;
+        if (i >= size || at.y > size) {
+            continue;
+        }
+        let rows = mat4x4<f32>(panel[i], panel[min(i + 1u, size)], panel[min(i + 2u, size)], panel[min(i + 3u, size)]);
+        let starts = vec4<u32>(
+            ix_front(size, i, 0u),
+            ix_front(size, i + 1u, 0u),
+            ix_front(size, i + 2u, 0u),
+            ix_front(size, i + 3u, 0u),
+        );
+        for (var j = at.y; j < min(at.y + 4u, size + 1u); j++) {
+            let sums = panel[j] * rows;
+            // Rows of the front, down to the diagonal.
+            let depth = min(j + 1u, size) - i;
+            add_front(slot, starts.x + j, -sums.x);
+            if (depth > 1u) {
+                add_front(slot, starts.y + j, -sums.y);
+            }
+            if (depth > 2u) {
+                add_front(slot, starts.z + j, -sums.z);
+            }
+            if (depth > 3u) {
+                add_front(slot, starts.w + j, -sums.w);
+            }
         }
     }
     front_barrier();
     return positive;
 }
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(WORKGROUP)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let slot = running[group.x];
     if (progress[slot].state > CLOSE) {
@@ -218,17 +453,18 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         var side = 0u;
         for (var i = at.elements.start; i < at.elements.end; i++) {
             let element = elements[slot * batch.elements + i];
+            if (element.family == REACH) {
+                continue;
+            }
             let count = spread(slot, element, side, lane);
             front_barrier();
             assemble(slot, half, element, side, count, at.size, lane);
             side = COLUMNS - side;
         }
-        front_barrier();
+        assemble_reach(slot, half, at, lane);
         for (var i = lane; i < at.pivots; i += WORKGROUP) {
-            let d = ix_front(at.size, i, i);
-            put_front(slot, d, front_at(slot, d) + values[base + batch.diagonal + at.variable + i]);
-            let u = ix_front(at.size, i, at.size);
-            put_front(slot, u, front_at(slot, u) - values[base + batch.gradient + at.variable + i]);
+            add_front(slot, ix_front(at.size, i, i), values[base + batch.diagonal + at.variable + i]);
+            add_front(slot, ix_front(at.size, i, at.size), -values[base + batch.gradient + at.variable + i]);
         }
         front_barrier();
         for (var p = 0u; p < at.pivots; p += 4u) {

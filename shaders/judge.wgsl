@@ -46,7 +46,7 @@ fn pull_fall(pull: f32, away: f32, away_to: f32) -> f32 {
     return pull * (away - away_to) * (away + away_to);
 }
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(WORKGROUP)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let slot = running[group.x];
     let base = slot * batch.values;

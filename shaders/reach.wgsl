@@ -1,8 +1,7 @@
 // Reach boxes: each foot stays within a box around its nominal position in the base frame. One thread per reach instant.
 //   in   values    x of the trial point, ground, deviations
 //   out  values    g at each foot's place: 3 upper sides, 3 lower sides; dimensionless, feasible when <= 0
-//   out  jacobian  3 rows at each foot's place
-// The values behind the rows, which the sweep of the twin reads, are not written: here it assembles from the rows.
+//   out  jacobian  3 rows at each foot's place, then the same rows by the base pose, [3][6]
 // Twin: src/kernels/reach.rs          Source: [3]
 
 @group(0) @binding(0) var<uniform> batch: Batch;
@@ -70,6 +69,13 @@ fn reach_foot(slot: u32, half: u32, k: u32, entry: u32, base_w: vec3<f32>, rot_w
         pose[d] = -rot_wb[d] * unit;
         pose[3u + d] = unit * mul_transposed(rot_wb, cross(leg_w, axes[d]));
     }
+    // Behind the rows: the same by the pose, for their assembly.
+    let after = rows.first + 3u * rows.stride;
+    for (var d = 0u; d < 6u; d++) {
+        for (var r = 0u; r < 3u; r++) {
+            jacobian[after + 6u * r + d] = pose[d][r];
+        }
+    }
     for (var i = 0u; i < 4u; i++) {
         if (foot.base_column[i] == NONE) {
             continue;
@@ -95,7 +101,7 @@ fn reach_foot(slot: u32, half: u32, k: u32, entry: u32, base_w: vec3<f32>, rot_w
     }
 }
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(WORKGROUP)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let slot = running[group.x];
     if (progress[slot].state >= ENDED) {

@@ -57,7 +57,7 @@ fn variable_terms(base: u32, half: u32, i: u32, eps: f32, weight: f32) {
     values[base + batch.gradient + i] = pull * (values[base + batch.x + half * batch.x_half + i] - values[base + batch.initial + i]);
 }
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(WORKGROUP)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let slot = running[group.x];
     let base = slot * batch.values;

@@ -40,7 +40,7 @@ fn start_slacks(base: u32, i: u32, g: f32, mu: f32) {
     values[base + batch.multiplier + i] = mu / s;
 }
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(WORKGROUP)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let slot = running[group.x];
     let base = slot * batch.values;

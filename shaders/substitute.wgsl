@@ -70,7 +70,7 @@ fn back(slot: u32, at: FrontStep, lane: u32) {
     storageBarrier();
 }
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(WORKGROUP)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let slot = running[group.x];
     // In a closing step the substitution after the corrector repeats that of the predictor.

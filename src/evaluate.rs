@@ -143,7 +143,8 @@ pub fn evaluate(
             *slot = Some(evaluated);
         }
     };
-    let job = Job { problems: &problems, transcription: &settings.transcription, settings: &settings.solver, precision: settings.precision };
+    let job =
+        Job { problems: &problems, transcription: &settings.transcription, settings: &settings.solver, precision: settings.precision };
     backend.solve(&job, &skip, &finish);
     let lowest = if first_feasible { lowest.into_inner() } else { usize::MAX };
     let results = results.into_iter().enumerate();

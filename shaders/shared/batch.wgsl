@@ -2,9 +2,8 @@
 // Twins: `Batch`, `Slot`, `Shape` in src/kernels/batch.rs, `Progress` in src/kernels/control.rs; `Constants` and `MomentumPoint` in
 // src/nlp/layout.rs.
 //
-// One workgroup works on one slot. Every table holds the same number of entries a slot, enough for the largest candidate.
+// One workgroup of WORKGROUP invocations works on one slot. Every table holds the same number of entries a slot, enough for the largest candidate.
 
-const WORKGROUP: u32 = 64u;
 const NONE: u32 = 0xffffffffu;
 const INNER_POINTS: u32 = 6u;
 const GRAVITY: f32 = 9.80665;

@@ -127,6 +127,7 @@ struct FrontStep {
     factor: u32,
     stride: u32,
     elements: Span,
+    reach: Span,
     rest: Span,
 }
 

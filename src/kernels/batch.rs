@@ -5,14 +5,15 @@
 
 use super::control::{Limits, Progress};
 use crate::nlp::Layout;
-use crate::nlp::layout::{Constants, MOMENTUM_POINTS, MomentumPoint};
+use crate::nlp::layout::{
+    BasePoint, DynamicsInstant, Element, ForceNode, Impulse, MomentumInterval, Place, ReachFoot, ReachInstant, StanceForce, Stride,
+    SwingNode,
+};
+use crate::nlp::layout::{Constants, Family, MOMENTUM_POINTS, MomentumPoint};
+use crate::nlp::sweep::Run;
 use crate::nlp::sweep::Span;
 use crate::settings::{SolverSettings, Transcription};
 use crate::terrain::{Profile, Shape as TerrainShape, Terrain};
-use crate::nlp::layout::{
-    BasePoint, DynamicsInstant, Element, ForceNode, Impulse, MomentumInterval, Place, ReachFoot, ReachInstant, StanceForce, Stride, SwingNode,
-};
-use crate::nlp::sweep::Run;
 use bytemuck::{NoUninit, Pod, Zeroable};
 
 /// Marks tables that are sent as bytes.
@@ -201,6 +202,8 @@ pub struct FrontStep {
     pub factor: u32,
     pub stride: u32,
     pub elements: Span,
+    /// Reach instants.
+    pub reach: Span,
     /// What stays after its pivots, in the table of [`Rest`].
     pub rest: Span,
 }
@@ -252,6 +255,7 @@ impl Sweep {
     /// Tables of a layout.
     pub fn of(layout: &Layout<f32>) -> Sweep {
         let mut sweep = Sweep::default();
+        let mut next_reach = 0;
         for (k, step) in layout.steps.iter().enumerate() {
             let start = sweep.rests.len() as u32;
             for run in &layout.front_runs[step.rest.range()] {
@@ -264,14 +268,20 @@ impl Sweep {
                     }
                 }
             }
-            let Span { start: first, end } = step.elements;
+            let first_reach = next_reach;
+            let mut feet = layout.elements[step.elements.range()].iter().filter(|e| e.family == Family::Reach).count();
+            while feet > 0 {
+                feet -= layout.reach[next_reach].feet.range().len();
+                next_reach += 1;
+            }
             sweep.steps.push(FrontStep {
                 size: step.size,
                 pivots: step.pivots,
                 variable: step.variable,
                 factor: step.factor,
                 stride: step.stride,
-                elements: Span { start: first, end },
+                elements: step.elements,
+                reach: Span { start: first_reach as u32, end: next_reach as u32 },
                 rest: Span { start, end: sweep.rests.len() as u32 },
             });
         }

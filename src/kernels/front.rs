@@ -103,15 +103,7 @@ pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, facto
 
 /// Copies what stays of the old front to its slots in the new one.
 #[multiversion(targets("x86_64+avx2"))]
-fn move_front<T: Real>(
-    layout: &Layout<T>,
-    moves: Span,
-    old: &[T],
-    old_size: usize,
-    new: &mut [T],
-    new_size: usize,
-    stride: usize,
-) {
+fn move_front<T: Real>(layout: &Layout<T>, moves: Span, old: &[T], old_size: usize, new: &mut [T], new_size: usize, stride: usize) {
     let runs = &layout.front_runs[moves.range()];
     for (first, rows) in runs.iter().enumerate() {
         for i in 0..rows.len as usize {

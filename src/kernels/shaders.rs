@@ -4,6 +4,8 @@
 
 /// Invocations of a workgroup, in every shader.
 pub const WORKGROUP: u32 = 64;
+/// The same on software adapters: as many as their vectors have lanes, so that nothing is done twice for one candidate.
+pub const SOFTWARE_WORKGROUP: u32 = 8;
 
 /// Buffers that shaders bind, by their names there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -139,7 +141,7 @@ pub const SHADERS: [Shader; 16] = [
     shader!("start", ["batch", "tables"], [Running, Slots, Progress "rw", Values "rw", Jacobian, Elements, Gathers, Touches]),
     shader!("rows", ["batch", "tables", "reduce", "slacks", "control"], [Running, Slots, Progress "rw", Values "rw", Elements]),
     shader!("front", ["batch", "tables", "triangle"],
-        [Running, Slots, Progress, Values "rw", Jacobian, Factor "rw", Elements, Runs, FrontSteps, Rests], sweep),
+        [Running, Slots, Progress, Values "rw", Jacobian, Factor "rw", Elements, Runs, FrontSteps, Rests, ReachInstants, ReachFeet], sweep),
     shader!("substitute", ["batch", "tables"], [Running, Slots, Progress, Values "rw", Factor, FrontSteps, Rests]),
     shader!("product", ["batch", "tables"], [Running, Slots, Progress, Values "rw", Jacobian, Elements, Runs]),
     shader!("correct", ["batch", "tables", "reduce", "slacks"], [Running, Slots, Progress "rw", Values "rw", Elements]),
@@ -157,6 +159,8 @@ pub fn shader(name: &str) -> Option<&'static Shader> {
 /// What the text of shaders depends on: how large the front is, and where it is kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Variant {
+    /// Invocations of a workgroup.
+    pub workgroup: u32,
     /// Values of the front in workgroup memory; 0: it is kept in storage.
     pub front: u32,
     /// Largest size of a front with its right-hand side.
@@ -169,22 +173,23 @@ impl Variant {
     /// The variant for fronts of a size and elements of a number of columns, within a limit of workgroup memory, bytes.
     ///
     /// The front has the portable 16 KiB where that is enough, else as many times 8 KiB as it needs, else storage.
-    pub fn new(front: usize, columns: usize, limit: u32) -> Variant {
+    pub fn new(front: usize, columns: usize, workgroup: u32, limit: u32) -> Variant {
         let side = (front as u32 + 1).next_multiple_of(16);
         let columns = (columns as u32).max(1).next_multiple_of(16);
         let others = 4 * (4 * side + 2 * columns);
         let needed = 4 * (front * (front + 3) / 2) as u32 + others;
         let memory = needed.next_multiple_of(8 << 10).max(16 << 10).min(limit);
         let front = if needed <= memory { (memory - others) / 4 } else { 0 };
-        Variant { front, side, columns }
+        Variant { workgroup, front, side, columns }
     }
 }
 
 impl Shader {
     /// Whole text.
     pub fn text(&self, variant: &Variant) -> String {
-        let Variant { front, side, columns } = variant;
+        let Variant { workgroup, front, side, columns } = variant;
         let mut text = self.parts.concat();
+        text += &format!("\nconst WORKGROUP: u32 = {workgroup}u;");
         text += &format!("\nconst FRONT: u32 = {front}u;\nconst SIDE: u32 = {side}u;\nconst COLUMNS: u32 = {columns}u;\n");
         if self.sweep {
             text += if *front > 0 {

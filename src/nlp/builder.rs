@@ -439,8 +439,13 @@ impl<'a, T: Real> Builder<'a, T> {
             }
             jacobian += rows * stride as usize + if draft.family == Family::Reach { POSE_VALUES } else { 0 };
             self.resolve(&draft, place, &columns, &positions, &runs[first_run..]);
-            let element =
-                Element { family: draft.family, rows: rows as u32, pairs: pairs as u32, place, runs: Span { start: first_run as u32, end: runs.len() as u32 } };
+            let element = Element {
+                family: draft.family,
+                rows: rows as u32,
+                pairs: pairs as u32,
+                place,
+                runs: Span { start: first_run as u32, end: runs.len() as u32 },
+            };
             steps[draft.step].elements.end = elements.len() as u32 + 1;
             elements.push(element);
         }

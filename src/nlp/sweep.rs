@@ -4,7 +4,6 @@
 //! it; those whose last row is here are its pivots. Variables are numbered in that order, so the pivots of a step are consecutive and a
 //! front sorted by variable starts with them.
 
-
 /// Consecutive entries of another table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]

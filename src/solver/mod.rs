@@ -203,11 +203,7 @@ impl<T: Real> Solver<T> {
         let (now, next, linear) = (&self.now, &self.next, &self.linear);
         let closing = progress.state == control::CLOSE;
         let falls = |to: &Residuals<T>| {
-            if closing {
-                infeasibility_fall(&now.c, &now.g, &to.c, &to.g)
-            } else {
-                merit_fall(&now.c, &now.g, &to.c, &to.g, progress.mu)
-            }
+            if closing { infeasibility_fall(&now.c, &now.g, &to.c, &to.g) } else { merit_fall(&now.c, &now.g, &to.c, &to.g, progress.mu) }
         };
         let pulled = progress.pull * pull_fall(&layout.pull, &self.x, &self.trial, &layout.initial);
         let (fall, predicted) = (falls(next) + pulled, falls(linear) + pulled);

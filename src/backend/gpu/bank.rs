@@ -3,9 +3,11 @@
 use super::device::{Device, Fault, Pipeline};
 use crate::kernels::batch::{Batch, FrontStep, Gather, Rest, Sizes, Slot, Sweep, Touch, first_progress};
 use crate::kernels::control::Progress;
-use crate::kernels::shaders::{Buffer, SHADERS, Variant, WORKGROUP};
+use crate::kernels::shaders::{Buffer, SHADERS};
 use crate::nlp::Layout;
-use crate::nlp::layout::{DynamicsInstant, Element, ForceNode, Impulse, MomentumInterval, ReachFoot, ReachInstant, StanceForce, Stride, SwingNode};
+use crate::nlp::layout::{
+    DynamicsInstant, Element, Family, ForceNode, Impulse, MomentumInterval, ReachFoot, ReachInstant, StanceForce, Stride, SwingNode,
+};
 use crate::nlp::sweep::Run;
 use crate::settings::SolverSettings;
 use bytemuck::NoUninit;
@@ -32,23 +34,27 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    /// Tables of a candidate whose terrain's heights begin at `first_height`.
-    pub fn new(index: usize, layout: Layout<f32>, first_height: u32) -> Prepared {
+    /// Tables of a candidate whose terrain's heights begin at `first_height`, for workgroups of a size.
+    pub fn new(index: usize, layout: Layout<f32>, first_height: u32, workgroup: u32) -> Prepared {
         let sweep = Sweep::of(&layout);
         let sizes = Sizes::of(&layout, &sweep);
         let slot = Slot::of(&layout, first_height);
-        let loops = layout.steps.iter().map(|step| loops(&layout, step)).max().unwrap_or(0);
+        let loops = layout.steps.iter().map(|step| loops(&layout, step, workgroup)).max().unwrap_or(0);
         Prepared { index, layout, sweep, sizes, slot, loops }
     }
 }
 
 /// Loop iterations of an invocation of the shader `front` in one step of the sweep, at most.
-fn loops(layout: &Layout<f32>, step: &crate::nlp::sweep::Step) -> u32 {
-    let shares = |n: u32| n / WORKGROUP + 2;
+fn loops(layout: &Layout<f32>, step: &crate::nlp::sweep::Step, workgroup: u32) -> u32 {
+    let shares = |n: u32| n / workgroup + 2;
     let triangle = |n: u32| shares(n * (n + 3) / 2);
     let elements: u32 = layout.elements[step.elements.range()]
         .iter()
         .map(|element| {
+            if element.family == Family::Reach {
+                // A foot, and what is done once an instant.
+                return 5 * shares(30) + 3 * shares(42) + shares(24) + shares(360);
+            }
             let columns: u32 = layout.runs[element.runs.range()].iter().map(|r| r.len).sum();
             triangle(columns) + shares(columns) + columns + 8
         })
@@ -136,7 +142,7 @@ fn bytes_of(buffer: Buffer, batch: &Batch, heights: usize) -> u64 {
 
 /// How many slots of these sizes the limits of a device allow.
 pub fn most_slots(device: &Device, sizes: &Sizes, settings: &SolverSettings, heights: usize) -> usize {
-    let variant = Variant::new(sizes.front, sizes.columns, device.limits.max_compute_workgroup_storage_size);
+    let variant = device.variant(sizes.front, sizes.columns);
     let batch = Batch::new(sizes, settings, variant.front == 0);
     let limit = device.limits.max_storage_buffer_binding_size.min(device.limits.max_buffer_size);
     let slots = |buffer| if buffer == Buffer::Heights { u64::MAX } else { limit / bytes_of(buffer, &batch, heights) };
@@ -157,7 +163,7 @@ impl Bank {
         heights: &[f32],
         loops: u32,
     ) -> Result<Bank, Fault> {
-        let variant = Variant::new(sizes.front, sizes.columns, device.limits.max_compute_workgroup_storage_size);
+        let variant = device.variant(sizes.front, sizes.columns);
         let batch = Batch::new(&sizes, settings, variant.front == 0);
         let pipelines = device.pipelines(variant)?;
         let list = 4 * capacity as u64;

@@ -1,7 +1,7 @@
 //! Adapters of this machine, and one of them opened: device, limits and pipelines.
 
 use crate::error::{Error, Result};
-use crate::kernels::shaders::{Buffer, SHADERS, Shader, Variant};
+use crate::kernels::shaders::{Buffer, SHADERS, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -132,6 +132,8 @@ pub struct Device {
     pub limits: wgpu::Limits,
     /// Whether passes can be timed.
     pub timestamps: bool,
+    /// Invocations of a workgroup.
+    pub workgroup: u32,
     /// Loop iterations after which an invocation is cut short, where the driver does that.
     pub loop_limit: Option<u32>,
     pipelines: Mutex<BTreeMap<Variant, Arc<Vec<Pipeline>>>>,
@@ -189,12 +191,25 @@ impl Device {
         }));
         let to = fault.clone();
         device.set_device_lost_callback(move |reason, message| keep(&to, Fault::Lost(format!("{reason:?} {message}").trim().into())));
-        let mut device = Device { report, device, queue, limits, timestamps, loop_limit: None, pipelines: Mutex::default(), fault };
+        let workgroup = if report.software { SOFTWARE_WORKGROUP } else { WORKGROUP };
+        let mut device =
+            Device { report, workgroup, device, queue, limits, timestamps, loop_limit: None, pipelines: Mutex::default(), fault };
         let counted = device.count_to(3 * LOOP_LIMIT).map_err(|f| Error::Device { message: format!("{}: {f}", device.report.name) })?;
         if counted != 3 * LOOP_LIMIT {
             device.loop_limit = Some(counted.min(LOOP_LIMIT));
         }
         Ok(device)
+    }
+
+    /// Compiles workgroups of another size.
+    pub fn with_workgroup(mut self, workgroup: u32) -> Device {
+        self.workgroup = workgroup;
+        self
+    }
+
+    /// The variant of the shaders for fronts of a size and elements of a number of columns.
+    pub fn variant(&self, front: usize, columns: usize) -> Variant {
+        Variant::new(front, columns, self.workgroup, self.limits.max_compute_workgroup_storage_size)
     }
 
     /// The first error since the last call, or that of the device that is no more.
@@ -257,7 +272,7 @@ impl Device {
         }
         let label = Some(shader.name);
         let layout = self.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries: &entries });
-        let text = wgpu::ShaderModuleDescriptor { label, source: wgpu::ShaderSource::Wgsl({ let t = shader.text(variant); match std::env::var(format!("SHADER_{}", shader.name)) { Ok(f) => { let own = shader.parts[shader.parts.len() - 1]; t.replace(own, &std::fs::read_to_string(f).unwrap()) } Err(_) => t } }.into()) };
+        let text = wgpu::ShaderModuleDescriptor { label, source: wgpu::ShaderSource::Wgsl(shader.text(variant).into()) };
         // SAFETY: every index comes from tables that this crate builds, and counts that go with them; the parity tests run these shaders.
         let module = unsafe { self.device.create_shader_module_trusted(text, wgpu::ShaderRuntimeChecks::unchecked()) };
         let pipeline_layout = self.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
@@ -313,10 +328,10 @@ impl Device {
             cache: None,
         });
         use wgpu::BufferUsages as Use;
-        let bytes = 4 * u64::from(crate::kernels::shaders::WORKGROUP);
+        let bytes = 4 * u64::from(WORKGROUP);
         let counted = self.buffer("count", bytes, Use::STORAGE | Use::COPY_DST | Use::COPY_SRC)?;
         let answer = self.buffer("count", bytes, Use::MAP_READ | Use::COPY_DST)?;
-        let counts = [count; crate::kernels::shaders::WORKGROUP as usize];
+        let counts = [count; WORKGROUP as usize];
         self.queue.write_buffer(&counted, 0, bytemuck::cast_slice(&counts));
         let group = self.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: None,

@@ -178,9 +178,10 @@ impl Gpu {
     ) -> std::result::Result<(), Fault> {
         let mut bank = locked(&self.bank);
         let mut run = Run::new(self, job, skip, done);
-        let result = self.cpu.pool().in_place_scope(|scope| {
-            run.all(&mut bank, &mut |index, solution| scope.spawn(move |_| finish(index, solution)))
-        });
+        let result = self
+            .cpu
+            .pool()
+            .in_place_scope(|scope| run.all(&mut bank, &mut |index, solution| scope.spawn(move |_| finish(index, solution))));
         let mut profile = locked(&self.profile);
         if let Some(bank) = &mut *bank {
             profile.sent += std::mem::take(&mut bank.sent);
@@ -293,7 +294,7 @@ impl<'a> Run<'a> {
         let problem = &self.job.problems[index];
         let layout = Layout::<f32>::new(problem.task, &problem.schedule, self.job.transcription);
         let first = self.terrains.iter().find(|(t, _)| *t == Arc::as_ptr(&problem.task.terrain)).map_or(0, |t| t.1);
-        Some(Prepared::new(index, layout, first))
+        Some(Prepared::new(index, layout, first, self.gpu.device.workgroup))
     }
 
     /// A bank that holds candidates of these sizes: as many as are left, as the device allows, and as it has memory for.
