@@ -71,8 +71,19 @@ pub struct Evaluated {
     pub finished_after: f64,
     /// Mean over all force nodes of the size of the normal force, N.
     pub mean_normal_force: f64,
-    /// The motion, feasible or not.
-    pub trajectory: Trajectory,
+    /// Phase durations after the horizon is rounded.
+    pub schedule: Schedule,
+    /// Values of the variables, as in [`Layout::initial`].
+    pub x: Vec<f64>,
+}
+
+impl Evaluated {
+    /// The motion, feasible or not. It is made when asked for: a population of them would take gigabytes.
+    ///
+    /// * `task`, `settings` - those it was evaluated with
+    pub fn trajectory(&self, task: &Task, settings: &TranscriptionSettings) -> Trajectory {
+        node_values(task, &Layout::<f64>::new(task, &self.schedule, settings), &self.x)
+    }
 }
 
 /// Checks that a schedule fits a task and can be solved within [`MAX_CANDIDATE_MEMORY`].
@@ -174,7 +185,8 @@ fn certify(problem: &Problem, solution: Solution, settings: &LowerSettings, canc
         n_variables: layout.variables,
         finished_after: 0.,
         mean_normal_force: mean_normal_force(task, &trajectory),
-        trajectory,
+        schedule: problem.schedule.clone(),
+        x,
     }
 }
 

@@ -446,7 +446,8 @@ fn check_balance(task: &Task, schedule: &Schedule, transcription: TranscriptionS
     prop_assert!(result.feasible && result.status == Status::Solved && result.iterations <= 12, "{:?}", result);
     let mass = task.robot.mass;
     let weight = |d: usize| if d == 2 { mass * GRAVITY } else { 0. };
-    let base = &result.trajectory.base_lin;
+    let trajectory = result.trajectory(task, transcription);
+    let base = &trajectory.base_lin;
     let mut start = 0.;
     for (piece, ends) in base.poly_durations.iter().zip(base.nodes.windows(2)) {
         let (a, b) = (ends[0], ends[1]);
@@ -455,11 +456,11 @@ fn check_balance(task: &Task, schedule: &Schedule, transcription: TranscriptionS
                 // At the start of the piece, by its second derivative there.
                 Transcription::Towr => {
                     let acceleration = (6. * (b[d] - a[d]) - piece * (4. * a[3 + d] + 2. * b[3 + d])) / (piece * piece);
-                    total_force(&result.trajectory, start)[d] - weight(d) - mass * acceleration
+                    total_force(&trajectory, start)[d] - weight(d) - mass * acceleration
                 }
                 // On the mean over the piece.
                 Transcription::Momentum => {
-                    mean_force(&result.trajectory, start, *piece)[d] - weight(d) - mass * (b[3 + d] - a[3 + d]) / piece
+                    mean_force(&trajectory, start, *piece)[d] - weight(d) - mass * (b[3 + d] - a[3 + d]) / piece
                 }
             };
             prop_assert!(missing.abs() < BALANCE_TOLERANCE, "axis {} at {} s: {} N", d, start, missing);

@@ -1,7 +1,7 @@
 //! Arguments that several commands share.
 
-use super::Failure;
-use crate::backend::{Cpu, Precision};
+use super::{Failure, complain};
+use crate::backend::{Backend, Cpu, Gpu, Precision};
 use crate::error::{Error, Result};
 use crate::evaluate::LowerSettings;
 use crate::nlp::towr;
@@ -188,6 +188,9 @@ pub struct LowerArgs {
     /// Scalar of the solver
     #[arg(long, value_enum, default_value = "f32")]
     pub precision: PrecisionArg,
+    /// Where to solve: `auto` takes a GPU for large batches, `gpu:NAME` an adapter of that name, see `devices`
+    #[arg(long, default_value = "auto", value_name = "auto|cpu|gpu[:NAME]")]
+    pub device: DeviceArg,
     /// Threads; 0 is one a processor. Results do not depend on it
     #[arg(long, default_value_t = 0)]
     pub threads: usize,
@@ -218,12 +221,55 @@ impl LowerArgs {
         Ok(settings)
     }
 
-    /// The CPU.
-    pub fn backend(&self) -> std::result::Result<Cpu, Failure> {
+    /// The device that was asked for, for batches of a size.
+    pub fn backend(&self, batch: usize) -> std::result::Result<Box<dyn Backend>, Failure> {
         if self.threads > 4096 {
             return Err(Error::invalid("--threads", self.threads, "at most 4096").into());
         }
-        Ok(Cpu::new(self.threads)?)
+        let cpu = || Ok(Box::new(Cpu::new(self.threads)?) as Box<dyn Backend>);
+        match (&self.device, self.precision) {
+            (DeviceArg::Cpu, _) | (DeviceArg::Auto, PrecisionArg::F64) => cpu(),
+            (DeviceArg::Gpu(_), PrecisionArg::F64) => {
+                Err(Error::invalid("--device", "gpu", "`cpu` or `auto` with --precision f64, which only the CPU has").into())
+            }
+            (DeviceArg::Gpu(name), _) => Ok(Box::new(Gpu::open(name.as_deref(), true, self.threads)?)),
+            (DeviceArg::Auto, _) if batch < AUTO_BATCH => cpu(),
+            (DeviceArg::Auto, _) => match Gpu::open(None, false, self.threads) {
+                Ok(gpu) => Ok(Box::new(gpu)),
+                Err(error) => {
+                    complain(&format!("on the CPU: {error}"));
+                    cpu()
+                }
+            },
+        }
+    }
+}
+
+/// Candidates at once from which `--device auto` looks for a GPU: for fewer, opening it takes longer than solving them.
+pub const AUTO_BATCH: usize = 256;
+
+/// `--device`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum DeviceArg {
+    /// A GPU for large batches, else the CPU.
+    Auto,
+    /// The CPU.
+    Cpu,
+    /// A GPU, or a software adapter; the first one, or one of a name.
+    Gpu(Option<String>),
+}
+
+impl std::str::FromStr for DeviceArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        match text.split_once(':') {
+            None if text == "auto" => Ok(DeviceArg::Auto),
+            None if text == "cpu" => Ok(DeviceArg::Cpu),
+            None if text == "gpu" => Ok(DeviceArg::Gpu(None)),
+            Some(("gpu", name)) if !name.is_empty() => Ok(DeviceArg::Gpu(Some(name.into()))),
+            _ => Err("expected auto, cpu, gpu, or gpu: and part of an adapter's name".into()),
+        }
     }
 }
 

@@ -18,7 +18,7 @@ use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 /// Candidates solved at once; bounds memory for long files.
-const CHUNK: usize = 1024;
+const CHUNK: usize = 8192;
 
 #[derive(Debug, Args)]
 pub struct Evaluate {
@@ -76,9 +76,6 @@ impl Evaluate {
         for path in [&self.out, &self.trajectories].into_iter().flatten() {
             files::check_writable(path)?;
         }
-        let backend = self.lower.backend()?;
-        let device = device(&backend, settings.precision);
-
         // Lines before a bad one keep their results.
         let mut failure = None;
         let mut items = Vec::new();
@@ -98,12 +95,15 @@ impl Evaluate {
             failure = Some(Error::invalid("schedules", "none", "at least one line").in_file(&self.schedules, None));
         }
 
+        let backend = self.lower.backend(items.len())?;
         let start = Instant::now();
         let (mut results, mut trajectories) = (String::new(), String::new());
         let (mut feasible, mut evaluated_lines, mut iterations) = (0, 0, 0);
         for chunk in items.chunks(CHUNK) {
             let candidates: Vec<(&Task, &Schedule)> = chunk.iter().map(|i| (&i.task, &i.schedule)).collect();
-            let evaluated = evaluate(&candidates, &settings, &backend, false, &CANCELLED)?;
+            let evaluated = evaluate(&candidates, &settings, &*backend, false, &CANCELLED)?;
+            // After the work: it says what could not be done where it should have been.
+            let device = device(&*backend, settings.precision);
             for (item, evaluated) in chunk.iter().zip(evaluated) {
                 let Some(evaluated) = evaluated else { break };
                 evaluated_lines += 1;
@@ -116,7 +116,13 @@ impl Evaluate {
                     let trajectory = {
                         let number = |key: &str| item.object.get(key).and_then(Value::as_u64);
                         let target = number("target").map(|t| t as usize);
-                        label(evaluated.trajectory, &item.task, item.scenario.as_deref(), target, number("seed"))
+                        label(
+                            evaluated.trajectory(&item.task, &settings.transcription),
+                            &item.task,
+                            item.scenario.as_deref(),
+                            target,
+                            number("seed"),
+                        )
                     };
                     trajectories += &(serde_json::to_string(&trajectory).map_err(Error::from)? + "\n");
                 }
@@ -140,7 +146,8 @@ impl Evaluate {
         } else {
             let rate = evaluated_lines as f64 / seconds.max(1e-9);
             print(&format!(
-                "{feasible} of {evaluated_lines} candidates feasible, {iterations} iterations, {seconds:.3} s, {rate:.1} candidates/s ({device})\n"
+                "{feasible} of {evaluated_lines} candidates feasible, {iterations} iterations, {seconds:.3} s, {rate:.1} candidates/s ({})\n",
+                device(&*backend, settings.precision)
             ))?;
         }
         match failure {

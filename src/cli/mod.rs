@@ -1,6 +1,7 @@
 //! The command line: one file a command.
 
 mod args;
+mod devices;
 mod evaluate;
 mod label;
 mod list;
@@ -17,7 +18,8 @@ static CANCELLED: AtomicBool = AtomicBool::new(false);
 
 /// Finds gaits for legged robots: which foot steps when, with a motion and forces that are physically valid.
 ///
-/// Exit codes: 0 feasible, 2 usage, 3 nothing feasible within the budget, 4 bad input file or unusable output.
+/// Exit codes: 0 feasible, 2 usage, 3 nothing feasible within the budget, 4 bad input file or unusable output, 5 no such
+/// device.
 #[derive(Debug, Parser)]
 #[command(version)]
 struct Cli {
@@ -33,6 +35,8 @@ enum Command {
     Evaluate(evaluate::Evaluate),
     /// Check a trajectory file, this program's or TOWR's
     Verify(verify::Verify),
+    /// List adapters, and which one `--device auto` takes
+    Devices(devices::Devices),
     /// List robots, terrains, scenarios and presets
     List(list::List),
 }
@@ -49,12 +53,15 @@ enum Failure {
     Usage(Error),
     /// A file or folder is unusable.
     Input(Error),
+    /// A device is not there, or not fit.
+    Device(Error),
 }
 
 impl From<Error> for Failure {
     fn from(error: Error) -> Self {
         match error {
             Error::InFile { .. } | Error::Io { .. } => Failure::Input(error),
+            Error::Device { .. } => Failure::Device(error),
             _ => Failure::Usage(error),
         }
     }
@@ -62,6 +69,8 @@ impl From<Error> for Failure {
 
 /// Parses the command line, runs the command and returns the exit code.
 pub fn main() -> ExitCode {
+    // SAFETY: no other thread runs yet. It keeps a layer of Mesa from looking for a screen, and from complaining that there is none.
+    unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
     let cli = Cli::parse();
     // Without a handler Ctrl-C just ends the program: nothing to do about it.
     let _ = ctrlc::set_handler(|| {
@@ -73,20 +82,18 @@ pub fn main() -> ExitCode {
         Command::Solve(command) => command.run(),
         Command::Evaluate(command) => command.run(),
         Command::Verify(command) => command.run(),
+        Command::Devices(command) => command.run(),
         Command::List(command) => command.run(),
     };
-    match result {
-        Ok(Verdict::Feasible) => ExitCode::SUCCESS,
-        Ok(Verdict::Infeasible) => ExitCode::from(3),
-        Err(Failure::Usage(error)) => {
-            complain(&format!("error: {error}"));
-            ExitCode::from(2)
-        }
-        Err(Failure::Input(error)) => {
-            complain(&format!("error: {error}"));
-            ExitCode::from(4)
-        }
-    }
+    let (error, code) = match result {
+        Ok(Verdict::Feasible) => return ExitCode::SUCCESS,
+        Ok(Verdict::Infeasible) => return ExitCode::from(3),
+        Err(Failure::Usage(error)) => (error, 2),
+        Err(Failure::Input(error)) => (error, 4),
+        Err(Failure::Device(error)) => (error, 5),
+    };
+    complain(&format!("error: {error}"));
+    ExitCode::from(code)
 }
 
 /// Prints to stdout. A closed pipe (`| head`) is no error.

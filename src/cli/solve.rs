@@ -88,7 +88,7 @@ impl Solve {
         if let Some(folder) = &self.out {
             files::make_folder(folder)?;
         }
-        let backend = self.lower.backend()?;
+        let backend = self.lower.backend(settings.population)?;
 
         let terminal = std::io::stderr().is_terminal();
         let mut progress = |g: &crate::cem::GenerationRecord| {
@@ -97,15 +97,15 @@ impl Solve {
                 eprintln!("generation {}: {} evaluated, {} feasible, fewest violations {fewest}", g.generation, g.evaluated, g.feasible);
             }
         };
-        let found = search(&task, &settings, &lower, self.seed, &backend, &CANCELLED, &mut progress)?;
+        let found = search(&task, &settings, &lower, self.seed, &*backend, &CANCELLED, &mut progress)?;
 
         let target = scenario.filter(|_| self.goal.is_none()).map(|_| self.target);
         let trajectory = found.best.as_ref().map(|b| {
-            let trajectory = b.solution.trajectory.clone();
+            let trajectory = b.solution.trajectory(&task, &lower.transcription);
             label(trajectory, &task, scenario.as_ref().map(|s| s.name), target, Some(self.seed))
         });
         let certificate = trajectory.as_ref().map(|t| verify(t, &task.robot, &task.terrain, task.force_limit)).transpose()?;
-        let device = device(&backend, lower.precision);
+        let device = device(&*backend, lower.precision);
         let run = Run {
             scenario: scenario.as_ref().map(|s| (s.name, target)),
             task: &task,

@@ -17,7 +17,7 @@ fn most_buffers() -> u32 {
 }
 
 /// An adapter of this machine.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize)]
 pub struct AdapterReport {
     /// Its name.
     pub name: String,

@@ -1,0 +1,80 @@
+//! `devices`: adapters of this machine.
+
+use super::args::AUTO_BATCH;
+use super::{Failure, Verdict, print, to_json};
+use crate::backend::gpu::{AdapterReport, Gpu, adapters};
+use clap::Args;
+use serde::Serialize;
+
+#[derive(Debug, Args)]
+pub struct Devices {
+    /// Open each adapter and have it solve a small problem with a known end
+    #[arg(long)]
+    test: bool,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// What is printed.
+#[derive(Serialize)]
+struct Report {
+    adapters: Vec<Tested>,
+    /// What `--device auto` takes for large batches.
+    auto: String,
+    /// Size from which a batch is large.
+    auto_batch: usize,
+}
+
+#[derive(Serialize)]
+struct Tested {
+    #[serde(flatten)]
+    adapter: AdapterReport,
+    /// `passed`, or why not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    self_test: Option<String>,
+}
+
+impl Devices {
+    pub fn run(&self) -> std::result::Result<Verdict, Failure> {
+        let tested = |adapter: AdapterReport| {
+            let test = || Gpu::open(Some(&adapter.name), true, 1).map_or_else(|e| e.to_string(), |_| "passed".into());
+            let self_test = self.test.then(test);
+            Tested { adapter, self_test }
+        };
+        let adapters: Vec<Tested> = adapters().into_iter().map(tested).collect();
+        let taken = adapters.iter().find(|a| !a.adapter.software && a.adapter.unusable.is_none());
+        let auto = taken.map_or("cpu".into(), |a| format!("gpu:{}", a.adapter.name));
+        let report = Report { adapters, auto, auto_batch: AUTO_BATCH };
+        print(&if self.json { to_json(&report)? } else { report.text() })?;
+        Ok(Verdict::Feasible)
+    }
+}
+
+impl Report {
+    fn text(&self) -> String {
+        let mut text = String::new();
+        for Tested { adapter: a, self_test } in &self.adapters {
+            text += &format!("{} ({}, {}, {})\n", a.name, a.kind, a.interface, a.driver);
+            text += &format!(
+                "    {} KiB workgroup memory, storage bindings of {} MiB, {} a shader\n",
+                a.workgroup_memory >> 10,
+                a.storage_binding >> 20,
+                a.storage_buffers
+            );
+            if let Some(why) = &a.unusable {
+                text += &format!("    cannot be used: {why}\n");
+            }
+            if let Some(result) = self_test {
+                text += &format!("    self-test: {result}\n");
+            }
+        }
+        if self.adapters.is_empty() {
+            text += "no adapter: a Vulkan, Metal or DX12 driver is needed\n";
+        }
+        text + &match self.auto.as_str() {
+            "cpu" => "--device auto takes the CPU; a software adapter has to be asked for: --device gpu\n".to_string(),
+            gpu => format!("--device auto takes {gpu} from {} candidates at once on, else the CPU\n", self.auto_batch),
+        }
+    }
+}
