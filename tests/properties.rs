@@ -446,7 +446,7 @@ fn check_balance(task: &Task, schedule: &Schedule, transcription: TranscriptionS
     prop_assert!(result.feasible && result.status == Status::Solved && result.iterations <= 12, "{:?}", result);
     let mass = task.robot.mass;
     let weight = |d: usize| if d == 2 { mass * GRAVITY } else { 0. };
-    let trajectory = result.trajectory(task, transcription);
+    let trajectory = result.trajectory(task, &transcription);
     let base = &trajectory.base_lin;
     let mut start = 0.;
     for (piece, ends) in base.poly_durations.iter().zip(base.nodes.windows(2)) {
@@ -459,9 +459,7 @@ fn check_balance(task: &Task, schedule: &Schedule, transcription: TranscriptionS
                     total_force(&trajectory, start)[d] - weight(d) - mass * acceleration
                 }
                 // On the mean over the piece.
-                Transcription::Momentum => {
-                    mean_force(&trajectory, start, *piece)[d] - weight(d) - mass * (b[3 + d] - a[3 + d]) / piece
-                }
+                Transcription::Momentum => mean_force(&trajectory, start, *piece)[d] - weight(d) - mass * (b[3 + d] - a[3 + d]) / piece,
             };
             prop_assert!(missing.abs() < BALANCE_TOLERANCE, "axis {} at {} s: {} N", d, start, missing);
         }

@@ -402,7 +402,9 @@ fn the_search_finds_a_gait_and_the_same_one_on_two_threads() {
     };
     let (one, two) = (run(1), run(2));
     assert!(one.evaluation.feasible && one.evaluation.n_violated == 0);
-    let rows = verify_rows(&one.solution.trajectory(&task, &TranscriptionSettings::default()), &task.robot, &task.terrain, task.force_limit).unwrap();
+    let rows =
+        verify_rows(&one.solution.trajectory(&task, &TranscriptionSettings::default()), &task.robot, &task.terrain, task.force_limit)
+            .unwrap();
     assert!(rows.feasible, "{rows}");
     assert_eq!((one.generation, one.index, &one.schedule), (two.generation, two.index, &two.schedule));
     assert!(same(&one.solution, &two.solution));

@@ -176,7 +176,8 @@ impl Variant {
     pub fn new(front: usize, columns: usize, workgroup: u32, limit: u32) -> Variant {
         let side = (front as u32 + 1).next_multiple_of(16);
         let columns = (columns as u32).max(1).next_multiple_of(16);
-        let others = 4 * (4 * side + 2 * columns);
+        // `panel`, `columns` and `by_pose` of front.wgsl, in the multiples of 16 bytes that adapters count.
+        let others = 4 * (4 * side + 2 * columns + 44);
         let needed = 4 * (front * (front + 3) / 2) as u32 + others;
         let memory = needed.next_multiple_of(8 << 10).max(16 << 10).min(limit);
         let front = if needed <= memory { (memory - others) / 4 } else { 0 };

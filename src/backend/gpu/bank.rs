@@ -11,6 +11,7 @@ use crate::nlp::layout::{
 use crate::nlp::sweep::Run;
 use crate::settings::SolverSettings;
 use bytemuck::NoUninit;
+use rayon::prelude::*;
 use std::sync::Arc;
 use wgpu::BufferUsages as Use;
 
@@ -176,6 +177,9 @@ impl Bank {
                 _ => capacity as u64 * bytes_of(buffer, &batch, 0),
             };
             bytes += size;
+            if bytes > device.memory {
+                return Err(Fault::OutOfMemory);
+            }
             buffers.push(device.buffer(buffer.name(), size, Use::STORAGE | Use::COPY_DST | Use::COPY_SRC)?);
         }
         let uniform = device.buffer("batch", size_of::<Batch>() as u64, Use::UNIFORM | Use::COPY_DST)?;
@@ -255,56 +259,66 @@ impl Bank {
         &self.buffers[buffer as usize]
     }
 
-    /// Sends the tables of one kind for candidates in consecutive slots from `first` on.
-    fn send<T: NoUninit>(&mut self, buffer: Buffer, first: usize, stride: u32, candidates: &[Prepared], of: impl Fn(&Prepared) -> &[T]) {
-        if candidates.iter().all(|c| of(c).is_empty()) {
-            return;
-        }
+    /// Sends the tables of one kind for candidates in consecutive slots from `first` on. They are packed by all threads.
+    fn send<T: NoUninit>(
+        &mut self,
+        buffer: Buffer,
+        first: usize,
+        stride: u32,
+        candidates: &[Prepared],
+        of: impl Fn(&Prepared) -> &[T] + Sync,
+    ) {
         let stride = stride as usize * size_of::<T>();
-        let mut bytes = vec![0u8; stride * candidates.len()];
-        let mut last = 0;
-        for (i, candidate) in candidates.iter().enumerate() {
+        let Some(last) = candidates.last() else { return };
+        let mut bytes = vec![0u8; stride * (candidates.len() - 1) + size_of_val(of(last))];
+        bytes.par_chunks_mut(stride).zip(candidates).for_each(|(to, candidate)| {
             let table: &[u8] = bytemuck::cast_slice(of(candidate));
-            bytes[i * stride..i * stride + table.len()].copy_from_slice(table);
-            last = i * stride + table.len();
+            to[..table.len()].copy_from_slice(table);
+        });
+        if !bytes.is_empty() {
+            self.sent += bytes.len() as u64;
+            self.device.queue.write_buffer(self.buffer(buffer), (first * stride) as u64, &bytes);
         }
-        self.sent += last as u64;
-        self.device.queue.write_buffer(self.buffer(buffer), (first * stride) as u64, &bytes[..last]);
     }
 
-    /// Fills consecutive slots from `first` on.
-    pub fn fill(&mut self, first: usize, candidates: &[Prepared], settings: &SolverSettings) {
+    /// Fills slots: groups of candidates, each for consecutive slots from a first one on.
+    pub fn fill(&mut self, groups: &[(usize, &[Prepared])], settings: &SolverSettings) {
         let batch = self.batch;
         // Kernels write what is not always zero; padding and the rest must be zero.
         let mut encoder = self.device.device.create_command_encoder(&Default::default());
         let jacobian = bytes_of(Buffer::Jacobian, &batch, 0);
-        encoder.clear_buffer(self.buffer(Buffer::Jacobian), first as u64 * jacobian, Some(candidates.len() as u64 * jacobian));
+        for (first, candidates) in groups {
+            let len = candidates.len() as u64 * jacobian;
+            encoder.clear_buffer(self.buffer(Buffer::Jacobian), *first as u64 * jacobian, Some(len));
+        }
         self.device.queue.submit([encoder.finish()]);
-        self.send(Buffer::Slots, first, 1, candidates, |c| std::slice::from_ref(&c.slot));
-        self.send(Buffer::Footholds, first, batch.footholds, candidates, |c| &c.layout.footholds);
-        self.send(Buffer::DynamicsInstants, first, batch.dynamics, candidates, |c| &c.layout.dynamics);
-        self.send(Buffer::StanceForces, first, batch.stance_forces, candidates, |c| &c.layout.stance_forces);
-        self.send(Buffer::MomentumIntervals, first, batch.momentum, candidates, |c| &c.layout.momentum);
-        self.send(Buffer::Impulses, first, batch.impulses, candidates, |c| &c.layout.impulses);
-        self.send(Buffer::ReachInstants, first, batch.reach, candidates, |c| &c.layout.reach);
-        self.send(Buffer::ReachFeet, first, batch.reach_feet, candidates, |c| &c.layout.reach_feet);
-        self.send(Buffer::ForceNodes, first, batch.force_nodes, candidates, |c| &c.layout.force_nodes);
-        self.send(Buffer::SwingNodes, first, batch.swing_nodes, candidates, |c| &c.layout.swing_nodes);
-        self.send(Buffer::Strides, first, batch.strides, candidates, |c| &c.layout.strides);
-        self.send(Buffer::Elements, first, batch.elements, candidates, |c| &c.layout.elements);
-        self.send(Buffer::Runs, first, batch.runs, candidates, |c| &c.layout.runs);
-        self.send(Buffer::FrontSteps, first, batch.steps, candidates, |c| &c.sweep.steps);
-        self.send(Buffer::Rests, first, batch.rests, candidates, |c| &c.sweep.rests);
-        self.send(Buffer::Gathers, first, batch.gathers, candidates, |c| &c.sweep.gathers);
-        self.send(Buffer::Touches, first, batch.touches, candidates, |c| &c.sweep.touches);
-        let progress: Vec<Progress<f32>> = candidates.iter().map(|c| first_progress(&c.layout, settings)).collect();
-        let at = first * size_of::<Progress<f32>>();
-        self.sent += (progress.len() * size_of::<Progress<f32>>()) as u64;
-        self.device.queue.write_buffer(self.buffer(Buffer::Progress), at as u64, bytemuck::cast_slice(&progress));
-        for (i, candidate) in candidates.iter().enumerate() {
-            let (slot, layout) = (first + i, &candidate.layout);
-            for (section, values) in [(batch.x, &layout.initial), (batch.initial, &layout.initial), (batch.pull, &layout.pull)] {
-                self.write_values(slot, section, values);
+        for &(first, candidates) in groups {
+            self.send(Buffer::Slots, first, 1, candidates, |c| std::slice::from_ref(&c.slot));
+            self.send(Buffer::Footholds, first, batch.footholds, candidates, |c| &c.layout.footholds);
+            self.send(Buffer::DynamicsInstants, first, batch.dynamics, candidates, |c| &c.layout.dynamics);
+            self.send(Buffer::StanceForces, first, batch.stance_forces, candidates, |c| &c.layout.stance_forces);
+            self.send(Buffer::MomentumIntervals, first, batch.momentum, candidates, |c| &c.layout.momentum);
+            self.send(Buffer::Impulses, first, batch.impulses, candidates, |c| &c.layout.impulses);
+            self.send(Buffer::ReachInstants, first, batch.reach, candidates, |c| &c.layout.reach);
+            self.send(Buffer::ReachFeet, first, batch.reach_feet, candidates, |c| &c.layout.reach_feet);
+            self.send(Buffer::ForceNodes, first, batch.force_nodes, candidates, |c| &c.layout.force_nodes);
+            self.send(Buffer::SwingNodes, first, batch.swing_nodes, candidates, |c| &c.layout.swing_nodes);
+            self.send(Buffer::Strides, first, batch.strides, candidates, |c| &c.layout.strides);
+            self.send(Buffer::Elements, first, batch.elements, candidates, |c| &c.layout.elements);
+            self.send(Buffer::Runs, first, batch.runs, candidates, |c| &c.layout.runs);
+            self.send(Buffer::FrontSteps, first, batch.steps, candidates, |c| &c.sweep.steps);
+            self.send(Buffer::Rests, first, batch.rests, candidates, |c| &c.sweep.rests);
+            self.send(Buffer::Gathers, first, batch.gathers, candidates, |c| &c.sweep.gathers);
+            self.send(Buffer::Touches, first, batch.touches, candidates, |c| &c.sweep.touches);
+            let progress: Vec<Progress<f32>> = candidates.iter().map(|c| first_progress(&c.layout, settings)).collect();
+            let at = first * size_of::<Progress<f32>>();
+            self.sent += size_of_val(&progress[..]) as u64;
+            self.device.queue.write_buffer(self.buffer(Buffer::Progress), at as u64, bytemuck::cast_slice(&progress));
+            for (i, candidate) in candidates.iter().enumerate() {
+                let (slot, layout) = (first + i, &candidate.layout);
+                for (section, values) in [(batch.x, &layout.initial), (batch.initial, &layout.initial), (batch.pull, &layout.pull)] {
+                    self.write_values(slot, section, values);
+                }
             }
         }
     }

@@ -134,6 +134,8 @@ pub struct Device {
     pub timestamps: bool,
     /// Invocations of a workgroup.
     pub workgroup: u32,
+    /// Bytes that the buffers of a bank may take.
+    pub memory: u64,
     /// Loop iterations after which an invocation is cut short, where the driver does that.
     pub loop_limit: Option<u32>,
     pipelines: Mutex<BTreeMap<Variant, Arc<Vec<Pipeline>>>>,
@@ -192,8 +194,18 @@ impl Device {
         let to = fault.clone();
         device.set_device_lost_callback(move |reason, message| keep(&to, Fault::Lost(format!("{reason:?} {message}").trim().into())));
         let workgroup = if report.software { SOFTWARE_WORKGROUP } else { WORKGROUP };
-        let mut device =
-            Device { report, workgroup, device, queue, limits, timestamps, loop_limit: None, pipelines: Mutex::default(), fault };
+        let mut device = Device {
+            report,
+            workgroup,
+            memory: u64::MAX,
+            device,
+            queue,
+            limits,
+            timestamps,
+            loop_limit: None,
+            pipelines: Mutex::default(),
+            fault,
+        };
         let counted = device.count_to(3 * LOOP_LIMIT).map_err(|f| Error::Device { message: format!("{}: {f}", device.report.name) })?;
         if counted != 3 * LOOP_LIMIT {
             device.loop_limit = Some(counted.min(LOOP_LIMIT));

@@ -27,8 +27,8 @@ use std::time::{Duration, Instant};
 
 /// Slots of a device with memory of its own.
 const SLOTS: usize = 2048;
-/// Slots of a software adapter: what it does at once does not make it faster.
-const SOFTWARE_SLOTS: usize = 64;
+/// Slots of a software adapter, at least: more than its threads need makes it slower, for they share a cache.
+const SOFTWARE_SLOTS: usize = 16;
 /// Candidates whose tables are made before the sizes of a bank are chosen.
 const SAMPLE: usize = 256;
 /// Room for larger candidates that come later.
@@ -101,17 +101,18 @@ impl Gpu {
     /// # Errors
     /// [`Error::Device`] when there is none, it cannot be opened, or it computes wrong numbers.
     pub fn open(name: Option<&str>, software: bool, threads: usize) -> Result<Gpu> {
-        let device = Arc::new(Device::open(name, software)?);
-        let slots = if device.report.software { SOFTWARE_SLOTS } else { SLOTS };
-        let gpu = Gpu {
-            device,
-            cpu: Cpu::new(threads)?,
-            bank: Mutex::default(),
-            fallback: Mutex::default(),
-            profile: Mutex::default(),
-            timed: false,
-            slots,
-        };
+        Gpu::new(Device::open(name, software)?, threads)
+    }
+
+    /// Tests an open device and works on it.
+    ///
+    /// # Errors
+    /// [`Error::Device`] when it computes wrong numbers.
+    pub fn new(device: Device, threads: usize) -> Result<Gpu> {
+        let device = Arc::new(device);
+        let cpu = Cpu::new(threads)?;
+        let slots = if device.report.software { SOFTWARE_SLOTS.max(2 * cpu.threads()) } else { SLOTS };
+        let gpu = Gpu { device, cpu, bank: Mutex::default(), fallback: Mutex::default(), profile: Mutex::default(), timed: false, slots };
         gpu.self_test()?;
         Ok(gpu)
     }
@@ -396,13 +397,16 @@ impl<'a> Run<'a> {
         self.free.sort_unstable();
         let fits = self.prepared.iter().take(self.free.len()).take_while(|p| bank.takes(p)).count();
         let slots: Vec<u32> = self.free.drain(..fits).collect();
-        let mut candidates: Vec<Prepared> = self.prepared.drain(..fits).collect();
+        let candidates: Vec<Prepared> = self.prepared.drain(..fits).collect();
         self.running.extend(slots.iter().copied().zip(candidates.iter().map(|c| c.index)));
+        let mut rest = &candidates[..];
+        let mut groups = Vec::new();
         for run in slots.chunk_by(|a, b| a + 1 == *b) {
-            let rest = candidates.split_off(run.len());
-            bank.fill(run[0] as usize, &candidates, self.job.settings);
-            candidates = rest;
+            let (group, after) = rest.split_at(run.len());
+            groups.push((run[0] as usize, group));
+            rest = after;
         }
+        self.gpu.cpu.pool().install(|| bank.fill(&groups, self.job.settings));
         if !slots.is_empty() {
             bank.list(List::Starting, &slots);
         }

@@ -1,0 +1,159 @@
+//! Populations of growing size on a device: candidates a second, time by shader, transfers, the CPU's share, memory; and the CPU beside it.
+//!
+//! `cargo bench --bench batches -- [--device NAME] [--scenario NAME] [--from N] [--to N] [--towr] [--slots N]`. Batches double four times over
+//! from 16 to 256 unless told otherwise; the first is run twice, so that compilation is apart. Candidates are drawn as the first generation
+//! of a search draws them. Prints Markdown.
+
+use cregopt::backend::{Backend, Cpu, Gpu, Job, Precision, Problem, Solution};
+use cregopt::cem::{self, CemSettings, Evaluate, Evaluation};
+use cregopt::evaluate::{LowerSettings, evaluate};
+use cregopt::gait::Schedule;
+use cregopt::scenario::Scenario;
+use cregopt::settings::{Transcription, TranscriptionSettings};
+use cregopt::task::Task;
+use cregopt::{Error, Result};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::Instant;
+
+struct Arguments {
+    device: Option<String>,
+    scenario: String,
+    from: usize,
+    to: usize,
+    rows: Transcription,
+    slots: Option<usize>,
+}
+
+fn arguments() -> Result<Arguments> {
+    let mut parsed = Arguments { device: None, scenario: "s1".into(), from: 16, to: 256, rows: Transcription::Momentum, slots: None };
+    let mut arguments = std::env::args().skip(1).filter(|a| a != "--bench");
+    while let Some(argument) = arguments.next() {
+        let mut text = || arguments.next().unwrap_or_default();
+        let number = |text: String| text.parse::<usize>().map_err(|_| Error::invalid("argument", text, "a number"));
+        match argument.as_str() {
+            "--device" => parsed.device = Some(text()),
+            "--scenario" => parsed.scenario = text(),
+            "--from" => parsed.from = number(text())?.max(1),
+            "--to" => parsed.to = number(text())?,
+            "--slots" => parsed.slots = Some(number(text())?),
+            "--towr" => parsed.rows = Transcription::Towr,
+            _ => return Err(Error::invalid("argument", argument, "one of those in benches/batches.rs")),
+        }
+    }
+    Ok(parsed)
+}
+
+/// Keeps the first generation of a search.
+struct Keep(Vec<Schedule>, f64, Instant);
+
+impl Evaluate for Keep {
+    type Solution = ();
+
+    fn evaluate(&mut self, _generation: usize, schedules: &[Schedule], _first_feasible: bool) -> Vec<Option<(Evaluation, ())>> {
+        self.1 = self.2.elapsed().as_secs_f64();
+        self.0 = schedules.to_vec();
+        schedules.iter().map(|_| Some((Evaluation { n_violated: 1, feasible: false, mean_normal_force: 0. }, ()))).collect()
+    }
+
+    fn cancelled(&self) -> bool {
+        false
+    }
+}
+
+/// A generation of candidates, and the times of drawing it and of the update after it, s.
+fn population(task: &Task, count: usize) -> Result<(Vec<Schedule>, f64, f64)> {
+    let settings = CemSettings { population: count, elites: (count / 4).max(1), generations: 1, ..CemSettings::preset("experiment1")? };
+    let mut keep = Keep(Vec::new(), 0., Instant::now());
+    cem::run(&settings, task.robot.feet(), 1, &mut keep, &mut |_| ())?;
+    let whole = keep.2.elapsed().as_secs_f64();
+    Ok((keep.0, keep.1, whole - keep.1))
+}
+
+/// Time of solving a batch on a backend without certification, s, and how many were solved.
+fn solve(backend: &dyn Backend, task: &Task, schedules: &[Schedule], lower: &LowerSettings) -> (f64, usize) {
+    let interval = lower.transcription.interval_for(&task.robot);
+    let problems: Vec<Problem> = schedules.iter().map(|s| Problem { task, schedule: s.aligned(interval) }).collect();
+    let job = Job { problems: &problems, transcription: &lower.transcription, settings: &lower.solver, precision: Precision::F32 };
+    let solved = AtomicUsize::new(0);
+    let count = |_: usize, s: Solution| {
+        solved.fetch_add(usize::from(s.outcome.status == cregopt::solver::Status::Solved), Ordering::Relaxed);
+    };
+    let start = Instant::now();
+    backend.solve(&job, &|_| false, &count);
+    (start.elapsed().as_secs_f64(), solved.into_inner())
+}
+
+fn main() -> Result<()> {
+    let arguments = arguments()?;
+    let task = Scenario::named(&arguments.scenario)?.task(10)?;
+    let lower = LowerSettings {
+        transcription: TranscriptionSettings { rows: arguments.rows, ..TranscriptionSettings::default() },
+        ..LowerSettings::default()
+    };
+    let open = || -> Result<Gpu> {
+        let gpu = Gpu::open(arguments.device.as_deref(), true, 0)?;
+        Ok(match arguments.slots {
+            Some(slots) => gpu.with_slots(slots),
+            None => gpu,
+        })
+    };
+    let start = Instant::now();
+    let gpu = open()?;
+    println!("{}; opened, compiled and tested in {:.2} s", gpu.device(), start.elapsed().as_secs_f64());
+    let start = Instant::now();
+    let timed = open()?.timed();
+    println!("a second time {:.2} s; {}, {} rows\n", start.elapsed().as_secs_f64(), arguments.scenario, arguments.rows.name());
+    let cpu = Cpu::new(0)?;
+    println!(
+        "| batch | gpu, candidates/s | cpu, candidates/s | solved, gpu / cpu | certified as well, candidates/s | drawing + update, us a candidate |\
+ tables, us | sending, us | sent, KiB | read, KiB | waiting for the device | buffers, MiB | slots | submissions | rounds |"
+    );
+    println!("|{}", "---|".repeat(15));
+    let mut count = arguments.from;
+    let mut shaders = Vec::new();
+    while count <= arguments.to {
+        let (schedules, draw, update) = population(&task, count)?;
+        // Buffers are made, and shaders compiled, by the first call of a size.
+        solve(&gpu, &task, &schedules, &lower);
+        gpu.take_profile();
+        let (seconds, solved) = solve(&gpu, &task, &schedules, &lower);
+        let p = gpu.take_profile();
+        let (cpu_seconds, cpu_solved) = solve(&cpu, &task, &schedules, &lower);
+        let candidates: Vec<(&Task, &Schedule)> = schedules.iter().map(|s| (&task, s)).collect();
+        let start = Instant::now();
+        evaluate(&candidates, &lower, &gpu, false, &AtomicBool::new(false))?;
+        let certified = start.elapsed().as_secs_f64();
+        let each = |total: f64| total / count as f64;
+        println!(
+            "| {count} | {:.1} | {:.1} | {solved} / {cpu_solved} | {:.1} | {:.1} | {:.0} | {:.0} | {:.0} | {:.1} | {:.0} % | {} | {} | {} | {} |",
+            count as f64 / seconds,
+            count as f64 / cpu_seconds,
+            count as f64 / certified,
+            each(draw + update) * 1e6,
+            each(p.tables) * 1e6,
+            each(p.sending) * 1e6,
+            each(p.sent as f64 / 1024.),
+            each(p.received as f64 / 1024.),
+            100. * p.device / seconds,
+            p.memory >> 20,
+            p.slots,
+            p.submissions,
+            p.rounds
+        );
+        if timed.open_device().timestamps {
+            solve(&timed, &task, &schedules, &lower);
+            shaders.push((count, timed.take_profile().shaders));
+        }
+        count *= 2;
+    }
+    println!("\nTime on the device by shader, % (s in all):\n");
+    let names: Vec<&str> = shaders.first().map(|(_, s)| s.keys().copied().collect()).unwrap_or_default();
+    println!("| batch | all, s | {} |", names.join(" | "));
+    println!("|{}", "---|".repeat(names.len() + 2));
+    for (count, times) in &shaders {
+        let all: f64 = times.values().map(|t| t.seconds).sum();
+        let shares: Vec<String> = names.iter().map(|n| format!("{:.1}", 100. * times[n].seconds / all)).collect();
+        println!("| {count} | {all:.3} | {} |", shares.join(" | "));
+    }
+    Ok(())
+}

@@ -1,0 +1,217 @@
+//! Whole solves on a GPU or a software adapter against those on the CPU, and what happens when the device gives up.
+//!
+//! Without an adapter every test says what it skips; with `GPU_TESTS=require` it fails instead.
+
+mod common;
+
+use common::{Random, gait, reference_candidates, task, towr};
+use cregopt::backend::gpu::Device;
+use cregopt::backend::{Backend, Cpu, Gpu, Precision};
+use cregopt::evaluate::{Evaluated, LowerSettings, evaluate};
+use cregopt::gait::Schedule;
+use cregopt::settings::TranscriptionSettings;
+use cregopt::solver::Status;
+use cregopt::task::Task;
+use std::sync::atomic::AtomicBool;
+use std::sync::{Mutex, MutexGuard, OnceLock};
+
+/// The adapter under test, opened, or `None` after saying which test is skipped.
+fn device(test: &str) -> Option<Device> {
+    let name = std::env::var("CREGOPT_TEST_ADAPTER").ok();
+    match Device::open(name.as_deref(), true) {
+        Ok(device) => Some(device),
+        Err(error) if std::env::var("GPU_TESTS").is_ok_and(|v| v == "require") => panic!("{test}: {error}"),
+        Err(error) => {
+            eprintln!("skipped: {test}: {error}");
+            None
+        }
+    }
+}
+
+/// The same device for every test that does not break it; one test at a time has it.
+fn gpu(test: &str) -> Option<MutexGuard<'static, Gpu>> {
+    static GPU: OnceLock<Option<Mutex<Gpu>>> = OnceLock::new();
+    let gpu = GPU.get_or_init(|| device(test).map(|device| Mutex::new(Gpu::new(device, 2).unwrap())));
+    if gpu.is_none() {
+        eprintln!("skipped: {test}: no adapter");
+    }
+    gpu.as_ref().map(|gpu| gpu.lock().unwrap_or_else(std::sync::PoisonError::into_inner))
+}
+
+fn lower(transcription: TranscriptionSettings) -> LowerSettings {
+    LowerSettings { transcription, ..LowerSettings::default() }
+}
+
+fn solve_on(backend: &dyn Backend, candidates: &[(&Task, &Schedule)], lower: &LowerSettings) -> Vec<Option<Evaluated>> {
+    evaluate(candidates, lower, backend, false, &AtomicBool::new(false)).unwrap()
+}
+
+/// Asserts that both found the same candidates feasible, each certified in f64.
+fn assert_same_verdicts(name: &str, ours: &[Option<Evaluated>], theirs: &[Option<Evaluated>]) -> usize {
+    assert_eq!(ours.len(), theirs.len());
+    let mut differing = Vec::new();
+    for (index, (a, b)) in ours.iter().zip(theirs).enumerate() {
+        let (a, b) = (a.as_ref().expect("no candidate is lost"), b.as_ref().expect("no candidate is lost"));
+        if a.feasible != b.feasible {
+            differing.push(format!("{index}: {} {} here, {} {} on the CPU", a.status, a.feasible, b.status, b.feasible));
+        }
+    }
+    assert!(differing.is_empty(), "{name}: {differing:#?}");
+    ours.iter().flatten().filter(|e| e.feasible).count()
+}
+
+/// All reference candidates of one transcription, of all robots in one batch.
+fn reference_batch(test: &str, transcription: TranscriptionSettings, least: usize) {
+    let Some(gpu) = gpu(test) else { return };
+    let Some(candidates) = reference_candidates(test) else { return };
+    let problems: Vec<(&Task, &Schedule)> = candidates.iter().map(|c| (&c.task, &c.schedule)).collect();
+    let settings = lower(transcription);
+    let ours = solve_on(&*gpu, &problems, &settings);
+    let theirs = solve_on(&Cpu::new(2).unwrap(), &problems, &settings);
+    let feasible = assert_same_verdicts(test, &ours, &theirs);
+    assert!(feasible >= least, "{feasible} feasible, {least} once were");
+    assert!(!gpu.device().contains("on the cpu"), "{}", gpu.device());
+}
+
+#[test]
+fn gpu_and_cpu_agree_on_the_reference_candidates_in_towr() {
+    reference_batch("gpu_and_cpu_agree_on_the_reference_candidates_in_towr", towr(), 150);
+}
+
+#[test]
+fn gpu_and_cpu_agree_on_the_reference_candidates_in_momentum() {
+    reference_batch("gpu_and_cpu_agree_on_the_reference_candidates_in_momentum", TranscriptionSettings::default(), 55);
+}
+
+/// A few short candidates of several robots and terrains, every other one with a goal that is too far.
+fn mixed(random: &mut Random) -> Vec<(Task, Schedule)> {
+    let mut candidates = Vec::new();
+    for (robot, feet, terrain) in [("biped", 2, "flat"), ("anymal", 4, "step"), ("pexod", 6, "slope"), ("biped", 2, "stairs")] {
+        for x in [0.4, 4.] {
+            candidates.push((task(robot, terrain, [x, 0.05], 0.1), gait(random, feet, 2..=3)));
+        }
+    }
+    candidates
+}
+
+#[test]
+fn robots_and_terrains_share_a_batch_and_few_slots_give_the_same() {
+    let test = "robots_and_terrains_share_a_batch_and_few_slots_give_the_same";
+    let Some(device) = device(test) else { return };
+    let candidates = mixed(&mut Random::new(3));
+    let problems: Vec<(&Task, &Schedule)> = candidates.iter().map(|(t, s)| (t, s)).collect();
+    let settings = lower(TranscriptionSettings::default());
+    let theirs = solve_on(&Cpu::new(2).unwrap(), &problems, &settings);
+    let gpu = Gpu::new(device, 2).unwrap();
+    let at_once = solve_on(&gpu, &problems, &settings);
+    let feasible = assert_same_verdicts(test, &at_once, &theirs);
+    assert!(feasible > 0 && feasible < problems.len(), "{feasible} of {} feasible: nothing to tell apart", problems.len());
+    // Slots that are left and filled again by others.
+    let gpu = gpu.with_slots(3);
+    let by_threes = solve_on(&gpu, &problems, &settings);
+    for (index, (a, b)) in at_once.iter().flatten().zip(by_threes.iter().flatten()).enumerate() {
+        assert_eq!((a.iterations, a.factorisations, &a.x), (b.iterations, b.factorisations, &b.x), "candidate {index}");
+    }
+}
+
+#[test]
+fn candidates_are_finished_on_the_cpu_when_the_device_is_lost() {
+    let test = "candidates_are_finished_on_the_cpu_when_the_device_is_lost";
+    let Some(device) = device(test) else { return };
+    let gpu = Gpu::new(device, 2).unwrap();
+    gpu.open_device().device.destroy();
+    let candidates = mixed(&mut Random::new(5));
+    let problems: Vec<(&Task, &Schedule)> = candidates.iter().map(|(t, s)| (t, s)).collect();
+    let settings = lower(towr());
+    let ours = solve_on(&gpu, &problems, &settings);
+    let theirs = solve_on(&Cpu::new(1).unwrap(), &problems, &settings);
+    for (a, b) in ours.iter().flatten().zip(theirs.iter().flatten()) {
+        assert_eq!((a.feasible, a.iterations, &a.x), (b.feasible, b.iterations, &b.x));
+    }
+    assert_eq!(ours.iter().flatten().count(), problems.len());
+    let expected = format!("{} candidates on the cpu, for the device was lost", problems.len());
+    assert!(gpu.device().contains(&expected), "{}", gpu.device());
+}
+
+#[test]
+fn a_batch_that_does_not_fit_is_retried_smaller_and_without_any_memory_goes_to_the_cpu() {
+    let test = "a_batch_that_does_not_fit_is_retried_smaller_and_without_any_memory_goes_to_the_cpu";
+    let Some(mut device) = device(test) else { return };
+    let candidates = mixed(&mut Random::new(7));
+    let problems: Vec<(&Task, &Schedule)> = candidates.iter().map(|(t, s)| (t, s)).collect();
+    let settings = lower(towr());
+    let theirs = solve_on(&Cpu::new(2).unwrap(), &problems, &settings);
+    // Enough for one or two of them.
+    device.memory = 3 << 20;
+    let gpu = Gpu::new(device, 2).unwrap();
+    let ours = solve_on(&gpu, &problems, &settings);
+    assert_same_verdicts(test, &ours, &theirs);
+    let profile = gpu.take_profile();
+    assert!((1..problems.len()).contains(&profile.slots), "{} slots", profile.slots);
+    assert!(!gpu.device().contains("on the cpu"), "{}", gpu.device());
+    // None is found at all: long candidates need more than the self-test.
+    let (far, long) = (task("pexod", "flat", [2., 0.], 0.), gait(&mut Random::new(1), 6, 9..=11));
+    let settings = lower(TranscriptionSettings::default());
+    let ours = solve_on(&gpu, &[(&far, &long)], &settings);
+    assert!(gpu.device().contains("1 candidates on the cpu, for the device is out of memory"), "{}", gpu.device());
+    assert_eq!(
+        ours[0].as_ref().unwrap().iterations,
+        solve_on(&Cpu::new(1).unwrap(), &[(&far, &long)], &settings)[0].as_ref().unwrap().iterations
+    );
+}
+
+#[test]
+fn the_first_feasible_candidate_does_not_depend_on_the_device() {
+    let test = "the_first_feasible_candidate_does_not_depend_on_the_device";
+    let Some(gpu) = gpu(test) else { return };
+    let candidates = mixed(&mut Random::new(3));
+    let problems: Vec<(&Task, &Schedule)> = candidates.iter().map(|(t, s)| (t, s)).collect();
+    let settings = lower(TranscriptionSettings::default());
+    let first = |backend: &dyn Backend| {
+        let results = evaluate(&problems, &settings, backend, true, &AtomicBool::new(false)).unwrap();
+        results.iter().position(|r| r.as_ref().is_some_and(|r| r.feasible)).unwrap()
+    };
+    assert_eq!(first(&*gpu), first(&Cpu::new(1).unwrap()));
+    // Nothing is left behind when everything is cancelled.
+    let cancelled = AtomicBool::new(true);
+    assert!(evaluate(&problems, &settings, &*gpu, false, &cancelled).unwrap().iter().all(Option::is_none));
+}
+
+#[test]
+fn smoothing_and_double_precision_work_with_a_gpu_too() {
+    let test = "smoothing_and_double_precision_work_with_a_gpu_too";
+    let Some(gpu) = gpu(test) else { return };
+    let candidates = mixed(&mut Random::new(3));
+    let problems: Vec<(&Task, &Schedule)> = candidates.iter().take(4).map(|(t, s)| (t, s)).collect();
+    let mut settings = lower(TranscriptionSettings::default());
+    let rough = solve_on(&*gpu, &problems, &settings);
+    settings.solver.smooth.iterations = 10;
+    let smooth = solve_on(&*gpu, &problems, &settings);
+    let mut gentler = 0;
+    for (rough, smooth) in rough.iter().flatten().zip(smooth.iter().flatten()) {
+        assert_eq!(rough.feasible, smooth.feasible);
+        if rough.feasible {
+            assert!(smooth.iterations > rough.iterations);
+            gentler += usize::from(smooth.x != rough.x);
+        }
+    }
+    assert!(gentler > 0);
+    settings.solver.smooth.iterations = 0;
+    settings.precision = Precision::F64;
+    let ours = solve_on(&*gpu, &problems, &settings);
+    let theirs = solve_on(&Cpu::new(1).unwrap(), &problems, &settings);
+    assert!(ours.iter().flatten().zip(theirs.iter().flatten()).all(|(a, b)| a.x == b.x));
+}
+
+#[test]
+fn every_status_of_a_solve_is_reported() {
+    let test = "every_status_of_a_solve_is_reported";
+    let Some(gpu) = gpu(test) else { return };
+    let candidates = mixed(&mut Random::new(3));
+    let problems: Vec<(&Task, &Schedule)> = candidates.iter().map(|(t, s)| (t, s)).collect();
+    let mut settings = lower(TranscriptionSettings::default());
+    let statuses: Vec<Status> = solve_on(&*gpu, &problems, &settings).iter().flatten().map(|e| e.status).collect();
+    assert!(statuses.contains(&Status::Solved) && statuses.contains(&Status::Stalled), "{statuses:?}");
+    settings.solver.max_iterations = 1;
+    assert!(solve_on(&*gpu, &problems, &settings).iter().flatten().all(|e| e.status == Status::MaxIterations && e.iterations == 1));
+}
