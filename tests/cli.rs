@@ -741,3 +741,60 @@ fn a_closed_pipe_does_not_panic() {
         assert_eq!(wait(&mut child, Duration::from_secs(30)).code(), Some(expected), "{args}");
     }
 }
+
+// ---------------------------------------------------------------- devices
+
+/// Runs words separated by spaces where no driver is found.
+fn run_without_drivers(folder: &Path, command: &str) -> Ran {
+    let output = Command::new(PROGRAM)
+        .args(command.split_whitespace())
+        .current_dir(folder)
+        .envs(["VK_DRIVER_FILES", "VK_ICD_FILENAMES"].map(|name| (name, "/nowhere.json")))
+        .timeout(Duration::from_secs(60))
+        .output()
+        .unwrap();
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+    Ran { code: output.status.code().unwrap_or(-1), stdout: text(output.stdout), stderr: text(output.stderr) }
+}
+
+#[test]
+fn an_unknown_device_is_a_usage_error_and_a_missing_one_exits_5() {
+    let dir = folder();
+    run(dir.path(), "solve --scenario s1 --device gpuu").ends_with(2).says(&["--device", "gpuu", "auto, cpu, gpu"]);
+    run(dir.path(), "solve --scenario s1 --device gpu --precision f64").ends_with(2).says(&["--device", "f64"]);
+    run(dir.path(), "solve --scenario s1 --device gpu:NoSuchAdapter").ends_with(5).says(&["NoSuchAdapter", "this machine has"]);
+    assert!(run(dir.path(), "--help").ends_with(0).stdout.contains("5 no such"));
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn without_an_adapter_everything_else_works() {
+    let dir = folder();
+    let devices = run_without_drivers(dir.path(), "devices");
+    assert!(
+        devices.ends_with(0).stdout.contains("no adapter") && devices.stdout.contains("--device auto takes the CPU"),
+        "{}",
+        devices.stdout
+    );
+    run_without_drivers(dir.path(), "solve --scenario biped --device gpu").ends_with(5).says(&["a GPU was asked for", "no adapter"]);
+    // A batch that is large enough to look for one: it says why it did not get it.
+    let ran = run_without_drivers(dir.path(), "solve --scenario biped --population 256 --json");
+    ran.ends_with(0).says(&["on the CPU", "no adapter"]);
+    let result: Value = serde_json::from_str(&ran.stdout).unwrap();
+    assert!(result["device"].as_str().unwrap().starts_with("cpu, "), "{}", result["device"]);
+    // A small one does not look.
+    assert_eq!(run_without_drivers(dir.path(), "solve --scenario biped").ends_with(0).stderr, "");
+}
+
+#[test]
+fn devices_lists_adapters_as_text_and_as_json() {
+    let dir = folder();
+    let text = run(dir.path(), "devices");
+    let ran = run(dir.path(), "devices --json");
+    let report: Value = serde_json::from_str(&ran.ends_with(0).stdout).unwrap();
+    assert_eq!(report["auto_batch"], 256);
+    for adapter in report["adapters"].as_array().unwrap() {
+        assert!(text.stdout.contains(adapter["name"].as_str().unwrap()));
+        assert!(adapter["workgroup_memory"].as_u64().unwrap() >= 16 << 10);
+    }
+}

@@ -7,8 +7,11 @@ mod common;
 use common::{Random, gait, reference_candidates, task, towr};
 use cregopt::backend::gpu::Device;
 use cregopt::backend::{Backend, Cpu, Gpu, Precision};
+use cregopt::cem::CemSettings;
 use cregopt::evaluate::{Evaluated, LowerSettings, evaluate};
 use cregopt::gait::Schedule;
+use cregopt::scenario::SCENARIOS;
+use cregopt::search::{Found, search};
 use cregopt::settings::TranscriptionSettings;
 use cregopt::solver::Status;
 use cregopt::task::Task;
@@ -214,4 +217,22 @@ fn every_status_of_a_solve_is_reported() {
     assert!(statuses.contains(&Status::Solved) && statuses.contains(&Status::Stalled), "{statuses:?}");
     settings.solver.max_iterations = 1;
     assert!(solve_on(&*gpu, &problems, &settings).iter().flatten().all(|e| e.status == Status::MaxIterations && e.iterations == 1));
+}
+
+#[test]
+fn searches_on_the_gpu_find_the_gaits_that_the_cpu_finds() {
+    let test = "searches_on_the_gpu_find_the_gaits_that_the_cpu_finds";
+    let Some(gpu) = gpu(test) else { return };
+    let settings = CemSettings { whole_generation: true, ..CemSettings::default() };
+    for scenario in &SCENARIOS {
+        let task = scenario.task(10).unwrap();
+        let run = |backend: &dyn Backend| {
+            search(&task, &settings, &LowerSettings::default(), 1, backend, &AtomicBool::new(false), &mut |_| ()).unwrap()
+        };
+        let (ours, theirs) = (run(&*gpu), run(&Cpu::new(2).unwrap()));
+        println!("{}: {:.1} s for {} generations of {}", scenario.name, ours.seconds, ours.generations.len(), settings.population);
+        let found = |f: &Found| f.best.as_ref().map(|b| (b.generation, b.index, b.solution.feasible));
+        assert_eq!(found(&ours), found(&theirs), "{}", scenario.name);
+        assert!(ours.best.unwrap().solution.feasible, "{}", scenario.name);
+    }
 }

@@ -1,7 +1,7 @@
 //! The numerical kernels: plain loops over flat buffers and the index tables of a [`Layout`], without allocation.
 //!
-//! One file a kernel; each is written so that a WGSL shader of the same name can mirror it line by line. No kernel uses fused
-//! multiply-add, and every sum has a fixed order, so results do not depend on the processor's vector width.
+//! One file a kernel; those in [`shaders::SHADERS`] have a WGSL shader of the same name. No kernel uses fused multiply-add, and every sum
+//! has a fixed order, so results do not depend on the processor's vector width.
 
 pub mod advance;
 pub mod batch;

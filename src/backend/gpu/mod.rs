@@ -178,7 +178,7 @@ impl Gpu {
         done: &mut [bool],
     ) -> std::result::Result<(), Fault> {
         let mut bank = locked(&self.bank);
-        let mut run = Run::new(self, job, skip, done);
+        let mut run = Work::new(self, job, skip, done);
         let result = self
             .cpu
             .pool()
@@ -208,14 +208,14 @@ fn self_test_problem() -> Result<(Task, Schedule)> {
 }
 
 /// One call of [`Gpu::work`].
-struct Run<'a> {
+struct Work<'a> {
     gpu: &'a Gpu,
     job: &'a Job<'a>,
     skip: &'a (dyn Fn(usize) -> bool + Sync),
     done: &'a mut [bool],
     /// Samples of all grids, and where those of each terrain begin.
     heights: Vec<f32>,
-    terrains: Vec<(*const Terrain, u32)>,
+    terrains: Vec<(Arc<Terrain>, u32)>,
     /// Candidates that have no tables yet.
     next: usize,
     prepared: VecDeque<Prepared>,
@@ -225,22 +225,19 @@ struct Run<'a> {
     rounds: usize,
 }
 
-// SAFETY: the pointers are compared, never followed.
-unsafe impl Sync for Run<'_> {}
-
-impl<'a> Run<'a> {
+impl<'a> Work<'a> {
     fn new(gpu: &'a Gpu, job: &'a Job<'a>, skip: &'a (dyn Fn(usize) -> bool + Sync), done: &'a mut [bool]) -> Self {
-        let (mut heights, mut terrains): (Vec<f32>, Vec<(*const Terrain, u32)>) = Default::default();
+        let (mut heights, mut terrains): (Vec<f32>, Vec<(Arc<Terrain>, u32)>) = Default::default();
         for problem in job.problems {
             let terrain = &problem.task.terrain;
-            if terrains.iter().all(|(known, _)| *known != Arc::as_ptr(terrain)) {
-                terrains.push((Arc::as_ptr(terrain), heights.len() as u32));
+            if terrains.iter().all(|(known, _)| !Arc::ptr_eq(known, terrain)) {
+                terrains.push((terrain.clone(), heights.len() as u32));
                 if let Shape::Grid(grid) = &terrain.shape {
                     heights.extend(grid.heights.iter().flatten().map(|h| *h as f32));
                 }
             }
         }
-        Run {
+        Work {
             gpu,
             job,
             skip,
@@ -294,7 +291,7 @@ impl<'a> Run<'a> {
         }
         let problem = &self.job.problems[index];
         let layout = Layout::<f32>::new(problem.task, &problem.schedule, self.job.transcription);
-        let first = self.terrains.iter().find(|(t, _)| *t == Arc::as_ptr(&problem.task.terrain)).map_or(0, |t| t.1);
+        let first = self.terrains.iter().find(|(t, _)| Arc::ptr_eq(t, &problem.task.terrain)).map_or(0, |t| t.1);
         Some(Prepared::new(index, layout, first, self.gpu.device.workgroup))
     }
 
