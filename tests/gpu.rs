@@ -153,7 +153,7 @@ fn a_batch_that_does_not_fit_is_retried_smaller_and_without_any_memory_goes_to_t
     assert!((1..problems.len()).contains(&profile.slots), "{} slots", profile.slots);
     assert!(!gpu.device().contains("on the cpu"), "{}", gpu.device());
     // None is found at all: long candidates need more than the self-test.
-    let (far, long) = (task("pexod", "flat", [2., 0.], 0.), gait(&mut Random::new(1), 6, 9..=11));
+    let (far, long) = (task("pexod", "flat", [2., 0.], 0.), gait(&mut Random::new(1), 6, 5..=6));
     let settings = lower(TranscriptionSettings::default());
     let ours = solve_on(&gpu, &[(&far, &long)], &settings);
     assert!(gpu.device().contains("1 candidates on the cpu, for the device is out of memory"), "{}", gpu.device());
@@ -235,4 +235,20 @@ fn searches_on_the_gpu_find_the_gaits_that_the_cpu_finds() {
         assert_eq!(found(&ours), found(&theirs), "{}", scenario.name);
         assert!(ours.best.unwrap().solution.feasible, "{}", scenario.name);
     }
+}
+
+#[test]
+fn candidates_for_which_a_driver_leaves_loops_too_early_go_to_the_cpu() {
+    let test = "candidates_for_which_a_driver_leaves_loops_too_early_go_to_the_cpu";
+    let Some(mut device) = device(test) else { return };
+    // As if it did so even earlier.
+    device.loop_limit = Some(8000);
+    let gpu = Gpu::new(device, 2).unwrap();
+    let (near, short) = (task("biped", "flat", [0.3, 0.], 0.), gait(&mut Random::new(1), 2, 2..=2));
+    let (far, long) = (task("pexod", "flat", [2., 0.], 0.), gait(&mut Random::new(1), 6, 9..=11));
+    let settings = lower(TranscriptionSettings::default());
+    let problems = [(&far, &long), (&near, &short)];
+    let ours = solve_on(&gpu, &problems, &settings);
+    assert_same_verdicts(test, &ours, &solve_on(&Cpu::new(1).unwrap(), &problems, &settings));
+    assert!(gpu.device().contains("1 candidates on the cpu, for the driver leaves loops early"), "{}", gpu.device());
 }

@@ -58,11 +58,11 @@ fn smoothed<T: Real>(g: T, mu: T) -> (T, T) {
 ///
 /// `M = |c|^2 / 2 + sum phi(g)`, `phi(g) = (g + s)^2 / 2 - mu ln s` at the best slack `s = (q - g) / 2`, `q = sqrt(g^2 + 4 mu)`. Its
 /// derivative is `(g + q) / 2`, a smooth `max(g, 0)`. Differences are taken term by term, so that they are good in `f32`; logarithms of
-/// products of two ratios of slacks.
+/// products of eight ratios of slacks, in `f64` for the products' sake.
 #[multiversion(targets("x86_64+avx2"))]
 pub fn merit_fall<T: Real>(c: &[T], g: &[T], c_to: &[T], g_to: &[T], mu: T) -> T {
     let mut squares = [T::zero(); 8];
-    let mut logs = [T::zero(); 4];
+    let mut logs = 0.;
     for (from, to) in g.chunks(8).zip(g_to.chunks(8)) {
         let mut ratio = [T::one(); 8];
         for l in 0..from.len() {
@@ -71,11 +71,9 @@ pub fn merit_fall<T: Real>(c: &[T], g: &[T], c_to: &[T], g_to: &[T], mu: T) -> T
             squares[l] += (over - over_to) * (over + over_to);
             ratio[l] = slack_to / slack;
         }
-        for l in 0..4 {
-            logs[l] += (ratio[l] * ratio[l + 4]).ln();
-        }
+        logs += ratio.iter().map(|r| r.as_f64()).product::<f64>().ln();
     }
-    squares_fall(c, c_to) + T::of(0.5) * squares.into_iter().sum::<T>() + mu * logs.into_iter().sum::<T>()
+    squares_fall(c, c_to) + T::of(0.5) * squares.into_iter().sum::<T>() + mu * T::of(logs)
 }
 
 /// How far the cost of being away from the initial values falls from `x` to `x_to`: that of `sum pull (x - initial)^2 / 2`.

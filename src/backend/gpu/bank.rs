@@ -32,6 +32,8 @@ pub struct Prepared {
     pub slot: Slot,
     /// Loop iterations of an invocation in the costliest step of its factorisation, at most.
     pub loops: u32,
+    /// The same in the costliest of all other shaders.
+    pub walk: u32,
 }
 
 impl Prepared {
@@ -41,7 +43,8 @@ impl Prepared {
         let sizes = Sizes::of(&layout, &sweep);
         let slot = Slot::of(&layout, first_height);
         let loops = layout.steps.iter().map(|step| loops(&layout, step, workgroup)).max().unwrap_or(0);
-        Prepared { index, layout, sweep, sizes, slot, loops }
+        let walk = walk(&layout, &sweep, workgroup as usize);
+        Prepared { index, layout, sweep, sizes, slot, loops, walk }
     }
 }
 
@@ -62,6 +65,26 @@ fn loops(layout: &Layout<f32>, step: &crate::nlp::sweep::Step, workgroup: u32) -
         .sum();
     let panels = step.pivots.div_ceil(4) * (triangle(step.size) + 6 * shares(step.size));
     elements + panels + 4 * triangle(step.size) + 4 * shares(step.size)
+}
+
+/// Loop iterations of an invocation of the shader that goes over all elements row by row, or of those that gather them by variable. An
+/// invocation takes every `workgroup`-th; those beside it wait for the longest.
+fn walk(layout: &Layout<f32>, sweep: &Sweep, workgroup: usize) -> u32 {
+    let by_element = layout.elements.chunks(workgroup).map(|together| {
+        let rows = together.iter().map(|e| {
+            let runs = &layout.runs[e.runs.range()];
+            e.rows * (1 + runs.iter().map(|r| r.len + 1).sum::<u32>())
+        });
+        1 + rows.max().unwrap_or(0)
+    });
+    let by_variable = sweep.gathers.chunks(workgroup).map(|together| {
+        let touches = together.iter().map(|g| {
+            let touches = &sweep.touches[g.touches.range()];
+            touches.iter().map(|t| 1 + layout.elements[t.element as usize].rows).sum::<u32>()
+        });
+        1 + touches.max().unwrap_or(0)
+    });
+    by_element.sum::<u32>().max(by_variable.sum())
 }
 
 /// Which list of slots a dispatch works on.

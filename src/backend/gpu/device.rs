@@ -97,6 +97,8 @@ pub fn adapters() -> Vec<AdapterReport> {
 pub enum Fault {
     /// It has not enough memory.
     OutOfMemory,
+    /// A candidate needs more loop iterations than the driver does.
+    LoopLimit,
     /// It is lost, or refused something.
     Lost(String),
 }
@@ -105,6 +107,7 @@ impl std::fmt::Display for Fault {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Fault::OutOfMemory => f.write_str("the device is out of memory"),
+            Fault::LoopLimit => f.write_str("the driver leaves loops early"),
             Fault::Lost(why) => write!(f, "the device was lost: {why}"),
         }
     }

@@ -277,8 +277,10 @@ impl<'a> Work<'a> {
             let made: Vec<Option<Prepared>> = self.gpu.cpu.pool().install(|| indices.into_par_iter().map(|i| this.tables(i)).collect());
             for (index, prepared) in (self.next - wanted..).zip(made) {
                 match prepared {
-                    Some(prepared) => self.prepared.push_back(prepared),
                     None => self.done[index] = true,
+                    // Left for the CPU.
+                    Some(prepared) if self.gpu.device.loop_limit.is_some_and(|limit| prepared.walk > limit) => {}
+                    Some(prepared) => self.prepared.push_back(prepared),
                 }
             }
         }
@@ -535,8 +537,10 @@ impl Backend for Gpu {
             smoothed = |index: usize, solution: Solution| finish(index, smooth(job, index, solution));
             &smoothed
         };
-        if let Err(fault) = self.work(job, skip, finish, &mut done) {
-            let left: Vec<usize> = (0..done.len()).filter(|i| !done[*i]).collect();
+        let result = self.work(job, skip, finish, &mut done);
+        let left: Vec<usize> = (0..done.len()).filter(|i| !done[*i]).collect();
+        if !left.is_empty() {
+            let fault = result.err().unwrap_or(Fault::LoopLimit);
             let problems: Vec<Problem> = left.iter().map(|i| job.problems[*i].clone()).collect();
             let mut fallback = locked(&self.fallback);
             let before = fallback.take().map_or(0, |f| f.0);
