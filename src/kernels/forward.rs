@@ -4,7 +4,7 @@ use super::front::Factor;
 use crate::nlp::{Layout, Real};
 use multiversion::multiversion;
 
-/// Replaces the right-hand side after [`factorise`]: forward substitution of `-(u + J' v)`.
+/// Replaces the right-hand side after [`factorise`](super::front::factorise): forward substitution of `-(u + J' v)`.
 ///
 /// * `gradient` - `u + J' v`, `[variables]`
 #[multiversion(targets("x86_64+avx2"))]

@@ -4,7 +4,7 @@ use super::front::{Factor, dot};
 use crate::nlp::{Layout, Real};
 use multiversion::multiversion;
 
-/// Back substitution after [`factorise`].
+/// Back substitution after [`factorise`](super::front::factorise).
 ///
 /// * `direction` - out, `d`, `[variables]`
 #[multiversion(targets("x86_64+avx2"))]
