@@ -3,7 +3,7 @@
 use super::device::{Device, Fault, Pipeline};
 use crate::kernels::batch::{Batch, FrontStep, Gather, Rest, Sizes, Slot, Sweep, Touch, first_progress};
 use crate::kernels::control::Progress;
-use crate::kernels::shaders::{Buffer, SHADERS};
+use crate::kernels::shaders::{Buffer, SHADERS, Variant};
 use crate::nlp::Layout;
 use crate::nlp::layout::{
     DynamicsInstant, Element, Family, ForceNode, Impulse, MomentumInterval, ReachFoot, ReachInstant, StanceForce, Stride, SwingNode,
@@ -108,6 +108,7 @@ pub struct Timing {
 /// Buffers for a number of candidates.
 pub struct Bank {
     device: Arc<Device>,
+    variant: Variant,
     pipelines: Arc<Vec<Pipeline>>,
     groups: Vec<wgpu::BindGroup>,
     buffers: Vec<wgpu::Buffer>,
@@ -249,6 +250,7 @@ impl Bank {
         device.check()?;
         Ok(Bank {
             device: device.clone(),
+            variant,
             pipelines,
             groups,
             buffers,
@@ -268,7 +270,7 @@ impl Bank {
 
     /// Whether it can be used again for candidates of these sizes with these settings.
     pub fn serves(&self, sizes: Sizes, settings: &SolverSettings, heights: &[f32], loops: u32) -> bool {
-        let batch = Batch::new(&self.sizes, settings, self.batch.flags - self.batch.front > 0);
+        let batch = Batch::new(&self.sizes, settings, self.variant.front == 0);
         self.sizes.hold(sizes) && self.batch == batch && self.heights == heights && self.loops >= loops
     }
 
