@@ -114,6 +114,7 @@ fn robots_and_terrains_share_a_batch_and_few_slots_give_the_same() {
     let by_threes = solve_on(&gpu, &problems, &settings);
     for (index, (a, b)) in at_once.iter().flatten().zip(by_threes.iter().flatten()).enumerate() {
         assert_eq!((a.iterations, a.factorisations, &a.x), (b.iterations, b.factorisations, &b.x), "candidate {index}");
+        assert_eq!(a.x.len(), theirs[index].as_ref().unwrap().x.len(), "candidate {index}");
     }
 }
 

@@ -207,6 +207,16 @@ fn self_test_problem() -> Result<(Task, Schedule)> {
     Ok((task, schedule))
 }
 
+/// A slot in use.
+#[derive(Debug, Clone, Copy)]
+struct Running {
+    slot: u32,
+    /// Number of its candidate in the population.
+    index: usize,
+    /// Values of `x`, the fixed ones included.
+    len: usize,
+}
+
 /// One call of [`Gpu::work`].
 struct Work<'a> {
     gpu: &'a Gpu,
@@ -219,8 +229,7 @@ struct Work<'a> {
     /// Candidates that have no tables yet.
     next: usize,
     prepared: VecDeque<Prepared>,
-    /// Slots in use and the candidate in each.
-    running: Vec<(u32, usize)>,
+    running: Vec<Running>,
     free: Vec<u32>,
     rounds: usize,
 }
@@ -332,7 +341,7 @@ impl<'a> Work<'a> {
     fn step(&mut self, bank: &mut Bank, finish: &mut dyn FnMut(usize, Solution)) -> std::result::Result<bool, Fault> {
         let start = Instant::now();
         let (skip, done, free) = (self.skip, &mut *self.done, &mut self.free);
-        self.running.retain(|&(slot, index)| {
+        self.running.retain(|&Running { slot, index, .. }| {
             let dropped = skip(index);
             if dropped {
                 done[index] = true;
@@ -344,7 +353,7 @@ impl<'a> Work<'a> {
         if self.running.is_empty() {
             return Ok(false);
         }
-        let slots: Vec<u32> = self.running.iter().map(|r| r.0).collect();
+        let slots: Vec<u32> = self.running.iter().map(|r| r.slot).collect();
         bank.list(List::Running, &slots);
         let mut timer = self.gpu.timed.then(|| Timer::new(&self.gpu.device, self.rounds));
         let mut encoder = self.gpu.device.device.create_command_encoder(&Default::default());
@@ -397,7 +406,7 @@ impl<'a> Work<'a> {
         let fits = self.prepared.iter().take(self.free.len()).take_while(|p| bank.takes(p)).count();
         let slots: Vec<u32> = self.free.drain(..fits).collect();
         let candidates: Vec<Prepared> = self.prepared.drain(..fits).collect();
-        self.running.extend(slots.iter().copied().zip(candidates.iter().map(|c| c.index)));
+        self.running.extend(slots.iter().zip(&candidates).map(|(&slot, c)| Running { slot, index: c.index, len: c.sizes.all }));
         let mut rest = &candidates[..];
         let mut groups = Vec::new();
         for run in slots.chunk_by(|a, b| a + 1 == *b) {
@@ -419,13 +428,13 @@ impl<'a> Work<'a> {
         progress: &[Progress<f32>],
         finish: &mut dyn FnMut(usize, Solution),
     ) -> std::result::Result<(), Fault> {
-        let ended: Vec<(u32, usize)> = self.running.iter().copied().filter(|(slot, _)| progress[*slot as usize].ended()).collect();
+        let (ended, running): (Vec<Running>, Vec<Running>) = self.running.iter().partition(|r| progress[r.slot as usize].ended());
         if ended.is_empty() {
             return Ok(());
         }
-        let halves: Vec<(u32, u32)> = ended.iter().map(|(slot, _)| (*slot, progress[*slot as usize].current)).collect();
+        let halves: Vec<(u32, u32)> = ended.iter().map(|r| (r.slot, progress[r.slot as usize].current)).collect();
         let solutions = bank.read_solutions(&halves)?;
-        for ((slot, index), x) in ended.iter().zip(solutions) {
+        for (Running { slot, index, len }, x) in ended.iter().zip(solutions) {
             let progress = &progress[*slot as usize];
             let outcome = Outcome {
                 status: Status::of(progress.state).unwrap_or(Status::Stalled),
@@ -434,10 +443,10 @@ impl<'a> Work<'a> {
                 infeasibility: f64::from(progress.infeasibility),
             };
             self.done[*index] = true;
-            finish(*index, Solution { outcome, x: x.into_iter().map(f64::from).collect() });
+            finish(*index, Solution { outcome, x: x[..*len].iter().map(|v| f64::from(*v)).collect() });
         }
-        self.running.retain(|(slot, _)| !progress[*slot as usize].ended());
-        self.free.extend(ended.iter().map(|e| e.0));
+        self.running = running;
+        self.free.extend(ended.iter().map(|r| r.slot));
         Ok(())
     }
 }
