@@ -78,6 +78,12 @@ pub struct Evaluated {
 }
 
 impl Evaluated {
+    /// Phase durations as the trajectory has them, s, `[feet][phases]`.
+    pub fn durations(&self) -> Vec<Vec<f64>> {
+        let phases = (0..self.schedule.feet()).map(|foot| self.schedule.phases(foot));
+        phases.map(|phases| phases.iter().map(|p| p.duration()).collect()).collect()
+    }
+
     /// The motion, feasible or not. It is made when asked for: a population of them would take gigabytes.
     ///
     /// * `task`, `settings` - those it was evaluated with

@@ -179,7 +179,7 @@ impl SolveResult {
                 generation: b.generation,
                 index: b.index,
                 n_stance: b.stances.clone(),
-                durations: b.solution.schedule.durations().to_vec(),
+                durations: b.solution.durations(),
                 horizon: b.solution.horizon,
                 objective: b.objective,
                 status: b.solution.status,
