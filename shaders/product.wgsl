@@ -13,25 +13,39 @@
 @group(0) @binding(6) var<storage, read> elements: array<Element>;
 @group(0) @binding(7) var<storage, read> runs: array<Run>;
 
-// Product of a Jacobian row, which begins at `row`, with the direction.
-fn row_times(slot: u32, element: Element, row: u32) -> f32 {
+// Products of up to three Jacobian rows, the first of which begins at `first`, with the direction; 0 for the others.
+fn rows_times(slot: u32, element: Element, first: u32, count: u32) -> vec3<f32> {
     let direction = slot * batch.values + batch.direction;
-    var sum = 0.0;
+    let stride = element.place.stride;
+    var sums = vec3<f32>();
     for (var k = element.runs.start; k < element.runs.end; k++) {
         let run = runs[slot * batch.runs + k];
         for (var i = 0u; i < run.len; i++) {
-            sum += jacobian[row + run.column + i] * values[direction + run.variable + i];
+            let d = values[direction + run.variable + i];
+            let at = first + run.column + i;
+            sums.x += jacobian[at] * d;
+            if (count > 1u) {
+                sums.y += jacobian[at + stride] * d;
+            }
+            if (count > 2u) {
+                sums.z += jacobian[at + 2u * stride] * d;
+            }
         }
     }
-    return sum;
+    return sums;
 }
 
 // Products of the rows of one element.
 fn jacobian_times(slot: u32, half: u32, element: Element) {
     let base = slot * batch.values;
     let place = element.place;
+    var products = vec3<f32>();
     for (var r = 0u; r < element.rows; r++) {
-        let product = row_times(slot, element, (2u * slot + half) * batch.jacobian + place.jacobian + r * place.stride);
+        if (r % 3u == 0u) {
+            let first = (2u * slot + half) * batch.jacobian + place.jacobian + r * place.stride;
+            products = rows_times(slot, element, first, element.rows - r);
+        }
+        let product = products[r % 3u];
         if (place.row < slots[slot].equalities) {
             values[base + batch.c_change + place.row + r] = product;
         } else {

@@ -73,7 +73,8 @@ fn walk(layout: &Layout<f32>, sweep: &Sweep, workgroup: usize) -> u32 {
     let by_element = layout.elements.chunks(workgroup).map(|together| {
         let rows = together.iter().map(|e| {
             let runs = &layout.runs[e.runs.range()];
-            e.rows * (1 + runs.iter().map(|r| r.len + 1).sum::<u32>())
+            // Three rows at once.
+            e.rows + e.rows.div_ceil(3) * runs.iter().map(|r| r.len + 1).sum::<u32>()
         });
         1 + rows.max().unwrap_or(0)
     });
