@@ -12,23 +12,12 @@
 @group(0) @binding(6) var<storage, read> front_steps: array<FrontStep>;
 @group(0) @binding(7) var<storage, read> rests: array<Rest>;
 
-// What is left of the right-hand side on the front of one step.
-var<workgroup> local: array<f32, SIDE>;
-
 // Value of the pivot row `i`, column `j`; that of the unit matrix beyond the last pivot.
 fn pivot_row(rows: u32, at: FrontStep, i: u32, j: u32) -> f32 {
     if (i >= at.pivots) {
         return select(0.0, 1.0, i == j);
     }
     return factor[rows + i * at.stride + j];
-}
-
-// What is left for pivot `i`, 0 beyond the last.
-fn left(at: FrontStep, i: u32) -> f32 {
-    if (i >= at.pivots) {
-        return 0.0;
-    }
-    return local[i];
 }
 
 fn forward(slot: u32, at: FrontStep, lane: u32) {

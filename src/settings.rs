@@ -3,6 +3,7 @@
 use crate::error::{Result, check_range};
 use crate::gait::trajectory::MotionLimits;
 use crate::robot::{GRAVITY, Robot};
+use crate::terrain::Terrain;
 use serde::{Deserialize, Serialize};
 
 /// Which rows stand for the motion.
@@ -209,6 +210,11 @@ impl TranscriptionSettings {
 }
 
 impl SolverSettings {
+    /// Rounding of the edges of a terrain until closing steps start, m; 0 where it has none.
+    pub fn edge_radius_on(&self, terrain: &Terrain) -> f64 {
+        if terrain.has_edges() { self.edge_radius } else { 0. }
+    }
+
     /// Checks every field.
     ///
     /// # Errors

@@ -218,7 +218,7 @@ fn structs() -> Vec<Struct> {
         Batch { footholds dynamics stance_forces momentum impulses reach reach_feet force_nodes swing_nodes strides elements runs steps rests
             gathers touches values jacobian factor x x_half initial pull direction scaling diagonal gradient right_hand_side ground deviations
             c c_half c_change g g_half g_change weight value slack multiplier slack_step multiplier_step history carry front flags
-            max_iterations stall_start stall_window stall_budget tolerance barrier proximal proximal_floor pull_weight edge_radius closing }
+            max_iterations stall_start stall_window stall_budget tolerance barrier proximal_floor pull_weight closing }
         Shape { kind rows columns first low per_metre }
         Constants<f32> { mass weight inertia inverse_inertia reach moment_scale balance_scale interval length_scale force_unit force_limit
             friction length_margin force_margin }

@@ -65,10 +65,8 @@ struct Batch {
     stall_budget: f32,
     tolerance: f32,
     barrier: f32,
-    proximal: f32,
     proximal_floor: f32,
     pull_weight: f32,
-    edge_radius: f32,
     closing: f32,
 }
 

@@ -89,10 +89,8 @@ pub struct Batch {
     pub stall_budget: f32,
     pub tolerance: f32,
     pub barrier: f32,
-    pub proximal: f32,
     pub proximal_floor: f32,
     pub pull_weight: f32,
-    pub edge_radius: f32,
     pub closing: f32,
 }
 
@@ -499,10 +497,8 @@ impl Batch {
             stall_budget: limits.stall_budget,
             tolerance: settings.tolerance as f32,
             barrier: limits.barrier,
-            proximal: limits.proximal,
             proximal_floor: limits.proximal_floor,
             pull_weight: limits.pull,
-            edge_radius: settings.edge_radius as f32,
             closing: limits.closing,
         }
     }
@@ -510,6 +506,6 @@ impl Batch {
 
 /// Progress of a candidate whose initial values stand in the first half: they are evaluated as a trial point.
 pub fn first_progress(layout: &Layout<f32>, settings: &SolverSettings) -> Progress<f32> {
-    let edge_radius = if layout.terrain.has_edges() { settings.edge_radius as f32 } else { 0. };
+    let edge_radius = settings.edge_radius_on(&layout.terrain) as f32;
     Progress { current: 1, ..Progress::first(&Limits::new(settings), edge_radius) }
 }

@@ -142,11 +142,11 @@ pub const SHADERS: [Shader; 16] = [
     shader!("rows", ["batch", "tables", "reduce", "slacks", "control"], [Running, Slots, Progress "rw", Values "rw", Elements]),
     shader!("front", ["batch", "tables", "triangle"],
         [Running, Slots, Progress, Values "rw", Jacobian, Factor "rw", Elements, Runs, FrontSteps, Rests, ReachInstants, ReachFeet], sweep),
-    shader!("substitute", ["batch", "tables"], [Running, Slots, Progress, Values "rw", Factor, FrontSteps, Rests]),
+    shader!("substitute", ["batch", "tables", "pivots"], [Running, Slots, Progress, Values "rw", Factor, FrontSteps, Rests]),
     shader!("product", ["batch", "tables"], [Running, Slots, Progress, Values "rw", Jacobian, Elements, Runs]),
     shader!("correct", ["batch", "tables", "reduce", "slacks"], [Running, Slots, Progress "rw", Values "rw", Elements]),
     shader!("transposed", ["batch", "tables"], [Running, Slots, Progress, Values "rw", Jacobian, Elements, Gathers, Touches]),
-    shader!("forward", ["batch", "tables"], [Running, Slots, Progress, Values "rw", Factor "rw", FrontSteps, Rests]),
+    shader!("forward", ["batch", "tables", "pivots"], [Running, Slots, Progress, Values "rw", Factor "rw", FrontSteps, Rests]),
     shader!("advance", ["batch", "tables", "reduce", "slacks"], [Running, Slots, Progress "rw", Values "rw"]),
     shader!("judge", ["batch", "reduce", "control"], [Running, Slots, Progress "rw", Values "rw"]),
 ];

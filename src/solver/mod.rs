@@ -130,13 +130,13 @@ impl<T: Real> Solver<T> {
     ) -> Outcome {
         self.prepare(layout, start);
         let limits = Limits::new(settings);
-        let edge_radius = if layout.terrain.has_edges() { T::of(settings.edge_radius) } else { T::zero() };
+        let edge_radius = T::of(settings.edge_radius_on(&layout.terrain));
         let mut progress = Progress::first(&limits, edge_radius);
         self.linearise(layout, edge_radius);
         column_scaling(layout, &self.jacobian, &mut self.scaling);
-        let mut status = self.iterate(layout, &limits, finish, &mut progress, cancel);
+        let status = self.iterate(layout, &limits, finish, &mut progress, cancel);
         if status == Status::Solved {
-            status = self.smooth(layout, settings, finish, &mut progress, cancel);
+            self.smooth(layout, settings, finish, &mut progress, cancel);
         }
         Outcome {
             status,
@@ -236,9 +236,9 @@ impl<T: Real> Solver<T> {
         finish: Finish,
         progress: &mut Progress<T>,
         cancel: &dyn Fn() -> bool,
-    ) -> Status {
+    ) {
         if settings.smooth.iterations == 0 || layout.pull.iter().all(|p| *p == T::zero()) {
-            return Status::Solved;
+            return;
         }
         let (solved, infeasibility) = (self.x.clone(), progress.infeasibility);
         let onwards = SolverSettings {
@@ -278,7 +278,6 @@ impl<T: Real> Solver<T> {
             self.x = solved;
             progress.infeasibility = infeasibility;
         }
-        Status::Solved
     }
 
     /// Updates the multipliers by which residuals are shifted.

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::kernels::shaders::{Buffer, SHADERS, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP};
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Loop iterations of one invocation after which some software adapters leave every loop.
 const LOOP_LIMIT: u32 = 65_535;
@@ -152,8 +152,13 @@ impl std::fmt::Debug for Device {
     }
 }
 
+/// What a mutex holds, whatever became of the thread that held it before.
+pub(super) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 fn keep(fault: &Mutex<Option<Fault>>, new: Fault) {
-    fault.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(new);
+    locked(fault).get_or_insert(new);
 }
 
 impl Device {
@@ -229,7 +234,7 @@ impl Device {
 
     /// The first error since the last call, or that of the device that is no more.
     pub fn check(&self) -> std::result::Result<(), Fault> {
-        let mut fault = self.fault.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut fault = locked(&self.fault);
         match &*fault {
             None => Ok(()),
             // Memory may be found elsewhere, a lost device stays lost.
@@ -260,9 +265,9 @@ impl Device {
         let slice = buffer.slice(..len);
         let answer = Arc::new(Mutex::new(None));
         let to = answer.clone();
-        slice.map_async(wgpu::MapMode::Read, move |result| *to.lock().unwrap_or_else(PoisonError::into_inner) = Some(result));
+        slice.map_async(wgpu::MapMode::Read, move |result| *locked(&to) = Some(result));
         self.wait()?;
-        match answer.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        match locked(&answer).take() {
             Some(Ok(())) => {}
             other => return Err(Fault::Lost(format!("a read-back failed: {other:?}"))),
         }
@@ -309,7 +314,7 @@ impl Device {
 
     /// Pipelines of a variant, in the order of [`SHADERS`]; compiled when first asked for.
     pub fn pipelines(&self, variant: Variant) -> std::result::Result<Arc<Vec<Pipeline>>, Fault> {
-        let mut cached = self.pipelines.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut cached = locked(&self.pipelines);
         if let Some(pipelines) = cached.get(&variant) {
             return Ok(pipelines.clone());
         }

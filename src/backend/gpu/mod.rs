@@ -10,6 +10,7 @@ mod device;
 pub use bank::{Bank, List, Prepared, Timing, most_slots};
 pub use device::{AdapterReport, Device, Fault, adapters};
 
+use self::device::locked;
 use super::{Backend, Cpu, Job, Precision, Problem, Solution};
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
@@ -22,7 +23,7 @@ use crate::task::Task;
 use crate::terrain::{Shape, Terrain};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// Slots of a device with memory of its own.
@@ -91,10 +92,6 @@ impl std::fmt::Debug for Bank {
     }
 }
 
-fn locked<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl Gpu {
     /// Opens the first usable adapter (see [`Device::open`]) and tests it.
     ///
@@ -147,12 +144,11 @@ impl Gpu {
         let settings = SolverSettings::default();
         let schedule = schedule.aligned(transcription.interval_for(&task.robot));
         let layout = Layout::<f32>::new(&task, &schedule, &transcription);
-        let expected = Solver::default().solve(&layout, &settings, Finish::Infeasibility(settings.tolerance), None, &|| false);
         let problems = [Problem { task: &task, schedule }];
         let answer = Mutex::new(None);
         let job = Job { problems: &problems, transcription: &transcription, settings: &settings, precision: Precision::F32 };
         self.work(&job, &|_| false, &|_, solution| *locked(&answer) = Some(solution), &mut [false]).map_err(|f| failed(f.to_string()))?;
-        let answer = answer.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let answer = locked(&answer).take();
         let Some(Solution { outcome, x }) = answer else { return Err(failed("no answer".into())) };
         // The rows at its solution, on the CPU.
         let (mut c, mut g) = (vec![0.; layout.equalities], vec![0.; layout.inequalities]);
@@ -162,6 +158,7 @@ impl Gpu {
         crate::kernels::evaluate(&layout, &x, 0., &mut shared, &mut c, &mut g, None);
         let f = f64::from(crate::kernels::judge::infeasibility(&c, &g));
         if outcome.status != Status::Solved || f > 10. * settings.tolerance {
+            let expected = Solver::default().solve(&layout, &settings, Finish::Infeasibility(settings.tolerance), None, &|| false);
             let limit = self.device.loop_limit.map_or(String::new(), |n| format!(", loops end after {n} iterations"));
             return Err(failed(format!("{} at infeasibility {f:.1e}, the CPU: {}{limit}", outcome.status, expected.status)));
         }
@@ -534,7 +531,7 @@ impl Backend for Gpu {
     }
 
     fn solve(&self, job: &Job, skip: &(dyn Fn(usize) -> bool + Sync), finish: &(dyn Fn(usize, Solution) + Sync)) {
-        // Only f32 exists there, and the stall rule's window is kept in every slot.
+        // Only f32 exists there.
         if job.precision == Precision::F64 {
             return self.cpu.solve(job, skip, finish);
         }
