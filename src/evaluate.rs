@@ -197,7 +197,7 @@ fn certify(problem: &Problem, solution: Solution, settings: &LowerSettings, canc
 }
 
 /// Mean over all force nodes, the zero ones of swings included, of `|n . f|`, N, with the normal under the foot at that node.
-fn mean_normal_force(task: &Task, trajectory: &Trajectory) -> f64 {
+pub(crate) fn mean_normal_force(task: &Task, trajectory: &Trajectory) -> f64 {
     let (mut sum, mut count) = (0., 0);
     for (foot, durations) in trajectory.ee.iter().zip(&trajectory.durations) {
         let force_pieces = (foot.force.poly_durations.len() - durations.len() / 2) / durations.len().div_ceil(2);

@@ -52,6 +52,7 @@ pub mod evaluate;
 pub mod gait;
 pub mod kernels;
 pub mod nlp;
+pub mod reference;
 pub mod report;
 pub mod robot;
 pub mod scenario;

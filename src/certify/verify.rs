@@ -58,8 +58,8 @@ pub enum Family {
     Terrain,
     /// Normal force between 0 and its limit, friction pyramid.
     Force,
-    /// Mid node of a two-piece swing halfway between the footholds, with the velocity that TOWR prescribes; of `momentum` motions high
-    /// enough, not too high, not too fast.
+    /// Mid node of a two-piece swing halfway between the footholds, with the velocity that TOWR prescribes, in TOWR's own transcription; of
+    /// `momentum` motions high enough, not too high, not too fast.
     Swing,
     /// Start of base and feet, goal of the base.
     Bounds,
@@ -300,9 +300,10 @@ pub fn verify_rows(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain, fo
             Family::Terrain => on_terrain(&mut tally, &motion, terrain),
             Family::Force => force(&mut tally, &motion, terrain, force_limit),
             Family::Swing if impulsive => swing_heights(&mut tally, &motion, terrain, trajectory.limits),
-            Family::Swing => swing(&mut tally, &motion),
+            Family::Swing if of_towr => swing(&mut tally, &motion),
+            Family::Swing => {}
             Family::Bounds => bounds(&mut tally, &motion, trajectory, terrain, impulsive),
-            Family::Structure => structure(&mut tally, &motion),
+            Family::Structure => structure(&mut tally, &motion, of_towr || impulsive),
             Family::Motion if impulsive && broken == 0 => between(&mut tally, &motion, terrain),
             Family::Motion => {}
         }
@@ -481,7 +482,8 @@ fn bounds(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain: 
     }
 }
 
-fn structure(tally: &mut Tally, motion: &Motion) {
+/// * `level` - whether feet are level in the middle of a swing of two pieces, as both phase-based transcriptions have them
+fn structure(tally: &mut Tally, motion: &Motion, level: bool) {
     for (foot, curves) in motion.feet.iter().enumerate() {
         let at = Some(foot);
         for (curve, what) in [(&curves.motion, "motion node at phase boundary"), (&curves.force, "force node at phase boundary")] {
@@ -497,7 +499,7 @@ fn structure(tally: &mut Tally, motion: &Motion) {
                 tally.zero(curves.motion.slope(node), "velocity of standing foot,", AXES, at, time);
             }
         }
-        for mid in mid_nodes(curves) {
+        for mid in mid_nodes(curves).filter(|_| level) {
             tally.row(curves.motion.slope(mid).z.abs(), format_args!("mid node velocity z"), at, curves.motion.times[mid]);
         }
         for (node, &time) in curves.force.times.iter().enumerate() {

@@ -1,0 +1,31 @@
+//! Finds Ipopt for the feature `ipopt`; without it nothing is asked for.
+
+fn main() {
+    println!("cargo::rerun-if-changed=src/reference/build.rs");
+    #[cfg(feature = "ipopt")]
+    ipopt();
+}
+
+#[cfg(feature = "ipopt")]
+fn ipopt() {
+    // The C interface is the same from 3.9 on.
+    match pkg_config::Config::new().atleast_version("3.9").cargo_metadata(false).probe("ipopt") {
+        Ok(library) => {
+            println!("cargo::rustc-env=IPOPT_VERSION={}", library.version);
+            for path in library.link_paths {
+                println!("cargo::rustc-link-search=native={}", path.display());
+            }
+            // Not what it was made of: the shared library knows its own LAPACK and MUMPS, whose development files need not be there.
+            println!("cargo::rustc-link-lib=ipopt");
+        }
+        Err(error) => {
+            println!("cargo::error=the feature `ipopt` links Ipopt (3.9 or newer), and pkg-config does not find it");
+            println!("cargo::error=Debian, Ubuntu: apt-get install coinor-libipopt-dev pkg-config");
+            println!("cargo::error=elsewhere: install Ipopt (https://coin-or.github.io/Ipopt) and put the folder of its ipopt.pc on PKG_CONFIG_PATH");
+            println!("cargo::error=or build without the feature: the program needs Ipopt for comparisons only");
+            for line in error.to_string().lines().filter(|line| !line.trim().is_empty()) {
+                println!("cargo::warning={line}");
+            }
+        }
+    }
+}

@@ -1,0 +1,228 @@
+//! A contact-implicit program: no schedule, contacts are where complementarity lets forces act.
+//!
+//! Base, dynamics, reach and friction are TOWR's; the feet have a position, a velocity and a force at knots every [`STEP`]. Source of the
+//! complementarity and of its relaxation, tightened from solve to solve: M. Posa, C. Cantu, R. Tedrake, "A Direct Method for Trajectory
+//! Optimization of Rigid Bodies Through Contact", IJRR 33(1), 2014. For height `z` above the ground, force `f` and the motion `x` around a knot:
+//!
+//! ```text
+//! f_z >= 0,  z >= 0,  f_z z <= epsilon,  |f_z dx| <= epsilon to both neighbours,  |f_z v| <= epsilon there and here
+//! ```
+//!
+//! So a foot that carries anything at a knot stands through both intervals around it, and a solution without relaxation is a schedule. The
+//! last solve holds the contacts that were found and gives exact ones. Feet stand in the first and in the last interval, as in the
+//! phase-based programs.
+
+use super::curve::{Curve, Point, Timing};
+use super::nlp::{INFINITY, Nlp, Rows};
+use super::rigid_body::{ZERO, contact_force, dynamics, height, reach};
+use super::towr::{BaseCurves, REACH_STEP, Variables, instants, nodes_at};
+use crate::gait::{FootCurves, Trajectory};
+use crate::task::Task;
+
+/// Distance of the knots, s.
+pub const STEP: f64 = 0.1;
+/// Relaxations of the complementarity, one solve each: body weights times m, and times m/s.
+pub const RELAXATIONS: [f64; 4] = [1e-1, 1e-2, 1e-3, 1e-4];
+/// Share of the weight from which a force counts as contact.
+const CONTACT: f64 = 1e-2;
+/// Motion in an interval below which a foot stands, m.
+const STILL: f64 = 1e-3;
+
+/// How contacts are asked for.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Contacts {
+    /// By complementarity, relaxed.
+    Relaxed(f64),
+    /// Given: which foot stands in which interval, `[feet][intervals]`.
+    Given(Vec<Vec<bool>>),
+}
+
+/// The program.
+#[derive(Debug)]
+pub struct ContactImplicit<'a> {
+    task: &'a Task,
+    steps: usize,
+    contacts: Contacts,
+    base: BaseCurves,
+    feet: Vec<Foot>,
+    timing: Timing,
+    initial: Vec<f64>,
+    bounds: Vec<[f64; 2]>,
+}
+
+#[derive(Debug)]
+struct Foot {
+    motion: Curve,
+    force: Curve,
+}
+
+impl<'a> ContactImplicit<'a> {
+    /// * `horizon` - rounded to whole steps, at least three, s
+    pub fn new(task: &'a Task, horizon: f64, contacts: Contacts) -> ContactImplicit<'a> {
+        let steps = ((horizon / STEP).round() as usize).max(3);
+        let horizon = steps as f64 * STEP;
+        let mut variables = Variables::default();
+        let base = BaseCurves::new(task, horizon, &mut variables);
+        let share = task.robot.weight() / task.robot.feet() as f64;
+        let mut feet = Vec::new();
+        for foot in 0..task.robot.feet() {
+            let [sx, sy] = task.foothold_start(foot);
+            let [gx, gy] = task.foothold_goal(foot);
+            let ground = |x: f64, y: f64| [x, y, task.terrain.height(x, y)];
+            let curve = || Curve { nodes: Vec::new(), phases: (0..steps).collect() };
+            let (mut motion, mut force) = (curve(), curve());
+            for knot in 0..=steps {
+                let part = knot as f64 / steps as f64;
+                let at = ground(sx + part * (gx - sx), sy + part * (gy - sy));
+                let position: [usize; 3] = std::array::from_fn(|d| variables.free(at[d]));
+                let velocity: [usize; 3] = std::array::from_fn(|_| variables.free(0.));
+                let forces: [usize; 3] = std::array::from_fn(|d| variables.free(if d == 2 { share } else { 0. }));
+                let stands = |interval: usize| match &contacts {
+                    Contacts::Relaxed(_) => interval == 0 || interval == steps - 1,
+                    Contacts::Given(stands) => stands[foot][interval],
+                };
+                let (before, after) = (knot.saturating_sub(1), knot.min(steps - 1));
+                if knot == 0 {
+                    (0..3).for_each(|d| variables.fix(position[d], at[d]));
+                }
+                if stands(before) || stands(after) {
+                    velocity.iter().for_each(|&v| variables.fix(v, 0.));
+                }
+                if matches!(contacts, Contacts::Given(_)) && !(stands(before) && stands(after)) {
+                    forces.iter().for_each(|&f| variables.fix(f, 0.));
+                }
+                let some = |v: [usize; 3]| v.map(Some);
+                let ([x, y, z], [vx, vy, vz], [fx, fy, fz]) = (some(position), some(velocity), some(forces));
+                motion.nodes.push([x, y, z, vx, vy, vz]);
+                // Level at the knots: between two of them a force stays between their values.
+                force.nodes.push([fx, fy, fz, None, None, None]);
+            }
+            feet.push(Foot { motion, force });
+        }
+        let timing = Timing::fixed(vec![STEP; steps]);
+        ContactImplicit { task, steps, contacts, base, feet, timing, initial: variables.initial, bounds: variables.bounds }
+    }
+
+    /// Which foot stands in which interval: as given, or as it is at `x`, where a foot stands that carries something at one of the ends, or
+    /// does not move on the ground.
+    pub fn contacts(&self, x: &[f64]) -> Vec<Vec<bool>> {
+        if let Contacts::Given(stands) = &self.contacts {
+            return stands.clone();
+        }
+        let stands = |foot: &Foot, interval: usize| {
+            let [a, b] = [interval, interval + 1].map(|knot| foot.motion.node(knot, x));
+            let carries = [interval, interval + 1].into_iter().any(|k| foot.force.node(k, x)[2] > CONTACT * self.task.robot.weight());
+            let moves = (0..3).map(|d| (b[d] - a[d]).abs()).fold(0., f64::max);
+            let high = a[2] - self.task.terrain.height(a[0], a[1]);
+            carries || (moves < STILL && high < STILL) || interval == 0 || interval + 1 == self.steps
+        };
+        self.feet.iter().map(|foot| (0..self.steps).map(|interval| stands(foot, interval)).collect()).collect()
+    }
+
+    /// The motion at `x` with the contacts that it has there.
+    pub fn trajectory(&self, x: &[f64]) -> Trajectory {
+        let curves = |foot: &Foot| FootCurves { motion: nodes_at(&foot.motion, &self.timing, x), force: nodes_at(&foot.force, &self.timing, x) };
+        let durations = self.contacts(x).iter().map(|stands| phases(stands)).collect();
+        let ee = self.feet.iter().map(curves).collect();
+        super::trajectory(self.task, "contact-implicit", durations, self.steps as f64 * STEP, self.base.curves(x), ee)
+    }
+
+    /// Rows that hold contacts: complementarity, or standing where it is given.
+    fn contact_rows(&self, foot: usize, x: &[f64], rows: &mut Rows) {
+        let terrain = &self.task.terrain;
+        let Foot { motion, force } = &self.feet[foot];
+        let place = |knot: usize| motion.node_point(knot, x, false);
+        for interval in 0..self.steps {
+            let stands = match &self.contacts {
+                Contacts::Relaxed(_) => interval == 0 || interval + 1 == self.steps,
+                Contacts::Given(stands) => stands[foot][interval],
+            };
+            if stands {
+                let (a, b) = (place(interval), place(interval + 1));
+                for d in 0..3 {
+                    rows.row(b.value[d] - a.value[d], ZERO);
+                    b.push_axis(d, 1., rows);
+                    a.push_axis(d, -1., rows);
+                }
+            }
+        }
+        for knot in 0..=self.steps {
+            let at = place(knot);
+            let (before, after) = (knot.saturating_sub(1), knot.min(self.steps - 1));
+            let stands = match &self.contacts {
+                Contacts::Relaxed(_) => knot <= 1 || knot + 1 >= self.steps,
+                Contacts::Given(stands) => stands[foot][before] || stands[foot][after],
+            };
+            // The first knot is fixed.
+            if knot > 0 {
+                height(terrain, &at, if stands { ZERO } else { [0., INFINITY] }, rows);
+            }
+            let Contacts::Relaxed(epsilon) = self.contacts else { continue };
+            let load = force.node_point(knot, x, false);
+            let weights = load.value.z / self.task.robot.weight();
+            let mut product = |value: f64, limits, by: &mut dyn FnMut(&mut Rows, f64)| {
+                rows.row(weights * value, limits);
+                load.push_axis(2, value / self.task.robot.weight(), rows);
+                by(rows, weights);
+            };
+            let ground = terrain.ground(at.value.x, at.value.y);
+            product(at.value.z - ground.height, [-INFINITY, epsilon], &mut |rows, weights| {
+                for (d, slope) in [-ground.slope[0], -ground.slope[1], 1.].into_iter().enumerate() {
+                    at.push_axis(d, weights * slope, rows);
+                }
+            });
+            let neighbours = knot.saturating_sub(1)..=(knot + 1).min(self.steps);
+            for other in neighbours {
+                let velocity = motion.node_point(other, x, true);
+                let there = place(other);
+                for d in 0..3 {
+                    product(velocity.value[d], [-epsilon, epsilon], &mut |rows, weights| velocity.push_axis(d, weights, rows));
+                    if other != knot {
+                        product(there.value[d] - at.value[d], [-epsilon, epsilon], &mut |rows, weights| {
+                            there.push_axis(d, weights, rows);
+                            at.push_axis(d, -weights, rows);
+                        });
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Durations of the phases of a foot, s, from which intervals it stands in. It stands in the first and in the last.
+fn phases(stands: &[bool]) -> Vec<f64> {
+    stands.chunk_by(|a, b| a == b).map(|phase| phase.len() as f64 * STEP).collect()
+}
+
+impl Nlp for ContactImplicit<'_> {
+    fn initial(&self) -> &[f64] {
+        &self.initial
+    }
+
+    fn bounds(&self) -> &[[f64; 2]] {
+        &self.bounds
+    }
+
+    fn rows(&self, x: &[f64], rows: &mut Rows) {
+        let (robot, terrain) = (&*self.task.robot, &*self.task.terrain);
+        for knot in 0..=self.steps {
+            let feet: Vec<(Point, Point)> =
+                self.feet.iter().map(|foot| (foot.motion.node_point(knot, x, false), foot.force.node_point(knot, x, false))).collect();
+            dynamics(robot, &self.base.at(x, knot as f64 * STEP), &feet, rows);
+        }
+        self.base.continuity_rows(x, rows);
+        for time in instants(self.steps as f64 * STEP, REACH_STEP) {
+            let (base, angles) = (self.base.position(x, time), self.base.angles(x, time));
+            for (foot, curves) in self.feet.iter().enumerate() {
+                reach(robot, foot, &base, &angles, &curves.motion.at(x, &self.timing, time, 0), rows);
+            }
+        }
+        for (foot, curves) in self.feet.iter().enumerate() {
+            for knot in 0..=self.steps {
+                let (force, at) = (curves.force.node_point(knot, x, false), curves.motion.node_point(knot, x, false));
+                contact_force(terrain, self.task.force_limit, &force, &at, rows);
+            }
+            self.contact_rows(foot, x, rows);
+        }
+    }
+}

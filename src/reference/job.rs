@@ -1,0 +1,158 @@
+//! One problem for Ipopt from beginning to end: program, solve, count of what is violated.
+
+use super::contact_implicit::{Contacts, ContactImplicit, RELAXATIONS};
+use super::ipopt::{self, Options};
+use super::towr::Towr;
+use crate::certify::verify_rows;
+use crate::error::Result;
+use crate::evaluate::mean_normal_force;
+use crate::gait::{Schedule, Trajectory};
+use crate::robot::Robot;
+use crate::task::Task;
+use crate::terrain::Terrain;
+use serde::{Deserialize, Serialize};
+use std::time::Instant;
+
+/// Which program.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Program {
+    /// TOWR's with the durations of a schedule, s, `[feet][phases]`.
+    Fixed(Vec<Vec<f64>>),
+    /// TOWR's with durations as variables inside limits, s, beginning with these.
+    Free(Vec<Vec<f64>>, [f64; 2]),
+    /// The contact-implicit one with a horizon, s.
+    ContactImplicit(f64),
+}
+
+/// A problem, whole: it can be sent to another process.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Job {
+    /// Robot.
+    pub robot: Robot,
+    /// Terrain.
+    pub terrain: Terrain,
+    /// Goal position, m.
+    pub base_target: [f64; 3],
+    /// Goal yaw, rad.
+    pub yaw_target: f64,
+    /// Largest normal force of a foot, N.
+    pub force_limit: f64,
+    /// Program.
+    pub program: Program,
+    /// Ipopt's options.
+    pub options: Options,
+}
+
+/// What came of it.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Answer {
+    /// Ipopt's status; of the last solve where there are several.
+    pub status: i32,
+    /// Iterations of all solves.
+    pub iterations: usize,
+    /// Wall time of all solves, s.
+    pub seconds: f64,
+    /// Part of it spent in rows and Jacobians, s.
+    pub evaluation_seconds: f64,
+    /// Variables, fixed ones included.
+    pub n_variables: usize,
+    /// Rows.
+    pub n_constraints: usize,
+    /// Entries of the Jacobian.
+    pub nnz_jacobian: usize,
+    /// Whether no row of `verify` is violated.
+    pub feasible: bool,
+    /// Rows of `verify` beyond 1e-4.
+    pub n_violated: usize,
+    /// Worst violation.
+    pub max_violation: f64,
+    /// Mean of |normal force| over all force nodes, N.
+    pub mean_normal_force: f64,
+    /// The motion, feasible or not.
+    pub trajectory: Trajectory,
+}
+
+impl Job {
+    /// A job for a task.
+    pub fn new(task: &Task, program: Program, options: Options) -> Job {
+        Job {
+            robot: (*task.robot).clone(),
+            terrain: (*task.terrain).clone(),
+            base_target: task.base_target,
+            yaw_target: task.yaw_target,
+            force_limit: task.force_limit,
+            program,
+            options,
+        }
+    }
+
+    /// Solves it in this process, and checks the motion.
+    ///
+    /// # Errors
+    /// [`crate::Error::Invalid`] for a task or a schedule that cannot be.
+    pub fn run(self) -> Result<Answer> {
+        let Job { robot, terrain, base_target, yaw_target, force_limit, program, options } = self;
+        let mut task = Task::new(robot.into(), terrain.into(), base_target, yaw_target)?;
+        task.force_limit = force_limit;
+        task.validate()?;
+        let (solution, trajectory) = match program {
+            Program::Fixed(durations) => {
+                let nlp = Towr::fixed(&task, &Schedule::new(durations)?);
+                let solution = ipopt::solve(&nlp, None, &options);
+                let trajectory = nlp.trajectory(&solution.x);
+                (solution, trajectory)
+            }
+            Program::Free(durations, limits) => {
+                let nlp = Towr::free(&task, &Schedule::new(durations)?, limits);
+                let solution = ipopt::solve(&nlp, None, &options);
+                let trajectory = nlp.trajectory(&solution.x);
+                (solution, trajectory)
+            }
+            Program::ContactImplicit(horizon) => contact_implicit(&task, horizon, &options),
+        };
+        let report = verify_rows(&trajectory, &task.robot, &task.terrain, task.force_limit)?;
+        Ok(Answer {
+            status: solution.status,
+            iterations: solution.iterations,
+            seconds: solution.seconds,
+            evaluation_seconds: solution.evaluation_seconds,
+            n_variables: solution.n_variables,
+            n_constraints: solution.n_constraints,
+            nnz_jacobian: solution.nnz_jacobian,
+            feasible: report.feasible,
+            n_violated: report.n_violated,
+            max_violation: report.max_violation,
+            mean_normal_force: mean_normal_force(&task, &trajectory),
+            trajectory,
+        })
+    }
+}
+
+/// Solves with ever less relaxation, each from the solution of the one before, and last with the contacts found.
+///
+/// The time limit is for all solves together, the iteration limit for each.
+fn contact_implicit(task: &Task, horizon: f64, options: &Options) -> (ipopt::Solution, Trajectory) {
+    let start = Instant::now();
+    let left = || Options { max_seconds: (options.max_seconds - start.elapsed().as_secs_f64()).max(1e-3), ..*options };
+    let (mut iterations, mut evaluation_seconds, mut x) = (0, 0., None::<Vec<f64>>);
+    let mut contacts = Contacts::Relaxed(RELAXATIONS[0]);
+    for relaxation in RELAXATIONS {
+        let nlp = ContactImplicit::new(task, horizon, Contacts::Relaxed(relaxation));
+        let solution = ipopt::solve(&nlp, x.as_deref(), &left());
+        iterations += solution.iterations;
+        evaluation_seconds += solution.evaluation_seconds;
+        contacts = Contacts::Given(nlp.contacts(&solution.x));
+        x = Some(solution.x);
+    }
+    let nlp = ContactImplicit::new(task, horizon, contacts);
+    let last = ipopt::solve(&nlp, x.as_deref(), &left());
+    let trajectory = nlp.trajectory(&last.x);
+    let solution = ipopt::Solution {
+        iterations: iterations + last.iterations,
+        evaluation_seconds: evaluation_seconds + last.evaluation_seconds,
+        seconds: start.elapsed().as_secs_f64(),
+        ..last
+    };
+    (solution, trajectory)
+}

@@ -1,0 +1,332 @@
+//! TOWR's whole nonlinear program \[3\]: every node, row and bound, with fixed phase durations or with durations as variables.
+//!
+//! Nothing is eliminated and nothing is shared with [`crate::nlp`] or [`crate::kernels`]: it is what this program's solver is compared with.
+
+use super::curve::{Curve, Point, Timing};
+use super::nlp::{INFINITY, Nlp, Rows};
+use super::rigid_body::{Base, ZERO, contact_force, continuous_acceleration, dynamics, height, reach};
+use crate::gait::{FootCurves, Schedule, Trajectory};
+use crate::robot::GRAVITY;
+use crate::task::Task;
+use nalgebra::Vector3;
+
+/// Duration of a base piece and distance of the dynamics rows, s.
+const DYNAMICS_STEP: f64 = 0.1;
+/// Distance of the reach rows, s.
+pub(super) const REACH_STEP: f64 = 0.08;
+/// Force pieces of a stance.
+const FORCE_PIECES: usize = 3;
+/// Motion pieces of a swing.
+const SWING_PIECES: usize = 2;
+/// Duration that mid-swing velocities assume, s.
+const MEAN_SWING: f64 = 0.3;
+/// Sum of the durations but the last of a foot: at least this, and at most the horizon less [`TOTAL_MARGIN`], s.
+const LEAST_TOTAL: f64 = 0.1;
+/// s.
+const TOTAL_MARGIN: f64 = 0.2;
+
+/// The program of one schedule.
+#[derive(Debug)]
+pub struct Towr<'a> {
+    task: &'a Task,
+    horizon: f64,
+    base: BaseCurves,
+    feet: Vec<Foot>,
+    initial: Vec<f64>,
+    bounds: Vec<[f64; 2]>,
+}
+
+/// Position and Euler angles of the base.
+#[derive(Debug)]
+pub(super) struct BaseCurves {
+    linear: Curve,
+    angular: Curve,
+    timing: Timing,
+}
+
+#[derive(Debug)]
+struct Foot {
+    motion: Curve,
+    force: Curve,
+    timing: Timing,
+}
+
+/// Variables while they are made.
+#[derive(Debug, Default)]
+pub(super) struct Variables {
+    pub initial: Vec<f64>,
+    pub bounds: Vec<[f64; 2]>,
+}
+
+impl Variables {
+    /// A free variable.
+    pub fn free(&mut self, initial: f64) -> usize {
+        self.bounded(initial, [-INFINITY, INFINITY])
+    }
+
+    /// A variable with bounds.
+    pub fn bounded(&mut self, initial: f64, bounds: [f64; 2]) -> usize {
+        self.initial.push(initial);
+        self.bounds.push(bounds);
+        self.initial.len() - 1
+    }
+
+    /// Holds a variable.
+    pub fn fix(&mut self, variable: usize, value: f64) {
+        self.bounds[variable] = [value, value];
+    }
+}
+
+impl BaseCurves {
+    /// Nodes every 0.1 s on a line from start to goal; start pose at rest and goal pose are fixed.
+    pub fn new(task: &Task, horizon: f64, variables: &mut Variables) -> BaseCurves {
+        let full = ((horizon + 1e-10) / DYNAMICS_STEP) as usize;
+        let mut durations = vec![DYNAMICS_STEP; full];
+        let rest = horizon - full as f64 * DYNAMICS_STEP;
+        if rest > 1e-9 {
+            durations.push(rest);
+        }
+        let pieces = durations.len();
+        let [gx, gy, _] = task.base_target;
+        // The height that TOWR starts from: a straight leg above the ground at the goal.
+        let high = task.terrain.height(gx, gy) - task.robot.nominal_feet[0][2];
+        let goals = [task.base_target, [0., 0., task.yaw_target]];
+        let guesses = [[gx, gy, high], goals[1]];
+        let starts = [task.base_start(), [0.; 3]];
+        let [linear, angular] = [0, 1].map(|which| {
+            let (start, goal, guess) = (starts[which], goals[which], guesses[which]);
+            let mut curve = Curve { nodes: Vec::new(), phases: (0..pieces).collect() };
+            for node in 0..=pieces {
+                let part = node as f64 / pieces as f64;
+                curve.nodes.push(std::array::from_fn(|i| {
+                    let (d, travel) = (i % 3, guess[i % 3] - start[i % 3]);
+                    let variable = variables.free(if i < 3 { start[d] + part * travel } else { travel / horizon });
+                    if node == 0 {
+                        variables.fix(variable, if i < 3 { start[d] } else { 0. });
+                    } else if node == pieces && i < 3 {
+                        variables.fix(variable, goal[d]);
+                    }
+                    Some(variable)
+                }));
+            }
+            curve
+        });
+        BaseCurves { linear, angular, timing: Timing::fixed(durations) }
+    }
+
+    /// State at a time.
+    pub fn at(&self, x: &[f64], time: f64) -> Base {
+        let at = |curve: &Curve, order| curve.at(x, &self.timing, time, order);
+        Base { position: self.position(x, time), acceleration: at(&self.linear, 2), angles: [0, 1, 2].map(|order| at(&self.angular, order)) }
+    }
+
+    pub fn position(&self, x: &[f64], time: f64) -> Point {
+        self.linear.at(x, &self.timing, time, 0)
+    }
+
+    pub fn angles(&self, x: &[f64], time: f64) -> Point {
+        self.angular.at(x, &self.timing, time, 0)
+    }
+
+    /// Accelerations continuous at inner nodes.
+    pub fn continuity_rows(&self, x: &[f64], rows: &mut Rows) {
+        for curve in [&self.linear, &self.angular] {
+            for (piece, pair) in self.timing.durations.windows(2).enumerate() {
+                let before = curve.on_piece(x, piece, pair[0], pair[0], 2);
+                let after = curve.on_piece(x, piece + 1, pair[1], 0., 2);
+                continuous_acceleration(&before, &after, rows);
+            }
+        }
+    }
+
+    /// As in trajectory files: position, then angles.
+    pub fn curves(&self, x: &[f64]) -> [crate::gait::Curve; 2] {
+        [&self.linear, &self.angular].map(|curve| nodes_at(curve, &self.timing, x))
+    }
+}
+
+/// Node values at `x`.
+pub(super) fn nodes_at(curve: &Curve, timing: &Timing, x: &[f64]) -> crate::gait::Curve {
+    crate::gait::Curve { poly_durations: curve.piece_durations(timing), nodes: (0..curve.nodes.len()).map(|n| curve.node(n, x)).collect() }
+}
+
+/// Instants 0, step, 2 step, ... and the horizon. As TOWR has them: a horizon that is a multiple of the step comes twice.
+pub(super) fn instants(horizon: f64, step: f64) -> impl Iterator<Item = f64> {
+    let full = (horizon / step).floor() as usize;
+    (0..=full).map(move |i| i as f64 * step).chain([horizon])
+}
+
+impl<'a> Towr<'a> {
+    /// With the durations of a schedule. Its feet must end together.
+    pub fn fixed(task: &'a Task, schedule: &Schedule) -> Towr<'a> {
+        Towr::new(task, schedule, None)
+    }
+
+    /// With durations as variables inside `limits`, s, beginning with those of a schedule.
+    pub fn free(task: &'a Task, schedule: &Schedule, limits: [f64; 2]) -> Towr<'a> {
+        Towr::new(task, schedule, Some(limits))
+    }
+
+    fn new(task: &'a Task, schedule: &Schedule, limits: Option<[f64; 2]>) -> Towr<'a> {
+        let horizon = schedule.horizon();
+        let mut variables = Variables::default();
+        let base = BaseCurves::new(task, horizon, &mut variables);
+        let mut feet = Vec::new();
+        for (foot, durations) in schedule.durations().iter().enumerate() {
+            let motion = motion(task, foot, durations.len(), horizon, &mut variables);
+            let force = force(task, durations.len(), &mut variables);
+            let mut timing = Timing::fixed(durations.clone());
+            if let (Some(limits), [free @ .., _]) = (limits, durations.as_slice()) {
+                timing.variables = free.iter().map(|&duration| variables.bounded(duration, limits)).collect();
+            }
+            feet.push(Foot { motion, force, timing });
+        }
+        Towr { task, horizon, base, feet, initial: variables.initial, bounds: variables.bounds }
+    }
+
+    /// The motion at `x`.
+    pub fn trajectory(&self, x: &[f64]) -> Trajectory {
+        let [base_lin, base_ang] = self.base.curves(x);
+        let timings: Vec<Timing> = self.feet.iter().map(|foot| foot.timing.at(x)).collect();
+        let feet = self.feet.iter().zip(&timings);
+        let ee = feet.map(|(foot, timing)| FootCurves { motion: nodes_at(&foot.motion, timing, x), force: nodes_at(&foot.force, timing, x) });
+        let ee = ee.collect();
+        let durations = timings.into_iter().map(|timing| timing.durations).collect();
+        super::trajectory(self.task, "towr", durations, self.horizon, [base_lin, base_ang], ee)
+    }
+}
+
+/// Nodes of a foot's motion: a stance has one position for its two nodes, a swing a node in the middle that is level.
+fn motion(task: &Task, foot: usize, phases: usize, horizon: f64, variables: &mut Variables) -> Curve {
+    let mut curve = Curve::default();
+    let nodes = (phases.div_ceil(2) + SWING_PIECES * (phases / 2)) + 1;
+    let [sx, sy] = task.foothold_start(foot);
+    let [gx, gy] = task.foothold_goal(foot);
+    let start = Vector3::new(sx, sy, task.terrain.height(sx, sy));
+    let goal = Vector3::new(gx, gy, task.terrain.height(gx, gy));
+    let guess = |node: usize| start + (goal - start) * (node as f64 / (nodes - 1) as f64);
+    let mean_velocity = (goal - start) / horizon;
+    for phase in 0..phases {
+        if phase % 2 == 0 {
+            // The second node of a stance is the one that the position is read from.
+            let place = guess(curve.nodes.len() + 1);
+            let at: [usize; 3] = std::array::from_fn(|d| variables.free(place[d]));
+            if phase == 0 {
+                for d in 0..3 {
+                    variables.fix(at[d], start[d]);
+                }
+            }
+            curve.nodes.extend([[Some(at[0]), Some(at[1]), Some(at[2]), None, None, None]; 2]);
+            curve.phases.push(phase);
+        } else {
+            let place = guess(curve.nodes.len());
+            let [x, y, z] = std::array::from_fn(|d| variables.free(place[d]));
+            let [vx, vy] = std::array::from_fn(|d| variables.free(mean_velocity[d]));
+            curve.nodes.push([Some(x), Some(y), Some(z), Some(vx), Some(vy), None]);
+            curve.phases.extend([phase; SWING_PIECES]);
+        }
+    }
+    curve
+}
+
+/// Nodes of a foot's force: zero at both ends of a swing, free elsewhere.
+fn force(task: &Task, phases: usize, variables: &mut Variables) -> Curve {
+    let mut curve = Curve::default();
+    let share = task.robot.mass * GRAVITY / task.robot.feet() as f64;
+    for phase in 0..phases {
+        if phase % 2 == 1 {
+            curve.phases.push(phase);
+            continue;
+        }
+        for node in 0..=FORCE_PIECES {
+            let in_swing = (node == 0 && phase > 0) || (node == FORCE_PIECES && phase + 1 < phases);
+            let node = std::array::from_fn(|i| (!in_swing).then(|| variables.free(if i == 2 { share } else { 0. })));
+            curve.nodes.push(node);
+        }
+        curve.phases.extend([phase; FORCE_PIECES]);
+    }
+    curve
+}
+
+impl Nlp for Towr<'_> {
+    fn initial(&self) -> &[f64] {
+        &self.initial
+    }
+
+    fn bounds(&self) -> &[[f64; 2]] {
+        &self.bounds
+    }
+
+    fn rows(&self, x: &[f64], rows: &mut Rows) {
+        let (robot, terrain) = (&*self.task.robot, &*self.task.terrain);
+        let timings: Vec<Timing> = self.feet.iter().map(|foot| foot.timing.at(x)).collect();
+        for time in instants(self.horizon, DYNAMICS_STEP) {
+            let feet = self.feet.iter().zip(&timings);
+            let feet: Vec<(Point, Point)> =
+                feet.map(|(foot, timing)| (foot.motion.at(x, timing, time, 0), foot.force.at(x, timing, time, 0))).collect();
+            dynamics(robot, &self.base.at(x, time), &feet, rows);
+        }
+        self.base.continuity_rows(x, rows);
+        for time in instants(self.horizon, REACH_STEP) {
+            let (base, angles) = (self.base.position(x, time), self.base.angles(x, time));
+            for (foot, timing) in timings.iter().enumerate() {
+                let at = self.feet[foot].motion.at(x, timing, time, 0);
+                reach(robot, foot, &base, &angles, &at, rows);
+            }
+        }
+        for (foot, timing) in self.feet.iter().zip(&timings) {
+            self.force_rows(foot, x, rows);
+            // The first node is the start, which is fixed.
+            for node in 1..foot.motion.nodes.len() {
+                let limits = if swings(&foot.motion, node) { [0., INFINITY] } else { ZERO };
+                height(terrain, &foot.motion.node_point(node, x, false), limits, rows);
+            }
+            swing_rows(foot, x, rows);
+            if let Some(&first) = timing.variables.first() {
+                let total: f64 = timing.variables.iter().map(|&v| x[v]).sum();
+                rows.row(total, [LEAST_TOTAL, self.horizon - TOTAL_MARGIN]);
+                (first..first + timing.variables.len()).for_each(|variable| rows.entry(variable, 1.));
+            }
+        }
+    }
+}
+
+impl Towr<'_> {
+    /// Friction and normal force at every force node that is not zero by construction, where the foot stands in that phase.
+    fn force_rows(&self, foot: &Foot, x: &[f64], rows: &mut Rows) {
+        for (node, values) in foot.force.nodes.iter().enumerate() {
+            if values[0].is_none() {
+                continue;
+            }
+            // A node that is free has stance on both sides.
+            let phase = foot.force.phases[node.min(foot.force.phases.len() - 1)];
+            let stance = foot.motion.phases.partition_point(|&p| p < phase);
+            let at = foot.motion.node_point(stance, x, false);
+            contact_force(&self.task.terrain, self.task.force_limit, &foot.force.node_point(node, x, false), &at, rows);
+        }
+    }
+}
+
+/// Whether a motion node is in the middle of a swing.
+fn swings(motion: &Curve, node: usize) -> bool {
+    motion.nodes[node][3].is_some()
+}
+
+/// Mid nodes of swings: halfway between the footholds, at their distance over 0.3 s.
+fn swing_rows(foot: &Foot, x: &[f64], rows: &mut Rows) {
+    let motion = &foot.motion;
+    for node in (0..motion.nodes.len()).filter(|&node| swings(motion, node)) {
+        let [before, at, after] = [node - 1, node, node + 1].map(|n| motion.node_point(n, x, false));
+        let velocity = motion.node_point(node, x, true);
+        for d in 0..2 {
+            rows.row(at.value[d] - (before.value[d] + after.value[d]) / 2., ZERO);
+            at.push_axis(d, 1., rows);
+            before.push_axis(d, -0.5, rows);
+            after.push_axis(d, -0.5, rows);
+            rows.row(velocity.value[d] - (after.value[d] - before.value[d]) / MEAN_SWING, ZERO);
+            velocity.push_axis(d, 1., rows);
+            after.push_axis(d, -1. / MEAN_SWING, rows);
+            before.push_axis(d, 1. / MEAN_SWING, rows);
+        }
+    }
+}
