@@ -48,6 +48,12 @@ pub enum Error {
         /// What was asked for, and what was found instead.
         message: String,
     },
+    /// A part was asked for that this build does not have.
+    #[error("{message}")]
+    Missing {
+        /// Which, and how to get it.
+        message: String,
+    },
     /// The operating system refused.
     #[error("cannot {action} {}: {source}", path.display())]
     Io {

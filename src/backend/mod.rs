@@ -10,6 +10,7 @@ use crate::gait::Schedule;
 use crate::settings::{SolverSettings, TranscriptionSettings};
 use crate::solver::Outcome;
 use crate::task::Task;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// One candidate: a task and a schedule whose feet all end at a multiple of the interval.
 #[derive(Debug, Clone)]
@@ -64,4 +65,9 @@ pub trait Backend: Send + Sync {
     ///
     /// `skip(index)` is asked before and during each solve; when it says so, that candidate is dropped (`finish` is not called).
     fn solve(&self, job: &Job, skip: &(dyn Fn(usize) -> bool + Sync), finish: &(dyn Fn(usize, Solution) + Sync));
+}
+
+/// What a mutex holds, whatever became of the thread that held it before.
+pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -5,6 +5,8 @@ use crate::backend::{Backend, Cpu, Gpu, Precision};
 use crate::error::{Error, Result};
 use crate::evaluate::LowerSettings;
 use crate::nlp::towr;
+use crate::reference::ipopt;
+use crate::reference::workers::Workers;
 use crate::report::files;
 use crate::robot::{ROBOTS, Robot};
 use crate::scenario::Scenario;
@@ -223,9 +225,7 @@ impl LowerArgs {
 
     /// The device that was asked for, for batches of a size.
     pub fn backend(&self, batch: usize) -> std::result::Result<Box<dyn Backend>, Failure> {
-        if self.threads > 4096 {
-            return Err(Error::invalid("--threads", self.threads, "at most 4096").into());
-        }
+        check_threads(self.threads)?;
         let cpu = || Ok(Box::new(Cpu::new(self.threads)?) as Box<dyn Backend>);
         match (&self.device, self.precision) {
             (DeviceArg::Cpu, _) | (DeviceArg::Auto, PrecisionArg::F64) => cpu(),
@@ -244,6 +244,23 @@ impl LowerArgs {
         }
     }
 }
+
+/// Processes of this program that solve with Ipopt.
+pub fn workers(threads: usize) -> Result<Workers> {
+    ipopt::check()?;
+    let program = std::env::current_exe().map_err(|source| Error::Io { action: "find", path: "this program".into(), source })?;
+    Ok(Workers::new(program, check_threads(threads)?))
+}
+
+fn check_threads(threads: usize) -> Result<usize> {
+    if threads > MAX_THREADS {
+        return Err(Error::invalid("--threads", threads, format!("at most {MAX_THREADS}")));
+    }
+    Ok(threads)
+}
+
+/// Most threads that can be asked for.
+const MAX_THREADS: usize = 4096;
 
 /// Candidates at once from which `--device auto` looks for a GPU: for fewer, opening it takes longer than solving them.
 pub const AUTO_BATCH: usize = 256;

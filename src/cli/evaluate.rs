@@ -1,19 +1,24 @@
 //! `evaluate`: solve given schedules.
 
-use super::args::{Goal, LowerArgs, World, WorldArgs};
+use super::args::{Goal, LowerArgs, World, WorldArgs, workers};
 use super::label::{device, label};
 use super::{CANCELLED, Failure, Verdict, complain, print};
+use crate::backend::{Backend, locked};
 use crate::error::{Error, Result, from_json};
-use crate::evaluate::{check_candidate, evaluate};
-use crate::gait::Schedule;
-use crate::report::{EvaluateResult, files};
+use crate::evaluate::{Evaluated, LowerSettings, check_candidate, evaluate};
+use crate::gait::{Schedule, Trajectory};
+use crate::reference::ipopt::Options;
+use crate::reference::job::{Answer, Job};
+use crate::reference::workers::Workers;
+use crate::report::{EvaluateResult, IpoptResult, files};
 use crate::scenario::Scenario;
 use crate::settings::Transcription;
 use crate::task::Task;
-use clap::Args;
+use clap::{Args, ValueEnum};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 use std::path::PathBuf;
+use std::sync::Mutex;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
@@ -37,9 +42,19 @@ pub struct Evaluate {
     world: WorldArgs,
     #[command(flatten)]
     lower: LowerArgs,
+    /// Who solves: this program, or Ipopt as in the paper, on TOWR's whole program (feature `ipopt`; rows are TOWR's)
+    #[arg(long, value_enum, default_value = "own")]
+    solver: SolverArg,
     /// Print the result lines instead of a summary
     #[arg(long)]
     json: bool,
+}
+
+/// `--solver`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum SolverArg {
+    Own,
+    Ipopt,
 }
 
 /// What is read of a line; other keys are copied.
@@ -60,6 +75,69 @@ struct Item {
     schedule: Schedule,
 }
 
+/// One line's answer.
+struct Done {
+    feasible: bool,
+    iterations: usize,
+    /// For the key `result`.
+    result: Value,
+    /// When trajectories are wanted.
+    trajectory: Option<Trajectory>,
+}
+
+/// Who solves the lines.
+enum Solver {
+    Own(Box<dyn Backend>, LowerSettings),
+    Ipopt(Workers),
+}
+
+impl Solver {
+    /// For results.
+    fn device(&self) -> String {
+        match self {
+            Solver::Own(backend, settings) => device(&**backend, settings.precision),
+            Solver::Ipopt(workers) => workers.device(),
+        }
+    }
+
+    /// In the order of the items; none where the user ended it.
+    fn solve(&self, items: &[Item], trajectories: bool) -> Result<Vec<Option<Done>>> {
+        match self {
+            Solver::Own(backend, settings) => {
+                let candidates: Vec<(&Task, &Schedule)> = items.iter().map(|i| (&i.task, &i.schedule)).collect();
+                let evaluated = evaluate(&candidates, settings, &**backend, false, &CANCELLED)?;
+                // After the work: it says what could not be done where it should have been.
+                let device = self.device();
+                let done = |(item, evaluated): (&Item, Option<Evaluated>)| {
+                    let Some(evaluated) = evaluated else { return Ok(None) };
+                    Ok(Some(Done {
+                        feasible: evaluated.feasible,
+                        iterations: evaluated.iterations,
+                        result: serde_json::to_value(EvaluateResult::new(&evaluated, &device))?,
+                        trajectory: trajectories.then(|| evaluated.trajectory(&item.task, &settings.transcription)),
+                    }))
+                };
+                items.iter().zip(evaluated).map(done).collect()
+            }
+            Solver::Ipopt(workers) => {
+                let jobs: Vec<Job> = items.iter().map(|item| Job::fixed(&item.task, &item.schedule, Options::LOWER_LEVEL)).collect();
+                let answers: Vec<Mutex<Option<Answer>>> = jobs.iter().map(|_| Mutex::default()).collect();
+                let finish = |index: usize, answer| *locked(&answers[index]) = Some(answer);
+                workers.solve(&jobs, &|_| CANCELLED.load(Ordering::Relaxed), &finish)?;
+                let done = |answer: Answer| {
+                    Ok(Done {
+                        feasible: answer.feasible,
+                        iterations: answer.iterations,
+                        result: serde_json::to_value(IpoptResult::new(&answer, &self.device()))?,
+                        trajectory: trajectories.then_some(answer.trajectory),
+                    })
+                };
+                answers.into_iter().map(|answer| locked(&answer).take().map(done).transpose()).collect()
+            }
+        }
+    }
+}
+
 impl Evaluate {
     pub fn run(&self) -> std::result::Result<Verdict, Failure> {
         let settings = self.lower.settings()?;
@@ -76,12 +154,13 @@ impl Evaluate {
         for path in [&self.out, &self.trajectories].into_iter().flatten() {
             files::check_writable(path)?;
         }
+        let rows = if self.solver == SolverArg::Ipopt { Transcription::Towr } else { settings.transcription.rows };
         // Lines before a bad one keep their results.
         let mut failure = None;
         let mut items = Vec::new();
         for (number, line) in files::lines(&text) {
             match self
-                .item(line, &world, settings.transcription.rows)
+                .item(line, &world, rows)
                 .and_then(|item| check_candidate(&item.task, &item.schedule, &settings).map(|()| item))
             {
                 Ok(item) => items.push(item),
@@ -95,35 +174,27 @@ impl Evaluate {
             failure = Some(Error::invalid("schedules", "none", "at least one line").in_file(&self.schedules, None));
         }
 
-        let backend = self.lower.backend(items.len())?;
+        let solver = match self.solver {
+            SolverArg::Own => Solver::Own(self.lower.backend(items.len())?, settings),
+            SolverArg::Ipopt => Solver::Ipopt(workers(self.lower.threads)?),
+        };
         let start = Instant::now();
         let (mut results, mut trajectories) = (String::new(), String::new());
         let (mut feasible, mut evaluated_lines, mut iterations) = (0, 0, 0);
         for chunk in items.chunks(CHUNK) {
-            let candidates: Vec<(&Task, &Schedule)> = chunk.iter().map(|i| (&i.task, &i.schedule)).collect();
-            let evaluated = evaluate(&candidates, &settings, &*backend, false, &CANCELLED)?;
-            // After the work: it says what could not be done where it should have been.
-            let device = device(&*backend, settings.precision);
-            for (item, evaluated) in chunk.iter().zip(evaluated) {
-                let Some(evaluated) = evaluated else { break };
+            let answers = solver.solve(chunk, self.trajectories.is_some())?;
+            for (item, done) in chunk.iter().zip(answers) {
+                let Some(done) = done else { break };
                 evaluated_lines += 1;
-                feasible += usize::from(evaluated.feasible);
-                iterations += evaluated.iterations;
+                feasible += usize::from(done.feasible);
+                iterations += done.iterations;
                 let mut object = item.object.clone();
-                object.insert("result".into(), serde_json::to_value(EvaluateResult::new(&evaluated, &device)).map_err(Error::from)?);
+                object.insert("result".into(), done.result);
                 results += &(Value::Object(object).to_string() + "\n");
-                if self.trajectories.is_some() {
-                    let trajectory = {
-                        let number = |key: &str| item.object.get(key).and_then(Value::as_u64);
-                        let target = number("target").map(|t| t as usize);
-                        label(
-                            evaluated.trajectory(&item.task, &settings.transcription),
-                            &item.task,
-                            item.scenario.as_deref(),
-                            target,
-                            number("seed"),
-                        )
-                    };
+                if let Some(trajectory) = done.trajectory {
+                    let number = |key: &str| item.object.get(key).and_then(Value::as_u64);
+                    let target = number("target").map(|t| t as usize);
+                    let trajectory = label(trajectory, &item.task, item.scenario.as_deref(), target, number("seed"));
                     trajectories += &(serde_json::to_string(&trajectory).map_err(Error::from)? + "\n");
                 }
             }
@@ -147,7 +218,7 @@ impl Evaluate {
             let rate = evaluated_lines as f64 / seconds.max(1e-9);
             print(&format!(
                 "{feasible} of {evaluated_lines} candidates feasible, {iterations} iterations, {seconds:.3} s, {rate:.1} candidates/s ({})\n",
-                device(&*backend, settings.precision)
+                solver.device()
             ))?;
         }
         match failure {

@@ -3,6 +3,7 @@
 mod args;
 mod devices;
 mod evaluate;
+mod ipopt_worker;
 mod label;
 mod list;
 mod solve;
@@ -33,6 +34,9 @@ enum Command {
     Solve(Box<solve::Solve>),
     /// Solve given contact schedules, one JSON object a line
     Evaluate(evaluate::Evaluate),
+    /// Solve problems that come on stdin, for the other commands
+    #[command(hide = true, name = crate::reference::workers::COMMAND)]
+    IpoptWorker(ipopt_worker::IpoptWorker),
     /// Check a trajectory file, this program's or TOWR's
     Verify(verify::Verify),
     /// List adapters, and which one `--device auto` takes
@@ -81,6 +85,7 @@ pub fn main() -> ExitCode {
     let result = match cli.command {
         Command::Solve(command) => command.run(),
         Command::Evaluate(command) => command.run(),
+        Command::IpoptWorker(command) => command.run(),
         Command::Verify(command) => command.run(),
         Command::Devices(command) => command.run(),
         Command::List(command) => command.run(),

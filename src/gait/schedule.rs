@@ -98,7 +98,15 @@ impl Schedule {
     ///
     /// The paper \[1\] stretches to the longest foot; the rest, less than one interval, makes knots and instants uniform.
     pub fn aligned(&self, interval: f64) -> Schedule {
-        let horizon = self.intervals(interval) as f64 * interval;
+        self.ended_at(self.intervals(interval) as f64 * interval)
+    }
+
+    /// The same schedule with every foot's last stance stretched to the end of the longest foot, as in the paper \[1\].
+    pub fn stretched(&self) -> Schedule {
+        self.ended_at(self.horizon())
+    }
+
+    fn ended_at(&self, horizon: f64) -> Schedule {
         let mut durations = self.durations.clone();
         for phases in &mut durations {
             let total: f64 = phases.iter().sum();

@@ -87,10 +87,15 @@ impl Job {
         }
     }
 
+    /// TOWR's program of a schedule whose feet are stretched to the longest, as in the paper \[1\].
+    pub fn fixed(task: &Task, schedule: &Schedule, options: Options) -> Job {
+        Job::new(task, Program::Fixed(schedule.stretched().durations().to_vec()), options)
+    }
+
     /// Solves it in this process, and checks the motion.
     ///
     /// # Errors
-    /// [`crate::Error::Invalid`] for a task or a schedule that cannot be.
+    /// [`crate::Error::Invalid`] for a task or a schedule that cannot be, [`crate::Error::Missing`] without Ipopt.
     pub fn run(self) -> Result<Answer> {
         let Job { robot, terrain, base_target, yaw_target, force_limit, program, options } = self;
         let mut task = Task::new(robot.into(), terrain.into(), base_target, yaw_target)?;
@@ -99,17 +104,17 @@ impl Job {
         let (solution, trajectory) = match program {
             Program::Fixed(durations) => {
                 let nlp = Towr::fixed(&task, &Schedule::new(durations)?);
-                let solution = ipopt::solve(&nlp, None, &options);
+                let solution = ipopt::solve(&nlp, None, &options)?;
                 let trajectory = nlp.trajectory(&solution.x);
                 (solution, trajectory)
             }
             Program::Free(durations, limits) => {
                 let nlp = Towr::free(&task, &Schedule::new(durations)?, limits);
-                let solution = ipopt::solve(&nlp, None, &options);
+                let solution = ipopt::solve(&nlp, None, &options)?;
                 let trajectory = nlp.trajectory(&solution.x);
                 (solution, trajectory)
             }
-            Program::ContactImplicit(horizon) => contact_implicit(&task, horizon, &options),
+            Program::ContactImplicit(horizon) => contact_implicit(&task, horizon, &options)?,
         };
         let report = verify_rows(&trajectory, &task.robot, &task.terrain, task.force_limit)?;
         Ok(Answer {
@@ -132,21 +137,21 @@ impl Job {
 /// Solves with ever less relaxation, each from the solution of the one before, and last with the contacts found.
 ///
 /// The time limit is for all solves together, the iteration limit for each.
-fn contact_implicit(task: &Task, horizon: f64, options: &Options) -> (ipopt::Solution, Trajectory) {
+fn contact_implicit(task: &Task, horizon: f64, options: &Options) -> Result<(ipopt::Solution, Trajectory)> {
     let start = Instant::now();
     let left = || Options { max_seconds: (options.max_seconds - start.elapsed().as_secs_f64()).max(1e-3), ..*options };
     let (mut iterations, mut evaluation_seconds, mut x) = (0, 0., None::<Vec<f64>>);
     let mut contacts = Contacts::Relaxed(RELAXATIONS[0]);
     for relaxation in RELAXATIONS {
         let nlp = ContactImplicit::new(task, horizon, Contacts::Relaxed(relaxation));
-        let solution = ipopt::solve(&nlp, x.as_deref(), &left());
+        let solution = ipopt::solve(&nlp, x.as_deref(), &left())?;
         iterations += solution.iterations;
         evaluation_seconds += solution.evaluation_seconds;
         contacts = Contacts::Given(nlp.contacts(&solution.x));
         x = Some(solution.x);
     }
     let nlp = ContactImplicit::new(task, horizon, contacts);
-    let last = ipopt::solve(&nlp, x.as_deref(), &left());
+    let last = ipopt::solve(&nlp, x.as_deref(), &left())?;
     let trajectory = nlp.trajectory(&last.x);
     let solution = ipopt::Solution {
         iterations: iterations + last.iterations,
@@ -154,5 +159,5 @@ fn contact_implicit(task: &Task, horizon: f64, options: &Options) -> (ipopt::Sol
         seconds: start.elapsed().as_secs_f64(),
         ..last
     };
-    (solution, trajectory)
+    Ok((solution, trajectory))
 }

@@ -3,14 +3,20 @@
 //! A worker reads a [`Job`] a line from its input and writes an [`Answer`] or an error a line. A solve that is no longer wanted is ended with its
 //! process. Why processes: see [`super::ipopt`].
 
+use super::ipopt::{self, Options};
 use super::job::{Answer, Job};
+use crate::backend::locked;
+use crate::cem::Evaluation;
 use crate::error::{Error, Result};
+use crate::gait::Schedule;
+use crate::search::{LowerLevel, Solved};
+use crate::task::Task;
 use std::io::{BufRead, BufReader, Write};
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// The hidden command of this program that [`serve`]s.
 pub const COMMAND: &str = "ipopt-worker";
@@ -29,19 +35,17 @@ pub struct Workers {
 /// Answer to a job, or why there is none.
 type Reply = std::result::Result<Answer, String>;
 
-/// A worker that may be at work on a job.
+/// A worker: its process, and the index of the job that it is at work on.
 #[derive(Default)]
 struct Desk {
-    child: Mutex<Option<Child>>,
-    /// Index of the job, `usize::MAX` without one.
-    job: AtomicUsize,
+    child: Option<Child>,
+    job: Option<usize>,
 }
 
 impl Desk {
     /// Ends the process, if there is one.
-    fn end(&self) {
-        let mut child = self.child.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        if let Some(mut child) = child.take() {
+    fn end(&mut self) {
+        if let Some(mut child) = self.child.take() {
             // It may have ended by itself.
             let _ = child.kill();
             let _ = child.wait();
@@ -56,6 +60,11 @@ impl Workers {
         Workers { program, count }
     }
 
+    /// Name for results.
+    pub fn device(&self) -> String {
+        format!("ipopt {}, {} processes", ipopt::VERSION.unwrap_or("none"), self.count)
+    }
+
     /// Solves jobs in order and hands each answer to `finish`, from any thread.
     ///
     /// `skip(index)` is asked before and during each solve; when it says so, that job is dropped.
@@ -64,22 +73,22 @@ impl Workers {
     /// [`Error::Io`] when a process cannot be started; [`Error::Format`] when a job is refused or its process ends without an answer.
     pub fn solve(&self, jobs: &[Job], skip: &(dyn Fn(usize) -> bool + Sync), finish: &(dyn Fn(usize, Answer) + Sync)) -> Result<()> {
         let (next, done) = (AtomicUsize::new(0), AtomicBool::new(false));
-        let desks: Vec<Desk> = (0..self.count.min(jobs.len())).map(|_| Desk::default()).collect();
+        let desks: Vec<Mutex<Desk>> = (0..self.count.min(jobs.len())).map(|_| Mutex::default()).collect();
         let failure = Mutex::new(None);
         std::thread::scope(|scope| {
-            let work = |desk: &Desk| {
+            let work = |desk: &Mutex<Desk>| {
                 if let Err(error) = self.work(desk, jobs, &next, skip, finish) {
                     next.store(jobs.len(), Ordering::Relaxed);
-                    failure.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).get_or_insert(error);
+                    locked(&failure).get_or_insert(error);
                 }
-                desk.end();
+                locked(desk).end();
             };
             let threads: Vec<_> = desks.iter().map(|desk| scope.spawn(move || work(desk))).collect();
             scope.spawn(|| {
                 while !done.load(Ordering::Relaxed) {
                     for desk in &desks {
-                        let job = desk.job.load(Ordering::Relaxed);
-                        if job != usize::MAX && skip(job) {
+                        let mut desk = locked(desk);
+                        if desk.job.is_some_and(skip) {
                             desk.end();
                         }
                     }
@@ -98,7 +107,7 @@ impl Workers {
     /// Takes jobs until there are none.
     fn work(
         &self,
-        desk: &Desk,
+        desk: &Mutex<Desk>,
         jobs: &[Job],
         next: &AtomicUsize,
         skip: &(dyn Fn(usize) -> bool + Sync),
@@ -106,7 +115,6 @@ impl Workers {
     ) -> Result<()> {
         let mut pipes = None;
         loop {
-            desk.job.store(usize::MAX, Ordering::Relaxed);
             let index = next.fetch_add(1, Ordering::Relaxed);
             let Some(job) = jobs.get(index) else { return Ok(()) };
             if skip(index) {
@@ -116,11 +124,12 @@ impl Workers {
                 Some(pipes) => pipes,
                 None => pipes.insert(self.start(desk)?),
             };
-            desk.job.store(index, Ordering::Relaxed);
+            locked(desk).job = Some(index);
             let mut line = String::new();
             // A process that was ended reads and writes nothing: what failed is told below.
             let _ = writeln!(input, "{}", serde_json::to_string(job)?).and_then(|()| input.flush());
             let _ = output.read_line(&mut line);
+            locked(desk).job = None;
             if !line.ends_with('\n') {
                 pipes = None;
                 if skip(index) {
@@ -135,12 +144,12 @@ impl Workers {
         }
     }
 
-    fn start(&self, desk: &Desk) -> Result<(std::process::ChildStdin, BufReader<std::process::ChildStdout>)> {
+    fn start(&self, desk: &Mutex<Desk>) -> Result<(std::process::ChildStdin, BufReader<std::process::ChildStdout>)> {
         let io = |source| Error::Io { action: "start", path: self.program.clone(), source };
         let mut child =
             Command::new(&self.program).arg(COMMAND).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().map_err(io)?;
         let pipes = child.stdin.take().zip(child.stdout.take());
-        *desk.child.lock().unwrap_or_else(|poisoned| poisoned.into_inner()) = Some(child);
+        locked(desk).child = Some(child);
         pipes.map(|(input, output)| (input, BufReader::new(output))).ok_or_else(|| io(std::io::ErrorKind::BrokenPipe.into()))
     }
 }
@@ -157,4 +166,37 @@ pub fn serve(input: impl BufRead, mut output: impl Write) -> Result<()> {
         writeln!(output, "{}", serde_json::to_string(&reply)?).and_then(|()| output.flush()).map_err(io("write"))?;
     }
     Ok(())
+}
+
+/// The lower level of the paper \[1\]: each schedule to Ipopt, its feet stretched to the longest.
+#[derive(Debug, Clone, Copy)]
+pub struct IpoptLevel<'a> {
+    /// The task.
+    pub task: &'a Task,
+    /// Processes.
+    pub workers: &'a Workers,
+    /// Ipopt's options.
+    pub options: Options,
+}
+
+impl LowerLevel for IpoptLevel<'_> {
+    type Solution = Answer;
+
+    fn solve(&self, schedules: &[Schedule], first_feasible: bool, cancelled: &AtomicBool) -> Result<Vec<Option<Solved<Answer>>>> {
+        let start = Instant::now();
+        let lowest = AtomicUsize::new(usize::MAX);
+        let jobs: Vec<Job> = schedules.iter().map(|schedule| Job::fixed(self.task, schedule, self.options)).collect();
+        let results: Vec<Mutex<Option<Solved<Answer>>>> = jobs.iter().map(|_| Mutex::default()).collect();
+        let skip = |index: usize| cancelled.load(Ordering::Relaxed) || (first_feasible && index > lowest.load(Ordering::Relaxed));
+        self.workers.solve(&jobs, &skip, &|index, answer: Answer| {
+            if answer.feasible {
+                lowest.fetch_min(index, Ordering::Relaxed);
+            }
+            let evaluation =
+                Evaluation { n_violated: answer.n_violated, feasible: answer.feasible, mean_normal_force: answer.mean_normal_force };
+            *locked(&results[index]) = Some(Solved { evaluation, finished_after: start.elapsed().as_secs_f64(), solution: answer });
+        })?;
+        let lowest = if first_feasible { lowest.into_inner() } else { usize::MAX };
+        Ok(results.iter().enumerate().map(|(i, result)| locked(result).take().filter(|_| i <= lowest)).collect())
+    }
 }

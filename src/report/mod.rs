@@ -5,4 +5,4 @@ pub mod gait_diagram;
 pub mod result;
 
 pub use gait_diagram::gait_diagram;
-pub use result::{EvaluateResult, SolveResult};
+pub use result::{EvaluateResult, IpoptResult, SolveResult};

@@ -3,6 +3,7 @@
 use crate::cem::{CemSettings, GenerationRecord, StopReason};
 use crate::certify::Report;
 use crate::evaluate::{Evaluated, LowerSettings};
+use crate::reference::job::Answer;
 use crate::search::Found;
 use crate::settings::Transcription;
 use crate::solver::Status;
@@ -53,6 +54,58 @@ impl EvaluateResult {
             seconds: evaluated.finished_after,
             device: device.into(),
             transcription: evaluated.transcription,
+            version: env!("CARGO_PKG_VERSION"),
+        }
+    }
+}
+
+/// `result` of one line of `evaluate --solver ipopt`.
+#[derive(Debug, Clone, Serialize)]
+pub struct IpoptResult {
+    /// Ipopt's `ApplicationReturnStatus`: 0 solved, 1 to an acceptable level, 2 infeasible, -1 iteration limit, -4 time limit, ...
+    pub status: i32,
+    /// Whether the certificate holds.
+    pub feasible: bool,
+    /// Iterations.
+    pub iterations: usize,
+    /// Violated rows and bounds beyond 1e-4 in TOWR's units.
+    pub n_violated: usize,
+    /// Worst of them.
+    pub max_violation: f64,
+    /// Horizon, s.
+    pub horizon: f64,
+    /// Variables of the whole program, fixed ones included.
+    pub n_variables: usize,
+    /// Its rows.
+    pub n_constraints: usize,
+    /// Entries of its Jacobian.
+    pub nnz_jacobian: usize,
+    /// Time of this candidate, s.
+    pub seconds: f64,
+    /// Where it was solved.
+    pub device: String,
+    /// Rows it was solved for.
+    pub transcription: Transcription,
+    /// Version of this program.
+    pub version: &'static str,
+}
+
+impl IpoptResult {
+    /// The result of one candidate.
+    pub fn new(answer: &Answer, device: &str) -> IpoptResult {
+        IpoptResult {
+            status: answer.status,
+            feasible: answer.feasible,
+            iterations: answer.iterations,
+            n_violated: answer.n_violated,
+            max_violation: answer.max_violation,
+            horizon: answer.trajectory.horizon,
+            n_variables: answer.n_variables,
+            n_constraints: answer.n_constraints,
+            nnz_jacobian: answer.nnz_jacobian,
+            seconds: answer.seconds,
+            device: device.into(),
+            transcription: Transcription::Towr,
             version: env!("CARGO_PKG_VERSION"),
         }
     }

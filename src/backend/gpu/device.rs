@@ -1,9 +1,10 @@
 //! Adapters of this machine, and one of them opened: device, limits and pipelines.
 
+use crate::backend::locked;
 use crate::error::{Error, Result};
 use crate::kernels::shaders::{Buffer, SHADERS, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP};
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 /// Loop iterations of one invocation after which some software adapters leave every loop.
 const LOOP_LIMIT: u32 = 65_535;
@@ -150,11 +151,6 @@ impl std::fmt::Debug for Device {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Device").field("report", &self.report).finish_non_exhaustive()
     }
-}
-
-/// What a mutex holds, whatever became of the thread that held it before.
-pub(super) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn keep(fault: &Mutex<Option<Fault>>, new: Fault) {

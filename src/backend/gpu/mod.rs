@@ -10,8 +10,7 @@ mod device;
 pub use bank::{Bank, List, Prepared, Timing, most_slots};
 pub use device::{AdapterReport, Device, Fault, adapters};
 
-use self::device::locked;
-use super::{Backend, Cpu, Job, Precision, Problem, Solution};
+use super::{Backend, Cpu, Job, Precision, Problem, Solution, locked};
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
 use crate::kernels::control::Progress;
