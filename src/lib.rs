@@ -49,6 +49,7 @@ pub mod certify;
 pub mod cli;
 pub mod error;
 pub mod evaluate;
+pub mod experiment;
 pub mod gait;
 pub mod kernels;
 pub mod nlp;

@@ -178,6 +178,17 @@ pub enum PrecisionArg {
 /// Iterations of `--smooth`: after as many, the cost falls no further.
 const SMOOTH_ITERATIONS: usize = 20;
 
+/// Where to solve.
+#[derive(Debug, Args)]
+pub struct DeviceArgs {
+    /// Where to solve: `auto` takes a GPU for large batches, `gpu:NAME` an adapter of that name, see `devices`
+    #[arg(long, default_value = "auto", value_name = "auto|cpu|gpu[:NAME]")]
+    pub device: DeviceArg,
+    /// Threads; 0 is one a processor. Results do not depend on it
+    #[arg(long, default_value_t = 0)]
+    pub threads: usize,
+}
+
 /// How to solve.
 #[derive(Debug, Args)]
 pub struct LowerArgs {
@@ -190,12 +201,8 @@ pub struct LowerArgs {
     /// Scalar of the solver
     #[arg(long, value_enum, default_value = "f32")]
     pub precision: PrecisionArg,
-    /// Where to solve: `auto` takes a GPU for large batches, `gpu:NAME` an adapter of that name, see `devices`
-    #[arg(long, default_value = "auto", value_name = "auto|cpu|gpu[:NAME]")]
-    pub device: DeviceArg,
-    /// Threads; 0 is one a processor. Results do not depend on it
-    #[arg(long, default_value_t = 0)]
-    pub threads: usize,
+    #[command(flatten)]
+    pub place: DeviceArgs,
     /// Any setting by its path, e.g. `solver.max_iterations=100`; all are in result.json
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
@@ -223,11 +230,18 @@ impl LowerArgs {
         Ok(settings)
     }
 
-    /// The device that was asked for, for batches of a size.
+    /// As [`DeviceArgs::backend`].
     pub fn backend(&self, batch: usize) -> std::result::Result<Box<dyn Backend>, Failure> {
+        self.place.backend(batch, self.precision)
+    }
+}
+
+impl DeviceArgs {
+    /// The device that was asked for, for batches of a size.
+    pub fn backend(&self, batch: usize, precision: PrecisionArg) -> std::result::Result<Box<dyn Backend>, Failure> {
         check_threads(self.threads)?;
         let cpu = || Ok(Box::new(Cpu::new(self.threads)?) as Box<dyn Backend>);
-        match (&self.device, self.precision) {
+        match (&self.device, precision) {
             (DeviceArg::Cpu, _) | (DeviceArg::Auto, PrecisionArg::F64) => cpu(),
             (DeviceArg::Gpu(_), PrecisionArg::F64) => {
                 Err(Error::invalid("--device", "gpu", "`cpu` or `auto` with --precision f64, which only the CPU has").into())

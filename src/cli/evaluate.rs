@@ -176,7 +176,7 @@ impl Evaluate {
 
         let solver = match self.solver {
             SolverArg::Own => Solver::Own(self.lower.backend(items.len())?, settings),
-            SolverArg::Ipopt => Solver::Ipopt(workers(self.lower.threads)?),
+            SolverArg::Ipopt => Solver::Ipopt(workers(self.lower.place.threads)?),
         };
         let start = Instant::now();
         let (mut results, mut trajectories) = (String::new(), String::new());

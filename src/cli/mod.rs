@@ -3,6 +3,7 @@
 mod args;
 mod devices;
 mod evaluate;
+mod experiment;
 mod ipopt_worker;
 mod label;
 mod list;
@@ -34,6 +35,8 @@ enum Command {
     Solve(Box<solve::Solve>),
     /// Solve given contact schedules, one JSON object a line
     Evaluate(evaluate::Evaluate),
+    /// Repeat the paper's experiments, with its method and its baselines beside this program's
+    Experiment(experiment::Experiment),
     /// Solve problems that come on stdin, for the other commands
     #[command(hide = true, name = crate::reference::workers::COMMAND)]
     IpoptWorker(ipopt_worker::IpoptWorker),
@@ -85,6 +88,7 @@ pub fn main() -> ExitCode {
     let result = match cli.command {
         Command::Solve(command) => command.run(),
         Command::Evaluate(command) => command.run(),
+        Command::Experiment(command) => command.run(),
         Command::IpoptWorker(command) => command.run(),
         Command::Verify(command) => command.run(),
         Command::Devices(command) => command.run(),

@@ -1,0 +1,59 @@
+//! Runs that are done, one JSON object a line, written as they end.
+
+use super::plan::Case;
+use super::run::{Run, machine};
+use crate::error::{Error, Result, from_json};
+use crate::report::files;
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// The log of an experiment.
+#[derive(Debug)]
+pub struct Log {
+    path: PathBuf,
+    /// What is done, in the order in which it was.
+    pub runs: Vec<Run>,
+}
+
+impl Log {
+    /// Opens a log, or begins one. A last line that was cut off is dropped from the file.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the system refuses; [`Error::InFile`] for a line that is no run.
+    pub fn open(path: &Path) -> Result<Log> {
+        let mut log = Log { path: path.to_owned(), runs: Vec::new() };
+        if !path.exists() {
+            return Ok(log);
+        }
+        let text = files::read(path)?;
+        let whole = &text[..text.rfind('\n').map_or(0, |end| end + 1)];
+        for (number, line) in files::lines(whole) {
+            log.runs.push(from_json(line).map_err(|e| e.in_file(path, Some(number)))?);
+        }
+        if whole.len() < text.len() {
+            files::write(path, whole)?;
+        }
+        Ok(log)
+    }
+
+    /// Whether a run is done, by this version on a machine like this one with as many threads.
+    pub fn has(&self, case: &Case, threads: usize) -> bool {
+        let machine = machine();
+        let of_this = |run: &Run| run.version == env!("CARGO_PKG_VERSION") && run.machine == machine;
+        self.runs.iter().any(|run| run.case == *case && of_this(run) && (run.threads == threads || !case.method.searches()))
+    }
+
+    /// Adds a run, in memory and at the end of the file.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the system refuses.
+    pub fn add(&mut self, run: Run) -> Result<()> {
+        let line = serde_json::to_string(&run)? + "\n";
+        let io = |source| Error::Io { action: "write", path: self.path.clone(), source };
+        let file = fs::OpenOptions::new().create(true).append(true).open(&self.path);
+        file.and_then(|mut file| file.write_all(line.as_bytes()).and_then(|()| file.sync_data())).map_err(io)?;
+        self.runs.push(run);
+        Ok(())
+    }
+}

@@ -1,0 +1,228 @@
+//! One run of an experiment, and what is kept of it.
+
+use super::plan::{Case, Method};
+use crate::backend::{Backend, locked};
+use crate::cem::Candidate;
+use crate::certify::{Report, verify};
+use crate::error::Result;
+use crate::evaluate::LowerSettings;
+use crate::gait::Trajectory;
+use crate::reference::contact_implicit;
+use crate::reference::ipopt::Options;
+use crate::reference::job::{Answer, Job, Program};
+use crate::reference::workers::{IpoptLevel, Workers};
+use crate::search::{Found, LowerLevel, Own, search_with};
+use crate::settings::TranscriptionSettings;
+use crate::task::Task;
+use serde::{Deserialize, Serialize};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
+
+/// Stance phases of a foot of the baselines.
+const BASELINE_STANCES: usize = 10;
+/// Where TOWR begins, s: stance and swing.
+const BASELINE_DURATIONS: [f64; 2] = [0.2, 0.1];
+/// Bounds of TOWR's durations, s.
+const BASELINE_LIMITS: [f64; 2] = [0.08, 0.36];
+
+/// Where runs are made.
+pub struct Devices<'a> {
+    /// This program's solver.
+    pub backend: &'a dyn Backend,
+    /// Ipopt; none without the feature.
+    pub workers: Option<&'a Workers>,
+}
+
+/// What is kept of a run: a line of `experimentN.jsonl`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Run {
+    /// What was asked.
+    #[serde(flatten)]
+    pub case: Case,
+    /// Version of this program.
+    pub version: String,
+    /// Processor.
+    pub machine: String,
+    /// Where it was solved.
+    pub device: String,
+    /// Threads or processes at work.
+    pub threads: usize,
+    /// What it could use.
+    pub budget: String,
+    /// When it ended, s since 1970.
+    pub unix_time: u64,
+    /// Whether a motion was found that satisfies every row of its certificate.
+    pub success: bool,
+    /// Time to the first one, s.
+    pub first_feasible_seconds: Option<f64>,
+    /// Time of the whole run, failing candidates included, s.
+    pub seconds: f64,
+    /// Generations; 0 without a search.
+    pub generations_run: usize,
+    /// Candidates; 1 without a search.
+    pub candidates: usize,
+    /// Rows of `verify` that the result breaks.
+    pub n_violated: Option<usize>,
+    /// Worst of them, in its unit.
+    pub max_violation: Option<f64>,
+    /// How far the body is from its plan when only the planned forces act, m,
+    pub rollout_position: Option<f64>,
+    /// and degrees.
+    pub rollout_attitude: Option<f64>,
+    /// How far a foot leaves its box at any time, m.
+    pub reach_excess: Option<f64>,
+    /// Mean of |normal force| over the force nodes of the result, N.
+    pub mean_normal_force: Option<f64>,
+    /// Largest objective so far after each generation; none while there is none.
+    pub best_objectives: Vec<Option<f64>>,
+    /// Gait of the result, s, `[feet][phases]`.
+    pub durations: Vec<Vec<f64>>,
+}
+
+impl Run {
+    /// Time to the first motion; of a run that found none, its whole time.
+    pub fn first_or_all(&self) -> f64 {
+        self.first_feasible_seconds.unwrap_or(self.seconds)
+    }
+
+    /// Sum of the stance phases of all feet.
+    pub fn stances(&self) -> usize {
+        self.durations.iter().map(|phases| phases.len().div_ceil(2)).sum()
+    }
+}
+
+/// What all methods give.
+struct Outcome {
+    success: bool,
+    first_feasible: Option<f64>,
+    seconds: f64,
+    generations: usize,
+    candidates: usize,
+    best_objectives: Vec<Option<f64>>,
+    mean_normal_force: Option<f64>,
+    trajectory: Option<Trajectory>,
+    device: String,
+    threads: usize,
+}
+
+/// Processor of this machine, where the system tells.
+pub fn machine() -> String {
+    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let model = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':')).map(|(_, name)| name.trim().to_owned());
+    let count = std::thread::available_parallelism().map_or(1, |n| n.get());
+    format!("{}, {count} processors, {}", model.unwrap_or_else(|| std::env::consts::ARCH.into()), std::env::consts::OS)
+}
+
+/// Makes a run. `None` when it was cancelled, or when it needs an Ipopt that is not there.
+///
+/// # Errors
+/// What keeps it from running; a motion that is not found is none.
+pub fn run(case: &Case, devices: &Devices, cancelled: &AtomicBool) -> Result<Option<Run>> {
+    let task = case.task()?;
+    let outcome = match (case.method, devices.workers) {
+        (Method::Towr | Method::ContactImplicit | Method::Ipopt | Method::RandomIpopt, None) => return Ok(None),
+        (Method::Towr, Some(workers)) => {
+            let durations = (0..2 * BASELINE_STANCES - 1).map(|phase| BASELINE_DURATIONS[phase % 2]).collect();
+            baseline(&task, Program::Free(vec![durations; task.robot.feet()], BASELINE_LIMITS), workers, cancelled)?
+        }
+        (Method::ContactImplicit, Some(workers)) => {
+            // As long as TOWR's.
+            let horizon = (0..2 * BASELINE_STANCES - 1).map(|phase| BASELINE_DURATIONS[phase % 2]).sum::<f64>();
+            let steps = (horizon / contact_implicit::STEP).round();
+            baseline(&task, Program::ContactImplicit(steps * contact_implicit::STEP), workers, cancelled)?
+        }
+        (Method::Ipopt | Method::RandomIpopt, Some(workers)) => {
+            let level = IpoptLevel { task: &task, workers, options: Options::LOWER_LEVEL };
+            let trajectory = |c: &Candidate<Answer>| c.solution.trajectory.clone();
+            searched(&level, case, &task, cancelled, trajectory, (workers.device(), workers.count))?
+        }
+        _ => {
+            let mut settings = LowerSettings::default();
+            settings.transcription = TranscriptionSettings { rows: case.method.rows(), ..settings.transcription };
+            settings.solver.stall.enabled = case.method.stall_rule();
+            settings.validate()?;
+            let level = Own { task: &task, settings: &settings, backend: devices.backend };
+            let trajectory = |c: &Candidate<crate::evaluate::Evaluated>| c.solution.trajectory(&task, &settings.transcription);
+            searched(&level, case, &task, cancelled, trajectory, (devices.backend.device(), devices.backend.threads()))?
+        }
+    };
+    if cancelled.load(Ordering::Relaxed) {
+        return Ok(None);
+    }
+    let report: Option<Report> = match &outcome.trajectory {
+        Some(trajectory) => Some(verify(trajectory, &task.robot, &task.terrain, task.force_limit)?),
+        None => None,
+    };
+    let rollout = report.as_ref().and_then(|r| r.rollout.as_ref());
+    Ok(Some(Run {
+        case: case.clone(),
+        version: env!("CARGO_PKG_VERSION").into(),
+        machine: machine(),
+        device: outcome.device,
+        threads: outcome.threads,
+        budget: case.budget(),
+        unix_time: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs()),
+        success: outcome.success,
+        first_feasible_seconds: outcome.first_feasible,
+        seconds: outcome.seconds,
+        generations_run: outcome.generations,
+        candidates: outcome.candidates,
+        n_violated: report.as_ref().map(|r| r.rows.n_violated),
+        max_violation: report.as_ref().map(|r| r.rows.max_violation).filter(|v| v.is_finite()),
+        rollout_position: rollout.map(|r| r.position.value).filter(|v| v.is_finite()),
+        rollout_attitude: rollout.map(|r| r.attitude.value).filter(|v| v.is_finite()),
+        reach_excess: report.as_ref().map(|r| r.dense.reach_excess.value).filter(|v| v.is_finite()),
+        mean_normal_force: outcome.mean_normal_force,
+        best_objectives: outcome.best_objectives,
+        durations: outcome.trajectory.map(|t| t.durations).unwrap_or_default(),
+    }))
+}
+
+/// A search over schedules.
+fn searched<L: LowerLevel>(
+    level: &L,
+    case: &Case,
+    task: &Task,
+    cancelled: &AtomicBool,
+    trajectory: impl Fn(&Candidate<L::Solution>) -> Trajectory,
+    (device, threads): (String, usize),
+) -> Result<Outcome> {
+    let found: Found<L::Solution> = search_with(level, task, &case.search()?, case.seed, cancelled, &mut |_| ())?;
+    let best = found.best.as_ref();
+    Ok(Outcome {
+        success: best.is_some_and(|b| b.evaluation.feasible),
+        first_feasible: found.first_feasible_after,
+        seconds: found.seconds,
+        generations: found.generations.len(),
+        candidates: found.generations.iter().map(|g| g.evaluated).sum(),
+        best_objectives: found.generations.iter().map(|g| g.best_ever_objective).collect(),
+        mean_normal_force: best.map(|b| b.evaluation.mean_normal_force),
+        trajectory: best.map(trajectory),
+        device,
+        threads,
+    })
+}
+
+/// One program, solved once by one process.
+fn baseline(task: &Task, program: Program, workers: &Workers, cancelled: &AtomicBool) -> Result<Outcome> {
+    let start = Instant::now();
+    let answer = Mutex::new(None);
+    let jobs = [Job::new(task, program, Options::BASELINE)];
+    workers.solve(&jobs, &|_| cancelled.load(Ordering::Relaxed), &|_, a| *locked(&answer) = Some(a))?;
+    let seconds = start.elapsed().as_secs_f64();
+    let answer = locked(&answer).take();
+    let feasible = answer.as_ref().is_some_and(|a| a.feasible);
+    Ok(Outcome {
+        success: feasible,
+        first_feasible: feasible.then_some(seconds),
+        seconds,
+        generations: 0,
+        candidates: 1,
+        best_objectives: Vec::new(),
+        mean_normal_force: answer.as_ref().map(|a| a.mean_normal_force),
+        trajectory: answer.map(|a| a.trajectory),
+        device: workers.device(),
+        threads: 1,
+    })
+}
