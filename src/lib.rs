@@ -17,7 +17,8 @@
 //!
 //! Data flows one way: task → [schedule](gait::schedule) → [layout](nlp::layout) → [batch](backend) → [solver] →
 //! [certified trajectory](certify) → [report]. [`search::search`] is the whole job, [`evaluate::evaluate`] the lower level alone,
-//! [`certify::verify()`] the check that shares nothing with the solver.
+//! [`certify::verify()`] the check that shares nothing with the solver, [`reference`] the same problems for Ipopt, and [`experiment`] the
+//! paper's experiments with both.
 //!
 //! ```
 //! use cregopt::{backend::Cpu, cem::CemSettings, evaluate::LowerSettings, scenario::Scenario, search::search};
@@ -42,6 +43,8 @@
 //!    End-Effector Parameterization", IEEE RA-L 3(3), 2018: the phase-based formulation.
 //! 3. The program of \[2\], TOWR (ethz-adrl/towr): rows, bounds, constants, robots, terrains.
 //! 4. The program of \[1\], CrEGOpt (NOSALRO/cregopt): hexapod, step terrain, search constants.
+//! 5. M. Posa, C. Cantu, R. Tedrake, "A Direct Method for Trajectory Optimization of Rigid Bodies Through Contact", IJRR 33(1), 2014: the
+//!    contact-implicit baseline.
 
 pub mod backend;
 pub mod cem;

@@ -798,3 +798,91 @@ fn devices_lists_adapters_as_text_and_as_json() {
         assert!(adapter["workgroup_memory"].as_u64().unwrap() >= 16 << 10);
     }
 }
+
+// ---------------------------------------------------------------- Ipopt and experiments
+
+#[cfg(feature = "ipopt")]
+#[test]
+fn ipopt_solves_the_same_lines() {
+    let folder = folder();
+    let mut odd = standing();
+    odd["durations"] = json!([[0.6], [0.2, 0.1, 0.25], [0.6], [0.6]]);
+    odd["note"] = json!("kept");
+    write_lines(folder.path(), &[standing().to_string(), odd.to_string()]);
+    let command = "evaluate in.jsonl --robot anymal --solver ipopt --threads 2 --out results.jsonl --trajectories motions.jsonl";
+    let ran = run(folder.path(), command);
+    ran.ends_with(0);
+    assert!(ran.stdout.contains("2 of 2 candidates feasible") && ran.stdout.contains("ipopt"), "{}", ran.stdout);
+    let results = read_lines(folder.path().join("results.jsonl"));
+    assert_eq!((&results[0]["result"]["status"], &results[0]["result"]["transcription"]), (&json!(0), &json!("towr")));
+    assert_eq!((&results[1]["note"], &results[1]["result"]["n_violated"]), (&json!("kept"), &json!(0)));
+    run(folder.path(), "verify motions.jsonl").ends_with(0);
+}
+
+#[cfg(not(feature = "ipopt"))]
+#[test]
+fn without_ipopt_asking_for_it_exits_2_and_says_how_to_get_it() {
+    let folder = folder();
+    write_lines(folder.path(), &[standing().to_string()]);
+    for command in ["evaluate in.jsonl --robot anymal --solver ipopt", "experiment 1 --methods towr"] {
+        run(folder.path(), command).ends_with(2).says(&["--features ipopt", "coinor-libipopt-dev"]);
+    }
+}
+
+#[test]
+fn an_experiment_goes_on_where_it_was() {
+    let folder = folder();
+    let log = folder.path().join("e/experiment2.jsonl");
+    let command = |replicates: u32| format!("experiment 2 --methods cregopt-towr --replicates {replicates} --threads 2 --out e");
+    let ran = run(folder.path(), &command(1));
+    ran.ends_with(0);
+    // Three robots, with and without the heuristic.
+    let first = read_lines(&log);
+    assert_eq!(first.len(), 6);
+    assert!(first.iter().all(|run| run["method"] == "cregopt-towr" && run["n_violated"] == 0 && run["success"] == true));
+    for key in ["seed", "version", "machine", "budget", "device", "threads", "first_feasible_seconds", "seconds"] {
+        assert!(first.iter().all(|run| !run[key].is_null()), "{key}");
+    }
+    // As if it had been killed while it wrote.
+    let whole = fs::read_to_string(&log).unwrap();
+    fs::write(&log, whole.clone() + &whole[..100]).unwrap();
+    let ran = run(folder.path(), &command(2));
+    ran.ends_with(0);
+    let second = read_lines(&log);
+    // Replicates of two are the first and the last; of one, the middle.
+    assert_eq!((second.len(), &second[..6]), (18, &first[..]));
+    assert_eq!(ran.stderr.matches("found in").count(), 12, "{}", ran.stderr);
+    let again = run(folder.path(), &command(2));
+    assert_eq!((again.stderr.matches("found in").count(), read_lines(&log).len()), (0, 18));
+
+    let text = |name: &str| fs::read_to_string(folder.path().join("e").join(name)).unwrap();
+    assert_eq!(text("experiment2.csv").lines().count(), 19);
+    assert!(text("experiment2.md").contains("| hex |") && text("experiment2.md").contains("3 of 3"));
+    assert_eq!(read(folder.path().join("e/experiment2.json"))["lines"].as_array().unwrap().len(), 6);
+    for name in ["experiment2_times.svg", "experiment2_gaits.svg"] {
+        assert!(text(name).starts_with("<svg") && text(name).contains("</svg>") && text(name).contains("biped"), "{name}");
+    }
+}
+
+#[test]
+fn objectives_are_plotted_over_generations() {
+    let folder = folder();
+    let command = "experiment 3 --methods cregopt --replicates 1 --generations 3 --populations 8 --threads 2 --out e";
+    let ran = run(folder.path(), command);
+    assert!([0, 3].contains(&ran.code), "{}", ran.stderr);
+    let runs = read_lines(folder.path().join("e/experiment3.jsonl"));
+    assert!(runs.iter().all(|run| run["best_objectives"].as_array().unwrap().len() == 3));
+    assert!(fs::read_to_string(folder.path().join("e/experiment3_objectives.svg")).unwrap().contains("<svg"));
+}
+
+#[test]
+fn a_bad_experiment_exits_2_or_4_and_names_what_is_wrong() {
+    let folder = folder();
+    run(folder.path(), "experiment 4").ends_with(2).says(&["1, 2, 3 or all"]);
+    run(folder.path(), "experiment 1 --methods snopt").ends_with(2).says(&["snopt", "contact-implicit"]);
+    run(folder.path(), "experiment 1 --replicates 0").ends_with(2).says(&["--replicates", "at least 1"]);
+    run(folder.path(), "experiment 3 --populations 70000 --methods cregopt").ends_with(2).says(&["search.population", "65536"]);
+    fs::create_dir(folder.path().join("e")).unwrap();
+    fs::write(folder.path().join("e/experiment1.jsonl"), "{\"experiment\": 1}\n").unwrap();
+    run(folder.path(), "experiment 1 --methods cregopt --out e").ends_with(4).says(&["experiment1.jsonl", "line 1", "missing field"]);
+}

@@ -159,10 +159,7 @@ impl Evaluate {
         let mut failure = None;
         let mut items = Vec::new();
         for (number, line) in files::lines(&text) {
-            match self
-                .item(line, &world, rows)
-                .and_then(|item| check_candidate(&item.task, &item.schedule, &settings).map(|()| item))
-            {
+            match self.item(line, &world, rows).and_then(|item| check_candidate(&item.task, &item.schedule, &settings).map(|()| item)) {
                 Ok(item) => items.push(item),
                 Err(e) => {
                     failure = Some(e.in_file(&self.schedules, Some(number)));

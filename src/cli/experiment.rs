@@ -21,7 +21,7 @@ pub struct Experiment {
     /// Folder for raw runs, tables and plots; runs that are there already are not made again
     #[arg(long, value_name = "DIR", default_value = "experiments")]
     out: PathBuf,
-    /// A representative part in minutes: 5 of 20 targets or replicates; 3 of 10, with 15 of 50 generations and populations up to 256
+    /// A representative part in minutes: 5 of 20 targets or replicates; in experiment 3 2 of 10, 10 of 50 generations, populations to 1024
     #[arg(long)]
     quick: bool,
     /// Only these methods: cregopt, cregopt-towr, ipopt, towr, contact-implicit, random, random-towr, random-ipopt, no-stall, no-stall-towr
@@ -96,12 +96,7 @@ impl Experiment {
     }
 
     /// Makes what is missing and writes tables and plots of all that is there.
-    fn experiment(
-        &self,
-        number: u8,
-        extent: &Extent,
-        workers: Option<&Workers>,
-    ) -> std::result::Result<Vec<run::Run>, Failure> {
+    fn experiment(&self, number: u8, extent: &Extent, workers: Option<&Workers>) -> std::result::Result<Vec<run::Run>, Failure> {
         let cases = plan(number, extent)?;
         for case in &cases {
             case.search()?.validate()?;

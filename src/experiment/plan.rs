@@ -15,8 +15,14 @@ pub const EXPERIMENTS: std::ops::RangeInclusive<u8> = 1..=3;
 const REPLICATES: u64 = 20;
 /// Of experiment 3.
 const OBJECTIVE_REPLICATES: u64 = 10;
-/// Populations of the second part of experiment 3.
+/// Population of its first part, with and without the heuristic.
+const POPULATION: usize = 64;
+/// Larger ones, with the heuristic: do they find better gaits, and what does it cost?
 const POPULATIONS: [usize; 3] = [256, 1024, 4096];
+/// Of a quick run.
+const QUICK_POPULATIONS: [usize; 2] = [256, 1024];
+/// Generations of experiment 3, and of a quick run.
+const GENERATIONS: [usize; 2] = [50, 10];
 /// Scenario and goal of experiment 3: turning round on the way.
 const OBJECTIVE_SCENARIO: &str = "s2";
 /// m.
@@ -101,7 +107,11 @@ impl Method {
     /// [`Error::Unknown`] lists all.
     pub fn named(name: &str) -> Result<Method> {
         let known = || Method::ALL.map(Method::name).join(", ");
-        Method::ALL.into_iter().find(|m| m.name() == name).ok_or_else(|| Error::Unknown { what: "method", name: name.into(), known: known() })
+        Method::ALL.into_iter().find(|m| m.name() == name).ok_or_else(|| Error::Unknown {
+            what: "method",
+            name: name.into(),
+            known: known(),
+        })
     }
 
     /// Whether it asks for Ipopt.
@@ -224,6 +234,7 @@ impl Case {
             scenario: self.scenario.clone(),
             objective: self.objective,
             population: self.population,
+            generations: self.generations,
             heuristic: self.heuristic,
             method: self.method,
         }
@@ -239,6 +250,8 @@ pub struct Group {
     pub objective: Objective,
     /// Candidates a generation.
     pub population: usize,
+    /// Most generations.
+    pub generations: usize,
     /// Whether stance counts are drawn in triplets.
     pub heuristic: bool,
     /// Who solves it.
@@ -318,16 +331,16 @@ pub fn plan(experiment: u8, extent: &Extent) -> Result<Vec<Case>> {
             }
         }
         3 => {
-            let populations: Vec<usize> = std::iter::once(64).chain(if extent.quick { vec![256] } else { POPULATIONS.to_vec() }).collect();
-            let populations = if extent.populations.is_empty() { populations } else { extent.populations.clone() };
-            for replicate in extent.replicates(OBJECTIVE_REPLICATES, 3) {
-                for &population in &populations {
+            let larger = if extent.quick { &QUICK_POPULATIONS[..] } else { &POPULATIONS[..] };
+            let all: Vec<usize> = std::iter::once(POPULATION).chain(larger.iter().copied()).collect();
+            let populations = if extent.populations.is_empty() { &all } else { &extent.populations };
+            let generations = extent.generations.unwrap_or(GENERATIONS[usize::from(extent.quick)]);
+            for replicate in extent.replicates(OBJECTIVE_REPLICATES, 2) {
+                for &population in populations {
                     for objective in [Objective::FewestStances, Objective::LeastForce] {
                         for method in extent.methods(&[Method::Cregopt]) {
-                            // Larger populations are compared with the heuristic.
-                            for heuristic in if population == 64 { vec![true, false] } else { vec![true] } {
-                                let generations = extent.generations.unwrap_or(if extent.quick { 15 } else { 50 });
-                                let case = case(OBJECTIVE_SCENARIO, None, replicate, method, heuristic);
+                            for heuristic in if population == POPULATION { &[true, false][..] } else { &[true][..] } {
+                                let case = case(OBJECTIVE_SCENARIO, None, replicate, method, *heuristic);
                                 cases.push(Case { objective, population, generations, ..case });
                             }
                         }

@@ -1,6 +1,6 @@
 //! Plots of experiments in the paper's form, as SVG.
 
-use super::plan::Group;
+use super::plan::{Case, Group};
 use super::run::Run;
 use super::summary::{Line, Spread, lines, title};
 use crate::cem::Objective;
@@ -122,7 +122,7 @@ pub fn times(runs: &[Run]) -> Result<String> {
     Ok(text)
 }
 
-/// Best objective over generations: a panel an objective, a curve a setting; medians with the band between the quartiles.
+/// Best cost so far over generations: a panel an objective, a curve a setting; medians with the band between the quartiles.
 ///
 /// A generation counts from the first at which half the runs have a feasible gait: penalties of infeasible ones would hide the rest.
 ///
@@ -151,7 +151,9 @@ pub fn objectives(runs: &[Run]) -> Result<String> {
             let color = PALETTE[i % PALETTE.len()];
             let band = curve.iter().map(|(g, s)| (*g, s.lower)).chain(curve.iter().rev().map(|(g, s)| (*g, s.upper)));
             chart.draw_series([Polygon::new(band.collect::<Vec<_>>(), color.mix(0.2))]).map_err(failed)?;
-            let name = format!("population {}, {} heuristic", line.group.population, if line.group.heuristic { "with" } else { "without" });
+            let group = &line.group;
+            let heuristic = if group.heuristic { "with" } else { "without" };
+            let name = format!("population {}, {heuristic} heuristic, {} generations", group.population, group.generations);
             chart
                 .draw_series(LineSeries::new(curve.iter().map(|(g, s)| (*g, s.median)), color.stroke_width(2)))
                 .map_err(failed)?
@@ -159,22 +161,22 @@ pub fn objectives(runs: &[Run]) -> Result<String> {
                 .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], color.stroke_width(2)));
         }
         let mut labels = chart.configure_series_labels();
-        labels.position(SeriesLabelPosition::LowerRight).background_style(WHITE.mix(0.8)).border_style(BLACK).draw().map_err(failed)?;
+        labels.position(SeriesLabelPosition::UpperRight).background_style(WHITE.mix(0.8)).border_style(BLACK).draw().map_err(failed)?;
         area.present().map_err(failed)?;
     }
     Ok(text)
 }
 
-/// Generation, from 1, with the spread of what the runs had reached: positive, as in the unit of the objective.
+/// Generation, from 1, with the spread of the costs that the runs had reached.
 fn curve(line: &Line) -> Vec<(f64, Spread)> {
     let penalty = line.runs[0].case.search().map_or(0., |settings| settings.penalty);
     let longest = line.runs.iter().map(|run| run.best_objectives.len()).max().unwrap_or(0);
     let at = |generation: usize| {
-        let values: Vec<f64> = line.runs.iter().filter_map(|run| run.best_objectives.get(generation).copied().flatten()).collect();
         // Any violation costs a penalty, more than all stances or forces together.
-        let feasible = values.iter().filter(|v| **v > -penalty).count();
-        let spread = Spread::of(values.into_iter().filter(|v| *v > -penalty))?;
-        (2 * feasible >= line.runs.len()).then_some((generation as f64 + 1., spread))
+        let reached = line.runs.iter().filter_map(|run| run.best_objectives.get(generation).copied().flatten());
+        let costs: Vec<f64> = reached.map(|j| -j).filter(|cost| *cost < penalty).collect();
+        let enough = 2 * costs.len() >= line.runs.len();
+        Spread::of(costs).filter(|_| enough).map(|spread| (generation as f64 + 1., spread))
     };
     (0..longest).filter_map(at).collect()
 }
@@ -186,10 +188,10 @@ fn curve(line: &Line) -> Vec<(f64, Spread)> {
 pub fn gaits(runs: &[Run]) -> Result<String> {
     let lines = lines(runs);
     let best = |line: &Line| {
-        let value = |run: &Run| run.best_objectives.last().copied().flatten().unwrap_or(0.);
         let found = line.runs.iter().filter(|run| run.success && !run.durations.is_empty());
-        // The largest objective; of equals the first.
-        found.copied().cloned().reduce(|a, b| if value(&b) > value(&a) { b } else { a })
+        // The lowest cost; of equals the first. Baselines have none.
+        let cost = |run: &Run| run.cost().unwrap_or(0.);
+        found.copied().cloned().reduce(|a, b| if cost(&b) < cost(&a) { b } else { a })
     };
     let winners: Vec<Run> = lines.iter().filter_map(best).collect();
     let heights: Vec<u32> = winners.iter().map(|run| MARGIN + BAR * run.durations.len() as u32).collect();
@@ -202,7 +204,10 @@ pub fn gaits(runs: &[Run]) -> Result<String> {
                 let target = run.case.target.map(|t| format!(", target {t}")).unwrap_or_default();
                 format!("{}{target}, {}, heuristic: {}", run.case.scenario, run.case.method, run.case.heuristic)
             }
-            _ => format!("{}, population {}, heuristic: {}", title(run.case.objective), run.case.population, run.case.heuristic),
+            _ => {
+                let Case { population, generations, heuristic, .. } = run.case;
+                format!("{}, population {population}, {generations} generations, heuristic: {heuristic}", title(run.case.objective))
+            }
         };
         let caption = format!("{caption}, seed {}: {} stance phases", run.case.seed, run.stances());
         let mut chart = ChartBuilder::on(area)

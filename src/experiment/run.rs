@@ -86,6 +86,11 @@ impl Run {
         self.first_feasible_seconds.unwrap_or(self.seconds)
     }
 
+    /// What the objective made of the result, as a cost: stance phases, or N; none when nothing was found.
+    pub fn cost(&self) -> Option<f64> {
+        self.best_objectives.last().copied().flatten().filter(|_| self.success).map(|j| -j)
+    }
+
     /// Sum of the stance phases of all feet.
     pub fn stances(&self) -> usize {
         self.durations.iter().map(|phases| phases.len().div_ceil(2)).sum()

@@ -75,7 +75,7 @@ pub fn lines(runs: &[Run]) -> Vec<Line<'_>> {
     let place = |line: &Line| {
         let group = &line.group;
         let scenario = ["biped", "s1", "s2", "s3", "hex"].iter().position(|s| *s == group.scenario);
-        (scenario, group.objective == Objective::LeastForce, group.population, group.method as usize, !group.heuristic)
+        (scenario, group.objective == Objective::LeastForce, group.generations, group.population, group.method as usize, !group.heuristic)
     };
     lines.sort_by_key(place);
     lines
@@ -90,6 +90,7 @@ pub struct LineSummary {
     heuristic: bool,
     objective: Objective,
     population: usize,
+    generations: usize,
     runs: usize,
     found: usize,
     /// Time to the first feasible motion, s; of runs without one, all their time.
@@ -103,8 +104,8 @@ pub struct LineSummary {
     rollout_position: Option<Spread>,
     /// Foot outside its box at any time, m.
     reach_excess: Option<Spread>,
-    /// Best objective of the runs that found a gait.
-    objective_reached: Option<Spread>,
+    /// Stance phases, or mean normal force in N, of the runs that found a gait: the best objective, as a cost.
+    reached: Option<Spread>,
     budget: String,
 }
 
@@ -119,6 +120,7 @@ impl Line<'_> {
             heuristic: self.group.heuristic,
             objective: self.group.objective,
             population: self.group.population,
+            generations: self.group.generations,
             runs: self.runs.len(),
             found: self.runs.iter().filter(|run| run.success).count(),
             first_feasible_seconds: spread(&|run| Some(run.first_or_all())),
@@ -127,7 +129,7 @@ impl Line<'_> {
             n_violated: spread(&|run| run.n_violated.map(|n| n as f64)),
             rollout_position: spread(&|run| run.rollout_position),
             reach_excess: spread(&|run| run.reach_excess),
-            objective_reached: spread(&|run| run.best_objectives.last().copied().flatten().filter(|_| run.success)),
+            reached: spread(&|run| run.cost()),
             budget: self.runs[0].budget.clone(),
         }
     }
@@ -138,7 +140,8 @@ pub fn markdown(experiment: u8, runs: &[Run]) -> String {
     let lines = lines(runs);
     let mut text = String::new();
     let cell = |spread: Option<Spread>| spread.map_or("-".into(), |s| s.to_string());
-    let whole = |spread: Option<Spread>| spread.map_or("-".into(), |s| digits(s.median));
+    let middle = |spread: Option<Spread>| spread.map_or("-".into(), |s| digits(s.median));
+    let count = |spread: Option<Spread>| spread.map_or("-".into(), |s| format!("{:.0}", s.median));
     if experiment < 3 {
         let (what, rule) = if experiment == 1 { ("method", "") } else { ("method | heuristic", "---|") };
         text += &format!(
@@ -156,27 +159,27 @@ pub fn markdown(experiment: u8, runs: &[Run]) -> String {
                 s.runs,
                 cell(s.first_feasible_seconds),
                 cell(s.seconds),
-                whole(s.candidates),
-                whole(s.n_violated),
-                whole(s.rollout_position),
-                whole(s.reach_excess),
+                count(s.candidates),
+                count(s.n_violated),
+                middle(s.rollout_position),
+                middle(s.reach_excess),
             );
         }
     } else {
-        text += "| objective | population | generations | heuristic | found | best objective | whole run, s | candidates |\n|---|---|---|---|---|---|---|---|\n";
+        text += "| objective | population | generations | heuristic | found | reached | whole run, s | candidates |\n|---|---|---|---|---|---|---|---|\n";
         for line in &lines {
             let s = line.summary();
             text += &format!(
                 "| {} | {} | {}{} | {} of {} | {} | {} | {} |\n",
                 title(s.objective),
                 s.population,
-                line.runs[0].case.generations,
+                s.generations,
                 yes(s.heuristic),
                 s.found,
                 s.runs,
-                cell(s.objective_reached),
+                cell(s.reached),
                 cell(s.seconds),
-                whole(s.candidates),
+                count(s.candidates),
             );
         }
     }
@@ -187,11 +190,11 @@ fn yes(heuristic: bool) -> &'static str {
     if heuristic { " | with" } else { " | without" }
 }
 
-/// Objective in words.
+/// Objective in words, with the unit of its cost.
 pub fn title(objective: Objective) -> &'static str {
     match objective {
         Objective::Feasibility => "feasibility",
-        Objective::FewestStances => "fewest stances",
+        Objective::FewestStances => "fewest stance phases",
         Objective::LeastForce => "least mean normal force, N",
     }
 }
@@ -234,7 +237,7 @@ pub fn csv(runs: &[Run]) -> Result<String> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     let header = "experiment scenario target replicate seed method heuristic objective population generations success first_feasible_seconds seconds \
                   generations_run candidates n_violated max_violation rollout_position rollout_attitude reach_excess mean_normal_force stances \
-                  best_objective threads device machine version budget unix_time";
+                  cost threads device machine version budget unix_time";
     writer.write_record(header.split_whitespace()).map_err(|e| failed(&e))?;
     let text = |value: Option<f64>| value.map(|v| v.to_string()).unwrap_or_default();
     for run in runs {
@@ -263,7 +266,7 @@ pub fn csv(runs: &[Run]) -> Result<String> {
             text(run.reach_excess),
             text(run.mean_normal_force),
             run.stances().to_string(),
-            text(run.best_objectives.last().copied().flatten()),
+            text(run.cost()),
             run.threads.to_string(),
             run.device.clone(),
             run.machine.clone(),

@@ -1,8 +1,8 @@
 //! A contact-implicit program: no schedule, contacts are where complementarity lets forces act.
 //!
-//! Base, dynamics, reach and friction are TOWR's; the feet have a position, a velocity and a force at knots every [`STEP`]. Source of the
-//! complementarity and of its relaxation, tightened from solve to solve: M. Posa, C. Cantu, R. Tedrake, "A Direct Method for Trajectory
-//! Optimization of Rigid Bodies Through Contact", IJRR 33(1), 2014. For height `z` above the ground, force `f` and the motion `x` around a knot:
+//! Base, dynamics, reach and friction are TOWR's; the feet have a position, a velocity and a force at knots every [`STEP`]. The
+//! complementarity, and its relaxation that is tightened from solve to solve, are those of \[5\]. For height `z` above the ground, force `f` and
+//! the motion `x` around a knot:
 //!
 //! ```text
 //! f_z >= 0,  z >= 0,  f_z z <= epsilon,  |f_z dx| <= epsilon to both neighbours,  |f_z v| <= epsilon there and here
@@ -121,7 +121,8 @@ impl<'a> ContactImplicit<'a> {
 
     /// The motion at `x` with the contacts that it has there.
     pub fn trajectory(&self, x: &[f64]) -> Trajectory {
-        let curves = |foot: &Foot| FootCurves { motion: nodes_at(&foot.motion, &self.timing, x), force: nodes_at(&foot.force, &self.timing, x) };
+        let curves =
+            |foot: &Foot| FootCurves { motion: nodes_at(&foot.motion, &self.timing, x), force: nodes_at(&foot.force, &self.timing, x) };
         let durations = self.contacts(x).iter().map(|stands| phases(stands)).collect();
         let ee = self.feet.iter().map(curves).collect();
         super::trajectory(self.task, "contact-implicit", durations, self.steps as f64 * STEP, self.base.curves(x), ee)

@@ -64,9 +64,15 @@ pub fn check() -> Result<()> {
 /// # Errors
 /// As [`check`].
 pub fn solve(nlp: &dyn Nlp, start: Option<&[f64]>, options: &Options) -> Result<Solution> {
-    check()?;
-    #[cfg(feature = "ipopt")]
-    return Ok(super::ipopt_binding::solve(nlp, start, options));
-    #[cfg(not(feature = "ipopt"))]
-    unreachable!("{start:?} {options:?} {}: `check` refuses", nlp.initial().len())
+    check().and_then(|()| binding(nlp, start, options))
+}
+
+#[cfg(feature = "ipopt")]
+fn binding(nlp: &dyn Nlp, start: Option<&[f64]>, options: &Options) -> Result<Solution> {
+    Ok(super::ipopt_binding::solve(nlp, start, options))
+}
+
+#[cfg(not(feature = "ipopt"))]
+fn binding(_: &dyn Nlp, _: Option<&[f64]>, _: &Options) -> Result<Solution> {
+    Err(Error::Missing { message: "this build has no Ipopt".into() })
 }

@@ -11,20 +11,8 @@ type EvalF = extern "C" fn(c_int, *const f64, Bool, *mut f64, *mut c_void) -> Bo
 type EvalGradF = extern "C" fn(c_int, *const f64, Bool, *mut f64, *mut c_void) -> Bool;
 type EvalG = extern "C" fn(c_int, *const f64, Bool, c_int, *mut f64, *mut c_void) -> Bool;
 type EvalJacG = extern "C" fn(c_int, *const f64, Bool, c_int, c_int, *mut c_int, *mut c_int, *mut f64, *mut c_void) -> Bool;
-type EvalH = extern "C" fn(
-    c_int,
-    *const f64,
-    Bool,
-    f64,
-    c_int,
-    *const f64,
-    Bool,
-    c_int,
-    *mut c_int,
-    *mut c_int,
-    *mut f64,
-    *mut c_void,
-) -> Bool;
+type EvalH =
+    extern "C" fn(c_int, *const f64, Bool, f64, c_int, *const f64, Bool, c_int, *mut c_int, *mut c_int, *mut f64, *mut c_void) -> Bool;
 type Intermediate = extern "C" fn(c_int, c_int, f64, f64, f64, f64, f64, f64, f64, f64, c_int, *mut c_void) -> Bool;
 
 unsafe extern "C" {

@@ -1,6 +1,6 @@
 //! One problem for Ipopt from beginning to end: program, solve, count of what is violated.
 
-use super::contact_implicit::{Contacts, ContactImplicit, RELAXATIONS};
+use super::contact_implicit::{ContactImplicit, Contacts, RELAXATIONS};
 use super::ipopt::{self, Options};
 use super::towr::Towr;
 use crate::certify::verify_rows;

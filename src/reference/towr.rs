@@ -5,6 +5,7 @@
 use super::curve::{Curve, Point, Timing};
 use super::nlp::{INFINITY, Nlp, Rows};
 use super::rigid_body::{Base, ZERO, contact_force, continuous_acceleration, dynamics, height, reach};
+use crate::error::{Error, Result};
 use crate::gait::{FootCurves, Schedule, Trajectory};
 use crate::robot::GRAVITY;
 use crate::task::Task;
@@ -117,7 +118,11 @@ impl BaseCurves {
     /// State at a time.
     pub fn at(&self, x: &[f64], time: f64) -> Base {
         let at = |curve: &Curve, order| curve.at(x, &self.timing, time, order);
-        Base { position: self.position(x, time), acceleration: at(&self.linear, 2), angles: [0, 1, 2].map(|order| at(&self.angular, order)) }
+        Base {
+            position: self.position(x, time),
+            acceleration: at(&self.linear, 2),
+            angles: [0, 1, 2].map(|order| at(&self.angular, order)),
+        }
     }
 
     pub fn position(&self, x: &[f64], time: f64) -> Point {
@@ -184,12 +189,53 @@ impl<'a> Towr<'a> {
         Towr { task, horizon, base, feet, initial: variables.initial, bounds: variables.bounds }
     }
 
+    /// The point at which the program has the curves of a trajectory: a start near it, or a check of it.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] when a curve has another number of nodes than here.
+    pub fn point(&self, trajectory: &Trajectory) -> Result<Vec<f64>> {
+        let mut x = self.initial.clone();
+        let mut take = |name: &str, curve: &Curve, nodes: &[[f64; 6]]| {
+            if curve.nodes.len() != nodes.len() {
+                return Err(Error::invalid(
+                    format!("{name}.nodes"),
+                    format!("{} nodes", nodes.len()),
+                    format!("{} nodes", curve.nodes.len()),
+                ));
+            }
+            for (variables, values) in curve.nodes.iter().zip(nodes) {
+                for (variable, value) in variables.iter().zip(values) {
+                    if let Some(variable) = *variable {
+                        x[variable] = *value;
+                    }
+                }
+            }
+            Ok(())
+        };
+        take("base_lin", &self.base.linear, &trajectory.base_lin.nodes)?;
+        take("base_ang", &self.base.angular, &trajectory.base_ang.nodes)?;
+        if trajectory.ee.len() != self.feet.len() {
+            return Err(Error::invalid("ee", format!("{} feet", trajectory.ee.len()), format!("{} feet", self.feet.len())));
+        }
+        for (i, (foot, curves)) in self.feet.iter().zip(&trajectory.ee).enumerate() {
+            take(&format!("ee[{i}].motion"), &foot.motion, &curves.motion.nodes)?;
+            take(&format!("ee[{i}].force"), &foot.force, &curves.force.nodes)?;
+        }
+        for (foot, durations) in self.feet.iter().zip(&trajectory.durations) {
+            for (&variable, &duration) in foot.timing.variables.iter().zip(durations) {
+                x[variable] = duration;
+            }
+        }
+        Ok(x)
+    }
+
     /// The motion at `x`.
     pub fn trajectory(&self, x: &[f64]) -> Trajectory {
         let [base_lin, base_ang] = self.base.curves(x);
         let timings: Vec<Timing> = self.feet.iter().map(|foot| foot.timing.at(x)).collect();
         let feet = self.feet.iter().zip(&timings);
-        let ee = feet.map(|(foot, timing)| FootCurves { motion: nodes_at(&foot.motion, timing, x), force: nodes_at(&foot.force, timing, x) });
+        let ee =
+            feet.map(|(foot, timing)| FootCurves { motion: nodes_at(&foot.motion, timing, x), force: nodes_at(&foot.force, timing, x) });
         let ee = ee.collect();
         let durations = timings.into_iter().map(|timing| timing.durations).collect();
         super::trajectory(self.task, "towr", durations, self.horizon, [base_lin, base_ang], ee)

@@ -146,8 +146,13 @@ impl Workers {
 
     fn start(&self, desk: &Mutex<Desk>) -> Result<(std::process::ChildStdin, BufReader<std::process::ChildStdout>)> {
         let io = |source| Error::Io { action: "start", path: self.program.clone(), source };
-        let mut child =
-            Command::new(&self.program).arg(COMMAND).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().map_err(io)?;
+        let mut child = Command::new(&self.program)
+            .arg(COMMAND)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .map_err(io)?;
         let pipes = child.stdin.take().zip(child.stdout.take());
         locked(desk).child = Some(child);
         pipes.map(|(input, output)| (input, BufReader::new(output))).ok_or_else(|| io(std::io::ErrorKind::BrokenPipe.into()))

@@ -274,6 +274,14 @@ pub struct ReferenceCandidate {
     pub schedule: Schedule,
     /// Whether Ipopt solved TOWR's problem, in 50 or in 500 iterations.
     pub solved_by_ipopt: bool,
+    /// Whether it did in 50.
+    pub solved_at_once: bool,
+    /// Its status after those.
+    pub status: i32,
+    /// Sizes of TOWR's problem.
+    pub n_variables: usize,
+    pub n_constraints: usize,
+    pub nnz_jacobian: usize,
 }
 
 /// Reads the reference candidates; says so and returns `None` when they are not there.
@@ -297,6 +305,7 @@ fn reference_candidate(line: &str) -> ReferenceCandidate {
     }
     task.force_limit = FORCE_LIMIT;
     let durations: Vec<Vec<f64>> = serde_json::from_value(value["durations"].clone()).unwrap();
+    let size = |key: &str| value["ipopt"][key].as_u64().unwrap() as usize;
     ReferenceCandidate {
         scenario: scenario.name.into(),
         target,
@@ -304,5 +313,10 @@ fn reference_candidate(line: &str) -> ReferenceCandidate {
         task,
         schedule: Schedule::new(durations).unwrap(),
         solved_by_ipopt: ["ipopt", "ipopt_long"].iter().any(|run| value[run]["n_violated"] == 0),
+        solved_at_once: value["ipopt"]["n_violated"] == 0,
+        status: value["ipopt"]["status"].as_i64().unwrap() as i32,
+        n_variables: size("n_variables"),
+        n_constraints: size("n_constraints"),
+        nnz_jacobian: size("nnz_jacobian"),
     }
 }

@@ -1,0 +1,126 @@
+//! This solver beside Ipopt on the very same problems, candidate by candidate, both on one core: candidates a second, and their ratio.
+//!
+//! `cargo bench --features ipopt --bench compare -- [CANDIDATES] [--seed N]`: so many (default 16) of each scenario, spread over its targets and
+//! drawn as the first generation of a search draws them, with the horizon rounded as this solver rounds it. TOWR's rows; Ipopt gets TOWR's whole
+//! program with the paper's options. Failing candidates and the count of violated rows are included in both times. Prints Markdown.
+
+use cregopt::backend::Cpu;
+use cregopt::cem::random::Draws;
+use cregopt::cem::{CemSettings, Distribution};
+use cregopt::evaluate::{LowerSettings, evaluate};
+use cregopt::gait::Schedule;
+use cregopt::nlp::towr::FORCE_LIMIT;
+use cregopt::reference::ipopt::{self, Options};
+use cregopt::reference::job::Job;
+use cregopt::scenario::{SCENARIOS, Scenario, TARGETS};
+use cregopt::settings::{Transcription, TranscriptionSettings};
+use cregopt::task::Task;
+use cregopt::{Error, Result};
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+/// One candidate, solved twice.
+struct Pair {
+    seconds: [f64; 2],
+    feasible: [bool; 2],
+    iterations: [usize; 2],
+    /// Of Ipopt's time in rows and Jacobians.
+    evaluation_seconds: f64,
+}
+
+/// Candidates a scenario, and the seed; cargo adds `--bench`.
+fn arguments() -> Result<(usize, u64)> {
+    let (mut count, mut seed) = (16, 101);
+    let mut arguments = std::env::args().skip(1).filter(|a| a != "--bench");
+    while let Some(argument) = arguments.next() {
+        let number = |text: &str| text.parse::<u32>().map_err(|_| Error::invalid("argument", text, "[CANDIDATES] [--seed N]"));
+        if argument == "--seed" {
+            seed = number(&arguments.next().unwrap_or_default())?.into();
+        } else {
+            count = number(&argument)?.max(1) as usize;
+        }
+    }
+    Ok((count, seed))
+}
+
+fn pair(task: &Task, schedule: &Schedule, settings: &LowerSettings, backend: &Cpu, own_first: bool) -> Result<Pair> {
+    let own = || {
+        let start = Instant::now();
+        let results = evaluate(&[(task, schedule)], settings, backend, false, &AtomicBool::new(false))?;
+        let result = results.into_iter().next().flatten();
+        Ok::<_, Error>((start.elapsed().as_secs_f64(), result.as_ref().is_some_and(|r| r.feasible), result.map_or(0, |r| r.iterations)))
+    };
+    let interval = settings.transcription.interval_for(&task.robot);
+    let other = || {
+        let start = Instant::now();
+        let answer = Job::fixed(task, &schedule.aligned(interval), Options::LOWER_LEVEL).run()?;
+        Ok::<_, Error>((start.elapsed().as_secs_f64(), answer))
+    };
+    // In turns: what warms up, or a neighbour on the machine, meets both.
+    let (own, (seconds, answer)) = if own_first {
+        (own()?, other()?)
+    } else {
+        let other = other()?;
+        (own()?, other)
+    };
+    Ok(Pair {
+        seconds: [own.0, seconds],
+        feasible: [own.1, answer.feasible],
+        iterations: [own.2, answer.iterations],
+        evaluation_seconds: answer.evaluation_seconds,
+    })
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let count = values.len();
+    (values[(count - 1) / 2] + values[count / 2]) / 2.
+}
+
+fn main() -> Result<()> {
+    let (count, seed) = arguments()?;
+    ipopt::check()?;
+    let backend = Cpu::new(1)?;
+    let transcription = TranscriptionSettings { rows: Transcription::Towr, ..TranscriptionSettings::default() };
+    let settings = LowerSettings { transcription, ..LowerSettings::default() };
+    let search = CemSettings::preset("experiment1")?;
+    println!(
+        "cregopt {}, f32 closed in f64, and Ipopt {}; one core each, in turns",
+        env!("CARGO_PKG_VERSION"),
+        ipopt::VERSION.unwrap_or("-")
+    );
+    println!("{count} candidates a scenario over targets 1 to {TARGETS}, seed {seed}; TOWR's rows\n");
+    println!(
+        "| scenario | feasible, own / Ipopt / both | iterations, own / Ipopt | own, candidates/s | Ipopt, candidates/s | ratio | median ratio of pairs | Ipopt's time in rows and Jacobians |"
+    );
+    println!("|---|---|---|---|---|---|---|---|");
+    for scenario in SCENARIOS.iter().map(|s| Scenario::named(s.name)) {
+        let scenario = scenario?;
+        let mut pairs = Vec::new();
+        for candidate in 0..count {
+            let mut task = scenario.task(1 + (7 * candidate) % TARGETS)?;
+            task.force_limit = FORCE_LIMIT;
+            let distribution = Distribution::initial(&search, task.robot.feet());
+            let schedule = distribution.sample(&search, Draws::new(seed, 0, candidate)).schedule(&search)?;
+            pairs.push(pair(&task, &schedule, &settings, &backend, candidate % 2 == 0)?);
+        }
+        let feasible = |who: fn(&Pair) -> bool| pairs.iter().filter(|p| who(p)).count();
+        let rate = |who: usize| count as f64 / pairs.iter().map(|p| p.seconds[who]).sum::<f64>();
+        let iterations = |who: usize| pairs.iter().map(|p| p.iterations[who]).sum::<usize>();
+        println!(
+            "| {} | {} / {} / {} | {} / {} | {:.1} | {:.2} | **{:.0}** | {:.0} | {:.1} % |",
+            scenario.name,
+            feasible(|p| p.feasible[0]),
+            feasible(|p| p.feasible[1]),
+            feasible(|p| p.feasible[0] && p.feasible[1]),
+            iterations(0),
+            iterations(1),
+            rate(0),
+            rate(1),
+            rate(0) / rate(1),
+            median(pairs.iter().map(|p| p.seconds[1] / p.seconds[0]).collect()),
+            100. * pairs.iter().map(|p| p.evaluation_seconds).sum::<f64>() / pairs.iter().map(|p| p.seconds[1]).sum::<f64>(),
+        );
+    }
+    Ok(())
+}
