@@ -66,8 +66,8 @@ fn pair(task: &Task, schedule: &Schedule, settings: &LowerSettings, backend: &Cp
     Ok(Pair {
         seconds: [own.0, seconds],
         feasible: [own.1, answer.feasible],
-        iterations: [own.2, answer.iterations],
-        evaluation_seconds: answer.evaluation_seconds,
+        iterations: [own.2, answer.statistics.iterations],
+        evaluation_seconds: answer.statistics.evaluation_seconds,
     })
 }
 

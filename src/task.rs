@@ -1,6 +1,7 @@
 //! A task: which robot, on which ground, from where to where.
 
 use crate::error::{Error, Result, check_range};
+use crate::gait::{Curve, FootCurves, Trajectory};
 use crate::robot::Robot;
 use crate::terrain::Terrain;
 use std::sync::Arc;
@@ -53,6 +54,40 @@ impl Task {
         }
         check_range("yaw_target", self.yaw_target, -20. * std::f64::consts::PI, 20. * std::f64::consts::PI)?;
         check_range("force_limit", self.force_limit, 1e-3, 1e7)
+    }
+
+    /// A motion of this task, from its curves.
+    ///
+    /// * `transcription` - name of the rows that it was made for
+    /// * `durations` - s, `[feet][phases]`
+    /// * `base` - position, and Euler angles
+    pub fn trajectory(
+        &self,
+        transcription: &str,
+        durations: Vec<Vec<f64>>,
+        horizon: f64,
+        [base_lin, base_ang]: [Curve; 2],
+        ee: Vec<FootCurves>,
+    ) -> Trajectory {
+        Trajectory {
+            scenario: None,
+            target: None,
+            robot: None,
+            terrain: None,
+            transcription: Some(transcription.into()),
+            seed: None,
+            version: Some(env!("CARGO_PKG_VERSION").into()),
+            init_base: Some(self.base_start()),
+            base_target: self.base_target,
+            yaw_target: self.yaw_target,
+            force_limit: Some(self.force_limit),
+            limits: None,
+            durations,
+            horizon,
+            base_lin,
+            base_ang,
+            ee,
+        }
     }
 
     /// Base position at the start, world frame, m.

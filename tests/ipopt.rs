@@ -236,10 +236,10 @@ mod with_ipopt {
     fn standing_is_solved_and_verified() {
         let (task, schedule) = standing();
         let nlp = Towr::fixed(&task, &schedule);
-        let solution = ipopt::solve(&nlp, None, &Options::LOWER_LEVEL).unwrap();
-        assert_eq!(solution.status, 0);
-        assert!(worst_violation(&nlp, &solution.x) < 1e-4);
-        assert!(verify_rows(&nlp.trajectory(&solution.x), &task.robot, &task.terrain, task.force_limit).unwrap().feasible);
+        let (x, statistics) = ipopt::solve(&nlp, None, &Options::LOWER_LEVEL).unwrap();
+        assert_eq!(statistics.status, 0);
+        assert!(worst_violation(&nlp, &x) < 1e-4);
+        assert!(verify_rows(&nlp.trajectory(&x), &task.robot, &task.terrain, task.force_limit).unwrap().feasible);
     }
 
     #[test]
@@ -248,8 +248,8 @@ mod with_ipopt {
         let mut random = Random::new(3);
         let schedule = gait(&mut random, 4, 6..=6).stretched();
         let nlp = Towr::fixed(&task, &schedule);
-        let solution = ipopt::solve(&nlp, None, &Options { max_iterations: 3, ..Options::LOWER_LEVEL }).unwrap();
-        assert_eq!((solution.status, solution.iterations), (-1, 3));
+        let (_, statistics) = ipopt::solve(&nlp, None, &Options { max_iterations: 3, ..Options::LOWER_LEVEL }).unwrap();
+        assert_eq!((statistics.status, statistics.iterations), (-1, 3));
     }
 
     /// Reference candidates that are solved: every so many of the 240.
@@ -274,10 +274,10 @@ mod with_ipopt {
         let longer = solve(&differing, Options { max_seconds: 60., max_iterations: 500, ..Options::LOWER_LEVEL });
         for (&i, longer) in differing.iter().zip(&longer) {
             let c = &candidates[i];
-            println!("{} target {} candidate {}: {} here, {} there", c.scenario, c.target, c.index, answers[i].status, c.status);
+            println!("{} target {} candidate {}: {} here, {} there", c.scenario, c.target, c.index, answers[i].statistics.status, c.status);
             // Where TOWR's Ipopt found a motion and this one did not, or the other way round, the iterations were at an end.
             assert!(longer.feasible, "not even in 500 iterations");
-            assert!(if answers[i].feasible { [-1, -4].contains(&c.status) } else { answers[i].status == -1 });
+            assert!(if answers[i].feasible { [-1, -4].contains(&c.status) } else { answers[i].statistics.status == -1 });
         }
         let same = candidates.len() - differing.len();
         assert!(10 * same >= SAME_OF_TEN * candidates.len(), "{same} of {}", candidates.len());
@@ -289,7 +289,7 @@ mod with_ipopt {
         let durations: Vec<f64> = (0..19).map(|phase| if phase % 2 == 0 { 0.2 } else { 0.1 }).collect();
         let job = Job::new(&task, Program::Free(vec![durations; 4], [0.08, 0.36]), Options { max_seconds: 120., ..Options::BASELINE });
         let answer = job.run().unwrap();
-        assert!(answer.feasible, "{} violated, status {}", answer.n_violated, answer.status);
+        assert!(answer.feasible, "{} violated, status {}", answer.n_violated, answer.statistics.status);
         let moved = answer.trajectory.durations.iter().flatten().filter(|d| (**d - 0.1).abs() > 1e-3 && (**d - 0.2).abs() > 1e-3);
         assert!(moved.count() > 10);
         for phases in &answer.trajectory.durations {
@@ -303,7 +303,7 @@ mod with_ipopt {
         let task = scenario("biped", 10);
         let task = Task::new(task.robot.clone(), task.terrain.clone(), [1.5, 0., 0.65], 0.).unwrap();
         let answer = Job::new(&task, Program::ContactImplicit(2.), Options { max_seconds: 120., ..Options::BASELINE }).run().unwrap();
-        assert!(answer.feasible, "{} violated, status {}", answer.n_violated, answer.status);
+        assert!(answer.feasible, "{} violated, status {}", answer.n_violated, answer.statistics.status);
         assert!(answer.trajectory.durations.iter().any(|phases| phases.len() > 1), "no foot was lifted");
         assert_eq!(answer.trajectory.transcription.as_deref(), Some("contact-implicit"));
     }

@@ -127,7 +127,7 @@ impl Solver {
                 let done = |answer: Answer| {
                     Ok(Done {
                         feasible: answer.feasible,
-                        iterations: answer.iterations,
+                        iterations: answer.statistics.iterations,
                         result: serde_json::to_value(IpoptResult::new(&answer, &self.device()))?,
                         trajectory: trajectories.then_some(answer.trajectory),
                     })

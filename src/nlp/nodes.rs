@@ -12,31 +12,15 @@ use crate::task::Task;
 pub fn node_values(task: &Task, layout: &Layout<f64>, x: &[f64]) -> Trajectory {
     let curves = &layout.curves;
     let horizon = curves.intervals as f64 * curves.interval;
-    let [base_lin, base_ang] = match layout.transcription {
+    let base = match layout.transcription {
         Transcription::Towr => [0, 3].map(|first| towr::base_curve(task, layout, x, first)),
         Transcription::Momentum => momentum::base_curves(task, layout, x),
     };
-    Trajectory {
-        scenario: None,
-        target: None,
-        robot: None,
-        terrain: None,
-        transcription: Some(layout.transcription.name().into()),
-        seed: None,
-        version: Some(env!("CARGO_PKG_VERSION").into()),
-        init_base: Some(task.base_start()),
-        base_target: task.base_target,
-        yaw_target: task.yaw_target,
-        force_limit: Some(task.force_limit),
-        limits: layout.limits,
-        durations: curves.feet.iter().map(|f| f.phases.iter().map(|p| p.duration()).collect()).collect(),
-        horizon,
-        base_lin,
-        base_ang,
-        ee: (0..curves.feet.len())
-            .map(|foot| FootCurves { motion: motion_curve(task, layout, x, foot), force: force_curve(layout, x, foot) })
-            .collect(),
-    }
+    let durations = curves.feet.iter().map(|f| f.phases.iter().map(|p| p.duration()).collect()).collect();
+    let feet = 0..curves.feet.len();
+    let feet = feet.map(|foot| FootCurves { motion: motion_curve(task, layout, x, foot), force: force_curve(layout, x, foot) });
+    let trajectory = task.trajectory(layout.transcription.name(), durations, horizon, base, feet.collect());
+    Trajectory { limits: layout.limits, ..trajectory }
 }
 
 /// One piece a stance, two a swing.

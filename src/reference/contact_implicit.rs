@@ -14,8 +14,8 @@
 
 use super::curve::{Curve, Point, Timing};
 use super::nlp::{INFINITY, Nlp, Rows};
-use super::rigid_body::{ZERO, contact_force, dynamics, height, reach};
-use super::towr::{BaseCurves, REACH_STEP, Variables, instants, nodes_at};
+use super::rigid_body::{ZERO, contact_force, dynamics, height};
+use super::towr::{BaseCurves, Variables, nodes_at};
 use crate::gait::{FootCurves, Trajectory};
 use crate::task::Task;
 
@@ -125,7 +125,7 @@ impl<'a> ContactImplicit<'a> {
             |foot: &Foot| FootCurves { motion: nodes_at(&foot.motion, &self.timing, x), force: nodes_at(&foot.force, &self.timing, x) };
         let durations = self.contacts(x).iter().map(|stands| phases(stands)).collect();
         let ee = self.feet.iter().map(curves).collect();
-        super::trajectory(self.task, "contact-implicit", durations, self.steps as f64 * STEP, self.base.curves(x), ee)
+        self.task.trajectory("contact-implicit", durations, self.steps as f64 * STEP, self.base.curves(x), ee)
     }
 
     /// Rows that hold contacts: complementarity, or standing where it is given.
@@ -212,12 +212,8 @@ impl Nlp for ContactImplicit<'_> {
             dynamics(robot, &self.base.at(x, knot as f64 * STEP), &feet, rows);
         }
         self.base.continuity_rows(x, rows);
-        for time in instants(self.steps as f64 * STEP, REACH_STEP) {
-            let (base, angles) = (self.base.position(x, time), self.base.angles(x, time));
-            for (foot, curves) in self.feet.iter().enumerate() {
-                reach(robot, foot, &base, &angles, &curves.motion.at(x, &self.timing, time, 0), rows);
-            }
-        }
+        let at = |foot: usize, time| self.feet[foot].motion.at(x, &self.timing, time, 0);
+        self.base.reach_rows(robot, x, self.steps as f64 * STEP, at, rows);
         for (foot, curves) in self.feet.iter().enumerate() {
             for knot in 0..=self.steps {
                 let (force, at) = (curves.force.node_point(knot, x, false), curves.motion.node_point(knot, x, false));

@@ -29,9 +29,9 @@ impl Options {
     pub const BASELINE: Options = Options { tolerance: 1e-3, max_iterations: 200, max_seconds: 40. };
 }
 
-/// How a solve ended.
+/// How a solve ended, and what it cost.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Solution {
+pub struct Statistics {
     /// Ipopt's `ApplicationReturnStatus`: 0 solved, 1 to an acceptable level, 2 infeasible, -1 iteration limit, -4 time limit, ...
     pub status: i32,
     /// Iterations.
@@ -46,8 +46,6 @@ pub struct Solution {
     pub n_constraints: usize,
     /// Entries of the Jacobian.
     pub nnz_jacobian: usize,
-    /// The last point.
-    pub x: Vec<f64>,
 }
 
 /// That there is an Ipopt.
@@ -59,20 +57,20 @@ pub fn check() -> Result<()> {
     VERSION.map(|_| ()).ok_or(Error::Missing { message: how.into() })
 }
 
-/// Solves from `start`, or from the program's own initial point.
+/// Solves from `start`, or from the program's own initial point. Returns the last point.
 ///
 /// # Errors
 /// As [`check`].
-pub fn solve(nlp: &dyn Nlp, start: Option<&[f64]>, options: &Options) -> Result<Solution> {
+pub fn solve(nlp: &dyn Nlp, start: Option<&[f64]>, options: &Options) -> Result<(Vec<f64>, Statistics)> {
     check().and_then(|()| binding(nlp, start, options))
 }
 
 #[cfg(feature = "ipopt")]
-fn binding(nlp: &dyn Nlp, start: Option<&[f64]>, options: &Options) -> Result<Solution> {
+fn binding(nlp: &dyn Nlp, start: Option<&[f64]>, options: &Options) -> Result<(Vec<f64>, Statistics)> {
     Ok(super::ipopt_binding::solve(nlp, start, options))
 }
 
 #[cfg(not(feature = "ipopt"))]
-fn binding(_: &dyn Nlp, _: Option<&[f64]>, _: &Options) -> Result<Solution> {
+fn binding(_: &dyn Nlp, _: Option<&[f64]>, _: &Options) -> Result<(Vec<f64>, Statistics)> {
     Err(Error::Missing { message: "this build has no Ipopt".into() })
 }

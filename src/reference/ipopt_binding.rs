@@ -1,6 +1,6 @@
 //! The C interface of Ipopt.
 
-use super::ipopt::{Options, Solution};
+use super::ipopt::{Options, Statistics};
 use super::nlp::{Nlp, Pattern, Rows};
 use std::ffi::{CStr, c_char, c_int, c_void};
 use std::sync::Mutex;
@@ -176,8 +176,8 @@ extern "C" fn intermediate(
     1
 }
 
-/// Solves from `start`, or from the program's own initial point.
-pub fn solve(nlp: &dyn Nlp, start: Option<&[f64]>, options: &Options) -> Solution {
+/// As [`super::ipopt::solve`].
+pub fn solve(nlp: &dyn Nlp, start: Option<&[f64]>, options: &Options) -> (Vec<f64>, Statistics) {
     static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
     let _turn = ONE_AT_A_TIME.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
     let began = Instant::now();
@@ -232,7 +232,7 @@ pub fn solve(nlp: &dyn Nlp, start: Option<&[f64]>, options: &Options) -> Solutio
             status
         }
     };
-    Solution {
+    let statistics = Statistics {
         status,
         iterations: session.iterations,
         seconds: began.elapsed().as_secs_f64(),
@@ -240,6 +240,6 @@ pub fn solve(nlp: &dyn Nlp, start: Option<&[f64]>, options: &Options) -> Solutio
         n_variables: n,
         n_constraints: m,
         nnz_jacobian: entries,
-        x,
-    }
+    };
+    (x, statistics)
 }

@@ -1,7 +1,7 @@
 //! One problem for Ipopt from beginning to end: program, solve, count of what is violated.
 
 use super::contact_implicit::{ContactImplicit, Contacts, RELAXATIONS};
-use super::ipopt::{self, Options};
+use super::ipopt::{self, Options, Statistics};
 use super::towr::Towr;
 use crate::certify::verify_rows;
 use crate::error::Result;
@@ -47,20 +47,9 @@ pub struct Job {
 /// What came of it.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Answer {
-    /// Ipopt's status; of the last solve where there are several.
-    pub status: i32,
-    /// Iterations of all solves.
-    pub iterations: usize,
-    /// Wall time of all solves, s.
-    pub seconds: f64,
-    /// Part of it spent in rows and Jacobians, s.
-    pub evaluation_seconds: f64,
-    /// Variables, fixed ones included.
-    pub n_variables: usize,
-    /// Rows.
-    pub n_constraints: usize,
-    /// Entries of the Jacobian.
-    pub nnz_jacobian: usize,
+    /// Of all solves where there are several; status and sizes are the last one's.
+    #[serde(flatten)]
+    pub statistics: Statistics,
     /// Whether no row of `verify` is violated.
     pub feasible: bool,
     /// Rows of `verify` beyond 1e-4.
@@ -101,30 +90,18 @@ impl Job {
         let mut task = Task::new(robot.into(), terrain.into(), base_target, yaw_target)?;
         task.force_limit = force_limit;
         task.validate()?;
-        let (solution, trajectory) = match program {
-            Program::Fixed(durations) => {
-                let nlp = Towr::fixed(&task, &Schedule::new(durations)?);
-                let solution = ipopt::solve(&nlp, None, &options)?;
-                let trajectory = nlp.trajectory(&solution.x);
-                (solution, trajectory)
-            }
-            Program::Free(durations, limits) => {
-                let nlp = Towr::free(&task, &Schedule::new(durations)?, limits);
-                let solution = ipopt::solve(&nlp, None, &options)?;
-                let trajectory = nlp.trajectory(&solution.x);
-                (solution, trajectory)
-            }
+        let fixed_or_free = |nlp: &Towr| -> Result<(Statistics, Trajectory)> {
+            let (x, statistics) = ipopt::solve(nlp, None, &options)?;
+            Ok((statistics, nlp.trajectory(&x)))
+        };
+        let (statistics, trajectory) = match program {
+            Program::Fixed(durations) => fixed_or_free(&Towr::fixed(&task, &Schedule::new(durations)?))?,
+            Program::Free(durations, limits) => fixed_or_free(&Towr::free(&task, &Schedule::new(durations)?, limits))?,
             Program::ContactImplicit(horizon) => contact_implicit(&task, horizon, &options)?,
         };
         let report = verify_rows(&trajectory, &task.robot, &task.terrain, task.force_limit)?;
         Ok(Answer {
-            status: solution.status,
-            iterations: solution.iterations,
-            seconds: solution.seconds,
-            evaluation_seconds: solution.evaluation_seconds,
-            n_variables: solution.n_variables,
-            n_constraints: solution.n_constraints,
-            nnz_jacobian: solution.nnz_jacobian,
+            statistics,
             feasible: report.feasible,
             n_violated: report.n_violated,
             max_violation: report.max_violation,
@@ -137,27 +114,26 @@ impl Job {
 /// Solves with ever less relaxation, each from the solution of the one before, and last with the contacts found.
 ///
 /// The time limit is for all solves together, the iteration limit for each.
-fn contact_implicit(task: &Task, horizon: f64, options: &Options) -> Result<(ipopt::Solution, Trajectory)> {
+fn contact_implicit(task: &Task, horizon: f64, options: &Options) -> Result<(Statistics, Trajectory)> {
     let start = Instant::now();
     let left = || Options { max_seconds: (options.max_seconds - start.elapsed().as_secs_f64()).max(1e-3), ..*options };
     let (mut iterations, mut evaluation_seconds, mut x) = (0, 0., None::<Vec<f64>>);
     let mut contacts = Contacts::Relaxed(RELAXATIONS[0]);
     for relaxation in RELAXATIONS {
         let nlp = ContactImplicit::new(task, horizon, Contacts::Relaxed(relaxation));
-        let solution = ipopt::solve(&nlp, x.as_deref(), &left())?;
-        iterations += solution.iterations;
-        evaluation_seconds += solution.evaluation_seconds;
-        contacts = Contacts::Given(nlp.contacts(&solution.x));
-        x = Some(solution.x);
+        let (reached, statistics) = ipopt::solve(&nlp, x.as_deref(), &left())?;
+        iterations += statistics.iterations;
+        evaluation_seconds += statistics.evaluation_seconds;
+        contacts = Contacts::Given(nlp.contacts(&reached));
+        x = Some(reached);
     }
     let nlp = ContactImplicit::new(task, horizon, contacts);
-    let last = ipopt::solve(&nlp, x.as_deref(), &left())?;
-    let trajectory = nlp.trajectory(&last.x);
-    let solution = ipopt::Solution {
+    let (x, last) = ipopt::solve(&nlp, x.as_deref(), &left())?;
+    let statistics = Statistics {
         iterations: iterations + last.iterations,
         evaluation_seconds: evaluation_seconds + last.evaluation_seconds,
         seconds: start.elapsed().as_secs_f64(),
         ..last
     };
-    Ok((solution, trajectory))
+    Ok((statistics, nlp.trajectory(&x)))
 }

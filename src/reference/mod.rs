@@ -14,36 +14,3 @@ pub mod nlp;
 mod rigid_body;
 pub mod towr;
 pub mod workers;
-
-use crate::gait::{Curve, FootCurves, Trajectory};
-use crate::task::Task;
-
-/// A trajectory of `task` under its own name.
-fn trajectory(
-    task: &Task,
-    transcription: &str,
-    durations: Vec<Vec<f64>>,
-    horizon: f64,
-    [base_lin, base_ang]: [Curve; 2],
-    ee: Vec<FootCurves>,
-) -> Trajectory {
-    Trajectory {
-        scenario: None,
-        target: None,
-        robot: None,
-        terrain: None,
-        transcription: Some(transcription.into()),
-        seed: None,
-        version: Some(env!("CARGO_PKG_VERSION").into()),
-        init_base: Some(task.base_start()),
-        base_target: task.base_target,
-        yaw_target: task.yaw_target,
-        force_limit: Some(task.force_limit),
-        limits: None,
-        durations,
-        horizon,
-        base_lin,
-        base_ang,
-        ee,
-    }
-}

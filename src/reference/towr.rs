@@ -7,14 +7,15 @@ use super::nlp::{INFINITY, Nlp, Rows};
 use super::rigid_body::{Base, ZERO, contact_force, continuous_acceleration, dynamics, height, reach};
 use crate::error::{Error, Result};
 use crate::gait::{FootCurves, Schedule, Trajectory};
-use crate::robot::GRAVITY;
+use crate::robot::{GRAVITY, Robot};
+use crate::settings::Transcription;
 use crate::task::Task;
 use nalgebra::Vector3;
 
 /// Duration of a base piece and distance of the dynamics rows, s.
 const DYNAMICS_STEP: f64 = 0.1;
 /// Distance of the reach rows, s.
-pub(super) const REACH_STEP: f64 = 0.08;
+const REACH_STEP: f64 = 0.08;
 /// Force pieces of a stance.
 const FORCE_PIECES: usize = 3;
 /// Motion pieces of a swing.
@@ -118,19 +119,7 @@ impl BaseCurves {
     /// State at a time.
     pub fn at(&self, x: &[f64], time: f64) -> Base {
         let at = |curve: &Curve, order| curve.at(x, &self.timing, time, order);
-        Base {
-            position: self.position(x, time),
-            acceleration: at(&self.linear, 2),
-            angles: [0, 1, 2].map(|order| at(&self.angular, order)),
-        }
-    }
-
-    pub fn position(&self, x: &[f64], time: f64) -> Point {
-        self.linear.at(x, &self.timing, time, 0)
-    }
-
-    pub fn angles(&self, x: &[f64], time: f64) -> Point {
-        self.angular.at(x, &self.timing, time, 0)
+        Base { position: at(&self.linear, 0), acceleration: at(&self.linear, 2), angles: [0, 1, 2].map(|order| at(&self.angular, order)) }
     }
 
     /// Accelerations continuous at inner nodes.
@@ -140,6 +129,18 @@ impl BaseCurves {
                 let before = curve.on_piece(x, piece, pair[0], pair[0], 2);
                 let after = curve.on_piece(x, piece + 1, pair[1], 0., 2);
                 continuous_acceleration(&before, &after, rows);
+            }
+        }
+    }
+
+    /// Feet in their boxes at TOWR's instants.
+    ///
+    /// * `at` - position of a foot at a time
+    pub fn reach_rows(&self, robot: &Robot, x: &[f64], horizon: f64, at: impl Fn(usize, f64) -> Point, rows: &mut Rows) {
+        for time in instants(horizon, REACH_STEP) {
+            let [position, angles] = [&self.linear, &self.angular].map(|curve| curve.at(x, &self.timing, time, 0));
+            for foot in 0..robot.feet() {
+                reach(robot, foot, &position, &angles, &at(foot, time), rows);
             }
         }
     }
@@ -156,7 +157,7 @@ pub(super) fn nodes_at(curve: &Curve, timing: &Timing, x: &[f64]) -> crate::gait
 }
 
 /// Instants 0, step, 2 step, ... and the horizon. As TOWR has them: a horizon that is a multiple of the step comes twice.
-pub(super) fn instants(horizon: f64, step: f64) -> impl Iterator<Item = f64> {
+fn instants(horizon: f64, step: f64) -> impl Iterator<Item = f64> {
     let full = (horizon / step).floor() as usize;
     (0..=full).map(move |i| i as f64 * step).chain([horizon])
 }
@@ -231,14 +232,13 @@ impl<'a> Towr<'a> {
 
     /// The motion at `x`.
     pub fn trajectory(&self, x: &[f64]) -> Trajectory {
-        let [base_lin, base_ang] = self.base.curves(x);
         let timings: Vec<Timing> = self.feet.iter().map(|foot| foot.timing.at(x)).collect();
         let feet = self.feet.iter().zip(&timings);
         let ee =
             feet.map(|(foot, timing)| FootCurves { motion: nodes_at(&foot.motion, timing, x), force: nodes_at(&foot.force, timing, x) });
         let ee = ee.collect();
         let durations = timings.into_iter().map(|timing| timing.durations).collect();
-        super::trajectory(self.task, "towr", durations, self.horizon, [base_lin, base_ang], ee)
+        self.task.trajectory(Transcription::Towr.name(), durations, self.horizon, self.base.curves(x), ee)
     }
 }
 
@@ -313,13 +313,8 @@ impl Nlp for Towr<'_> {
             dynamics(robot, &self.base.at(x, time), &feet, rows);
         }
         self.base.continuity_rows(x, rows);
-        for time in instants(self.horizon, REACH_STEP) {
-            let (base, angles) = (self.base.position(x, time), self.base.angles(x, time));
-            for (foot, timing) in timings.iter().enumerate() {
-                let at = self.feet[foot].motion.at(x, timing, time, 0);
-                reach(robot, foot, &base, &angles, &at, rows);
-            }
-        }
+        let at = |foot: usize, time| self.feet[foot].motion.at(x, &timings[foot], time, 0);
+        self.base.reach_rows(robot, x, self.horizon, at, rows);
         for (foot, timing) in self.feet.iter().zip(&timings) {
             self.force_rows(foot, x, rows);
             // The first node is the start, which is fixed.

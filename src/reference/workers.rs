@@ -96,7 +96,7 @@ impl Workers {
                 }
             });
             for thread in threads {
-                // A panic of `finish` is passed on when the scope ends.
+                // A panic of `finish` ends one worker; the jobs it had left go to the others.
                 let _ = thread.join();
             }
             done.store(true, Ordering::Relaxed);

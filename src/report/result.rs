@@ -3,6 +3,7 @@
 use crate::cem::{CemSettings, GenerationRecord, StopReason};
 use crate::certify::Report;
 use crate::evaluate::{Evaluated, LowerSettings};
+use crate::reference::ipopt::Statistics;
 use crate::reference::job::Answer;
 use crate::search::Found;
 use crate::settings::Transcription;
@@ -62,26 +63,17 @@ impl EvaluateResult {
 /// `result` of one line of `evaluate --solver ipopt`.
 #[derive(Debug, Clone, Serialize)]
 pub struct IpoptResult {
-    /// Ipopt's `ApplicationReturnStatus`: 0 solved, 1 to an acceptable level, 2 infeasible, -1 iteration limit, -4 time limit, ...
-    pub status: i32,
+    /// Ipopt's status, iterations, time, and sizes of the whole program.
+    #[serde(flatten)]
+    pub statistics: Statistics,
     /// Whether the certificate holds.
     pub feasible: bool,
-    /// Iterations.
-    pub iterations: usize,
     /// Violated rows and bounds beyond 1e-4 in TOWR's units.
     pub n_violated: usize,
     /// Worst of them.
     pub max_violation: f64,
     /// Horizon, s.
     pub horizon: f64,
-    /// Variables of the whole program, fixed ones included.
-    pub n_variables: usize,
-    /// Its rows.
-    pub n_constraints: usize,
-    /// Entries of its Jacobian.
-    pub nnz_jacobian: usize,
-    /// Time of this candidate, s.
-    pub seconds: f64,
     /// Where it was solved.
     pub device: String,
     /// Rows it was solved for.
@@ -94,16 +86,11 @@ impl IpoptResult {
     /// The result of one candidate.
     pub fn new(answer: &Answer, device: &str) -> IpoptResult {
         IpoptResult {
-            status: answer.status,
+            statistics: answer.statistics.clone(),
             feasible: answer.feasible,
-            iterations: answer.iterations,
             n_violated: answer.n_violated,
             max_violation: answer.max_violation,
             horizon: answer.trajectory.horizon,
-            n_variables: answer.n_variables,
-            n_constraints: answer.n_constraints,
-            nnz_jacobian: answer.nnz_jacobian,
-            seconds: answer.seconds,
             device: device.into(),
             transcription: Transcription::Towr,
             version: env!("CARGO_PKG_VERSION"),
