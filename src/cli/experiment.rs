@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::experiment::plan::{EXPERIMENTS, Extent};
 use crate::experiment::{Devices, Log, Method, plan, plot, run, summary};
 use crate::reference::ipopt;
-use crate::reference::workers::Workers;
+use crate::reference::workers::{Workers, threads_or_all};
 use crate::report::files;
 use clap::Args;
 use std::collections::BTreeMap;
@@ -86,7 +86,9 @@ impl Experiment {
         for number in numbers {
             let runs = self.experiment(number, &extent, workers.as_ref())?;
             found |= runs.iter().any(|run| run.success);
-            print(&format!("\n## Experiment {number}\n\n{}\n", summary::markdown(number, &runs)))?;
+            if !runs.is_empty() {
+                print(&format!("\n## Experiment {number}\n\n{}\n", summary::markdown(number, &runs)))?;
+            }
             if CANCELLED.load(Ordering::Relaxed) {
                 break;
             }
@@ -98,10 +100,17 @@ impl Experiment {
     /// Makes what is missing and writes tables and plots of all that is there.
     fn experiment(&self, number: u8, extent: &Extent, workers: Option<&Workers>) -> std::result::Result<Vec<run::Run>, Failure> {
         let cases = plan(number, extent)?;
+        if cases.is_empty() && self.experiment.0.is_none() {
+            return Ok(Vec::new());
+        }
+        if cases.is_empty() {
+            let methods = self.methods.join(",");
+            return Err(Error::invalid("--methods", methods, format!("methods that experiment {number} compares")).into());
+        }
         for case in &cases {
             case.search()?.validate()?;
         }
-        let mut log = Log::open(&self.out.join(format!("experiment{number}.jsonl")))?;
+        let mut log = Log::open(&self.out.join(format!("experiment{number}.jsonl")), threads_or_all(self.place.threads))?;
         // One device for small populations, one for large ones.
         let mut backends = BTreeMap::new();
         let count = cases.len();
@@ -111,8 +120,7 @@ impl Experiment {
                 Entry::Vacant(entry) => entry.insert(self.place.backend(case.population, PrecisionArg::F32)?),
             };
             let devices = Devices { backend: &**backend, workers };
-            let threads = if case.method.needs_ipopt() { workers.map_or(0, |w| w.count) } else { backend.threads() };
-            if log.has(&case, threads) {
+            if log.has(&case) {
                 continue;
             }
             let Some(run) = run::run(&case, &devices, &CANCELLED)? else { break };
@@ -131,8 +139,8 @@ impl Experiment {
             ));
             log.add(run)?;
         }
-        self.write(number, &log.runs)?;
-        Ok(log.runs)
+        self.write(number, log.runs())?;
+        Ok(log.runs().to_vec())
     }
 
     fn write(&self, number: u8, runs: &[run::Run]) -> Result<()> {

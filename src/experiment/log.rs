@@ -8,28 +8,32 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// The log of an experiment.
+/// The log of an experiment. It may hold runs of other machines, versions or numbers of threads: they stay, and are not looked at.
 #[derive(Debug)]
 pub struct Log {
     path: PathBuf,
-    /// What is done, in the order in which it was.
-    pub runs: Vec<Run>,
+    machine: String,
+    threads: usize,
+    runs: Vec<Run>,
 }
 
 impl Log {
     /// Opens a log, or begins one. A last line that was cut off is dropped from the file.
     ///
+    /// * `threads` - of the runs that are looked at
+    ///
     /// # Errors
     /// [`Error::Io`] when the system refuses; [`Error::InFile`] for a line that is no run.
-    pub fn open(path: &Path) -> Result<Log> {
-        let mut log = Log { path: path.to_owned(), runs: Vec::new() };
+    pub fn open(path: &Path, threads: usize) -> Result<Log> {
+        let mut log = Log { path: path.to_owned(), machine: machine(), threads, runs: Vec::new() };
         if !path.exists() {
             return Ok(log);
         }
         let text = files::read(path)?;
         let whole = &text[..text.rfind('\n').map_or(0, |end| end + 1)];
         for (number, line) in files::lines(whole) {
-            log.runs.push(from_json(line).map_err(|e| e.in_file(path, Some(number)))?);
+            let run = from_json(line).map_err(|e| e.in_file(path, Some(number)))?;
+            log.keep(run);
         }
         if whole.len() < text.len() {
             files::write(path, whole)?;
@@ -37,11 +41,14 @@ impl Log {
         Ok(log)
     }
 
-    /// Whether a run is done, by this version on a machine like this one with as many threads.
-    pub fn has(&self, case: &Case, threads: usize) -> bool {
-        let machine = machine();
-        let of_this = |run: &Run| run.version == env!("CARGO_PKG_VERSION") && run.machine == machine;
-        self.runs.iter().any(|run| run.case == *case && of_this(run) && (run.threads == threads || !case.method.searches()))
+    /// Runs by this version, on a machine like this one, with as many threads, in the order in which they were made.
+    pub fn runs(&self) -> &[Run] {
+        &self.runs
+    }
+
+    /// Whether a run is done.
+    pub fn has(&self, case: &Case) -> bool {
+        self.runs.iter().any(|run| run.case == *case)
     }
 
     /// Adds a run, in memory and at the end of the file.
@@ -53,7 +60,15 @@ impl Log {
         let io = |source| Error::Io { action: "write", path: self.path.clone(), source };
         let file = fs::OpenOptions::new().create(true).append(true).open(&self.path);
         file.and_then(|mut file| file.write_all(line.as_bytes()).and_then(|()| file.sync_data())).map_err(io)?;
-        self.runs.push(run);
+        self.keep(run);
         Ok(())
+    }
+
+    fn keep(&mut self, run: Run) {
+        // What is one solve uses one thread anyway.
+        let threads = run.threads == self.threads || !run.case.method.searches();
+        if run.version == env!("CARGO_PKG_VERSION") && run.machine == self.machine && threads {
+            self.runs.push(run);
+        }
     }
 }

@@ -116,7 +116,6 @@ pub fn times(runs: &[Run]) -> Result<String> {
                 let lost = line.runs.iter().filter(|run| !run.success);
                 chart.draw_series(lost.map(|run| Cross::new((run.seconds, middle), 4, BLACK.filled()))).map_err(failed)?;
             }
-            area.present().map_err(failed)?;
         }
     }
     Ok(text)
@@ -162,7 +161,6 @@ pub fn objectives(runs: &[Run]) -> Result<String> {
         }
         let mut labels = chart.configure_series_labels();
         labels.position(SeriesLabelPosition::UpperRight).background_style(WHITE.mix(0.8)).border_style(BLACK).draw().map_err(failed)?;
-        area.present().map_err(failed)?;
     }
     Ok(text)
 }
@@ -225,7 +223,6 @@ pub fn gaits(runs: &[Run]) -> Result<String> {
             };
             chart.draw_series(bars.map(bar)).map_err(failed)?;
         }
-        area.present().map_err(failed)?;
     }
     Ok(text)
 }

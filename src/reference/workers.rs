@@ -53,11 +53,15 @@ impl Desk {
     }
 }
 
+/// A number of threads, where 0 is one a processor.
+pub fn threads_or_all(threads: usize) -> usize {
+    if threads == 0 { std::thread::available_parallelism().map_or(1, |n| n.get()) } else { threads }
+}
+
 impl Workers {
     /// Processes of `program`, which must know [`COMMAND`]: `count` of them, or one a processor when that is 0.
     pub fn new(program: PathBuf, count: usize) -> Workers {
-        let count = if count == 0 { std::thread::available_parallelism().map_or(1, |n| n.get()) } else { count };
-        Workers { program, count }
+        Workers { program, count: threads_or_all(count) }
     }
 
     /// Name for results.
