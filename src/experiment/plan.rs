@@ -38,6 +38,10 @@ pub enum Method {
     CregoptTowr,
     /// CEM-MD over Ipopt on TOWR's program: the paper's method.
     Ipopt,
+    /// TOWR with durations as variables.
+    Towr,
+    /// Contact-implicit.
+    ContactImplicit,
     /// Random search over this solver, `momentum` rows.
     Random,
     /// Random search over this solver, TOWR's rows.
@@ -48,10 +52,6 @@ pub enum Method {
     NoStall,
     /// As [`Method::CregoptTowr`], without the stall rule.
     NoStallTowr,
-    /// TOWR with durations as variables.
-    Towr,
-    /// Contact-implicit.
-    ContactImplicit,
 }
 
 impl Method {

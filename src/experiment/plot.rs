@@ -145,7 +145,7 @@ pub fn objectives(runs: &[Run]) -> Result<String> {
             .y_label_area_size(60)
             .build_cartesian_2d(1f64..generations, range.min - pad..range.max + pad)
             .map_err(failed)?;
-        chart.configure_mesh().x_desc("generation").draw().map_err(failed)?;
+        chart.configure_mesh().x_desc("generation").x_label_formatter(&|g| format!("{g:.0}")).draw().map_err(failed)?;
         for (i, (line, curve)) in lines.iter().zip(&curves).enumerate() {
             let color = PALETTE[i % PALETTE.len()];
             let band = curve.iter().map(|(g, s)| (*g, s.lower)).chain(curve.iter().rev().map(|(g, s)| (*g, s.upper)));
@@ -160,7 +160,7 @@ pub fn objectives(runs: &[Run]) -> Result<String> {
                 .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], color.stroke_width(2)));
         }
         let mut labels = chart.configure_series_labels();
-        labels.position(SeriesLabelPosition::UpperRight).background_style(WHITE.mix(0.8)).border_style(BLACK).draw().map_err(failed)?;
+        labels.position(SeriesLabelPosition::LowerLeft).background_style(WHITE.mix(0.8)).border_style(BLACK).draw().map_err(failed)?;
     }
     Ok(text)
 }
