@@ -17,7 +17,7 @@
 //!
 //! Data flows one way: task → [schedule](gait::schedule) → [layout](nlp::layout) → [batch](backend) → [solver] →
 //! [certified trajectory](certify) → [report]. [`search::search`] is the whole job, [`evaluate::evaluate`] the lower level alone,
-//! [`certify::verify()`] the check that shares nothing with the solver, [`reference`] the same problems for Ipopt, and [`experiment`] the
+//! [`certify::verify()`] the check that shares nothing with the solver, [`mod@reference`] the same problems for Ipopt, and [`experiment`] the
 //! paper's experiments with both.
 //!
 //! ```

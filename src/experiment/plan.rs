@@ -322,7 +322,14 @@ pub fn plan(experiment: u8, extent: &Extent) -> Result<Vec<Case>> {
         2 => {
             for replicate in extent.replicates(REPLICATES, 5) {
                 for scenario in ["biped", "s1", "hex"] {
-                    for method in extent.methods(&[Method::Cregopt, Method::CregoptTowr, Method::Ipopt]) {
+                    for method in extent.methods(&[
+                        Method::Cregopt,
+                        Method::CregoptTowr,
+                        Method::Ipopt,
+                        Method::Random,
+                        Method::RandomTowr,
+                        Method::RandomIpopt,
+                    ]) {
                         for heuristic in [true, false] {
                             cases.push(case(scenario, Some(TARGETS / 2), replicate, method, heuristic));
                         }

@@ -88,7 +88,7 @@ impl Run {
 
     /// What the objective made of the result, as a cost: stance phases, or N; none when nothing was found.
     pub fn cost(&self) -> Option<f64> {
-        self.best_objectives.last().copied().flatten().filter(|_| self.success).map(|j| -j)
+        self.best_objectives.last().copied().flatten().filter(|_| self.success).map(|j| 0. - j)
     }
 
     /// Sum of the stance phases of all feet.
