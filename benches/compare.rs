@@ -8,6 +8,7 @@ use cregopt::backend::Cpu;
 use cregopt::cem::random::Draws;
 use cregopt::cem::{CemSettings, Distribution};
 use cregopt::evaluate::{LowerSettings, evaluate};
+use cregopt::experiment::summary::Spread;
 use cregopt::gait::Schedule;
 use cregopt::nlp::towr::FORCE_LIMIT;
 use cregopt::reference::ipopt::{self, Options};
@@ -71,12 +72,6 @@ fn pair(task: &Task, schedule: &Schedule, settings: &LowerSettings, backend: &Cp
     })
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let count = values.len();
-    (values[(count - 1) / 2] + values[count / 2]) / 2.
-}
-
 fn main() -> Result<()> {
     let (count, seed) = arguments()?;
     ipopt::check()?;
@@ -118,7 +113,7 @@ fn main() -> Result<()> {
             rate(0),
             rate(1),
             rate(0) / rate(1),
-            median(pairs.iter().map(|p| p.seconds[1] / p.seconds[0]).collect()),
+            Spread::of(pairs.iter().map(|p| p.seconds[1] / p.seconds[0])).map_or(f64::NAN, |s| s.median),
             100. * pairs.iter().map(|p| p.evaluation_seconds).sum::<f64>() / pairs.iter().map(|p| p.seconds[1]).sum::<f64>(),
         );
     }

@@ -6,6 +6,7 @@
 use cregopt::backend::{Backend, Cpu};
 use cregopt::cem::CemSettings;
 use cregopt::evaluate::LowerSettings;
+use cregopt::experiment::summary::Spread;
 use cregopt::nlp::towr::FORCE_LIMIT;
 use cregopt::scenario::{SCENARIOS, Scenario, TARGETS};
 use cregopt::search::search;
@@ -65,15 +66,7 @@ fn run(scenario: &Scenario, rows: Transcription, whole_generation: bool, seeds: 
 
 /// Median and worst, as two cells.
 fn median_and_worst(values: impl Iterator<Item = f64>, decimals: usize) -> String {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    match (values.get(values.len() / 2), values.last()) {
-        (Some(upper), Some(worst)) => {
-            let lower = values[(values.len() - 1) / 2];
-            format!("{:.decimals$} | {worst:.decimals$}", (lower + upper) / 2.)
-        }
-        _ => "- | -".into(),
-    }
+    Spread::of(values).map_or("- | -".into(), |s| format!("{:.decimals$} | {:.decimals$}", s.median, s.max))
 }
 
 fn main() -> Result<()> {

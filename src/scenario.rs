@@ -67,7 +67,14 @@ impl Scenario {
     /// # Errors
     /// As [`Scenario::goal`].
     pub fn task(&self, target: usize) -> Result<Task> {
-        let [x, y] = Scenario::goal(target)?;
+        self.task_to(Scenario::goal(target)?)
+    }
+
+    /// The scenario with a goal of one's own (x, y), m.
+    ///
+    /// # Errors
+    /// As [`Task::new`].
+    pub fn task_to(&self, [x, y]: [f64; 2]) -> Result<Task> {
         let robot = Arc::new(Robot::named(self.robot)?);
         let terrain = Arc::new(Terrain::named(self.terrain)?);
         let z = robot.base_height + terrain.height(x, y);

@@ -121,6 +121,13 @@ impl CemSettings {
         }
     }
 
+    /// With another population; elites keep their share.
+    pub fn with_population(self, population: usize) -> CemSettings {
+        // A product that overflows is out of the limits anyway.
+        let elites = (population.saturating_mul(self.elites) / self.population).max(1);
+        CemSettings { population, elites, ..self }
+    }
+
     /// Checks every field.
     ///
     /// # Errors

@@ -3,7 +3,7 @@
 use super::args::{Goal, LowerArgs, World, WorldArgs, workers};
 use super::label::{device, label};
 use super::{CANCELLED, Failure, Verdict, complain, print};
-use crate::backend::{Backend, locked};
+use crate::backend::Backend;
 use crate::error::{Error, Result, from_json};
 use crate::evaluate::{Evaluated, LowerSettings, check_candidate, evaluate};
 use crate::gait::{Schedule, Trajectory};
@@ -18,7 +18,6 @@ use clap::{Args, ValueEnum};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 use std::path::PathBuf;
-use std::sync::Mutex;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
@@ -121,9 +120,6 @@ impl Solver {
             }
             Solver::Ipopt(workers) => {
                 let jobs: Vec<Job> = items.iter().map(|item| Job::fixed(&item.task, &item.schedule, Options::LOWER_LEVEL)).collect();
-                let answers: Vec<Mutex<Option<Answer>>> = jobs.iter().map(|_| Mutex::default()).collect();
-                let finish = |index: usize, answer| *locked(&answers[index]) = Some(answer);
-                workers.solve(&jobs, &|_| CANCELLED.load(Ordering::Relaxed), &finish)?;
                 let done = |answer: Answer| {
                     Ok(Done {
                         feasible: answer.feasible,
@@ -132,7 +128,7 @@ impl Solver {
                         trajectory: trajectories.then_some(answer.trajectory),
                     })
                 };
-                answers.into_iter().map(|answer| locked(&answer).take().map(done).transpose()).collect()
+                workers.answers(&jobs, &CANCELLED)?.into_iter().map(|answer| answer.map(done).transpose()).collect()
             }
         }
     }

@@ -100,10 +100,7 @@ impl Experiment {
     /// Makes what is missing and writes tables and plots of all that is there.
     fn experiment(&self, number: u8, extent: &Extent, workers: Option<&Workers>) -> std::result::Result<Vec<run::Run>, Failure> {
         let cases = plan(number, extent)?;
-        if cases.is_empty() && self.experiment.0.is_none() {
-            return Ok(Vec::new());
-        }
-        if cases.is_empty() {
+        if cases.is_empty() && self.experiment.0.is_some() {
             let methods = self.methods.join(",");
             return Err(Error::invalid("--methods", methods, format!("methods that experiment {number} compares")).into());
         }
@@ -115,14 +112,14 @@ impl Experiment {
         let mut backends = BTreeMap::new();
         let count = cases.len();
         for (i, case) in cases.into_iter().enumerate() {
+            if log.has(&case) {
+                continue;
+            }
             let backend = match backends.entry(case.population >= AUTO_BATCH) {
                 Entry::Occupied(entry) => entry.into_mut(),
                 Entry::Vacant(entry) => entry.insert(self.place.backend(case.population, PrecisionArg::F32)?),
             };
             let devices = Devices { backend: &**backend, workers };
-            if log.has(&case) {
-                continue;
-            }
             let Some(run) = run::run(&case, &devices, &CANCELLED)? else { break };
             let target = case.target.map(|t| format!(" target {t}")).unwrap_or_default();
             let verdict = if run.success { "found" } else { "nothing found" };

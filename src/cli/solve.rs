@@ -143,8 +143,7 @@ impl Solve {
     fn search_settings(&self) -> Result<CemSettings> {
         let mut settings = CemSettings::preset(&self.preset)?;
         if let Some(population) = self.population {
-            settings.elites = (population.saturating_mul(settings.elites) / settings.population).max(1);
-            settings.population = population;
+            settings = settings.with_population(population);
         }
         if let Some(generations) = self.generations {
             settings.generations = generations;

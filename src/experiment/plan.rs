@@ -7,7 +7,6 @@ use crate::scenario::{Scenario, TARGETS};
 use crate::settings::Transcription;
 use crate::task::Task;
 use serde::{Deserialize, Serialize};
-use std::f64::consts::PI;
 
 /// Numbers of the experiments.
 pub const EXPERIMENTS: std::ops::RangeInclusive<u8> = 1..=3;
@@ -184,11 +183,7 @@ impl Case {
     /// As [`Scenario::named`] and [`Scenario::task`].
     pub fn task(&self) -> Result<Task> {
         let scenario = Scenario::named(&self.scenario)?;
-        let mut task = scenario.task(self.target.unwrap_or(1))?;
-        if self.target.is_none() {
-            let [x, y] = OBJECTIVE_GOAL;
-            task = Task::new(task.robot.clone(), task.terrain.clone(), [x, y, task.robot.base_height + task.terrain.height(x, y)], PI)?;
-        }
+        let mut task = self.target.map_or_else(|| scenario.task_to(OBJECTIVE_GOAL), |target| scenario.task(target))?;
         if self.method.rows() == Transcription::Towr {
             task.force_limit = crate::nlp::towr::FORCE_LIMIT;
         }
@@ -201,10 +196,7 @@ impl Case {
     /// As [`CemSettings::preset`].
     pub fn search(&self) -> Result<CemSettings> {
         let preset = CemSettings::preset(&format!("experiment{}", self.experiment))?;
-        let elites = (self.population * preset.elites / preset.population).max(1);
         Ok(CemSettings {
-            population: self.population,
-            elites,
             generations: self.generations,
             heuristic: self.heuristic,
             objective: self.objective,
@@ -212,7 +204,7 @@ impl Case {
             // All generations, so that medians over generations are over the same runs.
             converged_std: 0.,
             sampler: self.method.sampler(),
-            ..preset
+            ..preset.with_population(self.population)
         })
     }
 
@@ -301,7 +293,7 @@ pub fn plan(experiment: u8, extent: &Extent) -> Result<Vec<Case>> {
         scenario: scenario.into(),
         target,
         replicate,
-        seed: extent.seed + replicate - 1,
+        seed: extent.seed.wrapping_add(replicate - 1),
         method,
         heuristic,
         objective: Objective::Feasibility,

@@ -2,7 +2,7 @@
 
 use super::plan::{Case, Group};
 use super::run::Run;
-use super::summary::{Line, Spread, lines, title};
+use super::summary::{Line, Spread, lines, title, with};
 use crate::cem::Objective;
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
@@ -85,37 +85,35 @@ pub fn times(runs: &[Run]) -> Result<String> {
     let all = Spread::of(runs.iter().map(Run::first_or_all)).ok_or_else(|| failed("no runs"))?;
     let heuristics = runs.iter().any(|run| run.case.heuristic) && runs.iter().any(|run| !run.case.heuristic);
     let mut text = String::new();
-    {
-        for (area, lines) in panels(&mut text, &heights)?.iter().zip(scenarios) {
-            let name = |group: &Group| match (heuristics, group.heuristic) {
-                (false, _) => group.method.name().to_owned(),
-                (true, true) => format!("{}, heuristic", group.method),
-                (true, false) => format!("{}, none", group.method),
-            };
-            let names: Vec<String> = lines.iter().map(|line| name(&line.group)).collect();
-            let mut chart = ChartBuilder::on(area)
-                .caption(format!("{}: time to the first feasible motion, s", lines[0].group.scenario), ("sans-serif", 16))
-                .margin(8)
-                .x_label_area_size(28)
-                .y_label_area_size(170)
-                .build_cartesian_2d((all.min * 0.7..all.max * 1.4).log_scale(), NamedRows(names))
+    for (area, lines) in panels(&mut text, &heights)?.iter().zip(scenarios) {
+        let name = |group: &Group| match (heuristics, group.heuristic) {
+            (false, _) => group.method.name().to_owned(),
+            (true, true) => format!("{}, heuristic", group.method),
+            (true, false) => format!("{}, none", group.method),
+        };
+        let names: Vec<String> = lines.iter().map(|line| name(&line.group)).collect();
+        let mut chart = ChartBuilder::on(area)
+            .caption(format!("{}: time to the first feasible motion, s", lines[0].group.scenario), ("sans-serif", 16))
+            .margin(8)
+            .x_label_area_size(28)
+            .y_label_area_size(170)
+            .build_cartesian_2d((all.min * 0.7..all.max * 1.4).log_scale(), NamedRows(names))
+            .map_err(failed)?;
+        let mut mesh = chart.configure_mesh();
+        mesh.disable_y_mesh().x_label_formatter(&|t| format!("{t}"));
+        mesh.draw().map_err(failed)?;
+        for (i, line) in lines.iter().enumerate() {
+            let Some(s) = Spread::of(line.runs.iter().map(|run| run.first_or_all())) else { continue };
+            let (color, middle) = (PALETTE[line.group.method as usize % PALETTE.len()], i as f64 + 0.5);
+            let path = |points| PathElement::new(points, color.stroke_width(2));
+            let whiskers = [vec![(s.min, middle), (s.lower, middle)], vec![(s.upper, middle), (s.max, middle)]];
+            chart.draw_series(whiskers.map(path)).map_err(failed)?;
+            chart
+                .draw_series([Rectangle::new([(s.lower, middle - 0.3), (s.upper, middle + 0.3)], color.mix(0.35).filled())])
                 .map_err(failed)?;
-            let mut mesh = chart.configure_mesh();
-            mesh.disable_y_mesh().x_label_formatter(&|t| format!("{t}"));
-            mesh.draw().map_err(failed)?;
-            for (i, line) in lines.iter().enumerate() {
-                let Some(s) = Spread::of(line.runs.iter().map(|run| run.first_or_all())) else { continue };
-                let (color, middle) = (PALETTE[line.group.method as usize % PALETTE.len()], i as f64 + 0.5);
-                let path = |points| PathElement::new(points, color.stroke_width(2));
-                let whiskers = [vec![(s.min, middle), (s.lower, middle)], vec![(s.upper, middle), (s.max, middle)]];
-                chart.draw_series(whiskers.map(path)).map_err(failed)?;
-                chart
-                    .draw_series([Rectangle::new([(s.lower, middle - 0.3), (s.upper, middle + 0.3)], color.mix(0.35).filled())])
-                    .map_err(failed)?;
-                chart.draw_series([path(vec![(s.median, middle - 0.3), (s.median, middle + 0.3)])]).map_err(failed)?;
-                let lost = line.runs.iter().filter(|run| !run.success);
-                chart.draw_series(lost.map(|run| Cross::new((run.seconds, middle), 4, BLACK.filled()))).map_err(failed)?;
-            }
+            chart.draw_series([path(vec![(s.median, middle - 0.3), (s.median, middle + 0.3)])]).map_err(failed)?;
+            let lost = line.runs.iter().filter(|run| !run.success);
+            chart.draw_series(lost.map(|run| Cross::new((run.seconds, middle), 4, BLACK.filled()))).map_err(failed)?;
         }
     }
     Ok(text)
@@ -151,8 +149,7 @@ pub fn objectives(runs: &[Run]) -> Result<String> {
             let band = curve.iter().map(|(g, s)| (*g, s.lower)).chain(curve.iter().rev().map(|(g, s)| (*g, s.upper)));
             chart.draw_series([Polygon::new(band.collect::<Vec<_>>(), color.mix(0.2))]).map_err(failed)?;
             let group = &line.group;
-            let heuristic = if group.heuristic { "with" } else { "without" };
-            let name = format!("population {}, {heuristic} heuristic, {} generations", group.population, group.generations);
+            let name = format!("population {}, {} heuristic, {} generations", group.population, with(group.heuristic), group.generations);
             chart
                 .draw_series(LineSeries::new(curve.iter().map(|(g, s)| (*g, s.median)), color.stroke_width(2)))
                 .map_err(failed)?

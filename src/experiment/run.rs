@@ -1,21 +1,19 @@
 //! One run of an experiment, and what is kept of it.
 
 use super::plan::{Case, Method};
-use crate::backend::{Backend, locked};
+use crate::backend::Backend;
 use crate::cem::Candidate;
 use crate::certify::{Report, verify};
 use crate::error::Result;
 use crate::evaluate::LowerSettings;
 use crate::gait::Trajectory;
-use crate::reference::contact_implicit;
 use crate::reference::ipopt::Options;
 use crate::reference::job::{Answer, Job, Program};
-use crate::reference::workers::{IpoptLevel, Workers};
+use crate::reference::workers::{IpoptLevel, Workers, threads_or_all};
 use crate::search::{Found, LowerLevel, Own, search_with};
 use crate::settings::TranscriptionSettings;
 use crate::task::Task;
 use serde::{Deserialize, Serialize};
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
@@ -115,8 +113,7 @@ struct Outcome {
 pub fn machine() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let model = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':')).map(|(_, name)| name.trim().to_owned());
-    let count = std::thread::available_parallelism().map_or(1, |n| n.get());
-    format!("{}, {count} processors, {}", model.unwrap_or_else(|| std::env::consts::ARCH.into()), std::env::consts::OS)
+    format!("{}, {} processors, {}", model.unwrap_or_else(|| std::env::consts::ARCH.into()), threads_or_all(0), std::env::consts::OS)
 }
 
 /// Makes a run. `None` when it was cancelled, or when it needs an Ipopt that is not there.
@@ -125,18 +122,14 @@ pub fn machine() -> String {
 /// What keeps it from running; a motion that is not found is none.
 pub fn run(case: &Case, devices: &Devices, cancelled: &AtomicBool) -> Result<Option<Run>> {
     let task = case.task()?;
+    let phases: Vec<f64> = (0..2 * BASELINE_STANCES - 1).map(|phase| BASELINE_DURATIONS[phase % 2]).collect();
     let outcome = match (case.method, devices.workers) {
-        (Method::Towr | Method::ContactImplicit | Method::Ipopt | Method::RandomIpopt, None) => return Ok(None),
+        (method, None) if method.needs_ipopt() => return Ok(None),
         (Method::Towr, Some(workers)) => {
-            let durations = (0..2 * BASELINE_STANCES - 1).map(|phase| BASELINE_DURATIONS[phase % 2]).collect();
-            baseline(&task, Program::Free(vec![durations; task.robot.feet()], BASELINE_LIMITS), workers, cancelled)?
+            baseline(&task, Program::Free(vec![phases; task.robot.feet()], BASELINE_LIMITS), workers, cancelled)?
         }
-        (Method::ContactImplicit, Some(workers)) => {
-            // As long as TOWR's.
-            let horizon = (0..2 * BASELINE_STANCES - 1).map(|phase| BASELINE_DURATIONS[phase % 2]).sum::<f64>();
-            let steps = (horizon / contact_implicit::STEP).round();
-            baseline(&task, Program::ContactImplicit(steps * contact_implicit::STEP), workers, cancelled)?
-        }
+        // As long as TOWR's.
+        (Method::ContactImplicit, Some(workers)) => baseline(&task, Program::ContactImplicit(phases.iter().sum()), workers, cancelled)?,
         (Method::Ipopt | Method::RandomIpopt, Some(workers)) => {
             let level = IpoptLevel { task: &task, workers, options: Options::LOWER_LEVEL };
             let trajectory = |c: &Candidate<Answer>| c.solution.trajectory.clone();
@@ -212,11 +205,8 @@ fn searched<L: LowerLevel>(
 /// One program, solved once by one process.
 fn baseline(task: &Task, program: Program, workers: &Workers, cancelled: &AtomicBool) -> Result<Outcome> {
     let start = Instant::now();
-    let answer = Mutex::new(None);
-    let jobs = [Job::new(task, program, Options::BASELINE)];
-    workers.solve(&jobs, &|_| cancelled.load(Ordering::Relaxed), &|_, a| *locked(&answer) = Some(a))?;
+    let answer = workers.answers(&[Job::new(task, program, Options::BASELINE)], cancelled)?.pop().flatten();
     let seconds = start.elapsed().as_secs_f64();
-    let answer = locked(&answer).take();
     let feasible = answer.as_ref().is_some_and(|a| a.feasible);
     Ok(Outcome {
         success: feasible,

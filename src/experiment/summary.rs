@@ -150,7 +150,7 @@ pub fn markdown(experiment: u8, runs: &[Run]) -> String {
         text += &format!("|---|---|{rule}---|---|---|---|---|---|---|\n");
         for line in &lines {
             let s = line.summary();
-            let heuristic = if experiment == 1 { "" } else { yes(s.heuristic) };
+            let heuristic = if experiment == 1 { String::new() } else { format!(" | {}", with(s.heuristic)) };
             text += &format!(
                 "| {} | {}{heuristic} | {} of {} | {} | {} | {} | {} | {} | {} |\n",
                 s.scenario,
@@ -170,11 +170,11 @@ pub fn markdown(experiment: u8, runs: &[Run]) -> String {
         for line in &lines {
             let s = line.summary();
             text += &format!(
-                "| {} | {} | {}{} | {} of {} | {} | {} | {} |\n",
+                "| {} | {} | {} | {} | {} of {} | {} | {} | {} |\n",
                 title(s.objective),
                 s.population,
                 s.generations,
-                yes(s.heuristic),
+                with(s.heuristic),
                 s.found,
                 s.runs,
                 cell(s.reached),
@@ -186,8 +186,9 @@ pub fn markdown(experiment: u8, runs: &[Run]) -> String {
     text + "\nMedian (quartiles). Times include failing candidates; a run that found nothing counts with all its time.\n"
 }
 
-fn yes(heuristic: bool) -> &'static str {
-    if heuristic { " | with" } else { " | without" }
+/// With or without the heuristic.
+pub fn with(heuristic: bool) -> &'static str {
+    if heuristic { "with" } else { "without" }
 }
 
 /// Objective in words, with the unit of its cost.

@@ -37,6 +37,21 @@ pub enum Contacts {
     Given(Vec<Vec<bool>>),
 }
 
+impl Contacts {
+    /// Whether a foot is held in an interval: as given, or in the first and in the last.
+    fn stands(&self, foot: usize, interval: usize, steps: usize) -> bool {
+        match self {
+            Contacts::Relaxed(_) => interval == 0 || interval + 1 == steps,
+            Contacts::Given(stands) => stands[foot][interval],
+        }
+    }
+
+    /// Whether it is in the intervals before and after a knot; at the ends there is one only, twice.
+    fn around(&self, foot: usize, knot: usize, steps: usize) -> [bool; 2] {
+        [knot.saturating_sub(1), knot.min(steps - 1)].map(|interval| self.stands(foot, interval, steps))
+    }
+}
+
 /// The program.
 #[derive(Debug)]
 pub struct ContactImplicit<'a> {
@@ -77,18 +92,14 @@ impl<'a> ContactImplicit<'a> {
                 let position: [usize; 3] = std::array::from_fn(|d| variables.free(at[d]));
                 let velocity: [usize; 3] = std::array::from_fn(|_| variables.free(0.));
                 let forces: [usize; 3] = std::array::from_fn(|d| variables.free(if d == 2 { share } else { 0. }));
-                let stands = |interval: usize| match &contacts {
-                    Contacts::Relaxed(_) => interval == 0 || interval == steps - 1,
-                    Contacts::Given(stands) => stands[foot][interval],
-                };
-                let (before, after) = (knot.saturating_sub(1), knot.min(steps - 1));
+                let [before, after] = contacts.around(foot, knot, steps);
                 if knot == 0 {
                     (0..3).for_each(|d| variables.fix(position[d], at[d]));
                 }
-                if stands(before) || stands(after) {
+                if before || after {
                     velocity.iter().for_each(|&v| variables.fix(v, 0.));
                 }
-                if matches!(contacts, Contacts::Given(_)) && !(stands(before) && stands(after)) {
+                if matches!(contacts, Contacts::Given(_)) && !(before && after) {
                     forces.iter().for_each(|&f| variables.fix(f, 0.));
                 }
                 let some = |v: [usize; 3]| v.map(Some);
@@ -114,9 +125,11 @@ impl<'a> ContactImplicit<'a> {
             let carries = [interval, interval + 1].into_iter().any(|k| foot.force.node(k, x)[2] > CONTACT * self.task.robot.weight());
             let moves = (0..3).map(|d| (b[d] - a[d]).abs()).fold(0., f64::max);
             let high = a[2] - self.task.terrain.height(a[0], a[1]);
-            carries || (moves < STILL && high < STILL) || interval == 0 || interval + 1 == self.steps
+            carries || (moves < STILL && high < STILL)
         };
-        self.feet.iter().map(|foot| (0..self.steps).map(|interval| stands(foot, interval)).collect()).collect()
+        let feet = self.feet.iter().enumerate();
+        let held = |foot, interval| self.contacts.stands(foot, interval, self.steps);
+        feet.map(|(i, foot)| (0..self.steps).map(|interval| held(i, interval) || stands(foot, interval)).collect()).collect()
     }
 
     /// The motion at `x` with the contacts that it has there.
@@ -134,11 +147,7 @@ impl<'a> ContactImplicit<'a> {
         let Foot { motion, force } = &self.feet[foot];
         let place = |knot: usize| motion.node_point(knot, x, false);
         for interval in 0..self.steps {
-            let stands = match &self.contacts {
-                Contacts::Relaxed(_) => interval == 0 || interval + 1 == self.steps,
-                Contacts::Given(stands) => stands[foot][interval],
-            };
-            if stands {
+            if self.contacts.stands(foot, interval, self.steps) {
                 let (a, b) = (place(interval), place(interval + 1));
                 for d in 0..3 {
                     rows.row(b.value[d] - a.value[d], ZERO);
@@ -149,14 +158,10 @@ impl<'a> ContactImplicit<'a> {
         }
         for knot in 0..=self.steps {
             let at = place(knot);
-            let (before, after) = (knot.saturating_sub(1), knot.min(self.steps - 1));
-            let stands = match &self.contacts {
-                Contacts::Relaxed(_) => knot <= 1 || knot + 1 >= self.steps,
-                Contacts::Given(stands) => stands[foot][before] || stands[foot][after],
-            };
+            let [before, after] = self.contacts.around(foot, knot, self.steps);
             // The first knot is fixed.
             if knot > 0 {
-                height(terrain, &at, if stands { ZERO } else { [0., INFINITY] }, rows);
+                height(terrain, &at, if before || after { ZERO } else { [0., INFINITY] }, rows);
             }
             let Contacts::Relaxed(epsilon) = self.contacts else { continue };
             let load = force.node_point(knot, x, false);

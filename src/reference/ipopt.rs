@@ -48,29 +48,33 @@ pub struct Statistics {
     pub nnz_jacobian: usize,
 }
 
+fn missing() -> Error {
+    let how = "this build has no Ipopt; build it with `--features ipopt` (Debian: apt-get install coinor-libipopt-dev pkg-config)";
+    Error::Missing { message: how.into() }
+}
+
 /// That there is an Ipopt.
 ///
 /// # Errors
 /// [`Error::Missing`] without the feature.
 pub fn check() -> Result<()> {
-    let how = "this build has no Ipopt; build it with `--features ipopt` (Debian: apt-get install coinor-libipopt-dev pkg-config)";
-    VERSION.map(|_| ()).ok_or(Error::Missing { message: how.into() })
+    VERSION.map(|_| ()).ok_or_else(missing)
 }
 
 /// Solves from `start`, or from the program's own initial point. Returns the last point.
 ///
 /// # Errors
 /// As [`check`].
-pub fn solve(nlp: &dyn Nlp, start: Option<&[f64]>, options: &Options) -> Result<(Vec<f64>, Statistics)> {
-    check().and_then(|()| binding(nlp, start, options))
-}
-
 #[cfg(feature = "ipopt")]
-fn binding(nlp: &dyn Nlp, start: Option<&[f64]>, options: &Options) -> Result<(Vec<f64>, Statistics)> {
+pub fn solve(nlp: &dyn Nlp, start: Option<&[f64]>, options: &Options) -> Result<(Vec<f64>, Statistics)> {
     Ok(super::ipopt_binding::solve(nlp, start, options))
 }
 
+/// There is no Ipopt in this build.
+///
+/// # Errors
+/// As [`check`].
 #[cfg(not(feature = "ipopt"))]
-fn binding(_: &dyn Nlp, _: Option<&[f64]>, _: &Options) -> Result<(Vec<f64>, Statistics)> {
-    Err(Error::Missing { message: "this build has no Ipopt".into() })
+pub fn solve(_: &dyn Nlp, _: Option<&[f64]>, _: &Options) -> Result<(Vec<f64>, Statistics)> {
+    Err(missing())
 }

@@ -2,6 +2,7 @@
 
 use super::ipopt::{Options, Statistics};
 use super::nlp::{Nlp, Pattern, Rows};
+use crate::backend::locked;
 use std::ffi::{CStr, c_char, c_int, c_void};
 use std::sync::Mutex;
 use std::time::Instant;
@@ -179,7 +180,7 @@ extern "C" fn intermediate(
 /// As [`super::ipopt::solve`].
 pub fn solve(nlp: &dyn Nlp, start: Option<&[f64]>, options: &Options) -> (Vec<f64>, Statistics) {
     static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-    let _turn = ONE_AT_A_TIME.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+    let _turn = locked(&ONE_AT_A_TIME);
     let began = Instant::now();
     let mut x = start.unwrap_or(nlp.initial()).to_vec();
     let mut rows = Rows::default();

@@ -2,7 +2,7 @@
 
 use super::curve::Point;
 use super::nlp::{INFINITY, Rows};
-use crate::robot::{GRAVITY, Robot};
+use crate::robot::Robot;
 use crate::terrain::Terrain;
 use nalgebra::{Matrix3, SVector, Vector3};
 use num_dual::{Derivative, DualNum, DualSVec64};
@@ -85,7 +85,7 @@ pub fn dynamics(robot: &Robot, base: &Base, feet: &[(Point, Point)], rows: &mut 
         }
     }
     for axis in 0..3 {
-        let weight = if axis == 2 { robot.mass * GRAVITY } else { 0. };
+        let weight = if axis == 2 { robot.weight() } else { 0. };
         rows.row(robot.mass * base.acceleration.value[axis] - total[axis] + weight, ZERO);
         base.acceleration.push_axis(axis, robot.mass, rows);
         for (_, f) in feet {

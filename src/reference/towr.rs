@@ -7,7 +7,7 @@ use super::nlp::{INFINITY, Nlp, Rows};
 use super::rigid_body::{Base, ZERO, contact_force, continuous_acceleration, dynamics, height, reach};
 use crate::error::{Error, Result};
 use crate::gait::{FootCurves, Schedule, Trajectory};
-use crate::robot::{GRAVITY, Robot};
+use crate::robot::Robot;
 use crate::settings::Transcription;
 use crate::task::Task;
 use nalgebra::Vector3;
@@ -278,7 +278,7 @@ fn motion(task: &Task, foot: usize, phases: usize, horizon: f64, variables: &mut
 /// Nodes of a foot's force: zero at both ends of a swing, free elsewhere.
 fn force(task: &Task, phases: usize, variables: &mut Variables) -> Curve {
     let mut curve = Curve::default();
-    let share = task.robot.mass * GRAVITY / task.robot.feet() as f64;
+    let share = task.robot.weight() / task.robot.feet() as f64;
     for phase in 0..phases {
         if phase % 2 == 1 {
             curve.phases.push(phase);

@@ -105,7 +105,18 @@ impl Workers {
             }
             done.store(true, Ordering::Relaxed);
         });
-        failure.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner()).map_or(Ok(()), Err)
+        locked(&failure).take().map_or(Ok(()), Err)
+    }
+
+    /// Solves jobs; the answers have their order, none where `cancelled` came first.
+    ///
+    /// # Errors
+    /// As [`Workers::solve`].
+    pub fn answers(&self, jobs: &[Job], cancelled: &AtomicBool) -> Result<Vec<Option<Answer>>> {
+        let answers: Vec<Mutex<Option<Answer>>> = jobs.iter().map(|_| Mutex::default()).collect();
+        let finish = |index: usize, answer| *locked(&answers[index]) = Some(answer);
+        self.solve(jobs, &|_| cancelled.load(Ordering::Relaxed), &finish)?;
+        Ok(answers.iter().map(|answer| locked(answer).take()).collect())
     }
 
     /// Takes jobs until there are none.
