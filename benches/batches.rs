@@ -5,10 +5,10 @@
 //! of a search draws them. Prints Markdown.
 
 use cregopt::backend::{Backend, Cpu, Gpu, Job, Precision, Problem, Solution};
-use cregopt::cem::{self, CemSettings, Evaluate, Evaluation};
-use cregopt::evaluate::{LowerSettings, evaluate};
 use cregopt::gait::Schedule;
 use cregopt::scenario::Scenario;
+use cregopt::search::cem::{self, CemSettings, Evaluate, Evaluation};
+use cregopt::search::evaluate::{LowerSettings, evaluate};
 use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::task::Task;
 use cregopt::{Error, Result};

@@ -5,15 +5,15 @@
 //! program with the paper's options. Failing candidates and the count of violated rows are included in both times. Prints Markdown.
 
 use cregopt::backend::Cpu;
-use cregopt::cem::random::Draws;
-use cregopt::cem::{CemSettings, Distribution};
-use cregopt::evaluate::{LowerSettings, evaluate};
 use cregopt::experiment::summary::Spread;
 use cregopt::gait::Schedule;
-use cregopt::nlp::towr::FORCE_LIMIT;
+use cregopt::nlp::transcription::towr::FORCE_LIMIT;
 use cregopt::reference::ipopt::{self, Options};
 use cregopt::reference::job::Job;
 use cregopt::scenario::{SCENARIOS, Scenario, TARGETS};
+use cregopt::search::cem::random::Draws;
+use cregopt::search::cem::{CemSettings, Distribution};
+use cregopt::search::evaluate::{LowerSettings, evaluate};
 use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::task::Task;
 use cregopt::{Error, Result};

@@ -5,13 +5,13 @@
 //! * `factorise/<scenario>` - one factorisation of each with every row in force, in f32
 
 use cregopt::backend::{Cpu, Precision};
-use cregopt::evaluate::{LowerSettings, evaluate};
 use cregopt::gait::Schedule;
-use cregopt::kernels;
-use cregopt::kernels::front::{Factor, NormalEquations, factorise};
-use cregopt::kernels::start::column_scaling;
+use cregopt::linear::front::{Factor, NormalEquations, factorise};
 use cregopt::nlp::Layout;
+use cregopt::rows;
 use cregopt::scenario::{SCENARIOS, Scenario};
+use cregopt::search::evaluate::{LowerSettings, evaluate};
+use cregopt::solver::start::column_scaling;
 use cregopt::task::Task;
 use criterion::{BenchmarkId, Criterion, SamplingMode, Throughput};
 use std::hint::black_box;

@@ -3,11 +3,11 @@
 //! `cargo bench --bench stall_rule -- [CANDIDATES]`: candidates a target (default 32), drawn as the first generation of experiment 1
 //! draws them, with seeds of their own. Prints a Markdown table.
 
-use cregopt::cem::random::Draws;
-use cregopt::cem::{CemSettings, Distribution};
 use cregopt::gait::Schedule;
 use cregopt::nlp::Layout;
 use cregopt::scenario::{SCENARIOS, Scenario};
+use cregopt::search::cem::random::Draws;
+use cregopt::search::cem::{CemSettings, Distribution};
 use cregopt::settings::{SolverSettings, StallSettings, TranscriptionSettings};
 use cregopt::solver::{Finish, Outcome, Solver, Status};
 use cregopt::task::Task;

@@ -4,11 +4,11 @@
 //! `--towr` for TOWR's rows and force limit. Prints Markdown.
 
 use cregopt::backend::{Backend, Cpu};
-use cregopt::cem::CemSettings;
-use cregopt::evaluate::LowerSettings;
 use cregopt::experiment::summary::Spread;
-use cregopt::nlp::towr::FORCE_LIMIT;
+use cregopt::nlp::transcription::towr::FORCE_LIMIT;
 use cregopt::scenario::{SCENARIOS, Scenario, TARGETS};
+use cregopt::search::cem::CemSettings;
+use cregopt::search::evaluate::LowerSettings;
 use cregopt::search::search;
 use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::{Error, Result};

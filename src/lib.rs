@@ -21,7 +21,7 @@
 //! paper's experiments with both.
 //!
 //! ```
-//! use cregopt::{backend::Cpu, cem::CemSettings, evaluate::LowerSettings, scenario::Scenario, search::search};
+//! use cregopt::{backend::Cpu, scenario::Scenario, search::{cem::CemSettings, evaluate::LowerSettings, search}};
 //! use std::sync::atomic::AtomicBool;
 //!
 //! let task = Scenario::named("biped")?.task(10)?;
@@ -47,23 +47,23 @@
 //!    contact-implicit baseline.
 
 pub mod backend;
-pub mod cem;
-pub mod certify;
 pub mod cli;
 pub mod error;
-pub mod evaluate;
 pub mod experiment;
 pub mod gait;
-pub mod kernels;
+pub mod linear;
 pub mod nlp;
+pub mod real;
 pub mod reference;
 pub mod report;
 pub mod robot;
+pub mod rows;
 pub mod scenario;
 pub mod search;
 pub mod settings;
 pub mod solver;
 pub mod task;
 pub mod terrain;
+pub mod verify;
 
 pub use error::{Error, Result};

@@ -159,9 +159,9 @@ impl Robot {
         self.nominal_feet[0][2].abs().max(0.1)
     }
 
-    /// Largest normal force of a foot, N.
-    pub fn force_limit(&self) -> f64 {
-        self.force_limit.unwrap_or(FORCE_LIMIT * self.weight())
+    /// Largest normal force of a foot when nobody says otherwise, N: [`FORCE_LIMIT`] weights.
+    pub fn default_force_limit(&self) -> f64 {
+        FORCE_LIMIT * self.weight()
     }
 
     /// Weight, N.

@@ -1,8 +1,7 @@
 //! Every tunable value of the transcription and the solver, with unit, default and limits.
 
 use crate::error::{Result, check_range};
-use crate::gait::trajectory::MotionLimits;
-use crate::robot::{GRAVITY, Robot};
+use crate::gait::trajectory::{GoalVelocity, MotionLimits};
 use crate::terrain::Terrain;
 use serde::{Deserialize, Serialize};
 
@@ -26,14 +25,14 @@ impl Transcription {
     }
 }
 
-/// Velocity of the base at the goal.
+/// How friction limits forces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum GoalVelocity {
-    /// At rest, linear and angular.
-    Zero,
-    /// Any.
-    Free,
+pub enum Friction {
+    /// TOWR's pyramid, which circumscribes the cone: a foot that pushes diagonally may slip.
+    Pyramid,
+    /// The cone.
+    Cone,
 }
 
 /// How the motion is turned into variables and rows.
@@ -42,8 +41,8 @@ pub enum GoalVelocity {
 pub struct TranscriptionSettings {
     /// Which rows.
     pub rows: Transcription,
-    /// Interval of base knots and dynamics rows, s; [`TranscriptionSettings::interval_for`] the robot when absent. Longer: fewer variables,
-    /// motions that hold less between instants.
+    /// Interval of base knots and dynamics rows, s; see [`crate::nlp::transcription::interval`] when absent. Longer: fewer variables, motions
+    /// that hold less between instants.
     pub interval: Option<f64>,
     /// `towr`: interval of reach rows, s.
     pub reach_interval: f64,
@@ -53,6 +52,8 @@ pub struct TranscriptionSettings {
     pub length_margin: f64,
     /// Tightening of force rows, in body weights.
     pub force_margin: f64,
+    /// `momentum`: how friction limits forces.
+    pub friction: Friction,
     /// `momentum`: velocity of the base at the goal.
     pub goal_velocity: GoalVelocity,
     /// `momentum`: height of a foot above the terrain in mid-swing, m, at least.
@@ -72,6 +73,7 @@ impl Default for TranscriptionSettings {
             force_pieces: 3,
             length_margin: 1e-3,
             force_margin: 1e-3,
+            friction: Friction::Pyramid,
             goal_velocity: GoalVelocity::Zero,
             clearance: 0.03,
             swing_height: 0.2,
@@ -94,9 +96,9 @@ pub struct SolverSettings {
     pub barrier: f64,
     /// First proximal weight `eps`. Larger: shorter, safer steps.
     pub proximal: f64,
-    /// Weight, at the first barrier parameter, of what pulls a motion to its smooth initial guess. It vanishes with the barrier: it leads
+    /// Weight, at the first barrier parameter, of what draws a motion to its smooth initial guess. It vanishes with the barrier: it leads
     /// to gentler forces, and takes none away. Only `momentum` has it.
-    pub pull: f64,
+    pub smoothing: f64,
     /// Smallest proximal weight.
     pub proximal_floor: f64,
     /// Rounding of terrain edges until closing steps start, m. 0: feet cannot cross an edge; large: feet may end on the wrong side of it.
@@ -119,7 +121,7 @@ impl Default for SolverSettings {
             row_tolerance: 2e-5,
             barrier: 0.05,
             proximal: 1e-3,
-            pull: 0.1,
+            smoothing: 0.1,
             proximal_floor: 1e-5,
             edge_radius: 0.04,
             closing: 1e-6,
@@ -179,18 +181,6 @@ impl TranscriptionSettings {
         }
     }
 
-    /// Interval of base knots and dynamics rows for a robot, s, when the settings name none.
-    ///
-    /// `towr` has 0.1 s. In `momentum` it follows how fast a body on such legs can turn and fall: half of `sqrt(l / g)`, in steps of
-    /// 0.025 s from 0.025 to 0.1 s. That is 0.1 s for legs of 0.4 m and 0.05 s for those of 0.14 m.
-    pub fn interval_for(&self, robot: &Robot) -> f64 {
-        let by_legs = || ((0.5 * (robot.leg_height() / GRAVITY).sqrt() / 0.025).floor() * 0.025).clamp(0.025, 0.1);
-        self.interval.unwrap_or_else(|| match self.rows {
-            Transcription::Towr => 0.1,
-            Transcription::Momentum => by_legs(),
-        })
-    }
-
     /// Checks every field.
     ///
     /// # Errors
@@ -225,7 +215,7 @@ impl SolverSettings {
         check_range("solver.row_tolerance", self.row_tolerance, 1e-9, 1.)?;
         check_range("solver.barrier", self.barrier, 1e-6, 1e3)?;
         check_range("solver.proximal", self.proximal, 1e-9, 1e3)?;
-        check_range("solver.pull", self.pull, 0., 1e3)?;
+        check_range("solver.smoothing", self.smoothing, 0., 1e3)?;
         check_range("solver.proximal_floor", self.proximal_floor, 1e-9, self.proximal)?;
         check_range("solver.edge_radius", self.edge_radius, 0., 1.)?;
         check_range("solver.closing", self.closing, 0., 1e3)?;

@@ -17,18 +17,17 @@ pub struct Task {
     pub base_target: [f64; 3],
     /// Final yaw, rad; final roll and pitch are zero.
     pub yaw_target: f64,
-    /// Largest normal force of a foot, N.
-    pub force_limit: f64,
+    /// Largest normal force of a foot, N; the robot's or the transcription's when none is asked for.
+    pub force_limit: Option<f64>,
 }
 
 impl Task {
-    /// A validated task, with the force limit of the robot.
+    /// A validated task, with no force limit of its own.
     ///
     /// # Errors
     /// [`Error::Invalid`] when the goal is off the terrain, or a number is out of its limits.
     pub fn new(robot: Arc<Robot>, terrain: Arc<Terrain>, base_target: [f64; 3], yaw_target: f64) -> Result<Task> {
-        let force_limit = robot.force_limit();
-        let task = Task { robot, terrain, base_target, yaw_target, force_limit };
+        let task = Task { robot, terrain, base_target, yaw_target, force_limit: None };
         task.validate()?;
         Ok(task)
     }
@@ -53,17 +52,19 @@ impl Task {
             ));
         }
         check_range("yaw_target", self.yaw_target, -20. * std::f64::consts::PI, 20. * std::f64::consts::PI)?;
-        check_range("force_limit", self.force_limit, 1e-3, 1e7)
+        self.force_limit.map_or(Ok(()), |limit| check_range("force_limit", limit, 1e-3, 1e7))
     }
 
     /// A motion of this task, from its curves.
     ///
     /// * `transcription` - name of the rows that it was made for
+    /// * `force_limit` - largest normal force of a foot that it was made for, N
     /// * `durations` - s, `[feet][phases]`
     /// * `base` - position, and Euler angles
     pub fn trajectory(
         &self,
         transcription: &str,
+        force_limit: f64,
         durations: Vec<Vec<f64>>,
         horizon: f64,
         [base_lin, base_ang]: [Curve; 2],
@@ -80,7 +81,7 @@ impl Task {
             init_base: Some(self.base_start()),
             base_target: self.base_target,
             yaw_target: self.yaw_target,
-            force_limit: Some(self.force_limit),
+            force_limit: Some(force_limit),
             limits: None,
             durations,
             horizon,

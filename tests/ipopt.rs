@@ -5,12 +5,12 @@ mod common;
 
 use common::{Random, gait, hills, reference_candidates, spider, task_for, towr};
 use cregopt::backend::Cpu;
-use cregopt::evaluate::{LowerSettings, evaluate};
 use cregopt::gait::{Schedule, Trajectory};
 use cregopt::reference::contact_implicit::{ContactImplicit, Contacts};
 use cregopt::reference::nlp::{Nlp, Pattern, Rows};
 use cregopt::reference::towr::Towr;
 use cregopt::robot::Robot;
+use cregopt::search::evaluate::{LowerSettings, evaluate};
 use cregopt::task::Task;
 use cregopt::terrain::Terrain;
 use std::collections::BTreeMap;
@@ -165,7 +165,7 @@ fn what_this_solver_finds_satisfies_towrs_whole_program() {
     // Ours and Ipopt's are one problem: nothing that was eliminated here is missing there.
     let task = |scenario: &str| {
         let mut task = cregopt::scenario::Scenario::named(scenario).unwrap().task(7).unwrap();
-        task.force_limit = cregopt::nlp::towr::FORCE_LIMIT;
+        task.force_limit = cregopt::nlp::transcription::towr::FORCE_LIMIT;
         task
     };
     let settings = LowerSettings { transcription: towr(), ..LowerSettings::default() };
@@ -207,10 +207,10 @@ fn without_the_feature_ipopt_says_how_to_get_it() {
 #[cfg(feature = "ipopt")]
 mod with_ipopt {
     use super::*;
-    use cregopt::certify::verify_rows;
     use cregopt::reference::ipopt::{self, Options};
     use cregopt::reference::job::{Answer, Job, Program};
     use cregopt::reference::workers::{Workers, serve};
+    use cregopt::verify::verify_rows;
     use std::sync::Mutex;
     use std::sync::atomic::{AtomicUsize, Ordering};
     use std::time::{Duration, Instant};
@@ -221,7 +221,7 @@ mod with_ipopt {
 
     fn scenario(name: &str, target: usize) -> Task {
         let mut task = cregopt::scenario::Scenario::named(name).unwrap().task(target).unwrap();
-        task.force_limit = cregopt::nlp::towr::FORCE_LIMIT;
+        task.force_limit = cregopt::nlp::transcription::towr::FORCE_LIMIT;
         task
     }
 

@@ -5,7 +5,7 @@ mod common;
 use common::{Random, gait, layout, point, rows_with, shared, task};
 use cregopt::gait::Schedule;
 use cregopt::nlp::layout::{Family, INNER_POINTS, MOMENTUM_POINTS, NONE};
-use cregopt::nlp::{Layout, node_values};
+use cregopt::nlp::{Layout, trajectory};
 use cregopt::settings::SolverSettings;
 use cregopt::solver::{Finish, Outcome, Solver, Status};
 use cregopt::task::Task;
@@ -55,10 +55,11 @@ impl Move {
     /// The point at which everything is moved, fixed values included.
     fn point(&self, layout: &Layout<f64>, x: &[f64]) -> Vec<f64> {
         let mut moved = vec![f64::NAN; x.len()];
-        let knots = layout.momentum.iter().map(|i| i.reference[0]).chain(layout.momentum.last().map(|i| i.reference[1]));
+        let knots =
+            layout.momentum_intervals.iter().map(|i| i.reference[0]).chain(layout.momentum_intervals.last().map(|i| i.reference[1]));
         for (knot, line) in layout.curves.base.chunks(2).zip(knots) {
             // Deviations from the pose and the rate of the reference line.
-            for (&at, line, rate) in [(&knot[0], line, false), (&knot[1], layout.momentum[0].rate, true)] {
+            for (&at, line, rate) in [(&knot[0], line, false), (&knot[1], layout.momentum_intervals[0].rate, true)] {
                 let at = at as usize;
                 let mut value: [f64; 6] = std::array::from_fn(|d| line[d] + x[at + d]);
                 let xy = [value[0], value[1]];
@@ -185,10 +186,11 @@ fn between_knots(task: &Task, schedule: &Schedule) -> [[f64; 2]; 2] {
     assert_eq!(outcome.status, Status::Solved);
     let mut shared = shared(&layout);
     rows_with(&layout, &x, 0., &mut shared);
-    let nodes = node_values(task, &layout, &x);
+    let nodes = trajectory(task, &layout, &x);
     // Rows of all feet are at the times of the nodes.
     let feet = task.robot.feet();
-    let instants: Vec<_> = layout.reach.iter().filter(|instant| instant.feet.range().len() == feet).map(|instant| &instant.base).collect();
+    let instants: Vec<_> =
+        layout.reach_instants.iter().filter(|instant| instant.feet.range().len() == feet).map(|instant| &instant.base).collect();
     assert_eq!(instants.len(), nodes.base_lin.nodes.len());
     assert!(instants.len() > 2 * layout.curves.intervals);
     let mut farthest = [[0_f64; 2]; 2];
@@ -234,7 +236,7 @@ fn integrals_of_force_nodes_are_exact() {
     let (task, schedule) = scene("biped", &mut random, 3..=4);
     let layout = layout::<f64>(&task, &schedule);
     let h = layout.curves.interval;
-    for (k, interval) in layout.momentum.iter().enumerate() {
+    for (k, interval) in layout.momentum_intervals.iter().enumerate() {
         let start = k as f64 * h;
         let impulses = &layout.impulses[interval.impulses.range()];
         let mut at_work = 0;

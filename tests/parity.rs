@@ -9,19 +9,17 @@
 mod common;
 
 use common::{Random, gait, hills, layout_with, point, spider, task, task_for, transcriptions};
+use cregopt::backend::gpu::shaders::{Buffer, SHADERS, Variant, WORKGROUP};
+use cregopt::backend::gpu::tables::{Batch, Sizes};
 use cregopt::backend::gpu::{Bank, Device, Prepared};
 use cregopt::gait::Schedule;
-use cregopt::kernels::batch::{Batch, Sizes};
-use cregopt::kernels::control::{self, CLOSE, ENDED, EXACT, Limits, Progress, SOLVED, STEP};
-use cregopt::kernels::front::{Factor, NormalEquations, factorise};
-use cregopt::kernels::shaders::{Buffer, SHADERS, Variant, WORKGROUP};
-use cregopt::kernels::slacks::{Aim, BARRIER_FLOOR, Slacks, mean_product, slack_steps};
-use cregopt::kernels::{
-    Shared, advance, dynamics, foothold, force, forward, judge, momentum, product, reach, rows, start, swing, transposed,
-};
+use cregopt::linear::front::{Factor, NormalEquations, factorise};
 use cregopt::nlp::Layout;
 use cregopt::nlp::layout::Deviation;
+use cregopt::rows::{Shared, advance, dynamics, foothold, force, forward, judge, momentum, product, reach, rows, start, swing, transposed};
 use cregopt::settings::{SolverSettings, StallSettings, TranscriptionSettings};
+use cregopt::solver::control::{self, CLOSE, ENDED, EXACT, Limits, Progress, SOLVED, STEP};
+use cregopt::solver::slacks::{Aim, BARRIER_FLOOR, Slacks, mean_product, slack_steps};
 use cregopt::task::Task;
 use cregopt::terrain::{Ground, Shape, Terrain};
 use nalgebra::{DMatrix, DVector};
@@ -210,7 +208,7 @@ struct Lab<'a> {
 struct Slot<'a> {
     candidate: &'a Candidate,
     layout: Layout<f32>,
-    counts: cregopt::kernels::batch::Slot,
+    counts: cregopt::backend::gpu::tables::Slot,
     loops: u32,
 }
 
@@ -545,15 +543,15 @@ fn states(lab: &Lab, state: &mut State, of: &[u32]) {
 fn around_the_workgroup(s: usize, prepared: &mut Prepared) {
     let count = [63, 64, 65, usize::MAX][s / 2 % 4];
     let (layout, slot) = (&mut prepared.layout, &mut prepared.slot);
-    layout.dynamics.truncate(count);
-    layout.momentum.truncate(count);
-    layout.reach.truncate(count);
+    layout.dynamics_instants.truncate(count);
+    layout.momentum_intervals.truncate(count);
+    layout.reach_instants.truncate(count);
     layout.force_nodes.truncate(count);
     layout.swing_nodes.truncate(count);
     layout.strides.truncate(count);
-    slot.dynamics = layout.dynamics.len() as u32;
-    slot.momentum = layout.momentum.len() as u32;
-    slot.reach = layout.reach.len() as u32;
+    slot.dynamics = layout.dynamics_instants.len() as u32;
+    slot.momentum = layout.momentum_intervals.len() as u32;
+    slot.reach = layout.reach_instants.len() as u32;
     slot.force_nodes = layout.force_nodes.len() as u32;
     slot.swing_nodes = layout.swing_nodes.len() as u32;
     slot.strides = layout.strides.len() as u32;
@@ -566,7 +564,7 @@ fn around_the_workgroup(s: usize, prepared: &mut Prepared) {
 /// * `twin` - writes what it should at the trial point: slot, its layout, x, ground and deviations there, out
 fn evaluation(
     shader: &'static str,
-    counted: fn(&cregopt::kernels::batch::Slot) -> u32,
+    counted: fn(&cregopt::backend::gpu::tables::Slot) -> u32,
     tolerance: f32,
     twin: impl Fn(&Lab, usize, &[f32], &Shared<f32>, &mut Expected),
 ) {
@@ -584,7 +582,8 @@ fn evaluation(
         for (s, slot) in lab.slots.iter().enumerate() {
             let (layout, x) = (&slot.layout, &slot.candidate.x);
             let at = common::shared(layout);
-            let mut at = Shared { ground: at.ground, deviations: vec![Deviation::default(); layout.momentum.len()], frozen: false };
+            let mut at =
+                Shared { ground: at.ground, deviations: vec![Deviation::default(); layout.momentum_intervals.len()], frozen: false };
             foothold::footholds(layout, x, &mut at.ground);
             let mut c = vec![0.; layout.equalities];
             momentum::momentum(layout, x, &at.ground, &mut at.deviations, false, &mut c, None);
@@ -670,7 +669,7 @@ fn momentum_agrees_with_its_twin() {
         TRIGONOMETRY,
         |lab, s, x, shared, expected| {
             let layout = &lab.slots[s].layout;
-            let mut deviations = vec![Deviation::default(); layout.momentum.len()];
+            let mut deviations = vec![Deviation::default(); layout.momentum_intervals.len()];
             let (c, jacobian) = trial(lab, s, true, &mut expected.state);
             momentum::momentum(layout, x, &shared.ground, &mut deviations, false, c, Some(jacobian));
             let to = lab.range(s, lab.batch.deviations, 36 * deviations.len());
@@ -708,7 +707,9 @@ fn force_agrees_with_its_twin() {
 
 #[test]
 fn swing_agrees_with_its_twin() {
-    for counted in [|slot: &cregopt::kernels::batch::Slot| slot.swing_nodes, |slot: &cregopt::kernels::batch::Slot| slot.strides] {
+    for counted in
+        [|slot: &cregopt::backend::gpu::tables::Slot| slot.swing_nodes, |slot: &cregopt::backend::gpu::tables::Slot| slot.strides]
+    {
         // Rows are in units of 0.1 m.
         evaluation("swing", counted, 8. * ARITHMETIC, |lab, s, x, shared, expected| {
             let (g, jacobian) = trial(lab, s, false, &mut expected.state);

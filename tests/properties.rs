@@ -4,12 +4,12 @@ mod common;
 
 use common::{Random, Rows, gait, layout_with, point, rows, task, task_for, transcriptions};
 use cregopt::backend::Cpu;
-use cregopt::evaluate::{LowerSettings, evaluate};
 use cregopt::gait::Schedule;
 use cregopt::gait::spline::hermite;
 use cregopt::nlp::Layout;
 use cregopt::nlp::layout::{Family, NONE, POSE_VALUES, Stride};
 use cregopt::robot::{GRAVITY, Robot};
+use cregopt::search::evaluate::{LowerSettings, evaluate};
 use cregopt::settings::{GoalVelocity, Transcription, TranscriptionSettings};
 use cregopt::solver::Status;
 use cregopt::task::Task;
@@ -123,7 +123,7 @@ fn check_sizes(layout: &Layout<f32>, schedule: &Schedule, settings: &Transcripti
     let reach = match momentum {
         // At most 0.026 s apart, and five parts of every swing.
         true => ((layout.curves.interval / 0.026).ceil() as usize * knots + 1) * schedule.feet() + 5 * swings,
-        false => layout.reach.len() * schedule.feet(),
+        false => layout.reach_instants.len() * schedule.feet(),
     };
     let strides = if momentum { swings } else { 0 };
     prop_assert_eq!(layout.rows, layout.equalities + 3 * reach + 5 * forces + per_swing * swings + strides);
@@ -201,7 +201,7 @@ fn check_sweep(layout: &Layout<f32>) -> Result<(), TestCaseError> {
     }
     prop_assert_eq!(next_element as usize, layout.elements.len());
     // The front takes the feet of a reach instant together: no step splits one, nothing stands between its feet.
-    let (mut instants, mut left) = (layout.reach.iter(), 0);
+    let (mut instants, mut left) = (layout.reach_instants.iter(), 0);
     for step in &layout.steps {
         for element in &layout.elements[step.elements.range()] {
             if element.family == Family::Reach && left == 0 {
@@ -265,13 +265,13 @@ fn mirrored_point(layout: &Layout<f64>, other: &Layout<f64>, x: &[f64]) -> Vec<f
 /// Residuals at the mirrored point from those at the point: `[c, g]` in the order of the other layout.
 fn mirrored_rows(robot: &Robot, layout: &Layout<f64>, other: &Layout<f64>, rows: &Rows<f64>) -> [Vec<f64>; 2] {
     let (mut c, mut g) = (vec![f64::NAN; other.equalities], vec![f64::NAN; other.inequalities]);
-    for (from, to) in layout.dynamics.iter().zip(&other.dynamics) {
+    for (from, to) in layout.dynamics_instants.iter().zip(&other.dynamics_instants) {
         // Moments about x and z change sign, and the force along y.
         for (i, sign) in [-1., 1., -1., 1., -1., 1.].into_iter().enumerate() {
             c[to.place.row as usize + i] = sign * rows.c[from.place.row as usize + i];
         }
     }
-    for (from, to) in layout.momentum.iter().zip(&other.momentum) {
+    for (from, to) in layout.momentum_intervals.iter().zip(&other.momentum_intervals) {
         // Velocity and position along y; angular momenta about x and z.
         for (from, to, sign) in [(&from.linear, &to.linear, 1.), (&from.angular, &to.angular, -1.)] {
             for (i, side) in [1., -1., 1., 1., -1., 1.].into_iter().enumerate() {
@@ -431,8 +431,8 @@ fn check_balance(task: &Task, schedule: &Schedule, transcription: TranscriptionS
     }
     let residual = residual(&pushed);
     let upward: Vec<u32> = match transcription.rows {
-        Transcription::Towr => layout.dynamics.iter().map(|instant| instant.place.row + 5).collect(),
-        Transcription::Momentum => layout.momentum.iter().flat_map(|i| [i.linear.row + 2, i.linear.row + 5]).collect(),
+        Transcription::Towr => layout.dynamics_instants.iter().map(|instant| instant.place.row + 5).collect(),
+        Transcription::Momentum => layout.momentum_intervals.iter().flat_map(|i| [i.linear.row + 2, i.linear.row + 5]).collect(),
     };
     for row in upward {
         let lift = residual[row as usize];

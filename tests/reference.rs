@@ -6,25 +6,26 @@ use common::{
     Random, Rows, dense_inequalities, dense_jacobian, frozen_at, gait, hills, layout_with, one_sided, point, rows, rows_with, spider,
     straight, task, task_for, towr, transcriptions,
 };
-use cregopt::certify::verify::{Family, verify_rows};
 use cregopt::gait::{Curve, FootCurves, Schedule, Trajectory};
-use cregopt::kernels::advance::advance;
-use cregopt::kernels::forward::forward;
-use cregopt::kernels::front::{Factor, NormalEquations, factorise};
-use cregopt::kernels::judge::{infeasibility, infeasibility_fall, merit_fall, nonlinearity, pull_fall, update_slacks};
-use cregopt::kernels::product::jacobian_times;
-use cregopt::kernels::rows::{barrier_rows, closing_rows, variable_terms};
-use cregopt::kernels::slacks::{Aim, Slacks, mean_product, slack_steps, target};
-use cregopt::kernels::start::{column_scaling, start_slacks};
-use cregopt::kernels::substitute::substitute;
-use cregopt::kernels::transposed::transposed_times;
+use cregopt::linear::forward::forward;
+use cregopt::linear::front::{Factor, NormalEquations, factorise};
+use cregopt::linear::product::jacobian_times;
+use cregopt::linear::substitute::substitute;
+use cregopt::linear::transposed::transposed_times;
+use cregopt::nlp::Layout;
 use cregopt::nlp::layout::{Element, NONE};
-use cregopt::nlp::node_values;
-use cregopt::nlp::{Layout, Real};
+use cregopt::nlp::trajectory;
+use cregopt::real::Real;
 use cregopt::robot::GRAVITY;
 use cregopt::settings::{Transcription, TranscriptionSettings};
+use cregopt::solver::advance::advance;
+use cregopt::solver::judge::{infeasibility, infeasibility_fall, merit_fall, nonlinearity, pull_fall, update_slacks};
+use cregopt::solver::slacks::{Aim, Slacks, mean_product, slack_steps, target};
+use cregopt::solver::start::{column_scaling, start_slacks};
+use cregopt::solver::weights::{barrier_rows, closing_rows, variable_terms};
 use cregopt::task::Task;
 use cregopt::terrain::{Shape, Terrain};
+use cregopt::verify::certificate::{Family, verify_rows};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Residuals, kernel against formula. Second differences of node values 0.1 s apart lose four of sixteen digits.
@@ -162,8 +163,8 @@ fn expected(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> (Vec<f64>,
     let mut g = vec![f64::NAN; layout.inequalities];
 
     let instants = (nodes.horizon / 0.1).round() as usize + 1;
-    assert_eq!(layout.dynamics.len(), instants);
-    for (k, instant) in layout.dynamics.iter().enumerate() {
+    assert_eq!(layout.dynamics_instants.len(), instants);
+    for (k, instant) in layout.dynamics_instants.iter().enumerate() {
         let [moment, force] = defect(task, nodes, k as f64 * 0.1);
         for d in 0..3 {
             c[instant.place.row as usize + d] = moment[d] / (weight * leg);
@@ -173,8 +174,8 @@ fn expected(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> (Vec<f64>,
 
     let mut times: Vec<f64> = (0..).map(|i| i as f64 * 0.08).take_while(|&t| t < nodes.horizon - 1e-9).collect();
     times.push(nodes.horizon);
-    assert_eq!(layout.reach.len(), times.len());
-    for (instant, t) in layout.reach.iter().zip(times) {
+    assert_eq!(layout.reach_instants.len(), times.len());
+    for (instant, t) in layout.reach_instants.iter().zip(times) {
         let base = at(&nodes.base_lin, t)[0];
         let to_base = rotation(at(&nodes.base_ang, t))[0].transpose();
         for (foot, entry) in layout.reach_feet[instant.feet.range()].iter().enumerate() {
@@ -312,7 +313,7 @@ fn expected_momentum(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> V
     };
     let knots = Trajectory { base_lin: at_knots(&nodes.base_lin), base_ang: at_knots(&nodes.base_ang), ..nodes.clone() };
     let mut c = vec![f64::NAN; layout.equalities];
-    for (k, interval) in layout.momentum.iter().enumerate() {
+    for (k, interval) in layout.momentum_intervals.iter().enumerate() {
         let (start, end) = (k as f64 * h, (k + 1) as f64 * h);
         let (before, after) = (Body::planned(task, &knots, start), Body::planned(task, &knots, end));
         let carried = before.carried(task, nodes, &times, start, end);
@@ -353,7 +354,7 @@ fn node_values_give_towrs_rows_the_residuals_of_the_reduced_problem() {
         let layout = layout_with::<f64>(&case.task, &case.schedule, &towr());
         let x = point(&layout, &mut Random::new(seed as u64), 0.);
         let rows = rows(&layout, &x, 0.);
-        let (c, g) = expected(&case.task, &node_values(&case.task, &layout, &x), &layout);
+        let (c, g) = expected(&case.task, &trajectory(&case.task, &layout, &x), &layout);
         assert_close(&rows.c, &c, RESIDUAL_TOLERANCE, &format!("{}, equalities", case.name));
         assert_close(&rows.g, &g, RESIDUAL_TOLERANCE, &format!("{}, inequalities", case.name));
     }
@@ -364,7 +365,7 @@ fn node_values_give_the_momentum_residuals() {
     for (seed, case) in cases().iter().enumerate() {
         let layout = layout_with::<f64>(&case.task, &case.schedule, &TranscriptionSettings::default());
         let x = point(&layout, &mut Random::new(seed as u64), 0.);
-        let c = expected_momentum(&case.task, &node_values(&case.task, &layout, &x), &layout);
+        let c = expected_momentum(&case.task, &trajectory(&case.task, &layout, &x), &layout);
         assert_close(&rows_with(&layout, &x, 0., &mut straight(&layout)).c, &c, RESIDUAL_TOLERANCE, &case.name);
     }
 }
@@ -375,7 +376,7 @@ fn rows_that_were_eliminated_hold_at_any_point() {
         let layout = layout_with::<f64>(&case.task, &case.schedule, &towr());
         let x = point(&layout, &mut Random::new(seed as u64), 0.);
         let report =
-            verify_rows(&node_values(&case.task, &layout, &x), &case.task.robot, &case.task.terrain, case.task.force_limit).unwrap();
+            verify_rows(&trajectory(&case.task, &layout, &x), &case.task.robot, &case.task.terrain, case.task.force_limit).unwrap();
         for family in [Family::BaseAcceleration, Family::Swing, Family::Bounds, Family::Structure] {
             assert_eq!(report.family(family).violated, 0, "{}\n{report}", case.name);
         }
@@ -383,7 +384,7 @@ fn rows_that_were_eliminated_hold_at_any_point() {
 
         let layout = layout_with::<f64>(&case.task, &case.schedule, &TranscriptionSettings::default());
         let x = point(&layout, &mut Random::new(seed as u64), 0.);
-        let nodes = node_values(&case.task, &layout, &x);
+        let nodes = trajectory(&case.task, &layout, &x);
         let report = verify_rows(&nodes, &case.task.robot, &case.task.terrain, case.task.force_limit).unwrap();
         for family in [Family::Bounds, Family::Structure] {
             assert_eq!(report.family(family).violated, 0, "{}\n{report}", case.name);
@@ -476,7 +477,7 @@ fn a_wrong_entry_is_seen() {
             Transcription::Towr => expected(&case.task, nodes, &layout).0,
             Transcription::Momentum => expected_momentum(&case.task, nodes, &layout),
         };
-        let nodes = node_values(&case.task, &layout, &x);
+        let nodes = trajectory(&case.task, &layout, &x);
         let mut moved = nodes.clone();
         moved.ee[0].motion.nodes.iter_mut().for_each(|node| node[0] += 1e-6);
         assert_eq!(first_difference(&c, &formula(&nodes), RESIDUAL_TOLERANCE), None);
@@ -746,7 +747,7 @@ fn terms_of_single_variables_are_their_plain_formulas() {
                 expected[block as usize..block as usize + 6].copy_from_slice(&pull);
             }
         }
-        assert_eq!(layout.pull, expected);
+        assert_eq!(layout.smoothing, expected);
     }
 }
 

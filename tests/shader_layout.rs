@@ -4,11 +4,9 @@
 mod common;
 
 use common::{Random, gait, hills, layout_with, spider, task, task_for, transcriptions};
-use cregopt::kernels::batch::{Batch, FrontStep, Gather, Rest, Shape, Slot, Sweep, Touch};
-use cregopt::kernels::control::{self, Limits, Progress};
-use cregopt::kernels::shaders::{Buffer, SHADERS, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP, shader};
-use cregopt::kernels::slacks::{BARRIER_FLOOR, MULTIPLIER_FLOOR, SLACK_FLOOR};
-use cregopt::kernels::transposed::transposed_times;
+use cregopt::backend::gpu::shaders::{Buffer, SHADERS, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP, shader};
+use cregopt::backend::gpu::tables::{Batch, FrontStep, Gather, Rest, Shape, Slot, Sweep, Touch};
+use cregopt::linear::transposed::transposed_times;
 use cregopt::nlp::Layout;
 use cregopt::nlp::layout::{
     BasePoint, Constants, DynamicsInstant, Element, Family, ForceNode, INNER_POINTS, Impulse, MOMENTUM_POINTS, MomentumInterval,
@@ -17,6 +15,8 @@ use cregopt::nlp::layout::{
 use cregopt::nlp::sweep::{Run, Span};
 use cregopt::robot::GRAVITY;
 use cregopt::settings::SolverSettings;
+use cregopt::solver::control::{self, Limits, Progress};
+use cregopt::solver::slacks::{BARRIER_FLOOR, MULTIPLIER_FLOOR, SLACK_FLOOR};
 use cregopt::terrain::{Profile, Shape as TerrainShape, Terrain};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{AddressSpace, ArraySize, Expression, Handle, Literal, Module, ScalarKind, StorageAccess, Type, TypeInner};
@@ -592,9 +592,10 @@ fn reach_instants_of_a_step_are_those_of_its_elements() {
             next = step.reach.end;
             let places = |e: &&Element| e.family == Family::Reach;
             let elements = layout.elements[step.elements.range()].iter().filter(places).map(|e| e.place.row);
-            let feet = layout.reach[step.reach.range()].iter().flat_map(|i| &layout.reach_feet[i.feet.range()]).map(|f| f.place.row);
+            let feet =
+                layout.reach_instants[step.reach.range()].iter().flat_map(|i| &layout.reach_feet[i.feet.range()]).map(|f| f.place.row);
             assert_eq!(feet.collect::<Vec<_>>(), elements.collect::<Vec<_>>());
         }
-        assert_eq!(next as usize, layout.reach.len());
+        assert_eq!(next as usize, layout.reach_instants.len());
     }
 }

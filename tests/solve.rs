@@ -4,17 +4,17 @@ mod common;
 
 use common::{Random, ReferenceCandidate, gait, layout, layout_with, reference_candidates, task, towr, transcriptions};
 use cregopt::backend::{Backend, Cpu, Job, Precision, Solution};
-use cregopt::cem::{CemSettings, StopReason};
-use cregopt::certify::{verify, verify_rows};
-use cregopt::evaluate::{Evaluated, LowerSettings, evaluate};
 use cregopt::gait::Schedule;
-use cregopt::kernels::judge::pull_fall;
-use cregopt::nlp::Real;
+use cregopt::real::Real;
 use cregopt::scenario::Scenario;
+use cregopt::search::cem::{CemSettings, StopReason};
+use cregopt::search::evaluate::{Evaluated, LowerSettings, evaluate};
 use cregopt::search::search;
 use cregopt::settings::{SmoothSettings, SolverSettings, StallSettings, TranscriptionSettings};
+use cregopt::solver::judge::pull_fall;
 use cregopt::solver::{Finish, Outcome, Solver, Status};
 use cregopt::task::Task;
+use cregopt::verify::{verify, verify_rows};
 use std::alloc::{GlobalAlloc, Layout as Memory, System};
 use std::cell::Cell;
 use std::sync::atomic::AtomicBool;
@@ -351,7 +351,7 @@ fn smoothing_lowers_the_cost_of_a_motion_that_stays_solved() {
         let outcome = solver.solve(&layout, &settings, Finish::Rows(settings.row_tolerance), None, &|| false);
         assert_eq!(outcome.status, Status::Solved);
         // Initial values cost nothing.
-        pull_fall(&layout.pull, &solver.solution(), &layout.initial, &layout.initial)
+        pull_fall(&layout.smoothing, &solver.solution(), &layout.initial, &layout.initial)
     };
     let plain = cost(SmoothSettings::default());
     let smooth = |iterations| cost(SmoothSettings { iterations, ..SmoothSettings::default() });

@@ -1,16 +1,16 @@
 //! The independent check of trajectories: it accepts what TOWR found, and counts planted faults where they belong.
 
-use cregopt::certify::RolloutReport;
-use cregopt::certify::verify::{
-    DENSE_REACH, Family, PENETRATION, ROLLOUT_ATTITUDE, ROLLOUT_POSITION, Report, TOLERANCE, verify, verify_rows,
-};
 use cregopt::gait::trajectory::MotionLimits;
 use cregopt::gait::{Curve, FootCurves, Trajectory};
-use cregopt::nlp::towr::FORCE_LIMIT;
+use cregopt::nlp::transcription::towr::FORCE_LIMIT;
 use cregopt::robot::{GRAVITY, ROBOTS, Robot};
 use cregopt::scenario::Scenario;
 use cregopt::settings::GoalVelocity;
 use cregopt::terrain::Terrain;
+use cregopt::verify::RolloutReport;
+use cregopt::verify::certificate::{
+    DENSE_REACH, Family, PENETRATION, ROLLOUT_ATTITUDE, ROLLOUT_POSITION, Report, TOLERANCE, verify, verify_rows,
+};
 use nalgebra::{Matrix3, Vector3};
 
 /// Pieces of the base, s. Three of them between two dynamics instants: the nodes 4 and 5 move without touching any instant.

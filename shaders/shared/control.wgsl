@@ -1,10 +1,5 @@
 // How the solve of a candidate goes on: barrier steps, closing steps, proximal weight, and when it ends.
-// Twin: src/kernels/control.rs
-
-const CLOSING_RATE: f32 = 0.1;
-const STALL_ABOVE: f32 = 10.0;
-const ATTEMPTS: u32 = 6u;
-const PROXIMAL_GROWTH: f32 = 6.0;
+// Twin: src/solver/control.rs
 
 // By its bits: comparisons may assume that there are none.
 fn is_finite(v: f32) -> bool {
@@ -58,7 +53,7 @@ fn begin(before: Progress, f: f32, earlier: f32) -> Progress {
         closing = closing || f < progress.closing_below;
         progress.closing_from = f;
         progress.state = select(STEP, CLOSE, closing);
-        progress.pull = select(batch.pull_weight * progress.mu / batch.barrier, 0.0, closing);
+        progress.smoothing = select(batch.smoothing_weight * progress.mu / batch.barrier, 0.0, closing);
         if (!closing) {
             progress.closing_eps = batch.proximal_floor;
         }

@@ -1,4 +1,4 @@
-// Jacobian rows of one element. Twins: `Rows` of src/kernels/mod.rs, `put_cross` of src/kernels/dynamics.rs
+// Jacobian rows of one element. Twin: `Rows` of src/rows/write.rs
 
 struct Rows {
     first: u32,

@@ -1,5 +1,5 @@
 // Vectors, matrices and Euler angles. Sum, difference and multiple are operators here.
-// Twin: src/kernels/math.rs, and `along` of src/kernels/dynamics.rs
+// Twin: src/rows/math.rs
 
 const TAU: f32 = 6.2831853;
 // In two parts: whole turns times the first are exact.

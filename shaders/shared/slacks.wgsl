@@ -1,7 +1,5 @@
 // Slacks and multipliers of the inequalities: their steps, and where a barrier step aims.
-// Twin: src/kernels/slacks.rs
-
-const BARRIER_FLOOR: f32 = 1e-9;
+// Twin: src/solver/slacks.rs
 
 // Where a barrier step aims: at products `s z = mu - correction ds dz`, with the steps of the predictor.
 struct Aim {

@@ -2,7 +2,8 @@
 
 use super::{Backend, Job, Precision, Solution};
 use crate::error::{Error, Result};
-use crate::nlp::{Layout, Real};
+use crate::nlp::Layout;
+use crate::real::Real;
 use crate::solver::{Finish, Solver, Status};
 use std::sync::atomic::{AtomicUsize, Ordering};
 

@@ -6,19 +6,19 @@ pub mod gpu;
 pub use cpu::Cpu;
 pub use gpu::Gpu;
 
-use crate::gait::Schedule;
+use crate::gait::AlignedSchedule;
 use crate::settings::{SolverSettings, TranscriptionSettings};
 use crate::solver::Outcome;
 use crate::task::Task;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// One candidate: a task and a schedule whose feet all end at a multiple of the interval.
+/// One candidate.
 #[derive(Debug, Clone)]
 pub struct Problem<'a> {
     /// The task.
     pub task: &'a Task,
-    /// The aligned schedule.
-    pub schedule: Schedule,
+    /// Its schedule.
+    pub schedule: AlignedSchedule,
 }
 
 /// What a backend is to do.

@@ -3,13 +3,12 @@
 use super::{Failure, complain};
 use crate::backend::{Backend, Cpu, Gpu, Precision};
 use crate::error::{Error, Result};
-use crate::evaluate::LowerSettings;
-use crate::nlp::towr;
 use crate::reference::ipopt;
 use crate::reference::workers::Workers;
 use crate::report::files;
 use crate::robot::{ROBOTS, Robot};
 use crate::scenario::Scenario;
+use crate::search::evaluate::LowerSettings;
 use crate::settings::{SolverSettings, Transcription, TranscriptionSettings};
 use crate::task::Task;
 use crate::terrain::{TERRAINS, Terrain};
@@ -119,7 +118,7 @@ impl World {
     }
 
     /// A task from what was named, the scenario filling in the rest.
-    pub fn task(&self, scenario: Option<&Scenario>, goal: Goal, rows: Transcription) -> Result<Task> {
+    pub fn task(&self, scenario: Option<&Scenario>, goal: Goal) -> Result<Task> {
         let missing = |what: &str, by: &str| {
             Error::invalid(what, "none", format!("given by {by}, or by a scenario (--scenario, or `scenario` in the line)"))
         };
@@ -148,10 +147,7 @@ impl World {
         };
         let yaw = goal.yaw.or(scenario.map(|s| s.yaw_target)).unwrap_or(0.);
         let mut task = Task::new(robot, terrain, base_target, yaw)?;
-        if rows == Transcription::Towr && task.robot.force_limit.is_none() {
-            task.force_limit = towr::FORCE_LIMIT;
-        }
-        task.force_limit = self.force_limit.unwrap_or(task.force_limit);
+        task.force_limit = self.force_limit;
         task.validate()?;
         Ok(task)
     }

@@ -5,14 +5,13 @@ use super::label::{device, label};
 use super::{CANCELLED, Failure, Verdict, complain, print};
 use crate::backend::Backend;
 use crate::error::{Error, Result, from_json};
-use crate::evaluate::{Evaluated, LowerSettings, check_candidate, evaluate};
 use crate::gait::{Schedule, Trajectory};
 use crate::reference::ipopt::Options;
 use crate::reference::job::{Answer, Job};
 use crate::reference::workers::Workers;
 use crate::report::{EvaluateResult, IpoptResult, files};
 use crate::scenario::Scenario;
-use crate::settings::Transcription;
+use crate::search::evaluate::{Evaluated, LowerSettings, check_candidate, evaluate};
 use crate::task::Task;
 use clap::{Args, ValueEnum};
 use serde::Deserialize;
@@ -150,12 +149,11 @@ impl Evaluate {
         for path in [&self.out, &self.trajectories].into_iter().flatten() {
             files::check_writable(path)?;
         }
-        let rows = if self.solver == SolverArg::Ipopt { Transcription::Towr } else { settings.transcription.rows };
         // Lines before a bad one keep their results.
         let mut failure = None;
         let mut items = Vec::new();
         for (number, line) in files::lines(&text) {
-            match self.item(line, &world, rows).and_then(|item| check_candidate(&item.task, &item.schedule, &settings).map(|()| item)) {
+            match self.item(line, &world).and_then(|item| check_candidate(&item.task, &item.schedule, &settings).map(|()| item)) {
                 Ok(item) => items.push(item),
                 Err(e) => {
                     failure = Some(e.in_file(&self.schedules, Some(number)));
@@ -221,13 +219,13 @@ impl Evaluate {
         }
     }
 
-    fn item(&self, line: &str, world: &World, rows: Transcription) -> Result<Item> {
+    fn item(&self, line: &str, world: &World) -> Result<Item> {
         let object: Map<String, Value> = from_json(line)?;
         let parsed: Line = from_json(line)?;
         let schedule = Schedule::new(parsed.durations)?;
         let scenario = parsed.scenario.or_else(|| self.scenario.clone());
         let named = scenario.as_deref().map(Scenario::named).transpose()?;
         let goal = Goal { target: parsed.target, base_target: parsed.base_target, xy: None, yaw: parsed.yaw_target };
-        Ok(Item { object, scenario, task: world.task(named.as_ref(), goal, rows)?, schedule })
+        Ok(Item { object, scenario, task: world.task(named.as_ref(), goal)?, schedule })
     }
 }

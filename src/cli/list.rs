@@ -1,9 +1,9 @@
 //! `list`: what can be named.
 
 use super::{Failure, Verdict, print, to_json};
-use crate::cem::PRESETS;
 use crate::robot::{ROBOTS, Robot};
 use crate::scenario::{SCENARIOS, TARGETS};
+use crate::search::cem::PRESETS;
 use crate::terrain::TERRAINS;
 use clap::Args;
 use serde_json::json;

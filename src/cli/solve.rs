@@ -3,16 +3,16 @@
 use super::args::{Goal, GoalArg, LowerArgs, WorldArgs, apply};
 use super::label::{device, label};
 use super::{CANCELLED, Failure, Verdict, print, to_json};
-use crate::cem::{CemSettings, Objective, Sampler, Stopping};
-use crate::certify::verify;
 use crate::error::Result;
 use crate::gait::Schedule;
+use crate::nlp::transcription;
 use crate::report::result::Run;
 use crate::report::{SolveResult, files, gait_diagram};
 use crate::scenario::Scenario;
+use crate::search::cem::{CemSettings, Objective, Sampler, Stopping};
 use crate::search::search;
-use crate::settings::Transcription;
 use crate::task::Task;
+use crate::verify::verify;
 use clap::{Args, ValueEnum};
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -82,16 +82,17 @@ impl Solve {
         let scenario = self.scenario.as_deref().map(Scenario::named).transpose()?;
         let mut lower = self.lower.settings()?;
         let settings = self.search_settings()?;
-        let task = self.task(scenario.as_ref(), lower.transcription.rows)?;
+        let task = self.task(scenario.as_ref())?;
+        let force_limit = transcription::force_limit(lower.transcription.rows, &task);
         // So that the result says which it was.
-        lower.transcription.interval = Some(lower.transcription.interval_for(&task.robot));
+        lower.transcription.interval = Some(transcription::interval(&lower.transcription, &task.robot));
         if let Some(folder) = &self.out {
             files::make_folder(folder)?;
         }
         let backend = self.lower.backend(settings.population)?;
 
         let terminal = std::io::stderr().is_terminal();
-        let mut progress = |g: &crate::cem::GenerationRecord| {
+        let mut progress = |g: &crate::search::cem::GenerationRecord| {
             if terminal {
                 let fewest = g.lowest_n_violated.map_or("-".into(), |n| n.to_string());
                 eprintln!("generation {}: {} evaluated, {} feasible, fewest violations {fewest}", g.generation, g.evaluated, g.feasible);
@@ -104,7 +105,7 @@ impl Solve {
             let trajectory = b.solution.trajectory(&task, &lower.transcription);
             label(trajectory, &task, scenario.as_ref().map(|s| s.name), target, Some(self.seed))
         });
-        let certificate = trajectory.as_ref().map(|t| verify(t, &task.robot, &task.terrain, task.force_limit)).transpose()?;
+        let certificate = trajectory.as_ref().map(|t| verify(t, &task.robot, &task.terrain, force_limit)).transpose()?;
         let device = device(&*backend, lower.precision);
         let run = Run {
             scenario: scenario.as_ref().map(|s| (s.name, target)),
@@ -113,6 +114,7 @@ impl Solve {
             lower: &lower,
             seed: self.seed,
             device,
+            force_limit,
         };
         let result = SolveResult::new(&run, &found, certificate);
         if let Some(folder) = &self.out {
@@ -129,14 +131,14 @@ impl Solve {
         Ok(if result.feasible { Verdict::Feasible } else { Verdict::Infeasible })
     }
 
-    fn task(&self, scenario: Option<&Scenario>, rows: Transcription) -> Result<Task> {
+    fn task(&self, scenario: Option<&Scenario>) -> Result<Task> {
         let goal = Goal {
             target: scenario.map(|_| self.target),
             base_target: self.goal.and_then(|g| g.z.map(|z| [g.xy[0], g.xy[1], z])),
             xy: self.goal.map(|g| g.xy),
             yaw: self.yaw,
         };
-        self.world.read()?.task(scenario, goal, rows)
+        self.world.read()?.task(scenario, goal)
     }
 
     /// The preset with what was given on top.

@@ -2,15 +2,15 @@
 
 use super::args::{World, WorldArgs, robot as robot_by_name, terrain as terrain_by_name};
 use super::{Failure, Verdict, print, to_json};
-use crate::certify::{Report, verify};
 use crate::error::{Error, Result};
 use crate::gait::Trajectory;
 use crate::gait::trajectory::NamedOr;
-use crate::nlp::towr;
+use crate::nlp::transcription::towr;
 use crate::report::files;
 use crate::robot::Robot;
 use crate::scenario::Scenario;
 use crate::terrain::Terrain;
+use crate::verify::{Report, verify};
 use clap::Args;
 use std::path::PathBuf;
 use std::sync::Arc;

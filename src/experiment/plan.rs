@@ -1,9 +1,9 @@
 //! Which runs an experiment has.
 
-use crate::cem::{CemSettings, Objective, Sampler};
 use crate::error::{Error, Result};
 use crate::reference::ipopt::{self, Options};
 use crate::scenario::{Scenario, TARGETS};
+use crate::search::cem::{CemSettings, Objective, Sampler};
 use crate::settings::Transcription;
 use crate::task::Task;
 use serde::{Deserialize, Serialize};
@@ -183,11 +183,7 @@ impl Case {
     /// As [`Scenario::named`] and [`Scenario::task`].
     pub fn task(&self) -> Result<Task> {
         let scenario = Scenario::named(&self.scenario)?;
-        let mut task = self.target.map_or_else(|| scenario.task_to(OBJECTIVE_GOAL), |target| scenario.task(target))?;
-        if self.method.rows() == Transcription::Towr {
-            task.force_limit = crate::nlp::towr::FORCE_LIMIT;
-        }
-        Ok(task)
+        self.target.map_or_else(|| scenario.task_to(OBJECTIVE_GOAL), |target| scenario.task(target))
     }
 
     /// Settings of the search.

@@ -3,9 +3,9 @@
 use super::plan::{Case, Group};
 use super::run::Run;
 use super::summary::{Line, Spread, lines, title, with};
-use crate::cem::Objective;
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
+use crate::search::cem::Objective;
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, ValueFormatter};
 use plotters::prelude::*;
 

@@ -2,17 +2,18 @@
 
 use super::plan::{Case, Method};
 use crate::backend::Backend;
-use crate::cem::Candidate;
-use crate::certify::{Report, verify};
 use crate::error::Result;
-use crate::evaluate::LowerSettings;
 use crate::gait::Trajectory;
+use crate::nlp::transcription;
 use crate::reference::ipopt::Options;
 use crate::reference::job::{Answer, Job, Program};
 use crate::reference::workers::{IpoptLevel, Workers, threads_or_all};
+use crate::search::cem::Candidate;
+use crate::search::evaluate::LowerSettings;
 use crate::search::{Found, LowerLevel, Own, search_with};
 use crate::settings::TranscriptionSettings;
 use crate::task::Task;
+use crate::verify::{Report, verify};
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
@@ -141,7 +142,7 @@ pub fn run(case: &Case, devices: &Devices, cancelled: &AtomicBool) -> Result<Opt
             settings.solver.stall.enabled = case.method.stall_rule();
             settings.validate()?;
             let level = Own { task: &task, settings: &settings, backend: devices.backend };
-            let trajectory = |c: &Candidate<crate::evaluate::Evaluated>| c.solution.trajectory(&task, &settings.transcription);
+            let trajectory = |c: &Candidate<crate::search::evaluate::Evaluated>| c.solution.trajectory(&task, &settings.transcription);
             searched(&level, case, &task, cancelled, trajectory, (devices.backend.device(), devices.backend.threads()))?
         }
     };
@@ -149,7 +150,7 @@ pub fn run(case: &Case, devices: &Devices, cancelled: &AtomicBool) -> Result<Opt
         return Ok(None);
     }
     let report: Option<Report> = match &outcome.trajectory {
-        Some(trajectory) => Some(verify(trajectory, &task.robot, &task.terrain, task.force_limit)?),
+        Some(trajectory) => Some(verify(trajectory, &task.robot, &task.terrain, transcription::force_limit(case.method.rows(), &task))?),
         None => None,
     };
     let rollout = report.as_ref().and_then(|r| r.rollout.as_ref());

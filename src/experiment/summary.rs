@@ -2,8 +2,8 @@
 
 use super::plan::Group;
 use super::run::Run;
-use crate::cem::Objective;
 use crate::error::{Error, Result};
+use crate::search::cem::Objective;
 use serde::Serialize;
 
 /// Smallest value, quartiles, and largest value.

@@ -4,5 +4,5 @@ pub mod schedule;
 pub mod spline;
 pub mod trajectory;
 
-pub use schedule::{Phase, Schedule};
+pub use schedule::{AlignedSchedule, Phase, Schedule};
 pub use trajectory::{Curve, FootCurves, Trajectory};

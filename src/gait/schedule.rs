@@ -97,8 +97,9 @@ impl Schedule {
     /// The same schedule with every foot's last stance stretched to a common horizon, a multiple of `interval`.
     ///
     /// The paper \[1\] stretches to the longest foot; the rest, less than one interval, makes knots and instants uniform.
-    pub fn aligned(&self, interval: f64) -> Schedule {
-        self.ended_at(self.intervals(interval) as f64 * interval)
+    pub fn aligned(&self, interval: f64) -> AlignedSchedule {
+        let intervals = self.intervals(interval);
+        AlignedSchedule { schedule: self.ended_at(intervals as f64 * interval), interval, intervals }
     }
 
     /// The same schedule with every foot's last stance stretched to the end of the longest foot, as in the paper \[1\].
@@ -128,6 +129,39 @@ impl Schedule {
                 phase
             })
             .collect()
+    }
+}
+
+/// A schedule whose feet all end at the same whole number of intervals: what can be posed as a problem. Made by [`Schedule::aligned`] alone.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AlignedSchedule {
+    schedule: Schedule,
+    interval: f64,
+    intervals: usize,
+}
+
+impl AlignedSchedule {
+    /// Length of an interval, s.
+    pub fn interval(&self) -> f64 {
+        self.interval
+    }
+
+    /// How many there are.
+    pub fn count(&self) -> usize {
+        self.intervals
+    }
+
+    /// The end, s: that many intervals.
+    pub fn end(&self) -> f64 {
+        self.intervals as f64 * self.interval
+    }
+}
+
+impl std::ops::Deref for AlignedSchedule {
+    type Target = Schedule;
+
+    fn deref(&self) -> &Schedule {
+        &self.schedule
     }
 }
 

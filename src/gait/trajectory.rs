@@ -2,7 +2,6 @@
 
 use crate::error::{Error, Result};
 use crate::robot::Robot;
-use crate::settings::GoalVelocity;
 use crate::terrain::Terrain;
 use serde::{Deserialize, Serialize};
 
@@ -61,6 +60,16 @@ pub enum NamedOr<T> {
     Name(String),
     /// The whole description.
     Own(T),
+}
+
+/// Velocity of the base at the goal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum GoalVelocity {
+    /// At rest, linear and angular.
+    Zero,
+    /// Any.
+    Free,
 }
 
 /// What a motion was made to keep to, besides its rows.

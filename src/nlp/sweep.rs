@@ -4,37 +4,7 @@
 //! it; those whose last row is here are its pivots. Variables are numbered in that order, so the pivots of a step are consecutive and a
 //! front sorted by variable starts with them.
 
-/// Consecutive entries of another table.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C)]
-pub struct Span {
-    /// First entry.
-    pub start: u32,
-    /// One past the last.
-    pub end: u32,
-}
-
-impl Span {
-    /// As indices.
-    #[inline(always)]
-    pub fn range(self) -> std::ops::Range<usize> {
-        self.start as usize..self.end as usize
-    }
-}
-
-/// Consecutive variables: in `x`, in the front, and in an element's columns (or in the next front).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(C)]
-pub struct Run {
-    /// First variable.
-    pub variable: u32,
-    /// Its slot in the front.
-    pub slot: u32,
-    /// Its column in the element, or its slot in the previous front.
-    pub column: u32,
-    /// How many.
-    pub len: u32,
-}
+use crate::rows::table::{Run, Span};
 
 /// One step of the sweep.
 #[derive(Debug, Clone, Copy)]
@@ -52,7 +22,7 @@ pub struct Step {
     pub stride: u32,
     /// Elements assembled here.
     pub elements: Span,
-    /// What stays of the previous front: runs from slot `column` there to slot `slot` here.
+    /// What stays of the previous front: runs from index `column` there to index `front` here.
     pub moves: Span,
     /// The front after its pivots, as runs.
     pub rest: Span,
@@ -61,8 +31,8 @@ pub struct Step {
 /// A block before it has its place in `x`.
 pub(super) struct Block {
     pub initial: Vec<f64>,
-    /// How firmly its variables, at most six, are pulled to their initial values.
-    pub pull: [f64; 6],
+    /// How firmly its variables, at most six, are drawn to their initial values.
+    pub smoothing: [f64; 6],
     pub fixed: bool,
     /// First and last step of the sweep that touch it.
     pub first: usize,
@@ -80,13 +50,13 @@ pub(super) struct Fronts {
 }
 
 impl Fronts {
-    /// Slot of a variable in the front of a step.
-    pub fn slot(&self, step: usize, variable: u32) -> u32 {
+    /// Index of a variable in the front of a step.
+    pub fn front(&self, step: usize, variable: u32) -> u32 {
         let contents = &self.contents[step];
         let at = contents.partition_point(|r| r.variable <= variable);
         let run = &contents[at - 1];
         debug_assert!(variable < run.variable + run.len);
-        run.slot + variable - run.variable
+        run.front + variable - run.variable
     }
 }
 
@@ -123,7 +93,7 @@ pub(super) fn fronts(blocks: &[Block], positions: &[u32], steps: usize) -> Front
                 continue;
             }
             let len = block.initial.len() as u32;
-            push_run(&mut contents, 0, Run { variable: at, slot: size, column: 0, len });
+            push_run(&mut contents, 0, Run { variable: at, front: size, column: 0, len });
             size += len;
             if block.last == k {
                 pivots += len;
@@ -133,7 +103,7 @@ pub(super) fn fronts(blocks: &[Block], positions: &[u32], steps: usize) -> Front
         if let Some(previous) = result.contents.last() {
             let gone = result.steps[k - 1].pivots;
             for old in previous {
-                let skip = gone.saturating_sub(old.slot).min(old.len);
+                let skip = gone.saturating_sub(old.front).min(old.len);
                 // A run of the old front is a run of the new one too, or several where new variables came between.
                 let mut from = skip;
                 while from < old.len {
@@ -141,7 +111,7 @@ pub(super) fn fronts(blocks: &[Block], positions: &[u32], steps: usize) -> Front
                     let at = contents.partition_point(|r| r.variable <= variable) - 1;
                     let new = contents[at];
                     let len = (old.len - from).min(new.variable + new.len - variable);
-                    let run = Run { variable, slot: new.slot + variable - new.variable, column: old.slot + from, len };
+                    let run = Run { variable, front: new.front + variable - new.variable, column: old.front + from, len };
                     result.runs.push(run);
                     from += len;
                 }
@@ -149,9 +119,9 @@ pub(super) fn fronts(blocks: &[Block], positions: &[u32], steps: usize) -> Front
         }
         let first_rest = result.runs.len();
         for run in &contents {
-            let skip = pivots.saturating_sub(run.slot).min(run.len);
+            let skip = pivots.saturating_sub(run.front).min(run.len);
             if skip < run.len {
-                result.runs.push(Run { variable: run.variable + skip, slot: run.slot + skip, column: 0, len: run.len - skip });
+                result.runs.push(Run { variable: run.variable + skip, front: run.front + skip, column: 0, len: run.len - skip });
             }
         }
         let stride = (size + 1).next_multiple_of(8);

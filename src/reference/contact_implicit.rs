@@ -15,7 +15,7 @@
 use super::curve::{Curve, Point, Timing};
 use super::nlp::{INFINITY, Nlp, Rows};
 use super::rigid_body::{ZERO, contact_force, dynamics, height};
-use super::towr::{BaseCurves, Variables, nodes_at};
+use super::towr::{self, BaseCurves, Variables, nodes_at};
 use crate::gait::{FootCurves, Trajectory};
 use crate::task::Task;
 
@@ -138,7 +138,7 @@ impl<'a> ContactImplicit<'a> {
             |foot: &Foot| FootCurves { motion: nodes_at(&foot.motion, &self.timing, x), force: nodes_at(&foot.force, &self.timing, x) };
         let durations = self.contacts(x).iter().map(|stands| phases(stands)).collect();
         let ee = self.feet.iter().map(curves).collect();
-        self.task.trajectory("contact-implicit", durations, self.steps as f64 * STEP, self.base.curves(x), ee)
+        self.task.trajectory("contact-implicit", towr::force_limit(self.task), durations, self.steps as f64 * STEP, self.base.curves(x), ee)
     }
 
     /// Rows that hold contacts: complementarity, or standing where it is given.
@@ -222,7 +222,7 @@ impl Nlp for ContactImplicit<'_> {
         for (foot, curves) in self.feet.iter().enumerate() {
             for knot in 0..=self.steps {
                 let (force, at) = (curves.force.node_point(knot, x, false), curves.motion.node_point(knot, x, false));
-                contact_force(terrain, self.task.force_limit, &force, &at, rows);
+                contact_force(terrain, towr::force_limit(self.task), &force, &at, rows);
             }
             self.contact_rows(foot, x, rows);
         }

@@ -3,13 +3,15 @@
 use super::contact_implicit::{ContactImplicit, Contacts, RELAXATIONS};
 use super::ipopt::{self, Options, Statistics};
 use super::towr::Towr;
-use crate::certify::verify_rows;
 use crate::error::Result;
-use crate::evaluate::mean_normal_force;
 use crate::gait::{Schedule, Trajectory};
+use crate::nlp::transcription::force_limit;
 use crate::robot::Robot;
+use crate::search::evaluate::mean_normal_force;
+use crate::settings::Transcription;
 use crate::task::Task;
 use crate::terrain::Terrain;
+use crate::verify::verify_rows;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
@@ -70,7 +72,7 @@ impl Job {
             terrain: (*task.terrain).clone(),
             base_target: task.base_target,
             yaw_target: task.yaw_target,
-            force_limit: task.force_limit,
+            force_limit: force_limit(Transcription::Towr, task),
             program,
             options,
         }
@@ -88,7 +90,7 @@ impl Job {
     pub fn run(self) -> Result<Answer> {
         let Job { robot, terrain, base_target, yaw_target, force_limit, program, options } = self;
         let mut task = Task::new(robot.into(), terrain.into(), base_target, yaw_target)?;
-        task.force_limit = force_limit;
+        task.force_limit = Some(force_limit);
         task.validate()?;
         let fixed_or_free = |nlp: &Towr| -> Result<(Statistics, Trajectory)> {
             let (x, statistics) = ipopt::solve(nlp, None, &options)?;
@@ -99,7 +101,7 @@ impl Job {
             Program::Free(durations, limits) => fixed_or_free(&Towr::free(&task, &Schedule::new(durations)?, limits))?,
             Program::ContactImplicit(horizon) => contact_implicit(&task, horizon, &options)?,
         };
-        let report = verify_rows(&trajectory, &task.robot, &task.terrain, task.force_limit)?;
+        let report = verify_rows(&trajectory, &task.robot, &task.terrain, force_limit)?;
         Ok(Answer {
             statistics,
             feasible: report.feasible,

@@ -1,12 +1,13 @@
 //! TOWR's whole nonlinear program \[3\]: every node, row and bound, with fixed phase durations or with durations as variables.
 //!
-//! Nothing is eliminated and nothing is shared with [`crate::nlp`] or [`crate::kernels`]: it is what this program's solver is compared with.
+//! Nothing is eliminated and nothing is shared with [`crate::nlp`] or [`crate::rows`]: it is what this program's solver is compared with.
 
 use super::curve::{Curve, Point, Timing};
 use super::nlp::{INFINITY, Nlp, Rows};
 use super::rigid_body::{Base, ZERO, contact_force, continuous_acceleration, dynamics, height, reach};
 use crate::error::{Error, Result};
 use crate::gait::{FootCurves, Schedule, Trajectory};
+use crate::nlp::transcription;
 use crate::robot::Robot;
 use crate::settings::Transcription;
 use crate::task::Task;
@@ -162,6 +163,11 @@ fn instants(horizon: f64, step: f64) -> impl Iterator<Item = f64> {
     (0..=full).map(move |i| i as f64 * step).chain([horizon])
 }
 
+/// Largest normal force of a foot in a program for Ipopt, N.
+pub(super) fn force_limit(task: &Task) -> f64 {
+    transcription::force_limit(Transcription::Towr, task)
+}
+
 impl<'a> Towr<'a> {
     /// With the durations of a schedule. Its feet must end together.
     pub fn fixed(task: &'a Task, schedule: &Schedule) -> Towr<'a> {
@@ -238,7 +244,7 @@ impl<'a> Towr<'a> {
             feet.map(|(foot, timing)| FootCurves { motion: nodes_at(&foot.motion, timing, x), force: nodes_at(&foot.force, timing, x) });
         let ee = ee.collect();
         let durations = timings.into_iter().map(|timing| timing.durations).collect();
-        self.task.trajectory(Transcription::Towr.name(), durations, self.horizon, self.base.curves(x), ee)
+        self.task.trajectory(Transcription::Towr.name(), force_limit(self.task), durations, self.horizon, self.base.curves(x), ee)
     }
 }
 
@@ -343,7 +349,7 @@ impl Towr<'_> {
             let phase = foot.force.phases[node.min(foot.force.phases.len() - 1)];
             let stance = foot.motion.phases.partition_point(|&p| p < phase);
             let at = foot.motion.node_point(stance, x, false);
-            contact_force(&self.task.terrain, self.task.force_limit, &foot.force.node_point(node, x, false), &at, rows);
+            contact_force(&self.task.terrain, force_limit(self.task), &foot.force.node_point(node, x, false), &at, rows);
         }
     }
 }

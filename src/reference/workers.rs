@@ -6,9 +6,9 @@
 use super::ipopt::{self, Options};
 use super::job::{Answer, Job};
 use crate::backend::locked;
-use crate::cem::Evaluation;
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
+use crate::search::cem::Evaluation;
 use crate::search::{LowerLevel, Solved};
 use crate::task::Task;
 use std::io::{BufRead, BufReader, Write};

@@ -1,14 +1,14 @@
 //! Results in the forms that other tools rely on (`result.json`, and the `result` of each line of `evaluate`).
 
-use crate::cem::{CemSettings, GenerationRecord, StopReason};
-use crate::certify::Report;
-use crate::evaluate::{Evaluated, LowerSettings};
 use crate::reference::ipopt::Statistics;
 use crate::reference::job::Answer;
 use crate::search::Found;
+use crate::search::cem::{CemSettings, GenerationRecord, StopReason};
+use crate::search::evaluate::{Evaluated, LowerSettings};
 use crate::settings::Transcription;
 use crate::solver::Status;
 use crate::task::Task;
+use crate::verify::Report;
 use serde::Serialize;
 
 /// `result` of one line of `evaluate`.
@@ -189,6 +189,8 @@ pub struct Run<'a> {
     pub seed: u64,
     /// Device name.
     pub device: String,
+    /// Largest normal force of a foot, N.
+    pub force_limit: f64,
 }
 
 impl SolveResult {
@@ -203,7 +205,7 @@ impl SolveResult {
             terrain: run.task.terrain.name.clone(),
             base_target: run.task.base_target,
             yaw_target: run.task.yaw_target,
-            force_limit: run.task.force_limit,
+            force_limit: run.force_limit,
             seed: run.seed,
             device: run.device.clone(),
             transcription: run.lower.transcription.rows,

@@ -10,25 +10,37 @@
 //! barrier can fall, and Mehrotra's corrector goes there. Near a solution, closing steps (Gauss-Newton on the equalities and the
 //! violated rows) converge quadratically.
 
+pub mod advance;
+mod close;
+pub mod control;
+pub mod correct;
+pub mod judge;
+pub mod round;
+pub mod slacks;
+pub mod start;
 mod status;
+pub mod weights;
 
+pub use close::{CONTINUE_BELOW, close};
 pub use status::{Outcome, Status};
 
-use crate::kernels::Shared;
-use crate::kernels::advance::{add, advance};
-use crate::kernels::control::{self, Limits, Progress};
-use crate::kernels::forward::forward;
-use crate::kernels::front::{Factor, NormalEquations, factorise};
-use crate::kernels::judge::{infeasibility, infeasibility_fall, merit_fall, nonlinearity, pull_fall, update_slacks};
-use crate::kernels::product::jacobian_times;
-use crate::kernels::rows::{barrier_rows, closing_rows, variable_terms};
-use crate::kernels::slacks::{Aim, Slacks, slack_steps, target};
-use crate::kernels::start::{column_scaling, start_slacks};
-use crate::kernels::substitute::substitute;
-use crate::kernels::transposed::transposed_times;
-use crate::nlp::layout::Family;
-use crate::nlp::{Layout, Real};
+use crate::linear::forward::forward;
+use crate::linear::front::{Factor, NormalEquations, factorise};
+use crate::linear::product::jacobian_times;
+use crate::linear::substitute::substitute;
+use crate::linear::transposed::transposed_times;
+use crate::nlp::Layout;
+use crate::real::Real;
+use crate::rows::{self, Shared};
 use crate::settings::SolverSettings;
+use advance::{add, advance};
+use control::{CLOSE, EXACT, Limits, Progress, STEP};
+use correct::correct;
+use judge::{infeasibility, infeasibility_fall, merit_fall, nonlinearity, smoothing_fall, update_slacks};
+use round::{ROUND, START, Stage, When};
+use slacks::{Aim, Slacks, slack_steps};
+use start::{column_scaling, start_slacks};
+use weights::{barrier_rows, closing_rows, variable_terms};
 
 /// When a solve is done.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -69,6 +81,7 @@ pub struct Solver<T> {
     scaling: Vec<T>,
     diagonal: Vec<T>,
     gradient: Vec<T>,
+    right_hand_side: Vec<T>,
     shared: Shared<T>,
     now: Residuals<T>,
     next: Residuals<T>,
@@ -83,6 +96,8 @@ pub struct Solver<T> {
     value: Vec<T>,
     slacks: Slacks<T>,
     factor: Factor<T>,
+    /// Whether the last factorisation met a pivot that is not positive.
+    failed: bool,
     history: Vec<T>,
 }
 
@@ -96,6 +111,7 @@ impl<T: Real> Default for Solver<T> {
             scaling: Vec::new(),
             diagonal: Vec::new(),
             gradient: Vec::new(),
+            right_hand_side: Vec::new(),
             shared: Shared::default(),
             now: Residuals::default(),
             next: Residuals::default(),
@@ -108,9 +124,18 @@ impl<T: Real> Default for Solver<T> {
             value: Vec::new(),
             slacks: Slacks::default(),
             factor: Factor::default(),
+            failed: false,
             history: Vec::new(),
         }
     }
+}
+
+/// One solve: what does not change while it goes on.
+#[derive(Clone, Copy)]
+struct Solve<'a, T> {
+    layout: &'a Layout<T>,
+    limits: Limits<T>,
+    finish: Finish,
 }
 
 /// Barrier parameter at which a cost begins to be lowered: near rows bend it early.
@@ -129,14 +154,15 @@ impl<T: Real> Solver<T> {
         cancel: &dyn Fn() -> bool,
     ) -> Outcome {
         self.prepare(layout, start);
-        let limits = Limits::new(settings);
+        let solve = Solve { layout, limits: Limits::new(settings), finish };
         let edge_radius = T::of(settings.edge_radius_on(&layout.terrain));
-        let mut progress = Progress::first(&limits, edge_radius);
-        self.linearise(layout, edge_radius);
-        column_scaling(layout, &self.jacobian, &mut self.scaling);
-        let status = self.iterate(layout, &limits, finish, &mut progress, cancel);
+        let mut progress = Progress::first(&solve.limits, edge_radius);
+        for stage in START {
+            self.stage(stage, &solve, &mut progress);
+        }
+        let status = self.iterate(&solve, &mut progress, cancel);
         if status == Status::Solved {
-            self.smooth(layout, settings, finish, &mut progress, cancel);
+            self.smooth(&solve, settings, &mut progress, cancel);
         }
         Outcome {
             status,
@@ -146,82 +172,161 @@ impl<T: Real> Solver<T> {
         }
     }
 
-    /// Barrier and closing steps from the linearisation at `x` to the end. Returns how it ended; `x` is the last point.
-    fn iterate(
-        &mut self,
-        layout: &Layout<T>,
-        limits: &Limits<T>,
-        finish: Finish,
-        progress: &mut Progress<T>,
-        cancel: &dyn Fn() -> bool,
-    ) -> Status {
-        start_slacks(&self.now.g, limits.barrier, &mut self.slacks);
+    /// Rounds until the end. Returns how it ended; `x` is the last point.
+    fn iterate(&mut self, solve: &Solve<T>, progress: &mut Progress<T>, cancel: &dyn Fn() -> bool) -> Status {
         loop {
-            if progress.attempts == 0 {
-                let f = infeasibility(&self.now.c, &self.now.g);
-                let before = self.history.len().checked_sub(limits.stall_window as usize).map_or(f, |at| self.history[at]);
-                let held = self.finished(layout, finish, f);
-                control::begin(progress, limits, f, before, held);
-                if progress.state != control::EXACT {
-                    self.history.push(f);
-                }
-                if let Some(status) = Status::of(progress.state) {
-                    return status;
-                }
-                if cancel() {
-                    return Status::Cancelled;
-                }
-            }
-            self.round(layout, limits, progress);
             if let Some(status) = Status::of(progress.state) {
                 return status;
+            }
+            if progress.attempts == 0 && cancel() {
+                return Status::Cancelled;
+            }
+            for (stage, when) in ROUND {
+                self.turn(stage, when, solve, progress);
             }
         }
     }
 
-    /// Makes a trial point from the linearisation at `x` and takes it when it is good.
-    fn round(&mut self, layout: &Layout<T>, limits: &Limits<T>, progress: &mut Progress<T>) {
-        if progress.state == control::EXACT {
-            self.linearise(layout, progress.edge_radius);
+    /// Does what a stage of a round has to do in the state that the solve is in.
+    fn turn(&mut self, stage: Stage, when: When, solve: &Solve<T>, progress: &mut Progress<T>) {
+        let judged = matches!(stage, Stage::Judge | Stage::Weights);
+        let evaluated = stage == Stage::Rows && progress.state == EXACT;
+        let directed = progress.state <= CLOSE && !self.failed && (when == When::Always || progress.state == STEP);
+        if judged || evaluated || directed {
+            self.stage(stage, solve, progress);
+        }
+    }
+
+    fn stage(&mut self, stage: Stage, solve: &Solve<T>, progress: &mut Progress<T>) {
+        let layout = solve.layout;
+        match stage {
+            Stage::Start => self.start(solve, progress),
+            Stage::Weights => {
+                self.begin(solve, progress);
+                self.weigh(layout, progress);
+            }
+            Stage::Factorise => {
+                let system = NormalEquations {
+                    jacobian: &self.jacobian,
+                    weight: &self.weight,
+                    value: &self.value,
+                    diagonal: &self.diagonal,
+                    gradient: &self.gradient,
+                };
+                self.failed = !factorise(layout, &system, &mut self.factor);
+            }
+            Stage::Substitute => substitute(layout, &mut self.factor, &mut self.direction),
+            Stage::Product => {
+                jacobian_times(layout, &self.jacobian, &self.direction, &mut self.local, &mut self.change.c, &mut self.change.g);
+            }
+            Stage::Correct => {
+                let (now, rows) = (&self.now, (&mut self.weight, &mut self.value));
+                (progress.mu, progress.length) = correct(layout, &now.c, &now.g, &self.change.g, &mut self.slacks, rows.0, rows.1);
+            }
+            Stage::Transposed => {
+                transposed_times(layout, &self.jacobian, &self.value, &mut self.local, &mut self.right_hand_side);
+                add(&mut self.right_hand_side, &self.gradient);
+            }
+            Stage::Forward => forward(layout, &mut self.factor, &mut self.right_hand_side),
+            Stage::Advance => self.advance(layout, progress),
+            Stage::Rows => self.evaluate(layout, progress),
+            Stage::Judge => self.judge(solve, progress),
+        }
+    }
+
+    /// The initial point, which was evaluated as a trial point, becomes the point; scaling, slacks and multipliers follow from it.
+    fn start(&mut self, solve: &Solve<T>, progress: &Progress<T>) {
+        self.take_trial();
+        column_scaling(solve.layout, &self.jacobian, &mut self.scaling);
+        start_slacks(&self.now.g, progress.mu, &mut self.slacks);
+    }
+
+    /// Decides what the round is for, or ends the solve.
+    fn begin(&mut self, solve: &Solve<T>, progress: &mut Progress<T>) {
+        if progress.attempts > 0 || progress.ended() {
+            return;
+        }
+        let f = infeasibility(&self.now.c, &self.now.g);
+        let before = self.history.len().checked_sub(solve.limits.stall_window as usize).map_or(f, |at| self.history[at]);
+        control::begin(progress, &solve.limits, f, before, self.finished(solve, f));
+        if progress.state == EXACT {
+            self.trial.clone_from(&self.x);
+        } else {
+            self.history.push(f);
+        }
+    }
+
+    /// Weights and values of the rows, and what falls on single variables.
+    fn weigh(&mut self, layout: &Layout<T>, progress: &mut Progress<T>) {
+        if progress.state > CLOSE {
+            return;
+        }
+        progress.factorisations += 1;
+        self.failed = false;
+        let now = &self.now;
+        if progress.state == CLOSE {
+            closing_rows(layout, &now.c, &now.g, &mut self.weight, &mut self.value);
+        } else {
+            barrier_rows(layout, &now.c, &now.g, &self.slacks, Aim::predictor(), &mut self.weight, &mut self.value);
+        }
+        let (diagonal, gradient) = (&mut self.diagonal, &mut self.gradient);
+        let proximal = progress.proximal();
+        variable_terms(&self.scaling, proximal, &layout.smoothing, progress.smoothing, &self.x, &layout.initial, diagonal, gradient);
+    }
+
+    /// Length of the step, trial point, and what the residuals would be there if they were linear.
+    fn advance(&mut self, layout: &Layout<T>, progress: &mut Progress<T>) {
+        progress.length = if progress.state == CLOSE {
+            T::one()
+        } else {
+            let aim = Aim { mu: progress.mu, correction: progress.length };
+            slack_steps(&self.now.g, &self.change.g, aim, &mut self.slacks)
+        };
+        let (variables, length) = (layout.variables, progress.length);
+        advance(&self.x[..variables], length, &self.direction, &mut self.trial[..variables]);
+        advance(&self.now.c, length, &self.change.c, &mut self.linear.c);
+        advance(&self.now.g, length, &self.change.g, &mut self.linear.g);
+    }
+
+    /// Residuals and Jacobian at the trial point: nearly every trial is accepted.
+    fn evaluate(&mut self, layout: &Layout<T>, progress: &Progress<T>) {
+        let (c, g) = (&mut self.next.c, &mut self.next.g);
+        rows::residuals(layout, &self.trial, progress.edge_radius, &mut self.shared, c, g, Some(&mut self.next_jacobian));
+        add(c, &self.shift.c);
+        add(g, &self.shift.g);
+    }
+
+    /// Takes the trial point when it is good.
+    fn judge(&mut self, solve: &Solve<T>, progress: &mut Progress<T>) {
+        if progress.state == EXACT {
+            self.take_trial();
             return control::renew(progress);
         }
-        if !self.direction(layout, progress) {
+        if self.failed {
             return control::refuse(progress);
         }
-        // With the Jacobian: nearly every trial is accepted.
-        crate::kernels::evaluate(
-            layout,
-            &self.trial,
-            progress.edge_radius,
-            &mut self.shared,
-            &mut self.next.c,
-            &mut self.next.g,
-            Some(&mut self.next_jacobian),
-        );
-        add(&mut self.next.c, &self.shift.c);
-        add(&mut self.next.g, &self.shift.g);
-        let (now, next, linear) = (&self.now, &self.next, &self.linear);
-        let closing = progress.state == control::CLOSE;
+        let (layout, now, next, linear) = (solve.layout, &self.now, &self.next, &self.linear);
+        let closing = progress.state == CLOSE;
         let falls = |to: &Residuals<T>| {
             if closing { infeasibility_fall(&now.c, &now.g, &to.c, &to.g) } else { merit_fall(&now.c, &now.g, &to.c, &to.g, progress.mu) }
         };
-        let pulled = progress.pull * pull_fall(&layout.pull, &self.x, &self.trial, &layout.initial);
-        let (fall, predicted) = (falls(next) + pulled, falls(linear) + pulled);
+        let smoothed = progress.smoothing * smoothing_fall(&layout.smoothing, &self.x, &self.trial, &layout.initial);
+        let (fall, predicted) = (falls(next) + smoothed, falls(linear) + smoothed);
         let gap = nonlinearity(&next.c, &linear.c, &next.g, &linear.g);
         if control::acceptable(progress, fall, predicted, gap) {
             if !closing {
                 update_slacks(&mut self.slacks, progress.length);
             }
             let ratio = if predicted > T::zero() { fall / predicted } else { T::zero() };
-            control::accept(progress, limits, ratio);
-            self.advance();
+            control::accept(progress, &solve.limits, ratio);
+            self.take_trial();
         } else {
             control::refuse(progress);
         }
     }
 
-    /// Takes the trial point.
-    fn advance(&mut self) {
+    /// The trial point becomes the point.
+    fn take_trial(&mut self) {
         std::mem::swap(&mut self.x, &mut self.trial);
         std::mem::swap(&mut self.now, &mut self.next);
         std::mem::swap(&mut self.jacobian, &mut self.next_jacobian);
@@ -229,52 +334,50 @@ impl<T: Real> Solver<T> {
 
     /// Lowers the cost of a solved motion by the method of multipliers, one barrier step between two updates, then solves on without it.
     /// A motion that is not solved again is taken back.
-    fn smooth(
-        &mut self,
-        layout: &Layout<T>,
-        settings: &SolverSettings,
-        finish: Finish,
-        progress: &mut Progress<T>,
-        cancel: &dyn Fn() -> bool,
-    ) {
-        if settings.smooth.iterations == 0 || layout.pull.iter().all(|p| *p == T::zero()) {
+    fn smooth(&mut self, solve: &Solve<T>, settings: &SolverSettings, progress: &mut Progress<T>, cancel: &dyn Fn() -> bool) {
+        let layout = solve.layout;
+        if settings.smooth.iterations == 0 || layout.smoothing.iter().all(|p| *p == T::zero()) {
             return;
         }
         let (solved, infeasibility) = (self.x.clone(), progress.infeasibility);
         let onwards = SolverSettings {
             barrier: settings.barrier.min(SMOOTH_BARRIER),
             proximal: settings.proximal_floor,
-            pull: 0.,
+            smoothing: 0.,
             max_iterations: progress.iterations as usize + settings.smooth.iterations + settings.max_iterations,
             ..settings.clone()
         };
-        let limits = Limits::new(&onwards);
+        let solve = Solve { limits: Limits::new(&onwards), ..*solve };
         let renewed = |progress: &Progress<T>, recorded: usize| Progress {
             iterations: progress.iterations,
             factorisations: progress.factorisations,
             recorded: recorded as u32,
             stall_from: recorded as u32,
             infeasibility: progress.infeasibility,
-            ..Progress::first(&limits, T::zero())
+            ..Progress::first(&solve.limits, T::zero())
         };
         *progress = renewed(progress, self.history.len());
-        progress.pull = T::of(settings.smooth.weight);
-        start_slacks(&self.now.g, limits.barrier, &mut self.slacks);
+        progress.smoothing = T::of(settings.smooth.weight);
+        start_slacks(&self.now.g, solve.limits.barrier, &mut self.slacks);
         let end = progress.iterations + settings.smooth.iterations as u32;
-        while progress.iterations < end && !cancel() {
+        while progress.iterations < end && !progress.ended() && !cancel() {
             let before = progress.iterations;
-            self.round(layout, &limits, progress);
-            if progress.ended() {
-                break;
+            self.weigh(layout, progress);
+            for (stage, when) in ROUND.into_iter().filter(|(stage, _)| *stage != Stage::Weights) {
+                self.turn(stage, when, &solve, progress);
             }
-            if progress.iterations > before {
+            if progress.iterations > before && !progress.ended() {
                 self.shift_residuals();
             }
         }
         self.shift.clear();
-        self.linearise(layout, T::zero());
         *progress = renewed(progress, self.history.len());
-        if self.iterate(layout, &limits, finish, progress, cancel) != Status::Solved {
+        self.trial.clone_from(&self.x);
+        self.evaluate(layout, progress);
+        self.take_trial();
+        start_slacks(&self.now.g, solve.limits.barrier, &mut self.slacks);
+        self.stage(Stage::Weights, &solve, progress);
+        if self.iterate(&solve, progress, cancel) != Status::Solved {
             self.x = solved;
             progress.infeasibility = infeasibility;
         }
@@ -309,7 +412,7 @@ impl<T: Real> Solver<T> {
         }
         self.trial.clone_from(&self.x);
         self.direction.resize(layout.variables, T::zero());
-        for v in [&mut self.scaling, &mut self.diagonal, &mut self.gradient] {
+        for v in [&mut self.scaling, &mut self.diagonal, &mut self.gradient, &mut self.right_hand_side] {
             v.resize(layout.variables, T::zero());
         }
         self.shared.resize(layout);
@@ -333,72 +436,10 @@ impl<T: Real> Solver<T> {
         self.history.clear();
     }
 
-    /// Residuals and Jacobian at `x`.
-    fn linearise(&mut self, layout: &Layout<T>, edge_radius: T) {
-        let (c, g) = (&mut self.now.c, &mut self.now.g);
-        crate::kernels::evaluate(layout, &self.x, edge_radius, &mut self.shared, c, g, Some(&mut self.jacobian));
-    }
-
-    /// Trial point and linear residuals there. Returns false when the normal equations could not be factorised.
-    fn direction(&mut self, layout: &Layout<T>, progress: &mut Progress<T>) -> bool {
-        let closing = progress.state == control::CLOSE;
-        let predictor = Aim { mu: T::zero(), correction: T::zero() };
-        progress.factorisations += 1;
-        if closing {
-            closing_rows(layout, &self.now.c, &self.now.g, &mut self.weight, &mut self.value);
-        } else {
-            barrier_rows(layout, &self.now.c, &self.now.g, &self.slacks, predictor, &mut self.weight, &mut self.value);
-        }
-        variable_terms(
-            &self.scaling,
-            progress.proximal(),
-            &layout.pull,
-            progress.pull,
-            &self.x,
-            &layout.initial,
-            &mut self.diagonal,
-            &mut self.gradient,
-        );
-        let system = NormalEquations {
-            jacobian: &self.jacobian,
-            weight: &self.weight,
-            value: &self.value,
-            diagonal: &self.diagonal,
-            gradient: &self.gradient,
-        };
-        if !factorise(layout, &system, &mut self.factor) {
-            return false;
-        }
-        substitute(layout, &mut self.factor, &mut self.direction);
-        jacobian_times(layout, &self.jacobian, &self.direction, &mut self.local, &mut self.change.c, &mut self.change.g);
-        progress.length = if closing { T::one() } else { self.correct(layout, predictor, progress) };
-        let (variables, length) = (layout.variables, progress.length);
-        advance(&self.x[..variables], length, &self.direction, &mut self.trial[..variables]);
-        advance(&self.now.c, length, &self.change.c, &mut self.linear.c);
-        advance(&self.now.g, length, &self.change.g, &mut self.linear.g);
-        true
-    }
-
-    /// Corrects the direction of the predictor, Mehrotra's way: the barrier parameter it aims for follows from how far the predictor could
-    /// go, and the product of its steps is taken into account. Returns the length of the step.
-    fn correct(&mut self, layout: &Layout<T>, predictor: Aim<T>, progress: &mut Progress<T>) -> T {
-        let reach = slack_steps(&self.now.g, &self.change.g, predictor, &mut self.slacks);
-        progress.mu = target(&self.slacks, reach);
-        let aim = Aim { mu: progress.mu, correction: reach };
-        barrier_rows(layout, &self.now.c, &self.now.g, &self.slacks, aim, &mut self.weight, &mut self.value);
-        let right_hand_side = &mut self.trial[..layout.variables];
-        transposed_times(layout, &self.jacobian, &self.value, &mut self.local, right_hand_side);
-        add(right_hand_side, &self.gradient);
-        forward(layout, &mut self.factor, right_hand_side);
-        substitute(layout, &mut self.factor, &mut self.direction);
-        jacobian_times(layout, &self.jacobian, &self.direction, &mut self.local, &mut self.change.c, &mut self.change.g);
-        slack_steps(&self.now.g, &self.change.g, aim, &mut self.slacks)
-    }
-
-    fn finished(&self, layout: &Layout<T>, finish: Finish, f: T) -> bool {
-        match finish {
+    fn finished(&self, solve: &Solve<T>, f: T) -> bool {
+        match solve.finish {
             Finish::Infeasibility(tolerance) => f < T::of(tolerance),
-            Finish::Rows(tolerance) => rows_hold(layout, &self.now.c, &self.now.g, tolerance),
+            Finish::Rows(tolerance) => rows_hold(solve.layout, &self.now.c, &self.now.g, tolerance),
         }
     }
 
@@ -410,23 +451,14 @@ impl<T: Real> Solver<T> {
 
 /// Whether no row is violated by more than `tolerance` in its own unit, margins aside.
 fn rows_hold<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], tolerance: f64) -> bool {
-    let k = &layout.constants;
     let tolerance = T::of(tolerance);
     layout.elements.iter().all(|element| {
-        let (row, at) = (element.place.row as usize, element.place.inequality as usize);
-        let count = (element.rows + element.pairs) as usize;
-        let limit = match element.family {
-            Family::Dynamics | Family::LinearMomentum | Family::AngularMomentum => {
-                let scale = |r: usize| match element.family {
-                    Family::Dynamics if r < 3 => k.moment_scale,
-                    Family::AngularMomentum => k.moment_scale,
-                    _ => k.balance_scale,
-                };
-                return (0..6).all(|r| c[row + r].abs() <= tolerance * scale(r));
-            }
-            Family::Reach | Family::Swing | Family::Stride => (tolerance + k.length_margin) * k.length_scale,
-            Family::Force => tolerance / k.force_unit + k.force_margin,
-        };
-        g[at..at + count].iter().all(|&g| g <= limit)
+        let (row, at, rows) = (element.place.row as usize, element.place.inequality as usize, element.rows as usize);
+        let allowed = |r: usize| element.family.allowed(&layout.constants, r, tolerance);
+        if element.family.spec().equality {
+            (0..rows).all(|r| c[row + r].abs() <= allowed(r))
+        } else {
+            (0..rows + element.pairs as usize).all(|r| g[at + r] <= allowed(r))
+        }
     })
 }

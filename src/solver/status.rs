@@ -1,6 +1,6 @@
 //! How a solve ended.
 
-use crate::kernels::control;
+use crate::solver::control;
 use serde::{Deserialize, Serialize};
 
 /// How the solve of one candidate ended. Not an error: the last point is kept in every case.

@@ -2,11 +2,12 @@
 #![allow(dead_code, reason = "each test binary uses a part of this")]
 
 use cregopt::gait::Schedule;
-use cregopt::kernels::Shared;
-use cregopt::nlp::layout::NONE;
-use cregopt::nlp::towr::FORCE_LIMIT;
-use cregopt::nlp::{Layout, Real};
+use cregopt::nlp::Layout;
+use cregopt::nlp::transcription::towr::FORCE_LIMIT;
+use cregopt::real::Real;
 use cregopt::robot::Robot;
+use cregopt::rows::Shared;
+use cregopt::rows::table::NONE;
 use cregopt::scenario::Scenario;
 use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::task::Task;
@@ -112,7 +113,7 @@ pub fn layout<T: Real>(task: &Task, schedule: &Schedule) -> Layout<T> {
 
 /// Layout of a schedule that is not aligned yet.
 pub fn layout_with<T: Real>(task: &Task, schedule: &Schedule, settings: &TranscriptionSettings) -> Layout<T> {
-    Layout::new(task, &schedule.aligned(settings.interval_for(&task.robot)), settings)
+    Layout::new(task, &schedule.aligned(interval(settings, &task.robot)), settings)
 }
 
 /// Distance from terrain edges that random points keep, m: more than a central difference or f32 rounding moves them.
@@ -195,7 +196,7 @@ pub fn rows_with<T: Real>(layout: &Layout<T>, x: &[T], edge_radius: f64, shared:
         g: vec![T::nan(); layout.inequalities],
         jacobian: vec![T::zero(); layout.jacobian_len],
     };
-    cregopt::kernels::evaluate(layout, x, T::of(edge_radius), shared, &mut rows.c, &mut rows.g, Some(&mut rows.jacobian));
+    cregopt::rows::residuals(layout, x, T::of(edge_radius), shared, &mut rows.c, &mut rows.g, Some(&mut rows.jacobian));
     rows
 }
 

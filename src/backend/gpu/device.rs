@@ -1,8 +1,9 @@
 //! Adapters of this machine, and one of them opened: device, limits and pipelines.
 
+use super::shaders::{Binding, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP};
+use super::tables::Buffer;
 use crate::backend::locked;
 use crate::error::{Error, Result};
-use crate::kernels::shaders::{Buffer, SHADERS, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
@@ -14,7 +15,7 @@ const LEAST_BINDING: u64 = 64 << 20;
 
 /// Storage buffers of the shader that binds most.
 fn most_buffers() -> u32 {
-    SHADERS.iter().map(|s| s.buffers.len() as u32).max().unwrap_or(0)
+    Shader::ALL.iter().map(|s| s.buffers().count() as u32).max().unwrap_or(0)
 }
 
 /// An adapter of this machine.
@@ -116,8 +117,10 @@ impl std::fmt::Display for Fault {
 
 /// A shader, compiled.
 pub struct Pipeline {
-    /// Its entry in the table.
-    pub shader: &'static Shader,
+    /// Which.
+    pub shader: Shader,
+    /// What it binds.
+    pub bindings: Vec<Binding>,
     /// Layout of its bindings.
     pub layout: wgpu::BindGroupLayout,
     /// For dispatches.
@@ -277,16 +280,18 @@ impl Device {
         wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::COMPUTE, ty, count: None }
     }
 
-    fn compile(&self, shader: &'static Shader, variant: &Variant) -> Pipeline {
-        let mut entries = vec![Device::entry(0, wgpu::BufferBindingType::Uniform, false)];
-        for (i, (buffer, write)) in shader.buffers.iter().enumerate() {
-            let ty = wgpu::BufferBindingType::Storage { read_only: !write };
-            entries.push(Device::entry(i as u32 + 1, ty, *buffer == Buffer::Running));
-        }
-        if shader.sweep {
-            entries.push(Device::entry(entries.len() as u32, wgpu::BufferBindingType::Uniform, true));
-        }
-        let label = Some(shader.name);
+    fn compile(&self, shader: Shader, variant: &Variant) -> std::result::Result<Pipeline, Fault> {
+        let label = Some(shader.path());
+        let bindings: Option<Vec<Binding>> = shader.bindings().into_iter().collect();
+        let Some(bindings) = bindings else { return Err(Fault::Lost(format!("{} binds a buffer that is unknown", shader.path()))) };
+        let entry = |(at, binding): (u32, &Binding)| match binding {
+            Binding::Batch => Device::entry(at, wgpu::BufferBindingType::Uniform, false),
+            Binding::Part => Device::entry(at, wgpu::BufferBindingType::Uniform, true),
+            Binding::Storage(buffer, written) => {
+                Device::entry(at, wgpu::BufferBindingType::Storage { read_only: !written }, *buffer == Buffer::Running)
+            }
+        };
+        let entries: Vec<_> = (0..).zip(&bindings).map(entry).collect();
         let layout = self.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries: &entries });
         let text = wgpu::ShaderModuleDescriptor { label, source: wgpu::ShaderSource::Wgsl(shader.text(variant).into()) };
         // SAFETY: every index comes from tables that this crate builds, and counts that go with them; the parity tests run these shaders.
@@ -305,16 +310,17 @@ impl Device {
             compilation_options: wgpu::PipelineCompilationOptions { zero_initialize_workgroup_memory: false, ..Default::default() },
             cache: None,
         });
-        Pipeline { shader, layout, pipeline }
+        Ok(Pipeline { shader, bindings, layout, pipeline })
     }
 
-    /// Pipelines of a variant, in the order of [`SHADERS`]; compiled when first asked for.
+    /// Pipelines of a variant, in the order of [`Shader::ALL`]; compiled when first asked for.
     pub fn pipelines(&self, variant: Variant) -> std::result::Result<Arc<Vec<Pipeline>>, Fault> {
         let mut cached = locked(&self.pipelines);
         if let Some(pipelines) = cached.get(&variant) {
             return Ok(pipelines.clone());
         }
-        let pipelines = Arc::new(SHADERS.iter().map(|shader| self.compile(shader, &variant)).collect::<Vec<_>>());
+        let pipelines = Shader::ALL.iter().map(|shader| self.compile(*shader, &variant));
+        let pipelines = Arc::new(pipelines.collect::<std::result::Result<Vec<_>, Fault>>()?);
         self.check()?;
         cached.insert(variant, pipelines.clone());
         Ok(pipelines)

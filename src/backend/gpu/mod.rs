@@ -4,32 +4,40 @@
 //! candidates leave, and their slots are filled again once half of them are free. Meanwhile the CPU prepares the tables of those that
 //! come next and certifies those that are done.
 
-mod bank;
 mod device;
+pub mod shaders;
+mod slots;
+pub mod tables;
+mod timer;
 
-pub use bank::{Bank, List, Prepared, Timing, most_slots};
 pub use device::{AdapterReport, Device, Fault, adapters};
+pub use slots::{List, Prepared, Slots, most_slots};
+pub use timer::Timing;
 
 use super::{Backend, Cpu, Job, Precision, Problem, Solution, locked};
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
-use crate::kernels::control::Progress;
-use crate::kernels::shaders::{Buffer, SHADERS};
-use crate::nlp::Layout;
+use crate::nlp::{Layout, transcription};
+use crate::rows::{self, Shared};
 use crate::settings::{SolverSettings, TranscriptionSettings};
-use crate::solver::{Finish, Outcome, Solver, Status};
+use crate::solver::control::Progress;
+use crate::solver::round::{ROUND, START};
+use crate::solver::{Finish, Outcome, Solver, Status, judge};
 use crate::task::Task;
 use crate::terrain::{Shape, Terrain};
 use rayon::prelude::*;
+use shaders::Shader;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
+use tables::{Buffer, Sizes};
+use timer::Timer;
 
 /// Slots of a device with memory of its own.
 const SLOTS: usize = 2048;
 /// Slots of a software adapter, at least: more than its threads need makes it slower, for they share a cache.
 const SOFTWARE_SLOTS: usize = 16;
-/// Candidates whose tables are made before the sizes of a bank are chosen.
+/// Candidates whose tables are made before the sizes of a slots are chosen.
 const SAMPLE: usize = 256;
 /// Room for larger candidates that come later.
 const SPARE: f64 = 1.1;
@@ -38,14 +46,8 @@ const SUBMISSION: [Duration; 2] = [Duration::from_millis(25), Duration::from_mil
 /// Most rounds of a submission.
 const MOST_ROUNDS: usize = 8;
 
-/// Shaders that evaluate the rows at the trial point.
-const EVALUATION: [&str; 6] = ["foothold", "dynamics", "momentum", "reach", "force", "swing"];
-/// Shaders that make a trial point.
-const DIRECTION: [&str; 9] = ["front", "substitute", "product", "correct", "transposed", "forward", "substitute", "product", "advance"];
-/// Shaders that look at it; `rows` begins the next round.
-const VERDICT: [&str; 2] = ["judge", "rows"];
-/// Shaders behind the evaluation of the initial point.
-const START: [&str; 2] = ["start", "rows"];
+/// Shaders to dispatch, each over the first so many slots of a list.
+type Plan = Vec<(Shader, List, usize)>;
 
 /// Where the time of a backend's solves went.
 #[derive(Debug, Clone, Default)]
@@ -77,17 +79,17 @@ pub struct Profile {
 pub struct Gpu {
     device: Arc<Device>,
     cpu: Cpu,
-    bank: Mutex<Option<Bank>>,
+    slots: Mutex<Option<Slots>>,
     /// What the CPU had to do instead, and why.
     fallback: Mutex<Option<(usize, Fault)>>,
     profile: Mutex<Profile>,
     timed: bool,
-    slots: usize,
+    most_slots: usize,
 }
 
-impl std::fmt::Debug for Bank {
+impl std::fmt::Debug for Slots {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Bank").field("capacity", &self.capacity).field("bytes", &self.bytes).finish_non_exhaustive()
+        f.debug_struct("Slots").field("capacity", &self.capacity).field("bytes", &self.bytes).finish_non_exhaustive()
     }
 }
 
@@ -107,15 +109,16 @@ impl Gpu {
     pub fn new(device: Device, threads: usize) -> Result<Gpu> {
         let device = Arc::new(device);
         let cpu = Cpu::new(threads)?;
-        let slots = if device.report.software { SOFTWARE_SLOTS.max(2 * cpu.threads()) } else { SLOTS };
-        let gpu = Gpu { device, cpu, bank: Mutex::default(), fallback: Mutex::default(), profile: Mutex::default(), timed: false, slots };
+        let most_slots = if device.report.software { SOFTWARE_SLOTS.max(2 * cpu.threads()) } else { SLOTS };
+        let gpu =
+            Gpu { device, cpu, slots: Mutex::default(), fallback: Mutex::default(), profile: Mutex::default(), timed: false, most_slots };
         gpu.self_test()?;
         Ok(gpu)
     }
 
     /// Holds at most this many candidates at once.
     pub fn with_slots(mut self, slots: usize) -> Gpu {
-        self.slots = slots.max(1);
+        self.most_slots = slots.max(1);
         self
     }
 
@@ -139,23 +142,23 @@ impl Gpu {
     fn self_test(&self) -> Result<()> {
         let failed = |what: String| Error::Device { message: format!("{}: failed its self-test: {what}", self.device.report.name) };
         let (task, schedule) = self_test_problem()?;
-        let transcription = TranscriptionSettings::default();
+        let lower = TranscriptionSettings::default();
         let settings = SolverSettings::default();
-        let schedule = schedule.aligned(transcription.interval_for(&task.robot));
-        let layout = Layout::<f32>::new(&task, &schedule, &transcription);
+        let schedule = schedule.aligned(transcription::interval(&lower, &task.robot));
+        let layout = Layout::<f32>::new(&task, &schedule, &lower);
         let problems = [Problem { task: &task, schedule }];
         let answer = Mutex::new(None);
-        let job = Job { problems: &problems, transcription: &transcription, settings: &settings, precision: Precision::F32 };
+        let job = Job { problems: &problems, transcription: &lower, settings: &settings, precision: Precision::F32 };
         self.work(&job, &|_| false, &|_, solution| *locked(&answer) = Some(solution), &mut [false]).map_err(|f| failed(f.to_string()))?;
         let answer = locked(&answer).take();
         let Some(Solution { outcome, x }) = answer else { return Err(failed("no answer".into())) };
         // The rows at its solution, on the CPU.
         let (mut c, mut g) = (vec![0.; layout.equalities], vec![0.; layout.inequalities]);
-        let mut shared = crate::kernels::Shared::default();
+        let mut shared = Shared::default();
         shared.resize(&layout);
         let x: Vec<f32> = x.iter().map(|v| *v as f32).collect();
-        crate::kernels::evaluate(&layout, &x, 0., &mut shared, &mut c, &mut g, None);
-        let f = f64::from(crate::kernels::judge::infeasibility(&c, &g));
+        rows::residuals(&layout, &x, 0., &mut shared, &mut c, &mut g, None);
+        let f = f64::from(judge::infeasibility(&c, &g));
         if outcome.status != Status::Solved || f > 10. * settings.tolerance {
             let expected = Solver::default().solve(&layout, &settings, Finish::Infeasibility(settings.tolerance), None, &|| false);
             let limit = self.device.loop_limit.map_or(String::new(), |n| format!(", loops end after {n} iterations"));
@@ -173,22 +176,22 @@ impl Gpu {
         finish: &(dyn Fn(usize, Solution) + Sync),
         done: &mut [bool],
     ) -> std::result::Result<(), Fault> {
-        let mut bank = locked(&self.bank);
+        let mut slots = locked(&self.slots);
         let mut run = Work::new(self, job, skip, done);
         let result = self
             .cpu
             .pool()
-            .in_place_scope(|scope| run.all(&mut bank, &mut |index, solution| scope.spawn(move |_| finish(index, solution))));
+            .in_place_scope(|scope| run.all(&mut slots, &mut |index, solution| scope.spawn(move |_| finish(index, solution))));
         let mut profile = locked(&self.profile);
-        if let Some(bank) = &mut *bank {
-            profile.sent += std::mem::take(&mut bank.sent);
-            profile.received += std::mem::take(&mut bank.received);
-            profile.memory = profile.memory.max(bank.bytes);
-            profile.slots = profile.slots.max(bank.capacity);
+        if let Some(slots) = &mut *slots {
+            profile.sent += std::mem::take(&mut slots.sent);
+            profile.received += std::mem::take(&mut slots.received);
+            profile.memory = profile.memory.max(slots.bytes);
+            profile.slots = profile.slots.max(slots.capacity);
         }
         if result.is_err() {
             // Its buffers may be gone.
-            *bank = None;
+            *slots = None;
         }
         result
     }
@@ -258,15 +261,15 @@ impl<'a> Work<'a> {
     }
 
     /// Solves all candidates.
-    fn all(&mut self, bank: &mut Option<Bank>, finish: &mut dyn FnMut(usize, Solution)) -> std::result::Result<(), Fault> {
-        // A bank of an earlier call has other heights, maybe other settings.
+    fn all(&mut self, slots: &mut Option<Slots>, finish: &mut dyn FnMut(usize, Solution)) -> std::result::Result<(), Fault> {
+        // A slots of an earlier call has other heights, maybe other settings.
         loop {
             self.prepare(SAMPLE);
             let Some(sizes) = self.prepared.iter().map(|p| p.sizes).reduce(|a, b| a.max(b)) else { return Ok(()) };
-            self.make_bank(bank, sizes)?;
-            let Some(bank) = bank.as_mut() else { return Ok(()) };
-            self.free = (0..bank.capacity as u32).rev().collect();
-            while self.step(bank, finish)? {}
+            self.make_bank(slots, sizes)?;
+            let Some(slots) = slots.as_mut() else { return Ok(()) };
+            self.free = (0..slots.capacity as u32).rev().collect();
+            while self.step(slots, finish)? {}
             debug_assert!(self.running.is_empty());
         }
     }
@@ -302,19 +305,19 @@ impl<'a> Work<'a> {
         Some(Prepared::new(index, layout, first, self.gpu.device.workgroup))
     }
 
-    /// A bank that holds candidates of these sizes: as many as are left, as the device allows, and as it has memory for.
-    fn make_bank(&mut self, bank: &mut Option<Bank>, sizes: crate::kernels::batch::Sizes) -> std::result::Result<(), Fault> {
+    /// A slots that holds candidates of these sizes: as many as are left, as the device allows, and as it has memory for.
+    fn make_bank(&mut self, slots: &mut Option<Slots>, sizes: Sizes) -> std::result::Result<(), Fault> {
         let (device, settings) = (&self.gpu.device, self.job.settings);
         let left = self.prepared.len() + self.job.problems.len() - self.next;
         let loops = self.prepared.iter().map(|p| p.loops).max().unwrap_or(0);
-        let wanted = self.gpu.slots.min(left);
-        if let Some(bank) = bank.as_ref()
-            && bank.serves(sizes, settings, &self.heights, loops)
-            && bank.capacity >= wanted
+        let wanted = self.gpu.most_slots.min(left);
+        if let Some(slots) = slots.as_ref()
+            && slots.serves(sizes, settings, &self.heights, loops)
+            && slots.capacity >= wanted
         {
             return Ok(());
         }
-        *bank = None;
+        *slots = None;
         let sizes = sizes.enlarged(SPARE);
         let mut capacity = wanted.min(most_slots(device, &sizes, settings, self.heights.len()));
         if capacity == 0 {
@@ -322,9 +325,9 @@ impl<'a> Work<'a> {
         }
         loop {
             let loops = (f64::from(loops) * SPARE) as u32;
-            match Bank::new(device, sizes, settings, capacity, &self.heights, loops) {
+            match Slots::new(device, sizes, settings, capacity, &self.heights, loops) {
                 Ok(made) => {
-                    *bank = Some(made);
+                    *slots = Some(made);
                     return Ok(());
                 }
                 Err(Fault::OutOfMemory) if capacity > 1 => capacity /= 2,
@@ -334,7 +337,7 @@ impl<'a> Work<'a> {
     }
 
     /// One submission, and what goes with it. Returns false when nothing runs any more and nothing fits in.
-    fn step(&mut self, bank: &mut Bank, finish: &mut dyn FnMut(usize, Solution)) -> std::result::Result<bool, Fault> {
+    fn step(&mut self, slots: &mut Slots, finish: &mut dyn FnMut(usize, Solution)) -> std::result::Result<bool, Fault> {
         let start = Instant::now();
         let (skip, done, free) = (self.skip, &mut *self.done, &mut self.free);
         self.running.retain(|&Running { slot, index, .. }| {
@@ -345,32 +348,29 @@ impl<'a> Work<'a> {
             }
             !dropped
         });
-        let starting = self.fill(bank);
+        let starting = self.fill(slots);
         if self.running.is_empty() {
             return Ok(false);
         }
-        let slots: Vec<u32> = self.running.iter().map(|r| r.slot).collect();
-        bank.list(List::Running, &slots);
-        let mut timer = self.gpu.timed.then(|| Timer::new(&self.gpu.device, self.rounds));
+        let list: Vec<u32> = self.running.iter().map(|r| r.slot).collect();
+        slots.list(List::Running, &list);
+        let mut timer = None;
         let mut encoder = self.gpu.device.device.create_command_encoder(&Default::default());
-        let mut plan: Vec<(&'static str, List, usize)> = Vec::new();
-        if starting > 0 {
-            plan.extend(EVALUATION.iter().chain(&START).map(|s| (*s, List::Starting, starting)));
+        let plan = plan(starting, list.len(), self.rounds);
+        if self.gpu.timed {
+            timer = Some(Timer::new(&self.gpu.device, plan.len()));
         }
-        for _ in 0..self.rounds {
-            plan.extend(DIRECTION.iter().chain(&EVALUATION).chain(&VERDICT).map(|s| (*s, List::Running, slots.len())));
-        }
-        encode(bank, &mut encoder, &plan, timer.as_mut());
-        bank.copy_progress(&mut encoder);
+        encode(slots, &mut encoder, &plan, timer.as_mut());
+        slots.copy_progress(&mut encoder);
         if let Some(timer) = &timer {
             timer.resolve(&mut encoder);
         }
         self.gpu.device.queue.submit([encoder.finish()]);
         let sent = Instant::now();
         // While it works: the tables of those that come next.
-        self.prepare(bank.capacity.div_ceil(2));
+        self.prepare(slots.capacity.div_ceil(2));
         let waiting = Instant::now();
-        let progress = bank.read_progress()?;
+        let progress = slots.read_progress()?;
         let elapsed = sent.elapsed();
         {
             let mut profile = locked(&self.gpu.profile);
@@ -379,7 +379,7 @@ impl<'a> Work<'a> {
             profile.submissions += 1;
             profile.rounds += self.rounds;
             if let Some(timer) = timer {
-                timer.add_to(&mut profile, &plan)?;
+                timer.add_to(&mut profile.shaders, plan.iter().map(|p| p.0.path()))?;
             }
         }
         if elapsed < SUBMISSION[0] {
@@ -387,40 +387,40 @@ impl<'a> Work<'a> {
         } else if elapsed > SUBMISSION[1] {
             self.rounds = (self.rounds / 2).max(1);
         }
-        self.collect(bank, &progress, finish)?;
+        self.collect(slots, &progress, finish)?;
         Ok(true)
     }
 
     /// Fills free slots once half of them are free. Returns how many were filled; they are listed as starting.
-    fn fill(&mut self, bank: &mut Bank) -> usize {
-        if !(self.running.is_empty() || 2 * self.free.len() >= bank.capacity) {
+    fn fill(&mut self, slots: &mut Slots) -> usize {
+        if !(self.running.is_empty() || 2 * self.free.len() >= slots.capacity) {
             return 0;
         }
         self.prepare(self.free.len());
         // Slots in their order, so that neighbours are sent together.
         self.free.sort_unstable();
-        let fits = self.prepared.iter().take(self.free.len()).take_while(|p| bank.takes(p)).count();
-        let slots: Vec<u32> = self.free.drain(..fits).collect();
+        let fits = self.prepared.iter().take(self.free.len()).take_while(|p| slots.takes(p)).count();
+        let filled: Vec<u32> = self.free.drain(..fits).collect();
         let candidates: Vec<Prepared> = self.prepared.drain(..fits).collect();
-        self.running.extend(slots.iter().zip(&candidates).map(|(&slot, c)| Running { slot, index: c.index, len: c.sizes.all }));
+        self.running.extend(filled.iter().zip(&candidates).map(|(&slot, c)| Running { slot, index: c.index, len: c.sizes.all }));
         let mut rest = &candidates[..];
         let mut groups = Vec::new();
-        for run in slots.chunk_by(|a, b| a + 1 == *b) {
+        for run in filled.chunk_by(|a, b| a + 1 == *b) {
             let (group, after) = rest.split_at(run.len());
             groups.push((run[0] as usize, group));
             rest = after;
         }
-        self.gpu.cpu.pool().install(|| bank.fill(&groups, self.job.settings));
-        if !slots.is_empty() {
-            bank.list(List::Starting, &slots);
+        self.gpu.cpu.pool().install(|| slots.fill(&groups, self.job.settings));
+        if !filled.is_empty() {
+            slots.list(List::Starting, &filled);
         }
-        slots.len()
+        filled.len()
     }
 
     /// Hands over what has ended.
     fn collect(
         &mut self,
-        bank: &mut Bank,
+        slots: &mut Slots,
         progress: &[Progress<f32>],
         finish: &mut dyn FnMut(usize, Solution),
     ) -> std::result::Result<(), Fault> {
@@ -429,7 +429,7 @@ impl<'a> Work<'a> {
             return Ok(());
         }
         let halves: Vec<(u32, u32)> = ended.iter().map(|r| (r.slot, progress[r.slot as usize].current)).collect();
-        let solutions = bank.read_solutions(&halves)?;
+        let solutions = slots.read_solutions(&halves)?;
         for (Running { slot, index, len }, x) in ended.iter().zip(solutions) {
             let progress = &progress[*slot as usize];
             let outcome = Outcome {
@@ -447,71 +447,36 @@ impl<'a> Work<'a> {
     }
 }
 
+/// The shaders of a submission: the start of the slots that were just filled, then rounds of all.
+fn plan(starting: usize, running: usize, rounds: usize) -> Plan {
+    let of = |stages: &mut dyn Iterator<Item = crate::solver::round::Stage>, list: List, count: usize| -> Plan {
+        stages.flat_map(Shader::of).map(|shader| (*shader, list, count)).collect()
+    };
+    let mut plan = if starting > 0 { of(&mut START.into_iter(), List::Starting, starting) } else { Plan::new() };
+    for _ in 0..rounds {
+        plan.extend(of(&mut ROUND.into_iter().map(|(stage, _)| stage), List::Running, running));
+    }
+    plan
+}
+
 /// Encodes shaders in their order, in one pass or, when they are timed, in one each.
-fn encode(bank: &Bank, encoder: &mut wgpu::CommandEncoder, plan: &[(&'static str, List, usize)], timer: Option<&mut Timer>) {
-    let number = |name: &str| SHADERS.iter().position(|s| s.name == name).unwrap_or(0);
+fn encode(slots: &Slots, encoder: &mut wgpu::CommandEncoder, plan: &Plan, timer: Option<&mut Timer>) {
     match timer {
         None => {
             let mut pass = encoder.begin_compute_pass(&Default::default());
-            for (name, list, count) in plan {
-                bank.dispatch(&mut pass, number(name), *list, *count);
+            for (shader, list, count) in plan {
+                slots.dispatch(&mut pass, *shader, *list, *count);
             }
         }
         Some(timer) => {
-            for (i, (name, list, count)) in plan.iter().enumerate() {
-                let writes = wgpu::ComputePassTimestampWrites {
-                    query_set: &timer.queries,
-                    beginning_of_pass_write_index: Some(2 * i as u32),
-                    end_of_pass_write_index: Some(2 * i as u32 + 1),
-                };
-                let mut pass =
-                    encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some(name), timestamp_writes: Some(writes) });
-                bank.dispatch(&mut pass, number(name), *list, *count);
+            for (i, (shader, list, count)) in plan.iter().enumerate() {
+                let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                    label: Some(shader.path()),
+                    timestamp_writes: Some(timer.writes(i as u32)),
+                });
+                slots.dispatch(&mut pass, *shader, *list, *count);
             }
         }
-    }
-}
-
-/// Times of the passes of one submission.
-struct Timer {
-    device: Arc<Device>,
-    queries: wgpu::QuerySet,
-    count: u32,
-    resolved: wgpu::Buffer,
-    answer: wgpu::Buffer,
-}
-
-impl Timer {
-    fn new(device: &Arc<Device>, rounds: usize) -> Timer {
-        let count = 2 * ((rounds + 1) * (DIRECTION.len() + EVALUATION.len() + VERDICT.len())) as u32;
-        let buffer = |label, usage| {
-            let size = 8 * u64::from(count);
-            device.device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false })
-        };
-        use wgpu::BufferUsages as Use;
-        Timer {
-            device: device.clone(),
-            queries: device.device.create_query_set(&wgpu::QuerySetDescriptor { label: None, ty: wgpu::QueryType::Timestamp, count }),
-            count,
-            resolved: buffer("times", Use::QUERY_RESOLVE | Use::COPY_SRC),
-            answer: buffer("read times", Use::MAP_READ | Use::COPY_DST),
-        }
-    }
-
-    fn resolve(&self, encoder: &mut wgpu::CommandEncoder) {
-        encoder.resolve_query_set(&self.queries, 0..self.count, &self.resolved, 0);
-        encoder.copy_buffer_to_buffer(&self.resolved, 0, &self.answer, 0, self.answer.size());
-    }
-
-    fn add_to(&self, profile: &mut Profile, plan: &[(&'static str, List, usize)]) -> std::result::Result<(), Fault> {
-        let times: Vec<u64> = bytemuck::pod_collect_to_vec(&self.device.read(&self.answer, self.answer.size())?);
-        let period = f64::from(self.device.queue.get_timestamp_period()) * 1e-9;
-        for (i, (name, ..)) in plan.iter().enumerate() {
-            let timing = profile.shaders.entry(name).or_default();
-            timing.count += 1;
-            timing.seconds += times[2 * i + 1].saturating_sub(times[2 * i]) as f64 * period;
-        }
-        Ok(())
     }
 }
 
@@ -577,16 +542,16 @@ fn smooth(job: &Job, index: usize, solution: Solution) -> Solution {
     Solution { outcome, x: solver.solution() }
 }
 
-/// The bank and its device, for tests of single shaders.
-impl Bank {
-    /// Dispatches shaders by name over a list of slots and waits.
+/// The slots and its device, for tests of single shaders.
+impl Slots {
+    /// Dispatches shaders over a list of slots and waits.
     ///
     /// # Errors
     /// [`Fault`] when the device does not do it.
-    pub fn run(&mut self, device: &Device, shaders: &[&'static str], slots: &[u32]) -> std::result::Result<(), Fault> {
+    pub fn run(&mut self, device: &Device, shaders: &[Shader], slots: &[u32]) -> std::result::Result<(), Fault> {
         self.list(List::Running, slots);
         let mut encoder = device.device.create_command_encoder(&Default::default());
-        let plan: Vec<_> = shaders.iter().map(|s| (*s, List::Running, slots.len())).collect();
+        let plan: Plan = shaders.iter().map(|s| (*s, List::Running, slots.len())).collect();
         encode(self, &mut encoder, &plan, None);
         device.queue.submit([encoder.finish()]);
         device.wait()

@@ -1,0 +1,483 @@
+// needs: shared/triangle
+// The frontal Cholesky factorisation in time order: assemble, eliminate, slide on. One workgroup a candidate, steps `part.first` to
+// `part.last`.
+//   in      values    weight, value [rows]; diagonal, gradient [variables]
+//   in      jacobian  at the point
+//   in out  values    carry: what stays of the front between two steps, `[rest][rest]` and its right-hand side
+//   out     factor    pivot rows, [pivots][stride] at each step; the right-hand side stands in column `size`
+//   out     values    flags: 1 when a pivot is not positive
+// Solves `(E + J' W J) d = -(u + J' v)` together with substitute.wgsl.
+// Twin: src/linear/front.rs. Its sums have another order: pivots are eliminated one by one.
+
+// Steps of the factorisation to take.
+struct Part {
+    first: u32,
+    last: u32,
+}
+
+@group(0) @binding(0) var<uniform> batch: Batch;
+@group(0) @binding(1) var<storage, read> running: array<u32>;
+@group(0) @binding(2) var<storage, read> slots: array<Slot>;
+@group(0) @binding(3) var<storage, read> progress: array<Progress>;
+@group(0) @binding(4) var<storage, read_write> values: array<f32>;
+@group(0) @binding(5) var<storage, read> jacobian: array<f32>;
+@group(0) @binding(6) var<storage, read_write> factor: array<f32>;
+@group(0) @binding(7) var<storage, read> elements: array<Element>;
+@group(0) @binding(8) var<storage, read> runs: array<Run>;
+@group(0) @binding(9) var<storage, read> front_steps: array<FrontStep>;
+@group(0) @binding(10) var<storage, read> rests: array<Rest>;
+@group(0) @binding(11) var<storage, read> reach_instants: array<ReachInstant>;
+@group(0) @binding(12) var<storage, read> reach_feet: array<ReachFoot>;
+@group(0) @binding(13) var<uniform> part: Part;
+
+// Indices in the front of the columns of an element, those of the next one beside them.
+var<workgroup> columns: array<u32, 2 * COLUMNS>;
+// Four rows of the factor, column by column.
+var<workgroup> panel: array<vec4<f32>, SIDE>;
+
+fn add_front(slot: u32, i: u32, v: f32) {
+    put_front(slot, i, front_at(slot, i) + v);
+}
+
+// Puts the columns of an element in their place. Returns how many they are: none where all that it touches is fixed.
+fn spread(slot: u32, element: Element, side: u32, lane: u32) -> u32 {
+    if (element.runs.start == element.runs.end) {
+        return 0u;
+    }
+    let last = runs[slot * batch.runs + element.runs.end - 1u];
+    for (var k = element.runs.start + lane; k < element.runs.end; k += WORKGROUP) {
+        let run = runs[slot * batch.runs + k];
+        for (var i = 0u; i < run.len; i++) {
+            columns[side + run.column + i] = run.front + i;
+        }
+    }
+    return last.column + last.len;
+}
+
+// Rows of an element that are added together, at most six, over every `step`-th of its columns from `offset` on.
+struct Rows {
+    // First Jacobian value, and those of the rows from there.
+    first: u32,
+    at: vec3<u32>,
+    at2: vec3<u32>,
+    count: u32,
+    w: vec3<f32>,
+    v: vec3<f32>,
+    w2: vec3<f32>,
+    v2: vec3<f32>,
+    step: u32,
+    offset: u32,
+}
+
+// Up to three of the values from an index on, 0 for the others.
+fn values_from(at: u32, count: u32) -> vec3<f32> {
+    var v = vec3<f32>(values[at], 0.0, 0.0);
+    if (count > 1u) {
+        v.y = values[at + 1u];
+    }
+    if (count > 2u) {
+        v.z = values[at + 2u];
+    }
+    return v;
+}
+
+// Up to six rows of an element from row `from` on.
+fn six_rows(slot: u32, half: u32, element: Element, from: u32) -> Rows {
+    let w = slot * batch.values + batch.weight + element.place.row + from;
+    let v = slot * batch.values + batch.value + element.place.row + from;
+    let count = min(element.rows - from, 6u);
+    var rows: Rows;
+    rows.first = (2u * slot + half) * batch.jacobian + element.place.jacobian + from * element.place.stride;
+    rows.at = element.place.stride * vec3<u32>(0u, 1u, 2u);
+    rows.at2 = element.place.stride * vec3<u32>(3u, 4u, 5u);
+    rows.count = count;
+    rows.w = values_from(w, count);
+    rows.v = values_from(v, count);
+    if (count > 3u) {
+        rows.w2 = values_from(w + 3u, count - 3u);
+        rows.v2 = values_from(v + 3u, count - 3u);
+    }
+    rows.step = 1u;
+    return rows;
+}
+
+// The two rows of linear momentum along one axis, which touch the columns of that axis alone.
+fn rows_along(rows: Rows, axis: u32) -> Rows {
+    var along: Rows;
+    along.first = rows.first;
+    along.at = vec3<u32>(rows.at[axis], rows.at2[axis], 0u);
+    along.count = 2u;
+    along.w = vec3<f32>(rows.w[axis], rows.w2[axis], 0.0);
+    along.v = vec3<f32>(rows.v[axis], rows.v2[axis], 0.0);
+    along.step = 3u;
+    along.offset = axis;
+    return along;
+}
+
+// Values of up to three rows in one column, 0 for the others.
+fn column_of(first: u32, at: vec3<u32>, count: u32) -> vec3<f32> {
+    var v = vec3<f32>(jacobian[first + at.x], 0.0, 0.0);
+    if (count > 1u) {
+        v.y = jacobian[first + at.y];
+    }
+    if (count > 2u) {
+        v.z = jacobian[first + at.z];
+    }
+    return v;
+}
+
+// Adds `J' W J` and `-J' v` of rows over `count` columns to the front.
+fn add_rows(slot: u32, rows: Rows, side: u32, count: u32, size: u32, lane: u32) {
+    if (all(rows.w == vec3<f32>()) && all(rows.w2 == vec3<f32>())) {
+        return;
+    }
+    // Two columns by two.
+    let pairs = (count + 1u) / 2u;
+    for (var e = lane; e < cells(pairs); e += WORKGROUP) {
+        let at = 2u * cell(pairs, e);
+        if (at.y >= count) {
+            continue;
+        }
+        let a = rows.step * at.x + rows.offset;
+        let b = rows.step * at.y + rows.offset;
+        let next_a = rows.step * min(at.x + 1u, count - 1u) + rows.offset;
+        let next_b = rows.step * min(at.y + 1u, count - 1u) + rows.offset;
+        let first = rows.first;
+        let n = rows.count;
+        let left = mat2x3<f32>(rows.w * column_of(first + a, rows.at, n), rows.w * column_of(first + next_a, rows.at, n));
+        let right = mat2x3<f32>(column_of(first + b, rows.at, n), column_of(first + next_b, rows.at, n));
+        var sums = transpose(left) * right;
+        if (n > 3u) {
+            let m = n - 3u;
+            let left2 = mat2x3<f32>(rows.w2 * column_of(first + a, rows.at2, m), rows.w2 * column_of(first + next_a, rows.at2, m));
+            let right2 = mat2x3<f32>(column_of(first + b, rows.at2, m), column_of(first + next_b, rows.at2, m));
+            sums += transpose(left2) * right2;
+        }
+        let from_a = ix_front(size, columns[side + a], 0u);
+        let from_next = ix_front(size, columns[side + next_a], 0u);
+        let to_b = columns[side + b];
+        let to_next = columns[side + next_b];
+        // On the diagonal (a + 1, b) lies below it; behind the last column there is none.
+        let two_rows = at.x < at.y;
+        let two_columns = at.y + 1u < count;
+        add_front(slot, from_a + to_b, sums[0].x);
+        if (two_rows) {
+            add_front(slot, from_next + to_b, sums[0].y);
+        }
+        if (two_columns) {
+            add_front(slot, from_a + to_next, sums[1].x);
+            add_front(slot, from_next + to_next, sums[1].y);
+        }
+    }
+    for (var i = lane; i < count; i += WORKGROUP) {
+        let a = rows.step * i + rows.offset;
+        var sum = dot(rows.v, column_of(rows.first + a, rows.at, rows.count));
+        if (rows.count > 3u) {
+            sum += dot(rows.v2, column_of(rows.first + a, rows.at2, rows.count - 3u));
+        }
+        add_front(slot, ix_front(size, columns[side + a], size), -sum);
+    }
+}
+
+// Adds one element.
+fn assemble(slot: u32, half: u32, element: Element, side: u32, count: u32, size: u32, lane: u32) {
+    if (element.family == LINEAR_MOMENTUM) {
+        let rows = six_rows(slot, half, element, 0u);
+        for (var axis = 0u; axis < 3u; axis++) {
+            add_rows(slot, rows_along(rows, axis), side, count / 3u, size, lane);
+        }
+        return;
+    }
+    for (var from = 0u; from < element.rows; from += 6u) {
+        if (from > 0u) {
+            front_barrier();
+        }
+        add_rows(slot, six_rows(slot, half, element, from), side, count, size, lane);
+    }
+}
+
+// What the feet at one reach instant make of its pose, `P' W P` and `P' v` with `P` the rows by the pose.
+var<workgroup> by_pose: array<f32, 42>;
+
+// One of the 42 values of `by_pose`: `P' W P` row by row, then `P' v`.
+fn pose_sum(slot: u32, half: u32, feet: Span, e: u32) -> f32 {
+    let base = slot * batch.values;
+    var sum = 0.0;
+    for (var f = slot * batch.reach_feet + feet.start; f < slot * batch.reach_feet + feet.end; f++) {
+        let place = reach_feet[f].place;
+        let pose = (2u * slot + half) * batch.jacobian + place.jacobian + 3u * place.stride;
+        for (var r = 0u; r < 3u; r++) {
+            if (e < 36u) {
+                let left = values[base + batch.weight + place.row + r] * jacobian[pose + 6u * r + e / 6u];
+                sum += left * jacobian[pose + 6u * r + e % 6u];
+            } else {
+                sum += values[base + batch.value + place.row + r] * jacobian[pose + 6u * r + e - 36u];
+            }
+        }
+    }
+    return sum;
+}
+
+// Index in the front and Jacobian column of one of the five columns that a foot has for itself: two a foothold, one a swing height. NONE: it is fixed.
+fn own_column(foot: u32, f: u32) -> vec2<u32> {
+    let block = reach_feet[foot].front[f / 2u];
+    if (block == NONE) {
+        return vec2<u32>(NONE, NONE);
+    }
+    if (f == 4u) {
+        return vec2<u32>(block, reach_feet[foot].height_column);
+    }
+    return vec2<u32>(block, reach_feet[foot].foothold_column[f / 2u]) + f % 2u;
+}
+
+// Adds the products of a foot's own columns with another one: of the 24 base columns, its own ones, and the values, 30 in all.
+fn add_foot(slot: u32, half: u32, instant: u32, foot: u32, size: u32, other: u32) {
+    let place = reach_feet[foot].place;
+    let first = (2u * slot + half) * batch.jacobian + place.jacobian;
+    let rows = place.stride * vec3<u32>(0u, 1u, 2u);
+    let row = slot * batch.values + place.row;
+    var right = vec3<f32>(values[row + batch.weight], values[row + batch.weight + 1u], values[row + batch.weight + 2u]);
+    var at = size;
+    if (other < 24u) {
+        let block = other / 6u;
+        at = reach_instants[instant].base.front[block];
+        if (at == NONE) {
+            return;
+        }
+        at += other % 6u;
+        right *= column_of(first + 3u * place.stride + other % 6u, vec3<u32>(0u, 6u, 12u), 3u);
+        right *= reach_instants[instant].base.weights[block];
+    } else if (other < 29u) {
+        let second = own_column(foot, other - 24u);
+        if (second.x == NONE) {
+            return;
+        }
+        at = second.x;
+        right *= column_of(first + second.y, rows, 3u);
+    } else {
+        right = -vec3<f32>(values[row + batch.value], values[row + batch.value + 1u], values[row + batch.value + 2u]);
+    }
+    for (var f = 0u; f < 5u; f++) {
+        let own = own_column(foot, f);
+        // Of two own columns only what lies right of the diagonal.
+        if (own.x != NONE && (other < 24u || own.x <= at)) {
+            add_front(slot, ix_front(size, min(own.x, at), max(own.x, at)), dot(column_of(first + own.y, rows, 3u), right));
+        }
+    }
+}
+
+// Pair of base blocks, of the ten that there are.
+fn block_pair(pair: u32) -> vec2<u32> {
+    let i = select(select(select(0u, 1u, pair > 3u), 2u, pair > 6u), 3u, pair > 8u);
+    let before = i * 4u - (i * (i - min(i, 1u))) / 2u;
+    return vec2<u32>(i, i + pair - before);
+}
+
+// Adds one of the 360 products of the base columns at an instant, 36 of each pair of blocks.
+fn add_pose(slot: u32, instant: u32, size: u32, e: u32) {
+    let pair = block_pair(e / 36u);
+    let rows = reach_instants[instant].base.front[pair.x];
+    let columns = reach_instants[instant].base.front[pair.y];
+    let c = (e % 36u) / 6u;
+    let d = e % 6u;
+    // On the diagonal only what lies right of it; else the block above it, whichever of the two comes first. The sums are symmetric.
+    if (rows != NONE && columns != NONE && (pair.x != pair.y || c <= d)) {
+        let weight = reach_instants[instant].base.weights[pair.x] * reach_instants[instant].base.weights[pair.y];
+        add_front(slot, ix_front(size, min(rows, columns) + c, max(rows, columns) + d), weight * by_pose[e % 36u]);
+    }
+}
+
+// Adds `J' W J` and `-J' v` of the reach rows of all feet at the instants of a step, which share their base blocks.
+//
+// All rows touch the base through its pose alone, with weights `w` that an instant's feet share: with `P` the rows by the pose, `A` by the
+// foot's own columns, the base block of coefficients `i` and `j` is `w_i w_j sum P' W P`, that of coefficient and foot `w_i P' W A`.
+fn assemble_reach(slot: u32, half: u32, at: FrontStep, lane: u32) {
+    for (var k = at.reach.start; k < at.reach.end; k++) {
+        let instant = slot * batch.reach_instants + k;
+        let feet = reach_instants[instant].feet;
+        front_barrier();
+        for (var e = lane; e < 42u; e += WORKGROUP) {
+            by_pose[e] = pose_sum(slot, half, feet, e);
+        }
+        workgroupBarrier();
+        for (var e = lane; e < 360u; e += WORKGROUP) {
+            add_pose(slot, instant, at.size, e);
+        }
+        for (var e = lane; e < 24u; e += WORKGROUP) {
+            let block = reach_instants[instant].base.front[e / 6u];
+            if (block != NONE) {
+                let sum = reach_instants[instant].base.weights[e / 6u] * by_pose[36u + e % 6u];
+                add_front(slot, ix_front(at.size, block + e % 6u, at.size), -sum);
+            }
+        }
+        for (var e = lane; e < 30u * (feet.end - feet.start); e += WORKGROUP) {
+            add_foot(slot, half, instant, slot * batch.reach_feet + feet.start + e / 30u, at.size, e % 30u);
+        }
+    }
+    front_barrier();
+}
+
+// The front of a step before its rows: zero, and what stays of the previous one.
+fn begin_front(slot: u32, k: u32, size: u32, lane: u32) {
+    for (var i = lane; i < ix_front(size, size, size); i += WORKGROUP) {
+        put_front(slot, i, 0.0);
+    }
+    front_barrier();
+    if (k == 0u) {
+        return;
+    }
+    let before = front_steps[slot * batch.front_steps + k - 1u];
+    let count = before.size - before.pivots;
+    let rest = slot * batch.rests + before.rest.start;
+    let carry = slot * batch.values + batch.carry;
+    for (var e = lane; e < cells(count); e += WORKGROUP) {
+        let at = cell(count, e);
+        if (at.y < count) {
+            put_front(slot, ix_front(size, rests[rest + at.x].next, rests[rest + at.y].next), values[carry + at.x * count + at.y]);
+        }
+    }
+    for (var a = lane; a < count; a += WORKGROUP) {
+        put_front(slot, ix_front(size, rests[rest + a].next, size), values[carry + count * count + a]);
+    }
+    front_barrier();
+}
+
+// Keeps what stays of a front after its pivots.
+fn carry_over(slot: u32, size: u32, pivots: u32, lane: u32) {
+    let count = size - pivots;
+    let carry = slot * batch.values + batch.carry;
+    for (var e = lane; e < cells(count); e += WORKGROUP) {
+        let at = cell(count, e);
+        if (at.y < count) {
+            values[carry + at.x * count + at.y] = front_at(slot, ix_front(size, pivots + at.x, pivots + at.y));
+        }
+    }
+    for (var a = lane; a < count; a += WORKGROUP) {
+        values[carry + count * count + a] = front_at(slot, ix_front(size, pivots + a, size));
+    }
+    storageBarrier();
+    workgroupBarrier();
+}
+
+// Value of the front in row `p + k`, column `j`, 0 left of the diagonal and from row `count` of the panel on.
+fn panel_value(slot: u32, size: u32, p: u32, k: u32, j: u32, count: u32) -> f32 {
+    if (k >= count || j < p + k) {
+        return 0.0;
+    }
+    return front_at(slot, ix_front(size, p + k, j));
+}
+
+// Reciprocal pivot, 0 beyond the last row of the panel.
+fn reciprocal(pivot: f32, k: u32, count: u32) -> f32 {
+    return select(0.0, 1.0 / sqrt(pivot), k < count);
+}
+
+// Eliminates up to four pivots from `p` on: `A = U' U` row by row, the rest becomes the Schur complement. Returns false when a pivot is not
+// positive.
+fn eliminate(slot: u32, at: FrontStep, p: u32, lane: u32) -> bool {
+    let size = at.size;
+    let count = min(4u, at.pivots - p);
+    // Every invocation factorises the block on the diagonal for itself.
+    let d0 = panel_value(slot, size, p, 0u, p, count);
+    let r0 = reciprocal(d0, 0u, count);
+    let u01 = panel_value(slot, size, p, 0u, p + 1u, count) * r0;
+    let u02 = panel_value(slot, size, p, 0u, p + 2u, select(0u, count, count > 2u)) * r0;
+    let u03 = panel_value(slot, size, p, 0u, p + 3u, select(0u, count, count > 3u)) * r0;
+    let d1 = panel_value(slot, size, p, 1u, p + 1u, count) - u01 * u01;
+    let r1 = reciprocal(d1, 1u, count);
+    let u12 = (panel_value(slot, size, p, 1u, p + 2u, select(0u, count, count > 2u)) - u01 * u02) * r1;
+    let u13 = (panel_value(slot, size, p, 1u, p + 3u, select(0u, count, count > 3u)) - u01 * u03) * r1;
+    let d2 = panel_value(slot, size, p, 2u, p + 2u, count) - u02 * u02 - u12 * u12;
+    let r2 = reciprocal(d2, 2u, count);
+    let u23 = (panel_value(slot, size, p, 2u, p + 3u, select(0u, count, count > 3u)) - u02 * u03 - u12 * u13) * r2;
+    let d3 = panel_value(slot, size, p, 3u, p + 3u, count) - u03 * u03 - u13 * u13 - u23 * u23;
+    let r3 = reciprocal(d3, 3u, count);
+    let positive = d0 > 0.0 && (count < 2u || d1 > 0.0) && (count < 3u || d2 > 0.0) && (count < 4u || d3 > 0.0);
+    for (var j = p + lane; j <= size; j += WORKGROUP) {
+        let y0 = panel_value(slot, size, p, 0u, j, count) * r0;
+        let y1 = select(0.0, (panel_value(slot, size, p, 1u, j, count) - u01 * y0) * r1, j > p);
+        let y2 = select(0.0, (panel_value(slot, size, p, 2u, j, count) - u02 * y0 - u12 * y1) * r2, j > p + 1u);
+        let y3 = select(0.0, (panel_value(slot, size, p, 3u, j, count) - u03 * y0 - u13 * y1 - u23 * y2) * r3, j > p + 2u);
+        let y = vec4<f32>(y0, y1, y2, y3);
+        panel[j] = y;
+        let row = slot * batch.factor + at.factor + p * at.stride + j;
+        for (var k = 0u; k < count; k++) {
+            factor[row + k * at.stride] = y[k];
+        }
+    }
+    workgroupBarrier();
+    // The rest, with the right-hand side as its last column, four rows by four columns.
+    let first = p + count;
+    let tiles = (size - first + 4u) / 4u;
+    for (var e = lane; e < cells(tiles); e += WORKGROUP) {
+        let at = first + 4u * cell(tiles, e);
+        let i = at.x;
+        if (i >= size || at.y > size) {
+            continue;
+        }
+        let rows = mat4x4<f32>(panel[i], panel[min(i + 1u, size)], panel[min(i + 2u, size)], panel[min(i + 3u, size)]);
+        let starts = vec4<u32>(
+            ix_front(size, i, 0u),
+            ix_front(size, i + 1u, 0u),
+            ix_front(size, i + 2u, 0u),
+            ix_front(size, i + 3u, 0u),
+        );
+        for (var j = at.y; j < min(at.y + 4u, size + 1u); j++) {
+            let sums = panel[j] * rows;
+            // Rows of the front, down to the diagonal.
+            let depth = min(j + 1u, size) - i;
+            add_front(slot, starts.x + j, -sums.x);
+            if (depth > 1u) {
+                add_front(slot, starts.y + j, -sums.y);
+            }
+            if (depth > 2u) {
+                add_front(slot, starts.z + j, -sums.z);
+            }
+            if (depth > 3u) {
+                add_front(slot, starts.w + j, -sums.w);
+            }
+        }
+    }
+    front_barrier();
+    return positive;
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let slot = running[group.x];
+    if (progress[slot].state > CLOSE) {
+        return;
+    }
+    let half = progress[slot].current;
+    let base = slot * batch.values;
+    var positive = true;
+    for (var k = part.first; k < min(part.last, slots[slot].front_steps); k++) {
+        let at = front_steps[slot * batch.front_steps + k];
+        begin_front(slot, k, at.size, lane);
+        var side = 0u;
+        for (var i = at.elements.start; i < at.elements.end; i++) {
+            let element = elements[slot * batch.elements + i];
+            if (element.family == REACH) {
+                continue;
+            }
+            let count = spread(slot, element, side, lane);
+            front_barrier();
+            assemble(slot, half, element, side, count, at.size, lane);
+            side = COLUMNS - side;
+        }
+        assemble_reach(slot, half, at, lane);
+        for (var i = lane; i < at.pivots; i += WORKGROUP) {
+            add_front(slot, ix_front(at.size, i, i), values[base + batch.diagonal + at.variable + i]);
+            add_front(slot, ix_front(at.size, i, at.size), -values[base + batch.gradient + at.variable + i]);
+        }
+        front_barrier();
+        for (var p = 0u; p < at.pivots; p += 4u) {
+            positive = eliminate(slot, at, p, lane) && positive;
+        }
+        carry_over(slot, at.size, at.pivots, lane);
+    }
+    if (lane == 0u) {
+        let failed = part.first > 0u && values[base + batch.flags] != 0.0;
+        values[base + batch.flags] = select(1.0, 0.0, positive && !failed);
+    }
+}

@@ -1,0 +1,65 @@
+// needs: shared/values shared/jacobian shared/math shared/terrain shared/contact
+// Contact forces that push, not too hard, inside the exact friction cone of the ground under the foothold, at force nodes or at the Bezier
+// points beside them. One thread per row group of a node.
+//   in   values    x of the trial point
+//   out  values    g at each node's place: normal limit, cone, push; dimensionless, feasible when <= 0
+//   out  jacobian  2 rows at each node's place
+// Twin: src/rows/cone.rs
+
+@group(0) @binding(0) var<uniform> batch: Batch;
+@group(0) @binding(1) var<storage, read> running: array<u32>;
+@group(0) @binding(2) var<storage, read> slots: array<Slot>;
+@group(0) @binding(3) var<storage, read> progress: array<Progress>;
+@group(0) @binding(4) var<storage, read_write> values: array<f32>;
+@group(0) @binding(5) var<storage, read_write> jacobian: array<f32>;
+@group(0) @binding(6) var<storage, read> footholds: array<u32>;
+@group(0) @binding(7) var<storage, read> cones: array<ForceNode>;
+@group(0) @binding(8) var<storage, read> heights: array<f32>;
+
+// Cone rows of one node.
+fn cone(slot: u32, half: u32, i: u32) {
+    let node = &cones[slot * batch.cones + i];
+    let constants = &slots[slot].constants;
+    let friction = constants.friction;
+    let margin = constants.force_margin;
+    let x = ix_x(slot, half);
+    let force = three(x + node.node) + node.slope_weight * three(x + node.node + 3u);
+    let under = x + footholds[slot * batch.footholds + node.foothold];
+    var directions = basis(rounded_ground(slots[slot].shape, values[under], values[under + 1u], progress[slot].edge_radius));
+    let n = directions[0];
+    let normal = dot(n.unit, force);
+    let tangential = force - normal * n.unit;
+    let size = sqrt(dot(tangential, tangential) + margin * margin);
+    let at = ix_inequality(slot, half, node.place.inequality);
+    values[at] = normal - constants.force_limit + margin;
+    values[at + 1u] = size - friction * normal + margin;
+    values[at + 2u] = -normal + margin;
+
+    let rows = rows_at(slot, half, node.place);
+    let by_force = (1.0 / size) * tangential + -friction * n.unit;
+    put_row(rows, 0u, node.node_column, n.unit);
+    put_row(rows, 0u, node.node_column + 3u, node.slope_weight * n.unit);
+    put_row(rows, 1u, node.node_column, by_force);
+    put_row(rows, 1u, node.node_column + 3u, node.slope_weight * by_force);
+    if (node.foothold_column == NONE) {
+        return;
+    }
+    for (var d = 0u; d < 2u; d++) {
+        let by_n = dot(n.by[d], force);
+        put(rows, 0u, node.foothold_column + d, by_n);
+        // d|t|^2 / 2 = -(n.f) (dn.f), for t stands on n and n on dn.
+        put(rows, 1u, node.foothold_column + d, -(normal / size + friction) * by_n);
+    }
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let slot = running[group.x];
+    if (progress[slot].state >= ENDED) {
+        return;
+    }
+    let half = 1u - progress[slot].current;
+    for (var i = lane; i < slots[slot].cones; i += WORKGROUP) {
+        cone(slot, half, i);
+    }
+}

@@ -1,0 +1,115 @@
+// needs: shared/values shared/jacobian shared/math
+// Reach boxes: each foot stays within a box around its nominal position in the base frame. One thread per reach instant.
+//   in   values    x of the trial point, ground, deviations
+//   out  values    g at each foot's place: 3 upper sides, 3 lower sides; dimensionless, feasible when <= 0
+//   out  jacobian  3 rows at each foot's place, then the same rows by the base pose, [3][6]
+// Twin: src/rows/reach.rs          Source: [3]
+
+@group(0) @binding(0) var<uniform> batch: Batch;
+@group(0) @binding(1) var<storage, read> running: array<u32>;
+@group(0) @binding(2) var<storage, read> slots: array<Slot>;
+@group(0) @binding(3) var<storage, read> progress: array<Progress>;
+@group(0) @binding(4) var<storage, read_write> values: array<f32>;
+@group(0) @binding(5) var<storage, read_write> jacobian: array<f32>;
+@group(0) @binding(6) var<storage, read> footholds: array<u32>;
+@group(0) @binding(7) var<storage, read> reach_instants: array<ReachInstant>;
+@group(0) @binding(8) var<storage, read> reach_feet: array<ReachFoot>;
+
+// Reach rows of all feet at one instant.
+fn reach(slot: u32, half: u32, k: u32) {
+    let instant = &reach_instants[slot * batch.reach_instants + k];
+    let x = ix_x(slot, half);
+    var pose = motion(instant.base.reference);
+    for (var i = 0u; i < 4u; i++) {
+        pose = add_weighted(pose, instant.base.weights[i], x + instant.base.variable[i]);
+    }
+    if (instant.base.interval < slots[slot].momentum_intervals) {
+        for (var q = 0u; q < INNER_POINTS; q++) {
+            pose = add_weighted(pose, instant.base.deviation_weights[q], ix_deviation(slot, instant.base.interval, q));
+        }
+    }
+    let base_w = pose.linear;
+    let turned = euler(pose.angular);
+    for (var i = instant.feet.start; i < instant.feet.end; i++) {
+        reach_foot(slot, half, k, slot * batch.reach_feet + i, base_w, turned.rot_wb, turned.axes);
+    }
+}
+
+// Reach rows of one foot.
+fn reach_foot(slot: u32, half: u32, k: u32, entry: u32, base_w: vec3<f32>, rot_wb: Mat3, axes: Mat3) {
+    let instant = &reach_instants[slot * batch.reach_instants + k];
+    let foot = &reach_feet[entry];
+    let constants = &slots[slot].constants;
+    let unit = constants.length_scale;
+    let x = ix_x(slot, half);
+    var foot_w = vec3<f32>();
+    for (var i = 0u; i < 2u; i++) {
+        if (foot.foothold[i] == NONE) {
+            continue;
+        }
+        let at = x + footholds[slot * batch.footholds + foot.foothold[i]];
+        foot_w.x += foot.xy_weights[i] * values[at];
+        foot_w.y += foot.xy_weights[i] * values[at + 1u];
+        foot_w.z += foot.z_weights[i] * ground_height(slot, foot.foothold[i]);
+    }
+    if (foot.height != NONE) {
+        foot_w.z += foot.z_weights[2] * values[x + foot.height];
+    }
+    let leg_w = foot_w - base_w;
+    let nominal = vec3<f32>(foot.nominal[0], foot.nominal[1], foot.nominal[2]);
+    let offset_b = mul_transposed(rot_wb, leg_w) - nominal;
+    let at = ix_inequality(slot, half, foot.place.inequality);
+    let room = vec3<f32>(constants.reach[0], constants.reach[1], constants.reach[2]) - constants.length_margin;
+    put_three(at, (offset_b - room) * unit);
+    put_three(at + 3u, (-offset_b - room) * unit);
+
+    let rows = rows_at(slot, half, foot.place);
+    // Columns of the rows by the pose: d(R' leg)/d angle_i = R' (leg x axis_i).
+    var pose: array<vec3<f32>, 6>;
+    for (var d = 0u; d < 3u; d++) {
+        pose[d] = -rot_wb[d] * unit;
+        pose[3u + d] = unit * mul_transposed(rot_wb, cross(leg_w, axes[d]));
+    }
+    // Behind the rows: the same by the pose, for their assembly.
+    let after = rows.first + 3u * rows.stride;
+    for (var d = 0u; d < 6u; d++) {
+        for (var r = 0u; r < 3u; r++) {
+            jacobian[after + 6u * r + d] = pose[d][r];
+        }
+    }
+    for (var i = 0u; i < 4u; i++) {
+        if (foot.base_column[i] == NONE) {
+            continue;
+        }
+        let c = foot.base_column[i];
+        let w = instant.base.weights[i];
+        for (var d = 0u; d < 6u; d++) {
+            put_column(rows, 0u, c + d, w * pose[d]);
+        }
+    }
+    for (var i = 0u; i < 2u; i++) {
+        if (foot.foothold[i] == NONE || foot.foothold_column[i] == NONE) {
+            continue;
+        }
+        let c = foot.foothold_column[i];
+        let slope = ground_slope(slot, foot.foothold[i]);
+        for (var d = 0u; d < 2u; d++) {
+            put_column(rows, 0u, c + d, (foot.xy_weights[i] * rot_wb[d] + foot.z_weights[i] * slope[d] * rot_wb[2]) * unit);
+        }
+    }
+    if (foot.height != NONE) {
+        put_column(rows, 0u, foot.height_column, foot.z_weights[2] * rot_wb[2] * unit);
+    }
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let slot = running[group.x];
+    if (progress[slot].state >= ENDED) {
+        return;
+    }
+    let half = 1u - progress[slot].current;
+    for (var i = lane; i < slots[slot].reach_instants; i += WORKGROUP) {
+        reach(slot, half, i);
+    }
+}

@@ -1,0 +1,48 @@
+// needs: shared/values shared/jacobian
+// Steps: how far a foot goes in one swing, which bounds its speed. One thread per step.
+//   in   values    x of the trial point
+//   out  values    g at each step's place; dimensionless, feasible when <= 0
+//   out  jacobian  one row at each place
+// Twin: src/rows/stride.rs
+
+@group(0) @binding(0) var<uniform> batch: Batch;
+@group(0) @binding(1) var<storage, read> running: array<u32>;
+@group(0) @binding(2) var<storage, read> slots: array<Slot>;
+@group(0) @binding(3) var<storage, read> progress: array<Progress>;
+@group(0) @binding(4) var<storage, read_write> values: array<f32>;
+@group(0) @binding(5) var<storage, read_write> jacobian: array<f32>;
+@group(0) @binding(6) var<storage, read> footholds: array<u32>;
+@group(0) @binding(7) var<storage, read> strides: array<Stride>;
+
+// Row of one step.
+fn stride(slot: u32, half: u32, k: u32) {
+    let stride = &strides[slot * batch.strides + k];
+    let unit = slots[slot].constants.length_scale;
+    let x = ix_x(slot, half);
+    let a = x + footholds[slot * batch.footholds + stride.foothold[0]];
+    let b = x + footholds[slot * batch.footholds + stride.foothold[1]];
+    let step = vec2<f32>(values[b] - values[a], values[b + 1u] - values[a + 1u]);
+    let squares = step.x * step.x + step.y * step.y;
+    values[ix_inequality(slot, half, stride.place.inequality)] = 0.5 * (squares / stride.limit - stride.limit) * unit;
+
+    let rows = rows_at(slot, half, stride.place);
+    for (var i = 0u; i < 2u; i++) {
+        if (stride.foothold_column[i] != NONE) {
+            let sign = select(unit, -unit, i == 0u);
+            put(rows, 0u, stride.foothold_column[i], sign * step.x / stride.limit);
+            put(rows, 0u, stride.foothold_column[i] + 1u, sign * step.y / stride.limit);
+        }
+    }
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let slot = running[group.x];
+    if (progress[slot].state >= ENDED) {
+        return;
+    }
+    let half = 1u - progress[slot].current;
+    for (var i = lane; i < slots[slot].strides; i += WORKGROUP) {
+        stride(slot, half, i);
+    }
+}

@@ -1,0 +1,61 @@
+// needs: shared/values shared/jacobian shared/terrain
+// Swinging feet: how high above the terrain. One thread per point of a swing.
+//   in   values    x of the trial point, ground
+//   out  values    g at each row's place: low, high where the row is two-sided; dimensionless, feasible when <= 0
+//   out  jacobian  one row at each place
+// Twin: src/rows/swing.rs
+
+@group(0) @binding(0) var<uniform> batch: Batch;
+@group(0) @binding(1) var<storage, read> running: array<u32>;
+@group(0) @binding(2) var<storage, read> slots: array<Slot>;
+@group(0) @binding(3) var<storage, read> progress: array<Progress>;
+@group(0) @binding(4) var<storage, read_write> values: array<f32>;
+@group(0) @binding(5) var<storage, read_write> jacobian: array<f32>;
+@group(0) @binding(6) var<storage, read> footholds: array<u32>;
+@group(0) @binding(7) var<storage, read> swing_nodes: array<SwingNode>;
+@group(0) @binding(8) var<storage, read> heights: array<f32>;
+
+// Height row of one point of a swing.
+fn swing_node(slot: u32, half: u32, k: u32) {
+    let swing = &swing_nodes[slot * batch.swing_nodes + k];
+    let constants = &slots[slot].constants;
+    let unit = constants.length_scale;
+    let x = ix_x(slot, half);
+    var at = vec2<f32>();
+    var height = swing.z_weights[2] * values[x + swing.height];
+    for (var i = 0u; i < 2u; i++) {
+        let foothold = x + footholds[slot * batch.footholds + swing.foothold[i]];
+        at.x += swing.xy_weights[i] * values[foothold];
+        at.y += swing.xy_weights[i] * values[foothold + 1u];
+        height += swing.z_weights[i] * ground_height(slot, swing.foothold[i]);
+    }
+    let under = ground(slots[slot].shape, at.x, at.y);
+    let place = ix_inequality(slot, half, swing.place.inequality);
+    values[place] = (under.height - height + swing.low + constants.length_margin) * unit;
+    if (swing.two_sided == 1u) {
+        values[place + 1u] = (height - under.height - swing.high + constants.length_margin) * unit;
+    }
+
+    let rows = rows_at(slot, half, swing.place);
+    put(rows, 0u, swing.height_column, -swing.z_weights[2] * unit);
+    for (var i = 0u; i < 2u; i++) {
+        if (swing.foothold_column[i] != NONE) {
+            let slope = ground_slope(slot, swing.foothold[i]);
+            let value = swing.xy_weights[i] * under.slope - swing.z_weights[i] * slope;
+            put(rows, 0u, swing.foothold_column[i], value.x * unit);
+            put(rows, 0u, swing.foothold_column[i] + 1u, value.y * unit);
+        }
+    }
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let slot = running[group.x];
+    if (progress[slot].state >= ENDED) {
+        return;
+    }
+    let half = 1u - progress[slot].current;
+    for (var i = lane; i < slots[slot].swing_nodes; i += WORKGROUP) {
+        swing_node(slot, half, i);
+    }
+}

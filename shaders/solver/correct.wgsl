@@ -1,0 +1,54 @@
+// needs: shared/reduce shared/slacks
+// How far the predictor could go, the barrier parameter to aim for, and the values of the rows for the corrector. One workgroup a candidate.
+//   in      values    g at the point, g_change, slacks and multipliers
+//   in out  progress  mu; length: of the predictor, on return
+//   out     values    slack_step, multiplier_step [inequalities]; weight, value [rows]
+// Twin: src/solver/correct.rs
+
+@group(0) @binding(0) var<uniform> batch: Batch;
+@group(0) @binding(1) var<storage, read> running: array<u32>;
+@group(0) @binding(2) var<storage, read> slots: array<Slot>;
+@group(0) @binding(3) var<storage, read_write> progress: array<Progress>;
+@group(0) @binding(4) var<storage, read_write> values: array<f32>;
+@group(0) @binding(5) var<storage, read> elements: array<Element>;
+
+var<workgroup> round: Progress;
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let slot = running[group.x];
+    let base = slot * batch.values;
+    if (lane == 0u) {
+        round = progress[slot];
+    }
+    let now = workgroupUniformLoad(&round);
+    // After a factorisation that failed there is nothing to correct, and the barrier parameter must stay.
+    if (now.state != STEP || values[base + batch.flags] != 0.0) {
+        return;
+    }
+    let count = slots[slot].inequalities;
+    let g = base + batch.g + now.current * batch.g_half;
+    var steepest = 0.0;
+    for (var i = lane; i < count; i += WORKGROUP) {
+        steepest = max(steepest, slack_step(base, i, values[g + i], values[base + batch.g_change + i], Aim(0.0, 0.0)));
+    }
+    let reach = step_length(max_over(lane, steepest));
+    var before = 0.0;
+    var after = 0.0;
+    for (var i = lane; i < count; i += WORKGROUP) {
+        before += product_after(base, i, 0.0);
+        after += product_after(base, i, reach);
+    }
+    before = sum_over(lane, before) / f32(max(count, 1u));
+    after = sum_over(lane, after) / f32(max(count, 1u));
+    let aim = Aim(target_barrier(before, after), reach);
+    // What other invocations wrote of the steps is read now.
+    storageBarrier();
+    for (var i = lane; i < slots[slot].elements; i += WORKGROUP) {
+        barrier_rows(slot, now.current, elements[slot * batch.elements + i], aim);
+    }
+    if (lane == 0u) {
+        progress[slot].mu = aim.mu;
+        progress[slot].length = reach;
+    }
+}

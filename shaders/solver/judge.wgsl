@@ -1,0 +1,121 @@
+// needs: shared/reduce shared/control
+// The verdict on the trial point, and the update of slacks and multipliers where it is taken. One workgroup a candidate.
+//   in      values    x, c and g at both points, c_change, g_change, steps of slacks and multipliers, whether the factorisation failed
+//   in out  progress
+//   in out  values    slack, multiplier
+// Twins: src/solver/judge.rs, src/solver/control.rs
+
+@group(0) @binding(0) var<uniform> batch: Batch;
+@group(0) @binding(1) var<storage, read> running: array<u32>;
+@group(0) @binding(2) var<storage, read> slots: array<Slot>;
+@group(0) @binding(3) var<storage, read_write> progress: array<Progress>;
+@group(0) @binding(4) var<storage, read_write> values: array<f32>;
+
+var<workgroup> round: Progress;
+
+// What is violated, `max(g, 0)`, but no number stays none.
+fn over(g: f32) -> f32 {
+    return select(g, 0.0, g <= 0.0);
+}
+
+// Smoothed `max(g, 0)` and the slack that goes with it: `(q + g) / 2` and `(q - g) / 2`, `q = sqrt(g^2 + 4 mu)`.
+fn smoothed(g: f32, mu: f32) -> vec2<f32> {
+    let q = sqrt(g * g + 4.0 * mu);
+    // The smaller of the two is mu / larger: no cancellation.
+    let larger = 0.5 * (q + abs(g));
+    let smaller = mu / larger;
+    return select(vec2<f32>(smaller, larger), vec2<f32>(larger, smaller), g > 0.0);
+}
+
+// Fall of the infeasibility of an inequality from `a` to `b`, twice.
+fn infeasibility_fall(a: f32, b: f32) -> f32 {
+    return (over(a) - over(b)) * (over(a) + over(b));
+}
+
+// Fall of the smoothed merit of an inequality from `a` to `b`, twice.
+fn merit_fall(a: f32, b: f32, mu: f32) -> f32 {
+    let here = smoothed(a, mu);
+    let there = smoothed(b, mu);
+    return (here.x - there.x) * (here.x + there.x) + 2.0 * mu * log(there.y / here.y);
+}
+
+// Fall of the cost of being away from the initial values, twice.
+fn smoothing_fall(smoothing: f32, away: f32, away_to: f32) -> f32 {
+    return smoothing * (away - away_to) * (away + away_to);
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let slot = running[group.x];
+    let base = slot * batch.values;
+    if (lane == 0u) {
+        round = progress[slot];
+    }
+    let now = workgroupUniformLoad(&round);
+    if (now.state >= ENDED) {
+        return;
+    }
+    let failed = now.state <= CLOSE && values[base + batch.flags] != 0.0;
+    if (now.state == EXACT || failed) {
+        if (lane == 0u) {
+            if (failed) {
+                progress[slot] = refuse(now);
+            } else {
+                progress[slot] = renew(now);
+            }
+        }
+        return;
+    }
+    let trial = 1u - now.current;
+    var fall = 0.0;
+    var predicted = 0.0;
+    var gap = 0.0;
+    for (var i = lane; i < slots[slot].equalities; i += WORKGROUP) {
+        let c = values[base + batch.c + now.current * batch.c_half + i];
+        let to = values[base + batch.c + trial * batch.c_half + i];
+        let linear = c + now.length * values[base + batch.c_change + i];
+        fall += (c - to) * (c + to);
+        predicted += (c - linear) * (c + linear);
+        gap += (to - linear) * (to - linear);
+    }
+    for (var i = lane; i < slots[slot].inequalities; i += WORKGROUP) {
+        let g = values[base + batch.g + now.current * batch.g_half + i];
+        let to = values[base + batch.g + trial * batch.g_half + i];
+        let linear = g + now.length * values[base + batch.g_change + i];
+        if (now.state == CLOSE) {
+            fall += infeasibility_fall(g, to);
+            predicted += infeasibility_fall(g, linear);
+        } else {
+            fall += merit_fall(g, to, now.mu);
+            predicted += merit_fall(g, linear, now.mu);
+        }
+        gap += (to - linear) * (to - linear);
+    }
+    var smoothed_fall = 0.0;
+    for (var i = lane; i < slots[slot].variables; i += WORKGROUP) {
+        let initial = values[base + batch.initial + i];
+        let away = values[base + batch.x + now.current * batch.x_half + i] - initial;
+        let away_to = values[base + batch.x + trial * batch.x_half + i] - initial;
+        smoothed_fall += smoothing_fall(values[base + batch.smoothing + i], away, away_to);
+    }
+    smoothed_fall = now.smoothing * 0.5 * sum_over(lane, smoothed_fall);
+    fall = 0.5 * sum_over(lane, fall) + smoothed_fall;
+    predicted = 0.5 * sum_over(lane, predicted) + smoothed_fall;
+    gap = 0.5 * sum_over(lane, gap);
+    let taken = acceptable(now, fall, predicted, gap);
+    if (taken && now.state == STEP) {
+        for (var i = lane; i < slots[slot].inequalities; i += WORKGROUP) {
+            let s = base + batch.slack + i;
+            let z = base + batch.multiplier + i;
+            values[s] = max(values[s] + now.length * values[base + batch.slack_step + i], SLACK_FLOOR);
+            values[z] = max(values[z] + now.length * values[base + batch.multiplier_step + i], MULTIPLIER_FLOOR);
+        }
+    }
+    if (lane == 0u) {
+        if (taken) {
+            progress[slot] = accept(now, select(0.0, fall / predicted, predicted > 0.0));
+        } else {
+            progress[slot] = refuse(now);
+        }
+    }
+}

@@ -1,0 +1,64 @@
+// The start of a solve, after the rows have been evaluated at the initial point: column scaling, first slacks and multipliers. One workgroup
+// a candidate.
+//   in      jacobian  at the initial point
+//   in out  values    x, whose half of the trial point is filled; scaling [variables]; slack, multiplier [inequalities]
+//   in out  progress
+// Twin: src/solver/start.rs
+
+@group(0) @binding(0) var<uniform> batch: Batch;
+@group(0) @binding(1) var<storage, read> running: array<u32>;
+@group(0) @binding(2) var<storage, read> slots: array<Slot>;
+@group(0) @binding(3) var<storage, read_write> progress: array<Progress>;
+@group(0) @binding(4) var<storage, read_write> values: array<f32>;
+@group(0) @binding(5) var<storage, read> jacobian: array<f32>;
+@group(0) @binding(6) var<storage, read> elements: array<Element>;
+@group(0) @binding(7) var<storage, read> gathers: array<Gather>;
+@group(0) @binding(8) var<storage, read> touches: array<Touch>;
+
+// Scaling of a column, `D_j = sum_eq J_ij^2 + 1/2 sum_ineq J_ij^2`, at least 1e-2.
+fn column_scaling(slot: u32, half: u32, i: u32) -> f32 {
+    let gather = gathers[slot * batch.gathers + i];
+    var sum = 0.0;
+    for (var k = gather.touches.start; k < gather.touches.end; k++) {
+        let touch = touches[slot * batch.touches + k];
+        let element = elements[slot * batch.elements + touch.element];
+        let column = (2u * slot + half) * batch.jacobian + element.place.jacobian + touch.column + gather.offset;
+        for (var r = 0u; r < element.rows; r++) {
+            // A two-sided row counts twice.
+            let sides = select(0.5, 1.0, element.place.row < slots[slot].equalities || r < element.pairs);
+            let v = jacobian[column + r * element.place.stride];
+            sum += sides * v * v;
+        }
+    }
+    return max(sum, 1e-2);
+}
+
+// First slack of an inequality, `max(|g|, sqrt(mu / 5))`, and the multiplier that goes with the barrier parameter.
+fn start_slacks(base: u32, i: u32, g: f32, mu: f32) {
+    let s = max(abs(g), sqrt(0.2 * mu));
+    values[base + batch.slack + i] = s;
+    values[base + batch.multiplier + i] = mu / s;
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let slot = running[group.x];
+    let base = slot * batch.values;
+    // The initial point was evaluated as if it were a trial point.
+    let half = 1u - progress[slot].current;
+    let mu = progress[slot].mu;
+    workgroupBarrier();
+    for (var i = lane; i < slots[slot].variables; i += WORKGROUP) {
+        values[base + batch.scaling + i] = column_scaling(slot, half, i);
+    }
+    for (var i = lane; i < slots[slot].inequalities; i += WORKGROUP) {
+        start_slacks(base, i, values[base + batch.g + half * batch.g_half + i], mu);
+    }
+    for (var i = lane; i < batch.x_half; i += WORKGROUP) {
+        values[base + batch.x + (1u - half) * batch.x_half + i] = values[base + batch.x + half * batch.x_half + i];
+    }
+    if (lane == 0u) {
+        progress[slot].current = half;
+        progress[slot].state = STEP;
+    }
+}

@@ -1,0 +1,106 @@
+// needs: shared/reduce shared/slacks shared/control
+// The start of a round: what it is for, then weights and values of the rows in the normal equations, and what falls on single variables.
+// One workgroup a candidate.
+//   in      values    x, c and g at the point, slacks and multipliers
+//   in out  progress
+//   out     values    history; weight, value [rows]; diagonal, gradient [variables]; x of the trial point when the rows become exact
+// Twins: src/solver/weights.rs, `begin` in src/solver/control.rs, `infeasibility` in src/solver/judge.rs
+
+@group(0) @binding(0) var<uniform> batch: Batch;
+@group(0) @binding(1) var<storage, read> running: array<u32>;
+@group(0) @binding(2) var<storage, read> slots: array<Slot>;
+@group(0) @binding(3) var<storage, read_write> progress: array<Progress>;
+@group(0) @binding(4) var<storage, read_write> values: array<f32>;
+@group(0) @binding(5) var<storage, read> elements: array<Element>;
+
+var<workgroup> round: Progress;
+
+// Part of the infeasibility `F = (|c|^2 + |max(g, 0)|^2) / 2` that one invocation sums.
+fn infeasibility(slot: u32, half: u32, lane: u32) -> f32 {
+    let c = slot * batch.values + batch.c + half * batch.c_half;
+    let g = slot * batch.values + batch.g + half * batch.g_half;
+    var sum = 0.0;
+    for (var i = lane; i < slots[slot].equalities; i += WORKGROUP) {
+        sum += values[c + i] * values[c + i];
+    }
+    for (var i = lane; i < slots[slot].inequalities; i += WORKGROUP) {
+        // Not `max`, which would drop what is no number.
+        let over = select(values[g + i], 0.0, values[g + i] <= 0.0);
+        sum += over * over;
+    }
+    return 0.5 * sum;
+}
+
+// Row weights of a closing step: the equalities and the violated inequalities.
+fn closing_rows(slot: u32, half: u32, element: Element) {
+    let base = slot * batch.values;
+    let g = base + batch.g + half * batch.g_half;
+    for (var r = 0u; r < element.rows; r++) {
+        let row = element.place.row + r;
+        var sum = vec2<f32>(1.0, values[base + batch.c + half * batch.c_half + min(row, slots[slot].equalities - 1u)]);
+        if (row >= slots[slot].equalities) {
+            let upper = values[g + element.place.inequality + r];
+            sum = select(vec2<f32>(0.0, 0.0), vec2<f32>(1.0, upper), upper > 0.0);
+            if (r < element.pairs) {
+                let lower = values[g + element.place.inequality + element.rows + r];
+                sum += select(vec2<f32>(0.0, 0.0), vec2<f32>(1.0, -lower), lower > 0.0);
+            }
+        }
+        values[base + batch.weight + row] = sum.x;
+        values[base + batch.value + row] = sum.y;
+    }
+}
+
+// What falls on a variable: `eps D + weight smoothing` and `weight smoothing (x - initial)`.
+fn variable_terms(base: u32, half: u32, i: u32, eps: f32, weight: f32) {
+    let smoothing = weight * values[base + batch.smoothing + i];
+    values[base + batch.diagonal + i] = eps * values[base + batch.scaling + i] + smoothing;
+    values[base + batch.gradient + i] = smoothing * (values[base + batch.x + half * batch.x_half + i] - values[base + batch.initial + i]);
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let slot = running[group.x];
+    let base = slot * batch.values;
+    if (lane == 0u) {
+        round = progress[slot];
+    }
+    var now = workgroupUniformLoad(&round);
+    if (now.state >= ENDED) {
+        return;
+    }
+    if (now.attempts == 0u) {
+        let f = sum_over(lane, infeasibility(slot, now.current, lane));
+        // The window is a ring: what is in the place of this record is as old as the rule wants.
+        let record = base + batch.history + now.recorded % batch.stall_window;
+        now = begin(now, f, values[record]);
+        workgroupBarrier();
+        if (lane == 0u && now.state != EXACT) {
+            values[record] = f;
+        }
+    }
+    if (lane == 0u) {
+        now.factorisations += select(0u, 1u, now.state <= CLOSE);
+        progress[slot] = now;
+    }
+    if (now.state == EXACT) {
+        let x = base + batch.x;
+        for (var i = lane; i < slots[slot].variables; i += WORKGROUP) {
+            values[x + (1u - now.current) * batch.x_half + i] = values[x + now.current * batch.x_half + i];
+        }
+    }
+    if (now.state > CLOSE) {
+        return;
+    }
+    for (var i = lane; i < slots[slot].elements; i += WORKGROUP) {
+        let element = elements[slot * batch.elements + i];
+        if (now.state == CLOSE) {
+            closing_rows(slot, now.current, element);
+        } else {
+            barrier_rows(slot, now.current, element, Aim(0.0, 0.0));
+        }
+    }
+    for (var i = lane; i < slots[slot].variables; i += WORKGROUP) {
+        variable_terms(base, now.current, i, proximal(now), now.smoothing);
+    }
+}

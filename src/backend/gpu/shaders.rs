@@ -1,0 +1,286 @@
+//! The shaders: their texts, which stage each belongs to, and the buffers that they bind.
+//!
+//! A shader stands in `shaders/<path>.wgsl`, its twin in `src/<path>.rs`. Its first lines name the shared files that it `needs`; its bindings
+//! are read from its text; structs and constants that it has in common with Rust are written in front of it ([`prelude`]).
+
+use super::tables::{Batch, Buffer, Slot, kind};
+use crate::robot::GRAVITY;
+use crate::rows::momentum::{INNER_POINTS, MOMENTUM_POINTS};
+use crate::rows::table::{NONE, Wgsl};
+use crate::rows::{Family, row_shaders};
+use crate::solver::control::{self, Progress};
+use crate::solver::round::Stage;
+use crate::solver::slacks::{BARRIER_FLOOR, MULTIPLIER_FLOOR, SLACK_FLOOR};
+
+/// Invocations of a workgroup, in every shader.
+pub const WORKGROUP: u32 = 64;
+/// The same on software adapters: as many as their vectors have lanes, so that nothing is done twice for one candidate.
+pub const SOFTWARE_WORKGROUP: u32 = 8;
+
+macro_rules! text {
+    ($path:literal) => {
+        include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/", $path, ".wgsl"))
+    };
+}
+
+macro_rules! all_shaders {
+    ($($row:ident $row_path:literal $table:ident,)*) => {
+        shaders! {
+            rows { $($row $row_path $table,)* }
+            solver {
+                Start "solver/start",
+                Weights "solver/weights",
+                Front "linear/front",
+                Substitute "linear/substitute",
+                Product "linear/product",
+                Correct "solver/correct",
+                Transposed "linear/transposed",
+                Forward "linear/forward",
+                Advance "solver/advance",
+                Judge "solver/judge",
+            }
+        }
+    };
+}
+
+macro_rules! shaders {
+    (rows { $($row:ident $row_path:literal $table:ident,)* } solver { $($shader:ident $path:literal,)* }) => {
+        /// A shader.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        #[allow(missing_docs, reason = "named as their files")]
+        pub enum Shader {
+            $($row,)*
+            $($shader,)*
+        }
+
+        impl Shader {
+            /// All of them, in the order of their numbers.
+            pub const ALL: &[Shader] = &[$(Shader::$row,)* $(Shader::$shader,)*];
+            /// Those that evaluate the rows at the trial point, in their order.
+            pub const ROWS: &[Shader] = &[$(Shader::$row,)*];
+
+            /// File of shader and twin, without ending.
+            pub fn path(self) -> &'static str {
+                match self {
+                    $(Shader::$row => $row_path,)*
+                    $(Shader::$shader => $path,)*
+                }
+            }
+
+            /// Its own text.
+            pub fn source(self) -> &'static str {
+                match self {
+                    $(Shader::$row => text!($row_path),)*
+                    $(Shader::$shader => text!($path),)*
+                }
+            }
+
+            /// Name of the table whose entries it walks, of those that evaluate rows.
+            pub fn walks(self) -> Option<&'static str> {
+                match self {
+                    $(Shader::$row => Some(stringify!($table)),)*
+                    _ => None,
+                }
+            }
+        }
+    };
+}
+row_shaders!(all_shaders);
+
+/// Files that shaders share, by their names.
+pub const SHARED: &[(&str, &str)] = &[
+    ("shared/values", text!("shared/values")),
+    ("shared/jacobian", text!("shared/jacobian")),
+    ("shared/math", text!("shared/math")),
+    ("shared/terrain", text!("shared/terrain")),
+    ("shared/contact", text!("shared/contact")),
+    ("shared/reduce", text!("shared/reduce")),
+    ("shared/slacks", text!("shared/slacks")),
+    ("shared/control", text!("shared/control")),
+    ("shared/triangle", text!("shared/triangle")),
+    ("shared/pivots", text!("shared/pivots")),
+    ("shared/front_workgroup", text!("shared/front_workgroup")),
+    ("shared/front_storage", text!("shared/front_storage")),
+];
+
+/// What a shader binds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Binding {
+    /// Sizes of the batch, a uniform.
+    Batch,
+    /// Which steps of the factorisation to take, a uniform.
+    Part,
+    /// A buffer, and whether it is written.
+    Storage(Buffer, bool),
+}
+
+impl Shader {
+    /// Shaders of a stage, in their order.
+    pub fn of(stage: Stage) -> &'static [Shader] {
+        match stage {
+            Stage::Weights => &[Shader::Weights],
+            Stage::Factorise => &[Shader::Front],
+            Stage::Substitute => &[Shader::Substitute],
+            Stage::Product => &[Shader::Product],
+            Stage::Correct => &[Shader::Correct],
+            Stage::Transposed => &[Shader::Transposed],
+            Stage::Forward => &[Shader::Forward],
+            Stage::Advance => &[Shader::Advance],
+            Stage::Rows => Shader::ROWS,
+            Stage::Judge => &[Shader::Judge],
+            Stage::Start => &[Shader::Start],
+        }
+    }
+
+    /// The table that it walks; without entries there it has nothing to do.
+    pub fn table(self) -> Option<Buffer> {
+        Buffer::TABLES.iter().find(|b| Some(b.name()) == self.walks()).copied()
+    }
+
+    /// Its bindings in their order, as its text declares them; none of an unknown buffer.
+    pub fn bindings(self) -> Vec<Option<Binding>> {
+        let declared = self.source().lines().filter_map(|line| line.strip_prefix("@group(0) @binding(")?.split_once("var<"));
+        let binding = |(_, rest): (&str, &str)| {
+            let (space, rest) = rest.split_once('>')?;
+            let name = rest.split_once(':')?.0.trim();
+            match (space, name) {
+                ("uniform", "batch") => Some(Binding::Batch),
+                ("uniform", "part") => Some(Binding::Part),
+                _ => {
+                    let buffer = Buffer::ALL.iter().find(|b| b.name() == name)?;
+                    Some(Binding::Storage(*buffer, space == "storage, read_write"))
+                }
+            }
+        };
+        declared.map(binding).collect()
+    }
+
+    /// Buffers that it binds, and whether they are written.
+    pub fn buffers(self) -> impl Iterator<Item = (Buffer, bool)> {
+        self.bindings().into_iter().filter_map(|binding| match binding {
+            Some(Binding::Storage(buffer, written)) => Some((buffer, written)),
+            _ => None,
+        })
+    }
+
+    /// Whether it takes the factorisation in parts.
+    pub fn in_parts(self) -> bool {
+        self.bindings().contains(&Some(Binding::Part))
+    }
+
+    /// Whole text.
+    pub fn text(self, variant: &Variant) -> String {
+        let Variant { workgroup, front, side, columns } = variant;
+        let mut text = prelude();
+        text += &format!("const WORKGROUP: u32 = {workgroup}u;\nconst FRONT: u32 = {front}u;\n");
+        text += &format!("const SIDE: u32 = {side}u;\nconst COLUMNS: u32 = {columns}u;\n\n");
+        let mut named = Vec::new();
+        needs(self.source(), &mut named);
+        if self == Shader::Front {
+            named.push(if *front > 0 { "shared/front_workgroup" } else { "shared/front_storage" });
+        }
+        for name in named {
+            text += SHARED.iter().find(|(shared, _)| *shared == name).map_or("", |(_, text)| text);
+        }
+        text + self.source()
+    }
+}
+
+/// Shared files that a text needs, each once and behind those that it needs itself: lines `// needs: a b` say so.
+fn needs<'a>(text: &'a str, into: &mut Vec<&'a str>) {
+    for name in text.lines().filter_map(|line| line.strip_prefix("// needs:")).flat_map(str::split_whitespace) {
+        if !into.contains(&name) {
+            if let Some((_, shared)) = SHARED.iter().find(|(shared, _)| *shared == name) {
+                needs(shared, into);
+            }
+            into.push(name);
+        }
+    }
+}
+
+/// Constants that shaders and twins have in common: name and value, in `u32` and in `f32`.
+pub fn constants() -> (Vec<(&'static str, u32)>, Vec<(&'static str, f32)>) {
+    let whole = vec![
+        ("NONE", NONE),
+        ("INNER_POINTS", INNER_POINTS as u32),
+        ("MOMENTUM_POINTS", MOMENTUM_POINTS as u32),
+        ("FLAT", kind::FLAT),
+        ("BLOCK", kind::BLOCK),
+        ("STAIRS", kind::STAIRS),
+        ("GAP", kind::GAP),
+        ("SLOPE", kind::SLOPE),
+        ("CHIMNEY", kind::CHIMNEY),
+        ("CHIMNEY_LR", kind::CHIMNEY_LR),
+        ("GRID", kind::GRID),
+        ("STEP", control::STEP),
+        ("CLOSE", control::CLOSE),
+        ("EXACT", control::EXACT),
+        ("ENDED", control::ENDED),
+        ("SOLVED", control::SOLVED),
+        ("MAX_ITERATIONS", control::MAX_ITERATIONS),
+        ("STALLED", control::STALLED),
+        ("NON_FINITE", control::NON_FINITE),
+        ("ATTEMPTS", control::ATTEMPTS),
+        ("LINEAR_MOMENTUM", Family::LinearMomentum as u32),
+        ("REACH", Family::Reach as u32),
+    ];
+    let real = vec![
+        ("GRAVITY", GRAVITY as f32),
+        ("CLOSING_RATE", control::CLOSING_RATE as f32),
+        ("STALL_ABOVE", control::STALL_ABOVE as f32),
+        ("PROXIMAL_GROWTH", control::PROXIMAL_GROWTH as f32),
+        ("BARRIER_FLOOR", BARRIER_FLOOR as f32),
+        ("SLACK_FLOOR", SLACK_FLOOR as f32),
+        ("MULTIPLIER_FLOOR", MULTIPLIER_FLOOR as f32),
+    ];
+    (whole, real)
+}
+
+/// What stands in front of every shader: [`constants`] and the structs of all buffers.
+pub fn prelude() -> String {
+    let (whole, real) = constants();
+    let mut text = String::new();
+    for (name, value) in whole {
+        text += &format!("const {name}: u32 = {value}u;\n");
+    }
+    for (name, value) in real {
+        text += &format!("const {name}: f32 = {value:?}f;\n");
+    }
+    let mut structs = Vec::new();
+    Batch::declare(&mut structs);
+    Slot::declare(&mut structs);
+    Progress::<f32>::declare(&mut structs);
+    for entry in Buffer::TABLES.iter().filter_map(|b| b.entry()) {
+        (entry.declare)(&mut structs);
+    }
+    structs.into_iter().fold(text + "\n", |text, (_, declaration)| text + &declaration + "\n")
+}
+
+/// What the text of shaders depends on: how large the front is, and where it is kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Variant {
+    /// Invocations of a workgroup.
+    pub workgroup: u32,
+    /// Values of the front in workgroup memory; 0: it is kept in storage.
+    pub front: u32,
+    /// Largest size of a front with its right-hand side.
+    pub side: u32,
+    /// Most columns of an element.
+    pub columns: u32,
+}
+
+impl Variant {
+    /// The variant for fronts of a size and elements of a number of columns, within a limit of workgroup memory, bytes.
+    ///
+    /// The front has the portable 16 KiB where that is enough, else as many times 8 KiB as it needs, else storage.
+    pub fn new(front: usize, columns: usize, workgroup: u32, limit: u32) -> Variant {
+        let side = (front as u32 + 1).next_multiple_of(16);
+        let columns = (columns as u32).max(1).next_multiple_of(16);
+        // `panel`, `columns` and `by_pose` of front.wgsl, in the multiples of 16 bytes that adapters count.
+        let others = 4 * (4 * side + 2 * columns + 44);
+        let needed = 4 * (front * (front + 3) / 2) as u32 + others;
+        let memory = needed.next_multiple_of(8 << 10).max(16 << 10).min(limit);
+        let front = if needed <= memory { (memory - others) / 4 } else { 0 };
+        Variant { workgroup, front, side, columns }
+    }
+}

@@ -1,0 +1,371 @@
+//! Buffers for a number of candidates at once, and what is done with them: filling slots, dispatches, read-back.
+
+use super::device::{Device, Fault, Pipeline};
+use super::shaders::{Binding, Shader, Variant};
+use super::tables::{Batch, Buffer, ShaderTables, Sizes, Slot, first_progress};
+use crate::nlp::Layout;
+use crate::nlp::sweep::Step;
+use crate::rows::Family;
+use crate::settings::SolverSettings;
+use crate::solver::control::Progress;
+use rayon::prelude::*;
+use std::sync::Arc;
+use wgpu::BufferUsages as Use;
+
+/// Offsets of bindings are multiples of this, the most that any device asks for.
+const ALIGNMENT: u64 = 256;
+
+/// A candidate, ready to be sent.
+pub struct Prepared {
+    /// Its number in the population.
+    pub index: usize,
+    /// Its tables.
+    pub layout: Layout<f32>,
+    /// Those for shaders alone.
+    pub own: ShaderTables,
+    /// Its sizes.
+    pub sizes: Sizes,
+    /// Its slot.
+    pub slot: Slot,
+    /// Loop iterations of an invocation in the costliest step of its factorisation, at most.
+    pub loops: u32,
+    /// The same in the costliest of all other shaders.
+    pub walk: u32,
+}
+
+impl Prepared {
+    /// Tables of a candidate whose terrain's heights begin at `first_height`, for workgroups of a size.
+    pub fn new(index: usize, layout: Layout<f32>, first_height: u32, workgroup: u32) -> Prepared {
+        let own = ShaderTables::of(&layout);
+        let sizes = Sizes::of(&layout, &own);
+        let slot = Slot::of(&layout, &own, first_height);
+        let loops = layout.steps.iter().map(|step| loops(&layout, step, workgroup)).max().unwrap_or(0);
+        let walk = walk(&layout, &own, workgroup as usize);
+        Prepared { index, layout, own, sizes, slot, loops, walk }
+    }
+}
+
+/// Loop iterations of an invocation of the shader `front` in one step of the sweep, at most.
+fn loops(layout: &Layout<f32>, step: &Step, workgroup: u32) -> u32 {
+    let shares = |n: u32| n / workgroup + 2;
+    let triangle = |n: u32| shares(n * (n + 3) / 2);
+    let elements: u32 = layout.elements[step.elements.range()]
+        .iter()
+        .map(|element| {
+            if element.family == Family::Reach {
+                // A foot, and what is done once an instant.
+                return 5 * shares(30) + 3 * shares(42) + shares(24) + shares(360);
+            }
+            let columns: u32 = layout.runs[element.runs.range()].iter().map(|r| r.len).sum();
+            triangle(columns) + shares(columns) + columns + 8
+        })
+        .sum();
+    let panels = step.pivots.div_ceil(4) * (triangle(step.size) + 6 * shares(step.size));
+    elements + panels + 4 * triangle(step.size) + 4 * shares(step.size)
+}
+
+/// Loop iterations of an invocation of the shader that goes over all elements row by row, or of those that gather them by variable. An
+/// invocation takes every `workgroup`-th; those beside it wait for the longest.
+fn walk(layout: &Layout<f32>, own: &ShaderTables, workgroup: usize) -> u32 {
+    let by_element = layout.elements.chunks(workgroup).map(|together| {
+        let rows = together.iter().map(|e| {
+            let runs = &layout.runs[e.runs.range()];
+            // Three rows at once.
+            e.rows + e.rows.div_ceil(3) * runs.iter().map(|r| r.len + 1).sum::<u32>()
+        });
+        1 + rows.max().unwrap_or(0)
+    });
+    let by_variable = own.gathers.chunks(workgroup).map(|together| {
+        let touches = together.iter().map(|g| {
+            let touches = &own.touches[g.touches.range()];
+            touches.iter().map(|t| 1 + layout.elements[t.element as usize].rows).sum::<u32>()
+        });
+        1 + touches.max().unwrap_or(0)
+    });
+    by_element.sum::<u32>().max(by_variable.sum())
+}
+
+/// Which list of slots a dispatch works on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum List {
+    /// Those that iterate.
+    Running,
+    /// Those that were just filled.
+    Starting,
+}
+
+/// Buffers for a number of candidates.
+pub struct Slots {
+    device: Arc<Device>,
+    variant: Variant,
+    pipelines: Arc<Vec<Pipeline>>,
+    groups: Vec<wgpu::BindGroup>,
+    buffers: Vec<wgpu::Buffer>,
+    /// Progress of all slots, to be read.
+    progress: wgpu::Buffer,
+    /// Solutions, to be read.
+    solutions: wgpu::Buffer,
+    /// Slots.
+    pub capacity: usize,
+    /// Candidates that fit.
+    pub sizes: Sizes,
+    /// Sizes and offsets.
+    pub batch: Batch,
+    /// Bytes of all buffers.
+    pub bytes: u64,
+    /// Steps of the factorisation a dispatch.
+    steps_at_once: u32,
+    /// Loop iterations that a step may take.
+    loops: u32,
+    heights: Vec<f32>,
+    /// Bytes sent to the device so far.
+    pub sent: u64,
+    /// Bytes read back so far.
+    pub received: u64,
+}
+
+/// Bytes that a slot takes in a buffer; of heights all.
+fn bytes_of(buffer: Buffer, sizes: &Sizes, batch: &Batch, heights: usize) -> u64 {
+    let entries = |n: u32, size: usize| u64::from(n) * size as u64;
+    match buffer {
+        Buffer::Running => 4,
+        Buffer::Slots => size_of::<Slot>() as u64,
+        Buffer::Progress => size_of::<Progress<f32>>() as u64,
+        Buffer::Values => entries(batch.values, 4),
+        Buffer::Jacobian => entries(batch.jacobian, 8),
+        Buffer::Factor => entries(batch.factor, 4),
+        Buffer::Heights => 4 * heights.max(1) as u64,
+        // Batch::new keeps room for one entry where there is none.
+        table => entries(sizes.entries(table).max(1) as u32, table.entry().map_or(0, |e| e.size)),
+    }
+}
+
+/// How many slots of these sizes the limits of a device allow.
+pub fn most_slots(device: &Device, sizes: &Sizes, settings: &SolverSettings, heights: usize) -> usize {
+    let variant = device.variant(sizes.front, sizes.columns);
+    let batch = Batch::new(sizes, settings, variant.front == 0);
+    let limit = device.limits.max_storage_buffer_binding_size.min(device.limits.max_buffer_size);
+    let slots = |buffer: Buffer| if buffer == Buffer::Heights { u64::MAX } else { limit / bytes_of(buffer, sizes, &batch, heights) };
+    let most = Buffer::ALL.iter().map(|b| slots(*b)).min().unwrap_or(0);
+    most.min(u64::from(device.limits.max_compute_workgroups_per_dimension)) as usize
+}
+
+impl Slots {
+    /// Buffers for `capacity` candidates of these sizes.
+    ///
+    /// * `heights` - samples of all grids
+    /// * `loops` - loop iterations of an invocation in the costliest step of a factorisation
+    pub fn new(
+        device: &Arc<Device>,
+        sizes: Sizes,
+        settings: &SolverSettings,
+        capacity: usize,
+        heights: &[f32],
+        loops: u32,
+    ) -> Result<Slots, Fault> {
+        let variant = device.variant(sizes.front, sizes.columns);
+        let batch = Batch::new(&sizes, settings, variant.front == 0);
+        let pipelines = device.pipelines(variant)?;
+        let list = 4 * capacity as u64;
+        let mut bytes = 0;
+        let mut buffers = Vec::new();
+        for &buffer in Buffer::ALL {
+            let size = match buffer {
+                Buffer::Running => 2 * list.next_multiple_of(ALIGNMENT),
+                Buffer::Heights => bytes_of(buffer, &sizes, &batch, heights.len()),
+                _ => capacity as u64 * bytes_of(buffer, &sizes, &batch, 0),
+            };
+            bytes += size;
+            if bytes > device.memory {
+                return Err(Fault::OutOfMemory);
+            }
+            buffers.push(device.buffer(buffer.name(), size, Use::STORAGE | Use::COPY_DST | Use::COPY_SRC)?);
+        }
+        let uniform = device.buffer("batch", size_of::<Batch>() as u64, Use::UNIFORM | Use::COPY_DST)?;
+        device.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(&batch));
+        if !heights.is_empty() {
+            device.queue.write_buffer(&buffers[Buffer::Heights as usize], 0, bytemuck::cast_slice(heights));
+        }
+        // A driver that cuts loops short gets as many steps at once as it certainly does.
+        let steps_at_once = device.loop_limit.map_or(batch.front_steps, |limit| (limit / loops.max(1)).clamp(1, batch.front_steps));
+        let count = batch.front_steps.div_ceil(steps_at_once);
+        let parts = device.buffer("part", ALIGNMENT * u64::from(count), Use::UNIFORM | Use::COPY_DST)?;
+        for part in 0..count {
+            let steps = [part * steps_at_once, (part + 1) * steps_at_once];
+            device.queue.write_buffer(&parts, ALIGNMENT * u64::from(part), bytemuck::cast_slice(&steps));
+        }
+        let whole = |buffer| wgpu::BufferBinding { buffer, offset: 0, size: None };
+        let sized = |buffer, size| wgpu::BufferBinding { buffer, offset: 0, size: std::num::NonZeroU64::new(size) };
+        let bound = |binding: &Binding| match binding {
+            Binding::Batch => whole(&uniform),
+            Binding::Part => sized(&parts, 8),
+            Binding::Storage(Buffer::Running, _) => sized(&buffers[Buffer::Running as usize], list.next_multiple_of(ALIGNMENT)),
+            Binding::Storage(buffer, _) => whole(&buffers[*buffer as usize]),
+        };
+        let group = |p: &Pipeline| {
+            let resources = p.bindings.iter().map(|b| wgpu::BindingResource::Buffer(bound(b)));
+            let entries: Vec<_> = (0..).zip(resources).map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource }).collect();
+            let label = Some(p.shader.path());
+            device.device.create_bind_group(&wgpu::BindGroupDescriptor { label, layout: &p.layout, entries: &entries })
+        };
+        let groups = pipelines.iter().map(group).collect();
+        let progress_bytes = (capacity * size_of::<Progress<f32>>()) as u64;
+        let progress = device.buffer("read progress", progress_bytes, Use::MAP_READ | Use::COPY_DST)?;
+        let solutions = device.buffer("read solutions", 4 * (capacity * sizes.all).max(1) as u64, Use::MAP_READ | Use::COPY_DST)?;
+        device.check()?;
+        Ok(Slots {
+            device: device.clone(),
+            variant,
+            pipelines,
+            groups,
+            buffers,
+            progress,
+            solutions,
+            capacity,
+            sizes,
+            batch,
+            bytes,
+            steps_at_once,
+            loops,
+            heights: heights.to_vec(),
+            sent: 0,
+            received: 0,
+        })
+    }
+
+    /// Whether it can be used again for candidates of these sizes with these settings.
+    pub fn serves(&self, sizes: Sizes, settings: &SolverSettings, heights: &[f32], loops: u32) -> bool {
+        let batch = Batch::new(&self.sizes, settings, self.variant.front == 0);
+        self.sizes.hold(sizes) && self.batch == batch && self.heights == heights && self.loops >= loops
+    }
+
+    /// Whether a candidate fits into a slot.
+    pub fn takes(&self, candidate: &Prepared) -> bool {
+        self.sizes.hold(candidate.sizes) && self.loops >= candidate.loops
+    }
+
+    /// A buffer.
+    pub fn buffer(&self, buffer: Buffer) -> &wgpu::Buffer {
+        &self.buffers[buffer as usize]
+    }
+
+    /// Sends the tables of one kind for candidates in consecutive slots from `first` on. They are packed by all threads.
+    fn send(&mut self, buffer: Buffer, first: usize, candidates: &[Prepared]) {
+        let stride = bytes_of(buffer, &self.sizes, &self.batch, 0) as usize;
+        let of = |candidate: &Prepared| -> usize { buffer.table(&candidate.layout, &candidate.own).map_or(0, |t| t.bytes.len()) };
+        let Some(last) = candidates.last() else { return };
+        let mut bytes = vec![0u8; stride * (candidates.len() - 1) + of(last)];
+        bytes.par_chunks_mut(stride).zip(candidates).for_each(|(to, candidate)| {
+            if let Some(table) = buffer.table(&candidate.layout, &candidate.own) {
+                to[..table.bytes.len()].copy_from_slice(table.bytes);
+            }
+        });
+        self.write(buffer, (first * stride) as u64, &bytes);
+    }
+
+    /// Writes bytes of a buffer.
+    fn write(&mut self, buffer: Buffer, at: u64, bytes: &[u8]) {
+        if !bytes.is_empty() {
+            self.sent += bytes.len() as u64;
+            self.device.queue.write_buffer(self.buffer(buffer), at, bytes);
+        }
+    }
+
+    /// Fills slots: groups of candidates, each for consecutive slots from a first one on.
+    pub fn fill(&mut self, groups: &[(usize, &[Prepared])], settings: &SolverSettings) {
+        // Shaders write what is not always zero; padding and the rest must be zero.
+        let mut encoder = self.device.device.create_command_encoder(&Default::default());
+        let jacobian = bytes_of(Buffer::Jacobian, &self.sizes, &self.batch, 0);
+        for (first, candidates) in groups {
+            let len = candidates.len() as u64 * jacobian;
+            encoder.clear_buffer(self.buffer(Buffer::Jacobian), *first as u64 * jacobian, Some(len));
+        }
+        self.device.queue.submit([encoder.finish()]);
+        for &(first, candidates) in groups {
+            let slots: Vec<Slot> = candidates.iter().map(|c| c.slot).collect();
+            self.write(Buffer::Slots, (first * size_of::<Slot>()) as u64, bytemuck::cast_slice(&slots));
+            for &table in Buffer::TABLES {
+                self.send(table, first, candidates);
+            }
+            let progress: Vec<Progress<f32>> = candidates.iter().map(|c| first_progress(&c.layout, settings)).collect();
+            self.write(Buffer::Progress, (first * size_of::<Progress<f32>>()) as u64, bytemuck::cast_slice(&progress));
+            for (i, candidate) in candidates.iter().enumerate() {
+                let (batch, layout) = (self.batch, &candidate.layout);
+                for (section, values) in
+                    [(batch.x, &layout.initial), (batch.initial, &layout.initial), (batch.smoothing, &layout.smoothing)]
+                {
+                    self.write_values(first + i, section, values);
+                }
+            }
+        }
+    }
+
+    /// Writes values of a slot from an offset in [`Batch`] on.
+    pub fn write_values(&mut self, slot: usize, section: u32, values: &[f32]) {
+        let at = 4 * (slot as u64 * u64::from(self.batch.values) + u64::from(section));
+        self.write(Buffer::Values, at, bytemuck::cast_slice(values));
+    }
+
+    /// Writes a list of slots.
+    pub fn list(&mut self, list: List, slots: &[u32]) {
+        self.write(Buffer::Running, u64::from(self.list_at(list)), bytemuck::cast_slice(slots));
+    }
+
+    fn list_at(&self, list: List) -> u32 {
+        match list {
+            List::Running => 0,
+            List::Starting => (4 * self.capacity as u64).next_multiple_of(ALIGNMENT) as u32,
+        }
+    }
+
+    /// Dispatches one shader over the first `count` slots of a list; not at all when no candidate has what it walks.
+    pub fn dispatch(&self, pass: &mut wgpu::ComputePass, shader: Shader, list: List, count: usize) {
+        if shader.table().is_some_and(|table| self.sizes.entries(table) == 0) {
+            return;
+        }
+        pass.set_pipeline(&self.pipelines[shader as usize].pipeline);
+        let in_parts = self.pipelines[shader as usize].bindings.contains(&Binding::Part);
+        let parts = if in_parts { self.batch.front_steps.div_ceil(self.steps_at_once) } else { 1 };
+        for part in 0..parts {
+            let offsets = [self.list_at(list), part * ALIGNMENT as u32];
+            pass.set_bind_group(0, &self.groups[shader as usize], &offsets[..1 + usize::from(in_parts)]);
+            pass.dispatch_workgroups(count as u32, 1, 1);
+        }
+    }
+
+    /// Has the progress of all slots copied to where it can be read.
+    pub fn copy_progress(&self, encoder: &mut wgpu::CommandEncoder) {
+        encoder.copy_buffer_to_buffer(self.buffer(Buffer::Progress), 0, &self.progress, 0, self.progress.size());
+    }
+
+    /// Reads what [`Slots::copy_progress`] copied.
+    pub fn read_progress(&mut self) -> Result<Vec<Progress<f32>>, Fault> {
+        self.received += self.progress.size();
+        Ok(bytemuck::pod_collect_to_vec(&self.device.read(&self.progress, self.progress.size())?))
+    }
+
+    /// Reads `x` of slots, each from its current half.
+    pub fn read_solutions(&mut self, slots: &[(u32, u32)]) -> Result<Vec<Vec<f32>>, Fault> {
+        let len = 4 * self.sizes.all as u64;
+        let mut encoder = self.device.device.create_command_encoder(&Default::default());
+        for (i, (slot, half)) in slots.iter().enumerate() {
+            let at = u64::from(*slot) * u64::from(self.batch.values) + u64::from(self.batch.x + half * self.batch.x_half);
+            encoder.copy_buffer_to_buffer(self.buffer(Buffer::Values), 4 * at, &self.solutions, i as u64 * len, len);
+        }
+        self.device.queue.submit([encoder.finish()]);
+        let bytes = self.device.read(&self.solutions, slots.len() as u64 * len)?;
+        self.received += bytes.len() as u64;
+        let values: Vec<f32> = bytemuck::pod_collect_to_vec(&bytes);
+        Ok(values.chunks(self.sizes.all).map(<[f32]>::to_vec).collect())
+    }
+
+    /// Reads a whole buffer. For tests.
+    pub fn read_buffer(&self, buffer: Buffer) -> Result<Vec<u8>, Fault> {
+        let from = self.buffer(buffer);
+        let to = self.device.buffer("read", from.size(), Use::MAP_READ | Use::COPY_DST)?;
+        let mut encoder = self.device.device.create_command_encoder(&Default::default());
+        encoder.copy_buffer_to_buffer(from, 0, &to, 0, from.size());
+        self.device.queue.submit([encoder.finish()]);
+        self.device.read(&to, from.size())
+    }
+}

@@ -1,0 +1,607 @@
+//! What every shader sees: sizes of the batch, the candidate of each slot, and the tables that only shaders use.
+//!
+//! One workgroup works on one slot. Every table and array holds the same number of entries a slot, enough for the largest candidate. The list
+//! of tables stands once: that of [`crate::rows`] with those of the solver behind it. Buffers, sizes, uploads and the declarations in WGSL are
+//! made from it.
+
+use crate::nlp::Layout;
+use crate::rows::momentum::{MOMENTUM_POINTS, MomentumPoint};
+use crate::rows::table::{Run, Span, Wgsl};
+use crate::rows::{Constants, Family, row_tables};
+use crate::settings::SolverSettings;
+use crate::solver::control::{Limits, Progress};
+use crate::terrain::{Profile, Shape as TerrainShape, Terrain};
+
+/// A table as it is sent.
+#[derive(Debug, Clone, Copy)]
+pub struct Sent<'a> {
+    /// Its entries.
+    pub bytes: &'a [u8],
+    /// How many there are.
+    pub count: usize,
+}
+
+fn sent<E: bytemuck::NoUninit>(entries: &[E]) -> Sent<'_> {
+    Sent { bytes: bytemuck::cast_slice(entries), count: entries.len() }
+}
+
+/// Type of the entries of a table.
+#[derive(Debug, Clone, Copy)]
+pub struct Entry {
+    /// Bytes of one.
+    pub size: usize,
+    /// Its name in shaders.
+    pub name: fn() -> String,
+    /// How it is declared there, see [`Wgsl::declare`].
+    pub declare: fn(&mut Vec<(String, String)>),
+}
+
+/// The type of what a function returns.
+fn entry<E: Wgsl>(_: for<'a> fn(&'a Layout<f32>, &'a ShaderTables) -> &'a [E]) -> Entry {
+    Entry { size: size_of::<E>(), name: E::name, declare: E::declare }
+}
+
+macro_rules! all_tables {
+    ($($table:ident $buffer:ident [$entry:ty],)*) => {
+        gpu_tables! { layout, own,
+            $($table $buffer (&layout.tables.$table),)*
+            elements Elements (&layout.elements),
+            runs Runs (&layout.runs),
+            front_steps FrontSteps (&own.front_steps),
+            rests Rests (&own.rests),
+            gathers Gathers (&own.gathers),
+            touches Touches (&own.touches),
+        }
+    };
+}
+
+macro_rules! gpu_tables {
+    ($layout:ident, $own:ident, $($table:ident $buffer:ident ($entries:expr),)*) => {
+        /// Buffers that shaders bind, by their names there.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+        #[allow(missing_docs, reason = "named as in the shaders")]
+        pub enum Buffer {
+            Running,
+            Slots,
+            Progress,
+            Values,
+            Jacobian,
+            Factor,
+            Heights,
+            $($buffer,)*
+        }
+
+        impl Buffer {
+            /// All of them, in the order of their numbers.
+            pub const ALL: &[Buffer] = &[
+                Buffer::Running, Buffer::Slots, Buffer::Progress, Buffer::Values, Buffer::Jacobian, Buffer::Factor, Buffer::Heights,
+                $(Buffer::$buffer,)*
+            ];
+            /// Those that hold the tables of candidates.
+            pub const TABLES: &[Buffer] = &[$(Buffer::$buffer,)*];
+
+            /// Name in the shaders.
+            pub fn name(self) -> &'static str {
+                match self {
+                    Buffer::Running => "running",
+                    Buffer::Slots => "slots",
+                    Buffer::Progress => "progress",
+                    Buffer::Values => "values",
+                    Buffer::Jacobian => "jacobian",
+                    Buffer::Factor => "factor",
+                    Buffer::Heights => "heights",
+                    $(Buffer::$buffer => stringify!($table),)*
+                }
+            }
+
+            /// Type of the entries of a table; none of other buffers.
+            pub fn entry(self) -> Option<Entry> {
+                match self {
+                    $(Buffer::$buffer => Some(entry(|$layout, $own| {
+                        let _ = ($layout, $own);
+                        &$entries[..]
+                    })),)*
+                    _ => None,
+                }
+            }
+
+            /// Entries of a table of a candidate; none of other buffers.
+            pub fn table<'a>(self, $layout: &'a Layout<f32>, $own: &'a ShaderTables) -> Option<Sent<'a>> {
+                match self {
+                    $(Buffer::$buffer => Some(sent($entries)),)*
+                    _ => None,
+                }
+            }
+        }
+
+        crate::table! {
+            /// Sizes and settings of a batch.
+            #[derive(Default, PartialEq)]
+            pub struct Batch {
+                $(
+                    #[doc = concat!("Entries a slot in `", stringify!($table), "`.")]
+                    pub $table: u32,
+                )*
+                /// Values a slot.
+                pub values: u32,
+                /// Values of the Jacobian a slot, in each of its two halves.
+                pub jacobian: u32,
+                /// Values of the factor a slot.
+                pub factor: u32,
+                /// Where each array begins in the values of a slot, from here on; `x` has two halves, at the point and at the trial point, `[all]`.
+                pub x: u32,
+                /// Length of a half.
+                pub x_half: u32,
+                /// `[all]`
+                pub initial: u32,
+                /// `[variables]`
+                pub smoothing: u32,
+                /// `[variables]`
+                pub direction: u32,
+                /// `[variables]`
+                pub scaling: u32,
+                /// `[variables]`
+                pub diagonal: u32,
+                /// `[variables]`
+                pub gradient: u32,
+                /// `[variables]`
+                pub right_hand_side: u32,
+                /// `[footholds][3]`
+                pub ground: u32,
+                /// `[intervals][6][6]`
+                pub deviations: u32,
+                /// Two halves of `[equalities]`.
+                pub c: u32,
+                /// Length of a half.
+                pub c_half: u32,
+                /// `[equalities]`
+                pub c_change: u32,
+                /// Two halves of `[inequalities]`.
+                pub g: u32,
+                /// Length of a half.
+                pub g_half: u32,
+                /// `[inequalities]`
+                pub g_change: u32,
+                /// `[rows]`
+                pub weight: u32,
+                /// `[rows]`
+                pub value: u32,
+                /// `[inequalities]`
+                pub slack: u32,
+                /// `[inequalities]`
+                pub multiplier: u32,
+                /// `[inequalities]`
+                pub slack_step: u32,
+                /// `[inequalities]`
+                pub multiplier_step: u32,
+                /// `[window]`
+                pub history: u32,
+                /// `[rest][rest]` and `[rest]`
+                pub carry: u32,
+                /// The front where workgroup memory does not hold it.
+                pub front: u32,
+                /// `[1]`: 1 when the last factorisation failed.
+                pub flags: u32,
+                /// Settings of the solver, from here on.
+                pub max_iterations: u32,
+                /// `NONE`: no stall rule.
+                pub stall_start: u32,
+                /// See [`Limits`], as all that follow.
+                pub stall_window: u32,
+                /// Likewise.
+                pub stall_budget: f32,
+                /// Likewise.
+                pub tolerance: f32,
+                /// Likewise.
+                pub barrier: f32,
+                /// Likewise.
+                pub proximal_floor: f32,
+                /// Likewise.
+                pub smoothing_weight: f32,
+                /// Likewise.
+                pub closing: f32,
+            }
+
+            /// The candidate of a slot: how many entries of each table it has, and its constants.
+            pub struct Slot {
+                /// Number of variables.
+                pub variables: u32,
+                /// Number of equalities.
+                pub equalities: u32,
+                /// Number of Jacobian rows.
+                pub rows: u32,
+                /// Number of inequalities.
+                pub inequalities: u32,
+                $(
+                    #[doc = concat!("Entries in `", stringify!($table), "`.")]
+                    pub $table: u32,
+                )*
+                /// Its ground.
+                pub shape: Shape,
+                /// Its constants.
+                pub constants: Constants<f32>,
+                /// Points of its momentum intervals.
+                pub points: [MomentumPoint<f32>; MOMENTUM_POINTS],
+            }
+        }
+
+        impl Slot {
+            /// The slot of a candidate whose terrain's heights, when it is a grid, stand from `first_height` on.
+            pub fn of(layout: &Layout<f32>, own: &ShaderTables, first_height: u32) -> Slot {
+                let count = |buffer: Buffer| buffer.table(layout, own).map_or(0, |t| t.count as u32);
+                Slot {
+                    variables: layout.variables as u32,
+                    equalities: layout.equalities as u32,
+                    rows: layout.rows as u32,
+                    inequalities: layout.inequalities as u32,
+                    $($table: count(Buffer::$buffer),)*
+                    shape: Shape::of(&layout.terrain, first_height),
+                    constants: layout.constants,
+                    points: layout.momentum_points,
+                }
+            }
+        }
+
+        impl Batch {
+            /// Sizes and offsets of a batch of candidates.
+            ///
+            /// * `front_in_storage` - whether workgroup memory does not hold the front
+            pub fn new(sizes: &Sizes, settings: &SolverSettings, front_in_storage: bool) -> Batch {
+                let mut values = 0u32;
+                let mut array = |len: usize| {
+                    let at = values;
+                    values += len as u32;
+                    at
+                };
+                let limits = Limits::<f32>::new(settings);
+                let size = |n: usize| n.max(1) as u32;
+                Batch {
+                    $($table: size(sizes.entries(Buffer::$buffer)),)*
+                    jacobian: size(sizes.jacobian),
+                    factor: size(sizes.factor),
+                    x: array(2 * sizes.all),
+                    x_half: sizes.all as u32,
+                    initial: array(sizes.all),
+                    smoothing: array(sizes.variables),
+                    direction: array(sizes.variables),
+                    scaling: array(sizes.variables),
+                    diagonal: array(sizes.variables),
+                    gradient: array(sizes.variables),
+                    right_hand_side: array(sizes.variables),
+                    ground: array(3 * sizes.entries(Buffer::Footholds)),
+                    deviations: array(36 * sizes.entries(Buffer::MomentumIntervals)),
+                    c: array(2 * sizes.equalities),
+                    c_half: sizes.equalities as u32,
+                    c_change: array(sizes.equalities),
+                    g: array(2 * sizes.inequalities),
+                    g_half: sizes.inequalities as u32,
+                    g_change: array(sizes.inequalities),
+                    weight: array(sizes.rows),
+                    value: array(sizes.rows),
+                    slack: array(sizes.inequalities),
+                    multiplier: array(sizes.inequalities),
+                    slack_step: array(sizes.inequalities),
+                    multiplier_step: array(sizes.inequalities),
+                    history: array(settings.stall.window),
+                    carry: array(sizes.rest * (sizes.rest + 1)),
+                    front: array(if front_in_storage { sizes.front_values() } else { 0 }),
+                    flags: array(1),
+                    values,
+                    max_iterations: limits.max_iterations,
+                    stall_start: limits.stall_start,
+                    stall_window: limits.stall_window,
+                    stall_budget: limits.stall_budget,
+                    tolerance: settings.tolerance as f32,
+                    barrier: limits.barrier,
+                    proximal_floor: limits.proximal_floor,
+                    smoothing_weight: limits.smoothing,
+                    closing: limits.closing,
+                }
+            }
+        }
+    };
+}
+row_tables!(all_tables);
+
+/// Kinds of terrain.
+pub mod kind {
+    #![allow(missing_docs, reason = "named as the profiles")]
+    pub const FLAT: u32 = 0;
+    pub const BLOCK: u32 = 1;
+    pub const STAIRS: u32 = 2;
+    pub const GAP: u32 = 3;
+    pub const SLOPE: u32 = 4;
+    pub const CHIMNEY: u32 = 5;
+    pub const CHIMNEY_LR: u32 = 6;
+    pub const GRID: u32 = 7;
+}
+
+crate::table! {
+    /// Terrain of a candidate.
+    #[derive(Default, PartialEq)]
+    pub struct Shape {
+        /// Which one, see [`kind`].
+        pub kind: u32,
+        /// Samples of a grid along x.
+        pub rows: u32,
+        /// Along y.
+        pub columns: u32,
+        /// Its first height among those of all grids.
+        pub first: u32,
+        /// Its lower corner, m.
+        pub low: [f32; 2],
+        /// Its samples per metre.
+        pub per_metre: [f32; 2],
+    }
+
+    /// One step of the factorisation, see [`crate::nlp::sweep::Step`].
+    #[derive(Default)]
+    pub struct FrontStep {
+        /// Size of the front.
+        pub size: u32,
+        /// How many of its variables, the first, are eliminated here.
+        pub pivots: u32,
+        /// First pivot.
+        pub variable: u32,
+        /// Offset of its rows in the factor.
+        pub factor: u32,
+        /// Distance of two of them.
+        pub stride: u32,
+        /// Elements assembled here.
+        pub elements: Span,
+        /// Reach instants.
+        pub reach: Span,
+        /// What stays after its pivots, in the table of [`Rest`].
+        pub rest: Span,
+    }
+
+    /// A variable that stays in the front of a step.
+    #[derive(Default, PartialEq)]
+    pub struct Rest {
+        /// Its number.
+        pub variable: u32,
+        /// Its index in the next front.
+        pub next: u32,
+    }
+
+    /// The elements that touch one variable.
+    #[derive(Default, PartialEq)]
+    pub struct Gather {
+        /// In the table of [`Touch`], in the order of the elements.
+        pub touches: Span,
+        /// How far the variable stands behind the first one of its block.
+        pub offset: u32,
+    }
+
+    /// An element that touches a block of variables.
+    #[derive(Default, PartialEq)]
+    pub struct Touch {
+        /// The element.
+        pub element: u32,
+        /// Column of the first variable of the block.
+        pub column: u32,
+    }
+}
+
+impl Shape {
+    /// Shape of a terrain whose heights, when it is a grid, stand from `first` on.
+    pub fn of(terrain: &Terrain, first: u32) -> Shape {
+        let profile = |kind| Shape { kind, ..Shape::default() };
+        match &terrain.shape {
+            TerrainShape::Flat => profile(kind::FLAT),
+            TerrainShape::Profile(Profile::Block) => profile(kind::BLOCK),
+            TerrainShape::Profile(Profile::Stairs) => profile(kind::STAIRS),
+            TerrainShape::Profile(Profile::Gap) => profile(kind::GAP),
+            TerrainShape::Profile(Profile::Slope) => profile(kind::SLOPE),
+            TerrainShape::Profile(Profile::Chimney) => profile(kind::CHIMNEY),
+            TerrainShape::Profile(Profile::ChimneyLr) => profile(kind::CHIMNEY_LR),
+            TerrainShape::Grid(grid) => {
+                let samples = [grid.heights.len(), grid.heights[0].len()];
+                Shape {
+                    kind: kind::GRID,
+                    rows: samples[0] as u32,
+                    columns: samples[1] as u32,
+                    first,
+                    low: grid.low.map(|v| v as f32),
+                    per_metre: std::array::from_fn(|axis| (samples[axis] as f64 / (grid.high[axis] - grid.low[axis])) as f32),
+                }
+            }
+        }
+    }
+}
+
+/// Tables that only shaders use.
+#[derive(Debug, Clone, Default)]
+pub struct ShaderTables {
+    /// Steps of the factorisation.
+    pub front_steps: Vec<FrontStep>,
+    /// What stays of their fronts.
+    pub rests: Vec<Rest>,
+    /// Elements by variable, `[variables]`.
+    pub gathers: Vec<Gather>,
+    /// Elements by block.
+    pub touches: Vec<Touch>,
+}
+
+impl ShaderTables {
+    /// Tables of a layout.
+    pub fn of(layout: &Layout<f32>) -> ShaderTables {
+        let mut tables = ShaderTables::default();
+        let mut next_reach = 0;
+        for (k, step) in layout.steps.iter().enumerate() {
+            let first_rest = tables.rests.len();
+            for run in &layout.front_runs[step.rest.range()] {
+                tables.rests.extend((0..run.len).map(|i| Rest { variable: run.variable + i, next: 0 }));
+            }
+            if let Some(next) = layout.steps.get(k + 1) {
+                for run in &layout.front_runs[next.moves.range()] {
+                    for i in 0..run.len {
+                        tables.rests[first_rest + (run.column + i - step.pivots) as usize].next = run.front + i;
+                    }
+                }
+            }
+            let first_reach = next_reach;
+            let mut feet = layout.elements[step.elements.range()].iter().filter(|e| e.family == Family::Reach).count();
+            while feet > 0 {
+                feet -= layout.reach_instants[next_reach].feet.range().len();
+                next_reach += 1;
+            }
+            tables.front_steps.push(FrontStep {
+                size: step.size,
+                pivots: step.pivots,
+                variable: step.variable,
+                factor: step.factor,
+                stride: step.stride,
+                elements: step.elements,
+                reach: Span { start: first_reach as u32, end: next_reach as u32 },
+                rest: Span::added(first_rest, &tables.rests),
+            });
+        }
+        tables.gather(layout);
+        tables
+    }
+
+    /// Blocks are the longest runs of variables that the same elements touch.
+    fn gather(&mut self, layout: &Layout<f32>) {
+        // Where runs begin or end, blocks do.
+        let mut begins = vec![false; layout.variables + 1];
+        for run in &layout.runs {
+            begins[run.variable as usize] = true;
+            begins[(run.variable + run.len) as usize] = true;
+        }
+        let mut block_of = Vec::with_capacity(layout.variables);
+        let mut firsts: Vec<u32> = Vec::new();
+        for variable in 0..layout.variables {
+            if begins[variable] || firsts.is_empty() {
+                firsts.push(variable as u32);
+            }
+            block_of.push(firsts.len() - 1);
+        }
+        let blocks_of = |run: &Run| block_of[run.variable as usize]..=block_of[(run.variable + run.len - 1) as usize];
+        let mut ends = vec![0u32; firsts.len() + 1];
+        for run in &layout.runs {
+            for block in blocks_of(run) {
+                ends[block + 1] += 1;
+            }
+        }
+        for block in 0..firsts.len() {
+            ends[block + 1] += ends[block];
+        }
+        let starts = ends.clone();
+        self.touches = vec![Touch::default(); ends[firsts.len()] as usize];
+        for (element, entry) in layout.elements.iter().enumerate() {
+            for run in &layout.runs[entry.runs.range()] {
+                for block in blocks_of(run) {
+                    let column = run.column + firsts[block] - run.variable;
+                    self.touches[ends[block] as usize] = Touch { element: element as u32, column };
+                    ends[block] += 1;
+                }
+            }
+        }
+        self.gathers = (0..layout.variables)
+            .map(|variable| {
+                let block = block_of[variable];
+                let touches = Span { start: starts[block], end: starts[block + 1] };
+                Gather { touches, offset: variable as u32 - firsts[block] }
+            })
+            .collect();
+    }
+}
+
+/// What the largest candidate of a batch needs.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[allow(missing_docs, reason = "largest of the numbers in `Layout`")]
+pub struct Sizes {
+    pub all: usize,
+    pub variables: usize,
+    pub equalities: usize,
+    pub rows: usize,
+    pub inequalities: usize,
+    pub jacobian: usize,
+    pub factor: usize,
+    /// Entries of each table, in the order of [`Buffer::TABLES`].
+    tables: [usize; Buffer::TABLES.len()],
+    /// Largest front, without its right-hand side.
+    pub front: usize,
+    /// Most that stays of a front.
+    pub rest: usize,
+    /// Most columns of an element.
+    pub columns: usize,
+}
+
+impl Sizes {
+    /// Sizes of one candidate.
+    pub fn of(layout: &Layout<f32>, own: &ShaderTables) -> Sizes {
+        let largest = |of: fn(&FrontStep) -> u32| own.front_steps.iter().map(of).max().unwrap_or(0) as usize;
+        Sizes {
+            all: layout.initial.len(),
+            variables: layout.variables,
+            equalities: layout.equalities,
+            rows: layout.rows,
+            inequalities: layout.inequalities,
+            jacobian: layout.jacobian_len,
+            factor: layout.factor_len,
+            tables: std::array::from_fn(|i| Buffer::TABLES[i].table(layout, own).map_or(0, |t| t.count)),
+            front: largest(|s| s.size),
+            rest: largest(|s| s.size - s.pivots),
+            columns: layout.widest,
+        }
+    }
+
+    /// Entries of a table; 0 of other buffers.
+    pub fn entries(&self, buffer: Buffer) -> usize {
+        Buffer::TABLES.iter().position(|b| *b == buffer).map_or(0, |i| self.tables[i])
+    }
+
+    /// Enough for both.
+    pub fn max(self, other: Sizes) -> Sizes {
+        Sizes {
+            tables: std::array::from_fn(|i| self.tables[i].max(other.tables[i])),
+            front: self.front.max(other.front),
+            rest: self.rest.max(other.rest),
+            columns: self.columns.max(other.columns),
+            ..self.with_lengths(|own, other| own.max(other), &other)
+        }
+    }
+
+    /// Sizes by a factor larger; what decides on workgroup memory stays.
+    pub fn enlarged(self, factor: f64) -> Sizes {
+        let larger = |n: usize| (n as f64 * factor).ceil() as usize;
+        Sizes { tables: self.tables.map(larger), ..self.with_lengths(|own, _| larger(own), &self) }
+    }
+
+    /// The lengths of arrays, each from its own and another one.
+    fn with_lengths(self, of: impl Fn(usize, usize) -> usize, other: &Sizes) -> Sizes {
+        Sizes {
+            all: of(self.all, other.all),
+            variables: of(self.variables, other.variables),
+            equalities: of(self.equalities, other.equalities),
+            rows: of(self.rows, other.rows),
+            inequalities: of(self.inequalities, other.inequalities),
+            jacobian: of(self.jacobian, other.jacobian),
+            factor: of(self.factor, other.factor),
+            ..self
+        }
+    }
+
+    /// Values of the largest front, packed, with its right-hand side.
+    pub fn front_values(&self) -> usize {
+        self.front * (self.front + 3) / 2
+    }
+
+    /// Whether other sizes fit into these.
+    pub fn hold(&self, other: Sizes) -> bool {
+        self.max(other) == *self
+    }
+}
+
+/// Progress of a candidate whose initial values stand in the first half: they are evaluated as a trial point.
+pub fn first_progress(layout: &Layout<f32>, settings: &SolverSettings) -> Progress<f32> {
+    let edge_radius = settings.edge_radius_on(&layout.terrain) as f32;
+    Progress { current: 1, ..Progress::first(&Limits::new(settings), edge_radius) }
+}
+
+// SAFETY: `#[repr(C)]`, with members of four bytes alone, whose bits are all values.
+unsafe impl bytemuck::Zeroable for Progress<f32> {}
+// SAFETY: likewise.
+unsafe impl bytemuck::AnyBitPattern for Progress<f32> {}

@@ -1,0 +1,33 @@
+//! Forward substitution with a factor, for one more right-hand side.
+
+use super::front::Factor;
+use crate::nlp::Layout;
+use crate::real::Real;
+use multiversion::multiversion;
+
+/// Replaces the right-hand side after [`factorise`](super::front::factorise): forward substitution of `-(u + J' v)`.
+///
+/// * `gradient` - `u + J' v`, `[variables]`
+#[multiversion(targets("x86_64+avx2"))]
+pub fn forward<T: Real>(layout: &Layout<T>, factor: &mut Factor<T>, gradient: &mut [T]) {
+    let local = &mut factor.local;
+    for step in &layout.steps {
+        let (size, pivots, first) = (step.size as usize, step.pivots as usize, step.variable as usize);
+        // What the pivots subtract from the variables that stay.
+        local[..size].fill(T::zero());
+        for i in 0..pivots {
+            let row = &mut factor.pivot_rows[step.factor as usize + i * step.stride as usize..][..size + 1];
+            let value = (-gradient[first + i] - local[i]) / row[i];
+            row[size] = value;
+            for (sum, &left) in local[i + 1..size].iter_mut().zip(&row[i + 1..size]) {
+                *sum += left * value;
+            }
+        }
+        for run in &layout.front_runs[step.rest.range()] {
+            let (at, variable, len) = (run.front as usize, run.variable as usize, run.len as usize);
+            for i in 0..len {
+                gradient[variable + i] += local[at + i];
+            }
+        }
+    }
+}

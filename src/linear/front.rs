@@ -1,0 +1,462 @@
+//! The frontal Cholesky factorisation in time order: assemble, eliminate, slide on; then substitute back from the end.
+//!
+//! Solves `(E + J' W J) d = -(u + J' v)` with `W` and `v` given for each Jacobian row, `E` and `u` for each variable. The front holds the upper triangle row by row, the
+//! right-hand side stands in the column after the last variable, so that forward substitution happens along the way.
+
+use crate::nlp::Layout;
+use crate::nlp::layout::Element;
+use crate::real::Real;
+use crate::rows::Family;
+use crate::rows::reach::ReachInstant;
+use crate::rows::table::{NONE, Span};
+use multiversion::multiversion;
+
+/// Buffers of the factorisation.
+#[derive(Debug, Default)]
+pub struct Factor<T> {
+    /// Front and next front, `[size][stride]`.
+    fronts: [Vec<T>; 2],
+    /// Pivot rows of all steps.
+    pub pivot_rows: Vec<T>,
+    /// Jacobian rows of one element, spread over the front.
+    spread: Vec<T>,
+    /// Solution on the front of one step.
+    pub(super) local: Vec<T>,
+}
+
+impl<T: Real> Factor<T> {
+    /// Makes the buffers large enough for a layout.
+    pub fn resize(&mut self, layout: &Layout<T>) {
+        let stride = layout.front_stride;
+        for front in &mut self.fronts {
+            front.resize(stride * stride, T::zero());
+        }
+        self.pivot_rows.resize(layout.factor_len, T::zero());
+        self.spread.resize(AT_ONCE * stride, T::zero());
+        self.local.resize(stride, T::zero());
+    }
+}
+
+/// The normal equations: by Jacobian rows, and what falls on single variables.
+#[derive(Debug, Clone, Copy)]
+pub struct NormalEquations<'a, T> {
+    /// Values of every element.
+    pub jacobian: &'a [T],
+    /// `W`, `[rows]`, not negative; elements of weight 0 are skipped, and `v` of a row of weight 0 must be 0.
+    pub weight: &'a [T],
+    /// `v`, `[rows]`.
+    pub value: &'a [T],
+    /// `E`, `[variables]`.
+    pub diagonal: &'a [T],
+    /// `u`, `[variables]`.
+    pub gradient: &'a [T],
+}
+
+/// Factorises. Returns false when a pivot is not positive (or not finite).
+pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, factor: &mut Factor<T>) -> bool {
+    let stride = layout.front_stride;
+    let [mut front, mut next] = factor.fronts.each_mut().map(|f| &mut f[..]);
+    let (mut previous_size, mut next_reach) = (0, 0);
+    for step in &layout.steps {
+        let (size, pivots) = (step.size as usize, step.pivots as usize);
+        std::mem::swap(&mut front, &mut next);
+        for i in 0..size {
+            front[i * stride + i..i * stride + size + 1].fill(T::zero());
+        }
+        move_front(layout, step.moves, next, previous_size, front, size, stride);
+        let mut elements = &layout.elements[step.elements.range()];
+        while let Some((element, rest)) = elements.split_first() {
+            if element.family == Family::Reach {
+                // Those of a step stand together.
+                let feet = elements.iter().take_while(|e| e.family == Family::Reach).count();
+                let first = next_reach;
+                let mut left = feet;
+                while left > 0 {
+                    left -= layout.reach_instants[next_reach].feet.range().len();
+                    next_reach += 1;
+                }
+                assemble_reach(layout, &layout.reach_instants[first..next_reach], system, front, size, stride);
+                elements = &elements[feet..];
+            } else {
+                assemble(layout, element, system, front, size, stride, &mut factor.spread);
+                elements = rest;
+            }
+        }
+        for i in 0..pivots {
+            front[i * stride + i] += system.diagonal[step.variable as usize + i];
+            front[i * stride + size] -= system.gradient[step.variable as usize + i];
+        }
+        // Two vector registers wide in either precision.
+        let positive = if size_of::<T>() == size_of::<f32>() {
+            partial_cholesky::<T, 16>(front, stride, size, pivots)
+        } else {
+            partial_cholesky::<T, 8>(front, stride, size, pivots)
+        };
+        if !positive {
+            return false;
+        }
+        for i in 0..pivots {
+            let at = step.factor as usize + i * step.stride as usize;
+            factor.pivot_rows[at + i..at + size + 1].copy_from_slice(&front[i * stride + i..i * stride + size + 1]);
+        }
+        previous_size = size;
+    }
+    true
+}
+
+/// Copies what stays of the old front to its slots in the new one.
+#[multiversion(targets("x86_64+avx2"))]
+fn move_front<T: Real>(layout: &Layout<T>, moves: Span, old: &[T], old_size: usize, new: &mut [T], new_size: usize, stride: usize) {
+    let runs = &layout.front_runs[moves.range()];
+    for (first, rows) in runs.iter().enumerate() {
+        for i in 0..rows.len as usize {
+            let (from, to) = ((rows.column as usize + i) * stride, (rows.front as usize + i) * stride);
+            for (run, columns) in runs[first..].iter().enumerate() {
+                let skip = if run == 0 { i } else { 0 };
+                let (a, b, len) = (columns.column as usize + skip, columns.front as usize + skip, columns.len as usize - skip);
+                new[to + b..to + b + len].copy_from_slice(&old[from + a..from + a + len]);
+            }
+            new[to + new_size] = old[from + old_size];
+        }
+    }
+}
+
+/// Adds `J' W J` and `-J' v` of one element to the front.
+#[inline(always)]
+fn assemble<T: Real>(
+    layout: &Layout<T>,
+    element: &Element,
+    system: &NormalEquations<T>,
+    front: &mut [T],
+    size: usize,
+    stride: usize,
+    spread: &mut [T],
+) {
+    let rows = element.rows as usize;
+    for first in (0..rows).step_by(AT_ONCE) {
+        match rows - first {
+            1 => assemble_rows::<T, 1>(layout, element, first, system, front, size, stride, spread),
+            2 => assemble_rows::<T, 2>(layout, element, first, system, front, size, stride, spread),
+            3 => assemble_rows::<T, 3>(layout, element, first, system, front, size, stride, spread),
+            4 => assemble_rows::<T, 4>(layout, element, first, system, front, size, stride, spread),
+            5 => assemble_rows::<T, 5>(layout, element, first, system, front, size, stride, spread),
+            _ => assemble_rows::<T, AT_ONCE>(layout, element, first, system, front, size, stride, spread),
+        }
+    }
+}
+
+/// Rows of an element that are assembled together.
+const AT_ONCE: usize = 6;
+
+/// Width of the vector loops of [`assemble`].
+const LANES: usize = 8;
+
+/// Adds `M` rows of an element from the `first` on.
+#[multiversion(targets("x86_64+avx2"))]
+#[allow(clippy::too_many_arguments, reason = "separate slices: the compiler knows that they do not overlap")]
+fn assemble_rows<T: Real, const M: usize>(
+    layout: &Layout<T>,
+    element: &Element,
+    first: usize,
+    system: &NormalEquations<T>,
+    front: &mut [T],
+    size: usize,
+    stride: usize,
+    spread: &mut [T],
+) {
+    let place = &element.place;
+    let row = place.row as usize + first;
+    let weights: [T; M] = tile_of(&system.weight[row..]);
+    let values: [T; M] = tile_of(&system.value[row..]);
+    if weights.iter().all(|w| *w == T::zero()) {
+        return;
+    }
+    let runs = &layout.runs[element.runs.range()];
+    let Some(end) = runs.last().map(|r| ((r.front + r.len) as usize).next_multiple_of(LANES)) else { return };
+    let begin = runs[0].front as usize / LANES * LANES;
+    // Lanes of all rows side by side: slot `s` of row `r` stands at `(s / LANES * M + r) * LANES + s % LANES`.
+    let at = |slot: usize, r: usize| (slot / LANES * M + r) * LANES + slot % LANES;
+    spread[begin * M..end * M].fill(T::zero());
+    for r in 0..M {
+        let source = &system.jacobian[place.jacobian as usize + (first + r) * place.stride as usize..][..place.stride as usize];
+        for run in runs {
+            let values = &source[run.column as usize..(run.column + run.len) as usize];
+            for (i, &v) in values.iter().enumerate() {
+                spread[at(run.front as usize + i, r)] = v;
+            }
+        }
+    }
+    for run in runs {
+        for i in run.front as usize..(run.front + run.len) as usize {
+            // Rows that do not touch this column (many: a balance row touches one axis) are left out.
+            let mut left = [T::zero(); M];
+            let mut touching = [0; M];
+            let mut count = 0;
+            let mut rhs = T::zero();
+            for r in 0..M {
+                let v = weights[r] * spread[at(i, r)];
+                rhs += values[r] * spread[at(i, r)];
+                left[count] = v;
+                touching[count] = r * LANES;
+                count += usize::from(v != T::zero());
+            }
+            let from = i / LANES * LANES;
+            let line = &mut front[i * stride..(i + 1) * stride];
+            line[size] -= rhs;
+            let (line, tile) = (&mut line[from..end], &spread[from * M..end * M]);
+            match count {
+                0 => {}
+                1 => accumulate::<T, 1>(line, tile, LANES * M, &left, &touching),
+                2 => accumulate::<T, 2>(line, tile, LANES * M, &left, &touching),
+                3 => accumulate::<T, 3>(line, tile, LANES * M, &left, &touching),
+                4 => accumulate::<T, 4>(line, tile, LANES * M, &left, &touching),
+                5 => accumulate::<T, 5>(line, tile, LANES * M, &left, &touching),
+                _ => accumulate::<T, 6>(line, tile, LANES * M, &left, &touching),
+            }
+        }
+    }
+}
+
+/// Adds `J' W J` and `-J' v` of the reach rows of all feet at the instants of one step, which share their base blocks.
+///
+/// All rows touch the base through its pose alone, with weights `w` that an instant's feet share: with `P` the rows by the pose, `A` by the
+/// foot's own columns, the base block of coefficients `i` and `j` is `w_i w_j sum P' W P`, that of coefficient and foot `w_i P' W A`.
+#[multiversion(targets("x86_64+avx2"))]
+fn assemble_reach<T: Real>(
+    layout: &Layout<T>,
+    instants: &[ReachInstant<T>],
+    system: &NormalEquations<T>,
+    front: &mut [T],
+    size: usize,
+    stride: usize,
+) {
+    const C: usize = 6;
+    /// Pairs of base blocks.
+    const PAIRS: [(usize, usize); 10] = [(0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3)];
+    let mut slots = [NONE; 4];
+    let mut sums = [[T::zero(); C * C]; PAIRS.len()];
+    let mut values = [[T::zero(); C]; 4];
+    for instant in instants {
+        let weights = instant.base.weights;
+        for i in 0..4 {
+            if instant.base.front[i] != NONE {
+                slots[i] = instant.base.front[i];
+            }
+        }
+        let mut pose_pose = [T::zero(); C * C];
+        let mut pose_value = [T::zero(); C];
+        for foot in &layout.reach_feet[instant.feet.range()] {
+            let (row, place) = (foot.place.row as usize, &foot.place);
+            let (w, v): ([T; 3], [T; 3]) = (tile_of(&system.weight[row..]), tile_of(&system.value[row..]));
+            if w == [T::zero(); 3] {
+                continue;
+            }
+            let rows = &system.jacobian[place.jacobian as usize..];
+            let row_stride = place.stride as usize;
+            let pose: [T; 3 * C] = tile_of(&rows[3 * row_stride..]);
+            let mut weighted = pose;
+            for r in 0..3 {
+                for c in 0..C {
+                    weighted[r * C + c] *= w[r];
+                    pose_value[c] += pose[r * C + c] * v[r];
+                }
+            }
+            for c in 0..C {
+                for d in 0..C {
+                    pose_pose[c * C + d] += weighted[c] * pose[d] + weighted[C + c] * pose[C + d] + weighted[2 * C + c] * pose[2 * C + d];
+                }
+            }
+            // The foot's own columns: two a foothold, one a swing height.
+            let own = [
+                (foot.front[0], foot.foothold_column[0], 0),
+                (foot.front[0], foot.foothold_column[0], 1),
+                (foot.front[1], foot.foothold_column[1], 0),
+                (foot.front[1], foot.foothold_column[1], 1),
+                (foot.front[2], foot.height_column, 0),
+            ];
+            let by_own = own.map(|(slot, column, d)| {
+                let at = column.saturating_add(d) as usize;
+                if slot == NONE { [T::zero(); 3] } else { [rows[at], rows[row_stride + at], rows[2 * row_stride + at]] }
+            });
+            for f in 0..5 {
+                if own[f].0 == NONE {
+                    continue;
+                }
+                let (i, a) = ((own[f].0 + own[f].2) as usize, by_own[f]);
+                front[i * stride + size] -= a[0] * v[0] + a[1] * v[1] + a[2] * v[2];
+                let mut cross = [T::zero(); C];
+                for c in 0..C {
+                    cross[c] = a[0] * weighted[c] + a[1] * weighted[C + c] + a[2] * weighted[2 * C + c];
+                }
+                for b in 0..4 {
+                    if instant.base.front[b] == NONE {
+                        continue;
+                    }
+                    let slot = instant.base.front[b] as usize;
+                    // Only what lies right of the diagonal.
+                    let (at, step) = if slot > i { (i * stride + slot, 1) } else { (slot * stride + i, stride) };
+                    for c in 0..C {
+                        front[at + c * step] += weights[b] * cross[c];
+                    }
+                }
+                for g in 0..5 {
+                    let j = (own[g].0.saturating_add(own[g].2)) as usize;
+                    if own[g].0 != NONE && j >= i {
+                        let b = by_own[g];
+                        front[i * stride + j] += a[0] * w[0] * b[0] + a[1] * w[1] * b[1] + a[2] * w[2] * b[2];
+                    }
+                }
+            }
+        }
+        for (sum, (i, j)) in sums.iter_mut().zip(PAIRS) {
+            let w = weights[i] * weights[j];
+            if w != T::zero() {
+                for c in 0..C * C {
+                    sum[c] += w * pose_pose[c];
+                }
+            }
+        }
+        for i in 0..4 {
+            for c in 0..C {
+                values[i][c] += weights[i] * pose_value[c];
+            }
+        }
+    }
+    for i in (0..4).filter(|&i| slots[i] != NONE) {
+        for c in 0..C {
+            front[(slots[i] as usize + c) * stride + size] -= values[i][c];
+        }
+    }
+    for (sum, (i, j)) in sums.iter().zip(PAIRS).filter(|(_, (i, j))| slots[*i] != NONE && slots[*j] != NONE) {
+        // The sums are symmetric.
+        let (row, column) = (slots[i].min(slots[j]) as usize, slots[i].max(slots[j]) as usize);
+        for c in 0..C {
+            let line = &mut front[(row + c) * stride + column..][..C];
+            for d in 0..C {
+                line[d] += sum[c * C + d];
+            }
+        }
+    }
+}
+
+/// `line += sum_k left[k] row_k`, where row `k` stands `offset[k]` into each group of `width` values of `tile`.
+#[inline(always)]
+fn accumulate<T: Real, const K: usize>(line: &mut [T], tile: &[T], width: usize, left: &[T], offset: &[usize]) {
+    let (left, offset): ([T; K], [usize; K]) = (tile_of(left), std::array::from_fn(|k| offset[k]));
+    for (sum, right) in line.chunks_exact_mut(LANES).zip(tile.chunks_exact(width)) {
+        for k in 0..K {
+            let right = &right[offset[k]..offset[k] + LANES];
+            for l in 0..LANES {
+                sum[l] += left[k] * right[l];
+            }
+        }
+    }
+}
+
+/// Eliminates the first `pivots` variables of a front: `A = U' U` row by row, the rest becomes the Schur complement.
+///
+/// Rows are taken four at a time, columns `W` at a time, so that a 4 x `W` tile stays in registers while all earlier pivot rows pass.
+/// Returns false when a pivot is not positive.
+#[multiversion(targets("x86_64+avx2"))]
+pub fn partial_cholesky<T: Real, const W: usize>(front: &mut [T], stride: usize, size: usize, pivots: usize) -> bool {
+    let mut first = 0;
+    while first + 4 <= size {
+        if !eliminate_rows::<T, W, 4>(front, stride, size, pivots, first) {
+            return false;
+        }
+        first += 4;
+    }
+    while first < size {
+        if !eliminate_rows::<T, W, 1>(front, stride, size, pivots, first) {
+            return false;
+        }
+        first += 1;
+    }
+    true
+}
+
+/// Rows `first..first + R` of [`partial_cholesky`]: subtracts all earlier pivot rows, then eliminates what of them is a pivot.
+#[inline(always)]
+fn eliminate_rows<T: Real, const W: usize, const R: usize>(
+    front: &mut [T],
+    stride: usize,
+    size: usize,
+    pivots: usize,
+    first: usize,
+) -> bool {
+    let done = first.min(pivots);
+    let (above, below) = front.split_at_mut(first * stride);
+    let above = &above[..done * stride];
+    let mut j = first / W * W;
+    while j <= size && done > 0 {
+        let mut tile = [[T::zero(); W]; R];
+        for r in 0..R {
+            tile[r] = tile_of(&below[r * stride + j..]);
+        }
+        for pivot in above.chunks_exact(stride) {
+            let left: [T; R] = tile_of(&pivot[first..]);
+            let right: [T; W] = tile_of(&pivot[j..]);
+            for r in 0..R {
+                for l in 0..W {
+                    tile[r][l] -= left[r] * right[l];
+                }
+            }
+        }
+        for r in 0..R {
+            below[r * stride + j..r * stride + j + W].copy_from_slice(&tile[r]);
+        }
+        j += W;
+    }
+    for r in 0..R {
+        let i = first + r;
+        let (earlier, line) = below.split_at_mut(r * stride);
+        // Whole tiles, from the one that holds the diagonal to the one that holds the right-hand side: what lies left of the diagonal is
+        // never read.
+        let (from, to) = (i / W * W, (size + 1).next_multiple_of(W));
+        for pivot in earlier.chunks_exact(stride).take(pivots.saturating_sub(first)) {
+            let left = pivot[i];
+            for (sum, right) in line[from..to].chunks_exact_mut(W).zip(pivot[from..to].chunks_exact(W)) {
+                for l in 0..W {
+                    sum[l] -= left * right[l];
+                }
+            }
+        }
+        if i < pivots {
+            let pivot = line[i];
+            if !(pivot > T::zero() && pivot.is_finite()) {
+                return false;
+            }
+            let inverse = T::one() / pivot.sqrt();
+            for sum in line[from..to].chunks_exact_mut(W) {
+                for v in sum {
+                    *v *= inverse;
+                }
+            }
+        }
+    }
+    true
+}
+
+#[inline(always)]
+fn tile_of<T: Real, const W: usize>(values: &[T]) -> [T; W] {
+    let mut tile = [T::zero(); W];
+    tile.copy_from_slice(&values[..W]);
+    tile
+}
+
+/// Dot product in eight partial sums, so that its order does not depend on the vector width.
+#[inline(always)]
+pub fn dot<T: Real>(a: &[T], b: &[T]) -> T {
+    let mut lanes = [T::zero(); LANES];
+    let (a_chunks, b_chunks) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
+    let (a_rest, b_rest) = (a_chunks.remainder(), b_chunks.remainder());
+    for (a, b) in a_chunks.zip(b_chunks) {
+        for l in 0..LANES {
+            lanes[l] += a[l] * b[l];
+        }
+    }
+    for (l, (a, b)) in a_rest.iter().zip(b_rest).enumerate() {
+        lanes[l] += *a * *b;
+    }
+    ((lanes[0] + lanes[4]) + (lanes[2] + lanes[6])) + ((lanes[1] + lanes[5]) + (lanes[3] + lanes[7]))
+}

@@ -1,0 +1,28 @@
+//! Back substitution with a factor: from its right-hand side to the direction.
+
+use super::front::{Factor, dot};
+use crate::nlp::Layout;
+use crate::real::Real;
+use multiversion::multiversion;
+
+/// Back substitution after [`factorise`](super::front::factorise).
+///
+/// * `direction` - out, `d`, `[variables]`
+#[multiversion(targets("x86_64+avx2"))]
+pub fn substitute<T: Real>(layout: &Layout<T>, factor: &mut Factor<T>, direction: &mut [T]) {
+    let local = &mut factor.local;
+    for step in layout.steps.iter().rev() {
+        let (size, pivots) = (step.size as usize, step.pivots as usize);
+        for run in &layout.front_runs[step.rest.range()] {
+            let (at, variable, len) = (run.front as usize, run.variable as usize, run.len as usize);
+            local[at..at + len].copy_from_slice(&direction[variable..variable + len]);
+        }
+        for i in (0..pivots).rev() {
+            let row = &factor.pivot_rows[step.factor as usize + i * step.stride as usize..][..size + 1];
+            let rest = dot(&row[i + 1..size], &local[i + 1..size]);
+            local[i] = (row[size] - rest) / row[i];
+        }
+        let first = step.variable as usize;
+        direction[first..first + pivots].copy_from_slice(&local[..pivots]);
+    }
+}

@@ -1,0 +1,187 @@
+//! What all transcriptions have in common: footholds, swings and forces of the feet, and the rows about them.
+
+use super::builder::Builder;
+use super::transcription::{self, ReachTime, Transcribe, initial_guess};
+use super::{Layout, layout};
+use crate::gait::spline::hermite;
+use crate::gait::{AlignedSchedule, Phase};
+use crate::real::Real;
+use crate::rows::Family;
+use crate::rows::blocks::Use;
+use crate::rows::force::ForceNode;
+use crate::rows::reach::{ReachFoot, ReachInstant};
+use crate::rows::stride::Stride;
+use crate::rows::swing::SwingNode;
+use crate::rows::table::{NONE, Place, Span};
+use crate::settings::{Friction, TranscriptionSettings};
+use crate::task::Task;
+
+impl<T: Real> Layout<T> {
+    /// Tables of the problem that a schedule poses.
+    pub fn new(task: &Task, schedule: &AlignedSchedule, settings: &TranscriptionSettings) -> layout::Layout<T> {
+        let own = transcription::of(settings.rows);
+        let force_limit = transcription::force_limit(settings.rows, task);
+        let mut builder = Builder::new(task, schedule, settings, force_limit, own.steps(schedule.count()));
+        own.base_blocks(&mut builder);
+        foot_blocks(own, &mut builder);
+        own.dynamics(&mut builder);
+        for time in own.reach_times(&builder) {
+            reach_instant(own, &mut builder, time);
+        }
+        force_elements(own, &mut builder);
+        swing_elements(own, &mut builder);
+        Layout { limits: own.limits(settings), ..builder.finish() }
+    }
+}
+
+/// Footholds, swing heights and force nodes. The force is zero, value and slope, where a stance meets a swing.
+fn foot_blocks<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
+    for foot in 0..b.feet.len() {
+        let stances = b.feet[foot].phases.len().div_ceil(2);
+        for stance in 0..stances {
+            let here = own.foothold(b, foot, stance, stances);
+            let foothold = b.foothold(stance == 0, here);
+            b.feet[foot].footholds.push(foothold);
+            if stance + 1 < stances {
+                let next = own.foothold(b, foot, stance + 1, stances);
+                let law = own.swing(b.settings, &b.task.terrain, b.feet[foot].phases[2 * stance + 1]);
+                let mid = initial_guess::swing_height(b.task, here, next) + law.above;
+                let height = b.block(false, vec![mid], [0.; 6]);
+                b.feet[foot].heights.push(height);
+            }
+            let pieces = b.settings.force_pieces;
+            let span = b.feet[foot].phases[2 * stance];
+            let mut nodes = Vec::with_capacity(pieces + 1);
+            for node in 0..=pieces {
+                let zero = (node == 0 && stance > 0) || (node == pieces && stance + 1 < stances);
+                nodes.push((!zero).then(|| {
+                    let guess = own.force(b, span.start + span.duration() * node as f64 / pieces as f64);
+                    b.block(false, guess.initial.to_vec(), guess.smoothing)
+                }));
+            }
+            b.feet[foot].force_nodes.push(nodes);
+        }
+    }
+}
+
+/// Weights of a foot's position at time `t` in the phase `span` of a swing: of the footholds in x and y, and of their heights and
+/// the mid node's in z.
+///
+/// The mid node of a swing stands halfway between the footholds and moves with their distance over a time that the transcription
+/// gives; both pieces start and end at rest in z, and at the footholds altogether.
+fn swing_weights(span: Phase, t: f64, mid_time: f64) -> ([f64; 2], [f64; 3]) {
+    let half = span.duration() / 2.;
+    let u = t - span.start;
+    if u < half {
+        let w = hermite(u, half);
+        ([w[0] + 0.5 * w[2] - w[3] / mid_time, 0.5 * w[2] + w[3] / mid_time], [w[0], 0., w[2]])
+    } else {
+        let w = hermite(u - half, half);
+        ([0.5 * w[0] - w[1] / mid_time, w[2] + 0.5 * w[0] + w[1] / mid_time], [0., w[2], w[0]])
+    }
+}
+
+/// Reach rows of some feet at one instant.
+fn reach_instant<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>, ReachTime { t, feet, step, base, blocks }: ReachTime<T>) {
+    let first = b.tables.reach_feet.len();
+    let base_uses: [Use; 4] =
+        std::array::from_fn(|i| if base.weights[i] == T::zero() { Use::Reads(blocks[i]) } else { Use::Touches(blocks[i]) });
+    b.tables.reach_instants.push(ReachInstant { base, feet: Span::default() });
+    for foot in feet {
+        let (entry, own_uses) = reach_foot(own, b, foot, t);
+        b.tables.reach_feet.push(entry);
+        let entry = b.tables.reach_feet.len() - 1;
+        if let Some(instant) = b.tables.reach_instants.last_mut() {
+            instant.feet = Span::added(first, &b.tables.reach_feet);
+        }
+        b.element(Family::Reach, entry, step, base_uses.into_iter().chain(own_uses).collect());
+    }
+}
+
+/// Entry of a foot at an instant, and its own blocks.
+fn reach_foot<T: Real>(own: &dyn Transcribe<T>, b: &Builder<T>, foot: usize, t: f64) -> (ReachFoot<T>, [Use; 3]) {
+    let blocks = &b.feet[foot];
+    let phase = blocks.phase_at(t);
+    let span = blocks.phases[phase];
+    let before = blocks.footholds[phase / 2];
+    let (xy, z, after, uses) = if span.stance {
+        ([1., 0.], [1., 0., 0.], NONE, [Use::Touches(before.block), Use::Nothing, Use::Nothing])
+    } else {
+        let (xy, z) = swing_weights(span, t, own.mid_time(span));
+        let after = blocks.footholds[phase / 2 + 1];
+        (xy, z, after.index, [before.block, after.block, blocks.heights[phase / 2]].map(Use::Touches))
+    };
+    let entry = ReachFoot {
+        nominal: b.task.robot.nominal_feet[foot].map(T::of),
+        xy_weights: xy.map(T::of),
+        z_weights: z.map(T::of),
+        foothold: [before.index, after],
+        height: NONE,
+        base_column: [NONE; 4],
+        foothold_column: [NONE; 2],
+        height_column: NONE,
+        front: [NONE; 3],
+        place: Place::default(),
+    };
+    (entry, uses)
+}
+
+fn force_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
+    let pieces = b.settings.force_pieces;
+    for foot in 0..b.feet.len() {
+        for stance in 0..b.feet[foot].force_nodes.len() {
+            let span = b.feet[foot].phases[2 * stance];
+            let foothold = b.feet[foot].footholds[stance];
+            for i in 0..=pieces {
+                let Some(node) = b.feet[foot].force_nodes[stance][i] else { continue };
+                let step = b.step_within(span.start + span.duration() * i as f64 / pieces as f64, node);
+                for &slope in own.slopes(i, pieces) {
+                    let entry = ForceNode::new(T::of(slope), foothold.index);
+                    let (family, table) = match b.settings.friction {
+                        Friction::Pyramid => (Family::Force, &mut b.tables.force_nodes),
+                        Friction::Cone => (Family::Cone, &mut b.tables.cones),
+                    };
+                    table.push(entry);
+                    let at = table.len() - 1;
+                    b.element(family, at, step, vec![Use::Touches(node), Use::Touches(foothold.block)]);
+                }
+            }
+        }
+    }
+}
+
+fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
+    for foot in 0..b.feet.len() {
+        for swing in 0..b.feet[foot].heights.len() {
+            let (span, height) = (b.feet[foot].phases[2 * swing + 1], b.feet[foot].heights[swing]);
+            let around = [b.feet[foot].footholds[swing], b.feet[foot].footholds[swing + 1]];
+            let foothold = around.map(|f| f.index);
+            let touched = around.map(|f| Use::Touches(f.block));
+            let law = own.swing(b.settings, &b.task.terrain, span);
+            for &part in law.parts {
+                let t = span.start + part * span.duration();
+                let step = b.step_within(t, height);
+                let (xy, z) = swing_weights(span, t, own.mid_time(span));
+                b.tables.swing_nodes.push(SwingNode {
+                    xy_weights: xy.map(T::of),
+                    z_weights: z.map(T::of),
+                    low: T::of(if part == 0.5 { law.clearance } else { 0. }),
+                    high: T::of(b.settings.swing_height),
+                    two_sided: u32::from(law.two_sided),
+                    height: NONE,
+                    height_column: NONE,
+                    foothold,
+                    foothold_column: [NONE; 2],
+                    place: Place::default(),
+                });
+                let entry = b.tables.swing_nodes.len() - 1;
+                b.element_of(Family::Swing, entry, step, usize::from(law.two_sided), vec![Use::Touches(height), touched[0], touched[1]]);
+            }
+            if let Some(longest) = law.longest_step {
+                let step = b.step_within((span.start + span.end) / 2., height);
+                b.tables.strides.push(Stride { limit: T::of(longest), foothold, foothold_column: [NONE; 2], place: Place::default() });
+                b.element(Family::Stride, b.tables.strides.len() - 1, step, touched.to_vec());
+            }
+        }
+    }
+}

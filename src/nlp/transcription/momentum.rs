@@ -1,0 +1,395 @@
+//! The `momentum` transcription: base states at knots, and the exact change of momentum over each interval in between.
+//!
+//! Forces are cubics, so their impulses are exact weights on the force nodes. So is the angular momentum: taken about the base position
+//! `p_k` at the start of the interval instead of the moving base, it changes by the moments of impulses about fixed footholds and by
+//! the moment of gravity, and both are integrals of the forces alone. With `J_i`, `P`, `W` the first to third integral of forces,
+//!
+//! `v = v_k + g tau + J / m`, `d = v_k tau + g tau^2 / 2 + P / m`,
+//! `L = L_k + sum (x_i - p_k) x J_i + (m v_k tau^2 / 2 + W) x g - m d x v`.
+//!
+//! No quadrature of moments is needed; only the attitude asks for one: the mean of `L` over an interval must be that of the planned
+//! motion, `R I R' omega`, at the nodes of a Gauss-Legendre rule.
+
+use super::{ForceGuess, ReachTime, SwingLaw, Transcribe, initial_guess};
+use crate::gait::spline::hermite;
+use crate::gait::trajectory::{GoalVelocity, MotionLimits};
+use crate::gait::{Curve, Phase};
+use crate::nlp::Layout;
+use crate::nlp::builder::Builder;
+use crate::real::Real;
+use crate::robot::{GRAVITY, Robot};
+use crate::rows::Family;
+use crate::rows::blocks::Use;
+use crate::rows::momentum::{INNER_POINTS, INNER_RULE, Impulse, MOMENTUM_POINTS, MomentumInterval, lagrange};
+use crate::rows::reach::BasePoint;
+use crate::rows::table::{NONE, Place, Span};
+use crate::settings::TranscriptionSettings;
+use crate::task::Task;
+use crate::terrain::Terrain;
+use nalgebra::{Matrix3, Rotation3, Vector3};
+
+/// Horizontal speed of a foot in mid-swing, in its mean speeds.
+///
+/// One cubic from rest to rest has 1.5. The slower the middle, the faster a foot leaves the ground and the less the base, moving on,
+/// drags it out of reach before it follows: see `benches/README.md`.
+pub const MID_SPEED: f64 = 0.75;
+
+/// Highest horizontal speed in a swing, in mean speeds: of `v(u) = (6 - 2 c) u - (6 - 3 c) u^2` in each half, with `c` = [`MID_SPEED`].
+pub const TOP_SPEED: f64 = (6. - 2. * MID_SPEED) * (6. - 2. * MID_SPEED) / (4. * (6. - 3. * MID_SPEED));
+
+/// How firmly the base is drawn to the initial guess, against 1 for a force of the weight per foot: its attitude, 1/rad², and its rates,
+/// s²/m² and s²/rad².
+const POSE_SMOOTHING: [f64; 6] = [0., 0., 0., 1., 1., 1.];
+const RATE_SMOOTHING: [f64; 6] = [0.1; 6];
+
+/// Part of the horizon in which the initial guess speeds up, and slows down again.
+const RAMP: f64 = 0.3;
+
+/// Gauss-Legendre rule on (0, 1) with three nodes: exact for the integrals of a cubic that are needed.
+const EXACT_RULE: [[f64; 2]; 3] = [[0.112_701_665_379_258_3, 5. / 18.], [0.5, 8. / 18.], [0.887_298_334_620_741_7, 5. / 18.]];
+
+/// Weights of the deviations at the inner points at part `u` of an interval: a polynomial that vanishes at both ends.
+fn deviation_weights(u: f64) -> [f64; INNER_POINTS] {
+    let nodes = INNER_RULE.map(|[u, _]| u);
+    std::array::from_fn(|i| lagrange(&nodes, i, u) * u * (1. - u) / (nodes[i] * (1. - nodes[i])))
+}
+
+/// Where the initial guess has the base at time `t`, and its rate: along the line, from rest, and to rest when the goal asks for it.
+fn base_guess<T: Real>(b: &Builder<T>, t: f64) -> ([f64; 6], [f64; 6]) {
+    let (start, goal) = (b.reference(0.), b.reference(b.horizon));
+    let slows = b.settings.goal_velocity == GoalVelocity::Zero;
+    let u = (t / b.horizon).clamp(0., 1.);
+    // Speed rises linearly over the ramp, stays, falls linearly; the area is 1.
+    let peak = 1. / if slows { 1. - RAMP } else { 1. - RAMP / 2. };
+    let (part, speed) = if u < RAMP {
+        (peak * u * u / (2. * RAMP), peak * u / RAMP)
+    } else if slows && u > 1. - RAMP {
+        let left = 1. - u;
+        (1. - peak * left * left / (2. * RAMP), peak * left / RAMP)
+    } else {
+        (peak * (u - RAMP / 2.), peak)
+    };
+    let pose = std::array::from_fn(|i| start[i] + part * (goal[i] - start[i]));
+    (pose, std::array::from_fn(|i| speed * (goal[i] - start[i]) / b.horizon))
+}
+
+/// Parts of a swing at which its height is held over ground with edges. On flat ground the mid node speaks for all: z rises to it and
+/// falls from it.
+const SWING_HEIGHTS: [f64; 7] = [0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875];
+
+/// Interval of base knots for a robot, s: how fast a body on such legs can turn and fall.
+///
+/// Half of `sqrt(l / g)`, in steps of 0.025 s from 0.025 to 0.1 s. That is 0.1 s for legs of 0.4 m and 0.05 s for those of 0.14 m.
+pub fn interval(robot: &Robot) -> f64 {
+    ((0.5 * (robot.leg_height() / GRAVITY).sqrt() / 0.025).floor() * 0.025).clamp(0.025, 0.1)
+}
+
+/// The transcription.
+pub(super) struct Momentum;
+
+impl<T: Real> Transcribe<T> for Momentum {
+    fn steps(&self, intervals: usize) -> usize {
+        intervals
+    }
+
+    /// Pose and rates at every knot, as deviations from the reference line.
+    fn base_blocks(&self, b: &mut Builder<T>) {
+        let line_rate = b.reference_rate();
+        for k in 0..=b.intervals {
+            let t = k as f64 * b.interval;
+            let (first, last) = (k == 0, k == b.intervals);
+            let ((pose, rate), line) = (base_guess(b, t), b.reference(t));
+            let pose = (0..6).map(|i| pose[i] - line[i]).collect();
+            let rate = (0..6).map(|i| rate[i] - line_rate[i]).collect();
+            let stops = b.settings.goal_velocity == GoalVelocity::Zero;
+            let pose = b.block(first || last, pose, POSE_SMOOTHING);
+            let rate = b.block(first || (last && stops), rate, RATE_SMOOTHING);
+            b.base.extend([pose, rate]);
+        }
+    }
+
+    /// Momentum rows of every interval.
+    fn dynamics(&self, b: &mut Builder<T>) {
+        for k in 0..b.intervals {
+            let t = k as f64 * b.interval;
+            let first = b.tables.impulses.len();
+            let mut uses: Vec<Use> = b.base[2 * k..2 * k + 4].iter().map(|&id| Use::Touches(id)).collect();
+            let mut footholds = Vec::new();
+            for foot in 0..b.feet.len() {
+                for stance in 0..b.feet[foot].force_nodes.len() {
+                    for (node, impulse) in stance_impulses(b, foot, stance, t) {
+                        uses.extend(b.feet[foot].force_nodes[stance][node].map(Use::Touches));
+                        footholds.push(Use::Touches(b.feet[foot].footholds[stance].block));
+                        b.tables.impulses.push(impulse);
+                    }
+                }
+            }
+            b.tables.momentum_intervals.push(MomentumInterval {
+                reference: [t, t + b.interval].map(|t| b.reference(t).map(T::of)),
+                rate: b.reference_rate().map(T::of),
+                variable: [NONE; 4],
+                linear_column: [NONE; 4],
+                angular_column: [NONE; 4],
+                impulses: Span::added(first, &b.tables.impulses),
+                linear: Place::default(),
+                angular: Place::default(),
+            });
+            b.element(Family::LinearMomentum, k, k, uses.clone());
+            b.element(Family::AngularMomentum, k, k, uses.into_iter().chain(footholds).collect());
+        }
+    }
+
+    /// Of all feet at most [`REACH`] apart, and of swinging feet at parts of their swings.
+    fn reach_times(&self, b: &Builder<T>) -> Vec<ReachTime<T>> {
+        let (h, feet) = (b.interval, b.feet.len());
+        let pieces = (h / REACH).ceil() as usize;
+        let mut instants: Vec<(f64, std::ops::Range<usize>)> =
+            (0..=pieces * b.intervals).map(|i| (i as f64 * h / pieces as f64, 0..feet)).collect();
+        for foot in 0..feet {
+            for swing in b.feet[foot].phases.iter().filter(|p| !p.stance) {
+                instants.extend(SWING_PARTS.map(|part| (swing.start + part * swing.duration(), foot..foot + 1)));
+            }
+        }
+        instants.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let time = |(t, feet): (f64, std::ops::Range<usize>)| {
+            let k = ((t / h + 1e-9) as usize).min(b.intervals - 1);
+            let in_interval = match t - k as f64 * h {
+                // A knot is a knot: what has no part in it is left out.
+                u if u < 1e-9 => 0.,
+                u if u > h - 1e-9 => h,
+                u => u,
+            };
+            let base = BasePoint {
+                reference: b.reference(t).map(T::of),
+                weights: hermite(in_interval, h).map(T::of),
+                variable: [NONE; 4],
+                front: [NONE; 4],
+                interval: k as u32,
+                deviation_weights: deviation_weights(in_interval / h).map(T::of),
+            };
+            ReachTime { t, feet, step: k, base, blocks: std::array::from_fn(|i| b.base[2 * k + i]) }
+        };
+        instants.into_iter().map(time).collect()
+    }
+
+    /// The nominal place under the base of the initial guess in the middle of the stance.
+    fn foothold(&self, b: &Builder<T>, foot: usize, stance: usize, stances: usize) -> [f64; 2] {
+        if stance == 0 {
+            return b.task.foothold_start(foot);
+        }
+        if stance + 1 == stances {
+            return b.task.foothold_goal(foot);
+        }
+        let span = b.feet[foot].phases[2 * stance];
+        let (pose, _) = base_guess(b, (span.start + span.end) / 2.);
+        initial_guess::under_base(b.task, foot, pose)
+    }
+
+    /// Its share of the weight among the feet in contact.
+    fn force(&self, b: &Builder<T>, t: f64) -> ForceGuess {
+        let in_contact = b.feet.iter().filter(|foot| foot.phases[foot.phase_at(t)].stance).count();
+        ForceGuess { initial: [0., 0., b.feet.len() as f64 / in_contact as f64, 0., 0., 0.], smoothing: [1.; 6] }
+    }
+
+    /// A cubic lies in the hull of its Bezier points; a node lies between those beside it.
+    fn slopes(&self, node: usize, pieces: usize) -> &'static [f64] {
+        match node {
+            0 => &[0., 1. / 3.],
+            node if node == pieces => &[-1. / 3., 0.],
+            _ => &[-1. / 3., 1. / 3.],
+        }
+    }
+
+    fn mid_time(&self, span: Phase) -> f64 {
+        span.duration() / MID_SPEED
+    }
+
+    fn swing(&self, settings: &TranscriptionSettings, terrain: &Terrain, span: Phase) -> SwingLaw {
+        SwingLaw {
+            above: settings.clearance,
+            parts: if terrain.has_edges() { &SWING_HEIGHTS } else { &[0.5] },
+            clearance: settings.clearance,
+            two_sided: true,
+            longest_step: Some(settings.foot_speed * span.duration() / TOP_SPEED),
+        }
+    }
+
+    fn limits(&self, settings: &TranscriptionSettings) -> Option<MotionLimits> {
+        Some(settings.limits())
+    }
+
+    fn base_curves(&self, task: &Task, layout: &Layout<f64>, x: &[f64]) -> [Curve; 2] {
+        base_curves(task, layout, x)
+    }
+}
+
+/// First to third integral of each node's basis functions, `[value, slope]`.
+type Integrals = [[f64; 2]; 3];
+
+/// Integrals from `t` to `end` of the basis functions of a stance's force nodes: `int b`, `int (end - s) b`, `int (end - s)^2 / 2 b ds`.
+fn basis_integrals(span: Phase, nodes: usize, t: f64, end: f64) -> Vec<Integrals> {
+    let duration = span.duration() / (nodes - 1) as f64;
+    let mut integrals = vec![Integrals::default(); nodes];
+    for piece in 0..nodes - 1 {
+        let start = span.start + piece as f64 * duration;
+        let (low, high) = (start.max(t), (start + duration).min(end));
+        if low >= high {
+            continue;
+        }
+        for [part, weight] in EXACT_RULE {
+            let s = low + part * (high - low);
+            let basis = hermite(s - start, duration);
+            let left = end - s;
+            for (order, kernel) in [1., left, left * left / 2.].into_iter().enumerate() {
+                for i in 0..2 {
+                    for part in 0..2 {
+                        integrals[piece + i][order][part] += weight * (high - low) * kernel * basis[2 * i + part];
+                    }
+                }
+            }
+        }
+    }
+    integrals
+}
+
+/// What the force nodes of a stance do in the interval that starts at `t`, with their indices in the stance.
+fn stance_impulses<T: Real>(b: &Builder<T>, foot: usize, stance: usize, t: f64) -> Vec<(usize, Impulse<T>)> {
+    let h = b.interval;
+    let span = b.feet[foot].phases[2 * stance];
+    if span.end <= t + 1e-9 || span.start >= t + h - 1e-9 {
+        return Vec::new();
+    }
+    let nodes = &b.feet[foot].force_nodes[stance];
+    let scale = [b.force_unit(), b.force_unit() * b.settings.force_pieces as f64 / span.duration()];
+    let points: [Vec<Integrals>; MOMENTUM_POINTS] = std::array::from_fn(|q| {
+        let end = t + INNER_RULE.get(q).map_or(1., |n| n[0]) * h;
+        basis_integrals(span, nodes.len(), t, end)
+    });
+    let impulse = |node: usize| Impulse {
+        weights: std::array::from_fn(|q| points[q][node].map(|order| std::array::from_fn(|part| T::of(order[part] * scale[part])))),
+        node: NONE,
+        linear_column: NONE,
+        angular_column: NONE,
+        foothold: b.feet[foot].footholds[stance].index,
+        foothold_column: NONE,
+    };
+    let at_work = |&node: &usize| nodes[node].is_some() && points[MOMENTUM_POINTS - 1][node][0] != [0.; 2];
+    (0..nodes.len()).filter(at_work).map(|node| (node, impulse(node))).collect()
+}
+
+/// Longest time between reach rows of all feet, s.
+const REACH: f64 = 0.026;
+
+/// Parts of a swing at which reach is held besides: near its ends the base drags the foot along, or runs ahead of it.
+const SWING_PARTS: [f64; 5] = [0.0625, 0.125, 0.5, 0.875, 0.9375];
+
+/// Longest piece of a base curve, s. A cubic over twice as much would be up to a centimetre off what the forces do.
+const PIECE: f64 = 0.026;
+
+/// Base position and Euler angles: at every knot those of the solution, in between what the forces make of them.
+fn base_curves(task: &Task, layout: &Layout<f64>, x: &[f64]) -> [Curve; 2] {
+    let curves = &layout.curves;
+    let (n, h) = (curves.intervals, curves.interval);
+    let start = [task.base_start(), [0.; 3]].concat();
+    let goal = [task.base_target, [0., 0., task.yaw_target]].concat();
+    let knot = |k: usize| -> [[f64; 6]; 2] {
+        std::array::from_fn(|i| {
+            std::array::from_fn(|d| {
+                let slope = (goal[d] - start[d]) / (n as f64 * h);
+                let reference = if i == 0 { start[d] + slope * k as f64 * h } else { slope };
+                reference + x[curves.base[2 * k + i] as usize + d]
+            })
+        })
+    };
+    let node =
+        |[pose, rate]: [[f64; 6]; 2], first: usize| std::array::from_fn(|i| if i < 3 { pose[first + i] } else { rate[first + i - 3] });
+    let pieces = (h / PIECE).ceil() as usize;
+    let mut nodes: [Vec<[f64; 6]>; 2] = Default::default();
+    for k in 0..=n {
+        let state = knot(k);
+        let between = if k < n { between(task, layout, x, k as f64 * h, state, pieces) } else { Vec::new() };
+        for state in std::iter::once(state).chain(between) {
+            nodes[0].push(node(state, 0));
+            nodes[1].push(node(state, 3));
+        }
+    }
+    nodes.map(|nodes| Curve { poly_durations: vec![h / pieces as f64; pieces * n], nodes })
+}
+
+/// Pose and rates at the ends of all but the last of the `pieces` of an interval, from the state at its start, `t`, under the planned
+/// forces.
+///
+/// Position and velocity are exact; the attitude takes two Runge-Kutta steps a piece along the exact angular momentum.
+fn between(task: &Task, layout: &Layout<f64>, x: &[f64], t: f64, [pose, rate]: [[f64; 6]; 2], pieces: usize) -> Vec<[[f64; 6]; 2]> {
+    let robot = &task.robot;
+    let (mass, gravity) = (robot.mass, Vector3::new(0., 0., -GRAVITY));
+    let inertia = Matrix3::from_fn(|r, c| robot.inertia[r][c]);
+    let vector = |v: &[f64]| Vector3::new(v[0], v[1], v[2]);
+    let (p, v) = (vector(&pose), vector(&rate));
+    // Moved, velocity and angular momentum gained after `tau`.
+    let after = |tau: f64| {
+        let (mut first, mut second, mut third, mut moment) = (Vector3::zeros(), Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
+        for foot in &layout.curves.feet {
+            for (stance, nodes) in foot.force_nodes.iter().enumerate() {
+                let span = foot.phases[2 * stance];
+                if span.end <= t || span.start >= t + tau {
+                    continue;
+                }
+                let piece = span.duration() / (nodes.len() - 1) as f64;
+                let scale = [layout.constants.force_unit, layout.constants.force_unit / piece];
+                let mut sums = [Vector3::zeros(); 3];
+                for (&node, integrals) in nodes.iter().zip(basis_integrals(span, nodes.len(), t, t + tau)).filter(|(n, _)| **n != NONE) {
+                    for (sum, weights) in sums.iter_mut().zip(integrals) {
+                        for part in 0..2 {
+                            *sum += vector(&x[node as usize + 3 * part..]) * (weights[part] * scale[part]);
+                        }
+                    }
+                }
+                let at = foot.footholds[stance] as usize;
+                let foothold = Vector3::new(x[at], x[at + 1], task.terrain.height(x[at], x[at + 1]));
+                moment += (foothold - p).cross(&sums[0]);
+                first += sums[0];
+                second += sums[1];
+                third += sums[2];
+            }
+        }
+        let velocity = v + gravity * tau + first / mass;
+        let moved = v * tau + gravity * (tau * tau / 2.) + second / mass;
+        let gained = moment + (v * (mass * tau * tau / 2.) + third).cross(&gravity) - moved.cross(&velocity) * mass;
+        (moved, velocity, gained)
+    };
+    let turn = |angles: &Vector3<f64>| Rotation3::from_euler_angles(angles.x, angles.y, angles.z);
+    // omega = E rates
+    let axes = |angles: &Vector3<f64>| {
+        let yaw = Rotation3::from_axis_angle(&Vector3::z_axis(), angles.z);
+        let pitch = Rotation3::from_axis_angle(&Vector3::y_axis(), angles.y);
+        Matrix3::from_columns(&[yaw * pitch * Vector3::x(), yaw * Vector3::y(), Vector3::z()])
+    };
+    let (angles, rates) = (vector(&pose[3..]), vector(&rate[3..]));
+    let rotation = turn(&angles);
+    let at_start = rotation * (inertia * (rotation.inverse() * (axes(&angles) * rates)));
+    let inverse = inertia.try_inverse().unwrap_or_else(Matrix3::zeros);
+    let rates_at = |angles: &Vector3<f64>, momentum: Vector3<f64>| {
+        let rotation = turn(angles);
+        let omega = rotation * (inverse * (rotation.inverse() * momentum));
+        axes(angles).try_inverse().unwrap_or_else(Matrix3::zeros) * omega
+    };
+    let step = layout.curves.interval / (2 * pieces) as f64;
+    let join = |a: Vector3<f64>, b: Vector3<f64>| [a.x, a.y, a.z, b.x, b.y, b.z];
+    let mut now = angles;
+    let mut at = after(0.);
+    let mut states = Vec::with_capacity(pieces - 1);
+    for i in 0..2 * (pieces - 1) {
+        let (middle, end) = (after((i as f64 + 0.5) * step), after((i as f64 + 1.) * step));
+        let k1 = rates_at(&now, at_start + at.2);
+        let k2 = rates_at(&(now + k1 * (step / 2.)), at_start + middle.2);
+        let k3 = rates_at(&(now + k2 * (step / 2.)), at_start + middle.2);
+        let k4 = rates_at(&(now + k3 * step), at_start + end.2);
+        now += (k1 + (k2 + k3) * 2. + k4) * (step / 6.);
+        at = end;
+        if i % 2 == 1 {
+            states.push([join(p + at.0, now), join(at.1, rates_at(&now, at_start + at.2))]);
+        }
+    }
+    states
+}

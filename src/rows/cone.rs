@@ -1,0 +1,73 @@
+//! Contact forces that push, not too hard, inside the exact friction cone of the ground under the foothold, at force nodes or at the Bezier
+//! points beside them.
+//!
+//! With unit normal `n` of the ground and `t = f - (n.f) n`: `n.f <= f_max`, `sqrt(|t|^2 + m^2) - mu n.f <= 0`, `-n.f <= 0`, each tightened
+//! by the margin `m`, which also rounds the tip of the cone. Forces are in the force unit. These rows take the place of those of
+//! [`super::force`], whose pyramid circumscribes the cone.
+
+use super::blocks::Placed;
+use super::force::{ForceNode, basis};
+use super::math::{Vec3, add, dot, scale, sub};
+use super::table::NONE;
+use super::write::Rows;
+use super::{Spec, Tables};
+use crate::real::Real;
+use multiversion::multiversion;
+
+/// Normal force with its upper limit, cone; the push is the lower side of the first.
+pub const SPEC: Spec = Spec { rows: 2, pairs: 1, equality: false, after: 0, unit: "N" };
+
+/// See [`super::Family::allowed`].
+pub(super) use super::force_allowed as allowed;
+
+/// Where the cone is held.
+pub type Cone<T> = ForceNode<T>;
+
+/// Roles: node, foothold.
+pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) {
+    tables.cones[entry].sit(at);
+}
+
+/// Cone rows of all nodes.
+///
+/// * `edge_radius` - over which edges of the terrain are rounded, m; 0 for the exact rows
+/// * `residual` - out, at each node's place: normal limit, cone, push
+/// * `jacobian` - out, 2 rows at each node's place
+#[multiversion(targets("x86_64+avx2"))]
+pub fn cone<T: Real>(tables: &Tables<T>, x: &[T], edge_radius: T, residual: &mut [T], mut jacobian: Option<&mut [T]>) {
+    let constants = &tables.constants;
+    let (friction, margin) = (constants.friction, constants.force_margin);
+    for node in &tables.cones {
+        let at = node.node as usize;
+        let force: Vec3<T> = std::array::from_fn(|d| x[at + d] + node.slope_weight * x[at + 3 + d]);
+        let under = tables.footholds[node.foothold as usize] as usize;
+        let [n, ..] = basis(&tables.terrain.rounded_ground(x[under], x[under + 1], edge_radius));
+        let normal = dot(n.unit, force);
+        let tangential = sub(force, scale(normal, n.unit));
+        let size = (dot(tangential, tangential) + margin * margin).sqrt();
+        let at = node.place.inequality as usize;
+        residual[at] = normal - constants.force_limit + margin;
+        residual[at + 1] = size - friction * normal + margin;
+        residual[at + 2] = -normal + margin;
+        let Some(jacobian) = jacobian.as_deref_mut() else { continue };
+        let mut rows = Rows::new(jacobian, &node.place);
+        let by_force = [n.unit, add(scale(T::one() / size, tangential), scale(-friction, n.unit))];
+        let c = node.node_column as usize;
+        for r in 0..2 {
+            for d in 0..3 {
+                rows.put(r, c + d, by_force[r][d]);
+                rows.put(r, c + 3 + d, node.slope_weight * by_force[r][d]);
+            }
+        }
+        if node.foothold_column == NONE {
+            continue;
+        }
+        let c = node.foothold_column as usize;
+        for d in 0..2 {
+            let by_n = dot(n.by[d], force);
+            rows.put(0, c + d, by_n);
+            // d|t|^2 / 2 = -(n.f) (dn.f), for t stands on n and n on dn.
+            rows.put(1, c + d, -(normal / size + friction) * by_n);
+        }
+    }
+}

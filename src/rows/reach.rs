@@ -1,0 +1,188 @@
+//! Reach boxes: each foot stays within a box around its nominal position in the base frame.
+//!
+//! `v = R' (foot - p) - nominal`, rows `v - reach + margin <= 0` and `-v - reach + margin <= 0`, times the length scale. Source: \[3\].
+
+use super::blocks::Placed;
+use super::math::{cross, euler, mul_transposed, scale, sub};
+use super::momentum::{Deviation, INNER_POINTS};
+use super::table::{NONE, Place, Span};
+use super::write::Rows;
+use super::{Spec, Tables};
+use crate::real::Real;
+use crate::terrain::Ground;
+use multiversion::multiversion;
+
+/// Three two-sided rows a foot and instant. The same rows by the base pose follow, `[3][6]`, padded to a multiple of 8.
+pub const SPEC: Spec = Spec { rows: 3, pairs: 3, equality: false, after: 24, unit: "m" };
+
+/// See [`super::Family::allowed`].
+pub(super) use super::length_allowed as allowed;
+
+crate::table! {
+    /// Base pose at one time: `reference + sum_i weights[i] x[variable[i]..][..6]`.
+    pub struct BasePoint<T> {
+        /// Pose on the straight line from start to goal, m and rad.
+        pub reference: [T; 6],
+        /// Weights of the blocks.
+        pub weights: [T; 4],
+        /// Blocks in `x`.
+        pub variable: [u32; 4],
+        /// Their indices in the front, [`NONE`] where they are fixed or have no part.
+        pub front: [u32; 4],
+        /// `momentum`: the interval whose deviation counts here.
+        pub interval: u32,
+        /// Weights of [`Deviation::pose`].
+        pub deviation_weights: [T; INNER_POINTS],
+    }
+
+    /// Reach rows at one instant.
+    pub struct ReachInstant<T> {
+        /// Base pose.
+        pub base: BasePoint<T>,
+        /// Feet, in `reach_feet`.
+        pub feet: Span,
+    }
+
+    /// Reach rows of one foot: its position is
+    /// `xy = sum_i xy_weights[i] foothold_i`, `z = sum_i z_weights[i] height(foothold_i) + z_weights[2] swing_height`.
+    pub struct ReachFoot<T> {
+        /// Nominal position in the base frame, m.
+        pub nominal: [T; 3],
+        /// Weights of the footholds before and after.
+        pub xy_weights: [T; 2],
+        /// Weights of their heights, and of the swing's mid node.
+        pub z_weights: [T; 3],
+        /// Footholds; the second is [`NONE`] in stance.
+        pub foothold: [u32; 2],
+        /// Swing height in `x`, or [`NONE`] in stance.
+        pub height: u32,
+        /// Columns of the base blocks.
+        pub base_column: [u32; 4],
+        /// Columns of the footholds.
+        pub foothold_column: [u32; 2],
+        /// Column of the swing height.
+        pub height_column: u32,
+        /// Indices of the footholds and of the swing height in the front.
+        pub front: [u32; 3],
+        /// Buffers.
+        pub place: Place,
+    }
+}
+
+/// Roles: the four base blocks, the footholds before and after, the swing height.
+pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) {
+    // The feet of an instant follow each other, and so do the instants.
+    let instant = tables.reach_instants.partition_point(|r| r.feet.end as usize <= entry);
+    let base = &mut tables.reach_instants[instant].base;
+    base.variable = at.positions(0);
+    base.front = at.fronts(0);
+    let foot = &mut tables.reach_feet[entry];
+    foot.base_column = at.columns(0);
+    foot.place = at.place;
+    foot.foothold_column = at.columns(4);
+    foot.height_column = at.seats[6].column;
+    foot.height = at.seats[6].position;
+    foot.front = at.fronts(4);
+}
+
+/// Reach rows of all feet at all reach instants.
+///
+/// * `residual` - out, at each foot's place: 3 upper sides, 3 lower sides
+/// * `jacobian` - out, 3 rows at each foot's place, then the same rows by the base pose, `[3][6]`
+#[multiversion(targets("x86_64+avx2"))]
+pub fn reach<T: Real>(
+    tables: &Tables<T>,
+    x: &[T],
+    ground: &[Ground<T>],
+    deviations: &[Deviation<T>],
+    residual: &mut [T],
+    mut jacobian: Option<&mut [T]>,
+) {
+    let constants = &tables.constants;
+    let zero = T::zero();
+    let unit = constants.length_scale;
+    for instant in &tables.reach_instants {
+        let mut pose = instant.base.reference;
+        for i in 0..4 {
+            let at = instant.base.variable[i] as usize;
+            for d in 0..6 {
+                pose[d] += instant.base.weights[i] * x[at + d];
+            }
+        }
+        if let Some(deviation) = deviations.get(instant.base.interval as usize) {
+            for (w, deviation) in instant.base.deviation_weights.iter().zip(&deviation.pose) {
+                for d in 0..6 {
+                    pose[d] += *w * deviation[d];
+                }
+            }
+        }
+        let base_w = [pose[0], pose[1], pose[2]];
+        let (rot_wb, axes) = euler([pose[3], pose[4], pose[5]]);
+        for foot in &tables.reach_feet[instant.feet.range()] {
+            let mut foot_w = [zero; 3];
+            for i in 0..2 {
+                if foot.foothold[i] == NONE {
+                    continue;
+                }
+                let at = tables.footholds[foot.foothold[i] as usize] as usize;
+                foot_w[0] += foot.xy_weights[i] * x[at];
+                foot_w[1] += foot.xy_weights[i] * x[at + 1];
+                foot_w[2] += foot.z_weights[i] * ground[foot.foothold[i] as usize].height;
+            }
+            if foot.height != NONE {
+                foot_w[2] += foot.z_weights[2] * x[foot.height as usize];
+            }
+            let leg_w = sub(foot_w, base_w);
+            let offset_b = sub(mul_transposed(&rot_wb, leg_w), foot.nominal);
+            let at = foot.place.inequality as usize;
+            for d in 0..3 {
+                let room = constants.reach[d] - constants.length_margin;
+                residual[at + d] = (offset_b[d] - room) * unit;
+                residual[at + 3 + d] = (-offset_b[d] - room) * unit;
+            }
+            let Some(jacobian) = jacobian.as_deref_mut() else { continue };
+            let mut rows = Rows::new(jacobian, &foot.place);
+            // d(R' leg)/d angle_i = R' (leg x axis_i).
+            let mut turns = axes;
+            for turn in &mut turns {
+                *turn = scale(unit, mul_transposed(&rot_wb, cross(leg_w, *turn)));
+            }
+            let mut pose = [[zero; 6]; 3];
+            for r in 0..3 {
+                for d in 0..3 {
+                    pose[r][d] = -rot_wb[d][r] * unit;
+                    pose[r][3 + d] = turns[d][r];
+                }
+            }
+            rows.put_after(3, &pose);
+            for i in 0..4 {
+                if foot.base_column[i] == NONE {
+                    continue;
+                }
+                let (c, w) = (foot.base_column[i] as usize, instant.base.weights[i]);
+                for r in 0..3 {
+                    for d in 0..6 {
+                        rows.put(r, c + d, w * pose[r][d]);
+                    }
+                }
+            }
+            for i in 0..2 {
+                if foot.foothold[i] == NONE || foot.foothold_column[i] == NONE {
+                    continue;
+                }
+                let c = foot.foothold_column[i] as usize;
+                let slope = ground[foot.foothold[i] as usize].slope;
+                for r in 0..3 {
+                    for d in 0..2 {
+                        rows.put(r, c + d, (foot.xy_weights[i] * rot_wb[d][r] + foot.z_weights[i] * slope[d] * rot_wb[2][r]) * unit);
+                    }
+                }
+            }
+            if foot.height != NONE {
+                for r in 0..3 {
+                    rows.put(r, foot.height_column as usize, foot.z_weights[2] * rot_wb[2][r] * unit);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,61 @@
+//! Steps: how far a foot goes in one swing, which bounds its speed.
+//!
+//! A step from `a` to `b` is no longer than its limit: `(|b - a|^2 / limit - limit) / 2 <= 0`, times the length scale.
+
+use super::blocks::Placed;
+use super::table::{NONE, Place};
+use super::write::Rows;
+use super::{Spec, Tables};
+use crate::real::Real;
+
+/// One row.
+pub const SPEC: Spec = Spec { rows: 1, pairs: 0, equality: false, after: 0, unit: "m" };
+
+/// See [`super::Family::allowed`].
+pub(super) use super::length_allowed as allowed;
+
+crate::table! {
+    /// Length of the step of one swing.
+    pub struct Stride<T> {
+        /// Longest step, m.
+        pub limit: T,
+        /// Footholds before and after.
+        pub foothold: [u32; 2],
+        /// Their columns.
+        pub foothold_column: [u32; 2],
+        /// Buffers.
+        pub place: Place,
+    }
+}
+
+/// Roles: the footholds before and after.
+pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) {
+    let stride = &mut tables.strides[entry];
+    stride.place = at.place;
+    stride.foothold_column = at.columns(0);
+}
+
+/// Step rows of all swings.
+///
+/// * `residual` - out, at each row's place
+/// * `jacobian` - out, one row at each place
+#[inline(always)]
+pub fn stride<T: Real>(tables: &Tables<T>, x: &[T], residual: &mut [T], mut jacobian: Option<&mut [T]>) {
+    let unit = tables.constants.length_scale;
+    let half = T::of(0.5);
+    for stride in &tables.strides {
+        let [a, b] = stride.foothold.map(|f| tables.footholds[f as usize] as usize);
+        let step = [x[b] - x[a], x[b + 1] - x[a + 1]];
+        let squares = step[0] * step[0] + step[1] * step[1];
+        residual[stride.place.inequality as usize] = half * (squares / stride.limit - stride.limit) * unit;
+        let Some(jacobian) = jacobian.as_deref_mut() else { continue };
+        let mut rows = Rows::new(jacobian, &stride.place);
+        for (i, sign) in [-unit, unit].into_iter().enumerate() {
+            if stride.foothold_column[i] != NONE {
+                for d in 0..2 {
+                    rows.put(0, stride.foothold_column[i] as usize + d, sign * step[d] / stride.limit);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,127 @@
+//! Structs that stand in tables: the same bytes for the CPU's loops and for shaders.
+//!
+//! [`table!`](crate::table) writes a struct down once. Its WGSL declaration is made from it ([`Wgsl`]), so that the two cannot differ. All members
+//! have four bytes in `f32`, so there is no padding in either language.
+
+/// No such column, block or entry.
+pub const NONE: u32 = u32::MAX;
+
+/// A type that stands in buffers, as WGSL writes it.
+pub trait Wgsl {
+    /// Its name there.
+    fn name() -> String;
+
+    /// Adds the declarations that it needs, by name, each behind those that it needs itself.
+    fn declare(_into: &mut Vec<(String, String)>) {}
+}
+
+impl Wgsl for f32 {
+    fn name() -> String {
+        "f32".into()
+    }
+}
+
+impl Wgsl for u32 {
+    fn name() -> String {
+        "u32".into()
+    }
+}
+
+impl<M: Wgsl, const N: usize> Wgsl for [M; N] {
+    fn name() -> String {
+        format!("array<{}, {N}>", M::name())
+    }
+
+    fn declare(into: &mut Vec<(String, String)>) {
+        M::declare(into);
+    }
+}
+
+/// Declares structs that stand in tables, `#[repr(C)]` and with members of four bytes alone, and makes their WGSL declarations.
+#[macro_export]
+#[doc(hidden)]
+macro_rules! table {
+    ($($(#[$about:meta])* pub struct $name:ident $(<$scalar:ident>)? { $($(#[$of_member:meta])* pub $member:ident: $type:ty,)* })*) => {$(
+        $(#[$about])*
+        #[derive(Debug, Clone, Copy)]
+        #[repr(C)]
+        pub struct $name $(<$scalar>)? {
+            $($(#[$of_member])* pub $member: $type,)*
+        }
+
+        impl $(<$scalar: $crate::rows::table::Wgsl>)? $crate::rows::table::Wgsl for $name $(<$scalar>)? {
+            fn name() -> String {
+                stringify!($name).into()
+            }
+
+            fn declare(into: &mut Vec<(String, String)>) {
+                $(<$type as $crate::rows::table::Wgsl>::declare(into);)*
+                if into.iter().all(|(name, _)| name != stringify!($name)) {
+                    let mut text = concat!("struct ", stringify!($name), " {\n").to_string();
+                    $(text += &format!("    {}: {},\n", stringify!($member), <$type as $crate::rows::table::Wgsl>::name());)*
+                    into.push((stringify!($name).into(), text + "}\n"));
+                }
+            }
+        }
+
+        $crate::table!(@sent $name $(<$scalar>)?);
+    )*};
+    (@sent $name:ident) => {
+        // SAFETY: `#[repr(C)]`, with members of four bytes alone and so without padding; `tests/shader_layout.rs` compares sizes.
+        unsafe impl bytemuck::NoUninit for $name {}
+    };
+    (@sent $name:ident <$scalar:ident>) => {
+        // SAFETY: likewise.
+        unsafe impl bytemuck::NoUninit for $name<f32> {}
+    };
+}
+
+table! {
+    /// Consecutive entries of another table.
+    #[derive(PartialEq, Eq, Default)]
+    pub struct Span {
+        /// First entry.
+        pub start: u32,
+        /// One past the last.
+        pub end: u32,
+    }
+
+    /// Consecutive variables: in `x`, in the front, and in an element's columns (or in the previous front).
+    #[derive(PartialEq, Eq)]
+    pub struct Run {
+        /// First variable.
+        pub variable: u32,
+        /// Its index in the front.
+        pub front: u32,
+        /// Its column in the element, or its index in the previous front.
+        pub column: u32,
+        /// How many.
+        pub len: u32,
+    }
+
+    /// Where an element's rows stand in the buffers.
+    #[derive(Default)]
+    pub struct Place {
+        /// First Jacobian row; equalities come first, so for them also the index of the residual.
+        pub row: u32,
+        /// First inequality; the upper sides of all rows, then the lower sides of the first `pairs`.
+        pub inequality: u32,
+        /// Offset in the Jacobian values, row-major.
+        pub jacobian: u32,
+        /// Distance of two rows there, a multiple of 8; the padding is zero.
+        pub stride: u32,
+    }
+}
+
+impl Span {
+    /// As indices.
+    #[inline(always)]
+    pub fn range(self) -> std::ops::Range<usize> {
+        self.start as usize..self.end as usize
+    }
+
+    /// What was added to a table that had `start` entries.
+    pub fn added<E>(start: usize, table: &[E]) -> Span {
+        Span { start: start as u32, end: table.len() as u32 }
+    }
+}

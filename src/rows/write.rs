@@ -1,0 +1,50 @@
+//! Writing Jacobian rows.
+
+use super::math::Vec3;
+use super::table::Place;
+use crate::real::Real;
+
+/// Jacobian rows of one element.
+pub struct Rows<'a, T> {
+    values: &'a mut [T],
+    stride: usize,
+}
+
+impl<'a, T> Rows<'a, T> {
+    /// The rows at a place.
+    #[inline(always)]
+    pub fn new(jacobian: &'a mut [T], place: &Place) -> Self {
+        Rows { values: &mut jacobian[place.jacobian as usize..], stride: place.stride as usize }
+    }
+
+    /// Writes one value.
+    #[inline(always)]
+    pub fn put(&mut self, row: usize, column: usize, value: T) {
+        self.values[row * self.stride + column] = value;
+    }
+
+    /// Writes values behind the last of `rows` rows.
+    #[inline(always)]
+    pub fn put_after<const R: usize, const C: usize>(&mut self, rows: usize, values: &[[T; C]; R])
+    where
+        T: Copy,
+    {
+        for (target, row) in self.values[rows * self.stride..].chunks_exact_mut(C).zip(values) {
+            target.copy_from_slice(row);
+        }
+    }
+}
+
+impl<T: Real> Rows<'_, T> {
+    /// Writes `[a]x` into three rows from a row and a column on.
+    #[inline(always)]
+    pub fn put_cross(&mut self, row: usize, column: usize, a: Vec3<T>) {
+        let zero = T::zero();
+        let matrix = [[zero, -a[2], a[1]], [a[2], zero, -a[0]], [-a[1], a[0], zero]];
+        for r in 0..3 {
+            for d in 0..3 {
+                self.put(row + r, column + d, matrix[r][d]);
+            }
+        }
+    }
+}

@@ -1,0 +1,216 @@
+//! From schedules to certified trajectories: solve the batch, close each solution in f64, count what it violates.
+
+use crate::backend::{Backend, Job, Precision, Problem, Solution};
+use crate::error::{Error, Result};
+use crate::gait::schedule::MAX_HORIZON;
+use crate::gait::{AlignedSchedule, Schedule, Trajectory};
+use crate::nlp::transcription::{force_limit, interval};
+use crate::nlp::{Layout, trajectory};
+use crate::settings::{SolverSettings, Transcription, TranscriptionSettings};
+use crate::solver::{Status, close};
+use crate::task::Task;
+use crate::verify::verify_rows;
+use serde::{Deserialize, Serialize};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::Instant;
+
+/// Largest memory of one candidate's tables and buffers, bytes.
+pub const MAX_CANDIDATE_MEMORY: usize = 1 << 28;
+
+/// Settings of the lower level.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LowerSettings {
+    /// Variables and rows.
+    pub transcription: TranscriptionSettings,
+    /// Iterations.
+    pub solver: SolverSettings,
+    /// Scalar of the main solve.
+    pub precision: Precision,
+}
+
+impl Default for LowerSettings {
+    fn default() -> Self {
+        LowerSettings { transcription: TranscriptionSettings::default(), solver: SolverSettings::default(), precision: Precision::F32 }
+    }
+}
+
+impl LowerSettings {
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] names the first field that is out of its limits.
+    pub fn validate(&self) -> Result<()> {
+        self.transcription.validate()?;
+        self.solver.validate()
+    }
+}
+
+/// Result of one candidate.
+#[derive(Debug, Clone)]
+pub struct Evaluated {
+    /// Rows it was solved for.
+    pub transcription: Transcription,
+    /// How the solve ended, f64 closing included.
+    pub status: Status,
+    /// Whether every row of the certificate holds.
+    pub feasible: bool,
+    /// Iterations, f64 closing included.
+    pub iterations: usize,
+    /// Factorisations, f64 closing included.
+    pub factorisations: usize,
+    /// Violated rows and bounds beyond 1e-4 in TOWR's units.
+    pub n_violated: usize,
+    /// Worst violation in TOWR's units.
+    pub max_violation: f64,
+    /// Horizon, s.
+    pub horizon: f64,
+    /// Number of variables of the reduced problem.
+    pub n_variables: usize,
+    /// Time from the start of its batch to the end of its certification, s.
+    pub finished_after: f64,
+    /// Mean over all force nodes of the size of the normal force, N.
+    pub mean_normal_force: f64,
+    /// Phase durations after the horizon is rounded.
+    pub schedule: AlignedSchedule,
+    /// Values of the variables, as in [`Layout::initial`].
+    pub x: Vec<f64>,
+}
+
+impl Evaluated {
+    /// Phase durations as the trajectory has them, s, `[feet][phases]`.
+    pub fn durations(&self) -> Vec<Vec<f64>> {
+        let phases = (0..self.schedule.feet()).map(|foot| self.schedule.phases(foot));
+        phases.map(|phases| phases.iter().map(|p| p.duration()).collect()).collect()
+    }
+
+    /// The motion, feasible or not. It is made when asked for: a population of them would take gigabytes.
+    ///
+    /// * `task`, `settings` - those it was evaluated with
+    pub fn trajectory(&self, task: &Task, settings: &TranscriptionSettings) -> Trajectory {
+        trajectory(task, &Layout::<f64>::new(task, &self.schedule, settings), &self.x)
+    }
+}
+
+/// Checks that a schedule fits a task and can be solved within [`MAX_CANDIDATE_MEMORY`].
+///
+/// # Errors
+/// [`Error::Invalid`] when the feet differ or the problem is too large.
+pub fn check_candidate(task: &Task, schedule: &Schedule, settings: &LowerSettings) -> Result<()> {
+    let (feet, expected) = (schedule.feet(), task.robot.feet());
+    if feet != expected {
+        return Err(Error::invalid("durations", format!("{feet} feet"), format!("{expected} feet, as robot `{}` has", task.robot.name)));
+    }
+    let interval = interval(&settings.transcription, &task.robot);
+    let horizon = schedule.intervals(interval) as f64 * interval;
+    if horizon > MAX_HORIZON {
+        return Err(Error::invalid(
+            "durations",
+            format!("{horizon} s in whole intervals of {interval} s"),
+            format!("at most {MAX_HORIZON} s"),
+        ));
+    }
+    // Fronts hold what is alive at once: bounded by everything that starts within the longest phase and its neighbours.
+    let phases: usize = schedule.durations().iter().map(Vec::len).sum();
+    let variables = 6 * (schedule.intervals(interval) + 3) + phases * (6 * settings.transcription.force_pieces + 4);
+    let estimate = variables * 8 * 400;
+    if estimate > MAX_CANDIDATE_MEMORY {
+        return Err(Error::invalid(
+            "durations",
+            format!("{phases} phases, about {variables} variables and {} MiB", estimate >> 20),
+            format!("a problem of at most {} MiB", MAX_CANDIDATE_MEMORY >> 20),
+        ));
+    }
+    Ok(())
+}
+
+/// Solves and certifies a batch.
+///
+/// With `first_feasible`, candidates after the lowest feasible index are dropped (`None`); which one that is does not depend on the
+/// number of threads. `cancelled` ends everything; candidates that were not finished are `None`.
+///
+/// # Errors
+/// As [`check_candidate`], for the first candidate that does not fit.
+pub fn evaluate(
+    candidates: &[(&Task, &Schedule)],
+    settings: &LowerSettings,
+    backend: &dyn Backend,
+    first_feasible: bool,
+    cancelled: &AtomicBool,
+) -> Result<Vec<Option<Evaluated>>> {
+    for (task, schedule) in candidates {
+        check_candidate(task, schedule, settings)?;
+    }
+    let start = Instant::now();
+    let aligned = |task: &Task, schedule: &Schedule| schedule.aligned(interval(&settings.transcription, &task.robot));
+    let problems: Vec<Problem> = candidates.iter().map(|(task, schedule)| Problem { task, schedule: aligned(task, schedule) }).collect();
+    let lowest = AtomicUsize::new(usize::MAX);
+    let results: Vec<Mutex<Option<Evaluated>>> = problems.iter().map(|_| Mutex::new(None)).collect();
+    let skip = |index: usize| cancelled.load(Ordering::Relaxed) || (first_feasible && index > lowest.load(Ordering::Relaxed));
+    let finish = |index: usize, solution: Solution| {
+        let mut evaluated = certify(&problems[index], solution, settings, &|| skip(index));
+        if evaluated.status == Status::Cancelled && !evaluated.feasible {
+            return;
+        }
+        evaluated.finished_after = start.elapsed().as_secs_f64();
+        if evaluated.feasible {
+            lowest.fetch_min(index, Ordering::Relaxed);
+        }
+        if let Ok(mut slot) = results[index].lock() {
+            *slot = Some(evaluated);
+        }
+    };
+    let job =
+        Job { problems: &problems, transcription: &settings.transcription, settings: &settings.solver, precision: settings.precision };
+    backend.solve(&job, &skip, &finish);
+    let lowest = if first_feasible { lowest.into_inner() } else { usize::MAX };
+    let results = results.into_iter().enumerate();
+    Ok(results.map(|(i, slot)| slot.into_inner().ok().flatten().filter(|_| i <= lowest)).collect())
+}
+
+/// Closes a solution in f64 and counts its violations.
+fn certify(problem: &Problem, solution: Solution, settings: &LowerSettings, cancel: &dyn Fn() -> bool) -> Evaluated {
+    let task = problem.task;
+    let layout = Layout::<f64>::new(task, &problem.schedule, &settings.transcription);
+    let (outcome, x) = match settings.precision {
+        Precision::F32 => close(&layout, solution.outcome, solution.x, &settings.solver, cancel),
+        Precision::F64 => (solution.outcome, solution.x),
+    };
+    let trajectory = trajectory(task, &layout, &x);
+    let rows = verify_rows(&trajectory, &task.robot, &task.terrain, force_limit(settings.transcription.rows, task));
+    let (n_violated, max_violation, feasible) = rows.map_or((usize::MAX, f64::NAN, false), |r| (r.n_violated, r.max_violation, r.feasible));
+    Evaluated {
+        transcription: settings.transcription.rows,
+        status: outcome.status,
+        feasible,
+        iterations: outcome.iterations,
+        factorisations: outcome.factorisations,
+        n_violated,
+        max_violation,
+        horizon: trajectory.horizon,
+        n_variables: layout.variables,
+        finished_after: 0.,
+        mean_normal_force: mean_normal_force(task, &trajectory),
+        schedule: problem.schedule.clone(),
+        x,
+    }
+}
+
+/// Mean over all force nodes, the zero ones of swings included, of `|n . f|`, N, with the normal under the foot at that node.
+pub(crate) fn mean_normal_force(task: &Task, trajectory: &Trajectory) -> f64 {
+    let (mut sum, mut count) = (0., 0);
+    for (foot, durations) in trajectory.ee.iter().zip(&trajectory.durations) {
+        let force_pieces = (foot.force.poly_durations.len() - durations.len() / 2) / durations.len().div_ceil(2);
+        // Force nodes come stance by stance, `force_pieces + 1` each; motion nodes two a stance and one a swing.
+        for (i, node) in foot.force.nodes.iter().enumerate() {
+            let stance = i / (force_pieces + 1);
+            let at = foot.motion.nodes[(3 * stance).min(foot.motion.nodes.len() - 1)];
+            let [hx, hy] = task.terrain.ground(at[0], at[1]).slope;
+            let normal = (node[2] - hx * node[0] - hy * node[1]) / (1. + hx * hx + hy * hy).sqrt();
+            sum += normal.abs();
+            count += 1;
+        }
+    }
+    sum / f64::from(count.max(1))
+}

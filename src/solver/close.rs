@@ -1,0 +1,55 @@
+//! Closing steps: an f32 solution made exact in f64.
+
+use super::{Finish, Outcome, Solver, Status};
+use crate::nlp::Layout;
+use crate::settings::{SolverSettings, StallSettings};
+
+/// Infeasibility below which a solve that f32 did not end goes on in f64.
+pub const CONTINUE_BELOW: f64 = 1e-2;
+
+/// Brings an f32 solution to f64 accuracy.
+///
+/// One or two Gauss-Newton steps from a solved point usually do. Where they do not, the solve is repeated in f64. Where f32 crept without
+/// arriving (`F` below [`CONTINUE_BELOW`]), it goes on in f64 from there, with a small barrier. Everything else is returned as it is.
+///
+/// Returns the outcome with the costs of all attempts added, and the point.
+pub fn close(
+    layout: &Layout<f64>,
+    f32_outcome: Outcome,
+    x: Vec<f64>,
+    settings: &SolverSettings,
+    cancel: &dyn Fn() -> bool,
+) -> (Outcome, Vec<f64>) {
+    let solved = f32_outcome.status == Status::Solved;
+    let near = f32_outcome.infeasibility < CONTINUE_BELOW;
+    if !solved && !near {
+        return (f32_outcome, x);
+    }
+    let finish = Finish::Rows(settings.row_tolerance);
+    let closing = SolverSettings {
+        max_iterations: settings.closing_steps,
+        closing: f64::INFINITY,
+        edge_radius: 0.,
+        proximal: settings.proximal_floor,
+        stall: StallSettings { enabled: false, ..settings.stall.clone() },
+        ..settings.clone()
+    };
+    let onwards = SolverSettings { barrier: settings.barrier.min(1e-3), ..settings.clone() };
+    // What f32 did not solve goes on from where it is; what it solved must close, and has more to fall back on.
+    let attempts: &[(&SolverSettings, Option<&[f64]>)] =
+        if solved { &[(&closing, Some(&x)), (settings, None)] } else { &[(&onwards, Some(&x))] };
+    let mut solver = Solver::<f64>::default();
+    let mut total = f32_outcome;
+    for &(settings, start) in attempts {
+        let outcome = solver.solve(layout, settings, finish, start, cancel);
+        total = Outcome {
+            iterations: total.iterations + outcome.iterations,
+            factorisations: total.factorisations + outcome.factorisations,
+            ..outcome
+        };
+        if outcome.status == Status::Solved || outcome.status == Status::Cancelled {
+            break;
+        }
+    }
+    (total, solver.solution())
+}
