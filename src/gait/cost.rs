@@ -123,7 +123,7 @@ pub fn cost(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weights: &Cos
     cost.leg_work = work.leg / (weight * distance);
     cost.swing_work = leg_mass * work.swing / (weight * distance);
     cost.swing_moment = leg_mass * work.swing_moment / (weight * robot.base_height);
-    cost.tilt = work.tilt.to_degrees();
+    cost.tilt = work.upright.clamp(-1., 1.).acos().to_degrees();
     cost.total = weights.leg_work * cost.leg_work + weights.swing_work * cost.swing_work + weights.effort * cost.effort_cost;
     Ok(cost)
 }
@@ -209,7 +209,6 @@ struct Motion {
 }
 
 /// Integrals and extremes of what mixes several curves.
-#[derive(Default)]
 struct Work {
     /// J.
     leg: f64,
@@ -217,8 +216,8 @@ struct Work {
     swing: f64,
     /// N m a kg of leg.
     swing_moment: f64,
-    /// rad.
-    tilt: f64,
+    /// Least cosine of the angle between the body's and the world's vertical.
+    upright: f64,
 }
 
 impl Motion {
@@ -273,7 +272,7 @@ impl Motion {
     }
 
     fn work(&self) -> Work {
-        let mut work = Work::default();
+        let mut work = Work { leg: 0., swing: 0., swing_moment: 0., upright: 1. };
         let times = self.times();
         let (mut lin, mut ang) = (0, 0);
         // Motion piece, force piece and phase of each foot.
@@ -306,7 +305,7 @@ impl Motion {
                     };
                 }
                 work.swing_moment = work.swing_moment.max(moment.norm());
-                work.tilt = work.tilt.max(base.tilt);
+                work.upright = work.upright.min(base.upright);
             }
             for (i, foot) in self.feet.iter().enumerate() {
                 let done = absolute_integral(powers[i], half);
@@ -331,8 +330,8 @@ struct Base {
     omega: Vector3<f64>,
     /// Axes x and y of the base.
     axes: [Vector3<f64>; 2],
-    /// Angle between the verticals, rad.
-    tilt: f64,
+    /// Cosine of the angle between the verticals.
+    upright: f64,
 }
 
 impl Base {
@@ -343,8 +342,7 @@ impl Base {
         let x = Vector3::new(cy * cp, sy * cp, -sp);
         let y = Vector3::new(cy * sp * sr - sy * cr, sy * sp * sr + cy * cr, cp * sr);
         let omega = x * rate.x + Vector3::new(-sy, cy, 0.) * rate.y + Vector3::z() * rate.z;
-        let tilt = (cp * cr).clamp(-1., 1.).acos();
-        Base { position: lin.value(time), velocity: lin.first(time), omega, axes: [x, y], tilt }
+        Base { position: lin.value(time), velocity: lin.first(time), omega, axes: [x, y], upright: cp * cr }
     }
 
     fn hip_velocity(&self, hip: [f64; 2]) -> Vector3<f64> {

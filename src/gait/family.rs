@@ -23,9 +23,13 @@ pub const FOOT_SPEED: f64 = 1.9;
 /// Highest speed of a swinging foot, in its mean speeds.
 const TOP_SPEED: f64 = 1.35;
 
-/// Share of the reach box that the base may use up along an axis in one stance at travel speed. 1: nothing is left for sway and for the
-/// rest of the stride; small: many short strides.
-pub const REACH_SHARE: f64 = 0.8;
+/// Share of the reach box that the base may use up along an axis in one stance at travel speed. A motion may come out more even than
+/// planned and need less. Too large: the faster families are not found over short ways (measured: from 1.15 on); small: short strides.
+pub const REACH_SHARE: f64 = 1.;
+
+/// Largest acceleration that strides are planned for, in `g` and at a friction coefficient of 1 or more; with less friction, in
+/// proportion. Too large: short ways are asked for in less time than a body can lean into them.
+pub const ACCELERATION: f64 = 0.15;
 
 /// Mean speed of a motion from rest to rest, in travel speeds: it speeds up over 30 % of the horizon and slows down over 30 %.
 pub const MEAN_SPEED: f64 = 0.7;
@@ -139,15 +143,15 @@ impl GaitFamily {
     pub fn typical(self, feet: usize) -> Typical {
         let (duty, swing, speed) = match self {
             GaitFamily::Walk if feet == 2 => (0.6, 1.1, 0.5),
-            GaitFamily::Walk => (0.75, 1.1, 0.4),
-            GaitFamily::Trot | GaitFamily::Pace => (0.55, 1.1, 0.6),
-            GaitFamily::Bound | GaitFamily::Canter => (0.5, 1.1, 0.6),
-            GaitFamily::RotaryGallop | GaitFamily::TransverseGallop => (0.5, 1.1, 0.7),
-            GaitFamily::Pronk | GaitFamily::Hop => (0.6, 0.8, 0.5),
+            GaitFamily::Walk => (0.7, 0.9, 0.4),
+            GaitFamily::Trot | GaitFamily::Pace | GaitFamily::Bound | GaitFamily::Canter => (0.5, 1., 0.6),
+            GaitFamily::RotaryGallop | GaitFamily::TransverseGallop => (0.45, 1., 0.7),
+            GaitFamily::Pronk => (0.5, 0.8, 0.5),
+            GaitFamily::Hop => (0.6, 0.8, 0.5),
             GaitFamily::Run => (0.45, 1.1, 0.8),
-            GaitFamily::Tripod | GaitFamily::Alternating => (0.55, 1.1, 0.6),
-            GaitFamily::Tetrapod | GaitFamily::Ripple => (0.67, 1.1, 0.5),
-            GaitFamily::Wave => (1. - 1. / feet.max(2) as f64, 1.1, 0.4),
+            GaitFamily::Tripod | GaitFamily::Alternating => (0.5, 1., 0.6),
+            GaitFamily::Tetrapod | GaitFamily::Ripple => (0.67, 1., 0.5),
+            GaitFamily::Wave => (1. - 1. / feet.max(2) as f64, 1., 0.4),
         };
         Typical { duty, swing, speed }
     }
@@ -341,7 +345,7 @@ impl PeriodicGait {
     /// Along the line from start to goal, turning evenly, a nominal foothold moves by `w = R' (x, y) + yaw e_z x foot` in the base frame
     /// per unit of the way. At the highest speed, 1 / [`MEAN_SPEED`] of the mean one, `w` must not be faster than `speed`, not
     /// leave [`REACH_SHARE`] of the reach box in a stance, and not make the foot, which has only the swing to catch up, faster than
-    /// [`FOOT_SPEED`].
+    /// [`FOOT_SPEED`]. Nor must the base speed up faster than [`ACCELERATION`], a rad of yaw counted as `l`.
     pub fn least_horizon(&self, task: &Task, speed: f64) -> f64 {
         /// Parts of the way that are looked at.
         const PARTS: usize = 32;
@@ -360,7 +364,11 @@ impl PeriodicGait {
                 }
             }
         }
-        least / MEAN_SPEED
+        let acceleration = ACCELERATION * GRAVITY * task.terrain.friction.min(1.);
+        let way = x.hypot(y) + robot.base_height * yaw.abs();
+        // From rest to way / (MEAN_SPEED T) in the ramp, (1 - MEAN_SPEED) T.
+        let ramps = (way / (MEAN_SPEED * (1. - MEAN_SPEED) * acceleration)).sqrt();
+        ramps.max(least / MEAN_SPEED)
     }
 
     /// Duration of a stride, s.
@@ -585,14 +593,16 @@ mod tests {
         let straight = Scenario::named("s1").unwrap().task_to([7., 0.]).unwrap();
         // 7 m at 0.5 m/s, 0.35 m/s in the mean: 20 s. Lead-in, tail and half a stride of 0.5 s take 0.5 s: 39 strides are left.
         assert_eq!(gait(0.25).for_travel(&straight, 0.5).strides, 39);
-        // A stance of 0.6 s lets the base travel at 0.8 * 0.3 / 0.6 = 0.4 m/s: 25 s.
-        assert!((gait(0.6).least_horizon(&straight, 1.) - 25.).abs() < 1e-9);
-        // Sideways it reaches two thirds of that: 37.5 s.
+        // A stance of 0.6 s lets the base travel at 0.3 / 0.6 = 0.5 m/s: 20 s.
+        assert!((gait(0.6).least_horizon(&straight, 1.) - 20.).abs() < 1e-9);
+        // Sideways it reaches two thirds of that: 30 s.
         let sideways = Scenario::named("s1").unwrap().task_to([0., 7.]).unwrap();
-        assert!((gait(0.6).least_horizon(&sideways, 1.) - 37.5).abs() < 1e-9);
-        // Half a turn on the spot: feet travel 0.34 pi to the side, with 0.8 * 0.2 m a stance of 0.2 s.
+        assert!((gait(0.6).least_horizon(&sideways, 1.) - 30.).abs() < 1e-9);
+        // Half a turn on the spot: feet travel 0.34 pi to the side, with 0.2 m a stance of 0.5 s.
         let turn = task("anymal", 0., 0., PI);
-        assert!((gait(0.2).least_horizon(&turn, 9.) - 0.34 * PI * 0.2 / 0.16 / 0.7).abs() < 1e-9);
+        assert!((gait(0.5).least_horizon(&turn, 9.) - 0.34 * PI * 0.5 / 0.2 / 0.7).abs() < 1e-9);
+        // With short stances the body has to be turned: 0.5 pi at 0.15 g in ramps of 0.3 T, to 1 / 0.7 of the mean speed.
+        assert!((gait(0.2).least_horizon(&turn, 9.) - (0.5 * PI / (0.21 * 0.15 * 9.80665)).sqrt()).abs() < 1e-9);
         // A foot has half of the time to cover all of the way: at most 1.9 sqrt(g l) / 1.35 / 2 = 1.558 m/s.
         let limit = 1.9 * (9.80665f64 * 0.5).sqrt() / 1.35 / 2.;
         let short = PeriodicGait { swing: 0.05, stance: 0.05, ..gait(0.25) };
