@@ -144,12 +144,12 @@ impl GaitFamily {
         let (duty, swing, speed) = match self {
             GaitFamily::Walk if feet == 2 => (0.6, 1.1, 0.5),
             GaitFamily::Walk => (0.7, 0.9, 0.4),
-            GaitFamily::Trot | GaitFamily::Pace | GaitFamily::Bound | GaitFamily::Canter => (0.5, 1., 0.6),
+            GaitFamily::Trot | GaitFamily::Pace | GaitFamily::Bound | GaitFamily::Canter => (0.5, 1., 0.65),
             GaitFamily::RotaryGallop | GaitFamily::TransverseGallop => (0.45, 1., 0.7),
             GaitFamily::Pronk => (0.5, 0.8, 0.5),
             GaitFamily::Hop => (0.6, 0.8, 0.5),
             GaitFamily::Run => (0.45, 1.1, 0.8),
-            GaitFamily::Tripod | GaitFamily::Alternating => (0.5, 1., 0.6),
+            GaitFamily::Tripod | GaitFamily::Alternating => (0.5, 1., 0.65),
             GaitFamily::Tetrapod | GaitFamily::Ripple => (0.67, 1., 0.5),
             GaitFamily::Wave => (1. - 1. / feet.max(2) as f64, 1., 0.4),
         };
