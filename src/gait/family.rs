@@ -5,7 +5,7 @@
 //! `sqrt(l / g)`, speed `sqrt(g l)`, Froude number `v^2 / (g l)`. Animals of different size that move alike have the same Froude number,
 //! and change their gaits at the same ones (R. McN. Alexander, "The Gaits of Bipedal and Quadrupedal Animals", IJRR 3(2), 1984).
 //!
-//! Feet are told apart by where they stand, not by their order: see [`Places`].
+//! Feet are told apart by where they stand, not by their order: pairs behind each other, or anything else.
 
 use super::Schedule;
 use super::schedule::MAX_PHASES;

@@ -262,7 +262,8 @@ fn fit(gaussian: &mut Gaussian, elites: &[f64], memory: f64, min_std: f64) {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PerturbSettings {
-    /// First standard deviation of every log duration. Too small: nothing new; too large: feet lose each other over many phases.
+    /// First standard deviation of every log duration. Too small: nothing new; too large: feet lose each other over many phases (measured:
+    /// 0.1 makes a trot of 12 strides dearer by half, 0.02 finds cheaper ones).
     pub std: f64,
     /// Smallest standard deviation. Too small: the search freezes.
     pub min_std: f64,
@@ -274,7 +275,7 @@ pub struct PerturbSettings {
 
 impl Default for PerturbSettings {
     fn default() -> Self {
-        PerturbSettings { std: 0.1, min_std: 1e-3, memory: 0., converged_std: 5e-3 }
+        PerturbSettings { std: 0.03, min_std: 1e-3, memory: 0., converged_std: 5e-3 }
     }
 }
 
