@@ -1,5 +1,8 @@
 //! Gaits: contact schedules, the curves between nodes, and trajectories as node values.
 
+pub mod cost;
+pub mod family;
+pub mod periodic;
 pub mod schedule;
 pub mod spline;
 pub mod trajectory;

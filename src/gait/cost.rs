@@ -1,0 +1,634 @@
+//! What a motion costs: the work of its legs and the forces that they bear, per weight and distance.
+//!
+//! With mass `m`, base height `l`, horizon `T` and distance `d` (see [`Cost::distance`]):
+//!
+//! ```text
+//! leg work    = int sum over standing feet |f . (v_foot - v_hip)| dt / (m g d)
+//! swing work  = int sum over swinging feet |m_leg a_foot . (v_foot - v_hip)| dt / (m g d)
+//! effort      = int sum |f|^2 dt / ((m g)^2 T)
+//! effort cost = effort T sqrt(g l) / d
+//! ```
+//!
+//! A leg works when it pushes while its foot moves against its hip, along the leg or across it, and braking counts like driving: muscles
+//! and motors give little back. Legs that work against each other pay for both. Effort is what it costs to bear a force without moving,
+//! which muscles and motors pay by time; per distance it makes slow gaits dear, as swing work does fast ones.
+//!
+//! Quantities of a single curve are exact, by Bernstein polynomials: they integrate to the mean of their coefficients and lie below the
+//! largest. Powers mix curves and the attitude; they are integrated between all nodes of all curves, in steps of at most [`STEP`], as the
+//! absolute value of the parabola through the powers at three Gauss-Legendre points. Without a change of sign that is the Gauss-Legendre
+//! rule, exact to fifth order.
+
+use super::{Curve, Phase, Schedule, Trajectory};
+use crate::error::{Error, Result, check_range};
+use crate::robot::{GRAVITY, Robot};
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+/// Mass of a leg at its foot, in masses of the robot, when nothing else is known.
+pub const LEG_MASS_SHARE: f64 = 0.03;
+
+/// Shortest distance that costs are divided by, in base heights. Standing still has a cost by time, as if it went this far.
+pub const LEAST_DISTANCE: f64 = 0.1;
+
+/// Longest step of a quadrature, s. A power that is no parabola and changes its sign costs an error of fourth order.
+pub const STEP: f64 = 0.04;
+
+/// Times closer than this are one, s.
+const SAME_TIME: f64 = 1e-6;
+
+/// Gauss-Legendre nodes on \[-1, 1\] are 0 and this on both sides: `sqrt(3 / 5)`.
+const GAUSS: f64 = 0.774_596_669_241_483_4;
+
+/// Weights of the terms of the total.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CostWeights {
+    /// Of [`Cost::leg_work`].
+    pub leg_work: f64,
+    /// Of [`Cost::swing_work`]. Too small: feet that hurry; too large: long swings.
+    pub swing_work: f64,
+    /// Of [`Cost::effort_cost`]. Too small: the slowest gait is the cheapest, and forces peak; too large: only speed counts.
+    pub effort: f64,
+}
+
+impl Default for CostWeights {
+    fn default() -> Self {
+        CostWeights { leg_work: 1., swing_work: 1., effort: 0.07 }
+    }
+}
+
+impl CostWeights {
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] names the first field that is out of its limits.
+    pub fn validate(&self) -> Result<()> {
+        check_range("cost.leg_work", self.leg_work, 0., 1e6)?;
+        check_range("cost.swing_work", self.swing_work, 0., 1e6)?;
+        check_range("cost.effort", self.effort, 0., 1e6)
+    }
+}
+
+/// Costs of a motion, and what its legs have to do.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Cost {
+    /// Weighted sum of leg work, swing work and effort cost.
+    pub total: f64,
+    /// Work of standing legs on the body, per weight and distance.
+    pub leg_work: f64,
+    /// Work of moving the mass of swinging legs, per weight and distance.
+    pub swing_work: f64,
+    /// Mean over time of `sum |f|^2 / (m g)^2`. Standing on `n` feet: `1 / n`.
+    pub effort: f64,
+    /// Effort per distance, `effort T sqrt(g l) / d`.
+    pub effort_cost: f64,
+    /// Distance `d` that costs are divided by, m: from start to goal, and `l` a rad of yaw for the turn; at least [`LEAST_DISTANCE`] `l`.
+    pub distance: f64,
+    /// Horizon, s.
+    pub horizon: f64,
+    /// Largest force of a foot, weights.
+    pub peak_force: f64,
+    /// Largest angle between the body's and the world's vertical at the points of the quadrature, degrees.
+    pub tilt: f64,
+    /// Highest speed of a foot, world frame, m/s.
+    pub foot_speed: f64,
+    /// Largest acceleration of a foot, m/s².
+    pub foot_acceleration: f64,
+    /// Highest speed with which a foot ends a swing, m/s.
+    pub touch_down_speed: f64,
+    /// Largest moment `|sum m_leg (x_i - p) x a_i|` of swinging legs about the base at the points of the quadrature, in `m g l`.
+    pub swing_moment: f64,
+}
+
+/// Costs of a motion.
+///
+/// * `leg_mass` - mass of a leg as if it were at the foot, kg; [`LEG_MASS_SHARE`] of the robot's if nothing is known
+///
+/// # Errors
+/// [`Error::Invalid`] when the trajectory is malformed, or robot and trajectory disagree on the number of feet.
+pub fn cost(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weights: &CostWeights) -> Result<Cost> {
+    trajectory.validate()?;
+    if trajectory.ee.len() != robot.feet() {
+        let limit = format!("{} feet, as the robot `{}` has", robot.feet(), robot.name);
+        return Err(Error::invalid("ee", format!("{} feet", trajectory.ee.len()), limit));
+    }
+    let (weight, horizon) = (robot.weight(), trajectory.horizon);
+    let distance = distance(trajectory, robot);
+    let motion = Motion::new(trajectory, robot)?;
+    let mut cost = Cost { distance, horizon, ..motion.extremes() };
+    cost.peak_force /= weight;
+    cost.effort /= weight * weight * horizon;
+    cost.effort_cost = cost.effort * horizon * (GRAVITY * robot.base_height).sqrt() / distance;
+    let work = motion.work();
+    cost.leg_work = work.leg / (weight * distance);
+    cost.swing_work = leg_mass * work.swing / (weight * distance);
+    cost.swing_moment = leg_mass * work.swing_moment / (weight * robot.base_height);
+    cost.tilt = work.upright.clamp(-1., 1.).acos().to_degrees();
+    cost.total = weights.leg_work * cost.leg_work + weights.swing_work * cost.swing_work + weights.effort * cost.effort_cost;
+    Ok(cost)
+}
+
+/// [`Cost::distance`] of a valid trajectory, m.
+fn distance(trajectory: &Trajectory, robot: &Robot) -> f64 {
+    let (lin, ang) = (&trajectory.base_lin.nodes[0], &trajectory.base_ang.nodes[0]);
+    let way: f64 = (0..3).map(|i| (trajectory.base_target[i] - lin[i]).powi(2)).sum();
+    let l = robot.base_height;
+    (way.sqrt() + l * (trajectory.yaw_target - ang[2]).abs()).max(LEAST_DISTANCE * l)
+}
+
+/// One piece of a curve: `p = p0 + p1 t + p2 t^2 + p3 t^3`.
+struct Piece {
+    start: f64,
+    length: f64,
+    p: [Vector3<f64>; 4],
+}
+
+impl Piece {
+    fn end(&self) -> f64 {
+        self.start + self.length
+    }
+
+    fn value(&self, time: f64) -> Vector3<f64> {
+        let t = time - self.start;
+        self.p[0] + (self.p[1] + (self.p[2] + self.p[3] * t) * t) * t
+    }
+
+    fn first(&self, time: f64) -> Vector3<f64> {
+        let t = time - self.start;
+        self.p[1] + (self.p[2] * 2. + self.p[3] * (3. * t)) * t
+    }
+
+    fn second(&self, time: f64) -> Vector3<f64> {
+        self.p[2] * 2. + self.p[3] * (6. * (time - self.start))
+    }
+
+    /// Bernstein coefficients of the value.
+    fn control(&self) -> [Vector3<f64>; 4] {
+        let [p0, p1, p2, _] = self.p;
+        let (near, far) = (p0 + p1 * (self.length / 3.), self.value(self.end()));
+        [p0, near, near + (p1 + p2 * self.length) * (self.length / 3.), far]
+    }
+
+    /// Bernstein coefficients of the first derivative.
+    fn control_rate(&self) -> [Vector3<f64>; 3] {
+        [self.p[1], self.p[1] + self.p[2] * self.length, self.first(self.end())]
+    }
+}
+
+/// Pieces of a Hermite curve.
+fn pieces(curve: &Curve) -> Vec<Piece> {
+    let vector = |n: &[f64]| Vector3::new(n[0], n[1], n[2]);
+    let mut start = 0.;
+    let ends = curve.nodes.windows(2).zip(&curve.poly_durations);
+    ends.map(|(n, &length)| {
+        let (a, b, next) = (vector(&n[0]), vector(&n[0][3..]), vector(&n[1][3..]));
+        // Differences first, so that a standing foot stands exactly.
+        let mean = (vector(&n[1]) - a) / length;
+        let p = [a, b, (mean * 3. - b * 2. - next) / length, (b + next - mean * 2.) / (length * length)];
+        let piece = Piece { start, length, p };
+        start += length;
+        piece
+    })
+    .collect()
+}
+
+/// Curves of a foot.
+struct Foot {
+    motion: Vec<Piece>,
+    force: Vec<Piece>,
+    phases: Vec<Phase>,
+    /// Where the leg starts, base frame (x, y), m: above the nominal foothold, as high as the base.
+    hip: [f64; 2],
+}
+
+/// Curves of a trajectory.
+struct Motion {
+    base_lin: Vec<Piece>,
+    base_ang: Vec<Piece>,
+    feet: Vec<Foot>,
+}
+
+/// Integrals and extremes of what mixes several curves.
+struct Work {
+    /// J.
+    leg: f64,
+    /// J a kg of leg.
+    swing: f64,
+    /// N m a kg of leg.
+    swing_moment: f64,
+    /// Least cosine of the angle between the body's and the world's vertical.
+    upright: f64,
+}
+
+impl Motion {
+    fn new(trajectory: &Trajectory, robot: &Robot) -> Result<Motion> {
+        let schedule = Schedule::new(trajectory.durations.clone())?;
+        let feet = trajectory.ee.iter().enumerate().map(|(foot, curves)| {
+            let [x, y, _] = robot.nominal_feet[foot];
+            Foot { motion: pieces(&curves.motion), force: pieces(&curves.force), phases: schedule.phases(foot), hip: [x, y] }
+        });
+        Ok(Motion { feet: feet.collect(), base_lin: pieces(&trajectory.base_lin), base_ang: pieces(&trajectory.base_ang) })
+    }
+
+    /// What single curves say: speeds and accelerations of feet, the largest force in N, the effort in N² s.
+    fn extremes(&self) -> Cost {
+        let (mut speed, mut acceleration, mut touch_down, mut force, mut effort): (f64, f64, f64, f64, f64) = Default::default();
+        for foot in &self.feet {
+            for piece in &foot.force {
+                let squares = Squares::new(&piece.control());
+                force = squares.largest(force);
+                effort += squares.mean() * piece.length;
+            }
+            let mut phase = 0;
+            for piece in &foot.motion {
+                // It is linear in between.
+                acceleration = acceleration.max(piece.second(piece.start).norm()).max(piece.second(piece.end()).norm());
+                speed = Squares::new(&piece.control_rate()).largest(speed);
+                advance(&mut phase, &foot.phases, (piece.start + piece.end()) / 2., |p| p.end);
+                let phase = &foot.phases[phase];
+                if !phase.stance && (piece.end() - phase.end).abs() < SAME_TIME {
+                    touch_down = touch_down.max(piece.first(piece.end()).norm());
+                }
+            }
+        }
+        Cost {
+            foot_speed: speed.sqrt(),
+            foot_acceleration: acceleration,
+            touch_down_speed: touch_down,
+            peak_force: force.sqrt(),
+            effort,
+            ..Default::default()
+        }
+    }
+
+    /// Times of all nodes of all curves, ascending, s.
+    fn times(&self) -> Vec<f64> {
+        let feet = self.feet.iter().flat_map(|f| [&f.motion, &f.force]);
+        let mut times: Vec<f64> =
+            std::iter::once(0.).chain([&self.base_lin, &self.base_ang].into_iter().chain(feet).flatten().map(Piece::end)).collect();
+        times.sort_by(f64::total_cmp);
+        times.dedup_by(|b, a| *b - *a < SAME_TIME);
+        times
+    }
+
+    fn work(&self) -> Work {
+        let mut work = Work { leg: 0., swing: 0., swing_moment: 0., upright: 1. };
+        let times = self.times();
+        let (mut lin, mut ang) = (0, 0);
+        // Motion piece, force piece and phase of each foot.
+        let mut places = vec![[0; 3]; self.feet.len()];
+        let mut powers = vec![[0.; 3]; self.feet.len()];
+        let steps = times.windows(2).flat_map(|w| {
+            let count = ((w[1] - w[0]) / STEP).ceil();
+            let half = (w[1] - w[0]) / count / 2.;
+            (0..count as usize).map(move |i| (w[0] + (2 * i + 1) as f64 * half, half))
+        });
+        for (mid, half) in steps {
+            advance(&mut lin, &self.base_lin, mid, Piece::end);
+            advance(&mut ang, &self.base_ang, mid, Piece::end);
+            for (foot, [motion, force, phase]) in self.feet.iter().zip(&mut places) {
+                advance(motion, &foot.motion, mid, Piece::end);
+                advance(force, &foot.force, mid, Piece::end);
+                advance(phase, &foot.phases, mid, |p| p.end);
+            }
+            for (point, time) in [mid - GAUSS * half, mid, mid + GAUSS * half].into_iter().enumerate() {
+                let base = Base::new(&self.base_lin[lin], &self.base_ang[ang], time);
+                let mut moment = Vector3::zeros();
+                for (i, (foot, &[motion, force, phase])) in self.feet.iter().zip(&places).enumerate() {
+                    let (motion, hip) = (&foot.motion[motion], base.hip_velocity(foot.hip));
+                    powers[i][point] = if foot.phases[phase].stance {
+                        foot.force[force].value(time).dot(&(motion.first(time) - hip))
+                    } else {
+                        let acceleration = motion.second(time);
+                        moment += (motion.value(time) - base.position).cross(&acceleration);
+                        acceleration.dot(&(motion.first(time) - hip))
+                    };
+                }
+                work.swing_moment = work.swing_moment.max(moment.norm());
+                work.upright = work.upright.min(base.upright);
+            }
+            for (i, foot) in self.feet.iter().enumerate() {
+                let done = absolute_integral(powers[i], half);
+                *if foot.phases[places[i][2]].stance { &mut work.leg } else { &mut work.swing } += done;
+            }
+        }
+        work
+    }
+}
+
+/// Moves an index on to the item that a time lies in: the first that ends after it.
+fn advance<T>(index: &mut usize, items: &[T], time: f64, end: impl Fn(&T) -> f64) {
+    while *index + 1 < items.len() && end(&items[*index]) < time {
+        *index += 1;
+    }
+}
+
+/// State of the base at one time, world frame.
+struct Base {
+    position: Vector3<f64>,
+    velocity: Vector3<f64>,
+    omega: Vector3<f64>,
+    /// Axes x and y of the base.
+    axes: [Vector3<f64>; 2],
+    /// Cosine of the angle between the verticals.
+    upright: f64,
+}
+
+impl Base {
+    /// Of its pieces. With rotation `Rz(yaw) Ry(pitch) Rx(roll)`, `omega = roll' x_base + pitch' Rz e_y + yaw' e_z`.
+    fn new(lin: &Piece, ang: &Piece, time: f64) -> Base {
+        let (angle, rate) = (ang.value(time), ang.first(time));
+        let ((sr, cr), (sp, cp), (sy, cy)) = (angle.x.sin_cos(), angle.y.sin_cos(), angle.z.sin_cos());
+        let x = Vector3::new(cy * cp, sy * cp, -sp);
+        let y = Vector3::new(cy * sp * sr - sy * cr, sy * sp * sr + cy * cr, cp * sr);
+        let omega = x * rate.x + Vector3::new(-sy, cy, 0.) * rate.y + Vector3::z() * rate.z;
+        Base { position: lin.value(time), velocity: lin.first(time), omega, axes: [x, y], upright: cp * cr }
+    }
+
+    fn hip_velocity(&self, hip: [f64; 2]) -> Vector3<f64> {
+        self.velocity + self.omega.cross(&(self.axes[0] * hip[0] + self.axes[1] * hip[1]))
+    }
+}
+
+/// Integral over \[-1, 1\] times `half` of the absolute value of the parabola through values at the Gauss-Legendre points.
+fn absolute_integral([a, b, c]: [f64; 3], half: f64) -> f64 {
+    // q = b + q1 s + q2 s^2
+    let (q1, q2) = ((c - a) / (2. * GAUSS), (a + c - 2. * b) / (2. * GAUSS * GAUSS));
+    let antiderivative = |s: f64| (b + (q1 / 2. + q2 / 3. * s) * s) * s;
+    // Bernstein coefficients of one sign: no root.
+    let (left, middle, right) = (b - q1 + q2, b - q2, b + q1 + q2);
+    let mut cuts = [-1., -1., -1., 1.];
+    if left.min(middle).min(right) < 0. && left.max(middle).max(right) > 0. {
+        let discriminant = q1 * q1 - 4. * q2 * b;
+        if discriminant > 0. {
+            // Without cancellation; a root at infinity or nowhere falls to an end.
+            let t = -0.5 * (q1 + discriminant.sqrt().copysign(q1));
+            let inside = |root: f64| if root > -1. && root < 1. { root } else { -1. };
+            let roots = [inside(t / q2), inside(b / t)];
+            cuts[1] = roots[0].min(roots[1]);
+            cuts[2] = roots[0].max(roots[1]);
+        }
+    }
+    cuts.windows(2).map(|w| (antiderivative(w[1]) - antiderivative(w[0])).abs()).sum::<f64>() * half
+}
+
+/// Bernstein coefficients of the squared length of a Bernstein polynomial with at most four coefficients.
+#[derive(Clone, Copy)]
+struct Squares {
+    coefficients: [f64; 7],
+    count: usize,
+}
+
+impl Squares {
+    /// `c_k = sum over i + j = k of (n over i) (n over j) / (2 n over k) p_i . p_j`
+    fn new(points: &[Vector3<f64>]) -> Squares {
+        const BINOMIALS: [[f64; 7]; 7] = [
+            [1., 0., 0., 0., 0., 0., 0.],
+            [1., 1., 0., 0., 0., 0., 0.],
+            [1., 2., 1., 0., 0., 0., 0.],
+            [1., 3., 3., 1., 0., 0., 0.],
+            [1., 4., 6., 4., 1., 0., 0.],
+            [1., 5., 10., 10., 5., 1., 0.],
+            [1., 6., 15., 20., 15., 6., 1.],
+        ];
+        let n = points.len() - 1;
+        let mut coefficients = [0.; 7];
+        for i in 0..=n {
+            for j in 0..=n {
+                coefficients[i + j] += BINOMIALS[n][i] * BINOMIALS[n][j] / BINOMIALS[2 * n][i + j] * points[i].dot(&points[j]);
+            }
+        }
+        Squares { coefficients, count: 2 * n + 1 }
+    }
+
+    /// Mean over the piece.
+    fn mean(&self) -> f64 {
+        self.coefficients[..self.count].iter().sum::<f64>() / self.count as f64
+    }
+
+    /// The larger of `best` and the largest value on the piece, to nine digits.
+    fn largest(&self, best: f64) -> f64 {
+        self.largest_of_halves(best, 40)
+    }
+
+    /// Both ends are values, no value is above the largest coefficient, and halving brings them together.
+    fn largest_of_halves(&self, best: f64, halvings: usize) -> f64 {
+        let c = &self.coefficients[..self.count];
+        let best = best.max(c[0]).max(c[self.count - 1]);
+        let bound = c.iter().copied().fold(0., f64::max);
+        if halvings == 0 || bound <= best * (1. + 1e-9) {
+            return best;
+        }
+        // De Casteljau's steps leave the right half in place, the left half along the way.
+        let (mut left, mut right) = (*self, *self);
+        for step in 1..self.count {
+            for i in 0..self.count - step {
+                right.coefficients[i] = (right.coefficients[i] + right.coefficients[i + 1]) / 2.;
+            }
+            left.coefficients[step] = right.coefficients[0];
+        }
+        right.largest_of_halves(left.largest_of_halves(best, halvings - 1), halvings - 1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gait::FootCurves;
+
+    fn near(got: f64, want: f64) {
+        assert!((got - want).abs() <= 1e-9 * want.abs().max(1.), "{got} is not {want}");
+    }
+
+    /// A monoped of 20 kg and weight `w`, 0.58 m high, and a curve from nodes at even times.
+    fn monoped() -> Robot {
+        Robot::named("monoped").unwrap()
+    }
+
+    fn curve(length: f64, nodes: &[[f64; 6]]) -> Curve {
+        Curve { poly_durations: vec![length; nodes.len() - 1], nodes: nodes.to_vec() }
+    }
+
+    fn at(value: [f64; 3], slope: [f64; 3]) -> [f64; 6] {
+        std::array::from_fn(|i| if i < 3 { value[i] } else { slope[i - 3] })
+    }
+
+    fn still(value: [f64; 3]) -> [f64; 6] {
+        at(value, [0.; 3])
+    }
+
+    fn trajectory(durations: Vec<f64>, base_lin: Curve, base_ang: Curve, motion: Curve, force: Curve) -> Trajectory {
+        let end = &base_lin.nodes[base_lin.nodes.len() - 1];
+        Trajectory {
+            scenario: None,
+            target: None,
+            robot: None,
+            terrain: None,
+            transcription: None,
+            seed: None,
+            version: None,
+            init_base: None,
+            base_target: [end[0], end[1], end[2]],
+            yaw_target: base_ang.nodes[base_ang.nodes.len() - 1][2],
+            force_limit: None,
+            limits: None,
+            horizon: durations.iter().sum(),
+            durations: vec![durations],
+            base_lin,
+            base_ang,
+            ee: vec![FootCurves { motion, force }],
+        }
+    }
+
+    fn priced(t: &Trajectory) -> Cost {
+        cost(t, &monoped(), 0.5, &CostWeights::default()).unwrap()
+    }
+
+    #[test]
+    fn standing_still_costs_effort_by_time() {
+        let w = monoped().weight();
+        let (base, none) = (still([0., 0., 0.58]), still([0.; 3]));
+        let stand = |horizon: f64| {
+            let of = |node| curve(horizon, &[node, node]);
+            priced(&trajectory(vec![horizon], of(base), of(none), of(none), of(still([0., 0., w]))))
+        };
+        let (one, two) = (stand(1.), stand(2.));
+        near(one.effort, 1.);
+        near(one.peak_force, 1.);
+        // A tenth of 0.58 m; sqrt(g l) / 0.058 m.
+        near(one.distance, 0.058);
+        near(one.effort_cost, (9.80665f64 * 0.58).sqrt() / 0.058);
+        near(one.total, 0.07 * one.effort_cost);
+        near(two.total, 2. * one.total);
+        assert_eq!([one.leg_work, one.swing_work, one.tilt, one.foot_speed, one.foot_acceleration, one.swing_moment], [0.; 6]);
+    }
+
+    #[test]
+    fn a_squat_works_against_its_weight_down_and_up() {
+        // Down by 0.1 m and up again under a constant force of the weight: 2 * 0.1 m * w, over 0.058 m.
+        let w = monoped().weight();
+        let base = curve(0.5, &[still([0., 0., 0.58]), still([0., 0., 0.48]), still([0., 0., 0.58])]);
+        let of = |node| curve(1., &[node, node]);
+        let c = priced(&trajectory(vec![1.], base, of(still([0.; 3])), of(still([0.; 3])), of(still([0., 0., w]))));
+        near(c.leg_work, 0.2 / 0.058);
+        // A force that does not push sideways does not work sideways.
+        let base = curve(1., &[still([0., 0., 0.58]), still([0.3, 0., 0.58])]);
+        let c = priced(&trajectory(vec![1.], base, of(still([0.; 3])), of(still([0.; 3])), of(still([0., 0., w]))));
+        near(c.leg_work, 0.);
+        near(c.distance, 0.3);
+    }
+
+    #[test]
+    fn a_force_that_changes_its_sign_works_both_times() {
+        // The base moves on by 1 m/s; the force along it goes linearly from -100 to 100 N in 1 s: int |f v| = 50 J, over 1 m.
+        let base = curve(1., &[at([0., 0., 0.58], [1., 0., 0.]), at([1., 0., 0.58], [1., 0., 0.])]);
+        let of = |node| curve(1., &[node, node]);
+        let force = curve(1., &[at([-100., 0., 0.], [200., 0., 0.]), at([100., 0., 0.], [200., 0., 0.])]);
+        let c = priced(&trajectory(vec![1.], base, of(still([0.; 3])), of(still([0.; 3])), force));
+        let w = monoped().weight();
+        near(c.leg_work, 50. / w);
+        near(c.peak_force, 100. / w);
+        // int (200 t - 100)^2 = 1e4 / 3.
+        near(c.effort, 1e4 / 3. / (w * w));
+        near(c.total, 50. / w + 0.07 * c.effort * (9.80665f64 * 0.58).sqrt());
+    }
+
+    #[test]
+    fn a_swing_along_a_known_cubic() {
+        // From rest to rest over 0.4 m in 0.5 s, x = 0.4 (3 u^2 - 2 u^3), between stances of 0.25 s.
+        let (far, length) = (still([0.4, 0., 0.]), 0.5);
+        let of = |node| curve(1., &[node, node]);
+        let motion = Curve { poly_durations: vec![0.25, length, 0.25], nodes: vec![still([0.; 3]), still([0.; 3]), far, far] };
+        let base = still([0., 0., 0.58]);
+        let c = priced(&trajectory(vec![0.25, length, 0.25], of(base), of(still([0.; 3])), motion, of(still([0.; 3]))));
+        // Top speed 1.5 mean speeds; acceleration 6 d / s^2 at the ends; speeding up and slowing down each cost m v^2 / 2.
+        near(c.foot_speed, 1.2);
+        near(c.foot_acceleration, 6. * 0.4 / 0.25);
+        let work = 0.5 * 1.2 * 1.2 / (monoped().weight() * 0.058);
+        assert!((c.swing_work - work).abs() < 1e-5 * work, "{} is not {work}", c.swing_work);
+        assert_eq!((c.touch_down_speed, c.leg_work, c.effort), (0., 0., 0.));
+        // The moment about the base, 0.58 m higher, is largest near the ends: 0.5 kg * 9.6 m/s2 * 0.58 m.
+        assert!(c.swing_moment > 0.7 * 0.5 * 9.6 / monoped().weight() && c.swing_moment < 0.5 * 9.6 / monoped().weight());
+    }
+
+    #[test]
+    fn a_foot_that_lands_fast_says_so() {
+        let motion = Curve {
+            poly_durations: vec![0.2, 0.4, 0.4],
+            nodes: vec![still([0.; 3]), still([0.; 3]), at([0.1, 0., 0.], [0., 0., -0.5]), still([0.1, 0., 0.])],
+        };
+        let of = |node| curve(1., &[node, node]);
+        let c = priced(&trajectory(vec![0.2, 0.4, 0.4], of(still([0., 0., 0.58])), of(still([0.; 3])), motion, of(still([0.; 3]))));
+        near(c.touch_down_speed, 0.5);
+    }
+
+    #[test]
+    fn hips_turn_with_the_base() {
+        // A foot at nominal (0.3, 0.2) of a base that yaws by 1 rad/s about the origin, under a force of 10 N along y: the hip moves by
+        // e_z x R (0.3, 0.2); its way along y is 0.3 sin t + 0.2 cos t, up to where the tangent is 1.5 and down again.
+        let robot = Robot { nominal_feet: vec![[0.3, 0.2, -0.58]], ..monoped() };
+        let of = |node| curve(2., &[node, node]);
+        let turn = curve(2., &[at([0.; 3], [0., 0., 1.]), at([0., 0., 2.], [0., 0., 1.])]);
+        let mut t = trajectory(vec![2.], of(still([0., 0., 0.58])), turn, of(still([0.; 3])), of(still([0., 10., 0.])));
+        // Short pieces, as motions have them.
+        let piece = |i: usize| at([0., 0., 0.05 * i as f64], [0., 0., 1.]);
+        t.base_ang = curve(0.05, &(0..=40).map(piece).collect::<Vec<_>>());
+        let c = cost(&t, &robot, 0.5, &CostWeights::default()).unwrap();
+        let y = |t: f64| 0.3 * t.sin() + 0.2 * t.cos();
+        let way = 2. * y(1.5f64.atan()) - y(0.) - y(2.);
+        near(c.distance, 1.16);
+        assert!((c.leg_work * robot.weight() * 1.16 / 10. - way).abs() < 1e-7, "{}", c.leg_work * robot.weight() * 1.16 / 10. - way);
+    }
+
+    #[test]
+    fn tilt_is_the_angle_between_the_verticals() {
+        let lean = at([0.3, 0.4, 1.], [0.; 3]);
+        let of = |node| curve(1., &[node, node]);
+        let c = priced(&trajectory(vec![1.], of(still([0., 0., 0.58])), of(lean), of(still([0.; 3])), of(still([0.; 3]))));
+        near(c.tilt, (0.3f64.cos() * 0.4f64.cos()).acos().to_degrees());
+    }
+
+    #[test]
+    fn largest_values_inside_a_piece_are_found() {
+        // Values and slopes with a maximum of |v|^2 between the nodes, against a fine grid.
+        for seed in 0..20 {
+            let r = |i: usize| ((seed * 37 + i * 101) as f64 * 0.7).sin();
+            let nodes = [0, 1].map(|k| std::array::from_fn(|i| r(6 * k + i)));
+            let piece = &pieces(&curve(0.7, &nodes))[0];
+            let grid = (0..=10_000).map(|i| 0.7 * f64::from(i) / 10_000.);
+            let value = grid.clone().map(|t| piece.value(t).norm_squared()).fold(0., f64::max);
+            let speed = grid.clone().map(|t| piece.first(t).norm_squared()).fold(0., f64::max);
+            let mean = grid.map(|t| piece.value(t).norm_squared()).sum::<f64>() / 10_001.;
+            let (of_value, of_speed) = (Squares::new(&piece.control()), Squares::new(&piece.control_rate()));
+            assert!((of_value.largest(0.) - value).abs() < 1e-6 * value && (of_speed.largest(0.) - speed).abs() < 1e-6 * speed);
+            assert!((of_value.mean() - mean).abs() < 1e-3 * mean);
+        }
+    }
+
+    #[test]
+    fn the_absolute_integral_of_a_parabola() {
+        let of = |q: fn(f64) -> f64| absolute_integral([q(-GAUSS), q(0.), q(GAUSS)], 1.);
+        near(of(|_| -3.), 6.);
+        near(of(|s| s), 1.);
+        // Roots at +-0.5: 2 (int_0^0.5 - int_0.5^1) of 0.25 - s^2 = 2 (1/12 + 1/6).
+        near(of(|s| 0.25 - s * s), 0.5);
+        near(of(|s| s * s + 0.1), 2. / 3. + 0.2);
+        near(of(|s| (s - 0.5) * (s - 3.)), integral(|s| ((s - 0.5) * (s - 3.)).abs()));
+        assert_eq!(of(|_| 0.), 0.);
+    }
+
+    fn integral(q: fn(f64) -> f64) -> f64 {
+        // Simpson's rule between -1, 0.5 and 1: exact for parabolas.
+        [(-1., 0.5), (0.5, 1.)].iter().map(|&(a, b): &(f64, f64)| (b - a) / 6. * (q(a) + 4. * q((a + b) / 2.) + q(b))).sum()
+    }
+
+    #[test]
+    fn other_robots_and_bad_weights_are_refused() {
+        let of = |node| curve(1., &[node, node]);
+        let t = trajectory(vec![1.], of(still([0., 0., 0.58])), of(still([0.; 3])), of(still([0.; 3])), of(still([0.; 3])));
+        let refused = cost(&t, &Robot::named("biped").unwrap(), 0.5, &CostWeights::default()).unwrap_err().to_string();
+        assert!(refused.contains("1 feet") && refused.contains("biped"));
+        assert!(CostWeights { effort: f64::NAN, ..Default::default() }.validate().unwrap_err().to_string().contains("cost.effort"));
+        assert!(serde_json::from_str::<CostWeights>(r#"{"effort": 1, "wings": 2}"#).is_err());
+    }
+}
