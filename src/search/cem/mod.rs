@@ -9,6 +9,7 @@
 pub mod distribution;
 pub mod heuristic;
 pub mod objective;
+pub mod periodic;
 pub mod random;
 pub mod run;
 pub mod settings;

@@ -4,11 +4,13 @@
 //! since a good walk and a good gallop have different durations, and they are fitted to its own elites alone. These may be few, so the
 //! old Gaussian counts like [`PeriodicSettings::memory`] further elites.
 
-use super::family::{FOOT_SPEED, GaitFamily, MIN_PHASE, PeriodicGait, TYPICAL_LEAD_IN, TYPICAL_TAIL, offsets, speed_scale, time_scale};
-use super::{Schedule, schedule};
-use crate::cem::distribution::{Categorical, Gaussian};
-use crate::cem::random::Draws;
+use super::distribution::{Categorical, Gaussian};
+use super::random::Draws;
 use crate::error::{Error, Result, check_range};
+use crate::gait::family::{
+    FOOT_SPEED, GaitFamily, MIN_PHASE, PeriodicGait, TYPICAL_LEAD_IN, TYPICAL_TAIL, offsets, speed_scale, time_scale,
+};
+use crate::gait::{Schedule, schedule};
 use crate::robot::Robot;
 use crate::task::Task;
 use serde::{Deserialize, Serialize};
