@@ -54,6 +54,12 @@ pub enum Error {
         /// Which, and how to get it.
         message: String,
     },
+    /// A search was ended before it had anything to return.
+    #[error("{message}")]
+    Ended {
+        /// Why.
+        message: String,
+    },
     /// The operating system refused.
     #[error("cannot {action} {}: {source}", path.display())]
     Io {

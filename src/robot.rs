@@ -28,13 +28,18 @@ pub struct Robot {
     pub nominal_feet: Vec<[f64; 3]>,
     /// Half-widths of the box around its nominal position that each foot reaches, base axes, m.
     pub reach: [f64; 3],
-    /// Largest normal force of a foot, N; [`FORCE_LIMIT`] weights when absent.
+    /// Largest normal force of a foot, N; see [`Robot::default_force_limit`] when absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub force_limit: Option<f64>,
+    /// Mass of a leg as if it were at the foot, kg; [`LEG_MASS`] of the robot's when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub leg_mass: Option<f64>,
 }
 
-/// Largest normal force of a foot of a robot that names none, in its weights: what a runner's leg takes. A biped cannot fly with less than
-/// two; four legs hardly need as much.
+/// Mass of a leg at its foot of a robot that names none, in masses of the robot.
+pub const LEG_MASS: f64 = 0.03;
+
+/// Largest normal force of a foot when legs are not limited, in weights: what a runner's leg takes.
 pub const FORCE_LIMIT: f64 = 3.;
 
 /// Names of the built-in robots.
@@ -87,7 +92,7 @@ impl Robot {
             ),
             _ => return Err(Error::Unknown { what: "robot", name: name.into(), known: ROBOTS.join(", ") }),
         };
-        Ok(Robot { name: name.into(), mass, inertia, base_height, nominal_feet, reach, force_limit: None })
+        Ok(Robot { name: name.into(), mass, inertia, base_height, nominal_feet, reach, force_limit: None, leg_mass: None })
     }
 
     /// Reads a robot from JSON text and validates it.
@@ -120,6 +125,9 @@ impl Robot {
         }
         if let Some(limit) = self.force_limit {
             check_range("robot.force_limit", limit, 1e-3, 1e7)?;
+        }
+        if let Some(mass) = self.leg_mass {
+            check_range("robot.leg_mass", mass, 0., self.mass)?;
         }
         let i = &self.inertia;
         for r in 0..3 {
@@ -159,9 +167,20 @@ impl Robot {
         self.nominal_feet[0][2].abs().max(0.1)
     }
 
-    /// Largest normal force of a foot when nobody says otherwise, N: [`FORCE_LIMIT`] weights.
+    /// Largest normal force of a foot of a robot that names none, N: 1.2 weights on three feet or more, 2.5 on two, 3 on one. A biped cannot
+    /// fly with less than two; four legs hardly need one.
     pub fn default_force_limit(&self) -> f64 {
-        FORCE_LIMIT * self.weight()
+        let weights = match self.feet() {
+            1 => FORCE_LIMIT,
+            2 => 2.5,
+            _ => 1.2,
+        };
+        weights * self.weight()
+    }
+
+    /// Mass of a leg as if it were at the foot, kg.
+    pub fn leg_mass(&self) -> f64 {
+        self.leg_mass.unwrap_or(LEG_MASS * self.mass)
     }
 
     /// Weight, N.

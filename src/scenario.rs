@@ -2,10 +2,9 @@
 
 use crate::error::{Error, Result};
 use crate::robot::Robot;
-use crate::task::Task;
+use crate::task::{Goal, Task};
 use crate::terrain::Terrain;
 use std::f64::consts::PI;
-use std::sync::Arc;
 
 /// Distance of every target from the origin, m.
 pub const TARGET_DISTANCE: f64 = 6.;
@@ -75,10 +74,7 @@ impl Scenario {
     /// # Errors
     /// As [`Task::new`].
     pub fn task_to(&self, [x, y]: [f64; 2]) -> Result<Task> {
-        let robot = Arc::new(Robot::named(self.robot)?);
-        let terrain = Arc::new(Terrain::named(self.terrain)?);
-        let z = robot.base_height + terrain.height(x, y);
-        Task::new(robot, terrain, [x, y, z], self.yaw_target)
+        Task::new(Robot::named(self.robot)?, Terrain::named(self.terrain)?, Goal::at(x, y).yaw(self.yaw_target))
     }
 }
 

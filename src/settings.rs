@@ -1,7 +1,7 @@
 //! Every tunable value of the transcription and the solver, with unit, default and limits.
 
 use crate::error::{Result, check_range};
-use crate::gait::trajectory::{GoalVelocity, MotionLimits};
+use crate::gait::trajectory::GoalVelocity;
 use crate::terrain::Terrain;
 use serde::{Deserialize, Serialize};
 
@@ -35,6 +35,16 @@ pub enum Friction {
     Cone,
 }
 
+/// What is asked of legs and motors, besides TOWR's rows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Legs {
+    /// What the legs of a robot of its size can do: speed and acceleration of its feet, and about one weight on each foot.
+    Limited,
+    /// Nothing, as in the paper \[1\].
+    Free,
+}
+
 /// How the motion is turned into variables and rows.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -60,8 +70,12 @@ pub struct TranscriptionSettings {
     pub clearance: f64,
     /// `momentum`: height of a swinging foot above the terrain, m, at most.
     pub swing_height: f64,
-    /// `momentum`: horizontal speed of a swinging foot, m/s, at most.
-    pub foot_speed: f64,
+    /// `momentum`: what legs can do, where nothing else is said.
+    pub legs: Legs,
+    /// `momentum`: horizontal speed of a swinging foot, m/s, at most; see [`crate::nlp::transcription::momentum::foot_speed`] when absent.
+    pub foot_speed: Option<f64>,
+    /// `momentum`: acceleration of a swinging foot, m/s², at most; see [`crate::nlp::transcription::momentum::foot_acceleration`] when absent.
+    pub foot_acceleration: Option<f64>,
 }
 
 impl Default for TranscriptionSettings {
@@ -77,8 +91,22 @@ impl Default for TranscriptionSettings {
             goal_velocity: GoalVelocity::Zero,
             clearance: 0.03,
             swing_height: 0.2,
-            foot_speed: 20.,
+            legs: Legs::Limited,
+            foot_speed: None,
+            foot_acceleration: None,
         }
+    }
+}
+
+impl TranscriptionSettings {
+    /// The defaults of a transcription.
+    pub fn of(rows: Transcription) -> Self {
+        TranscriptionSettings { rows, ..TranscriptionSettings::default() }
+    }
+
+    /// Those of the paper \[1\], which asks nothing of legs and motors.
+    pub fn paper(rows: Transcription) -> Self {
+        TranscriptionSettings { legs: Legs::Free, ..TranscriptionSettings::of(rows) }
     }
 }
 
@@ -171,16 +199,6 @@ impl Default for StallSettings {
 }
 
 impl TranscriptionSettings {
-    /// What its motions keep to besides their rows.
-    pub fn limits(&self) -> MotionLimits {
-        MotionLimits {
-            clearance: self.clearance,
-            swing_height: self.swing_height,
-            foot_speed: self.foot_speed,
-            goal_velocity: self.goal_velocity,
-        }
-    }
-
     /// Checks every field.
     ///
     /// # Errors
@@ -195,7 +213,10 @@ impl TranscriptionSettings {
         check_range("transcription.force_margin", self.force_margin, 0., 0.1)?;
         check_range("transcription.clearance", self.clearance, 0., 10.)?;
         check_range("transcription.swing_height", self.swing_height, self.clearance + 1e-3, 100.)?;
-        check_range("transcription.foot_speed", self.foot_speed, 0.1, 1000.)
+        if let Some(speed) = self.foot_speed {
+            check_range("transcription.foot_speed", speed, 0.1, 1000.)?;
+        }
+        self.foot_acceleration.map_or(Ok(()), |a| check_range("transcription.foot_acceleration", a, 1., 1e6))
     }
 }
 

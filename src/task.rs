@@ -7,7 +7,7 @@ use crate::terrain::Terrain;
 use std::sync::Arc;
 
 /// What is to be done. The robot starts at rest above the origin with yaw 0 and its feet at their nominal positions on the ground.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Task {
     /// The robot.
     pub robot: Arc<Robot>,
@@ -21,13 +21,44 @@ pub struct Task {
     pub force_limit: Option<f64>,
 }
 
+/// Where the base is to end, at rest and level.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Goal {
+    /// Position, world frame, m.
+    pub xy: [f64; 2],
+    /// Height, m; without it as high above the ground as at the start.
+    pub z: Option<f64>,
+    /// Yaw, rad.
+    pub yaw: f64,
+}
+
+impl Goal {
+    /// Above a point of the ground, with the yaw of the start.
+    pub fn at(x: f64, y: f64) -> Goal {
+        Goal { xy: [x, y], z: None, yaw: 0. }
+    }
+
+    /// A position, with the yaw of the start.
+    pub fn position([x, y, z]: [f64; 3]) -> Goal {
+        Goal { xy: [x, y], z: Some(z), yaw: 0. }
+    }
+
+    /// The same with a yaw, rad.
+    pub fn yaw(self, yaw: f64) -> Goal {
+        Goal { yaw, ..self }
+    }
+}
+
 impl Task {
     /// A validated task, with no force limit of its own.
     ///
     /// # Errors
     /// [`Error::Invalid`] when the goal is off the terrain, or a number is out of its limits.
-    pub fn new(robot: Arc<Robot>, terrain: Arc<Terrain>, base_target: [f64; 3], yaw_target: f64) -> Result<Task> {
-        let task = Task { robot, terrain, base_target, yaw_target, force_limit: None };
+    pub fn new(robot: impl Into<Arc<Robot>>, terrain: impl Into<Arc<Terrain>>, goal: Goal) -> Result<Task> {
+        let (robot, terrain, Goal { xy: [x, y], z, yaw }) = (robot.into(), terrain.into(), goal);
+        terrain.check_inside("goal", x, y)?;
+        let base_target = [x, y, z.unwrap_or(robot.base_height + terrain.height(x, y))];
+        let task = Task { robot, terrain, base_target, yaw_target: yaw, force_limit: None };
         task.validate()?;
         Ok(task)
     }

@@ -53,10 +53,24 @@ pub enum Precision {
     F64,
 }
 
+/// Candidates that a device left to the CPU.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct Fallback {
+    /// How many.
+    pub candidates: usize,
+    /// Why, the last time.
+    pub reason: String,
+}
+
 /// Solves batches of candidates.
 pub trait Backend: Send + Sync {
     /// Name of the device, for results.
     fn device(&self) -> String;
+
+    /// What it could not do itself so far.
+    fn fallback(&self) -> Option<Fallback> {
+        None
+    }
 
     /// Threads of the CPU that it uses.
     fn threads(&self) -> usize;

@@ -9,8 +9,8 @@ use crate::report::files;
 use crate::robot::{ROBOTS, Robot};
 use crate::scenario::Scenario;
 use crate::search::evaluate::LowerSettings;
-use crate::settings::{SolverSettings, Transcription, TranscriptionSettings};
-use crate::task::Task;
+use crate::settings::{Legs, SolverSettings, Transcription, TranscriptionSettings};
+use crate::task::{Goal, Task};
 use crate::terrain::{TERRAINS, Terrain};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
@@ -54,7 +54,7 @@ pub struct WorldArgs {
     /// Terrain: as --robot
     #[arg(long, value_name = "NAME|FILE")]
     pub terrain: Vec<String>,
-    /// Largest normal force of a foot, N; else the robot's (three weights unless its file says), with TOWR's rows 1000
+    /// Largest normal force of a foot, N; else the robot's (from its weight and feet unless its file says), with TOWR's rows 1000
     #[arg(long, value_name = "N")]
     pub force_limit: Option<f64>,
 }
@@ -98,7 +98,7 @@ impl WorldArgs {
 
 /// Where a goal comes from: a scenario's target, or numbers, which win.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Goal {
+pub struct GoalSource {
     pub target: Option<usize>,
     pub base_target: Option<[f64; 3]>,
     /// Goal without a height: nominal above the terrain.
@@ -118,7 +118,7 @@ impl World {
     }
 
     /// A task from what was named, the scenario filling in the rest.
-    pub fn task(&self, scenario: Option<&Scenario>, goal: Goal) -> Result<Task> {
+    pub fn task(&self, scenario: Option<&Scenario>, goal: GoalSource) -> Result<Task> {
         let missing = |what: &str, by: &str| {
             Error::invalid(what, "none", format!("given by {by}, or by a scenario (--scenario, or `scenario` in the line)"))
         };
@@ -133,20 +133,17 @@ impl World {
             (None, Some(s)) => Arc::new(Terrain::named(s.terrain)?),
             (None, None) => Arc::new(Terrain::named("flat")?),
         };
-        let base_target = match (goal.base_target, goal.xy, goal.target) {
-            (Some(p), _, _) => p,
-            (None, xy, target) => {
-                let [x, y] = match (xy, target) {
-                    (Some(xy), _) => xy,
-                    (None, Some(target)) => Scenario::goal(target)?,
-                    (None, None) => return Err(missing("goal", "--goal, `base_target` in the line")),
-                };
-                terrain.check_inside(if goal.xy.is_some() { "--goal" } else { "target" }, x, y)?;
-                [x, y, robot.base_height + terrain.height(x, y)]
+        let place = match (goal.base_target, goal.xy, goal.target) {
+            (Some(p), _, _) => Goal::position(p),
+            (None, Some([x, y]), _) => Goal::at(x, y),
+            (None, None, Some(target)) => {
+                let [x, y] = Scenario::goal(target)?;
+                Goal::at(x, y)
             }
+            (None, None, None) => return Err(missing("goal", "--goal, `base_target` in the line")),
         };
         let yaw = goal.yaw.or(scenario.map(|s| s.yaw_target)).unwrap_or(0.);
-        let mut task = Task::new(robot, terrain, base_target, yaw)?;
+        let mut task = Task::new(robot, terrain, place.yaw(yaw))?;
         task.force_limit = self.force_limit;
         task.validate()?;
         Ok(task)
@@ -206,7 +203,9 @@ pub struct LowerArgs {
 
 impl LowerArgs {
     /// Settings of the lower level; keys that begin with `search.` are left alone.
-    pub fn settings(&self) -> Result<LowerSettings> {
+    ///
+    /// * `legs` - what legs can do, unless it is set
+    pub fn settings(&self, legs: Legs) -> Result<LowerSettings> {
         let rows = match self.transcription {
             TranscriptionArg::Momentum => Transcription::Momentum,
             TranscriptionArg::Towr => Transcription::Towr,
@@ -220,7 +219,7 @@ impl LowerArgs {
             solver.smooth.iterations = SMOOTH_ITERATIONS;
         }
         let sets = self.set.iter().filter(|s| !s.starts_with("search."));
-        let transcription = TranscriptionSettings { rows, ..TranscriptionSettings::default() };
+        let transcription = TranscriptionSettings { legs, ..TranscriptionSettings::of(rows) };
         let settings = apply(LowerSettings { transcription, solver, precision }, "", sets.map(String::as_str))?;
         settings.validate()?;
         Ok(settings)

@@ -1,17 +1,20 @@
 //! `evaluate`: solve given schedules.
 
-use super::args::{Goal, LowerArgs, World, WorldArgs, workers};
-use super::label::{device, label};
+use super::args::{GoalSource, LowerArgs, World, WorldArgs, workers};
+use super::label::label;
 use super::{CANCELLED, Failure, Verdict, complain, print};
 use crate::backend::Backend;
 use crate::error::{Error, Result, from_json};
+use crate::gait::cost::CostWeights;
 use crate::gait::{Schedule, Trajectory};
 use crate::reference::ipopt::Options;
 use crate::reference::job::{Answer, Job};
 use crate::reference::workers::Workers;
+use crate::report::result::SolvedOn;
 use crate::report::{EvaluateResult, IpoptResult, files};
 use crate::scenario::Scenario;
 use crate::search::evaluate::{Evaluated, LowerSettings, check_candidate, evaluate};
+use crate::settings::Legs;
 use crate::task::Task;
 use clap::{Args, ValueEnum};
 use serde::Deserialize;
@@ -74,7 +77,7 @@ struct Item {
 }
 
 /// One line's answer.
-struct Done {
+struct Answered {
     feasible: bool,
     iterations: usize,
     /// For the key `result`.
@@ -93,25 +96,25 @@ impl Solver {
     /// For results.
     fn device(&self) -> String {
         match self {
-            Solver::Own(backend, settings) => device(&**backend, settings.precision),
+            Solver::Own(backend, settings) => SolvedOn::new(&**backend, settings.precision).device,
             Solver::Ipopt(workers) => workers.device(),
         }
     }
 
     /// In the order of the items; none where the user ended it.
-    fn solve(&self, items: &[Item], trajectories: bool) -> Result<Vec<Option<Done>>> {
+    fn solve(&self, items: &[Item], trajectories: bool) -> Result<Vec<Option<Answered>>> {
         match self {
             Solver::Own(backend, settings) => {
                 let candidates: Vec<(&Task, &Schedule)> = items.iter().map(|i| (&i.task, &i.schedule)).collect();
-                let evaluated = evaluate(&candidates, settings, &**backend, false, &CANCELLED)?;
-                // After the work: it says what could not be done where it should have been.
-                let device = self.device();
+                let cancelled = || CANCELLED.load(Ordering::Relaxed);
+                let evaluated = evaluate(&candidates, settings, Some(&CostWeights::default()), &**backend, false, &cancelled)?;
+                let solved_on = SolvedOn::new(&**backend, settings.precision);
                 let done = |(item, evaluated): (&Item, Option<Evaluated>)| {
                     let Some(evaluated) = evaluated else { return Ok(None) };
-                    Ok(Some(Done {
+                    Ok(Some(Answered {
                         feasible: evaluated.feasible,
-                        iterations: evaluated.iterations,
-                        result: serde_json::to_value(EvaluateResult::new(&evaluated, &device))?,
+                        iterations: evaluated.outcome.iterations,
+                        result: serde_json::to_value(EvaluateResult::new(&evaluated, &solved_on))?,
                         trajectory: trajectories.then(|| evaluated.trajectory(&item.task, &settings.transcription)),
                     }))
                 };
@@ -120,7 +123,7 @@ impl Solver {
             Solver::Ipopt(workers) => {
                 let jobs: Vec<Job> = items.iter().map(|item| Job::fixed(&item.task, &item.schedule, Options::LOWER_LEVEL)).collect();
                 let done = |answer: Answer| {
-                    Ok(Done {
+                    Ok(Answered {
                         feasible: answer.feasible,
                         iterations: answer.statistics.iterations,
                         result: serde_json::to_value(IpoptResult::new(&answer, &self.device()))?,
@@ -135,7 +138,7 @@ impl Solver {
 
 impl Evaluate {
     pub fn run(&self) -> std::result::Result<Verdict, Failure> {
-        let settings = self.lower.settings()?;
+        let settings = self.lower.settings(Legs::Limited)?;
         let world = self.world.read()?;
         // A wrong flag is a usage error, not one of the file.
         self.scenario.as_deref().map(Scenario::named).transpose()?;
@@ -225,7 +228,7 @@ impl Evaluate {
         let schedule = Schedule::new(parsed.durations)?;
         let scenario = parsed.scenario.or_else(|| self.scenario.clone());
         let named = scenario.as_deref().map(Scenario::named).transpose()?;
-        let goal = Goal { target: parsed.target, base_target: parsed.base_target, xy: None, yaw: parsed.yaw_target };
+        let goal = GoalSource { target: parsed.target, base_target: parsed.base_target, xy: None, yaw: parsed.yaw_target };
         Ok(Item { object, scenario, task: world.task(named.as_ref(), goal)?, schedule })
     }
 }

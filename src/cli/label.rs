@@ -1,20 +1,10 @@
-//! What results say of where they come from.
+//! What trajectories say of where they come from.
 
-use crate::backend::{Backend, Precision};
 use crate::gait::Trajectory;
 use crate::gait::trajectory::NamedOr;
 use crate::robot::{ROBOTS, Robot};
 use crate::task::Task;
 use crate::terrain::{TERRAINS, Terrain};
-
-/// The device with the precision of the main solve.
-pub fn device(backend: &dyn Backend, precision: Precision) -> String {
-    let precision = match precision {
-        Precision::F32 => "f32 closed in f64",
-        Precision::F64 => "f64",
-    };
-    format!("{}, {precision}", backend.device())
-}
 
 /// A trajectory with its task, target and seed. Built-in robots and terrains go by their names, a user's own in full.
 pub fn label(trajectory: Trajectory, task: &Task, scenario: Option<&str>, target: Option<usize>, seed: Option<u64>) -> Trajectory {

@@ -1,21 +1,26 @@
 //! `solve`: search for a gait.
 
-use super::args::{Goal, GoalArg, LowerArgs, WorldArgs, apply};
-use super::label::{device, label};
-use super::{CANCELLED, Failure, Verdict, print, to_json};
-use crate::error::Result;
+use super::args::{GoalArg, GoalSource, LowerArgs, WorldArgs, apply};
+use super::label::label;
+use super::{CANCELLED, Failure, Verdict, complain, print, to_json};
+use crate::error::{Error, Result, from_json};
 use crate::gait::Schedule;
+use crate::gait::cost::Cost;
+use crate::gait::family::GaitFamily;
 use crate::nlp::transcription;
-use crate::report::result::Run;
+use crate::report::result::{GaitResult, Run, SolvedOn};
 use crate::report::{SolveResult, files, gait_diagram};
 use crate::scenario::Scenario;
-use crate::search::cem::{CemSettings, Objective, Sampler, Stopping};
-use crate::search::search;
+use crate::search::cem::objective::OBJECTIVES;
+use crate::search::cem::{Objective, Sampler};
+use crate::search::{Gaits, Progress, Search, SearchSettings};
+use crate::settings::Legs;
 use crate::task::Task;
-use crate::verify::verify;
-use clap::{Args, ValueEnum};
+use clap::Args;
+use clap::builder::PossibleValuesParser;
+use serde::Deserialize;
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, Args)]
 pub struct Solve {
@@ -36,30 +41,37 @@ pub struct Solve {
     /// Seed of the search
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Search settings to start from, from `list`
-    #[arg(long, default_value = "experiment1")]
-    preset: String,
+    /// Which gaits: all families that the robot can have, some of them, any schedule at all as in the paper, or those near the `durations` of a
+    /// JSON file
+    #[arg(long, value_name = "all|FAMILY,...|free|FILE")]
+    gait: Option<String>,
+    /// The paper's search, from `list`: any schedule, legs that can do anything
+    #[arg(long)]
+    preset: Option<String>,
     /// Candidates a generation; elites keep their share
     #[arg(long)]
     population: Option<usize>,
-    /// Most generations
+    /// Most generations, behind the families' typical gaits
     #[arg(long)]
     generations: Option<usize>,
-    /// What to search for; anything but feasibility runs until convergence
-    #[arg(long, value_enum)]
-    objective: Option<ObjectiveArg>,
-    /// Draw stance counts of the feet independently instead of in triplets
+    /// What is best among gaits
+    #[arg(long, value_parser = PossibleValuesParser::new(OBJECTIVES.map(|(name, _)| name)))]
+    objective: Option<String>,
+    /// End after this time with the best so far, s. Gaits then depend on the machine
+    #[arg(long, value_name = "SECONDS")]
+    time: Option<f64>,
+    /// End with the first gait
     #[arg(long)]
-    no_heuristic: bool,
+    first: bool,
+    /// Gaits to return: the best, and the best of other families
+    #[arg(long, value_name = "K", default_value_t = 1)]
+    alternatives: usize,
     /// Plain random sampling: never update the distribution
     #[arg(long)]
     random: bool,
-    /// Evaluate the whole generation even when a candidate is feasible
-    #[arg(long)]
-    whole_generation: bool,
     #[command(flatten)]
     lower: LowerArgs,
-    /// Folder for result.json and trajectory.json
+    /// Folder for result.json and trajectory.json; alternatives are trajectory-2.json and on
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print result.json instead of text
@@ -67,23 +79,12 @@ pub struct Solve {
     json: bool,
 }
 
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum ObjectiveArg {
-    /// Any feasible gait
-    Feasibility,
-    /// Fewest stance phases
-    FewestStances,
-    /// Least mean normal force
-    LeastForce,
-}
-
 impl Solve {
     pub fn run(&self) -> std::result::Result<Verdict, Failure> {
         let scenario = self.scenario.as_deref().map(Scenario::named).transpose()?;
-        let mut lower = self.lower.settings()?;
+        let mut lower = self.lower.settings(if self.preset.is_some() { Legs::Free } else { Legs::Limited })?;
         let settings = self.search_settings()?;
         let task = self.task(scenario.as_ref())?;
-        let force_limit = transcription::force_limit(lower.transcription.rows, &task);
         // So that the result says which it was.
         lower.transcription.interval = Some(transcription::interval(&lower.transcription, &task.robot));
         if let Some(folder) = &self.out {
@@ -91,40 +92,35 @@ impl Solve {
         }
         let backend = self.lower.backend(settings.population)?;
 
+        let search = Search::new(&task).settings(settings.clone()).lower(lower.clone()).seed(self.seed).cancelled_by(&CANCELLED);
         let terminal = std::io::stderr().is_terminal();
-        let mut progress = |g: &crate::search::cem::GenerationRecord| {
-            if terminal {
-                let fewest = g.lowest_n_violated.map_or("-".into(), |n| n.to_string());
-                eprintln!("generation {}: {} evaluated, {} feasible, fewest violations {fewest}", g.generation, g.evaluated, g.feasible);
-            }
-        };
-        let found = search(&task, &settings, &lower, self.seed, &*backend, &CANCELLED, &mut progress)?;
+        let found = search
+            .on_progress(move |progress| {
+                if terminal {
+                    tell(progress)
+                }
+            })
+            .run(&*backend)?;
 
         let target = scenario.filter(|_| self.goal.is_none()).map(|_| self.target);
-        let trajectory = found.best.as_ref().map(|b| {
-            let trajectory = b.solution.trajectory(&task, &lower.transcription);
-            label(trajectory, &task, scenario.as_ref().map(|s| s.name), target, Some(self.seed))
-        });
-        let certificate = trajectory.as_ref().map(|t| verify(t, &task.robot, &task.terrain, force_limit)).transpose()?;
-        let device = device(&*backend, lower.precision);
+        let name = scenario.map(|s| s.name);
         let run = Run {
-            scenario: scenario.as_ref().map(|s| (s.name, target)),
+            scenario: name,
+            target,
             task: &task,
+            seed: self.seed,
+            force_limit: transcription::force_limit(&lower.transcription, &task),
             search: &settings,
             lower: &lower,
-            seed: self.seed,
-            device,
-            force_limit,
         };
-        let result = SolveResult::new(&run, &found, certificate);
+        let result = SolveResult::new(&run, &found, SolvedOn::new(&*backend, lower.precision));
         if let Some(folder) = &self.out {
-            let path = folder.join("trajectory.json");
-            if let Some(trajectory) = &trajectory {
-                files::write(&path, &(serde_json::to_string(trajectory).map_err(crate::Error::from)? + "\n"))?;
-            } else if path.is_file() {
-                // One of an earlier run would pass for this one's.
-                std::fs::remove_file(&path).map_err(|source| crate::Error::Io { action: "remove", path, source })?;
-            }
+            let gaits = std::iter::once(&found.best).chain(&found.alternatives);
+            let trajectories: Vec<String> = gaits
+                .map(|gait| serde_json::to_string(&label(gait.trajectory().clone(), &task, name, target, Some(self.seed))))
+                .collect::<std::result::Result<_, _>>()
+                .map_err(Error::from)?;
+            write_trajectories(folder, &trajectories)?;
             files::write(&folder.join("result.json"), &to_json(&result)?)?;
         }
         print(&if self.json { to_json(&result)? } else { self.text(&result)? })?;
@@ -132,7 +128,7 @@ impl Solve {
     }
 
     fn task(&self, scenario: Option<&Scenario>) -> Result<Task> {
-        let goal = Goal {
+        let goal = GoalSource {
             target: scenario.map(|_| self.target),
             base_target: self.goal.and_then(|g| g.z.map(|z| [g.xy[0], g.xy[1], z])),
             xy: self.goal.map(|g| g.xy),
@@ -142,25 +138,25 @@ impl Solve {
     }
 
     /// The preset with what was given on top.
-    fn search_settings(&self) -> Result<CemSettings> {
-        let mut settings = CemSettings::preset(&self.preset)?;
+    fn search_settings(&self) -> Result<SearchSettings> {
+        let mut settings = self.preset.as_deref().map_or_else(|| Ok(SearchSettings::default()), SearchSettings::preset)?;
+        if let Some(gait) = &self.gait {
+            settings.gaits = gaits(gait)?;
+        }
         if let Some(population) = self.population {
             settings = settings.with_population(population);
         }
         if let Some(generations) = self.generations {
             settings.generations = generations;
         }
-        if let Some(objective) = self.objective {
-            (settings.objective, settings.stopping) = match objective {
-                ObjectiveArg::Feasibility => (Objective::Feasibility, Stopping::FirstFeasible),
-                ObjectiveArg::FewestStances => (Objective::FewestStances, Stopping::Convergence),
-                ObjectiveArg::LeastForce => (Objective::LeastForce, Stopping::Convergence),
-            };
+        if let Some(name) = &self.objective {
+            settings = settings.seeking(Objective::named(name)?);
         }
-        settings.heuristic &= !self.no_heuristic;
-        settings.whole_generation |= self.whole_generation;
+        settings.first |= self.first;
+        settings.alternatives = self.alternatives;
+        settings.seconds = self.time.or(settings.seconds);
         if self.random {
-            settings.sampler = Sampler::Random;
+            settings.free.sampler = Sampler::Random;
         }
         let settings = apply(settings, "search.", self.lower.set.iter().filter_map(|s| s.strip_prefix("search.")))?;
         settings.validate()?;
@@ -169,37 +165,115 @@ impl Solve {
 
     fn text(&self, result: &SolveResult) -> Result<String> {
         let [x, y, z] = result.base_target;
-        let scenario = result.scenario.as_deref().map(|s| format!("{s}: ")).unwrap_or_default();
+        let scenario = result.run.scenario.map(|s| format!("{s}: ")).unwrap_or_default();
         let mut text = format!(
-            "{scenario}{} on {}, to ({x:.3}, {y:.3}, {z:.3}) m, yaw {:.3} rad\nseed {}, {}, {} rows\n\n",
+            "{scenario}{} on {}, to ({x:.3}, {y:.3}, {z:.3}) m, yaw {:.3} rad\nseed {}, {}, {} rows\n",
             result.robot,
             result.terrain,
             result.yaw_target,
-            result.seed,
-            result.device,
+            result.run.seed,
+            result.solved_on.device,
             result.transcription.name()
         );
+        if let Some(fallback) = &result.solved_on.fallback {
+            text += &format!("{} candidates on the cpu, for {}\n", fallback.candidates, fallback.reason);
+        }
         let generations = result.generations.len();
         let evaluated: usize = result.generations.iter().map(|g| g.evaluated).sum();
         let verdict = if result.feasible { "gait found" } else { "no feasible gait" };
-        text += &format!("{verdict} in {:.3} s ({}; candidates: {evaluated}, generations: {generations})\n", result.seconds, result.stop);
+        text += &format!("\n{verdict} in {:.3} s ({}; candidates: {evaluated}, generations: {generations})\n", result.seconds, result.stop);
         if let Some(after) = result.first_feasible_seconds {
             text += &format!("first feasible gait after {after:.3} s\n");
         }
-        if let Some(gait) = &result.gait {
-            let total: usize = gait.n_stance.iter().sum();
-            text += &format!(
-                "horizon {:.1} s, stance phases {:?} ({total}), {} variables, {} after {} iterations, mean normal force {:.1} N\n\n",
-                gait.horizon, gait.n_stance, gait.n_variables, gait.status, gait.iterations, gait.mean_normal_force
-            );
-            text += &gait_diagram(&Schedule::new(gait.durations.clone())?);
+        text += &gait_text(&result.gait);
+        text += &format!("\n{}", gait_diagram(&Schedule::new(result.gait.durations.clone())?));
+        for gait in &result.alternatives {
+            text += &format!("\nalternative\n{}", gait_text(gait));
         }
-        if let Some(certificate) = &result.certificate {
-            text += &format!("\n{certificate}\n");
-        }
+        text += &format!("\n{}\n", result.certificate);
         if let Some(folder) = &self.out {
             text += &format!("\nwritten to {}\n", folder.display());
         }
         Ok(text)
     }
+}
+
+/// What a line on the terminal says while the search runs.
+fn tell(progress: &Progress) {
+    match progress {
+        Progress::Generation(g) => {
+            let fewest = g.lowest_n_violated.map_or("-".into(), |n| n.to_string());
+            complain(&format!(
+                "generation {}: {} evaluated, {} feasible, fewest violations {fewest}",
+                g.generation, g.evaluated, g.feasible
+            ));
+        }
+        Progress::Improvement(i) => {
+            let family = i.family.map(|f| format!("{f}, ")).unwrap_or_default();
+            complain(&format!("  better after {:.3} s: {family}{:.4}", i.seconds, -i.objective));
+        }
+    }
+}
+
+/// A gait in a few lines.
+fn gait_text(gait: &GaitResult) -> String {
+    let evaluated = &gait.evaluated;
+    let total: usize = gait.n_stance.iter().sum();
+    let family = gait.family.map(|f| format!("{f}, ")).unwrap_or_default();
+    let mut text = format!(
+        "{family}horizon {:.2} s, stance phases {:?} ({total}), {} variables, {} after {} iterations\n",
+        evaluated.horizon, gait.n_stance, evaluated.n_variables, evaluated.outcome.status, evaluated.outcome.iterations
+    );
+    if let Some(cost) = &evaluated.cost {
+        text += &cost_text(cost);
+    }
+    text
+}
+
+/// What a motion costs, and what its legs have to do.
+fn cost_text(cost: &Cost) -> String {
+    format!(
+        "cost {:.3} a weight and distance: leg work {:.3}, swing work {:.3}, effort {:.3} ({:.3} weights^2)\n\
+         peak force {:.2} weights, tilt {:.1} deg, feet up to {:.2} m/s and {:.0} m/s^2\n",
+        cost.total,
+        cost.leg_work,
+        cost.swing_work,
+        cost.effort_cost,
+        cost.effort,
+        cost.peak_force,
+        cost.tilt,
+        cost.foot_speed,
+        cost.foot_acceleration
+    )
+}
+
+/// `--gait`.
+fn gaits(text: &str) -> Result<Gaits> {
+    /// What is read of a file: a result, a trajectory or a line of schedules.
+    #[derive(Deserialize)]
+    struct File {
+        durations: Schedule,
+    }
+    let path = Path::new(text);
+    match text {
+        "all" => Ok(Gaits::All),
+        "free" => Ok(Gaits::Free),
+        _ if path.exists() || path.extension().is_some() => {
+            let file: File = from_json(&files::read(path)?).map_err(|e| e.in_file(path, None))?;
+            Ok(Gaits::Around(file.durations))
+        }
+        _ => text.split(',').map(|name| GaitFamily::named(name.trim())).collect::<Result<_>>().map(Gaits::Families),
+    }
+}
+
+/// Writes the best and its alternatives, and takes away those of an earlier run, which would pass for this one's.
+fn write_trajectories(folder: &Path, trajectories: &[String]) -> Result<()> {
+    let path = |number: usize| folder.join(if number == 1 { "trajectory.json".into() } else { format!("trajectory-{number}.json") });
+    for (number, trajectory) in (1..).zip(trajectories) {
+        files::write(&path(number), &format!("{trajectory}\n"))?;
+    }
+    for path in (trajectories.len() + 1..).map(path).take_while(|path| path.is_file()) {
+        std::fs::remove_file(&path).map_err(|source| Error::Io { action: "remove", path, source })?;
+    }
+    Ok(())
 }

@@ -9,8 +9,9 @@ use crate::reference::ipopt::Options;
 use crate::reference::job::{Answer, Job, Program};
 use crate::reference::workers::{IpoptLevel, Workers, threads_or_all};
 use crate::search::cem::Candidate;
+use crate::search::cem::FreeDistribution;
 use crate::search::evaluate::LowerSettings;
-use crate::search::{Found, LowerLevel, Own, search_with};
+use crate::search::{BatchSolver, Found, LowerLevel, search_with};
 use crate::settings::TranscriptionSettings;
 use crate::task::Task;
 use crate::verify::{Report, verify};
@@ -138,10 +139,10 @@ pub fn run(case: &Case, devices: &Devices, cancelled: &AtomicBool) -> Result<Opt
         }
         _ => {
             let mut settings = LowerSettings::default();
-            settings.transcription = TranscriptionSettings { rows: case.method.rows(), ..settings.transcription };
+            settings.transcription = TranscriptionSettings::paper(case.method.rows());
             settings.solver.stall.enabled = case.method.stall_rule();
             settings.validate()?;
-            let level = Own { task: &task, settings: &settings, backend: devices.backend };
+            let level = BatchSolver { task: &task, settings: &settings, backend: devices.backend, cost: None };
             let trajectory = |c: &Candidate<crate::search::evaluate::Evaluated>| c.solution.trajectory(&task, &settings.transcription);
             searched(&level, case, &task, cancelled, trajectory, (devices.backend.device(), devices.backend.threads()))?
         }
@@ -150,7 +151,12 @@ pub fn run(case: &Case, devices: &Devices, cancelled: &AtomicBool) -> Result<Opt
         return Ok(None);
     }
     let report: Option<Report> = match &outcome.trajectory {
-        Some(trajectory) => Some(verify(trajectory, &task.robot, &task.terrain, transcription::force_limit(case.method.rows(), &task))?),
+        Some(trajectory) => Some(verify(
+            trajectory,
+            &task.robot,
+            &task.terrain,
+            transcription::force_limit(&TranscriptionSettings::paper(case.method.rows()), &task),
+        )?),
         None => None,
     };
     let rollout = report.as_ref().and_then(|r| r.rollout.as_ref());
@@ -187,7 +193,9 @@ fn searched<L: LowerLevel>(
     trajectory: impl Fn(&Candidate<L::Solution>) -> Trajectory,
     (device, threads): (String, usize),
 ) -> Result<Outcome> {
-    let found: Found<L::Solution> = search_with(level, task, &case.search()?, case.seed, cancelled, &mut |_| ())?;
+    let settings = case.search()?;
+    let distribution = FreeDistribution::initial(&settings, task.robot.feet())?;
+    let found: Found<L::Solution> = search_with(level, distribution, &settings, case.seed, cancelled, &mut |_| ())?;
     let best = found.best.as_ref();
     Ok(Outcome {
         success: best.is_some_and(|b| b.evaluation.feasible),

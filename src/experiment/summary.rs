@@ -197,6 +197,9 @@ pub fn title(objective: Objective) -> &'static str {
         Objective::Feasibility => "feasibility",
         Objective::FewestStances => "fewest stance phases",
         Objective::LeastForce => "least mean normal force, N",
+        Objective::Transport => "cost of transport",
+        Objective::Time => "time, s",
+        Objective::Effort => "effort",
     }
 }
 

@@ -24,9 +24,6 @@ use crate::robot::{GRAVITY, Robot};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-/// Mass of a leg at its foot, in masses of the robot, when nothing else is known.
-pub const LEG_MASS_SHARE: f64 = 0.03;
-
 /// Shortest distance that costs are divided by, in base heights. Standing still has a cost by time, as if it went this far.
 pub const LEAST_DISTANCE: f64 = 0.1;
 
@@ -102,7 +99,7 @@ pub struct Cost {
 
 /// Costs of a motion.
 ///
-/// * `leg_mass` - mass of a leg as if it were at the foot, kg; [`LEG_MASS_SHARE`] of the robot's if nothing is known
+/// * `leg_mass` - mass of a leg as if it were at the foot, kg
 ///
 /// # Errors
 /// [`Error::Invalid`] when the trajectory is malformed, or robot and trajectory disagree on the number of feet.

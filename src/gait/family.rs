@@ -105,6 +105,12 @@ pub const FAMILIES: [GaitFamily; 15] = {
     [Trot, Walk, Pace, Bound, Canter, RotaryGallop, TransverseGallop, Pronk, Run, Hop, Tripod, Tetrapod, Ripple, Wave, Alternating]
 };
 
+impl std::fmt::Display for GaitFamily {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.name())
+    }
+}
+
 impl GaitFamily {
     /// Name in files and on the command line.
     pub fn name(self) -> &'static str {

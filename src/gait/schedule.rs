@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::robot::MAX_FEET;
+use serde::{Deserialize, Serialize};
 
 /// Longest horizon, s.
 pub const MAX_HORIZON: f64 = 120.;
@@ -28,10 +29,25 @@ impl Phase {
     }
 }
 
-/// Phase durations of all feet, s, alternating stance, swing, ..., stance.
-#[derive(Debug, Clone, PartialEq)]
+/// Phase durations of all feet, s, alternating stance, swing, ..., stance. In files a list of lists, `[feet][phases]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Vec<Vec<f64>>", into = "Vec<Vec<f64>>")]
 pub struct Schedule {
     durations: Vec<Vec<f64>>,
+}
+
+impl TryFrom<Vec<Vec<f64>>> for Schedule {
+    type Error = Error;
+
+    fn try_from(durations: Vec<Vec<f64>>) -> Result<Schedule> {
+        Schedule::new(durations)
+    }
+}
+
+impl From<Schedule> for Vec<Vec<f64>> {
+    fn from(schedule: Schedule) -> Self {
+        schedule.durations
+    }
 }
 
 impl Schedule {

@@ -82,6 +82,9 @@ pub struct MotionLimits {
     pub swing_height: f64,
     /// Greatest horizontal speed of a foot, m/s.
     pub foot_speed: f64,
+    /// Greatest acceleration of a swinging foot, m/s²; any when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub foot_acceleration: Option<f64>,
     /// Velocity of the base at the goal.
     pub goal_velocity: GoalVelocity,
 }

@@ -3,6 +3,7 @@
 use super::Layout;
 use super::layout::{Curves, Element, FootBlocks};
 use super::sweep::{self, Block, Fronts};
+use super::transcription::momentum;
 use crate::gait::{AlignedSchedule, Phase};
 use crate::real::Real;
 use crate::robot::GRAVITY;
@@ -94,8 +95,8 @@ impl<'a, T: Real> Builder<'a, T> {
     }
 
     /// Adds a foothold.
-    pub fn foothold(&mut self, fixed: bool, initial: [f64; 2]) -> Foothold {
-        let block = self.block(fixed, initial.to_vec(), [0.; 6]);
+    pub fn foothold(&mut self, fixed: bool, initial: [f64; 2], smoothing: f64) -> Foothold {
+        let block = self.block(fixed, initial.to_vec(), [smoothing; 6]);
         self.footholds.push(block);
         Foothold { index: self.footholds.len() as u32 - 1, block }
     }
@@ -307,5 +308,6 @@ fn constants<T: Real>(task: &Task, settings: &TranscriptionSettings, interval: f
         friction: T::of(task.terrain.friction),
         length_margin: T::of(settings.length_margin),
         force_margin: T::of(settings.force_margin * robot.feet() as f64),
+        foot_acceleration: T::of(momentum::foot_acceleration(settings, robot).unwrap_or(f64::INFINITY)),
     }
 }

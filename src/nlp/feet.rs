@@ -7,6 +7,7 @@ use crate::gait::spline::hermite;
 use crate::gait::{AlignedSchedule, Phase};
 use crate::real::Real;
 use crate::rows::Family;
+use crate::rows::acceleration::Acceleration;
 use crate::rows::blocks::Use;
 use crate::rows::force::ForceNode;
 use crate::rows::reach::{ReachFoot, ReachInstant};
@@ -20,7 +21,7 @@ impl<T: Real> Layout<T> {
     /// Tables of the problem that a schedule poses.
     pub fn new(task: &Task, schedule: &AlignedSchedule, settings: &TranscriptionSettings) -> layout::Layout<T> {
         let own = transcription::of(settings.rows);
-        let force_limit = transcription::force_limit(settings.rows, task);
+        let force_limit = transcription::force_limit(settings, task);
         let mut builder = Builder::new(task, schedule, settings, force_limit, own.steps(schedule.count()));
         own.base_blocks(&mut builder);
         foot_blocks(own, &mut builder);
@@ -30,7 +31,7 @@ impl<T: Real> Layout<T> {
         }
         force_elements(own, &mut builder);
         swing_elements(own, &mut builder);
-        Layout { limits: own.limits(settings), ..builder.finish() }
+        Layout { limits: own.limits(settings, &task.robot), ..builder.finish() }
     }
 }
 
@@ -40,11 +41,11 @@ fn foot_blocks<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
         let stances = b.feet[foot].phases.len().div_ceil(2);
         for stance in 0..stances {
             let here = own.foothold(b, foot, stance, stances);
-            let foothold = b.foothold(stance == 0, here);
+            let foothold = b.foothold(stance == 0, here, own.foothold_smoothing());
             b.feet[foot].footholds.push(foothold);
             if stance + 1 < stances {
                 let next = own.foothold(b, foot, stance + 1, stances);
-                let law = own.swing(b.settings, &b.task.terrain, b.feet[foot].phases[2 * stance + 1]);
+                let law = own.swing(b.settings, b.task, b.feet[foot].phases[2 * stance + 1]);
                 let mid = initial_guess::swing_height(b.task, here, next) + law.above;
                 let height = b.block(false, vec![mid], [0.; 6]);
                 b.feet[foot].heights.push(height);
@@ -157,7 +158,7 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
             let around = [b.feet[foot].footholds[swing], b.feet[foot].footholds[swing + 1]];
             let foothold = around.map(|f| f.index);
             let touched = around.map(|f| Use::Touches(f.block));
-            let law = own.swing(b.settings, &b.task.terrain, span);
+            let law = own.swing(b.settings, b.task, span);
             for &part in law.parts {
                 let t = span.start + part * span.duration();
                 let step = b.step_within(t, height);
@@ -181,6 +182,12 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
                 let step = b.step_within((span.start + span.end) / 2., height);
                 b.tables.strides.push(Stride { limit: T::of(longest), foothold, foothold_column: [NONE; 2], place: Place::default() });
                 b.element(Family::Stride, b.tables.strides.len() - 1, step, touched.to_vec());
+            }
+            if let Some(by) = law.accelerations {
+                let step = b.step_within((span.start + span.end) / 2., height);
+                b.tables.accelerations.push(Acceleration::new(by.map(T::of), foothold));
+                let entry = b.tables.accelerations.len() - 1;
+                b.element(Family::Acceleration, entry, step, vec![Use::Touches(height), touched[0], touched[1]]);
             }
         }
     }

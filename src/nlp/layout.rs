@@ -86,6 +86,11 @@ impl<T> DerefMut for Layout<T> {
 }
 
 impl<T: Real> Layout<T> {
+    /// Largest normal force of a foot, N.
+    pub fn force_limit(&self) -> f64 {
+        (self.constants.force_limit * self.constants.force_unit).as_f64()
+    }
+
     /// Bytes of the tables and of the buffers of one solve.
     pub fn memory(&self) -> usize {
         let elements = size_of_val(&self.elements[..]) + size_of_val(&self.runs[..]);

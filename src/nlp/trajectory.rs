@@ -15,7 +15,7 @@ pub fn trajectory(task: &Task, layout: &Layout<f64>, x: &[f64]) -> Trajectory {
     let durations = curves.feet.iter().map(|f| f.phases.iter().map(|p| p.duration()).collect()).collect();
     let feet = 0..curves.feet.len();
     let feet = feet.map(|foot| FootCurves { motion: motion_curve(task, layout, x, foot), force: force_curve(layout, x, foot) });
-    let force_limit = transcription::force_limit(layout.transcription, task);
+    let force_limit = layout.force_limit();
     let trajectory = task.trajectory(layout.transcription.name(), force_limit, durations, horizon, base, feet.collect());
     Trajectory { limits: layout.limits, ..trajectory }
 }

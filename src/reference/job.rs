@@ -8,8 +8,8 @@ use crate::gait::{Schedule, Trajectory};
 use crate::nlp::transcription::force_limit;
 use crate::robot::Robot;
 use crate::search::evaluate::mean_normal_force;
-use crate::settings::Transcription;
-use crate::task::Task;
+use crate::settings::{Transcription, TranscriptionSettings};
+use crate::task::{Goal, Task};
 use crate::terrain::Terrain;
 use crate::verify::verify_rows;
 use serde::{Deserialize, Serialize};
@@ -72,7 +72,7 @@ impl Job {
             terrain: (*task.terrain).clone(),
             base_target: task.base_target,
             yaw_target: task.yaw_target,
-            force_limit: force_limit(Transcription::Towr, task),
+            force_limit: force_limit(&TranscriptionSettings::of(Transcription::Towr), task),
             program,
             options,
         }
@@ -89,7 +89,7 @@ impl Job {
     /// [`crate::Error::Invalid`] for a task or a schedule that cannot be, [`crate::Error::Missing`] without Ipopt.
     pub fn run(self) -> Result<Answer> {
         let Job { robot, terrain, base_target, yaw_target, force_limit, program, options } = self;
-        let mut task = Task::new(robot.into(), terrain.into(), base_target, yaw_target)?;
+        let mut task = Task::new(robot, terrain, Goal::position(base_target).yaw(yaw_target))?;
         task.force_limit = Some(force_limit);
         task.validate()?;
         let fixed_or_free = |nlp: &Towr| -> Result<(Statistics, Trajectory)> {

@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::gait::{FootCurves, Schedule, Trajectory};
 use crate::nlp::transcription;
 use crate::robot::Robot;
-use crate::settings::Transcription;
+use crate::settings::{Transcription, TranscriptionSettings};
 use crate::task::Task;
 use nalgebra::Vector3;
 
@@ -165,7 +165,7 @@ fn instants(horizon: f64, step: f64) -> impl Iterator<Item = f64> {
 
 /// Largest normal force of a foot in a program for Ipopt, N.
 pub(super) fn force_limit(task: &Task) -> f64 {
-    transcription::force_limit(Transcription::Towr, task)
+    transcription::force_limit(&TranscriptionSettings::of(Transcription::Towr), task)
 }
 
 impl<'a> Towr<'a> {

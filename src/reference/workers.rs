@@ -9,7 +9,7 @@ use crate::backend::locked;
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
 use crate::search::cem::Evaluation;
-use crate::search::{LowerLevel, Solved};
+use crate::search::{Cancelled, LowerLevel, Solved};
 use crate::task::Task;
 use std::io::{BufRead, BufReader, Write};
 use std::path::PathBuf;
@@ -202,18 +202,18 @@ pub struct IpoptLevel<'a> {
 impl LowerLevel for IpoptLevel<'_> {
     type Solution = Answer;
 
-    fn solve(&self, schedules: &[Schedule], first_feasible: bool, cancelled: &AtomicBool) -> Result<Vec<Option<Solved<Answer>>>> {
+    fn solve(&self, schedules: &[Schedule], first_feasible: bool, cancelled: Cancelled) -> Result<Vec<Option<Solved<Answer>>>> {
         let start = Instant::now();
         let lowest = AtomicUsize::new(usize::MAX);
         let jobs: Vec<Job> = schedules.iter().map(|schedule| Job::fixed(self.task, schedule, self.options)).collect();
         let results: Vec<Mutex<Option<Solved<Answer>>>> = jobs.iter().map(|_| Mutex::default()).collect();
-        let skip = |index: usize| cancelled.load(Ordering::Relaxed) || (first_feasible && index > lowest.load(Ordering::Relaxed));
+        let skip = |index: usize| cancelled() || (first_feasible && index > lowest.load(Ordering::Relaxed));
         self.workers.solve(&jobs, &skip, &|index, answer: Answer| {
             if answer.feasible {
                 lowest.fetch_min(index, Ordering::Relaxed);
             }
-            let evaluation =
-                Evaluation { n_violated: answer.n_violated, feasible: answer.feasible, mean_normal_force: answer.mean_normal_force };
+            let Answer { n_violated, feasible, mean_normal_force, .. } = answer;
+            let evaluation = Evaluation { n_violated, feasible, mean_normal_force, cost: None };
             *locked(&results[index]) = Some(Solved { evaluation, finished_after: start.elapsed().as_secs_f64(), solution: answer });
         })?;
         let lowest = if first_feasible { lowest.into_inner() } else { usize::MAX };

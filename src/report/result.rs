@@ -1,62 +1,55 @@
 //! Results in the forms that other tools rely on (`result.json`, and the `result` of each line of `evaluate`).
 
+use crate::backend::{Backend, Fallback, Precision};
+use crate::gait::family::GaitFamily;
 use crate::reference::ipopt::Statistics;
 use crate::reference::job::Answer;
-use crate::search::Found;
-use crate::search::cem::{CemSettings, GenerationRecord, StopReason};
+use crate::search::cem::{GenerationRecord, StopReason};
 use crate::search::evaluate::{Evaluated, LowerSettings};
+use crate::search::{Gait, Improvement, SearchResult, SearchSettings};
 use crate::settings::Transcription;
-use crate::solver::Status;
 use crate::task::Task;
 use crate::verify::Report;
 use serde::Serialize;
 
+/// Where it was solved.
+#[derive(Debug, Clone, Serialize)]
+pub struct SolvedOn {
+    /// Name of the device, and the scalar.
+    pub device: String,
+    /// What the device left to the CPU.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fallback: Option<Fallback>,
+}
+
+impl SolvedOn {
+    /// A backend, after its work: it says what could not be done where it should have been.
+    pub fn new(backend: &dyn Backend, precision: Precision) -> SolvedOn {
+        let precision = match precision {
+            Precision::F32 => "f32 closed in f64",
+            Precision::F64 => "f64",
+        };
+        SolvedOn { device: format!("{}, {precision}", backend.device()), fallback: backend.fallback() }
+    }
+}
+
 /// `result` of one line of `evaluate`.
 #[derive(Debug, Clone, Serialize)]
-pub struct EvaluateResult {
-    /// How the solve ended.
-    pub status: Status,
-    /// Whether the certificate holds.
-    pub feasible: bool,
-    /// Iterations.
-    pub iterations: usize,
-    /// Factorisations.
-    pub factorizations: usize,
-    /// Violated rows and bounds beyond 1e-4 in TOWR's units.
-    pub n_violated: usize,
-    /// Worst of them.
-    pub max_violation: f64,
-    /// Horizon, s.
-    pub horizon: f64,
-    /// Variables of the reduced problem.
-    pub n_variables: usize,
-    /// Time from the start of the batch to the end of this candidate, s.
-    pub seconds: f64,
+pub struct EvaluateResult<'a> {
+    /// What came of it.
+    #[serde(flatten)]
+    pub evaluated: &'a Evaluated,
     /// Where it was solved.
-    pub device: String,
-    /// Rows it was solved for.
-    pub transcription: Transcription,
+    #[serde(flatten)]
+    pub solved_on: &'a SolvedOn,
     /// Version of this program.
     pub version: &'static str,
 }
 
-impl EvaluateResult {
+impl EvaluateResult<'_> {
     /// The result of one candidate.
-    pub fn new(evaluated: &Evaluated, device: &str) -> EvaluateResult {
-        EvaluateResult {
-            status: evaluated.status,
-            feasible: evaluated.feasible,
-            iterations: evaluated.iterations,
-            factorizations: evaluated.factorisations,
-            n_violated: evaluated.n_violated,
-            max_violation: evaluated.max_violation,
-            horizon: evaluated.horizon,
-            n_variables: evaluated.n_variables,
-            seconds: evaluated.finished_after,
-            device: device.into(),
-            transcription: evaluated.transcription,
-            version: env!("CARGO_PKG_VERSION"),
-        }
+    pub fn new<'a>(evaluated: &'a Evaluated, solved_on: &'a SolvedOn) -> EvaluateResult<'a> {
+        EvaluateResult { evaluated, solved_on, version: env!("CARGO_PKG_VERSION") }
     }
 }
 
@@ -98,9 +91,11 @@ impl IpoptResult {
     }
 }
 
-/// The gait of a [`SolveResult`].
+/// A gait of a [`SolveResult`].
 #[derive(Debug, Clone, Serialize)]
-pub struct Gait {
+pub struct GaitResult {
+    /// Its family, where it is one of a family or near one.
+    pub family: Option<GaitFamily>,
     /// Generation that found it, from 0.
     pub generation: usize,
     /// Its index there.
@@ -109,129 +104,120 @@ pub struct Gait {
     pub n_stance: Vec<usize>,
     /// Phase durations after the horizon is rounded, s, `[feet][phases]`.
     pub durations: Vec<Vec<f64>>,
-    /// Horizon, s.
-    pub horizon: f64,
-    /// Objective `J`.
+    /// Objective `J`, maximised.
     pub objective: f64,
-    /// How its solve ended.
-    pub status: Status,
-    /// Iterations.
-    pub iterations: usize,
-    /// Factorisations.
-    pub factorizations: usize,
-    /// Variables.
-    pub n_variables: usize,
     /// Mean normal force over all force nodes, N.
     pub mean_normal_force: f64,
+    /// How it was solved, and what it costs.
+    #[serde(flatten)]
+    pub evaluated: Evaluated,
+}
+
+impl GaitResult {
+    fn new(gait: &Gait) -> GaitResult {
+        let candidate = &gait.candidate;
+        GaitResult {
+            family: gait.family,
+            generation: candidate.generation,
+            index: candidate.index,
+            n_stance: candidate.stances.clone(),
+            durations: candidate.solution.durations(),
+            objective: candidate.objective,
+            mean_normal_force: candidate.solution.mean_normal_force,
+            evaluated: candidate.solution.clone(),
+        }
+    }
 }
 
 /// `result.json` of `solve`: everything needed to repeat the run, and what came of it.
 #[derive(Debug, Clone, Serialize)]
-pub struct SolveResult {
+pub struct SolveResult<'a> {
     /// Version of this program.
     pub version: &'static str,
-    /// Scenario, if one was named.
-    pub scenario: Option<String>,
-    /// Its target.
-    pub target: Option<usize>,
+    /// What was asked for.
+    #[serde(flatten)]
+    pub run: &'a Run<'a>,
     /// Robot.
-    pub robot: String,
+    pub robot: &'a str,
     /// Terrain.
-    pub terrain: String,
+    pub terrain: &'a str,
     /// Goal position, m.
     pub base_target: [f64; 3],
     /// Goal yaw, rad.
     pub yaw_target: f64,
-    /// Largest normal force of a foot, N.
-    pub force_limit: f64,
-    /// Seed.
-    pub seed: u64,
-    /// Where it was solved.
-    pub device: String,
     /// Rows it was solved for.
     pub transcription: Transcription,
-    /// Settings of the upper level.
-    pub search: CemSettings,
-    /// Settings of the lower level.
-    pub lower: LowerSettings,
+    /// Where it was solved.
+    #[serde(flatten)]
+    pub solved_on: SolvedOn,
     /// Whether a certified gait was found.
     pub feasible: bool,
     /// Why the search ended.
     pub stop: StopReason,
     /// N_vc of the gait.
-    pub n_violated: Option<usize>,
+    pub n_violated: usize,
     /// Its worst violation in TOWR's units.
-    pub max_violation: Option<f64>,
+    pub max_violation: f64,
     /// Time to the first certified gait, s.
     pub first_feasible_seconds: Option<f64>,
     /// Time of the search, s.
     pub seconds: f64,
-    /// The gait.
-    pub gait: Option<Gait>,
+    /// The best gait.
+    pub gait: GaitResult,
     /// Its certificate.
-    pub certificate: Option<Report>,
+    pub certificate: &'a Report,
+    /// The best of other families.
+    pub alternatives: Vec<GaitResult>,
+    /// Each gait that was the best so far.
+    pub improvements: &'a [Improvement],
     /// The search by generation.
-    pub generations: Vec<GenerationRecord>,
+    pub generations: &'a [GenerationRecord],
 }
 
 /// What a run was asked to do, for its result.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize)]
 pub struct Run<'a> {
-    /// Scenario and target, if named.
-    pub scenario: Option<(&'a str, Option<usize>)>,
+    /// Scenario, if one was named.
+    pub scenario: Option<&'a str>,
+    /// Its target.
+    pub target: Option<usize>,
     /// Task.
+    #[serde(skip)]
     pub task: &'a Task,
-    /// Settings of the upper level.
-    pub search: &'a CemSettings,
-    /// Settings of the lower level.
-    pub lower: &'a LowerSettings,
     /// Seed.
     pub seed: u64,
-    /// Device name.
-    pub device: String,
     /// Largest normal force of a foot, N.
     pub force_limit: f64,
+    /// Settings of the upper level.
+    pub search: &'a SearchSettings,
+    /// Settings of the lower level.
+    pub lower: &'a LowerSettings,
 }
 
-impl SolveResult {
+impl<'a> SolveResult<'a> {
     /// The result of a search.
-    pub fn new(run: &Run, found: &Found, certificate: Option<Report>) -> SolveResult {
-        let best = found.best.as_ref();
+    pub fn new(run: &'a Run<'a>, found: &'a SearchResult, solved_on: SolvedOn) -> SolveResult<'a> {
+        let best = &found.best;
         SolveResult {
             version: env!("CARGO_PKG_VERSION"),
-            scenario: run.scenario.map(|s| s.0.into()),
-            target: run.scenario.and_then(|s| s.1),
-            robot: run.task.robot.name.clone(),
-            terrain: run.task.terrain.name.clone(),
+            run,
+            robot: &run.task.robot.name,
+            terrain: &run.task.terrain.name,
             base_target: run.task.base_target,
             yaw_target: run.task.yaw_target,
-            force_limit: run.force_limit,
-            seed: run.seed,
-            device: run.device.clone(),
             transcription: run.lower.transcription.rows,
-            search: run.search.clone(),
-            lower: run.lower.clone(),
-            feasible: best.is_some_and(|b| b.solution.feasible),
+            solved_on,
+            feasible: best.feasible(),
             stop: found.stop,
-            n_violated: best.map(|b| b.solution.n_violated),
-            max_violation: best.map(|b| b.solution.max_violation),
+            n_violated: best.candidate.solution.n_violated,
+            max_violation: best.candidate.solution.max_violation,
             first_feasible_seconds: found.first_feasible_after,
             seconds: found.seconds,
-            gait: best.map(|b| Gait {
-                generation: b.generation,
-                index: b.index,
-                n_stance: b.stances.clone(),
-                durations: b.solution.durations(),
-                horizon: b.solution.horizon,
-                objective: b.objective,
-                status: b.solution.status,
-                iterations: b.solution.iterations,
-                factorizations: b.solution.factorisations,
-                n_variables: b.solution.n_variables,
-                mean_normal_force: b.solution.mean_normal_force,
-            }),
-            certificate,
-            generations: found.generations.clone(),
+            gait: GaitResult::new(best),
+            certificate: best.certificate(),
+            alternatives: found.alternatives.iter().map(GaitResult::new).collect(),
+            improvements: &found.improvements,
+            generations: &found.generations,
         }
     }
 }

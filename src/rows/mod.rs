@@ -7,6 +7,7 @@
 //! Rows are plain loops over flat buffers and the index tables of a candidate, without allocation. None uses fused multiply-add, and every sum
 //! has a fixed order, so results do not depend on the processor's vector width.
 
+pub mod acceleration;
 pub mod blocks;
 pub mod cone;
 pub mod dynamics;
@@ -90,6 +91,8 @@ families! {
     Swing { swing::SPEC, swing::allowed, swing::place }
     /// Length of the step of a swing, which bounds the foot's speed.
     Stride { stride::SPEC, stride::allowed, stride::place }
+    /// Acceleration of a foot at the ends of a swing.
+    Acceleration { acceleration::SPEC, acceleration::allowed, acceleration::place }
     /// Friction cone at a force node or a control point beside it.
     Cone { cone::SPEC, cone::allowed, cone::place }
 }
@@ -114,6 +117,7 @@ macro_rules! row_tables {
             force_nodes ForceNodes [$crate::rows::force::ForceNode<T>],
             swing_nodes SwingNodes [$crate::rows::swing::SwingNode<T>],
             strides Strides [$crate::rows::stride::Stride<T>],
+            accelerations Accelerations [$crate::rows::acceleration::Acceleration<T>],
             cones Cones [$crate::rows::cone::Cone<T>],
         }
     };
@@ -131,6 +135,7 @@ macro_rules! row_shaders {
             Force "rows/force" force_nodes,
             Swing "rows/swing" swing_nodes,
             Stride "rows/stride" strides,
+            Acceleration "rows/acceleration" accelerations,
             Cone "rows/cone" cones,
         }
     };
@@ -202,6 +207,8 @@ crate::table! {
         pub length_margin: T,
         /// Tightening of force rows, in force units.
         pub force_margin: T,
+        /// Largest acceleration of a foot, m/s².
+        pub foot_acceleration: T,
     }
 }
 
@@ -255,6 +262,7 @@ pub fn residuals<T: Real>(
     force::force(tables, x, edge_radius, inequality, jacobian.as_deref_mut());
     swing::swing(tables, x, ground, inequality, jacobian.as_deref_mut());
     stride::stride(tables, x, inequality, jacobian.as_deref_mut());
+    acceleration::acceleration(tables, x, ground, inequality, jacobian.as_deref_mut());
     cone::cone(tables, x, edge_radius, inequality, jacobian);
 }
 

@@ -1,18 +1,21 @@
 //! From schedules to certified trajectories: solve the batch, close each solution in f64, count what it violates.
 
+use super::batch::Cancelled;
+use super::cem::Evaluation;
 use crate::backend::{Backend, Job, Precision, Problem, Solution};
 use crate::error::{Error, Result};
+use crate::gait::cost::{Cost, CostWeights, cost};
 use crate::gait::schedule::MAX_HORIZON;
 use crate::gait::{AlignedSchedule, Schedule, Trajectory};
 use crate::nlp::transcription::{force_limit, interval};
 use crate::nlp::{Layout, trajectory};
 use crate::settings::{SolverSettings, Transcription, TranscriptionSettings};
-use crate::solver::{Status, close};
+use crate::solver::{Outcome, Status, close};
 use crate::task::Task;
 use crate::verify::verify_rows;
 use serde::{Deserialize, Serialize};
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 /// Largest memory of one candidate's tables and buffers, bytes.
@@ -48,18 +51,13 @@ impl LowerSettings {
 }
 
 /// Result of one candidate.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize)]
 pub struct Evaluated {
-    /// Rows it was solved for.
-    pub transcription: Transcription,
-    /// How the solve ended, f64 closing included.
-    pub status: Status,
+    /// How the solve ended and what it took, f64 closing included.
+    #[serde(flatten)]
+    pub outcome: Outcome,
     /// Whether every row of the certificate holds.
     pub feasible: bool,
-    /// Iterations, f64 closing included.
-    pub iterations: usize,
-    /// Factorisations, f64 closing included.
-    pub factorisations: usize,
     /// Violated rows and bounds beyond 1e-4 in TOWR's units.
     pub n_violated: usize,
     /// Worst violation in TOWR's units.
@@ -69,12 +67,21 @@ pub struct Evaluated {
     /// Number of variables of the reduced problem.
     pub n_variables: usize,
     /// Time from the start of its batch to the end of its certification, s.
+    #[serde(rename = "seconds")]
     pub finished_after: f64,
+    /// Rows it was solved for.
+    pub transcription: Transcription,
+    /// What the motion costs, when its certificate holds and the cost was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cost: Option<Cost>,
     /// Mean over all force nodes of the size of the normal force, N.
+    #[serde(skip)]
     pub mean_normal_force: f64,
     /// Phase durations after the horizon is rounded.
+    #[serde(skip)]
     pub schedule: AlignedSchedule,
     /// Values of the variables, as in [`Layout::initial`].
+    #[serde(skip)]
     pub x: Vec<f64>,
 }
 
@@ -83,6 +90,12 @@ impl Evaluated {
     pub fn durations(&self) -> Vec<Vec<f64>> {
         let phases = (0..self.schedule.feet()).map(|foot| self.schedule.phases(foot));
         phases.map(|phases| phases.iter().map(|p| p.duration()).collect()).collect()
+    }
+
+    /// What the upper level looks at.
+    pub fn evaluation(&self) -> Evaluation {
+        let Evaluated { n_violated, feasible, mean_normal_force, cost, .. } = *self;
+        Evaluation { n_violated, feasible, mean_normal_force, cost }
     }
 
     /// The motion, feasible or not. It is made when asked for: a population of them would take gigabytes.
@@ -128,16 +141,18 @@ pub fn check_candidate(task: &Task, schedule: &Schedule, settings: &LowerSetting
 /// Solves and certifies a batch.
 ///
 /// With `first_feasible`, candidates after the lowest feasible index are dropped (`None`); which one that is does not depend on the
-/// number of threads. `cancelled` ends everything; candidates that were not finished are `None`.
+/// number of threads. `cancelled` ends everything; candidates that were not finished are `None`. With weights of a cost every certified
+/// motion gets one.
 ///
 /// # Errors
 /// As [`check_candidate`], for the first candidate that does not fit.
 pub fn evaluate(
     candidates: &[(&Task, &Schedule)],
     settings: &LowerSettings,
+    cost: Option<&CostWeights>,
     backend: &dyn Backend,
     first_feasible: bool,
-    cancelled: &AtomicBool,
+    cancelled: Cancelled,
 ) -> Result<Vec<Option<Evaluated>>> {
     for (task, schedule) in candidates {
         check_candidate(task, schedule, settings)?;
@@ -147,10 +162,10 @@ pub fn evaluate(
     let problems: Vec<Problem> = candidates.iter().map(|(task, schedule)| Problem { task, schedule: aligned(task, schedule) }).collect();
     let lowest = AtomicUsize::new(usize::MAX);
     let results: Vec<Mutex<Option<Evaluated>>> = problems.iter().map(|_| Mutex::new(None)).collect();
-    let skip = |index: usize| cancelled.load(Ordering::Relaxed) || (first_feasible && index > lowest.load(Ordering::Relaxed));
+    let skip = |index: usize| cancelled() || (first_feasible && index > lowest.load(Ordering::Relaxed));
     let finish = |index: usize, solution: Solution| {
-        let mut evaluated = certify(&problems[index], solution, settings, &|| skip(index));
-        if evaluated.status == Status::Cancelled && !evaluated.feasible {
+        let mut evaluated = certify(&problems[index], solution, settings, cost, &|| skip(index));
+        if evaluated.outcome.status == Status::Cancelled && !evaluated.feasible {
             return;
         }
         evaluated.finished_after = start.elapsed().as_secs_f64();
@@ -169,8 +184,14 @@ pub fn evaluate(
     Ok(results.map(|(i, slot)| slot.into_inner().ok().flatten().filter(|_| i <= lowest)).collect())
 }
 
-/// Closes a solution in f64 and counts its violations.
-fn certify(problem: &Problem, solution: Solution, settings: &LowerSettings, cancel: &dyn Fn() -> bool) -> Evaluated {
+/// Closes a solution in f64, counts its violations, and works out what it costs.
+fn certify(
+    problem: &Problem,
+    solution: Solution,
+    settings: &LowerSettings,
+    weights: Option<&CostWeights>,
+    cancel: &dyn Fn() -> bool,
+) -> Evaluated {
     let task = problem.task;
     let layout = Layout::<f64>::new(task, &problem.schedule, &settings.transcription);
     let (outcome, x) = match settings.precision {
@@ -178,19 +199,19 @@ fn certify(problem: &Problem, solution: Solution, settings: &LowerSettings, canc
         Precision::F64 => (solution.outcome, solution.x),
     };
     let trajectory = trajectory(task, &layout, &x);
-    let rows = verify_rows(&trajectory, &task.robot, &task.terrain, force_limit(settings.transcription.rows, task));
+    let rows = verify_rows(&trajectory, &task.robot, &task.terrain, force_limit(&settings.transcription, task));
     let (n_violated, max_violation, feasible) = rows.map_or((usize::MAX, f64::NAN, false), |r| (r.n_violated, r.max_violation, r.feasible));
+    let cost = weights.filter(|_| feasible).and_then(|weights| cost(&trajectory, &task.robot, task.robot.leg_mass(), weights).ok());
     Evaluated {
-        transcription: settings.transcription.rows,
-        status: outcome.status,
+        outcome,
         feasible,
-        iterations: outcome.iterations,
-        factorisations: outcome.factorisations,
         n_violated,
         max_violation,
         horizon: trajectory.horizon,
         n_variables: layout.variables,
         finished_after: 0.,
+        transcription: settings.transcription.rows,
+        cost,
         mean_normal_force: mean_normal_force(task, &trajectory),
         schedule: problem.schedule.clone(),
         x,

@@ -1,24 +1,102 @@
-//! The whole search: cross-entropy over schedules, with a lower level that solves each.
+//! The whole search: gaits are drawn, solved and certified, and the cheapest is returned.
+//!
+//! It is anytime. First come the typical gaits of every family that the robot can have, a plain trot or tripod before all others; then
+//! generations of the cross-entropy method over families, durations, speed and offsets, fitted to the cost; then the neighbourhood of the best.
+//! Every improvement is reported. What decides is counted in candidates, so that a seed gives the same gait at any number of threads; time and
+//! the user only end a search.
 
+mod batch;
 pub mod cem;
 pub mod evaluate;
+mod settings;
+
+pub use batch::{BatchSolver, Cancelled, Found, LowerLevel, Solved, search_with};
+pub use settings::{Gaits, SearchSettings};
 
 use crate::backend::Backend;
 use crate::error::{Error, Result};
-use crate::gait::Schedule;
+use crate::gait::family::{GaitFamily, families};
+use crate::gait::{Schedule, Trajectory};
+use crate::nlp::transcription::force_limit;
 use crate::task::Task;
-use cem::{Candidate, CemSettings, Evaluate, Evaluation, GenerationRecord, StopReason};
-use evaluate::{Evaluated, LowerSettings, evaluate};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use crate::verify::{Report, verify};
+use batch::{Clock, Timed};
+use cem::{
+    Candidate, CemSettings, Distribution, Evaluate, FreeDistribution, Generation, GenerationRecord, PeriodicDistribution,
+    PerturbDistribution, StopReason, Stopping,
+};
+use evaluate::{Evaluated, LowerSettings};
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+/// A gait that a search returns, with its motion.
+#[derive(Debug, Clone)]
+pub struct Gait {
+    /// Its family, where it is one of a family or near one.
+    pub family: Option<GaitFamily>,
+    /// The candidate that it was: generation, index, schedule as drawn, objective, and how it was solved.
+    pub candidate: Candidate<Evaluated>,
+    trajectory: Trajectory,
+    certificate: Report,
+}
+
+impl Gait {
+    /// Whether every row of its certificate holds.
+    pub fn feasible(&self) -> bool {
+        self.candidate.solution.feasible
+    }
+
+    /// Its motion, contact schedule and forces.
+    pub fn trajectory(&self) -> &Trajectory {
+        &self.trajectory
+    }
+
+    /// What the independent check says of it.
+    pub fn certificate(&self) -> &Report {
+        &self.certificate
+    }
+
+    /// Its schedule, whose feet all end with the motion.
+    pub fn schedule(&self) -> &Schedule {
+        &self.candidate.solution.schedule
+    }
+}
+
+/// A better gait than all before it.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct Improvement {
+    /// Its family, where it is one of a family or near one.
+    pub family: Option<GaitFamily>,
+    /// Generation that had it.
+    pub generation: usize,
+    /// Candidates evaluated until the end of that generation.
+    pub candidates: usize,
+    /// Time from the start, s.
+    pub seconds: f64,
+    /// Its objective, maximised.
+    pub objective: f64,
+}
+
+/// What a search tells while it runs.
+#[derive(Debug)]
+pub enum Progress<'a> {
+    /// A generation has ended.
+    Generation(&'a GenerationRecord),
+    /// There is a better certified gait.
+    Improvement(&'a Improvement),
+}
 
 /// How a search ended.
 #[derive(Debug)]
-pub struct Found<S = Evaluated> {
-    /// The feasible gait that ended the search, or the best candidate; `None` only when nothing was evaluated.
-    pub best: Option<Candidate<S>>,
+pub struct SearchResult {
+    /// The best certified gait; the candidate that violates least when none was found.
+    pub best: Gait,
+    /// The best of other families, cheapest first, when they were asked for.
+    pub alternatives: Vec<Gait>,
     /// One record a generation.
     pub generations: Vec<GenerationRecord>,
+    /// Each gait that was the best so far.
+    pub improvements: Vec<Improvement>,
     /// Why it ended.
     pub stop: StopReason,
     /// Time from the start to the end of the first certification that succeeded, s.
@@ -27,124 +105,341 @@ pub struct Found<S = Evaluated> {
     pub seconds: f64,
 }
 
-/// One candidate as a [`LowerLevel`] solved it.
-#[derive(Debug)]
-pub struct Solved<S> {
-    /// For the upper level.
-    pub evaluation: Evaluation,
-    /// Time from the start of its batch, s.
-    pub finished_after: f64,
-    /// What is kept.
-    pub solution: S,
+/// A search for a gait.
+///
+/// ```
+/// use cregopt::{Cpu, Goal, Robot, Search, Task, Terrain};
+///
+/// let task = Task::new(Robot::named("biped")?, Terrain::flat(), Goal::at(1.0, 0.0))?;
+/// let found = Search::new(&task).seed(1).population(4).generations(1).run(&Cpu::new(0)?)?;
+/// assert!(found.best.feasible());
+/// println!("{}", found.best.certificate());
+/// # Ok::<(), cregopt::Error>(())
+/// ```
+pub struct Search<'a> {
+    task: &'a Task,
+    settings: SearchSettings,
+    lower: LowerSettings,
+    seed: u64,
+    cancelled: Option<&'a AtomicBool>,
+    progress: Option<Box<dyn FnMut(&Progress) + Send + 'a>>,
 }
 
-/// Who solves the schedules: this program's solver ([`Own`]), or another one to compare with.
-pub trait LowerLevel {
-    /// What is kept of a candidate.
-    type Solution;
+impl std::fmt::Debug for Search<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Search").field("settings", &self.settings).field("seed", &self.seed).finish_non_exhaustive()
+    }
+}
 
-    /// Solves schedules; the result has their order and number. `first_feasible` and `cancelled` as in [`evaluate()`].
+impl<'a> Search<'a> {
+    /// A search with the default settings and seed 1.
+    pub fn new(task: &'a Task) -> Self {
+        Search { task, settings: SearchSettings::default(), lower: LowerSettings::default(), seed: 1, cancelled: None, progress: None }
+    }
+
+    /// Settings of the search.
+    pub fn settings(self, settings: SearchSettings) -> Self {
+        Search { settings, ..self }
+    }
+
+    /// Settings of the lower level: variables, rows, iterations.
+    pub fn lower(self, lower: LowerSettings) -> Self {
+        Search { lower, ..self }
+    }
+
+    /// Seed of all random numbers.
+    pub fn seed(self, seed: u64) -> Self {
+        Search { seed, ..self }
+    }
+
+    /// Candidates a generation; elites keep their share.
+    pub fn population(mut self, population: usize) -> Self {
+        self.settings = self.settings.with_population(population);
+        self
+    }
+
+    /// Most generations behind the families' typical gaits.
+    pub fn generations(mut self, generations: usize) -> Self {
+        self.settings.generations = generations;
+        self
+    }
+
+    /// Which gaits are looked at.
+    pub fn gaits(mut self, gaits: Gaits) -> Self {
+        self.settings.gaits = gaits;
+        self
+    }
+
+    /// Ends with the first certified gait.
+    pub fn first(mut self) -> Self {
+        self.settings.first = true;
+        self
+    }
+
+    /// Ends when this is set, with the best so far.
+    pub fn cancelled_by(self, flag: &'a AtomicBool) -> Self {
+        Search { cancelled: Some(flag), ..self }
+    }
+
+    /// Is told of generations and improvements.
+    pub fn on_progress(self, progress: impl FnMut(&Progress) + Send + 'a) -> Self {
+        Search { progress: Some(Box::new(progress)), ..self }
+    }
+
+    /// Searches.
     ///
     /// # Errors
-    /// What keeps it from solving any.
-    fn solve(&self, schedules: &[Schedule], first_feasible: bool, cancelled: &AtomicBool) -> Result<Vec<Option<Solved<Self::Solution>>>>;
-}
-
-/// This program's solver.
-#[derive(Clone, Copy)]
-pub struct Own<'a> {
-    /// The task.
-    pub task: &'a Task,
-    /// Settings.
-    pub settings: &'a LowerSettings,
-    /// Where it is solved.
-    pub backend: &'a dyn Backend,
-}
-
-impl LowerLevel for Own<'_> {
-    type Solution = Evaluated;
-
-    fn solve(&self, schedules: &[Schedule], first_feasible: bool, cancelled: &AtomicBool) -> Result<Vec<Option<Solved<Evaluated>>>> {
-        let candidates: Vec<(&Task, &Schedule)> = schedules.iter().map(|s| (self.task, s)).collect();
-        let results = evaluate(&candidates, self.settings, self.backend, first_feasible, cancelled)?;
-        let solved = |r: Evaluated| Solved {
-            evaluation: Evaluation { n_violated: r.n_violated, feasible: r.feasible, mean_normal_force: r.mean_normal_force },
-            finished_after: r.finished_after,
-            solution: r,
+    /// [`Error::Invalid`] for settings or a task out of their limits, [`Error::Unknown`] for a family that the robot cannot have,
+    /// [`Error::Ended`] when no candidate was solved before the end.
+    pub fn run(self, backend: &dyn Backend) -> Result<SearchResult> {
+        let Search { task, settings, lower, seed, cancelled, mut progress } = self;
+        settings.validate()?;
+        lower.validate()?;
+        task.validate()?;
+        let level = BatchSolver { task, settings: &lower, backend, cost: Some(&settings.cost) };
+        let clock = Clock::new(cancelled, settings.seconds.map(Duration::from_secs_f64));
+        let mut tell = |p: &Progress| {
+            if let Some(progress) = progress.as_mut() {
+                progress(p);
+            }
         };
-        Ok(results.into_iter().map(|r| r.map(solved)).collect())
+        let mut timed = Timed::new(&level, clock);
+        let mut session = Session {
+            task,
+            settings: &settings,
+            seed,
+            clock,
+            tell: &mut tell,
+            best: None,
+            nearest: None,
+            by_family: Vec::new(),
+            generations: Vec::new(),
+            improvements: Vec::new(),
+        };
+        let stop = session.all(&mut timed)?;
+        session.finish(stop, &lower, timed.first_feasible_after)
     }
 }
 
-/// A lower level as the upper level sees it, with a clock.
-struct Timed<'a, L> {
-    level: &'a L,
-    cancelled: &'a AtomicBool,
-    start: Instant,
-    first_feasible_after: Option<f64>,
-    error: Option<Error>,
-}
-
-impl<L: LowerLevel> Evaluate for Timed<'_, L> {
-    type Solution = L::Solution;
-
-    fn evaluate(&mut self, _generation: usize, schedules: &[Schedule], first_feasible: bool) -> Vec<Option<(Evaluation, L::Solution)>> {
-        let before = self.start.elapsed().as_secs_f64();
-        let results = self.level.solve(schedules, first_feasible, self.cancelled).unwrap_or_else(|e| {
-            self.error = Some(e);
-            schedules.iter().map(|_| None).collect()
-        });
-        let feasible = results.iter().flatten().filter(|r| r.evaluation.feasible).map(|r| before + r.finished_after);
-        self.first_feasible_after = self.first_feasible_after.or_else(|| feasible.reduce(f64::min));
-        results.into_iter().map(|r| r.map(|r| (r.evaluation, r.solution))).collect()
-    }
-
-    fn cancelled(&self) -> bool {
-        self.error.is_some() || self.cancelled.load(Ordering::Relaxed)
-    }
-}
-
-/// Searches for a gait with this program's solver. The same seed gives the same gait at any number of threads.
-///
-/// # Errors
-/// [`Error::Invalid`] for settings or candidates out of their limits.
-pub fn search(
-    task: &Task,
-    search: &CemSettings,
-    lower: &LowerSettings,
+/// A search while it runs.
+struct Session<'a, 's> {
+    task: &'a Task,
+    settings: &'a SearchSettings,
     seed: u64,
-    backend: &dyn Backend,
-    cancelled: &AtomicBool,
-    progress: &mut dyn FnMut(&GenerationRecord),
-) -> Result<Found> {
-    lower.validate()?;
-    search_with(&Own { task, settings: lower, backend }, task, search, seed, cancelled, progress)
+    clock: Clock<'a>,
+    tell: &'s mut dyn FnMut(&Progress),
+    /// The best certified candidate.
+    best: Option<(Option<GaitFamily>, Candidate<Evaluated>)>,
+    /// While there is none, the one that violates least.
+    nearest: Option<(Option<GaitFamily>, Candidate<Evaluated>)>,
+    /// The best certified candidate of each family.
+    by_family: Vec<(GaitFamily, Candidate<Evaluated>)>,
+    generations: Vec<GenerationRecord>,
+    improvements: Vec<Improvement>,
 }
 
-/// Searches for a gait with any lower level.
-///
-/// # Errors
-/// [`Error::Invalid`] for settings out of their limits, and what the lower level says.
-pub fn search_with<L: LowerLevel>(
-    level: &L,
-    task: &Task,
-    search: &CemSettings,
-    seed: u64,
-    cancelled: &AtomicBool,
-    progress: &mut dyn FnMut(&GenerationRecord),
-) -> Result<Found<L::Solution>> {
-    task.validate()?;
-    let start = Instant::now();
-    let mut level = Timed { level, cancelled, start, first_feasible_after: None, error: None };
-    let outcome = cem::run(search, task.robot.feet(), seed, &mut level, progress)?;
-    if let Some(error) = level.error {
-        return Err(error);
+/// What a schedule is to a search: its family, and the schedule.
+type Named = (Option<GaitFamily>, Schedule);
+
+/// The lower level of a search.
+type Level<'a> = Timed<'a, BatchSolver<'a>>;
+
+impl Session<'_, '_> {
+    /// All stages. Returns why the search ended.
+    fn all(&mut self, timed: &mut Level) -> Result<StopReason> {
+        let settings = self.settings;
+        let stop = match &settings.gaits {
+            Gaits::Free => {
+                let distribution = FreeDistribution::initial(&settings.free, self.task.robot.feet())?;
+                self.until_found(timed, distribution)?
+            }
+            Gaits::Around(schedule) => match self.generation(timed, vec![(None, schedule.clone())])? {
+                Some(stop) => stop,
+                None => {
+                    let distribution = PerturbDistribution::initial(&self.task.robot, schedule, &settings.perturb)?;
+                    self.until_found(timed, distribution)?
+                }
+            },
+            Gaits::All => self.periodic(timed, &families(&self.task.robot))?,
+            Gaits::Families(families) => self.periodic(timed, families)?,
+        };
+        let goes_on = matches!(stop, StopReason::GenerationLimit | StopReason::Converged) && self.moves();
+        if goes_on && settings.perturbed_generations > 0 { self.perturbed(timed).map(|s| s.unwrap_or(stop)) } else { Ok(stop) }
     }
-    Ok(Found {
-        best: outcome.best,
-        generations: outcome.generations,
-        stop: outcome.stop,
-        first_feasible_after: level.first_feasible_after,
-        seconds: start.elapsed().as_secs_f64(),
-    })
+
+    /// Whether the best gait has a swing: standing still cannot be improved by other times.
+    fn moves(&self) -> bool {
+        self.best.as_ref().is_some_and(|(_, b)| b.stances.iter().any(|n| *n > 1))
+    }
+
+    /// Typical gaits of families, then generations over them.
+    fn periodic(&mut self, timed: &mut Level, families: &[GaitFamily]) -> Result<StopReason> {
+        let settings = self.settings;
+        let mut distribution = PeriodicDistribution::initial(self.task, families, &settings.periodic)?;
+        let mut typical: Vec<Named> = Vec::new();
+        for (sample, family) in distribution.means().iter().zip(families) {
+            let schedule = distribution.schedule(sample)?;
+            // Standing still is the same in all families.
+            if typical.is_empty() || (0..schedule.feet()).any(|foot| schedule.stances(foot) > 1) {
+                typical.push((Some(*family), schedule));
+            }
+        }
+        let stands = typical.len() == 1 && (0..self.task.robot.feet()).all(|foot| typical[0].1.stances(foot) == 1);
+        if let Some(stop) = self.generation(timed, typical)? {
+            return Ok(stop);
+        }
+        if stands && self.best.is_some() {
+            return Ok(StopReason::Converged);
+        }
+        // The families that did well are looked at more closely.
+        let mut ranked: Vec<(usize, f64)> = families
+            .iter()
+            .enumerate()
+            .filter_map(|(i, family)| self.by_family.iter().find(|(f, _)| f == family).map(|(_, c)| (i, c.objective)))
+            .collect();
+        ranked.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+        let means = distribution.means();
+        let elites: Vec<_> = ranked.iter().take(settings.elites).map(|(i, _)| &means[*i]).collect();
+        distribution.update_families(&elites);
+        if settings.generations == 0 {
+            return Ok(StopReason::GenerationLimit);
+        }
+        self.until_found(timed, distribution)
+    }
+
+    /// The planned generations over a distribution, and further ones while there is no gait.
+    fn until_found<D: Distribution>(&mut self, timed: &mut Level, distribution: D) -> Result<StopReason> {
+        let settings = self.settings;
+        let (stop, distribution) = self.cem(timed, &settings.cem(settings.generations), distribution, None)?;
+        if self.best.is_some() || stop != StopReason::GenerationLimit || settings.further_generations == 0 {
+            return Ok(stop);
+        }
+        let further = CemSettings { stopping: Stopping::FirstFeasible, ..settings.cem(settings.further_generations) };
+        let (stop, _) = self.cem(timed, &further, distribution, None)?;
+        Ok(if stop == StopReason::FirstFeasible && !settings.first { StopReason::GenerationLimit } else { stop })
+    }
+
+    /// Generations around the best gait.
+    fn perturbed(&mut self, timed: &mut Level) -> Result<Option<StopReason>> {
+        let Some((family, best)) = &self.best else { return Ok(None) };
+        let family = *family;
+        let settings = self.settings;
+        let distribution = PerturbDistribution::initial(&self.task.robot, &best.solution.schedule, &settings.perturb)?;
+        let (stop, _) = self.cem(timed, &settings.cem(settings.perturbed_generations), distribution, family)?;
+        Ok(Some(stop))
+    }
+
+    /// One generation of given schedules. Returns why the search ends with it, if it does.
+    fn generation(&mut self, timed: &mut Level, named: Vec<Named>) -> Result<Option<StopReason>> {
+        let generation = self.generations.len();
+        let (families, schedules): (Vec<Option<GaitFamily>>, Vec<Schedule>) = named.into_iter().unzip();
+        let results = timed.evaluate(generation, &schedules, self.settings.first);
+        timed.check()?;
+        let settings = self.settings.cem(1);
+        let candidates = schedules.into_iter().zip(results).zip(families).enumerate();
+        let ranked: Vec<(Option<GaitFamily>, Candidate<Evaluated>)> = candidates
+            .filter_map(|(index, ((schedule, result), family))| {
+                let (evaluation, solution) = result?;
+                Some((family, Candidate::new(&settings, generation, index, schedule, evaluation, solution)))
+            })
+            .collect();
+        let candidates: Vec<Candidate<Evaluated>> = ranked.iter().map(|(_, c)| c.clone()).collect();
+        let record = cem::summarise(generation, &candidates, 0., 0.);
+        self.look(&Generation { record: &record, ranked: &ranked }, None);
+        let found = self.best.is_some() && self.settings.first;
+        Ok(if found { Some(StopReason::FirstFeasible) } else { timed.cancelled().then(|| self.clock.stop()) })
+    }
+
+    /// Generations of the cross-entropy method over a distribution.
+    ///
+    /// * `family` - that of all samples, where the distribution knows of none
+    fn cem<D: Distribution>(
+        &mut self,
+        timed: &mut Level,
+        settings: &CemSettings,
+        distribution: D,
+        family: Option<GaitFamily>,
+    ) -> Result<(StopReason, D)> {
+        let first = self.generations.len();
+        let outcome = cem::run_observed(settings, distribution, self.seed, first, timed, &mut |generation| self.look(generation, family))?;
+        timed.check()?;
+        let stop = if outcome.stop == StopReason::Cancelled { self.clock.stop() } else { outcome.stop };
+        Ok((stop, outcome.distribution))
+    }
+
+    /// Looks at a generation: is there anything better than before?
+    fn look(&mut self, generation: &Generation<Evaluated>, family: Option<GaitFamily>) {
+        for (own, candidate) in generation.ranked {
+            self.keep(own.or(family), candidate);
+        }
+        let best_ever_objective = self.best.as_ref().or(self.nearest.as_ref()).map(|(_, best)| best.objective);
+        let record = GenerationRecord { best_ever_objective, ..generation.record.clone() };
+        (self.tell)(&Progress::Generation(&record));
+        self.generations.push(record);
+        self.report();
+    }
+
+    /// Looks at a candidate: is it better than those before?
+    fn keep(&mut self, family: Option<GaitFamily>, candidate: &Candidate<Evaluated>) {
+        let better = |old: &Candidate<Evaluated>| candidate.objective > old.objective;
+        if !candidate.evaluation.feasible {
+            if self.best.is_none()
+                && self.nearest.as_ref().is_none_or(|(_, old)| candidate.evaluation.n_violated < old.evaluation.n_violated)
+            {
+                self.nearest = Some((family, candidate.clone()));
+            }
+            return;
+        }
+        if let Some(family) = family {
+            match self.by_family.iter_mut().find(|(f, _)| *f == family) {
+                Some((_, old)) if better(old) => *old = candidate.clone(),
+                Some(_) => {}
+                None => self.by_family.push((family, candidate.clone())),
+            }
+        }
+        if self.best.as_ref().is_none_or(|(_, old)| better(old)) {
+            self.best = Some((family, candidate.clone()));
+        }
+    }
+
+    /// Tells of the best gait when it is a new one.
+    fn report(&mut self) {
+        let Some((family, best)) = &self.best else { return };
+        if self.improvements.last().is_some_and(|last| last.objective >= best.objective) {
+            return;
+        }
+        let improvement = Improvement {
+            family: *family,
+            generation: best.generation,
+            candidates: self.generations.iter().map(|g| g.evaluated).sum(),
+            seconds: self.clock.seconds(),
+            objective: best.objective,
+        };
+        (self.tell)(&Progress::Improvement(&improvement));
+        self.improvements.push(improvement);
+    }
+
+    /// The result, with motions and certificates of what is returned.
+    fn finish(self, stop: StopReason, lower: &LowerSettings, first_feasible_after: Option<f64>) -> Result<SearchResult> {
+        let limit = force_limit(&lower.transcription, self.task);
+        let gait = |(family, candidate): (Option<GaitFamily>, Candidate<Evaluated>)| -> Result<Gait> {
+            let trajectory = candidate.solution.trajectory(self.task, &lower.transcription);
+            let certificate = verify(&trajectory, &self.task.robot, &self.task.terrain, limit)?;
+            Ok(Gait { family, candidate, trajectory, certificate })
+        };
+        let best = self.best.or(self.nearest).ok_or_else(|| Error::Ended { message: format!("no candidate was solved ({stop})") })?;
+        let mut others: Vec<(GaitFamily, Candidate<Evaluated>)> =
+            self.by_family.into_iter().filter(|(family, _)| Some(*family) != best.0).collect();
+        others.sort_by(|a, b| b.1.objective.total_cmp(&a.1.objective));
+        others.truncate(self.settings.alternatives.saturating_sub(1));
+        Ok(SearchResult {
+            best: gait(best)?,
+            alternatives: others.into_iter().map(|(family, candidate)| gait((Some(family), candidate))).collect::<Result<_>>()?,
+            generations: self.generations,
+            improvements: self.improvements,
+            stop,
+            first_feasible_after,
+            seconds: self.clock.seconds(),
+        })
+    }
 }

@@ -44,15 +44,17 @@ impl std::fmt::Display for Status {
     }
 }
 
-/// How a solve ended and what it cost.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// How a solve ended and what it took.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Outcome {
     /// How it ended.
     pub status: Status,
     /// Accepted steps.
     pub iterations: usize,
     /// Factorisations, refused attempts included.
+    #[serde(rename = "factorizations")]
     pub factorisations: usize,
     /// Scaled infeasibility `F` at the last point.
+    #[serde(skip)]
     pub infeasibility: f64,
 }

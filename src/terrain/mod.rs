@@ -75,6 +75,11 @@ impl Terrain {
         Ok(Terrain { name: name.into(), friction: 1., shape })
     }
 
+    /// Level ground at height 0 with friction coefficient 1.
+    pub fn flat() -> Terrain {
+        Terrain { name: "flat".into(), friction: 1., shape: Shape::Flat }
+    }
+
     /// Reads a terrain from JSON text and validates it.
     ///
     /// # Errors

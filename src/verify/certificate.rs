@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::gait::Trajectory;
 use crate::gait::trajectory::{GoalVelocity, MotionLimits};
 use crate::robot::Robot;
-use crate::settings::{Transcription, TranscriptionSettings};
+use crate::settings::Transcription;
 use crate::terrain::Terrain;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -35,6 +35,10 @@ pub const PENETRATION: f64 = 1e-3;
 
 /// How far the attitude may stray over one base piece, rad. What they add up to is limited by [`ROLLOUT_ATTITUDE`].
 const PIECE_ATTITUDE: f64 = 1e-2;
+
+/// What a `momentum` motion whose file names no limits is held to.
+const MOTION_LIMITS: MotionLimits =
+    MotionLimits { clearance: 0.03, swing_height: 0.2, foot_speed: 20., foot_acceleration: None, goal_velocity: GoalVelocity::Zero };
 
 /// Points of a swing at which the speed of the foot is taken.
 const SPEED_SAMPLES: u32 = 20;
@@ -442,8 +446,7 @@ fn swing(tally: &mut Tally, motion: &Motion) {
 }
 
 fn swing_heights(tally: &mut Tally, motion: &Motion, terrain: &Terrain, limits: Option<MotionLimits>) {
-    // A file that names no limits is held to the defaults.
-    let limits = limits.unwrap_or_else(|| TranscriptionSettings::default().limits());
+    let limits = limits.unwrap_or(MOTION_LIMITS);
     for (foot, curves) in motion.feet.iter().enumerate() {
         for swing in curves.switches.chunks_exact(2) {
             let (start, end) = (swing[0], swing[1]);
@@ -455,6 +458,14 @@ fn swing_heights(tally: &mut Tally, motion: &Motion, terrain: &Terrain, limits: 
             let speed = |i: u32| curves.motion.at(start + (end - start) * f64::from(i) / f64::from(SPEED_SAMPLES)).first.xy().norm();
             let fastest = (1..SPEED_SAMPLES).map(speed).fold(0., f64::max);
             tally.not_positive(fastest - limits.foot_speed, format_args!("foot too fast"), Some(foot), time);
+            if let Some(limit) = limits.foot_acceleration {
+                // It is linear on each piece.
+                let curve = &curves.motion;
+                let (first, last) = (nearest(&curve.times, start), nearest(&curve.times, end));
+                let ends = |piece: usize| [curve.on_piece(piece, 0.), curve.on_piece(piece, curve.length(piece))];
+                let hardest = (first..last).flat_map(ends).map(|p| p.second.norm()).fold(0., f64::max);
+                tally.not_positive(hardest - limit, format_args!("foot accelerated too hard"), Some(foot), time);
+            }
         }
     }
 }

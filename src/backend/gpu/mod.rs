@@ -14,7 +14,7 @@ pub use device::{AdapterReport, Device, Fault, adapters};
 pub use slots::{List, Prepared, Slots, most_slots};
 pub use timer::Timing;
 
-use super::{Backend, Cpu, Job, Precision, Problem, Solution, locked};
+use super::{Backend, Cpu, Fallback, Job, Precision, Problem, Solution, locked};
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
 use crate::nlp::{Layout, transcription};
@@ -81,7 +81,7 @@ pub struct Gpu {
     cpu: Cpu,
     slots: Mutex<Option<Slots>>,
     /// What the CPU had to do instead, and why.
-    fallback: Mutex<Option<(usize, Fault)>>,
+    fallback: Mutex<Option<Fallback>>,
     profile: Mutex<Profile>,
     timed: bool,
     most_slots: usize,
@@ -483,11 +483,11 @@ fn encode(slots: &Slots, encoder: &mut wgpu::CommandEncoder, plan: &Plan, timer:
 impl Backend for Gpu {
     fn device(&self) -> String {
         let report = &self.device.report;
-        let fallback = match &*locked(&self.fallback) {
-            None => String::new(),
-            Some((count, fault)) => format!("; {count} candidates on the cpu, for {fault}"),
-        };
-        format!("gpu: {} ({}, {}){fallback}", report.name, report.interface, report.driver)
+        format!("gpu: {} ({}, {})", report.name, report.interface, report.driver)
+    }
+
+    fn fallback(&self) -> Option<Fallback> {
+        locked(&self.fallback).clone()
     }
 
     fn threads(&self) -> usize {
@@ -513,8 +513,8 @@ impl Backend for Gpu {
             let fault = result.err().unwrap_or(Fault::LoopLimit);
             let problems: Vec<Problem> = left.iter().map(|i| job.problems[*i].clone()).collect();
             let mut fallback = locked(&self.fallback);
-            let before = fallback.take().map_or(0, |f| f.0);
-            *fallback = Some((before + left.len(), fault));
+            let before = fallback.take().map_or(0, |f| f.candidates);
+            *fallback = Some(Fallback { candidates: before + left.len(), reason: fault.to_string() });
             drop(fallback);
             self.cpu.solve(&Job { problems: &problems, ..*job }, &|i| skip(left[i]), &|i, solution| finish(left[i], solution));
         }

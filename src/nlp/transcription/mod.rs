@@ -9,12 +9,11 @@ use super::builder::Builder;
 use crate::gait::trajectory::MotionLimits;
 use crate::gait::{Curve, Phase};
 use crate::real::Real;
-use crate::robot::Robot;
+use crate::robot::{FORCE_LIMIT, Robot};
 use crate::rows::blocks::BlockId;
 use crate::rows::reach::BasePoint;
-use crate::settings::{Transcription, TranscriptionSettings};
+use crate::settings::{Legs, Transcription, TranscriptionSettings};
 use crate::task::Task;
-use crate::terrain::Terrain;
 
 /// How feet swing.
 pub(super) struct SwingLaw {
@@ -28,6 +27,8 @@ pub(super) struct SwingLaw {
     pub two_sided: bool,
     /// Longest step, m.
     pub longest_step: Option<f64>,
+    /// Accelerations at both ends of a swing, for a step and a height, 1/s²; none where they have no limit.
+    pub accelerations: Option<[f64; 2]>,
 }
 
 /// An instant of reach rows.
@@ -42,8 +43,8 @@ pub(super) struct ReachTime<T> {
     pub blocks: [BlockId; 4],
 }
 
-/// Where a force node starts, and how firmly it is drawn there.
-pub(super) struct ForceGuess {
+/// Where a block starts, and how firmly it is drawn there.
+pub(super) struct Guess {
     pub initial: [f64; 6],
     pub smoothing: [f64; 6],
 }
@@ -58,18 +59,20 @@ pub(super) trait Transcribe<T: Real> {
     fn dynamics(&self, b: &mut Builder<T>);
     /// Instants at which feet are held within reach, in the order of time.
     fn reach_times(&self, b: &Builder<T>) -> Vec<ReachTime<T>>;
+    /// How firmly footholds are drawn to where they start, 1/m².
+    fn foothold_smoothing(&self) -> f64;
     /// Initial foothold of a stance, m.
     fn foothold(&self, b: &Builder<T>, foot: usize, stance: usize, stances: usize) -> [f64; 2];
     /// Initial force at time `t`.
-    fn force(&self, b: &Builder<T>, t: f64) -> ForceGuess;
+    fn force(&self, b: &Builder<T>, t: f64) -> Guess;
     /// Weights of the slope at which force rows are held about node `node` of a stance of `pieces` pieces.
     fn slopes(&self, node: usize, pieces: usize) -> &'static [f64];
     /// Time over which the mid node of a swing would cover the distance of the footholds, s: the shorter, the faster is the foot there.
     fn mid_time(&self, span: Phase) -> f64;
     /// How feet swing over a phase.
-    fn swing(&self, settings: &TranscriptionSettings, terrain: &Terrain, span: Phase) -> SwingLaw;
+    fn swing(&self, settings: &TranscriptionSettings, task: &Task, span: Phase) -> SwingLaw;
     /// What its motions keep to besides their rows.
-    fn limits(&self, settings: &TranscriptionSettings) -> Option<MotionLimits>;
+    fn limits(&self, settings: &TranscriptionSettings, robot: &Robot) -> Option<MotionLimits>;
     /// Base position and Euler angles of a solution.
     fn base_curves(&self, task: &Task, layout: &Layout<f64>, x: &[f64]) -> [Curve; 2];
 }
@@ -91,10 +94,11 @@ pub fn interval(settings: &TranscriptionSettings, robot: &Robot) -> f64 {
 }
 
 /// Largest normal force of a foot in a task, N: that asked for, else the robot's, else the transcription's.
-pub fn force_limit(rows: Transcription, task: &Task) -> f64 {
-    let own = || match rows {
-        Transcription::Momentum => task.robot.default_force_limit(),
-        Transcription::Towr => towr::FORCE_LIMIT,
+pub fn force_limit(settings: &TranscriptionSettings, task: &Task) -> f64 {
+    let own = || match (settings.rows, settings.legs) {
+        (Transcription::Momentum, Legs::Limited) => task.robot.default_force_limit(),
+        (Transcription::Momentum, Legs::Free) => FORCE_LIMIT * task.robot.weight(),
+        (Transcription::Towr, _) => towr::FORCE_LIMIT,
     };
     task.force_limit.or(task.robot.force_limit).unwrap_or_else(own)
 }

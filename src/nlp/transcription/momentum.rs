@@ -10,7 +10,8 @@
 //! No quadrature of moments is needed; only the attitude asks for one: the mean of `L` over an interval must be that of the planned
 //! motion, `R I R' omega`, at the nodes of a Gauss-Legendre rule.
 
-use super::{ForceGuess, ReachTime, SwingLaw, Transcribe, initial_guess};
+use super::{Guess, ReachTime, SwingLaw, Transcribe, initial_guess};
+use crate::gait::family::{FOOT_SPEED, speed_scale};
 use crate::gait::spline::hermite;
 use crate::gait::trajectory::{GoalVelocity, MotionLimits};
 use crate::gait::{Curve, Phase};
@@ -23,9 +24,8 @@ use crate::rows::blocks::Use;
 use crate::rows::momentum::{INNER_POINTS, INNER_RULE, Impulse, MOMENTUM_POINTS, MomentumInterval, lagrange};
 use crate::rows::reach::BasePoint;
 use crate::rows::table::{NONE, Place, Span};
-use crate::settings::TranscriptionSettings;
+use crate::settings::{Legs, TranscriptionSettings};
 use crate::task::Task;
-use crate::terrain::Terrain;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 /// Horizontal speed of a foot in mid-swing, in its mean speeds.
@@ -36,6 +36,12 @@ pub const MID_SPEED: f64 = 0.75;
 
 /// Highest horizontal speed in a swing, in mean speeds: of `v(u) = (6 - 2 c) u - (6 - 3 c) u^2` in each half, with `c` = [`MID_SPEED`].
 pub const TOP_SPEED: f64 = (6. - 2. * MID_SPEED) * (6. - 2. * MID_SPEED) / (4. * (6. - 3. * MID_SPEED));
+
+/// Acceleration at lift-off and touch-down in step lengths by squared swing durations: of `v(u)` above at its ends, `4 (3 - c)`.
+pub const TOP_ACCELERATION: f64 = 4. * (3. - MID_SPEED);
+
+/// How firmly footholds are drawn to the initial guess, against 1 for a force of the weight per foot, 1/m².
+const FOOTHOLD_SMOOTHING: f64 = 0.;
 
 /// How firmly the base is drawn to the initial guess, against 1 for a force of the weight per foot: its attitude, 1/rad², and its rates,
 /// s²/m² and s²/rad².
@@ -82,6 +88,22 @@ const SWING_HEIGHTS: [f64; 7] = [0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875];
 /// Half of `sqrt(l / g)`, in steps of 0.025 s from 0.025 to 0.1 s. That is 0.1 s for legs of 0.4 m and 0.05 s for those of 0.14 m.
 pub fn interval(robot: &Robot) -> f64 {
     ((0.5 * (robot.leg_height() / GRAVITY).sqrt() / 0.025).floor() * 0.025).clamp(0.025, 0.1)
+}
+
+/// Highest horizontal speed of a foot, m/s: that of the settings, else `1.9 sqrt(g l)` for legs of base height `l`, or 20 where legs are free.
+pub fn foot_speed(settings: &TranscriptionSettings, robot: &Robot) -> f64 {
+    settings.foot_speed.unwrap_or_else(|| match settings.legs {
+        Legs::Limited => FOOT_SPEED * speed_scale(robot),
+        Legs::Free => 20.,
+    })
+}
+
+/// Largest acceleration of a swinging foot, m/s²: that of the settings, else 20 g, or none where legs are free.
+pub fn foot_acceleration(settings: &TranscriptionSettings, _: &Robot) -> Option<f64> {
+    settings.foot_acceleration.or(match settings.legs {
+        Legs::Limited => Some(20. * GRAVITY),
+        Legs::Free => None,
+    })
 }
 
 /// The transcription.
@@ -172,6 +194,10 @@ impl<T: Real> Transcribe<T> for Momentum {
         instants.into_iter().map(time).collect()
     }
 
+    fn foothold_smoothing(&self) -> f64 {
+        FOOTHOLD_SMOOTHING
+    }
+
     /// The nominal place under the base of the initial guess in the middle of the stance.
     fn foothold(&self, b: &Builder<T>, foot: usize, stance: usize, stances: usize) -> [f64; 2] {
         if stance == 0 {
@@ -186,9 +212,9 @@ impl<T: Real> Transcribe<T> for Momentum {
     }
 
     /// Its share of the weight among the feet in contact.
-    fn force(&self, b: &Builder<T>, t: f64) -> ForceGuess {
+    fn force(&self, b: &Builder<T>, t: f64) -> Guess {
         let in_contact = b.feet.iter().filter(|foot| foot.phases[foot.phase_at(t)].stance).count();
-        ForceGuess { initial: [0., 0., b.feet.len() as f64 / in_contact as f64, 0., 0., 0.], smoothing: [1.; 6] }
+        Guess { initial: [0., 0., b.feet.len() as f64 / in_contact as f64, 0., 0., 0.], smoothing: [1.; 6] }
     }
 
     /// A cubic lies in the hull of its Bezier points; a node lies between those beside it.
@@ -204,18 +230,27 @@ impl<T: Real> Transcribe<T> for Momentum {
         span.duration() / MID_SPEED
     }
 
-    fn swing(&self, settings: &TranscriptionSettings, terrain: &Terrain, span: Phase) -> SwingLaw {
+    fn swing(&self, settings: &TranscriptionSettings, task: &Task, span: Phase) -> SwingLaw {
+        let duration = span.duration();
+        let square = duration * duration;
         SwingLaw {
             above: settings.clearance,
-            parts: if terrain.has_edges() { &SWING_HEIGHTS } else { &[0.5] },
+            parts: if task.terrain.has_edges() { &SWING_HEIGHTS } else { &[0.5] },
             clearance: settings.clearance,
             two_sided: true,
-            longest_step: Some(settings.foot_speed * span.duration() / TOP_SPEED),
+            longest_step: Some(foot_speed(settings, &task.robot) * duration / TOP_SPEED),
+            accelerations: foot_acceleration(settings, &task.robot).map(|_| [TOP_ACCELERATION / square, 24. / square]),
         }
     }
 
-    fn limits(&self, settings: &TranscriptionSettings) -> Option<MotionLimits> {
-        Some(settings.limits())
+    fn limits(&self, settings: &TranscriptionSettings, robot: &Robot) -> Option<MotionLimits> {
+        Some(MotionLimits {
+            clearance: settings.clearance,
+            swing_height: settings.swing_height,
+            foot_speed: foot_speed(settings, robot),
+            foot_acceleration: foot_acceleration(settings, robot),
+            goal_velocity: settings.goal_velocity,
+        })
     }
 
     fn base_curves(&self, task: &Task, layout: &Layout<f64>, x: &[f64]) -> [Curve; 2] {

@@ -2,13 +2,14 @@
 //!
 //! The base is the C2 cubic spline that TOWR's acceleration rows make of its Hermite nodes.
 
-use super::{ForceGuess, ReachTime, SwingLaw, Transcribe, initial_guess};
+use super::{Guess, ReachTime, SwingLaw, Transcribe, initial_guess};
 use crate::gait::spline::{BSpline, hermite};
 use crate::gait::trajectory::MotionLimits;
 use crate::gait::{Curve, Phase};
 use crate::nlp::Layout;
 use crate::nlp::builder::Builder;
 use crate::real::Real;
+use crate::robot::Robot;
 use crate::rows::Family;
 use crate::rows::blocks::Use;
 use crate::rows::dynamics::{DynamicsInstant, StanceForce};
@@ -17,7 +18,6 @@ use crate::rows::reach::BasePoint;
 use crate::rows::table::{NONE, Place, Span};
 use crate::settings::TranscriptionSettings;
 use crate::task::Task;
-use crate::terrain::Terrain;
 
 /// Interval of base knots and dynamics rows, s.
 pub const INTERVAL: f64 = 0.1;
@@ -117,13 +117,17 @@ impl<T: Real> Transcribe<T> for Towr {
         times.into_iter().map(time).collect()
     }
 
+    fn foothold_smoothing(&self) -> f64 {
+        0.
+    }
+
     fn foothold(&self, b: &Builder<T>, foot: usize, stance: usize, stances: usize) -> [f64; 2] {
         initial_guess::foothold(b.task, foot, stance, stances)
     }
 
     /// Its share of the weight among all feet.
-    fn force(&self, _: &Builder<T>, _: f64) -> ForceGuess {
-        ForceGuess { initial: [0., 0., 1., 0., 0., 0.], smoothing: [0.; 6] }
+    fn force(&self, _: &Builder<T>, _: f64) -> Guess {
+        Guess { initial: [0., 0., 1., 0., 0., 0.], smoothing: [0.; 6] }
     }
 
     fn slopes(&self, _: usize, _: usize) -> &'static [f64] {
@@ -134,11 +138,11 @@ impl<T: Real> Transcribe<T> for Towr {
         SWING_DURATION
     }
 
-    fn swing(&self, _: &TranscriptionSettings, _: &Terrain, _: Phase) -> SwingLaw {
-        SwingLaw { above: 0., parts: &[0.5], clearance: 0., two_sided: false, longest_step: None }
+    fn swing(&self, _: &TranscriptionSettings, _: &Task, _: Phase) -> SwingLaw {
+        SwingLaw { above: 0., parts: &[0.5], clearance: 0., two_sided: false, longest_step: None, accelerations: None }
     }
 
-    fn limits(&self, _: &TranscriptionSettings) -> Option<MotionLimits> {
+    fn limits(&self, _: &TranscriptionSettings, _: &Robot) -> Option<MotionLimits> {
         None
     }
 

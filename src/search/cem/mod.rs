@@ -1,26 +1,68 @@
 //! The upper level: mixed-distribution cross-entropy search (CEM-MD) over contact schedules. Source: \[1\].
 //!
-//! Discrete variables are the numbers of stance phases of the feet, continuous ones the logarithms of all phase durations. Each
-//! generation draws `N` candidates, lets the lower level evaluate them, and fits the distribution to the `M` best. The objective,
-//! maximised, is `J = f - alpha N_vc`: see [`Objective`].
+//! Each generation draws `N` candidates from a [`Distribution`], lets the lower level evaluate them, and fits the distribution to the `M` best.
+//! There are three: the paper's ([`free`]), whose discrete variables are the numbers of stance phases of the feet and whose continuous ones are
+//! the logarithms of all phase durations; [`periodic`] gaits of several families; and the neighbourhood of a schedule ([`perturb`]). The
+//! objective, maximised, is `J = f - alpha N_vc`: see [`Objective`].
 //!
 //! This module sees only "evaluate these schedules" ([`Evaluate`]); it draws all random numbers of the crate.
 
-pub mod distribution;
+pub mod free;
 pub mod heuristic;
+pub mod marginals;
 pub mod objective;
 pub mod periodic;
+pub mod perturb;
 pub mod random;
-pub mod run;
+mod run;
 pub mod settings;
 
-pub use distribution::{Distribution, Sample};
+pub use free::FreeDistribution;
 pub use objective::Objective;
-pub use run::run;
+pub use periodic::{PeriodicDistribution, PeriodicSettings};
+pub use perturb::{PerturbDistribution, PerturbSettings};
+pub(in crate::search) use run::summarise;
+pub use run::{Generation, run, run_observed};
 pub use settings::{CemSettings, PRESETS, Sampler, Stopping};
 
+use crate::error::Result;
 use crate::gait::Schedule;
+use crate::gait::cost::Cost;
+use crate::gait::family::GaitFamily;
+use random::Draws;
 use serde::Serialize;
+
+/// What candidates are drawn from, and fitted to elites.
+pub trait Distribution {
+    /// One draw.
+    type Sample: Clone;
+
+    /// Draws a candidate. Every number comes from a dimension of its own, whatever else is drawn.
+    fn sample(&self, draws: Draws) -> Self::Sample;
+
+    /// The schedule of a sample. Feet may end at different times.
+    ///
+    /// # Errors
+    /// [`crate::Error::Invalid`] when there is no such schedule, e.g. one of too many strides.
+    fn schedule(&self, sample: &Self::Sample) -> Result<Schedule>;
+
+    /// Fits the distribution to the elites. Without elites nothing changes.
+    fn update(&mut self, elites: &[&Self::Sample]);
+
+    /// Mean entropy of the discrete dimensions, nats; 0 without any.
+    fn entropy(&self) -> f64;
+
+    /// Largest standard deviation of the continuous dimensions that the likeliest categories use.
+    fn largest_std(&self) -> f64;
+
+    /// Whether the search has settled.
+    fn converged(&self) -> bool;
+
+    /// Family of a sample, where there are families.
+    fn family(&self, _sample: &Self::Sample) -> Option<GaitFamily> {
+        None
+    }
+}
 
 /// What the lower level says about one schedule.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -31,6 +73,8 @@ pub struct Evaluation {
     pub feasible: bool,
     /// Mean of |normal force| over all force nodes of all feet, N.
     pub mean_normal_force: f64,
+    /// What the motion costs, when it counts as found and anybody asks.
+    pub cost: Option<Cost>,
 }
 
 /// The lower level.
@@ -69,6 +113,15 @@ pub struct Candidate<S> {
     pub solution: S,
 }
 
+impl<S> Candidate<S> {
+    /// A schedule with what the lower level said of it.
+    pub fn new(settings: &CemSettings, generation: usize, index: usize, schedule: Schedule, evaluation: Evaluation, solution: S) -> Self {
+        let stances: Vec<usize> = (0..schedule.feet()).map(|foot| schedule.stances(foot)).collect();
+        let objective = settings.objective.value(&stances, &evaluation, settings.penalty);
+        Candidate { generation, index, stances, schedule, objective, evaluation, solution }
+    }
+}
+
 /// One generation in numbers. Objectives are `None` when no candidate has a finite one.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GenerationRecord {
@@ -104,6 +157,8 @@ pub enum StopReason {
     GenerationLimit,
     /// [`Evaluate::cancelled`].
     Cancelled,
+    /// The time was up.
+    TimeLimit,
 }
 
 impl std::fmt::Display for StopReason {
@@ -113,13 +168,14 @@ impl std::fmt::Display for StopReason {
             StopReason::Converged => "converged",
             StopReason::GenerationLimit => "generation limit",
             StopReason::Cancelled => "cancelled",
+            StopReason::TimeLimit => "time limit",
         })
     }
 }
 
 /// How a search ended.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Outcome<S> {
+pub struct Outcome<S, D> {
     /// The candidate that ended the search ([`StopReason::FirstFeasible`]), otherwise the first one with the largest `J`.
     /// `None` only when nothing was evaluated.
     pub best: Option<Candidate<S>>,
@@ -128,5 +184,5 @@ pub struct Outcome<S> {
     /// Why it ended.
     pub stop: StopReason,
     /// The last distribution. A generation that ends the search as first feasible or cancelled has not changed it.
-    pub distribution: Distribution,
+    pub distribution: D,
 }

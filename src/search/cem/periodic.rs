@@ -1,46 +1,19 @@
-//! Distributions over gaits besides the paper's \[1\]: periodic gaits of several families, and the neighbourhood of a given schedule.
+//! Periodic gaits of several families.
 //!
-//! Both are fitted to elites as in \[1\], with independent categoricals and Gaussians, but for this: a family has Gaussians of its own,
+//! They are fitted to elites as in \[1\], with independent categoricals and Gaussians, but for this: a family has Gaussians of its own,
 //! since a good walk and a good gallop have different durations, and they are fitted to its own elites alone. These may be few, so the
 //! old Gaussian counts like [`PeriodicSettings::memory`] further elites.
 
-use super::distribution::{Categorical, Gaussian};
+use super::Distribution;
+use super::marginals::{Categorical, Gaussian, fit};
 use super::random::Draws;
 use crate::error::{Error, Result, check_range};
+use crate::gait::Schedule;
 use crate::gait::family::{
     FOOT_SPEED, GaitFamily, MIN_PHASE, PeriodicGait, TYPICAL_LEAD_IN, TYPICAL_TAIL, offsets, speed_scale, time_scale,
 };
-use crate::gait::{Schedule, schedule};
-use crate::robot::Robot;
 use crate::task::Task;
 use serde::{Deserialize, Serialize};
-
-/// What candidates are drawn from, and fitted to elites.
-pub trait Distribution {
-    /// One draw.
-    type Sample: Clone;
-
-    /// Draws a candidate. Every number comes from a dimension of its own, whatever else is drawn.
-    fn sample(&self, draws: Draws) -> Self::Sample;
-
-    /// The schedule of a sample for a task.
-    ///
-    /// # Errors
-    /// [`Error::Invalid`] when there is no such schedule, e.g. one of too many strides.
-    fn schedule(&self, sample: &Self::Sample, task: &Task) -> Result<Schedule>;
-
-    /// Fits the distribution to the elites. Without elites nothing changes.
-    fn update(&mut self, elites: &[&Self::Sample]);
-
-    /// Mean entropy of the discrete dimensions, nats; 0 without any.
-    fn entropy(&self) -> f64;
-
-    /// Largest standard deviation of the continuous dimensions that the likeliest categories use.
-    fn largest_std(&self) -> f64;
-
-    /// Whether the search has settled.
-    fn converged(&self) -> bool;
-}
 
 /// How periodic gaits are drawn. Durations, in [`time_scale`]s, and speeds, in [`speed_scale`]s, are drawn by their logarithms.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -91,13 +64,13 @@ impl PeriodicSettings {
         let stds =
             [("duration_std", self.duration_std), ("speed_std", self.speed_std), ("rest_std", self.rest_std), ("min_std", self.min_std)];
         for (name, std) in stds {
-            check_range(&format!("periodic.{name}"), std, 1e-9, 10.)?;
+            check_range(&format!("search.periodic.{name}"), std, 1e-9, 10.)?;
         }
-        check_range("periodic.offset_std", self.offset_std, 1e-9, 1.)?;
-        check_range("periodic.offset_reach", self.offset_reach, 0., 0.5)?;
-        check_range("periodic.floor", self.floor, 0., 1.)?;
-        check_range("periodic.memory", self.memory, 0., 1e6)?;
-        check_range("periodic.converged_std", self.converged_std, 0., 10.)
+        check_range("search.periodic.offset_std", self.offset_std, 1e-9, 1.)?;
+        check_range("search.periodic.offset_reach", self.offset_reach, 0., 0.5)?;
+        check_range("search.periodic.floor", self.floor, 0., 1.)?;
+        check_range("search.periodic.memory", self.memory, 0., 1e6)?;
+        check_range("search.periodic.converged_std", self.converged_std, 0., 10.)
     }
 }
 
@@ -133,8 +106,8 @@ pub struct PeriodicDistribution {
     pub gaussians: Vec<Vec<Gaussian>>,
     /// Offsets of each family, between which drawn ones are held.
     offsets: Vec<Vec<f64>>,
-    /// [`time_scale`] and [`speed_scale`] of the robot.
-    scales: [f64; 2],
+    #[serde(skip)]
+    task: Task,
 }
 
 impl PeriodicDistribution {
@@ -142,8 +115,9 @@ impl PeriodicDistribution {
     ///
     /// # Errors
     /// [`Error::Unknown`] for a family that the robot cannot have, [`Error::Invalid`] for none or for bad settings.
-    pub fn initial(robot: &Robot, families: &[GaitFamily], settings: &PeriodicSettings) -> Result<PeriodicDistribution> {
+    pub fn initial(task: &Task, families: &[GaitFamily], settings: &PeriodicSettings) -> Result<PeriodicDistribution> {
         settings.validate()?;
+        let robot = &task.robot;
         if families.is_empty() {
             return Err(Error::invalid("gait", "no family", "at least one"));
         }
@@ -162,7 +136,7 @@ impl PeriodicDistribution {
             categorical: Categorical::uniform(families.len()),
             gaussians: gaussians.collect(),
             offsets,
-            scales: [time_scale(robot), speed_scale(robot)],
+            task: task.clone(),
         })
     }
 
@@ -172,19 +146,20 @@ impl PeriodicDistribution {
         means.map(|(family, gaussians)| PeriodicSample { family, values: gaussians.iter().map(|g| g.mean).collect() }).collect()
     }
 
-    /// The gait of a sample, with the strides that a task takes.
+    /// The gait of a sample, with the strides that the task takes.
     ///
     /// # Errors
     /// [`Error::Invalid`] for a sample of another distribution, or a robot with another number of feet.
-    pub fn gait(&self, sample: &PeriodicSample, task: &Task) -> Result<PeriodicGait> {
+    pub fn gait(&self, sample: &PeriodicSample) -> Result<PeriodicGait> {
         let family = *self.families.get(sample.family).ok_or_else(|| {
             Error::invalid("sample.family", sample.family, format!("below {}, the number of families", self.families.len()))
         })?;
+        let task = &self.task;
         if sample.values.len() != OFFSETS + task.robot.feet() {
             let limit = format!("{OFFSETS} and one for each of {} feet", task.robot.feet());
             return Err(Error::invalid("sample.values", sample.values.len(), limit));
         }
-        let [time, speed] = self.scales;
+        let (time, speed) = (time_scale(&task.robot), speed_scale(&task.robot));
         let offsets = &sample.values[OFFSETS..];
         // The first foot to leave the ground ends the lead-in.
         let first = offsets.iter().copied().fold(f64::INFINITY, f64::min);
@@ -198,6 +173,11 @@ impl PeriodicDistribution {
             tail: time * sample.values[TAIL].exp(),
         };
         Ok(gait.for_travel(task, speed * sample.values[SPEED].exp()))
+    }
+
+    /// Fits the probabilities of the families alone to elites.
+    pub fn update_families(&mut self, elites: &[&PeriodicSample]) {
+        self.categorical.update(&elites.iter().map(|e| e.family).collect::<Vec<_>>(), self.settings.floor);
     }
 
     fn limits(&self, family: usize, dimension: usize) -> [f64; 2] {
@@ -219,12 +199,16 @@ impl Distribution for PeriodicDistribution {
         PeriodicSample { family, values }
     }
 
-    fn schedule(&self, sample: &PeriodicSample, task: &Task) -> Result<Schedule> {
-        self.gait(sample, task)?.schedule()
+    fn schedule(&self, sample: &PeriodicSample) -> Result<Schedule> {
+        self.gait(sample)?.schedule()
+    }
+
+    fn family(&self, sample: &PeriodicSample) -> Option<GaitFamily> {
+        self.families.get(sample.family).copied()
     }
 
     fn update(&mut self, elites: &[&PeriodicSample]) {
-        self.categorical.update(&elites.iter().map(|e| e.family).collect::<Vec<_>>(), self.settings.floor);
+        self.update_families(elites);
         for (family, gaussians) in self.gaussians.iter_mut().enumerate() {
             for (d, gaussian) in gaussians.iter_mut().enumerate() {
                 let values: Vec<f64> = elites.iter().filter(|e| e.family == family).map(|e| e.values[d]).collect();
@@ -246,122 +230,6 @@ impl Distribution for PeriodicDistribution {
     }
 }
 
-/// Fits a Gaussian to elites, of which the old one counts as `memory`; without elites nothing changes.
-///
-/// With `n` elites and `k` = `memory`: `std^2 = (sum (x - old mean)^2 + k old std^2) / (n + k)`, at least `min_std`, then
-/// `mean = (sum x + k old mean) / (n + k)`. With `k = 0` that is \[1\].
-fn fit(gaussian: &mut Gaussian, elites: &[f64], memory: f64, min_std: f64) {
-    if elites.is_empty() {
-        return;
-    }
-    let count = elites.len() as f64 + memory;
-    let squares: f64 = elites.iter().map(|x| (x - gaussian.mean).powi(2)).sum();
-    gaussian.std = ((squares + memory * gaussian.std * gaussian.std) / count).sqrt().max(min_std);
-    gaussian.mean = (elites.iter().sum::<f64>() + memory * gaussian.mean) / count;
-}
-
-/// How the neighbourhood of a schedule is drawn.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct PerturbSettings {
-    /// First standard deviation of every log duration. Too small: nothing new; too large: feet lose each other over many phases (measured:
-    /// 0.1 makes a trot of 12 strides dearer by half, 0.02 finds cheaper ones).
-    pub std: f64,
-    /// Smallest standard deviation. Too small: the search freezes.
-    pub min_std: f64,
-    /// Elites that the old Gaussian counts as.
-    pub memory: f64,
-    /// Largest standard deviation at which the distribution counts as converged; 0: never.
-    pub converged_std: f64,
-}
-
-impl Default for PerturbSettings {
-    fn default() -> Self {
-        PerturbSettings { std: 0.03, min_std: 1e-3, memory: 0., converged_std: 5e-3 }
-    }
-}
-
-impl PerturbSettings {
-    /// Checks every field.
-    ///
-    /// # Errors
-    /// [`Error::Invalid`] names the first field that is out of its limits.
-    pub fn validate(&self) -> Result<()> {
-        check_range("perturb.std", self.std, 1e-9, 10.)?;
-        check_range("perturb.min_std", self.min_std, 1e-9, 10.)?;
-        check_range("perturb.memory", self.memory, 0., 1e6)?;
-        check_range("perturb.converged_std", self.converged_std, 0., 10.)
-    }
-}
-
-/// Distribution over schedules with the phases of a given one and other durations.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct PerturbDistribution {
-    settings: PerturbSettings,
-    /// Log durations (durations in s), `[feet][phases]`.
-    pub gaussians: Vec<Vec<Gaussian>>,
-    /// Shortest log durations, `[feet][phases]`.
-    shortest: Vec<Vec<f64>>,
-}
-
-impl PerturbDistribution {
-    /// The distribution of the first generation: around a schedule of the robot.
-    ///
-    /// Phases are not made shorter than [`MIN_PHASE`], but where the given one is.
-    ///
-    /// # Errors
-    /// [`Error::Invalid`] for bad settings.
-    pub fn initial(robot: &Robot, around: &Schedule, settings: &PerturbSettings) -> Result<PerturbDistribution> {
-        settings.validate()?;
-        let shortest = MIN_PHASE * time_scale(robot);
-        let each = |f: &dyn Fn(f64) -> f64| around.durations().iter().map(|d| d.iter().map(|&d| f(d)).collect()).collect();
-        let gaussians = around.durations().iter().map(|d| d.iter().map(|d| Gaussian { mean: d.ln(), std: settings.std }).collect());
-        Ok(PerturbDistribution { settings: settings.clone(), gaussians: gaussians.collect(), shortest: each(&|d| d.min(shortest).ln()) })
-    }
-}
-
-impl Distribution for PerturbDistribution {
-    /// Log durations (durations in s), `[feet][phases]`.
-    type Sample = Vec<Vec<f64>>;
-
-    fn sample(&self, mut draws: Draws) -> Vec<Vec<f64>> {
-        let mut dimension = 0;
-        let longest = schedule::MAX_HORIZON.ln();
-        let mut draw = |gaussian: &Gaussian, shortest: f64| {
-            dimension += 1;
-            gaussian.sample(draws.normal(dimension - 1), [shortest, longest])
-        };
-        let feet = self.gaussians.iter().zip(&self.shortest);
-        feet.map(|(gaussians, shortest)| gaussians.iter().zip(shortest).map(|(g, &s)| draw(g, s)).collect()).collect()
-    }
-
-    /// Feet may end at different times: the last stances are stretched later.
-    fn schedule(&self, sample: &Vec<Vec<f64>>, _: &Task) -> Result<Schedule> {
-        Schedule::new(sample.iter().map(|logs| logs.iter().map(|log| log.exp()).collect()).collect())
-    }
-
-    fn update(&mut self, elites: &[&Vec<Vec<f64>>]) {
-        for (foot, gaussians) in self.gaussians.iter_mut().enumerate() {
-            for (phase, gaussian) in gaussians.iter_mut().enumerate() {
-                let values: Vec<f64> = elites.iter().map(|e| e[foot][phase]).collect();
-                fit(gaussian, &values, self.settings.memory, self.settings.min_std);
-            }
-        }
-    }
-
-    fn entropy(&self) -> f64 {
-        0.
-    }
-
-    fn largest_std(&self) -> f64 {
-        self.gaussians.iter().flatten().map(|g| g.std).fold(0., f64::max)
-    }
-
-    fn converged(&self) -> bool {
-        self.largest_std() < self.settings.converged_std
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -370,7 +238,7 @@ mod tests {
 
     fn quadruped() -> (Task, PeriodicDistribution) {
         let task = Scenario::named("s1").unwrap().task_to([2., 0.]).unwrap();
-        let distribution = PeriodicDistribution::initial(&task.robot, &families(&task.robot), &PeriodicSettings::default()).unwrap();
+        let distribution = PeriodicDistribution::initial(&task, &families(&task.robot), &PeriodicSettings::default()).unwrap();
         (task, distribution)
     }
 
@@ -378,7 +246,7 @@ mod tests {
     fn the_means_of_the_first_generation_are_the_typical_gaits() {
         let (task, distribution) = quadruped();
         for (sample, family) in distribution.means().iter().zip(families(&task.robot)) {
-            let (got, want) = (distribution.gait(sample, &task).unwrap(), PeriodicGait::typical(family, &task).unwrap());
+            let (got, want) = (distribution.gait(sample).unwrap(), PeriodicGait::typical(family, &task).unwrap());
             assert_eq!((got.family, got.strides), (want.family, want.strides));
             let pairs = [(got.swing, want.swing), (got.stance, want.stance), (got.lead_in, want.lead_in), (got.tail, want.tail)];
             assert!(pairs.iter().all(|(g, w)| (g - w).abs() < 1e-12) && got.offsets == want.offsets);
@@ -393,10 +261,10 @@ mod tests {
         let shortest = MIN_PHASE * time_scale(&task.robot);
         for candidate in 0..200 {
             let sample = distribution.sample(Draws::new(5, 0, candidate));
-            let gait = distribution.gait(&sample, &task).unwrap();
+            let gait = distribution.gait(&sample).unwrap();
             assert!(gait.strides >= 1 && gait.offsets.iter().all(|&o| o >= 0.) && gait.offsets.contains(&0.));
-            let Ok(schedule) = distribution.schedule(&sample, &task) else {
-                assert!(gait.horizon() > schedule::MAX_HORIZON - 1e-9);
+            let Ok(schedule) = distribution.schedule(&sample) else {
+                assert!(gait.horizon() > crate::gait::schedule::MAX_HORIZON - 1e-9);
                 continue;
             };
             assert!(schedule.durations().iter().flatten().all(|&d| d >= shortest - 1e-9));
@@ -455,49 +323,14 @@ mod tests {
     }
 
     #[test]
-    fn without_memory_the_fit_is_the_papers() {
-        let (mut ours, mut theirs) = (Gaussian { mean: -1., std: 3. }, Gaussian { mean: -1., std: 3. });
-        fit(&mut ours, &[-1., -2.], 0., 1e-3);
-        theirs.update(&[-1., -2.], 1e-3);
-        assert_eq!(ours, theirs);
-    }
-
-    #[test]
     fn mistakes_are_refused() {
         let (task, distribution) = quadruped();
-        let initial = |families: &[GaitFamily]| PeriodicDistribution::initial(&task.robot, families, &PeriodicSettings::default());
+        let initial = |families: &[GaitFamily]| PeriodicDistribution::initial(&task, families, &PeriodicSettings::default());
         assert!(initial(&[]).unwrap_err().to_string().contains("no family"));
         assert!(initial(&[GaitFamily::Tripod]).unwrap_err().to_string().contains("trot, walk"));
         let bad = PeriodicSettings { offset_std: 2., ..Default::default() };
-        assert!(PeriodicDistribution::initial(&task.robot, &[GaitFamily::Trot], &bad).unwrap_err().to_string().contains("offset_std"));
-        assert!(distribution.gait(&PeriodicSample { family: 9, values: vec![0.; 9] }, &task).is_err());
-        assert!(distribution.gait(&PeriodicSample { family: 0, values: vec![0.; 8] }, &task).is_err());
-    }
-
-    #[test]
-    fn perturbed_schedules_keep_their_phases_and_stay_near() {
-        let (task, _) = quadruped();
-        let around = PeriodicGait::typical(GaitFamily::Trot, &task).unwrap().schedule().unwrap();
-        let mut distribution = PerturbDistribution::initial(&task.robot, &around, &PerturbSettings::default()).unwrap();
-        let shortest = MIN_PHASE * time_scale(&task.robot);
-        let mut elites = Vec::new();
-        for candidate in 0..20 {
-            let sample = distribution.sample(Draws::new(1, 0, candidate));
-            let schedule = distribution.schedule(&sample, &task).unwrap();
-            for (got, had) in schedule.durations().iter().zip(around.durations()) {
-                assert_eq!(got.len(), had.len());
-                assert!(got.iter().zip(had).all(|(g, h)| *g >= shortest - 1e-9 && (g / h).ln().abs() < 0.5));
-            }
-            elites.push(sample);
-        }
-        assert!(!distribution.converged() && distribution.entropy() == 0.);
-        distribution.update(&[&elites[0]; 4]);
-        distribution.update(&[&elites[0]; 4]);
-        assert!(distribution.converged());
-        // A phase of the given schedule that is shorter than what a leg is asked for may stay.
-        let short = Schedule::new(vec![vec![0.05]; 4]).unwrap();
-        let distribution = PerturbDistribution::initial(&task.robot, &short, &PerturbSettings { std: 1e-9, ..Default::default() }).unwrap();
-        let drawn = distribution.schedule(&distribution.sample(Draws::new(1, 0, 0)), &task).unwrap();
-        assert!((drawn.durations()[0][0] - 0.05).abs() < 1e-6);
+        assert!(PeriodicDistribution::initial(&task, &[GaitFamily::Trot], &bad).unwrap_err().to_string().contains("offset_std"));
+        assert!(distribution.gait(&PeriodicSample { family: 9, values: vec![0.; 9] }).is_err());
+        assert!(distribution.gait(&PeriodicSample { family: 0, values: vec![0.; 8] }).is_err());
     }
 }

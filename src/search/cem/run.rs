@@ -1,53 +1,74 @@
 //! Algorithm 1 of \[1\]: the search itself.
 
-use super::distribution::{Distribution, Sample};
 use super::random::Draws;
-use super::{Candidate, CemSettings, Evaluate, Evaluation, GenerationRecord, Outcome, Sampler, StopReason, Stopping};
-use crate::error::{Error, Result};
+use super::{Candidate, CemSettings, Distribution, Evaluate, Evaluation, GenerationRecord, Outcome, Sampler, StopReason, Stopping};
+use crate::error::Result;
 use crate::gait::Schedule;
-use crate::robot::MAX_FEET;
+use crate::gait::family::GaitFamily;
 
 /// Searches for the schedule with the largest objective.
 ///
-/// The same settings, feet, seed and answers of the evaluator give the same outcome.
+/// The same settings, distribution, seed and answers of the evaluator give the same outcome.
 ///
-/// * `feet` - feet of the robot, at most [`MAX_FEET`]
+/// * `distribution` - of the first generation
+/// * `first` - number of the first generation, by which its random numbers differ from those of other runs with the seed
 /// * `progress` - called after every generation
 ///
 /// # Errors
-/// [`Error::Invalid`] names the setting that is out of its limits.
-pub fn run<E: Evaluate>(
+/// [`crate::Error::Invalid`] names the setting that is out of its limits.
+pub fn run<D: Distribution, E: Evaluate>(
     settings: &CemSettings,
-    feet: usize,
+    distribution: D,
     seed: u64,
+    first: usize,
     evaluator: &mut E,
     progress: &mut dyn FnMut(&GenerationRecord),
-) -> Result<Outcome<E::Solution>> {
+) -> Result<Outcome<E::Solution, D>> {
+    run_observed(settings, distribution, seed, first, evaluator, &mut |generation| progress(generation.record))
+}
+
+/// A generation that has ended.
+#[derive(Debug)]
+pub struct Generation<'a, S> {
+    /// In numbers.
+    pub record: &'a GenerationRecord,
+    /// Its candidates, best first, each with its family where there are families.
+    pub ranked: &'a [(Option<GaitFamily>, Candidate<S>)],
+}
+
+/// As [`run`], showing the candidates of every generation.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_observed<D: Distribution, E: Evaluate>(
+    settings: &CemSettings,
+    mut distribution: D,
+    seed: u64,
+    first: usize,
+    evaluator: &mut E,
+    observe: &mut dyn FnMut(&Generation<E::Solution>),
+) -> Result<Outcome<E::Solution, D>> {
     settings.validate()?;
-    if feet == 0 || feet > MAX_FEET {
-        return Err(Error::invalid("feet", feet, format!("1 to {MAX_FEET}")));
-    }
     let until_feasible = settings.stopping == Stopping::FirstFeasible;
     let first_only = until_feasible && !settings.whole_generation;
-    let mut distribution = Distribution::initial(settings, feet);
     let mut best: Option<Candidate<E::Solution>> = None;
     let mut generations = Vec::new();
     let mut stop = None;
 
-    for generation in 0..settings.generations {
+    for generation in first..first + settings.generations {
         if evaluator.cancelled() {
             stop = Some(StopReason::Cancelled);
             break;
         }
         // Sample N candidates and evaluate them.
-        let draw = |candidate| distribution.sample(settings, Draws::new(seed, generation, candidate));
-        let samples: Vec<Sample> = (0..settings.population).map(draw).collect();
-        let schedules = samples.iter().map(|s| s.schedule(settings)).collect::<Result<Vec<_>>>()?;
+        let drawn = (0..settings.population).map(|candidate| draw(&distribution, settings.population, seed, generation, candidate));
+        let (samples, schedules): (Vec<D::Sample>, Vec<Schedule>) = drawn.collect::<Result<Vec<_>>>()?.into_iter().unzip();
         let results = evaluator.evaluate(generation, &schedules, first_only);
 
         // Sort by J, best first; the M first are the elites.
         let ranked = rank(settings, generation, schedules, results, first_only);
-        let elites: Vec<&Sample> = ranked.iter().take(settings.elites).map(|c| &samples[c.index]).collect();
+        let elites: Vec<&D::Sample> = ranked.iter().take(settings.elites).map(|c| &samples[c.index]).collect();
+        let families: Vec<Option<GaitFamily>> = ranked.iter().map(|c| distribution.family(&samples[c.index])).collect();
 
         // Stop, or update the distribution.
         if until_feasible && ranked.iter().any(|c| c.evaluation.feasible) {
@@ -55,29 +76,48 @@ pub fn run<E: Evaluate>(
         } else if evaluator.cancelled() {
             stop = Some(StopReason::Cancelled);
         } else if settings.sampler == Sampler::Cem {
-            distribution.update(settings, &elites);
-            if !until_feasible && distribution.converged(settings) {
+            distribution.update(&elites);
+            if !until_feasible && distribution.converged() {
                 stop = Some(StopReason::Converged);
             }
         }
 
         // Keep the best ever.
-        let mut record = summarise(settings, generation, &ranked, &distribution);
+        let mut record = summarise(generation, &ranked, distribution.entropy(), distribution.largest_std());
         let former = best.as_ref().map_or(f64::NEG_INFINITY, |b| b.objective);
         record.best_ever_objective = record.best_objective.into_iter().chain(finite(former)).reduce(f64::max);
-        let mut ranked = ranked.into_iter();
+        let ranked: Vec<_> = families.into_iter().zip(ranked).collect();
+        observe(&Generation { record: &record, ranked: &ranked });
+        let mut ranked = ranked.into_iter().map(|(_, candidate)| candidate);
         if stop == Some(StopReason::FirstFeasible) {
             best = ranked.find(|c| c.evaluation.feasible);
         } else if let Some(first) = ranked.next().filter(|c| best.is_none() || c.objective > former) {
             best = Some(first);
         }
-        progress(&record);
         generations.push(record);
         if stop.is_some() {
             break;
         }
     }
     Ok(Outcome { best, generations, stop: stop.unwrap_or(StopReason::GenerationLimit), distribution })
+}
+
+/// How often a candidate is drawn again when its draw is no schedule.
+const DRAWS: usize = 8;
+
+/// A candidate and its schedule.
+fn draw<D: Distribution>(
+    distribution: &D,
+    population: usize,
+    seed: u64,
+    generation: usize,
+    candidate: usize,
+) -> Result<(D::Sample, Schedule)> {
+    let drawn = |attempt: usize| {
+        let sample = distribution.sample(Draws::new(seed, generation, candidate + attempt * population));
+        distribution.schedule(&sample).map(|schedule| (sample, schedule))
+    };
+    (1..DRAWS).fold(drawn(0), |result, attempt| result.or_else(|_| drawn(attempt)))
 }
 
 /// The evaluated candidates of a generation by falling objective, ties by index.
@@ -93,9 +133,7 @@ fn rank<S>(
     let mut ranked = Vec::new();
     for (index, (schedule, result)) in schedules.into_iter().zip(results).enumerate() {
         let Some((evaluation, solution)) = result else { continue };
-        let stances: Vec<usize> = (0..schedule.feet()).map(|foot| schedule.stances(foot)).collect();
-        let objective = settings.objective.value(&stances, &evaluation, settings.penalty);
-        ranked.push(Candidate { generation, index, stances, schedule, objective, evaluation, solution });
+        ranked.push(Candidate::new(settings, generation, index, schedule, evaluation, solution));
         if first_only && evaluation.feasible {
             break;
         }
@@ -105,7 +143,7 @@ fn rank<S>(
 }
 
 /// The record of a generation, the best ever still without the generations before.
-fn summarise<S>(settings: &CemSettings, generation: usize, ranked: &[Candidate<S>], distribution: &Distribution) -> GenerationRecord {
+pub(in crate::search) fn summarise<S>(generation: usize, ranked: &[Candidate<S>], entropy: f64, largest_std: f64) -> GenerationRecord {
     let objectives: Vec<f64> = ranked.iter().filter_map(|c| finite(c.objective)).collect();
     GenerationRecord {
         generation,
@@ -115,8 +153,8 @@ fn summarise<S>(settings: &CemSettings, generation: usize, ranked: &[Candidate<S
         mean_objective: finite(objectives.iter().sum::<f64>() / objectives.len() as f64),
         best_ever_objective: objectives.first().copied(),
         lowest_n_violated: ranked.iter().map(|c| c.evaluation.n_violated).min(),
-        entropy: distribution.entropy(),
-        largest_std: distribution.largest_std(settings),
+        entropy,
+        largest_std,
     }
 }
 

@@ -1,7 +1,7 @@
 //! Tests of the search on evaluators without a solver.
 
 use super::*;
-use crate::search::cem::Objective;
+use crate::search::cem::{FreeDistribution, Objective};
 
 /// An evaluator from a function of (generation, index, schedule); the solution is (generation, index).
 struct Synthetic<F> {
@@ -29,7 +29,7 @@ impl<F: FnMut(usize, usize, &Schedule) -> Option<Evaluation>> Evaluate for Synth
 }
 
 fn violating(n_violated: usize) -> Evaluation {
-    Evaluation { n_violated, feasible: n_violated == 0, mean_normal_force: 10. }
+    Evaluation { n_violated, feasible: n_violated == 0, mean_normal_force: 10., cost: None }
 }
 
 /// Distance of the stance counts from a hidden pattern, and of the used log durations from -1.3, in tenths.
@@ -39,11 +39,15 @@ fn hidden_pattern(_: usize, _: usize, schedule: &Schedule) -> Option<Evaluation>
     Some(violating(5 * wrong + (10. * late) as usize))
 }
 
-fn search<F>(settings: &CemSettings, seed: u64, evaluator: &mut Synthetic<F>) -> Outcome<(usize, usize)>
+fn initial(settings: &CemSettings) -> FreeDistribution {
+    FreeDistribution::initial(settings, 4).unwrap()
+}
+
+fn search<F>(settings: &CemSettings, seed: u64, evaluator: &mut Synthetic<F>) -> Outcome<(usize, usize), FreeDistribution>
 where
     F: FnMut(usize, usize, &Schedule) -> Option<Evaluation>,
 {
-    run(settings, 4, seed, evaluator, &mut |_| ()).unwrap()
+    run(settings, initial(settings), seed, 0, evaluator, &mut |_| ()).unwrap()
 }
 
 #[test]
@@ -61,7 +65,7 @@ fn random_search_never_changes_the_distribution() {
     let settings = CemSettings { sampler: Sampler::Random, generations: 3, stopping: Stopping::Convergence, ..Default::default() };
     let outcome = search(&settings, 1, &mut synthetic(hidden_pattern));
     assert_eq!((outcome.stop, outcome.generations.len()), (StopReason::GenerationLimit, 3));
-    assert_eq!(outcome.distribution, Distribution::initial(&settings, 4));
+    assert_eq!(outcome.distribution, initial(&settings));
 }
 
 #[test]
@@ -76,7 +80,8 @@ fn the_same_seed_gives_the_same_outcome() {
 fn the_search_stops_at_the_first_feasible_candidate() {
     let found = |generation, i, _: &Schedule| Some(violating(if generation == 2 && (i == 5 || i == 9) { 0 } else { 3 }));
     let mut seen = Vec::new();
-    let outcome = run(&CemSettings::default(), 4, 1, &mut synthetic(found), &mut |r| seen.push(r.clone())).unwrap();
+    let outcome =
+        run(&CemSettings::default(), initial(&CemSettings::default()), 1, 0, &mut synthetic(found), &mut |r| seen.push(r.clone())).unwrap();
     let best = outcome.best.unwrap();
     assert_eq!((outcome.stop, best.generation, best.index, best.solution, best.objective), (StopReason::FirstFeasible, 2, 5, (2, 5), 0.));
     assert_eq!(best.stances, (0..4).map(|foot| best.schedule.stances(foot)).collect::<Vec<_>>());
@@ -88,7 +93,7 @@ fn the_search_stops_at_the_first_feasible_candidate() {
 #[test]
 fn a_whole_generation_gives_its_best_feasible_candidate() {
     let mut force = |_, i: usize, _: &Schedule| {
-        Some(Evaluation { n_violated: 0, feasible: i > 2, mean_normal_force: [1., 1., 1., 50., 40., 30., 30.][i.min(6)] })
+        Some(Evaluation { n_violated: 0, feasible: i > 2, mean_normal_force: [1., 1., 1., 50., 40., 30., 30.][i.min(6)], cost: None })
     };
     let settings = CemSettings { objective: Objective::LeastForce, whole_generation: true, ..Default::default() };
     let outcome = search(&settings, 1, &mut synthetic(&mut force));
@@ -135,26 +140,26 @@ fn candidates_that_were_not_evaluated_are_no_elites() {
     // Candidate 3 alone is evaluated: the distribution takes its values.
     let settings = CemSettings { generations: 1, ..Default::default() };
     let outcome = search(&settings, 1, &mut synthetic(|_, i, _| (i == 3).then(|| violating(1))));
-    let sample = Distribution::initial(&settings, 4).sample(&settings, Draws::new(1, 0, 3));
-    let mut want = Distribution::initial(&settings, 4);
-    want.update(&settings, &[&sample]);
+    let sample = initial(&settings).sample(Draws::new(1, 0, 3));
+    let mut want = initial(&settings);
+    want.update(&[&sample]);
     assert_eq!(outcome.distribution, want);
     // With none there is nothing to learn and nothing to return.
     let outcome = search(&settings, 1, &mut synthetic(|_, _, _| None));
-    assert!(outcome.best.is_none() && outcome.distribution == Distribution::initial(&settings, 4));
+    assert!(outcome.best.is_none() && outcome.distribution == initial(&settings));
     assert_eq!((outcome.generations[0].best_objective, outcome.generations[0].lowest_n_violated), (None, None));
 }
 
 #[test]
 fn an_objective_that_is_no_number_is_no_elite_over_a_finite_one() {
     let force = |i: usize| if i < 13 { f64::NAN } else { i as f64 };
-    let answer = |_, i, _: &Schedule| Some(Evaluation { n_violated: 9, feasible: false, mean_normal_force: force(i) });
+    let answer = |_, i, _: &Schedule| Some(Evaluation { n_violated: 9, feasible: false, mean_normal_force: force(i), cost: None });
     let settings = CemSettings { generations: 1, elites: 3, objective: Objective::LeastForce, ..Default::default() };
     let outcome = search(&settings, 1, &mut synthetic(answer));
-    let initial = Distribution::initial(&settings, 4);
-    let samples = [13, 14, 15].map(|i| initial.sample(&settings, Draws::new(1, 0, i)));
+    let initial = initial(&settings);
+    let samples = [13, 14, 15].map(|i| initial.sample(Draws::new(1, 0, i)));
     let mut want = initial;
-    want.update(&settings, &samples.iter().collect::<Vec<_>>());
+    want.update(&samples.iter().collect::<Vec<_>>());
     assert_eq!(outcome.distribution, want);
     assert_eq!(outcome.best.unwrap().index, 13);
     assert_eq!(outcome.generations[0].mean_objective, Some(-914.));
@@ -162,10 +167,19 @@ fn an_objective_that_is_no_number_is_no_elite_over_a_finite_one() {
 
 #[test]
 fn callers_mistakes_are_refused() {
-    let mut evaluator = synthetic(hidden_pattern);
     for feet in [0, 9] {
-        assert!(run(&CemSettings::default(), feet, 1, &mut evaluator, &mut |_| ()).unwrap_err().to_string().starts_with("feet"));
+        assert!(FreeDistribution::initial(&CemSettings::default(), feet).unwrap_err().to_string().starts_with("feet"));
     }
     let settings = CemSettings { population: 0, ..Default::default() };
-    assert!(run(&settings, 4, 1, &mut evaluator, &mut |_| ()).is_err());
+    assert!(FreeDistribution::initial(&settings, 4).is_err());
+    let distribution = initial(&CemSettings::default());
+    assert!(run(&settings, distribution, 1, 0, &mut synthetic(hidden_pattern), &mut |_| ()).is_err());
+}
+
+#[test]
+fn generations_of_another_number_draw_other_candidates() {
+    let settings = CemSettings { generations: 1, ..Default::default() };
+    let best = |first| run(&settings, initial(&settings), 1, first, &mut synthetic(hidden_pattern), &mut |_| ()).unwrap().best.unwrap();
+    assert_eq!((best(3).generation, best(0).generation), (3, 0));
+    assert_ne!(best(3).schedule, best(0).schedule);
 }

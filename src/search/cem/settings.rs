@@ -18,7 +18,7 @@ pub const PRESETS: [(&str, &str); 3] = [
 pub enum Stopping {
     /// At the generation that has a feasible candidate.
     FirstFeasible,
-    /// When the distribution has converged: see [`super::Distribution::converged`].
+    /// When the distribution has converged: see [`super::FreeDistribution`].
     Convergence,
 }
 
@@ -133,35 +133,39 @@ impl CemSettings {
     /// # Errors
     /// [`Error::Invalid`] names the first field that is out of its limits.
     pub fn validate(&self) -> Result<()> {
-        check_count("search.population", self.population, 1, 65_536)?;
-        check_count("search.elites", self.elites, 1, self.population)?;
-        check_count("search.generations", self.generations, 1, 100_000)?;
-        check_count("search.min_stances", self.min_stances, 1, 501)?;
-        check_count("search.max_stances", self.max_stances, self.min_stances, 501)?;
+        check_count("search.free.population", self.population, 1, 65_536)?;
+        check_count("search.free.elites", self.elites, 1, self.population)?;
+        check_count("search.free.generations", self.generations, 1, 100_000)?;
+        check_count("search.free.min_stances", self.min_stances, 1, 501)?;
+        check_count("search.free.max_stances", self.max_stances, self.min_stances, 501)?;
         if self.heuristic && self.max_stances < self.min_stances + heuristic::LARGEST {
             let limit =
-                format!("at least cem.min_stances + {} = {} with the heuristic", heuristic::LARGEST, self.min_stances + heuristic::LARGEST);
-            return Err(Error::invalid("search.max_stances", self.max_stances, limit));
+                format!("at least min_stances + {} = {} with the heuristic", heuristic::LARGEST, self.min_stances + heuristic::LARGEST);
+            return Err(Error::invalid("search.free.max_stances", self.max_stances, limit));
         }
         let [low, high] = self.log_duration;
         if !(low.is_finite() && high.is_finite() && low < high) {
-            return Err(Error::invalid("search.log_duration", format!("[{low}, {high}]"), "two finite numbers, the smaller one first"));
+            return Err(Error::invalid(
+                "search.free.log_duration",
+                format!("[{low}, {high}]"),
+                "two finite numbers, the smaller one first",
+            ));
         }
         if low.exp() < MIN_PHASE {
-            return Err(Error::invalid("search.log_duration[0]", low, format!("at least ln {MIN_PHASE} s = {:.4}", MIN_PHASE.ln())));
+            return Err(Error::invalid("search.free.log_duration[0]", low, format!("at least ln {MIN_PHASE} s = {:.4}", MIN_PHASE.ln())));
         }
         // Every schedule that can be drawn is a valid one.
         let longest = MAX_HORIZON / self.phases() as f64;
         if high.exp() > longest {
             let limit = format!("at most {:.4}, so that {} phases last at most {MAX_HORIZON} s", longest.ln(), self.phases());
-            return Err(Error::invalid("search.log_duration[1]", high, limit));
+            return Err(Error::invalid("search.free.log_duration[1]", high, limit));
         }
-        check_range("search.initial_mean", self.initial_mean, low, high)?;
-        check_range("search.initial_std", self.initial_std, 1e-9, 100.)?;
-        check_range("search.min_std", self.min_std, 1e-9, 100.)?;
-        check_range("search.floor", self.floor, 0., 1.)?;
-        check_range("search.penalty", self.penalty, 0., 1e12)?;
-        check_range("search.converged_std", self.converged_std, 0., 100.)
+        check_range("search.free.initial_mean", self.initial_mean, low, high)?;
+        check_range("search.free.initial_std", self.initial_std, 1e-9, 100.)?;
+        check_range("search.free.min_std", self.min_std, 1e-9, 100.)?;
+        check_range("search.free.floor", self.floor, 0., 1.)?;
+        check_range("search.free.penalty", self.penalty, 0., 1e12)?;
+        check_range("search.free.converged_std", self.converged_std, 0., 100.)
     }
 
     /// Largest stance count that can be drawn.
@@ -202,22 +206,22 @@ mod tests {
             change(&mut settings);
             settings.validate().unwrap_err().to_string()
         };
-        assert_eq!(refused(|s| s.population = 70_000), "search.population: 70000, but it must be an integer from 1 to 65536");
-        assert_eq!(refused(|s| s.elites = 17), "search.elites: 17, but it must be an integer from 1 to 16");
-        assert!(refused(|s| s.elites = 0).starts_with("search.elites"));
-        assert!(refused(|s| s.generations = 0).starts_with("search.generations"));
-        assert!(refused(|s| s.min_stances = 0).starts_with("search.min_stances"));
-        assert!(refused(|s| s.min_stances = 14).starts_with("search.max_stances"));
+        assert_eq!(refused(|s| s.population = 70_000), "search.free.population: 70000, but it must be an integer from 1 to 65536");
+        assert_eq!(refused(|s| s.elites = 17), "search.free.elites: 17, but it must be an integer from 1 to 16");
+        assert!(refused(|s| s.elites = 0).starts_with("search.free.elites"));
+        assert!(refused(|s| s.generations = 0).starts_with("search.free.generations"));
+        assert!(refused(|s| s.min_stances = 0).starts_with("search.free.min_stances"));
+        assert!(refused(|s| s.min_stances = 14).starts_with("search.free.max_stances"));
         assert!(refused(|s| s.max_stances = 12).contains("= 13 with the heuristic"));
         assert!(refused(|s| s.log_duration = [f64::NAN, -1.]).contains("NaN"));
         assert!(refused(|s| s.log_duration = [-1., -1.]).contains("smaller one first"));
         assert!(refused(|s| s.log_duration[0] = -7.).contains("0.001 s"));
         assert!(refused(|s| s.log_duration[1] = 2.).contains("25 phases"));
-        assert!(refused(|s| s.initial_mean = 0.).starts_with("search.initial_mean"));
-        assert!(refused(|s| s.initial_std = 0.).starts_with("search.initial_std"));
-        assert!(refused(|s| s.min_std = -1.).starts_with("search.min_std"));
-        assert!(refused(|s| s.floor = 1.1).starts_with("search.floor"));
-        assert!(refused(|s| s.penalty = -1.).starts_with("search.penalty"));
-        assert!(refused(|s| s.converged_std = f64::NAN).starts_with("search.converged_std"));
+        assert!(refused(|s| s.initial_mean = 0.).starts_with("search.free.initial_mean"));
+        assert!(refused(|s| s.initial_std = 0.).starts_with("search.free.initial_std"));
+        assert!(refused(|s| s.min_std = -1.).starts_with("search.free.min_std"));
+        assert!(refused(|s| s.floor = 1.1).starts_with("search.free.floor"));
+        assert!(refused(|s| s.penalty = -1.).starts_with("search.free.penalty"));
+        assert!(refused(|s| s.converged_std = f64::NAN).starts_with("search.free.converged_std"));
     }
 }

@@ -1,0 +1,62 @@
+// needs: shared/values shared/jacobian
+// Swinging feet: how hard they are accelerated where they leave the ground and where they land. One thread per swing.
+//   in   values    x of the trial point, ground
+//   out  values    g at each swing's place: lift-off, touch-down; dimensionless, feasible when <= 0
+//   out  jacobian  two rows at each place
+// Twin: src/rows/acceleration.rs
+
+@group(0) @binding(0) var<uniform> batch: Batch;
+@group(0) @binding(1) var<storage, read> running: array<u32>;
+@group(0) @binding(2) var<storage, read> slots: array<Slot>;
+@group(0) @binding(3) var<storage, read> progress: array<Progress>;
+@group(0) @binding(4) var<storage, read_write> values: array<f32>;
+@group(0) @binding(5) var<storage, read_write> jacobian: array<f32>;
+@group(0) @binding(6) var<storage, read> footholds: array<u32>;
+@group(0) @binding(7) var<storage, read> accelerations: array<Acceleration>;
+
+// Tightening, in squares of the limit.
+const MARGIN: f32 = 2e-3;
+
+// Rows of one swing.
+fn acceleration(slot: u32, half: u32, k: u32) {
+    let swing = &accelerations[slot * batch.accelerations + k];
+    let limit = slots[slot].constants.foot_acceleration;
+    let x = ix_x(slot, half);
+    let a = x + footholds[slot * batch.footholds + swing.foothold[0]];
+    let b = x + footholds[slot * batch.footholds + swing.foothold[1]];
+    let by_step = swing.by_step / limit;
+    let by_height = swing.by_height / limit;
+    let step = by_step * vec2<f32>(values[b] - values[a], values[b + 1u] - values[a + 1u]);
+    let squares = step.x * step.x + step.y * step.y;
+    let at = ix_inequality(slot, half, swing.place.inequality);
+    let rows = rows_at(slot, half, swing.place);
+    for (var r = 0u; r < 2u; r++) {
+        let rise = by_height * (values[x + swing.height] - ground_height(slot, swing.foothold[r]));
+        values[at + r] = 0.5 * (squares + rise * rise - (1.0 - MARGIN));
+        put(rows, r, swing.height_column, by_height * rise);
+        for (var i = 0u; i < 2u; i++) {
+            if (swing.foothold_column[i] == NONE) {
+                continue;
+            }
+            var value = select(by_step * step, -by_step * step, i == 0u);
+            if (i == r) {
+                // The height is over the foothold of the row.
+                value -= by_height * rise * ground_slope(slot, swing.foothold[i]);
+            }
+            put(rows, r, swing.foothold_column[i], value.x);
+            put(rows, r, swing.foothold_column[i] + 1u, value.y);
+        }
+    }
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let slot = running[group.x];
+    if (progress[slot].state >= ENDED) {
+        return;
+    }
+    let half = 1u - progress[slot].current;
+    for (var i = lane; i < slots[slot].accelerations; i += WORKGROUP) {
+        acceleration(slot, half, i);
+    }
+}
