@@ -1,40 +1,54 @@
 //! `cregopt` finds out which foot steps when.
 //!
-//! Given a [`Task`](task::Task) (robot, terrain, goal) it returns a gait, that is phase durations for every foot, with a motion and
-//! contact forces that are physically valid. It searches over gaits with a cross-entropy method over mixed distributions ([`cem`]) and
-//! solves, for each sampled gait, a trajectory optimisation problem with single rigid body dynamics:
+//! Given a [`Task`] (robot, terrain, goal) it returns a gait, that is phase durations for every foot, with a motion and contact forces that are
+//! physically valid. A [`Search`] draws gaits of many families, solves for each a trajectory optimisation problem with single rigid body
+//! dynamics, the whole population as one batch on a [`Cpu`] or a [`Gpu`], and fits its distribution to the cheapest by the cross-entropy method:
+//!
+//! ```
+//! use cregopt::{Cpu, Goal, Robot, Search, Task, Terrain};
+//!
+//! let task = Task::new(Robot::named("anymal")?, Terrain::flat(), Goal::at(2.0, 0.0))?;
+//! let found = Search::new(&task).seed(1).population(16).run(&Cpu::new(0)?)?;
+//! assert!(found.best.feasible());
+//! println!("{}", found.best.certificate());
+//! std::fs::write("trajectory.json", serde_json::to_string(found.best.trajectory())?)?;
+//! # std::fs::remove_file("trajectory.json")?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! [`Evaluate`] solves gaits of the caller's, and [`verify()`] is the check that shares nothing with the solver.
+//!
+//! # What is solved
+//! With a gait given (rows `momentum`, the default; intervals of length `h` between base knots, `I` the momentum of what acts on one):
 //!
 //! ```text
 //! find         base curve p(t), angles(t), footholds, swing heights, contact forces f_i(t)
-//! such that    m p'' = sum f_i - m g e_z
-//!              I_w omega' + omega x I_w omega = sum (x_i - p) x f_i            every 0.1 s
-//!              R' (x_i - p) in nominal_i +- reach                              every 0.08 s
-//!              0 <= n.f_i <= f_max,  |t.f_i| <= mu n.f_i                       at force nodes, in stance
-//!              f_i = 0                                                         in swing
-//!              x_i on the terrain in stance, not under it in swing
-//!              start at rest, goal pose at the horizon
+//! such that    m (v_k+1 - v_k)       = sum J_i + h m g                     J_i: impulse of foot i over the interval
+//!              m (p_k+1 - p_k)       = h m v_k + sum P_i + h^2 m g / 2     P_i: its integral
+//!              L_k+1 - L_k           = sum (x_i - p_k) x J_i + M_k         L: angular momentum about p_k, M_k: moment of gravity
+//!              mean of L over the interval = that of the planned attitude
+//!              R' (x_i - p) in nominal_i +- reach                                          along the motion
+//!              0 <= n.f_i <= f_max,  |t.f_i| <= mu n.f_i                                   on the whole curve, by its control points
+//!              f_i = 0                                                                     in swing
+//!              x_i on the terrain in stance; in swing between least and greatest height, slower and less accelerated than legs can
+//!              start at rest, goal pose and rest at the horizon
 //! ```
 //!
-//! Data flows one way: task → [schedule](gait::schedule) → [layout](nlp::layout) → [batch](backend) → [solver] →
-//! [certified trajectory](certify) → [report]. [`search::search`] is the whole job, [`evaluate::evaluate`] the lower level alone,
-//! [`certify::verify()`] the check that shares nothing with the solver, [`mod@reference`] the same problems for Ipopt, and [`experiment`] the
-//! paper's experiments with both.
+//! so that what is found holds between the instants, too: an independent rollout confirms it. `towr` are the rows of \[3\], dynamics at instants
+//! 0.1 s apart, for comparisons.
 //!
-//! ```
-//! use cregopt::{backend::Cpu, scenario::Scenario, search::{cem::CemSettings, evaluate::LowerSettings, search}};
-//! use std::sync::atomic::AtomicBool;
-//!
-//! let task = Scenario::named("biped")?.task(10)?;
-//! let (upper, lower) = (CemSettings::preset("experiment1")?, LowerSettings::default());
-//! let found = search(&task, &upper, &lower, 1, &Cpu::new(1)?, &AtomicBool::new(false), &mut |_| {})?;
-//! let gait = found.best.expect("at least one candidate was evaluated");
-//! assert!(gait.solution.feasible && gait.solution.n_violated == 0);
-//! println!("{:?} stance phases, {} s", gait.stances, gait.solution.horizon);
-//! # Ok::<(), cregopt::Error>(())
-//! ```
-//!
+//! # Conventions
 //! Units are SI, angles rad, and forces act on the robot. World frame: z up; base frame: x forward, y left, in the centre of mass.
 //! Euler angles are roll, pitch, yaw with rotation `Rz(yaw) Ry(pitch) Rx(roll)` from base to world.
+//!
+//! # How it is built
+//! Data flows one way: [`Task`] and [`Schedule`] → `nlp` (which variables, which rows) → [`Backend`] (a batch of them) → `solver` on `rows` and
+//! `linear` → `search::evaluate` (closed in f64, certified by `verify`, priced) → [`Search`]. Modules that are not shown here are the inside
+//! of that, and free to change.
+//!
+//! # Features
+//! `cli` (the program), `gpu` and `experiment` (the paper's experiments) are on by default; without them this is a library that needs no GPU
+//! driver and no argument parser. `ipopt` links Ipopt, to compare with.
 //!
 //! # Sources
 //! 1. I. Tsikelis, K. Chatzilygeroudis, "Gait Optimization for Legged Systems Through Mixed Distribution Cross-Entropy Optimization",
@@ -46,24 +60,47 @@
 //! 5. M. Posa, C. Cantu, R. Tedrake, "A Direct Method for Trajectory Optimization of Rigid Bodies Through Contact", IJRR 33(1), 2014: the
 //!    contact-implicit baseline.
 
+#[doc(hidden)]
 pub mod backend;
+#[cfg(feature = "cli")]
+#[doc(hidden)]
 pub mod cli;
+#[doc(hidden)]
 pub mod error;
+#[cfg(feature = "experiment")]
+#[doc(hidden)]
 pub mod experiment;
 pub mod gait;
+#[doc(hidden)]
 pub mod linear;
+#[doc(hidden)]
 pub mod nlp;
+#[doc(hidden)]
 pub mod real;
+#[doc(hidden)]
 pub mod reference;
+#[doc(hidden)]
 pub mod report;
 pub mod robot;
+#[doc(hidden)]
 pub mod rows;
 pub mod scenario;
 pub mod search;
 pub mod settings;
+#[doc(hidden)]
 pub mod solver;
 pub mod task;
 pub mod terrain;
 pub mod verify;
 
+#[cfg(feature = "gpu")]
+pub use backend::Gpu;
+pub use backend::{Backend, Cpu};
 pub use error::{Error, Result};
+pub use gait::{Schedule, Trajectory};
+pub use robot::Robot;
+pub use search::evaluate::Evaluate;
+pub use search::{Gait, Search, SearchResult};
+pub use task::{Goal, Task};
+pub use terrain::Terrain;
+pub use verify::verify;

@@ -1,9 +1,11 @@
 //! Where a population is solved.
 
 mod cpu;
+#[cfg(feature = "gpu")]
 pub mod gpu;
 
 pub use cpu::Cpu;
+#[cfg(feature = "gpu")]
 pub use gpu::Gpu;
 
 use crate::gait::AlignedSchedule;

@@ -1,7 +1,7 @@
 //! Arguments that several commands share.
 
 use super::{Failure, complain};
-use crate::backend::{Backend, Cpu, Gpu, Precision};
+use crate::backend::{Backend, Cpu, Precision};
 use crate::error::{Error, Result};
 use crate::reference::ipopt;
 use crate::reference::workers::Workers;
@@ -241,10 +241,10 @@ impl DeviceArgs {
             (DeviceArg::Gpu(_), PrecisionArg::F64) => {
                 Err(Error::invalid("--device", "gpu", "`cpu` or `auto` with --precision f64, which only the CPU has").into())
             }
-            (DeviceArg::Gpu(name), _) => Ok(Box::new(Gpu::open(name.as_deref(), true, self.threads)?)),
+            (DeviceArg::Gpu(name), _) => Ok(gpu(name.as_deref(), true, self.threads)?),
             (DeviceArg::Auto, _) if batch < AUTO_BATCH => cpu(),
-            (DeviceArg::Auto, _) => match Gpu::open(None, false, self.threads) {
-                Ok(gpu) => Ok(Box::new(gpu)),
+            (DeviceArg::Auto, _) => match gpu(None, false, self.threads) {
+                Ok(gpu) => Ok(gpu),
                 Err(error) => {
                     complain(&format!("on the CPU: {error}"));
                     cpu()
@@ -252,6 +252,17 @@ impl DeviceArgs {
             },
         }
     }
+}
+
+/// A GPU, or a software adapter if asked for by name or as such.
+#[cfg(feature = "gpu")]
+fn gpu(name: Option<&str>, software: bool, threads: usize) -> Result<Box<dyn Backend>> {
+    Ok(Box::new(crate::backend::Gpu::open(name, software, threads)?))
+}
+
+#[cfg(not(feature = "gpu"))]
+fn gpu(_: Option<&str>, _: bool, _: usize) -> Result<Box<dyn Backend>> {
+    Err(Error::Device { message: "this program was built without the feature `gpu`".into() })
 }
 
 /// Processes of this program that solve with Ipopt.

@@ -1,8 +1,10 @@
 //! The command line: one file a command.
 
 mod args;
+#[cfg(feature = "gpu")]
 mod devices;
 mod evaluate;
+#[cfg(feature = "experiment")]
 mod experiment;
 mod ipopt_worker;
 mod label;
@@ -35,6 +37,7 @@ enum Command {
     Solve(Box<solve::Solve>),
     /// Solve given contact schedules, one JSON object a line
     Evaluate(evaluate::Evaluate),
+    #[cfg(feature = "experiment")]
     /// Repeat the paper's experiments, with its method and its baselines beside this program's
     Experiment(experiment::Experiment),
     /// Solve problems that come on stdin, for the other commands
@@ -42,6 +45,7 @@ enum Command {
     IpoptWorker(ipopt_worker::IpoptWorker),
     /// Check a trajectory file, this program's or TOWR's
     Verify(verify::Verify),
+    #[cfg(feature = "gpu")]
     /// List adapters, and which one `--device auto` takes
     Devices(devices::Devices),
     /// List robots, terrains, scenarios and presets
@@ -88,9 +92,11 @@ pub fn main() -> ExitCode {
     let result = match cli.command {
         Command::Solve(command) => command.run(),
         Command::Evaluate(command) => command.run(),
+        #[cfg(feature = "experiment")]
         Command::Experiment(command) => command.run(),
         Command::IpoptWorker(command) => command.run(),
         Command::Verify(command) => command.run(),
+        #[cfg(feature = "gpu")]
         Command::Devices(command) => command.run(),
         Command::List(command) => command.run(),
     };

@@ -1,6 +1,6 @@
 //! Who solves the schedules of a search, and the clock beside it.
 
-use super::cem::{Candidate, CemSettings, Distribution, Evaluate, Evaluation, GenerationRecord, StopReason, run};
+use super::cem::{Candidate, CemSettings, Distribution, Evaluation, Evaluator, GenerationRecord, StopReason, run};
 use super::evaluate::{Evaluated, LowerSettings, evaluate};
 use crate::backend::Backend;
 use crate::error::{Error, Result};
@@ -113,7 +113,7 @@ impl<'a, L> Timed<'a, L> {
     }
 }
 
-impl<L: LowerLevel> Evaluate for Timed<'_, L> {
+impl<L: LowerLevel> Evaluator for Timed<'_, L> {
     type Solution = L::Solution;
 
     fn evaluate(&mut self, _generation: usize, schedules: &[Schedule], first_feasible: bool) -> Vec<Option<(Evaluation, L::Solution)>> {

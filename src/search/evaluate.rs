@@ -15,7 +15,7 @@ use crate::task::Task;
 use crate::verify::verify_rows;
 use serde::{Deserialize, Serialize};
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 
 /// Largest memory of one candidate's tables and buffers, bytes.
@@ -182,6 +182,74 @@ pub fn evaluate(
     let lowest = if first_feasible { lowest.into_inner() } else { usize::MAX };
     let results = results.into_iter().enumerate();
     Ok(results.map(|(i, slot)| slot.into_inner().ok().flatten().filter(|_| i <= lowest)).collect())
+}
+
+/// Given schedules of a task, solved and certified as one batch.
+///
+/// ```
+/// use cregopt::{Cpu, Evaluate, Goal, Robot, Schedule, Task, Terrain};
+///
+/// let task = Task::new(Robot::named("biped")?, Terrain::flat(), Goal::at(0.5, 0.0))?;
+/// // Stance, swing, stance, ... of each foot, s.
+/// let walk = Schedule::new(vec![vec![0.2, 0.3, 0.5, 0.3, 0.5, 0.3, 0.2], vec![0.6, 0.3, 0.5, 0.3, 0.6]])?;
+/// let evaluate = Evaluate::new(&task);
+/// let solved = evaluate.run(&[walk], &Cpu::new(0)?)?.remove(0).expect("nobody ended it");
+/// assert!(solved.feasible);
+/// let trajectory = evaluate.trajectory(&solved);
+/// println!("{} s, {} feet", trajectory.horizon, trajectory.ee.len());
+/// # Ok::<(), cregopt::Error>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct Evaluate<'a> {
+    task: &'a Task,
+    settings: LowerSettings,
+    cost: CostWeights,
+    cancelled: Option<&'a AtomicBool>,
+}
+
+impl<'a> Evaluate<'a> {
+    /// With the default settings.
+    pub fn new(task: &'a Task) -> Self {
+        Evaluate { task, settings: LowerSettings::default(), cost: CostWeights::default(), cancelled: None }
+    }
+
+    /// Variables, rows, iterations.
+    pub fn settings(self, settings: LowerSettings) -> Self {
+        Evaluate { settings, ..self }
+    }
+
+    /// Weights of the cost of transport.
+    pub fn cost(self, cost: CostWeights) -> Self {
+        Evaluate { cost, ..self }
+    }
+
+    /// Ends when this is set.
+    pub fn cancelled_by(self, flag: &'a AtomicBool) -> Self {
+        Evaluate { cancelled: Some(flag), ..self }
+    }
+
+    /// Solves and certifies; the result has the order of the schedules, and nothing where it was ended before.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for settings or a task out of their limits, or a schedule that does not fit the robot.
+    pub fn run(&self, schedules: &[Schedule], backend: &dyn Backend) -> Result<Vec<Option<Evaluated>>> {
+        self.settings.validate()?;
+        self.cost.validate()?;
+        self.task.validate()?;
+        let candidates: Vec<(&Task, &Schedule)> = schedules.iter().map(|schedule| (self.task, schedule)).collect();
+        let cancelled = || self.cancelled.is_some_and(|flag| flag.load(Ordering::Relaxed));
+        evaluate(&candidates, &self.settings, Some(&self.cost), backend, false, &cancelled)
+    }
+
+    /// The motion of a result, feasible or not.
+    pub fn trajectory(&self, evaluated: &Evaluated) -> Trajectory {
+        evaluated.trajectory(self.task, &self.settings.transcription)
+    }
+
+    /// Largest normal force of a foot that motions keep to, N: what [`verify`](crate::verify()) asks for.
+    pub fn force_limit(&self) -> f64 {
+        force_limit(&self.settings.transcription, self.task)
+    }
 }
 
 /// Closes a solution in f64, counts its violations, and works out what it costs.

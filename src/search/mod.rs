@@ -22,7 +22,7 @@ use crate::task::Task;
 use crate::verify::{Report, verify};
 use batch::{Clock, Timed};
 use cem::{
-    Candidate, CemSettings, Distribution, Evaluate, FreeDistribution, Generation, GenerationRecord, PeriodicDistribution,
+    Candidate, CemSettings, Distribution, Evaluator, FreeDistribution, Generation, GenerationRecord, PeriodicDistribution,
     PerturbDistribution, StopReason, Stopping,
 };
 use evaluate::{Evaluated, LowerSettings};

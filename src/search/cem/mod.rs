@@ -5,7 +5,7 @@
 //! the logarithms of all phase durations; [`periodic`] gaits of several families; and the neighbourhood of a schedule ([`perturb`]). The
 //! objective, maximised, is `J = f - alpha N_vc`: see [`Objective`].
 //!
-//! This module sees only "evaluate these schedules" ([`Evaluate`]); it draws all random numbers of the crate.
+//! This module sees only "evaluate these schedules" ([`Evaluator`]); it draws all random numbers of the crate.
 
 pub mod free;
 pub mod heuristic;
@@ -78,14 +78,14 @@ pub struct Evaluation {
 }
 
 /// The lower level.
-pub trait Evaluate {
+pub trait Evaluator {
     /// What is kept of an evaluated schedule, e.g. a trajectory.
     type Solution;
 
     /// Evaluates the schedules of one generation; the result has their order and number.
     ///
     /// With `first_feasible`, candidates after a feasible one may be left out (`None`): the result must be `Some` for every index up to
-    /// the lowest feasible one. Once [`Evaluate::cancelled`] holds, any candidate may be `None`.
+    /// the lowest feasible one. Once [`Evaluator::cancelled`] holds, any candidate may be `None`.
     fn evaluate(&mut self, generation: usize, schedules: &[Schedule], first_feasible: bool) -> Vec<Option<(Evaluation, Self::Solution)>>;
 
     /// Whether the user asked for the end. Read before and after every generation; the best candidate so far is returned.
@@ -155,7 +155,7 @@ pub enum StopReason {
     Converged,
     /// All generations were run.
     GenerationLimit,
-    /// [`Evaluate::cancelled`].
+    /// [`Evaluator::cancelled`].
     Cancelled,
     /// The time was up.
     TimeLimit,

@@ -1,7 +1,7 @@
 //! Algorithm 1 of \[1\]: the search itself.
 
 use super::random::Draws;
-use super::{Candidate, CemSettings, Distribution, Evaluate, Evaluation, GenerationRecord, Outcome, Sampler, StopReason, Stopping};
+use super::{Candidate, CemSettings, Distribution, Evaluation, Evaluator, GenerationRecord, Outcome, Sampler, StopReason, Stopping};
 use crate::error::Result;
 use crate::gait::Schedule;
 use crate::gait::family::GaitFamily;
@@ -16,7 +16,7 @@ use crate::gait::family::GaitFamily;
 ///
 /// # Errors
 /// [`crate::Error::Invalid`] names the setting that is out of its limits.
-pub fn run<D: Distribution, E: Evaluate>(
+pub fn run<D: Distribution, E: Evaluator>(
     settings: &CemSettings,
     distribution: D,
     seed: u64,
@@ -40,7 +40,7 @@ pub struct Generation<'a, S> {
 ///
 /// # Errors
 /// As [`run`].
-pub fn run_observed<D: Distribution, E: Evaluate>(
+pub fn run_observed<D: Distribution, E: Evaluator>(
     settings: &CemSettings,
     mut distribution: D,
     seed: u64,

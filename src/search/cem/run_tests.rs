@@ -14,7 +14,7 @@ fn synthetic<F: FnMut(usize, usize, &Schedule) -> Option<Evaluation>>(answer: F)
     Synthetic { answer, calls: 0, cancel_after: usize::MAX }
 }
 
-impl<F: FnMut(usize, usize, &Schedule) -> Option<Evaluation>> Evaluate for Synthetic<F> {
+impl<F: FnMut(usize, usize, &Schedule) -> Option<Evaluation>> Evaluator for Synthetic<F> {
     type Solution = (usize, usize);
 
     fn evaluate(&mut self, generation: usize, schedules: &[Schedule], _: bool) -> Vec<Option<(Evaluation, Self::Solution)>> {
