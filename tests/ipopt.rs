@@ -165,7 +165,7 @@ fn what_this_solver_finds_satisfies_towrs_whole_program() {
     // Ours and Ipopt's are one problem: nothing that was eliminated here is missing there.
     let task = |scenario: &str| {
         let mut task = cregopt::scenario::Scenario::named(scenario).unwrap().task(7).unwrap();
-        task.force_limit = cregopt::nlp::transcription::towr::FORCE_LIMIT;
+        task.force_limit = Some(cregopt::nlp::transcription::towr::FORCE_LIMIT);
         task
     };
     let settings = LowerSettings { transcription: towr(), ..LowerSettings::default() };
@@ -221,7 +221,7 @@ mod with_ipopt {
 
     fn scenario(name: &str, target: usize) -> Task {
         let mut task = cregopt::scenario::Scenario::named(name).unwrap().task(target).unwrap();
-        task.force_limit = cregopt::nlp::transcription::towr::FORCE_LIMIT;
+        task.force_limit = Some(cregopt::nlp::transcription::towr::FORCE_LIMIT);
         task
     }
 
@@ -239,7 +239,9 @@ mod with_ipopt {
         let (x, statistics) = ipopt::solve(&nlp, None, &Options::LOWER_LEVEL).unwrap();
         assert_eq!(statistics.status, 0);
         assert!(worst_violation(&nlp, &x) < 1e-4);
-        assert!(verify_rows(&nlp.trajectory(&x), &task.robot, &task.terrain, task.force_limit).unwrap().feasible);
+        assert!(
+            verify_rows(&nlp.trajectory(&x), &task.robot, &task.terrain, cregopt::nlp::transcription::towr::FORCE_LIMIT).unwrap().feasible
+        );
     }
 
     #[test]

@@ -1,11 +1,11 @@
 //! The independent check of trajectories: it accepts what TOWR found, and counts planted faults where they belong.
 
-use cregopt::gait::trajectory::MotionLimits;
+use cregopt::gait::trajectory::{GoalVelocity, MotionLimits};
 use cregopt::gait::{Curve, FootCurves, Trajectory};
 use cregopt::nlp::transcription::towr::FORCE_LIMIT;
 use cregopt::robot::{GRAVITY, ROBOTS, Robot};
 use cregopt::scenario::Scenario;
-use cregopt::settings::GoalVelocity;
+
 use cregopt::terrain::Terrain;
 use cregopt::verify::RolloutReport;
 use cregopt::verify::certificate::{

@@ -3,7 +3,7 @@
 
 use cregopt::gait::Schedule;
 use cregopt::nlp::Layout;
-use cregopt::nlp::transcription::towr::FORCE_LIMIT;
+use cregopt::nlp::transcription::{interval, towr::FORCE_LIMIT};
 use cregopt::real::Real;
 use cregopt::robot::Robot;
 use cregopt::rows::Shared;
@@ -304,7 +304,7 @@ fn reference_candidate(line: &str) -> ReferenceCandidate {
         // The reference was made with the inertia as published.
         task.robot = Arc::new(Robot::named("pexod-as-published").unwrap());
     }
-    task.force_limit = FORCE_LIMIT;
+    task.force_limit = Some(FORCE_LIMIT);
     let durations: Vec<Vec<f64>> = serde_json::from_value(value["durations"].clone()).unwrap();
     let size = |key: &str| value["ipopt"][key].as_u64().unwrap() as usize;
     ReferenceCandidate {
