@@ -94,7 +94,7 @@ fn main() -> Result<()> {
         let mut pairs = Vec::new();
         for candidate in 0..count {
             let mut task = scenario.task(1 + (7 * candidate) % TARGETS)?;
-            task.force_limit = FORCE_LIMIT;
+            task.force_limit = Some(FORCE_LIMIT);
             let distribution = Distribution::initial(&search, task.robot.feet());
             let schedule = distribution.sample(&search, Draws::new(seed, 0, candidate)).schedule(&search)?;
             pairs.push(pair(&task, &schedule, &settings, &backend, candidate % 2 == 0)?);
