@@ -81,13 +81,13 @@ fn values_from(at: u32, count: u32) -> vec3<f32> {
     return v;
 }
 
-// Up to six rows of an element from row `from` on.
-fn six_rows(slot: u32, half: u32, element: Element, from: u32) -> Rows {
-    let w = slot * batch.values + batch.weight + element.place.row + from;
-    let v = slot * batch.values + batch.value + element.place.row + from;
-    let count = min(element.rows - from, 6u);
+// Up to six rows of an element from row `top` on.
+fn six_rows(slot: u32, half: u32, element: Element, top: u32) -> Rows {
+    let w = slot * batch.values + batch.weight + element.place.row + top;
+    let v = slot * batch.values + batch.value + element.place.row + top;
+    let count = min(element.rows - top, 6u);
     var rows: Rows;
-    rows.first = (2u * slot + half) * batch.jacobian + element.place.jacobian + from * element.place.stride;
+    rows.first = (2u * slot + half) * batch.jacobian + element.place.jacobian + top * element.place.stride;
     rows.at = element.place.stride * vec3<u32>(0u, 1u, 2u);
     rows.at2 = element.place.stride * vec3<u32>(3u, 4u, 5u);
     rows.count = count;
@@ -188,11 +188,11 @@ fn assemble(slot: u32, half: u32, element: Element, side: u32, count: u32, size:
         }
         return;
     }
-    for (var from = 0u; from < element.rows; from += 6u) {
-        if (from > 0u) {
+    for (var top = 0u; top < element.rows; top += 6u) {
+        if (top > 0u) {
             front_barrier();
         }
-        add_rows(slot, six_rows(slot, half, element, from), side, count, size, lane);
+        add_rows(slot, six_rows(slot, half, element, top), side, count, size, lane);
     }
 }
 
