@@ -9,7 +9,7 @@ use cregopt::robot::Robot;
 use cregopt::rows::Shared;
 use cregopt::rows::table::NONE;
 use cregopt::scenario::Scenario;
-use cregopt::settings::{Transcription, TranscriptionSettings};
+use cregopt::settings::{Friction, Transcription, TranscriptionSettings};
 use cregopt::task::Task;
 use cregopt::terrain::{Grid, Ground, Shape, Terrain};
 use nalgebra::DMatrix;
@@ -104,6 +104,11 @@ pub fn towr() -> TranscriptionSettings {
 /// Settings of both transcriptions, the default first.
 pub fn transcriptions() -> [TranscriptionSettings; 2] {
     [TranscriptionSettings::default(), towr()]
+}
+
+/// Settings with friction cones.
+pub fn cones() -> TranscriptionSettings {
+    TranscriptionSettings { friction: Friction::Cone, ..TranscriptionSettings::default() }
 }
 
 /// Layout with the default settings of a schedule that is not aligned yet.
