@@ -116,15 +116,11 @@ fn factorisation(c: &mut Criterion, scenario: &Scenario, task: &Task, schedules:
 }
 
 fn main() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/reference/ipopt_candidates.jsonl");
-    let reference = match std::fs::read_to_string(path) {
-        Ok(text) => text,
-        Err(error) => return println!("skipped: the candidates are in {path}: {error}"),
-    };
+    let reference = include_str!("../tests/data/ipopt_candidates.jsonl");
     let mut c = Criterion::default().configure_from_args();
     for scenario in &SCENARIOS {
         let task = scenario.task(TARGET).expect("a target of the scenario");
-        let schedules = schedules(&reference, scenario.name);
+        let schedules = schedules(reference, scenario.name);
         solve(&mut c, scenario, &task, &schedules);
         layout(&mut c, scenario, &task, &schedules);
         factorisation(&mut c, scenario, &task, &schedules);

@@ -286,7 +286,7 @@ fn first_feasible_keeps_everything_up_to_the_lowest_feasible_index() {
 
 #[test]
 fn reference_candidates_are_solved_in_both_precisions() {
-    let Some(candidates) = reference_candidates("reference_candidates_are_solved_in_both_precisions") else { return };
+    let candidates = reference_candidates();
     let candidates: Vec<ReferenceCandidate> = candidates.into_iter().filter(|c| c.target == 10).collect();
     assert_eq!(candidates.len(), 80);
     let problems: Vec<(&Task, &Schedule)> = candidates.iter().map(|c| (&c.task, &c.schedule)).collect();
@@ -322,7 +322,7 @@ fn reference_candidates_are_solved_in_both_precisions() {
 
 #[test]
 fn momentum_gaits_of_the_biped_hold_between_the_instants() {
-    let Some(candidates) = reference_candidates("momentum_gaits_of_the_biped_hold_between_the_instants") else { return };
+    let candidates = reference_candidates();
     let chosen: Vec<&ReferenceCandidate> = candidates.iter().filter(|c| c.scenario == "biped" && c.target == 10).collect();
     // The robot's own force limit, not TOWR's.
     let tasks: Vec<Task> = chosen.iter().map(|_| Scenario::named("biped").unwrap().task(10).unwrap()).collect();

@@ -271,7 +271,12 @@ pub fn one_sided<T: Real>(layout: &Layout<T>, c: &[T], g: &[T]) -> Vec<f64> {
     residuals
 }
 
-/// A candidate of `reference/ipopt_candidates.jsonl`.
+/// Text of a file in `tests/data`.
+pub fn data(name: &str) -> String {
+    std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)).unwrap()
+}
+
+/// A candidate of `ipopt_candidates.jsonl`.
 pub struct ReferenceCandidate {
     pub scenario: String,
     pub target: u64,
@@ -290,14 +295,9 @@ pub struct ReferenceCandidate {
     pub nnz_jacobian: usize,
 }
 
-/// Reads the reference candidates; says so and returns `None` when they are not there.
-pub fn reference_candidates(test: &str) -> Option<Vec<ReferenceCandidate>> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/reference/ipopt_candidates.jsonl");
-    let Ok(text) = std::fs::read_to_string(&path) else {
-        println!("`{test}` skipped: no reference data at {}", path.display());
-        return None;
-    };
-    Some(text.lines().map(reference_candidate).collect())
+/// Reads the reference candidates.
+pub fn reference_candidates() -> Vec<ReferenceCandidate> {
+    data("ipopt_candidates.jsonl").lines().map(reference_candidate).collect()
 }
 
 fn reference_candidate(line: &str) -> ReferenceCandidate {
