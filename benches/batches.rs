@@ -6,6 +6,7 @@
 
 use cregopt::backend::{Backend, Cpu, Gpu, Job, Precision, Problem, Solution};
 use cregopt::gait::Schedule;
+use cregopt::nlp::transcription;
 use cregopt::scenario::Scenario;
 use cregopt::search::cem::{self, CemSettings, Evaluate, Evaluation};
 use cregopt::search::evaluate::{LowerSettings, evaluate};
@@ -71,7 +72,7 @@ fn population(task: &Task, count: usize) -> Result<(Vec<Schedule>, f64, f64)> {
 
 /// Time of solving a batch on a backend without certification, s, and how many were solved.
 fn solve(backend: &dyn Backend, task: &Task, schedules: &[Schedule], lower: &LowerSettings) -> (f64, usize) {
-    let interval = lower.transcription.interval_for(&task.robot);
+    let interval = transcription::interval(&lower.transcription, &task.robot);
     let problems: Vec<Problem> = schedules.iter().map(|s| Problem { task, schedule: s.aligned(interval) }).collect();
     let job = Job { problems: &problems, transcription: &lower.transcription, settings: &lower.solver, precision: Precision::F32 };
     let solved = AtomicUsize::new(0);

@@ -7,7 +7,7 @@
 use cregopt::backend::Cpu;
 use cregopt::experiment::summary::Spread;
 use cregopt::gait::Schedule;
-use cregopt::nlp::transcription::towr::FORCE_LIMIT;
+use cregopt::nlp::transcription::{self, towr::FORCE_LIMIT};
 use cregopt::reference::ipopt::{self, Options};
 use cregopt::reference::job::Job;
 use cregopt::scenario::{SCENARIOS, Scenario, TARGETS};
@@ -51,7 +51,7 @@ fn pair(task: &Task, schedule: &Schedule, settings: &LowerSettings, backend: &Cp
         let result = results.into_iter().next().flatten();
         Ok::<_, Error>((start.elapsed().as_secs_f64(), result.as_ref().is_some_and(|r| r.feasible), result.map_or(0, |r| r.iterations)))
     };
-    let interval = settings.transcription.interval_for(&task.robot);
+    let interval = transcription::interval(&settings.transcription, &task.robot);
     let other = || {
         let start = Instant::now();
         let answer = Job::fixed(task, &schedule.aligned(interval), Options::LOWER_LEVEL).run()?;
@@ -76,8 +76,8 @@ fn main() -> Result<()> {
     let (count, seed) = arguments()?;
     ipopt::check()?;
     let backend = Cpu::new(1)?;
-    let transcription = TranscriptionSettings { rows: Transcription::Towr, ..TranscriptionSettings::default() };
-    let settings = LowerSettings { transcription, ..LowerSettings::default() };
+    let towr = TranscriptionSettings { rows: Transcription::Towr, ..TranscriptionSettings::default() };
+    let settings = LowerSettings { transcription: towr, ..LowerSettings::default() };
     let search = CemSettings::preset("experiment1")?;
     println!(
         "cregopt {}, f32 closed in f64, and Ipopt {}; one core each, in turns",
@@ -94,7 +94,7 @@ fn main() -> Result<()> {
         let mut pairs = Vec::new();
         for candidate in 0..count {
             let mut task = scenario.task(1 + (7 * candidate) % TARGETS)?;
-            task.force_limit = FORCE_LIMIT;
+            task.force_limit = Some(FORCE_LIMIT);
             let distribution = Distribution::initial(&search, task.robot.feet());
             let schedule = distribution.sample(&search, Draws::new(seed, 0, candidate)).schedule(&search)?;
             pairs.push(pair(&task, &schedule, &settings, &backend, candidate % 2 == 0)?);

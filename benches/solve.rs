@@ -5,9 +5,10 @@
 //! * `factorise/<scenario>` - one factorisation of each with every row in force, in f32
 
 use cregopt::backend::{Cpu, Precision};
-use cregopt::gait::Schedule;
+use cregopt::gait::{AlignedSchedule, Schedule};
 use cregopt::linear::front::{Factor, NormalEquations, factorise};
 use cregopt::nlp::Layout;
+use cregopt::nlp::transcription::interval;
 use cregopt::rows;
 use cregopt::scenario::{SCENARIOS, Scenario};
 use cregopt::search::evaluate::{LowerSettings, evaluate};
@@ -56,7 +57,7 @@ fn solve(c: &mut Criterion, scenario: &Scenario, task: &Task, schedules: &[Sched
 
 fn layout(c: &mut Criterion, scenario: &Scenario, task: &Task, schedules: &[Schedule]) {
     let settings = LowerSettings::default().transcription;
-    let aligned: Vec<Schedule> = schedules.iter().map(|s| s.aligned(settings.interval_for(&task.robot))).collect();
+    let aligned: Vec<AlignedSchedule> = schedules.iter().map(|s| s.aligned(interval(&settings, &task.robot))).collect();
     let mut group = c.benchmark_group("layout");
     group.warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(2)).sample_size(20);
     group.throughput(Throughput::Elements(aligned.len() as u64));
@@ -82,12 +83,12 @@ struct Linearised {
 impl Linearised {
     fn new(task: &Task, schedule: &Schedule) -> Linearised {
         let settings = LowerSettings::default().transcription;
-        let layout = Layout::<f32>::new(task, &schedule.aligned(settings.interval_for(&task.robot)), &settings);
-        let mut shared = kernels::Shared::default();
+        let layout = Layout::<f32>::new(task, &schedule.aligned(interval(&settings, &task.robot)), &settings);
+        let mut shared = rows::Shared::default();
         shared.resize(&layout);
         let (mut c, mut g) = (vec![0.; layout.equalities], vec![0.; layout.inequalities]);
         let mut jacobian = vec![0.; layout.jacobian_len];
-        kernels::evaluate(&layout, &layout.initial, 0., &mut shared, &mut c, &mut g, Some(&mut jacobian));
+        rows::residuals(&layout, &layout.initial, 0., &mut shared, &mut c, &mut g, Some(&mut jacobian));
         let mut diagonal = vec![0.; layout.variables];
         column_scaling(&layout, &jacobian, &mut diagonal);
         diagonal.iter_mut().for_each(|d| *d *= 1e-3);
@@ -115,15 +116,11 @@ fn factorisation(c: &mut Criterion, scenario: &Scenario, task: &Task, schedules:
 }
 
 fn main() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/reference/ipopt_candidates.jsonl");
-    let reference = match std::fs::read_to_string(path) {
-        Ok(text) => text,
-        Err(error) => return println!("skipped: the candidates are in {path}: {error}"),
-    };
+    let reference = include_str!("../tests/data/ipopt_candidates.jsonl");
     let mut c = Criterion::default().configure_from_args();
     for scenario in &SCENARIOS {
         let task = scenario.task(TARGET).expect("a target of the scenario");
-        let schedules = schedules(&reference, scenario.name);
+        let schedules = schedules(reference, scenario.name);
         solve(&mut c, scenario, &task, &schedules);
         layout(&mut c, scenario, &task, &schedules);
         factorisation(&mut c, scenario, &task, &schedules);

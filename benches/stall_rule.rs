@@ -5,6 +5,7 @@
 
 use cregopt::gait::Schedule;
 use cregopt::nlp::Layout;
+use cregopt::nlp::transcription::interval;
 use cregopt::scenario::{SCENARIOS, Scenario};
 use cregopt::search::cem::random::Draws;
 use cregopt::search::cem::{CemSettings, Distribution};
@@ -80,7 +81,7 @@ fn draw(task: &Task, target: usize, index: usize) -> Result<Schedule> {
 
 fn solve(task: &Task, target: usize, index: usize) -> Result<Pair> {
     let transcription = TranscriptionSettings::default();
-    let layout = Layout::<f32>::new(task, &draw(task, target, index)?.aligned(transcription.interval_for(&task.robot)), &transcription);
+    let layout = Layout::<f32>::new(task, &draw(task, target, index)?.aligned(interval(&transcription, &task.robot)), &transcription);
     let outcome = |enabled| {
         let stall = StallSettings { enabled, ..StallSettings::default() };
         let settings = SolverSettings { stall, ..SolverSettings::default() };

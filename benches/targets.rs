@@ -49,7 +49,7 @@ fn run(scenario: &Scenario, rows: Transcription, whole_generation: bool, seeds: 
     for target in 1..=TARGETS {
         let mut task = scenario.task(target)?;
         if rows == Transcription::Towr {
-            task.force_limit = FORCE_LIMIT;
+            task.force_limit = Some(FORCE_LIMIT);
         }
         for seed in 1..=seeds {
             let found = search(&task, &settings, &lower, seed, backend, &AtomicBool::new(false), &mut |_| ())?;

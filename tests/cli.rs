@@ -57,13 +57,9 @@ fn read_lines(path: impl AsRef<Path>) -> Vec<Value> {
     fs::read_to_string(path).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
-/// A file in the shared folder beside the repository, where there is one.
-fn shared(path: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared").join(path);
-    if !path.exists() {
-        println!("skipped: {} is absent", path.display());
-    }
-    path.exists().then_some(path)
+/// A file of reference data.
+fn data(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
 }
 
 /// Nothing but the named files and empty ones.
@@ -659,7 +655,7 @@ fn verify_reports_the_rollout() {
 
 #[test]
 fn verify_accepts_towrs_own_solutions() {
-    let Some(path) = shared("reference/towr_solutions.jsonl") else { return };
+    let path = data("towr_solutions.jsonl");
     let dir = folder();
     let args = ["verify", path.to_str().unwrap(), "--robot", "hex=pexod-as-published"];
     assert!(run_in(dir.path(), &args).ends_with(0).stdout.contains("10 of 10 trajectories feasible"));

@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{Random, gait, hills, reference_candidates, spider, task_for, towr};
+use common::{Random, data, gait, hills, reference_candidates, spider, task_for, towr};
 use cregopt::backend::Cpu;
 use cregopt::gait::{Schedule, Trajectory};
 use cregopt::reference::contact_implicit::{ContactImplicit, Contacts};
@@ -122,7 +122,7 @@ fn the_jacobian_test_sees_a_wrong_entry() {
 
 #[test]
 fn sizes_are_those_of_towr() {
-    let Some(candidates) = reference_candidates("sizes_are_those_of_towr") else { return };
+    let candidates = reference_candidates();
     for candidate in &candidates {
         let nlp = Towr::fixed(&candidate.task, &candidate.schedule);
         let rows = rows_at(&nlp, nlp.initial());
@@ -136,10 +136,8 @@ fn sizes_are_those_of_towr() {
 
 #[test]
 fn towrs_own_solutions_satisfy_the_program() {
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/reference/towr_solutions.jsonl");
-    let Ok(text) = std::fs::read_to_string(&path) else { return println!("skipped: no reference data at {}", path.display()) };
-    let Some(candidates) = reference_candidates("towrs_own_solutions_satisfy_the_program") else { return };
-    for line in text.lines() {
+    let candidates = reference_candidates();
+    for line in data("towr_solutions.jsonl").lines() {
         let trajectory = Trajectory::from_json(line).unwrap();
         let value: serde_json::Value = serde_json::from_str(line).unwrap();
         let same =
@@ -165,7 +163,7 @@ fn what_this_solver_finds_satisfies_towrs_whole_program() {
     // Ours and Ipopt's are one problem: nothing that was eliminated here is missing there.
     let task = |scenario: &str| {
         let mut task = cregopt::scenario::Scenario::named(scenario).unwrap().task(7).unwrap();
-        task.force_limit = cregopt::nlp::transcription::towr::FORCE_LIMIT;
+        task.force_limit = Some(cregopt::nlp::transcription::towr::FORCE_LIMIT);
         task
     };
     let settings = LowerSettings { transcription: towr(), ..LowerSettings::default() };
@@ -221,7 +219,7 @@ mod with_ipopt {
 
     fn scenario(name: &str, target: usize) -> Task {
         let mut task = cregopt::scenario::Scenario::named(name).unwrap().task(target).unwrap();
-        task.force_limit = cregopt::nlp::transcription::towr::FORCE_LIMIT;
+        task.force_limit = Some(cregopt::nlp::transcription::towr::FORCE_LIMIT);
         task
     }
 
@@ -239,7 +237,9 @@ mod with_ipopt {
         let (x, statistics) = ipopt::solve(&nlp, None, &Options::LOWER_LEVEL).unwrap();
         assert_eq!(statistics.status, 0);
         assert!(worst_violation(&nlp, &x) < 1e-4);
-        assert!(verify_rows(&nlp.trajectory(&x), &task.robot, &task.terrain, task.force_limit).unwrap().feasible);
+        assert!(
+            verify_rows(&nlp.trajectory(&x), &task.robot, &task.terrain, cregopt::nlp::transcription::towr::FORCE_LIMIT).unwrap().feasible
+        );
     }
 
     #[test]
@@ -259,7 +259,7 @@ mod with_ipopt {
 
     #[test]
     fn verdicts_are_those_of_towr_but_for_candidates_that_a_limit_cuts_off() {
-        let Some(candidates) = reference_candidates("verdicts_are_those_of_towr") else { return };
+        let candidates = reference_candidates();
         let candidates: Vec<_> = candidates.into_iter().step_by(EVERY).collect();
         let solve = |of: &[usize], options: Options| {
             let jobs: Vec<Job> = of.iter().map(|&i| Job::fixed(&candidates[i].task, &candidates[i].schedule, options)).collect();

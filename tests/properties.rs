@@ -6,11 +6,16 @@ use common::{Random, Rows, gait, layout_with, point, rows, task, task_for, trans
 use cregopt::backend::Cpu;
 use cregopt::gait::Schedule;
 use cregopt::gait::spline::hermite;
+use cregopt::gait::trajectory::GoalVelocity;
 use cregopt::nlp::Layout;
-use cregopt::nlp::layout::{Family, NONE, POSE_VALUES, Stride};
+use cregopt::nlp::transcription::interval;
+
 use cregopt::robot::{GRAVITY, Robot};
+use cregopt::rows::Family;
+use cregopt::rows::stride::Stride;
+use cregopt::rows::table::NONE;
 use cregopt::search::evaluate::{LowerSettings, evaluate};
-use cregopt::settings::{GoalVelocity, Transcription, TranscriptionSettings};
+use cregopt::settings::{Friction, Transcription, TranscriptionSettings};
 use cregopt::solver::Status;
 use cregopt::task::Task;
 use cregopt::terrain::Terrain;
@@ -47,10 +52,13 @@ fn schedule(feet: std::ops::RangeInclusive<usize>) -> impl Strategy<Value = Sche
 fn transcription() -> impl Strategy<Value = TranscriptionSettings> {
     let rows = prop_oneof![Just(Transcription::Momentum), Just(Transcription::Towr)];
     let goal_velocity = prop_oneof![Just(GoalVelocity::Zero), Just(GoalVelocity::Free)];
-    (rows, goal_velocity, 0.04..0.4, 0.03..0.3, 2..6usize).prop_map(|(rows, goal_velocity, interval, reach_interval, force_pieces)| {
+    let numbers = (0.04..0.4, 0.03..0.3, 2..6usize);
+    (rows, goal_velocity, any::<bool>(), numbers).prop_map(|(rows, goal_velocity, cone, (interval, reach_interval, force_pieces))| {
         TranscriptionSettings {
             rows,
             goal_velocity,
+            // TOWR has a pyramid.
+            friction: if cone && rows == Transcription::Momentum { Friction::Cone } else { Friction::Pyramid },
             interval: Some(interval),
             reach_interval,
             force_pieces,
@@ -87,7 +95,7 @@ proptest! {
     fn any_schedule_has_a_consistent_layout(schedule in schedule(1..=8), settings in transcription(), edges in any::<bool>()) {
         let terrain = Terrain::named(if edges { "slope" } else { "flat" }).unwrap();
         let task = task_for(common::spider(schedule.feet()), terrain, [2., 0.5], 1.);
-        let layout = Layout::<f32>::new(&task, &schedule.aligned(settings.interval_for(&task.robot)), &settings);
+        let layout = Layout::<f32>::new(&task, &schedule.aligned(interval(&settings, &task.robot)), &settings);
         check_sizes(&layout, &schedule, &settings)?;
         check_places(&layout)?;
         check_sweep(&layout)?;
@@ -126,12 +134,14 @@ fn check_sizes(layout: &Layout<f32>, schedule: &Schedule, settings: &Transcripti
         false => layout.reach_instants.len() * schedule.feet(),
     };
     let strides = if momentum { swings } else { 0 };
-    prop_assert_eq!(layout.rows, layout.equalities + 3 * reach + 5 * forces + per_swing * swings + strides);
-    prop_assert_eq!(layout.inequalities, 6 * reach + 6 * forces + sides * per_swing * swings + strides);
+    // The normal force has two sides; the pyramid has four rows beside it, the cone one.
+    let (friction, pyramids, cones) = if settings.friction == Friction::Cone { (1, 0, forces) } else { (4, forces, 0) };
+    prop_assert_eq!(layout.rows, layout.equalities + 3 * reach + (1 + friction) * forces + per_swing * swings + strides);
+    prop_assert_eq!(layout.inequalities, 6 * reach + (2 + friction) * forces + sides * per_swing * swings + strides);
     let count = |family| layout.elements.iter().filter(|e| e.family == family).count();
     prop_assert_eq!([Family::Dynamics, Family::LinearMomentum, Family::AngularMomentum].map(count), balance);
-    let counts = [Family::Reach, Family::Force, Family::Swing, Family::Stride].map(count);
-    prop_assert_eq!(counts, [reach, forces, per_swing * swings, strides]);
+    let counts = [Family::Reach, Family::Force, Family::Cone, Family::Swing, Family::Stride].map(count);
+    prop_assert_eq!(counts, [reach, pyramids, cones, per_swing * swings, strides]);
     Ok(())
 }
 
@@ -145,11 +155,11 @@ fn check_places(layout: &Layout<f32>) -> Result<(), TestCaseError> {
     for element in &layout.elements {
         let place = &element.place;
         cover(0, place.row, element.rows);
-        // After the rows of a foot's reach come those by the base pose.
-        let pose = if element.family == Family::Reach { POSE_VALUES as u32 } else { 0 };
-        cover(2, place.jacobian, element.rows * place.stride + pose);
+        // After the rows of a foot's reach come those by the base pose, each by all six of its values.
+        let after = if element.family == Family::Reach { 4 * 6 } else { 0 };
+        cover(2, place.jacobian, element.rows * place.stride + after);
         if (place.row as usize) < layout.equalities {
-            prop_assert!(element.family.equality());
+            prop_assert!(element.family.spec().equality);
         } else {
             cover(1, place.inequality, element.rows + element.pairs);
         }
@@ -184,14 +194,14 @@ fn check_sweep(layout: &Layout<f32>) -> Result<(), TestCaseError> {
         // Variable in each slot: pivots, then the rest.
         let mut front: Vec<u32> = (step.variable..step.variable + step.pivots).collect();
         for run in &layout.front_runs[step.rest.range()] {
-            prop_assert_eq!(run.slot as usize, front.len());
+            prop_assert_eq!(run.front as usize, front.len());
             front.extend(run.variable..run.variable + run.len);
         }
         prop_assert_eq!(front.len(), step.size as usize);
         for element in &layout.elements[step.elements.range()] {
             for run in &layout.runs[element.runs.range()] {
                 for i in 0..run.len {
-                    prop_assert_eq!(front[(run.slot + i) as usize], run.variable + i);
+                    prop_assert_eq!(front[(run.front + i) as usize], run.variable + i);
                     last_step[(run.variable + i) as usize] = k;
                 }
             }

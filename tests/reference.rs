@@ -13,13 +13,15 @@ use cregopt::linear::product::jacobian_times;
 use cregopt::linear::substitute::substitute;
 use cregopt::linear::transposed::transposed_times;
 use cregopt::nlp::Layout;
-use cregopt::nlp::layout::{Element, NONE};
+use cregopt::nlp::layout::Element;
 use cregopt::nlp::trajectory;
+use cregopt::nlp::transcription::force_limit;
 use cregopt::real::Real;
 use cregopt::robot::GRAVITY;
+use cregopt::rows::table::NONE;
 use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::solver::advance::advance;
-use cregopt::solver::judge::{infeasibility, infeasibility_fall, merit_fall, nonlinearity, pull_fall, update_slacks};
+use cregopt::solver::judge::{infeasibility, infeasibility_fall, merit_fall, nonlinearity, smoothing_fall, update_slacks};
 use cregopt::solver::slacks::{Aim, Slacks, mean_product, slack_steps, target};
 use cregopt::solver::start::{column_scaling, start_slacks};
 use cregopt::solver::weights::{barrier_rows, closing_rows, variable_terms};
@@ -206,7 +208,7 @@ fn expected(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> (Vec<f64>,
                 let row = force_nodes.next().unwrap().place.inequality as usize;
                 let (normal, limit) = (n.dot(&f), task.terrain.friction * n.dot(&f));
                 let sides = [
-                    normal - task.force_limit,
+                    normal - force_limit(Transcription::Towr, task),
                     tangents[0].dot(&f) - limit,
                     -tangents[0].dot(&f) - limit,
                     tangents[1].dot(&f) - limit,
@@ -375,8 +377,9 @@ fn rows_that_were_eliminated_hold_at_any_point() {
     for (seed, case) in cases().iter().enumerate() {
         let layout = layout_with::<f64>(&case.task, &case.schedule, &towr());
         let x = point(&layout, &mut Random::new(seed as u64), 0.);
-        let report =
-            verify_rows(&trajectory(&case.task, &layout, &x), &case.task.robot, &case.task.terrain, case.task.force_limit).unwrap();
+        let limit = |rows| force_limit(rows, &case.task);
+        let nodes = trajectory(&case.task, &layout, &x);
+        let report = verify_rows(&nodes, &case.task.robot, &case.task.terrain, limit(Transcription::Towr)).unwrap();
         for family in [Family::BaseAcceleration, Family::Swing, Family::Bounds, Family::Structure] {
             assert_eq!(report.family(family).violated, 0, "{}\n{report}", case.name);
         }
@@ -385,7 +388,7 @@ fn rows_that_were_eliminated_hold_at_any_point() {
         let layout = layout_with::<f64>(&case.task, &case.schedule, &TranscriptionSettings::default());
         let x = point(&layout, &mut Random::new(seed as u64), 0.);
         let nodes = trajectory(&case.task, &layout, &x);
-        let report = verify_rows(&nodes, &case.task.robot, &case.task.terrain, case.task.force_limit).unwrap();
+        let report = verify_rows(&nodes, &case.task.robot, &case.task.terrain, limit(Transcription::Momentum)).unwrap();
         for family in [Family::Bounds, Family::Structure] {
             assert_eq!(report.family(family).violated, 0, "{}\n{report}", case.name);
         }
@@ -969,18 +972,18 @@ fn the_cost_of_the_pull_falls_by_its_plain_formula() {
         let x_to: Vec<f64> = x.iter().zip(random_vector(20, n)).map(|(x, by)| x + 0.3 * by).collect();
         let (from, to) = (pull_terms(&pull, x, initial), pull_terms(&pull, &x_to, initial));
         assert!(from.iter().sum::<f64>() > 1.);
-        assert_falls(pull_fall(&pull, x, &x_to, initial), &from, &to, SUM_TOLERANCE, "cost");
-        assert_falls(pull_fall(&pull, &x_to, x, initial), &to, &from, SUM_TOLERANCE, "cost, back");
+        assert_falls(smoothing_fall(&pull, x, &x_to, initial), &from, &to, SUM_TOLERANCE, "cost");
+        assert_falls(smoothing_fall(&pull, &x_to, x, initial), &to, &from, SUM_TOLERANCE, "cost, back");
         // Initial values cost nothing.
-        assert_falls(pull_fall(&pull, x, initial, initial), &from, &[], SUM_TOLERANCE, "whole cost");
-        assert_eq!(pull_fall(&pull, x, x, initial), 0.);
+        assert_falls(smoothing_fall(&pull, x, initial, initial), &from, &[], SUM_TOLERANCE, "whole cost");
+        assert_eq!(smoothing_fall(&pull, x, x, initial), 0.);
 
         let mut random = Random::new(21);
         for away in [1e-2, 1e-4, 1e-6] {
             let [(pull, wide_pull), (initial, wide_initial), (x, wide_x)] = [&pull, initial, x].map(narrow);
             let (x_to, wide_x_to) = narrow(&near(&wide_x, &mut random, away));
             let (from, to) = (pull_terms(&wide_pull, &wide_x, &wide_initial), pull_terms(&wide_pull, &wide_x_to, &wide_initial));
-            let error = f32_error(pull_fall(&pull, &x, &x_to, &initial), &from, &to, &from);
+            let error = f32_error(smoothing_fall(&pull, &x, &x_to, &initial), &from, &to, &from);
             assert!(error <= 1., "{away} away: {error}");
         }
     }

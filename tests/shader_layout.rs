@@ -1,28 +1,28 @@
-//! Shaders, their table and their Rust twins agree, without a GPU: texts are parsed and validated, structs, bindings, constants and names
-//! compared. And the tables that only shaders read say the same as those of the twins.
+//! Shaders, their bindings and their files agree, without a GPU: texts are parsed and validated, sizes and offsets of what stands in buffers
+//! compared with the types whose declarations were written for them. And the tables that only shaders read say the same as those of the twins.
 
 mod common;
 
-use common::{Random, gait, hills, layout_with, spider, task, task_for, transcriptions};
-use cregopt::backend::gpu::shaders::{Buffer, SHADERS, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP, shader};
-use cregopt::backend::gpu::tables::{Batch, FrontStep, Gather, Rest, Shape, Slot, Sweep, Touch};
+use common::{Random, cones, gait, hills, layout_with, spider, task, task_for, transcriptions};
+use cregopt::backend::gpu::shaders::{Binding, SHARED, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP, constants, prelude};
+use cregopt::backend::gpu::tables::{Batch, Buffer, FrontStep, ShaderTables, Shape, Slot};
 use cregopt::linear::transposed::transposed_times;
 use cregopt::nlp::Layout;
-use cregopt::nlp::layout::{
-    BasePoint, Constants, DynamicsInstant, Element, Family, ForceNode, INNER_POINTS, Impulse, MOMENTUM_POINTS, MomentumInterval,
-    MomentumPoint, NONE, Place, ReachFoot, ReachInstant, StanceForce, Stride, SwingNode,
-};
-use cregopt::nlp::sweep::{Run, Span};
-use cregopt::robot::GRAVITY;
-use cregopt::settings::SolverSettings;
-use cregopt::solver::control::{self, Limits, Progress};
-use cregopt::solver::slacks::{BARRIER_FLOOR, MULTIPLIER_FLOOR, SLACK_FLOOR};
-use cregopt::terrain::{Profile, Shape as TerrainShape, Terrain};
+use cregopt::nlp::layout::Element;
+use cregopt::rows::dynamics::{DynamicsInstant, StanceForce};
+use cregopt::rows::force::ForceNode;
+use cregopt::rows::momentum::MomentumInterval;
+use cregopt::rows::reach::{BasePoint, ReachFoot, ReachInstant};
+use cregopt::rows::swing::SwingNode;
+use cregopt::rows::table::NONE;
+use cregopt::rows::{Constants, Family};
+use cregopt::solver::control::Progress;
+use cregopt::solver::round::{ROUND, START, Stage};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
-use naga::{AddressSpace, ArraySize, Expression, Handle, Literal, Module, ScalarKind, StorageAccess, Type, TypeInner};
+use naga::{AddressSpace, ArraySize, Expression, Handle, Literal, Module, StorageAccess, Type, TypeInner};
 use std::collections::{BTreeMap, BTreeSet};
 use std::mem::offset_of;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Storage buffers that a shader may bind: what `front` needs. Adapters with fewer are refused, and those that this crate is meant for have
 /// 16 or more.
@@ -44,21 +44,14 @@ fn variants() -> [Variant; 2] {
     variants
 }
 
-fn parse(shader: &Shader, variant: &Variant) -> Module {
+fn parse(shader: Shader, variant: &Variant) -> Module {
     let text = shader.text(variant);
-    naga::front::wgsl::parse_str(&text).unwrap_or_else(|e| panic!("{}: {}", shader.name, e.emit_to_string(&text)))
+    naga::front::wgsl::parse_str(&text).unwrap_or_else(|e| panic!("{}: {}", shader.path(), e.emit_to_string(&text)))
 }
 
 /// All shaders in both variants.
-fn modules() -> Vec<(&'static Shader, Variant, Module)> {
-    variants().into_iter().flat_map(|variant| SHADERS.iter().map(move |s| (s, variant, parse(s, &variant)))).collect()
-}
-
-/// Text, its place and its shared parts by name: what stands in `folder`.
-fn texts(folder: &str) -> BTreeMap<String, String> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
-    let files = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).filter(|path| path.is_file());
-    files.map(|path| (path.file_stem().unwrap().to_str().unwrap().into(), std::fs::read_to_string(&path).unwrap())).collect()
+fn modules() -> Vec<(Shader, Variant, Module)> {
+    variants().into_iter().flat_map(|variant| Shader::ALL.iter().map(move |&s| (s, variant, parse(s, &variant)))).collect()
 }
 
 #[test]
@@ -66,243 +59,191 @@ fn every_shader_validates() {
     for (shader, variant, module) in modules() {
         let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
         let text = shader.text(&variant);
-        validator.validate(&module).unwrap_or_else(|e| panic!("{}: {}", shader.name, e.emit_to_string(&text)));
+        validator.validate(&module).unwrap_or_else(|e| panic!("{}: {}", shader.path(), e.emit_to_string(&text)));
     }
 }
 
 #[test]
-fn every_shader_has_one_entry_point_with_the_workgroup_size_of_the_table() {
+fn every_shader_has_one_entry_point_with_the_workgroup_size_of_the_variant() {
     for (shader, variant, module) in modules() {
         let entries: Vec<_> = module.entry_points.iter().map(|e| (e.name.as_str(), e.stage, e.workgroup_size)).collect();
-        assert_eq!(entries, [("main", naga::ShaderStage::Compute, [variant.workgroup, 1, 1])], "{}", shader.name);
+        assert_eq!(entries, [("main", naga::ShaderStage::Compute, [variant.workgroup, 1, 1])], "{}", shader.path());
         assert!(variant.workgroup.is_power_of_two(), "sums halve it");
     }
 }
 
+/// Name of a type in a text; that of a buffer with its brackets.
+fn type_name(module: &Module, ty: Handle<Type>) -> String {
+    match &module.types[ty].inner {
+        TypeInner::Scalar(naga::Scalar::F32) => "f32".into(),
+        TypeInner::Scalar(naga::Scalar::U32) => "u32".into(),
+        TypeInner::Array { base, size: ArraySize::Dynamic, .. } => format!("[{}]", type_name(module, *base)),
+        other => module.types[ty].name.clone().unwrap_or_else(|| format!("{other:?}")),
+    }
+}
+
+/// Name and size of what a buffer holds.
+fn entry(buffer: Buffer) -> (String, usize) {
+    match buffer {
+        Buffer::Running => ("u32".into(), 4),
+        Buffer::Values | Buffer::Jacobian | Buffer::Factor | Buffer::Heights => ("f32".into(), 4),
+        Buffer::Slots => ("Slot".into(), size_of::<Slot>()),
+        Buffer::Progress => ("Progress".into(), size_of::<Progress<f32>>()),
+        table => table.entry().map(|entry| ((entry.name)(), entry.size)).unwrap(),
+    }
+}
+
 #[test]
-fn shaders_bind_what_the_table_says() {
+fn bindings_read_from_a_text_are_those_of_its_module() {
     for (shader, _, module) in modules() {
         let mut bound: Vec<(u32, String)> = Vec::new();
         for (_, variable) in module.global_variables.iter() {
             let Some(binding) = &variable.binding else { continue };
-            assert_eq!(binding.group, 0, "{}", shader.name);
+            assert_eq!(binding.group, 0, "{}", shader.path());
             let access = match variable.space {
                 AddressSpace::Uniform => "uniform",
                 AddressSpace::Storage { access: StorageAccess::LOAD } => "read",
                 AddressSpace::Storage { access } if access == StorageAccess::LOAD | StorageAccess::STORE => "read_write",
-                other => panic!("{}: {other:?}", shader.name),
+                other => panic!("{}: {other:?}", shader.path()),
             };
             bound.push((binding.binding, format!("{access} {}: {}", variable.name.as_deref().unwrap(), type_name(&module, variable.ty))));
         }
         bound.sort();
-        let mut expected = vec!["uniform batch: Batch".to_string()];
-        for (buffer, written) in shader.buffers {
-            let access = if *written { "read_write" } else { "read" };
-            expected.push(format!("{access} {}: [{}]", buffer.name(), entry(*buffer)));
-        }
-        if shader.sweep {
-            expected.push("uniform sweep: Sweep".into());
-        }
-        let expected: Vec<(u32, String)> = (0..).zip(expected).collect();
-        assert_eq!(bound, expected, "{}", shader.name);
-        assert!(shader.buffers.len() <= MOST_BUFFERS, "{} binds {} storage buffers", shader.name, shader.buffers.len());
-    }
-}
-
-/// What a buffer holds.
-fn entry(buffer: Buffer) -> &'static str {
-    match buffer {
-        Buffer::Running | Buffer::Footholds => "u32",
-        Buffer::Values | Buffer::Jacobian | Buffer::Factor | Buffer::Heights => "f32",
-        Buffer::Slots => "Slot",
-        Buffer::Progress => "Progress",
-        Buffer::DynamicsInstants => "DynamicsInstant",
-        Buffer::StanceForces => "StanceForce",
-        Buffer::MomentumIntervals => "MomentumInterval",
-        Buffer::Impulses => "Impulse",
-        Buffer::ReachInstants => "ReachInstant",
-        Buffer::ReachFeet => "ReachFoot",
-        Buffer::ForceNodes => "ForceNode",
-        Buffer::SwingNodes => "SwingNode",
-        Buffer::Strides => "Stride",
-        Buffer::Elements => "Element",
-        Buffer::Runs => "Run",
-        Buffer::FrontSteps => "FrontStep",
-        Buffer::Rests => "Rest",
-        Buffer::Gathers => "Gather",
-        Buffer::Touches => "Touch",
+        let of = |binding: Option<Binding>| match binding.unwrap_or_else(|| panic!("{} binds what is no buffer", shader.path())) {
+            Binding::Batch => "uniform batch: Batch".to_string(),
+            Binding::Part => "uniform part: Part".to_string(),
+            Binding::Storage(buffer, written) => {
+                format!("{} {}: [{}]", if written { "read_write" } else { "read" }, buffer.name(), entry(buffer).0)
+            }
+        };
+        let expected: Vec<(u32, String)> = (0..).zip(shader.bindings().into_iter().map(of)).collect();
+        assert_eq!(bound, expected, "{}", shader.path());
+        let buffers = shader.buffers().count();
+        assert!(buffers <= MOST_BUFFERS, "{} binds {buffers} storage buffers", shader.path());
+        assert!(shader.walks().is_none_or(|table| shader.table().is_some_and(|b| b.name() == table)), "{} walks no table", shader.path());
     }
 }
 
 #[test]
 fn buffers_stand_in_the_order_of_their_numbers() {
-    for (i, buffer) in Buffer::ALL.into_iter().enumerate() {
+    for (i, &buffer) in Buffer::ALL.iter().enumerate() {
         assert_eq!(buffer as usize, i, "{}", buffer.name());
-        assert!(SHADERS.iter().any(|s| s.buffers.iter().any(|b| b.0 == buffer)), "no shader binds {}", buffer.name());
+        assert!(Shader::ALL.iter().any(|s| s.buffers().any(|b| b.0 == buffer)), "no shader binds {}", buffer.name());
     }
-    let names: BTreeSet<&str> = Buffer::ALL.into_iter().map(Buffer::name).collect();
+    let names: BTreeSet<&str> = Buffer::ALL.iter().map(|b| b.name()).collect();
     assert_eq!(names.len(), Buffer::ALL.len());
 }
 
-/// A type as Rust would write it, without paths and scalars.
-fn type_name(module: &Module, ty: Handle<Type>) -> String {
+/// Size of a type without padding, bytes; what is wrong with it otherwise.
+fn packed(module: &Module, ty: Handle<Type>) -> Result<usize, String> {
     match &module.types[ty].inner {
-        TypeInner::Scalar(scalar) => match (scalar.kind, scalar.width) {
-            (ScalarKind::Float, 4) => "f32".into(),
-            (ScalarKind::Uint, 4) => "u32".into(),
-            other => format!("{other:?}"),
-        },
-        TypeInner::Array { base, size: ArraySize::Constant(size), .. } => format!("[{}; {size}]", type_name(module, *base)),
-        TypeInner::Array { base, .. } => format!("[{}]", type_name(module, *base)),
-        TypeInner::Struct { .. } => module.types[ty].name.clone().unwrap(),
-        other => format!("{other:?}"),
-    }
-}
-
-/// The same for a Rust type.
-fn rust_name<T>() -> String {
-    let (mut name, mut word) = (String::new(), String::new());
-    for c in std::any::type_name::<T>().replace("<f32>", "").chars() {
-        if c.is_alphanumeric() || c == '_' {
-            word.push(c);
-        } else if c == ':' {
-            word.clear();
-        } else {
-            name.push_str(&std::mem::take(&mut word));
-            name.push(c);
+        TypeInner::Scalar(scalar) if scalar.width == 4 => Ok(4),
+        TypeInner::Array { base, size, stride } => {
+            let of_one = packed(module, *base)?;
+            if *stride as usize != of_one {
+                return Err(format!("an array of {} has gaps", type_name(module, *base)));
+            }
+            Ok(if let ArraySize::Constant(n) = size { n.get() as usize * of_one } else { of_one })
         }
+        TypeInner::Struct { members, span } => {
+            let mut size = 0;
+            for member in members {
+                if member.offset as usize != size {
+                    return Err(format!("padding before {}", member.name.as_deref().unwrap()));
+                }
+                size += packed(module, member.ty)?;
+            }
+            if *span as usize == size { Ok(size) } else { Err(format!("padding at the end of {}", type_name(module, ty))) }
+        }
+        other => Err(format!("{other:?} has members that are not of four bytes")),
     }
-    name.push_str(&word);
-    // Sent as its number.
-    if name == "Family" { "u32".into() } else { name }
 }
 
-/// A struct: its name, its size, and of each member name, offset, size and type.
-#[derive(Debug, PartialEq)]
-struct Struct {
-    name: String,
-    size: usize,
-    members: Vec<(String, usize, String)>,
+/// Offset of a member of a struct.
+fn offset(module: &Module, of: &str, member: &str) -> Option<usize> {
+    let (_, ty) = module.types.iter().find(|(_, ty)| ty.name.as_deref() == Some(of))?;
+    let TypeInner::Struct { members, .. } = &ty.inner else { return None };
+    members.iter().find(|m| m.name.as_deref() == Some(member)).map(|m| m.offset as usize)
 }
 
-/// Size and type of a member.
-fn member<S, M>(_: fn(&S) -> &M) -> (usize, String) {
-    (size_of::<M>(), rust_name::<M>())
-}
-
-macro_rules! structs {
-    ($($twin:ty { $($member:ident)* })*) => {
-        vec![$({
-            let members = vec![$({
-                let (size, name) = member(|s: &$twin| &s.$member);
-                (stringify!($member).to_string(), offset_of!($twin, $member), size, name)
-            }),*];
-            let sum: usize = members.iter().map(|m| m.2).sum();
-            assert_eq!(sum, size_of::<$twin>(), "{}: padding, or a member that is not in this list", rust_name::<$twin>());
-            assert_eq!(align_of::<$twin>(), 4);
-            let members = members.into_iter().map(|(name, offset, _, of)| (name, offset, of)).collect();
-            Struct { name: rust_name::<$twin>(), size: size_of::<$twin>(), members }
-        }),*]
+/// Some members of each kind of struct, the last ones among them: who they are, and their offsets.
+macro_rules! offsets {
+    ($($name:ident: $type:ty { $($member:ident)* })*) => {
+        [$($((stringify!($name), stringify!($member), offset_of!($type, $member)),)*)*]
     };
 }
 
-/// Rust structs that shaders read.
-fn structs() -> Vec<Struct> {
-    /// What `Bank` writes for the binding `sweep`.
-    #[repr(C)]
-    struct Sweep {
-        first: u32,
-        last: u32,
-    }
-    structs! {
-        Batch { footholds dynamics stance_forces momentum impulses reach reach_feet force_nodes swing_nodes strides elements runs steps rests
-            gathers touches values jacobian factor x x_half initial pull direction scaling diagonal gradient right_hand_side ground deviations
-            c c_half c_change g g_half g_change weight value slack multiplier slack_step multiplier_step history carry front flags
-            max_iterations stall_start stall_window stall_budget tolerance barrier proximal_floor pull_weight closing }
-        Shape { kind rows columns first low per_metre }
-        Constants<f32> { mass weight inertia inverse_inertia reach moment_scale balance_scale interval length_scale force_unit force_limit
-            friction length_margin force_margin }
-        MomentumPoint<f32> { time mean value rate integral }
-        Slot { variables equalities rows inequalities footholds dynamics momentum reach force_nodes swing_nodes strides elements steps
-            two_sided shape constants points }
-        Progress<f32> { state current iterations factorisations attempts recorded stall_from infeasibility mu pull eps closing_eps
-            closing_below closing_from edge_radius length }
-        Span { start end }
-        Run { variable slot column len }
-        Place { row inequality jacobian stride }
-        Element { family rows pairs place runs }
-        BasePoint<f32> { reference weights variable slot interval deviation_weights }
-        DynamicsInstant<f32> { reference rate weights variable column forces place }
-        StanceForce<f32> { weights node node_column foothold foothold_column }
-        MomentumInterval<f32> { reference rate variable linear_column angular_column impulses linear angular }
-        Impulse<f32> { weights node linear_column angular_column foothold foothold_column }
-        ReachInstant<f32> { base feet }
-        ReachFoot<f32> { nominal xy_weights z_weights foothold height base_column foothold_column height_column slot place }
-        ForceNode<f32> { node node_column slope_weight foothold foothold_column place }
-        SwingNode<f32> { xy_weights z_weights low high height height_column foothold foothold_column place }
-        Stride<f32> { limit foothold foothold_column place }
-        FrontStep { size pivots variable factor stride elements reach rest }
-        Rest { variable slot }
-        Gather { touches offset }
-        Touch { element column }
-        Sweep { first last }
-    }
-}
-
-/// Structs that stand in buffers, by the types of the bindings.
-fn sent(module: &Module) -> BTreeMap<String, Struct> {
-    fn collect(module: &Module, ty: Handle<Type>, found: &mut BTreeMap<String, Struct>) {
-        match &module.types[ty].inner {
-            TypeInner::Array { base, .. } => collect(module, *base, found),
-            TypeInner::Struct { members, span } => {
-                let name = module.types[ty].name.clone().unwrap();
-                let of = |m: &naga::StructMember| (m.name.clone().unwrap(), m.offset as usize, type_name(module, m.ty));
-                let entry = Struct { name: name.clone(), size: *span as usize, members: members.iter().map(of).collect() };
-                found.insert(name, entry);
-                members.iter().for_each(|m| collect(module, m.ty, found));
-            }
-            _ => {}
+/// The first difference between the structs of a module and their types.
+fn structs_differ(module: &Module) -> Result<(), String> {
+    for (_, variable) in module.global_variables.iter().filter(|v| v.1.binding.is_some()) {
+        let name = variable.name.as_deref().unwrap();
+        let size = match name {
+            "batch" => size_of::<Batch>(),
+            "part" => 8,
+            _ => entry(*Buffer::ALL.iter().find(|b| b.name() == name).unwrap()).1,
+        };
+        let packed = packed(module, variable.ty).map_err(|why| format!("{name}: {why}"))?;
+        if packed != size {
+            return Err(format!("{name}: {packed} bytes, its type has {size}"));
         }
     }
-    let mut found = BTreeMap::new();
-    for (_, variable) in module.global_variables.iter().filter(|v| v.1.binding.is_some()) {
-        collect(module, variable.ty, &mut found);
+    let offsets = offsets! {
+        Batch: Batch { values x flags stall_budget closing }
+        Slot: Slot { footholds shape constants points }
+        Progress: Progress<f32> { infeasibility mu eps edge_radius length }
+        Shape: Shape { low per_metre }
+        Constants: Constants<f32> { inertia reach friction force_margin }
+        DynamicsInstant: DynamicsInstant<f32> { weights forces place }
+        StanceForce: StanceForce<f32> { weights foothold_column }
+        MomentumInterval: MomentumInterval<f32> { rate impulses angular }
+        BasePoint: BasePoint<f32> { weights deviation_weights }
+        ReachInstant: ReachInstant<f32> { base feet }
+        ReachFoot: ReachFoot<f32> { foothold front place }
+        ForceNode: ForceNode<f32> { slope_weight place }
+        SwingNode: SwingNode<f32> { low two_sided place }
+        Element: Element { family pairs runs }
+        FrontStep: FrontStep { elements rest }
+    };
+    for (of, member, expected) in offsets {
+        match offset(module, of, member) {
+            Some(found) if found != expected => return Err(format!("{of}.{member} stands at {found}, in its type at {expected}")),
+            Some(_) => {}
+            None if module.types.iter().any(|t| t.1.name.as_deref() == Some(of)) => return Err(format!("{of} has no {member}")),
+            None => return Err(format!("no {of}")),
+        }
     }
-    found
+    Ok(())
 }
 
 #[test]
-fn structs_in_buffers_have_the_members_and_offsets_of_their_twins() {
-    let twins: BTreeMap<String, Struct> = structs().into_iter().map(|s| (s.name.clone(), s)).collect();
-    let mut seen = BTreeSet::new();
+fn structs_in_buffers_have_the_bytes_of_their_types() {
     for (shader, _, module) in modules() {
-        for (name, found) in sent(&module) {
-            let twin = twins.get(&name).unwrap_or_else(|| panic!("{}: `{name}` stands in a buffer and has no twin", shader.name));
-            assert_eq!(found, *twin, "{}", shader.name);
-            seen.insert(name);
-        }
+        assert_eq!(structs_differ(&module), Ok(()), "{}", shader.path());
     }
-    let all: BTreeSet<String> = twins.into_keys().collect();
-    assert_eq!(seen, all, "twins that no shader reads");
 }
 
 #[test]
 fn a_struct_that_differs_is_seen() {
-    let variant = variants()[0];
-    let text = shader("rows").unwrap().text(&variant);
-    let twin = structs().into_iter().find(|s| s.name == "Progress").unwrap();
-    for (from, to) in [
-        ("    mu: f32,\n    pull", "    pulled: f32,\n    pull"),
-        ("    length: f32,\n}", "    length: u32,\n}"),
-        ("    pull: f32,\n    eps: f32", "    eps: f32,\n    pull: f32"),
+    // One binding of each struct that is not in a table.
+    let bindings = "@group(0) @binding(0) var<uniform> batch: Batch;
+        @group(0) @binding(1) var<storage> slots: array<Slot>;
+        @group(0) @binding(2) var<storage> progress: array<Progress>;
+        @group(0) @binding(3) var<storage> reach_feet: array<ReachFoot>;";
+    let check = |text: &str| structs_differ(&naga::front::wgsl::parse_str(&format!("{text}{bindings}")).unwrap());
+    let text = prelude();
+    assert_eq!(check(&text), Ok(()));
+    for (from, to, seen) in [
+        ("    mu: f32,\n    smoothing: f32,\n", "    smoothing: f32,\n    mu: f32,\n", "Progress.mu"),
+        ("    mu: f32,\n    smoothing: f32,\n", "    mu: f32,\n", "progress"),
+        ("    mu: f32,\n    smoothing: f32,\n", "    mu: f32,\n    smoothing: vec3<f32>,\n", "progress"),
+        ("    closing: f32,\n}", "    closing: f32,\n    more: u32,\n}", "batch"),
+        ("    nominal: array<f32, 3>,\n", "    nominal: vec3<f32>,\n", "reach_feet"),
+        ("    per_metre: array<f32, 2>,\n", "", "slots"),
+        ("    angular: Place,\n", "    angle: Place,\n", "MomentumInterval has no angular"),
     ] {
         assert_eq!(text.matches(from).count(), 1, "{from}");
-        let changed = text.replace(from, to).replace(".mu", ".state").replace(".length = reach", ".length = u32(reach)");
-        // `Progress` alone: the rest need not fit any more.
-        let start = changed.find("struct Progress").unwrap();
-        let text = &changed[start..start + changed[start..].find('}').unwrap() + 1];
-        let module = naga::front::wgsl::parse_str(&format!("{text}\n@group(0) @binding(0) var<storage> p: Progress;")).unwrap();
-        assert_ne!(sent(&module)["Progress"], twin, "{to}");
+        let difference = check(&text.replace(from, to)).unwrap_err();
+        assert!(difference.contains(seen), "{to}: {difference}");
     }
 }
 
@@ -315,90 +256,14 @@ fn bits(module: &Module, constant: &naga::Constant) -> u32 {
     }
 }
 
-/// The largest positive number for which something holds that holds up to some number.
-fn threshold(holds: impl Fn(f32) -> bool) -> f32 {
-    let (mut low, mut high) = (f32::MIN_POSITIVE.to_bits(), f32::MAX.to_bits());
-    assert!(holds(f32::from_bits(low)) && !holds(f32::from_bits(high)));
-    while high - low > 1 {
-        let middle = low + (high - low) / 2;
-        *(if holds(f32::from_bits(middle)) { &mut low } else { &mut high }) = middle;
-    }
-    f32::from_bits(low)
-}
-
-/// Constants that are private in `control.rs`, from what it does.
-fn rules() -> [(&'static str, u32); 4] {
-    let limits = Limits::<f32> { closing: 1., pull: 0., max_iterations: u32::MAX, ..Limits::new(&SolverSettings::default()) };
-    let begun = |limits: &Limits<f32>, mut progress: Progress<f32>, f: f32, before: f32| {
-        control::begin(&mut progress, limits, f, before, false);
-        progress.state
-    };
-    let closing = |f| Progress {
-        state: control::CLOSE,
-        closing_from: 1.,
-        closing_below: 0.,
-        stall_from: u32::MAX / 2,
-        ..Progress::first(&limits, f)
-    };
-    let rate = threshold(|f| begun(&limits, closing(0.), f, f) == control::CLOSE);
-    // At rest, with nothing left of the budget.
-    let strict = Limits { stall_start: 0, stall_window: 0, stall_budget: -1., ..limits };
-    let late = Progress { recorded: 1, ..Progress::first(&strict, 0.) };
-    let rests = |f: f32| begun(&Limits { stall_window: 1, stall_budget: 1., ..strict }, late, f, f) == control::STALLED;
-    let above = threshold(|f| !rests(f));
-    let (mut refused, mut attempts) = (Progress::first(&limits, 0.), 0);
-    control::refuse(&mut refused);
-    let growth = refused.eps / limits.proximal;
-    let mut progress = Progress::<f32>::default();
-    while progress.state == control::STEP {
-        control::refuse(&mut progress);
-        attempts += 1;
-    }
-    [("CLOSING_RATE", rate.to_bits()), ("STALL_ABOVE", above.to_bits()), ("PROXIMAL_GROWTH", growth.to_bits()), ("ATTEMPTS", attempts)]
-}
-
 #[test]
-fn constants_are_those_of_the_twins() {
-    let kind = |shape: TerrainShape| Shape::of(&Terrain { name: String::new(), friction: 1., shape }, 0).kind;
-    let TerrainShape::Grid(grid) = hills().shape else { panic!() };
-    let twins: BTreeMap<&str, u32> = BTreeMap::from([
-        ("NONE", NONE),
-        ("INNER_POINTS", INNER_POINTS as u32),
-        ("MOMENTUM_POINTS", MOMENTUM_POINTS as u32),
-        ("END", INNER_POINTS as u32),
-        ("GRAVITY", (GRAVITY as f32).to_bits()),
-        ("FLAT", kind(TerrainShape::Flat)),
-        ("BLOCK", kind(TerrainShape::Profile(Profile::Block))),
-        ("STAIRS", kind(TerrainShape::Profile(Profile::Stairs))),
-        ("GAP", kind(TerrainShape::Profile(Profile::Gap))),
-        ("SLOPE", kind(TerrainShape::Profile(Profile::Slope))),
-        ("CHIMNEY", kind(TerrainShape::Profile(Profile::Chimney))),
-        ("CHIMNEY_LR", kind(TerrainShape::Profile(Profile::ChimneyLr))),
-        ("GRID", kind(TerrainShape::Grid(grid))),
-        ("STEP", control::STEP),
-        ("CLOSE", control::CLOSE),
-        ("EXACT", control::EXACT),
-        ("ENDED", control::ENDED),
-        ("SOLVED", control::SOLVED),
-        ("MAX_ITERATIONS", control::MAX_ITERATIONS),
-        ("STALLED", control::STALLED),
-        ("NON_FINITE", control::NON_FINITE),
-        ("BARRIER_FLOOR", (BARRIER_FLOOR as f32).to_bits()),
-        ("SLACK_FLOOR", (SLACK_FLOOR as f32).to_bits()),
-        ("MULTIPLIER_FLOOR", (MULTIPLIER_FLOOR as f32).to_bits()),
-        ("LINEAR_MOMENTUM", Family::LinearMomentum as u32),
-        ("REACH", Family::Reach as u32),
-        ("TAU", std::f32::consts::TAU.to_bits()),
-    ]);
-    let rules = BTreeMap::from(rules());
-    let mut seen = BTreeSet::new();
+fn constants_arrive_with_all_their_bits_and_are_used() {
+    let (whole, real) = constants();
+    let mut twins: BTreeMap<&str, u32> = whole.into_iter().chain(real.into_iter().map(|(name, v)| (name, v.to_bits()))).collect();
+    twins.extend([("TAU", std::f32::consts::TAU.to_bits()), ("END", twins["INNER_POINTS"])]);
     for (shader, variant, module) in modules() {
-        let of_variant = BTreeMap::from([
-            ("WORKGROUP", variant.workgroup),
-            ("FRONT", variant.front),
-            ("SIDE", variant.side),
-            ("COLUMNS", variant.columns),
-        ]);
+        let Variant { workgroup, front, side, columns } = variant;
+        let of_variant = BTreeMap::from([("WORKGROUP", workgroup), ("FRONT", front), ("SIDE", side), ("COLUMNS", columns)]);
         let mut parts = [0f32; 2];
         for (_, constant) in module.constants.iter() {
             let Some(name) = constant.name.as_deref() else { continue };
@@ -408,53 +273,108 @@ fn constants_are_those_of_the_twins() {
                 "TAU_HIGH" => parts[0] = f32::from_bits(value),
                 "TAU_LOW" => parts[1] = f32::from_bits(value),
                 _ => {
-                    let twin = of_variant.get(name).or(twins.get(name)).or(rules.get(name));
-                    let twin = twin.unwrap_or_else(|| panic!("{}: the constant {name} has no twin here", shader.name));
-                    assert_eq!(value, *twin, "{}: {name} is {} or {}", shader.name, f32::from_bits(value), f32::from_bits(*twin));
+                    let twin = of_variant.get(name).or(twins.get(name));
+                    let twin = twin.unwrap_or_else(|| panic!("{}: the constant {name} has no twin", shader.path()));
+                    assert_eq!(value, *twin, "{}: {name} is {} or {}", shader.path(), f32::from_bits(value), f32::from_bits(*twin));
                 }
             }
-            seen.insert(name.to_string());
         }
         if parts[0] != 0. {
             assert!((f64::from(parts[0]) + f64::from(parts[1]) - std::f64::consts::TAU).abs() < 1e-10);
             assert!(parts[0].to_bits().trailing_zeros() >= 14, "up to 2^14 turns of it are exact");
         }
     }
-    for name in twins.keys().chain(rules.keys()) {
-        assert!(seen.contains(*name), "no shader has the constant {name}");
+    let texts: Vec<&str> = Shader::ALL.iter().map(|s| s.source()).chain(SHARED.iter().map(|s| s.1)).collect();
+    for name in twins.keys() {
+        assert!(texts.iter().any(|text| words(text).any(|word| word == *name)), "no shader uses {name}");
+    }
+}
+
+/// Words of a text, without comments.
+fn words(text: &str) -> impl Iterator<Item = &str> {
+    let code = text.lines().map(|line| line.split("//").next().unwrap());
+    code.flat_map(|line| line.split(|c: char| !c.is_alphanumeric() && c != '_')).filter(|word| !word.is_empty())
+}
+
+/// Shared files that a text asks for.
+fn needs(text: &str) -> impl Iterator<Item = &str> {
+    text.lines().filter_map(|line| line.strip_prefix("// needs:")).flat_map(str::split_whitespace)
+}
+
+#[test]
+fn every_need_is_a_shared_file_and_every_shared_file_is_needed() {
+    let texts = || Shader::ALL.iter().map(|s| (s.path(), s.source())).chain(SHARED.iter().copied());
+    let shared: BTreeMap<&str, &str> = SHARED.iter().copied().collect();
+    for (path, text) in texts() {
+        for name in needs(text) {
+            let needed = shared.get(name).unwrap_or_else(|| panic!("{path} needs {name}, which is no shared file"));
+            // Something that it declares is there for it, or for another file that it needs.
+            let declared = needed.lines().filter_map(|line| {
+                let (keyword, rest) = line.split_once(' ')?;
+                let declares = ["fn", "struct", "alias", "const", "var<workgroup>"].contains(&keyword);
+                declares.then(|| words(rest).next().unwrap())
+            });
+            let uses = |name: &str| {
+                [text]
+                    .into_iter()
+                    .chain(needs(text).filter_map(|n| shared.get(n).copied()))
+                    .any(|of| of != *needed && words(of).any(|word| word == name))
+            };
+            assert!(declared.into_iter().any(uses), "{path} needs {name} in vain");
+        }
+    }
+    for (name, text) in SHARED {
+        let needed = texts().any(|(_, of)| needs(of).any(|need| need == *name));
+        // Where the front is kept is the variant's choice.
+        let chosen =
+            variants().iter().any(|v| needs(Shader::Front.source()).all(|need| need != *name) && Shader::Front.text(v).contains(text));
+        assert!(needed || chosen, "no shader needs {name}");
     }
 }
 
 #[test]
-fn shaders_table_and_twins_have_the_same_names() {
-    let table: BTreeSet<String> = SHADERS.iter().map(|s| s.name.to_string()).collect();
-    assert_eq!(table.len(), SHADERS.len());
-    let shaders = texts("shaders");
-    assert_eq!(shaders.keys().cloned().collect::<BTreeSet<_>>(), table);
+fn every_shader_belongs_to_one_stage_of_a_round() {
+    let mut stages: Vec<Stage> = START.into_iter().chain(ROUND.map(|(stage, _)| stage)).collect();
+    stages.sort_by_key(|stage| *stage as usize);
+    stages.dedup();
+    let mut shaders: Vec<Shader> = stages.into_iter().flat_map(Shader::of).copied().collect();
+    shaders.sort();
+    assert_eq!(shaders, Shader::ALL);
+}
+
+/// Files of a folder of this project without their ending, as paths from `root`.
+fn files(root: &str, folder: &str) -> BTreeSet<String> {
+    let path = project().join(root).join(folder);
+    let files = std::fs::read_dir(&path).unwrap().map(|entry| entry.unwrap().path()).filter(|path| path.is_file());
+    files.map(|path| format!("{folder}/{}", path.file_stem().unwrap().to_str().unwrap())).collect()
+}
+
+fn project() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).into()
+}
+
+#[test]
+fn every_shader_has_a_twin_file_and_names_it() {
+    let folders = ["rows", "linear", "solver"];
+    let all: BTreeSet<String> = Shader::ALL.iter().map(|s| s.path().to_string()).collect();
+    assert_eq!(all.len(), Shader::ALL.len());
+    assert_eq!(folders.map(|folder| files("shaders", folder)).into_iter().flatten().collect::<BTreeSet<_>>(), all);
+    let shared: BTreeSet<String> = SHARED.iter().map(|(name, _)| name.to_string()).collect();
+    assert_eq!(files("shaders", "shared"), shared);
     // Twins of what several shaders share, and what is no kernel.
-    let others = [
-        ("batch", "shared/batch.wgsl, shared/tables.wgsl"),
-        ("control", "shared/control.wgsl"),
-        ("math", "shared/math.wgsl"),
-        ("slacks", "shared/slacks.wgsl"),
-        ("shaders", "the table"),
-        ("mod", "all rows at once"),
-    ];
-    // Whose twin is not one file: the corrector's half of slacks.rs and rows.rs.
-    let spread = ["correct"];
-    let twins: BTreeSet<String> = texts("src/kernels").into_keys().collect();
-    let with_twin = table.iter().filter(|name| !spread.contains(&name.as_str())).cloned();
-    let expected = with_twin.chain(others.map(|(name, _)| name.to_string())).collect();
-    assert_eq!(twins, expected, "src/kernels");
-    for name in &table {
-        assert!(shaders[name].contains("// Twin"), "{name}.wgsl does not name its twin");
-        let parts = shader(name).unwrap().parts;
-        assert_eq!(*parts.last().unwrap(), shaders[name], "the table has another text for {name}");
+    let others = ["rows/blocks", "rows/math", "rows/mod", "rows/table", "rows/write", "linear/mod", "solver/close", "solver/control"];
+    let more = ["solver/mod", "solver/round", "solver/slacks", "solver/status"];
+    let twins: BTreeSet<String> = folders.map(|folder| files("src", folder)).into_iter().flatten().collect();
+    assert_eq!(twins, all.iter().cloned().chain(others.into_iter().chain(more).map(String::from)).collect());
+    for shader in Shader::ALL {
+        let named = shader.source().lines().find(|line| line.starts_with("// Twin")).unwrap_or_default();
+        assert!(named.contains(&format!("src/{}.rs", shader.path())), "{} does not name its twin", shader.path());
     }
-    // Shared files: each is a part of a shader, or ends those that sweep.
-    for (name, text) in texts("shaders/shared") {
-        let used = SHADERS.iter().any(|s| s.parts.contains(&text.as_str()) || variants().iter().any(|v| s.text(v).ends_with(&text)));
-        assert!(used, "no shader has shared/{name}.wgsl");
+    for (path, text) in Shader::ALL.iter().map(|s| (s.path(), s.source())).chain(SHARED.iter().copied()) {
+        for file in text.split(|c: char| c.is_whitespace() || [',', '`', ':'].contains(&c)).filter(|word| word.starts_with("src/")) {
+            let file = file.trim_end_matches('.');
+            assert!(project().join(file).is_file(), "{path} names {file}, which is not there");
+        }
     }
 }
 
@@ -469,7 +389,7 @@ fn workgroup_memory_is_within_the_limit_of_the_variant() {
             assert!(variant.front == 0 || variant.front as usize >= front * (front + 3) / 2, "it does not hold its front");
             assert!(variant.side as usize > front && variant.columns >= 190);
             in_storage += usize::from(variant.front == 0);
-            for shader in &SHADERS {
+            for &shader in Shader::ALL {
                 let module = parse(shader, &variant);
                 let used: u32 = module
                     .global_variables
@@ -477,7 +397,7 @@ fn workgroup_memory_is_within_the_limit_of_the_variant() {
                     .filter(|v| v.1.space == AddressSpace::WorkGroup)
                     .map(|(_, v)| module.types[v.ty].inner.size(module.to_ctx()).next_multiple_of(16))
                     .sum();
-                let what = format!("{} for a front of {front} of {limit} bytes", shader.name);
+                let what = format!("{} for a front of {front} of {limit} bytes", shader.path());
                 assert!(used <= limit, "{what}: {used} bytes of workgroup memory");
                 let portable = front * (front + 3) / 2 * 4 < 12 << 10;
                 assert!(!portable || used <= PORTABLE_MEMORY, "{what}: {used} bytes, more than the portable 16 KiB");
@@ -491,7 +411,7 @@ fn workgroup_memory_is_within_the_limit_of_the_variant() {
 fn layouts() -> Vec<Layout<f32>> {
     let mut random = Random::new(5);
     let mut layouts = Vec::new();
-    for own in transcriptions() {
+    for own in transcriptions().into_iter().chain([cones()]) {
         let tasks = [
             task("monoped", "slope", [1.5, 0.], 0.),
             task("biped", "flat", [1., 0.2], 0.3),
@@ -515,14 +435,14 @@ fn layouts() -> Vec<Layout<f32>> {
 fn gathering_over_touches_gives_the_transposed_product() {
     let mut random = Random::new(6);
     for layout in layouts() {
-        let sweep = Sweep::of(&layout);
+        let own = ShaderTables::of(&layout);
         let mut fill = |len: usize| -> Vec<f32> { (0..len).map(|_| random.between(-1., 1.) as f32).collect() };
         let (jacobian, v) = (fill(layout.jacobian_len), fill(layout.rows));
         let mut expected = vec![f32::NAN; layout.variables];
         transposed_times(&layout, &jacobian, &v, &mut vec![0.; layout.widest], &mut expected);
-        assert_eq!(sweep.gathers.len(), layout.variables);
-        for (variable, gather) in sweep.gathers.iter().enumerate() {
-            let touches = &sweep.touches[gather.touches.range()];
+        assert_eq!(own.gathers.len(), layout.variables);
+        for (variable, gather) in own.gathers.iter().enumerate() {
+            let touches = &own.touches[gather.touches.range()];
             assert!(touches.windows(2).all(|pair| pair[0].element < pair[1].element), "in the order of the elements");
             let mut sum = 0f32;
             for touch in touches {
@@ -537,28 +457,28 @@ fn gathering_over_touches_gives_the_transposed_product() {
             assert_eq!(sum.to_bits(), expected[variable].to_bits(), "variable {variable}");
         }
         // Each block's touches stand there once.
-        let blocks = sweep.gathers.iter().filter(|g| g.offset == 0).map(|g| g.touches.range().len()).sum::<usize>();
-        assert_eq!(blocks, sweep.touches.len());
+        let blocks = own.gathers.iter().filter(|g| g.offset == 0).map(|g| g.touches.range().len()).sum::<usize>();
+        assert_eq!(blocks, own.touches.len());
     }
 }
 
 #[test]
-fn rests_name_what_stays_of_a_front_and_its_slot_in_the_next() {
+fn rests_name_what_stays_of_a_front_and_where_it_stands_in_the_next() {
     for layout in layouts() {
-        let sweep = Sweep::of(&layout);
-        assert_eq!(sweep.steps.len(), layout.steps.len());
+        let own = ShaderTables::of(&layout);
+        assert_eq!(own.front_steps.len(), layout.steps.len());
         let mut moved = 0;
-        for (k, (step, of)) in sweep.steps.iter().zip(&layout.steps).enumerate() {
+        for (k, (step, of)) in own.front_steps.iter().zip(&layout.steps).enumerate() {
             let same = [step.size, step.pivots, step.variable, step.factor, step.stride];
             assert_eq!(same, [of.size, of.pivots, of.variable, of.factor, of.stride]);
             assert_eq!(step.elements, of.elements);
-            let rests = &sweep.rests[step.rest.range()];
+            let rests = &own.rests[step.rest.range()];
             assert_eq!(rests.len() as u32, step.size - step.pivots);
             // By the contents of the front.
             let mut stays: Vec<u32> = vec![NONE; rests.len()];
             for run in &layout.front_runs[of.rest.range()] {
                 for i in 0..run.len {
-                    stays[(run.slot + i - of.pivots) as usize] = run.variable + i;
+                    stays[(run.front + i - of.pivots) as usize] = run.variable + i;
                 }
             }
             assert_eq!(rests.iter().map(|r| r.variable).collect::<Vec<_>>(), stays);
@@ -567,17 +487,17 @@ fn rests_name_what_stays_of_a_front_and_its_slot_in_the_next() {
                 assert!(rests.is_empty(), "something is left at the end");
                 continue;
             };
-            let mut slots = vec![NONE; rests.len()];
+            let mut nexts = vec![NONE; rests.len()];
             for run in &layout.front_runs[next.moves.range()] {
                 for i in 0..run.len {
                     let rest = (run.column + i - of.pivots) as usize;
                     assert_eq!(rests[rest].variable, run.variable + i);
-                    slots[rest] = run.slot + i;
+                    nexts[rest] = run.front + i;
                 }
             }
-            assert_eq!(rests.iter().map(|r| r.slot).collect::<Vec<_>>(), slots);
-            assert!(slots.iter().all(|slot| *slot < next.size));
-            moved += slots.len();
+            assert_eq!(rests.iter().map(|r| r.next).collect::<Vec<_>>(), nexts);
+            assert!(nexts.iter().all(|at| *at < next.size));
+            moved += nexts.len();
         }
         assert!(moved > 0 || layout.steps.len() == 1);
     }
@@ -587,7 +507,7 @@ fn rests_name_what_stays_of_a_front_and_its_slot_in_the_next() {
 fn reach_instants_of_a_step_are_those_of_its_elements() {
     for layout in layouts() {
         let mut next = 0;
-        for step in &Sweep::of(&layout).steps {
+        for step in &ShaderTables::of(&layout).front_steps {
             assert_eq!(step.reach.start, next, "they follow each other");
             next = step.reach.end;
             let places = |e: &&Element| e.family == Family::Reach;

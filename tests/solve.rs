@@ -5,13 +5,14 @@ mod common;
 use common::{Random, ReferenceCandidate, gait, layout, layout_with, reference_candidates, task, towr, transcriptions};
 use cregopt::backend::{Backend, Cpu, Job, Precision, Solution};
 use cregopt::gait::Schedule;
+use cregopt::nlp::transcription::force_limit;
 use cregopt::real::Real;
 use cregopt::scenario::Scenario;
 use cregopt::search::cem::{CemSettings, StopReason};
 use cregopt::search::evaluate::{Evaluated, LowerSettings, evaluate};
 use cregopt::search::search;
-use cregopt::settings::{SmoothSettings, SolverSettings, StallSettings, TranscriptionSettings};
-use cregopt::solver::judge::pull_fall;
+use cregopt::settings::{SmoothSettings, SolverSettings, StallSettings, Transcription, TranscriptionSettings};
+use cregopt::solver::judge::smoothing_fall;
 use cregopt::solver::{Finish, Outcome, Solver, Status};
 use cregopt::task::Task;
 use cregopt::verify::{verify, verify_rows};
@@ -285,7 +286,7 @@ fn first_feasible_keeps_everything_up_to_the_lowest_feasible_index() {
 
 #[test]
 fn reference_candidates_are_solved_in_both_precisions() {
-    let Some(candidates) = reference_candidates("reference_candidates_are_solved_in_both_precisions") else { return };
+    let candidates = reference_candidates();
     let candidates: Vec<ReferenceCandidate> = candidates.into_iter().filter(|c| c.target == 10).collect();
     assert_eq!(candidates.len(), 80);
     let problems: Vec<(&Task, &Schedule)> = candidates.iter().map(|c| (&c.task, &c.schedule)).collect();
@@ -303,7 +304,8 @@ fn reference_candidates_are_solved_in_both_precisions() {
         }
         // Counted again, from what the user gets.
         let task = &candidate.task;
-        let rows = verify_rows(&narrow.trajectory(task, &towr()), &task.robot, &task.terrain, task.force_limit).unwrap();
+        let rows =
+            verify_rows(&narrow.trajectory(task, &towr()), &task.robot, &task.terrain, force_limit(Transcription::Towr, task)).unwrap();
         if (narrow.feasible, narrow.n_violated) != (rows.n_violated == 0, rows.n_violated) {
             failures.push(format!("{name}: feasible {}, {} violated, {} counted", narrow.feasible, narrow.n_violated, rows.n_violated));
         }
@@ -320,7 +322,7 @@ fn reference_candidates_are_solved_in_both_precisions() {
 
 #[test]
 fn momentum_gaits_of_the_biped_hold_between_the_instants() {
-    let Some(candidates) = reference_candidates("momentum_gaits_of_the_biped_hold_between_the_instants") else { return };
+    let candidates = reference_candidates();
     let chosen: Vec<&ReferenceCandidate> = candidates.iter().filter(|c| c.scenario == "biped" && c.target == 10).collect();
     // The robot's own force limit, not TOWR's.
     let tasks: Vec<Task> = chosen.iter().map(|_| Scenario::named("biped").unwrap().task(10).unwrap()).collect();
@@ -331,7 +333,7 @@ fn momentum_gaits_of_the_biped_hold_between_the_instants() {
         {
             let trajectory = &evaluated.trajectory(&tasks[0], &TranscriptionSettings::default());
             assert!(evaluated.feasible, "candidate {index}, {precision:?}: {} rows violated", evaluated.n_violated);
-            let report = verify(trajectory, &tasks[0].robot, &tasks[0].terrain, tasks[0].force_limit).unwrap();
+            let report = verify(trajectory, &tasks[0].robot, &tasks[0].terrain, force_limit(Transcription::Momentum, &tasks[0])).unwrap();
             let rollout = report.rollout.unwrap();
             assert!(rollout.position.value < 0.01 && rollout.attitude.value < 1. && report.dense.reach_excess.value < 5e-3, "{report}");
             assert!(report.dense.final_base_speed < 1e-4);
@@ -351,7 +353,7 @@ fn smoothing_lowers_the_cost_of_a_motion_that_stays_solved() {
         let outcome = solver.solve(&layout, &settings, Finish::Rows(settings.row_tolerance), None, &|| false);
         assert_eq!(outcome.status, Status::Solved);
         // Initial values cost nothing.
-        pull_fall(&layout.smoothing, &solver.solution(), &layout.initial, &layout.initial)
+        smoothing_fall(&layout.smoothing, &solver.solution(), &layout.initial, &layout.initial)
     };
     let plain = cost(SmoothSettings::default());
     let smooth = |iterations| cost(SmoothSettings { iterations, ..SmoothSettings::default() });
@@ -402,9 +404,13 @@ fn the_search_finds_a_gait_and_the_same_one_on_two_threads() {
     };
     let (one, two) = (run(1), run(2));
     assert!(one.evaluation.feasible && one.evaluation.n_violated == 0);
-    let rows =
-        verify_rows(&one.solution.trajectory(&task, &TranscriptionSettings::default()), &task.robot, &task.terrain, task.force_limit)
-            .unwrap();
+    let rows = verify_rows(
+        &one.solution.trajectory(&task, &TranscriptionSettings::default()),
+        &task.robot,
+        &task.terrain,
+        force_limit(Transcription::Momentum, &task),
+    )
+    .unwrap();
     assert!(rows.feasible, "{rows}");
     assert_eq!((one.generation, one.index, &one.schedule), (two.generation, two.index, &two.schedule));
     assert!(same(&one.solution, &two.solution));

@@ -3,13 +3,13 @@
 
 use cregopt::gait::Schedule;
 use cregopt::nlp::Layout;
-use cregopt::nlp::transcription::towr::FORCE_LIMIT;
+use cregopt::nlp::transcription::{interval, towr::FORCE_LIMIT};
 use cregopt::real::Real;
 use cregopt::robot::Robot;
 use cregopt::rows::Shared;
 use cregopt::rows::table::NONE;
 use cregopt::scenario::Scenario;
-use cregopt::settings::{Transcription, TranscriptionSettings};
+use cregopt::settings::{Friction, Transcription, TranscriptionSettings};
 use cregopt::task::Task;
 use cregopt::terrain::{Grid, Ground, Shape, Terrain};
 use nalgebra::DMatrix;
@@ -104,6 +104,11 @@ pub fn towr() -> TranscriptionSettings {
 /// Settings of both transcriptions, the default first.
 pub fn transcriptions() -> [TranscriptionSettings; 2] {
     [TranscriptionSettings::default(), towr()]
+}
+
+/// Settings with friction cones.
+pub fn cones() -> TranscriptionSettings {
+    TranscriptionSettings { friction: Friction::Cone, ..TranscriptionSettings::default() }
 }
 
 /// Layout with the default settings of a schedule that is not aligned yet.
@@ -266,7 +271,12 @@ pub fn one_sided<T: Real>(layout: &Layout<T>, c: &[T], g: &[T]) -> Vec<f64> {
     residuals
 }
 
-/// A candidate of `reference/ipopt_candidates.jsonl`.
+/// Text of a file in `tests/data`.
+pub fn data(name: &str) -> String {
+    std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)).unwrap()
+}
+
+/// A candidate of `ipopt_candidates.jsonl`.
 pub struct ReferenceCandidate {
     pub scenario: String,
     pub target: u64,
@@ -285,14 +295,9 @@ pub struct ReferenceCandidate {
     pub nnz_jacobian: usize,
 }
 
-/// Reads the reference candidates; says so and returns `None` when they are not there.
-pub fn reference_candidates(test: &str) -> Option<Vec<ReferenceCandidate>> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/reference/ipopt_candidates.jsonl");
-    let Ok(text) = std::fs::read_to_string(&path) else {
-        println!("`{test}` skipped: no reference data at {}", path.display());
-        return None;
-    };
-    Some(text.lines().map(reference_candidate).collect())
+/// Reads the reference candidates.
+pub fn reference_candidates() -> Vec<ReferenceCandidate> {
+    data("ipopt_candidates.jsonl").lines().map(reference_candidate).collect()
 }
 
 fn reference_candidate(line: &str) -> ReferenceCandidate {
@@ -304,7 +309,7 @@ fn reference_candidate(line: &str) -> ReferenceCandidate {
         // The reference was made with the inertia as published.
         task.robot = Arc::new(Robot::named("pexod-as-published").unwrap());
     }
-    task.force_limit = FORCE_LIMIT;
+    task.force_limit = Some(FORCE_LIMIT);
     let durations: Vec<Vec<f64>> = serde_json::from_value(value["durations"].clone()).unwrap();
     let size = |key: &str| value["ipopt"][key].as_u64().unwrap() as usize;
     ReferenceCandidate {

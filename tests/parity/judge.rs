@@ -1,0 +1,233 @@
+//! Verdicts on trial points.
+
+use crate::ARITHMETIC;
+use crate::candidates::candidates;
+use crate::common::Random;
+use crate::lab::{CAPACITY, Expected, Lab, SMALL, State, fill, gpu, states};
+use crate::solver::{barrier_state, residuals, slacks, truncated_counts};
+use cregopt::backend::gpu::shaders::Shader;
+use cregopt::solver::control::{self, CLOSE, ENDED, EXACT, Limits, Progress, SOLVED, STEP};
+use cregopt::solver::judge;
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+/// Progress before a verdict, with every member a number of its own.
+fn before_verdict(s: usize, progress: Progress<f32>, random: &mut Random) -> Progress<f32> {
+    Progress {
+        attempts: s as u32 % 6,
+        iterations: 3 * s as u32,
+        factorisations: 4 * s as u32,
+        recorded: 5 * s as u32,
+        stall_from: s as u32,
+        mu: random.between(1e-3, 0.1) as f32,
+        smoothing: [0., 0.05][s % 2],
+        // Near the floor a quarter would be below it.
+        eps: [1e-3, 3e-5][s / 2 % 2],
+        closing_eps: [2e-5, 4e-3][s / 3 % 2],
+        closing_below: 1e-4,
+        closing_from: 7e-4,
+        length: random.between(0.2, 1.) as f32,
+        ..progress
+    }
+}
+
+/// A trial point that keeps to the linear model but for some noise, equalities first.
+struct Trial {
+    noise: Vec<f64>,
+}
+
+impl Trial {
+    /// Draws all that a verdict depends on.
+    fn draw(lab: &Lab, s: usize, state: &mut State, random: &mut Random) -> Trial {
+        let (batch, progress) = (&lab.batch, state.progress[s]);
+        residuals(lab, s, progress.current, state, random, 1.);
+        // Changes lead down, or anywhere.
+        let down = random.between(-0.2, 1.);
+        for (at, by) in lab.changes(s, progress.current) {
+            for (at, by) in at.zip(by) {
+                state.values[by] = (-down * f64::from(state.values[at]) + random.between(-0.1, 0.1)) as f32;
+            }
+        }
+        for half in [0, 1] {
+            fill(&mut state.values, lab.of_variables(s, batch.x + half * batch.x_half), random, -1., 1.);
+        }
+        fill(&mut state.values, lab.of_variables(s, batch.initial), random, -1., 1.);
+        fill(&mut state.values, lab.of_variables(s, batch.smoothing), random, 0., 1.);
+        barrier_state(lab, s, state, random, true);
+        let layout = &lab.slots[s].layout;
+        let trial = Trial { noise: (0..layout.equalities + layout.inequalities).map(|_| random.between(-1., 1.)).collect() };
+        trial.put(lab, s, state, 10f64.powf(random.between(-3., 0.3)));
+        trial
+    }
+
+    /// Writes the trial point that misses the linear model by so much.
+    fn put(&self, lab: &Lab, s: usize, state: &mut State, miss: f64) {
+        let progress = state.progress[s];
+        let mut noise = self.noise.iter();
+        let trial = lab.changes(s, 1 - progress.current).map(|(to, _)| to);
+        for ((at, by), to) in lab.changes(s, progress.current).into_iter().zip(trial) {
+            for ((at, by), to) in at.zip(by).zip(to) {
+                let linear = f64::from(state.values[at]) + f64::from(progress.length) * f64::from(state.values[by]);
+                state.values[to] = (linear + miss * noise.next().unwrap()) as f32;
+            }
+        }
+    }
+
+    /// Misses by so much that the merit falls by a share of what was predicted; by much where there is no such point.
+    fn aim(&self, lab: &Lab, s: usize, state: &mut State, share: f64) {
+        let mut beyond = |miss: f64| {
+            self.put(lab, s, state, miss);
+            let [fall, predicted, ..] = falls(lab, s, state);
+            fall > share * predicted.abs()
+        };
+        let [mut low, mut high] = [0., 4.];
+        if !beyond(low) || beyond(high) {
+            return;
+        }
+        for _ in 0..12 {
+            let middle = 0.5 * (low + high);
+            *(if beyond(middle) { &mut low } else { &mut high }) = middle;
+        }
+        self.put(lab, s, state, low);
+    }
+}
+
+/// Falls as in `Solver::judge`: of the merit and of its linear model, the distance between both, and what the smoothing has in them. In f64, so as
+/// to know how clear a verdict is.
+fn falls(lab: &Lab, s: usize, state: &State) -> [f64; 4] {
+    let (batch, progress) = (&lab.batch, state.progress[s]);
+    let (half, to) = (progress.current, 1 - progress.current);
+    let of = |range: Range<usize>| state.values[range].iter().map(|v| f64::from(*v)).collect::<Vec<f64>>();
+    let (c, g, c_to, g_to) = (of(lab.c(s, half)), of(lab.g(s, half)), of(lab.c(s, to)), of(lab.g(s, to)));
+    let length = f64::from(progress.length);
+    let linear = |at: &[f64], by: &[f64]| at.iter().zip(by).map(|(at, by)| at + length * by).collect::<Vec<f64>>();
+    let c_linear = linear(&c, &of(lab.of_equalities(s, batch.c_change)));
+    let g_linear = linear(&g, &of(lab.of_inequalities(s, batch.g_change)));
+    let falls = |c_to: &[f64], g_to: &[f64]| {
+        if progress.state == CLOSE {
+            judge::infeasibility_fall(&c, &g, c_to, g_to)
+        } else {
+            judge::merit_fall(&c, &g, c_to, g_to, f64::from(progress.mu))
+        }
+    };
+    let x = |half: u32| of(lab.of_variables(s, batch.x + half * batch.x_half));
+    let (smoothing, initial) = (of(lab.of_variables(s, batch.smoothing)), of(lab.of_variables(s, batch.initial)));
+    let smoothed = f64::from(progress.smoothing) * judge::smoothing_fall(&smoothing, &x(half), &x(to), &initial);
+    let gap = judge::nonlinearity(&c_to, &c_linear, &g_to, &g_linear);
+    [falls(&c_to, &g_to) + smoothed, falls(&c_linear, &g_linear) + smoothed, gap, smoothed]
+}
+
+#[test]
+fn judge_agrees_with_its_twin() {
+    // Falls and their prediction are sums in another order: where a decision hangs on their last digits there is none to compare. By how
+    // much the ratios must be clear of a limit.
+    const CLEAR: f64 = 1e-3;
+    let Some(device) = gpu("judge_agrees_with_its_twin") else { return };
+    let candidates = candidates();
+    let mut lab = Lab::new(&device, &candidates, CAPACITY, SMALL, truncated_counts);
+    let (batch, limits) = (lab.batch, Limits::<f32>::new(&lab.settings));
+    let mut outcomes: BTreeMap<&str, usize> = BTreeMap::new();
+    for seed in 0..3 {
+        let mut random = Random::new(31 + seed);
+        let mut before = lab.poisoned();
+        states(&lab, &mut before, &[STEP, CLOSE, STEP, EXACT, CLOSE, STEP, SOLVED]);
+        let mut verdicts = Vec::new();
+        for s in 0..lab.slots.len() {
+            let state = before.progress[s].state;
+            let failed = s % 9 == 4;
+            let mut verdict = before.progress[s];
+            // Until it is clear.
+            loop {
+                if state >= ENDED {
+                    break;
+                }
+                let rounds = before.progress[s];
+                before.progress[s] = before_verdict(s + seed as usize, Progress { infeasibility: 1., ..rounds }, &mut random);
+                if s % 4 == 3 {
+                    // Large enough that logarithms of slacks decide.
+                    before.progress[s].mu *= 30.;
+                }
+                let flag = lab.flags(s);
+                before.values[flag] = f32::from(failed);
+                let trial = Trial::draw(&lab, s, &mut before, &mut random);
+                verdict = before.progress[s];
+                if failed && state <= CLOSE {
+                    control::refuse(&mut verdict);
+                    *outcomes.entry("failed").or_default() += 1;
+                    break;
+                }
+                if state == EXACT {
+                    control::renew(&mut verdict);
+                    *outcomes.entry("exact").or_default() += 1;
+                    break;
+                }
+                // Close to a limit, on one side or the other, or anywhere.
+                let side = [0.95, 1.05][random.index(0..=1)];
+                match random.index(0..=5) {
+                    0 => trial.aim(&lab, s, &mut before, 0.25 * side),
+                    1 => trial.aim(&lab, s, &mut before, 0.7 * side),
+                    2 => trial.aim(&lab, s, &mut before, 0.05 * (side - 1.)),
+                    3 => {
+                        trial.aim(&lab, s, &mut before, -0.1);
+                        let gap = falls(&lab, s, &before)[2];
+                        before.progress[s].infeasibility = (gap / (0.3 * 0.05) * side) as f32;
+                    }
+                    _ => {}
+                }
+                verdict = before.progress[s];
+                let [fall, predicted, gap, smoothed] = falls(&lab, s, &before);
+                let wide = Progress { state, infeasibility: f64::from(verdict.infeasibility), ..Progress::<f64>::default() };
+                let model = 0.3 * predicted.max(0.05 * wide.infeasibility);
+                let size = fall.abs() + predicted.abs() + gap + smoothed.abs();
+                let near = |a: f64, b: f64| (a - b).abs() <= CLEAR * size;
+                if [0., 0.25, 0.7].iter().any(|limit| near(fall, limit * predicted)) || near(predicted, 0.) || near(gap, model) {
+                    continue;
+                }
+                if control::acceptable(&wide, fall, predicted, gap) {
+                    let ratio = if predicted > 0. { fall / predicted } else { 0. };
+                    control::accept(&mut verdict, &limits, ratio as f32);
+                    let why = ["taken at ratios below 0.25", "between", "above 0.7"][usize::from(ratio > 0.25) + usize::from(ratio > 0.7)];
+                    *outcomes.entry(why).or_default() += 1;
+                    if fall < 0. {
+                        *outcomes.entry("taken near the linear model").or_default() += 1;
+                    }
+                } else {
+                    control::refuse(&mut verdict);
+                    *outcomes.entry(if verdict.attempts == 0 { "given up" } else { "refused" }).or_default() += 1;
+                }
+                break;
+            }
+            verdicts.push((verdict, failed));
+        }
+        for list in lab.lists() {
+            let got = lab.run(Shader::Judge, &list, &before);
+            let mut expected = Expected { state: before.clone(), sizes: BTreeMap::new() };
+            for &s in &list {
+                let s = s as usize;
+                let (verdict, failed) = verdicts[s];
+                let state = &mut expected.state;
+                let progress = state.progress[s];
+                let taken = progress.state == STEP && !failed && verdict.current != progress.current;
+                state.progress[s] = verdict;
+                if taken {
+                    let mut slacks = slacks(&lab, s, state);
+                    judge::update_slacks(&mut slacks, progress.length);
+                    for (array, values) in [(batch.slack, &slacks.slack), (batch.multiplier, &slacks.multiplier)] {
+                        let at = lab.of_inequalities(s, array);
+                        state.values[at].copy_from_slice(values);
+                    }
+                }
+            }
+            lab.check(Shader::Judge, &got, &expected, |name| match name {
+                "slack" | "multiplier" | "eps" | "closing_eps" | "closing_below" => ARITHMETIC,
+                _ => 0.,
+            });
+        }
+    }
+    eprintln!("verdicts: {outcomes:?}");
+    for what in
+        ["failed", "exact", "taken at ratios below 0.25", "between", "above 0.7", "taken near the linear model", "refused", "given up"]
+    {
+        assert!(outcomes.get(what).is_some_and(|n| *n > 2), "no verdict {what:?} among {outcomes:?}");
+    }
+}

@@ -1,0 +1,121 @@
+//! Every shader against its Rust twin on the same numbers, on a GPU or a software adapter.
+//!
+//! Candidates stand in slots. Before a run everything that the shader is not documented to read is poison, a NaN of its own; then the
+//! twin writes into a copy. After the run both are compared as a whole: what the twin wrote within a tolerance, all else bit for bit, so an
+//! element that is left out, written twice over, or written into a slot that was not asked for, fails.
+//!
+//! `CREGOPT_TEST_ADAPTER` names the adapter; without one tests are skipped, unless `GPU_TESTS=require`.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod candidates;
+mod front;
+mod judge;
+mod lab;
+mod linear;
+mod rounds;
+mod rows;
+mod solver;
+
+use candidates::candidates;
+use common::Random;
+use cregopt::backend::gpu::shaders::Shader;
+use cregopt::solver::control::{Progress, STEP};
+use lab::{Expected, Lab, POISON, SMALL, State, fill, gpu, states};
+use solver::barrier_state;
+use std::collections::BTreeMap;
+
+// Tolerances are in units of f32 precision, 2^-23, of the larger of the value and the size of the terms that it is the sum of. Where nothing
+// else is said that size is 1. llvmpipe rounds every operation as the twins do; other drivers may fuse a product with a sum, and WGSL
+// gives division and square root 2.5 units.
+
+/// Where twin and shader take the same steps in the same order, a few of them divisions.
+const ARITHMETIC: f32 = 8.;
+
+/// Sums in another order, against the sum of the sizes of their terms. In lanes of some hundred terms errors grow like the root of their
+/// number.
+const SUM: f32 = 16.;
+
+/// Rows with sine and cosine, against the larger of 1 and the value. Drivers are a few units off in those (WGSL asks for no more than 2^-11
+/// absolute, which no f32 solver could use), and rows multiply that by legs in units of 0.1 m or by moments of some body weights.
+const TRIGONOMETRY: f32 = 64.;
+
+/// Force rows: a root and divisions, and normals of ground that bends by 33/m.
+const CURVED: f32 = 16.;
+
+/// Deviations of attitude divide momenta of up to 1e3 N m s by inertias down to 0.05 kg m²; see `F32_DEVIATION_TOLERANCE` in reference.rs.
+const DEVIATION: f32 = 256.;
+
+/// Backward error of the front, entry by entry: that of a Cholesky factor is within a few units of the geometric mean of two diagonal
+/// entries, and sums of up to some hundred products grow like the root of their number.
+const FRONT: f64 = 16. * f32::EPSILON as f64;
+
+/// Backward error of a substitution in each row, relative to the sum of the sizes of its terms: one rounding a term, up to 200 of them, of
+/// which most cancel.
+const SUBSTITUTION: f64 = 32. * f32::EPSILON as f64;
+
+#[test]
+fn a_perturbed_element_is_seen() {
+    let Some(device) = gpu("a_perturbed_element_is_seen") else { return };
+    let candidates = candidates();
+    let mut lab = Lab::new(&device, &candidates, candidates.len(), SMALL, |_, _| {});
+    let mut before = lab.poisoned();
+    states(&lab, &mut before, &[STEP]);
+    let list: Vec<u32> = (1..lab.slots.len() as u32).rev().collect();
+    let batch = lab.batch;
+    for s in 0..lab.slots.len() {
+        let x = lab.of_variables(s, batch.x + before.progress[s].current * batch.x_half);
+        let d = lab.of_variables(s, batch.direction);
+        let mut random = Random::new(s as u64);
+        fill(&mut before.values, x, &mut random, 1., 2.);
+        fill(&mut before.values, d, &mut random, 0.1, 1.);
+        let g = lab.g(s, before.progress[s].current);
+        fill(&mut before.values, g, &mut random, -1., 1.);
+        let by = lab.of_inequalities(s, batch.g_change);
+        fill(&mut before.values, by, &mut random, -1., 1.);
+        barrier_state(&lab, s, &mut before, &mut random, true);
+        before.progress[s] = Progress { mu: 0.01, length: 0.5, ..before.progress[s] };
+    }
+    let got = lab.run(Shader::Advance, &list, &before);
+    let expected = Expected { state: got.clone(), sizes: BTreeMap::new() };
+    let compare = |got: &State| lab.compare(got, &expected, |name| if name == "x" { ARITHMETIC } else { 0. }, &mut BTreeMap::new());
+    assert_eq!(compare(&got), Ok(()));
+
+    let slot = 3;
+    let at = lab.x(slot, 1 - before.progress[slot].current).start + 7;
+    let right = got.values[at];
+    let seen = |change: &dyn Fn(&mut State)| {
+        let mut wrong = got.clone();
+        change(&mut wrong);
+        compare(&wrong).err()
+    };
+    // Within the tolerance, beyond it, and no number.
+    let unit = right.abs().max(1.) * f32::EPSILON;
+    assert_eq!(seen(&|state| state.values[at] = right + 0.9 * ARITHMETIC * unit), None);
+    for wrong in [right + 1.2 * ARITHMETIC * unit, right - 1.2 * ARITHMETIC * unit, f32::NAN, f32::INFINITY, POISON] {
+        let message = seen(&|state| state.values[at] = wrong).unwrap();
+        assert!(message.contains(&format!("slot {slot}")) && message.contains(&lab.slots[slot].candidate.name), "{message}");
+        assert!(message.contains("x[") && message.contains("ulp"), "{message}");
+    }
+    // Written where nothing should be: a slot that is not listed, the padding behind an array, what another shader owns.
+    let unlisted = lab.of_variables(0, batch.direction).start;
+    assert!(seen(&|state| state.values[unlisted] += 1.).unwrap().contains("slot 0"));
+    let poison = (0..got.values.len()).find(|i| got.values[*i].to_bits() == POISON.to_bits()).unwrap();
+    assert!(seen(&|state| state.values[poison] = 0.).unwrap().contains("untouched"));
+    assert!(seen(&|state| state.values[poison] = f32::NAN).is_some());
+    assert!(seen(&|state| state.jacobian[11] = 0.).unwrap().contains("jacobian[11]"));
+    assert!(seen(&|state| state.factor[11] = 0.).unwrap().contains("factor[11]"));
+    assert!(seen(&|state| state.progress[2].iterations += 1).unwrap().contains("iterations"));
+    assert!(seen(&|state| state.progress[2].mu = 0.010_000_001).unwrap().contains("mu"));
+}
+
+#[test]
+fn every_shader_has_a_test_here() {
+    let rooms = ["front", "judge", "linear", "rounds", "rows", "solver"];
+    let text: String =
+        rooms.map(|room| std::fs::read_to_string(format!("{}/tests/parity/{room}.rs", env!("CARGO_MANIFEST_DIR"))).unwrap()).concat();
+    for shader in Shader::ALL {
+        assert!(text.contains(&format!("Shader::{shader:?},")), "{} is compared nowhere", shader.path());
+    }
+}

@@ -1,0 +1,134 @@
+//! What a round is for, or why there is none: forty rounds of candidates that converge, stall and fail.
+
+use crate::ARITHMETIC;
+use crate::candidates::{EDGE_RADIUS, candidates};
+use crate::common::Random;
+use crate::lab::{CAPACITY, Expected, Lab, SMALL, fill, gpu};
+use crate::solver::barrier_state;
+use cregopt::backend::gpu::shaders::Shader;
+use cregopt::solver::control::{self, CLOSE, EXACT, Limits, Progress, SOLVED, STEP};
+use std::collections::BTreeMap;
+
+#[test]
+fn weights_begins_rounds_as_its_twin_does() {
+    let Some(device) = gpu("weights_begins_rounds_as_its_twin_does") else { return };
+    let candidates = candidates();
+    let mut lab = Lab::new(&device, &candidates, CAPACITY, SMALL, |_, _| {});
+    let (batch, limits) = (lab.batch, Limits::<f32>::new(&lab.settings));
+    let window = lab.settings.stall.window;
+    let tolerance = lab.settings.tolerance as f32;
+    let mut random = Random::new(41);
+    let mut before = lab.poisoned();
+    let n = lab.slots.len();
+    // Infeasibilities, newest last, as the twin keeps them.
+    let mut histories: Vec<Vec<f32>> = vec![Vec::new(); n];
+    for s in 0..n {
+        for half in [0, 1] {
+            let (c, g) = (lab.c(s, half), lab.g(s, half));
+            before.values[c].fill(0.);
+            before.values[g].fill(-1.);
+            let x = lab.x(s, half);
+            fill(&mut before.values, x, &mut random, -1., 1.);
+        }
+        barrier_state(&lab, s, &mut before, &mut random, false);
+        for array in [batch.scaling, batch.smoothing, batch.initial] {
+            fill(&mut before.values, lab.of_variables(s, array), &mut random, 0., 1.);
+        }
+        before.progress[s] =
+            Progress { current: s as u32 % 2, ..Progress::first(&limits, if s % 3 == 0 { 0. } else { EDGE_RADIUS as f32 }) };
+    }
+    // How fast each falls a round; some rest.
+    let rates: Vec<f64> = (0..n).map(|_| [1., 0.98, 0.9, 0.7, 0.4, 0.09, 1.05][random.index(0..=6)]).collect();
+    let list: Vec<u32> = (0..n as u32 - 3).rev().collect();
+    let mut seen: BTreeMap<u32, usize> = BTreeMap::new();
+    for round in 0..40 {
+        let mut expected = Expected { state: before.clone(), sizes: BTreeMap::new() };
+        for &s in &list {
+            let s = s as usize;
+            let progress = before.progress[s];
+            let last = histories[s].last().copied().map_or(10f64.powf(random.between(-1., 2.)), f64::from);
+            // Now and then a limit, hit exactly or nearly, or no number; more often where it matters.
+            let special = [limits.closing, tolerance, 0.1 * progress.closing_from, progress.closing_below];
+            let special = if progress.state == CLOSE { special[random.index(1..=3)] } else { special[random.index(0..=3)] };
+            let f = match random.index(if progress.state == CLOSE { 0..=5 } else { 0..=11 }) {
+                0 => special,
+                1 => special * [0.999999, 1.000001, 0.5][random.index(0..=2)],
+                2 if round > 20 => [f32::NAN, f32::INFINITY, 1e-9][random.index(0..=2)],
+                _ => (last * rates[s]) as f32,
+            };
+            // Two residuals whose sum is the same in any order, fused or not: the second, which another invocation adds, makes up for the
+            // rounding of the first.
+            let mut c = (2. * f).sqrt();
+            if c * c > 2. * f {
+                c = c.next_down();
+            }
+            let g = if f.is_finite() { (2. * f - c * c).sqrt() } else { 0. };
+            for state in [&mut before, &mut expected.state] {
+                let (c_at, g_at) = (lab.c(s, progress.current).start, lab.g(s, progress.current).start + 1);
+                state.values[c_at] = c;
+                state.values[g_at] = if g > 0. { g } else { -1. };
+            }
+            assert!(!f.is_finite() || 0.5 * (c * c + g * g) == f, "{f:e}");
+            let history = &mut histories[s];
+            let earlier = history.len().checked_sub(window).map_or(f, |at| history[at]);
+            let ring = lab.range(s, batch.history, 0).start + progress.recorded as usize % window;
+            assert_eq!(progress.recorded as usize, history.len());
+            let mut begun = progress;
+            control::begin(&mut begun, &limits, f, earlier, f < tolerance);
+            if begun.state != EXACT {
+                history.push(f);
+                expected.state.values[ring] = f;
+            }
+            begun.factorisations += u32::from(begun.state <= CLOSE);
+            *seen.entry(begun.state).or_default() += 1;
+            expected.state.progress[s] = begun;
+        }
+        // What follows from the state is compared in the test above.
+        let mut got = lab.run(Shader::Weights, &list, &before);
+        let written = [lab.batch.x..lab.batch.initial, lab.batch.diagonal..lab.batch.right_hand_side, lab.batch.weight..lab.batch.slack];
+        for s in 0..n {
+            for range in &written {
+                let range = lab.range(s, range.start, (range.end - range.start) as usize);
+                expected.state.values[range.clone()].copy_from_slice(&got.values[range.clone()]);
+                // Input of the next round is as of this one.
+                got.values[range.clone()].copy_from_slice(&before.values[range]);
+            }
+        }
+        let mut as_got = Expected { state: expected.state.clone(), sizes: BTreeMap::new() };
+        for s in 0..n {
+            for range in &written {
+                let range = lab.range(s, range.start, (range.end - range.start) as usize);
+                as_got.state.values[range.clone()].copy_from_slice(&got.values[range]);
+            }
+        }
+        // `smoothing` and the start of a slower closing are products; the rest is the same to the last bit.
+        lab.check(Shader::Weights, &got, &as_got, |name| if ["smoothing", "closing_below"].contains(&name) { ARITHMETIC } else { 0. });
+        before.values.copy_from_slice(&got.values);
+        before.progress.copy_from_slice(&expected.state.progress);
+        for &s in &list {
+            let s = s as usize;
+            let progress = &mut before.progress[s];
+            match progress.state {
+                STEP | CLOSE => control::accept(progress, &limits, [0.1, 0.5, 0.9][random.index(0..=2)]),
+                EXACT => control::renew(progress),
+                _ => {
+                    // The slot is filled again; what its ring holds is another candidate's.
+                    *progress =
+                        Progress { current: progress.current, ..Progress::first(&limits, if s.is_multiple_of(2) { 0. } else { 0.04 }) };
+                    histories[s].clear();
+                }
+            }
+            let progress = before.progress[s];
+            for half in [0, 1] {
+                let (c, g) = (lab.c(s, half), lab.g(s, half));
+                before.values[c].fill(0.);
+                before.values[g].fill(-1.);
+            }
+            assert!(progress.current < 2);
+        }
+    }
+    eprintln!("states begun: {seen:?}");
+    for state in [STEP, CLOSE, EXACT, SOLVED, control::MAX_ITERATIONS, control::STALLED, control::NON_FINITE] {
+        assert!(seen.get(&state).is_some_and(|n| *n > 2), "no round began in state {state}: {seen:?}");
+    }
+}
