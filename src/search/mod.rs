@@ -278,18 +278,21 @@ impl Session<'_, '_> {
         let mut distribution = PeriodicDistribution::initial(self.task, families, &settings.periodic)?;
         let mut typical: Vec<Named> = Vec::new();
         for (sample, family) in distribution.means().iter().zip(families) {
-            let schedule = distribution.schedule(sample)?;
-            // Standing still is the same in all families.
-            if typical.is_empty() || (0..schedule.feet()).any(|foot| schedule.stances(foot) > 1) {
-                typical.push((Some(*family), schedule));
+            typical.push((Some(*family), distribution.schedule(sample)?));
+        }
+        let stands = |schedule: &Schedule| (0..schedule.feet()).all(|foot| schedule.stances(foot) == 1);
+        if let Some((_, still)) = typical.iter().find(|(_, schedule)| stands(schedule)) {
+            // Standing still is no family's own, and nothing is better.
+            let still = vec![(None, still.clone())];
+            if let Some(stop) = self.generation(timed, still)? {
+                return Ok(stop);
+            }
+            if self.best.is_some() {
+                return Ok(StopReason::Converged);
             }
         }
-        let stands = typical.len() == 1 && (0..self.task.robot.feet()).all(|foot| typical[0].1.stances(foot) == 1);
         if let Some(stop) = self.generation(timed, typical)? {
             return Ok(stop);
-        }
-        if stands && self.best.is_some() {
-            return Ok(StopReason::Converged);
         }
         // The families that did well are looked at more closely.
         let mut ranked: Vec<(usize, f64)> = families
