@@ -98,6 +98,10 @@ pub struct Cost {
     pub touch_down_speed: f64,
     /// Largest moment `|sum m_leg (x_i - p) x a_i|` of swinging legs about the base at the points of the quadrature, in `m g l`.
     pub swing_moment: f64,
+    /// X.
+    pub axial_work: f64,
+    /// X.
+    pub across_work: f64,
 }
 
 /// Costs of a motion.
@@ -108,19 +112,57 @@ pub struct Cost {
 /// [`Error::Invalid`] when the trajectory is malformed, or robot and trajectory disagree on the number of feet.
 pub fn cost(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weights: &CostWeights) -> Result<Cost> {
     trajectory.validate()?;
+    priced(trajectory, robot, leg_mass, weights, [0., trajectory.horizon], distance(trajectory, robot))
+}
+
+/// Costs of a part of a motion, from `start` to `end` s, and what its legs have to do in it.
+///
+/// Steady strides have a cost that starting and stopping does not blur when the part is a whole number of them. [`Cost::horizon`] is the
+/// duration of the part, [`Cost::distance`] what the base covers in it.
+///
+/// # Errors
+/// As [`cost`], and when the part is empty or not in the motion.
+pub fn cost_between(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weights: &CostWeights, part: [f64; 2]) -> Result<Cost> {
+    trajectory.validate()?;
+    let [start, end] = part;
+    check_range("start", start, 0., trajectory.horizon - SAME_TIME)?;
+    check_range("end", end, start + SAME_TIME, trajectory.horizon + SAME_TIME)?;
+    let at = |curve: &Curve, time: f64| {
+        let pieces = pieces(curve);
+        let mut piece = 0;
+        advance(&mut piece, &pieces, time, Piece::end);
+        pieces[piece].value(time)
+    };
+    let way = at(&trajectory.base_lin, end) - at(&trajectory.base_lin, start);
+    let turn = at(&trajectory.base_ang, end).z - at(&trajectory.base_ang, start).z;
+    let l = robot.base_height;
+    let distance = (way.norm() + l * turn.abs()).max(LEAST_DISTANCE * l);
+    priced(trajectory, robot, leg_mass, weights, part, distance)
+}
+
+/// Costs of a part of a valid trajectory, per `distance`.
+fn priced(
+    trajectory: &Trajectory,
+    robot: &Robot,
+    leg_mass: f64,
+    weights: &CostWeights,
+    part: [f64; 2],
+    distance: f64,
+) -> Result<Cost> {
     if trajectory.ee.len() != robot.feet() {
         let limit = format!("{} feet, as the robot `{}` has", robot.feet(), robot.name);
         return Err(Error::invalid("ee", format!("{} feet", trajectory.ee.len()), limit));
     }
-    let (weight, horizon) = (robot.weight(), trajectory.horizon);
-    let distance = distance(trajectory, robot);
-    let motion = Motion::new(trajectory, robot)?;
+    let (weight, horizon) = (robot.weight(), part[1] - part[0]);
+    let motion = Motion::new(trajectory, robot, part)?;
     let mut cost = Cost { distance, horizon, ..motion.extremes() };
     cost.peak_force /= weight;
     cost.effort /= weight * weight * horizon;
     cost.effort_cost = cost.effort * horizon * (GRAVITY * robot.base_height).sqrt() / distance;
     let work = motion.work();
     cost.leg_work = work.leg / (weight * distance);
+    cost.axial_work = work.axial / (weight * distance);
+    cost.across_work = work.across / (weight * distance);
     cost.swing_work = leg_mass * work.swing / (weight * distance);
     cost.swing_moment = leg_mass * work.swing_moment / (weight * robot.base_height);
     cost.tilt = work.upright.clamp(-1., 1.).acos().to_degrees();
@@ -162,6 +204,18 @@ impl Piece {
         self.p[2] * 2. + self.p[3] * (6. * (time - self.start))
     }
 
+    /// What of it lies between two times, if more than an instant.
+    fn between(&self, [from, to]: [f64; 2]) -> Option<Piece> {
+        let (start, end) = (self.start.max(from), self.end().min(to));
+        if end - start < SAME_TIME {
+            return None;
+        }
+        if start == self.start && end == self.end() {
+            return Some(Piece { ..*self });
+        }
+        Some(Piece { start, length: end - start, p: [self.value(start), self.first(start), self.second(start) / 2., self.p[3]] })
+    }
+
     /// Bernstein coefficients of the value.
     fn control(&self) -> [Vector3<f64>; 4] {
         let [p0, p1, p2, _] = self.p;
@@ -201,8 +255,9 @@ struct Foot {
     hip: [f64; 2],
 }
 
-/// Curves of a trajectory.
+/// Curves of a part of a trajectory.
 struct Motion {
+    start: f64,
     base_lin: Vec<Piece>,
     base_ang: Vec<Piece>,
     feet: Vec<Foot>,
@@ -212,6 +267,8 @@ struct Motion {
 struct Work {
     /// J.
     leg: f64,
+    axial: f64,
+    across: f64,
     /// J a kg of leg.
     swing: f64,
     /// N m a kg of leg.
@@ -221,13 +278,14 @@ struct Work {
 }
 
 impl Motion {
-    fn new(trajectory: &Trajectory, robot: &Robot) -> Result<Motion> {
+    fn new(trajectory: &Trajectory, robot: &Robot, part: [f64; 2]) -> Result<Motion> {
+        let pieces = |curve: &Curve| -> Vec<Piece> { pieces(curve).iter().filter_map(|piece| piece.between(part)).collect() };
         let schedule = Schedule::new(trajectory.durations.clone())?;
         let feet = trajectory.ee.iter().enumerate().map(|(foot, curves)| {
             let [x, y, _] = robot.nominal_feet[foot];
             Foot { motion: pieces(&curves.motion), force: pieces(&curves.force), phases: schedule.phases(foot), hip: [x, y] }
         });
-        Ok(Motion { feet: feet.collect(), base_lin: pieces(&trajectory.base_lin), base_ang: pieces(&trajectory.base_ang) })
+        Ok(Motion { start: part[0], feet: feet.collect(), base_lin: pieces(&trajectory.base_lin), base_ang: pieces(&trajectory.base_ang) })
     }
 
     /// What single curves say: speeds and accelerations of feet, the largest force in N, the effort in N² s.
@@ -265,19 +323,20 @@ impl Motion {
     fn times(&self) -> Vec<f64> {
         let feet = self.feet.iter().flat_map(|f| [&f.motion, &f.force]);
         let mut times: Vec<f64> =
-            std::iter::once(0.).chain([&self.base_lin, &self.base_ang].into_iter().chain(feet).flatten().map(Piece::end)).collect();
+            std::iter::once(self.start).chain([&self.base_lin, &self.base_ang].into_iter().chain(feet).flatten().map(Piece::end)).collect();
         times.sort_by(f64::total_cmp);
         times.dedup_by(|b, a| *b - *a < SAME_TIME);
         times
     }
 
     fn work(&self) -> Work {
-        let mut work = Work { leg: 0., swing: 0., swing_moment: 0., upright: 1. };
+        let mut work = Work { leg: 0., axial: 0., across: 0., swing: 0., swing_moment: 0., upright: 1. };
         let times = self.times();
         let (mut lin, mut ang) = (0, 0);
         // Motion piece, force piece and phase of each foot.
         let mut places = vec![[0; 3]; self.feet.len()];
         let mut powers = vec![[0.; 3]; self.feet.len()];
+        let mut axials = vec![[0.; 3]; self.feet.len()];
         let steps = times.windows(2).flat_map(|w| {
             let count = ((w[1] - w[0]) / STEP).ceil();
             let half = (w[1] - w[0]) / count / 2.;
@@ -296,6 +355,9 @@ impl Motion {
                 let mut moment = Vector3::zeros();
                 for (i, (foot, &[motion, force, phase])) in self.feet.iter().zip(&places).enumerate() {
                     let (motion, hip) = (&foot.motion[motion], base.hip_velocity(foot.hip));
+                    let hip_at = base.position + base.axes[0] * foot.hip[0] + base.axes[1] * foot.hip[1];
+                    let leg = (motion.value(time) - hip_at).normalize();
+                    axials[i][point] = foot.force[force].value(time).dot(&leg) * (motion.first(time) - hip).dot(&leg);
                     powers[i][point] = if foot.phases[phase].stance {
                         foot.force[force].value(time).dot(&(motion.first(time) - hip))
                     } else {
@@ -309,6 +371,10 @@ impl Motion {
             }
             for (i, foot) in self.feet.iter().enumerate() {
                 let done = absolute_integral(powers[i], half);
+                if foot.phases[places[i][2]].stance {
+                    work.axial += absolute_integral(axials[i], half);
+                    work.across += absolute_integral(std::array::from_fn(|k| powers[i][k] - axials[i][k]), half);
+                }
                 *if foot.phases[places[i][2]].stance { &mut work.leg } else { &mut work.swing } += done;
             }
         }

@@ -1,5 +1,6 @@
 //! The whole search: cross-entropy over schedules, with a lower level that solves each.
 
+pub mod atlas;
 pub mod cem;
 pub mod evaluate;
 
