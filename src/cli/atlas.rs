@@ -1,17 +1,23 @@
 //! `atlas`: every regular gait of a robot at every speed.
 
 use super::args::{DeviceArgs, PrecisionArg, apply, robot};
-use super::{CANCELLED, Failure, Verdict, complain, print};
+use super::label::device;
+use super::{CANCELLED, Failure, Verdict, complain, print, to_json};
 use crate::error::Result;
 use crate::gait::family::GaitFamily;
+use crate::report::atlas::{AtlasResult, csv};
+use crate::report::atlas_plot::svg;
 use crate::report::files;
-use crate::search::atlas::Plan;
+use crate::search::atlas::{Plan, atlas_settings};
 use crate::search::evaluate::LowerSettings;
 use clap::Args;
 use std::path::PathBuf;
 
 /// Problems solved at once: enough for a GPU, few enough to say how far it is.
-const CHUNK: usize = 2048;
+const CHUNK: usize = 512;
+
+/// Settings that begin so are weights of the cost; the others belong to the lower level.
+const COST: &str = "cost.";
 
 #[derive(Debug, Args)]
 pub struct Atlas {
@@ -49,19 +55,32 @@ pub struct Atlas {
 impl Atlas {
     pub fn run(&self) -> std::result::Result<Verdict, Failure> {
         let plan = self.plan()?;
-        let settings: LowerSettings = apply(LowerSettings::default(), "", self.set.iter().map(String::as_str))?;
+        let settings = self.settings()?;
         files::make_folder(&self.out)?;
         let backend = self.place.backend(CHUNK, PrecisionArg::F32)?;
-        let atlas = plan.run(&settings, &*backend, 256, &CANCELLED, &mut |done, all| complain(&format!("{done} of {all} problems")))?;
-        let mut text = String::from("family,period,duty,speed,froude,certified,iter,even,leg,axial,across,swing,effort,effcost,peak,tilt,foot\n");
-        let (t, v) = (crate::gait::family::time_scale(&atlas.plan.robot), crate::gait::family::speed_scale(&atlas.plan.robot));
-        for p in &atlas.points {
-            let c = p.cost.unwrap_or_default();
-            text += &format!("{},{:.4},{:.3},{:.4},{:.4},{},{},{:.4},{:.5},{:.5},{:.5},{:.5},{:.5},{:.5},{:.4},{:.4},{:.4}\n", p.family.name(), p.period / t, p.duty, p.speed / v, p.froude, p.certified as u8, p.iterations, p.even_speed.unwrap_or(0.) / v, c.leg_work, c.axial_work, c.across_work, c.swing_work, c.effort, c.effort_cost, c.peak_force, c.tilt, c.foot_speed / v);
+        let progress = &mut |done, all| complain(&format!("{}: {done} of {all} problems solved", self.robot));
+        let atlas = plan.run(&settings, &*backend, CHUNK, &CANCELLED, progress)?;
+        let result = AtlasResult::new(&atlas, &settings, &device(&*backend, settings.precision));
+        files::write(&self.out.join("atlas.csv"), &csv(&atlas)?)?;
+        files::write(&self.out.join("atlas.json"), &to_json(&result)?)?;
+        for &slope in &atlas.plan.slopes {
+            let name = if atlas.plan.slopes.len() == 1 { "atlas.svg".into() } else { format!("atlas_slope_{slope}.svg") };
+            files::write(&self.out.join(name), &svg(&atlas, slope))?;
         }
-        files::write(&self.out.join("atlas.csv"), &text)?;
-        print(&format!("{} problems {} left out, {} certified, {:.1} s\n", atlas.problems, atlas.left_out, atlas.points.iter().filter(|p| p.certified).count(), atlas.seconds))?;
-        Ok(Verdict::Feasible)
+        if result.solved < result.problems {
+            complain(&format!("stopped: {} of {} problems solved", result.solved, result.problems));
+        }
+        print(&format!("{}written to {}\n", result.text(), self.out.display()))?;
+        Ok(if result.certified > 0 { Verdict::Feasible } else { Verdict::Infeasible })
+    }
+
+    /// Settings of the lower level, those of the command line over those that suit an atlas.
+    fn settings(&self) -> Result<LowerSettings> {
+        let own = atlas_settings();
+        let sets = self.set.iter().map(String::as_str).filter(|s| !s.starts_with(COST));
+        let settings: LowerSettings = apply(own, "", sets)?;
+        settings.validate()?;
+        Ok(settings)
     }
 
     fn plan(&self) -> Result<Plan> {
@@ -69,14 +88,19 @@ impl Atlas {
         if !self.gait.is_empty() {
             plan.families = self.gait.iter().map(|name| GaitFamily::named(name)).collect::<Result<_>>()?;
         }
-        for (values, given) in
-            [(&mut plan.speeds, &self.speeds), (&mut plan.periods, &self.periods), (&mut plan.duties, &self.duties), (&mut plan.slopes, &self.slopes)]
-        {
+        for (values, given) in [
+            (&mut plan.speeds, &self.speeds),
+            (&mut plan.periods, &self.periods),
+            (&mut plan.duties, &self.duties),
+            (&mut plan.slopes, &self.slopes),
+        ] {
             if !given.is_empty() {
                 values.clone_from(given);
             }
         }
-        plan.steady = self.seconds.unwrap_or(plan.steady);
+        let costs = self.set.iter().filter_map(|s| s.strip_prefix(COST));
+        plan.weights = apply(plan.weights, COST, costs)?;
+        plan.even = self.seconds.unwrap_or(plan.even);
         plan.validate()?;
         Ok(plan)
     }

@@ -1,5 +1,7 @@
 //! What users read: result files and text for the terminal.
 
+pub mod atlas;
+pub mod atlas_plot;
 pub mod files;
 pub mod gait_diagram;
 pub mod result;
