@@ -1,6 +1,7 @@
 //! The command line: one file a command.
 
 mod args;
+mod atlas;
 #[cfg(feature = "gpu")]
 mod devices;
 mod evaluate;
@@ -37,6 +38,8 @@ enum Command {
     Solve(Box<solve::Solve>),
     /// Solve given contact schedules, one JSON object a line
     Evaluate(evaluate::Evaluate),
+    /// Solve every regular gait of a robot at every speed: costs, the best ones, transitions
+    Atlas(atlas::Atlas),
     #[cfg(feature = "experiment")]
     /// Repeat the paper's experiments, with its method and its baselines beside this program's
     Experiment(experiment::Experiment),
@@ -92,6 +95,7 @@ pub fn main() -> ExitCode {
     let result = match cli.command {
         Command::Solve(command) => command.run(),
         Command::Evaluate(command) => command.run(),
+        Command::Atlas(command) => command.run(),
         #[cfg(feature = "experiment")]
         Command::Experiment(command) => command.run(),
         Command::IpoptWorker(command) => command.run(),

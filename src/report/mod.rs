@@ -1,5 +1,9 @@
 //! What users read: result files and text for the terminal.
 
+#[cfg(feature = "cli")]
+pub mod atlas;
+#[cfg(feature = "cli")]
+pub mod atlas_plot;
 pub mod files;
 pub mod gait_diagram;
 pub mod result;

@@ -5,6 +5,7 @@
 //! Every improvement is reported. What decides is counted in candidates, so that a seed gives the same gait at any number of threads; time and
 //! the user only end a search.
 
+pub mod atlas;
 mod batch;
 pub mod cem;
 pub mod evaluate;

@@ -1,0 +1,107 @@
+//! `atlas`: every regular gait of a robot at every speed.
+
+use super::args::{DeviceArgs, PrecisionArg, apply, robot};
+use super::{CANCELLED, Failure, Verdict, complain, print, to_json};
+use crate::error::Result;
+use crate::gait::family::GaitFamily;
+use crate::report::atlas::{AtlasResult, csv};
+use crate::report::atlas_plot::svg;
+use crate::report::files;
+use crate::report::result::SolvedOn;
+use crate::search::atlas::{Plan, atlas_settings};
+use crate::search::evaluate::LowerSettings;
+use clap::Args;
+use std::path::PathBuf;
+
+/// Problems solved at once: enough for a GPU, few enough to say how far it is.
+const CHUNK: usize = 512;
+
+/// Settings that begin so are weights of the cost; the others belong to the lower level.
+const COST: &str = "cost.";
+
+#[derive(Debug, Args)]
+pub struct Atlas {
+    /// Robot: a name from `list` or a JSON file
+    #[arg(long, value_name = "NAME|FILE")]
+    robot: String,
+    /// Only these gaits; default all that the robot can have
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    gait: Vec<String>,
+    /// Travel speeds, m/s; default 0.1 to 1.7 sqrt(g l), with l the height of the base
+    #[arg(long, value_name = "M/S,...", value_delimiter = ',')]
+    speeds: Vec<f64>,
+    /// Periods of a stride, s; default 1 to 5 sqrt(l / g)
+    #[arg(long, value_name = "S,...", value_delimiter = ',')]
+    periods: Vec<f64>,
+    /// Shares of a stride that a foot stands; default 0.25 to 0.85
+    #[arg(long, value_name = "SHARE,...", value_delimiter = ',')]
+    duties: Vec<f64>,
+    /// Slopes of the ground, rise over run; default level
+    #[arg(long, value_name = "SLOPE,...", value_delimiter = ',', allow_negative_numbers = true)]
+    slopes: Vec<f64>,
+    /// Time at even speed that costs are taken from, s; default 8 sqrt(l / g)
+    #[arg(long, value_name = "S")]
+    seconds: Option<f64>,
+    /// Folder for atlas.csv, atlas.json and atlas.svg
+    #[arg(long, value_name = "DIR", default_value = "atlas")]
+    out: PathBuf,
+    #[command(flatten)]
+    place: DeviceArgs,
+    /// Any setting by its path, e.g. `solver.max_iterations=100` or `cost.effort=0.1`
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+}
+
+impl Atlas {
+    pub fn run(&self) -> std::result::Result<Verdict, Failure> {
+        let plan = self.plan()?;
+        let settings = self.settings()?;
+        files::make_folder(&self.out)?;
+        let backend = self.place.backend(CHUNK, PrecisionArg::F32)?;
+        let progress = &mut |done, all| complain(&format!("{}: {done} of {all} problems solved", self.robot));
+        let atlas = plan.run(&settings, &*backend, CHUNK, &CANCELLED, progress)?;
+        let result = AtlasResult::new(&atlas, &settings, SolvedOn::new(&*backend, settings.precision));
+        files::write(&self.out.join("atlas.csv"), &csv(&atlas)?)?;
+        files::write(&self.out.join("atlas.json"), &to_json(&result)?)?;
+        for &slope in &atlas.plan.slopes {
+            let name = if atlas.plan.slopes.len() == 1 { "atlas.svg".into() } else { format!("atlas_slope_{slope}.svg") };
+            files::write(&self.out.join(name), &svg(&atlas, slope))?;
+        }
+        if result.solved < result.problems {
+            complain(&format!("stopped: {} of {} problems solved", result.solved, result.problems));
+        }
+        print(&format!("{}written to {}\n", result.text(), self.out.display()))?;
+        Ok(if result.certified > 0 { Verdict::Feasible } else { Verdict::Infeasible })
+    }
+
+    /// Settings of the lower level, those of the command line over those that suit an atlas.
+    fn settings(&self) -> Result<LowerSettings> {
+        let own = atlas_settings();
+        let sets = self.set.iter().map(String::as_str).filter(|s| !s.starts_with(COST));
+        let settings: LowerSettings = apply(own, "", sets)?;
+        settings.validate()?;
+        Ok(settings)
+    }
+
+    fn plan(&self) -> Result<Plan> {
+        let mut plan = Plan::new(robot(&self.robot)?);
+        if !self.gait.is_empty() {
+            plan.families = self.gait.iter().map(|name| GaitFamily::named(name)).collect::<Result<_>>()?;
+        }
+        for (values, given) in [
+            (&mut plan.speeds, &self.speeds),
+            (&mut plan.periods, &self.periods),
+            (&mut plan.duties, &self.duties),
+            (&mut plan.slopes, &self.slopes),
+        ] {
+            if !given.is_empty() {
+                values.clone_from(given);
+            }
+        }
+        let costs = self.set.iter().filter_map(|s| s.strip_prefix(COST));
+        plan.weights = apply(plan.weights, COST, costs)?;
+        plan.even = self.seconds.unwrap_or(plan.even);
+        plan.validate()?;
+        Ok(plan)
+    }
+}

@@ -1,0 +1,289 @@
+//! An atlas of gaits as a picture, SVG: cost of transport over speed, the best gait at each speed, and how it strides.
+//!
+//! Written out by hand: a second axis that is no straight scale of the first, and a legend beside the curves, are more to ask of a plotting
+//! library than to draw.
+
+use super::atlas::name;
+use crate::gait::family::{FAMILIES, GaitFamily, speed_scale, time_scale};
+use crate::search::atlas::{Atlas, Point};
+use std::fmt::Write;
+
+/// Edges of the plots, pixels.
+const LEFT: f64 = 78.;
+const RIGHT: f64 = 760.;
+/// Width of the picture, pixels: the legend stands beside the plots.
+const WIDTH: f64 = 980.;
+/// Top and height of the panel of curves, pixels.
+const TOP: f64 = 84.;
+const CURVES: f64 = 330.;
+/// Height of a line of notes, of the band of best gaits and of a strip, pixels.
+const NOTE: f64 = 17.;
+const BAND: f64 = 24.;
+const STRIP: f64 = 62.;
+const GAP: f64 = 14.;
+
+/// Dearest cost that is drawn, in least costs: beyond, curves of no interest would press the others together.
+const DEAREST: f64 = 12.;
+
+/// One colour a family, told apart by most eyes; families of one kind of robot have different ones.
+fn color(family: GaitFamily) -> &'static str {
+    use GaitFamily::*;
+    match family {
+        Walk | Tetrapod => "#0072b2",
+        Trot | Run | Tripod => "#d55e00",
+        Pace | Hop | Ripple => "#009e73",
+        Bound | Wave => "#cc79a7",
+        Canter | Alternating => "#e69f00",
+        RotaryGallop => "#56b4e9",
+        TransverseGallop => "#000000",
+        Pronk => "#8a8a8a",
+    }
+}
+
+/// Values in a range as pixels.
+#[derive(Clone, Copy)]
+struct Scale {
+    low: f64,
+    high: f64,
+    /// Pixels of `low` and `high`.
+    pixels: [f64; 2],
+    log: bool,
+}
+
+impl Scale {
+    fn at(&self, value: f64) -> f64 {
+        let f = |v: f64| if self.log { v.max(1e-12).ln() } else { v };
+        let part = (f(value) - f(self.low)) / (f(self.high) - f(self.low));
+        self.pixels[0] + part * (self.pixels[1] - self.pixels[0])
+    }
+
+    /// Round values in the range: at most `most` on a straight scale; 1, 1.5, 2, 3, 5, 7 and their tens on a logarithmic one.
+    fn ticks(&self, most: usize) -> Vec<f64> {
+        let inside = |v: &f64| *v >= self.low * (1. - 1e-9) && *v <= self.high * (1. + 1e-9);
+        if self.log {
+            let tens = (-3..=4).map(|e| 10f64.powi(e));
+            return tens.flat_map(|ten| [1., 1.5, 2., 3., 5., 7.].map(|v| v * ten)).filter(inside).collect();
+        }
+        let rough = (self.high - self.low) / most as f64;
+        let ten = 10f64.powf(rough.log10().floor());
+        let step = [1., 2., 2.5, 5., 10.].map(|v| v * ten).into_iter().find(|&s| s >= rough).unwrap_or(10. * ten);
+        let first = (self.low / step).ceil() as i64;
+        (first..).map(|i| i as f64 * step).take_while(|&v| v <= self.high + 1e-9 * step).collect()
+    }
+}
+
+/// A number as people write it, without zeros at the end.
+fn short(value: f64) -> String {
+    let text = format!("{value:.3}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+/// A picture that grows by elements.
+struct Picture(String);
+
+impl Picture {
+    fn text(&mut self, x: f64, y: f64, anchor: &str, style: &str, text: &str) {
+        let text = text.replace('&', "&amp;").replace('<', "&lt;");
+        // Writing to a string cannot fail.
+        let _ = writeln!(self.0, r#"<text x="{x:.1}" y="{y:.1}" text-anchor="{anchor}" {style}>{text}</text>"#);
+    }
+
+    fn line(&mut self, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2], style: &str) {
+        let _ = writeln!(self.0, r#"<line x1="{x1:.1}" y1="{y1:.1}" x2="{x2:.1}" y2="{y2:.1}" {style}/>"#);
+    }
+
+    fn box_of(&mut self, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2], style: &str) {
+        let (width, height) = (x2 - x1, y2 - y1);
+        let _ = writeln!(self.0, r#"<rect x="{x1:.1}" y="{y1:.1}" width="{width:.1}" height="{height:.1}" {style}/>"#);
+    }
+
+    /// Points joined by lines, broken where there is none.
+    fn curve(&mut self, points: &[Option<[f64; 2]>], color: &str, width: f64) {
+        for run in points.split(Option::is_none) {
+            let run: Vec<String> = run.iter().flatten().map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
+            if run.len() > 1 {
+                let _ = writeln!(
+                    self.0,
+                    r#"<polyline points="{}" fill="none" stroke="{color}" stroke-width="{width}" stroke-linejoin="round"/>"#,
+                    run.join(" ")
+                );
+            }
+        }
+        for [x, y] in points.iter().flatten() {
+            let _ = writeln!(self.0, r#"<circle cx="{x:.1}" cy="{y:.1}" r="{:.1}" fill="{color}"/>"#, width + 0.9);
+        }
+    }
+}
+
+/// Froude numbers of the second axis.
+const FROUDE: [f64; 13] = [0.01, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1., 1.5, 2., 3., 4., 6.];
+
+const AXIS: &str = r##"stroke="#333" stroke-width="1""##;
+const GRID: &str = r##"stroke="#e4e4e4" stroke-width="1""##;
+const SMALL: &str = r##"font-size="12" fill="#333""##;
+
+/// The atlas on one slope. Empty of curves where nothing was certified.
+pub fn svg(atlas: &Atlas, slope: f64) -> String {
+    let plan = &atlas.plan;
+    let robot = &plan.robot;
+    let speeds = &plan.speeds;
+    let (fastest, slowest) = (speeds.iter().copied().fold(0., f64::max), speeds.iter().copied().fold(f64::MAX, f64::min));
+    let pad = 0.04 * (fastest - slowest).max(0.2 * fastest);
+    let x = Scale { low: (slowest - pad).max(0.), high: fastest + pad, pixels: [LEFT, RIGHT], log: false };
+
+    let best = atlas.best(slope);
+    let transitions = atlas.transitions(slope);
+    // Notes on transitions, in lines where they do not meet.
+    let mut ends: Vec<f64> = Vec::new();
+    let notes: Vec<(usize, f64, String)> = transitions
+        .iter()
+        .map(|t| {
+            let text = format!("{} \u{2192} {}: {:.2} m/s, Fr {:.2}", name(t.from), name(t.to), t.speed, t.froude);
+            let half = 3.1 * text.chars().count() as f64;
+            let at = x.at(t.speed).clamp(LEFT + half, RIGHT - half);
+            let line = ends.iter().position(|&end| end + 10. < at - half).unwrap_or(ends.len());
+            if line == ends.len() {
+                ends.push(0.);
+            }
+            ends[line] = at + half;
+            (line, at, text)
+        })
+        .collect();
+    let band = TOP + CURVES + 10. + NOTE * ends.len() as f64;
+    let strips = [band + BAND + GAP, band + BAND + 2. * GAP + STRIP];
+    let bottom = strips[1] + STRIP;
+    let height = bottom + 46.;
+    let mut p = Picture(format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {height}\" width=\"{WIDTH}\" height=\"{height}\" \
+         font-family=\"Helvetica, Arial, sans-serif\">\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n"
+    ));
+
+    let ground = if slope == 0. { "level ground".into() } else { format!("slope {}", short(slope)) };
+    p.text(LEFT, 24., "start", r#"font-size="17" font-weight="bold""#, &format!("{}: what gaits cost, {ground}", robot.name));
+    let about = format!(
+        "{} motions of {} problems certified; every curve through the best member of its family",
+        atlas.certified(),
+        atlas.points.len()
+    );
+    p.text(LEFT, 42., "start", SMALL, &about);
+
+    // Axes of speed: at the bottom in m/s, on top as Froude numbers.
+    for v in x.ticks(10) {
+        for [top, end] in [[TOP, TOP + CURVES], [strips[0], strips[0] + STRIP], [strips[1], bottom]] {
+            p.line([x.at(v), top], [x.at(v), end], GRID);
+        }
+        p.line([x.at(v), bottom], [x.at(v), bottom + 5.], AXIS);
+        p.text(x.at(v), bottom + 19., "middle", SMALL, &short(v));
+    }
+    p.text((LEFT + RIGHT) / 2., bottom + 38., "middle", r#"font-size="13""#, "travel speed, m/s");
+    let mut last = 0.;
+    for froude in FROUDE {
+        let at = x.at(speed_scale(robot) * froude.sqrt());
+        if at < LEFT || at > RIGHT - 14. || at - last < 32. {
+            continue;
+        }
+        last = at;
+        p.line([at, TOP - 5.], [at, TOP], AXIS);
+        p.text(at, TOP - 9., "middle", SMALL, &short(froude));
+    }
+    p.text(RIGHT + 10., TOP - 9., "start", SMALL, "Froude number v\u{b2} / g l");
+
+    // Costs.
+    let curves: Vec<(GaitFamily, Vec<Option<&Point>>)> =
+        FAMILIES.into_iter().filter(|f| plan.families.contains(f)).map(|f| (f, atlas.curve(f, slope))).collect();
+    let totals = || curves.iter().flat_map(|(_, c)| c.iter().flatten()).filter_map(|p| p.total());
+    let least = totals().fold(f64::MAX, f64::min);
+    let most = totals().fold(0., f64::max).min(DEAREST * least);
+    if most > 0. {
+        let y = Scale { low: least / 1.12, high: (most * 1.08).max(1.5 * least), pixels: [TOP + CURVES, TOP], log: true };
+        for v in y.ticks(0) {
+            p.line([LEFT, y.at(v)], [RIGHT, y.at(v)], GRID);
+            p.text(LEFT - 8., y.at(v) + 4., "end", SMALL, &short(v));
+        }
+        let _ = writeln!(
+            p.0,
+            r#"<clipPath id="curves"><rect x="{LEFT}" y="{TOP}" width="{}" height="{CURVES}"/></clipPath><g clip-path="url(#curves)">"#,
+            RIGHT - LEFT
+        );
+        for t in &transitions {
+            p.line([x.at(t.speed), TOP], [x.at(t.speed), TOP + CURVES], r##"stroke="#777" stroke-width="1" stroke-dasharray="4 3""##);
+        }
+        for (family, curve) in &curves {
+            let at = |point: &Option<&Point>| point.and_then(|q| Some([x.at(q.speed), y.at(q.total()?)]));
+            p.curve(&curve.iter().map(at).collect::<Vec<_>>(), color(*family), 2.);
+        }
+        p.0 += "</g>\n";
+    }
+    frame(&mut p, TOP, TOP + CURVES);
+    turned(&mut p, TOP + CURVES / 2., 13, "cost of transport");
+
+    // Legend, cheapest first.
+    let cheapest = |c: &[Option<&Point>]| c.iter().flatten().filter_map(|q| q.total()).fold(f64::INFINITY, f64::min);
+    let mut legend: Vec<&(GaitFamily, Vec<Option<&Point>>)> = curves.iter().collect();
+    legend.sort_by(|a, b| cheapest(&a.1).total_cmp(&cheapest(&b.1)));
+    for (i, (family, _)) in legend.into_iter().enumerate() {
+        let at = TOP + 14. + 34. * i as f64;
+        let of = || atlas.points.iter().filter(|q| q.family == *family && q.slope == slope);
+        p.curve(&[Some([RIGHT + 14., at - 4.]), Some([RIGHT + 40., at - 4.])], color(*family), 2.);
+        p.text(RIGHT + 50., at, "start", r#"font-size="13""#, family.name());
+        let share = format!("{} of {} certified", of().filter(|q| q.certified).count(), of().count());
+        p.text(RIGHT + 50., at + 14., "start", r##"font-size="11" fill="#666""##, &share);
+    }
+
+    // Notes and the band of the best.
+    for ((line, at, text), t) in notes.iter().zip(&transitions) {
+        let y = band - 6. - NOTE * (ends.len() - 1 - line) as f64;
+        p.line([x.at(t.speed), TOP + CURVES], [x.at(t.speed), y - 11.], r##"stroke="#777" stroke-width="1" stroke-dasharray="4 3""##);
+        p.text(*at, y, "middle", r##"font-size="11.5" fill="#222""##, text);
+    }
+    let mut edges = vec![LEFT];
+    edges.extend(transitions.iter().map(|t| x.at(t.speed)));
+    edges.push(RIGHT);
+    let families: Vec<Option<GaitFamily>> = {
+        let mut all: Vec<_> = best.iter().map(|b| b.map(|q| q.family)).collect();
+        all.dedup();
+        all
+    };
+    for (edge, family) in edges.windows(2).zip(families) {
+        let fill = family.map_or("#dddddd", color);
+        p.box_of([edge[0], band], [edge[1], band + BAND], &format!(r#"fill="{fill}" stroke="white" stroke-width="1""#));
+        let text = name(family);
+        if edge[1] - edge[0] > 7.5 * text.len() as f64 {
+            let ink = if family.is_some() { "white" } else { "#333" };
+            let style = format!(r#"font-size="13" font-weight="bold" fill="{ink}""#);
+            p.text((edge[0] + edge[1]) / 2., band + 17., "middle", &style, text);
+        }
+    }
+    p.text(RIGHT + 10., band + 17., "start", SMALL, "cheapest gait");
+
+    // Its stride.
+    let duty = Scale { low: 0., high: 1., pixels: [strips[0] + STRIP, strips[0]], log: false };
+    let time = time_scale(robot);
+    let longest = best.iter().flatten().map(|q| q.period / time).fold(1., f64::max);
+    let period = Scale { low: 0., high: 1.15 * longest, pixels: [bottom, strips[1]], log: false };
+    let of_duty: fn(&Point, f64) -> f64 = |q, _| q.duty;
+    let of_period: fn(&Point, f64) -> f64 = |q, time| q.period / time;
+    for (scale, top, title, value) in
+        [(duty, strips[0], "its duty factor", of_duty), (period, strips[1], "its period, \u{221a}(l / g)", of_period)]
+    {
+        for v in scale.ticks(3) {
+            p.line([LEFT, scale.at(v)], [RIGHT, scale.at(v)], GRID);
+            p.text(LEFT - 8., scale.at(v) + 4., "end", SMALL, &short(v));
+        }
+        let points: Vec<_> = best.iter().map(|q| q.map(|q| [x.at(q.speed), scale.at(value(q, time))])).collect();
+        p.curve(&points, "#444", 1.4);
+        frame(&mut p, top, top + STRIP);
+        p.text(RIGHT + 10., top + STRIP / 2. + 4., "start", SMALL, title);
+    }
+    p.0 + "</svg>\n"
+}
+
+/// The edges of a panel.
+fn frame(p: &mut Picture, top: f64, bottom: f64) {
+    p.box_of([LEFT, top], [RIGHT, bottom], r##"fill="none" stroke="#333" stroke-width="1""##);
+}
+
+/// The name of a vertical axis.
+fn turned(p: &mut Picture, y: f64, size: u32, text: &str) {
+    p.text(22., y, "middle", &format!(r#"font-size="{size}" transform="rotate(-90 22 {y:.1})""#), text);
+}
