@@ -72,9 +72,9 @@ pub struct TranscriptionSettings {
     pub swing_height: f64,
     /// `momentum`: what legs can do, where nothing else is said.
     pub legs: Legs,
-    /// `momentum`: horizontal speed of a swinging foot, m/s, at most; see [`crate::nlp::transcription::momentum::foot_speed`] when absent.
+    /// `momentum`: horizontal speed of a swinging foot, m/s, at most; see [`crate::nlp::transcription::legs::foot_speed`] when absent.
     pub foot_speed: Option<f64>,
-    /// `momentum`: acceleration of a swinging foot, m/s², at most; see [`crate::nlp::transcription::momentum::foot_acceleration`] when absent.
+    /// `momentum`: acceleration of a swinging foot, m/s², at most; see [`crate::nlp::transcription::legs::foot_acceleration`] when absent.
     pub foot_acceleration: Option<f64>,
 }
 

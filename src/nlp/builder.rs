@@ -3,7 +3,7 @@
 use super::Layout;
 use super::layout::{Curves, Element, FootBlocks};
 use super::sweep::{self, Block, Fronts};
-use super::transcription::momentum;
+use super::transcription::legs;
 use crate::gait::{AlignedSchedule, Phase};
 use crate::real::Real;
 use crate::robot::GRAVITY;
@@ -308,6 +308,6 @@ fn constants<T: Real>(task: &Task, settings: &TranscriptionSettings, interval: f
         friction: T::of(task.terrain.friction),
         length_margin: T::of(settings.length_margin),
         force_margin: T::of(settings.force_margin * robot.feet() as f64),
-        foot_acceleration: T::of(momentum::foot_acceleration(settings, robot).unwrap_or(f64::INFINITY)),
+        foot_acceleration: T::of(legs::foot_acceleration(settings).unwrap_or(f64::INFINITY)),
     }
 }

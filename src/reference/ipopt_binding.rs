@@ -1,7 +1,6 @@
 //! The C interface of Ipopt.
 
-use super::ipopt::{Options, Statistics};
-use super::nlp::{Nlp, Pattern, Rows};
+use super::nlp::{Nlp, Options, Pattern, Rows, Statistics};
 use crate::backend::locked;
 use std::ffi::{CStr, c_char, c_int, c_void};
 use std::sync::Mutex;

@@ -1,7 +1,7 @@
 //! Who solves the schedules of a search, and the clock beside it.
 
 use super::cem::{Candidate, CemSettings, Distribution, Evaluation, Evaluator, GenerationRecord, StopReason, run};
-use super::evaluate::{Evaluated, LowerSettings, evaluate};
+use super::evaluate::{Cancelled, Evaluated, LowerSettings, evaluate};
 use crate::backend::Backend;
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
@@ -9,9 +9,6 @@ use crate::gait::cost::CostWeights;
 use crate::task::Task;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-
-/// Asked now and then whether the work is to end.
-pub type Cancelled<'a> = &'a (dyn Fn() -> bool + Sync);
 
 /// One candidate as a [`LowerLevel`] solved it.
 #[derive(Debug)]

@@ -1,6 +1,5 @@
 //! From schedules to certified trajectories: solve the batch, close each solution in f64, count what it violates.
 
-use super::batch::Cancelled;
 use super::cem::Evaluation;
 use crate::backend::{Backend, Job, Precision, Problem, Solution};
 use crate::error::{Error, Result};
@@ -17,6 +16,9 @@ use serde::{Deserialize, Serialize};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
+
+/// Asked now and then whether the work is to end.
+pub type Cancelled<'a> = &'a (dyn Fn() -> bool + Sync);
 
 /// Largest memory of one candidate's tables and buffers, bytes.
 pub const MAX_CANDIDATE_MEMORY: usize = 1 << 28;

@@ -11,7 +11,8 @@ pub mod cem;
 pub mod evaluate;
 mod settings;
 
-pub use batch::{BatchSolver, Cancelled, Found, LowerLevel, Solved, search_with};
+pub use batch::{BatchSolver, Found, LowerLevel, Solved, search_with};
+pub use evaluate::Cancelled;
 pub use settings::{Gaits, SearchSettings};
 
 use crate::backend::Backend;

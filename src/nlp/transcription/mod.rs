@@ -1,6 +1,7 @@
 //! Transcriptions: how a motion is turned into variables and rows. What differs between them is what [`Transcribe`] asks; each has a file.
 
 pub mod initial_guess;
+pub mod legs;
 pub mod momentum;
 pub mod towr;
 

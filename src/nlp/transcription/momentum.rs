@@ -10,8 +10,8 @@
 //! No quadrature of moments is needed; only the attitude asks for one: the mean of `L` over an interval must be that of the planned
 //! motion, `R I R' omega`, at the nodes of a Gauss-Legendre rule.
 
+use super::legs::{foot_acceleration, foot_speed};
 use super::{Guess, ReachTime, SwingLaw, Transcribe, initial_guess};
-use crate::gait::family::{FOOT_SPEED, speed_scale};
 use crate::gait::spline::hermite;
 use crate::gait::trajectory::{GoalVelocity, MotionLimits};
 use crate::gait::{Curve, Phase};
@@ -24,7 +24,7 @@ use crate::rows::blocks::Use;
 use crate::rows::momentum::{INNER_POINTS, INNER_RULE, Impulse, MOMENTUM_POINTS, MomentumInterval, lagrange};
 use crate::rows::reach::BasePoint;
 use crate::rows::table::{NONE, Place, Span};
-use crate::settings::{Legs, TranscriptionSettings};
+use crate::settings::TranscriptionSettings;
 use crate::task::Task;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
@@ -88,22 +88,6 @@ const SWING_HEIGHTS: [f64; 7] = [0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875];
 /// Half of `sqrt(l / g)`, in steps of 0.025 s from 0.025 to 0.1 s. That is 0.1 s for legs of 0.4 m and 0.05 s for those of 0.14 m.
 pub fn interval(robot: &Robot) -> f64 {
     ((0.5 * (robot.leg_height() / GRAVITY).sqrt() / 0.025).floor() * 0.025).clamp(0.025, 0.1)
-}
-
-/// Highest horizontal speed of a foot, m/s: that of the settings, else `1.9 sqrt(g l)` for legs of base height `l`, or 20 where legs are free.
-pub fn foot_speed(settings: &TranscriptionSettings, robot: &Robot) -> f64 {
-    settings.foot_speed.unwrap_or_else(|| match settings.legs {
-        Legs::Limited => FOOT_SPEED * speed_scale(robot),
-        Legs::Free => 20.,
-    })
-}
-
-/// Largest acceleration of a swinging foot, m/s²: that of the settings, else 20 g, or none where legs are free.
-pub fn foot_acceleration(settings: &TranscriptionSettings, _: &Robot) -> Option<f64> {
-    settings.foot_acceleration.or(match settings.legs {
-        Legs::Limited => Some(20. * GRAVITY),
-        Legs::Free => None,
-    })
 }
 
 /// The transcription.
@@ -239,7 +223,7 @@ impl<T: Real> Transcribe<T> for Momentum {
             clearance: settings.clearance,
             two_sided: true,
             longest_step: Some(foot_speed(settings, &task.robot) * duration / TOP_SPEED),
-            accelerations: foot_acceleration(settings, &task.robot).map(|_| [TOP_ACCELERATION / square, 24. / square]),
+            accelerations: foot_acceleration(settings).map(|_| [TOP_ACCELERATION / square, 24. / square]),
         }
     }
 
@@ -248,7 +232,7 @@ impl<T: Real> Transcribe<T> for Momentum {
             clearance: settings.clearance,
             swing_height: settings.swing_height,
             foot_speed: foot_speed(settings, robot),
-            foot_acceleration: foot_acceleration(settings, robot),
+            foot_acceleration: foot_acceleration(settings),
             goal_velocity: settings.goal_velocity,
         })
     }
