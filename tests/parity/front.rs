@@ -14,7 +14,7 @@ use cregopt::solver::control::{CLOSE, EXACT, SOLVED, STEP};
 use nalgebra::{DMatrix, DVector};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Random weights, some of them zero, with values that are zero there too; what falls on single variables. As in reference.rs.
+/// Random weights, some of them zero, with values that are zero there too; what falls on single variables. As in tests/reference.
 pub struct System {
     pub weight: Vec<f32>,
     pub value: Vec<f32>,
