@@ -2,15 +2,19 @@
 
 mod common;
 
-use common::{Random, gait, layout, layout_with, point, rows_with, shared, task};
-use cregopt::gait::Schedule;
+use common::{Random, gait, layout, layout_with, point, rows_with, shared, task, task_for};
+use cregopt::gait::spline::hermite;
+use cregopt::gait::{Schedule, Trajectory};
 use cregopt::nlp::{Layout, trajectory};
+use cregopt::robot::Robot;
 use cregopt::rows::Family;
 use cregopt::rows::momentum::{INNER_POINTS, MOMENTUM_POINTS};
 use cregopt::rows::table::NONE;
 use cregopt::settings::{Friction, SolverSettings, TranscriptionSettings};
 use cregopt::solver::{Finish, Outcome, Solver, Status};
 use cregopt::task::Task;
+use cregopt::terrain::{Grid, Shape, Terrain};
+use nalgebra::Vector3;
 use std::f64::consts::FRAC_PI_2;
 
 /// Rows and deviations of a moved scene, relative to the larger of 1 and the value: positions of some metres are 1e-15 off, which rows
@@ -35,6 +39,9 @@ const INTEGRAL_TOLERANCE: f64 = 1e-11;
 
 /// Moments of a rule on (0, 1): some roundings.
 const RULE_TOLERANCE: f64 = 1e-14;
+
+/// Tangential forces beyond the cone, N: what the solver leaves of a row, and roundings.
+const SLIP_TOLERANCE: f64 = 3e-5;
 
 /// How the whole scene is moved: turned about the vertical through the origin, then shifted.
 #[derive(Debug, Clone, Copy)]
@@ -299,6 +306,58 @@ fn the_rule_inside_intervals_is_exact_for_polynomials() {
             let got = inner.clone().zip(&to.integral).map(|(p, w)| w / h * (p.time / h).powi(degree)).sum::<f64>();
             let expected = (to.time / h).powi(degree + 1) / f64::from(degree + 1);
             assert_close(&[got], &[expected], RULE_TOLERANCE, &format!("integral of degree {degree} to point {q}"));
+        }
+    }
+}
+
+/// How far forces leave the friction cones of the ground under their feet, N, at most: `|t| - mu n.f` at many times of every stance.
+fn out_of_the_cone(task: &Task, nodes: &Trajectory) -> f64 {
+    const TIMES: usize = 50;
+    let mut farthest = f64::NEG_INFINITY;
+    for (foot, durations) in nodes.ee.iter().zip(&nodes.durations) {
+        let stances = durations.len().div_ceil(2);
+        let pieces = foot.force.nodes.len() / stances - 1;
+        for stance in 0..stances {
+            let [x, y, ..] = foot.motion.nodes[3 * stance];
+            let [hx, hy] = task.terrain.ground(x, y).slope;
+            let n = Vector3::new(-hx, -hy, 1.).normalize();
+            for piece in 0..pieces {
+                let ends = &foot.force.nodes[(pieces + 1) * stance + piece..][..2];
+                let duration = foot.force.poly_durations[(pieces + 1) * stance + piece];
+                for i in 0..=TIMES {
+                    let w = hermite(duration * i as f64 / TIMES as f64, duration);
+                    let of = |d: usize| w[0] * ends[0][d] + w[1] * ends[0][3 + d] + w[2] * ends[1][d] + w[3] * ends[1][3 + d];
+                    let force = Vector3::new(of(0), of(1), of(2));
+                    farthest = farthest.max(n.cross(&force).norm() - task.terrain.friction * n.dot(&force));
+                }
+            }
+        }
+    }
+    farthest
+}
+
+/// Ground that rises by 0.2 along x and falls by 0.1 along y.
+fn ramp() -> Terrain {
+    let heights = (0..8).map(|i| (0..8).map(|j| 0.2 * f64::from(i) - 0.1 * f64::from(j)).collect()).collect();
+    Terrain { name: "ramp".into(), friction: 1., shape: Shape::Grid(Grid { low: [-4., -4.], high: [4., 4.], heights }) }
+}
+
+#[test]
+fn with_cones_no_foot_slips_at_any_time() {
+    // Ground so slippery that a pyramid lets feet slip.
+    let cases = [("anymal", Terrain::named("flat").unwrap(), 0.27), ("biped", ramp(), 0.3), ("pexod", ramp(), 0.65)];
+    for (robot, terrain, friction) in cases {
+        let task = task_for(Robot::named(robot).unwrap(), Terrain { friction, ..terrain }, [0.5, 0.5], 0.3);
+        for seed in 0..3 {
+            let schedule = gait(&mut Random::new(seed), task.robot.feet(), 5..=7);
+            let [pyramid, cone] = [Friction::Pyramid, Friction::Cone].map(|friction| {
+                let layout = layout_with(&task, &schedule, &TranscriptionSettings { friction, ..TranscriptionSettings::default() });
+                let (outcome, x) = solve(&layout);
+                assert_eq!(outcome.status, Status::Solved, "{robot}, gait {seed}, {friction:?}");
+                out_of_the_cone(&task, &trajectory(&task, &layout, &x))
+            });
+            assert!(cone <= SLIP_TOLERANCE, "{robot}, gait {seed}: {cone} N beyond the cone");
+            assert!(pyramid > 5e-3 * task.robot.weight(), "{robot}, gait {seed}: no foot slips anyhow");
         }
     }
 }

@@ -6,8 +6,8 @@ use cregopt::nlp::Layout;
 use cregopt::nlp::transcription::{interval, towr::FORCE_LIMIT};
 use cregopt::real::Real;
 use cregopt::robot::Robot;
-use cregopt::rows::Shared;
 use cregopt::rows::table::NONE;
+use cregopt::rows::{Family, Shared};
 use cregopt::scenario::Scenario;
 use cregopt::settings::{Friction, Transcription, TranscriptionSettings};
 use cregopt::task::Task;
@@ -111,6 +111,12 @@ pub fn cones() -> TranscriptionSettings {
     TranscriptionSettings { friction: Friction::Cone, ..TranscriptionSettings::default() }
 }
 
+/// Settings that have rows of every family: both transcriptions, and friction cones.
+pub fn families() -> [TranscriptionSettings; 3] {
+    let [momentum, towr] = transcriptions();
+    [momentum, towr, cones()]
+}
+
 /// Layout with the default settings of a schedule that is not aligned yet.
 pub fn layout<T: Real>(task: &Task, schedule: &Schedule) -> Layout<T> {
     layout_with(task, schedule, &TranscriptionSettings::default())
@@ -180,6 +186,35 @@ pub fn point(layout: &Layout<f64>, random: &mut Random, edge_radius: f64) -> Vec
         }
     }
     x
+}
+
+/// Gives elements any number of rows, 1 to 13 in turns. Their rows and Jacobian values stand behind those that there were. What the
+/// factorisation knows by its family (reach, linear momentum) stays as it is.
+pub fn with_any_rows<T: Real>(layout: &mut Layout<T>) {
+    let any = layout.elements.iter_mut().filter(|e| ![Family::Reach, Family::LinearMomentum].contains(&e.family));
+    for (element, rows) in any.zip((1..=13).cycle()) {
+        element.rows = rows;
+        element.place.row = layout.rows as u32;
+        element.place.jacobian = layout.jacobian_len as u32;
+        layout.rows += rows as usize;
+        layout.jacobian_len += (rows * element.place.stride) as usize;
+    }
+}
+
+/// Jacobian values of such a layout at a point: of rows that there were those that they have, of the others any, a third of them zero.
+pub fn any_jacobian<T: Real>(layout: &Layout<T>, x: &[T], random: &mut Random) -> Vec<T> {
+    let mut values = rows(layout, x, 0.).jacobian;
+    for element in layout.elements.iter().filter(|e| ![Family::Reach, Family::LinearMomentum].contains(&e.family)) {
+        let place = &element.place;
+        for run in &layout.runs[element.runs.range()] {
+            for (r, i) in (0..element.rows).flat_map(|r| (0..run.len).map(move |i| (r, i))) {
+                let value = random.between(-2., 2.);
+                let at = (place.jacobian + r * place.stride + run.column + i) as usize;
+                values[at] = if value.abs() < 0.7 { T::zero() } else { T::of(value) };
+            }
+        }
+    }
+    values
 }
 
 /// Residuals and Jacobian values at one point.

@@ -2,8 +2,8 @@
 
 use crate::FRONT;
 use crate::candidates::{Candidate, candidates};
-use crate::common::Random;
-use crate::lab::{CAPACITY, Expected, LARGE, Lab, SMALL, State, gpu, skipped, states, with_its_workgroups};
+use crate::common::{Random, any_jacobian, with_any_rows};
+use crate::lab::{CAPACITY, Expected, LARGE, Lab, SMALL, Slot, State, gpu, skipped, states, with_its_workgroups};
 use crate::solver::jacobian_at;
 use cregopt::backend::gpu::Prepared;
 use cregopt::backend::gpu::shaders::{Shader, Variant, WORKGROUP};
@@ -14,7 +14,7 @@ use cregopt::solver::control::{CLOSE, EXACT, SOLVED, STEP};
 use nalgebra::{DMatrix, DVector};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Random weights, some of them zero, with values that are zero there too; what falls on single variables. As in reference.rs.
+/// Random weights, some of them zero, with values that are zero there too; what falls on single variables. As in tests/reference.
 pub struct System {
     pub weight: Vec<f32>,
     pub value: Vec<f32>,
@@ -66,7 +66,7 @@ impl System {
 }
 
 /// Entries of the factor that hold numbers: each pivot row from the diagonal to the right-hand side.
-pub fn factor_entries(layout: &Layout<f32>) -> Vec<usize> {
+fn factor_entries(layout: &Layout<f32>) -> Vec<usize> {
     let of_row = |step: &Step, i: u32| {
         let row = step.factor + i * step.stride;
         (row + i) as usize..=(row + step.size) as usize
@@ -75,7 +75,7 @@ pub fn factor_entries(layout: &Layout<f32>) -> Vec<usize> {
 }
 
 /// Entries left of the diagonal in the block of four pivots on it: the shader writes whole blocks, with zeros there.
-pub fn left_of_diagonal(layout: &Layout<f32>) -> Vec<usize> {
+fn left_of_diagonal(layout: &Layout<f32>) -> Vec<usize> {
     let of_row = |step: &Step, i: u32| {
         let row = step.factor + i * step.stride;
         (row + i / 4 * 4) as usize..(row + i) as usize
@@ -98,7 +98,7 @@ pub fn backward(residual: f64, size: f64, worst: f64) -> f64 {
 
 /// By how much a factor and its right-hand side miss the normal equations `A d = b`: the largest of `|A - U'U|` by the geometric mean of its
 /// two diagonal entries, and of `|b - U'y|` by the sizes of its terms.
-pub fn misses(layout: &Layout<f32>, factor: &[f32], (matrix, rhs, size): &(DMatrix<f64>, DVector<f64>, DVector<f64>)) -> f64 {
+fn misses(layout: &Layout<f32>, factor: &[f32], (matrix, rhs, size): &(DMatrix<f64>, DVector<f64>, DVector<f64>)) -> f64 {
     let (mut matrix_left, mut left, mut size) = (matrix.clone(), rhs.clone(), size.clone());
     for step in &layout.steps {
         let front = front_of(layout, step);
@@ -126,7 +126,7 @@ pub fn misses(layout: &Layout<f32>, factor: &[f32], (matrix, rhs, size): &(DMatr
 }
 
 /// Inputs of the factorisation of a slot.
-pub fn put_system(lab: &Lab, s: usize, state: &mut State, system: &System, jacobian: &[f32]) {
+fn put_system(lab: &Lab, s: usize, state: &mut State, system: &System, jacobian: &[f32]) {
     let batch = &lab.batch;
     let at = lab.jacobian(s, state.progress[s].current);
     state.jacobian[at].copy_from_slice(jacobian);
@@ -141,7 +141,12 @@ pub fn put_system(lab: &Lab, s: usize, state: &mut State, system: &System, jacob
 }
 
 /// Factorises systems of all slots and checks what the factors solve.
-pub fn check_front(lab: &mut Lab, lists: &[Vec<u32>], what: &str) {
+fn check_front(lab: &mut Lab, lists: &[Vec<u32>], what: &str) {
+    check_front_at(lab, lists, what, jacobian_at);
+}
+
+/// The same with a Jacobian for each slot.
+fn check_front_at(lab: &mut Lab, lists: &[Vec<u32>], what: &str, mut jacobian_of: impl FnMut(&Slot) -> Vec<f32>) {
     let mut random = Random::new(51);
     let mut before = lab.poisoned();
     states(lab, &mut before, &[STEP, CLOSE, STEP, STEP, EXACT, CLOSE, SOLVED]);
@@ -154,7 +159,7 @@ pub fn check_front(lab: &mut Lab, lists: &[Vec<u32>], what: &str) {
             let at = [0, layout.variables / 2, layout.variables - 1][s / 8 % 3];
             system.diagonal[at] = -1e3;
         }
-        let jacobian = jacobian_at(&lab.slots[s]);
+        let jacobian = jacobian_of(&lab.slots[s]);
         put_system(lab, s, &mut before, &system, &jacobian);
         systems.push((system, jacobian));
     }
@@ -232,6 +237,17 @@ fn front_in_workgroup_memory_solves_the_normal_equations() {
     let mut lab = Lab::new(&device, &candidates, CAPACITY, SMALL, |_, _| {});
     let lists = lab.lists();
     check_front(&mut lab, &lists, "front in workgroup memory");
+}
+
+#[test]
+fn front_takes_elements_of_any_number_of_rows() {
+    let Some(device) = gpu("front_takes_elements_of_any_number_of_rows") else { return };
+    let mut candidates = with_small_fronts(device.workgroup);
+    candidates.iter_mut().for_each(|candidate| with_any_rows(&mut candidate.layout));
+    let mut random = Random::new(52);
+    let mut lab = Lab::new(&device, &candidates, candidates.len(), SMALL, |_, _| {});
+    let lists = lab.lists();
+    check_front_at(&mut lab, &lists, "any number of rows", |slot| any_jacobian(&slot.layout, &slot.candidate.x, &mut random));
 }
 
 #[test]

@@ -44,7 +44,7 @@ const TRIGONOMETRY: f32 = 64.;
 /// Force rows: a root and divisions, and normals of ground that bends by 33/m.
 const CURVED: f32 = 16.;
 
-/// Deviations of attitude divide momenta of up to 1e3 N m s by inertias down to 0.05 kg m²; see `F32_DEVIATION_TOLERANCE` in reference.rs.
+/// Deviations of attitude divide momenta of up to 1e3 N m s by inertias down to 0.05 kg m²; see `F32_DEVIATION_TOLERANCE` in tests/reference.
 const DEVIATION: f32 = 256.;
 
 /// Backward error of the front, entry by entry: that of a Cholesky factor is within a few units of the geometric mean of two diagonal
