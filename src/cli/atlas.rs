@@ -13,8 +13,10 @@ use crate::search::evaluate::LowerSettings;
 use clap::Args;
 use std::path::PathBuf;
 
-/// Problems solved at once: enough for a GPU, few enough to say how far it is.
-const CHUNK: usize = 512;
+/// Problems solved at once on the CPU: few, to say how far it is.
+const CHUNK: usize = 256;
+/// Problems solved at once on a GPU; bounds memory.
+const CHUNK_GPU: usize = 8192;
 
 /// Settings that begin so are weights of the cost; the others belong to the lower level.
 const COST: &str = "cost.";
@@ -57,9 +59,10 @@ impl Atlas {
         let plan = self.plan()?;
         let settings = self.settings()?;
         files::make_folder(&self.out)?;
-        let backend = self.place.backend(CHUNK, PrecisionArg::F32)?;
+        let backend = self.place.backend(plan.count()?, PrecisionArg::F32)?;
+        let chunk = if backend.device().starts_with("cpu") { CHUNK } else { CHUNK_GPU };
         let progress = &mut |done, all| complain(&format!("{}: {done} of {all} problems solved", self.robot));
-        let atlas = plan.run(&settings, &*backend, CHUNK, &CANCELLED, progress)?;
+        let atlas = plan.run(&settings, &*backend, chunk, &CANCELLED, progress)?;
         let result = AtlasResult::new(&atlas, &settings, SolvedOn::new(&*backend, settings.precision));
         files::write(&self.out.join("atlas.csv"), &csv(&atlas)?)?;
         files::write(&self.out.join("atlas.json"), &to_json(&result)?)?;

@@ -179,7 +179,7 @@ pub fn svg(atlas: &Atlas, slope: f64) -> String {
     let mut last = 0.;
     for froude in FROUDE {
         let at = x.at(speed_scale(robot) * froude.sqrt());
-        if at < LEFT || at > RIGHT - 14. || at - last < 32. {
+        if !(LEFT..=RIGHT - 14.).contains(&at) || at - last < 32. {
             continue;
         }
         last = at;

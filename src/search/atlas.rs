@@ -222,6 +222,15 @@ impl Plan {
         Ok((problems, left_out))
     }
 
+    /// Number of its problems.
+    ///
+    /// # Errors
+    /// As [`Plan::validate`].
+    pub fn count(&self) -> Result<usize> {
+        self.validate()?;
+        Ok(self.problems()?.0.len())
+    }
+
     /// Solves every problem of the plan, `chunk` of them at once.
     ///
     /// * `progress` - told how many problems are done, of how many
@@ -365,4 +374,94 @@ fn point(problem: &Problem, evaluated: &Evaluated, settings: &LowerSettings, wei
         even_speed: cost.map(|c| c.distance / c.horizon),
         cost,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn biped() -> Plan {
+        Plan::new(Arc::new(Robot::named("biped").unwrap()))
+    }
+
+    /// A point of an atlas with nothing but a cost.
+    fn at(family: GaitFamily, speed: f64, total: Option<f64>) -> Point {
+        let cost = total.map(|total| Cost { total, ..Cost::default() });
+        Point {
+            family,
+            period: 1.,
+            duty: 0.5,
+            speed,
+            froude: 0.,
+            slope: 0.,
+            strides: 1,
+            status: Status::Solved,
+            certified: cost.is_some(),
+            iterations: 1,
+            even_speed: None,
+            cost,
+        }
+    }
+
+    fn atlas(speeds: Vec<f64>, points: Vec<Point>) -> Atlas {
+        Atlas { plan: Plan { speeds, ..biped() }, problems: points.len(), left_out: 0, points, seconds: 0. }
+    }
+
+    #[test]
+    fn a_transition_lies_where_two_curves_cross() {
+        let [walk, run] = [GaitFamily::Walk, GaitFamily::Run];
+        let costs = [(walk, 1., 1.), (walk, 1., 1.5), (run, 1., 2.), (walk, 2., 2.), (run, 2., 1.), (run, 2., 3.)];
+        let atlas = atlas(vec![1., 2.], costs.map(|(f, v, c)| at(f, v, Some(c))).to_vec());
+        assert_eq!(atlas.best(0.).iter().map(|p| p.map(|p| p.family)).collect::<Vec<_>>(), [Some(walk), Some(run)]);
+        assert_eq!(atlas.curve(walk, 0.).iter().map(|p| p.and_then(Point::total)).collect::<Vec<_>>(), [Some(1.), Some(2.)]);
+        let transitions = atlas.transitions(0.);
+        assert_eq!((transitions.len(), transitions[0].from, transitions[0].to, transitions[0].speed), (1, Some(walk), Some(run), 1.5));
+        assert!(atlas.best(0.1).iter().all(Option::is_none));
+    }
+
+    #[test]
+    fn the_end_of_all_gaits_is_a_transition_too() {
+        let points = vec![at(GaitFamily::Walk, 1., Some(1.)), at(GaitFamily::Walk, 2., None)];
+        let transitions = atlas(vec![1., 2.], points).transitions(0.);
+        assert_eq!((transitions[0].from, transitions[0].to, transitions[0].speed), (Some(GaitFamily::Walk), None, 1.5));
+    }
+
+    #[test]
+    fn problems_are_what_legs_can_follow() {
+        let plan = Plan { speeds: vec![0.5], periods: vec![0.5], duties: vec![0.4, 0.6], ..biped() };
+        let (problems, left_out) = plan.problems().unwrap();
+        let families: Vec<_> = problems.iter().map(|p| (p.gait.family, p.gait.duty() < 0.5)).collect();
+        use GaitFamily::{Hop, Run, Walk};
+        assert_eq!((families, left_out), (vec![(Walk, false), (Run, true), (Hop, true), (Hop, false)], 2));
+        // A stance at 2 m/s of 0.5 s would take 1 m, and the box is 0.5 m long.
+        let fast = Plan { speeds: vec![2.], periods: vec![1.], duties: vec![0.5], families: vec![Walk], ..biped() };
+        assert_eq!(fast.problems().unwrap().1, 1);
+    }
+
+    #[test]
+    fn the_even_part_is_whole_strides_in_the_middle() {
+        let plan = Plan { speeds: vec![0.5], periods: vec![0.5], duties: vec![0.6], families: vec![GaitFamily::Walk], ..biped() };
+        let gait = &plan.problems().unwrap().0[0].gait;
+        let [start, end] = even_part(gait, 6.);
+        // 40 % of 6 s hold four strides of 0.5 s.
+        assert!((start - 2.).abs() < 1e-9 && (end - 4.).abs() < 1e-9, "{start} to {end}");
+    }
+
+    #[test]
+    fn slopes_rise_along_the_way() {
+        let terrain = sloping(0.2);
+        terrain.validate().unwrap();
+        assert!((terrain.height(10., 3.) - 2.).abs() < 1e-12 && terrain.height(0., 0.).abs() < 1e-12);
+        assert_eq!(sloping(0.).shape, Shape::Flat);
+    }
+
+    #[test]
+    fn bad_plans_are_refused() {
+        let refused = |plan: Plan| plan.validate().unwrap_err().to_string();
+        assert!(refused(Plan { duties: vec![1.5], ..biped() }).contains("duties[0]"));
+        assert!(refused(Plan { speeds: vec![], ..biped() }).contains("speeds"));
+        assert!(refused(Plan { families: vec![GaitFamily::Trot], ..biped() }).contains("walk, run, hop"));
+        assert!(refused(Plan { even: 1e3, ..biped() }).contains("even"));
+        biped().validate().unwrap();
+    }
 }
