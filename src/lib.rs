@@ -54,6 +54,7 @@ pub mod gait;
 pub mod linear;
 pub mod nlp;
 pub mod real;
+pub mod refine;
 pub mod reference;
 pub mod report;
 pub mod robot;

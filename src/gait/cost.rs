@@ -37,7 +37,7 @@ pub const STEP: f64 = 0.04;
 const SAME_TIME: f64 = 1e-6;
 
 /// Gauss-Legendre nodes on \[-1, 1\] are 0 and this on both sides: `sqrt(3 / 5)`.
-const GAUSS: f64 = 0.774_596_669_241_483_4;
+pub(crate) const GAUSS: f64 = 0.774_596_669_241_483_4;
 
 /// Weights of the terms of the total.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -113,7 +113,9 @@ pub fn cost(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weights: &Cos
         return Err(Error::invalid("ee", format!("{} feet", trajectory.ee.len()), limit));
     }
     let (weight, horizon) = (robot.weight(), trajectory.horizon);
-    let distance = distance(trajectory, robot);
+    let (lin, ang) = (&trajectory.base_lin.nodes[0], &trajectory.base_ang.nodes[0]);
+    let way = std::array::from_fn(|i| trajectory.base_target[i] - lin[i]);
+    let distance = distance(robot, way, trajectory.yaw_target - ang[2]);
     let motion = Motion::new(trajectory, robot)?;
     let mut cost = Cost { distance, horizon, ..motion.extremes() };
     cost.peak_force /= weight;
@@ -128,12 +130,10 @@ pub fn cost(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weights: &Cos
     Ok(cost)
 }
 
-/// [`Cost::distance`] of a valid trajectory, m.
-fn distance(trajectory: &Trajectory, robot: &Robot) -> f64 {
-    let (lin, ang) = (&trajectory.base_lin.nodes[0], &trajectory.base_ang.nodes[0]);
-    let way: f64 = (0..3).map(|i| (trajectory.base_target[i] - lin[i]).powi(2)).sum();
+/// [`Cost::distance`] of a way in m and a turn in rad.
+pub(crate) fn distance(robot: &Robot, way: [f64; 3], turn: f64) -> f64 {
     let l = robot.base_height;
-    (way.sqrt() + l * (trajectory.yaw_target - ang[2]).abs()).max(LEAST_DISTANCE * l)
+    (way.iter().map(|w| w * w).sum::<f64>().sqrt() + l * turn.abs()).max(LEAST_DISTANCE * l)
 }
 
 /// One piece of a curve: `p = p0 + p1 t + p2 t^2 + p3 t^3`.
@@ -351,10 +351,15 @@ impl Base {
 }
 
 /// Integral over \[-1, 1\] times `half` of the absolute value of the parabola through values at the Gauss-Legendre points.
-fn absolute_integral([a, b, c]: [f64; 3], half: f64) -> f64 {
+fn absolute_integral(values: [f64; 3], half: f64) -> f64 {
+    let integral = |weights: [f64; 3]| (0..3).map(|i| weights[i] * values[i]).sum::<f64>().abs();
+    sign_changes(values).windows(2).map(|w| integral(point_weights(w[0], w[1]))).sum::<f64>() * half
+}
+
+/// Ends of \[-1, 1\] and, before the last, where the parabola through values at the Gauss-Legendre points changes its sign.
+pub(crate) fn sign_changes([a, b, c]: [f64; 3]) -> [f64; 4] {
     // q = b + q1 s + q2 s^2
     let (q1, q2) = ((c - a) / (2. * GAUSS), (a + c - 2. * b) / (2. * GAUSS * GAUSS));
-    let antiderivative = |s: f64| (b + (q1 / 2. + q2 / 3. * s) * s) * s;
     // Bernstein coefficients of one sign: no root.
     let (left, middle, right) = (b - q1 + q2, b - q2, b + q1 + q2);
     let mut cuts = [-1., -1., -1., 1.];
@@ -369,7 +374,15 @@ fn absolute_integral([a, b, c]: [f64; 3], half: f64) -> f64 {
             cuts[2] = roots[0].max(roots[1]);
         }
     }
-    cuts.windows(2).map(|w| (antiderivative(w[1]) - antiderivative(w[0])).abs()).sum::<f64>() * half
+    cuts
+}
+
+/// Weights of the values at the Gauss-Legendre points in the integral from `low` to `high` of the parabola through them.
+pub(crate) fn point_weights(low: f64, high: f64) -> [f64; 3] {
+    // Moments of 1, s and s^2.
+    let [m0, m1, m2] = [1, 2, 3].map(|n| (high.powi(n) - low.powi(n)) / f64::from(n));
+    let (odd, even) = (m1 / (2. * GAUSS), m2 / (2. * GAUSS * GAUSS));
+    [even - odd, m0 - 2. * even, even + odd]
 }
 
 /// Bernstein coefficients of the squared length of a Bernstein polynomial with at most four coefficients.
