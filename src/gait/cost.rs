@@ -351,15 +351,10 @@ impl Base {
 }
 
 /// Integral over \[-1, 1\] times `half` of the absolute value of the parabola through values at the Gauss-Legendre points.
-fn absolute_integral(values: [f64; 3], half: f64) -> f64 {
-    let integral = |weights: [f64; 3]| (0..3).map(|i| weights[i] * values[i]).sum::<f64>().abs();
-    sign_changes(values).windows(2).map(|w| integral(point_weights(w[0], w[1]))).sum::<f64>() * half
-}
-
-/// Ends of \[-1, 1\] and, before the last, where the parabola through values at the Gauss-Legendre points changes its sign.
-pub(crate) fn sign_changes([a, b, c]: [f64; 3]) -> [f64; 4] {
+fn absolute_integral([a, b, c]: [f64; 3], half: f64) -> f64 {
     // q = b + q1 s + q2 s^2
     let (q1, q2) = ((c - a) / (2. * GAUSS), (a + c - 2. * b) / (2. * GAUSS * GAUSS));
+    let antiderivative = |s: f64| (b + (q1 / 2. + q2 / 3. * s) * s) * s;
     // Bernstein coefficients of one sign: no root.
     let (left, middle, right) = (b - q1 + q2, b - q2, b + q1 + q2);
     let mut cuts = [-1., -1., -1., 1.];
@@ -374,15 +369,7 @@ pub(crate) fn sign_changes([a, b, c]: [f64; 3]) -> [f64; 4] {
             cuts[2] = roots[0].max(roots[1]);
         }
     }
-    cuts
-}
-
-/// Weights of the values at the Gauss-Legendre points in the integral from `low` to `high` of the parabola through them.
-pub(crate) fn point_weights(low: f64, high: f64) -> [f64; 3] {
-    // Moments of 1, s and s^2.
-    let [m0, m1, m2] = [1, 2, 3].map(|n| (high.powi(n) - low.powi(n)) / f64::from(n));
-    let (odd, even) = (m1 / (2. * GAUSS), m2 / (2. * GAUSS * GAUSS));
-    [even - odd, m0 - 2. * even, even + odd]
+    cuts.windows(2).map(|w| (antiderivative(w[1]) - antiderivative(w[0])).abs()).sum::<f64>() * half
 }
 
 /// Bernstein coefficients of the squared length of a Bernstein polynomial with at most four coefficients.

@@ -14,16 +14,13 @@
 //! Rows and terms that no step within the trust region can reach are left out: the solution is the same.
 
 use super::cost::{Gradient, Model, Term};
+use super::curvature::Curvature;
 use super::rows::{Linear, Row};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
 
 /// Accuracy of a subproblem. Larger: multipliers blur; smaller: rounding keeps Clarabel from reaching it.
 const TOLERANCE: f64 = 1e-9;
-
-/// Curvature, in parts of the cost a squared trust length, that every variable has at least. Without it directions that cost nothing wander
-/// to the ends of the trust region.
-const CURVATURE: f64 = 1e-5;
 
 /// Solution of the convex problem.
 #[derive(Debug, Clone)]
@@ -36,6 +33,42 @@ pub(super) struct Step {
     /// multiplier times distance from its limit of the worst row. In costs.
     pub stationarity: f64,
     pub complementarity: f64,
+    /// What rows and powers weigh there, in costs.
+    pub multipliers: Multipliers,
+}
+
+/// Weights of rows and powers in the Lagrangian.
+#[derive(Debug, Clone)]
+pub(super) struct Multipliers {
+    equalities: Vec<f64>,
+    inequalities: Vec<f64>,
+    /// Of the powers of each cell, with its key.
+    cells: Vec<([usize; 3], [f64; 3])>,
+}
+
+impl Multipliers {
+    /// Derivative of the Lagrangian, effort and cones left out, by a step in trust lengths.
+    ///
+    /// Powers of cells that are not there any more, or were not, have the sign that they have.
+    pub fn lagrangian(&self, linear: &Linear, model: &Model, length: &[f64]) -> Vec<f64> {
+        let mut by = vec![0.; length.len()];
+        let mut add = |gradient: &Gradient, weight: f64| gradient.iter().for_each(|&(i, d)| by[i] += weight * d * length[i]);
+        let rows = linear.equalities.iter().zip(&self.equalities).chain(linear.inequalities.iter().zip(&self.inequalities));
+        rows.filter(|(_, weight)| **weight != 0.).for_each(|(row, weight)| add(&row.by, *weight));
+        let mut strange = vec![true; model.cells.len()];
+        for (i, cell) in model.cells.iter().enumerate() {
+            let Ok(at) = self.cells.binary_search_by(|(key, _)| key.cmp(&cell.key)) else { continue };
+            strange[i] = false;
+            let weights = self.cells[at].1;
+            for (variable, d) in &cell.by {
+                add(&vec![(*variable, (0..3).map(|p| weights[p] * d[p]).sum())], 1.);
+            }
+        }
+        for term in model.terms.iter().filter(|t| strange[t.cell]) {
+            add(&term.by, term.weight * term.value.signum());
+        }
+        by
+    }
 }
 
 /// Matrix in the making, constraint by constraint: `b - A x` in a cone.
@@ -76,7 +109,7 @@ fn reach(by: &Gradient, step: &[f64], trust: f64) -> f64 {
 /// Solves the convex problem around a point; nothing when Clarabel does not.
 ///
 /// * `length` - how far each variable may go at trust 1
-pub(super) fn solve(linear: &Linear, model: &Model, length: &[f64], trust: f64) -> Option<Step> {
+pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, length: &[f64], trust: f64) -> Option<Step> {
     let n = length.len();
     let cost = model.value();
     let scaled = |by: &Gradient| by.iter().map(|&(i, d)| (i, d * length[i])).collect::<Gradient>();
@@ -87,26 +120,37 @@ pub(super) fn solve(linear: &Linear, model: &Model, length: &[f64], trust: f64) 
         term.by.iter().for_each(|&(i, d)| q[i] += term.weight * term.value.signum() * d * length[i] / cost);
     }
     q.extend(open.iter().map(|t| t.weight / cost));
-    let (mut rows, mut columns, mut values): (Vec<_>, Vec<_>, Vec<_>) = (0..n).map(|i| (i, i, CURVATURE)).collect();
+    let (mut rows, mut columns, mut values): (Vec<_>, Vec<_>, Vec<_>) = (0..n).map(|i| (i, i, curvature.least)).collect();
     for &(a, b, second) in &model.effort_by_forces {
         rows.push(a);
         columns.push(b);
         values.push(second * length[a] * length[b] / cost);
     }
-    let p = CscMatrix::new_from_triplets(n + open.len(), n + open.len(), rows, columns, values);
+    // Steps along the curved directions, after the bounds of the terms.
+    let bends = n + open.len();
+    for (i, (bend, _)) in curvature.directions.iter().enumerate() {
+        rows.push(bends + i);
+        columns.push(bends + i);
+        values.push(*bend);
+        q.push(0.);
+    }
+    let p = CscMatrix::new_from_triplets(q.len(), q.len(), rows, columns, values);
 
     let mut constraints = Constraints::default();
     for row in &linear.equalities {
         constraints.slack(-row.value, scaled(&row.by));
     }
+    for (i, (_, direction)) in curvature.directions.iter().enumerate() {
+        constraints.slack(0., direction.iter().copied().enumerate().filter(|(_, d)| *d != 0.).chain([(bends + i, -1.)]));
+    }
     constraints.cone(0, SupportedConeT::ZeroConeT);
     let first = constraints.b.len();
-    let near = |row: &&Row| {
+    let near = |(_, row): &(usize, &Row)| {
         let change = reach(&row.by, length, trust);
         row.value + change > 0. || row.lower.is_some_and(|lower| lower + change > 0.)
     };
-    let inequalities: Vec<&Row> = linear.inequalities.iter().filter(near).collect();
-    for row in &inequalities {
+    let inequalities: Vec<(usize, &Row)> = linear.inequalities.iter().enumerate().filter(near).collect();
+    for (_, row) in &inequalities {
         constraints.slack((-row.value).max(0.), scaled(&row.by));
         if let Some(lower) = row.lower {
             constraints.slack((-lower).max(0.), scaled(&row.by).into_iter().map(|(i, d)| (i, -d)));
@@ -138,7 +182,7 @@ pub(super) fn solve(linear: &Linear, model: &Model, length: &[f64], trust: f64) 
         constraints.cone(at, SupportedConeT::SecondOrderConeT);
     }
     let Constraints { rows, columns, values, b, cones } = constraints;
-    let a = CscMatrix::new_from_triplets(b.len(), n + open.len(), rows, columns, values);
+    let a = CscMatrix::new_from_triplets(b.len(), q.len(), rows, columns, values);
     let settings = DefaultSettings {
         verbose: false,
         max_iter: 100,
@@ -161,18 +205,15 @@ pub(super) fn solve(linear: &Linear, model: &Model, length: &[f64], trust: f64) 
         return None;
     }
 
-    // Stationarity at the point: what the trust region and the curvature beyond it had to balance.
-    let bend: Vec<f64> = {
-        let mut bend: Vec<f64> = (0..n).map(|i| CURVATURE * solution.x[i]).collect();
-        for &(i, j, second) in &model.effort_by_forces {
-            let second = second * length[i] * length[j] / cost;
-            bend[i] += second * solution.x[j];
-            if i != j {
-                bend[j] += second * solution.x[i];
-            }
+    // Stationarity at the point: what the trust region and the curvature had to balance.
+    let mut bend = curvature.times(&solution.x[..n]);
+    for &(i, j, second) in &model.effort_by_forces {
+        let second = second * length[i] * length[j] / cost;
+        bend[i] += second * solution.x[j];
+        if i != j {
+            bend[j] += second * solution.x[i];
         }
-        bend
-    };
+    }
     let held = |i: usize| solution.z[of_trust + 2 * i] - solution.z[of_trust + 2 * i + 1];
     let stationarity = (0..n).map(|i| (held(i) + bend[i]).abs()).fold(0., f64::max);
     let complementarity = (first..of_terms).map(|i| solution.z[i] * b[i]);
@@ -182,8 +223,27 @@ pub(super) fn solve(linear: &Linear, model: &Model, length: &[f64], trust: f64) 
         (room * z[0] + t.iter().zip(&z[1..]).map(|(t, z)| t * z).sum::<f64>() + cone.margin * z[4]).abs()
     });
     let complementarity = complementarity.chain(of_cones).fold(0., f64::max);
-    let after = predict(model, &d);
-    Some(Step { by: d, predicted: cost - after, stationarity, complementarity })
+
+    let mut multipliers = Multipliers {
+        equalities: solution.z[..linear.equalities.len()].iter().map(|z| z * cost).collect(),
+        inequalities: vec![0.; linear.inequalities.len()],
+        cells: model.cells.iter().map(|c| (c.key, [0.; 3])).collect(),
+    };
+    let mut at = first;
+    for (i, row) in inequalities {
+        multipliers.inequalities[i] = cost * (solution.z[at] - if row.lower.is_some() { solution.z[at + 1] } else { 0. });
+        at += 1 + usize::from(row.lower.is_some());
+    }
+    let mut add = |term: &Term, multiplier: f64| {
+        let (_, cell) = &mut multipliers.cells[term.cell];
+        cell[term.point] = multiplier;
+    };
+    settled.iter().for_each(|term| add(term, term.weight * term.value.signum()));
+    for (i, term) in open.iter().enumerate() {
+        add(term, cost * (solution.z[of_terms + 2 * i] - solution.z[of_terms + 2 * i + 1]));
+    }
+    let after = predict(model, &d) + 0.5 * cost * curvature.along(&solution.x[..n]);
+    Some(Step { by: d, predicted: cost - after, stationarity, complementarity, multipliers })
 }
 
 /// The cost after a step, as the model has it.

@@ -1,17 +1,18 @@
 //! The cost of a motion as a sum of absolute values of smooth functions and a quadratic one, with their derivatives.
 //!
-//! [`crate::gait::cost`] integrates powers as the absolute value of a parabola through three points. Between two changes of its sign that is
-//! the absolute value of a smooth function of the variables, a [`Term`]: `cost = sum weight |value| + effort`. Linear inside the
-//! absolute value, it is convex and equals the cost to first order; where a power changes its sign, it does not pretend to be smooth.
+//! The absolute values of powers are integrated by the Gauss-Legendre rule of three points between the joints of the curves that a power is
+//! made of. Every point is a [`Term`]: `cost = sum weight |power| + effort`. Linear inside the absolute value that is convex and equals the cost
+//! to first order, however fast powers change their signs: at an optimum many are zero for long. [`crate::gait::cost`] integrates the
+//! absolute value of the parabola through the same points, which is the same where no power changes its sign, and smooth where one does.
 //! Effort is quadratic in the forces and linear in the durations of their pieces.
 //!
 //! Derivatives are exact, by dual numbers over the variables that an interval of base knots depends on: durations too, for every time in it is
 //! a number like any other.
 
 use super::variables::{Point, Space};
-use crate::gait::cost::{CostWeights, GAUSS, distance, point_weights, sign_changes};
+use crate::gait::cost::{CostWeights, GAUSS, distance};
 use crate::nlp::transcription::momentum::{EXACT_RULE, MID_SPEED, PIECE};
-use crate::robot::GRAVITY;
+use crate::robot::{GRAVITY, MAX_FEET};
 use crate::rows::table::NONE;
 use nalgebra::{SVector, Vector3};
 use num_dual::{Derivative, DualNum, DualSVec64};
@@ -20,17 +21,50 @@ use rayon::prelude::*;
 /// Sparse derivatives: variable and value.
 pub(super) type Gradient = Vec<(usize, f64)>;
 
-/// `weight |value|`, a part of the cost.
+/// A step of the quadrature of one foot's power.
+#[derive(Debug, Clone)]
+pub(super) struct Cell {
+    /// Which, among points with the same number of them: interval, foot, number there.
+    pub key: [usize; 3],
+    /// Of work in the cost, 1/J.
+    pub weight: f64,
+    /// Powers at the Gauss-Legendre points, times half the length of the step, J.
+    pub powers: [f64; 3],
+    /// Their derivatives: variable and values.
+    pub by: Vec<(usize, [f64; 3])>,
+}
+
+/// `weight |value|`, a part of the cost: the power at a point of a cell.
 #[derive(Debug, Clone)]
 pub(super) struct Term {
+    /// Its cell, in [`Model::cells`].
+    pub cell: usize,
+    /// Which power of it.
+    pub point: usize,
     pub weight: f64,
     pub value: f64,
     pub by: Gradient,
 }
 
+impl Cell {
+    /// Its terms.
+    fn terms(&self, cell: usize) -> impl Iterator<Item = Term> + '_ {
+        (0..3).map(move |point| {
+            let by = self.by.iter().map(|(i, by)| (*i, by[point])).filter(|(_, d)| *d != 0.).collect();
+            Term { cell, point, weight: self.weight * GAUSS_WEIGHTS[point], value: self.powers[point], by }
+        })
+    }
+
+    fn cost(&self) -> f64 {
+        (0..3).map(|i| self.weight * GAUSS_WEIGHTS[i] * self.powers[i].abs()).sum()
+    }
+}
+
 /// The cost at a point to first order in absolute values and durations, to second in forces.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Model {
+    /// Steps of the quadrature, in the order of their keys.
+    pub cells: Vec<Cell>,
     pub terms: Vec<Term>,
     /// Effort cost, weighted.
     pub effort: f64,
@@ -46,6 +80,9 @@ impl Model {
         self.terms.iter().map(|t| t.weight * t.value.abs()).sum::<f64>() + self.effort
     }
 }
+
+/// Weights of the Gauss-Legendre rule of three points on \[-1, 1\].
+const GAUSS_WEIGHTS: [f64; 3] = [5. / 9., 8. / 9., 5. / 9.];
 
 /// Number of variables of which one pass takes the derivatives.
 const LANES: usize = 16;
@@ -143,9 +180,10 @@ impl<'a> Price<'a> {
     /// The cost at a point.
     pub fn value(&self, point: &Point) -> f64 {
         let of_interval = |k: usize| {
-            let mut terms = Vec::new();
-            self.interval_terms(point, k, &|i| point.v[i], &mut terms);
-            terms.iter().map(|(weight, value): &(f64, f64)| weight * value.abs()).sum::<f64>()
+            let mut cells = Vec::new();
+            self.interval_powers(point, k, &|i| point.v[i], &mut cells);
+            let cell = |(foot, weight, powers): (usize, f64, [f64; 3])| Cell { key: [k, foot, 0], weight, powers, by: Vec::new() };
+            cells.into_iter().map(|c| cell(c).cost()).sum::<f64>()
         };
         // Summed in order: the same digits at any number of threads.
         let sums: Vec<f64> = (0..self.space.intervals).into_par_iter().map(of_interval).collect();
@@ -157,8 +195,10 @@ impl<'a> Price<'a> {
     /// The cost around a point.
     pub fn model(&self, point: &Point) -> Model {
         let of_interval = |k: usize| self.interval_model(point, k);
-        let terms: Vec<Vec<Term>> = (0..self.space.intervals).into_par_iter().map(of_interval).collect();
-        let mut model = Model { terms: terms.into_iter().flatten().collect(), ..Model::default() };
+        let cells: Vec<Vec<Cell>> = (0..self.space.intervals).into_par_iter().map(of_interval).collect();
+        let cells: Vec<Cell> = cells.into_iter().flatten().collect();
+        let terms = cells.iter().enumerate().flat_map(|(i, cell)| cell.terms(i)).collect();
+        let mut model = Model { cells, terms, ..Model::default() };
         self.effort(point, &mut model);
         model
     }
@@ -206,10 +246,10 @@ impl<'a> Price<'a> {
         }
     }
 
-    /// Terms of an interval with their derivatives.
-    fn interval_model(&self, point: &Point, k: usize) -> Vec<Term> {
+    /// Cells of an interval with their derivatives.
+    fn interval_model(&self, point: &Point, k: usize) -> Vec<Cell> {
         let local = self.locals(point, k);
-        let mut terms: Vec<Term> = Vec::new();
+        let mut cells: Vec<Cell> = Vec::new();
         let mut pass = Vec::new();
         for lanes in local.chunks(LANES) {
             pass.clear();
@@ -221,17 +261,21 @@ impl<'a> Price<'a> {
                 }
                 Err(_) => Dual::from(point.v[i]),
             };
-            self.interval_terms(point, k, &get, &mut pass);
-            if terms.is_empty() {
-                terms.extend(pass.iter().map(|(weight, value)| Term { weight: *weight, value: value.re, by: Vec::new() }));
+            self.interval_powers(point, k, &get, &mut pass);
+            if cells.is_empty() {
+                let mut number = [0; MAX_FEET];
+                cells.extend(pass.iter().map(|&(foot, weight, powers)| {
+                    number[foot] += 1;
+                    Cell { key: [k, foot, number[foot]], weight, powers: powers.map(|p| p.re), by: Vec::new() }
+                }));
             }
-            for (term, (_, value)) in terms.iter_mut().zip(&pass) {
-                if let Some(by) = &value.eps.0 {
-                    term.by.extend(lanes.iter().zip(by.iter()).filter(|(_, d)| **d != 0.).map(|(&i, &d)| (i, d)));
-                }
+            for (cell, (_, _, powers)) in cells.iter_mut().zip(&pass) {
+                let by = powers.map(|p| p.eps.0.unwrap_or_default());
+                let lanes = lanes.iter().enumerate().map(|(lane, &i)| (i, by.map(|by| by[lane])));
+                cell.by.extend(lanes.filter(|(_, by)| *by != [0.; 3]));
             }
         }
-        terms
+        cells
     }
 
     /// Variables that the terms of an interval depend on, ascending.
@@ -265,8 +309,8 @@ impl<'a> Price<'a> {
         local
     }
 
-    /// `(weight, value)` of every term of an interval.
-    fn interval_terms<D: Number>(&self, point: &Point, k: usize, get: &impl Fn(usize) -> D, terms: &mut Vec<(f64, D)>) {
+    /// Foot, weight, and powers times half the step, of every cell of an interval.
+    fn interval_powers<D: Number>(&self, point: &Point, k: usize, get: &impl Fn(usize) -> D, cells: &mut Vec<(usize, f64, [D; 3])>) {
         let space = self.space;
         let h = space.variables.interval.map_or(D::from(point.schedule.interval()), get);
         let start = h * k as f64;
@@ -303,10 +347,7 @@ impl<'a> Price<'a> {
                     }
                 });
                 let weight = self.work[usize::from(foothold.is_none())];
-                for sign in sign_changes(powers.map(|p| p.re())).windows(2).filter(|w| w[0] < w[1]) {
-                    let w = point_weights(sign[0], sign[1]);
-                    terms.push((weight, (powers[0] * w[0] + powers[1] * w[1] + powers[2] * w[2]) * half));
-                }
+                cells.push((foot, weight, powers.map(|p| p * half)));
             }
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! The variables are those of the `momentum` layout, the boundaries between phases and, when the horizon is free, the interval of base
 //! knots ([`variables`]). At every point the rows are linearised, friction cones stay what they are ([`rows`]), and the cost is made convex
-//! ([`cost`]). Clarabel solves that problem within a trust region ([`convex`]). Gauss-Newton steps in f64 bring the step back onto the rows,
+//! ([`cost`]), with a curvature that is learned on the way ([`curvature`]). Clarabel solves that problem within a trust region ([`convex`]). Gauss-Newton steps in f64 bring the step back onto the rows,
 //! as they close every solution of this program; so every point on the way is a valid gait, and the cost alone decides. The trust region
 //! grows when the cost falls as predicted and shrinks when it does not. What comes back is certified, and no worse than what was given.
 //!
@@ -12,11 +12,12 @@
 //!          w    v + d, closed
 //!          if w is certified and cost(w) < cost(v) - share of what was predicted: v becomes w
 //!          trust grows or shrinks
-//! until    the optimality residual, or what is predicted, is below its tolerance
+//! until    the optimality residual is below its tolerance, or what is predicted next to nothing
 //! ```
 
 mod convex;
 mod cost;
+mod curvature;
 mod rows;
 mod variables;
 
@@ -30,7 +31,9 @@ use crate::settings::{Friction, SolverSettings, StallSettings, Transcription, Tr
 use crate::solver::{Finish, Solver, Status};
 use crate::task::Task;
 use crate::verify::verify_rows;
+use convex::Multipliers;
 use cost::Price;
+use curvature::History;
 use serde::{Deserialize, Serialize};
 use variables::{Point, Space};
 
@@ -40,8 +43,10 @@ use variables::{Point, Space};
 pub struct RefineSettings {
     /// Convex problems at most.
     pub iterations: usize,
-    /// Optimality residual, and part of the cost that a step promises, below which the refinement ends.
+    /// Optimality residual below which the refinement ends.
     pub tolerance: f64,
+    /// Part of the cost below which what steps promise is next to nothing, and the refinement ends.
+    pub gain: f64,
     /// Whether phase durations are variables.
     pub durations: bool,
     /// Whether the horizon is, too. The number of intervals of base knots stays, their length changes.
@@ -59,6 +64,7 @@ impl Default for RefineSettings {
         RefineSettings {
             iterations: 60,
             tolerance: 1e-4,
+            gain: 2e-5,
             durations: true,
             horizon: true,
             trust: 0.5,
@@ -76,7 +82,8 @@ impl RefineSettings {
     pub fn validate(&self) -> Result<()> {
         check_range("refine.iterations", self.iterations as f64, 0., 1e5)?;
         check_range("refine.tolerance", self.tolerance, 0., 1.)?;
-        check_range("refine.trust", self.trust, 1e-6, 10.)?;
+        check_range("refine.gain", self.gain, 0., 1.)?;
+        check_range("refine.trust", self.trust, LEAST_TRUST, MOST_TRUST)?;
         check_range("refine.shortest_phase", self.shortest_phase, 0., 100.)?;
         self.leg_mass.map_or(Ok(()), |mass| check_range("refine.leg_mass", mass, 0., 1e6))
     }
@@ -88,6 +95,8 @@ impl RefineSettings {
 pub enum RefineStatus {
     /// At a local optimum, to the tolerance asked for.
     Optimal,
+    /// Steps promise next to nothing, see [`RefineSettings::gain`].
+    Settled,
     /// Steps became too short to lower the cost by what counts.
     Stalled,
     /// The iteration limit.
@@ -156,14 +165,28 @@ const ACCEPTED: f64 = 0.1;
 const GOOD: f64 = 0.7;
 /// and below which it shrinks.
 const POOR: f64 = 0.3;
-/// Trust below which a refinement stalls, in that at the start.
-const LEAST_TRUST: f64 = 1e-5;
+/// Trust below which a refinement stalls.
+const LEAST_TRUST: f64 = 1e-6;
 /// Largest trust.
-const MOST_TRUST: f64 = 2.;
+const MOST_TRUST: f64 = 1.;
+/// Curvature that every direction has, in costs by squared trust lengths: at the start, the least, the most. It moves against the trust. Too
+/// little: directions that cost next to nothing wander; too much: short steps.
+const LEAST_CURVATURE: [f64; 3] = [1e-3, 1e-5, 1e2];
+/// Steps in a row that promise next to nothing, after which a refinement ends.
+const IDLE: usize = 2;
 /// Half the sum of the squared violations at which a point counts as closed.
 const CLOSED: f64 = 1e-18;
 /// Closing steps a point.
 const CLOSING_STEPS: usize = 8;
+
+/// A step that was taken, in trust lengths.
+struct Taken {
+    step: Vec<f64>,
+    /// Derivative of the Lagrangian before it.
+    before: Vec<f64>,
+    /// With these multipliers.
+    multipliers: Multipliers,
+}
 
 /// Brings a gait to a local optimum of its cost.
 ///
@@ -196,49 +219,62 @@ pub fn refine(
         return report(task, weights, leg_mass, &given, given.clone(), RefineStatus::NotClosed, optimality, iterations);
     };
     let mut value = price.value(&now);
-    let mut trust = settings.trust;
+    let length = &space.variables.step;
+    let (mut trust, mut least) = (settings.trust, LEAST_CURVATURE[0]);
     let closing = closing_settings();
-    let status = 'outer: loop {
+    let mut history = History::default();
+    let mut last: Option<Taken> = None;
+    // Steps in a row that promised next to nothing.
+    let mut idle = 0;
+    let status = 'points: loop {
         let linear = rows::linear(&space, &now)?;
         let model = price.model(&now);
         let feasibility = rows::Residuals::new(&now.layout, &now.x, false).violation();
+        if let Some(taken) = last.take() {
+            history.push(taken.step, taken.multipliers.lagrangian(&linear, &model, length), &taken.before, value);
+        }
         // Ever shorter steps from one point.
         loop {
             if cancel() {
-                break 'outer RefineStatus::Cancelled;
+                break 'points RefineStatus::Cancelled;
             }
             if iterations >= settings.iterations {
-                break 'outer RefineStatus::MaxIterations;
+                break 'points RefineStatus::MaxIterations;
             }
-            if trust < LEAST_TRUST * settings.trust {
-                break 'outer RefineStatus::Stalled;
+            if trust < LEAST_TRUST {
+                break 'points RefineStatus::Stalled;
             }
             iterations += 1;
-            let t0 = std::time::Instant::now();
-            let Some(step) = convex::solve(&linear, &model, &space.variables.step, trust) else {
+            let Some(step) = convex::solve(&linear, &model, &history.curvature(least), length, trust) else {
                 trust *= 0.25;
                 continue;
             };
             let here = Optimality { stationarity: step.stationarity, feasibility, complementarity: step.complementarity };
             optimality = Some(here);
+            idle = if step.predicted < settings.gain * value { idle + 1 } else { 0 };
             if here.residual() < settings.tolerance {
-                break 'outer RefineStatus::Optimal;
+                break 'points RefineStatus::Optimal;
             }
-            let t1 = std::time::Instant::now();
-            let moved: Vec<f64> = now.v.iter().zip(&step.by).map(|(v, d)| v + d).collect();
+            if idle == IDLE {
+                break 'points RefineStatus::Settled;
+            }
+            let moved = now.v.iter().zip(&step.by).map(|(v, d)| v + d).collect();
             let trial = space.point(moved).ok().and_then(|p| close(&space, &mut solver, p, &closing, cancel));
             let next = trial.as_ref().map_or(f64::INFINITY, |p| price.value(p));
             let ratio = (value - next) / step.predicted;
-            if std::env::var("REFINE_TRACE").is_ok() {
-                eprintln!("{:?} {:?} {iterations} cost {value:.8} predicted {:.3e} ratio {ratio:.3} trust {trust:.2e} {:.2e} {:.2e} {:.2e}", t1 - t0, t1.elapsed(), step.predicted, here.stationarity, here.feasibility, here.complementarity);
-            }
+            let went = step.by.iter().zip(length).map(|(d, l)| (d / l).abs()).fold(0., f64::max);
             let taken = trial.filter(|p| ratio > ACCEPTED && certified(task, p));
             if taken.is_none() || ratio < POOR {
-                trust *= if ratio < -1. { 0.25 } else { 0.5 };
+                trust = 0.5 * went.min(trust);
+                least = (4. * least).min(LEAST_CURVATURE[2]);
             } else if ratio > GOOD {
-                trust = (2. * trust).min(MOST_TRUST);
+                trust = if went > 0.9 * trust { (2. * trust).min(MOST_TRUST) } else { trust };
+                least = (0.5 * least).max(LEAST_CURVATURE[1]);
             }
             if let Some(point) = taken {
+                let step_taken = point.v.iter().zip(&now.v).zip(length).map(|((a, b), l)| (a - b) / l).collect();
+                let before = step.multipliers.lagrangian(&linear, &model, length);
+                last = Some(Taken { step: step_taken, before, multipliers: step.multipliers });
                 (now, value) = (point, next);
                 break;
             }

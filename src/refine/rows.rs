@@ -4,8 +4,9 @@
 //! central differences of the rows of layouts that are made anew: rows are matched by what they say, not by where they stand. A boundary
 //! moves rows near it alone, so boundaries far apart share a difference.
 //!
-//! How the base deviates from its cubic inside intervals is taken as given in the derivatives by the variables of the layout, as everywhere in
-//! this program; those by times have it.
+//! How the base deviates from its cubic inside intervals is taken as given in the Jacobian of the elements. That is good enough to find a
+//! motion, not to find the best: without its derivatives the last steps towards an optimum bring half of what they promise, however short
+//! they are. Central differences interval by interval add them.
 
 use super::cost::Gradient;
 use super::variables::{Point, Space};
@@ -13,10 +14,12 @@ use crate::error::Result;
 use crate::nlp::Layout;
 use crate::nlp::transcription::momentum::reach_timings;
 use crate::rows::math::{Vec3, add, dot, scale, sub};
-use crate::rows::table::{NONE, Place};
-use crate::rows::{Shared, Spec, cone, momentum, reach, residuals, stride, swing};
+use crate::rows::momentum::{Deviation, MomentumInterval};
+use crate::rows::table::{NONE, Place, Span};
+use crate::rows::{Shared, Spec, Tables, cone, momentum, reach, residuals, stride, swing};
 use crate::terrain::Ground;
 use rayon::prelude::*;
+use std::collections::HashMap;
 use std::ops::Range;
 
 /// Step of the central differences, in intervals, and in parts of the interval.
@@ -24,6 +27,9 @@ const DIFFERENCE: f64 = 1e-5;
 
 /// Derivatives smaller than this are none.
 const NOTHING: f64 = 1e-12;
+
+/// The same for what deviations add.
+const SMALL: f64 = 1e-6;
 
 /// `value + by . dv`: an equality, or held at or below zero, and with a lower side at or above `-room`.
 #[derive(Debug, Clone)]
@@ -167,6 +173,7 @@ pub(super) fn linear(space: &Space, point: &Point) -> Result<Linear> {
             rows.push(Row { value: 0., lower: None, by });
         }
     }
+    add_deviations(layout, &point.x, &here, &known, &element_of, &columns, &mut rows);
     let values = here.values(&known);
     for (row, value) in rows.iter_mut().zip(&values) {
         (row.value, row.lower) = *value;
@@ -180,6 +187,100 @@ pub(super) fn linear(space: &Space, point: &Point) -> Result<Linear> {
     }
     linear.inequalities.extend(shortest_phases(space, point));
     Ok(linear)
+}
+
+/// Derivatives of the deviation in one interval: position in `x`, change of the pose at the inner points and of the mean angular momentum.
+type Bends = Vec<(usize, Deviation<f64>)>;
+
+/// Derivatives of the deviations of all intervals.
+fn bends(layout: &Layout<f64>, x: &[f64], here: &Residuals, element_of: &[u32]) -> Vec<Bends> {
+    let of_interval = |interval: &MomentumInterval<f64>| {
+        let element = &layout.elements[element_of[interval.angular.row as usize] as usize];
+        let positions = layout.runs[element.runs.range()].iter().flat_map(|run| run.variable as usize..(run.variable + run.len) as usize);
+        // An interval alone.
+        let mut tables = Tables::new(layout.constants, layout.terrain.clone(), layout.curves.interval);
+        tables.footholds.clone_from(&layout.footholds);
+        tables.impulses = layout.impulses[interval.impulses.range()].to_vec();
+        let alone = MomentumInterval {
+            impulses: Span::added(0, &tables.impulses),
+            linear: Place::default(),
+            angular: Place { row: momentum::LINEAR.rows as u32, ..Place::default() },
+            ..*interval
+        };
+        tables.momentum_intervals = vec![alone];
+        let (mut x, mut ground) = (x.to_vec(), here.shared.ground.clone());
+        let mut rows = [0.; momentum::LINEAR.rows + momentum::ANGULAR.rows];
+        let bend = |at: usize| {
+            let foothold = layout.footholds.iter().position(|&f| f as usize == at || f as usize + 1 == at);
+            let before = x[at];
+            let mut moved = |to: f64| {
+                x[at] = to;
+                if let Some(f) = foothold {
+                    let at = layout.footholds[f] as usize;
+                    ground[f] = layout.terrain.ground(x[at], x[at + 1]);
+                }
+                let mut deviation = [Deviation::default()];
+                momentum::momentum(&tables, &x, &ground, &mut deviation, false, &mut rows, None);
+                deviation[0]
+            };
+            let (up, down) = (moved(before + DIFFERENCE), moved(before - DIFFERENCE));
+            moved(before);
+            let slope = |up: f64, down: f64| (up - down) / (2. * DIFFERENCE);
+            let pose = std::array::from_fn(|q| std::array::from_fn(|d| slope(up.pose[q][d], down.pose[q][d])));
+            (at, Deviation { pose, mean: std::array::from_fn(|d| slope(up.mean[d], down.mean[d])) })
+        };
+        positions.map(bend).collect()
+    };
+    layout.momentum_intervals.par_iter().map(of_interval).collect()
+}
+
+/// Adds what the deviations do to the rows of the mean angular momentum and of reach.
+fn add_deviations(
+    layout: &Layout<f64>,
+    x: &[f64],
+    here: &Residuals,
+    known: &[Known],
+    element_of: &[u32],
+    columns: &[(usize, f64)],
+    rows: &mut [Row],
+) {
+    let bends = bends(layout, x, here, element_of);
+    let mut first = HashMap::new();
+    let mut row = 0;
+    for element in known {
+        first.insert(element.place.row, row);
+        row += element.rows;
+    }
+    let mut put = |place: &Place, r: usize, at: usize, value: f64| {
+        let (variable, scale) = columns[at];
+        if let Some(row) = first.get(&place.row)
+            && (value * scale).abs() > SMALL
+        {
+            rows[row + r].by.push((variable, value * scale));
+        }
+    };
+    let mean_scale = 2. * layout.constants.moment_scale / layout.constants.interval;
+    for (interval, bends) in layout.momentum_intervals.iter().zip(&bends) {
+        for (at, bend) in bends {
+            (0..3).for_each(|d| put(&interval.angular, 3 + d, *at, bend.mean[d] * mean_scale));
+        }
+    }
+    for instant in &layout.reach_instants {
+        let weights = &instant.base.deviation_weights;
+        for (at, bend) in &bends[instant.base.interval as usize] {
+            let pose: [f64; 6] = std::array::from_fn(|d| weights.iter().zip(&bend.pose).map(|(w, pose)| w * pose[d]).sum());
+            if pose.iter().all(|p| p.abs() < 0.01 * SMALL) {
+                continue;
+            }
+            for foot in &layout.reach_feet[instant.feet.range()] {
+                // The rows by the pose stand after those by the variables, `[3][6]`.
+                let by_pose = &here.jacobian[foot.place.jacobian as usize + 3 * foot.place.stride as usize..];
+                for r in 0..3 {
+                    put(&foot.place, r, *at, (0..6).map(|d| by_pose[6 * r + d] * pose[d]).sum());
+                }
+            }
+        }
+    }
 }
 
 /// Boundaries that no row has to tell apart: foot, phase, and when they move rows, in intervals.

