@@ -80,6 +80,8 @@ pub mod real;
 #[doc(hidden)]
 pub mod reference;
 #[doc(hidden)]
+pub mod refine;
+#[doc(hidden)]
 pub mod report;
 pub mod robot;
 #[doc(hidden)]

@@ -48,7 +48,7 @@ const LEAST_LEG: f64 = 1e-6;
 const SAME_TIME: f64 = 1e-6;
 
 /// Gauss-Legendre nodes on \[-1, 1\] are 0 and this on both sides: `sqrt(3 / 5)`.
-const GAUSS: f64 = 0.774_596_669_241_483_4;
+pub(crate) const GAUSS: f64 = 0.774_596_669_241_483_4;
 
 /// Weights of the terms of the total.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -120,7 +120,10 @@ pub struct Cost {
 /// [`Error::Invalid`] when the trajectory is malformed, or robot and trajectory disagree on the number of feet.
 pub fn cost(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weights: &CostWeights) -> Result<Cost> {
     trajectory.validate()?;
-    priced(trajectory, robot, leg_mass, weights, [0., trajectory.horizon], distance(trajectory, robot))
+    let (lin, ang) = (&trajectory.base_lin.nodes[0], &trajectory.base_ang.nodes[0]);
+    let way = std::array::from_fn(|i| trajectory.base_target[i] - lin[i]);
+    let distance = distance(robot, way, trajectory.yaw_target - ang[2]);
+    priced(trajectory, robot, leg_mass, weights, [0., trajectory.horizon], distance)
 }
 
 /// Costs of a part of a motion, from `start` to `end` s, and what its legs have to do in it.
@@ -169,12 +172,10 @@ fn priced(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weights: &CostW
     Ok(cost)
 }
 
-/// [`Cost::distance`] of a valid trajectory, m.
-fn distance(trajectory: &Trajectory, robot: &Robot) -> f64 {
-    let (lin, ang) = (&trajectory.base_lin.nodes[0], &trajectory.base_ang.nodes[0]);
-    let way: f64 = (0..3).map(|i| (trajectory.base_target[i] - lin[i]).powi(2)).sum();
+/// [`Cost::distance`] of a way in m and a turn in rad.
+pub(crate) fn distance(robot: &Robot, way: [f64; 3], turn: f64) -> f64 {
     let l = robot.base_height;
-    (way.sqrt() + l * (trajectory.yaw_target - ang[2]).abs()).max(LEAST_DISTANCE * l)
+    (way.iter().map(|w| w * w).sum::<f64>().sqrt() + l * turn.abs()).max(LEAST_DISTANCE * l)
 }
 
 /// One piece of a curve: `p = p0 + p1 t + p2 t^2 + p3 t^3`.

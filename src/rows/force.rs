@@ -58,7 +58,7 @@ pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) 
 }
 
 /// A unit vector and its derivatives with respect to x and y.
-pub(super) struct Direction<T> {
+pub(crate) struct Direction<T> {
     pub unit: Vec3<T>,
     pub by: [Vec3<T>; 2],
 }
@@ -77,7 +77,7 @@ fn normalised<T: Real>(v: Vec3<T>, by: [Vec3<T>; 2]) -> Direction<T> {
 
 /// Normal and tangents of the ground.
 #[inline(always)]
-pub(super) fn basis<T: Real>(ground: &Ground<T>) -> [Direction<T>; 3] {
+pub(crate) fn basis<T: Real>(ground: &Ground<T>) -> [Direction<T>; 3] {
     let (zero, one) = (T::zero(), T::one());
     let ([hx, hy], [[hxx, hxy], [hyx, hyy]]) = (ground.slope, ground.curvature);
     [

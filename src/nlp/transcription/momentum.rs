@@ -52,7 +52,7 @@ const RATE_SMOOTHING: [f64; 6] = [0.1; 6];
 const RAMP: f64 = 0.3;
 
 /// Gauss-Legendre rule on (0, 1) with three nodes: exact for the integrals of a cubic that are needed.
-const EXACT_RULE: [[f64; 2]; 3] = [[0.112_701_665_379_258_3, 5. / 18.], [0.5, 8. / 18.], [0.887_298_334_620_741_7, 5. / 18.]];
+pub(crate) const EXACT_RULE: [[f64; 2]; 3] = [[0.112_701_665_379_258_3, 5. / 18.], [0.5, 8. / 18.], [0.887_298_334_620_741_7, 5. / 18.]];
 
 /// Weights of the deviations at the inner points at part `u` of an interval: a polynomial that vanishes at both ends.
 fn deviation_weights(u: f64) -> [f64; INNER_POINTS] {
@@ -147,17 +147,9 @@ impl<T: Real> Transcribe<T> for Momentum {
 
     /// Of all feet at most [`REACH`] apart, and of swinging feet at parts of their swings.
     fn reach_times(&self, b: &Builder<T>) -> Vec<ReachTime<T>> {
-        let (h, feet) = (b.interval, b.feet.len());
-        let pieces = (h / REACH).ceil() as usize;
-        let mut instants: Vec<(f64, std::ops::Range<usize>)> =
-            (0..=pieces * b.intervals).map(|i| (i as f64 * h / pieces as f64, 0..feet)).collect();
-        for foot in 0..feet {
-            for swing in b.feet[foot].phases.iter().filter(|p| !p.stance) {
-                instants.extend(SWING_PARTS.map(|part| (swing.start + part * swing.duration(), foot..foot + 1)));
-            }
-        }
-        instants.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let time = |(t, feet): (f64, std::ops::Range<usize>)| {
+        let h = b.interval;
+        let phases: Vec<&[Phase]> = b.feet.iter().map(|foot| &foot.phases[..]).collect();
+        let time = |ReachTiming { t, feet, .. }| {
             let k = ((t / h + 1e-9) as usize).min(b.intervals - 1);
             let in_interval = match t - k as f64 * h {
                 // A knot is a knot: what has no part in it is left out.
@@ -175,7 +167,7 @@ impl<T: Real> Transcribe<T> for Momentum {
             };
             ReachTime { t, feet, step: k, base, blocks: std::array::from_fn(|i| b.base[2 * k + i]) }
         };
-        instants.into_iter().map(time).collect()
+        reach_timings(&phases, h, b.intervals).into_iter().map(time).collect()
     }
 
     fn foothold_smoothing(&self) -> f64 {
@@ -302,8 +294,35 @@ const REACH: f64 = 0.026;
 /// Parts of a swing at which reach is held besides: near its ends the base drags the foot along, or runs ahead of it.
 const SWING_PARTS: [f64; 5] = [0.0625, 0.125, 0.5, 0.875, 0.9375];
 
+/// When a reach instant is.
+pub(crate) struct ReachTiming {
+    /// s.
+    pub t: f64,
+    /// Whose feet.
+    pub feet: std::ops::Range<usize>,
+    /// Its number among all, one that phases do not change as long as there are as many of them: in order of time instants change places.
+    pub number: usize,
+}
+
+/// Reach instants in the order of time: of all feet at most [`REACH`] apart, and of swinging feet at parts of their swings.
+pub(crate) fn reach_timings(phases: &[&[Phase]], interval: f64, intervals: usize) -> Vec<ReachTiming> {
+    let (h, feet) = (interval, phases.len());
+    let pieces = (h / REACH).ceil() as usize;
+    let mut instants: Vec<(f64, std::ops::Range<usize>)> =
+        (0..=pieces * intervals).map(|i| (i as f64 * h / pieces as f64, 0..feet)).collect();
+    for (foot, phases) in phases.iter().enumerate() {
+        for swing in phases.iter().filter(|p| !p.stance) {
+            instants.extend(SWING_PARTS.map(|part| (swing.start + part * swing.duration(), foot..foot + 1)));
+        }
+    }
+    let mut timings: Vec<ReachTiming> =
+        instants.into_iter().enumerate().map(|(number, (t, feet))| ReachTiming { t, feet, number }).collect();
+    timings.sort_by(|a, b| a.t.total_cmp(&b.t));
+    timings
+}
+
 /// Longest piece of a base curve, s. A cubic over twice as much would be up to a centimetre off what the forces do.
-const PIECE: f64 = 0.026;
+pub(crate) const PIECE: f64 = 0.026;
 
 /// Base position and Euler angles: at every knot those of the solution, in between what the forces make of them.
 fn base_curves(task: &Task, layout: &Layout<f64>, x: &[f64]) -> [Curve; 2] {

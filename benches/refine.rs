@@ -1,0 +1,98 @@
+//! Refined gaits beside smoothed ones: cost, time, durations moved. `cargo bench --bench refine -- [--fixed] [--horizon-fixed] [NAME]...`
+
+use cregopt::backend::Cpu;
+use cregopt::gait::cost::{CostWeights, cost};
+use cregopt::gait::family::{GaitFamily, PeriodicGait};
+use cregopt::refine::{RefineSettings, refine};
+use cregopt::robot::Robot;
+use cregopt::search::evaluate::{Evaluated, LowerSettings, evaluate};
+use cregopt::task::{Goal, Task};
+use cregopt::terrain::Terrain;
+use std::f64::consts::PI;
+use std::time::Instant;
+
+/// Robot, gait, terrain, goal (x, y), yaw.
+const GAITS: [(&str, &str, &str, [f64; 2], f64); 20] = [
+    ("anymal", "trot", "flat", [2., 0.], 0.),
+    ("anymal", "walk", "flat", [2., 0.], 0.),
+    ("anymal", "pace", "flat", [2., 0.], 0.),
+    ("anymal", "bound", "flat", [2., 0.], 0.),
+    ("anymal", "canter", "flat", [2., 0.], 0.),
+    ("anymal", "trot", "flat", [1., 1.], PI / 2.),
+    ("anymal", "walk", "flat", [1., 1.], PI / 2.),
+    ("anymal", "trot", "flat", [0., 0.], PI),
+    ("anymal", "trot", "flat", [0., 1.], 0.),
+    ("anymal", "trot", "slope", [2., 0.], 0.),
+    ("anymal", "trot", "flat", [6., 0.], 0.),
+    ("anymal", "walk", "flat", [6., 0.], 0.),
+    ("anymal", "trot", "step", [6., 0.], PI),
+    ("hyq", "trot", "flat", [2., 0.], 0.),
+    ("hyq", "walk", "flat", [2., 0.], 0.),
+    ("biped", "walk", "flat", [2., 0.], 0.),
+    ("biped", "run", "flat", [2., 0.], 0.),
+    ("biped", "walk", "flat", [1., 0.5], PI / 2.),
+    ("pexod", "tripod", "flat", [1., 0.], 0.),
+    ("pexod", "ripple", "flat", [1., 0.], 0.),
+];
+
+fn task(robot: &str, terrain: &str, [x, y]: [f64; 2], yaw: f64) -> cregopt::Result<Task> {
+    let (robot, terrain) = (Robot::named(robot)?, Terrain::named(terrain)?);
+    Task::new(robot, terrain, Goal::at(x, y).yaw(yaw))
+}
+
+fn found(task: &Task, gait: &str, smooth: usize) -> cregopt::Result<Option<(Evaluated, f64)>> {
+    let schedule = PeriodicGait::typical(GaitFamily::named(gait)?, task)?.schedule()?;
+    let mut settings = LowerSettings::default();
+    settings.solver.smooth.iterations = smooth;
+    let start = Instant::now();
+    let mut results = evaluate(&[(task, &schedule)], &settings, None, &Cpu::new(1)?, false, &|| false)?;
+    Ok(results.pop().flatten().filter(|r| r.feasible).map(|r| (r, start.elapsed().as_secs_f64())))
+}
+
+fn main() -> cregopt::Result<()> {
+    let args: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
+    let has = |name: &str| args.iter().any(|a| a == name);
+    let names: Vec<&String> = args.iter().filter(|a| !a.starts_with("--")).collect();
+    let settings = RefineSettings { durations: !has("--fixed"), horizon: !has("--horizon-fixed"), ..RefineSettings::default() };
+    let transcription = LowerSettings::default().transcription;
+    let weights = CostWeights::default();
+    println!(
+        "| gait | found | smoothed | refined | leg, swing, effort before | after | horizon, s | changed, s | residual | status | problems | found, s | smoothed, s | refined, s |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
+    for (robot, gait, terrain, goal, yaw) in GAITS {
+        let name = format!("{robot} {gait} {terrain} {goal:?} {yaw:.2}");
+        if !names.is_empty() && !names.iter().all(|n| name.contains(&n[..])) {
+            continue;
+        }
+        let task = task(robot, terrain, goal, yaw)?;
+        let price = |e: &Evaluated| cost(&e.trajectory(&task, &transcription), &task.robot, task.robot.leg_mass(), &weights);
+        let Some((plain, seconds)) = found(&task, gait, 0)? else {
+            println!("| {name} | not found |");
+            continue;
+        };
+        let smooth = found(&task, gait, 20)?;
+        let start = Instant::now();
+        let refined = refine(&task, &plain.schedule, &plain.x, &transcription, &weights, &settings, &|| false)?;
+        let took = start.elapsed().as_secs_f64();
+        let parts = |c: &cregopt::gait::cost::Cost| format!("{:.3} {:.3} {:.3}", c.leg_work, c.swing_work, weights.effort * c.effort_cost);
+        println!(
+            "| {name} | {:.4} | {} | {:.4}{} | {} | {} | {:.2} to {:.2} | {} by up to {:.3} | {:.1e} | {:?} | {} | {seconds:.3} | {} | {took:.2} |",
+            price(&plain)?.total,
+            smooth.as_ref().map_or(Ok("-".into()), |(e, _)| price(e).map(|c| format!("{:.4}", c.total)))?,
+            refined.after.total,
+            if refined.certified { "" } else { " NOT CERTIFIED" },
+            parts(&refined.before),
+            parts(&refined.after),
+            refined.before.horizon,
+            refined.after.horizon,
+            refined.changed,
+            refined.largest_change,
+            refined.optimality.map_or(f64::NAN, |o| o.residual()),
+            refined.status,
+            refined.iterations,
+            smooth.as_ref().map_or("-".into(), |(_, s)| format!("{s:.3}")),
+        );
+    }
+    Ok(())
+}

@@ -1,0 +1,256 @@
+//! The convex problem around a point, as Clarabel takes it.
+//!
+//! Over the step `d` (in its own trust lengths), and one bound `t` for each [`Term`] whose sign may change within the trust region:
+//!
+//! ```text
+//! minimise    sum weight t + sum weight sign (value + by . d) + effort + effort' d + d' effort'' d / 2
+//! such that   |value + by . d| <= t
+//!             c + c' d = 0
+//!             g + g' d <= max(0, g)
+//!             |(tangential force, m)| <= mu (normal force) - m      second-order cones
+//!             |d| <= trust
+//! ```
+//!
+//! Rows and terms that no step within the trust region can reach are left out: the solution is the same.
+
+use super::cost::{Gradient, Model, Term};
+use super::curvature::Curvature;
+use super::rows::{Linear, Row};
+use clarabel::algebra::CscMatrix;
+use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
+
+/// Accuracy of a subproblem. Larger: multipliers blur; smaller: rounding keeps Clarabel from reaching it.
+const TOLERANCE: f64 = 1e-9;
+
+/// Solution of the convex problem.
+#[derive(Debug, Clone)]
+pub(super) struct Step {
+    /// The step, in the units of the variables.
+    pub by: Vec<f64>,
+    /// How far the cost falls to first order (forces to second).
+    pub predicted: f64,
+    /// What keeps the point from being optimal, see [`super::Optimality`]: derivative of the Lagrangian without the trust region, and
+    /// multiplier times distance from its limit of the worst row. In costs.
+    pub stationarity: f64,
+    pub complementarity: f64,
+    /// What rows and powers weigh there, in costs.
+    pub multipliers: Multipliers,
+}
+
+/// Weights of rows and powers in the Lagrangian.
+#[derive(Debug, Clone)]
+pub(super) struct Multipliers {
+    equalities: Vec<f64>,
+    inequalities: Vec<f64>,
+    /// Of the powers of each cell, with its key.
+    cells: Vec<([usize; 3], [f64; 3])>,
+}
+
+impl Multipliers {
+    /// Derivative of the Lagrangian, effort and cones left out, by a step in trust lengths.
+    ///
+    /// Powers of cells that are not there any more, or were not, have the sign that they have.
+    pub fn lagrangian(&self, linear: &Linear, model: &Model, length: &[f64]) -> Vec<f64> {
+        let mut by = vec![0.; length.len()];
+        let mut add = |gradient: &Gradient, weight: f64| gradient.iter().for_each(|&(i, d)| by[i] += weight * d * length[i]);
+        let rows = linear.equalities.iter().zip(&self.equalities).chain(linear.inequalities.iter().zip(&self.inequalities));
+        rows.filter(|(_, weight)| **weight != 0.).for_each(|(row, weight)| add(&row.by, *weight));
+        let mut strange = vec![true; model.cells.len()];
+        for (i, cell) in model.cells.iter().enumerate() {
+            let Ok(at) = self.cells.binary_search_by(|(key, _)| key.cmp(&cell.key)) else { continue };
+            strange[i] = false;
+            let weights = self.cells[at].1;
+            for (variable, d) in &cell.by {
+                add(&vec![(*variable, (0..3).map(|p| weights[p] * d[p]).sum())], 1.);
+            }
+        }
+        for term in model.terms.iter().filter(|t| strange[t.cell]) {
+            add(&term.by, term.weight * term.value.signum());
+        }
+        by
+    }
+}
+
+/// Matrix in the making, constraint by constraint: `b - A x` in a cone.
+#[derive(Default)]
+struct Constraints {
+    rows: Vec<usize>,
+    columns: Vec<usize>,
+    values: Vec<f64>,
+    b: Vec<f64>,
+    cones: Vec<SupportedConeT<f64>>,
+}
+
+impl Constraints {
+    /// `room - by . d` is the next slack.
+    fn slack(&mut self, room: f64, by: impl IntoIterator<Item = (usize, f64)>) {
+        let row = self.b.len();
+        for (column, value) in by {
+            self.rows.push(row);
+            self.columns.push(column);
+            self.values.push(value);
+        }
+        self.b.push(room);
+    }
+
+    /// The slacks since the last cone make one.
+    fn cone(&mut self, from: usize, cone: impl Fn(usize) -> SupportedConeT<f64>) {
+        if self.b.len() > from {
+            self.cones.push(cone(self.b.len() - from));
+        }
+    }
+}
+
+/// Largest change of a row within the trust region.
+fn reach(by: &Gradient, step: &[f64], trust: f64) -> f64 {
+    by.iter().map(|&(i, d)| (d * step[i]).abs()).sum::<f64>() * trust
+}
+
+/// Solves the convex problem around a point; nothing when Clarabel does not.
+///
+/// * `length` - how far each variable may go at trust 1
+pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, length: &[f64], trust: f64) -> Option<Step> {
+    let n = length.len();
+    let cost = model.value();
+    let scaled = |by: &Gradient| by.iter().map(|&(i, d)| (i, d * length[i])).collect::<Gradient>();
+    let (open, settled): (Vec<&Term>, Vec<&Term>) = model.terms.iter().partition(|t| reach(&t.by, length, trust) >= t.value.abs());
+    // Costs in parts of the cost here, so that tolerances mean the same for every gait.
+    let mut q: Vec<f64> = model.effort_by.iter().zip(length).map(|(d, l)| d * l / cost).collect();
+    for term in &settled {
+        term.by.iter().for_each(|&(i, d)| q[i] += term.weight * term.value.signum() * d * length[i] / cost);
+    }
+    q.extend(open.iter().map(|t| t.weight / cost));
+    let (mut rows, mut columns, mut values): (Vec<_>, Vec<_>, Vec<_>) = (0..n).map(|i| (i, i, curvature.least)).collect();
+    for &(a, b, second) in &model.effort_by_forces {
+        rows.push(a);
+        columns.push(b);
+        values.push(second * length[a] * length[b] / cost);
+    }
+    // Steps along the curved directions, after the bounds of the terms.
+    let bends = n + open.len();
+    for (i, (bend, _)) in curvature.directions.iter().enumerate() {
+        rows.push(bends + i);
+        columns.push(bends + i);
+        values.push(*bend);
+        q.push(0.);
+    }
+    let p = CscMatrix::new_from_triplets(q.len(), q.len(), rows, columns, values);
+
+    let mut constraints = Constraints::default();
+    for row in &linear.equalities {
+        constraints.slack(-row.value, scaled(&row.by));
+    }
+    for (i, (_, direction)) in curvature.directions.iter().enumerate() {
+        constraints.slack(0., direction.iter().copied().enumerate().filter(|(_, d)| *d != 0.).chain([(bends + i, -1.)]));
+    }
+    constraints.cone(0, SupportedConeT::ZeroConeT);
+    let first = constraints.b.len();
+    let near = |(_, row): &(usize, &Row)| {
+        let change = reach(&row.by, length, trust);
+        row.value + change > 0. || row.lower.is_some_and(|lower| lower + change > 0.)
+    };
+    let inequalities: Vec<(usize, &Row)> = linear.inequalities.iter().enumerate().filter(near).collect();
+    for (_, row) in &inequalities {
+        constraints.slack((-row.value).max(0.), scaled(&row.by));
+        if let Some(lower) = row.lower {
+            constraints.slack((-lower).max(0.), scaled(&row.by).into_iter().map(|(i, d)| (i, -d)));
+        }
+    }
+    let of_terms = constraints.b.len();
+    for (i, term) in open.iter().enumerate() {
+        for sign in [1., -1.] {
+            constraints.slack(-sign * term.value, scaled(&term.by).into_iter().map(|(i, d)| (i, sign * d)).chain([(n + i, -1.)]));
+        }
+    }
+    let of_trust = constraints.b.len();
+    for i in 0..n {
+        constraints.slack(trust, [(i, 1.)]);
+        constraints.slack(trust, [(i, -1.)]);
+    }
+    constraints.cone(first, SupportedConeT::NonnegativeConeT);
+    let of_cones = constraints.b.len();
+    for cone in &linear.cones {
+        let at = constraints.b.len();
+        // A force that is outside may stay as far outside.
+        let [room, t @ ..] = cone.value;
+        let size = (t.iter().map(|t| t * t).sum::<f64>() + cone.margin * cone.margin).sqrt();
+        constraints.slack(room.max(size), scaled(&cone.by[0]).into_iter().map(|(i, d)| (i, -d)));
+        for (value, by) in t.iter().zip(&cone.by[1..]) {
+            constraints.slack(*value, scaled(by).into_iter().map(|(i, d)| (i, -d)));
+        }
+        constraints.slack(cone.margin, []);
+        constraints.cone(at, SupportedConeT::SecondOrderConeT);
+    }
+    let Constraints { rows, columns, values, b, cones } = constraints;
+    let a = CscMatrix::new_from_triplets(b.len(), q.len(), rows, columns, values);
+    let settings = DefaultSettings {
+        verbose: false,
+        max_iter: 100,
+        tol_gap_abs: TOLERANCE,
+        tol_gap_rel: TOLERANCE,
+        tol_feas: TOLERANCE,
+        presolve_enable: false,
+        direct_solve_method: "qdldl".into(),
+        max_threads: 1,
+        ..DefaultSettings::default()
+    };
+    let mut solver = DefaultSolver::new(&p, &q, &a, &b, &cones, settings).ok()?;
+    solver.solve();
+    let solution = &solver.solution;
+    if !matches!(solution.status, SolverStatus::Solved | SolverStatus::AlmostSolved | SolverStatus::InsufficientProgress) {
+        return None;
+    }
+    let d: Vec<f64> = solution.x[..n].iter().zip(length).map(|(d, l)| d * l).collect();
+    if d.iter().any(|d| !d.is_finite()) {
+        return None;
+    }
+
+    // Stationarity at the point: what the trust region and the curvature had to balance.
+    let mut bend = curvature.times(&solution.x[..n]);
+    for &(i, j, second) in &model.effort_by_forces {
+        let second = second * length[i] * length[j] / cost;
+        bend[i] += second * solution.x[j];
+        if i != j {
+            bend[j] += second * solution.x[i];
+        }
+    }
+    let held = |i: usize| solution.z[of_trust + 2 * i] - solution.z[of_trust + 2 * i + 1];
+    let stationarity = (0..n).map(|i| (held(i) + bend[i]).abs()).fold(0., f64::max);
+    let complementarity = (first..of_terms).map(|i| solution.z[i] * b[i]);
+    let of_cones = linear.cones.iter().enumerate().map(|(i, cone)| {
+        let z = &solution.z[of_cones + 5 * i..][..5];
+        let [room, t @ ..] = cone.value;
+        (room * z[0] + t.iter().zip(&z[1..]).map(|(t, z)| t * z).sum::<f64>() + cone.margin * z[4]).abs()
+    });
+    let complementarity = complementarity.chain(of_cones).fold(0., f64::max);
+
+    let mut multipliers = Multipliers {
+        equalities: solution.z[..linear.equalities.len()].iter().map(|z| z * cost).collect(),
+        inequalities: vec![0.; linear.inequalities.len()],
+        cells: model.cells.iter().map(|c| (c.key, [0.; 3])).collect(),
+    };
+    let mut at = first;
+    for (i, row) in inequalities {
+        multipliers.inequalities[i] = cost * (solution.z[at] - if row.lower.is_some() { solution.z[at + 1] } else { 0. });
+        at += 1 + usize::from(row.lower.is_some());
+    }
+    let mut add = |term: &Term, multiplier: f64| {
+        let (_, cell) = &mut multipliers.cells[term.cell];
+        cell[term.point] = multiplier;
+    };
+    settled.iter().for_each(|term| add(term, term.weight * term.value.signum()));
+    for (i, term) in open.iter().enumerate() {
+        add(term, cost * (solution.z[of_terms + 2 * i] - solution.z[of_terms + 2 * i + 1]));
+    }
+    let after = predict(model, &d) + 0.5 * cost * curvature.along(&solution.x[..n]);
+    Some(Step { by: d, predicted: cost - after, stationarity, complementarity, multipliers })
+}
+
+/// The cost after a step, as the model has it.
+fn predict(model: &Model, d: &[f64]) -> f64 {
+    let along = |by: &Gradient| by.iter().map(|&(i, by)| by * d[i]).sum::<f64>();
+    let terms = model.terms.iter().map(|t| t.weight * (t.value + along(&t.by)).abs()).sum::<f64>();
+    let first: f64 = model.effort_by.iter().zip(d).map(|(by, d)| by * d).sum();
+    let second = |&(a, b, second): &(usize, usize, f64)| second * d[a] * d[b] * if a == b { 0.5 } else { 1. };
+    terms + model.effort + first + model.effort_by_forces.iter().map(second).sum::<f64>()
+}

@@ -1,0 +1,561 @@
+//! The cost of a motion as a sum of absolute values of smooth functions and a quadratic one, with their derivatives.
+//!
+//! A standing leg has two powers, along and across. The absolute values of powers are integrated by the Gauss-Legendre rule of three points between the joints of the curves that a power is
+//! made of. Every point is a [`Term`]: `cost = sum weight |power| + effort`. Linear inside the absolute value that is convex and equals the cost
+//! to first order, however fast powers change their signs: at an optimum many are zero for long. [`crate::gait::cost`] integrates the
+//! absolute value of the parabola through the same points, which is the same where no power changes its sign, and smooth where one does.
+//! Effort is quadratic in the forces and linear in the durations of their pieces.
+//!
+//! Derivatives are exact, by dual numbers over the variables that an interval of base knots depends on: durations too, for every time in it is
+//! a number like any other.
+
+use super::variables::{Point, Space};
+use crate::gait::cost::{CostWeights, GAUSS, distance};
+use crate::nlp::transcription::momentum::{EXACT_RULE, MID_SPEED, PIECE};
+use crate::robot::{GRAVITY, MAX_FEET};
+use crate::rows::table::NONE;
+use nalgebra::{SVector, Vector3};
+use num_dual::{Derivative, DualNum, DualSVec64};
+use rayon::prelude::*;
+
+/// Sparse derivatives: variable and value.
+pub(super) type Gradient = Vec<(usize, f64)>;
+
+/// A step of the quadrature of one foot's power.
+#[derive(Debug, Clone)]
+pub(super) struct Cell {
+    /// Which, among points with the same number of them: interval, foot, number there.
+    pub key: [usize; 3],
+    /// Of work in the cost, 1/J.
+    pub weight: f64,
+    /// Powers at the Gauss-Legendre points, times half the length of the step, J.
+    pub powers: [f64; 3],
+    /// Their derivatives: variable and values.
+    pub by: Vec<(usize, [f64; 3])>,
+}
+
+/// `weight |value|`, a part of the cost: the power at a point of a cell.
+#[derive(Debug, Clone)]
+pub(super) struct Term {
+    /// Its cell, in [`Model::cells`].
+    pub cell: usize,
+    /// Which power of it.
+    pub point: usize,
+    pub weight: f64,
+    pub value: f64,
+    pub by: Gradient,
+}
+
+impl Cell {
+    /// Its terms.
+    fn terms(&self, cell: usize) -> impl Iterator<Item = Term> + '_ {
+        (0..3).map(move |point| {
+            let by = self.by.iter().map(|(i, by)| (*i, by[point])).filter(|(_, d)| *d != 0.).collect();
+            Term { cell, point, weight: self.weight * GAUSS_WEIGHTS[point], value: self.powers[point], by }
+        })
+    }
+
+    fn cost(&self) -> f64 {
+        (0..3).map(|i| self.weight * GAUSS_WEIGHTS[i] * self.powers[i].abs()).sum()
+    }
+}
+
+/// The cost at a point to first order in absolute values and durations, to second in forces.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Model {
+    /// Steps of the quadrature, in the order of their keys.
+    pub cells: Vec<Cell>,
+    pub terms: Vec<Term>,
+    /// Effort cost, weighted.
+    pub effort: f64,
+    /// Its derivatives, `[variables]`.
+    pub effort_by: Vec<f64>,
+    /// Its second derivatives by forces, upper triangle: row, column, value.
+    pub effort_by_forces: Vec<(usize, usize, f64)>,
+}
+
+impl Model {
+    /// The cost.
+    pub fn value(&self) -> f64 {
+        self.terms.iter().map(|t| t.weight * t.value.abs()).sum::<f64>() + self.effort
+    }
+}
+
+/// Weights of the Gauss-Legendre rule of three points on \[-1, 1\].
+const GAUSS_WEIGHTS: [f64; 3] = [5. / 9., 8. / 9., 5. / 9.];
+
+/// Number of variables of which one pass takes the derivatives.
+const LANES: usize = 16;
+type Dual = DualSVec64<LANES>;
+
+/// Gram matrix of the Hermite basis (value, slope, next value, next slope) of a piece of length 1.
+const GRAM: [[f64; 4]; 4] = [
+    [13. / 35., 11. / 210., 9. / 70., -13. / 420.],
+    [11. / 210., 1. / 105., 13. / 420., -1. / 140.],
+    [9. / 70., 13. / 420., 13. / 35., -11. / 210.],
+    [-13. / 420., -1. / 140., -11. / 210., 1. / 105.],
+];
+
+/// What prices a motion of a space.
+#[derive(Debug)]
+pub(super) struct Price<'a> {
+    space: &'a Space<'a>,
+    /// Of leg work in J and of swing work in J a kg of leg.
+    work: [f64; 2],
+    /// Of effort, 1/(N² s).
+    effort: f64,
+}
+
+/// Numbers that carry derivatives, or none.
+trait Number: DualNum<Primitive = f64> + Copy {}
+impl<D: DualNum<Primitive = f64> + Copy> Number for D {}
+
+type Vec3<D> = Vector3<D>;
+/// Position or attitude and its rate, at a node of the base.
+type State<D> = [Vec3<D>; 4];
+
+fn vec3<D: Number>(v: Vector3<f64>) -> Vec3<D> {
+    v.map(D::from)
+}
+
+/// One cubic piece of a force or a swing.
+#[derive(Clone, Copy)]
+struct Piece<D> {
+    start: D,
+    length: D,
+    /// Value and slope at the start, value and slope at the end.
+    nodes: [Vec3<D>; 4],
+}
+
+impl<D: Number> Piece<D> {
+    fn sum(&self, weights: [D; 4]) -> Vec3<D> {
+        let [a, b, c, d] = self.nodes;
+        a * weights[0] + b * weights[1] + c * weights[2] + d * weights[3]
+    }
+
+    fn value(&self, time: D) -> Vec3<D> {
+        let u = (time - self.start) / self.length;
+        let (u2, u3) = (u * u, u * u * u);
+        let far = u2 * 3. - u3 * 2.;
+        self.sum([-far + 1., (u3 - u2 * 2. + u) * self.length, far, (u3 - u2) * self.length])
+    }
+
+    fn first(&self, time: D) -> Vec3<D> {
+        let u = (time - self.start) / self.length;
+        let u2 = u * u;
+        let far = (u - u2) * 6. / self.length;
+        self.sum([-far, u2 * 3. - u * 4. + 1., far, u2 * 3. - u * 2.])
+    }
+
+    fn second(&self, time: D) -> Vec3<D> {
+        let u = (time - self.start) / self.length;
+        let far = (-u * 12. + 6.) / (self.length * self.length);
+        self.sum([-far, (u * 6. - 4.) / self.length, far, (u * 6. - 2.) / self.length])
+    }
+}
+
+/// What a foot does in an interval, phase by phase.
+struct Foot<D> {
+    /// Where a power may bend: joints of its curves, s.
+    joints: Vec<D>,
+    /// Cubics with the foothold under each; those of swings without.
+    pieces: Vec<(Piece<D>, Option<Vec3<D>>)>,
+}
+
+impl<'a> Price<'a> {
+    /// Prices in a space.
+    ///
+    /// * `leg_mass` - kg
+    pub fn new(space: &'a Space<'a>, weights: &CostWeights, leg_mass: f64) -> Self {
+        let (task, robot) = (space.task, &space.task.robot);
+        let (start, weight) = (task.base_start(), robot.weight());
+        let distance = distance(robot, std::array::from_fn(|i| task.base_target[i] - start[i]), task.yaw_target);
+        Price {
+            space,
+            work: [weights.leg_work, weights.swing_work * leg_mass].map(|w| w / (weight * distance)),
+            effort: weights.effort * (GRAVITY * robot.base_height).sqrt() / (weight * weight * distance),
+        }
+    }
+
+    /// The cost at a point.
+    pub fn value(&self, point: &Point) -> f64 {
+        let of_interval = |k: usize| {
+            let mut cells = Vec::new();
+            self.interval_powers(point, k, &|i| point.v[i], &mut cells);
+            let cell = |(foot, weight, powers): (usize, f64, [f64; 3])| Cell { key: [k, foot, 0], weight, powers, by: Vec::new() };
+            cells.into_iter().map(|c| cell(c).cost()).sum::<f64>()
+        };
+        // Summed in order: the same digits at any number of threads.
+        let sums: Vec<f64> = (0..self.space.intervals).into_par_iter().map(of_interval).collect();
+        let mut model = Model::default();
+        self.effort(point, &mut model);
+        sums.iter().sum::<f64>() + model.effort
+    }
+
+    /// The cost around a point.
+    pub fn model(&self, point: &Point) -> Model {
+        let of_interval = |k: usize| self.interval_model(point, k);
+        let cells: Vec<Vec<Cell>> = (0..self.space.intervals).into_par_iter().map(of_interval).collect();
+        let cells: Vec<Cell> = cells.into_iter().flatten().collect();
+        let terms = cells.iter().enumerate().flat_map(|(i, cell)| cell.terms(i)).collect();
+        let mut model = Model { cells, terms, ..Model::default() };
+        self.effort(point, &mut model);
+        model
+    }
+
+    /// Effort, and its derivatives.
+    fn effort(&self, point: &Point, model: &mut Model) {
+        let variables = &self.space.variables;
+        let unit = point.layout.constants.force_unit;
+        let interval = point.schedule.interval();
+        model.effort_by = vec![0.; variables.count];
+        for (foot, of_foot) in variables.feet.iter().enumerate() {
+            for (stance, nodes) in of_foot.force_nodes.iter().enumerate() {
+                let phase = point.layout.curves.feet[foot].phases[2 * stance];
+                let pieces = (nodes.len() - 1) as f64;
+                let price = self.effort * unit * unit / pieces;
+                let mut mean = 0.;
+                for piece in nodes.windows(2) {
+                    let places = [piece[0], piece[0].map(|v| v + 3), piece[1], piece[1].map(|v| v + 3)];
+                    for (i, a) in places.iter().enumerate() {
+                        for (j, b) in places.iter().enumerate() {
+                            let (Some(a), Some(b)) = (*a, *b) else { continue };
+                            let second = 2. * GRAM[i][j] * price * phase.duration();
+                            for d in 0..3 {
+                                mean += GRAM[i][j] * point.v[a + d] * point.v[b + d];
+                                model.effort_by[a + d] += second * point.v[b + d];
+                                if a <= b {
+                                    model.effort_by_forces.push((a + d, b + d, second));
+                                }
+                            }
+                        }
+                    }
+                }
+                model.effort += price * mean * phase.duration();
+                // By the ends of the stance, in intervals, and by the interval.
+                for (boundary, sign) in [((2 * stance).checked_sub(1), -1.), (Some(2 * stance), 1.)] {
+                    let variable = boundary.and_then(|b| of_foot.boundaries.get(b).copied().flatten());
+                    if let Some(at) = variable {
+                        model.effort_by[at] += sign * price * mean * interval;
+                    }
+                }
+                if let Some(at) = variables.interval {
+                    model.effort_by[at] += price * mean * phase.duration() / interval;
+                }
+            }
+        }
+    }
+
+    /// Cells of an interval with their derivatives.
+    fn interval_model(&self, point: &Point, k: usize) -> Vec<Cell> {
+        let local = self.locals(point, k);
+        let mut cells: Vec<Cell> = Vec::new();
+        let mut pass = Vec::new();
+        for lanes in local.chunks(LANES) {
+            pass.clear();
+            let get = |i: usize| match lanes.binary_search(&i) {
+                Ok(lane) => {
+                    let mut unit = SVector::<f64, LANES>::zeros();
+                    unit[lane] = 1.;
+                    Dual::new(point.v[i], Derivative::some(unit))
+                }
+                Err(_) => Dual::from(point.v[i]),
+            };
+            self.interval_powers(point, k, &get, &mut pass);
+            if cells.is_empty() {
+                let mut number = [0; MAX_FEET];
+                cells.extend(pass.iter().map(|&(foot, weight, powers)| {
+                    number[foot] += 1;
+                    Cell { key: [k, foot, number[foot]], weight, powers: powers.map(|p| p.re), by: Vec::new() }
+                }));
+            }
+            for (cell, (_, _, powers)) in cells.iter_mut().zip(&pass) {
+                let by = powers.map(|p| p.eps.0.unwrap_or_default());
+                let lanes = lanes.iter().enumerate().map(|(lane, &i)| (i, by.map(|by| by[lane])));
+                cell.by.extend(lanes.filter(|(_, by)| *by != [0.; 3]));
+            }
+        }
+        cells
+    }
+
+    /// Variables that the terms of an interval depend on, ascending.
+    fn locals(&self, point: &Point, k: usize) -> Vec<usize> {
+        let variables = &self.space.variables;
+        let (t, h) = (k as f64 * point.schedule.interval(), point.schedule.interval());
+        let mut local = Vec::new();
+        let mut block = |at: Option<usize>, len: usize| local.extend(at.into_iter().flat_map(|at| at..at + len));
+        variables.base[2 * k..2 * k + 4].iter().for_each(|&at| block(at, 6));
+        for (foot, of_foot) in variables.feet.iter().enumerate() {
+            for (i, phase) in point.layout.curves.feet[foot].phases.iter().enumerate() {
+                if phase.end <= t || phase.start >= t + h {
+                    continue;
+                }
+                if phase.stance {
+                    of_foot.force_nodes[i / 2].iter().for_each(|&at| block(at, 6));
+                    block(of_foot.footholds[i / 2], 2);
+                } else {
+                    block(of_foot.footholds[i / 2], 2);
+                    block(of_foot.footholds[i / 2 + 1], 2);
+                    block(of_foot.heights[i / 2], 1);
+                }
+                for boundary in [i.checked_sub(1), Some(i)].into_iter().flatten() {
+                    block(of_foot.boundaries.get(boundary).copied().flatten(), 1);
+                }
+            }
+        }
+        block(variables.interval, 1);
+        local.sort_unstable();
+        local.dedup();
+        local
+    }
+
+    /// Foot, weight, and powers times half the step, of every cell of an interval.
+    fn interval_powers<D: Number>(&self, point: &Point, k: usize, get: &impl Fn(usize) -> D, cells: &mut Vec<(usize, f64, [D; 3])>) {
+        let space = self.space;
+        let h = space.variables.interval.map_or(D::from(point.schedule.interval()), get);
+        let start = h * k as f64;
+        let feet: Vec<Foot<D>> = (0..space.variables.feet.len()).map(|foot| self.foot(point, foot, start, h, get)).collect();
+        let (first, last) = (self.knot(point, k, h, get), self.knot(point, k + 1, h, get));
+        let pieces = (point.schedule.interval() / PIECE).ceil() as usize;
+        let mut states = vec![first];
+        self.between(&feet, &first, start, h, pieces, &mut states);
+        states.push(last);
+        let length = h / pieces as f64;
+        for (foot, of_foot) in feet.iter().enumerate() {
+            let mut cuts: Vec<D> = (0..=pieces).map(|q| start + length * q as f64).collect();
+            let (low, high) = (cuts[0].re(), cuts[pieces].re());
+            cuts.extend(of_foot.joints.iter().filter(|t| t.re() > low && t.re() < high));
+            cuts.sort_by(|a, b| a.re().total_cmp(&b.re()));
+            let [x, y, _] = space.task.robot.nominal_feet[foot];
+            for cut in cuts.windows(2) {
+                let (middle, half) = ((cut[0] + cut[1]) * 0.5, (cut[1] - cut[0]) * 0.5);
+                let q = (((middle.re() - low) / length.re()) as usize).min(pieces - 1);
+                let piece = |i: usize| Piece {
+                    start: start + length * q as f64,
+                    length,
+                    nodes: [states[q][i], states[q][i + 2], states[q + 1][i], states[q + 1][i + 2]],
+                };
+                let base = [piece(0), piece(1)];
+                let mine = of_foot.pieces.iter().find(|(p, _)| middle.re() < p.start.re() + p.length.re());
+                let Some((mine, foothold)) = mine.or(of_foot.pieces.last()) else { continue };
+                let times = [-GAUSS, 0., GAUSS].map(|node| middle + half * node);
+                let mut cell = |weight: f64, powers: [D; 3]| cells.push((foot, weight, powers.map(|p| p * half)));
+                match foothold {
+                    Some(foothold) => {
+                        let powers = times.map(|time| stance_powers(&mine.value(time), foothold, hip(&base, time, [x, y])));
+                        cell(self.work[0], powers.map(|[along, _]| along));
+                        cell(self.work[0], powers.map(|[_, across]| across));
+                    }
+                    None => {
+                        cell(self.work[1], times.map(|time| mine.second(time).dot(&(mine.first(time) - hip(&base, time, [x, y])[1]))));
+                    }
+                }
+            }
+        }
+    }
+
+    /// Position, attitude and their rates at a knot.
+    fn knot<D: Number>(&self, point: &Point, k: usize, h: D, get: &impl Fn(usize) -> D) -> State<D> {
+        let (space, layout) = (self.space, &point.layout);
+        let (start, goal) = (space.task.base_start(), space.task.base_target);
+        let part = k as f64 / space.intervals as f64;
+        let line = |d: usize| {
+            if d < 3 {
+                start[d] + part * (goal[d] - start[d])
+            } else if d == 5 {
+                part * space.task.yaw_target
+            } else {
+                0.
+            }
+        };
+        let at = layout.curves.base[2 * k] as usize;
+        let pose = |d: usize| space.variables.base[2 * k].map_or(D::from(point.x[at + d]), |v| get(v + d)) + line(d);
+        // A rate that is fixed is zero.
+        let slower = h.recip() * space.interval;
+        let rate = |d: usize| space.variables.base[2 * k + 1].map_or(D::from(0.), |v| get(v + d) * slower);
+        let of = |f: &dyn Fn(usize) -> D, first: usize| Vec3::new(f(first), f(first + 1), f(first + 2));
+        [of(&pose, 0), of(&pose, 3), of(&rate, 0), of(&rate, 3)]
+    }
+
+    /// What a foot does in the interval that starts at `from`.
+    fn foot<D: Number>(&self, point: &Point, foot: usize, from: D, h: D, get: &impl Fn(usize) -> D) -> Foot<D> {
+        let (space, blocks) = (self.space, &point.layout.curves.feet[foot]);
+        let variables = &space.variables.feet[foot];
+        let (low, high) = (from.re(), from.re() + h.re());
+        let last = blocks.phases.len() - 1;
+        let boundary = |i: usize| variables.boundaries[i].map_or(D::from(space.boundary(&point.v, foot, i)), get) * h;
+        let foothold = |stance: usize| {
+            let at = blocks.footholds[stance] as usize;
+            let of = |d: usize| variables.footholds[stance].map_or(D::from(point.x[at + d]), |v| get(v + d));
+            let ground = space.task.terrain.ground(point.x[at], point.x[at + 1]);
+            let (x, y) = (of(0), of(1));
+            let height = (x - point.x[at]) * ground.slope[0] + (y - point.x[at + 1]) * ground.slope[1] + ground.height;
+            Vec3::new(x, y, height)
+        };
+        let mut result = Foot { joints: Vec::new(), pieces: Vec::new() };
+        for (i, phase) in blocks.phases.iter().enumerate() {
+            if phase.end <= low || phase.start >= high {
+                continue;
+            }
+            let start = if i == 0 { D::from(0.) } else { boundary(i - 1) };
+            let end = if i == last { h * space.intervals as f64 } else { boundary(i) };
+            result.joints.extend([start, end]);
+            if phase.stance {
+                let (nodes, under) = (&blocks.force_nodes[i / 2], foothold(i / 2));
+                let pieces = nodes.len() - 1;
+                let length = (end - start) / pieces as f64;
+                let unit = point.layout.constants.force_unit;
+                for piece in 0..pieces {
+                    let begin = start + length * piece as f64;
+                    result.joints.push(begin);
+                    if begin.re() + length.re() <= low || begin.re() >= high {
+                        continue;
+                    }
+                    let slower = length.recip() * unit;
+                    let node = |n: usize| match variables.force_nodes[i / 2][n] {
+                        None => [Vec3::from_element(D::from(0.)); 2],
+                        Some(v) => [
+                            Vec3::new(get(v), get(v + 1), get(v + 2)) * D::from(unit),
+                            Vec3::new(get(v + 3), get(v + 4), get(v + 5)) * slower,
+                        ],
+                    };
+                    let ([a, b], [c, d]) = (node(piece), node(piece + 1));
+                    debug_assert!(variables.force_nodes[i / 2][piece].is_some() || nodes[piece] == NONE);
+                    result.pieces.push((Piece { start: begin, length, nodes: [a, b, c, d] }, Some(under)));
+                }
+            } else {
+                let (a, b) = (foothold(i / 2), foothold(i / 2 + 1));
+                let length = (end - start) * 0.5;
+                let height = variables.heights[i / 2].map_or(D::from(point.x[blocks.heights[i / 2] as usize]), get);
+                let zero = Vec3::from_element(D::from(0.));
+                let mut middle = (a + b) * D::from(0.5);
+                middle.z = height;
+                let mut speed = (b - a) * ((end - start).recip() * MID_SPEED);
+                speed.z = D::from(0.);
+                result.joints.push(start + length);
+                result.pieces.push((Piece { start, length, nodes: [a, zero, middle, speed] }, None));
+                result.pieces.push((Piece { start: start + length, length, nodes: [middle, speed, b, zero] }, None));
+            }
+        }
+        result
+    }
+
+    /// States at the ends of all but the last of the pieces of an interval, as the trajectory of the transcription has them.
+    fn between<D: Number>(&self, feet: &[Foot<D>], first: &State<D>, start: D, h: D, pieces: usize, states: &mut Vec<State<D>>) {
+        let robot = &self.space.task.robot;
+        let mass = robot.mass;
+        let gravity = Vector3::new(0., 0., -GRAVITY);
+        let inertia = nalgebra::Matrix3::from_fn(|r, c| robot.inertia[r][c]);
+        let inverse = inertia.try_inverse().unwrap_or_else(nalgebra::Matrix3::zeros);
+        let [p, angles, v, rates] = *first;
+        let step = h / (2 * pieces) as f64;
+        let at_start = {
+            let [x, y, z] = axes(&angles);
+            inertia_times(&inertia, &angles, &(x * rates.x + y * rates.y + z * rates.z))
+        };
+        let rates_at = |angles: &Vec3<D>, momentum: &Vec3<D>| {
+            let omega = inertia_times(&inverse, angles, momentum);
+            let ((sy, cy), (sz, cz)) = (angles.y.sin_cos(), angles.z.sin_cos());
+            let roll = (cz * omega.x + sz * omega.y) / cy;
+            Vec3::new(roll, cz * omega.y - sz * omega.x, omega.z + sy * roll)
+        };
+        let zero = Vec3::from_element(D::from(0.));
+        // Integrals of the forces so far, and their moment about the base at the start.
+        let (mut first, mut second, mut third, mut moment) = (zero, zero, zero, zero);
+        let mut now = angles;
+        let mut gained = zero;
+        let half = step * 0.5;
+        for i in 0..2 * (pieces - 1) {
+            let mut halfway = zero;
+            let (mut moved, mut velocity) = (zero, v);
+            for part in 0..2 {
+                let from = start + step * i as f64 + half * part as f64;
+                let to = from + half;
+                let (mut j, mut w, mut q) = (zero, zero, zero);
+                for (piece, foothold) in feet.iter().flat_map(|f| &f.pieces) {
+                    let Some(foothold) = foothold else { continue };
+                    let end = piece.start + piece.length;
+                    let low = if piece.start.re() > from.re() { piece.start } else { from };
+                    let high = if end.re() < to.re() { end } else { to };
+                    if low.re() >= high.re() {
+                        continue;
+                    }
+                    let mut impulse = zero;
+                    for [node, weight] in EXACT_RULE {
+                        let time = low + (high - low) * node;
+                        let force = piece.value(time) * ((high - low) * weight);
+                        let left = to - time;
+                        impulse += force;
+                        w += force * left;
+                        q += force * (left * left * 0.5);
+                    }
+                    moment += (foothold - p).cross(&impulse);
+                    j += impulse;
+                }
+                third += second * half + first * (half * half * 0.5) + q;
+                second += first * half + w;
+                first += j;
+                let tau = to - start;
+                velocity = v + vec3::<D>(gravity) * tau + first / D::from(mass);
+                moved = v * tau + vec3::<D>(gravity) * (tau * tau * 0.5) + second / D::from(mass);
+                let lever = v * (tau * tau * (0.5 * mass)) + third;
+                let here = moment + lever.cross(&vec3(gravity)) - moved.cross(&velocity) * D::from(mass);
+                if part == 0 {
+                    halfway = here;
+                } else {
+                    let k1 = rates_at(&now, &(at_start + gained));
+                    let k2 = rates_at(&(now + k1 * half), &(at_start + halfway));
+                    let k3 = rates_at(&(now + k2 * half), &(at_start + halfway));
+                    let k4 = rates_at(&(now + k3 * step), &(at_start + here));
+                    now += (k1 + (k2 + k3) * D::from(2.) + k4) * (step / 6.);
+                    gained = here;
+                }
+            }
+            if i % 2 == 1 {
+                states.push([p + moved, now, velocity, rates_at(&now, &(at_start + gained))]);
+            }
+        }
+    }
+}
+
+/// Axes about which roll, pitch and yaw turn, world frame.
+fn axes<D: Number>(angles: &Vec3<D>) -> [Vec3<D>; 3] {
+    let ((sy, cy), (sz, cz)) = (angles.y.sin_cos(), angles.z.sin_cos());
+    let (zero, one) = (D::from(0.), D::from(1.));
+    [Vec3::new(cy * cz, cy * sz, -sy), Vec3::new(-sz, cz, zero), Vec3::new(zero, zero, one)]
+}
+
+/// Axes of the base, world frame.
+fn base_axes<D: Number>(angles: &Vec3<D>) -> [Vec3<D>; 3] {
+    let ((sx, cx), (sy, cy), (sz, cz)) = (angles.x.sin_cos(), angles.y.sin_cos(), angles.z.sin_cos());
+    [
+        Vec3::new(cy * cz, cy * sz, -sy),
+        Vec3::new(sx * sy * cz - cx * sz, sx * sy * sz + cx * cz, sx * cy),
+        Vec3::new(cx * sy * cz + sx * sz, cx * sy * sz - sx * cz, cx * cy),
+    ]
+}
+
+/// `R M R' v`.
+fn inertia_times<D: Number>(matrix: &nalgebra::Matrix3<f64>, angles: &Vec3<D>, v: &Vec3<D>) -> Vec3<D> {
+    let axes = base_axes(angles);
+    let in_base = Vec3::new(axes[0].dot(v), axes[1].dot(v), axes[2].dot(v));
+    let row = |r: usize| in_base.x * matrix[(r, 0)] + in_base.y * matrix[(r, 1)] + in_base.z * matrix[(r, 2)];
+    axes[0] * row(0) + axes[1] * row(1) + axes[2] * row(2)
+}
+
+/// Position and velocity of a hip at (x, y) in the base frame, from the pieces of position and attitude.
+fn hip<D: Number>([lin, ang]: &[Piece<D>; 2], time: D, [x, y]: [f64; 2]) -> [Vec3<D>; 2] {
+    let (angles, rates) = (ang.value(time), ang.first(time));
+    let [roll, pitch, yaw] = axes(&angles);
+    let omega = roll * rates.x + pitch * rates.y + yaw * rates.z;
+    let [bx, by, _] = base_axes(&angles);
+    let arm = bx * D::from(x) + by * D::from(y);
+    [lin.value(time) + arm, lin.first(time) + omega.cross(&arm)]
+}
+
+/// Powers along a leg and across it, whose foot stands and whose hip moves.
+fn stance_powers<D: Number>(force: &Vec3<D>, foothold: &Vec3<D>, [hip, velocity]: [Vec3<D>; 2]) -> [D; 2] {
+    let leg = foothold - hip;
+    let along = -force.dot(&leg) * velocity.dot(&leg) / leg.dot(&leg);
+    [along, -force.dot(&velocity) - along]
+}

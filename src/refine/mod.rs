@@ -1,0 +1,370 @@
+//! Refinement: a found gait to a local optimum of its cost, by sequential convex programming.
+//!
+//! The variables are those of the `momentum` layout, the boundaries between phases and, when the horizon is free, the interval of base
+//! knots ([`variables`]). At every point the rows are linearised, friction cones stay what they are ([`rows`]), and the cost is made convex
+//! ([`cost`]), with a curvature that is learned on the way ([`curvature`]). Clarabel solves that problem within a trust region ([`convex`]). Gauss-Newton steps in f64 bring the step back onto the rows,
+//! as they close every solution of this program; so every point on the way is a valid gait, and the cost alone decides. The trust region
+//! grows when the cost falls as predicted and shrinks when it does not. What comes back is certified, and no worse than what was given.
+//!
+//! ```text
+//! v        the given gait, closed under cones
+//! repeat   d    minimises the convex cost around v, |d| <= trust
+//!          w    v + d, closed
+//!          if w is certified and cost(w) < cost(v) - share of what was predicted: v becomes w
+//!          trust grows or shrinks
+//! until    the optimality residual is below its tolerance, or what is predicted next to nothing
+//! ```
+
+mod convex;
+mod cost;
+mod curvature;
+mod rows;
+mod variables;
+
+use crate::error::{Error, Result, check_range};
+use crate::gait::cost::{Cost, CostWeights};
+use crate::gait::family::MIN_PHASE;
+use crate::gait::{AlignedSchedule, Trajectory};
+use crate::nlp::{Layout, trajectory};
+use crate::settings::{Friction, SolverSettings, StallSettings, Transcription, TranscriptionSettings};
+use crate::solver::{Finish, Solver, Status};
+use crate::task::Task;
+use crate::verify::verify_rows;
+use convex::Multipliers;
+use cost::Price;
+use curvature::History;
+use serde::{Deserialize, Serialize};
+use variables::{Point, Space};
+
+/// How a gait is refined.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RefineSettings {
+    /// Convex problems at most.
+    pub iterations: usize,
+    /// Optimality residual below which the refinement ends.
+    pub tolerance: f64,
+    /// Part of the cost below which what steps promise is next to nothing, and the refinement ends.
+    pub gain: f64,
+    /// Whether phase durations are variables.
+    pub durations: bool,
+    /// Whether the horizon is, too. The number of intervals of base knots stays, their length changes.
+    pub horizon: bool,
+    /// Trust region at the start. 1: 5 cm, 0.1 rad, 0.5 m/s, a weight per foot, a tenth of `sqrt(l / g)` for each boundary of phases.
+    pub trust: f64,
+    /// Shortest phase, `sqrt(l / g)`s; phases that are shorter may stay so.
+    pub shortest_phase: f64,
+    /// Mass of a leg as if it were at the foot, kg; the robot's when absent.
+    pub leg_mass: Option<f64>,
+}
+
+impl Default for RefineSettings {
+    fn default() -> Self {
+        RefineSettings {
+            iterations: 60,
+            tolerance: 1e-4,
+            gain: 2e-5,
+            durations: true,
+            horizon: true,
+            trust: 0.5,
+            shortest_phase: MIN_PHASE,
+            leg_mass: None,
+        }
+    }
+}
+
+impl RefineSettings {
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] names the first field that is out of its limits.
+    pub fn validate(&self) -> Result<()> {
+        check_range("refine.iterations", self.iterations as f64, 0., 1e5)?;
+        check_range("refine.tolerance", self.tolerance, 0., 1.)?;
+        check_range("refine.gain", self.gain, 0., 1.)?;
+        check_range("refine.trust", self.trust, LEAST_TRUST, MOST_TRUST)?;
+        check_range("refine.shortest_phase", self.shortest_phase, 0., 100.)?;
+        self.leg_mass.map_or(Ok(()), |mass| check_range("refine.leg_mass", mass, 0., 1e6))
+    }
+}
+
+/// How a refinement ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RefineStatus {
+    /// At a local optimum, to the tolerance asked for.
+    Optimal,
+    /// Steps promise next to nothing, see [`RefineSettings::gain`].
+    Settled,
+    /// Steps became too short to lower the cost by what counts.
+    Stalled,
+    /// The iteration limit.
+    MaxIterations,
+    /// The caller ended it.
+    Cancelled,
+    /// The given gait could not be brought under the friction cones: it is returned as it was.
+    NotClosed,
+}
+
+/// How far a point is from a local optimum. Dimensionless: in costs of the gait, by trust lengths of the variables.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Optimality {
+    /// Largest derivative of the Lagrangian by a variable.
+    pub stationarity: f64,
+    /// Largest residual of a row, scaled as the rows are.
+    pub feasibility: f64,
+    /// Largest product of a multiplier and its row.
+    pub complementarity: f64,
+}
+
+impl Optimality {
+    /// The largest of the three.
+    pub fn residual(&self) -> f64 {
+        self.stationarity.max(self.feasibility).max(self.complementarity)
+    }
+}
+
+/// A refined gait.
+#[derive(Debug, Clone)]
+pub struct Refined {
+    /// How it ended.
+    pub status: RefineStatus,
+    /// Phase durations.
+    pub schedule: AlignedSchedule,
+    /// Values of the variables, as in [`Layout::initial`] of that schedule.
+    pub x: Vec<f64>,
+    /// Cost of the given gait.
+    pub before: Cost,
+    /// Cost of this one.
+    pub after: Cost,
+    /// Whether every row of the certificate holds.
+    pub certified: bool,
+    /// Residual of the optimality conditions, none when no convex problem was solved.
+    pub optimality: Option<Optimality>,
+    /// Convex problems solved.
+    pub iterations: usize,
+    /// Largest change of a phase duration, s.
+    pub largest_change: f64,
+    /// Number of phases whose duration changed by more than a millisecond.
+    pub changed: usize,
+}
+
+impl Refined {
+    /// The motion.
+    ///
+    /// * `task`, `settings` - those it was refined with
+    pub fn trajectory(&self, task: &Task, settings: &TranscriptionSettings) -> Trajectory {
+        trajectory(task, &Layout::<f64>::new(task, &self.schedule, settings), &self.x)
+    }
+}
+
+/// Part of the predicted fall of the cost that a step has to bring.
+const ACCEPTED: f64 = 0.1;
+/// Part above which the trust region grows,
+const GOOD: f64 = 0.7;
+/// and below which it shrinks.
+const POOR: f64 = 0.3;
+/// Trust below which a refinement stalls.
+const LEAST_TRUST: f64 = 1e-6;
+/// Largest trust.
+const MOST_TRUST: f64 = 1.;
+/// Curvature that every direction has, in costs by squared trust lengths: at the start, the least, the most. It moves against the trust. Too
+/// little: directions that cost next to nothing wander; too much: short steps.
+const LEAST_CURVATURE: [f64; 3] = [1e-3, 1e-5, 1e2];
+/// Steps in a row that promise next to nothing, after which a refinement ends.
+const IDLE: usize = 2;
+/// Half the sum of the squared violations at which a point counts as closed.
+const CLOSED: f64 = 1e-18;
+/// Closing steps a point.
+const CLOSING_STEPS: usize = 8;
+
+/// A step that was taken, in trust lengths.
+struct Taken {
+    step: Vec<f64>,
+    /// Derivative of the Lagrangian before it.
+    before: Vec<f64>,
+    /// With these multipliers.
+    multipliers: Multipliers,
+}
+
+/// Brings a gait to a local optimum of its cost.
+///
+/// * `schedule`, `x` - the gait, as [`crate::search::evaluate::Evaluated`] has it
+/// * `transcription` - what it was solved with; `momentum`. Forces are held inside exact friction cones whatever it says
+/// * `cancel` - ends the refinement at the next iteration
+///
+/// # Errors
+/// [`Error::Invalid`] for settings out of their limits, other rows than `momentum`, or a gait that does not fit the task.
+pub fn refine(
+    task: &Task,
+    schedule: &AlignedSchedule,
+    x: &[f64],
+    transcription: &TranscriptionSettings,
+    weights: &CostWeights,
+    settings: &RefineSettings,
+    cancel: &dyn Fn() -> bool,
+) -> Result<Refined> {
+    check(task, schedule, x, transcription, weights, settings)?;
+    let cones = TranscriptionSettings { friction: Friction::Cone, ..transcription.clone() };
+    let leg_mass = settings.leg_mass.unwrap_or_else(|| task.robot.leg_mass());
+    let space = Space::new(task, schedule, &cones, settings);
+    let price = Price::new(&space, weights, leg_mass);
+    let mut solver = Solver::<f64>::default();
+
+    let given = space.start(schedule, x);
+    let mut iterations = 0;
+    let mut optimality = None;
+    let Some(mut now) = close(&space, &mut solver, given.clone(), &SolverSettings::default(), cancel).filter(|p| certified(task, p)) else {
+        return report(task, weights, leg_mass, &given, given.clone(), RefineStatus::NotClosed, optimality, iterations);
+    };
+    let mut value = price.value(&now);
+    let length = &space.variables.step;
+    let (mut trust, mut least) = (settings.trust, LEAST_CURVATURE[0]);
+    let closing = closing_settings();
+    let mut history = History::default();
+    let mut last: Option<Taken> = None;
+    // Steps in a row that promised next to nothing.
+    let mut idle = 0;
+    let status = 'points: loop {
+        let linear = rows::linear(&space, &now)?;
+        let model = price.model(&now);
+        let feasibility = rows::Residuals::new(&now.layout, &now.x, false).violation();
+        if let Some(taken) = last.take() {
+            history.push(taken.step, taken.multipliers.lagrangian(&linear, &model, length), &taken.before, value);
+        }
+        // Ever shorter steps from one point.
+        loop {
+            if cancel() {
+                break 'points RefineStatus::Cancelled;
+            }
+            if iterations >= settings.iterations {
+                break 'points RefineStatus::MaxIterations;
+            }
+            if trust < LEAST_TRUST {
+                break 'points RefineStatus::Stalled;
+            }
+            iterations += 1;
+            let Some(step) = convex::solve(&linear, &model, &history.curvature(least), length, trust) else {
+                trust *= 0.25;
+                continue;
+            };
+            let here = Optimality { stationarity: step.stationarity, feasibility, complementarity: step.complementarity };
+            optimality = Some(here);
+            idle = if step.predicted < settings.gain * value { idle + 1 } else { 0 };
+            if here.residual() < settings.tolerance {
+                break 'points RefineStatus::Optimal;
+            }
+            if idle == IDLE {
+                break 'points RefineStatus::Settled;
+            }
+            let moved = now.v.iter().zip(&step.by).map(|(v, d)| v + d).collect();
+            let trial = space.point(moved).ok().and_then(|p| close(&space, &mut solver, p, &closing, cancel));
+            let next = trial.as_ref().map_or(f64::INFINITY, |p| price.value(p));
+            let ratio = (value - next) / step.predicted;
+            let went = step.by.iter().zip(length).map(|(d, l)| (d / l).abs()).fold(0., f64::max);
+            let taken = trial.filter(|p| ratio > ACCEPTED && certified(task, p));
+            if taken.is_none() || ratio < POOR {
+                trust = 0.5 * went.min(trust);
+                least = (4. * least).min(LEAST_CURVATURE[2]);
+            } else if ratio > GOOD {
+                trust = if went > 0.9 * trust { (2. * trust).min(MOST_TRUST) } else { trust };
+                least = (0.5 * least).max(LEAST_CURVATURE[1]);
+            }
+            if let Some(point) = taken {
+                let step_taken = point.v.iter().zip(&now.v).zip(length).map(|((a, b), l)| (a - b) / l).collect();
+                let before = step.multipliers.lagrangian(&linear, &model, length);
+                last = Some(Taken { step: step_taken, before, multipliers: step.multipliers });
+                (now, value) = (point, next);
+                break;
+            }
+        }
+    };
+    report(task, weights, leg_mass, &given, now, status, optimality, iterations)
+}
+
+fn check(
+    task: &Task,
+    schedule: &AlignedSchedule,
+    x: &[f64],
+    transcription: &TranscriptionSettings,
+    weights: &CostWeights,
+    settings: &RefineSettings,
+) -> Result<()> {
+    task.validate()?;
+    transcription.validate()?;
+    weights.validate()?;
+    settings.validate()?;
+    if transcription.rows != Transcription::Momentum {
+        return Err(Error::invalid("transcription.rows", transcription.rows.name(), "`momentum` for a gait to be refined"));
+    }
+    if schedule.feet() != task.robot.feet() {
+        let limit = format!("{} feet, as robot `{}` has", task.robot.feet(), task.robot.name);
+        return Err(Error::invalid("durations", format!("{} feet", schedule.feet()), limit));
+    }
+    let expected = Layout::<f64>::new(task, schedule, transcription).initial.len();
+    if x.len() != expected || x.iter().any(|v| !v.is_finite()) {
+        return Err(Error::invalid("x", format!("{} values", x.len()), format!("{expected} finite values, as the schedule asks for")));
+    }
+    Ok(())
+}
+
+/// Closing steps alone.
+fn closing_settings() -> SolverSettings {
+    let settings = SolverSettings::default();
+    SolverSettings {
+        max_iterations: CLOSING_STEPS,
+        closing: f64::INFINITY,
+        edge_radius: 0.,
+        proximal: settings.proximal_floor,
+        stall: StallSettings { enabled: false, ..settings.stall.clone() },
+        ..settings
+    }
+}
+
+/// The point brought onto its rows; nothing when that fails.
+fn close(space: &Space, solver: &mut Solver<f64>, point: Point, settings: &SolverSettings, cancel: &dyn Fn() -> bool) -> Option<Point> {
+    let outcome = solver.solve(&point.layout, settings, Finish::Infeasibility(CLOSED), Some(&point.x), cancel);
+    (outcome.status == Status::Solved).then(|| space.moved(point, solver.solution()))
+}
+
+/// Whether the motion of a point passes the independent check.
+fn certified(task: &Task, point: &Point) -> bool {
+    let motion = trajectory(task, &point.layout, &point.x);
+    verify_rows(&motion, &task.robot, &task.terrain, point.layout.force_limit()).is_ok_and(|r| r.feasible)
+}
+
+#[allow(clippy::too_many_arguments, reason = "what a refinement knows at its end")]
+fn report(
+    task: &Task,
+    weights: &CostWeights,
+    leg_mass: f64,
+    given: &Point,
+    last: Point,
+    status: RefineStatus,
+    optimality: Option<Optimality>,
+    iterations: usize,
+) -> Result<Refined> {
+    let priced = |point: &Point| crate::gait::cost::cost(&trajectory(task, &point.layout, &point.x), &task.robot, leg_mass, weights);
+    let (before, mut after) = (priced(given)?, priced(&last)?);
+    let mut last = last;
+    if after.total > before.total && certified(task, given) {
+        (last, after) = (given.clone(), before);
+    }
+    let durations = |point: &Point| -> Vec<f64> { point.schedule.durations().iter().flatten().copied().collect() };
+    let changes: Vec<f64> = durations(given).iter().zip(durations(&last)).map(|(a, b)| (a - b).abs()).collect();
+    Ok(Refined {
+        status,
+        certified: certified(task, &last),
+        schedule: last.schedule,
+        x: last.x,
+        before,
+        after,
+        optimality,
+        iterations,
+        largest_change: changes.iter().copied().fold(0., f64::max),
+        changed: changes.iter().filter(|c| **c > 1e-3).count(),
+    })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,411 @@
+//! The rows of a point to first order in all variables, durations included.
+//!
+//! By the variables of the layout their derivatives are the Jacobian of the elements. By boundaries of phases and by the interval they are
+//! central differences of the rows of layouts that are made anew: rows are matched by what they say, not by where they stand. A boundary
+//! moves rows near it alone, so boundaries far apart share a difference.
+//!
+//! How the base deviates from its cubic inside intervals is taken as given in the Jacobian of the elements. That is good enough to find a
+//! motion, not to find the best: without its derivatives the last steps towards an optimum bring half of what they promise, however short
+//! they are. Central differences interval by interval add them.
+
+use super::cost::Gradient;
+use super::variables::{Point, Space};
+use crate::error::Result;
+use crate::nlp::Layout;
+use crate::nlp::transcription::momentum::reach_timings;
+use crate::rows::math::{Vec3, add, dot, scale, sub};
+use crate::rows::momentum::{Deviation, MomentumInterval};
+use crate::rows::table::{NONE, Place, Span};
+use crate::rows::{Shared, Spec, Tables, acceleration, cone, momentum, reach, residuals, stride, swing};
+use crate::terrain::Ground;
+use rayon::prelude::*;
+use std::collections::HashMap;
+use std::ops::Range;
+
+/// Step of the central differences, in intervals, and in parts of the interval.
+const DIFFERENCE: f64 = 1e-5;
+
+/// Derivatives smaller than this are none.
+const NOTHING: f64 = 1e-12;
+
+/// The same for what deviations add.
+const SMALL: f64 = 1e-6;
+
+/// `value + by . dv`: an equality, or held at or below zero, and with a lower side at or above `-room`.
+#[derive(Debug, Clone)]
+pub(super) struct Row {
+    pub value: f64,
+    /// Value of the lower side, held at or below zero.
+    pub lower: Option<f64>,
+    pub by: Gradient,
+}
+
+/// A friction cone: `|(value_1, value_2, value_3, m)| <= value_0`, each value linear.
+#[derive(Debug, Clone)]
+pub(super) struct Cone {
+    /// `mu n.f - m`, then the tangential force.
+    pub value: [f64; 4],
+    pub by: [Gradient; 4],
+    /// The margin that rounds its tip.
+    pub margin: f64,
+}
+
+/// All rows around a point.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Linear {
+    pub equalities: Vec<Row>,
+    pub inequalities: Vec<Row>,
+    pub cones: Vec<Cone>,
+}
+
+/// Rows of an element, and what they are about.
+struct Known {
+    place: Place,
+    spec: Spec,
+    /// How many of them are linearised as they are.
+    rows: usize,
+    pairs: usize,
+    /// When boundaries of phases can move them, in intervals.
+    window: Range<f64>,
+}
+
+/// Values of Jacobian rows and of their lower sides.
+type Values = Vec<(f64, Option<f64>)>;
+
+/// All elements in an order that does not depend on durations.
+fn known(space: &Space, layout: &Layout<f64>) -> Vec<Known> {
+    let curves = &layout.curves;
+    let mut all = Vec::new();
+    for (k, interval) in layout.momentum_intervals.iter().enumerate() {
+        for (place, spec) in [(interval.linear, momentum::LINEAR), (interval.angular, momentum::ANGULAR)] {
+            all.push(Known { place, spec, rows: spec.rows, pairs: 0, window: k as f64..k as f64 + 1. });
+        }
+    }
+    let phases: Vec<_> = curves.feet.iter().map(|f| &f.phases[..]).collect();
+    let timings = reach_timings(&phases, curves.interval, curves.intervals);
+    let mut numbered: Vec<_> = timings.iter().zip(&layout.reach_instants).collect();
+    numbered.sort_by_key(|(timing, _)| timing.number);
+    for (_, instant) in numbered {
+        let k = f64::from(instant.base.interval);
+        for foot in &layout.reach_feet[instant.feet.range()] {
+            all.push(Known { place: foot.place, spec: reach::SPEC, rows: 3, pairs: 3, window: k..k + 1. });
+        }
+    }
+    for node in &layout.cones {
+        all.push(Known { place: node.place, spec: cone::SPEC, rows: 1, pairs: 1, window: 0.0..0. });
+    }
+    for node in &layout.swing_nodes {
+        all.push(Known { place: node.place, spec: swing::SPEC, rows: 1, pairs: node.two_sided as usize, window: 0.0..0. });
+    }
+    let swings = (0..curves.feet.len()).flat_map(|foot| curves.feet[foot].phases.iter().filter(|p| !p.stance));
+    let windows: Vec<Range<f64>> = swings.map(|swing| swing.start / curves.interval..swing.end / curves.interval).collect();
+    for (stride, window) in layout.strides.iter().zip(&windows) {
+        all.push(Known { place: stride.place, spec: stride::SPEC, rows: 1, pairs: 0, window: window.clone() });
+    }
+    for (acceleration, window) in layout.accelerations.iter().zip(&windows) {
+        all.push(Known { place: acceleration.place, spec: acceleration::SPEC, rows: 2, pairs: 0, window: window.clone() });
+    }
+    debug_assert_eq!(space.intervals, curves.intervals);
+    all
+}
+
+/// Residuals at a point.
+pub(super) struct Residuals {
+    pub c: Vec<f64>,
+    pub g: Vec<f64>,
+    jacobian: Vec<f64>,
+    shared: Shared<f64>,
+}
+
+impl Residuals {
+    /// Of a layout at `x`, with the Jacobian or without.
+    pub fn new(layout: &Layout<f64>, x: &[f64], derivatives: bool) -> Residuals {
+        let mut shared = Shared::default();
+        shared.resize(layout);
+        let (mut c, mut g) = (vec![0.; layout.equalities], vec![0.; layout.inequalities]);
+        let mut jacobian = vec![0.; if derivatives { layout.jacobian_len } else { 0 }];
+        residuals(layout, x, 0., &mut shared, &mut c, &mut g, derivatives.then_some(&mut jacobian[..]));
+        Residuals { c, g, jacobian, shared }
+    }
+
+    /// Largest violation, scaled as the rows are.
+    pub fn violation(&self) -> f64 {
+        let c = self.c.iter().map(|c| c.abs());
+        c.chain(self.g.iter().map(|g| g.max(0.))).fold(0., f64::max)
+    }
+
+    fn values(&self, known: &[Known]) -> Values {
+        let mut values = Values::new();
+        for element in known {
+            for r in 0..element.rows {
+                let (row, at) = (element.place.row as usize + r, element.place.inequality as usize);
+                values.push(if element.spec.equality {
+                    (self.c[row], None)
+                } else {
+                    (self.g[at + r], (r < element.pairs).then(|| self.g[at + element.spec.rows + r]))
+                });
+            }
+        }
+        values
+    }
+}
+
+/// Rows around a point.
+pub(super) fn linear(space: &Space, point: &Point) -> Result<Linear> {
+    let layout = &point.layout;
+    let here = Residuals::new(layout, &point.x, true);
+    let known = known(space, layout);
+    let columns = space.columns(layout);
+    let mut element_of = vec![NONE; layout.rows];
+    for (i, element) in layout.elements.iter().enumerate() {
+        element_of[element.place.row as usize] = i as u32;
+    }
+    let mut rows: Vec<Row> = Vec::new();
+    for (element, at) in known.iter().map(|e| (e, element_of[e.place.row as usize] as usize)) {
+        for r in 0..element.rows {
+            let mut by = Gradient::new();
+            for run in &layout.runs[layout.elements[at].runs.range()] {
+                for i in 0..run.len as usize {
+                    let value =
+                        here.jacobian[element.place.jacobian as usize + r * element.place.stride as usize + run.column as usize + i];
+                    let (variable, scale) = columns[run.variable as usize + i];
+                    if value != 0. {
+                        by.push((variable, value * scale));
+                    }
+                }
+            }
+            rows.push(Row { value: 0., lower: None, by });
+        }
+    }
+    add_deviations(layout, &point.x, &here, &known, &element_of, &columns, &mut rows);
+    let values = here.values(&known);
+    for (row, value) in rows.iter_mut().zip(&values) {
+        (row.value, row.lower) = *value;
+    }
+    by_times(space, point, &known, &values, &mut rows)?;
+    let mut linear = Linear { cones: cones(layout, &point.x, &here.shared.ground, &columns), ..Linear::default() };
+    let mut rows = rows.into_iter();
+    for element in &known {
+        let into = if element.spec.equality { &mut linear.equalities } else { &mut linear.inequalities };
+        into.extend(rows.by_ref().take(element.rows));
+    }
+    linear.inequalities.extend(shortest_phases(space, point));
+    Ok(linear)
+}
+
+/// Derivatives of the deviation in one interval: position in `x`, change of the pose at the inner points and of the mean angular momentum.
+type Bends = Vec<(usize, Deviation<f64>)>;
+
+/// Derivatives of the deviations of all intervals.
+fn bends(layout: &Layout<f64>, x: &[f64], here: &Residuals, element_of: &[u32]) -> Vec<Bends> {
+    let of_interval = |interval: &MomentumInterval<f64>| {
+        let element = &layout.elements[element_of[interval.angular.row as usize] as usize];
+        let positions = layout.runs[element.runs.range()].iter().flat_map(|run| run.variable as usize..(run.variable + run.len) as usize);
+        // An interval alone.
+        let mut tables = Tables::new(layout.constants, layout.terrain.clone(), layout.curves.interval);
+        tables.footholds.clone_from(&layout.footholds);
+        tables.impulses = layout.impulses[interval.impulses.range()].to_vec();
+        let alone = MomentumInterval {
+            impulses: Span::added(0, &tables.impulses),
+            linear: Place::default(),
+            angular: Place { row: momentum::LINEAR.rows as u32, ..Place::default() },
+            ..*interval
+        };
+        tables.momentum_intervals = vec![alone];
+        let (mut x, mut ground) = (x.to_vec(), here.shared.ground.clone());
+        let mut rows = [0.; momentum::LINEAR.rows + momentum::ANGULAR.rows];
+        let bend = |at: usize| {
+            let foothold = layout.footholds.iter().position(|&f| f as usize == at || f as usize + 1 == at);
+            let before = x[at];
+            let mut moved = |to: f64| {
+                x[at] = to;
+                if let Some(f) = foothold {
+                    let at = layout.footholds[f] as usize;
+                    ground[f] = layout.terrain.ground(x[at], x[at + 1]);
+                }
+                let mut deviation = [Deviation::default()];
+                momentum::momentum(&tables, &x, &ground, &mut deviation, false, &mut rows, None);
+                deviation[0]
+            };
+            let (up, down) = (moved(before + DIFFERENCE), moved(before - DIFFERENCE));
+            moved(before);
+            let slope = |up: f64, down: f64| (up - down) / (2. * DIFFERENCE);
+            let pose = std::array::from_fn(|q| std::array::from_fn(|d| slope(up.pose[q][d], down.pose[q][d])));
+            (at, Deviation { pose, mean: std::array::from_fn(|d| slope(up.mean[d], down.mean[d])) })
+        };
+        positions.map(bend).collect()
+    };
+    layout.momentum_intervals.par_iter().map(of_interval).collect()
+}
+
+/// Adds what the deviations do to the rows of the mean angular momentum and of reach.
+fn add_deviations(
+    layout: &Layout<f64>,
+    x: &[f64],
+    here: &Residuals,
+    known: &[Known],
+    element_of: &[u32],
+    columns: &[(usize, f64)],
+    rows: &mut [Row],
+) {
+    let bends = bends(layout, x, here, element_of);
+    let mut first = HashMap::new();
+    let mut row = 0;
+    for element in known {
+        first.insert(element.place.row, row);
+        row += element.rows;
+    }
+    let mut put = |place: &Place, r: usize, at: usize, value: f64| {
+        let (variable, scale) = columns[at];
+        if let Some(row) = first.get(&place.row)
+            && (value * scale).abs() > SMALL
+        {
+            rows[row + r].by.push((variable, value * scale));
+        }
+    };
+    let mean_scale = 2. * layout.constants.moment_scale / layout.constants.interval;
+    for (interval, bends) in layout.momentum_intervals.iter().zip(&bends) {
+        for (at, bend) in bends {
+            (0..3).for_each(|d| put(&interval.angular, 3 + d, *at, bend.mean[d] * mean_scale));
+        }
+    }
+    for instant in &layout.reach_instants {
+        let weights = &instant.base.deviation_weights;
+        for (at, bend) in &bends[instant.base.interval as usize] {
+            let pose: [f64; 6] = std::array::from_fn(|d| weights.iter().zip(&bend.pose).map(|(w, pose)| w * pose[d]).sum());
+            if pose.iter().all(|p| p.abs() < 0.01 * SMALL) {
+                continue;
+            }
+            for foot in &layout.reach_feet[instant.feet.range()] {
+                // The rows by the pose stand after those by the variables, `[3][6]`.
+                let by_pose = &here.jacobian[foot.place.jacobian as usize + 3 * foot.place.stride as usize..];
+                for r in 0..3 {
+                    put(&foot.place, r, *at, (0..6).map(|d| by_pose[6 * r + d] * pose[d]).sum());
+                }
+            }
+        }
+    }
+}
+
+/// Boundaries that no row has to tell apart: foot, phase, and when they move rows, in intervals.
+type Colour = Vec<(usize, Range<f64>)>;
+
+/// Boundaries of phases in groups that move no row together.
+fn colours(space: &Space, point: &Point) -> Vec<Colour> {
+    let h = point.schedule.interval();
+    let mut all: Colour = Vec::new();
+    for (foot, of_foot) in space.variables.feet.iter().enumerate() {
+        let phases = &point.layout.curves.feet[foot].phases;
+        for (i, variable) in of_foot.boundaries.iter().enumerate() {
+            if let Some(at) = variable {
+                all.push((*at, (phases[i].start / h - 1e-3).floor()..(phases[i + 1].end / h + 1e-3).ceil()));
+            }
+        }
+    }
+    all.sort_by(|a, b| a.1.start.total_cmp(&b.1.start).then(a.0.cmp(&b.0)));
+    let mut colours: Vec<Colour> = Vec::new();
+    for boundary in all {
+        match colours.iter_mut().find(|c| c.last().is_none_or(|last| last.1.end <= boundary.1.start)) {
+            Some(colour) => colour.push(boundary),
+            None => colours.push(vec![boundary]),
+        }
+    }
+    colours
+}
+
+/// Adds the derivatives by boundaries of phases and by the interval.
+fn by_times(space: &Space, point: &Point, known_here: &[Known], here: &Values, rows: &mut [Row]) -> Result<()> {
+    let everywhere = f64::NEG_INFINITY..f64::INFINITY;
+    let interval = space.variables.interval.map(|at| vec![(at, everywhere)]);
+    let groups: Vec<Colour> = colours(space, point).into_iter().chain(interval).collect();
+    let moved = |group: &Colour, sign: f64| -> Result<(f64, Values)> {
+        let mut v = point.v.clone();
+        let step = if group.first().is_some_and(|(at, _)| Some(*at) == space.variables.interval) { v[group[0].0] } else { 1. };
+        group.iter().for_each(|(at, _)| v[*at] += sign * DIFFERENCE * step);
+        let there = space.point(v)?;
+        Ok((DIFFERENCE * step, Residuals::new(&there.layout, &there.x, false).values(&known(space, &there.layout))))
+    };
+    let differences = groups.par_iter().map(|group| {
+        let ((step, up), (_, down)) = (moved(group, 1.)?, moved(group, -1.)?);
+        // Where the number of rows changes with the interval, one side has to do.
+        let (up, down, width) = match (up.len() == here.len(), down.len() == here.len()) {
+            (true, true) => (up, down, 2. * step),
+            (true, false) => (up, here.clone(), step),
+            _ => (here.clone(), down, step),
+        };
+        Ok(up.iter().zip(&down).map(|(up, down)| (up.0 - down.0) / width).collect())
+    });
+    let differences: Vec<Vec<f64>> = differences.collect::<Result<_>>()?;
+    for (group, difference) in groups.iter().zip(&differences) {
+        let mut row = 0;
+        for element in known_here {
+            let touches = |window: &Range<f64>| window.start < element.window.end && element.window.start < window.end;
+            let everywhere = |window: &Range<f64>| window.start == f64::NEG_INFINITY;
+            let mover = group.iter().find(|(_, window)| everywhere(window) || touches(window));
+            for _ in 0..element.rows {
+                if let (Some((at, _)), Some(value)) = (mover, difference.get(row))
+                    && value.abs() > NOTHING
+                {
+                    rows[row].by.push((*at, *value));
+                }
+                row += 1;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Friction cones at force nodes and beside them, as [`cone`] has them.
+fn cones(layout: &Layout<f64>, x: &[f64], ground: &[Ground<f64>], columns: &[(usize, f64)]) -> Vec<Cone> {
+    let constants = &layout.constants;
+    let (friction, margin) = (constants.friction, constants.force_margin);
+    let of = |node: &cone::Cone<f64>| {
+        let at = node.node as usize;
+        let force: Vec3<f64> = std::array::from_fn(|d| x[at + d] + node.slope_weight * x[at + 3 + d]);
+        let [n, ..] = crate::rows::force::basis(&ground[node.foothold as usize]);
+        let normal = dot(n.unit, force);
+        let tangential = sub(force, scale(normal, n.unit));
+        let value = [friction * normal - margin, tangential[0], tangential[1], tangential[2]];
+        let mut by: [Gradient; 4] = Default::default();
+        let mut put = |variable: usize, derivative: [f64; 4]| {
+            for (by, d) in by.iter_mut().zip(derivative) {
+                if d != 0. {
+                    by.push((variable, d));
+                }
+            }
+        };
+        for part in 0..2 {
+            let weight = if part == 0 { 1. } else { node.slope_weight };
+            for d in 0..3 {
+                let t: Vec3<f64> = std::array::from_fn(|i| weight * (f64::from(u8::from(i == d)) - n.unit[d] * n.unit[i]));
+                put(columns[at + 3 * part + d].0, [friction * weight * n.unit[d], t[0], t[1], t[2]]);
+            }
+        }
+        let under = layout.footholds[node.foothold as usize] as usize;
+        for d in (0..2).filter(|d| under + d < layout.variables) {
+            let by_n = dot(n.by[d], force);
+            let t = scale(-1., add(scale(by_n, n.unit), scale(normal, n.by[d])));
+            put(columns[under + d].0, [friction * by_n, t[0], t[1], t[2]]);
+        }
+        Cone { value, by, margin }
+    };
+    layout.cones.iter().map(of).collect()
+}
+
+/// Phases are no shorter than they may be: `shortest - (end - start) h <= 0`, in intervals of the start.
+fn shortest_phases<'a>(space: &'a Space, point: &'a Point) -> impl Iterator<Item = Row> + 'a {
+    let h = point.schedule.interval();
+    let feet = space.variables.feet.iter().enumerate();
+    feet.flat_map(move |(foot, of_foot)| {
+        let phases = &point.layout.curves.feet[foot].phases;
+        (0..phases.len()).filter_map(move |i| {
+            let (start, end) = (i.checked_sub(1).and_then(|b| of_foot.boundaries[b]), of_foot.boundaries.get(i).copied().flatten());
+            let mut by = Gradient::new();
+            by.extend(start.map(|at| (at, h / space.interval)));
+            by.extend(end.map(|at| (at, -h / space.interval)));
+            by.extend(space.variables.interval.map(|at| (at, -phases[i].duration() / h / space.interval)));
+            let value = (space.shortest[foot][i] - phases[i].duration()) / space.interval;
+            (!by.is_empty()).then_some(Row { value, lower: None, by })
+        })
+    })
+}

@@ -1,0 +1,240 @@
+//! The variables of a refinement: those of the layout in an order that outlives it, and the times at which phases change.
+//!
+//! A [`Layout`] orders its variables by time, so that other durations make another order. Here blocks stand curve by curve: base knots, then
+//! foot by foot footholds, swing heights and force nodes. Their values are those of the layout but for the rates of the base: these are
+//! absolute, times `h / h_0`, where `h` is the interval of base knots and `h_0` the one at the start. Slopes of forces are per piece
+//! already. So a motion whose intervals become longer, and nothing else, takes the same way more slowly.
+//!
+//! Boundaries between phases follow, in intervals: a change of one concerns two phases alone, where a change of a duration would shift all that
+//! comes after it. Last, when the horizon is free, the interval: the number of intervals stays, and the horizon is that many of them.
+
+use super::RefineSettings;
+use crate::error::{Error, Result};
+use crate::gait::family::time_scale;
+use crate::gait::schedule::MIN_PHASE;
+use crate::gait::{AlignedSchedule, Schedule};
+use crate::nlp::Layout;
+use crate::rows::table::NONE;
+use crate::settings::TranscriptionSettings;
+use crate::task::Task;
+
+/// Distances that a step of trust 1 may go: base position, m,
+const POSITION_STEP: f64 = 0.05;
+/// attitude, rad,
+const ANGLE_STEP: f64 = 0.1;
+/// velocity, m/s, and angular velocity, rad/s,
+const RATE_STEP: f64 = 0.5;
+/// footholds, m,
+const FOOTHOLD_STEP: f64 = 0.05;
+/// swing heights, m,
+const HEIGHT_STEP: f64 = 0.05;
+/// forces, and their changes over a piece, in the weight per foot,
+const FORCE_STEP: f64 = 1.;
+/// boundaries of phases, [`time_scale`]s,
+const BOUNDARY_STEP: f64 = 0.1;
+/// and the interval, in intervals.
+const INTERVAL_STEP: f64 = 0.03;
+
+/// Where the variables stand. Nothing stands for what is fixed.
+#[derive(Debug, Clone)]
+pub(super) struct Variables {
+    /// Number of variables.
+    pub count: usize,
+    /// First variable of pose and rates at each knot in turn.
+    pub base: Vec<Option<usize>>,
+    /// Per foot.
+    pub feet: Vec<FootVariables>,
+    /// The interval.
+    pub interval: Option<usize>,
+    /// How far a step of trust 1 may go.
+    pub step: Vec<f64>,
+}
+
+/// First variables of one foot's blocks.
+#[derive(Debug, Clone, Default)]
+pub(super) struct FootVariables {
+    /// One a stance.
+    pub footholds: Vec<Option<usize>>,
+    /// One a swing.
+    pub heights: Vec<Option<usize>>,
+    /// Nodes of each stance's force.
+    pub force_nodes: Vec<Vec<Option<usize>>>,
+    /// Ends of all phases but the last; none when durations are fixed.
+    pub boundaries: Vec<Option<usize>>,
+}
+
+/// A place in the space of the variables, with the problem that it poses.
+#[derive(Debug, Clone)]
+pub(super) struct Point {
+    /// The variables.
+    pub v: Vec<f64>,
+    /// Phase durations.
+    pub schedule: AlignedSchedule,
+    /// Their problem.
+    pub layout: Layout<f64>,
+    /// Its variables, fixed values included.
+    pub x: Vec<f64>,
+}
+
+/// What is the same at all points.
+#[derive(Debug)]
+pub(super) struct Space<'a> {
+    pub task: &'a Task,
+    pub settings: &'a TranscriptionSettings,
+    pub variables: Variables,
+    /// Interval at the start, s.
+    pub interval: f64,
+    /// Number of intervals.
+    pub intervals: usize,
+    /// Ends of all phases but the last at the start, in intervals, `[feet][phases - 1]`.
+    boundaries: Vec<Vec<f64>>,
+    /// Shortest duration of each phase, s, `[feet][phases]`.
+    pub shortest: Vec<Vec<f64>>,
+}
+
+impl<'a> Space<'a> {
+    /// The space around a gait.
+    pub fn new(task: &'a Task, schedule: &AlignedSchedule, transcription: &'a TranscriptionSettings, settings: &RefineSettings) -> Self {
+        let layout = Layout::<f64>::new(task, schedule, transcription);
+        let (interval, intervals) = (schedule.interval(), schedule.count());
+        let mut space = Allot { layout: &layout, step: Vec::new() };
+        let base = layout.curves.base.iter().enumerate().map(|(i, &at)| {
+            let steps = if i % 2 == 0 { [POSITION_STEP, ANGLE_STEP] } else { [RATE_STEP; 2] };
+            space.block(at, &[[steps[0]; 3], [steps[1]; 3]].concat())
+        });
+        let base = base.collect();
+        let time = time_scale(&task.robot);
+        let feet = layout.curves.feet.iter().map(|foot| FootVariables {
+            footholds: foot.footholds.iter().map(|&at| space.block(at, &[FOOTHOLD_STEP; 2])).collect(),
+            heights: foot.heights.iter().map(|&at| space.block(at, &[HEIGHT_STEP])).collect(),
+            force_nodes: foot.force_nodes.iter().map(|nodes| nodes.iter().map(|&at| space.block(at, &[FORCE_STEP; 6])).collect()).collect(),
+            boundaries: vec![None; foot.phases.len() - 1],
+        });
+        let mut feet: Vec<FootVariables> = feet.collect();
+        let mut step = space.step;
+        let mut another = |by: f64| {
+            step.push(by);
+            step.len() - 1
+        };
+        if settings.durations {
+            for boundary in feet.iter_mut().flat_map(|f| &mut f.boundaries) {
+                *boundary = Some(another(BOUNDARY_STEP * time / interval));
+            }
+        }
+        let free = settings.horizon && feet.iter().any(|f| !f.boundaries.is_empty());
+        let of_interval = free.then(|| another(INTERVAL_STEP * interval));
+        let variables = Variables { count: step.len(), base, feet, interval: of_interval, step };
+        let phases = |foot: usize| schedule.phases(foot);
+        let ends = |foot: usize| phases(foot).iter().map(|p| p.end / interval).take(phases(foot).len() - 1).collect();
+        let least = (settings.shortest_phase * time).max(MIN_PHASE);
+        let shortest = |foot: usize| phases(foot).iter().map(|p| p.duration().min(least)).collect();
+        Space {
+            task,
+            settings: transcription,
+            variables,
+            interval,
+            intervals,
+            boundaries: (0..schedule.feet()).map(ends).collect(),
+            shortest: (0..schedule.feet()).map(shortest).collect(),
+        }
+    }
+
+    /// Interval at a point, s.
+    pub fn interval_at(&self, v: &[f64]) -> f64 {
+        self.variables.interval.map_or(self.interval, |at| v[at])
+    }
+
+    /// End of a phase, in intervals.
+    pub fn boundary(&self, v: &[f64], foot: usize, phase: usize) -> f64 {
+        self.variables.feet[foot].boundaries[phase].map_or(self.boundaries[foot][phase], |at| v[at])
+    }
+
+    /// The point at which the variables have these values.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] when a phase is shorter than schedules allow.
+    pub fn point(&self, v: Vec<f64>) -> Result<Point> {
+        let interval = self.interval_at(&v);
+        let durations = (0..self.boundaries.len()).map(|foot| {
+            let ends = (0..self.boundaries[foot].len()).map(|phase| self.boundary(&v, foot, phase) * interval);
+            let ends: Vec<f64> = std::iter::once(0.).chain(ends).chain([self.intervals as f64 * interval]).collect();
+            ends.windows(2).map(|w| w[1] - w[0]).collect()
+        });
+        let schedule = Schedule::new(durations.collect())?.aligned(interval);
+        if schedule.count() != self.intervals {
+            return Err(Error::invalid("durations", format!("{} intervals", schedule.count()), format!("{} intervals", self.intervals)));
+        }
+        let layout = Layout::<f64>::new(self.task, &schedule, self.settings);
+        let mut x = layout.initial.clone();
+        self.pairs(&layout, |at, variable, of_rate| x[at] = of_rate.map_or(v[variable], |(scale, line)| v[variable] * scale - line));
+        Ok(Point { v, schedule, layout, x })
+    }
+
+    /// The point with the schedule of another one and values of its layout.
+    pub fn moved(&self, point: Point, x: Vec<f64>) -> Point {
+        let mut v = point.v;
+        self.pairs(&point.layout, |at, variable, of_rate| v[variable] = of_rate.map_or(x[at], |(scale, line)| (x[at] + line) / scale));
+        Point { v, x, ..point }
+    }
+
+    /// The point of a gait.
+    pub fn start(&self, schedule: &AlignedSchedule, x: &[f64]) -> Point {
+        let mut v = vec![0.; self.variables.count];
+        for (foot, ends) in self.variables.feet.iter().zip(&self.boundaries) {
+            for (at, end) in foot.boundaries.iter().zip(ends) {
+                if let Some(at) = at {
+                    v[*at] = *end;
+                }
+            }
+        }
+        if let Some(at) = self.variables.interval {
+            v[at] = self.interval;
+        }
+        let layout = Layout::<f64>::new(self.task, schedule, self.settings);
+        self.moved(Point { v, schedule: schedule.clone(), layout, x: x.to_vec() }, x.to_vec())
+    }
+
+    /// Visits every free value of a layout: its position in `x`, its variable, and, when it is a rate, its scale and the rate of the
+    /// reference line: `x = v scale - line`.
+    fn pairs(&self, layout: &Layout<f64>, mut visit: impl FnMut(usize, usize, Option<(f64, f64)>)) {
+        let mut block = |at: u32, variable: Option<usize>, len: usize, line: Option<&[f64; 6]>| {
+            if let Some(first) = variable {
+                let scale = self.interval / layout.curves.interval;
+                (0..len).for_each(|d| visit(at as usize + d, first + d, line.map(|l| (scale, l[d]))));
+            }
+        };
+        let line = layout.momentum_intervals.first().map(|i| i.rate).unwrap_or_default();
+        for (i, (&at, &variable)) in layout.curves.base.iter().zip(&self.variables.base).enumerate() {
+            block(at, variable, 6, (i % 2 == 1).then_some(&line));
+        }
+        for (blocks, variables) in layout.curves.feet.iter().zip(&self.variables.feet) {
+            blocks.footholds.iter().zip(&variables.footholds).for_each(|(&at, &v)| block(at, v, 2, None));
+            blocks.heights.iter().zip(&variables.heights).for_each(|(&at, &v)| block(at, v, 1, None));
+            let nodes = blocks.force_nodes.iter().flatten().zip(variables.force_nodes.iter().flatten());
+            nodes.for_each(|(&at, &v)| block(at, v, 6, None));
+        }
+    }
+
+    /// Variable of each position in `x`, and the derivative of that value by it.
+    pub fn columns(&self, layout: &Layout<f64>) -> Vec<(usize, f64)> {
+        let mut columns = vec![(usize::MAX, 0.); layout.variables];
+        self.pairs(layout, |at, variable, of_rate| columns[at] = (variable, of_rate.map_or(1., |(scale, _)| scale)));
+        columns
+    }
+}
+
+/// Gives blocks their first variables.
+struct Allot<'a> {
+    layout: &'a Layout<f64>,
+    step: Vec<f64>,
+}
+
+impl Allot<'_> {
+    fn block(&mut self, at: u32, steps: &[f64]) -> Option<usize> {
+        if at == NONE || at as usize >= self.layout.variables {
+            return None;
+        }
+        self.step.extend_from_slice(steps);
+        Some(self.step.len() - steps.len())
+    }
+}
