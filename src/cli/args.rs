@@ -202,7 +202,7 @@ pub struct LowerArgs {
 }
 
 impl LowerArgs {
-    /// Settings of the lower level; keys that begin with `search.` are left alone.
+    /// Settings of the lower level; keys that begin with `search.` or `refine.` are left alone.
     ///
     /// * `legs` - what legs can do, unless it is set
     pub fn settings(&self, legs: Legs) -> Result<LowerSettings> {
@@ -218,7 +218,7 @@ impl LowerArgs {
         if self.smooth {
             solver.smooth.iterations = SMOOTH_ITERATIONS;
         }
-        let sets = self.set.iter().filter(|s| !s.starts_with("search."));
+        let sets = self.set.iter().filter(|s| !(s.starts_with("search.") || s.starts_with("refine.")));
         let transcription = TranscriptionSettings { legs, ..TranscriptionSettings::of(rows) };
         let settings = apply(LowerSettings { transcription, solver, precision }, "", sets.map(String::as_str))?;
         settings.validate()?;

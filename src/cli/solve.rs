@@ -8,12 +8,14 @@ use crate::gait::Schedule;
 use crate::gait::cost::Cost;
 use crate::gait::family::GaitFamily;
 use crate::nlp::transcription;
-use crate::report::result::{GaitResult, Run, SolvedOn};
+use crate::refine::RefineSettings;
+use crate::report::result::{GaitResult, Refinement, Run, SolvedOn};
 use crate::report::{SolveResult, files, gait_diagram};
 use crate::scenario::Scenario;
 use crate::search::cem::objective::OBJECTIVES;
 use crate::search::cem::{Objective, Sampler};
-use crate::search::{Gaits, Progress, Search, SearchSettings};
+use crate::search::evaluate::LowerSettings;
+use crate::search::{Gaits, Progress, Search, SearchResult, SearchSettings};
 use crate::settings::Legs;
 use crate::task::Task;
 use clap::Args;
@@ -21,6 +23,8 @@ use clap::builder::PossibleValuesParser;
 use serde::Deserialize;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+use std::time::Instant;
 
 #[derive(Debug, Args)]
 pub struct Solve {
@@ -66,6 +70,9 @@ pub struct Solve {
     /// Gaits to return: the best, and the best of other families
     #[arg(long, value_name = "K", default_value_t = 1)]
     alternatives: usize,
+    /// Bring the gait to a local optimum of its cost, phase durations among the variables
+    #[arg(long)]
+    refine: bool,
     /// Plain random sampling: never update the distribution
     #[arg(long)]
     random: bool,
@@ -94,13 +101,9 @@ impl Solve {
 
         let search = Search::new(&task).settings(settings.clone()).lower(lower.clone()).seed(self.seed).cancelled_by(&CANCELLED);
         let terminal = std::io::stderr().is_terminal();
-        let found = search
-            .on_progress(move |progress| {
-                if terminal {
-                    tell(progress)
-                }
-            })
-            .run(&*backend)?;
+        let search = if terminal { search.on_progress(tell) } else { search };
+        let mut found = search.run(&*backend)?;
+        let refined = if self.refine && found.best.feasible() { Some(self.refine(&task, &settings, &lower, &mut found)?) } else { None };
 
         let target = scenario.filter(|_| self.goal.is_none()).map(|_| self.target);
         let name = scenario.map(|s| s.name);
@@ -113,7 +116,7 @@ impl Solve {
             search: &settings,
             lower: &lower,
         };
-        let result = SolveResult::new(&run, &found, SolvedOn::new(&*backend, lower.precision));
+        let result = SolveResult::new(&run, &found, refined.as_ref(), SolvedOn::new(&*backend, lower.precision));
         if let Some(folder) = &self.out {
             let gaits = std::iter::once(&found.best).chain(&found.alternatives);
             let trajectories: Vec<String> = gaits
@@ -125,6 +128,16 @@ impl Solve {
         }
         print(&if self.json { to_json(&result)? } else { self.text(&result)? })?;
         Ok(if result.feasible { Verdict::Feasible } else { Verdict::Infeasible })
+    }
+
+    /// Refines the best gait in its place.
+    fn refine(&self, task: &Task, search: &SearchSettings, lower: &LowerSettings, found: &mut SearchResult) -> Result<Refinement> {
+        let sets = self.lower.set.iter().filter_map(|s| s.strip_prefix("refine."));
+        let settings = apply(RefineSettings::default(), "refine.", sets)?;
+        let start = Instant::now();
+        let (best, refined) = found.best.refined(task, search, lower, &settings, &|| CANCELLED.load(Ordering::Relaxed))?;
+        found.best = best;
+        Ok(Refinement { refined, settings, seconds: start.elapsed().as_secs_f64() })
     }
 
     fn task(&self, scenario: Option<&Scenario>) -> Result<Task> {
@@ -184,6 +197,13 @@ impl Solve {
         text += &format!("\n{verdict} in {:.3} s ({}; candidates: {evaluated}, generations: {generations})\n", result.seconds, result.stop);
         if let Some(after) = result.first_feasible_seconds {
             text += &format!("first feasible gait after {after:.3} s\n");
+        }
+        if let Some(Refinement { refined, seconds, .. }) = &result.refinement {
+            let residual = refined.optimality.map_or("-".into(), |o| format!("{:.1e}", o.residual()));
+            text += &format!(
+                "refined in {seconds:.2} s ({}, {} convex problems, optimality residual {residual}): cost {:.3} before; {} durations moved, by up to {:.3} s\n",
+                refined.status, refined.iterations, refined.before.total, refined.changed, refined.largest_change
+            );
         }
         text += &gait_text(&result.gait);
         text += &format!("\n{}", gait_diagram(&Schedule::new(result.gait.durations.clone())?));

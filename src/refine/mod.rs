@@ -106,6 +106,19 @@ pub enum RefineStatus {
     NotClosed,
 }
 
+impl std::fmt::Display for RefineStatus {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            RefineStatus::Optimal => "optimal",
+            RefineStatus::Settled => "settled",
+            RefineStatus::Stalled => "stalled",
+            RefineStatus::MaxIterations => "iteration limit",
+            RefineStatus::Cancelled => "cancelled",
+            RefineStatus::NotClosed => "not closed",
+        })
+    }
+}
+
 /// How far a point is from a local optimum. Dimensionless: in costs of the gait, by trust lengths of the variables.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Optimality {
@@ -125,13 +138,15 @@ impl Optimality {
 }
 
 /// A refined gait.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize)]
 pub struct Refined {
     /// How it ended.
     pub status: RefineStatus,
     /// Phase durations.
+    #[serde(skip)]
     pub schedule: AlignedSchedule,
     /// Values of the variables, as in [`Layout::initial`] of that schedule.
+    #[serde(skip)]
     pub x: Vec<f64>,
     /// Cost of the given gait.
     pub before: Cost,

@@ -4,6 +4,7 @@ use crate::backend::{Backend, Fallback, Precision};
 use crate::gait::family::GaitFamily;
 use crate::reference::ipopt::Statistics;
 use crate::reference::job::Answer;
+use crate::refine::{RefineSettings, Refined};
 use crate::search::cem::{GenerationRecord, StopReason};
 use crate::search::evaluate::{Evaluated, LowerSettings};
 use crate::search::{Gait, Improvement, SearchResult, SearchSettings};
@@ -164,6 +165,9 @@ pub struct SolveResult<'a> {
     pub seconds: f64,
     /// The best gait.
     pub gait: GaitResult,
+    /// How it was refined, if it was: the gait and its certificate are those after it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub refinement: Option<&'a Refinement>,
     /// Its certificate.
     pub certificate: &'a Report,
     /// The best of other families.
@@ -172,6 +176,18 @@ pub struct SolveResult<'a> {
     pub improvements: &'a [Improvement],
     /// The search by generation.
     pub generations: &'a [GenerationRecord],
+}
+
+/// What became of the best gait when it was refined.
+#[derive(Debug, Clone, Serialize)]
+pub struct Refinement {
+    /// How it went.
+    #[serde(flatten)]
+    pub refined: Refined,
+    /// Settings.
+    pub settings: RefineSettings,
+    /// Time, s.
+    pub seconds: f64,
 }
 
 /// What a run was asked to do, for its result.
@@ -196,7 +212,7 @@ pub struct Run<'a> {
 
 impl<'a> SolveResult<'a> {
     /// The result of a search.
-    pub fn new(run: &'a Run<'a>, found: &'a SearchResult, solved_on: SolvedOn) -> SolveResult<'a> {
+    pub fn new(run: &'a Run<'a>, found: &'a SearchResult, refinement: Option<&'a Refinement>, solved_on: SolvedOn) -> SolveResult<'a> {
         let best = &found.best;
         SolveResult {
             version: env!("CARGO_PKG_VERSION"),
@@ -214,6 +230,7 @@ impl<'a> SolveResult<'a> {
             first_feasible_seconds: found.first_feasible_after,
             seconds: found.seconds,
             gait: GaitResult::new(best),
+            refinement,
             certificate: best.certificate(),
             alternatives: found.alternatives.iter().map(GaitResult::new).collect(),
             improvements: &found.improvements,

@@ -268,7 +268,19 @@ fn certify(
         Precision::F32 => close(&layout, solution.outcome, solution.x, &settings.solver, cancel),
         Precision::F64 => (solution.outcome, solution.x),
     };
-    let trajectory = trajectory(task, &layout, &x);
+    examined(task, &problem.schedule, &layout, (outcome, x), settings, weights)
+}
+
+/// A solution with its violations, its cost and its sizes.
+pub(super) fn examined(
+    task: &Task,
+    schedule: &AlignedSchedule,
+    layout: &Layout<f64>,
+    (outcome, x): (Outcome, Vec<f64>),
+    settings: &LowerSettings,
+    weights: Option<&CostWeights>,
+) -> Evaluated {
+    let trajectory = trajectory(task, layout, &x);
     let rows = verify_rows(&trajectory, &task.robot, &task.terrain, force_limit(&settings.transcription, task));
     let (n_violated, max_violation, feasible) = rows.map_or((usize::MAX, f64::NAN, false), |r| (r.n_violated, r.max_violation, r.feasible));
     let cost = weights.filter(|_| feasible).and_then(|weights| cost(&trajectory, &task.robot, task.robot.leg_mass(), weights).ok());
@@ -283,7 +295,7 @@ fn certify(
         transcription: settings.transcription.rows,
         cost,
         mean_normal_force: mean_normal_force(task, &trajectory),
-        schedule: problem.schedule.clone(),
+        schedule: schedule.clone(),
         x,
     }
 }

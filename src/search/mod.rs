@@ -19,7 +19,9 @@ use crate::backend::Backend;
 use crate::error::{Error, Result};
 use crate::gait::family::{GaitFamily, families};
 use crate::gait::{Schedule, Trajectory};
+use crate::nlp::Layout;
 use crate::nlp::transcription::force_limit;
+use crate::refine::{RefineSettings, Refined, refine};
 use crate::task::Task;
 use crate::verify::{Report, verify};
 use batch::{Clock, Timed};
@@ -27,7 +29,7 @@ use cem::{
     Candidate, CemSettings, Distribution, Evaluator, FreeDistribution, Generation, GenerationRecord, PeriodicDistribution,
     PerturbDistribution, StopReason, Stopping,
 };
-use evaluate::{Evaluated, LowerSettings};
+use evaluate::{Evaluated, LowerSettings, examined};
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
@@ -61,6 +63,37 @@ impl Gait {
     /// Its schedule, whose feet all end with the motion.
     pub fn schedule(&self) -> &Schedule {
         &self.candidate.solution.schedule
+    }
+
+    /// With its motion and its certificate.
+    fn new(family: Option<GaitFamily>, candidate: Candidate<Evaluated>, task: &Task, lower: &LowerSettings) -> Result<Gait> {
+        let trajectory = candidate.solution.trajectory(task, &lower.transcription);
+        let certificate = verify(&trajectory, &task.robot, &task.terrain, force_limit(&lower.transcription, task))?;
+        Ok(Gait { family, candidate, trajectory, certificate })
+    }
+
+    /// Brought to a local optimum of its cost, phase durations among the variables; see [`refine`]. A gait that is not certified stays as it is.
+    ///
+    /// * `task`, `search`, `lower` - those that it was found with
+    /// * `cancelled` - asked now and then whether to end with the best so far
+    ///
+    /// # Errors
+    /// As [`refine`].
+    pub fn refined(
+        &self,
+        task: &Task,
+        search: &SearchSettings,
+        lower: &LowerSettings,
+        settings: &RefineSettings,
+        cancelled: Cancelled,
+    ) -> Result<(Gait, Refined)> {
+        let Evaluated { outcome, schedule, x, .. } = &self.candidate.solution;
+        let refined = refine(task, schedule, x, &lower.transcription, &search.cost, settings, cancelled)?;
+        let layout = Layout::<f64>::new(task, &refined.schedule, &lower.transcription);
+        let solution = examined(task, &refined.schedule, &layout, (*outcome, refined.x.clone()), lower, Some(&search.cost));
+        let (old, as_drawn) = (&self.candidate, self.candidate.schedule.clone());
+        let candidate = Candidate::new(&search.cem(1), old.generation, old.index, as_drawn, solution.evaluation(), solution);
+        Ok((Gait::new(self.family, candidate, task, lower)?, refined))
     }
 }
 
@@ -426,12 +459,7 @@ impl Session<'_, '_> {
 
     /// The result, with motions and certificates of what is returned.
     fn finish(self, stop: StopReason, lower: &LowerSettings, first_feasible_after: Option<f64>) -> Result<SearchResult> {
-        let limit = force_limit(&lower.transcription, self.task);
-        let gait = |(family, candidate): (Option<GaitFamily>, Candidate<Evaluated>)| -> Result<Gait> {
-            let trajectory = candidate.solution.trajectory(self.task, &lower.transcription);
-            let certificate = verify(&trajectory, &self.task.robot, &self.task.terrain, limit)?;
-            Ok(Gait { family, candidate, trajectory, certificate })
-        };
+        let gait = |(family, candidate): (Option<GaitFamily>, Candidate<Evaluated>)| Gait::new(family, candidate, self.task, lower);
         let best = self.best.or(self.nearest).ok_or_else(|| Error::Ended { message: format!("no candidate was solved ({stop})") })?;
         let mut others: Vec<(GaitFamily, Candidate<Evaluated>)> =
             self.by_family.into_iter().filter(|(family, _)| Some(*family) != best.0).collect();
