@@ -597,11 +597,12 @@ mod tests {
         let force = curve(1., &[at([-100., 0., 0.], [200., 0., 0.]), at([100., 0., 0.], [200., 0., 0.])]);
         let c = priced(&trajectory(vec![1.], base, of(still([0.; 3])), of(still([0.; 3])), force));
         let w = monoped().weight();
-        near(c.leg_work, 50. / w);
+        // The shares along and across the leg are no parabolas.
+        assert!((c.leg_work * w - 50.).abs() < 1e-4, "{}", c.leg_work * w);
         near(c.peak_force, 100. / w);
         // int (200 t - 100)^2 = 1e4 / 3.
         near(c.effort, 1e4 / 3. / (w * w));
-        near(c.total, 50. / w + c.effort * (9.80665f64 * 0.58).sqrt());
+        near(c.total, c.leg_work + c.effort * (9.80665f64 * 0.58).sqrt());
     }
 
     #[test]
