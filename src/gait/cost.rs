@@ -20,8 +20,8 @@
 //! too. Per distance it makes slow gaits dear, as swing work does fast ones.
 //!
 //! # Weights
-//! All three are 1. With less than about 0.7 of effort the trot of a quadruped is the cheapest gait at every speed; from there on a walk is at
-//! low speeds, since more feet share the weight. That is the range of electric legs as well, whose motors heat more than they work:
+//! All three are 1. With less than about 0.7 of effort a trot is ANYmal's cheapest gait at every speed; from there on a walk is at low
+//! speeds, since more feet share the weight. Longer legs walk with less of it, too. That is the range of electric legs as well, whose motors heat more than they work:
 //! at weight 1 a quadruped of 30 kg and half a metre spends 160 W on standing. The atlases in `benches/README.md` show what comes out.
 //!
 //! Quantities of a single curve are exact, by Bernstein polynomials: they integrate to the mean of their coefficients and lie below the
