@@ -39,7 +39,7 @@ pub struct Atlas {
     #[arg(long, value_name = "SHARE,...", value_delimiter = ',')]
     duties: Vec<f64>,
     /// Slopes of the ground, rise over run; default level
-    #[arg(long, value_name = "SLOPE,...", value_delimiter = ',', allow_negative_numbers = true)]
+    #[arg(long, value_name = "SLOPE,...", value_delimiter = ',', allow_hyphen_values = true)]
     slopes: Vec<f64>,
     /// Time at even speed that costs are taken from, s; default 8 sqrt(l / g)
     #[arg(long, value_name = "S")]
