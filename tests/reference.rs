@@ -208,7 +208,7 @@ fn expected(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> (Vec<f64>,
                 let row = force_nodes.next().unwrap().place.inequality as usize;
                 let (normal, limit) = (n.dot(&f), task.terrain.friction * n.dot(&f));
                 let sides = [
-                    normal - force_limit(Transcription::Towr, task),
+                    normal - force_limit(&towr(), task),
                     tangents[0].dot(&f) - limit,
                     -tangents[0].dot(&f) - limit,
                     tangents[1].dot(&f) - limit,
@@ -377,9 +377,9 @@ fn rows_that_were_eliminated_hold_at_any_point() {
     for (seed, case) in cases().iter().enumerate() {
         let layout = layout_with::<f64>(&case.task, &case.schedule, &towr());
         let x = point(&layout, &mut Random::new(seed as u64), 0.);
-        let limit = |rows| force_limit(rows, &case.task);
+        let limit = |settings: &TranscriptionSettings| force_limit(settings, &case.task);
         let nodes = trajectory(&case.task, &layout, &x);
-        let report = verify_rows(&nodes, &case.task.robot, &case.task.terrain, limit(Transcription::Towr)).unwrap();
+        let report = verify_rows(&nodes, &case.task.robot, &case.task.terrain, limit(&towr())).unwrap();
         for family in [Family::BaseAcceleration, Family::Swing, Family::Bounds, Family::Structure] {
             assert_eq!(report.family(family).violated, 0, "{}\n{report}", case.name);
         }
@@ -388,7 +388,7 @@ fn rows_that_were_eliminated_hold_at_any_point() {
         let layout = layout_with::<f64>(&case.task, &case.schedule, &TranscriptionSettings::default());
         let x = point(&layout, &mut Random::new(seed as u64), 0.);
         let nodes = trajectory(&case.task, &layout, &x);
-        let report = verify_rows(&nodes, &case.task.robot, &case.task.terrain, limit(Transcription::Momentum)).unwrap();
+        let report = verify_rows(&nodes, &case.task.robot, &case.task.terrain, limit(&TranscriptionSettings::default())).unwrap();
         for family in [Family::Bounds, Family::Structure] {
             assert_eq!(report.family(family).violated, 0, "{}\n{report}", case.name);
         }
@@ -678,7 +678,7 @@ fn state(settings: &TranscriptionSettings) -> State {
     State { rows, slacks: Slacks { slack, multiplier, slack_step, multiplier_step }, layout, x }
 }
 
-fn states() -> [State; 2] {
+fn states() -> [State; 3] {
     transcriptions().map(|settings| state(&settings))
 }
 
