@@ -83,10 +83,7 @@ fn solve(backend: &dyn Backend, task: &Task, schedules: &[Schedule], lower: &Low
 fn main() -> Result<()> {
     let arguments = arguments()?;
     let task = Scenario::named(&arguments.scenario)?.task(10)?;
-    let lower = LowerSettings {
-        transcription: TranscriptionSettings::paper(arguments.rows),
-        ..LowerSettings::default()
-    };
+    let lower = LowerSettings { transcription: TranscriptionSettings::paper(arguments.rows), ..LowerSettings::default() };
     let open = || -> Result<Gpu> {
         let gpu = Gpu::open(arguments.device.as_deref(), true, 0)?;
         Ok(match arguments.slots {

@@ -48,7 +48,11 @@ fn pair(task: &Task, schedule: &Schedule, settings: &LowerSettings, backend: &Cp
         let start = Instant::now();
         let results = evaluate(&[(task, schedule)], settings, None, backend, false, &|| false)?;
         let result = results.into_iter().next().flatten();
-        Ok::<_, Error>((start.elapsed().as_secs_f64(), result.as_ref().is_some_and(|r| r.feasible), result.map_or(0, |r| r.outcome.iterations)))
+        Ok::<_, Error>((
+            start.elapsed().as_secs_f64(),
+            result.as_ref().is_some_and(|r| r.feasible),
+            result.map_or(0, |r| r.outcome.iterations),
+        ))
     };
     let interval = transcription::interval(&settings.transcription, &task.robot);
     let other = || {

@@ -121,7 +121,11 @@ fn robots_and_terrains_share_a_batch_and_few_slots_give_the_same() {
     let gpu = gpu.with_slots(3);
     let by_threes = solve_on(&gpu, &problems, &settings);
     for (index, (a, b)) in at_once.iter().flatten().zip(by_threes.iter().flatten()).enumerate() {
-        assert_eq!((a.outcome.iterations, a.outcome.factorisations, &a.x), (b.outcome.iterations, b.outcome.factorisations, &b.x), "candidate {index}");
+        assert_eq!(
+            (a.outcome.iterations, a.outcome.factorisations, &a.x),
+            (b.outcome.iterations, b.outcome.factorisations, &b.x),
+            "candidate {index}"
+        );
         assert_eq!(a.x.len(), theirs[index].as_ref().unwrap().x.len(), "candidate {index}");
     }
 }
@@ -223,7 +227,12 @@ fn every_status_of_a_solve_is_reported() {
     let statuses: Vec<Status> = solve_on(&*gpu, &problems, &settings).iter().flatten().map(|e| e.outcome.status).collect();
     assert!(statuses.contains(&Status::Solved) && statuses.contains(&Status::Stalled), "{statuses:?}");
     settings.solver.max_iterations = 1;
-    assert!(solve_on(&*gpu, &problems, &settings).iter().flatten().all(|e| e.outcome.status == Status::MaxIterations && e.outcome.iterations == 1));
+    assert!(
+        solve_on(&*gpu, &problems, &settings)
+            .iter()
+            .flatten()
+            .all(|e| e.outcome.status == Status::MaxIterations && e.outcome.iterations == 1)
+    );
 }
 
 #[test]

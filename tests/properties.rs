@@ -53,19 +53,21 @@ fn transcription() -> impl Strategy<Value = TranscriptionSettings> {
     let goal_velocity = prop_oneof![Just(GoalVelocity::Zero), Just(GoalVelocity::Free)];
     let numbers = (0.04..0.4, 0.03..0.3, 2..6usize);
     let legs = prop_oneof![Just(Legs::Limited), Just(Legs::Free)];
-    (rows, legs, goal_velocity, any::<bool>(), numbers).prop_map(|(rows, legs, goal_velocity, cone, (interval, reach_interval, force_pieces))| {
-        TranscriptionSettings {
-            rows,
-            legs,
-            goal_velocity,
-            // TOWR has a pyramid.
-            friction: if cone && rows == Transcription::Momentum { Friction::Cone } else { Friction::Pyramid },
-            interval: Some(interval),
-            reach_interval,
-            force_pieces,
-            ..TranscriptionSettings::default()
-        }
-    })
+    (rows, legs, goal_velocity, any::<bool>(), numbers).prop_map(
+        |(rows, legs, goal_velocity, cone, (interval, reach_interval, force_pieces))| {
+            TranscriptionSettings {
+                rows,
+                legs,
+                goal_velocity,
+                // TOWR has a pyramid.
+                friction: if cone && rows == Transcription::Momentum { Friction::Cone } else { Friction::Pyramid },
+                interval: Some(interval),
+                reach_interval,
+                force_pieces,
+                ..TranscriptionSettings::default()
+            }
+        },
+    )
 }
 
 fn end(durations: &[f64]) -> f64 {
@@ -139,7 +141,10 @@ fn check_sizes(layout: &Layout<f32>, schedule: &Schedule, settings: &Transcripti
     let accelerations = if momentum && settings.legs == Legs::Limited { swings } else { 0 };
     // The normal force has two sides; the pyramid has four rows beside it, the cone one.
     let (friction, pyramids, cones) = if settings.friction == Friction::Cone { (1, 0, forces) } else { (4, forces, 0) };
-    prop_assert_eq!(layout.rows, layout.equalities + 3 * reach + (1 + friction) * forces + per_swing * swings + strides + 2 * accelerations);
+    prop_assert_eq!(
+        layout.rows,
+        layout.equalities + 3 * reach + (1 + friction) * forces + per_swing * swings + strides + 2 * accelerations
+    );
     prop_assert_eq!(layout.inequalities, 6 * reach + (2 + friction) * forces + sides * per_swing * swings + strides + 2 * accelerations);
     let count = |family| layout.elements.iter().filter(|e| e.family == family).count();
     prop_assert_eq!([Family::Dynamics, Family::LinearMomentum, Family::AngularMomentum].map(count), balance);

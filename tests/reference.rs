@@ -3,8 +3,8 @@
 mod common;
 
 use common::{
-    Random, Rows, dense_inequalities, dense_jacobian, frozen_at, gait, hills, layout_with, one_sided, point, rows, rows_with, spider,
-    straight, task, task_for, towr, transcriptions,
+    Random, Rows, dense_inequalities, dense_jacobian, frozen_at, gait, hills, layout_with, momentum, one_sided, point, rows, rows_with,
+    spider, straight, task, task_for, towr, transcriptions,
 };
 use cregopt::gait::{Curve, FootCurves, Schedule, Trajectory};
 use cregopt::linear::forward::forward;
@@ -370,6 +370,39 @@ fn node_values_give_the_momentum_residuals() {
         let c = expected_momentum(&case.task, &trajectory(&case.task, &layout, &x), &layout);
         assert_close(&rows_with(&layout, &x, 0., &mut straight(&layout)).c, &c, RESIDUAL_TOLERANCE, &case.name);
     }
+}
+
+/// Acceleration at both ends of a piece of a curve: by `p'' = (6 (q - p) - d (4 v + 2 w)) / d^2` at its start.
+fn accelerations(curve: &Curve, piece: usize) -> [Vector3<f64>; 2] {
+    let d = curve.poly_durations[piece];
+    let part = |node: usize, from: usize| Vector3::from_column_slice(&curve.nodes[node][from..from + 3]);
+    let (way, v, w) = (part(piece + 1, 0) - part(piece, 0), part(piece, 3), part(piece + 1, 3));
+    [(6. * way - d * (4. * v + 2. * w)) / (d * d), (d * (2. * v + 4. * w) - 6. * way) / (d * d)]
+}
+
+#[test]
+fn node_values_give_the_accelerations_of_swinging_feet() {
+    for (seed, case) in cases().iter().enumerate() {
+        let layout = layout_with::<f64>(&case.task, &case.schedule, &TranscriptionSettings::default());
+        let x = point(&layout, &mut Random::new(seed as u64), 0.);
+        let rows = rows(&layout, &x, 0.);
+        let nodes = trajectory(&case.task, &layout, &x);
+        let mut entries = layout.accelerations.iter();
+        for (foot, durations) in nodes.ee.iter().zip(&nodes.durations) {
+            for swing in 0..durations.len() / 2 {
+                // Of motion a stance has one piece, a swing two.
+                let [up, down] = [1, 2].map(|piece| accelerations(&foot.motion, 3 * swing + piece).map(|a| a.norm()));
+                let row = |a: f64| ((a / (20. * GRAVITY)).powi(2) - 1. + 2e-3) / 2.;
+                let at = entries.next().unwrap().place.inequality as usize;
+                assert_close(&rows.g[at..at + 2], &[row(up[0]), row(down[1])], RESIDUAL_TOLERANCE, &case.name);
+                // About the middle it is not accelerated harder: no row is missing there.
+                assert!(up[1].max(down[0]) <= (1. + 1e-9) * up[0].max(down[1]), "{}: {up:?}, {down:?}", case.name);
+            }
+        }
+        assert!(entries.next().is_none() && layout.accelerations.len() > 4);
+    }
+    let case = &cases()[0];
+    assert!(layout_with::<f64>(&case.task, &case.schedule, &momentum()).accelerations.is_empty(), "free legs have no limit");
 }
 
 #[test]

@@ -235,7 +235,8 @@ fn population() -> (Task, Vec<Schedule>) {
 /// Everything but the clock.
 fn same(a: &Evaluated, b: &Evaluated) -> bool {
     let numbers = |e: &Evaluated| [e.max_violation, e.mean_normal_force, e.horizon].map(f64::to_bits);
-    let counts = |e: &Evaluated| (e.outcome.status, e.feasible, e.outcome.iterations, e.outcome.factorisations, e.n_violated, e.n_variables);
+    let counts =
+        |e: &Evaluated| (e.outcome.status, e.feasible, e.outcome.iterations, e.outcome.factorisations, e.n_violated, e.n_variables);
     a.schedule == b.schedule && a.x == b.x && numbers(a) == numbers(b) && counts(a) == counts(b)
 }
 
@@ -306,8 +307,7 @@ fn reference_candidates_are_solved_in_both_precisions() {
         }
         // Counted again, from what the user gets.
         let task = &candidate.task;
-        let rows =
-            verify_rows(&narrow.trajectory(task, &towr()), &task.robot, &task.terrain, force_limit(&towr(), task)).unwrap();
+        let rows = verify_rows(&narrow.trajectory(task, &towr()), &task.robot, &task.terrain, force_limit(&towr(), task)).unwrap();
         if (narrow.feasible, narrow.n_violated) != (rows.n_violated == 0, rows.n_violated) {
             failures.push(format!("{name}: feasible {}, {} violated, {} counted", narrow.feasible, narrow.n_violated, rows.n_violated));
         }
@@ -330,9 +330,7 @@ fn momentum_gaits_of_the_biped_hold_between_the_instants() {
     let tasks: Vec<Task> = chosen.iter().map(|_| Scenario::named("biped").unwrap().task(10).unwrap()).collect();
     let pairs: Vec<(&Task, &Schedule)> = tasks.iter().zip(&chosen).map(|(task, c)| (task, &c.schedule)).collect();
     for precision in [Precision::F32, Precision::F64] {
-        for (index, evaluated) in
-            evaluate_all(&pairs, &lower(momentum(), precision), 2).into_iter().flatten().enumerate()
-        {
+        for (index, evaluated) in evaluate_all(&pairs, &lower(momentum(), precision), 2).into_iter().flatten().enumerate() {
             let trajectory = &evaluated.trajectory(&tasks[0], &momentum());
             assert!(evaluated.feasible, "candidate {index}, {precision:?}: {} rows violated", evaluated.n_violated);
             let report = verify(trajectory, &tasks[0].robot, &tasks[0].terrain, force_limit(&momentum(), &tasks[0])).unwrap();
@@ -411,13 +409,8 @@ fn the_papers_search_finds_a_gait_and_the_same_one_on_two_threads() {
     };
     let (one, two) = (run(1), run(2));
     assert!(one.evaluation.feasible && one.evaluation.n_violated == 0);
-    let rows = verify_rows(
-        &one.solution.trajectory(&task, &momentum()),
-        &task.robot,
-        &task.terrain,
-        force_limit(&momentum(), &task),
-    )
-    .unwrap();
+    let rows =
+        verify_rows(&one.solution.trajectory(&task, &momentum()), &task.robot, &task.terrain, force_limit(&momentum(), &task)).unwrap();
     assert!(rows.feasible, "{rows}");
     assert_eq!((one.generation, one.index, &one.schedule), (two.generation, two.index, &two.schedule));
     assert!(same(&one.solution, &two.solution));
