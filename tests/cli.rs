@@ -779,26 +779,43 @@ fn wait(child: &mut std::process::Child, limit: Duration) -> std::process::ExitS
     }
 }
 
+/// Starts a search with an output folder `out`, and interrupts it some time after the folder is there, which is made after the handler.
 #[cfg(unix)]
-#[test]
-fn ctrl_c_ends_a_search_with_the_best_so_far() {
-    let dir = folder();
-    let args = "solve --scenario s1 --preset experiment3 --objective fewest-stances --population 512 --out out";
+fn interrupted(folder: &Path, args: &str, after: Duration) -> std::process::ExitStatus {
     let mut child = std::process::Command::new(PROGRAM)
-        .args(args.split(' '))
-        .current_dir(dir.path())
+        .args(args.split_whitespace())
+        .current_dir(folder)
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
-    // The folder is made after the handler.
     let start = Instant::now();
-    while !dir.path().join("out").exists() && start.elapsed() < Duration::from_secs(10) {
-        std::thread::sleep(Duration::from_millis(20));
+    while !folder.join("out").exists() && start.elapsed() < Duration::from_secs(10) {
+        std::thread::sleep(Duration::from_millis(2));
     }
-    std::thread::sleep(Duration::from_secs(1));
+    std::thread::sleep(after);
     assert!(std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
-    let status = wait(&mut child, Duration::from_secs(5));
+    wait(&mut child, Duration::from_secs(20))
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_before_anything_is_solved_is_no_usage_error() {
+    // Hundreds of seconds of ANYmal: none is solved at once.
+    let dir = folder();
+    let args = "solve --scenario s1 --goal 60,0 --preset experiment3 --set search.free.min_stances=90 --set search.free.max_stances=98 \
+                --device cpu --threads 1 --out out";
+    assert_eq!(interrupted(dir.path(), args, Duration::ZERO).code(), Some(3));
+    assert!(!dir.path().join("out/result.json").exists());
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_ends_a_search_with_the_best_so_far() {
+    let dir = folder();
+    // Small enough that many are solved within a second, wherever this runs.
+    let args = "solve --scenario biped --preset experiment3 --objective fewest-stances --population 512 --out out";
+    let status = interrupted(dir.path(), args, Duration::from_secs(1));
     assert!(matches!(status.code(), Some(0 | 3)), "{status:?}");
     let result = read(dir.path().join("out/result.json"));
     assert_eq!(result["stop"], "cancelled");
@@ -969,7 +986,7 @@ fn a_bad_experiment_exits_2_or_4_and_names_what_is_wrong() {
     run(folder.path(), "experiment 1 --methods snopt").ends_with(2).says(&["snopt", "contact-implicit"]);
     run(folder.path(), "experiment 3 --methods random").ends_with(2).says(&["--methods: random", "experiment 3"]);
     run(folder.path(), "experiment 1 --replicates 0").ends_with(2).says(&["--replicates", "at least 1"]);
-    run(folder.path(), "experiment 3 --populations 70000 --methods cregopt").ends_with(2).says(&["search.population", "65536"]);
+    run(folder.path(), "experiment 3 --populations 70000 --methods cregopt").ends_with(2).says(&["search.free.population", "65536"]);
     fs::create_dir(folder.path().join("e")).unwrap();
     fs::write(folder.path().join("e/experiment1.jsonl"), "{\"experiment\": 1}\n").unwrap();
     run(folder.path(), "experiment 1 --methods cregopt --out e").ends_with(4).says(&["experiment1.jsonl", "line 1", "missing field"]);
