@@ -8,12 +8,12 @@ use cregopt::backend::{Backend, Cpu, Gpu, Job, Precision, Problem, Solution};
 use cregopt::gait::Schedule;
 use cregopt::nlp::transcription;
 use cregopt::scenario::Scenario;
-use cregopt::search::cem::{self, CemSettings, Evaluate, Evaluation};
+use cregopt::search::cem::{self, CemSettings, Evaluation, Evaluator, FreeDistribution};
 use cregopt::search::evaluate::{LowerSettings, evaluate};
 use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::task::Task;
 use cregopt::{Error, Result};
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 struct Arguments {
@@ -47,17 +47,13 @@ fn arguments() -> Result<Arguments> {
 /// Keeps the first generation of a search.
 struct Keep(Vec<Schedule>, f64, Instant);
 
-impl Evaluate for Keep {
+impl Evaluator for Keep {
     type Solution = ();
 
     fn evaluate(&mut self, _generation: usize, schedules: &[Schedule], _first_feasible: bool) -> Vec<Option<(Evaluation, ())>> {
         self.1 = self.2.elapsed().as_secs_f64();
         self.0 = schedules.to_vec();
-        schedules.iter().map(|_| Some((Evaluation { n_violated: 1, feasible: false, mean_normal_force: 0. }, ()))).collect()
-    }
-
-    fn cancelled(&self) -> bool {
-        false
+        schedules.iter().map(|_| Some((Evaluation { n_violated: 1, feasible: false, mean_normal_force: 0., cost: None }, ()))).collect()
     }
 }
 
@@ -65,7 +61,7 @@ impl Evaluate for Keep {
 fn population(task: &Task, count: usize) -> Result<(Vec<Schedule>, f64, f64)> {
     let settings = CemSettings { population: count, elites: (count / 4).max(1), generations: 1, ..CemSettings::preset("experiment1")? };
     let mut keep = Keep(Vec::new(), 0., Instant::now());
-    cem::run(&settings, task.robot.feet(), 1, &mut keep, &mut |_| ())?;
+    cem::run(&settings, FreeDistribution::initial(&settings, task.robot.feet())?, 1, 0, &mut keep, &mut |_| ())?;
     let whole = keep.2.elapsed().as_secs_f64();
     Ok((keep.0, keep.1, whole - keep.1))
 }
@@ -87,10 +83,7 @@ fn solve(backend: &dyn Backend, task: &Task, schedules: &[Schedule], lower: &Low
 fn main() -> Result<()> {
     let arguments = arguments()?;
     let task = Scenario::named(&arguments.scenario)?.task(10)?;
-    let lower = LowerSettings {
-        transcription: TranscriptionSettings { rows: arguments.rows, ..TranscriptionSettings::default() },
-        ..LowerSettings::default()
-    };
+    let lower = LowerSettings { transcription: TranscriptionSettings::paper(arguments.rows), ..LowerSettings::default() };
     let open = || -> Result<Gpu> {
         let gpu = Gpu::open(arguments.device.as_deref(), true, 0)?;
         Ok(match arguments.slots {
@@ -122,7 +115,7 @@ fn main() -> Result<()> {
         let (cpu_seconds, cpu_solved) = solve(&cpu, &task, &schedules, &lower);
         let candidates: Vec<(&Task, &Schedule)> = schedules.iter().map(|s| (&task, s)).collect();
         let start = Instant::now();
-        evaluate(&candidates, &lower, &gpu, false, &AtomicBool::new(false))?;
+        evaluate(&candidates, &lower, None, &gpu, false, &|| false)?;
         let certified = start.elapsed().as_secs_f64();
         let each = |total: f64| total / count as f64;
         println!(

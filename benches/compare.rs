@@ -12,12 +12,11 @@ use cregopt::reference::ipopt::{self, Options};
 use cregopt::reference::job::Job;
 use cregopt::scenario::{SCENARIOS, Scenario, TARGETS};
 use cregopt::search::cem::random::Draws;
-use cregopt::search::cem::{CemSettings, Distribution};
+use cregopt::search::cem::{CemSettings, Distribution, FreeDistribution};
 use cregopt::search::evaluate::{LowerSettings, evaluate};
 use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::task::Task;
 use cregopt::{Error, Result};
-use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 /// One candidate, solved twice.
@@ -47,9 +46,13 @@ fn arguments() -> Result<(usize, u64)> {
 fn pair(task: &Task, schedule: &Schedule, settings: &LowerSettings, backend: &Cpu, own_first: bool) -> Result<Pair> {
     let own = || {
         let start = Instant::now();
-        let results = evaluate(&[(task, schedule)], settings, backend, false, &AtomicBool::new(false))?;
+        let results = evaluate(&[(task, schedule)], settings, None, backend, false, &|| false)?;
         let result = results.into_iter().next().flatten();
-        Ok::<_, Error>((start.elapsed().as_secs_f64(), result.as_ref().is_some_and(|r| r.feasible), result.map_or(0, |r| r.iterations)))
+        Ok::<_, Error>((
+            start.elapsed().as_secs_f64(),
+            result.as_ref().is_some_and(|r| r.feasible),
+            result.map_or(0, |r| r.outcome.iterations),
+        ))
     };
     let interval = transcription::interval(&settings.transcription, &task.robot);
     let other = || {
@@ -76,8 +79,7 @@ fn main() -> Result<()> {
     let (count, seed) = arguments()?;
     ipopt::check()?;
     let backend = Cpu::new(1)?;
-    let towr = TranscriptionSettings { rows: Transcription::Towr, ..TranscriptionSettings::default() };
-    let settings = LowerSettings { transcription: towr, ..LowerSettings::default() };
+    let settings = LowerSettings { transcription: TranscriptionSettings::paper(Transcription::Towr), ..LowerSettings::default() };
     let search = CemSettings::preset("experiment1")?;
     println!(
         "cregopt {}, f32 closed in f64, and Ipopt {}; one core each, in turns",
@@ -95,8 +97,8 @@ fn main() -> Result<()> {
         for candidate in 0..count {
             let mut task = scenario.task(1 + (7 * candidate) % TARGETS)?;
             task.force_limit = Some(FORCE_LIMIT);
-            let distribution = Distribution::initial(&search, task.robot.feet());
-            let schedule = distribution.sample(&search, Draws::new(seed, 0, candidate)).schedule(&search)?;
+            let distribution = FreeDistribution::initial(&search, task.robot.feet())?;
+            let schedule = distribution.schedule(&distribution.sample(Draws::new(seed, 0, candidate)))?;
             pairs.push(pair(&task, &schedule, &settings, &backend, candidate % 2 == 0)?);
         }
         let feasible = |who: fn(&Pair) -> bool| pairs.iter().filter(|p| who(p)).count();

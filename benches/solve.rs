@@ -1,4 +1,4 @@
-//! One thread, the 16 reference candidates of target 10 of each scenario.
+//! One thread, the 16 reference candidates of target 10 of each scenario, in `momentum` with free legs.
 //!
 //! * `solve/<scenario>/<precision>` - layout, solve and certification of all 16, whether they are solved or not
 //! * `layout/<scenario>` - their tables alone
@@ -12,14 +12,18 @@ use cregopt::nlp::transcription::interval;
 use cregopt::rows;
 use cregopt::scenario::{SCENARIOS, Scenario};
 use cregopt::search::evaluate::{LowerSettings, evaluate};
+use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::solver::start::column_scaling;
 use cregopt::task::Task;
 use criterion::{BenchmarkId, Criterion, SamplingMode, Throughput};
 use std::hint::black_box;
-use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 const TARGET: usize = 10;
+
+fn transcription() -> TranscriptionSettings {
+    TranscriptionSettings::paper(Transcription::Momentum)
+}
 
 /// A line of the reference data.
 #[derive(serde::Deserialize)]
@@ -44,19 +48,19 @@ fn solve(c: &mut Criterion, scenario: &Scenario, task: &Task, schedules: &[Sched
     group.warm_up_time(Duration::from_millis(500)).measurement_time(Duration::from_secs(4));
     group.throughput(Throughput::Elements(candidates.len() as u64));
     for (name, precision) in [("f32", Precision::F32), ("f64", Precision::F64)] {
-        let settings = LowerSettings { precision, ..LowerSettings::default() };
-        let run = || evaluate(&candidates, &settings, &backend, false, &AtomicBool::new(false)).expect("valid candidates");
+        let settings = LowerSettings { precision, transcription: transcription(), ..LowerSettings::default() };
+        let run = || evaluate(&candidates, &settings, None, &backend, false, &|| false).expect("valid candidates");
         let results = run();
         // What was measured: a fast solve that fails is no fast solve.
         let feasible = results.iter().flatten().filter(|r| r.feasible).count();
-        let iterations: usize = results.iter().flatten().map(|r| r.iterations).sum();
+        let iterations: usize = results.iter().flatten().map(|r| r.outcome.iterations).sum();
         println!("solve/{}/{name}: {feasible} of {} feasible, {iterations} iterations", scenario.name, candidates.len());
         group.bench_function(BenchmarkId::new(scenario.name, name), |b| b.iter(|| black_box(run())));
     }
 }
 
 fn layout(c: &mut Criterion, scenario: &Scenario, task: &Task, schedules: &[Schedule]) {
-    let settings = LowerSettings::default().transcription;
+    let settings = transcription();
     let aligned: Vec<AlignedSchedule> = schedules.iter().map(|s| s.aligned(interval(&settings, &task.robot))).collect();
     let mut group = c.benchmark_group("layout");
     group.warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(2)).sample_size(20);
@@ -82,7 +86,7 @@ struct Linearised {
 
 impl Linearised {
     fn new(task: &Task, schedule: &Schedule) -> Linearised {
-        let settings = LowerSettings::default().transcription;
+        let settings = transcription();
         let layout = Layout::<f32>::new(task, &schedule.aligned(interval(&settings, &task.robot)), &settings);
         let mut shared = rows::Shared::default();
         shared.resize(&layout);

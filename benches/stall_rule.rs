@@ -8,8 +8,8 @@ use cregopt::nlp::Layout;
 use cregopt::nlp::transcription::interval;
 use cregopt::scenario::{SCENARIOS, Scenario};
 use cregopt::search::cem::random::Draws;
-use cregopt::search::cem::{CemSettings, Distribution};
-use cregopt::settings::{SolverSettings, StallSettings, TranscriptionSettings};
+use cregopt::search::cem::{CemSettings, Distribution, FreeDistribution};
+use cregopt::settings::{SolverSettings, StallSettings, Transcription, TranscriptionSettings};
 use cregopt::solver::{Finish, Outcome, Solver, Status};
 use cregopt::task::Task;
 use cregopt::{Error, Result};
@@ -75,12 +75,12 @@ fn candidates() -> Result<usize> {
 
 fn draw(task: &Task, target: usize, index: usize) -> Result<Schedule> {
     let settings = CemSettings::preset("experiment1")?;
-    let distribution = Distribution::initial(&settings, task.robot.feet());
-    distribution.sample(&settings, Draws::new(SEED, target, index)).schedule(&settings)
+    let distribution = FreeDistribution::initial(&settings, task.robot.feet())?;
+    distribution.schedule(&distribution.sample(Draws::new(SEED, target, index)))
 }
 
 fn solve(task: &Task, target: usize, index: usize) -> Result<Pair> {
-    let transcription = TranscriptionSettings::default();
+    let transcription = TranscriptionSettings::paper(Transcription::Momentum);
     let layout = Layout::<f32>::new(task, &draw(task, target, index)?.aligned(interval(&transcription, &task.robot)), &transcription);
     let outcome = |enabled| {
         let stall = StallSettings { enabled, ..StallSettings::default() };

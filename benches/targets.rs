@@ -7,9 +7,9 @@ use cregopt::backend::{Backend, Cpu};
 use cregopt::experiment::summary::Spread;
 use cregopt::nlp::transcription::towr::FORCE_LIMIT;
 use cregopt::scenario::{SCENARIOS, Scenario, TARGETS};
-use cregopt::search::cem::CemSettings;
+use cregopt::search::cem::{CemSettings, FreeDistribution};
 use cregopt::search::evaluate::LowerSettings;
-use cregopt::search::search;
+use cregopt::search::{BatchSolver, search_with};
 use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::{Error, Result};
 use std::sync::atomic::AtomicBool;
@@ -43,8 +43,7 @@ fn arguments() -> Result<(u64, usize, Transcription)> {
 
 fn run(scenario: &Scenario, rows: Transcription, whole_generation: bool, seeds: u64, backend: &dyn Backend) -> Result<Vec<Run>> {
     let settings = CemSettings { whole_generation, ..CemSettings::preset("experiment1")? };
-    let transcription = TranscriptionSettings { rows, ..TranscriptionSettings::default() };
-    let lower = LowerSettings { transcription, ..LowerSettings::default() };
+    let lower = LowerSettings { transcription: TranscriptionSettings::paper(rows), ..LowerSettings::default() };
     let mut runs = Vec::new();
     for target in 1..=TARGETS {
         let mut task = scenario.task(target)?;
@@ -52,7 +51,9 @@ fn run(scenario: &Scenario, rows: Transcription, whole_generation: bool, seeds: 
             task.force_limit = Some(FORCE_LIMIT);
         }
         for seed in 1..=seeds {
-            let found = search(&task, &settings, &lower, seed, backend, &AtomicBool::new(false), &mut |_| ())?;
+            let level = BatchSolver { task: &task, settings: &lower, backend, cost: None };
+            let distribution = FreeDistribution::initial(&settings, task.robot.feet())?;
+            let found = search_with(&level, distribution, &settings, seed, &AtomicBool::new(false), &mut |_| ())?;
             runs.push(Run {
                 first: found.first_feasible_after,
                 seconds: found.seconds,

@@ -56,8 +56,13 @@ impl Task {
     /// [`Error::Invalid`] when the goal is off the terrain, or a number is out of its limits.
     pub fn new(robot: impl Into<Arc<Robot>>, terrain: impl Into<Arc<Terrain>>, goal: Goal) -> Result<Task> {
         let (robot, terrain, Goal { xy: [x, y], z, yaw }) = (robot.into(), terrain.into(), goal);
-        terrain.check_inside("goal", x, y)?;
-        let base_target = [x, y, z.unwrap_or(robot.base_height + terrain.height(x, y))];
+        let base_target = match z {
+            Some(z) => [x, y, z],
+            None => {
+                terrain.check_inside("goal", x, y)?;
+                [x, y, robot.base_height + terrain.height(x, y)]
+            }
+        };
         let task = Task { robot, terrain, base_target, yaw_target: yaw, force_limit: None };
         task.validate()?;
         Ok(task)

@@ -97,7 +97,7 @@ fn own_terrain() -> Value {
 #[test]
 fn a_feasible_gait_exits_0_and_help_says_what_the_codes_mean() {
     let dir = folder();
-    let ran = run(dir.path(), "solve --scenario s1");
+    let ran = run(dir.path(), "solve --scenario s1 --first");
     ran.ends_with(0);
     for part in ["seed 1", "gait found", "foot 3", "feasible: 0 of"] {
         assert!(ran.stdout.contains(part), "no `{part}` in: {}", ran.stdout);
@@ -110,7 +110,7 @@ fn a_feasible_gait_exits_0_and_help_says_what_the_codes_mean() {
 #[test]
 fn an_infeasible_budget_exits_3_and_still_writes_the_best_candidate() {
     let dir = folder();
-    let ran = run(dir.path(), "solve --scenario s1 --goal 60,0 --generations 1 --out far");
+    let ran = run(dir.path(), "solve --scenario s1 --preset experiment1 --goal 60,0 --generations 1 --out far");
     assert!(ran.ends_with(3).stdout.contains("no feasible gait"));
     let result = read(dir.path().join("far/result.json"));
     assert_eq!((&result["feasible"], &result["stop"]), (&json!(false), &json!("generation-limit")));
@@ -119,15 +119,24 @@ fn an_infeasible_budget_exits_3_and_still_writes_the_best_candidate() {
     assert_eq!(result["first_feasible_seconds"], Value::Null);
     run(dir.path(), "verify far/trajectory.json").ends_with(3);
 
-    let few = "solve --scenario s1 --generations 1 --no-heuristic --set search.min_stances=2 --set search.max_stances=2 --out few";
+    let few = "solve --scenario s1 --preset experiment1 --generations 1 --out few --set search.free.heuristic=false \
+               --set search.free.min_stances=2 --set search.free.max_stances=2";
     run(dir.path(), few).ends_with(3);
     assert!(dir.path().join("few/trajectory.json").exists());
+
+    // Feet that may not carry the robot.
+    let weak =
+        "solve --robot biped --goal 0.3,0 --force-limit 20 --generations 0 --set search.further_generations=0 --alternatives 2 --out weak";
+    let ran = run(dir.path(), weak);
+    assert!(ran.ends_with(3).stdout.contains("no feasible gait"));
+    assert_eq!(read(dir.path().join("weak/result.json"))["alternatives"], json!([]));
+    assert_holds_only(&dir.path().join("weak"), &["result.json", "trajectory.json"]);
 }
 
 #[test]
 fn usage_errors_exit_2_and_name_flag_value_and_limit() {
     let dir = folder();
-    let cases: [(&str, &[&str]); 34] = [
+    let cases: [(&str, &[&str]); 41] = [
         ("", &["Usage"]),
         ("swim", &["swim"]),
         ("solve", &["robot"]),
@@ -161,6 +170,13 @@ fn usage_errors_exit_2_and_name_flag_value_and_limit() {
         ("solve --scenario s1 --set transcription.clearance=-1", &["transcription.clearance", "-1", "0 to 10"]),
         ("solve --scenario s1 --set transcription.foot_speed=0", &["transcription.foot_speed", "0.1 to 1000"]),
         ("solve --scenario s1 --set search.elites=17", &["elites", "17", "1 to 16"]),
+        ("solve --scenario s1 --set transcription.foot_acceleration=0", &["transcription.foot_acceleration", "1 to 1000000"]),
+        ("solve --scenario s1 --set transcription.legs=strong", &["transcription.legs", "strong", "limited", "free"]),
+        ("solve --scenario s1 --set search.free.floor=2", &["search.free.floor", "0 to 1"]),
+        ("solve --scenario s1 --gait nonsense", &["gait", "nonsense", "trot", "rotary-gallop", "tripod"]),
+        ("solve --scenario biped --gait walk,trot", &["trot", "this robot", "walk, run, hop"]),
+        ("solve --scenario s1 --alternatives 0", &["search.alternatives", "0", "1 to 100"]),
+        ("solve --scenario s1 --time=-1", &["search.seconds", "-1", "0 to"]),
         ("verify", &["FILE"]),
     ];
     for (command, parts) in cases {
@@ -184,7 +200,7 @@ fn a_population_that_overflows_in_a_product_is_refused() {
 #[test]
 fn the_result_has_everything_that_repeats_the_run() {
     let dir = folder();
-    run(dir.path(), "solve --scenario s2 --target 3 --seed 5 --threads 2 --out out").ends_with(0);
+    run(dir.path(), "solve --scenario s2 --target 3 --seed 5 --threads 2 --first --out out").ends_with(0);
     let result = read(dir.path().join("out/result.json"));
     let keys = [
         "version",
@@ -208,6 +224,8 @@ fn the_result_has_everything_that_repeats_the_run() {
         "seconds",
         "gait",
         "certificate",
+        "alternatives",
+        "improvements",
         "generations",
     ];
     for key in keys {
@@ -237,7 +255,7 @@ fn the_result_has_everything_that_repeats_the_run() {
 #[test]
 fn json_on_stdout_is_result_json() {
     let dir = folder();
-    let ran = run(dir.path(), "solve --scenario biped --out out --json");
+    let ran = run(dir.path(), "solve --robot biped --goal 0.5,0 --out out --json");
     assert_eq!(ran.ends_with(0).stdout, fs::read_to_string(dir.path().join("out/result.json")).unwrap());
 }
 
@@ -245,10 +263,15 @@ fn json_on_stdout_is_result_json() {
 fn the_same_seed_gives_the_same_gait_at_any_number_of_threads() {
     let dir = folder();
     for (seed, threads, out) in [(1, 1, "a"), (1, 2, "b"), (2, 2, "c")] {
-        run(dir.path(), &format!("solve --scenario s3 --seed {seed} --threads {threads} --out {out}")).ends_with(0);
+        run(dir.path(), &format!("solve --robot biped --goal 0.8,0.1 --seed {seed} --threads {threads} --out {out}")).ends_with(0);
     }
     let trajectory = |out: &str| fs::read_to_string(dir.path().join(out).join("trajectory.json")).unwrap();
-    let gait = |out: &str| read(dir.path().join(out).join("result.json"))["gait"].clone();
+    // Everything but the clock.
+    let gait = |out: &str| {
+        let mut gait = read(dir.path().join(out).join("result.json"))["gait"].take();
+        assert!(gait.as_object_mut().unwrap().remove("seconds").is_some_and(|seconds| seconds.is_f64()));
+        gait
+    };
     assert_eq!(trajectory("a"), trajectory("b"));
     assert_eq!(gait("a"), gait("b"));
     assert_ne!(gait("a")["durations"], gait("c")["durations"]);
@@ -276,13 +299,13 @@ fn goal_yaw_files_and_settings_are_taken() {
     fs::remove_file(dir.path().join("robot.json")).unwrap();
     run(dir.path(), "verify out/trajectory.json").ends_with(0);
 
-    run(dir.path(), "solve --robot anymal --goal=-0.5,0.2,0.48 --out back").ends_with(0);
+    run(dir.path(), "solve --robot anymal --goal=-0.5,0.2,0.48 --first --out back").ends_with(0);
     assert_eq!(read(dir.path().join("back/result.json"))["base_target"], json!([-0.5, 0.2, 0.48]));
 }
 
 /// Solves with some flags: the result, the trajectory and the report of `verify`.
 fn solve(folder: &Path, flags: &str) -> (Value, Value, Value) {
-    run(folder, &format!("solve {flags} --out out")).ends_with(0);
+    run(folder, &format!("solve {flags} --first --out out")).ends_with(0);
     let verified = run(folder, "verify out/trajectory.json --json");
     let mut reports: Value = serde_json::from_str(&verified.ends_with(0).stdout).unwrap();
     (read(folder.join("out/result.json")), read(folder.join("out/trajectory.json")), reports[0].take())
@@ -297,8 +320,14 @@ fn rows(report: &Value, family: &str) -> u64 {
 #[test]
 fn momentum_is_the_default_transcription_and_towr_can_be_asked_for() {
     let dir = folder();
-    // Three weights of ANYmal; what TOWR has for any robot.
-    for (flags, name, limit) in [("", "momentum", 3. * 29.5 * 9.80665), (" --transcription towr", "towr", 1000.)] {
+    // 1.2 weights of ANYmal, three where legs are free; what TOWR has for any robot.
+    let weight = 29.5 * 9.80665;
+    for (flags, name, limit) in [
+        ("", "momentum", 1.2 * weight),
+        (" --set transcription.legs=free", "momentum", 3. * weight),
+        (" --preset experiment1", "momentum", 3. * weight),
+        (" --transcription towr", "towr", 1000.),
+    ] {
         let (result, trajectory, report) = solve(dir.path(), &format!("--scenario s1{flags}"));
         assert_eq!((&result["transcription"], &result["lower"]["transcription"]["rows"]), (&json!(name), &json!(name)));
         assert_eq!(trajectory["transcription"], name);
@@ -310,10 +339,14 @@ fn momentum_is_the_default_transcription_and_towr_can_be_asked_for() {
             assert_eq!(rows(&report, family) > 0, momentum, "{family}");
         }
         assert_eq!((rows(&report, "dynamics") > 0, trajectory["limits"].is_object()), (!momentum, momentum));
-        let ran = run(dir.path(), &format!("solve --scenario s1{flags}"));
+        let free = flags.contains("free") || flags.contains("preset");
+        assert_eq!(result["lower"]["transcription"]["legs"], if free { "free" } else { "limited" });
+        assert_eq!(trajectory["limits"]["foot_acceleration"].is_f64(), momentum && !free);
+        let ran = run(dir.path(), &format!("solve --scenario s1{flags} --first"));
         assert!(ran.ends_with(0).stdout.contains(&format!("{name} rows")), "{}", ran.stdout);
 
         write_lines(dir.path(), &[standing().to_string()]);
+        let flags = flags.replace(" --preset experiment1", " --set transcription.legs=free");
         run(dir.path(), &format!("evaluate in.jsonl --robot anymal{flags} --out out.jsonl")).ends_with(0);
         assert_eq!(read_lines(dir.path().join("out.jsonl"))[0]["result"]["transcription"], name);
     }
@@ -354,6 +387,58 @@ fn the_goal_velocity_is_zero_unless_it_is_free() {
     moving["limits"]["goal_velocity"] = json!("zero");
     fs::write(dir.path().join("moving.json"), moving.to_string()).unwrap();
     assert!(run(dir.path(), "verify moving.json").ends_with(3).stdout.contains("final"));
+}
+
+#[test]
+fn a_gait_of_an_earlier_run_is_a_place_to_start_from() {
+    let dir = folder();
+    let command = |more: &str| format!("solve --robot biped --goal 0.5,0 {more}");
+    run(dir.path(), &command("--first --out first")).ends_with(0);
+    let first = read(dir.path().join("first/result.json"))["gait"].take();
+    // A line of schedules.
+    fs::write(dir.path().join("line.json"), json!({"durations": first["durations"], "note": "mine"}).to_string()).unwrap();
+    let mut results = Vec::new();
+    for (file, out) in [("first/result.json", "a"), ("first/trajectory.json", "b"), ("line.json", "c")] {
+        run(dir.path(), &command(&format!("--gait {file} --population 4 --generations 1 --out {out}"))).ends_with(0);
+        let result = read(dir.path().join(out).join("result.json"));
+        assert_eq!(result["search"]["gaits"]["around"], first["durations"]);
+        // It is the first that is evaluated, and nothing dearer is returned.
+        let objective = |of: &Value| of["objective"].as_f64().unwrap();
+        assert!((objective(&result["improvements"][0]) - objective(&first)).abs() < 1e-6, "{}", result["improvements"]);
+        assert!(objective(&result["gait"]) >= objective(&result["improvements"][0]));
+        results.push(result["gait"]["durations"].clone());
+    }
+    assert!(results[0] == results[1] && results[0] == results[2]);
+
+    for (text, parts) in
+        [("{}", ["missing field", "durations"]), ("{", ["EOF", ""]), (r#"{"durations": [[0.5, 0.5]]}"#, ["odd number", "foot 0"])]
+    {
+        fs::write(dir.path().join("odd.json"), text).unwrap();
+        run(dir.path(), &command("--gait odd.json")).ends_with(4).says(&["odd.json"]).says(&parts);
+    }
+    run(dir.path(), &command("--gait none.json")).ends_with(4).says(&["none.json"]);
+    fs::write(dir.path().join("odd.json"), r#"{"durations": [[0.5], [0.5], [0.5], [0.5]]}"#).unwrap();
+    run(dir.path(), &command("--gait odd.json")).ends_with(2).says(&["durations", "4 feet", "2 feet", "biped"]);
+}
+
+#[test]
+fn alternatives_have_files_of_their_own_and_leave_none_behind() {
+    let dir = folder();
+    let out = dir.path().join("out");
+    let command = |k: usize| format!("solve --robot biped --goal 0.5,0 --generations 0 --alternatives {k} --out out");
+    let ran = run(dir.path(), &command(2));
+    assert!(ran.ends_with(0).stdout.contains("alternative"), "{}", ran.stdout);
+    let result = read(out.join("result.json"));
+    let alternatives = result["alternatives"].as_array().unwrap();
+    assert!(alternatives.len() == 1 && alternatives[0]["family"] != result["gait"]["family"]);
+    assert!(alternatives[0]["objective"].as_f64().unwrap() <= result["gait"]["objective"].as_f64().unwrap());
+    assert_eq!(read(out.join("trajectory-2.json"))["durations"], alternatives[0]["durations"]);
+    run(dir.path(), "verify out/trajectory-2.json").ends_with(0);
+    // Nothing of it stays, and nothing else goes.
+    fs::write(out.join("trajectory-4.json"), "mine").unwrap();
+    let ran = run(dir.path(), &command(1));
+    assert!(!ran.ends_with(0).stdout.contains("alternative"), "{}", ran.stdout);
+    assert_holds_only(&out, &["result.json", "trajectory.json", "trajectory-4.json"]);
 }
 
 #[test]
@@ -694,26 +779,43 @@ fn wait(child: &mut std::process::Child, limit: Duration) -> std::process::ExitS
     }
 }
 
+/// Starts a search with an output folder `out`, and interrupts it some time after the folder is there, which is made after the handler.
 #[cfg(unix)]
-#[test]
-fn ctrl_c_ends_a_search_with_the_best_so_far() {
-    let dir = folder();
-    let args = "solve --scenario s1 --preset experiment3 --objective fewest-stances --population 512 --out out";
+fn interrupted(folder: &Path, args: &str, after: Duration) -> std::process::ExitStatus {
     let mut child = std::process::Command::new(PROGRAM)
-        .args(args.split(' '))
-        .current_dir(dir.path())
+        .args(args.split_whitespace())
+        .current_dir(folder)
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
-    // The folder is made after the handler.
     let start = Instant::now();
-    while !dir.path().join("out").exists() && start.elapsed() < Duration::from_secs(10) {
-        std::thread::sleep(Duration::from_millis(20));
+    while !folder.join("out").exists() && start.elapsed() < Duration::from_secs(10) {
+        std::thread::sleep(Duration::from_millis(2));
     }
-    std::thread::sleep(Duration::from_secs(1));
+    std::thread::sleep(after);
     assert!(std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
-    let status = wait(&mut child, Duration::from_secs(5));
+    wait(&mut child, Duration::from_secs(20))
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_before_anything_is_solved_is_no_usage_error() {
+    // Hundreds of seconds of ANYmal: none is solved at once.
+    let dir = folder();
+    let args = "solve --scenario s1 --goal 60,0 --preset experiment3 --set search.free.min_stances=90 --set search.free.max_stances=98 \
+                --device cpu --threads 1 --out out";
+    assert_eq!(interrupted(dir.path(), args, Duration::ZERO).code(), Some(3));
+    assert!(!dir.path().join("out/result.json").exists());
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_ends_a_search_with_the_best_so_far() {
+    let dir = folder();
+    // Small enough that many are solved within a second, wherever this runs.
+    let args = "solve --scenario biped --preset experiment3 --objective fewest-stances --population 512 --out out";
+    let status = interrupted(dir.path(), args, Duration::from_secs(1));
     assert!(matches!(status.code(), Some(0 | 3)), "{status:?}");
     let result = read(dir.path().join("out/result.json"));
     assert_eq!(result["stop"], "cancelled");
@@ -724,7 +826,7 @@ fn ctrl_c_ends_a_search_with_the_best_so_far() {
 #[test]
 fn a_closed_pipe_does_not_panic() {
     let dir = folder();
-    for (args, expected) in [("solve --scenario s1", 0), ("list", 0), ("solve --scenario s9", 2)] {
+    for (args, expected) in [("solve --scenario s1 --first", 0), ("list", 0), ("solve --scenario s9", 2)] {
         let mut child = std::process::Command::new(PROGRAM)
             .args(args.split(' '))
             .current_dir(dir.path())
@@ -774,12 +876,13 @@ fn without_an_adapter_everything_else_works() {
     );
     run_without_drivers(dir.path(), "solve --scenario biped --device gpu").ends_with(5).says(&["a GPU was asked for", "no adapter"]);
     // A batch that is large enough to look for one: it says why it did not get it.
-    let ran = run_without_drivers(dir.path(), "solve --scenario biped --population 256 --json");
+    let ran = run_without_drivers(dir.path(), "solve --scenario biped --population 256 --first --json");
     ran.ends_with(0).says(&["on the CPU", "no adapter"]);
     let result: Value = serde_json::from_str(&ran.stdout).unwrap();
     assert!(result["device"].as_str().unwrap().starts_with("cpu, "), "{}", result["device"]);
+    assert_eq!(result["fallback"], Value::Null);
     // A small one does not look.
-    assert_eq!(run_without_drivers(dir.path(), "solve --scenario biped").ends_with(0).stderr, "");
+    assert_eq!(run_without_drivers(dir.path(), "solve --scenario biped --first").ends_with(0).stderr, "");
 }
 
 #[test]
@@ -883,7 +986,7 @@ fn a_bad_experiment_exits_2_or_4_and_names_what_is_wrong() {
     run(folder.path(), "experiment 1 --methods snopt").ends_with(2).says(&["snopt", "contact-implicit"]);
     run(folder.path(), "experiment 3 --methods random").ends_with(2).says(&["--methods: random", "experiment 3"]);
     run(folder.path(), "experiment 1 --replicates 0").ends_with(2).says(&["--replicates", "at least 1"]);
-    run(folder.path(), "experiment 3 --populations 70000 --methods cregopt").ends_with(2).says(&["search.population", "65536"]);
+    run(folder.path(), "experiment 3 --populations 70000 --methods cregopt").ends_with(2).says(&["search.free.population", "65536"]);
     fs::create_dir(folder.path().join("e")).unwrap();
     fs::write(folder.path().join("e/experiment1.jsonl"), "{\"experiment\": 1}\n").unwrap();
     run(folder.path(), "experiment 1 --methods cregopt --out e").ends_with(4).says(&["experiment1.jsonl", "line 1", "missing field"]);

@@ -4,14 +4,14 @@
 
 mod common;
 
-use common::{Random, gait, reference_candidates, task, towr};
+use common::{Random, gait, momentum, reference_candidates, task, towr};
 use cregopt::backend::gpu::Device;
-use cregopt::backend::{Backend, Cpu, Gpu, Precision};
+use cregopt::backend::{Backend, Cpu, Fallback, Gpu, Precision};
 use cregopt::gait::Schedule;
 use cregopt::scenario::SCENARIOS;
-use cregopt::search::cem::CemSettings;
+use cregopt::search::cem::{CemSettings, FreeDistribution};
 use cregopt::search::evaluate::{Evaluated, LowerSettings, evaluate};
-use cregopt::search::{Found, search};
+use cregopt::search::{BatchSolver, Found, search_with};
 use cregopt::settings::TranscriptionSettings;
 use cregopt::solver::Status;
 use cregopt::task::Task;
@@ -46,7 +46,15 @@ fn lower(transcription: TranscriptionSettings) -> LowerSettings {
 }
 
 fn solve_on(backend: &dyn Backend, candidates: &[(&Task, &Schedule)], lower: &LowerSettings) -> Vec<Option<Evaluated>> {
-    evaluate(candidates, lower, backend, false, &AtomicBool::new(false)).unwrap()
+    evaluate(candidates, lower, None, backend, false, &|| false).unwrap()
+}
+
+/// Asserts how many candidates a device left to the CPU, and why.
+fn left_to_the_cpu(gpu: &Gpu, candidates: usize, why: &str) {
+    let Fallback { candidates: left, reason } = gpu.fallback().expect("it says so");
+    assert_eq!(left, candidates);
+    assert!(reason.starts_with(why), "{reason}");
+    assert!(!gpu.device().contains("cpu"), "the name is that of the device: {}", gpu.device());
 }
 
 /// Asserts that both found the same candidates feasible, each certified in f64.
@@ -56,7 +64,7 @@ fn assert_same_verdicts(name: &str, ours: &[Option<Evaluated>], theirs: &[Option
     for (index, (a, b)) in ours.iter().zip(theirs).enumerate() {
         let (a, b) = (a.as_ref().expect("no candidate is lost"), b.as_ref().expect("no candidate is lost"));
         if a.feasible != b.feasible {
-            differing.push(format!("{index}: {} {} here, {} {} on the CPU", a.status, a.feasible, b.status, b.feasible));
+            differing.push(format!("{index}: {} {} here, {} {} on the CPU", a.outcome.status, a.feasible, b.outcome.status, b.feasible));
         }
     }
     assert!(differing.is_empty(), "{name}: {differing:#?}");
@@ -73,7 +81,7 @@ fn reference_batch(test: &str, transcription: TranscriptionSettings, least: usiz
     let theirs = solve_on(&Cpu::new(2).unwrap(), &problems, &settings);
     let feasible = assert_same_verdicts(test, &ours, &theirs);
     assert!(feasible >= least, "{feasible} feasible, {least} once were");
-    assert!(!gpu.device().contains("on the cpu"), "{}", gpu.device());
+    assert_eq!(gpu.fallback(), None);
 }
 
 #[test]
@@ -83,7 +91,7 @@ fn gpu_and_cpu_agree_on_the_reference_candidates_in_towr() {
 
 #[test]
 fn gpu_and_cpu_agree_on_the_reference_candidates_in_momentum() {
-    reference_batch("gpu_and_cpu_agree_on_the_reference_candidates_in_momentum", TranscriptionSettings::default(), 55);
+    reference_batch("gpu_and_cpu_agree_on_the_reference_candidates_in_momentum", momentum(), 55);
 }
 
 /// A few short candidates of several robots and terrains, every other one with a goal that is too far.
@@ -103,7 +111,7 @@ fn robots_and_terrains_share_a_batch_and_few_slots_give_the_same() {
     let Some(device) = device(test) else { return };
     let candidates = mixed(&mut Random::new(3));
     let problems: Vec<(&Task, &Schedule)> = candidates.iter().map(|(t, s)| (t, s)).collect();
-    let settings = lower(TranscriptionSettings::default());
+    let settings = lower(momentum());
     let theirs = solve_on(&Cpu::new(2).unwrap(), &problems, &settings);
     let gpu = Gpu::new(device, 2).unwrap();
     let at_once = solve_on(&gpu, &problems, &settings);
@@ -113,7 +121,11 @@ fn robots_and_terrains_share_a_batch_and_few_slots_give_the_same() {
     let gpu = gpu.with_slots(3);
     let by_threes = solve_on(&gpu, &problems, &settings);
     for (index, (a, b)) in at_once.iter().flatten().zip(by_threes.iter().flatten()).enumerate() {
-        assert_eq!((a.iterations, a.factorisations, &a.x), (b.iterations, b.factorisations, &b.x), "candidate {index}");
+        assert_eq!(
+            (a.outcome.iterations, a.outcome.factorisations, &a.x),
+            (b.outcome.iterations, b.outcome.factorisations, &b.x),
+            "candidate {index}"
+        );
         assert_eq!(a.x.len(), theirs[index].as_ref().unwrap().x.len(), "candidate {index}");
     }
 }
@@ -130,11 +142,10 @@ fn candidates_are_finished_on_the_cpu_when_the_device_is_lost() {
     let ours = solve_on(&gpu, &problems, &settings);
     let theirs = solve_on(&Cpu::new(1).unwrap(), &problems, &settings);
     for (a, b) in ours.iter().flatten().zip(theirs.iter().flatten()) {
-        assert_eq!((a.feasible, a.iterations, &a.x), (b.feasible, b.iterations, &b.x));
+        assert_eq!((a.feasible, a.outcome.iterations, &a.x), (b.feasible, b.outcome.iterations, &b.x));
     }
     assert_eq!(ours.iter().flatten().count(), problems.len());
-    let expected = format!("{} candidates on the cpu, for the device was lost", problems.len());
-    assert!(gpu.device().contains(&expected), "{}", gpu.device());
+    left_to_the_cpu(&gpu, problems.len(), "the device was lost");
 }
 
 #[test]
@@ -152,15 +163,15 @@ fn a_batch_that_does_not_fit_is_retried_smaller_and_without_any_memory_goes_to_t
     assert_same_verdicts(test, &ours, &theirs);
     let profile = gpu.take_profile();
     assert!((1..problems.len()).contains(&profile.slots), "{} slots", profile.slots);
-    assert!(!gpu.device().contains("on the cpu"), "{}", gpu.device());
+    assert_eq!(gpu.fallback(), None);
     // None is found at all: long candidates need more than the self-test.
     let (far, long) = (task("pexod", "flat", [2., 0.], 0.), gait(&mut Random::new(1), 6, 9..=11));
-    let settings = lower(TranscriptionSettings::default());
+    let settings = lower(momentum());
     let ours = solve_on(&gpu, &[(&far, &long)], &settings);
-    assert!(gpu.device().contains("1 candidates on the cpu, for the device is out of memory"), "{}", gpu.device());
+    left_to_the_cpu(&gpu, 1, "the device is out of memory");
     assert_eq!(
-        ours[0].as_ref().unwrap().iterations,
-        solve_on(&Cpu::new(1).unwrap(), &[(&far, &long)], &settings)[0].as_ref().unwrap().iterations
+        ours[0].as_ref().unwrap().outcome.iterations,
+        solve_on(&Cpu::new(1).unwrap(), &[(&far, &long)], &settings)[0].as_ref().unwrap().outcome.iterations
     );
 }
 
@@ -170,15 +181,14 @@ fn the_first_feasible_candidate_does_not_depend_on_the_device() {
     let Some(gpu) = gpu(test) else { return };
     let candidates = mixed(&mut Random::new(3));
     let problems: Vec<(&Task, &Schedule)> = candidates.iter().map(|(t, s)| (t, s)).collect();
-    let settings = lower(TranscriptionSettings::default());
+    let settings = lower(momentum());
     let first = |backend: &dyn Backend| {
-        let results = evaluate(&problems, &settings, backend, true, &AtomicBool::new(false)).unwrap();
+        let results = evaluate(&problems, &settings, None, backend, true, &|| false).unwrap();
         results.iter().position(|r| r.as_ref().is_some_and(|r| r.feasible)).unwrap()
     };
     assert_eq!(first(&*gpu), first(&Cpu::new(1).unwrap()));
     // Nothing is left behind when everything is cancelled.
-    let cancelled = AtomicBool::new(true);
-    assert!(evaluate(&problems, &settings, &*gpu, false, &cancelled).unwrap().iter().all(Option::is_none));
+    assert!(evaluate(&problems, &settings, None, &*gpu, false, &|| true).unwrap().iter().all(Option::is_none));
 }
 
 #[test]
@@ -187,7 +197,7 @@ fn smoothing_and_double_precision_work_with_a_gpu_too() {
     let Some(gpu) = gpu(test) else { return };
     let candidates = mixed(&mut Random::new(3));
     let problems: Vec<(&Task, &Schedule)> = candidates.iter().take(4).map(|(t, s)| (t, s)).collect();
-    let mut settings = lower(TranscriptionSettings::default());
+    let mut settings = lower(momentum());
     let rough = solve_on(&*gpu, &problems, &settings);
     settings.solver.smooth.iterations = 10;
     let smooth = solve_on(&*gpu, &problems, &settings);
@@ -195,7 +205,7 @@ fn smoothing_and_double_precision_work_with_a_gpu_too() {
     for (rough, smooth) in rough.iter().flatten().zip(smooth.iter().flatten()) {
         assert_eq!(rough.feasible, smooth.feasible);
         if rough.feasible {
-            assert!(smooth.iterations > rough.iterations);
+            assert!(smooth.outcome.iterations > rough.outcome.iterations);
             gentler += usize::from(smooth.x != rough.x);
         }
     }
@@ -213,11 +223,16 @@ fn every_status_of_a_solve_is_reported() {
     let Some(gpu) = gpu(test) else { return };
     let candidates = mixed(&mut Random::new(3));
     let problems: Vec<(&Task, &Schedule)> = candidates.iter().map(|(t, s)| (t, s)).collect();
-    let mut settings = lower(TranscriptionSettings::default());
-    let statuses: Vec<Status> = solve_on(&*gpu, &problems, &settings).iter().flatten().map(|e| e.status).collect();
+    let mut settings = lower(momentum());
+    let statuses: Vec<Status> = solve_on(&*gpu, &problems, &settings).iter().flatten().map(|e| e.outcome.status).collect();
     assert!(statuses.contains(&Status::Solved) && statuses.contains(&Status::Stalled), "{statuses:?}");
     settings.solver.max_iterations = 1;
-    assert!(solve_on(&*gpu, &problems, &settings).iter().flatten().all(|e| e.status == Status::MaxIterations && e.iterations == 1));
+    assert!(
+        solve_on(&*gpu, &problems, &settings)
+            .iter()
+            .flatten()
+            .all(|e| e.outcome.status == Status::MaxIterations && e.outcome.iterations == 1)
+    );
 }
 
 #[test]
@@ -228,7 +243,10 @@ fn searches_on_the_gpu_find_the_gaits_that_the_cpu_finds() {
     for scenario in &SCENARIOS {
         let task = scenario.task(10).unwrap();
         let run = |backend: &dyn Backend| {
-            search(&task, &settings, &LowerSettings::default(), 1, backend, &AtomicBool::new(false), &mut |_| ()).unwrap()
+            let lower = lower(momentum());
+            let level = BatchSolver { task: &task, settings: &lower, backend, cost: None };
+            let distribution = FreeDistribution::initial(&settings, task.robot.feet()).unwrap();
+            search_with(&level, distribution, &settings, 1, &AtomicBool::new(false), &mut |_| ()).unwrap()
         };
         let (ours, theirs) = (run(&*gpu), run(&Cpu::new(2).unwrap()));
         println!("{}: {:.1} s for {} generations of {}", scenario.name, ours.seconds, ours.generations.len(), settings.population);
@@ -247,9 +265,9 @@ fn candidates_for_which_a_driver_leaves_loops_too_early_go_to_the_cpu() {
     let gpu = Gpu::new(device, 2).unwrap();
     let (near, short) = (task("biped", "flat", [0.3, 0.], 0.), gait(&mut Random::new(1), 2, 2..=2));
     let (far, long) = (task("pexod", "flat", [2., 0.], 0.), gait(&mut Random::new(1), 6, 9..=11));
-    let settings = lower(TranscriptionSettings::default());
+    let settings = lower(momentum());
     let problems = [(&far, &long), (&near, &short)];
     let ours = solve_on(&gpu, &problems, &settings);
     assert_same_verdicts(test, &ours, &solve_on(&Cpu::new(1).unwrap(), &problems, &settings));
-    assert!(gpu.device().contains("1 candidates on the cpu, for the driver leaves loops early"), "{}", gpu.device());
+    left_to_the_cpu(&gpu, 1, "the driver leaves loops early");
 }

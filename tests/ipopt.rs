@@ -14,7 +14,6 @@ use cregopt::search::evaluate::{LowerSettings, evaluate};
 use cregopt::task::Task;
 use cregopt::terrain::Terrain;
 use std::collections::BTreeMap;
-use std::sync::atomic::AtomicBool;
 
 /// Step of the central differences.
 const STEP: f64 = 1e-6;
@@ -172,7 +171,7 @@ fn what_this_solver_finds_satisfies_towrs_whole_program() {
         let mut random = Random::new(5);
         let schedules: Vec<Schedule> = (0..8).map(|_| gait(&mut random, task.robot.feet(), 10..=13)).collect();
         let candidates: Vec<(&Task, &Schedule)> = schedules.iter().map(|s| (&task, s)).collect();
-        let results = evaluate(&candidates, &settings, &Cpu::new(0).unwrap(), false, &AtomicBool::new(false)).unwrap();
+        let results = evaluate(&candidates, &settings, None, &Cpu::new(0).unwrap(), false, &|| false).unwrap();
         let feasible: Vec<_> = results.iter().flatten().filter(|r| r.feasible).collect();
         assert!(!feasible.is_empty(), "{scenario}: nothing to check");
         for result in feasible {
@@ -208,6 +207,7 @@ mod with_ipopt {
     use cregopt::reference::ipopt::{self, Options};
     use cregopt::reference::job::{Answer, Job, Program};
     use cregopt::reference::workers::{Workers, serve};
+    use cregopt::task::Goal;
     use cregopt::verify::verify_rows;
     use std::sync::Mutex;
     use std::sync::atomic::{AtomicUsize, Ordering};
@@ -301,7 +301,7 @@ mod with_ipopt {
     #[test]
     fn the_contact_implicit_program_finds_a_schedule() {
         let task = scenario("biped", 10);
-        let task = Task::new(task.robot.clone(), task.terrain.clone(), [1.5, 0., 0.65], 0.).unwrap();
+        let task = Task::new(task.robot.clone(), task.terrain.clone(), Goal::position([1.5, 0., 0.65])).unwrap();
         let answer = Job::new(&task, Program::ContactImplicit(2.), Options { max_seconds: 120., ..Options::BASELINE }).run().unwrap();
         assert!(answer.feasible, "{} violated, status {}", answer.n_violated, answer.statistics.status);
         assert!(answer.trajectory.durations.iter().any(|phases| phases.len() > 1), "no foot was lifted");

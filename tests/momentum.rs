@@ -138,7 +138,7 @@ fn moving_and_yawing_the_scene_moves_the_rows_with_it() {
                     let expected = [turned(&rows.c[row..]), turned(&rows.c[row + 3..])].concat();
                     assert_close(&moved.c[row..row + 6], &expected, MOVED_TOLERANCE, &name)
                 }
-                Family::Reach | Family::Swing | Family::Stride => {
+                Family::Reach | Family::Swing | Family::Stride | Family::Acceleration => {
                     assert_close(&moved.g[at..at + sides], &rows.g[at..at + sides], MOVED_TOLERANCE, &name)
                 }
                 // The pyramid stays along the axes of the world, so that its sides come round in a quarter turn.

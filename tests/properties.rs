@@ -12,18 +12,17 @@ use cregopt::nlp::transcription::interval;
 
 use cregopt::robot::{GRAVITY, Robot};
 use cregopt::rows::Family;
+use cregopt::rows::acceleration::Acceleration;
 use cregopt::rows::stride::Stride;
 use cregopt::rows::table::NONE;
 use cregopt::search::evaluate::{LowerSettings, evaluate};
-use cregopt::settings::{Friction, Transcription, TranscriptionSettings};
+use cregopt::settings::{Friction, Legs, Transcription, TranscriptionSettings};
 use cregopt::solver::Status;
-use cregopt::task::Task;
+use cregopt::task::{Goal, Task};
 use cregopt::terrain::Terrain;
 use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 /// Sums of up to 45 durations of seconds.
 const TIME_TOLERANCE: f64 = 1e-12;
@@ -53,18 +52,22 @@ fn transcription() -> impl Strategy<Value = TranscriptionSettings> {
     let rows = prop_oneof![Just(Transcription::Momentum), Just(Transcription::Towr)];
     let goal_velocity = prop_oneof![Just(GoalVelocity::Zero), Just(GoalVelocity::Free)];
     let numbers = (0.04..0.4, 0.03..0.3, 2..6usize);
-    (rows, goal_velocity, any::<bool>(), numbers).prop_map(|(rows, goal_velocity, cone, (interval, reach_interval, force_pieces))| {
-        TranscriptionSettings {
-            rows,
-            goal_velocity,
-            // TOWR has a pyramid.
-            friction: if cone && rows == Transcription::Momentum { Friction::Cone } else { Friction::Pyramid },
-            interval: Some(interval),
-            reach_interval,
-            force_pieces,
-            ..TranscriptionSettings::default()
-        }
-    })
+    let legs = prop_oneof![Just(Legs::Limited), Just(Legs::Free)];
+    (rows, legs, goal_velocity, any::<bool>(), numbers).prop_map(
+        |(rows, legs, goal_velocity, cone, (interval, reach_interval, force_pieces))| {
+            TranscriptionSettings {
+                rows,
+                legs,
+                goal_velocity,
+                // TOWR has a pyramid.
+                friction: if cone && rows == Transcription::Momentum { Friction::Cone } else { Friction::Pyramid },
+                interval: Some(interval),
+                reach_interval,
+                force_pieces,
+                ..TranscriptionSettings::default()
+            }
+        },
+    )
 }
 
 fn end(durations: &[f64]) -> f64 {
@@ -134,14 +137,19 @@ fn check_sizes(layout: &Layout<f32>, schedule: &Schedule, settings: &Transcripti
         false => layout.reach_instants.len() * schedule.feet(),
     };
     let strides = if momentum { swings } else { 0 };
+    // At lift-off and at touch-down, where legs are limited.
+    let accelerations = if momentum && settings.legs == Legs::Limited { swings } else { 0 };
     // The normal force has two sides; the pyramid has four rows beside it, the cone one.
     let (friction, pyramids, cones) = if settings.friction == Friction::Cone { (1, 0, forces) } else { (4, forces, 0) };
-    prop_assert_eq!(layout.rows, layout.equalities + 3 * reach + (1 + friction) * forces + per_swing * swings + strides);
-    prop_assert_eq!(layout.inequalities, 6 * reach + (2 + friction) * forces + sides * per_swing * swings + strides);
+    prop_assert_eq!(
+        layout.rows,
+        layout.equalities + 3 * reach + (1 + friction) * forces + per_swing * swings + strides + 2 * accelerations
+    );
+    prop_assert_eq!(layout.inequalities, 6 * reach + (2 + friction) * forces + sides * per_swing * swings + strides + 2 * accelerations);
     let count = |family| layout.elements.iter().filter(|e| e.family == family).count();
     prop_assert_eq!([Family::Dynamics, Family::LinearMomentum, Family::AngularMomentum].map(count), balance);
-    let counts = [Family::Reach, Family::Force, Family::Cone, Family::Swing, Family::Stride].map(count);
-    prop_assert_eq!(counts, [reach, pyramids, cones, per_swing * swings, strides]);
+    let counts = [Family::Reach, Family::Force, Family::Cone, Family::Swing, Family::Stride, Family::Acceleration].map(count);
+    prop_assert_eq!(counts, [reach, pyramids, cones, per_swing * swings, strides, accelerations]);
     Ok(())
 }
 
@@ -315,17 +323,22 @@ fn mirrored_rows(robot: &Robot, layout: &Layout<f64>, other: &Layout<f64>, rows:
                 let ends_there = move |s: &&Stride<f64>| layout.footholds[s.foothold[1] as usize] == foothold;
                 layout.strides.iter().filter(ends_there).map(|s| s.place.inequality)
             };
+            let accelerations = |&foothold: &u32| {
+                let ends_there = move |a: &&Acceleration<f64>| layout.footholds[a.foothold[1] as usize] == foothold;
+                layout.accelerations.iter().filter(ends_there).map(|a| a.place.inequality)
+            };
             [
                 blocks.force_nodes.iter().flatten().filter(|&&n| n != NONE).flat_map(forces).collect::<Vec<u32>>(),
                 blocks.heights.iter().flat_map(swings).collect(),
                 blocks.footholds.iter().flat_map(strides).collect(),
+                blocks.footholds.iter().flat_map(accelerations).collect(),
             ]
         };
         let (here, there) = (of(layout, foot), of(other, mirrored_foot(foot)));
         assert_eq!(here.each_ref().map(Vec::len), there.each_ref().map(Vec::len));
         // So do the sides of the pyramid along y. A swing's height is two-sided in `momentum`.
         let heights: &[usize] = if layout.transcription == Transcription::Momentum { &[0, 1] } else { &[0] };
-        for (i, order) in [&[0, 1, 2, 4, 3, 5], heights, &[0]].into_iter().enumerate() {
+        for (i, order) in [&[0, 1, 2, 4, 3, 5], heights, &[0], &[0, 1]].into_iter().enumerate() {
             here[i].iter().zip(&there[i]).for_each(|(&from, &to)| copy(from, to, order));
         }
     }
@@ -377,6 +390,7 @@ fn stander(mass: f64, half_length: f64, half_width: f64, height: f64) -> Robot {
         nominal_feet: feet.map(|(x, y)| [x * half_length, y * half_width, -height]).to_vec(),
         reach: [0.1, 0.1, 0.1],
         force_limit: None,
+        leg_mass: None,
     }
 }
 
@@ -418,8 +432,7 @@ proptest! {
         (mass, half_length, half_width, height) in (1.0..100.0, 0.15..0.5, 0.1..0.3, 0.2..0.6),
         intervals in 3..12usize,
     ) {
-        let robot = Arc::new(stander(mass, half_length, half_width, height));
-        let task = Task::new(robot, Arc::new(Terrain::named("flat").unwrap()), [0., 0., height], 0.).unwrap();
+        let task = Task::new(stander(mass, half_length, half_width, height), Terrain::flat(), Goal::at(0., 0.)).unwrap();
         let horizon = intervals as f64 * 0.1;
         let schedule = Schedule::new(vec![vec![horizon]; 4]).unwrap();
 
@@ -451,9 +464,9 @@ fn check_balance(task: &Task, schedule: &Schedule, transcription: TranscriptionS
 
     // The solved motion, whatever it is, is carried by its forces.
     let settings = LowerSettings { transcription: transcription.clone(), ..LowerSettings::default() };
-    let results = evaluate(&[(task, schedule)], &settings, &Cpu::new(1).unwrap(), false, &AtomicBool::new(false)).unwrap();
+    let results = evaluate(&[(task, schedule)], &settings, None, &Cpu::new(1).unwrap(), false, &|| false).unwrap();
     let result = results[0].as_ref().unwrap();
-    prop_assert!(result.feasible && result.status == Status::Solved && result.iterations <= 12, "{:?}", result);
+    prop_assert!(result.feasible && result.outcome.status == Status::Solved && result.outcome.iterations <= 12, "{:?}", result);
     let mass = task.robot.mass;
     let weight = |d: usize| if d == 2 { mass * GRAVITY } else { 0. };
     let trajectory = result.trajectory(task, &transcription);

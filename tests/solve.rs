@@ -2,16 +2,18 @@
 
 mod common;
 
-use common::{Random, ReferenceCandidate, gait, layout, layout_with, reference_candidates, task, towr, transcriptions};
+use common::{
+    Random, ReferenceCandidate, free_legs, gait, layout, layout_with, momentum, reference_candidates, task, towr, transcriptions,
+};
 use cregopt::backend::{Backend, Cpu, Job, Precision, Solution};
 use cregopt::gait::Schedule;
 use cregopt::nlp::transcription::force_limit;
 use cregopt::real::Real;
 use cregopt::scenario::Scenario;
-use cregopt::search::cem::{CemSettings, StopReason};
+use cregopt::search::cem::{CemSettings, FreeDistribution, StopReason};
 use cregopt::search::evaluate::{Evaluated, LowerSettings, evaluate};
-use cregopt::search::search;
-use cregopt::settings::{SmoothSettings, SolverSettings, StallSettings, Transcription, TranscriptionSettings};
+use cregopt::search::{BatchSolver, Found, search_with};
+use cregopt::settings::{SmoothSettings, SolverSettings, StallSettings, TranscriptionSettings};
 use cregopt::solver::judge::smoothing_fall;
 use cregopt::solver::{Finish, Outcome, Solver, Status};
 use cregopt::task::Task;
@@ -77,9 +79,9 @@ fn solve<T: Real>(
     Solver::<T>::default().solve(&layout_with(&problem.0, &problem.1, transcription), settings, finish, start, &|| cancel)
 }
 
-/// In f32, then in f64, by both transcriptions.
+/// In f32, then in f64, by both transcriptions with free legs.
 fn solve_all(problem: &(Task, Schedule), settings: &SolverSettings) -> impl Iterator<Item = Outcome> {
-    transcriptions().into_iter().flat_map(|t| {
+    free_legs().into_iter().flat_map(|t| {
         let (narrow, wide) = (solve::<f32>(problem, &t, settings, None, false), solve::<f64>(problem, &t, settings, None, false));
         [narrow, wide]
     })
@@ -95,7 +97,7 @@ fn evaluate_on(
     lower: &LowerSettings,
     first_feasible: bool,
 ) -> Vec<Option<Evaluated>> {
-    evaluate(candidates, lower, backend, first_feasible, &AtomicBool::new(false)).unwrap()
+    evaluate(candidates, lower, None, backend, first_feasible, &|| false).unwrap()
 }
 
 fn lower(transcription: TranscriptionSettings, precision: Precision) -> LowerSettings {
@@ -129,8 +131,8 @@ fn standing_still_is_solved_in_a_few_iterations() {
         for precision in [Precision::F32, Precision::F64] {
             let results = evaluate_all(&[(&task, &schedule)], &lower(transcription.clone(), precision), 1);
             let result = results[0].as_ref().unwrap();
-            assert_eq!((result.status, result.feasible, result.n_violated), (Status::Solved, true, 0));
-            assert!(result.iterations <= 8, "{} iterations", result.iterations);
+            assert_eq!((result.outcome.status, result.feasible, result.n_violated), (Status::Solved, true, 0));
+            assert!(result.outcome.iterations <= 8, "{} iterations", result.outcome.iterations);
             assert_eq!((result.horizon, result.transcription), (1., transcription.rows));
             // The base starts and ends 0.5 m above the ground and its four feet never leave it.
             let curves = &result.trajectory(&task, &transcription);
@@ -167,7 +169,7 @@ fn six_metres_in_four_tenths_of_a_second_end_as_stalled() {
     for transcription in transcriptions() {
         let results = evaluate_all(&[(&impossible.0, &impossible.1)], &lower(transcription, Precision::F32), 1);
         let result = results[0].as_ref().unwrap();
-        assert!(!result.feasible && result.n_violated > 0 && result.status == Status::Stalled);
+        assert!(!result.feasible && result.n_violated > 0 && result.outcome.status == Status::Stalled);
     }
 }
 
@@ -193,7 +195,7 @@ fn a_start_without_finite_residuals_ends_as_non_finite() {
 
 #[test]
 fn a_cancelled_solve_ends_as_cancelled() {
-    let outcome = solve::<f32>(&walking(), &TranscriptionSettings::default(), &SolverSettings::default(), None, true);
+    let outcome = solve::<f32>(&walking(), &momentum(), &SolverSettings::default(), None, true);
     assert_eq!((outcome.status, outcome.iterations), (Status::Cancelled, 0));
     // In the middle, too.
     let problem = walking();
@@ -211,8 +213,7 @@ fn a_cancelled_solve_ends_as_cancelled() {
     );
     assert_eq!((outcome.status, outcome.iterations), (Status::Cancelled, 3));
     // A batch that is cancelled has no results.
-    let cancelled = AtomicBool::new(true);
-    let results = evaluate(&[(&problem.0, &problem.1)], &LowerSettings::default(), &Cpu::new(1).unwrap(), false, &cancelled).unwrap();
+    let results = evaluate(&[(&problem.0, &problem.1)], &LowerSettings::default(), None, &Cpu::new(1).unwrap(), false, &|| true).unwrap();
     assert!(matches!(results[..], [None]));
 }
 
@@ -220,7 +221,7 @@ fn a_cancelled_solve_ends_as_cancelled() {
 fn a_candidate_with_other_feet_is_refused() {
     let (task, _) = standing();
     let schedule = Schedule::new(vec![vec![1.]; 2]).unwrap();
-    let error = evaluate(&[(&task, &schedule)], &LowerSettings::default(), &Cpu::new(1).unwrap(), false, &AtomicBool::new(false));
+    let error = evaluate(&[(&task, &schedule)], &LowerSettings::default(), None, &Cpu::new(1).unwrap(), false, &|| false);
     assert!(error.unwrap_err().to_string().contains("2 feet"));
 }
 
@@ -234,7 +235,8 @@ fn population() -> (Task, Vec<Schedule>) {
 /// Everything but the clock.
 fn same(a: &Evaluated, b: &Evaluated) -> bool {
     let numbers = |e: &Evaluated| [e.max_violation, e.mean_normal_force, e.horizon].map(f64::to_bits);
-    let counts = |e: &Evaluated| (e.status, e.feasible, e.iterations, e.factorisations, e.n_violated, e.n_variables);
+    let counts =
+        |e: &Evaluated| (e.outcome.status, e.feasible, e.outcome.iterations, e.outcome.factorisations, e.n_violated, e.n_variables);
     a.schedule == b.schedule && a.x == b.x && numbers(a) == numbers(b) && counts(a) == counts(b)
 }
 
@@ -242,7 +244,7 @@ fn same(a: &Evaluated, b: &Evaluated) -> bool {
 fn results_do_not_depend_on_threads_or_order() {
     let (task, schedules) = population();
     let candidates: Vec<(&Task, &Schedule)> = schedules.iter().map(|s| (&task, s)).collect();
-    let lower = LowerSettings::default();
+    let lower = lower(momentum(), Precision::F32);
     let one = evaluate_all(&candidates, &lower, 1);
     let two = evaluate_all(&candidates, &lower, 2);
     // 5 is prime to 12.
@@ -261,7 +263,8 @@ fn results_do_not_depend_on_threads_or_order() {
 fn first_feasible_keeps_everything_up_to_the_lowest_feasible_index() {
     let (task, mut schedules) = population();
     let candidates: Vec<(&Task, &Schedule)> = schedules.iter().map(|s| (&task, s)).collect();
-    let all = evaluate_all(&candidates, &LowerSettings::default(), 2);
+    let lower = lower(momentum(), Precision::F32);
+    let all = evaluate_all(&candidates, &lower, 2);
     let feasible: Vec<bool> = all.iter().map(|r| r.as_ref().unwrap().feasible).collect();
     assert!(feasible.contains(&true) && feasible.contains(&false), "{feasible:?}");
     // Failing ones first, so that several threads pass the answer before it is known.
@@ -274,7 +277,7 @@ fn first_feasible_keeps_everything_up_to_the_lowest_feasible_index() {
     let threads = |threads| Cpu::new(threads).unwrap();
     let backends: [&dyn Backend; 4] = [&threads(1), &threads(2), &threads(3), &Backwards(threads(1))];
     for backend in backends {
-        let results = evaluate_on(backend, &candidates, &LowerSettings::default(), true);
+        let results = evaluate_on(backend, &candidates, &lower, true);
         for (at, result) in results.iter().enumerate() {
             assert_eq!(result.is_some(), at <= lowest, "{}, candidate {at}", backend.device());
             if let Some(result) = result {
@@ -304,8 +307,7 @@ fn reference_candidates_are_solved_in_both_precisions() {
         }
         // Counted again, from what the user gets.
         let task = &candidate.task;
-        let rows =
-            verify_rows(&narrow.trajectory(task, &towr()), &task.robot, &task.terrain, force_limit(Transcription::Towr, task)).unwrap();
+        let rows = verify_rows(&narrow.trajectory(task, &towr()), &task.robot, &task.terrain, force_limit(&towr(), task)).unwrap();
         if (narrow.feasible, narrow.n_violated) != (rows.n_violated == 0, rows.n_violated) {
             failures.push(format!("{name}: feasible {}, {} violated, {} counted", narrow.feasible, narrow.n_violated, rows.n_violated));
         }
@@ -328,12 +330,10 @@ fn momentum_gaits_of_the_biped_hold_between_the_instants() {
     let tasks: Vec<Task> = chosen.iter().map(|_| Scenario::named("biped").unwrap().task(10).unwrap()).collect();
     let pairs: Vec<(&Task, &Schedule)> = tasks.iter().zip(&chosen).map(|(task, c)| (task, &c.schedule)).collect();
     for precision in [Precision::F32, Precision::F64] {
-        for (index, evaluated) in
-            evaluate_all(&pairs, &lower(TranscriptionSettings::default(), precision), 2).into_iter().flatten().enumerate()
-        {
-            let trajectory = &evaluated.trajectory(&tasks[0], &TranscriptionSettings::default());
+        for (index, evaluated) in evaluate_all(&pairs, &lower(momentum(), precision), 2).into_iter().flatten().enumerate() {
+            let trajectory = &evaluated.trajectory(&tasks[0], &momentum());
             assert!(evaluated.feasible, "candidate {index}, {precision:?}: {} rows violated", evaluated.n_violated);
-            let report = verify(trajectory, &tasks[0].robot, &tasks[0].terrain, force_limit(Transcription::Momentum, &tasks[0])).unwrap();
+            let report = verify(trajectory, &tasks[0].robot, &tasks[0].terrain, force_limit(&momentum(), &tasks[0])).unwrap();
             let rollout = report.rollout.unwrap();
             assert!(rollout.position.value < 0.01 && rollout.attitude.value < 1. && report.dense.reach_excess.value < 5e-3, "{report}");
             assert!(report.dense.final_base_speed < 1e-4);
@@ -345,8 +345,7 @@ fn momentum_gaits_of_the_biped_hold_between_the_instants() {
 #[test]
 fn smoothing_lowers_the_cost_of_a_motion_that_stays_solved() {
     let (task, schedule) = walking();
-    let transcription = TranscriptionSettings::default();
-    let layout = layout_with::<f64>(&task, &schedule, &transcription);
+    let layout = layout::<f64>(&task, &schedule);
     let cost = |smooth: SmoothSettings| {
         let settings = SolverSettings { smooth, ..SolverSettings::default() };
         let mut solver = Solver::<f64>::default();
@@ -391,26 +390,27 @@ fn a_warm_solver_does_not_allocate() {
     }
 }
 
+/// The paper's loop with its settings and seed 1.
+fn papers_search(task: &Task, threads: usize, cancelled: &AtomicBool, generation: &mut dyn FnMut()) -> Found {
+    let (upper, lower, backend) = (CemSettings::default(), lower(momentum(), Precision::F32), Cpu::new(threads).unwrap());
+    let level = BatchSolver { task, settings: &lower, backend: &backend, cost: None };
+    let distribution = FreeDistribution::initial(&upper, task.robot.feet()).unwrap();
+    search_with(&level, distribution, &upper, 1, cancelled, &mut |_| generation()).unwrap()
+}
+
 #[test]
-fn the_search_finds_a_gait_and_the_same_one_on_two_threads() {
+fn the_papers_search_finds_a_gait_and_the_same_one_on_two_threads() {
     let task = Scenario::named("s1").unwrap().task(10).unwrap();
     let run = |threads| {
-        let backend = Cpu::new(threads).unwrap();
-        let (upper, lower) = (CemSettings::default(), LowerSettings::default());
         let mut generations = 0;
-        let found = search(&task, &upper, &lower, 1, &backend, &AtomicBool::new(false), &mut |_| generations += 1).unwrap();
+        let found = papers_search(&task, threads, &AtomicBool::new(false), &mut || generations += 1);
         assert_eq!((found.stop, found.generations.len()), (StopReason::FirstFeasible, generations));
         found.best.unwrap()
     };
     let (one, two) = (run(1), run(2));
     assert!(one.evaluation.feasible && one.evaluation.n_violated == 0);
-    let rows = verify_rows(
-        &one.solution.trajectory(&task, &TranscriptionSettings::default()),
-        &task.robot,
-        &task.terrain,
-        force_limit(Transcription::Momentum, &task),
-    )
-    .unwrap();
+    let rows =
+        verify_rows(&one.solution.trajectory(&task, &momentum()), &task.robot, &task.terrain, force_limit(&momentum(), &task)).unwrap();
     assert!(rows.feasible, "{rows}");
     assert_eq!((one.generation, one.index, &one.schedule), (two.generation, two.index, &two.schedule));
     assert!(same(&one.solution, &two.solution));
@@ -419,8 +419,7 @@ fn the_search_finds_a_gait_and_the_same_one_on_two_threads() {
 #[test]
 fn a_cancelled_search_says_so() {
     let task = Scenario::named("s1").unwrap().task(10).unwrap();
-    let (backend, cancelled) = (Cpu::new(1).unwrap(), AtomicBool::new(true));
-    let found = search(&task, &CemSettings::default(), &LowerSettings::default(), 1, &backend, &cancelled, &mut |_| ()).unwrap();
+    let found = papers_search(&task, 1, &AtomicBool::new(true), &mut || ());
     assert_eq!(found.stop, StopReason::Cancelled);
     assert!(found.best.is_none() && found.first_feasible_after.is_none());
 }

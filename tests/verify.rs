@@ -388,7 +388,8 @@ fn odd_but_well_formed_trajectories_get_a_verdict() {
 
 // ---------------------------------------------------------------- momentum
 
-const LIMITS: MotionLimits = MotionLimits { clearance: 0.03, swing_height: 0.2, foot_speed: 0.5, goal_velocity: GoalVelocity::Zero };
+const LIMITS: MotionLimits =
+    MotionLimits { clearance: 0.03, swing_height: 0.2, foot_speed: 0.5, foot_acceleration: None, goal_velocity: GoalVelocity::Zero };
 
 fn momentum(trajectory: Trajectory) -> Trajectory {
     Trajectory { transcription: Some("momentum".into()), limits: Some(LIMITS), ..trajectory }
@@ -442,7 +443,7 @@ const MEAN: f64 = 49. / 54.;
 const EARLY_MEAN: f64 = 257. / 270.;
 
 #[rustfmt::skip]
-const MOMENTUM_FAULTS: [Fault; 9] = [
+const MOMENTUM_FAULTS: [Fault; 10] = [
     Fault { name: "one foot pushes more at the start", plant: |t, s| t.ee[1].force.nodes[0][2] += s / EARLY_MEAN,
         family: Family::Momentum, rows: 1, row: "mean force for the way z", foot: None, time: BASE_PIECE },
     // Late forces move less.
@@ -459,6 +460,9 @@ const MOMENTUM_FAULTS: [Fault; 9] = [
         family: Family::Swing, rows: 1, row: "mid node too high", foot: Some(0), time: 0.5 },
     Fault { name: "a foot too fast", plant: |t, s| { t.ee[0].motion.nodes[2][3] = 0.3; t.ee[0].motion.nodes[2][4] = ((0.5 + s).powi(2) - 0.09).sqrt() },
         family: Family::Swing, rows: 1, row: "foot too fast", foot: Some(0), time: 0.5 },
+    // Up to the height h from rest to rest in 0.2 s: 6 h / 0.04 s^2.
+    Fault { name: "a foot accelerated too hard", plant: |t, s| { t.limits = Some(MotionLimits { foot_acceleration: Some(7.5), ..LIMITS }); t.ee[0].motion.nodes[2][2] = (7.5 + s) / 150. },
+        family: Family::Swing, rows: 1, row: "foot accelerated too hard", foot: Some(0), time: 0.5 },
     Fault { name: "the base arrives with speed", plant: |t, s| accelerate(t, s, 0.),
         family: Family::Bounds, rows: 1, row: "final velocity z", foot: None, time: 1. },
     Fault { name: "the base arrives turning", plant: |t, s| accelerate(t, 0., s),
@@ -468,6 +472,22 @@ const MOMENTUM_FAULTS: [Fault; 9] = [
 #[test]
 fn planted_faults_of_momentum_are_counted_in_their_family_and_beyond_the_tolerance_only() {
     check_faults(&MOMENTUM_FAULTS, momentum_step);
+}
+
+#[test]
+fn a_foot_that_is_accelerated_too_hard_is_refused_where_there_is_a_limit() {
+    // In the middle 7.5 m/s^2 down, and 4 v / 0.2 s = 6 m/s^2 along: sqrt(92.25) = 9.605 m/s^2, more than anywhere else.
+    let mut trajectory = momentum_step();
+    trajectory.ee[0].motion.nodes[2][4] = 0.3;
+    for (limit, rows, violated) in [(None, 3, 0), (Some(9.61), 4, 0), (Some(9.6), 4, 1)] {
+        trajectory.limits = Some(MotionLimits { foot_acceleration: limit, ..LIMITS });
+        let report = check(&trajectory);
+        let swing = report.family(Family::Swing);
+        assert_eq!((report.feasible, swing.rows, swing.violated), (violated == 0, rows, violated), "{limit:?}\n{report}");
+        // Standing feet have none: the same limit holds for a robot that stands.
+        let standing = momentum(standing(&anymal()));
+        assert!(check(&Trajectory { limits: trajectory.limits, ..standing }).feasible);
+    }
 }
 
 #[test]

@@ -69,6 +69,8 @@ enum Failure {
     Input(Error),
     /// A device is not there, or not fit.
     Device(Error),
+    /// It was ended before there was anything to show.
+    Ended(Error),
 }
 
 impl From<Error> for Failure {
@@ -76,6 +78,7 @@ impl From<Error> for Failure {
         match error {
             Error::InFile { .. } | Error::Io { .. } => Failure::Input(error),
             Error::Device { .. } => Failure::Device(error),
+            Error::Ended { .. } => Failure::Ended(error),
             _ => Failure::Usage(error),
         }
     }
@@ -110,6 +113,7 @@ pub fn main() -> ExitCode {
         Err(Failure::Usage(error)) => (error, 2),
         Err(Failure::Input(error)) => (error, 4),
         Err(Failure::Device(error)) => (error, 5),
+        Err(Failure::Ended(error)) => (error, 3),
     };
     complain(&format!("error: {error}"));
     ExitCode::from(code)

@@ -269,10 +269,16 @@ fn cost_text(cost: &Cost) -> String {
 
 /// `--gait`.
 fn gaits(text: &str) -> Result<Gaits> {
-    /// What is read of a file: a result, a trajectory or a line of schedules.
+    /// What is read of a trajectory or a line of schedules, and of the gait of a result.
+    #[derive(Deserialize)]
+    struct Durations {
+        durations: Schedule,
+    }
+    /// What is read of a file.
     #[derive(Deserialize)]
     struct File {
-        durations: Schedule,
+        durations: Option<Schedule>,
+        gait: Option<Durations>,
     }
     let path = Path::new(text);
     match text {
@@ -280,7 +286,9 @@ fn gaits(text: &str) -> Result<Gaits> {
         "free" => Ok(Gaits::Free),
         _ if path.exists() || path.extension().is_some() => {
             let file: File = from_json(&files::read(path)?).map_err(|e| e.in_file(path, None))?;
-            Ok(Gaits::Around(file.durations))
+            let durations = file.durations.or(file.gait.map(|gait| gait.durations));
+            let missing = || Error::Format { message: "missing field `durations`, in the file or in its `gait`".into() };
+            durations.map(Gaits::Around).ok_or_else(|| missing().in_file(path, None))
         }
         _ => text.split(',').map(|name| GaitFamily::named(name.trim())).collect::<Result<_>>().map(Gaits::Families),
     }

@@ -421,14 +421,12 @@ mod tests {
     use super::*;
     use crate::robot::ROBOTS;
     use crate::scenario::Scenario;
+    use crate::task::Goal;
     use crate::terrain::Terrain;
     use std::f64::consts::PI;
-    use std::sync::Arc;
 
     fn task(robot: &str, x: f64, y: f64, yaw: f64) -> Task {
-        let robot = Arc::new(Robot::named(robot).unwrap());
-        let z = robot.base_height;
-        Task::new(robot, Arc::new(Terrain::named("flat").unwrap()), [x, y, z], yaw).unwrap()
+        Task::new(Robot::named(robot).unwrap(), Terrain::flat(), Goal::at(x, y).yaw(yaw)).unwrap()
     }
 
     #[test]

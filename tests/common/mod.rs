@@ -10,7 +10,7 @@ use cregopt::rows::table::NONE;
 use cregopt::rows::{Family, Shared};
 use cregopt::scenario::Scenario;
 use cregopt::settings::{Friction, Transcription, TranscriptionSettings};
-use cregopt::task::Task;
+use cregopt::task::{Goal, Task};
 use cregopt::terrain::{Grid, Ground, Shape, Terrain};
 use nalgebra::DMatrix;
 use std::ops::RangeInclusive;
@@ -64,8 +64,7 @@ pub fn task(robot: &str, terrain: &str, goal: [f64; 2], yaw: f64) -> Task {
 
 /// A task that ends at the base height of the robot above the terrain.
 pub fn task_for(robot: Robot, terrain: Terrain, [x, y]: [f64; 2], yaw: f64) -> Task {
-    let z = robot.base_height + terrain.height(x, y);
-    Task::new(Arc::new(robot), Arc::new(terrain), [x, y, z], yaw).unwrap()
+    Task::new(robot, terrain, Goal::at(x, y).yaw(yaw)).unwrap()
 }
 
 /// A made-up robot with `feet` feet on an ellipse and a full inertia tensor.
@@ -82,6 +81,7 @@ pub fn spider(feet: usize) -> Robot {
         nominal_feet: nominal_feet.collect(),
         reach: [0.2, 0.15, 0.12],
         force_limit: None,
+        leg_mass: None,
     };
     robot.validate().unwrap();
     robot
@@ -96,30 +96,40 @@ pub fn hills() -> Terrain {
     terrain
 }
 
+/// Settings of the `momentum` transcription for legs that can do anything, as random gaits need them.
+pub fn momentum() -> TranscriptionSettings {
+    TranscriptionSettings::paper(Transcription::Momentum)
+}
+
 /// Settings of the `towr` transcription, at TOWR's own interval.
 pub fn towr() -> TranscriptionSettings {
-    TranscriptionSettings { rows: Transcription::Towr, ..TranscriptionSettings::default() }
+    TranscriptionSettings::paper(Transcription::Towr)
 }
 
-/// Settings of both transcriptions, the default first.
-pub fn transcriptions() -> [TranscriptionSettings; 2] {
-    [TranscriptionSettings::default(), towr()]
+/// Settings of both transcriptions for legs that can do anything.
+pub fn free_legs() -> [TranscriptionSettings; 2] {
+    [momentum(), towr()]
 }
 
-/// Settings with friction cones.
+/// Settings of all kinds: limited legs, which is the default and has all families of rows of `momentum`, then both transcriptions without.
+pub fn transcriptions() -> [TranscriptionSettings; 3] {
+    [TranscriptionSettings::default(), momentum(), towr()]
+}
+
+/// Default settings with friction cones.
 pub fn cones() -> TranscriptionSettings {
     TranscriptionSettings { friction: Friction::Cone, ..TranscriptionSettings::default() }
 }
 
-/// Settings that have rows of every family: both transcriptions, and friction cones.
-pub fn families() -> [TranscriptionSettings; 3] {
-    let [momentum, towr] = transcriptions();
-    [momentum, towr, cones()]
+/// Settings that have rows of every family: both transcriptions, legs with limits, and friction cones.
+pub fn families() -> [TranscriptionSettings; 4] {
+    let [limited, free, towr] = transcriptions();
+    [limited, free, towr, cones()]
 }
 
-/// Layout with the default settings of a schedule that is not aligned yet.
+/// Layout in `momentum`, for free legs, of a schedule that is not aligned yet.
 pub fn layout<T: Real>(task: &Task, schedule: &Schedule) -> Layout<T> {
-    layout_with(task, schedule, &TranscriptionSettings::default())
+    layout_with(task, schedule, &momentum())
 }
 
 /// Layout of a schedule that is not aligned yet.

@@ -1,6 +1,6 @@
 //! Who is evaluated: candidates, small and long ones, and a point of each.
 
-use crate::common::{Random, cones, gait, hills, layout_with, point, spider, task, task_for, transcriptions};
+use crate::common::{Random, cones, gait, hills, layout_with, point, spider, task, task_for, towr, transcriptions};
 use crate::lab::POISON;
 use cregopt::gait::Schedule;
 use cregopt::nlp::Layout;
@@ -42,7 +42,7 @@ pub fn grids() -> (Vec<f32>, Vec<(String, u32)>) {
     (heights, firsts)
 }
 
-/// Small candidates: robots with one to eight feet on every terrain, in both transcriptions, some turned by more than half a turn; a few with
+/// Small candidates: robots with one to eight feet on every terrain, with all kinds of rows, some turned by more than half a turn; a few with
 /// friction cones.
 pub fn candidates() -> Vec<Candidate> {
     let named = |name| Terrain::named(name).unwrap();
@@ -80,10 +80,9 @@ pub fn candidates() -> Vec<Candidate> {
 pub fn long_candidates() -> Vec<Candidate> {
     let mut random = Random::new(12);
     let fine = |own: TranscriptionSettings| TranscriptionSettings { interval: Some(0.05), ..own };
-    let [momentum, towr] = transcriptions();
     let candidate = |settings| {
         let task = task_for(spider(8), hills(), [2., 1.], 0.4);
         Candidate::new(task, gait(&mut random, 8, 10..=10), &fine(settings), &mut random)
     };
-    [momentum, towr, cones()].map(candidate).into()
+    [TranscriptionSettings::default(), towr(), cones()].map(candidate).into()
 }

@@ -7,7 +7,7 @@ use cregopt::backend::gpu::Prepared;
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::backend::gpu::tables::Slot as Counts;
 use cregopt::rows::momentum::Deviation;
-use cregopt::rows::{Shared, cone, dynamics, force, ground, momentum, reach, stride, swing};
+use cregopt::rows::{Shared, acceleration, cone, dynamics, force, ground, momentum, reach, stride, swing};
 use cregopt::solver::control::{CLOSE, ENDED, EXACT, SOLVED, STEP};
 use cregopt::terrain::Ground;
 use std::collections::{BTreeMap, BTreeSet};
@@ -25,6 +25,7 @@ fn around_the_workgroup(s: usize, prepared: &mut Prepared) {
     layout.force_nodes.truncate(count);
     layout.swing_nodes.truncate(count);
     layout.strides.truncate(count);
+    layout.accelerations.truncate(count);
     layout.cones.truncate(count);
     slot.dynamics_instants = layout.dynamics_instants.len() as u32;
     slot.momentum_intervals = layout.momentum_intervals.len() as u32;
@@ -32,6 +33,7 @@ fn around_the_workgroup(s: usize, prepared: &mut Prepared) {
     slot.force_nodes = layout.force_nodes.len() as u32;
     slot.swing_nodes = layout.swing_nodes.len() as u32;
     slot.strides = layout.strides.len() as u32;
+    slot.accelerations = layout.accelerations.len() as u32;
     slot.cones = layout.cones.len() as u32;
     slot.footholds = slot.footholds.min(count as u32);
 }
@@ -221,6 +223,19 @@ fn stride_agrees_with_its_twin() {
         |lab, s, x, _, expected| {
             let (g, jacobian) = trial(lab, s, false, &mut expected.state);
             stride::stride(&lab.slots[s].layout, x, g, Some(jacobian));
+        },
+    );
+}
+
+#[test]
+fn acceleration_agrees_with_its_twin() {
+    evaluation(
+        Shader::Acceleration,
+        |slot| slot.accelerations,
+        8. * ARITHMETIC,
+        |lab, s, x, shared, expected| {
+            let (g, jacobian) = trial(lab, s, false, &mut expected.state);
+            acceleration::acceleration(&lab.slots[s].layout, x, &shared.ground, g, Some(jacobian));
         },
     );
 }

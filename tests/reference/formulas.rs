@@ -119,7 +119,7 @@ pub fn expected(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> (Vec<f
                 let row = force_nodes.next().unwrap().place.inequality as usize;
                 let (normal, limit) = (n.dot(&f), task.terrain.friction * n.dot(&f));
                 let sides = [
-                    normal - force_limit(Transcription::Towr, task),
+                    normal - force_limit(&towr(), task),
                     tangents[0].dot(&f) - limit,
                     -tangents[0].dot(&f) - limit,
                     tangents[1].dot(&f) - limit,
@@ -141,11 +141,19 @@ pub fn expected(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> (Vec<f
     (c, g)
 }
 
+/// Acceleration at both ends of a piece of a curve: by `p'' = (6 (q - p) - d (4 v + 2 w)) / d^2` at its start.
+pub fn accelerations(curve: &Curve, piece: usize) -> [Vector3<f64>; 2] {
+    let d = curve.poly_durations[piece];
+    let part = |node: usize, from: usize| Vector3::from_column_slice(&curve.nodes[node][from..from + 3]);
+    let (way, v, w) = (part(piece + 1, 0) - part(piece, 0), part(piece, 3), part(piece + 1, 3));
+    [(6. * way - d * (4. * v + 2. * w)) / (d * d), (d * (2. * v + 4. * w) - 6. * way) / (d * d)]
+}
+
 /// Cone rows from node values: at the Bezier points of the pieces of every stance but those beside its ends in the air, each once.
 pub fn expected_cones(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> Vec<f64> {
     let settings = cones();
     let weight = task.robot.mass * GRAVITY;
-    let (unit, margin, limit) = (weight / task.robot.feet() as f64, settings.force_margin * weight, force_limit(settings.rows, task));
+    let (unit, margin, limit) = (weight / task.robot.feet() as f64, settings.force_margin * weight, force_limit(&settings, task));
     let mut g = vec![f64::NAN; layout.inequalities];
     let mut rows = layout.cones.iter();
     for (foot, durations) in nodes.ee.iter().zip(&nodes.durations) {

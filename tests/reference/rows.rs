@@ -1,10 +1,10 @@
 //! Residuals against formulas, Jacobians against central differences, f32 against f64.
 
 use crate::common::{
-    Random, Rows, cones, dense_jacobian, families, frozen_at, gait, layout_with, one_sided, point, rows, rows_with, straight, towr,
-    transcriptions,
+    Random, Rows, cones, dense_jacobian, families, frozen_at, gait, layout_with, momentum, one_sided, point, rows, rows_with, straight,
+    towr, transcriptions,
 };
-use crate::formulas::{expected, expected_cones, expected_momentum};
+use crate::formulas::{accelerations, expected, expected_cones, expected_momentum};
 use crate::{
     DIFFERENCE_STEP, F32_DEVIATION_TOLERANCE, F32_TOLERANCE, JACOBIAN_TOLERANCE, RESIDUAL_TOLERANCE, assert_close, cases, first_difference,
     in_scalar,
@@ -13,6 +13,7 @@ use cregopt::gait::Trajectory;
 use cregopt::nlp::layout::Element;
 use cregopt::nlp::transcription::force_limit;
 use cregopt::nlp::{Layout, trajectory};
+use cregopt::robot::GRAVITY;
 use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::terrain::Shape;
 use cregopt::verify::certificate::{Family, verify_rows};
@@ -58,13 +59,38 @@ fn node_values_give_the_cone_residuals() {
 }
 
 #[test]
+fn node_values_give_the_accelerations_of_swinging_feet() {
+    for (seed, case) in cases().iter().enumerate() {
+        let layout = layout_with::<f64>(&case.task, &case.schedule, &TranscriptionSettings::default());
+        let x = point(&layout, &mut Random::new(seed as u64), 0.);
+        let rows = rows(&layout, &x, 0.);
+        let nodes = trajectory(&case.task, &layout, &x);
+        let mut entries = layout.accelerations.iter();
+        for (foot, durations) in nodes.ee.iter().zip(&nodes.durations) {
+            for swing in 0..durations.len() / 2 {
+                // Of motion a stance has one piece, a swing two.
+                let [up, down] = [1, 2].map(|piece| accelerations(&foot.motion, 3 * swing + piece).map(|a| a.norm()));
+                let row = |a: f64| ((a / (20. * GRAVITY)).powi(2) - 1. + 2e-3) / 2.;
+                let at = entries.next().unwrap().place.inequality as usize;
+                assert_close(&rows.g[at..at + 2], &[row(up[0]), row(down[1])], RESIDUAL_TOLERANCE, &case.name);
+                // About the middle it is not accelerated harder: no row is missing there.
+                assert!(up[1].max(down[0]) <= (1. + 1e-9) * up[0].max(down[1]), "{}: {up:?}, {down:?}", case.name);
+            }
+        }
+        assert!(entries.next().is_none() && layout.accelerations.len() > 4);
+    }
+    let case = &cases()[0];
+    assert!(layout_with::<f64>(&case.task, &case.schedule, &momentum()).accelerations.is_empty(), "free legs have no limit");
+}
+
+#[test]
 fn rows_that_were_eliminated_hold_at_any_point() {
     for (seed, case) in cases().iter().enumerate() {
         let layout = layout_with::<f64>(&case.task, &case.schedule, &towr());
         let x = point(&layout, &mut Random::new(seed as u64), 0.);
-        let limit = |rows| force_limit(rows, &case.task);
+        let limit = |settings: &TranscriptionSettings| force_limit(settings, &case.task);
         let nodes = trajectory(&case.task, &layout, &x);
-        let report = verify_rows(&nodes, &case.task.robot, &case.task.terrain, limit(Transcription::Towr)).unwrap();
+        let report = verify_rows(&nodes, &case.task.robot, &case.task.terrain, limit(&towr())).unwrap();
         for family in [Family::BaseAcceleration, Family::Swing, Family::Bounds, Family::Structure] {
             assert_eq!(report.family(family).violated, 0, "{}\n{report}", case.name);
         }
@@ -73,7 +99,7 @@ fn rows_that_were_eliminated_hold_at_any_point() {
         let layout = layout_with::<f64>(&case.task, &case.schedule, &TranscriptionSettings::default());
         let x = point(&layout, &mut Random::new(seed as u64), 0.);
         let nodes = trajectory(&case.task, &layout, &x);
-        let report = verify_rows(&nodes, &case.task.robot, &case.task.terrain, limit(Transcription::Momentum)).unwrap();
+        let report = verify_rows(&nodes, &case.task.robot, &case.task.terrain, limit(&TranscriptionSettings::default())).unwrap();
         for family in [Family::Bounds, Family::Structure] {
             assert_eq!(report.family(family).violated, 0, "{}\n{report}", case.name);
         }

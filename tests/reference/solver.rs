@@ -33,7 +33,7 @@ fn state(settings: &TranscriptionSettings) -> State {
     State { rows, slacks: Slacks { slack, multiplier, slack_step, multiplier_step }, layout, x }
 }
 
-pub fn states() -> [State; 2] {
+pub fn states() -> [State; 3] {
     transcriptions().map(|settings| state(&settings))
 }
 

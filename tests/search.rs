@@ -1,0 +1,238 @@
+//! The whole search as a user of the library meets it, on a biped that walks a metre.
+
+mod common;
+
+use common::task;
+use cregopt::gait::Curve;
+use cregopt::gait::family::GaitFamily;
+use cregopt::gait::spline::hermite;
+use cregopt::nlp::transcription::force_limit;
+use cregopt::robot::GRAVITY;
+use cregopt::search::cem::{CemSettings, Objective, StopReason};
+use cregopt::search::evaluate::{Evaluate, LowerSettings};
+use cregopt::search::{Gaits, Progress, SearchSettings};
+use cregopt::{Cpu, Error, Schedule, Search, SearchResult, Task, verify};
+use std::sync::atomic::AtomicBool;
+
+/// Times at which a foot is looked at, s apart.
+const SAMPLES: f64 = 1e-3;
+
+/// What samples may be above a limit: the certificate's tolerance.
+const TOLERANCE: f64 = 1e-4;
+
+fn walk() -> Task {
+    task("biped", "flat", [0.8, 0.1], 0.2)
+}
+
+fn run(search: Search) -> SearchResult {
+    search.run(&Cpu::new(2).unwrap()).unwrap()
+}
+
+/// Cost of transport of a gait that was found.
+fn cost(gait: &cregopt::search::Gait) -> f64 {
+    gait.candidate.solution.cost.unwrap().total
+}
+
+#[test]
+fn the_same_seed_gives_the_same_gait_at_any_number_of_threads() {
+    let task = walk();
+    let [one, two] = [1, 2].map(|threads| Search::new(&task).seed(3).run(&Cpu::new(threads).unwrap()).unwrap());
+    let parts = |found: &SearchResult| {
+        let best = &found.best.candidate;
+        (best.generation, best.index, best.schedule.clone(), best.solution.x.clone(), best.solution.cost, found.best.family, found.stop)
+    };
+    assert_eq!(parts(&one), parts(&two));
+    assert_eq!(one.best.trajectory(), two.best.trajectory());
+    assert_eq!(one.generations, two.generations);
+    let history = |found: &SearchResult| found.improvements.iter().map(|i| (i.generation, i.candidates, i.objective)).collect::<Vec<_>>();
+    assert_eq!(history(&one), history(&two));
+    // Typical gaits come first and are those of any seed; what is drawn behind them is not.
+    let other = run(Search::new(&task).seed(4));
+    assert_eq!(one.generations[0], other.generations[0]);
+    assert_ne!(one.generations[1], other.generations[1]);
+}
+
+#[test]
+fn standing_still_is_one_stance_a_foot() {
+    let found = run(Search::new(&task("biped", "flat", [0., 0.], 0.)));
+    assert!(found.best.feasible() && found.best.certificate().feasible);
+    assert!(found.best.schedule().durations().iter().all(|phases| phases.len() == 1), "{:?}", found.best.schedule());
+    assert_eq!((found.stop, found.generations.len(), found.generations[0].evaluated), (StopReason::Converged, 1, 1));
+    // Half the weight on each of two feet.
+    let cost = found.best.candidate.solution.cost.unwrap();
+    assert!((cost.effort - 0.5).abs() < 0.01 && cost.leg_work < 0.01 && cost.swing_work == 0., "{cost:?}");
+}
+
+#[test]
+fn alternatives_are_of_other_families_and_none_is_cheaper_than_the_best() {
+    let task = walk();
+    let found = run(Search::new(&task).settings(SearchSettings { alternatives: 3, ..SearchSettings::default() }));
+    let gaits: Vec<_> = std::iter::once(&found.best).chain(&found.alternatives).collect();
+    assert!((2..=3).contains(&gaits.len()), "{} gaits", gaits.len());
+    let mut families: Vec<GaitFamily> = gaits.iter().map(|gait| gait.family.unwrap()).collect();
+    assert!(gaits.is_sorted_by(|a, b| cost(a) <= cost(b)), "{:?}", gaits.iter().map(|g| cost(g)).collect::<Vec<_>>());
+    families.dedup();
+    families.sort_by_key(|family| family.name());
+    families.dedup();
+    assert_eq!(families.len(), gaits.len(), "{families:?}");
+    for gait in gaits {
+        let limit = force_limit(&LowerSettings::default().transcription, &task);
+        assert!(gait.feasible() && verify(gait.trajectory(), &task.robot, &task.terrain, limit).unwrap().feasible);
+    }
+    assert!(run(Search::new(&task).first()).alternatives.is_empty(), "nobody asked for any");
+}
+
+#[test]
+fn every_improvement_is_one_and_the_last_is_the_best() {
+    let task = walk();
+    let (mut improvements, mut generations) = (Vec::new(), Vec::new());
+    let found = run(Search::new(&task).seed(2).on_progress(|progress| match progress {
+        Progress::Improvement(improvement) => improvements.push((*improvement).clone()),
+        Progress::Generation(record) => generations.push((*record).clone()),
+    }));
+    assert_eq!((&improvements, &generations), (&found.improvements, &found.generations));
+    assert!(improvements.is_sorted_by(|a, b| a.objective < b.objective && a.candidates < b.candidates && a.seconds <= b.seconds));
+    let last = improvements.last().unwrap();
+    assert_eq!((last.objective, last.generation, last.family), {
+        let best = &found.best.candidate;
+        (best.objective, best.generation, found.best.family)
+    });
+    assert_eq!(last.objective, -cost(&found.best));
+    // Records say the same.
+    let best_ever: Vec<f64> = generations.iter().filter_map(|g| g.best_ever_objective).collect();
+    assert!(best_ever.is_sorted() && best_ever.last() == Some(&last.objective), "{best_ever:?}");
+    assert!(found.first_feasible_after.unwrap() <= found.seconds);
+    assert!(improvements.len() > 1, "the search does better than typical gaits");
+}
+
+#[test]
+fn the_neighbourhood_of_a_schedule_has_a_gait_no_dearer_than_it() {
+    let task = task("biped", "flat", [0.5, 0.], 0.);
+    let own = Schedule::new(vec![vec![0.2, 0.3, 0.5, 0.3, 0.5, 0.3, 0.2], vec![0.6, 0.3, 0.5, 0.3, 0.6]]).unwrap();
+    let evaluated = Evaluate::new(&task).run(std::slice::from_ref(&own), &Cpu::new(1).unwrap()).unwrap().remove(0).unwrap();
+    assert!(evaluated.feasible);
+    let found = run(Search::new(&task).gaits(Gaits::Around(own.clone())).population(8));
+    assert!(found.best.feasible() && cost(&found.best) <= evaluated.cost.unwrap().total);
+    // First comes the schedule itself, then what is near it: as many strides, or one less.
+    assert_eq!(found.improvements[0].objective, -evaluated.cost.unwrap().total);
+    assert_eq!((found.improvements[0].generation, found.improvements[0].family), (0, None));
+    assert!((0..2).all(|foot| found.best.candidate.stances[foot] <= own.stances(foot)));
+}
+
+#[test]
+fn the_first_gait_is_enough_when_it_is_asked_for() {
+    let found = run(Search::new(&walk()).first());
+    assert_eq!((found.stop, found.generations.len(), found.improvements.len()), (StopReason::FirstFeasible, 1, 1));
+    assert!(found.best.feasible());
+}
+
+#[test]
+fn a_search_that_was_cancelled_before_it_began_has_nothing_to_return() {
+    let task = walk();
+    let refused = Search::new(&task).cancelled_by(&AtomicBool::new(true)).run(&Cpu::new(1).unwrap()).unwrap_err();
+    assert!(matches!(&refused, Error::Ended { message } if message.contains("cancelled")), "{refused}");
+}
+
+#[test]
+fn a_search_whose_time_is_up_returns_what_its_first_generation_has() {
+    let found = run(Search::new(&walk()).settings(SearchSettings { seconds: Some(0.), ..SearchSettings::default() }));
+    assert_eq!((found.stop, found.generations.len()), (StopReason::TimeLimit, 1));
+    assert!(found.best.feasible());
+}
+
+#[test]
+fn callers_mistakes_are_refused() {
+    let task = walk();
+    let refused = |settings: SearchSettings| Search::new(&task).settings(settings).run(&Cpu::new(1).unwrap()).unwrap_err();
+    let default = SearchSettings::default;
+    let trot = refused(SearchSettings { gaits: Gaits::Families(vec![GaitFamily::Trot]), ..default() });
+    assert!(matches!(&trot, Error::Unknown { name, known, .. } if name == "trot" && known == "walk, run, hop"), "{trot}");
+    for (settings, place) in [
+        (SearchSettings { gaits: Gaits::Families(Vec::new()), ..default() }, "search.gaits"),
+        (SearchSettings { elites: 17, ..default() }, "search.elites"),
+        (SearchSettings { alternatives: 0, ..default() }, "search.alternatives"),
+        (SearchSettings { seconds: Some(f64::NAN), ..default() }, "search.seconds"),
+        (SearchSettings { free: CemSettings { min_stances: 0, ..CemSettings::default() }, ..default() }, "search.free.min_stances"),
+        (SearchSettings { gaits: Gaits::Around(Schedule::new(vec![vec![1.]; 3]).unwrap()), ..default() }, "durations"),
+    ] {
+        let error = refused(settings);
+        assert!(matches!(&error, Error::Invalid { place: at, .. } if at == place), "{error}");
+    }
+}
+
+#[test]
+fn without_a_gait_the_candidate_that_violates_least_is_returned() {
+    // Two feet of a tenth of the weight each cannot carry it.
+    let mut task = walk();
+    task.force_limit = Some(0.1 * task.robot.weight());
+    let found = run(Search::new(&task).settings(SearchSettings { generations: 0, further_generations: 0, ..SearchSettings::default() }));
+    assert!(!found.best.feasible() && found.best.certificate().n_violated > 0);
+    assert_eq!(Some(found.best.certificate().n_violated), found.generations[0].lowest_n_violated);
+    assert!(found.improvements.is_empty() && found.first_feasible_after.is_none() && found.best.candidate.solution.cost.is_none());
+}
+
+#[test]
+fn what_is_sought_is_what_is_best() {
+    // The quickest gait takes no longer than the cheapest.
+    let task = walk();
+    let best = |objective| run(Search::new(&task).settings(SearchSettings::default().seeking(objective))).best.candidate;
+    let (quickest, cheapest) = (best(Objective::Time), best(Objective::Transport));
+    assert_eq!(quickest.objective, -quickest.solution.cost.unwrap().horizon);
+    assert!(quickest.solution.horizon < cheapest.solution.horizon);
+    assert!(quickest.solution.cost.unwrap().total >= cheapest.solution.cost.unwrap().total);
+}
+
+/// Value, first and second derivative of a curve at some time, by component.
+fn sample(curve: &Curve, time: f64) -> [[f64; 3]; 3] {
+    let (mut start, mut piece) = (0., 0);
+    while piece + 1 < curve.poly_durations.len() && time > start + curve.poly_durations[piece] {
+        start += curve.poly_durations[piece];
+        piece += 1;
+    }
+    let (length, t) = (curve.poly_durations[piece], time - start);
+    let (a, b) = (&curve.nodes[piece], &curve.nodes[piece + 1]);
+    let value = hermite(t, length);
+    // p = a + v t + (3 d - (2 v + w) T) (t / T)^2 + ((v + w) T - 2 d) (t / T)^3, d = b - a.
+    let derivatives = |i: usize| {
+        let (d, v, w) = (b[i] - a[i], a[3 + i], b[3 + i]);
+        let (square, cube) = (3. * d - (2. * v + w) * length, (v + w) * length - 2. * d);
+        let u = t / length;
+        [v + (2. * square * u + 3. * cube * u * u) / length, (2. * square + 6. * cube * u) / (length * length)]
+    };
+    let rates: [[f64; 2]; 3] = std::array::from_fn(derivatives);
+    [
+        std::array::from_fn(|i| value[0] * a[i] + value[1] * a[3 + i] + value[2] * b[i] + value[3] * b[3 + i]),
+        rates.map(|r| r[0]),
+        rates.map(|r| r[1]),
+    ]
+}
+
+#[test]
+fn feet_keep_to_what_legs_can_do() {
+    // As fast as gaits of the families get: the limits matter.
+    let task = task("biped", "flat", [1.2, 0.], 0.);
+    let settings = SearchSettings { alternatives: 3, ..SearchSettings::default().seeking(Objective::Time) };
+    let found = run(Search::new(&task).settings(settings));
+    let robot = &task.robot;
+    let (speed, acceleration) = (1.9 * (GRAVITY * robot.base_height).sqrt(), 20. * GRAVITY);
+    let force = 2.5 * robot.mass * GRAVITY;
+    let norm = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let mut greatest = [0_f64; 3];
+    for gait in std::iter::once(&found.best).chain(&found.alternatives) {
+        let trajectory = gait.trajectory();
+        assert!(gait.feasible() && trajectory.limits.unwrap().foot_acceleration == Some(acceleration));
+        for foot in &trajectory.ee {
+            for i in 0..=(trajectory.horizon / SAMPLES) as usize {
+                let [_, rate, second] = sample(&foot.motion, i as f64 * SAMPLES);
+                let [push, ..] = sample(&foot.force, i as f64 * SAMPLES);
+                for (greatest, value) in greatest.iter_mut().zip([norm(&rate[..2]), norm(&second), push[2]]) {
+                    *greatest = greatest.max(value);
+                }
+            }
+        }
+    }
+    for (value, limit) in greatest.into_iter().zip([speed, acceleration, force]) {
+        assert!(value <= limit + TOLERANCE, "{greatest:?}");
+        assert!(value > 0.2 * limit, "far from any limit: {greatest:?}");
+    }
+}
