@@ -5,7 +5,6 @@ use cregopt::gait::{Curve, FootCurves, Trajectory};
 use cregopt::nlp::Layout;
 use cregopt::nlp::transcription::force_limit;
 use cregopt::robot::GRAVITY;
-use cregopt::settings::Transcription;
 use cregopt::task::Task;
 use nalgebra::{Matrix3, Vector3};
 
