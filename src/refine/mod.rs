@@ -18,6 +18,8 @@
 mod convex;
 mod cost;
 mod curvature;
+#[cfg(feature = "ipopt")]
+mod program;
 mod rows;
 mod variables;
 
@@ -262,6 +264,10 @@ pub fn refine(
             let trial = space.point(moved).ok().and_then(|p| close(&space, &mut solver, p, &closing, cancel));
             let next = trial.as_ref().map_or(f64::INFINITY, |p| price.value(p));
             let ratio = (value - next) / step.predicted;
+            #[cfg(test)]
+            if std::env::var("REFINE_TRACE").is_ok() {
+                eprintln!("{iterations} cost {value:.8} predicted {:.3e} ratio {ratio:.3} trust {trust:.1e} {least:.1e} {here:?}", step.predicted);
+            }
             let went = step.by.iter().zip(length).map(|(d, l)| (d / l).abs()).fold(0., f64::max);
             let taken = trial.filter(|p| ratio > ACCEPTED && certified(task, p));
             if taken.is_none() || ratio < POOR {
@@ -370,3 +376,6 @@ fn report(
 
 #[cfg(test)]
 mod tests;
+
+#[cfg(all(test, feature = "ipopt"))]
+mod ipopt_tests;

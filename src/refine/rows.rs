@@ -234,6 +234,18 @@ fn bends(layout: &Layout<f64>, x: &[f64], here: &Residuals, element_of: &[u32]) 
     layout.momentum_intervals.par_iter().map(of_interval).collect()
 }
 
+/// Interval of each row that depends on one: those of momentum and of reach. In the order of [`linear`].
+#[cfg(feature = "ipopt")]
+pub(super) fn intervals(space: &Space, layout: &Layout<f64>) -> Vec<Option<usize>> {
+    let known = known(space, layout);
+    let of = |equality: bool| {
+        let elements = known.iter().filter(move |e| e.spec.equality == equality);
+        elements.flat_map(|e| vec![(e.window.end == e.window.start + 1.).then_some(e.window.start as usize); e.rows])
+    };
+    // Shortest phases come after all others.
+    of(true).chain(of(false)).chain(std::iter::repeat_n(None, 16 * known.len())).collect()
+}
+
 /// Adds what the deviations do to the rows of the mean angular momentum and of reach.
 fn add_deviations(
     layout: &Layout<f64>,

@@ -194,6 +194,24 @@ impl<'a> Space<'a> {
         self.moved(Point { v, schedule: schedule.clone(), layout, x: x.to_vec() }, x.to_vec())
     }
 
+    /// The point of a gait that a refinement made of the one at the start.
+    #[cfg(all(test, feature = "ipopt"))]
+    pub fn found(&self, schedule: &AlignedSchedule, x: &[f64]) -> Point {
+        let mut v = vec![0.; self.variables.count];
+        for (foot, of_foot) in self.variables.feet.iter().enumerate() {
+            for (at, phase) in of_foot.boundaries.iter().zip(schedule.phases(foot)) {
+                if let Some(at) = at {
+                    v[*at] = phase.end / schedule.interval();
+                }
+            }
+        }
+        if let Some(at) = self.variables.interval {
+            v[at] = schedule.interval();
+        }
+        let layout = Layout::<f64>::new(self.task, schedule, self.settings);
+        self.moved(Point { v, schedule: schedule.clone(), layout, x: x.to_vec() }, x.to_vec())
+    }
+
     /// Visits every free value of a layout: its position in `x`, its variable, and, when it is a rate, its scale and the rate of the
     /// reference line: `x = v scale - line`.
     fn pairs(&self, layout: &Layout<f64>, mut visit: impl FnMut(usize, usize, Option<(f64, f64)>)) {
