@@ -18,7 +18,7 @@ fn compare(task: &Task, family: GaitFamily, settings: &RefineSettings) -> [f64; 
     let gait = found(task, family, &lower);
     let weights = CostWeights::default();
     let refined = refine(task, &gait.schedule, &gait.x, &lower.transcription, &weights, settings, &|| false).unwrap();
-    assert!(refined.certified);
+    assert!(refined.certified && refined.status != RefineStatus::NotClosed, "{:?}", refined.status);
     let cones = TranscriptionSettings { friction: Friction::Cone, ..lower.transcription.clone() };
     let space = Space::new(task, &gait.schedule, &cones, settings);
     let price = Price::new(&space, &weights, LEG_MASS_SHARE * task.robot.mass);
@@ -31,7 +31,7 @@ fn compare(task: &Task, family: GaitFamily, settings: &RefineSettings) -> [f64; 
         let mut best = f64::INFINITY;
         for rounding in [3e-3, 3e-4, 3e-5] {
             program.rounding = rounding * task.robot.weight() * 0.01;
-            let (end, how) = solve(&program, Some(&x), &Options { tolerance: 1e-6, max_iterations: 1500, max_seconds: 120. }).unwrap();
+            let (end, how) = solve(&program, Some(&x), &Options { tolerance: 1e-6, max_iterations: 1000, max_seconds: 60. }).unwrap();
             let (violation, cost, _) = program.judged(&end).unwrap();
             eprintln!("{} rounding {rounding:.0e}: cost {cost:.6}, violation {violation:.1e}, {how:?}", family.name());
             x = end;

@@ -51,7 +51,8 @@ pub struct RefineSettings {
     pub gain: f64,
     /// Whether phase durations are variables.
     pub durations: bool,
-    /// Whether the horizon is, too. The number of intervals of base knots stays, their length changes.
+    /// Whether the horizon is, too. The number of intervals of base knots stays and their length changes, within what leaves every interval
+    /// its pieces: from 0.1 s to between 0.078 and 0.104 s.
     pub horizon: bool,
     /// Trust region at the start. 1: 5 cm, 0.1 rad, 0.5 m/s, a weight per foot, a tenth of `sqrt(l / g)` for each boundary of phases.
     pub trust: f64,
@@ -177,7 +178,9 @@ const LEAST_CURVATURE: [f64; 3] = [1e-3, 1e-5, 1e2];
 /// Steps in a row that promise next to nothing, after which a refinement ends.
 const IDLE: usize = 2;
 /// Half the sum of the squared violations at which a point counts as closed.
-const CLOSED: f64 = 1e-18;
+const CLOSED: f64 = 1e-16;
+/// Barrier parameter from which a given gait is closed under cones, when closing steps do not do it.
+const START_BARRIER: f64 = 1e-3;
 /// Closing steps a point.
 const CLOSING_STEPS: usize = 8;
 
@@ -217,13 +220,16 @@ pub fn refine(
     let given = space.start(schedule, x);
     let mut iterations = 0;
     let mut optimality = None;
-    let Some(mut now) = close(&space, &mut solver, given.clone(), &SolverSettings::default(), cancel).filter(|p| certified(task, p)) else {
+    let closing = closing_settings();
+    // Forces outside their cones may be far from what closing steps can bring inside.
+    let attempts = [closing.clone(), SolverSettings { barrier: START_BARRIER, ..SolverSettings::default() }, SolverSettings::default()];
+    let mut closed = attempts.iter().filter_map(|a| close(&space, &mut solver, given.clone(), a, cancel).filter(|p| certified(task, p)));
+    let Some(mut now) = closed.next() else {
         return report(task, weights, leg_mass, &given, given.clone(), RefineStatus::NotClosed, optimality, iterations);
     };
     let mut value = price.value(&now);
     let length = &space.variables.step;
     let (mut trust, mut least) = (settings.trust, LEAST_CURVATURE[0]);
-    let closing = closing_settings();
     let mut history = History::default();
     let mut last: Option<Taken> = None;
     // Steps in a row that promised next to nothing.

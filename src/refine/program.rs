@@ -34,7 +34,7 @@ impl<'a> Program<'a> {
             bounds[*at] = [start[*at] - FARTHEST / length[*at], start[*at] + FARTHEST / length[*at]];
         }
         if let Some(at) = space.variables.interval {
-            bounds[at] = [0.8 * start[at], 1.03 * start[at]];
+            bounds[at] = space.interval_limits().map(|h| h / length[at]);
         }
         // What touches the intervals around.
         let linear = rows::linear(space, point)?;

@@ -186,6 +186,10 @@ pub(super) fn linear(space: &Space, point: &Point) -> Result<Linear> {
         into.extend(rows.by_ref().take(element.rows));
     }
     linear.inequalities.extend(shortest_phases(space, point));
+    linear.inequalities.extend(space.variables.interval.map(|at| {
+        let ([low, high], h) = (space.interval_limits(), point.schedule.interval());
+        Row { value: (h - high) / space.interval, lower: Some((low - h) / space.interval), by: vec![(at, 1. / space.interval)] }
+    }));
     Ok(linear)
 }
 

@@ -14,6 +14,7 @@ use crate::gait::family::time_scale;
 use crate::gait::schedule::MIN_PHASE;
 use crate::gait::{AlignedSchedule, Schedule};
 use crate::nlp::Layout;
+use crate::nlp::transcription::momentum::PIECE;
 use crate::rows::table::NONE;
 use crate::settings::TranscriptionSettings;
 use crate::task::Task;
@@ -137,6 +138,12 @@ impl<'a> Space<'a> {
             boundaries: (0..schedule.feet()).map(ends).collect(),
             shortest: (0..schedule.feet()).map(shortest).collect(),
         }
+    }
+
+    /// Shortest and longest interval, s: base curves and reach rows divide it into as many pieces as at the start, so that nothing jumps.
+    pub fn interval_limits(&self) -> [f64; 2] {
+        let pieces = (self.interval / PIECE).ceil();
+        [(pieces - 1.).max(0.5) * PIECE + PIECE * 1e-6, pieces * PIECE * (1. - 1e-6)]
     }
 
     /// Interval at a point, s.
