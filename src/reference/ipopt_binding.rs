@@ -84,16 +84,17 @@ unsafe fn session<'s, 'x>(user: *mut c_void, n: c_int, x: *const f64) -> (&'s mu
     unsafe { (&mut *user.cast::<Session>(), if x.is_null() { &[] } else { std::slice::from_raw_parts(x, n as usize) }) }
 }
 
-extern "C" fn eval_f(_: c_int, _: *const f64, _: Bool, value: *mut f64, _: *mut c_void) -> Bool {
-    // SAFETY: Ipopt asks for one number.
-    unsafe { *value = 0. };
-    1
+extern "C" fn eval_f(n: c_int, x: *const f64, _: Bool, value: *mut f64, user: *mut c_void) -> Bool {
+    // SAFETY: Ipopt's arguments, see `session`; it asks for one number.
+    let ((session, x), value) = unsafe { (session(user, n, x), &mut *value) };
+    *value = session.nlp.objective(x, None);
+    value.is_finite() as Bool
 }
 
-extern "C" fn eval_grad_f(n: c_int, _: *const f64, _: Bool, gradient: *mut f64, _: *mut c_void) -> Bool {
-    // SAFETY: Ipopt asks for n numbers.
-    unsafe { std::slice::from_raw_parts_mut(gradient, n as usize) }.fill(0.);
-    1
+extern "C" fn eval_grad_f(n: c_int, x: *const f64, _: Bool, gradient: *mut f64, user: *mut c_void) -> Bool {
+    // SAFETY: Ipopt's arguments, see `session`; it asks for n numbers.
+    let ((session, x), gradient) = unsafe { (session(user, n, x), std::slice::from_raw_parts_mut(gradient, n as usize)) };
+    session.nlp.objective(x, Some(gradient)).is_finite() as Bool
 }
 
 extern "C" fn eval_g(n: c_int, x: *const f64, _: Bool, m: c_int, values: *mut f64, user: *mut c_void) -> Bool {

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 /// Anything at least as large is no limit.
 pub const INFINITY: f64 = 1e20;
 
-/// `lower <= x <= upper`, `lower_i <= row_i(x) <= upper_i`, nothing to minimise.
+/// `lower <= x <= upper`, `lower_i <= row_i(x) <= upper_i`, and, in some, a smooth function to minimise.
 pub trait Nlp {
     /// Where to start.
     fn initial(&self) -> &[f64];
@@ -15,6 +15,15 @@ pub trait Nlp {
 
     /// Pushes every row, in the same order and with the same entries at any `x`.
     fn rows(&self, x: &[f64], rows: &mut Rows);
+
+    /// What is to be minimised, and its derivatives into `gradient`; zero unless a program says otherwise.
+    fn objective(&self, x: &[f64], gradient: Option<&mut [f64]>) -> f64 {
+        let _ = x;
+        gradient.map_or(0., |g| {
+            g.fill(0.);
+            0.
+        })
+    }
 }
 
 /// Rows at a point, with their limits and derivatives.

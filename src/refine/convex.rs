@@ -1,10 +1,11 @@
 //! The convex problem around a point, as Clarabel takes it.
 //!
-//! Over the step `d` (in its own trust lengths), and one bound `t` for each [`Term`] whose sign may change within the trust region:
+//! Over the step `d` (in its own trust lengths), and the positive and the negative part `p`, `n` of each [`Term`] whose sign may change within
+//! the trust region:
 //!
 //! ```text
-//! minimise    sum weight t + sum weight sign (value + by . d) + effort + effort' d + d' effort'' d / 2
-//! such that   |value + by . d| <= t
+//! minimise    sum weight (p + n) + sum weight sign (value + by . d) + effort + effort' d + d' (effort'' + curvature) d / 2
+//! such that   value + by . d = p - n,  p >= 0,  n >= 0
 //!             c + c' d = 0
 //!             g + g' d <= max(0, g)
 //!             |(tangential force, m)| <= mu (normal force) - m      second-order cones
@@ -20,7 +21,7 @@ use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
 
 /// Accuracy of a subproblem. Larger: multipliers blur; smaller: rounding keeps Clarabel from reaching it.
-const TOLERANCE: f64 = 1e-9;
+const TOLERANCE: f64 = 1e-8;
 
 /// Solution of the convex problem.
 #[derive(Debug, Clone)]
@@ -119,15 +120,15 @@ pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, lengt
     for term in &settled {
         term.by.iter().for_each(|&(i, d)| q[i] += term.weight * term.value.signum() * d * length[i] / cost);
     }
-    q.extend(open.iter().map(|t| t.weight / cost));
+    q.extend(open.iter().flat_map(|t| [t.weight / cost; 2]));
     let (mut rows, mut columns, mut values): (Vec<_>, Vec<_>, Vec<_>) = (0..n).map(|i| (i, i, curvature.least)).collect();
     for &(a, b, second) in &model.effort_by_forces {
         rows.push(a);
         columns.push(b);
         values.push(second * length[a] * length[b] / cost);
     }
-    // Steps along the curved directions, after the bounds of the terms.
-    let bends = n + open.len();
+    // Steps along the curved directions, after the parts of the terms.
+    let bends = n + 2 * open.len();
     for (i, (bend, _)) in curvature.directions.iter().enumerate() {
         rows.push(bends + i);
         columns.push(bends + i);
@@ -143,6 +144,10 @@ pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, lengt
     for (i, (_, direction)) in curvature.directions.iter().enumerate() {
         constraints.slack(0., direction.iter().copied().enumerate().filter(|(_, d)| *d != 0.).chain([(bends + i, -1.)]));
     }
+    let of_terms = constraints.b.len();
+    for (i, term) in open.iter().enumerate() {
+        constraints.slack(-term.value, scaled(&term.by).into_iter().chain([(n + 2 * i, -1.), (n + 2 * i + 1, 1.)]));
+    }
     constraints.cone(0, SupportedConeT::ZeroConeT);
     let first = constraints.b.len();
     let near = |(_, row): &(usize, &Row)| {
@@ -156,11 +161,9 @@ pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, lengt
             constraints.slack((-lower).max(0.), scaled(&row.by).into_iter().map(|(i, d)| (i, -d)));
         }
     }
-    let of_terms = constraints.b.len();
-    for (i, term) in open.iter().enumerate() {
-        for sign in [1., -1.] {
-            constraints.slack(-sign * term.value, scaled(&term.by).into_iter().map(|(i, d)| (i, sign * d)).chain([(n + i, -1.)]));
-        }
+    let of_parts = constraints.b.len();
+    for i in 0..2 * open.len() {
+        constraints.slack(0., [(n + i, -1.)]);
     }
     let of_trust = constraints.b.len();
     for i in 0..n {
@@ -216,7 +219,7 @@ pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, lengt
     }
     let held = |i: usize| solution.z[of_trust + 2 * i] - solution.z[of_trust + 2 * i + 1];
     let stationarity = (0..n).map(|i| (held(i) + bend[i]).abs()).fold(0., f64::max);
-    let complementarity = (first..of_terms).map(|i| solution.z[i] * b[i]);
+    let complementarity = (first..of_parts).map(|i| solution.z[i] * b[i]);
     let of_cones = linear.cones.iter().enumerate().map(|(i, cone)| {
         let z = &solution.z[of_cones + 5 * i..][..5];
         let [room, t @ ..] = cone.value;
@@ -240,7 +243,7 @@ pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, lengt
     };
     settled.iter().for_each(|term| add(term, term.weight * term.value.signum()));
     for (i, term) in open.iter().enumerate() {
-        add(term, cost * (solution.z[of_terms + 2 * i] - solution.z[of_terms + 2 * i + 1]));
+        add(term, cost * solution.z[of_terms + i]);
     }
     let after = predict(model, &d) + 0.5 * cost * curvature.along(&solution.x[..n]);
     Some(Step { by: d, predicted: cost - after, stationarity, complementarity, multipliers })

@@ -279,7 +279,7 @@ impl<'a> Price<'a> {
     }
 
     /// Variables that the terms of an interval depend on, ascending.
-    fn locals(&self, point: &Point, k: usize) -> Vec<usize> {
+    pub fn locals(&self, point: &Point, k: usize) -> Vec<usize> {
         let variables = &self.space.variables;
         let (t, h) = (k as f64 * point.schedule.interval(), point.schedule.interval());
         let mut local = Vec::new();

@@ -10,7 +10,10 @@ use nalgebra::{DMatrix, DVector};
 use std::collections::VecDeque;
 
 /// Steps that are remembered.
-const MEMORY: usize = 30;
+const MEMORY: usize = 20;
+
+/// Directions whose curvature is kept, the most curved: each is a dense row of the convex problem.
+const DIRECTIONS: usize = 16;
 
 /// Powell's damping: the least share of the curvature so far that a new step has to show.
 const DAMPING: f64 = 0.2;
@@ -92,9 +95,12 @@ impl History {
             b += &y * y.transpose() / s.dot(&y) - &bs * bs.transpose() / now;
         }
         let eigen = b.symmetric_eigen();
-        let directions = eigen.eigenvalues.iter().enumerate().filter(|(_, value)| **value > 1.5 * least).map(|(i, value)| {
+        let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).filter(|&i| eigen.eigenvalues[i] > 1.5 * least).collect();
+        order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+        order.truncate(DIRECTIONS);
+        let directions = order.into_iter().map(|i| {
             let direction = &basis * eigen.eigenvectors.column(i);
-            (value - least, direction.iter().copied().collect())
+            (eigen.eigenvalues[i] - least, direction.iter().copied().collect())
         });
         Curvature { least, directions: directions.collect() }
     }

@@ -190,6 +190,10 @@ pub(super) fn linear(space: &Space, point: &Point) -> Result<Linear> {
         into.extend(rows.by_ref().take(element.rows));
     }
     linear.inequalities.extend(shortest_phases(space, point));
+    linear.inequalities.extend(space.variables.interval.map(|at| {
+        let ([low, high], h) = (space.interval_limits(), point.schedule.interval());
+        Row { value: (h - high) / space.interval, lower: Some((low - h) / space.interval), by: vec![(at, 1. / space.interval)] }
+    }));
     Ok(linear)
 }
 
@@ -236,6 +240,18 @@ fn bends(layout: &Layout<f64>, x: &[f64], here: &Residuals, element_of: &[u32]) 
         positions.map(bend).collect()
     };
     layout.momentum_intervals.par_iter().map(of_interval).collect()
+}
+
+/// Interval of each row that depends on one: those of momentum and of reach. In the order of [`linear`].
+#[cfg(feature = "ipopt")]
+pub(super) fn intervals(space: &Space, layout: &Layout<f64>) -> Vec<Option<usize>> {
+    let known = known(space, layout);
+    let of = |equality: bool| {
+        let elements = known.iter().filter(move |e| e.spec.equality == equality);
+        elements.flat_map(|e| vec![(e.window.end == e.window.start + 1.).then_some(e.window.start as usize); e.rows])
+    };
+    // Shortest phases come after all others.
+    of(true).chain(of(false)).chain(std::iter::repeat_n(None, 16 * known.len())).collect()
 }
 
 /// Adds what the deviations do to the rows of the mean angular momentum and of reach.

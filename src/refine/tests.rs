@@ -123,10 +123,7 @@ fn derivatives_of_the_rows_are_those_of_central_differences() {
                 }
             }
         }
-        eprintln!("{worst:?} {worst_time:?}");
-        // By times all is taken along; by other variables all but how the base deviates from its cubics.
-        assert!(worst_time.0 < 1e-5, "{worst_time:?}");
-        assert!(worst.0 < 0.05, "{worst:?}");
+        assert!(worst_time.0 < 1e-5 && worst.0 < 1e-5, "{worst:?} {worst_time:?}");
     });
 }
 

@@ -14,6 +14,7 @@ use crate::gait::family::time_scale;
 use crate::gait::schedule::MIN_PHASE;
 use crate::gait::{AlignedSchedule, Schedule};
 use crate::nlp::Layout;
+use crate::nlp::transcription::momentum::PIECE;
 use crate::rows::table::NONE;
 use crate::settings::TranscriptionSettings;
 use crate::task::Task;
@@ -139,6 +140,12 @@ impl<'a> Space<'a> {
         }
     }
 
+    /// Shortest and longest interval, s: base curves and reach rows divide it into as many pieces as at the start, so that nothing jumps.
+    pub fn interval_limits(&self) -> [f64; 2] {
+        let pieces = (self.interval / PIECE).ceil();
+        [(pieces - 1.).max(0.5) * PIECE + PIECE * 1e-6, pieces * PIECE * (1. - 1e-6)]
+    }
+
     /// Interval at a point, s.
     pub fn interval_at(&self, v: &[f64]) -> f64 {
         self.variables.interval.map_or(self.interval, |at| v[at])
@@ -189,6 +196,24 @@ impl<'a> Space<'a> {
         }
         if let Some(at) = self.variables.interval {
             v[at] = self.interval;
+        }
+        let layout = Layout::<f64>::new(self.task, schedule, self.settings);
+        self.moved(Point { v, schedule: schedule.clone(), layout, x: x.to_vec() }, x.to_vec())
+    }
+
+    /// The point of a gait that a refinement made of the one at the start.
+    #[cfg(all(test, feature = "ipopt"))]
+    pub fn found(&self, schedule: &AlignedSchedule, x: &[f64]) -> Point {
+        let mut v = vec![0.; self.variables.count];
+        for (foot, of_foot) in self.variables.feet.iter().enumerate() {
+            for (at, phase) in of_foot.boundaries.iter().zip(schedule.phases(foot)) {
+                if let Some(at) = at {
+                    v[*at] = phase.end / schedule.interval();
+                }
+            }
+        }
+        if let Some(at) = self.variables.interval {
+            v[at] = schedule.interval();
         }
         let layout = Layout::<f64>::new(self.task, schedule, self.settings);
         self.moved(Point { v, schedule: schedule.clone(), layout, x: x.to_vec() }, x.to_vec())

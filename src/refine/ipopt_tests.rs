@@ -1,0 +1,75 @@
+//! Ipopt on the problem of a refinement, from the same gait.
+
+use super::tests::{found, task};
+use super::*;
+use crate::gait::family::GaitFamily;
+use crate::reference::ipopt::{Options, solve};
+use crate::search::evaluate::LowerSettings;
+
+/// Cost of refined gaits above Ipopt's, at most.
+const AGREEMENT: f64 = 1e-3;
+
+/// Violation of a row at which a point of Ipopt's counts as feasible.
+const FEASIBLE: f64 = 1e-5;
+
+/// Refines a gait, and has Ipopt do the same from the given gait and from the refined one. Costs: given, refined, Ipopt's two.
+fn compare(task: &Task, family: GaitFamily, settings: &RefineSettings) -> [f64; 4] {
+    let lower = LowerSettings::default();
+    let gait = found(task, family, &lower);
+    let weights = CostWeights::default();
+    let refined = refine(task, &gait.schedule, &gait.x, &lower.transcription, &weights, settings, &|| false).unwrap();
+    assert!(refined.certified && refined.status != RefineStatus::NotClosed, "{:?}", refined.status);
+    let cones = TranscriptionSettings { friction: Friction::Cone, ..lower.transcription.clone() };
+    let space = Space::new(task, &gait.schedule, &cones, settings);
+    let price = Price::new(&space, &weights, LEG_MASS_SHARE * task.robot.mass);
+    let given = space.start(&gait.schedule, &gait.x);
+    let own = space.found(&refined.schedule, &refined.x);
+    let ipopt = |from: &Point| {
+        let mut program = program::Program::new(&space, &price, &given, 0.).unwrap();
+        let mut x: Vec<f64> = from.v.iter().zip(&space.variables.step).map(|(v, l)| v / l).collect();
+        // The rounding falls; every program starts where the last one ended.
+        let mut best = f64::INFINITY;
+        for rounding in [3e-3, 3e-4, 3e-5] {
+            program.rounding = rounding * task.robot.weight() * 0.01;
+            let (end, how) = solve(&program, Some(&x), &Options { tolerance: 1e-6, max_iterations: 1000, max_seconds: 60. }).unwrap();
+            let (violation, cost, _) = program.judged(&end).unwrap();
+            eprintln!("{} rounding {rounding:.0e}: cost {cost:.6}, violation {violation:.1e}, {how:?}", family.name());
+            x = end;
+            if violation < FEASIBLE {
+                best = best.min(cost);
+            }
+        }
+        best
+    };
+    let costs = [price.value(&given), price.value(&own), ipopt(&given), ipopt(&own)];
+    eprintln!("{} {}: given, refined, ipopt from given, from refined {costs:.6?} {:?} {:?}", task.robot.name, family.name(), refined.status, refined.optimality);
+    costs
+}
+
+fn agrees(task: &Task, family: GaitFamily, settings: &RefineSettings) {
+    let [given, refined, from_given, from_refined] = compare(task, family, settings);
+    assert!(refined < given);
+    assert!(refined < from_given * (1. + AGREEMENT), "Ipopt finds {from_given} from the given gait, not {refined}");
+    assert!(refined < from_refined * (1. + AGREEMENT), "Ipopt goes on to {from_refined} from {refined}");
+}
+
+#[test]
+fn ipopt_finds_no_cheaper_gait_for_a_biped() {
+    agrees(&task("biped", "flat", [0.6, 0.], 0.), GaitFamily::Walk, &RefineSettings::default());
+}
+
+#[test]
+fn ipopt_finds_no_cheaper_gait_for_a_hopper() {
+    agrees(&task("monoped", "flat", [0.5, 0.], 0.), GaitFamily::Hop, &RefineSettings::default());
+}
+
+#[test]
+fn ipopt_finds_no_cheaper_trot() {
+    agrees(&task("anymal", "flat", [0.4, 0.], 0.), GaitFamily::Trot, &RefineSettings::default());
+}
+
+#[test]
+fn ipopt_finds_no_cheaper_gait_with_the_durations_given() {
+    let settings = RefineSettings { durations: false, horizon: false, ..RefineSettings::default() };
+    agrees(&task("biped", "flat", [0.6, 0.], 0.), GaitFamily::Walk, &settings);
+}

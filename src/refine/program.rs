@@ -1,0 +1,134 @@
+//! The problem of a refinement as a smooth nonlinear program, for Ipopt to check the refinement.
+//!
+//! The same variables, rows and cost, but for two things: absolute values of powers are rounded, `sqrt(power^2 + rounding^2)`, for Ipopt takes
+//! derivatives that go on; and friction cones are the rows that the solver has. Boundaries of phases move by less than an interval of base
+//! knots, so that every row has its entries at all points: those of a row are all variables that can touch it then.
+
+use super::cost::Price;
+use super::rows::{self, Residuals};
+use super::variables::{Point, Space};
+use crate::reference::nlp::{INFINITY, Nlp, Rows};
+
+/// How far a boundary of phases may move, in intervals.
+const FARTHEST: f64 = 0.9;
+
+/// A refinement's problem around a gait.
+#[derive(Debug)]
+pub(super) struct Program<'a> {
+    space: &'a Space<'a>,
+    price: &'a Price<'a>,
+    /// In the power's unit, J a point of a cell.
+    pub rounding: f64,
+    start: Vec<f64>,
+    bounds: Vec<[f64; 2]>,
+    /// Variables of each row.
+    entries: Vec<Vec<usize>>,
+}
+
+impl<'a> Program<'a> {
+    pub fn new(space: &'a Space<'a>, price: &'a Price<'a>, point: &Point, rounding: f64) -> crate::Result<Self> {
+        let length = &space.variables.step;
+        let start: Vec<f64> = point.v.iter().zip(length).map(|(v, l)| v / l).collect();
+        let mut bounds = vec![[-INFINITY, INFINITY]; start.len()];
+        for at in space.variables.feet.iter().flat_map(|f| &f.boundaries).flatten() {
+            bounds[*at] = [start[*at] - FARTHEST / length[*at], start[*at] + FARTHEST / length[*at]];
+        }
+        if let Some(at) = space.variables.interval {
+            bounds[at] = space.interval_limits().map(|h| h / length[at]);
+        }
+        // What touches the intervals around.
+        let linear = rows::linear(space, point)?;
+        let locals: Vec<Vec<usize>> = (0..space.intervals).map(|k| price.locals(point, k)).collect();
+        let interval_of = rows::intervals(space, &point.layout);
+        let around = |k: usize| {
+            let mut all: Vec<usize> = locals[k.saturating_sub(2)..(k + 3).min(locals.len())].iter().flatten().copied().collect();
+            all.sort_unstable();
+            all.dedup();
+            all
+        };
+        let rows = linear.equalities.iter().chain(&linear.inequalities);
+        let entries = rows.zip(&interval_of).map(|(row, interval)| match interval {
+            Some(k) => around(*k),
+            None => {
+                let mut own: Vec<usize> = row.by.iter().map(|(i, _)| *i).collect();
+                own.sort_unstable();
+                own.dedup();
+                own
+            }
+        });
+        Ok(Program { space, price, rounding, bounds, entries: entries.collect(), start })
+    }
+
+    fn point(&self, x: &[f64]) -> Option<Point> {
+        self.space.point(x.iter().zip(&self.space.variables.step).map(|(x, l)| x * l).collect()).ok()
+    }
+
+    /// Largest violation of a row, and the cost without rounding.
+    pub fn judged(&self, x: &[f64]) -> Option<(f64, f64, Point)> {
+        let point = self.point(x)?;
+        Some((Residuals::new(&point.layout, &point.x, false).violation(), self.price.value(&point), point))
+    }
+}
+
+impl Nlp for Program<'_> {
+    fn initial(&self) -> &[f64] {
+        &self.start
+    }
+
+    fn bounds(&self) -> &[[f64; 2]] {
+        &self.bounds
+    }
+
+    fn rows(&self, x: &[f64], rows: &mut Rows) {
+        let linear = self.point(x).and_then(|point| rows::linear(self.space, &point).ok());
+        let length = &self.space.variables.step;
+        let mut dense = vec![0.; x.len()];
+        let count = self.entries.len();
+        let Some(linear) = linear else {
+            for entries in &self.entries {
+                rows.row(f64::NAN, [0., 0.]);
+                entries.iter().for_each(|&i| rows.entry(i, 0.));
+            }
+            return;
+        };
+        let equalities = linear.equalities.iter().map(|r| (r, true));
+        for ((row, equality), entries) in equalities.chain(linear.inequalities.iter().map(|r| (r, false))).zip(&self.entries).take(count) {
+            row.by.iter().for_each(|&(i, d)| dense[i] += d * length[i]);
+            let low = match row.lower {
+                _ if equality => 0.,
+                // The lower side is `-value - room <= 0`.
+                Some(lower) => row.value + lower,
+                None => -INFINITY,
+            };
+            rows.row(row.value, [low, 0.]);
+            entries.iter().for_each(|&i| rows.entry(i, dense[i]));
+            row.by.iter().for_each(|&(i, _)| dense[i] = 0.);
+        }
+        for cone in &linear.cones {
+            // |t| - mu n + m, rounded by the margin.
+            let [room, t @ ..] = cone.value;
+            let size = (t.iter().map(|t| t * t).sum::<f64>() + cone.margin * cone.margin).sqrt();
+            rows.row(size - room, [-INFINITY, 0.]);
+            for (value, by) in [-1., t[0] / size, t[1] / size, t[2] / size].into_iter().zip(&cone.by) {
+                by.iter().for_each(|&(i, d)| rows.entry(i, value * d * length[i]));
+            }
+        }
+    }
+
+    fn objective(&self, x: &[f64], gradient: Option<&mut [f64]>) -> f64 {
+        let Some(point) = self.point(x) else { return f64::NAN };
+        let model = self.price.model(&point);
+        let length = &self.space.variables.step;
+        let mut by = model.effort_by;
+        let mut value = model.effort;
+        for term in &model.terms {
+            let size = term.value.hypot(self.rounding);
+            value += term.weight * size;
+            term.by.iter().for_each(|&(i, d)| by[i] += term.weight * term.value / size * d);
+        }
+        if let Some(gradient) = gradient {
+            gradient.iter_mut().zip(by).zip(length).for_each(|((g, d), l)| *g = d * l);
+        }
+        value
+    }
+}
