@@ -5,7 +5,7 @@ use super::tables::Buffer;
 use crate::backend::locked;
 use crate::error::{Error, Result};
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, mpsc};
 
 /// Loop iterations of one invocation after which some software adapters leave every loop.
 const LOOP_LIMIT: u32 = 65_535;
@@ -262,12 +262,12 @@ impl Device {
     /// Reads what was copied into a buffer made for that.
     pub fn read(&self, buffer: &wgpu::Buffer, len: u64) -> std::result::Result<Vec<u8>, Fault> {
         let slice = buffer.slice(..len);
-        let answer = Arc::new(Mutex::new(None));
-        let to = answer.clone();
-        slice.map_async(wgpu::MapMode::Read, move |result| *locked(&to) = Some(result));
+        let (answer, answered) = mpsc::channel();
+        slice.map_async(wgpu::MapMode::Read, move |result| answer.send(result).unwrap_or(()));
         self.wait()?;
-        match locked(&answer).take() {
-            Some(Ok(())) => {}
+        // Whoever polls or submits answers for all: another thread may be about to.
+        match answered.recv() {
+            Ok(Ok(())) => {}
             other => return Err(Fault::Lost(format!("a read-back failed: {other:?}"))),
         }
         let bytes = slice.get_mapped_range().map_err(|e| Fault::Lost(e.to_string()))?.to_vec();
