@@ -1,6 +1,6 @@
 //! Every tunable value of the transcription and the solver, with unit, default and limits.
 
-use crate::error::{Result, check_range};
+use crate::error::{Error, Result, check_range};
 use crate::gait::trajectory::GoalVelocity;
 use crate::terrain::Terrain;
 use serde::{Deserialize, Serialize};
@@ -211,6 +211,13 @@ impl TranscriptionSettings {
         check_range("transcription.force_pieces", self.force_pieces as f64, 2., 16.)?;
         check_range("transcription.length_margin", self.length_margin, 0., 0.1)?;
         check_range("transcription.force_margin", self.force_margin, 0., 0.1)?;
+        if self.friction == Friction::Cone {
+            // The margin rounds the tip of the cone, where a force of nothing has no direction.
+            check_range("transcription.force_margin with cones", self.force_margin, 1e-6, 0.1)?;
+            if self.rows == Transcription::Towr {
+                return Err(Error::invalid("transcription.friction", "cone", "`pyramid` with the rows `towr`"));
+            }
+        }
         check_range("transcription.clearance", self.clearance, 0., 10.)?;
         check_range("transcription.swing_height", self.swing_height, self.clearance + 1e-3, 100.)?;
         if let Some(speed) = self.foot_speed {

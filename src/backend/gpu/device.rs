@@ -141,7 +141,7 @@ pub struct Device {
     pub timestamps: bool,
     /// Invocations of a workgroup.
     pub workgroup: u32,
-    /// Bytes that the buffers of a bank may take.
+    /// Bytes that the buffers of all slots may take.
     pub memory: u64,
     /// Loop iterations after which an invocation is cut short, where the driver does that.
     pub loop_limit: Option<u32>,

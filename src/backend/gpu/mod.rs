@@ -37,7 +37,7 @@ use timer::Timer;
 const SLOTS: usize = 2048;
 /// Slots of a software adapter, at least: more than its threads need makes it slower, for they share a cache.
 const SOFTWARE_SLOTS: usize = 16;
-/// Candidates whose tables are made before the sizes of a slots are chosen.
+/// Candidates whose tables are made before the sizes of the slots are chosen.
 const SAMPLE: usize = 256;
 /// Room for larger candidates that come later.
 const SPARE: f64 = 1.1;

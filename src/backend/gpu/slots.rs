@@ -57,7 +57,7 @@ fn loops(layout: &Layout<f32>, step: &Step, workgroup: u32) -> u32 {
                 return 5 * shares(30) + 3 * shares(42) + shares(24) + shares(360);
             }
             let columns: u32 = layout.runs[element.runs.range()].iter().map(|r| r.len).sum();
-            triangle(columns) + shares(columns) + columns + 8
+            element.rows.div_ceil(6) * (triangle(columns) + shares(columns) + columns + 8)
         })
         .sum();
     let panels = step.pivots.div_ceil(4) * (triangle(step.size) + 6 * shares(step.size));
