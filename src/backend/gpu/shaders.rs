@@ -198,8 +198,11 @@ fn needs<'a>(text: &'a str, into: &mut Vec<&'a str>) {
     }
 }
 
+/// Values with their names in shaders.
+type Named<T> = Vec<(&'static str, T)>;
+
 /// Constants that shaders and twins have in common: name and value, in `u32` and in `f32`.
-pub fn constants() -> (Vec<(&'static str, u32)>, Vec<(&'static str, f32)>) {
+pub fn constants() -> (Named<u32>, Named<f32>) {
     let whole = vec![
         ("NONE", NONE),
         ("INNER_POINTS", INNER_POINTS as u32),
