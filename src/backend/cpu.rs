@@ -25,6 +25,7 @@ impl Cpu {
     }
 
     /// Its threads.
+    #[cfg(feature = "gpu")]
     pub(super) fn pool(&self) -> &rayon::ThreadPool {
         &self.pool
     }

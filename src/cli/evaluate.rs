@@ -88,7 +88,7 @@ struct Answered {
 
 /// Who solves the lines.
 enum Solver {
-    Own(Box<dyn Backend>, LowerSettings),
+    Own(Box<dyn Backend>, Box<LowerSettings>),
     Ipopt(Workers),
 }
 
@@ -169,7 +169,7 @@ impl Evaluate {
         }
 
         let solver = match self.solver {
-            SolverArg::Own => Solver::Own(self.lower.backend(items.len())?, settings),
+            SolverArg::Own => Solver::Own(self.lower.backend(items.len())?, Box::new(settings)),
             SolverArg::Ipopt => Solver::Ipopt(workers(self.lower.place.threads)?),
         };
         let start = Instant::now();

@@ -138,8 +138,8 @@ pub fn run(case: &Case, devices: &Devices, cancelled: &AtomicBool) -> Result<Opt
             searched(&level, case, &task, cancelled, trajectory, (workers.device(), workers.count))?
         }
         _ => {
-            let mut settings = LowerSettings::default();
-            settings.transcription = TranscriptionSettings::paper(case.method.rows());
+            let transcription = TranscriptionSettings::paper(case.method.rows());
+            let mut settings = LowerSettings { transcription, ..LowerSettings::default() };
             settings.solver.stall.enabled = case.method.stall_rule();
             settings.validate()?;
             let level = BatchSolver { task: &task, settings: &settings, backend: devices.backend, cost: None };

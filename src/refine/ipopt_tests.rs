@@ -42,7 +42,13 @@ fn compare(task: &Task, family: GaitFamily, settings: &RefineSettings) -> [f64; 
         best
     };
     let costs = [price.value(&given), price.value(&own), ipopt(&given), ipopt(&own)];
-    eprintln!("{} {}: given, refined, ipopt from given, from refined {costs:.6?} {:?} {:?}", task.robot.name, family.name(), refined.status, refined.optimality);
+    eprintln!(
+        "{} {}: given, refined, ipopt from given, from refined {costs:.6?} {:?} {:?}",
+        task.robot.name,
+        family.name(),
+        refined.status,
+        refined.optimality
+    );
     costs
 }
 

@@ -286,7 +286,10 @@ pub fn refine(
             let ratio = (value - next) / step.predicted;
             #[cfg(test)]
             if std::env::var("REFINE_TRACE").is_ok() {
-                eprintln!("{iterations} cost {value:.8} predicted {:.3e} ratio {ratio:.3} trust {trust:.1e} {least:.1e} {here:?}", step.predicted);
+                eprintln!(
+                    "{iterations} cost {value:.8} predicted {:.3e} ratio {ratio:.3} trust {trust:.1e} {least:.1e} {here:?}",
+                    step.predicted
+                );
             }
             let went = step.by.iter().zip(length).map(|(d, l)| (d / l).abs()).fold(0., f64::max);
             let taken = trial.filter(|p| ratio > ACCEPTED && certified(task, p));

@@ -122,9 +122,11 @@ macro_rules! row_tables {
         }
     };
 }
+#[cfg(feature = "gpu")]
 pub(crate) use row_tables;
 
 /// The shaders that evaluate all rows, in their order, each with the table whose entries it walks. Hands the list to a macro.
+#[cfg(feature = "gpu")]
 macro_rules! row_shaders {
     ($then:path $(, $more:tt)*) => {
         $then! { $($more)*
@@ -140,6 +142,7 @@ macro_rules! row_shaders {
         }
     };
 }
+#[cfg(feature = "gpu")]
 pub(crate) use row_shaders;
 
 macro_rules! tables {

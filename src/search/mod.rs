@@ -140,6 +140,9 @@ pub struct SearchResult {
     pub seconds: f64,
 }
 
+/// Who is told while a search runs.
+type Listener<'a> = Box<dyn FnMut(&Progress) + Send + 'a>;
+
 /// A search for a gait.
 ///
 /// ```
@@ -157,7 +160,7 @@ pub struct Search<'a> {
     lower: LowerSettings,
     seed: u64,
     cancelled: Option<&'a AtomicBool>,
-    progress: Option<Box<dyn FnMut(&Progress) + Send + 'a>>,
+    progress: Option<Listener<'a>>,
 }
 
 impl std::fmt::Debug for Search<'_> {

@@ -198,10 +198,10 @@ fn needs<'a>(text: &'a str, into: &mut Vec<&'a str>) {
     }
 }
 
-/// Values by their names.
+/// Values with their names in shaders.
 type Named<T> = Vec<(&'static str, T)>;
 
-/// Constants that shaders and twins have in common, in `u32` and in `f32`.
+/// Constants that shaders and twins have in common: name and value, in `u32` and in `f32`.
 pub fn constants() -> (Named<u32>, Named<f32>) {
     let whole = vec![
         ("NONE", NONE),
