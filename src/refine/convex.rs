@@ -14,7 +14,7 @@
 //!
 //! Rows and terms that no step within the trust region can reach are left out: the solution is the same.
 
-use super::cost::{Gradient, Model, Term};
+use super::convex_cost::{Gradient, Model, Term};
 use super::curvature::Curvature;
 use super::rows::{Linear, Row};
 use clarabel::algebra::CscMatrix;

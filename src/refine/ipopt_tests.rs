@@ -29,9 +29,9 @@ fn compare(task: &Task, family: GaitFamily, settings: &RefineSettings) -> [f64; 
         let mut x: Vec<f64> = from.v.iter().zip(&space.variables.step).map(|(v, l)| v / l).collect();
         // The rounding falls; every program starts where the last one ended.
         let mut best = f64::INFINITY;
-        for rounding in [3e-3, 3e-4, 3e-5] {
+        for rounding in [1e-2, 1e-3, 1e-4] {
             program.rounding = rounding * task.robot.weight() * 0.01;
-            let (end, how) = solve(&program, Some(&x), &Options { tolerance: 1e-6, max_iterations: 1000, max_seconds: 60. }).unwrap();
+            let (end, how) = solve(&program, Some(&x), &Options { tolerance: 1e-6, max_iterations: 1000, max_seconds: 200. }).unwrap();
             let (violation, cost, _) = program.judged(&end).unwrap();
             eprintln!("{} rounding {rounding:.0e}: cost {cost:.6}, violation {violation:.1e}, {how:?}", family.name());
             x = end;
@@ -42,7 +42,13 @@ fn compare(task: &Task, family: GaitFamily, settings: &RefineSettings) -> [f64; 
         best
     };
     let costs = [price.value(&given), price.value(&own), ipopt(&given), ipopt(&own)];
-    eprintln!("{} {}: given, refined, ipopt from given, from refined {costs:.6?} {:?} {:?}", task.robot.name, family.name(), refined.status, refined.optimality);
+    eprintln!(
+        "{} {}: given, refined, ipopt from given, from refined {costs:.6?} {:?} {:?}",
+        task.robot.name,
+        family.name(),
+        refined.status,
+        refined.optimality
+    );
     costs
 }
 

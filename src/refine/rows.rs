@@ -8,7 +8,7 @@
 //! motion, not to find the best: without its derivatives the last steps towards an optimum bring half of what they promise, however short
 //! they are. Central differences interval by interval add them.
 
-use super::cost::Gradient;
+use super::convex_cost::Gradient;
 use super::variables::{Point, Space};
 use crate::error::Result;
 use crate::nlp::Layout;
@@ -163,7 +163,8 @@ pub(super) fn linear(space: &Space, point: &Point) -> Result<Linear> {
             let mut by = Gradient::new();
             for run in &layout.runs[layout.elements[at].runs.range()] {
                 for i in 0..run.len as usize {
-                    let value = here.jacobian[element.place.jacobian as usize + r * element.place.stride as usize + run.column as usize + i];
+                    let value =
+                        here.jacobian[element.place.jacobian as usize + r * element.place.stride as usize + run.column as usize + i];
                     let (variable, scale) = columns[run.variable as usize + i];
                     if value != 0. {
                         by.push((variable, value * scale));
@@ -239,7 +240,7 @@ fn bends(layout: &Layout<f64>, x: &[f64], here: &Residuals, element_of: &[u32]) 
 }
 
 /// Interval of each row that depends on one: those of momentum and of reach. In the order of [`linear`].
-#[cfg(feature = "ipopt")]
+#[cfg(all(test, feature = "ipopt"))]
 pub(super) fn intervals(space: &Space, layout: &Layout<f64>) -> Vec<Option<usize>> {
     let known = known(space, layout);
     let of = |equality: bool| {
