@@ -143,7 +143,7 @@ pub struct Refined {
     pub after: Cost,
     /// Whether every row of the certificate holds.
     pub certified: bool,
-    /// Residual of the optimality conditions, none when no convex problem was solved.
+    /// Residual of the optimality conditions where the last convex problem was solved, with its multipliers; none when none was.
     pub optimality: Option<Optimality>,
     /// Convex problems solved.
     pub iterations: usize,
@@ -177,8 +177,9 @@ const MOST_TRUST: f64 = 1.;
 const LEAST_CURVATURE: [f64; 3] = [1e-3, 1e-5, 1e2];
 /// Steps in a row that promise next to nothing, after which a refinement ends.
 const IDLE: usize = 2;
-/// Half the sum of the squared violations at which a point counts as closed.
-const CLOSED: f64 = 1e-16;
+/// Half the sum of the squared violations, scaled as rows are, at which a point counts as closed. Closing steps nearly always end far below;
+/// where rows say the same twice they creep, and less would refuse good points.
+const CLOSED: f64 = 1e-13;
 /// Shares of the margins of rows that are tried, one after the other.
 const MARGINS: [f64; 2] = [1., 0.1];
 /// Barrier parameter from which a given gait is closed under cones, when closing steps do not do it.
@@ -276,15 +277,8 @@ pub fn refine(
             let trial = space.point(moved).ok().and_then(|p| close(&space, &mut solver, p, &closing, cancel));
             let next = trial.as_ref().map_or(f64::INFINITY, |p| price.value(p));
             let ratio = (value - next) / step.predicted;
-            #[cfg(test)]
-            if std::env::var("REFINE_TRACE").is_ok() {
-                eprintln!(
-                    "{iterations} cost {value:.8} predicted {:.3e} ratio {ratio:.3} trust {trust:.1e} {least:.1e} {here:?}",
-                    step.predicted
-                );
-            }
             let went = step.by.iter().zip(length).map(|(d, l)| (d / l).abs()).fold(0., f64::max);
-            let taken = trial.filter(|p| ratio > ACCEPTED && certified(task, p));
+            let taken = trial.filter(|p| next < value && ratio > ACCEPTED && certified(task, p));
             if taken.is_none() || ratio < POOR {
                 trust = 0.5 * went.min(trust);
                 least = (4. * least).min(LEAST_CURVATURE[2]);
