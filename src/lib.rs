@@ -17,8 +17,8 @@
 //!
 //! Data flows one way: task → [schedule](gait::schedule) → [layout](nlp::layout) → [batch](backend) → [solver] →
 //! [certified trajectory](certify) → [report]. [`search::search`] is the whole job, [`evaluate::evaluate`] the lower level alone,
-//! [`certify::verify()`] the check that shares nothing with the solver, [`mod@reference`] the same problems for Ipopt, and [`experiment`] the
-//! paper's experiments with both.
+//! [`mod@refine`] brings a found gait to a local optimum of its cost, [`certify::verify()`] is the check that shares nothing with the solver,
+//! [`mod@reference`] the same problems for Ipopt, and [`experiment`] the paper's experiments with both.
 //!
 //! ```
 //! use cregopt::{backend::Cpu, scenario::Scenario, search::{cem::CemSettings, evaluate::LowerSettings, search}};

@@ -168,6 +168,8 @@ const ACCEPTED: f64 = 0.1;
 const GOOD: f64 = 0.7;
 /// and below which it shrinks.
 const POOR: f64 = 0.3;
+/// Part by which a phase may be shorter than the shortest: closing steps do not move it.
+const SHORT: f64 = 1e-3;
 /// Trust below which a refinement stalls.
 const LEAST_TRUST: f64 = 1e-6;
 /// Largest trust.
@@ -278,7 +280,9 @@ pub fn refine(
             let next = trial.as_ref().map_or(f64::INFINITY, |p| price.value(p));
             let ratio = (value - next) / step.predicted;
             let went = step.by.iter().zip(length).map(|(d, l)| (d / l).abs()).fold(0., f64::max);
-            let taken = trial.filter(|p| next < value && ratio > ACCEPTED && certified(task, p));
+            let short = |p: &Point| space.shortness(&p.schedule);
+            let lasts = |p: &Point| short(p) < SHORT || short(p) <= short(&now);
+            let taken = trial.filter(|p| next < value && ratio > ACCEPTED && lasts(p) && certified(task, p));
             if taken.is_none() || ratio < POOR {
                 trust = 0.5 * went.min(trust);
                 least = (4. * least).min(LEAST_CURVATURE[2]);

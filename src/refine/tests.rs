@@ -152,7 +152,7 @@ fn durations_that_move_make_it_cheaper_still_and_no_phase_too_short() {
     let (task, free) = refined(&RefineSettings { iterations: 8, ..RefineSettings::default() });
     assert!(free.after.total < given.after.total && free.changed > 0);
     let shortest = MIN_PHASE * crate::gait::family::time_scale(&task.robot);
-    assert!(free.schedule.durations().iter().flatten().all(|d| *d > shortest - 1e-6));
+    assert!(free.schedule.durations().iter().flatten().all(|d| *d > shortest * (1. - SHORT)));
 }
 
 #[test]
