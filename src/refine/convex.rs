@@ -7,14 +7,14 @@
 //! minimise    sum weight (p + n) + sum weight sign (value + by . d) + effort + effort' d + d' (effort'' + curvature) d / 2
 //! such that   value + by . d = p - n,  p >= 0,  n >= 0
 //!             c + c' d = 0
-//!             g + g' d <= max(0, g)
+//!             g + g' d <= 0, or as near to it as half the trust region goes
 //!             |(tangential force, m)| <= mu (normal force) - m      second-order cones
 //!             |d| <= trust
 //! ```
 //!
 //! Rows and terms that no step within the trust region can reach are left out: the solution is the same.
 
-use super::cost::{Gradient, Model, Term};
+use super::convex_cost::{Gradient, Model, Term};
 use super::curvature::Curvature;
 use super::rows::{Linear, Row};
 use clarabel::algebra::CscMatrix;
@@ -156,9 +156,11 @@ pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, lengt
     };
     let inequalities: Vec<(usize, &Row)> = linear.inequalities.iter().enumerate().filter(near).collect();
     for (_, row) in &inequalities {
-        constraints.slack((-row.value).max(0.), scaled(&row.by));
+        // What is violated comes back as far as half the trust region takes it.
+        let most = -0.5 * reach(&row.by, length, trust);
+        constraints.slack((-row.value).max(most), scaled(&row.by));
         if let Some(lower) = row.lower {
-            constraints.slack((-lower).max(0.), scaled(&row.by).into_iter().map(|(i, d)| (i, -d)));
+            constraints.slack((-lower).max(most), scaled(&row.by).into_iter().map(|(i, d)| (i, -d)));
         }
     }
     let of_parts = constraints.b.len();

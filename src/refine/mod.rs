@@ -2,7 +2,7 @@
 //!
 //! The variables are those of the `momentum` layout, the boundaries between phases and, when the horizon is free, the interval of base
 //! knots ([`variables`]). At every point the rows are linearised, friction cones stay what they are ([`rows`]), and the cost is made convex
-//! ([`cost`]), with a curvature that is learned on the way ([`curvature`]). Clarabel solves that problem within a trust region ([`convex`]). Gauss-Newton steps in f64 bring the step back onto the rows,
+//! ([`convex_cost`]), with a curvature that is learned on the way ([`curvature`]). Clarabel solves that problem within a trust region ([`convex`]). Gauss-Newton steps in f64 bring the step back onto the rows,
 //! as they close every solution of this program; so every point on the way is a valid gait, and the cost alone decides. The trust region
 //! grows when the cost falls as predicted and shrinks when it does not. What comes back is certified, and no worse than what was given.
 //!
@@ -16,15 +16,15 @@
 //! ```
 
 mod convex;
-mod cost;
+mod convex_cost;
 mod curvature;
-#[cfg(feature = "ipopt")]
+#[cfg(all(test, feature = "ipopt"))]
 mod program;
 mod rows;
 mod variables;
 
 use crate::error::{Error, Result, check_range};
-use crate::gait::cost::{Cost, CostWeights};
+use crate::gait::cost::{self, Cost, CostWeights};
 use crate::gait::family::MIN_PHASE;
 use crate::gait::{AlignedSchedule, Trajectory};
 use crate::nlp::{Layout, trajectory};
@@ -33,7 +33,7 @@ use crate::solver::{Finish, Solver, Status};
 use crate::task::Task;
 use crate::verify::verify_rows;
 use convex::Multipliers;
-use cost::Price;
+use convex_cost::Price;
 use curvature::History;
 use serde::{Deserialize, Serialize};
 use variables::{Point, Space};
@@ -157,7 +157,7 @@ pub struct Refined {
     pub after: Cost,
     /// Whether every row of the certificate holds.
     pub certified: bool,
-    /// Residual of the optimality conditions, none when no convex problem was solved.
+    /// Residual of the optimality conditions where the last convex problem was solved, with its multipliers; none when none was.
     pub optimality: Option<Optimality>,
     /// Convex problems solved.
     pub iterations: usize,
@@ -182,6 +182,8 @@ const ACCEPTED: f64 = 0.1;
 const GOOD: f64 = 0.7;
 /// and below which it shrinks.
 const POOR: f64 = 0.3;
+/// Part by which a phase may be shorter than the shortest: closing steps do not move it.
+const SHORT: f64 = 1e-3;
 /// Trust below which a refinement stalls.
 const LEAST_TRUST: f64 = 1e-6;
 /// Largest trust.
@@ -191,8 +193,11 @@ const MOST_TRUST: f64 = 1.;
 const LEAST_CURVATURE: [f64; 3] = [1e-3, 1e-5, 1e2];
 /// Steps in a row that promise next to nothing, after which a refinement ends.
 const IDLE: usize = 2;
-/// Half the sum of the squared violations at which a point counts as closed.
-const CLOSED: f64 = 1e-16;
+/// Half the sum of the squared violations, scaled as rows are, at which a point counts as closed. Closing steps nearly always end far below;
+/// where rows say the same twice they creep, and less would refuse good points.
+const CLOSED: f64 = 1e-13;
+/// Shares of the margins of rows that are tried, one after the other.
+const MARGINS: [f64; 2] = [1., 0.1];
 /// Barrier parameter from which a given gait is closed under cones, when closing steps do not do it.
 const START_BARRIER: f64 = 1e-3;
 /// Closing steps a point.
@@ -225,22 +230,26 @@ pub fn refine(
     cancel: &dyn Fn() -> bool,
 ) -> Result<Refined> {
     check(task, schedule, x, transcription, weights, settings)?;
-    let cones = TranscriptionSettings { friction: Friction::Cone, ..transcription.clone() };
+    // Where rows cannot hold with their margins, the certificate may still.
+    let cones = MARGINS.map(|share| TranscriptionSettings {
+        friction: Friction::Cone,
+        length_margin: share * transcription.length_margin,
+        force_margin: share * transcription.force_margin,
+        ..transcription.clone()
+    });
     let leg_mass = settings.leg_mass.unwrap_or_else(|| task.robot.leg_mass());
-    let space = Space::new(task, schedule, &cones, settings);
-    let price = Price::new(&space, weights, leg_mass);
+    let pricing = Pricing { task, weights, leg_mass };
     let mut solver = Solver::<f64>::default();
-
-    let given = space.start(schedule, x);
-    let mut iterations = 0;
-    let mut optimality = None;
     let closing = closing_settings();
-    // Forces outside their cones may be far from what closing steps can bring inside.
-    let attempts = [closing.clone(), SolverSettings { barrier: START_BARRIER, ..SolverSettings::default() }, SolverSettings::default()];
-    let mut closed = attempts.iter().filter_map(|a| close(&space, &mut solver, given.clone(), a, cancel).filter(|p| certified(task, p)));
-    let Some(mut now) = closed.next() else {
-        return report(task, weights, leg_mass, &given, given.clone(), RefineStatus::NotClosed, optimality, iterations);
+    let spaces = cones.iter().map(|cones| Space::new(task, schedule, cones, settings));
+    let mut closed = spaces.filter_map(|space| close_given(&space, &mut solver, schedule, x, cancel).map(|point| (space, point)));
+    let Some((space, mut now)) = closed.next() else {
+        let given = Space::new(task, schedule, &cones[0], settings).start(schedule, x);
+        return pricing.report(&given, given.clone(), RefineStatus::NotClosed, None, 0);
     };
+    let given = space.start(schedule, x);
+    let price = Price::new(&space, weights, leg_mass);
+    let (mut iterations, mut optimality) = (0, None);
     let mut value = price.value(&now);
     let length = &space.variables.step;
     let (mut trust, mut least) = (settings.trust, LEAST_CURVATURE[0]);
@@ -284,15 +293,10 @@ pub fn refine(
             let trial = space.point(moved).ok().and_then(|p| close(&space, &mut solver, p, &closing, cancel));
             let next = trial.as_ref().map_or(f64::INFINITY, |p| price.value(p));
             let ratio = (value - next) / step.predicted;
-            #[cfg(test)]
-            if std::env::var("REFINE_TRACE").is_ok() {
-                eprintln!(
-                    "{iterations} cost {value:.8} predicted {:.3e} ratio {ratio:.3} trust {trust:.1e} {least:.1e} {here:?}",
-                    step.predicted
-                );
-            }
             let went = step.by.iter().zip(length).map(|(d, l)| (d / l).abs()).fold(0., f64::max);
-            let taken = trial.filter(|p| ratio > ACCEPTED && certified(task, p));
+            let short = |p: &Point| space.shortness(&p.schedule);
+            let lasts = |p: &Point| short(p) < SHORT || short(p) <= short(&now);
+            let taken = trial.filter(|p| next < value && ratio > ACCEPTED && lasts(p) && certified(task, p));
             if taken.is_none() || ratio < POOR {
                 trust = 0.5 * went.min(trust);
                 least = (4. * least).min(LEAST_CURVATURE[2]);
@@ -309,7 +313,7 @@ pub fn refine(
             }
         }
     };
-    report(task, weights, leg_mass, &given, now, status, optimality, iterations)
+    pricing.report(&given, now, status, optimality, iterations)
 }
 
 fn check(
@@ -363,37 +367,56 @@ fn certified(task: &Task, point: &Point) -> bool {
     verify_rows(&motion, &task.robot, &task.terrain, point.layout.force_limit()).is_ok_and(|r| r.feasible)
 }
 
-#[allow(clippy::too_many_arguments, reason = "what a refinement knows at its end")]
-fn report(
-    task: &Task,
-    weights: &CostWeights,
+/// The point of the given gait brought onto its rows; nothing when that fails.
+fn close_given(space: &Space, solver: &mut Solver<f64>, schedule: &AlignedSchedule, x: &[f64], cancel: &dyn Fn() -> bool) -> Option<Point> {
+    // Forces outside their cones may be farther off than closing steps can bring them.
+    let onwards = SolverSettings { barrier: START_BARRIER, ..SolverSettings::default() };
+    let attempts = [closing_settings(), onwards, SolverSettings::default()];
+    let closed = |settings| close(space, solver, space.start(schedule, x), settings, cancel).filter(|p| certified(space.task, p));
+    attempts.iter().find_map(closed)
+}
+
+/// What gaits are priced with.
+struct Pricing<'a> {
+    task: &'a Task,
+    weights: &'a CostWeights,
     leg_mass: f64,
-    given: &Point,
-    last: Point,
-    status: RefineStatus,
-    optimality: Option<Optimality>,
-    iterations: usize,
-) -> Result<Refined> {
-    let priced = |point: &Point| crate::gait::cost::cost(&trajectory(task, &point.layout, &point.x), &task.robot, leg_mass, weights);
-    let (before, mut after) = (priced(given)?, priced(&last)?);
-    let mut last = last;
-    if after.total > before.total && certified(task, given) {
-        (last, after) = (given.clone(), before);
+}
+
+impl Pricing<'_> {
+    fn cost(&self, point: &Point) -> Result<Cost> {
+        cost::cost(&trajectory(self.task, &point.layout, &point.x), &self.task.robot, self.leg_mass, self.weights)
     }
-    let durations = |point: &Point| -> Vec<f64> { point.schedule.durations().iter().flatten().copied().collect() };
-    let changes: Vec<f64> = durations(given).iter().zip(durations(&last)).map(|(a, b)| (a - b).abs()).collect();
-    Ok(Refined {
-        status,
-        certified: certified(task, &last),
-        schedule: last.schedule,
-        x: last.x,
-        before,
-        after,
-        optimality,
-        iterations,
-        largest_change: changes.iter().copied().fold(0., f64::max),
-        changed: changes.iter().filter(|c| **c > 1e-3).count(),
-    })
+
+    /// What came of it: the last point, or the given one when that is cheaper after all.
+    fn report(
+        &self,
+        given: &Point,
+        last: Point,
+        status: RefineStatus,
+        optimality: Option<Optimality>,
+        iterations: usize,
+    ) -> Result<Refined> {
+        let (before, mut after) = (self.cost(given)?, self.cost(&last)?);
+        let mut last = last;
+        if after.total > before.total && certified(self.task, given) {
+            (last, after) = (given.clone(), before);
+        }
+        let durations = |point: &Point| -> Vec<f64> { point.schedule.durations().iter().flatten().copied().collect() };
+        let changes: Vec<f64> = durations(given).iter().zip(durations(&last)).map(|(a, b)| (a - b).abs()).collect();
+        Ok(Refined {
+            status,
+            certified: certified(self.task, &last),
+            schedule: last.schedule,
+            x: last.x,
+            before,
+            after,
+            optimality,
+            iterations,
+            largest_change: changes.iter().copied().fold(0., f64::max),
+            changed: changes.iter().filter(|c| **c > 1e-3).count(),
+        })
+    }
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@
 //! derivatives that go on; and friction cones are the rows that the solver has. Boundaries of phases move by less than an interval of base
 //! knots, so that every row has its entries at all points: those of a row are all variables that can touch it then.
 
-use super::cost::Price;
+use super::convex_cost::Price;
 use super::rows::{self, Residuals};
 use super::variables::{Point, Space};
 use crate::reference::nlp::{INFINITY, Nlp, Rows};
@@ -117,6 +117,7 @@ impl Nlp for Program<'_> {
 
     fn objective(&self, x: &[f64], gradient: Option<&mut [f64]>) -> f64 {
         let Some(point) = self.point(x) else { return f64::NAN };
+        let Some(gradient) = gradient else { return self.price.rounded(&point, self.rounding) };
         let model = self.price.model(&point);
         let length = &self.space.variables.step;
         let mut by = model.effort_by;
@@ -126,9 +127,7 @@ impl Nlp for Program<'_> {
             value += term.weight * size;
             term.by.iter().for_each(|&(i, d)| by[i] += term.weight * term.value / size * d);
         }
-        if let Some(gradient) = gradient {
-            gradient.iter_mut().zip(by).zip(length).for_each(|((g, d), l)| *g = d * l);
-        }
+        gradient.iter_mut().zip(by).zip(length).for_each(|((g, d), l)| *g = d * l);
         value
     }
 }

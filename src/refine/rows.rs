@@ -8,7 +8,7 @@
 //! motion, not to find the best: without its derivatives the last steps towards an optimum bring half of what they promise, however short
 //! they are. Central differences interval by interval add them.
 
-use super::cost::Gradient;
+use super::convex_cost::Gradient;
 use super::variables::{Point, Space};
 use crate::error::Result;
 use crate::nlp::Layout;
@@ -243,7 +243,7 @@ fn bends(layout: &Layout<f64>, x: &[f64], here: &Residuals, element_of: &[u32]) 
 }
 
 /// Interval of each row that depends on one: those of momentum and of reach. In the order of [`linear`].
-#[cfg(feature = "ipopt")]
+#[cfg(all(test, feature = "ipopt"))]
 pub(super) fn intervals(space: &Space, layout: &Layout<f64>) -> Vec<Option<usize>> {
     let known = known(space, layout);
     let of = |equality: bool| {

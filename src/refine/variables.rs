@@ -146,6 +146,12 @@ impl<'a> Space<'a> {
         [(pieces - 1.).max(0.5) * PIECE + PIECE * 1e-6, pieces * PIECE * (1. - 1e-6)]
     }
 
+    /// Largest part that a phase lacks of its shortest duration; not positive when none lacks any.
+    pub fn shortness(&self, schedule: &AlignedSchedule) -> f64 {
+        let phases = schedule.durations().iter().flatten().zip(self.shortest.iter().flatten());
+        phases.map(|(duration, shortest)| 1. - duration / shortest).fold(f64::NEG_INFINITY, f64::max)
+    }
+
     /// Interval at a point, s.
     pub fn interval_at(&self, v: &[f64]) -> f64 {
         self.variables.interval.map_or(self.interval, |at| v[at])

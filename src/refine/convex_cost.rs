@@ -55,8 +55,8 @@ impl Cell {
         })
     }
 
-    fn cost(&self) -> f64 {
-        (0..3).map(|i| self.weight * GAUSS_WEIGHTS[i] * self.powers[i].abs()).sum()
+    fn cost(&self, rounding: f64) -> f64 {
+        (0..3).map(|i| self.weight * GAUSS_WEIGHTS[i] * self.powers[i].hypot(rounding)).sum()
     }
 }
 
@@ -179,11 +179,16 @@ impl<'a> Price<'a> {
 
     /// The cost at a point.
     pub fn value(&self, point: &Point) -> f64 {
+        self.rounded(point, 0.)
+    }
+
+    /// The cost at a point with every `|power|` as `sqrt(power^2 + rounding^2)`.
+    pub fn rounded(&self, point: &Point, rounding: f64) -> f64 {
         let of_interval = |k: usize| {
             let mut cells = Vec::new();
             self.interval_powers(point, k, &|i| point.v[i], &mut cells);
             let cell = |(foot, weight, powers): (usize, f64, [f64; 3])| Cell { key: [k, foot, 0], weight, powers, by: Vec::new() };
-            cells.into_iter().map(|c| cell(c).cost()).sum::<f64>()
+            cells.into_iter().map(|c| cell(c).cost(rounding)).sum::<f64>()
         };
         // Summed in order: the same digits at any number of threads.
         let sums: Vec<f64> = (0..self.space.intervals).into_par_iter().map(of_interval).collect();
