@@ -14,9 +14,6 @@
 @group(0) @binding(6) var<storage, read> footholds: array<u32>;
 @group(0) @binding(7) var<storage, read> accelerations: array<Acceleration>;
 
-// Tightening, in squares of the limit.
-const MARGIN: f32 = 2e-3;
-
 // Rows of one swing.
 fn acceleration(slot: u32, half: u32, k: u32) {
     let swing = &accelerations[slot * batch.accelerations + k];
@@ -32,7 +29,7 @@ fn acceleration(slot: u32, half: u32, k: u32) {
     let rows = rows_at(slot, half, swing.place);
     for (var r = 0u; r < 2u; r++) {
         let rise = by_height * (values[x + swing.height] - ground_height(slot, swing.foothold[r]));
-        values[at + r] = 0.5 * (squares + rise * rise - (1.0 - MARGIN));
+        values[at + r] = 0.5 * (squares + rise * rise - (1.0 - ACCELERATION_MARGIN));
         put(rows, r, swing.height_column, by_height * rise);
         for (var i = 0u; i < 2u; i++) {
             if (swing.foothold_column[i] == NONE) {

@@ -15,7 +15,7 @@ use crate::terrain::Ground;
 pub const SPEC: Spec = Spec { rows: 2, pairs: 0, equality: false, after: 0, unit: "m/s2" };
 
 /// Tightening, in squares of the limit.
-const MARGIN: f64 = 2e-3;
+pub(crate) const MARGIN: f64 = 2e-3;
 
 /// See [`super::Family::allowed`].
 pub(super) fn allowed<T: Real>(constants: &Constants<T>, _: usize, tolerance: T) -> T {

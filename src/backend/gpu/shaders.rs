@@ -7,7 +7,7 @@ use super::tables::{Batch, Buffer, Slot, kind};
 use crate::robot::GRAVITY;
 use crate::rows::momentum::{INNER_POINTS, MOMENTUM_POINTS};
 use crate::rows::table::{NONE, Wgsl};
-use crate::rows::{Family, row_shaders};
+use crate::rows::{Family, acceleration, row_shaders};
 use crate::solver::control::{self, Progress};
 use crate::solver::round::Stage;
 use crate::solver::slacks::{BARRIER_FLOOR, MULTIPLIER_FLOOR, SLACK_FLOOR};
@@ -228,6 +228,7 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("REACH", Family::Reach as u32),
     ];
     let real = vec![
+        ("ACCELERATION_MARGIN", acceleration::MARGIN as f32),
         ("GRAVITY", GRAVITY as f32),
         ("CLOSING_RATE", control::CLOSING_RATE as f32),
         ("STALL_ABOVE", control::STALL_ABOVE as f32),
