@@ -123,6 +123,6 @@ pub struct FootBlocks {
     pub footholds: Vec<u32>,
     /// One a swing.
     pub heights: Vec<u32>,
-    /// Nodes of each stance's force, [`NONE`] where the force is zero.
+    /// Nodes of each stance's force, `NONE` where the force is zero.
     pub force_nodes: Vec<Vec<u32>>,
 }

@@ -1,8 +1,8 @@
 //! Refinement: a found gait to a local optimum of its cost, by sequential convex programming.
 //!
 //! The variables are those of the `momentum` layout, the boundaries between phases and, when the horizon is free, the interval of base
-//! knots ([`variables`]). At every point the rows are linearised, friction cones stay what they are ([`rows`]), and the cost is made convex
-//! ([`convex_cost`]), with a curvature that is learned on the way ([`curvature`]). Clarabel solves that problem within a trust region ([`convex`]). Gauss-Newton steps in f64 bring the step back onto the rows,
+//! knots (`variables`). At every point the rows are linearised, friction cones stay what they are (`rows`), and the cost is made convex
+//! (`convex_cost`), with a curvature that is learned on the way (`curvature`). Clarabel solves that problem within a trust region (`convex`). Gauss-Newton steps in f64 bring the step back onto the rows,
 //! as they close every solution of this program; so every point on the way is a valid gait, and the cost alone decides. The trust region
 //! grows when the cost falls as predicted and shrinks when it does not. What comes back is certified, and no worse than what was given.
 //!

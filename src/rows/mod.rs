@@ -1,7 +1,7 @@
 //! Families of constraint rows, one file each, and the one list that names them.
 //!
 //! A family's file holds all of it: its table entries, how many rows it has, in which unit and how far they may be off, which blocks they
-//! use, residual and Jacobian. Its shader has the same name under `shaders/rows`. What stands here is the list ([`families!`], [`row_tables!`]
+//! use, residual and Jacobian. Its shader has the same name under `shaders/rows`. What stands here is the list (`families!`, `row_tables!`
 //! and [`residuals`]); sizes, buffers, uploads and declarations in WGSL are made from it.
 //!
 //! Rows are plain loops over flat buffers and the index tables of a candidate, without allocation. None uses fused multiply-add, and every sum

@@ -1,4 +1,4 @@
-//! Transcriptions: how a motion is turned into variables and rows. What differs between them is what [`Transcribe`] asks; each has a file.
+//! Transcriptions: how a motion is turned into variables and rows. What differs between them is what `Transcribe` asks; each has a file.
 
 pub mod initial_guess;
 pub mod legs;
