@@ -103,27 +103,17 @@ impl Task {
         force_limit: f64,
         durations: Vec<Vec<f64>>,
         horizon: f64,
-        [base_lin, base_ang]: [Curve; 2],
+        base: [Curve; 2],
         ee: Vec<FootCurves>,
     ) -> Trajectory {
         Trajectory {
-            scenario: None,
-            target: None,
-            robot: None,
-            terrain: None,
             transcription: Some(transcription.into()),
-            seed: None,
             version: Some(env!("CARGO_PKG_VERSION").into()),
             init_base: Some(self.base_start()),
             base_target: self.base_target,
             yaw_target: self.yaw_target,
             force_limit: Some(force_limit),
-            limits: None,
-            durations,
-            horizon,
-            base_lin,
-            base_ang,
-            ee,
+            ..Trajectory::new(durations, horizon, base, ee)
         }
     }
 

@@ -33,25 +33,8 @@ fn standing_for(robot: &Robot, horizon: f64, base_pieces: &[f64]) -> Trajectory 
     let base = [0., 0., robot.base_height];
     let load = [0., 0., robot.weight() / robot.feet() as f64];
     let foot = |p: &[f64; 3]| FootCurves { motion: constant([p[0], p[1], 0.], &thirds), force: constant(load, &thirds) };
-    Trajectory {
-        scenario: None,
-        target: None,
-        robot: None,
-        terrain: None,
-        transcription: None,
-        seed: None,
-        version: None,
-        init_base: None,
-        base_target: base,
-        yaw_target: 0.,
-        force_limit: None,
-        limits: None,
-        durations: vec![vec![horizon]; robot.feet()],
-        horizon,
-        base_lin: constant(base, base_pieces),
-        base_ang: constant([0.; 3], base_pieces),
-        ee: robot.nominal_feet.iter().map(foot).collect(),
-    }
+    let base = [base, [0.; 3]].map(|value| constant(value, base_pieces));
+    Trajectory::new(vec![vec![horizon]; robot.feet()], horizon, base, robot.nominal_feet.iter().map(foot).collect())
 }
 
 /// ANYmal at rest lifts its left front foot (0) by 5 cm from 0.3 to 0.7 s and puts it back.

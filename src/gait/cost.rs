@@ -526,26 +526,8 @@ mod tests {
     }
 
     fn trajectory(durations: Vec<f64>, base_lin: Curve, base_ang: Curve, motion: Curve, force: Curve) -> Trajectory {
-        let end = &base_lin.nodes[base_lin.nodes.len() - 1];
-        Trajectory {
-            scenario: None,
-            target: None,
-            robot: None,
-            terrain: None,
-            transcription: None,
-            seed: None,
-            version: None,
-            init_base: None,
-            base_target: [end[0], end[1], end[2]],
-            yaw_target: base_ang.nodes[base_ang.nodes.len() - 1][2],
-            force_limit: None,
-            limits: None,
-            horizon: durations.iter().sum(),
-            durations: vec![durations],
-            base_lin,
-            base_ang,
-            ee: vec![FootCurves { motion, force }],
-        }
+        let horizon = durations.iter().sum();
+        Trajectory::new(vec![durations], horizon, [base_lin, base_ang], vec![FootCurves { motion, force }])
     }
 
     fn priced(t: &Trajectory) -> Cost {

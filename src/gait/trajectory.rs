@@ -140,6 +140,34 @@ pub struct Trajectory {
 }
 
 impl Trajectory {
+    /// A motion from its curves, which asks for the place where its base ends, and says neither where it comes from nor what it keeps to.
+    ///
+    /// * `durations` - s, `[feet][phases]`
+    /// * `horizon` - s
+    /// * `base` - position, and Euler angles
+    pub fn new(durations: Vec<Vec<f64>>, horizon: f64, [base_lin, base_ang]: [Curve; 2], ee: Vec<FootCurves>) -> Trajectory {
+        let end = |curve: &Curve| curve.nodes.last().map_or([0.; 3], |[x, y, z, ..]| [*x, *y, *z]);
+        Trajectory {
+            scenario: None,
+            target: None,
+            robot: None,
+            terrain: None,
+            transcription: None,
+            seed: None,
+            version: None,
+            init_base: None,
+            base_target: end(&base_lin),
+            yaw_target: end(&base_ang)[2],
+            force_limit: None,
+            limits: None,
+            durations,
+            horizon,
+            base_lin,
+            base_ang,
+            ee,
+        }
+    }
+
     /// Reads a trajectory from JSON text and checks its form.
     ///
     /// # Errors
