@@ -37,10 +37,8 @@ fn cone(slot: u32, half: u32, i: u32) {
 
     let rows = rows_at(slot, half, node.place);
     let by_force = (1.0 / size) * tangential + -friction * n.unit;
-    put_row(rows, 0u, node.node_column, n.unit);
-    put_row(rows, 0u, node.node_column + 3u, node.slope_weight * n.unit);
-    put_row(rows, 1u, node.node_column, by_force);
-    put_row(rows, 1u, node.node_column + 3u, node.slope_weight * by_force);
+    put_by_force(rows, 0u, node.node_column, node.slope_weight, n.unit);
+    put_by_force(rows, 1u, node.node_column, node.slope_weight, by_force);
     if (node.foothold_column == NONE) {
         return;
     }

@@ -43,10 +43,8 @@ fn force(slot: u32, half: u32, i: u32) {
     values[at + 5u] = -dot(n.unit, force) + constants.force_margin;
 
     let rows = rows_at(slot, half, node.place);
-    let c = node.node_column;
     for (var r = 0u; r < 5u; r++) {
-        put_row(rows, r, c, normals[r]);
-        put_row(rows, r, c + 3u, node.slope_weight * normals[r]);
+        put_by_force(rows, r, node.node_column, node.slope_weight, normals[r]);
     }
     if (node.foothold_column == NONE) {
         return;

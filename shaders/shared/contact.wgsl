@@ -1,4 +1,12 @@
-// Normal and tangents of the ground under a foothold, with their derivatives. Twin: `basis` of src/rows/force.rs
+// needs: shared/jacobian
+// Forces on the ground under a foothold: its normal and tangents with their derivatives, and rows by the force of a node.
+// Twins: `basis` and `ForceNode` of src/rows/force.rs
+
+// Writes the derivatives of a row by the force of a node: by the node's value and by its weighted slope.
+fn put_by_force(rows: Rows, row: u32, column: u32, slope_weight: f32, by_force: vec3<f32>) {
+    put_row(rows, row, column, by_force);
+    put_row(rows, row, column + 3u, slope_weight * by_force);
+}
 
 // A unit vector and its derivatives with respect to x and y.
 struct Direction {

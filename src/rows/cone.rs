@@ -6,8 +6,8 @@
 //! [`super::force`], whose pyramid circumscribes the cone.
 
 use super::blocks::Placed;
-use super::force::{ForceNode, basis};
-use super::math::{Vec3, add, dot, scale, sub};
+use super::force::ForceNode;
+use super::math::{add, dot, scale, sub};
 use super::table::NONE;
 use super::write::Rows;
 use super::{Spec, Tables};
@@ -38,10 +38,8 @@ pub fn cone<T: Real>(tables: &Tables<T>, x: &[T], edge_radius: T, residual: &mut
     let constants = &tables.constants;
     let (friction, margin) = (constants.friction, constants.force_margin);
     for node in &tables.cones {
-        let at = node.node as usize;
-        let force: Vec3<T> = std::array::from_fn(|d| x[at + d] + node.slope_weight * x[at + 3 + d]);
-        let under = tables.footholds[node.foothold as usize] as usize;
-        let [n, ..] = basis(&tables.terrain.rounded_ground(x[under], x[under + 1], edge_radius));
+        let force = node.force(x);
+        let [n, ..] = node.directions(tables, x, edge_radius);
         let normal = dot(n.unit, force);
         let tangential = sub(force, scale(normal, n.unit));
         let size = (dot(tangential, tangential) + margin * margin).sqrt();
@@ -51,14 +49,7 @@ pub fn cone<T: Real>(tables: &Tables<T>, x: &[T], edge_radius: T, residual: &mut
         residual[at + 2] = -normal + margin;
         let Some(jacobian) = jacobian.as_deref_mut() else { continue };
         let mut rows = Rows::new(jacobian, &node.place);
-        let by_force = [n.unit, add(scale(T::one() / size, tangential), scale(-friction, n.unit))];
-        let c = node.node_column as usize;
-        for r in 0..2 {
-            for d in 0..3 {
-                rows.put(r, c + d, by_force[r][d]);
-                rows.put(r, c + 3 + d, node.slope_weight * by_force[r][d]);
-            }
-        }
+        node.put_by_force(&mut rows, &[n.unit, add(scale(T::one() / size, tangential), scale(-friction, n.unit))]);
         if node.foothold_column == NONE {
             continue;
         }

@@ -43,6 +43,43 @@ impl<T> ForceNode<T> {
         ForceNode { node: NONE, node_column: NONE, slope_weight, foothold, foothold_column: NONE, place: Place::default() }
     }
 
+    /// The force there, in its unit.
+    #[inline(always)]
+    pub(super) fn force(&self, x: &[T]) -> Vec3<T>
+    where
+        T: Real,
+    {
+        let at = self.node as usize;
+        std::array::from_fn(|d| x[at + d] + self.slope_weight * x[at + 3 + d])
+    }
+
+    /// Normal and tangents of the ground that it pushes on.
+    ///
+    /// * `edge_radius` - over which edges of the terrain are rounded, m; 0 for the exact ones
+    #[inline(always)]
+    pub(super) fn directions(&self, tables: &Tables<T>, x: &[T], edge_radius: T) -> [Direction<T>; 3]
+    where
+        T: Real,
+    {
+        let under = tables.footholds[self.foothold as usize] as usize;
+        basis(&tables.terrain.rounded_ground(x[under], x[under + 1], edge_radius))
+    }
+
+    /// Writes the derivatives of its rows by the force: by the node's value and by its weighted slope.
+    #[inline(always)]
+    pub(super) fn put_by_force<const R: usize>(&self, rows: &mut Rows<T>, by_force: &[Vec3<T>; R])
+    where
+        T: Real,
+    {
+        let c = self.node_column as usize;
+        for r in 0..R {
+            for d in 0..3 {
+                rows.put(r, c + d, by_force[r][d]);
+                rows.put(r, c + 3 + d, self.slope_weight * by_force[r][d]);
+            }
+        }
+    }
+
     /// Roles: node, foothold.
     pub(super) fn sit(&mut self, at: &Placed) {
         self.place = at.place;
@@ -97,10 +134,8 @@ pub fn force<T: Real>(tables: &Tables<T>, x: &[T], edge_radius: T, residual: &mu
     let constants = &tables.constants;
     let (zero, one) = (T::zero(), T::one());
     for node in &tables.force_nodes {
-        let at = node.node as usize;
-        let force: Vec3<T> = std::array::from_fn(|d| x[at + d] + node.slope_weight * x[at + 3 + d]);
-        let under = tables.footholds[node.foothold as usize] as usize;
-        let [n, t1, t2] = basis(&tables.terrain.rounded_ground(x[under], x[under + 1], edge_radius));
+        let force = node.force(x);
+        let [n, t1, t2] = node.directions(tables, x, edge_radius);
         let minus_mu_n = scale(-constants.friction, n.unit);
         let normals = [n.unit, add(t1.unit, minus_mu_n), sub(minus_mu_n, t1.unit), add(t2.unit, minus_mu_n), sub(minus_mu_n, t2.unit)];
         let at = node.place.inequality as usize;
@@ -111,13 +146,7 @@ pub fn force<T: Real>(tables: &Tables<T>, x: &[T], edge_radius: T, residual: &mu
         residual[at + 5] = -dot(n.unit, force) + constants.force_margin;
         let Some(jacobian) = jacobian.as_deref_mut() else { continue };
         let mut rows = Rows::new(jacobian, &node.place);
-        let c = node.node_column as usize;
-        for r in 0..5 {
-            for d in 0..3 {
-                rows.put(r, c + d, normals[r][d]);
-                rows.put(r, c + 3 + d, node.slope_weight * normals[r][d]);
-            }
-        }
+        node.put_by_force(&mut rows, &normals);
         if node.foothold_column == NONE {
             continue;
         }
