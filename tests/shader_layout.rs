@@ -4,8 +4,8 @@
 mod common;
 
 use common::{Random, cones, gait, hills, layout_with, spider, task, task_for, transcriptions};
-use cregopt::backend::gpu::shaders::{Binding, SHARED, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP, constants, prelude};
-use cregopt::backend::gpu::tables::{Batch, Buffer, FrontStep, ShaderTables, Shape, Slot};
+use cregopt::backend::gpu::shaders::{Binding, SHARED, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP, bindings, constants, prelude};
+use cregopt::backend::gpu::tables::{Batch, Buffer, FrontStep, Part, ShaderTables, Shape, Slot};
 use cregopt::linear::transposed::transposed_times;
 use cregopt::nlp::Layout;
 use cregopt::nlp::layout::Element;
@@ -18,7 +18,7 @@ use cregopt::rows::table::NONE;
 use cregopt::rows::{Constants, Family};
 use cregopt::solver::control::Progress;
 use cregopt::solver::round::{ROUND, START, Stage};
-use naga::valid::{Capabilities, ValidationFlags, Validator};
+use naga::valid::{Capabilities, GlobalUse, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, ArraySize, Expression, Handle, Literal, Module, StorageAccess, Type, TypeInner};
 use std::collections::{BTreeMap, BTreeSet};
 use std::mem::offset_of;
@@ -54,12 +54,17 @@ fn modules() -> Vec<(Shader, Variant, Module)> {
     variants().into_iter().flat_map(|variant| Shader::ALL.iter().map(move |&s| (s, variant, parse(s, &variant)))).collect()
 }
 
+/// What is found out of a module when it is validated.
+fn validate(shader: Shader, variant: &Variant, module: &Module) -> ModuleInfo {
+    let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
+    let text = shader.text(variant);
+    validator.validate(module).unwrap_or_else(|e| panic!("{}: {}", shader.path(), e.emit_to_string(&text)))
+}
+
 #[test]
 fn every_shader_validates() {
     for (shader, variant, module) in modules() {
-        let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
-        let text = shader.text(&variant);
-        validator.validate(&module).unwrap_or_else(|e| panic!("{}: {}", shader.path(), e.emit_to_string(&text)));
+        validate(shader, &variant, &module);
     }
 }
 
@@ -89,12 +94,17 @@ fn entry(buffer: Buffer) -> (String, usize) {
         Buffer::Values | Buffer::Jacobian | Buffer::Factor | Buffer::Heights => ("f32".into(), 4),
         Buffer::Slots => ("Slot".into(), size_of::<Slot>()),
         Buffer::Progress => ("Progress".into(), size_of::<Progress<f32>>()),
-        table => table.entry().map(|entry| ((entry.name)(), entry.size)).unwrap(),
+        table => ((table.entry().name)(), table.entry().size),
     }
 }
 
+/// Bindings that a shader states.
+fn stated(shader: Shader) -> Vec<Binding> {
+    shader.bindings().unwrap_or_else(|why| panic!("{}: {why}", shader.path()))
+}
+
 #[test]
-fn bindings_read_from_a_text_are_those_of_its_module() {
+fn bindings_that_a_text_states_are_those_of_its_module() {
     for (shader, _, module) in modules() {
         let mut bound: Vec<(u32, String)> = Vec::new();
         for (_, variable) in module.global_variables.iter() {
@@ -109,18 +119,56 @@ fn bindings_read_from_a_text_are_those_of_its_module() {
             bound.push((binding.binding, format!("{access} {}: {}", variable.name.as_deref().unwrap(), type_name(&module, variable.ty))));
         }
         bound.sort();
-        let of = |binding: Option<Binding>| match binding.unwrap_or_else(|| panic!("{} binds what is no buffer", shader.path())) {
+        let of = |binding: Binding| match binding {
             Binding::Batch => "uniform batch: Batch".to_string(),
             Binding::Part => "uniform part: Part".to_string(),
             Binding::Storage(buffer, written) => {
                 format!("{} {}: [{}]", if written { "read_write" } else { "read" }, buffer.name(), entry(buffer).0)
             }
         };
-        let expected: Vec<(u32, String)> = (0..).zip(shader.bindings().into_iter().map(of)).collect();
+        let expected: Vec<(u32, String)> = (0..).zip(stated(shader).into_iter().map(of)).collect();
         assert_eq!(bound, expected, "{}", shader.path());
         let buffers = shader.buffers().count();
         assert!(buffers <= MOST_BUFFERS, "{} binds {buffers} storage buffers", shader.path());
         assert!(shader.walks().is_none_or(|table| shader.table().is_some_and(|b| b.name() == table)), "{} walks no table", shader.path());
+    }
+}
+
+#[test]
+fn shaders_use_what_they_bind_and_write_what_they_say() {
+    for (shader, variant, module) in modules() {
+        let info = validate(shader, &variant, &module);
+        let used = |name: &str| {
+            let (handle, _) = module.global_variables.iter().find(|(_, v)| v.name.as_deref() == Some(name)).unwrap();
+            info.get_entry_point(0)[handle]
+        };
+        for binding in stated(shader) {
+            let (name, written) = match binding {
+                Binding::Batch => ("batch", false),
+                Binding::Part => ("part", false),
+                Binding::Storage(buffer, written) => (buffer.name(), written),
+            };
+            assert!(!used(name).is_empty(), "{} binds {name} in vain", shader.path());
+            assert_eq!(used(name).contains(GlobalUse::WRITE), written, "{} writes {name}, or says so", shader.path());
+        }
+    }
+}
+
+#[test]
+fn a_text_that_states_bindings_wrongly_is_refused() {
+    let text = "// needs: shared/values\n// binds: jacobian cones part\n// Cones.\n//   in      cones\n//   in out  jacobian  one row\n\n//   out  factor";
+    let (read, written) = (|buffer| Binding::Storage(buffer, false), |buffer| Binding::Storage(buffer, true));
+    let common = [Binding::Batch, read(Buffer::Running), read(Buffer::Slots), read(Buffer::Progress), read(Buffer::Values)];
+    let own = [written(Buffer::Jacobian), read(Buffer::Cones), Binding::Part];
+    assert_eq!(bindings(text), Ok([&common[..], &own].concat()));
+    for (from, to, seen) in [
+        ("binds: jacobian cones", "binds: jacobian cone cones", "it binds cone, which is no buffer"),
+        ("binds: jacobian cones", "binds: jacobian slots cones", "it binds slots twice"),
+        ("binds: jacobian cones", "binds: jacobian", "says that cones goes in or out, but does not bind it"),
+        ("in out  jacobian", "out  factor", "says that factor goes in or out, but does not bind it"),
+    ] {
+        let why = bindings(&text.replace(from, to)).unwrap_err();
+        assert!(why.contains(seen), "{to}: {why}");
     }
 }
 
@@ -179,7 +227,7 @@ fn structs_differ(module: &Module) -> Result<(), String> {
         let name = variable.name.as_deref().unwrap();
         let size = match name {
             "batch" => size_of::<Batch>(),
-            "part" => 8,
+            "part" => size_of::<Part>(),
             _ => entry(*Buffer::ALL.iter().find(|b| b.name() == name).unwrap()).1,
         };
         let packed = packed(module, variable.ty).map_err(|why| format!("{name}: {why}"))?;
@@ -203,6 +251,7 @@ fn structs_differ(module: &Module) -> Result<(), String> {
         SwingNode: SwingNode<f32> { low two_sided place }
         Element: Element { family pairs runs }
         FrontStep: FrontStep { elements rest }
+        Part: Part { first last }
     };
     for (of, member, expected) in offsets {
         match offset(module, of, member) {

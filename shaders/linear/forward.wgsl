@@ -1,17 +1,9 @@
 // needs: shared/pivots
+// binds: factor front_steps rests
 // Forward substitution with the factor, for the right-hand side of the corrector. One workgroup a candidate.
 //   in out  values  right_hand_side [variables]
 //   in out  factor  pivot rows; the right-hand side in column `size` is replaced
 // Twin: src/linear/forward.rs. Its sums have another order.
-
-@group(0) @binding(0) var<uniform> batch: Batch;
-@group(0) @binding(1) var<storage, read> running: array<u32>;
-@group(0) @binding(2) var<storage, read> slots: array<Slot>;
-@group(0) @binding(3) var<storage, read> progress: array<Progress>;
-@group(0) @binding(4) var<storage, read_write> values: array<f32>;
-@group(0) @binding(5) var<storage, read_write> factor: array<f32>;
-@group(0) @binding(6) var<storage, read> front_steps: array<FrontStep>;
-@group(0) @binding(7) var<storage, read> rests: array<Rest>;
 
 // Value of the pivot row `i`, column `j`; that of the unit matrix beyond the last pivot.
 fn pivot_row(rows: u32, at: FrontStep, i: u32, j: u32) -> f32 {

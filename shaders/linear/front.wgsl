@@ -1,4 +1,5 @@
 // needs: shared/triangle
+// binds: jacobian factor elements runs front_steps rests reach_instants reach_feet part
 // The frontal Cholesky factorisation in time order: assemble, eliminate, slide on. One workgroup a candidate, steps `part.first` to
 // `part.last`.
 //   in      values    weight, value [rows]; diagonal, gradient [variables]
@@ -8,27 +9,6 @@
 //   out     values    flags: 1 when a pivot is not positive
 // Solves `(E + J' W J) d = -(u + J' v)` together with substitute.wgsl.
 // Twin: src/linear/front.rs. Its sums have another order: pivots are eliminated one by one.
-
-// Steps of the factorisation to take.
-struct Part {
-    first: u32,
-    last: u32,
-}
-
-@group(0) @binding(0) var<uniform> batch: Batch;
-@group(0) @binding(1) var<storage, read> running: array<u32>;
-@group(0) @binding(2) var<storage, read> slots: array<Slot>;
-@group(0) @binding(3) var<storage, read> progress: array<Progress>;
-@group(0) @binding(4) var<storage, read_write> values: array<f32>;
-@group(0) @binding(5) var<storage, read> jacobian: array<f32>;
-@group(0) @binding(6) var<storage, read_write> factor: array<f32>;
-@group(0) @binding(7) var<storage, read> elements: array<Element>;
-@group(0) @binding(8) var<storage, read> runs: array<Run>;
-@group(0) @binding(9) var<storage, read> front_steps: array<FrontStep>;
-@group(0) @binding(10) var<storage, read> rests: array<Rest>;
-@group(0) @binding(11) var<storage, read> reach_instants: array<ReachInstant>;
-@group(0) @binding(12) var<storage, read> reach_feet: array<ReachFoot>;
-@group(0) @binding(13) var<uniform> part: Part;
 
 // Indices in the front of the columns of an element, those of the next one beside them.
 var<workgroup> columns: array<u32, 2 * COLUMNS>;

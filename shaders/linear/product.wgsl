@@ -1,17 +1,9 @@
+// binds: jacobian elements runs
 // Products of the Jacobian with the direction. One thread an element.
 //   in   values    direction
 //   in   jacobian  at the point
 //   out  values    c_change [equalities]; g_change [inequalities], with the sign of their side
 // Twin: src/linear/product.rs
-
-@group(0) @binding(0) var<uniform> batch: Batch;
-@group(0) @binding(1) var<storage, read> running: array<u32>;
-@group(0) @binding(2) var<storage, read> slots: array<Slot>;
-@group(0) @binding(3) var<storage, read> progress: array<Progress>;
-@group(0) @binding(4) var<storage, read_write> values: array<f32>;
-@group(0) @binding(5) var<storage, read> jacobian: array<f32>;
-@group(0) @binding(6) var<storage, read> elements: array<Element>;
-@group(0) @binding(7) var<storage, read> runs: array<Run>;
 
 // Products of up to three Jacobian rows, the first of which begins at `first`, with the direction; 0 for the others.
 fn rows_times(slot: u32, element: Element, first: u32, count: u32) -> vec3<f32> {

@@ -1,19 +1,10 @@
+// binds: jacobian elements gathers touches
 // Right-hand side of the corrector: the transposed Jacobian times the values of the rows, and what falls on single variables. One thread a
 // variable, which gathers from the elements that touch it, in their order.
 //   in   values           value [rows], gradient [variables]
 //   in   jacobian         at the point
 //   out  values           right_hand_side [variables]
 // Twin: src/linear/transposed.rs, which scatters in the same order
-
-@group(0) @binding(0) var<uniform> batch: Batch;
-@group(0) @binding(1) var<storage, read> running: array<u32>;
-@group(0) @binding(2) var<storage, read> slots: array<Slot>;
-@group(0) @binding(3) var<storage, read> progress: array<Progress>;
-@group(0) @binding(4) var<storage, read_write> values: array<f32>;
-@group(0) @binding(5) var<storage, read> jacobian: array<f32>;
-@group(0) @binding(6) var<storage, read> elements: array<Element>;
-@group(0) @binding(7) var<storage, read> gathers: array<Gather>;
-@group(0) @binding(8) var<storage, read> touches: array<Touch>;
 
 // Product of the column of variable `i` with the values.
 fn transposed_times(slot: u32, half: u32, i: u32) -> f32 {

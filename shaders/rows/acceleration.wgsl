@@ -1,18 +1,10 @@
 // needs: shared/values shared/jacobian
+// binds: jacobian footholds accelerations
 // Swinging feet: how hard they are accelerated where they leave the ground and where they land. One thread per swing.
 //   in   values    x of the trial point, ground
 //   out  values    g at each swing's place: lift-off, touch-down; dimensionless, feasible when <= 0
 //   out  jacobian  two rows at each place
 // Twin: src/rows/acceleration.rs
-
-@group(0) @binding(0) var<uniform> batch: Batch;
-@group(0) @binding(1) var<storage, read> running: array<u32>;
-@group(0) @binding(2) var<storage, read> slots: array<Slot>;
-@group(0) @binding(3) var<storage, read> progress: array<Progress>;
-@group(0) @binding(4) var<storage, read_write> values: array<f32>;
-@group(0) @binding(5) var<storage, read_write> jacobian: array<f32>;
-@group(0) @binding(6) var<storage, read> footholds: array<u32>;
-@group(0) @binding(7) var<storage, read> accelerations: array<Acceleration>;
 
 // Rows of one swing.
 fn acceleration(slot: u32, half: u32, k: u32) {

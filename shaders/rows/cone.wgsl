@@ -1,20 +1,11 @@
 // needs: shared/values shared/jacobian shared/math shared/terrain shared/contact
+// binds: jacobian footholds cones heights
 // Contact forces that push, not too hard, inside the exact friction cone of the ground under the foothold, at force nodes or at the Bezier
 // points beside them. One thread per row group of a node.
 //   in   values    x of the trial point
 //   out  values    g at each node's place: normal limit, cone, push; dimensionless, feasible when <= 0
 //   out  jacobian  2 rows at each node's place
 // Twin: src/rows/cone.rs
-
-@group(0) @binding(0) var<uniform> batch: Batch;
-@group(0) @binding(1) var<storage, read> running: array<u32>;
-@group(0) @binding(2) var<storage, read> slots: array<Slot>;
-@group(0) @binding(3) var<storage, read> progress: array<Progress>;
-@group(0) @binding(4) var<storage, read_write> values: array<f32>;
-@group(0) @binding(5) var<storage, read_write> jacobian: array<f32>;
-@group(0) @binding(6) var<storage, read> footholds: array<u32>;
-@group(0) @binding(7) var<storage, read> cones: array<ForceNode>;
-@group(0) @binding(8) var<storage, read> heights: array<f32>;
 
 // Cone rows of one node.
 fn cone(slot: u32, half: u32, i: u32) {

@@ -1,19 +1,10 @@
 // needs: shared/values shared/jacobian shared/math
+// binds: jacobian footholds dynamics_instants stance_forces
 // Newton-Euler equations of the single rigid body at the dynamics instants. One thread per instant.
 //   in   values    x of the trial point, ground
 //   out  values    c at each instant's place: moment / (m g l), balance / (m g)
 //   out  jacobian  6 rows at each instant's place
 // Twin: src/rows/dynamics.rs          Source: [3]
-
-@group(0) @binding(0) var<uniform> batch: Batch;
-@group(0) @binding(1) var<storage, read> running: array<u32>;
-@group(0) @binding(2) var<storage, read> slots: array<Slot>;
-@group(0) @binding(3) var<storage, read> progress: array<Progress>;
-@group(0) @binding(4) var<storage, read_write> values: array<f32>;
-@group(0) @binding(5) var<storage, read_write> jacobian: array<f32>;
-@group(0) @binding(6) var<storage, read> footholds: array<u32>;
-@group(0) @binding(7) var<storage, read> dynamics_instants: array<DynamicsInstant>;
-@group(0) @binding(8) var<storage, read> stance_forces: array<StanceForce>;
 
 // Rate of angular momentum of a rotating body and its derivatives.
 struct Spin {

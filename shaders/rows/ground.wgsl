@@ -1,16 +1,9 @@
 // needs: shared/values shared/terrain
+// binds: footholds heights
 // Ground under every foothold, shared by the other kernels. One thread per foothold.
 //   in   values    x of the trial point
 //   out  values    ground: height, slope x, slope y
 // Twin: src/rows/ground.rs
-
-@group(0) @binding(0) var<uniform> batch: Batch;
-@group(0) @binding(1) var<storage, read> running: array<u32>;
-@group(0) @binding(2) var<storage, read> slots: array<Slot>;
-@group(0) @binding(3) var<storage, read> progress: array<Progress>;
-@group(0) @binding(4) var<storage, read_write> values: array<f32>;
-@group(0) @binding(5) var<storage, read> footholds: array<u32>;
-@group(0) @binding(6) var<storage, read> heights: array<f32>;
 
 fn foothold(slot: u32, half: u32, i: u32) {
     let at = ix_x(slot, half) + footholds[slot * batch.footholds + i];

@@ -1,20 +1,11 @@
 // needs: shared/values shared/jacobian shared/math
+// binds: jacobian footholds momentum_intervals impulses
 // Momentum rows of the single rigid body over the intervals between base knots. One thread per interval.
 //   in   values    x of the trial point, ground
 //   out  values    c at each interval's places: velocity, position; angular momentum at the end, its mean; dimensionless
 //   out  values    deviations of the pose at the inner points
 //   out  jacobian  6 rows at each interval's linear place, 6 at its angular place
 // Twin: src/rows/momentum.rs
-
-@group(0) @binding(0) var<uniform> batch: Batch;
-@group(0) @binding(1) var<storage, read> running: array<u32>;
-@group(0) @binding(2) var<storage, read> slots: array<Slot>;
-@group(0) @binding(3) var<storage, read> progress: array<Progress>;
-@group(0) @binding(4) var<storage, read_write> values: array<f32>;
-@group(0) @binding(5) var<storage, read_write> jacobian: array<f32>;
-@group(0) @binding(6) var<storage, read> footholds: array<u32>;
-@group(0) @binding(7) var<storage, read> momentum_intervals: array<MomentumInterval>;
-@group(0) @binding(8) var<storage, read> impulses: array<Impulse>;
 
 const END: u32 = INNER_POINTS;
 

@@ -1,19 +1,10 @@
 // needs: shared/values shared/jacobian shared/math
+// binds: jacobian footholds reach_instants reach_feet
 // Reach boxes: each foot stays within a box around its nominal position in the base frame. One thread per reach instant.
 //   in   values    x of the trial point, ground, deviations
 //   out  values    g at each foot's place: 3 upper sides, 3 lower sides; dimensionless, feasible when <= 0
 //   out  jacobian  3 rows at each foot's place, then the same rows by the base pose, [3][6]
 // Twin: src/rows/reach.rs          Source: [3]
-
-@group(0) @binding(0) var<uniform> batch: Batch;
-@group(0) @binding(1) var<storage, read> running: array<u32>;
-@group(0) @binding(2) var<storage, read> slots: array<Slot>;
-@group(0) @binding(3) var<storage, read> progress: array<Progress>;
-@group(0) @binding(4) var<storage, read_write> values: array<f32>;
-@group(0) @binding(5) var<storage, read_write> jacobian: array<f32>;
-@group(0) @binding(6) var<storage, read> footholds: array<u32>;
-@group(0) @binding(7) var<storage, read> reach_instants: array<ReachInstant>;
-@group(0) @binding(8) var<storage, read> reach_feet: array<ReachFoot>;
 
 // Reach rows of all feet at one instant.
 fn reach(slot: u32, half: u32, k: u32) {

@@ -1,18 +1,10 @@
 // needs: shared/values shared/jacobian
+// binds: jacobian footholds strides
 // Steps: how far a foot goes in one swing, which bounds its speed. One thread per step.
 //   in   values    x of the trial point
 //   out  values    g at each step's place; dimensionless, feasible when <= 0
 //   out  jacobian  one row at each place
 // Twin: src/rows/stride.rs
-
-@group(0) @binding(0) var<uniform> batch: Batch;
-@group(0) @binding(1) var<storage, read> running: array<u32>;
-@group(0) @binding(2) var<storage, read> slots: array<Slot>;
-@group(0) @binding(3) var<storage, read> progress: array<Progress>;
-@group(0) @binding(4) var<storage, read_write> values: array<f32>;
-@group(0) @binding(5) var<storage, read_write> jacobian: array<f32>;
-@group(0) @binding(6) var<storage, read> footholds: array<u32>;
-@group(0) @binding(7) var<storage, read> strides: array<Stride>;
 
 // Row of one step.
 fn stride(slot: u32, half: u32, k: u32) {

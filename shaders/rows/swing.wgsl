@@ -1,19 +1,10 @@
 // needs: shared/values shared/jacobian shared/terrain
+// binds: jacobian footholds swing_nodes heights
 // Swinging feet: how high above the terrain. One thread per point of a swing.
 //   in   values    x of the trial point, ground
 //   out  values    g at each row's place: low, high where the row is two-sided; dimensionless, feasible when <= 0
 //   out  jacobian  one row at each place
 // Twin: src/rows/swing.rs
-
-@group(0) @binding(0) var<uniform> batch: Batch;
-@group(0) @binding(1) var<storage, read> running: array<u32>;
-@group(0) @binding(2) var<storage, read> slots: array<Slot>;
-@group(0) @binding(3) var<storage, read> progress: array<Progress>;
-@group(0) @binding(4) var<storage, read_write> values: array<f32>;
-@group(0) @binding(5) var<storage, read_write> jacobian: array<f32>;
-@group(0) @binding(6) var<storage, read> footholds: array<u32>;
-@group(0) @binding(7) var<storage, read> swing_nodes: array<SwingNode>;
-@group(0) @binding(8) var<storage, read> heights: array<f32>;
 
 // Height row of one point of a swing.
 fn swing_node(slot: u32, half: u32, k: u32) {

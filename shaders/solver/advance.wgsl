@@ -5,12 +5,6 @@
 //   out     values    x of the trial point; slack_step, multiplier_step of a barrier step
 // Twins: src/solver/advance.rs, src/solver/slacks.rs
 
-@group(0) @binding(0) var<uniform> batch: Batch;
-@group(0) @binding(1) var<storage, read> running: array<u32>;
-@group(0) @binding(2) var<storage, read> slots: array<Slot>;
-@group(0) @binding(3) var<storage, read_write> progress: array<Progress>;
-@group(0) @binding(4) var<storage, read_write> values: array<f32>;
-
 var<workgroup> round: Progress;
 
 @compute @workgroup_size(WORKGROUP)

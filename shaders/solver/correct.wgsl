@@ -1,16 +1,10 @@
 // needs: shared/reduce shared/slacks
+// binds: elements
 // How far the predictor could go, the barrier parameter to aim for, and the values of the rows for the corrector. One workgroup a candidate.
 //   in      values    g at the point, g_change, slacks and multipliers
 //   in out  progress  mu; length: of the predictor, on return
 //   out     values    slack_step, multiplier_step [inequalities]; weight, value [rows]
 // Twin: src/solver/correct.rs
-
-@group(0) @binding(0) var<uniform> batch: Batch;
-@group(0) @binding(1) var<storage, read> running: array<u32>;
-@group(0) @binding(2) var<storage, read> slots: array<Slot>;
-@group(0) @binding(3) var<storage, read_write> progress: array<Progress>;
-@group(0) @binding(4) var<storage, read_write> values: array<f32>;
-@group(0) @binding(5) var<storage, read> elements: array<Element>;
 
 var<workgroup> round: Progress;
 

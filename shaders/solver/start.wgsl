@@ -1,19 +1,10 @@
+// binds: jacobian elements gathers touches
 // The start of a solve, after the rows have been evaluated at the initial point: column scaling, first slacks and multipliers. One workgroup
 // a candidate.
 //   in      jacobian  at the initial point
 //   in out  values    x, whose half of the trial point is filled; scaling [variables]; slack, multiplier [inequalities]
 //   in out  progress
 // Twin: src/solver/start.rs
-
-@group(0) @binding(0) var<uniform> batch: Batch;
-@group(0) @binding(1) var<storage, read> running: array<u32>;
-@group(0) @binding(2) var<storage, read> slots: array<Slot>;
-@group(0) @binding(3) var<storage, read_write> progress: array<Progress>;
-@group(0) @binding(4) var<storage, read_write> values: array<f32>;
-@group(0) @binding(5) var<storage, read> jacobian: array<f32>;
-@group(0) @binding(6) var<storage, read> elements: array<Element>;
-@group(0) @binding(7) var<storage, read> gathers: array<Gather>;
-@group(0) @binding(8) var<storage, read> touches: array<Touch>;
 
 // Scaling of a column, `D_j = sum_eq J_ij^2 + 1/2 sum_ineq J_ij^2`, at least 1e-2.
 fn column_scaling(slot: u32, half: u32, i: u32) -> f32 {

@@ -1,17 +1,11 @@
 // needs: shared/reduce shared/slacks shared/control
+// binds: elements
 // The start of a round: what it is for, then weights and values of the rows in the normal equations, and what falls on single variables.
 // One workgroup a candidate.
 //   in      values    x, c and g at the point, slacks and multipliers
 //   in out  progress
 //   out     values    history; weight, value [rows]; diagonal, gradient [variables]; x of the trial point when the rows become exact
 // Twins: src/solver/weights.rs, `begin` in src/solver/control.rs, `infeasibility` in src/solver/judge.rs
-
-@group(0) @binding(0) var<uniform> batch: Batch;
-@group(0) @binding(1) var<storage, read> running: array<u32>;
-@group(0) @binding(2) var<storage, read> slots: array<Slot>;
-@group(0) @binding(3) var<storage, read_write> progress: array<Progress>;
-@group(0) @binding(4) var<storage, read_write> values: array<f32>;
-@group(0) @binding(5) var<storage, read> elements: array<Element>;
 
 var<workgroup> round: Progress;
 

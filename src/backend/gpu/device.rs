@@ -282,8 +282,7 @@ impl Device {
 
     fn compile(&self, shader: Shader, variant: &Variant) -> std::result::Result<Pipeline, Fault> {
         let label = Some(shader.path());
-        let bindings: Option<Vec<Binding>> = shader.bindings().into_iter().collect();
-        let Some(bindings) = bindings else { return Err(Fault::Lost(format!("{} binds a buffer that is unknown", shader.path()))) };
+        let bindings = shader.bindings().map_err(|why| Fault::Lost(format!("{}: {why}", shader.path())))?;
         let entry = |(at, binding): (u32, &Binding)| match binding {
             Binding::Batch => Device::entry(at, wgpu::BufferBindingType::Uniform, false),
             Binding::Part => Device::entry(at, wgpu::BufferBindingType::Uniform, true),

@@ -1,14 +1,23 @@
 //! The shaders: their texts, which stage each belongs to, and the buffers that they bind.
 //!
-//! A shader stands in `shaders/<path>.wgsl`, its twin in `src/<path>.rs`. Its first lines name the shared files that it `needs`; its bindings
-//! are read from its text; structs and constants that it has in common with Rust are written in front of it ([`prelude`]).
+//! A shader stands in `shaders/<path>.wgsl`, its twin in `src/<path>.rs`. The comment that it begins with says what is put in front of it:
+//!
+//! ```text
+//! // needs: shared/values shared/jacobian        shared files
+//! // binds: jacobian footholds cones heights     buffers, in the order of their bindings, behind those of every shader
+//! //   in   values    x of the trial point       what it reads
+//! //   out  jacobian  2 rows at each place       what it writes: bound to be written, all others to be read alone
+//! ```
+//!
+//! Every shader binds `batch`, `running`, `slots`, `progress` and `values` ([`COMMON`]). Types of buffers, their structs and the constants that
+//! it has in common with Rust are written in front of it, too ([`prelude`]).
 
-use super::tables::{Batch, Buffer, Slot, kind};
+use super::tables::{Batch, Buffer, Part, kind};
 use crate::robot::GRAVITY;
 use crate::rows::momentum::{INNER_POINTS, MOMENTUM_POINTS};
 use crate::rows::table::{NONE, Wgsl};
 use crate::rows::{Family, acceleration, row_shaders};
-use crate::solver::control::{self, Progress};
+use crate::solver::control;
 use crate::solver::round::Stage;
 use crate::solver::slacks::{BARRIER_FLOOR, MULTIPLIER_FLOOR, SLACK_FLOOR};
 
@@ -114,6 +123,58 @@ pub enum Binding {
     Storage(Buffer, bool),
 }
 
+/// What every shader binds, in this order, before all else.
+pub const COMMON: [&str; 5] = ["batch", "running", "slots", "progress", "values"];
+
+impl Binding {
+    /// What stands for a name in the lines `// binds:`.
+    fn named(name: &str, written: bool) -> Option<Binding> {
+        match name {
+            "batch" => Some(Binding::Batch),
+            "part" => Some(Binding::Part),
+            _ => Buffer::ALL.iter().find(|b| b.name() == name).map(|b| Binding::Storage(*b, written)),
+        }
+    }
+
+    /// Its declaration as the binding of a number.
+    fn declaration(self, number: u32) -> String {
+        let variable = match self {
+            Binding::Batch => format!("var<uniform> batch: {}", Batch::name()),
+            Binding::Part => format!("var<uniform> part: {}", Part::name()),
+            Binding::Storage(buffer, written) => {
+                let access = if written { "read_write" } else { "read" };
+                format!("var<storage, {access}> {}: array<{}>", buffer.name(), (buffer.entry().name)())
+            }
+        };
+        format!("@group(0) @binding({number}) {variable};\n")
+    }
+}
+
+/// The bindings of a shader in their order, as the comment that its text begins with states them; what is wrong with it otherwise.
+pub fn bindings(text: &str) -> Result<Vec<Binding>, String> {
+    let header = || text.lines().map_while(|line| line.strip_prefix("//"));
+    let stated = header().filter_map(|line| line.strip_prefix(" binds:")).flat_map(str::split_whitespace);
+    let names: Vec<&str> = COMMON.into_iter().chain(stated).collect();
+    if let Some(twice) = (1..names.len()).find(|&i| names[..i].contains(&names[i])) {
+        return Err(format!("it binds {} twice", names[twice]));
+    }
+    let mut written = Vec::new();
+    for line in header() {
+        let mut words = line.strip_prefix("   ").unwrap_or_default().split_whitespace().peekable();
+        let reads = words.next_if_eq(&"in").is_some();
+        let writes = words.next_if_eq(&"out").is_some();
+        let Some(name) = words.next().filter(|_| reads || writes) else { continue };
+        if !names.contains(&name) {
+            return Err(format!("it says that {name} goes in or out, but does not bind it"));
+        }
+        if writes {
+            written.push(name);
+        }
+    }
+    let binding = |name: &&str| Binding::named(name, written.contains(name)).ok_or_else(|| format!("it binds {name}, which is no buffer"));
+    names.iter().map(binding).collect()
+}
+
 impl Shader {
     /// Shaders of a stage, in their order.
     pub fn of(stage: Stage) -> &'static [Shader] {
@@ -137,43 +198,29 @@ impl Shader {
         Buffer::TABLES.iter().find(|b| Some(b.name()) == self.walks()).copied()
     }
 
-    /// Its bindings in their order, as its text declares them; none of an unknown buffer.
-    pub fn bindings(self) -> Vec<Option<Binding>> {
-        let declared = self.source().lines().filter_map(|line| line.strip_prefix("@group(0) @binding(")?.split_once("var<"));
-        let binding = |(_, rest): (&str, &str)| {
-            let (space, rest) = rest.split_once('>')?;
-            let name = rest.split_once(':')?.0.trim();
-            match (space, name) {
-                ("uniform", "batch") => Some(Binding::Batch),
-                ("uniform", "part") => Some(Binding::Part),
-                _ => {
-                    let buffer = Buffer::ALL.iter().find(|b| b.name() == name)?;
-                    Some(Binding::Storage(*buffer, space == "storage, read_write"))
-                }
-            }
-        };
-        declared.map(binding).collect()
+    /// Its bindings, see [`bindings`].
+    pub fn bindings(self) -> Result<Vec<Binding>, String> {
+        bindings(self.source())
     }
 
     /// Buffers that it binds, and whether they are written.
     pub fn buffers(self) -> impl Iterator<Item = (Buffer, bool)> {
-        self.bindings().into_iter().filter_map(|binding| match binding {
-            Some(Binding::Storage(buffer, written)) => Some((buffer, written)),
+        self.bindings().unwrap_or_default().into_iter().filter_map(|binding| match binding {
+            Binding::Storage(buffer, written) => Some((buffer, written)),
             _ => None,
         })
     }
 
-    /// Whether it takes the factorisation in parts.
-    pub fn in_parts(self) -> bool {
-        self.bindings().contains(&Some(Binding::Part))
-    }
-
-    /// Whole text.
+    /// Whole text; without bindings where they cannot be made out.
     pub fn text(self, variant: &Variant) -> String {
         let Variant { workgroup, front, side, columns } = variant;
         let mut text = prelude();
         text += &format!("const WORKGROUP: u32 = {workgroup}u;\nconst FRONT: u32 = {front}u;\n");
         text += &format!("const SIDE: u32 = {side}u;\nconst COLUMNS: u32 = {columns}u;\n\n");
+        for (number, binding) in (0..).zip(self.bindings().unwrap_or_default()) {
+            text += &binding.declaration(number);
+        }
+        text += "\n";
         let mut named = Vec::new();
         needs(self.source(), &mut named);
         if self == Shader::Front {
@@ -252,10 +299,9 @@ pub fn prelude() -> String {
     }
     let mut structs = Vec::new();
     Batch::declare(&mut structs);
-    Slot::declare(&mut structs);
-    Progress::<f32>::declare(&mut structs);
-    for entry in Buffer::TABLES.iter().filter_map(|b| b.entry()) {
-        (entry.declare)(&mut structs);
+    Part::declare(&mut structs);
+    for buffer in Buffer::ALL {
+        (buffer.entry().declare)(&mut structs);
     }
     structs.into_iter().fold(text + "\n", |text, (_, declaration)| text + &declaration + "\n")
 }

@@ -2,7 +2,7 @@
 
 use super::device::{Device, Fault, Pipeline};
 use super::shaders::{Binding, Shader, Variant};
-use super::tables::{Batch, Buffer, ShaderTables, Sizes, Slot, first_progress};
+use super::tables::{Batch, Buffer, Part, ShaderTables, Sizes, Slot, first_progress};
 use crate::nlp::Layout;
 use crate::nlp::sweep::Step;
 use crate::rows::Family;
@@ -136,7 +136,7 @@ fn bytes_of(buffer: Buffer, sizes: &Sizes, batch: &Batch, heights: usize) -> u64
         Buffer::Factor => entries(batch.factor, 4),
         Buffer::Heights => 4 * heights.max(1) as u64,
         // Batch::new keeps room for one entry where there is none.
-        table => entries(sizes.entries(table).max(1) as u32, table.entry().map_or(0, |e| e.size)),
+        table => entries(sizes.entries(table).max(1) as u32, table.entry().size),
     }
 }
 
@@ -191,14 +191,14 @@ impl Slots {
         let count = batch.front_steps.div_ceil(steps_at_once);
         let parts = device.buffer("part", ALIGNMENT * u64::from(count), Use::UNIFORM | Use::COPY_DST)?;
         for part in 0..count {
-            let steps = [part * steps_at_once, (part + 1) * steps_at_once];
-            device.queue.write_buffer(&parts, ALIGNMENT * u64::from(part), bytemuck::cast_slice(&steps));
+            let steps = Part { first: part * steps_at_once, last: (part + 1) * steps_at_once };
+            device.queue.write_buffer(&parts, ALIGNMENT * u64::from(part), bytemuck::bytes_of(&steps));
         }
         let whole = |buffer| wgpu::BufferBinding { buffer, offset: 0, size: None };
         let sized = |buffer, size| wgpu::BufferBinding { buffer, offset: 0, size: std::num::NonZeroU64::new(size) };
         let bound = |binding: &Binding| match binding {
             Binding::Batch => whole(&uniform),
-            Binding::Part => sized(&parts, 8),
+            Binding::Part => sized(&parts, size_of::<Part>() as u64),
             Binding::Storage(Buffer::Running, _) => sized(&buffers[Buffer::Running as usize], list.next_multiple_of(ALIGNMENT)),
             Binding::Storage(buffer, _) => whole(&buffers[*buffer as usize]),
         };

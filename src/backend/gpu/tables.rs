@@ -25,7 +25,7 @@ fn sent<E: bytemuck::NoUninit>(entries: &[E]) -> Sent<'_> {
     Sent { bytes: bytemuck::cast_slice(entries), count: entries.len() }
 }
 
-/// Type of the entries of a table.
+/// Type of the entries of a buffer.
 #[derive(Debug, Clone, Copy)]
 pub struct Entry {
     /// Bytes of one.
@@ -36,9 +36,15 @@ pub struct Entry {
     pub declare: fn(&mut Vec<(String, String)>),
 }
 
-/// The type of what a function returns.
-fn entry<E: Wgsl>(_: for<'a> fn(&'a Layout<f32>, &'a ShaderTables) -> &'a [E]) -> Entry {
-    Entry { size: size_of::<E>(), name: E::name, declare: E::declare }
+impl Entry {
+    fn of<E: Wgsl>() -> Entry {
+        Entry { size: size_of::<E>(), name: E::name, declare: E::declare }
+    }
+
+    /// The type of what a function returns.
+    fn returned<E: Wgsl>(_: for<'a> fn(&'a Layout<f32>, &'a ShaderTables) -> &'a [E]) -> Entry {
+        Entry::of::<E>()
+    }
 }
 
 macro_rules! all_tables {
@@ -94,14 +100,17 @@ macro_rules! gpu_tables {
                 }
             }
 
-            /// Type of the entries of a table; none of other buffers.
-            pub fn entry(self) -> Option<Entry> {
+            /// Type of its entries.
+            pub fn entry(self) -> Entry {
                 match self {
-                    $(Buffer::$buffer => Some(entry(|$layout, $own| {
+                    Buffer::Running => Entry::of::<u32>(),
+                    Buffer::Slots => Entry::of::<Slot>(),
+                    Buffer::Progress => Entry::of::<Progress<f32>>(),
+                    Buffer::Values | Buffer::Jacobian | Buffer::Factor | Buffer::Heights => Entry::of::<f32>(),
+                    $(Buffer::$buffer => Entry::returned(|$layout, $own| {
                         let _ = ($layout, $own);
                         &$entries[..]
-                    })),)*
-                    _ => None,
+                    }),)*
                 }
             }
 
@@ -332,6 +341,14 @@ crate::table! {
         pub low: [f32; 2],
         /// Its samples per metre.
         pub per_metre: [f32; 2],
+    }
+
+    /// Which steps of the factorisation to take.
+    pub struct Part {
+        /// First step.
+        pub first: u32,
+        /// One past the last.
+        pub last: u32,
     }
 
     /// One step of the factorisation, see [`crate::nlp::sweep::Step`].
