@@ -1,4 +1,4 @@
-// needs: shared/values shared/jacobian
+// needs: shared/values shared/jacobian shared/entries
 // binds: jacobian footholds accelerations
 // Swinging feet: how hard they are accelerated where they leave the ground and where they land. One thread per swing.
 //   in   values    x of the trial point, ground
@@ -7,7 +7,7 @@
 // Twin: src/rows/acceleration.rs
 
 // Rows of one swing.
-fn acceleration(slot: u32, half: u32, k: u32) {
+fn entry(slot: u32, half: u32, k: u32) {
     let swing = &accelerations[slot * batch.accelerations + k];
     let limit = slots[slot].constants.foot_acceleration;
     let x = ix_x(slot, half);
@@ -35,17 +35,5 @@ fn acceleration(slot: u32, half: u32, k: u32) {
             put(rows, r, swing.foothold_column[i], value.x);
             put(rows, r, swing.foothold_column[i] + 1u, value.y);
         }
-    }
-}
-
-@compute @workgroup_size(WORKGROUP)
-fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let slot = running[group.x];
-    if (progress[slot].state >= ENDED) {
-        return;
-    }
-    let half = 1u - progress[slot].current;
-    for (var i = lane; i < slots[slot].accelerations; i += WORKGROUP) {
-        acceleration(slot, half, i);
     }
 }

@@ -1,4 +1,4 @@
-// needs: shared/values shared/jacobian shared/math shared/terrain shared/contact
+// needs: shared/values shared/jacobian shared/math shared/terrain shared/contact shared/entries
 // binds: jacobian footholds cones heights
 // Contact forces that push, not too hard, inside the exact friction cone of the ground under the foothold, at force nodes or at the Bezier
 // points beside them. One thread per row group of a node.
@@ -8,7 +8,7 @@
 // Twin: src/rows/cone.rs
 
 // Cone rows of one node.
-fn cone(slot: u32, half: u32, i: u32) {
+fn entry(slot: u32, half: u32, i: u32) {
     let node = &cones[slot * batch.cones + i];
     let constants = &slots[slot].constants;
     let friction = constants.friction;
@@ -38,17 +38,5 @@ fn cone(slot: u32, half: u32, i: u32) {
         put(rows, 0u, node.foothold_column + d, by_n);
         // d|t|^2 / 2 = -(n.f) (dn.f), for t stands on n and n on dn.
         put(rows, 1u, node.foothold_column + d, -(normal / size + friction) * by_n);
-    }
-}
-
-@compute @workgroup_size(WORKGROUP)
-fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let slot = running[group.x];
-    if (progress[slot].state >= ENDED) {
-        return;
-    }
-    let half = 1u - progress[slot].current;
-    for (var i = lane; i < slots[slot].cones; i += WORKGROUP) {
-        cone(slot, half, i);
     }
 }

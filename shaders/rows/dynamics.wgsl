@@ -1,4 +1,4 @@
-// needs: shared/values shared/jacobian shared/math
+// needs: shared/values shared/jacobian shared/math shared/entries
 // binds: jacobian footholds dynamics_instants stance_forces
 // Newton-Euler equations of the single rigid body at the dynamics instants. One thread per instant.
 //   in   values    x of the trial point, ground
@@ -85,8 +85,8 @@ fn spin(inertia: Mat3, angles: vec3<f32>, rates: vec3<f32>, accelerations: vec3<
     );
 }
 
-// Dynamics rows of one instant.
-fn dynamics_instant(slot: u32, half: u32, k: u32) {
+// Dynamics rows of one instant: `dynamics_instant` of the twin.
+fn entry(slot: u32, half: u32, k: u32) {
     let instant = &dynamics_instants[slot * batch.dynamics_instants + k];
     let constants = &slots[slot].constants;
     let x = ix_x(slot, half);
@@ -169,17 +169,5 @@ fn dynamics_instant(slot: u32, half: u32, k: u32) {
             let turn = w0 * spin.by_angle[d] + w1 * spin.by_rate[d] + w2 * spin.by_acceleration[d];
             put_column(rows, 0u, c + 3u + d, turn * moment_scale);
         }
-    }
-}
-
-@compute @workgroup_size(WORKGROUP)
-fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let slot = running[group.x];
-    if (progress[slot].state >= ENDED) {
-        return;
-    }
-    let half = 1u - progress[slot].current;
-    for (var i = lane; i < slots[slot].dynamics_instants; i += WORKGROUP) {
-        dynamics_instant(slot, half, i);
     }
 }

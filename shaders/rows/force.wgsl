@@ -1,4 +1,4 @@
-// needs: shared/values shared/jacobian shared/math shared/terrain shared/contact
+// needs: shared/values shared/jacobian shared/math shared/terrain shared/contact shared/entries
 // binds: jacobian footholds force_nodes heights
 // Contact forces at their nodes, or at the Bezier points beside them: they push, not too hard, inside the friction pyramid of the ground
 // under the foothold. One thread per row group of a node.
@@ -8,7 +8,7 @@
 // Twin: src/rows/force.rs          Source: [3]
 
 // Force rows of one node.
-fn force(slot: u32, half: u32, i: u32) {
+fn entry(slot: u32, half: u32, i: u32) {
     let node = &force_nodes[slot * batch.force_nodes + i];
     let constants = &slots[slot].constants;
     let x = ix_x(slot, half);
@@ -50,17 +50,5 @@ fn force(slot: u32, half: u32, i: u32) {
         put(rows, 2u, c, -by_t1 - constants.friction * by_n);
         put(rows, 3u, c, by_t2 - constants.friction * by_n);
         put(rows, 4u, c, -by_t2 - constants.friction * by_n);
-    }
-}
-
-@compute @workgroup_size(WORKGROUP)
-fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let slot = running[group.x];
-    if (progress[slot].state >= ENDED) {
-        return;
-    }
-    let half = 1u - progress[slot].current;
-    for (var i = lane; i < slots[slot].force_nodes; i += WORKGROUP) {
-        force(slot, half, i);
     }
 }

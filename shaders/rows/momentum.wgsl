@@ -1,4 +1,4 @@
-// needs: shared/values shared/jacobian shared/math
+// needs: shared/values shared/jacobian shared/math shared/entries
 // binds: jacobian footholds momentum_intervals impulses
 // Momentum rows of the single rigid body over the intervals between base knots. One thread per interval.
 //   in   values    x of the trial point, ground
@@ -56,8 +56,8 @@ struct Inside {
     momentum: vec3<f32>,
 }
 
-// Momentum rows of one interval.
-fn momentum_interval(slot: u32, half: u32, k: u32) {
+// Momentum rows of one interval: `momentum_interval` of the twin.
+fn entry(slot: u32, half: u32, k: u32) {
     let interval = &momentum_intervals[slot * batch.momentum_intervals + k];
     let points = &slots[slot].points;
     let constants = &slots[slot].constants;
@@ -346,16 +346,4 @@ fn lever(impulse: u32, q: u32, part: u32, arm: vec3<f32>, velocity: vec3<f32>) -
     var a = w[0][part] * arm + w[1][part] * velocity;
     a.z += w[2][part] * GRAVITY;
     return a;
-}
-
-@compute @workgroup_size(WORKGROUP)
-fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let slot = running[group.x];
-    if (progress[slot].state >= ENDED) {
-        return;
-    }
-    let half = 1u - progress[slot].current;
-    for (var i = lane; i < slots[slot].momentum_intervals; i += WORKGROUP) {
-        momentum_interval(slot, half, i);
-    }
 }

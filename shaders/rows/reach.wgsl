@@ -1,4 +1,4 @@
-// needs: shared/values shared/jacobian shared/math
+// needs: shared/values shared/jacobian shared/math shared/entries
 // binds: jacobian footholds reach_instants reach_feet
 // Reach boxes: each foot stays within a box around its nominal position in the base frame. One thread per reach instant.
 //   in   values    x of the trial point, ground, deviations
@@ -7,7 +7,7 @@
 // Twin: src/rows/reach.rs          Source: [3]
 
 // Reach rows of all feet at one instant.
-fn reach(slot: u32, half: u32, k: u32) {
+fn entry(slot: u32, half: u32, k: u32) {
     let instant = &reach_instants[slot * batch.reach_instants + k];
     let x = ix_x(slot, half);
     var pose = motion(instant.base.reference);
@@ -27,9 +27,9 @@ fn reach(slot: u32, half: u32, k: u32) {
 }
 
 // Reach rows of one foot.
-fn reach_foot(slot: u32, half: u32, k: u32, entry: u32, base_w: vec3<f32>, rot_wb: Mat3, axes: Mat3) {
+fn reach_foot(slot: u32, half: u32, k: u32, number: u32, base_w: vec3<f32>, rot_wb: Mat3, axes: Mat3) {
     let instant = &reach_instants[slot * batch.reach_instants + k];
-    let foot = &reach_feet[entry];
+    let foot = &reach_feet[number];
     let constants = &slots[slot].constants;
     let unit = constants.length_scale;
     let x = ix_x(slot, half);
@@ -90,17 +90,5 @@ fn reach_foot(slot: u32, half: u32, k: u32, entry: u32, base_w: vec3<f32>, rot_w
     }
     if (foot.height != NONE) {
         put_column(rows, 0u, foot.height_column, foot.z_weights[2] * rot_wb[2] * unit);
-    }
-}
-
-@compute @workgroup_size(WORKGROUP)
-fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let slot = running[group.x];
-    if (progress[slot].state >= ENDED) {
-        return;
-    }
-    let half = 1u - progress[slot].current;
-    for (var i = lane; i < slots[slot].reach_instants; i += WORKGROUP) {
-        reach(slot, half, i);
     }
 }

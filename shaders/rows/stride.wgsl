@@ -1,4 +1,4 @@
-// needs: shared/values shared/jacobian
+// needs: shared/values shared/jacobian shared/entries
 // binds: jacobian footholds strides
 // Steps: how far a foot goes in one swing, which bounds its speed. One thread per step.
 //   in   values    x of the trial point
@@ -7,7 +7,7 @@
 // Twin: src/rows/stride.rs
 
 // Row of one step.
-fn stride(slot: u32, half: u32, k: u32) {
+fn entry(slot: u32, half: u32, k: u32) {
     let stride = &strides[slot * batch.strides + k];
     let unit = slots[slot].constants.length_scale;
     let x = ix_x(slot, half);
@@ -24,17 +24,5 @@ fn stride(slot: u32, half: u32, k: u32) {
             put(rows, 0u, stride.foothold_column[i], sign * step.x / stride.limit);
             put(rows, 0u, stride.foothold_column[i] + 1u, sign * step.y / stride.limit);
         }
-    }
-}
-
-@compute @workgroup_size(WORKGROUP)
-fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let slot = running[group.x];
-    if (progress[slot].state >= ENDED) {
-        return;
-    }
-    let half = 1u - progress[slot].current;
-    for (var i = lane; i < slots[slot].strides; i += WORKGROUP) {
-        stride(slot, half, i);
     }
 }

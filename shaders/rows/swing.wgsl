@@ -1,4 +1,4 @@
-// needs: shared/values shared/jacobian shared/terrain
+// needs: shared/values shared/jacobian shared/terrain shared/entries
 // binds: jacobian footholds swing_nodes heights
 // Swinging feet: how high above the terrain. One thread per point of a swing.
 //   in   values    x of the trial point, ground
@@ -7,7 +7,7 @@
 // Twin: src/rows/swing.rs
 
 // Height row of one point of a swing.
-fn swing_node(slot: u32, half: u32, k: u32) {
+fn entry(slot: u32, half: u32, k: u32) {
     let swing = &swing_nodes[slot * batch.swing_nodes + k];
     let constants = &slots[slot].constants;
     let unit = constants.length_scale;
@@ -36,17 +36,5 @@ fn swing_node(slot: u32, half: u32, k: u32) {
             put(rows, 0u, swing.foothold_column[i], value.x * unit);
             put(rows, 0u, swing.foothold_column[i] + 1u, value.y * unit);
         }
-    }
-}
-
-@compute @workgroup_size(WORKGROUP)
-fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let slot = running[group.x];
-    if (progress[slot].state >= ENDED) {
-        return;
-    }
-    let half = 1u - progress[slot].current;
-    for (var i = lane; i < slots[slot].swing_nodes; i += WORKGROUP) {
-        swing_node(slot, half, i);
     }
 }

@@ -11,6 +11,9 @@
 //!
 //! Every shader binds `batch`, `running`, `slots`, `progress` and `values` ([`COMMON`]). Types of buffers, their structs and the constants that
 //! it has in common with Rust are written in front of it, too ([`prelude`]).
+//!
+//! A shader of rows has no entry point of its own: that of `shared/entries` calls its function `entry` for each entry of the table that it
+//! walks ([`Shader::walks`]).
 
 use super::tables::{Batch, Buffer, Part, kind};
 use crate::robot::GRAVITY;
@@ -98,6 +101,7 @@ row_shaders!(all_shaders);
 
 /// Files that shaders share, by their names.
 pub const SHARED: &[(&str, &str)] = &[
+    ("shared/entries", text!("shared/entries")),
     ("shared/values", text!("shared/values")),
     ("shared/jacobian", text!("shared/jacobian")),
     ("shared/math", text!("shared/math")),
@@ -219,6 +223,9 @@ impl Shader {
         text += &format!("const SIDE: u32 = {side}u;\nconst COLUMNS: u32 = {columns}u;\n\n");
         for (number, binding) in (0..).zip(self.bindings().unwrap_or_default()) {
             text += &binding.declaration(number);
+        }
+        if let Some(table) = self.walks() {
+            text += &format!("\nfn entries(slot: u32) -> u32 {{\n    return slots[slot].{table};\n}}\n");
         }
         text += "\n";
         let mut named = Vec::new();
