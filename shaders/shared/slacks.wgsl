@@ -1,3 +1,4 @@
+// needs: shared/reduce
 // Slacks and multipliers of the inequalities: their steps, and where a barrier step aims.
 // Twin: src/solver/slacks.rs
 
@@ -33,6 +34,19 @@ fn slack_step(base: u32, i: u32, g: f32, g_change: f32, aim: Aim) -> f32 {
 // The largest step in (0, 1] that keeps a twentieth of every slack and multiplier.
 fn step_length(steepest: f32) -> f32 {
     return select(1.0, 0.95 / steepest, steepest * (1.0 / 0.95) > 1.0);
+}
+
+// Steps of all slacks and multipliers, each invocation for its share. Every invocation of the workgroup must come here.
+//   half  of the point
+// Returns the largest step that keeps a twentieth of every slack and multiplier.
+fn slack_steps(slot: u32, half: u32, lane: u32, aim: Aim) -> f32 {
+    let base = slot * batch.values;
+    let g = base + batch.g + half * batch.g_half;
+    var steepest = 0.0;
+    for (var i = lane; i < slots[slot].inequalities; i += WORKGROUP) {
+        steepest = max(steepest, slack_step(base, i, values[g + i], values[base + batch.g_change + i], aim));
+    }
+    return step_length(max_over(lane, steepest));
 }
 
 // Product of slack and multiplier `i` after a step.

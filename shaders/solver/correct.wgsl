@@ -1,4 +1,4 @@
-// needs: shared/reduce shared/slacks
+// needs: shared/reduce shared/slacks shared/round
 // binds: elements
 // How far the predictor could go, the barrier parameter to aim for, and the values of the rows for the corrector. One workgroup a candidate.
 //   in      values    g at the point, g_change, slacks and multipliers
@@ -6,27 +6,17 @@
 //   out     values    slack_step, multiplier_step [inequalities]; weight, value [rows]
 // Twin: src/solver/correct.rs
 
-var<workgroup> round: Progress;
-
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let slot = running[group.x];
     let base = slot * batch.values;
-    if (lane == 0u) {
-        round = progress[slot];
-    }
-    let now = workgroupUniformLoad(&round);
+    let now = progress_at_start(slot, lane);
     // After a factorisation that failed there is nothing to correct, and the barrier parameter must stay.
     if (now.state != STEP || values[base + batch.flags] != 0.0) {
         return;
     }
     let count = slots[slot].inequalities;
-    let g = base + batch.g + now.current * batch.g_half;
-    var steepest = 0.0;
-    for (var i = lane; i < count; i += WORKGROUP) {
-        steepest = max(steepest, slack_step(base, i, values[g + i], values[base + batch.g_change + i], Aim(0.0, 0.0)));
-    }
-    let reach = step_length(max_over(lane, steepest));
+    let reach = slack_steps(slot, now.current, lane, Aim(0.0, 0.0));
     var before = 0.0;
     var after = 0.0;
     for (var i = lane; i < count; i += WORKGROUP) {

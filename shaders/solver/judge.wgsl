@@ -1,11 +1,9 @@
-// needs: shared/reduce shared/control
+// needs: shared/reduce shared/control shared/round
 // The verdict on the trial point, and the update of slacks and multipliers where it is taken. One workgroup a candidate.
 //   in      values    x, c and g at both points, c_change, g_change, steps of slacks and multipliers, whether the factorisation failed
 //   in out  progress
 //   in out  values    slack, multiplier
 // Twins: src/solver/judge.rs, src/solver/control.rs
-
-var<workgroup> round: Progress;
 
 // What is violated, `max(g, 0)`, but no number stays none.
 fn over(g: f32) -> f32 {
@@ -42,10 +40,7 @@ fn smoothing_fall(smoothing: f32, away: f32, away_to: f32) -> f32 {
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let slot = running[group.x];
     let base = slot * batch.values;
-    if (lane == 0u) {
-        round = progress[slot];
-    }
-    let now = workgroupUniformLoad(&round);
+    let now = progress_at_start(slot, lane);
     if (now.state >= ENDED) {
         return;
     }

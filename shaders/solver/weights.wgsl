@@ -1,4 +1,4 @@
-// needs: shared/reduce shared/slacks shared/control
+// needs: shared/reduce shared/slacks shared/control shared/round
 // binds: elements
 // The start of a round: what it is for, then weights and values of the rows in the normal equations, and what falls on single variables.
 // One workgroup a candidate.
@@ -6,8 +6,6 @@
 //   in out  progress
 //   out     values    history; weight, value [rows]; diagonal, gradient [variables]; x of the trial point when the rows become exact
 // Twins: src/solver/weights.rs, `begin` in src/solver/control.rs, `infeasibility` in src/solver/judge.rs
-
-var<workgroup> round: Progress;
 
 // Part of the infeasibility `F = (|c|^2 + |max(g, 0)|^2) / 2` that one invocation sums.
 fn infeasibility(slot: u32, half: u32, lane: u32) -> f32 {
@@ -56,10 +54,7 @@ fn variable_terms(base: u32, half: u32, i: u32, eps: f32, weight: f32) {
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let slot = running[group.x];
     let base = slot * batch.values;
-    if (lane == 0u) {
-        round = progress[slot];
-    }
-    var now = workgroupUniformLoad(&round);
+    var now = progress_at_start(slot, lane);
     if (now.state >= ENDED) {
         return;
     }

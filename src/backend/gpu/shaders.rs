@@ -107,6 +107,7 @@ pub const SHARED: &[(&str, &str)] = &[
     ("shared/math", text!("shared/math")),
     ("shared/terrain", text!("shared/terrain")),
     ("shared/contact", text!("shared/contact")),
+    ("shared/round", text!("shared/round")),
     ("shared/reduce", text!("shared/reduce")),
     ("shared/slacks", text!("shared/slacks")),
     ("shared/control", text!("shared/control")),
