@@ -323,7 +323,7 @@ mod with_ipopt {
     fn what_is_no_longer_wanted_ends_with_its_process() {
         let task = scenario("hex", 10);
         let mut random = Random::new(4);
-        let hard = Options { max_iterations: 100_000, max_seconds: 600., tolerance: 1e-12 };
+        let hard = Options { max_iterations: 100_000, max_seconds: 600., tolerance: 1e-12, barrier: None };
         let jobs: Vec<Job> = (0..4).map(|_| Job::fixed(&task, &gait(&mut random, 6, 13..=13), hard)).collect();
         let start = Instant::now();
         let finished = AtomicUsize::new(0);

@@ -225,6 +225,11 @@ pub fn solve(nlp: &dyn Nlp, start: Option<&[f64]>, options: &Options) -> (Vec<f6
             AddIpoptIntOption(problem, c"max_iter".as_ptr(), options.max_iterations as c_int);
             AddIpoptNumOption(problem, c"max_cpu_time".as_ptr(), options.max_seconds);
             AddIpoptNumOption(problem, c"tol".as_ptr(), options.tolerance);
+            if let Some(barrier) = options.barrier {
+                for keyword in [c"mu_init", c"bound_push", c"bound_frac", c"slack_bound_push", c"slack_bound_frac"] {
+                    AddIpoptNumOption(problem, keyword.as_ptr(), barrier);
+                }
+            }
             SetIntermediateCallback(problem, intermediate);
             let none = std::ptr::null_mut();
             let user = (&raw mut session).cast::<c_void>();

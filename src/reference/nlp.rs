@@ -96,13 +96,15 @@ pub struct Options {
     pub max_iterations: usize,
     /// `max_cpu_time`, s.
     pub max_seconds: f64,
+    /// `mu_init`, with starts pushed into their bounds by no more; Ipopt's own when absent. Small: the optimum near the start.
+    pub barrier: Option<f64>,
 }
 
 impl Options {
     /// Those of the paper's lower level: 50 iterations, 5 s.
-    pub const LOWER_LEVEL: Options = Options { tolerance: 1e-3, max_iterations: 50, max_seconds: 5. };
+    pub const LOWER_LEVEL: Options = Options { tolerance: 1e-3, max_iterations: 50, max_seconds: 5., barrier: None };
     /// Those of the paper's baselines: 200 iterations, 40 s.
-    pub const BASELINE: Options = Options { tolerance: 1e-3, max_iterations: 200, max_seconds: 40. };
+    pub const BASELINE: Options = Options { tolerance: 1e-3, max_iterations: 200, max_seconds: 40., barrier: None };
 }
 
 /// How a solve ended, and what it cost.

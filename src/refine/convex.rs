@@ -1,11 +1,11 @@
 //! The convex problem around a point, as Clarabel takes it.
 //!
 //! Over the step `d` (in its own trust lengths), and the positive and the negative part `p`, `n` of each [`Term`] whose sign may change within
-//! the trust region:
+//! the trust region, with a squared part `s` when terms are rounded:
 //!
 //! ```text
-//! minimise    sum weight (p + n) + sum weight sign (value + by . d) + effort + effort' d + d' (effort'' + curvature) d / 2
-//! such that   value + by . d = p - n,  p >= 0,  n >= 0
+//! minimise    sum weight (p + n + s^2 / (2 rounding)) + sum weight sign (value + by . d) + effort + effort' d + d' (effort'' + curvature) d / 2
+//! such that   value + by . d = p - n + s,  p >= 0,  n >= 0
 //!             c + c' d = 0
 //!             g + g' d <= 0, or as near to it as half the trust region goes
 //!             |(tangential force, m)| <= mu (normal force) - m      second-order cones
@@ -14,7 +14,7 @@
 //!
 //! Rows and terms that no step within the trust region can reach are left out: the solution is the same.
 
-use super::convex_cost::{Gradient, Model, Term};
+use super::convex_cost::{Gradient, Model, Term, rounded, rounded_slope};
 use super::curvature::Curvature;
 use super::rows::{Linear, Row};
 use clarabel::algebra::CscMatrix;
@@ -66,7 +66,7 @@ impl Multipliers {
             }
         }
         for term in model.terms.iter().filter(|t| strange[t.cell]) {
-            add(&term.by, term.weight * term.value.signum());
+            add(&term.by, term.weight * rounded_slope(term.value, model.rounding));
         }
         by
     }
@@ -114,7 +114,8 @@ pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, lengt
     let n = length.len();
     let cost = model.value();
     let scaled = |by: &Gradient| by.iter().map(|&(i, d)| (i, d * length[i])).collect::<Gradient>();
-    let (open, settled): (Vec<&Term>, Vec<&Term>) = model.terms.iter().partition(|t| reach(&t.by, length, trust) >= t.value.abs());
+    let (open, settled): (Vec<&Term>, Vec<&Term>) =
+        model.terms.iter().partition(|t| reach(&t.by, length, trust) >= t.value.abs() - model.rounding);
     // Costs in parts of the cost here, so that tolerances mean the same for every gait.
     let mut q: Vec<f64> = model.effort_by.iter().zip(length).map(|(d, l)| d * l / cost).collect();
     for term in &settled {
@@ -127,8 +128,17 @@ pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, lengt
         columns.push(b);
         values.push(second * length[a] * length[b] / cost);
     }
-    // Steps along the curved directions, after the parts of the terms.
-    let bends = n + 2 * open.len();
+    // The parts that are squared, when terms are rounded.
+    let squares = n + 2 * open.len();
+    let n_squares = if model.rounding > 0. { open.len() } else { 0 };
+    for (i, term) in open[..n_squares].iter().enumerate() {
+        rows.push(squares + i);
+        columns.push(squares + i);
+        values.push(term.weight / (cost * model.rounding));
+        q.push(0.);
+    }
+    // Steps along the curved directions, last.
+    let bends = squares + n_squares;
     for (i, (bend, _)) in curvature.directions.iter().enumerate() {
         rows.push(bends + i);
         columns.push(bends + i);
@@ -146,7 +156,8 @@ pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, lengt
     }
     let of_terms = constraints.b.len();
     for (i, term) in open.iter().enumerate() {
-        constraints.slack(-term.value, scaled(&term.by).into_iter().chain([(n + 2 * i, -1.), (n + 2 * i + 1, 1.)]));
+        let square = (n_squares > 0).then_some((squares + i, -1.));
+        constraints.slack(-term.value, scaled(&term.by).into_iter().chain([(n + 2 * i, -1.), (n + 2 * i + 1, 1.)]).chain(square));
     }
     constraints.cone(0, SupportedConeT::ZeroConeT);
     let first = constraints.b.len();
@@ -254,7 +265,7 @@ pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, lengt
 /// The cost after a step, as the model has it.
 fn predict(model: &Model, d: &[f64]) -> f64 {
     let along = |by: &Gradient| by.iter().map(|&(i, by)| by * d[i]).sum::<f64>();
-    let terms = model.terms.iter().map(|t| t.weight * (t.value + along(&t.by)).abs()).sum::<f64>();
+    let terms = model.terms.iter().map(|t| t.weight * rounded(t.value + along(&t.by), model.rounding)).sum::<f64>();
     let first: f64 = model.effort_by.iter().zip(d).map(|(by, d)| by * d).sum();
     let second = |&(a, b, second): &(usize, usize, f64)| second * d[a] * d[b] * if a == b { 0.5 } else { 1. };
     terms + model.effort + first + model.effort_by_forces.iter().map(second).sum::<f64>()

@@ -6,6 +6,8 @@
 //! absolute value of the parabola through the same points, which is the same where no power changes its sign, and smooth where one does.
 //! Effort is quadratic in the forces and linear in the durations of their pieces.
 //!
+//! Absolute values may be [`rounded`]: a motion whose powers are zero at many points is stuck there, for every way out costs something at first.
+//!
 //! Derivatives are exact, by dual numbers over the variables that an interval of base knots depends on: durations too, for every time in it is
 //! a number like any other.
 
@@ -56,8 +58,18 @@ impl Cell {
     }
 
     fn cost(&self, rounding: f64) -> f64 {
-        (0..3).map(|i| self.weight * GAUSS_WEIGHTS[i] * self.powers[i].hypot(rounding)).sum()
+        (0..3).map(|i| self.weight * GAUSS_WEIGHTS[i] * rounded(self.powers[i], rounding)).sum()
     }
+}
+
+/// Absolute value with a parabola around zero, Huber's.
+pub(super) fn rounded(value: f64, rounding: f64) -> f64 {
+    if value.abs() < rounding { value * value / (2. * rounding) } else { value.abs() - 0.5 * rounding }
+}
+
+/// Its derivative.
+pub(super) fn rounded_slope(value: f64, rounding: f64) -> f64 {
+    if value.abs() < rounding { value / rounding } else { value.signum() }
 }
 
 /// The cost at a point to first order in absolute values and durations, to second in forces.
@@ -66,6 +78,8 @@ pub(super) struct Model {
     /// Steps of the quadrature, in the order of their keys.
     pub cells: Vec<Cell>,
     pub terms: Vec<Term>,
+    /// Rounding of the terms' absolute values, J.
+    pub rounding: f64,
     /// Effort cost, weighted.
     pub effort: f64,
     /// Its derivatives, `[variables]`.
@@ -77,7 +91,7 @@ pub(super) struct Model {
 impl Model {
     /// The cost.
     pub fn value(&self) -> f64 {
-        self.terms.iter().map(|t| t.weight * t.value.abs()).sum::<f64>() + self.effort
+        self.terms.iter().map(|t| t.weight * rounded(t.value, self.rounding)).sum::<f64>() + self.effort
     }
 }
 
@@ -177,13 +191,8 @@ impl<'a> Price<'a> {
         }
     }
 
-    /// The cost at a point.
-    pub fn value(&self, point: &Point) -> f64 {
-        self.rounded(point, 0.)
-    }
-
-    /// The cost at a point with every `|power|` as `sqrt(power^2 + rounding^2)`.
-    pub fn rounded(&self, point: &Point, rounding: f64) -> f64 {
+    /// The cost at a point, powers [`rounded`].
+    pub fn value(&self, point: &Point, rounding: f64) -> f64 {
         let of_interval = |k: usize| {
             let mut cells = Vec::new();
             self.interval_powers(point, k, &|i| point.v[i], &mut cells);
@@ -197,13 +206,13 @@ impl<'a> Price<'a> {
         sums.iter().sum::<f64>() + model.effort
     }
 
-    /// The cost around a point.
-    pub fn model(&self, point: &Point) -> Model {
+    /// The cost around a point, powers [`rounded`].
+    pub fn model(&self, point: &Point, rounding: f64) -> Model {
         let of_interval = |k: usize| self.interval_model(point, k);
         let cells: Vec<Vec<Cell>> = (0..self.space.intervals).into_par_iter().map(of_interval).collect();
         let cells: Vec<Cell> = cells.into_iter().flatten().collect();
         let terms = cells.iter().enumerate().flat_map(|(i, cell)| cell.terms(i)).collect();
-        let mut model = Model { cells, terms, ..Model::default() };
+        let mut model = Model { cells, terms, rounding, ..Model::default() };
         self.effort(point, &mut model);
         model
     }

@@ -2,12 +2,14 @@
 //!
 //! The variables are those of the `momentum` layout, the boundaries between phases and, when the horizon is free, the interval of base
 //! knots (`variables`). At every point the rows are linearised, friction cones stay what they are (`rows`), and the cost is made convex
-//! (`convex_cost`), with a curvature that is learned on the way (`curvature`). Clarabel solves that problem within a trust region (`convex`). Gauss-Newton steps in f64 bring the step back onto the rows,
-//! as they close every solution of this program; so every point on the way is a valid gait, and the cost alone decides. The trust region
-//! grows when the cost falls as predicted and shrinks when it does not. What comes back is certified, and no worse than what was given.
+//! (`convex_cost`), with a curvature that is learned on the way (`curvature`). Clarabel solves that problem within a trust region (`convex`).
+//! Gauss-Newton steps in f64 bring the step back onto the rows, as they close every solution of this program; so every point on the way is a
+//! valid gait, and the cost alone decides. The trust region grows when the cost falls as predicted and shrinks when it does not. What comes
+//! back is certified, and no worse than what was given.
 //!
 //! ```text
 //! v        the given gait, closed under cones
+//! for      a cost whose absolute values are rounded, less rounded, exact
 //! repeat   d    minimises the convex cost around v, |d| <= trust
 //!          w    v + d, closed
 //!          if w is certified and cost(w) < cost(v) - share of what was predicted: v becomes w
@@ -191,6 +193,12 @@ const MOST_TRUST: f64 = 1.;
 /// Curvature that every direction has, in costs by squared trust lengths: at the start, the least, the most. It moves against the trust. Too
 /// little: directions that cost next to nothing wander; too much: short steps.
 const LEAST_CURVATURE: [f64; 3] = [1e-3, 1e-5, 1e2];
+/// Roundings of the absolute values of powers, one after the other, in metres times the weight at each point of the quadrature: from forces
+/// that cost what they heat, to all of the cost. Without the first ones gaits end in the nearest of many optima: where powers are zero, every
+/// way out costs something at first.
+const ROUNDINGS: [f64; 4] = [1., 0.1, 0.01, 0.];
+/// Part of a rounded cost below which what steps promise is next to nothing.
+const ROUNDED_GAIN: f64 = 1e-3;
 /// Steps in a row that promise next to nothing, after which a refinement ends.
 const IDLE: usize = 2;
 /// Half the sum of the squared violations, scaled as rows are, at which a point counts as closed. Closing steps nearly always end far below;
@@ -240,80 +248,116 @@ pub fn refine(
     let leg_mass = settings.leg_mass.unwrap_or_else(|| task.robot.leg_mass());
     let pricing = Pricing { task, weights, leg_mass };
     let mut solver = Solver::<f64>::default();
-    let closing = closing_settings();
     let spaces = cones.iter().map(|cones| Space::new(task, schedule, cones, settings));
     let mut closed = spaces.filter_map(|space| close_given(&space, &mut solver, schedule, x, cancel).map(|point| (space, point)));
-    let Some((space, mut now)) = closed.next() else {
+    let Some((space, now)) = closed.next() else {
         let given = Space::new(task, schedule, &cones[0], settings).start(schedule, x);
         return pricing.report(&given, given.clone(), RefineStatus::NotClosed, None, 0);
     };
     let given = space.start(schedule, x);
     let price = Price::new(&space, weights, leg_mass);
-    let (mut iterations, mut optimality) = (0, None);
-    let mut value = price.value(&now);
-    let length = &space.variables.step;
-    let (mut trust, mut least) = (settings.trust, LEAST_CURVATURE[0]);
-    let mut history = History::default();
-    let mut last: Option<Taken> = None;
-    // Steps in a row that promised next to nothing.
-    let mut idle = 0;
-    let status = 'points: loop {
-        let linear = rows::linear(&space, &now)?;
-        let model = price.model(&now);
-        let feasibility = rows::Residuals::new(&now.layout, &now.x, false).violation();
-        if let Some(taken) = last.take() {
-            history.push(taken.step, taken.multipliers.lagrangian(&linear, &model, length), &taken.before, value);
+    let history = History::default();
+    let mut descent =
+        Descent { task, space: &space, price: &price, settings, cancel, solver, history, now, iterations: 0, optimality: None };
+    let mut status = RefineStatus::MaxIterations;
+    for (i, rounding) in ROUNDINGS.iter().enumerate() {
+        let gain = if *rounding > 0. { settings.gain.max(ROUNDED_GAIN) } else { settings.gain };
+        let most = settings.iterations * (i + 1) / ROUNDINGS.len();
+        status = descent.run(rounding * task.robot.weight(), gain, most)?;
+        if status == RefineStatus::Cancelled {
+            break;
         }
-        // Ever shorter steps from one point.
+    }
+    pricing.report(&given, descent.now, status, descent.optimality, descent.iterations)
+}
+
+/// Steps from point to point.
+struct Descent<'a> {
+    task: &'a Task,
+    space: &'a Space<'a>,
+    price: &'a Price<'a>,
+    settings: &'a RefineSettings,
+    cancel: &'a dyn Fn() -> bool,
+    solver: Solver<f64>,
+    history: History,
+    /// Where it is.
+    now: Point,
+    iterations: usize,
+    optimality: Option<Optimality>,
+}
+
+impl Descent<'_> {
+    /// Goes down the cost with absolute values of powers rounded.
+    ///
+    /// * `rounding` - J a point of the quadrature
+    /// * `gain` - part of the cost below which what steps promise is next to nothing
+    /// * `most` - iterations at which it ends, of all
+    fn run(&mut self, rounding: f64, gain: f64, most: usize) -> Result<RefineStatus> {
+        let (task, space, price, settings) = (self.task, self.space, self.price, self.settings);
+        let length = &space.variables.step;
+        let closing = closing_settings();
+        let mut value = price.value(&self.now, rounding);
+        let (mut trust, mut least) = (settings.trust, LEAST_CURVATURE[0]);
+        let mut last: Option<Taken> = None;
+        // Steps in a row that promised next to nothing.
+        let mut idle = 0;
         loop {
-            if cancel() {
-                break 'points RefineStatus::Cancelled;
+            let linear = rows::linear(space, &self.now)?;
+            let model = price.model(&self.now, rounding);
+            let feasibility = rows::Residuals::new(&self.now.layout, &self.now.x, false).violation();
+            if let Some(taken) = last.take() {
+                self.history.push(taken.step, taken.multipliers.lagrangian(&linear, &model, length), &taken.before, value);
             }
-            if iterations >= settings.iterations {
-                break 'points RefineStatus::MaxIterations;
-            }
-            if trust < LEAST_TRUST {
-                break 'points RefineStatus::Stalled;
-            }
-            iterations += 1;
-            let Some(step) = convex::solve(&linear, &model, &history.curvature(least), length, trust) else {
-                trust *= 0.25;
-                continue;
-            };
-            let here = Optimality { stationarity: step.stationarity, feasibility, complementarity: step.complementarity };
-            optimality = Some(here);
-            idle = if step.predicted < settings.gain * value { idle + 1 } else { 0 };
-            if here.residual() < settings.tolerance {
-                break 'points RefineStatus::Optimal;
-            }
-            if idle == IDLE {
-                break 'points RefineStatus::Settled;
-            }
-            let moved = now.v.iter().zip(&step.by).map(|(v, d)| v + d).collect();
-            let trial = space.point(moved).ok().and_then(|p| close(&space, &mut solver, p, &closing, cancel));
-            let next = trial.as_ref().map_or(f64::INFINITY, |p| price.value(p));
-            let ratio = (value - next) / step.predicted;
-            let went = step.by.iter().zip(length).map(|(d, l)| (d / l).abs()).fold(0., f64::max);
-            let short = |p: &Point| space.shortness(&p.schedule);
-            let lasts = |p: &Point| short(p) < SHORT || short(p) <= short(&now);
-            let taken = trial.filter(|p| next < value && ratio > ACCEPTED && lasts(p) && certified(task, p));
-            if taken.is_none() || ratio < POOR {
-                trust = 0.5 * went.min(trust);
-                least = (4. * least).min(LEAST_CURVATURE[2]);
-            } else if ratio > GOOD {
-                trust = if went > 0.9 * trust { (2. * trust).min(MOST_TRUST) } else { trust };
-                least = (0.5 * least).max(LEAST_CURVATURE[1]);
-            }
-            if let Some(point) = taken {
-                let step_taken = point.v.iter().zip(&now.v).zip(length).map(|((a, b), l)| (a - b) / l).collect();
-                let before = step.multipliers.lagrangian(&linear, &model, length);
-                last = Some(Taken { step: step_taken, before, multipliers: step.multipliers });
-                (now, value) = (point, next);
-                break;
+            // Ever shorter steps from one point.
+            loop {
+                if (self.cancel)() {
+                    return Ok(RefineStatus::Cancelled);
+                }
+                if self.iterations >= most {
+                    return Ok(RefineStatus::MaxIterations);
+                }
+                if trust < LEAST_TRUST {
+                    return Ok(RefineStatus::Stalled);
+                }
+                self.iterations += 1;
+                let Some(step) = convex::solve(&linear, &model, &self.history.curvature(least), length, trust) else {
+                    trust *= 0.25;
+                    continue;
+                };
+                let here = Optimality { stationarity: step.stationarity, feasibility, complementarity: step.complementarity };
+                self.optimality = Some(here);
+                idle = if step.predicted < gain * value { idle + 1 } else { 0 };
+                if here.residual() < settings.tolerance {
+                    return Ok(RefineStatus::Optimal);
+                }
+                if idle == IDLE {
+                    return Ok(RefineStatus::Settled);
+                }
+                let moved = self.now.v.iter().zip(&step.by).map(|(v, d)| v + d).collect();
+                let trial = space.point(moved).ok().and_then(|p| close(space, &mut self.solver, p, &closing, self.cancel));
+                let next = trial.as_ref().map_or(f64::INFINITY, |p| price.value(p, rounding));
+                let ratio = (value - next) / step.predicted;
+                let went = step.by.iter().zip(length).map(|(d, l)| (d / l).abs()).fold(0., f64::max);
+                let short = |p: &Point| space.shortness(&p.schedule);
+                let lasts = |p: &Point| short(p) < SHORT || short(p) <= short(&self.now);
+                let taken = trial.filter(|p| next < value && ratio > ACCEPTED && lasts(p) && certified(task, p));
+                if taken.is_none() || ratio < POOR {
+                    trust = 0.5 * went.min(trust);
+                    least = (4. * least).min(LEAST_CURVATURE[2]);
+                } else if ratio > GOOD {
+                    trust = if went > 0.9 * trust { (2. * trust).min(MOST_TRUST) } else { trust };
+                    least = (0.5 * least).max(LEAST_CURVATURE[1]);
+                }
+                if let Some(point) = taken {
+                    let step_taken = point.v.iter().zip(&self.now.v).zip(length).map(|((a, b), l)| (a - b) / l).collect();
+                    let before = step.multipliers.lagrangian(&linear, &model, length);
+                    last = Some(Taken { step: step_taken, before, multipliers: step.multipliers });
+                    (self.now, value) = (point, next);
+                    break;
+                }
             }
         }
-    };
-    pricing.report(&given, now, status, optimality, iterations)
+    }
 }
 
 fn check(

@@ -66,7 +66,7 @@ impl<'a> Program<'a> {
     /// Largest violation of a row, and the cost without rounding.
     pub fn judged(&self, x: &[f64]) -> Option<(f64, f64, Point)> {
         let point = self.point(x)?;
-        Some((Residuals::new(&point.layout, &point.x, false).violation(), self.price.value(&point), point))
+        Some((Residuals::new(&point.layout, &point.x, false).violation(), self.price.value(&point, 0.), point))
     }
 }
 
@@ -117,14 +117,13 @@ impl Nlp for Program<'_> {
 
     fn objective(&self, x: &[f64], gradient: Option<&mut [f64]>) -> f64 {
         let Some(point) = self.point(x) else { return f64::NAN };
-        let Some(gradient) = gradient else { return self.price.rounded(&point, self.rounding) };
-        let model = self.price.model(&point);
+        let model = self.price.model(&point, 0.);
+        let value = model.effort + model.terms.iter().map(|t| t.weight * t.value.hypot(self.rounding)).sum::<f64>();
+        let Some(gradient) = gradient else { return value };
         let length = &self.space.variables.step;
         let mut by = model.effort_by;
-        let mut value = model.effort;
         for term in &model.terms {
             let size = term.value.hypot(self.rounding);
-            value += term.weight * size;
             term.by.iter().for_each(|&(i, d)| by[i] += term.weight * term.value / size * d);
         }
         gradient.iter_mut().zip(by).zip(length).for_each(|((g, d), l)| *g = d * l);

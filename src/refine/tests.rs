@@ -54,28 +54,28 @@ fn the_model_of_the_cost_is_the_cost() {
     with_walk(|task, _, price, point| {
         let motion = trajectory(task, &point.layout, &point.x);
         let cost = price_of(&motion, &task.robot, task.robot.leg_mass(), &CostWeights::default()).unwrap();
-        let value = price.value(point);
+        let value = price.value(point, 0.);
         // Their quadratures differ where powers change their sign.
         assert!((value - cost.total).abs() < 1e-3 * cost.total, "{value} is not {}", cost.total);
-        assert!((price.model(point).value() - value).abs() < 1e-12 * value);
+        assert!((price.model(point, 0.).value() - value).abs() < 1e-12 * value);
     });
 }
 
 #[test]
 fn derivatives_of_the_cost_are_those_of_central_differences() {
     with_walk(|_, space, price, point| {
-        let model = price.model(point);
+        let model = price.model(point, 0.);
         let mut by = model.effort_by.clone();
         for term in &model.terms {
             term.by.iter().for_each(|&(i, d)| by[i] += term.weight * term.value.signum() * d);
         }
-        let here = price.value(point);
+        let here = price.value(point, 0.);
         for i in 0..space.variables.count {
             let (length, step) = (space.variables.step[i], 1e-5);
             let at = |sign: f64| {
                 let mut v = point.v.clone();
                 v[i] += sign * step * length;
-                price.value(&space.point(v).unwrap())
+                price.value(&space.point(v).unwrap(), 0.)
             };
             // Where a power is zero the two sides differ, and any slope in between is right.
             let (left, right) = ((here - at(-1.)) / step, (at(1.) - here) / step);
