@@ -49,6 +49,14 @@ fn found(task: &Task, gait: &str, smooth: usize) -> cregopt::Result<Option<(Eval
     Ok(results.pop().flatten().filter(|r| r.feasible).map(|r| (r, start.elapsed().as_secs_f64())))
 }
 
+/// CPU time of this process so far, all threads, s; Linux alone tells.
+fn cpu_seconds() -> f64 {
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    // Behind the name in parentheses; user and system time are fields 14 and 15, in ticks of 10 ms.
+    let fields: Vec<&str> = stat.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
+    [11, 12].iter().filter_map(|&i| fields.get(i)?.parse::<f64>().ok()).sum::<f64>() / 100.
+}
+
 fn main() -> cregopt::Result<()> {
     let args: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
     let has = |name: &str| args.iter().any(|a| a == name);
@@ -57,9 +65,9 @@ fn main() -> cregopt::Result<()> {
     let transcription = LowerSettings::default().transcription;
     let weights = CostWeights::default();
     println!(
-        "| gait | found | smoothed | refined | leg, swing, effort before | after | horizon, s | changed, s | residual | status | problems | found, s | smoothed, s | refined, s |"
+        "| gait | found | smoothed | refined | leg, swing, effort before | after | horizon, s | changed, s | residual | status | problems | found, s | smoothed, s | refined, s | CPU s |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
     for (robot, gait, terrain, goal, yaw) in GAITS {
         let name = format!("{robot} {gait} {terrain} {goal:?} {yaw:.2}");
         if !names.is_empty() && !names.iter().all(|n| name.contains(&n[..])) {
@@ -72,12 +80,12 @@ fn main() -> cregopt::Result<()> {
             continue;
         };
         let smooth = found(&task, gait, 20)?;
-        let start = Instant::now();
+        let (start, cpu) = (Instant::now(), cpu_seconds());
         let refined = refine(&task, &plain.schedule, &plain.x, &transcription, &weights, &settings, &|| false)?;
-        let took = start.elapsed().as_secs_f64();
+        let (took, cpu) = (start.elapsed().as_secs_f64(), cpu_seconds() - cpu);
         let parts = |c: &cregopt::gait::cost::Cost| format!("{:.3} {:.3} {:.3}", c.leg_work, c.swing_work, weights.effort * c.effort_cost);
         println!(
-            "| {name} | {:.4} | {} | {:.4}{} | {} | {} | {:.2} to {:.2} | {} by up to {:.3} | {:.1e} | {:?} | {} | {seconds:.3} | {} | {took:.2} |",
+            "| {name} | {:.4} | {} | {:.4}{} | {} | {} | {:.2} to {:.2} | {} by up to {:.3} | {:.1e} | {:?} | {} | {seconds:.3} | {} | {took:.0} | {cpu:.1} |",
             price(&plain)?.total,
             smooth.as_ref().map_or(Ok("-".into()), |(e, _)| price(e).map(|c| format!("{:.4}", c.total)))?,
             refined.after.total,

@@ -53,7 +53,7 @@ fn compare(task: &Task, family: GaitFamily, settings: &RefineSettings) -> [f64; 
         best
     };
     // With durations free, optima are many, and those of two methods are seldom the same.
-    let from_given = if settings.durations { f64::INFINITY } else { ipopt(&given, &[1e-4, 1e-5], None) };
+    let from_given = if settings.durations { f64::INFINITY } else { ipopt(&given, &[1e-4], None) };
     [before, after, from_given, ipopt(&own, &[1e-5], Some(1e-6))]
 }
 
