@@ -607,6 +607,21 @@ fn a_truncated_line_exits_4_names_file_and_line_and_keeps_the_results_before_it(
 }
 
 #[test]
+fn a_goal_of_two_numbers_is_at_its_height_above_the_ground() {
+    let line = |goal: Value| json!({"scenario": "s1", "base_target": goal, "durations": vec![[2.0]; 4]}).to_string();
+    let dir = folder();
+    write_lines(
+        dir.path(),
+        &[line(json!([0.0, 0.0])), line(json!([0.0, 0.0, cregopt::robot::Robot::named("anymal").unwrap().base_height]))],
+    );
+    run(dir.path(), "evaluate in.jsonl --out out.jsonl").ends_with(0);
+    let text = std::fs::read_to_string(dir.path().join("out.jsonl")).unwrap();
+    let results: Vec<Value> = text.lines().map(|l| serde_json::from_str::<Value>(l).unwrap()["result"]["cost"].clone()).collect();
+    assert_eq!(results[0], results[1]);
+    assert_holds_only(dir.path(), &["in.jsonl", "out.jsonl"]);
+}
+
+#[test]
 fn bad_schedules_exit_4_and_name_file_line_field_value_and_limit() {
     let durations = |durations: Value| json!({"scenario": "s1", "target": 1, "durations": durations}).to_string();
     let feet = |phases: &[f64]| durations(json!(vec![phases; 4]));
@@ -638,7 +653,7 @@ fn bad_schedules_exit_4_and_name_file_line_field_value_and_limit() {
         (durations(json!(vec![[0.5]; 9])), &["durations", "9 feet", "1 to 8"]),
         (with("base_target", json!([20.0, 0.0, 1.0])), &["base_target", "(20, 0)", "step", "-10 to 10"]),
         (with("base_target", json!([6.0, 0.0, 0.1])), &["base_target[2]", "0.1", "above the terrain"]),
-        (with("base_target", json!([6.0, 0.0])), &["base_target"]),
+        (with("base_target", json!([6.0])), &["base_target", "1 numbers", "2 or 3"]),
         (with("yaw_target", json!(900.0)), &["yaw_target", "900", "62.8"]),
         (with("scenario", json!("s9")), &["scenario", "s9", "s1, s2"]),
         (json!({"scenario": "s1", "target": 21, "durations": [[0.5], [0.5], [0.5], [0.5]]}).to_string(), &["target", "21", "1 to 20"]),

@@ -70,6 +70,10 @@ impl Backend for Cpu {
         self.pool.current_num_threads()
     }
 
+    fn batch(&self) -> usize {
+        16 * self.threads()
+    }
+
     fn solve(&self, job: &Job, skip: &(dyn Fn(usize) -> bool + Sync), finish: &(dyn Fn(usize, Solution) + Sync)) {
         match job.precision {
             Precision::F32 => self.work::<f32>(job, Finish::Infeasibility(job.settings.tolerance), skip, finish),

@@ -77,6 +77,11 @@ pub trait Backend: Send + Sync {
     /// Threads of the CPU that it uses.
     fn threads(&self) -> usize;
 
+    /// Problems that are worth handing over at once: with more nothing is faster.
+    fn batch(&self) -> usize {
+        8192
+    }
+
     /// Solves every problem and hands each solution to `finish`, in any order and from any thread.
     ///
     /// `skip(index)` is asked before and during each solve; when it says so, that candidate is dropped (`finish` is not called).

@@ -15,8 +15,12 @@ use crate::terrain::{TERRAINS, Terrain};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use std::f64::consts::PI;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Once};
+
+/// A goal more than a turn away is told of once.
+static TURNS: Once = Once::new();
 
 /// Robot by name, or a JSON file.
 pub fn robot(name: &str) -> Result<Arc<Robot>> {
@@ -38,7 +42,7 @@ fn named_or_file<T>(
     let path = Path::new(name);
     if known.contains(&name) {
         named(name)
-    } else if path.exists() || path.extension().is_some_and(|e| e == "json") {
+    } else if path.exists() || path.extension().is_some() || path.components().count() > 1 {
         parse(&files::read(path)?).map_err(|e| e.in_file(path, None))
     } else {
         Err(Error::Unknown { what, name: name.into(), known: format!("{}, or a .json file", known.join(", ")) })
@@ -143,6 +147,10 @@ impl World {
             (None, None, None) => return Err(missing("goal", "--goal, `base_target` in the line")),
         };
         let yaw = goal.yaw.or(scenario.map(|s| s.yaw_target)).unwrap_or(0.);
+        if yaw.abs() > 2. * PI {
+            let turns = yaw / (2. * PI);
+            TURNS.call_once(|| complain(&format!("goal yaw {yaw} rad is {turns:.1} turns; {yaw} degrees are {:.4} rad", yaw.to_radians())));
+        }
         let mut task = Task::new(robot, terrain, place.yaw(yaw))?;
         task.force_limit = self.force_limit;
         task.validate()?;
@@ -315,7 +323,6 @@ pub fn apply<'a, S: Serialize + DeserializeOwned>(settings: S, prefix: &str, set
     let mut tree = serde_json::to_value(settings)?;
     let mut known = Vec::new();
     leaves(&tree, prefix.trim_end_matches('.').into(), &mut known);
-    let mut names = String::new();
     for set in sets {
         let Some((key, value)) = set.split_once('=') else {
             return Err(Error::invalid("--set", set, "KEY=VALUE"));
@@ -325,9 +332,10 @@ pub fn apply<'a, S: Serialize + DeserializeOwned>(settings: S, prefix: &str, set
             Some(slot) if !slot.is_object() => *slot = serde_json::from_str(value).unwrap_or_else(|_| value.into()),
             _ => return Err(Error::Unknown { what: "setting", name: format!("{prefix}{key}"), known: known.join(", ") }),
         }
-        names += &format!("{prefix}{set} ");
+        let right: serde_json::Result<S> = serde_json::from_value(tree.clone());
+        right.map_err(|e| Error::invalid(format!("--set {prefix}{set}"), e, "a value of the setting's type"))?;
     }
-    serde_json::from_value(tree).map_err(|e| Error::invalid(format!("--set {}", names.trim()), e, "a value of the setting's type"))
+    Ok(serde_json::from_value(tree)?)
 }
 
 /// Paths of all leaves of a settings tree.

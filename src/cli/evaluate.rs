@@ -10,8 +10,9 @@ use crate::gait::{Schedule, Trajectory};
 use crate::reference::ipopt::Options;
 use crate::reference::job::{Answer, Job};
 use crate::reference::workers::Workers;
+use crate::report::files::{self, Growing};
 use crate::report::result::SolvedOn;
-use crate::report::{EvaluateResult, IpoptResult, files};
+use crate::report::{EvaluateResult, IpoptResult};
 use crate::scenario::Scenario;
 use crate::search::evaluate::{Evaluated, LowerSettings, check_candidate, evaluate};
 use crate::settings::Legs;
@@ -23,8 +24,8 @@ use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
-/// Candidates solved at once; bounds memory for long files.
-const CHUNK: usize = 8192;
+/// Time between two lines on how far it is, s.
+const TELL: f64 = 10.;
 
 #[derive(Debug, Args)]
 pub struct Evaluate {
@@ -64,7 +65,7 @@ struct Line {
     durations: Vec<Vec<f64>>,
     scenario: Option<String>,
     target: Option<usize>,
-    base_target: Option<[f64; 3]>,
+    base_target: Option<Vec<f64>>,
     yaw_target: Option<f64>,
 }
 
@@ -86,6 +87,30 @@ struct Answered {
     trajectory: Option<Trajectory>,
 }
 
+/// What has been solved so far.
+#[derive(Debug, Default)]
+struct Tally {
+    lines: usize,
+    feasible: usize,
+    iterations: usize,
+}
+
+impl Tally {
+    fn add(&mut self, feasible: bool, iterations: usize) {
+        self.lines += 1;
+        self.feasible += usize::from(feasible);
+        self.iterations += iterations;
+    }
+
+    /// A line of an earlier run.
+    fn add_line(&mut self, line: &str) -> Result<()> {
+        let object: Value = from_json(line)?;
+        let result = &object["result"];
+        self.add(result["feasible"] == true, result["iterations"].as_u64().unwrap_or(0) as usize);
+        Ok(())
+    }
+}
+
 /// Who solves the lines.
 enum Solver {
     Own(Box<dyn Backend>, Box<LowerSettings>),
@@ -93,6 +118,14 @@ enum Solver {
 }
 
 impl Solver {
+    /// Lines solved at once: what an end in the middle loses.
+    fn chunk(&self) -> usize {
+        match self {
+            Solver::Own(backend, _) => backend.batch(),
+            Solver::Ipopt(workers) => 16 * workers.count,
+        }
+    }
+
     /// For results.
     fn device(&self) -> String {
         match self {
@@ -169,57 +202,101 @@ impl Evaluate {
         }
 
         let solver = match self.solver {
-            SolverArg::Own => Solver::Own(self.lower.backend(items.len())?, Box::new(settings)),
+            SolverArg::Own => Solver::Own(self.lower.backend(items.len())?, Box::new(settings.clone())),
             SolverArg::Ipopt => Solver::Ipopt(workers(self.lower.place.threads)?),
         };
         let start = Instant::now();
-        let (mut results, mut trajectories) = (String::new(), String::new());
-        let (mut feasible, mut evaluated_lines, mut iterations) = (0, 0, 0);
-        for chunk in items.chunks(CHUNK) {
+        let stamp = serde_json::to_string(&self.stamp(&settings, &solver)).map_err(Error::from)?;
+        let open = |path: &Option<PathBuf>| path.as_deref().map(|path| Growing::open(path, &stamp)).transpose();
+        let (mut out, mut trajectories) = (open(&self.out)?, open(&self.trajectories)?);
+        let counts = || [&out, &trajectories].into_iter().flatten().map(Growing::count);
+        let done_before = counts().min().unwrap_or(0).min(items.len());
+        for file in [&mut out, &mut trajectories].into_iter().flatten() {
+            file.keep(done_before)?;
+        }
+        let mut tally = Tally::default();
+        let mut printed = String::new();
+        if let Some(out) = &out {
+            out.text().lines().try_for_each(|line| tally.add_line(line))?;
+        }
+        if done_before > 0 {
+            complain(&format!("{done_before} of {} lines are done already", items.len()));
+        }
+        let mut told = Instant::now();
+        for chunk in items[done_before..].chunks(solver.chunk()) {
             let answers = solver.solve(chunk, self.trajectories.is_some())?;
+            let (mut lines, mut motions) = (String::new(), String::new());
             for (item, done) in chunk.iter().zip(answers) {
                 let Some(done) = done else { break };
-                evaluated_lines += 1;
-                feasible += usize::from(done.feasible);
-                iterations += done.iterations;
+                tally.add(done.feasible, done.iterations);
                 let mut object = item.object.clone();
                 object.insert("result".into(), done.result);
-                results += &(Value::Object(object).to_string() + "\n");
+                lines += &(Value::Object(object).to_string() + "\n");
                 if let Some(trajectory) = done.trajectory {
                     let number = |key: &str| item.object.get(key).and_then(Value::as_u64);
                     let target = number("target").map(|t| t as usize);
                     let trajectory = label(trajectory, &item.task, item.scenario.as_deref(), target, number("seed"));
-                    trajectories += &(serde_json::to_string(&trajectory).map_err(Error::from)? + "\n");
+                    motions += &(serde_json::to_string(&trajectory).map_err(Error::from)? + "\n");
                 }
             }
+            for (file, lines) in [(&mut out, &lines), (&mut trajectories, &motions)] {
+                file.as_mut().map_or(Ok(()), |file| file.add(lines))?;
+            }
+            printed += &lines;
             if CANCELLED.load(Ordering::Relaxed) {
                 break;
             }
-        }
-        if evaluated_lines < items.len() {
-            complain(&format!("stopped: {evaluated_lines} of {} lines evaluated", items.len()));
+            if told.elapsed().as_secs_f64() > TELL && tally.lines < items.len() {
+                complain(&format!("{} of {} lines, {} feasible", tally.lines, items.len(), tally.feasible));
+                told = Instant::now();
+            }
         }
         let seconds = start.elapsed().as_secs_f64();
-        if let Some(path) = &self.out {
-            files::write(path, &results)?;
-        }
-        if let Some(path) = &self.trajectories {
-            files::write(path, &trajectories)?;
+        let text = out.as_ref().map_or(printed, |out| out.text().into());
+        let whole = tally.lines == items.len();
+        if whole {
+            for file in [out, trajectories].into_iter().flatten() {
+                file.finish()?;
+            }
         }
         if self.json {
-            print(&results)?;
+            print(&text)?;
         } else {
-            let rate = evaluated_lines as f64 / seconds.max(1e-9);
+            let Tally { lines, feasible, iterations } = tally;
+            let rate = (lines - done_before) as f64 / seconds.max(1e-9);
             print(&format!(
-                "{feasible} of {evaluated_lines} candidates feasible, {iterations} iterations, {seconds:.3} s, {rate:.1} candidates/s ({})\n",
+                "{feasible} of {lines} candidates feasible, {iterations} iterations, {seconds:.3} s, {rate:.1} candidates/s ({})\n",
                 solver.device()
             ))?;
         }
+        if !whole {
+            let kept = self
+                .out
+                .as_ref()
+                .map_or(String::new(), |out| format!("; they are in {}.part, and the same command goes on from there", out.display()));
+            let message = format!("stopped: {} of {} lines evaluated{kept}", tally.lines, items.len());
+            return Err(Failure::Ended(Error::Ended { message }));
+        }
         match failure {
             Some(error) => Err(Failure::Input(error)),
-            None if feasible > 0 => Ok(Verdict::Feasible),
+            None if tally.feasible > 0 => Ok(Verdict::Feasible),
             None => Ok(Verdict::Infeasible),
         }
+    }
+
+    /// What the results depend on, the lines apart.
+    fn stamp(&self, settings: &LowerSettings, solver: &Solver) -> Value {
+        serde_json::json!({
+            "version": env!("CARGO_PKG_VERSION"),
+            "device": solver.device(),
+            "settings": settings,
+            "schedules": self.schedules,
+            "scenario": self.scenario,
+            "trajectories": self.trajectories.is_some(),
+            "robot": self.world.robot,
+            "terrain": self.world.terrain,
+            "force_limit": self.world.force_limit,
+        })
     }
 
     fn item(&self, line: &str, world: &World) -> Result<Item> {
@@ -228,7 +305,14 @@ impl Evaluate {
         let schedule = Schedule::new(parsed.durations)?;
         let scenario = parsed.scenario.or_else(|| self.scenario.clone());
         let named = scenario.as_deref().map(Scenario::named).transpose()?;
-        let goal = GoalSource { target: parsed.target, base_target: parsed.base_target, xy: None, yaw: parsed.yaw_target };
+        // A goal on the ground has no height of its own.
+        let (xy, base_target) = match parsed.base_target.as_deref() {
+            None => (None, None),
+            Some(&[x, y]) => (Some([x, y]), None),
+            Some(&[x, y, z]) => (None, Some([x, y, z])),
+            Some(other) => return Err(Error::invalid("base_target", format!("{} numbers", other.len()), "2 or 3: x, y, z in m")),
+        };
+        let goal = GoalSource { target: parsed.target, base_target, xy, yaw: parsed.yaw_target };
         Ok(Item { object, scenario, task: world.task(named.as_ref(), goal)?, schedule })
     }
 }

@@ -12,6 +12,8 @@ use std::path::{Path, PathBuf};
 #[derive(Debug)]
 pub struct Log {
     path: PathBuf,
+    /// Held, so that no other run adds to it.
+    file: fs::File,
     machine: String,
     threads: usize,
     runs: Vec<Run>,
@@ -23,12 +25,10 @@ impl Log {
     /// * `threads` - of the runs that are looked at
     ///
     /// # Errors
-    /// [`Error::Io`] when the system refuses; [`Error::InFile`] for a line that is no run.
+    /// As [`files::open_alone`]; [`Error::InFile`] for a line that is no run.
     pub fn open(path: &Path, threads: usize) -> Result<Log> {
-        let mut log = Log { path: path.to_owned(), machine: machine(), threads, runs: Vec::new() };
-        if !path.exists() {
-            return Ok(log);
-        }
+        let file = files::open_alone(path)?;
+        let mut log = Log { path: path.to_owned(), file, machine: machine(), threads, runs: Vec::new() };
         let text = files::read(path)?;
         let whole = &text[..text.rfind('\n').map_or(0, |end| end + 1)];
         for (number, line) in files::lines(whole) {
@@ -36,7 +36,7 @@ impl Log {
             log.keep(run);
         }
         if whole.len() < text.len() {
-            files::write(path, whole)?;
+            log.file.set_len(whole.len() as u64).map_err(|source| Error::Io { action: "write", path: path.to_owned(), source })?;
         }
         Ok(log)
     }
@@ -58,8 +58,7 @@ impl Log {
     pub fn add(&mut self, run: Run) -> Result<()> {
         let line = serde_json::to_string(&run)? + "\n";
         let io = |source| Error::Io { action: "write", path: self.path.clone(), source };
-        let file = fs::OpenOptions::new().create(true).append(true).open(&self.path);
-        file.and_then(|mut file| file.write_all(line.as_bytes()).and_then(|()| file.sync_data())).map_err(io)?;
+        self.file.write_all(line.as_bytes()).and_then(|()| self.file.sync_data()).map_err(io)?;
         self.keep(run);
         Ok(())
     }

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use std::fs;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Largest input file, bytes.
 pub const MAX_FILE: u64 = 1 << 30;
@@ -35,7 +35,7 @@ pub fn write(path: &Path, text: &str) -> Result<()> {
     let mut name = target.file_name().map(|n| n.to_owned()).unwrap_or_default();
     name.push(format!(".{}.part", std::process::id()));
     let part = target.with_file_name(name);
-    let written = fs::File::create(&part).and_then(|mut f| f.write_all(text.as_bytes()).and_then(|()| f.sync_all()));
+    let written = fs::File::create_new(&part).and_then(|mut f| f.write_all(text.as_bytes()).and_then(|()| f.sync_all()));
     written.and_then(|()| fs::rename(&part, &target)).map_err(|e| {
         // The part may not exist; the first error is the one to tell.
         let _ = fs::remove_file(&part);
@@ -65,7 +65,124 @@ pub fn check_writable(path: &Path) -> Result<()> {
         _ => {}
     }
     let probe = target.with_file_name(format!(".cregopt-{}.probe", std::process::id()));
-    fs::File::create(&probe).and_then(|_| fs::remove_file(&probe)).map_err(io)
+    fs::File::create_new(&probe).and_then(|_| fs::remove_file(&probe)).map_err(io)
+}
+
+/// Opens a file to add to, made if it is not there, that no other run adds to at the same time. A link is not followed.
+///
+/// # Errors
+/// [`Error::Io`] when the system refuses; [`Error::Invalid`] when another run holds it, or it is a link.
+pub fn open_alone(path: &Path) -> Result<fs::File> {
+    let io = |source| Error::Io { action: "write", path: path.to_owned(), source };
+    if fs::symlink_metadata(path).is_ok_and(|m| !m.is_file()) {
+        return Err(Error::invalid("file", "no plain file", "a plain file, which this program made").in_file(path, None));
+    }
+    let file = fs::OpenOptions::new().create(true).append(true).open(path).map_err(io)?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(fs::TryLockError::WouldBlock) => Err(Error::invalid("file", "in use by another run", "one run at a time").in_file(path, None)),
+        // Some file systems cannot lock.
+        Err(fs::TryLockError::Error(e)) if e.kind() == std::io::ErrorKind::Unsupported => Ok(file),
+        Err(fs::TryLockError::Error(e)) => Err(io(e)),
+    }
+}
+
+/// Lines of a file in the making: they stand in a neighbour, `.part`, as soon as they are there, and become the file when all are.
+#[derive(Debug)]
+pub struct Growing {
+    target: PathBuf,
+    /// None where the target is no plain file.
+    part: Option<(PathBuf, fs::File)>,
+    lines: String,
+    count: usize,
+}
+
+impl Growing {
+    /// Begins, or goes on with what an ended run has left.
+    ///
+    /// * `stamp` - a line that says what the lines depend on; what another stamp has left is begun anew
+    ///
+    /// # Errors
+    /// As [`open_alone`].
+    pub fn open(target: &Path, stamp: &str) -> Result<Growing> {
+        let mut growing = Growing { target: target.to_owned(), part: None, lines: String::new(), count: 0 };
+        let real = fs::canonicalize(target).unwrap_or_else(|_| target.to_owned());
+        if fs::metadata(&real).is_ok_and(|m| !m.is_file()) {
+            return Ok(growing);
+        }
+        let mut name = real.file_name().map(|n| n.to_owned()).unwrap_or_default();
+        name.push(".part");
+        let path = real.with_file_name(name);
+        let mut file = open_alone(&path)?;
+        let io = |source| Error::Io { action: "write", path: path.clone(), source };
+        let text = read(&path)?;
+        // A last line may have been cut off.
+        let whole = &text[..text.rfind('\n').map_or(0, |end| end + 1)];
+        match whole.split_once('\n') {
+            Some((first, rest)) if first == stamp => {
+                (growing.lines, growing.count) = (rest.into(), rest.lines().count());
+                file.set_len(whole.len() as u64).map_err(io)?;
+            }
+            _ => {
+                file.set_len(0).and_then(|()| file.write_all(format!("{stamp}\n").as_bytes())).map_err(io)?;
+            }
+        }
+        growing.part = Some((path, file));
+        Ok(growing)
+    }
+
+    /// Number of lines so far.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// The lines so far.
+    pub fn text(&self) -> &str {
+        &self.lines
+    }
+
+    /// Forgets all lines but the first ones.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the system refuses.
+    pub fn keep(&mut self, count: usize) -> Result<()> {
+        if count < self.count {
+            let kept: usize = self.lines.lines().take(count).map(|line| line.len() + 1).sum();
+            let lost = self.lines.len() - kept;
+            (self.count, self.lines) = (count, self.lines[..kept].into());
+            if let Some((path, file)) = &mut self.part {
+                let length = file.metadata().and_then(|m| file.set_len(m.len() - lost as u64));
+                length.map_err(|source| Error::Io { action: "write", path: path.clone(), source })?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds whole lines.
+    ///
+    /// # Errors
+    /// [`Error::Io`] when the system refuses.
+    pub fn add(&mut self, lines: &str) -> Result<()> {
+        if let Some((path, file)) = &mut self.part {
+            let written = file.write_all(lines.as_bytes()).and_then(|()| file.sync_data());
+            written.map_err(|source| Error::Io { action: "write", path: path.clone(), source })?;
+        }
+        self.lines += lines;
+        self.count += lines.lines().count();
+        Ok(())
+    }
+
+    /// Makes the file of them, in the place of an older one.
+    ///
+    /// # Errors
+    /// As [`write`].
+    pub fn finish(self) -> Result<()> {
+        write(&self.target, &self.lines)?;
+        let remove = |(path, _): (PathBuf, fs::File)| {
+            fs::remove_file(&path).map_err(|source| Error::Io { action: "remove", path: path.clone(), source })
+        };
+        self.part.map_or(Ok(()), remove)
+    }
 }
 
 /// Non-empty lines with their one-based numbers.
@@ -76,6 +193,43 @@ pub fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_file_in_the_making_is_gone_on_with() {
+        let folder = tempfile::tempdir().unwrap();
+        let target = folder.path().join("results.jsonl");
+        write(&target, "old\n").unwrap();
+        let mut growing = Growing::open(&target, "stamp").unwrap();
+        growing.add("one\ntwo\n").unwrap();
+        // Another run is refused while this one lasts.
+        assert!(Growing::open(&target, "stamp").unwrap_err().to_string().contains("in use by another run"));
+        drop(growing);
+        assert_eq!(read(&target).unwrap(), "old\n");
+        // The last line was cut off.
+        let part = folder.path().join("results.jsonl.part");
+        fs::write(&part, read(&part).unwrap() + "thr").unwrap();
+        let mut growing = Growing::open(&target, "stamp").unwrap();
+        assert_eq!((growing.count(), growing.text()), (2, "one\ntwo\n"));
+        growing.keep(1).unwrap();
+        growing.add("2\n").unwrap();
+        growing.finish().unwrap();
+        assert_eq!(read(&target).unwrap(), "one\n2\n");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+        // Another stamp begins anew.
+        drop(Growing::open(&target, "stamp").map(|mut g| g.add("one\n")).unwrap());
+        assert_eq!(Growing::open(&target, "other").unwrap().count(), 0);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_in_the_place_of_a_part_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let (target, other) = (folder.path().join("results.jsonl"), folder.path().join("other"));
+        fs::write(&other, "kept").unwrap();
+        std::os::unix::fs::symlink(&other, folder.path().join("results.jsonl.part")).unwrap();
+        assert!(Growing::open(&target, "stamp").is_err());
+        assert_eq!(read(&other).unwrap(), "kept");
+    }
 
     #[test]
     fn a_failed_write_names_the_file_and_leaves_nothing() {
