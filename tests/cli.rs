@@ -142,7 +142,7 @@ fn an_infeasible_budget_exits_3_and_still_writes_the_best_candidate() {
 #[test]
 fn a_goal_out_of_reach_of_the_ground_is_refused_at_once_with_the_height_that_would_do() {
     let dir = folder();
-    let ran = run(dir.path(), "solve --robot anymal --terrain step --goal 4,0 --out astride");
+    let ran = run(dir.path(), "solve --robot anymal --terrain step --goal 4,0,0.65 --out astride");
     ran.ends_with(2).says(&["goal, foot 2", "0.051 m outside", "Z from 0.470 to 0.599 m"]);
     assert!(!dir.path().join("astride").exists());
 }

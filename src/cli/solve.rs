@@ -37,7 +37,7 @@ pub struct Solve {
     /// Target of the scenario, 1 to 20
     #[arg(long, default_value_t = 10)]
     target: usize,
-    /// Goal instead of a target, m; without Z the base is as high above the ground there as at the start
+    /// Goal instead of a target, m; without Z the base is as high above the ground there as at the start, or as its feet reach
     #[arg(long, value_name = "X,Y[,Z]", allow_hyphen_values = true)]
     goal: Option<GoalArg>,
     /// Final yaw, rad; the scenario's by default
