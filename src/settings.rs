@@ -68,7 +68,7 @@ pub struct TranscriptionSettings {
     pub goal_velocity: GoalVelocity,
     /// `momentum`: height of a foot above the terrain in mid-swing, m, at least.
     pub clearance: f64,
-    /// `momentum`: height of a swinging foot above the terrain, m, at most.
+    /// `momentum`: height of a swinging foot above the highest of lift-off, landing and the terrain in mid-swing, m, at most.
     pub swing_height: f64,
     /// `momentum`: what legs can do, where nothing else is said.
     pub legs: Legs,

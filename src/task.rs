@@ -26,7 +26,7 @@ pub struct Task {
 pub struct Goal {
     /// Position, world frame, m.
     pub xy: [f64; 2],
-    /// Height, m; without it as high above the ground as at the start.
+    /// Height, m; without it as high above the ground as at the start, or as near to that as the feet reach the ground from.
     pub z: Option<f64>,
     /// Yaw, rad.
     pub yaw: f64,
@@ -63,8 +63,18 @@ impl Task {
                 [x, y, robot.base_height + terrain.height(x, y)]
             }
         };
-        let task = Task { robot, terrain, base_target, yaw_target: yaw, force_limit: None };
+        let mut task = Task { robot, terrain, base_target, yaw_target: yaw, force_limit: None };
         task.validate()?;
+        if z.is_none() && task.terrain.has_edges() {
+            let [low, high] = task.heights_at_goal();
+            let height = task.base_target[2];
+            if low < high && !(low..=high).contains(&height) {
+                // Not at the very end of what feet reach.
+                let inside = 0.25 * (high - low);
+                task.base_target[2] = height.clamp(low + inside, high - inside);
+                task.validate()?;
+            }
+        }
         Ok(task)
     }
 
@@ -120,6 +130,49 @@ impl Task {
     /// Base position at the start, world frame, m.
     pub fn base_start(&self) -> [f64; 3] {
         [0., 0., self.robot.base_height + self.terrain.height(0., 0.)]
+    }
+
+    /// Lowest and highest ground that a foot has within its reach along x and y at the goal, m.
+    pub fn ground_at_goal(&self, foot: usize) -> [f64; 2] {
+        let [reach_x, reach_y, _] = self.robot.reach;
+        let (sin, cos) = self.yaw_target.sin_cos();
+        let center = self.foothold_goal(foot);
+        // At a place in the box, its half-widths being 1.
+        let height = |u: f64, v: f64| {
+            let (x, y) = (u.clamp(-1., 1.) * reach_x, v.clamp(-1., 1.) * reach_y);
+            self.terrain.height(center[0] + cos * x - sin * y, center[1] + sin * x + cos * y)
+        };
+        // Samples all over the box, then ever closer about the best.
+        [-1., 1.].map(|sign| {
+            let mut best = (sign * height(0., 0.), 0., 0.);
+            let mut look = |center: (f64, f64), width: f64, samples: i32| {
+                for i in -samples..=samples {
+                    for j in -samples..=samples {
+                        let (u, v) =
+                            (center.0 + width * f64::from(i) / f64::from(samples), center.1 + width * f64::from(j) / f64::from(samples));
+                        let value = sign * height(u, v);
+                        if value > best.0 {
+                            best = (value, u, v);
+                        }
+                    }
+                }
+                (best.1, best.2)
+            };
+            let mut at = look((0., 0.), 1., 20);
+            for width in [0.05, 0.0125, 0.003] {
+                at = look(at, width, 4);
+            }
+            sign * best.0
+        })
+    }
+
+    /// Lowest and highest base at the goal from which every foot reaches ground, m; empty, with the lowest above the highest, where no height will do.
+    pub fn heights_at_goal(&self) -> [f64; 2] {
+        (0..self.robot.feet()).fold([f64::NEG_INFINITY, f64::INFINITY], |[low, high], foot| {
+            let ([lowest, highest], nominal) = (self.ground_at_goal(foot), self.robot.nominal_feet[foot][2]);
+            let reach = self.robot.reach[2];
+            [low.max(lowest - nominal - reach), high.min(highest - nominal + reach)]
+        })
     }
 
     /// Foothold of a foot at the start (x, y), world frame, m.

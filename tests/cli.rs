@@ -130,7 +130,21 @@ fn an_infeasible_budget_exits_3_and_still_writes_the_best_candidate() {
     let ran = run(dir.path(), weak);
     assert!(ran.ends_with(3).stdout.contains("no feasible gait"));
     assert_eq!(read(dir.path().join("weak/result.json"))["alternatives"], json!([]));
+    // It says so before, and afterwards what is violated and what would not be enough.
+    ran.says(&["warning", "40.0 N of a weight of 196.1 N"]);
+    assert!(ran.stdout.contains("what stays violated"));
+    let result = read(dir.path().join("weak/result.json"));
+    assert_eq!(result["warnings"][0]["certain"], json!(false));
+    assert!(result["diagnosis"]["broken"][0]["violated"].as_u64().unwrap() > 0);
     assert_holds_only(&dir.path().join("weak"), &["result.json", "trajectory.json"]);
+}
+
+#[test]
+fn a_goal_out_of_reach_of_the_ground_is_refused_at_once_with_the_height_that_would_do() {
+    let dir = folder();
+    let ran = run(dir.path(), "solve --robot anymal --terrain step --goal 4,0,0.65 --out astride");
+    ran.ends_with(2).says(&["goal, foot 2", "0.051 m outside", "Z from 0.470 to 0.599 m"]);
+    assert!(!dir.path().join("astride").exists());
 }
 
 #[test]

@@ -127,7 +127,9 @@ fn check_sizes(layout: &Layout<f32>, schedule: &Schedule, settings: &Transcripti
     // Of a force: its nodes, or two Bezier points for each, itself one of them at the ends of a stance.
     let (forces, per_swing, sides) = match momentum {
         false => (nodes, 1, 1),
-        true => (2 * nodes, if layout.terrain.has_edges() { 7 } else { 1 }, 2),
+        // The height is held at seven points where there are edges, and its upper limit is a row of its own.
+        true if layout.terrain.has_edges() => (2 * nodes, 7 + 1, 1),
+        true => (2 * nodes, 1, 2),
     };
     let balance = if momentum { [0, knots, knots] } else { [knots + 1, 0, 0] };
     prop_assert_eq!(layout.equalities, 6 * balance.iter().sum::<usize>());
@@ -336,8 +338,9 @@ fn mirrored_rows(robot: &Robot, layout: &Layout<f64>, other: &Layout<f64>, rows:
         };
         let (here, there) = (of(layout, foot), of(other, mirrored_foot(foot)));
         assert_eq!(here.each_ref().map(Vec::len), there.each_ref().map(Vec::len));
-        // So do the sides of the pyramid along y. A swing's height is two-sided in `momentum`.
-        let heights: &[usize] = if layout.transcription == Transcription::Momentum { &[0, 1] } else { &[0] };
+        // So do the sides of the pyramid along y. A swing's height is two-sided in `momentum` on level ground.
+        let two_sided = layout.transcription == Transcription::Momentum && !layout.terrain.has_edges();
+        let heights: &[usize] = if two_sided { &[0, 1] } else { &[0] };
         for (i, order) in [&[0, 1, 2, 4, 3, 5], heights, &[0], &[0, 1]].into_iter().enumerate() {
             here[i].iter().zip(&there[i]).for_each(|(&from, &to)| copy(from, to, order));
         }

@@ -248,7 +248,7 @@ fn structs_differ(module: &Module) -> Result<(), String> {
         ReachInstant: ReachInstant<f32> { base feet }
         ReachFoot: ReachFoot<f32> { foothold front place }
         ForceNode: ForceNode<f32> { slope_weight place }
-        SwingNode: SwingNode<f32> { low two_sided place }
+        SwingNode: SwingNode<f32> { low two_sided upper place }
         Element: Element { family pairs runs }
         FrontStep: FrontStep { elements rest }
         Part: Part { first last }

@@ -3,6 +3,7 @@
 use super::args::{GoalArg, GoalSource, LowerArgs, WorldArgs, apply};
 use super::label::label;
 use super::{CANCELLED, Failure, Verdict, complain, print, to_json};
+use crate::backend::Backend;
 use crate::error::{Error, Result, from_json};
 use crate::gait::Schedule;
 use crate::gait::cost::Cost;
@@ -14,7 +15,9 @@ use crate::report::{SolveResult, files, gait_diagram};
 use crate::scenario::Scenario;
 use crate::search::cem::objective::OBJECTIVES;
 use crate::search::cem::{Objective, Sampler};
+use crate::search::diagnosis::{Diagnosis, diagnose};
 use crate::search::evaluate::LowerSettings;
+use crate::search::precheck::{Finding, precheck};
 use crate::search::{Gaits, Progress, Search, SearchResult, SearchSettings};
 use crate::settings::Legs;
 use crate::task::Task;
@@ -24,7 +27,7 @@ use serde::Deserialize;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 #[derive(Debug, Args)]
 pub struct Solve {
@@ -34,7 +37,7 @@ pub struct Solve {
     /// Target of the scenario, 1 to 20
     #[arg(long, default_value_t = 10)]
     target: usize,
-    /// Goal instead of a target, m; without Z the base is as high above the ground there as at the start
+    /// Goal instead of a target, m; without Z the base is as high above the ground there as at the start, or as its feet reach
     #[arg(long, value_name = "X,Y[,Z]", allow_hyphen_values = true)]
     goal: Option<GoalArg>,
     /// Final yaw, rad; the scenario's by default
@@ -94,6 +97,7 @@ impl Solve {
         let task = self.task(scenario.as_ref())?;
         // So that the result says which it was.
         lower.transcription.interval = Some(transcription::interval(&lower.transcription, &task.robot));
+        let warnings = possible(&task, &settings, &lower)?;
         if let Some(folder) = &self.out {
             files::make_folder(folder)?;
         }
@@ -116,7 +120,11 @@ impl Solve {
             search: &settings,
             lower: &lower,
         };
-        let result = SolveResult::new(&run, &found, refined.as_ref(), SolvedOn::new(&*backend, lower.precision));
+        let mut result = SolveResult::new(&run, &found, refined.as_ref(), SolvedOn::new(&*backend, lower.precision));
+        result.warnings = warnings;
+        if !result.feasible {
+            result.diagnosis = Some(diagnosed(&task, &settings, &lower, &found, &*backend)?);
+        }
         if let Some(folder) = &self.out {
             let gaits = std::iter::once(&found.best).chain(&found.alternatives);
             let trajectories: Vec<String> = gaits
@@ -211,11 +219,42 @@ impl Solve {
             text += &format!("\nalternative\n{}", gait_text(gait));
         }
         text += &format!("\n{}\n", result.certificate);
+        if let Some(diagnosis) = &result.diagnosis {
+            text += &format!("\n{diagnosis}");
+        }
         if let Some(folder) = &self.out {
             text += &format!("\nwritten to {}\n", folder.display());
         }
         Ok(text)
     }
+}
+
+/// What stands in the way of a gait without making it impossible, said on the way.
+///
+/// # Errors
+/// What makes it impossible.
+fn possible(task: &Task, settings: &SearchSettings, lower: &LowerSettings) -> Result<Vec<Finding>> {
+    let findings = precheck(task, settings, &lower.transcription);
+    if let Some(certain) = findings.iter().find(|finding| finding.certain) {
+        return Err(certain.clone().into());
+    }
+    findings.iter().for_each(|finding| complain(&format!("warning: {finding}")));
+    Ok(findings)
+}
+
+/// Part of the time of a search that looking for the reasons of its failure may take, and how long it may take at least.
+const DIAGNOSIS: (f64, Duration) = (0.25, Duration::from_secs(2));
+
+/// Why a search found nothing.
+fn diagnosed(
+    task: &Task,
+    settings: &SearchSettings,
+    lower: &LowerSettings,
+    found: &SearchResult,
+    backend: &dyn Backend,
+) -> Result<Diagnosis> {
+    let limit = Duration::from_secs_f64(DIAGNOSIS.0 * found.seconds).max(DIAGNOSIS.1);
+    diagnose(task, &found.best, &settings.gaits, lower, backend, limit, &|| CANCELLED.load(Ordering::Relaxed))
 }
 
 /// What a line on the terminal says while the search runs.

@@ -78,7 +78,7 @@ pub enum GoalVelocity {
 pub struct MotionLimits {
     /// Least height of a foot above the terrain in mid-swing, m.
     pub clearance: f64,
-    /// Greatest, m.
+    /// Greatest height there above the highest of lift-off, landing and that terrain, m.
     pub swing_height: f64,
     /// Greatest horizontal speed of a foot, m/s.
     pub foot_speed: f64,

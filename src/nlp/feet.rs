@@ -1,7 +1,7 @@
 //! What all transcriptions have in common: footholds, swings and forces of the feet, and the rows about them.
 
 use super::builder::Builder;
-use super::transcription::{self, ReachTime, Transcribe, initial_guess};
+use super::transcription::{self, ReachTime, Transcribe};
 use super::{Layout, layout};
 use crate::gait::spline::hermite;
 use crate::gait::{AlignedSchedule, Phase};
@@ -46,7 +46,7 @@ fn foot_blocks<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
             if stance + 1 < stances {
                 let next = own.foothold(b, foot, stance + 1, stances);
                 let law = own.swing(b.settings, b.task, b.feet[foot].phases[2 * stance + 1]);
-                let mid = initial_guess::swing_height(b.task, here, next) + law.above;
+                let mid = (law.over)(b.task, here, next) + law.above;
                 let height = b.block(false, vec![mid], [0.; 6]);
                 b.feet[foot].heights.push(height);
             }
@@ -159,7 +159,11 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
             let foothold = around.map(|f| f.index);
             let touched = around.map(|f| Use::Touches(f.block));
             let law = own.swing(b.settings, b.task, span);
-            for &part in law.parts {
+            // On level ground both limits are one row.
+            let level = !b.task.terrain.has_edges();
+            let two_sided = law.limited && level;
+            let lows = law.parts.iter().map(|part| (part, false));
+            for (&part, upper) in lows.chain((law.limited && !level).then_some((&0.5, true))) {
                 let t = span.start + part * span.duration();
                 let step = b.step_within(t, height);
                 let (xy, z) = swing_weights(span, t, own.mid_time(span));
@@ -168,7 +172,8 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
                     z_weights: z.map(T::of),
                     low: T::of(if part == 0.5 { law.clearance } else { 0. }),
                     high: T::of(b.settings.swing_height),
-                    two_sided: u32::from(law.two_sided),
+                    two_sided: u32::from(two_sided),
+                    upper: u32::from(upper),
                     height: NONE,
                     height_column: NONE,
                     foothold,
@@ -176,7 +181,7 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
                     place: Place::default(),
                 });
                 let entry = b.tables.swing_nodes.len() - 1;
-                b.element_of(Family::Swing, entry, step, usize::from(law.two_sided), vec![Use::Touches(height), touched[0], touched[1]]);
+                b.element_of(Family::Swing, entry, step, usize::from(two_sided), vec![Use::Touches(height), touched[0], touched[1]]);
             }
             if let Some(longest) = law.longest_step {
                 let step = b.step_within((span.start + span.end) / 2., height);

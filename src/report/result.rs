@@ -6,7 +6,9 @@ use crate::reference::ipopt::Statistics;
 use crate::reference::job::Answer;
 use crate::refine::{RefineSettings, Refined};
 use crate::search::cem::{GenerationRecord, StopReason};
+use crate::search::diagnosis::Diagnosis;
 use crate::search::evaluate::{Evaluated, LowerSettings};
+use crate::search::precheck::Finding;
 use crate::search::{Gait, Improvement, SearchResult, SearchSettings};
 use crate::settings::Transcription;
 use crate::task::Task;
@@ -163,6 +165,12 @@ pub struct SolveResult<'a> {
     pub first_feasible_seconds: Option<f64>,
     /// Time of the search, s.
     pub seconds: f64,
+    /// What was pointed out before the search.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<Finding>,
+    /// Why nothing was found.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub diagnosis: Option<Diagnosis>,
     /// The best gait.
     pub gait: GaitResult,
     /// How it was refined, if it was: the gait and its certificate are those after it.
@@ -211,7 +219,7 @@ pub struct Run<'a> {
 }
 
 impl<'a> SolveResult<'a> {
-    /// The result of a search.
+    /// The result of a search, without warnings and diagnosis.
     pub fn new(run: &'a Run<'a>, found: &'a SearchResult, refinement: Option<&'a Refinement>, solved_on: SolvedOn) -> SolveResult<'a> {
         let best = &found.best;
         SolveResult {
@@ -229,6 +237,8 @@ impl<'a> SolveResult<'a> {
             max_violation: best.candidate.solution.max_violation,
             first_feasible_seconds: found.first_feasible_after,
             seconds: found.seconds,
+            warnings: Vec::new(),
+            diagnosis: None,
             gait: GaitResult::new(best),
             refinement,
             certificate: best.certificate(),

@@ -1,7 +1,8 @@
-//! Swinging feet: how high above the terrain.
+//! Swinging feet: how high above the terrain, and how high above lift-off and landing.
 //!
-//! `low - (z - height(x, y)) + margin <= 0` and, where the row is two-sided, `(z - height(x, y)) - high + margin <= 0`, times the length
-//! scale.
+//! `low - (z - height(x, y)) + margin <= 0` and `z - highest - high + margin <= 0`, times the length scale, where `highest` is that of both
+//! footholds and of the ground under the foot: over a pit a foot need not go down. Both are one two-sided row on level ground, where the
+//! three are the same; elsewhere the upper limit has a row of its own, in the middle of the swing. z rises to it and falls from it.
 
 use super::blocks::Placed;
 use super::table::{NONE, Place};
@@ -10,7 +11,7 @@ use super::{Spec, Tables};
 use crate::real::Real;
 use crate::terrain::Ground;
 
-/// One row, in `momentum` two-sided.
+/// One row; of `momentum` on level ground two-sided.
 pub const SPEC: Spec = Spec { rows: 1, pairs: 1, equality: false, after: 0, unit: "m" };
 
 /// See [`super::Family::allowed`].
@@ -25,10 +26,12 @@ crate::table! {
         pub z_weights: [T; 3],
         /// Lowest height above the terrain, m.
         pub low: T,
-        /// Highest, m, where the row is two-sided.
+        /// Highest above lift-off and landing, m, where the row has an upper side.
         pub high: T,
         /// 1: the row is two-sided.
         pub two_sided: u32,
+        /// 1: the row is the upper limit alone.
+        pub upper: u32,
         /// Swing height in `x`.
         pub height: u32,
         /// Its column.
@@ -53,7 +56,7 @@ pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) 
 
 /// Height rows of all swings.
 ///
-/// * `residual` - out, at each row's place: low, high
+/// * `residual` - out, at each row's place: low, then high where it is two-sided; or high alone
 /// * `jacobian` - out, one row at each place
 #[inline(always)]
 pub fn swing<T: Real>(tables: &Tables<T>, x: &[T], ground: &[Ground<T>], residual: &mut [T], mut jacobian: Option<&mut [T]>) {
@@ -69,22 +72,98 @@ pub fn swing<T: Real>(tables: &Tables<T>, x: &[T], ground: &[Ground<T>], residua
             height += swing.z_weights[i] * ground[swing.foothold[i] as usize].height;
         }
         let under = tables.terrain.ground(at[0], at[1]);
+        // What the height is above, and how each foothold moves it.
+        let mut above = under.height;
+        let mut weights = swing.xy_weights;
+        let mut slopes = [under.slope; 2];
+        let mut side = -T::one();
         let place = swing.place.inequality as usize;
-        residual[place] = (under.height - height + swing.low + constants.length_margin) * unit;
+        if swing.upper == 1 {
+            side = T::one();
+            for i in 0..2 {
+                let foothold = &ground[swing.foothold[i] as usize];
+                if foothold.height > above {
+                    above = foothold.height;
+                    weights = [T::zero(); 2];
+                    weights[i] = T::one();
+                    slopes[i] = foothold.slope;
+                }
+            }
+            residual[place] = (height - above - swing.high + constants.length_margin) * unit;
+        } else {
+            residual[place] = (above - height + swing.low + constants.length_margin) * unit;
+        }
         if swing.two_sided == 1 {
-            residual[place + 1] = (height - under.height - swing.high + constants.length_margin) * unit;
+            residual[place + 1] = (height - above - swing.high + constants.length_margin) * unit;
         }
         let Some(jacobian) = jacobian.as_deref_mut() else { continue };
         let mut rows = Rows::new(jacobian, &swing.place);
-        rows.put(0, swing.height_column as usize, -swing.z_weights[2] * unit);
+        rows.put(0, swing.height_column as usize, side * swing.z_weights[2] * unit);
         for i in 0..2 {
             if swing.foothold_column[i] != NONE {
                 let slope = ground[swing.foothold[i] as usize].slope;
                 for d in 0..2 {
-                    let value = swing.xy_weights[i] * under.slope[d] - swing.z_weights[i] * slope[d];
-                    rows.put(0, swing.foothold_column[i] as usize + d, value * unit);
+                    let value = swing.z_weights[i] * slope[d] - weights[i] * slopes[i][d];
+                    rows.put(0, swing.foothold_column[i] as usize + d, side * value * unit);
                 }
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Shared, residuals};
+    use crate::gait::Schedule;
+    use crate::nlp::Layout;
+    use crate::robot::Robot;
+    use crate::settings::TranscriptionSettings;
+    use crate::task::{Goal, Task};
+    use crate::terrain::Terrain;
+
+    fn rows(layout: &Layout<f64>, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let mut shared = Shared::default();
+        shared.resize(layout);
+        let (mut c, mut g) = (vec![0.; layout.equalities], vec![0.; layout.inequalities]);
+        let mut jacobian = vec![0.; layout.jacobian_len];
+        residuals(layout, x, 0., &mut shared, &mut c, &mut g, Some(&mut jacobian[..]));
+        (g, jacobian)
+    }
+
+    #[test]
+    fn over_a_pit_the_upper_limit_counts_from_the_footholds() {
+        let pair = [vec![0.4, 0.2, 0.2, 0.2, 0.6], vec![0.6, 0.2, 0.2, 0.2, 0.4]];
+        let schedule = Schedule::new(vec![pair[0].clone(), pair[1].clone(), pair[1].clone(), pair[0].clone()]).unwrap();
+        let settings = TranscriptionSettings::default();
+        for (terrain, x, both) in [("gap", 1.9, 1), ("slope", 3.1, 1), ("flat", 1.9, 0)] {
+            let task = Task::new(Robot::named("anymal").unwrap(), Terrain::named(terrain).unwrap(), Goal::at(x, 0.)).unwrap();
+            let layout = Layout::<f64>::new(&task, &schedule.aligned(0.1), &settings);
+            let uppers: Vec<_> = layout.swing_nodes.iter().filter(|s| s.upper == 1).collect();
+            assert_eq!(uppers.len(), 8 * both);
+            assert_eq!(layout.swing_nodes.iter().any(|s| s.two_sided == 1), both == 0);
+            let (g, jacobian) = rows(&layout, &layout.initial);
+            let mut deep = 0;
+            for upper in uppers {
+                // At first a mid node is as high above the highest as it must be above the ground, wherever that is.
+                let expected = 10. * (settings.clearance - settings.swing_height + settings.length_margin);
+                assert!((g[upper.place.inequality as usize] - expected).abs() < 1e-9, "{terrain}: {}", g[upper.place.inequality as usize]);
+                let at = upper.foothold.map(|f| layout.footholds[f as usize] as usize);
+                let mid = [0, 1].map(|d| (layout.initial[at[0] + d] + layout.initial[at[1] + d]) / 2.);
+                deep += usize::from(task.terrain.height(mid[0], mid[1]) < -0.2);
+                let columns = (0..2).flat_map(|i| (0..2).map(move |d| (at[i] + d, upper.foothold_column[i], d as u32)));
+                let height = (upper.height as usize, upper.height_column, 0);
+                for (variable, column, d) in columns.chain([height]).filter(|c| c.1 != crate::rows::table::NONE) {
+                    let side = |step: f64| {
+                        let mut x = layout.initial.clone();
+                        x[variable] += step;
+                        rows(&layout, &x).0[upper.place.inequality as usize]
+                    };
+                    let slope = (side(1e-6) - side(-1e-6)) / 2e-6;
+                    let exact = jacobian[upper.place.jacobian as usize + (column + d) as usize];
+                    assert!((slope - exact).abs() < 1e-6, "{terrain}, {variable}: {exact}, by differences {slope}");
+                }
+            }
+            assert_eq!(deep > 0, terrain == "gap");
         }
     }
 }

@@ -8,7 +8,9 @@
 pub mod atlas;
 mod batch;
 pub mod cem;
+pub mod diagnosis;
 pub mod evaluate;
+pub mod precheck;
 mod settings;
 
 pub use batch::{BatchSolver, Found, LowerLevel, Solved, search_with};

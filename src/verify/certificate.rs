@@ -454,6 +454,9 @@ fn swing_heights(tally: &mut Tally, motion: &Motion, terrain: &Terrain, limits: 
             let place = curves.motion.at(time).value;
             let height = place.z - terrain.height(place.x, place.y);
             tally.not_positive(limits.clearance - height, format_args!("mid node too low"), Some(foot), time);
+            // Above lift-off and landing: over a pit a foot need not go down.
+            let feet = [start, end].map(|t| curves.motion.at(t).value.z);
+            let height = height.min(place.z - feet[0].max(feet[1]));
             tally.not_positive(height - limits.swing_height, format_args!("mid node too high"), Some(foot), time);
             let speed = |i: u32| curves.motion.at(start + (end - start) * f64::from(i) / f64::from(SPEED_SAMPLES)).first.xy().norm();
             let fastest = (1..SPEED_SAMPLES).map(speed).fold(0., f64::max);

@@ -35,3 +35,9 @@ pub fn under_base(task: &Task, foot: usize, pose: [f64; 6]) -> [f64; 2] {
 pub fn swing_height(task: &Task, a: [f64; 2], b: [f64; 2]) -> f64 {
     task.terrain.height((a[0] + b[0]) / 2., (a[1] + b[1]) / 2.)
 }
+
+/// Height of the highest of two footholds and of the terrain between them, m.
+pub fn highest(task: &Task, a: [f64; 2], b: [f64; 2]) -> f64 {
+    let height = |[x, y]: [f64; 2]| task.terrain.height(x, y);
+    height(a).max(height(b)).max(swing_height(task, a, b))
+}

@@ -18,14 +18,16 @@ use crate::task::Task;
 
 /// How feet swing.
 pub(super) struct SwingLaw {
-    /// Initial height of the mid node above the terrain, m.
+    /// What the mid node is above at first, between two footholds,
+    pub over: fn(&Task, [f64; 2], [f64; 2]) -> f64,
+    /// and by how much, m.
     pub above: f64,
     /// Parts of the swing at which its height is held.
     pub parts: &'static [f64],
     /// Lowest height in the middle, m; elsewhere it is 0.
     pub clearance: f64,
     /// Whether the height has an upper limit, too.
-    pub two_sided: bool,
+    pub limited: bool,
     /// Longest step, m.
     pub longest_step: Option<f64>,
     /// Accelerations at both ends of a swing, for a step and a height, 1/s²; none where they have no limit.

@@ -80,7 +80,7 @@ fn base_guess<T: Real>(b: &Builder<T>, t: f64) -> ([f64; 6], [f64; 6]) {
 }
 
 /// Parts of a swing at which its height is held over ground with edges. On flat ground the mid node speaks for all: z rises to it and
-/// falls from it.
+/// falls from it. Of the upper limit it always does.
 const SWING_HEIGHTS: [f64; 7] = [0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875];
 
 /// Interval of base knots for a robot, s: how fast a body on such legs can turn and fall.
@@ -210,10 +210,11 @@ impl<T: Real> Transcribe<T> for Momentum {
         let duration = span.duration();
         let square = duration * duration;
         SwingLaw {
+            over: initial_guess::highest,
             above: settings.clearance,
             parts: if task.terrain.has_edges() { &SWING_HEIGHTS } else { &[0.5] },
             clearance: settings.clearance,
-            two_sided: true,
+            limited: true,
             longest_step: Some(foot_speed(settings, &task.robot) * duration / TOP_SPEED),
             accelerations: foot_acceleration(settings).map(|_| [TOP_ACCELERATION / square, 24. / square]),
         }

@@ -139,7 +139,15 @@ impl<T: Real> Transcribe<T> for Towr {
     }
 
     fn swing(&self, _: &TranscriptionSettings, _: &Task, _: Phase) -> SwingLaw {
-        SwingLaw { above: 0., parts: &[0.5], clearance: 0., two_sided: false, longest_step: None, accelerations: None }
+        SwingLaw {
+            over: initial_guess::swing_height,
+            above: 0.,
+            parts: &[0.5],
+            clearance: 0.,
+            limited: false,
+            longest_step: None,
+            accelerations: None,
+        }
     }
 
     fn limits(&self, _: &TranscriptionSettings, _: &Robot) -> Option<MotionLimits> {

@@ -1,0 +1,268 @@
+//! Why a search found nothing: which rows stay violated in the best candidate, and which single change would make a gait hold.
+
+use super::evaluate::{Cancelled, Evaluated, LowerSettings, evaluate};
+use super::{Gait, Gaits};
+use crate::backend::Backend;
+use crate::error::Result;
+use crate::gait::Schedule;
+use crate::gait::family::{PeriodicGait, families};
+use crate::nlp::transcription::{force_limit, legs};
+use crate::robot::Robot;
+use crate::settings::Transcription;
+use crate::task::{Goal, Task};
+use crate::terrain::Terrain;
+use crate::verify::RowReport;
+use crate::verify::certificate::Family;
+use serde::Serialize;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Families whose typical gaits are tried beside the best candidate.
+const TYPICAL_GAITS: usize = 1;
+
+/// Rows of one kind that stay violated.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Broken {
+    /// Which kind.
+    pub family: Family,
+    /// How many of them.
+    pub violated: usize,
+    /// Of so many.
+    pub rows: usize,
+    /// The worst.
+    pub row: String,
+    /// By how much, in its unit.
+    pub violation: f64,
+    /// Units of the kind.
+    pub unit: &'static str,
+    /// Its foot; none for the base.
+    pub foot: Option<usize>,
+    /// Its time, s.
+    pub time: f64,
+    /// What mends such rows.
+    pub remedy: &'static str,
+}
+
+/// A change of the task or its limits, and whether it is enough.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Relaxation {
+    /// What was changed, e.g. `reach + 10 %`.
+    pub change: String,
+    /// The setting that does it, with its value.
+    pub setting: String,
+    /// Whether there is a gait then.
+    pub feasible: bool,
+    /// Fewest violated rows.
+    pub n_violated: usize,
+}
+
+/// Why a search found nothing.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Diagnosis {
+    /// What the best candidate violates, by kind.
+    pub broken: Vec<Broken>,
+    /// Changes that were tried, one at a time.
+    pub relaxations: Vec<Relaxation>,
+}
+
+impl std::fmt::Display for Diagnosis {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        writeln!(f, "what stays violated in the nearest candidate")?;
+        for b in &self.broken {
+            let foot = b.foot.map(|foot| format!(", foot {foot}")).unwrap_or_default();
+            writeln!(
+                f,
+                "- {}: {} of {} rows, worst {} by {:.3e} ({}){foot} at {:.3} s; {}",
+                b.family, b.violated, b.rows, b.row, b.violation, b.unit, b.time, b.remedy
+            )?;
+        }
+        let (enough, short): (Vec<&Relaxation>, Vec<&Relaxation>) = self.relaxations.iter().partition(|r| r.feasible);
+        for r in &enough {
+            writeln!(f, "a gait is found with {} ({})", r.change, r.setting)?;
+        }
+        if !short.is_empty() {
+            let names: Vec<String> = short.iter().map(|r| format!("{} ({} rows violated)", r.change, r.n_violated)).collect();
+            writeln!(f, "not enough by itself: {}", names.join(", "))?;
+        }
+        Ok(())
+    }
+}
+
+/// What mends rows of a kind.
+fn remedy(family: Family, row: &str) -> &'static str {
+    let has = |part: &str| row.contains(part);
+    match family {
+        Family::Dynamics | Family::Momentum | Family::BaseAcceleration => {
+            "the forces cannot move the base like this: more time, phases with more feet on the ground, a larger force limit or more friction"
+        }
+        Family::Reach => "a larger `reach`, more and shorter steps in more time, or a nearer goal",
+        Family::Terrain => "more `transcription.clearance`, or other phases",
+        Family::Force if has("limit") => "a larger force limit, or phases with more feet on the ground",
+        Family::Force if has("friction") => "more `friction` of the terrain, more time, or another way",
+        Family::Force => "more time, or other phases",
+        Family::Swing if has("too low") => "a smaller `transcription.clearance`, or a longer swing",
+        Family::Swing if has("too high") => "a larger `transcription.swing_height`",
+        Family::Swing if has("too fast") => "a larger `transcription.foot_speed`, more time, or a nearer goal",
+        Family::Swing => "a larger `transcription.foot_acceleration`, longer swings, or a smaller `transcription.clearance`",
+        Family::Bounds => "another start or goal",
+        Family::Structure => "other phases",
+        Family::Motion => "a shorter `transcription.interval`",
+    }
+}
+
+/// What a certificate says is violated, the most violated kinds first.
+pub fn broken(report: &RowReport) -> Vec<Broken> {
+    let violated = report.families.iter().filter(|f| f.violated > 0);
+    let mut all: Vec<Broken> = violated
+        .filter_map(|f| {
+            let worst = f.worst.as_ref()?;
+            Some(Broken {
+                family: f.family,
+                violated: f.violated,
+                rows: f.rows,
+                row: worst.row.clone(),
+                violation: worst.violation,
+                unit: f.unit,
+                foot: worst.foot,
+                time: worst.time,
+                remedy: remedy(f.family, &worst.row),
+            })
+        })
+        .collect();
+    all.sort_by(|a, b| (b.violated * a.rows).cmp(&(a.violated * b.rows)));
+    all
+}
+
+/// A relaxed problem.
+struct Relaxed {
+    change: &'static str,
+    setting: String,
+    task: Task,
+    lower: LowerSettings,
+    /// Factor on all durations.
+    longer: f64,
+}
+
+fn relaxed(task: &Task, lower: &LowerSettings) -> Vec<Relaxed> {
+    let limit = force_limit(&lower.transcription, task);
+    let same = |change, setting: String| Relaxed { change, setting, task: task.clone(), lower: lower.clone(), longer: 1. };
+    let reach = |percent: f64, change| {
+        let reach = task.robot.reach.map(|r| r * (1. + percent / 100.));
+        let mut relaxed = same(change, format!("robot `reach` [{:.3}, {:.3}, {:.3}]", reach[0], reach[1], reach[2]));
+        // The limits of the legs stay what they are.
+        relaxed.task.robot = Arc::new(Robot { reach, ..Robot::clone(&task.robot) });
+        relaxed
+    };
+    let longer = Relaxed { longer: 1.3, ..same("30 % more time", "longer phases, `--gait` with a file of them".into()) };
+    let friction = 1.5 * task.terrain.friction;
+    let mut grip = same("50 % more friction", format!("terrain `friction` {friction:.3}"));
+    grip.task.terrain = Arc::new(Terrain { friction, ..Terrain::clone(&task.terrain) });
+    let mut strong = same("a 50 % larger force limit", format!("`--force-limit {:.1}`", 1.5 * limit));
+    strong.task.force_limit = Some(1.5 * limit);
+    let mut all = vec![strong, longer, reach(10., "10 % more reach"), reach(30., "30 % more reach"), grip];
+    if lower.transcription.rows == Transcription::Momentum {
+        let settings = &lower.transcription;
+        let speed = 1.5 * legs::foot_speed(settings, &task.robot);
+        let acceleration = legs::foot_acceleration(settings).map(|a| 1.5 * a);
+        let also = acceleration.map(|a| format!(" --set transcription.foot_acceleration={a:.1}")).unwrap_or_default();
+        let mut quick = same("50 % quicker feet", format!("`--set transcription.foot_speed={speed:.2}{also}`"));
+        quick.lower.transcription.foot_speed = Some(speed);
+        quick.lower.transcription.foot_acceleration = acceleration;
+        let height = 2. * settings.swing_height;
+        let mut high = same("swings twice as high", format!("`--set transcription.swing_height={height}`"));
+        high.lower.transcription.swing_height = height;
+        all.extend([quick, high]);
+    }
+    let ([x, y, z], start) = (task.base_target, task.base_start());
+    let (x, y) = (x / 2., y / 2.);
+    let above = z - task.terrain.height(task.base_target[0], task.base_target[1]);
+    let z = task.terrain.height(x, y) + above;
+    if [x, y] != [start[0], start[1]]
+        && let Ok(half) = Task::new(task.robot.clone(), task.terrain.clone(), Goal::position([x, y, z]).yaw(task.yaw_target / 2.))
+    {
+        let mut near = same("a goal half as far", format!("`--goal {x:.3},{y:.3},{z:.3} --yaw {:.3}`", task.yaw_target / 2.));
+        near.task = Task { force_limit: task.force_limit, ..half };
+        all.push(near);
+    }
+    all
+}
+
+/// Schedules that a relaxed problem is tried with: that of the best candidate and, where gaits of all families are looked at, some that are
+/// typical for it.
+fn schedules(gait: &Gait, gaits: &Gaits, relaxed: &Relaxed) -> Vec<Schedule> {
+    let longer = |schedule: &Schedule| {
+        let durations = schedule.durations().iter().map(|foot| foot.iter().map(|d| d * relaxed.longer).collect()).collect();
+        Schedule::new(durations).ok()
+    };
+    let families = match gaits {
+        Gaits::All => families(&relaxed.task.robot),
+        Gaits::Families(own) => own.clone(),
+        Gaits::Free | Gaits::Around(_) => Vec::new(),
+    };
+    let typical =
+        families.into_iter().take(TYPICAL_GAITS).filter_map(|family| PeriodicGait::typical(family, &relaxed.task).ok()?.schedule().ok());
+    std::iter::once(Schedule::clone(gait.schedule())).chain(typical).filter_map(|schedule| longer(&schedule)).collect()
+}
+
+/// Why a search found nothing: what its best candidate violates, and which single changes would be enough.
+///
+/// * `gaits`, `lower` - those of the search
+/// * `limit` - time after which no further change is tried
+///
+/// # Errors
+/// As [`evaluate`].
+pub fn diagnose(
+    task: &Task,
+    gait: &Gait,
+    gaits: &Gaits,
+    lower: &LowerSettings,
+    backend: &dyn Backend,
+    limit: Duration,
+    cancelled: Cancelled,
+) -> Result<Diagnosis> {
+    let start = Instant::now();
+    let over = || cancelled() || start.elapsed() > limit;
+    let mut relaxations = Vec::new();
+    for relaxed in relaxed(task, lower) {
+        if over() {
+            break;
+        }
+        let schedules = schedules(gait, gaits, &relaxed);
+        let candidates: Vec<(&Task, &Schedule)> = schedules.iter().map(|schedule| (&relaxed.task, schedule)).collect();
+        let results = evaluate(&candidates, &relaxed.lower, None, backend, true, &over)?;
+        let solved: Vec<&Evaluated> = results.iter().flatten().collect();
+        let Some(n_violated) = solved.iter().map(|s| s.n_violated).min() else { continue };
+        let feasible = solved.iter().any(|s| s.feasible);
+        relaxations.push(Relaxation { change: relaxed.change.into(), setting: relaxed.setting, feasible, n_violated });
+    }
+    Ok(Diagnosis { broken: broken(gait.certificate()), relaxations })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::backend::Cpu;
+    use crate::search::Search;
+
+    #[test]
+    fn feet_that_carry_too_little_are_told_apart_from_other_faults() {
+        // Standing with 0.24 weights a foot: 0.36 are enough.
+        let robot = Robot::named("anymal").unwrap();
+        let limit = 0.24 * robot.weight();
+        let task = Task { force_limit: Some(limit), ..Task::new(robot, Terrain::flat(), Goal::position([0., 0., 0.5])).unwrap() };
+        let (backend, lower) = (Cpu::new(0).unwrap(), LowerSettings::default());
+        let mut search = Search::new(&task).population(4).generations(0);
+        search.settings.further_generations = 0;
+        let found = search.run(&backend).unwrap();
+        assert!(!found.best.feasible());
+        let limit = Duration::from_secs(60);
+        let diagnosis = diagnose(&task, &found.best, &Gaits::All, &lower, &backend, limit, &|| false).unwrap();
+        assert!(!diagnosis.broken.is_empty() && diagnosis.broken.iter().all(|b| b.violated > 0 && !b.remedy.is_empty()));
+        let enough: Vec<&str> = diagnosis.relaxations.iter().filter(|r| r.feasible).map(|r| &r.change[..]).collect();
+        assert_eq!(enough, ["a 50 % larger force limit"], "{diagnosis}");
+        assert!(diagnosis.to_string().contains("a gait is found with a 50 % larger force limit (`--force-limit 104.1`)"), "{diagnosis}");
+        // Nothing is tried that is called off.
+        let none = diagnose(&task, &found.best, &Gaits::All, &lower, &backend, limit, &|| true).unwrap();
+        assert_eq!(none, Diagnosis { relaxations: Vec::new(), ..diagnosis });
+    }
+}

@@ -1,0 +1,347 @@
+//! What can be said of a task before any search, in milliseconds: can the robot stand where it starts and where it is to end, is there ground
+//! under its feet, and are the gaits that are looked at long enough for the way?
+
+use super::{Gaits, SearchSettings};
+use crate::error::Error;
+use crate::gait::Schedule;
+use crate::nlp::transcription::momentum::TOP_SPEED;
+use crate::nlp::transcription::{force_limit, legs};
+use crate::settings::{Transcription, TranscriptionSettings};
+use crate::task::Task;
+use crate::verify::TOLERANCE;
+use crate::verify::certificate::DENSE_REACH;
+use serde::Serialize;
+
+/// Something that stands in the way of a gait.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Finding {
+    /// Whether no gait at all can be found; otherwise it is unlikely.
+    pub certain: bool,
+    /// What it is about, e.g. `goal, foot 2`.
+    pub place: String,
+    /// What was found, with numbers.
+    pub found: String,
+    /// What would mend it.
+    pub remedy: String,
+}
+
+impl std::fmt::Display for Finding {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}: {}, but it must be {}", self.place, self.found, self.remedy)
+    }
+}
+
+impl From<Finding> for Error {
+    fn from(finding: Finding) -> Error {
+        Error::Invalid { place: finding.place, value: finding.found, limit: finding.remedy }
+    }
+}
+
+/// What stands in the way of a gait for a task; nothing when it may well have one. The certain come first.
+pub fn precheck(task: &Task, search: &SearchSettings, settings: &TranscriptionSettings) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    findings.extend(standing(task, settings, End::Start));
+    findings.extend(standing(task, settings, End::Goal));
+    findings.extend(on_terrain(task));
+    findings.extend(carried(task, settings));
+    match &search.gaits {
+        Gaits::Around(schedule) => findings.extend(long_enough(task, settings, schedule)),
+        Gaits::Free => findings.extend(free_long_enough(task, search, settings)),
+        Gaits::All | Gaits::Families(_) => {}
+    }
+    findings.sort_by_key(|finding| !finding.certain);
+    findings
+}
+
+/// Where the robot has to stand.
+#[derive(Clone, Copy, PartialEq)]
+enum End {
+    /// With its feet at their nominal places.
+    Start,
+    /// With its feet anywhere within reach.
+    Goal,
+}
+
+/// Lowest and highest ground that a foot can get under itself at one end, m.
+fn ground_under(task: &Task, end: End, foot: usize) -> [f64; 2] {
+    if end == End::Goal {
+        return task.ground_at_goal(foot);
+    }
+    let [x, y] = task.foothold_start(foot);
+    [task.terrain.height(x, y); 2]
+}
+
+/// Whether all feet find ground within reach.
+fn standing(task: &Task, settings: &TranscriptionSettings, end: End) -> Option<Finding> {
+    let robot = &task.robot;
+    let base = if end == End::Start { task.base_start() } else { task.base_target };
+    let reach = robot.reach[2];
+    let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
+    // By how much each foot fails, and the ground that is nearest.
+    let mut worst = (0., 0, 0.);
+    for foot in 0..robot.feet() {
+        let nominal = robot.nominal_feet[foot][2];
+        let [lowest, highest] = ground_under(task, end, foot);
+        low = low.max(lowest - nominal - reach);
+        high = high.min(highest - nominal + reach);
+        let place = base[2] + nominal;
+        for (excess, ground) in [(lowest - (place + reach), lowest), (place - reach - highest, highest)] {
+            if excess > worst.0 {
+                worst = (excess, foot, ground);
+            }
+        }
+    }
+    let (excess, foot, ground) = worst;
+    if excess <= TOLERANCE {
+        return None;
+    }
+    let allowed = if settings.rows == Transcription::Momentum { DENSE_REACH } else { 0. };
+    let under = base[2] - ground;
+    let nominal = -robot.nominal_feet[foot][2];
+    let (name, what) = match end {
+        End::Start => ("start", "the ground under it"),
+        End::Goal => ("goal", "the nearest ground within its reach along x and y"),
+    };
+    let remedy = if low > high {
+        let spread = "level enough for all feet: no height of the base would do";
+        match end {
+            End::Start => format!("{spread}; use a larger `reach` of the robot, or move the terrain under it"),
+            End::Goal => format!("{spread}; choose another goal, or a larger `reach` of the robot"),
+        }
+    } else {
+        match end {
+            End::Start => {
+                let ground = task.terrain.height(0., 0.);
+                format!(
+                    "within reach: use a `base_height` of the robot from {:.3} to {:.3} m, or a larger `reach`",
+                    low - ground,
+                    high - ground
+                )
+            }
+            End::Goal => {
+                let [x, y, _] = task.base_target;
+                format!(
+                    "within reach: use a Z from {low:.3} to {high:.3} m (`--goal {x},{y},Z`), another goal, or a larger `reach` of the robot"
+                )
+            }
+        }
+    };
+    Some(Finding {
+        certain: excess > allowed + TOLERANCE,
+        place: format!("{name}, foot {foot}"),
+        found: format!(
+            "{what} is {under:.3} m below the base, {excess:.3} m outside of its reach from {:.3} to {:.3} m below",
+            nominal - reach,
+            nominal + reach
+        ),
+        remedy,
+    })
+}
+
+/// Whether there is ground of its own under the robot: beyond the edge of a grid its edge goes on.
+fn on_terrain(task: &Task) -> Option<Finding> {
+    let feet = 0..task.robot.feet();
+    let starts = feet.clone().map(|foot| (format!("start, foot {foot}"), task.foothold_start(foot)));
+    let goals = feet.map(|foot| (format!("goal, foot {foot}"), task.foothold_goal(foot)));
+    let places = std::iter::once(("start".to_string(), [0.; 2])).chain(starts).chain(goals);
+    places.into_iter().find_map(|(place, [x, y])| match task.terrain.check_inside(&place, x, y) {
+        Err(Error::Invalid { place, value, limit }) => Some(Finding {
+            certain: false,
+            place,
+            found: format!("{value} m is beyond the edge, where the ground is taken to go on as it is there"),
+            remedy: limit,
+        }),
+        _ => None,
+    })
+}
+
+/// Whether the feet together can carry the weight.
+fn carried(task: &Task, settings: &TranscriptionSettings) -> Option<Finding> {
+    let (feet, limit, weight) = (task.robot.feet(), force_limit(settings, task), task.robot.weight());
+    (feet as f64 * limit < weight).then(|| Finding {
+        certain: false,
+        place: "force limit".into(),
+        found: format!("{feet} feet with at most {limit:.1} N each carry {:.1} N of a weight of {weight:.1} N", feet as f64 * limit),
+        remedy: format!("above {:.1} N (`--force-limit`, or `force_limit` of the robot)", weight / feet as f64),
+    })
+}
+
+/// Half the way that a base can go over a standing foot, m.
+fn half_way(task: &Task) -> f64 {
+    task.robot.reach[0].hypot(task.robot.reach[1])
+}
+
+/// How far each foot has to be carried at least, m: from its start until it is within reach of the goal.
+fn farthest_foot(task: &Task) -> (usize, f64) {
+    let way = |foot: usize| {
+        let (from, to) = (task.foothold_start(foot), task.foothold_goal(foot));
+        ((to[0] - from[0]).hypot(to[1] - from[1]) - half_way(task)).max(0.)
+    };
+    (0..task.robot.feet()).map(|foot| (foot, way(foot))).fold((0, 0.), |a, b| if b.1 > a.1 { b } else { a })
+}
+
+fn distance(task: &Task) -> f64 {
+    let (start, goal) = (task.base_start(), task.base_target);
+    (goal[0] - start[0]).hypot(goal[1] - start[1])
+}
+
+/// Mean speed of a swinging foot at most, m/s; any where rows do not limit it.
+fn step_speed(task: &Task, settings: &TranscriptionSettings) -> Option<f64> {
+    (settings.rows == Transcription::Momentum).then(|| legs::foot_speed(settings, &task.robot) / TOP_SPEED)
+}
+
+/// Whether a schedule is long enough for the way.
+fn long_enough(task: &Task, settings: &TranscriptionSettings, schedule: &Schedule) -> Option<Finding> {
+    if schedule.feet() != task.robot.feet() {
+        return None;
+    }
+    if let Some(speed) = step_speed(task, settings) {
+        for foot in 0..schedule.feet() {
+            let (from, to) = (task.foothold_start(foot), task.foothold_goal(foot));
+            let needed = (to[0] - from[0]).hypot(to[1] - from[1]) - half_way(task);
+            let swings: f64 = schedule.phases(foot).iter().filter(|p| !p.stance).map(|p| p.duration()).sum();
+            if needed > speed * swings {
+                return Some(Finding {
+                    certain: false,
+                    place: format!("gait, foot {foot}"),
+                    found: format!("{swings:.3} s in swing at {speed:.2} m/s take it {:.3} m of {needed:.3} m", speed * swings),
+                    remedy: format!(
+                        "at least {:.3} s in swing: more swings, longer ones, a nearer goal or a larger `transcription.foot_speed`",
+                        needed / speed
+                    ),
+                });
+            }
+        }
+    }
+    let stances = stances_one_after_another(schedule)?;
+    let (way, most) = (distance(task), half_way(task) * (2 * stances - 1) as f64);
+    (way > most).then(|| Finding {
+        certain: false,
+        place: "gait".into(),
+        found: format!("{stances} stances one after another take the base {most:.3} m of {way:.3} m, as far as the feet reach"),
+        remedy: format!(
+            "{} or more: more stances in more time, a nearer goal, or a larger `reach` of the robot",
+            ((way / half_way(task) + 1.) / 2.).ceil()
+        ),
+    })
+}
+
+/// Fewest stances that hold the robot from start to end; none when it flies in between.
+fn stances_one_after_another(schedule: &Schedule) -> Option<usize> {
+    let stances: Vec<_> = (0..schedule.feet()).flat_map(|foot| schedule.phases(foot)).filter(|p| p.stance).collect();
+    let (mut until, mut count) = (0., 0);
+    while until < schedule.horizon() - 1e-9 {
+        let next = stances.iter().filter(|p| p.start <= until + 1e-9).map(|p| p.end).fold(until, f64::max);
+        if next <= until + 1e-9 {
+            return None;
+        }
+        (until, count) = (next, count + 1);
+    }
+    Some(count)
+}
+
+/// Whether the longest schedules of the free distribution are.
+fn free_long_enough(task: &Task, search: &SearchSettings, settings: &TranscriptionSettings) -> Option<Finding> {
+    let speed = step_speed(task, settings)?;
+    let (free, (foot, needed)) = (&search.free, farthest_foot(task));
+    let swings = free.max_stances - 1;
+    let longest = swings as f64 * free.log_duration[1].exp();
+    (needed > speed * longest).then(|| Finding {
+        certain: false,
+        place: format!("gaits, foot {foot}"),
+        found: format!("{swings} swings, {longest:.3} s in all at {speed:.2} m/s, take it {:.3} m of {needed:.3} m", speed * longest),
+        remedy: format!(
+            "at least {:.3} s in swing: a larger `search.free.max_stances` or `search.free.log_duration`, or a nearer goal",
+            needed / speed
+        ),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::{ROBOTS, Robot};
+    use crate::scenario::{SCENARIOS, TARGETS};
+    use crate::task::Goal;
+    use crate::terrain::Terrain;
+
+    fn check(task: &Task) -> Vec<Finding> {
+        precheck(task, &SearchSettings::default(), &TranscriptionSettings::default())
+    }
+
+    fn task(robot: &str, terrain: &str, goal: Goal) -> Task {
+        Task::new(Robot::named(robot).unwrap(), Terrain::named(terrain).unwrap(), goal).unwrap()
+    }
+
+    #[test]
+    fn nothing_is_said_of_the_scenarios_and_of_flat_ground() {
+        for scenario in SCENARIOS {
+            for target in 1..=TARGETS {
+                assert_eq!(check(&scenario.task(target).unwrap()), [], "{} {target}", scenario.name);
+            }
+        }
+        for robot in ROBOTS {
+            assert_eq!(check(&task(robot, "flat", Goal::at(1., 0.5).yaw(2.))), [], "{robot}");
+        }
+    }
+
+    #[test]
+    fn a_goal_astride_a_step_is_refused_with_its_numbers() {
+        // Ground rises by 0.15 m from x = 3.6 to 4: the hind feet stand at 3.66 m, and reach to 3.81 m.
+        let found = check(&task("anymal", "step", Goal::position([4., 0., 0.65])));
+        let ground = 0.15 * (3.81 - 3.6) / 0.4;
+        let excess = 0.65 - ground - 0.52;
+        assert!(found[0].certain && found[0].place == "goal, foot 2", "{}", found[0]);
+        assert!(found[0].found.contains(&format!("{excess:.3} m outside")), "{}", found[0]);
+        // Fore feet on 0.15 m, hind feet no lower than that ground.
+        let heights = format!("from {:.3} to {:.3} m", 0.15 + 0.42 - 0.1, ground + 0.42 + 0.1);
+        assert!(found[0].remedy.contains(&heights), "{}", found[0]);
+        let [low, high] = [0.15 + 0.42 - 0.1, ground + 0.42 + 0.1];
+        for z in [low + 1e-3, high - 1e-3] {
+            assert_eq!(check(&task("anymal", "step", Goal::position([4., 0., z]))), []);
+        }
+        // Without a height the goal is lower than at the start.
+        let own = task("anymal", "step", Goal::at(4., 0.));
+        assert!((own.base_target[2] - (0.25 * low + 0.75 * high)).abs() < 1e-6, "{:?}", own.base_target);
+        assert_eq!(check(&own), []);
+    }
+
+    #[test]
+    fn a_base_too_high_is_refused_at_the_start_and_at_the_goal() {
+        let robot = Robot { base_height: 0.6, ..Robot::named("anymal").unwrap() };
+        let found = check(&Task::new(robot, Terrain::flat(), Goal::position([1., 0., 0.5])).unwrap());
+        assert_eq!((found.len(), found[0].certain, &found[0].place[..]), (1, true, "start, foot 0"));
+        assert!(found[0].found.contains("0.080 m outside") && found[0].remedy.contains("0.320 to 0.520 m"), "{}", found[0]);
+        let found = check(&task("anymal", "flat", Goal::position([1., 0., 0.53])));
+        assert!(found[0].certain && found[0].found.contains("0.010 m outside"), "{}", found[0]);
+        // The certificate lets a foot be 5 mm outside.
+        assert!(!check(&task("anymal", "flat", Goal::position([1., 0., 0.523])))[0].certain);
+    }
+
+    #[test]
+    fn a_schedule_too_short_for_the_way_is_pointed_out() {
+        let trot = vec![vec![0.4, 0.2, 0.4], vec![0.2, 0.2, 0.6], vec![0.2, 0.2, 0.6], vec![0.4, 0.2, 0.4]];
+        let search = SearchSettings { gaits: Gaits::Around(Schedule::new(trot).unwrap()), ..SearchSettings::default() };
+        let look = |x: f64| precheck(&task("anymal", "flat", Goal::at(x, 0.)), &search, &TranscriptionSettings::default());
+        assert_eq!(look(0.3), []);
+        let found = look(3.);
+        assert!(found.len() == 1 && !found[0].certain && found[0].found.contains("0.200 s in swing"), "{}", found[0]);
+        // The stance that lasts from 0 to 0.4 s, and one that lasts to the end: half a way and a whole one.
+        let free = TranscriptionSettings { foot_speed: Some(100.), ..TranscriptionSettings::default() };
+        let found = precheck(&task("anymal", "flat", Goal::at(1., 0.)), &search, &free);
+        assert!(
+            found[0].found.contains("2 stances") && found[0].found.contains(&format!("{:.3} m of 1.000 m", 3. * 0.15f64.hypot(0.1))),
+            "{}",
+            found[0]
+        );
+    }
+
+    #[test]
+    fn feet_that_cannot_carry_the_weight_and_feet_beyond_the_edge_are_pointed_out() {
+        let weak = Task { force_limit: Some(20.), ..task("biped", "flat", Goal::at(0.3, 0.)) };
+        let found = check(&weak);
+        assert!(!found[0].certain && found[0].found.contains("40.0 N of a weight of 196.1 N"), "{}", found[0]);
+        let found = check(&task("anymal", "step", Goal::at(9.9, 0.)));
+        assert!(!found[0].certain && found[0].place == "goal, foot 0" && found[0].remedy.contains("-10 to 10"), "{}", found[0]);
+    }
+}
