@@ -755,7 +755,8 @@ fn verify_says_what_a_file_is_held_to_and_refuses_labels_that_do_not_fit() {
     verify(&|t| t["robot"] = own("mine, terrain mine", 29.5), "").ends_with(0).says(&[]);
     let printed = verify(&|t| t["robot"] = own("mine, terrain mine", 29.5), "");
     assert!(printed.stdout.contains("robot \"mine, terrain mine\", the file's own"), "{}", printed.stdout);
-    let refused: [(&dyn Fn(&mut Value), &[&str]); 8] = [
+    type Case<'a> = (&'a dyn Fn(&mut Value), &'a [&'a str]);
+    let refused: [Case; 8] = [
         (&|t| t["scenario"] = json!("s1"), &["scenario", "s1", "targets"]),
         (&|t| (t["scenario"], t["target"]) = (json!("s1"), json!(10)), &["scenario", "target 10"]),
         (&|t| t["robot"] = own("anymal", 60.), &["robot.name", "anymal", "mass"]),

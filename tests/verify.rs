@@ -782,10 +782,13 @@ fn a_tumbling_body_keeps_its_angular_momentum() {
 
 // ---------------------------------------------------------------- forgeries
 
+/// What is said of it, and what is done.
+type Forgery = (&'static str, fn(&mut Trajectory));
+
 /// A step as a file of its own, and what someone might do to it.
 #[test]
 fn what_no_robot_does_is_refused_in_every_transcription() {
-    let forge: [(&str, fn(&mut Trajectory)); 6] = [
+    let forge: [Forgery; 6] = [
         // 0.1 m to the side and back, in a fifth of a millisecond.
         ("piece too short", |t| {
             t.ee[0].motion.poly_durations = vec![0.3, 0.2, 1e-4, 1e-4, 0.2 - 2e-4, 0.3];
@@ -848,7 +851,7 @@ fn labels_that_contradict_the_content_are_errors() {
     labelled(|_| {}).unwrap();
     // Rounded numbers are no other robot.
     labelled(|t| robot(t).inertia[0][0] = 0.95).unwrap();
-    let contradictions: [(&str, fn(&mut Trajectory)); 14] = [
+    let contradictions: [Forgery; 14] = [
         ("target 10", |t| t.base_target = [0., 0., 0.5]),
         ("one of its targets", |t| (t.base_target, t.target) = ([1., 0., 0.5], None)),
         ("target 11", |t| t.target = Some(11)),
