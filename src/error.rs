@@ -17,7 +17,7 @@ pub enum Error {
         limit: String,
     },
     /// A name that is not in a list.
-    #[error("unknown {what} `{name}`; known: {known}")]
+    #[error("unknown {what} `{}`; known: {known}", name.escape_debug())]
     Unknown {
         /// What kind of thing was named.
         what: &'static str,
@@ -124,4 +124,14 @@ pub fn check_range(place: &str, value: f64, low: f64, high: f64) -> Result<()> {
     } else {
         Err(Error::invalid(place, value, format!("a number from {low} to {high}")))
     }
+}
+
+/// Checks a name that is printed: not empty, of at most 64 characters, none of which moves a cursor or hides text.
+pub fn check_name(place: &str, name: &str) -> Result<()> {
+    let plain = |c: char| !c.is_control() && (c == '\'' || c == '"' || c == '\\' || c.escape_debug().count() == 1);
+    if !name.is_empty() && name.chars().count() <= 64 && name.chars().all(plain) {
+        return Ok(());
+    }
+    let shown: String = name.chars().take(64).collect();
+    Err(Error::invalid(place, format!("\"{}\"", shown.escape_debug()), "1 to 64 characters that can be printed"))
 }

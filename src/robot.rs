@@ -1,6 +1,6 @@
 //! Robot models: a single rigid body with feet that reach inside boxes.
 
-use crate::error::{Error, Result, check_range};
+use crate::error::{Error, Result, check_name, check_range};
 use serde::{Deserialize, Serialize};
 
 /// Standard gravity, m/s². Source: \[3\].
@@ -110,6 +110,7 @@ impl Robot {
     /// # Errors
     /// [`Error::Invalid`] names the first field that is out of its limits.
     pub fn validate(&self) -> Result<()> {
+        check_name("robot.name", &self.name)?;
         check_range("robot.mass", self.mass, 1e-3, 1e6)?;
         check_range("robot.base_height", self.base_height, 1e-3, 100.)?;
         if self.nominal_feet.is_empty() || self.nominal_feet.len() > MAX_FEET {

@@ -62,8 +62,8 @@ pub struct TranscriptionSettings {
     pub length_margin: f64,
     /// Tightening of force rows, in body weights.
     pub force_margin: f64,
-    /// `momentum`: how friction limits forces.
-    pub friction: Friction,
+    /// How friction limits forces; see [`TranscriptionSettings::friction`] when absent.
+    pub friction: Option<Friction>,
     /// `momentum`: velocity of the base at the goal.
     pub goal_velocity: GoalVelocity,
     /// `momentum`: height of a foot above the terrain in mid-swing, m, at least.
@@ -87,7 +87,7 @@ impl Default for TranscriptionSettings {
             force_pieces: 3,
             length_margin: 1e-3,
             force_margin: 1e-3,
-            friction: Friction::Pyramid,
+            friction: None,
             goal_velocity: GoalVelocity::Zero,
             clearance: 0.03,
             swing_height: 0.2,
@@ -107,6 +107,14 @@ impl TranscriptionSettings {
     /// Those of the paper \[1\], which asks nothing of legs and motors.
     pub fn paper(rows: Transcription) -> Self {
         TranscriptionSettings { legs: Legs::Free, ..TranscriptionSettings::of(rows) }
+    }
+
+    /// How friction limits forces: `momentum` motions are certified with the cone and use it, TOWR has its pyramid.
+    pub fn friction(&self) -> Friction {
+        self.friction.unwrap_or(match self.rows {
+            Transcription::Momentum => Friction::Cone,
+            Transcription::Towr => Friction::Pyramid,
+        })
     }
 }
 
@@ -211,7 +219,7 @@ impl TranscriptionSettings {
         check_range("transcription.force_pieces", self.force_pieces as f64, 2., 16.)?;
         check_range("transcription.length_margin", self.length_margin, 0., 0.1)?;
         check_range("transcription.force_margin", self.force_margin, 0., 0.1)?;
-        if self.friction == Friction::Cone {
+        if self.friction() == Friction::Cone {
             // The margin rounds the tip of the cone, where a force of nothing has no direction.
             check_range("transcription.force_margin with cones", self.force_margin, 1e-6, 0.1)?;
             if self.rows == Transcription::Towr {

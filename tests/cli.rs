@@ -702,7 +702,10 @@ fn broken_trajectories_exit_4_and_perturbed_ones_3() {
     let dir = folder();
     write_lines(dir.path(), &[standing().to_string()]);
     run(dir.path(), "evaluate in.jsonl --scenario s1 --trajectories t.jsonl").ends_with(0);
-    let good = read_lines(dir.path().join("t.jsonl")).remove(0);
+    let mut good = read_lines(dir.path().join("t.jsonl")).remove(0);
+    // It is no motion of the scenario that lent it its robot: it has another goal.
+    assert!(good.get("scenario").is_none());
+    good["scenario"] = Value::Null;
     let path = dir.path().join("t.json");
     let verify = |trajectory: &Value| {
         // Pretty: one document over many lines.
@@ -749,6 +752,58 @@ fn broken_trajectories_exit_4_and_perturbed_ones_3() {
     run(dir.path(), "verify t.json").ends_with(4).says(&["t.json", "EOF"]);
     run(dir.path(), "verify none.json").ends_with(4).says(&["none.json"]);
     run(dir.path(), "verify .").ends_with(4).says(&["directory"]);
+}
+
+#[test]
+fn verify_says_what_a_file_is_held_to_and_refuses_labels_that_do_not_fit() {
+    let dir = folder();
+    write_lines(dir.path(), &[standing().to_string()]);
+    run(dir.path(), "evaluate in.jsonl --scenario s1 --trajectories t.jsonl").ends_with(0);
+    let good = read_lines(dir.path().join("t.jsonl")).remove(0);
+    let path = dir.path().join("t.json");
+    let verify = |change: &dyn Fn(&mut Value), flags: &str| {
+        let mut trajectory = good.clone();
+        change(&mut trajectory);
+        fs::write(&path, trajectory.to_string()).unwrap();
+        run(dir.path(), &format!("verify t.json {flags}"))
+    };
+    let said = verify(&|_| {}, "");
+    for part in ["robot anymal, built in", "the friction cone", "limits, the file's own", "goal (0.050, 0.000, 0.500) m", "tolerances: "] {
+        assert!(said.ends_with(0).stdout.contains(part), "{part}\n{}", said.stdout);
+    }
+    assert!(verify(&|_| {}, "--force-limit 300").ends_with(0).stdout.contains("at most 300.0 N, given"));
+    for limit in ["0", "1e300", "nan"] {
+        verify(&|_| {}, &format!("--force-limit {limit}")).ends_with(2).says(&["--force-limit"]);
+    }
+    let own = |name: &str, mass: f64| {
+        let mut robot = serde_json::to_value(cregopt::Robot::named("anymal").unwrap()).unwrap();
+        (robot["name"], robot["mass"]) = (json!(name), json!(mass));
+        robot
+    };
+    // The weight of the robot is another one, and so are its rows.
+    verify(&|t| t["robot"] = own("mine, terrain mine", 29.5), "").ends_with(0).says(&[]);
+    let printed = verify(&|t| t["robot"] = own("mine, terrain mine", 29.5), "");
+    assert!(printed.stdout.contains("robot \"mine, terrain mine\", the file's own"), "{}", printed.stdout);
+    type Case<'a> = (&'a dyn Fn(&mut Value), &'a [&'a str]);
+    let refused: [Case; 8] = [
+        (&|t| t["scenario"] = json!("s1"), &["scenario", "s1", "targets"]),
+        (&|t| (t["scenario"], t["target"]) = (json!("s1"), json!(10)), &["scenario", "target 10"]),
+        (&|t| t["robot"] = own("anymal", 60.), &["robot.name", "anymal", "mass"]),
+        (&|t| t["robot"] = own("mine\nfeasible: 0 of 9", 29.5), &["robot.name", "mine\\nfeasible"]),
+        (&|t| t["transcription"] = json!("foo"), &["transcription", "foo", "momentum"]),
+        (&|t| t["limits"]["clearance"] = json!(-1e300), &["limits.clearance"]),
+        (&|t| t["force_limit"] = json!(5000.), &["force_limit", "5000", "--force-limit"]),
+        (&|t| t["robot"] = json!("t.json"), &["unknown robot"]),
+    ];
+    for (change, parts) in refused {
+        verify(change, "").ends_with(4).says(&["t.json"]).says(parts);
+    }
+    // The robot's own limit counts, whatever the file allows.
+    let weak = |t: &mut Value| {
+        t["robot"] = own("mine", 29.5);
+        t["robot"]["force_limit"] = json!(20.);
+    };
+    assert!(verify(&weak, "").ends_with(3).stdout.contains("normal force, limit"));
 }
 
 #[test]

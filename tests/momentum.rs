@@ -115,7 +115,7 @@ fn moving_and_yawing_the_scene_moves_the_rows_with_it() {
     let mut random = Random::new(21);
     for (robot, round) in ["anymal", "biped", "pexod"].into_iter().flat_map(|robot| (0..4).map(move |round| (robot, round))) {
         let (task, schedule) = scene(robot, &mut random, 2..=6);
-        let friction = if round < 2 { Friction::Pyramid } else { Friction::Cone };
+        let friction = Some(if round < 2 { Friction::Pyramid } else { Friction::Cone });
         let layout = layout_with::<f64>(&task, &schedule, &TranscriptionSettings { friction, ..TranscriptionSettings::default() });
         let x = point(&layout, &mut random, 0.);
         let quarter = round % 2 == 0;
@@ -350,7 +350,7 @@ fn with_cones_no_foot_slips_at_any_time() {
         let task = task_for(Robot::named(robot).unwrap(), Terrain { friction, ..terrain }, [0.5, 0.5], 0.3);
         for seed in 0..3 {
             let schedule = gait(&mut Random::new(seed), task.robot.feet(), 5..=7);
-            let [pyramid, cone] = [Friction::Pyramid, Friction::Cone].map(|friction| {
+            let [pyramid, cone] = [Friction::Pyramid, Friction::Cone].map(Some).map(|friction| {
                 let layout = layout_with(&task, &schedule, &TranscriptionSettings { friction, ..TranscriptionSettings::default() });
                 let (outcome, x) = solve(&layout);
                 assert_eq!(outcome.status, Status::Solved, "{robot}, gait {seed}, {friction:?}");

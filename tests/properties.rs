@@ -60,7 +60,7 @@ fn transcription() -> impl Strategy<Value = TranscriptionSettings> {
                 legs,
                 goal_velocity,
                 // TOWR has a pyramid.
-                friction: if cone && rows == Transcription::Momentum { Friction::Cone } else { Friction::Pyramid },
+                friction: Some(if cone && rows == Transcription::Momentum { Friction::Cone } else { Friction::Pyramid }),
                 interval: Some(interval),
                 reach_interval,
                 force_pieces,
@@ -142,7 +142,7 @@ fn check_sizes(layout: &Layout<f32>, schedule: &Schedule, settings: &Transcripti
     // At lift-off and at touch-down, where legs are limited.
     let accelerations = if momentum && settings.legs == Legs::Limited { swings } else { 0 };
     // The normal force has two sides; the pyramid has four rows beside it, the cone one.
-    let (friction, pyramids, cones) = if settings.friction == Friction::Cone { (1, 0, forces) } else { (4, forces, 0) };
+    let (friction, pyramids, cones) = if settings.friction() == Friction::Cone { (1, 0, forces) } else { (4, forces, 0) };
     prop_assert_eq!(
         layout.rows,
         layout.equalities + 3 * reach + (1 + friction) * forces + per_swing * swings + strides + 2 * accelerations

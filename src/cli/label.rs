@@ -5,12 +5,16 @@ use crate::gait::trajectory::NamedOr;
 use crate::robot::{ROBOTS, Robot};
 use crate::task::Task;
 use crate::terrain::{TERRAINS, Terrain};
+use crate::verify::labels::scenario_differs;
 
-/// A trajectory with its task, target and seed. Built-in robots and terrains go by their names, a user's own in full.
+/// A trajectory with its task, target and seed. Built-in robots and terrains go by their names, a user's own in full. A scenario is named where the
+/// motion is one of it: with another robot, ground or goal it is the user's own.
 pub fn label(trajectory: Trajectory, task: &Task, scenario: Option<&str>, target: Option<usize>, seed: Option<u64>) -> Trajectory {
     let robot = named_or_own(&*task.robot, &task.robot.name, &ROBOTS, |name| Robot::named(name).ok());
     let terrain = named_or_own(&*task.terrain, &task.terrain.name, &TERRAINS, |name| Terrain::named(name).ok());
-    Trajectory { scenario: scenario.map(Into::into), target, seed, robot: Some(robot), terrain: Some(terrain), ..trajectory }
+    let own = Trajectory { seed, robot: Some(robot), terrain: Some(terrain), ..trajectory };
+    let labelled = Trajectory { scenario: scenario.map(Into::into), target, ..own.clone() };
+    if matches!(scenario_differs(&labelled), Ok(None)) { labelled } else { own }
 }
 
 fn named_or_own<T: Clone + PartialEq>(own: &T, name: &str, known: &[&str], named: impl Fn(&str) -> Option<T>) -> NamedOr<T> {

@@ -1,15 +1,16 @@
 //! `verify`: count what a trajectory file violates.
 
-use super::args::{World, WorldArgs, robot as robot_by_name, terrain as terrain_by_name};
+use super::args::{World, WorldArgs};
 use super::{Failure, Verdict, print, to_json};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_range};
 use crate::gait::Trajectory;
-use crate::gait::trajectory::NamedOr;
-use crate::nlp::transcription::towr;
+use crate::gait::trajectory::{GoalVelocity, NamedOr};
 use crate::report::files;
 use crate::robot::Robot;
 use crate::scenario::Scenario;
+use crate::settings::Transcription;
 use crate::terrain::Terrain;
+use crate::verify::labels::own_force_limit;
 use crate::verify::{Report, verify};
 use clap::Args;
 use std::path::PathBuf;
@@ -33,13 +34,22 @@ struct Line {
     scenario: Option<String>,
     robot: String,
     terrain: String,
+    /// What it was held to, and whose word that is.
+    terms: Vec<String>,
     #[serde(flatten)]
     report: Report,
+}
+
+/// A name as it is printed.
+fn shown(name: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
+    if name.chars().all(plain) { name.into() } else { format!("\"{}\"", name.escape_debug()) }
 }
 
 impl Verify {
     pub fn run(&self) -> std::result::Result<Verdict, Failure> {
         let world = self.world.read()?;
+        world.force_limit.map_or(Ok(()), |limit| check_range("--force-limit", limit, 1e-3, 1e7))?;
         let text = files::read(&self.file)?;
         // A pretty-printed document is one trajectory; otherwise each line is one.
         let documents: Vec<(usize, &str)> = match serde_json::from_str::<serde::de::IgnoredAny>(&text) {
@@ -56,11 +66,19 @@ impl Verify {
         let mut failure = None;
         for (line, document) in documents {
             let report = Trajectory::from_json(document).and_then(|trajectory| {
-                let robot = robot_of(&world, &trajectory)?;
-                let terrain = terrain_of(&world, &trajectory)?;
-                let force_limit = world.force_limit.or(trajectory.force_limit).unwrap_or(towr::FORCE_LIMIT);
+                let (robot, whose_robot) = robot_of(&world, &trajectory)?;
+                let (terrain, whose_terrain) = terrain_of(&world, &trajectory)?;
+                let (force_limit, whose_limit) = match world.force_limit {
+                    Some(limit) => (limit, "given"),
+                    None => own_force_limit(&trajectory, &robot)?,
+                };
                 let report = verify(&trajectory, &robot, &terrain, force_limit)?;
-                Ok(Line { line, scenario: trajectory.scenario, robot: robot.name.clone(), terrain: terrain.name.clone(), report })
+                let mut terms = vec![
+                    format!("robot {}, {whose_robot}; terrain {}, {whose_terrain}", shown(&robot.name), shown(&terrain.name)),
+                    format!("normal force at most {force_limit:.1} N, {whose_limit}"),
+                ];
+                terms.extend(terms_of(&trajectory));
+                Ok(Line { line, scenario: trajectory.scenario, robot: robot.name.clone(), terrain: terrain.name.clone(), terms, report })
             });
             match report {
                 Ok(report) => reports.push(report),
@@ -74,8 +92,10 @@ impl Verify {
             print(&to_json(&reports)?)?;
         } else {
             for r in &reports {
-                let scenario = r.scenario.as_deref().map(|s| format!("scenario {s}, ")).unwrap_or_default();
-                print(&format!("line {}: {scenario}robot {}, terrain {}\n{}\n\n", r.line, r.robot, r.terrain, r.report))?;
+                let scenario = r.scenario.as_deref().map(|s| format!("scenario {}, ", shown(s))).unwrap_or_default();
+                let terms: String = r.terms.iter().map(|term| format!("  {term}\n")).collect();
+                let (robot, terrain) = (shown(&r.robot), shown(&r.terrain));
+                print(&format!("line {}: {scenario}robot {robot}, terrain {terrain}\n{terms}{}\n\n", r.line, r.report))?;
             }
             if reports.len() > 1 {
                 let feasible = reports.iter().filter(|r| r.report.feasible).count();
@@ -96,22 +116,52 @@ fn scenario_of(trajectory: &Trajectory, what: &str) -> Result<Scenario> {
     Scenario::named(name)
 }
 
-/// The robot on the command line, else the file's, else its scenario's.
-fn robot_of(world: &World, trajectory: &Trajectory) -> Result<Arc<Robot>> {
+/// Rows, goal and limits that a trajectory names itself.
+fn terms_of(trajectory: &Trajectory) -> [String; 3] {
+    let rows = trajectory.transcription.as_deref().unwrap_or("towr");
+    let of_momentum = rows == Transcription::Momentum.name();
+    let friction = if of_momentum { "the friction cone" } else { "TOWR's friction pyramid" };
+    let [x, y, z] = trajectory.base_target;
+    let goal = match (&trajectory.scenario, trajectory.target) {
+        (Some(_), Some(target)) => format!("target {target} of its scenario"),
+        (Some(_), None) => "a target of its scenario".into(),
+        (None, _) => "the file's own".into(),
+    };
+    let limits = match trajectory.limits {
+        _ if !of_momentum => "no limits for legs".into(),
+        None => "limits for legs: the defaults".into(),
+        Some(l) => {
+            let hardest = l.foot_acceleration.map_or("any".into(), |a| format!("at most {a:.3}"));
+            let arrives = if l.goal_velocity == GoalVelocity::Zero { "at rest" } else { "with any velocity" };
+            format!(
+                "limits, the file's own: foot {:.3} to {:.3} m high in mid-swing, at most {:.3} m/s, {hardest} m/s2; arrives {arrives}",
+                l.clearance, l.swing_height, l.foot_speed
+            )
+        }
+    };
+    [
+        format!("rows {rows}, with {friction}"),
+        format!("goal ({x:.3}, {y:.3}, {z:.3}) m, yaw {:.4} rad, {goal}", trajectory.yaw_target),
+        limits,
+    ]
+}
+
+/// The robot on the command line, else the file's, else its scenario's, and which of them it is.
+fn robot_of(world: &World, trajectory: &Trajectory) -> Result<(Arc<Robot>, &'static str)> {
     match (world.robot(trajectory.scenario.as_deref()), &trajectory.robot) {
-        (Some(robot), _) => Ok(robot),
-        (None, Some(NamedOr::Name(name))) => robot_by_name(name),
-        (None, Some(NamedOr::Own(robot))) => robot.validate().map(|()| Arc::new(robot.clone())),
-        (None, None) => robot_by_name(scenario_of(trajectory, "robot")?.robot),
+        (Some(robot), _) => Ok((robot, "given")),
+        (None, Some(NamedOr::Name(name))) => Ok((Arc::new(Robot::named(name)?), "built in")),
+        (None, Some(NamedOr::Own(robot))) => robot.validate().map(|()| (Arc::new(robot.clone()), "the file's own")),
+        (None, None) => Ok((Arc::new(Robot::named(scenario_of(trajectory, "robot")?.robot)?), "its scenario's")),
     }
 }
 
-/// The terrain on the command line, else the file's, else its scenario's.
-fn terrain_of(world: &World, trajectory: &Trajectory) -> Result<Arc<Terrain>> {
+/// The terrain on the command line, else the file's, else its scenario's, and which of them it is.
+fn terrain_of(world: &World, trajectory: &Trajectory) -> Result<(Arc<Terrain>, &'static str)> {
     match (world.terrain(trajectory.scenario.as_deref()), &trajectory.terrain) {
-        (Some(terrain), _) => Ok(terrain),
-        (None, Some(NamedOr::Name(name))) => terrain_by_name(name),
-        (None, Some(NamedOr::Own(terrain))) => terrain.validate().map(|()| Arc::new(terrain.clone())),
-        (None, None) => terrain_by_name(scenario_of(trajectory, "terrain")?.terrain),
+        (Some(terrain), _) => Ok((terrain, "given")),
+        (None, Some(NamedOr::Name(name))) => Ok((Arc::new(Terrain::named(name)?), "built in")),
+        (None, Some(NamedOr::Own(terrain))) => terrain.validate().map(|()| (Arc::new(terrain.clone()), "the file's own")),
+        (None, None) => Ok((Arc::new(Terrain::named(scenario_of(trajectory, "terrain")?.terrain)?), "its scenario's")),
     }
 }

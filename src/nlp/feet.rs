@@ -138,7 +138,7 @@ fn force_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
                 let step = b.step_within(span.start + span.duration() * i as f64 / pieces as f64, node);
                 for &slope in own.slopes(i, pieces) {
                     let entry = ForceNode::new(T::of(slope), foothold.index);
-                    let (family, table) = match b.settings.friction {
+                    let (family, table) = match b.settings.friction() {
                         Friction::Pyramid => (Family::Force, &mut b.tables.force_nodes),
                         Friction::Cone => (Family::Cone, &mut b.tables.cones),
                     };

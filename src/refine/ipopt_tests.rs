@@ -20,7 +20,7 @@ fn compare(task: &Task, family: GaitFamily, settings: &RefineSettings) -> [f64; 
     let weights = CostWeights::default();
     let refined = refine(task, &gait.schedule, &gait.x, &lower.transcription, &weights, settings, &|| false).unwrap();
     assert!(refined.certified && refined.status != RefineStatus::NotClosed, "{:?}", refined.status);
-    let cones = TranscriptionSettings { friction: Friction::Cone, ..lower.transcription.clone() };
+    let cones = TranscriptionSettings { friction: Some(Friction::Cone), ..lower.transcription.clone() };
     let space = Space::new(task, &gait.schedule, &cones, settings);
     let price = Price::new(&space, &weights, task.robot.leg_mass());
     let given = space.start(&gait.schedule, &gait.x);

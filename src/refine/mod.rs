@@ -240,7 +240,7 @@ pub fn refine(
     check(task, schedule, x, transcription, weights, settings)?;
     // Where rows cannot hold with their margins, the certificate may still.
     let cones = MARGINS.map(|share| TranscriptionSettings {
-        friction: Friction::Cone,
+        friction: Some(Friction::Cone),
         length_margin: share * transcription.length_margin,
         force_margin: share * transcription.force_margin,
         ..transcription.clone()

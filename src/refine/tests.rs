@@ -23,7 +23,7 @@ pub(super) fn found(task: &Task, family: GaitFamily, settings: &LowerSettings) -
 
 fn lower() -> LowerSettings {
     let mut settings = LowerSettings::default();
-    settings.transcription.friction = Friction::Cone;
+    settings.transcription.friction = Some(Friction::Cone);
     settings
 }
 

@@ -6,7 +6,7 @@ pub mod profile;
 pub use grid::Grid;
 pub use profile::Profile;
 
-use crate::error::{Error, Result, check_range};
+use crate::error::{Error, Result, check_name, check_range};
 use num_traits::Float;
 use serde::{Deserialize, Serialize};
 
@@ -95,6 +95,7 @@ impl Terrain {
     /// # Errors
     /// [`Error::Invalid`] names the first field that is out of its limits.
     pub fn validate(&self) -> Result<()> {
+        check_name("terrain.name", &self.name)?;
         check_range("terrain.friction", self.friction, 1e-3, 100.)?;
         match &self.shape {
             Shape::Grid(grid) => grid.validate(),

@@ -2,20 +2,76 @@
 //!
 //! Rows hold at instants and nodes only; [`super::dense`] reports what happens in between.
 
-use super::dense::{ContactAxes, DenseReport, FootMotion, Motion, SAME_TIME, nearest, readable, sample};
+use super::dense::{ContactAxes, DenseReport, Extreme, FootMotion, Motion, SAME_TIME, nearest, readable, sample};
+use super::exact;
+use super::labels::{check_labels, of_momentum};
 use super::rollout::{Body, Rollout, RolloutReport};
 use crate::error::Result;
 use crate::gait::Trajectory;
 use crate::gait::trajectory::{GoalVelocity, MotionLimits};
-use crate::robot::Robot;
+use crate::robot::{GRAVITY, Robot};
 use crate::settings::Transcription;
 use crate::terrain::Terrain;
 use nalgebra::Vector3;
 use serde::Serialize;
 use std::fmt;
 
-/// Largest violation that does not count, in the unit of the row.
+/// Largest violation of a row of TOWR's that does not count, in the unit of the row: N_vc as in the paper \[1\].
 pub const TOLERANCE: f64 = 1e-4;
+
+/// Largest violations that do not count, by what a row measures.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Tolerances {
+    /// Forces, N.
+    pub force: f64,
+    /// Moments, N m.
+    pub moment: f64,
+    /// Lengths, m.
+    pub length: f64,
+    /// Speeds, m/s.
+    pub speed: f64,
+    /// Accelerations, m/s².
+    pub acceleration: f64,
+    /// Angles, rad.
+    pub angle: f64,
+    /// Angular velocities, rad/s.
+    pub rate: f64,
+}
+
+impl Tolerances {
+    /// Those of TOWR's rows.
+    pub const TOWR: Tolerances = Tolerances {
+        force: TOLERANCE,
+        moment: TOLERANCE,
+        length: TOLERANCE,
+        speed: TOLERANCE,
+        acceleration: TOLERANCE,
+        angle: TOLERANCE,
+        rate: TOLERANCE,
+    };
+
+    /// Those of a robot, for `momentum` motions: with its weight `W` and the length `l` of its legs 1e-4 `W` and 1e-4 `W l`, 5e-4 `l` and
+    /// 5e-4 `sqrt(g l)`, 1e-3 `g`, 1e-4 rad and 1e-4 `sqrt(g / l)`.
+    pub fn of(robot: &Robot) -> Tolerances {
+        let (weight, leg) = (robot.weight(), robot.leg_height());
+        Tolerances {
+            force: 1e-4 * weight,
+            moment: 1e-4 * weight * leg,
+            length: 5e-4 * leg,
+            speed: 5e-4 * (GRAVITY * leg).sqrt(),
+            acceleration: 1e-3 * GRAVITY,
+            angle: 1e-4,
+            rate: 1e-4 * (GRAVITY / leg).sqrt(),
+        }
+    }
+}
+
+impl fmt::Display for Tolerances {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "tolerances: {:.1e} N, {:.1e} N m, {:.1e} m, {:.1e} m/s, ", self.force, self.moment, self.length, self.speed)?;
+        write!(f, "{:.1e} m/s2, {:.1e} rad, {:.1e} rad/s", self.acceleration, self.angle, self.rate)
+    }
+}
 
 /// Distance of the instants of the dynamics rows, s.
 const DYNAMICS_STEP: f64 = 0.1;
@@ -33,15 +89,19 @@ pub const DENSE_REACH: f64 = 5e-3;
 /// and below the terrain, m.
 pub const PENETRATION: f64 = 1e-3;
 
+/// Shortest piece of a curve, s. Shorter ones carry nothing that a robot does.
+pub const SHORTEST_PIECE: f64 = 1e-3;
+/// Highest speed of a foot in any motion but TOWR's, m/s,
+pub const FOOT_SPEED: f64 = 30.;
+/// and sum of the Euler rates of a base, in `sqrt(g / l)` of its legs.
+pub const BASE_RATE: f64 = 10.;
+
 /// How far the attitude may stray over one base piece, rad. What they add up to is limited by [`ROLLOUT_ATTITUDE`].
 const PIECE_ATTITUDE: f64 = 1e-2;
 
 /// What a `momentum` motion whose file names no limits is held to.
 const MOTION_LIMITS: MotionLimits =
     MotionLimits { clearance: 0.03, swing_height: 0.2, foot_speed: 20., foot_acceleration: None, goal_velocity: GoalVelocity::Zero };
-
-/// Points of a swing at which the speed of the foot is taken.
-const SPEED_SAMPLES: u32 = 20;
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];
@@ -60,7 +120,7 @@ pub enum Family {
     Reach,
     /// Standing feet on the terrain, mid nodes of a swing not below it.
     Terrain,
-    /// Normal force between 0 and its limit, friction pyramid.
+    /// Normal force between 0 and its limit, the friction cone; of other motions than `momentum` TOWR's pyramid, which circumscribes it.
     Force,
     /// Mid node of a two-piece swing halfway between the footholds, with the velocity that TOWR prescribes, in TOWR's own transcription; of
     /// `momentum` motions high enough, not too high, not too fast.
@@ -69,13 +129,16 @@ pub enum Family {
     Bounds,
     /// What TOWR's variables hold by construction: standing feet stand, swinging feet carry nothing, nodes at phase boundaries.
     Structure,
-    /// What must hold between the instants, beyond its limit. Only asked of `momentum` motions whose other rows hold.
+    /// What no robot does, whatever its rows: pieces shorter than [`SHORTEST_PIECE`], feet faster than [`FOOT_SPEED`], a base that turns faster than
+    /// [`BASE_RATE`], accelerates more than its feet can push by a weight, or gets below the terrain; a goal below it. On whole curves.
+    Possible,
+    /// What must hold between the instants, beyond its limit, on whole curves. Only asked of `momentum` motions whose other rows hold.
     Motion,
 }
 
 impl Family {
     /// Every family, in the order of [`RowReport::families`].
-    pub const ALL: [Family; 10] = [
+    pub const ALL: [Family; 11] = [
         Family::Dynamics,
         Family::Momentum,
         Family::BaseAcceleration,
@@ -85,6 +148,7 @@ impl Family {
         Family::Swing,
         Family::Bounds,
         Family::Structure,
+        Family::Possible,
         Family::Motion,
     ];
 
@@ -100,6 +164,7 @@ impl Family {
             Family::Swing => "swing",
             Family::Bounds => "bounds",
             Family::Structure => "structure",
+            Family::Possible => "possible",
             Family::Motion => "motion",
         }
     }
@@ -115,6 +180,7 @@ impl Family {
             Family::Swing => "m, m/s",
             Family::Bounds => "m, rad, 1/s",
             Family::Structure => "m, m/s, N, N/s, s",
+            Family::Possible => "s, m, m/s, rad/s, m g",
             Family::Motion => "m, deg, m g",
         }
     }
@@ -126,7 +192,7 @@ impl fmt::Display for Family {
     }
 }
 
-/// The most violated row of a family.
+/// The most violated row of a family, by its tolerance.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Worst {
     /// Its violation, in its unit; infinite (`null` in JSON) when it was no number.
@@ -148,7 +214,7 @@ pub struct FamilyReport {
     pub unit: &'static str,
     /// Number of rows.
     pub rows: usize,
-    /// Those violated by more than [`TOLERANCE`].
+    /// Those violated by more than their tolerance.
     pub violated: usize,
     /// Largest violation, 0 without rows.
     pub max_violation: f64,
@@ -167,6 +233,8 @@ pub struct RowReport {
     pub max_violation: f64,
     /// Whether no row is violated.
     pub feasible: bool,
+    /// What does not count.
+    pub tolerances: Tolerances,
     /// By kind, in the order of [`Family::ALL`].
     pub families: Vec<FamilyReport>,
 }
@@ -202,7 +270,8 @@ impl RowReport {
 impl fmt::Display for RowReport {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let verdict = if self.feasible { "feasible" } else { "not feasible" };
-        writeln!(f, "{verdict}: {} of {} rows violated by more than {TOLERANCE:.0e}", self.n_violated, self.n_rows)?;
+        writeln!(f, "{verdict}: {} of {} rows violated by more than its tolerance", self.n_violated, self.n_rows)?;
+        writeln!(f, "{}", self.tolerances)?;
         writeln!(f)?;
         writeln!(f, "{:<18}{:>6}{:>10}{:>11}  {:<18} worst row", "rows", "count", "violated", "worst", "unit")?;
         for family in &self.families {
@@ -231,41 +300,45 @@ impl fmt::Display for Report {
 }
 
 /// Counts the rows of one family.
-struct Tally(FamilyReport);
+struct Tally {
+    report: FamilyReport,
+    tolerances: Tolerances,
+    /// Violation of the worst row in tolerances.
+    worst: f64,
+}
 
 impl Tally {
-    fn new(family: Family) -> Self {
-        Tally(FamilyReport { family, unit: family.unit(), rows: 0, violated: 0, max_violation: 0., worst: None })
+    fn new(family: Family, tolerances: Tolerances) -> Self {
+        let report = FamilyReport { family, unit: family.unit(), rows: 0, violated: 0, max_violation: 0., worst: None };
+        Tally { report, tolerances, worst: 0. }
     }
 
-    /// A row that is violated by `violation`, never negative.
-    fn row(&mut self, violation: f64, row: fmt::Arguments, foot: Option<usize>, time: f64) {
-        self.judged(violation, violation > TOLERANCE || violation.is_nan(), row, foot, time);
-    }
-
-    /// A row with its own verdict.
-    fn judged(&mut self, violation: f64, violated: bool, row: fmt::Arguments, foot: Option<usize>, time: f64) {
+    /// A row that is violated by `violation`, never negative, of which `tolerance` does not count.
+    fn row(&mut self, violation: f64, tolerance: f64, row: fmt::Arguments, foot: Option<usize>, time: f64) {
         let violation = if violation.is_nan() { f64::INFINITY } else { violation };
-        let report = &mut self.0;
+        let report = &mut self.report;
         report.rows += 1;
-        report.violated += usize::from(violated);
-        if report.worst.as_ref().is_none_or(|worst| violation > worst.violation) {
-            report.max_violation = violation;
+        report.violated += usize::from(violation > tolerance);
+        report.max_violation = report.max_violation.max(violation);
+        let in_tolerances = if violation == 0. { 0. } else { violation / tolerance };
+        let ahead = |worst: &Worst| in_tolerances > self.worst || in_tolerances == self.worst && violation > worst.violation;
+        if report.worst.as_ref().is_none_or(ahead) {
+            self.worst = in_tolerances;
             report.worst = Some(Worst { violation, row: row.to_string(), foot, time });
         }
     }
 
     /// Equalities, one for each axis: `residual = 0`.
-    fn zero(&mut self, residual: Vector3<f64>, what: &str, axes: [&str; 3], foot: Option<usize>, time: f64) {
+    fn zero(&mut self, residual: Vector3<f64>, tolerance: f64, what: &str, axes: [&str; 3], foot: Option<usize>, time: f64) {
         for (axis, value) in axes.iter().zip(residual.iter()) {
-            self.row(value.abs(), format_args!("{what} {axis}"), foot, time);
+            self.row(value.abs(), tolerance, format_args!("{what} {axis}"), foot, time);
         }
     }
 
     /// An inequality: `value <= 0`.
-    fn not_positive(&mut self, value: f64, row: fmt::Arguments, foot: Option<usize>, time: f64) {
+    fn not_positive(&mut self, value: f64, tolerance: f64, row: fmt::Arguments, foot: Option<usize>, time: f64) {
         // Not `f64::max`, which would drop a NaN.
-        self.row(if value <= 0. { 0. } else { value }, row, foot, time);
+        self.row(if value <= 0. { 0. } else { value }, tolerance, row, foot, time);
     }
 }
 
@@ -274,7 +347,8 @@ impl Tally {
 /// * `force_limit` - largest normal force of a foot, N
 ///
 /// # Errors
-/// [`crate::Error::Invalid`] when the trajectory is malformed, or robot and trajectory disagree on the number of feet.
+/// [`crate::Error::Invalid`] when the trajectory is malformed, robot and trajectory disagree on the number of feet, or its labels and its content
+/// disagree ([`check_labels`]).
 pub fn verify(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain, force_limit: f64) -> Result<Report> {
     let rows = verify_rows(trajectory, robot, terrain, force_limit)?;
     let motion = Motion::new(trajectory, robot)?;
@@ -287,12 +361,14 @@ pub fn verify(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain, force_l
 /// As [`verify`].
 pub fn verify_rows(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain, force_limit: f64) -> Result<RowReport> {
     let motion = Motion::new(trajectory, robot)?;
+    check_labels(trajectory)?;
     let name = trajectory.transcription.as_deref();
-    let impulsive = name == Some(Transcription::Momentum.name());
+    let impulsive = of_momentum(trajectory);
     let of_towr = name.is_none_or(|name| name == Transcription::Towr.name());
     let mut broken = 0;
+    let tolerances = if impulsive { Tolerances::of(robot) } else { Tolerances::TOWR };
     let families = Family::ALL.map(|family| {
-        let mut tally = Tally::new(family);
+        let mut tally = Tally::new(family, tolerances);
         match family {
             Family::Dynamics if impulsive => {}
             Family::Dynamics => dynamics(&mut tally, &motion),
@@ -302,17 +378,18 @@ pub fn verify_rows(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain, fo
             Family::BaseAcceleration => {}
             Family::Reach => reach(&mut tally, &motion, if impulsive { DENSE_REACH } else { 0. }),
             Family::Terrain => on_terrain(&mut tally, &motion, terrain),
-            Family::Force => force(&mut tally, &motion, terrain, force_limit),
+            Family::Force => force(&mut tally, &motion, terrain, force_limit, impulsive),
             Family::Swing if impulsive => swing_heights(&mut tally, &motion, terrain, trajectory.limits),
             Family::Swing if of_towr => swing(&mut tally, &motion),
             Family::Swing => {}
             Family::Bounds => bounds(&mut tally, &motion, trajectory, terrain, impulsive),
             Family::Structure => structure(&mut tally, &motion, of_towr || impulsive),
-            Family::Motion if impulsive && broken == 0 => between(&mut tally, &motion, terrain),
+            Family::Possible => possible(&mut tally, &motion, trajectory, terrain, of_towr),
+            Family::Motion if impulsive && broken == 0 => between(&mut tally, &motion, terrain, force_limit),
             Family::Motion => {}
         }
-        broken += tally.0.violated;
-        tally.0
+        broken += tally.report.violated;
+        tally.report
     });
     let n_violated = families.iter().map(|f| f.violated).sum();
     Ok(RowReport {
@@ -320,6 +397,7 @@ pub fn verify_rows(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain, fo
         n_violated,
         max_violation: families.iter().map(|f| f.max_violation).fold(0., f64::max),
         feasible: n_violated == 0,
+        tolerances,
         families: families.into(),
     })
 }
@@ -332,8 +410,8 @@ fn instants(horizon: f64, step: f64) -> impl Iterator<Item = f64> {
 fn dynamics(tally: &mut Tally, motion: &Motion) {
     for time in instants(motion.horizon, DYNAMICS_STEP) {
         let (moment, force) = motion.defect(&motion.base(time), time);
-        tally.zero(moment, "moment", AXES, None, time);
-        tally.zero(force, "force", AXES, None, time);
+        tally.zero(moment, tally.tolerances.moment, "moment", AXES, None, time);
+        tally.zero(force, tally.tolerances.force, "force", AXES, None, time);
     }
 }
 
@@ -341,39 +419,83 @@ fn dynamics(tally: &mut Tally, motion: &Motion) {
 /// or moment that would make up for them.
 fn momentum(tally: &mut Tally, motion: &Motion) {
     let Some(rollout) = Rollout::new(motion) else {
-        return tally.row(f64::INFINITY, format_args!("inertia without inverse"), None, 0.);
+        return tally.row(f64::INFINITY, 0., format_args!("inertia without inverse"), None, 0.);
     };
-    let mass = motion.robot.mass;
+    let (mass, tolerances) = (motion.robot.mass, tally.tolerances);
     for piece in motion.base_lin.times.windows(2) {
         let (start, end) = (piece[0], piece[1]);
         let length = end - start;
         let reached = rollout.run(Body::planned(motion, &motion.base(start)), start, end, |_, _| {});
         let plan = Body::planned(motion, &motion.base(end));
-        tally.zero((reached.velocity - plan.velocity) * mass / length, "mean force", AXES, None, end);
-        tally.zero((reached.position - plan.position) * 2. * mass / (length * length), "mean force for the way", AXES, None, end);
-        tally.zero((reached.momentum - plan.momentum) / length, "mean moment", AXES, None, end);
+        tally.zero((reached.velocity - plan.velocity) * mass / length, tolerances.force, "mean force", AXES, None, end);
+        tally.zero(
+            (reached.position - plan.position) * 2. * mass / (length * length),
+            tolerances.force,
+            "mean force for the way",
+            AXES,
+            None,
+            end,
+        );
+        tally.zero((reached.momentum - plan.momentum) / length, tolerances.moment, "mean moment", AXES, None, end);
         let apart = reached.angle_to(&plan);
-        tally.judged(apart, apart > PIECE_ATTITUDE || apart.is_nan(), format_args!("attitude"), None, end);
+        tally.row(apart, PIECE_ATTITUDE, format_args!("attitude"), None, end);
     }
 }
 
 /// What must hold at all times.
-fn between(tally: &mut Tally, motion: &Motion, terrain: &Terrain) {
-    let dense = sample(motion, terrain);
-    let Some(rollout) = Rollout::new(motion).map(|r| r.report()) else { return };
-    let force = TOLERANCE / motion.robot.weight();
+fn between(tally: &mut Tally, motion: &Motion, terrain: &Terrain, force_limit: f64) {
+    let Some(rollout) = Rollout::new(motion).map(|r| r.certified([ROLLOUT_POSITION, ROLLOUT_ATTITUDE])) else { return };
+    let weight = motion.robot.weight();
+    let [pull, limit, friction] = exact::forces(motion, terrain, force_limit, tally.tolerances.force);
+    let in_weights = |e: Extreme| Extreme { value: e.value / weight, ..e };
+    let force = tally.tolerances.force / weight;
     let rows = [
         ("position off the rollout", rollout.position, ROLLOUT_POSITION),
         ("attitude off the rollout", rollout.attitude, ROLLOUT_ATTITUDE),
-        ("reach", dense.reach_excess, DENSE_REACH),
-        ("normal force, pull", dense.pull, force),
-        ("friction", dense.friction_excess, force),
-        ("foot below terrain", dense.penetration, PENETRATION),
+        ("reach", exact::reach(motion, DENSE_REACH), DENSE_REACH),
+        ("normal force, pull", in_weights(pull), force),
+        ("normal force, limit", in_weights(limit), force),
+        ("friction cone", in_weights(friction), force),
+        ("foot below terrain", exact::penetration(motion, terrain, PENETRATION), PENETRATION),
     ];
     for (what, extreme, limit) in rows {
         let over = (extreme.value - limit).max(0.);
-        tally.judged(over, extreme.value > limit, format_args!("{what}"), extreme.foot, extreme.time);
+        tally.row(over, 0., format_args!("{what}"), extreme.foot, extreme.time);
     }
+}
+
+/// What no robot does.
+///
+/// * `of_towr` - whether only TOWR's rows are asked for
+fn possible(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain: &Terrain, of_towr: bool) {
+    let robot = motion.robot;
+    let mut row = |over: f64, what: &str, foot: Option<usize>, time: f64| {
+        let over = if over <= 0. { 0. } else { over };
+        tally.row(over, 0., format_args!("{what}"), foot, time);
+    };
+    let base = [(None, &motion.base_lin), (None, &motion.base_ang)];
+    let feet = motion.feet.iter().enumerate().flat_map(|(foot, curves)| [(Some(foot), &curves.motion), (Some(foot), &curves.force)]);
+    for (foot, curve) in base.into_iter().chain(feet) {
+        let pieces = (0..curve.pieces()).map(|piece| (curve.length(piece), curve.times[piece]));
+        let (shortest, time) = pieces.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::NAN, 0.));
+        row(SHORTEST_PIECE * (1. - 1e-6) - shortest, "piece too short", foot, time);
+    }
+    // TOWR's own rows hold feet to nothing in a swing: its published solutions throw them about at 150 m/s.
+    for (foot, curves) in motion.feet.iter().enumerate().filter(|_| !of_towr) {
+        let speed = exact::foot_speed(curves, 0..curves.motion.pieces(), false, FOOT_SPEED);
+        row(speed.value - FOOT_SPEED, "foot faster than any", Some(foot), speed.time);
+    }
+    let limit = BASE_RATE * (GRAVITY / robot.leg_height()).sqrt();
+    let rate = exact::base_rate(&motion.base_ang, limit);
+    row(rate.value - limit, "base turns too fast", None, rate.time);
+    let pushed = exact::push(motion) / robot.weight() + 1.;
+    let lin = &motion.base_lin;
+    let hardest = exact::ends(lin, 0..lin.pieces(), |a| (a / GRAVITY + Vector3::z()).norm());
+    row(hardest.value - pushed, "base accelerated more than feet push", None, hardest.time);
+    let below = exact::base_depth(motion, terrain);
+    row(below.value, "base below the terrain", None, below.time);
+    let [x, y, z] = trajectory.base_target;
+    row(terrain.height(x, y) - z, "goal below the terrain", None, motion.horizon);
 }
 
 fn base_acceleration(tally: &mut Tally, motion: &Motion) {
@@ -382,7 +504,7 @@ fn base_acceleration(tally: &mut Tally, motion: &Motion) {
         for junction in 1..curve.times.len() - 1 {
             let before = curve.on_piece(junction - 1, curve.length(junction - 1)).second;
             let after = curve.on_piece(junction, 0.).second;
-            tally.zero(before - after, what, axes, None, curve.times[junction]);
+            tally.zero(before - after, tally.tolerances.acceleration, what, axes, None, curve.times[junction]);
         }
     }
 }
@@ -393,7 +515,7 @@ fn reach(tally: &mut Tally, motion: &Motion, allowed: f64) {
         for (foot, curves) in motion.feet.iter().enumerate() {
             let excess = motion.reach_excess(&base, foot, curves.motion.at(time).value);
             for (axis, &value) in AXES.iter().zip(excess.iter()) {
-                tally.not_positive(value - allowed, format_args!("{axis}"), Some(foot), time);
+                tally.not_positive(value - allowed, tally.tolerances.length, format_args!("{axis}"), Some(foot), time);
             }
         }
     }
@@ -405,27 +527,39 @@ fn on_terrain(tally: &mut Tally, motion: &Motion, terrain: &Terrain) {
             let position = curves.motion.value(node);
             let height = position.z - terrain.height(position.x, position.y);
             if swing_at(curves, time).is_some() {
-                tally.not_positive(-height, format_args!("swing z"), Some(foot), time);
+                tally.not_positive(-height, tally.tolerances.length, format_args!("swing z"), Some(foot), time);
             } else {
-                tally.row(height.abs(), format_args!("stance z"), Some(foot), time);
+                tally.row(height.abs(), tally.tolerances.length, format_args!("stance z"), Some(foot), time);
             }
         }
     }
 }
 
-fn force(tally: &mut Tally, motion: &Motion, terrain: &Terrain, force_limit: f64) {
-    let friction = terrain.friction;
+/// * `cone` - whether friction is the cone, or TOWR's pyramid
+fn force(tally: &mut Tally, motion: &Motion, terrain: &Terrain, force_limit: f64, cone: bool) {
+    let (friction, tolerance) = (terrain.friction, tally.tolerances.force);
     for (foot, curves) in motion.feet.iter().enumerate() {
         for (node, &time) in curves.force.times.iter().enumerate() {
             let (first, last) = curves.phases(time);
             let Some(foothold) = curves.foothold(time).filter(|_| first == last) else { continue };
             let (axes, value, foot) = (ContactAxes::new(terrain, foothold), curves.force.value(node), Some(foot));
             let normal = value.dot(&axes.normal);
-            tally.not_positive(-normal, format_args!("normal force, pull"), foot, time);
-            tally.not_positive(normal - force_limit, format_args!("normal force, limit"), foot, time);
+            tally.not_positive(-normal, tolerance, format_args!("normal force, pull"), foot, time);
+            tally.not_positive(normal - force_limit, tolerance, format_args!("normal force, limit"), foot, time);
+            if cone {
+                let outside = (value - axes.normal * normal).norm() - friction * normal;
+                tally.not_positive(outside, tolerance, format_args!("friction cone"), foot, time);
+                continue;
+            }
             for (axis, tangent) in ["t1", "t2"].iter().zip(&axes.tangents) {
-                tally.not_positive((tangent - axes.normal * friction).dot(&value), format_args!("friction +{axis}"), foot, time);
-                tally.not_positive(-(tangent + axes.normal * friction).dot(&value), format_args!("friction -{axis}"), foot, time);
+                tally.not_positive((tangent - axes.normal * friction).dot(&value), tolerance, format_args!("friction +{axis}"), foot, time);
+                tally.not_positive(
+                    -(tangent + axes.normal * friction).dot(&value),
+                    tolerance,
+                    format_args!("friction -{axis}"),
+                    foot,
+                    time,
+                );
             }
         }
     }
@@ -438,89 +572,104 @@ fn swing(tally: &mut Tally, motion: &Motion) {
             let (previous, next) = (curve.value(mid - 1), curve.value(mid + 1));
             let (place, velocity) = (curve.value(mid) - (previous + next) / 2., curve.slope(mid) - (next - previous) / SWING_DURATION);
             for axis in 0..2 {
-                tally.row(place[axis].abs(), format_args!("mid node {}", AXES[axis]), Some(foot), time);
-                tally.row(velocity[axis].abs(), format_args!("mid node velocity {}", AXES[axis]), Some(foot), time);
+                tally.row(place[axis].abs(), tally.tolerances.length, format_args!("mid node {}", AXES[axis]), Some(foot), time);
+                tally.row(velocity[axis].abs(), tally.tolerances.speed, format_args!("mid node velocity {}", AXES[axis]), Some(foot), time);
             }
         }
     }
 }
 
 fn swing_heights(tally: &mut Tally, motion: &Motion, terrain: &Terrain, limits: Option<MotionLimits>) {
-    let limits = limits.unwrap_or(MOTION_LIMITS);
+    let (limits, tolerances) = (limits.unwrap_or(MOTION_LIMITS), tally.tolerances);
     for (foot, curves) in motion.feet.iter().enumerate() {
         for swing in curves.switches.chunks_exact(2) {
             let (start, end) = (swing[0], swing[1]);
             let time = (start + end) / 2.;
             let place = curves.motion.at(time).value;
             let height = place.z - terrain.height(place.x, place.y);
-            tally.not_positive(limits.clearance - height, format_args!("mid node too low"), Some(foot), time);
+            tally.not_positive(limits.clearance - height, tolerances.length, format_args!("mid node too low"), Some(foot), time);
             // Above lift-off and landing: over a pit a foot need not go down.
             let feet = [start, end].map(|t| curves.motion.at(t).value.z);
             let height = height.min(place.z - feet[0].max(feet[1]));
-            tally.not_positive(height - limits.swing_height, format_args!("mid node too high"), Some(foot), time);
-            let speed = |i: u32| curves.motion.at(start + (end - start) * f64::from(i) / f64::from(SPEED_SAMPLES)).first.xy().norm();
-            let fastest = (1..SPEED_SAMPLES).map(speed).fold(0., f64::max);
-            tally.not_positive(fastest - limits.foot_speed, format_args!("foot too fast"), Some(foot), time);
+            tally.not_positive(height - limits.swing_height, tolerances.length, format_args!("mid node too high"), Some(foot), time);
+            let pieces = nearest(&curves.motion.times, start)..nearest(&curves.motion.times, end);
+            let fastest = exact::foot_speed(curves, pieces.clone(), true, limits.foot_speed);
+            tally.not_positive(
+                fastest.value - limits.foot_speed,
+                tolerances.speed,
+                format_args!("foot too fast"),
+                Some(foot),
+                fastest.time.max(start),
+            );
             if let Some(limit) = limits.foot_acceleration {
-                // It is linear on each piece.
-                let curve = &curves.motion;
-                let (first, last) = (nearest(&curve.times, start), nearest(&curve.times, end));
-                let ends = |piece: usize| [curve.on_piece(piece, 0.), curve.on_piece(piece, curve.length(piece))];
-                let hardest = (first..last).flat_map(ends).map(|p| p.second.norm()).fold(0., f64::max);
-                tally.not_positive(hardest - limit, format_args!("foot accelerated too hard"), Some(foot), time);
+                let hardest = exact::foot_acceleration(curves, pieces);
+                tally.not_positive(
+                    hardest.value - limit,
+                    tolerances.acceleration,
+                    format_args!("foot accelerated too hard"),
+                    Some(foot),
+                    time,
+                );
             }
         }
     }
 }
 
 fn bounds(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain: &Terrain, impulsive: bool) {
-    let robot = motion.robot;
+    let (robot, tolerances) = (motion.robot, tally.tolerances);
     let start = trajectory.init_base.unwrap_or([0., 0., robot.base_height + terrain.height(0., 0.)]);
     let (lin, ang) = (&motion.base_lin, &motion.base_ang);
-    tally.zero(lin.value(0) - Vector3::from(start), "start position", AXES, None, 0.);
-    tally.zero(lin.slope(0), "start velocity", AXES, None, 0.);
-    tally.zero(ang.value(0), "start angle", ANGLES, None, 0.);
-    tally.zero(ang.slope(0), "start rate", ANGLES, None, 0.);
+    tally.zero(lin.value(0) - Vector3::from(start), tolerances.length, "start position", AXES, None, 0.);
+    tally.zero(lin.slope(0), tolerances.speed, "start velocity", AXES, None, 0.);
+    tally.zero(ang.value(0), tolerances.angle, "start angle", ANGLES, None, 0.);
+    tally.zero(ang.slope(0), tolerances.rate, "start rate", ANGLES, None, 0.);
     let (goal, attitude) = (Vector3::from(trajectory.base_target), Vector3::new(0., 0., trajectory.yaw_target));
-    tally.zero(lin.value(lin.times.len() - 1) - goal, "final position", AXES, None, motion.horizon);
-    tally.zero(ang.value(ang.times.len() - 1) - attitude, "final angle", ANGLES, None, motion.horizon);
+    tally.zero(lin.value(lin.times.len() - 1) - goal, tolerances.length, "final position", AXES, None, motion.horizon);
+    tally.zero(ang.value(ang.times.len() - 1) - attitude, tolerances.angle, "final angle", ANGLES, None, motion.horizon);
     if impulsive && trajectory.limits.is_none_or(|l| l.goal_velocity == GoalVelocity::Zero) {
-        tally.zero(lin.slope(lin.times.len() - 1), "final velocity", AXES, None, motion.horizon);
-        tally.zero(ang.slope(ang.times.len() - 1), "final rate", ANGLES, None, motion.horizon);
+        tally.zero(lin.slope(lin.times.len() - 1), tolerances.speed, "final velocity", AXES, None, motion.horizon);
+        tally.zero(ang.slope(ang.times.len() - 1), tolerances.rate, "final rate", ANGLES, None, motion.horizon);
     }
     for (foot, curves) in motion.feet.iter().enumerate() {
         let [x, y, _] = robot.nominal_feet[foot];
         let (x, y) = (start[0] + x, start[1] + y);
         let nominal = Vector3::new(x, y, terrain.height(x, y));
-        tally.zero(curves.motion.value(0) - nominal, "start position", AXES, Some(foot), 0.);
+        tally.zero(curves.motion.value(0) - nominal, tolerances.length, "start position", AXES, Some(foot), 0.);
     }
 }
 
 /// * `level` - whether feet are level in the middle of a swing of two pieces, as both phase-based transcriptions have them
 fn structure(tally: &mut Tally, motion: &Motion, level: bool) {
+    let tolerances = tally.tolerances;
     for (foot, curves) in motion.feet.iter().enumerate() {
         let at = Some(foot);
         for (curve, what) in [(&curves.motion, "motion node at phase boundary"), (&curves.force, "force node at phase boundary")] {
             for &switch in &curves.switches {
                 let mismatch = (curve.times[nearest(&curve.times, switch)] - switch).abs();
-                tally.judged(mismatch, mismatch > SAME_TIME, format_args!("{what}"), at, switch);
+                tally.row(mismatch, SAME_TIME, format_args!("{what}"), at, switch);
             }
         }
         for (node, &time) in curves.motion.times.iter().enumerate() {
             // The foothold is a node of its phase: that one compares with itself.
             if let Some(foothold) = curves.foothold(time) {
-                tally.zero(curves.motion.value(node) - foothold, "standing foot moved,", AXES, at, time);
-                tally.zero(curves.motion.slope(node), "velocity of standing foot,", AXES, at, time);
+                tally.zero(curves.motion.value(node) - foothold, tolerances.length, "standing foot moved,", AXES, at, time);
+                tally.zero(curves.motion.slope(node), tolerances.speed, "velocity of standing foot,", AXES, at, time);
             }
         }
         for mid in mid_nodes(curves).filter(|_| level) {
-            tally.row(curves.motion.slope(mid).z.abs(), format_args!("mid node velocity z"), at, curves.motion.times[mid]);
+            tally.row(
+                curves.motion.slope(mid).z.abs(),
+                tolerances.speed,
+                format_args!("mid node velocity z"),
+                at,
+                curves.motion.times[mid],
+            );
         }
         for (node, &time) in curves.force.times.iter().enumerate() {
             let (first, last) = curves.phases(time);
             if first != last || first % 2 == 1 {
-                tally.zero(curves.force.value(node), "force in swing,", AXES, at, time);
-                tally.zero(curves.force.slope(node), "force slope in swing,", AXES, at, time);
+                tally.zero(curves.force.value(node), tolerances.force, "force in swing,", AXES, at, time);
+                tally.zero(curves.force.slope(node), tolerances.force, "force slope in swing,", AXES, at, time);
             }
         }
     }
@@ -556,14 +705,14 @@ mod tests {
 
     #[test]
     fn a_tally_counts_beyond_the_tolerance_and_nan() {
-        let mut tally = Tally::new(Family::Force);
-        tally.not_positive(-5., format_args!("a"), None, 0.);
-        tally.row(TOLERANCE, format_args!("b"), None, 1.);
-        tally.not_positive(1.01 * TOLERANCE, format_args!("c"), Some(2), 2.);
-        assert_eq!((tally.0.rows, tally.0.violated), (3, 1));
-        assert_eq!(tally.0.worst.as_ref().map(|w| (w.row.as_str(), w.foot)), Some(("c", Some(2))));
-        tally.not_positive(f64::NAN, format_args!("d"), None, 3.);
-        assert_eq!((tally.0.violated, tally.0.max_violation), (2, f64::INFINITY));
+        let mut tally = Tally::new(Family::Force, Tolerances::TOWR);
+        tally.not_positive(-5., TOLERANCE, format_args!("a"), None, 0.);
+        tally.row(TOLERANCE, TOLERANCE, format_args!("b"), None, 1.);
+        tally.not_positive(1.01 * TOLERANCE, TOLERANCE, format_args!("c"), Some(2), 2.);
+        assert_eq!((tally.report.rows, tally.report.violated), (3, 1));
+        assert_eq!(tally.report.worst.as_ref().map(|w| (w.row.as_str(), w.foot)), Some(("c", Some(2))));
+        tally.not_positive(f64::NAN, TOLERANCE, format_args!("d"), None, 3.);
+        assert_eq!((tally.report.violated, tally.report.max_violation), (2, f64::INFINITY));
     }
 
     #[test]

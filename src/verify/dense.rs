@@ -1,5 +1,6 @@
 //! What a trajectory does between the instants at which its rows hold, in f64 and apart from the solver's kernels.
 
+use super::exact;
 use crate::error::Result;
 use crate::gait::{Curve, Trajectory};
 use crate::robot::{GRAVITY, Robot};
@@ -34,7 +35,8 @@ impl Extreme {
     }
 }
 
-/// Worst values on a grid of [`SAMPLE_STEP`] and at the end.
+/// Worst values between the rows: of forces, of feet against the terrain and of the speed of feet on whole curves, of what turns with the base
+/// on a grid of [`SAMPLE_STEP`] and at the end.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct DenseReport {
     /// Number of times sampled.
@@ -47,7 +49,7 @@ pub struct DenseReport {
     pub reach_excess: Extreme,
     /// Normal force with which a foot pulls the ground, body weights.
     pub pull: Extreme,
-    /// `max(|f.t1|, |f.t2|) - mu f.n` where it is positive, body weights.
+    /// What lies outside the friction cone, `|f_t| - mu f_n`, body weights.
     pub friction_excess: Extreme,
     /// How far a foot is below the terrain, m.
     pub penetration: Extreme,
@@ -110,23 +112,19 @@ pub(super) fn sample(motion: &Motion, terrain: &Terrain) -> DenseReport {
         for foot in 0..motion.feet.len() {
             let at = Some(foot);
             let place = motion.feet[foot].motion.at(time);
-            let force = motion.feet[foot].force.at(time).value;
             for excess in motion.reach_excess(&base, foot, place.value).iter() {
                 report.reach_excess.update(*excess, at, time);
             }
-            let height = place.value.z - terrain.height(place.value.x, place.value.y);
-            report.foot_height.update(height, at, time);
-            report.penetration.update(-height, at, time);
-            report.foot_speed.update(place.first.norm(), at, time);
-            // A swinging foot has no force to be judged: its rows say so.
-            let axes = ContactAxes::new(terrain, motion.feet[foot].foothold(time).unwrap_or(place.value));
-            let (normal, t1, t2) = (force.dot(&axes.normal), force.dot(&axes.tangents[0]), force.dot(&axes.tangents[1]));
-            report.pull.update(-normal / weight, at, time);
-            // `f64::max` would drop a NaN.
-            for tangential in [t1, t2] {
-                report.friction_excess.update((tangential.abs() - terrain.friction * normal) / weight, at, time);
-            }
+            report.foot_height.update(place.value.z - terrain.height(place.value.x, place.value.y), at, time);
         }
+    }
+    let [pull, _, friction] = exact::forces(motion, terrain, f64::INFINITY, 0.);
+    let in_weights = |e: Extreme| Extreme { value: e.value / weight, ..e };
+    (report.pull, report.friction_excess) = (in_weights(pull), in_weights(friction));
+    report.penetration = exact::penetration(motion, terrain, 0.);
+    for (foot, curves) in motion.feet.iter().enumerate() {
+        let speed = exact::foot_speed(curves, 0..curves.motion.pieces(), false, report.foot_speed.value);
+        report.foot_speed.update(speed.value, Some(foot), speed.time);
     }
     report.final_base_speed = motion.base_lin.at(motion.horizon).first.norm();
     report
@@ -145,7 +143,8 @@ pub(super) struct Point {
 
 /// A Hermite curve with the times of its nodes.
 pub(super) struct TimedCurve<'a> {
-    curve: &'a Curve,
+    /// The curve.
+    pub curve: &'a Curve,
     /// Times of the nodes, s.
     pub times: Vec<f64>,
 }
@@ -192,6 +191,17 @@ impl<'a> TimedCurve<'a> {
         let c = (mean * 3. - b * 2. - next) / length;
         let d = (b + next - mean * 2.) / (length * length);
         Point { value: a + (b + (c + d * t) * t) * t, first: b + (c * 2. + d * (3. * t)) * t, second: c * 2. + d * (6. * t) }
+    }
+
+    /// Number of pieces.
+    pub fn pieces(&self) -> usize {
+        self.curve.poly_durations.len()
+    }
+
+    /// What a function makes of the piece at a time.
+    pub fn on<T>(&self, time: f64, f: impl Fn(&Curve, usize) -> T) -> T {
+        let piece = self.times[1..].partition_point(|&end| end < time).min(self.pieces() - 1);
+        f(self.curve, piece)
     }
 
     /// Length of a piece, s.
@@ -269,7 +279,7 @@ impl ContactAxes {
 pub(super) struct BaseState {
     pub position: Vector3<f64>,
     pub velocity: Vector3<f64>,
-    acceleration: Vector3<f64>,
+    pub acceleration: Vector3<f64>,
     /// Base to world.
     pub rotation: Rotation3<f64>,
     pub omega: Vector3<f64>,

@@ -5,6 +5,7 @@
 //! `p' = v`, `m v' = sum f_i - m g e_z`, `L' = sum (x_i - p) x f_i`, `q' = omega q / 2`, `omega = R I^-1 R' L`. Runge-Kutta steps of fifth
 //! order between all times at which a curve has a node.
 
+use super::bernstein::{acceleration, velocity};
 use super::dense::{BaseState, Extreme, Motion, readable};
 use crate::robot::GRAVITY;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
@@ -110,11 +111,16 @@ impl<'a> Rollout<'a> {
     }
 
     /// The body at `end`, from `body` at `start`; `observe` sees it after every step.
-    pub fn run(&self, mut body: Body, start: f64, end: f64, mut observe: impl FnMut(&Body, f64)) -> Body {
+    pub fn run(&self, body: Body, start: f64, end: f64, observe: impl FnMut(&Body, f64)) -> Body {
+        self.steps(body, start, end, STEP, observe)
+    }
+
+    /// As [`Rollout::run`], in steps of a length, s.
+    fn steps(&self, mut body: Body, start: f64, end: f64, longest: f64, mut observe: impl FnMut(&Body, f64)) -> Body {
         let mut time = start;
         let first = self.nodes.partition_point(|&t| t <= start + 1e-9);
         for &node in self.nodes[first..].iter().take_while(|&&t| t < end - 1e-9).chain([&end]) {
-            let steps = ((node - time) / STEP).ceil().max(1.);
+            let steps = ((node - time) / longest).ceil().max(1.);
             let step = (node - time) / steps;
             for i in 0..steps as usize {
                 let at = time + i as f64 * step;
@@ -160,13 +166,91 @@ impl<'a> Rollout<'a> {
 
     /// From the planned state at the start, with nothing corrected on the way.
     pub fn report(&self) -> RolloutReport {
-        let mut report = RolloutReport::default();
-        let start = Body::planned(self.motion, &self.motion.base(0.));
-        self.run(start, 0., self.motion.horizon, |body, time| {
-            let plan = Body::planned(self.motion, &self.motion.base(time));
-            report.position.update((body.position - plan.position).norm(), None, time);
-            report.attitude.update(body.angle_to(&plan).to_degrees(), None, time);
-        });
-        report
+        self.bounded(STEP).0
     }
+
+    /// As [`Rollout::report`], with what the motion may stray beyond that between the steps, in the same units, made small enough to tell
+    /// whether `limits` hold.
+    pub fn certified(&self, limits: [f64; 2]) -> RolloutReport {
+        let mut step = STEP;
+        loop {
+            let (report, [position, attitude]) = self.bounded(step);
+            let unclear = |e: Extreme, gap: f64, limit: f64| e.value <= limit && e.value + gap > limit;
+            let open = [unclear(report.position, position, limits[0]), unclear(report.attitude, attitude, limits[1])];
+            if open == [false; 2] {
+                return report;
+            }
+            step /= 2.;
+            if step < STEP / 100. {
+                let beyond = |e: Extreme, open: bool, gap: f64| if open { Extreme { value: e.value + gap, ..e } } else { e };
+                return RolloutReport {
+                    position: beyond(report.position, open[0], position),
+                    attitude: beyond(report.attitude, open[1], attitude),
+                };
+            }
+        }
+    }
+
+    /// The report of a rollout in steps, and bounds of what either of its values may be more between them.
+    ///
+    /// Between two times `h` apart a function is not above its greater end by more than `h^2 / 8 max |f''|`. Of the distance from the plan, `f''` is
+    /// what forces and plan accelerate the base differently: a cubic, not above [`FOUR_POINTS`] times its values at four points. Of the angle it
+    /// is not above what the angular accelerations and squares of the angular velocities of both add up to, a tenth added while the angle is small.
+    fn bounded(&self, longest: f64) -> (RolloutReport, [f64; 2]) {
+        let motion = self.motion;
+        let moments = motion.inertia().symmetric_eigenvalues();
+        let least = moments.min();
+        let mut report = RolloutReport::default();
+        let mut gaps = [0., 0.];
+        let start = Body::planned(motion, &motion.base(0.));
+        let mut before = (start, 0., 0.);
+        self.steps(start, 0., motion.horizon, longest, |body, time| {
+            let plan = Body::planned(motion, &motion.base(time));
+            let away = body.angle_to(&plan);
+            report.position.update((body.position - plan.position).norm(), None, time);
+            report.attitude.update(away.to_degrees(), None, time);
+            let (earlier, since, earlier_away) = &before;
+            let step = time - since;
+            let mut apart = 0_f64;
+            let mut push = vec![0_f64; motion.feet.len()];
+            for part in [1e-9, 1. / 3., 2. / 3., 1. - 1e-9] {
+                let at = since + part * step;
+                let mut force = Vector3::zeros();
+                for (foot, push) in motion.feet.iter().zip(&mut push).filter(|(foot, _)| foot.foothold(at).is_some()) {
+                    let f = foot.force.at(at).value;
+                    *push = push.max(f.norm());
+                    force += f;
+                }
+                apart = apart.max((force / motion.robot.mass - Vector3::z() * GRAVITY - motion.base_lin.at(at).second).norm());
+            }
+            gaps[0] = f64::max(gaps[0], FOUR_POINTS * apart * step * step / 8.);
+            let middle = since + step / 2.;
+            let rates = motion.base_ang.on(middle, |curve, piece| greatest(&velocity(curve, piece)));
+            let turn = motion.base_ang.on(middle, |curve, piece| greatest(&acceleration(curve, piece)));
+            // The way of the base within the step, by its speed and what it gains.
+            let gained = push.iter().sum::<f64>() * FOUR_POINTS / motion.robot.mass + GRAVITY;
+            let way = step * (body.velocity.norm().max(earlier.velocity.norm()) + step * gained);
+            let moment: f64 = motion.feet.iter().zip(&push).filter(|(_, push)| **push > 0.).fold(0., |sum, (foot, push)| {
+                let place = foot.motion.at(middle).value;
+                let arm = (place - body.position).norm().max((place - earlier.position).norm()) + way;
+                sum + arm * push * FOUR_POINTS
+            });
+            let momentum = body.momentum.norm().max(earlier.momentum.norm()) + moment * step / 2.;
+            let omega = momentum / least;
+            let curvature = turn + rates * rates + (moment + omega * momentum) / least + (rates + omega).powi(2);
+            let small = away.max(*earlier_away) + (rates + omega) * step < 0.3;
+            let gap = if small { 1.1 * curvature * step * step / 8. } else { f64::INFINITY };
+            gaps[1] = f64::max(gaps[1], gap.to_degrees());
+            before = (*body, time, away);
+        });
+        (report, gaps)
+    }
+}
+
+/// How far a cubic may be above the greatest of its values at four evenly spaced points, the outer two its ends: their Lebesgue constant.
+const FOUR_POINTS: f64 = 1.64;
+
+/// Sum of the sizes of the components, greatest among control points.
+fn greatest(control: &[Vector3<f64>]) -> f64 {
+    control.iter().map(|c| c.lp_norm(1)).fold(0., f64::max)
 }

@@ -118,12 +118,13 @@ pub fn transcriptions() -> [TranscriptionSettings; 3] {
 
 /// Default settings with friction cones.
 pub fn cones() -> TranscriptionSettings {
-    TranscriptionSettings { friction: Friction::Cone, ..TranscriptionSettings::default() }
+    TranscriptionSettings { friction: Some(Friction::Cone), ..TranscriptionSettings::default() }
 }
 
-/// Settings that have rows of every family: both transcriptions, legs with limits, and friction cones.
+/// Settings that have rows of every family: both transcriptions, legs with limits, pyramids and friction cones.
 pub fn families() -> [TranscriptionSettings; 4] {
-    let [limited, free, towr] = transcriptions();
+    let pyramids = |settings| TranscriptionSettings { friction: Some(Friction::Pyramid), ..settings };
+    let [limited, free, towr] = transcriptions().map(pyramids);
     [limited, free, towr, cones()]
 }
 

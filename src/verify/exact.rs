@@ -1,0 +1,174 @@
+//! Greatest values over whole curves, not at samples: in closed form or bounded on every piece.
+
+use super::bernstein::{Peak, acceleration, convex, depth, position, velocity};
+use super::dense::{BaseState, ContactAxes, Extreme, FootMotion, Motion, TimedCurve};
+use crate::terrain::Terrain;
+use nalgebra::Vector3;
+
+/// Halvings of an interval of the reach rows after which its bound is taken for the value.
+const REACH_DEPTH: u32 = 16;
+
+/// Remembers a peak of a piece, found given the greatest value so far.
+fn note(extreme: &mut Extreme, peak: impl FnOnce(f64) -> Peak, foot: Option<usize>, curve: &TimedCurve, piece: usize) {
+    let (value, at) = peak(extreme.value);
+    extreme.update(value, foot, curve.times[piece] + at * curve.length(piece));
+}
+
+/// Forces of standing feet, N: pull, normal force above its limit, and what lies outside the friction cone, `|f_t| - mu f_n`.
+pub(super) fn forces(motion: &Motion, terrain: &Terrain, force_limit: f64, floor: f64) -> [Extreme; 3] {
+    let mut extremes = [Extreme::default(); 3];
+    for (foot, curves) in motion.feet.iter().enumerate() {
+        let curve = &curves.force;
+        for piece in 0..curve.pieces() {
+            let Some(foothold) = curves.foothold(curve.times[piece] + curve.length(piece) / 2.) else { continue };
+            let (normal, control) = (ContactAxes::new(terrain, foothold).normal, position(curve.curve, piece));
+            let [pull, limit, friction] = &mut extremes;
+            note(pull, |best| convex(control, |f| -f.dot(&normal), floor.max(best)), Some(foot), curve, piece);
+            let above = |f: &Vector3<f64>| f.dot(&normal) - force_limit;
+            note(limit, |best| convex(control, above, floor.max(best)), Some(foot), curve, piece);
+            let outside = |f: &Vector3<f64>| {
+                let push = f.dot(&normal);
+                (f - normal * push).norm() - terrain.friction * push
+            };
+            note(friction, |best| convex(control, outside, floor.max(best)), Some(foot), curve, piece);
+        }
+    }
+    extremes
+}
+
+/// How far a foot is below the terrain, m.
+pub(super) fn penetration(motion: &Motion, terrain: &Terrain, floor: f64) -> Extreme {
+    let mut extreme = Extreme::default();
+    for (foot, curves) in motion.feet.iter().enumerate() {
+        for piece in 0..curves.motion.pieces() {
+            let below = |best| depth(position(curves.motion.curve, piece), terrain, floor.max(best));
+            note(&mut extreme, below, Some(foot), &curves.motion, piece);
+        }
+    }
+    extreme
+}
+
+/// How far the base is below the terrain, m.
+pub(super) fn base_depth(motion: &Motion, terrain: &Terrain) -> Extreme {
+    let mut extreme = Extreme::default();
+    let curve = &motion.base_lin;
+    for piece in 0..curve.pieces() {
+        note(&mut extreme, |best| depth(position(curve.curve, piece), terrain, best), None, curve, piece);
+    }
+    extreme
+}
+
+/// Speed of a foot over some of its pieces, m/s, all of it or along the ground.
+pub(super) fn foot_speed(curves: &FootMotion, pieces: std::ops::Range<usize>, horizontal: bool, floor: f64) -> Extreme {
+    let mut extreme = Extreme::default();
+    let curve = &curves.motion;
+    for piece in pieces {
+        let speed = |v: &Vector3<f64>| if horizontal { v.xy().norm() } else { v.norm() };
+        note(&mut extreme, |best| convex(velocity(curve.curve, piece), speed, floor.max(best)), None, curve, piece);
+    }
+    extreme
+}
+
+/// Acceleration of a foot over some of its pieces, m/s². It is linear on each.
+pub(super) fn foot_acceleration(curves: &FootMotion, pieces: std::ops::Range<usize>) -> Extreme {
+    ends(&curves.motion, pieces, |a| a.norm())
+}
+
+/// Greatest value of a convex function of the acceleration of a curve.
+pub(super) fn ends(curve: &TimedCurve, pieces: std::ops::Range<usize>, f: impl Fn(&Vector3<f64>) -> f64) -> Extreme {
+    let mut extreme = Extreme::default();
+    for piece in pieces {
+        for (at, a) in acceleration(curve.curve, piece).iter().enumerate() {
+            note(&mut extreme, |_| (f(a), at as f64), None, curve, piece);
+        }
+    }
+    extreme
+}
+
+/// Sum of the Euler rates of the base, rad/s, which its angular velocity does not exceed.
+pub(super) fn base_rate(curve: &TimedCurve, floor: f64) -> Extreme {
+    let mut extreme = Extreme::default();
+    for piece in 0..curve.pieces() {
+        note(&mut extreme, |best| convex(velocity(curve.curve, piece), |r| r.lp_norm(1), floor.max(best)), None, curve, piece);
+    }
+    extreme
+}
+
+/// Greatest force of each foot, N, all of them added up.
+pub(super) fn push(motion: &Motion) -> f64 {
+    let greatest = |curve: &TimedCurve| {
+        let peaks = (0..curve.pieces()).map(|piece| convex(position(curve.curve, piece), |f| f.norm(), 0.).0);
+        peaks.fold(0., f64::max)
+    };
+    motion.feet.iter().map(|foot| greatest(&foot.force)).sum()
+}
+
+/// What bounds the curvature of a foot's path, seen from the base, over an interval without nodes.
+struct Bend {
+    /// Angular velocity, rad/s.
+    omega: f64,
+    /// Angular acceleration, rad/s².
+    alpha: f64,
+    /// Acceleration of the base at both ends, m/s².
+    base: [Vector3<f64>; 2],
+}
+
+/// How far a foot is outside its box along the worst axis of the base, m.
+///
+/// Between two times `h` apart a twice differentiable function is not above its greater end by more than `h^2 / 8 max |f''|`. With `r` the foot
+/// from the base: `|(R' r)''| <= |r''| + 2 |w| |r'| + (|w'| + |w|^2) |r|`. An interval is halved until that is below `floor`.
+pub(super) fn reach(motion: &Motion, floor: f64) -> Extreme {
+    let mut times: Vec<f64> = motion.base_lin.times.iter().chain(&motion.base_ang.times).copied().collect();
+    times.extend(motion.feet.iter().flat_map(|foot| &foot.motion.times));
+    times.retain(|&t| t <= motion.horizon);
+    times.push(motion.horizon);
+    times.sort_by(f64::total_cmp);
+    times.dedup_by(|a, b| *a - *b < 1e-9);
+    let mut extreme = Extreme::default();
+    let mut before = motion.base(times[0]);
+    let excess = |base: &BaseState, foot: usize, at: Vector3<f64>| {
+        let [x, y, z] = motion.reach_excess(base, foot, at).into();
+        if x.is_nan() || y.is_nan() || z.is_nan() { f64::NAN } else { x.max(y).max(z) }
+    };
+    for interval in times.windows(2) {
+        let (start, end) = (interval[0], interval[1]);
+        let after = motion.base(end);
+        let middle = (start + end) / 2.;
+        let rates = motion.base_ang.on(middle, |curve, piece| velocity(curve, piece).map(|r| r.lp_norm(1)).into_iter().fold(0., f64::max));
+        let turn =
+            motion.base_ang.on(middle, |curve, piece| acceleration(curve, piece).map(|a| a.lp_norm(1)).into_iter().fold(0., f64::max));
+        let [b0, b1] = motion.base_lin.on(middle, acceleration);
+        let bend = Bend { omega: rates, alpha: turn + rates * rates, base: [b0, b1] };
+        for (foot, curves) in motion.feet.iter().enumerate() {
+            let path = curves.motion.on(middle, acceleration);
+            // All accelerations are linear over their pieces: the difference is largest at some pair of ends.
+            let apart = path.iter().flat_map(|a| bend.base.iter().map(move |b| (a - b).norm())).fold(0., f64::max);
+            let at = |time: f64, base: &BaseState| {
+                let p = curves.motion.at(time);
+                (excess(base, foot, p.value), (p.value - base.position).norm(), (p.first - base.velocity).norm())
+            };
+            let mut parts = vec![(start, at(start, &before), end, at(end, &after), 0)];
+            while let Some((start, first, end, last, depth)) = parts.pop() {
+                let length = end - start;
+                extreme.update(first.0, Some(foot), start);
+                extreme.update(last.0, Some(foot), end);
+                let speed = first.2.max(last.2) + apart * length / 2.;
+                let arm = first.1.max(last.1) + speed * length / 2.;
+                let curvature = apart + 2. * bend.omega * speed + (bend.alpha + bend.omega * bend.omega) * arm;
+                let above = first.0.max(last.0) + length * length / 8. * curvature;
+                if above <= floor.max(extreme.value) {
+                    continue;
+                }
+                let middle = (start + end) / 2.;
+                if depth >= REACH_DEPTH || !above.is_finite() {
+                    extreme.update(above, Some(foot), middle);
+                    continue;
+                }
+                let half = at(middle, &motion.base(middle));
+                parts.extend([(start, first, middle, half, depth + 1), (middle, half, end, last, depth + 1)]);
+            }
+        }
+        before = after;
+    }
+    extreme
+}

@@ -1,0 +1,155 @@
+//! Whether a trajectory is what it says it is: its labels against its content.
+
+use crate::error::{Error, Result, check_range};
+use crate::gait::Trajectory;
+use crate::gait::trajectory::{MotionLimits, NamedOr};
+use crate::robot::{FORCE_LIMIT, ROBOTS, Robot};
+use crate::scenario::{Scenario, TARGETS};
+use crate::settings::Transcription;
+use crate::terrain::{TERRAINS, Terrain};
+
+/// Transcriptions of which the rows are known.
+pub const TRANSCRIPTIONS: [&str; 3] = ["momentum", "towr", "contact-implicit"];
+
+/// What TOWR \[3\] limits normal forces to, N.
+const TOWR_FORCE_LIMIT: f64 = 1000.;
+
+/// How far a robot may be from the built-in one of its name, or a force limit above the most that a leg takes, of the largest number of its kind: room for numbers that were rounded.
+const ROUNDED: f64 = 0.01;
+
+/// How far a goal may be from that of a label, m and rad.
+const SAME_GOAL: f64 = 1e-6;
+
+/// Checks the labels of a trajectory.
+///
+/// # Errors
+/// [`Error::Invalid`] or [`Error::Unknown`] for a transcription without rows, limits that no robot needs, a built-in name on another robot or
+/// another shape, and a scenario whose robot, terrain, goal or yaw is not that of the content.
+pub fn check_labels(trajectory: &Trajectory) -> Result<()> {
+    if let Some(name) = trajectory.transcription.as_deref().filter(|name| !TRANSCRIPTIONS.contains(name)) {
+        return Err(Error::Unknown { what: "transcription", name: name.into(), known: TRANSCRIPTIONS.join(", ") });
+    }
+    trajectory.limits.as_ref().map_or(Ok(()), check_limits)?;
+    trajectory.force_limit.map_or(Ok(()), |limit| check_range("force_limit", limit, 1e-3, 1e7))?;
+    if let Some(NamedOr::Own(robot)) = &trajectory.robot {
+        robot.validate()?;
+        if ROBOTS.contains(&robot.name.as_str()) {
+            let differs = difference(robot, &Robot::named(&robot.name)?);
+            contradiction(
+                "robot.name",
+                &robot.name,
+                differs.map(|what| format!("the name of another robot: that one has another {what}")),
+            )?;
+        }
+    }
+    if let Some(NamedOr::Own(terrain)) = &trajectory.terrain {
+        terrain.validate()?;
+        if TERRAINS.contains(&terrain.name.as_str()) && Terrain::named(&terrain.name)?.shape != terrain.shape {
+            contradiction("terrain.name", &terrain.name, Some("the name of another terrain: that one has another shape".into()))?;
+        }
+    }
+    scenario_differs(trajectory).and_then(|differs| contradiction("scenario", trajectory.scenario.as_deref().unwrap_or_default(), differs))
+}
+
+/// Largest normal force of a foot that a trajectory is held to by itself, N, and whose word it is: the file's, but not more than the robot's.
+///
+/// # Errors
+/// [`Error::Invalid`] when the file allows more than any leg of its robot takes: that must be asked for from outside.
+pub fn own_force_limit(trajectory: &Trajectory, robot: &Robot) -> Result<(f64, &'static str)> {
+    let of_momentum = of_momentum(trajectory);
+    let most = FORCE_LIMIT * robot.weight();
+    let most = if of_momentum { most } else { most.max(TOWR_FORCE_LIMIT) };
+    match (trajectory.force_limit, robot.force_limit) {
+        (Some(file), Some(robot)) if robot < file => Ok((robot, "the robot's")),
+        (Some(file), None) if file > most * (1. + ROUNDED) => {
+            let limit = format!("at most {most:.1} N for the robot `{}`, unless more is given as --force-limit", robot.name.escape_debug());
+            Err(Error::invalid("force_limit", format!("{file} N"), limit))
+        }
+        (Some(file), _) => Ok((file, "the file's own")),
+        (None, Some(robot)) => Ok((robot, "the robot's")),
+        (None, None) if of_momentum => Ok((robot.default_force_limit(), "of a robot that names none")),
+        (None, None) => Ok((TOWR_FORCE_LIMIT, "TOWR's")),
+    }
+}
+
+fn contradiction(place: &str, label: &str, differs: Option<String>) -> Result<()> {
+    differs.map_or(Ok(()), |differs| Err(Error::invalid(place, format!("`{}`", label.escape_debug()), differs)))
+}
+
+/// Limits within what the settings of a transcription accept.
+fn check_limits(limits: &MotionLimits) -> Result<()> {
+    check_range("limits.clearance", limits.clearance, 0., 10.)?;
+    check_range("limits.swing_height", limits.swing_height, limits.clearance, 100.)?;
+    check_range("limits.foot_speed", limits.foot_speed, 0.1, 1000.)?;
+    limits.foot_acceleration.map_or(Ok(()), |a| check_range("limits.foot_acceleration", a, 1., 1e6))
+}
+
+/// In what a robot differs from a built-in one by more than rounding, if in anything.
+fn difference(robot: &Robot, named: &Robot) -> Option<&'static str> {
+    let near = |own: &[f64], named: &[f64]| {
+        let scale = named.iter().fold(0., |scale: f64, v| scale.max(v.abs()));
+        own.len() == named.len() && own.iter().zip(named).all(|(a, b)| (a - b).abs() <= ROUNDED * scale)
+    };
+    let feet = |robot: &Robot| robot.nominal_feet.concat();
+    let inertia = |robot: &Robot| robot.inertia.concat();
+    if !near(&[robot.mass], &[named.mass]) {
+        Some("mass")
+    } else if !near(&inertia(robot), &inertia(named)) {
+        Some("inertia")
+    } else if !near(&feet(robot), &feet(named)) {
+        Some("place of its feet")
+    } else if !near(&robot.reach, &named.reach) {
+        Some("reach")
+    } else {
+        None
+    }
+}
+
+/// In what a trajectory differs from the scenario that it names, if in anything.
+///
+/// # Errors
+/// For a scenario or a target that does not exist.
+pub fn scenario_differs(trajectory: &Trajectory) -> Result<Option<String>> {
+    let Some(name) = trajectory.scenario.as_deref() else { return Ok(None) };
+    let scenario = Scenario::named(name)?;
+    match &trajectory.robot {
+        Some(NamedOr::Name(robot)) if robot != scenario.robot => {
+            return Ok(Some(format!("that of a motion of the robot `{}`", scenario.robot)));
+        }
+        Some(NamedOr::Own(robot)) if robot.name != scenario.robot || difference(robot, &Robot::named(scenario.robot)?).is_some() => {
+            return Ok(Some(format!("that of a motion of the robot `{}`", scenario.robot)));
+        }
+        _ => {}
+    }
+    let terrain = match &trajectory.terrain {
+        Some(NamedOr::Name(terrain)) => terrain == scenario.terrain,
+        Some(NamedOr::Own(terrain)) => *terrain == Terrain::named(scenario.terrain)?,
+        None => true,
+    };
+    if !terrain {
+        return Ok(Some(format!("that of a motion on the terrain `{}`", scenario.terrain)));
+    }
+    let [x, y, z] = trajectory.base_target;
+    let there = |target: usize| Scenario::goal(target).map(|[gx, gy]| (gx - x).abs().max((gy - y).abs()) <= SAME_GOAL);
+    let matches = match trajectory.target {
+        Some(target) => there(target)?,
+        None => (1..=TARGETS).any(|target| there(target).is_ok_and(|there| there)),
+    };
+    if !matches {
+        let target = trajectory.target.map_or("one of its targets".into(), |target| format!("its target {target}"));
+        return Ok(Some(format!("that of a motion to {target}, and not to ({x:.3}, {y:.3}) m")));
+    }
+    let height = Robot::named(scenario.robot)?.base_height + Terrain::named(scenario.terrain)?.height(x, y);
+    if (z - height).abs() > SAME_GOAL {
+        return Ok(Some(format!("that of a motion to the height {height:.3} m, and not {z:.3}")));
+    }
+    if (trajectory.yaw_target - scenario.yaw_target).abs() > SAME_GOAL {
+        return Ok(Some(format!("that of a motion to the yaw {:.4} rad, and not {:.4}", scenario.yaw_target, trajectory.yaw_target)));
+    }
+    Ok(None)
+}
+
+/// Whether a motion is held to the rows of `momentum`.
+pub(super) fn of_momentum(trajectory: &Trajectory) -> bool {
+    trajectory.transcription.as_deref() == Some(Transcription::Momentum.name())
+}
