@@ -193,7 +193,7 @@ fn the_whole_solve_moves_with_the_scene() {
 
 /// Farthest that the base is from its nodes between knots, m and rad: as reach rows have it, and by its plain cubics.
 fn between_knots(task: &Task, schedule: &Schedule) -> [[f64; 2]; 2] {
-    let layout = layout::<f64>(task, schedule);
+    let layout = layout_with::<f64>(task, schedule, &TranscriptionSettings { friction: Some(Friction::Pyramid), ..common::momentum() });
     let (outcome, x) = solve(&layout);
     assert_eq!(outcome.status, Status::Solved);
     let mut shared = shared(&layout);
