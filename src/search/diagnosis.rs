@@ -106,6 +106,7 @@ fn remedy(family: Family, row: &str) -> &'static str {
         Family::Swing => "a larger `transcription.foot_acceleration`, longer swings, or a smaller `transcription.clearance`",
         Family::Bounds => "another start or goal",
         Family::Structure => "other phases",
+        Family::Possible => "more time, longer phases, or a goal above the ground",
         Family::Motion => "a shorter `transcription.interval`",
     }
 }
