@@ -3,7 +3,11 @@
 use crate::error::{Error, Result};
 use crate::robot::Robot;
 use crate::terrain::Terrain;
-use serde::{Deserialize, Serialize};
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{self, MapAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
+use std::fmt;
+use std::marker::PhantomData;
 
 /// A piecewise cubic Hermite curve.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -53,13 +57,36 @@ pub struct FootCurves {
 }
 
 /// A built-in thing by name, or a user's own in full.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum NamedOr<T> {
     /// Name of a built-in.
     Name(String),
     /// The whole description.
     Own(T),
+}
+
+/// By the kind of the value, so that errors are those of the description.
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for NamedOr<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        struct Kinds<T>(PhantomData<T>);
+        impl<'de, T: Deserialize<'de>> Visitor<'de> for Kinds<T> {
+            type Value = NamedOr<T>;
+
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("a name or an object")
+            }
+
+            fn visit_str<E: de::Error>(self, name: &str) -> std::result::Result<NamedOr<T>, E> {
+                Ok(NamedOr::Name(name.into()))
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> std::result::Result<NamedOr<T>, A::Error> {
+                T::deserialize(MapAccessDeserializer::new(map)).map(NamedOr::Own)
+            }
+        }
+        deserializer.deserialize_any(Kinds(PhantomData))
+    }
 }
 
 /// Velocity of the base at the goal.

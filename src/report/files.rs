@@ -2,23 +2,24 @@
 
 use crate::error::{Error, Result};
 use std::fs;
-use std::io::Write;
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
 /// Largest input file, bytes.
 pub const MAX_FILE: u64 = 1 << 30;
 
-/// Reads a text file.
+/// Reads a text file, without the byte order mark that some editors put first.
 ///
 /// # Errors
-/// [`Error::Io`] when the system refuses, [`Error::Invalid`] when the file is larger than [`MAX_FILE`].
+/// [`Error::Io`] when the system refuses, [`Error::Invalid`] when there is more than [`MAX_FILE`], as in a device that never ends.
 pub fn read(path: &Path) -> Result<String> {
     let io = |source| Error::Io { action: "read", path: path.to_owned(), source };
-    let size = fs::metadata(path).map_err(io)?.len();
-    if size > MAX_FILE {
-        return Err(Error::invalid("file size", format!("{size} bytes"), format!("at most {MAX_FILE} bytes")).in_file(path, None));
+    let mut text = String::new();
+    fs::File::open(path).map_err(io)?.take(MAX_FILE + 1).read_to_string(&mut text).map_err(io)?;
+    if text.len() as u64 > MAX_FILE {
+        return Err(Error::invalid("file size", "more", format!("at most {MAX_FILE} bytes")).in_file(path, None));
     }
-    fs::read_to_string(path).map_err(io)
+    Ok(text.strip_prefix('\u{feff}').map(String::from).unwrap_or(text))
 }
 
 /// Writes a whole file or nothing: to a neighbour first, then renamed over the target. A link is followed; a device or pipe is written
@@ -218,6 +219,14 @@ mod tests {
         // Another stamp begins anew.
         drop(Growing::open(&target, "stamp").map(|mut g| g.add("one\n")).unwrap());
         assert_eq!(Growing::open(&target, "other").unwrap().count(), 0);
+    }
+
+    #[test]
+    fn a_byte_order_mark_is_no_part_of_a_text() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("robot.json");
+        fs::write(&path, "\u{feff}{}").unwrap();
+        assert_eq!(read(&path).unwrap(), "{}");
     }
 
     #[cfg(unix)]
