@@ -15,6 +15,8 @@ use cregopt::search::{BatchSolver, Found, search_with};
 use cregopt::settings::TranscriptionSettings;
 use cregopt::solver::Status;
 use cregopt::task::Task;
+use cregopt::terrain::Terrain;
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Mutex, MutexGuard, OnceLock};
 
@@ -91,7 +93,8 @@ fn gpu_and_cpu_agree_on_the_reference_candidates_in_towr() {
 
 #[test]
 fn gpu_and_cpu_agree_on_the_reference_candidates_in_momentum() {
-    reference_batch("gpu_and_cpu_agree_on_the_reference_candidates_in_momentum", momentum(), 55);
+    // Under the exact cone; fewer than under a pyramid around it.
+    reference_batch("gpu_and_cpu_agree_on_the_reference_candidates_in_momentum", momentum(), 45);
 }
 
 /// A few short candidates of several robots and terrains, every other one with a goal that is too far.
@@ -241,7 +244,9 @@ fn searches_on_the_gpu_find_the_gaits_that_the_cpu_finds() {
     let Some(gpu) = gpu(test) else { return };
     let settings = CemSettings { whole_generation: true, ..CemSettings::default() };
     for scenario in &SCENARIOS {
-        let task = scenario.task(10).unwrap();
+        // On ground that grips, where the first generations have gaits: later ones follow from every digit of the earlier.
+        let mut task = scenario.task(10).unwrap();
+        task.terrain = Arc::new(Terrain { friction: 5., ..(*task.terrain).clone() });
         let run = |backend: &dyn Backend| {
             let lower = lower(momentum());
             let level = BatchSolver { task: &task, settings: &lower, backend, cost: None };
