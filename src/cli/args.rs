@@ -64,6 +64,7 @@ pub struct WorldArgs {
 }
 
 /// What was named for one scenario, or for all.
+#[derive(Debug)]
 struct Choices<T>(Vec<(Option<&'static str>, Arc<T>)>);
 
 impl<T> Choices<T> {
@@ -83,6 +84,7 @@ impl<T> Choices<T> {
 }
 
 /// Robots and terrains that were named, read once.
+#[derive(Debug)]
 pub struct World {
     robots: Choices<Robot>,
     terrains: Choices<Terrain>,

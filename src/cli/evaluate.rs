@@ -20,6 +20,7 @@ use crate::task::Task;
 use clap::{Args, ValueEnum};
 use serde::Deserialize;
 use serde_json::{Map, Value};
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
@@ -206,11 +207,14 @@ impl Evaluate {
             SolverArg::Ipopt => Solver::Ipopt(workers(self.lower.place.threads)?),
         };
         let start = Instant::now();
-        let stamp = serde_json::to_string(&self.stamp(&settings, &solver)).map_err(Error::from)?;
+        let mut content = DefaultHasher::new();
+        (&text, format!("{world:?}")).hash(&mut content);
+        let stamp = serde_json::to_string(&self.stamp(&settings, &solver, content.finish())).map_err(Error::from)?;
         let open = |path: &Option<PathBuf>| path.as_deref().map(|path| Growing::open(path, &stamp)).transpose();
         let (mut out, mut trajectories) = (open(&self.out)?, open(&self.trajectories)?);
-        let counts = || [&out, &trajectories].into_iter().flatten().map(Growing::count);
-        let done_before = counts().min().unwrap_or(0).min(items.len());
+        // Results alone say what came of the lines.
+        let fewest = [&out, &trajectories].into_iter().flatten().map(Growing::count).min();
+        let done_before = fewest.filter(|_| out.is_some()).map_or(0, |count| count.min(items.len()));
         for file in [&mut out, &mut trajectories].into_iter().flatten() {
             file.keep(done_before)?;
         }
@@ -242,7 +246,9 @@ impl Evaluate {
             for (file, lines) in [(&mut out, &lines), (&mut trajectories, &motions)] {
                 file.as_mut().map_or(Ok(()), |file| file.add(lines))?;
             }
-            printed += &lines;
+            if self.json && out.is_none() {
+                printed += &lines;
+            }
             if CANCELLED.load(Ordering::Relaxed) {
                 break;
             }
@@ -252,15 +258,9 @@ impl Evaluate {
             }
         }
         let seconds = start.elapsed().as_secs_f64();
-        let text = out.as_ref().map_or(printed, |out| out.text().into());
         let whole = tally.lines == items.len();
-        if whole {
-            for file in [out, trajectories].into_iter().flatten() {
-                file.finish()?;
-            }
-        }
         if self.json {
-            print(&text)?;
+            print(out.as_ref().map_or(&printed, Growing::text))?;
         } else {
             let Tally { lines, feasible, iterations } = tally;
             let rate = (lines - done_before) as f64 / seconds.max(1e-9);
@@ -268,6 +268,11 @@ impl Evaluate {
                 "{feasible} of {lines} candidates feasible, {iterations} iterations, {seconds:.3} s, {rate:.1} candidates/s ({})\n",
                 solver.device()
             ))?;
+        }
+        if whole {
+            for file in [out, trajectories].into_iter().flatten() {
+                file.finish()?;
+            }
         }
         if !whole {
             let kept = self
@@ -284,18 +289,17 @@ impl Evaluate {
         }
     }
 
-    /// What the results depend on, the lines apart.
-    fn stamp(&self, settings: &LowerSettings, solver: &Solver) -> Value {
+    /// What the results depend on.
+    ///
+    /// * `content` - of the lines, robots and terrains: files may be others by the time of the next run
+    fn stamp(&self, settings: &LowerSettings, solver: &Solver, content: u64) -> Value {
         serde_json::json!({
             "version": env!("CARGO_PKG_VERSION"),
             "device": solver.device(),
             "settings": settings,
-            "schedules": self.schedules,
+            "content": content,
             "scenario": self.scenario,
             "trajectories": self.trajectories.is_some(),
-            "robot": self.world.robot,
-            "terrain": self.world.terrain,
-            "force_limit": self.world.force_limit,
         })
     }
 

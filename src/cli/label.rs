@@ -12,9 +12,11 @@ use crate::verify::labels::scenario_differs;
 pub fn label(trajectory: Trajectory, task: &Task, scenario: Option<&str>, target: Option<usize>, seed: Option<u64>) -> Trajectory {
     let robot = named_or_own(&*task.robot, &task.robot.name, &ROBOTS, |name| Robot::named(name).ok());
     let terrain = named_or_own(&*task.terrain, &task.terrain.name, &TERRAINS, |name| Terrain::named(name).ok());
-    let own = Trajectory { seed, robot: Some(robot), terrain: Some(terrain), ..trajectory };
-    let labelled = Trajectory { scenario: scenario.map(Into::into), target, ..own.clone() };
-    if matches!(scenario_differs(&labelled), Ok(None)) { labelled } else { own }
+    let mut own = Trajectory { scenario: scenario.map(Into::into), target, seed, robot: Some(robot), terrain: Some(terrain), ..trajectory };
+    if !matches!(scenario_differs(&own), Ok(None)) {
+        (own.scenario, own.target) = (None, None);
+    }
+    own
 }
 
 fn named_or_own<T: Clone + PartialEq>(own: &T, name: &str, known: &[&str], named: impl Fn(&str) -> Option<T>) -> NamedOr<T> {

@@ -171,13 +171,15 @@ fn half_way(task: &Task) -> f64 {
     task.robot.reach[0].hypot(task.robot.reach[1])
 }
 
-/// How far each foot has to be carried at least, m: from its start until it is within reach of the goal.
+/// How far a foot has to be carried at least, m: from its start until it is within reach of the goal.
+fn way_of_foot(task: &Task, foot: usize) -> f64 {
+    let (from, to) = (task.foothold_start(foot), task.foothold_goal(foot));
+    ((to[0] - from[0]).hypot(to[1] - from[1]) - half_way(task)).max(0.)
+}
+
+/// The foot with the farthest way, and that.
 fn farthest_foot(task: &Task) -> (usize, f64) {
-    let way = |foot: usize| {
-        let (from, to) = (task.foothold_start(foot), task.foothold_goal(foot));
-        ((to[0] - from[0]).hypot(to[1] - from[1]) - half_way(task)).max(0.)
-    };
-    (0..task.robot.feet()).map(|foot| (foot, way(foot))).fold((0, 0.), |a, b| if b.1 > a.1 { b } else { a })
+    (0..task.robot.feet()).map(|foot| (foot, way_of_foot(task, foot))).fold((0, 0.), |a, b| if b.1 > a.1 { b } else { a })
 }
 
 fn distance(task: &Task) -> f64 {
@@ -196,21 +198,15 @@ fn long_enough(task: &Task, settings: &TranscriptionSettings, schedule: &Schedul
         return None;
     }
     if let Some(speed) = step_speed(task, settings) {
-        for foot in 0..schedule.feet() {
-            let (from, to) = (task.foothold_start(foot), task.foothold_goal(foot));
-            let needed = (to[0] - from[0]).hypot(to[1] - from[1]) - half_way(task);
+        let short = |foot: usize| {
             let swings: f64 = schedule.phases(foot).iter().filter(|p| !p.stance).map(|p| p.duration()).sum();
-            if needed > speed * swings {
-                return Some(Finding {
-                    certain: false,
-                    place: format!("gait, foot {foot}"),
-                    found: format!("{swings:.3} s in swing at {speed:.2} m/s take it {:.3} m of {needed:.3} m", speed * swings),
-                    remedy: format!(
-                        "at least {:.3} s in swing: more swings, longer ones, a nearer goal or a larger `transcription.foot_speed`",
-                        needed / speed
-                    ),
-                });
-            }
+            let by = format!("{swings:.3} s in swing at {speed:.2} m/s");
+            let how = "more swings, longer ones, a nearer goal or a larger `transcription.foot_speed`";
+            too_little_swing(format!("gait, foot {foot}"), &by, speed, swings, way_of_foot(task, foot), how)
+        };
+        let finding = (0..schedule.feet()).find_map(short);
+        if finding.is_some() {
+            return finding;
         }
     }
     let stances = stances_one_after_another(schedule)?;
@@ -246,14 +242,23 @@ fn free_long_enough(task: &Task, search: &SearchSettings, settings: &Transcripti
     let (free, (foot, needed)) = (&search.free, farthest_foot(task));
     let swings = free.max_stances - 1;
     let longest = swings as f64 * free.log_duration[1].exp();
-    (needed > speed * longest).then(|| Finding {
+    let by = format!("{swings} swings, {longest:.3} s in all at {speed:.2} m/s,");
+    let how = "a larger `search.free.max_stances` or `search.free.log_duration`, or a nearer goal";
+    too_little_swing(format!("gaits, foot {foot}"), &by, speed, longest, needed, how)
+}
+
+/// That a foot does not get far enough.
+///
+/// * `by` - what takes it there
+/// * `speed`, `seconds` - of it, m/s and s
+/// * `needed` - the way, m
+/// * `how` - what would mend it
+fn too_little_swing(place: String, by: &str, speed: f64, seconds: f64, needed: f64, how: &str) -> Option<Finding> {
+    (needed > speed * seconds).then(|| Finding {
         certain: false,
-        place: format!("gaits, foot {foot}"),
-        found: format!("{swings} swings, {longest:.3} s in all at {speed:.2} m/s, take it {:.3} m of {needed:.3} m", speed * longest),
-        remedy: format!(
-            "at least {:.3} s in swing: a larger `search.free.max_stances` or `search.free.log_duration`, or a nearer goal",
-            needed / speed
-        ),
+        place,
+        found: format!("{by} take it {:.3} m of {needed:.3} m", speed * seconds),
+        remedy: format!("at least {:.3} s in swing: {how}", needed / speed),
     })
 }
 
