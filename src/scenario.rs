@@ -87,7 +87,7 @@ mod tests {
         let task = Scenario::named("s3").unwrap().task(10).unwrap();
         let expected = [5.994874550323806, -0.2479498454928793, 0.65];
         for axis in 0..3 {
-            assert!((task.base_target[axis] - expected[axis]).abs() < 1e-12);
+            assert!((task.goal.position[axis] - expected[axis]).abs() < 1e-12);
         }
         assert!(Scenario::goal(21).is_err() && Scenario::named("s4").is_err());
     }

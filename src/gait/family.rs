@@ -336,8 +336,8 @@ impl PeriodicGait {
     /// The travel speed is the highest speed at which a nominal foothold moves with the base, turns included. It is lowered to what the
     /// feet can follow: see [`PeriodicGait::least_horizon`]. The number of strides is rounded up.
     pub fn for_travel(self, task: &Task, speed: f64) -> PeriodicGait {
-        let [x, y, _] = task.base_target;
-        if x.hypot(y) < STILL && task.yaw_target.abs() < STILL {
+        let [x, y] = task.way();
+        if x.hypot(y) < STILL && task.turn().abs() < STILL {
             return PeriodicGait { strides: 0, ..self };
         }
         let missing = self.least_horizon(task, speed) - PeriodicGait { strides: 0, ..self.clone() }.horizon();
@@ -355,8 +355,8 @@ impl PeriodicGait {
     pub fn least_horizon(&self, task: &Task, speed: f64) -> f64 {
         /// Parts of the way that are looked at.
         const PARTS: usize = 32;
-        let (robot, yaw) = (&task.robot, task.yaw_target);
-        let [x, y, _] = task.base_target;
+        let (robot, yaw) = (&task.robot, task.turn());
+        let [x, y] = task.way();
         let fastest = FOOT_SPEED * speed_scale(robot) * self.swing / (TOP_SPEED * self.period());
         let speed = speed.min(fastest);
         let mut least: f64 = 0.;

@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::robot::Robot;
+use crate::task::BaseState;
 use crate::terrain::Terrain;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{self, MapAccess, Visitor};
@@ -93,7 +94,7 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for NamedOr<T> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum GoalVelocity {
-    /// At rest, linear and angular.
+    /// That of the goal: at rest unless the goal says otherwise.
     Zero,
     /// Any.
     Free,
@@ -143,10 +144,19 @@ pub struct Trajectory {
     /// Base position at the start, m; above the origin when absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub init_base: Option<[f64; 3]>,
+    /// Base at the start where it is not at rest, level and with yaw 0; its position is `init_base`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub start: Option<BaseState>,
+    /// Where each foot stands at the start (x, y), m; at its nominal place under the base when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub start_feet: Option<Vec<[f64; 2]>>,
     /// Base position asked for at the end, m.
     pub base_target: [f64; 3],
     /// Yaw asked for at the end, rad.
     pub yaw_target: f64,
+    /// Base asked for at the end where that is not at rest and level; position and yaw are those above.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub goal: Option<BaseState>,
     /// Largest normal force of a foot that it was made for, N.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub force_limit: Option<f64>,
@@ -183,8 +193,11 @@ impl Trajectory {
             seed: None,
             version: None,
             init_base: None,
+            start: None,
+            start_feet: None,
             base_target: end(&base_lin),
             yaw_target: end(&base_ang)[2],
+            goal: None,
             force_limit: None,
             limits: None,
             durations,
@@ -203,6 +216,42 @@ impl Trajectory {
         let trajectory: Trajectory = crate::error::from_json(text)?;
         trajectory.validate()?;
         Ok(trajectory)
+    }
+
+    /// The base asked for at the end.
+    pub fn goal_state(&self) -> BaseState {
+        self.goal.unwrap_or(BaseState::level(self.base_target, self.yaw_target))
+    }
+
+    /// Base at the start: above the origin, as high as the robot says, when the file does not say.
+    pub fn start_state(&self, robot: &Robot, terrain: &Terrain) -> BaseState {
+        let position = || self.init_base.unwrap_or([0., 0., robot.base_height + terrain.height(0., 0.)]);
+        self.start.unwrap_or_else(|| BaseState::level(position(), 0.))
+    }
+
+    /// What is said of the ends twice must agree.
+    fn validate_ends(&self) -> Result<()> {
+        let differs = |end: &str, what: String, other: String| Err(Error::invalid(end, what, format!("as elsewhere in the file, {other}")));
+        if let Some(start) = &self.start {
+            start.validate("start")?;
+            if self.init_base.is_some_and(|p| p != start.position) {
+                return differs("start.position", format!("{:?}", start.position), format!("`init_base` {:?}", self.init_base.unwrap_or_default()));
+            }
+        }
+        if let Some(goal) = &self.goal {
+            goal.validate("goal")?;
+            if (goal.position, goal.yaw()) != (self.base_target, self.yaw_target) {
+                let other = format!("`base_target` {:?} and `yaw_target` {}", self.base_target, self.yaw_target);
+                return differs("goal", format!("position {:?}, yaw {}", goal.position, goal.yaw()), other);
+            }
+        }
+        match &self.start_feet {
+            Some(feet) if feet.len() != self.durations.len() => {
+                Err(Error::invalid("start_feet", format!("{} feet", feet.len()), format!("{} feet, as in `durations`", self.durations.len())))
+            }
+            Some(feet) if feet.iter().flatten().any(|v| !v.is_finite()) => Err(Error::invalid("start_feet", "not finite", "finite numbers")),
+            _ => Ok(()),
+        }
     }
 
     /// Checks sizes and numbers, not physics.
@@ -224,6 +273,7 @@ impl Trajectory {
             curves.motion.validate(&format!("ee[{foot}].motion"))?;
             curves.force.validate(&format!("ee[{foot}].force"))?;
         }
+        self.validate_ends()?;
         let finite = self.base_target.iter().chain(self.init_base.iter().flatten()).chain([&self.yaw_target]).all(|v| v.is_finite());
         if !finite {
             return Err(Error::invalid("base_target, yaw_target or init_base", "not finite", "finite numbers"));

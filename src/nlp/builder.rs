@@ -3,6 +3,7 @@
 use super::Layout;
 use super::layout::{Curves, Element, FootBlocks};
 use super::sweep::{self, Block, Fronts};
+use super::transcription::ground_path::GroundPath;
 use super::transcription::legs;
 use crate::gait::{AlignedSchedule, Phase};
 use crate::real::Real;
@@ -10,7 +11,7 @@ use crate::robot::GRAVITY;
 use crate::rows::blocks::{BlockId, Foothold, Placed, Seat, Use};
 use crate::rows::table::{NONE, Place, Run, Span};
 use crate::rows::{Constants, Family, Tables};
-use crate::settings::TranscriptionSettings;
+use crate::settings::{Transcription, TranscriptionSettings};
 use crate::task::Task;
 use nalgebra::Matrix3;
 
@@ -51,6 +52,8 @@ pub(super) struct Builder<'a, T> {
     pub settings: &'a TranscriptionSettings,
     /// Between base knots, s.
     pub interval: f64,
+    /// How the base is to follow the ground at first.
+    pub ground_path: Option<GroundPath>,
     /// Of all feet, s.
     pub horizon: f64,
     /// Intervals between base knots.
@@ -75,6 +78,7 @@ impl<'a, T: Real> Builder<'a, T> {
         Builder {
             task,
             settings,
+            ground_path: (settings.rows == Transcription::Momentum).then(|| GroundPath::new(task)).flatten(),
             interval,
             horizon: schedule.end(),
             intervals,
@@ -103,12 +107,7 @@ impl<'a, T: Real> Builder<'a, T> {
 
     /// Straight line from start to goal: pose at time `t`.
     pub fn reference(&self, t: f64) -> [f64; 6] {
-        let (start, goal, part) = (self.task.base_start(), self.task.base_target, t / self.horizon);
-        std::array::from_fn(|i| match i {
-            0..3 => start[i] + part * (goal[i] - start[i]),
-            5 => part * self.task.yaw_target,
-            _ => 0.,
-        })
+        self.task.line(t / self.horizon)
     }
 
     /// Rate of that line, m/s and rad/s.

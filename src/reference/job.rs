@@ -9,7 +9,7 @@ use crate::nlp::transcription::force_limit;
 use crate::robot::Robot;
 use crate::search::evaluate::mean_normal_force;
 use crate::settings::{Transcription, TranscriptionSettings};
-use crate::task::{Goal, Task};
+use crate::task::{BaseState, Task};
 use crate::terrain::Terrain;
 use crate::verify::verify_rows;
 use serde::{Deserialize, Serialize};
@@ -34,10 +34,12 @@ pub struct Job {
     pub robot: Robot,
     /// Terrain.
     pub terrain: Terrain,
-    /// Goal position, m.
-    pub base_target: [f64; 3],
-    /// Goal yaw, rad.
-    pub yaw_target: f64,
+    /// Base at the start.
+    pub start: BaseState,
+    /// Where each foot stands then (x, y), m.
+    pub start_feet: Vec<[f64; 2]>,
+    /// Base at the end.
+    pub goal: BaseState,
     /// Largest normal force of a foot, N.
     pub force_limit: f64,
     /// Program.
@@ -70,8 +72,9 @@ impl Job {
         Job {
             robot: (*task.robot).clone(),
             terrain: (*task.terrain).clone(),
-            base_target: task.base_target,
-            yaw_target: task.yaw_target,
+            start: task.start,
+            start_feet: task.start_feet.clone(),
+            goal: task.goal,
             force_limit: force_limit(&TranscriptionSettings::of(Transcription::Towr), task),
             program,
             options,
@@ -88,8 +91,8 @@ impl Job {
     /// # Errors
     /// [`crate::Error::Invalid`] for a task or a schedule that cannot be, [`crate::Error::Missing`] without Ipopt.
     pub fn run(self) -> Result<Answer> {
-        let Job { robot, terrain, base_target, yaw_target, force_limit, program, options } = self;
-        let mut task = Task::new(robot, terrain, Goal::position(base_target).yaw(yaw_target))?;
+        let Job { robot, terrain, start, start_feet, goal, force_limit, program, options } = self;
+        let mut task = Task::of_states(robot, terrain, start, Some(start_feet), goal)?;
         task.force_limit = Some(force_limit);
         task.validate()?;
         let fixed_or_free = |nlp: &Towr| -> Result<(Statistics, Trajectory)> {

@@ -90,14 +90,15 @@ impl BaseCurves {
             durations.push(rest);
         }
         let pieces = durations.len();
-        let [gx, gy, _] = task.base_target;
+        let [gx, gy, _] = task.goal.position;
         // The height that TOWR starts from: a straight leg above the ground at the goal.
         let high = task.terrain.height(gx, gy) - task.robot.nominal_feet[0][2];
-        let goals = [task.base_target, [0., 0., task.yaw_target]];
+        let goals = [task.goal.position, task.goal.angles];
         let guesses = [[gx, gy, high], goals[1]];
-        let starts = [task.base_start(), [0.; 3]];
+        let starts = [task.start.position, task.start.angles];
+        let rates = [task.start.velocity, task.start.rates];
         let [linear, angular] = [0, 1].map(|which| {
-            let (start, goal, guess) = (starts[which], goals[which], guesses[which]);
+            let (start, rate, goal, guess) = (starts[which], rates[which], goals[which], guesses[which]);
             let mut curve = Curve { nodes: Vec::new(), phases: (0..pieces).collect() };
             for node in 0..=pieces {
                 let part = node as f64 / pieces as f64;
@@ -105,7 +106,7 @@ impl BaseCurves {
                     let (d, travel) = (i % 3, guess[i % 3] - start[i % 3]);
                     let variable = variables.free(if i < 3 { start[d] + part * travel } else { travel / horizon });
                     if node == 0 {
-                        variables.fix(variable, if i < 3 { start[d] } else { 0. });
+                        variables.fix(variable, if i < 3 { start[d] } else { rate[d] });
                     } else if node == pieces && i < 3 {
                         variables.fix(variable, goal[d]);
                     }

@@ -182,8 +182,8 @@ impl<'a> Price<'a> {
     /// * `leg_mass` - kg
     pub fn new(space: &'a Space<'a>, weights: &CostWeights, leg_mass: f64) -> Self {
         let (task, robot) = (space.task, &space.task.robot);
-        let (start, weight) = (task.base_start(), robot.weight());
-        let distance = distance(robot, std::array::from_fn(|i| task.base_target[i] - start[i]), task.yaw_target);
+        let weight = robot.weight();
+        let distance = distance(robot, std::array::from_fn(|i| task.goal.position[i] - task.start.position[i]), task.turn());
         Price {
             space,
             work: [weights.leg_work, weights.swing_work * leg_mass].map(|w| w / (weight * distance)),
@@ -371,22 +371,13 @@ impl<'a> Price<'a> {
     /// Position, attitude and their rates at a knot.
     fn knot<D: Number>(&self, point: &Point, k: usize, h: D, get: &impl Fn(usize) -> D) -> State<D> {
         let (space, layout) = (self.space, &point.layout);
-        let (start, goal) = (space.task.base_start(), space.task.base_target);
-        let part = k as f64 / space.intervals as f64;
-        let line = |d: usize| {
-            if d < 3 {
-                start[d] + part * (goal[d] - start[d])
-            } else if d == 5 {
-                part * space.task.yaw_target
-            } else {
-                0.
-            }
-        };
+        let line = space.task.line(k as f64 / space.intervals as f64);
         let at = layout.curves.base[2 * k] as usize;
-        let pose = |d: usize| space.variables.base[2 * k].map_or(D::from(point.x[at + d]), |v| get(v + d)) + line(d);
-        // A rate that is fixed is zero.
+        let pose = |d: usize| space.variables.base[2 * k].map_or(D::from(point.x[at + d]), |v| get(v + d)) + line[d];
+        // A rate that is fixed is that of an end.
+        let end = if k == 0 { space.task.start.rate() } else { space.task.goal.rate() };
         let slower = h.recip() * space.interval;
-        let rate = |d: usize| space.variables.base[2 * k + 1].map_or(D::from(0.), |v| get(v + d) * slower);
+        let rate = |d: usize| space.variables.base[2 * k + 1].map_or(D::from(end[d]), |v| get(v + d) * slower);
         let of = |f: &dyn Fn(usize) -> D, first: usize| Vec3::new(f(first), f(first + 1), f(first + 2));
         [of(&pose, 0), of(&pose, 3), of(&rate, 0), of(&rate, 3)]
     }

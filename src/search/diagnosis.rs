@@ -174,15 +174,12 @@ fn relaxed(task: &Task, lower: &LowerSettings) -> Vec<Relaxed> {
         high.lower.transcription.swing_height = height;
         all.extend([quick, high]);
     }
-    let ([x, y, z], start) = (task.base_target, task.base_start());
-    let (x, y) = (x / 2., y / 2.);
-    let above = z - task.terrain.height(task.base_target[0], task.base_target[1]);
-    let z = task.terrain.height(x, y) + above;
-    if [x, y] != [start[0], start[1]]
-        && let Ok(half) = Task::new(task.robot.clone(), task.terrain.clone(), Goal::position([x, y, z]).yaw(task.yaw_target / 2.))
+    let [x, y, _, _, _, yaw] = task.line(0.5);
+    if task.way() != [0.; 2]
+        && let Ok(half) = Task::between(task.robot.clone(), task.terrain.clone(), Goal::at(x, y).yaw(yaw), Goal::at(x, y).yaw(yaw))
     {
-        let mut near = same("a goal half as far", format!("`--goal {x:.3},{y:.3},{z:.3} --yaw {:.3}`", task.yaw_target / 2.));
-        near.task = Task { force_limit: task.force_limit, ..half };
+        let mut near = same("a goal half as far", format!("`--goal {x:.3},{y:.3} --yaw {yaw:.3}`"));
+        near.task.goal = half.goal;
         all.push(near);
     }
     all

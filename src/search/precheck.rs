@@ -40,6 +40,7 @@ impl From<Finding> for Error {
 /// What stands in the way of a gait for a task; nothing when it may well have one. The certain come first.
 pub fn precheck(task: &Task, search: &SearchSettings, settings: &TranscriptionSettings) -> Vec<Finding> {
     let mut findings = Vec::new();
+    findings.extend(feet_in_reach(task));
     findings.extend(standing(task, settings, End::Start));
     findings.extend(standing(task, settings, End::Goal));
     findings.extend(on_terrain(task));
@@ -64,23 +65,46 @@ enum End {
 
 /// Lowest and highest ground that a foot can get under itself at one end, m.
 fn ground_under(task: &Task, end: End, foot: usize) -> [f64; 2] {
-    if end == End::Goal {
-        return task.ground_at_goal(foot);
+    match end {
+        End::Start => [task.ground_at_start(foot); 2],
+        End::Goal => task.ground_at_goal(foot),
     }
-    let [x, y] = task.foothold_start(foot);
-    [task.terrain.height(x, y); 2]
+}
+
+/// Whether the feet stand within reach of the base at the start, but for their height.
+fn feet_in_reach(task: &Task) -> Option<Finding> {
+    let robot = &task.robot;
+    let excess = |foot: usize| {
+        let [x, y] = task.foothold_start(foot);
+        let place = task.start.to_base([x, y, task.terrain.height(x, y)]);
+        let beyond = |axis: usize| ((place[axis] - robot.nominal_feet[foot][axis]).abs() - robot.reach[axis], axis, place[axis]);
+        let (x, y) = (beyond(0), beyond(1));
+        if x.0 > y.0 { x } else { y }
+    };
+    let (foot, (excess, axis, place)) = (0..robot.feet()).map(|foot| (foot, excess(foot))).max_by(|a, b| a.1.0.total_cmp(&b.1.0))?;
+    let nominal = robot.nominal_feet[foot][axis];
+    let (low, high) = (nominal - robot.reach[axis], nominal + robot.reach[axis]);
+    (excess > TOLERANCE).then(|| Finding {
+        certain: excess > DENSE_REACH + TOLERANCE,
+        place: format!("start, foot {foot}"),
+        found: format!("it stands at {} = {place:.3} m in the base frame, {excess:.3} m outside of its reach", ["x", "y"][axis]),
+        remedy: format!("within reach, from {low:.3} to {high:.3} m: move the foot or the base at the start"),
+    })
 }
 
 /// Whether all feet find ground within reach.
 fn standing(task: &Task, settings: &TranscriptionSettings, end: End) -> Option<Finding> {
     let robot = &task.robot;
-    let base = if end == End::Start { task.base_start() } else { task.base_target };
-    let reach = robot.reach[2];
+    let state = if end == End::Start { &task.start } else { &task.goal };
+    let base = state.position;
+    // Along the vertical of a tilted base feet reach farther.
+    let upright = state.rotation()[2][2];
+    let reach = robot.reach[2] / upright;
     let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
     // By how much each foot fails, and the ground that is nearest.
     let mut worst = (0., 0, 0.);
     for foot in 0..robot.feet() {
-        let nominal = robot.nominal_feet[foot][2];
+        let nominal = robot.nominal_feet[foot][2] / upright;
         let [lowest, highest] = ground_under(task, end, foot);
         low = low.max(lowest - nominal - reach);
         high = high.min(highest - nominal + reach);
@@ -97,7 +121,7 @@ fn standing(task: &Task, settings: &TranscriptionSettings, end: End) -> Option<F
     }
     let allowed = if settings.rows == Transcription::Momentum { DENSE_REACH } else { 0. };
     let under = base[2] - ground;
-    let nominal = -robot.nominal_feet[foot][2];
+    let nominal = -robot.nominal_feet[foot][2] / upright;
     let (name, what) = match end {
         End::Start => ("start", "the ground under it"),
         End::Goal => ("goal", "the nearest ground within its reach along x and y"),
@@ -111,7 +135,7 @@ fn standing(task: &Task, settings: &TranscriptionSettings, end: End) -> Option<F
     } else {
         match end {
             End::Start => {
-                let ground = task.terrain.height(0., 0.);
+                let ground = task.terrain.height(base[0], base[1]);
                 format!(
                     "within reach: use a `base_height` of the robot from {:.3} to {:.3} m, or a larger `reach`",
                     low - ground,
@@ -119,7 +143,7 @@ fn standing(task: &Task, settings: &TranscriptionSettings, end: End) -> Option<F
                 )
             }
             End::Goal => {
-                let [x, y, _] = task.base_target;
+                let [x, y, _] = base;
                 format!(
                     "within reach: use a Z from {low:.3} to {high:.3} m (`--goal {x},{y},Z`), another goal, or a larger `reach` of the robot"
                 )
@@ -143,7 +167,7 @@ fn on_terrain(task: &Task) -> Option<Finding> {
     let feet = 0..task.robot.feet();
     let starts = feet.clone().map(|foot| (format!("start, foot {foot}"), task.foothold_start(foot)));
     let goals = feet.map(|foot| (format!("goal, foot {foot}"), task.foothold_goal(foot)));
-    let places = std::iter::once(("start".to_string(), [0.; 2])).chain(starts).chain(goals);
+    let places = std::iter::once(("start".to_string(), [task.start.position[0], task.start.position[1]])).chain(starts).chain(goals);
     places.into_iter().find_map(|(place, [x, y])| match task.terrain.check_inside(&place, x, y) {
         Err(Error::Invalid { place, value, limit }) => Some(Finding {
             certain: false,
@@ -183,8 +207,8 @@ fn farthest_foot(task: &Task) -> (usize, f64) {
 }
 
 fn distance(task: &Task) -> f64 {
-    let (start, goal) = (task.base_start(), task.base_target);
-    (goal[0] - start[0]).hypot(goal[1] - start[1])
+    let [x, y] = task.way();
+    x.hypot(y)
 }
 
 /// Mean speed of a swinging foot at most, m/s; any where rows do not limit it.
@@ -307,7 +331,7 @@ mod tests {
         }
         // Without a height the goal is lower than at the start.
         let own = task("anymal", "step", Goal::at(4., 0.));
-        assert!((own.base_target[2] - (0.25 * low + 0.75 * high)).abs() < 1e-6, "{:?}", own.base_target);
+        assert!((own.goal.position[2] - (0.25 * low + 0.75 * high)).abs() < 1e-6, "{:?}", own.goal);
         assert_eq!(check(&own), []);
     }
 

@@ -12,7 +12,7 @@ use crate::gait::trajectory::{GoalVelocity, MotionLimits};
 use crate::robot::{GRAVITY, Robot};
 use crate::settings::Transcription;
 use crate::terrain::Terrain;
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 use serde::Serialize;
 use std::fmt;
 
@@ -617,24 +617,30 @@ fn swing_heights(tally: &mut Tally, motion: &Motion, terrain: &Terrain, limits: 
 
 fn bounds(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain: &Terrain, impulsive: bool) {
     let (robot, tolerances) = (motion.robot, tally.tolerances);
-    let start = trajectory.init_base.unwrap_or([0., 0., robot.base_height + terrain.height(0., 0.)]);
+    let (start, goal) = (trajectory.start_state(robot, terrain), trajectory.goal_state());
     let (lin, ang) = (&motion.base_lin, &motion.base_ang);
-    tally.zero(lin.value(0) - Vector3::from(start), tolerances.length, "start position", AXES, None, 0.);
-    tally.zero(lin.slope(0), tolerances.speed, "start velocity", AXES, None, 0.);
-    tally.zero(ang.value(0), tolerances.angle, "start angle", ANGLES, None, 0.);
-    tally.zero(ang.slope(0), tolerances.rate, "start rate", ANGLES, None, 0.);
-    let (goal, attitude) = (Vector3::from(trajectory.base_target), Vector3::new(0., 0., trajectory.yaw_target));
-    tally.zero(lin.value(lin.times.len() - 1) - goal, tolerances.length, "final position", AXES, None, motion.horizon);
-    tally.zero(ang.value(ang.times.len() - 1) - attitude, tolerances.angle, "final angle", ANGLES, None, motion.horizon);
+    tally.zero(lin.value(0) - Vector3::from(start.position), tolerances.length, "start position", AXES, None, 0.);
+    tally.zero(lin.slope(0) - Vector3::from(start.velocity), tolerances.speed, "start velocity", AXES, None, 0.);
+    tally.zero(ang.value(0) - Vector3::from(start.angles), tolerances.angle, "start angle", ANGLES, None, 0.);
+    tally.zero(ang.slope(0) - Vector3::from(start.rates), tolerances.rate, "start rate", ANGLES, None, 0.);
+    let end = [&lin.times, &ang.times].map(|times| times.len() - 1);
+    tally.zero(lin.value(end[0]) - Vector3::from(goal.position), tolerances.length, "final position", AXES, None, motion.horizon);
+    tally.zero(ang.value(end[1]) - Vector3::from(goal.angles), tolerances.angle, "final angle", ANGLES, None, motion.horizon);
     if impulsive && trajectory.limits.is_none_or(|l| l.goal_velocity == GoalVelocity::Zero) {
-        tally.zero(lin.slope(lin.times.len() - 1), tolerances.speed, "final velocity", AXES, None, motion.horizon);
-        tally.zero(ang.slope(ang.times.len() - 1), tolerances.rate, "final rate", ANGLES, None, motion.horizon);
+        tally.zero(lin.slope(end[0]) - Vector3::from(goal.velocity), tolerances.speed, "final velocity", AXES, None, motion.horizon);
+        tally.zero(ang.slope(end[1]) - Vector3::from(goal.rates), tolerances.rate, "final rate", ANGLES, None, motion.horizon);
     }
     for (foot, curves) in motion.feet.iter().enumerate() {
-        let [x, y, _] = robot.nominal_feet[foot];
-        let (x, y) = (start[0] + x, start[1] + y);
-        let nominal = Vector3::new(x, y, terrain.height(x, y));
-        tally.zero(curves.motion.value(0) - nominal, tolerances.length, "start position", AXES, Some(foot), 0.);
+        let [x, y] = match &trajectory.start_feet {
+            Some(feet) => feet[foot],
+            None => {
+                let [roll, pitch, yaw] = start.angles;
+                let place = Rotation3::from_euler_angles(roll, pitch, yaw) * Vector3::from(robot.nominal_feet[foot]);
+                [start.position[0] + place.x, start.position[1] + place.y]
+            }
+        };
+        let place = Vector3::new(x, y, terrain.height(x, y));
+        tally.zero(curves.motion.value(0) - place, tolerances.length, "start position", AXES, Some(foot), 0.);
     }
 }
 

@@ -201,7 +201,7 @@ impl Gpu {
 fn self_test_problem() -> Result<(Task, Schedule)> {
     let scenario = crate::scenario::Scenario::named("biped")?;
     let mut task = scenario.task(1)?;
-    task.base_target = [0.2, 0., task.base_target[2]];
+    task.goal.position[..2].copy_from_slice(&[0.2, 0.]);
     let schedule = Schedule::new(vec![vec![0.4, 0.2, 0.3, 0.2, 0.3], vec![0.2, 0.2, 0.3, 0.2, 0.5]])?;
     Ok((task, schedule))
 }

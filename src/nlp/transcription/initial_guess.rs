@@ -3,11 +3,11 @@
 //! The base moves along a line, its height towards the nominal leg height above the goal; footholds are spread along the line from
 //! the first to the last nominal foothold; every foot in contact carries an equal share of the weight.
 
-use crate::task::Task;
+use crate::task::{BaseState, Task};
 
 /// Base height towards which the initial guess moves, m.
 pub fn final_base_height(task: &Task) -> f64 {
-    let [x, y, _] = task.base_target;
+    let [x, y, _] = task.goal.position;
     task.terrain.height(x, y) - task.robot.nominal_feet[0][2]
 }
 
@@ -26,9 +26,10 @@ pub fn foothold(task: &Task, foot: usize, stance: usize, stances: usize) -> [f64
 
 /// Foothold of a foot (x, y) at its nominal position under a base pose (position, then Euler angles), m.
 pub fn under_base(task: &Task, foot: usize, pose: [f64; 6]) -> [f64; 2] {
-    let [x, y, _] = task.robot.nominal_feet[foot];
-    let (sin, cos) = pose[5].sin_cos();
-    [pose[0] + cos * x - sin * y, pose[1] + sin * x + cos * y]
+    let [px, py, pz, roll, pitch, yaw] = pose;
+    let base = BaseState { angles: [roll, pitch, yaw], ..BaseState::level([px, py, pz], 0.) };
+    let [x, y, _] = base.to_world(task.robot.nominal_feet[foot]);
+    [x, y]
 }
 
 /// Height of the terrain under the mid node of a swing between two footholds, m.

@@ -1,5 +1,6 @@
 //! Transcriptions: how a motion is turned into variables and rows. What differs between them is what `Transcribe` asks; each has a file.
 
+pub mod ground_path;
 pub mod initial_guess;
 pub mod legs;
 pub mod momentum;

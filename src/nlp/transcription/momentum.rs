@@ -12,7 +12,7 @@
 
 use super::legs::{foot_acceleration, foot_speed};
 use super::{Guess, ReachTime, SwingLaw, Transcribe, initial_guess};
-use crate::gait::spline::hermite;
+use crate::gait::spline::{hermite, hermite_rate};
 use crate::gait::trajectory::{GoalVelocity, MotionLimits};
 use crate::gait::{Curve, Phase};
 use crate::nlp::Layout;
@@ -60,7 +60,8 @@ fn deviation_weights(u: f64) -> [f64; INNER_POINTS] {
     std::array::from_fn(|i| lagrange(&nodes, i, u) * u * (1. - u) / (nodes[i] * (1. - nodes[i])))
 }
 
-/// Where the initial guess has the base at time `t`, and its rate: along the line, from rest, and to rest when the goal asks for it.
+/// Where the initial guess has the base at time `t`, and its rate: along the line and the ground, from rest, and to rest when the goal asks for it; with
+/// what the ends are asked for besides.
 fn base_guess<T: Real>(b: &Builder<T>, t: f64) -> ([f64; 6], [f64; 6]) {
     let (start, goal) = (b.reference(0.), b.reference(b.horizon));
     let slows = b.settings.goal_velocity == GoalVelocity::Zero;
@@ -75,8 +76,18 @@ fn base_guess<T: Real>(b: &Builder<T>, t: f64) -> ([f64; 6], [f64; 6]) {
     } else {
         (peak * (u - RAMP / 2.), peak)
     };
-    let pose = std::array::from_fn(|i| start[i] + part * (goal[i] - start[i]));
-    (pose, std::array::from_fn(|i| speed * (goal[i] - start[i]) / b.horizon))
+    let ([_, leave, _, arrive], [_, leaves, _, arrives]) = (hermite(t, b.horizon), hermite_rate(t, b.horizon));
+    let (from, to) = (b.task.start.rate(), b.task.goal.rate());
+    let mut pose: [f64; 6] = std::array::from_fn(|i| start[i] + part * (goal[i] - start[i]) + leave * from[i] + arrive * to[i]);
+    let mut rate: [f64; 6] = std::array::from_fn(|i| speed * (goal[i] - start[i]) / b.horizon + leaves * from[i] + arrives * to[i]);
+    if let Some(path) = &b.ground_path {
+        let [off, slope] = path.at(part);
+        for i in 0..3 {
+            pose[2 + i] += off[i];
+            rate[2 + i] += speed / b.horizon * slope[i];
+        }
+    }
+    (pose, rate)
 }
 
 /// Parts of a swing at which its height is held over ground with edges. On flat ground the mid node speaks for all: z rises to it and
@@ -329,8 +340,7 @@ pub(crate) const PIECE: f64 = 0.026;
 fn base_curves(task: &Task, layout: &Layout<f64>, x: &[f64]) -> [Curve; 2] {
     let curves = &layout.curves;
     let (n, h) = (curves.intervals, curves.interval);
-    let start = [task.base_start(), [0.; 3]].concat();
-    let goal = [task.base_target, [0., 0., task.yaw_target]].concat();
+    let (start, goal) = (task.start.pose(), task.goal.pose());
     let knot = |k: usize| -> [[f64; 6]; 2] {
         std::array::from_fn(|i| {
             std::array::from_fn(|d| {

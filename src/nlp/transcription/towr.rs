@@ -36,17 +36,17 @@ impl<T: Real> Transcribe<T> for Towr {
         intervals + 1
     }
 
-    /// Base coefficients as deviations from the reference line. The first two (start pose at rest) and the last (goal) are fixed.
+    /// Base coefficients as deviations from the reference line. The first two (start pose and rate) and the last (goal) are fixed.
     fn base_blocks(&self, b: &mut Builder<T>) {
         let spline = BSpline::new(b.intervals, b.interval);
         let count = spline.coefficients();
-        let start = b.reference(0.);
-        let rise = initial_guess::final_base_height(b.task) - b.task.base_target[2];
+        let (start, rate) = (b.reference(0.), b.task.start.rate());
+        let rise = initial_guess::final_base_height(b.task) - b.task.goal.position[2];
         for j in 0..count {
             let on_line = b.reference(spline.greville(j));
             let fixed = j < 2 || j == count - 1;
             let initial = if j < 2 {
-                (0..6).map(|i| start[i] - on_line[i]).collect()
+                (0..6).map(|i| start[i] + rate[i] * spline.greville(j) - on_line[i]).collect()
             } else if j == count - 1 {
                 vec![0.; 6]
             } else {
@@ -184,8 +184,7 @@ fn base_curve(task: &Task, layout: &Layout<f64>, x: &[f64], first: usize) -> Cur
     let curves = &layout.curves;
     let (n, h) = (curves.intervals, curves.interval);
     let (spline, horizon) = (BSpline::new(n, h), n as f64 * h);
-    let start = [task.base_start(), [0.; 3]].concat();
-    let goal = [task.base_target, [0., 0., task.yaw_target]].concat();
+    let (start, goal) = (task.start.pose(), task.goal.pose());
     let nodes = (0..=n).map(|k| {
         let (t, interval) = (k as f64 * h, k.min(n - 1));
         let weights = [spline.basis(interval, t, 0), spline.basis(interval, t, 1)];

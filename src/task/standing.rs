@@ -1,0 +1,150 @@
+//! How a robot stands on ground: along it, and as high as its feet reach.
+
+use super::state::BaseState;
+use crate::robot::Robot;
+use crate::terrain::Terrain;
+
+/// Largest tilt along the ground that is taken unasked, rad.
+const LARGEST_TILT: f64 = 0.6;
+
+/// Parts of the way from what the ground gives to the ends of reach that a height keeps.
+const INSIDE: f64 = 0.25;
+
+/// A base at rest over a place, along the ground under its nominal feet, as high above it as the robot says, or as near to that as all feet
+/// reach the ground from.
+///
+/// * `fixed_feet` - whether feet stand under their nominal places, or anywhere in reach
+/// * `tilt` - roll and pitch, rad; along the ground when none is given
+pub(super) fn standing(
+    robot: &Robot,
+    terrain: &Terrain,
+    [x, y]: [f64; 2],
+    yaw: f64,
+    tilt: Option<[f64; 2]>,
+    fixed_feet: bool,
+) -> BaseState {
+    let mut state = BaseState::level([x, y, robot.base_height + terrain.height(x, y)], yaw);
+    if !terrain.has_edges() && tilt.is_none() {
+        return state;
+    }
+    let [roll, pitch] = tilt.unwrap_or_else(|| along_ground(robot, terrain, &state));
+    state.angles = [roll, pitch, yaw];
+    if tilt.is_some() || state.angles[..2] != [0.; 2] {
+        state.position[2] += mean_height(robot, terrain, &state);
+    }
+    let [low, high] = heights(robot, terrain, &state, fixed_feet);
+    let height = state.position[2];
+    if low < high && !(low..=high).contains(&height) {
+        // Not at the very end of what feet reach.
+        let inside = INSIDE * (high - low);
+        state.position[2] = height.clamp(low + inside, high - inside);
+    }
+    state
+}
+
+/// Roll and pitch of the plane that is nearest to the ground under the nominal feet, rad; zero where these stand equally high.
+fn along_ground(robot: &Robot, terrain: &Terrain, state: &BaseState) -> [f64; 2] {
+    let heights: Vec<f64> = (0..robot.feet()).map(|foot| ground_under(robot, terrain, state, foot)).collect();
+    tilt_over(robot, &heights)
+}
+
+/// Roll and pitch of the plane that is nearest to the ground under the nominal feet, rad; zero where these stand equally high.
+///
+/// * `heights` - of the ground under each nominal foot, m
+pub(crate) fn tilt_over(robot: &Robot, heights: &[f64]) -> [f64; 2] {
+    if heights.iter().all(|h| (h - heights[0]).abs() < 1e-9) {
+        return [0.; 2];
+    }
+    let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / heights.len() as f64;
+    let center = [0, 1].map(|i| mean(&mut robot.nominal_feet.iter().map(|foot| foot[i])));
+    let height = mean(&mut heights.iter().copied());
+    // Least squares over the feet; of feet in a line, no slope across it.
+    let (mut xx, mut xy, mut yy, mut xh, mut yh) = (0., 0., 0., 0., 0.);
+    for (foot, h) in robot.nominal_feet.iter().zip(heights) {
+        let (x, y, h) = (foot[0] - center[0], foot[1] - center[1], h - height);
+        (xx, xy, yy, xh, yh) = (xx + x * x, xy + x * y, yy + y * y, xh + x * h, yh + y * h);
+    }
+    let determinant = xx * yy - xy * xy;
+    let [along, across] = if determinant > 1e-6 * (xx + yy).powi(2) {
+        [(yy * xh - xy * yh) / determinant, (xx * yh - xy * xh) / determinant]
+    } else {
+        // All feet in the line (x, y) ~ d: the slope along it is sum (d.p) h / sum (d.p)^2.
+        let angle = 0.5 * (2. * xy).atan2(xx - yy);
+        let (sin, cos) = angle.sin_cos();
+        let slope = (cos * xh + sin * yh) / (xx + yy).max(1e-12);
+        [slope * cos, slope * sin]
+    };
+    let pitch = -along.atan();
+    let roll = (across * pitch.cos()).atan();
+    [roll.clamp(-LARGEST_TILT, LARGEST_TILT), pitch.clamp(-LARGEST_TILT, LARGEST_TILT)]
+}
+
+/// Height of the ground under the nominal place of a foot, m.
+fn ground_under(robot: &Robot, terrain: &Terrain, state: &BaseState, foot: usize) -> f64 {
+    let [x, y, _] = state.to_world(robot.nominal_feet[foot]);
+    terrain.height(x, y)
+}
+
+/// How much higher a base has to be for its nominal feet to be on the ground in the mean, at the height that the robot says, m.
+fn mean_height(robot: &Robot, terrain: &Terrain, state: &BaseState) -> f64 {
+    let excess = |foot: usize| {
+        let [x, y, z] = state.to_world(robot.nominal_feet[foot]);
+        // A base may be higher than its feet are long.
+        let above = robot.base_height + robot.nominal_feet[foot][2];
+        terrain.height(x, y) + above - z
+    };
+    (0..robot.feet()).map(excess).sum::<f64>() / robot.feet() as f64
+}
+
+/// Height of the ground at a place that a base in a state sees along its own vertical, m: that of a level base is the height.
+pub(super) fn ground_at(terrain: &Terrain, state: &BaseState, [x, y]: [f64; 2]) -> f64 {
+    let [ux, uy, uz] = state.rotation().map(|row| row[2]);
+    terrain.height(x, y) + ((x - state.position[0]) * ux + (y - state.position[1]) * uy) / uz
+}
+
+/// Lowest and highest ground for a foot of a base in a state, as heights under the base measured along its vertical, m: under the foot's
+/// nominal place, or anywhere in its reach along x and y.
+pub(super) fn ground_of_foot(robot: &Robot, terrain: &Terrain, state: &BaseState, foot: usize, fixed_feet: bool) -> [f64; 2] {
+    let (nominal, [reach_x, reach_y, _]) = (robot.nominal_feet[foot], robot.reach);
+    // At a place in the box, its half-widths being 1.
+    let height = |u: f64, v: f64| {
+        let at = [nominal[0] + u.clamp(-1., 1.) * reach_x, nominal[1] + v.clamp(-1., 1.) * reach_y, nominal[2]];
+        let [x, y, _] = state.to_world(at);
+        ground_at(terrain, state, [x, y])
+    };
+    if fixed_feet {
+        return [height(0., 0.); 2];
+    }
+    // Samples all over the box, then ever closer about the best.
+    [-1., 1.].map(|sign| {
+        let mut best = (sign * height(0., 0.), 0., 0.);
+        let mut look = |center: (f64, f64), width: f64, samples: i32| {
+            for i in -samples..=samples {
+                for j in -samples..=samples {
+                    let (u, v) =
+                        (center.0 + width * f64::from(i) / f64::from(samples), center.1 + width * f64::from(j) / f64::from(samples));
+                    let value = sign * height(u, v);
+                    if value > best.0 {
+                        best = (value, u, v);
+                    }
+                }
+            }
+            (best.1, best.2)
+        };
+        let mut at = look((0., 0.), 1., 20);
+        for width in [0.05, 0.0125, 0.003] {
+            at = look(at, width, 4);
+        }
+        sign * best.0
+    })
+}
+
+/// Lowest and highest base from which every foot reaches ground, m; empty, with the lowest above the highest, where no height will do.
+pub(super) fn heights(robot: &Robot, terrain: &Terrain, state: &BaseState, fixed_feet: bool) -> [f64; 2] {
+    let upright = state.rotation()[2][2];
+    (0..robot.feet()).fold([f64::NEG_INFINITY, f64::INFINITY], |[low, high], foot| {
+        let [lowest, highest] = ground_of_foot(robot, terrain, state, foot, fixed_feet);
+        let (nominal, reach) = (robot.nominal_feet[foot][2], robot.reach[2]);
+        [low.max(lowest - (nominal + reach) / upright), high.min(highest - (nominal - reach) / upright)]
+    })
+}

@@ -1,0 +1,128 @@
+//! Pose and velocity of a base.
+
+use crate::error::{Result, check_range};
+use serde::{Deserialize, Serialize};
+use std::f64::consts::{FRAC_PI_2, PI};
+
+/// Pose and velocity of the base at one end of a motion.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BaseState {
+    /// Position, world frame, m.
+    pub position: [f64; 3],
+    /// Roll, pitch and yaw, rad; rotation `Rz(yaw) Ry(pitch) Rx(roll)` from base to world.
+    #[serde(default)]
+    pub angles: [f64; 3],
+    /// Velocity, world frame, m/s.
+    #[serde(default)]
+    pub velocity: [f64; 3],
+    /// Rates of roll, pitch and yaw, rad/s.
+    #[serde(default)]
+    pub rates: [f64; 3],
+}
+
+/// Largest roll and pitch, rad: Euler angles are singular at a quarter turn of pitch.
+pub const LARGEST_TILT: f64 = 1.4;
+
+impl BaseState {
+    /// At rest and level.
+    pub fn level(position: [f64; 3], yaw: f64) -> BaseState {
+        BaseState { position, angles: [0., 0., yaw], velocity: [0.; 3], rates: [0.; 3] }
+    }
+
+    /// Yaw, rad.
+    pub fn yaw(&self) -> f64 {
+        self.angles[2]
+    }
+
+    /// Position, then angles.
+    pub fn pose(&self) -> [f64; 6] {
+        join(self.position, self.angles)
+    }
+
+    /// Velocity, then rates.
+    pub fn rate(&self) -> [f64; 6] {
+        join(self.velocity, self.rates)
+    }
+
+    /// Whether it neither moves nor turns.
+    pub fn at_rest(&self) -> bool {
+        self.rate() == [0.; 6]
+    }
+
+    /// Whether it is at rest with neither roll nor pitch.
+    pub fn is_level(&self) -> bool {
+        self.at_rest() && self.angles[..2] == [0.; 2]
+    }
+
+    /// Rotation from base to world, rows.
+    pub fn rotation(&self) -> [[f64; 3]; 3] {
+        let [(sr, cr), (sp, cp), (sy, cy)] = self.angles.map(f64::sin_cos);
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    }
+
+    /// Where a point of the base frame is in the world, m.
+    pub fn to_world(&self, point: [f64; 3]) -> [f64; 3] {
+        let rotation = self.rotation();
+        std::array::from_fn(|i| (0..3).fold(self.position[i], |sum, j| sum + rotation[i][j] * point[j]))
+    }
+
+    /// Where a point of the world is in the base frame, m.
+    pub fn to_base(&self, point: [f64; 3]) -> [f64; 3] {
+        let rotation = self.rotation();
+        std::array::from_fn(|i| (0..3).map(|j| rotation[j][i] * (point[j] - self.position[j])).sum())
+    }
+
+    /// Checks that all numbers are within their limits.
+    ///
+    /// # Errors
+    /// [`crate::Error::Invalid`] names the first that is not, e.g. `goal.angles[1]`.
+    pub fn validate(&self, end: &str) -> Result<()> {
+        let turns = 20. * PI;
+        let limits = [("position", self.position, [1000.; 3]), ("velocity", self.velocity, [100.; 3]), ("rates", self.rates, [100.; 3])];
+        let angles = ("angles", self.angles, [LARGEST_TILT, LARGEST_TILT, turns]);
+        for (what, values, limit) in limits.into_iter().chain([angles]) {
+            for axis in 0..3 {
+                check_range(&format!("{end}.{what}[{axis}]"), values[axis], -limit[axis], limit[axis])?;
+            }
+        }
+        Ok(())
+    }
+}
+
+const _: () = assert!(LARGEST_TILT < FRAC_PI_2);
+
+fn join(a: [f64; 3], b: [f64; 3]) -> [f64; 6] {
+    [a[0], a[1], a[2], b[0], b[1], b[2]]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_rotation_is_that_of_yaw_pitch_and_roll_in_turn() {
+        let state = BaseState { angles: [0.3, -0.4, 2.1], ..BaseState::level([1., 2., 3.], 0.) };
+        let expected = nalgebra::Rotation3::from_euler_angles(0.3, -0.4, 2.1);
+        let rotation = state.rotation();
+        for i in 0..3 {
+            for j in 0..3 {
+                assert!((rotation[i][j] - expected[(i, j)]).abs() < 1e-15);
+            }
+        }
+        let back = state.to_base(state.to_world([0.1, -0.7, 0.4]));
+        assert!(back.iter().zip([0.1, -0.7, 0.4]).all(|(a, b)| (a - b).abs() < 1e-14), "{back:?}");
+    }
+
+    #[test]
+    fn what_is_out_of_its_limits_is_named() {
+        let steep = BaseState { angles: [0., 1.5, 0.], ..BaseState::level([0.; 3], 0.) };
+        assert!(steep.validate("goal").unwrap_err().to_string().starts_with("goal.angles[1]"));
+        let nan = BaseState { rates: [0., 0., f64::NAN], ..BaseState::level([0.; 3], 0.) };
+        assert!(nan.validate("start").unwrap_err().to_string().starts_with("start.rates[2]"));
+    }
+}
