@@ -162,8 +162,8 @@ fn usage_errors_exit_2_and_name_flag_value_and_limit() {
         ("solve --scenario s1 --goal 1,nan", &["--goal", "1,nan", "X,Y"]),
         ("solve --scenario s1 --goal 1e6,0", &["goal", "1000000", "-1000 to 1000"]),
         ("solve --scenario s3 --goal 20,0", &["goal", "(20, 0)", "step", "-10 to 10"]),
-        ("solve --scenario s3 --goal 20,0,1", &["base_target", "(20, 0)", "step", "-10 to 10"]),
-        ("solve --scenario s3 --goal 6,0,0.1", &["base_target[2]", "0.1", "above the terrain"]),
+        ("solve --scenario s3 --goal 20,0,1", &["goal", "(20, 0)", "step", "-10 to 10"]),
+        ("solve --scenario s3 --goal 6,0,0.1", &["goal.position[2]", "0.1", "above the terrain"]),
         ("solve --scenario s1 --yaw nan", &["yaw", "NaN"]),
         ("solve --scenario s1 --yaw 900", &["yaw", "900", "62.8"]),
         ("solve --scenario s1 --force-limit 0", &["force_limit", "0.001"]),
@@ -306,7 +306,8 @@ fn goal_yaw_files_and_settings_are_taken() {
     // Samples are 2 m apart and rise 0.1 m: 0.025 m at x = 0.5, where the sample at x = 0 has height 0.
     let goal = result["base_target"].as_array().unwrap();
     assert_eq!((&goal[0], &goal[1]), (&json!(0.5), &json!(-0.1)));
-    assert!((goal[2].as_f64().unwrap() - 0.525).abs() < 1e-12);
+    // The base stands along it, on legs of 0.42 m: these are longer along the vertical.
+    assert!((goal[2].as_f64().unwrap() - (0.025 + 0.08 + 0.42 / 0.05f64.atan().cos())).abs() < 1e-9);
     assert_eq!((&result["lower"]["solver"]["max_iterations"], &result["lower"]["precision"]), (&json!(150), &json!("f64")));
     assert_eq!((&result["search"]["population"], &result["search"]["elites"]), (&json!(4), &json!(2)));
     // The trajectory carries the robot and the terrain: nothing else is needed to check it.
@@ -315,6 +316,43 @@ fn goal_yaw_files_and_settings_are_taken() {
 
     run(dir.path(), "solve --robot anymal --goal=-0.5,0.2,0.48 --first --out back").ends_with(0);
     assert_eq!(read(dir.path().join("back/result.json"))["base_target"], json!([-0.5, 0.2, 0.48]));
+}
+
+#[test]
+fn legs_by_way_of_a_place_begin_where_the_one_before_ends() {
+    let dir = folder();
+    run(dir.path(), "solve --robot anymal --start 0.2,0.1 --start-yaw 0.3 --goal 0.8,0.1 --via 0.5,0.3 --yaw 0.5 --first --out out")
+        .ends_with(0);
+    let [first, second] = [1, 2].map(|leg| read(dir.path().join(format!("out/leg-{leg}/trajectory.json"))));
+    assert_eq!(first["start"]["position"], json!([0.2, 0.1, 0.5]));
+    // It turns evenly.
+    assert_eq!((&first["start"]["angles"][2], &first["yaw_target"], &second["yaw_target"]), (&json!(0.3), &json!(0.4), &json!(0.5)));
+    let ends = |curve: &Value| curve["nodes"].as_array().unwrap().clone();
+    let (last, next) = (ends(&first["base_lin"]), ends(&second["base_lin"]));
+    for i in 0..6 {
+        assert!((last[last.len() - 1][i].as_f64().unwrap() - next[0][i].as_f64().unwrap()).abs() < 1e-9);
+    }
+    for foot in 0..4 {
+        let (last, next) = (ends(&first["ee"][foot]["motion"]), ends(&second["ee"][foot]["motion"]));
+        assert_eq!(last[last.len() - 1], next[0]);
+    }
+    // Goal and start can be asked from outside: the first leg is at the place on the way, not at the goal.
+    let verified = run(dir.path(), "verify out/leg-1/trajectory.json --start 0.2,0.1 --goal 0.5,0.3 --yaw 0.4 --default-limits");
+    let told = &verified.ends_with(3).stdout;
+    assert!(told.contains("yaw 0.4000 rad, given") && told.contains("start angle yaw"), "{told}");
+    let asked = "verify out/leg-1/trajectory.json --start 0.2,0.1 --start-yaw 0.3 --goal 0.5,0.3 --yaw 0.4 --default-limits";
+    run(dir.path(), asked).ends_with(0);
+    run(dir.path(), "verify out/leg-2/trajectory.json").ends_with(0);
+    run(dir.path(), "verify out/leg-2/trajectory.json --goal 0.9,0.1").ends_with(3);
+    // On from a file.
+    run(dir.path(), "solve --robot anymal --from out/leg-2/trajectory.json --goal 0.9,0.1 --yaw 0.5 --first --out on").ends_with(0);
+    assert_eq!(read(dir.path().join("on/trajectory.json"))["start"]["position"], json!([0.8, 0.1, 0.5]));
+    run(dir.path(), "solve --robot biped --from out/leg-2/trajectory.json --goal 0.9,0.1").ends_with(4).says(&[
+        "start_feet",
+        "4 feet",
+        "2",
+    ]);
+    run(dir.path(), "solve --robot anymal --goal 3,0 --via 5000,0").ends_with(2).says(&["--via, leg 1", "goal", "1000"]);
 }
 
 /// Solves with some flags: the result, the trajectory and the report of `verify`.
@@ -665,10 +703,10 @@ fn bad_schedules_exit_4_and_name_file_line_field_value_and_limit() {
         (feet(&[100.0, 10.0, 100.0]), &["durations, foot 0", "210 s", "at most 120 s"]),
         (durations(json!([[0.5], [0.5], [0.5]])), &["durations", "3 feet", "4 feet", "anymal"]),
         (durations(json!(vec![[0.5]; 9])), &["durations", "9 feet", "1 to 8"]),
-        (with("base_target", json!([20.0, 0.0, 1.0])), &["base_target", "(20, 0)", "step", "-10 to 10"]),
-        (with("base_target", json!([6.0, 0.0, 0.1])), &["base_target[2]", "0.1", "above the terrain"]),
+        (with("base_target", json!([20.0, 0.0, 1.0])), &["goal", "(20, 0)", "step", "-10 to 10"]),
+        (with("base_target", json!([6.0, 0.0, 0.1])), &["goal.position[2]", "0.1", "above the terrain"]),
         (with("base_target", json!([6.0])), &["base_target", "1 numbers", "2 or 3"]),
-        (with("yaw_target", json!(900.0)), &["yaw_target", "900", "62.8"]),
+        (with("yaw_target", json!(900.0)), &["goal.yaw", "900", "62.8"]),
         (with("scenario", json!("s9")), &["scenario", "s9", "s1, s2"]),
         (json!({"scenario": "s1", "target": 21, "durations": [[0.5], [0.5], [0.5], [0.5]]}).to_string(), &["target", "21", "1 to 20"]),
     ];

@@ -3,6 +3,7 @@
 use super::{Failure, complain};
 use crate::backend::{Backend, Cpu, Precision};
 use crate::error::{Error, Result};
+use crate::gait::Trajectory;
 use crate::reference::ipopt;
 use crate::reference::workers::Workers;
 use crate::report::files;
@@ -112,6 +113,21 @@ pub struct GoalSource {
     pub yaw: Option<f64>,
 }
 
+/// Where a task starts.
+#[derive(Debug, Clone)]
+pub enum Start {
+    /// At a place; by default above the origin.
+    At(Goal),
+    /// Where a motion ends.
+    After(Box<Trajectory>),
+}
+
+impl Default for Start {
+    fn default() -> Start {
+        Start::At(Goal::at(0., 0.))
+    }
+}
+
 impl World {
     /// The robot that was named for a scenario.
     pub fn robot(&self, scenario: Option<&str>) -> Option<Arc<Robot>> {
@@ -124,7 +140,7 @@ impl World {
     }
 
     /// A task from what was named, the scenario filling in the rest.
-    pub fn task(&self, scenario: Option<&Scenario>, goal: GoalSource) -> Result<Task> {
+    pub fn task(&self, scenario: Option<&Scenario>, start: &Start, goal: GoalSource) -> Result<Task> {
         let missing = |what: &str, by: &str| {
             Error::invalid(what, "none", format!("given by {by}, or by a scenario (--scenario, or `scenario` in the line)"))
         };
@@ -153,7 +169,10 @@ impl World {
             let turns = yaw / (2. * PI);
             TURNS.call_once(|| complain(&format!("goal yaw {yaw} rad is {turns:.1} turns; {yaw} degrees are {:.4} rad", yaw.to_radians())));
         }
-        let mut task = Task::new(robot, terrain, place.yaw(yaw))?;
+        let mut task = match start {
+            Start::At(start) => Task::between(robot, terrain, *start, place.yaw(yaw))?,
+            Start::After(motion) => Task::between(robot, terrain, place.yaw(yaw), place.yaw(yaw))?.after(motion)?,
+        };
         task.force_limit = self.force_limit;
         task.validate()?;
         Ok(task)
@@ -359,6 +378,14 @@ pub struct GoalArg {
     pub xy: [f64; 2],
     /// Height, if given.
     pub z: Option<f64>,
+}
+
+impl GoalArg {
+    /// As a goal.
+    pub fn goal(self) -> Goal {
+        let [x, y] = self.xy;
+        Goal { z: self.z, ..Goal::at(x, y) }
+    }
 }
 
 impl std::str::FromStr for GoalArg {

@@ -1,6 +1,6 @@
 //! `evaluate`: solve given schedules.
 
-use super::args::{GoalSource, LowerArgs, World, WorldArgs, workers};
+use super::args::{GoalSource, LowerArgs, Start, World, WorldArgs, workers};
 use super::label::label;
 use super::{CANCELLED, Failure, Verdict, complain, print};
 use crate::backend::Backend;
@@ -317,6 +317,6 @@ impl Evaluate {
             Some(other) => return Err(Error::invalid("base_target", format!("{} numbers", other.len()), "2 or 3: x, y, z in m")),
         };
         let goal = GoalSource { target: parsed.target, base_target, xy, yaw: parsed.yaw_target };
-        Ok(Item { object, scenario, task: world.task(named.as_ref(), goal)?, schedule })
+        Ok(Item { object, scenario, task: world.task(named.as_ref(), &Start::default(), goal)?, schedule })
     }
 }

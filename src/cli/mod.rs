@@ -56,6 +56,7 @@ enum Command {
 }
 
 /// How a command that ran to its end found things.
+#[derive(PartialEq, Eq)]
 enum Verdict {
     Feasible,
     Infeasible,

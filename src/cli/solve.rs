@@ -1,13 +1,13 @@
 //! `solve`: search for a gait.
 
-use super::args::{GoalArg, GoalSource, LowerArgs, WorldArgs, apply};
+use super::args::{GoalArg, GoalSource, LowerArgs, Start, WorldArgs, apply};
 use super::label::label;
 use super::{CANCELLED, Failure, Verdict, complain, print, to_json};
 use crate::backend::Backend;
 use crate::error::{Error, Result, from_json};
-use crate::gait::Schedule;
 use crate::gait::cost::Cost;
 use crate::gait::family::GaitFamily;
+use crate::gait::{Schedule, Trajectory};
 use crate::nlp::transcription;
 use crate::refine::RefineSettings;
 use crate::report::result::{GaitResult, Refinement, Run, SolvedOn};
@@ -20,7 +20,7 @@ use crate::search::evaluate::LowerSettings;
 use crate::search::precheck::{Finding, precheck};
 use crate::search::{Gaits, Progress, Search, SearchResult, SearchSettings};
 use crate::settings::Legs;
-use crate::task::Task;
+use crate::task::{Goal, Task};
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use serde::Deserialize;
@@ -40,6 +40,18 @@ pub struct Solve {
     /// Goal instead of a target, m; without Z the base is as high above the ground there as at the start, or as its feet reach
     #[arg(long, value_name = "X,Y[,Z]", allow_hyphen_values = true)]
     goal: Option<GoalArg>,
+    /// Pass through a place on the way and stop there, m. The motion to each is a folder of its own: leg-1, leg-2 and on
+    #[arg(long, value_name = "X,Y[,Z]", allow_hyphen_values = true)]
+    via: Vec<GoalArg>,
+    /// Start here, m, with the feet at their nominal places on the ground; above the origin by default
+    #[arg(long, value_name = "X,Y[,Z]", allow_hyphen_values = true, conflicts_with = "from")]
+    start: Option<GoalArg>,
+    /// Yaw at the start, rad
+    #[arg(long, allow_hyphen_values = true, conflicts_with = "from")]
+    start_yaw: Option<f64>,
+    /// Start where the motion of a trajectory file ends, with base and feet as they are then
+    #[arg(long, value_name = "FILE")]
+    from: Option<PathBuf>,
     /// Final yaw, rad; the scenario's by default
     #[arg(long, allow_hyphen_values = true)]
     yaw: Option<f64>,
@@ -94,48 +106,83 @@ impl Solve {
         let scenario = self.scenario.as_deref().map(Scenario::named).transpose()?;
         let mut lower = self.lower.settings(if self.preset.is_some() { Legs::Free } else { Legs::Limited })?;
         let settings = self.search_settings()?;
-        let task = self.task(scenario.as_ref())?;
+        let whole = self.task(scenario.as_ref())?;
         // So that the result says which it was.
-        lower.transcription.interval = Some(transcription::interval(&lower.transcription, &task.robot));
-        let warnings = possible(&task, &settings, &lower)?;
-        if let Some(folder) = &self.out {
+        lower.transcription.interval = Some(transcription::interval(&lower.transcription, &whole.robot));
+        let backend = self.lower.backend(settings.population)?;
+        let legs = self.via.len() + 1;
+        let mut start = None;
+        for leg in 1..=legs {
+            let task = self.leg(&whole, leg, start.as_ref())?;
+            let (verdict, motion) = self.run_leg(&task, leg, scenario.as_ref(), &settings, &lower, &*backend)?;
+            if verdict != Verdict::Feasible {
+                if leg < legs {
+                    complain(&format!("leg {leg} of {legs} has no gait: the further ones were not looked for"));
+                }
+                return Ok(verdict);
+            }
+            start = Some(motion);
+        }
+        Ok(Verdict::Feasible)
+    }
+
+    /// The task of a leg: from the start, or where the leg before ends, to the next place on the way.
+    fn leg(&self, whole: &Task, leg: usize, before: Option<&Trajectory>) -> Result<Task> {
+        let task = before.map_or_else(|| Ok(whole.clone()), |motion| whole.after(motion))?;
+        let Some(via) = self.via.get(leg - 1) else { return Ok(task) };
+        // It turns evenly, leg by leg.
+        let part = 1. / (self.via.len() + 2 - leg) as f64;
+        task.to(via.goal().yaw(task.line(part)[5])).map_err(|e| e.within(format_args!("--via, leg {leg}")))
+    }
+
+    /// Searches for the gait of a leg, and writes and prints what was found.
+    fn run_leg(
+        &self,
+        task: &Task,
+        leg: usize,
+        scenario: Option<&Scenario>,
+        settings: &SearchSettings,
+        lower: &LowerSettings,
+        backend: &dyn Backend,
+    ) -> std::result::Result<(Verdict, Trajectory), Failure> {
+        let warnings = possible(task, settings, lower)?;
+        let folder = self.out.as_ref().map(|out| if self.via.is_empty() { out.clone() } else { out.join(format!("leg-{leg}")) });
+        if let Some(folder) = &folder {
             files::make_folder(folder)?;
         }
-        let backend = self.lower.backend(settings.population)?;
+        let search = Search::new(task).settings(settings.clone()).lower(lower.clone()).seed(self.seed).cancelled_by(&CANCELLED);
+        let search = if std::io::stderr().is_terminal() { search.on_progress(tell) } else { search.on_progress(tell_now_and_then()) };
+        let mut found = search.run(backend)?;
+        let refined = if self.refine && found.best.feasible() { Some(self.refine(task, settings, lower, &mut found)?) } else { None };
 
-        let search = Search::new(&task).settings(settings.clone()).lower(lower.clone()).seed(self.seed).cancelled_by(&CANCELLED);
-        let terminal = std::io::stderr().is_terminal();
-        let search = if terminal { search.on_progress(tell) } else { search };
-        let mut found = search.run(&*backend)?;
-        let refined = if self.refine && found.best.feasible() { Some(self.refine(&task, &settings, &lower, &mut found)?) } else { None };
-
-        let target = scenario.filter(|_| self.goal.is_none()).map(|_| self.target);
+        let target = scenario.filter(|_| self.goal.is_none() && leg > self.via.len()).map(|_| self.target);
         let name = scenario.map(|s| s.name);
         let run = Run {
             scenario: name,
             target,
-            task: &task,
+            task,
             seed: self.seed,
-            force_limit: transcription::force_limit(&lower.transcription, &task),
-            search: &settings,
-            lower: &lower,
+            force_limit: transcription::force_limit(&lower.transcription, task),
+            search: settings,
+            lower,
         };
-        let mut result = SolveResult::new(&run, &found, refined.as_ref(), SolvedOn::new(&*backend, lower.precision));
+        let mut result = SolveResult::new(&run, &found, refined.as_ref(), SolvedOn::new(backend, lower.precision));
         result.warnings = warnings;
         if !result.feasible {
-            result.diagnosis = Some(diagnosed(&task, &settings, &lower, &found, &*backend)?);
+            result.diagnosis = Some(diagnosed(task, settings, lower, &found, backend)?);
         }
-        if let Some(folder) = &self.out {
+        if let Some(folder) = &folder {
             let gaits = std::iter::once(&found.best).chain(&found.alternatives);
             let trajectories: Vec<String> = gaits
-                .map(|gait| serde_json::to_string(&label(gait.trajectory().clone(), &task, name, target, Some(self.seed))))
+                .map(|gait| serde_json::to_string(&label(gait.trajectory().clone(), task, name, target, Some(self.seed))))
                 .collect::<std::result::Result<_, _>>()
                 .map_err(Error::from)?;
             write_trajectories(folder, &trajectories)?;
             files::write(&folder.join("result.json"), &to_json(&result)?)?;
         }
-        print(&if self.json { to_json(&result)? } else { self.text(&result)? })?;
-        Ok(if result.feasible { Verdict::Feasible } else { Verdict::Infeasible })
+        print(&if self.json { to_json(&result)? } else { text(&result, folder.as_deref())? })?;
+        let verdict = if result.feasible { Verdict::Feasible } else { Verdict::Infeasible };
+        Ok((verdict, found.best.trajectory().clone()))
     }
 
     /// Refines the best gait in its place.
@@ -155,7 +202,11 @@ impl Solve {
             xy: self.goal.map(|g| g.xy),
             yaw: self.yaw,
         };
-        self.world.read()?.task(scenario, goal)
+        let start = match &self.from {
+            Some(path) => Start::After(Box::new(Trajectory::from_json(&files::read(path)?).map_err(|e| e.in_file(path, None))?)),
+            None => Start::At(self.start.map_or(Goal::at(0., 0.), GoalArg::goal).yaw(self.start_yaw.unwrap_or(0.))),
+        };
+        self.world.read()?.task(scenario, &start, goal)
     }
 
     /// The preset with what was given on top.
@@ -183,50 +234,53 @@ impl Solve {
         settings.validate()?;
         Ok(settings)
     }
+}
 
-    fn text(&self, result: &SolveResult) -> Result<String> {
-        let [x, y, z] = result.base_target;
-        let scenario = result.run.scenario.map(|s| format!("{s}: ")).unwrap_or_default();
-        let mut text = format!(
-            "{scenario}{} on {}, to ({x:.3}, {y:.3}, {z:.3}) m, yaw {:.3} rad\nseed {}, {}, {} rows\n",
-            result.robot,
-            result.terrain,
-            result.yaw_target,
-            result.run.seed,
-            result.solved_on.device,
-            result.transcription.name()
-        );
-        if let Some(fallback) = &result.solved_on.fallback {
-            text += &format!("{} candidates on the cpu, for {}\n", fallback.candidates, fallback.reason);
-        }
-        let generations = result.generations.len();
-        let evaluated: usize = result.generations.iter().map(|g| g.evaluated).sum();
-        let verdict = if result.feasible { "gait found" } else { "no feasible gait" };
-        text += &format!("\n{verdict} in {:.3} s ({}; candidates: {evaluated}, generations: {generations})\n", result.seconds, result.stop);
-        if let Some(after) = result.first_feasible_seconds {
-            text += &format!("first feasible gait after {after:.3} s\n");
-        }
-        if let Some(Refinement { refined, seconds, .. }) = &result.refinement {
-            let residual = refined.optimality.map_or("-".into(), |o| format!("{:.1e}", o.residual()));
-            text += &format!(
-                "refined in {seconds:.2} s ({}, {} convex problems, optimality residual {residual}): cost {:.3} before; {} durations moved, by up to {:.3} s\n",
-                refined.status, refined.iterations, refined.before.total, refined.changed, refined.largest_change
-            );
-        }
-        text += &gait_text(&result.gait);
-        text += &format!("\n{}", gait_diagram(&Schedule::new(result.gait.durations.clone())?));
-        for gait in &result.alternatives {
-            text += &format!("\nalternative\n{}", gait_text(gait));
-        }
-        text += &format!("\n{}\n", result.certificate);
-        if let Some(diagnosis) = &result.diagnosis {
-            text += &format!("\n{diagnosis}");
-        }
-        if let Some(folder) = &self.out {
-            text += &format!("\nwritten to {}\n", folder.display());
-        }
-        Ok(text)
+/// What is printed of a result.
+///
+/// * `folder` - where it was written
+fn text(result: &SolveResult, folder: Option<&Path>) -> Result<String> {
+    let [x, y, z] = result.base_target;
+    let scenario = result.run.scenario.map(|s| format!("{s}: ")).unwrap_or_default();
+    let mut text = format!(
+        "{scenario}{} on {}, to ({x:.3}, {y:.3}, {z:.3}) m, yaw {:.3} rad\nseed {}, {}, {} rows\n",
+        result.robot,
+        result.terrain,
+        result.yaw_target,
+        result.run.seed,
+        result.solved_on.device,
+        result.transcription.name()
+    );
+    if let Some(fallback) = &result.solved_on.fallback {
+        text += &format!("{} candidates on the cpu, for {}\n", fallback.candidates, fallback.reason);
     }
+    let generations = result.generations.len();
+    let evaluated: usize = result.generations.iter().map(|g| g.evaluated).sum();
+    let verdict = if result.feasible { "gait found" } else { "no feasible gait" };
+    text += &format!("\n{verdict} in {:.3} s ({}; candidates: {evaluated}, generations: {generations})\n", result.seconds, result.stop);
+    if let Some(after) = result.first_feasible_seconds {
+        text += &format!("first feasible gait after {after:.3} s\n");
+    }
+    if let Some(Refinement { refined, seconds, .. }) = &result.refinement {
+        let residual = refined.optimality.map_or("-".into(), |o| format!("{:.1e}", o.residual()));
+        text += &format!(
+            "refined in {seconds:.2} s ({}, {} convex problems, optimality residual {residual}): cost {:.3} before; {} durations moved, by up to {:.3} s\n",
+            refined.status, refined.iterations, refined.before.total, refined.changed, refined.largest_change
+        );
+    }
+    text += &gait_text(&result.gait);
+    text += &format!("\n{}", gait_diagram(&Schedule::new(result.gait.durations.clone())?));
+    for gait in &result.alternatives {
+        text += &format!("\nalternative\n{}", gait_text(gait));
+    }
+    text += &format!("\n{}\n", result.certificate);
+    if let Some(diagnosis) = &result.diagnosis {
+        text += &format!("\n{diagnosis}");
+    }
+    if let Some(folder) = folder {
+        text += &format!("\nwritten to {}\n", folder.display());
+    }
+    Ok(text)
 }
 
 /// What stands in the way of a gait without making it impossible, said on the way.
@@ -255,6 +309,20 @@ fn diagnosed(
 ) -> Result<Diagnosis> {
     let limit = Duration::from_secs_f64(DIAGNOSIS.0 * found.seconds).max(DIAGNOSIS.1);
     diagnose(task, &found.best, &settings.gaits, lower, backend, limit, &|| CANCELLED.load(Ordering::Relaxed))
+}
+
+/// Seconds between two lines of a search that nobody watches.
+const TELL: f64 = 10.;
+
+/// The line of a generation now and then, for logs.
+fn tell_now_and_then() -> impl FnMut(&Progress) + Send {
+    let mut told = Instant::now();
+    move |progress| {
+        if matches!(progress, Progress::Generation(_)) && told.elapsed().as_secs_f64() >= TELL {
+            told = Instant::now();
+            tell(progress);
+        }
+    }
 }
 
 /// What a line on the terminal says while the search runs.

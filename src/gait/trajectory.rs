@@ -21,6 +21,11 @@ pub struct Curve {
 }
 
 impl Curve {
+    /// Value and slope at the end.
+    pub fn end(&self) -> [[f64; 3]; 2] {
+        self.nodes.last().map_or([[0.; 3]; 2], |&[x, y, z, dx, dy, dz]| [[x, y, z], [dx, dy, dz]])
+    }
+
     /// Checks sizes and numbers.
     ///
     /// # Errors
@@ -183,7 +188,6 @@ impl Trajectory {
     /// * `horizon` - s
     /// * `base` - position, and Euler angles
     pub fn new(durations: Vec<Vec<f64>>, horizon: f64, [base_lin, base_ang]: [Curve; 2], ee: Vec<FootCurves>) -> Trajectory {
-        let end = |curve: &Curve| curve.nodes.last().map_or([0.; 3], |[x, y, z, ..]| [*x, *y, *z]);
         Trajectory {
             scenario: None,
             target: None,
@@ -195,8 +199,8 @@ impl Trajectory {
             init_base: None,
             start: None,
             start_feet: None,
-            base_target: end(&base_lin),
-            yaw_target: end(&base_ang)[2],
+            base_target: base_lin.end()[0],
+            yaw_target: base_ang.end()[0][2],
             goal: None,
             force_limit: None,
             limits: None,
@@ -229,13 +233,32 @@ impl Trajectory {
         self.start.unwrap_or_else(|| BaseState::level(position(), 0.))
     }
 
+    /// Base at the end of the curves.
+    pub fn end_state(&self) -> BaseState {
+        let [[position, velocity], [angles, rates]] = [&self.base_lin, &self.base_ang].map(Curve::end);
+        BaseState { position, angles, velocity, rates }
+    }
+
+    /// Where each foot stands at the end of the curves (x, y), world frame, m.
+    pub fn end_feet(&self) -> Vec<[f64; 2]> {
+        let end = |foot: &FootCurves| {
+            let [[x, y, _], _] = foot.motion.end();
+            [x, y]
+        };
+        self.ee.iter().map(end).collect()
+    }
+
     /// What is said of the ends twice must agree.
     fn validate_ends(&self) -> Result<()> {
         let differs = |end: &str, what: String, other: String| Err(Error::invalid(end, what, format!("as elsewhere in the file, {other}")));
         if let Some(start) = &self.start {
             start.validate("start")?;
             if self.init_base.is_some_and(|p| p != start.position) {
-                return differs("start.position", format!("{:?}", start.position), format!("`init_base` {:?}", self.init_base.unwrap_or_default()));
+                return differs(
+                    "start.position",
+                    format!("{:?}", start.position),
+                    format!("`init_base` {:?}", self.init_base.unwrap_or_default()),
+                );
             }
         }
         if let Some(goal) = &self.goal {
@@ -246,10 +269,14 @@ impl Trajectory {
             }
         }
         match &self.start_feet {
-            Some(feet) if feet.len() != self.durations.len() => {
-                Err(Error::invalid("start_feet", format!("{} feet", feet.len()), format!("{} feet, as in `durations`", self.durations.len())))
+            Some(feet) if feet.len() != self.durations.len() => Err(Error::invalid(
+                "start_feet",
+                format!("{} feet", feet.len()),
+                format!("{} feet, as in `durations`", self.durations.len()),
+            )),
+            Some(feet) if feet.iter().flatten().any(|v| !v.is_finite()) => {
+                Err(Error::invalid("start_feet", "not finite", "finite numbers"))
             }
-            Some(feet) if feet.iter().flatten().any(|v| !v.is_finite()) => Err(Error::invalid("start_feet", "not finite", "finite numbers")),
             _ => Ok(()),
         }
     }

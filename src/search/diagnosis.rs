@@ -107,6 +107,9 @@ fn remedy(family: Family, row: &str) -> &'static str {
         Family::Bounds => "another start or goal",
         Family::Structure => "other phases",
         Family::Possible => "more time, longer phases, or a goal above the ground",
+        Family::Motion if has("terrain") => {
+            "more `transcription.swing_height` or `transcription.clearance`, so that feet pass over the edge"
+        }
         Family::Motion => "a shorter `transcription.interval`",
     }
 }
@@ -176,11 +179,10 @@ fn relaxed(task: &Task, lower: &LowerSettings) -> Vec<Relaxed> {
     }
     let [x, y, _, _, _, yaw] = task.line(0.5);
     if task.way() != [0.; 2]
-        && let Ok(half) = Task::between(task.robot.clone(), task.terrain.clone(), Goal::at(x, y).yaw(yaw), Goal::at(x, y).yaw(yaw))
+        && let Ok(half) = task.to(Goal::at(x, y).yaw(yaw))
     {
-        let mut near = same("a goal half as far", format!("`--goal {x:.3},{y:.3} --yaw {yaw:.3}`"));
-        near.task.goal = half.goal;
-        all.push(near);
+        let near = same("a goal half as far", format!("`--goal {x:.3},{y:.3} --yaw {yaw:.3}`"));
+        all.push(Relaxed { task: half, ..near });
     }
     all
 }

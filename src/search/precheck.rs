@@ -6,6 +6,7 @@ use crate::error::Error;
 use crate::gait::Schedule;
 use crate::nlp::transcription::momentum::TOP_SPEED;
 use crate::nlp::transcription::{force_limit, legs};
+use crate::robot::Robot;
 use crate::settings::{Transcription, TranscriptionSettings};
 use crate::task::Task;
 use crate::verify::TOLERANCE;
@@ -44,6 +45,7 @@ pub fn precheck(task: &Task, search: &SearchSettings, settings: &TranscriptionSe
     findings.extend(standing(task, settings, End::Start));
     findings.extend(standing(task, settings, End::Goal));
     findings.extend(on_terrain(task));
+    findings.extend(odd_body(&task.robot));
     findings.extend(carried(task, settings));
     match &search.gaits {
         Gaits::Around(schedule) => findings.extend(long_enough(task, settings, schedule)),
@@ -179,6 +181,33 @@ fn on_terrain(task: &Task) -> Option<Finding> {
     })
 }
 
+/// Gyration radii of a body in its size, `sqrt(tr I / 2 m)` by the distance to its farthest foot: 0.35 (a flat hexapod) to 0.97 (a monoped).
+const GYRATION: [f64; 2] = [0.1, 1.5];
+/// Masses by the cube of that distance, kg/m³: 60 (a hexapod) to 270 (a small quadruped).
+const DENSITY: [f64; 2] = [3., 3000.];
+
+/// Whether mass, inertia and size go together: units that were mixed up do not.
+fn odd_body(robot: &Robot) -> Option<Finding> {
+    let size = robot.nominal_feet.iter().map(|[x, y, z]| (x * x + y * y + z * z).sqrt()).fold(0., f64::max);
+    let trace: f64 = (0..3).map(|i| robot.inertia[i][i]).sum();
+    let gyration = (trace.max(0.) / (2. * robot.mass)).sqrt();
+    let odd = |place: &str, found: String, remedy: String| Some(Finding { certain: false, place: place.into(), found, remedy });
+    let square = 2. * robot.mass * size * size;
+    if !(GYRATION[0] * size..=GYRATION[1] * size).contains(&gyration) {
+        let found = format!(
+            "{} kg whose inertia has the trace {trace:.4} kg m² are {gyration:.3} m from their centre in the mean, with feet within {size:.3} m",
+            robot.mass
+        );
+        let limits = GYRATION.map(|part| part * part * square);
+        odd("robot.inertia", found, format!("of a trace from {:.4} to {:.4} kg m² for a body of this mass and size", limits[0], limits[1]))
+    } else {
+        let cube = size.powi(3);
+        let found = format!("{} kg with feet within {size:.3} m", robot.mass);
+        let remedy = format!("from {:.3} to {:.1} kg for a body of this size", DENSITY[0] * cube, DENSITY[1] * cube);
+        if (DENSITY[0] * cube..=DENSITY[1] * cube).contains(&robot.mass) { None } else { odd("robot.mass", found, remedy) }
+    }
+}
+
 /// Whether the feet together can carry the weight.
 fn carried(task: &Task, settings: &TranscriptionSettings) -> Option<Finding> {
     let (feet, limit, weight) = (task.robot.feet(), force_limit(settings, task), task.robot.weight());
@@ -289,9 +318,9 @@ fn too_little_swing(place: String, by: &str, speed: f64, seconds: f64, needed: f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::robot::{ROBOTS, Robot};
+    use crate::robot::ROBOTS;
     use crate::scenario::{SCENARIOS, TARGETS};
-    use crate::task::Goal;
+    use crate::task::{BaseState, Goal};
     use crate::terrain::Terrain;
 
     fn check(task: &Task) -> Vec<Finding> {
@@ -329,9 +358,10 @@ mod tests {
         for z in [low + 1e-3, high - 1e-3] {
             assert_eq!(check(&task("anymal", "step", Goal::position([4., 0., z]))), []);
         }
-        // Without a height the goal is lower than at the start.
+        // Without a height the base stands along the ground, from 3.66 to 4.34 m.
         let own = task("anymal", "step", Goal::at(4., 0.));
-        assert!((own.goal.position[2] - (0.25 * low + 0.75 * high)).abs() < 1e-6, "{:?}", own.goal);
+        let slope = (0.15 - 0.15 * 0.06 / 0.4) / 0.68f64;
+        assert!((own.goal.angles[1] + slope.atan()).abs() < 1e-9, "{:?}", own.goal);
         assert_eq!(check(&own), []);
     }
 
@@ -345,6 +375,30 @@ mod tests {
         assert!(found[0].certain && found[0].found.contains("0.010 m outside"), "{}", found[0]);
         // The certificate lets a foot be 5 mm outside.
         assert!(!check(&task("anymal", "flat", Goal::position([1., 0., 0.523])))[0].certain);
+    }
+
+    #[test]
+    fn bodies_whose_mass_inertia_and_size_do_not_go_together_are_pointed_out() {
+        let anymal = Robot::named("anymal").unwrap();
+        let look = |robot: Robot| check(&Task::new(robot, Terrain::flat(), Goal::at(1., 0.)).unwrap());
+        let heavy = look(Robot { inertia: anymal.inertia.map(|row| row.map(|v| 100. * v)), ..anymal.clone() });
+        assert!(!heavy[0].certain && heavy[0].place == "robot.inertia" && heavy[0].found.contains("2.8"), "{}", heavy[0]);
+        // Tonnes for kilograms, of everything.
+        let scaled = Robot { mass: 29_500., inertia: anymal.inertia.map(|row| row.map(|v| 1000. * v)), ..anymal.clone() };
+        assert!(look(scaled).iter().any(|f| f.place == "robot.mass" && f.found.contains("29500 kg")));
+        assert_eq!(look(anymal), []);
+    }
+
+    #[test]
+    fn starts_are_the_users_and_feet_out_of_reach_are_refused() {
+        let robot = Robot::named("anymal").unwrap();
+        let level = BaseState::level([1., 2., 0.5], 0.7);
+        let task = |feet| Task::of_states(robot.clone(), Terrain::flat(), level, feet, BaseState::level([2., 2., 0.5], 0.)).unwrap();
+        assert_eq!(check(&task(None)), []);
+        let mut feet = task(None).start_feet;
+        feet[3][0] -= 0.4;
+        let found = check(&task(Some(feet)));
+        assert!(found[0].certain && found[0].place == "start, foot 3" && found[0].found.contains("outside of its reach"), "{}", found[0]);
     }
 
     #[test]

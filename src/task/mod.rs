@@ -25,13 +25,14 @@ pub struct Task {
     pub start: BaseState,
     /// Where each foot stands at the start (x, y), world frame, m.
     pub start_feet: Vec<[f64; 2]>,
-    /// Force of each foot at the start and its slope, world frame, N and N/s; any when there are none. They let a motion go on from another.
-    pub start_forces: Option<Vec<[f64; 6]>>,
     /// Base at the end.
     pub goal: BaseState,
     /// Largest normal force of a foot, N; the robot's or the transcription's when none is asked for.
     pub force_limit: Option<f64>,
 }
+
+/// What two states may differ by through rounding alone, m, rad, m/s and rad/s.
+const SAME: f64 = 1e-9;
 
 /// Where the base is to be at one end of a motion. What is not said follows from the ground there.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
@@ -138,9 +139,31 @@ impl Task {
     ) -> Result<Task> {
         let robot = robot.into();
         let start_feet = feet.unwrap_or_else(|| nominal_footholds(&robot, &start));
-        let task = Task { robot, terrain: terrain.into(), start, start_feet, start_forces: None, goal, force_limit: None };
+        let task = Task { robot, terrain: terrain.into(), start, start_feet, goal, force_limit: None };
         task.validate()?;
         Ok(task)
+    }
+
+    /// The same to another goal.
+    ///
+    /// # Errors
+    /// As [`Task::new`].
+    pub fn to(&self, goal: Goal) -> Result<Task> {
+        let task = Task { goal: goal.state("goal", &self.robot, &self.terrain, false)?, ..self.clone() };
+        task.validate()?;
+        Ok(task)
+    }
+
+    /// The same from where a motion of the robot ends, with the base and the feet as they are then.
+    ///
+    /// # Errors
+    /// As [`Task::new`], and for a motion of another number of feet.
+    pub fn after(&self, motion: &Trajectory) -> Result<Task> {
+        let (end, asked) = (motion.end_state(), motion.goal_state());
+        let apart = |a: [f64; 6], b: [f64; 6]| (0..6).any(|i| (a[i] - b[i]).abs() > SAME);
+        let from = if apart(end.pose(), asked.pose()) || apart(end.rate(), asked.rate()) { end } else { asked };
+        let task = Task::of_states(self.robot.clone(), self.terrain.clone(), from, Some(motion.end_feet()), self.goal)?;
+        Ok(Task { force_limit: self.force_limit, ..task })
     }
 
     /// Checks robot, terrain, both ends and the feet.
@@ -166,16 +189,6 @@ impl Task {
         for (foot, place) in self.start_feet.iter().enumerate() {
             for axis in 0..2 {
                 check_range(&format!("start_feet[{foot}][{axis}]"), place[axis], -1100., 1100.)?;
-            }
-        }
-        if let Some(forces) = &self.start_forces {
-            if forces.len() != feet {
-                return Err(Error::invalid("start_forces", format!("{} feet", forces.len()), format!("those of the robot, {feet}")));
-            }
-            for (foot, force) in forces.iter().enumerate() {
-                for (part, &value) in force.iter().enumerate() {
-                    check_range(&format!("start_forces[{foot}][{part}]"), value, -1e9, 1e9)?;
-                }
             }
         }
         self.force_limit.map_or(Ok(()), |limit| check_range("force_limit", limit, 1e-3, 1e7))
@@ -214,17 +227,25 @@ impl Task {
         base: [Curve; 2],
         ee: Vec<FootCurves>,
     ) -> Trajectory {
-        Trajectory {
+        let own = Trajectory {
             transcription: Some(transcription.into()),
             version: Some(env!("CARGO_PKG_VERSION").into()),
+            force_limit: Some(force_limit),
+            ..Trajectory::new(durations, horizon, base, ee)
+        };
+        self.asked_of(own)
+    }
+
+    /// The same motion, of which the ends of this task are asked, whatever its file asks for.
+    pub fn asked_of(&self, motion: Trajectory) -> Trajectory {
+        Trajectory {
             init_base: Some(self.start.position),
             start: (!self.start.is_level() || self.start.yaw() != 0.).then_some(self.start),
             start_feet: (self.start_feet != nominal_footholds(&self.robot, &self.start)).then(|| self.start_feet.clone()),
             base_target: self.goal.position,
             yaw_target: self.goal.yaw(),
             goal: (!self.goal.is_level()).then_some(self.goal),
-            force_limit: Some(force_limit),
-            ..Trajectory::new(durations, horizon, base, ee)
+            ..motion
         }
     }
 
@@ -262,4 +283,70 @@ pub fn nominal_footholds(robot: &Robot, base: &BaseState) -> Vec<[f64; 2]> {
         [x, y]
     };
     robot.nominal_feet.iter().map(foothold).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn anymal(terrain: &str, start: Goal, goal: Goal) -> Task {
+        Task::between(Robot::named("anymal").unwrap(), Terrain::named(terrain).unwrap(), start, goal).unwrap()
+    }
+
+    #[test]
+    fn on_flat_ground_a_robot_stands_level_at_its_height() {
+        let task = anymal("flat", Goal::at(1., -2.).yaw(0.4), Goal::at(3., 0.).yaw(1.));
+        assert_eq!((task.start, task.goal), (BaseState::level([1., -2., 0.5], 0.4), BaseState::level([3., 0., 0.5], 1.)));
+        let (sin, cos) = 0.4f64.sin_cos();
+        let [x, y] = task.foothold_start(1);
+        assert!((x - (1. + cos * 0.34 + sin * 0.19)).abs() < 1e-12 && (y - (-2. + sin * 0.34 - cos * 0.19)).abs() < 1e-12);
+        // 2 m along x and y, in the axes of a base that is turned.
+        let [along, across] = task.way();
+        assert!((along - (2. * cos + 2. * sin)).abs() < 1e-12 && (across - (2. * cos - 2. * sin)).abs() < 1e-12);
+        assert!((task.turn() - 0.6).abs() < 1e-12);
+    }
+
+    #[test]
+    fn on_a_slope_it_stands_along_the_ground_unless_it_is_told_otherwise() {
+        // Up by 0.7 a metre, about 35 degrees: a little more than is taken unasked.
+        let task = anymal("slope", Goal::at(1.5, 0.), Goal::at(1.5, 0.).yaw(std::f64::consts::FRAC_PI_2));
+        assert_eq!(task.start.angles, [0., -0.6, 0.]);
+        let [roll, pitch, _] = task.goal.angles;
+        assert!((roll + 0.6).abs() < 1e-9 && pitch.abs() < 1e-9, "{:?}", task.goal);
+        for state in [task.start, task.goal] {
+            let [low, high] = standing::heights(&task.robot, &task.terrain, &state, false);
+            assert!(low < state.position[2] && state.position[2] < high);
+        }
+        // A height is the user's, and level; so is a tilt.
+        assert_eq!(anymal("slope", Goal::at(0., 0.), Goal::position([1.5, 0., 0.9])).goal, BaseState::level([1.5, 0., 0.9], 0.));
+        let tilted = anymal("slope", Goal::at(0., 0.), Goal::at(1.5, 0.).tilt(0.1, -0.3));
+        assert_eq!(tilted.goal.angles, [0.1, -0.3, 0.]);
+    }
+
+    #[test]
+    fn feet_in_a_line_tilt_the_base_along_it_only() {
+        let biped = Robot::named("biped").unwrap();
+        let [roll, pitch] = tilt_over(&biped, &[0.1, 0.]);
+        assert!((roll - (0.1f64 / 0.4).atan()).abs() < 1e-9 && pitch.abs() < 1e-12, "{roll} {pitch}");
+        assert_eq!(tilt_over(&biped, &[0.1, 0.1]), [0.; 2]);
+    }
+
+    #[test]
+    fn what_cannot_be_is_named() {
+        let between = |start, goal| Task::between(Robot::named("anymal").unwrap(), Terrain::named("step").unwrap(), start, goal);
+        let refused = |result: Result<Task>, place: &str| {
+            let error = result.unwrap_err().to_string();
+            assert!(error.starts_with(place), "{error}");
+        };
+        refused(between(Goal::at(-20., 0.), Goal::at(1., 0.)), "start: (-20, 0)");
+        refused(between(Goal::at(0., 0.), Goal::at(20., 0.)), "goal: (20, 0)");
+        refused(between(Goal::at(0., 0.), Goal::at(1., 0.).tilt(0., 1.5)), "goal.pitch");
+        refused(between(Goal::position([0., 0., -1.]), Goal::at(1., 0.)), "start.position[2]");
+        refused(between(Goal::at(0., 0.).velocity([0., 0., f64::NAN]), Goal::at(1., 0.)), "start.velocity[2]");
+        let task = between(Goal::at(0., 0.), Goal::at(1., 0.)).unwrap();
+        refused(
+            Task::of_states(task.robot.clone(), task.terrain.clone(), task.start, Some(vec![[0.; 2]; 3]), task.goal),
+            "start_feet: 3 feet",
+        );
+    }
 }

@@ -80,15 +80,17 @@ impl BaseState {
     /// Checks that all numbers are within their limits.
     ///
     /// # Errors
-    /// [`crate::Error::Invalid`] names the first that is not, e.g. `goal.angles[1]`.
+    /// [`crate::Error::Invalid`] names the first that is not, e.g. `goal.pitch`.
     pub fn validate(&self, end: &str) -> Result<()> {
         let turns = 20. * PI;
-        let limits = [("position", self.position, [1000.; 3]), ("velocity", self.velocity, [100.; 3]), ("rates", self.rates, [100.; 3])];
-        let angles = ("angles", self.angles, [LARGEST_TILT, LARGEST_TILT, turns]);
-        for (what, values, limit) in limits.into_iter().chain([angles]) {
+        for (what, values, limit) in [("position", self.position, 1000.), ("velocity", self.velocity, 100.), ("rates", self.rates, 100.)] {
             for axis in 0..3 {
-                check_range(&format!("{end}.{what}[{axis}]"), values[axis], -limit[axis], limit[axis])?;
+                check_range(&format!("{end}.{what}[{axis}]"), values[axis], -limit, limit)?;
             }
+        }
+        let limits = [LARGEST_TILT, LARGEST_TILT, turns];
+        for (what, (angle, limit)) in ["roll", "pitch", "yaw"].into_iter().zip(self.angles.into_iter().zip(limits)) {
+            check_range(&format!("{end}.{what}"), angle, -limit, limit)?;
         }
         Ok(())
     }
@@ -121,7 +123,7 @@ mod tests {
     #[test]
     fn what_is_out_of_its_limits_is_named() {
         let steep = BaseState { angles: [0., 1.5, 0.], ..BaseState::level([0.; 3], 0.) };
-        assert!(steep.validate("goal").unwrap_err().to_string().starts_with("goal.angles[1]"));
+        assert!(steep.validate("goal").unwrap_err().to_string().starts_with("goal.pitch"));
         let nan = BaseState { rates: [0., 0., f64::NAN], ..BaseState::level([0.; 3], 0.) };
         assert!(nan.validate("start").unwrap_err().to_string().starts_with("start.rates[2]"));
     }

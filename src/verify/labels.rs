@@ -129,6 +129,9 @@ pub fn scenario_differs(trajectory: &Trajectory) -> Result<Option<String>> {
     if !terrain {
         return Ok(Some(format!("that of a motion on the terrain `{}`", scenario.terrain)));
     }
+    if trajectory.start.is_some() || trajectory.start_feet.is_some() || trajectory.goal.is_some() {
+        return Ok(Some("that of a motion between rests, from above the origin with yaw 0 and with feet at their nominal places".into()));
+    }
     let [x, y, z] = trajectory.base_target;
     let there = |target: usize| Scenario::goal(target).map(|[gx, gy]| (gx - x).abs().max((gy - y).abs()) <= SAME_GOAL);
     let matches = match trajectory.target {
@@ -150,6 +153,6 @@ pub fn scenario_differs(trajectory: &Trajectory) -> Result<Option<String>> {
 }
 
 /// Whether a motion is held to the rows of `momentum`.
-pub(super) fn of_momentum(trajectory: &Trajectory) -> bool {
+pub(crate) fn of_momentum(trajectory: &Trajectory) -> bool {
     trajectory.transcription.as_deref() == Some(Transcription::Momentum.name())
 }

@@ -56,17 +56,16 @@ impl GroundPath {
         let scaled = part.clamp(0., 1.) * PARTS as f64;
         let index = (scaled as usize).min(PARTS - 1);
         let (before, after, u) = (self.0[index], self.0[index + 1], scaled - index as f64);
-        [
-            std::array::from_fn(|i| before[i] + u * (after[i] - before[i])),
-            std::array::from_fn(|i| (after[i] - before[i]) * PARTS as f64),
-        ]
+        [std::array::from_fn(|i| before[i] + u * (after[i] - before[i])), std::array::from_fn(|i| (after[i] - before[i]) * PARTS as f64)]
     }
 }
 
 /// Pits no longer than twice a window are filled: the highest in every window, then the lowest of these.
 fn filled(heights: &[f64], window: usize) -> Vec<f64> {
     let over = |values: &[f64], best: fn(f64, f64) -> f64| -> Vec<f64> {
-        let at = |i: usize| values[i.saturating_sub(window)..(i + window + 1).min(values.len())].iter().copied().reduce(best).unwrap_or_default();
+        let at = |i: usize| {
+            values[i.saturating_sub(window)..(i + window + 1).min(values.len())].iter().copied().reduce(best).unwrap_or_default()
+        };
         (0..values.len()).map(at).collect()
     };
     over(&over(heights, f64::max), f64::min)

@@ -232,17 +232,22 @@ impl<T: Real> Transcribe<T> for Momentum {
     }
 
     fn limits(&self, settings: &TranscriptionSettings, robot: &Robot) -> Option<MotionLimits> {
-        Some(MotionLimits {
-            clearance: settings.clearance,
-            swing_height: settings.swing_height,
-            foot_speed: foot_speed(settings, robot),
-            foot_acceleration: foot_acceleration(settings),
-            goal_velocity: settings.goal_velocity,
-        })
+        Some(limits(settings, robot))
     }
 
     fn base_curves(&self, task: &Task, layout: &Layout<f64>, x: &[f64]) -> [Curve; 2] {
         base_curves(task, layout, x)
+    }
+}
+
+/// What a motion of a robot is made to keep to besides its rows.
+pub(crate) fn limits(settings: &TranscriptionSettings, robot: &Robot) -> MotionLimits {
+    MotionLimits {
+        clearance: settings.clearance,
+        swing_height: settings.swing_height,
+        foot_speed: foot_speed(settings, robot),
+        foot_acceleration: foot_acceleration(settings),
+        goal_velocity: settings.goal_velocity,
     }
 }
 
