@@ -134,12 +134,13 @@ impl Task {
 
     /// Lowest and highest ground that a foot has within its reach along x and y at the goal, m.
     pub fn ground_at_goal(&self, foot: usize) -> [f64; 2] {
-        let [reach_x, reach_y, _] = self.robot.reach;
+        let reach = self.robot.reach.of(foot);
+        let ([middle_x, middle_y, _], [half_x, half_y, _]) = (reach.center(), reach.half_widths());
         let (sin, cos) = self.yaw_target.sin_cos();
         let center = self.foothold_goal(foot);
         // At a place in the box, its half-widths being 1.
         let height = |u: f64, v: f64| {
-            let (x, y) = (u.clamp(-1., 1.) * reach_x, v.clamp(-1., 1.) * reach_y);
+            let (x, y) = (middle_x + u.clamp(-1., 1.) * half_x, middle_y + v.clamp(-1., 1.) * half_y);
             self.terrain.height(center[0] + cos * x - sin * y, center[1] + sin * x + cos * y)
         };
         // Samples all over the box, then ever closer about the best.
@@ -170,8 +171,8 @@ impl Task {
     pub fn heights_at_goal(&self) -> [f64; 2] {
         (0..self.robot.feet()).fold([f64::NEG_INFINITY, f64::INFINITY], |[low, high], foot| {
             let ([lowest, highest], nominal) = (self.ground_at_goal(foot), self.robot.nominal_feet[foot][2]);
-            let reach = self.robot.reach[2];
-            [low.max(lowest - nominal - reach), high.min(highest - nominal + reach)]
+            let reach = self.robot.reach.of(foot);
+            [low.max(lowest - nominal - reach.high[2]), high.min(highest - nominal - reach.low[2])]
         })
     }
 

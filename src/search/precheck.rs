@@ -75,17 +75,16 @@ fn ground_under(task: &Task, end: End, foot: usize) -> [f64; 2] {
 fn standing(task: &Task, settings: &TranscriptionSettings, end: End) -> Option<Finding> {
     let robot = &task.robot;
     let base = if end == End::Start { task.base_start() } else { task.base_target };
-    let reach = robot.reach[2];
     let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
     // By how much each foot fails, and the ground that is nearest.
     let mut worst = (0., 0, 0.);
     for foot in 0..robot.feet() {
-        let nominal = robot.nominal_feet[foot][2];
+        let (nominal, reach) = (robot.nominal_feet[foot][2], robot.reach.of(foot));
         let [lowest, highest] = ground_under(task, end, foot);
-        low = low.max(lowest - nominal - reach);
-        high = high.min(highest - nominal + reach);
+        low = low.max(lowest - nominal - reach.high[2]);
+        high = high.min(highest - nominal - reach.low[2]);
         let place = base[2] + nominal;
-        for (excess, ground) in [(lowest - (place + reach), lowest), (place - reach - highest, highest)] {
+        for (excess, ground) in [(lowest - (place + reach.high[2]), lowest), (place + reach.low[2] - highest, highest)] {
             if excess > worst.0 {
                 worst = (excess, foot, ground);
             }
@@ -97,7 +96,7 @@ fn standing(task: &Task, settings: &TranscriptionSettings, end: End) -> Option<F
     }
     let allowed = if settings.rows == Transcription::Momentum { DENSE_REACH } else { 0. };
     let under = base[2] - ground;
-    let nominal = -robot.nominal_feet[foot][2];
+    let (nominal, reach) = (-robot.nominal_feet[foot][2], robot.reach.of(foot));
     let (name, what) = match end {
         End::Start => ("start", "the ground under it"),
         End::Goal => ("goal", "the nearest ground within its reach along x and y"),
@@ -131,8 +130,8 @@ fn standing(task: &Task, settings: &TranscriptionSettings, end: End) -> Option<F
         place: format!("{name}, foot {foot}"),
         found: format!(
             "{what} is {under:.3} m below the base, {excess:.3} m outside of its reach from {:.3} to {:.3} m below",
-            nominal - reach,
-            nominal + reach
+            nominal - reach.high[2],
+            nominal - reach.low[2]
         ),
         remedy,
     })
@@ -166,15 +165,15 @@ fn carried(task: &Task, settings: &TranscriptionSettings) -> Option<Finding> {
     })
 }
 
-/// Half the way that a base can go over a standing foot, m.
+/// Half the way that a base can go over a standing foot at most, m.
 fn half_way(task: &Task) -> f64 {
-    task.robot.reach[0].hypot(task.robot.reach[1])
+    task.robot.reach_boxes().map(|reach| reach.farthest()).fold(0., f64::max)
 }
 
 /// How far a foot has to be carried at least, m: from its start until it is within reach of the goal.
 fn way_of_foot(task: &Task, foot: usize) -> f64 {
     let (from, to) = (task.foothold_start(foot), task.foothold_goal(foot));
-    ((to[0] - from[0]).hypot(to[1] - from[1]) - half_way(task)).max(0.)
+    ((to[0] - from[0]).hypot(to[1] - from[1]) - task.robot.reach.of(foot).farthest()).max(0.)
 }
 
 /// The foot with the farthest way, and that.

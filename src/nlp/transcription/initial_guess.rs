@@ -24,9 +24,10 @@ pub fn foothold(task: &Task, foot: usize, stance: usize, stances: usize) -> [f64
     [start[0] + part * (goal[0] - start[0]), start[1] + part * (goal[1] - start[1])]
 }
 
-/// Foothold of a foot (x, y) at its nominal position under a base pose (position, then Euler angles), m.
+/// Foothold of a foot (x, y) in the middle of its reach under a base pose (position, then Euler angles), m.
 pub fn under_base(task: &Task, foot: usize, pose: [f64; 6]) -> [f64; 2] {
-    let [x, y, _] = task.robot.nominal_feet[foot];
+    let ([x, y, _], [dx, dy, _]) = (task.robot.nominal_feet[foot], task.robot.reach.of(foot).center());
+    let (x, y) = (x + dx, y + dy);
     let (sin, cos) = pose[5].sin_cos();
     [pose[0] + cos * x - sin * y, pose[1] + sin * x + cos * y]
 }
