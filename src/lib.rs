@@ -27,7 +27,7 @@
 //!              m (p_k+1 - p_k)       = h m v_k + sum P_i + h^2 m g / 2     P_i: its integral
 //!              L_k+1 - L_k           = sum (x_i - p_k) x J_i + M_k         L: angular momentum about p_k, M_k: moment of gravity
 //!              mean of L over the interval = that of the planned attitude
-//!              R' (x_i - p) in nominal_i +- reach                                          along the motion
+//!              R' (x_i - p) in nominal_i + reach_i                                         along the motion
 //!              0 <= n.f_i <= f_max,  |t.f_i| <= mu n.f_i                                   on the whole curve, by its control points
 //!              f_i = 0                                                                     in swing
 //!              x_i on the terrain in stance; in swing between least and greatest height, slower and less accelerated than legs can

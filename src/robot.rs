@@ -1,5 +1,9 @@
 //! Robot models: a single rigid body with feet that reach inside boxes.
 
+mod reach;
+
+pub use reach::{Reach, ReachBox};
+
 use crate::error::{Error, Result, check_name, check_range};
 use serde::{Deserialize, Serialize};
 
@@ -26,8 +30,8 @@ pub struct Robot {
     pub base_height: f64,
     /// Nominal foot positions in the base frame, m, `[feet][3]`.
     pub nominal_feet: Vec<[f64; 3]>,
-    /// Half-widths of the box around its nominal position that each foot reaches, base axes, m.
-    pub reach: [f64; 3],
+    /// The box around its nominal position that each foot reaches.
+    pub reach: Reach,
     /// Largest normal force of a foot, N; see [`Robot::default_force_limit`] when absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub force_limit: Option<f64>,
@@ -92,7 +96,7 @@ impl Robot {
             ),
             _ => return Err(Error::Unknown { what: "robot", name: name.into(), known: ROBOTS.join(", ") }),
         };
-        Ok(Robot { name: name.into(), mass, inertia, base_height, nominal_feet, reach, force_limit: None, leg_mass: None })
+        Ok(Robot { name: name.into(), mass, inertia, base_height, nominal_feet, reach: reach.into(), force_limit: None, leg_mass: None })
     }
 
     /// Reads a robot from JSON text and validates it.
@@ -121,9 +125,7 @@ impl Robot {
                 check_range(&format!("robot.nominal_feet[{foot}][{axis}]"), v, -100., 100.)?;
             }
         }
-        for (axis, &v) in self.reach.iter().enumerate() {
-            check_range(&format!("robot.reach[{axis}]"), v, 1e-3, 100.)?;
-        }
+        self.reach.validate(self.feet())?;
         if let Some(limit) = self.force_limit {
             check_range("robot.force_limit", limit, 1e-3, 1e7)?;
         }
@@ -161,6 +163,11 @@ impl Robot {
     /// Number of feet.
     pub fn feet(&self) -> usize {
         self.nominal_feet.len()
+    }
+
+    /// The box that each foot reaches, in the order of the feet.
+    pub fn reach_boxes(&self) -> impl Iterator<Item = ReachBox> {
+        (0..self.feet()).map(|foot| self.reach.of(foot))
     }
 
     /// Nominal leg height, m, the length that makes moments dimensionless; at least 0.1 m.

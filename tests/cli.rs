@@ -516,7 +516,7 @@ fn bad_robot_files_exit_4_and_name_file_field_value_and_limit() {
         robot.as_object_mut().unwrap().remove(key);
         robot.to_string()
     };
-    let cases: [(String, &[&str]); 16] = [
+    let cases: [(String, &[&str]); 18] = [
         (String::new(), &["EOF"]),
         ("{".into(), &["EOF"]),
         ("[1]".into(), &["line 1"]),
@@ -531,6 +531,8 @@ fn bad_robot_files_exit_4_and_name_file_field_value_and_limit() {
         (change("nominal_feet", json!(vec![[0.0, 0.0, -0.5]; 9])), &["nominal_feet", "9 feet", "1 to 8"]),
         (change("nominal_feet", json!([])), &["nominal_feet", "0 feet", "1 to 8"]),
         (change("reach", json!([0.1, 0.0, 0.1])), &["reach[1]", "0.001"]),
+        (change("reach", json!([[[-0.1, 0.1], [-0.1, 0.1], [-0.1, 0.1]]])), &["reach", "1 boxes", "4 boxes"]),
+        (change("reach", json!([[[-0.1, 0.1], [-0.1, "far"], [-0.1, 0.1]]])), &["reach[0][1][1]", "far", "column"]),
         (change("force_limit", json!(0.0)), &["force_limit", "0.001"]),
         (change("inertia", json!([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 9.0]])), &["inertia", "principal moments", "sum"]),
     ];

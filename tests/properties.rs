@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Random, Rows, gait, layout_with, point, rows, task, task_for, transcriptions};
+use common::{Random, Rows, gait, layout_with, lopsided, point, rows, task, task_for, transcriptions};
 use cregopt::backend::Cpu;
 use cregopt::gait::Schedule;
 use cregopt::gait::spline::hermite;
@@ -247,7 +247,7 @@ fn symmetric_robot(robot: &str) -> Robot {
     for (i, j) in [(0, 1), (1, 0), (1, 2), (2, 1)] {
         inertia[i][j] = 0.;
     }
-    robot
+    lopsided(robot)
 }
 
 /// Left and right foot of a pair.
@@ -306,12 +306,14 @@ fn mirrored_rows(robot: &Robot, layout: &Layout<f64>, other: &Layout<f64>, rows:
     };
     let feet = layout.curves.feet.len();
     for foot in 0..feet {
-        // A foot is known by its nominal position, its entries come in order of time.
-        let of = |layout: &Layout<f64>, nominal: [f64; 3]| -> Vec<u32> {
-            layout.reach_feet.iter().filter(|f| f.nominal == nominal).map(|f| f.place.inequality).collect()
+        // A foot is known by the middle of its box, its entries come in order of time.
+        let of = |layout: &Layout<f64>, foot: usize| -> Vec<u32> {
+            let (nominal, middle) = (robot.nominal_feet[foot], robot.reach.of(foot).center());
+            let center = std::array::from_fn(|axis| nominal[axis] + middle[axis]);
+            layout.reach_feet.iter().filter(|f| f.center == center).map(|f| f.place.inequality).collect()
         };
-        let (here, there) = (of(layout, robot.nominal_feet[foot]), of(other, robot.nominal_feet[mirrored_foot(foot)]));
-        assert_eq!(here.len(), there.len());
+        let (here, there) = (of(layout, foot), of(other, mirrored_foot(foot)));
+        assert!(!here.is_empty() && here.len() == there.len());
         // Upper and lower side of y change places.
         here.iter().zip(&there).for_each(|(&from, &to)| copy(from, to, &[0, 4, 2, 3, 1, 5]));
     }
@@ -392,7 +394,7 @@ fn stander(mass: f64, half_length: f64, half_width: f64, height: f64) -> Robot {
         inertia: [[yy + zz, 0., 0.], [0., xx + zz, 0.], [0., 0., xx + yy]],
         base_height: height,
         nominal_feet: feet.map(|(x, y)| [x * half_length, y * half_width, -height]).to_vec(),
-        reach: [0.1, 0.1, 0.1],
+        reach: [0.1, 0.1, 0.1].into(),
         force_limit: None,
         leg_mass: None,
     }

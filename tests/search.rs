@@ -5,14 +5,14 @@ mod common;
 use common::task;
 use cregopt::gait::Curve;
 use cregopt::gait::cost::CostWeights;
-use cregopt::gait::family::GaitFamily;
+use cregopt::gait::family::{GaitFamily, PeriodicGait};
 use cregopt::gait::spline::hermite;
 use cregopt::nlp::transcription::force_limit;
-use cregopt::robot::GRAVITY;
+use cregopt::robot::{GRAVITY, Reach};
 use cregopt::search::cem::{CemSettings, Objective, StopReason};
 use cregopt::search::evaluate::{Evaluate, LowerSettings};
 use cregopt::search::{Gaits, Progress, SearchSettings};
-use cregopt::{Cpu, Error, Schedule, Search, SearchResult, Task, verify};
+use cregopt::{Cpu, Error, Goal, Robot, Schedule, Search, SearchResult, Task, Terrain, verify};
 use std::sync::atomic::AtomicBool;
 
 /// Times at which a foot is looked at, s apart.
@@ -238,4 +238,28 @@ fn feet_keep_to_what_legs_can_do() {
         assert!(value <= limit + TOLERANCE, "{greatest:?}");
         assert!(value > 0.2 * limit, "far from any limit: {greatest:?}");
     }
+}
+
+#[test]
+fn hind_feet_that_reach_less_far_ahead_are_kept_to_it() {
+    const LESS: f64 = 0.03;
+    let with = |reach| {
+        let robot = Robot { reach, name: "short behind".into(), ..Robot::named("anymal").unwrap() };
+        Task::new(robot, Terrain::flat(), Goal::at(2., 0.)).unwrap()
+    };
+    let side = |ahead| [[-0.15, ahead], [-0.1, 0.1], [-0.1, 0.1]];
+    let whole = with([0.15, 0.1, 0.1].into());
+    let less = with(Reach::PerFoot(vec![side(0.15), side(0.15), side(0.15 - LESS), side(0.15 - LESS)]));
+    let schedule = PeriodicGait::typical(GaitFamily::Trot, &less).unwrap().schedule().unwrap();
+    let [free, kept] = [&whole, &less].map(|task| {
+        let evaluate = Evaluate::new(task);
+        let solved = evaluate.run(std::slice::from_ref(&schedule), &Cpu::new(2).unwrap()).unwrap().remove(0).unwrap();
+        evaluate.trajectory(&solved)
+    });
+    let report = |trajectory| verify(trajectory, &less.robot, &less.terrain, less.robot.default_force_limit()).unwrap();
+    // It matters: with the whole reach the hind feet are farther ahead.
+    let excess = report(&free).dense.reach_excess;
+    assert!(excess.value > 0.01 && excess.foot.is_some_and(|foot| foot >= 2), "{excess:?}");
+    let kept = report(&kept);
+    assert!(kept.feasible && kept.dense.reach_excess.value < 5e-3, "{kept}");
 }

@@ -240,13 +240,13 @@ fn structs_differ(module: &Module) -> Result<(), String> {
         Slot: Slot { footholds shape constants points }
         Progress: Progress<f32> { infeasibility mu eps edge_radius length }
         Shape: Shape { low per_metre }
-        Constants: Constants<f32> { inertia reach friction force_margin }
+        Constants: Constants<f32> { inertia moment_scale friction force_margin }
         DynamicsInstant: DynamicsInstant<f32> { weights forces place }
         StanceForce: StanceForce<f32> { weights foothold_column }
         MomentumInterval: MomentumInterval<f32> { rate impulses angular }
         BasePoint: BasePoint<f32> { weights deviation_weights }
         ReachInstant: ReachInstant<f32> { base feet }
-        ReachFoot: ReachFoot<f32> { foothold front place }
+        ReachFoot: ReachFoot<f32> { half_widths foothold front place }
         ForceNode: ForceNode<f32> { slope_weight place }
         SwingNode: SwingNode<f32> { low two_sided upper place }
         Element: Element { family pairs runs }
@@ -286,7 +286,7 @@ fn a_struct_that_differs_is_seen() {
         ("    mu: f32,\n    smoothing: f32,\n", "    mu: f32,\n", "progress"),
         ("    mu: f32,\n    smoothing: f32,\n", "    mu: f32,\n    smoothing: vec3<f32>,\n", "progress"),
         ("    closing: f32,\n}", "    closing: f32,\n    more: u32,\n}", "batch"),
-        ("    nominal: array<f32, 3>,\n", "    nominal: vec3<f32>,\n", "reach_feet"),
+        ("    center: array<f32, 3>,\n", "    center: vec3<f32>,\n", "reach_feet"),
         ("    per_metre: array<f32, 2>,\n", "", "slots"),
         ("    angular: Place,\n", "    angle: Place,\n", "MomentumInterval has no angular"),
     ] {

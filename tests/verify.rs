@@ -3,7 +3,7 @@
 use cregopt::gait::trajectory::{GoalVelocity, MotionLimits, NamedOr};
 use cregopt::gait::{Curve, FootCurves, Trajectory};
 use cregopt::nlp::transcription::towr::FORCE_LIMIT;
-use cregopt::robot::{GRAVITY, ROBOTS, Robot};
+use cregopt::robot::{GRAVITY, ROBOTS, Reach, Robot};
 use cregopt::scenario::Scenario;
 
 use cregopt::terrain::Terrain;
@@ -542,6 +542,36 @@ fn a_foot_may_be_a_little_outside_its_box() {
     }
 }
 
+/// ANYmal whose feet have boxes of their own.
+fn with_reach(change: impl FnOnce(&mut Vec<[[f64; 2]; 3]>)) -> Robot {
+    let mut boxes = vec![[[-0.15, 0.15], [-0.1, 0.1], [-0.1, 0.1]]; 4];
+    change(&mut boxes);
+    Robot { reach: Reach::PerFoot(boxes), ..anymal() }
+}
+
+#[test]
+fn a_foot_is_held_to_the_sides_of_its_own_box() {
+    // Feet stand 8 cm below their nominal places; foot 0 swings 3 cm ahead and back.
+    let swung = |x: f64| {
+        let mut trajectory = momentum_step();
+        trajectory.ee[0].motion.nodes[2][0] += x;
+        trajectory
+    };
+    let check = |trajectory: &Trajectory, robot: &Robot| verify(trajectory, robot, &flat(), FORCE_LIMIT).unwrap();
+    let narrow = with_reach(|boxes| boxes[0][0] = [-0.15, 0.02]);
+    assert!(check(&swung(0.03), &with_reach(|_| {})).feasible);
+    assert!(check(&swung(-0.03), &narrow).feasible);
+    let report = check(&swung(0.03), &narrow);
+    let worst = report.family(Family::Reach).worst.clone().unwrap();
+    assert!(!report.feasible && worst.row == "x" && worst.foot == Some(0), "{report}");
+    assert!((report.dense.reach_excess.value - 0.01).abs() < 1e-9 && report.dense.reach_excess.foot == Some(0), "{report}");
+    // The sides of the other feet are not his.
+    assert!(check(&swung(0.03), &with_reach(|boxes| boxes[1][0] = [-0.15, 0.02])).feasible);
+    let report = check(&swung(0.), &with_reach(|boxes| boxes[2][2] = [-0.07, 0.1]));
+    assert!(!report.feasible && report.family(Family::Reach).worst.as_ref().unwrap().foot == Some(2), "{report}");
+    assert!(check(&swung(0.), &with_reach(|boxes| boxes[2][2] = [-0.08, 0.])).feasible);
+}
+
 /// A fault between the instants: its size is what the row measures.
 struct MotionFault {
     name: &'static str,
@@ -851,7 +881,7 @@ fn labels_that_contradict_the_content_are_errors() {
     labelled(|_| {}).unwrap();
     // Rounded numbers are no other robot.
     labelled(|t| robot(t).inertia[0][0] = 0.95).unwrap();
-    let contradictions: [Forgery; 14] = [
+    let contradictions: [Forgery; 15] = [
         ("target 10", |t| t.base_target = [0., 0., 0.5]),
         ("one of its targets", |t| (t.base_target, t.target) = ([1., 0., 0.5], None)),
         ("target 11", |t| t.target = Some(11)),
@@ -860,7 +890,8 @@ fn labels_that_contradict_the_content_are_errors() {
         ("`s9`", |t| t.scenario = Some("s9".into())),
         ("anymal", |t| robot(t).name = "mine".into()),
         ("mass", |t| robot(t).mass = 31.),
-        ("reach", |t| robot(t).reach[1] = 0.2),
+        ("reach", |t| robot(t).reach = [0.15, 0.2, 0.1].into()),
+        ("reach", |t| robot(t).reach = Reach::PerFoot(vec![[[-0.15, 0.12], [-0.1, 0.1], [-0.1, 0.1]]; 4])),
         ("robot `anymal`", |t| t.robot = Some(NamedOr::Name("hyq".into()))),
         ("another shape", |t| t.terrain = Some(NamedOr::Own(Terrain { name: "flat".into(), ..Terrain::named("slope").unwrap() }))),
         ("terrain `flat`", |t| t.terrain = Some(NamedOr::Own(Terrain { friction: 2., ..flat() }))),
@@ -941,7 +972,7 @@ fn no_perturbation_of_a_certified_motion_is_missed() {
                 // A foot: half a leg, and out of its box wherever in it it was.
                 3 => {
                     let node = random(t.ee[foot].motion.nodes.len());
-                    t.ee[foot].motion.nodes[node][axis] += sign * f64::max(0.5 * leg, 2.2 * robot.reach[axis]);
+                    t.ee[foot].motion.nodes[node][axis] += sign * f64::max(0.5 * leg, 1.1 * robot.reach.of(foot).widths()[axis]);
                     format!("foot {foot} node {node} axis {axis}")
                 }
                 // A force, by half a weight.

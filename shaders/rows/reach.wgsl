@@ -1,6 +1,6 @@
 // needs: shared/values shared/jacobian shared/math shared/entries
 // binds: jacobian footholds reach_instants reach_feet
-// Reach boxes: each foot stays within a box around its nominal position in the base frame. One thread per reach instant.
+// Reach boxes: each foot stays within a box in the base frame. One thread per reach instant.
 //   in   values    x of the trial point, ground, deviations
 //   out  values    g at each foot's place: 3 upper sides, 3 lower sides; dimensionless, feasible when <= 0
 //   out  jacobian  3 rows at each foot's place, then the same rows by the base pose, [3][6]
@@ -47,10 +47,10 @@ fn reach_foot(slot: u32, half: u32, k: u32, number: u32, base_w: vec3<f32>, rot_
         foot_w.z += foot.z_weights[2] * values[x + foot.height];
     }
     let leg_w = foot_w - base_w;
-    let nominal = vec3<f32>(foot.nominal[0], foot.nominal[1], foot.nominal[2]);
-    let offset_b = mul_transposed(rot_wb, leg_w) - nominal;
+    let center = vec3<f32>(foot.center[0], foot.center[1], foot.center[2]);
+    let offset_b = mul_transposed(rot_wb, leg_w) - center;
     let at = ix_inequality(slot, half, foot.place.inequality);
-    let room = vec3<f32>(constants.reach[0], constants.reach[1], constants.reach[2]) - constants.length_margin;
+    let room = vec3<f32>(foot.half_widths[0], foot.half_widths[1], foot.half_widths[2]) - constants.length_margin;
     put_three(at, (offset_b - room) * unit);
     put_three(at + 3u, (-offset_b - room) * unit);
 

@@ -362,11 +362,11 @@ impl PeriodicGait {
         let mut least: f64 = 0.;
         for part in 0..=PARTS {
             let (sin, cos) = (yaw * part as f64 / PARTS as f64).sin_cos();
-            for foot in &robot.nominal_feet {
+            for (foot, reach) in robot.nominal_feet.iter().zip(robot.reach_boxes()) {
                 let way = [cos * x + sin * y - yaw * foot[1], cos * y - sin * x + yaw * foot[0]];
                 least = least.max(way[0].hypot(way[1]) / speed);
                 for axis in 0..2 {
-                    least = least.max(way[axis].abs() * self.stance / (REACH_SHARE * 2. * robot.reach[axis]));
+                    least = least.max(way[axis].abs() * self.stance / (REACH_SHARE * reach.widths()[axis]));
                 }
             }
         }
@@ -602,6 +602,12 @@ mod tests {
         // Sideways it reaches two thirds of that: 30 s.
         let sideways = Scenario::named("s1").unwrap().task_to([0., 7.]).unwrap();
         assert!((gait(0.6).least_horizon(&sideways, 1.) - 30.).abs() < 1e-9);
+        // A hind foot that reaches ahead by 0.05 m only has two thirds of the way: 30 s.
+        let side = |ahead: f64| [[-0.15, ahead], [-0.1, 0.1], [-0.1, 0.1]];
+        let reach = crate::robot::Reach::PerFoot(vec![side(0.15), side(0.15), side(0.15), side(0.05)]);
+        let mut shorter = straight.clone();
+        shorter.robot = std::sync::Arc::new(crate::robot::Robot { reach, ..(*straight.robot).clone() });
+        assert!((gait(0.6).least_horizon(&shorter, 1.) - 30.).abs() < 1e-9);
         // Half a turn on the spot: feet travel 0.34 pi to the side, with 0.2 m a stance of 0.5 s.
         let turn = task("anymal", 0., 0., PI);
         assert!((gait(0.5).least_horizon(&turn, 9.) - 0.34 * PI * 0.5 / 0.2 / 0.7).abs() < 1e-9);

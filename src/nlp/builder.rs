@@ -297,7 +297,6 @@ fn constants<T: Real>(task: &Task, settings: &TranscriptionSettings, interval: f
         weight: T::of(robot.mass * GRAVITY),
         inertia: robot.inertia.map(|row| row.map(T::of)),
         inverse_inertia: std::array::from_fn(|r| std::array::from_fn(|c| T::of(inverse[(r, c)]))),
-        reach: robot.reach.map(T::of),
         moment_scale: T::of(1. / (robot.weight() * robot.leg_height())),
         balance_scale: T::of(1. / robot.weight()),
         interval: T::of(interval),

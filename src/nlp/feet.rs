@@ -112,8 +112,11 @@ fn reach_foot<T: Real>(own: &dyn Transcribe<T>, b: &Builder<T>, foot: usize, t: 
         let after = blocks.footholds[phase / 2 + 1];
         (xy, z, after.index, [before.block, after.block, blocks.heights[phase / 2]].map(Use::Touches))
     };
+    let (nominal, reach) = (b.task.robot.nominal_feet[foot], b.task.robot.reach.of(foot));
+    let center = reach.center();
     let entry = ReachFoot {
-        nominal: b.task.robot.nominal_feet[foot].map(T::of),
+        center: std::array::from_fn(|axis| T::of(nominal[axis] + center[axis])),
+        half_widths: reach.half_widths().map(T::of),
         xy_weights: xy.map(T::of),
         z_weights: z.map(T::of),
         foothold: [before.index, after],

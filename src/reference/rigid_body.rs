@@ -100,9 +100,10 @@ pub fn reach(robot: &Robot, foot: usize, base: &Point, angles: &Point, at: &Poin
     let r = at.value - base.value;
     let to_base = rotation(given).transpose();
     let in_base = to_base * r.map(DualSVec64::from);
+    let reach = robot.reach.of(foot);
     for axis in 0..3 {
-        let (nominal, reach) = (robot.nominal_feet[foot][axis], robot.reach[axis]);
-        rows.row(in_base[axis].re, [nominal - reach, nominal + reach]);
+        let nominal = robot.nominal_feet[foot][axis];
+        rows.row(in_base[axis].re, [nominal + reach.low[axis], nominal + reach.high[axis]]);
         let by_position = Vector3::from_fn(|d, _| to_base[(axis, d)].re);
         angles.push(gradient(&in_base[axis]), rows);
         at.push(by_position, rows);

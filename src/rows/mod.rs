@@ -190,8 +190,6 @@ crate::table! {
         pub inertia: [[T; 3]; 3],
         /// Its inverse.
         pub inverse_inertia: [[T; 3]; 3],
-        /// Half-widths of the reach box, m.
-        pub reach: [T; 3],
         /// Scale of moments, 1/(N m).
         pub moment_scale: T,
         /// Scale of forces in balance, 1/N.

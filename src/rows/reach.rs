@@ -1,6 +1,7 @@
-//! Reach boxes: each foot stays within a box around its nominal position in the base frame.
+//! Reach boxes: each foot stays within a box in the base frame.
 //!
-//! `v = R' (foot - p) - nominal`, rows `v - reach + margin <= 0` and `-v - reach + margin <= 0`, times the length scale. Source: \[3\].
+//! `v = R' (foot - p) - center`, rows `v - half_width + margin <= 0` and `-v - half_width + margin <= 0`, times the length scale.
+//! Source: \[3\].
 
 use super::blocks::Placed;
 use super::math::{cross, euler, mul_transposed, scale, sub};
@@ -46,8 +47,10 @@ crate::table! {
     /// Reach rows of one foot: its position is
     /// `xy = sum_i xy_weights[i] foothold_i`, `z = sum_i z_weights[i] height(foothold_i) + z_weights[2] swing_height`.
     pub struct ReachFoot<T> {
-        /// Nominal position in the base frame, m.
-        pub nominal: [T; 3],
+        /// Middle of the box in the base frame, m.
+        pub center: [T; 3],
+        /// Half of its sides, m.
+        pub half_widths: [T; 3],
         /// Weights of the footholds before and after.
         pub xy_weights: [T; 2],
         /// Weights of their heights, and of the swing's mid node.
@@ -133,10 +136,10 @@ pub fn reach<T: Real>(
                 foot_w[2] += foot.z_weights[2] * x[foot.height as usize];
             }
             let leg_w = sub(foot_w, base_w);
-            let offset_b = sub(mul_transposed(&rot_wb, leg_w), foot.nominal);
+            let offset_b = sub(mul_transposed(&rot_wb, leg_w), foot.center);
             let at = foot.place.inequality as usize;
             for d in 0..3 {
-                let room = constants.reach[d] - constants.length_margin;
+                let room = foot.half_widths[d] - constants.length_margin;
                 residual[at + d] = (offset_b[d] - room) * unit;
                 residual[at + 3 + d] = (-offset_b[d] - room) * unit;
             }

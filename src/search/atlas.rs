@@ -195,13 +195,15 @@ impl Plan {
     fn problems(&self) -> Result<(Vec<Problem>, usize)> {
         let robot = &self.robot;
         let (time, mut problems, mut left_out) = (time_scale(robot), Vec::new(), 0);
+        // The foot with the shortest box is the first to leave it.
+        let along = robot.reach_boxes().map(|reach| reach.widths()[0]).fold(f64::INFINITY, f64::min);
         for &slope in &self.slopes {
             let terrain = Arc::new(sloping(slope));
             for &family in &self.families {
                 let offsets = offsets(family, robot)?;
                 for (&speed, &period, &duty) in grid(&self.speeds, &self.periods, &self.duties) {
                     let (swing, stance) = ((1. - duty) * period, duty * period);
-                    let far = speed * stance > REACH * 2. * robot.reach[0];
+                    let far = speed * stance > REACH * along;
                     if far || !is_itself(family, robot.feet(), duty) || swing.min(stance) < SHORTEST_PHASE * time * (1. - 1e-9) {
                         left_out += 1;
                         continue;

@@ -151,8 +151,8 @@ fn relaxed(task: &Task, lower: &LowerSettings) -> Vec<Relaxed> {
     let limit = force_limit(&lower.transcription, task);
     let same = |change, setting: String| Relaxed { change, setting, task: task.clone(), lower: lower.clone(), longer: 1. };
     let reach = |percent: f64, change| {
-        let reach = task.robot.reach.map(|r| r * (1. + percent / 100.));
-        let mut relaxed = same(change, format!("robot `reach` [{:.3}, {:.3}, {:.3}]", reach[0], reach[1], reach[2]));
+        let reach = task.robot.reach.scaled(1. + percent / 100.);
+        let mut relaxed = same(change, format!("robot `reach` {reach}"));
         // The limits of the legs stay what they are.
         relaxed.task.robot = Arc::new(Robot { reach, ..Robot::clone(&task.robot) });
         relaxed

@@ -79,13 +79,17 @@ fn feet_in_reach(task: &Task) -> Option<Finding> {
     let excess = |foot: usize| {
         let [x, y] = task.foothold_start(foot);
         let place = task.start.to_base([x, y, task.terrain.height(x, y)]);
-        let beyond = |axis: usize| ((place[axis] - robot.nominal_feet[foot][axis]).abs() - robot.reach[axis], axis, place[axis]);
+        let beyond = |axis: usize| {
+            let (offset, reach) = (place[axis] - robot.nominal_feet[foot][axis], robot.reach.of(foot));
+            ((offset - reach.high[axis]).max(reach.low[axis] - offset), axis, place[axis])
+        };
         let (x, y) = (beyond(0), beyond(1));
         if x.0 > y.0 { x } else { y }
     };
     let (foot, (excess, axis, place)) = (0..robot.feet()).map(|foot| (foot, excess(foot))).max_by(|a, b| a.1.0.total_cmp(&b.1.0))?;
     let nominal = robot.nominal_feet[foot][axis];
-    let (low, high) = (nominal - robot.reach[axis], nominal + robot.reach[axis]);
+    let reach = robot.reach.of(foot);
+    let (low, high) = (nominal + reach.low[axis], nominal + reach.high[axis]);
     (excess > TOLERANCE).then(|| Finding {
         certain: excess > DENSE_REACH + TOLERANCE,
         place: format!("start, foot {foot}"),
@@ -99,19 +103,19 @@ fn standing(task: &Task, settings: &TranscriptionSettings, end: End) -> Option<F
     let robot = &task.robot;
     let state = if end == End::Start { &task.start } else { &task.goal };
     let base = state.position;
-    // Along the vertical of a tilted base feet reach farther.
-    let upright = state.rotation()[2][2];
-    let reach = robot.reach[2] / upright;
+    // Lowest and highest that a foot reaches: along the vertical of a tilted base it is farther.
+    let levels = |foot: usize| {
+        let (nominal, reach) = (robot.nominal_feet[foot][2], robot.reach.of(foot));
+        [reach.low[2], reach.high[2]].map(|to| (nominal + to) / state.rotation()[2][2])
+    };
     let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
     // By how much each foot fails, and the ground that is nearest.
     let mut worst = (0., 0, 0.);
     for foot in 0..robot.feet() {
-        let nominal = robot.nominal_feet[foot][2] / upright;
-        let [lowest, highest] = ground_under(task, end, foot);
-        low = low.max(lowest - nominal - reach);
-        high = high.min(highest - nominal + reach);
-        let place = base[2] + nominal;
-        for (excess, ground) in [(lowest - (place + reach), lowest), (place - reach - highest, highest)] {
+        let ([bottom, top], [lowest, highest]) = (levels(foot), ground_under(task, end, foot));
+        low = low.max(lowest - top);
+        high = high.min(highest - bottom);
+        for (excess, ground) in [(lowest - (base[2] + top), lowest), (base[2] + bottom - highest, highest)] {
             if excess > worst.0 {
                 worst = (excess, foot, ground);
             }
@@ -123,7 +127,7 @@ fn standing(task: &Task, settings: &TranscriptionSettings, end: End) -> Option<F
     }
     let allowed = if settings.rows == Transcription::Momentum { DENSE_REACH } else { 0. };
     let under = base[2] - ground;
-    let nominal = -robot.nominal_feet[foot][2] / upright;
+    let [bottom, top] = levels(foot);
     let (name, what) = match end {
         End::Start => ("start", "the ground under it"),
         End::Goal => ("goal", "the nearest ground within its reach along x and y"),
@@ -157,8 +161,7 @@ fn standing(task: &Task, settings: &TranscriptionSettings, end: End) -> Option<F
         place: format!("{name}, foot {foot}"),
         found: format!(
             "{what} is {under:.3} m below the base, {excess:.3} m outside of its reach from {:.3} to {:.3} m below",
-            nominal - reach,
-            nominal + reach
+            -top, -bottom
         ),
         remedy,
     })
@@ -219,15 +222,15 @@ fn carried(task: &Task, settings: &TranscriptionSettings) -> Option<Finding> {
     })
 }
 
-/// Half the way that a base can go over a standing foot, m.
+/// Half the way that a base can go over a standing foot at most, m.
 fn half_way(task: &Task) -> f64 {
-    task.robot.reach[0].hypot(task.robot.reach[1])
+    task.robot.reach_boxes().map(|reach| reach.farthest()).fold(0., f64::max)
 }
 
 /// How far a foot has to be carried at least, m: from its start until it is within reach of the goal.
 fn way_of_foot(task: &Task, foot: usize) -> f64 {
     let (from, to) = (task.foothold_start(foot), task.foothold_goal(foot));
-    ((to[0] - from[0]).hypot(to[1] - from[1]) - half_way(task)).max(0.)
+    ((to[0] - from[0]).hypot(to[1] - from[1]) - task.robot.reach.of(foot).farthest()).max(0.)
 }
 
 /// The foot with the farthest way, and that.

@@ -105,15 +105,18 @@ pub(super) fn ground_at(terrain: &Terrain, state: &BaseState, [x, y]: [f64; 2]) 
 /// Lowest and highest ground for a foot of a base in a state, as heights under the base measured along its vertical, m: under the foot's
 /// nominal place, or anywhere in its reach along x and y.
 pub(super) fn ground_of_foot(robot: &Robot, terrain: &Terrain, state: &BaseState, foot: usize, fixed_feet: bool) -> [f64; 2] {
-    let (nominal, [reach_x, reach_y, _]) = (robot.nominal_feet[foot], robot.reach);
+    let (nominal, reach) = (robot.nominal_feet[foot], robot.reach.of(foot));
+    let (center, half_widths) = (reach.center(), reach.half_widths());
     // At a place in the box, its half-widths being 1.
     let height = |u: f64, v: f64| {
-        let at = [nominal[0] + u.clamp(-1., 1.) * reach_x, nominal[1] + v.clamp(-1., 1.) * reach_y, nominal[2]];
+        let along = |axis: usize, part: f64| nominal[axis] + center[axis] + part.clamp(-1., 1.) * half_widths[axis];
+        let at = [along(0, u), along(1, v), nominal[2]];
         let [x, y, _] = state.to_world(at);
         ground_at(terrain, state, [x, y])
     };
     if fixed_feet {
-        return [height(0., 0.); 2];
+        let [x, y, _] = state.to_world(nominal);
+        return [ground_at(terrain, state, [x, y]); 2];
     }
     // Samples all over the box, then ever closer about the best.
     [-1., 1.].map(|sign| {
@@ -144,7 +147,7 @@ pub(super) fn heights(robot: &Robot, terrain: &Terrain, state: &BaseState, fixed
     let upright = state.rotation()[2][2];
     (0..robot.feet()).fold([f64::NEG_INFINITY, f64::INFINITY], |[low, high], foot| {
         let [lowest, highest] = ground_of_foot(robot, terrain, state, foot, fixed_feet);
-        let (nominal, reach) = (robot.nominal_feet[foot][2], robot.reach[2]);
-        [low.max(lowest - (nominal + reach) / upright), high.min(highest - (nominal - reach) / upright)]
+        let (nominal, reach) = (robot.nominal_feet[foot][2], robot.reach.of(foot));
+        [low.max(lowest - (nominal + reach.high[2]) / upright), high.min(highest - (nominal + reach.low[2]) / upright)]
     })
 }

@@ -356,7 +356,9 @@ impl<'a> Motion<'a> {
     /// How far a foot is outside its box along each axis of the base, m; negative inside.
     pub fn reach_excess(&self, base: &BaseState, foot: usize, position: Vector3<f64>) -> Vector3<f64> {
         let in_base = base.rotation.inverse() * (position - base.position);
-        (in_base - Vector3::from(self.robot.nominal_feet[foot])).abs() - Vector3::from(self.robot.reach)
+        let (from_nominal, reach) = (in_base - Vector3::from(self.robot.nominal_feet[foot]), self.robot.reach.of(foot));
+        let outside = |value: f64, low: f64, high: f64| if value.is_nan() { value } else { (low - value).max(value - high) };
+        Vector3::from_fn(|axis, _| outside(from_nominal[axis], reach.low[axis], reach.high[axis]))
     }
 }
 

@@ -92,13 +92,14 @@ fn difference(robot: &Robot, named: &Robot) -> Option<&'static str> {
     };
     let feet = |robot: &Robot| robot.nominal_feet.concat();
     let inertia = |robot: &Robot| robot.inertia.concat();
+    let reach = |robot: &Robot| robot.reach_boxes().flat_map(|r| [r.low, r.high]).collect::<Vec<_>>().concat();
     if !near(&[robot.mass], &[named.mass]) {
         Some("mass")
     } else if !near(&inertia(robot), &inertia(named)) {
         Some("inertia")
     } else if !near(&feet(robot), &feet(named)) {
         Some("place of its feet")
-    } else if !near(&robot.reach, &named.reach) {
+    } else if !near(&reach(robot), &reach(named)) {
         Some("reach")
     } else {
         None

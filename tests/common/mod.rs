@@ -5,7 +5,7 @@ use cregopt::gait::Schedule;
 use cregopt::nlp::Layout;
 use cregopt::nlp::transcription::{interval, towr::FORCE_LIMIT};
 use cregopt::real::Real;
-use cregopt::robot::Robot;
+use cregopt::robot::{Reach, Robot};
 use cregopt::rows::table::NONE;
 use cregopt::rows::{Family, Shared};
 use cregopt::scenario::Scenario;
@@ -79,12 +79,21 @@ pub fn spider(feet: usize) -> Robot {
         inertia: [[0.31, 0.02, -0.03], [0.02, 0.42, 0.01], [-0.03, 0.01, 0.55]],
         base_height: 0.33,
         nominal_feet: nominal_feet.collect(),
-        reach: [0.2, 0.15, 0.12],
+        reach: [0.2, 0.15, 0.12].into(),
         force_limit: None,
         leg_mass: None,
     };
     robot.validate().unwrap();
     robot
+}
+
+/// A robot whose feet reach less far back, inward and down, each pair of feet less than the one before.
+pub fn lopsided(robot: Robot) -> Robot {
+    let sides = |foot: usize| {
+        let ([x, y, z], less) = (robot.reach.of(foot).half_widths(), 0.01 * (foot / 2 + 1) as f64);
+        [[less - x, x], if robot.nominal_feet[foot][1] > 0. { [less - y, y] } else { [-y, y - less] }, [less - z, z]]
+    };
+    Robot { reach: Reach::PerFoot((0..robot.feet()).map(sides).collect()), ..robot }
 }
 
 /// Grid cells of 0.7 m by 0.5 m whose heights differ along both axes, so that every cell is twisted.

@@ -1,6 +1,6 @@
 //! Who is evaluated: candidates, small and long ones, and a point of each.
 
-use crate::common::{Random, cones, gait, hills, layout_with, point, spider, task, task_for, towr, transcriptions};
+use crate::common::{Random, cones, gait, hills, layout_with, lopsided, point, spider, task, task_for, towr, transcriptions};
 use crate::lab::POISON;
 use cregopt::gait::Schedule;
 use cregopt::nlp::Layout;
@@ -55,10 +55,10 @@ pub fn candidates() -> Vec<Candidate> {
             task("anymal", "step", [4.5, -0.2], 0.),
             task("pexod", "slope", [2.8, 0.2], 0.5),
             task_for(spider(8), named("gap"), [2.2, -0.1], 0.7),
-            task_for(spider(1), hills(), [2.5, 1.], -1.),
+            task_for(lopsided(spider(1)), hills(), [2.5, 1.], -1.),
             task("biped", "block", [2.2, 0.1], 3.1),
             task("anymal", "flat", [1., -0.3], std::f64::consts::PI),
-            task_for(spider(6), hills(), [-3., 1.5], 6.2),
+            task_for(lopsided(spider(6)), hills(), [-3., 1.5], 6.2),
             task("monoped", "chimney", [2., 0.2], -3.1),
         ];
         for task in tasks {

@@ -8,7 +8,7 @@ mod linear;
 mod rows;
 mod solver;
 
-use common::{Random, gait, hills, spider, task, task_for};
+use common::{Random, gait, hills, lopsided, spider, task, task_for};
 use cregopt::gait::Schedule;
 use cregopt::real::Real;
 use cregopt::task::Task;
@@ -65,7 +65,7 @@ fn cases() -> Vec<Case> {
         task("monoped", "slope", [2.8, -0.2], -0.4),
         task("pexod", "slope", [3.3, 0.5], 1.),
         task_for(spider(3), gap(), [2.5, 0.1], -1.),
-        task_for(spider(5), hills(), [1., 1.], 0.),
+        task_for(lopsided(spider(5)), hills(), [1., 1.], 0.),
         task_for(spider(7), hills(), [4.5, -1.], 0.5),
         task_for(spider(8), gap(), [2.6, -0.4], 0.7),
     ];

@@ -24,11 +24,12 @@ pub fn foothold(task: &Task, foot: usize, stance: usize, stances: usize) -> [f64
     [start[0] + part * (goal[0] - start[0]), start[1] + part * (goal[1] - start[1])]
 }
 
-/// Foothold of a foot (x, y) at its nominal position under a base pose (position, then Euler angles), m.
+/// Foothold of a foot (x, y) in the middle of its reach under a base pose (position, then Euler angles), m.
 pub fn under_base(task: &Task, foot: usize, pose: [f64; 6]) -> [f64; 2] {
     let [px, py, pz, roll, pitch, yaw] = pose;
     let base = BaseState { angles: [roll, pitch, yaw], ..BaseState::level([px, py, pz], 0.) };
-    let [x, y, _] = base.to_world(task.robot.nominal_feet[foot]);
+    let ([x, y, z], [dx, dy, _]) = (task.robot.nominal_feet[foot], task.robot.reach.of(foot).center());
+    let [x, y, _] = base.to_world([x + dx, y + dy, z]);
     [x, y]
 }
 

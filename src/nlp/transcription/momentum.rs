@@ -185,7 +185,7 @@ impl<T: Real> Transcribe<T> for Momentum {
         FOOTHOLD_SMOOTHING
     }
 
-    /// The nominal place under the base of the initial guess in the middle of the stance.
+    /// The middle of its reach under the base of the initial guess in the middle of the stance; nominal at both ends of the way.
     fn foothold(&self, b: &Builder<T>, foot: usize, stance: usize, stances: usize) -> [f64; 2] {
         if stance == 0 {
             return b.task.foothold_start(foot);
