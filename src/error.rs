@@ -17,7 +17,7 @@ pub enum Error {
         limit: String,
     },
     /// A name that is not in a list.
-    #[error("unknown {what} `{}`; known: {known}", name.escape_debug())]
+    #[error("unknown {what} `{}`{}; known: {known}", name.escape_debug(), meant(name, known))]
     Unknown {
         /// What kind of thing was named.
         what: &'static str,
@@ -91,6 +91,7 @@ impl Error {
         match self {
             Error::Invalid { place, value, limit } => Error::Invalid { place: format!("{outer}: {place}"), value, limit },
             Error::Format { message } => Error::Format { message: format!("{outer}: {message}") },
+            unknown @ Error::Unknown { .. } => Error::Format { message: format!("{outer}: {unknown}") },
             other => other,
         }
     }
@@ -102,19 +103,51 @@ impl From<serde_json::Error> for Error {
     }
 }
 
+/// `; did you mean ...?` when one of a list of names is near.
+fn meant(name: &str, known: &str) -> String {
+    let near = |other: &&str| strsim::damerau_levenshtein(name, other) <= (name.chars().count() / 3).max(1);
+    let nearest = known.split(", ").filter(near).min_by_key(|other| strsim::damerau_levenshtein(name, other));
+    nearest.map(|other| format!("; did you mean `{other}`?")).unwrap_or_default()
+}
+
+/// What serde says of a document, with the name that was perhaps meant.
+fn described(path: String, message: String) -> Error {
+    // "." is the whole document. A path may end in the unknown key itself.
+    let message = match message.strip_prefix("unknown field `").and_then(|rest| rest.split_once('`')) {
+        Some((name, rest)) => {
+            let known: Vec<&str> = rest.split('`').skip(1).step_by(2).collect();
+            let (meant, expected) = (meant(name, &known.join(", ")), rest.trim_start_matches(", "));
+            format!("unknown field `{name}`{}{expected}", if meant.is_empty() { ", ".into() } else { meant + " " })
+        }
+        None => message,
+    };
+    Error::Format { message: if path == "." { message } else { format!("{path}: {message}") } }
+}
+
 /// Reads a value from JSON text; errors name the field.
 ///
 /// # Errors
 /// [`Error::Format`] for malformed JSON, wrong types, unknown or missing keys.
 pub fn from_json<T: serde::de::DeserializeOwned>(text: &str) -> Result<T> {
     let mut json = serde_json::Deserializer::from_str(text);
-    let value = serde_path_to_error::deserialize(&mut json).map_err(|e| {
-        let (path, source) = (e.path().to_string(), e.into_inner());
-        // "." is the whole document.
-        Error::Format { message: if path == "." { source.to_string() } else { format!("{path}: {source}") } }
-    })?;
+    let value = serde_path_to_error::deserialize(&mut json).map_err(|e| described(e.path().to_string(), e.into_inner().to_string()))?;
     json.end()?;
     Ok(value)
+}
+
+/// Reads a value from TOML text; errors name line, column and field.
+///
+/// # Errors
+/// [`Error::Format`] for malformed TOML, wrong types, unknown or missing keys.
+pub fn from_toml<T: serde::de::DeserializeOwned>(text: &str) -> Result<T> {
+    let place = |e: &toml::de::Error| {
+        let before = e.span().map(|span| &text[..span.start.min(text.len())])?;
+        let (line, column) = (before.matches('\n').count() + 1, before.chars().rev().take_while(|&c| c != '\n').count() + 1);
+        Some(format!(" at line {line} column {column}"))
+    };
+    let told = |e: &toml::de::Error| format!("{}{}", e.message(), place(e).unwrap_or_default());
+    let document = toml::Deserializer::parse(text).map_err(|e| Error::Format { message: told(&e) })?;
+    serde_path_to_error::deserialize(document).map_err(|e| described(e.path().to_string(), told(e.inner())))
 }
 
 /// Checks that a number is finite and inside `[low, high]`.

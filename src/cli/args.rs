@@ -1,9 +1,9 @@
 //! Arguments that several commands share.
 
+use super::scenario_file::{ScenarioFile, Start};
 use super::{Failure, complain};
 use crate::backend::{Backend, Cpu, Precision};
 use crate::error::{Error, Result};
-use crate::gait::Trajectory;
 use crate::reference::ipopt;
 use crate::reference::workers::Workers;
 use crate::report::files;
@@ -51,7 +51,7 @@ fn named_or_file<T>(
 }
 
 /// Robot and ground.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub struct WorldArgs {
     /// Robot: a name from `list` or a JSON file; the scenario's by default. SCENARIO=NAME|FILE for the lines of one scenario
     #[arg(long, value_name = "NAME|FILE")]
@@ -95,11 +95,19 @@ pub struct World {
 impl WorldArgs {
     /// Reads what was named.
     pub fn read(&self) -> Result<World> {
-        Ok(World {
-            robots: Choices::read(&self.robot, robot)?,
-            terrains: Choices::read(&self.terrain, terrain)?,
-            force_limit: self.force_limit,
-        })
+        self.over(&ScenarioFile::default())
+    }
+
+    /// Reads what was named, and what a file says besides.
+    pub fn over(&self, file: &ScenarioFile) -> Result<World> {
+        let (mut robots, mut terrains) = (Choices::read(&self.robot, robot)?, Choices::read(&self.terrain, terrain)?);
+        if robots.0.is_empty() {
+            robots.0.extend(file.robot()?.map(|own| (None, own)));
+        }
+        if terrains.0.is_empty() {
+            terrains.0.extend(file.terrain()?.map(|own| (None, own)));
+        }
+        Ok(World { robots, terrains, force_limit: self.force_limit.or(file.force_limit) })
     }
 }
 
@@ -107,25 +115,9 @@ impl WorldArgs {
 #[derive(Debug, Clone, Copy, Default)]
 pub struct GoalSource {
     pub target: Option<usize>,
-    pub base_target: Option<[f64; 3]>,
-    /// Goal without a height: nominal above the terrain.
-    pub xy: Option<[f64; 2]>,
+    pub goal: Option<Goal>,
+    /// Instead of the scenario's; of a goal its own is added to neither.
     pub yaw: Option<f64>,
-}
-
-/// Where a task starts.
-#[derive(Debug, Clone)]
-pub enum Start {
-    /// At a place; by default above the origin.
-    At(Goal),
-    /// Where a motion ends.
-    After(Box<Trajectory>),
-}
-
-impl Default for Start {
-    fn default() -> Start {
-        Start::At(Goal::at(0., 0.))
-    }
 }
 
 impl World {
@@ -155,23 +147,23 @@ impl World {
             (None, Some(s)) => Arc::new(Terrain::named(s.terrain)?),
             (None, None) => Arc::new(Terrain::named("flat")?),
         };
-        let place = match (goal.base_target, goal.xy, goal.target) {
-            (Some(p), _, _) => Goal::position(p),
-            (None, Some([x, y]), _) => Goal::at(x, y),
-            (None, None, Some(target)) => {
+        let place = match (goal.goal, goal.target) {
+            (Some(place), _) => place,
+            (None, Some(target)) => {
                 let [x, y] = Scenario::goal(target)?;
                 Goal::at(x, y)
             }
-            (None, None, None) => return Err(missing("goal", "--goal, `base_target` in the line")),
+            (None, None) => return Err(missing("goal", "--goal, `base_target` in the line, `goal` in a scenario file")),
         };
         let yaw = goal.yaw.or(scenario.map(|s| s.yaw_target)).unwrap_or(0.);
         if yaw.abs() > 2. * PI {
             let turns = yaw / (2. * PI);
             TURNS.call_once(|| complain(&format!("goal yaw {yaw} rad is {turns:.1} turns; {yaw} degrees are {:.4} rad", yaw.to_radians())));
         }
-        let mut task = match start {
-            Start::At(start) => Task::between(robot, terrain, *start, place.yaw(yaw))?,
-            Start::After(motion) => Task::between(robot, terrain, place.yaw(yaw), place.yaw(yaw))?.after(motion)?,
+        let place = place.yaw(yaw);
+        let mut task = match start.motion()? {
+            Some(motion) => Task::between(robot, terrain, place, place)?.after(&motion)?,
+            None => Task::from_feet(robot, terrain, start.place(), start.feet.clone(), place)?,
         };
         task.force_limit = self.force_limit;
         task.validate()?;
@@ -201,47 +193,74 @@ pub enum PrecisionArg {
 const SMOOTH_ITERATIONS: usize = 20;
 
 /// Where to solve.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub struct DeviceArgs {
-    /// Where to solve: `auto` takes a GPU for large batches, `gpu:NAME` an adapter of that name, see `devices`
-    #[arg(long, default_value = "auto", value_name = "auto|cpu|gpu[:NAME]")]
-    pub device: DeviceArg,
-    /// Threads; 0 is one a processor. Results do not depend on it
-    #[arg(long, default_value_t = 0)]
-    pub threads: usize,
+    /// Where to solve: `auto` takes a GPU for large batches, `gpu:NAME` an adapter of that name, see `devices` [default: auto]
+    #[arg(long, value_name = "auto|cpu|gpu[:NAME]")]
+    pub device: Option<DeviceArg>,
+    /// Threads; 0 is one a processor. Results do not depend on it [default: 0]
+    #[arg(long)]
+    pub threads: Option<usize>,
 }
 
 /// How to solve.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub struct LowerArgs {
-    /// Rows that a motion must satisfy
-    #[arg(long, value_enum, default_value = "momentum")]
-    pub transcription: TranscriptionArg,
+    /// Rows that a motion must satisfy [default: momentum]
+    #[arg(long, value_enum)]
+    pub transcription: Option<TranscriptionArg>,
     /// Lower a cost of forces and of base motion after each solve: feasible and gentler, a third slower
     #[arg(long)]
     pub smooth: bool,
-    /// Scalar of the solver
-    #[arg(long, value_enum, default_value = "f32")]
-    pub precision: PrecisionArg,
+    /// Scalar of the solver [default: f32]
+    #[arg(long, value_enum)]
+    pub precision: Option<PrecisionArg>,
     #[command(flatten)]
     pub place: DeviceArgs,
     /// Any setting by its path, e.g. `solver.max_iterations=100`; all are in result.json
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
+    /// Settings of a scenario file.
+    #[arg(skip)]
+    pub tables: [toml::Table; 2],
 }
 
 impl LowerArgs {
+    /// What is not given here as in a scenario file.
+    pub fn over(self, file: &ScenarioFile) -> Result<LowerArgs> {
+        let transcription = file.transcription.map(|rows| match rows {
+            Transcription::Momentum => TranscriptionArg::Momentum,
+            Transcription::Towr => TranscriptionArg::Towr,
+        });
+        let precision = file.precision.map(|precision| match precision {
+            Precision::F32 => PrecisionArg::F32,
+            Precision::F64 => PrecisionArg::F64,
+        });
+        let device = file.device.as_deref().map(|text| {
+            let known = |e: String| Error::invalid("device", format!("`{}`", text.escape_debug()), e);
+            text.parse::<DeviceArg>().map_err(known)
+        });
+        Ok(LowerArgs {
+            transcription: self.transcription.or(transcription),
+            smooth: self.smooth || file.smooth.unwrap_or(false),
+            precision: self.precision.or(precision),
+            place: DeviceArgs { device: self.place.device.or(device.transpose()?), threads: self.place.threads.or(file.threads) },
+            set: self.set,
+            tables: [file.settings_of("transcription")?, file.settings_of("solver")?],
+        })
+    }
+
     /// Settings of the lower level; keys that begin with `search.` or `refine.` are left alone.
     ///
     /// * `legs` - what legs can do, unless it is set
     pub fn settings(&self, legs: Legs) -> Result<LowerSettings> {
         let rows = match self.transcription {
-            TranscriptionArg::Momentum => Transcription::Momentum,
-            TranscriptionArg::Towr => Transcription::Towr,
+            None | Some(TranscriptionArg::Momentum) => Transcription::Momentum,
+            Some(TranscriptionArg::Towr) => Transcription::Towr,
         };
         let precision = match self.precision {
-            PrecisionArg::F32 => Precision::F32,
-            PrecisionArg::F64 => Precision::F64,
+            None | Some(PrecisionArg::F32) => Precision::F32,
+            Some(PrecisionArg::F64) => Precision::F64,
         };
         let mut solver = SolverSettings::default();
         if self.smooth {
@@ -249,30 +268,36 @@ impl LowerArgs {
         }
         let sets = self.set.iter().filter(|s| !(s.starts_with("search.") || s.starts_with("refine.")));
         let transcription = TranscriptionSettings { legs, ..TranscriptionSettings::of(rows) };
-        let settings = apply(LowerSettings { transcription, solver, precision }, "", sets.map(String::as_str))?;
+        let [of_transcription, of_solver] = &self.tables;
+        let settings = LowerSettings {
+            transcription: merge(transcription, of_transcription, "settings.transcription")?,
+            solver: merge(solver, of_solver, "settings.solver")?,
+            precision,
+        };
+        let settings = apply(settings, "", sets.map(String::as_str))?;
         settings.validate()?;
         Ok(settings)
     }
 
     /// As [`DeviceArgs::backend`].
     pub fn backend(&self, batch: usize) -> std::result::Result<Box<dyn Backend>, Failure> {
-        self.place.backend(batch, self.precision)
+        self.place.backend(batch, self.precision.unwrap_or(PrecisionArg::F32))
     }
 }
 
 impl DeviceArgs {
     /// The device that was asked for, for batches of a size.
     pub fn backend(&self, batch: usize, precision: PrecisionArg) -> std::result::Result<Box<dyn Backend>, Failure> {
-        check_threads(self.threads)?;
-        let cpu = || Ok(Box::new(Cpu::new(self.threads)?) as Box<dyn Backend>);
-        match (&self.device, precision) {
+        let threads = check_threads(self.threads.unwrap_or(0))?;
+        let cpu = || Ok(Box::new(Cpu::new(threads)?) as Box<dyn Backend>);
+        match (self.device.as_ref().unwrap_or(&DeviceArg::Auto), precision) {
             (DeviceArg::Cpu, _) | (DeviceArg::Auto, PrecisionArg::F64) => cpu(),
             (DeviceArg::Gpu(_), PrecisionArg::F64) => {
                 Err(Error::invalid("--device", "gpu", "`cpu` or `auto` with --precision f64, which only the CPU has").into())
             }
-            (DeviceArg::Gpu(name), _) => Ok(gpu(name.as_deref(), true, self.threads)?),
+            (DeviceArg::Gpu(name), _) => Ok(gpu(name.as_deref(), true, threads)?),
             (DeviceArg::Auto, _) if batch < AUTO_BATCH => cpu(),
-            (DeviceArg::Auto, _) => match gpu(None, false, self.threads) {
+            (DeviceArg::Auto, _) => match gpu(None, false, threads) {
                 Ok(gpu) => Ok(gpu),
                 Err(error) => {
                     complain(&format!("on the CPU: {error}"));
@@ -357,6 +382,35 @@ pub fn apply<'a, S: Serialize + DeserializeOwned>(settings: S, prefix: &str, set
         right.map_err(|e| Error::invalid(format!("--set {prefix}{set}"), e, "a value of the setting's type"))?;
     }
     Ok(serde_json::from_value(tree)?)
+}
+
+/// Settings with a table of some of them on top.
+///
+/// * `place` - where the table stands, for errors
+pub fn merge<S: Serialize + DeserializeOwned>(settings: S, table: &toml::Table, place: &str) -> Result<S> {
+    let mut tree = serde_json::to_value(settings)?;
+    graft(&mut tree, serde_json::to_value(table)?, place)?;
+    serde_path_to_error::deserialize(tree).map_err(|e| {
+        let path = format!("{place}.{}", e.path());
+        Error::Format { message: format!("{path}: {}", e.inner()) }
+    })
+}
+
+/// Puts the leaves of a tree into another that has a place for each.
+fn graft(tree: &mut serde_json::Value, other: serde_json::Value, place: &str) -> Result<()> {
+    match (tree, other) {
+        (serde_json::Value::Object(own), serde_json::Value::Object(other)) => {
+            for (key, value) in other {
+                let Some(slot) = own.get_mut(&key) else {
+                    let known: Vec<&str> = own.keys().map(String::as_str).collect();
+                    return Err(Error::Unknown { what: "setting", known: known.join(", "), name: key }.within(place));
+                };
+                graft(slot, value, &format!("{place}.{key}"))?;
+            }
+        }
+        (slot, value) => *slot = value,
+    }
+    Ok(())
 }
 
 /// Paths of all leaves of a settings tree.

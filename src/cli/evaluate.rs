@@ -1,7 +1,8 @@
 //! `evaluate`: solve given schedules.
 
-use super::args::{GoalSource, LowerArgs, Start, World, WorldArgs, workers};
+use super::args::{GoalSource, LowerArgs, World, WorldArgs, workers};
 use super::label::label;
+use super::scenario_file::Start;
 use super::{CANCELLED, Failure, Verdict, complain, print};
 use crate::backend::Backend;
 use crate::error::{Error, Result, from_json};
@@ -16,7 +17,7 @@ use crate::report::{EvaluateResult, IpoptResult};
 use crate::scenario::Scenario;
 use crate::search::evaluate::{Evaluated, LowerSettings, check_candidate, evaluate};
 use crate::settings::Legs;
-use crate::task::Task;
+use crate::task::{Goal, Task};
 use clap::{Args, ValueEnum};
 use serde::Deserialize;
 use serde_json::{Map, Value};
@@ -204,7 +205,7 @@ impl Evaluate {
 
         let solver = match self.solver {
             SolverArg::Own => Solver::Own(self.lower.backend(items.len())?, Box::new(settings.clone())),
-            SolverArg::Ipopt => Solver::Ipopt(workers(self.lower.place.threads)?),
+            SolverArg::Ipopt => Solver::Ipopt(workers(self.lower.place.threads.unwrap_or(0))?),
         };
         let start = Instant::now();
         let mut content = DefaultHasher::new();
@@ -310,13 +311,13 @@ impl Evaluate {
         let scenario = parsed.scenario.or_else(|| self.scenario.clone());
         let named = scenario.as_deref().map(Scenario::named).transpose()?;
         // A goal on the ground has no height of its own.
-        let (xy, base_target) = match parsed.base_target.as_deref() {
-            None => (None, None),
-            Some(&[x, y]) => (Some([x, y]), None),
-            Some(&[x, y, z]) => (None, Some([x, y, z])),
+        let place = match parsed.base_target.as_deref() {
+            None => None,
+            Some(&[x, y]) => Some(Goal::at(x, y)),
+            Some(&[x, y, z]) => Some(Goal::position([x, y, z])),
             Some(other) => return Err(Error::invalid("base_target", format!("{} numbers", other.len()), "2 or 3: x, y, z in m")),
         };
-        let goal = GoalSource { target: parsed.target, base_target, xy, yaw: parsed.yaw_target };
+        let goal = GoalSource { target: parsed.target, goal: place, yaw: parsed.yaw_target };
         Ok(Item { object, scenario, task: world.task(named.as_ref(), &Start::default(), goal)?, schedule })
     }
 }

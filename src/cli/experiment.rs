@@ -77,7 +77,7 @@ impl Experiment {
             populations: self.populations.clone(),
         };
         files::make_folder(&self.out)?;
-        let workers = ipopt::check().ok().map(|()| workers(self.place.threads)).transpose()?;
+        let workers = ipopt::check().ok().map(|()| workers(self.place.threads.unwrap_or(0))).transpose()?;
         if workers.is_none() {
             complain(&"without Ipopt: its methods are left out (build with `--features ipopt`)");
         }
@@ -107,7 +107,7 @@ impl Experiment {
         for case in &cases {
             case.search()?.validate()?;
         }
-        let mut log = Log::open(&self.out.join(format!("experiment{number}.jsonl")), threads_or_all(self.place.threads))?;
+        let mut log = Log::open(&self.out.join(format!("experiment{number}.jsonl")), threads_or_all(self.place.threads.unwrap_or(0)))?;
         // One device for small populations, one for large ones.
         let mut backends = BTreeMap::new();
         let count = cases.len();

@@ -7,9 +7,11 @@ mod devices;
 mod evaluate;
 #[cfg(feature = "experiment")]
 mod experiment;
+mod init;
 mod ipopt_worker;
 mod label;
 mod list;
+mod scenario_file;
 mod solve;
 mod verify;
 
@@ -36,6 +38,8 @@ struct Cli {
 enum Command {
     /// Search for a gait
     Solve(Box<solve::Solve>),
+    /// Write a scenario file with every key explained
+    Init(init::Init),
     /// Solve given contact schedules, one JSON object a line
     Evaluate(evaluate::Evaluate),
     /// Solve every regular gait of a robot at every speed: costs, the best ones, transitions
@@ -98,6 +102,7 @@ pub fn main() -> ExitCode {
     });
     let result = match cli.command {
         Command::Solve(command) => command.run(),
+        Command::Init(command) => command.run(),
         Command::Evaluate(command) => command.run(),
         Command::Atlas(command) => command.run(),
         #[cfg(feature = "experiment")]

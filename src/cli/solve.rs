@@ -1,7 +1,8 @@
 //! `solve`: search for a gait.
 
-use super::args::{GoalArg, GoalSource, LowerArgs, Start, WorldArgs, apply};
-use super::label::label;
+use super::args::{GoalArg, GoalSource, LowerArgs, WorldArgs, apply, merge};
+use super::label::{label, world_of};
+use super::scenario_file::{ScenarioFile, Start, of_state, table_of};
 use super::{CANCELLED, Failure, Verdict, complain, print, to_json};
 use crate::backend::Backend;
 use crate::error::{Error, Result, from_json};
@@ -29,14 +30,17 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub struct Solve {
+    /// Scenario file (.toml) with anything that follows; flags override it. `init` writes one
+    #[arg(value_name = "SCENARIO.toml")]
+    file: Option<PathBuf>,
     /// Scenario from `list`
     #[arg(long)]
     scenario: Option<String>,
-    /// Target of the scenario, 1 to 20
-    #[arg(long, default_value_t = 10)]
-    target: usize,
+    /// Target of the scenario, 1 to 20 [default: 10]
+    #[arg(long)]
+    target: Option<usize>,
     /// Goal instead of a target, m; without Z the base is as high above the ground there as at the start, or as its feet reach
     #[arg(long, value_name = "X,Y[,Z]", allow_hyphen_values = true)]
     goal: Option<GoalArg>,
@@ -57,9 +61,9 @@ pub struct Solve {
     yaw: Option<f64>,
     #[command(flatten)]
     world: WorldArgs,
-    /// Seed of the search
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
+    /// Seed of the search [default: 1]
+    #[arg(long)]
+    seed: Option<u64>,
     /// Which gaits: all families that the robot can have, some of them, any schedule at all as in the paper, or those near the `durations` of a
     /// JSON file
     #[arg(long, value_name = "all|FAMILY,...|free|FILE")]
@@ -82,9 +86,9 @@ pub struct Solve {
     /// End with the first gait
     #[arg(long)]
     first: bool,
-    /// Gaits to return: the best, and the best of other families
-    #[arg(long, value_name = "K", default_value_t = 1)]
-    alternatives: usize,
+    /// Gaits to return: the best, and the best of other families [default: 1]
+    #[arg(long, value_name = "K")]
+    alternatives: Option<usize>,
     /// Bring the gait to a local optimum of its cost, phase durations among the variables
     #[arg(long)]
     refine: bool,
@@ -93,16 +97,67 @@ pub struct Solve {
     random: bool,
     #[command(flatten)]
     lower: LowerArgs,
-    /// Folder for result.json and trajectory.json; alternatives are trajectory-2.json and on
+    /// Folder for result.json, trajectory.json and scenario.toml; alternatives are trajectory-2.json and on
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print result.json instead of text
     #[arg(long)]
     json: bool,
+    /// The file.
+    #[arg(skip)]
+    asked: ScenarioFile,
 }
+
+/// A seed that none asked for.
+const SEED: u64 = 1;
+
+/// A target that none asked for.
+const TARGET: usize = 10;
 
 impl Solve {
     pub fn run(&self) -> std::result::Result<Verdict, Failure> {
+        match &self.file {
+            None => self.clone().over(ScenarioFile::default())?.run_merged(),
+            Some(path) => self.clone().over(ScenarioFile::read(path)?).map_err(|e| e.in_file(path, None))?.run_merged(),
+        }
+    }
+
+    /// What is not given here as in a scenario file.
+    fn over(self, file: ScenarioFile) -> Result<Solve> {
+        let asked = file.clone();
+        // A goal on the command line is one without the file's way to its own.
+        let waypoints = if self.goal.is_none() { file.waypoints } else { Vec::new() };
+        Ok(Solve {
+            scenario: self.scenario.or(file.scenario),
+            target: self.target.or(file.target),
+            seed: self.seed.or(file.seed),
+            gait: self.gait.or(file.gait),
+            preset: self.preset.or(file.preset),
+            population: self.population.or(file.population),
+            generations: self.generations.or(file.generations),
+            objective: self.objective.or(file.objective),
+            time: self.time.or(file.time),
+            first: self.first || file.first.unwrap_or(false),
+            alternatives: self.alternatives.or(file.alternatives),
+            refine: self.refine || file.refine.unwrap_or(false),
+            random: self.random || file.random.unwrap_or(false),
+            lower: self.lower.over(&asked)?,
+            out: self.out.or(file.out),
+            asked: ScenarioFile { waypoints, ..asked },
+            ..self
+        })
+    }
+
+    /// Places on the way: those of the command line, else the file's. Those without a yaw of their own turn evenly.
+    fn waypoints(&self) -> Vec<(Goal, bool)> {
+        if self.via.is_empty() {
+            self.asked.waypoints.iter().map(|&goal| (goal, false)).collect()
+        } else {
+            self.via.iter().map(|via| (via.goal(), true)).collect()
+        }
+    }
+
+    fn run_merged(&self) -> std::result::Result<Verdict, Failure> {
         let scenario = self.scenario.as_deref().map(Scenario::named).transpose()?;
         let mut lower = self.lower.settings(if self.preset.is_some() { Legs::Free } else { Legs::Limited })?;
         let settings = self.search_settings()?;
@@ -110,11 +165,14 @@ impl Solve {
         // So that the result says which it was.
         lower.transcription.interval = Some(transcription::interval(&lower.transcription, &whole.robot));
         let backend = self.lower.backend(settings.population)?;
-        let legs = self.via.len() + 1;
+        let waypoints = self.waypoints();
+        let legs = waypoints.len() + 1;
         let mut start = None;
         for leg in 1..=legs {
-            let task = self.leg(&whole, leg, start.as_ref())?;
-            let (verdict, motion) = self.run_leg(&task, leg, scenario.as_ref(), &settings, &lower, &*backend)?;
+            let task = self.leg(&whole, &waypoints, leg, start.as_ref())?;
+            let folder = self.out.as_ref().map(|out| if legs == 1 { out.clone() } else { out.join(format!("leg-{leg}")) });
+            let scenario = scenario.as_ref().filter(|_| leg == legs);
+            let (verdict, motion) = self.run_leg(&task, folder.as_deref(), scenario, &settings, &lower, &*backend)?;
             if verdict != Verdict::Feasible {
                 if leg < legs {
                     complain(&format!("leg {leg} of {legs} has no gait: the further ones were not looked for"));
@@ -127,41 +185,41 @@ impl Solve {
     }
 
     /// The task of a leg: from the start, or where the leg before ends, to the next place on the way.
-    fn leg(&self, whole: &Task, leg: usize, before: Option<&Trajectory>) -> Result<Task> {
+    fn leg(&self, whole: &Task, waypoints: &[(Goal, bool)], leg: usize, before: Option<&Trajectory>) -> Result<Task> {
         let task = before.map_or_else(|| Ok(whole.clone()), |motion| whole.after(motion))?;
-        let Some(via) = self.via.get(leg - 1) else { return Ok(task) };
-        // It turns evenly, leg by leg.
-        let part = 1. / (self.via.len() + 2 - leg) as f64;
-        task.to(via.goal().yaw(task.line(part)[5])).map_err(|e| e.within(format_args!("--via, leg {leg}")))
+        let Some(&(goal, turns_evenly)) = waypoints.get(leg - 1) else { return Ok(task) };
+        let part = 1. / (waypoints.len() + 2 - leg) as f64;
+        let goal = if turns_evenly { goal.yaw(task.line(part)[5]) } else { goal };
+        task.to(goal).map_err(|e| e.within(format_args!("place {leg} on the way")))
     }
 
     /// Searches for the gait of a leg, and writes and prints what was found.
     fn run_leg(
         &self,
         task: &Task,
-        leg: usize,
+        folder: Option<&Path>,
         scenario: Option<&Scenario>,
         settings: &SearchSettings,
         lower: &LowerSettings,
         backend: &dyn Backend,
     ) -> std::result::Result<(Verdict, Trajectory), Failure> {
         let warnings = possible(task, settings, lower)?;
-        let folder = self.out.as_ref().map(|out| if self.via.is_empty() { out.clone() } else { out.join(format!("leg-{leg}")) });
-        if let Some(folder) = &folder {
+        if let Some(folder) = folder {
             files::make_folder(folder)?;
         }
-        let search = Search::new(task).settings(settings.clone()).lower(lower.clone()).seed(self.seed).cancelled_by(&CANCELLED);
+        let seed = self.seed.unwrap_or(SEED);
+        let search = Search::new(task).settings(settings.clone()).lower(lower.clone()).seed(seed).cancelled_by(&CANCELLED);
         let search = if std::io::stderr().is_terminal() { search.on_progress(tell) } else { search.on_progress(tell_now_and_then()) };
         let mut found = search.run(backend)?;
         let refined = if self.refine && found.best.feasible() { Some(self.refine(task, settings, lower, &mut found)?) } else { None };
 
-        let target = scenario.filter(|_| self.goal.is_none() && leg > self.via.len()).map(|_| self.target);
+        let target = scenario.filter(|_| self.goal.is_none() && self.asked.goal.is_none()).map(|_| self.target.unwrap_or(TARGET));
         let name = scenario.map(|s| s.name);
         let run = Run {
             scenario: name,
             target,
             task,
-            seed: self.seed,
+            seed,
             force_limit: transcription::force_limit(&lower.transcription, task),
             search: settings,
             lower,
@@ -171,24 +229,24 @@ impl Solve {
         if !result.feasible {
             result.diagnosis = Some(diagnosed(task, settings, lower, &found, backend)?);
         }
-        if let Some(folder) = &folder {
+        if let Some(folder) = folder {
             let gaits = std::iter::once(&found.best).chain(&found.alternatives);
             let trajectories: Vec<String> = gaits
-                .map(|gait| serde_json::to_string(&label(gait.trajectory().clone(), task, name, target, Some(self.seed))))
+                .map(|gait| serde_json::to_string(&label(gait.trajectory().clone(), task, name, target, Some(seed))))
                 .collect::<std::result::Result<_, _>>()
                 .map_err(Error::from)?;
             write_trajectories(folder, &trajectories)?;
             files::write(&folder.join("result.json"), &to_json(&result)?)?;
+            files::write(&folder.join("scenario.toml"), &self.scenario_of(task, &run, &result.solved_on.device)?.text()?)?;
         }
-        print(&if self.json { to_json(&result)? } else { text(&result, folder.as_deref())? })?;
+        print(&if self.json { to_json(&result)? } else { text(&result, folder)? })?;
         let verdict = if result.feasible { Verdict::Feasible } else { Verdict::Infeasible };
         Ok((verdict, found.best.trajectory().clone()))
     }
 
     /// Refines the best gait in its place.
     fn refine(&self, task: &Task, search: &SearchSettings, lower: &LowerSettings, found: &mut SearchResult) -> Result<Refinement> {
-        let sets = self.lower.set.iter().filter_map(|s| s.strip_prefix("refine."));
-        let settings = apply(RefineSettings::default(), "refine.", sets)?;
+        let settings = self.refine_settings()?;
         let start = Instant::now();
         let (best, refined) = found.best.refined(task, search, lower, &settings, &|| CANCELLED.load(Ordering::Relaxed))?;
         found.best = best;
@@ -197,16 +255,55 @@ impl Solve {
 
     fn task(&self, scenario: Option<&Scenario>) -> Result<Task> {
         let goal = GoalSource {
-            target: scenario.map(|_| self.target),
-            base_target: self.goal.and_then(|g| g.z.map(|z| [g.xy[0], g.xy[1], z])),
-            xy: self.goal.map(|g| g.xy),
-            yaw: self.yaw,
+            target: scenario.map(|_| self.target.unwrap_or(TARGET)),
+            goal: self.goal.map(GoalArg::goal).or(self.asked.goal),
+            yaw: self.yaw.or(self.asked.goal.filter(|_| self.goal.is_none()).map(|goal| goal.yaw)),
         };
-        let start = match &self.from {
-            Some(path) => Start::After(Box::new(Trajectory::from_json(&files::read(path)?).map_err(|e| e.in_file(path, None))?)),
-            None => Start::At(self.start.map_or(Goal::at(0., 0.), GoalArg::goal).yaw(self.start_yaw.unwrap_or(0.))),
+        let start = match (&self.from, self.start) {
+            (Some(path), _) => Start::after(path.clone()),
+            (None, Some(place)) => Start::at(place.goal().yaw(self.start_yaw.unwrap_or(0.))),
+            (None, None) => {
+                let start = self.asked.start.clone().unwrap_or_default();
+                Start { yaw: self.start_yaw.unwrap_or(start.yaw), ..start }
+            }
         };
-        self.world.read()?.task(scenario, &start, goal)
+        self.world.over(&self.asked)?.task(scenario, &start, goal)
+    }
+
+    /// A scenario file that asks for the same again, of a built-in scenario or whole.
+    fn scenario_of(&self, task: &Task, run: &Run, device: &str) -> Result<ScenarioFile> {
+        let (robot, terrain) = world_of(task);
+        let of_target = |target| Scenario::named(run.scenario?).ok()?.task(target).ok();
+        let is_its = run.target.and_then(of_target).is_some_and(|own| own.goal == task.goal);
+        let settings = [
+            ("search", table_of(run.search)?),
+            ("transcription", table_of(&run.lower.transcription)?),
+            ("solver", table_of(&run.lower.solver)?),
+            ("refine", table_of(&self.refine_settings()?)?),
+        ];
+        Ok(ScenarioFile {
+            version: Some(env!("CARGO_PKG_VERSION").into()),
+            scenario: run.scenario.map(Into::into),
+            target: run.target,
+            seed: Some(run.seed),
+            refine: self.refine.then_some(true),
+            transcription: Some(run.lower.transcription.rows),
+            precision: Some(run.lower.precision),
+            device: Some(if device.starts_with("cpu") { "cpu" } else { "gpu" }.into()),
+            force_limit: task.force_limit,
+            start: Some(Start::in_state(&task.start, &task.start_feet)),
+            goal: (!is_its).then(|| of_state(&task.goal)),
+            robot: Some(robot),
+            terrain: Some(terrain),
+            settings: settings.into_iter().map(|(name, table)| (name.into(), toml::Value::Table(table))).collect(),
+            ..ScenarioFile::default()
+        })
+    }
+
+    fn refine_settings(&self) -> Result<RefineSettings> {
+        let sets = self.lower.set.iter().filter_map(|s| s.strip_prefix("refine."));
+        let settings = merge(RefineSettings::default(), &self.asked.settings_of("refine")?, "settings.refine")?;
+        apply(settings, "refine.", sets)
     }
 
     /// The preset with what was given on top.
@@ -225,11 +322,12 @@ impl Solve {
             settings = settings.seeking(Objective::named(name)?);
         }
         settings.first |= self.first;
-        settings.alternatives = self.alternatives;
+        settings.alternatives = self.alternatives.unwrap_or(settings.alternatives);
         settings.seconds = self.time.or(settings.seconds);
         if self.random {
             settings.free.sampler = Sampler::Random;
         }
+        let settings = merge(settings, &self.asked.settings_of("search")?, "settings.search")?;
         let settings = apply(settings, "search.", self.lower.set.iter().filter_map(|s| s.strip_prefix("search.")))?;
         settings.validate()?;
         Ok(settings)

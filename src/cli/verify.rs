@@ -1,6 +1,7 @@
 //! `verify`: count what a trajectory file violates.
 
-use super::args::{GoalArg, GoalSource, Start, World, WorldArgs};
+use super::args::{GoalArg, GoalSource, World, WorldArgs};
+use super::scenario_file::Start;
 use super::{Failure, Verdict, print, to_json};
 use crate::error::{Error, Result, check_range};
 use crate::gait::Trajectory;

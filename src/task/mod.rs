@@ -9,7 +9,7 @@ use crate::error::{Error, Result, check_range};
 use crate::gait::{Curve, FootCurves, Trajectory};
 use crate::robot::Robot;
 use crate::terrain::Terrain;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use standing::standing;
 pub(crate) use standing::tilt_over;
 use std::sync::Arc;
@@ -35,19 +35,19 @@ pub struct Task {
 const SAME: f64 = 1e-9;
 
 /// Where the base is to be at one end of a motion. What is not said follows from the ground there.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Goal {
     /// Position, world frame, m.
     pub xy: [f64; 2],
     /// Height, m; without it as high above the ground as the robot's `base_height`, or as near to that as the feet reach the ground from.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub z: Option<f64>,
     /// Yaw, rad.
     #[serde(default)]
     pub yaw: f64,
     /// Roll and pitch, rad; without them along the ground under the feet or, where a height is given, level.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tilt: Option<[f64; 2]>,
     /// Velocity, world frame, m/s.
     #[serde(default)]
@@ -116,12 +116,28 @@ impl Task {
     /// # Errors
     /// As [`Task::new`].
     pub fn between(robot: impl Into<Arc<Robot>>, terrain: impl Into<Arc<Terrain>>, start: Goal, goal: Goal) -> Result<Task> {
+        Task::from_feet(robot, terrain, start, None, goal)
+    }
+
+    /// A validated task from one place to another.
+    ///
+    /// * `feet` - where they stand at the start (x, y), world frame, m; at their nominal places when none are given
+    ///
+    /// # Errors
+    /// As [`Task::new`].
+    pub fn from_feet(
+        robot: impl Into<Arc<Robot>>,
+        terrain: impl Into<Arc<Terrain>>,
+        start: Goal,
+        feet: Option<Vec<[f64; 2]>>,
+        goal: Goal,
+    ) -> Result<Task> {
         let (robot, terrain) = (robot.into(), terrain.into());
         robot.validate()?;
         terrain.validate()?;
         let from = start.state("start", &robot, &terrain, true)?;
         let to = goal.state("goal", &robot, &terrain, false)?;
-        Task::of_states(robot, terrain, from, None, to)
+        Task::of_states(robot, terrain, from, feet, to)
     }
 
     /// A validated task from one state to another.

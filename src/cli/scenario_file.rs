@@ -1,0 +1,275 @@
+//! Scenario files: everything that `solve` can be asked, in TOML. Flags override what stands in them.
+
+use super::args::{robot, terrain};
+use crate::backend::Precision;
+use crate::error::{Error, Result, from_toml};
+use crate::gait::Trajectory;
+use crate::gait::trajectory::NamedOr;
+use crate::report::files;
+use crate::robot::Robot;
+use crate::settings::Transcription;
+use crate::task::{BaseState, Goal};
+use crate::terrain::Terrain;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// A scenario. Every key may be left out; paths are relative to the file. `cregopt init` writes one with all keys explained.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ScenarioFile {
+    /// Version of the program that wrote it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub version: Option<String>,
+    /// Built-in scenario that fills in what is left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scenario: Option<String>,
+    /// Its target, 1 to 20.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub target: Option<usize>,
+    /// Seed of the search.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
+    /// As `--gait`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gait: Option<String>,
+    /// The paper's search, by name.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub preset: Option<String>,
+    /// What is best among gaits.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub objective: Option<String>,
+    /// Candidates a generation.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub population: Option<usize>,
+    /// Most generations behind the families' typical gaits.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub generations: Option<usize>,
+    /// End after this time with the best so far, s.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub time: Option<f64>,
+    /// End with the first gait.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub first: Option<bool>,
+    /// Gaits to return.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub alternatives: Option<usize>,
+    /// Bring the gait to a local optimum of its cost.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub refine: Option<bool>,
+    /// Lower forces and base motion after each solve.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub smooth: Option<bool>,
+    /// Plain random sampling.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub random: Option<bool>,
+    /// Rows that a motion must satisfy.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub transcription: Option<Transcription>,
+    /// Scalar of the solver.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub precision: Option<Precision>,
+    /// Where to solve: `auto`, `cpu`, `gpu` or `gpu:NAME`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub device: Option<String>,
+    /// Threads; 0 is one a processor.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub threads: Option<usize>,
+    /// Largest normal force of a foot, N.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub force_limit: Option<f64>,
+    /// Folder for results.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub out: Option<PathBuf>,
+    /// Where the robot starts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub start: Option<Start>,
+    /// Where its base is to end.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub goal: Option<Goal>,
+    /// Places on the way at which the base is to be, in order.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub waypoints: Vec<Goal>,
+    /// Robot: a name, a file, or a table.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub robot: Option<NamedOr<Robot>>,
+    /// Terrain: a name, a file, or a table.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub terrain: Option<NamedOr<Terrain>>,
+    /// Any setting in the tables `search`, `transcription`, `solver` and `refine`, as in `result.json`.
+    #[serde(skip_serializing_if = "toml::Table::is_empty")]
+    pub settings: toml::Table,
+}
+
+/// Where a robot starts: a place, as of a [`Goal`], or the end of a motion.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Start {
+    /// Position, world frame, m; above the origin when absent.
+    #[serde(default)]
+    pub xy: [f64; 2],
+    /// Height, m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub z: Option<f64>,
+    /// Yaw, rad.
+    #[serde(default)]
+    pub yaw: f64,
+    /// Roll and pitch, rad.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tilt: Option<[f64; 2]>,
+    /// Velocity, world frame, m/s.
+    #[serde(default)]
+    pub velocity: [f64; 3],
+    /// Rates of roll, pitch and yaw, rad/s.
+    #[serde(default)]
+    pub rates: [f64; 3],
+    /// Where each foot stands (x, y), m; at its nominal place under the base when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub feet: Option<Vec<[f64; 2]>>,
+    /// Trajectory file at whose end to start, instead of all these.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub after: Option<PathBuf>,
+}
+
+impl Default for Start {
+    fn default() -> Start {
+        Start::at(Goal::at(0., 0.))
+    }
+}
+
+impl Start {
+    /// At a place, with the feet under it.
+    pub fn at(Goal { xy, z, yaw, tilt, velocity, rates }: Goal) -> Start {
+        Start { xy, z, yaw, tilt, velocity, rates, feet: None, after: None }
+    }
+
+    /// At the end of the motion of a file.
+    pub fn after(path: PathBuf) -> Start {
+        Start { after: Some(path), ..Start::default() }
+    }
+
+    /// In a state, with the feet in their places.
+    pub fn in_state(state: &BaseState, feet: &[[f64; 2]]) -> Start {
+        Start { feet: Some(feet.to_vec()), ..Start::at(of_state(state)) }
+    }
+
+    /// The place.
+    pub fn place(&self) -> Goal {
+        Goal { xy: self.xy, z: self.z, yaw: self.yaw, tilt: self.tilt, velocity: self.velocity, rates: self.rates }
+    }
+
+    /// The motion at whose end to start.
+    ///
+    /// # Errors
+    /// For a file that is no trajectory.
+    pub fn motion(&self) -> Result<Option<Trajectory>> {
+        let read = |path: &PathBuf| Trajectory::from_json(&files::read(path)?).map_err(|e| e.in_file(path, None));
+        self.after.as_ref().map(read).transpose()
+    }
+}
+
+/// A state as a goal that says everything.
+pub fn of_state(state: &BaseState) -> Goal {
+    let ([x, y, z], [roll, pitch, yaw]) = (state.position, state.angles);
+    Goal { velocity: state.velocity, rates: state.rates, ..Goal::position([x, y, z]).yaw(yaw).tilt(roll, pitch) }
+}
+
+impl ScenarioFile {
+    /// Reads a file; relative paths in it become relative to the working directory.
+    ///
+    /// # Errors
+    /// [`Error::InFile`] for what cannot be read or is no scenario.
+    pub fn read(path: &Path) -> Result<ScenarioFile> {
+        let read: Result<ScenarioFile> = from_toml(&files::read(path)?);
+        let mut file = read.map_err(|e| e.in_file(path, None))?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let resolve = |name: &mut String| {
+            let is_path = Path::new(name.as_str()).extension().is_some() || Path::new(name.as_str()).components().count() > 1;
+            if is_path {
+                *name = folder.join(&*name).to_string_lossy().into_owned();
+            }
+        };
+        if let Some(NamedOr::Name(name)) = &mut file.robot {
+            resolve(name);
+        }
+        if let Some(NamedOr::Name(name)) = &mut file.terrain {
+            resolve(name);
+        }
+        if let Some(gait) = &mut file.gait {
+            resolve(gait);
+        }
+        for own in [file.out.as_mut(), file.start.as_mut().and_then(|start| start.after.as_mut())].into_iter().flatten() {
+            *own = folder.join(&*own);
+        }
+        let unknown = |key: &&String| !["search", "transcription", "solver", "refine"].contains(&key.as_str());
+        if let Some(name) = file.settings.keys().find(unknown) {
+            let known = "search, transcription, solver, refine".into();
+            return Err(Error::Unknown { what: "table of settings", name: name.clone(), known }.in_file(path, None));
+        }
+        Ok(file)
+    }
+
+    /// The robot, if one is named or described.
+    ///
+    /// # Errors
+    /// For a name or a file that does not exist, or no possible robot.
+    pub fn robot(&self) -> Result<Option<Arc<Robot>>> {
+        match &self.robot {
+            None => Ok(None),
+            Some(NamedOr::Name(name)) => robot(name).map(Some),
+            Some(NamedOr::Own(own)) => own.validate().map(|()| Some(Arc::new(own.clone()))),
+        }
+    }
+
+    /// The terrain, if one is named or described.
+    ///
+    /// # Errors
+    /// For a name or a file that does not exist, or no possible terrain.
+    pub fn terrain(&self) -> Result<Option<Arc<Terrain>>> {
+        match &self.terrain {
+            None => Ok(None),
+            Some(NamedOr::Name(name)) => terrain(name).map(Some),
+            Some(NamedOr::Own(own)) => own.validate().map(|()| Some(Arc::new(own.clone()))),
+        }
+    }
+
+    /// A table of settings; empty when the file has none.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] when something else has its name.
+    pub fn settings_of(&self, name: &str) -> Result<toml::Table> {
+        match self.settings.get(name) {
+            None => Ok(toml::Table::new()),
+            Some(toml::Value::Table(table)) => Ok(table.clone()),
+            Some(other) => Err(Error::invalid(format!("settings.{name}"), other, "a table")),
+        }
+    }
+
+    /// As text.
+    ///
+    /// # Errors
+    /// [`Error::Format`] for what TOML cannot hold.
+    pub fn text(&self) -> Result<String> {
+        let head = "# What was asked, whole: `cregopt solve` with this file finds the same gait.\n\n";
+        let body = toml::to_string(self).map_err(|e| Error::Format { message: e.to_string() })?;
+        Ok(format!("{head}{body}"))
+    }
+}
+
+/// A settings tree as a table of TOML, which has no word for nothing.
+///
+/// # Errors
+/// [`Error::Format`] for what TOML cannot hold.
+pub fn table_of(settings: &impl Serialize) -> Result<toml::Table> {
+    fn without_null(value: serde_json::Value) -> Option<serde_json::Value> {
+        match value {
+            serde_json::Value::Null => None,
+            serde_json::Value::Object(object) => {
+                Some(object.into_iter().filter_map(|(key, value)| Some((key, without_null(value)?))).collect())
+            }
+            other => Some(other),
+        }
+    }
+    let value = without_null(serde_json::to_value(settings)?).unwrap_or_default();
+    toml::Table::try_from(value).map_err(|e| Error::Format { message: e.to_string() })
+}
