@@ -94,6 +94,9 @@ pub mod solver;
 pub mod task;
 pub mod terrain;
 pub mod verify;
+#[cfg(feature = "view")]
+#[doc(hidden)]
+pub mod view;
 
 #[cfg(feature = "gpu")]
 pub use backend::Gpu;

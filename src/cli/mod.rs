@@ -7,11 +7,14 @@ mod devices;
 mod evaluate;
 #[cfg(feature = "experiment")]
 mod experiment;
+mod held;
 mod ipopt_worker;
 mod label;
 mod list;
 mod solve;
 mod verify;
+#[cfg(feature = "view")]
+mod view;
 
 use crate::error::Error;
 use clap::{Parser, Subcommand};
@@ -48,6 +51,9 @@ enum Command {
     IpoptWorker(ipopt_worker::IpoptWorker),
     /// Check a trajectory file, this program's or TOWR's
     Verify(verify::Verify),
+    #[cfg(feature = "view")]
+    /// Make a page for a browser: the robot moving, its forces, its certificate
+    View(view::View),
     #[cfg(feature = "gpu")]
     /// List adapters, and which one `--device auto` takes
     Devices(devices::Devices),
@@ -103,6 +109,8 @@ pub fn main() -> ExitCode {
         Command::Experiment(command) => command.run(),
         Command::IpoptWorker(command) => command.run(),
         Command::Verify(command) => command.run(),
+        #[cfg(feature = "view")]
+        Command::View(command) => command.run(),
         #[cfg(feature = "gpu")]
         Command::Devices(command) => command.run(),
         Command::List(command) => command.run(),

@@ -7,6 +7,7 @@ pub mod atlas_plot;
 pub mod files;
 pub mod gait_diagram;
 pub mod result;
+pub mod samples;
 
 pub use gait_diagram::gait_diagram;
 pub use result::{EvaluateResult, IpoptResult, SolveResult};
