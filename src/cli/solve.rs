@@ -10,6 +10,7 @@ use crate::gait::cost::Cost;
 use crate::gait::family::GaitFamily;
 use crate::nlp::transcription;
 use crate::refine::RefineSettings;
+use crate::report::motion_plot::{self, MotionPlot};
 use crate::report::result::{GaitResult, Refinement, Run, SolvedOn};
 use crate::report::{SolveResult, files, gait_diagram};
 use crate::scenario::Scenario;
@@ -84,6 +85,9 @@ pub struct Solve {
     /// Folder for result.json and trajectory.json; alternatives are trajectory-2.json and on
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Draw the gait, its forces and its way: .svg or .png
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
     /// Print result.json instead of text
     #[arg(long)]
     json: bool,
@@ -101,6 +105,7 @@ impl Solve {
         if let Some(folder) = &self.out {
             files::make_folder(folder)?;
         }
+        self.plot.as_deref().map_or(Ok(()), motion_plot::check)?;
         let backend = self.lower.backend(settings.population)?;
 
         let search = Search::new(&task).settings(settings.clone()).lower(lower.clone()).seed(self.seed).cancelled_by(&CANCELLED);
@@ -133,6 +138,13 @@ impl Solve {
                 .map_err(Error::from)?;
             write_trajectories(folder, &trajectories)?;
             files::write(&folder.join("result.json"), &to_json(&result)?)?;
+        }
+        if let Some(path) = &self.plot {
+            let (robot, terrain, force_limit) = (&*task.robot, &*task.terrain, run.force_limit);
+            motion_plot::write(
+                &MotionPlot { title: plot_title(&result), trajectory: found.best.trajectory(), robot, terrain, force_limit },
+                path,
+            )?;
         }
         print(&if self.json { to_json(&result)? } else { self.text(&result)? })?;
         Ok(if result.feasible { Verdict::Feasible } else { Verdict::Infeasible })
@@ -227,6 +239,14 @@ impl Solve {
         }
         Ok(text)
     }
+}
+
+/// What a picture of the gait says above it.
+fn plot_title(result: &SolveResult) -> String {
+    let family = result.gait.family.map(|f| format!("{f}, ")).unwrap_or_default();
+    let cost = result.gait.evaluated.cost.as_ref().map(|c| format!(", cost {:.3}", c.total)).unwrap_or_default();
+    let verdict = if result.feasible { "certified" } else { "not certified" };
+    format!("{family}{:.2} s{cost}, {verdict}", result.gait.evaluated.horizon)
 }
 
 /// What stands in the way of a gait without making it impossible, said on the way.

@@ -6,6 +6,7 @@ use super::{Failure, Verdict, print, to_json};
 use crate::error::{Error, check_range};
 use crate::gait::Trajectory;
 use crate::report::files;
+use crate::report::motion_plot::{self, MotionPlot};
 use crate::verify::Report;
 use clap::Args;
 use std::path::PathBuf;
@@ -16,6 +17,9 @@ pub struct Verify {
     file: PathBuf,
     #[command(flatten)]
     world: WorldArgs,
+    /// Draw the motion, its forces and its way: .svg or .png; of a file with one trajectory
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
     /// Print JSON: an array with one report a trajectory
     #[arg(long)]
     json: bool,
@@ -50,11 +54,25 @@ impl Verify {
         if documents.is_empty() {
             return Err(Error::invalid("trajectories", "none", "at least one").in_file(&self.file, None).into());
         }
+        if let Some(path) = &self.plot {
+            if documents.len() > 1 {
+                return Err(Error::invalid("--plot", format!("{} trajectories", documents.len()), "of a file with one trajectory").into());
+            }
+            motion_plot::check(path)?;
+        }
         let mut reports = Vec::new();
         let mut failure = None;
         for (line, document) in documents {
             let report = Trajectory::from_json(document).and_then(|trajectory| {
-                let Held { robot, terrain, terms, report, .. } = Held::new(&world, &trajectory)?;
+                let Held { robot, terrain, force_limit, terms, report } = Held::new(&world, &trajectory)?;
+                if let Some(path) = &self.plot {
+                    let verdict = if report.feasible { "certified" } else { "not certified" };
+                    let title = format!("{:.2} s, {verdict}", trajectory.horizon);
+                    motion_plot::write(
+                        &MotionPlot { title, trajectory: &trajectory, robot: &robot, terrain: &terrain, force_limit },
+                        path,
+                    )?;
+                }
                 Ok(Line { line, scenario: trajectory.scenario, robot: robot.name.clone(), terrain: terrain.name.clone(), terms, report })
             });
             match report {
