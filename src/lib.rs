@@ -47,8 +47,8 @@
 //! of that, and free to change.
 //!
 //! # Features
-//! `cli` (the program), `gpu` and `experiment` (the paper's experiments) are on by default; without them this is a library that needs no GPU
-//! driver and no argument parser. `ipopt` links Ipopt, to compare with.
+//! `cli` (the program), `gpu`, `experiment` (the paper's experiments), `view` (results as a page for a browser) and `png` (pictures as PNG besides
+//! SVG) are on by default; without them this is a library that needs no GPU driver and no argument parser. `ipopt` links Ipopt, to compare with.
 //!
 //! # Sources
 //! 1. I. Tsikelis, K. Chatzilygeroudis, "Gait Optimization for Legged Systems Through Mixed Distribution Cross-Entropy Optimization",
@@ -94,6 +94,9 @@ pub mod solver;
 pub mod task;
 pub mod terrain;
 pub mod verify;
+#[cfg(feature = "view")]
+#[doc(hidden)]
+pub mod view;
 
 #[cfg(feature = "gpu")]
 pub use backend::Gpu;

@@ -7,6 +7,7 @@ mod devices;
 mod evaluate;
 #[cfg(feature = "experiment")]
 mod experiment;
+mod held;
 mod init;
 mod ipopt_worker;
 mod label;
@@ -14,6 +15,8 @@ mod list;
 mod scenario_file;
 mod solve;
 mod verify;
+#[cfg(feature = "view")]
+mod view;
 
 use crate::error::Error;
 use clap::{Parser, Subcommand};
@@ -52,6 +55,9 @@ enum Command {
     IpoptWorker(ipopt_worker::IpoptWorker),
     /// Check a trajectory file, this program's or TOWR's
     Verify(verify::Verify),
+    #[cfg(feature = "view")]
+    /// Make a page for a browser: the robot moving, its forces, its certificate
+    View(view::View),
     #[cfg(feature = "gpu")]
     /// List adapters, and which one `--device auto` takes
     Devices(devices::Devices),
@@ -109,6 +115,8 @@ pub fn main() -> ExitCode {
         Command::Experiment(command) => command.run(),
         Command::IpoptWorker(command) => command.run(),
         Command::Verify(command) => command.run(),
+        #[cfg(feature = "view")]
+        Command::View(command) => command.run(),
         #[cfg(feature = "gpu")]
         Command::Devices(command) => command.run(),
         Command::List(command) => command.run(),

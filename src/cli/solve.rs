@@ -11,6 +11,7 @@ use crate::gait::family::GaitFamily;
 use crate::gait::{Schedule, Trajectory};
 use crate::nlp::transcription;
 use crate::refine::RefineSettings;
+use crate::report::motion_plot::{self, MotionPlot};
 use crate::report::result::{GaitResult, Refinement, Run, SolvedOn};
 use crate::report::{SolveResult, files, gait_diagram};
 use crate::scenario::Scenario;
@@ -100,6 +101,9 @@ pub struct Solve {
     /// Folder for result.json, trajectory.json and scenario.toml; alternatives are trajectory-2.json and on
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Draw the gait, its forces and its way: .svg or .png
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
     /// Print result.json instead of text
     #[arg(long)]
     json: bool,
@@ -164,6 +168,7 @@ impl Solve {
         let whole = self.task(scenario.as_ref())?;
         // So that the result says which it was.
         lower.transcription.interval = Some(transcription::interval(&lower.transcription, &whole.robot));
+        self.plot.as_deref().map_or(Ok(()), motion_plot::check)?;
         let backend = self.lower.backend(settings.population)?;
         let waypoints = self.waypoints();
         let legs = waypoints.len() + 1;
@@ -238,6 +243,11 @@ impl Solve {
             write_trajectories(folder, &trajectories)?;
             files::write(&folder.join("result.json"), &to_json(&result)?)?;
             files::write(&folder.join("scenario.toml"), &self.scenario_of(task, &run, &result.solved_on.device)?.text()?)?;
+        }
+        if let Some(path) = &self.plot {
+            let (robot, terrain, force_limit) = (&*task.robot, &*task.terrain, run.force_limit);
+            let trajectory = found.best.trajectory();
+            motion_plot::write(&MotionPlot { title: plot_title(&result), trajectory, robot, terrain, force_limit }, path)?;
         }
         print(&if self.json { to_json(&result)? } else { text(&result, folder)? })?;
         let verdict = if result.feasible { Verdict::Feasible } else { Verdict::Infeasible };
@@ -379,6 +389,14 @@ fn text(result: &SolveResult, folder: Option<&Path>) -> Result<String> {
         text += &format!("\nwritten to {}\n", folder.display());
     }
     Ok(text)
+}
+
+/// What a picture of the gait says above it.
+fn plot_title(result: &SolveResult) -> String {
+    let family = result.gait.family.map(|f| format!("{f}, ")).unwrap_or_default();
+    let cost = result.gait.evaluated.cost.as_ref().map(|c| format!(", cost {:.3}", c.total)).unwrap_or_default();
+    let verdict = if result.feasible { "certified" } else { "not certified" };
+    format!("{family}{:.2} s{cost}, {verdict}", result.gait.evaluated.horizon)
 }
 
 /// What stands in the way of a gait without making it impossible, said on the way.

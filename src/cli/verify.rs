@@ -1,23 +1,15 @@
 //! `verify`: count what a trajectory file violates.
 
-use super::args::{GoalArg, GoalSource, World, WorldArgs};
-use super::scenario_file::Start;
+use super::args::WorldArgs;
+use super::held::{Asked, Held, shown};
 use super::{Failure, Verdict, print, to_json};
-use crate::error::{Error, Result, check_range};
+use crate::error::{Error, check_range};
 use crate::gait::Trajectory;
-use crate::gait::trajectory::{GoalVelocity, NamedOr};
-use crate::nlp::transcription::momentum;
 use crate::report::files;
-use crate::robot::Robot;
-use crate::scenario::Scenario;
-use crate::settings::{Legs, Transcription, TranscriptionSettings};
-use crate::task::{BaseState, Goal, Task};
-use crate::terrain::Terrain;
-use crate::verify::labels::{check_labels, of_momentum, own_force_limit};
-use crate::verify::{Report, verify};
+use crate::report::motion_plot::{self, MotionPlot};
+use crate::verify::Report;
 use clap::Args;
 use std::path::PathBuf;
-use std::sync::Arc;
 
 #[derive(Debug, Args)]
 pub struct Verify {
@@ -25,27 +17,11 @@ pub struct Verify {
     file: PathBuf,
     #[command(flatten)]
     world: WorldArgs,
-    /// Goal that is asked of the motion, m, instead of its file's own; without Z as `solve` has it
-    #[arg(long, value_name = "X,Y[,Z]", allow_hyphen_values = true, conflicts_with = "scenario")]
-    goal: Option<GoalArg>,
-    /// Final yaw that is asked of it, rad
-    #[arg(long, allow_hyphen_values = true, requires = "goal")]
-    yaw: Option<f64>,
-    /// Start that is asked of it, m, at rest; above the origin when a goal is given without one
-    #[arg(long, value_name = "X,Y[,Z]", allow_hyphen_values = true, requires = "goal")]
-    start: Option<GoalArg>,
-    /// Yaw at the start that is asked of it, rad
-    #[arg(long, allow_hyphen_values = true, requires = "start")]
-    start_yaw: Option<f64>,
-    /// Scenario whose start and goal are asked of it
-    #[arg(long, requires = "target")]
-    scenario: Option<String>,
-    /// Target of that scenario, 1 to 20
-    #[arg(long, requires = "scenario")]
-    target: Option<usize>,
-    /// Hold it to the limits that `solve` has by default for its robot, whatever its file says
-    #[arg(long)]
-    default_limits: bool,
+    #[command(flatten)]
+    asked: Asked,
+    /// Draw the motion, its forces and its way: .svg or .png; of a file with one trajectory
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
     /// Print JSON: an array with one report a trajectory
     #[arg(long)]
     json: bool,
@@ -64,12 +40,6 @@ struct Line {
     report: Report,
 }
 
-/// A name as it is printed.
-fn shown(name: &str) -> String {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
-    if name.chars().all(plain) { name.into() } else { format!("\"{}\"", name.escape_debug()) }
-}
-
 impl Verify {
     pub fn run(&self) -> std::result::Result<Verdict, Failure> {
         let world = self.world.read()?;
@@ -86,24 +56,25 @@ impl Verify {
         if documents.is_empty() {
             return Err(Error::invalid("trajectories", "none", "at least one").in_file(&self.file, None).into());
         }
+        if let Some(path) = &self.plot {
+            if documents.len() > 1 {
+                return Err(Error::invalid("--plot", format!("{} trajectories", documents.len()), "of a file with one trajectory").into());
+            }
+            motion_plot::check(path)?;
+        }
         let mut reports = Vec::new();
         let mut failure = None;
         for (line, document) in documents {
             let report = Trajectory::from_json(document).and_then(|trajectory| {
-                check_labels(&trajectory)?;
-                let (robot, whose_robot) = robot_of(&world, &trajectory)?;
-                let (terrain, whose_terrain) = terrain_of(&world, &trajectory)?;
-                let (force_limit, whose_limit) = match world.force_limit {
-                    Some(limit) => (limit, "given"),
-                    None => own_force_limit(&trajectory, &robot)?,
-                };
-                let trajectory = self.asked_of(trajectory, &world, &robot, &terrain)?;
-                let report = verify(&trajectory, &robot, &terrain, force_limit)?;
-                let mut terms = vec![
-                    format!("robot {}, {whose_robot}; terrain {}, {whose_terrain}", shown(&robot.name), shown(&terrain.name)),
-                    format!("normal force at most {force_limit:.1} N, {whose_limit}"),
-                ];
-                terms.extend(self.terms(&trajectory));
+                let Held { robot, terrain, force_limit, terms, report } = Held::new(&world, &trajectory, &self.asked)?;
+                if let Some(path) = &self.plot {
+                    let verdict = if report.feasible { "certified" } else { "not certified" };
+                    let title = format!("{:.2} s, {verdict}", trajectory.horizon);
+                    motion_plot::write(
+                        &MotionPlot { title, trajectory: &trajectory, robot: &robot, terrain: &terrain, force_limit },
+                        path,
+                    )?;
+                }
                 Ok(Line { line, scenario: trajectory.scenario, robot: robot.name.clone(), terrain: terrain.name.clone(), terms, report })
             });
             match report {
@@ -133,119 +104,5 @@ impl Verify {
             None if reports.iter().all(|r| r.report.feasible) => Ok(Verdict::Feasible),
             None => Ok(Verdict::Infeasible),
         }
-    }
-}
-
-impl Verify {
-    /// The motion, with what the command line asks of it instead of what its file does.
-    fn asked_of(&self, trajectory: Trajectory, world: &World, robot: &Arc<Robot>, terrain: &Arc<Terrain>) -> Result<Trajectory> {
-        let scenario = self.scenario.as_deref().map(Scenario::named).transpose()?;
-        let task = match (&scenario, self.goal) {
-            (Some(scenario), _) => {
-                let goal = GoalSource { target: self.target, ..GoalSource::default() };
-                Some(world.task(Some(scenario), &Start::default(), goal)?)
-            }
-            (None, Some(goal)) => {
-                let start = self.start.map_or(Goal::at(0., 0.), GoalArg::goal).yaw(self.start_yaw.unwrap_or(0.));
-                Some(Task::between(robot.clone(), terrain.clone(), start, goal.goal().yaw(self.yaw.unwrap_or(0.)))?)
-            }
-            (None, None) => None,
-        };
-        let mut asked = task.map_or_else(|| trajectory.clone(), |task| task.asked_of(trajectory.clone()));
-        if self.default_limits && of_momentum(&asked) {
-            let settings = TranscriptionSettings { legs: Legs::Limited, ..TranscriptionSettings::of(Transcription::Momentum) };
-            asked.limits = Some(momentum::limits(&settings, robot));
-        }
-        Ok(asked)
-    }
-
-    /// Whether ends are those of the command line.
-    fn ends_given(&self) -> bool {
-        self.goal.is_some() || self.scenario.is_some()
-    }
-
-    /// Rows, ends and limits that a trajectory is held to.
-    fn terms(&self, trajectory: &Trajectory) -> Vec<String> {
-        let rows = trajectory.transcription.as_deref().unwrap_or("towr");
-        let friction = if of_momentum(trajectory) { "the friction cone" } else { "TOWR's friction pyramid" };
-        let [x, y, z] = trajectory.base_target;
-        let whose = match (&trajectory.scenario, trajectory.target) {
-            _ if self.ends_given() => "given".into(),
-            (Some(_), Some(target)) => format!("target {target} of its scenario"),
-            (Some(_), None) => "a target of its scenario".into(),
-            (None, _) => "the file's own".into(),
-        };
-        let mut terms = vec![
-            format!("rows {rows}, with {friction}"),
-            format!("goal ({x:.3}, {y:.3}, {z:.3}) m, yaw {:.4} rad{}, {whose}", trajectory.yaw_target, moves(trajectory.goal.as_ref())),
-        ];
-        let feet = if trajectory.start_feet.is_some() { "feet where they stood" } else { "feet at their nominal places" };
-        let start = match (&trajectory.start, trajectory.init_base) {
-            (None, None) => "above the origin, level and at rest".into(),
-            (None, Some([x, y, z])) => format!("({x:.3}, {y:.3}, {z:.3}) m, yaw 0, level and at rest"),
-            (Some(s), _) => {
-                let [x, y, z] = s.position;
-                format!("({x:.3}, {y:.3}, {z:.3}) m, yaw {:.4} rad{}", s.yaw(), moves(Some(s)))
-            }
-        };
-        terms.push(format!("start {start}, {feet}, {}", if self.ends_given() { "given" } else { "the file's own" }));
-        terms.push(self.limits_text(trajectory));
-        terms
-    }
-
-    fn limits_text(&self, trajectory: &Trajectory) -> String {
-        match trajectory.limits {
-            _ if !of_momentum(trajectory) => "no limits for legs".into(),
-            None => "limits for legs: the defaults".into(),
-            Some(l) => {
-                let hardest = l.foot_acceleration.map_or("any".into(), |a| format!("at most {a:.3}"));
-                let arrives = if l.goal_velocity == GoalVelocity::Zero { "as the goal asks" } else { "with any velocity" };
-                let whose = if self.default_limits { "the defaults" } else { "the file's own" };
-                format!(
-                    "limits, {whose}: foot {:.3} to {:.3} m high in mid-swing, at most {:.3} m/s, {hardest} m/s2; arrives {arrives}",
-                    l.clearance, l.swing_height, l.foot_speed
-                )
-            }
-        }
-    }
-}
-
-/// What a state has besides its position and yaw, for a line of text.
-fn moves(state: Option<&BaseState>) -> String {
-    let Some(state) = state else { return String::new() };
-    let mut text = String::new();
-    let [roll, pitch, _] = state.angles;
-    if [roll, pitch] != [0.; 2] {
-        text += &format!(", roll {roll:.4} and pitch {pitch:.4} rad");
-    }
-    if !state.at_rest() {
-        text += &format!(", velocity {:?} m/s and rates {:?} rad/s", state.velocity, state.rates);
-    }
-    text
-}
-
-fn scenario_of(trajectory: &Trajectory, what: &str) -> Result<Scenario> {
-    let name = trajectory.scenario.as_deref();
-    let name = name.ok_or_else(|| Error::invalid(what, "missing", format!("in the file, its scenario's, or given as --{what}")))?;
-    Scenario::named(name)
-}
-
-/// The robot on the command line, else the file's, else its scenario's, and which of them it is.
-fn robot_of(world: &World, trajectory: &Trajectory) -> Result<(Arc<Robot>, &'static str)> {
-    match (world.robot(trajectory.scenario.as_deref()), &trajectory.robot) {
-        (Some(robot), _) => Ok((robot, "given")),
-        (None, Some(NamedOr::Name(name))) => Ok((Arc::new(Robot::named(name)?), "built in")),
-        (None, Some(NamedOr::Own(robot))) => robot.validate().map(|()| (Arc::new(robot.clone()), "the file's own")),
-        (None, None) => Ok((Arc::new(Robot::named(scenario_of(trajectory, "robot")?.robot)?), "its scenario's")),
-    }
-}
-
-/// The terrain on the command line, else the file's, else its scenario's, and which of them it is.
-fn terrain_of(world: &World, trajectory: &Trajectory) -> Result<(Arc<Terrain>, &'static str)> {
-    match (world.terrain(trajectory.scenario.as_deref()), &trajectory.terrain) {
-        (Some(terrain), _) => Ok((terrain, "given")),
-        (None, Some(NamedOr::Name(name))) => Ok((Arc::new(Terrain::named(name)?), "built in")),
-        (None, Some(NamedOr::Own(terrain))) => terrain.validate().map(|()| (Arc::new(terrain.clone()), "the file's own")),
-        (None, None) => Ok((Arc::new(Terrain::named(scenario_of(trajectory, "terrain")?.terrain)?), "its scenario's")),
     }
 }

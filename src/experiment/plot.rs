@@ -1,122 +1,108 @@
 //! Plots of experiments in the paper's form, as SVG.
 
-use super::plan::{Case, Group};
+use super::plan::{Case, Group, Method};
 use super::run::Run;
 use super::summary::{Line, Spread, lines, title, with};
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
+use crate::report::samples::{FOOT_COLORS, foot_names};
+use crate::report::svg::{AXIS, GRID, Picture, SMALL, Scale, short, with_room};
+use crate::robot::Robot;
+use crate::scenario::Scenario;
 use crate::search::cem::Objective;
-use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, ValueFormatter};
-use plotters::prelude::*;
 
-/// Width of every plot, pixels.
-const WIDTH: u32 = 900;
-/// Height of a box, of a foot's bar, pixels.
-const BAR: u32 = 26;
-/// Height of what stands around a panel, pixels.
-const MARGIN: u32 = 90;
+/// Width of every picture, pixels.
+const WIDTH: f64 = 980.;
+/// Height of a box or of a foot's bar, pixels.
+const BAR: f64 = 24.;
+/// Height of a caption, of the axis under a panel, between panels, pixels.
+const CAPTION: f64 = 26.;
+const AXIS_ROOM: f64 = 42.;
+const GAP: f64 = 12.;
 /// Height of a panel of curves, pixels.
-const CURVES: u32 = 320;
-/// One colour a method or setting.
-const PALETTE: [RGBColor; 6] = [
-    RGBColor(31, 119, 180),
-    RGBColor(214, 39, 40),
-    RGBColor(44, 160, 44),
-    RGBColor(148, 103, 189),
-    RGBColor(255, 127, 14),
-    RGBColor(23, 190, 207),
-];
+const CURVES: f64 = 300.;
+/// Style of captions.
+const HEAD: &str = r##"font-size="14" font-weight="bold" fill="#111""##;
+/// Style of what explains.
+const NOTE: &str = r##"font-size="11.5" fill="#555""##;
 
-/// An error of the plotting library as ours.
-fn failed(error: impl std::fmt::Display) -> Error {
-    Error::Format { message: format!("plot: {error}") }
-}
-
-/// A vertical axis of rows with names, the first on top; row `i` has its middle at `i + 0.5`.
-#[derive(Clone)]
-struct NamedRows(Vec<String>);
-
-impl Ranged for NamedRows {
-    type FormatOption = NoDefaultFormatting;
-    type ValueType = f64;
-
-    fn map(&self, value: &f64, (low, high): (i32, i32)) -> i32 {
-        let part = value / self.0.len().max(1) as f64;
-        high + (part * f64::from(low - high)).round() as i32
-    }
-
-    fn key_points<Hint: KeyPointHint>(&self, _: Hint) -> Vec<f64> {
-        (0..self.0.len()).map(|i| i as f64 + 0.5).collect()
-    }
-
-    fn range(&self) -> std::ops::Range<f64> {
-        0.0..self.0.len() as f64
+/// A colour for the rows and the solver of a method: variants of one have the same.
+fn color(method: Method) -> &'static str {
+    match method {
+        Method::Cregopt | Method::Random | Method::NoStall => FOOT_COLORS[0],
+        Method::CregoptTowr | Method::RandomTowr | Method::NoStallTowr => FOOT_COLORS[5],
+        Method::Ipopt | Method::RandomIpopt => FOOT_COLORS[1],
+        Method::Towr => FOOT_COLORS[2],
+        Method::ContactImplicit => FOOT_COLORS[4],
     }
 }
 
-impl ValueFormatter<f64> for NamedRows {
-    fn format_ext(&self, place: &f64) -> String {
-        self.0.get(place.floor().max(0.) as usize).cloned().unwrap_or_default()
-    }
+/// A method in words.
+fn words(method: Method) -> String {
+    method.about().replace('`', "")
 }
 
-/// Panels, one under the other, each with its height.
-fn panels<'a>(text: &'a mut String, heights: &[u32]) -> Result<Vec<DrawingArea<SVGBackend<'a>, plotters::coord::Shift>>> {
-    let root = SVGBackend::with_string(text, (WIDTH, heights.iter().sum::<u32>().max(1))).into_drawing_area();
-    root.fill(&WHITE).map_err(failed)?;
-    let mut rest = root;
-    let mut areas = Vec::new();
-    for &height in heights {
-        let (area, below) = rest.split_vertically(height);
-        areas.push(area);
-        rest = below;
-    }
-    Ok(areas)
+/// The frame of a panel, over its curves.
+fn frame(p: &mut Picture, [left, top]: [f64; 2], [right, bottom]: [f64; 2]) {
+    p.box_of([left, top], [right, bottom], r##"fill="none" stroke="#333" stroke-width="1""##);
 }
 
 /// Times to the first feasible motion: a panel a scenario, a box a method; whiskers to the extremes, crosses for runs that found none.
 ///
 /// # Errors
-/// [`Error::Format`] when the library cannot draw.
+/// [`Error::Format`] without runs.
 pub fn times(runs: &[Run]) -> Result<String> {
+    const LEFT: f64 = 370.;
+    const RIGHT: f64 = WIDTH - 20.;
     let lines = lines(runs);
     let scenarios: Vec<&[Line]> = lines.chunk_by(|a, b| a.group.scenario == b.group.scenario).collect();
-    let heights: Vec<u32> = scenarios.iter().map(|lines| MARGIN + BAR * lines.len() as u32).collect();
-    let all = Spread::of(runs.iter().map(Run::first_or_all)).ok_or_else(|| failed("no runs"))?;
+    let all = Spread::of(runs.iter().map(Run::first_or_all)).ok_or_else(|| Error::Format { message: "plot: no runs".into() })?;
     let heuristics = runs.iter().any(|run| run.case.heuristic) && runs.iter().any(|run| !run.case.heuristic);
-    let mut text = String::new();
-    for (area, lines) in panels(&mut text, &heights)?.iter().zip(scenarios) {
-        let name = |group: &Group| match (heuristics, group.heuristic) {
-            (false, _) => group.method.name().to_owned(),
-            (true, true) => format!("{}, heuristic", group.method),
-            (true, false) => format!("{}, none", group.method),
-        };
-        let names: Vec<String> = lines.iter().map(|line| name(&line.group)).collect();
-        let mut chart = ChartBuilder::on(area)
-            .caption(format!("{}: time to the first feasible motion, s", lines[0].group.scenario), ("sans-serif", 16))
-            .margin(8)
-            .x_label_area_size(28)
-            .y_label_area_size(170)
-            .build_cartesian_2d((all.min * 0.7..all.max * 1.4).log_scale(), NamedRows(names))
-            .map_err(failed)?;
-        let mut mesh = chart.configure_mesh();
-        mesh.disable_y_mesh().x_label_formatter(&|t| format!("{t}"));
-        mesh.draw().map_err(failed)?;
+    let panel = |lines: &[Line]| CAPTION + BAR * lines.len() as f64 + AXIS_ROOM + GAP;
+    let mut p = Picture::new(WIDTH, 24. + scenarios.iter().map(|lines| panel(lines)).sum::<f64>());
+    let note = "line: median; box: quartiles; whiskers: extremes; cross: nothing found, all its time";
+    p.text(RIGHT, 16., "end", NOTE, note);
+    let x = Scale { low: all.min * 0.7, high: all.max * 1.4, pixels: [LEFT, RIGHT], log: true };
+    let mut top = 24.;
+    for lines in scenarios {
+        let scenario = &lines[0].group.scenario;
+        let about = Scenario::named(scenario).map(|s| format!(": {}", s.about)).unwrap_or_default();
+        p.text(20., top + 16., "start", HEAD, &format!("{scenario}{about}"));
+        let (first, bottom) = (top + CAPTION, top + CAPTION + BAR * lines.len() as f64);
+        for tick in x.ticks(0) {
+            // Tens have numbers; of the others 3 alone, where there is room for it.
+            let ten = (tick.log10() - tick.log10().round()).abs() < 1e-9;
+            p.line([x.at(tick), first], [x.at(tick), bottom], GRID);
+            if ten || x.high / x.low < 100. && tick.to_string().ends_with('3') {
+                p.line([x.at(tick), bottom], [x.at(tick), bottom + 5.], AXIS);
+                p.text(x.at(tick), bottom + 18., "middle", SMALL, &short(tick));
+            }
+        }
+        p.text((LEFT + RIGHT) / 2., bottom + 35., "middle", SMALL, "time to the first feasible motion, s");
         for (i, line) in lines.iter().enumerate() {
             let Some(s) = Spread::of(line.runs.iter().map(|run| run.first_or_all())) else { continue };
-            let (color, middle) = (PALETTE[line.group.method as usize % PALETTE.len()], i as f64 + 0.5);
-            let path = |points| PathElement::new(points, color.stroke_width(2));
-            let whiskers = [vec![(s.min, middle), (s.lower, middle)], vec![(s.upper, middle), (s.max, middle)]];
-            chart.draw_series(whiskers.map(path)).map_err(failed)?;
-            chart
-                .draw_series([Rectangle::new([(s.lower, middle - 0.3), (s.upper, middle + 0.3)], color.mix(0.35).filled())])
-                .map_err(failed)?;
-            chart.draw_series([path(vec![(s.median, middle - 0.3), (s.median, middle + 0.3)])]).map_err(failed)?;
-            let lost = line.runs.iter().filter(|run| !run.success);
-            chart.draw_series(lost.map(|run| Cross::new((run.seconds, middle), 4, BLACK.filled()))).map_err(failed)?;
+            let middle = first + BAR * (i as f64 + 0.5);
+            let Group { method, heuristic, .. } = line.group;
+            let name = if heuristics { format!("{}, {} heuristic", words(method), with(heuristic)) } else { words(method) };
+            p.text(LEFT - 10., middle + 4., "end", SMALL, &name);
+            let stroke = format!(r#"stroke="{}" stroke-width="2""#, color(method));
+            for [from, to] in [[s.min, s.lower], [s.upper, s.max]] {
+                p.line([x.at(from), middle], [x.at(to), middle], &stroke);
+            }
+            let fill = format!(r#"fill="{}" fill-opacity="0.35""#, color(method));
+            p.box_of([x.at(s.lower), middle - 0.3 * BAR], [x.at(s.upper), middle + 0.3 * BAR], &fill);
+            p.line([x.at(s.median), middle - 0.3 * BAR], [x.at(s.median), middle + 0.3 * BAR], &stroke);
+            for run in line.runs.iter().filter(|run| !run.success) {
+                for sign in [-1., 1.] {
+                    let at = x.at(run.seconds);
+                    p.line([at - 4., middle - 4. * sign], [at + 4., middle + 4. * sign], r#"stroke="black" stroke-width="1.3""#);
+                }
+            }
         }
+        frame(&mut p, [LEFT, first], [RIGHT, bottom]);
+        top += panel(lines);
     }
-    Ok(text)
+    Ok(p.finish())
 }
 
 /// Best cost so far over generations: a panel an objective, a curve a setting; medians with the band between the quartiles.
@@ -124,42 +110,61 @@ pub fn times(runs: &[Run]) -> Result<String> {
 /// A generation counts from the first at which half the runs have a feasible gait: penalties of infeasible ones would hide the rest.
 ///
 /// # Errors
-/// [`Error::Format`] when the library cannot draw.
+/// [`Error::Format`] without runs.
 pub fn objectives(runs: &[Run]) -> Result<String> {
+    const LEFT: f64 = 70.;
+    const RIGHT: f64 = 670.;
     let lines = lines(runs);
-    let panels_of: Vec<&[Line]> = lines.chunk_by(|a, b| a.group.objective == b.group.objective).collect();
-    let mut text = String::new();
-    for (area, lines) in panels(&mut text, &vec![CURVES; panels_of.len()])?.iter().zip(panels_of) {
-        let objective = lines[0].group.objective;
+    if lines.is_empty() {
+        return Err(Error::Format { message: "plot: no runs".into() });
+    }
+    let panels: Vec<&[Line]> = lines.chunk_by(|a, b| a.group.objective == b.group.objective).collect();
+    let mut p = Picture::new(WIDTH, (CAPTION + CURVES + AXIS_ROOM + GAP) * panels.len() as f64);
+    let mut start = 0.;
+    for (number, lines) in panels.into_iter().enumerate() {
+        let (top, bottom) = (start + CAPTION, start + CAPTION + CURVES);
+        start = bottom + AXIS_ROOM + GAP;
         let curves: Vec<Vec<(f64, Spread)>> = lines.iter().map(|line| curve(line)).collect();
         let points = || curves.iter().flatten();
-        let Some(range) = Spread::of(points().flat_map(|(_, s)| [s.lower, s.upper])) else { continue };
-        let generations = points().map(|(g, _)| *g).fold(1., f64::max);
-        let pad = 0.05 * (range.max - range.min).max(1e-9);
-        let mut chart = ChartBuilder::on(area)
-            .caption(format!("{}: best so far, median and quartiles of the runs", title(objective)), ("sans-serif", 16))
-            .margin(8)
-            .x_label_area_size(32)
-            .y_label_area_size(60)
-            .build_cartesian_2d(1f64..generations, range.min - pad..range.max + pad)
-            .map_err(failed)?;
-        chart.configure_mesh().x_desc("generation").x_label_formatter(&|g| format!("{g:.0}")).draw().map_err(failed)?;
-        for (i, (line, curve)) in lines.iter().zip(&curves).enumerate() {
-            let color = PALETTE[i % PALETTE.len()];
-            let band = curve.iter().map(|(g, s)| (*g, s.lower)).chain(curve.iter().rev().map(|(g, s)| (*g, s.upper)));
-            chart.draw_series([Polygon::new(band.collect::<Vec<_>>(), color.mix(0.2))]).map_err(failed)?;
-            let group = &line.group;
-            let name = format!("population {}, {} heuristic, {} generations", group.population, with(group.heuristic), group.generations);
-            chart
-                .draw_series(LineSeries::new(curve.iter().map(|(g, s)| (*g, s.median)), color.stroke_width(2)))
-                .map_err(failed)?
-                .label(name)
-                .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], color.stroke_width(2)));
+        let objective = lines[0].group.objective;
+        p.text(LEFT, top - 9., "start", HEAD, title(objective));
+        p.text(RIGHT + 16., top + 10., "start", NOTE, "best so far: median, and quartiles of the runs");
+        let Some(range) = with_room(points().flat_map(|(_, s)| [s.lower, s.upper]), 0.05) else { continue };
+        let generations = points().map(|(g, _)| *g).fold(2., f64::max);
+        let x = Scale::straight([1., generations], [LEFT, RIGHT]);
+        let y = Scale::straight(range, [bottom, top]);
+        for v in x.ticks(12).into_iter().filter(|v| v.fract() == 0.) {
+            p.line([x.at(v), top], [x.at(v), bottom], GRID);
+            p.text(x.at(v), bottom + 18., "middle", SMALL, &short(v));
         }
-        let mut labels = chart.configure_series_labels();
-        labels.position(SeriesLabelPosition::LowerLeft).background_style(WHITE.mix(0.8)).border_style(BLACK).draw().map_err(failed)?;
+        // Stances are counted: no half ones on the axis.
+        for v in y.ticks(8).into_iter().filter(|v| objective != Objective::FewestStances || v.fract() == 0.) {
+            p.line([LEFT, y.at(v)], [RIGHT, y.at(v)], GRID);
+            p.text(LEFT - 8., y.at(v) + 4., "end", SMALL, &short(v));
+        }
+        p.text((LEFT + RIGHT) / 2., bottom + 35., "middle", SMALL, "generation");
+        p.begin_clip(&format!("panel{number}"), [LEFT, top], [RIGHT, bottom]);
+        for (i, curve) in curves.iter().enumerate() {
+            let lower = curve.iter().map(|(g, s)| [x.at(*g), y.at(s.lower)]);
+            let band: Vec<[f64; 2]> = lower.chain(curve.iter().rev().map(|(g, s)| [x.at(*g), y.at(s.upper)])).collect();
+            p.polygon(&band, &format!(r#"fill="{}" fill-opacity="0.18""#, FOOT_COLORS[i % FOOT_COLORS.len()]));
+        }
+        for (i, curve) in curves.iter().enumerate() {
+            let medians: Vec<_> = curve.iter().map(|(g, s)| Some([x.at(*g), y.at(s.median)])).collect();
+            p.curve(&medians, &format!(r#"stroke="{}" stroke-width="2""#, FOOT_COLORS[i % FOOT_COLORS.len()]));
+        }
+        p.end_clip();
+        frame(&mut p, [LEFT, top], [RIGHT, bottom]);
+        for (i, line) in lines.iter().enumerate() {
+            let Group { population, heuristic, generations, .. } = &line.group;
+            let at = top + 34. + 20. * i as f64;
+            let style = format!(r#"stroke="{}" stroke-width="2.4""#, FOOT_COLORS[i % FOOT_COLORS.len()]);
+            p.line([RIGHT + 16., at - 4.], [RIGHT + 40., at - 4.], &style);
+            let name = format!("{population} candidates, {generations} generations, {} heuristic", with(*heuristic));
+            p.text(RIGHT + 46., at, "start", r##"font-size="11" fill="#333""##, &name);
+        }
     }
-    Ok(text)
+    Ok(p.finish())
 }
 
 /// Generation, from 1, with the spread of the costs that the runs had reached.
@@ -176,11 +181,27 @@ fn curve(line: &Line) -> Vec<(f64, Spread)> {
     (0..longest).filter_map(at).collect()
 }
 
+/// What a gait is the best of.
+fn caption(run: &Run) -> String {
+    let Case { scenario, target, method, heuristic, objective, population, generations, seed, .. } = &run.case;
+    let heuristic = with(*heuristic);
+    let what = match objective {
+        Objective::Feasibility => {
+            let target = target.map(|t| format!(", target {t}")).unwrap_or_default();
+            format!("{scenario}{target}: {}, {heuristic} heuristic", words(*method))
+        }
+        _ => format!("{}: {population} candidates, {generations} generations, {heuristic} heuristic", title(*objective)),
+    };
+    format!("{what}, seed {seed}: {} stance phases", run.stances())
+}
+
 /// Gaits: stance bars of each foot over time, one panel for the best run of each group that found one.
 ///
 /// # Errors
-/// [`Error::Format`] when the library cannot draw.
+/// For a schedule that is none, and a robot that does not exist.
 pub fn gaits(runs: &[Run]) -> Result<String> {
+    const LEFT: f64 = 60.;
+    const RIGHT: f64 = WIDTH - 20.;
     let lines = lines(runs);
     let best = |line: &Line| {
         let found = line.runs.iter().filter(|run| run.success && !run.durations.is_empty());
@@ -189,37 +210,76 @@ pub fn gaits(runs: &[Run]) -> Result<String> {
         found.copied().cloned().reduce(|a, b| if cost(&b) < cost(&a) { b } else { a })
     };
     let winners: Vec<Run> = lines.iter().filter_map(best).collect();
-    let heights: Vec<u32> = winners.iter().map(|run| MARGIN + BAR * run.durations.len() as u32).collect();
-    let mut text = String::new();
-    for (area, run) in panels(&mut text, &heights)?.iter().zip(&winners) {
+    let panel = |run: &Run| CAPTION + BAR * run.durations.len() as f64 + AXIS_ROOM + GAP;
+    let mut p = Picture::new(WIDTH, winners.iter().map(panel).sum::<f64>().max(1.));
+    let mut start = 0.;
+    for run in &winners {
         let schedule = Schedule::new(run.durations.clone())?;
-        let names: Vec<String> = (0..schedule.feet()).map(|foot| format!("foot {foot}")).collect();
-        let caption = match run.case.objective {
-            Objective::Feasibility => {
-                let target = run.case.target.map(|t| format!(", target {t}")).unwrap_or_default();
-                format!("{}{target}, {}, heuristic: {}", run.case.scenario, run.case.method, run.case.heuristic)
-            }
-            _ => {
-                let Case { population, generations, heuristic, .. } = run.case;
-                format!("{}, population {population}, {generations} generations, heuristic: {heuristic}", title(run.case.objective))
-            }
-        };
-        let caption = format!("{caption}, seed {}: {} stance phases", run.case.seed, run.stances());
-        let mut chart = ChartBuilder::on(area)
-            .caption(caption, ("sans-serif", 15))
-            .margin(8)
-            .x_label_area_size(28)
-            .y_label_area_size(50)
-            .build_cartesian_2d(0f64..schedule.horizon(), NamedRows(names))
-            .map_err(failed)?;
-        chart.configure_mesh().disable_y_mesh().x_desc("s").draw().map_err(failed)?;
+        let names = foot_names(&Robot::named(Scenario::named(&run.case.scenario)?.robot)?);
+        let (top, bottom) = (start + CAPTION, start + CAPTION + BAR * schedule.feet() as f64);
+        start += panel(run);
+        p.text(LEFT, top - 9., "start", r##"font-size="13" fill="#111""##, &caption(run));
+        let x = Scale::straight([0., schedule.horizon()], [LEFT, RIGHT]);
+        for v in x.ticks(12) {
+            p.line([x.at(v), top], [x.at(v), bottom], GRID);
+            p.line([x.at(v), bottom], [x.at(v), bottom + 5.], AXIS);
+            p.text(x.at(v), bottom + 18., "middle", SMALL, &short(v));
+        }
+        p.text((LEFT + RIGHT) / 2., bottom + 35., "middle", SMALL, "time, s");
         for foot in 0..schedule.feet() {
-            let bars = schedule.phases(foot).into_iter().filter(|phase| phase.stance);
-            let bar = |phase: crate::gait::schedule::Phase| {
-                Rectangle::new([(phase.start, foot as f64 + 0.2), (phase.end, foot as f64 + 0.8)], PALETTE[0].filled())
-            };
-            chart.draw_series(bars.map(bar)).map_err(failed)?;
+            let row = top + BAR * foot as f64;
+            p.text(LEFT - 8., row + BAR / 2. + 4., "end", SMALL, names.get(foot).map_or("", |name| name));
+            for phase in schedule.phases(foot).into_iter().filter(|phase| phase.stance) {
+                let fill = format!(r#"fill="{}""#, FOOT_COLORS[foot % FOOT_COLORS.len()]);
+                p.box_of([x.at(phase.start), row + 3.], [x.at(phase.end), row + BAR - 3.], &fill);
+            }
+        }
+        frame(&mut p, [LEFT, top], [RIGHT, bottom]);
+    }
+    Ok(p.finish())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    /// The stored runs of an experiment, and a stored picture of them.
+    fn stored(experiment: u8, picture: &str) -> (Vec<Run>, String) {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/experiments");
+        let read = |name: String| std::fs::read_to_string(folder.join(name)).unwrap();
+        let runs = read(format!("experiment{experiment}.jsonl")).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        (runs, read(format!("experiment{experiment}_{picture}.svg")))
+    }
+
+    #[test]
+    fn stored_pictures_are_those_of_the_stored_runs() {
+        for experiment in 1..=3 {
+            let (runs, picture) = stored(experiment, "gaits");
+            assert!(gaits(&runs).unwrap() == picture, "gaits of experiment {experiment}");
+        }
+        for experiment in 1..=2 {
+            let (runs, picture) = stored(experiment, "times");
+            assert!(times(&runs).unwrap() == picture, "times of experiment {experiment}");
+        }
+        let (runs, picture) = stored(3, "objectives");
+        assert!(objectives(&runs).unwrap() == picture, "objectives");
+        assert!(times(&[]).is_err() && objectives(&[]).is_err());
+    }
+
+    #[test]
+    fn labels_are_words_and_no_names_of_the_program() {
+        for (experiment, picture) in [(1, "times"), (2, "times"), (1, "gaits"), (3, "gaits"), (3, "objectives")] {
+            let (_, picture) = stored(experiment, picture);
+            let texts = picture.split("<text").skip(1).filter_map(|t| t.split_once('>')?.1.split_once("</text>"));
+            for (text, _) in texts {
+                assert!(
+                    !text.contains('`')
+                        && !text.contains('_')
+                        && !Method::ALL.iter().any(|m| m.name().contains('-') && m.name() != "contact-implicit" && text.contains(m.name())),
+                    "{text}"
+                );
+            }
         }
     }
-    Ok(text)
 }

@@ -1,12 +1,9 @@
 //! An atlas of gaits as a picture, SVG: cost of transport over speed, the best gait at each speed, and how it strides.
-//!
-//! Written out by hand: a second axis that is no straight scale of the first, and a legend beside the curves, are more to ask of a plotting
-//! library than to draw.
 
 use super::atlas::name;
+use super::svg::{AXIS, GRID, Picture, SMALL, Scale, short};
 use crate::gait::family::{FAMILIES, GaitFamily, speed_scale, time_scale};
 use crate::search::atlas::{Atlas, Point};
-use std::fmt::Write;
 
 /// Edges of the plots, pixels.
 const LEFT: f64 = 78.;
@@ -40,87 +37,8 @@ fn color(family: GaitFamily) -> &'static str {
     }
 }
 
-/// Values in a range as pixels.
-#[derive(Clone, Copy)]
-struct Scale {
-    low: f64,
-    high: f64,
-    /// Pixels of `low` and `high`.
-    pixels: [f64; 2],
-    log: bool,
-}
-
-impl Scale {
-    fn at(&self, value: f64) -> f64 {
-        let f = |v: f64| if self.log { v.max(1e-12).ln() } else { v };
-        let part = (f(value) - f(self.low)) / (f(self.high) - f(self.low));
-        self.pixels[0] + part * (self.pixels[1] - self.pixels[0])
-    }
-
-    /// Round values in the range: at most `most` on a straight scale; 1, 1.5, 2, 3, 5, 7 and their tens on a logarithmic one.
-    fn ticks(&self, most: usize) -> Vec<f64> {
-        let inside = |v: &f64| *v >= self.low * (1. - 1e-9) && *v <= self.high * (1. + 1e-9);
-        if self.log {
-            let tens = (-3..=4).map(|e| 10f64.powi(e));
-            return tens.flat_map(|ten| [1., 1.5, 2., 3., 5., 7.].map(|v| v * ten)).filter(inside).collect();
-        }
-        let rough = (self.high - self.low) / most as f64;
-        let ten = 10f64.powf(rough.log10().floor());
-        let step = [1., 2., 2.5, 5., 10.].map(|v| v * ten).into_iter().find(|&s| s >= rough).unwrap_or(10. * ten);
-        let first = (self.low / step).ceil() as i64;
-        (first..).map(|i| i as f64 * step).take_while(|&v| v <= self.high + 1e-9 * step).collect()
-    }
-}
-
-/// A number as people write it, without zeros at the end.
-fn short(value: f64) -> String {
-    let text = format!("{value:.3}");
-    text.trim_end_matches('0').trim_end_matches('.').to_owned()
-}
-
-/// A picture that grows by elements.
-struct Picture(String);
-
-impl Picture {
-    fn text(&mut self, x: f64, y: f64, anchor: &str, style: &str, text: &str) {
-        let text = text.replace('&', "&amp;").replace('<', "&lt;");
-        // Writing to a string cannot fail.
-        let _ = writeln!(self.0, r#"<text x="{x:.1}" y="{y:.1}" text-anchor="{anchor}" {style}>{text}</text>"#);
-    }
-
-    fn line(&mut self, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2], style: &str) {
-        let _ = writeln!(self.0, r#"<line x1="{x1:.1}" y1="{y1:.1}" x2="{x2:.1}" y2="{y2:.1}" {style}/>"#);
-    }
-
-    fn box_of(&mut self, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2], style: &str) {
-        let (width, height) = (x2 - x1, y2 - y1);
-        let _ = writeln!(self.0, r#"<rect x="{x1:.1}" y="{y1:.1}" width="{width:.1}" height="{height:.1}" {style}/>"#);
-    }
-
-    /// Points joined by lines, broken where there is none.
-    fn curve(&mut self, points: &[Option<[f64; 2]>], color: &str, width: f64) {
-        for run in points.split(Option::is_none) {
-            let run: Vec<String> = run.iter().flatten().map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
-            if run.len() > 1 {
-                let _ = writeln!(
-                    self.0,
-                    r#"<polyline points="{}" fill="none" stroke="{color}" stroke-width="{width}" stroke-linejoin="round"/>"#,
-                    run.join(" ")
-                );
-            }
-        }
-        for [x, y] in points.iter().flatten() {
-            let _ = writeln!(self.0, r#"<circle cx="{x:.1}" cy="{y:.1}" r="{:.1}" fill="{color}"/>"#, width + 0.9);
-        }
-    }
-}
-
 /// Froude numbers of the second axis.
 const FROUDE: [f64; 13] = [0.01, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1., 1.5, 2., 3., 4., 6.];
-
-const AXIS: &str = r##"stroke="#333" stroke-width="1""##;
-const GRID: &str = r##"stroke="#e4e4e4" stroke-width="1""##;
-const SMALL: &str = r##"font-size="12" fill="#333""##;
 
 /// The atlas on one slope. Empty of curves where nothing was certified.
 pub fn svg(atlas: &Atlas, slope: f64) -> String {
@@ -138,7 +56,7 @@ pub fn svg(atlas: &Atlas, slope: f64) -> String {
     let notes: Vec<(usize, f64, String)> = transitions
         .iter()
         .map(|t| {
-            let text = format!("{} \u{2192} {}: {:.2} m/s, Fr {:.2}", name(t.from), name(t.to), t.speed, t.froude);
+            let text = format!("{} \u{2192} {}: {:.2} m/s, Fr {:.2}", words(t.from), words(t.to), t.speed, t.froude);
             let half = 3.1 * text.chars().count() as f64;
             let at = x.at(t.speed).clamp(LEFT + half, RIGHT - half);
             let line = ends.iter().position(|&end| end + 10. < at - half).unwrap_or(ends.len());
@@ -153,10 +71,7 @@ pub fn svg(atlas: &Atlas, slope: f64) -> String {
     let strips = [band + BAND + GAP, band + BAND + 2. * GAP + STRIP];
     let bottom = strips[1] + STRIP;
     let height = bottom + 46.;
-    let mut p = Picture(format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {height}\" width=\"{WIDTH}\" height=\"{height}\" \
-         font-family=\"Helvetica, Arial, sans-serif\">\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n"
-    ));
+    let mut p = Picture::new(WIDTH, height);
 
     let ground = if slope == 0. { "level ground".into() } else { format!("slope {}", short(slope)) };
     p.text(LEFT, 24., "start", r#"font-size="17" font-weight="bold""#, &format!("{}: what gaits cost, {ground}", robot.name));
@@ -200,22 +115,18 @@ pub fn svg(atlas: &Atlas, slope: f64) -> String {
             p.line([LEFT, y.at(v)], [RIGHT, y.at(v)], GRID);
             p.text(LEFT - 8., y.at(v) + 4., "end", SMALL, &short(v));
         }
-        let _ = writeln!(
-            p.0,
-            r#"<clipPath id="curves"><rect x="{LEFT}" y="{TOP}" width="{}" height="{CURVES}"/></clipPath><g clip-path="url(#curves)">"#,
-            RIGHT - LEFT
-        );
+        p.begin_clip("curves", [LEFT, TOP], [RIGHT, TOP + CURVES]);
         for t in &transitions {
             p.line([x.at(t.speed), TOP], [x.at(t.speed), TOP + CURVES], r##"stroke="#777" stroke-width="1" stroke-dasharray="4 3""##);
         }
         for (family, curve) in &curves {
             let at = |point: &Option<&Point>| point.and_then(|q| Some([x.at(q.speed), y.at(q.total()?)]));
-            p.curve(&curve.iter().map(at).collect::<Vec<_>>(), color(*family), 2.);
+            p.points(&curve.iter().map(at).collect::<Vec<_>>(), color(*family), 2.);
         }
-        p.0 += "</g>\n";
+        p.end_clip();
     }
     frame(&mut p, TOP, TOP + CURVES);
-    turned(&mut p, TOP + CURVES / 2., 13, "cost of transport");
+    p.turned(22., TOP + CURVES / 2., 13, "cost of transport");
 
     // Legend, cheapest first.
     let cheapest = |c: &[Option<&Point>]| c.iter().flatten().filter_map(|q| q.total()).fold(f64::INFINITY, f64::min);
@@ -224,8 +135,8 @@ pub fn svg(atlas: &Atlas, slope: f64) -> String {
     for (i, (family, _)) in legend.into_iter().enumerate() {
         let at = TOP + 14. + 34. * i as f64;
         let of = || atlas.points.iter().filter(|q| q.family == *family && q.slope == slope);
-        p.curve(&[Some([RIGHT + 14., at - 4.]), Some([RIGHT + 40., at - 4.])], color(*family), 2.);
-        p.text(RIGHT + 50., at, "start", r#"font-size="13""#, family.name());
+        p.points(&[Some([RIGHT + 14., at - 4.]), Some([RIGHT + 40., at - 4.])], color(*family), 2.);
+        p.text(RIGHT + 50., at, "start", r#"font-size="13""#, &words(Some(*family)));
         let share = format!("{} of {} certified", of().filter(|q| q.certified).count(), of().count());
         p.text(RIGHT + 50., at + 14., "start", r##"font-size="11" fill="#666""##, &share);
     }
@@ -247,11 +158,11 @@ pub fn svg(atlas: &Atlas, slope: f64) -> String {
     for (edge, family) in edges.windows(2).zip(families) {
         let fill = family.map_or("#dddddd", color);
         p.box_of([edge[0], band], [edge[1], band + BAND], &format!(r#"fill="{fill}" stroke="white" stroke-width="1""#));
-        let text = name(family);
+        let text = words(family);
         if edge[1] - edge[0] > 7.5 * text.len() as f64 {
             let ink = if family.is_some() { "white" } else { "#333" };
             let style = format!(r#"font-size="13" font-weight="bold" fill="{ink}""#);
-            p.text((edge[0] + edge[1]) / 2., band + 17., "middle", &style, text);
+            p.text((edge[0] + edge[1]) / 2., band + 17., "middle", &style, &text);
         }
     }
     p.text(RIGHT + 10., band + 17., "start", SMALL, "cheapest gait");
@@ -271,19 +182,19 @@ pub fn svg(atlas: &Atlas, slope: f64) -> String {
             p.text(LEFT - 8., scale.at(v) + 4., "end", SMALL, &short(v));
         }
         let points: Vec<_> = best.iter().map(|q| q.map(|q| [x.at(q.speed), scale.at(value(q, time))])).collect();
-        p.curve(&points, "#444", 1.4);
+        p.points(&points, "#444", 1.4);
         frame(&mut p, top, top + STRIP);
         p.text(RIGHT + 10., top + STRIP / 2. + 4., "start", SMALL, title);
     }
-    p.0 + "</svg>\n"
+    p.finish()
+}
+
+/// A gait in words.
+fn words(family: Option<GaitFamily>) -> String {
+    name(family).replace('-', " ")
 }
 
 /// The edges of a panel.
 fn frame(p: &mut Picture, top: f64, bottom: f64) {
     p.box_of([LEFT, top], [RIGHT, bottom], r##"fill="none" stroke="#333" stroke-width="1""##);
-}
-
-/// The name of a vertical axis.
-fn turned(p: &mut Picture, y: f64, size: u32, text: &str) {
-    p.text(22., y, "middle", &format!(r#"font-size="{size}" transform="rotate(-90 22 {y:.1})""#), text);
 }

@@ -28,15 +28,23 @@ pub fn read(path: &Path) -> Result<String> {
 /// # Errors
 /// [`Error::Io`] when the system refuses.
 pub fn write(path: &Path, text: &str) -> Result<()> {
+    write_bytes(path, text.as_bytes())
+}
+
+/// As [`write()`], of what is no text.
+///
+/// # Errors
+/// As [`write()`].
+pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
     let io = |source| Error::Io { action: "write", path: path.to_owned(), source };
     let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     if fs::metadata(&target).is_ok_and(|m| !m.is_file()) {
-        return fs::OpenOptions::new().write(true).open(&target).and_then(|mut f| f.write_all(text.as_bytes())).map_err(io);
+        return fs::OpenOptions::new().write(true).open(&target).and_then(|mut f| f.write_all(bytes)).map_err(io);
     }
     let mut name = target.file_name().map(|n| n.to_owned()).unwrap_or_default();
     name.push(format!(".{}.part", std::process::id()));
     let part = target.with_file_name(name);
-    let written = fs::File::create_new(&part).and_then(|mut f| f.write_all(text.as_bytes()).and_then(|()| f.sync_all()));
+    let written = fs::File::create_new(&part).and_then(|mut f| f.write_all(bytes).and_then(|()| f.sync_all()));
     written.and_then(|()| fs::rename(&part, &target)).map_err(|e| {
         // The part may not exist; the first error is the one to tell.
         let _ = fs::remove_file(&part);

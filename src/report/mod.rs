@@ -6,7 +6,12 @@ pub mod atlas;
 pub mod atlas_plot;
 pub mod files;
 pub mod gait_diagram;
+pub mod motion_plot;
+#[cfg(feature = "png")]
+mod png;
 pub mod result;
+pub mod samples;
+pub mod svg;
 
 pub use gait_diagram::gait_diagram;
 pub use result::{EvaluateResult, IpoptResult, SolveResult};

@@ -23,6 +23,18 @@ pub enum Profile {
 }
 
 impl Profile {
+    /// Where along x its patches meet, m; the height may jump there.
+    pub fn edges(self) -> &'static [f64] {
+        match self {
+            Profile::Block => &[0.7, 0.7 + 0.03, 0.7 + 3.5],
+            Profile::Stairs => &[1.0, 1.4, 2.4],
+            Profile::Gap => &[1.0, 1.0 + 0.6],
+            Profile::Slope => &[1.0, 2.0, 3.0],
+            Profile::Chimney => &[1.0, 2.5],
+            Profile::ChimneyLr => &[0.5, 1.5, 2.5],
+        }
+    }
+
     /// Height, slope and curvature at (x, y).
     pub fn ground<T: Float>(self, x: T, y: T) -> Ground<T> {
         let c = |v: f64| T::from(v).unwrap_or_else(T::nan);

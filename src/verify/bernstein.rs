@@ -2,7 +2,7 @@
 //! with the square of the length of a part when the curve is split in halves.
 
 use crate::gait::Curve;
-use crate::terrain::{Profile, Shape, Terrain};
+use crate::terrain::{Shape, Terrain};
 use nalgebra::Vector3;
 
 /// Halvings after which a bound is taken for the value.
@@ -164,16 +164,8 @@ fn breaks(terrain: &Terrain, axis: usize, low: f64, high: f64) -> Vec<f64> {
         }
         Shape::Profile(_) if axis == 1 => Vec::new(),
         Shape::Profile(profile) => {
-            let places: &[f64] = match profile {
-                Profile::Block => &[0.7, 0.7 + 0.03, 0.7 + 3.5],
-                Profile::Stairs => &[1.0, 1.4, 2.4],
-                Profile::Gap => &[1.0, 1.0 + 0.6],
-                Profile::Slope => &[1.0, 2.0, 3.0],
-                Profile::Chimney => &[1.0, 2.5],
-                Profile::ChimneyLr => &[0.5, 1.5, 2.5],
-            };
             // A part that ends at a break may belong to either side of it.
-            let inside = places.iter().filter(|&&x| x > low - 1e-9 && x < high + 1e-9 && low < high);
+            let inside = profile.edges().iter().filter(|&&x| x > low - 1e-9 && x < high + 1e-9 && low < high);
             inside.flat_map(|&x| [x - 1e-9, x, x + 1e-9]).map(|x| x.clamp(low, high)).collect()
         }
     }

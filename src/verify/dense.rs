@@ -13,7 +13,7 @@ use std::fmt;
 pub const SAMPLE_STEP: f64 = 1e-3;
 
 /// Times closer than this are one, s. Sums of durations differ in their last digits between programs.
-pub(super) const SAME_TIME: f64 = 1e-6;
+pub(crate) const SAME_TIME: f64 = 1e-6;
 
 /// Greatest value of a quantity over the trajectory, never negative; infinite when the quantity was no number somewhere.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
@@ -85,7 +85,7 @@ impl fmt::Display for DenseReport {
 }
 
 /// A number in few digits: with an exponent only when it is very small or very large.
-pub(super) fn readable(value: f64) -> String {
+pub(crate) fn readable(value: f64) -> String {
     if value == 0. || (1e-3..1e6).contains(&value) { format!("{value:.3}") } else { format!("{value:.2e}") }
 }
 
@@ -132,7 +132,7 @@ pub(super) fn sample(motion: &Motion, terrain: &Terrain) -> DenseReport {
 
 /// A point of a curve.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Point {
+pub(crate) struct Point {
     /// Value.
     pub value: Vector3<f64>,
     /// First derivative.
@@ -142,7 +142,7 @@ pub(super) struct Point {
 }
 
 /// A Hermite curve with the times of its nodes.
-pub(super) struct TimedCurve<'a> {
+pub(crate) struct TimedCurve<'a> {
     /// The curve.
     pub curve: &'a Curve,
     /// Times of the nodes, s.
@@ -211,7 +211,7 @@ impl<'a> TimedCurve<'a> {
 }
 
 /// Curves of a foot and its phases.
-pub(super) struct FootMotion<'a> {
+pub(crate) struct FootMotion<'a> {
     /// Position, m.
     pub motion: TimedCurve<'a>,
     /// Force, N.
@@ -260,7 +260,7 @@ pub(super) fn nearest(times: &[f64], time: f64) -> usize {
 /// Normal and tangents of the terrain under a foothold, unit vectors.
 ///
 /// `n ~ (-h_x, -h_y, 1)`, `t1 ~ (1, 0, h_x)`, `t2 ~ (0, 1, h_y)`; on a slope along both axes t1 and t2 are not orthogonal, as in TOWR.
-pub(super) struct ContactAxes {
+pub(crate) struct ContactAxes {
     pub normal: Vector3<f64>,
     pub tangents: [Vector3<f64>; 2],
 }
@@ -276,7 +276,7 @@ impl ContactAxes {
 }
 
 /// State of the base at one time, world frame.
-pub(super) struct BaseState {
+pub(crate) struct BaseState {
     pub position: Vector3<f64>,
     pub velocity: Vector3<f64>,
     pub acceleration: Vector3<f64>,
@@ -287,7 +287,7 @@ pub(super) struct BaseState {
 }
 
 /// A trajectory laid out in time, of a robot that fits it.
-pub(super) struct Motion<'a> {
+pub(crate) struct Motion<'a> {
     pub robot: &'a Robot,
     pub horizon: f64,
     pub base_lin: TimedCurve<'a>,

@@ -1,0 +1,267 @@
+//! A motion at instants: what pictures and exports are made from. Values are those of the trajectory's exact curves.
+
+use crate::error::Result;
+use crate::gait::{Schedule, Trajectory};
+use crate::robot::Robot;
+use crate::terrain::Terrain;
+use crate::verify::dense::{ContactAxes, Motion};
+use nalgebra::{UnitQuaternion, Vector3};
+
+/// One colour a foot, told apart by most eyes (after Okabe and Ito), the same in every picture.
+pub const FOOT_COLORS: [&str; crate::robot::MAX_FEET] =
+    ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7a5230", "#6b6b6b"];
+
+/// Normal force from which on the use of friction is a number, in weights: below, it is a quotient of two that vanish.
+const LOADED: f64 = 0.01;
+
+/// A motion that can be evaluated at any time.
+pub struct Sampler<'a> {
+    motion: Motion<'a>,
+    terrain: &'a Terrain,
+    schedule: Schedule,
+}
+
+/// State at one time, world frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sample {
+    /// Time, s.
+    pub time: f64,
+    /// Base.
+    pub base: BaseSample,
+    /// Feet.
+    pub feet: Vec<FootSample>,
+}
+
+/// State of the base, which is the centre of mass.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BaseSample {
+    /// Position, world frame, m.
+    pub position: [f64; 3],
+    /// Velocity, world frame, m/s.
+    pub velocity: [f64; 3],
+    /// Roll, pitch, yaw, rad; base to world is `Rz(yaw) Ry(pitch) Rx(roll)`.
+    pub angles: [f64; 3],
+    /// The same rotation as a unit quaternion w, x, y, z; of both the one nearer to that of the sample before, if there was one.
+    pub quaternion: [f64; 4],
+    /// Angular velocity, world frame, rad/s.
+    pub angular_velocity: [f64; 3],
+}
+
+/// State of a foot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FootSample {
+    /// Position, world frame, m.
+    pub position: [f64; 3],
+    /// Velocity, world frame, m/s.
+    pub velocity: [f64; 3],
+    /// Whether it stands. At a change that which begins counts.
+    pub stance: bool,
+    /// Force of the ground on it, world frame, N.
+    pub force: [f64; 3],
+    /// Part of the force along the normal of the ground, N; 0 in swing.
+    pub normal_force: f64,
+    /// `|t.f| / (mu n.f)`: 1 is the edge of the friction cone. None where it carries less than a hundredth of the weight.
+    pub friction_use: Option<f64>,
+}
+
+/// A stance phase.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stance {
+    /// Start and end, s.
+    pub times: [f64; 2],
+    /// Where the foot stands, world frame, m.
+    pub foothold: [f64; 3],
+    /// Normal of the ground there, unit.
+    pub normal: [f64; 3],
+}
+
+impl<'a> Sampler<'a> {
+    /// Lays a trajectory out in time.
+    ///
+    /// # Errors
+    /// [`crate::Error::Invalid`] when the trajectory is malformed, or robot and trajectory disagree on the number of feet.
+    pub fn new(trajectory: &'a Trajectory, robot: &'a Robot, terrain: &'a Terrain) -> Result<Sampler<'a>> {
+        Ok(Sampler { motion: Motion::new(trajectory, robot)?, terrain, schedule: Schedule::new(trajectory.durations.clone())? })
+    }
+
+    /// Times a rate apart from 0 on, and the horizon, s.
+    ///
+    /// * `rate` - Hz, positive
+    pub fn times(&self, rate: f64) -> Vec<f64> {
+        let horizon = self.motion.horizon;
+        let before = |&time: &f64| time < horizon - crate::verify::dense::SAME_TIME;
+        (0u32..).map(|i| f64::from(i) / rate).take_while(before).chain([horizon]).collect()
+    }
+
+    /// The state at each of [`Sampler::times`].
+    pub fn samples(&self, rate: f64) -> Vec<Sample> {
+        let mut samples: Vec<Sample> = Vec::new();
+        for time in self.times(rate) {
+            let mut sample = self.at(time);
+            if let Some(last) = samples.last() {
+                let dot: f64 = sample.base.quaternion.iter().zip(&last.base.quaternion).map(|(a, b)| a * b).sum();
+                if dot < 0. {
+                    sample.base.quaternion = sample.base.quaternion.map(|v| -v);
+                }
+            }
+            samples.push(sample);
+        }
+        samples
+    }
+
+    /// The state at a time, s.
+    pub fn at(&self, time: f64) -> Sample {
+        let base = self.motion.base(time);
+        let quaternion = UnitQuaternion::from_rotation_matrix(&base.rotation);
+        let weight = self.motion.robot.weight();
+        let feet = self.motion.feet.iter().map(|foot| {
+            let (place, force) = (foot.motion.at(time), foot.force.at(time).value);
+            let stance = foot.phases(time).1.is_multiple_of(2);
+            let foothold = if stance { foot.foothold(time) } else { None };
+            let normal = foothold.map(|foothold| ContactAxes::new(self.terrain, foothold).normal);
+            let normal_force = normal.map_or(0., |n| n.dot(&force));
+            let sideways = normal.map_or(0., |n| (force - n * normal_force).norm());
+            FootSample {
+                position: place.value.into(),
+                velocity: place.first.into(),
+                stance,
+                force: force.into(),
+                normal_force,
+                friction_use: (normal_force > LOADED * weight).then(|| sideways / (self.terrain.friction * normal_force)),
+            }
+        });
+        Sample {
+            time,
+            base: BaseSample {
+                position: base.position.into(),
+                velocity: base.velocity.into(),
+                angles: self.motion.base_ang.at(time).value.into(),
+                quaternion: [quaternion.w, quaternion.i, quaternion.j, quaternion.k],
+                angular_velocity: base.omega.into(),
+            },
+            feet: feet.collect(),
+        }
+    }
+
+    /// Stance phases of a foot.
+    pub fn stances(&self, foot: usize) -> Vec<Stance> {
+        let stances = self.schedule.phases(foot).into_iter().filter(|phase| phase.stance);
+        let place = |time: f64| self.motion.feet[foot].foothold(time).unwrap_or_else(|| self.motion.feet[foot].motion.at(time).value);
+        stances
+            .map(|phase| {
+                let foothold: Vector3<f64> = place((phase.start + phase.end) / 2.);
+                let normal = ContactAxes::new(self.terrain, foothold).normal;
+                Stance { times: [phase.start, phase.end], foothold: foothold.into(), normal: normal.into() }
+            })
+            .collect()
+    }
+
+    /// Number of feet.
+    pub fn feet(&self) -> usize {
+        self.motion.feet.len()
+    }
+}
+
+/// Short names of the feet by where they are: L and R; LF, RF, LH, RH for fore and hind; LM and RM between them. Numbers where two would have the
+/// same.
+pub fn foot_names(robot: &Robot) -> Vec<String> {
+    let mut rows: Vec<f64> = robot.nominal_feet.iter().map(|p| p[0]).collect();
+    rows.sort_by(|a, b| b.total_cmp(a));
+    rows.dedup_by(|a, b| (*a - *b).abs() < 1e-6);
+    let row_names: &[&str] = match rows.len() {
+        1 => &[""],
+        2 => &["F", "H"],
+        3 => &["F", "M", "H"],
+        _ => &[],
+    };
+    let name = |&[x, y, _]: &[f64; 3]| {
+        let row = rows.iter().position(|r| (r - x).abs() < 1e-6).and_then(|row| row_names.get(row))?;
+        let side = if y.abs() < 1e-6 {
+            ""
+        } else if y > 0. {
+            "L"
+        } else {
+            "R"
+        };
+        Some(format!("{side}{row}")).filter(|name| !name.is_empty())
+    };
+    let names: Option<Vec<String>> = robot.nominal_feet.iter().map(name).collect();
+    let distinct = |names: &Vec<String>| names.iter().collect::<std::collections::BTreeSet<_>>().len() == names.len();
+    names.filter(distinct).unwrap_or_else(|| (0..robot.feet()).map(|foot| format!("foot {foot}")).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gait::{Curve, FootCurves};
+    use crate::robot::ROBOTS;
+
+    /// A monoped that stands for 0.4 s, hops for 0.2 s and stands again; its ground slopes.
+    fn hop() -> (Trajectory, Robot, Terrain) {
+        let curve = |durations: &[f64], nodes: &[[f64; 6]]| Curve { poly_durations: durations.to_vec(), nodes: nodes.to_vec() };
+        let base = curve(&[1.], &[[0., 0., 0.6, 1., 0., 0.], [1., 0., 0.6, 1., 0., 0.]]);
+        let angles = curve(&[1.], &[[0.1, -0.2, 3.0, 0., 0., 0.5], [0.1, -0.2, 3.5, 0., 0., 0.5]]);
+        let (from, to) = ([0., 0., 0.], [1., 0., 0.5]);
+        let still = |[x, y, z]: [f64; 3]| [x, y, z, 0., 0., 0.];
+        let motion = curve(&[0.4, 0.2, 0.4], &[still(from), still(from), still(to), still(to)]);
+        let push = [-20., 10., 100., 0., 0., 0.];
+        let force = curve(&[0.4, 0.2, 0.4], &[push, [0.; 6], [0.; 6], push]);
+        let trajectory = Trajectory::new(vec![vec![0.4, 0.2, 0.4]], 1., [base, angles], vec![FootCurves { motion, force }]);
+        let heights = (0..4).map(|i| vec![0.5 * f64::from(i) - 0.5; 4]).collect();
+        let shape = crate::terrain::Shape::Grid(crate::terrain::Grid { low: [-1., -2.], high: [3., 2.], heights });
+        (trajectory, Robot::named("monoped").unwrap(), Terrain { name: "ramp".into(), friction: 0.8, shape })
+    }
+
+    #[test]
+    fn a_sample_holds_the_values_of_the_curves() {
+        let (trajectory, robot, terrain) = hop();
+        let sampler = Sampler::new(&trajectory, &robot, &terrain).unwrap();
+        let at = sampler.at(0.);
+        assert_eq!(at.base.position, [0., 0., 0.6]);
+        assert_eq!(at.base.angles, [0.1, -0.2, 3.0]);
+        assert!((at.base.angular_velocity[2] - 0.5).abs() < 1e-12);
+        // The ground rises by half: n = (-1, 0, 2) / sqrt 5.
+        let normal_force = (20. + 200.) / 5f64.sqrt();
+        assert!((at.feet[0].normal_force - normal_force).abs() < 1e-9);
+        let sideways = (20f64.powi(2) + 10f64.powi(2) + 100f64.powi(2) - normal_force.powi(2)).sqrt();
+        assert!((at.feet[0].friction_use.unwrap() - sideways / (0.8 * normal_force)).abs() < 1e-9);
+        let swing = sampler.at(0.5);
+        assert!(!swing.feet[0].stance && swing.feet[0].normal_force == 0. && swing.feet[0].friction_use.is_none());
+        let [x, y, z] = swing.feet[0].position;
+        assert!((x - 0.5).abs() < 1e-12 && y == 0. && (z - 0.25).abs() < 1e-12 && (swing.base.position[0] - 0.5).abs() < 1e-12);
+        assert!((swing.feet[0].velocity[0] - 7.5).abs() < 1e-12);
+        // What begins at a change counts.
+        assert!(!sampler.at(0.4).feet[0].stance && sampler.at(0.6).feet[0].stance && sampler.at(1.).feet[0].stance);
+    }
+
+    #[test]
+    fn samples_begin_at_0_and_end_at_the_horizon_and_quaternions_do_not_jump() {
+        let (trajectory, robot, terrain) = hop();
+        let sampler = Sampler::new(&trajectory, &robot, &terrain).unwrap();
+        assert_eq!(sampler.times(4.), [0., 0.25, 0.5, 0.75, 1.]);
+        assert_eq!(sampler.times(3.).len(), 4);
+        assert_eq!(sampler.times(3.).last(), Some(&1.));
+        // Yaw passes pi on the way.
+        let samples = sampler.samples(50.);
+        for pair in samples.windows(2) {
+            let dot: f64 = pair[0].base.quaternion.iter().zip(&pair[1].base.quaternion).map(|(a, b)| a * b).sum();
+            assert!(dot > 0.99, "at {} s", pair[1].time);
+        }
+        let stances = sampler.stances(0);
+        assert_eq!(stances.iter().map(|s| s.foothold).collect::<Vec<_>>(), [[0.; 3], [1., 0., 0.5]]);
+        assert!((stances[1].times[0] - 0.6).abs() < 1e-12 && stances[1].times[1] == 1.);
+    }
+
+    #[test]
+    fn feet_are_named_by_side_and_row() {
+        let names = |name: &str| foot_names(&Robot::named(name).unwrap());
+        assert_eq!(names("anymal"), ["LF", "RF", "LH", "RH"]);
+        assert_eq!(names("pexod"), ["LF", "RF", "LM", "RM", "LH", "RH"]);
+        assert_eq!(names("biped"), ["L", "R"]);
+        assert_eq!(names("monoped"), ["foot 0"]);
+        assert!(ROBOTS.iter().all(|robot| names(robot).len() == Robot::named(robot).unwrap().feet()));
+        let mut robot = Robot::named("anymal").unwrap();
+        robot.nominal_feet[1] = robot.nominal_feet[0];
+        assert_eq!(foot_names(&robot)[3], "foot 3");
+    }
+}

@@ -1,0 +1,197 @@
+//! Results as a page: the robot moving over its ground, forces and attitude over time, and what the certificate says.
+//!
+//! The page is one file that loads nothing: everything is in it, and it forbids itself the net. Its parts are `page.html`, `page.css`, `scene.js` (3D), `plots.js`
+//! and `page.js`; `three.min.js` is three.js 0.187.0 (MIT, `three.LICENSE`), as much of it as `three.entry.js` names, made by
+//! `npm install three@0.187.0 esbuild && npx esbuild three.entry.js --bundle --minify --format=iife --global-name=THREE --target=es2020
+//! --legal-comments=inline --outfile=three.min.js`. A page is 0.65 MB, and about 30 kB more for each second of a quadruped.
+
+mod certificate;
+mod ground;
+
+use crate::error::{Error, Result};
+use crate::gait::Trajectory;
+use crate::report::samples::{FOOT_COLORS, Sample, Sampler, foot_names};
+use crate::robot::Robot;
+use crate::terrain::Terrain;
+use crate::verify::Report;
+use certificate::Certificate;
+use ground::GroundMesh;
+use serde::Serialize;
+
+/// Samples a second; the page joins them by straight lines.
+const RATE: f64 = 100.;
+
+/// Most results on a page: each has a drawing context of its own, of which browsers have few.
+pub const MOST_SCENES: usize = 8;
+
+/// Ground that is shown around a motion, in leg heights, and at least, m.
+const MARGIN: (f64, f64) = (3., 0.5);
+
+/// A result that is shown.
+pub struct Scene<'a> {
+    /// What it is called.
+    pub name: String,
+    /// The motion.
+    pub trajectory: &'a Trajectory,
+    /// Its robot.
+    pub robot: &'a Robot,
+    /// Its ground.
+    pub terrain: &'a Terrain,
+    /// Largest normal force of a foot that it is held to, N.
+    pub force_limit: f64,
+    /// What it is held to, and whose word that is.
+    pub terms: Vec<String>,
+    /// Its certificate.
+    pub report: Report,
+    /// Its gait, and what it costs, where that is known.
+    pub about: Vec<String>,
+}
+
+/// What the page is made from.
+#[derive(Serialize)]
+struct Data<'a> {
+    version: &'static str,
+    rate: f64,
+    colors: [&'static str; FOOT_COLORS.len()],
+    results: Vec<ResultData<'a>>,
+}
+
+/// A result; curves as one number after the other, `[times][axes]`.
+#[derive(Serialize)]
+struct ResultData<'a> {
+    name: &'a str,
+    robot: &'a str,
+    terrain: &'a str,
+    friction: f64,
+    about: &'a [String],
+    horizon: f64,
+    goal: [f64; 3],
+    goal_yaw: f64,
+    force_limit: f64,
+    weight: f64,
+    leg: f64,
+    times: usize,
+    position: Vec<f64>,
+    velocity: Vec<f64>,
+    angles: Vec<f64>,
+    feet: Vec<FootData>,
+    ground: GroundMesh,
+    certificate: Certificate,
+}
+
+#[derive(Serialize)]
+struct FootData {
+    name: String,
+    nominal: [f64; 3],
+    /// Middle and sides of the box that it reaches, base frame.
+    reach: [[f64; 3]; 2],
+    position: Vec<f64>,
+    force: Vec<f64>,
+    normal_force: Vec<f64>,
+    friction_use: Vec<Option<f64>>,
+    /// Start and end of each stance, s.
+    stances: Vec<[f64; 2]>,
+    /// Where it stands and the normal there.
+    footholds: Vec<[f64; 6]>,
+}
+
+/// A number of as many digits as can be seen.
+fn rounded(value: f64) -> f64 {
+    (value * 1e5).round() / 1e5
+}
+
+fn flat<const N: usize>(samples: &[Sample], of: impl Fn(&Sample) -> [f64; N]) -> Vec<f64> {
+    samples.iter().flat_map(of).map(rounded).collect()
+}
+
+impl<'a> ResultData<'a> {
+    fn new(scene: &'a Scene) -> Result<ResultData<'a>> {
+        let Scene { trajectory, robot, terrain, .. } = scene;
+        let sampler = Sampler::new(trajectory, robot, terrain)?;
+        let samples = sampler.samples(RATE);
+        let feet = foot_names(robot).into_iter().enumerate().map(|(foot, name)| {
+            let (stances, reach) = (sampler.stances(foot), robot.reach.of(foot));
+            FootData {
+                name,
+                nominal: robot.nominal_feet[foot],
+                reach: [std::array::from_fn(|i| robot.nominal_feet[foot][i] + reach.center()[i]), reach.widths()],
+                position: flat(&samples, |s| s.feet[foot].position),
+                force: flat(&samples, |s| s.feet[foot].force),
+                normal_force: flat(&samples, |s| [s.feet[foot].normal_force]),
+                friction_use: samples.iter().map(|s| s.feet[foot].friction_use.map(rounded)).collect(),
+                stances: stances.iter().map(|s| s.times).collect(),
+                footholds: stances
+                    .iter()
+                    .map(|s| {
+                        let ([x, y, z], [nx, ny, nz]) = (s.foothold, s.normal);
+                        [x, y, z, nx, ny, nz].map(rounded)
+                    })
+                    .collect(),
+            }
+        });
+        let margin = (MARGIN.0 * robot.leg_height()).max(MARGIN.1);
+        let points = || {
+            let feet = samples.iter().flat_map(|s| s.feet.iter().map(|f| f.position));
+            feet.chain(samples.iter().map(|s| s.base.position)).chain([trajectory.base_target])
+        };
+        let low = [0, 1].map(|axis| rounded(points().map(|p| p[axis]).fold(f64::INFINITY, f64::min) - margin));
+        let high = [0, 1].map(|axis| rounded(points().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max) + margin));
+        Ok(ResultData {
+            name: &scene.name,
+            robot: &robot.name,
+            terrain: &terrain.name,
+            friction: terrain.friction,
+            about: &scene.about,
+            horizon: trajectory.horizon,
+            goal: trajectory.base_target,
+            goal_yaw: trajectory.yaw_target,
+            force_limit: scene.force_limit,
+            weight: robot.weight(),
+            leg: robot.leg_height(),
+            times: samples.len(),
+            position: flat(&samples, |s| s.base.position),
+            velocity: flat(&samples, |s| s.base.velocity),
+            angles: flat(&samples, |s| s.base.angles),
+            feet: feet.collect(),
+            ground: GroundMesh::new(terrain, low, high),
+            certificate: Certificate::new(scene, &samples),
+        })
+    }
+}
+
+/// The page of one result or several, which share a clock.
+///
+/// # Errors
+/// [`Error::Invalid`] without results or with more than [`MOST_SCENES`], and for a motion that does not fit its robot.
+pub fn page(scenes: &[Scene]) -> Result<String> {
+    if scenes.is_empty() || scenes.len() > MOST_SCENES {
+        return Err(Error::invalid("results", scenes.len(), format!("1 to {MOST_SCENES}")));
+    }
+    let results = scenes.iter().map(|scene| ResultData::new(scene).map_err(|e| e.within(&scene.name))).collect::<Result<_>>()?;
+    let data = Data { version: env!("CARGO_PKG_VERSION"), rate: RATE, colors: FOOT_COLORS, results };
+    // Each mark once, in this order: what is put in is not searched again.
+    let parts: [(&str, &str); 6] = [
+        ("/*page.css*/", include_str!("page.css")),
+        ("/*data*/", &within_script(&serde_json::to_string(&data)?)),
+        ("/*three.min.js*/", include_str!("three.min.js")),
+        ("/*scene.js*/", include_str!("scene.js")),
+        ("/*plots.js*/", include_str!("plots.js")),
+        ("/*page.js*/", include_str!("page.js")),
+    ];
+    let (mut text, mut rest) = (String::new(), include_str!("page.html"));
+    for (mark, part) in parts {
+        let (before, after) = rest.split_once(mark).unwrap_or((rest, ""));
+        text += before;
+        text += part;
+        rest = after;
+    }
+    Ok(text + rest)
+}
+
+/// JSON that no HTML parser takes for the end of the script that it stands in, nor for the begin of a comment.
+fn within_script(json: &str) -> String {
+    json.replace('<', "\\u003c").replace('>', "\\u003e").replace('&', "\\u0026")
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,109 @@
+use super::*;
+use crate::gait::{Curve, FootCurves};
+use crate::verify::verify;
+use serde_json::Value;
+
+/// A monoped that stands while its base rises by 5 cm.
+fn trajectory() -> Trajectory {
+    let curve = |nodes: [[f64; 6]; 2]| Curve { poly_durations: vec![0.5], nodes: nodes.to_vec() };
+    let base = curve([[0., 0., 0.58, 0., 0., 0.], [0., 0., 0.63, 0., 0., 0.]]);
+    let feet = vec![FootCurves { motion: curve([[0.; 6]; 2]), force: curve([[0., 0., 196., 0., 0., 0.]; 2]) }];
+    Trajectory::new(vec![vec![0.5]], 0.5, [base, curve([[0.; 6]; 2])], feet)
+}
+
+fn page_of(names: &[&str], robot: &Robot, terrain: &Terrain, trajectory: &Trajectory) -> Result<String> {
+    let scenes: Vec<Scene> = names
+        .iter()
+        .map(|name| Scene {
+            name: (*name).into(),
+            trajectory,
+            robot,
+            terrain,
+            force_limit: 600.,
+            terms: vec!["a term".into()],
+            report: verify(trajectory, robot, terrain, 600.).unwrap(),
+            about: vec!["hop".into()],
+        })
+        .collect();
+    page(&scenes)
+}
+
+/// The data in a page, as a browser reads it: up to the first end of a script.
+fn data_of(page: &str) -> Value {
+    let start = r#"<script type="application/json" id="data">"#;
+    let (_, rest) = page.split_once(start).unwrap();
+    serde_json::from_str(rest.split_once("</script>").unwrap().0).unwrap()
+}
+
+#[test]
+fn a_page_holds_the_curves_of_its_trajectory() {
+    let (robot, trajectory) = (Robot::named("monoped").unwrap(), trajectory());
+    let page = page_of(&["rise"], &robot, &Terrain::flat(), &trajectory).unwrap();
+    let data = data_of(&page);
+    let result = &data["results"][0];
+    assert_eq!(result["times"], 51);
+    let numbers = |value: &Value| value.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect::<Vec<f64>>();
+    let heights: Vec<f64> = numbers(&result["position"]).into_iter().skip(2).step_by(3).collect();
+    // A cubic from rest to rest: 3 u^2 - 2 u^3 of the way at u.
+    for (k, height) in heights.iter().enumerate() {
+        let u = k as f64 / 50.;
+        assert!((height - (0.58 + 0.05 * (3. * u * u - 2. * u * u * u))).abs() < 6e-6, "sample {k}: {height}");
+    }
+    let foot = &result["feet"][0];
+    assert_eq!(numbers(&foot["normal_force"]), [196.; 51]);
+    assert_eq!(numbers(&foot["friction_use"]), [0.; 51]);
+    assert_eq!(foot["stances"], serde_json::json!([[0.0, 0.5]]));
+    assert_eq!(foot["footholds"], serde_json::json!([[0.0, 0.0, 0.0, 0.0, 0.0, 1.0]]));
+    // The certificate is that of the motion: it is pushed by less than its weight, and rises.
+    assert_eq!(result["certificate"]["feasible"], false);
+    assert!(result["certificate"]["violated"][0].as_u64().unwrap() > 0);
+    let push = &result["certificate"]["worst"][0];
+    assert_eq!((push["value"].as_f64(), push["limit"].as_f64()), (Some(196.), Some(600.0001)));
+    assert_eq!(result["certificate"]["terms"][0], "a term");
+}
+
+#[test]
+fn names_cannot_leave_their_place() {
+    let evil = "</script><script>alert(1)</script><!--";
+    let robot = Robot { name: "a</SCRIPT >&\"'".into(), ..Robot::named("monoped").unwrap() };
+    let terrain = Terrain { name: "/*page.js*/ <b>".into(), ..Terrain::flat() };
+    let page = page_of(&[evil], &robot, &terrain, &trajectory()).unwrap();
+    let data = data_of(&page);
+    assert_eq!(data["results"][0]["name"], evil);
+    assert_eq!(data["results"][0]["robot"], robot.name);
+    assert_eq!(data["results"][0]["terrain"], terrain.name);
+    // The scripts of the page and no others.
+    assert_eq!(page.to_lowercase().matches("</script").count(), 5);
+    assert!(!page.contains("<script>alert") && !page.contains("<b>") && !page.contains("<!--"));
+}
+
+#[test]
+fn a_page_is_whole_and_loads_nothing() {
+    let robot = Robot::named("monoped").unwrap();
+    let page = page_of(&["rise"], &robot, &Terrain::flat(), &trajectory()).unwrap();
+    for part in [
+        include_str!("page.css"),
+        include_str!("three.min.js"),
+        include_str!("scene.js"),
+        include_str!("plots.js"),
+        include_str!("page.js"),
+    ] {
+        assert!(page.contains(part));
+        assert!(!part.to_lowercase().contains("</script") && !part.contains("<!--"));
+    }
+    assert!(page.ends_with("</html>\n"));
+    assert!(page.contains("default-src 'none'"));
+    for loading in [" src=", "<link", "@import", "url("] {
+        assert!(!page.replace(include_str!("three.min.js"), "").contains(loading), "{loading}");
+    }
+}
+
+#[test]
+fn several_results_stand_on_a_page_but_not_more_than_browsers_draw() {
+    let robot = Robot::named("monoped").unwrap();
+    let page = |names: &[&str]| page_of(names, &robot, &Terrain::flat(), &trajectory());
+    let data = data_of(&page(&["a", "b"]).unwrap());
+    assert_eq!((data["results"][0]["name"].as_str(), data["results"][1]["name"].as_str()), (Some("a"), Some("b")));
+    assert!(page(&["x"; 9]).unwrap_err().to_string().contains("results: 9, but it must be 1 to 8"));
+    assert!(page(&[]).is_err());
+}
