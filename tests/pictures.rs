@@ -26,7 +26,7 @@ fn solve_and_verify_draw_the_same_motion() {
     let without_title =
         |text: String| text.lines().enumerate().filter(|(i, _)| *i != 3).map(|(_, line)| line.to_owned() + "\n").collect::<String>();
     assert_eq!(without_title(picture), without_title(fs::read_to_string(at("verified.svg")).unwrap()));
-    #[cfg(feature = "png")]
+    #[cfg(feature = "pictures")]
     {
         assert_eq!(run(folder.path(), "verify out/trajectory.json --plot verified.png").0, 0);
         assert!(fs::read(at("verified.png")).unwrap().starts_with(b"\x89PNG\r\n"));

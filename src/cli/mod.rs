@@ -14,6 +14,8 @@ mod label;
 mod list;
 mod scenario_file;
 mod solve;
+#[cfg(feature = "import")]
+mod terrain;
 mod verify;
 #[cfg(feature = "view")]
 mod view;
@@ -53,6 +55,9 @@ enum Command {
     /// Solve problems that come on stdin, for the other commands
     #[command(hide = true, name = crate::reference::workers::COMMAND)]
     IpoptWorker(ipopt_worker::IpoptWorker),
+    #[cfg(feature = "import")]
+    /// Make terrain files of height maps
+    Terrain(terrain::TerrainCommand),
     /// Check a trajectory file, this program's or TOWR's
     Verify(verify::Verify),
     #[cfg(feature = "view")]
@@ -114,6 +119,8 @@ pub fn main() -> ExitCode {
         #[cfg(feature = "experiment")]
         Command::Experiment(command) => command.run(),
         Command::IpoptWorker(command) => command.run(),
+        #[cfg(feature = "import")]
+        Command::Terrain(command) => command.run(),
         Command::Verify(command) => command.run(),
         #[cfg(feature = "view")]
         Command::View(command) => command.run(),

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use std::fs;
-use std::io::{Read, Write};
+use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
 /// Largest input file, bytes.
@@ -13,13 +13,24 @@ pub const MAX_FILE: u64 = 1 << 30;
 /// # Errors
 /// [`Error::Io`] when the system refuses, [`Error::Invalid`] when there is more than [`MAX_FILE`], as in a device that never ends.
 pub fn read(path: &Path) -> Result<String> {
+    let no_text =
+        |_| Error::Io { action: "read", path: path.to_owned(), source: io::Error::new(io::ErrorKind::InvalidData, "no UTF-8 text") };
+    let text = String::from_utf8(read_bytes(path)?).map_err(no_text)?;
+    Ok(text.strip_prefix('\u{feff}').map(String::from).unwrap_or(text))
+}
+
+/// Reads a file of any kind.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
     let io = |source| Error::Io { action: "read", path: path.to_owned(), source };
-    let mut text = String::new();
-    fs::File::open(path).map_err(io)?.take(MAX_FILE + 1).read_to_string(&mut text).map_err(io)?;
-    if text.len() as u64 > MAX_FILE {
+    let mut bytes = Vec::new();
+    fs::File::open(path).map_err(io)?.take(MAX_FILE + 1).read_to_end(&mut bytes).map_err(io)?;
+    if bytes.len() as u64 > MAX_FILE {
         return Err(Error::invalid("file size", "more", format!("at most {MAX_FILE} bytes")).in_file(path, None));
     }
-    Ok(text.strip_prefix('\u{feff}').map(String::from).unwrap_or(text))
+    Ok(bytes)
 }
 
 /// Writes a whole file or nothing: to a neighbour first, then renamed over the target. A link is followed; a device or pipe is written

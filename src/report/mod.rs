@@ -7,7 +7,7 @@ pub mod atlas_plot;
 pub mod files;
 pub mod gait_diagram;
 pub mod motion_plot;
-#[cfg(feature = "png")]
+#[cfg(feature = "pictures")]
 mod png;
 pub mod result;
 pub mod samples;

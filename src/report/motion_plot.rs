@@ -82,7 +82,7 @@ fn format_of(path: &Path) -> Result<Format> {
     let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     match ending.as_str() {
         "svg" => Ok(Format::Svg),
-        "png" if cfg!(feature = "png") => Ok(Format::Png),
+        "png" if cfg!(feature = "pictures") => Ok(Format::Png),
         "png" => Err(Error::Missing { message: format!("{}: this program was built without the feature `png`", path.display()) }),
         _ => Err(Error::invalid("name of the picture", path.display(), "one that ends in .svg or .png")),
     }
@@ -104,9 +104,9 @@ pub fn check(path: &Path) -> Result<()> {
 pub fn write(plot: &MotionPlot, path: &Path) -> Result<()> {
     match format_of(path)? {
         Format::Svg => files::write(path, &svg(plot)?),
-        #[cfg(feature = "png")]
+        #[cfg(feature = "pictures")]
         Format::Png => files::write_bytes(path, &super::png::png(&svg(plot)?)?),
-        #[cfg(not(feature = "png"))]
+        #[cfg(not(feature = "pictures"))]
         Format::Png => Ok(()),
     }
 }
@@ -469,7 +469,7 @@ mod tests {
         let plot = MotionPlot { title: String::new(), trajectory: &trajectory, robot: &robot, terrain: &terrain, force_limit: 500. };
         write(&plot, &path).unwrap();
         assert_eq!(std::fs::read_to_string(path).unwrap(), svg(&plot).unwrap());
-        #[cfg(feature = "png")]
+        #[cfg(feature = "pictures")]
         {
             let path = folder.path().join("step.PNG");
             write(&plot, &path).unwrap();

@@ -1,6 +1,8 @@
 //! Terrain: height, slope and curvature at (x, y), generic over the scalar so that kernels and checks share one definition.
 
 pub mod grid;
+#[cfg(feature = "import")]
+pub mod import;
 pub mod profile;
 
 pub use grid::Grid;
