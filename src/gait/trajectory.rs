@@ -11,6 +11,7 @@ use std::marker::PhantomData;
 
 /// A piecewise cubic Hermite curve.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Curve {
     /// Durations of the pieces, s.
@@ -48,6 +49,7 @@ impl Curve {
 
 /// Motion and force of one foot.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct FootCurves {
     /// Position, world frame, m and m/s.
@@ -58,6 +60,7 @@ pub struct FootCurves {
 
 /// A built-in thing by name, or a user's own in full.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(untagged)]
 pub enum NamedOr<T> {
     /// Name of a built-in.
@@ -91,6 +94,7 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for NamedOr<T> {
 
 /// Velocity of the base at the goal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum GoalVelocity {
     /// At rest, linear and angular.
@@ -101,6 +105,7 @@ pub enum GoalVelocity {
 
 /// What a motion was made to keep to, besides its rows.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct MotionLimits {
     /// Least height of a foot above the terrain in mid-swing, m.
@@ -118,6 +123,7 @@ pub struct MotionLimits {
 
 /// A motion with its contact schedule and forces. Keys that it does not know are ignored when it is read.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Trajectory {
     /// Scenario it belongs to, if any.
     #[serde(skip_serializing_if = "Option::is_none")]
