@@ -47,8 +47,8 @@
 //! of that, and free to change.
 //!
 //! # Features
-//! `cli` (the program), `gpu`, `experiment` (the paper's experiments), `view` (results as a page for a browser) and `png` (pictures as PNG besides
-//! SVG) are on by default; without them this is a library that needs no GPU driver and no argument parser. `ipopt` links Ipopt, to compare with.
+//! `cli` (the program), `gpu`, `experiment` (the paper's experiments), `view` (results as a page for a browser) `png` (pictures as PNG besides
+//! SVG), `mcap` (motions for robotics viewers) and `schema` (JSON Schemas of files) are on by default; without them this is a library that needs no GPU driver and no argument parser. `ipopt` links Ipopt, to compare with.
 //!
 //! # Sources
 //! 1. I. Tsikelis, K. Chatzilygeroudis, "Gait Optimization for Legged Systems Through Mixed Distribution Cross-Entropy Optimization",
@@ -70,6 +70,8 @@ pub mod error;
 #[cfg(feature = "experiment")]
 #[doc(hidden)]
 pub mod experiment;
+#[cfg(feature = "cli")]
+pub mod export;
 pub mod gait;
 #[doc(hidden)]
 pub mod linear;

@@ -17,6 +17,7 @@ pub const MAX_FEET: usize = 8;
 ///
 /// The base frame sits in the centre of mass: x forward, y left, z up.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Robot {
     /// Name, used in results.

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 /// Which rows stand for the motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Transcription {
     /// Impulses over intervals: motions that hold between the instants.
@@ -27,6 +28,7 @@ impl Transcription {
 
 /// How friction limits forces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Friction {
     /// TOWR's pyramid, which circumscribes the cone: a foot that pushes diagonally may slip.
@@ -37,6 +39,7 @@ pub enum Friction {
 
 /// What is asked of legs and motors, besides TOWR's rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Legs {
     /// What the legs of a robot of its size can do: speed and acceleration of its feet, and about one weight on each foot.
@@ -47,6 +50,7 @@ pub enum Legs {
 
 /// How the motion is turned into variables and rows.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct TranscriptionSettings {
     /// Which rows.
@@ -120,6 +124,7 @@ impl TranscriptionSettings {
 
 /// How the solver iterates. Symbols as in [`crate::solver`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct SolverSettings {
     /// Iteration limit.
@@ -171,6 +176,7 @@ impl Default for SolverSettings {
 /// Iterations on a solved motion that lower its cost: forces against equal shares of the weight, their slopes, attitude and rates of the base
 /// against the initial guess. Only `momentum` has a cost.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct SmoothSettings {
     /// How many; 0: none.
@@ -188,6 +194,7 @@ impl Default for SmoothSettings {
 /// When a candidate counts as stalled: at the rate of the last `window` iterations, `F` would need more than `budget` further
 /// iterations to fall to [`SolverSettings::closing`]. Calibrated in `benches/README.md`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct StallSettings {
     /// Whether the rule is in force.

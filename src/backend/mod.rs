@@ -47,6 +47,7 @@ pub struct Solution {
 
 /// Scalar of the main solve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Precision {
     /// `f32`, closed in `f64`.
@@ -57,6 +58,7 @@ pub enum Precision {
 
 /// Candidates that a device left to the CPU.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Fallback {
     /// How many.
     pub candidates: usize,

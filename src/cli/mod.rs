@@ -7,12 +7,15 @@ mod devices;
 mod evaluate;
 #[cfg(feature = "experiment")]
 mod experiment;
+mod export;
 mod held;
 mod init;
 mod ipopt_worker;
 mod label;
 mod list;
 mod scenario_file;
+#[cfg(feature = "schema")]
+mod schema;
 mod solve;
 #[cfg(feature = "import")]
 mod terrain;
@@ -63,9 +66,14 @@ enum Command {
     #[cfg(feature = "view")]
     /// Make a page for a browser: the robot moving, its forces, its certificate
     View(view::View),
+    /// Write a motion for other programs: CSV or MCAP
+    Export(export::Export),
     #[cfg(feature = "gpu")]
     /// List adapters, and which one `--device auto` takes
     Devices(devices::Devices),
+    #[cfg(feature = "schema")]
+    /// Print the JSON Schema of a file that is read or written
+    Schema(schema::Schema),
     /// List robots, terrains, scenarios and presets
     List(list::List),
 }
@@ -124,8 +132,11 @@ pub fn main() -> ExitCode {
         Command::Verify(command) => command.run(),
         #[cfg(feature = "view")]
         Command::View(command) => command.run(),
+        Command::Export(command) => command.run(),
         #[cfg(feature = "gpu")]
         Command::Devices(command) => command.run(),
+        #[cfg(feature = "schema")]
+        Command::Schema(command) => command.run(),
         Command::List(command) => command.run(),
     };
     let (error, code) = match result {

@@ -52,6 +52,7 @@ pub(crate) const GAUSS: f64 = 0.774_596_669_241_483_4;
 
 /// Weights of the terms of the total.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct CostWeights {
     /// Of [`Cost::leg_work`].
@@ -83,6 +84,7 @@ impl CostWeights {
 
 /// Costs of a motion, and what its legs have to do.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Cost {
     /// Weighted sum of leg work, swing work and effort cost.
     pub total: f64,

@@ -54,6 +54,7 @@ pub fn froude(robot: &Robot, speed: f64) -> f64 {
 
 /// How the feet of a gait follow each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum GaitFamily {
     /// One foot after the other, hind before front on each side; on two feet left and right in turn, one always on the ground.
@@ -288,6 +289,7 @@ fn known_offsets(family: GaitFamily, robot: &Robot) -> Option<Vec<f64>> {
 /// With `P = swing + stance` and `n = strides`, the motion takes `T = lead_in + n P + P max(phi) + tail`. Foot `i` stands for
 /// `lead_in + phi_i P`, then swings for `swing` and stands for `stance`, `n` times; its last stance is stretched to `T`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct PeriodicGait {
     /// Where its offsets come from.

@@ -31,6 +31,7 @@ impl Phase {
 
 /// Phase durations of all feet, s, alternating stance, swing, ..., stance. In files a list of lists, `[feet][phases]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(try_from = "Vec<Vec<f64>>", into = "Vec<Vec<f64>>")]
 pub struct Schedule {
     durations: Vec<Vec<f64>>,

@@ -12,6 +12,7 @@ use std::marker::PhantomData;
 
 /// A piecewise cubic Hermite curve.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Curve {
     /// Durations of the pieces, s.
@@ -54,6 +55,7 @@ impl Curve {
 
 /// Motion and force of one foot.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct FootCurves {
     /// Position, world frame, m and m/s.
@@ -64,6 +66,7 @@ pub struct FootCurves {
 
 /// A built-in thing by name, or a user's own in full.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(untagged)]
 pub enum NamedOr<T> {
     /// Name of a built-in.
@@ -97,6 +100,7 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for NamedOr<T> {
 
 /// Velocity of the base at the goal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum GoalVelocity {
     /// That of the goal: at rest unless the goal says otherwise.
@@ -107,6 +111,7 @@ pub enum GoalVelocity {
 
 /// What a motion was made to keep to, besides its rows.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct MotionLimits {
     /// Least height of a foot above the terrain in mid-swing, m.
@@ -124,6 +129,7 @@ pub struct MotionLimits {
 
 /// A motion with its contact schedule and forces. Keys that it does not know are ignored when it is read.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Trajectory {
     /// Scenario it belongs to, if any.
     #[serde(skip_serializing_if = "Option::is_none")]

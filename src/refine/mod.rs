@@ -42,6 +42,7 @@ use variables::{Point, Space};
 
 /// How a gait is refined.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct RefineSettings {
     /// Convex problems at most.
@@ -95,6 +96,7 @@ impl RefineSettings {
 
 /// How a refinement ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum RefineStatus {
     /// At a local optimum, to the tolerance asked for.
@@ -126,6 +128,7 @@ impl std::fmt::Display for RefineStatus {
 
 /// How far a point is from a local optimum. Dimensionless: in costs of the gait, by trust lengths of the variables.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Optimality {
     /// Largest derivative of the Lagrangian by a variable.
     pub stationarity: f64,
@@ -144,6 +147,7 @@ impl Optimality {
 
 /// A refined gait.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Refined {
     /// How it ended.
     pub status: RefineStatus,

@@ -6,11 +6,14 @@ pub mod atlas;
 pub mod atlas_plot;
 pub mod files;
 pub mod gait_diagram;
+pub mod ground_mesh;
 pub mod motion_plot;
 #[cfg(feature = "pictures")]
 mod png;
 pub mod result;
 pub mod samples;
+#[cfg(feature = "schema")]
+pub mod schema;
 pub mod svg;
 
 pub use gait_diagram::gait_diagram;

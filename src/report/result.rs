@@ -17,6 +17,7 @@ use serde::Serialize;
 
 /// Where it was solved.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SolvedOn {
     /// Name of the device, and the scalar.
     pub device: String,
@@ -96,6 +97,7 @@ impl IpoptResult {
 
 /// A gait of a [`SolveResult`].
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct GaitResult {
     /// Its family, where it is one of a family or near one.
     pub family: Option<GaitFamily>,
@@ -108,8 +110,10 @@ pub struct GaitResult {
     /// Phase durations after the horizon is rounded, s, `[feet][phases]`.
     pub durations: Vec<Vec<f64>>,
     /// Objective `J`, maximised.
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub objective: f64,
     /// Mean normal force over all force nodes, N.
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub mean_normal_force: f64,
     /// How it was solved, and what it costs.
     #[serde(flatten)]
@@ -134,6 +138,7 @@ impl GaitResult {
 
 /// `result.json` of `solve`: everything needed to repeat the run, and what came of it.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SolveResult<'a> {
     /// Version of this program.
     pub version: &'static str,
@@ -160,6 +165,7 @@ pub struct SolveResult<'a> {
     /// N_vc of the gait.
     pub n_violated: usize,
     /// Its worst violation in TOWR's units.
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub max_violation: f64,
     /// Time to the first certified gait, s.
     pub first_feasible_seconds: Option<f64>,
@@ -188,6 +194,7 @@ pub struct SolveResult<'a> {
 
 /// What became of the best gait when it was refined.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Refinement {
     /// How it went.
     #[serde(flatten)]
@@ -200,6 +207,7 @@ pub struct Refinement {
 
 /// What a run was asked to do, for its result.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Run<'a> {
     /// Scenario, if one was named.
     pub scenario: Option<&'a str>,

@@ -190,6 +190,21 @@ pub fn foot_names(robot: &Robot) -> Vec<String> {
     names.filter(distinct).unwrap_or_else(|| (0..robot.feet()).map(|foot| format!("foot {foot}")).collect())
 }
 
+/// Length, width and height of the box that stands for a robot's body in pictures, m: it is not part of a robot's description.
+pub fn body_size(robot: &Robot) -> [f64; 3] {
+    let leg = robot.leg_height();
+    let extent = |axis: usize| robot.nominal_feet.iter().map(|p| p[axis].abs()).fold(0., f64::max);
+    // Who has all feet in one row stands upright.
+    let height = if extent(0) < 0.2 * leg { 0.5 } else { 0.26 };
+    [(2. * extent(0) + 0.1 * leg).max(0.4 * leg), (1.2 * extent(1)).max(0.4 * leg), height * leg]
+}
+
+/// Where legs meet that box, base frame, m.
+pub fn hips(robot: &Robot) -> Vec<[f64; 3]> {
+    let half = body_size(robot)[1] / 2.;
+    robot.nominal_feet.iter().map(|&[x, y, _]| [x, y.clamp(-half, half), 0.]).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

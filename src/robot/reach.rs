@@ -15,6 +15,7 @@ const FARTHEST_SIDE: f64 = 100.;
 ///
 /// In JSON `[x, y, z]`, half-widths for all feet, or for each foot `[[low, high], [low, high], [low, high]]`.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema), schemars(untagged))]
 pub enum Reach {
     /// Half-widths of the box of every foot.
     Symmetric([f64; 3]),

@@ -22,6 +22,7 @@ const TYPICAL_GAITS: usize = 1;
 
 /// Rows of one kind that stay violated.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Broken {
     /// Which kind.
     pub family: Family,
@@ -32,6 +33,7 @@ pub struct Broken {
     /// The worst.
     pub row: String,
     /// By how much, in its unit.
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub violation: f64,
     /// Units of the kind.
     pub unit: &'static str,
@@ -45,6 +47,7 @@ pub struct Broken {
 
 /// A change of the task or its limits, and whether it is enough.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Relaxation {
     /// What was changed, e.g. `reach + 10 %`.
     pub change: String,
@@ -58,6 +61,7 @@ pub struct Relaxation {
 
 /// Why a search found nothing.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Diagnosis {
     /// What the best candidate violates, by kind.
     pub broken: Vec<Broken>,

@@ -25,6 +25,7 @@ pub const MAX_CANDIDATE_MEMORY: usize = 1 << 28;
 
 /// Settings of the lower level.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct LowerSettings {
     /// Variables and rows.
@@ -54,6 +55,7 @@ impl LowerSettings {
 
 /// Result of one candidate.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Evaluated {
     /// How the solve ended and what it took, f64 closing included.
     #[serde(flatten)]
@@ -63,6 +65,7 @@ pub struct Evaluated {
     /// Violated rows and bounds beyond 1e-4 in TOWR's units.
     pub n_violated: usize,
     /// Worst violation in TOWR's units.
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub max_violation: f64,
     /// Horizon, s.
     pub horizon: f64,

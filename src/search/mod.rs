@@ -101,6 +101,7 @@ impl Gait {
 
 /// A better gait than all before it.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Improvement {
     /// Its family, where it is one of a family or near one.
     pub family: Option<GaitFamily>,

@@ -15,6 +15,7 @@ use serde::Serialize;
 
 /// Something that stands in the way of a gait.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Finding {
     /// Whether no gait at all can be found; otherwise it is unlikely.
     pub certain: bool,

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 /// Which gaits are looked at.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Gaits {
     /// Periodic gaits of all families that the robot can have.
@@ -24,6 +25,7 @@ pub enum Gaits {
 
 /// Settings of a search.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct SearchSettings {
     /// Which gaits.

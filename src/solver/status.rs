@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// How the solve of one candidate ended. Not an error: the last point is kept in every case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Status {
     /// Every row holds to the tolerance that was asked for.
@@ -46,6 +47,7 @@ impl std::fmt::Display for Status {
 
 /// How a solve ended and what it took.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Outcome {
     /// How it ended.
     pub status: Status,

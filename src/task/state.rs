@@ -6,6 +6,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Pose and velocity of the base at one end of a motion.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct BaseState {
     /// Position, world frame, m.

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 /// Row `i` stands at `x = low[0] + i (high[0] - low[0]) / rows`, column `j` likewise in y: the cell count equals the number of
 /// samples, as in \[4\], so the last row and column reach on to the upper edge.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Grid {
     /// Lower corner (x, y), m.

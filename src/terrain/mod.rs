@@ -35,6 +35,7 @@ impl<T: Float> Ground<T> {
 
 /// Shape of the ground.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Shape {
     /// Level ground at height 0.
@@ -47,6 +48,7 @@ pub enum Shape {
 
 /// A terrain: its shape and its friction.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Terrain {
     /// Name, used in results.

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 /// An analytic height profile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Profile {
     /// A 0.5 m high block from x = 0.7 to 4.2 with a 0.03 m wide ramp up to it.

@@ -21,6 +21,7 @@ pub const TOLERANCE: f64 = 1e-4;
 
 /// Largest violations that do not count, by what a row measures.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Tolerances {
     /// Forces, N.
     pub force: f64,
@@ -108,6 +109,7 @@ const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];
 
 /// Kinds of rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Family {
     /// Newton and Euler equations of the base, every 0.1 s and at the end.
@@ -194,8 +196,10 @@ impl fmt::Display for Family {
 
 /// The most violated row of a family, by its tolerance.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Worst {
     /// Its violation, in its unit; infinite (`null` in JSON) when it was no number.
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub violation: f64,
     /// Which row, e.g. `moment x`.
     pub row: String,
@@ -207,6 +211,7 @@ pub struct Worst {
 
 /// Count of one kind of rows.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct FamilyReport {
     /// Which.
     pub family: Family,
@@ -217,6 +222,7 @@ pub struct FamilyReport {
     /// Those violated by more than their tolerance.
     pub violated: usize,
     /// Largest violation, 0 without rows.
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub max_violation: f64,
     /// The row that has it, if there is any row.
     pub worst: Option<Worst>,
@@ -224,12 +230,14 @@ pub struct FamilyReport {
 
 /// Count of all rows.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RowReport {
     /// Number of rows.
     pub n_rows: usize,
     /// Number of violated rows: N_vc.
     pub n_violated: usize,
     /// Largest violation of any row, in its own unit.
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub max_violation: f64,
     /// Whether no row is violated.
     pub feasible: bool,
@@ -241,6 +249,7 @@ pub struct RowReport {
 
 /// Result of [`verify`].
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Report {
     /// At the rows.
     #[serde(flatten)]

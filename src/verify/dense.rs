@@ -17,8 +17,10 @@ pub(crate) const SAME_TIME: f64 = 1e-6;
 
 /// Greatest value of a quantity over the trajectory, never negative; infinite when the quantity was no number somewhere.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Extreme {
     /// The value, in the unit of the field.
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub value: f64,
     /// When it occurs first, s.
     pub time: f64,
@@ -38,6 +40,7 @@ impl Extreme {
 /// Worst values between the rows: of forces, of feet against the terrain and of the speed of feet on whole curves, of what turns with the base
 /// on a grid of [`SAMPLE_STEP`] and at the end.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct DenseReport {
     /// Number of times sampled.
     pub samples: usize,
@@ -58,6 +61,7 @@ pub struct DenseReport {
     /// Speed of a foot, m/s.
     pub foot_speed: Extreme,
     /// Speed of the base at the end, m/s.
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub final_base_speed: f64,
 }
 

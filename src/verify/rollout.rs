@@ -17,6 +17,7 @@ const STEP: f64 = 0.01;
 
 /// How far the integrated motion strays from the plan.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RolloutReport {
     /// Distance of the base from its plan, m.
     pub position: Extreme,

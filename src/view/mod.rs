@@ -6,16 +6,15 @@
 //! --legal-comments=inline --outfile=three.min.js`. A page is 0.65 MB, and about 30 kB more for each second of a quadruped.
 
 mod certificate;
-mod ground;
 
 use crate::error::{Error, Result};
 use crate::gait::Trajectory;
-use crate::report::samples::{FOOT_COLORS, Sample, Sampler, foot_names};
+use crate::report::ground_mesh::GroundMesh;
+use crate::report::samples::{FOOT_COLORS, Sample, Sampler, body_size, foot_names, hips};
 use crate::robot::Robot;
 use crate::terrain::Terrain;
 use crate::verify::Report;
 use certificate::Certificate;
-use ground::GroundMesh;
 use serde::Serialize;
 
 /// Samples a second; the page joins them by straight lines.
@@ -23,9 +22,6 @@ const RATE: f64 = 100.;
 
 /// Most results on a page: each has a drawing context of its own, of which browsers have few.
 pub const MOST_SCENES: usize = 8;
-
-/// Ground that is shown around a motion, in leg heights, and at least, m.
-const MARGIN: (f64, f64) = (3., 0.5);
 
 /// A result that is shown.
 pub struct Scene<'a> {
@@ -70,6 +66,7 @@ struct ResultData<'a> {
     force_limit: f64,
     weight: f64,
     leg: f64,
+    body: [f64; 3],
     times: usize,
     position: Vec<f64>,
     velocity: Vec<f64>,
@@ -85,6 +82,8 @@ struct FootData {
     nominal: [f64; 3],
     /// Middle and sides of the box that it reaches, base frame.
     reach: [[f64; 3]; 2],
+    /// Where its leg meets the body as it is drawn, base frame, m.
+    hip: [f64; 3],
     position: Vec<f64>,
     force: Vec<f64>,
     normal_force: Vec<f64>,
@@ -109,12 +108,14 @@ impl<'a> ResultData<'a> {
         let Scene { trajectory, robot, terrain, .. } = scene;
         let sampler = Sampler::new(trajectory, robot, terrain)?;
         let samples = sampler.samples(RATE);
+        let hips = hips(robot);
         let feet = foot_names(robot).into_iter().enumerate().map(|(foot, name)| {
             let (stances, reach) = (sampler.stances(foot), robot.reach.of(foot));
             FootData {
                 name,
                 nominal: robot.nominal_feet[foot],
                 reach: [std::array::from_fn(|i| robot.nominal_feet[foot][i] + reach.center()[i]), reach.widths()],
+                hip: hips[foot],
                 position: flat(&samples, |s| s.feet[foot].position),
                 force: flat(&samples, |s| s.feet[foot].force),
                 normal_force: flat(&samples, |s| [s.feet[foot].normal_force]),
@@ -129,13 +130,6 @@ impl<'a> ResultData<'a> {
                     .collect(),
             }
         });
-        let margin = (MARGIN.0 * robot.leg_height()).max(MARGIN.1);
-        let points = || {
-            let feet = samples.iter().flat_map(|s| s.feet.iter().map(|f| f.position));
-            feet.chain(samples.iter().map(|s| s.base.position)).chain([trajectory.base_target])
-        };
-        let low = [0, 1].map(|axis| rounded(points().map(|p| p[axis]).fold(f64::INFINITY, f64::min) - margin));
-        let high = [0, 1].map(|axis| rounded(points().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max) + margin));
         Ok(ResultData {
             name: &scene.name,
             robot: &robot.name,
@@ -148,12 +142,13 @@ impl<'a> ResultData<'a> {
             force_limit: scene.force_limit,
             weight: robot.weight(),
             leg: robot.leg_height(),
+            body: body_size(robot),
             times: samples.len(),
             position: flat(&samples, |s| s.base.position),
             velocity: flat(&samples, |s| s.base.velocity),
             angles: flat(&samples, |s| s.base.angles),
             feet: feet.collect(),
-            ground: GroundMesh::new(terrain, low, high),
+            ground: GroundMesh::around(&samples, trajectory.base_target, robot.leg_height(), terrain),
             certificate: Certificate::new(scene, &samples),
         })
     }

@@ -133,10 +133,7 @@ class RobotModel {
     this.result = result;
     this.group = new THREE.Group();
     const leg = result.leg;
-    const reachOf = (axis) => Math.max(...result.feet.map((f) => Math.abs(f.nominal[axis])));
-    // The body is not part of a robot's description: a box between its hips.
-    const size = [Math.max(2 * reachOf(0) + 0.1 * leg, 0.4 * leg), Math.max(1.2 * reachOf(1), 0.4 * leg), 0.26 * leg];
-    if (reachOf(0) < 0.2 * leg) size[2] = 0.5 * leg;
+    const size = result.body;
     this.body = new THREE.Group();
     const box = new THREE.BoxGeometry(...size);
     const hull = new THREE.Mesh(box, new THREE.MeshStandardMaterial({ color: 0xb9c5d1, roughness: 0.7, transparent: true, opacity: 0.9 }));
@@ -156,11 +153,7 @@ class RobotModel {
       this.axes.add(rod, tip);
     });
     this.body.add(this.axes);
-    this.hips = result.feet.map((f) => {
-      const [x, y] = f.nominal;
-      const half = size[1] / 2;
-      return new THREE.Vector3(x, Math.max(-half, Math.min(half, y)), 0);
-    });
+    this.hips = result.feet.map((f) => new THREE.Vector3(...f.hip));
     this.legs = colors.map((color) => rodOf(0.042 * leg, new THREE.MeshStandardMaterial({ color, roughness: 0.6 }), 0.055 * leg));
     this.balls = colors.map((color) => {
       const ball = new THREE.Mesh(new THREE.SphereGeometry(0.075 * leg, 24, 16), new THREE.MeshStandardMaterial({ color, roughness: 0.5 }));

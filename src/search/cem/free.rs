@@ -37,6 +37,7 @@ impl Sample {
 
 /// Numbers of stance phases and logarithms of all phase durations: the distribution of \[1\].
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct FreeDistribution {
     #[serde(skip)]
     settings: CemSettings,

@@ -4,6 +4,7 @@ use serde::Serialize;
 
 /// A distribution over the categories 0, 1, ...
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Categorical {
     /// Probability of each category.
     pub probabilities: Vec<f64>,
@@ -62,6 +63,7 @@ impl Categorical {
 
 /// A normal distribution of one log duration.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Gaussian {
     /// Mean.
     pub mean: f64,

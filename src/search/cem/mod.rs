@@ -66,6 +66,7 @@ pub trait Distribution {
 
 /// What the lower level says about one schedule.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Evaluation {
     /// Violated constraints `N_vc`.
     pub n_violated: usize,
@@ -124,6 +125,7 @@ impl<S> Candidate<S> {
 
 /// One generation in numbers. Objectives are `None` when no candidate has a finite one.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct GenerationRecord {
     /// Generation, from 0.
     pub generation: usize,
@@ -147,6 +149,7 @@ pub struct GenerationRecord {
 
 /// Why a search ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum StopReason {
     /// A feasible candidate was found and no more was asked for.

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 /// The term `f` of the objective `J = f - alpha N_vc`, maximised.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Objective {
     /// `f = 0`: any feasible gait.

@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 
 /// How periodic gaits are drawn. Durations, in [`time_scale`]s, and speeds, in [`speed_scale`]s, are drawn by their logarithms.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct PeriodicSettings {
     /// First standard deviation of the log durations of swing and stance. Too small: the typical gait only; too large: most draws fail.
@@ -87,6 +88,7 @@ const LIMITS: [[f64; 2]; OFFSETS] = [[MIN_PHASE, 4.], [MIN_PHASE, 20.], [0.02, F
 
 /// One periodic gait.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PeriodicSample {
     /// Index of the family among [`PeriodicDistribution::families`].
     pub family: usize,
@@ -96,6 +98,7 @@ pub struct PeriodicSample {
 
 /// Distribution over periodic gaits of one robot.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PeriodicDistribution {
     settings: PeriodicSettings,
     /// The families that are drawn from.

@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 /// How the neighbourhood of a schedule is drawn.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct PerturbSettings {
     /// First standard deviation of every switch, in the shorter of the phases beside it. Too small: nothing new; too large: feet that belong
@@ -51,6 +52,7 @@ impl PerturbSettings {
 
 /// Distribution over schedules with the phases of a given one.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PerturbDistribution {
     settings: PerturbSettings,
     /// Logarithm of the pace: all times are multiplied by its exponential.

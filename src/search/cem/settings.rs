@@ -14,6 +14,7 @@ pub const PRESETS: [(&str, &str); 3] = [
 
 /// When a search ends before its last generation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Stopping {
     /// At the generation that has a feasible candidate.
@@ -24,6 +25,7 @@ pub enum Stopping {
 
 /// Where the candidates come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Sampler {
     /// The distribution, fitted to the elites after each generation.
@@ -34,6 +36,7 @@ pub enum Sampler {
 
 /// How the search runs. Symbols as in \[1\].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct CemSettings {
     /// Candidates a generation, `N`. Too small: the elites say little about the distribution; too large: few generations in the same time.

@@ -1,5 +1,6 @@
 //! The ground around a motion as a mesh of lines along x and y.
 
+use super::samples::Sample;
 use crate::terrain::{Profile, Shape, Terrain};
 use serde::Serialize;
 
@@ -11,6 +12,9 @@ const PIECES: usize = 64;
 
 /// How far to the side of a jump its two heights are taken, m.
 const ASIDE: f64 = 1e-9;
+
+/// Ground that is shown around a motion, in leg heights, and at least, m.
+const MARGIN: (f64, f64) = (3., 0.5);
 
 /// Heights above a rectangle of the plane.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -26,6 +30,22 @@ pub struct GroundMesh {
 }
 
 impl GroundMesh {
+    /// The ground around a motion and its goal.
+    ///
+    /// * `leg` - height of a leg, m
+    pub fn around(samples: &[Sample], goal: [f64; 3], leg: f64, terrain: &Terrain) -> GroundMesh {
+        let margin = (MARGIN.0 * leg).max(MARGIN.1);
+        let places = || {
+            let feet = samples.iter().flat_map(|s| s.feet.iter().map(|f| f.position));
+            feet.chain(samples.iter().map(|s| s.base.position)).chain([goal])
+        };
+        // To the millimetre: nobody sees where it ends.
+        let rounded = |value: f64| (value * 1e3).round() / 1e3;
+        let low = [0, 1].map(|axis| rounded(places().map(|p| p[axis]).fold(f64::INFINITY, f64::min) - margin));
+        let high = [0, 1].map(|axis| rounded(places().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max) + margin));
+        GroundMesh::new(terrain, low, high)
+    }
+
     /// The ground from `low` to `high` (x, y), m.
     pub fn new(terrain: &Terrain, low: [f64; 2], high: [f64; 2]) -> GroundMesh {
         let (mut xs, ys, coarser) = match &terrain.shape {
