@@ -5,6 +5,7 @@ use super::held::{Asked, Held};
 use super::{Failure, Verdict, print};
 use crate::error::{Error, Result, check_range, from_json};
 use crate::gait::Trajectory;
+use crate::report::animation::animation;
 use crate::report::files;
 use crate::view::{MOST_SCENES, Scene, page};
 use clap::Args;
@@ -19,6 +20,9 @@ pub struct View {
     /// The page; default view.html in the folder of the first result
     #[arg(short, long, value_name = "FILE.html")]
     output: Option<PathBuf>,
+    /// Draw the first result as a moving picture besides, for pages that run no scripts
+    #[arg(long, value_name = "FILE.svg")]
+    animate: Option<PathBuf>,
     #[command(flatten)]
     world: WorldArgs,
 }
@@ -49,6 +53,10 @@ impl View {
         let scenes: Vec<Scene> = found.iter().map(scene).collect();
         let output = self.output.clone().unwrap_or_else(|| paths[0].with_file_name("view.html"));
         files::write(&output, &page(&scenes)?)?;
+        if let Some(path) = &self.animate {
+            let Found { trajectory, held, .. } = &found[0];
+            files::write(path, &animation(trajectory, &held.robot, &held.terrain)?)?;
+        }
         print(&format!("written to {}; open it in a browser\n", output.display()))?;
         Ok(Verdict::Feasible)
     }

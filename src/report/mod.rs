@@ -1,5 +1,6 @@
 //! What users read: result files and text for the terminal.
 
+pub mod animation;
 #[cfg(feature = "cli")]
 pub mod atlas;
 #[cfg(feature = "cli")]

@@ -99,6 +99,11 @@ impl Picture {
         let _ = writeln!(self.0, "{element}");
     }
 
+    /// An element as it is.
+    pub fn element(&mut self, element: &str) {
+        self.add(format_args!("{element}"));
+    }
+
     /// Text.
     ///
     /// * `anchor` - `start`, `middle` or `end`: what of it stands at x
