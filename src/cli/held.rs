@@ -1,7 +1,7 @@
 //! What a trajectory is held to: its robot, its ground, its limits, and its certificate under them.
 
-use super::args::World;
-use crate::error::{Error, Result};
+use super::args::{World, WorldArgs};
+use crate::error::{Error, Result, check_range};
 use crate::gait::Trajectory;
 use crate::gait::trajectory::{GoalVelocity, NamedOr};
 use crate::robot::Robot;
@@ -11,6 +11,16 @@ use crate::terrain::Terrain;
 use crate::verify::labels::own_force_limit;
 use crate::verify::{Report, verify};
 use std::sync::Arc;
+
+/// What was named on the command line.
+///
+/// # Errors
+/// As [`WorldArgs::read`], and for a force limit that is none.
+pub fn read_world(args: &WorldArgs) -> Result<World> {
+    let world = args.read()?;
+    world.force_limit.map_or(Ok(()), |limit| check_range("--force-limit", limit, 1e-3, 1e7))?;
+    Ok(world)
+}
 
 /// A trajectory's world and its certificate.
 pub struct Held {

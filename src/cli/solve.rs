@@ -5,13 +5,14 @@ use super::label::label;
 use super::{CANCELLED, Failure, Verdict, complain, print, to_json};
 use crate::backend::Backend;
 use crate::error::{Error, Result, from_json};
-use crate::gait::Schedule;
 use crate::gait::cost::Cost;
 use crate::gait::family::GaitFamily;
+use crate::gait::{Schedule, Trajectory};
 use crate::nlp::transcription;
 use crate::refine::RefineSettings;
 use crate::report::motion_plot::{self, MotionPlot};
 use crate::report::result::{GaitResult, Refinement, Run, SolvedOn};
+use crate::report::verdict::verdict;
 use crate::report::{SolveResult, files, gait_diagram};
 use crate::scenario::Scenario;
 use crate::search::cem::objective::OBJECTIVES;
@@ -142,7 +143,13 @@ impl Solve {
         if let Some(path) = &self.plot {
             let (robot, terrain, force_limit) = (&*task.robot, &*task.terrain, run.force_limit);
             motion_plot::write(
-                &MotionPlot { title: plot_title(&result), trajectory: found.best.trajectory(), robot, terrain, force_limit },
+                &MotionPlot {
+                    title: plot_title(&result, found.best.trajectory()),
+                    trajectory: found.best.trajectory(),
+                    robot,
+                    terrain,
+                    force_limit,
+                },
                 path,
             )?;
         }
@@ -242,11 +249,10 @@ impl Solve {
 }
 
 /// What a picture of the gait says above it.
-fn plot_title(result: &SolveResult) -> String {
+fn plot_title(result: &SolveResult, trajectory: &Trajectory) -> String {
     let family = result.gait.family.map(|f| format!("{f}, ")).unwrap_or_default();
     let cost = result.gait.evaluated.cost.as_ref().map(|c| format!(", cost {:.3}", c.total)).unwrap_or_default();
-    let verdict = if result.feasible { "certified" } else { "not certified" };
-    format!("{family}{:.2} s{cost}, {verdict}", result.gait.evaluated.horizon)
+    format!("{family}{:.2} s{cost}, {}", trajectory.horizon, verdict(trajectory, result.certificate))
 }
 
 /// What stands in the way of a gait without making it impossible, said on the way.
