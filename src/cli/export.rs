@@ -1,7 +1,7 @@
 //! `export`: a motion for other programs.
 
 use super::args::WorldArgs;
-use super::held::{Asked, Held};
+use super::held::{Asked, Held, read_world};
 use super::{Failure, Verdict, print};
 #[cfg(not(feature = "mcap"))]
 use crate::error::Error;
@@ -38,7 +38,7 @@ enum Format {
 
 impl Export {
     pub fn run(&self) -> std::result::Result<Verdict, Failure> {
-        let world = self.world.read()?;
+        let world = read_world(&self.world)?;
         let trajectory = Trajectory::from_json(&files::read(&self.file)?).map_err(|e| e.in_file(&self.file, None))?;
         let held = Held::new(&world, &trajectory, &Asked::default()).map_err(|e| e.in_file(&self.file, None))?;
         let sampled = Sampled::new(&trajectory, &held.robot, &held.terrain, self.rate)?;

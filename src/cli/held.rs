@@ -1,8 +1,8 @@
 //! What a trajectory is held to: its robot, its ground, its limits, and its certificate under them.
 
-use super::args::{GoalArg, GoalSource, World};
+use super::args::{GoalArg, GoalSource, World, WorldArgs};
 use super::scenario_file::Start;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_range};
 use crate::gait::Trajectory;
 use crate::gait::trajectory::{GoalVelocity, NamedOr};
 use crate::nlp::transcription::momentum;
@@ -15,6 +15,16 @@ use crate::verify::labels::{check_labels, of_momentum, own_force_limit};
 use crate::verify::{Report, verify};
 use clap::Args;
 use std::sync::Arc;
+
+/// What was named on the command line.
+///
+/// # Errors
+/// As [`WorldArgs::read`], and for a force limit that is none.
+pub fn read_world(args: &WorldArgs) -> Result<World> {
+    let world = args.read()?;
+    world.force_limit.map_or(Ok(()), |limit| check_range("--force-limit", limit, 1e-3, 1e7))?;
+    Ok(world)
+}
 
 /// What a motion is asked, instead of what its file says.
 #[derive(Debug, Default, Args)]

@@ -13,6 +13,7 @@ use crate::nlp::transcription;
 use crate::refine::RefineSettings;
 use crate::report::motion_plot::{self, MotionPlot};
 use crate::report::result::{GaitResult, Refinement, Run, SolvedOn};
+use crate::report::verdict::verdict;
 use crate::report::{SolveResult, files, gait_diagram};
 use crate::scenario::Scenario;
 use crate::search::cem::objective::OBJECTIVES;
@@ -247,7 +248,7 @@ impl Solve {
         if let Some(path) = &self.plot {
             let (robot, terrain, force_limit) = (&*task.robot, &*task.terrain, run.force_limit);
             let trajectory = found.best.trajectory();
-            motion_plot::write(&MotionPlot { title: plot_title(&result), trajectory, robot, terrain, force_limit }, path)?;
+            motion_plot::write(&MotionPlot { title: plot_title(&result, trajectory), trajectory, robot, terrain, force_limit }, path)?;
         }
         print(&if self.json { to_json(&result)? } else { text(&result, folder)? })?;
         let verdict = if result.feasible { Verdict::Feasible } else { Verdict::Infeasible };
@@ -392,11 +393,10 @@ fn text(result: &SolveResult, folder: Option<&Path>) -> Result<String> {
 }
 
 /// What a picture of the gait says above it.
-fn plot_title(result: &SolveResult) -> String {
+fn plot_title(result: &SolveResult, trajectory: &Trajectory) -> String {
     let family = result.gait.family.map(|f| format!("{f}, ")).unwrap_or_default();
     let cost = result.gait.evaluated.cost.as_ref().map(|c| format!(", cost {:.3}", c.total)).unwrap_or_default();
-    let verdict = if result.feasible { "certified" } else { "not certified" };
-    format!("{family}{:.2} s{cost}, {verdict}", result.gait.evaluated.horizon)
+    format!("{family}{:.2} s{cost}, {}", trajectory.horizon, verdict(trajectory, result.certificate))
 }
 
 /// What stands in the way of a gait without making it impossible, said on the way.

@@ -1,12 +1,13 @@
 //! `verify`: count what a trajectory file violates.
 
 use super::args::WorldArgs;
-use super::held::{Asked, Held, shown};
+use super::held::{Asked, Held, read_world, shown};
 use super::{Failure, Verdict, print, to_json};
-use crate::error::{Error, check_range};
+use crate::error::Error;
 use crate::gait::Trajectory;
 use crate::report::files;
 use crate::report::motion_plot::{self, MotionPlot};
+use crate::report::verdict::verdict;
 use crate::verify::Report;
 use clap::Args;
 use std::path::PathBuf;
@@ -42,8 +43,7 @@ struct Line {
 
 impl Verify {
     pub fn run(&self) -> std::result::Result<Verdict, Failure> {
-        let world = self.world.read()?;
-        world.force_limit.map_or(Ok(()), |limit| check_range("--force-limit", limit, 1e-3, 1e7))?;
+        let world = read_world(&self.world)?;
         let text = files::read(&self.file)?;
         // A pretty-printed document is one trajectory; otherwise each line is one.
         let documents: Vec<(usize, &str)> = match serde_json::from_str::<serde::de::IgnoredAny>(&text) {
@@ -68,8 +68,7 @@ impl Verify {
             let report = Trajectory::from_json(document).and_then(|trajectory| {
                 let Held { robot, terrain, force_limit, terms, report } = Held::new(&world, &trajectory, &self.asked)?;
                 if let Some(path) = &self.plot {
-                    let verdict = if report.feasible { "certified" } else { "not certified" };
-                    let title = format!("{:.2} s, {verdict}", trajectory.horizon);
+                    let title = format!("{:.2} s, {}", trajectory.horizon, verdict(&trajectory, &report));
                     motion_plot::write(
                         &MotionPlot { title, trajectory: &trajectory, robot: &robot, terrain: &terrain, force_limit },
                         path,

@@ -1,9 +1,9 @@
 //! `view`: results as a page for a browser.
 
 use super::args::WorldArgs;
-use super::held::{Asked, Held};
+use super::held::{Asked, Held, read_world};
 use super::{Failure, Verdict, print};
-use crate::error::{Error, Result, check_range, from_json};
+use crate::error::{Error, Result, from_json};
 use crate::gait::Trajectory;
 use crate::report::animation::animation;
 use crate::report::files;
@@ -37,8 +37,7 @@ struct Found {
 
 impl View {
     pub fn run(&self) -> std::result::Result<Verdict, Failure> {
-        let world = self.world.read()?;
-        world.force_limit.map_or(Ok(()), |limit| check_range("--force-limit", limit, 1e-3, 1e7))?;
+        let world = read_world(&self.world)?;
         if self.results.len() > MOST_SCENES {
             return Err(Error::invalid("results", self.results.len(), format!("at most {MOST_SCENES} on a page")).into());
         }

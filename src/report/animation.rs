@@ -114,7 +114,7 @@ pub fn animation(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain) -> R
     for far_side in [true, false] {
         for foot in (0..feet).filter(|&foot| left(foot) == far_side) {
             let color = FOOT_COLORS[foot];
-            let width = 0.035 * leg * view.scale;
+            let width = 0.06 * leg * view.scale;
             let at = move |s: &Sample| s.feet[foot].position;
             let tip = move |s: &Sample| {
                 let (p, f) = (s.feet[foot].position, s.feet[foot].force);
@@ -127,7 +127,7 @@ pub fn animation(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain) -> R
                 |s| to_world(s, hips[foot]),
                 &format!(r#"stroke="{color}" stroke-width="{width:.1}" stroke-linecap="round""#),
             );
-            moving.circle(&mut picture, at, 0.055 * leg * view.scale, &format!(r#"fill="{color}""#));
+            moving.circle(&mut picture, at, 0.075 * leg * view.scale, &format!(r#"fill="{color}""#));
         }
         if far_side {
             let half = body_size(robot).map(|v| v / 2.);

@@ -16,6 +16,7 @@ pub mod samples;
 #[cfg(feature = "schema")]
 pub mod schema;
 pub mod svg;
+pub mod verdict;
 
 pub use gait_diagram::gait_diagram;
 pub use result::{EvaluateResult, IpoptResult, SolveResult};

@@ -65,6 +65,8 @@ struct Panel {
     height: f64,
     curves: Vec<Curve>,
     limit: Option<(f64, String)>,
+    /// What is above it is out of sight.
+    cap: f64,
     /// Whether 0 is on the axis.
     from_zero: bool,
     /// Whether its curves are named beside it.
@@ -166,7 +168,8 @@ fn panels(plot: &MotionPlot, samples: &[Sample], names: &[String]) -> Vec<Panel>
         };
         names.iter().enumerate().map(curve).collect()
     };
-    let panel = |label, curves, from_zero| Panel { label, height: PANEL, legend: false, curves, limit: None, from_zero };
+    let panel =
+        |label, curves, from_zero| Panel { label, height: PANEL, legend: false, curves, limit: None, cap: f64::INFINITY, from_zero };
     let limit = (plot.force_limit, format!("limit {} N", short((plot.force_limit * 10.).round() / 10.)));
     let mut panels = vec![
         Panel {
@@ -177,6 +180,7 @@ fn panels(plot: &MotionPlot, samples: &[Sample], names: &[String]) -> Vec<Panel>
         },
         Panel {
             limit: Some((100., "edge of the cone".into())),
+            cap: 200.,
             ..panel("friction use, %", feet(&|s, foot| s.feet[foot].friction_use.map(|u| 100. * u)), true)
         },
         panel("base height, m", base(&["height"], &|s, _| s.base.position[2]), false),
@@ -210,7 +214,7 @@ fn draw_bars(p: &mut Picture, x: &Scale, names: &[String], stances: &[Vec<Stance
 
 fn draw_panel(p: &mut Picture, x: &Scale, panel: &Panel, top: f64, samples: &[Sample]) {
     let bottom = top + panel.height;
-    let values = panel.curves.iter().flat_map(|c| c.values.iter().flatten().copied());
+    let values = panel.curves.iter().flat_map(|c| c.values.iter().flatten().map(|v| v.min(panel.cap)));
     let zero = panel.from_zero.then_some(0.);
     let room = with_room(values.chain(zero).chain(panel.limit.as_ref().map(|l| l.0)), 0.06).unwrap_or([0., 1.]);
     let low = if panel.from_zero && room[0] > -0.1 * room[1] { 0. } else { room[0] };
@@ -227,11 +231,13 @@ fn draw_panel(p: &mut Picture, x: &Scale, panel: &Panel, top: f64, samples: &[Sa
         p.line([LEFT, y.at(*limit)], [RIGHT, y.at(*limit)], LIMIT);
         p.text(RIGHT + 12., y.at(*limit) + 4., "start", r##"font-size="12" fill="#b3261e""##, name);
     }
+    p.begin_clip(&format!("panel{top:.0}"), [LEFT, top], [RIGHT, bottom]);
     for curve in &panel.curves {
         let at = |(s, value): (&Sample, &Option<f64>)| value.map(|v| [x.at(s.time), y.at(v)]);
         let points: Vec<_> = samples.iter().zip(&curve.values).map(at).collect();
         p.curve(&points, &format!(r#"stroke="{}" stroke-width="1.5" {}"#, curve.color, curve.dash));
     }
+    p.end_clip();
     if panel.legend {
         let first = if panel.limit.is_some() { top + 34. } else { top + 20. };
         for (i, curve) in panel.curves.iter().enumerate() {
@@ -449,6 +455,17 @@ mod tests {
         assert_eq!(picture.matches(&format!(r#"height="{:.1}" fill="{}""#, BAR - 4., FOOT_COLORS[1])).count(), 2);
         // Level ground has no contours.
         assert!(!picture.contains("of height"));
+    }
+
+    #[test]
+    fn a_force_far_outside_its_cone_does_not_press_the_others_flat() {
+        let (robot, terrain, mut trajectory) = (Robot::named("biped").unwrap(), Terrain::flat(), step());
+        trajectory.ee[0].force.nodes[0][0] = 15_000.;
+        let plot = MotionPlot { title: String::new(), trajectory: &trajectory, robot: &robot, terrain: &terrain, force_limit: 490. };
+        let sampler = Sampler::new(&trajectory, &robot, &terrain).unwrap();
+        assert_eq!(sampler.at(0.).feet[0].friction_use, Some(100.));
+        let picture = svg(&plot).unwrap();
+        assert!(picture.contains(">200</text>") && !picture.contains(">10000</text>"));
     }
 
     #[test]

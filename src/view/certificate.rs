@@ -2,7 +2,7 @@
 
 use super::Scene;
 use crate::report::samples::Sample;
-use crate::settings::Transcription;
+use crate::report::verdict::{of_momentum, verdict};
 use crate::verify::certificate::{DENSE_REACH, Family, PENETRATION, ROLLOUT_ATTITUDE, ROLLOUT_POSITION};
 use crate::verify::dense::Extreme;
 use serde::Serialize;
@@ -12,8 +12,8 @@ use serde::Serialize;
 pub struct Certificate {
     /// Whether it holds.
     pub feasible: bool,
-    /// Rows that are violated, of how many.
-    pub violated: [usize; 2],
+    /// What it says in a few words.
+    pub verdict: String,
     /// What it was held to, and whose word that is.
     pub terms: Vec<String>,
     /// Worst values over the whole motion.
@@ -74,8 +74,7 @@ impl Certificate {
     pub fn new(scene: &Scene, samples: &[Sample]) -> Certificate {
         let report = &scene.report;
         let dense = &report.dense;
-        let momentum = scene.trajectory.transcription.as_deref() == Some(Transcription::Momentum.name());
-        let asked = |limit: f64| momentum.then_some(limit);
+        let asked = |limit: f64| of_momentum(scene.trajectory).then_some(limit);
         let of = |what, extreme: Extreme, scale: f64, unit, limit: Option<f64>| WorstRow {
             what,
             value: extreme.value * scale,
@@ -117,7 +116,7 @@ impl Certificate {
         let families = report.families.iter().filter(|family| family.rows > 0);
         Certificate {
             feasible: report.feasible,
-            violated: [report.n_violated, report.n_rows],
+            verdict: verdict(scene.trajectory, report),
             terms: scene.terms.clone(),
             worst,
             families: families

@@ -1,7 +1,7 @@
 //! Results as a page: the robot moving over its ground, forces and attitude over time, and what the certificate says.
 //!
-//! The page is one file that loads nothing: everything is in it, and it forbids itself the net. Its parts are `page.html`, `page.css`, `scene.js` (3D), `plots.js`
-//! and `page.js`; `three.min.js` is three.js 0.187.0 (MIT, `three.LICENSE`), as much of it as `three.entry.js` names, made by
+//! The page is one file that loads nothing: everything is in it, and it forbids itself the net. Its parts are `page.html`, `page.css`,
+//! `scene.js` (3D), `plots.js` and `page.js`; `three.min.js` is three.js 0.187.0 (MIT, `three.LICENSE`), as much of it as `three.entry.js` names, made by
 //! `npm install three@0.187.0 esbuild && npx esbuild three.entry.js --bundle --minify --format=iife --global-name=THREE --target=es2020
 //! --legal-comments=inline --outfile=three.min.js`. A page is 0.65 MB, and about 30 kB more for each second of a quadruped.
 

@@ -31,12 +31,7 @@ function shown(value) {
   return value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3);
 }
 
-function badge(certificate) {
-  const [violated, rows] = certificate.violated;
-  return certificate.feasible
-    ? element("span", "badge good", "certified")
-    : element("span", "badge bad", `not certified: ${violated} of ${rows} rows violated`);
-}
+const badge = ({ feasible, verdict }) => element("span", feasible ? "badge good" : "badge bad", verdict);
 
 /** A result with its heading, its view and its plots. */
 class Pane {

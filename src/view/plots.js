@@ -37,7 +37,7 @@ function panelsOf(result, data, yawApart) {
     { title: "Gait", bars: true, curves: feet(() => null) },
     { title: "Normal force", unit: "N", digits: 0, zero: true, own: true, limit: result.force_limit, curves: feet((f) => axis(f.normal_force, 1, 0)) },
     {
-      title: "Use of friction", unit: "%", digits: 0, zero: true, limit: 100,
+      title: "Use of friction", unit: "%", digits: 0, zero: true, limit: 100, cap: 200,
       curves: feet((f) => (k) => (f.friction_use[k] === null ? null : 100 * f.friction_use[k])),
     },
     { title: "Height of the base", unit: "m", digits: 3, own: true, curves: base(["height"], () => axis(result.position, 3, 2)) },
@@ -46,7 +46,7 @@ function panelsOf(result, data, yawApart) {
   ];
 }
 
-/** Least and greatest value of a panel. */
+/** Least and greatest value of a panel; what is above its cap is out of sight. */
 function rangeOf(panel, count) {
   let [low, high] = panel.zero ? [0, 0] : [Infinity, -Infinity];
   if (panel.limit !== undefined) high = panel.limit;
@@ -58,7 +58,7 @@ function rangeOf(panel, count) {
       high = Math.max(high, value);
     }
   }
-  return [low, high];
+  return [low, Math.min(high, panel.cap ?? high)];
 }
 
 /** What shares a range of values: plots of one quantity; of forces and heights those of robots of one weight. */

@@ -236,7 +236,7 @@ class RobotModel {
 }
 
 /** Where cameras stand, from what they look at. */
-const VIEWS = { Oblique: [0.62, -1, 0.5], Side: [0.001, -1.2, 0.14], Front: [1.2, 0.001, 0.22], Top: [-0.001, -0.001, 1.35] };
+const VIEWS = { Oblique: [0.62, -1, 0.5], Side: [0.001, -1.2, 0.14], Front: [1.2, 0.001, 0.22], Top: [0, -0.001, 1.6] };
 
 /** The layers that can be shown, and whether they are from the beginning. */
 const LAYERS = {

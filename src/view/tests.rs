@@ -56,7 +56,7 @@ fn a_page_holds_the_curves_of_its_trajectory() {
     assert_eq!(foot["footholds"], serde_json::json!([[0.0, 0.0, 0.0, 0.0, 0.0, 1.0]]));
     // The certificate is that of the motion: it is pushed by less than its weight, and rises.
     assert_eq!(result["certificate"]["feasible"], false);
-    assert!(result["certificate"]["violated"][0].as_u64().unwrap() > 0);
+    assert!(result["certificate"]["verdict"].as_str().unwrap().starts_with("not certified: "));
     let push = &result["certificate"]["worst"][0];
     assert_eq!((push["value"].as_f64(), push["limit"].as_f64()), (Some(196.), Some(600.0001)));
     assert_eq!(result["certificate"]["terms"][0], "a term");
