@@ -46,9 +46,39 @@
 //! `linear` → `search::evaluate` (closed in f64, certified by `verify`, priced) → [`Search`]. Modules that are not shown here are the inside
 //! of that, and free to change.
 //!
+//! | step | where |
+//! |---|---|
+//! | schedules, families of gaits, what a motion costs | `gait/` |
+//! | the search: stages, settings, cross-entropy method and its three distributions | `search/` |
+//! | variables, elements of rows, index tables | `nlp/layout.rs`, built by `nlp/builder.rs` and `nlp/feet.rs`; elimination order in `nlp/sweep.rs` |
+//! | what a transcription decides, `momentum` and `towr` | `nlp/transcription/` |
+//! | rows: a family a file, with its table, residual, Jacobian and tolerance; one list of all in `mod.rs` | `rows/` |
+//! | linear algebra: frontal Cholesky in time order | `linear/` |
+//! | iteration: the order of a round in `round.rs`, each part in its file | `solver/` |
+//! | the same as shaders, a file each beside its twin | `shaders/` |
+//! | batches on a GPU: slots, submissions, read-back | `backend/gpu/` |
+//! | independent check between the instants, rollout | `verify/` |
+//! | TOWR's whole program and the contact-implicit one, for Ipopt | `reference/` |
+//! | the paper's experiments, tables, plots | `experiment/` |
+//!
+//! Forces are cubics, so their impulses are exact weights on the force nodes. Angular momentum, taken about the base position at the start of an
+//! interval instead of the moving base, changes by the moments of impulses about fixed footholds and by the moment of gravity: exact, too,
+//! without any quadrature of moments. Only the attitude needs a quadrature, of the angular momentum at six points of an interval. Inside an
+//! interval the base deviates from the cubic between its knots by up to a centimetre and a few degrees; reach rows see it where the forces
+//! take it. All this is solved by an elastic primal-dual Gauss-Newton method with Mehrotra's corrector in f32, closed in f64, and checked by
+//! code that shares nothing with the solver.
+//!
+//! On a GPU one workgroup works on one candidate, whose tables and buffers stand in a slot. A round of 17 dispatches makes and judges a trial
+//! point for every running slot: row weights, factorisation and predictor, corrector, step, rows and Jacobian there, verdict. Whether a candidate goes
+//! on, closes or ends is decided on the device; the host reads 64 bytes a slot after every few rounds, takes out what has ended and fills the slots
+//! again. The front of a factorisation stays in workgroup memory (16 KiB where that is enough, as much as the adapter has where not, storage
+//! otherwise). At the start a device counts loops (some software adapters leave them after 65,535 iterations, and get the factorisation in parts)
+//! and solves a small problem with a known end; one that computes wrong numbers is refused.
+//!
 //! # Features
-//! `cli` (the program), `gpu`, `experiment` (the paper's experiments), `view` (results as a page for a browser) `png` (pictures as PNG besides
-//! SVG), `mcap` (motions for robotics viewers) and `schema` (JSON Schemas of files) are on by default; without them this is a library that needs no GPU driver and no argument parser. `ipopt` links Ipopt, to compare with.
+//! `cli` (the program), `gpu`, `experiment` (the paper's experiments), `view` (results as a page for a browser), `pictures` (PNG besides
+//! SVG), `import` (height maps), `mcap` (motions for robotics viewers) and `schema` (JSON Schemas of files) are on by default; without them this is a
+//! library that needs no GPU driver and no argument parser. `ipopt` links Ipopt, to compare with.
 //!
 //! # Sources
 //! 1. I. Tsikelis, K. Chatzilygeroudis, "Gait Optimization for Legged Systems Through Mixed Distribution Cross-Entropy Optimization",

@@ -1,4 +1,24 @@
 //! Every tunable value of the transcription and the solver, with unit, default and limits.
+//!
+//! # Settings that matter
+//! | setting | default | effect |
+//! |---|---|---|
+//! | `transcription.interval` | by the robot: half of `sqrt(l / g)`, 0.025 to 0.1 s | between base knots; longer is faster, until the attitude drifts |
+//! | `transcription.goal_velocity` | `zero` | `free`: arrives at any speed |
+//! | `transcription.clearance`, `swing_height` | 0.03 m, 0.2 m | height of a foot in mid-swing: above the ground at least, above lift-off and landing at most |
+//! | `transcription.legs` | `limited` | `free`, the paper's: feet up to 20 m/s, any acceleration, three weights on a foot |
+//! | `transcription.foot_speed` | 1.9 sqrt(g l) | of a swinging foot, horizontal; 4.2 m/s for a robot half a metre high |
+//! | `transcription.foot_acceleration` | 20 g | of a swinging foot |
+//! | `--force-limit`, `force_limit` in a robot's file | 3, 2.5 or 1.2 weights with one, two or more feet | normal force of a foot. Free legs have 3; certified of the reference candidates, all with pyramids, with 2, 3, 10 weights: 58, 77, 78 of 240 |
+//! | `leg_mass` in a robot's file | 3 % of the mass | a leg's mass as if it were at the foot: what swinging costs |
+//! | `--smooth` | off | 20 more iterations on a cost of forces, their slopes, tilt and rates: peak forces fall by 4 to 8 %, a third slower, 75 certified instead of 77 (with pyramids) |
+//! | `solver.smoothing` | 0.1 | pull to smooth forces while the barrier is large; 0 certifies as many in an eighth fewer iterations, with rougher forces |
+//! | `solver.max_iterations` | 200 | median of the solved ones, closing included: 12 (biped), 19 to 24 (quadrupeds) |
+//! | `solver.stall.budget` | 200 | further iterations a candidate may seem to need before it is given up |
+//! | `solver.edge_radius` | 0.04 m | rounding of terrain edges; 0 loses gaits that step over one |
+//! | `search.population`, `search.generations` | 16, 3 | candidates a generation, generations over families; more is slower and cheaper gaits |
+//! | `search.cost.*` | 1 | weights of leg work, swing work and effort |
+//! | `search.free.*` | the paper's | `list` shows the presets |
 
 use crate::error::{Error, Result, check_range};
 use crate::gait::trajectory::GoalVelocity;
