@@ -117,6 +117,51 @@ pub fn from_json<T: serde::de::DeserializeOwned>(text: &str) -> Result<T> {
     Ok(value)
 }
 
+/// Reads a value from TOML text; errors name the field or the line.
+///
+/// # Errors
+/// As [`from_json`]; [`Error::Missing`] in a build without the feature `toml`.
+pub fn from_toml<T: serde::de::DeserializeOwned>(text: &str) -> Result<T> {
+    #[cfg(feature = "toml")]
+    {
+        let at = |e: &toml::de::Error| {
+            let line = e.span().and_then(|span| text.get(..span.start)).map(|before| before.matches('\n').count() + 1);
+            format!("{}{}", line.map(|l| format!("line {l}: ")).unwrap_or_default(), e.message().replace('\n', ", "))
+        };
+        let toml = toml::Deserializer::parse(text).map_err(|e| Error::Format { message: at(&e) })?;
+        serde_path_to_error::deserialize(toml).map_err(|e| {
+            let (path, source) = (e.path().to_string(), e.into_inner());
+            Error::Format { message: if path == "." { at(&source) } else { format!("{path}: {}", at(&source)) } }
+        })
+    }
+    #[cfg(not(feature = "toml"))]
+    {
+        let _ = text;
+        Err(no_toml())
+    }
+}
+
+/// TOML text of a value.
+///
+/// # Errors
+/// [`Error::Missing`] in a build without the feature `toml`.
+pub fn to_toml<T: serde::Serialize>(value: &T) -> Result<String> {
+    #[cfg(feature = "toml")]
+    {
+        toml::to_string(value).map_err(|e| Error::Format { message: e.to_string() })
+    }
+    #[cfg(not(feature = "toml"))]
+    {
+        let _ = value;
+        Err(no_toml())
+    }
+}
+
+#[cfg(not(feature = "toml"))]
+fn no_toml() -> Error {
+    Error::Missing { message: "this program was built without the feature `toml`: use JSON".into() }
+}
+
 /// Checks that a number is finite and inside `[low, high]`.
 pub fn check_range(place: &str, value: f64, low: f64, high: f64) -> Result<()> {
     if value.is_finite() && value >= low && value <= high {

@@ -47,8 +47,9 @@
 //! of that, and free to change.
 //!
 //! # Features
-//! `cli` (the program), `gpu` and `experiment` (the paper's experiments) are on by default; without them this is a library that needs no GPU
-//! driver and no argument parser. `ipopt` links Ipopt, to compare with.
+//! `cli` (the program), `gpu`, `experiment` (the paper's experiments) and `urdf` (robots from URDF files) are on by default; without them this is
+//! a library that needs no GPU driver and no parsers of arguments and XML. `toml` reads robot files in that form; `cli` has it. `ipopt` links
+//! Ipopt, to compare with.
 //!
 //! # Sources
 //! 1. I. Tsikelis, K. Chatzilygeroudis, "Gait Optimization for Legged Systems Through Mixed Distribution Cross-Entropy Optimization",

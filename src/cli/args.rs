@@ -23,14 +23,15 @@ use std::sync::{Arc, Once};
 /// A goal more than a turn away is told of once.
 static TURNS: Once = Once::new();
 
-/// Robot by name, or a JSON file.
+/// Robot by name, or a JSON or TOML file.
 pub fn robot(name: &str) -> Result<Arc<Robot>> {
-    named_or_file(name, &ROBOTS, "robot", Robot::named, Robot::from_json).map(Arc::new)
+    named_or_file(name, &ROBOTS, "robot", Robot::named, Robot::read).map(Arc::new)
 }
 
 /// Terrain by name, or a JSON file.
 pub fn terrain(name: &str) -> Result<Arc<Terrain>> {
-    named_or_file(name, &TERRAINS, "terrain", Terrain::named, Terrain::from_json).map(Arc::new)
+    let read = |path: &Path| Terrain::from_json(&files::read(path)?).map_err(|e| e.in_file(path, None));
+    named_or_file(name, &TERRAINS, "terrain", Terrain::named, read).map(Arc::new)
 }
 
 fn named_or_file<T>(
@@ -38,13 +39,13 @@ fn named_or_file<T>(
     known: &[&str],
     what: &'static str,
     named: impl Fn(&str) -> Result<T>,
-    parse: impl Fn(&str) -> Result<T>,
+    read: impl Fn(&Path) -> Result<T>,
 ) -> Result<T> {
     let path = Path::new(name);
     if known.contains(&name) {
         named(name)
     } else if path.exists() || path.extension().is_some() || path.components().count() > 1 {
-        parse(&files::read(path)?).map_err(|e| e.in_file(path, None))
+        read(path)
     } else {
         Err(Error::Unknown { what, name: name.into(), known: format!("{}, or a .json file", known.join(", ")) })
     }
@@ -53,7 +54,7 @@ fn named_or_file<T>(
 /// Robot and ground.
 #[derive(Debug, Args)]
 pub struct WorldArgs {
-    /// Robot: a name from `list` or a JSON file; the scenario's by default. SCENARIO=NAME|FILE for the lines of one scenario
+    /// Robot: a name from `list`, or a JSON or TOML file; the scenario's by default. SCENARIO=NAME|FILE for the lines of one scenario
     #[arg(long, value_name = "NAME|FILE")]
     pub robot: Vec<String>,
     /// Terrain: as --robot

@@ -10,6 +10,8 @@ mod experiment;
 mod ipopt_worker;
 mod label;
 mod list;
+#[cfg(feature = "urdf")]
+mod robot;
 mod solve;
 mod verify;
 
@@ -51,6 +53,10 @@ enum Command {
     #[cfg(feature = "gpu")]
     /// List adapters, and which one `--device auto` takes
     Devices(devices::Devices),
+    #[cfg(feature = "urdf")]
+    /// Robot files from robots' models
+    #[command(subcommand)]
+    Robot(robot::Robot),
     /// List robots, terrains, scenarios and presets
     List(list::List),
 }
@@ -106,6 +112,8 @@ pub fn main() -> ExitCode {
         Command::Verify(command) => command.run(),
         #[cfg(feature = "gpu")]
         Command::Devices(command) => command.run(),
+        #[cfg(feature = "urdf")]
+        Command::Robot(command) => command.run(),
         Command::List(command) => command.run(),
     };
     let (error, code) = match result {

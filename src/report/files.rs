@@ -13,11 +13,19 @@ pub const MAX_FILE: u64 = 1 << 30;
 /// # Errors
 /// [`Error::Io`] when the system refuses, [`Error::Invalid`] when there is more than [`MAX_FILE`], as in a device that never ends.
 pub fn read(path: &Path) -> Result<String> {
+    read_at_most(path, MAX_FILE)
+}
+
+/// As [`read`], of a file that is small when it is what it should be.
+///
+/// # Errors
+/// As [`read`], with `limit` bytes for [`MAX_FILE`].
+pub fn read_at_most(path: &Path, limit: u64) -> Result<String> {
     let io = |source| Error::Io { action: "read", path: path.to_owned(), source };
     let mut text = String::new();
-    fs::File::open(path).map_err(io)?.take(MAX_FILE + 1).read_to_string(&mut text).map_err(io)?;
-    if text.len() as u64 > MAX_FILE {
-        return Err(Error::invalid("file size", "more", format!("at most {MAX_FILE} bytes")).in_file(path, None));
+    fs::File::open(path).map_err(io)?.take(limit + 1).read_to_string(&mut text).map_err(io)?;
+    if text.len() as u64 > limit {
+        return Err(Error::invalid("file size", "more", format!("at most {limit} bytes")).in_file(path, None));
     }
     Ok(text.strip_prefix('\u{feff}').map(String::from).unwrap_or(text))
 }
