@@ -43,6 +43,9 @@ pub struct Robot {
     /// Mass of a leg as if it were at the foot, kg; [`LEG_MASS`] of the robot's when absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub leg_mass: Option<f64>,
+    /// Joints of each foot's leg, for trajectories of joints; motions are found without them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub joints: Option<Vec<leg::Leg>>,
 }
 
 /// Mass of a leg at its foot of a robot that names none, in masses of the robot.
@@ -101,7 +104,17 @@ impl Robot {
             ),
             _ => return Err(Error::Unknown { what: "robot", name: name.into(), known: ROBOTS.join(", ") }),
         };
-        Ok(Robot { name: name.into(), mass, inertia, base_height, nominal_feet, reach: reach.into(), force_limit: None, leg_mass: None })
+        Ok(Robot {
+            name: name.into(),
+            mass,
+            inertia,
+            base_height,
+            nominal_feet,
+            reach: reach.into(),
+            force_limit: None,
+            leg_mass: None,
+            joints: None,
+        })
     }
 
     /// Reads a robot from JSON text and validates it.
@@ -155,6 +168,13 @@ impl Robot {
         }
         if let Some(mass) = self.leg_mass {
             check_range("robot.leg_mass", mass, 0., self.mass)?;
+        }
+        if let Some(legs) = &self.joints {
+            if legs.len() != self.feet() {
+                let limit = format!("{} legs, one for each of `nominal_feet`", self.feet());
+                return Err(Error::invalid("robot.joints", format!("{} legs", legs.len()), limit));
+            }
+            legs.iter().enumerate().try_for_each(|(foot, leg)| leg.validate(&format!("robot.joints[{foot}]")))?;
         }
         let i = &self.inertia;
         for r in 0..3 {

@@ -72,3 +72,36 @@ fn what_is_no_robot_exits_4_and_leaves_nothing() {
     assert!(error.contains("nowhere"), "{error}");
     assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 4);
 }
+
+#[test]
+fn joints_follow_the_motion_of_an_imported_robot() {
+    let dir = tempfile::tempdir().unwrap();
+    urdf(dir.path());
+    ran(dir.path(), &["robot", "import", "four.urdf", "--configuration", STANDING, "-o", "robot.toml"], 0);
+    ran(dir.path(), &["solve", "--robot", "robot.toml", "--goal", "0.5,0", "--first", "--threads", "1", "--out", "out"], 0);
+    let joints = ["robot", "joints", "out/trajectory.json", "--rate", "200", "-o", "joints.csv"];
+    let output = run(dir.path(), &joints);
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.starts_with("12 joints at ") && text.contains("torque") && text.contains("limits"), "{text}");
+    let within = text.contains("within all limits");
+    assert_eq!(output.status.code(), Some(if within { 0 } else { 3 }), "{text}");
+    let [json, _] = ran(dir.path(), &[&joints[..], &["--json"]].concat(), if within { 0 } else { 3 });
+    let limits: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((&limits["kept"], &limits["miss"]["limit"]), (&within.into(), &5e-3.into()));
+    let trajectory: serde_json::Value = serde_json::from_str(&fs::read_to_string(dir.path().join("out/trajectory.json")).unwrap()).unwrap();
+    let csv = fs::read_to_string(dir.path().join("joints.csv")).unwrap();
+    let rows: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
+    assert_eq!((rows[0].len(), rows[0][0], rows[0][3], rows[0][36]), (37, "time_s", "LF_roll_torque_Nm", "RH_knee_torque_Nm"));
+    let last: f64 = rows.last().unwrap()[0].parse().unwrap();
+    assert_eq!(last, trajectory["T"].as_f64().unwrap());
+    assert!(rows.len() > (200. * last) as usize && rows.iter().all(|row| row.len() == 37));
+    // At rest at the start, on the nominal joints.
+    for (column, value) in [(1, 0.), (4, 0.785), (7, -1.57), (5, 0.)] {
+        assert!((rows[1][column].parse::<f64>().unwrap() - value).abs() < 1e-4, "{} {}", rows[0][column], rows[1][column]);
+    }
+    ran(dir.path(), &["solve", "--scenario", "s1", "--first", "--threads", "1", "--out", "other"], 0);
+    let [_, error] = ran(dir.path(), &["robot", "joints", "other/trajectory.json"], 4);
+    assert!(error.contains("other/trajectory.json") && error.contains("no `joints`"), "{error}");
+    let [_, error] = ran(dir.path(), &["robot", "joints", "out/trajectory.json", "--rate", "0"], 2);
+    assert!(error.contains("rate: 0"), "{error}");
+}

@@ -10,7 +10,6 @@ mod experiment;
 mod ipopt_worker;
 mod label;
 mod list;
-#[cfg(feature = "urdf")]
 mod robot;
 mod solve;
 mod verify;
@@ -53,8 +52,7 @@ enum Command {
     #[cfg(feature = "gpu")]
     /// List adapters, and which one `--device auto` takes
     Devices(devices::Devices),
-    #[cfg(feature = "urdf")]
-    /// Robot files from robots' models
+    /// Robot files from robots' models, and joints along motions
     #[command(subcommand)]
     Robot(robot::Robot),
     /// List robots, terrains, scenarios and presets
@@ -112,7 +110,6 @@ pub fn main() -> ExitCode {
         Command::Verify(command) => command.run(),
         #[cfg(feature = "gpu")]
         Command::Devices(command) => command.run(),
-        #[cfg(feature = "urdf")]
         Command::Robot(command) => command.run(),
         Command::List(command) => command.run(),
     };

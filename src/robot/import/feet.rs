@@ -4,15 +4,13 @@ use super::tree::Tree;
 use super::urdf::{Collision, Motion, Shape};
 use crate::error::{Error, Result};
 use crate::robot::MAX_FEET;
-use crate::robot::leg::{Leg, LegJoint};
+use crate::robot::leg::{Leg, LegJoint, MAX_JOINTS};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 /// Feet that stand on the same ground: how far one may be above the lowest, in heights of the centre of mass above that.
 const SAME_GROUND: f64 = 0.05;
 /// Shapes of one foot whose lowest points are so near to each other touch the ground together, m.
 const SAME_SOLE: f64 = 5e-3;
-/// Most joints of a leg: a chain of more is none.
-const MAX_JOINTS: usize = 64;
 
 /// Where a foot touches the ground in a configuration.
 #[derive(Debug, Clone, Copy)]
@@ -115,7 +113,7 @@ pub fn legs(tree: &Tree, frames: &[Isometry3<f64>], values: &[f64], center: &Vec
     paths.iter().flatten().for_each(|&j| users[j] += 1);
     let leg = |(contact, path): (&Contact, &Vec<usize>)| {
         let name = &tree.model.links[contact.link].name;
-        let (mut joints, mut pending) = (Vec::new(), Isometry3::translation(-center.x, -center.y, -center.z));
+        let (mut chain, mut pending) = (Vec::new(), Isometry3::translation(-center.x, -center.y, -center.z));
         for &j in path {
             let joint = &tree.model.joints[j];
             if joint.motion == Motion::Fixed || users[j] > 1 {
@@ -127,7 +125,7 @@ pub fn legs(tree: &Tree, frames: &[Isometry3<f64>], values: &[f64], center: &Vec
                 let limit = "moved by itself: joints of legs that follow others (mimic) are not supported";
                 return Err(Error::invalid(format!("joint `{}`", joint.name.escape_debug()), value, limit));
             }
-            joints.push(LegJoint {
+            chain.push(LegJoint {
                 name: joint.name.clone(),
                 turns: joint.motion == Motion::Revolute,
                 origin: pending * joint.origin,
@@ -139,16 +137,16 @@ pub fn legs(tree: &Tree, frames: &[Isometry3<f64>], values: &[f64], center: &Vec
             });
             pending = Isometry3::identity();
         }
-        if joints.len() > MAX_JOINTS {
+        if chain.len() > MAX_JOINTS {
             let limit = format!("moved by at most {MAX_JOINTS} joints");
-            return Err(Error::invalid(format!("foot `{}`", name.escape_debug()), format!("{} joints", joints.len()), limit));
+            return Err(Error::invalid(format!("foot `{}`", name.escape_debug()), format!("{} joints", chain.len()), limit));
         }
-        if joints.is_empty() {
+        if chain.is_empty() {
             let limit = "moved by at least one joint that moves no other foot";
             return Err(Error::invalid(format!("foot `{}`", name.escape_debug()), "no joint of its own", limit));
         }
         let tip = frames[contact.link].inverse_transform_point(&Point3::from(contact.center));
-        Ok(Leg { foot: name.clone(), joints, tip: (pending * tip).coords, radius: contact.radius })
+        Ok(Leg { foot: name.clone(), tip: (pending * tip).coords.into(), radius: contact.radius, chain })
     };
     contacts.iter().zip(&paths).map(leg).collect()
 }
@@ -157,7 +155,7 @@ pub fn legs(tree: &Tree, frames: &[Isometry3<f64>], values: &[f64], center: &Vec
 pub fn moved_by(tree: &Tree, leg: &Leg) -> Vec<usize> {
     let mut moved = vec![false; tree.parents.len()];
     for &link in &tree.order {
-        let first = tree.above[link].is_some_and(|j| tree.model.joints[j].name == leg.joints[0].name);
+        let first = tree.above[link].is_some_and(|j| tree.model.joints[j].name == leg.chain[0].name);
         moved[link] = first || tree.parents[link].is_some_and(|parent| moved[parent]);
     }
     (0..moved.len()).filter(|&link| moved[link]).collect()

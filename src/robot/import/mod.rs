@@ -38,8 +38,6 @@ pub struct Imported {
     pub robot: Robot,
     /// In the order of its feet.
     pub feet: Vec<Foot>,
-    /// Joints from the base to each foot, base frame.
-    pub legs: Vec<Leg>,
     /// Radius of the feet's balls, m; none when some foot has no ball. The least when they differ.
     pub foot_radius: Option<f64>,
     /// Speed that every foot has along x and y at the limits of its joints in the configuration, m/s; none when no joint's speed is limited or
@@ -70,6 +68,7 @@ impl Import {
     ///   link's frame when it has none but meshes
     /// * reach: the largest box for each foot that its joints reach within their limits, see `import/reach.rs`
     /// * force limit: what the joints' efforts bear at the weakest foot, straight up, and at most [`FORCE_LIMIT`] weights
+    /// * joints: those of each foot's leg
     /// * leg mass: `sum m_i (d_i / l)^2` over the links that a leg moves, `d_i` and `l` the distances of their centres of mass and of the foot
     ///   from the leg's first joint; the mean of the legs
     ///
@@ -108,15 +107,17 @@ impl Import {
             force_limit: None,
             leg_mass: Some(leg_masses.sum::<f64>() / legs.len() as f64),
             nominal_feet,
+            joints: None,
         };
         let vertical = legs.iter().map(|leg| leg.vertical_force(&leg.posture(&leg.nominal()))).fold(f64::INFINITY, f64::min);
         robot.force_limit = vertical.is_finite().then(|| vertical.min(FORCE_LIMIT * robot.weight()));
         if robot.name.is_empty() {
             robot.name = "robot".into();
         }
-        robot.validate()?;
         let speeds = legs.iter().map(|leg| leg.horizontal_speed(&leg.posture(&leg.nominal())));
         let slowest = speeds.collect::<Option<Vec<f64>>>().map(|speeds| speeds.into_iter().fold(f64::INFINITY, f64::min));
+        robot.joints = Some(legs);
+        robot.validate()?;
         let moving = model.joints.iter().zip(&values).filter(|(joint, _)| joint.motion != urdf::Motion::Fixed);
         Ok(Imported {
             feet: contacts.iter().map(|contact| foot(&tree, &frames[contact.link].translation.vector, contact, &center)).collect(),
@@ -126,7 +127,6 @@ impl Import {
             configuration: moving.map(|(joint, &value)| (joint.name.clone(), value)).collect(),
             notes: self.notes(&tree, &robot, &contacts, vertical),
             robot,
-            legs,
         })
     }
 

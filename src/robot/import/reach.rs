@@ -61,7 +61,7 @@ pub fn grow(leg: &Leg, room: &Sides) -> Result<Sides> {
     let sides = sides.map(|side| side.map(|v| (v * 1e4).trunc() / 1e4));
     for (axis, [low, high]) in sides.into_iter().enumerate() {
         if high - low < NARROWEST {
-            let (place, count) = (format!("foot `{}`", leg.foot.escape_debug()), leg.joints.len());
+            let (place, count) = (format!("foot `{}`", leg.foot.escape_debug()), leg.chain.len());
             let value = format!("reaches {:.4} m along {} with {count} joints", high - low, ["x", "y", "z"][axis]);
             let limit =
                 format!("at least {NARROWEST} m: a leg needs three joints, and in the configuration none stretched or at its limit");
@@ -152,7 +152,7 @@ mod tests {
             effort: None,
             nominal: 0.,
         };
-        Leg { foot: "foot".into(), joints: (0..3).map(joint).collect(), tip: Vector3::new(0., 0., -1.), radius: 0.05 }
+        Leg { foot: "foot".into(), tip: [0., 0., -1.], radius: 0.05, chain: (0..3).map(joint).collect() }
     }
 
     #[test]
