@@ -150,6 +150,14 @@ pub fn from_toml<T: serde::de::DeserializeOwned>(text: &str) -> Result<T> {
     serde_path_to_error::deserialize(document).map_err(|e| described(e.path().to_string(), told(e.inner())))
 }
 
+/// TOML text of a value.
+///
+/// # Errors
+/// [`Error::Format`] for what TOML cannot hold.
+pub fn to_toml<T: serde::Serialize>(value: &T) -> Result<String> {
+    toml::to_string(value).map_err(|e| Error::Format { message: e.to_string() })
+}
+
 /// Checks that a number is finite and inside `[low, high]`.
 pub fn check_range(place: &str, value: f64, low: f64, high: f64) -> Result<()> {
     if value.is_finite() && value >= low && value <= high {

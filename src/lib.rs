@@ -77,7 +77,7 @@
 //!
 //! # Features
 //! `cli` (the program), `gpu`, `experiment` (the paper's experiments), `view` (results as a page for a browser), `pictures` (PNG besides
-//! SVG), `import` (height maps), `mcap` (motions for robotics viewers) and `schema` (JSON Schemas of files) are on by default; without them this is a
+//! SVG), `import` (height maps), `urdf` (robots from URDF files), `mcap` (motions for robotics viewers) and `schema` (JSON Schemas of files) are on by default; without them this is a
 //! library that needs no GPU driver and no argument parser. `ipopt` links Ipopt, to compare with.
 //!
 //! # Sources

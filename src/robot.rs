@@ -1,11 +1,16 @@
 //! Robot models: a single rigid body with feet that reach inside boxes.
 
+#[cfg(feature = "urdf")]
+pub mod import;
+pub mod leg;
 mod reach;
 
 pub use reach::{Reach, ReachBox};
 
 use crate::error::{Error, Result, check_name, check_range};
+use crate::report::files;
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 /// Standard gravity, m/s². Source: \[3\].
 pub const GRAVITY: f64 = 9.80665;
@@ -39,6 +44,9 @@ pub struct Robot {
     /// Mass of a leg as if it were at the foot, kg; [`LEG_MASS`] of the robot's when absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub leg_mass: Option<f64>,
+    /// Joints of each foot's leg, for trajectories of joints; motions are found without them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub joints: Option<Vec<leg::Leg>>,
 }
 
 /// Mass of a leg at its foot of a robot that names none, in masses of the robot.
@@ -97,7 +105,17 @@ impl Robot {
             ),
             _ => return Err(Error::Unknown { what: "robot", name: name.into(), known: ROBOTS.join(", ") }),
         };
-        Ok(Robot { name: name.into(), mass, inertia, base_height, nominal_feet, reach: reach.into(), force_limit: None, leg_mass: None })
+        Ok(Robot {
+            name: name.into(),
+            mass,
+            inertia,
+            base_height,
+            nominal_feet,
+            reach: reach.into(),
+            force_limit: None,
+            leg_mass: None,
+            joints: None,
+        })
     }
 
     /// Reads a robot from JSON text and validates it.
@@ -108,6 +126,25 @@ impl Robot {
         let robot: Robot = crate::error::from_json(text)?;
         robot.validate()?;
         Ok(robot)
+    }
+
+    /// Reads a robot from a file and validates it: TOML when its name ends in `.toml`, else JSON.
+    ///
+    /// # Errors
+    /// As [`Robot::from_json`], with the name of the file; [`Error::Io`] when the system refuses, [`Error::Missing`] for TOML in a build without
+    /// the feature `toml`.
+    pub fn read(path: &Path) -> Result<Robot> {
+        let robot: Robot = files::read_value(path)?;
+        robot.validate().map_err(|e| e.in_file(path, None))?;
+        Ok(robot)
+    }
+
+    /// Text of a robot file, in the form that [`Robot::read`] reads from a file of that name.
+    ///
+    /// # Errors
+    /// [`Error::Format`] for what TOML cannot hold.
+    pub fn file_text(&self, path: &Path) -> Result<String> {
+        if files::is_toml(path) { crate::error::to_toml(self) } else { Ok(serde_json::to_string_pretty(self)? + "\n") }
     }
 
     /// Checks that this is a possible body with feet below it.
@@ -132,6 +169,13 @@ impl Robot {
         }
         if let Some(mass) = self.leg_mass {
             check_range("robot.leg_mass", mass, 0., self.mass)?;
+        }
+        if let Some(legs) = &self.joints {
+            if legs.len() != self.feet() {
+                let limit = format!("{} legs, one for each of `nominal_feet`", self.feet());
+                return Err(Error::invalid("robot.joints", format!("{} legs", legs.len()), limit));
+            }
+            legs.iter().enumerate().try_for_each(|(foot, leg)| leg.validate(&format!("robot.joints[{foot}]")))?;
         }
         let i = &self.inertia;
         for r in 0..3 {
@@ -210,6 +254,33 @@ mod tests {
             assert_eq!(Robot::from_json(&serde_json::to_string(&robot).unwrap()).unwrap(), robot);
         }
         assert!(Robot::named("cat").unwrap_err().to_string().contains("anymal"));
+    }
+
+    #[test]
+    fn a_file_is_toml_or_json_by_its_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut robot = Robot::named("biped").unwrap();
+        robot.reach = Reach::PerFoot(vec![[[-0.1, 0.2], [0., 0.1], [-0.2, 1. / 3.]]; 2]);
+        robot.force_limit = Some(500.);
+        for name in ["robot.toml", "robot.TOML", "robot.json", "robot"] {
+            let path = folder.path().join(name);
+            files::write(&path, &robot.file_text(&path).unwrap()).unwrap();
+            assert_eq!(files::read(&path).unwrap().starts_with('{'), !name.to_lowercase().ends_with("toml"));
+            assert_eq!(Robot::read(&path).unwrap(), robot);
+        }
+        let good = robot.file_text(Path::new("robot.toml")).unwrap();
+        for (from, to, parts) in [
+            ("mass = 20.0", "mass = 0", ["robot.mass", "0, but"]),
+            ("mass = 20.0", "mass = \"heavy\"", ["line 2", "mass"]),
+            ("mass = 20.0", "wings = 2", ["wings", "line 2"]),
+            ("mass = 20.0", "mass = ", ["line 2", "robot.toml"]),
+        ] {
+            let path = folder.path().join("robot.toml");
+            files::write(&path, &good.replace(from, to)).unwrap();
+            let error = Robot::read(&path).unwrap_err().to_string();
+            assert!(parts.iter().all(|part| error.contains(part)) && error.lines().count() == 1, "{error}");
+        }
+        assert!(Robot::read(&folder.path().join("none.toml")).unwrap_err().to_string().contains("none.toml"));
     }
 
     #[test]

@@ -397,6 +397,7 @@ fn stander(mass: f64, half_length: f64, half_width: f64, height: f64) -> Robot {
         reach: [0.1, 0.1, 0.1].into(),
         force_limit: None,
         leg_mass: None,
+        joints: None,
     }
 }
 

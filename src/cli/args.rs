@@ -6,7 +6,6 @@ use crate::backend::{Backend, Cpu, Precision};
 use crate::error::{Error, Result};
 use crate::reference::ipopt;
 use crate::reference::workers::Workers;
-use crate::report::files;
 use crate::robot::{ROBOTS, Robot};
 use crate::scenario::Scenario;
 use crate::search::evaluate::LowerSettings;
@@ -23,14 +22,14 @@ use std::sync::{Arc, Once};
 /// A goal more than a turn away is told of once.
 static TURNS: Once = Once::new();
 
-/// Robot by name, or a JSON file.
+/// Robot by name, or a JSON or TOML file.
 pub fn robot(name: &str) -> Result<Arc<Robot>> {
-    named_or_file(name, &ROBOTS, "robot", Robot::named, Robot::from_json).map(Arc::new)
+    named_or_file(name, &ROBOTS, "robot", Robot::named, Robot::read).map(Arc::new)
 }
 
-/// Terrain by name, or a JSON file.
+/// Terrain by name, or a JSON or TOML file.
 pub fn terrain(name: &str) -> Result<Arc<Terrain>> {
-    named_or_file(name, &TERRAINS, "terrain", Terrain::named, Terrain::from_json).map(Arc::new)
+    named_or_file(name, &TERRAINS, "terrain", Terrain::named, Terrain::read).map(Arc::new)
 }
 
 fn named_or_file<T>(
@@ -38,22 +37,22 @@ fn named_or_file<T>(
     known: &[&str],
     what: &'static str,
     named: impl Fn(&str) -> Result<T>,
-    parse: impl Fn(&str) -> Result<T>,
+    read: impl Fn(&Path) -> Result<T>,
 ) -> Result<T> {
     let path = Path::new(name);
     if known.contains(&name) {
         named(name)
     } else if path.exists() || path.extension().is_some() || path.components().count() > 1 {
-        parse(&files::read(path)?).map_err(|e| e.in_file(path, None))
+        read(path)
     } else {
-        Err(Error::Unknown { what, name: name.into(), known: format!("{}, or a .json file", known.join(", ")) })
+        Err(Error::Unknown { what, name: name.into(), known: format!("{}, or a .json or .toml file", known.join(", ")) })
     }
 }
 
 /// Robot and ground.
 #[derive(Debug, Clone, Args)]
 pub struct WorldArgs {
-    /// Robot: a name from `list` or a JSON file; the scenario's by default. SCENARIO=NAME|FILE for the lines of one scenario
+    /// Robot: a name from `list`, or a JSON or TOML file; the scenario's by default. SCENARIO=NAME|FILE for the lines of one scenario
     #[arg(long, value_name = "NAME|FILE")]
     pub robot: Vec<String>,
     /// Terrain: as --robot

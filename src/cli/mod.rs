@@ -13,6 +13,7 @@ mod init;
 mod ipopt_worker;
 mod label;
 mod list;
+mod robot;
 mod scenario_file;
 #[cfg(feature = "schema")]
 mod schema;
@@ -74,6 +75,9 @@ enum Command {
     #[cfg(feature = "schema")]
     /// Print the JSON Schema of a file that is read or written
     Schema(schema::Schema),
+    /// Robot files from robots' models, and joints along motions
+    #[command(subcommand)]
+    Robot(robot::Robot),
     /// List robots, terrains, scenarios and presets
     List(list::List),
 }
@@ -137,6 +141,7 @@ pub fn main() -> ExitCode {
         Command::Devices(command) => command.run(),
         #[cfg(feature = "schema")]
         Command::Schema(command) => command.run(),
+        Command::Robot(command) => command.run(),
         Command::List(command) => command.run(),
     };
     let (error, code) = match result {

@@ -2,7 +2,7 @@
 
 use super::args::{robot, terrain};
 use crate::backend::Precision;
-use crate::error::{Error, Result, from_toml};
+use crate::error::{Error, Result, from_toml, to_toml};
 use crate::gait::Trajectory;
 use crate::gait::trajectory::NamedOr;
 use crate::report::files;
@@ -251,8 +251,7 @@ impl ScenarioFile {
     /// [`Error::Format`] for what TOML cannot hold.
     pub fn text(&self) -> Result<String> {
         let head = "# What was asked, whole: `cregopt solve` with this file finds the same gait.\n\n";
-        let body = toml::to_string(self).map_err(|e| Error::Format { message: e.to_string() })?;
-        Ok(format!("{head}{body}"))
+        Ok(head.to_string() + &to_toml(self)?)
     }
 }
 

@@ -72,7 +72,7 @@ impl TerrainCommand {
 impl Import {
     fn read(&self) -> Result<Imported> {
         let placement = Placement { cell: self.cell, origin: self.origin.0, height_scale: self.height_scale, friction: self.friction };
-        let mut imported = terrain_of(&self.file, &files::read_bytes(&self.file)?, &placement).map_err(|e| match e {
+        let mut imported = terrain_of(&self.file, &files::read_bytes(&self.file, files::MAX_FILE)?, &placement).map_err(|e| match e {
             // Flags are not in the file.
             Error::Invalid { ref place, .. } if place.starts_with("--") => e,
             e => e.in_file(&self.file, None),

@@ -13,22 +13,45 @@ pub const MAX_FILE: u64 = 1 << 30;
 /// # Errors
 /// [`Error::Io`] when the system refuses, [`Error::Invalid`] when there is more than [`MAX_FILE`], as in a device that never ends.
 pub fn read(path: &Path) -> Result<String> {
+    read_at_most(path, MAX_FILE)
+}
+
+/// As [`read`], of a file that is small when it is what it should be.
+///
+/// # Errors
+/// As [`read`], with `limit` bytes for [`MAX_FILE`].
+pub fn read_at_most(path: &Path, limit: u64) -> Result<String> {
     let no_text =
         |_| Error::Io { action: "read", path: path.to_owned(), source: io::Error::new(io::ErrorKind::InvalidData, "no UTF-8 text") };
-    let text = String::from_utf8(read_bytes(path)?).map_err(no_text)?;
+    let text = String::from_utf8(read_bytes(path, limit)?).map_err(no_text)?;
     Ok(text.strip_prefix('\u{feff}').map(String::from).unwrap_or(text))
 }
 
-/// Reads a file of any kind.
+/// Whether a file is TOML by its name; it is JSON otherwise.
+pub fn is_toml(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml"))
+}
+
+/// Reads a value from a file in JSON or, by its name, in TOML.
 ///
 /// # Errors
-/// As [`read`].
-pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
+/// As [`read`], and [`Error::InFile`] for what is not such a value.
+pub fn read_value<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
+    let text = read(path)?;
+    let value = if is_toml(path) { crate::error::from_toml(&text) } else { crate::error::from_json(&text) };
+    value.map_err(|e| e.in_file(path, None))
+}
+
+/// Reads a file of any kind of at most `limit` bytes.
+///
+/// # Errors
+/// As [`read_at_most`].
+pub fn read_bytes(path: &Path, limit: u64) -> Result<Vec<u8>> {
     let io = |source| Error::Io { action: "read", path: path.to_owned(), source };
     let mut bytes = Vec::new();
-    fs::File::open(path).map_err(io)?.take(MAX_FILE + 1).read_to_end(&mut bytes).map_err(io)?;
-    if bytes.len() as u64 > MAX_FILE {
-        return Err(Error::invalid("file size", "more", format!("at most {MAX_FILE} bytes")).in_file(path, None));
+    fs::File::open(path).map_err(io)?.take(limit + 1).read_to_end(&mut bytes).map_err(io)?;
+    if bytes.len() as u64 > limit {
+        return Err(Error::invalid("file size", "more", format!("at most {limit} bytes")).in_file(path, None));
     }
     Ok(bytes)
 }

@@ -9,8 +9,10 @@ pub use grid::Grid;
 pub use profile::Profile;
 
 use crate::error::{Error, Result, check_name, check_range};
+use crate::report::files;
 use num_traits::Float;
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 /// Names of the built-in terrains.
 pub const TERRAINS: [&str; 8] = ["flat", "step", "block", "stairs", "gap", "slope", "chimney", "chimney-lr"];
@@ -91,6 +93,16 @@ impl Terrain {
     pub fn from_json(text: &str) -> Result<Terrain> {
         let terrain: Terrain = crate::error::from_json(text)?;
         terrain.validate()?;
+        Ok(terrain)
+    }
+
+    /// Reads a terrain from a file in JSON or, by its name, in TOML, and validates it.
+    ///
+    /// # Errors
+    /// [`Error::Io`], or [`Error::InFile`] with what [`Terrain::from_json`] says.
+    pub fn read(path: &Path) -> Result<Terrain> {
+        let terrain: Terrain = files::read_value(path)?;
+        terrain.validate().map_err(|e| e.in_file(path, None))?;
         Ok(terrain)
     }
 

@@ -1,0 +1,181 @@
+//! `robot`: robot files from robots' models, and joints along motions.
+
+use super::{Failure, Verdict, args, print, to_json};
+use crate::error::{Error, Result, check_range};
+use crate::gait::Trajectory;
+use crate::gait::joints::{JointLimits, JointMotion, RATE, RATES, Worst, follow};
+use crate::gait::trajectory::NamedOr;
+use crate::report::files;
+#[cfg(feature = "urdf")]
+use crate::robot::import::{Import, Imported, MAX_URDF, configuration};
+use clap::{Args, Subcommand};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+#[derive(Debug, Subcommand)]
+pub enum Robot {
+    /// Make a robot file of a URDF: mass, inertia, feet, reach and forces in one configuration of its joints
+    #[cfg(feature = "urdf")]
+    Import(ImportUrdf),
+    /// Follow a motion with the joints of an imported robot: positions, velocities and torques, and how near they come to their limits
+    Joints(Joints),
+}
+
+impl Robot {
+    pub fn run(&self) -> std::result::Result<Verdict, Failure> {
+        match self {
+            #[cfg(feature = "urdf")]
+            Robot::Import(command) => command.run(),
+            Robot::Joints(command) => command.run(),
+        }
+    }
+}
+
+#[cfg(feature = "urdf")]
+#[derive(Debug, Args)]
+pub struct ImportUrdf {
+    /// URDF file; meshes are not needed
+    file: PathBuf,
+    /// Links of the feet; else those that stand on the ground in the configuration
+    #[arg(long, value_name = "LINK,...", value_delimiter = ',')]
+    feet: Vec<String>,
+    /// Joint values in which it stands, rad or m; the others are at zero, or in the middle of their limits when zero is outside
+    #[arg(long, value_name = "JOINT=VALUE,...", allow_hyphen_values = true)]
+    configuration: Vec<String>,
+    /// Name of the robot; the file's by default
+    #[arg(long)]
+    name: Option<String>,
+    /// Where to write the robot, .json or .toml; else it is printed as JSON
+    #[arg(short, long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+#[cfg(feature = "urdf")]
+impl ImportUrdf {
+    fn run(&self) -> std::result::Result<Verdict, Failure> {
+        let import = Import {
+            feet: self.feet.iter().map(|name| name.trim().to_owned()).collect(),
+            configuration: configuration(&self.configuration.join(","))?,
+            name: self.name.clone(),
+        };
+        self.out.as_deref().map_or(Ok(()), files::check_writable)?;
+        let text = files::read_at_most(&self.file, MAX_URDF as u64)?;
+        let imported = import.urdf(&text).map_err(|e| e.in_file(&self.file, None))?;
+        match &self.out {
+            Some(out) => {
+                files::write(out, &imported.robot.file_text(out)?)?;
+                print(&summary(&imported))?;
+            }
+            None => {
+                super::complain(&summary(&imported).trim_end());
+                print(&to_json(&imported.robot)?)?;
+            }
+        }
+        Ok(Verdict::Feasible)
+    }
+}
+
+/// What was computed, for people.
+#[cfg(feature = "urdf")]
+fn summary(imported: &Imported) -> String {
+    let robot = &imported.robot;
+    let [x, y, z] = imported.center_of_mass;
+    let mut text = format!("{}: {:.3} kg, centre of mass ({x:.4}, {y:.4}, {z:.4}) m in the root link", robot.name, robot.mass);
+    text += &format!(", {:.4} m above the ground\n", robot.base_height);
+    for (foot, (at, reach)) in imported.feet.iter().zip(robot.nominal_feet.iter().zip(robot.reach_boxes())) {
+        let [x, y, z] = at;
+        let side = |axis: usize| format!("{:.3} to {:.3}", reach.low[axis], reach.high[axis]);
+        text += &format!("  foot {}: ({x:.4}, {y:.4}, {z:.4}) m, reach {}, {}, {} m\n", foot.link, side(0), side(1), side(2));
+    }
+    let force = robot.force_limit.map_or("by weight".into(), |limit| format!("{limit:.1} N, {:.2} weights", limit / robot.weight()));
+    let leg = robot.leg_mass();
+    let speed = imported.foot_speed.map_or("unlimited".into(), |speed| format!("{speed:.2} m/s"));
+    let radius = imported.foot_radius.map_or("none".into(), |radius| format!("{radius:.4} m"));
+    text += &format!("  force limit {force}; leg {leg:.3} kg at the foot; foot speed {speed}; radius of the feet {radius}\n");
+    imported.notes.iter().for_each(|note| text += &format!("  note: {note}\n"));
+    text
+}
+
+#[derive(Debug, Args)]
+pub struct Joints {
+    /// Trajectory file of `solve`
+    file: PathBuf,
+    /// Robot with joints: a JSON or TOML file; the trajectory's own by default
+    #[arg(long, value_name = "FILE")]
+    robot: Option<String>,
+    /// Times a second
+    #[arg(long, value_name = "HZ", default_value_t = RATE)]
+    rate: f64,
+    /// Where to write the joints as CSV: a row a time, three columns a joint
+    #[arg(short, long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Print the limits as JSON instead of text
+    #[arg(long)]
+    json: bool,
+}
+
+impl Joints {
+    fn run(&self) -> std::result::Result<Verdict, Failure> {
+        check_range("--rate", self.rate, RATES[0], RATES[1])?;
+        self.out.as_deref().map_or(Ok(()), files::check_writable)?;
+        let given = self.robot.as_deref().map(args::robot).transpose()?;
+        let trajectory = Trajectory::from_json(&files::read(&self.file)?).map_err(|e| e.in_file(&self.file, None))?;
+        let motion = self.robot(given, &trajectory).and_then(|robot| follow(&trajectory, &robot, self.rate));
+        let motion = motion.map_err(|e| e.in_file(&self.file, None))?;
+        if let Some(out) = &self.out {
+            files::write(out, &csv_text(&motion, out)?)?;
+        }
+        print(&if self.json { to_json(&motion.limits)? } else { limits_text(&motion) })?;
+        Ok(if motion.limits.kept { Verdict::Feasible } else { Verdict::Infeasible })
+    }
+
+    /// The robot on the command line, else the trajectory's.
+    fn robot(&self, given: Option<Arc<crate::Robot>>, trajectory: &Trajectory) -> Result<Arc<crate::Robot>> {
+        match (given, &trajectory.robot) {
+            (Some(robot), _) => Ok(robot),
+            (None, Some(NamedOr::Own(robot))) => Ok(Arc::new(robot.clone())),
+            (None, Some(NamedOr::Name(name))) => crate::Robot::named(name).map(Arc::new),
+            (None, None) => Err(Error::invalid("robot", "missing", "in the file, or given as --robot")),
+        }
+    }
+}
+
+/// A row a time: `time_s`, then position, velocity and torque of each joint.
+fn csv_text(motion: &JointMotion, out: &Path) -> Result<String> {
+    let units =
+        |turns: bool| if turns { ["position_rad", "velocity_rad/s", "torque_Nm"] } else { ["position_m", "velocity_m/s", "force_N"] };
+    let columns = motion.joints.iter().flat_map(|joint| units(joint.turns).map(|unit| format!("{}_{unit}", joint.name)));
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    let io = |e: csv::Error| Error::Io { action: "write", path: out.to_owned(), source: std::io::Error::other(e) };
+    writer.write_record(std::iter::once("time_s".into()).chain(columns)).map_err(io)?;
+    for sample in &motion.samples {
+        let joint = |j: usize| [sample.positions[j], sample.velocities[j], sample.efforts[j]];
+        let numbers = std::iter::once(sample.time).chain((0..motion.joints.len()).flat_map(joint));
+        writer.write_record(numbers.map(|v| v.to_string())).map_err(io)?;
+    }
+    let bytes = writer.into_inner().map_err(|e| io(e.into_error().into()))?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
+}
+
+/// The worst of each limit, for people.
+fn limits_text(motion: &JointMotion) -> String {
+    let JointLimits { position_margin, velocity, effort, miss, kept } = &motion.limits;
+    let mut text = format!("{} joints at {} times\n", motion.joints.len(), motion.samples.len());
+    let turns = |w: &Worst| motion.joints.iter().any(|joint| joint.name == w.name && joint.turns);
+    let mut line = |what: &str, [turning, sliding]: [&str; 2], worst: &Option<Worst>, say: &dyn Fn(&Worst, &str) -> String| {
+        text += &match worst {
+            Some(w) => format!("  {what:<10}{}, joint {} at {:.3} s\n", say(w, if turns(w) { turning } else { sliding }), w.name, w.time),
+            None => format!("  {what:<10}no limits\n"),
+        };
+    };
+    let distance = |w: &Worst, unit: &str| format!("{:.4} {unit} from its limit {:.4}", (w.value - w.limit).abs(), w.limit);
+    let share =
+        |w: &Worst, unit: &str| format!("{:.1} % of its limit: {:.3} of {:.3} {unit}", 100. * w.value.abs() / w.limit, w.value, w.limit);
+    line("position", ["rad", "m"], position_margin, &distance);
+    line("velocity", ["rad/s", "m/s"], velocity, &share);
+    line("torque", ["N m", "N"], effort, &share);
+    if miss.value > 0. {
+        text += &format!("  foot {} is out of reach by {:.4} m at {:.3} s\n", miss.name, miss.value, miss.time);
+    }
+    text + if *kept { "  within all limits\n" } else { "  beyond the limits\n" }
+}

@@ -1,0 +1,334 @@
+//! Joints along a motion: positions, velocities and torques of the legs of a robot that has them.
+//!
+//! The motion is that of a rigid body with massless legs, so torques are those of the contact forces alone, `-J' f`; what swings and carries the
+//! legs themselves is left out. The centre of a foot's ball is straight above its contact point.
+
+use super::Trajectory;
+use crate::error::{Error, Result, check_range};
+use crate::robot::Robot;
+use crate::robot::leg::{Leg, LegJoint, PRECISION};
+use nalgebra::{Rotation3, Vector3};
+use serde::Serialize;
+
+/// Times a second at which joints are computed, unless it is said.
+pub const RATE: f64 = 100.;
+/// Least and most times a second.
+pub const RATES: [f64; 2] = [1., 10_000.];
+/// How far a foot may be from its place, m; what the certificate allows outside of the reach box.
+const ALLOWED_MISS: f64 = 5e-3;
+
+/// What all joints do at one time, foot after foot in the order of the robot's chains.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointSample {
+    /// s
+    pub time: f64,
+    /// rad, or m of a joint that slides.
+    pub positions: Vec<f64>,
+    /// rad/s or m/s
+    pub velocities: Vec<f64>,
+    /// N m or N; of a joint on what it moves.
+    pub efforts: Vec<f64>,
+}
+
+/// Where something is nearest to its limit, or farthest beyond.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Worst {
+    /// Name of the joint, or of the foot.
+    pub name: String,
+    /// s
+    pub time: f64,
+    /// In the unit of the limit.
+    pub value: f64,
+    /// The limit.
+    pub limit: f64,
+}
+
+/// How near a motion comes to what the joints can do, at the times of the samples. None where no joint has such a limit.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct JointLimits {
+    /// Distance of a position to the nearer one of its limits, rad or m; positions are never beyond.
+    pub position_margin: Option<Worst>,
+    /// Speed in shares of its limit.
+    pub velocity: Option<Worst>,
+    /// Torque or force in shares of its limit.
+    pub effort: Option<Worst>,
+    /// Distance of a foot from where the motion has it, m: joints at their limits brought it no nearer.
+    pub miss: Worst,
+    /// Whether none of them is beyond its limit.
+    pub kept: bool,
+}
+
+/// Joints along a motion.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointMotion {
+    /// The joints, in the order of the samples' numbers.
+    pub joints: Vec<LegJoint>,
+    /// At equal distances, and at the end.
+    pub samples: Vec<JointSample>,
+    /// How near it comes to their limits.
+    pub limits: JointLimits,
+}
+
+/// Keeps the worse of two: that which is greater by a measure.
+fn keep(worst: &mut Option<Worst>, measure: impl Fn(&Worst) -> f64, new: Worst) {
+    if worst.as_ref().is_none_or(|old| measure(&new) > measure(old)) {
+        *worst = Some(new);
+    }
+}
+
+/// Follows a motion with the joints of a robot.
+///
+/// Each time starts from the joints of the time before, the first from the nominal ones, so that legs stay on one branch of their inverse
+/// kinematics. Velocities are those of the Jacobian, `J q' = v`, `v` of the foot against the base.
+///
+/// * `rate` - times a second
+///
+/// # Errors
+/// [`Error::Invalid`] when the robot has no joints or other feet than the motion, or the rate is out of its limits.
+pub fn follow(trajectory: &Trajectory, robot: &Robot, rate: f64) -> Result<JointMotion> {
+    check_range("rate", rate, RATES[0], RATES[1])?;
+    trajectory.validate()?;
+    robot.validate()?;
+    let Some(legs) = &robot.joints else {
+        let limit = "the joints of its legs in its file, as `robot import` writes them";
+        return Err(Error::invalid(format!("robot `{}`", robot.name.escape_debug()), "no `joints`", limit));
+    };
+    if trajectory.ee.len() != legs.len() {
+        let limit = format!("{} feet, as the robot `{}` has", legs.len(), robot.name.escape_debug());
+        return Err(Error::invalid("ee", format!("{} feet", trajectory.ee.len()), limit));
+    }
+    let mut tracker = Tracker::new(legs);
+    let steps = (trajectory.horizon * rate).floor() as usize;
+    let times = (0..=steps).map(|i| i as f64 / rate).filter(|t| *t < trajectory.horizon - 1e-9).chain([trajectory.horizon]);
+    let samples = times.map(|time| tracker.sample(trajectory, time)).collect();
+    let Tracker { position, velocity, effort, miss, .. } = tracker;
+    let beyond = |worst: &Option<Worst>| worst.as_ref().is_some_and(|w| w.value.abs() > w.limit);
+    let kept = !beyond(&velocity) && !beyond(&effort) && miss.value <= miss.limit;
+    Ok(JointMotion {
+        joints: legs.iter().flat_map(|leg| leg.chain.clone()).collect(),
+        samples,
+        limits: JointLimits { position_margin: position, velocity, effort, miss, kept },
+    })
+}
+
+/// Joints of the time before, and the worst so far.
+struct Tracker<'a> {
+    legs: &'a [Leg],
+    joints: Vec<Vec<f64>>,
+    position: Option<Worst>,
+    velocity: Option<Worst>,
+    effort: Option<Worst>,
+    miss: Worst,
+}
+
+impl Tracker<'_> {
+    fn new(legs: &[Leg]) -> Tracker<'_> {
+        let miss = Worst { name: String::new(), time: 0., value: 0., limit: ALLOWED_MISS };
+        Tracker { legs, joints: legs.iter().map(Leg::nominal).collect(), position: None, velocity: None, effort: None, miss }
+    }
+
+    /// Joints at a time.
+    fn sample(&mut self, trajectory: &Trajectory, time: f64) -> JointSample {
+        let vector = Vector3::<f64>::from;
+        let [position, velocity] = trajectory.base_lin.at(time).map(vector);
+        let [angles, rates] = trajectory.base_ang.at(time).map(vector);
+        let to_base = Rotation3::from_euler_angles(angles.x, angles.y, angles.z).inverse();
+        // omega = roll' x + pitch' Rz y + yaw' z, in the world.
+        let (sin, cos) = angles.z.sin_cos();
+        let forward = to_base.inverse() * Vector3::x();
+        let omega = to_base * (forward * rates.x + Vector3::new(-sin, cos, 0.) * rates.y + Vector3::z() * rates.z);
+        let mut sample = JointSample { time, positions: vec![], velocities: vec![], efforts: vec![] };
+        for (foot, leg) in self.legs.iter().enumerate() {
+            let curves = &trajectory.ee[foot];
+            let [place, speed] = curves.motion.at(time).map(vector);
+            let contact = to_base * (place - position);
+            let center = to_base * (place + Vector3::z() * leg.radius - position);
+            let (joints, missed) = leg.approach(&center, &self.joints[foot]);
+            if missed > PRECISION && missed > self.miss.value {
+                self.miss = Worst { name: leg.foot.clone(), time, value: missed, ..self.miss };
+            }
+            let at = leg.posture(&joints);
+            let against_base = to_base * (speed - velocity) - omega.cross(&center);
+            let rates = leg.rates(&at, &against_base);
+            let efforts = leg.efforts(&at, &contact, &(to_base * vector(curves.force.at(time)[0])));
+            for (j, joint) in leg.chain.iter().enumerate() {
+                self.look(joint, time, [joints[j], rates[j], efforts[j]]);
+            }
+            self.joints[foot].clone_from(&joints);
+            sample.positions.extend(joints);
+            sample.velocities.extend(rates);
+            sample.efforts.extend(efforts);
+        }
+        sample
+    }
+
+    /// Compares what a joint does with what it can.
+    fn look(&mut self, joint: &LegJoint, time: f64, [position, velocity, effort]: [f64; 3]) {
+        let worst = |value: f64, limit: f64| Worst { name: joint.name.clone(), time, value, limit };
+        for limit in joint.limits.into_iter().filter(|limit| limit.is_finite()) {
+            keep(&mut self.position, |w| -(w.value - w.limit).abs(), worst(position, limit));
+        }
+        let share = |w: &Worst| w.value.abs() / w.limit;
+        joint.velocity.into_iter().for_each(|limit| keep(&mut self.velocity, share, worst(velocity, limit)));
+        joint.effort.into_iter().for_each(|limit| keep(&mut self.effort, share, worst(effort, limit)));
+    }
+}
+
+#[cfg(all(test, feature = "urdf"))]
+mod tests {
+    use super::*;
+    use crate::gait::{Curve, FootCurves};
+    use crate::robot::import::{Import, configuration};
+
+    /// The quadruped of the imports' tests, standing.
+    fn quadruped() -> Robot {
+        let values = ["LF", "RF", "LH", "RH"].map(|leg| format!("{leg}_pitch=0.7854,{leg}_knee=-1.5708")).join(",");
+        let import = Import { configuration: configuration(&values).unwrap(), ..Import::default() };
+        import.urdf(include_str!("../../tests/data/quadruped.urdf")).unwrap().robot
+    }
+
+    /// Half a second in which the base moves and turns while feet 0 and 3 stand and the others swing.
+    fn motion(robot: &Robot) -> Trajectory {
+        let curve = |from: [f64; 6], to: [f64; 6]| Curve { poly_durations: vec![0.5], nodes: vec![from, to] };
+        let h = robot.base_height;
+        let base =
+            [curve([0., 0., h, 0.1, 0., 0.], [0.04, 0.01, h - 0.02, 0.1, 0.05, -0.1]), curve([0.; 6], [0.05, -0.04, 0.1, 0.1, 0., 0.2])];
+        let foot = |f: usize| {
+            let [x, y, _] = robot.nominal_feet[f];
+            let swings = f == 1 || f == 2;
+            let to = if swings { [x + 0.06, y, 0.03, 0.3, 0., 0.] } else { [x, y, 0., 0., 0., 0.] };
+            let push = if swings { [0.; 6] } else { [5., -3., robot.weight() / 2., 0., 0., 0.] };
+            FootCurves { motion: curve([x, y, 0., 0., 0., 0.], to), force: curve(push, push) }
+        };
+        Trajectory::new(vec![vec![0.5]; 4], 0.5, base, (0..4).map(foot).collect())
+    }
+
+    #[test]
+    fn joints_bring_feet_where_the_motion_has_them_and_velocities_are_those_of_the_positions() {
+        let robot = quadruped();
+        let trajectory = motion(&robot);
+        let rate = 2000.;
+        let found = follow(&trajectory, &robot, rate).unwrap();
+        let legs = robot.joints.as_ref().unwrap();
+        assert_eq!((found.samples.len(), found.joints.len()), (1001, 12));
+        assert!(found.limits.miss.value == 0. && found.limits.kept, "{:?}", found.limits);
+        for sample in found.samples.iter().step_by(100) {
+            let [p, _] = trajectory.base_lin.at(sample.time);
+            let [a, _] = trajectory.base_ang.at(sample.time);
+            let turn = Rotation3::from_euler_angles(a[0], a[1], a[2]);
+            for (foot, leg) in legs.iter().enumerate() {
+                let tip = leg.posture(&sample.positions[3 * foot..3 * foot + 3]).tip;
+                let contact = Vector3::from(p) + turn * tip - Vector3::z() * leg.radius;
+                assert!((contact - Vector3::from(trajectory.ee[foot].motion.at(sample.time)[0])).norm() < 2. * PRECISION);
+            }
+        }
+        for three in found.samples.windows(3).take(998) {
+            for j in 0..12 {
+                let difference = (three[2].positions[j] - three[0].positions[j]) * rate / 2.;
+                // Positions are off by their precision over the lever, and by the third derivative.
+                assert!((difference - three[1].velocities[j]).abs() < 2e-2, "joint {j}: {difference} and {}", three[1].velocities[j]);
+            }
+        }
+    }
+
+    #[test]
+    fn torques_do_the_work_that_the_force_does() {
+        // Virtual work: effort . dq = -f . dx for every change of the joints, x the contact point under a ball that does not turn.
+        let mut robot = quadruped();
+        robot.joints.as_mut().unwrap().iter_mut().for_each(|leg| leg.radius = 0.);
+        robot.nominal_feet.iter_mut().for_each(|foot| foot[2] += 0.02);
+        robot.base_height -= 0.02;
+        let trajectory = motion(&robot);
+        let found = follow(&trajectory, &robot, 20.).unwrap();
+        let legs = robot.joints.as_ref().unwrap();
+        for sample in &found.samples {
+            let [a, _] = trajectory.base_ang.at(sample.time);
+            let to_base = Rotation3::from_euler_angles(a[0], a[1], a[2]).inverse();
+            for (foot, leg) in legs.iter().enumerate() {
+                let force = to_base * Vector3::from(trajectory.ee[foot].force.at(sample.time)[0]);
+                let q = &sample.positions[3 * foot..3 * foot + 3];
+                for j in 0..3 {
+                    let moved = |d: f64| leg.posture(&std::array::from_fn::<f64, 3, _>(|i| q[i] + if i == j { d } else { 0. })).tip;
+                    let work = -force.dot(&(moved(1e-6) - moved(-1e-6))) / 2e-6;
+                    assert!((work - sample.efforts[3 * foot + j]).abs() < 1e-6 * robot.weight(), "foot {foot}, joint {j}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn limits_are_told_with_joint_and_time() {
+        let mut robot = quadruped();
+        let trajectory = motion(&robot);
+        let free = follow(&trajectory, &robot, RATE).unwrap();
+        let worst = free.limits.velocity.clone().unwrap();
+        let share = |s: &JointSample| s.velocities.iter().map(|v| v.abs() / 12.).fold(0., f64::max);
+        assert_eq!(worst.value.abs() / 12., free.samples.iter().map(share).fold(0., f64::max));
+        // Slower than that, weaker than its torque, and a knee that folds less than it should.
+        let effort = free.limits.effort.clone().unwrap();
+        for (change, part) in [
+            (&|joint: &mut LegJoint| joint.velocity = Some(worst.value.abs() * 0.9), 0),
+            (&|joint: &mut LegJoint| joint.effort = Some(effort.value.abs() * 0.9), 1),
+        ] as [(&dyn Fn(&mut LegJoint), usize); 2]
+        {
+            let mut weak = robot.clone();
+            weak.joints.as_mut().unwrap().iter_mut().flat_map(|leg| &mut leg.chain).for_each(change);
+            let limits = follow(&trajectory, &weak, RATE).unwrap().limits;
+            let told = [limits.velocity, limits.effort][part].clone().unwrap();
+            assert!(!limits.kept && told.value.abs() > told.limit && told.name == [&worst, &effort][part].name);
+        }
+        let knee = &mut robot.joints.as_mut().unwrap()[1].chain[2];
+        knee.limits[0] = knee.nominal;
+        let stiff = follow(&trajectory, &robot, RATE).unwrap().limits;
+        assert!(!stiff.kept && stiff.miss.value > ALLOWED_MISS && stiff.miss.name == "RF_foot", "{stiff:?}");
+        assert!(stiff.position_margin.unwrap().name == "RF_knee");
+    }
+
+    #[test]
+    fn what_has_no_joints_or_other_feet_is_refused() {
+        let robot = quadruped();
+        let trajectory = motion(&robot);
+        let refused = |robot: &Robot, rate: f64| follow(&trajectory, robot, rate).unwrap_err().to_string();
+        assert!(refused(&Robot::named("anymal").unwrap(), RATE).contains("no `joints`"));
+        assert!(refused(&robot, 0.).contains("rate: 0") && refused(&robot, f64::NAN).contains("rate"));
+        let mut odd = robot.clone();
+        odd.joints.as_mut().unwrap().pop();
+        assert!(refused(&odd, RATE).contains("robot.joints: 3 legs"));
+        odd.nominal_feet.pop();
+        odd.reach = crate::robot::Reach::Symmetric([0.1; 3]);
+        assert!(refused(&odd, RATE).contains("ee: 4 feet"));
+    }
+
+    #[test]
+    fn joints_survive_json_and_toml_bit_for_bit_and_bad_ones_are_named() {
+        let robot = quadruped();
+        let json = serde_json::to_string(&robot).unwrap();
+        assert_eq!(Robot::from_json(&json).unwrap(), robot);
+        for (from, to, parts) in [
+            ("\"axis\":[1.0,0.0,0.0]", "\"axis\":[0,0,0]", &["joints[0].chain[0]", "`LF_roll`, axis", "not all zero"][..]),
+            ("\"lower\":-0.6", "\"lower\":0.7", &["robot.joints[0].chain[0].lower", "0.7", "0.6"]),
+            ("\"velocity\":12.0", "\"velocity\":0", &["robot.joints[0].chain[0].velocity", "0"]),
+            ("\"type\":\"revolute\"", "\"type\":\"ball\"", &["joints[0].chain[0].type", "ball"]),
+            ("\"nominal\":0.0", "\"nominal\":1", &["robot.joints[0].chain[0].nominal", "0.6"]),
+        ] {
+            let changed = json.replacen(from, to, 1);
+            assert_ne!(changed, json, "{from}");
+            let error = Robot::from_json(&changed).unwrap_err().to_string();
+            assert!(parts.iter().all(|part| error.contains(part)), "{error}");
+        }
+        assert_eq!(crate::error::from_toml::<Robot>(&crate::error::to_toml(&robot).unwrap()).unwrap(), robot);
+    }
+
+    #[test]
+    fn a_curve_has_its_nodes_and_ends() {
+        let curve = Curve {
+            poly_durations: vec![0.2, 0.3],
+            nodes: vec![[0., 0., 0., 1., 0., 0.], [1., 2., 3., 0., 1., 0.], [4., 0., 0., 0., 0., 2.]],
+        };
+        assert_eq!((curve.at(-1.), curve.at(9.)), (curve.at(0.), curve.end()));
+        let [value, slope] = curve.at(0.2);
+        assert!((Vector3::from(value) - Vector3::new(1., 2., 3.)).norm() < 1e-14 && (Vector3::from(slope) - Vector3::y()).norm() < 1e-13);
+        let [[before, ..], [after, ..]] = [curve.at(0.3 - 1e-6)[0], curve.at(0.3 + 1e-6)[0]];
+        assert!(((after - before) / 2e-6 - curve.at(0.3)[1][0]).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,162 @@
+//! Where feet touch the ground, which links are feet, and the legs that move them.
+
+use super::tree::Tree;
+use super::urdf::{Collision, Motion, Shape};
+use crate::error::{Error, Result};
+use crate::robot::MAX_FEET;
+use crate::robot::leg::{Leg, LegJoint, MAX_JOINTS};
+use nalgebra::{Isometry3, Point3, Vector3};
+
+/// Feet that stand on the same ground: how far one may be above the lowest, in heights of the centre of mass above that.
+const SAME_GROUND: f64 = 0.05;
+/// Shapes of one foot whose lowest points are so near to each other touch the ground together, m.
+const SAME_SOLE: f64 = 5e-3;
+
+/// Where a foot touches the ground in a configuration.
+#[derive(Debug, Clone, Copy)]
+pub struct Contact {
+    /// Its link.
+    pub link: usize,
+    /// Centre of the foot's ball, else the contact point, in the frame of the base, m.
+    pub center: Vector3<f64>,
+    /// Radius of the ball, m; zero for a point.
+    pub radius: f64,
+    /// Number of shapes that touch the ground together: a flat foot has several, or one without a ball.
+    pub touching: usize,
+}
+
+impl Contact {
+    /// The contact point, in the frame of the base, m.
+    pub fn point(&self) -> Vector3<f64> {
+        self.center - Vector3::z() * self.radius
+    }
+}
+
+/// How far the lowest point of a shape is below its middle, m.
+fn depth(shape: Shape, turn: &Isometry3<f64>) -> f64 {
+    let axis = |axis: Vector3<f64>| (turn.rotation * axis).z.abs();
+    let (upright, radial) = (axis(Vector3::z()), |z: f64| (1. - z * z).max(0.).sqrt());
+    match shape {
+        Shape::Sphere(radius) => radius,
+        Shape::Box([x, y, z]) => (axis(Vector3::x()) * x + axis(Vector3::y()) * y + upright * z) / 2.,
+        Shape::Cylinder(radius, length) => upright * length / 2. + radial(upright) * radius,
+        Shape::Capsule(radius, length) => upright * length / 2. + radius,
+    }
+}
+
+/// Where a link touches the ground first: its collision spheres before its other shapes, the origin of its frame when it has none.
+///
+/// Several shapes that touch together are a flat foot, taken as the point in their middle.
+pub fn contact(tree: &Tree, frames: &[Isometry3<f64>], link: usize) -> Contact {
+    let (frame, collisions) = (&frames[link], &tree.model.links[link].collisions);
+    let is_ball = |c: &&Collision| matches!(c.shape, Shape::Sphere(_));
+    let balls: Vec<&Collision> = collisions.iter().filter(is_ball).collect();
+    let shapes: Vec<&Collision> = if balls.is_empty() { collisions.iter().collect() } else { balls };
+    let placed: Vec<(Vector3<f64>, f64)> = shapes
+        .iter()
+        .map(|c| {
+            let at = frame * c.origin;
+            (at.translation.vector, depth(c.shape, &at))
+        })
+        .collect();
+    let lowest = placed.iter().map(|(middle, depth)| middle.z - depth).fold(f64::INFINITY, f64::min);
+    let touching: Vec<usize> = (0..placed.len()).filter(|&i| placed[i].0.z - placed[i].1 <= lowest + SAME_SOLE).collect();
+    match touching.as_slice() {
+        [] => Contact { link, center: frame.translation.vector, radius: 0., touching: 0 },
+        &[only] => match shapes[only].shape {
+            Shape::Sphere(radius) => Contact { link, center: placed[only].0, radius, touching: 1 },
+            _ => Contact { link, center: placed[only].0 - Vector3::z() * placed[only].1, radius: 0., touching: 1 },
+        },
+        several => {
+            let sole = several.iter().map(|&i| placed[i].0 - Vector3::z() * placed[i].1).sum::<Vector3<f64>>() / several.len() as f64;
+            Contact { link, center: sole, radius: 0., touching: several.len() }
+        }
+    }
+}
+
+/// Links that stand on the ground: leaves that joints move and that are lowest.
+///
+/// * `center` - centre of mass, frame of the base, m
+///
+/// # Errors
+/// [`Error::Invalid`] when there are none, or more than [`MAX_FEET`].
+pub fn find(tree: &Tree, frames: &[Isometry3<f64>], center: &Vector3<f64>) -> Result<Vec<usize>> {
+    let mut moves = vec![false; frames.len()];
+    for &link in &tree.order {
+        let own = tree.above[link].is_some_and(|j| tree.model.joints[j].motion != Motion::Fixed);
+        moves[link] = own || tree.parents[link].is_some_and(|parent| moves[parent]);
+    }
+    let leaves: Vec<(usize, f64)> =
+        tree.leaves().filter(|&link| moves[link]).map(|link| (link, contact(tree, frames, link).point().z)).collect();
+    let lowest = leaves.iter().map(|leaf| leaf.1).fold(f64::INFINITY, f64::min);
+    let ground = lowest + SAME_GROUND * (center.z - lowest);
+    let feet: Vec<usize> = leaves.iter().filter(|leaf| leaf.1 <= ground && leaf.1 < center.z).map(|leaf| leaf.0).collect();
+    if feet.is_empty() || feet.len() > MAX_FEET {
+        let names: Vec<String> = feet.iter().take(10).map(|&f| format!("`{}`", tree.model.links[f].name.escape_debug())).collect();
+        let found = if feet.is_empty() { "none found".into() } else { format!("{} found: {}", feet.len(), names.join(", ")) };
+        let limit = format!("1 to {MAX_FEET} links below the centre of mass: name them with --feet, or give another --configuration");
+        return Err(Error::invalid("feet", found, limit));
+    }
+    Ok(feet)
+}
+
+/// The legs of feet: of the joints above each those that move no other foot; the others are the body's and held where they are.
+///
+/// * `values` - of all joints, rad or m
+/// * `center` - centre of mass, frame of the base, m: the legs' base frame is there
+///
+/// # Errors
+/// [`Error::Invalid`] for a foot that no joint of its own moves, or one that follows another joint.
+pub fn legs(tree: &Tree, frames: &[Isometry3<f64>], values: &[f64], center: &Vector3<f64>, contacts: &[Contact]) -> Result<Vec<Leg>> {
+    let paths: Vec<Vec<usize>> = contacts.iter().map(|contact| tree.path(contact.link)).collect();
+    let mut users = vec![0; values.len()];
+    paths.iter().flatten().for_each(|&j| users[j] += 1);
+    let leg = |(contact, path): (&Contact, &Vec<usize>)| {
+        let name = &tree.model.links[contact.link].name;
+        let (mut chain, mut pending) = (Vec::new(), Isometry3::translation(-center.x, -center.y, -center.z));
+        for &j in path {
+            let joint = &tree.model.joints[j];
+            if joint.motion == Motion::Fixed || users[j] > 1 {
+                pending *= tree.transform(joint, values[j]);
+                continue;
+            }
+            if let Some(mimic) = &joint.mimic {
+                let value = format!("follows joint `{}`", mimic.joint.escape_debug());
+                let limit = "moved by itself: joints of legs that follow others (mimic) are not supported";
+                return Err(Error::invalid(format!("joint `{}`", joint.name.escape_debug()), value, limit));
+            }
+            chain.push(LegJoint {
+                name: joint.name.clone(),
+                turns: joint.motion == Motion::Revolute,
+                origin: pending * joint.origin,
+                axis: joint.axis,
+                limits: joint.limits,
+                velocity: joint.velocity,
+                effort: joint.effort,
+                nominal: values[j],
+            });
+            pending = Isometry3::identity();
+        }
+        if chain.len() > MAX_JOINTS {
+            let limit = format!("moved by at most {MAX_JOINTS} joints");
+            return Err(Error::invalid(format!("foot `{}`", name.escape_debug()), format!("{} joints", chain.len()), limit));
+        }
+        if chain.is_empty() {
+            let limit = "moved by at least one joint that moves no other foot";
+            return Err(Error::invalid(format!("foot `{}`", name.escape_debug()), "no joint of its own", limit));
+        }
+        let tip = frames[contact.link].inverse_transform_point(&Point3::from(contact.center));
+        Ok(Leg { foot: name.clone(), tip: (pending * tip).coords.into(), radius: contact.radius, chain })
+    };
+    contacts.iter().zip(&paths).map(leg).collect()
+}
+
+/// Links that a leg's joints move.
+pub fn moved_by(tree: &Tree, leg: &Leg) -> Vec<usize> {
+    let mut moved = vec![false; tree.parents.len()];
+    for &link in &tree.order {
+        let first = tree.above[link].is_some_and(|j| tree.model.joints[j].name == leg.chain[0].name);
+        moved[link] = first || tree.parents[link].is_some_and(|parent| moved[parent]);
+    }
+    (0..moved.len()).filter(|&link| moved[link]).collect()
+}

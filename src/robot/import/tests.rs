@@ -1,0 +1,402 @@
+//! Robots whose numbers are known in closed form, and files that are no robots.
+
+use super::*;
+use crate::robot::leg::PRECISION;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
+use std::time::{Duration, Instant};
+
+/// Uniform box, kg and whole sides in m.
+fn box_inertia(mass: f64, [x, y, z]: [f64; 3]) -> [f64; 3] {
+    [y * y + z * z, x * x + z * z, x * x + y * y].map(|v| mass * v / 12.)
+}
+
+fn inertial(origin: &str, mass: f64, [xx, yy, zz]: [f64; 3]) -> String {
+    format!(
+        "<inertial><origin {origin}/><mass value=\"{mass}\"/><inertia ixx=\"{xx}\" ixy=\"0\" ixz=\"0\" iyy=\"{yy}\" iyz=\"0\" izz=\"{zz}\"/></inertial>"
+    )
+}
+
+fn joint(name: &str, kind: &str, ends: [&str; 2], inside: &str) -> String {
+    let [parent, child] = ends;
+    format!("<joint name=\"{name}\" type=\"{kind}\"><parent link=\"{parent}\"/><child link=\"{child}\"/>{inside}</joint>")
+}
+
+const BALL: &str = "<collision><geometry><sphere radius=\"0.02\"/></geometry></collision>";
+const LEGS: [&str; 4] = ["LF", "RF", "LH", "RH"];
+
+/// A quadruped with a base of 10 kg, thighs and calves of 0.25 m, knees folded backwards: feet stand under their hips at thigh 45 and calf -90
+/// degrees.
+fn quadruped(foot: &str) -> String {
+    include_str!("../../../tests/data/quadruped.urdf").replace(BALL, foot)
+}
+
+/// Standing on feet below their hips.
+fn standing() -> Vec<(String, f64)> {
+    let of = |leg: &&str| [(format!("{leg}_pitch"), FRAC_PI_4), (format!("{leg}_knee"), -FRAC_PI_2)];
+    LEGS.iter().flat_map(of).collect()
+}
+
+fn import(text: &str) -> Result<Imported> {
+    Import { configuration: standing(), ..Import::default() }.urdf(text)
+}
+
+fn legs(imported: &Imported) -> &[Leg] {
+    imported.robot.joints.as_deref().unwrap()
+}
+
+fn close(a: &[f64], b: &[f64], within: f64) {
+    assert!(a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() <= within), "{a:?}, but {b:?}");
+}
+
+#[test]
+fn mass_centre_and_inertia_are_those_of_the_boxes() {
+    // A box at the root and a longer one, turned by 90 degrees about z in its link, hung from a joint that is turned by 90 degrees about x; in
+    // axes of the base its sides (a, b, c) become (b, c, a). A massless link between them, which a fixed joint holds, changes nothing.
+    let (first, second) = ([0.4, 0.2, 0.1], [0.6, 0.3, 0.2]);
+    let base = inertial("xyz=\"0.1 0 0\"", 3., box_inertia(3., first));
+    let hung = inertial(&format!("xyz=\"0 0.5 0\" rpy=\"0 0 {FRAC_PI_2}\""), 2., box_inertia(2., second));
+    let text = format!(
+        "<robot name=\"two\"><link name=\"base\">{base}</link><link name=\"bare\"/><link name=\"hung\">{hung}</link>{}{}</robot>",
+        joint("hold", "fixed", ["base", "bare"], "<origin xyz=\"0 0 0.3\"/>"),
+        joint("turn", "continuous", ["bare", "hung"], &format!("<origin rpy=\"{} 0 0\"/><axis xyz=\"0 0 1\"/>", -FRAC_PI_2)),
+    );
+    let model = urdf::parse(&text).unwrap();
+    let tree = Tree::new(&model).unwrap();
+    let frames = tree.frames(&tree.configuration(&[]).unwrap());
+    let body = body::composite(frames.iter().zip(&model.links).filter_map(|(f, l)| l.inertial.as_ref().map(|i| (f, i))));
+    // y of the hung link points down in the base, so its centre is 0.5 m below the joint.
+    let centers = [[0.1, 0., 0.], [0., 0., 0.3 - 0.5]];
+    assert_eq!(body.mass, 5.);
+    let center: [f64; 3] = std::array::from_fn(|i| (3. * centers[0][i] + 2. * centers[1][i]) / 5.);
+    close(body.center.as_slice(), &center, 1e-15);
+    let sides = [first, [second[1], second[2], second[0]]];
+    let mut expected = [[0.; 3]; 3];
+    for ((mass, sides), at) in [3., 2.].into_iter().zip(sides).zip(centers) {
+        let (own, d) = (box_inertia(mass, sides), std::array::from_fn::<f64, 3, _>(|i| at[i] - center[i]));
+        for r in 0..3 {
+            for c in 0..3 {
+                let square = if r == c { own[r] + mass * d.iter().map(|v| v * v).sum::<f64>() } else { 0. };
+                expected[r][c] += square - mass * d[r] * d[c];
+            }
+        }
+    }
+    close(body.inertia.as_slice(), expected.as_flattened(), 1e-12);
+    // Turned by 90 degrees about the joint's axis, y of the base: the box lies along x.
+    let frames = tree.frames(&tree.configuration(&[("turn".into(), FRAC_PI_2)]).unwrap());
+    let hung = frames[2] * model.links[2].inertial.unwrap().origin;
+    close(hung.translation.vector.as_slice(), &[-0.5, 0., 0.3], 1e-15);
+}
+
+#[test]
+fn a_quadruped_has_the_feet_forces_and_legs_that_trigonometry_gives() {
+    let imported = import(&quadruped(BALL)).unwrap();
+    let robot = &imported.robot;
+    robot.validate().unwrap();
+    assert_eq!((robot.name.as_str(), robot.feet(), imported.foot_radius), ("four", 4, Some(0.02)));
+    assert_eq!(imported.feet.iter().map(|f| f.link.as_str()).collect::<Vec<_>>(), ["LF_foot", "RF_foot", "LH_foot", "RH_foot"]);
+    assert!(imported.notes[0].contains("`LF_foot`, `RF_foot`, `LH_foot`, `RH_foot`"), "{:?}", imported.notes);
+    // Each leg: two rods of 0.4 kg, whose middles are 0.125 and 0.375 m down the leg, and as far behind the hip as before it.
+    let s = FRAC_PI_4.sin();
+    let (rods, height) = ([[-0.125 * s, -0.125 * s], [-0.125 * s, -0.375 * s]], 0.5 * s);
+    let mass = 10. + 8. * 0.4;
+    assert!((robot.mass - mass).abs() < 1e-12);
+    let center = [4. * 0.4 * (rods[0][0] + rods[1][0]) / mass, 4. * 0.4 * (rods[0][1] + rods[1][1]) / mass];
+    close(&imported.center_of_mass, &[center[0], 0., center[1]], 1e-12);
+    assert!((robot.base_height - (height + center[1] + 0.02)).abs() < 1e-12);
+    for (foot, (x, y)) in [(0.2, 0.15), (0.2, -0.15), (-0.2, 0.15), (-0.2, -0.15)].into_iter().enumerate() {
+        close(&imported.feet[foot].frame, &[x - center[0], y, -height - center[1]], 1e-12);
+        close(&robot.nominal_feet[foot], &[x - center[0], y, -height - center[1] - 0.02], 1e-12);
+    }
+    // Only the knee has a lever under a vertical force: 0.25 sin 45.
+    assert!((robot.force_limit.unwrap() - 30. / (0.25 * s)).abs() < 1e-9);
+    // Hip and thigh move the foot along x and y, 0.5 cos 45 below them.
+    assert!((imported.foot_speed.unwrap() - 12. * height).abs() < 1e-9);
+    let moment: f64 = rods.iter().map(|rod| 0.4 * (rod[0] * rod[0] + rod[1] * rod[1])).sum();
+    assert!((robot.leg_mass.unwrap() - moment / (height * height)).abs() < 1e-12);
+}
+
+#[test]
+fn every_place_of_a_box_is_within_the_limits_of_the_joints_and_boxes_are_large() {
+    let imported = import(&quadruped(BALL)).unwrap();
+    let boxes: Vec<_> = imported.robot.reach_boxes().collect();
+    for (foot, (leg, reach)) in legs(&imported).iter().zip(&boxes).enumerate() {
+        let nominal = leg.posture(&leg.nominal());
+        let hip = nominal.anchors[0];
+        for corner in 0..27 {
+            let share = |axis: u32| (corner / 3_usize.pow(axis) % 3) as f64 / 2.;
+            let at = |axis: usize| reach.low[axis] + share(axis as u32) * (reach.high[axis] - reach.low[axis]);
+            let place = nominal.tip + Vector3::new(at(0), at(1), at(2)) - hip;
+            // Law of cosines in the plane of the leg, and the roll that brings the plane there.
+            let radius = place.norm();
+            let knee = -(std::f64::consts::PI - (1. - radius * radius / (2. * 0.25 * 0.25)).acos());
+            let roll = place.y.atan2(-place.z);
+            let pitch = (-place.x).atan2(place.y.hypot(place.z)) - knee / 2.;
+            let limits = [(roll, -0.6, 0.6), (pitch, -1.5, 2.5), (knee, -2.5, -0.5)];
+            assert!(limits.iter().all(|&(v, low, high)| v >= low - 1e-4 && v <= high + 1e-4), "foot {foot}, {corner}: {limits:?}");
+        }
+        // Left and right mirror each other.
+        let (other, sides) = (&boxes[foot ^ 1], [reach.low, reach.high]);
+        let mirrored = [[other.low[0], -other.high[1], other.low[2]], [other.high[0], -other.low[1], other.high[2]]];
+        close(sides.as_flattened(), mirrored.as_flattened(), 1e-9);
+        assert!(reach.widths()[0] > 0.2 && reach.widths()[1] > 0.1 && reach.widths()[2] > 0.1, "{reach:?}");
+    }
+}
+
+#[test]
+fn a_longer_box_along_any_side_would_be_out_of_reach_or_of_room() {
+    let imported = import(&quadruped(BALL)).unwrap();
+    for (foot, leg) in legs(&imported).iter().enumerate() {
+        let (nominal, reach) = (leg.posture(&leg.nominal()).tip, imported.robot.reach.of(foot));
+        let room = reach::room(leg, foot, &imported.robot.nominal_feet);
+        for axis in 0..3 {
+            for (end, sides) in [reach.low, reach.high].into_iter().enumerate() {
+                let longer = sides[axis] + if end == 0 { -0.02 } else { 0.02 };
+                let full = if end == 0 { longer < room[axis][0] } else { longer > room[axis][1] };
+                let corner = |corner: usize| {
+                    let mut place: [f64; 3] = std::array::from_fn(|i| if corner >> i & 1 == 0 { reach.low[i] } else { reach.high[i] });
+                    place[axis] = longer;
+                    nominal + Vector3::from(place)
+                };
+                assert!(full || (0..8).any(|c| leg.reach(&corner(c), &leg.nominal()).is_none()), "foot {foot}, axis {axis}, end {end}");
+            }
+        }
+    }
+}
+
+#[test]
+fn feet_touch_the_ground_with_balls_soles_or_their_frames() {
+    let low = |foot: &str| {
+        let imported = import(&quadruped(foot)).unwrap();
+        let (frame, contact) = (imported.feet[0].frame, imported.robot.nominal_feet[0]);
+        (std::array::from_fn::<f64, 3, _>(|i| contact[i] - frame[i]), imported)
+    };
+    let shape = |origin: &str, shape: &str| format!("<collision><origin {origin}/><geometry>{shape}</geometry></collision>");
+    // The calf is turned by -45 degrees about y: the foot's x axis points forward and up, its z axis up and backward.
+    let s = FRAC_PI_4.sin();
+    let (offset, imported) = low(&shape("xyz=\"0 0 0.1\"", "<sphere radius=\"0.03\"/>"));
+    close(&offset, &[-0.1 * s, 0., 0.1 * s - 0.03], 1e-12);
+    assert_eq!((imported.foot_radius, legs(&imported)[0].radius), (Some(0.03), 0.03));
+    let (offset, imported) = low("<collision><geometry><mesh filename=\"package://nowhere/foot.stl\"/></geometry></collision>");
+    close(&offset, &[0.; 3], 1e-12);
+    assert!(imported.foot_radius.is_none() && imported.notes.iter().any(|n| n.contains("origin of their frames")), "{:?}", imported.notes);
+    // A ball counts before a shape that is lower.
+    let both = shape("", "<box size=\"0.2 0.2 0.2\"/>") + &shape("", "<sphere radius=\"0.01\"/>");
+    close(&low(&both).0, &[0., 0., -0.01], 1e-12);
+    // Four balls on a sole, level in this configuration, are a flat foot.
+    let ball = |x: f64, y: f64| shape(&format!("xyz=\"{} {y} {}\"", x * s, -x * s), "<sphere radius=\"0.01\"/>");
+    let sole = [(0.1, 0.03), (0.1, -0.03), (-0.04, 0.03), (-0.04, -0.03)].map(|(x, y)| ball(x, y)).concat();
+    let (offset, imported) = low(&sole);
+    close(&offset, &[0.03, 0., -0.01], 1e-12);
+    assert!(imported.foot_radius.is_none() && imported.notes.iter().any(|n| n.contains("flat feet")), "{:?}", imported.notes);
+    // Shapes stand on what is lowest of them: here an edge of a box, and the rims of a cylinder and a capsule.
+    close(&low(&shape("", "<box size=\"0.04 0.1 0.02\"/>")).0, &[0., 0., -0.03 * s], 1e-12);
+    close(&low(&shape("", "<cylinder radius=\"0.02\" length=\"0.06\"/>")).0, &[0., 0., -(0.03 + 0.02) * s], 1e-12);
+    close(&low(&shape("", "<capsule radius=\"0.02\" length=\"0.06\"/>")).0, &[0., 0., -0.03 * s - 0.02], 1e-12);
+}
+
+#[test]
+fn joints_rest_at_zero_or_in_the_middle_and_followers_follow() {
+    let text = quadruped(BALL).replacen("</robot>", "", 1)
+        + "<link name=\"arm\"/><link name=\"hand\"/>"
+        + &joint(
+            "reach",
+            "prismatic",
+            ["base", "arm"],
+            "<axis xyz=\"1 0 0\"/><limit lower=\"0.2\" upper=\"0.4\" effort=\"1\" velocity=\"1\"/>",
+        )
+        + &joint(
+            "grip",
+            "revolute",
+            ["arm", "hand"],
+            "<mimic joint=\"reach\" multiplier=\"2\" offset=\"-0.1\"/><limit effort=\"1\" velocity=\"1\"/>",
+        )
+        + "</robot>";
+    let imported = import(&text).unwrap();
+    let value = |name: &str| imported.configuration.iter().find(|(joint, _)| joint == name).unwrap().1;
+    close(&[value("LF_roll"), value("LF_knee"), value("reach"), value("grip")], &[0., -FRAC_PI_2, 0.3, 0.5], 1e-12);
+    let resting = Import::default().urdf(&text).unwrap();
+    assert_eq!(resting.configuration.iter().find(|(joint, _)| joint == "LF_knee").unwrap().1, -1.5);
+}
+
+#[test]
+fn a_leg_may_slide_and_joints_above_two_feet_are_held() {
+    let slide = quadruped(BALL).replace(
+        "name=\"LF_knee\" type=\"revolute\"><parent link=\"LF_thigh\"/><child link=\"LF_calf\"/><origin xyz=\"0 0 -0.25\"/><axis xyz=\"0 1 0\"/><limit lower=\"-2.5\" upper=\"-0.5\"",
+        "name=\"LF_knee\" type=\"prismatic\"><parent link=\"LF_thigh\"/><child link=\"LF_calf\"/><origin xyz=\"0 0 -0.1\"/><axis xyz=\"0 0 -1\"/><limit lower=\"-0.1\" upper=\"0.1\"",
+    );
+    let mut configuration = standing();
+    configuration[0].1 = 0.1;
+    configuration[1].1 = 0.;
+    let imported = Import { feet: vec!["LF_foot".into(), "RH_foot".into()], configuration, ..Import::default() }.urdf(&slide).unwrap();
+    let leg = &legs(&imported)[0];
+    assert!(!leg.chain[2].turns && imported.robot.reach.of(0).widths()[2] > 0.1);
+    let target = leg.posture(&[0.1, 0.2, 0.05]).tip;
+    assert!((leg.posture(&leg.reach(&target, &leg.nominal()).unwrap()).tip - target).norm() <= PRECISION);
+    // A waist above the two hind legs is the body's.
+    let waist = "<link name=\"hind\"/>".to_owned()
+        + &joint(
+            "waist",
+            "revolute",
+            ["base", "hind"],
+            "<axis xyz=\"0 0 1\"/><limit lower=\"-1\" upper=\"1\" effort=\"9\" velocity=\"9\"/>",
+        );
+    let mut bent = quadruped(BALL).replace("</robot>", &(waist + "</robot>"));
+    for leg in ["LH", "RH"] {
+        bent = bent.replace(
+            &format!("<parent link=\"base\"/><child link=\"{leg}_hip\"/>"),
+            &format!("<parent link=\"hind\"/><child link=\"{leg}_hip\"/>"),
+        );
+    }
+    let bent = import(&bent).unwrap();
+    assert!(legs(&bent).iter().all(|leg| leg.chain.len() == 3));
+    let mut straight = import(&quadruped(BALL)).unwrap().robot;
+    straight.joints = bent.robot.joints.clone();
+    assert_eq!(bent.robot, straight);
+}
+
+/// What a change of a good file, or of what is asked of it, is refused with.
+#[test]
+fn errors_name_the_place_the_value_and_the_limit() {
+    let good = quadruped(BALL);
+    let check = |text: &str, import: &Import, parts: &[&str]| {
+        let error = import.urdf(text).unwrap_err().to_string();
+        assert!(parts.iter().all(|part| error.contains(part)) && error.lines().count() == 1 && error.len() < 500, "{parts:?}: {error}");
+    };
+    let standing = Import { configuration: standing(), ..Import::default() };
+    check("", &standing, &["empty"]);
+    check(" \n", &standing, &["empty"]);
+    check("<robot name=\"x\">", &standing, &["no XML"]);
+    check(&good[..good.len() / 2], &standing, &["no XML"]);
+    check("<sdf/>", &standing, &["<sdf>", "<robot>"]);
+    check("<robot name=\"x\"/>", &standing, &["links that no joint moves", "none"]);
+    let changes: &[(&str, &str, &[&str])] = &[
+        ("<inertial>", "<nothing>", &["no XML"]),
+        ("mass value=\"10\"", "mass value=\"heavy\"", &["line 4", "link `base`, <mass>, `value`", "\"heavy\"", "a number"]),
+        ("mass value=\"10\"", "mass value=\"NaN\"", &["link `base`, <mass>", "\"NaN\""]),
+        ("mass value=\"10\"", "mass value=\"-1\"", &["link `base`, <mass>", "-1", "not negative"]),
+        ("mass value=\"10\"", "mass value=\"1e300\"", &["link `base`, <mass>", "1000000000"]),
+        ("xyz=\"0 0 -0.125\"", "xyz=\"0 0 x 1\"", &["link `LF_thigh`, <origin>, `xyz`", "\"0 0 x 1\"", "3 numbers"]),
+        ("xyz=\"0 0 -0.125\"", "xyz=\"0 0 ${z}\"", &["`xyz`", "${z}", "a number"]),
+        ("<parent link=\"base\"/>", "<parent link=\"bass\"/>", &["joint `LF_roll`, parent", "`bass`", "`base`"]),
+        ("<child link=\"LF_calf\"/>", "<child link=\"LF_thigh\"/>", &["link `LF_thigh`", "`LF_pitch` and `LF_knee`", "loops"]),
+        ("<parent link=\"base\"/>", "<parent link=\"LF_foot\"/>", &["link `LF_hip`", "in a loop"]),
+        ("<link name=\"LF_hip\"/>", "<link name=\"LF_hip\"/><link name=\"lost\"/>", &["2: `base`, `lost`", "one, the base"]),
+        ("<link name=\"LF_hip\"/>", "<link name=\"LF_hip\"/><link name=\"LF_hip\"/>", &["link `LF_hip`", "twice"]),
+        ("type=\"revolute\"", "type=\"ball\"", &["joint `LF_roll`, `type`", "\"ball\"", "revolute"]),
+        ("axis xyz=\"1 0 0\"", "axis xyz=\"0 0 0\"", &["joint `LF_roll`, <axis>", "0 0 0", "a direction"]),
+        ("lower=\"-0.6\"", "lower=\"0.7\"", &["joint `LF_roll`, <limit>", "0.7", "`upper`, 0.6"]),
+        ("<sphere radius=\"0.02\"/>", "<sphere/>", &["link `LF_foot`, <sphere>, `radius`", "missing"]),
+        (
+            "<axis xyz=\"1 0 0\"/>",
+            "<axis xyz=\"1 0 0\"/><mimic joint=\"RF_roll\"/>",
+            &["joint `LF_roll`", "follows joint `RF_roll`", "mimic"],
+        ),
+        ("<axis xyz=\"1 0 0\"/>", "<axis xyz=\"1 0 0\"/><mimic joint=\"RF_rol\"/>", &["joint `LF_roll`, mimic", "`RF_rol`", "`RF_roll`"]),
+        ("<axis xyz=\"1 0 0\"/>", "<axis xyz=\"1 0 0\"/><mimic joint=\"LF_roll\"/>", &["joint `LF_roll`, mimic", "loop"]),
+        ("name=\"four\"", "name=\"fo\u{200b}ur\"", &["robot.name"]),
+    ];
+    for (from, to, parts) in changes {
+        let text = good.replacen(from, to, 1);
+        assert_ne!(text, good, "{from}");
+        check(&text, &standing, parts);
+    }
+    let massless = good.replace("<inertial>", "<!--").replace("</inertial>", "-->");
+    check(&massless, &standing, &["mass of all links", "0 kg", "0 of 17 links"]);
+    let asked: &[(&[&str], &str, &[&str])] = &[
+        (&["LF_fot"], "", &["feet", "`LF_fot`", "`LF_foot`"]),
+        (&["LF_foot", "LF_foot"], "", &["feet", "`LF_foot`", "once"]),
+        (&["base"], "", &["foot `base`", "no joint of its own"]),
+        (&["a", "b", "c", "d", "e", "f", "g", "h", "i"], "", &["9 named", "at most 8"]),
+        (&[], "LF_nee=1", &["configuration", "`LF_nee`", "`LF_knee`"]),
+        (&[], "LF_knee=1", &["joint `LF_knee`", "1", "-2.5 to -0.5"]),
+        (&[], "LF_knee=-1,LF_knee=-1", &["joint `LF_knee`", "given once"]),
+        (&[], "LF_ankle=0", &["joint `LF_ankle`", "fixed"]),
+        // Feet above the base.
+        (&["LF_foot"], "LF_pitch=2.5,LF_knee=-0.5", &["above"]),
+    ];
+    for (feet, values, parts) in asked {
+        let import = Import { feet: feet.iter().map(|&f| f.into()).collect(), configuration: configuration(values).unwrap(), name: None };
+        check(&good, &import, parts);
+    }
+    for (text, part) in [("LF_knee", "JOINT=VALUE"), ("LF_knee=far", "`LF_knee=far`"), ("LF_knee=NaN", "joint `LF_knee`")] {
+        assert!(configuration(text).unwrap_err().to_string().contains(part), "{text}");
+    }
+}
+
+#[test]
+fn too_many_feet_or_none_are_told_of() {
+    let base = inertial("", 10., [1.; 3]);
+    let rod = inertial("xyz=\"0 0 -0.1\"", 0.1, [0.01; 3]);
+    let limit = "<limit lower=\"-1\" upper=\"1\" effort=\"1\" velocity=\"1\"/>";
+    let robot = |legs: usize, z: f64| {
+        let leg = |i: usize| {
+            let hip = joint(&format!("hip {i}"), "revolute", ["base", &format!("leg {i}")], &format!("<origin xyz=\"0 {i} {z}\"/>{limit}"));
+            format!("<link name=\"leg {i}\">{rod}</link>{hip}")
+        };
+        format!("<robot name=\"x\"><link name=\"base\">{base}</link>{}</robot>", (0..legs).map(leg).collect::<String>())
+    };
+    let refused = |text: &str| Import::default().urdf(text).unwrap_err().to_string();
+    assert!(refused(&robot(9, -0.3)).contains("9 found: `leg 0`"));
+    assert!(refused(&robot(0, 0.)).contains("none found"));
+    assert!(refused(&robot(2, 0.9)).contains("none found"));
+    assert!(refused(&robot(2, -0.3)).contains("reaches 0.0000 m along x with 1 joints"), "{}", refused(&robot(2, -0.3)));
+}
+
+#[test]
+fn deep_and_long_files_end_neither_the_stack_nor_the_day() {
+    let start = Instant::now();
+    let deep = format!("<robot name=\"x\">{}{}</robot>", "<a>".repeat(100_000), "</a>".repeat(100_000));
+    assert!(import(&deep).unwrap_err().to_string().contains("none"));
+    // A chain of joints as long as a file of some megabytes has.
+    let link = |i: usize| {
+        format!("<link name=\"l{i}\"/>{}", joint(&format!("j{i}"), "continuous", [&format!("l{}", i.max(1) - 1), &format!("l{i}")], ""))
+    };
+    let chain = format!(
+        "<robot name=\"x\"><link name=\"l0\">{}</link>{}</robot>",
+        inertial("", 1., [1.; 3]),
+        (1..20_000).map(link).collect::<String>()
+    );
+    let error = Import { feet: vec!["l19999".into()], ..Import::default() }.urdf(&chain).unwrap_err().to_string();
+    assert!(error.contains("19999 joints") && error.contains("at most"), "{error}");
+    let long = " ".repeat(MAX_URDF + 1);
+    assert!(import(&long).unwrap_err().to_string().contains("size of the URDF"));
+    assert!(start.elapsed() < Duration::from_secs(20), "{:?}", start.elapsed());
+}
+
+#[test]
+fn mutated_files_are_read_or_refused() {
+    let good = quadruped(BALL);
+    let parts = [
+        "<", ">", "\"", "0", "-1", "1e308", "NaN", "inf", "-", " ", "", "link", "joint", "base", "LF_calf", "&lt;", "&#0;", "<!--",
+        "\u{e9}",
+    ];
+    let mut random = ChaCha8Rng::seed_from_u64(7);
+    let start = Instant::now();
+    let (mut read, mut refused) = (0, 0);
+    for i in 0..2000 {
+        let mut text: Vec<char> = good.chars().collect();
+        for _ in 0..random.random_range(1..4) {
+            let at = random.random_range(0..text.len());
+            let until = (at + random.random_range(0..12)).min(text.len());
+            let part = parts[random.random_range(0..parts.len())];
+            text.splice(at..until, part.chars());
+        }
+        if i % 10 == 0 {
+            text.truncate(random.random_range(0..text.len()));
+        }
+        match import(&text.into_iter().collect::<String>()) {
+            Ok(imported) => {
+                imported.robot.validate().unwrap();
+                read += 1;
+            }
+            Err(error) => {
+                assert!(!error.to_string().is_empty());
+                refused += 1;
+            }
+        }
+    }
+    assert!(read > 20 && refused > 500, "{read} read, {refused} refused");
+    assert!(start.elapsed() < Duration::from_secs(30), "{:?}", start.elapsed());
+}

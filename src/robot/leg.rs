@@ -1,0 +1,410 @@
+//! Legs as chains of joints: where the foot is, how it moves with the joints, and joints that bring it to a place.
+//!
+//! Written here rather than taken from the crate `k`, which brings another version of nalgebra than this crate has.
+
+use crate::error::{Error, Result, check_name, check_range};
+use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, Quaternion, Unit, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// Most joints of a leg: a chain of more is none.
+pub const MAX_JOINTS: usize = 64;
+/// How near the foot is brought to a place, m.
+pub const PRECISION: f64 = 1e-6;
+/// Most steps of a solve; from a neighbouring place it needs three to five.
+const STEPS: usize = 100;
+/// Longest step of a joint, rad or m: longer ones leave the range in which the Jacobian says where the foot goes.
+const LONGEST_STEP: f64 = 0.3;
+
+/// A joint of a leg.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "file::Joint", into = "file::Joint")]
+pub struct LegJoint {
+    /// Name in the robot's file.
+    pub name: String,
+    /// Whether it turns about its axis, or slides along it.
+    pub turns: bool,
+    /// Frame of the joint at zero, in that of the joint before it; the first one's in the frame of the base.
+    pub origin: Isometry3<f64>,
+    /// Axis in its own frame.
+    pub axis: Unit<Vector3<f64>>,
+    /// Lower and upper limit, rad or m; infinite when there are none.
+    pub limits: [f64; 2],
+    /// Largest speed, rad/s or m/s.
+    pub velocity: Option<f64>,
+    /// Largest torque or force, N m or N.
+    pub effort: Option<f64>,
+    /// Value in the nominal configuration, rad or m.
+    pub nominal: f64,
+}
+
+/// A chain of joints from the base to a foot, first the joint at the base.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Leg {
+    /// Name of the foot's link.
+    pub foot: String,
+    /// Centre of the foot's ball in the frame of the last joint, m; the contact point itself when the radius is zero.
+    pub tip: [f64; 3],
+    /// Radius of the foot's ball, m: the contact point is so far below its centre.
+    pub radius: f64,
+    /// 1 to [`MAX_JOINTS`].
+    #[cfg_attr(feature = "schema", schemars(with = "Vec<file::Joint>"))]
+    pub chain: Vec<LegJoint>,
+}
+
+/// Where a leg is, base frame.
+#[derive(Debug, Clone)]
+pub struct Posture {
+    /// Centre of the foot's ball, m.
+    pub tip: Vector3<f64>,
+    /// Where each joint is, m.
+    pub anchors: Vec<Vector3<f64>>,
+    /// Axis of each joint.
+    pub axes: Vec<Vector3<f64>>,
+}
+
+impl Leg {
+    /// The nominal configuration, rad or m.
+    pub fn nominal(&self) -> Vec<f64> {
+        self.chain.iter().map(|joint| joint.nominal).collect()
+    }
+
+    /// Where the leg is when its joints have values `q`, rad or m.
+    pub fn posture(&self, q: &[f64]) -> Posture {
+        let mut frame = Isometry3::identity();
+        let (mut anchors, mut axes) = (Vec::with_capacity(q.len()), Vec::with_capacity(q.len()));
+        for (joint, &value) in self.chain.iter().zip(q) {
+            frame *= joint.origin;
+            anchors.push(frame.translation.vector);
+            axes.push(frame.rotation * joint.axis.into_inner());
+            frame *= joint_motion(joint.turns, &joint.axis, value);
+        }
+        Posture { tip: (frame * Point3::from(Vector3::from(self.tip))).coords, anchors, axes }
+    }
+
+    /// Velocity of the tip for a unit speed of each joint, base frame, `[3][joints]`.
+    pub fn jacobian(&self, at: &Posture) -> DMatrix<f64> {
+        let columns = self
+            .chain
+            .iter()
+            .enumerate()
+            .map(|(j, joint)| if joint.turns { at.axes[j].cross(&(at.tip - at.anchors[j])) } else { at.axes[j] });
+        let columns: Vec<_> = columns.collect();
+        DMatrix::from_fn(3, columns.len(), |row, column| columns[column][row])
+    }
+
+    /// Distance along the leg from its first joint to the tip, m: no place is reached from farther away.
+    pub fn length(&self) -> f64 {
+        let between: f64 = self.chain.iter().skip(1).map(|joint| joint.origin.translation.vector.norm()).sum();
+        between + Vector3::from(self.tip).norm()
+    }
+
+    /// Joint values within their limits that bring the tip to a place within [`PRECISION`]; none when none were found. As [`Leg::approach`].
+    pub fn reach(&self, target: &Vector3<f64>, start: &[f64]) -> Option<Vec<f64>> {
+        let (q, missed) = self.approach(target, start);
+        (missed <= PRECISION).then_some(q)
+    }
+
+    /// Joint values within their limits that bring the tip as near to a place as was found, and how far it is from there, m.
+    ///
+    /// Levenberg-Marquardt: `dq = J' (J J' + d I)^-1 e`, joints at a limit left out when they would pass it. Deterministic, and continuous
+    /// in the place: of several solutions it finds the one on the branch of `start`.
+    ///
+    /// * `target` - base frame, m
+    /// * `start` - joint values of a place near by, rad or m
+    pub fn approach(&self, target: &Vector3<f64>, start: &[f64]) -> (Vec<f64>, f64) {
+        let mut q = self.within_limits(start);
+        let mut at = self.posture(&q);
+        let mut missing = target - at.tip;
+        let scale = self.length().max(PRECISION);
+        let mut damping = 1e-4 * scale * scale;
+        for _ in 0..STEPS {
+            if missing.norm() <= PRECISION || damping > 1e4 * scale * scale {
+                break;
+            }
+            let Some(next) = self.step(&q, &at, &missing, damping) else { break };
+            let next = self.within_limits(&next);
+            let there = self.posture(&next);
+            if (target - there.tip).norm() < missing.norm() {
+                (q, at) = (next, there);
+                missing = target - at.tip;
+                damping *= 0.1;
+            } else {
+                damping *= 10.;
+            }
+        }
+        (q, missing.norm())
+    }
+
+    /// A step towards a place, of which no joint at a limit takes part that would pass it.
+    fn step(&self, q: &[f64], at: &Posture, missing: &Vector3<f64>, damping: f64) -> Option<Vec<f64>> {
+        let mut jacobian = self.jacobian(at);
+        loop {
+            let normal = Matrix3::from_fn(|r, c| jacobian.row(r).dot(&jacobian.row(c)));
+            let solved = (normal + Matrix3::identity() * damping.max(1e-12)).try_inverse()? * missing;
+            let step = jacobian.transpose() * DVector::from_column_slice(solved.as_slice());
+            let blocked = |j: usize| {
+                let [lower, upper] = self.chain[j].limits;
+                step[j] < 0. && q[j] <= lower || step[j] > 0. && q[j] >= upper
+            };
+            let Some(stopped) = (0..q.len()).find(|&j| blocked(j)) else {
+                let longest = step.amax();
+                let shorter = if longest > LONGEST_STEP { LONGEST_STEP / longest } else { 1. };
+                return Some(q.iter().zip(step.iter()).map(|(v, d)| v + d * shorter).collect());
+            };
+            // Its part of the step is zero from here on, so that it is found once at most.
+            jacobian.column_mut(stopped).fill(0.);
+        }
+    }
+
+    fn within_limits(&self, q: &[f64]) -> Vec<f64> {
+        self.chain.iter().zip(q).map(|(joint, v)| v.max(joint.limits[0]).min(joint.limits[1])).collect()
+    }
+
+    /// Joint speeds at which the tip has a velocity, least squares, rad/s or m/s. Near a posture in which it cannot have it they are large.
+    ///
+    /// * `velocity` - of the tip against the base, base frame, m/s
+    pub fn rates(&self, at: &Posture, velocity: &Vector3<f64>) -> Vec<f64> {
+        let jacobian = self.jacobian(at);
+        let normal = Matrix3::from_fn(|r, c| jacobian.row(r).dot(&jacobian.row(c)));
+        // Little enough to leave no trace where the leg can move, and no zero where it cannot.
+        let damped = normal + Matrix3::identity() * (1e-10 * self.length() * self.length()).max(f64::MIN_POSITIVE);
+        let solved = damped.try_inverse().map_or(Vector3::zeros(), |inverse| inverse * velocity);
+        (jacobian.transpose() * DVector::from_column_slice(solved.as_slice())).as_slice().to_vec()
+    }
+
+    /// Torques, or forces of sliding joints, with which massless joints hold a force on the foot: `-J' f`, N m or N.
+    ///
+    /// * `contact` - where the force acts, base frame, m
+    /// * `force` - on the robot, base frame, N
+    pub fn efforts(&self, at: &Posture, contact: &Vector3<f64>, force: &Vector3<f64>) -> Vec<f64> {
+        let at = Posture { tip: *contact, ..at.clone() };
+        (-self.jacobian(&at).transpose() * DVector::from_column_slice(force.as_slice())).as_slice().to_vec()
+    }
+
+    /// Checks that this is a leg.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] names the place.
+    pub(super) fn validate(&self, place: &str) -> Result<()> {
+        if self.chain.is_empty() || self.chain.len() > MAX_JOINTS {
+            let value = format!("{} joints", self.chain.len());
+            return Err(Error::invalid(format!("{place}.chain"), value, format!("1 to {MAX_JOINTS} joints")));
+        }
+        check_name(&format!("{place}.foot"), &self.foot)?;
+        check_range(&format!("{place}.radius"), self.radius, 0., 10.)?;
+        self.tip.iter().try_for_each(|&v| check_range(&format!("{place}.tip"), v, -100., 100.))?;
+        for (j, joint) in self.chain.iter().enumerate() {
+            let place = format!("{place}.chain[{j}]");
+            check_name(&format!("{place}.name"), &joint.name)?;
+            let [lower, upper] = joint.limits;
+            if lower.is_nan() || upper.is_nan() || lower > upper {
+                return Err(Error::invalid(format!("{place}.lower"), lower, format!("at most `upper`, {upper}")));
+            }
+            check_range(&format!("{place}.nominal"), joint.nominal, lower.max(-1e3), upper.min(1e3))?;
+            joint.origin.translation.vector.iter().try_for_each(|&v| check_range(&format!("{place}.origin"), v, -100., 100.))?;
+            for (limit, name) in [(joint.velocity, "velocity"), (joint.effort, "effort")] {
+                limit.map_or(Ok(()), |v| check_range(&format!("{place}.{name}"), v, 1e-9, 1e9))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Largest force along z that the joints' efforts bear at a posture, N: `|J_z' f| <= effort`. Infinite when no effort limits it.
+    pub fn vertical_force(&self, at: &Posture) -> f64 {
+        let jacobian = self.jacobian(at);
+        let bears = |(j, joint): (usize, &LegJoint)| joint.effort.map_or(f64::INFINITY, |effort| effort / jacobian[(2, j)].abs());
+        self.chain.iter().enumerate().map(bears).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Largest speed that the tip has in every horizontal direction along x and y when no joint is faster than it can, m/s. Infinite when no
+    /// joint's speed limits it, none when the tip cannot move in one of them.
+    pub fn horizontal_speed(&self, at: &Posture) -> Option<f64> {
+        let jacobian = self.jacobian(at);
+        let inverse = jacobian.clone().pseudo_inverse(1e-6).ok()?;
+        let moves = |axis: usize| {
+            let rates = inverse.column(axis);
+            let reached = (&jacobian * rates)[axis];
+            let fastest = |(j, joint): (usize, &LegJoint)| joint.velocity.map_or(f64::INFINITY, |v| v / rates[j].abs());
+            (reached > 0.99).then(|| self.chain.iter().enumerate().map(fastest).fold(f64::INFINITY, f64::min))
+        };
+        Some(moves(0)?.min(moves(1)?))
+    }
+}
+
+/// Joints as files have them.
+mod file {
+    use super::{Isometry3, LegJoint, Quaternion, Unit, UnitQuaternion, Vector3};
+    use serde::{Deserialize, Serialize};
+
+    #[derive(Serialize, Deserialize)]
+    #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+    #[serde(deny_unknown_fields)]
+    pub struct Joint {
+        name: String,
+        #[serde(rename = "type")]
+        kind: Kind,
+        /// x, y, z, m.
+        origin: [f64; 3],
+        /// w, x, y, z.
+        rotation: [f64; 4],
+        axis: [f64; 3],
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        lower: Option<f64>,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        upper: Option<f64>,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        velocity: Option<f64>,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        effort: Option<f64>,
+        nominal: f64,
+    }
+
+    #[derive(Serialize, Deserialize)]
+    #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+    #[serde(rename_all = "lowercase")]
+    enum Kind {
+        Revolute,
+        Prismatic,
+    }
+
+    impl TryFrom<Joint> for LegJoint {
+        type Error = String;
+
+        fn try_from(joint: Joint) -> Result<LegJoint, String> {
+            let wrong = |what: &str, value: &[f64]| {
+                format!("joint `{}`, {what}: {value:?}, but it must be numbers that are not all zero", joint.name.escape_debug())
+            };
+            // What has its length already keeps its digits.
+            let has_length = |values: &[f64]| (values.iter().map(|v| v * v).sum::<f64>() - 1.).abs() < 1e-12;
+            let ([w, i, j, k], axis) = (joint.rotation, Vector3::from(joint.axis));
+            let turn = Quaternion::new(w, i, j, k);
+            let turn = if has_length(&joint.rotation) { Some(Unit::new_unchecked(turn)) } else { Unit::try_new(turn, 1e-6) };
+            let axis = if has_length(&joint.axis) { Some(Unit::new_unchecked(axis)) } else { Unit::try_new(axis, 1e-6) };
+            let turn: UnitQuaternion<f64> = turn.ok_or_else(|| wrong("rotation", &joint.rotation))?;
+            let axis = axis.ok_or_else(|| wrong("axis", &joint.axis))?;
+            Ok(LegJoint {
+                origin: Isometry3::from_parts(Vector3::from(joint.origin).into(), turn),
+                turns: matches!(joint.kind, Kind::Revolute),
+                axis,
+                limits: [joint.lower.unwrap_or(f64::NEG_INFINITY), joint.upper.unwrap_or(f64::INFINITY)],
+                velocity: joint.velocity,
+                effort: joint.effort,
+                nominal: joint.nominal,
+                name: joint.name,
+            })
+        }
+    }
+
+    impl From<LegJoint> for Joint {
+        fn from(joint: LegJoint) -> Joint {
+            let turn = joint.origin.rotation;
+            let [lower, upper] = joint.limits.map(|limit| limit.is_finite().then_some(limit));
+            Joint {
+                name: joint.name,
+                kind: if joint.turns { Kind::Revolute } else { Kind::Prismatic },
+                origin: joint.origin.translation.vector.into(),
+                rotation: [turn.w, turn.i, turn.j, turn.k],
+                axis: joint.axis.into_inner().into(),
+                lower,
+                upper,
+                velocity: joint.velocity,
+                effort: joint.effort,
+                nominal: joint.nominal,
+            }
+        }
+    }
+}
+
+/// What a joint does to what hangs from it.
+pub(super) fn joint_motion(turns: bool, axis: &Unit<Vector3<f64>>, value: f64) -> Isometry3<f64> {
+    if turns {
+        Isometry3::from_parts(Default::default(), UnitQuaternion::from_axis_angle(axis, value))
+    } else {
+        Isometry3::translation(axis.x * value, axis.y * value, axis.z * value)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::PI;
+
+    fn joint(name: &str, axis: Unit<Vector3<f64>>, xyz: [f64; 3], limits: [f64; 2], nominal: f64) -> LegJoint {
+        let [x, y, z] = xyz;
+        let origin = Isometry3::translation(x, y, z);
+        LegJoint { name: name.into(), turns: true, origin, axis, limits, velocity: Some(10.), effort: Some(20.), nominal }
+    }
+
+    /// Hip about x, thigh and calf of 0.2 m about y, knee folded backwards by 90 degrees.
+    fn leg() -> Leg {
+        let y = Vector3::y_axis();
+        Leg {
+            foot: "foot".into(),
+            chain: vec![
+                joint("hip", Vector3::x_axis(), [0.3, 0.1, 0.], [-0.5, 0.5], 0.),
+                joint("thigh", y, [0., 0., 0.], [-2., 2.], PI / 4.),
+                joint("calf", y, [0., 0., -0.2], [-2.5, -0.5], -PI / 2.),
+            ],
+            tip: [0., 0., -0.2],
+            radius: 0.,
+        }
+    }
+
+    #[test]
+    fn the_foot_is_where_trigonometry_puts_it() {
+        let leg = leg();
+        let at = leg.posture(&leg.nominal());
+        // Both halves are 45 degrees off the vertical.
+        assert!((at.tip - Vector3::new(0.3, 0.1, -0.4 * (PI / 4.).cos())).norm() < 1e-15);
+        assert!((leg.length() - 0.4).abs() < 1e-15);
+    }
+
+    #[test]
+    fn the_jacobian_is_that_of_differences_also_of_a_joint_that_slides() {
+        let mut leg = leg();
+        leg.chain[1].turns = false;
+        for leg in [leg, self::leg()] {
+            let q = [0.3, -0.2, -1.1];
+            let jacobian = leg.jacobian(&leg.posture(&q));
+            for j in 0..3 {
+                let tip = |d: f64| leg.posture(&std::array::from_fn::<f64, 3, _>(|i| q[i] + if i == j { d } else { 0. })).tip;
+                let difference = (tip(1e-6) - tip(-1e-6)) / 2e-6;
+                assert!((0..3).all(|row| (jacobian[(row, j)] - difference[row]).abs() < 1e-9), "joint {j}");
+            }
+        }
+    }
+
+    #[test]
+    fn places_are_reached_within_the_limits_and_others_are_not() {
+        let leg = leg();
+        let nominal = leg.nominal();
+        for q in [[0.4, 1., -2.], [-0.49, -0.5, -0.6], [0.5, 0.3, -0.5]] {
+            let target = leg.posture(&q).tip;
+            let found = leg.reach(&target, &nominal).unwrap();
+            assert!((leg.posture(&found).tip - target).norm() <= PRECISION);
+            // The knee keeps its side, so there is one solution.
+            assert!(found.iter().zip(q).all(|(a, b)| (a - b).abs() < 1e-3), "{found:?}, but {q:?}");
+            assert!(found.iter().zip(&leg.chain).all(|(v, j)| (j.limits[0]..=j.limits[1]).contains(v)));
+        }
+        // Farther than the leg is long, nearer than the knee folds, farther aside than the hip turns.
+        for target in [[0.3, 0.1, -0.41], [0.3, 0.1, -0.05], [0.3, 0.4, -0.2]] {
+            assert_eq!(leg.reach(&target.into(), &nominal), None, "{target:?}");
+        }
+    }
+
+    #[test]
+    fn forces_and_speeds_are_those_of_the_levers() {
+        let leg = leg();
+        let at = leg.posture(&leg.nominal());
+        // The foot is under the hip: only the calf has a lever, 0.2 sin 45.
+        let lever = 0.2 * (PI / 4.).sin();
+        assert!((leg.vertical_force(&at) - 20. / lever).abs() < 1e-9);
+        // Thigh and hip move it along x and y, 2 levers below them.
+        assert!((leg.horizontal_speed(&at).unwrap() - 10. * 2. * lever).abs() < 1e-9);
+        let mut weak = leg.clone();
+        weak.chain.iter_mut().for_each(|joint| joint.effort = None);
+        assert_eq!(weak.vertical_force(&at), f64::INFINITY);
+    }
+}

@@ -1,0 +1,107 @@
+//! Robot files as users make and use them: from a URDF, as JSON or TOML.
+
+use assert_cmd::Command;
+use std::fs;
+use std::path::Path;
+use std::process::Output;
+use std::time::Duration;
+
+const STANDING: &str =
+    "LF_pitch=0.785,LF_knee=-1.57,RF_pitch=0.785,RF_knee=-1.57,LH_pitch=0.785,LH_knee=-1.57,RH_pitch=0.785,RH_knee=-1.57";
+
+fn run(folder: &Path, args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_cregopt")).args(args).current_dir(folder).timeout(Duration::from_secs(60)).output().unwrap()
+}
+
+/// Runs it, checks the exit code and returns what it printed.
+fn ran(folder: &Path, args: &[&str], code: i32) -> [String; 2] {
+    let output = run(folder, args);
+    let texts = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
+    assert_eq!(output.status.code(), Some(code), "{texts:?}");
+    texts
+}
+
+fn urdf(folder: &Path) {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/quadruped.urdf");
+    fs::copy(source, folder.join("four.urdf")).unwrap();
+}
+
+#[test]
+fn an_imported_robot_walks_from_json_and_from_toml_alike() {
+    let dir = tempfile::tempdir().unwrap();
+    urdf(dir.path());
+    let import = ["robot", "import", "four.urdf", "--configuration", STANDING];
+    let [printed, notes] = ran(dir.path(), &import, 0);
+    assert!(notes.contains("13.200 kg") && notes.contains("foot RH_foot") && notes.contains("lowest"), "{notes}");
+    let mut costs = Vec::new();
+    for name in ["robot.json", "robot.toml"] {
+        let [summary, silence] = ran(dir.path(), &[&import[..], &["-o", name]].concat(), 0);
+        assert_eq!((summary.trim(), silence.as_str()), (notes.trim(), ""));
+        let [result, _] = ran(dir.path(), &["solve", "--robot", name, "--goal", "0.5,0", "--first", "--threads", "1", "--json"], 0);
+        let result: serde_json::Value = serde_json::from_str(&result).unwrap();
+        costs.push(result["gait"]["objective"].as_f64().unwrap());
+    }
+    assert_eq!(fs::read_to_string(dir.path().join("robot.json")).unwrap(), printed);
+    assert_eq!(costs[0], costs[1]);
+}
+
+#[test]
+fn what_is_no_robot_exits_4_and_leaves_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    urdf(dir.path());
+    let good = fs::read_to_string(dir.path().join("four.urdf")).unwrap();
+    fs::write(dir.path().join("empty.urdf"), "").unwrap();
+    fs::write(dir.path().join("half.urdf"), &good[..700]).unwrap();
+    fs::write(dir.path().join("binary.urdf"), [0xff, 0xfe, 0x00]).unwrap();
+    let cases: &[(&[&str], &[&str])] = &[
+        (&["empty.urdf"], &["empty.urdf", "empty"]),
+        (&["half.urdf"], &["half.urdf", "no XML"]),
+        (&["binary.urdf"], &["binary.urdf", "UTF-8"]),
+        (&["none.urdf"], &["none.urdf"]),
+        (&["/dev/zero"], &["/dev/zero", "67108864"]),
+        (&["four.urdf", "--feet", "LF_fot"], &["four.urdf", "`LF_fot`", "`LF_foot`"]),
+        (&["four.urdf", "--configuration", "LF_knee=0"], &["four.urdf", "`LF_knee`", "-2.5 to -0.5"]),
+    ];
+    for (args, parts) in cases {
+        let [_, error] = ran(dir.path(), &[&["robot", "import", "-o", "robot.toml"], *args].concat(), 4);
+        assert!(parts.iter().all(|part| error.contains(part)) && error.lines().count() == 1, "{error}");
+    }
+    let [_, error] = ran(dir.path(), &["robot", "import", "four.urdf", "--configuration", "LF_knee"], 2);
+    assert!(error.contains("JOINT=VALUE"), "{error}");
+    let [_, error] = ran(dir.path(), &["robot", "import", "four.urdf", "-o", "nowhere/robot.toml"], 4);
+    assert!(error.contains("nowhere"), "{error}");
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 4);
+}
+
+#[test]
+fn joints_follow_the_motion_of_an_imported_robot() {
+    let dir = tempfile::tempdir().unwrap();
+    urdf(dir.path());
+    ran(dir.path(), &["robot", "import", "four.urdf", "--configuration", STANDING, "-o", "robot.toml"], 0);
+    ran(dir.path(), &["solve", "--robot", "robot.toml", "--goal", "0.5,0", "--first", "--threads", "1", "--out", "out"], 0);
+    let joints = ["robot", "joints", "out/trajectory.json", "--rate", "200", "-o", "joints.csv"];
+    let output = run(dir.path(), &joints);
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.starts_with("12 joints at ") && text.contains("torque") && text.contains("limits"), "{text}");
+    let within = text.contains("within all limits");
+    assert_eq!(output.status.code(), Some(if within { 0 } else { 3 }), "{text}");
+    let [json, _] = ran(dir.path(), &[&joints[..], &["--json"]].concat(), if within { 0 } else { 3 });
+    let limits: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((&limits["kept"], &limits["miss"]["limit"]), (&within.into(), &5e-3.into()));
+    let trajectory: serde_json::Value = serde_json::from_str(&fs::read_to_string(dir.path().join("out/trajectory.json")).unwrap()).unwrap();
+    let csv = fs::read_to_string(dir.path().join("joints.csv")).unwrap();
+    let rows: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
+    assert_eq!((rows[0].len(), rows[0][0], rows[0][3], rows[0][36]), (37, "time_s", "LF_roll_torque_Nm", "RH_knee_torque_Nm"));
+    let last: f64 = rows.last().unwrap()[0].parse().unwrap();
+    assert_eq!(last, trajectory["T"].as_f64().unwrap());
+    assert!(rows.len() > (200. * last) as usize && rows.iter().all(|row| row.len() == 37));
+    // At rest at the start, on the nominal joints.
+    for (column, value) in [(1, 0.), (4, 0.785), (7, -1.57), (5, 0.)] {
+        assert!((rows[1][column].parse::<f64>().unwrap() - value).abs() < 1e-4, "{} {}", rows[0][column], rows[1][column]);
+    }
+    ran(dir.path(), &["solve", "--scenario", "s1", "--first", "--threads", "1", "--out", "other"], 0);
+    let [_, error] = ran(dir.path(), &["robot", "joints", "other/trajectory.json"], 4);
+    assert!(error.contains("other/trajectory.json") && error.contains("no `joints`"), "{error}");
+    let [_, error] = ran(dir.path(), &["robot", "joints", "out/trajectory.json", "--rate", "0"], 2);
+    assert!(error.contains("rate: 0"), "{error}");
+}
