@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 use crate::robot::MAX_FEET;
 use crate::robot::leg::{Leg, LegJoint, MAX_JOINTS};
 use nalgebra::{Isometry3, Point3, Vector3};
+use std::collections::HashSet;
 
 /// Feet that stand on the same ground: how far one may be above the lowest, in heights of the centre of mass above that.
 const SAME_GROUND: f64 = 0.05;
@@ -74,23 +75,26 @@ pub fn contact(tree: &Tree, frames: &[Isometry3<f64>], link: usize) -> Contact {
     }
 }
 
-/// Links that stand on the ground: leaves that joints move and that are lowest.
+/// Links that stand on the ground: leaves that joints move and that are lowest. Of several that the same joint moves last, as sole and sensors of
+/// one foot are, it is the first in the file.
 ///
 /// * `center` - centre of mass, frame of the base, m
 ///
 /// # Errors
 /// [`Error::Invalid`] when there are none, or more than [`MAX_FEET`].
 pub fn find(tree: &Tree, frames: &[Isometry3<f64>], center: &Vector3<f64>) -> Result<Vec<usize>> {
-    let mut moves = vec![false; frames.len()];
+    let mut movers = vec![None; frames.len()];
     for &link in &tree.order {
-        let own = tree.above[link].is_some_and(|j| tree.model.joints[j].motion != Motion::Fixed);
-        moves[link] = own || tree.parents[link].is_some_and(|parent| moves[parent]);
+        let own = tree.above[link].filter(|&j| tree.model.joints[j].motion != Motion::Fixed);
+        movers[link] = own.or_else(|| tree.parents[link].and_then(|parent| movers[parent]));
     }
-    let leaves: Vec<(usize, f64)> =
-        tree.leaves().filter(|&link| moves[link]).map(|link| (link, contact(tree, frames, link).point().z)).collect();
+    let height = |link: usize| contact(tree, frames, link).point().z;
+    let leaves: Vec<(usize, f64)> = tree.leaves().filter(|&link| movers[link].is_some()).map(|link| (link, height(link))).collect();
     let lowest = leaves.iter().map(|leaf| leaf.1).fold(f64::INFINITY, f64::min);
     let ground = lowest + SAME_GROUND * (center.z - lowest);
-    let feet: Vec<usize> = leaves.iter().filter(|leaf| leaf.1 <= ground && leaf.1 < center.z).map(|leaf| leaf.0).collect();
+    let mut moved = HashSet::new();
+    let stands = |&(link, z): &(usize, f64)| (z <= ground && z < center.z && moved.insert(movers[link])).then_some(link);
+    let feet: Vec<usize> = leaves.iter().filter_map(stands).collect();
     if feet.is_empty() || feet.len() > MAX_FEET {
         let names: Vec<String> = feet.iter().take(10).map(|&f| format!("`{}`", tree.model.links[f].name.escape_debug())).collect();
         let found = if feet.is_empty() { "none found".into() } else { format!("{} found: {}", feet.len(), names.join(", ")) };

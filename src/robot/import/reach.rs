@@ -63,8 +63,7 @@ pub fn grow(leg: &Leg, room: &Sides) -> Result<Sides> {
         if high - low < NARROWEST {
             let (place, count) = (format!("foot `{}`", leg.foot.escape_debug()), leg.chain.len());
             let value = format!("reaches {:.4} m along {} with {count} joints", high - low, ["x", "y", "z"][axis]);
-            let limit =
-                format!("at least {NARROWEST} m: a leg needs three joints, and in the configuration none stretched or at its limit");
+            let limit = format!("at least {NARROWEST} m: a leg needs three joints, and a --configuration in which it is bent");
             return Err(Error::invalid(place, value, limit));
         }
     }

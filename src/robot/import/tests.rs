@@ -197,6 +197,16 @@ fn feet_touch_the_ground_with_balls_soles_or_their_frames() {
 }
 
 #[test]
+fn sensors_beside_a_foot_are_no_feet_of_their_own_and_huge_limits_are_none() {
+    let sensors =
+        "<link name=\"LF_heel\"/>".to_owned() + &joint("LF_sensor", "fixed", ["LF_calf", "LF_heel"], "<origin xyz=\"0 0 -0.27\"/>");
+    let text = quadruped(BALL).replace("</robot>", &(sensors + "</robot>")).replacen("upper=\"2.5\"", "upper=\"1e16\"", 1);
+    let imported = import(&text).unwrap();
+    assert_eq!(imported.feet.iter().map(|f| f.link.as_str()).collect::<Vec<_>>(), ["LF_foot", "RF_foot", "LH_foot", "RH_foot"]);
+    assert_eq!(legs(&imported)[0].chain[1].limits, [-1.5, f64::INFINITY]);
+}
+
+#[test]
 fn joints_rest_at_zero_or_in_the_middle_and_followers_follow() {
     let text = quadruped(BALL).replacen("</robot>", "", 1)
         + "<link name=\"arm\"/><link name=\"hand\"/>"
@@ -270,7 +280,13 @@ fn errors_name_the_place_the_value_and_the_limit() {
     check("<robot name=\"x\">", &standing, &["no XML"]);
     check(&good[..good.len() / 2], &standing, &["no XML"]);
     check("<sdf/>", &standing, &["<sdf>", "<robot>"]);
-    check("<robot name=\"x\"/>", &standing, &["links that no joint moves", "none"]);
+    check("<robot name=\"x\"/>", &standing, &["links", "none", "at least one"]);
+    let ring = format!(
+        "<robot name=\"x\"><link name=\"a\"/><link name=\"b\"/>{}{}</robot>",
+        joint("i", "fixed", ["a", "b"], ""),
+        joint("j", "fixed", ["b", "a"], "")
+    );
+    check(&ring, &standing, &["links that no joint moves", "none", "without loops"]);
     let changes: &[(&str, &str, &[&str])] = &[
         ("<inertial>", "<nothing>", &["no XML"]),
         ("mass value=\"10\"", "mass value=\"heavy\"", &["line 4", "link `base`, <mass>, `value`", "\"heavy\"", "a number"]),
@@ -348,7 +364,7 @@ fn too_many_feet_or_none_are_told_of() {
 fn deep_and_long_files_end_neither_the_stack_nor_the_day() {
     let start = Instant::now();
     let deep = format!("<robot name=\"x\">{}{}</robot>", "<a>".repeat(100_000), "</a>".repeat(100_000));
-    assert!(import(&deep).unwrap_err().to_string().contains("none"));
+    assert!(import(&deep).unwrap_err().to_string().contains("links: none"));
     // A chain of joints as long as a file of some megabytes has.
     let link = |i: usize| {
         format!("<link name=\"l{i}\"/>{}", joint(&format!("j{i}"), "continuous", [&format!("l{}", i.max(1) - 1), &format!("l{i}")], ""))

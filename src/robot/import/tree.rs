@@ -50,6 +50,9 @@ impl<'a> Tree<'a> {
     /// # Errors
     /// [`Error::Invalid`] when links do not form one tree: names that are twice or not there, several roots, loops.
     pub fn new(model: &'a Model) -> Result<Tree<'a>> {
+        if model.links.is_empty() {
+            return Err(Error::invalid("links", "none", "at least one"));
+        }
         let links = index("link", model.links.iter().map(|link| link.name.as_str()))?;
         let joints = index("joint", model.joints.iter().map(|joint| joint.name.as_str()))?;
         let count = model.links.len();

@@ -182,10 +182,11 @@ fn name(node: Node) -> Result<String> {
     if name.trim().is_empty() { Err(Error::invalid(format!("{}, `name`", place(node)), "\"\"", "a name")) } else { Ok(name.into()) }
 }
 
-/// A number; limits of joints may be infinite.
+/// A number; limits of joints may be infinite, and are when they are too large for anything else.
 fn number(node: Node, attribute: &str, text: &str, infinite: bool) -> Result<f64> {
     match text.trim().parse::<f64>() {
-        Ok(v) if v.abs() <= LARGEST || infinite && v.is_infinite() => Ok(v),
+        Ok(v) if v.abs() <= LARGEST => Ok(v),
+        Ok(v) if infinite && !v.is_nan() => Ok(v.signum() * f64::INFINITY),
         _ => {
             let limit = format!("a number from {} to {LARGEST}", -LARGEST);
             Err(Error::invalid(format!("{}, `{attribute}`", place(node)), format!("\"{}\"", shortened(text)), limit))
