@@ -47,7 +47,7 @@ fn depth(shape: Shape, turn: &Isometry3<f64>) -> f64 {
 
 /// Where a link touches the ground first: its collision spheres before its other shapes, the origin of its frame when it has none.
 ///
-/// Several shapes that touch together are a flat foot, taken as the point in their middle.
+/// Several shapes that touch together are a flat foot, taken as a point: that of the sole which is nearest under its frame.
 pub fn contact(tree: &Tree, frames: &[Isometry3<f64>], link: usize) -> Contact {
     let (frame, collisions) = (&frames[link], &tree.model.links[link].collisions);
     let is_ball = |c: &&Collision| matches!(c.shape, Shape::Sphere(_));
@@ -69,7 +69,14 @@ pub fn contact(tree: &Tree, frames: &[Isometry3<f64>], link: usize) -> Contact {
             _ => Contact { link, center: placed[only].0 - Vector3::z() * placed[only].1, radius: 0., touching: 1 },
         },
         several => {
-            let sole = several.iter().map(|&i| placed[i].0 - Vector3::z() * placed[i].1).sum::<Vector3<f64>>() / several.len() as f64;
+            let soles: Vec<Vector3<f64>> = several.iter().map(|&i| placed[i].0 - Vector3::z() * placed[i].1).collect();
+            let mean = soles.iter().sum::<Vector3<f64>>() / soles.len() as f64;
+            // Under the link's frame, the ankle, as far as the sole goes: there a force asks least of it.
+            let along = |axis: usize| {
+                let ends = soles.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], p| [low.min(p[axis]), high.max(p[axis])]);
+                frame.translation.vector[axis].max(ends[0]).min(ends[1])
+            };
+            let sole = Vector3::new(along(0), along(1), mean.z);
             Contact { link, center: sole, radius: 0., touching: several.len() }
         }
     }

@@ -6,6 +6,7 @@
 mod body;
 mod feet;
 mod reach;
+mod stance;
 #[cfg(test)]
 mod tests;
 mod tree;
@@ -77,7 +78,7 @@ impl Import {
     pub fn urdf(&self, text: &str) -> Result<Imported> {
         let model = urdf::parse(text)?;
         let tree = Tree::new(&model)?;
-        let values = tree.configuration(&self.configuration)?;
+        let (values, stands) = self.values(&model, &tree)?;
         let frames = tree.frames(&values);
         let weighed = |link: usize| model.links[link].inertial.as_ref().map(|inertial| (&frames[link], inertial));
         let body = body::composite((0..model.links.len()).filter_map(weighed));
@@ -125,9 +126,38 @@ impl Import {
             foot_speed: slowest.filter(|speed| speed.is_finite()),
             center_of_mass: center.into(),
             configuration: moving.map(|(joint, &value)| (joint.name.clone(), value)).collect(),
-            notes: self.notes(&tree, &robot, &contacts, vertical),
+            notes: self.notes(&tree, &robot, &contacts, vertical, stands),
             robot,
         })
+    }
+
+    /// Values of all joints: those given or, when none are, such that the robot stands on bent legs if it can, and whether it was made to.
+    fn values(&self, model: &urdf::Model, tree: &Tree) -> Result<(Vec<f64>, bool)> {
+        let mut values = tree.configuration(&self.configuration)?;
+        if !self.configuration.is_empty() {
+            return Ok((values, false));
+        }
+        let frames = tree.frames(&values);
+        let center =
+            body::composite((0..model.links.len()).filter_map(|link| Some((&frames[link], model.links[link].inertial.as_ref()?)))).center;
+        let links = if self.feet.is_empty() { feet::find(tree, &frames, &center) } else { self.named_feet(tree) };
+        let legs = links.and_then(|links| {
+            let contacts: Vec<Contact> = links.iter().map(|&link| feet::contact(tree, &frames, link)).collect();
+            feet::legs(tree, &frames, &values, &center, &contacts)
+        });
+        // What is wrong with them is said where they are needed.
+        let Some((legs, standing)) = legs.ok().and_then(|legs| stance::standing(&legs).map(|q| (legs, q))) else {
+            return Ok((values, false));
+        };
+        for (leg, q) in legs.iter().zip(standing) {
+            for (joint, value) in leg.chain.iter().zip(q) {
+                if let Some(j) = model.joints.iter().position(|other| other.name == joint.name) {
+                    values[j] = value;
+                }
+            }
+        }
+        tree.follow(&mut values)?;
+        Ok((values, true))
     }
 
     fn named_feet(&self, tree: &Tree) -> Result<Vec<usize>> {
@@ -146,8 +176,11 @@ impl Import {
     }
 
     /// What was guessed, left out or looks odd.
-    fn notes(&self, tree: &Tree, robot: &Robot, contacts: &[Contact], vertical: f64) -> Vec<String> {
+    fn notes(&self, tree: &Tree, robot: &Robot, contacts: &[Contact], vertical: f64, stands: bool) -> Vec<String> {
         let mut notes = Vec::new();
+        if stands {
+            notes.push("no configuration was given: legs are bent so that the robot stands".into());
+        }
         let name = |contact: &Contact| format!("`{}`", tree.model.links[contact.link].name.escape_debug());
         let names = |of: &dyn Fn(&&Contact) -> bool| contacts.iter().filter(of).map(name).collect::<Vec<_>>().join(", ");
         if self.feet.is_empty() {
@@ -155,7 +188,7 @@ impl Import {
         }
         let (flat, bare) = (names(&|c| c.touching > 1 || c.touching == 1 && c.radius == 0.), names(&|c| c.touching == 0));
         if !flat.is_empty() {
-            notes.push(format!("flat feet are taken as points in the middle of their soles: {flat}"));
+            notes.push(format!("flat feet are taken as points, where their soles are under the ankles: {flat}"));
         }
         if !bare.is_empty() {
             notes.push(format!("feet without collision shapes other than meshes touch the ground at the origin of their frames: {bare}"));

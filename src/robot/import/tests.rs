@@ -188,7 +188,10 @@ fn feet_touch_the_ground_with_balls_soles_or_their_frames() {
     let ball = |x: f64, y: f64| shape(&format!("xyz=\"{} {y} {}\"", x * s, -x * s), "<sphere radius=\"0.01\"/>");
     let sole = [(0.1, 0.03), (0.1, -0.03), (-0.04, 0.03), (-0.04, -0.03)].map(|(x, y)| ball(x, y)).concat();
     let (offset, imported) = low(&sole);
-    close(&offset, &[0.03, 0., -0.01], 1e-12);
+    close(&offset, &[0., 0., -0.01], 1e-12);
+    // One that is ahead of the ankle is stood on at its end.
+    let ahead = [(0.1, 0.03), (0.1, -0.03), (0.02, 0.03), (0.02, -0.03)].map(|(x, y)| ball(x, y)).concat();
+    close(&low(&ahead).0, &[0.02, 0., -0.01], 1e-12);
     assert!(imported.foot_radius.is_none() && imported.notes.iter().any(|n| n.contains("flat feet")), "{:?}", imported.notes);
     // Shapes stand on what is lowest of them: here an edge of a box, and the rims of a cylinder and a capsule.
     close(&low(&shape("", "<box size=\"0.04 0.1 0.02\"/>")).0, &[0., 0., -0.03 * s], 1e-12);
@@ -226,8 +229,21 @@ fn joints_rest_at_zero_or_in_the_middle_and_followers_follow() {
     let imported = import(&text).unwrap();
     let value = |name: &str| imported.configuration.iter().find(|(joint, _)| joint == name).unwrap().1;
     close(&[value("LF_roll"), value("LF_knee"), value("reach"), value("grip")], &[0., -FRAC_PI_2, 0.3, 0.5], 1e-12);
-    let resting = Import::default().urdf(&text).unwrap();
-    assert_eq!(resting.configuration.iter().find(|(joint, _)| joint == "LF_knee").unwrap().1, -1.5);
+}
+
+#[test]
+fn a_robot_without_a_configuration_stands_on_bent_legs() {
+    let resting = Import::default().urdf(&quadruped(BALL)).unwrap();
+    let value = |name: &str| resting.configuration.iter().find(|(joint, _)| joint == name).unwrap().1;
+    // Two links as long as each other, three quarters of both together.
+    let angle = 0.75f64.acos();
+    close(&[value("LF_roll"), value("LF_pitch"), value("LF_knee"), value("RH_knee")], &[0., angle, -2. * angle, -2. * angle], 1e-4);
+    let (stands, told) = (import(&quadruped(BALL)).unwrap(), resting.notes.iter().any(|note| note.contains("legs are bent")));
+    assert!(told && !stands.notes.iter().any(|note| note.contains("legs are bent")));
+    for (foot, under) in resting.robot.nominal_feet.iter().zip(&stands.robot.nominal_feet) {
+        assert!((foot[0] - under[0]).abs() < 0.01 && (foot[1] - under[1]).abs() < 1e-6, "{foot:?} {under:?}");
+    }
+    assert!(resting.robot.reach_boxes().all(|reach| reach.widths().iter().all(|&width| width > 0.05)));
 }
 
 #[test]

@@ -167,10 +167,19 @@ impl<'a> Tree<'a> {
             }
             values[j] = value.clamp(lower, upper);
         }
-        for j in 0..values.len() {
-            values[j] = self.followed(j, &values)?;
-        }
+        self.follow(&mut values)?;
         Ok(values)
+    }
+
+    /// Brings joints that follow others to where these are.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for one that follows a joint that is not there, or itself.
+    pub fn follow(&self, values: &mut [f64]) -> Result<()> {
+        for j in 0..values.len() {
+            values[j] = self.followed(j, values)?;
+        }
+        Ok(())
     }
 
     /// Value of a joint that may follow another one, and that one a third.
