@@ -429,6 +429,27 @@ fn faults_in_a_scenario_file_are_named() {
     }
 }
 
+#[test]
+fn a_dash_is_stdin_and_stdout_and_shells_know_the_commands() {
+    let dir = folder();
+    let piped = |args: &str, input: &[u8]| {
+        let output = Command::new(PROGRAM).current_dir(dir.path()).args(args.split_whitespace()).write_stdin(input).output().unwrap();
+        (output.status.code(), String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap())
+    };
+    let (code, _, told) = piped("solve - --first --out out", b"robot = 'anymal'\ngoal = { xy = [0.3, 0] }\n");
+    assert_eq!(code, Some(0), "{told}");
+    let trajectory = fs::read(dir.path().join("out/trajectory.json")).unwrap();
+    assert_eq!(piped("verify -", &trajectory).0, Some(0));
+    let (code, csv, told) = piped("export - --format csv --rate 10 -o -", &trajectory);
+    assert!(code == Some(0) && csv.starts_with("time_s,") && told.contains("samples"), "{told}");
+    // Nothing else is in it.
+    assert!(csv.lines().skip(1).all(|line| line.split(',').all(|v| v.parse::<f64>().is_ok())));
+    assert!(piped("completions bash", b"").1.contains("cregopt"));
+    assert!(piped("man", b"").1.contains(".TH") && piped("man solve", b"").1.contains("seed"));
+    let (code, _, told) = piped("man slove", b"");
+    assert!(code == Some(2) && told.contains("did you mean `solve`?"), "{told}");
+}
+
 /// Solves with some flags: the result, the trajectory and the report of `verify`.
 fn solve(folder: &Path, flags: &str) -> (Value, Value, Value) {
     run(folder, &format!("solve {flags} --first --out out")).ends_with(0);

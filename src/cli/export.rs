@@ -2,7 +2,7 @@
 
 use super::args::WorldArgs;
 use super::held::{Asked, Held, read_world};
-use super::{Failure, Verdict, print};
+use super::{Failure, Verdict, print_beside};
 #[cfg(not(feature = "mcap"))]
 use crate::error::Error;
 use crate::error::Result;
@@ -48,7 +48,7 @@ impl Export {
         };
         let output = self.output.clone().unwrap_or_else(|| self.file.with_extension(ending));
         files::write_bytes(&output, &bytes)?;
-        print(&format!("{} samples written to {}\n", sampled.samples.len(), output.display()))?;
+        print_beside(&output, &format!("{} samples written to {}\n", sampled.samples.len(), output.display()))?;
         Ok(Verdict::Feasible)
     }
 }

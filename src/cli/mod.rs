@@ -17,6 +17,7 @@ mod robot;
 mod scenario_file;
 #[cfg(feature = "schema")]
 mod schema;
+mod shell;
 mod solve;
 #[cfg(feature = "import")]
 mod terrain;
@@ -80,6 +81,10 @@ enum Command {
     Robot(robot::Robot),
     /// List robots, terrains, scenarios and presets
     List(list::List),
+    /// Print completions for a shell
+    Completions(shell::Completions),
+    /// Print the manual page
+    Man(shell::Man),
 }
 
 /// How a command that ran to its end found things.
@@ -143,6 +148,8 @@ pub fn main() -> ExitCode {
         Command::Schema(command) => command.run(),
         Command::Robot(command) => command.run(),
         Command::List(command) => command.run(),
+        Command::Completions(command) => command.run(),
+        Command::Man(command) => command.run(),
     };
     let (error, code) = match result {
         Ok(Verdict::Feasible) => return ExitCode::SUCCESS,
@@ -164,6 +171,15 @@ fn print(text: &str) -> Result<(), Error> {
         Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(Error::Io { action: "write", path: "stdout".into(), source: e }),
         _ => Ok(()),
     }
+}
+
+/// Prints what is said of a file that was written: to stderr when that is stdout.
+fn print_beside(path: &std::path::Path, text: &str) -> Result<(), Error> {
+    if path != std::path::Path::new(crate::report::files::STREAM) {
+        return print(text);
+    }
+    complain(&text.trim_end());
+    Ok(())
 }
 
 /// Prints a line to stderr. Nobody listening is no error.

@@ -26,6 +26,7 @@ use crate::settings::Legs;
 use crate::task::{Goal, Task};
 use clap::Args;
 use clap::builder::PossibleValuesParser;
+use indicatif::{ProgressBar, ProgressFinish};
 use serde::Deserialize;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -215,7 +216,7 @@ impl Solve {
         }
         let seed = self.seed.unwrap_or(SEED);
         let search = Search::new(task).settings(settings.clone()).lower(lower.clone()).seed(seed).cancelled_by(&CANCELLED);
-        let search = if std::io::stderr().is_terminal() { search.on_progress(tell) } else { search.on_progress(tell_now_and_then()) };
+        let search = if std::io::stderr().is_terminal() { search.on_progress(bar()) } else { search.on_progress(tell_now_and_then()) };
         let mut found = search.run(backend)?;
         let refined = if self.refine && found.best.feasible() { Some(self.refine(task, settings, lower, &mut found)?) } else { None };
 
@@ -434,27 +435,30 @@ const TELL: f64 = 10.;
 fn tell_now_and_then() -> impl FnMut(&Progress) + Send {
     let mut told = Instant::now();
     move |progress| {
-        if matches!(progress, Progress::Generation(_)) && told.elapsed().as_secs_f64() >= TELL {
+        let Progress::Generation(g) = progress else { return };
+        if told.elapsed().as_secs_f64() >= TELL {
             told = Instant::now();
-            tell(progress);
+            let fewest = g.lowest_n_violated.map_or("-".into(), |n| n.to_string());
+            let counts = format!("{} evaluated, {} feasible, fewest violations {fewest}", g.evaluated, g.feasible);
+            complain(&format!("generation {}: {counts}", g.generation));
         }
     }
 }
 
-/// What a line on the terminal says while the search runs.
-fn tell(progress: &Progress) {
-    match progress {
-        Progress::Generation(g) => {
-            let fewest = g.lowest_n_violated.map_or("-".into(), |n| n.to_string());
-            complain(&format!(
-                "generation {}: {} evaluated, {} feasible, fewest violations {fewest}",
-                g.generation, g.evaluated, g.feasible
-            ));
+/// A line that says how far the search is and what is the best so far, for those who watch.
+fn bar() -> impl FnMut(&Progress) + Send {
+    let bar = ProgressBar::new_spinner().with_finish(ProgressFinish::AndClear);
+    bar.enable_steady_tick(Duration::from_millis(120));
+    let (mut evaluated, mut feasible, mut best) = (0, 0, String::from("no gait yet"));
+    move |progress| {
+        match progress {
+            Progress::Generation(g) => (evaluated, feasible) = (evaluated + g.evaluated, feasible + g.feasible),
+            Progress::Improvement(i) => {
+                let family = i.family.map(|f| format!("{f}, ")).unwrap_or_default();
+                best = format!("best {family}{:.3} after {:.2} s", -i.objective, i.seconds);
+            }
         }
-        Progress::Improvement(i) => {
-            let family = i.family.map(|f| format!("{f}, ")).unwrap_or_default();
-            complain(&format!("  better after {:.3} s: {family}{:.4}", i.seconds, -i.objective));
-        }
+        bar.set_message(format!("{evaluated} candidates, {feasible} gaits, {best}"));
     }
 }
 

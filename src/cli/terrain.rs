@@ -1,6 +1,6 @@
 //! `terrain`: height maps as terrain files.
 
-use super::{Failure, Verdict, print};
+use super::{Failure, Verdict, print_beside};
 use crate::error::{Error, Result};
 use crate::report::files;
 use crate::terrain::import::{Imported, Placement, terrain_of};
@@ -63,8 +63,8 @@ impl TerrainCommand {
         let Command::Import(import) = &self.command;
         let imported = import.read()?;
         files::write(&import.out, &(serde_json::to_string(&imported.terrain).map_err(Error::from)? + "\n"))?;
-        print(&imported.about())?;
-        print(&format!("written to {}\n", import.out.display()))?;
+        print_beside(&import.out, &imported.about())?;
+        print_beside(&import.out, &format!("written to {}\n", import.out.display()))?;
         Ok(Verdict::Feasible)
     }
 }

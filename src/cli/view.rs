@@ -2,7 +2,7 @@
 
 use super::args::WorldArgs;
 use super::held::{Asked, Held, read_world};
-use super::{Failure, Verdict, print};
+use super::{Failure, Verdict, print_beside};
 use crate::error::{Error, Result, from_json};
 use crate::gait::Trajectory;
 use crate::report::animation::animation;
@@ -56,7 +56,7 @@ impl View {
             let Found { trajectory, held, .. } = &found[0];
             files::write(path, &animation(trajectory, &held.robot, &held.terrain)?)?;
         }
-        print(&format!("written to {}; open it in a browser\n", output.display()))?;
+        print_beside(&output, &format!("written to {}; open it in a browser\n", output.display()))?;
         Ok(Verdict::Feasible)
     }
 }

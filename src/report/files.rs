@@ -8,6 +8,9 @@ use std::path::{Path, PathBuf};
 /// Largest input file, bytes.
 pub const MAX_FILE: u64 = 1 << 30;
 
+/// The path that stands for standard input, and for standard output.
+pub const STREAM: &str = "-";
+
 /// Reads a text file, without the byte order mark that some editors put first.
 ///
 /// # Errors
@@ -42,14 +45,18 @@ pub fn read_value<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
     value.map_err(|e| e.in_file(path, None))
 }
 
-/// Reads a file of any kind of at most `limit` bytes.
+/// Reads a file of any kind of at most `limit` bytes; `-` is standard input.
 ///
 /// # Errors
 /// As [`read_at_most`].
 pub fn read_bytes(path: &Path, limit: u64) -> Result<Vec<u8>> {
     let io = |source| Error::Io { action: "read", path: path.to_owned(), source };
     let mut bytes = Vec::new();
-    fs::File::open(path).map_err(io)?.take(limit + 1).read_to_end(&mut bytes).map_err(io)?;
+    if path == Path::new(STREAM) {
+        io::stdin().lock().take(limit + 1).read_to_end(&mut bytes).map_err(io)?;
+    } else {
+        fs::File::open(path).map_err(io)?.take(limit + 1).read_to_end(&mut bytes).map_err(io)?;
+    }
     if bytes.len() as u64 > limit {
         return Err(Error::invalid("file size", "more", format!("at most {limit} bytes")).in_file(path, None));
     }
@@ -57,7 +64,7 @@ pub fn read_bytes(path: &Path, limit: u64) -> Result<Vec<u8>> {
 }
 
 /// Writes a whole file or nothing: to a neighbour first, then renamed over the target. A link is followed; a device or pipe is written
-/// directly.
+/// directly, and so is standard output, `-`.
 ///
 /// # Errors
 /// [`Error::Io`] when the system refuses.
@@ -71,6 +78,9 @@ pub fn write(path: &Path, text: &str) -> Result<()> {
 /// As [`write()`].
 pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
     let io = |source| Error::Io { action: "write", path: path.to_owned(), source };
+    if path == Path::new(STREAM) {
+        return io::stdout().lock().write_all(bytes).map_err(io);
+    }
     let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     if fs::metadata(&target).is_ok_and(|m| !m.is_file()) {
         return fs::OpenOptions::new().write(true).open(&target).and_then(|mut f| f.write_all(bytes)).map_err(io);
