@@ -1,7 +1,7 @@
 //! Arguments that several commands share.
 
+use super::Failure;
 use super::scenario_file::{ScenarioFile, Start};
-use super::{Failure, complain};
 use crate::backend::{Backend, Cpu, Precision};
 use crate::error::{Error, Result};
 use crate::reference::ipopt;
@@ -18,6 +18,7 @@ use serde::de::DeserializeOwned;
 use std::f64::consts::PI;
 use std::path::Path;
 use std::sync::{Arc, Once};
+use tracing::warn;
 
 /// A goal more than a turn away is told of once.
 static TURNS: Once = Once::new();
@@ -157,7 +158,7 @@ impl World {
         let yaw = goal.yaw.or(scenario.map(|s| s.yaw_target)).unwrap_or(0.);
         if yaw.abs() > 2. * PI {
             let turns = yaw / (2. * PI);
-            TURNS.call_once(|| complain(&format!("goal yaw {yaw} rad is {turns:.1} turns; {yaw} degrees are {:.4} rad", yaw.to_radians())));
+            TURNS.call_once(|| warn!("goal yaw {yaw} rad is {turns:.1} turns; {yaw} degrees are {:.4} rad", yaw.to_radians()));
         }
         let place = place.yaw(yaw);
         let mut task = match start.motion()? {
@@ -299,7 +300,7 @@ impl DeviceArgs {
             (DeviceArg::Auto, _) => match gpu(None, false, threads) {
                 Ok(gpu) => Ok(gpu),
                 Err(error) => {
-                    complain(&format!("on the CPU: {error}"));
+                    warn!("on the CPU: {error}");
                     cpu()
                 }
             },

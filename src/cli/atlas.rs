@@ -1,7 +1,7 @@
 //! `atlas`: every regular gait of a robot at every speed.
 
 use super::args::{DeviceArgs, PrecisionArg, apply, robot};
-use super::{CANCELLED, Failure, Verdict, complain, print, to_json};
+use super::{CANCELLED, Failure, Verdict, print, to_json};
 use crate::error::Result;
 use crate::gait::family::GaitFamily;
 use crate::report::atlas::{AtlasResult, csv};
@@ -12,6 +12,7 @@ use crate::search::atlas::{Plan, atlas_settings};
 use crate::search::evaluate::LowerSettings;
 use clap::Args;
 use std::path::PathBuf;
+use tracing::{info, warn};
 
 /// Problems solved at once on the CPU: few, to say how far it is.
 const CHUNK: usize = 256;
@@ -61,7 +62,7 @@ impl Atlas {
         files::make_folder(&self.out)?;
         let backend = self.place.backend(plan.count()?, PrecisionArg::F32)?;
         let chunk = if backend.device().starts_with("cpu") { CHUNK } else { CHUNK_GPU };
-        let progress = &mut |done, all| complain(&format!("{}: {done} of {all} problems solved", self.robot));
+        let progress = &mut |done, all| info!("{}: {done} of {all} problems solved", self.robot);
         let atlas = plan.run(&settings, &*backend, chunk, &CANCELLED, progress)?;
         let result = AtlasResult::new(&atlas, &settings, SolvedOn::new(&*backend, settings.precision));
         files::write(&self.out.join("atlas.csv"), &csv(&atlas)?)?;
@@ -71,7 +72,7 @@ impl Atlas {
             files::write(&self.out.join(name), &svg(&atlas, slope))?;
         }
         if result.solved < result.problems {
-            complain(&format!("stopped: {} of {} problems solved", result.solved, result.problems));
+            warn!("stopped: {} of {} problems solved", result.solved, result.problems);
         }
         print(&format!("{}written to {}\n", result.text(), self.out.display()))?;
         Ok(if result.certified > 0 { Verdict::Feasible } else { Verdict::Infeasible })

@@ -3,7 +3,7 @@
 use super::args::{GoalSource, LowerArgs, World, WorldArgs, workers};
 use super::label::label;
 use super::scenario_file::Start;
-use super::{CANCELLED, Failure, Verdict, complain, print};
+use super::{CANCELLED, Failure, Verdict, print};
 use crate::backend::Backend;
 use crate::error::{Error, Result, from_json};
 use crate::gait::cost::CostWeights;
@@ -25,6 +25,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
+use tracing::info;
 
 /// Time between two lines on how far it is, s.
 const TELL: f64 = 10.;
@@ -225,7 +226,7 @@ impl Evaluate {
             out.text().lines().try_for_each(|line| tally.add_line(line))?;
         }
         if done_before > 0 {
-            complain(&format!("{done_before} of {} lines are done already", items.len()));
+            info!("{done_before} of {} lines are done already", items.len());
         }
         let mut told = Instant::now();
         for chunk in items[done_before..].chunks(solver.chunk()) {
@@ -254,7 +255,7 @@ impl Evaluate {
                 break;
             }
             if told.elapsed().as_secs_f64() > TELL && tally.lines < items.len() {
-                complain(&format!("{} of {} lines, {} feasible", tally.lines, items.len(), tally.feasible));
+                info!("{} of {} lines, {} feasible", tally.lines, items.len(), tally.feasible);
                 told = Instant::now();
             }
         }

@@ -1,7 +1,7 @@
 //! `experiment`: the paper's experiments, with baselines.
 
 use super::args::{AUTO_BATCH, DeviceArgs, PrecisionArg, workers};
-use super::{CANCELLED, Failure, Verdict, complain, print};
+use super::{CANCELLED, Failure, Verdict, print};
 use crate::error::{Error, Result};
 use crate::experiment::plan::{EXPERIMENTS, Extent};
 use crate::experiment::{Devices, Log, Method, plan, plot, run, summary};
@@ -13,6 +13,7 @@ use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
+use tracing::{info, warn};
 
 #[derive(Debug, Args)]
 pub struct Experiment {
@@ -79,7 +80,7 @@ impl Experiment {
         files::make_folder(&self.out)?;
         let workers = ipopt::check().ok().map(|()| workers(self.place.threads.unwrap_or(0))).transpose()?;
         if workers.is_none() {
-            complain(&"without Ipopt: its methods are left out (build with `--features ipopt`)");
+            warn!("without Ipopt: its methods are left out (build with `--features ipopt`)");
         }
         let numbers = self.experiment.0.map_or(EXPERIMENTS.collect(), |number| vec![number]);
         let mut found = false;
@@ -123,7 +124,7 @@ impl Experiment {
             let Some(run) = run::run(&case, &devices, &CANCELLED)? else { break };
             let target = case.target.map(|t| format!(" target {t}")).unwrap_or_default();
             let verdict = if run.success { "found" } else { "nothing found" };
-            complain(&format!(
+            info!(
                 "experiment {number}, {} of {count}: {}{target}, replicate {}, {}, population {}, heuristic {}: {verdict} in {:.3} s of {:.3} s",
                 i + 1,
                 case.scenario,
@@ -133,7 +134,7 @@ impl Experiment {
                 case.heuristic,
                 run.first_or_all(),
                 run.seconds,
-            ));
+            );
             log.add(run)?;
         }
         self.write(number, log.runs())?;

@@ -42,6 +42,12 @@ static CANCELLED: AtomicBool = AtomicBool::new(false);
 struct Cli {
     #[command(subcommand)]
     command: Command,
+    /// Say more on stderr; twice: everything. `RUST_LOG` says of what
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    verbose: u8,
+    /// Say nothing on stderr but errors
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    quiet: bool,
 }
 
 #[derive(Debug, Subcommand)]
@@ -122,6 +128,7 @@ pub fn main() -> ExitCode {
     // SAFETY: no other thread runs yet. It keeps a layer of Mesa from looking for a screen, and from complaining that there is none.
     unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
     let cli = Cli::parse();
+    log(cli.verbose, cli.quiet);
     // Without a handler Ctrl-C just ends the program: nothing to do about it.
     let _ = ctrlc::set_handler(|| {
         if CANCELLED.swap(true, Ordering::Relaxed) {
@@ -161,6 +168,21 @@ pub fn main() -> ExitCode {
     };
     complain(&format!("error: {error}"));
     ExitCode::from(code)
+}
+
+/// What of the program's doings is told on stderr: `RUST_LOG`, else by how much was asked for.
+fn log(verbose: u8, quiet: bool) {
+    use tracing_subscriber::EnvFilter;
+    let level = match (quiet, verbose) {
+        (true, _) => "error",
+        (_, 0) => "cregopt=info,error",
+        (_, 1) => "cregopt=debug,warn",
+        _ => "trace",
+    };
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
+    let told = tracing_subscriber::fmt().with_writer(std::io::stderr).with_env_filter(filter).without_time().with_ansi(false);
+    // Lines for people say what they say; those who ask for more see where it comes from.
+    let _ = if verbose == 0 { told.with_target(false).with_level(false).try_init() } else { told.try_init() };
 }
 
 /// Prints to stdout. A closed pipe (`| head`) is no error.

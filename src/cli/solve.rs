@@ -3,7 +3,7 @@
 use super::args::{GoalArg, GoalSource, LowerArgs, WorldArgs, apply, merge};
 use super::label::{label, world_of};
 use super::scenario_file::{ScenarioFile, Start, of_state, table_of};
-use super::{CANCELLED, Failure, Verdict, complain, print, to_json};
+use super::{CANCELLED, Failure, Verdict, print, to_json};
 use crate::backend::Backend;
 use crate::error::{Error, Result, from_json};
 use crate::gait::cost::Cost;
@@ -32,6 +32,7 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
+use tracing::{Level, enabled, info, warn};
 
 #[derive(Debug, Clone, Args)]
 pub struct Solve {
@@ -182,7 +183,7 @@ impl Solve {
             let (verdict, motion) = self.run_leg(&task, folder.as_deref(), scenario, &settings, &lower, &*backend)?;
             if verdict != Verdict::Feasible {
                 if leg < legs {
-                    complain(&format!("leg {leg} of {legs} has no gait: the further ones were not looked for"));
+                    warn!("leg {leg} of {legs} has no gait: the further ones were not looked for");
                 }
                 return Ok(verdict);
             }
@@ -216,7 +217,11 @@ impl Solve {
         }
         let seed = self.seed.unwrap_or(SEED);
         let search = Search::new(task).settings(settings.clone()).lower(lower.clone()).seed(seed).cancelled_by(&CANCELLED);
-        let search = if std::io::stderr().is_terminal() { search.on_progress(bar()) } else { search.on_progress(tell_now_and_then()) };
+        let search = if std::io::stderr().is_terminal() && enabled!(Level::INFO) {
+            search.on_progress(bar())
+        } else {
+            search.on_progress(tell_now_and_then())
+        };
         let mut found = search.run(backend)?;
         let refined = if self.refine && found.best.feasible() { Some(self.refine(task, settings, lower, &mut found)?) } else { None };
 
@@ -409,7 +414,7 @@ fn possible(task: &Task, settings: &SearchSettings, lower: &LowerSettings) -> Re
     if let Some(certain) = findings.iter().find(|finding| finding.certain) {
         return Err(certain.clone().into());
     }
-    findings.iter().for_each(|finding| complain(&format!("warning: {finding}")));
+    findings.iter().for_each(|finding| warn!("warning: {finding}"));
     Ok(findings)
 }
 
@@ -440,7 +445,7 @@ fn tell_now_and_then() -> impl FnMut(&Progress) + Send {
             told = Instant::now();
             let fewest = g.lowest_n_violated.map_or("-".into(), |n| n.to_string());
             let counts = format!("{} evaluated, {} feasible, fewest violations {fewest}", g.evaluated, g.feasible);
-            complain(&format!("generation {}: {counts}", g.generation));
+            info!("generation {}: {counts}", g.generation);
         }
     }
 }

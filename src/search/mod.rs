@@ -34,6 +34,7 @@ use cem::{
 use evaluate::{Evaluated, LowerSettings, examined};
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
+use tracing::debug;
 
 /// A gait that a search returns, with its motion.
 #[derive(Debug, Clone)]
@@ -418,6 +419,13 @@ impl Session<'_, '_> {
         }
         let best_ever_objective = self.best.as_ref().or(self.nearest.as_ref()).map(|(_, best)| best.objective);
         let record = GenerationRecord { best_ever_objective, ..generation.record.clone() };
+        debug!(
+            generation = record.generation,
+            evaluated = record.evaluated,
+            feasible = record.feasible,
+            fewest_violations = record.lowest_n_violated,
+            "generation"
+        );
         (self.tell)(&Progress::Generation(&record));
         self.generations.push(record);
         self.report();
