@@ -108,6 +108,7 @@ fn remedy(family: Family, row: &str) -> &'static str {
         Family::Structure => "other phases",
         Family::Possible => "more time, longer phases, or a goal above the ground",
         Family::Motion => "a shorter `transcription.interval`",
+        Family::Footing => "more `transcription.clearance`, a smaller `foot_radius` of the robot, or other phases",
     }
 }
 

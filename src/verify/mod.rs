@@ -3,6 +3,7 @@
 //! Nothing is certified by samples alone: forces, speeds and depths have their greatest values on whole pieces, what turns
 //! with the base is bounded between the times at which it is evaluated.
 
+mod ball;
 mod bernstein;
 pub mod certificate;
 pub mod dense;

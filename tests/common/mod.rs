@@ -82,6 +82,7 @@ pub fn spider(feet: usize) -> Robot {
         reach: [0.2, 0.15, 0.12].into(),
         force_limit: None,
         leg_mass: None,
+        foot_radius: None,
     };
     robot.validate().unwrap();
     robot
