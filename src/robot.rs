@@ -47,10 +47,17 @@ pub struct Robot {
     /// Joints of each foot's leg, for trajectories of joints; motions are found without them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joints: Option<Vec<leg::Leg>>,
+    /// Radius of the ball that a foot is, m, 0 for a point; [`FOOT_RADIUS`] of the leg height when absent. The foot of a motion is where the
+    /// ball touches the ground.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub foot_radius: Option<f64>,
 }
 
 /// Mass of a leg at its foot of a robot that names none, in masses of the robot.
 pub const LEG_MASS: f64 = 0.03;
+
+/// Radius of a foot of a robot that names none, in leg heights: Unitree's quadrupeds have 0.02 m at 0.25 to 0.32 m, ANYmal 0.03 m at 0.42 m.
+pub const FOOT_RADIUS: f64 = 0.06;
 
 /// Largest normal force of a foot when legs are not limited, in weights: what a runner's leg takes.
 pub const FORCE_LIMIT: f64 = 3.;
@@ -115,6 +122,7 @@ impl Robot {
             force_limit: None,
             leg_mass: None,
             joints: None,
+            foot_radius: None,
         })
     }
 
@@ -177,6 +185,9 @@ impl Robot {
             }
             legs.iter().enumerate().try_for_each(|(foot, leg)| leg.validate(&format!("robot.joints[{foot}]")))?;
         }
+        if let Some(radius) = self.foot_radius {
+            check_range("robot.foot_radius", radius, 0., self.leg_height() / 2.)?;
+        }
         let i = &self.inertia;
         for r in 0..3 {
             for c in 0..3 {
@@ -236,6 +247,11 @@ impl Robot {
         self.leg_mass.unwrap_or(LEG_MASS * self.mass)
     }
 
+    /// Radius of a foot, m.
+    pub fn foot_radius(&self) -> f64 {
+        self.foot_radius.unwrap_or(FOOT_RADIUS * self.leg_height())
+    }
+
     /// Weight, N.
     pub fn weight(&self) -> f64 {
         self.mass * GRAVITY
@@ -252,6 +268,7 @@ mod tests {
             let robot = Robot::named(name).unwrap();
             robot.validate().unwrap();
             assert_eq!(Robot::from_json(&serde_json::to_string(&robot).unwrap()).unwrap(), robot);
+            assert_eq!(robot.foot_radius(), 0.06 * robot.leg_height());
         }
         assert!(Robot::named("cat").unwrap_err().to_string().contains("anymal"));
     }
@@ -281,6 +298,16 @@ mod tests {
             assert!(parts.iter().all(|part| error.contains(part)) && error.lines().count() == 1, "{error}");
         }
         assert!(Robot::read(&folder.path().join("none.toml")).unwrap_err().to_string().contains("none.toml"));
+    }
+
+    #[test]
+    fn feet_may_be_points_and_are_no_larger_than_half_a_leg() {
+        let with = |radius| Robot { foot_radius: Some(radius), ..Robot::named("anymal").unwrap() };
+        assert_eq!(Robot::from_json(&serde_json::to_string(&with(0.)).unwrap()).unwrap().foot_radius(), 0.);
+        with(0.21).validate().unwrap();
+        for radius in [-0.01, 0.22, f64::NAN] {
+            assert!(with(radius).validate().unwrap_err().to_string().contains("robot.foot_radius"));
+        }
     }
 
     #[test]

@@ -611,7 +611,7 @@ fn bad_robot_files_exit_4_and_name_file_field_value_and_limit() {
         robot.as_object_mut().unwrap().remove(key);
         robot.to_string()
     };
-    let cases: [(String, &[&str]); 18] = [
+    let cases: [(String, &[&str]); 19] = [
         (String::new(), &["EOF"]),
         ("{".into(), &["EOF"]),
         ("[1]".into(), &["line 1"]),
@@ -628,6 +628,7 @@ fn bad_robot_files_exit_4_and_name_file_field_value_and_limit() {
         (change("reach", json!([0.1, 0.0, 0.1])), &["reach[1]", "0.001"]),
         (change("reach", json!([[[-0.1, 0.1], [-0.1, 0.1], [-0.1, 0.1]]])), &["reach", "1 boxes", "4 boxes"]),
         (change("reach", json!([[[-0.1, 0.1], [-0.1, "far"], [-0.1, 0.1]]])), &["reach[0][1][1]", "far", "column"]),
+        (change("foot_radius", json!(0.3)), &["foot_radius", "0.3", "0.21"]),
         (change("force_limit", json!(0.0)), &["force_limit", "0.001"]),
         (change("inertia", json!([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 9.0]])), &["inertia", "principal moments", "sum"]),
     ];

@@ -11,7 +11,7 @@ use cregopt::reference::nlp::{Nlp, Pattern, Rows};
 use cregopt::reference::towr::Towr;
 use cregopt::robot::Robot;
 use cregopt::search::evaluate::{LowerSettings, evaluate};
-use cregopt::task::Task;
+use cregopt::task::{BaseState, Task};
 use cregopt::terrain::Terrain;
 use std::collections::BTreeMap;
 
@@ -312,7 +312,10 @@ mod with_ipopt {
     fn workers_answer_every_job_in_its_place() {
         let (task, schedule) = standing();
         let jobs: Vec<Job> = (1..=5)
-            .map(|i| Job { base_target: [0.01 * f64::from(i), 0., 0.65], ..Job::fixed(&task, &schedule, Options::LOWER_LEVEL) })
+            .map(|i| Job {
+                goal: BaseState::level([0.01 * f64::from(i), 0., 0.65], 0.),
+                ..Job::fixed(&task, &schedule, Options::LOWER_LEVEL)
+            })
             .collect();
         let seen = Mutex::new(vec![0.; 5]);
         workers(2).solve(&jobs, &|_| false, &|i, answer| seen.lock().unwrap()[i] = answer.trajectory.base_target[0]).unwrap();

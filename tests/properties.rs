@@ -13,6 +13,7 @@ use cregopt::nlp::transcription::interval;
 use cregopt::robot::{GRAVITY, Robot};
 use cregopt::rows::Family;
 use cregopt::rows::acceleration::Acceleration;
+use cregopt::rows::footing::Footing;
 use cregopt::rows::stride::Stride;
 use cregopt::rows::table::NONE;
 use cregopt::search::evaluate::{LowerSettings, evaluate};
@@ -127,8 +128,8 @@ fn check_sizes(layout: &Layout<f32>, schedule: &Schedule, settings: &Transcripti
     // Of a force: its nodes, or two Bezier points for each, itself one of them at the ends of a stance.
     let (forces, per_swing, sides) = match momentum {
         false => (nodes, 1, 1),
-        // The height is held at seven points where there are edges, and its upper limit is a row of its own.
-        true if layout.terrain.has_edges() => (2 * nodes, 7 + 1, 1),
+        // The height is held at nine points where there are edges, and its upper limit is a row of its own.
+        true if layout.terrain.has_edges() => (2 * nodes, 9 + 1, 1),
         true => (2 * nodes, 1, 2),
     };
     let balance = if momentum { [0, knots, knots] } else { [knots + 1, 0, 0] };
@@ -141,17 +142,23 @@ fn check_sizes(layout: &Layout<f32>, schedule: &Schedule, settings: &Transcripti
     let strides = if momentum { swings } else { 0 };
     // At lift-off and at touch-down, where legs are limited.
     let accelerations = if momentum && settings.legs == Legs::Limited { swings } else { 0 };
+    // Where there are edges all footholds but the first have a box.
+    let boxes = if momentum && layout.terrain.has_edges() { swings } else { 0 };
     // The normal force has two sides; the pyramid has four rows beside it, the cone one.
     let (friction, pyramids, cones) = if settings.friction() == Friction::Cone { (1, 0, forces) } else { (4, forces, 0) };
     prop_assert_eq!(
         layout.rows,
-        layout.equalities + 3 * reach + (1 + friction) * forces + per_swing * swings + strides + 2 * accelerations
+        layout.equalities + 3 * reach + (1 + friction) * forces + per_swing * swings + strides + 2 * accelerations + 2 * boxes
     );
-    prop_assert_eq!(layout.inequalities, 6 * reach + (2 + friction) * forces + sides * per_swing * swings + strides + 2 * accelerations);
+    prop_assert_eq!(
+        layout.inequalities,
+        6 * reach + (2 + friction) * forces + sides * per_swing * swings + strides + 2 * accelerations + 4 * boxes
+    );
     let count = |family| layout.elements.iter().filter(|e| e.family == family).count();
     prop_assert_eq!([Family::Dynamics, Family::LinearMomentum, Family::AngularMomentum].map(count), balance);
-    let counts = [Family::Reach, Family::Force, Family::Cone, Family::Swing, Family::Stride, Family::Acceleration].map(count);
-    prop_assert_eq!(counts, [reach, pyramids, cones, per_swing * swings, strides, accelerations]);
+    let counts =
+        [Family::Reach, Family::Force, Family::Cone, Family::Swing, Family::Stride, Family::Acceleration, Family::Footing].map(count);
+    prop_assert_eq!(counts, [reach, pyramids, cones, per_swing * swings, strides, accelerations, boxes]);
     Ok(())
 }
 
@@ -327,6 +334,10 @@ fn mirrored_rows(robot: &Robot, layout: &Layout<f64>, other: &Layout<f64>, rows:
                 let ends_there = move |s: &&Stride<f64>| layout.footholds[s.foothold[1] as usize] == foothold;
                 layout.strides.iter().filter(ends_there).map(|s| s.place.inequality)
             };
+            let boxes = |&foothold: &u32| {
+                let of_it = move |f: &&Footing<f64>| layout.footholds[f.foothold as usize] == foothold;
+                layout.footings.iter().filter(of_it).map(|f| f.place.inequality)
+            };
             let accelerations = |&foothold: &u32| {
                 let ends_there = move |a: &&Acceleration<f64>| layout.footholds[a.foothold[1] as usize] == foothold;
                 layout.accelerations.iter().filter(ends_there).map(|a| a.place.inequality)
@@ -336,6 +347,7 @@ fn mirrored_rows(robot: &Robot, layout: &Layout<f64>, other: &Layout<f64>, rows:
                 blocks.heights.iter().flat_map(swings).collect(),
                 blocks.footholds.iter().flat_map(strides).collect(),
                 blocks.footholds.iter().flat_map(accelerations).collect(),
+                blocks.footholds.iter().flat_map(boxes).collect(),
             ]
         };
         let (here, there) = (of(layout, foot), of(other, mirrored_foot(foot)));
@@ -343,7 +355,7 @@ fn mirrored_rows(robot: &Robot, layout: &Layout<f64>, other: &Layout<f64>, rows:
         // So do the sides of the pyramid along y. A swing's height is two-sided in `momentum` on level ground.
         let two_sided = layout.transcription == Transcription::Momentum && !layout.terrain.has_edges();
         let heights: &[usize] = if two_sided { &[0, 1] } else { &[0] };
-        for (i, order) in [&[0, 1, 2, 4, 3, 5], heights, &[0], &[0, 1]].into_iter().enumerate() {
+        for (i, order) in [&[0, 1, 2, 4, 3, 5], heights, &[0], &[0, 1], &[0, 3, 2, 1]].into_iter().enumerate() {
             here[i].iter().zip(&there[i]).for_each(|(&from, &to)| copy(from, to, order));
         }
     }
@@ -398,6 +410,7 @@ fn stander(mass: f64, half_length: f64, half_width: f64, height: f64) -> Robot {
         force_limit: None,
         leg_mass: None,
         joints: None,
+        foot_radius: None,
     }
 }
 

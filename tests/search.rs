@@ -263,3 +263,16 @@ fn hind_feet_that_reach_less_far_ahead_are_kept_to_it() {
     let kept = report(&kept);
     assert!(kept.feasible && kept.dense.reach_excess.value < 5e-3, "{kept}");
 }
+
+#[test]
+fn a_gap_is_stepped_over_with_all_of_every_foot_on_its_rims() {
+    let task = task("hyq", "gap", [2.5, 0.], 0.);
+    let found = run(Search::new(&task).settings(SearchSettings { first: true, ..SearchSettings::default() }));
+    assert!(found.best.feasible(), "{}", found.best.certificate());
+    let radius = task.robot.foot_radius();
+    let footholds = |e: &cregopt::gait::FootCurves| e.motion.nodes.iter().filter(|n| n[2] == 0.).map(|n| n[0]).collect::<Vec<_>>();
+    let places: Vec<f64> = found.best.trajectory().ee.iter().flat_map(footholds).collect();
+    // A slope of ten to one is off the plane by half of a radius where it begins a twentieth of a radius inside.
+    assert!(places.iter().all(|&x| x < 1. - 0.95 * radius + 1e-3 || x > 1.6 + 0.95 * radius - 1e-3), "{places:?}");
+    assert!(places.iter().any(|&x| x < 1.) && places.iter().any(|&x| x > 1.6));
+}

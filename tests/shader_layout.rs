@@ -10,6 +10,7 @@ use cregopt::linear::transposed::transposed_times;
 use cregopt::nlp::Layout;
 use cregopt::nlp::layout::Element;
 use cregopt::rows::dynamics::{DynamicsInstant, StanceForce};
+use cregopt::rows::footing::Footing;
 use cregopt::rows::force::ForceNode;
 use cregopt::rows::momentum::MomentumInterval;
 use cregopt::rows::reach::{BasePoint, ReachFoot, ReachInstant};
@@ -249,6 +250,7 @@ fn structs_differ(module: &Module) -> Result<(), String> {
         ReachFoot: ReachFoot<f32> { half_widths foothold front place }
         ForceNode: ForceNode<f32> { slope_weight place }
         SwingNode: SwingNode<f32> { low two_sided upper place }
+        Footing: Footing<f32> { high foothold_column place }
         Element: Element { family pairs runs }
         FrontStep: FrontStep { elements rest }
         Part: Part { first last }

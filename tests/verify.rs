@@ -6,7 +6,7 @@ use cregopt::nlp::transcription::towr::FORCE_LIMIT;
 use cregopt::robot::{GRAVITY, ROBOTS, Reach, Robot};
 use cregopt::scenario::Scenario;
 
-use cregopt::terrain::Terrain;
+use cregopt::terrain::{Grid, Shape, Terrain};
 use cregopt::verify::RolloutReport;
 use cregopt::verify::certificate::{
     DENSE_REACH, Family, PENETRATION, ROLLOUT_ATTITUDE, ROLLOUT_POSITION, Report, TOLERANCE, Tolerances, verify, verify_rows,
@@ -90,7 +90,7 @@ fn every_reference_solution_of_towr_breaks_no_row() {
         println!("line {}, {}, T = {}\n{report}", line + 1, scenario.name, trajectory.horizon);
         assert!(report.feasible && report.n_violated == 0, "line {}\n{report}", line + 1);
         // All but the rows of the other transcription.
-        let asked = |family| ![Family::Momentum, Family::Motion].contains(&family);
+        let asked = |family| ![Family::Momentum, Family::Motion, Family::Footing].contains(&family);
         assert!(report.families.iter().all(|f| asked(f.family) == (f.rows > 0 && f.worst.is_some())), "line {}\n{report}", line + 1);
     }
 }
@@ -570,6 +570,51 @@ fn a_foot_is_held_to_the_sides_of_its_own_box() {
     let report = check(&swung(0.), &with_reach(|boxes| boxes[2][2] = [-0.07, 0.1]));
     assert!(!report.feasible && report.family(Family::Reach).worst.as_ref().unwrap().foot == Some(2), "{report}");
     assert!(check(&swung(0.), &with_reach(|boxes| boxes[2][2] = [-0.08, 0.])).feasible);
+}
+
+/// Level ground that rises to 0.2 m within 2 mm before `x`.
+fn riser(x: f64) -> Terrain {
+    let heights = (0..1000).map(|i| vec![if f64::from(i) * 2e-3 - 1. >= x - 1e-9 { 0.2 } else { 0. }; 2]).collect();
+    Terrain { name: "riser".into(), friction: 1., shape: Shape::Grid(Grid { low: [-1.; 2], high: [1.; 2], heights }) }
+}
+
+#[test]
+fn a_ball_keeps_from_a_riser_and_a_foothold_from_an_edge() {
+    // Foot 0 stands at x = 0.34 m.
+    let swung = |x: f64, landing: f64| {
+        let mut trajectory = momentum_step();
+        trajectory.ee[0].motion.nodes[2][0] += x;
+        trajectory.ee[0].motion.nodes[3][0] += landing;
+        trajectory.ee[0].motion.nodes[4][0] += landing;
+        trajectory
+    };
+    let with = |radius| Robot { foot_radius: Some(radius), ..anymal() };
+    let check = |trajectory: &Trajectory, radius: f64, x: f64| verify(trajectory, &with(radius), &riser(x), FORCE_LIMIT).unwrap();
+    let worst = |report: &Report| {
+        let footing = report.family(Family::Footing);
+        assert_eq!((report.n_violated, footing.violated), (1, 1), "{report}");
+        let worst = footing.worst.clone().unwrap();
+        assert_eq!(worst.foot, Some(0));
+        (worst.row, worst.violation, worst.time)
+    };
+    // The foot of the riser is 2 cm ahead of the way there and back, and its face leans by 1 mm.
+    let report = check(&swung(0.02, 0.), 0.03, 0.382);
+    let (row, violation, time) = worst(&report);
+    assert!(row == "ball in the ground" && (violation - (0.01 - 0.125 * 0.03)).abs() < 1e-3 && (time - 0.5).abs() < 0.01, "{report}");
+    assert!((report.dense.ball_depth.value - 0.01).abs() < 1e-3 && report.dense.ball_depth.foot == Some(0), "{report}");
+    assert!(check(&swung(0.02, 0.), 0.02, 0.382).feasible && check(&swung(0.02, 0.), 0., 0.382).feasible);
+    assert!(check(&swung(0.01, 0.), 0.03, 0.382).feasible);
+    // Where it stands at the start is given, where it lands is not: 1 cm from the riser, whose upper edge is 0.2 m off the plane.
+    let report = check(&swung(0., 0.), 0.03, 0.352);
+    let (row, violation, time) = worst(&report);
+    assert!(row == "foothold at an edge" && (violation - (0.2 - 0.015)).abs() < 1e-9 && (time - 0.7).abs() < 1e-9, "{report}");
+    assert!((report.dense.foothold_off_plane.value - 0.2).abs() < 1e-9, "{report}");
+    assert!(check(&swung(0., 0.), 0.009, 0.352).feasible);
+    // On flat ground there is nothing to keep from, and TOWR's own rows ask for nothing.
+    assert_eq!(verify(&swung(0.02, 0.), &with(0.03), &flat(), FORCE_LIMIT).unwrap().family(Family::Footing).rows, 0);
+    let towr = Trajectory { transcription: None, limits: None, ..swung(0., 0.) };
+    let report = check(&towr, 0.03, 0.352);
+    assert!(report.family(Family::Footing).rows == 0 && report.dense.foothold_off_plane.value > 0.1, "{report}");
 }
 
 /// A fault between the instants: its size is what the row measures.

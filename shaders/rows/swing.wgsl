@@ -6,6 +6,13 @@
 //   out  jacobian  one row at each place
 // Twin: src/rows/swing.rs
 
+// Offset of place `k` around a foot, to both sides along both axes, and the lift of the ball there, in radii.
+fn around(k: u32) -> vec3<f32> {
+    let ring = select(vec2<f32>(0.96, 0.72), vec2<f32>(0.6, 0.2), k < 4u);
+    let distance = select(-ring.x, ring.x, k / 2u % 2u == 0u);
+    return select(vec3<f32>(0.0, distance, ring.y), vec3<f32>(distance, 0.0, ring.y), k % 2u == 0u);
+}
+
 // Height row of one point of a swing.
 fn entry(slot: u32, half: u32, k: u32) {
     let swing = &swing_nodes[slot * batch.swing_nodes + k];
@@ -40,7 +47,29 @@ fn entry(slot: u32, half: u32, k: u32) {
         }
         values[place] = (height - above - swing.high + constants.length_margin) * unit;
     } else {
-        values[place] = (above - height + swing.low + constants.length_margin) * unit;
+        // The clearance is that above the ground under the foot; around it none is asked for.
+        var least = above;
+        if (constants.foot_radius > 0.0) {
+            var bends: array<array<vec2<f32>, 2>, 2>;
+            for (var i = 0u; i < 2u; i++) {
+                let foothold = x + footholds[slot * batch.footholds + swing.foothold[i]];
+                bends[i] = ground(slots[slot].shape, values[foothold], values[foothold + 1u]).curvature;
+            }
+            let level_slope = swing.xy_weights[0] * ground_slope(slot, swing.foothold[0]) + swing.xy_weights[1] * ground_slope(slot, swing.foothold[1]);
+            for (var k = 0u; k < 8u; k++) {
+                let place_around = around(k);
+                let offset = place_around.xy * constants.foot_radius;
+                let beside = ground(slots[slot].shape, at.x + offset.x, at.y + offset.y);
+                let needed = beside.height - level_slope.x * offset.x - level_slope.y * offset.y - place_around.z * constants.foot_radius - swing.low;
+                if (needed > least) {
+                    least = needed;
+                    for (var i = 0u; i < 2u; i++) {
+                        slopes[i] = beside.slope - offset.x * bends[i][0] - offset.y * bends[i][1];
+                    }
+                }
+            }
+        }
+        values[place] = (least - height + swing.low + constants.length_margin) * unit;
     }
     if (swing.two_sided == 1u) {
         values[place + 1u] = (height - above - swing.high + constants.length_margin) * unit;

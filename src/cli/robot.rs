@@ -90,7 +90,7 @@ fn summary(imported: &Imported) -> String {
     let force = robot.force_limit.map_or("by weight".into(), |limit| format!("{limit:.1} N, {:.2} weights", limit / robot.weight()));
     let leg = robot.leg_mass();
     let speed = imported.foot_speed.map_or("unlimited".into(), |speed| format!("{speed:.2} m/s"));
-    let radius = imported.foot_radius.map_or("none".into(), |radius| format!("{radius:.4} m"));
+    let radius = imported.robot.foot_radius.map_or("by size".into(), |radius| format!("{radius:.4} m"));
     text += &format!("  force limit {force}; leg {leg:.3} kg at the foot; foot speed {speed}; radius of the feet {radius}\n");
     imported.notes.iter().for_each(|note| text += &format!("  note: {note}\n"));
     text

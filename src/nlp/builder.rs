@@ -1,6 +1,7 @@
 //! A [`Layout`] in the making: blocks of variables, elements over them, then places and columns for all.
 
 use super::Layout;
+use super::footing::{self, Footing};
 use super::layout::{Curves, Element, FootBlocks};
 use super::sweep::{self, Block, Fronts};
 use super::transcription::ground_path::GroundPath;
@@ -31,6 +32,8 @@ pub(super) struct FootDraft {
     pub phases: Vec<Phase>,
     /// One a stance.
     pub footholds: Vec<Foothold>,
+    /// Room for every foothold but the first; none where feet keep from no edge.
+    pub footings: Vec<Footing>,
     /// One a swing.
     pub heights: Vec<BlockId>,
     /// Nodes of each stance's force; none where the force is zero.
@@ -306,6 +309,7 @@ fn constants<T: Real>(task: &Task, settings: &TranscriptionSettings, interval: f
         friction: T::of(task.terrain.friction),
         length_margin: T::of(settings.length_margin),
         force_margin: T::of(settings.force_margin * robot.feet() as f64),
+        foot_radius: T::of(footing::radius(task, settings)),
         foot_acceleration: T::of(legs::foot_acceleration(settings).unwrap_or(f64::INFINITY)),
     }
 }

@@ -1,6 +1,7 @@
 //! What all transcriptions have in common: footholds, swings and forces of the feet, and the rows about them.
 
 use super::builder::Builder;
+use super::footing;
 use super::transcription::{self, ReachTime, Transcribe};
 use super::{Layout, layout};
 use crate::gait::spline::hermite;
@@ -9,6 +10,7 @@ use crate::real::Real;
 use crate::rows::Family;
 use crate::rows::acceleration::Acceleration;
 use crate::rows::blocks::Use;
+use crate::rows::footing::Footing;
 use crate::rows::force::ForceNode;
 use crate::rows::reach::{ReachFoot, ReachInstant};
 use crate::rows::stride::Stride;
@@ -31,20 +33,32 @@ impl<T: Real> Layout<T> {
         }
         force_elements(own, &mut builder);
         swing_elements(own, &mut builder);
+        footing_elements(&mut builder);
         Layout { limits: own.limits(settings, &task.robot), ..builder.finish() }
     }
 }
 
 /// Footholds, swing heights and force nodes. The force is zero, value and slope, where a stance meets a swing.
 fn foot_blocks<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
+    let radius = footing::radius(b.task, b.settings);
     for foot in 0..b.feet.len() {
         let stances = b.feet[foot].phases.len().div_ceil(2);
-        for stance in 0..stances {
-            let here = own.foothold(b, foot, stance, stances);
+        let mut places: Vec<[f64; 2]> = (0..stances).map(|stance| own.foothold(b, foot, stance, stances)).collect();
+        if radius > 0. {
+            // The first is given.
+            let search = footing::Search::of(b.task, foot, radius);
+            for (stance, place) in places.iter_mut().enumerate().skip(1) {
+                let span = b.feet[foot].phases[2 * stance];
+                let level = b.reference((span.start + span.end) / 2.)[2] - b.task.robot.base_height;
+                let room = search.footing(*place, level);
+                *place = room.at;
+                b.feet[foot].footings.push(room);
+            }
+        }
+        for (stance, &here) in places.iter().enumerate() {
             let foothold = b.foothold(stance == 0, here, own.foothold_smoothing());
             b.feet[foot].footholds.push(foothold);
-            if stance + 1 < stances {
-                let next = own.foothold(b, foot, stance + 1, stances);
+            if let Some(&next) = places.get(stance + 1) {
                 let law = own.swing(b.settings, b.task, b.feet[foot].phases[2 * stance + 1]);
                 let mid = (law.over)(b.task, here, next) + law.above;
                 let height = b.block(false, vec![mid], [0.; 6]);
@@ -128,6 +142,24 @@ fn reach_foot<T: Real>(own: &dyn Transcribe<T>, b: &Builder<T>, foot: usize, t: 
         place: Place::default(),
     };
     (entry, uses)
+}
+
+/// Boxes of all footholds but the first of a foot.
+fn footing_elements<T: Real>(b: &mut Builder<T>) {
+    for foot in 0..b.feet.len() {
+        for stance in 1..=b.feet[foot].footings.len() {
+            let (room, foothold) = (b.feet[foot].footings[stance - 1], b.feet[foot].footholds[stance]);
+            let step = b.step_within(b.feet[foot].phases[2 * stance].start, foothold.block);
+            b.tables.footings.push(Footing {
+                low: room.low.map(T::of),
+                high: room.high.map(T::of),
+                foothold: foothold.index,
+                foothold_column: NONE,
+                place: Place::default(),
+            });
+            b.element(Family::Footing, b.tables.footings.len() - 1, step, vec![Use::Touches(foothold.block)]);
+        }
+    }
 }
 
 fn force_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {

@@ -6,6 +6,7 @@
 
 mod builder;
 mod feet;
+mod footing;
 pub mod layout;
 pub mod sweep;
 mod trajectory;

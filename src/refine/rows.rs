@@ -16,7 +16,7 @@ use crate::nlp::transcription::momentum::reach_timings;
 use crate::rows::math::{Vec3, add, dot, scale, sub};
 use crate::rows::momentum::{Deviation, MomentumInterval};
 use crate::rows::table::{NONE, Place, Span};
-use crate::rows::{Shared, Spec, Tables, acceleration, cone, momentum, reach, residuals, stride, swing};
+use crate::rows::{Shared, Spec, Tables, acceleration, cone, footing, momentum, reach, residuals, stride, swing};
 use crate::terrain::Ground;
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -96,6 +96,9 @@ fn known(space: &Space, layout: &Layout<f64>) -> Vec<Known> {
     }
     for node in &layout.swing_nodes {
         all.push(Known { place: node.place, spec: swing::SPEC, rows: 1, pairs: node.two_sided as usize, window: 0.0..0. });
+    }
+    for footing in &layout.footings {
+        all.push(Known { place: footing.place, spec: footing::SPEC, rows: 2, pairs: 2, window: 0.0..0. });
     }
     let swings = (0..curves.feet.len()).flat_map(|foot| curves.feet[foot].phases.iter().filter(|p| !p.stance));
     let windows: Vec<Range<f64>> = swings.map(|swing| swing.start / curves.interval..swing.end / curves.interval).collect();

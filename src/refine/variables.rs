@@ -15,6 +15,7 @@ use crate::gait::schedule::MIN_PHASE;
 use crate::gait::{AlignedSchedule, Schedule};
 use crate::nlp::Layout;
 use crate::nlp::transcription::momentum::PIECE;
+use crate::rows::footing::Footing;
 use crate::rows::table::NONE;
 use crate::settings::TranscriptionSettings;
 use crate::task::Task;
@@ -83,6 +84,8 @@ pub(super) struct Space<'a> {
     pub task: &'a Task,
     pub settings: &'a TranscriptionSettings,
     pub variables: Variables,
+    /// Boxes of the footholds at the start: other durations do not move them.
+    footings: Vec<Footing<f64>>,
     /// Interval at the start, s.
     pub interval: f64,
     /// Number of intervals.
@@ -94,6 +97,15 @@ pub(super) struct Space<'a> {
 }
 
 impl<'a> Space<'a> {
+    /// The problem of a schedule, with the boxes of footholds at the start.
+    fn layout(&self, schedule: &AlignedSchedule) -> Layout<f64> {
+        let mut layout = Layout::<f64>::new(self.task, schedule, self.settings);
+        for (footing, start) in layout.tables.footings.iter_mut().zip(&self.footings) {
+            (footing.low, footing.high) = (start.low, start.high);
+        }
+        layout
+    }
+
     /// The space around a gait.
     pub fn new(task: &'a Task, schedule: &AlignedSchedule, transcription: &'a TranscriptionSettings, settings: &RefineSettings) -> Self {
         let layout = Layout::<f64>::new(task, schedule, transcription);
@@ -133,6 +145,7 @@ impl<'a> Space<'a> {
             task,
             settings: transcription,
             variables,
+            footings: layout.tables.footings.clone(),
             interval,
             intervals,
             boundaries: (0..schedule.feet()).map(ends).collect(),
@@ -177,7 +190,7 @@ impl<'a> Space<'a> {
         if schedule.count() != self.intervals {
             return Err(Error::invalid("durations", format!("{} intervals", schedule.count()), format!("{} intervals", self.intervals)));
         }
-        let layout = Layout::<f64>::new(self.task, &schedule, self.settings);
+        let layout = self.layout(&schedule);
         let mut x = layout.initial.clone();
         self.pairs(&layout, |at, variable, of_rate| x[at] = of_rate.map_or(v[variable], |(scale, line)| v[variable] * scale - line));
         Ok(Point { v, schedule, layout, x })
@@ -203,7 +216,7 @@ impl<'a> Space<'a> {
         if let Some(at) = self.variables.interval {
             v[at] = self.interval;
         }
-        let layout = Layout::<f64>::new(self.task, schedule, self.settings);
+        let layout = self.layout(schedule);
         self.moved(Point { v, schedule: schedule.clone(), layout, x: x.to_vec() }, x.to_vec())
     }
 
@@ -221,7 +234,7 @@ impl<'a> Space<'a> {
         if let Some(at) = self.variables.interval {
             v[at] = schedule.interval();
         }
-        let layout = Layout::<f64>::new(self.task, schedule, self.settings);
+        let layout = self.layout(schedule);
         self.moved(Point { v, schedule: schedule.clone(), layout, x: x.to_vec() }, x.to_vec())
     }
 

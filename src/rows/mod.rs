@@ -11,6 +11,7 @@ pub mod acceleration;
 pub mod blocks;
 pub mod cone;
 pub mod dynamics;
+pub mod footing;
 pub mod force;
 pub mod ground;
 pub mod math;
@@ -95,6 +96,8 @@ families! {
     Acceleration { acceleration::SPEC, acceleration::allowed, acceleration::place }
     /// Friction cone at a force node or a control point beside it.
     Cone { cone::SPEC, cone::allowed, cone::place }
+    /// Box of a foothold on ground with edges.
+    Footing { footing::SPEC, footing::allowed, footing::place }
 }
 
 impl Wgsl for Family {
@@ -119,6 +122,7 @@ macro_rules! row_tables {
             strides Strides [$crate::rows::stride::Stride<T>],
             accelerations Accelerations [$crate::rows::acceleration::Acceleration<T>],
             cones Cones [$crate::rows::cone::Cone<T>],
+            footings Footings [$crate::rows::footing::Footing<T>],
         }
     };
 }
@@ -139,6 +143,7 @@ macro_rules! row_shaders {
             Stride "rows/stride" strides,
             Acceleration "rows/acceleration" accelerations,
             Cone "rows/cone" cones,
+            Footing "rows/footing" footings,
         }
     };
 }
@@ -208,6 +213,8 @@ crate::table! {
         pub length_margin: T,
         /// Tightening of force rows, in force units.
         pub force_margin: T,
+        /// Radius of a foot that keeps from edges, m; 0 where none does.
+        pub foot_radius: T,
         /// Largest acceleration of a foot, m/s².
         pub foot_acceleration: T,
     }
@@ -264,7 +271,8 @@ pub fn residuals<T: Real>(
     swing::swing(tables, x, ground, inequality, jacobian.as_deref_mut());
     stride::stride(tables, x, inequality, jacobian.as_deref_mut());
     acceleration::acceleration(tables, x, ground, inequality, jacobian.as_deref_mut());
-    cone::cone(tables, x, edge_radius, inequality, jacobian);
+    cone::cone(tables, x, edge_radius, inequality, jacobian.as_deref_mut());
+    footing::footing(tables, x, inequality, jacobian);
 }
 
 /// Largest residual of a force row for a tolerance in N.

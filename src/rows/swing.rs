@@ -3,6 +3,10 @@
 //! `low - (z - height(x, y)) + margin <= 0` and `z - highest - high + margin <= 0`, times the length scale, where `highest` is that of both
 //! footholds and of the ground under the foot: over a pit a foot need not go down. Both are one two-sided row on level ground, where the
 //! three are the same; elsewhere the upper limit has a row of its own, in the middle of the swing. z rises to it and falls from it.
+//!
+//! A foot is a ball, on ground with edges: its lower side is above the ground around, too, `z >= height(x + o, y + o') - s.o - lift(o)` at
+//! offsets `o` within the radius. `s` is the slope on which the ball is level, on the way from that of lift-off to that of landing, and
+//! `lift` the height of its lower side there.
 
 use super::blocks::Placed;
 use super::table::{NONE, Place};
@@ -43,6 +47,17 @@ crate::table! {
         /// Buffers.
         pub place: Place,
     }
+}
+
+/// Where around a foot the ground is looked at: distance, and height of the lower side of the ball there, in radii. Twin: `around`.
+const RINGS: [[f64; 2]; 2] = [[0.6, 0.2], [0.96, 0.72]];
+
+/// Offset of place `k` around a foot, to both sides along both axes, and the lift of the ball there, in radii.
+fn around<T: Real>(k: usize) -> ([T; 2], T) {
+    let [distance, lift] = RINGS[k / 4].map(T::of);
+    let mut offset = [T::zero(); 2];
+    offset[k % 2] = if (k / 2).is_multiple_of(2) { distance } else { -distance };
+    (offset, lift)
 }
 
 /// Roles: the swing height, the footholds before and after.
@@ -91,7 +106,26 @@ pub fn swing<T: Real>(tables: &Tables<T>, x: &[T], ground: &[Ground<T>], residua
             }
             residual[place] = (height - above - swing.high + constants.length_margin) * unit;
         } else {
-            residual[place] = (above - height + swing.low + constants.length_margin) * unit;
+            // The clearance is that above the ground under the foot; around it none is asked for.
+            let mut least = above;
+            if constants.foot_radius > T::zero() {
+                let grounds = swing.foothold.map(|f| &ground[f as usize]);
+                let level: [T; 2] =
+                    std::array::from_fn(|d| swing.xy_weights[0] * grounds[0].slope[d] + swing.xy_weights[1] * grounds[1].slope[d]);
+                for k in 0..4 * RINGS.len() {
+                    let (offset, lift) = around::<T>(k);
+                    let offset = offset.map(|o| o * constants.foot_radius);
+                    let beside = tables.terrain.ground(at[0] + offset[0], at[1] + offset[1]);
+                    let needed = beside.height - level[0] * offset[0] - level[1] * offset[1] - lift * constants.foot_radius - swing.low;
+                    if needed > least {
+                        least = needed;
+                        slopes = grounds.map(|g| {
+                            std::array::from_fn(|d| beside.slope[d] - offset[0] * g.curvature[0][d] - offset[1] * g.curvature[1][d])
+                        });
+                    }
+                }
+            }
+            residual[place] = (least - height + swing.low + constants.length_margin) * unit;
         }
         if swing.two_sided == 1 {
             residual[place + 1] = (height - above - swing.high + constants.length_margin) * unit;
@@ -142,6 +176,11 @@ mod tests {
             assert_eq!(uppers.len(), 8 * both);
             assert_eq!(layout.swing_nodes.iter().any(|s| s.two_sided == 1), both == 0);
             let (g, jacobian) = rows(&layout, &layout.initial);
+            // Both limits of one row are a clearance above the ground.
+            for both in layout.swing_nodes.iter().filter(|s| s.two_sided == 1) {
+                let expected = 10. * (settings.clearance - settings.swing_height + settings.length_margin);
+                assert!((g[both.place.inequality as usize + 1] - expected).abs() < 1e-9, "{terrain}");
+            }
             let mut deep = 0;
             for upper in uppers {
                 // At first a mid node is as high above the highest as it must be above the ground, wherever that is.

@@ -115,6 +115,7 @@ fn remedy(family: Family, row: &str) -> &'static str {
             "more `transcription.swing_height` or `transcription.clearance`, so that feet pass over the edge"
         }
         Family::Motion => "a shorter `transcription.interval`",
+        Family::Footing => "more `transcription.clearance`, a smaller `foot_radius` of the robot, or other phases",
     }
 }
 

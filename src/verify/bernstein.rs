@@ -44,7 +44,7 @@ pub(super) fn acceleration(curve: &Curve, piece: usize) -> Control<2> {
 }
 
 /// Both halves of a curve (de Casteljau).
-fn halves<const N: usize>(mut c: Control<N>) -> (Control<N>, Control<N>) {
+pub(super) fn halves<const N: usize>(mut c: Control<N>) -> (Control<N>, Control<N>) {
     let (mut left, mut right) = (c, c);
     for level in 1..N {
         for i in 0..N - level {
@@ -152,7 +152,7 @@ fn depth_bound<const N: usize>(terrain: &Terrain, part: &Control<N>) -> f64 {
 }
 
 /// Where along an axis patches of a terrain meet strictly inside of an interval; where its height jumps, points to both sides.
-fn breaks(terrain: &Terrain, axis: usize, low: f64, high: f64) -> Vec<f64> {
+pub(super) fn breaks(terrain: &Terrain, axis: usize, low: f64, high: f64) -> Vec<f64> {
     match &terrain.shape {
         Shape::Flat => Vec::new(),
         Shape::Grid(grid) => {

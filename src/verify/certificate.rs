@@ -3,9 +3,9 @@
 //! Rows hold at instants and nodes only; [`super::dense`] reports what happens in between.
 
 use super::dense::{ContactAxes, DenseReport, Extreme, FootMotion, Motion, SAME_TIME, nearest, readable, sample};
-use super::exact;
 use super::labels::{check_labels, of_momentum};
 use super::rollout::{Body, Rollout, RolloutReport};
+use super::{ball, exact};
 use crate::error::Result;
 use crate::gait::Trajectory;
 use crate::gait::trajectory::{GoalVelocity, MotionLimits};
@@ -90,6 +90,17 @@ pub const DENSE_REACH: f64 = 5e-3;
 /// and below the terrain, m.
 pub const PENETRATION: f64 = 1e-3;
 
+/// How far the ground within a radius of a foothold may be off its plane, above or below, in radii.
+///
+/// What turns by no more than half of a slope within the foot carries it as a plane does: a ball in such an edge is lifted by no more than an
+/// eighth of its radius, which a sole gives. At a gap or a riser the ground is off by its depth or height, so that a foot
+/// keeps a whole radius from every one of more than half a radius.
+pub const FOOTHOLD_PLANE: f64 = 0.5;
+
+/// How deep the ball of a foot may get into the ground in a swing, in radii: what an edge takes of it that a foothold may have.
+/// With slopes of a quarter to either side `1 - cos(2 atan(1 / 4)) = 0.118`.
+pub const BALL_DEPTH: f64 = 0.125;
+
 /// Shortest piece of a curve, s. Shorter ones carry nothing that a robot does.
 pub const SHORTEST_PIECE: f64 = 1e-3;
 /// Highest speed of a foot in any motion but TOWR's, m/s,
@@ -136,11 +147,14 @@ pub enum Family {
     Possible,
     /// What must hold between the instants, beyond its limit, on whole curves. Only asked of `momentum` motions whose other rows hold.
     Motion,
+    /// The ball that a foot is comes no deeper into the ground in a swing than [`BALL_DEPTH`], and stands where the ground within its radius is
+    /// no farther off a plane than [`FOOTHOLD_PLANE`]. On whole curves. Only asked of `momentum` motions on ground with edges whose other rows hold.
+    Footing,
 }
 
 impl Family {
     /// Every family, in the order of [`RowReport::families`].
-    pub const ALL: [Family; 11] = [
+    pub const ALL: [Family; 12] = [
         Family::Dynamics,
         Family::Momentum,
         Family::BaseAcceleration,
@@ -152,6 +166,7 @@ impl Family {
         Family::Structure,
         Family::Possible,
         Family::Motion,
+        Family::Footing,
     ];
 
     /// Name, as in JSON.
@@ -168,6 +183,7 @@ impl Family {
             Family::Structure => "structure",
             Family::Possible => "possible",
             Family::Motion => "motion",
+            Family::Footing => "footing",
         }
     }
 
@@ -177,7 +193,7 @@ impl Family {
             Family::Dynamics => "N, N m",
             Family::Momentum => "N, N m, rad",
             Family::BaseAcceleration => "m/s2, rad/s2",
-            Family::Reach | Family::Terrain => "m",
+            Family::Reach | Family::Terrain | Family::Footing => "m",
             Family::Force => "N",
             Family::Swing => "m, m/s",
             Family::Bounds => "m, rad, 1/s",
@@ -396,6 +412,8 @@ pub fn verify_rows(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain, fo
             Family::Possible => possible(&mut tally, &motion, trajectory, terrain, of_towr),
             Family::Motion if impulsive && broken == 0 => between(&mut tally, &motion, terrain, force_limit),
             Family::Motion => {}
+            Family::Footing if impulsive && broken == 0 => footing(&mut tally, &motion, terrain),
+            Family::Footing => {}
         }
         broken += tally.report.violated;
         tally.report
@@ -470,6 +488,25 @@ fn between(tally: &mut Tally, motion: &Motion, terrain: &Terrain, force_limit: f
     for (what, extreme, limit) in rows {
         let over = (extreme.value - limit).max(0.);
         tally.row(over, 0., format_args!("{what}"), extreme.foot, extreme.time);
+    }
+}
+
+/// Feet as balls. Where the robot stands at the start is given: its first lift-offs may be from as deep as that is.
+fn footing(tally: &mut Tally, motion: &Motion, terrain: &Terrain) {
+    let radius = motion.robot.foot_radius();
+    if radius == 0. || !terrain.has_edges() {
+        return;
+    }
+    let (deepest, farthest) = (BALL_DEPTH * radius, FOOTHOLD_PLANE * radius);
+    for (foot, curves) in motion.feet.iter().enumerate() {
+        for (number, swing) in curves.swings().enumerate() {
+            let start = curves.place(swing[0]);
+            let allowed = if number == 0 { ball::standing_depth(terrain, start, radius, deepest) } else { deepest };
+            let depth = ball::swing_depth(curves, swing, terrain, radius, allowed);
+            tally.not_positive(depth.value - allowed, 0., format_args!("ball in the ground"), Some(foot), depth.time);
+            let off = ball::off_plane(terrain, curves.place(swing[1]), radius, farthest);
+            tally.not_positive(off - farthest, 0., format_args!("foothold at an edge"), Some(foot), swing[1]);
+        }
     }
 }
 

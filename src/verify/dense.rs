@@ -1,6 +1,6 @@
 //! What a trajectory does between the instants at which its rows hold, in f64 and apart from the solver's kernels.
 
-use super::exact;
+use super::{ball, exact};
 use crate::error::Result;
 use crate::gait::{Curve, Trajectory};
 use crate::robot::{GRAVITY, Robot};
@@ -56,6 +56,10 @@ pub struct DenseReport {
     pub friction_excess: Extreme,
     /// How far a foot is below the terrain, m.
     pub penetration: Extreme,
+    /// How deep the ball of a foot is in the ground in a swing, m.
+    pub ball_depth: Extreme,
+    /// How far the ground within the radius of a foothold is off its plane, m; of all but the first of a foot.
+    pub foothold_off_plane: Extreme,
     /// How high a foot is above the terrain, m.
     pub foot_height: Extreme,
     /// Speed of a foot, m/s.
@@ -74,6 +78,8 @@ impl fmt::Display for DenseReport {
             ("pull", self.pull, "m g"),
             ("friction excess", self.friction_excess, "m g"),
             ("penetration", self.penetration, "m"),
+            ("ball in ground", self.ball_depth, "m"),
+            ("foothold off plane", self.foothold_off_plane, "m"),
             ("foot height", self.foot_height, "m"),
             ("foot speed", self.foot_speed, "m/s"),
         ];
@@ -126,6 +132,15 @@ pub(super) fn sample(motion: &Motion, terrain: &Terrain) -> DenseReport {
     let in_weights = |e: Extreme| Extreme { value: e.value / weight, ..e };
     (report.pull, report.friction_excess) = (in_weights(pull), in_weights(friction));
     report.penetration = exact::penetration(motion, terrain, 0.);
+    let radius = motion.robot.foot_radius();
+    for (foot, curves) in motion.feet.iter().enumerate().filter(|_| radius > 0. && terrain.has_edges()) {
+        for swing in curves.swings() {
+            let depth = ball::swing_depth(curves, swing, terrain, radius, report.ball_depth.value);
+            report.ball_depth.update(depth.value, Some(foot), depth.time);
+            let off = ball::off_plane(terrain, curves.place(swing[1]), radius, report.foothold_off_plane.value);
+            report.foothold_off_plane.update(off, Some(foot), swing[1]);
+        }
+    }
     for (foot, curves) in motion.feet.iter().enumerate() {
         let speed = exact::foot_speed(curves, 0..curves.motion.pieces(), false, report.foot_speed.value);
         report.foot_speed.update(speed.value, Some(foot), speed.time);
@@ -245,6 +260,16 @@ impl<'a> FootMotion<'a> {
     pub fn phases(&self, time: f64) -> (usize, usize) {
         let first = self.switches.partition_point(|&s| s < time - SAME_TIME);
         (first, self.switches.partition_point(|&s| s <= time + SAME_TIME))
+    }
+
+    /// Times of lift-off and landing of every swing, s.
+    pub fn swings(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
+        self.switches.chunks_exact(2).map(|swing| [swing[0], swing[1]])
+    }
+
+    /// Position of the node at a time, m: at an edge of the terrain the curve may be on its other side.
+    pub fn place(&self, time: f64) -> Vector3<f64> {
+        self.motion.value(nearest(&self.motion.times, time))
     }
 
     /// Position of the stance phase at a time, m; none in a swing.

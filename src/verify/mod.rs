@@ -13,6 +13,7 @@
 //! weight `W`, 1e-4 `W l`, 5e-4 of its leg `l`, 5e-4 `sqrt(g l)`, 1e-3 `g`, 1e-4 rad; N_vc of TOWR's rows is counted beyond 1e-4 as in the paper.
 //! Robot, ground, goal and limits are those of the file unless given, and are printed as such; a name or a scenario that its content contradicts is an error.
 
+mod ball;
 mod bernstein;
 pub mod certificate;
 pub mod dense;

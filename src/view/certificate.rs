@@ -66,6 +66,7 @@ fn about(family: Family) -> &'static str {
         Family::Structure => "Standing feet stand, swinging feet bear nothing",
         Family::Possible => "What no robot does",
         Family::Motion => "All of it between the instants",
+        Family::Footing => "Feet as balls, clear of edges",
     }
 }
 

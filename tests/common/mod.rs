@@ -83,6 +83,7 @@ pub fn spider(feet: usize) -> Robot {
         force_limit: None,
         leg_mass: None,
         joints: None,
+        foot_radius: None,
     };
     robot.validate().unwrap();
     robot

@@ -7,7 +7,7 @@ use cregopt::backend::gpu::Prepared;
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::backend::gpu::tables::Slot as Counts;
 use cregopt::rows::momentum::Deviation;
-use cregopt::rows::{Shared, acceleration, cone, dynamics, force, ground, momentum, reach, stride, swing};
+use cregopt::rows::{Shared, acceleration, cone, dynamics, footing, force, ground, momentum, reach, stride, swing};
 use cregopt::solver::control::{CLOSE, ENDED, EXACT, SOLVED, STEP};
 use cregopt::terrain::Ground;
 use std::collections::{BTreeMap, BTreeSet};
@@ -27,6 +27,7 @@ fn around_the_workgroup(s: usize, prepared: &mut Prepared) {
     layout.strides.truncate(count);
     layout.accelerations.truncate(count);
     layout.cones.truncate(count);
+    layout.footings.truncate(count);
     slot.dynamics_instants = layout.dynamics_instants.len() as u32;
     slot.momentum_intervals = layout.momentum_intervals.len() as u32;
     slot.reach_instants = layout.reach_instants.len() as u32;
@@ -35,6 +36,7 @@ fn around_the_workgroup(s: usize, prepared: &mut Prepared) {
     slot.strides = layout.strides.len() as u32;
     slot.accelerations = layout.accelerations.len() as u32;
     slot.cones = layout.cones.len() as u32;
+    slot.footings = layout.footings.len() as u32;
     slot.footholds = slot.footholds.min(count as u32);
 }
 
@@ -224,6 +226,19 @@ fn stride_agrees_with_its_twin() {
         |lab, s, x, _, expected| {
             let (g, jacobian) = trial(lab, s, false, &mut expected.state);
             stride::stride(&lab.slots[s].layout, x, g, Some(jacobian));
+        },
+    );
+}
+
+#[test]
+fn footing_agrees_with_its_twin() {
+    evaluation(
+        Shader::Footing,
+        |slot| slot.footings,
+        8. * ARITHMETIC,
+        |lab, s, x, _, expected| {
+            let (g, jacobian) = trial(lab, s, false, &mut expected.state);
+            footing::footing(&lab.slots[s].layout, x, g, Some(jacobian));
         },
     );
 }

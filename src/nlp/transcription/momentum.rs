@@ -92,7 +92,7 @@ fn base_guess<T: Real>(b: &Builder<T>, t: f64) -> ([f64; 6], [f64; 6]) {
 
 /// Parts of a swing at which its height is held over ground with edges. On flat ground the mid node speaks for all: z rises to it and
 /// falls from it. Of the upper limit it always does.
-const SWING_HEIGHTS: [f64; 7] = [0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875];
+const SWING_HEIGHTS: [f64; 9] = [0.0625, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 0.9375];
 
 /// Interval of base knots for a robot, s: how fast a body on such legs can turn and fall.
 ///

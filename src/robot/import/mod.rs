@@ -39,8 +39,6 @@ pub struct Imported {
     pub robot: Robot,
     /// In the order of its feet.
     pub feet: Vec<Foot>,
-    /// Radius of the feet's balls, m; none when some foot has no ball. The least when they differ.
-    pub foot_radius: Option<f64>,
     /// Speed that every foot has along x and y at the limits of its joints in the configuration, m/s; none when no joint's speed is limited or
     /// a foot cannot move to one of the sides.
     pub foot_speed: Option<f64>,
@@ -109,6 +107,7 @@ impl Import {
             leg_mass: Some(leg_masses.sum::<f64>() / legs.len() as f64),
             nominal_feet,
             joints: None,
+            foot_radius: contacts.iter().map(|c| (c.radius > 0.).then_some(c.radius)).reduce(least).flatten(),
         };
         let vertical = legs.iter().map(|leg| leg.vertical_force(&leg.posture(&leg.nominal()))).fold(f64::INFINITY, f64::min);
         robot.force_limit = vertical.is_finite().then(|| vertical.min(FORCE_LIMIT * robot.weight()));
@@ -122,7 +121,6 @@ impl Import {
         let moving = model.joints.iter().zip(&values).filter(|(joint, _)| joint.motion != urdf::Motion::Fixed);
         Ok(Imported {
             feet: contacts.iter().map(|contact| foot(&tree, &frames[contact.link].translation.vector, contact, &center)).collect(),
-            foot_radius: contacts.iter().map(|c| (c.radius > 0.).then_some(c.radius)).reduce(least).flatten(),
             foot_speed: slowest.filter(|speed| speed.is_finite()),
             center_of_mass: center.into(),
             configuration: moving.map(|(joint, &value)| (joint.name.clone(), value)).collect(),

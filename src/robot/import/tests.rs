@@ -94,7 +94,7 @@ fn a_quadruped_has_the_feet_forces_and_legs_that_trigonometry_gives() {
     let imported = import(&quadruped(BALL)).unwrap();
     let robot = &imported.robot;
     robot.validate().unwrap();
-    assert_eq!((robot.name.as_str(), robot.feet(), imported.foot_radius), ("four", 4, Some(0.02)));
+    assert_eq!((robot.name.as_str(), robot.feet(), imported.robot.foot_radius), ("four", 4, Some(0.02)));
     assert_eq!(imported.feet.iter().map(|f| f.link.as_str()).collect::<Vec<_>>(), ["LF_foot", "RF_foot", "LH_foot", "RH_foot"]);
     assert!(imported.notes[0].contains("`LF_foot`, `RF_foot`, `LH_foot`, `RH_foot`"), "{:?}", imported.notes);
     // Each leg: two rods of 0.4 kg, whose middles are 0.125 and 0.375 m down the leg, and as far behind the hip as before it.
@@ -177,10 +177,14 @@ fn feet_touch_the_ground_with_balls_soles_or_their_frames() {
     let s = FRAC_PI_4.sin();
     let (offset, imported) = low(&shape("xyz=\"0 0 0.1\"", "<sphere radius=\"0.03\"/>"));
     close(&offset, &[-0.1 * s, 0., 0.1 * s - 0.03], 1e-12);
-    assert_eq!((imported.foot_radius, legs(&imported)[0].radius), (Some(0.03), 0.03));
+    assert_eq!((imported.robot.foot_radius, legs(&imported)[0].radius), (Some(0.03), 0.03));
     let (offset, imported) = low("<collision><geometry><mesh filename=\"package://nowhere/foot.stl\"/></geometry></collision>");
     close(&offset, &[0.; 3], 1e-12);
-    assert!(imported.foot_radius.is_none() && imported.notes.iter().any(|n| n.contains("origin of their frames")), "{:?}", imported.notes);
+    assert!(
+        imported.robot.foot_radius.is_none() && imported.notes.iter().any(|n| n.contains("origin of their frames")),
+        "{:?}",
+        imported.notes
+    );
     // A ball counts before a shape that is lower.
     let both = shape("", "<box size=\"0.2 0.2 0.2\"/>") + &shape("", "<sphere radius=\"0.01\"/>");
     close(&low(&both).0, &[0., 0., -0.01], 1e-12);
@@ -192,7 +196,7 @@ fn feet_touch_the_ground_with_balls_soles_or_their_frames() {
     // One that is ahead of the ankle is stood on at its end.
     let ahead = [(0.1, 0.03), (0.1, -0.03), (0.02, 0.03), (0.02, -0.03)].map(|(x, y)| ball(x, y)).concat();
     close(&low(&ahead).0, &[0.02, 0., -0.01], 1e-12);
-    assert!(imported.foot_radius.is_none() && imported.notes.iter().any(|n| n.contains("flat feet")), "{:?}", imported.notes);
+    assert!(imported.robot.foot_radius.is_none() && imported.notes.iter().any(|n| n.contains("flat feet")), "{:?}", imported.notes);
     // Shapes stand on what is lowest of them: here an edge of a box, and the rims of a cylinder and a capsule.
     close(&low(&shape("", "<box size=\"0.04 0.1 0.02\"/>")).0, &[0., 0., -0.03 * s], 1e-12);
     close(&low(&shape("", "<cylinder radius=\"0.02\" length=\"0.06\"/>")).0, &[0., 0., -(0.03 + 0.02) * s], 1e-12);

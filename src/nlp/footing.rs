@@ -1,0 +1,230 @@
+//! Where on ground with edges a foot has room to stand: all of its ball on one patch.
+//!
+//! Footholds begin at such a place, and rows keep them within a box of such places, so that a solution is not led into a riser or over a gap.
+//! The ground is sampled on two circles about a place. What lies in between, and the corners of boxes, are left to the certificate.
+
+use crate::settings::{Transcription, TranscriptionSettings};
+use crate::task::Task;
+use crate::terrain::Terrain;
+
+/// How far the ground may be off the plane of a place, in radii: a little less than the certificate allows.
+const OFF_PLANE: f64 = 0.45;
+/// How deep it may stand in the ball, in radii: likewise.
+const IN_BALL: f64 = 0.1;
+/// Circles on which the ground is sampled, in radii. The outer one meets any straight edge that comes within a radius.
+const CIRCLES: [f64; 2] = [0.5, 1.03];
+/// Samples of a circle.
+const SAMPLES: usize = 16;
+/// What a metre above or below the way counts, in metres aside: a foot goes around a pit rather than into it, and up a slope as the way leads.
+const ASIDE: f64 = 0.5;
+/// How far from a guess a place is looked for, in the distance that a foothold may move: a gap may be as wide as a step.
+const FAR: f64 = 2.;
+/// Distance of places that are tried, in radii, not less than a part of how far a foothold may move; halvings of the last of them.
+const STEP: f64 = 0.5;
+const FINEST: f64 = 0.01;
+const HALVINGS: usize = 6;
+
+/// Room for a foothold, world frame, m.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Footing {
+    /// A place to stand near the one that was asked for, no steeper than friction holds if there is one; that one where there is none.
+    pub at: [f64; 2],
+    /// Sides of a box about it within which there is room along both axes.
+    pub low: [f64; 2],
+    pub high: [f64; 2],
+}
+
+/// Radius that the feet of a task keep from edges, m; 0 where they are points, and on flat ground.
+pub fn radius(task: &Task, settings: &TranscriptionSettings) -> f64 {
+    let asked = settings.rows == Transcription::Momentum && task.terrain.has_edges();
+    if asked { task.robot.foot_radius() } else { 0. }
+}
+
+/// What is looked at to find a place.
+pub struct Search<'a> {
+    pub terrain: &'a Terrain,
+    /// Radius of the foot, m, not 0.
+    pub radius: f64,
+    /// How far from where it starts a foothold may come to stand, m.
+    pub around: f64,
+    /// To which side of y it goes first, 1 or -1: left and right feet do the same.
+    pub side: f64,
+}
+
+impl Search<'_> {
+    /// For the feet of a robot.
+    pub fn of(task: &Task, foot: usize, radius: f64) -> Search<'_> {
+        let [along, across, _] = task.robot.reach.of(foot).widths();
+        let side = if task.robot.nominal_feet[foot][1] < 0. { -1. } else { 1. };
+        Search { terrain: &task.terrain, radius, around: along.max(across), side }
+    }
+
+    /// Distance of places that are tried, m.
+    fn step(&self) -> f64 {
+        (STEP * self.radius).max(FINEST * self.around)
+    }
+
+    /// Room near a place.
+    ///
+    /// * `level` - height of the ground for which the base would be as high as it is to be, m
+    pub fn footing(&self, at: [f64; 2], level: f64) -> Footing {
+        let good = |place| self.has_room(place) && self.is_gentle(place);
+        let room = |place| self.has_room(place);
+        if let Some(found) = self.nearest(at, level, good) {
+            return self.boxed(found, good);
+        }
+        match self.nearest(at, level, room) {
+            Some(found) => self.boxed(found, room),
+            None => Footing { at, low: at.map(|v| v - self.around), high: at.map(|v| v + self.around) },
+        }
+    }
+
+    /// The nearest place that will do, height counted, of those on circles ever farther away.
+    fn nearest(&self, at: [f64; 2], level: f64, will_do: impl Fn([f64; 2]) -> bool) -> Option<[f64; 2]> {
+        /// Along the axes first: where the ground has one direction, the nearest place is there.
+        const DIRECTIONS: [usize; SAMPLES] = [0, 8, 4, 12, 2, 6, 10, 14, 1, 3, 5, 7, 9, 11, 13, 15];
+        let circles = (FAR * self.around / self.step()).ceil() as usize;
+        let mut best = (f64::INFINITY, None);
+        for circle in 0..=circles {
+            let distance = circle as f64 * self.step();
+            if distance >= best.0 {
+                break;
+            }
+            for &k in &DIRECTIONS[..if circle == 0 { 1 } else { SAMPLES }] {
+                let [x, y] = on_circle([0.; 2], distance, k);
+                let place = [at[0] + x, at[1] + self.side * y];
+                let far = distance + ASIDE * (self.terrain.height(place[0], place[1]) - level).abs();
+                // Of places that only rounding tells apart the first.
+                if far < best.0 - 1e-9 && will_do(place) {
+                    best = (far, Some(place));
+                }
+            }
+        }
+        best.1
+    }
+
+    /// A place with the box about it.
+    fn boxed(&self, at: [f64; 2], will_do: impl Fn([f64; 2]) -> bool) -> Footing {
+        let step = self.step();
+        let side = |axis: usize, sign: f64| {
+            let moved = |by: f64| {
+                let mut place = at;
+                place[axis] += sign * by;
+                place
+            };
+            let mut inside = 0.;
+            while inside < self.around {
+                let next = (inside + step).min(self.around);
+                if !will_do(moved(next)) {
+                    let mut outside = next;
+                    for _ in 0..HALVINGS {
+                        let middle = (inside + outside) / 2.;
+                        *(if will_do(moved(middle)) { &mut inside } else { &mut outside }) = middle;
+                    }
+                    break;
+                }
+                inside = next;
+            }
+            moved(inside)[axis]
+        };
+        Footing { at, low: [side(0, -1.), side(1, -1.)], high: [side(0, 1.), side(1, 1.)] }
+    }
+
+    /// Whether all of a ball has its place on the plane of the ground at a place.
+    fn has_room(&self, at: [f64; 2]) -> bool {
+        let here = self.terrain.ground(at[0], at[1]);
+        CIRCLES.iter().all(|part| {
+            // The lower side of a ball at rest.
+            let ball = 1. - (1. - part * part).max(0.).sqrt();
+            let (highest, lowest) = (OFF_PLANE.min(ball + IN_BALL) * self.radius, -OFF_PLANE * self.radius);
+            (0..SAMPLES).all(|k| {
+                let [x, y] = on_circle(at, part * self.radius, k);
+                let off = self.terrain.height(x, y) - here.height - here.slope[0] * (x - at[0]) - here.slope[1] * (y - at[1]);
+                (lowest..=highest).contains(&off)
+            })
+        })
+    }
+
+    /// Whether a foot holds without pushing against another.
+    fn is_gentle(&self, at: [f64; 2]) -> bool {
+        let [x, y] = self.terrain.ground(at[0], at[1]).slope;
+        x.hypot(y) <= self.terrain.friction
+    }
+}
+
+/// One of [`SAMPLES`] points of a circle.
+fn on_circle([x, y]: [f64; 2], radius: f64, k: usize) -> [f64; 2] {
+    let (sin, cos) = (std::f64::consts::TAU * k as f64 / SAMPLES as f64).sin_cos();
+    [x + radius * cos, y + radius * sin]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::Robot;
+    use crate::task::Goal;
+    use crate::terrain::{Grid, Shape};
+
+    fn task(robot: &str, terrain: Terrain) -> Task {
+        Task::new(Robot::named(robot).unwrap(), terrain, Goal::at(2.5, 0.)).unwrap()
+    }
+
+    fn named(terrain: &str) -> Task {
+        task("anymal", Terrain::named(terrain).unwrap())
+    }
+
+    /// Room for ANYmal's first foot near (x, 0.1).
+    fn near(task: &Task, x: f64) -> Footing {
+        Search::of(task, 0, radius(task, &TranscriptionSettings::default())).footing([x, 0.1], 0.)
+    }
+
+    #[test]
+    fn over_a_gap_a_foothold_moves_to_its_rim_and_stays_behind_it() {
+        // From 1.0 to 1.6 m; the ground falls at ten to one.
+        let task = named("gap");
+        let radius = task.robot.foot_radius();
+        let rim = |room: &Footing| if room.at[0] < 1.3 { room.high[0] - 1. } else { 1.6 - room.low[0] };
+        for x in [1.05, 1.2, 1.29, 1.31, 1.5, 0.9, 1.7] {
+            let room = near(&task, x);
+            assert!(room.at[0] < 1. - 0.9 * radius || room.at[0] > 1.6 + 0.9 * radius, "{x}: {room:?}");
+            assert!(rim(&room) < -0.9 * radius && rim(&room) > -1.1 * radius, "{x}: {room:?}");
+            // Across there is room as far as is looked.
+            let across = [room.low[1] - (0.1 - 0.3), room.high[1] - (0.1 + 0.3), room.at[1] - 0.1];
+            assert!(across.iter().all(|v| v.abs() < 1e-12), "{room:?}");
+        }
+        // Where there is room a foothold stays.
+        assert_eq!(near(&task, 0.9).at, [0.9, 0.1]);
+    }
+
+    #[test]
+    fn the_floor_of_a_pit_is_no_place_and_a_tread_is() {
+        let terrain = |height: fn(usize) -> f64| {
+            let heights = (0..300).map(|i| vec![height(i); 2]).collect();
+            Terrain { shape: Shape::Grid(Grid { low: [-1., -2.], high: [5., 2.], heights }), ..Terrain::flat() }
+        };
+        // 1 m deep beyond 1.0 m, a wall of 2 cm: down there is nearer.
+        let room = near(&task("anymal", terrain(|i| if i >= 100 { -1. } else { 0. })), 0.996);
+        assert!(room.at[0] < 0.96 && room.high[0] < 0.96, "{room:?}");
+        // 0.5 m deep from 1.0 to 1.2 m, walls of 2 cm.
+        let room = near(&task("anymal", terrain(|i| if (100..110).contains(&i) { -0.5 } else { 0. })), 1.08);
+        assert!(room.at[0] < 1. && room.high[0] < 0.96, "{room:?}");
+        // Treads of 0.3 m, risers of 0.12 m and 2 cm.
+        let room = near(&task("anymal", terrain(|i| 0.12 * ((i.max(85) - 85) / 15) as f64)), 1.08);
+        assert!(room.low[0] > 1. + 0.02 && room.high[0] < 1.28 - 0.02 && room.high[0] - room.low[0] > 0.2, "{room:?}");
+    }
+
+    #[test]
+    fn small_turns_of_the_ground_are_no_edges_and_points_and_flat_ground_have_none() {
+        let settings = TranscriptionSettings::default();
+        assert_eq!(radius(&named("flat"), &settings), 0.);
+        let towr = TranscriptionSettings { rows: Transcription::Towr, ..settings.clone() };
+        assert_eq!(radius(&named("gap"), &towr), 0.);
+        let pointed = Robot { foot_radius: Some(0.), ..Robot::named("anymal").unwrap() };
+        assert_eq!(radius(&Task { robot: pointed.into(), ..named("gap") }, &settings), 0.);
+        // The ramp of the step begins at 3.6 m and has a slope of 0.375.
+        let room = near(&named("step"), 3.6);
+        assert_eq!(room.at, [3.6, 0.1]);
+        let sides = [room.low[0] - 3.3, room.high[0] - 3.9, room.low[1] + 0.2, room.high[1] - 0.4];
+        assert!(sides.iter().all(|v| v.abs() < 1e-12), "{room:?}");
+    }
+}

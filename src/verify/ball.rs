@@ -1,0 +1,359 @@
+//! Feet as balls: what of the ground comes into one on its way, and how far the ground about a foothold is off the plane that it stands on.
+//!
+//! A foot is the point in which a ball touches the ground. At lift-off and landing the middle of the ball is a radius above that point along
+//! the normal of the ground; in between the way from point to middle turns evenly, so that the path of the middle is a cubic, too.
+//!
+//! How deep the ball is in the ground, the radius less the distance of its middle from all that is at or below the surface, changes by no
+//! more than the middle moves. So a part of a path is no deeper than its middle is and the part is long to either side; parts are halved until that
+//! tells. Distances are bounded alike, over ever smaller rectangles of ground: vertical risers and all that stands between samples count.
+
+use super::bernstein::{Control, breaks, halves, position};
+use super::dense::{ContactAxes, Extreme, FootMotion, nearest};
+use crate::terrain::{Shape, Terrain};
+use nalgebra::{Vector2, Vector3};
+use std::collections::VecDeque;
+
+/// How close distances are to the truth, m. Depths are a tenth of a millimetre below it at most, twice as much.
+const CLOSE: f64 = 5e-5;
+
+/// Rectangles that are looked at for one distance, and parts for one piece of a path, before the bound of what is left is taken for the value.
+const LOOKS: u32 = 5_000;
+
+/// Patches meet in strips of this width at most where the height jumps, m.
+const STRIP: f64 = 4e-9;
+
+/// Ground over a rectangle in which no patches meet: one polynomial of second order, or a strip with a jump.
+#[derive(Clone, Copy)]
+struct Patch {
+    low: Vector2<f64>,
+    high: Vector2<f64>,
+    /// Heights at the corners, `[x][y]`.
+    corners: [[f64; 2]; 2],
+}
+
+impl Patch {
+    fn corner(&self, i: usize, j: usize) -> Vector2<f64> {
+        Vector2::new([self.low.x, self.high.x][i], [self.low.y, self.high.y][j])
+    }
+
+    /// The point nearest to another.
+    fn nearest(&self, to: Vector2<f64>) -> Vector2<f64> {
+        to.sup(&self.low).inf(&self.high)
+    }
+
+    /// Both halves of the longer side.
+    fn halves(&self, terrain: &Terrain) -> [Patch; 2] {
+        let (size, middle) = (self.high - self.low, (self.low + self.high) / 2.);
+        let axis = usize::from(size.y > size.x);
+        let (mut first, mut second) = (*self, *self);
+        first.high[axis] = middle[axis];
+        second.low[axis] = middle[axis];
+        for side in 0..2 {
+            if axis == 0 {
+                let height = terrain.height(middle.x, [self.low.y, self.high.y][side]);
+                (first.corners[1][side], second.corners[0][side]) = (height, height);
+            } else {
+                let height = terrain.height([self.low.x, self.high.x][side], middle.y);
+                (first.corners[side][1], second.corners[side][0]) = (height, height);
+            }
+        }
+        [first, second]
+    }
+
+    /// No more than the distance of a point from this ground and all below it.
+    ///
+    /// The height is greatest in a corner: it is bilinear, or convex. Nor is it above its tangent plane in the middle by more than the rest of
+    /// its expansion.
+    fn distance_bound(&self, terrain: &Terrain, from: &Vector3<f64>) -> f64 {
+        let highest = self.corners.concat().into_iter().fold(f64::NEG_INFINITY, f64::max);
+        let aside = (self.nearest(from.xy()) - from.xy()).norm();
+        let beside = aside.hypot((from.z - highest).max(0.));
+        let half = (self.high - self.low) / 2.;
+        if self.corners.concat().into_iter().all(|height| height == highest) || half.min() * 2. < STRIP {
+            return beside;
+        }
+        let middle = self.low + half;
+        let ground = terrain.ground(middle.x, middle.y);
+        let [[xx, xy], [_, yy]] = ground.curvature;
+        let rest = (xx.max(0.) * half.x * half.x + yy.max(0.) * half.y * half.y) / 2. + xy.abs() * half.x * half.y;
+        let slope = Vector2::from(ground.slope);
+        let plane = ground.height + slope.dot(&(from.xy() - middle)) + rest;
+        beside.max((from.z - plane) / slope.norm().hypot(1.))
+    }
+
+    /// Distance of a point from some point of this ground, near the nearest.
+    fn distance(&self, terrain: &Terrain, from: &Vector3<f64>) -> f64 {
+        let at = self.nearest(from.xy());
+        let ground = terrain.ground(at.x, at.y);
+        let slope = Vector2::from(ground.slope);
+        let above = from.z - ground.height - slope.dot(&(from.xy() - at));
+        // The foot of the perpendicular to the tangent plane.
+        let foot = self.nearest(from.xy() + slope * (above / (1. + slope.norm_squared())));
+        [at, foot]
+            .map(|q| (q - from.xy()).norm().hypot((from.z - terrain.height(q.x, q.y)).max(0.)))
+            .into_iter()
+            .fold(f64::INFINITY, f64::min)
+    }
+}
+
+/// The patches of a rectangle.
+fn patches(terrain: &Terrain, low: Vector2<f64>, high: Vector2<f64>) -> Vec<Patch> {
+    let [xs, ys] = [0, 1].map(|axis| {
+        let mut lines = vec![low[axis]];
+        lines.extend(breaks(terrain, axis, low[axis], high[axis]));
+        lines.push(high[axis]);
+        lines
+    });
+    let heights: Vec<Vec<f64>> = xs.iter().map(|&x| ys.iter().map(|&y| terrain.height(x, y)).collect()).collect();
+    let mut all = Vec::with_capacity(xs.len() * ys.len());
+    for (i, x) in xs.windows(2).enumerate() {
+        for (j, y) in ys.windows(2).enumerate() {
+            let corners = [[heights[i][j], heights[i][j + 1]], [heights[i + 1][j], heights[i + 1][j + 1]]];
+            all.push(Patch { low: Vector2::new(x[0], y[0]), high: Vector2::new(x[1], y[1]), corners });
+        }
+    }
+    all
+}
+
+/// Distance of a point from the ground and all below it, m, to [`CLOSE`]; `within` where it is no less.
+fn distance(terrain: &Terrain, from: &Vector3<f64>, within: f64) -> f64 {
+    let around = Vector2::repeat(within);
+    // The largest first: where much of the ground is as far away, what is left is small.
+    let mut open = VecDeque::from(patches(terrain, from.xy() - around, from.xy() + around));
+    let (mut best, mut looks) = (within, 0);
+    while let Some(patch) = open.pop_front() {
+        let bound = patch.distance_bound(terrain, from);
+        if bound >= best - CLOSE {
+            continue;
+        }
+        looks += 1;
+        if looks > LOOKS {
+            best = bound;
+            continue;
+        }
+        best = best.min(patch.distance(terrain, from));
+        if bound < best - CLOSE {
+            open.extend(patch.halves(terrain));
+        }
+    }
+    best
+}
+
+/// No less than any height of a terrain, m.
+fn highest(terrain: &Terrain) -> f64 {
+    match &terrain.shape {
+        Shape::Flat => 0.,
+        Shape::Grid(grid) => grid.heights.iter().flatten().fold(f64::NEG_INFINITY, |highest, &h| highest.max(h)),
+        // Chimneys rise without end.
+        Shape::Profile(_) => f64::INFINITY,
+    }
+}
+
+/// How deep the ball of a standing foot is in the ground, m; not below `floor`.
+pub(super) fn standing_depth(terrain: &Terrain, foothold: Vector3<f64>, radius: f64, floor: f64) -> f64 {
+    let middle = foothold + ContactAxes::new(terrain, foothold).normal * radius;
+    radius - distance(terrain, &middle, radius - floor)
+}
+
+/// How deep the ball of a foot gets into the ground at most in a swing, m; not below `floor`.
+///
+/// * `swing` - times of lift-off and landing, s
+pub(super) fn swing_depth(curves: &FootMotion, swing: [f64; 2], terrain: &Terrain, radius: f64, floor: f64) -> Extreme {
+    let motion = &curves.motion;
+    let nodes = swing.map(|time| nearest(&motion.times, time));
+    let ends = nodes.map(|node| ContactAxes::new(terrain, motion.value(node)).normal * radius);
+    let top = highest(terrain);
+    let mut extreme = Extreme { value: floor, time: swing[0], foot: None };
+    for piece in nodes[0]..nodes[1] {
+        let (start, length) = (motion.times[piece], motion.length(piece));
+        let offset = |third: usize| {
+            let part = (start + length * third as f64 / 3. - swing[0]) / (swing[1] - swing[0]);
+            ends[0] + (ends[1] - ends[0]) * part
+        };
+        let control: Control<4> = position(motion.curve, piece);
+        let path = std::array::from_fn(|i| control[i] + offset(i));
+        let (value, at) = path_depth(path, terrain, radius, extreme.value, top);
+        if value > extreme.value {
+            extreme = Extreme { value, time: start + at * length, foot: None };
+        }
+    }
+    extreme
+}
+
+/// The same over one piece of the path of its middle, and where on it.
+///
+/// * `top` - no less than any height
+fn path_depth(path: Control<4>, terrain: &Terrain, radius: f64, floor: f64, top: f64) -> (f64, f64) {
+    if !path.iter().all(|c| c.iter().all(|v| v.is_finite())) {
+        return (f64::INFINITY, 0.);
+    }
+    let mut best = (floor, 0.);
+    let mut parts = vec![(path, 0., 1.)];
+    let mut looks = 0;
+    while let Some((part, start, end)) = parts.pop() {
+        if part.iter().all(|c| c.z - radius > top - floor) {
+            continue;
+        }
+        looks += 1;
+        let (left, right) = halves(part);
+        let (middle, at) = (right[0], (start + end) / 2.);
+        let apart = part.iter().map(|c| (c - middle).norm()).fold(0., f64::max);
+        // Long parts would look at too much ground at once.
+        if apart <= radius || looks > LOOKS {
+            let depth = radius - distance(terrain, &middle, radius - best.0 + apart);
+            let bound = (depth + apart).min(radius);
+            if depth > best.0 {
+                best = (depth, at);
+            }
+            if bound <= best.0 + CLOSE {
+                continue;
+            }
+            if looks > LOOKS {
+                best = (bound, at);
+                continue;
+            }
+        }
+        parts.extend([(left, start, at), (right, at, end)]);
+    }
+    best
+}
+
+/// How far the ground within the radius of a foothold is off the plane of the ground under it, above or below, m; not below `floor`.
+pub(super) fn off_plane(terrain: &Terrain, foothold: Vector3<f64>, radius: f64, floor: f64) -> f64 {
+    let here = foothold.xy();
+    let ground = terrain.ground(here.x, here.y);
+    if !ground.height.is_finite() {
+        return f64::INFINITY;
+    }
+    let slope = Vector2::from(ground.slope);
+    let off = |at: Vector2<f64>, height: f64| (height - ground.height - slope.dot(&(at - here))).abs();
+    let mut best = floor;
+    let mut looks = 0;
+    let mut open = patches(terrain, here - Vector2::repeat(radius), here + Vector2::repeat(radius));
+    while let Some(patch) = open.pop() {
+        if (patch.nearest(here) - here).norm() > radius {
+            continue;
+        }
+        let (half, mut bound) = ((patch.high - patch.low) / 2., 0_f64);
+        for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+            let corner = patch.corner(i, j);
+            bound = bound.max(off(corner, patch.corners[i][j]));
+            let within = here + (corner - here).cap_magnitude(radius);
+            best = best.max(off(within, terrain.height(within.x, within.y)));
+        }
+        // A bilinear height is nowhere farther off than in a corner; a profile bends by its curvature in between.
+        let middle = patch.low + half;
+        let [[xx, _], [_, yy]] = terrain.ground(middle.x, middle.y).curvature;
+        bound += (xx.abs() * half.x * half.x + yy.abs() * half.y * half.y) / 2.;
+        if bound <= best + CLOSE {
+            continue;
+        }
+        looks += 1;
+        if looks > LOOKS {
+            best = bound;
+            continue;
+        }
+        open.extend(patch.halves(terrain));
+    }
+    best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::terrain::{Grid, Terrain};
+
+    /// Numbers from 0 to 1.
+    fn random(state: &mut u64) -> f64 {
+        *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        (*state >> 40) as f64 / (1_u64 << 24) as f64
+    }
+
+    /// Twisted cells of 5 cm, and every profile.
+    fn terrains() -> Vec<Terrain> {
+        let heights = (0..60).map(|i| (0..20).map(|j| 0.01 * f64::from((i * 7 + j * 3) % 5)).collect()).collect();
+        let grid = Terrain { shape: Shape::Grid(Grid { low: [0.; 2], high: [3., 1.], heights }), ..Terrain::flat() };
+        let named = ["stairs", "gap", "slope", "block", "chimney", "chimney-lr"].map(|name| Terrain::named(name).unwrap());
+        named.into_iter().chain([grid]).collect()
+    }
+
+    #[test]
+    fn distances_are_those_of_the_nearest_of_many_points() {
+        let mut state = 1;
+        for terrain in terrains() {
+            let mut close = 0;
+            for _ in 0..60 {
+                let (x, y) = (0.6 + 2. * random(&mut state), 0.2 + 0.6 * random(&mut state));
+                let from = Vector3::new(x, y, terrain.height(x, y) + 0.05 * random(&mut state));
+                let got = distance(&terrain, &from, 0.04);
+                let mut least = 0.04_f64;
+                for (i, j) in (-80..=80).flat_map(|i| (-80..=80).map(move |j| (i, j))) {
+                    let (dx, dy) = (5e-4 * f64::from(i), 5e-4 * f64::from(j));
+                    let below = (from.z - terrain.height(x + dx, y + dy)).max(0.);
+                    least = least.min(Vector3::new(dx, dy, below).norm());
+                }
+                // Samples are half a millimetre apart, and never nearer than what is nearest.
+                assert!(got <= least + CLOSE && got > least - 6e-4, "{} at {x}, {y}: {got} against {least}", terrain.name);
+                close += usize::from(least < 0.04);
+            }
+            assert!(close > 10, "{}", terrain.name);
+        }
+    }
+
+    #[test]
+    fn ground_off_a_plane_is_that_of_many_points() {
+        let mut state = 2;
+        for terrain in terrains() {
+            for _ in 0..60 {
+                let (x, y) = (0.6 + 2. * random(&mut state), 0.2 + 0.6 * random(&mut state));
+                let ground = terrain.ground(x, y);
+                let got = off_plane(&terrain, Vector3::new(x, y, ground.height), 0.03, 0.);
+                let mut most = 0_f64;
+                for (i, k) in (0..=60).flat_map(|i| (0..360).map(move |k| (i, k))) {
+                    let (sin, cos) = (std::f64::consts::TAU * f64::from(k) / 360.).sin_cos();
+                    let (dx, dy) = (5e-4 * f64::from(i) * cos, 5e-4 * f64::from(i) * sin);
+                    most = most.max((terrain.height(x + dx, y + dy) - ground.height - ground.slope[0] * dx - ground.slope[1] * dy).abs());
+                }
+                // Half a step of samples on the steepest ground, 0.5 m in 0.03 m, and half of a jump where it is between samples.
+                assert!(got >= most - CLOSE && got <= most + 0.011 || got > 0.19, "{} at {x}, {y}: {got} against {most}", terrain.name);
+            }
+        }
+    }
+
+    #[test]
+    fn a_ball_beside_a_riser_is_as_deep_as_it_is_too_near() {
+        // Steps of 0.2 m at 1.0 m and 1.4 m.
+        let stairs = Terrain::named("stairs").unwrap();
+        let path = |x: f64, z: f64| [0.8, 0.8 + (x - 0.8) / 3., 0.8 + (x - 0.8) * 2. / 3., x].map(|x| Vector3::new(x, 0., z));
+        let depth = |x: f64, z: f64| path_depth(path(x, z), &stairs, 0.05, 0., f64::INFINITY);
+        let close = |got: f64, expected: f64| assert!((got - expected).abs() < 2. * CLOSE, "{got} against {expected}");
+        close(depth(0.94, 0.1).0, 0.);
+        let (value, at) = depth(0.97, 0.1);
+        close(value, 0.02);
+        assert!((at - 1.).abs() < 0.01);
+        // Over the edge, by the distance from it.
+        close(depth(1.2, 0.23).0, 0.02);
+        close(depth(0.97, 0.24).0, 0.05 - 0.03_f64.hypot(0.04));
+        // Inside, by no more than its radius.
+        close(depth(1.2, 0.1).0, 0.05);
+        assert_eq!(path_depth([Vector3::new(f64::NAN, 0., 0.); 4], &stairs, 0.05, 0., f64::INFINITY).0, f64::INFINITY);
+    }
+
+    #[test]
+    fn standing_on_a_slope_is_on_a_plane_and_an_edge_is_off_it_by_what_is_beyond() {
+        // Up by 0.7 from 1 to 2 m, and down again.
+        let slope = Terrain::named("slope").unwrap();
+        let at = |x: f64| Vector3::new(x, 0.2, slope.height(x, 0.2));
+        assert!(standing_depth(&slope, at(1.5), 0.05, -0.01).abs() < CLOSE && off_plane(&slope, at(1.5), 0.05, 0.) < 1e-12);
+        // 2 cm from the top: 3 cm are beyond, and fall away by 1.4.
+        assert!((off_plane(&slope, at(1.98), 0.05, 0.) - 1.4 * 0.03).abs() < CLOSE);
+        // In the foot of the slope: `1 - cos(atan 0.7)` of the radius.
+        let corner = 0.05 * (1. - 1. / 0.7_f64.hypot(1.));
+        assert!((standing_depth(&slope, at(1. - 1e-9), 0.05, 0.) - corner).abs() < 2. * CLOSE);
+        let stairs = Terrain::named("stairs").unwrap();
+        for (x, off) in [(0.94, 0.), (0.96, 0.2), (1.04, 0.2), (1.06, 0.), (1.34, 0.), (1.36, 0.2)] {
+            let got = off_plane(&stairs, Vector3::new(x, 0., stairs.height(x, 0.)), 0.05, 0.);
+            assert!((got - off).abs() < 1e-12, "{x}: {got}");
+        }
+    }
+}
