@@ -138,11 +138,13 @@ fn of_npy(bytes: &[u8]) -> Result<Vec<Vec<f64>>> {
     let by_columns = header.order() == npyz::Order::Fortran;
     let file = || npyz::NpyFile::new(Cursor::new(bytes)).map_err(format);
     let kind = header.dtype().descr();
-    fn values<T: npyz::Deserialize + Into<f64>>(file: npyz::NpyFile<Cursor<&[u8]>>) -> Option<std::io::Result<Vec<f64>>> {
+    type File<'a> = npyz::NpyFile<Cursor<&'a [u8]>>;
+    type Values = Option<std::io::Result<Vec<f64>>>;
+    fn values<T: npyz::Deserialize + Into<f64>>(file: File) -> Values {
         let data = file.data::<T>().ok()?;
         Some(data.map(|value| value.map(Into::into)).collect())
     }
-    let readers: [fn(npyz::NpyFile<Cursor<&[u8]>>) -> Option<std::io::Result<Vec<f64>>>; 8] =
+    let readers: [fn(File) -> Values; 8] =
         [values::<f64>, values::<f32>, values::<i32>, values::<u32>, values::<i16>, values::<u16>, values::<i8>, values::<u8>];
     let mut flat = None;
     for reader in readers {
