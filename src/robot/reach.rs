@@ -56,11 +56,14 @@ impl ReachBox {
 }
 
 impl Reach {
-    /// The box of a foot; `foot` is one of the robot's that `Reach::validate` passed.
+    /// The box of a foot; that of a foot that has none is its nominal position.
     pub fn of(&self, foot: usize) -> ReachBox {
         match self {
             Reach::Symmetric(half) => ReachBox { low: half.map(|v| -v), high: *half },
-            Reach::PerFoot(feet) => ReachBox { low: feet[foot].map(|[low, _]| low), high: feet[foot].map(|[_, high]| high) },
+            Reach::PerFoot(feet) => {
+                let sides = feet.get(foot).copied().unwrap_or_default();
+                ReachBox { low: sides.map(|[low, _]| low), high: sides.map(|[_, high]| high) }
+            }
         }
     }
 
@@ -230,6 +233,7 @@ mod tests {
         let left = boxes.of(0);
         assert_eq!((left.center(), left.half_widths(), left.widths()), ([-0.125, 0.25, 0.5], [0.375, 0.25, 0.5], [0.75, 0.5, 1.]));
         assert_eq!(left.farthest(), 0.5f64.hypot(0.5));
+        assert_eq!(boxes.of(2).widths(), [0.; 3]);
         assert_eq!(boxes.scaled(2.).of(1), ReachBox { low: [-0.5, -1., -2.], high: [0.5, 0., 0.] });
     }
 
