@@ -11,7 +11,7 @@ use cregopt::reference::nlp::{Nlp, Pattern, Rows};
 use cregopt::reference::towr::Towr;
 use cregopt::robot::Robot;
 use cregopt::search::evaluate::{LowerSettings, evaluate};
-use cregopt::task::{BaseState, Task};
+use cregopt::task::Task;
 use cregopt::terrain::Terrain;
 use std::collections::BTreeMap;
 
@@ -207,7 +207,7 @@ mod with_ipopt {
     use cregopt::reference::ipopt::{self, Options};
     use cregopt::reference::job::{Answer, Job, Program};
     use cregopt::reference::workers::{Workers, serve};
-    use cregopt::task::Goal;
+    use cregopt::task::{BaseState, Goal};
     use cregopt::verify::verify_rows;
     use std::sync::Mutex;
     use std::sync::atomic::{AtomicUsize, Ordering};
