@@ -277,3 +277,70 @@ pub fn table_of(settings: &impl Serialize) -> Result<toml::Table> {
     let value = without_null(serde_json::to_value(settings)?).unwrap_or_default();
     toml::Table::try_from(value).map_err(|e| Error::Format { message: e.to_string() })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::init::TEMPLATE;
+    use crate::task::Task;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use std::fs;
+    use std::time::{Duration, Instant};
+
+    /// The commented scenario with every key in force, and with its robot and terrain in full.
+    fn everything() -> String {
+        let key = |line: &str| line.split_once(" = ").is_some_and(|(key, _)| key.chars().all(|c| c.is_ascii_lowercase() || c == '_'));
+        let named = |line: &&str| !line.starts_with("robot = ") && !line.starts_with("terrain = ");
+        let lines = TEMPLATE.lines().map(|line| line.strip_prefix("# ").filter(|line| key(line)).unwrap_or(line)).filter(named);
+        let tables = toml::Table::from_iter([
+            ("robot".to_string(), toml::Value::try_from(Robot::named("anymal").unwrap()).unwrap()),
+            ("terrain".to_string(), toml::Value::try_from(Terrain::named("gap").unwrap()).unwrap()),
+        ]);
+        lines.collect::<Vec<_>>().join("\n") + "\n" + &to_toml(&tables).unwrap()
+    }
+
+    #[test]
+    fn mutated_files_are_read_or_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("walk.toml");
+        let good: Vec<char> = everything().chars().collect();
+        let parts = [
+            "\"", "'", "[", "]", "[[", "{", "}", "=", ",", "\n", "#", "-", "0", "1e308", "-1e-308", "nan", "inf", "true", " ", "", ".", "_",
+            "\u{e9}", "[robot]\n", "gap", "reach",
+        ];
+        let mut random = ChaCha8Rng::seed_from_u64(7);
+        let start = Instant::now();
+        let (mut posed, mut refused) = (0, 0);
+        for i in 0..3000 {
+            let mut text = good.clone();
+            for _ in 0..random.random_range(0..3) {
+                let at = random.random_range(0..text.len());
+                let until = (at + random.random_range(0..6)).min(text.len());
+                text.splice(at..until, parts[random.random_range(0..parts.len())].chars());
+            }
+            if i % 20 == 19 {
+                text.truncate(random.random_range(0..text.len()));
+            }
+            fs::write(&path, text.into_iter().collect::<String>()).unwrap();
+            let task = ScenarioFile::read(&path).and_then(|file| {
+                for table in ["search", "transcription", "solver", "refine"] {
+                    file.settings_of(table)?;
+                }
+                let (robot, terrain) = (file.robot()?, file.terrain()?);
+                let (start, goal) = (file.start.unwrap_or_default(), file.goal.unwrap_or(Goal::at(1., 0.)));
+                let Some((robot, terrain)) = robot.zip(terrain) else { return Ok(None) };
+                Task::from_feet(robot, terrain, start.place(), start.feet.clone(), goal).and_then(|task| task.validate().map(|()| Some(task)))
+            });
+            match task {
+                Ok(task) => posed += usize::from(task.is_some()),
+                Err(error) => {
+                    assert!(!error.to_string().is_empty());
+                    refused += 1;
+                }
+            }
+        }
+        assert!(posed > 200 && refused > 200, "{posed} posed, {refused} refused");
+        assert!(start.elapsed() < Duration::from_secs(60), "{:?}", start.elapsed());
+    }
+}
