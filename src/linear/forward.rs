@@ -8,7 +8,7 @@ use multiversion::multiversion;
 /// Replaces the right-hand side after [`factorise`](super::front::factorise): forward substitution of `-(u + J' v)`.
 ///
 /// * `gradient` - `u + J' v`, `[variables]`
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn forward<T: Real>(layout: &Layout<T>, factor: &mut Factor<T>, gradient: &mut [T]) {
     let local = &mut factor.local;
     for step in &layout.steps {
@@ -20,7 +20,7 @@ pub fn forward<T: Real>(layout: &Layout<T>, factor: &mut Factor<T>, gradient: &m
             let value = (-gradient[first + i] - local[i]) / row[i];
             row[size] = value;
             for (sum, &left) in local[i + 1..size].iter_mut().zip(&row[i + 1..size]) {
-                *sum += left * value;
+                *sum = left.mul_add(value, *sum);
             }
         }
         for run in &layout.front_runs[step.rest.range()] {

@@ -105,7 +105,7 @@ pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, facto
 }
 
 /// Copies what stays of the old front to its slots in the new one.
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 fn move_front<T: Real>(layout: &Layout<T>, moves: Span, old: &[T], old_size: usize, new: &mut [T], new_size: usize, stride: usize) {
     let runs = &layout.front_runs[moves.range()];
     for (first, rows) in runs.iter().enumerate() {
@@ -152,7 +152,7 @@ const AT_ONCE: usize = 6;
 const LANES: usize = 8;
 
 /// Adds `M` rows of an element from the `first` on.
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 #[allow(clippy::too_many_arguments, reason = "separate slices: the compiler knows that they do not overlap")]
 fn assemble_rows<T: Real, const M: usize>(
     layout: &Layout<T>,
@@ -221,7 +221,7 @@ fn assemble_rows<T: Real, const M: usize>(
 ///
 /// All rows touch the base through its pose alone, with weights `w` that an instant's feet share: with `P` the rows by the pose, `A` by the
 /// foot's own columns, the base block of coefficients `i` and `j` is `w_i w_j sum P' W P`, that of coefficient and foot `w_i P' W A`.
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 fn assemble_reach<T: Real>(
     layout: &Layout<T>,
     instants: &[ReachInstant<T>],
@@ -263,7 +263,9 @@ fn assemble_reach<T: Real>(
             }
             for c in 0..C {
                 for d in 0..C {
-                    pose_pose[c * C + d] += weighted[c] * pose[d] + weighted[C + c] * pose[C + d] + weighted[2 * C + c] * pose[2 * C + d];
+                    let sum = weighted[c].mul_add(pose[d], pose_pose[c * C + d]);
+                    let sum = weighted[C + c].mul_add(pose[C + d], sum);
+                    pose_pose[c * C + d] = weighted[2 * C + c].mul_add(pose[2 * C + d], sum);
                 }
             }
             // The foot's own columns: two a foothold, one a swing height.
@@ -296,7 +298,7 @@ fn assemble_reach<T: Real>(
                     // Only what lies right of the diagonal.
                     let (at, step) = if slot > i { (i * stride + slot, 1) } else { (slot * stride + i, stride) };
                     for c in 0..C {
-                        front[at + c * step] += weights[b] * cross[c];
+                        front[at + c * step] = weights[b].mul_add(cross[c], front[at + c * step]);
                     }
                 }
                 for g in 0..5 {
@@ -312,7 +314,7 @@ fn assemble_reach<T: Real>(
             let w = weights[i] * weights[j];
             if w != T::zero() {
                 for c in 0..C * C {
-                    sum[c] += w * pose_pose[c];
+                    sum[c] = w.mul_add(pose_pose[c], sum[c]);
                 }
             }
         }
@@ -347,7 +349,7 @@ fn accumulate<T: Real, const K: usize>(line: &mut [T], tile: &[T], width: usize,
         for k in 0..K {
             let right = &right[offset[k]..offset[k] + LANES];
             for l in 0..LANES {
-                sum[l] += left[k] * right[l];
+                sum[l] = left[k].mul_add(right[l], sum[l]);
             }
         }
     }
@@ -357,7 +359,7 @@ fn accumulate<T: Real, const K: usize>(line: &mut [T], tile: &[T], width: usize,
 ///
 /// Rows are taken four at a time, columns `W` at a time, so that a 4 x `W` tile stays in registers while all earlier pivot rows pass.
 /// Returns false when a pivot is not positive.
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn partial_cholesky<T: Real, const W: usize>(front: &mut [T], stride: usize, size: usize, pivots: usize) -> bool {
     let mut first = 0;
     while first + 4 <= size {
@@ -398,7 +400,7 @@ fn eliminate_rows<T: Real, const W: usize, const R: usize>(
             let right: [T; W] = tile_of(&pivot[j..]);
             for r in 0..R {
                 for l in 0..W {
-                    tile[r][l] -= left[r] * right[l];
+                    tile[r][l] = (-left[r]).mul_add(right[l], tile[r][l]);
                 }
             }
         }
@@ -417,7 +419,7 @@ fn eliminate_rows<T: Real, const W: usize, const R: usize>(
             let left = pivot[i];
             for (sum, right) in line[from..to].chunks_exact_mut(W).zip(pivot[from..to].chunks_exact(W)) {
                 for l in 0..W {
-                    sum[l] -= left * right[l];
+                    sum[l] = (-left).mul_add(right[l], sum[l]);
                 }
             }
         }
@@ -452,11 +454,11 @@ pub fn dot<T: Real>(a: &[T], b: &[T]) -> T {
     let (a_rest, b_rest) = (a_chunks.remainder(), b_chunks.remainder());
     for (a, b) in a_chunks.zip(b_chunks) {
         for l in 0..LANES {
-            lanes[l] += a[l] * b[l];
+            lanes[l] = a[l].mul_add(b[l], lanes[l]);
         }
     }
     for (l, (a, b)) in a_rest.iter().zip(b_rest).enumerate() {
-        lanes[l] += *a * *b;
+        lanes[l] = a.mul_add(*b, lanes[l]);
     }
     ((lanes[0] + lanes[4]) + (lanes[2] + lanes[6])) + ((lanes[1] + lanes[5]) + (lanes[3] + lanes[7]))
 }

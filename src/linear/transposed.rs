@@ -5,7 +5,7 @@ use crate::real::Real;
 use multiversion::multiversion;
 
 /// Transposed product `out = J' v`.
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn transposed_times<T: Real>(layout: &Layout<T>, jacobian: &[T], v: &[T], local: &mut [T], out: &mut [T]) {
     out.fill(T::zero());
     for element in &layout.elements {
@@ -17,7 +17,7 @@ pub fn transposed_times<T: Real>(layout: &Layout<T>, jacobian: &[T], v: &[T], lo
             let values = &jacobian[place.jacobian as usize + r * stride..][..stride];
             for (sum, value) in local[..stride].chunks_exact_mut(8).zip(values.chunks_exact(8)) {
                 for l in 0..8 {
-                    sum[l] += v * value[l];
+                    sum[l] = v.mul_add(value[l], sum[l]);
                 }
             }
         }

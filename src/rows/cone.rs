@@ -33,7 +33,7 @@ pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) 
 /// * `edge_radius` - over which edges of the terrain are rounded, m; 0 for the exact rows
 /// * `residual` - out, at each node's place: normal limit, cone, push
 /// * `jacobian` - out, 2 rows at each node's place
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn cone<T: Real>(tables: &Tables<T>, x: &[T], edge_radius: T, residual: &mut [T], mut jacobian: Option<&mut [T]>) {
     let constants = &tables.constants;
     let (friction, margin) = (constants.friction, constants.force_margin);

@@ -151,7 +151,7 @@ pub fn spin<T: Real>(inertia: &Mat3<T>, angles: Vec3<T>, rates: Vec3<T>, acceler
 ///
 /// * `residual` - out, `[instants][6]`, moment then balance
 /// * `jacobian` - out, at each instant's place
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn dynamics<T: Real>(tables: &Tables<T>, x: &[T], ground: &[Ground<T>], residual: &mut [T], mut jacobian: Option<&mut [T]>) {
     for instant in &tables.dynamics_instants {
         dynamics_instant(tables, instant, x, ground, residual, jacobian.as_deref_mut());

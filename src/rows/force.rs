@@ -129,7 +129,7 @@ pub(crate) fn basis<T: Real>(ground: &Ground<T>) -> [Direction<T>; 3] {
 /// * `edge_radius` - over which edges of the terrain are rounded, m; 0 for the exact rows
 /// * `residual` - out, at each node's place: normal limit, 4 friction rows, push
 /// * `jacobian` - out, 5 rows at each node's place; the push is the lower side of the first
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn force<T: Real>(tables: &Tables<T>, x: &[T], edge_radius: T, residual: &mut [T], mut jacobian: Option<&mut [T]>) {
     let constants = &tables.constants;
     let (zero, one) = (T::zero(), T::one());

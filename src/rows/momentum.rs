@@ -208,7 +208,7 @@ pub fn angular_momentum<T: Real>(inertia: &Mat3<T>, angles: Vec3<T>, rates: Vec3
 /// * `frozen` - whether the deviations are taken as they are
 /// * `residual` - out, at each interval's places
 /// * `jacobian` - out, likewise
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn momentum<T: Real>(
     tables: &Tables<T>,
     x: &[T],

@@ -92,7 +92,7 @@ pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) 
 ///
 /// * `residual` - out, at each foot's place: 3 upper sides, 3 lower sides
 /// * `jacobian` - out, 3 rows at each foot's place, then the same rows by the base pose, `[3][6]`
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn reach<T: Real>(
     tables: &Tables<T>,
     x: &[T],

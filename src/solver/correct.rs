@@ -12,7 +12,7 @@ use multiversion::multiversion;
 ///
 /// * `g_change` - products of the Jacobian with the predictor
 /// * `weight`, `value` - out, of the rows
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn correct<T: Real>(
     layout: &Layout<T>,
     c: &[T],

@@ -12,7 +12,7 @@ fn over<T: Real>(g: T) -> T {
 }
 
 /// Infeasibility `F = (|c|^2 + |max(g, 0)|^2) / 2`.
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn infeasibility<T: Real>(c: &[T], g: &[T]) -> T {
     let half = T::of(0.5);
     let mut lanes = [T::zero(); 8];
@@ -34,7 +34,7 @@ fn squares_fall<T: Real>(a: &[T], b: &[T]) -> T {
 }
 
 /// How far the infeasibility falls from `(c, g)` to `(c_to, g_to)`.
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn infeasibility_fall<T: Real>(c: &[T], g: &[T], c_to: &[T], g_to: &[T]) -> T {
     let mut lanes = [T::zero(); 8];
     for i in 0..g.len() {
@@ -59,7 +59,7 @@ fn smoothed<T: Real>(g: T, mu: T) -> (T, T) {
 /// `M = |c|^2 / 2 + sum phi(g)`, `phi(g) = (g + s)^2 / 2 - mu ln s` at the best slack `s = (q - g) / 2`, `q = sqrt(g^2 + 4 mu)`. Its
 /// derivative is `(g + q) / 2`, a smooth `max(g, 0)`. Differences are taken term by term, so that they are good in `f32`; logarithms of
 /// products of eight ratios of slacks, in `f64` for the products' sake.
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn merit_fall<T: Real>(c: &[T], g: &[T], c_to: &[T], g_to: &[T], mu: T) -> T {
     let mut squares = [T::zero(); 8];
     let mut logs = 0.;
@@ -77,7 +77,7 @@ pub fn merit_fall<T: Real>(c: &[T], g: &[T], c_to: &[T], g_to: &[T], mu: T) -> T
 }
 
 /// How far the cost of being away from the initial values falls from `x` to `x_to`: that of `sum smoothing (x - initial)^2 / 2`.
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn smoothing_fall<T: Real>(smoothing: &[T], x: &[T], x_to: &[T], initial: &[T]) -> T {
     let mut lanes = [T::zero(); 8];
     for i in 0..smoothing.len() {
@@ -88,7 +88,7 @@ pub fn smoothing_fall<T: Real>(smoothing: &[T], x: &[T], x_to: &[T], initial: &[
 }
 
 /// Squared distance of residuals from their linear model: `(|c - c_lin|^2 + |g - g_lin|^2) / 2`.
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn nonlinearity<T: Real>(c: &[T], c_linear: &[T], g: &[T], g_linear: &[T]) -> T {
     let mut lanes = [T::zero(); 8];
     for (value, linear) in [(c, c_linear), (g, g_linear)] {
@@ -101,7 +101,7 @@ pub fn nonlinearity<T: Real>(c: &[T], c_linear: &[T], g: &[T], g_linear: &[T]) -
 }
 
 /// Moves slacks and multipliers along their steps and keeps them off zero.
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn update_slacks<T: Real>(slacks: &mut Slacks<T>, step: T) {
     let (slack_floor, multiplier_floor) = (T::of(SLACK_FLOOR), T::of(MULTIPLIER_FLOOR));
     for i in 0..slacks.slack.len() {

@@ -47,7 +47,7 @@ impl<T: Real> Aim<T> {
 /// Steps of slacks and multipliers for `d`: `dz = w (J d + g - z/rho + mu/z)`, `ds = -(s - mu/z) - (s/z) dz`.
 ///
 /// Returns the largest step in `(0, 1]` that keeps a twentieth of every slack and multiplier.
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn slack_steps<T: Real>(g: &[T], g_change: &[T], aim: Aim<T>, slacks: &mut Slacks<T>) -> T {
     let one = T::one();
     let count = g.len();
@@ -70,7 +70,7 @@ pub fn slack_steps<T: Real>(g: &[T], g_change: &[T], aim: Aim<T>, slacks: &mut S
 }
 
 /// Mean of the products `s z` after a step.
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn mean_product<T: Real>(slacks: &Slacks<T>, step: T) -> T {
     let count = slacks.slack.len();
     let mut lanes = [T::zero(); 8];

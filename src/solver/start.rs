@@ -6,7 +6,7 @@ use crate::real::Real;
 use multiversion::multiversion;
 
 /// Column scaling `D_j = sum_eq J_ij^2 + 1/2 sum_ineq J_ij^2`, at least 1e-2.
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn column_scaling<T: Real>(layout: &Layout<T>, jacobian: &[T], diagonal: &mut [T]) {
     diagonal.fill(T::zero());
     for element in &layout.elements {
@@ -29,7 +29,7 @@ pub fn column_scaling<T: Real>(layout: &Layout<T>, jacobian: &[T], diagonal: &mu
 }
 
 /// First slacks, `max(|g|, sqrt(mu / 5))`, and the multipliers that go with the barrier parameter.
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn start_slacks<T: Real>(g: &[T], mu: T, slacks: &mut Slacks<T>) {
     // At the default barrier 0.1; what starts near its end starts with small slacks, too.
     let least = (T::of(0.2) * mu).sqrt();

@@ -28,7 +28,7 @@ fn per_row<T: Real>(layout: &Layout<T>, weight: &mut [T], value: &mut [T], of: i
 }
 
 /// Row weights of a barrier step: `W = rho` and `w = 1 / (s/z + 1/rho)`, `v = rho c` and `z + w (g - z/rho + mu/z)`, with `rho = 1`.
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn barrier_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], slacks: &Slacks<T>, aim: Aim<T>, weight: &mut [T], value: &mut [T]) {
     let one = T::one();
     weight[..layout.equalities].fill(one);
@@ -41,7 +41,7 @@ pub fn barrier_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], slacks: &Slac
 }
 
 /// Row weights of a closing step: the equalities and the violated inequalities.
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn closing_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], weight: &mut [T], value: &mut [T]) {
     let (zero, one) = (T::zero(), T::one());
     weight[..layout.equalities].fill(one);
@@ -50,7 +50,7 @@ pub fn closing_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], weight: &mut 
 }
 
 /// What falls on single variables: `eps D + weight smoothing` and `weight smoothing (x - initial)`.
-#[multiversion(targets("x86_64+avx2"))]
+#[multiversion(targets("x86_64+avx2+fma"))]
 #[allow(clippy::too_many_arguments, reason = "separate slices: the compiler knows that they do not overlap")]
 pub fn variable_terms<T: Real>(
     scaling: &[T],
