@@ -306,8 +306,32 @@ mod tests {
         let path = folder.path().join("walk.toml");
         let good: Vec<char> = everything().chars().collect();
         let parts = [
-            "\"", "'", "[", "]", "[[", "{", "}", "=", ",", "\n", "#", "-", "0", "1e308", "-1e-308", "nan", "inf", "true", " ", "", ".", "_",
-            "\u{e9}", "[robot]\n", "gap", "reach",
+            "\"",
+            "'",
+            "[",
+            "]",
+            "[[",
+            "{",
+            "}",
+            "=",
+            ",",
+            "\n",
+            "#",
+            "-",
+            "0",
+            "1e308",
+            "-1e-308",
+            "nan",
+            "inf",
+            "true",
+            " ",
+            "",
+            ".",
+            "_",
+            "\u{e9}",
+            "[robot]\n",
+            "gap",
+            "reach",
         ];
         let mut random = ChaCha8Rng::seed_from_u64(7);
         let start = Instant::now();
@@ -330,7 +354,8 @@ mod tests {
                 let (robot, terrain) = (file.robot()?, file.terrain()?);
                 let (start, goal) = (file.start.unwrap_or_default(), file.goal.unwrap_or(Goal::at(1., 0.)));
                 let Some((robot, terrain)) = robot.zip(terrain) else { return Ok(None) };
-                Task::from_feet(robot, terrain, start.place(), start.feet.clone(), goal).and_then(|task| task.validate().map(|()| Some(task)))
+                Task::from_feet(robot, terrain, start.place(), start.feet.clone(), goal)
+                    .and_then(|task| task.validate().map(|()| Some(task)))
             });
             match task {
                 Ok(task) => posed += usize::from(task.is_some()),

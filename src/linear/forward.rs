@@ -8,7 +8,7 @@ use multiversion::multiversion;
 /// Replaces the right-hand side after [`factorise`](super::front::factorise): forward substitution of `-(u + J' v)`.
 ///
 /// * `gradient` - `u + J' v`, `[variables]`
-#[multiversion(targets("x86_64+avx2+fma"))]
+#[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 pub fn forward<T: Real>(layout: &Layout<T>, factor: &mut Factor<T>, gradient: &mut [T]) {
     let local = &mut factor.local;
     for step in &layout.steps {

@@ -105,7 +105,7 @@ pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, facto
 }
 
 /// Copies what stays of the old front to its slots in the new one.
-#[multiversion(targets("x86_64+avx2+fma"))]
+#[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 fn move_front<T: Real>(layout: &Layout<T>, moves: Span, old: &[T], old_size: usize, new: &mut [T], new_size: usize, stride: usize) {
     let runs = &layout.front_runs[moves.range()];
     for (first, rows) in runs.iter().enumerate() {
@@ -152,7 +152,7 @@ const AT_ONCE: usize = 6;
 const LANES: usize = 8;
 
 /// Adds `M` rows of an element from the `first` on.
-#[multiversion(targets("x86_64+avx2+fma"))]
+#[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 #[allow(clippy::too_many_arguments, reason = "separate slices: the compiler knows that they do not overlap")]
 fn assemble_rows<T: Real, const M: usize>(
     layout: &Layout<T>,
@@ -221,7 +221,7 @@ fn assemble_rows<T: Real, const M: usize>(
 ///
 /// All rows touch the base through its pose alone, with weights `w` that an instant's feet share: with `P` the rows by the pose, `A` by the
 /// foot's own columns, the base block of coefficients `i` and `j` is `w_i w_j sum P' W P`, that of coefficient and foot `w_i P' W A`.
-#[multiversion(targets("x86_64+avx2+fma"))]
+#[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 fn assemble_reach<T: Real>(
     layout: &Layout<T>,
     instants: &[ReachInstant<T>],
@@ -359,7 +359,7 @@ fn accumulate<T: Real, const K: usize>(line: &mut [T], tile: &[T], width: usize,
 ///
 /// Rows are taken four at a time, columns `W` at a time, so that a 4 x `W` tile stays in registers while all earlier pivot rows pass.
 /// Returns false when a pivot is not positive.
-#[multiversion(targets("x86_64+avx2+fma"))]
+#[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 pub fn partial_cholesky<T: Real, const W: usize>(front: &mut [T], stride: usize, size: usize, pivots: usize) -> bool {
     let mut first = 0;
     while first + 4 <= size {

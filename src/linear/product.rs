@@ -8,7 +8,7 @@ use multiversion::multiversion;
 /// Products `J d`: for equalities in `c_change`, for inequalities (with the sign of their side) in `g_change`.
 ///
 /// * `local` - scratch, `[widest]`
-#[multiversion(targets("x86_64+avx2+fma"))]
+#[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 pub fn jacobian_times<T: Real>(layout: &Layout<T>, jacobian: &[T], d: &[T], local: &mut [T], c_change: &mut [T], g_change: &mut [T]) {
     for element in &layout.elements {
         let place = &element.place;

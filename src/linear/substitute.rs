@@ -8,7 +8,7 @@ use multiversion::multiversion;
 /// Back substitution after [`factorise`](super::front::factorise).
 ///
 /// * `direction` - out, `d`, `[variables]`
-#[multiversion(targets("x86_64+avx2+fma"))]
+#[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 pub fn substitute<T: Real>(layout: &Layout<T>, factor: &mut Factor<T>, direction: &mut [T]) {
     let local = &mut factor.local;
     for step in layout.steps.iter().rev() {

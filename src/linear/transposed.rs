@@ -5,7 +5,7 @@ use crate::real::Real;
 use multiversion::multiversion;
 
 /// Transposed product `out = J' v`.
-#[multiversion(targets("x86_64+avx2+fma"))]
+#[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 pub fn transposed_times<T: Real>(layout: &Layout<T>, jacobian: &[T], v: &[T], local: &mut [T], out: &mut [T]) {
     out.fill(T::zero());
     for element in &layout.elements {

@@ -165,20 +165,20 @@ impl Tracker<'_> {
 }
 
 #[cfg(all(test, feature = "urdf"))]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::gait::{Curve, FootCurves};
     use crate::robot::import::{Import, configuration};
 
     /// The quadruped of the imports' tests, standing.
-    fn quadruped() -> Robot {
+    pub fn quadruped() -> Robot {
         let values = ["LF", "RF", "LH", "RH"].map(|leg| format!("{leg}_pitch=0.7854,{leg}_knee=-1.5708")).join(",");
         let import = Import { configuration: configuration(&values).unwrap(), ..Import::default() };
         import.urdf(include_str!("../../tests/data/quadruped.urdf")).unwrap().robot
     }
 
     /// Half a second in which the base moves and turns while feet 0 and 3 stand and the others swing.
-    fn motion(robot: &Robot) -> Trajectory {
+    pub fn motion(robot: &Robot) -> Trajectory {
         let curve = |from: [f64; 6], to: [f64; 6]| Curve { poly_durations: vec![0.5], nodes: vec![from, to] };
         let h = robot.base_height;
         let base =

@@ -10,6 +10,7 @@ mod certificate;
 use crate::error::{Error, Result};
 use crate::gait::Trajectory;
 use crate::report::ground_mesh::GroundMesh;
+use crate::report::joints::follow;
 use crate::report::samples::{FOOT_COLORS, Sample, Sampler, body_size, foot_names, hips};
 use crate::robot::Robot;
 use crate::terrain::Terrain;
@@ -84,6 +85,12 @@ struct FootData {
     reach: [[f64; 3]; 2],
     /// Where its leg meets the body as it is drawn, base frame, m.
     hip: [f64; 3],
+    /// Number of joints of its leg; 0 where the robot's are not known.
+    joints: usize,
+    /// Where they are, base frame, m, `[times][joints][axes]`.
+    links: Vec<f64>,
+    /// How high the centre of its ball is above the contact point, m.
+    radius: f64,
     position: Vec<f64>,
     force: Vec<f64>,
     normal_force: Vec<f64>,
@@ -109,13 +116,23 @@ impl<'a> ResultData<'a> {
         let sampler = Sampler::new(trajectory, robot, terrain)?;
         let samples = sampler.samples(RATE);
         let hips = hips(robot);
+        let joints = robot.joints.as_ref().map(|legs| follow(trajectory, robot, RATE).map(|motion| (legs, motion))).transpose()?;
         let feet = foot_names(robot).into_iter().enumerate().map(|(foot, name)| {
             let (stances, reach) = (sampler.stances(foot), robot.reach.of(foot));
+            let (count, radius, links) = joints.as_ref().map_or((0, 0., Vec::new()), |(legs, motion)| {
+                let (leg, first) = (&legs[foot], legs[..foot].iter().map(|leg| leg.chain.len()).sum::<usize>());
+                let count = leg.chain.len();
+                let anchors = motion.samples.iter().flat_map(|sample| leg.posture(&sample.positions[first..first + count]).anchors);
+                (count, leg.radius, anchors.flat_map(|at| [at.x, at.y, at.z].map(rounded)).collect())
+            });
             FootData {
                 name,
                 nominal: robot.nominal_feet[foot],
                 reach: [std::array::from_fn(|i| robot.nominal_feet[foot][i] + reach.center()[i]), reach.widths()],
                 hip: hips[foot],
+                joints: count,
+                links,
+                radius,
                 position: flat(&samples, |s| s.feet[foot].position),
                 force: flat(&samples, |s| s.feet[foot].force),
                 normal_force: flat(&samples, |s| [s.feet[foot].normal_force]),

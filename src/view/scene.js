@@ -155,8 +155,14 @@ class RobotModel {
     this.body.add(this.axes);
     this.hips = result.feet.map((f) => new THREE.Vector3(...f.hip));
     this.legs = colors.map((color) => rodOf(0.042 * leg, new THREE.MeshStandardMaterial({ color, roughness: 0.6 }), 0.055 * leg));
-    this.balls = colors.map((color) => {
-      const ball = new THREE.Mesh(new THREE.SphereGeometry(0.075 * leg, 24, 16), new THREE.MeshStandardMaterial({ color, roughness: 0.5 }));
+    // Where the joints of the legs are known: a rod from each to the next, the last one to the foot.
+    this.links = result.feet.map((foot, i) => {
+      const material = new THREE.MeshStandardMaterial({ color: colors[i], roughness: 0.6 });
+      return Array.from({ length: foot.joints }, () => rodOf(0.042 * leg, material, 0.05 * leg));
+    });
+    this.legs.forEach((rod, i) => (rod.visible = this.links[i].length === 0));
+    this.balls = colors.map((color, i) => {
+      const ball = new THREE.Mesh(new THREE.SphereGeometry(result.feet[i].radius || 0.075 * leg, 24, 16), new THREE.MeshStandardMaterial({ color, roughness: 0.5 }));
       ball.castShadow = true;
       return ball;
     });
@@ -189,7 +195,7 @@ class RobotModel {
     const outline = new THREE.Line(this.outline, new THREE.LineBasicMaterial({ color: 0x0b62a8 }));
     areaMesh.frustumCulled = outline.frustumCulled = false;
     this.support.add(areaMesh, outline);
-    this.group.add(this.body, ...this.legs, ...this.balls, this.forces, this.support);
+    this.group.add(this.body, ...this.legs, ...this.links.flat(), ...this.balls, this.forces, this.support);
   }
 
   pose(at, time) {
@@ -201,9 +207,17 @@ class RobotModel {
     const standing = [];
     result.feet.forEach((foot, i) => {
       const place = new THREE.Vector3(...valueAt(foot.position, 3, at));
-      const hip = this.hips[i].clone().applyMatrix4(this.body.matrixWorld);
-      span(this.legs[i], place, hip);
-      this.balls[i].position.copy(place);
+      const center = place.clone().setZ(place.z + foot.radius);
+      const chain = this.links[i];
+      if (chain.length === 0) {
+        span(this.legs[i], place, this.hips[i].clone().applyMatrix4(this.body.matrixWorld));
+      } else {
+        const joints = valueAt(foot.links, 3 * chain.length, at);
+        const points = chain.map((_, j) => new THREE.Vector3(...joints.slice(3 * j, 3 * j + 3)).applyMatrix4(this.body.matrixWorld));
+        points.push(center);
+        chain.forEach((rod, j) => span(rod, points[j + 1], points[j]));
+      }
+      this.balls[i].position.copy(center);
       const stance = stands(foot, time);
       if (stance) standing.push([place.x, place.y, place.z]);
       const force = new THREE.Vector3(...valueAt(foot.force, 3, at));

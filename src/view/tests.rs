@@ -62,6 +62,38 @@ fn a_page_holds_the_curves_of_its_trajectory() {
     assert_eq!(result["certificate"]["terms"][0], "a term");
 }
 
+#[cfg(feature = "urdf")]
+#[test]
+fn legs_of_an_imported_robot_are_rods_from_joint_to_joint_and_end_at_the_foot() {
+    use crate::report::joints::tests::{motion, quadruped};
+    use nalgebra::{Rotation3, Vector3};
+    let robot = quadruped();
+    let trajectory = motion(&robot);
+    let data = data_of(&page_of(&["walk"], &robot, &Terrain::flat(), &trajectory).unwrap());
+    let result = &data["results"][0];
+    let vectors = |value: &Value| -> Vec<Vector3<f64>> {
+        let numbers: Vec<f64> = value.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+        numbers.chunks_exact(3).map(Vector3::from_column_slice).collect()
+    };
+    let (base, angles) = (vectors(&result["position"]), vectors(&result["angles"]));
+    for (foot, leg) in result["feet"].as_array().unwrap().iter().zip(robot.joints.as_ref().unwrap()) {
+        let (links, places) = (vectors(&foot["links"]), vectors(&foot["position"]));
+        assert_eq!((foot["joints"].as_u64(), links.len(), foot["radius"].as_f64()), (Some(3), 3 * 51, Some(leg.radius)));
+        let near = |value: f64, expected: f64| assert!((value - expected).abs() < 1e-4, "{value} m instead of {expected} m");
+        for (k, chain) in links.chunks_exact(3).enumerate() {
+            near((chain[0] - leg.chain[0].origin.translation.vector).norm(), 0.);
+            for j in 1..3 {
+                near((chain[j] - chain[j - 1]).norm(), leg.chain[j].origin.translation.vector.norm());
+            }
+            let turn = Rotation3::from_euler_angles(angles[k].x, angles[k].y, angles[k].z);
+            let center = places[k] + Vector3::z() * leg.radius;
+            near((base[k] + turn * chain[2] - center).norm(), Vector3::from(leg.tip).norm());
+        }
+    }
+    let named = data_of(&page_of(&["rise"], &Robot::named("monoped").unwrap(), &Terrain::flat(), &self::trajectory()).unwrap());
+    assert_eq!((&named["results"][0]["feet"][0]["joints"], &named["results"][0]["feet"][0]["links"]), (&0.into(), &Value::Array(vec![])));
+}
+
 #[test]
 fn names_cannot_leave_their_place() {
     let evil = "</script><script>alert(1)</script><!--";
