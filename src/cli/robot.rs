@@ -5,7 +5,7 @@ use crate::error::{Error, Result, check_range};
 use crate::gait::Trajectory;
 use crate::gait::trajectory::NamedOr;
 use crate::report::files;
-use crate::report::joints::{JointLimits, JointMotion, RATE, RATES, Worst, follow};
+use crate::report::joints::{JointMotion, RATE, RATES, follow};
 #[cfg(feature = "urdf")]
 use crate::robot::import::{Import, Imported, MAX_URDF, configuration};
 use clap::{Args, Subcommand};
@@ -125,7 +125,11 @@ impl Joints {
         if let Some(out) = &self.out {
             files::write(out, &csv_text(&motion, out)?)?;
         }
-        print(&if self.json { to_json(&motion.limits)? } else { limits_text(&motion) })?;
+        print(&if self.json {
+            to_json(&motion.limits)?
+        } else {
+            format!("{} joints at {} times\n{}", motion.joints.len(), motion.samples.len(), motion.limits)
+        })?;
         Ok(if motion.limits.kept { Verdict::Feasible } else { Verdict::Infeasible })
     }
 
@@ -155,27 +159,4 @@ fn csv_text(motion: &JointMotion, out: &Path) -> Result<String> {
     }
     let bytes = writer.into_inner().map_err(|e| io(e.into_error().into()))?;
     Ok(String::from_utf8_lossy(&bytes).into_owned())
-}
-
-/// The worst of each limit, for people.
-fn limits_text(motion: &JointMotion) -> String {
-    let JointLimits { position_margin, velocity, effort, miss, kept } = &motion.limits;
-    let mut text = format!("{} joints at {} times\n", motion.joints.len(), motion.samples.len());
-    let turns = |w: &Worst| motion.joints.iter().any(|joint| joint.name == w.name && joint.turns);
-    let mut line = |what: &str, [turning, sliding]: [&str; 2], worst: &Option<Worst>, say: &dyn Fn(&Worst, &str) -> String| {
-        text += &match worst {
-            Some(w) => format!("  {what:<10}{}, joint {} at {:.3} s\n", say(w, if turns(w) { turning } else { sliding }), w.name, w.time),
-            None => format!("  {what:<10}no limits\n"),
-        };
-    };
-    let distance = |w: &Worst, unit: &str| format!("{:.4} {unit} from its limit {:.4}", (w.value - w.limit).abs(), w.limit);
-    let share =
-        |w: &Worst, unit: &str| format!("{:.1} % of its limit: {:.3} of {:.3} {unit}", 100. * w.value.abs() / w.limit, w.value, w.limit);
-    line("position", ["rad", "m"], position_margin, &distance);
-    line("velocity", ["rad/s", "m/s"], velocity, &share);
-    line("torque", ["N m", "N"], effort, &share);
-    if miss.value > 0. {
-        text += &format!("  foot {} is out of reach by {:.4} m at {:.3} s\n", miss.name, miss.value, miss.time);
-    }
-    text + if *kept { "  within all limits\n" } else { "  beyond the limits\n" }
 }

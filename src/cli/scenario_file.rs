@@ -292,7 +292,10 @@ mod tests {
     fn everything() -> String {
         let key = |line: &str| line.split_once(" = ").is_some_and(|(key, _)| key.chars().all(|c| c.is_ascii_lowercase() || c == '_'));
         let named = |line: &&str| !line.starts_with("robot = ") && !line.starts_with("terrain = ");
-        let lines = TEMPLATE.lines().map(|line| line.strip_prefix("# ").filter(|line| key(line)).unwrap_or(line)).filter(named);
+        let lines = TEMPLATE
+            .lines()
+            .map(|line| line.strip_prefix("# ").filter(|line| key(line) || line.starts_with('[')).unwrap_or(line))
+            .filter(named);
         let tables = toml::Table::from_iter([
             ("robot".to_string(), toml::Value::try_from(Robot::named("anymal").unwrap()).unwrap()),
             ("terrain".to_string(), toml::Value::try_from(Terrain::named("gap").unwrap()).unwrap()),
@@ -305,6 +308,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("walk.toml");
         let good: Vec<char> = everything().chars().collect();
+        fs::write(&path, everything()).unwrap();
+        ScenarioFile::read(&path).unwrap();
         let parts = [
             "\"",
             "'",

@@ -11,6 +11,7 @@ use crate::gait::family::GaitFamily;
 use crate::gait::{Schedule, Trajectory};
 use crate::nlp::transcription;
 use crate::refine::RefineSettings;
+use crate::report::joints;
 use crate::report::motion_plot::{self, MotionPlot};
 use crate::report::result::{GaitResult, Refinement, Run, SolvedOn};
 use crate::report::verdict::verdict;
@@ -241,6 +242,7 @@ impl Solve {
         if !result.feasible {
             result.diagnosis = Some(diagnosed(task, settings, lower, &found, backend)?);
         }
+        result.joints = joints::limits(found.best.trajectory(), &task.robot)?.filter(|_| result.feasible);
         if let Some(folder) = folder {
             let gaits = std::iter::once(&found.best).chain(&found.alternatives);
             let trajectories: Vec<String> = gaits
@@ -389,6 +391,9 @@ fn text(result: &SolveResult, folder: Option<&Path>) -> Result<String> {
         text += &format!("\nalternative\n{}", gait_text(gait));
     }
     text += &format!("\n{}\n", result.certificate);
+    if let Some(joints) = &result.joints {
+        text += &format!("\njoints, whose limits no search knows\n{joints}");
+    }
     if let Some(diagnosis) = &result.diagnosis {
         text += &format!("\n{diagnosis}");
     }

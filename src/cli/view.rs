@@ -7,6 +7,7 @@ use crate::error::{Error, Result, from_json};
 use crate::gait::Trajectory;
 use crate::report::animation::animation;
 use crate::report::files;
+use crate::report::joints;
 use crate::view::{MOST_SCENES, Scene, page};
 use clap::Args;
 use serde::Deserialize;
@@ -46,7 +47,9 @@ impl View {
         let read = |(path, name): (&PathBuf, String)| {
             let trajectory = Trajectory::from_json(&files::read(path)?).map_err(|e| e.in_file(path, None))?;
             let held = Held::new(&world, &trajectory, &Asked::default()).map_err(|e| e.in_file(path, None))?;
-            Ok(Found { name, about: about(path, &trajectory)?, trajectory, held })
+            let joints = joints::limits(&trajectory, &held.robot)?;
+            let joints = joints.map(|limits| format!("joints {} their limits", if limits.kept { "within" } else { "beyond" }));
+            Ok(Found { name, about: about(path, &trajectory)?.into_iter().chain(joints).collect(), trajectory, held })
         };
         let found: Vec<Found> = paths.iter().zip(names).map(read).collect::<Result<_>>()?;
         let scenes: Vec<Scene> = found.iter().map(scene).collect();

@@ -10,6 +10,7 @@ use crate::robot::leg::{Leg, LegJoint, PRECISION};
 use crate::verify::dense::Motion;
 use nalgebra::Vector3;
 use serde::Serialize;
+use std::fmt;
 
 /// Times a second at which joints are computed, unless it is said.
 pub const RATE: f64 = 100.;
@@ -33,12 +34,15 @@ pub struct JointSample {
 
 /// Where something is nearest to its limit, or farthest beyond.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Worst {
     /// Name of the joint, or of the foot.
     pub name: String,
+    /// Unit of the value and of the limit.
+    pub unit: &'static str,
     /// s
     pub time: f64,
-    /// In the unit of the limit.
+    /// What it is.
     pub value: f64,
     /// The limit.
     pub limit: f64,
@@ -46,6 +50,7 @@ pub struct Worst {
 
 /// How near a motion comes to what the joints can do, at the times of the samples. None where no joint has such a limit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct JointLimits {
     /// Distance of a position to the nearer one of its limits, rad or m; positions are never beyond.
     pub position_margin: Option<Worst>,
@@ -57,6 +62,26 @@ pub struct JointLimits {
     pub miss: Worst,
     /// Whether none of them is beyond its limit.
     pub kept: bool,
+}
+
+impl fmt::Display for JointLimits {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let mut line = |what: &str, worst: &Option<Worst>, say: &dyn Fn(&Worst) -> String| match worst {
+            Some(w) => writeln!(f, "  {what:<10}{}, joint {} at {:.3} s", say(w), w.name, w.time),
+            None => writeln!(f, "  {what:<10}no limits"),
+        };
+        let distance = |w: &Worst| format!("{:.4} {} from its limit {:.4}", (w.value - w.limit).abs(), w.unit, w.limit);
+        let share =
+            |w: &Worst| format!("{:.1} % of its limit: {:.3} of {:.3} {}", 100. * w.value.abs() / w.limit, w.value, w.limit, w.unit);
+        line("position", &self.position_margin, &distance)?;
+        line("velocity", &self.velocity, &share)?;
+        line("torque", &self.effort, &share)?;
+        let Worst { name, time, value, .. } = &self.miss;
+        if *value > 0. {
+            writeln!(f, "  foot {name} is out of reach by {value:.4} m at {time:.3} s")?;
+        }
+        writeln!(f, "  {}", if self.kept { "within all limits" } else { "beyond the limits" })
+    }
 }
 
 /// Joints along a motion.
@@ -106,6 +131,14 @@ pub fn follow(trajectory: &Trajectory, robot: &Robot, rate: f64) -> Result<Joint
     })
 }
 
+/// How near a motion comes to what the joints of its robot can do, at [`RATE`]; none where the robot has none.
+///
+/// # Errors
+/// As [`follow`].
+pub fn limits(trajectory: &Trajectory, robot: &Robot) -> Result<Option<JointLimits>> {
+    robot.joints.as_ref().map(|_| Ok(follow(trajectory, robot, RATE)?.limits)).transpose()
+}
+
 /// Joints of the time before, and the worst so far.
 struct Tracker<'a> {
     legs: &'a [Leg],
@@ -118,7 +151,7 @@ struct Tracker<'a> {
 
 impl Tracker<'_> {
     fn new(legs: &[Leg]) -> Tracker<'_> {
-        let miss = Worst { name: String::new(), time: 0., value: 0., limit: ALLOWED_MISS };
+        let miss = Worst { name: String::new(), unit: "m", time: 0., value: 0., limit: ALLOWED_MISS };
         Tracker { legs, joints: legs.iter().map(Leg::nominal).collect(), position: None, velocity: None, effort: None, miss }
     }
 
@@ -154,13 +187,14 @@ impl Tracker<'_> {
 
     /// Compares what a joint does with what it can.
     fn look(&mut self, joint: &LegJoint, time: f64, [position, velocity, effort]: [f64; 3]) {
-        let worst = |value: f64, limit: f64| Worst { name: joint.name.clone(), time, value, limit };
+        let units = if joint.turns { ["rad", "rad/s", "N m"] } else { ["m", "m/s", "N"] };
+        let worst = |unit: usize, value: f64, limit: f64| Worst { name: joint.name.clone(), unit: units[unit], time, value, limit };
         for limit in joint.limits.into_iter().filter(|limit| limit.is_finite()) {
-            keep(&mut self.position, |w| -(w.value - w.limit).abs(), worst(position, limit));
+            keep(&mut self.position, |w| -(w.value - w.limit).abs(), worst(0, position, limit));
         }
         let share = |w: &Worst| w.value.abs() / w.limit;
-        joint.velocity.into_iter().for_each(|limit| keep(&mut self.velocity, share, worst(velocity, limit)));
-        joint.effort.into_iter().for_each(|limit| keep(&mut self.effort, share, worst(effort, limit)));
+        joint.velocity.into_iter().for_each(|limit| keep(&mut self.velocity, share, worst(1, velocity, limit)));
+        joint.effort.into_iter().for_each(|limit| keep(&mut self.effort, share, worst(2, effort, limit)));
     }
 }
 

@@ -1,5 +1,6 @@
 //! Results in the forms that other tools rely on (`result.json`, and the `result` of each line of `evaluate`).
 
+use super::joints::JointLimits;
 use crate::backend::{Backend, Fallback, Precision};
 use crate::gait::family::GaitFamily;
 use crate::reference::ipopt::Statistics;
@@ -174,6 +175,9 @@ pub struct SolveResult<'a> {
     /// What was pointed out before the search.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Finding>,
+    /// How near the gait comes to the limits of the robot's joints, where it has joints; no search knows them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub joints: Option<JointLimits>,
     /// Why nothing was found.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub diagnosis: Option<Diagnosis>,
@@ -246,6 +250,7 @@ impl<'a> SolveResult<'a> {
             first_feasible_seconds: found.first_feasible_after,
             seconds: found.seconds,
             warnings: Vec::new(),
+            joints: None,
             diagnosis: None,
             gait: GaitResult::new(best),
             refinement,
