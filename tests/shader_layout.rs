@@ -505,7 +505,7 @@ fn gathering_over_touches_gives_the_transposed_product() {
                 let column = (element.place.jacobian + touch.column + gather.offset) as usize;
                 let mut local = 0.;
                 for r in 0..element.rows as usize {
-                    local += v[element.place.row as usize + r] * jacobian[column + r * element.place.stride as usize];
+                    local = v[element.place.row as usize + r].mul_add(jacobian[column + r * element.place.stride as usize], local);
                 }
                 sum += local;
             }

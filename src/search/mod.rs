@@ -2,8 +2,9 @@
 //!
 //! It is anytime. First come the typical gaits of every family that the robot can have, a plain trot or tripod before all others; then
 //! generations of the cross-entropy method over families, durations, speed and offsets, fitted to the cost; then the neighbourhood of the best.
-//! Every improvement is reported. What decides is counted in candidates, so that a seed gives the same gait at any number of threads; time and
-//! the user only end a search.
+//! Every improvement is reported. Once there is a certified gait, candidates are taken at the solver's word, and only those that would be the
+//! best of their family are certified, in the order of their cost until one holds. What decides is counted in candidates, so that a seed gives
+//! the same gait at any number of threads; time and the user only end a search.
 
 pub mod atlas;
 mod batch;

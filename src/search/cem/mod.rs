@@ -131,7 +131,7 @@ pub struct GenerationRecord {
     pub generation: usize,
     /// Candidates that count: evaluated, and not after the first feasible one when the search ends there.
     pub evaluated: usize,
-    /// Feasible ones among them.
+    /// Feasible ones among them; where not all were certified, solved ones.
     pub feasible: usize,
     /// Largest `J` of the generation.
     pub best_objective: Option<f64>,
