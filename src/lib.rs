@@ -48,7 +48,8 @@
 //!
 //! # Features
 //! `cli` (the program), `gpu`, `experiment` (the paper's experiments), `view` (results as a page for a browser) `png` (pictures as PNG besides
-//! SVG), `mcap` (motions for robotics viewers) and `schema` (JSON Schemas of files) are on by default; without them this is a library that needs no GPU driver and no argument parser. `ipopt` links Ipopt, to compare with.
+//! SVG), `mcap` (motions for robotics viewers) and `schema` (JSON Schemas of files) are on by default; without them this is a library that needs no GPU driver and no argument parser. `ipopt` links Ipopt, to compare with; `python` is the inside of
+//! the Python package.
 //!
 //! # Sources
 //! 1. I. Tsikelis, K. Chatzilygeroudis, "Gait Optimization for Legged Systems Through Mixed Distribution Cross-Entropy Optimization",
@@ -77,6 +78,8 @@ pub mod gait;
 pub mod linear;
 #[doc(hidden)]
 pub mod nlp;
+#[cfg(feature = "python")]
+mod python;
 #[doc(hidden)]
 pub mod real;
 #[doc(hidden)]

@@ -175,7 +175,7 @@ fn moves(state: Option<&BaseState>) -> String {
 }
 
 /// The robot on the command line, else the file's, else its scenario's, and which of them it is.
-fn robot_of(world: &World, trajectory: &Trajectory) -> Result<(Arc<Robot>, &'static str)> {
+pub fn robot_of(world: &World, trajectory: &Trajectory) -> Result<(Arc<Robot>, &'static str)> {
     match (world.robot(trajectory.scenario.as_deref()), &trajectory.robot) {
         (Some(robot), _) => Ok((robot, "given")),
         (None, Some(NamedOr::Name(name))) => Ok((Arc::new(Robot::named(name)?), "built in")),
@@ -185,7 +185,7 @@ fn robot_of(world: &World, trajectory: &Trajectory) -> Result<(Arc<Robot>, &'sta
 }
 
 /// The terrain on the command line, else the file's, else its scenario's, and which of them it is.
-fn terrain_of(world: &World, trajectory: &Trajectory) -> Result<(Arc<Terrain>, &'static str)> {
+pub fn terrain_of(world: &World, trajectory: &Trajectory) -> Result<(Arc<Terrain>, &'static str)> {
     match (world.terrain(trajectory.scenario.as_deref()), &trajectory.terrain) {
         (Some(terrain), _) => Ok((terrain, "given")),
         (None, Some(NamedOr::Name(name))) => Ok((Arc::new(Terrain::named(name)?), "built in")),

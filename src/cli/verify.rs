@@ -3,7 +3,7 @@
 use super::args::WorldArgs;
 use super::held::{Asked, Held, shown};
 use super::{Failure, Verdict, print, to_json};
-use crate::error::{Error, check_range};
+use crate::error::Error;
 use crate::gait::Trajectory;
 use crate::report::files;
 use crate::report::motion_plot::{self, MotionPlot};
@@ -43,7 +43,7 @@ struct Line {
 impl Verify {
     pub fn run(&self) -> std::result::Result<Verdict, Failure> {
         let world = self.world.read()?;
-        world.force_limit.map_or(Ok(()), |limit| check_range("--force-limit", limit, 1e-3, 1e7))?;
+        world.check_force_limit()?;
         let text = files::read(&self.file)?;
         // A pretty-printed document is one trajectory; otherwise each line is one.
         let documents: Vec<(usize, &str)> = match serde_json::from_str::<serde::de::IgnoredAny>(&text) {

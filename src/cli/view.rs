@@ -3,7 +3,7 @@
 use super::args::WorldArgs;
 use super::held::{Asked, Held};
 use super::{Failure, Verdict, print};
-use crate::error::{Error, Result, check_range, from_json};
+use crate::error::{Error, Result, from_json};
 use crate::gait::Trajectory;
 use crate::report::animation::animation;
 use crate::report::files;
@@ -27,18 +27,22 @@ pub struct View {
     world: WorldArgs,
 }
 
-/// A result as it is read.
-struct Found {
-    name: String,
-    trajectory: Trajectory,
-    held: Held,
-    about: Vec<String>,
+/// A result that is shown.
+pub struct Found {
+    /// What it is called.
+    pub name: String,
+    /// Its motion.
+    pub trajectory: Trajectory,
+    /// What that is held to, and its certificate.
+    pub held: Held,
+    /// Its gait, and what it costs, where that is known.
+    pub about: Vec<String>,
 }
 
 impl View {
     pub fn run(&self) -> std::result::Result<Verdict, Failure> {
         let world = self.world.read()?;
-        world.force_limit.map_or(Ok(()), |limit| check_range("--force-limit", limit, 1e-3, 1e7))?;
+        world.check_force_limit()?;
         if self.results.len() > MOST_SCENES {
             return Err(Error::invalid("results", self.results.len(), format!("at most {MOST_SCENES} on a page")).into());
         }
@@ -62,7 +66,8 @@ impl View {
     }
 }
 
-fn scene(found: &Found) -> Scene<'_> {
+/// As the page has it.
+pub fn scene(found: &Found) -> Scene<'_> {
     let Held { robot, terrain, force_limit, terms, report } = &found.held;
     Scene {
         name: found.name.clone(),
@@ -130,5 +135,10 @@ fn about(path: &Path, trajectory: &Trajectory) -> Result<Vec<String>> {
     if gait.durations.len() != durations.len() || !gait.durations.iter().zip(durations).all(|(a, b)| near(a, b)) {
         return Ok(Vec::new());
     }
-    Ok(gait.family.into_iter().chain(gait.cost.map(|cost| format!("cost {:.3}", cost.total))).collect())
+    Ok(said(gait.family, gait.cost.map(|cost| cost.total)))
+}
+
+/// What a page says of a gait: its family and its cost, where they are known.
+pub fn said(family: Option<String>, cost: Option<f64>) -> Vec<String> {
+    family.into_iter().chain(cost.map(|cost| format!("cost {cost:.3}"))).collect()
 }

@@ -62,6 +62,15 @@ pub fn terrain_of(path: &Path, bytes: &[u8], placement: &Placement) -> Result<Im
         _ => return Err(Error::invalid("file name", path.display(), "one that ends in .csv, .npy or .png")),
     };
     let name = path.file_stem().map(|stem| stem.to_string_lossy().chars().take(64).collect()).unwrap_or_default();
+    terrain_of_heights(name, heights, placement)
+}
+
+/// A terrain from heights, m, `[rows along x][columns along y]`; what is not a number is a hole.
+///
+/// # Errors
+/// [`Error::Invalid`] for rows that differ in length, or heights that are out of the limits of a [`Grid`].
+pub fn terrain_of_heights(name: String, heights: Vec<Vec<f64>>, placement: &Placement) -> Result<Imported> {
+    placement.validate()?;
     let holes = heights.iter().flatten().filter(|h| !h.is_finite()).count();
     let terrain = Terrain { name, friction: placement.friction, shape: Shape::Grid(placed(heights, placement)?) };
     terrain.validate()?;
@@ -138,11 +147,13 @@ fn of_npy(bytes: &[u8]) -> Result<Vec<Vec<f64>>> {
     let by_columns = header.order() == npyz::Order::Fortran;
     let file = || npyz::NpyFile::new(Cursor::new(bytes)).map_err(format);
     let kind = header.dtype().descr();
+    /// Reads all numbers of a file, if they are of its kind.
+    type Reader = fn(npyz::NpyFile<Cursor<&[u8]>>) -> Option<std::io::Result<Vec<f64>>>;
     fn values<T: npyz::Deserialize + Into<f64>>(file: npyz::NpyFile<Cursor<&[u8]>>) -> Option<std::io::Result<Vec<f64>>> {
         let data = file.data::<T>().ok()?;
         Some(data.map(|value| value.map(Into::into)).collect())
     }
-    let readers: [fn(npyz::NpyFile<Cursor<&[u8]>>) -> Option<std::io::Result<Vec<f64>>>; 8] =
+    let readers: [Reader; 8] =
         [values::<f64>, values::<f32>, values::<i32>, values::<u32>, values::<i16>, values::<u16>, values::<i8>, values::<u8>];
     let mut flat = None;
     for reader in readers {
