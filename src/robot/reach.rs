@@ -56,7 +56,7 @@ impl ReachBox {
 }
 
 impl Reach {
-    /// The box of a foot; `foot` is one of the robot's that [`Reach::validate`] passed.
+    /// The box of a foot; `foot` is one of the robot's that `Reach::validate` passed.
     pub fn of(&self, foot: usize) -> ReachBox {
         match self {
             Reach::Symmetric(half) => ReachBox { low: half.map(|v| -v), high: *half },

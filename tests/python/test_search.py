@@ -3,6 +3,7 @@
 import json
 import pathlib
 import subprocess
+import warnings
 from typing import Any
 
 import cregopt
@@ -93,6 +94,18 @@ def test_what_stands_in_the_way_is_said_before_the_search(task: cregopt.Task) ->
     far = cregopt.Task(task.robot, task.terrain, goal=(1.0, 0.0, 0.9))
     with pytest.raises(cregopt.Error, match="goal"):
         cregopt.search(far)
+
+
+def test_doubts_are_warnings_that_can_be_made_errors(task: cregopt.Task) -> None:
+    weak = cregopt.Task(task.robot, task.terrain, goal=(1.0, 0.0), force_limit=50.0)
+    options: dict[str, Any] = {"gaits": "trot", "population": 2, "generations": 0, "settings": {"search": {"further_generations": 0}}}
+    with pytest.warns(UserWarning, match="force limit: 4 feet with at most 50.0 N each") as warned:
+        gait = cregopt.search(weak, **options)
+    assert not gait.feasible and [f["place"] for f in gait.to_dict()["warnings"]] == ["force limit"] and len(warned) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(UserWarning, match="force limit"):
+            cregopt.search(weak, **options)
 
 
 def without_times(result: Any) -> Any:
