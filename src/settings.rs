@@ -28,11 +28,12 @@ use serde::{Deserialize, Serialize};
 /// Which rows stand for the motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Transcription {
     /// Impulses over intervals: motions that hold between the instants.
     Momentum,
-    /// Those of TOWR \[3\]: dynamics at instants, forces at nodes. For comparisons.
+    /// TOWR's rows, for comparisons: dynamics at instants 0.1 s apart, forces at nodes.
     Towr,
 }
 

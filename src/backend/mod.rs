@@ -48,11 +48,12 @@ pub struct Solution {
 /// Scalar of the main solve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Precision {
-    /// `f32`, closed in `f64`.
+    /// f32, closed in f64.
     F32,
-    /// `f64` throughout.
+    /// f64 throughout.
     F64,
 }
 

@@ -12,7 +12,7 @@ use crate::search::evaluate::LowerSettings;
 use crate::settings::{Legs, SolverSettings, Transcription, TranscriptionSettings};
 use crate::task::{Goal, Task};
 use crate::terrain::{TERRAINS, Terrain};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::f64::consts::PI;
@@ -121,7 +121,7 @@ impl WorldArgs {
 pub struct GoalSource {
     pub target: Option<usize>,
     pub goal: Option<Goal>,
-    /// Instead of the scenario's; of a goal its own is added to neither.
+    /// Final yaw, rad; when absent the scenario's, or 0, whatever the goal has.
     pub yaw: Option<f64>,
 }
 
@@ -182,24 +182,6 @@ impl World {
     }
 }
 
-/// Rows of the lower level.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub enum TranscriptionArg {
-    /// Impulses over intervals: motions that hold between the instants
-    Momentum,
-    /// TOWR's rows: dynamics at instants 0.1 s apart
-    Towr,
-}
-
-/// Scalar of the main solve.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub enum PrecisionArg {
-    /// f32, closed in f64
-    F32,
-    /// f64 throughout
-    F64,
-}
-
 /// Iterations of `--smooth`: after as many, the cost falls no further.
 const SMOOTH_ITERATIONS: usize = 20;
 
@@ -219,13 +201,13 @@ pub struct DeviceArgs {
 pub struct LowerArgs {
     /// Rows that a motion must satisfy [default: momentum]
     #[arg(long, value_enum)]
-    pub transcription: Option<TranscriptionArg>,
+    pub transcription: Option<Transcription>,
     /// Lower a cost of forces and of base motion after each solve: feasible and gentler, a third slower
     #[arg(long)]
     pub smooth: bool,
     /// Scalar of the solver [default: f32]
     #[arg(long, value_enum)]
-    pub precision: Option<PrecisionArg>,
+    pub precision: Option<Precision>,
     #[command(flatten)]
     pub place: DeviceArgs,
     /// Any setting by its path, e.g. `solver.max_iterations=100`; all are in result.json
@@ -239,22 +221,14 @@ pub struct LowerArgs {
 impl LowerArgs {
     /// What is not given here as in a scenario file.
     pub fn over(self, file: &ScenarioFile) -> Result<LowerArgs> {
-        let transcription = file.transcription.map(|rows| match rows {
-            Transcription::Momentum => TranscriptionArg::Momentum,
-            Transcription::Towr => TranscriptionArg::Towr,
-        });
-        let precision = file.precision.map(|precision| match precision {
-            Precision::F32 => PrecisionArg::F32,
-            Precision::F64 => PrecisionArg::F64,
-        });
         let device = file.device.as_deref().map(|text| {
             let known = |e: String| Error::invalid("device", format!("`{}`", text.escape_debug()), e);
             text.parse::<DeviceArg>().map_err(known)
         });
         Ok(LowerArgs {
-            transcription: self.transcription.or(transcription),
+            transcription: self.transcription.or(file.transcription),
             smooth: self.smooth || file.smooth.unwrap_or(false),
-            precision: self.precision.or(precision),
+            precision: self.precision.or(file.precision),
             place: DeviceArgs { device: self.place.device.or(device.transpose()?), threads: self.place.threads.or(file.threads) },
             set: self.set,
             tables: [file.settings_of("transcription")?, file.settings_of("solver")?],
@@ -265,14 +239,7 @@ impl LowerArgs {
     ///
     /// * `legs` - what legs can do, unless it is set
     pub fn settings(&self, legs: Legs) -> Result<LowerSettings> {
-        let rows = match self.transcription {
-            None | Some(TranscriptionArg::Momentum) => Transcription::Momentum,
-            Some(TranscriptionArg::Towr) => Transcription::Towr,
-        };
-        let precision = match self.precision {
-            None | Some(PrecisionArg::F32) => Precision::F32,
-            Some(PrecisionArg::F64) => Precision::F64,
-        };
+        let rows = self.transcription.unwrap_or(Transcription::Momentum);
         let mut solver = SolverSettings::default();
         if self.smooth {
             solver.smooth.iterations = SMOOTH_ITERATIONS;
@@ -283,7 +250,7 @@ impl LowerArgs {
         let settings = LowerSettings {
             transcription: merge(transcription, of_transcription, "settings.transcription")?,
             solver: merge(solver, of_solver, "settings.solver")?,
-            precision,
+            precision: self.precision(),
         };
         let settings = apply(settings, "", sets.map(String::as_str))?;
         settings.validate()?;
@@ -292,18 +259,22 @@ impl LowerArgs {
 
     /// As [`DeviceArgs::backend`].
     pub fn backend(&self, batch: usize) -> std::result::Result<Box<dyn Backend>, Failure> {
-        self.place.backend(batch, self.precision.unwrap_or(PrecisionArg::F32))
+        self.place.backend(batch, self.precision())
+    }
+
+    fn precision(&self) -> Precision {
+        self.precision.unwrap_or(Precision::F32)
     }
 }
 
 impl DeviceArgs {
     /// The device that was asked for, for batches of a size.
-    pub fn backend(&self, batch: usize, precision: PrecisionArg) -> std::result::Result<Box<dyn Backend>, Failure> {
+    pub fn backend(&self, batch: usize, precision: Precision) -> std::result::Result<Box<dyn Backend>, Failure> {
         let threads = check_threads(self.threads.unwrap_or(0))?;
         let cpu = || Ok(Box::new(Cpu::new(threads)?) as Box<dyn Backend>);
         match (self.device.as_ref().unwrap_or(&DeviceArg::Auto), precision) {
-            (DeviceArg::Cpu, _) | (DeviceArg::Auto, PrecisionArg::F64) => cpu(),
-            (DeviceArg::Gpu(_), PrecisionArg::F64) => {
+            (DeviceArg::Cpu, _) | (DeviceArg::Auto, Precision::F64) => cpu(),
+            (DeviceArg::Gpu(_), Precision::F64) => {
                 Err(Error::invalid("--device", "gpu", "`cpu` or `auto` with --precision f64, which only the CPU has").into())
             }
             (DeviceArg::Gpu(name), _) => Ok(gpu(name.as_deref(), true, threads)?),

@@ -1,7 +1,8 @@
 //! `atlas`: every regular gait of a robot at every speed.
 
-use super::args::{DeviceArgs, PrecisionArg, apply, robot};
+use super::args::{DeviceArgs, apply, robot};
 use super::{CANCELLED, Failure, Verdict, print, to_json};
+use crate::backend::Precision;
 use crate::error::Result;
 use crate::gait::family::GaitFamily;
 use crate::report::atlas::{AtlasResult, csv};
@@ -60,7 +61,7 @@ impl Atlas {
         let plan = self.plan()?;
         let settings = self.settings()?;
         files::make_folder(&self.out)?;
-        let backend = self.place.backend(plan.count()?, PrecisionArg::F32)?;
+        let backend = self.place.backend(plan.count()?, Precision::F32)?;
         let chunk = if backend.device().starts_with("cpu") { CHUNK } else { CHUNK_GPU };
         let progress = &mut |done, all| info!("{}: {done} of {all} problems solved", self.robot);
         let atlas = plan.run(&settings, &*backend, chunk, &CANCELLED, progress)?;

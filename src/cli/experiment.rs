@@ -1,7 +1,8 @@
 //! `experiment`: the paper's experiments, with baselines.
 
-use super::args::{AUTO_BATCH, DeviceArgs, PrecisionArg, workers};
+use super::args::{AUTO_BATCH, DeviceArgs, workers};
 use super::{CANCELLED, Failure, Verdict, print};
+use crate::backend::Precision;
 use crate::error::{Error, Result};
 use crate::experiment::plan::{EXPERIMENTS, Extent};
 use crate::experiment::{Devices, Log, Method, plan, plot, run, summary};
@@ -118,7 +119,7 @@ impl Experiment {
             }
             let backend = match backends.entry(case.population >= AUTO_BATCH) {
                 Entry::Occupied(entry) => entry.into_mut(),
-                Entry::Vacant(entry) => entry.insert(self.place.backend(case.population, PrecisionArg::F32)?),
+                Entry::Vacant(entry) => entry.insert(self.place.backend(case.population, Precision::F32)?),
             };
             let devices = Devices { backend: &**backend, workers };
             let Some(run) = run::run(&case, &devices, &CANCELLED)? else { break };

@@ -111,7 +111,10 @@ impl Asked {
             }
             (None, None) => None,
         };
-        let mut asked = task.map_or_else(|| trajectory.clone(), |task| task.asked_of(trajectory.clone()));
+        let mut asked = match task {
+            Some(task) => task.asked_of(trajectory),
+            None => trajectory,
+        };
         if self.default_limits && of_momentum(&asked) {
             let settings = TranscriptionSettings { legs: Legs::Limited, ..TranscriptionSettings::of(Transcription::Momentum) };
             asked.limits = Some(momentum::limits(&settings, robot));

@@ -3,9 +3,9 @@
 use super::{Failure, Verdict, args, print, to_json};
 use crate::error::{Error, Result, check_range};
 use crate::gait::Trajectory;
-use crate::gait::joints::{JointLimits, JointMotion, RATE, RATES, Worst, follow};
 use crate::gait::trajectory::NamedOr;
 use crate::report::files;
+use crate::report::joints::{JointLimits, JointMotion, RATE, RATES, Worst, follow};
 #[cfg(feature = "urdf")]
 use crate::robot::import::{Import, Imported, MAX_URDF, configuration};
 use clap::{Args, Subcommand};

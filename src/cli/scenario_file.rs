@@ -236,11 +236,7 @@ impl ScenarioFile {
     /// # Errors
     /// For a name or a file that does not exist, or no possible robot.
     pub fn robot(&self) -> Result<Option<Arc<Robot>>> {
-        match &self.robot {
-            None => Ok(None),
-            Some(NamedOr::Name(name)) => robot(name).map(Some),
-            Some(NamedOr::Own(own)) => own.validate().map(|()| Some(Arc::new(own.clone()))),
-        }
+        read(self.robot.as_ref(), robot, Robot::validate)
     }
 
     /// The terrain, if one is named or described.
@@ -248,11 +244,7 @@ impl ScenarioFile {
     /// # Errors
     /// For a name or a file that does not exist, or no possible terrain.
     pub fn terrain(&self) -> Result<Option<Arc<Terrain>>> {
-        match &self.terrain {
-            None => Ok(None),
-            Some(NamedOr::Name(name)) => terrain(name).map(Some),
-            Some(NamedOr::Own(own)) => own.validate().map(|()| Some(Arc::new(own.clone()))),
-        }
+        read(self.terrain.as_ref(), terrain, Terrain::validate)
     }
 
     /// A table of settings; empty when the file has none.
@@ -274,6 +266,19 @@ impl ScenarioFile {
     pub fn text(&self) -> Result<String> {
         let head = "# What was asked, whole: `cregopt solve` with this file finds the same gait.\n\n";
         Ok(head.to_string() + &to_toml(self)?)
+    }
+}
+
+/// What is named, or described and possible.
+fn read<T: Clone>(
+    from: Option<&NamedOr<T>>,
+    named: impl Fn(&str) -> Result<Arc<T>>,
+    check: impl Fn(&T) -> Result<()>,
+) -> Result<Option<Arc<T>>> {
+    match from {
+        None => Ok(None),
+        Some(NamedOr::Name(name)) => named(name).map(Some),
+        Some(NamedOr::Own(own)) => check(own).map(|()| Some(Arc::new(own.clone()))),
     }
 }
 

@@ -1,7 +1,6 @@
 //! Trajectories as Hermite nodes, in the form of TOWR's variables \[3\]; what `solve` writes and `verify` reads.
 
 use crate::error::{Error, Result};
-use crate::gait::spline::{hermite, hermite_rate};
 use crate::robot::Robot;
 use crate::task::BaseState;
 use crate::terrain::Terrain;
@@ -26,21 +25,6 @@ impl Curve {
     /// Value and slope at the end.
     pub fn end(&self) -> [[f64; 3]; 2] {
         self.nodes.last().map_or([[0.; 3]; 2], |&[x, y, z, dx, dy, dz]| [[x, y, z], [dx, dy, dz]])
-    }
-
-    /// Value and slope at a time, s; before the start and after the end those there.
-    pub fn at(&self, time: f64) -> [[f64; 3]; 2] {
-        let mut start = 0.;
-        for (piece, &duration) in self.poly_durations.iter().enumerate() {
-            if time <= start + duration {
-                let t = (time - start).clamp(0., duration);
-                let [a, b] = [&self.nodes[piece], &self.nodes[piece + 1]];
-                return [hermite(t, duration), hermite_rate(t, duration)]
-                    .map(|w| std::array::from_fn(|i| w[0] * a[i] + w[1] * a[i + 3] + w[2] * b[i] + w[3] * b[i + 3]));
-            }
-            start += duration;
-        }
-        self.end()
     }
 
     /// Checks sizes and numbers.

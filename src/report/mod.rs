@@ -8,6 +8,7 @@ pub mod atlas_plot;
 pub mod files;
 pub mod gait_diagram;
 pub mod ground_mesh;
+pub mod joints;
 pub mod motion_plot;
 #[cfg(feature = "pictures")]
 mod png;

@@ -84,19 +84,12 @@ impl<'a> Sampler<'a> {
         Ok(Sampler { motion: Motion::new(trajectory, robot)?, terrain, schedule: Schedule::new(trajectory.durations.clone())? })
     }
 
-    /// Times a rate apart from 0 on, and the horizon, s.
+    /// The state at times a rate apart from 0 on, and at the horizon.
     ///
     /// * `rate` - Hz, positive
-    pub fn times(&self, rate: f64) -> Vec<f64> {
-        let horizon = self.motion.horizon;
-        let before = |&time: &f64| time < horizon - crate::verify::dense::SAME_TIME;
-        (0u32..).map(|i| f64::from(i) / rate).take_while(before).chain([horizon]).collect()
-    }
-
-    /// The state at each of [`Sampler::times`].
     pub fn samples(&self, rate: f64) -> Vec<Sample> {
         let mut samples: Vec<Sample> = Vec::new();
-        for time in self.times(rate) {
+        for time in self.motion.times(rate) {
             let mut sample = self.at(time);
             if let Some(last) = samples.last() {
                 let dot: f64 = sample.base.quaternion.iter().zip(&last.base.quaternion).map(|(a, b)| a * b).sum();
@@ -253,9 +246,9 @@ mod tests {
     fn samples_begin_at_0_and_end_at_the_horizon_and_quaternions_do_not_jump() {
         let (trajectory, robot, terrain) = hop();
         let sampler = Sampler::new(&trajectory, &robot, &terrain).unwrap();
-        assert_eq!(sampler.times(4.), [0., 0.25, 0.5, 0.75, 1.]);
-        assert_eq!(sampler.times(3.).len(), 4);
-        assert_eq!(sampler.times(3.).last(), Some(&1.));
+        let times = |rate: f64| sampler.samples(rate).iter().map(|sample| sample.time).collect::<Vec<_>>();
+        assert_eq!(times(4.), [0., 0.25, 0.5, 0.75, 1.]);
+        assert_eq!((times(3.).len(), times(3.).last()), (4, Some(&1.)));
         // Yaw passes pi on the way.
         let samples = sampler.samples(50.);
         for pair in samples.windows(2) {

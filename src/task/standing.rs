@@ -27,7 +27,10 @@ pub(super) fn standing(
     if !terrain.has_edges() && tilt.is_none() {
         return state;
     }
-    let [roll, pitch] = tilt.unwrap_or_else(|| along_ground(robot, terrain, &state));
+    let [roll, pitch] = tilt.unwrap_or_else(|| {
+        let heights: Vec<f64> = (0..robot.feet()).map(|foot| ground_under(robot, terrain, &state, foot)).collect();
+        tilt_over(robot, &heights)
+    });
     state.angles = [roll, pitch, yaw];
     if tilt.is_some() || state.angles[..2] != [0.; 2] {
         state.position[2] += mean_height(robot, terrain, &state);
@@ -40,12 +43,6 @@ pub(super) fn standing(
         state.position[2] = height.clamp(low + inside, high - inside);
     }
     state
-}
-
-/// Roll and pitch of the plane that is nearest to the ground under the nominal feet, rad; zero where these stand equally high.
-fn along_ground(robot: &Robot, terrain: &Terrain, state: &BaseState) -> [f64; 2] {
-    let heights: Vec<f64> = (0..robot.feet()).map(|foot| ground_under(robot, terrain, state, foot)).collect();
-    tilt_over(robot, &heights)
 }
 
 /// Roll and pitch of the plane that is nearest to the ground under the nominal feet, rad; zero where these stand equally high.

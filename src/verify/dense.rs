@@ -337,6 +337,14 @@ impl<'a> Motion<'a> {
         Ok(Motion { robot, horizon: trajectory.horizon, base_lin, base_ang, feet })
     }
 
+    /// Times a rate apart from 0 on, and the horizon, s.
+    ///
+    /// * `rate` - Hz, positive
+    pub fn times(&self, rate: f64) -> Vec<f64> {
+        let before = |&time: &f64| time < self.horizon - SAME_TIME;
+        (0u32..).map(|i| f64::from(i) / rate).take_while(before).chain([self.horizon]).collect()
+    }
+
     /// State of the base.
     ///
     /// The Euler angles turn about the axes `a_yaw = e_z`, `a_pitch = Rz e_y`, `a_roll = Rz Ry e_x`:

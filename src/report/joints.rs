@@ -3,11 +3,12 @@
 //! The motion is that of a rigid body with massless legs, so torques are those of the contact forces alone, `-J' f`; what swings and carries the
 //! legs themselves is left out. The centre of a foot's ball is straight above its contact point.
 
-use super::Trajectory;
 use crate::error::{Error, Result, check_range};
+use crate::gait::Trajectory;
 use crate::robot::Robot;
 use crate::robot::leg::{Leg, LegJoint, PRECISION};
-use nalgebra::{Rotation3, Vector3};
+use crate::verify::dense::Motion;
+use nalgebra::Vector3;
 use serde::Serialize;
 
 /// Times a second at which joints are computed, unless it is said.
@@ -87,20 +88,14 @@ fn keep(worst: &mut Option<Worst>, measure: impl Fn(&Worst) -> f64, new: Worst) 
 /// [`Error::Invalid`] when the robot has no joints or other feet than the motion, or the rate is out of its limits.
 pub fn follow(trajectory: &Trajectory, robot: &Robot, rate: f64) -> Result<JointMotion> {
     check_range("rate", rate, RATES[0], RATES[1])?;
-    trajectory.validate()?;
     robot.validate()?;
     let Some(legs) = &robot.joints else {
         let limit = "the joints of its legs in its file, as `robot import` writes them";
         return Err(Error::invalid(format!("robot `{}`", robot.name.escape_debug()), "no `joints`", limit));
     };
-    if trajectory.ee.len() != legs.len() {
-        let limit = format!("{} feet, as the robot `{}` has", legs.len(), robot.name.escape_debug());
-        return Err(Error::invalid("ee", format!("{} feet", trajectory.ee.len()), limit));
-    }
+    let motion = Motion::new(trajectory, robot)?;
     let mut tracker = Tracker::new(legs);
-    let steps = (trajectory.horizon * rate).floor() as usize;
-    let times = (0..=steps).map(|i| i as f64 / rate).filter(|t| *t < trajectory.horizon - 1e-9).chain([trajectory.horizon]);
-    let samples = times.map(|time| tracker.sample(trajectory, time)).collect();
+    let samples = motion.times(rate).into_iter().map(|time| tracker.sample(&motion, time)).collect();
     let Tracker { position, velocity, effort, miss, .. } = tracker;
     let beyond = |worst: &Option<Worst>| worst.as_ref().is_some_and(|w| w.value.abs() > w.limit);
     let kept = !beyond(&velocity) && !beyond(&effort) && miss.value <= miss.limit;
@@ -128,29 +123,24 @@ impl Tracker<'_> {
     }
 
     /// Joints at a time.
-    fn sample(&mut self, trajectory: &Trajectory, time: f64) -> JointSample {
-        let vector = Vector3::<f64>::from;
-        let [position, velocity] = trajectory.base_lin.at(time).map(vector);
-        let [angles, rates] = trajectory.base_ang.at(time).map(vector);
-        let to_base = Rotation3::from_euler_angles(angles.x, angles.y, angles.z).inverse();
-        // omega = roll' x + pitch' Rz y + yaw' z, in the world.
-        let (sin, cos) = angles.z.sin_cos();
-        let forward = to_base.inverse() * Vector3::x();
-        let omega = to_base * (forward * rates.x + Vector3::new(-sin, cos, 0.) * rates.y + Vector3::z() * rates.z);
+    fn sample(&mut self, motion: &Motion, time: f64) -> JointSample {
+        let base = motion.base(time);
+        let to_base = base.rotation.inverse();
+        let omega = to_base * base.omega;
         let mut sample = JointSample { time, positions: vec![], velocities: vec![], efforts: vec![] };
         for (foot, leg) in self.legs.iter().enumerate() {
-            let curves = &trajectory.ee[foot];
-            let [place, speed] = curves.motion.at(time).map(vector);
-            let contact = to_base * (place - position);
-            let center = to_base * (place + Vector3::z() * leg.radius - position);
+            let curves = &motion.feet[foot];
+            let place = curves.motion.at(time);
+            let contact = to_base * (place.value - base.position);
+            let center = to_base * (place.value + Vector3::z() * leg.radius - base.position);
             let (joints, missed) = leg.approach(&center, &self.joints[foot]);
             if missed > PRECISION && missed > self.miss.value {
                 self.miss = Worst { name: leg.foot.clone(), time, value: missed, ..self.miss };
             }
             let at = leg.posture(&joints);
-            let against_base = to_base * (speed - velocity) - omega.cross(&center);
+            let against_base = to_base * (place.first - base.velocity) - omega.cross(&center);
             let rates = leg.rates(&at, &against_base);
-            let efforts = leg.efforts(&at, &contact, &(to_base * vector(curves.force.at(time)[0])));
+            let efforts = leg.efforts(&at, &contact, &(to_base * curves.force.at(time).value));
             for (j, joint) in leg.chain.iter().enumerate() {
                 self.look(joint, time, [joints[j], rates[j], efforts[j]]);
             }
@@ -212,14 +202,13 @@ mod tests {
         let legs = robot.joints.as_ref().unwrap();
         assert_eq!((found.samples.len(), found.joints.len()), (1001, 12));
         assert!(found.limits.miss.value == 0. && found.limits.kept, "{:?}", found.limits);
+        let motion = Motion::new(&trajectory, &robot).unwrap();
         for sample in found.samples.iter().step_by(100) {
-            let [p, _] = trajectory.base_lin.at(sample.time);
-            let [a, _] = trajectory.base_ang.at(sample.time);
-            let turn = Rotation3::from_euler_angles(a[0], a[1], a[2]);
+            let base = motion.base(sample.time);
             for (foot, leg) in legs.iter().enumerate() {
                 let tip = leg.posture(&sample.positions[3 * foot..3 * foot + 3]).tip;
-                let contact = Vector3::from(p) + turn * tip - Vector3::z() * leg.radius;
-                assert!((contact - Vector3::from(trajectory.ee[foot].motion.at(sample.time)[0])).norm() < 2. * PRECISION);
+                let contact = base.position + base.rotation * tip - Vector3::z() * leg.radius;
+                assert!((contact - motion.feet[foot].motion.at(sample.time).value).norm() < 2. * PRECISION);
             }
         }
         for three in found.samples.windows(3).take(998) {
@@ -241,11 +230,11 @@ mod tests {
         let trajectory = motion(&robot);
         let found = follow(&trajectory, &robot, 20.).unwrap();
         let legs = robot.joints.as_ref().unwrap();
+        let motion = Motion::new(&trajectory, &robot).unwrap();
         for sample in &found.samples {
-            let [a, _] = trajectory.base_ang.at(sample.time);
-            let to_base = Rotation3::from_euler_angles(a[0], a[1], a[2]).inverse();
+            let to_base = motion.base(sample.time).rotation.inverse();
             for (foot, leg) in legs.iter().enumerate() {
-                let force = to_base * Vector3::from(trajectory.ee[foot].force.at(sample.time)[0]);
+                let force = to_base * motion.feet[foot].force.at(sample.time).value;
                 let q = &sample.positions[3 * foot..3 * foot + 3];
                 for j in 0..3 {
                     let moved = |d: f64| leg.posture(&std::array::from_fn::<f64, 3, _>(|i| q[i] + if i == j { d } else { 0. })).tip;
@@ -317,18 +306,5 @@ mod tests {
             assert!(parts.iter().all(|part| error.contains(part)), "{error}");
         }
         assert_eq!(crate::error::from_toml::<Robot>(&crate::error::to_toml(&robot).unwrap()).unwrap(), robot);
-    }
-
-    #[test]
-    fn a_curve_has_its_nodes_and_ends() {
-        let curve = Curve {
-            poly_durations: vec![0.2, 0.3],
-            nodes: vec![[0., 0., 0., 1., 0., 0.], [1., 2., 3., 0., 1., 0.], [4., 0., 0., 0., 0., 2.]],
-        };
-        assert_eq!((curve.at(-1.), curve.at(9.)), (curve.at(0.), curve.end()));
-        let [value, slope] = curve.at(0.2);
-        assert!((Vector3::from(value) - Vector3::new(1., 2., 3.)).norm() < 1e-14 && (Vector3::from(slope) - Vector3::y()).norm() < 1e-13);
-        let [[before, ..], [after, ..]] = [curve.at(0.3 - 1e-6)[0], curve.at(0.3 + 1e-6)[0]];
-        assert!(((after - before) / 2e-6 - curve.at(0.3)[1][0]).abs() < 1e-6);
     }
 }
