@@ -23,6 +23,12 @@ use tracing::warn;
 /// A goal more than a turn away is told of once.
 static TURNS: Once = Once::new();
 
+/// What is odd in a yaw at the goal, rad, that may be one in degrees.
+pub fn in_degrees(yaw: f64) -> Option<String> {
+    let turns = yaw / (2. * PI);
+    (turns.abs() > 1.).then(|| format!("goal yaw {yaw} rad is {turns:.1} turns; {yaw} degrees are {:.4} rad", yaw.to_radians()))
+}
+
 /// Robot by name, or a JSON or TOML file.
 pub fn robot(name: &str) -> Result<Arc<Robot>> {
     named_or_file(name, &ROBOTS, "robot", Robot::named, Robot::read).map(Arc::new)
@@ -77,7 +83,6 @@ impl<T> Choices<T> {
         texts.iter().map(choice).collect::<Result<_>>().map(Choices)
     }
 
-    #[cfg(feature = "python")]
     fn one(choice: Option<Arc<T>>) -> Self {
         Choices(choice.map(|choice| (None, choice)).into_iter().collect())
     }
@@ -127,7 +132,6 @@ pub struct GoalSource {
 
 impl World {
     /// One robot and one terrain, each if any, for all scenarios.
-    #[cfg(feature = "python")]
     pub fn of(robot: Option<Arc<Robot>>, terrain: Option<Arc<Terrain>>, force_limit: Option<f64>) -> World {
         let (robots, terrains) = (Choices::one(robot), Choices::one(terrain));
         World { robots, terrains, force_limit }
@@ -173,9 +177,8 @@ impl World {
             (None, None) => return Err(missing("goal", "--goal, `base_target` in the line, `goal` in a scenario file")),
         };
         let yaw = goal.yaw.or(scenario.map(|s| s.yaw_target)).unwrap_or(0.);
-        if yaw.abs() > 2. * PI {
-            let turns = yaw / (2. * PI);
-            TURNS.call_once(|| warn!("goal yaw {yaw} rad is {turns:.1} turns; {yaw} degrees are {:.4} rad", yaw.to_radians()));
+        if let Some(doubt) = in_degrees(yaw) {
+            TURNS.call_once(|| warn!("{doubt}"));
         }
         let place = place.yaw(yaw);
         start.task(robot, terrain, place, self.force_limit)

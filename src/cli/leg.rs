@@ -1,4 +1,4 @@
-//! One search of `solve`, from where the robot stands to the next place on its way: what was asked, what was found, and its files.
+//! Searches of `solve`, each from where the robot stands to the next place on its way: what was asked, what was found, and its files.
 
 use super::label::{label, world_of};
 use super::scenario_file::{ScenarioFile, Start, of_state, table_of};
@@ -18,8 +18,8 @@ use crate::search::diagnosis::{Diagnosis, diagnose};
 use crate::search::evaluate::LowerSettings;
 use crate::search::precheck::{Finding, precheck};
 use crate::search::{Gait, Progress, Search, SearchResult, SearchSettings};
-use crate::task::Task;
-use std::path::Path;
+use crate::task::{Goal, Task};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -46,6 +46,75 @@ impl Asking {
     }
 }
 
+/// Scenario that a task is of, and its target, where they were named.
+pub type Named = (Option<&'static str>, Option<usize>);
+
+/// What is to be done: a task, and where to stop on the way.
+#[derive(Debug, Clone)]
+pub struct Way {
+    /// From the start to the goal.
+    pub task: Task,
+    /// Places to stop at, in order, and whether the yaw there is on the way to the one at the goal instead of its own.
+    pub places: Vec<(Goal, bool)>,
+    /// What it was called.
+    pub named: Named,
+}
+
+impl Way {
+    /// Number of its legs.
+    pub fn legs(&self) -> usize {
+        self.places.len() + 1
+    }
+
+    /// Searches leg by leg until one has no gait.
+    ///
+    /// * `out` - folder for their files
+    /// * `cancelled` - ends the search that runs with its best so far
+    /// * `tell` - is told how it goes
+    /// * `each` - gets each leg when its files are written, and their folder
+    ///
+    /// # Errors
+    /// As [`Leg::search`], and for a place that cannot be.
+    pub fn search(
+        &self,
+        asking: &Asking,
+        out: Option<&Path>,
+        backend: &dyn Backend,
+        cancelled: &AtomicBool,
+        tell: &mut (dyn FnMut(News) + Send),
+        each: &mut dyn FnMut(&Leg, Option<&Path>) -> Result<()>,
+    ) -> Result<Vec<Leg>> {
+        let mut asking = asking.clone();
+        asking.at_robot(&self.task.robot);
+        let mut legs: Vec<Leg> = Vec::new();
+        while legs.len() < self.legs() && legs.last().is_none_or(|before| before.found.best.feasible()) {
+            let number = legs.len() + 1;
+            let task = self.leg(number, legs.last().map(|before| before.found.best.trajectory()))?;
+            let folder = out.map(|out| leg_folder(out, number, self.legs()));
+            let named = if number == self.legs() { self.named } else { (None, None) };
+            let leg = Leg::search(task, named, &asking, folder.as_deref(), backend, cancelled, tell)?;
+            folder.as_deref().map_or(Ok(()), |folder| leg.write(folder))?;
+            each(&leg, folder.as_deref())?;
+            legs.push(leg);
+        }
+        Ok(legs)
+    }
+
+    /// The task of a leg: from the start, or where the leg before ends, to the next place.
+    fn leg(&self, number: usize, before: Option<&Trajectory>) -> Result<Task> {
+        let task = before.map_or_else(|| Ok(self.task.clone()), |motion| self.task.after(motion))?;
+        let Some(&(goal, turns_evenly)) = self.places.get(number - 1) else { return Ok(task) };
+        let part = 1. / (self.legs() + 1 - number) as f64;
+        let goal = if turns_evenly { goal.yaw(task.line(part)[5]) } else { goal };
+        task.to(goal).map_err(|e| e.within(format_args!("place {number} on the way")))
+    }
+}
+
+/// Folder of a leg of some: its own where there are others.
+pub fn leg_folder(out: &Path, number: usize, count: usize) -> PathBuf {
+    if count == 1 { out.to_owned() } else { out.join(format!("leg-{number}")) }
+}
+
 /// What is told of a search on the way.
 pub enum News<'a> {
     /// What stands in the way of a gait without making it impossible.
@@ -62,9 +131,7 @@ pub enum News<'a> {
 pub struct Leg {
     /// The task.
     pub task: Task,
-    /// Scenario, if one was named, and its target.
-    scenario: Option<&'static str>,
-    target: Option<usize>,
+    named: Named,
     /// What was asked.
     pub asking: Asking,
     /// What was found.
@@ -88,7 +155,7 @@ impl Leg {
     /// As [`Search::run`], for a task that no gait can do, and for a folder that cannot be written to.
     pub fn search(
         task: Task,
-        named: (Option<&'static str>, Option<usize>),
+        named: Named,
         asking: &Asking,
         folder: Option<&Path>,
         backend: &dyn Backend,
@@ -119,14 +186,20 @@ impl Leg {
             let limit = Duration::from_secs_f64(DIAGNOSIS.0 * found.seconds).max(DIAGNOSIS.1);
             Some(diagnose(&task, &found.best, &search.gaits, lower, backend, limit, &called_off)?)
         };
-        let (scenario, target) = named;
-        Ok(Leg { task, scenario, target, asking: asking.clone(), found, refinement, diagnosis, warnings, solved_on })
+        Ok(Leg { task, named, asking: asking.clone(), found, refinement, diagnosis, warnings, solved_on })
     }
 
     /// What was asked, for [`Leg::result`].
     pub fn run(&self) -> Run<'_> {
         let Asking { seed, search, lower, .. } = &self.asking;
-        Run { scenario: self.scenario, target: self.target, task: &self.task, seed: *seed, force_limit: self.force_limit(), search, lower }
+        let (scenario, target) = self.named;
+        Run { scenario, target, task: &self.task, seed: *seed, force_limit: self.force_limit(), search, lower }
+    }
+
+    /// What was to be done.
+    #[cfg(feature = "python")]
+    pub fn way(&self) -> Way {
+        Way { task: self.task.clone(), places: Vec::new(), named: self.named }
     }
 
     /// What is written of it.
@@ -150,7 +223,8 @@ impl Leg {
 
     /// The motion of one of its gaits, which says where it comes from.
     pub fn trajectory(&self, gait: &Gait) -> Trajectory {
-        label(gait.trajectory().clone(), &self.task, self.scenario, self.target, Some(self.asking.seed))
+        let (scenario, target) = self.named;
+        label(gait.trajectory().clone(), &self.task, scenario, target, Some(self.asking.seed))
     }
 
     /// Writes results, motions and a scenario file that asks for the same again.
@@ -178,10 +252,10 @@ impl Leg {
 
     /// A scenario file that asks for the same again, of a built-in scenario or whole.
     fn scenario_file(&self) -> Result<ScenarioFile> {
-        let Leg { task, asking: Asking { seed, search, lower, refines, refine }, .. } = self;
+        let Leg { task, named: (scenario, target), asking: Asking { seed, search, lower, refines, refine }, .. } = self;
         let (robot, terrain) = world_of(task);
-        let of_target = |target| Scenario::named(self.scenario?).ok()?.task(target).ok();
-        let is_its = self.target.and_then(of_target).is_some_and(|own| own.goal == task.goal);
+        let of_target = |target| Scenario::named((*scenario)?).ok()?.task(target).ok();
+        let is_its = target.and_then(of_target).is_some_and(|own| own.goal == task.goal);
         let settings = [
             ("search", table_of(search)?),
             ("transcription", table_of(&lower.transcription)?),
@@ -190,8 +264,8 @@ impl Leg {
         ];
         Ok(ScenarioFile {
             version: Some(env!("CARGO_PKG_VERSION").into()),
-            scenario: self.scenario.map(Into::into),
-            target: self.target,
+            scenario: scenario.map(Into::into),
+            target: *target,
             seed: Some(*seed),
             refine: refines.then_some(true),
             transcription: Some(lower.transcription.rows),

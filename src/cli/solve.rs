@@ -1,13 +1,13 @@
 //! `solve`: search for a gait.
 
 use super::args::{GoalArg, GoalSource, LowerArgs, WorldArgs, apply, merge};
-use super::leg::{Asking, Leg, News};
+use super::leg::{Asking, Leg, News, Way};
 use super::scenario_file::{ScenarioFile, Start};
 use super::{CANCELLED, Failure, Verdict, print, to_json};
 use crate::error::{Error, Result, from_json};
+use crate::gait::Schedule;
 use crate::gait::cost::Cost;
 use crate::gait::family::GaitFamily;
-use crate::gait::{Schedule, Trajectory};
 use crate::refine::RefineSettings;
 use crate::report::motion_plot;
 use crate::report::result::{GaitResult, Refinement};
@@ -184,38 +184,32 @@ impl Solve {
 
     /// Searches leg by leg until one has no gait. Returns those that were searched, and how many there are.
     ///
-    /// * `cancelled` - ends the search that runs with its best so far
-    /// * `hear` - is told how it goes
-    /// * `each` - gets each leg when its files are written, and their folder
+    /// * `cancelled`, `hear`, `each` - as [`Way::search`] has them
     pub fn legs(
         &self,
         cancelled: &AtomicBool,
         hear: &mut (dyn FnMut(News) + Send),
         each: &mut dyn FnMut(&Leg, Option<&Path>) -> Result<()>,
     ) -> std::result::Result<(Vec<Leg>, usize), Failure> {
-        let scenario = self.scenario.as_deref().map(Scenario::named).transpose()?;
-        let mut asking = self.asking()?;
-        let whole = self.task(scenario.as_ref())?;
-        asking.at_robot(&whole.robot);
+        let asking = self.asking()?;
+        let way = self.way()?;
         self.plot.as_deref().map_or(Ok(()), motion_plot::check)?;
         let backend = self.lower.backend(asking.search.population)?;
-        let waypoints = self.waypoints();
-        let count = waypoints.len() + 1;
-        let target = self.target.unwrap_or(TARGET);
-        let mut legs: Vec<Leg> = Vec::new();
-        while legs.len() < count && legs.last().is_none_or(|before| before.found.best.feasible()) {
-            let number = legs.len() + 1;
-            let task = self.leg(&whole, &waypoints, number, legs.last().map(|before| before.found.best.trajectory()))?;
-            let folder = self.out.as_ref().map(|out| if count == 1 { out.clone() } else { out.join(format!("leg-{number}")) });
-            let name = scenario.as_ref().filter(|_| number == count).map(|s| s.name);
-            let named = (name, name.filter(|_| self.goal.is_none() && self.asked.goal.is_none()).map(|_| target));
-            let leg = Leg::search(task, named, &asking, folder.as_deref(), &*backend, cancelled, hear)?;
-            folder.as_deref().map_or(Ok(()), |folder| leg.write(folder))?;
+        let legs = way.search(&asking, self.out.as_deref(), &*backend, cancelled, hear, &mut |leg, folder| {
             self.plot.as_deref().map_or(Ok(()), |path| motion_plot::write(&leg.plot(&leg.found.best), path))?;
-            each(&leg, folder.as_deref())?;
-            legs.push(leg);
-        }
-        Ok((legs, count))
+            each(leg, folder)
+        })?;
+        Ok((legs, way.legs()))
+    }
+
+    /// What is to be done.
+    ///
+    /// # Errors
+    /// For a task that cannot be.
+    pub fn way(&self) -> Result<Way> {
+        let scenario = self.scenario.as_deref().map(Scenario::named).transpose()?;
+        let target = scenario.filter(|_| self.goal.is_none() && self.asked.goal.is_none()).map(|_| self.target.unwrap_or(TARGET));
+        Ok(Way { task: self.task(scenario.as_ref())?, places: self.waypoints(), named: (scenario.map(|s| s.name), target) })
     }
 
     /// What is asked besides the task.
@@ -230,15 +224,6 @@ impl Solve {
             refines: self.refine,
             refine: self.refine_settings()?,
         })
-    }
-
-    /// The task of a leg: from the start, or where the leg before ends, to the next place on the way.
-    fn leg(&self, whole: &Task, waypoints: &[(Goal, bool)], leg: usize, before: Option<&Trajectory>) -> Result<Task> {
-        let task = before.map_or_else(|| Ok(whole.clone()), |motion| whole.after(motion))?;
-        let Some(&(goal, turns_evenly)) = waypoints.get(leg - 1) else { return Ok(task) };
-        let part = 1. / (waypoints.len() + 2 - leg) as f64;
-        let goal = if turns_evenly { goal.yaw(task.line(part)[5]) } else { goal };
-        task.to(goal).map_err(|e| e.within(format_args!("place {leg} on the way")))
     }
 
     fn task(&self, scenario: Option<&Scenario>) -> Result<Task> {

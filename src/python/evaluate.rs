@@ -1,10 +1,12 @@
 //! Given schedules, solved and certified as one batch.
 
 use super::call::working;
+use super::convert::raised;
 use super::motion::Trajectory;
 use super::search::asked;
 use super::world::Task;
 use crate::cli::label::label;
+use crate::cli::leg::Way;
 use crate::error::Error;
 use crate::gait::Schedule;
 use crate::search::evaluate::{Evaluated, check_candidate, evaluate as solved};
@@ -55,7 +57,10 @@ pub fn evaluate(
     trajectories: bool,
 ) -> PyResult<Evaluation> {
     let solve = asked(options)?;
-    let task = &*task.0;
+    let Way { task, places, named: (scenario, target) } = &*task.0;
+    if !places.is_empty() {
+        return Err(raised(Error::invalid("task.via", format!("{} places", places.len()), "none: schedules are for one motion")));
+    }
     let (results, motions) = working(py, None, |cancelled, _| {
         let asking = solve.asking()?;
         let fitting = |durations| {
@@ -72,7 +77,7 @@ pub fn evaluate(
         let Some(results) = results.into_iter().collect::<Option<Vec<Evaluated>>>() else {
             return Err(Error::Ended { message: "stopped before every schedule was solved".into() });
         };
-        let motion = |result: &Evaluated| label(result.trajectory(task, &asking.lower.transcription), task, None, None, None);
+        let motion = |result: &Evaluated| label(result.trajectory(task, &asking.lower.transcription), task, *scenario, *target, None);
         let motions: Option<Vec<_>> = trajectories.then(|| results.iter().map(motion).collect());
         Ok((results, motions))
     })?;

@@ -6,6 +6,7 @@
 mod call;
 mod convert;
 mod evaluate;
+mod joints;
 mod motion;
 mod search;
 mod world;
@@ -25,12 +26,14 @@ fn _cregopt(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add("ROBOTS", pyo3::types::PyTuple::new(module.py(), crate::robot::ROBOTS)?)?;
     module.add("TERRAINS", pyo3::types::PyTuple::new(module.py(), crate::terrain::TERRAINS)?)?;
+    module.add("SCENARIOS", pyo3::types::PyTuple::new(module.py(), crate::scenario::SCENARIOS.map(|s| s.name))?)?;
     module.add("Error", module.py().get_type::<Error>())?;
     module.add_class::<world::Robot>()?;
     module.add_class::<world::Terrain>()?;
     module.add_class::<world::Task>()?;
     module.add_class::<motion::Trajectory>()?;
     module.add_class::<motion::Samples>()?;
+    module.add_class::<joints::Joints>()?;
     module.add_class::<motion::Certificate>()?;
     module.add_class::<search::Gait>()?;
     module.add_class::<evaluate::Evaluation>()?;

@@ -1,6 +1,7 @@
 //! Motions, their samples and their certificates.
 
 use super::convert::{Raise, from_python, to_python};
+use super::joints::Joints;
 use super::search::Gait;
 use super::world::{Robot, Terrain};
 use crate::cli::args::World;
@@ -89,6 +90,28 @@ impl Trajectory {
         Samples::new(py, &sampled.raise()?)
     }
 
+    /// The joints along the motion, of a robot that came with them from a URDF.
+    ///
+    /// Parameters
+    /// ----------
+    /// rate : float, default 100
+    ///     Samples a second, from 0 on; the end of the motion is the last.
+    /// robot : Robot, optional
+    ///     Instead of the one that the motion names.
+    ///
+    /// Returns
+    /// -------
+    /// Joints
+    ///
+    /// Raises
+    /// ------
+    /// Error
+    ///     For a robot without joints or with other feet.
+    #[pyo3(signature = (rate = 100., robot = None))]
+    pub fn joints(&self, py: Python<'_>, rate: f64, robot: Option<&Robot>) -> PyResult<Joints> {
+        Joints::along(py, self, rate, robot)
+    }
+
     fn __repr__(&self) -> String {
         format!("Trajectory({:.3} s, {} feet)", self.motion.horizon, self.motion.ee.len())
     }
@@ -171,7 +194,8 @@ impl Samples {
     }
 }
 
-fn table<T: Element>(py: Python<'_>, numbers: impl Iterator<Item = T>, shape: [usize; 2]) -> PyResult<Py<PyArray2<T>>> {
+/// Numbers in rows.
+pub fn table<T: Element>(py: Python<'_>, numbers: impl Iterator<Item = T>, shape: [usize; 2]) -> PyResult<Py<PyArray2<T>>> {
     numbers.collect::<Vec<_>>().into_pyarray(py).reshape(shape).map(Bound::unbind)
 }
 
@@ -269,7 +293,7 @@ pub fn verify(
     } else {
         (Arc::new(read(&trajectory.extract::<PathBuf>()?).raise()?), None)
     };
-    let world = World::of(robot.map(|r| r.0.clone()), terrain.map(|t| t.0.clone()), force_limit.or(own_limit));
+    let world = World::of(robot.map(|r| r.robot.clone()), terrain.map(|t| t.0.clone()), force_limit.or(own_limit));
     let held = py.detach(|| {
         motion.validate()?;
         world.check_force_limit()?;

@@ -1,12 +1,13 @@
 //! Searches, and the gaits that they return.
 
 use super::call::working;
-use super::convert::{Raise, from_python, to_python};
+use super::convert::{Raise, from_python, raised, to_python};
+use super::joints::Joints;
 use super::motion::{Certificate, Samples, Trajectory};
-use super::world::Task;
+use super::world::{Robot, Task};
 use crate::cli::args::World;
 use crate::cli::held::{Asked, Held};
-use crate::cli::leg::Leg;
+use crate::cli::leg::{Leg, leg_folder};
 use crate::cli::scenario_file::ScenarioFile;
 use crate::cli::solve::{Solve, text};
 use crate::cli::to_json;
@@ -25,6 +26,8 @@ use std::sync::Arc;
 pub struct Gait {
     /// Its search.
     pub leg: Arc<Leg>,
+    /// The legs of the way before it.
+    before: Arc<[Arc<Leg>]>,
     /// Which of its gaits: 0 is the best.
     index: usize,
 }
@@ -71,7 +74,15 @@ impl Gait {
     #[getter]
     fn alternatives(&self) -> Vec<Gait> {
         let others = if self.index == 0 { self.leg.found.alternatives.len() } else { 0 };
-        (1..=others).map(|index| Gait { leg: self.leg.clone(), index }).collect()
+        (1..=others).map(|index| Gait { leg: self.leg.clone(), before: self.before.clone(), index }).collect()
+    }
+
+    /// The gaits of all legs of the way to here, of which this is the last: more than one where its task has places on the way.
+    #[getter]
+    fn legs(&self) -> Vec<Gait> {
+        let leg = |number: usize| Gait { leg: self.before[number].clone(), before: self.before[..number].into(), index: 0 };
+        let last = Gait { leg: self.leg.clone(), before: self.before.clone(), index: self.index };
+        (0..self.before.len()).map(leg).chain([last]).collect()
     }
 
     /// Why nothing was found, with the keys of ``diagnosis`` in result.json; None where it is feasible.
@@ -80,10 +91,10 @@ impl Gait {
         self.leg.diagnosis.as_ref().map(|diagnosis| to_python(py, diagnosis)).transpose()
     }
 
-    /// The task that it is for.
+    /// The task that it is for: that of its leg.
     #[getter]
     fn task(&self) -> Task {
-        Task(Arc::new(self.leg.task.clone()))
+        Task(Arc::new(self.leg.way()))
     }
 
     /// Time of its search, s.
@@ -98,6 +109,12 @@ impl Gait {
         self.trajectory().sample(py, rate)
     }
 
+    /// The joints along the motion; see ``Trajectory.joints``.
+    #[pyo3(signature = (rate = 100., robot = None))]
+    fn joints(&self, py: Python<'_>, rate: f64, robot: Option<&Robot>) -> PyResult<Joints> {
+        self.trajectory().joints(py, rate, robot)
+    }
+
     /// The whole search, with the keys of result.json.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         to_python(py, &self.leg.result(&self.leg.run()))
@@ -108,9 +125,15 @@ impl Gait {
         to_json(&self.leg.result(&self.leg.run())).raise()
     }
 
-    /// Writes result.json, trajectory.json and scenario.toml into a folder, as ``cregopt solve --out`` does.
+    /// Writes result.json, trajectory.json and scenario.toml into a folder, as ``cregopt solve --out`` does: of each leg into a folder leg-1, leg-2
+    /// and on where there is more than one.
     fn save(&self, py: Python<'_>, folder: PathBuf) -> PyResult<()> {
-        py.detach(|| files::make_folder(&folder).and_then(|()| self.leg.write(&folder))).raise()
+        let legs: Vec<&Leg> = self.before.iter().chain([&self.leg]).map(|leg| &**leg).collect();
+        let write = |(number, leg): (usize, &&Leg)| {
+            let own = leg_folder(&folder, number, legs.len());
+            files::make_folder(&own).and_then(|()| leg.write(&own))
+        };
+        py.detach(|| (1..).zip(&legs).try_for_each(write)).raise()
     }
 
     /// Writes a picture of the gait, its forces and its way: .svg or .png.
@@ -163,8 +186,11 @@ impl Gait {
 }
 
 impl Gait {
-    fn of(leg: Leg) -> Gait {
-        Gait { leg: Arc::new(leg), index: 0 }
+    /// Of each leg.
+    fn of(legs: Vec<Leg>) -> Vec<Gait> {
+        let legs: Vec<Arc<Leg>> = legs.into_iter().map(Arc::new).collect();
+        let gait = |(number, leg): (usize, &Arc<Leg>)| Gait { leg: leg.clone(), before: legs[..number].into(), index: 0 };
+        legs.iter().enumerate().map(gait).collect()
     }
 
     fn gait(&self) -> &crate::Gait {
@@ -212,18 +238,17 @@ fn take_nulls(tree: &mut Value, path: &str, nulls: &mut Vec<String>) {
     });
 }
 
-/// Searches for the cheapest gait of a task; `options` have the keys of a scenario file.
+/// Searches for the cheapest gait of a task, leg by leg where it has places on the way; `options` have the keys of a scenario file.
 #[pyfunction]
 #[pyo3(signature = (task, options, progress = None))]
 pub fn search(py: Python<'_>, task: &Task, options: &Bound<'_, PyDict>, progress: Option<Py<PyAny>>) -> PyResult<Gait> {
     let solve = asked(options)?;
-    let leg = working(py, progress.as_ref(), |cancelled, hear| {
-        let mut asking = solve.asking()?;
-        asking.at_robot(&task.0.robot);
+    let legs = working(py, progress.as_ref(), |cancelled, hear| {
+        let asking = solve.asking()?;
         let backend = solve.lower.backend(asking.search.population).map_err(Error::from)?;
-        Leg::search((*task.0).clone(), (None, None), &asking, None, &*backend, cancelled, hear)
-    });
-    leg.map(Gait::of)
+        task.0.search(&asking, None, &*backend, cancelled, hear, &mut |_, _| Ok(()))
+    })?;
+    Gait::of(legs).pop().ok_or_else(|| raised(Error::Ended { message: "stopped before any leg was searched".into() }))
 }
 
 /// Searches as a scenario file asks: a gait for each leg of its way, to the first that has none.
@@ -236,5 +261,5 @@ pub fn solve(py: Python<'_>, path: PathBuf, out: Option<PathBuf>, progress: Opti
     });
     let solve = read.raise()?;
     let legs = working(py, progress.as_ref(), |cancelled, hear| Ok(solve.legs(cancelled, hear, &mut |_, _| Ok(()))?.0))?;
-    Ok(legs.into_iter().map(Gait::of).collect())
+    Ok(Gait::of(legs))
 }

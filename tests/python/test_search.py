@@ -148,6 +148,42 @@ def test_a_way_with_waypoints_has_a_gait_for_each_leg(tmp_path: pathlib.Path) ->
         cregopt.solve(tmp_path / "bad.toml")
 
 
+def test_a_task_with_places_on_the_way_has_a_gait_for_each_leg(task: cregopt.Task, program: str, tmp_path: pathlib.Path) -> None:
+    way = cregopt.Task(task.robot, task.terrain, goal=(1.0, 0.0), yaw=0.4, start=(0.1, 0.0), start_yaw=0.1, via=[(0.4, 0.1), (0.7, 0.0)])
+    gait = cregopt.search(way, first=True, device="cpu")
+    legs = gait.legs
+    assert len(legs) == 3 and all(leg.feasible for leg in legs) and [len(leg.legs) for leg in legs] == [1, 2, 3]
+    assert [leg.task.goal["xy"] for leg in legs] == [[0.4, 0.1], [0.7, 0.0], [1.0, 0.0]] and gait.task.via == []
+    assert [leg.task.goal["yaw"] for leg in legs] == pytest.approx([0.2, 0.3, 0.4])
+    for before, after in zip(legs, legs[1:]):
+        assert after.sample().feet_position[0] == pytest.approx(before.sample().feet_position[-1], abs=1e-9)
+    assert gait.to_dict() == legs[2].to_dict() and len(gait.alternatives) == 0
+    command = "solve --robot anymal --goal 1,0 --yaw 0.4 --start 0.1,0 --start-yaw 0.1 --via 0.4,0.1 --via 0.7,0 --first --device cpu --out out"
+    subprocess.run([program, *command.split()], cwd=tmp_path, check=True, capture_output=True, timeout=300)
+    gait.save(tmp_path / "own")
+    for leg in ("leg-1", "leg-2", "leg-3"):
+        assert sorted(path.name for path in (tmp_path / "own" / leg).iterdir()) == ["result.json", "scenario.toml", "trajectory.json"]
+        for name in ("trajectory.json", "scenario.toml"):
+            assert (tmp_path / "own" / leg / name).read_text() == (tmp_path / "out" / leg / name).read_text()
+
+
+def test_a_way_ends_at_the_first_leg_without_a_gait(nowhere: cregopt.Task) -> None:
+    way = cregopt.Task(nowhere.robot, nowhere.terrain, goal=(2.0, 0.0), via=[(1.0, 0.0)], force_limit=nowhere.force_limit)
+    settings = {"search": {"further_generations": 0, "perturbed_generations": 0}}
+    gait = cregopt.search(way, gaits="trot", population=2, generations=0, settings=settings)
+    assert not gait.feasible and len(gait.legs) == 1 and gait.task.goal["xy"] == [1.0, 0.0]
+
+
+def test_a_built_in_scenario_is_named_in_what_is_found(program: str, tmp_path: pathlib.Path) -> None:
+    gait = cregopt.search(cregopt.Task.from_scenario("s1", target=3), first=True, threads=1, device="cpu")
+    result = gait.to_dict()
+    assert gait.feasible and (result["scenario"], result["target"]) == ("s1", 3)
+    command = "solve --scenario s1 --target 3 --first --threads 1 --device cpu --out out"
+    subprocess.run([program, *command.split()], cwd=tmp_path, check=True, capture_output=True, timeout=300)
+    assert (tmp_path / "out/trajectory.json").read_text() == gait.trajectory.to_json() + "\n"
+    assert cregopt.Task.from_scenario(tmp_path / "out/scenario.toml").goal == gait.task.goal
+
+
 def test_pictures_and_pages_are_written(gait: cregopt.Gait, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
     gait.plot(tmp_path / "gait.svg")
     assert (tmp_path / "gait.svg").read_text() == gait._repr_html_()

@@ -19,6 +19,10 @@ force: float = float(gait.sample(rate=50).forces.max())
 found = cregopt.evaluate(task, [gait.schedule], trajectories=True)
 first: bool = bool(found.feasible[0])
 again = cregopt.Task(task.robot, terrain, (2.0, 0.0), start=gait)
+robot = cregopt.Robot.from_urdf("go2.urdf", feet=["FL", "FR"], configuration={"knee": -1.5})
+scenario = cregopt.Task.from_scenario("walk.toml")
+way = cregopt.Task(robot, terrain, (2.0, 0.0), start={"xy": [0.5, 0.0]}, start_yaw=0.1, via=[(1.0, 0.0), {"xy": [1.5, 0.0], "yaw": 0.2}])
+torque: float = float(cregopt.search(way).legs[0].joints(rate=50).efforts.max())
 for leg in cregopt.solve("walk.toml"):
     print(str(cregopt.verify(leg)), leg.certificate["n_rows"])
 """

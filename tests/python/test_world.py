@@ -99,3 +99,52 @@ def test_files_that_cannot_be_read_are_errors_of_the_system(tmp_path: pathlib.Pa
     wrong.write_text("{")
     with pytest.raises(cregopt.Error, match="wrong.json: .*EOF while parsing"):
         cregopt.Robot.from_file(wrong)
+
+
+def test_a_task_can_be_read_from_a_scenario(tmp_path: pathlib.Path) -> None:
+    built_in = cregopt.Task.from_scenario("s3", target=4)
+    assert cregopt.SCENARIOS[:3] == ("s1", "s2", "s3")
+    assert (built_in.robot, built_in.terrain) == (ROBOT, cregopt.Terrain("step")) and built_in.goal["yaw"] == np.pi
+    assert np.hypot(*built_in.goal["xy"]) == pytest.approx(6.0) and built_in.via == []
+    angle = -np.pi / 4 + 3 / 19 * np.pi / 2
+    assert np.arctan2(built_in.goal["xy"][1], built_in.goal["xy"][0]) == pytest.approx(angle)
+    assert cregopt.Task.from_scenario("s1").goal == cregopt.Task.from_scenario("s1", 10).goal
+    own = {**ROBOT.to_dict(), "name": "own", "mass": 31.0}
+    (tmp_path / "own.json").write_text(json.dumps(own))
+    path = tmp_path / "way.toml"
+    path.write_text(
+        'robot = "own.json"\nterrain = "flat"\nforce_limit = 400.0\nseed = 3\n'
+        "[start]\nxy = [1.0, 2.0]\nyaw = 0.3\nvelocity = [0.1, 0.0, 0.0]\n[goal]\nxy = [2.0, 2.5]\nyaw = 0.7\n"
+        "[[waypoints]]\nxy = [1.5, 2.2]\nyaw = 0.4\n"
+    )
+    for task in (cregopt.Task.from_scenario(path), cregopt.Task.from_scenario(str(path))):
+        assert task.robot == cregopt.Robot.from_dict(own) and task.terrain == FLAT and task.force_limit == 400.0
+        assert (task.start["xy"], task.start["yaw"], task.start["velocity"]) == ([1.0, 2.0], 0.3, [0.1, 0.0, 0.0])
+        assert (task.goal["xy"], task.goal["yaw"], task.goal["z"]) == ([2.0, 2.5], 0.7, 0.5)
+        assert [(place["xy"], place["yaw"]) for place in task.via] == [([1.5, 2.2], 0.4)] and "over 1 places" in repr(task)
+    with pytest.raises(cregopt.Error, match="unknown scenario `s9`; did you mean `s1`"):
+        cregopt.Task.from_scenario("s9")
+    with pytest.raises(cregopt.Error, match="target: 21, but it must be 1 to 20"):
+        cregopt.Task.from_scenario("s1", target=21)
+    path.write_text("[goal]\nxy = [1.0, 0.0]\n")
+    with pytest.raises(cregopt.Error, match="way.toml: robot: none"):
+        cregopt.Task.from_scenario(path)
+    with pytest.raises(FileNotFoundError, match="missing.toml"):
+        cregopt.Task.from_scenario(tmp_path / "missing.toml")
+
+
+def test_places_on_the_way_are_checked_where_they_are_given() -> None:
+    task = cregopt.Task(ROBOT, FLAT, goal=(2.0, 0.0), via=[(0.5, 0.1), {"xy": [1.0, 0.0]}, {"xy": [1.5, 0.0], "yaw": 0.2}])
+    assert [place.get("yaw") for place in task.via] == [None, None, 0.2] and task.via[0]["xy"] == [0.5, 0.1]
+    assert len(cregopt.Task(ROBOT, FLAT, goal=(2.0, 0.0), via=np.array([[0.5, 0.1], [1.0, 0.0]])).via) == 2
+    with pytest.raises(cregopt.Error, match=r"via\[1\]: 1 numbers, but it must be 2 or 3"):
+        cregopt.Task(ROBOT, FLAT, goal=(2.0, 0.0), via=[(0.5, 0.1), (1.0,)])
+    with pytest.raises(cregopt.Error, match=r"via\[0\].*position\[2\]: -1, but it must be above the terrain"):
+        cregopt.Task(ROBOT, FLAT, goal=(2.0, 0.0), via=[(0.5, 0.1, -1.0)])
+    with pytest.raises(cregopt.Error, match=r"task.via: 3 places, but it must be none"):
+        cregopt.evaluate(task, [])
+
+
+def test_a_yaw_in_degrees_is_doubted() -> None:
+    with pytest.warns(UserWarning, match="goal yaw 45 rad is 7.2 turns; 45 degrees are 0.7854 rad"):
+        cregopt.Task(ROBOT, FLAT, goal=(1.0, 0.0), yaw=45.0)

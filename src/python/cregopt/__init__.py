@@ -13,11 +13,13 @@ Units are SI, angles rad, and forces act on the robot. World frame: z up; base f
 
 from ._cregopt import (
     ROBOTS,
+    SCENARIOS,
     TERRAINS,
     Certificate,
     Error,
     Evaluation,
     Gait,
+    Joints,
     Robot,
     Samples,
     Task,
@@ -30,11 +32,13 @@ from ._search import evaluate, search, solve
 
 __all__ = [
     "ROBOTS",
+    "SCENARIOS",
     "TERRAINS",
     "Certificate",
     "Error",
     "Evaluation",
     "Gait",
+    "Joints",
     "Robot",
     "Samples",
     "Task",

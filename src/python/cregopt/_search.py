@@ -89,7 +89,8 @@ def search(
     Returns
     -------
     Gait
-        Without a gait the candidate that violates least: ``feasible`` is False, and ``diagnosis`` says why.
+        Without a gait the candidate that violates least: ``feasible`` is False, and ``diagnosis`` says why. Of a task with places on the way the
+        gait of the last leg, or of the first that has none; its ``legs`` are all of them.
 
     Raises
     ------
@@ -144,6 +145,7 @@ def evaluate(
     Parameters
     ----------
     task : Task
+        Without places on the way.
     schedules : list of schedules
         Each a list of phase durations for each foot, s: stance, swing, stance, ...
     trajectories : bool, default False
