@@ -163,7 +163,7 @@ impl Solve {
 
     fn run_merged(&self) -> std::result::Result<Verdict, Failure> {
         let watched = std::io::stderr().is_terminal() && enabled!(Level::INFO);
-        let mut tell: Option<Box<dyn FnMut(&Progress) + Send>> = None;
+        let mut tell: Option<Teller> = None;
         let mut hear = |news: News| match news {
             News::Warning(finding) => warn!("warning: {finding}"),
             News::Begun => tell = Some(if watched { Box::new(bar()) } else { Box::new(tell_now_and_then()) }),
@@ -323,6 +323,9 @@ pub fn text(result: &SolveResult, folder: Option<&Path>) -> Result<String> {
     }
     Ok(text)
 }
+
+/// Says how far a search is.
+type Teller = Box<dyn FnMut(&Progress) + Send>;
 
 /// Seconds between two lines of a search that nobody watches.
 const TELL: f64 = 10.;

@@ -50,7 +50,9 @@ def test_options_reach_the_search(task: cregopt.Task) -> None:
     assert first.feasible and first.to_dict()["generations"][-1]["generation"] == 0
     around = cregopt.search(task, gaits=gait.schedule, first=True, seconds=60.0)
     assert around.schedule == gait.schedule
-    refined = cregopt.search(task, first=True, refine=True, precision="f64", smooth=True, transcription="momentum")
+    few = {"refine": {"iterations": 3}}
+    refined = cregopt.search(task, first=True, refine=True, precision="f64", smooth=True, transcription="momentum", settings=few)
+    assert refined.to_dict()["refinement"]["iterations"] == 3
     assert refined.to_dict()["refinement"]["before"]["total"] > refined.cost["total"]  # type: ignore[index]
 
 

@@ -78,7 +78,7 @@ FLAT = cregopt.Terrain("flat")
         (lambda: cregopt.Terrain.heights(np.full((3, 3), np.nan), 0.1), "height map: holes alone"),
         (lambda: cregopt.Terrain.heights(np.zeros((3, 3)), -0.1), "cell: -0.1, but it must be"),
         (lambda: cregopt.Task(ROBOT, FLAT, goal=(1.0,)), "goal: 1 numbers, but it must be 2 or 3"),
-        (lambda: cregopt.Task(ROBOT, FLAT, goal="far"), "goal: 'far', but it must be 2 or 3 numbers"),
+        (lambda: cregopt.Task(ROBOT, FLAT, goal="far"), "goal: 'far', but it must be 2 or 3 numbers"),  # type: ignore[arg-type]
         (lambda: cregopt.Task(ROBOT, FLAT, goal=(float("nan"), 0.0)), "goal.* must be"),
         (lambda: cregopt.Task(ROBOT, FLAT, goal={"xz": [0, 1]}), "goal: xz: unknown field `xz`; did you mean `xy`"),
         (lambda: cregopt.Task(ROBOT, FLAT, goal=(1.0, 0.0, -1.0)), r"goal.position\[2\]: -1, but it must be above the terrain"),

@@ -75,7 +75,7 @@ class Task:
         start: Optional[Union[_Place, Trajectory, Gait]] = None,
         start_yaw: Optional[float] = None,
         force_limit: Optional[float] = None,
-        via: Optional[Sequence[_Place]] = None,
+        via: Optional[Union[Sequence[_Place], _Floats]] = None,
     ) -> Task: ...
     @staticmethod
     def from_scenario(scenario: _Path, target: Optional[int] = None) -> Task: ...
