@@ -198,7 +198,7 @@ fn between_knots(task: &Task, schedule: &Schedule) -> [[f64; 2]; 2] {
     assert_eq!(outcome.status, Status::Solved);
     let mut shared = shared(&layout);
     rows_with(&layout, &x, 0., &mut shared);
-    let nodes = trajectory(task, &layout, &x);
+    let nodes = trajectory(task, &layout.curves, &x);
     // Rows of all feet are at the times of the nodes.
     let feet = task.robot.feet();
     let instants: Vec<_> =
@@ -357,7 +357,7 @@ fn with_cones_no_foot_slips_at_any_time() {
                 let layout = layout_with(&task, &schedule, &TranscriptionSettings { friction, ..TranscriptionSettings::default() });
                 let (outcome, x) = solve(&layout);
                 assert_eq!(outcome.status, Status::Solved, "{robot}, gait {seed}, {friction:?}");
-                out_of_the_cone(&task, &trajectory(&task, &layout, &x))
+                out_of_the_cone(&task, &trajectory(&task, &layout.curves, &x))
             });
             assert!(cone <= SLIP_TOLERANCE, "{robot}, gait {seed}: {cone} N beyond the cone");
             assert!(pyramid > 5e-3 * task.robot.weight(), "{robot}, gait {seed}: no foot slips anyhow");

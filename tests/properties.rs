@@ -353,7 +353,7 @@ fn mirrored_rows(robot: &Robot, layout: &Layout<f64>, other: &Layout<f64>, rows:
         let (here, there) = (of(layout, foot), of(other, mirrored_foot(foot)));
         assert_eq!(here.each_ref().map(Vec::len), there.each_ref().map(Vec::len));
         // So do the sides of the pyramid along y. A swing's height is two-sided in `momentum` on level ground.
-        let two_sided = layout.transcription == Transcription::Momentum && !layout.terrain.has_edges();
+        let two_sided = layout.curves.transcription == Transcription::Momentum && !layout.terrain.has_edges();
         let heights: &[usize] = if two_sided { &[0, 1] } else { &[0] };
         for (i, order) in [&[0, 1, 2, 4, 3, 5], heights, &[0], &[0, 1], &[0, 3, 2, 1]].into_iter().enumerate() {
             here[i].iter().zip(&there[i]).for_each(|(&from, &to)| copy(from, to, order));

@@ -52,7 +52,8 @@ impl Cpu {
                         let layout = Layout::<T>::new(problem.task, &problem.schedule, job.transcription);
                         let outcome = solver.solve(&layout, job.settings, finish_at, None, &|| skip(index));
                         if outcome.status != Status::Cancelled {
-                            finish(index, Solution { outcome, x: solver.solution() });
+                            let Layout { variables, curves, .. } = layout;
+                            finish(index, Solution { outcome, x: solver.solution(), variables, curves });
                         }
                     }
                 });

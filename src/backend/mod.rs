@@ -9,6 +9,7 @@ pub use cpu::Cpu;
 pub use gpu::Gpu;
 
 use crate::gait::AlignedSchedule;
+use crate::nlp::Curves;
 use crate::settings::{SolverSettings, TranscriptionSettings};
 use crate::solver::Outcome;
 use crate::task::Task;
@@ -43,6 +44,10 @@ pub struct Solution {
     pub outcome: Outcome,
     /// Values of the variables, as in [`crate::nlp::Layout::initial`].
     pub x: Vec<f64>,
+    /// Number of variables; fixed values follow them in `x`.
+    pub variables: usize,
+    /// What makes a motion of `x`.
+    pub curves: Curves,
 }
 
 /// Scalar of the main solve.

@@ -5,7 +5,8 @@ use super::footing::{self, Footing};
 use super::layout::{Curves, Element, FootBlocks};
 use super::sweep::{self, Block, Fronts};
 use super::transcription::ground_path::GroundPath;
-use super::transcription::legs;
+use super::transcription::{self, legs};
+use crate::gait::trajectory::MotionLimits;
 use crate::gait::{AlignedSchedule, Phase};
 use crate::real::Real;
 use crate::robot::GRAVITY;
@@ -70,6 +71,10 @@ pub(super) struct Builder<'a, T> {
     blocks: Vec<Block>,
     drafts: Vec<Draft>,
     footholds: Vec<BlockId>,
+    /// Largest normal force of a foot, N.
+    force_limit: f64,
+    /// What motions keep to besides.
+    limits: Option<MotionLimits>,
 }
 
 impl<'a, T: Real> Builder<'a, T> {
@@ -92,6 +97,8 @@ impl<'a, T: Real> Builder<'a, T> {
             blocks: Vec::new(),
             drafts: Vec::new(),
             footholds: Vec::new(),
+            force_limit,
+            limits: transcription::of::<T>(settings.rows).limits(settings, &task.robot),
         }
     }
 
@@ -212,7 +219,7 @@ impl<'a, T: Real> Builder<'a, T> {
             end = step.elements.end;
         }
 
-        let at = |id: BlockId| positions[id.0 as usize];
+        let (at, force_unit) = (|id: BlockId| positions[id.0 as usize], self.force_unit());
         self.tables.footholds = self.footholds.iter().map(|&id| at(id)).collect();
         let feet = self.feet.into_iter().map(|foot| FootBlocks {
             phases: foot.phases,
@@ -222,7 +229,6 @@ impl<'a, T: Real> Builder<'a, T> {
         });
         let base = self.base.into_iter().map(at).collect();
         Layout {
-            transcription: self.settings.rows,
             variables,
             equalities,
             rows: row,
@@ -231,7 +237,6 @@ impl<'a, T: Real> Builder<'a, T> {
             initial,
             smoothing,
             tables: self.tables,
-            limits: None,
             elements,
             runs,
             steps,
@@ -239,7 +244,16 @@ impl<'a, T: Real> Builder<'a, T> {
             widest,
             front_stride: fronts.stride,
             factor_len: fronts.factor_len,
-            curves: Curves { intervals: self.intervals, interval: self.interval, base, feet: feet.collect() },
+            curves: Curves {
+                transcription: self.settings.rows,
+                limits: self.limits,
+                force_limit: self.force_limit,
+                force_unit,
+                intervals: self.intervals,
+                interval: self.interval,
+                base,
+                feet: feet.collect(),
+            },
         }
     }
 }

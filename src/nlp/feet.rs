@@ -34,7 +34,7 @@ impl<T: Real> Layout<T> {
         force_elements(own, &mut builder);
         swing_elements(own, &mut builder);
         footing_elements(&mut builder);
-        Layout { limits: own.limits(settings, &task.robot), ..builder.finish() }
+        builder.finish()
     }
 }
 

@@ -33,8 +33,6 @@ crate::table! {
 /// The problem of one candidate as flat tables.
 #[derive(Debug, Clone)]
 pub struct Layout<T> {
-    /// Which rows.
-    pub transcription: Transcription,
     /// Number of variables.
     pub variables: usize,
     /// Number of equalities.
@@ -51,8 +49,6 @@ pub struct Layout<T> {
     pub smoothing: Vec<T>,
     /// What rows are made from.
     pub tables: Tables<T>,
-    /// What `momentum` motions keep to besides, for their trajectories.
-    pub limits: Option<MotionLimits>,
     /// Elements, in the order of the sweep.
     pub elements: Vec<Element>,
     /// Columns of the elements.
@@ -67,7 +63,7 @@ pub struct Layout<T> {
     pub front_stride: usize,
     /// Number of values of the factor.
     pub factor_len: usize,
-    /// Where each curve's blocks are, to turn `x` back into node values.
+    /// What turns `x` back into a motion.
     pub curves: Curves,
 }
 
@@ -88,7 +84,7 @@ impl<T> DerefMut for Layout<T> {
 impl<T: Real> Layout<T> {
     /// Largest normal force of a foot, N.
     pub fn force_limit(&self) -> f64 {
-        (self.constants.force_limit * self.constants.force_unit).as_f64()
+        self.curves.force_limit
     }
 
     /// Bytes of the tables and of the buffers of one solve.
@@ -101,9 +97,17 @@ impl<T: Real> Layout<T> {
     }
 }
 
-/// Positions in `x` of the blocks of each curve.
-#[derive(Debug, Clone, Default)]
+/// What turns `x` back into a motion: positions of the blocks of each curve, and units. It outlives the tables, which are much larger.
+#[derive(Debug, Clone)]
 pub struct Curves {
+    /// Which rows it was solved for.
+    pub transcription: Transcription,
+    /// What its motions keep to besides.
+    pub limits: Option<MotionLimits>,
+    /// Largest normal force of a foot, N.
+    pub force_limit: f64,
+    /// Unit of forces in `x`: the weight per foot, N.
+    pub force_unit: f64,
     /// Number of intervals.
     pub intervals: usize,
     /// Their length, s.

@@ -12,5 +12,5 @@ pub mod sweep;
 mod trajectory;
 pub mod transcription;
 
-pub use layout::Layout;
+pub use layout::{Curves, Layout};
 pub use trajectory::trajectory;

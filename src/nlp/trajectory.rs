@@ -1,28 +1,26 @@
 //! From solver variables back to curves with Hermite nodes, in the form of TOWR's \[3\].
 
-use super::{Layout, transcription};
+use super::{Curves, transcription};
 use crate::gait::{Curve, FootCurves, Trajectory};
 use crate::rows::table::NONE;
 use crate::task::Task;
 
 /// The motion of a solution, as Hermite pieces.
 ///
-/// * `x` - as [`Layout::initial`], fixed values included
-pub fn trajectory(task: &Task, layout: &Layout<f64>, x: &[f64]) -> Trajectory {
-    let curves = &layout.curves;
+/// * `x` - as [`Layout::initial`](super::Layout::initial), fixed values included
+pub fn trajectory(task: &Task, curves: &Curves, x: &[f64]) -> Trajectory {
     let horizon = curves.intervals as f64 * curves.interval;
-    let base = transcription::of::<f64>(layout.transcription).base_curves(task, layout, x);
+    let base = transcription::of::<f64>(curves.transcription).base_curves(task, curves, x);
     let durations = curves.feet.iter().map(|f| f.phases.iter().map(|p| p.duration()).collect()).collect();
     let feet = 0..curves.feet.len();
-    let feet = feet.map(|foot| FootCurves { motion: motion_curve(task, layout, x, foot), force: force_curve(layout, x, foot) });
-    let force_limit = layout.force_limit();
-    let trajectory = task.trajectory(layout.transcription.name(), force_limit, durations, horizon, base, feet.collect());
-    Trajectory { limits: layout.limits, ..trajectory }
+    let feet = feet.map(|foot| FootCurves { motion: motion_curve(task, curves, x, foot), force: force_curve(curves, x, foot) });
+    let trajectory = task.trajectory(curves.transcription.name(), curves.force_limit, durations, horizon, base, feet.collect());
+    Trajectory { limits: curves.limits, ..trajectory }
 }
 
 /// One piece a stance, two a swing.
-fn motion_curve(task: &Task, layout: &Layout<f64>, x: &[f64], foot: usize) -> Curve {
-    let blocks = &layout.curves.feet[foot];
+fn motion_curve(task: &Task, curves: &Curves, x: &[f64], foot: usize) -> Curve {
+    let blocks = &curves.feet[foot];
     let foothold = |stance: usize| {
         let at = blocks.footholds[stance] as usize;
         let [px, py] = [x[at], x[at + 1]];
@@ -38,7 +36,7 @@ fn motion_curve(task: &Task, layout: &Layout<f64>, x: &[f64], foot: usize) -> Cu
             let (a, b) = (foothold(i / 2), foothold(i / 2 + 1));
             let z = x[blocks.heights[i / 2] as usize];
             let mid = |d: usize| (a[d] + b[d]) / 2.;
-            let time = transcription::of::<f64>(layout.transcription).mid_time(*phase);
+            let time = transcription::of::<f64>(curves.transcription).mid_time(*phase);
             let speed = |d: usize| (b[d] - a[d]) / time;
             curve.nodes.push([mid(0), mid(1), z, speed(0), speed(1), 0.]);
             curve.poly_durations.extend([phase.duration() / 2.; 2]);
@@ -48,9 +46,9 @@ fn motion_curve(task: &Task, layout: &Layout<f64>, x: &[f64], foot: usize) -> Cu
 }
 
 /// The settings' number of pieces a stance, one zero piece a swing.
-fn force_curve(layout: &Layout<f64>, x: &[f64], foot: usize) -> Curve {
-    let blocks = &layout.curves.feet[foot];
-    let unit = layout.constants.force_unit;
+fn force_curve(curves: &Curves, x: &[f64], foot: usize) -> Curve {
+    let blocks = &curves.feet[foot];
+    let unit = curves.force_unit;
     let mut curve = Curve { poly_durations: Vec::new(), nodes: Vec::new() };
     for (i, phase) in blocks.phases.iter().enumerate() {
         if !phase.stance {

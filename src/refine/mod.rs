@@ -178,7 +178,7 @@ impl Refined {
     ///
     /// * `task`, `settings` - those it was refined with
     pub fn trajectory(&self, task: &Task, settings: &TranscriptionSettings) -> Trajectory {
-        trajectory(task, &Layout::<f64>::new(task, &self.schedule, settings), &self.x)
+        trajectory(task, &Layout::<f64>::new(task, &self.schedule, settings).curves, &self.x)
     }
 }
 
@@ -411,7 +411,7 @@ fn close(space: &Space, solver: &mut Solver<f64>, point: Point, settings: &Solve
 
 /// Whether the motion of a point passes the independent check.
 fn certified(task: &Task, point: &Point) -> bool {
-    let motion = trajectory(task, &point.layout, &point.x);
+    let motion = trajectory(task, &point.layout.curves, &point.x);
     verify_rows(&motion, &task.robot, &task.terrain, point.layout.force_limit()).is_ok_and(|r| r.feasible)
 }
 
@@ -433,7 +433,7 @@ struct Pricing<'a> {
 
 impl Pricing<'_> {
     fn cost(&self, point: &Point) -> Result<Cost> {
-        cost::cost(&trajectory(self.task, &point.layout, &point.x), &self.task.robot, self.leg_mass, self.weights)
+        cost::cost(&trajectory(self.task, &point.layout.curves, &point.x), &self.task.robot, self.leg_mass, self.weights)
     }
 
     /// What came of it: the last point, or the given one when that is cheaper after all.

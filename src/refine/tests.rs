@@ -52,7 +52,7 @@ fn a_point_is_made_again_from_its_variables() {
 #[test]
 fn the_model_of_the_cost_is_the_cost() {
     with_walk(|task, _, price, point| {
-        let motion = trajectory(task, &point.layout, &point.x);
+        let motion = trajectory(task, &point.layout.curves, &point.x);
         let cost = price_of(&motion, &task.robot, task.robot.leg_mass(), &CostWeights::default()).unwrap();
         let value = price.value(point, 0.);
         // Their quadratures differ where powers change their sign.

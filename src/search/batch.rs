@@ -1,7 +1,7 @@
 //! Who solves the schedules of a search, and the clock beside it.
 
 use super::cem::{Candidate, CemSettings, Distribution, Evaluation, Evaluator, GenerationRecord, StopReason, run};
-use super::evaluate::{Cancelled, Evaluated, LowerSettings, evaluate};
+use super::evaluate::{Cancelled, Certify, Evaluated, LowerSettings, batch};
 use crate::backend::Backend;
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
@@ -26,11 +26,20 @@ pub trait LowerLevel {
     /// What is kept of a candidate.
     type Solution;
 
-    /// Solves schedules; the result has their order and number. `first_feasible` and `cancelled` as in [`evaluate()`].
+    /// Solves schedules; the result has their order and number. `first_feasible` and `cancelled` as in
+    /// [`evaluate`](super::evaluate::evaluate()).
     ///
     /// # Errors
     /// What keeps it from solving any.
     fn solve(&self, schedules: &[Schedule], first_feasible: bool, cancelled: Cancelled) -> Result<Vec<Option<Solved<Self::Solution>>>>;
+
+    /// As [`LowerLevel::solve`] of all, leaving it to the caller to certify the solved ones that it wants. By default nothing is left.
+    ///
+    /// # Errors
+    /// As [`LowerLevel::solve`].
+    fn solve_alone(&self, schedules: &[Schedule], cancelled: Cancelled) -> Result<Vec<Option<Solved<Self::Solution>>>> {
+        self.solve(schedules, false, cancelled)
+    }
 }
 
 /// This program's solver, with the certificate and, when it is asked for, the cost of what it finds.
@@ -50,8 +59,18 @@ impl LowerLevel for BatchSolver<'_> {
     type Solution = Evaluated;
 
     fn solve(&self, schedules: &[Schedule], first_feasible: bool, cancelled: Cancelled) -> Result<Vec<Option<Solved<Evaluated>>>> {
+        self.certifying(schedules, if first_feasible { Certify::UntilFeasible } else { Certify::All }, cancelled)
+    }
+
+    fn solve_alone(&self, schedules: &[Schedule], cancelled: Cancelled) -> Result<Vec<Option<Solved<Evaluated>>>> {
+        self.certifying(schedules, Certify::Unsolved, cancelled)
+    }
+}
+
+impl BatchSolver<'_> {
+    fn certifying(&self, schedules: &[Schedule], wanted: Certify, cancelled: Cancelled) -> Result<Vec<Option<Solved<Evaluated>>>> {
         let candidates: Vec<(&Task, &Schedule)> = schedules.iter().map(|s| (self.task, s)).collect();
-        let results = evaluate(&candidates, self.settings, self.cost, self.backend, first_feasible, cancelled)?;
+        let results = batch(&candidates, self.settings, self.cost, self.backend, wanted, cancelled)?;
         let solved = |r: Evaluated| Solved { evaluation: r.evaluation(), finished_after: r.finished_after, solution: r };
         Ok(results.into_iter().map(|r| r.map(solved)).collect())
     }
@@ -96,12 +115,19 @@ pub(super) struct Timed<'a, L> {
     level: &'a L,
     clock: Clock<'a>,
     pub first_feasible_after: Option<f64>,
+    /// Whether only what is wanted is certified, once there is a certified candidate.
+    on_demand: bool,
     error: Option<Error>,
 }
 
 impl<'a, L> Timed<'a, L> {
     pub fn new(level: &'a L, clock: Clock<'a>) -> Self {
-        Timed { level, clock, first_feasible_after: None, error: None }
+        Timed { level, clock, first_feasible_after: None, on_demand: false, error: None }
+    }
+
+    /// Once there is a certified candidate, the caller certifies what it wants.
+    pub fn on_demand(self) -> Self {
+        Timed { on_demand: true, ..self }
     }
 
     /// What the lower level could not do.
@@ -118,7 +144,13 @@ impl<L: LowerLevel> Evaluator for Timed<'_, L> {
         // The first generation is solved whatever the time: a search without a candidate has nothing to return.
         let ends = |timed: bool| clock.cancelled() || (timed && clock.up());
         let timed = self.first_feasible_after.is_some();
-        let results = self.level.solve(schedules, first_feasible, &|| ends(timed)).unwrap_or_else(|e| {
+        let ends = || ends(timed);
+        let results = if self.on_demand && timed && !first_feasible {
+            self.level.solve_alone(schedules, &ends)
+        } else {
+            self.level.solve(schedules, first_feasible, &ends)
+        };
+        let results = results.unwrap_or_else(|e| {
             self.error = Some(e);
             schedules.iter().map(|_| None).collect()
         });

@@ -60,8 +60,11 @@ pub struct Evaluated {
     /// How the solve ended and what it took, f64 closing included.
     #[serde(flatten)]
     pub outcome: Outcome,
-    /// Whether every row of the certificate holds.
+    /// Whether every row of the certificate holds; of what is not yet certified, whether the solver says that its rows do.
     pub feasible: bool,
+    /// Whether it was certified, which is left out where nobody wants to know.
+    #[serde(skip)]
+    pub certified: bool,
     /// Violated rows and bounds beyond 1e-4 in TOWR's units.
     pub n_violated: usize,
     /// Worst violation in TOWR's units.
@@ -103,11 +106,22 @@ impl Evaluated {
         Evaluation { n_violated, feasible, mean_normal_force, cost }
     }
 
+    /// With its certificate, if it has none yet: closed in f64, its violations counted, its cost worked out.
+    ///
+    /// * `task`, `settings` - those it was evaluated with
+    pub(super) fn certify(self, task: &Task, settings: &LowerSettings, weights: Option<&CostWeights>) -> Evaluated {
+        if self.certified {
+            return self;
+        }
+        let Evaluated { outcome, schedule, x, finished_after, .. } = self;
+        Evaluated { finished_after, ..closed(task, &schedule, (outcome, x), settings, weights, &|| false) }
+    }
+
     /// The motion, feasible or not. It is made when asked for: a population of them would take gigabytes.
     ///
     /// * `task`, `settings` - those it was evaluated with
     pub fn trajectory(&self, task: &Task, settings: &TranscriptionSettings) -> Trajectory {
-        trajectory(task, &Layout::<f64>::new(task, &self.schedule, settings), &self.x)
+        trajectory(task, &Layout::<f64>::new(task, &self.schedule, settings).curves, &self.x)
     }
 }
 
@@ -159,6 +173,32 @@ pub fn evaluate(
     first_feasible: bool,
     cancelled: Cancelled,
 ) -> Result<Vec<Option<Evaluated>>> {
+    let wanted = if first_feasible { Certify::UntilFeasible } else { Certify::All };
+    batch(candidates, settings, cost, backend, wanted, cancelled)
+}
+
+/// Which candidates of a batch are certified.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Certify {
+    /// All.
+    All,
+    /// All up to the first feasible one.
+    UntilFeasible,
+    /// Those that the solver did not solve, for what they violate. The others have a cost; whether they hold is asked of those that are wanted,
+    /// see [`Evaluated::certify`].
+    Unsolved,
+}
+
+/// As [`evaluate`], with a choice of what is certified.
+pub(super) fn batch(
+    candidates: &[(&Task, &Schedule)],
+    settings: &LowerSettings,
+    cost: Option<&CostWeights>,
+    backend: &dyn Backend,
+    wanted: Certify,
+    cancelled: Cancelled,
+) -> Result<Vec<Option<Evaluated>>> {
+    let first_feasible = wanted == Certify::UntilFeasible;
     for (task, schedule) in candidates {
         check_candidate(task, schedule, settings)?;
     }
@@ -169,7 +209,12 @@ pub fn evaluate(
     let results: Vec<Mutex<Option<Evaluated>>> = problems.iter().map(|_| Mutex::new(None)).collect();
     let skip = |index: usize| cancelled() || (first_feasible && index > lowest.load(Ordering::Relaxed));
     let finish = |index: usize, solution: Solution| {
-        let mut evaluated = certify(&problems[index], solution, settings, cost, &|| skip(index));
+        let Problem { task, schedule } = &problems[index];
+        let mut evaluated = if wanted == Certify::Unsolved && solution.outcome.status == Status::Solved {
+            solved(task, schedule, solution, settings, cost)
+        } else {
+            closed(task, schedule, (solution.outcome, solution.x), settings, cost, &|| skip(index))
+        };
         if evaluated.outcome.status == Status::Cancelled && !evaluated.feasible {
             return;
         }
@@ -257,21 +302,35 @@ impl<'a> Evaluate<'a> {
     }
 }
 
-/// Closes a solution in f64, counts its violations, and works out what it costs.
-fn certify(
-    problem: &Problem,
+/// A solution that is not certified, with its cost.
+fn solved(
+    task: &Task,
+    schedule: &AlignedSchedule,
     solution: Solution,
+    settings: &LowerSettings,
+    weights: Option<&CostWeights>,
+) -> Evaluated {
+    let Solution { outcome, x, variables, curves } = solution;
+    let motion = trajectory(task, &curves, &x);
+    let verdict = Verdict { certified: false, feasible: true, n_violated: 0, max_violation: f64::NAN };
+    evaluated(task, schedule, motion, verdict, (outcome, x, variables), settings, weights)
+}
+
+/// A solution closed in f64, with its violations and its cost.
+fn closed(
+    task: &Task,
+    schedule: &AlignedSchedule,
+    (outcome, x): (Outcome, Vec<f64>),
     settings: &LowerSettings,
     weights: Option<&CostWeights>,
     cancel: &dyn Fn() -> bool,
 ) -> Evaluated {
-    let task = problem.task;
-    let layout = Layout::<f64>::new(task, &problem.schedule, &settings.transcription);
-    let (outcome, x) = match settings.precision {
-        Precision::F32 => close(&layout, solution.outcome, solution.x, &settings.solver, cancel),
-        Precision::F64 => (solution.outcome, solution.x),
+    let layout = Layout::<f64>::new(task, schedule, &settings.transcription);
+    let closed = match settings.precision {
+        Precision::F32 => close(&layout, outcome, x, &settings.solver, cancel),
+        Precision::F64 => (outcome, x),
     };
-    examined(task, &problem.schedule, &layout, (outcome, x), settings, weights)
+    examined(task, schedule, &layout, closed, settings, weights)
 }
 
 /// A solution with its violations, its cost and its sizes.
@@ -283,17 +342,41 @@ pub(super) fn examined(
     settings: &LowerSettings,
     weights: Option<&CostWeights>,
 ) -> Evaluated {
-    let trajectory = trajectory(task, layout, &x);
+    let trajectory = trajectory(task, &layout.curves, &x);
     let rows = verify_rows(&trajectory, &task.robot, &task.terrain, force_limit(&settings.transcription, task));
     let (n_violated, max_violation, feasible) = rows.map_or((usize::MAX, f64::NAN, false), |r| (r.n_violated, r.max_violation, r.feasible));
+    let verdict = Verdict { certified: true, feasible, n_violated, max_violation };
+    evaluated(task, schedule, trajectory, verdict, (outcome, x, layout.variables), settings, weights)
+}
+
+/// What is known of whether a motion holds.
+struct Verdict {
+    certified: bool,
+    feasible: bool,
+    n_violated: usize,
+    max_violation: f64,
+}
+
+/// A motion with what is known of it, its cost and its sizes.
+fn evaluated(
+    task: &Task,
+    schedule: &AlignedSchedule,
+    trajectory: Trajectory,
+    verdict: Verdict,
+    (outcome, x, n_variables): (Outcome, Vec<f64>, usize),
+    settings: &LowerSettings,
+    weights: Option<&CostWeights>,
+) -> Evaluated {
+    let Verdict { certified, feasible, n_violated, max_violation } = verdict;
     let cost = weights.filter(|_| feasible).and_then(|weights| cost(&trajectory, &task.robot, task.robot.leg_mass(), weights).ok());
     Evaluated {
         outcome,
         feasible,
+        certified,
         n_violated,
         max_violation,
         horizon: trajectory.horizon,
-        n_variables: layout.variables,
+        n_variables,
         finished_after: 0.,
         transcription: settings.transcription.rows,
         cost,

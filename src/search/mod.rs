@@ -32,6 +32,7 @@ use cem::{
     PerturbDistribution, StopReason, Stopping,
 };
 use evaluate::{Evaluated, LowerSettings, examined};
+use rayon::prelude::*;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 use tracing::debug;
@@ -245,9 +246,10 @@ impl<'a> Search<'a> {
                 progress(p);
             }
         };
-        let mut timed = Timed::new(&level, clock);
+        let mut timed = Timed::new(&level, clock).on_demand();
         let mut session = Session {
             task,
+            level: &level,
             settings: &settings,
             seed,
             clock,
@@ -266,6 +268,7 @@ impl<'a> Search<'a> {
 /// A search while it runs.
 struct Session<'a, 's> {
     task: &'a Task,
+    level: &'a BatchSolver<'a>,
     settings: &'a SearchSettings,
     seed: u64,
     clock: Clock<'a>,
@@ -282,6 +285,13 @@ struct Session<'a, 's> {
 
 /// What a schedule is to a search: its family, and the schedule.
 type Named = (Option<GaitFamily>, Schedule);
+
+/// Solved candidates of a family, best first, and the objective that they have to exceed.
+struct Contenders<'a> {
+    family: Option<GaitFamily>,
+    best: f64,
+    candidates: Vec<&'a Candidate<Evaluated>>,
+}
 
 /// The lower level of a search.
 type Level<'a> = Timed<'a, BatchSolver<'a>>;
@@ -414,8 +424,17 @@ impl Session<'_, '_> {
 
     /// Looks at a generation: is there anything better than before?
     fn look(&mut self, generation: &Generation<Evaluated>, family: Option<GaitFamily>) {
+        let mut open = Vec::new();
         for (own, candidate) in generation.ranked {
-            self.keep(own.or(family), candidate);
+            let family = own.or(family);
+            if candidate.evaluation.feasible && !candidate.solution.certified {
+                open.push((family, candidate));
+            } else {
+                self.keep(family, candidate);
+            }
+        }
+        for (family, candidate) in self.certified(&open) {
+            self.keep(family, &candidate);
         }
         let best_ever_objective = self.best.as_ref().or(self.nearest.as_ref()).map(|(_, best)| best.objective);
         let record = GenerationRecord { best_ever_objective, ..generation.record.clone() };
@@ -429,6 +448,31 @@ impl Session<'_, '_> {
         (self.tell)(&Progress::Generation(&record));
         self.generations.push(record);
         self.report();
+    }
+
+    /// Of solved candidates, best first, those that take the place of the best of their family: of each family the first whose certificate holds.
+    fn certified(&self, open: &[(Option<GaitFamily>, &Candidate<Evaluated>)]) -> Vec<(Option<GaitFamily>, Candidate<Evaluated>)> {
+        let settings = self.settings.cem(1);
+        let best = |family: Option<GaitFamily>| match family {
+            Some(family) => self.by_family.iter().find(|(f, _)| *f == family).map(|(_, c)| c.objective),
+            None => self.best.as_ref().map(|(_, c)| c.objective),
+        };
+        let mut groups: Vec<Contenders> = Vec::new();
+        for &(family, candidate) in open {
+            match groups.iter_mut().find(|group| group.family == family) {
+                Some(group) => group.candidates.push(candidate),
+                None => groups.push(Contenders { family, best: best(family).unwrap_or(f64::NEG_INFINITY), candidates: vec![candidate] }),
+            }
+        }
+        let BatchSolver { task, settings: lower, cost, .. } = *self.level;
+        let first = |Contenders { family, best, candidates }: &Contenders| {
+            let certified = candidates.iter().take_while(|c| c.objective > *best).map(|&c| {
+                let solution = c.solution.clone().certify(task, lower, cost);
+                Candidate::new(&settings, c.generation, c.index, c.schedule.clone(), solution.evaluation(), solution)
+            });
+            certified.into_iter().find(|c| c.evaluation.feasible && c.objective > *best).map(|c| (*family, c))
+        };
+        groups.par_iter().filter_map(first).collect()
     }
 
     /// Looks at a candidate: is it better than those before?

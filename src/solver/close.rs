@@ -3,6 +3,12 @@
 use super::{Finish, Outcome, Solver, Status};
 use crate::nlp::Layout;
 use crate::settings::{SolverSettings, StallSettings};
+use std::cell::RefCell;
+
+thread_local! {
+    /// Buffers of a thread, which are larger than what allocators keep at hand.
+    static SOLVER: RefCell<Solver<f64>> = RefCell::default();
+}
 
 /// Infeasibility below which a solve that f32 did not end goes on in f64.
 pub const CONTINUE_BELOW: f64 = 1e-2;
@@ -38,18 +44,19 @@ pub fn close(
     // What f32 did not solve goes on from where it is; what it solved must close, and has more to fall back on.
     let attempts: &[(&SolverSettings, Option<&[f64]>)] =
         if solved { &[(&closing, Some(&x)), (settings, None)] } else { &[(&onwards, Some(&x))] };
-    let mut solver = Solver::<f64>::default();
-    let mut total = f32_outcome;
-    for &(settings, start) in attempts {
-        let outcome = solver.solve(layout, settings, finish, start, cancel);
-        total = Outcome {
-            iterations: total.iterations + outcome.iterations,
-            factorisations: total.factorisations + outcome.factorisations,
-            ..outcome
-        };
-        if outcome.status == Status::Solved || outcome.status == Status::Cancelled {
-            break;
+    SOLVER.with_borrow_mut(|solver| {
+        let mut total = f32_outcome;
+        for &(settings, start) in attempts {
+            let outcome = solver.solve(layout, settings, finish, start, cancel);
+            total = Outcome {
+                iterations: total.iterations + outcome.iterations,
+                factorisations: total.factorisations + outcome.factorisations,
+                ..outcome
+            };
+            if outcome.status == Status::Solved || outcome.status == Status::Cancelled {
+                break;
+            }
         }
-    }
-    (total, solver.solution())
+        (total, solver.solution())
+    })
 }

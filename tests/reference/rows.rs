@@ -25,7 +25,7 @@ fn node_values_give_towrs_rows_the_residuals_of_the_reduced_problem() {
         let layout = layout_with::<f64>(&case.task, &case.schedule, &towr());
         let x = point(&layout, &mut Random::new(seed as u64), 0.);
         let rows = rows(&layout, &x, 0.);
-        let (c, g) = expected(&case.task, &trajectory(&case.task, &layout, &x), &layout);
+        let (c, g) = expected(&case.task, &trajectory(&case.task, &layout.curves, &x), &layout);
         assert_close(&rows.c, &c, RESIDUAL_TOLERANCE, &format!("{}, equalities", case.name));
         assert_close(&rows.g, &g, RESIDUAL_TOLERANCE, &format!("{}, inequalities", case.name));
     }
@@ -36,7 +36,7 @@ fn node_values_give_the_momentum_residuals() {
     for (seed, case) in cases().iter().enumerate() {
         let layout = layout_with::<f64>(&case.task, &case.schedule, &TranscriptionSettings::default());
         let x = point(&layout, &mut Random::new(seed as u64), 0.);
-        let c = expected_momentum(&case.task, &trajectory(&case.task, &layout, &x), &layout);
+        let c = expected_momentum(&case.task, &trajectory(&case.task, &layout.curves, &x), &layout);
         assert_close(&rows_with(&layout, &x, 0., &mut straight(&layout)).c, &c, RESIDUAL_TOLERANCE, &case.name);
     }
 }
@@ -47,7 +47,7 @@ fn node_values_give_the_cone_residuals() {
         let layout = layout_with::<f64>(&case.task, &case.schedule, &cones());
         assert!(layout.force_nodes.is_empty() && layout.cones.len() > layout.footholds.len());
         let x = point(&layout, &mut Random::new(seed as u64), 0.);
-        let g = expected_cones(&case.task, &trajectory(&case.task, &layout, &x), &layout);
+        let g = expected_cones(&case.task, &trajectory(&case.task, &layout.curves, &x), &layout);
         let own: Vec<usize> = (0..g.len()).filter(|&i| !g[i].is_nan()).collect();
         assert_eq!(own.len(), 3 * layout.cones.len());
         let of = |values: &[f64]| own.iter().map(|&i| values[i]).collect::<Vec<f64>>();
@@ -64,7 +64,7 @@ fn node_values_give_the_accelerations_of_swinging_feet() {
         let layout = layout_with::<f64>(&case.task, &case.schedule, &TranscriptionSettings::default());
         let x = point(&layout, &mut Random::new(seed as u64), 0.);
         let rows = rows(&layout, &x, 0.);
-        let nodes = trajectory(&case.task, &layout, &x);
+        let nodes = trajectory(&case.task, &layout.curves, &x);
         let mut entries = layout.accelerations.iter();
         for (foot, durations) in nodes.ee.iter().zip(&nodes.durations) {
             for swing in 0..durations.len() / 2 {
@@ -89,7 +89,7 @@ fn rows_that_were_eliminated_hold_at_any_point() {
         let layout = layout_with::<f64>(&case.task, &case.schedule, &towr());
         let x = point(&layout, &mut Random::new(seed as u64), 0.);
         let limit = |settings: &TranscriptionSettings| force_limit(settings, &case.task);
-        let nodes = trajectory(&case.task, &layout, &x);
+        let nodes = trajectory(&case.task, &layout.curves, &x);
         let report = verify_rows(&nodes, &case.task.robot, &case.task.terrain, limit(&towr())).unwrap();
         for family in [Family::BaseAcceleration, Family::Swing, Family::Bounds, Family::Structure] {
             assert_eq!(report.family(family).violated, 0, "{}\n{report}", case.name);
@@ -98,7 +98,7 @@ fn rows_that_were_eliminated_hold_at_any_point() {
 
         let layout = layout_with::<f64>(&case.task, &case.schedule, &TranscriptionSettings::default());
         let x = point(&layout, &mut Random::new(seed as u64), 0.);
-        let nodes = trajectory(&case.task, &layout, &x);
+        let nodes = trajectory(&case.task, &layout.curves, &x);
         let report = verify_rows(&nodes, &case.task.robot, &case.task.terrain, limit(&TranscriptionSettings::default())).unwrap();
         for family in [Family::Bounds, Family::Structure] {
             assert_eq!(report.family(family).violated, 0, "{}\n{report}", case.name);
@@ -193,7 +193,7 @@ fn a_wrong_entry_is_seen() {
             Transcription::Towr => expected(&case.task, nodes, &layout).0,
             Transcription::Momentum => expected_momentum(&case.task, nodes, &layout),
         };
-        let nodes = trajectory(&case.task, &layout, &x);
+        let nodes = trajectory(&case.task, &layout.curves, &x);
         let mut moved = nodes.clone();
         moved.ee[0].motion.nodes.iter_mut().for_each(|node| node[0] += 1e-6);
         assert_eq!(first_difference(&c, &formula(&nodes), RESIDUAL_TOLERANCE), None);

@@ -60,7 +60,7 @@ fn terms_of_single_variables_are_their_plain_formulas() {
 
         // Forces, attitudes and rates are smoothed, in `momentum` alone.
         let mut expected = vec![0.; n];
-        if layout.transcription == Transcription::Momentum {
+        if layout.curves.transcription == Transcription::Momentum {
             for &node in layout.curves.feet.iter().flat_map(|f| &f.force_nodes).flatten().filter(|&&node| node != NONE) {
                 expected[node as usize..node as usize + 6].fill(1.);
             }

@@ -17,7 +17,7 @@ pub use timer::Timing;
 use super::{Backend, Cpu, Fallback, Job, Precision, Problem, Solution, locked};
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
-use crate::nlp::{Layout, transcription};
+use crate::nlp::{Curves, Layout, transcription};
 use crate::rows::{self, Shared};
 use crate::settings::{SolverSettings, TranscriptionSettings};
 use crate::solver::control::Progress;
@@ -151,7 +151,7 @@ impl Gpu {
         let job = Job { problems: &problems, transcription: &lower, settings: &settings, precision: Precision::F32 };
         self.work(&job, &|_| false, &|_, solution| *locked(&answer) = Some(solution), &mut [false]).map_err(|f| failed(f.to_string()))?;
         let answer = locked(&answer).take();
-        let Some(Solution { outcome, x }) = answer else { return Err(failed("no answer".into())) };
+        let Some(Solution { outcome, x, .. }) = answer else { return Err(failed("no answer".into())) };
         // The rows at its solution, on the CPU.
         let (mut c, mut g) = (vec![0.; layout.equalities], vec![0.; layout.inequalities]);
         let mut shared = Shared::default();
@@ -207,13 +207,15 @@ fn self_test_problem() -> Result<(Task, Schedule)> {
 }
 
 /// A slot in use.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug)]
 struct Running {
     slot: u32,
     /// Number of its candidate in the population.
     index: usize,
     /// Values of `x`, the fixed ones included.
     len: usize,
+    variables: usize,
+    curves: Curves,
 }
 
 /// One call of [`Gpu::work`].
@@ -402,7 +404,10 @@ impl<'a> Work<'a> {
         let fits = self.prepared.iter().take(self.free.len()).take_while(|p| slots.takes(p)).count();
         let filled: Vec<u32> = self.free.drain(..fits).collect();
         let candidates: Vec<Prepared> = self.prepared.drain(..fits).collect();
-        self.running.extend(filled.iter().zip(&candidates).map(|(&slot, c)| Running { slot, index: c.index, len: c.sizes.all }));
+        self.running.extend(filled.iter().zip(&candidates).map(|(&slot, c)| {
+            let Layout { variables, ref curves, .. } = c.layout;
+            Running { slot, index: c.index, len: c.sizes.all, variables, curves: curves.clone() }
+        }));
         let mut rest = &candidates[..];
         let mut groups = Vec::new();
         for run in filled.chunk_by(|a, b| a + 1 == *b) {
@@ -424,25 +429,26 @@ impl<'a> Work<'a> {
         progress: &[Progress<f32>],
         finish: &mut dyn FnMut(usize, Solution),
     ) -> std::result::Result<(), Fault> {
-        let (ended, running): (Vec<Running>, Vec<Running>) = self.running.iter().partition(|r| progress[r.slot as usize].ended());
+        let all = std::mem::take(&mut self.running).into_iter();
+        let (ended, running): (Vec<Running>, Vec<Running>) = all.partition(|r| progress[r.slot as usize].ended());
+        self.running = running;
         if ended.is_empty() {
             return Ok(());
         }
         let halves: Vec<(u32, u32)> = ended.iter().map(|r| (r.slot, progress[r.slot as usize].current)).collect();
         let solutions = slots.read_solutions(&halves)?;
-        for (Running { slot, index, len }, x) in ended.iter().zip(solutions) {
-            let progress = &progress[*slot as usize];
+        self.free.extend(ended.iter().map(|r| r.slot));
+        for (Running { slot, index, len, variables, curves }, x) in ended.into_iter().zip(solutions) {
+            let progress = &progress[slot as usize];
             let outcome = Outcome {
                 status: Status::of(progress.state).unwrap_or(Status::Stalled),
                 iterations: progress.iterations as usize,
                 factorisations: progress.factorisations as usize,
                 infeasibility: f64::from(progress.infeasibility),
             };
-            self.done[*index] = true;
-            finish(*index, Solution { outcome, x: x[..*len].iter().map(|v| f64::from(*v)).collect() });
+            self.done[index] = true;
+            finish(index, Solution { outcome, x: x[..len].iter().map(|v| f64::from(*v)).collect(), variables, curves });
         }
-        self.running = running;
-        self.free.extend(ended.iter().map(|r| r.slot));
         Ok(())
     }
 }
@@ -539,7 +545,7 @@ fn smooth(job: &Job, index: usize, solution: Solution) -> Solution {
         factorisations: solution.outcome.factorisations + outcome.factorisations,
         ..outcome
     };
-    Solution { outcome, x: solver.solution() }
+    Solution { outcome, x: solver.solution(), ..solution }
 }
 
 /// The slots and its device, for tests of single shaders.

@@ -6,8 +6,8 @@ pub mod legs;
 pub mod momentum;
 pub mod towr;
 
-use super::Layout;
 use super::builder::Builder;
+use super::layout::Curves;
 use crate::gait::trajectory::MotionLimits;
 use crate::gait::{Curve, Phase};
 use crate::real::Real;
@@ -78,7 +78,7 @@ pub(super) trait Transcribe<T: Real> {
     /// What its motions keep to besides their rows.
     fn limits(&self, settings: &TranscriptionSettings, robot: &Robot) -> Option<MotionLimits>;
     /// Base position and Euler angles of a solution.
-    fn base_curves(&self, task: &Task, layout: &Layout<f64>, x: &[f64]) -> [Curve; 2];
+    fn base_curves(&self, task: &Task, curves: &Curves, x: &[f64]) -> [Curve; 2];
 }
 
 /// Who answers for a transcription.

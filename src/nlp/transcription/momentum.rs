@@ -15,8 +15,8 @@ use super::{Guess, ReachTime, SwingLaw, Transcribe, initial_guess};
 use crate::gait::spline::{hermite, hermite_rate};
 use crate::gait::trajectory::{GoalVelocity, MotionLimits};
 use crate::gait::{Curve, Phase};
-use crate::nlp::Layout;
 use crate::nlp::builder::Builder;
+use crate::nlp::layout::Curves;
 use crate::real::Real;
 use crate::robot::{GRAVITY, Robot};
 use crate::rows::Family;
@@ -235,8 +235,8 @@ impl<T: Real> Transcribe<T> for Momentum {
         Some(limits(settings, robot))
     }
 
-    fn base_curves(&self, task: &Task, layout: &Layout<f64>, x: &[f64]) -> [Curve; 2] {
-        base_curves(task, layout, x)
+    fn base_curves(&self, task: &Task, curves: &Curves, x: &[f64]) -> [Curve; 2] {
+        base_curves(task, curves, x)
     }
 }
 
@@ -342,8 +342,7 @@ pub(crate) fn reach_timings(phases: &[&[Phase]], interval: f64, intervals: usize
 pub(crate) const PIECE: f64 = 0.026;
 
 /// Base position and Euler angles: at every knot those of the solution, in between what the forces make of them.
-fn base_curves(task: &Task, layout: &Layout<f64>, x: &[f64]) -> [Curve; 2] {
-    let curves = &layout.curves;
+fn base_curves(task: &Task, curves: &Curves, x: &[f64]) -> [Curve; 2] {
     let (n, h) = (curves.intervals, curves.interval);
     let (start, goal) = (task.start.pose(), task.goal.pose());
     let knot = |k: usize| -> [[f64; 6]; 2] {
@@ -361,7 +360,7 @@ fn base_curves(task: &Task, layout: &Layout<f64>, x: &[f64]) -> [Curve; 2] {
     let mut nodes: [Vec<[f64; 6]>; 2] = Default::default();
     for k in 0..=n {
         let state = knot(k);
-        let between = if k < n { between(task, layout, x, k as f64 * h, state, pieces) } else { Vec::new() };
+        let between = if k < n { between(task, curves, x, k as f64 * h, state, pieces) } else { Vec::new() };
         for state in std::iter::once(state).chain(between) {
             nodes[0].push(node(state, 0));
             nodes[1].push(node(state, 3));
@@ -374,7 +373,7 @@ fn base_curves(task: &Task, layout: &Layout<f64>, x: &[f64]) -> [Curve; 2] {
 /// forces.
 ///
 /// Position and velocity are exact; the attitude takes two Runge-Kutta steps a piece along the exact angular momentum.
-fn between(task: &Task, layout: &Layout<f64>, x: &[f64], t: f64, [pose, rate]: [[f64; 6]; 2], pieces: usize) -> Vec<[[f64; 6]; 2]> {
+fn between(task: &Task, curves: &Curves, x: &[f64], t: f64, [pose, rate]: [[f64; 6]; 2], pieces: usize) -> Vec<[[f64; 6]; 2]> {
     let robot = &task.robot;
     let (mass, gravity) = (robot.mass, Vector3::new(0., 0., -GRAVITY));
     let inertia = Matrix3::from_fn(|r, c| robot.inertia[r][c]);
@@ -383,14 +382,14 @@ fn between(task: &Task, layout: &Layout<f64>, x: &[f64], t: f64, [pose, rate]: [
     // Moved, velocity and angular momentum gained after `tau`.
     let after = |tau: f64| {
         let (mut first, mut second, mut third, mut moment) = (Vector3::zeros(), Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
-        for foot in &layout.curves.feet {
+        for foot in &curves.feet {
             for (stance, nodes) in foot.force_nodes.iter().enumerate() {
                 let span = foot.phases[2 * stance];
                 if span.end <= t || span.start >= t + tau {
                     continue;
                 }
                 let piece = span.duration() / (nodes.len() - 1) as f64;
-                let scale = [layout.constants.force_unit, layout.constants.force_unit / piece];
+                let scale = [curves.force_unit, curves.force_unit / piece];
                 let mut sums = [Vector3::zeros(); 3];
                 for (&node, integrals) in nodes.iter().zip(basis_integrals(span, nodes.len(), t, t + tau)).filter(|(n, _)| **n != NONE) {
                     for (sum, weights) in sums.iter_mut().zip(integrals) {
@@ -428,7 +427,7 @@ fn between(task: &Task, layout: &Layout<f64>, x: &[f64], t: f64, [pose, rate]: [
         let omega = rotation * (inverse * (rotation.inverse() * momentum));
         axes(angles).try_inverse().unwrap_or_else(Matrix3::zeros) * omega
     };
-    let step = layout.curves.interval / (2 * pieces) as f64;
+    let step = curves.interval / (2 * pieces) as f64;
     let join = |a: Vector3<f64>, b: Vector3<f64>| [a.x, a.y, a.z, b.x, b.y, b.z];
     let mut now = angles;
     let mut at = after(0.);

@@ -6,8 +6,8 @@ use super::{Guess, ReachTime, SwingLaw, Transcribe, initial_guess};
 use crate::gait::spline::{BSpline, hermite};
 use crate::gait::trajectory::MotionLimits;
 use crate::gait::{Curve, Phase};
-use crate::nlp::Layout;
 use crate::nlp::builder::Builder;
+use crate::nlp::layout::Curves;
 use crate::real::Real;
 use crate::robot::Robot;
 use crate::rows::Family;
@@ -154,8 +154,8 @@ impl<T: Real> Transcribe<T> for Towr {
         None
     }
 
-    fn base_curves(&self, task: &Task, layout: &Layout<f64>, x: &[f64]) -> [Curve; 2] {
-        [0, 3].map(|first| base_curve(task, layout, x, first))
+    fn base_curves(&self, task: &Task, curves: &Curves, x: &[f64]) -> [Curve; 2] {
+        [0, 3].map(|first| base_curve(task, curves, x, first))
     }
 }
 
@@ -180,8 +180,7 @@ fn stance_force<T: Real>(b: &Builder<T>, foot: usize, phase: usize, t: f64) -> (
 }
 
 /// Base position (`first = 0`) or Euler angles (`first = 3`) at the knots.
-fn base_curve(task: &Task, layout: &Layout<f64>, x: &[f64], first: usize) -> Curve {
-    let curves = &layout.curves;
+fn base_curve(task: &Task, curves: &Curves, x: &[f64], first: usize) -> Curve {
     let (n, h) = (curves.intervals, curves.interval);
     let (spline, horizon) = (BSpline::new(n, h), n as f64 * h);
     let (start, goal) = (task.start.pose(), task.goal.pose());

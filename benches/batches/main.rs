@@ -3,12 +3,19 @@
 //! `cargo bench --bench batches -- [--device NAME] [--scenario NAME] [--from N] [--to N] [--towr] [--slots N]`. Batches double four times over
 //! from 16 to 256 unless told otherwise; the first is run twice, so that compilation is apart. Candidates are drawn as the first generation
 //! of a search draws them. Prints Markdown.
+//!
+//! `cargo bench --bench batches -- --host [--scenario NAME] [--from N]`: what a candidate costs the host, device left out.
+
+mod host;
 
 use cregopt::backend::{Backend, Cpu, Gpu, Job, Precision, Problem, Solution};
 use cregopt::gait::Schedule;
+use cregopt::gait::family::families;
 use cregopt::nlp::transcription;
 use cregopt::scenario::Scenario;
-use cregopt::search::cem::{self, CemSettings, Evaluation, Evaluator, FreeDistribution};
+use cregopt::search::cem::{
+    self, CemSettings, Distribution, Evaluation, Evaluator, FreeDistribution, PeriodicDistribution, PeriodicSettings,
+};
 use cregopt::search::evaluate::{LowerSettings, evaluate};
 use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::task::Task;
@@ -23,10 +30,12 @@ struct Arguments {
     to: usize,
     rows: Transcription,
     slots: Option<usize>,
+    host: bool,
 }
 
 fn arguments() -> Result<Arguments> {
-    let mut parsed = Arguments { device: None, scenario: "s1".into(), from: 16, to: 256, rows: Transcription::Momentum, slots: None };
+    let mut parsed =
+        Arguments { device: None, scenario: "s1".into(), from: 16, to: 256, rows: Transcription::Momentum, slots: None, host: false };
     let mut arguments = std::env::args().skip(1).filter(|a| a != "--bench");
     while let Some(argument) = arguments.next() {
         let mut text = || arguments.next().unwrap_or_default();
@@ -37,6 +46,7 @@ fn arguments() -> Result<Arguments> {
             "--from" => parsed.from = number(text())?.max(1),
             "--to" => parsed.to = number(text())?,
             "--slots" => parsed.slots = Some(number(text())?),
+            "--host" => parsed.host = true,
             "--towr" => parsed.rows = Transcription::Towr,
             _ => return Err(Error::invalid("argument", argument, "one of those in benches/batches.rs")),
         }
@@ -57,11 +67,15 @@ impl Evaluator for Keep {
     }
 }
 
+/// The paper's settings with another population.
+fn settings(count: usize) -> Result<CemSettings> {
+    Ok(CemSettings { population: count, elites: (count / 4).max(1), generations: 1, ..CemSettings::preset("experiment1")? })
+}
+
 /// A generation of candidates, and the times of drawing it and of the update after it, s.
-fn population(task: &Task, count: usize) -> Result<(Vec<Schedule>, f64, f64)> {
-    let settings = CemSettings { population: count, elites: (count / 4).max(1), generations: 1, ..CemSettings::preset("experiment1")? };
+fn population(distribution: impl Distribution, settings: &CemSettings) -> Result<(Vec<Schedule>, f64, f64)> {
     let mut keep = Keep(Vec::new(), 0., Instant::now());
-    cem::run(&settings, FreeDistribution::initial(&settings, task.robot.feet())?, 1, 0, &mut keep, &mut |_| ())?;
+    cem::run(settings, distribution, 1, 0, &mut keep, &mut |_| ())?;
     let whole = keep.2.elapsed().as_secs_f64();
     Ok((keep.0, keep.1, whole - keep.1))
 }
@@ -80,9 +94,28 @@ fn solve(backend: &dyn Backend, task: &Task, schedules: &[Schedule], lower: &Low
     (start.elapsed().as_secs_f64(), solved.into_inner())
 }
 
+/// The table of what the host does, for the paper's draws and those of a default search.
+fn host(task: &Task, count: usize) -> Result<()> {
+    let settings = settings(count)?;
+    let paper = population(FreeDistribution::initial(&settings, task.robot.feet())?, &settings)?.0;
+    let periodic = PeriodicDistribution::initial(task, &families(&task.robot), &PeriodicSettings::default())?;
+    let gaits = population(periodic, &settings)?.0;
+    host::print_head(count);
+    for rows in [Transcription::Momentum, Transcription::Towr] {
+        let free = LowerSettings { transcription: TranscriptionSettings::paper(rows), ..LowerSettings::default() };
+        host::print("the paper's", task, &paper, &free);
+        let limited = LowerSettings { transcription: TranscriptionSettings::of(rows), ..LowerSettings::default() };
+        host::print("periodic gaits", task, &gaits, &limited);
+    }
+    Ok(())
+}
+
 fn main() -> Result<()> {
     let arguments = arguments()?;
     let task = Scenario::named(&arguments.scenario)?.task(10)?;
+    if arguments.host {
+        return host(&task, arguments.from);
+    }
     let lower = LowerSettings { transcription: TranscriptionSettings::paper(arguments.rows), ..LowerSettings::default() };
     let open = || -> Result<Gpu> {
         let gpu = Gpu::open(arguments.device.as_deref(), true, 0)?;
@@ -106,7 +139,8 @@ fn main() -> Result<()> {
     let mut count = arguments.from;
     let mut shaders = Vec::new();
     while count <= arguments.to {
-        let (schedules, draw, update) = population(&task, count)?;
+        let free = FreeDistribution::initial(&settings(count)?, task.robot.feet())?;
+        let (schedules, draw, update) = population(free, &settings(count)?)?;
         // Buffers are made, and shaders compiled, by the first call of a size.
         solve(&gpu, &task, &schedules, &lower);
         gpu.take_profile();
