@@ -135,6 +135,15 @@ pub fn from_json<T: serde::de::DeserializeOwned>(text: &str) -> Result<T> {
     Ok(value)
 }
 
+/// Reads a value from a tree; errors name the field.
+///
+/// # Errors
+/// [`Error::Format`] for wrong types, unknown or missing keys.
+#[cfg(feature = "python")]
+pub fn from_value<T: serde::de::DeserializeOwned>(tree: serde_json::Value) -> Result<T> {
+    serde_path_to_error::deserialize(tree).map_err(|e| described(e.path().to_string(), e.into_inner().to_string()))
+}
+
 /// Reads a value from TOML text; errors name line, column and field.
 ///
 /// # Errors

@@ -78,7 +78,8 @@
 //! # Features
 //! `cli` (the program), `gpu`, `experiment` (the paper's experiments), `view` (results as a page for a browser), `pictures` (PNG besides
 //! SVG), `import` (height maps), `urdf` (robots from URDF files), `mcap` (motions for robotics viewers) and `schema` (JSON Schemas of files) are on by default; without them this is a
-//! library that needs no GPU driver and no argument parser. `ipopt` links Ipopt, to compare with.
+//! library that needs no GPU driver and no argument parser. `ipopt` links Ipopt, to compare with; `python` is the inside of the
+//! Python package.
 //!
 //! # Sources
 //! 1. I. Tsikelis, K. Chatzilygeroudis, "Gait Optimization for Legged Systems Through Mixed Distribution Cross-Entropy Optimization",
@@ -107,6 +108,8 @@ pub mod gait;
 pub mod linear;
 #[doc(hidden)]
 pub mod nlp;
+#[cfg(feature = "python")]
+mod python;
 #[doc(hidden)]
 pub mod real;
 #[doc(hidden)]

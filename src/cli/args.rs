@@ -3,7 +3,7 @@
 use super::Failure;
 use super::scenario_file::{ScenarioFile, Start};
 use crate::backend::{Backend, Cpu, Precision};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_range};
 use crate::reference::ipopt;
 use crate::reference::workers::Workers;
 use crate::robot::{ROBOTS, Robot};
@@ -22,6 +22,12 @@ use tracing::warn;
 
 /// A goal more than a turn away is told of once.
 static TURNS: Once = Once::new();
+
+/// What is odd in a yaw at the goal, rad, that may be one in degrees.
+pub fn in_degrees(yaw: f64) -> Option<String> {
+    let turns = yaw / (2. * PI);
+    (turns.abs() > 1.).then(|| format!("goal yaw {yaw} rad is {turns:.1} turns; {yaw} degrees are {:.4} rad", yaw.to_radians()))
+}
 
 /// Robot by name, or a JSON or TOML file.
 pub fn robot(name: &str) -> Result<Arc<Robot>> {
@@ -51,7 +57,7 @@ fn named_or_file<T>(
 }
 
 /// Robot and ground.
-#[derive(Debug, Clone, Args)]
+#[derive(Debug, Clone, Default, Args)]
 pub struct WorldArgs {
     /// Robot: a name from `list`, or a JSON or TOML file; the scenario's by default. SCENARIO=NAME|FILE for the lines of one scenario
     #[arg(long, value_name = "NAME|FILE")]
@@ -75,6 +81,10 @@ impl<T> Choices<T> {
             None => Ok((None, read(text)?)),
         };
         texts.iter().map(choice).collect::<Result<_>>().map(Choices)
+    }
+
+    fn one(choice: Option<Arc<T>>) -> Self {
+        Choices(choice.map(|choice| (None, choice)).into_iter().collect())
     }
 
     /// The choice for a scenario: its own before the one for all, the last given before earlier ones.
@@ -121,6 +131,17 @@ pub struct GoalSource {
 }
 
 impl World {
+    /// One robot and one terrain, each if any, for all scenarios.
+    pub fn of(robot: Option<Arc<Robot>>, terrain: Option<Arc<Terrain>>, force_limit: Option<f64>) -> World {
+        let (robots, terrains) = (Choices::one(robot), Choices::one(terrain));
+        World { robots, terrains, force_limit }
+    }
+
+    /// Checks the largest normal force that was named.
+    pub fn check_force_limit(&self) -> Result<()> {
+        self.force_limit.map_or(Ok(()), |limit| check_range("--force-limit", limit, 1e-3, 1e7))
+    }
+
     /// The robot that was named for a scenario.
     pub fn robot(&self, scenario: Option<&str>) -> Option<Arc<Robot>> {
         self.robots.get(scenario)
@@ -156,18 +177,11 @@ impl World {
             (None, None) => return Err(missing("goal", "--goal, `base_target` in the line, `goal` in a scenario file")),
         };
         let yaw = goal.yaw.or(scenario.map(|s| s.yaw_target)).unwrap_or(0.);
-        if yaw.abs() > 2. * PI {
-            let turns = yaw / (2. * PI);
-            TURNS.call_once(|| warn!("goal yaw {yaw} rad is {turns:.1} turns; {yaw} degrees are {:.4} rad", yaw.to_radians()));
+        if let Some(doubt) = in_degrees(yaw) {
+            TURNS.call_once(|| warn!("{doubt}"));
         }
         let place = place.yaw(yaw);
-        let mut task = match start.motion()? {
-            Some(motion) => Task::between(robot, terrain, place, place)?.after(&motion)?,
-            None => Task::from_feet(robot, terrain, start.place(), start.feet.clone(), place)?,
-        };
-        task.force_limit = self.force_limit;
-        task.validate()?;
-        Ok(task)
+        start.task(robot, terrain, place, self.force_limit)
     }
 }
 
@@ -175,7 +189,7 @@ impl World {
 const SMOOTH_ITERATIONS: usize = 20;
 
 /// Where to solve.
-#[derive(Debug, Clone, Args)]
+#[derive(Debug, Clone, Default, Args)]
 pub struct DeviceArgs {
     /// Where to solve: `auto` takes a GPU for large batches, `gpu:NAME` an adapter of that name, see `devices` [default: auto]
     #[arg(long, value_name = "auto|cpu|gpu[:NAME]")]
@@ -186,7 +200,7 @@ pub struct DeviceArgs {
 }
 
 /// How to solve.
-#[derive(Debug, Clone, Args)]
+#[derive(Debug, Clone, Default, Args)]
 pub struct LowerArgs {
     /// Rows that a motion must satisfy [default: momentum]
     #[arg(long, value_enum)]

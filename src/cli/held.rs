@@ -2,7 +2,7 @@
 
 use super::args::{GoalArg, GoalSource, World, WorldArgs};
 use super::scenario_file::Start;
-use crate::error::{Error, Result, check_range};
+use crate::error::{Error, Result};
 use crate::gait::Trajectory;
 use crate::gait::trajectory::{GoalVelocity, NamedOr};
 use crate::nlp::transcription::momentum;
@@ -22,7 +22,7 @@ use std::sync::Arc;
 /// As [`WorldArgs::read`], and for a force limit that is none.
 pub fn read_world(args: &WorldArgs) -> Result<World> {
     let world = args.read()?;
-    world.force_limit.map_or(Ok(()), |limit| check_range("--force-limit", limit, 1e-3, 1e7))?;
+    world.check_force_limit()?;
     Ok(world)
 }
 
@@ -188,7 +188,7 @@ fn moves(state: Option<&BaseState>) -> String {
 }
 
 /// The robot on the command line, else the file's, else its scenario's, and which of them it is.
-fn robot_of(world: &World, trajectory: &Trajectory) -> Result<(Arc<Robot>, &'static str)> {
+pub fn robot_of(world: &World, trajectory: &Trajectory) -> Result<(Arc<Robot>, &'static str)> {
     match (world.robot(trajectory.scenario.as_deref()), &trajectory.robot) {
         (Some(robot), _) => Ok((robot, "given")),
         (None, Some(NamedOr::Name(name))) => Ok((Arc::new(Robot::named(name)?), "built in")),
@@ -198,7 +198,7 @@ fn robot_of(world: &World, trajectory: &Trajectory) -> Result<(Arc<Robot>, &'sta
 }
 
 /// The terrain on the command line, else the file's, else its scenario's, and which of them it is.
-fn terrain_of(world: &World, trajectory: &Trajectory) -> Result<(Arc<Terrain>, &'static str)> {
+pub fn terrain_of(world: &World, trajectory: &Trajectory) -> Result<(Arc<Terrain>, &'static str)> {
     match (world.terrain(trajectory.scenario.as_deref()), &trajectory.terrain) {
         (Some(terrain), _) => Ok((terrain, "given")),
         (None, Some(NamedOr::Name(name))) => Ok((Arc::new(Terrain::named(name)?), "built in")),

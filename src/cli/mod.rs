@@ -1,6 +1,6 @@
 //! The command line: one file a command.
 
-mod args;
+pub(crate) mod args;
 mod atlas;
 #[cfg(feature = "gpu")]
 mod devices;
@@ -8,22 +8,23 @@ mod evaluate;
 #[cfg(feature = "experiment")]
 mod experiment;
 mod export;
-mod held;
+pub(crate) mod held;
 mod init;
 mod ipopt_worker;
-mod label;
+pub(crate) mod label;
+pub(crate) mod leg;
 mod list;
-mod robot;
-mod scenario_file;
+pub(crate) mod robot;
+pub(crate) mod scenario_file;
 #[cfg(feature = "schema")]
 mod schema;
 mod shell;
-mod solve;
+pub(crate) mod solve;
 #[cfg(feature = "import")]
 mod terrain;
 mod verify;
 #[cfg(feature = "view")]
-mod view;
+pub(crate) mod view;
 
 use crate::error::Error;
 use clap::{Parser, Subcommand};
@@ -95,13 +96,13 @@ enum Command {
 
 /// How a command that ran to its end found things.
 #[derive(PartialEq, Eq)]
-enum Verdict {
+pub(crate) enum Verdict {
     Feasible,
     Infeasible,
 }
 
 /// Why a command did not run to its end.
-enum Failure {
+pub(crate) enum Failure {
     /// The command line asks for something that cannot be.
     Usage(Error),
     /// A file or folder is unusable.
@@ -110,6 +111,15 @@ enum Failure {
     Device(Error),
     /// It was ended before there was anything to show.
     Ended(Error),
+}
+
+#[cfg(feature = "python")]
+impl From<Failure> for Error {
+    fn from(failure: Failure) -> Self {
+        match failure {
+            Failure::Usage(error) | Failure::Input(error) | Failure::Device(error) | Failure::Ended(error) => error,
+        }
+    }
 }
 
 impl From<Error> for Failure {
@@ -211,6 +221,6 @@ fn complain(error: &dyn std::fmt::Display) {
 }
 
 /// Text of a JSON document for people and programs, ending in a newline.
-fn to_json(value: &impl serde::Serialize) -> Result<String, Error> {
+pub(crate) fn to_json(value: &impl serde::Serialize) -> Result<String, Error> {
     Ok(serde_json::to_string_pretty(value)? + "\n")
 }

@@ -1,16 +1,16 @@
 //! `robot`: robot files from robots' models, and joints along motions.
 
-use super::{Failure, Verdict, args, print, to_json};
+use super::args::{self, World};
+use super::held::robot_of;
+use super::{Failure, Verdict, print, to_json};
 use crate::error::{Error, Result, check_range};
 use crate::gait::Trajectory;
-use crate::gait::trajectory::NamedOr;
 use crate::report::files;
 use crate::report::joints::{JointMotion, RATE, RATES, follow};
 #[cfg(feature = "urdf")]
-use crate::robot::import::{Import, Imported, MAX_URDF, configuration};
+use crate::robot::import::{Import, Imported, configuration};
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 #[derive(Debug, Subcommand)]
 pub enum Robot {
@@ -59,8 +59,7 @@ impl ImportUrdf {
             name: self.name.clone(),
         };
         self.out.as_deref().map_or(Ok(()), files::check_writable)?;
-        let text = files::read_at_most(&self.file, MAX_URDF as u64)?;
-        let imported = import.urdf(&text).map_err(|e| e.in_file(&self.file, None))?;
+        let imported = import.urdf_file(&self.file)?;
         match &self.out {
             Some(out) => {
                 files::write(out, &imported.robot.file_text(out)?)?;
@@ -118,9 +117,9 @@ impl Joints {
     fn run(&self) -> std::result::Result<Verdict, Failure> {
         check_range("--rate", self.rate, RATES[0], RATES[1])?;
         self.out.as_deref().map_or(Ok(()), files::check_writable)?;
-        let given = self.robot.as_deref().map(args::robot).transpose()?;
+        let world = World::of(self.robot.as_deref().map(args::robot).transpose()?, None, None);
         let trajectory = Trajectory::from_json(&files::read(&self.file)?).map_err(|e| e.in_file(&self.file, None))?;
-        let motion = self.robot(given, &trajectory).and_then(|robot| follow(&trajectory, &robot, self.rate));
+        let motion = robot_of(&world, &trajectory).and_then(|(robot, _)| follow(&trajectory, &robot, self.rate));
         let motion = motion.map_err(|e| e.in_file(&self.file, None))?;
         if let Some(out) = &self.out {
             files::write(out, &csv_text(&motion, out)?)?;
@@ -131,16 +130,6 @@ impl Joints {
             format!("{} joints at {} times\n{}", motion.joints.len(), motion.samples.len(), motion.limits)
         })?;
         Ok(if motion.limits.kept { Verdict::Feasible } else { Verdict::Infeasible })
-    }
-
-    /// The robot on the command line, else the trajectory's.
-    fn robot(&self, given: Option<Arc<crate::Robot>>, trajectory: &Trajectory) -> Result<Arc<crate::Robot>> {
-        match (given, &trajectory.robot) {
-            (Some(robot), _) => Ok(robot),
-            (None, Some(NamedOr::Own(robot))) => Ok(Arc::new(robot.clone())),
-            (None, Some(NamedOr::Name(name))) => crate::Robot::named(name).map(Arc::new),
-            (None, None) => Err(Error::invalid("robot", "missing", "in the file, or given as --robot")),
-        }
     }
 }
 

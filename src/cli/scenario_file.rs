@@ -8,7 +8,7 @@ use crate::gait::trajectory::NamedOr;
 use crate::report::files;
 use crate::robot::Robot;
 use crate::settings::Transcription;
-use crate::task::{BaseState, Goal};
+use crate::task::{BaseState, Goal, Task};
 use crate::terrain::Terrain;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -158,6 +158,20 @@ impl Start {
         Goal { xy: self.xy, z: self.z, yaw: self.yaw, tilt: self.tilt, velocity: self.velocity, rates: self.rates }
     }
 
+    /// The task of going from here to a goal.
+    ///
+    /// # Errors
+    /// As [`Task::new`], and for a file that is no trajectory.
+    pub fn task(&self, robot: Arc<Robot>, terrain: Arc<Terrain>, goal: Goal, force_limit: Option<f64>) -> Result<Task> {
+        let task = match self.motion()? {
+            Some(motion) => Task::between(robot, terrain, goal, goal)?.after(&motion)?,
+            None => Task::from_feet(robot, terrain, self.place(), self.feet.clone(), goal)?,
+        };
+        let task = Task { force_limit, ..task };
+        task.validate()?;
+        Ok(task)
+    }
+
     /// The motion at whose end to start.
     ///
     /// # Errors
@@ -201,12 +215,20 @@ impl ScenarioFile {
         for own in [file.out.as_mut(), file.start.as_mut().and_then(|start| start.after.as_mut())].into_iter().flatten() {
             *own = folder.join(&*own);
         }
-        let unknown = |key: &&String| !["search", "transcription", "solver", "refine"].contains(&key.as_str());
-        if let Some(name) = file.settings.keys().find(unknown) {
-            let known = "search, transcription, solver, refine".into();
-            return Err(Error::Unknown { what: "table of settings", name: name.clone(), known }.in_file(path, None));
-        }
+        file.check_settings().map_err(|e| e.in_file(path, None))?;
         Ok(file)
+    }
+
+    /// Checks the names of the tables of settings.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] for one that nothing reads.
+    pub fn check_settings(&self) -> Result<()> {
+        const KNOWN: [&str; 4] = ["search", "transcription", "solver", "refine"];
+        match self.settings.keys().find(|key| !KNOWN.contains(&key.as_str())) {
+            Some(name) => Err(Error::Unknown { what: "table of settings", name: name.clone(), known: KNOWN.join(", ") }),
+            None => Ok(()),
+        }
     }
 
     /// The robot, if one is named or described.

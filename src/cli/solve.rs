@@ -1,28 +1,21 @@
 //! `solve`: search for a gait.
 
 use super::args::{GoalArg, GoalSource, LowerArgs, WorldArgs, apply, merge};
-use super::label::{label, world_of};
-use super::scenario_file::{ScenarioFile, Start, of_state, table_of};
+use super::leg::{Asking, Leg, News, Way};
+use super::scenario_file::{ScenarioFile, Start};
 use super::{CANCELLED, Failure, Verdict, print, to_json};
-use crate::backend::Backend;
 use crate::error::{Error, Result, from_json};
+use crate::gait::Schedule;
 use crate::gait::cost::Cost;
 use crate::gait::family::GaitFamily;
-use crate::gait::{Schedule, Trajectory};
-use crate::nlp::transcription;
 use crate::refine::RefineSettings;
-use crate::report::joints;
-use crate::report::motion_plot::{self, MotionPlot};
-use crate::report::result::{GaitResult, Refinement, Run, SolvedOn};
-use crate::report::verdict::verdict;
+use crate::report::motion_plot;
+use crate::report::result::{GaitResult, Refinement};
 use crate::report::{SolveResult, files, gait_diagram};
 use crate::scenario::Scenario;
 use crate::search::cem::objective::OBJECTIVES;
 use crate::search::cem::{Objective, Sampler};
-use crate::search::diagnosis::{Diagnosis, diagnose};
-use crate::search::evaluate::LowerSettings;
-use crate::search::precheck::{Finding, precheck};
-use crate::search::{Gaits, Progress, Search, SearchResult, SearchSettings};
+use crate::search::{Gaits, Progress, SearchSettings};
 use crate::settings::Legs;
 use crate::task::{Goal, Task};
 use clap::Args;
@@ -31,11 +24,11 @@ use indicatif::{ProgressBar, ProgressFinish};
 use serde::Deserialize;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 use tracing::{Level, enabled, info, warn};
 
-#[derive(Debug, Clone, Args)]
+#[derive(Debug, Clone, Default, Args)]
 pub struct Solve {
     /// Scenario file (.toml) with anything that follows; flags override it. `init` writes one
     #[arg(value_name = "SCENARIO.toml")]
@@ -101,7 +94,7 @@ pub struct Solve {
     #[arg(long)]
     random: bool,
     #[command(flatten)]
-    lower: LowerArgs,
+    pub lower: LowerArgs,
     /// Folder for result.json, trajectory.json and scenario.toml; alternatives are trajectory-2.json and on
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -131,7 +124,10 @@ impl Solve {
     }
 
     /// What is not given here as in a scenario file.
-    fn over(self, file: ScenarioFile) -> Result<Solve> {
+    ///
+    /// # Errors
+    /// For a device that cannot be, or settings that are no table.
+    pub fn over(self, file: ScenarioFile) -> Result<Solve> {
         let asked = file.clone();
         // A goal on the command line is one without the file's way to its own.
         let waypoints = if self.goal.is_none() { file.waypoints } else { Vec::new() };
@@ -166,110 +162,68 @@ impl Solve {
     }
 
     fn run_merged(&self) -> std::result::Result<Verdict, Failure> {
-        let scenario = self.scenario.as_deref().map(Scenario::named).transpose()?;
-        let mut lower = self.lower.settings(if self.preset.is_some() { Legs::Free } else { Legs::Limited })?;
-        let settings = self.search_settings()?;
-        let whole = self.task(scenario.as_ref())?;
-        // So that the result says which it was.
-        lower.transcription.interval = Some(transcription::interval(&lower.transcription, &whole.robot));
-        self.plot.as_deref().map_or(Ok(()), motion_plot::check)?;
-        let backend = self.lower.backend(settings.population)?;
-        let waypoints = self.waypoints();
-        let legs = waypoints.len() + 1;
-        let mut start = None;
-        for leg in 1..=legs {
-            let task = self.leg(&whole, &waypoints, leg, start.as_ref())?;
-            let folder = self.out.as_ref().map(|out| if legs == 1 { out.clone() } else { out.join(format!("leg-{leg}")) });
-            let scenario = scenario.as_ref().filter(|_| leg == legs);
-            let (verdict, motion) = self.run_leg(&task, folder.as_deref(), scenario, &settings, &lower, &*backend)?;
-            if verdict != Verdict::Feasible {
-                if leg < legs {
-                    warn!("leg {leg} of {legs} has no gait: the further ones were not looked for");
-                }
-                return Ok(verdict);
-            }
-            start = Some(motion);
+        let watched = std::io::stderr().is_terminal() && enabled!(Level::INFO);
+        let mut tell: Option<Teller> = None;
+        let mut hear = |news: News| match news {
+            News::Warning(finding) => warn!("warning: {finding}"),
+            News::Begun => tell = Some(if watched { Box::new(bar()) } else { Box::new(tell_now_and_then()) }),
+            News::Progress(progress) => tell.as_mut().map_or((), |tell| tell(progress)),
+            News::Ended => tell = None,
+        };
+        let (legs, whole) = self.legs(&CANCELLED, &mut hear, &mut |leg, folder| {
+            let run = leg.run();
+            let result = leg.result(&run);
+            print(&if self.json { to_json(&result)? } else { text(&result, folder)? })
+        })?;
+        if legs.len() < whole {
+            warn!("leg {} of {whole} has no gait: the further ones were not looked for", legs.len());
         }
-        Ok(Verdict::Feasible)
+        let feasible = legs.iter().all(|leg| leg.found.best.feasible());
+        Ok(if feasible { Verdict::Feasible } else { Verdict::Infeasible })
     }
 
-    /// The task of a leg: from the start, or where the leg before ends, to the next place on the way.
-    fn leg(&self, whole: &Task, waypoints: &[(Goal, bool)], leg: usize, before: Option<&Trajectory>) -> Result<Task> {
-        let task = before.map_or_else(|| Ok(whole.clone()), |motion| whole.after(motion))?;
-        let Some(&(goal, turns_evenly)) = waypoints.get(leg - 1) else { return Ok(task) };
-        let part = 1. / (waypoints.len() + 2 - leg) as f64;
-        let goal = if turns_evenly { goal.yaw(task.line(part)[5]) } else { goal };
-        task.to(goal).map_err(|e| e.within(format_args!("place {leg} on the way")))
-    }
-
-    /// Searches for the gait of a leg, and writes and prints what was found.
-    fn run_leg(
+    /// Searches leg by leg until one has no gait. Returns those that were searched, and how many there are.
+    ///
+    /// * `cancelled`, `hear`, `each` - as [`Way::search`] has them
+    pub fn legs(
         &self,
-        task: &Task,
-        folder: Option<&Path>,
-        scenario: Option<&Scenario>,
-        settings: &SearchSettings,
-        lower: &LowerSettings,
-        backend: &dyn Backend,
-    ) -> std::result::Result<(Verdict, Trajectory), Failure> {
-        let warnings = possible(task, settings, lower)?;
-        if let Some(folder) = folder {
-            files::make_folder(folder)?;
-        }
-        let seed = self.seed.unwrap_or(SEED);
-        let search = Search::new(task).settings(settings.clone()).lower(lower.clone()).seed(seed).cancelled_by(&CANCELLED);
-        let search = if std::io::stderr().is_terminal() && enabled!(Level::INFO) {
-            search.on_progress(bar())
-        } else {
-            search.on_progress(tell_now_and_then())
-        };
-        let mut found = search.run(backend)?;
-        let refined = if self.refine && found.best.feasible() { Some(self.refine(task, settings, lower, &mut found)?) } else { None };
-
-        let target = scenario.filter(|_| self.goal.is_none() && self.asked.goal.is_none()).map(|_| self.target.unwrap_or(TARGET));
-        let name = scenario.map(|s| s.name);
-        let run = Run {
-            scenario: name,
-            target,
-            task,
-            seed,
-            force_limit: transcription::force_limit(&lower.transcription, task),
-            search: settings,
-            lower,
-        };
-        let mut result = SolveResult::new(&run, &found, refined.as_ref(), SolvedOn::new(backend, lower.precision));
-        result.warnings = warnings;
-        if !result.feasible {
-            result.diagnosis = Some(diagnosed(task, settings, lower, &found, backend)?);
-        }
-        result.joints = joints::limits(found.best.trajectory(), &task.robot)?.filter(|_| result.feasible);
-        if let Some(folder) = folder {
-            let gaits = std::iter::once(&found.best).chain(&found.alternatives);
-            let trajectories: Vec<String> = gaits
-                .map(|gait| serde_json::to_string(&label(gait.trajectory().clone(), task, name, target, Some(seed))))
-                .collect::<std::result::Result<_, _>>()
-                .map_err(Error::from)?;
-            write_trajectories(folder, &trajectories)?;
-            files::write(&folder.join("result.json"), &to_json(&result)?)?;
-            files::write(&folder.join("scenario.toml"), &self.scenario_of(task, &run, &result.solved_on.device)?.text()?)?;
-        }
-        if let Some(path) = &self.plot {
-            let (robot, terrain, force_limit) = (&*task.robot, &*task.terrain, run.force_limit);
-            let trajectory = found.best.trajectory();
-            motion_plot::write(&MotionPlot { title: plot_title(&result, trajectory), trajectory, robot, terrain, force_limit }, path)?;
-        }
-        print(&if self.json { to_json(&result)? } else { text(&result, folder)? })?;
-        let verdict = if result.feasible { Verdict::Feasible } else { Verdict::Infeasible };
-        Ok((verdict, found.best.trajectory().clone()))
+        cancelled: &AtomicBool,
+        hear: &mut (dyn FnMut(News) + Send),
+        each: &mut dyn FnMut(&Leg, Option<&Path>) -> Result<()>,
+    ) -> std::result::Result<(Vec<Leg>, usize), Failure> {
+        let asking = self.asking()?;
+        let way = self.way()?;
+        self.plot.as_deref().map_or(Ok(()), motion_plot::check)?;
+        let backend = self.lower.backend(asking.search.population)?;
+        let legs = way.search(&asking, self.out.as_deref(), &*backend, cancelled, hear, &mut |leg, folder| {
+            self.plot.as_deref().map_or(Ok(()), |path| motion_plot::write(&leg.plot(&leg.found.best), path))?;
+            each(leg, folder)
+        })?;
+        Ok((legs, way.legs()))
     }
 
-    /// Refines the best gait in its place.
-    fn refine(&self, task: &Task, search: &SearchSettings, lower: &LowerSettings, found: &mut SearchResult) -> Result<Refinement> {
-        let settings = self.refine_settings()?;
-        let start = Instant::now();
-        let (best, refined) = found.best.refined(task, search, lower, &settings, &|| CANCELLED.load(Ordering::Relaxed))?;
-        found.best = best;
-        Ok(Refinement { refined, settings, seconds: start.elapsed().as_secs_f64() })
+    /// What is to be done.
+    ///
+    /// # Errors
+    /// For a task that cannot be.
+    pub fn way(&self) -> Result<Way> {
+        let scenario = self.scenario.as_deref().map(Scenario::named).transpose()?;
+        let target = scenario.filter(|_| self.goal.is_none() && self.asked.goal.is_none()).map(|_| self.target.unwrap_or(TARGET));
+        Ok(Way { task: self.task(scenario.as_ref())?, places: self.waypoints(), named: (scenario.map(|s| s.name), target) })
+    }
+
+    /// What is asked besides the task.
+    ///
+    /// # Errors
+    /// For settings that are out of their limits.
+    pub fn asking(&self) -> Result<Asking> {
+        Ok(Asking {
+            lower: self.lower.settings(if self.preset.is_some() { Legs::Free } else { Legs::Limited })?,
+            search: self.search_settings()?,
+            seed: self.seed.unwrap_or(SEED),
+            refines: self.refine,
+            refine: self.refine_settings()?,
+        })
     }
 
     fn task(&self, scenario: Option<&Scenario>) -> Result<Task> {
@@ -287,36 +241,6 @@ impl Solve {
             }
         };
         self.world.over(&self.asked)?.task(scenario, &start, goal)
-    }
-
-    /// A scenario file that asks for the same again, of a built-in scenario or whole.
-    fn scenario_of(&self, task: &Task, run: &Run, device: &str) -> Result<ScenarioFile> {
-        let (robot, terrain) = world_of(task);
-        let of_target = |target| Scenario::named(run.scenario?).ok()?.task(target).ok();
-        let is_its = run.target.and_then(of_target).is_some_and(|own| own.goal == task.goal);
-        let settings = [
-            ("search", table_of(run.search)?),
-            ("transcription", table_of(&run.lower.transcription)?),
-            ("solver", table_of(&run.lower.solver)?),
-            ("refine", table_of(&self.refine_settings()?)?),
-        ];
-        Ok(ScenarioFile {
-            version: Some(env!("CARGO_PKG_VERSION").into()),
-            scenario: run.scenario.map(Into::into),
-            target: run.target,
-            seed: Some(run.seed),
-            refine: self.refine.then_some(true),
-            transcription: Some(run.lower.transcription.rows),
-            precision: Some(run.lower.precision),
-            device: Some(if device.starts_with("cpu") { "cpu" } else { "gpu" }.into()),
-            force_limit: task.force_limit,
-            start: Some(Start::in_state(&task.start, &task.start_feet)),
-            goal: (!is_its).then(|| of_state(&task.goal)),
-            robot: Some(robot),
-            terrain: Some(terrain),
-            settings: settings.into_iter().map(|(name, table)| (name.into(), toml::Value::Table(table))).collect(),
-            ..ScenarioFile::default()
-        })
     }
 
     fn refine_settings(&self) -> Result<RefineSettings> {
@@ -356,7 +280,7 @@ impl Solve {
 /// What is printed of a result.
 ///
 /// * `folder` - where it was written
-fn text(result: &SolveResult, folder: Option<&Path>) -> Result<String> {
+pub fn text(result: &SolveResult, folder: Option<&Path>) -> Result<String> {
     let [x, y, z] = result.base_target;
     let scenario = result.run.scenario.map(|s| format!("{s}: ")).unwrap_or_default();
     let mut text = format!(
@@ -403,40 +327,8 @@ fn text(result: &SolveResult, folder: Option<&Path>) -> Result<String> {
     Ok(text)
 }
 
-/// What a picture of the gait says above it.
-fn plot_title(result: &SolveResult, trajectory: &Trajectory) -> String {
-    let family = result.gait.family.map(|f| format!("{f}, ")).unwrap_or_default();
-    let cost = result.gait.evaluated.cost.as_ref().map(|c| format!(", cost {:.3}", c.total)).unwrap_or_default();
-    format!("{family}{:.2} s{cost}, {}", trajectory.horizon, verdict(trajectory, result.certificate))
-}
-
-/// What stands in the way of a gait without making it impossible, said on the way.
-///
-/// # Errors
-/// What makes it impossible.
-fn possible(task: &Task, settings: &SearchSettings, lower: &LowerSettings) -> Result<Vec<Finding>> {
-    let findings = precheck(task, settings, &lower.transcription);
-    if let Some(certain) = findings.iter().find(|finding| finding.certain) {
-        return Err(certain.clone().into());
-    }
-    findings.iter().for_each(|finding| warn!("warning: {finding}"));
-    Ok(findings)
-}
-
-/// Part of the time of a search that looking for the reasons of its failure may take, and how long it may take at least.
-const DIAGNOSIS: (f64, Duration) = (0.25, Duration::from_secs(2));
-
-/// Why a search found nothing.
-fn diagnosed(
-    task: &Task,
-    settings: &SearchSettings,
-    lower: &LowerSettings,
-    found: &SearchResult,
-    backend: &dyn Backend,
-) -> Result<Diagnosis> {
-    let limit = Duration::from_secs_f64(DIAGNOSIS.0 * found.seconds).max(DIAGNOSIS.1);
-    diagnose(task, &found.best, &settings.gaits, lower, backend, limit, &|| CANCELLED.load(Ordering::Relaxed))
-}
+/// Says how far a search is.
+type Teller = Box<dyn FnMut(&Progress) + Send>;
 
 /// Seconds between two lines of a search that nobody watches.
 const TELL: f64 = 10.;
@@ -529,16 +421,4 @@ fn gaits(text: &str) -> Result<Gaits> {
         }
         _ => text.split(',').map(|name| GaitFamily::named(name.trim())).collect::<Result<_>>().map(Gaits::Families),
     }
-}
-
-/// Writes the best and its alternatives, and takes away those of an earlier run, which would pass for this one's.
-fn write_trajectories(folder: &Path, trajectories: &[String]) -> Result<()> {
-    let path = |number: usize| folder.join(if number == 1 { "trajectory.json".into() } else { format!("trajectory-{number}.json") });
-    for (number, trajectory) in (1..).zip(trajectories) {
-        files::write(&path(number), &format!("{trajectory}\n"))?;
-    }
-    for path in (trajectories.len() + 1..).map(path).take_while(|path| path.is_file()) {
-        std::fs::remove_file(&path).map_err(|source| Error::Io { action: "remove", path, source })?;
-    }
-    Ok(())
 }

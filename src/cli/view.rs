@@ -28,12 +28,16 @@ pub struct View {
     world: WorldArgs,
 }
 
-/// A result as it is read.
-struct Found {
-    name: String,
-    trajectory: Trajectory,
-    held: Held,
-    about: Vec<String>,
+/// A result that is shown.
+pub struct Found {
+    /// What it is called.
+    pub name: String,
+    /// Its motion.
+    pub trajectory: Trajectory,
+    /// What that is held to, and its certificate.
+    pub held: Held,
+    /// Its gait, and what it costs, where that is known.
+    pub about: Vec<String>,
 }
 
 impl View {
@@ -64,7 +68,8 @@ impl View {
     }
 }
 
-fn scene(found: &Found) -> Scene<'_> {
+/// As the page has it.
+pub fn scene(found: &Found) -> Scene<'_> {
     let Held { robot, terrain, force_limit, terms, report } = &found.held;
     Scene {
         name: found.name.clone(),
@@ -132,5 +137,10 @@ fn about(path: &Path, trajectory: &Trajectory) -> Result<Vec<String>> {
     if gait.durations.len() != durations.len() || !gait.durations.iter().zip(durations).all(|(a, b)| near(a, b)) {
         return Ok(Vec::new());
     }
-    Ok(gait.family.into_iter().chain(gait.cost.map(|cost| format!("cost {:.3}", cost.total))).collect())
+    Ok(said(gait.family, gait.cost.map(|cost| cost.total)))
+}
+
+/// What a page says of a gait: its family and its cost, where they are known.
+pub fn said(family: Option<String>, cost: Option<f64>) -> Vec<String> {
+    family.into_iter().chain(cost.map(|cost| format!("cost {cost:.3}"))).collect()
 }

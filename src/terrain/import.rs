@@ -62,6 +62,15 @@ pub fn terrain_of(path: &Path, bytes: &[u8], placement: &Placement) -> Result<Im
         _ => return Err(Error::invalid("file name", path.display(), "one that ends in .csv, .npy or .png")),
     };
     let name = path.file_stem().map(|stem| stem.to_string_lossy().chars().take(64).collect()).unwrap_or_default();
+    terrain_of_heights(name, heights, placement)
+}
+
+/// A terrain from heights, m, `[rows along x][columns along y]`; what is not a number is a hole.
+///
+/// # Errors
+/// [`Error::Invalid`] for rows that differ in length, or heights that are out of the limits of a [`Grid`].
+pub fn terrain_of_heights(name: String, heights: Vec<Vec<f64>>, placement: &Placement) -> Result<Imported> {
+    placement.validate()?;
     let holes = heights.iter().flatten().filter(|h| !h.is_finite()).count();
     let terrain = Terrain { name, friction: placement.friction, shape: Shape::Grid(placed(heights, placement)?) };
     terrain.validate()?;

@@ -17,8 +17,10 @@ pub use urdf::MAX_URDF;
 use super::leg::Leg;
 use super::{FORCE_LIMIT, MAX_FEET, Reach, Robot};
 use crate::error::{Error, Result, check_range};
+use crate::report::files;
 use feet::Contact;
 use nalgebra::Vector3;
+use std::path::Path;
 use tree::Tree;
 
 /// What a URDF does not say.
@@ -127,6 +129,15 @@ impl Import {
             notes: self.notes(&tree, &robot, &contacts, vertical, stands),
             robot,
         })
+    }
+
+    /// Computes a robot from a URDF file.
+    ///
+    /// # Errors
+    /// As [`Import::urdf`], with the file's name, and for one that cannot be read or is larger than [`MAX_URDF`].
+    pub fn urdf_file(&self, path: &Path) -> Result<Imported> {
+        let text = files::read_at_most(path, MAX_URDF as u64)?;
+        self.urdf(&text).map_err(|e| e.in_file(path, None))
     }
 
     /// Values of all joints: those given or, when none are, such that the robot stands on bent legs if it can, and whether it was made to.

@@ -1,0 +1,100 @@
+//! Given schedules, solved and certified as one batch.
+
+use super::call::working;
+use super::convert::raised;
+use super::motion::Trajectory;
+use super::search::asked;
+use super::world::Task;
+use crate::cli::label::label;
+use crate::cli::leg::Way;
+use crate::error::Error;
+use crate::gait::Schedule;
+use crate::search::evaluate::{Evaluated, check_candidate, evaluate as solved};
+use numpy::{IntoPyArray, PyArray1};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+/// What became of ``n`` schedules; arrays in their order.
+#[pyclass(frozen, get_all, module = "cregopt")]
+pub struct Evaluation {
+    /// Whether the certificate holds, bool, shape (n,).
+    feasible: Py<PyArray1<bool>>,
+    /// Number of rows that are violated, int64, shape (n,).
+    n_violated: Py<PyArray1<i64>>,
+    /// Largest violation of a row, float64, shape (n,).
+    max_violation: Py<PyArray1<f64>>,
+    /// Cost a weight and distance, float64, shape (n,); nan where it is not feasible.
+    cost: Py<PyArray1<f64>>,
+    /// Iterations of the solver, int64, shape (n,).
+    iterations: Py<PyArray1<i64>>,
+    /// Time from the start to the end, s, float64, shape (n,).
+    horizon: Py<PyArray1<f64>>,
+    /// The motions, feasible or not, where they were asked for.
+    trajectories: Option<Vec<Py<Trajectory>>>,
+}
+
+#[pymethods]
+impl Evaluation {
+    fn __len__(&self, py: Python<'_>) -> PyResult<usize> {
+        self.feasible.bind(py).len()
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        let feasible = self.feasible.bind(py).call_method0("sum")?;
+        Ok(format!("Evaluation({feasible} of {} feasible)", self.__len__(py)?))
+    }
+}
+
+/// Solves schedules of a task; `options` have the keys of a scenario file.
+#[pyfunction]
+pub fn evaluate(
+    py: Python<'_>,
+    task: &Task,
+    schedules: Vec<Vec<Vec<f64>>>,
+    options: &Bound<'_, PyDict>,
+    trajectories: bool,
+) -> PyResult<Evaluation> {
+    let solve = asked(options)?;
+    let Way { task, places, named: (scenario, target) } = &*task.0;
+    if !places.is_empty() {
+        return Err(raised(Error::invalid("task.via", format!("{} places", places.len()), "none: schedules are for one motion")));
+    }
+    let (results, motions) = working(py, None, |cancelled, _| {
+        let asking = solve.asking()?;
+        let fitting = |durations| {
+            let schedule = Schedule::new(durations)?;
+            check_candidate(task, &schedule, &asking.lower).map(|()| schedule)
+        };
+        let numbered = schedules.into_iter().enumerate();
+        let schedule = |(i, durations)| fitting(durations).map_err(|e| e.within(format_args!("schedules[{i}]")));
+        let schedules: Vec<Schedule> = numbered.map(schedule).collect::<crate::Result<_>>()?;
+        let backend = solve.lower.backend(schedules.len()).map_err(Error::from)?;
+        let candidates: Vec<(&crate::Task, &Schedule)> = schedules.iter().map(|schedule| (task, schedule)).collect();
+        let called_off = || cancelled.load(Ordering::Relaxed);
+        let results = solved(&candidates, &asking.lower, Some(&asking.search.cost), &*backend, false, &called_off)?;
+        let Some(results) = results.into_iter().collect::<Option<Vec<Evaluated>>>() else {
+            return Err(Error::Ended { message: "stopped before every schedule was solved".into() });
+        };
+        let motion = |result: &Evaluated| label(result.trajectory(task, &asking.lower.transcription), task, *scenario, *target, None);
+        let motions: Option<Vec<_>> = trajectories.then(|| results.iter().map(motion).collect());
+        Ok((results, motions))
+    })?;
+    let count = |value: usize| i64::try_from(value).unwrap_or(i64::MAX);
+    let force_limit = task.force_limit;
+    let own = |motion| Py::new(py, Trajectory { motion: Arc::new(motion), force_limit });
+    Ok(Evaluation {
+        feasible: column(py, &results, |r| r.feasible),
+        n_violated: column(py, &results, |r| count(r.n_violated)),
+        max_violation: column(py, &results, |r| r.max_violation),
+        cost: column(py, &results, |r| r.cost.as_ref().map_or(f64::NAN, |cost| cost.total)),
+        iterations: column(py, &results, |r| count(r.outcome.iterations)),
+        horizon: column(py, &results, |r| r.horizon),
+        trajectories: motions.map(|motions| motions.into_iter().map(own).collect::<PyResult<_>>()).transpose()?,
+    })
+}
+
+fn column<T: numpy::Element>(py: Python<'_>, results: &[Evaluated], of: impl Fn(&Evaluated) -> T) -> Py<PyArray1<T>> {
+    results.iter().map(of).collect::<Vec<_>>().into_pyarray(py).unbind()
+}

@@ -1,0 +1,71 @@
+//! Joints along motions of robots that have them.
+
+use super::convert::{Raise, to_python};
+use super::motion::{Trajectory, table};
+use super::world::Robot;
+use crate::cli::args::World;
+use crate::cli::held::robot_of;
+use crate::report::joints::{JointMotion, JointSample, follow};
+use numpy::{IntoPyArray, PyArray1, PyArray2};
+use pyo3::prelude::*;
+
+/// What the ``m`` joints of a robot do at ``n`` instants of a motion, foot after foot in the robot's order, each from the base to the foot.
+///
+/// Joints turn (rad, rad/s, N m) or slide (m, m/s, N); ``turns`` says which. Legs have no mass here: efforts are those of the contact forces alone.
+#[pyclass(frozen, get_all, module = "cregopt")]
+pub struct Joints {
+    /// Time, s, shape (n,).
+    time: Py<PyArray1<f64>>,
+    /// Positions, rad or m, shape (n, m).
+    positions: Py<PyArray2<f64>>,
+    /// Velocities, rad/s or m/s, shape (n, m).
+    velocities: Py<PyArray2<f64>>,
+    /// Torques or forces of joints on what they move, N m or N, shape (n, m).
+    efforts: Py<PyArray2<f64>>,
+    /// Names of the joints in the robot's URDF.
+    names: Vec<String>,
+    /// Whether a joint turns; it slides otherwise. bool, shape (m,).
+    turns: Py<PyArray1<bool>>,
+    /// How near the motion comes to the limits of the joints, and where, with the keys of ``cregopt robot joints --json``: ``position_margin``,
+    /// ``velocity``, ``effort`` (each ``name``, ``time``, ``value`` and ``limit``, or None without limits), ``miss`` (how far a foot stays from its
+    /// place, m) and ``kept``.
+    limits: Py<PyAny>,
+    /// Whether no limit is exceeded and every foot is where the motion has it.
+    kept: bool,
+}
+
+#[pymethods]
+impl Joints {
+    fn __len__(&self, py: Python<'_>) -> PyResult<usize> {
+        self.time.bind(py).len()
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        let within = if self.kept { "within" } else { "beyond" };
+        Ok(format!("Joints({} instants, {} joints, {within} their limits)", self.__len__(py)?, self.names.len()))
+    }
+}
+
+impl Joints {
+    /// Of a motion, with the joints of a robot or of that which the motion names.
+    pub fn along(py: Python<'_>, trajectory: &Trajectory, rate: f64, robot: Option<&Robot>) -> PyResult<Joints> {
+        let given = robot.map(|robot| robot.robot.clone());
+        let followed = py.detach(|| {
+            let (robot, _) = robot_of(&World::of(given, None, None), &trajectory.motion)?;
+            follow(&trajectory.motion, &robot, rate)
+        });
+        let JointMotion { joints, samples, limits } = followed.raise()?;
+        let shape = [samples.len(), joints.len()];
+        let numbers = |of: fn(&JointSample) -> &[f64]| table(py, samples.iter().flat_map(of).copied(), shape);
+        Ok(Joints {
+            time: samples.iter().map(|s| s.time).collect::<Vec<_>>().into_pyarray(py).unbind(),
+            positions: numbers(|s| &s.positions)?,
+            velocities: numbers(|s| &s.velocities)?,
+            efforts: numbers(|s| &s.efforts)?,
+            names: joints.iter().map(|joint| joint.name.clone()).collect(),
+            turns: joints.iter().map(|joint| joint.turns).collect::<Vec<_>>().into_pyarray(py).unbind(),
+            limits: to_python(py, &limits)?.unbind(),
+            kept: limits.kept,
+        })
+    }
+}

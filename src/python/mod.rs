@@ -1,0 +1,44 @@
+//! The Python package: what the program does, for notebooks and other programs.
+//!
+//! Robots, terrains, tasks, motions and gaits are classes of this module; `cregopt/*.py` beside it has the functions with their options. Options
+//! are those of a scenario file and go through the same checks. What describes something goes over as JSON, what is sampled as arrays.
+
+mod call;
+mod convert;
+mod evaluate;
+mod joints;
+mod motion;
+mod search;
+mod world;
+
+use pyo3::prelude::*;
+
+pyo3::create_exception!(
+    cregopt,
+    Error,
+    pyo3::exceptions::PyValueError,
+    "A value that cannot be, or something asked for that is not there; says where it stands, what it is and what it must be."
+);
+
+/// The compiled part of the package `cregopt`.
+#[pymodule]
+fn _cregopt(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add("ROBOTS", pyo3::types::PyTuple::new(module.py(), crate::robot::ROBOTS)?)?;
+    module.add("TERRAINS", pyo3::types::PyTuple::new(module.py(), crate::terrain::TERRAINS)?)?;
+    module.add("SCENARIOS", pyo3::types::PyTuple::new(module.py(), crate::scenario::SCENARIOS.map(|s| s.name))?)?;
+    module.add("Error", module.py().get_type::<Error>())?;
+    module.add_class::<world::Robot>()?;
+    module.add_class::<world::Terrain>()?;
+    module.add_class::<world::Task>()?;
+    module.add_class::<motion::Trajectory>()?;
+    module.add_class::<motion::Samples>()?;
+    module.add_class::<joints::Joints>()?;
+    module.add_class::<motion::Certificate>()?;
+    module.add_class::<search::Gait>()?;
+    module.add_class::<evaluate::Evaluation>()?;
+    module.add_function(wrap_pyfunction!(motion::verify, module)?)?;
+    module.add_function(wrap_pyfunction!(search::search, module)?)?;
+    module.add_function(wrap_pyfunction!(search::solve, module)?)?;
+    module.add_function(wrap_pyfunction!(evaluate::evaluate, module)?)
+}

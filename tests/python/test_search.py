@@ -1,0 +1,205 @@
+"""Searches, their gaits and their files."""
+
+import json
+import pathlib
+import subprocess
+import warnings
+from typing import Any
+
+import cregopt
+import pytest
+
+
+def test_a_gait_is_what_its_certificate_says(gait: cregopt.Gait) -> None:
+    assert gait.feasible and gait.family == "trot" and gait.diagnosis is None
+    assert gait.cost is not None and 0 < gait.cost["leg_work"] < gait.cost["total"] < 10
+    assert len(gait.schedule) == 4 and all(sum(foot) == pytest.approx(gait.trajectory.horizon) for foot in gait.schedule)
+    certificate = gait.certificate
+    assert certificate.feasible and certificate.n_violated == 0 and certificate["n_rows"] > 1000
+    assert dict(certificate) == certificate.to_dict()
+    assert str(certificate).startswith("feasible: 0 of ")
+    assert "gait found in" in str(gait) and "trot" in repr(gait)
+    with pytest.raises(KeyError):
+        certificate["nothing"]
+
+
+def test_options_reach_the_search(task: cregopt.Task) -> None:
+    told: list[dict[str, Any]] = []
+    gait = cregopt.search(
+        task,
+        seed=7,
+        gaits=["pace", "trot"],
+        population=3,
+        generations=1,
+        alternatives=2,
+        objective="effort",
+        threads=1,
+        device="cpu",
+        settings={"search": {"perturbed_generations": 0}, "solver": {"max_iterations": 40}, "transcription": {"foot_acceleration": None}},
+        progress=told.append,
+    )
+    result = gait.to_dict()
+    assert result["seed"] == 7 and result["device"].startswith("cpu, 1 threads")
+    assert result["lower"]["solver"]["max_iterations"] == 40 and result["lower"]["transcription"]["foot_acceleration"] is None
+    assert result["search"]["gaits"] == {"families": ["pace", "trot"]} and result["search"]["objective"] == "effort"
+    assert [g["generation"] for g in told if g["event"] == "generation"] == [0, 1]
+    assert [g["family"] for g in told if g["event"] == "improvement"] == [i["family"] for i in result["improvements"]]
+    assert {gait.family, *(g.family for g in gait.alternatives)} == {"pace", "trot"}
+    assert gait.alternatives[0].feasible and gait.alternatives[0].schedule == result["alternatives"][0]["durations"]
+    first = cregopt.search(task, first=True)
+    assert first.feasible and first.to_dict()["generations"][-1]["generation"] == 0
+    around = cregopt.search(task, gaits=gait.schedule, first=True, seconds=60.0)
+    assert around.schedule == gait.schedule
+    few = {"refine": {"iterations": 3}}
+    refined = cregopt.search(task, first=True, refine=True, precision="f64", smooth=True, transcription="momentum", settings=few)
+    assert refined.to_dict()["refinement"]["iterations"] == 3
+    assert refined.to_dict()["refinement"]["before"]["total"] > refined.cost["total"]  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"seed": -1}, "seed: invalid value: integer `-1`"),
+        ({"population": "many"}, "population: invalid type: string"),
+        ({"population": 0}, "search.population: 0, but it must be an integer from 1"),
+        ({"device": "tpu"}, "device: `tpu`"),
+        ({"device": "gpu", "precision": "f64"}, "which only the CPU has"),
+        ({"threads": 99999}, "threads: 99999, but it must be at most"),
+        ({"gaits": "trott"}, "unknown gait `trott`; did you mean `trot`"),
+        ({"gaits": [[0.5], [0.5]]}, "2 feet, but it must be 4 feet"),
+        ({"objective": "beauty"}, "unknown objective `beauty`"),
+        ({"preset": "other"}, "unknown preset `other`"),
+        ({"seconds": -1.0}, "search.seconds: -1"),
+        ({"settings": {"serch": {}}}, "unknown table of settings `serch`"),
+        ({"settings": {"search": 3}}, "settings.search: 3, but it must be a table"),
+        ({"settings": {"search": {"populaton": 3}}}, "settings.search: unknown setting `populaton`; did you mean `population`"),
+        ({"settings": {"solver": {"max_iterations": "many"}}}, "settings.solver.max_iterations: invalid type: string"),
+        ({"settings": {"solver": {"tolerance": -1.0}}}, "solver.tolerance: -1, but it must be"),
+        ({"settings": {"solver": {"nothing": None}}}, "unknown setting `solver.nothing`"),
+        ({"settings": {"solver": {"tolerance": float("inf")}}}, "options: dict .*, but it must be finite numbers"),
+    ],
+)
+def test_options_that_cannot_be_are_named(task: cregopt.Task, options: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(cregopt.Error, match=sentence):
+        cregopt.search(task, **options)
+
+
+def test_without_a_gait_it_says_why(nowhere: cregopt.Task) -> None:
+    settings = {"search": {"further_generations": 0, "perturbed_generations": 0}}
+    gait = cregopt.search(nowhere, gaits="trot", population=2, generations=0, settings=settings)
+    assert not gait.feasible and gait.cost is None and not gait.certificate.feasible
+    assert gait.diagnosis is not None and gait.diagnosis["broken"] and "no feasible gait" in str(gait)
+    assert "not feasible" in repr(gait) and gait.certificate.n_violated == gait.to_dict()["n_violated"] > 0
+
+
+def test_what_stands_in_the_way_is_said_before_the_search(task: cregopt.Task) -> None:
+    far = cregopt.Task(task.robot, task.terrain, goal=(1.0, 0.0, 0.9))
+    with pytest.raises(cregopt.Error, match="goal"):
+        cregopt.search(far)
+
+
+def test_doubts_are_warnings_that_can_be_made_errors(task: cregopt.Task) -> None:
+    weak = cregopt.Task(task.robot, task.terrain, goal=(1.0, 0.0), force_limit=50.0)
+    options: dict[str, Any] = {"gaits": "trot", "population": 2, "generations": 0, "settings": {"search": {"further_generations": 0}}}
+    with pytest.warns(UserWarning, match="force limit: 4 feet with at most 50.0 N each") as warned:
+        gait = cregopt.search(weak, **options)
+    assert not gait.feasible and [f["place"] for f in gait.to_dict()["warnings"]] == ["force limit"] and len(warned) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(UserWarning, match="force limit"):
+            cregopt.search(weak, **options)
+
+
+def without_times(result: Any) -> Any:
+    """A result without what the clock says."""
+    if isinstance(result, dict):
+        clocks = ("seconds", "first_feasible_seconds")
+        return {key: without_times(value) for key, value in result.items() if key not in clocks}
+    return [without_times(value) for value in result] if isinstance(result, list) else result
+
+
+def test_the_program_finds_the_same_bit_for_bit(gait: cregopt.Gait, program: str, tmp_path: pathlib.Path) -> None:
+    command = "solve --robot anymal --goal 1,0.1 --yaw 0.2 --population 4 --generations 1 --device cpu --seed 1 --out out"
+    subprocess.run([program, *command.split()], cwd=tmp_path, check=True, capture_output=True, timeout=300)
+    assert (tmp_path / "out/trajectory.json").read_text() == gait.trajectory.to_json() + "\n"
+    gait.save(tmp_path / "own")
+    assert sorted(path.name for path in (tmp_path / "own").iterdir()) == sorted(path.name for path in (tmp_path / "out").iterdir())
+    for name in ("trajectory.json", "scenario.toml"):
+        assert (tmp_path / "own" / name).read_text() == (tmp_path / "out" / name).read_text()
+    results = [json.loads((tmp_path / folder / "result.json").read_text()) for folder in ("own", "out")]
+    assert without_times(results[0]) == without_times(results[1])
+    assert results[0] == json.loads(gait.to_json()) == gait.to_dict()
+
+
+def test_a_scenario_file_finds_the_gait_that_wrote_it(gait: cregopt.Gait, tmp_path: pathlib.Path) -> None:
+    gait.save(tmp_path)
+    again = cregopt.solve(tmp_path / "scenario.toml", out=tmp_path / "again")
+    assert [g.trajectory.to_json() for g in again] == [gait.trajectory.to_json()]
+    assert (tmp_path / "again/trajectory.json").read_text() == (tmp_path / "trajectory.json").read_text()
+
+
+def test_a_way_with_waypoints_has_a_gait_for_each_leg(tmp_path: pathlib.Path) -> None:
+    (tmp_path / "way.toml").write_text(
+        'robot = "anymal"\nfirst = true\ngoal = { xy = [1.0, 0.0] }\n[[waypoints]]\nxy = [0.5, 0.1]\n'
+    )
+    legs = cregopt.solve(str(tmp_path / "way.toml"))
+    assert len(legs) == 2 and all(leg.feasible for leg in legs)
+    assert legs[1].task.start["xy"] == pytest.approx([0.5, 0.1], abs=1e-3)
+    (tmp_path / "bad.toml").write_text('robt = "anymal"\n')
+    with pytest.raises(cregopt.Error, match="bad.toml: .*unknown field `robt`"):
+        cregopt.solve(tmp_path / "bad.toml")
+
+
+def test_a_task_with_places_on_the_way_has_a_gait_for_each_leg(task: cregopt.Task, program: str, tmp_path: pathlib.Path) -> None:
+    way = cregopt.Task(task.robot, task.terrain, goal=(1.0, 0.0), yaw=0.4, start=(0.1, 0.0), start_yaw=0.1, via=[(0.4, 0.1), (0.7, 0.0)])
+    gait = cregopt.search(way, first=True, device="cpu")
+    legs = gait.legs
+    assert len(legs) == 3 and all(leg.feasible for leg in legs) and [len(leg.legs) for leg in legs] == [1, 2, 3]
+    assert [leg.task.goal["xy"] for leg in legs] == [[0.4, 0.1], [0.7, 0.0], [1.0, 0.0]] and gait.task.via == []
+    assert [leg.task.goal["yaw"] for leg in legs] == pytest.approx([0.2, 0.3, 0.4])
+    for before, after in zip(legs, legs[1:]):
+        assert after.sample().feet_position[0] == pytest.approx(before.sample().feet_position[-1], abs=1e-9)
+    assert gait.to_dict() == legs[2].to_dict() and len(gait.alternatives) == 0
+    command = "solve --robot anymal --goal 1,0 --yaw 0.4 --start 0.1,0 --start-yaw 0.1 --via 0.4,0.1 --via 0.7,0 --first --device cpu --out out"
+    subprocess.run([program, *command.split()], cwd=tmp_path, check=True, capture_output=True, timeout=300)
+    gait.save(tmp_path / "own")
+    for leg in ("leg-1", "leg-2", "leg-3"):
+        assert sorted(path.name for path in (tmp_path / "own" / leg).iterdir()) == ["result.json", "scenario.toml", "trajectory.json"]
+        for name in ("trajectory.json", "scenario.toml"):
+            assert (tmp_path / "own" / leg / name).read_text() == (tmp_path / "out" / leg / name).read_text()
+
+
+def test_a_way_ends_at_the_first_leg_without_a_gait(nowhere: cregopt.Task) -> None:
+    way = cregopt.Task(nowhere.robot, nowhere.terrain, goal=(2.0, 0.0), via=[(1.0, 0.0)], force_limit=nowhere.force_limit)
+    settings = {"search": {"further_generations": 0, "perturbed_generations": 0}}
+    gait = cregopt.search(way, gaits="trot", population=2, generations=0, settings=settings)
+    assert not gait.feasible and len(gait.legs) == 1 and gait.task.goal["xy"] == [1.0, 0.0]
+
+
+def test_a_built_in_scenario_is_named_in_what_is_found(program: str, tmp_path: pathlib.Path) -> None:
+    gait = cregopt.search(cregopt.Task.from_scenario("s1", target=3), first=True, threads=1, device="cpu")
+    result = gait.to_dict()
+    assert gait.feasible and (result["scenario"], result["target"]) == ("s1", 3)
+    command = "solve --scenario s1 --target 3 --first --threads 1 --device cpu --out out"
+    subprocess.run([program, *command.split()], cwd=tmp_path, check=True, capture_output=True, timeout=300)
+    assert (tmp_path / "out/trajectory.json").read_text() == gait.trajectory.to_json() + "\n"
+    assert cregopt.Task.from_scenario(tmp_path / "out/scenario.toml").goal == gait.task.goal
+
+
+def test_pictures_and_pages_are_written(gait: cregopt.Gait, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    gait.plot(tmp_path / "gait.svg")
+    assert (tmp_path / "gait.svg").read_text() == gait._repr_html_()
+    assert gait._repr_html_().startswith("<svg") and "trot, " in gait._repr_html_()
+    assert gait.view(tmp_path / "gait.html") == str(tmp_path / "gait.html")
+    assert "trot" in (tmp_path / "gait.html").read_text()
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    path = gait.view()
+    assert opened == [f"file://{path}"] and pathlib.Path(path).read_text() == (tmp_path / "gait.html").read_text()
+    with pytest.raises(cregopt.Error, match="one that ends in .svg or .png"):
+        gait.plot(tmp_path / "gait.gif")
+    with pytest.raises(FileNotFoundError, match="cannot write"):
+        gait.plot(tmp_path / "missing/gait.svg")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match="cannot make the folder"):
+        gait.save(tmp_path / "file/folder")

@@ -1,0 +1,150 @@
+"""Robots, terrains and tasks."""
+
+import json
+import pathlib
+from typing import Any, Callable
+
+import cregopt
+import numpy as np
+import pytest
+
+
+def test_a_robot_is_the_same_by_name_by_dictionary_and_by_file(tmp_path: pathlib.Path) -> None:
+    robot = cregopt.Robot("anymal")
+    description = robot.to_dict()
+    (tmp_path / "own.json").write_text(json.dumps(description))
+    assert cregopt.Robot.from_dict(description) == robot == cregopt.Robot.from_file(tmp_path / "own.json")
+    assert (robot.name, robot.mass, robot.feet) == ("anymal", 29.5, 4)
+    feet = robot.nominal_feet
+    assert feet.shape == (4, 3) and feet.dtype == np.float64 and feet.tolist() == description["nominal_feet"]
+    # Numbers of numpy are numbers.
+    heavy = cregopt.Robot.from_dict({**description, "name": "own", "mass": np.float64(40.0), "nominal_feet": feet})
+    assert heavy.mass == 40.0 and heavy != robot
+
+
+def test_heights_stand_where_their_indices_say() -> None:
+    z = np.arange(12.0).reshape(4, 3) / 100
+    terrain = cregopt.Terrain.heights(z, cell=0.5, origin=(-1.0, 2.0), friction=0.6, name="ramp")
+    assert (terrain.name, terrain.friction) == ("ramp", 0.6)
+    for i in range(4):
+        for j in range(3):
+            assert terrain.height(-1.0 + 0.5 * i, 2.0 + 0.5 * j) == pytest.approx(z[i, j], abs=1e-12)
+    # Other layouts and kinds of numbers are the same map.
+    for other in (np.asfortranarray(z), z[::-1][::-1], z.tolist()):
+        assert cregopt.Terrain.heights(other, cell=0.5, origin=(-1.0, 2.0), friction=0.6, name="ramp") == terrain
+    assert cregopt.Terrain.from_dict(terrain.to_dict()) == terrain
+    holed = z.copy()
+    holed[2, 1] = np.nan
+    hole = cregopt.Terrain.heights(holed, cell=0.5).to_dict()["shape"]["grid"]["heights"]
+    assert hole[2][1] == z.min() - 2.0 and hole[0] == z[0].tolist()
+    assert cregopt.Terrain("flat", friction=0.5).friction == 0.5
+
+
+def test_a_task_says_where_it_begins_and_ends() -> None:
+    robot, terrain = cregopt.Robot("anymal"), cregopt.Terrain("flat")
+    task = cregopt.Task(robot, terrain, goal=np.array([2.0, 0.3]), yaw=0.5, start=(1.0, 0.0), start_yaw=-0.1)
+    assert (task.goal["xy"], task.goal["z"], task.goal["yaw"]) == ([2.0, 0.3], 0.5, 0.5)
+    assert (task.start["xy"], task.start["yaw"]) == ([1.0, 0.0], -0.1)
+    assert task.robot == robot and task.terrain == terrain and task.force_limit is None
+    state = {"xy": [1.0, 0.0], "z": 0.45, "velocity": [0.2, 0.0, 0.0]}
+    moving = cregopt.Task(robot, terrain, goal=state, start={"xy": [0.1, 0.0], "z": 0.48}, force_limit=300.0)
+    assert moving.goal["velocity"] == [0.2, 0.0, 0.0] and moving.start["z"] == 0.48 and moving.force_limit == 300.0
+
+
+def test_a_task_begins_where_a_motion_ends(gait: cregopt.Gait) -> None:
+    end = gait.sample()
+    for motion in (gait, gait.trajectory):
+        task = cregopt.Task(gait.task.robot, gait.task.terrain, goal=(2.0, 0.1), start=motion)
+        assert task.start["feet"] == pytest.approx(end.feet_position[-1, :, :2], abs=1e-9)
+        assert task.start["yaw"] == pytest.approx(0.2, abs=1e-3)
+
+
+ROBOT = cregopt.Robot("anymal")
+FLAT = cregopt.Terrain("flat")
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda: cregopt.Robot("anymall"), "unknown robot `anymall`; did you mean `anymal`"),
+        (lambda: cregopt.Robot.from_dict({**ROBOT.to_dict(), "mass": -1}), "robot.mass: -1, but it must be"),
+        (lambda: cregopt.Robot.from_dict({**ROBOT.to_dict(), "mas": 1}), "robot: mas: unknown field `mas`; did you mean `mass`"),
+        (lambda: cregopt.Robot.from_dict({"name": object()}), "robot: dict .*, but it must be finite numbers"),
+        (lambda: cregopt.Robot.from_dict({**ROBOT.to_dict(), "mass": float("nan")}), "robot: dict .*, but it must be finite numbers"),
+        (lambda: cregopt.Terrain("moon"), "unknown terrain `moon`"),
+        (lambda: cregopt.Terrain("flat", friction=-1.0), "terrain.friction: -1, but it must be"),
+        (lambda: cregopt.Terrain.heights(np.zeros((3, 3, 3)), 0.1), "height map: 3 dimensions, but it must be 2"),
+        (lambda: cregopt.Terrain.heights(np.zeros((3, 0)), 0.1), "height map: 0 x 0 samples"),
+        (lambda: cregopt.Terrain.heights(np.full((3, 3), np.nan), 0.1), "height map: holes alone"),
+        (lambda: cregopt.Terrain.heights(np.zeros((3, 3)), -0.1), "cell: -0.1, but it must be"),
+        (lambda: cregopt.Task(ROBOT, FLAT, goal=(1.0,)), "goal: 1 numbers, but it must be 2 or 3"),
+        (lambda: cregopt.Task(ROBOT, FLAT, goal="far"), "goal: 'far', but it must be 2 or 3 numbers"),  # type: ignore[arg-type]
+        (lambda: cregopt.Task(ROBOT, FLAT, goal=(float("nan"), 0.0)), "goal.* must be"),
+        (lambda: cregopt.Task(ROBOT, FLAT, goal={"xz": [0, 1]}), "goal: xz: unknown field `xz`; did you mean `xy`"),
+        (lambda: cregopt.Task(ROBOT, FLAT, goal=(1.0, 0.0, -1.0)), r"goal.position\[2\]: -1, but it must be above the terrain"),
+        (lambda: cregopt.Task(ROBOT, FLAT, goal=(1.0, 0.0), start={"feet": [[0.0, 0.0]]}), "start_feet: 1 feet"),
+    ],
+)
+def test_what_cannot_be_is_named(call: Callable[[], Any], sentence: str) -> None:
+    with pytest.raises(cregopt.Error, match=sentence) as raised:
+        call()
+    assert isinstance(raised.value, ValueError)
+
+
+def test_files_that_cannot_be_read_are_errors_of_the_system(tmp_path: pathlib.Path) -> None:
+    for read in (cregopt.Robot.from_file, cregopt.Terrain.from_file, cregopt.Trajectory.from_file, cregopt.solve, cregopt.verify):
+        with pytest.raises(FileNotFoundError, match="cannot read .*missing.json"):
+            read(tmp_path / "missing.json")
+    wrong = tmp_path / "wrong.json"
+    wrong.write_text("{")
+    with pytest.raises(cregopt.Error, match="wrong.json: .*EOF while parsing"):
+        cregopt.Robot.from_file(wrong)
+
+
+def test_a_task_can_be_read_from_a_scenario(tmp_path: pathlib.Path) -> None:
+    built_in = cregopt.Task.from_scenario("s3", target=4)
+    assert cregopt.SCENARIOS[:3] == ("s1", "s2", "s3")
+    assert (built_in.robot, built_in.terrain) == (ROBOT, cregopt.Terrain("step")) and built_in.goal["yaw"] == np.pi
+    assert np.hypot(*built_in.goal["xy"]) == pytest.approx(6.0) and built_in.via == []
+    angle = -np.pi / 4 + 3 / 19 * np.pi / 2
+    assert np.arctan2(built_in.goal["xy"][1], built_in.goal["xy"][0]) == pytest.approx(angle)
+    assert cregopt.Task.from_scenario("s1").goal == cregopt.Task.from_scenario("s1", 10).goal
+    own = {**ROBOT.to_dict(), "name": "own", "mass": 31.0}
+    (tmp_path / "own.json").write_text(json.dumps(own))
+    path = tmp_path / "way.toml"
+    path.write_text(
+        'robot = "own.json"\nterrain = "flat"\nforce_limit = 400.0\nseed = 3\n'
+        "[start]\nxy = [1.0, 2.0]\nyaw = 0.3\nvelocity = [0.1, 0.0, 0.0]\n[goal]\nxy = [2.0, 2.5]\nyaw = 0.7\n"
+        "[[waypoints]]\nxy = [1.5, 2.2]\nyaw = 0.4\n"
+    )
+    for task in (cregopt.Task.from_scenario(path), cregopt.Task.from_scenario(str(path))):
+        assert task.robot == cregopt.Robot.from_dict(own) and task.terrain == FLAT and task.force_limit == 400.0
+        assert (task.start["xy"], task.start["yaw"], task.start["velocity"]) == ([1.0, 2.0], 0.3, [0.1, 0.0, 0.0])
+        assert (task.goal["xy"], task.goal["yaw"], task.goal["z"]) == ([2.0, 2.5], 0.7, 0.5)
+        assert [(place["xy"], place["yaw"]) for place in task.via] == [([1.5, 2.2], 0.4)] and "over 1 places" in repr(task)
+    with pytest.raises(cregopt.Error, match="unknown scenario `s9`; did you mean `s1`"):
+        cregopt.Task.from_scenario("s9")
+    with pytest.raises(cregopt.Error, match="target: 21, but it must be 1 to 20"):
+        cregopt.Task.from_scenario("s1", target=21)
+    path.write_text("[goal]\nxy = [1.0, 0.0]\n")
+    with pytest.raises(cregopt.Error, match="way.toml: robot: none"):
+        cregopt.Task.from_scenario(path)
+    with pytest.raises(FileNotFoundError, match="missing.toml"):
+        cregopt.Task.from_scenario(tmp_path / "missing.toml")
+
+
+def test_places_on_the_way_are_checked_where_they_are_given() -> None:
+    task = cregopt.Task(ROBOT, FLAT, goal=(2.0, 0.0), via=[(0.5, 0.1), {"xy": [1.0, 0.0]}, {"xy": [1.5, 0.0], "yaw": 0.2}])
+    assert [place.get("yaw") for place in task.via] == [None, None, 0.2] and task.via[0]["xy"] == [0.5, 0.1]
+    assert len(cregopt.Task(ROBOT, FLAT, goal=(2.0, 0.0), via=np.array([[0.5, 0.1], [1.0, 0.0]])).via) == 2
+    with pytest.raises(cregopt.Error, match=r"via\[1\]: 1 numbers, but it must be 2 or 3"):
+        cregopt.Task(ROBOT, FLAT, goal=(2.0, 0.0), via=[(0.5, 0.1), (1.0,)])
+    with pytest.raises(cregopt.Error, match=r"via\[0\].*position\[2\]: -1, but it must be above the terrain"):
+        cregopt.Task(ROBOT, FLAT, goal=(2.0, 0.0), via=[(0.5, 0.1, -1.0)])
+    with pytest.raises(cregopt.Error, match=r"task.via: 3 places, but it must be none"):
+        cregopt.evaluate(task, [])
+
+
+def test_a_yaw_in_degrees_is_doubted() -> None:
+    with pytest.warns(UserWarning, match="goal yaw 45 rad is 7.2 turns; 45 degrees are 0.7854 rad"):
+        cregopt.Task(ROBOT, FLAT, goal=(1.0, 0.0), yaw=45.0)
