@@ -27,7 +27,7 @@ pub struct Joints {
     /// Whether a joint turns; it slides otherwise. bool, shape (m,).
     turns: Py<PyArray1<bool>>,
     /// How near the motion comes to the limits of the joints, and where, with the keys of ``cregopt robot joints --json``: ``position_margin``,
-    /// ``velocity``, ``effort`` (each ``name``, ``time``, ``value`` and ``limit``, or None without limits), ``miss`` (how far a foot stays from its
+    /// ``velocity``, ``effort`` (each ``name``, ``unit``, ``time``, ``value`` and ``limit``, or None without limits), ``miss`` (how far a foot stays from its
     /// place, m) and ``kept``.
     limits: Py<PyAny>,
     /// Whether no limit is exceeded and every foot is where the motion has it.
