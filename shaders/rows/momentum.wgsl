@@ -124,19 +124,20 @@ fn interval_rows(slot: u32, k: u32, lane: u32) {
             put_linear(at, forces);
         }
     }
-    share(lane, forces.first, slots[slot].points[min(lane % LANES, END)].time * forces.first - forces.second);
-    if (present) {
-        put_by_start(at);
-        put_by_footholds(at);
-        put_by_forces(at);
-    }
-
     share(lane, gained, momentum.value);
     var missing: Missing;
     if (present) {
         missing = put_angular(at, momentum.value);
     }
     deviate(at, present, lane, angles, momentum.rot_wb, momentum.value, missing);
+
+    // Last, when the attitude needs no registers any more.
+    share(lane, forces.first, slots[slot].points[min(lane % LANES, END)].time * forces.first - forces.second);
+    if (present) {
+        put_by_start(at);
+        put_by_footholds(at);
+        put_by_forces(at);
+    }
 }
 
 // Hands two vectors of each thread over to the others, once those before have been read.
