@@ -8,7 +8,7 @@ mod common;
 mod radv;
 
 use cregopt::backend::gpu::shaders::Shader;
-use radv::{CHIPS, Chip, Radv, Rows, driver};
+use radv::{CHIPS, Chip, Radv, Rows};
 use std::collections::BTreeSet;
 use std::io::Write;
 
@@ -53,7 +53,7 @@ fn faults(radv: &Radv, rows: &Rows, shader: Shader, chip: Chip, least: u64) -> V
 
 #[test]
 fn no_shader_spills_and_each_leaves_room_for_others() {
-    if let Err(why) = driver() {
+    if let Err(why) = Radv::open(CHIPS[0].family) {
         let required = cfg!(target_os = "linux") && std::env::var("GPU_TESTS").as_deref() == Ok("require");
         assert!(!required, "Mesa's driver for AMD cards is needed: {why}");
         return skipped(&why);

@@ -89,7 +89,7 @@ const FOLDERS: [&str; 3] = ["/usr/share/vulkan/icd.d", "/usr/local/share/vulkan/
 ///
 /// # Errors
 /// Says where none was found.
-pub fn driver() -> Result<PathBuf, String> {
+fn driver() -> Result<PathBuf, String> {
     let files = FOLDERS.iter().filter_map(|folder| std::fs::read_dir(folder).ok()).flatten().filter_map(|file| Some(file.ok()?.path()));
     let named = |path: &PathBuf| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("radeon_icd"));
     let mut found: Vec<PathBuf> = files.filter(|path| named(path) && path.extension().is_some_and(|e| e == "json")).collect();
