@@ -312,6 +312,8 @@ fn constants_arrive_with_all_their_bits_and_are_used() {
     let (whole, real) = constants();
     let mut twins: BTreeMap<&str, u32> = whole.into_iter().chain(real.into_iter().map(|(name, v)| (name, v.to_bits()))).collect();
     twins.extend([("TAU", std::f32::consts::TAU.to_bits()), ("END", twins["INNER_POINTS"])]);
+    // The threads of an interval: one a point, and one for the start.
+    twins.extend([("START", twins["MOMENTUM_POINTS"]), ("LANES", twins["MOMENTUM_POINTS"] + 1)]);
     for (shader, variant, module) in modules() {
         let Variant { workgroup, front, side, columns } = variant;
         let of_variant = BTreeMap::from([("WORKGROUP", workgroup), ("FRONT", front), ("SIDE", side), ("COLUMNS", columns)]);

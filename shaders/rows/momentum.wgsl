@@ -1,6 +1,8 @@
-// needs: shared/values shared/jacobian shared/math shared/entries
+// needs: shared/values shared/jacobian shared/math
 // binds: jacobian footholds momentum_intervals impulses
-// Momentum rows of the single rigid body over the intervals between base knots. One thread per interval.
+// Momentum rows of the single rigid body over the intervals between base knots. Eight threads an interval: one for each of its points, the
+// last of which is its end, and one for its start. What one of them finds out and others need goes through workgroup memory: kept by one
+// thread it would take more registers than there are.
 //   in   values    x of the trial point, ground
 //   out  values    c at each interval's places: velocity, position; angular momentum at the end, its mean; dimensionless
 //   out  values    deviations of the pose at the inner points
@@ -8,6 +10,17 @@
 // Twin: src/rows/momentum.rs
 
 const END: u32 = INNER_POINTS;
+// Threads of an interval, and that of its start.
+const LANES: u32 = MOMENTUM_POINTS + 1u;
+const START: u32 = MOMENTUM_POINTS;
+const_assert WORKGROUP % LANES == 0u;
+
+// By thread. Motion of the base from the start of the interval to the point, and its velocity there.
+var<workgroup> moved: array<vec3<f32>, WORKGROUP>;
+var<workgroup> velocity: array<vec3<f32>, WORKGROUP>;
+// Two vectors that are handed over next.
+var<workgroup> one: array<vec3<f32>, WORKGROUP>;
+var<workgroup> other: array<vec3<f32>, WORKGROUP>;
 
 // Angular momentum `R I R' omega` and its derivatives.
 struct AngularMomentum {
@@ -46,196 +59,316 @@ fn inertia_times(rot_wb: Mat3, inertia: Mat3, v: vec3<f32>) -> vec3<f32> {
     return mul(rot_wb, mul(inertia, mul_transposed(rot_wb, v)));
 }
 
-// `[points]` of vectors.
-alias Points = array<vec3<f32>, MOMENTUM_POINTS>;
-
-// Attitude and planned angular momentum at an inner point.
-struct Inside {
-    angles: vec3<f32>,
-    rot_wb: Mat3,
-    momentum: vec3<f32>,
+// What the threads of an interval have in common.
+struct At {
+    slot: u32,
+    half: u32,
+    // The interval among those of its candidate, and in its table.
+    k: u32,
+    entry: u32,
+    // First of its threads, and which of them this one is: a point, or the start.
+    first: u32,
+    q: u32,
+    // Impulses in their table.
+    impulses: u32,
+    impulses_end: u32,
+    // Rows of the angular element.
+    angular: Rows,
+    // Scales of its rows: at the end, of the mean.
+    end_scale: f32,
+    mean_scale: f32,
 }
 
-// Momentum rows of one interval: `momentum_interval` of the twin.
-fn entry(slot: u32, half: u32, k: u32) {
-    let interval = &momentum_intervals[slot * batch.momentum_intervals + k];
-    let points = &slots[slot].points;
-    let constants = &slots[slot].constants;
+@compute @workgroup_size(WORKGROUP)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let slot = running[group.x];
+    if (progress[slot].state >= ENDED) {
+        return;
+    }
+    for (var done = 0u; done < entries(slot); done += WORKGROUP / LANES) {
+        interval_rows(slot, done + lane / LANES, lane);
+    }
+}
+
+// Momentum rows of one interval: `momentum_interval` of the twin. Every thread of the workgroup must come here, those without an interval, too.
+fn interval_rows(slot: u32, k: u32, lane: u32) {
+    let present = k < entries(slot);
+    var at: At;
+    var momentum: AngularMomentum;
+    var angles: vec3<f32>;
+    if (present) {
+        at = place(slot, k, lane);
+        angles = angles_at(at);
+        momentum = angular_momentum(mat3(slots[slot].constants.inertia), angles, rates_at(at));
+    }
+    // Rows by attitude and its rates, one angle after the other.
+    share(lane, momentum.by_angle[0], momentum.by_rate[0]);
+    if (present) {
+        put_by_attitude(at, 0u);
+    }
+    share(lane, momentum.by_angle[1], momentum.by_rate[1]);
+    if (present) {
+        put_by_attitude(at, 1u);
+    }
+    share(lane, momentum.by_angle[2], momentum.by_rate[2]);
+    if (present) {
+        put_by_attitude(at, 2u);
+    }
+
+    var gained: vec3<f32>;
+    var forces: Impulses;
+    if (present && at.q < MOMENTUM_POINTS) {
+        forces = impulses_until(at);
+        gained = follow(at, forces, lane);
+        if (at.q == END) {
+            put_linear(at, forces);
+        }
+    }
+    share(lane, gained, momentum.value);
+    var missing: Missing;
+    if (present) {
+        missing = put_angular(at, momentum.value);
+    }
+    deviate(at, present, lane, angles, momentum.rot_wb, momentum.value, missing);
+
+    // Last, when the attitude needs no registers any more.
+    share(lane, forces.first, slots[slot].points[min(lane % LANES, END)].time * forces.first - forces.second);
+    if (present) {
+        put_by_start(at);
+        put_by_footholds(at);
+        put_by_forces(at);
+    }
+}
+
+// Hands two vectors of each thread over to the others, once those before have been read.
+fn share(lane: u32, a: vec3<f32>, b: vec3<f32>) {
+    workgroupBarrier();
+    one[lane] = a;
+    other[lane] = b;
+    workgroupBarrier();
+}
+
+fn place(slot: u32, k: u32, lane: u32) -> At {
+    let entry = slot * batch.momentum_intervals + k;
+    let span = momentum_intervals[entry].impulses;
+    let end_scale = slots[slot].constants.moment_scale / slots[slot].constants.interval;
+    let half = 1u - progress[slot].current;
+    return At(
+        slot,
+        half,
+        k,
+        entry,
+        lane - lane % LANES,
+        lane % LANES,
+        slot * batch.impulses + span.start,
+        slot * batch.impulses + span.end,
+        rows_at(slot, half, momentum_intervals[entry].angular),
+        end_scale,
+        2.0 * end_scale,
+    );
+}
+
+// Deviation of a block from the reference line, three values: pose and rates at the start, pose and rates at the end.
+fn linear_state(at: At, block: u32) -> vec3<f32> {
+    return three(ix_x(at.slot, at.half) + momentum_intervals[at.entry].variable[block]);
+}
+
+fn angular_state(at: At, block: u32) -> vec3<f32> {
+    return three(ix_x(at.slot, at.half) + momentum_intervals[at.entry].variable[block] + 3u);
+}
+
+// Euler angles at a thread's point of the planned motion.
+fn angles_at(at: At) -> vec3<f32> {
+    let interval = &momentum_intervals[at.entry];
+    if (at.q >= END) {
+        let side = select(0u, 1u, at.q == END);
+        return motion(interval.reference[side]).angular + angular_state(at, 2u * side);
+    }
+    let point = &slots[at.slot].points[at.q];
+    var angles = motion(interval.reference[0]).angular + point.time * motion(interval.rate).angular;
+    for (var i = 0u; i < 4u; i++) {
+        angles += point.value[i] * angular_state(at, i);
+    }
+    return angles;
+}
+
+// Their rates.
+fn rates_at(at: At) -> vec3<f32> {
+    var rates = motion(momentum_intervals[at.entry].rate).angular;
+    if (at.q >= END) {
+        return rates + angular_state(at, select(1u, 3u, at.q == END));
+    }
+    for (var i = 0u; i < 4u; i++) {
+        rates += slots[at.slot].points[at.q].rate[i] * angular_state(at, i);
+    }
+    return rates;
+}
+
+// Angular rows by one Euler angle and its rate, at the start and at the end. `one` and `other` hold the angular momentum's derivatives by them.
+// Two threads a block: rows at the end, rows of the mean.
+fn put_by_attitude(at: At, angle: u32) {
+    let block = at.q / 2u;
+    let column = momentum_intervals[at.entry].angular_column[block];
+    if (column == NONE) {
+        return;
+    }
+    let side = at.first + select(END, START, block < 2u);
+    var by_end = select(other[side], one[side], block % 2u == 0u);
+    if (at.q % 2u == 0u) {
+        put_column(at.angular, 0u, column + 3u + angle, select(by_end, -by_end, block < 2u) * at.end_scale);
+        return;
+    }
+    var by_mean = vec3<f32>();
+    for (var q = 0u; q < END; q++) {
+        let point = &slots[at.slot].points[q];
+        by_mean += point.mean * point.value[block] * one[at.first + q] + point.mean * point.rate[block] * other[at.first + q];
+    }
+    if (block < 2u) {
+        by_mean -= by_end;
+    }
+    put_column(at.angular, 3u, column + 3u + angle, by_mean * at.mean_scale);
+}
+
+// First to third integral of the forces of all feet from the start of an interval to a point, and the first one's moment about the base at
+// the start.
+struct Impulses {
+    first: vec3<f32>,
+    second: vec3<f32>,
+    third: vec3<f32>,
+    moment: vec3<f32>,
+}
+
+fn base_at_start(at: At) -> vec3<f32> {
+    return motion(momentum_intervals[at.entry].reference[0]).linear + linear_state(at, 0u);
+}
+
+fn velocity_at_start(at: At) -> vec3<f32> {
+    return motion(momentum_intervals[at.entry].rate).linear + linear_state(at, 1u);
+}
+
+// From the base at the start to a foothold.
+fn arm_to(at: At, base_w: vec3<f32>, foothold: u32) -> vec3<f32> {
+    let under = ix_x(at.slot, at.half) + footholds[at.slot * batch.footholds + foothold];
+    return vec3<f32>(values[under], values[under + 1u], ground_height(at.slot, foothold)) - base_w;
+}
+
+fn impulses_until(at: At) -> Impulses {
+    let x = ix_x(at.slot, at.half);
+    let base_w = base_at_start(at);
+    var sum: Impulses;
+    var impulse = at.impulses;
+    while (impulse < at.impulses_end) {
+        let foothold = impulses[impulse].foothold;
+        var first = vec3<f32>();
+        for (; impulse < at.impulses_end && impulses[impulse].foothold == foothold; impulse++) {
+            let node = x + impulses[impulse].node;
+            let value = three(node);
+            let slope = three(node + 3u);
+            let w = &impulses[impulse].weights[at.q];
+            first += w[0][0] * value + w[0][1] * slope;
+            sum.second += w[1][0] * value + w[1][1] * slope;
+            sum.third += w[2][0] * value + w[2][1] * slope;
+        }
+        sum.first += first;
+        sum.moment += cross(arm_to(at, base_w, foothold), first);
+    }
+    return sum;
+}
+
+// The linear motion that follows until a point. Returns the angular momentum gained.
+fn follow(at: At, forces: Impulses, lane: u32) -> vec3<f32> {
+    let mass = slots[at.slot].constants.mass;
+    let t = slots[at.slot].points[at.q].time;
+    let velocity_w = velocity_at_start(at);
+    var velocity_q = velocity_w + forces.first / mass;
+    var moved_q = t * velocity_w + forces.second / mass;
+    velocity_q.z += -GRAVITY * t;
+    moved_q.z += 0.5 * -GRAVITY * t * t;
+    velocity[lane] = velocity_q;
+    moved[lane] = moved_q;
+    let lever = 0.5 * mass * t * t * velocity_w + forces.third;
+    let carried = cross(lever, vec3<f32>(0.0, 0.0, -GRAVITY)) - mass * cross(moved_q, velocity_q);
+    return forces.moment + carried;
+}
+
+// Residuals of the linear rows, by the thread of the end.
+fn put_linear(at: At, forces: Impulses) {
+    let constants = &slots[at.slot].constants;
     let mass = constants.mass;
     let h = constants.interval;
-    let gravity = -GRAVITY;
-    let inertia = mat3(constants.inertia);
-    let x = ix_x(slot, half);
-    // Deviations from the reference line: pose and rates at the start, pose and rates at the end.
-    var state: array<Motion, 4>;
-    for (var i = 0u; i < 4u; i++) {
-        let at = x + interval.variable[i];
-        state[i] = Motion(three(at), three(at + 3u));
-    }
-    let line = motion(interval.rate);
-    let reference = array<Motion, 2>(motion(interval.reference[0]), motion(interval.reference[1]));
-    let base_w = reference[0].linear + state[0].linear;
-    let velocity_w = line.linear + state[1].linear;
-
+    let gravity_w = vec3<f32>(0.0, 0.0, -GRAVITY);
+    let velocity_start = linear_state(at, 1u);
+    let sped_up = mass * (linear_state(at, 3u) - velocity_start - h * gravity_w) - forces.first;
+    let moved_on = mass * (linear_state(at, 2u) - linear_state(at, 0u) - h * velocity_start - 0.5 * h * h * gravity_w) - forces.second;
     let linear_scale = constants.balance_scale / h;
-    let position_scale = 2.0 * linear_scale / h;
-    let end_scale = constants.moment_scale / h;
-    let mean_scale = 2.0 * end_scale;
+    let to = ix_equality(at.slot, at.half, momentum_intervals[at.entry].linear.row);
+    put_three(to, sped_up * linear_scale);
+    put_three(to + 3u, moved_on * (2.0 * linear_scale / h));
+}
 
-    // Impulses of all feet, and their moments about the base at the start.
-    var first = Points();
-    var second = Points();
-    var third = Points();
-    var moment = Points();
-    let angular_rows = rows_at(slot, half, interval.angular);
-    let impulses_start = slot * batch.impulses + interval.impulses.start;
-    let impulses_end = slot * batch.impulses + interval.impulses.end;
-    var impulse = impulses_start;
-    while (impulse < impulses_end) {
+// Rows by pose and velocity at the start and at the end. `one` holds the first integrals `J`, `other` `tau J - P`.
+// Velocity and position rows take a thread a block; angular rows, -[J]x and -[tau J - P]x at the start, one more each.
+fn put_by_start(at: At) {
+    let interval = &momentum_intervals[at.entry];
+    let constants = &slots[at.slot].constants;
+    if (at.q < 4u) {
+        if (interval.linear_column[at.q] == NONE) {
+            return;
+        }
+        let mass = constants.mass;
+        let h = constants.interval;
+        let linear_scale = constants.balance_scale / h;
+        let rows = rows_at(at.slot, at.half, interval.linear);
+        // Pose moves the position, rates both; at the end, rates the velocity alone.
+        let by_velocity = select(0.0, select(mass, -mass, at.q == 1u), at.q % 2u == 1u);
+        let by_position = select(select(select(0.0, mass, at.q == 2u), -mass * h, at.q == 1u), -mass, at.q == 0u);
+        for (var d = 0u; d < 3u; d++) {
+            put(rows, d, interval.linear_column[at.q] + d, by_velocity * linear_scale);
+            put(rows, 3u + d, interval.linear_column[at.q] + d, by_position * (2.0 * linear_scale / h));
+        }
+        return;
+    }
+    let block = at.q - 4u;
+    if (block > 1u || interval.angular_column[block] == NONE) {
+        return;
+    }
+    var mean = vec3<f32>();
+    for (var q = 0u; q < END; q++) {
+        mean += slots[at.slot].points[q].mean * select(other[at.first + q], one[at.first + q], block == 0u);
+    }
+    let last = select(other[at.first + END], one[at.first + END], block == 0u);
+    put_cross(at.angular, 0u, interval.angular_column[block], -at.end_scale * last);
+    put_cross(at.angular, 3u, interval.angular_column[block], -at.mean_scale * mean);
+}
+
+// Angular rows by the footholds: -d(arm x J)/d arm = [J]x; the height follows the slope. A thread a foothold, that of its first force node.
+fn put_by_footholds(at: At) {
+    let x = ix_x(at.slot, at.half);
+    for (var impulse = at.impulses + at.q; impulse < at.impulses_end; impulse += LANES) {
         let foothold = impulses[impulse].foothold;
         let column = impulses[impulse].foothold_column;
-        var foot_first = Points();
-        for (; impulse < impulses_end && impulses[impulse].foothold == foothold; impulse++) {
-            let at = x + impulses[impulse].node;
-            let value = three(at);
-            let slope = three(at + 3u);
-            for (var q = 0u; q < MOMENTUM_POINTS; q++) {
-                let w = &impulses[impulse].weights[q];
-                foot_first[q] += w[0][0] * value + w[0][1] * slope;
-                second[q] += w[1][0] * value + w[1][1] * slope;
-                third[q] += w[2][0] * value + w[2][1] * slope;
-            }
-        }
-        let at = x + footholds[slot * batch.footholds + foothold];
-        let arm = vec3<f32>(values[at], values[at + 1u], ground_height(slot, foothold)) - base_w;
-        var mean = vec3<f32>();
-        for (var q = 0u; q < MOMENTUM_POINTS; q++) {
-            first[q] += foot_first[q];
-            moment[q] += cross(arm, foot_first[q]);
-            mean += points[q].mean * foot_first[q];
-        }
-        // -d(arm x J)/d arm = [J]x; the height follows the slope.
-        if (column != NONE) {
-            let slope = ground_slope(slot, foothold);
-            put_by_foothold(angular_rows, 0u, column, end_scale * foot_first[END], slope);
-            put_by_foothold(angular_rows, 3u, column, mean_scale * mean, slope);
-        }
-    }
-
-    // The linear motion that follows, and the angular momentum gained.
-    let gravity_w = vec3<f32>(0.0, 0.0, gravity);
-    var moved: Points;
-    var velocity: Points;
-    var gained: Points;
-    var gained_mean = vec3<f32>();
-    for (var q = 0u; q < MOMENTUM_POINTS; q++) {
-        let t = points[q].time;
-        let fallen = 0.5 * gravity * t * t;
-        velocity[q] = velocity_w + first[q] / mass;
-        moved[q] = t * velocity_w + second[q] / mass;
-        velocity[q].z += gravity * t;
-        moved[q].z += fallen;
-        let lever = 0.5 * mass * t * t * velocity_w + third[q];
-        let carried = cross(lever, gravity_w) - mass * cross(moved[q], velocity[q]);
-        gained[q] = moment[q] + carried;
-        gained_mean += points[q].mean * gained[q];
-    }
-
-    var start = angular_momentum(inertia, reference[0].angular + state[0].angular, line.angular + state[1].angular);
-    var end = angular_momentum(inertia, reference[1].angular + state[2].angular, line.angular + state[3].angular);
-    // Mean of the planned angular momentum, and its derivatives by angles and rates at the start and at the end.
-    var planned = vec3<f32>();
-    var planned_by: array<Mat3, 4>;
-    var inside: array<Inside, INNER_POINTS>;
-    for (var q = 0u; q < END; q++) {
-        let point = &points[q];
-        var angles = reference[0].angular + point.time * line.angular;
-        var rates = line.angular;
-        for (var i = 0u; i < 4u; i++) {
-            angles += point.value[i] * state[i].angular;
-            rates += point.rate[i] * state[i].angular;
-        }
-        var here = angular_momentum(inertia, angles, rates);
-        planned += point.mean * here.value;
-        inside[q] = Inside(angles, here.rot_wb, here.value);
-        for (var i = 0u; i < 4u; i++) {
-            let value = point.mean * point.value[i];
-            let slope = point.mean * point.rate[i];
-            for (var d = 0u; d < 3u; d++) {
-                planned_by[i][d] += value * here.by_angle[d] + slope * here.by_rate[d];
-            }
-        }
-    }
-
-    let beyond_end = start.value + gained[END] - end.value;
-    let beyond_mean = start.value + gained_mean - planned;
-    let deviation_mean = deviate(slot, k, velocity_w, start.value, &gained, &inside, beyond_end, beyond_mean, &moved, &velocity);
-    let linear_at = ix_equality(slot, half, interval.linear.row);
-    let sped_up = mass * (state[3].linear - state[1].linear - h * gravity_w) - first[END];
-    let moved_on = mass * (state[2].linear - state[0].linear - h * state[1].linear - 0.5 * h * h * gravity_w) - second[END];
-    put_three(linear_at, sped_up * linear_scale);
-    put_three(linear_at + 3u, moved_on * position_scale);
-    let angular_at = ix_equality(slot, half, interval.angular.row);
-    put_three(angular_at, (end.value - start.value - gained[END]) * end_scale);
-    put_three(angular_at + 3u, (planned - start.value - gained_mean + deviation_mean) * mean_scale);
-
-    let linear_rows = rows_at(slot, half, interval.linear);
-    for (impulse = impulses_start; impulse < impulses_end; impulse++) {
-        let w = &impulses[impulse].weights[END];
-        for (var part = 0u; part < 2u; part++) {
-            for (var d = 0u; d < 3u; d++) {
-                let column = impulses[impulse].linear_column + 3u * part + d;
-                put(linear_rows, d, column, -w[0][part] * linear_scale);
-                put(linear_rows, 3u + d, column, -w[1][part] * position_scale);
-            }
-        }
-    }
-    // Velocity and position rows by pose and rates at the start, pose and rates at the end.
-    var by = array<vec2<f32>, 4>(vec2<f32>(0.0, -mass), vec2<f32>(-mass, -mass * h), vec2<f32>(0.0, mass), vec2<f32>(mass, 0.0));
-    for (var i = 0u; i < 4u; i++) {
-        if (interval.linear_column[i] != NONE) {
-            for (var d = 0u; d < 3u; d++) {
-                let column = interval.linear_column[i] + d;
-                put(linear_rows, d, column, by[i].x * linear_scale);
-                put(linear_rows, 3u + d, column, by[i].y * position_scale);
-            }
-        }
-    }
-
-    angular_by_forces(slot, x, impulses_start, impulses_end, base_w, &moved, &velocity, end_scale, mean_scale, angular_rows);
-    // By position and velocity at the start: -[J]x and -[tau J - P]x.
-    var by_position = vec3<f32>();
-    var by_velocity = vec3<f32>();
-    for (var q = 0u; q < END; q++) {
-        let t = points[q].time;
-        let mean = points[q].mean;
-        by_position += mean * first[q];
-        by_velocity += mean * (t * first[q] - second[q]);
-    }
-    if (interval.angular_column[0] != NONE) {
-        put_cross(angular_rows, 0u, interval.angular_column[0], -end_scale * first[END]);
-        put_cross(angular_rows, 3u, interval.angular_column[0], -mean_scale * by_position);
-    }
-    if (interval.angular_column[1] != NONE) {
-        put_cross(angular_rows, 0u, interval.angular_column[1], -end_scale * (h * first[END] - second[END]));
-        put_cross(angular_rows, 3u, interval.angular_column[1], -mean_scale * by_velocity);
-    }
-    var ends = array<Mat3, 4>(start.by_angle, start.by_rate, end.by_angle, end.by_rate);
-    for (var i = 0u; i < 4u; i++) {
-        if (interval.angular_column[i] == NONE) {
+        if (column == NONE || (impulse > at.impulses && impulses[impulse - 1u].foothold == foothold)) {
             continue;
         }
-        let column = interval.angular_column[i] + 3u;
-        for (var d = 0u; d < 3u; d++) {
-            var by_end = ends[i][d];
-            var by_mean = planned_by[i][d];
-            if (i < 2u) {
-                by_mean -= by_end;
-                by_end = -by_end;
+        var first = vec3<f32>();
+        var mean = vec3<f32>();
+        for (var i = impulse; i < at.impulses_end && impulses[i].foothold == foothold; i++) {
+            let node = x + impulses[i].node;
+            let value = three(node);
+            let slope = three(node + 3u);
+            let w = &impulses[i].weights[END][0];
+            first += w[0] * value + w[1] * slope;
+            // The mean of the weights instead of that of what they weigh: the same, rounded elsewhere.
+            var mean_weights = vec2<f32>();
+            for (var q = 0u; q < END; q++) {
+                let w = &impulses[i].weights[q][0];
+                mean_weights += slots[at.slot].points[q].mean * vec2<f32>(w[0], w[1]);
             }
-            put_column(angular_rows, 0u, column + d, by_end * end_scale);
-            put_column(angular_rows, 3u, column + d, by_mean * mean_scale);
+            mean += mean_weights.x * value + mean_weights.y * slope;
         }
+        let slope = ground_slope(at.slot, foothold);
+        put_by_foothold(at.angular, 0u, column, at.end_scale * first, slope);
+        put_by_foothold(at.angular, 3u, column, at.mean_scale * mean, slope);
     }
 }
 
@@ -246,97 +379,31 @@ fn put_by_foothold(rows: Rows, row: u32, column: u32, j: vec3<f32>, slope: vec2<
     put_column(rows, row, column + 1u, vec3<f32>(-j.z, 0.0, j.x) + slope.y * along_z);
 }
 
-// How the motion inside an interval deviates from the cubic through its knots. Returns the deviation of the mean angular momentum.
-//
-// In position by the difference to the cubic through the end that the forces lead to. In attitude by the rotation vector
-// `eps' = I_w^-1 (e - eps x L)`, where `e` is the angular momentum that the forces give beyond the planned one, less a quadratic
-// that takes what is missing in the rows, so that rows that do not hold yet bend nothing.
-fn deviate(
-    slot: u32,
-    k: u32,
-    velocity_w: vec3<f32>,
-    momentum_start: vec3<f32>,
-    gained: ptr<function, Points>,
-    inside: ptr<function, array<Inside, INNER_POINTS>>,
-    beyond_end: vec3<f32>,
-    beyond_mean: vec3<f32>,
-    moved: ptr<function, Points>,
-    velocity: ptr<function, Points>,
-) -> vec3<f32> {
-    let points = &slots[slot].points;
-    let interval = slots[slot].constants.interval;
-    for (var q = 0u; q < END; q++) {
-        let w = &points[q].value;
-        let cubic = w[1] * velocity_w + w[2] * moved[END] + w[3] * velocity[END];
-        put_three(ix_deviation(slot, k, q), moved[q] - cubic);
-    }
-    // Twice: the second time with the turning of what has been gained.
-    var beyond: array<vec3<f32>, INNER_POINTS>;
-    for (var q = 0u; q < END; q++) {
-        let u = points[q].time / interval;
-        let quadratic = u * (6.0 * beyond_mean - 2.0 * beyond_end) + u * u * (3.0 * beyond_end - 6.0 * beyond_mean);
-        beyond[q] = momentum_start + gained[q] - inside[q].momentum - quadratic;
-    }
-    let inverse_inertia = mat3(slots[slot].constants.inverse_inertia);
-    var turned: array<vec3<f32>, INNER_POINTS>;
-    var rate: array<vec3<f32>, INNER_POINTS>;
-    for (var turn = 0u; turn < 2u; turn++) {
+// Rows by the forces, a thread the value or the slope of a force node. Angular: `-[a]x` with `a = w_1 (x_i - p_k - d) + w_2 v - w_3 g`, `w` the
+// integrals of the node's basis function.
+fn put_by_forces(at: At) {
+    let constants = &slots[at.slot].constants;
+    let linear_scale = constants.balance_scale / constants.interval;
+    let position_scale = 2.0 * linear_scale / constants.interval;
+    let base_w = base_at_start(at);
+    let linear = rows_at(at.slot, at.half, momentum_intervals[at.entry].linear);
+    for (var task = at.q; task < 2u * (at.impulses_end - at.impulses); task += LANES) {
+        let impulse = at.impulses + task / 2u;
+        let part = task % 2u;
+        let w = &impulses[impulse].weights[END];
+        for (var d = 0u; d < 3u; d++) {
+            let column = impulses[impulse].linear_column + 3u * part + d;
+            put(linear, d, column, -w[0][part] * linear_scale);
+            put(linear, 3u + d, column, -w[1][part] * position_scale);
+        }
+        let arm = arm_to(at, base_w, impulses[impulse].foothold);
+        var mean = vec3<f32>();
         for (var q = 0u; q < END; q++) {
-            let change = beyond[q] - cross(turned[q], inside[q].momentum);
-            rate[q] = inertia_times(inside[q].rot_wb, inverse_inertia, change);
+            mean += slots[at.slot].points[q].mean * lever(impulse, q, part, arm - moved[at.first + q], velocity[at.first + q]);
         }
-        for (var q = 0u; q < END; q++) {
-            turned[q] = vec3<f32>();
-            for (var r = 0u; r < END; r++) {
-                turned[q] += points[q].integral[r] * rate[r];
-            }
-        }
-    }
-    var mean_rate = vec3<f32>();
-    for (var q = 0u; q < END; q++) {
-        mean_rate += points[q].mean * rate[q];
-        // From a rotation vector to Euler angles: the inverse of the axes, kept finite where the pitch is steep.
-        let angles = reduced(inside[q].angles);
-        let sz = sin(angles.z);
-        let cz = cos(angles.z);
-        let sy = sin(angles.y);
-        let cos_pitch = cos(angles.y);
-        let cy = select(cos_pitch, 0.1, abs(cos_pitch) < 0.1);
-        let forward = cz * turned[q].x + sz * turned[q].y;
-        put_three(
-            ix_deviation(slot, k, q) + 3u,
-            vec3<f32>(forward / cy, cz * turned[q].y - sz * turned[q].x, turned[q].z + forward * sy / cy),
-        );
-    }
-    return -inertia_times(inside[END / 2u].rot_wb, mat3(slots[slot].constants.inertia), mean_rate);
-}
-
-// Angular rows by the forces: `-[a]x` with `a = w_1 (x_i - p_k - d) + w_2 v - w_3 g`, `w` the integrals of the node's basis function.
-fn angular_by_forces(
-    slot: u32,
-    x: u32,
-    impulses_start: u32,
-    impulses_end: u32,
-    base_w: vec3<f32>,
-    moved: ptr<function, Points>,
-    velocity: ptr<function, Points>,
-    end_scale: f32,
-    mean_scale: f32,
-    rows: Rows,
-) {
-    for (var impulse = impulses_start; impulse < impulses_end; impulse++) {
-        let foothold = impulses[impulse].foothold;
-        let at = x + footholds[slot * batch.footholds + foothold];
-        let arm = vec3<f32>(values[at], values[at + 1u], ground_height(slot, foothold)) - base_w;
-        for (var part = 0u; part < 2u; part++) {
-            var mean = vec3<f32>();
-            for (var q = 0u; q < END; q++) {
-                mean += slots[slot].points[q].mean * lever(impulse, q, part, arm - moved[q], velocity[q]);
-            }
-            let column = impulses[impulse].angular_column + 3u * part;
-            put_cross(rows, 0u, column, -end_scale * lever(impulse, END, part, arm - moved[END], velocity[END]));
-            put_cross(rows, 3u, column, -mean_scale * mean);
-        }
+        let column = impulses[impulse].angular_column + 3u * part;
+        put_cross(at.angular, 0u, column, -at.end_scale * lever(impulse, END, part, arm - moved[at.first + END], velocity[at.first + END]));
+        put_cross(at.angular, 3u, column, -at.mean_scale * mean);
     }
 }
 
@@ -346,4 +413,88 @@ fn lever(impulse: u32, q: u32, part: u32, arm: vec3<f32>, velocity: vec3<f32>) -
     var a = w[0][part] * arm + w[1][part] * velocity;
     a.z += w[2][part] * GRAVITY;
     return a;
+}
+
+// Angular momentum that the planned motion does not have, or has too much.
+struct Missing {
+    // What the forces give at a point beyond the planned one, less a quadratic that takes what is missing in the rows.
+    beyond: vec3<f32>,
+    // Residual of the mean, without its deviation and its scale.
+    mean: vec3<f32>,
+}
+
+// Residuals of the angular rows at the end. `one` holds the angular momenta gained, `other` those planned.
+fn put_angular(at: At, value: vec3<f32>) -> Missing {
+    let points = &slots[at.slot].points;
+    var gained_mean = vec3<f32>();
+    var planned = vec3<f32>();
+    for (var q = 0u; q < MOMENTUM_POINTS; q++) {
+        gained_mean += points[q].mean * one[at.first + q];
+    }
+    for (var q = 0u; q < END; q++) {
+        planned += points[q].mean * other[at.first + q];
+    }
+    let start = other[at.first + START];
+    let end = other[at.first + END];
+    let gained_end = one[at.first + END];
+    if (at.q == END) {
+        let to = ix_equality(at.slot, at.half, momentum_intervals[at.entry].angular.row);
+        put_three(to, (end - start - gained_end) * at.end_scale);
+    }
+    let beyond_end = start + gained_end - end;
+    let beyond_mean = start + gained_mean - planned;
+    let u = points[min(at.q, END)].time / slots[at.slot].constants.interval;
+    let quadratic = u * (6.0 * beyond_mean - 2.0 * beyond_end) + u * u * (3.0 * beyond_end - 6.0 * beyond_mean);
+    return Missing(start + one[at.first + min(at.q, END)] - value - quadratic, planned - start - gained_mean);
+}
+
+// How the motion inside an interval deviates from the cubic through its knots, and the residuals of the mean of the angular momentum.
+//
+// In position by the difference to the cubic through the end that the forces lead to. In attitude by the rotation vector
+// `eps' = I_w^-1 (e - eps x L)`, where `e` is the angular momentum that the forces give beyond the planned one, less a quadratic
+// that takes what is missing in the rows, so that rows that do not hold yet bend nothing.
+fn deviate(at: At, present: bool, lane: u32, angles: vec3<f32>, rot_wb: Mat3, momentum: vec3<f32>, missing: Missing) {
+    let inner = present && at.q < END;
+    let constants = &slots[at.slot].constants;
+    let points = &slots[at.slot].points;
+    // Twice: the second time with the turning of what has been gained.
+    var turned = vec3<f32>();
+    for (var turn = 0u; turn < 2u; turn++) {
+        var rate = vec3<f32>();
+        if (inner) {
+            rate = inertia_times(rot_wb, mat3(constants.inverse_inertia), missing.beyond - cross(turned, momentum));
+        }
+        share(lane, rate, vec3<f32>());
+        turned = vec3<f32>();
+        if (inner) {
+            for (var r = 0u; r < END; r++) {
+                turned += points[at.q].integral[r] * one[at.first + r];
+            }
+        }
+    }
+    if (!inner) {
+        return;
+    }
+    let w = &points[at.q].value;
+    let cubic = w[1] * velocity_at_start(at) + w[2] * moved[at.first + END] + w[3] * velocity[at.first + END];
+    let to = ix_deviation(at.slot, at.k, at.q);
+    put_three(to, moved[lane] - cubic);
+    // From a rotation vector to Euler angles: the inverse of the axes, kept finite where the pitch is steep.
+    let within = reduced(angles);
+    let sz = sin(within.z);
+    let cz = cos(within.z);
+    let sy = sin(within.y);
+    let cos_pitch = cos(within.y);
+    let cy = select(cos_pitch, 0.1, abs(cos_pitch) < 0.1);
+    let forward = cz * turned.x + sz * turned.y;
+    put_three(to + 3u, vec3<f32>(forward / cy, cz * turned.y - sz * turned.x, turned.z + forward * sy / cy));
+    if (at.q == END / 2u) {
+        var mean_rate = vec3<f32>();
+        for (var q = 0u; q < END; q++) {
+            mean_rate += points[q].mean * one[at.first + q];
+        }
+        let deviation = -inertia_times(rot_wb, mat3(constants.inertia), mean_rate);
+        let row = ix_equality(at.slot, at.half, momentum_intervals[at.entry].angular.row) + 3u;
+        put_three(row, (missing.mean + deviation) * at.mean_scale);
+    }
 }

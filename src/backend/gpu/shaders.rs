@@ -13,7 +13,7 @@
 //! it has in common with Rust are written in front of it, too ([`prelude`]).
 //!
 //! A shader of rows has no entry point of its own: that of `shared/entries` calls its function `entry` for each entry of the table that it
-//! walks ([`Shader::walks`]).
+//! walks ([`Shader::walks`]). `rows/momentum` alone walks its table itself, for several threads have an entry there.
 
 use super::tables::{Batch, Buffer, Part, kind};
 use crate::robot::GRAVITY;
