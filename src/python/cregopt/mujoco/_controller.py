@@ -106,7 +106,7 @@ class Controller:
         k = plan.index(time)
         # Before and behind the motion it stands still.
         moving = float(0 < time < plan.horizon)
-        touching = [f for f in np.flatnonzero(plan.stands(k)) if loads[f] > gains.bears or self._gap(f, k, state) < gains.near]
+        touching = [f for f, due in enumerate(plan.stands(k)) if due and (loads[f] > gains.bears or self._gap(f, k, state) < gains.near)]
         n_joints = len(state.velocity) - 6
         program = _Program(n_joints + 6, len(touching))
         dynamics = [state.inertia]

@@ -87,14 +87,12 @@ class Machine:
         self.stance = self._stance()
         if feet is None:
             self._pose(self.stance)
-            self.feet = self._lowest()
+            self.feet = sorted(self._lowest(), key=self._front_left_first)
         if count is not None and len(self.feet) != count:
             seen = ", ".join(foot.name for foot in self.feet) or "none"
             raise Error(f"the model {self.name} has {len(self.feet)} feet ({seen}), the plan {count}: name those that are meant (--feet)")
         if not self.feet:
             raise Error(f"the model {self.name} has no feet, balls or ends of capsules at the ends of legs: name them (--feet)")
-        if feet is None:
-            self.feet = sorted(self.feet, key=self._front_left_first)
 
     # What the model has.
 
@@ -193,28 +191,30 @@ class Machine:
         names = [m.key(key).name for key in range(m.nkey)]
         for key in sorted(range(m.nkey), key=lambda key: (names[key] not in ("home", "stand", "standing"), key)):
             yield m.key_qpos[key].copy()
-        yield m.qpos0.copy()
         for sign in (1.0, -1.0):
             pose = m.qpos0.copy()
             for foot in self.feet:
                 if len(foot.dofs) == len(BENT):
                     pose[np.array(foot.dofs) + 1] = sign * np.array(BENT)
-            yield pose
+            if self.within_ranges(pose):
+                yield pose
+        yield m.qpos0.copy()
 
     def _stance(self) -> Floats:
         """The first pose whose feet are below the robot, or the model's own if there is none."""
+        m = self.model
+        limited = np.flatnonzero(m.jnt_limited[1:]) + 1
+        low, high = m.jnt_range[limited].T
+        spare = np.minimum(2 * SPARE, (high - low) / 4)
         for pose in self._poses():
             pose[:7] = [0, 0, 0, 1, 0, 0, 0]
-            for joint in range(1, self.model.njnt):
-                if self.model.jnt_limited[joint]:
-                    low, high = self.model.jnt_range[joint]
-                    at = self.model.jnt_qposadr[joint]
-                    pose[at] = np.clip(pose[at], low + SPARE, high - SPARE)
+            at = m.jnt_qposadr[limited]
+            pose[at] = np.clip(pose[at], low + spare, high - spare)
             self._pose(pose)
             lowest = self._lowest()
             if lowest and all(self._stands_on(foot) for foot in lowest):
                 return pose
-        return self.model.qpos0.copy()  # type: ignore[no-any-return]
+        return pose
 
     def _stands_on(self, foot: Foot) -> bool:
         """Whether a foot of the present pose is well below its leg's first joint, on a leg that is bent."""

@@ -53,7 +53,7 @@ class Plan:
 
     @property
     def n_feet(self) -> int:
-        return self.feet.shape[1]
+        return int(self.feet.shape[1])
 
     def index(self, time: float) -> int:
         """Number of the instant nearest to a time, the first before and the last behind the motion."""
@@ -114,20 +114,15 @@ def _world(trajectory: Trajectory) -> tuple[Robot, Terrain]:
     given = trajectory.to_dict()
     robot, terrain = given.get("robot"), given.get("terrain")
     scenario = given.get("scenario")
-    if (robot is None or terrain is None) and scenario is None:
-        raise Error("the motion names no robot or no terrain, and no scenario that has them")
-    task = Task.from_scenario(scenario) if scenario is not None else None
-    if isinstance(robot, dict):
-        robot = Robot.from_dict(robot)
-    elif robot is not None:
-        robot = Robot(robot)
-    if isinstance(terrain, dict):
-        terrain = Terrain.from_dict(terrain)
-    elif terrain is not None:
-        terrain = Terrain(terrain)
-    if task is not None:
-        robot, terrain = robot or task.robot, terrain or task.terrain
-    return robot, terrain
+    if robot is None or terrain is None:
+        if scenario is None:
+            raise Error("the motion names no robot or no terrain, and no scenario that has them")
+        task = Task.from_scenario(scenario)
+        robot, terrain = robot or task.robot.to_dict(), terrain or task.terrain.to_dict()
+    return (
+        Robot.from_dict(robot) if isinstance(robot, dict) else Robot(robot),
+        Terrain.from_dict(terrain) if isinstance(terrain, dict) else Terrain(terrain),
+    )
 
 
 def normal(terrain: Terrain, x: float, y: float) -> Floats:

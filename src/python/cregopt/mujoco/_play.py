@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from typing import Any, Callable, Optional, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import Error
 from . import _ground, _plan, _rotation
@@ -122,7 +123,7 @@ def play(
     with ExitStack() as stack:
         observers: list[Observer] = []
         if video is not None:
-            observers.append(stack.enter_context(_video.Film(video, simulation.model, machine.base, 1 / plan.step)))
+            observers.append(stack.enter_context(_video.Film(video, simulation.model, machine.base, 5 * float(plan.position[0, 2]), 1 / plan.step)))
         if viewer:
             observers.append(_window(stack, simulation))
         simulation.run(observers)
@@ -276,7 +277,7 @@ class _Simulation:
             return f"the base is more than {ASTRAY:g} m off the plan"
         return None
 
-    def _slide(self, loaded: Floats, k: int, state: State) -> Floats:
+    def _slide(self, loaded: NDArray[np.bool_], k: int, state: State) -> Floats:
         """By how much the loaded feet slide in a period, m, shape (feet,)."""
         slides = np.zeros(self.plan.n_feet)
         for f in np.flatnonzero(loaded):

@@ -10,7 +10,9 @@ from ._engine import Floats
 def of_quaternions(quaternions: Floats) -> Floats:
     """Matrices of unit quaternions w, x, y, z: shape (n, 4) to (n, 3, 3)."""
     w, v = quaternions[:, :1, None], quaternions[:, 1:]
-    return (w**2 - (v**2).sum(1)[:, None, None]) * np.eye(3) + 2 * v[:, :, None] * v[:, None, :] + 2 * w * crosses(v)
+    inner, outer = (v**2).sum(1)[:, None, None], v[:, :, None] * v[:, None, :]
+    matrices: Floats = (w**2 - inner) * np.eye(3) + 2 * outer + 2 * w * crosses(v)
+    return matrices
 
 
 def crosses(vectors: Floats) -> Floats:

@@ -32,7 +32,7 @@ def prepare(path: Path) -> None:
 class Film:
     """Frames of a simulation that become a file at the end."""
 
-    def __init__(self, path: Path, model: Any, base: int, rate: float) -> None:
+    def __init__(self, path: Path, model: Any, base: int, distance: float, rate: float) -> None:
         self.path, self.every, self.periods = pathlib.Path(path), max(1, round(rate / RATE)), 0
         self.frames: list[Any] = []
         _images.fromarray  # Said before, not after the simulation.
@@ -42,7 +42,7 @@ class Film:
             raise Error(f"no pictures can be drawn here: {error}; MUJOCO_GL=egl or MUJOCO_GL=osmesa draws without a display") from error
         self.camera = mj.MjvCamera()
         self.camera.type, self.camera.trackbodyid = mj.mjtCamera.mjCAMERA_TRACKING, base
-        self.camera.distance, self.camera.azimuth, self.camera.elevation = 3.5 * float(model.stat.extent and 1.0), 120.0, -15.0
+        self.camera.distance, self.camera.azimuth, self.camera.elevation = distance, 120.0, -15.0
 
     def __enter__(self) -> Film:
         return self
