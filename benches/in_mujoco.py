@@ -1,6 +1,6 @@
 """What becomes of default gaits in MuJoCo: robots, tasks, seeds and frictions, each played by ``cregopt.mujoco``.
 
-    python benches/in_mujoco.py MODEL.xml... [--preset NAME] [--seeds N] [--out FILE.jsonl]
+    python benches/in_mujoco.py MODEL.xml... [--preset NAME] [--gait FAMILY,...] [--seeds N] [--friction MU...] [--out FILE.jsonl]
 
 Each gait is searched for on flat ground with the defaults of ``cregopt solve``, and played on each friction, disturbed by the search's seed.
 Prints a line for each play and a table of all.
@@ -13,7 +13,7 @@ import collections
 import json
 import math
 import time
-from typing import Any, Iterable, Optional
+from typing import Any, Iterable, Optional, Sequence
 
 import cregopt
 import cregopt.mujoco
@@ -26,15 +26,19 @@ TASKS = {
 }
 FRICTIONS = (0.5, 0.8, 1.0)
 
+HEAD = """\
+| | gaits | upright | followed | base off, cm | rms | deg | slip in a stance, cm | torque, % of limit | time at a limit, % | joint speed, rad/s |
+|---|---|---|---|---|---|---|---|---|---|---|"""
 
-def plays(model: str, seeds: int, preset: Optional[str]) -> Iterable[dict[str, Any]]:
+
+def plays(model: str, seeds: int, frictions: Sequence[float], preset: Optional[str], gaits: str) -> Iterable[dict[str, Any]]:
     """Each play of a robot: what was asked, and the report."""
     robot = cregopt.mujoco.robot(model)
     for name, (goal, yaw) in TASKS.items():
         task = cregopt.Task(robot, cregopt.Terrain("flat"), goal=goal, yaw=yaw)
         for seed in range(1, seeds + 1):
-            gait = cregopt.search(task, seed=seed, preset=preset, threads=1)
-            for friction in FRICTIONS:
+            gait = cregopt.search(task, seed=seed, preset=preset, gaits=gaits, threads=1)
+            for friction in frictions:
                 asked = {"robot": robot.name, "task": name, "seed": seed, "friction": friction, "family": gait.family}
                 if not gait.feasible:
                     yield {**asked, "found": False}
@@ -49,6 +53,7 @@ def row(name: str, rows: list[dict[str, Any]]) -> str:
     upright = [r for r in found if r["upright"]]
 
     def spread(key: str, scale: float) -> str:
+        """Median / largest of those that stay upright."""
         values = sorted(scale * r[key] for r in upright)
         return f"{values[len(values) // 2]:.3g} / {values[-1]:.3g}" if values else "-"
 
@@ -73,26 +78,27 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("models", nargs="+")
     parser.add_argument("--preset")
+    parser.add_argument("--gait", default="all")
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--friction", type=float, nargs="+", default=FRICTIONS)
     parser.add_argument("--out", help="all reports, one JSON object a line")
     asked = parser.parse_args()
     begun, rows = time.monotonic(), []
     for model in asked.models:
-        for play in plays(model, asked.seeds, asked.preset):
+        for play in plays(model, asked.seeds, asked.friction, asked.preset, asked.gait):
             rows.append(play)
             said = "no gait" if not play["found"] else play["fall"] or ("followed" if play["followed"] else "upright")
             print(play["robot"], play["task"], play["seed"], play["friction"], play["family"], said, f"{time.monotonic() - begun:.0f} s", flush=True)
             if asked.out:
                 with open(asked.out, "a") as file:
                     file.write(json.dumps(play) + "\n")
-    print("\n| | gaits | upright | followed | base off, cm | rms | deg | slip in a stance, cm | torque, % of limit | time at a limit, % | joint speed, rad/s |")
-    print("|---|---|---|---|---|---|---|---|---|---|---|")
+    print("\n" + HEAD)
     for key in ("robot", "task", "friction"):
         for value in dict.fromkeys(r[key] for r in rows):
             print(row(f"friction {value}" if key == "friction" else value, [r for r in rows if r[key] == value]))
     print(row("all", rows))
-    for reason, n in collections.Counter(r["fall"] or "" for r in rows if r["found"] and not r["upright"]).most_common():
-        print(f"{n} fall: {reason}")
+    for reason, n in collections.Counter(r.get("fall") or "no gait" for r in rows if not r.get("upright")).most_common():
+        print(f"{n} not upright: {reason}")
 
 
 if __name__ == "__main__":

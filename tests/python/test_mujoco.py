@@ -3,7 +3,9 @@
 import copy
 import json
 import math
+import os
 import pathlib
+import re
 import subprocess
 import sys
 from typing import Any
@@ -13,6 +15,9 @@ import cregopt.mujoco
 import numpy as np
 import pytest
 
+# Without a display pictures are drawn off the screen; counts when MuJoCo is imported.
+if sys.platform == "linux" and not os.environ.get("DISPLAY"):
+    os.environ.setdefault("MUJOCO_GL", "egl")
 pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
 
@@ -36,9 +41,8 @@ LEG = """
 def mjcf(legs: dict[str, tuple[float, float]], trunk: float = 7.0) -> str:
     """A box on legs with three motors each; without a keyframe, and on a floor that is not for it."""
     bodies = "".join(LEG.format(name=name, x=x, y=y, out=math.copysign(0.06, y)) for name, (x, y) in legs.items())
-    motors = "".join(
-        f'<motor joint="{name}_{joint}" ctrlrange="-{limit} {limit}"/>' for name in legs for joint, limit in (("roll", 20), ("pitch", 20), ("knee", 35))
-    )
+    limits = {"roll": 20, "pitch": 20, "knee": 35}
+    motors = "".join(f'<motor joint="{leg}_{joint}" ctrlrange="-{limit} {limit}"/>' for leg in legs for joint, limit in limits.items())
     return f"""
 <mujoco model="small">
   <compiler angle="radian"/>
@@ -188,6 +192,41 @@ def test_plans_for_other_robots_are_refused(trot: cregopt.Gait, model: pathlib.P
         cregopt.mujoco.play(trot, model, video="film.avi")
 
 
+def test_motors_that_hold_positions_serve_too(trot: cregopt.Gait, model: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    servos = tmp_path / "small.xml"
+    motors = re.compile(r'<motor joint="(\w+)" ctrlrange="-(\d+) \d+"/>')
+    text, n = motors.subn(r'<position joint="\1" kp="50" forcerange="-\2 \2"/>', model.read_text())
+    servos.write_text(text)
+    assert n == 12 and cregopt.mujoco.play(trot, servos) == cregopt.mujoco.play(trot, model)
+
+
+def test_a_hexapod_goes_as_a_tripod(tmp_path: pathlib.Path) -> None:
+    model = tmp_path / "six.xml"
+    model.write_text(mjcf({**LEGS, "ML": (0.0, 0.12), "MR": (0.0, -0.12)}))
+    task = cregopt.Task(cregopt.mujoco.robot(model), cregopt.Terrain("flat"), goal=(0.3, 0.0))
+    gait = cregopt.search(task, gaits="tripod", first=True, device="cpu")
+    report = cregopt.mujoco.play(gait, model)
+    assert gait.feasible and report.followed, str(report)
+
+
+def test_an_animation_has_a_frame_for_each_moment(
+    trot: cregopt.Gait, model: pathlib.Path, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    image = pytest.importorskip("PIL.Image")
+    film = tmp_path / "film.gif"
+    monkeypatch.setattr("cregopt.mujoco._video.RATE", 5)
+    try:
+        report = cregopt.mujoco.play(trot, model, video=film)
+    except cregopt.Error as error:
+        pytest.skip(str(error))
+    assert list(tmp_path.iterdir()) == [film]
+    with image.open(film) as shown:
+        assert shown.n_frames == pytest.approx(5 * (report.horizon + 0.8), abs=1)
+        shown.seek(shown.n_frames // 2)
+        # The robot in front of a ground: many colours.
+        assert len(shown.convert("RGB").getcolors(1 << 20)) > 20
+
+
 def test_feet_can_be_named_by_their_bodies(trot: cregopt.Gait, model: pathlib.Path) -> None:
     named = cregopt.mujoco.play(trot, model, feet=["FL_shank", "FR_shank", "RL_shank", "RR_shank"])
     assert named == cregopt.mujoco.play(trot, model)
@@ -218,4 +257,5 @@ def test_without_mujoco_it_says_what_to_install(model: pathlib.Path) -> None:
     code = "import sys; sys.modules['mujoco'] = None\nfrom cregopt.mujoco.__main__ import main\nsys.exit(main(sys.argv[1:]))"
     arguments = [sys.executable, "-c", code, "--model", str(model), "--robot", "robot.json"]
     run = subprocess.run(arguments, capture_output=True, text=True, timeout=120)
-    assert run.returncode == 4 and run.stderr.startswith("error: cregopt.mujoco needs mujoco") and run.stderr.endswith("pip install cregopt[mujoco]\n")
+    assert run.returncode == 4 and run.stderr.startswith("error: cregopt.mujoco needs mujoco"), run.stderr
+    assert run.stderr.endswith("pip install cregopt[mujoco]\n")

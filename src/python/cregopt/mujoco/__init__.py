@@ -7,8 +7,8 @@
 >>> report.upright, report.position_error_max
 (True, 0.02)
 
-``python -m cregopt.mujoco trajectory.json --model go1.xml`` does the last of these. A controller with 500 periods a second tracks base, feet and forces
-of the plan by inverse dynamics of the whole body under the motors' torque limits; it knows the state. Units are SI, angles rad.
+``python -m cregopt.mujoco trajectory.json --model go1.xml`` does the last of these. A controller with 500 periods a second tracks base, feet and
+forces of the plan by inverse dynamics of the whole body under the motors' torque limits; it knows the state. Units are SI, angles rad.
 """
 
 from ._controller import Gains

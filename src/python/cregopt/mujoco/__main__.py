@@ -16,7 +16,7 @@ UPRIGHT, FALLEN, BAD_INPUT = 0, 3, 4
 def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m cregopt.mujoco",
-        description="Plays a plan of `cregopt solve` on a robot in MuJoCo, and says what became of it; or makes the robot that plans for a model need.",
+        description="Plays a plan of `cregopt solve` on a robot in MuJoCo and says what became of it, or makes the robot that plans for it need.",
         epilog="Exit codes: 0 upright to the end, 2 usage, 3 fallen, 4 bad file or MuJoCo missing.",
     )
     parser.add_argument("trajectory", nargs="?", help="the plan: trajectory.json")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 
-class _Late:
+class Late:
     """A module that is imported when something of it is asked for."""
 
     def __init__(self, name: str) -> None:
@@ -27,5 +27,5 @@ class _Late:
 
 
 # Neither has types of its own.
-mj: Any = _Late("mujoco")
-daqp: Any = _Late("daqp")
+mj: Any = Late("mujoco")
+daqp: Any = Late("daqp")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import time as clock
 from contextlib import ExitStack
 from typing import Any, Callable, Optional, Sequence
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import Error
-from . import _ground, _plan, _rotation
+from . import _ground, _plan, _rotation, _video
 from ._controller import Controller, Gains, torque_range
 from ._engine import Floats, mj
 from ._model import Machine, Path, State
@@ -18,6 +19,8 @@ from ._report import Report
 
 #: Time between steps of the simulation, s, and steps in a period of control.
 STEP, STEPS = 0.001, 2
+#: Time between what a window shows, s.
+FRAME = 0.02
 #: Standing before and behind the plan, s.
 HOLD = 0.4
 #: The masses of plan and model differ by so much of the model's at most.
@@ -56,10 +59,11 @@ def play(
     trajectory : Trajectory, Gait, dict or path
         The plan. Its base frame is the centre of mass with the axes of the model's first body.
     model : path
-        MuJoCo model (MJCF or URDF) with a free base on legs whose joints all have motors. Geometry of its world is left out: the ground is the plan's.
+        MuJoCo model (MJCF or URDF) with a free base on legs whose joints all have motors. Geometry of its world is left out: the ground is
+        the plan's.
     feet : list of str, optional
-        Geoms (balls or capsules), bodies or sites that are the feet, in the plan's order; else those on which the model stands, each the plan's foot that
-        is nearest to it.
+        Geoms (balls or capsules), bodies or sites that are the feet, in the plan's order; else those on which the model stands, each the
+        plan's foot that is nearest to it.
     friction : float, optional
         Friction coefficient of the ground instead of the plan's. The controller knows it.
     seed : int, optional
@@ -91,9 +95,9 @@ def play(
     if friction is not None and not (np.isfinite(friction) and friction > 0):
         raise Error(f"friction {friction!r}: must be positive")
     if video is not None:
-        from . import _video
-
         _video.prepare(video)
+    if viewer and _video.headless():
+        raise Error("no window can be opened: there is no display")
     plan = _plan.read(trajectory, 1 / (STEP * STEPS))
     machine = Machine(model, feet, plan.n_feet)
     if abs(machine.mass - plan.robot.mass) > MASS_APART * machine.mass:
@@ -144,14 +148,15 @@ def _start(machine: Machine, plan: _plan.Plan) -> Floats:
 
 def _window(stack: ExitStack, simulation: _Simulation) -> Observer:
     """Shows a simulation in real time."""
-    import importlib
-
     window = stack.enter_context(importlib.import_module("mujoco.viewer").launch_passive(simulation.model, simulation.data))
-    begun = clock.monotonic()
+    begun, shown = clock.monotonic(), -1
 
     def show(_: Any, data: Any) -> None:
-        window.sync()
-        clock.sleep(max(0.0, begun + data.time - clock.monotonic()))
+        nonlocal shown
+        if int(data.time / FRAME) > shown and window.is_running():
+            shown = int(data.time / FRAME)
+            window.sync()
+            clock.sleep(max(0.0, begun + data.time - clock.monotonic()))
 
     return show
 
@@ -191,7 +196,8 @@ class _Simulation:
         option.cone, option.impratio = mj.mjtCone.mjCONE_ELLIPTIC, 100
         _ground.add(spec, self.plan.terrain, friction, self.plan.feet)
         model = spec.compile()
-        model.opt.disableflags |= mj.mjtDisableBit.mjDSBL_ACTUATION
+        # What diverges shall be seen.
+        model.opt.disableflags |= mj.mjtDisableBit.mjDSBL_ACTUATION | mj.mjtDisableBit.mjDSBL_AUTORESET
         return model
 
     def _disturb(self, random: np.random.Generator) -> None:
@@ -216,6 +222,9 @@ class _Simulation:
         periods = round((self.plan.horizon + 2 * HOLD) / self.plan.step)
         for period in range(periods):
             time = period * self.plan.step - HOLD
+            if not np.all(np.isfinite(d.qpos)):
+                report.upright, report.fall_time, report.fall = False, time, "the simulation diverged"
+                break
             state = self.machine.state(d.qpos, d.qvel)
             loads, trunk_touches = self._contacts()
             k = self.plan.index(time)
@@ -235,6 +244,7 @@ class _Simulation:
         position, attitude = np.array(errors).T
         report.position_error_max, report.attitude_error_max = float(position.max()), float(attitude.max())
         report.position_error_rms, report.attitude_error_rms = (float(np.sqrt(np.mean(e**2))) for e in (position, attitude))
+        # Where it stands, or lies, when the play ends.
         report.end_error = float(np.linalg.norm((state.com - self.plan.position[-1])[:2]))
         report.missing_contact = missing / max(due, 1)
         report.torque_saturated = saturated / max(len(errors), 1)
@@ -265,8 +275,6 @@ class _Simulation:
         planned = self.plan.position[k]
         ground = self.plan.terrain.height
         lean = float(np.arccos(np.clip(state.rotation[2, 2], -1, 1)))
-        if not np.all(np.isfinite(self.data.qpos)):
-            return "the simulation diverged"
         if trunk_touches:
             return "the trunk touches the ground"
         if lean > LEAN:

@@ -39,7 +39,7 @@ class Report:
     #: Angle between the base and its plan, rad.
     attitude_error_max: float = 0.0
     attitude_error_rms: float = 0.0
-    #: Horizontal distance between base and plan at the end, m.
+    #: Horizontal distance of the base from the plan's end, where it stands or lies at last, m.
     end_error: float = 0.0
     #: How far feet slid while they bore load: all together, and the most in one stance, m.
     slip_total: float = 0.0
@@ -81,10 +81,11 @@ class Report:
             f"  plan      {self.horizon:.2f} s, {self.planned_mass:.2f} kg, friction {self.planned_friction:g}",
             f"  played    {self.mass:.2f} kg, friction {self.friction:.3g}{disturbed}",
             f"  base      off by at most {self.position_error_max:.3f} m and {np.degrees(self.attitude_error_max):.1f} deg, "
-            f"rms {self.position_error_rms:.3f} m and {np.degrees(self.attitude_error_rms):.1f} deg; {self.end_error:.3f} m at the end",
+            f"rms {self.position_error_rms:.3f} m and {np.degrees(self.attitude_error_rms):.1f} deg; {self.end_error:.3f} m from its end at last",
             f"  feet      slide at most {self.slip_max:.3f} m in a stance, {self.slip_total:.2f} m in all; "
             f"no contact in {100 * self.missing_contact:.0f} % of stances",
-            f"  torque    at most {100 * self.torque_share:.0f} % of the limit ({self.torque_joint}), at a limit {100 * self.torque_saturated:.1f} % of the time",
+            f"  torque    at most {100 * self.torque_share:.0f} % of the limit ({self.torque_joint}), "
+            f"at a limit {100 * self.torque_saturated:.1f} % of the time",
             f"  speed     at most {self.joint_speed:.1f} of {self.joint_speed_limit:g} rad/s ({self.speed_joint})",
         ]
         if self.unsolved:

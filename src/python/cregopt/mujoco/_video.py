@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes.util
 import os
 import pathlib
 import sys
@@ -9,7 +10,7 @@ from types import TracebackType
 from typing import Any, Optional
 
 from .. import Error
-from ._engine import _Late, mj
+from ._engine import Late, mj
 from ._model import Path
 
 #: Frames a second, and their size.
@@ -18,15 +19,24 @@ WIDTH, HEIGHT = 480, 320
 #: Kinds of files with several frames.
 KINDS = (".gif", ".png", ".apng", ".webp")
 
-_images: Any = _Late("PIL.Image")
+_images: Any = Late("PIL.Image")
+
+
+def headless() -> bool:
+    """Whether there is no display."""
+    return sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def prepare(path: Path) -> None:
-    """Refuses files of other kinds; without a display, pictures are drawn off the screen. Counts before MuJoCo is imported."""
+    """Refuses files of other kinds; without a display, pictures are drawn off the screen, if MuJoCo is not yet imported."""
     if pathlib.Path(path).suffix.lower() not in KINDS:
         raise Error(f"{os.fspath(path)}: an animation is one of {', '.join(KINDS)}")
-    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        os.environ.setdefault("MUJOCO_GL", "egl")
+    if headless() and "MUJOCO_GL" not in os.environ and "mujoco" not in sys.modules:
+        # MuJoCo cannot even be imported with a library that is missing.
+        there = [name for name in ("EGL", "OSMesa") if ctypes.util.find_library(name)]
+        if not there:
+            raise Error("no pictures can be drawn without a display: neither EGL nor OSMesa is there (of Debian: libegl1, libosmesa6)")
+        os.environ["MUJOCO_GL"] = there[0].lower()
 
 
 class Film:
@@ -35,7 +45,6 @@ class Film:
     def __init__(self, path: Path, model: Any, base: int, distance: float, rate: float) -> None:
         self.path, self.every, self.periods = pathlib.Path(path), max(1, round(rate / RATE)), 0
         self.frames: list[Any] = []
-        _images.fromarray  # Said before, not after the simulation.
         try:
             self.renderer = mj.Renderer(model, HEIGHT, WIDTH)
         except Exception as error:
