@@ -1,0 +1,361 @@
+"""A legged robot in a MuJoCo model: its feet, its motors, its kinematics."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any, Iterator, NamedTuple, Optional, Sequence, Union
+
+import numpy as np
+
+from .. import Error
+from ._engine import Floats, mj
+
+Path = Union[str, "os.PathLike[str]"]
+
+#: Feet stand at the height of the lowest, to so much of the base's height above it.
+LEVEL = 0.1
+#: A pose is a stance if every foot is so much of its leg's length below the leg's first joint, ...
+DROP = 0.3
+#: ... and not further ahead or behind than so much of that.
+LEAN = 0.6
+#: ... and every joint velocity of length 1 moves it by so much of that length a second: less is a leg that is stretched out.
+BEND = 0.1
+#: Angles of legs with three joints, rad, where the model's own poses are no stance; also the other way round.
+BENT = (0.0, 0.85, -1.7)
+#: Joints stay so far from the ends of their ranges, rad or m.
+SPARE = 0.05
+
+
+@dataclass(frozen=True)
+class Foot:
+    """The end of a leg: a ball, or a point."""
+
+    name: str
+    #: Body that carries it.
+    body: int
+    #: Geom that touches the ground, if it is one.
+    geom: Optional[int]
+    #: Centre of the ball in the body, m.
+    center: Floats
+    #: Radius of the ball, m.
+    radius: float
+    #: Degrees of freedom of the leg, from the base on.
+    dofs: tuple[int, ...]
+
+
+class State(NamedTuple):
+    """What a controller knows at an instant; world frame, SI units, n degrees of freedom."""
+
+    #: Velocity of the degrees of freedom, as MuJoCo has it.
+    velocity: Floats
+    #: Centre of mass and its velocity.
+    com: Floats
+    com_velocity: Floats
+    #: Base to world, and the angular velocity of the base.
+    rotation: Floats
+    angular_velocity: Floats
+    #: Centres of the feet, shape (feet, 3).
+    feet: Floats
+    #: Inertia matrix, shape (n, n), and the generalised forces that hold the robot without acceleration, shape (n,).
+    inertia: Floats
+    bias: Floats
+
+
+class Machine:
+    """A robot with a free base on legs whose joints all have motors.
+
+    ``spec`` is the model without its world's geometry, so that a ground can be put under the robot.
+    """
+
+    def __init__(self, path: Path, feet: Optional[Sequence[str]] = None, count: Optional[int] = None) -> None:
+        self.name = os.path.splitext(os.path.basename(os.fspath(path)))[0]
+        self.spec = _read(path)
+        self.model = self.spec.compile()
+        # The controller computes with this copy, which no ground touches and no motor drives.
+        off = mj.mjtDisableBit
+        self.model.opt.disableflags |= off.mjDSBL_CONTACT | off.mjDSBL_ACTUATION | off.mjDSBL_CONSTRAINT
+        self.data = mj.MjData(self.model)
+        self.base = self._free_base()
+        self.torque_limits = self._torque_limits()
+        self.mass = float(self.model.body_subtreemass[self.base])
+        ends = list(self._ends())
+        if feet is not None:
+            self.feet = [self._named_foot(name, ends) for name in feet]
+        else:
+            self.feet = ends
+        self.stance = self._stance()
+        if feet is None:
+            self._pose(self.stance)
+            self.feet = sorted(self._lowest(), key=self._front_left_first)
+        if count is not None and len(self.feet) != count:
+            seen = ", ".join(foot.name for foot in self.feet) or "none"
+            raise Error(f"the model {self.name} has {len(self.feet)} feet ({seen}), the plan {count}: name those that are meant (--feet)")
+        if not self.feet:
+            raise Error(f"the model {self.name} has no feet, balls or ends of capsules at the ends of legs: name them (--feet)")
+
+    # What the model has.
+
+    def _free_base(self) -> int:
+        m = self.model
+        if m.njnt == 0 or int(m.jnt_type[0]) != int(mj.mjtJoint.mjJNT_FREE):
+            raise Error(f"the model {self.name} has no free joint at its base")
+        if not set(m.jnt_type[1:].tolist()) <= {int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE)}:
+            raise Error(f"the model {self.name} has joints other than hinges and slides behind its base, or a second free body")
+        return int(m.jnt_bodyid[0])
+
+    def _torque_limits(self) -> Floats:
+        """Largest torque of each joint, N m (N of slides), infinite where the model names none, shape (joints,)."""
+        m = self.model
+        limits = np.zeros(m.nv - 6)
+        drive = {int(mj.mjtTrn.mjTRN_JOINT), int(mj.mjtTrn.mjTRN_JOINTINPARENT)}
+        for actuator in range(m.nu):
+            joint = m.actuator_trnid[actuator, 0]
+            if int(m.actuator_trntype[actuator]) not in drive or m.jnt_dofadr[joint] < 6:
+                raise Error(f"motor {m.actuator(actuator).name or actuator} of the model {self.name} drives no joint")
+            force = float(m.actuator_forcerange[actuator, 1]) if m.actuator_forcelimited[actuator] else np.inf
+            # Of a motor that is told a torque, what it can be told counts, too.
+            if m.actuator_ctrllimited[actuator] and int(m.actuator_biastype[actuator]) == int(mj.mjtBias.mjBIAS_NONE):
+                force = min(force, float(m.actuator_ctrlrange[actuator, 1] * m.actuator_gainprm[actuator, 0]))
+            limits[m.jnt_dofadr[joint] - 6] += force * abs(m.actuator_gear[actuator, 0])
+        for joint in range(1, m.njnt):
+            dof = m.jnt_dofadr[joint] - 6
+            if limits[dof] == 0:
+                raise Error(f"joint {m.joint(joint).name} of the model {self.name} has no motor")
+            if m.jnt_actfrclimited[joint]:
+                limits[dof] = min(limits[dof], m.jnt_actfrcrange[joint, 1])
+        return limits
+
+    def _chain(self, body: int) -> tuple[int, ...]:
+        """Degrees of freedom between the base and a body."""
+        m, dofs = self.model, []
+        while body not in (self.base, 0):
+            first = m.body_dofadr[body]
+            dofs += list(range(first, first + m.body_dofnum[body]))[::-1]
+            body = m.body_parentid[body]
+        return tuple(int(dof) for dof in dofs[::-1])
+
+    def _ends(self) -> Iterator[Foot]:
+        """Balls and capsules furthest out at the ends of limbs."""
+        m = self.model
+        welded = [int(w) for w in m.body_weldid]
+        inner = {welded[m.body_parentid[body]] for body in range(1, m.nbody) if welded[body] == body}
+        for end in sorted({w for w in welded if w not in inner and w != 0}):
+            balls = [foot for geom in range(m.ngeom) if welded[m.geom_bodyid[geom]] == end for foot in self._ball(geom)]
+            if balls:
+                yield max(balls, key=self._reaches_out)
+
+    def _ball(self, geom: int) -> Iterator[Foot]:
+        """The foot that a geom can be, if it touches things: a ball, or the ends of a capsule."""
+        m = self.model
+        kind, ball, capsule = int(m.geom_type[geom]), int(mj.mjtGeom.mjGEOM_SPHERE), int(mj.mjtGeom.mjGEOM_CAPSULE)
+        if not (m.geom_contype[geom] or m.geom_conaffinity[geom]) or kind not in (ball, capsule):
+            return
+        radius, half = float(m.geom_size[geom, 0]), float(m.geom_size[geom, 1]) if kind == capsule else 0.0
+        axis = np.zeros(9)
+        mj.mju_quat2Mat(axis, m.geom_quat[geom])
+        body = int(m.geom_bodyid[geom])
+        name = m.geom(geom).name or m.body(body).name or f"geom {geom}"
+        for way in (-half, half) if half else (0.0,):
+            yield Foot(name, body, geom, m.geom_pos[geom] + way * axis[2::3], radius, self._chain(body))
+
+    def _reaches_out(self, foot: Foot) -> float:
+        """Distance of the foot from the last joint of its leg, m."""
+        mj.mj_kinematics(self.model, self.data)
+        return float(np.linalg.norm(self.place(foot) - self.data.xanchor[self.model.dof_jntid[foot.dofs[-1]]])) if foot.dofs else 0.0
+
+    def _named_foot(self, name: str, ends: list[Foot]) -> Foot:
+        """A foot by the name of its geom, body or site."""
+        m, kind = self.model, mj.mjtObj
+        geom, body, site = (int(mj.mj_name2id(m, of, name)) for of in (kind.mjOBJ_GEOM, kind.mjOBJ_BODY, kind.mjOBJ_SITE))
+        found: list[Foot] = []
+        if geom >= 0:
+            found = list(self._ball(geom))
+        elif body >= 0:
+            found = [end for end in ends if m.body_weldid[end.body] == m.body_weldid[body]]
+        elif site >= 0:
+            on = int(m.site_bodyid[site])
+            found = [Foot(name, on, None, m.site_pos[site].copy(), 0.0, self._chain(on))]
+        else:
+            seen = ", ".join(end.name for end in ends) or "none"
+            raise Error(f"the model {self.name} has no geom, body or site {name!r}; at the ends of its legs are: {seen}")
+        if not found:
+            raise Error(f"{name!r} of the model {self.name} is no foot: neither a ball nor a capsule that touches things, nor a site")
+        return max(found, key=self._reaches_out)
+
+    # How it stands.
+
+    def _poses(self) -> Iterator[Floats]:
+        """Poses in which the robot may stand, level at the origin."""
+        m = self.model
+        names = [m.key(key).name for key in range(m.nkey)]
+        for key in sorted(range(m.nkey), key=lambda key: (names[key] not in ("home", "stand", "standing"), key)):
+            yield m.key_qpos[key].copy()
+        for sign in (1.0, -1.0):
+            pose = m.qpos0.copy()
+            for foot in self.feet:
+                if len(foot.dofs) == len(BENT):
+                    pose[np.array(foot.dofs) + 1] = sign * np.array(BENT)
+            if self.within_ranges(pose):
+                yield pose
+        yield m.qpos0.copy()
+
+    def _stance(self) -> Floats:
+        """The first pose whose feet are below the robot, or the model's own if there is none."""
+        m = self.model
+        limited = np.flatnonzero(m.jnt_limited[1:]) + 1
+        low, high = m.jnt_range[limited].T
+        spare = np.minimum(2 * SPARE, (high - low) / 4)
+        for pose in self._poses():
+            pose[:7] = [0, 0, 0, 1, 0, 0, 0]
+            at = m.jnt_qposadr[limited]
+            pose[at] = np.clip(pose[at], low + spare, high - spare)
+            self._pose(pose)
+            lowest = self._lowest()
+            if lowest and all(self._stands_on(foot) for foot in lowest):
+                return pose
+        return pose
+
+    def _stands_on(self, foot: Foot) -> bool:
+        """Whether a foot of the present pose is well below its leg's first joint, on a leg that is bent."""
+        anchors = [self.data.xanchor[self.model.dof_jntid[dof]] for dof in foot.dofs]
+        if not anchors:
+            return False
+        points = np.array([*anchors, self.place(foot)])
+        length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        ahead, _, drop = points[0] - points[-1]
+        jacobian = np.zeros((3, self.model.nv))
+        mj.mj_jac(self.model, self.data, jacobian, None, points[-1], foot.body)
+        moves = np.linalg.svd(jacobian[:, list(foot.dofs)], compute_uv=False).min()
+        return bool(drop > DROP * length and abs(ahead) < LEAN * drop and moves > BEND * length)
+
+    def _lowest(self) -> list[Foot]:
+        """The feet of the present pose that stand if any do."""
+        heights = [float(self.place(foot)[2]) - foot.radius for foot in self.feet]
+        lowest = min(heights, default=0.0)
+        above = float(self.center_of_mass()[2]) - lowest
+        return [foot for foot, height in zip(self.feet, heights) if height - lowest < LEVEL * above]
+
+    def _front_left_first(self, foot: Foot) -> tuple[float, float]:
+        """Feet in rows from front to back, each from left to right."""
+        self._pose(self.stance)
+        x, y, _ = self.place(foot)
+        length = max(abs(self.place(other)[0]) for other in self.feet) + 1e-9
+        return -round(x / length * 4), -y
+
+    # Kinematics.
+
+    def _pose(self, qpos: Floats) -> None:
+        self.data.qpos[:] = qpos
+        mj.mj_kinematics(self.model, self.data)
+        mj.mj_comPos(self.model, self.data)
+
+    def place(self, foot: Foot) -> Floats:
+        """Centre of a foot in the present pose, world frame, m."""
+        rotation = self.data.xmat[foot.body].reshape(3, 3)
+        return self.data.xpos[foot.body] + rotation @ foot.center  # type: ignore[no-any-return]
+
+    def center_of_mass(self) -> Floats:
+        """Centre of mass in the present pose, world frame, m."""
+        return self.data.subtree_com[self.base].copy()  # type: ignore[no-any-return]
+
+    def nominal_feet(self) -> Floats:
+        """Where the feet touch the ground in the stance, from the centre of mass, base frame, m, shape (feet, 3)."""
+        self._pose(self.stance)
+        return np.array([self.place(foot) - [0, 0, foot.radius] for foot in self.feet]) - self.center_of_mass()
+
+    def composite_inertia(self) -> Floats:
+        """Inertia of the whole robot in the stance about its centre of mass, base frame, kg m², shape (3, 3)."""
+        self._pose(self.stance)
+        total, com = np.zeros((3, 3)), self.center_of_mass()
+        for body in range(1, self.model.nbody):
+            axes, arm = self.data.ximat[body].reshape(3, 3), self.data.xipos[body] - com
+            own = axes @ np.diag(self.model.body_inertia[body]) @ axes.T
+            total += own + self.model.body_mass[body] * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        return (total + total.T) / 2
+
+    def inverse_kinematics(self, com: Floats, rotation: Floats, feet: Floats) -> tuple[float, Floats]:
+        """A pose with its centre of mass, attitude and centres of feet in given places.
+
+        Joints that belong to no leg stay as in the stance.
+
+        Returns the largest distance that is left, m, and the pose as MuJoCo's ``qpos``.
+        """
+        m, d = self.model, self.data
+        d.qpos[:] = self.stance
+        d.qpos[:3] = com
+        mj.mju_mat2Quat(d.qpos[3:7], rotation.flatten())
+        free = [0, 1, 2, *sorted({dof for foot in self.feet for dof in foot.dofs})]
+        wanted = np.concatenate([feet.ravel(), com])
+        jacobian = np.zeros((len(self.feet) + 1, 3, m.nv))
+        for _ in range(60):
+            self._pose(d.qpos.copy())
+            for foot, rows in zip(self.feet, jacobian):
+                mj.mj_jac(m, d, rows, None, self.place(foot), foot.body)
+            mj.mj_jacSubtreeCom(m, d, jacobian[-1], self.base)
+            missing = wanted - np.concatenate([*(self.place(foot) for foot in self.feet), self.center_of_mass()])
+            if np.abs(missing).max() < 1e-7:
+                break
+            active = jacobian.reshape(-1, m.nv)[:, free]
+            step = active.T @ np.linalg.solve(active @ active.T + 1e-6 * np.eye(len(missing)), missing)
+            move = np.zeros(m.nv)
+            # Short steps, so that knees do not flip.
+            move[free] = step * min(1.0, 0.3 / np.abs(step).max())
+            mj.mj_integratePos(m, d.qpos, move, 1.0)
+        return float(np.abs(missing).max()), d.qpos.copy()
+
+    def within_ranges(self, qpos: Floats) -> bool:
+        """Whether all joints are inside of their ranges."""
+        m = self.model
+        at = m.jnt_qposadr[1:]
+        inside = (m.jnt_range[1:, 0] + SPARE <= qpos[at]) & (qpos[at] <= m.jnt_range[1:, 1] - SPARE)
+        return bool(np.all(inside | (m.jnt_limited[1:] == 0)))
+
+    # Dynamics.
+
+    def state(self, qpos: Floats, qvel: Floats) -> State:
+        """All that a controller needs of a position and a velocity; Jacobians can be asked for afterwards."""
+        m, d = self.model, self.data
+        d.qpos[:], d.qvel[:] = qpos, qvel
+        mj.mj_forward(m, d)
+        inertia, unit = np.zeros((m.nv, m.nv)), np.eye(m.nv)
+        for row, axis in zip(inertia, unit):
+            mj.mj_mulM(m, d, row, axis)
+        com = np.zeros((3, m.nv))
+        mj.mj_jacSubtreeCom(m, d, com, self.base)
+        rotation = d.xmat[self.base].reshape(3, 3).copy()
+        return State(
+            velocity=d.qvel.copy(),
+            com=self.center_of_mass(),
+            com_velocity=com @ d.qvel,
+            rotation=rotation,
+            angular_velocity=rotation @ d.qvel[3:6],
+            feet=np.array([self.place(foot) for foot in self.feet]),
+            inertia=inertia,
+            bias=d.qfrc_bias - d.qfrc_passive,
+        )
+
+    def jacobian(self, foot: Foot, point: Floats) -> tuple[Floats, Floats]:
+        """Of the point of a foot at a place in the world, in the last state.
+
+        Returns what takes velocities of the degrees of freedom to its velocity, shape (3, n), and its acceleration without any of theirs, m/s².
+        """
+        m, d = self.model, self.data
+        jacobian, rate = np.zeros((3, m.nv)), np.zeros((3, m.nv))
+        mj.mj_jac(m, d, jacobian, None, point, foot.body)
+        mj.mj_jacDot(m, d, rate, None, point, foot.body)
+        return jacobian, rate @ d.qvel
+
+
+def _read(path: Path) -> Any:
+    """The model of a file without its world's geometry."""
+    if not os.path.isfile(path):
+        raise Error(f"{os.fspath(path)}: there is no such model")
+    try:
+        spec = mj.MjSpec.from_file(os.fspath(path))
+        for geom in list(spec.worldbody.geoms):
+            spec.delete(geom)
+        spec.compile()
+    except (ValueError, RuntimeError) as error:
+        raise Error(f"{os.fspath(path)}: {error}") from error
+    return spec

@@ -1,0 +1,75 @@
+"""Animations of what is played."""
+
+from __future__ import annotations
+
+import ctypes.util
+import os
+import pathlib
+import sys
+from types import TracebackType
+from typing import Any, Optional
+
+from .. import Error
+from ._engine import Late, mj
+from ._model import Path
+
+#: Frames a second, and their size.
+RATE = 25
+WIDTH, HEIGHT = 480, 320
+#: Kinds of files with several frames.
+KINDS = (".gif", ".png", ".apng", ".webp")
+
+_images: Any = Late("PIL.Image")
+
+
+def headless() -> bool:
+    """Whether there is no display."""
+    return sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def prepare(path: Path) -> None:
+    """Refuses files of other kinds; without a display, pictures are drawn off the screen, if MuJoCo is not yet imported."""
+    if pathlib.Path(path).suffix.lower() not in KINDS:
+        raise Error(f"{os.fspath(path)}: an animation is one of {', '.join(KINDS)}")
+    if headless() and "MUJOCO_GL" not in os.environ and "mujoco" not in sys.modules:
+        # MuJoCo cannot even be imported with a library that is missing.
+        there = [name for name in ("EGL", "OSMesa") if ctypes.util.find_library(name)]
+        if not there:
+            raise Error("no pictures can be drawn without a display: neither EGL nor OSMesa is there (of Debian: libegl1, libosmesa6)")
+        os.environ["MUJOCO_GL"] = there[0].lower()
+
+
+class Film:
+    """Frames of a simulation that become a file at the end."""
+
+    def __init__(self, path: Path, model: Any, base: int, distance: float, rate: float) -> None:
+        self.path, self.every, self.periods = pathlib.Path(path), max(1, round(rate / RATE)), 0
+        self.frames: list[Any] = []
+        try:
+            self.renderer = mj.Renderer(model, HEIGHT, WIDTH)
+        except Exception as error:
+            raise Error(f"no pictures can be drawn here: {error}; MUJOCO_GL=egl or MUJOCO_GL=osmesa draws without a display") from error
+        self.camera = mj.MjvCamera()
+        self.camera.type, self.camera.trackbodyid = mj.mjtCamera.mjCAMERA_TRACKING, base
+        self.camera.distance, self.camera.azimuth, self.camera.elevation = distance, 120.0, -15.0
+
+    def __enter__(self) -> Film:
+        return self
+
+    def __call__(self, _: Any, data: Any) -> None:
+        if self.periods % self.every == 0:
+            self.renderer.update_scene(data, self.camera)
+            self.frames.append(_images.fromarray(self.renderer.render()))
+        self.periods += 1
+
+    def __exit__(self, kind: Optional[type[BaseException]], error: Optional[BaseException], trace: Optional[TracebackType]) -> None:
+        self.renderer.close()
+        if kind is None and self.frames:
+            # Whole or not at all.
+            part = self.path.with_name(f".{self.path.stem}.part{self.path.suffix}")
+            try:
+                self.frames[0].save(part, save_all=True, append_images=self.frames[1:], duration=1000 // RATE, loop=0)
+                part.replace(self.path)
+            except OSError as failure:
+                part.unlink(missing_ok=True)
+                raise Error(f"{self.path}: {failure}") from failure

@@ -1,0 +1,261 @@
+"""Plans played on a small robot in MuJoCo."""
+
+import copy
+import json
+import math
+import os
+import pathlib
+import re
+import subprocess
+import sys
+from typing import Any
+
+import cregopt
+import cregopt.mujoco
+import numpy as np
+import pytest
+
+# Without a display pictures are drawn off the screen; counts when MuJoCo is imported.
+if sys.platform == "linux" and not os.environ.get("DISPLAY"):
+    os.environ.setdefault("MUJOCO_GL", "egl")
+pytest.importorskip("mujoco")
+pytest.importorskip("daqp")
+
+LEG = """
+<body name="{name}_hip" pos="{x} {y} 0">
+  <inertial pos="0 0 0" mass="0.5" diaginertia="6e-4 6e-4 6e-4"/>
+  <joint name="{name}_roll" axis="1 0 0" range="-0.9 0.9"/>
+  <body name="{name}_thigh" pos="0 {out} 0">
+    <joint name="{name}_pitch" axis="0 1 0" range="-1.5 3.2"/>
+    <geom type="capsule" size="0.015" fromto="0 0 0 0 0 -0.2" mass="0.6"/>
+    <body name="{name}_shank" pos="0 0 -0.2">
+      <joint name="{name}_knee" axis="0 1 0" range="-2.7 -0.6"/>
+      <geom type="capsule" size="0.01" fromto="0 0 0 0 0 -0.18" mass="0.15"/>
+      <geom name="{name}" type="sphere" size="0.02" pos="0 0 -0.2" mass="0.05"/>
+    </body>
+  </body>
+</body>
+"""
+
+
+def mjcf(legs: dict[str, tuple[float, float]], trunk: float = 7.0) -> str:
+    """A box on legs with three motors each; without a keyframe, and on a floor that is not for it."""
+    bodies = "".join(LEG.format(name=name, x=x, y=y, out=math.copysign(0.06, y)) for name, (x, y) in legs.items())
+    limits = {"roll": 20, "pitch": 20, "knee": 35}
+    motors = "".join(f'<motor joint="{leg}_{joint}" ctrlrange="-{limit} {limit}"/>' for leg in legs for joint, limit in limits.items())
+    return f"""
+<mujoco model="small">
+  <compiler angle="radian"/>
+  <default><joint damping="0.1" armature="0.01"/></default>
+  <worldbody>
+    <geom name="floor" type="plane" size="5 5 0.1" pos="0 0 0.3"/>
+    <body name="trunk" pos="0 0 0.5">
+      <freejoint/>
+      <geom type="box" size="0.2 0.07 0.05" mass="{trunk}"/>
+      {bodies}
+    </body>
+  </worldbody>
+  <actuator>{motors}</actuator>
+</mujoco>
+"""
+
+
+# Not in the order of plans.
+LEGS = {"RR": (-0.18, -0.06), "FL": (0.18, 0.06), "FR": (0.18, -0.06), "RL": (-0.18, 0.06)}
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    path = tmp_path_factory.mktemp("model") / "small.xml"
+    path.write_text(mjcf(LEGS))
+    return path
+
+
+@pytest.fixture(scope="module")
+def trot(model: pathlib.Path) -> cregopt.Gait:
+    task = cregopt.Task(cregopt.mujoco.robot(model), cregopt.Terrain("flat", friction=0.7), goal=(0.5, 0.1), yaw=0.2)
+    gait = cregopt.search(task, gaits="trot", first=True, device="cpu")
+    assert gait.feasible
+    return gait
+
+
+def test_a_robot_is_made_of_the_model(model: pathlib.Path) -> None:
+    robot = cregopt.mujoco.robot(model)
+    assert robot.mass == pytest.approx(7 + 4 * 1.3)
+    feet = robot.nominal_feet
+    # Front before rear, left before right; level.
+    assert np.array_equal(np.sign(feet[:, :2]), [[1, 1], [1, -1], [-1, 1], [-1, -1]])
+    assert np.ptp(feet[:, 2]) < 1e-9 and -0.4 < feet[0, 2] < -0.2
+    described = robot.to_dict()
+    # The trunk as a box and the legs' masses at their hips bound the inertia about z.
+    trunk = 7 / 12 * (0.4**2 + 0.14**2)
+    assert trunk + 4 * 1.3 * 0.18**2 < described["inertia"][2][2] < trunk + 4 * 1.3 * (0.25**2 + 0.13**2)
+    assert np.allclose(described["inertia"], np.transpose(described["inertia"]))
+    assert described["foot_radius"] == 0.02
+    assert all(0.02 < half < 0.15 for half in described["reach"])
+
+
+def test_a_trot_stays_upright_and_on_its_plan(trot: cregopt.Gait, model: pathlib.Path) -> None:
+    report = cregopt.mujoco.play(trot, model)
+    assert report.upright and report.followed and report.fall is None, str(report)
+    assert report.position_error_rms < report.position_error_max < 0.05
+    assert report.end_error < 0.03
+    assert 0.2 < report.torque_share <= 1
+    assert 1 < report.joint_speed < report.joint_speed_limit
+    assert report.missing_contact < 0.2 and report.slip_max < 0.05
+    assert (report.friction, report.seed, report.unsolved) == (0.7, None, 0)
+
+
+def test_seeds_disturb_and_repeat(trot: cregopt.Gait, model: pathlib.Path) -> None:
+    once, again = (cregopt.mujoco.play(trot, model, seed=4, friction=0.6) for _ in range(2))
+    assert once == again
+    assert once.friction != 0.6 and abs(once.friction / 0.6 - 1) <= 0.1
+    assert once.followed and once != cregopt.mujoco.play(trot, model, seed=5, friction=0.6)
+
+
+def swapped(plan: dict[str, Any], robot: cregopt.Robot, one: int, other: int) -> dict[str, Any]:
+    """The plan with two feet in each other's place."""
+    plan, away = copy.deepcopy(plan), robot.nominal_feet[other] - robot.nominal_feet[one]
+    for values in (plan["durations"], plan["ee"]):
+        values[one], values[other] = values[other], values[one]
+    for foot, sign in ((one, -1), (other, 1)):
+        for node in plan["ee"][foot]["motion"]["nodes"]:
+            node[:3] = list(np.array(node[:3]) + sign * away)
+    return plan
+
+
+def test_a_plan_whose_feet_go_in_the_wrong_order_falls(trot: cregopt.Gait, model: pathlib.Path) -> None:
+    # Both front feet together, then both hind feet, with the base of a trot.
+    bound = swapped(trot.trajectory.to_dict(), trot.task.robot, 1, 3)
+    report = cregopt.mujoco.play(bound, model)
+    assert not report.upright and report.fall and report.fall_time is not None and 0 < report.fall_time < report.horizon, str(report)
+    assert not report.followed and "falls at" in str(report)
+
+
+def test_forces_that_do_not_fit_the_motion_are_told(trot: cregopt.Gait, model: pathlib.Path) -> None:
+    plan = trot.trajectory.to_dict()
+    for foot in plan["ee"]:
+        foot["force"]["nodes"] = [[3 * value for value in node] for node in foot["force"]["nodes"]]
+    report = cregopt.mujoco.play(plan, model)
+    assert not report.followed and report.position_error_max > 0.1, str(report)
+
+
+def test_ice_and_weak_motors_are_told(trot: cregopt.Gait, model: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    ice = cregopt.mujoco.play(trot, model, friction=0.03)
+    assert not ice.followed, str(ice)
+    weak = tmp_path / "weak.xml"
+    weak.write_text(mjcf(LEGS).replace('ctrlrange="-20 20"', 'ctrlrange="-3 3"').replace('ctrlrange="-35 35"', 'ctrlrange="-3 3"'))
+    report = cregopt.mujoco.play(trot, weak)
+    assert not report.upright and report.fall_time is not None and report.fall
+    assert report.torque_share == pytest.approx(1) and report.torque_saturated > 0.3
+
+
+def test_uneven_ground_is_under_the_robot(model: pathlib.Path) -> None:
+    x = np.arange(-2, 3, 0.05)
+    hill = np.tile(0.06 / (1 + np.exp(-(x - 0.4) / 0.1)), (len(x), 1)).T
+    terrain = cregopt.Terrain.heights(hill, cell=0.05, origin=(-2, -2))
+    gait = cregopt.search(cregopt.Task(cregopt.mujoco.robot(model), terrain, goal=(0.8, 0.0)), gaits="trot,walk", device="cpu", first=True)
+    assert gait.feasible
+    report = cregopt.mujoco.play(gait, model)
+    assert report.followed, str(report)
+    level = gait.trajectory.to_dict()
+    level["terrain"] = cregopt.Terrain("flat").to_dict()
+    assert cregopt.mujoco.play(level, model).position_error_max > 0.03 > report.position_error_max
+
+
+def test_plans_for_other_robots_are_refused(trot: cregopt.Gait, model: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    six = tmp_path / "six.xml"
+    six.write_text(mjcf({**LEGS, "ML": (0.0, 0.1), "MR": (0.0, -0.1)}))
+    heavy = tmp_path / "heavy.xml"
+    heavy.write_text(mjcf(LEGS, trunk=8.0))
+    stuck = tmp_path / "stuck.xml"
+    stuck.write_text(mjcf(LEGS).replace("<freejoint/>", ""))
+    weightless = tmp_path / "passive.xml"
+    weightless.write_text(mjcf(LEGS).replace('<motor joint="FL_knee" ctrlrange="-35 35"/>', ""))
+    cases = [
+        (six, None, "the model six has 6 feet (FL, FR, ML, MR, RL, RR), the plan 4"),
+        (heavy, None, "the plan is for a robot of 12.2 kg, the model heavy weighs 13.2 kg, more than 5 % apart"),
+        (stuck, None, "the model stuck has no free joint at its base"),
+        (weightless, None, "joint FL_knee of the model passive has no motor"),
+        (tmp_path / "none.xml", None, "none.xml: there is no such model"),
+        (model, ["FL", "FR", "RL"], "the model small has 3 feet (FL, FR, RL), the plan 4"),
+        (model, ["FL", "FR", "RL", "tail"], "no geom, body or site 'tail'; at the ends of its legs are: RR, FL, FR, RL"),
+        (model, ["FL", "FR", "RL", "trunk"], "'trunk' of the model small is no foot"),
+    ]
+    for path, feet, told in cases:
+        with pytest.raises(cregopt.Error) as error:
+            cregopt.mujoco.play(trot, path, feet=feet)
+        assert told in str(error.value)
+    with pytest.raises(cregopt.Error, match="friction -1"):
+        cregopt.mujoco.play(trot, model, friction=-1)
+    with pytest.raises(cregopt.Error, match=r"film.avi: an animation is one of \.gif"):
+        cregopt.mujoco.play(trot, model, video="film.avi")
+
+
+def test_motors_that_hold_positions_serve_too(trot: cregopt.Gait, model: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    servos = tmp_path / "small.xml"
+    motors = re.compile(r'<motor joint="(\w+)" ctrlrange="-(\d+) \d+"/>')
+    text, n = motors.subn(r'<position joint="\1" kp="50" forcerange="-\2 \2"/>', model.read_text())
+    servos.write_text(text)
+    assert n == 12 and cregopt.mujoco.play(trot, servos) == cregopt.mujoco.play(trot, model)
+
+
+def test_a_hexapod_goes_as_a_tripod(tmp_path: pathlib.Path) -> None:
+    model = tmp_path / "six.xml"
+    model.write_text(mjcf({**LEGS, "ML": (0.0, 0.12), "MR": (0.0, -0.12)}))
+    task = cregopt.Task(cregopt.mujoco.robot(model), cregopt.Terrain("flat"), goal=(0.3, 0.0))
+    gait = cregopt.search(task, gaits="tripod", first=True, device="cpu")
+    report = cregopt.mujoco.play(gait, model)
+    assert gait.feasible and report.followed, str(report)
+
+
+def test_an_animation_has_a_frame_for_each_moment(
+    trot: cregopt.Gait, model: pathlib.Path, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    image = pytest.importorskip("PIL.Image")
+    film = tmp_path / "film.gif"
+    monkeypatch.setattr("cregopt.mujoco._video.RATE", 5)
+    try:
+        report = cregopt.mujoco.play(trot, model, video=film)
+    except cregopt.Error as error:
+        pytest.skip(str(error))
+    assert list(tmp_path.iterdir()) == [film]
+    with image.open(film) as shown:
+        assert shown.n_frames == pytest.approx(5 * (report.horizon + 0.8), abs=1)
+        shown.seek(shown.n_frames // 2)
+        # The robot in front of a ground: many colours.
+        assert len(shown.convert("RGB").getcolors(1 << 20)) > 20
+
+
+def test_feet_can_be_named_by_their_bodies(trot: cregopt.Gait, model: pathlib.Path) -> None:
+    named = cregopt.mujoco.play(trot, model, feet=["FL_shank", "FR_shank", "RL_shank", "RR_shank"])
+    assert named == cregopt.mujoco.play(trot, model)
+
+
+def run(*arguments: str) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run([sys.executable, "-m", "cregopt.mujoco", *arguments], capture_output=True, text=True, timeout=120)
+
+
+def test_the_program_plays_and_makes_robots(trot: cregopt.Gait, model: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    trot.trajectory.save(tmp_path / "trajectory.json")
+    plan, robot = str(tmp_path / "trajectory.json"), tmp_path / "robot.toml"
+    played = run(plan, "--model", str(model), "--json", "--friction", "0.8")
+    assert played.returncode == 0, played.stderr
+    report: dict[str, Any] = json.loads(played.stdout)
+    assert report["upright"] and report["followed"] and report["friction"] == 0.8
+    (tmp_path / "bound.json").write_text(json.dumps(swapped(trot.trajectory.to_dict(), trot.task.robot, 1, 3)))
+    fallen = run(str(tmp_path / "bound.json"), "--model", str(model))
+    assert fallen.returncode == 3 and "falls at" in fallen.stdout, fallen.stdout + fallen.stderr
+    assert run("--model", str(model), "--robot", str(robot)).returncode == 0
+    assert cregopt.Robot.from_file(robot) == cregopt.mujoco.robot(model)
+    missing = run("nowhere.json", "--model", str(model))
+    assert missing.returncode == 4 and missing.stderr.startswith("error: ") and "nowhere.json" in missing.stderr
+    assert run("--model", str(model)).returncode == 2
+
+
+def test_without_mujoco_it_says_what_to_install(model: pathlib.Path) -> None:
+    code = "import sys; sys.modules['mujoco'] = None\nfrom cregopt.mujoco.__main__ import main\nsys.exit(main(sys.argv[1:]))"
+    arguments = [sys.executable, "-c", code, "--model", str(model), "--robot", "robot.json"]
+    run = subprocess.run(arguments, capture_output=True, text=True, timeout=120)
+    assert run.returncode == 4 and run.stderr.startswith("error: cregopt.mujoco needs mujoco"), run.stderr
+    assert run.stderr.endswith("pip install cregopt[mujoco]\n")
