@@ -35,7 +35,7 @@ pub struct JointSample {
 /// Where something is nearest to its limit, or farthest beyond.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct Worst {
+pub struct Nearest {
     /// Name of the joint, or of the foot.
     pub name: String,
     /// Unit of the value and of the limit.
@@ -53,30 +53,30 @@ pub struct Worst {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct JointLimits {
     /// Distance of a position to the nearer one of its limits, rad or m; positions are never beyond.
-    pub position_margin: Option<Worst>,
+    pub position_margin: Option<Nearest>,
     /// Speed in shares of its limit.
-    pub velocity: Option<Worst>,
+    pub velocity: Option<Nearest>,
     /// Torque or force in shares of its limit.
-    pub effort: Option<Worst>,
+    pub effort: Option<Nearest>,
     /// Distance of a foot from where the motion has it, m: joints at their limits brought it no nearer.
-    pub miss: Worst,
+    pub miss: Nearest,
     /// Whether none of them is beyond its limit.
     pub kept: bool,
 }
 
 impl fmt::Display for JointLimits {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let mut line = |what: &str, worst: &Option<Worst>, say: &dyn Fn(&Worst) -> String| match worst {
+        let mut line = |what: &str, worst: &Option<Nearest>, say: &dyn Fn(&Nearest) -> String| match worst {
             Some(w) => writeln!(f, "  {what:<10}{}, joint {} at {:.3} s", say(w), w.name, w.time),
             None => writeln!(f, "  {what:<10}no limits"),
         };
-        let distance = |w: &Worst| format!("{:.4} {} from its limit {:.4}", (w.value - w.limit).abs(), w.unit, w.limit);
+        let distance = |w: &Nearest| format!("{:.4} {} from its limit {:.4}", (w.value - w.limit).abs(), w.unit, w.limit);
         let share =
-            |w: &Worst| format!("{:.1} % of its limit: {:.3} of {:.3} {}", 100. * w.value.abs() / w.limit, w.value, w.limit, w.unit);
+            |w: &Nearest| format!("{:.1} % of its limit: {:.3} of {:.3} {}", 100. * w.value.abs() / w.limit, w.value, w.limit, w.unit);
         line("position", &self.position_margin, &distance)?;
         line("velocity", &self.velocity, &share)?;
         line("torque", &self.effort, &share)?;
-        let Worst { name, time, value, .. } = &self.miss;
+        let Nearest { name, time, value, .. } = &self.miss;
         if *value > 0. {
             writeln!(f, "  foot {name} is out of reach by {value:.4} m at {time:.3} s")?;
         }
@@ -96,7 +96,7 @@ pub struct JointMotion {
 }
 
 /// Keeps the worse of two: that which is greater by a measure.
-fn keep(worst: &mut Option<Worst>, measure: impl Fn(&Worst) -> f64, new: Worst) {
+fn keep(worst: &mut Option<Nearest>, measure: impl Fn(&Nearest) -> f64, new: Nearest) {
     if worst.as_ref().is_none_or(|old| measure(&new) > measure(old)) {
         *worst = Some(new);
     }
@@ -122,7 +122,7 @@ pub fn follow(trajectory: &Trajectory, robot: &Robot, rate: f64) -> Result<Joint
     let mut tracker = Tracker::new(legs);
     let samples = motion.times(rate).into_iter().map(|time| tracker.sample(&motion, time)).collect();
     let Tracker { position, velocity, effort, miss, .. } = tracker;
-    let beyond = |worst: &Option<Worst>| worst.as_ref().is_some_and(|w| w.value.abs() > w.limit);
+    let beyond = |worst: &Option<Nearest>| worst.as_ref().is_some_and(|w| w.value.abs() > w.limit);
     let kept = !beyond(&velocity) && !beyond(&effort) && miss.value <= miss.limit;
     Ok(JointMotion {
         joints: legs.iter().flat_map(|leg| leg.chain.clone()).collect(),
@@ -143,15 +143,15 @@ pub fn limits(trajectory: &Trajectory, robot: &Robot) -> Result<Option<JointLimi
 struct Tracker<'a> {
     legs: &'a [Leg],
     joints: Vec<Vec<f64>>,
-    position: Option<Worst>,
-    velocity: Option<Worst>,
-    effort: Option<Worst>,
-    miss: Worst,
+    position: Option<Nearest>,
+    velocity: Option<Nearest>,
+    effort: Option<Nearest>,
+    miss: Nearest,
 }
 
 impl Tracker<'_> {
     fn new(legs: &[Leg]) -> Tracker<'_> {
-        let miss = Worst { name: String::new(), unit: "m", time: 0., value: 0., limit: ALLOWED_MISS };
+        let miss = Nearest { name: String::new(), unit: "m", time: 0., value: 0., limit: ALLOWED_MISS };
         Tracker { legs, joints: legs.iter().map(Leg::nominal).collect(), position: None, velocity: None, effort: None, miss }
     }
 
@@ -168,7 +168,7 @@ impl Tracker<'_> {
             let center = to_base * (place.value + Vector3::z() * leg.radius - base.position);
             let (joints, missed) = leg.approach(&center, &self.joints[foot]);
             if missed > PRECISION && missed > self.miss.value {
-                self.miss = Worst { name: leg.foot.clone(), time, value: missed, ..self.miss };
+                self.miss = Nearest { name: leg.foot.clone(), time, value: missed, ..self.miss };
             }
             let at = leg.posture(&joints);
             let against_base = to_base * (place.first - base.velocity) - omega.cross(&center);
@@ -188,11 +188,11 @@ impl Tracker<'_> {
     /// Compares what a joint does with what it can.
     fn look(&mut self, joint: &LegJoint, time: f64, [position, velocity, effort]: [f64; 3]) {
         let units = if joint.turns { ["rad", "rad/s", "N m"] } else { ["m", "m/s", "N"] };
-        let worst = |unit: usize, value: f64, limit: f64| Worst { name: joint.name.clone(), unit: units[unit], time, value, limit };
+        let worst = |unit: usize, value: f64, limit: f64| Nearest { name: joint.name.clone(), unit: units[unit], time, value, limit };
         for limit in joint.limits.into_iter().filter(|limit| limit.is_finite()) {
             keep(&mut self.position, |w| -(w.value - w.limit).abs(), worst(0, position, limit));
         }
-        let share = |w: &Worst| w.value.abs() / w.limit;
+        let share = |w: &Nearest| w.value.abs() / w.limit;
         joint.velocity.into_iter().for_each(|limit| keep(&mut self.velocity, share, worst(1, velocity, limit)));
         joint.effort.into_iter().for_each(|limit| keep(&mut self.effort, share, worst(2, effort, limit)));
     }
