@@ -32,6 +32,7 @@ LEG = """
       <joint name="{name}_knee" axis="0 1 0" range="-2.7 -0.6"/>
       <geom type="capsule" size="0.01" fromto="0 0 0 0 0 -0.18" mass="0.15"/>
       <geom name="{name}" type="sphere" size="0.02" pos="0 0 -0.2" mass="0.05"/>
+      <site name="{name}_tip" pos="0 0 -0.22"/>
     </body>
   </body>
 </body>
@@ -227,9 +228,12 @@ def test_an_animation_has_a_frame_for_each_moment(
         assert len(shown.convert("RGB").getcolors(1 << 20)) > 20
 
 
-def test_feet_can_be_named_by_their_bodies(trot: cregopt.Gait, model: pathlib.Path) -> None:
+def test_feet_can_be_named_by_bodies_and_sites(trot: cregopt.Gait, model: pathlib.Path) -> None:
     named = cregopt.mujoco.play(trot, model, feet=["FL_shank", "FR_shank", "RL_shank", "RR_shank"])
     assert named == cregopt.mujoco.play(trot, model)
+    # Points under the balls.
+    tips = cregopt.mujoco.play(trot, model, feet=["FL_tip", "FR_tip", "RL_tip", "RR_tip"])
+    assert tips != named and tips.followed and tips.missing_contact < 0.2, str(tips)
 
 
 def run(*arguments: str) -> "subprocess.CompletedProcess[str]":

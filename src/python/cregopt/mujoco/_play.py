@@ -183,6 +183,7 @@ class _Simulation:
             for f, foot in enumerate(self.machine.feet)
             if foot.geom is not None
         }
+        self.foot_on = {foot.body: f for f, foot in enumerate(self.machine.feet) if foot.geom is None}
         # The base and what hangs on it directly may not touch the ground.
         self.trunk = {b for b in range(m.nbody) if base in (m.body_weldid[b], m.body_weldid[m.body_parentid[m.body_weldid[b]]])}
         self.sliding = _Sliding(self.plan.n_feet, report)
@@ -258,16 +259,14 @@ class _Simulation:
             if self.ground not in (contact.geom1, contact.geom2):
                 continue
             other = contact.geom2 if contact.geom1 == self.ground else contact.geom1
-            body = self.model.geom_bodyid[other]
-            trunk |= int(body) in self.trunk
-            foot = self.foot_of.get(int(other))
-            if foot is None:
-                # A foot that is named as a site stands on whatever its body has.
-                on = [f for f, named in enumerate(self.machine.feet) if named.geom is None and named.body == body]
-                foot = on[0] if on else None
+            body = int(self.model.geom_bodyid[other])
+            # A foot that is named as a site stands on whatever its body has.
+            foot = self.foot_of.get(int(other), self.foot_on.get(body))
             if foot is not None:
                 mj.mj_contactForce(self.model, self.data, number, force)
                 loads[foot] += force[0]
+            else:
+                trunk |= body in self.trunk
         return loads, trunk
 
     def _fall(self, state: State, k: int, away: Floats, trunk_touches: bool) -> Optional[str]:
