@@ -48,6 +48,9 @@ def test_options_reach_the_search(task: cregopt.Task) -> None:
     assert gait.alternatives[0].feasible and gait.alternatives[0].schedule == result["alternatives"][0]["durations"]
     first = cregopt.search(task, first=True)
     assert first.feasible and first.to_dict()["generations"][-1]["generation"] == 0
+    assert first.to_dict()["search"]["gaits"] == "all"
+    papers = cregopt.search(task, preset="experiment1", first=True, population=4, generations=1)
+    assert papers.to_dict()["search"]["gaits"] == "free"
     around = cregopt.search(task, gaits=gait.schedule, first=True, seconds=60.0)
     assert around.schedule == gait.schedule
     few = {"refine": {"iterations": 3}}

@@ -25,7 +25,7 @@ def search(
     *,
     seed: int = 1,
     first: bool = False,
-    gaits: Union[str, Sequence[str], Schedule] = "all",
+    gaits: Union[str, Sequence[str], Schedule, None] = None,
     population: Optional[int] = None,
     generations: Optional[int] = None,
     seconds: Optional[float] = None,
@@ -53,9 +53,9 @@ def search(
         Seed of all random numbers.
     first : bool, default False
         End with the first gait.
-    gaits : str, list of str, or list of lists of float, default "all"
+    gaits : str, list of str, or list of lists of float, optional
         Which gaits: ``all`` families that the robot can have, some of them (``"trot,walk"`` or a list), ``free`` for any schedule at all, a JSON
-        file with ``durations``, or a schedule, near which is looked.
+        file with ``durations``, or a schedule, near which is looked. ``all`` unless a preset says otherwise.
     population : int, optional
         Candidates a generation; 16 unless a preset says otherwise.
     generations : int, optional
@@ -99,7 +99,7 @@ def search(
     """
     tables = dict(settings or {})
     gait: Optional[str] = None
-    if isinstance(gaits, str):
+    if gaits is None or isinstance(gaits, str):
         gait = gaits
     elif all(isinstance(family, str) for family in gaits):
         gait = ",".join(str(family) for family in gaits)
