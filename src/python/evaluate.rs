@@ -37,6 +37,34 @@ pub struct Evaluation {
 
 #[pymethods]
 impl Evaluation {
+    #[new]
+    #[pyo3(signature = (feasible, n_violated, max_violation, cost, iterations, horizon, trajectories = None))]
+    #[expect(clippy::too_many_arguments, reason = "its columns")]
+    fn new(
+        py: Python<'_>,
+        feasible: Py<PyArray1<bool>>,
+        n_violated: Py<PyArray1<i64>>,
+        max_violation: Py<PyArray1<f64>>,
+        cost: Py<PyArray1<f64>>,
+        iterations: Py<PyArray1<i64>>,
+        horizon: Py<PyArray1<f64>>,
+        trajectories: Option<Vec<Py<Trajectory>>>,
+    ) -> PyResult<Self> {
+        let n = feasible.bind(py).len()?;
+        let lengths = [
+            ("n_violated", n_violated.bind(py).len()?),
+            ("max_violation", max_violation.bind(py).len()?),
+            ("cost", cost.bind(py).len()?),
+            ("iterations", iterations.bind(py).len()?),
+            ("horizon", horizon.bind(py).len()?),
+            ("trajectories", trajectories.as_ref().map_or(n, Vec::len)),
+        ];
+        if let Some((name, length)) = lengths.into_iter().find(|&(_, length)| length != n) {
+            return Err(raised(Error::invalid(name, format!("{length} values"), format!("{n}, as many as in `feasible`"))));
+        }
+        Ok(Evaluation { feasible, n_violated, max_violation, cost, iterations, horizon, trajectories })
+    }
+
     fn __len__(&self, py: Python<'_>) -> PyResult<usize> {
         self.feasible.bind(py).len()
     }

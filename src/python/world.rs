@@ -396,6 +396,18 @@ impl Task {
         self.0.task.force_limit
     }
 
+    /// Built-in scenario and its target (1 to 20) that it was named by, each None where it was not.
+    #[getter]
+    fn scenario(&self) -> (Option<&str>, Option<usize>) {
+        self.0.named
+    }
+
+    /// The same with a name, for copies in other processes.
+    fn _named(&self, scenario: &str, target: Option<usize>) -> PyResult<Task> {
+        let name = Scenario::named(scenario).raise()?.name;
+        Ok(Task(Arc::new(Way { named: (Some(name), target), ..(*self.0).clone() })))
+    }
+
     fn __repr__(&self) -> String {
         let task = &self.0.task;
         let [from, to] = [&task.start, &task.goal].map(|state| state.position);

@@ -8,6 +8,8 @@ True
 >>> gait.sample(rate=100).forces.shape[1:]
 (4, 3)
 
+On many machines: ``help("cregopt.distributed")``.
+
 Units are SI, angles rad, and forces act on the robot. World frame: z up; base frame: x forward, y left, in the centre of mass.
 """
 
@@ -28,6 +30,7 @@ from ._cregopt import (
     __version__,
     verify,
 )
+from . import _pickle as _pickle
 from ._search import evaluate, search, solve
 
 __all__ = [

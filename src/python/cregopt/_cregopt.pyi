@@ -91,6 +91,9 @@ class Task:
     def via(self) -> list[dict[str, Any]]: ...
     @property
     def force_limit(self) -> Optional[float]: ...
+    @property
+    def scenario(self) -> tuple[Optional[str], Optional[int]]: ...
+    def _named(self, scenario: str, target: Optional[int]) -> Task: ...
 
 @final
 class Samples:
@@ -203,6 +206,16 @@ class Gait:
 
 @final
 class Evaluation:
+    def __new__(
+        cls,
+        feasible: NDArray[np.bool_],
+        n_violated: NDArray[np.int64],
+        max_violation: _Floats,
+        cost: _Floats,
+        iterations: NDArray[np.int64],
+        horizon: _Floats,
+        trajectories: Optional[list[Trajectory]] = None,
+    ) -> Evaluation: ...
     @property
     def feasible(self) -> NDArray[np.bool_]: ...
     @property

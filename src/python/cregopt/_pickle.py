@@ -1,0 +1,52 @@
+"""Copies of the package's objects in other processes: pickle and copy ask here how."""
+
+from __future__ import annotations
+
+import copyreg
+from typing import Any, Optional
+
+from ._cregopt import Evaluation, Robot, Task, Terrain, Trajectory
+
+_World = dict[str, Any]
+
+
+def parts(task: Task) -> dict[str, Any]:
+    """All that a task says, as numbers, texts, lists and dictionaries."""
+    return {
+        "robot": task.robot.to_dict(),
+        "terrain": task.terrain.to_dict(),
+        "start": task.start,
+        "goal": task.goal,
+        "via": task.via,
+        "force_limit": task.force_limit,
+        "scenario": task.scenario,
+    }
+
+
+def of_parts(
+    robot: _World,
+    terrain: _World,
+    start: _World,
+    goal: _World,
+    via: list[_World],
+    force_limit: Optional[float],
+    scenario: tuple[Optional[str], Optional[int]],
+) -> Task:
+    """The task with these parts."""
+    world = (Robot.from_dict(robot), Terrain.from_dict(terrain))
+    task = Task(*world, goal, start=start, via=via, force_limit=force_limit)
+    name, target = scenario
+    return task if name is None else task._named(name, target)
+
+
+def _columns(found: Evaluation) -> tuple[Any, ...]:
+    arrays = (found.feasible, found.n_violated, found.max_violation, found.cost, found.iterations, found.horizon)
+    return (*arrays, found.trajectories)
+
+
+# What an import from a URDF found besides the robot stays behind, as it does in a task.
+copyreg.pickle(Robot, lambda robot: (Robot.from_dict, (robot.to_dict(),)))
+copyreg.pickle(Terrain, lambda terrain: (Terrain.from_dict, (terrain.to_dict(),)))
+copyreg.pickle(Task, lambda task: (of_parts, tuple(parts(task).values())))
+copyreg.pickle(Trajectory, lambda motion: (Trajectory.from_dict, (motion.to_dict(),)))
+copyreg.pickle(Evaluation, lambda found: (Evaluation, _columns(found)))

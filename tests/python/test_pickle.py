@@ -1,0 +1,56 @@
+"""Copies in other processes."""
+
+import copy
+import pickle
+
+import cregopt
+import numpy as np
+import pytest
+
+
+def again(task: cregopt.Task) -> cregopt.Task:
+    """The task as another process gets it."""
+    copied: cregopt.Task = pickle.loads(pickle.dumps(task))
+    for name in ("robot", "terrain", "start", "goal", "via", "force_limit", "scenario"):
+        assert getattr(copied, name) == getattr(task, name), name
+    assert repr(copied) == repr(task)
+    return copied
+
+
+def test_a_copied_task_is_the_same(task: cregopt.Task, gait: cregopt.Gait) -> None:
+    again(task)
+    z = np.random.default_rng(3).uniform(0.0, 0.05, (40, 30))
+    terrain = cregopt.Terrain.heights(z, cell=0.15, origin=(-2.0, -2.0), friction=0.6, name="rough")
+    goal = {"xy": [1.0, 0.1], "z": 0.52, "yaw": 3.0, "tilt": [0.01, -0.02], "velocity": [0.1, 0.0, 0.0], "rates": [0.0, 0.1, 0.0]}
+    rough = cregopt.Task(task.robot, terrain, goal, start=(0.1, 0.05), start_yaw=1 / 3, force_limit=300.0)
+    assert again(rough).terrain.height(0.33, 0.21) == terrain.height(0.33, 0.21)
+    way = cregopt.Task(task.robot, task.terrain, goal=(2.0, 0.0), yaw=0.4, start=gait, via=[(1.4, 0.1), {"xy": [1.7, 0.0], "yaw": 0.1}])
+    assert ["yaw" in place for place in again(way).via] == [False, True]
+
+
+def test_a_copied_task_has_the_same_gaits_under_the_same_name(gait: cregopt.Gait) -> None:
+    task = cregopt.Task.from_scenario("s1", target=3)
+    assert task.scenario == ("s1", 3)
+    found = [cregopt.search(t, gaits="trot", first=True, device="cpu").trajectory for t in (task, again(task))]
+    assert found[0] == found[1] and found[0].to_dict()["scenario"] == "s1"
+    assert pickle.loads(pickle.dumps(found[0])) == found[0]
+    with pytest.raises(cregopt.Error, match="unknown scenario `s9`"):
+        task._named("s9", None)
+
+
+def test_a_copied_evaluation_is_the_same(task: cregopt.Task, gait: cregopt.Gait) -> None:
+    short = [[0.1] for _ in gait.schedule]
+    found = cregopt.evaluate(task, [gait.schedule, short], trajectories=True, device="cpu")
+    for copied in (pickle.loads(pickle.dumps(found)), copy.deepcopy(found)):
+        for name in ("feasible", "n_violated", "max_violation", "cost", "iterations", "horizon"):
+            np.testing.assert_array_equal(getattr(copied, name), getattr(found, name))
+        assert copied.trajectories == found.trajectories and len(copied) == 2 and np.isnan(copied.cost[1])
+
+
+def test_columns_of_an_evaluation_are_as_long(task: cregopt.Task, gait: cregopt.Gait) -> None:
+    found = cregopt.evaluate(task, [gait.schedule], device="cpu")
+    columns = (found.feasible, found.n_violated, found.max_violation, found.cost, found.iterations)
+    with pytest.raises(cregopt.Error, match="horizon: 3 values, but it must be 1, as many as in `feasible`"):
+        cregopt.Evaluation(*columns, np.ones(3))
+    with pytest.raises(cregopt.Error, match="trajectories: 0 values"):
+        cregopt.Evaluation(*columns, found.horizon, [])
