@@ -1,0 +1,95 @@
+"""Candidates a second on workers of a cluster of this machine, beside threads of one process, and bytes a candidate.
+
+    python benches/on_ray.py --candidates 192 --rounds 3 --workers 1,2,4
+
+Needs the package with its extra (pip install '.[ray]') and Linux. Each worker has one CPU, of which Ray is told that there are as many as workers.
+Rounds take turns and medians are told, for machines are shared; where others take the cores, seconds of CPU say more: those of Ray's processes are
+among them.
+"""
+
+import argparse
+import os
+import pathlib
+import pickle
+import random
+import statistics
+import time
+from typing import Any, Callable
+
+import cregopt
+import ray
+from cregopt import distributed
+
+
+def population(task: cregopt.Task, candidates: int) -> list[list[list[float]]]:
+    """Schedules about a trot."""
+    draw = random.Random(1)
+    around = cregopt.search(task, gaits="trot", first=True, device="cpu").schedule
+    schedules = []
+    for _ in range(candidates):
+        feet = [[phase * draw.uniform(0.9, 1.1) for phase in foot] for foot in around]
+        schedules.append([[phase * sum(feet[0]) / sum(foot) for phase in foot] for foot in feet])
+    return schedules
+
+
+def cpu() -> float:
+    """What this process and those of Ray have used, s."""
+    used = time.process_time()
+    for process in pathlib.Path("/proc").glob("[0-9]*"):
+        try:
+            command = (process / "cmdline").read_text()
+            if "ray::" in command or "raylet" in command or "gcs_server" in command:
+                user, system = (process / "stat").read_text().rpartition(")")[2].split()[11:13]
+                used += (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
+        except OSError:
+            continue
+    return used
+
+
+def seconds(call: Callable[[], object]) -> tuple[float, float]:
+    """By the clock, and of CPU."""
+    begun, before = time.perf_counter(), cpu()
+    call()
+    return time.perf_counter() - begun, cpu() - before
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--candidates", type=int, default=192)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--workers", default="1,2,4")
+    parser.add_argument("--chunk", type=int)
+    options = parser.parse_args()
+    task = cregopt.Task.from_scenario("s1", target=10)
+    schedules = population(task, options.candidates)
+    n = len(schedules)
+    times: dict[str, list[tuple[float, float]]] = {}
+
+    def note(name: str, spent: tuple[float, float]) -> None:
+        times.setdefault(name, []).append(spent)
+
+    for _ in range(options.rounds):
+        for threads in (1, 2, 4):
+            note(f"one process, threads {threads}", seconds(lambda: cregopt.evaluate(task, schedules, device="cpu", threads=threads)))
+        for workers in map(int, options.workers.split(",")):
+            ray.init(num_cpus=workers, include_dashboard=False, log_to_driver=False)
+            distributed.evaluate(task, schedules[: 4 * workers], chunk=1)  # processes start
+            note(f"Ray, workers {workers}", seconds(lambda: distributed.evaluate(task, schedules, chunk=options.chunk)))
+            if workers == 1:
+                nothing: Any = ray.remote(num_cpus=1)(lambda: None)
+                note("300 tasks of Ray that do nothing", seconds(lambda: ray.get([nothing.remote() for _ in range(300)])))
+            ray.shutdown()
+    print("| | s | CPU, s | candidates a second | a second of CPU |\n|---|---|---|---|---|")
+    for name, spent in times.items():
+        clock, used = (statistics.median(column) for column in zip(*spent))
+        rates = "| |" if "nothing" in name else f"| {n / clock:.1f} | {n / used:.1f} |"
+        print(f"| {name} | {clock:.3g} | {used:.3g} {rates}")
+    found = cregopt.evaluate(task, schedules[:100], device="cpu")
+    motions = cregopt.evaluate(task, schedules[:100], device="cpu", trajectories=True)
+    size = {name: len(pickle.dumps(what, 5)) / 100 for name, what in (("schedule", schedules[:100]), ("result", found), ("with motion", motions))}
+    print("bytes a candidate in chunks of 100: " + ", ".join(f"{name} {value:.0f}" for name, value in size.items()))
+    print(f"the task: {len(pickle.dumps(task, 5))} bytes once a node")
+
+
+if __name__ == "__main__":
+    main()

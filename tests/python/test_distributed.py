@@ -1,0 +1,316 @@
+"""Populations and sweeps on clusters of this machine, with workers and nodes that die."""
+
+import json
+import os
+import pathlib
+import random
+import signal
+import sys
+import threading
+import time
+from typing import Any, Callable, Iterator, Optional
+
+import cregopt
+import numpy as np
+import pytest
+from cregopt import distributed
+
+COLUMNS = ("feasible", "n_violated", "max_violation", "cost", "iterations", "horizon")
+#: A search of some 0.1 s.
+QUICK: dict[str, Any] = {"gaits": "trot", "population": 2, "generations": 1}
+
+
+class Machines:
+    """A cluster whose nodes have one CPU each."""
+
+    def __init__(self) -> None:
+        self.ray = pytest.importorskip("ray")
+        os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+        # A node that dies is seen at once.
+        quick = {"health_check_period_ms": 300, "health_check_failure_threshold": 3}
+        arguments = {"num_cpus": 1, "_system_config": quick, "object_store_memory": 80 << 20, "include_dashboard": False}
+        self.cluster = pytest.importorskip("ray.cluster_utils").Cluster(initialize_head=True, head_node_args=arguments)
+        self.ray.init(address=self.cluster.address, log_to_driver=False)
+
+    def add(self) -> Any:
+        node = self.cluster.add_node(num_cpus=1, object_store_memory=80 << 20)
+        self.cluster.wait_for_nodes()
+        return node
+
+    def remove(self, node: Any) -> None:
+        self.cluster.remove_node(node, allow_graceful=False)
+
+
+@pytest.fixture(scope="module")
+def machines() -> Iterator[Machines]:
+    pytest.importorskip("pyarrow")
+    made = Machines()
+    yield made
+    made.ray.shutdown()
+    made.cluster.shutdown()
+
+
+@pytest.fixture
+def two(machines: Machines) -> Iterator[Any]:
+    """The second of two nodes."""
+    node = machines.add()
+    yield node
+    if node in machines.cluster.list_all_nodes():
+        machines.remove(node)
+
+
+@pytest.fixture(scope="module")
+def population(gait: cregopt.Gait) -> list[list[list[float]]]:
+    """Schedules about a gait's, and one that cannot be: 23 are no multiple of a chunk below."""
+    draw = random.Random(5)
+    schedules = []
+    for _ in range(22):
+        feet = [[phase * draw.uniform(0.9, 1.1) for phase in foot] for foot in gait.schedule]
+        schedules.append([[phase * sum(feet[0]) / sum(foot) for phase in foot] for foot in feet])
+    return [*schedules, [[0.1] for _ in gait.schedule]]
+
+
+@pytest.fixture(scope="module")
+def alone(task: cregopt.Task, population: list[list[list[float]]]) -> cregopt.Evaluation:
+    """What one process finds."""
+    found = cregopt.evaluate(task, population, trajectories=True, device="cpu")
+    assert found.feasible.any() and not found.feasible.all()
+    return found
+
+
+def assert_same(found: cregopt.Evaluation, alone: cregopt.Evaluation) -> None:
+    for name in COLUMNS:
+        column, expected = getattr(found, name), getattr(alone, name)
+        assert column.dtype == expected.dtype
+        np.testing.assert_array_equal(column, expected)
+
+
+def counting(folder: pathlib.Path, work: str, first_attempt: Callable[[Any], None]) -> Callable[..., object]:
+    """Work of a worker that leaves a file for each attempt, and does something else in the first."""
+
+    def attempt(shared: Any, *arguments: Any) -> object:
+        from cregopt import distributed
+
+        number = arguments[0] if work == "_solve" else arguments[1]
+        attempts = len(list(folder.glob(f"{number}.*")))
+        (folder / f"{number}.{attempts}").write_text(str(os.getpid()))
+        if attempts == 0:
+            first_attempt(number)
+        return getattr(distributed, work)(shared, *arguments)
+
+    return attempt
+
+
+def attempts(folder: pathlib.Path) -> dict[int, int]:
+    numbers = [int(path.stem) for path in folder.iterdir()]
+    return {number: numbers.count(number) for number in numbers}
+
+
+def test_without_ray_it_says_what_to_install(task: cregopt.Task, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(ImportError, match=r"pip install cregopt\[ray\]"):
+        distributed.evaluate(task, [[[0.5]] * 4])
+    with pytest.raises(ImportError, match=r"pip install cregopt\[ray\]"):
+        distributed.sweep([task], tmp_path)
+
+
+def test_without_a_cluster_it_says_how_to_join_one(task: cregopt.Task, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pytest.importorskip("ray"), "is_initialized", lambda: False)
+    with pytest.raises(cregopt.Error, match="no cluster: join one by ray.init"):
+        distributed.evaluate(task, [[[0.5]] * 4])
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 100])
+def test_one_worker_finds_what_one_process_does(
+    machines: Machines, task: cregopt.Task, population: list[list[list[float]]], alone: cregopt.Evaluation, chunk: int
+) -> None:
+    assert_same(distributed.evaluate(task, population, chunk=chunk), alone)
+
+
+@pytest.mark.parametrize("chunk", [None, 3])
+def test_two_workers_find_what_one_process_does(
+    machines: Machines, two: Any, task: cregopt.Task, population: list[list[list[float]]], alone: cregopt.Evaluation, chunk: Optional[int]
+) -> None:
+    found = distributed.evaluate(task, population, chunk=chunk, trajectories=True)
+    assert_same(found, alone)
+    assert found.trajectories == alone.trajectories
+
+
+def test_nothing_is_lost_when_a_worker_is_killed(
+    machines: Machines,
+    task: cregopt.Task,
+    population: list[list[list[float]]],
+    alone: cregopt.Evaluation,
+    tmp_path: pathlib.Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def die(first: int) -> None:
+        if first == 10:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    monkeypatch.setattr(distributed, "_solve", counting(tmp_path, "_solve", die))
+    assert_same(distributed.evaluate(task, population, chunk=5), alone)
+    assert attempts(tmp_path) == {0: 1, 5: 1, 10: 2, 15: 1, 20: 1}
+
+
+def test_a_chunk_that_kills_its_workers_is_named(
+    machines: Machines, task: cregopt.Task, population: list[list[list[float]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def die(shared: Any, first: int, schedules: Any) -> None:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    monkeypatch.setattr(distributed, "_solve", die)
+    with pytest.raises(cregopt.Error, match=r"schedules\[0\] to \[22\]: no result of a worker, with 1 retries: WorkerCrashedError"):
+        distributed.evaluate(task, population, chunk=50, max_retries=1)
+
+
+def test_nothing_is_lost_when_a_node_is_removed(
+    machines: Machines,
+    two: Any,
+    task: cregopt.Task,
+    population: list[list[list[float]]],
+    alone: cregopt.Evaluation,
+    tmp_path: pathlib.Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    attempted, caught = tmp_path / "attempts", tmp_path / "caught"
+    attempted.mkdir()
+    doomed = two.node_id
+
+    def hang(first: int) -> None:
+        import ray
+
+        if ray.get_runtime_context().get_node_id() == doomed and first > 0:
+            caught.write_text(str(first))
+            time.sleep(60.0)
+
+    def remove() -> None:
+        while not caught.exists():
+            time.sleep(0.02)
+        machines.remove(two)
+
+    monkeypatch.setattr(distributed, "_solve", counting(attempted, "_solve", hang))
+    removing = threading.Thread(target=remove)
+    removing.start()
+    try:
+        assert_same(distributed.evaluate(task, population, chunk=2), alone)
+    finally:
+        caught.touch()
+        removing.join()
+    counts = attempts(attempted)
+    assert sorted(counts) == list(range(0, 23, 2)) and counts[int(caught.read_text())] == 2
+
+
+def test_the_first_schedule_that_does_not_fit_is_named(machines: Machines, task: cregopt.Task, population: list[list[list[float]]]) -> None:
+    bad = [*population[:4], [[0.5], [0.5]], *population[4:9], [[-1.0]]]
+    with pytest.raises(cregopt.Error) as local:
+        cregopt.evaluate(task, bad, device="cpu")
+    with pytest.raises(cregopt.Error) as remote:
+        distributed.evaluate(task, bad, chunk=3)
+    assert str(remote.value) == str(local.value) and str(local.value).startswith("schedules[4]: ")
+
+
+def test_no_schedules_are_no_results(machines: Machines, task: cregopt.Task) -> None:
+    assert len(distributed.evaluate(task, [])) == 0
+
+
+def test_options_that_cannot_be_are_named(machines: Machines, task: cregopt.Task, tmp_path: pathlib.Path) -> None:
+    with pytest.raises(cregopt.Error, match="option `threads`: `cpus` says"):
+        distributed.evaluate(task, [], threads=2)
+    with pytest.raises(cregopt.Error, match="option `seed`: `seeds` is for that"):
+        distributed.sweep([task], tmp_path, seed=2)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'popultion'"):
+        distributed.sweep([task], tmp_path, popultion=2)
+    with pytest.raises(cregopt.Error, match="chunk: 0, but it must be an integer from 1"):
+        distributed.evaluate(task, [], chunk=0)
+    with pytest.raises(cregopt.Error, match="unknown table of settings `serch`"):
+        distributed.evaluate(task, [[[0.5]] * 4], settings={"serch": {}})
+    assert list(tmp_path.iterdir()) == []
+
+
+def rows(table: Any) -> list[dict[str, Any]]:
+    """What must not depend on the machine."""
+    return [{name: value for name, value in row.items() if name != "seconds"} for row in table.to_pylist()]
+
+
+def test_a_sweep_finds_what_searches_do_and_goes_on_where_it_was(
+    machines: Machines, two: Any, task: cregopt.Task, nowhere: cregopt.Task, tmp_path: pathlib.Path
+) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    refused = cregopt.Task(task.robot, task.terrain, goal=(1.0, 0.0, 0.9))
+    tasks = {"turn": task, "refused": refused, "nowhere": nowhere, "short": cregopt.Task(task.robot, task.terrain, goal=(0.5, 0.0))}
+    quick = {**QUICK, "settings": {"search": {"further_generations": 0, "perturbed_generations": 0}}}
+    told: list[dict[str, Any]] = []
+
+    def sweep(folder: str, **options: Any) -> list[dict[str, Any]]:
+        told.clear()
+        return rows(distributed.sweep(tasks, tmp_path / folder, seeds=[1, 2], trajectories=True, **{**quick, "progress": told.append, **options}))
+
+    def enough(row: dict[str, Any]) -> None:
+        told.append(row)
+        if len(told) == 3:
+            raise LookupError("enough")
+
+    whole = sweep("whole")
+    assert [(row["task"], row["seed"]) for row in whole] == [(name, seed) for name in tasks for seed in (1, 2)] and len(told) == 8
+    for row in whole:
+        if row["task"] == "refused":
+            assert row["error"].startswith("Error: ") and "goal" in row["error"] and row["feasible"] is None
+            continue
+        gait = cregopt.search(tasks[row["task"]], seed=row["seed"], device="cpu", **quick)
+        assert row["error"] is None and row["feasible"] == gait.feasible == (row["task"] != "nowhere")
+        assert json.loads(row["durations"]) == gait.schedule and row["horizon"] == gait.trajectory.horizon
+        assert row["cost"] == (gait.cost["total"] if gait.cost else None)
+        assert row["family"] == gait.family and row["objective"] == "transport"
+        assert [kept["trajectory"] for kept in told if kept["key"] == row["key"]] == [gait.trajectory.to_json()]
+    files = parquet.read_table(tmp_path / "whole").to_pylist()
+    assert sorted(row["key"] for row in files) == sorted(row["key"] for row in whole)
+
+    # Ended early, with one worker: what was told is kept, and the rest follows.
+    machines.remove(two)
+    with pytest.raises(LookupError, match="enough"):
+        sweep("parts", progress=enough)
+    kept = {row["key"] for row in told if row["error"] is None}
+    assert {row["key"] for row in parquet.read_table(tmp_path / "parts").to_pylist()} == {row["key"] for row in told}
+    (tmp_path / "parts/.part-0.parquet.tmp").write_bytes(b"PAR1")
+    assert sweep("parts") == whole
+    assert {row["key"] for row in told} == {row["key"] for row in whole} - kept
+    # What failed is run again, alone, and stands there once.
+    assert sweep("parts") == whole and {row["task"] for row in told} == {"refused"}
+    # A torn file is dropped, and its rows are found again.
+    torn = max((tmp_path / "parts").glob("part-*"), key=lambda path: path.stat().st_size)
+    lost = parquet.read_table(torn).num_rows
+    torn.write_bytes(torn.read_bytes()[:-20])
+    with pytest.warns(UserWarning, match="dropped, for it cannot be read"):
+        assert sweep("parts") == whole
+    assert len(told) == lost + 2
+    files = parquet.read_table(tmp_path / "parts").to_pylist()
+    assert sorted(row["key"] for row in files) == sorted(row["key"] for row in whole)
+    parquet.write_table(parquet.read_table(torn.parent).select(["key"]), torn.parent / "part-other.parquet")
+    with pytest.raises(cregopt.Error, match="part-other.parquet: columns .*choose another folder"):
+        sweep("parts")
+
+
+def test_a_sweep_goes_on_when_workers_die(
+    machines: Machines, task: cregopt.Task, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    attempted = tmp_path / "attempts"
+    attempted.mkdir()
+
+    def search(shared: Any, task: cregopt.Task, seed: int) -> object:
+        from cregopt import distributed
+
+        number = len(list(attempted.iterdir()))
+        (attempted / f"{seed}.{number}").touch()
+        if seed == 2 or (seed == 3 and len(list(attempted.glob("3.*"))) == 1):
+            os.kill(os.getpid(), signal.SIGKILL)
+        return distributed._search_row(shared, task, seed)
+
+    monkeypatch.setattr(distributed, "_search_row", search)
+    found = rows(distributed.sweep([task], tmp_path / "sweep", seeds=[1, 2, 3], max_retries=1, **QUICK))
+    assert attempts(attempted) == {1: 1, 2: 2, 3: 2}
+    assert [row["feasible"] for row in found] == [True, None, True]
+    assert found[1]["error"].startswith("no result of a worker, with 1 retries: WorkerCrashedError")
+    monkeypatch.undo()
+    again = rows(distributed.sweep([task], tmp_path / "sweep", seeds=[1, 2, 3], max_retries=1, **QUICK))
+    assert [row["error"] for row in again] == [None] * 3 and [again[0], again[2]] == [found[0], found[2]]
