@@ -1,6 +1,7 @@
 """Plans played on a small robot in MuJoCo."""
 
 import copy
+import ctypes.util
 import json
 import math
 import os
@@ -16,7 +17,7 @@ import numpy as np
 import pytest
 
 # Without a display pictures are drawn off the screen; counts when MuJoCo is imported.
-if sys.platform == "linux" and not os.environ.get("DISPLAY"):
+if sys.platform == "linux" and not os.environ.get("DISPLAY") and ctypes.util.find_library("EGL"):
     os.environ.setdefault("MUJOCO_GL", "egl")
 pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
