@@ -11,8 +11,11 @@ import cregopt
 import pytest
 
 LONG = """
+import signal
 import sys
 import cregopt
+# It may be ignored where the tests run in the background.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 task = cregopt.Task(cregopt.Robot("anymal"), cregopt.Terrain("flat"), goal=(3.0, 0.0))
 print("started", flush=True)
 try:
