@@ -467,11 +467,11 @@ impl Session<'_, '_> {
         }
         let BatchSolver { task, settings: lower, cost, .. } = *self.level;
         let first = |Contenders { family, best, candidates }: &Contenders| {
-            let certified = candidates.iter().take_while(|c| c.objective > *best).map(|&c| {
+            let mut certified = candidates.iter().take_while(|c| c.objective > *best).map(|&c| {
                 let solution = c.solution.clone().certify(task, lower, cost);
                 Candidate::new(&settings, c.generation, c.index, c.schedule.clone(), solution.evaluation(), solution)
             });
-            certified.into_iter().find(|c| c.evaluation.feasible && c.objective > *best).map(|c| (*family, c))
+            certified.find(|c| c.evaluation.feasible && c.objective > *best).map(|c| (*family, c))
         };
         groups.par_iter().filter_map(first).collect()
     }

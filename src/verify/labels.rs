@@ -153,7 +153,7 @@ pub fn scenario_differs(trajectory: &Trajectory) -> Result<Option<String>> {
     Ok(None)
 }
 
-/// Whether a motion is held to the rows of `momentum`.
+/// Whether a motion is held to the rows of `momentum`, and with them to what happens between the instants.
 pub(crate) fn of_momentum(trajectory: &Trajectory) -> bool {
     trajectory.transcription.as_deref() == Some(Transcription::Momentum.name())
 }

@@ -2,9 +2,10 @@
 
 use super::Scene;
 use crate::report::samples::Sample;
-use crate::report::verdict::{of_momentum, verdict};
+use crate::report::verdict::verdict;
 use crate::verify::certificate::{DENSE_REACH, Family, PENETRATION, ROLLOUT_ATTITUDE, ROLLOUT_POSITION};
 use crate::verify::dense::Extreme;
+use crate::verify::labels::of_momentum;
 use serde::Serialize;
 
 /// A certificate for readers.
