@@ -15,7 +15,7 @@ use cregopt::rows::Family;
 use cregopt::rows::acceleration::Acceleration;
 use cregopt::rows::footing::Footing;
 use cregopt::rows::stride::Stride;
-use cregopt::rows::table::NONE;
+use cregopt::rows::table::{ColumnRun, NONE};
 use cregopt::search::evaluate::{LowerSettings, evaluate};
 use cregopt::settings::{Friction, Legs, Transcription, TranscriptionSettings};
 use cregopt::solver::Status;
@@ -172,22 +172,27 @@ fn check_places(layout: &Layout<f32>) -> Result<(), TestCaseError> {
     for element in &layout.elements {
         let place = &element.place;
         cover(0, place.row, element.rows);
-        // After the rows of a foot's reach come those by the base pose, each by all six of its values.
-        let after = if element.family == Family::Reach { 4 * 6 } else { 0 };
-        cover(2, place.jacobian, element.rows * place.stride + after);
+        cover(2, place.jacobian, element.rows * place.stride);
         if (place.row as usize) < layout.equalities {
             prop_assert!(element.family.spec().equality);
         } else {
             cover(1, place.inequality, element.rows + element.pairs);
         }
         let runs = &layout.runs[element.runs.range()];
-        let mut column = 0;
+        // The base blocks share the columns of the pose, the first six of a foot's reach, by weights.
+        let shared = if element.family == Family::Reach { 6 } else { 0 };
+        let mut column = shared;
         for run in runs {
-            prop_assert_eq!(run.column, column, "columns follow each other");
-            column += run.len;
             prop_assert!((run.variable + run.len) as usize <= layout.variables);
+            if run.column < shared {
+                prop_assert!((run.column, run.len) == (0, shared) && run.weight != 0.);
+                continue;
+            }
+            prop_assert!(run.column == column && run.weight == 1., "columns follow each other");
+            column += run.len;
         }
-        prop_assert!(runs.is_sorted_by(|a, b| a.variable + a.len < b.variable), "runs are apart and in order");
+        let apart = |a: &ColumnRun<f32>, b: &ColumnRun<f32>| a.variable + a.len < b.variable + u32::from(a.column.min(b.column) < shared);
+        prop_assert!(runs.is_sorted_by(apart), "runs are apart, but for those of different weight, and in order");
         prop_assert!(column <= place.stride && place.stride % 8 == 0);
     }
     for (name, used) in [("row", row), ("inequality", inequality), ("Jacobian value", jacobian)] {

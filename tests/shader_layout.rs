@@ -419,8 +419,8 @@ fn every_shader_has_a_twin_file_and_names_it() {
     let shared: BTreeSet<String> = SHARED.iter().map(|(name, _)| name.to_string()).collect();
     assert_eq!(files("shaders", "shared"), shared);
     // Twins of what several shaders share, and what is no kernel.
-    let others = ["rows/blocks", "rows/math", "rows/mod", "rows/table", "rows/write", "linear/mod", "solver/close", "solver/control"];
-    let more = ["solver/mod", "solver/round", "solver/slacks", "solver/status"];
+    let others = ["rows/blocks", "rows/math", "rows/mod", "rows/table", "rows/write", "linear/lanes", "linear/mod", "solver/close"];
+    let more = ["solver/control", "solver/mod", "solver/round", "solver/slacks", "solver/status"];
     let twins: BTreeSet<String> = folders.map(|folder| files("src", folder)).into_iter().flatten().collect();
     assert_eq!(twins, all.iter().cloned().chain(others.into_iter().chain(more).map(String::from)).collect());
     for shader in Shader::ALL {
@@ -509,7 +509,7 @@ fn gathering_over_touches_gives_the_transposed_product() {
                 for r in 0..element.rows as usize {
                     local = v[element.place.row as usize + r].mul_add(jacobian[column + r * element.place.stride as usize], local);
                 }
-                sum += local;
+                sum = touch.weight.mul_add(local, sum);
             }
             assert_eq!(sum.to_bits(), expected[variable].to_bits(), "variable {variable}");
         }

@@ -185,13 +185,13 @@ fn pose_sum(slot: u32, half: u32, feet: Span, e: u32) -> f32 {
     var sum = 0.0;
     for (var f = slot * batch.reach_feet + feet.start; f < slot * batch.reach_feet + feet.end; f++) {
         let place = reach_feet[f].place;
-        let pose = (2u * slot + half) * batch.jacobian + place.jacobian + 3u * place.stride;
+        let pose = (2u * slot + half) * batch.jacobian + place.jacobian;
         for (var r = 0u; r < 3u; r++) {
             if (e < 36u) {
-                let left = values[base + batch.weight + place.row + r] * jacobian[pose + 6u * r + e / 6u];
-                sum += left * jacobian[pose + 6u * r + e % 6u];
+                let left = values[base + batch.weight + place.row + r] * jacobian[pose + r * place.stride + e / 6u];
+                sum += left * jacobian[pose + r * place.stride + e % 6u];
             } else {
-                sum += values[base + batch.value + place.row + r] * jacobian[pose + 6u * r + e - 36u];
+                sum += values[base + batch.value + place.row + r] * jacobian[pose + r * place.stride + e - 36u];
             }
         }
     }
@@ -225,7 +225,7 @@ fn add_foot(slot: u32, half: u32, instant: u32, foot: u32, size: u32, other: u32
             return;
         }
         at += other % 6u;
-        right *= column_of(first + 3u * place.stride + other % 6u, vec3<u32>(0u, 6u, 12u), 3u);
+        right *= column_of(first + other % 6u, rows, 3u);
         right *= reach_instants[instant].base.weights[block];
     } else if (other < 29u) {
         let second = own_column(foot, other - 24u);

@@ -13,7 +13,7 @@ fn rows_times(slot: u32, element: Element, first: u32, count: u32) -> vec3<f32> 
     for (var k = element.runs.start; k < element.runs.end; k++) {
         let run = runs[slot * batch.runs + k];
         for (var i = 0u; i < run.len; i++) {
-            let d = values[direction + run.variable + i];
+            let d = run.weight * values[direction + run.variable + i];
             let at = first + run.column + i;
             sums.x += jacobian[at] * d;
             if (count > 1u) {

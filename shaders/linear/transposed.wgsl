@@ -19,7 +19,7 @@ fn transposed_times(slot: u32, half: u32, i: u32) -> f32 {
         for (var r = 0u; r < element.rows; r++) {
             local += values[value + element.place.row + r] * jacobian[column + r * element.place.stride];
         }
-        sum += local;
+        sum += touch.weight * local;
     }
     return sum;
 }

@@ -3,7 +3,7 @@
 // Reach boxes: each foot stays within a box in the base frame. One thread per reach instant.
 //   in   values    x of the trial point, ground, deviations
 //   out  values    g at each foot's place: 3 upper sides, 3 lower sides; dimensionless, feasible when <= 0
-//   out  jacobian  3 rows at each foot's place, then the same rows by the base pose, [3][6]
+//   out  jacobian  3 rows at each foot's place: 6 columns by the base pose, which the base blocks share by their weights, then its own
 // Twin: src/rows/reach.rs          Source: [3]
 
 // Reach rows of all feet at one instant.
@@ -22,13 +22,12 @@ fn entry(slot: u32, half: u32, k: u32) {
     let base_w = pose.linear;
     let turned = euler(pose.angular);
     for (var i = instant.feet.start; i < instant.feet.end; i++) {
-        reach_foot(slot, half, k, slot * batch.reach_feet + i, base_w, turned.rot_wb, turned.axes);
+        reach_foot(slot, half, slot * batch.reach_feet + i, base_w, turned.rot_wb, turned.axes);
     }
 }
 
 // Reach rows of one foot.
-fn reach_foot(slot: u32, half: u32, k: u32, number: u32, base_w: vec3<f32>, rot_wb: Mat3, axes: Mat3) {
-    let instant = &reach_instants[slot * batch.reach_instants + k];
+fn reach_foot(slot: u32, half: u32, number: u32, base_w: vec3<f32>, rot_wb: Mat3, axes: Mat3) {
     let foot = &reach_feet[number];
     let constants = &slots[slot].constants;
     let unit = constants.length_scale;
@@ -56,27 +55,9 @@ fn reach_foot(slot: u32, half: u32, k: u32, number: u32, base_w: vec3<f32>, rot_
 
     let rows = rows_at(slot, half, foot.place);
     // Columns of the rows by the pose: d(R' leg)/d angle_i = R' (leg x axis_i).
-    var pose: array<vec3<f32>, 6>;
     for (var d = 0u; d < 3u; d++) {
-        pose[d] = -rot_wb[d] * unit;
-        pose[3u + d] = unit * mul_transposed(rot_wb, cross(leg_w, axes[d]));
-    }
-    // Behind the rows: the same by the pose, for their assembly.
-    let after = rows.first + 3u * rows.stride;
-    for (var d = 0u; d < 6u; d++) {
-        for (var r = 0u; r < 3u; r++) {
-            jacobian[after + 6u * r + d] = pose[d][r];
-        }
-    }
-    for (var i = 0u; i < 4u; i++) {
-        if (foot.base_column[i] == NONE) {
-            continue;
-        }
-        let c = foot.base_column[i];
-        let w = instant.base.weights[i];
-        for (var d = 0u; d < 6u; d++) {
-            put_column(rows, 0u, c + d, w * pose[d]);
-        }
+        put_column(rows, 0u, d, -rot_wb[d] * unit);
+        put_column(rows, 0u, 3u + d, unit * mul_transposed(rot_wb, cross(leg_w, axes[d])));
     }
     for (var i = 0u; i < 2u; i++) {
         if (foot.foothold[i] == NONE || foot.foothold_column[i] == NONE) {

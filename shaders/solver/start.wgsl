@@ -17,7 +17,7 @@ fn column_scaling(slot: u32, half: u32, i: u32) -> f32 {
         for (var r = 0u; r < element.rows; r++) {
             // A two-sided row counts twice.
             let sides = select(0.5, 1.0, element.place.row < slots[slot].equalities || r < element.pairs);
-            let v = jacobian[column + r * element.place.stride];
+            let v = touch.weight * jacobian[column + r * element.place.stride];
             sum += sides * v * v;
         }
     }

@@ -3,25 +3,35 @@
 //! Solves `(E + J' W J) d = -(u + J' v)` with `W` and `v` given for each Jacobian row, `E` and `u` for each variable. The front holds the upper triangle row by row, the
 //! right-hand side stands in the column after the last variable, so that forward substitution happens along the way.
 
+use super::lanes::LANES;
 use crate::nlp::Layout;
 use crate::nlp::layout::Element;
 use crate::real::Real;
 use crate::rows::Family;
-use crate::rows::reach::ReachInstant;
+use crate::rows::reach::{ReachFoot, ReachInstant};
 use crate::rows::table::{NONE, Span};
+use aligned_vec::{AVec, CACHELINE_ALIGN};
 use multiversion::multiversion;
 
 /// Buffers of the factorisation.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Factor<T> {
     /// Front and next front, `[size][stride]`.
-    fronts: [Vec<T>; 2],
+    fronts: [AVec<T>; 2],
     /// Pivot rows of all steps.
-    pub pivot_rows: Vec<T>,
+    pub pivot_rows: AVec<T>,
     /// Jacobian rows of one element, spread over the front.
-    spread: Vec<T>,
+    spread: AVec<T>,
     /// Solution on the front of one step.
-    pub(super) local: Vec<T>,
+    pub(super) local: AVec<T>,
+}
+
+impl<T> Default for Factor<T> {
+    fn default() -> Self {
+        // Vectors of whole cache lines.
+        let [a, b, pivot_rows, spread, local] = std::array::from_fn(|_| AVec::new(CACHELINE_ALIGN));
+        Factor { fronts: [a, b], pivot_rows, spread, local }
+    }
 }
 
 impl<T: Real> Factor<T> {
@@ -60,9 +70,7 @@ pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, facto
     for step in &layout.steps {
         let (size, pivots) = (step.size as usize, step.pivots as usize);
         std::mem::swap(&mut front, &mut next);
-        for i in 0..size {
-            front[i * stride + i..i * stride + size + 1].fill(T::zero());
-        }
+        front[..size * stride].fill(T::zero());
         move_front(layout, step.moves, next, previous_size, front, size, stride);
         let mut elements = &layout.elements[step.elements.range()];
         while let Some((element, rest)) = elements.split_first() {
@@ -104,7 +112,7 @@ pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, facto
     true
 }
 
-/// Copies what stays of the old front to its slots in the new one.
+/// Adds what stays of the old front to its slots in the new one, which is zero: runs are short, and a call that copies is longer.
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 fn move_front<T: Real>(layout: &Layout<T>, moves: Span, old: &[T], old_size: usize, new: &mut [T], new_size: usize, stride: usize) {
     let runs = &layout.front_runs[moves.range()];
@@ -114,7 +122,9 @@ fn move_front<T: Real>(layout: &Layout<T>, moves: Span, old: &[T], old_size: usi
             for (run, columns) in runs[first..].iter().enumerate() {
                 let skip = if run == 0 { i } else { 0 };
                 let (a, b, len) = (columns.column as usize + skip, columns.front as usize + skip, columns.len as usize - skip);
-                new[to + b..to + b + len].copy_from_slice(&old[from + a..from + a + len]);
+                for (new, old) in new[to + b..to + b + len].iter_mut().zip(&old[from + a..from + a + len]) {
+                    *new += *old;
+                }
             }
             new[to + new_size] = old[from + old_size];
         }
@@ -147,9 +157,6 @@ fn assemble<T: Real>(
 
 /// Rows of an element that are assembled together.
 const AT_ONCE: usize = 6;
-
-/// Width of the vector loops of [`assemble`].
-const LANES: usize = 8;
 
 /// Adds `M` rows of an element from the `first` on.
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
@@ -217,6 +224,19 @@ fn assemble_rows<T: Real, const M: usize>(
     }
 }
 
+/// Values of a pose.
+const POSE: usize = 6;
+/// Pairs of base blocks.
+const PAIRS: [(usize, usize); 10] = [(0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3)];
+
+/// What the feet at one reach instant make of its pose.
+struct ByPose<T> {
+    /// `P' W P`, row by row, and two columns that mean nothing.
+    products: [[T; LANES]; POSE],
+    /// `P' v`, likewise.
+    values: [T; LANES],
+}
+
 /// Adds `J' W J` and `-J' v` of the reach rows of all feet at the instants of one step, which share their base blocks.
 ///
 /// All rows touch the base through its pose alone, with weights `w` that an instant's feet share: with `P` the rows by the pose, `A` by the
@@ -230,12 +250,9 @@ fn assemble_reach<T: Real>(
     size: usize,
     stride: usize,
 ) {
-    const C: usize = 6;
-    /// Pairs of base blocks.
-    const PAIRS: [(usize, usize); 10] = [(0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3)];
     let mut slots = [NONE; 4];
-    let mut sums = [[T::zero(); C * C]; PAIRS.len()];
-    let mut values = [[T::zero(); C]; 4];
+    let mut sums = [[[T::zero(); LANES]; POSE]; PAIRS.len()];
+    let mut values = [[T::zero(); LANES]; 4];
     for instant in instants {
         let weights = instant.base.weights;
         for i in 0..4 {
@@ -243,102 +260,130 @@ fn assemble_reach<T: Real>(
                 slots[i] = instant.base.front[i];
             }
         }
-        let mut pose_pose = [T::zero(); C * C];
-        let mut pose_value = [T::zero(); C];
+        let mut by_pose = ByPose { products: [[T::zero(); LANES]; POSE], values: [T::zero(); LANES] };
         for foot in &layout.reach_feet[instant.feet.range()] {
-            let (row, place) = (foot.place.row as usize, &foot.place);
-            let (w, v): ([T; 3], [T; 3]) = (tile_of(&system.weight[row..]), tile_of(&system.value[row..]));
-            if w == [T::zero(); 3] {
-                continue;
-            }
-            let rows = &system.jacobian[place.jacobian as usize..];
-            let row_stride = place.stride as usize;
-            let pose: [T; 3 * C] = tile_of(&rows[3 * row_stride..]);
-            let mut weighted = pose;
-            for r in 0..3 {
-                for c in 0..C {
-                    weighted[r * C + c] *= w[r];
-                    pose_value[c] += pose[r * C + c] * v[r];
-                }
-            }
-            for c in 0..C {
-                for d in 0..C {
-                    let sum = weighted[c].mul_add(pose[d], pose_pose[c * C + d]);
-                    let sum = weighted[C + c].mul_add(pose[C + d], sum);
-                    pose_pose[c * C + d] = weighted[2 * C + c].mul_add(pose[2 * C + d], sum);
-                }
-            }
-            // The foot's own columns: two a foothold, one a swing height.
-            let own = [
-                (foot.front[0], foot.foothold_column[0], 0),
-                (foot.front[0], foot.foothold_column[0], 1),
-                (foot.front[1], foot.foothold_column[1], 0),
-                (foot.front[1], foot.foothold_column[1], 1),
-                (foot.front[2], foot.height_column, 0),
-            ];
-            let by_own = own.map(|(slot, column, d)| {
-                let at = column.saturating_add(d) as usize;
-                if slot == NONE { [T::zero(); 3] } else { [rows[at], rows[row_stride + at], rows[2 * row_stride + at]] }
-            });
-            for f in 0..5 {
-                if own[f].0 == NONE {
-                    continue;
-                }
-                let (i, a) = ((own[f].0 + own[f].2) as usize, by_own[f]);
-                front[i * stride + size] -= a[0] * v[0] + a[1] * v[1] + a[2] * v[2];
-                let mut cross = [T::zero(); C];
-                for c in 0..C {
-                    cross[c] = a[0] * weighted[c] + a[1] * weighted[C + c] + a[2] * weighted[2 * C + c];
-                }
-                for b in 0..4 {
-                    if instant.base.front[b] == NONE {
-                        continue;
-                    }
-                    let slot = instant.base.front[b] as usize;
-                    // Only what lies right of the diagonal.
-                    let (at, step) = if slot > i { (i * stride + slot, 1) } else { (slot * stride + i, stride) };
-                    for c in 0..C {
-                        front[at + c * step] = weights[b].mul_add(cross[c], front[at + c * step]);
-                    }
-                }
-                for g in 0..5 {
-                    let j = (own[g].0.saturating_add(own[g].2)) as usize;
-                    if own[g].0 != NONE && j >= i {
-                        let b = by_own[g];
-                        front[i * stride + j] += a[0] * w[0] * b[0] + a[1] * w[1] * b[1] + a[2] * w[2] * b[2];
-                    }
-                }
+            if foot.place.stride as usize == LANES {
+                add_foot::<T, LANES>(foot, instant, system, &mut by_pose, front, size, stride);
+            } else {
+                add_foot::<T, { 2 * LANES }>(foot, instant, system, &mut by_pose, front, size, stride);
             }
         }
         for (sum, (i, j)) in sums.iter_mut().zip(PAIRS) {
             let w = weights[i] * weights[j];
             if w != T::zero() {
-                for c in 0..C * C {
-                    sum[c] = w.mul_add(pose_pose[c], sum[c]);
+                for c in 0..POSE {
+                    for l in 0..LANES {
+                        sum[c][l] = w.mul_add(by_pose.products[c][l], sum[c][l]);
+                    }
                 }
             }
         }
         for i in 0..4 {
-            for c in 0..C {
-                values[i][c] += weights[i] * pose_value[c];
+            for l in 0..LANES {
+                values[i][l] = weights[i].mul_add(by_pose.values[l], values[i][l]);
             }
         }
     }
     for i in (0..4).filter(|&i| slots[i] != NONE) {
-        for c in 0..C {
+        for c in 0..POSE {
             front[(slots[i] as usize + c) * stride + size] -= values[i][c];
         }
     }
     for (sum, (i, j)) in sums.iter().zip(PAIRS).filter(|(_, (i, j))| slots[*i] != NONE && slots[*j] != NONE) {
         // The sums are symmetric.
         let (row, column) = (slots[i].min(slots[j]) as usize, slots[i].max(slots[j]) as usize);
-        for c in 0..C {
-            let line = &mut front[(row + c) * stride + column..][..C];
-            for d in 0..C {
-                line[d] += sum[c * C + d];
+        for c in 0..POSE {
+            let line = &mut front[(row + c) * stride + column..][..POSE];
+            for d in 0..POSE {
+                line[d] += sum[c][d];
             }
         }
     }
+}
+
+/// Adds what a foot's own columns have to do with others, and what its rows make of the pose. `W` columns: the pose's, its own, padding.
+#[inline(always)]
+fn add_foot<T: Real, const W: usize>(
+    foot: &ReachFoot<T>,
+    instant: &ReachInstant<T>,
+    system: &NormalEquations<T>,
+    by_pose: &mut ByPose<T>,
+    front: &mut [T],
+    size: usize,
+    stride: usize,
+) {
+    let (row, place) = (foot.place.row as usize, &foot.place);
+    let (w, v): ([T; 3], [T; 3]) = (tile_of(&system.weight[row..]), tile_of(&system.value[row..]));
+    if w == [T::zero(); 3] {
+        return;
+    }
+    let rows: [[T; W]; 3] = std::array::from_fn(|r| tile_of(&system.jacobian[place.jacobian as usize + r * W..]));
+    for c in 0..POSE {
+        let products = column_products(&w, &rows, c);
+        for l in 0..LANES {
+            by_pose.products[c][l] += products[l];
+        }
+    }
+    let values = combined(v, &rows);
+    for l in 0..LANES {
+        by_pose.values[l] += values[l];
+    }
+    // The foot's own columns, with their slots in the front: two a foothold, one a swing height.
+    let blocks =
+        [(foot.front[0], foot.foothold_column[0], 2), (foot.front[1], foot.foothold_column[1], 2), (foot.front[2], foot.height_column, 1)];
+    let mut own = [(0, 0); 5];
+    let mut count = 0;
+    for (slot, column, len) in blocks {
+        if slot != NONE {
+            for d in 0..len {
+                own[count] = ((slot + d) as usize, (column + d) as usize);
+                count += 1;
+            }
+        }
+    }
+    for &(slot, column) in &own[..count] {
+        let products = column_products(&w, &rows, column);
+        front[slot * stride + size] -= values[column];
+        for b in 0..4 {
+            let (block, weight) = (instant.base.front[b] as usize, instant.base.weights[b]);
+            if instant.base.front[b] == NONE {
+                continue;
+            }
+            // Only what lies right of the diagonal.
+            if block > slot {
+                let line = &mut front[slot * stride + block..][..POSE];
+                for c in 0..POSE {
+                    line[c] = weight.mul_add(products[c], line[c]);
+                }
+            } else {
+                for c in 0..POSE {
+                    let at = (block + c) * stride + slot;
+                    front[at] = weight.mul_add(products[c], front[at]);
+                }
+            }
+        }
+        for &(other, column) in &own[..count] {
+            if other >= slot {
+                front[slot * stride + other] += products[column];
+            }
+        }
+    }
+}
+
+/// Products of one column of three rows, weighted, with all columns.
+#[inline(always)]
+fn column_products<T: Real, const W: usize>(weights: &[T; 3], rows: &[[T; W]; 3], column: usize) -> [T; W] {
+    combined(std::array::from_fn(|r| weights[r] * rows[r][column]), rows)
+}
+
+/// `sum_r left[r] rows[r]`.
+#[inline(always)]
+fn combined<T: Real, const W: usize>(left: [T; 3], rows: &[[T; W]; 3]) -> [T; W] {
+    let mut sums = [T::zero(); W];
+    for l in 0..W {
+        sums[l] = left[2].mul_add(rows[2][l], left[1].mul_add(rows[1][l], left[0] * rows[0][l]));
+    }
+    sums
 }
 
 /// `line += sum_k left[k] row_k`, where row `k` stands `offset[k]` into each group of `width` values of `tile`.
@@ -444,21 +489,4 @@ fn tile_of<T: Real, const W: usize>(values: &[T]) -> [T; W] {
     let mut tile = [T::zero(); W];
     tile.copy_from_slice(&values[..W]);
     tile
-}
-
-/// Dot product in eight partial sums, so that its order does not depend on the vector width.
-#[inline(always)]
-pub fn dot<T: Real>(a: &[T], b: &[T]) -> T {
-    let mut lanes = [T::zero(); LANES];
-    let (a_chunks, b_chunks) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
-    let (a_rest, b_rest) = (a_chunks.remainder(), b_chunks.remainder());
-    for (a, b) in a_chunks.zip(b_chunks) {
-        for l in 0..LANES {
-            lanes[l] = a[l].mul_add(b[l], lanes[l]);
-        }
-    }
-    for (l, (a, b)) in a_rest.iter().zip(b_rest).enumerate() {
-        lanes[l] = a.mul_add(*b, lanes[l]);
-    }
-    ((lanes[0] + lanes[4]) + (lanes[2] + lanes[6])) + ((lanes[1] + lanes[5]) + (lanes[3] + lanes[7]))
 }

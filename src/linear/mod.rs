@@ -5,6 +5,7 @@
 
 pub mod forward;
 pub mod front;
+pub mod lanes;
 pub mod product;
 pub mod substitute;
 pub mod transposed;

@@ -1,8 +1,12 @@
 //! Products of the Jacobian with a direction.
 
-use super::front::dot;
+use super::lanes::{LANES, dot, folded};
 use crate::nlp::Layout;
+use crate::nlp::layout::Element;
 use crate::real::Real;
+use crate::rows::Family;
+use crate::rows::reach::{ReachFoot, ReachInstant};
+use crate::rows::table::NONE;
 use multiversion::multiversion;
 
 /// Products `J d`: for equalities in `c_change`, for inequalities (with the sign of their side) in `g_change`.
@@ -10,26 +14,99 @@ use multiversion::multiversion;
 /// * `local` - scratch, `[widest]`
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 pub fn jacobian_times<T: Real>(layout: &Layout<T>, jacobian: &[T], d: &[T], local: &mut [T], c_change: &mut [T], g_change: &mut [T]) {
-    for element in &layout.elements {
-        let place = &element.place;
-        let (rows, pairs) = (element.rows as usize, element.pairs as usize);
-        let (row, at, stride) = (place.row as usize, place.inequality as usize, place.stride as usize);
-        // The element's part of d; the padding of Jacobian rows is zero.
-        local[..stride].fill(T::zero());
-        for run in &layout.runs[element.runs.range()] {
-            local[run.column as usize..(run.column + run.len) as usize]
-                .copy_from_slice(&d[run.variable as usize..(run.variable + run.len) as usize]);
-        }
-        for r in 0..rows {
-            let product = dot(&jacobian[place.jacobian as usize + r * stride..][..stride], &local[..stride]);
-            if row < layout.equalities {
-                c_change[row + r] = product;
-            } else {
-                g_change[at + r] = product;
-                if r < pairs {
-                    g_change[at + rows + r] = -product;
-                }
+    for element in layout.elements.iter().filter(|e| e.family != Family::Reach) {
+        element_times(layout, element, jacobian, d, local, c_change, g_change);
+    }
+    for instant in &layout.reach_instants {
+        reach_times(layout, instant, jacobian, d, g_change);
+    }
+}
+
+/// Products of the rows of one element.
+#[inline(always)]
+fn element_times<T: Real>(
+    layout: &Layout<T>,
+    element: &Element,
+    jacobian: &[T],
+    d: &[T],
+    local: &mut [T],
+    c_change: &mut [T],
+    g_change: &mut [T],
+) {
+    let place = &element.place;
+    let (rows, pairs) = (element.rows as usize, element.pairs as usize);
+    let (row, at, stride) = (place.row as usize, place.inequality as usize, place.stride as usize);
+    // The element's part of d; the padding of Jacobian rows is zero.
+    local[..stride].fill(T::zero());
+    for run in &layout.runs[element.runs.range()] {
+        local[run.column as usize..(run.column + run.len) as usize]
+            .copy_from_slice(&d[run.variable as usize..(run.variable + run.len) as usize]);
+    }
+    for r in 0..rows {
+        let product = dot(&jacobian[place.jacobian as usize + r * stride..][..stride], &local[..stride]);
+        if row < layout.equalities {
+            c_change[row + r] = product;
+        } else {
+            g_change[at + r] = product;
+            if r < pairs {
+                g_change[at + rows + r] = -product;
             }
         }
+    }
+}
+
+/// Products of the reach rows of all feet at one instant, which share the change of its pose.
+#[inline(always)]
+fn reach_times<T: Real>(layout: &Layout<T>, instant: &ReachInstant<T>, jacobian: &[T], d: &[T], g_change: &mut [T]) {
+    let base = &instant.base;
+    let mut pose = [T::zero(); 6];
+    for i in (0..4).filter(|&i| base.front[i] != NONE) {
+        let block = &d[base.variable[i] as usize..][..6];
+        for c in 0..6 {
+            pose[c] = base.weights[i].mul_add(block[c], pose[c]);
+        }
+    }
+    for foot in &layout.reach_feet[instant.feet.range()] {
+        if foot.place.stride as usize == LANES {
+            foot_times::<T, 1>(layout, foot, &pose, jacobian, d, g_change);
+        } else {
+            foot_times::<T, 2>(layout, foot, &pose, jacobian, d, g_change);
+        }
+    }
+}
+
+/// Products of the reach rows of one foot, `GROUPS` times eight columns each.
+#[inline(always)]
+fn foot_times<T: Real, const GROUPS: usize>(
+    layout: &Layout<T>,
+    foot: &ReachFoot<T>,
+    pose: &[T; 6],
+    jacobian: &[T],
+    d: &[T],
+    g_change: &mut [T],
+) {
+    let mut local = [[T::zero(); LANES]; GROUPS];
+    let columns = local.as_flattened_mut();
+    columns[..6].copy_from_slice(pose);
+    for i in (0..2).filter(|&i| foot.front[i] != NONE) {
+        let (column, variable) = (foot.foothold_column[i] as usize, layout.footholds[foot.foothold[i] as usize] as usize);
+        columns[column] = d[variable];
+        columns[column + 1] = d[variable + 1];
+    }
+    if foot.front[2] != NONE {
+        columns[foot.height_column as usize] = d[foot.height as usize];
+    }
+    let (first, at) = (foot.place.jacobian as usize, foot.place.inequality as usize);
+    for r in 0..3 {
+        let row = &jacobian[first + r * GROUPS * LANES..][..GROUPS * LANES];
+        let mut lanes = [T::zero(); LANES];
+        for (row, local) in row.as_chunks::<LANES>().0.iter().zip(&local) {
+            for l in 0..LANES {
+                lanes[l] = row[l].mul_add(local[l], lanes[l]);
+            }
+        }
+        let product = folded(lanes);
+        g_change[at + r] = product;
+        g_change[at + 3 + r] = -product;
     }
 }

@@ -1,6 +1,7 @@
 //! Back substitution with a factor: from its right-hand side to the direction.
 
-use super::front::{Factor, dot};
+use super::front::Factor;
+use super::lanes::dot;
 use crate::nlp::Layout;
 use crate::real::Real;
 use multiversion::multiversion;

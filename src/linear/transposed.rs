@@ -23,8 +23,8 @@ pub fn transposed_times<T: Real>(layout: &Layout<T>, jacobian: &[T], v: &[T], lo
         }
         for run in &layout.runs[element.runs.range()] {
             let (to, from, len) = (run.variable as usize, run.column as usize, run.len as usize);
-            for i in 0..len {
-                out[to + i] += local[from + i];
+            for (sum, local) in out[to..to + len].iter_mut().zip(&local[from..from + len]) {
+                *sum = run.weight.mul_add(*local, *sum);
             }
         }
     }

@@ -3,7 +3,7 @@
 use super::Layout;
 use super::footing::{self, Footing};
 use super::layout::{Curves, Element, FootBlocks};
-use super::sweep::{self, Block, Fronts};
+use super::sweep::{self, Block};
 use super::transcription::ground_path::GroundPath;
 use super::transcription::{self, legs};
 use crate::gait::trajectory::MotionLimits;
@@ -11,11 +11,12 @@ use crate::gait::{AlignedSchedule, Phase};
 use crate::real::Real;
 use crate::robot::GRAVITY;
 use crate::rows::blocks::{BlockId, Foothold, Placed, Seat, Use};
-use crate::rows::table::{NONE, Place, Run, Span};
+use crate::rows::table::{ColumnRun, NONE, Place, Span};
 use crate::rows::{Constants, Family, Tables};
 use crate::settings::{Transcription, TranscriptionSettings};
 use crate::task::Task;
 use nalgebra::Matrix3;
+use std::ops::Range;
 
 /// An element before its columns are known.
 struct Draft {
@@ -24,7 +25,8 @@ struct Draft {
     entry: usize,
     step: usize,
     pairs: usize,
-    uses: Vec<Use>,
+    /// In [`Builder::uses`].
+    uses: Range<usize>,
 }
 
 /// Blocks of one foot.
@@ -45,8 +47,10 @@ impl FootDraft {
     /// Index of the phase at time `t`; at a boundary the stance.
     pub fn phase_at(&self, t: f64) -> usize {
         let close = 1e-9;
-        let stance = self.phases.iter().position(|p| p.stance && t >= p.start - close && t <= p.end + close);
-        stance.or_else(|| self.phases.iter().position(|p| t <= p.end)).unwrap_or(self.phases.len() - 1)
+        let last = self.phases.len() - 1;
+        let phase = self.phases.partition_point(|p| p.end + close < t).min(last);
+        let lands = !self.phases[phase].stance && phase < last && t >= self.phases[phase].end - close;
+        phase + usize::from(lands)
     }
 }
 
@@ -70,6 +74,7 @@ pub(super) struct Builder<'a, T> {
     pub feet: Vec<FootDraft>,
     blocks: Vec<Block>,
     drafts: Vec<Draft>,
+    uses: Vec<Use>,
     footholds: Vec<BlockId>,
     /// Largest normal force of a foot, N.
     force_limit: f64,
@@ -96,6 +101,7 @@ impl<'a, T: Real> Builder<'a, T> {
             feet,
             blocks: Vec::new(),
             drafts: Vec::new(),
+            uses: Vec::new(),
             footholds: Vec::new(),
             force_limit,
             limits: transcription::of::<T>(settings.rows).limits(settings, &task.robot),
@@ -135,14 +141,14 @@ impl<'a, T: Real> Builder<'a, T> {
     ///
     /// * `entry` - index in the family's table
     /// * `uses` - what its rows use, in the roles of the family
-    pub fn element(&mut self, family: Family, entry: usize, step: usize, uses: Vec<Use>) {
+    pub fn element(&mut self, family: Family, entry: usize, step: usize, uses: &[Use]) {
         self.element_of(family, entry, step, family.spec().pairs, uses);
     }
 
     /// As [`Builder::element`], with another number of two-sided rows than the family's.
-    pub fn element_of(&mut self, family: Family, entry: usize, step: usize, pairs: usize, uses: Vec<Use>) {
-        for used in &uses {
-            if let Use::Touches(id) = used
+    pub fn element_of(&mut self, family: Family, entry: usize, step: usize, pairs: usize, uses: &[Use]) {
+        for used in uses {
+            if let Use::Touches(id) | Use::Shares(id, _) = used
                 && let block = &mut self.blocks[id.0 as usize]
                 && !block.fixed
             {
@@ -150,7 +156,9 @@ impl<'a, T: Real> Builder<'a, T> {
                 block.last = block.last.max(step);
             }
         }
-        self.drafts.push(Draft { family, entry, step, pairs, uses });
+        let first = self.uses.len();
+        self.uses.extend_from_slice(uses);
+        self.drafts.push(Draft { family, entry, step, pairs, uses: first..self.uses.len() });
     }
 
     /// Step of a row at time `t` that should not lengthen the life of a block.
@@ -185,12 +193,19 @@ impl<'a, T: Real> Builder<'a, T> {
         let mut widest = 0;
         let (mut equality, mut row, mut inequality, mut jacobian) = (0, equalities, 0, 0);
         let mut elements = Vec::with_capacity(drafts.len());
-        let mut runs: Vec<Run> = Vec::new();
+        let mut runs: Vec<ColumnRun<T>> = Vec::with_capacity(4 * drafts.len());
         let mut columns = Columns::default();
+        // Index in the front of the step at hand, of each variable that is in it.
+        let mut in_front = vec![NONE; variables];
+        let mut step = usize::MAX;
         for draft in &drafts {
+            if draft.step != step {
+                step = draft.step;
+                fronts.write(step, &mut in_front);
+            }
             let spec = draft.family.spec();
             let first_run = runs.len();
-            columns.assign(&self.blocks, &positions, draft, &fronts, &mut runs);
+            columns.assign(&self.blocks, &positions, &self.uses[draft.uses.clone()], &in_front, &mut runs);
             let stride = columns.count.next_multiple_of(8);
             widest = widest.max(stride as usize);
             let first_row = if spec.equality { equality } else { row };
@@ -201,7 +216,7 @@ impl<'a, T: Real> Builder<'a, T> {
                 row += spec.rows;
                 inequality += spec.rows + draft.pairs;
             }
-            jacobian += spec.rows * stride as usize + spec.after;
+            jacobian += spec.rows * stride as usize;
             draft.family.place(&mut self.tables, draft.entry, &Placed { place, seats: &columns.seats });
             elements.push(Element {
                 family: draft.family,
@@ -261,48 +276,75 @@ impl<'a, T: Real> Builder<'a, T> {
 /// Columns of one element, and where the blocks that it uses stand.
 #[derive(Default)]
 struct Columns {
-    /// Blocks that have columns, by position: id, position, first column, index in the front.
-    blocks: Vec<(BlockId, u32, u32, u32)>,
+    /// Blocks that have columns, by position.
+    blocks: Vec<BlockColumns>,
     count: u32,
     seats: Vec<Seat>,
 }
 
+/// Columns of one block.
+struct BlockColumns {
+    id: BlockId,
+    position: u32,
+    /// In columns that others have, too: its weight.
+    shared: Option<f64>,
+    column: u32,
+    front: u32,
+}
+
 impl Columns {
     /// Free blocks that the rows touch, each once and in the order of `x`, become columns and runs.
-    fn assign(&mut self, blocks: &[Block], positions: &[u32], draft: &Draft, fronts: &Fronts, runs: &mut Vec<Run>) {
+    fn assign<T: Real>(&mut self, blocks: &[Block], positions: &[u32], uses: &[Use], in_front: &[u32], runs: &mut Vec<ColumnRun<T>>) {
         let position = |id: BlockId| positions[id.0 as usize];
-        let free = |used: &Use| match used {
-            Use::Touches(id) if !blocks[id.0 as usize].fixed => Some((*id, position(*id), 0, 0)),
-            _ => None,
+        let len_of = |id: BlockId| blocks[id.0 as usize].initial.len() as u32;
+        let free = |used: &Use| match *used {
+            Use::Touches(id) => Some((id, None)),
+            Use::Shares(id, weight) => Some((id, Some(weight))),
+            Use::Nothing | Use::Reads(_) => None,
         };
+        let columns = uses.iter().filter_map(free).filter(|(id, _)| !blocks[id.0 as usize].fixed);
         self.blocks.clear();
-        self.blocks.extend(draft.uses.iter().filter_map(free));
-        self.blocks.sort_unstable_by_key(|b| b.1);
-        self.blocks.dedup_by_key(|b| b.0);
-        self.count = 0;
+        self.blocks.extend(columns.map(|(id, shared)| BlockColumns { id, position: position(id), shared, column: 0, front: 0 }));
+        self.blocks.sort_unstable_by_key(|b| b.position);
+        self.blocks.dedup_by_key(|b| b.id);
+        // Rows have the shared columns whether a block with them is free or not.
+        self.count = uses.iter().find_map(|used| if let Use::Shares(id, _) = used { Some(len_of(*id)) } else { None }).unwrap_or(0);
         let first_run = runs.len();
-        for (id, variable, column, front) in &mut self.blocks {
-            let len = blocks[id.0 as usize].initial.len() as u32;
-            *column = self.count;
-            *front = fronts.front(draft.step, *variable);
-            let extends = runs[first_run..].last().is_some_and(|r| r.variable + r.len == *variable);
-            match runs.last_mut().filter(|_| extends) {
-                Some(run) => run.len += len,
-                None => runs.push(Run { variable: *variable, front: *front, column: self.count, len }),
+        for block in &mut self.blocks {
+            let len = len_of(block.id);
+            block.front = in_front[block.position as usize];
+            if block.shared.is_none() {
+                block.column = self.count;
+                self.count += len;
             }
-            self.count += len;
+            let run = ColumnRun {
+                variable: block.position,
+                front: block.front,
+                column: block.column,
+                len,
+                weight: block.shared.map_or(T::one(), T::of),
+            };
+            match runs[first_run..].last_mut() {
+                Some(last) if block.shared.is_none() && last.weight == T::one() && continues(last, &run) => last.len += len,
+                _ => runs.push(run),
+            }
         }
         let seat = |used: &Use| match used {
             Use::Nothing => Seat::NOTHING,
             Use::Reads(id) => Seat { position: position(*id), ..Seat::NOTHING },
-            Use::Touches(id) => {
-                let has = self.blocks.iter().find(|b| b.0 == *id);
-                Seat { position: position(*id), column: has.map_or(NONE, |b| b.2), front: has.map_or(NONE, |b| b.3) }
+            Use::Touches(id) | Use::Shares(id, _) => {
+                let has = self.blocks.iter().find(|b| b.id == *id);
+                Seat { position: position(*id), column: has.map_or(NONE, |b| b.column), front: has.map_or(NONE, |b| b.front) }
             }
         };
         self.seats.clear();
-        self.seats.extend(draft.uses.iter().map(seat));
+        self.seats.extend(uses.iter().map(seat));
     }
+}
+
+/// Whether a run begins where another one ends, in `x` and in the columns.
+fn continues<T>(last: &ColumnRun<T>, run: &ColumnRun<T>) -> bool {
+    last.variable + last.len == run.variable && last.column + last.len == run.column
 }
 
 fn constants<T: Real>(task: &Task, settings: &TranscriptionSettings, interval: f64, force_limit: f64) -> Constants<T> {

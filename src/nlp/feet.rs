@@ -28,7 +28,9 @@ impl<T: Real> Layout<T> {
         own.base_blocks(&mut builder);
         foot_blocks(own, &mut builder);
         own.dynamics(&mut builder);
-        for time in own.reach_times(&builder) {
+        let times = own.reach_times(&builder);
+        builder.tables.reach_feet.reserve_exact(times.iter().map(|time| time.feet.len()).sum());
+        for time in times {
             reach_instant(own, &mut builder, time);
         }
         force_elements(own, &mut builder);
@@ -99,8 +101,10 @@ fn swing_weights(span: Phase, t: f64, mid_time: f64) -> ([f64; 2], [f64; 3]) {
 /// Reach rows of some feet at one instant.
 fn reach_instant<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>, ReachTime { t, feet, step, base, blocks }: ReachTime<T>) {
     let first = b.tables.reach_feet.len();
-    let base_uses: [Use; 4] =
-        std::array::from_fn(|i| if base.weights[i] == T::zero() { Use::Reads(blocks[i]) } else { Use::Touches(blocks[i]) });
+    let base_uses: [Use; 4] = std::array::from_fn(|i| match base.weights[i].as_f64() {
+        0. => Use::Reads(blocks[i]),
+        weight => Use::Shares(blocks[i], weight),
+    });
     b.tables.reach_instants.push(ReachInstant { base, feet: Span::default() });
     for foot in feet {
         let (entry, own_uses) = reach_foot(own, b, foot, t);
@@ -109,7 +113,12 @@ fn reach_instant<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>, ReachTime
         if let Some(instant) = b.tables.reach_instants.last_mut() {
             instant.feet = Span::added(first, &b.tables.reach_feet);
         }
-        b.element(Family::Reach, entry, step, base_uses.into_iter().chain(own_uses).collect());
+        b.element(
+            Family::Reach,
+            entry,
+            step,
+            &[base_uses[0], base_uses[1], base_uses[2], base_uses[3], own_uses[0], own_uses[1], own_uses[2]],
+        );
     }
 }
 
@@ -135,7 +144,6 @@ fn reach_foot<T: Real>(own: &dyn Transcribe<T>, b: &Builder<T>, foot: usize, t: 
         z_weights: z.map(T::of),
         foothold: [before.index, after],
         height: NONE,
-        base_column: [NONE; 4],
         foothold_column: [NONE; 2],
         height_column: NONE,
         front: [NONE; 3],
@@ -157,7 +165,7 @@ fn footing_elements<T: Real>(b: &mut Builder<T>) {
                 foothold_column: NONE,
                 place: Place::default(),
             });
-            b.element(Family::Footing, b.tables.footings.len() - 1, step, vec![Use::Touches(foothold.block)]);
+            b.element(Family::Footing, b.tables.footings.len() - 1, step, &[Use::Touches(foothold.block)]);
         }
     }
 }
@@ -179,7 +187,7 @@ fn force_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
                     };
                     table.push(entry);
                     let at = table.len() - 1;
-                    b.element(family, at, step, vec![Use::Touches(node), Use::Touches(foothold.block)]);
+                    b.element(family, at, step, &[Use::Touches(node), Use::Touches(foothold.block)]);
                 }
             }
         }
@@ -216,18 +224,18 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
                     place: Place::default(),
                 });
                 let entry = b.tables.swing_nodes.len() - 1;
-                b.element_of(Family::Swing, entry, step, usize::from(two_sided), vec![Use::Touches(height), touched[0], touched[1]]);
+                b.element_of(Family::Swing, entry, step, usize::from(two_sided), &[Use::Touches(height), touched[0], touched[1]]);
             }
             if let Some(longest) = law.longest_step {
                 let step = b.step_within((span.start + span.end) / 2., height);
                 b.tables.strides.push(Stride { limit: T::of(longest), foothold, foothold_column: [NONE; 2], place: Place::default() });
-                b.element(Family::Stride, b.tables.strides.len() - 1, step, touched.to_vec());
+                b.element(Family::Stride, b.tables.strides.len() - 1, step, &touched);
             }
             if let Some(by) = law.accelerations {
                 let step = b.step_within((span.start + span.end) / 2., height);
                 b.tables.accelerations.push(Acceleration::new(by.map(T::of), foothold));
                 let entry = b.tables.accelerations.len() - 1;
-                b.element(Family::Acceleration, entry, step, vec![Use::Touches(height), touched[0], touched[1]]);
+                b.element(Family::Acceleration, entry, step, &[Use::Touches(height), touched[0], touched[1]]);
             }
         }
     }

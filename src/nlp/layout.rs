@@ -9,7 +9,7 @@ use super::sweep::Step;
 use crate::gait::Phase;
 use crate::gait::trajectory::MotionLimits;
 use crate::real::Real;
-use crate::rows::table::{Place, Run, Span};
+use crate::rows::table::{ColumnRun, Place, Run, Span};
 use crate::rows::{Family, Tables};
 use crate::settings::Transcription;
 use std::ops::{Deref, DerefMut};
@@ -52,7 +52,7 @@ pub struct Layout<T> {
     /// Elements, in the order of the sweep.
     pub elements: Vec<Element>,
     /// Columns of the elements.
-    pub runs: Vec<Run>,
+    pub runs: Vec<ColumnRun<T>>,
     /// The sweep.
     pub steps: Vec<Step>,
     /// Front-to-front moves and front contents, see [`Step`].

@@ -50,13 +50,13 @@ pub(super) struct Fronts {
 }
 
 impl Fronts {
-    /// Index of a variable in the front of a step.
-    pub fn front(&self, step: usize, variable: u32) -> u32 {
-        let contents = &self.contents[step];
-        let at = contents.partition_point(|r| r.variable <= variable);
-        let run = &contents[at - 1];
-        debug_assert!(variable < run.variable + run.len);
-        run.front + variable - run.variable
+    /// Writes where each variable of a step's front stands in it.
+    pub fn write(&self, step: usize, in_front: &mut [u32]) {
+        for run in &self.contents[step] {
+            for i in 0..run.len {
+                in_front[(run.variable + i) as usize] = run.front + i;
+            }
+        }
     }
 }
 

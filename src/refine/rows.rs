@@ -173,7 +173,7 @@ pub(super) fn linear(space: &Space, point: &Point) -> Result<Linear> {
                         here.jacobian[element.place.jacobian as usize + r * element.place.stride as usize + run.column as usize + i];
                     let (variable, scale) = columns[run.variable as usize + i];
                     if value != 0. {
-                        by.push((variable, value * scale));
+                        by.push((variable, run.weight * value * scale));
                     }
                 }
             }
@@ -296,10 +296,10 @@ fn add_deviations(
                 continue;
             }
             for foot in &layout.reach_feet[instant.feet.range()] {
-                // The rows by the pose stand after those by the variables, `[3][6]`.
-                let by_pose = &here.jacobian[foot.place.jacobian as usize + 3 * foot.place.stride as usize..];
+                // The first columns are those of the pose.
+                let (by_pose, stride) = (&here.jacobian[foot.place.jacobian as usize..], foot.place.stride as usize);
                 for r in 0..3 {
-                    put(&foot.place, r, *at, (0..6).map(|d| by_pose[6 * r + d] * pose[d]).sum());
+                    put(&foot.place, r, *at, (0..6).map(|d| by_pose[r * stride + d] * pose[d]).sum());
                 }
             }
         }

@@ -12,7 +12,7 @@ use crate::real::Real;
 use crate::terrain::Ground;
 
 /// Lift-off, touch-down.
-pub const SPEC: Spec = Spec { rows: 2, pairs: 0, equality: false, after: 0, unit: "m/s2" };
+pub const SPEC: Spec = Spec { rows: 2, pairs: 0, equality: false, unit: "m/s2" };
 
 /// Tightening, in squares of the limit.
 pub(crate) const MARGIN: f64 = 2e-3;

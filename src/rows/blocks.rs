@@ -19,7 +19,7 @@ pub struct Foothold {
 }
 
 /// How the rows of an element use a block.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Use {
     /// There is no such block here.
     Nothing,
@@ -27,6 +27,8 @@ pub enum Use {
     Reads(BlockId),
     /// They depend on it; where it is not fixed they have columns for it.
     Touches(BlockId),
+    /// They depend on it through columns that all such blocks of an element share, the first ones, by a weight.
+    Shares(BlockId, f64),
 }
 
 /// Where a block stands.

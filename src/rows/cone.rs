@@ -15,7 +15,7 @@ use crate::real::Real;
 use multiversion::multiversion;
 
 /// Normal force with its upper limit, cone; the push is the lower side of the first.
-pub const SPEC: Spec = Spec { rows: 2, pairs: 1, equality: false, after: 0, unit: "N" };
+pub const SPEC: Spec = Spec { rows: 2, pairs: 1, equality: false, unit: "N" };
 
 /// See [`super::Family::allowed`].
 pub(super) use super::force_allowed as allowed;

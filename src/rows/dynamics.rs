@@ -13,7 +13,7 @@ use crate::terrain::Ground;
 use multiversion::multiversion;
 
 /// Six equalities: moments, then forces.
-pub const SPEC: Spec = Spec { rows: 6, pairs: 0, equality: true, after: 0, unit: "N m, N" };
+pub const SPEC: Spec = Spec { rows: 6, pairs: 0, equality: true, unit: "N m, N" };
 
 /// See [`super::Family::allowed`].
 pub fn allowed<T: Real>(constants: &Constants<T>, r: usize, tolerance: T) -> T {

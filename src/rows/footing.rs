@@ -9,7 +9,7 @@ use super::{Spec, Tables};
 use crate::real::Real;
 
 /// Two two-sided rows a foothold.
-pub const SPEC: Spec = Spec { rows: 2, pairs: 2, equality: false, after: 0, unit: "m" };
+pub const SPEC: Spec = Spec { rows: 2, pairs: 2, equality: false, unit: "m" };
 
 /// See [`super::Family::allowed`].
 pub(super) use super::length_allowed as allowed;

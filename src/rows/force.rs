@@ -14,7 +14,7 @@ use crate::terrain::Ground;
 use multiversion::multiversion;
 
 /// Normal force with its upper limit, four sides of the pyramid; the push is the lower side of the first.
-pub const SPEC: Spec = Spec { rows: 5, pairs: 1, equality: false, after: 0, unit: "N" };
+pub const SPEC: Spec = Spec { rows: 5, pairs: 1, equality: false, unit: "N" };
 
 /// See [`super::Family::allowed`].
 pub(super) use super::force_allowed as allowed;

@@ -38,8 +38,6 @@ pub struct Spec {
     pub pairs: usize,
     /// Whether they are equalities.
     pub equality: bool,
-    /// Values that follow the Jacobian rows of an element.
-    pub after: usize,
     /// Unit of a row before it is scaled.
     pub unit: &'static str,
 }

@@ -19,10 +19,10 @@ use multiversion::multiversion;
 use std::sync::LazyLock;
 
 /// Six equalities: velocity, then position.
-pub const LINEAR: Spec = Spec { rows: 6, pairs: 0, equality: true, after: 0, unit: "N" };
+pub const LINEAR: Spec = Spec { rows: 6, pairs: 0, equality: true, unit: "N" };
 
 /// Six equalities: angular momentum at the end, then its mean.
-pub const ANGULAR: Spec = Spec { rows: 6, pairs: 0, equality: true, after: 0, unit: "N m" };
+pub const ANGULAR: Spec = Spec { rows: 6, pairs: 0, equality: true, unit: "N m" };
 
 /// See [`super::Family::allowed`].
 pub fn linear_allowed<T: Real>(constants: &Constants<T>, _: usize, tolerance: T) -> T {

@@ -13,8 +13,8 @@ use crate::real::Real;
 use crate::terrain::Ground;
 use multiversion::multiversion;
 
-/// Three two-sided rows a foot and instant. The same rows by the base pose follow, `[3][6]`, padded to a multiple of 8.
-pub const SPEC: Spec = Spec { rows: 3, pairs: 3, equality: false, after: 24, unit: "m" };
+/// Three two-sided rows a foot and instant.
+pub const SPEC: Spec = Spec { rows: 3, pairs: 3, equality: false, unit: "m" };
 
 /// See [`super::Family::allowed`].
 pub(super) use super::length_allowed as allowed;
@@ -59,8 +59,6 @@ crate::table! {
         pub foothold: [u32; 2],
         /// Swing height in `x`, or [`NONE`] in stance.
         pub height: u32,
-        /// Columns of the base blocks.
-        pub base_column: [u32; 4],
         /// Columns of the footholds.
         pub foothold_column: [u32; 2],
         /// Column of the swing height.
@@ -80,7 +78,6 @@ pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) 
     base.variable = at.positions(0);
     base.front = at.fronts(0);
     let foot = &mut tables.reach_feet[entry];
-    foot.base_column = at.columns(0);
     foot.place = at.place;
     foot.foothold_column = at.columns(4);
     foot.height_column = at.seats[6].column;
@@ -91,7 +88,7 @@ pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) 
 /// Reach rows of all feet at all reach instants.
 ///
 /// * `residual` - out, at each foot's place: 3 upper sides, 3 lower sides
-/// * `jacobian` - out, 3 rows at each foot's place, then the same rows by the base pose, `[3][6]`
+/// * `jacobian` - out, 3 rows at each foot's place: 6 columns by the base pose, which the base blocks share by their weights, then its own
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn reach<T: Real>(
     tables: &Tables<T>,
@@ -157,17 +154,8 @@ pub fn reach<T: Real>(
                     pose[r][3 + d] = turns[d][r];
                 }
             }
-            rows.put_after(3, &pose);
-            for i in 0..4 {
-                if foot.base_column[i] == NONE {
-                    continue;
-                }
-                let (c, w) = (foot.base_column[i] as usize, instant.base.weights[i]);
-                for r in 0..3 {
-                    for d in 0..6 {
-                        rows.put(r, c + d, w * pose[r][d]);
-                    }
-                }
+            for r in 0..3 {
+                rows.put_first(r, &pose[r]);
             }
             for i in 0..2 {
                 if foot.foothold[i] == NONE || foot.foothold_column[i] == NONE {

@@ -9,7 +9,7 @@ use super::{Spec, Tables};
 use crate::real::Real;
 
 /// One row.
-pub const SPEC: Spec = Spec { rows: 1, pairs: 0, equality: false, after: 0, unit: "m" };
+pub const SPEC: Spec = Spec { rows: 1, pairs: 0, equality: false, unit: "m" };
 
 /// See [`super::Family::allowed`].
 pub(super) use super::length_allowed as allowed;

@@ -16,7 +16,7 @@ use crate::real::Real;
 use crate::terrain::Ground;
 
 /// One row; of `momentum` on level ground two-sided.
-pub const SPEC: Spec = Spec { rows: 1, pairs: 1, equality: false, after: 0, unit: "m" };
+pub const SPEC: Spec = Spec { rows: 1, pairs: 1, equality: false, unit: "m" };
 
 /// See [`super::Family::allowed`].
 pub(super) use super::length_allowed as allowed;

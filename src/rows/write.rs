@@ -23,15 +23,13 @@ impl<'a, T> Rows<'a, T> {
         self.values[row * self.stride + column] = value;
     }
 
-    /// Writes values behind the last of `rows` rows.
+    /// Writes a row from its first column on.
     #[inline(always)]
-    pub fn put_after<const R: usize, const C: usize>(&mut self, rows: usize, values: &[[T; C]; R])
+    pub fn put_first<const C: usize>(&mut self, row: usize, values: &[T; C])
     where
         T: Copy,
     {
-        for (target, row) in self.values[rows * self.stride..].chunks_exact_mut(C).zip(values) {
-            target.copy_from_slice(row);
-        }
+        self.values[row * self.stride..][..C].copy_from_slice(values);
     }
 }
 

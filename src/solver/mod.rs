@@ -34,6 +34,7 @@ use crate::real::Real;
 use crate::rows::{self, Shared};
 use crate::settings::SolverSettings;
 use advance::{add, advance};
+use aligned_vec::{AVec, CACHELINE_ALIGN};
 use control::{CLOSE, EXACT, Limits, Progress, STEP};
 use correct::correct;
 use judge::{infeasibility, infeasibility_fall, merit_fall, nonlinearity, smoothing_fall, update_slacks};
@@ -87,9 +88,10 @@ pub struct Solver<T> {
     next: Residuals<T>,
     change: Residuals<T>,
     linear: Residuals<T>,
-    jacobian: Vec<T>,
+    /// In whole cache lines, as is the next one.
+    jacobian: AVec<T>,
     /// That of the trial point.
-    next_jacobian: Vec<T>,
+    next_jacobian: AVec<T>,
     /// Multipliers that residuals are shifted by, of equalities and inequalities; zero but while a cost is lowered.
     shift: Residuals<T>,
     weight: Vec<T>,
@@ -117,8 +119,8 @@ impl<T: Real> Default for Solver<T> {
             next: Residuals::default(),
             change: Residuals::default(),
             linear: Residuals::default(),
-            jacobian: Vec::new(),
-            next_jacobian: Vec::new(),
+            jacobian: AVec::new(CACHELINE_ALIGN),
+            next_jacobian: AVec::new(CACHELINE_ALIGN),
             shift: Residuals::default(),
             weight: Vec::new(),
             value: Vec::new(),

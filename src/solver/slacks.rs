@@ -1,5 +1,6 @@
 //! Slacks and multipliers of the inequalities: their steps, and where a barrier step aims.
 
+use crate::linear::lanes::{LANES, sum_over};
 use crate::real::Real;
 use multiversion::multiversion;
 
@@ -39,8 +40,8 @@ impl<T: Real> Aim<T> {
     }
 
     #[inline(always)]
-    pub(super) fn product(&self, slacks: &Slacks<T>, i: usize) -> T {
-        self.mu - self.correction * slacks.slack_step[i] * slacks.multiplier_step[i]
+    pub(super) fn product(&self, slack_step: T, multiplier_step: T) -> T {
+        self.mu - self.correction * slack_step * multiplier_step
     }
 }
 
@@ -54,32 +55,49 @@ pub fn slack_steps<T: Real>(g: &[T], g_change: &[T], aim: Aim<T>, slacks: &mut S
     let (s, z) = (&slacks.slack[..count], &slacks.multiplier[..count]);
     let (ds, dz) = (&mut slacks.slack_step[..count], &mut slacks.multiplier_step[..count]);
     let g_change = &g_change[..count];
-    let mut steepest = [T::zero(); 8];
-    for i in 0..count {
-        let ratio = s[i] / z[i];
-        let centre = (aim.mu - aim.correction * ds[i] * dz[i]) / z[i];
+    // Steps, and the reciprocal of that at which slack or multiplier reach zero: -change / value.
+    let step = |s: T, z: T, g: T, g_change: T, ds: T, dz: T| {
+        let ratio = s / z;
+        let centre = aim.product(ds, dz) / z;
         let w = one / (ratio + one);
-        dz[i] = w * (g_change[i] + g[i] - z[i] + centre);
-        ds[i] = centre - s[i] - ratio * dz[i];
-        // -change / value: the reciprocal of the step at which it reaches zero.
-        let steep = (-ds[i] / s[i]).max(-dz[i] / z[i]);
-        steepest[i % 8] = steepest[i % 8].max(steep);
+        let dz = w * (g_change + g - z + centre);
+        let ds = centre - s - ratio * dz;
+        (ds, dz, larger(-ds / s, -dz / z))
+    };
+    let mut steepest = [T::zero(); LANES];
+    let whole = count - count % LANES;
+    let groups = (s.as_chunks::<LANES>().0, z.as_chunks::<LANES>().0, g.as_chunks::<LANES>().0, g_change.as_chunks::<LANES>().0);
+    let steps = (ds.as_chunks_mut::<LANES>().0, dz.as_chunks_mut::<LANES>().0);
+    for i in 0..count / LANES {
+        let (s, z, g, g_change) = (&groups.0[i], &groups.1[i], &groups.2[i], &groups.3[i]);
+        let (ds, dz) = (&mut steps.0[i], &mut steps.1[i]);
+        for l in 0..LANES {
+            let steep;
+            (ds[l], dz[l], steep) = step(s[l], z[l], g[l], g_change[l], ds[l], dz[l]);
+            steepest[l] = larger(steepest[l], steep);
+        }
     }
-    let steepest = steepest.into_iter().fold(T::zero(), T::max);
+    for i in whole..count {
+        let steep;
+        (ds[i], dz[i], steep) = step(s[i], z[i], g[i], g_change[i], ds[i], dz[i]);
+        steepest[0] = larger(steepest[0], steep);
+    }
+    let steepest = steepest.into_iter().fold(T::zero(), larger);
     if steepest * T::of(1. / 0.95) > one { T::of(0.95) / steepest } else { one }
+}
+
+/// The larger of two; what is no number counts as less than any.
+#[inline(always)]
+fn larger<T: Real>(a: T, b: T) -> T {
+    if b > a { b } else { a }
 }
 
 /// Mean of the products `s z` after a step.
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn mean_product<T: Real>(slacks: &Slacks<T>, step: T) -> T {
-    let count = slacks.slack.len();
-    let mut lanes = [T::zero(); 8];
-    for i in 0..count {
-        let s = slacks.slack[i] + step * slacks.slack_step[i];
-        let z = slacks.multiplier[i] + step * slacks.multiplier_step[i];
-        lanes[i % 8] += s * z;
-    }
-    lanes.into_iter().sum::<T>() / T::of(count.max(1) as f64)
+    let Slacks { slack, multiplier, slack_step, multiplier_step } = slacks;
+    let products = sum_over([slack, multiplier, slack_step, multiplier_step], |[s, z, ds, dz]| (s + step * ds) * (z + step * dz));
+    products / T::of(slack.len().max(1) as f64)
 }
 
 /// Barrier parameter to aim for, Mehrotra's way: the farther the predictor could go, the lower.

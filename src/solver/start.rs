@@ -17,7 +17,7 @@ pub fn column_scaling<T: Real>(layout: &Layout<T>, jacobian: &[T], diagonal: &mu
             let row = &jacobian[place.jacobian as usize + r * place.stride as usize..][..place.stride as usize];
             for run in &layout.runs[element.runs.range()] {
                 for i in 0..run.len as usize {
-                    let v = row[run.column as usize + i];
+                    let v = run.weight * row[run.column as usize + i];
                     diagonal[run.variable as usize + i] += sides * v * v;
                 }
             }

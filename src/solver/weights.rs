@@ -5,21 +5,33 @@ use crate::nlp::Layout;
 use crate::real::Real;
 use multiversion::multiversion;
 
+/// Inequalities whose values are made at once, at most.
+const AT_ONCE: usize = 256;
+
 /// Spreads values of the inequalities over their Jacobian rows: `out[row] = upper +- lower`.
+///
+/// * `make` - writes weights and values of consecutive inequalities from an index on
 #[inline(always)]
-fn per_row<T: Real>(layout: &Layout<T>, weight: &mut [T], value: &mut [T], of: impl Fn(usize) -> (T, T)) {
+fn per_row<T: Real>(layout: &Layout<T>, weight: &mut [T], value: &mut [T], make: impl Fn(usize, &mut [T], &mut [T])) {
+    let (mut weights, mut values) = ([T::zero(); AT_ONCE], [T::zero(); AT_ONCE]);
+    // Which are made.
+    let mut made = 0..0;
     for element in &layout.elements {
         let (rows, pairs) = (element.rows as usize, element.pairs as usize);
         let (row, at) = (element.place.row as usize, element.place.inequality as usize);
         if row < layout.equalities {
             continue;
         }
+        if at < made.start || at + rows + pairs > made.end {
+            made = at..layout.inequalities.min(at + AT_ONCE);
+            make(at, &mut weights[..made.len()], &mut values[..made.len()]);
+        }
+        let at = at - made.start;
         for r in 0..rows {
-            let (mut w, mut v) = of(at + r);
+            let (mut w, mut v) = (weights[at + r], values[at + r]);
             if r < pairs {
-                let lower = of(at + rows + r);
-                w += lower.0;
-                v -= lower.1;
+                w += weights[at + rows + r];
+                v -= values[at + rows + r];
             }
             weight[row + r] = w;
             value[row + r] = v;
@@ -33,10 +45,16 @@ pub fn barrier_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], slacks: &Slac
     let one = T::one();
     weight[..layout.equalities].fill(one);
     value[..layout.equalities].copy_from_slice(c);
-    per_row(layout, weight, value, |i| {
-        let (s, z) = (slacks.slack[i], slacks.multiplier[i]);
-        let w = one / (s / z + one);
-        (w, z + w * (g[i] - z + aim.product(slacks, i) / z))
+    per_row(layout, weight, value, |first, weights, values| {
+        let count = weights.len();
+        let (values, g) = (&mut values[..count], &g[first..][..count]);
+        let (s, z) = (&slacks.slack[first..][..count], &slacks.multiplier[first..][..count]);
+        let (ds, dz) = (&slacks.slack_step[first..][..count], &slacks.multiplier_step[first..][..count]);
+        for i in 0..count {
+            let w = one / (s[i] / z[i] + one);
+            weights[i] = w;
+            values[i] = z[i] + w * (g[i] - z[i] + aim.product(ds[i], dz[i]) / z[i]);
+        }
     });
 }
 
@@ -46,7 +64,11 @@ pub fn closing_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], weight: &mut 
     let (zero, one) = (T::zero(), T::one());
     weight[..layout.equalities].fill(one);
     value[..layout.equalities].copy_from_slice(c);
-    per_row(layout, weight, value, |i| if g[i] > zero { (one, g[i]) } else { (zero, zero) });
+    per_row(layout, weight, value, |first, weights, values| {
+        for ((weight, value), &g) in weights.iter_mut().zip(values).zip(&g[first..]) {
+            (*weight, *value) = if g > zero { (one, g) } else { (zero, zero) };
+        }
+    });
 }
 
 /// What falls on single variables: `eps D + weight smoothing` and `weight smoothing (x - initial)`.

@@ -292,7 +292,7 @@ pub fn dense_jacobian<T: Real>(layout: &Layout<T>, values: &[T]) -> DMatrix<f64>
             for run in &layout.runs[element.runs.range()] {
                 for i in 0..run.len as usize {
                     let value = values[place.jacobian as usize + r * place.stride as usize + run.column as usize + i];
-                    dense[(place.row as usize + r, run.variable as usize + i)] += value.as_f64();
+                    dense[(place.row as usize + r, run.variable as usize + i)] += run.weight.as_f64() * value.as_f64();
                 }
             }
         }

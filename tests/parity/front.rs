@@ -48,7 +48,10 @@ impl System {
                 let row = &jacobian[place.jacobian as usize + r * place.stride as usize..];
                 let entries: Vec<(usize, f64)> = layout.runs[element.runs.range()]
                     .iter()
-                    .flat_map(|run| (0..run.len).map(move |i| ((run.variable + i) as usize, f64::from(row[(run.column + i) as usize]))))
+                    .flat_map(|run| {
+                        (0..run.len)
+                            .map(move |i| ((run.variable + i) as usize, f64::from(run.weight) * f64::from(row[(run.column + i) as usize])))
+                    })
                     .filter(|entry| entry.1 != 0.)
                     .collect();
                 let (w, v) = (f64::from(self.weight[place.row as usize + r]), f64::from(self.value[place.row as usize + r]));

@@ -6,7 +6,7 @@
 
 use crate::nlp::Layout;
 use crate::rows::momentum::{MOMENTUM_POINTS, MomentumPoint};
-use crate::rows::table::{Run, Span, Wgsl};
+use crate::rows::table::{ColumnRun, Span, Wgsl};
 use crate::rows::{Constants, Family, row_tables};
 use crate::settings::SolverSettings;
 use crate::solver::control::{Limits, Progress};
@@ -392,11 +392,13 @@ crate::table! {
 
     /// An element that touches a block of variables.
     #[derive(Default, PartialEq)]
-    pub struct Touch {
+    pub struct Touch<T> {
         /// The element.
         pub element: u32,
         /// Column of the first variable of the block.
         pub column: u32,
+        /// What the values in the columns are to be multiplied by.
+        pub weight: T,
     }
 }
 
@@ -437,7 +439,7 @@ pub struct ShaderTables {
     /// Elements by variable, `[variables]`.
     pub gathers: Vec<Gather>,
     /// Elements by block.
-    pub touches: Vec<Touch>,
+    pub touches: Vec<Touch<f32>>,
 }
 
 impl ShaderTables {
@@ -494,7 +496,7 @@ impl ShaderTables {
             }
             block_of.push(firsts.len() - 1);
         }
-        let blocks_of = |run: &Run| block_of[run.variable as usize]..=block_of[(run.variable + run.len - 1) as usize];
+        let blocks_of = |run: &ColumnRun<f32>| block_of[run.variable as usize]..=block_of[(run.variable + run.len - 1) as usize];
         let mut ends = vec![0u32; firsts.len() + 1];
         for run in &layout.runs {
             for block in blocks_of(run) {
@@ -510,7 +512,7 @@ impl ShaderTables {
             for run in &layout.runs[entry.runs.range()] {
                 for block in blocks_of(run) {
                     let column = run.column + firsts[block] - run.variable;
-                    self.touches[ends[block] as usize] = Touch { element: element as u32, column };
+                    self.touches[ends[block] as usize] = Touch { element: element as u32, column, weight: run.weight };
                     ends[block] += 1;
                 }
             }

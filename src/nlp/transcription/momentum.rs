@@ -151,8 +151,9 @@ impl<T: Real> Transcribe<T> for Momentum {
                 linear: Place::default(),
                 angular: Place::default(),
             });
-            b.element(Family::LinearMomentum, k, k, uses.clone());
-            b.element(Family::AngularMomentum, k, k, uses.into_iter().chain(footholds).collect());
+            b.element(Family::LinearMomentum, k, k, &uses);
+            uses.append(&mut footholds);
+            b.element(Family::AngularMomentum, k, k, &uses);
         }
     }
 

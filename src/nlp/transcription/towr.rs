@@ -87,7 +87,7 @@ impl<T: Real> Transcribe<T> for Towr {
                 forces: Span::added(first, &b.tables.stance_forces),
                 place: Place::default(),
             });
-            b.element(Family::Dynamics, k, k, uses);
+            b.element(Family::Dynamics, k, k, &uses);
         }
     }
 
