@@ -73,7 +73,8 @@
 //! on, closes or ends is decided on the device; the host reads 64 bytes a slot after every few rounds, takes out what has ended and fills the slots
 //! again. The front of a factorisation stays in workgroup memory (16 KiB where that is enough, as much as the adapter has where not, storage
 //! otherwise). At the start a device counts loops (some software adapters leave them after 65,535 iterations, and get the factorisation in parts)
-//! and solves a small problem with a known end; one that computes wrong numbers is refused.
+//! and solves a small problem with a known end; one that computes wrong numbers is refused. Compiled shaders are kept between runs where Vulkan
+//! hands them out, in `cregopt` among the user's caches, or where `CREGOPT_CACHE` says (empty: nowhere).
 //!
 //! # Features
 //! `cli` (the program), `gpu`, `experiment` (the paper's experiments), `view` (results as a page for a browser), `pictures` (PNG besides

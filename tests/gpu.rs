@@ -5,7 +5,7 @@
 mod common;
 
 use common::{Random, gait, momentum, reference_candidates, task, towr};
-use cregopt::backend::gpu::Device;
+use cregopt::backend::gpu::{Device, Folder};
 use cregopt::backend::{Backend, Cpu, Fallback, Gpu, Precision};
 use cregopt::gait::Schedule;
 use cregopt::scenario::SCENARIOS;
@@ -22,8 +22,13 @@ use std::sync::{Mutex, MutexGuard, OnceLock};
 
 /// The adapter under test, opened, or `None` after saying which test is skipped.
 fn device(test: &str) -> Option<Device> {
+    device_with(test, Folder::default())
+}
+
+/// The same with a folder for what is kept.
+fn device_with(test: &str, folder: Folder) -> Option<Device> {
     let name = std::env::var("CREGOPT_TEST_ADAPTER").ok();
-    match Device::open(name.as_deref(), true) {
+    match Device::open_with(name.as_deref(), true, folder) {
         Ok(device) => Some(device),
         Err(error) if std::env::var("GPU_TESTS").is_ok_and(|v| v == "require") => panic!("{test}: {error}"),
         Err(error) => {
@@ -275,4 +280,39 @@ fn candidates_for_which_a_driver_leaves_loops_too_early_go_to_the_cpu() {
     let ours = solve_on(&gpu, &problems, &settings);
     assert_same_verdicts(test, &ours, &solve_on(&Cpu::new(1).unwrap(), &problems, &settings));
     left_to_the_cpu(&gpu, 1, "the driver leaves loops early");
+}
+
+#[test]
+fn pipelines_are_kept_and_what_is_in_their_place_does_no_harm() {
+    let test = "pipelines_are_kept_and_what_is_in_their_place_does_no_harm";
+    let folder = tempfile::tempdir().unwrap();
+    let open = || device_with(test, Folder::at(folder.path()));
+    let Some(first) = open() else { return };
+    if !first.device.features().contains(wgpu::Features::PIPELINE_CACHE) {
+        return eprintln!("skipped: {test}: this interface hands no pipelines out");
+    }
+    let (task, schedule) = (task("biped", "flat", [0.3, 0.], 0.), gait(&mut Random::new(1), 2, 2..=2));
+    let solve = |device: Device| {
+        let gpu = Gpu::new(device, 1).unwrap();
+        solve_on(&gpu, &[(&task, &schedule)], &lower(momentum())).pop().unwrap().unwrap().x
+    };
+    let expected = solve(first);
+    let files: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|f| f.unwrap().path()).collect();
+    let [file] = &files[..] else { panic!("{files:?}") };
+    let kept = std::fs::read(file).unwrap();
+    assert_eq!(solve(open().unwrap()), expected);
+    assert_eq!(std::fs::read(file).unwrap().len(), kept.len(), "what was there was of use");
+    // Another adapter's, from a folder that was copied: the header that wgpu writes names it, behind the sum of the bytes.
+    let mut foreign = kept[8..].to_vec();
+    foreign[20] ^= 1;
+    let mut hasher = std::hash::DefaultHasher::new();
+    std::hash::Hash::hash(&foreign[..], &mut hasher);
+    let foreign = [&std::hash::Hasher::finish(&hasher).to_le_bytes()[..], &foreign].concat();
+    for other in [&foreign[..], &kept[..kept.len() / 2], b"", b"no pipelines"] {
+        std::fs::write(file, other).unwrap();
+        assert_eq!(solve(open().unwrap()), expected);
+        assert_eq!(std::fs::read(file).unwrap().len(), kept.len(), "{} other bytes were replaced", other.len());
+    }
+    // A file where the folder should be.
+    assert_eq!(solve(device_with(test, Folder::at(file)).unwrap()), expected);
 }

@@ -5,8 +5,14 @@
 //! of a search draws them. Prints Markdown.
 //!
 //! `cargo bench --bench batches -- --host [--scenario NAME] [--from N]`: what a candidate costs the host, device left out.
+//!
+//! `cargo bench --bench batches -- --traffic [--scenario NAME] [--from N] [--towr]`: bytes and operations a round, by shader, and what they let GPUs
+//! do at best. Nothing is run on a device.
 
+mod counted;
 mod host;
+mod operations;
+mod traffic;
 
 use cregopt::backend::{Backend, Cpu, Gpu, Job, Precision, Problem, Solution};
 use cregopt::gait::Schedule;
@@ -31,11 +37,20 @@ struct Arguments {
     rows: Transcription,
     slots: Option<usize>,
     host: bool,
+    traffic: bool,
 }
 
 fn arguments() -> Result<Arguments> {
-    let mut parsed =
-        Arguments { device: None, scenario: "s1".into(), from: 16, to: 256, rows: Transcription::Momentum, slots: None, host: false };
+    let mut parsed = Arguments {
+        device: None,
+        scenario: "s1".into(),
+        from: 16,
+        to: 256,
+        rows: Transcription::Momentum,
+        slots: None,
+        host: false,
+        traffic: false,
+    };
     let mut arguments = std::env::args().skip(1).filter(|a| a != "--bench");
     while let Some(argument) = arguments.next() {
         let mut text = || arguments.next().unwrap_or_default();
@@ -47,6 +62,7 @@ fn arguments() -> Result<Arguments> {
             "--to" => parsed.to = number(text())?,
             "--slots" => parsed.slots = Some(number(text())?),
             "--host" => parsed.host = true,
+            "--traffic" => parsed.traffic = true,
             "--towr" => parsed.rows = Transcription::Towr,
             _ => return Err(Error::invalid("argument", argument, "one of those in benches/batches.rs")),
         }
@@ -117,6 +133,11 @@ fn main() -> Result<()> {
         return host(&task, arguments.from);
     }
     let lower = LowerSettings { transcription: TranscriptionSettings::paper(arguments.rows), ..LowerSettings::default() };
+    if arguments.traffic {
+        let settings = settings(arguments.from)?;
+        let schedules = population(FreeDistribution::initial(&settings, task.robot.feet())?, &settings)?.0;
+        return traffic::print(&task, &schedules, &lower);
+    }
     let open = || -> Result<Gpu> {
         let gpu = Gpu::open(arguments.device.as_deref(), true, 0)?;
         Ok(match arguments.slots {

@@ -1,5 +1,6 @@
 // needs: shared/triangle
-// binds: jacobian factor elements runs front_steps rests reach_instants reach_feet part
+// binds: jacobian factor tables part
+// reads: elements runs front_steps rests reach_instants reach_feet
 // The frontal Cholesky factorisation in time order: assemble, eliminate, slide on. One workgroup a candidate, steps `part.first` to
 // `part.last`.
 //   in      values    weight, value [rows]; diagonal, gradient [variables]
@@ -24,9 +25,9 @@ fn spread(slot: u32, element: Element, side: u32, lane: u32) -> u32 {
     if (element.runs.start == element.runs.end) {
         return 0u;
     }
-    let last = runs[slot * batch.runs + element.runs.end - 1u];
+    let last = runs_at(slot, element.runs.end - 1u);
     for (var k = element.runs.start + lane; k < element.runs.end; k += WORKGROUP) {
-        let run = runs[slot * batch.runs + k];
+        let run = runs_at(slot, k);
         for (var i = 0u; i < run.len; i++) {
             columns[side + run.column + i] = run.front + i;
         }
@@ -183,8 +184,8 @@ var<workgroup> by_pose: array<f32, 42>;
 fn pose_sum(slot: u32, half: u32, feet: Span, e: u32) -> f32 {
     let base = slot * batch.values;
     var sum = 0.0;
-    for (var f = slot * batch.reach_feet + feet.start; f < slot * batch.reach_feet + feet.end; f++) {
-        let place = reach_feet[f].place;
+    for (var f = feet.start; f < feet.end; f++) {
+        let place = reach_feet_at(slot, f).place;
         let pose = (2u * slot + half) * batch.jacobian + place.jacobian;
         for (var r = 0u; r < 3u; r++) {
             if (e < 36u) {
@@ -199,20 +200,20 @@ fn pose_sum(slot: u32, half: u32, feet: Span, e: u32) -> f32 {
 }
 
 // Index in the front and Jacobian column of one of the five columns that a foot has for itself: two a foothold, one a swing height. NONE: it is fixed.
-fn own_column(foot: u32, f: u32) -> vec2<u32> {
-    let block = reach_feet[foot].front[f / 2u];
+fn own_column(slot: u32, foot: u32, f: u32) -> vec2<u32> {
+    let block = reach_feet_front(slot, foot, f / 2u);
     if (block == NONE) {
         return vec2<u32>(NONE, NONE);
     }
     if (f == 4u) {
-        return vec2<u32>(block, reach_feet[foot].height_column);
+        return vec2<u32>(block, reach_feet_at(slot, foot).height_column);
     }
-    return vec2<u32>(block, reach_feet[foot].foothold_column[f / 2u]) + f % 2u;
+    return vec2<u32>(block, reach_feet_foothold_column(slot, foot, f / 2u)) + f % 2u;
 }
 
 // Adds the products of a foot's own columns with another one: of the 24 base columns, its own ones, and the values, 30 in all.
 fn add_foot(slot: u32, half: u32, instant: u32, foot: u32, size: u32, other: u32) {
-    let place = reach_feet[foot].place;
+    let place = reach_feet_at(slot, foot).place;
     let first = (2u * slot + half) * batch.jacobian + place.jacobian;
     let rows = place.stride * vec3<u32>(0u, 1u, 2u);
     let row = slot * batch.values + place.row;
@@ -220,15 +221,15 @@ fn add_foot(slot: u32, half: u32, instant: u32, foot: u32, size: u32, other: u32
     var at = size;
     if (other < 24u) {
         let block = other / 6u;
-        at = reach_instants[instant].base.front[block];
+        at = reach_instants_base_front(slot, instant, block);
         if (at == NONE) {
             return;
         }
         at += other % 6u;
         right *= column_of(first + other % 6u, rows, 3u);
-        right *= reach_instants[instant].base.weights[block];
+        right *= reach_instants_base_weights(slot, instant, block);
     } else if (other < 29u) {
-        let second = own_column(foot, other - 24u);
+        let second = own_column(slot, foot, other - 24u);
         if (second.x == NONE) {
             return;
         }
@@ -238,7 +239,7 @@ fn add_foot(slot: u32, half: u32, instant: u32, foot: u32, size: u32, other: u32
         right = -vec3<f32>(values[row + batch.value], values[row + batch.value + 1u], values[row + batch.value + 2u]);
     }
     for (var f = 0u; f < 5u; f++) {
-        let own = own_column(foot, f);
+        let own = own_column(slot, foot, f);
         // Of two own columns only what lies right of the diagonal.
         if (own.x != NONE && (other < 24u || own.x <= at)) {
             add_front(slot, ix_front(size, min(own.x, at), max(own.x, at)), dot(column_of(first + own.y, rows, 3u), right));
@@ -256,13 +257,13 @@ fn block_pair(pair: u32) -> vec2<u32> {
 // Adds one of the 360 products of the base columns at an instant, 36 of each pair of blocks.
 fn add_pose(slot: u32, instant: u32, size: u32, e: u32) {
     let pair = block_pair(e / 36u);
-    let rows = reach_instants[instant].base.front[pair.x];
-    let columns = reach_instants[instant].base.front[pair.y];
+    let rows = reach_instants_base_front(slot, instant, pair.x);
+    let columns = reach_instants_base_front(slot, instant, pair.y);
     let c = (e % 36u) / 6u;
     let d = e % 6u;
     // On the diagonal only what lies right of it; else the block above it, whichever of the two comes first. The sums are symmetric.
     if (rows != NONE && columns != NONE && (pair.x != pair.y || c <= d)) {
-        let weight = reach_instants[instant].base.weights[pair.x] * reach_instants[instant].base.weights[pair.y];
+        let weight = reach_instants_base_weights(slot, instant, pair.x) * reach_instants_base_weights(slot, instant, pair.y);
         add_front(slot, ix_front(size, min(rows, columns) + c, max(rows, columns) + d), weight * by_pose[e % 36u]);
     }
 }
@@ -272,9 +273,8 @@ fn add_pose(slot: u32, instant: u32, size: u32, e: u32) {
 // All rows touch the base through its pose alone, with weights `w` that an instant's feet share: with `P` the rows by the pose, `A` by the
 // foot's own columns, the base block of coefficients `i` and `j` is `w_i w_j sum P' W P`, that of coefficient and foot `w_i P' W A`.
 fn assemble_reach(slot: u32, half: u32, at: FrontStep, lane: u32) {
-    for (var k = at.reach.start; k < at.reach.end; k++) {
-        let instant = slot * batch.reach_instants + k;
-        let feet = reach_instants[instant].feet;
+    for (var instant = at.reach.start; instant < at.reach.end; instant++) {
+        let feet = reach_instants_at(slot, instant).feet;
         front_barrier();
         for (var e = lane; e < 42u; e += WORKGROUP) {
             by_pose[e] = pose_sum(slot, half, feet, e);
@@ -284,14 +284,14 @@ fn assemble_reach(slot: u32, half: u32, at: FrontStep, lane: u32) {
             add_pose(slot, instant, at.size, e);
         }
         for (var e = lane; e < 24u; e += WORKGROUP) {
-            let block = reach_instants[instant].base.front[e / 6u];
+            let block = reach_instants_base_front(slot, instant, e / 6u);
             if (block != NONE) {
-                let sum = reach_instants[instant].base.weights[e / 6u] * by_pose[36u + e % 6u];
+                let sum = reach_instants_base_weights(slot, instant, e / 6u) * by_pose[36u + e % 6u];
                 add_front(slot, ix_front(at.size, block + e % 6u, at.size), -sum);
             }
         }
         for (var e = lane; e < 30u * (feet.end - feet.start); e += WORKGROUP) {
-            add_foot(slot, half, instant, slot * batch.reach_feet + feet.start + e / 30u, at.size, e % 30u);
+            add_foot(slot, half, instant, feet.start + e / 30u, at.size, e % 30u);
         }
     }
     front_barrier();
@@ -306,18 +306,18 @@ fn begin_front(slot: u32, k: u32, size: u32, lane: u32) {
     if (k == 0u) {
         return;
     }
-    let before = front_steps[slot * batch.front_steps + k - 1u];
+    let before = front_steps_at(slot, k - 1u);
     let count = before.size - before.pivots;
-    let rest = slot * batch.rests + before.rest.start;
+    let rest = before.rest.start;
     let carry = slot * batch.values + batch.carry;
     for (var e = lane; e < cells(count); e += WORKGROUP) {
         let at = cell(count, e);
         if (at.y < count) {
-            put_front(slot, ix_front(size, rests[rest + at.x].next, rests[rest + at.y].next), values[carry + at.x * count + at.y]);
+            put_front(slot, ix_front(size, rests_at(slot, rest + at.x).next, rests_at(slot, rest + at.y).next), values[carry + at.x * count + at.y]);
         }
     }
     for (var a = lane; a < count; a += WORKGROUP) {
-        put_front(slot, ix_front(size, rests[rest + a].next, size), values[carry + count * count + a]);
+        put_front(slot, ix_front(size, rests_at(slot, rest + a).next, size), values[carry + count * count + a]);
     }
     front_barrier();
 }
@@ -432,11 +432,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let base = slot * batch.values;
     var positive = true;
     for (var k = part.first; k < min(part.last, slots[slot].front_steps); k++) {
-        let at = front_steps[slot * batch.front_steps + k];
+        let at = front_steps_at(slot, k);
         begin_front(slot, k, at.size, lane);
         var side = 0u;
         for (var i = at.elements.start; i < at.elements.end; i++) {
-            let element = elements[slot * batch.elements + i];
+            let element = elements_at(slot, i);
             if (element.family == REACH) {
                 continue;
             }

@@ -38,6 +38,9 @@ static CANCELLED: AtomicBool = AtomicBool::new(false);
 ///
 /// Exit codes: 0 feasible, 2 usage, 3 nothing feasible within the budget, 4 bad input file or unusable output, 5 no such
 /// device.
+///
+/// `CREGOPT_CACHE` names the folder for what is kept of GPUs between runs; where it is empty nothing is kept. Without it that is `cregopt` among
+/// the user's caches.
 #[derive(Debug, Parser)]
 #[command(version)]
 struct Cli {

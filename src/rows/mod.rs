@@ -102,6 +102,12 @@ impl Wgsl for Family {
     fn name() -> String {
         u32::name()
     }
+
+    const WORDS: u32 = 1;
+
+    fn read(first: u32) -> String {
+        u32::read(first)
+    }
 }
 
 /// The tables of all families, `name Buffer Entry` each; shaders bind them by their names. Hands the list to a macro.

@@ -13,17 +13,56 @@ pub trait Wgsl {
 
     /// Adds the declarations that it needs, by name, each behind those that it needs itself.
     fn declare(_into: &mut Vec<(String, String)>) {}
+
+    /// How many words of four bytes it has.
+    const WORDS: u32;
+
+    /// The expression that makes it of the words of `tables` from `at + first` on.
+    fn read(first: u32) -> String;
+
+    /// Adds the arrays that it holds.
+    ///
+    /// * `name` - what its name is made from: the table, and the members on the way
+    /// * `first` - where it begins in the table's entry, words
+    fn arrays(_name: &str, _first: u32, _into: &mut Vec<MemberArray>) {}
+}
+
+/// An array in an entry of a table.
+#[derive(Debug)]
+pub struct MemberArray {
+    /// Table and members, in its order.
+    pub name: String,
+    /// Where it begins in the entry, words.
+    pub first: u32,
+    /// Words of one of its values.
+    pub words: u32,
+    /// Type of its values.
+    pub of: String,
+    /// [`Wgsl::read`] of one.
+    pub read: fn(u32) -> String,
 }
 
 impl Wgsl for f32 {
     fn name() -> String {
         "f32".into()
     }
+
+    const WORDS: u32 = 1;
+
+    fn read(first: u32) -> String {
+        format!("bitcast<f32>(tables[at + {first}u])")
+    }
 }
 
 impl Wgsl for u32 {
     fn name() -> String {
         "u32".into()
+    }
+
+    const WORDS: u32 = 1;
+
+    fn read(first: u32) -> String {
+        format!("tables[at + {first}u]")
     }
 }
 
@@ -34,6 +73,17 @@ impl<M: Wgsl, const N: usize> Wgsl for [M; N] {
 
     fn declare(into: &mut Vec<(String, String)>) {
         M::declare(into);
+    }
+
+    const WORDS: u32 = M::WORDS * N as u32;
+
+    fn read(first: u32) -> String {
+        let values: Vec<String> = (0..N as u32).map(|i| M::read(first + i * M::WORDS)).collect();
+        format!("{}({})", Self::name(), values.join(", "))
+    }
+
+    fn arrays(name: &str, first: u32, into: &mut Vec<MemberArray>) {
+        into.push(MemberArray { name: name.into(), first, words: M::WORDS, of: M::name(), read: M::read });
     }
 }
 
@@ -61,6 +111,27 @@ macro_rules! table {
                     $(text += &format!("    {}: {},\n", stringify!($member), <$type as $crate::rows::table::Wgsl>::name());)*
                     into.push((stringify!($name).into(), text + "}\n"));
                 }
+            }
+
+            const WORDS: u32 = 0 $(+ <$type as $crate::rows::table::Wgsl>::WORDS)*;
+
+            fn read(first: u32) -> String {
+                let (mut values, mut at) = (Vec::new(), first);
+                $(
+                    values.push(<$type as $crate::rows::table::Wgsl>::read(at));
+                    at += <$type as $crate::rows::table::Wgsl>::WORDS;
+                )*
+                debug_assert_eq!(at, first + Self::WORDS);
+                format!("{}({})", stringify!($name), values.join(", "))
+            }
+
+            fn arrays(name: &str, first: u32, into: &mut Vec<$crate::rows::table::MemberArray>) {
+                let mut at = first;
+                $(
+                    <$type as $crate::rows::table::Wgsl>::arrays(&format!("{name}_{}", stringify!($member)), at, into);
+                    at += <$type as $crate::rows::table::Wgsl>::WORDS;
+                )*
+                debug_assert_eq!(at, first + Self::WORDS);
             }
         }
 

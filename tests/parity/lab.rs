@@ -4,7 +4,7 @@ use crate::candidates::{Candidate, EDGE_RADIUS, grids};
 use crate::common::Random;
 use cregopt::backend::gpu::shaders::{Shader, WORKGROUP};
 use cregopt::backend::gpu::tables::{Batch, Buffer, Sizes, Slot as Counts};
-use cregopt::backend::gpu::{Device, List, Prepared, Slots};
+use cregopt::backend::gpu::{Device, Folder, List, Prepared, Slots};
 use cregopt::nlp::Layout;
 use cregopt::settings::{SolverSettings, StallSettings};
 use cregopt::solver::control::Progress;
@@ -39,7 +39,7 @@ pub fn gpu(test: &str) -> Option<Arc<Device>> {
     static DEVICE: OnceLock<Result<Arc<Device>, String>> = OnceLock::new();
     let device = DEVICE.get_or_init(|| {
         let name = std::env::var("CREGOPT_TEST_ADAPTER").ok();
-        let device = Device::open(name.as_deref(), true).map_err(|e| e.to_string())?;
+        let device = Device::open_with(name.as_deref(), true, Folder::default()).map_err(|e| e.to_string())?;
         eprintln!("parity on {} ({}, {})", device.report.name, device.report.interface, device.report.driver);
         Ok(Arc::new(device.with_workgroup(WORKGROUP)))
     });
@@ -57,7 +57,7 @@ pub fn gpu(test: &str) -> Option<Arc<Device>> {
 pub fn with_its_workgroups(test: &str) -> Option<Arc<Device>> {
     static DEVICE: OnceLock<Option<Arc<Device>>> = OnceLock::new();
     gpu(test)?;
-    let open = || Device::open(std::env::var("CREGOPT_TEST_ADAPTER").ok().as_deref(), true).ok().map(Arc::new);
+    let open = || Device::open_with(std::env::var("CREGOPT_TEST_ADAPTER").ok().as_deref(), true, Folder::default()).ok().map(Arc::new);
     DEVICE.get_or_init(open).clone()
 }
 

@@ -97,7 +97,7 @@ fn twin_factor(slot: &Slot, random: &mut Random) -> Vec<f32> {
     // Where the twin writes nothing there is nothing to read.
     factor.pivot_rows.fill(POISON);
     assert!(factorise(&slot.layout, &system.equations(&jacobian_at(slot)), &mut factor));
-    factor.pivot_rows
+    factor.pivot_rows.to_vec()
 }
 
 /// Runs a substitution on workgroup-size fronts and on large ones.

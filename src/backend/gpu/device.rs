@@ -1,5 +1,6 @@
 //! Adapters of this machine, and one of them opened: device, limits and pipelines.
 
+use super::kept::{Folder, Pipelines};
 use super::shaders::{Binding, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP};
 use super::tables::Buffer;
 use crate::backend::locked;
@@ -146,6 +147,8 @@ pub struct Device {
     /// Loop iterations after which an invocation is cut short, where the driver does that.
     pub loop_limit: Option<u32>,
     pipelines: Mutex<BTreeMap<Variant, Arc<Vec<Pipeline>>>>,
+    /// Those of earlier runs.
+    kept: Option<Pipelines>,
     /// The first error nobody waited for.
     fault: Arc<Mutex<Option<Fault>>>,
 }
@@ -168,6 +171,14 @@ impl Device {
     /// # Errors
     /// [`Error::Device`] says what was found instead, or why it could not be opened.
     pub fn open(name: Option<&str>, software: bool) -> Result<Device> {
+        Device::open_with(name, software, Folder::of_user())
+    }
+
+    /// As [`Device::open`], with a folder in which compiled pipelines are kept.
+    ///
+    /// # Errors
+    /// As [`Device::open`].
+    pub fn open_with(name: Option<&str>, software: bool, folder: Folder) -> Result<Device> {
         let wanted = name.map(str::to_lowercase);
         let found = ranked();
         let fits = |r: &AdapterReport| match &wanted {
@@ -185,10 +196,10 @@ impl Device {
         }
         let refused = |message: String| Error::Device { message: format!("{}: {message}", report.name) };
         let limits = adapter.limits();
-        let timestamps = adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY);
+        let features = adapter.features() & (wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::PIPELINE_CACHE);
         let request = adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("cregopt"),
-            required_features: if timestamps { wgpu::Features::TIMESTAMP_QUERY } else { wgpu::Features::empty() },
+            required_features: features,
             required_limits: limits.clone(),
             ..Default::default()
         });
@@ -200,6 +211,7 @@ impl Device {
         }));
         let to = fault.clone();
         device.set_device_lost_callback(move |reason, message| keep(&to, Fault::Lost(format!("{reason:?} {message}").trim().into())));
+        let kept = Pipelines::open(folder, &device, &adapter.get_info());
         let workgroup = if report.software { SOFTWARE_WORKGROUP } else { WORKGROUP };
         let mut device = Device {
             report,
@@ -208,9 +220,10 @@ impl Device {
             device,
             queue,
             limits,
-            timestamps,
+            timestamps: features.contains(wgpu::Features::TIMESTAMP_QUERY),
             loop_limit: None,
             pipelines: Mutex::default(),
+            kept,
             fault,
         };
         let counted = device.count_to(3 * LOOP_LIMIT).map_err(|f| Error::Device { message: format!("{}: {f}", device.report.name) })?;
@@ -307,7 +320,7 @@ impl Device {
             entry_point: Some("main"),
             // Every shader writes its workgroup memory before it reads it.
             compilation_options: wgpu::PipelineCompilationOptions { zero_initialize_workgroup_memory: false, ..Default::default() },
-            cache: None,
+            cache: self.kept.as_ref().map(Pipelines::cache),
         });
         Ok(Pipeline { shader, bindings, layout, pipeline })
     }
@@ -321,6 +334,9 @@ impl Device {
         let pipelines = Shader::ALL.iter().map(|shader| self.compile(*shader, &variant));
         let pipelines = Arc::new(pipelines.collect::<std::result::Result<Vec<_>, Fault>>()?);
         self.check()?;
+        if let Some(kept) = &self.kept {
+            kept.save();
+        }
         cached.insert(variant, pipelines.clone());
         Ok(pipelines)
     }
@@ -346,7 +362,7 @@ impl Device {
             module: &module,
             entry_point: Some("main"),
             compilation_options: Default::default(),
-            cache: None,
+            cache: self.kept.as_ref().map(Pipelines::cache),
         });
         use wgpu::BufferUsages as Use;
         let bytes = 4 * u64::from(WORKGROUP);

@@ -5,12 +5,14 @@
 //! come next and certifies those that are done.
 
 mod device;
+mod kept;
 pub mod shaders;
 mod slots;
 pub mod tables;
 mod timer;
 
 pub use device::{AdapterReport, Device, Fault, adapters};
+pub use kept::Folder;
 pub use slots::{List, Prepared, Slots, most_slots};
 pub use timer::Timing;
 

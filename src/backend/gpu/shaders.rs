@@ -9,6 +9,12 @@
 //! //   out  jacobian  2 rows at each place       what it writes: bound to be written, all others to be read alone
 //! ```
 //!
+//! ```text
+//! // binds: jacobian tables                   `tables` are those of `Buffer::JOINED`, as words
+//! // reads: elements reach_feet               whose entries `elements_at(slot, i)`, and what arrays in them hold
+//! //                                          `reach_feet_front(slot, i, k)` reads: functions written in front of the text
+//! ```
+//!
 //! Every shader binds `batch`, `running`, `slots`, `progress` and `values` ([`COMMON`]). Types of buffers, their structs and the constants that
 //! it has in common with Rust are written in front of it, too ([`prelude`]).
 //!
@@ -155,11 +161,44 @@ impl Binding {
     }
 }
 
+/// What the lines of the comment that a text begins with name behind a word.
+fn stated<'a>(text: &'a str, word: &str) -> impl Iterator<Item = &'a str> {
+    let header = text.lines().map_while(|line| line.strip_prefix("//"));
+    header.filter_map(move |line| line.trim_start().strip_prefix(word)).flat_map(str::split_whitespace)
+}
+
+/// The tables that a text reads out of `tables`; what is wrong with its words otherwise.
+pub fn reads(text: &str) -> Result<Vec<Buffer>, String> {
+    let bound = stated(text, "binds:").any(|name| name == Buffer::Tables.name());
+    let joined = |name: &str| {
+        let found = Buffer::JOINED.iter().find(|b| b.name() == name).copied();
+        found.filter(|_| bound).ok_or_else(|| format!("it reads {name}, which is not in the tables that it binds"))
+    };
+    stated(text, "reads:").map(joined).collect()
+}
+
+/// Functions that read the entries of a table, and the arrays in them, from `tables`.
+fn readers(table: Buffer) -> String {
+    let (name, entry) = (table.name(), table.entry());
+    let words = entry.size / 4;
+    let reader = |name: &str, more: &str, of: &str, at: &str, value: &str| {
+        let first = format!("batch.first_{table} + (slot * batch.{table} + i) * {words}u", table = table.name());
+        format!("fn {name}(slot: u32, i: u32{more}) -> {of} {{\n    let at = {first}{at};\n    return {value};\n}}\n\n")
+    };
+    let mut text = reader(&format!("{name}_at"), "", &(entry.name)(), "", &(entry.read)(0));
+    let mut arrays = Vec::new();
+    (entry.arrays)(name, 0, &mut arrays);
+    for array in arrays {
+        text += &reader(&array.name, ", k: u32", &array.of, &format!(" + {}u * k", array.words), &(array.read)(array.first));
+    }
+    text
+}
+
 /// The bindings of a shader in their order, as the comment that its text begins with states them; what is wrong with it otherwise.
 pub fn bindings(text: &str) -> Result<Vec<Binding>, String> {
+    reads(text)?;
     let header = || text.lines().map_while(|line| line.strip_prefix("//"));
-    let stated = header().filter_map(|line| line.strip_prefix(" binds:")).flat_map(str::split_whitespace);
-    let names: Vec<&str> = COMMON.into_iter().chain(stated).collect();
+    let names: Vec<&str> = COMMON.into_iter().chain(stated(text, "binds:")).collect();
     if let Some(twice) = (1..names.len()).find(|&i| names[..i].contains(&names[i])) {
         return Err(format!("it binds {} twice", names[twice]));
     }
@@ -224,6 +263,10 @@ impl Shader {
         text += &format!("const SIDE: u32 = {side}u;\nconst COLUMNS: u32 = {columns}u;\n\n");
         for (number, binding) in (0..).zip(self.bindings().unwrap_or_default()) {
             text += &binding.declaration(number);
+        }
+        for table in reads(self.source()).unwrap_or_default() {
+            text += "\n";
+            text += &readers(table);
         }
         if let Some(table) = self.walks() {
             text += &format!("\nfn entries(slot: u32) -> u32 {{\n    return slots[slot].{table};\n}}\n");

@@ -2,7 +2,7 @@
 
 use super::device::{Device, Fault, Pipeline};
 use super::shaders::{Binding, Shader, Variant};
-use super::tables::{Batch, Buffer, Part, ShaderTables, Sizes, Slot, first_progress};
+use super::tables::{ALIGNMENT, Batch, Buffer, Part, ShaderTables, Sizes, Slot, first_progress};
 use crate::nlp::Layout;
 use crate::nlp::sweep::Step;
 use crate::rows::Family;
@@ -11,9 +11,6 @@ use crate::solver::control::Progress;
 use rayon::prelude::*;
 use std::sync::Arc;
 use wgpu::BufferUsages as Use;
-
-/// Offsets of bindings are multiples of this, the most that any device asks for.
-const ALIGNMENT: u64 = 256;
 
 /// A candidate, ready to be sent.
 pub struct Prepared {
@@ -135,16 +132,17 @@ fn bytes_of(buffer: Buffer, sizes: &Sizes, batch: &Batch, heights: usize) -> u64
         Buffer::Jacobian => entries(batch.jacobian, 8),
         Buffer::Factor => entries(batch.factor, 4),
         Buffer::Heights => 4 * heights.max(1) as u64,
-        // Batch::new keeps room for one entry where there is none.
-        table => entries(sizes.entries(table).max(1) as u32, table.entry().size),
+        table => sizes.bytes(table),
     }
 }
 
 /// How many slots of these sizes the limits of a device allow.
 pub fn most_slots(device: &Device, sizes: &Sizes, settings: &SolverSettings, heights: usize) -> usize {
     let variant = device.variant(sizes.front, sizes.columns);
-    let batch = Batch::new(sizes, settings, variant.front == 0);
+    let batch = Batch::new(sizes, settings, variant.front == 0, 1);
     let limit = device.limits.max_storage_buffer_binding_size.min(device.limits.max_buffer_size);
+    // Tables that are joined begin at multiples.
+    let limit = limit - ALIGNMENT * Buffer::JOINED.len() as u64;
     let slots = |buffer: Buffer| if buffer == Buffer::Heights { u64::MAX } else { limit / bytes_of(buffer, sizes, &batch, heights) };
     let most = Buffer::ALL.iter().map(|b| slots(*b)).min().unwrap_or(0);
     most.min(u64::from(device.limits.max_compute_workgroups_per_dimension)) as usize
@@ -164,15 +162,23 @@ impl Slots {
         loops: u32,
     ) -> Result<Slots, Fault> {
         let variant = device.variant(sizes.front, sizes.columns);
-        let batch = Batch::new(&sizes, settings, variant.front == 0);
+        let batch = Batch::new(&sizes, settings, variant.front == 0, capacity);
         let pipelines = device.pipelines(variant)?;
         let list = 4 * capacity as u64;
         let mut bytes = 0;
-        let mut buffers = Vec::new();
+        let mut buffers: Vec<wgpu::Buffer> = Vec::new();
         for &buffer in Buffer::ALL {
+            if batch.first(buffer).is_some() {
+                buffers.push(buffers[Buffer::Tables as usize].clone());
+                continue;
+            }
             let size = match buffer {
                 Buffer::Running => 2 * list.next_multiple_of(ALIGNMENT),
                 Buffer::Heights => bytes_of(buffer, &sizes, &batch, heights.len()),
+                Buffer::Tables => {
+                    let joined = |b: &Buffer| (capacity as u64 * sizes.bytes(*b)).next_multiple_of(ALIGNMENT);
+                    Buffer::JOINED.iter().map(joined).sum()
+                }
                 _ => capacity as u64 * bytes_of(buffer, &sizes, &batch, 0),
             };
             bytes += size;
@@ -200,7 +206,14 @@ impl Slots {
             Binding::Batch => whole(&uniform),
             Binding::Part => sized(&parts, size_of::<Part>() as u64),
             Binding::Storage(Buffer::Running, _) => sized(&buffers[Buffer::Running as usize], list.next_multiple_of(ALIGNMENT)),
-            Binding::Storage(buffer, _) => whole(&buffers[*buffer as usize]),
+            Binding::Storage(buffer, _) => match batch.first(*buffer) {
+                None => whole(&buffers[*buffer as usize]),
+                Some(first) => wgpu::BufferBinding {
+                    buffer: &buffers[*buffer as usize],
+                    offset: 4 * u64::from(first),
+                    size: std::num::NonZeroU64::new(capacity as u64 * sizes.bytes(*buffer)),
+                },
+            },
         };
         let group = |p: &Pipeline| {
             let resources = p.bindings.iter().map(|b| wgpu::BindingResource::Buffer(bound(b)));
@@ -235,7 +248,7 @@ impl Slots {
 
     /// Whether it can be used again for candidates of these sizes with these settings.
     pub fn serves(&self, sizes: Sizes, settings: &SolverSettings, heights: &[f32], loops: u32) -> bool {
-        let batch = Batch::new(&self.sizes, settings, self.variant.front == 0);
+        let batch = Batch::new(&self.sizes, settings, self.variant.front == 0, self.capacity);
         self.sizes.hold(sizes) && self.batch == batch && self.heights == heights && self.loops >= loops
     }
 
@@ -244,7 +257,7 @@ impl Slots {
         self.sizes.hold(candidate.sizes) && self.loops >= candidate.loops
     }
 
-    /// A buffer.
+    /// A buffer; of tables that are joined the one they stand in.
     pub fn buffer(&self, buffer: Buffer) -> &wgpu::Buffer {
         &self.buffers[buffer as usize]
     }
@@ -267,7 +280,8 @@ impl Slots {
     fn write(&mut self, buffer: Buffer, at: u64, bytes: &[u8]) {
         if !bytes.is_empty() {
             self.sent += bytes.len() as u64;
-            self.device.queue.write_buffer(self.buffer(buffer), at, bytes);
+            let first = self.batch.first(buffer).map_or(0, |words| 4 * u64::from(words));
+            self.device.queue.write_buffer(self.buffer(buffer), first + at, bytes);
         }
     }
 
@@ -359,7 +373,7 @@ impl Slots {
         Ok(values.chunks(self.sizes.all).map(<[f32]>::to_vec).collect())
     }
 
-    /// Reads a whole buffer. For tests.
+    /// Reads a whole buffer, of tables that are joined all. For tests.
     pub fn read_buffer(&self, buffer: Buffer) -> Result<Vec<u8>, Fault> {
         let from = self.buffer(buffer);
         let to = self.device.buffer("read", from.size(), Use::MAP_READ | Use::COPY_DST)?;

@@ -3,14 +3,20 @@
 //! One workgroup works on one slot. Every table and array holds the same number of entries a slot, enough for the largest candidate. The list
 //! of tables stands once: that of [`crate::rows`] with those of the solver behind it. Buffers, sizes, uploads and the declarations in WGSL are
 //! made from it.
+//!
+//! A shader may bind eight storage buffers on every device. The factorisation needs more tables than that leaves, so those ([`Buffer::JOINED`])
+//! stand one behind the other in one buffer, `tables`. A shader binds each as an array of its entries, or all of them as words.
 
 use crate::nlp::Layout;
 use crate::rows::momentum::{MOMENTUM_POINTS, MomentumPoint};
-use crate::rows::table::{ColumnRun, Span, Wgsl};
+use crate::rows::table::{ColumnRun, MemberArray, Span, Wgsl};
 use crate::rows::{Constants, Family, row_tables};
 use crate::settings::SolverSettings;
 use crate::solver::control::{Limits, Progress};
 use crate::terrain::{Profile, Shape as TerrainShape, Terrain};
+
+/// Offsets of bindings are multiples of this, the most that any device asks for, bytes.
+pub const ALIGNMENT: u64 = 256;
 
 /// A table as it is sent.
 #[derive(Debug, Clone, Copy)]
@@ -34,11 +40,15 @@ pub struct Entry {
     pub name: fn() -> String,
     /// How it is declared there, see [`Wgsl::declare`].
     pub declare: fn(&mut Vec<(String, String)>),
+    /// How it is made of words there, see [`Wgsl::read`].
+    pub read: fn(u32) -> String,
+    /// The arrays in it, see [`Wgsl::arrays`].
+    pub arrays: fn(&str, u32, &mut Vec<MemberArray>),
 }
 
 impl Entry {
     fn of<E: Wgsl>() -> Entry {
-        Entry { size: size_of::<E>(), name: E::name, declare: E::declare }
+        Entry { size: size_of::<E>(), name: E::name, declare: E::declare, read: E::read, arrays: E::arrays }
     }
 
     /// The type of what a function returns.
@@ -50,6 +60,14 @@ impl Entry {
 macro_rules! all_tables {
     ($($table:ident $buffer:ident [$entry:ty],)*) => {
         gpu_tables! { layout, own,
+            joined {
+                first_elements Elements,
+                first_runs Runs,
+                first_front_steps FrontSteps,
+                first_rests Rests,
+                first_reach_instants ReachInstants,
+                first_reach_feet ReachFeet,
+            }
             $($table $buffer (&layout.tables.$table),)*
             elements Elements (&layout.elements),
             runs Runs (&layout.runs),
@@ -62,7 +80,11 @@ macro_rules! all_tables {
 }
 
 macro_rules! gpu_tables {
-    ($layout:ident, $own:ident, $($table:ident $buffer:ident ($entries:expr),)*) => {
+    (
+        $layout:ident, $own:ident,
+        joined { $($first:ident $joined:ident,)* }
+        $($table:ident $buffer:ident ($entries:expr),)*
+    ) => {
         /// Buffers that shaders bind, by their names there.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
         #[allow(missing_docs, reason = "named as in the shaders")]
@@ -74,6 +96,7 @@ macro_rules! gpu_tables {
             Jacobian,
             Factor,
             Heights,
+            Tables,
             $($buffer,)*
         }
 
@@ -81,10 +104,12 @@ macro_rules! gpu_tables {
             /// All of them, in the order of their numbers.
             pub const ALL: &[Buffer] = &[
                 Buffer::Running, Buffer::Slots, Buffer::Progress, Buffer::Values, Buffer::Jacobian, Buffer::Factor, Buffer::Heights,
-                $(Buffer::$buffer,)*
+                Buffer::Tables, $(Buffer::$buffer,)*
             ];
             /// Those that hold the tables of candidates.
             pub const TABLES: &[Buffer] = &[$(Buffer::$buffer,)*];
+            /// Those of them that stand in [`Buffer::Tables`], in their order there.
+            pub const JOINED: &[Buffer] = &[$(Buffer::$joined,)*];
 
             /// Name in the shaders.
             pub fn name(self) -> &'static str {
@@ -96,6 +121,7 @@ macro_rules! gpu_tables {
                     Buffer::Jacobian => "jacobian",
                     Buffer::Factor => "factor",
                     Buffer::Heights => "heights",
+                    Buffer::Tables => "tables",
                     $(Buffer::$buffer => stringify!($table),)*
                 }
             }
@@ -103,7 +129,7 @@ macro_rules! gpu_tables {
             /// Type of its entries.
             pub fn entry(self) -> Entry {
                 match self {
-                    Buffer::Running => Entry::of::<u32>(),
+                    Buffer::Running | Buffer::Tables => Entry::of::<u32>(),
                     Buffer::Slots => Entry::of::<Slot>(),
                     Buffer::Progress => Entry::of::<Progress<f32>>(),
                     Buffer::Values | Buffer::Jacobian | Buffer::Factor | Buffer::Heights => Entry::of::<f32>(),
@@ -130,6 +156,10 @@ macro_rules! gpu_tables {
                 $(
                     #[doc = concat!("Entries a slot in `", stringify!($table), "`.")]
                     pub $table: u32,
+                )*
+                $(
+                    #[doc = concat!("Where the table of `", stringify!($joined), "` begins in `tables`, words.")]
+                    pub $first: u32,
                 )*
                 /// Values a slot.
                 pub values: u32,
@@ -255,7 +285,8 @@ macro_rules! gpu_tables {
             /// Sizes and offsets of a batch of candidates.
             ///
             /// * `front_in_storage` - whether workgroup memory does not hold the front
-            pub fn new(sizes: &Sizes, settings: &SolverSettings, front_in_storage: bool) -> Batch {
+            /// * `slots` - how many stand in the buffers
+            pub fn new(sizes: &Sizes, settings: &SolverSettings, front_in_storage: bool, slots: usize) -> Batch {
                 let mut values = 0u32;
                 let mut array = |len: usize| {
                     let at = values;
@@ -264,8 +295,15 @@ macro_rules! gpu_tables {
                 };
                 let limits = Limits::<f32>::new(settings);
                 let size = |n: usize| n.max(1) as u32;
+                let mut words = 0;
+                let mut joined = |buffer: Buffer| {
+                    let at = words;
+                    words += (sizes.bytes(buffer) * slots as u64).next_multiple_of(ALIGNMENT) / 4;
+                    at as u32
+                };
                 Batch {
                     $($table: size(sizes.entries(Buffer::$buffer)),)*
+                    $($first: joined(Buffer::$joined),)*
                     jacobian: size(sizes.jacobian),
                     factor: size(sizes.factor),
                     x: array(2 * sizes.all),
@@ -305,6 +343,14 @@ macro_rules! gpu_tables {
                     proximal_floor: limits.proximal_floor,
                     smoothing_weight: limits.smoothing,
                     closing: limits.closing,
+                }
+            }
+
+            /// Where a table begins in [`Buffer::Tables`], words; `None`: it has a buffer of its own.
+            pub fn first(&self, buffer: Buffer) -> Option<u32> {
+                match buffer {
+                    $(Buffer::$joined => Some(self.$first),)*
+                    _ => None,
                 }
             }
         }
@@ -570,6 +616,14 @@ impl Sizes {
     /// Entries of a table; 0 of other buffers.
     pub fn entries(&self, buffer: Buffer) -> usize {
         Buffer::TABLES.iter().position(|b| *b == buffer).map_or(0, |i| self.tables[i])
+    }
+
+    /// Bytes of a table, which has room for one entry where there is none; for [`Buffer::Tables`] those of all in it. 0 of other buffers.
+    pub fn bytes(&self, buffer: Buffer) -> u64 {
+        if buffer == Buffer::Tables {
+            return Buffer::JOINED.iter().map(|b| self.bytes(*b)).sum();
+        }
+        if Buffer::TABLES.contains(&buffer) { (self.entries(buffer).max(1) * buffer.entry().size) as u64 } else { 0 }
     }
 
     /// Enough for both.

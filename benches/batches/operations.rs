@@ -1,0 +1,163 @@
+//! What each shader computes in a round, for one candidate: counted in a run of its twin with a scalar that counts. The factorisation's twin goes
+//! another way, so that its operations are those of the loops of `front.wgsl`.
+
+use crate::counted::{Counted, Operations, counted};
+use cregopt::backend::gpu::shaders::{Shader, WORKGROUP};
+use cregopt::backend::gpu::tables::ShaderTables;
+use cregopt::gait::AlignedSchedule;
+use cregopt::linear::forward::forward;
+use cregopt::linear::front::{Factor, NormalEquations, factorise};
+use cregopt::linear::product::jacobian_times;
+use cregopt::linear::substitute::substitute;
+use cregopt::linear::transposed::transposed_times;
+use cregopt::nlp::Layout;
+use cregopt::real::Real;
+use cregopt::rows::table::NONE;
+use cregopt::rows::{
+    self, Family, Shared, acceleration::acceleration, cone::cone, dynamics::dynamics, footing::footing, force::force, ground::ground,
+    momentum::momentum, reach::reach, stride::stride, swing::swing,
+};
+use cregopt::search::evaluate::LowerSettings;
+use cregopt::solver::advance::{add, advance};
+use cregopt::solver::control::{Limits, Progress};
+use cregopt::solver::correct::correct;
+use cregopt::solver::judge::{infeasibility, merit_fall, nonlinearity, smoothing_fall, update_slacks};
+use cregopt::solver::slacks::{Aim, Slacks, slack_steps};
+use cregopt::solver::start::{column_scaling, start_slacks};
+use cregopt::solver::weights::{barrier_rows, variable_terms};
+use cregopt::task::Task;
+
+type Values = Vec<Counted>;
+
+/// Operations of the shaders of the first round of a solve, a barrier step, in the order of [`Shader::ALL`]; substitution and product, which a round
+/// has twice, once.
+pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSettings) -> Vec<Operations> {
+    let layout = Layout::<Counted>::new(task, schedule, &settings.transcription);
+    let limits = Limits::<Counted>::new(&settings.solver);
+    let radius = Counted::of(settings.solver.edge_radius_on(&layout.terrain));
+    let progress = Progress::first(&limits, radius);
+    let zeros = |n: usize| -> Values { vec![Counted::default(); n] };
+    let (variables, [equalities, inequalities]) = (layout.variables, [layout.equalities, layout.inequalities]);
+    let mut of = vec![Operations::default(); Shader::ALL.len()];
+    let mut shader = |shader: Shader, call: &mut dyn FnMut()| of[shader as usize] += counted(call);
+
+    let x = layout.initial.clone();
+    let (mut c, mut g, mut jacobian) = (zeros(equalities), zeros(inequalities), zeros(layout.jacobian_len));
+    let mut shared = Shared::default();
+    shared.resize(&layout);
+    rows::residuals(&layout, &x, radius, &mut shared, &mut c, &mut g, Some(&mut jacobian));
+    let Shared { ground: under, deviations, .. } = &mut shared;
+    let (mut scaling, mut slacks) = (zeros(variables), Slacks::default());
+    slacks.slack = zeros(inequalities);
+    slacks.multiplier = zeros(inequalities);
+    slacks.slack_step = zeros(inequalities);
+    slacks.multiplier_step = zeros(inequalities);
+    shader(Shader::Start, &mut || column_scaling(&layout, &jacobian, &mut scaling));
+    shader(Shader::Start, &mut || start_slacks(&g, progress.mu, &mut slacks));
+
+    let (mut weight, mut value) = (zeros(layout.rows), zeros(layout.rows));
+    let (mut diagonal, mut gradient) = (zeros(variables), zeros(variables));
+    shader(Shader::Weights, &mut || {
+        infeasibility(&c, &g);
+    });
+    shader(Shader::Weights, &mut || barrier_rows(&layout, &c, &g, &slacks, Aim::predictor(), &mut weight, &mut value));
+    shader(Shader::Weights, &mut || {
+        let eps = progress.proximal();
+        variable_terms(&scaling, eps, &layout.smoothing, limits.smoothing, &x, &layout.initial, &mut diagonal, &mut gradient);
+    });
+
+    let mut factor = Factor::default();
+    factor.resize(&layout);
+    let system = NormalEquations { jacobian: &jacobian, weight: &weight, value: &value, diagonal: &diagonal, gradient: &gradient };
+    assert!(factorise(&layout, &system, &mut factor), "the first factorisation of a solve");
+    let (mut direction, mut local) = (zeros(variables), zeros(layout.widest));
+    let (mut c_change, mut g_change) = (zeros(equalities), zeros(inequalities));
+    shader(Shader::Substitute, &mut || substitute(&layout, &mut factor, &mut direction));
+    shader(Shader::Product, &mut || jacobian_times(&layout, &jacobian, &direction, &mut local, &mut c_change, &mut g_change));
+    let (mut mu, mut length) = Default::default();
+    shader(Shader::Correct, &mut || (mu, length) = correct(&layout, &c, &g, &g_change, &mut slacks, &mut weight, &mut value));
+    let mut right = zeros(variables);
+    shader(Shader::Transposed, &mut || {
+        transposed_times(&layout, &jacobian, &value, &mut local, &mut right);
+        add(&mut right, &gradient);
+    });
+    shader(Shader::Forward, &mut || forward(&layout, &mut factor, &mut right));
+    let (mut trial, mut c_linear, mut g_linear) = (x.clone(), zeros(equalities), zeros(inequalities));
+    shader(Shader::Advance, &mut || {
+        length = slack_steps(&g, &g_change, Aim { mu, correction: length }, &mut slacks);
+        advance(&x[..variables], length, &direction, &mut trial[..variables]);
+    });
+
+    let (mut c_to, mut g_to) = (zeros(equalities), zeros(inequalities));
+    let (to, mut into) = (&trial, jacobian.clone());
+    shader(Shader::Ground, &mut || ground(&layout, to, under));
+    shader(Shader::Dynamics, &mut || dynamics(&layout, to, under, &mut c_to, Some(&mut into)));
+    shader(Shader::Momentum, &mut || momentum(&layout, to, under, deviations, false, &mut c_to, Some(&mut into)));
+    shader(Shader::Reach, &mut || reach(&layout, to, under, deviations, &mut g_to, Some(&mut into)));
+    shader(Shader::Force, &mut || force(&layout, to, radius, &mut g_to, Some(&mut into)));
+    shader(Shader::Swing, &mut || swing(&layout, to, under, &mut g_to, Some(&mut into)));
+    shader(Shader::Stride, &mut || stride(&layout, to, &mut g_to, Some(&mut into)));
+    shader(Shader::Acceleration, &mut || acceleration(&layout, to, under, &mut g_to, Some(&mut into)));
+    shader(Shader::Cone, &mut || cone(&layout, to, radius, &mut g_to, Some(&mut into)));
+    shader(Shader::Footing, &mut || footing(&layout, to, &mut g_to, Some(&mut into)));
+
+    shader(Shader::Judge, &mut || {
+        // Here the shader extrapolates the residuals.
+        advance(&c, length, &c_change, &mut c_linear);
+        advance(&g, length, &g_change, &mut g_linear);
+        merit_fall(&c, &g, &c_to, &g_to, mu);
+        merit_fall(&c, &g, &c_linear, &g_linear, mu);
+        nonlinearity(&c_to, &c_linear, &g_to, &g_linear);
+        smoothing_fall(&layout.smoothing, &x, &trial, &layout.initial);
+        update_slacks(&mut slacks, length);
+    });
+    let layout = Layout::<f32>::new(task, schedule, &settings.transcription);
+    of[Shader::Front as usize] = front(&layout, &ShaderTables::of(&layout));
+    of
+}
+
+/// `add_rows` of front.wgsl for some rows over some columns: two columns by two, three rows at a time, whether they are there or not.
+fn add_rows(rows: u64, columns: u64) -> u64 {
+    let pairs = columns.div_ceil(2);
+    let cells = pairs * (pairs + 1) / 2;
+    let threes = if rows > 3 { 2 } else { 1 };
+    // Two products by the weights and four dot products; the sums of both threes; into the front.
+    cells * (26 * threes + 4 * (threes - 1) + 4) + columns * (5 * threes + threes)
+}
+
+/// Operations of `front.wgsl`, all pivots positive and no row of weight 0.
+fn front(layout: &Layout<f32>, own: &ShaderTables) -> Operations {
+    let mut of = Operations::default();
+    for step in &own.front_steps {
+        for element in &layout.elements[step.elements.range()] {
+            let columns: u64 = layout.runs[element.runs.range()].iter().map(|r| u64::from(r.len)).sum();
+            of.simple += match element.family {
+                Family::Reach => 0,
+                Family::LinearMomentum => 3 * add_rows(2, columns / 3),
+                _ => (0..element.rows).step_by(6).map(|top| add_rows(u64::from(element.rows - top).min(6), columns)).sum(),
+            };
+        }
+        for instant in &layout.reach_instants[step.reach.range()] {
+            let blocks = instant.base.front.iter().filter(|at| **at != NONE).count() as u64;
+            // The products by pose into the front, of the diagonal blocks half, and the values.
+            of.simple += 3 * (36 * blocks * (blocks.saturating_sub(1)) / 2 + 21 * blocks) + 12 * blocks;
+            for foot in &layout.reach_feet[instant.feet.range()] {
+                let own: u64 = foot.front.iter().zip([2, 2, 1]).map(|(at, columns)| if *at == NONE { 0 } else { columns }).sum();
+                // Sums by pose; then each other column and the values with the foot's own ones.
+                of.simple += 3 * (36 * 3 + 6 * 2) + 6 * blocks * (6 + 6 * own) + own * (3 + 3 * (own + 1)) + 6 * own;
+            }
+        }
+        let (size, pivots) = (u64::from(step.size), u64::from(step.pivots));
+        of.simple += 2 * pivots;
+        for p in (0..pivots).step_by(4) {
+            let count = (pivots - p).min(4);
+            // Each invocation has the four by four block on the diagonal, then a column of the panel.
+            of.simple += u64::from(WORKGROUP) * 26 + (size + 1 - p) * 16;
+            of.special += u64::from(WORKGROUP) * 2 * count;
+            let tiles = (size - p - count).div_ceil(4);
+            // Four columns of 28 operations and four differences a tile; the last column of tiles is that of the right-hand side.
+            of.simple += (tiles * (tiles + 1) / 2) * 4 * 32 + tiles * 32;
+        }
+    }
+    of
+}

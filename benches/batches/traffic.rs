@@ -1,0 +1,202 @@
+//! Bytes that each shader moves in a round, beside the operations, and what both let GPUs do at best.
+
+use crate::counted::Operations;
+use crate::operations::of_round;
+use cregopt::Result;
+use cregopt::backend::gpu::shaders::Shader;
+use cregopt::backend::gpu::tables::{Buffer, ShaderTables, Slot};
+use cregopt::gait::Schedule;
+use cregopt::nlp::{Layout, transcription};
+use cregopt::rows::Family;
+use cregopt::rows::table::NONE;
+use cregopt::search::evaluate::LowerSettings;
+use cregopt::solver::control::Progress;
+use cregopt::solver::round::{ROUND, Stage};
+use cregopt::solver::{Finish, Solver};
+use cregopt::task::Task;
+
+/// A GPU by its data sheet: name, memory bandwidth in bytes a second, f32 operations a second with a fused one as two.
+///
+/// Sources: NVIDIA H200 SXM and GeForce RTX 4090 data sheets; Radeon 780M: AMD's 8.29 (12 units of 64 lanes that do two a cycle at 2.7 GHz), and
+/// two channels of DDR5-5600, 89.6 GB/s.
+const GPUS: [(&str, f64, f64); 3] = [("H200", 4.8e12, 67e12), ("RTX 4090", 1.008e12, 82.6e12), ("Radeon 780M", 0.0896e12, 8.29e12)];
+
+/// Bytes of a candidate's arrays and tables.
+struct Sizes<'a> {
+    layout: &'a Layout<f32>,
+    own: &'a ShaderTables,
+}
+
+impl Sizes<'_> {
+    fn table(&self, buffer: Buffer) -> u64 {
+        buffer.table(self.layout, self.own).map_or(0, |t| t.bytes.len() as u64)
+    }
+
+    /// The Jacobian values of some families, padding left out.
+    fn jacobian(&self, of: impl Fn(Family) -> bool) -> u64 {
+        let of_element = |e: &cregopt::nlp::layout::Element| {
+            let columns: u32 = self.layout.runs[e.runs.range()].iter().map(|r| r.len).sum();
+            4 * u64::from(e.rows * columns)
+        };
+        self.layout.elements.iter().filter(|e| of(e.family)).map(of_element).sum()
+    }
+
+    /// The rows by pose, behind those of each foot at a reach instant.
+    fn by_pose(&self) -> u64 {
+        4 * 18 * self.layout.reach_feet.len() as u64
+    }
+
+    /// The rows of reach by the feet's own columns.
+    fn by_feet(&self) -> u64 {
+        let own = |at: &[u32; 3]| -> u64 { at.iter().zip([2, 2, 1]).map(|(at, n)| if *at == NONE { 0 } else { n }).sum() };
+        4 * 3 * self.layout.reach_feet.iter().map(|f| own(&f.front)).sum::<u64>()
+    }
+
+    /// Pivot rows with their right-hand side.
+    fn factor(&self) -> u64 {
+        let of = |size: u64, pivots: u64| (0..pivots).map(|i| size + 1 - i).sum::<u64>();
+        4 * self.own.front_steps.iter().map(|s| of(s.size.into(), s.pivots.into())).sum::<u64>()
+    }
+
+    /// What stays of fronts from one step to the next.
+    fn carry(&self) -> u64 {
+        4 * self.own.front_steps.iter().map(|s| u64::from(s.size - s.pivots)).map(|n| n * (n + 1) / 2 + n).sum::<u64>()
+    }
+
+    /// Bytes that a shader reads and writes in a barrier step, each word of a buffer once for reading and once for writing: what it reads again
+    /// comes from a cache. Of `x` and of the ground all shaders of rows are said to read all.
+    fn bytes(&self, shader: Shader) -> u64 {
+        let layout = self.layout;
+        let four = |n: usize| 4 * n as u64;
+        let (x, v) = (four(layout.initial.len()), four(layout.variables));
+        let (c, g, rows) = (four(layout.equalities), four(layout.inequalities), four(layout.rows));
+        let t = |buffers: &[Buffer]| -> u64 { buffers.iter().map(|b| self.table(*b)).sum() };
+        let under = 3 * four(layout.footholds.len());
+        let deviations = 36 * four(layout.momentum_intervals.len());
+        let sees = (4 + size_of::<Slot>() + size_of::<Progress<f32>>()) as u64;
+        // Rows: their tables, x, the ground; Jacobian and residuals.
+        let of = |family: Family| layout.elements.iter().filter(move |e| e.family == family);
+        let equalities = |f: Family| 4 * of(f).map(|e| u64::from(e.rows)).sum::<u64>();
+        let inequalities = |f: Family| 4 * of(f).map(|e| u64::from(e.rows + e.pairs)).sum::<u64>();
+        let walk = |tables: &[Buffer]| t(tables) + t(&[Buffer::Footholds]) + x + under;
+        let family = |f: Family, table: Buffer| walk(&[table]) + self.jacobian(|o| o == f) + inequalities(f);
+        let whole = self.jacobian(|_| true);
+        let elements = t(&[Buffer::Elements]);
+        let sweep = t(&[Buffer::FrontSteps, Buffer::Rests]);
+        if shader.table().is_some_and(|table| self.table(table) == 0) {
+            return 0;
+        }
+        sees + match shader {
+            Shader::Ground => t(&[Buffer::Footholds]) + x + under,
+            Shader::Dynamics => {
+                let f = Family::Dynamics;
+                walk(&[Buffer::DynamicsInstants, Buffer::StanceForces]) + self.jacobian(|o| o == f) + equalities(f)
+            }
+            Shader::Momentum => {
+                let [linear, angular] = [Family::LinearMomentum, Family::AngularMomentum];
+                let written = self.jacobian(|o| o == linear || o == angular) + equalities(linear) + equalities(angular);
+                walk(&[Buffer::MomentumIntervals, Buffer::Impulses]) + written + deviations
+            }
+            Shader::Reach => family(Family::Reach, Buffer::ReachInstants) + t(&[Buffer::ReachFeet]) + deviations + self.by_pose(),
+            Shader::Force => family(Family::Force, Buffer::ForceNodes),
+            Shader::Swing => family(Family::Swing, Buffer::SwingNodes),
+            Shader::Stride => family(Family::Stride, Buffer::Strides),
+            Shader::Acceleration => family(Family::Acceleration, Buffer::Accelerations),
+            Shader::Cone => family(Family::Cone, Buffer::Cones),
+            Shader::Footing => family(Family::Footing, Buffer::Footings),
+            // Jacobian and tables; x twice, scaling, slack and multiplier.
+            Shader::Start => whole + elements + t(&[Buffer::Gathers, Buffer::Touches]) + 2 * x + v + 3 * g,
+            // Residuals, slacks, multipliers; weight and value; scaling, smoothing, x, initial; diagonal, gradient.
+            Shader::Weights => c + 3 * g + elements + 2 * rows + 6 * v,
+            // Of reach rows the feet's own columns and the rows by pose; of their tables indices, weights, spans and places.
+            Shader::Front => {
+                let reach = 40 * (layout.reach_instants.len() + layout.reach_feet.len()) as u64;
+                let read = self.jacobian(|f| f != Family::Reach) + self.by_feet() + self.by_pose();
+                read + 2 * rows + 2 * v + elements + t(&[Buffer::Runs]) + sweep + reach + 2 * self.carry() + self.factor()
+            }
+            // The direction, which is read again behind the pivots.
+            Shader::Substitute => self.factor() + sweep + 2 * v,
+            Shader::Product => whole + elements + t(&[Buffer::Runs]) + v + c + g,
+            // Residuals, their change, slacks, multipliers; both steps; weight and value.
+            Shader::Correct => c + 6 * g + elements + 2 * rows,
+            Shader::Transposed => whole + rows + elements + t(&[Buffer::Gathers, Buffer::Touches]) + 2 * v,
+            // The right-hand side is written into the factor, and to what stays.
+            Shader::Forward => self.factor() + 4 * v + sweep,
+            // Residuals, their change, slacks, multipliers, both steps, twice; direction, x, trial point.
+            Shader::Advance => 8 * g + 3 * v,
+            // Both points, the change; slacks and multipliers, twice, and their steps; x twice, initial, smoothing.
+            Shader::Judge => 3 * c + 9 * g + 4 * v,
+        }
+    }
+}
+
+/// How often a round dispatches a shader.
+fn dispatches(shader: Shader) -> u64 {
+    let has = |stage: &Stage| Shader::of(*stage).contains(&shader);
+    ROUND.iter().filter(|(stage, _)| has(stage)).count() as u64
+}
+
+/// Prints what the shaders move and compute in a round, a candidate of these on average, and what that lets GPUs do.
+pub fn print(task: &Task, schedules: &[Schedule], settings: &LowerSettings) -> Result<()> {
+    let transcription = &settings.transcription;
+    let interval = transcription::interval(transcription, &task.robot);
+    let count = schedules.len() as f64;
+    let mut bytes = vec![0u64; Shader::ALL.len()];
+    let mut operations = vec![Operations::default(); Shader::ALL.len()];
+    let (mut rounds, mut sent) = (0, 0);
+    let mut solver = Solver::<f32>::default();
+    for schedule in schedules {
+        let schedule = schedule.aligned(interval);
+        let layout = Layout::<f32>::new(task, &schedule, transcription);
+        let own = ShaderTables::of(&layout);
+        let sizes = Sizes { layout: &layout, own: &own };
+        let of = of_round(task, &schedule, settings);
+        for &shader in Shader::ALL {
+            bytes[shader as usize] += dispatches(shader) * sizes.bytes(shader);
+            for _ in 0..dispatches(shader) {
+                operations[shader as usize] += of[shader as usize];
+            }
+        }
+        sent += Buffer::TABLES.iter().map(|b| sizes.table(*b)).sum::<u64>();
+        let finish = Finish::Infeasibility(settings.solver.tolerance);
+        rounds += solver.solve(&layout, &settings.solver, finish, None, &|| false).factorisations;
+    }
+    let all_bytes: u64 = bytes.iter().sum();
+    let mut all = Operations::default();
+    operations.iter().for_each(|of| all += *of);
+    println!(
+        "| shader | times | KiB a round | % | thousand operations a round | % | of them quotients, roots, functions | operations a byte |"
+    );
+    println!("|{}", "---|".repeat(8));
+    let share = |part: u64, all: u64| 100. * part as f64 / all as f64;
+    let line = |name: &str, times: u64, moved: u64, of: Operations| {
+        let sum = of.simple + of.special;
+        println!(
+            "| {name} | {times} | {:.1} | {:.1} | {:.1} | {:.1} | {:.1} | {:.2} |",
+            moved as f64 / 1024. / count,
+            share(moved, all_bytes),
+            sum as f64 / 1e3 / count,
+            share(sum, all.simple + all.special),
+            of.special as f64 / 1e3 / count,
+            sum as f64 / moved as f64
+        );
+    };
+    for &shader in Shader::ALL.iter().filter(|s| bytes[**s as usize] > 0) {
+        line(shader.path(), dispatches(shader), bytes[shader as usize], operations[shader as usize]);
+    }
+    line("all", Shader::ALL.iter().map(|s| dispatches(*s)).sum(), all_bytes, all);
+    let rounds = rounds as f64 / count;
+    let (moved, done) = (rounds * all_bytes as f64 / count, rounds * (all.simple + all.special) as f64 / count);
+    println!(
+        "\n{rounds:.1} rounds a candidate: {:.1} MB and {:.1} million operations a solve; tables of {:.0} KiB are sent before.\n",
+        moved / 1e6,
+        done / 1e6,
+        sent as f64 / 1024. / count
+    );
+    println!("| GPU | memory, TB/s | f32, TFLOP/s | bound by memory, candidates/s | bound by arithmetic, candidates/s |");
+    println!("|{}", "---|".repeat(5));
+    for (name, memory, arithmetic) in GPUS {
+        println!("| {name} | {} | {} | {:.0} | {:.0} |", memory / 1e12, arithmetic / 1e12, memory / moved, arithmetic / done);
+    }
+    Ok(())
+}
