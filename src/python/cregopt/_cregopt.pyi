@@ -1,7 +1,7 @@
 """Types of the compiled part; its docstrings say what they are."""
 
 import os
-from collections.abc import Callable, KeysView, Mapping, Sequence
+from collections.abc import Callable, Iterator, KeysView, Mapping, Sequence
 from typing import Any, Optional, Union, final
 
 import numpy as np
@@ -238,6 +238,13 @@ def verify(
     terrain: Optional[Terrain] = None,
     force_limit: Optional[float] = None,
 ) -> Certificate: ...
-def search(task: Task, options: Mapping[str, Any], progress: _Progress = None) -> Gait: ...
+#: Status, iterations, factorisations, infeasibility, whether it was closed, and the variables.
+_Answer = tuple[str, int, int, float, bool, _Floats]
+_Solve = Callable[[Task, str, list[list[list[float]]]], Iterator[Optional[tuple[int, list[_Answer]]]]]
+
+def search(
+    task: Task, options: Mapping[str, Any], progress: _Progress = None, workers: Optional[tuple[str, _Solve]] = None
+) -> Gait: ...
+def solve_chunk(task: Task, settings: str, schedules: Sequence[Sequence[Sequence[float]]], on: str, threads: int) -> list[_Answer]: ...
 def solve(path: _Path, out: Optional[_Path] = None, progress: _Progress = None) -> list[Gait]: ...
 def evaluate(task: Task, schedules: Sequence[Sequence[Sequence[float]]], options: Mapping[str, Any], trajectories: bool) -> Evaluation: ...

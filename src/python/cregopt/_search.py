@@ -97,21 +97,13 @@ def search(
     Error
         For options or a task that cannot be, and for a device that is not there.
     """
-    tables = dict(settings or {})
-    gait: Optional[str] = None
-    if gaits is None or isinstance(gaits, str):
-        gait = gaits
-    elif all(isinstance(family, str) for family in gaits):
-        gait = ",".join(str(family) for family in gaits)
-    else:
-        tables["search"] = {**tables.get("search", {}), "gaits": {"around": gaits}}
-    options = _given(
+    options = asked(
         seed=seed,
         first=first,
-        gait=gait,
+        gaits=gaits,
         population=population,
         generations=generations,
-        time=seconds,
+        seconds=seconds,
         objective=objective,
         alternatives=alternatives,
         refine=refine,
@@ -121,9 +113,28 @@ def search(
         precision=precision,
         device=device,
         threads=threads,
-        settings=tables,
+        settings=settings,
     )
     return _cregopt.search(task, options, progress)
+
+
+def asked(
+    *,
+    gaits: Union[str, Sequence[str], Schedule, None] = None,
+    seconds: Optional[float] = None,
+    settings: Optional[Mapping[str, Any]] = None,
+    **options: Any,
+) -> dict[str, Any]:
+    """Options of :func:`search` by the keys of a scenario file."""
+    tables = dict(settings or {})
+    gait: Optional[str] = None
+    if gaits is None or isinstance(gaits, str):
+        gait = gaits
+    elif all(isinstance(family, str) for family in gaits):
+        gait = ",".join(str(family) for family in gaits)
+    else:
+        tables["search"] = {**tables.get("search", {}), "gaits": {"around": gaits}}
+    return _given(gait=gait, time=seconds, settings=tables, **options)
 
 
 def evaluate(
