@@ -42,7 +42,11 @@ impl Gait {
         self.gait().feasible()
     }
 
-    /// What it costs, a weight and distance, with its parts, by the keys of ``cost`` in result.json; None where it is not feasible.
+    /// What it costs, and what its legs have to do, by the keys of ``cost`` in result.json; None where it is not feasible.
+    ///
+    /// ``total`` is ``leg_work``, ``swing_work`` and ``effort_cost`` by their weights, each a weight and distance, so without unit. Besides:
+    /// ``effort`` (mean of the squared forces, weights²), ``distance`` (m), ``horizon`` (s), ``peak_force`` (weights), ``tilt`` (degrees),
+    /// ``foot_speed`` and ``touch_down_speed`` (m/s), ``foot_acceleration`` (m/s²), ``swing_moment`` (weight times the length of a leg).
     #[getter]
     fn cost<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         self.gait().candidate.solution.cost.as_ref().map(|cost| to_python(py, cost)).transpose()
@@ -170,9 +174,12 @@ impl Gait {
         Ok(path.display().to_string())
     }
 
-    /// The picture of :meth:`plot`, for notebooks.
-    fn _repr_html_(&self) -> PyResult<String> {
-        motion_plot::svg(&self.leg.plot(self.gait())).raise()
+    /// The picture of :meth:`plot`, for notebooks: as an image, for pictures in one document would share the names of their parts.
+    fn _repr_html_(&self, py: Python<'_>) -> PyResult<String> {
+        let svg = py.detach(|| motion_plot::svg(&self.leg.plot(self.gait()))).raise()?;
+        let code: String =
+            py.import("base64")?.call_method1("b64encode", (svg.as_bytes(),))?.call_method1("decode", ("ascii",))?.extract()?;
+        Ok(format!(r#"<img style="max-width: 100%" alt="{}" src="data:image/svg+xml;base64,{code}"/>"#, self.__repr__()))
     }
 
     fn __str__(&self) -> PyResult<String> {

@@ -1,5 +1,6 @@
 """Populations and sweeps on clusters of this machine, with workers and nodes that die."""
 
+import importlib.util
 import json
 import os
 import pathlib
@@ -467,10 +468,15 @@ def test_a_sweep_finds_what_searches_do_and_goes_on_where_it_was(
         sweep("parts")
 
 
-def test_a_task_without_a_gait_has_a_row_that_says_so(machines: Machines, nowhere: cregopt.Task, tmp_path: pathlib.Path) -> None:
+def test_a_task_without_a_gait_has_a_row_that_says_so(
+    machines: Machines, nowhere: cregopt.Task, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     none = {**QUICK, "settings": {"search": {"further_generations": 0, "perturbed_generations": 0}}}
     (row,) = rows(distributed.sweep([nowhere], tmp_path, **none))
     nearest = cregopt.search(nowhere, device="cpu", **none)
+    if importlib.util.find_spec("tqdm"):
+        distributed.sweep([nowhere], tmp_path, progress=True, **none)
+        assert "1/1" in capsys.readouterr().err
     assert row["feasible"] is False and row["cost"] is None and row["error"] is None
     assert json.loads(row["durations"]) == nearest.schedule and row["horizon"] == nearest.trajectory.horizon
 
