@@ -3,17 +3,18 @@
 use super::call::working;
 use super::convert::{from_python, raised, to_python};
 use super::world::Task;
-use crate::backend::{Backend, Job, Problem, Solution, locked};
+use crate::backend::{Backend, Job, Precision, Problem, Solution, locked};
 use crate::cli::args::{DeviceArg, DeviceArgs};
 use crate::cli::leg::Way;
 use crate::error::{Error, from_json};
 use crate::gait::{AlignedSchedule, Schedule};
 use crate::nlp::Layout;
 use crate::nlp::transcription::interval;
-use crate::search::evaluate::LowerSettings;
+use crate::search::evaluate::{LowerSettings, check_candidate};
 use crate::solver::{Outcome, Status, close};
 use numpy::{IntoPyArray, PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyString;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
@@ -37,7 +38,7 @@ impl Answer {
 
     fn solved(self, py: Python<'_>) -> PyResult<Solved> {
         let Answer(status, iterations, factorisations, infeasibility, closed, x) = self;
-        let status: Status = from_python(pyo3::types::PyString::new(py, &status).as_any(), "status")?;
+        let status: Status = from_python(PyString::new(py, &status).as_any(), "status")?;
         Ok(Solved { outcome: Outcome { status, iterations, factorisations, infeasibility }, closed, x: x.bind(py).to_vec()? })
     }
 }
@@ -119,19 +120,25 @@ impl Backend for Workers<'_> {
     }
 }
 
+/// A device, and what it was opened for.
+struct Opened {
+    asked: (String, usize, Precision),
+    device: Arc<dyn Backend>,
+}
+
 /// The device of a process for what it is given piece by piece: a GPU takes longer to open than to solve a piece.
-static DEVICE: Mutex<Option<((String, usize), Arc<dyn Backend>)>> = Mutex::new(None);
+static OPENED: Mutex<Option<Opened>> = Mutex::new(None);
 
 fn device(name: &str, threads: usize, lower: &LowerSettings) -> crate::Result<Arc<dyn Backend>> {
-    let mut open = locked(&DEVICE);
-    let key = (name.to_owned(), threads);
-    if let Some((_, device)) = open.as_ref().filter(|(of, _)| *of == key) {
+    let mut opened = locked(&OPENED);
+    let asked = (name.to_owned(), threads, lower.precision);
+    if let Some(Opened { device, .. }) = opened.as_ref().filter(|opened| opened.asked == asked) {
         return Ok(device.clone());
     }
     let known = |e: String| Error::invalid("device", format!("`{}`", name.escape_debug()), e);
     let place = DeviceArgs { device: Some(name.parse::<DeviceArg>().map_err(known)?), threads: Some(threads) };
     let device: Arc<dyn Backend> = place.backend(1, lower.precision).map_err(Error::from)?.into();
-    *open = Some((key, device.clone()));
+    *opened = Some(Opened { asked, device: device.clone() });
     Ok(device)
 }
 
@@ -154,7 +161,7 @@ pub fn solve_chunk(
         let interval = interval(&lower.transcription, &task.robot);
         let aligned = |durations| -> crate::Result<AlignedSchedule> {
             let schedule = Schedule::new(durations)?;
-            crate::search::evaluate::check_candidate(task, &schedule, &lower)?;
+            check_candidate(task, &schedule, &lower)?;
             schedule.aligned_before(interval)
         };
         let problem = |durations| aligned(durations).map(|schedule| Problem { task, schedule });
@@ -162,7 +169,7 @@ pub fn solve_chunk(
         let results: Vec<Mutex<Option<Solved>>> = problems.iter().map(|_| Mutex::new(None)).collect();
         let called_off = || cancelled.load(Ordering::Relaxed);
         let finish = |index: usize, Solution { outcome, x, closed, .. }: Solution| {
-            let leave = closed || outcome.status == Status::Solved || lower.precision == crate::backend::Precision::F64;
+            let leave = closed || outcome.status == Status::Solved || lower.precision == Precision::F64;
             let solved = if leave {
                 Solved { outcome, closed, x }
             } else {

@@ -123,8 +123,9 @@ def search(
 ) -> Gait:
     """Searches for the cheapest gait of a task, as :func:`cregopt.search` does, with each generation solved on a cluster.
 
-    This process draws the schedules, certifies what comes back and ranks it; ``refine`` runs here, too. Other threads of Python go on meanwhile;
-    Ctrl-C ends it with ``KeyboardInterrupt``, and what the workers are at with it.
+    This process draws the schedules, prices what comes back and certifies the best of it, on all of its cores: each keeps up with some three
+    workers' cores. ``refine`` runs here, too. Other threads of Python go on meanwhile; Ctrl-C ends it with ``KeyboardInterrupt``, and what the workers
+    are at with it.
 
     Parameters
     ----------
