@@ -1,4 +1,4 @@
-"""Candidates a second on workers of a cluster of this machine, beside threads of one process, and bytes a candidate.
+"""Candidates a second on workers of a cluster of this machine, beside threads of one process, bytes a candidate, and the time of a search.
 
     python benches/on_ray.py --candidates 192 --rounds 3 --workers 1,2,4
 
@@ -11,7 +11,6 @@ import argparse
 import os
 import pathlib
 import pickle
-import random
 import statistics
 import time
 from typing import Any, Callable
@@ -19,17 +18,7 @@ from typing import Any, Callable
 import cregopt
 import ray
 from cregopt import distributed
-
-
-def population(task: cregopt.Task, candidates: int) -> list[list[list[float]]]:
-    """Schedules about a trot."""
-    draw = random.Random(1)
-    around = cregopt.search(task, gaits="trot", first=True, device="cpu").schedule
-    schedules = []
-    for _ in range(candidates):
-        feet = [[phase * draw.uniform(0.9, 1.1) for phase in foot] for foot in around]
-        schedules.append([[phase * sum(feet[0]) / sum(foot) for phase in foot] for foot in feet])
-    return schedules
+from population import population
 
 
 def cpu() -> float:
@@ -68,13 +57,18 @@ def main() -> None:
     def note(name: str, spent: tuple[float, float]) -> None:
         times.setdefault(name, []).append(spent)
 
+    wide: dict[str, Any] = {"population": 64, "generations": 2}
+
     for _ in range(options.rounds):
         for threads in (1, 2, 4):
             note(f"one process, threads {threads}", seconds(lambda: cregopt.evaluate(task, schedules, device="cpu", threads=threads)))
+            note(f"search, threads {threads}", seconds(lambda: cregopt.search(task, device="cpu", threads=threads, **wide)))
         for workers in map(int, options.workers.split(",")):
             ray.init(num_cpus=workers, include_dashboard=False, log_to_driver=False)
             distributed.evaluate(task, schedules[: 4 * workers], chunk=1)  # processes start
             note(f"Ray, workers {workers}", seconds(lambda: distributed.evaluate(task, schedules, chunk=options.chunk)))
+            distributed.search(task, first=True)  # and those of searches
+            note(f"search, Ray, workers {workers}", seconds(lambda: distributed.search(task, chunk=options.chunk, **wide)))
             if workers == 1:
                 nothing: Any = ray.remote(num_cpus=1)(lambda: None)
                 note("300 tasks of Ray that do nothing", seconds(lambda: ray.get([nothing.remote() for _ in range(300)])))
@@ -82,7 +76,7 @@ def main() -> None:
     print("| | s | CPU, s | candidates a second | a second of CPU |\n|---|---|---|---|---|")
     for name, spent in times.items():
         clock, used = (statistics.median(column) for column in zip(*spent))
-        rates = "| |" if "nothing" in name else f"| {n / clock:.1f} | {n / used:.1f} |"
+        rates = "| |" if "nothing" in name or "search" in name else f"| {n / clock:.1f} | {n / used:.1f} |"
         print(f"| {name} | {clock:.3g} | {used:.3g} {rates}")
     found = cregopt.evaluate(task, schedules[:100], device="cpu")
     motions = cregopt.evaluate(task, schedules[:100], device="cpu", trajectories=True)

@@ -53,7 +53,7 @@ impl Cpu {
                         let outcome = solver.solve(&layout, job.settings, finish_at, None, &|| skip(index));
                         if outcome.status != Status::Cancelled {
                             let Layout { variables, curves, .. } = layout;
-                            finish(index, Solution { outcome, x: solver.solution(), variables, curves });
+                            finish(index, Solution { outcome, x: solver.solution(), variables, curves, closed: false });
                         }
                     }
                 });

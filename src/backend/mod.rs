@@ -48,6 +48,8 @@ pub struct Solution {
     pub variables: usize,
     /// What makes a motion of `x`.
     pub curves: Curves,
+    /// Whether [`close`](crate::solver::close) was tried on it where it was solved; else whoever certifies it does.
+    pub closed: bool,
 }
 
 /// Scalar of the main solve.

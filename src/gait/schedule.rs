@@ -119,6 +119,23 @@ impl Schedule {
         AlignedSchedule { schedule: self.ended_at(intervals as f64 * interval), interval, intervals }
     }
 
+    /// This schedule as one that [`Schedule::aligned`] has made before, in a copy of it: nothing moves, not even in the last bit.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for one whose feet do not all end at a multiple of `interval`.
+    #[cfg(feature = "python")]
+    pub(crate) fn aligned_before(self, interval: f64) -> Result<AlignedSchedule> {
+        let intervals = self.intervals(interval);
+        let end = intervals as f64 * interval;
+        for (foot, phases) in self.durations.iter().enumerate() {
+            let total: f64 = phases.iter().sum();
+            if (total - end).abs() > 1e-9 {
+                return Err(Error::invalid(format!("durations, foot {foot}"), format!("{total} s in all"), format!("{end} s")));
+            }
+        }
+        Ok(AlignedSchedule { schedule: self, interval, intervals })
+    }
+
     /// The same schedule with every foot's last stance stretched to the end of the longest foot, as in the paper \[1\].
     pub fn stretched(&self) -> Schedule {
         self.ended_at(self.horizon())

@@ -10,22 +10,25 @@ use crate::cli::leg::Way;
 use crate::error::Error;
 use crate::gait::Schedule;
 use crate::search::evaluate::{Evaluated, check_candidate, evaluate as solved};
-use numpy::{IntoPyArray, PyArray1};
+use numpy::{IntoPyArray, PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
+
+/// Schedules of an evaluation that a notebook shows.
+const SHOWN: usize = 10;
 
 /// What became of ``n`` schedules; arrays in their order.
 #[pyclass(frozen, get_all, module = "cregopt")]
 pub struct Evaluation {
     /// Whether the certificate holds, bool, shape (n,).
     feasible: Py<PyArray1<bool>>,
-    /// Number of rows that are violated, int64, shape (n,).
+    /// Number of rows of the certificate that are violated, int64, shape (n,).
     n_violated: Py<PyArray1<i64>>,
-    /// Largest violation of a row, float64, shape (n,).
+    /// Largest violation of a row, each in its own unit (N, N m, m, rad, ...), float64, shape (n,).
     max_violation: Py<PyArray1<f64>>,
-    /// Cost a weight and distance, float64, shape (n,); nan where it is not feasible.
+    /// Cost a weight and distance, so without unit, float64, shape (n,): ``total`` of ``Gait.cost``; nan where it is not feasible.
     cost: Py<PyArray1<f64>>,
     /// Iterations of the solver, int64, shape (n,).
     iterations: Py<PyArray1<i64>>,
@@ -72,6 +75,38 @@ impl Evaluation {
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
         let feasible = self.feasible.bind(py).call_method0("sum")?;
         Ok(format!("Evaluation({feasible} of {} feasible)", self.__len__(py)?))
+    }
+
+    /// A table of the best, for notebooks: the cheapest, then those that violate least.
+    fn _repr_html_(&self, py: Python<'_>) -> PyResult<String> {
+        let feasible = self.feasible.bind(py).to_vec()?;
+        let (violated, iterations) = (self.n_violated.bind(py).to_vec()?, self.iterations.bind(py).to_vec()?);
+        let (worst, cost) = (self.max_violation.bind(py).to_vec()?, self.cost.bind(py).to_vec()?);
+        let horizon = self.horizon.bind(py).to_vec()?;
+        let mut order: Vec<usize> = (0..feasible.len()).collect();
+        // Where there is no cost it is nan, which comes after all numbers.
+        order.sort_by(|&a, &b| {
+            (!feasible[a], violated[a])
+                .cmp(&(!feasible[b], violated[b]))
+                .then(cost[a].total_cmp(&cost[b]))
+                .then(worst[a].total_cmp(&worst[b]))
+        });
+        let row = |&i: &usize| {
+            let (verdict, price) = if feasible[i] { ("yes", format!("{:.3}", cost[i])) } else { ("no", String::new()) };
+            let (rows, by) = (violated[i], worst[i]);
+            let (time, steps) = (horizon[i], iterations[i]);
+            format!(
+                "<tr><td>{i}</td><td>{verdict}</td><td>{price}</td><td>{time:.2}</td><td>{rows}</td><td>{by:.1e}</td><td>{steps}</td></tr>"
+            )
+        };
+        let rows: String = order.iter().take(SHOWN).map(row).collect();
+        let count = feasible.iter().filter(|&&feasible| feasible).count();
+        let shown = if feasible.len() > SHOWN { format!("; the best {SHOWN}:") } else { String::new() };
+        Ok(format!(
+            "<p>{count} of {} schedules feasible{shown}</p><table><thead><tr><th>schedule</th><th>feasible</th><th>cost</th><th>horizon, s</th>\
+             <th>rows violated</th><th>largest violation</th><th>iterations</th></tr></thead><tbody>{rows}</tbody></table>",
+            feasible.len()
+        ))
     }
 }
 

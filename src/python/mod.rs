@@ -9,6 +9,7 @@ mod evaluate;
 mod joints;
 mod motion;
 mod search;
+mod workers;
 mod world;
 
 use pyo3::prelude::*;
@@ -40,5 +41,6 @@ fn _cregopt(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(motion::verify, module)?)?;
     module.add_function(wrap_pyfunction!(search::search, module)?)?;
     module.add_function(wrap_pyfunction!(search::solve, module)?)?;
-    module.add_function(wrap_pyfunction!(evaluate::evaluate, module)?)
+    module.add_function(wrap_pyfunction!(evaluate::evaluate, module)?)?;
+    module.add_function(wrap_pyfunction!(workers::solve_chunk, module)?)
 }

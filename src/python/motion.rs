@@ -80,6 +80,11 @@ impl Trajectory {
     /// Returns
     /// -------
     /// Samples
+    ///
+    /// Raises
+    /// ------
+    /// Error
+    ///     For a rate that is not positive, or too high.
     #[pyo3(signature = (rate = 100.))]
     pub fn sample(&self, py: Python<'_>, rate: f64) -> PyResult<Samples> {
         let sampled = py.detach(|| {
@@ -275,6 +280,12 @@ impl Certificate {
 /// Returns
 /// -------
 /// Certificate
+///     Its ``terms`` say what the motion was held to.
+///
+/// Raises
+/// ------
+/// Error
+///     For a motion that is malformed or for other feet than the robot's, and where robot or terrain are neither given nor known by name.
 #[pyfunction]
 #[pyo3(signature = (trajectory, robot = None, terrain = None, force_limit = None))]
 pub fn verify(

@@ -4,7 +4,9 @@ use super::call::working;
 use super::convert::{Raise, from_python, raised, to_python};
 use super::joints::Joints;
 use super::motion::{Certificate, Samples, Trajectory};
+use super::workers::Workers;
 use super::world::{Robot, Task};
+use crate::backend::locked;
 use crate::cli::args::World;
 use crate::cli::held::{Asked, Held};
 use crate::cli::leg::{Leg, leg_folder};
@@ -19,7 +21,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde_json::Value;
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 /// A gait that a search returned, with its motion, and how it was found.
 #[pyclass(frozen, module = "cregopt")]
@@ -40,7 +42,11 @@ impl Gait {
         self.gait().feasible()
     }
 
-    /// What it costs, a weight and distance, with its parts, by the keys of ``cost`` in result.json; None where it is not feasible.
+    /// What it costs, and what its legs have to do, by the keys of ``cost`` in result.json; None where it is not feasible.
+    ///
+    /// ``total`` is ``leg_work``, ``swing_work`` and ``effort_cost`` by their weights, each a weight and distance, so without unit. Besides:
+    /// ``effort`` (mean of the squared forces, weights²), ``distance`` (m), ``horizon`` (s), ``peak_force`` (weights), ``tilt`` (degrees),
+    /// ``foot_speed`` and ``touch_down_speed`` (m/s), ``foot_acceleration`` (m/s²), ``swing_moment`` (weight times the length of a leg).
     #[getter]
     fn cost<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         self.gait().candidate.solution.cost.as_ref().map(|cost| to_python(py, cost)).transpose()
@@ -168,9 +174,12 @@ impl Gait {
         Ok(path.display().to_string())
     }
 
-    /// The picture of :meth:`plot`, for notebooks.
-    fn _repr_html_(&self) -> PyResult<String> {
-        motion_plot::svg(&self.leg.plot(self.gait())).raise()
+    /// The picture of :meth:`plot`, for notebooks: as an image, for pictures in one document would share the names of their parts.
+    fn _repr_html_(&self, py: Python<'_>) -> PyResult<String> {
+        let svg = py.detach(|| motion_plot::svg(&self.leg.plot(self.gait()))).raise()?;
+        let code: String =
+            py.import("base64")?.call_method1("b64encode", (svg.as_bytes(),))?.call_method1("decode", ("ascii",))?.extract()?;
+        Ok(format!(r#"<img style="max-width: 100%" alt="{}" src="data:image/svg+xml;base64,{code}"/>"#, self.__repr__()))
     }
 
     fn __str__(&self) -> PyResult<String> {
@@ -239,15 +248,31 @@ fn take_nulls(tree: &mut Value, path: &str, nulls: &mut Vec<String>) {
 }
 
 /// Searches for the cheapest gait of a task, leg by leg where it has places on the way; `options` have the keys of a scenario file.
+///
+/// * `workers` - who solves instead of the device that was asked for: their name and [`Workers::solve`]
 #[pyfunction]
-#[pyo3(signature = (task, options, progress = None))]
-pub fn search(py: Python<'_>, task: &Task, options: &Bound<'_, PyDict>, progress: Option<Py<PyAny>>) -> PyResult<Gait> {
+#[pyo3(signature = (task, options, progress = None, workers = None))]
+pub fn search(
+    py: Python<'_>,
+    task: &Task,
+    options: &Bound<'_, PyDict>,
+    progress: Option<Py<PyAny>>,
+    workers: Option<(String, Py<PyAny>)>,
+) -> PyResult<Gait> {
     let solve = asked(options)?;
+    let exception = Mutex::new(None);
     let legs = working(py, progress.as_ref(), |cancelled, hear| {
         let asking = solve.asking()?;
-        let backend = solve.lower.backend(asking.search.population).map_err(Error::from)?;
+        let backend = match workers {
+            Some((device, solve)) => Box::new(Workers { device, solve, cancelled, exception: &exception }),
+            None => solve.lower.backend(asking.search.population).map_err(Error::from)?,
+        };
         task.0.search(&asking, None, &*backend, cancelled, hear, &mut |_, _| Ok(()))
-    })?;
+    });
+    if let Some(exception) = locked(&exception).take() {
+        return Err(exception);
+    }
+    let legs = legs?;
     Gait::of(legs).pop().ok_or_else(|| raised(Error::Ended { message: "stopped before any leg was searched".into() }))
 }
 

@@ -258,7 +258,7 @@ impl Terrain {
         self.0.friction
     }
 
-    /// Height at (x, y), m.
+    /// Height at (x, y) of the world frame, m; holes of a height map are deep.
     fn height(&self, x: f64, y: f64) -> f64 {
         self.0.height(x, y)
     }
@@ -296,6 +296,11 @@ impl Terrain {
 /// via : list of (x, y), (x, y, z) or dict, optional
 ///     Places on the way at which the base is to stop, in order, as ``goal`` has them. The yaw of a dictionary is its own; without one it is on the
 ///     way from the start's to the goal's. Each place is the end of a leg, which has a gait of its own: see ``Gait.legs``.
+///
+/// Raises
+/// ------
+/// Error
+///     For a value that cannot be. Whether a gait can get there is asked by ``cregopt.search``.
 #[pyclass(frozen, module = "cregopt")]
 pub struct Task(pub Arc<Way>);
 

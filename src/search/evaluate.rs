@@ -7,7 +7,7 @@ use crate::gait::cost::{Cost, CostWeights, cost};
 use crate::gait::schedule::MAX_HORIZON;
 use crate::gait::{AlignedSchedule, Schedule, Trajectory};
 use crate::nlp::transcription::{force_limit, interval};
-use crate::nlp::{Layout, trajectory};
+use crate::nlp::{Curves, Layout, trajectory};
 use crate::settings::{SolverSettings, Transcription, TranscriptionSettings};
 use crate::solver::{Outcome, Status, close};
 use crate::task::Task;
@@ -213,7 +213,7 @@ pub(super) fn batch(
         let mut evaluated = if wanted == Certify::Unsolved && solution.outcome.status == Status::Solved {
             solved(task, schedule, solution, settings, cost)
         } else {
-            closed(task, schedule, (solution.outcome, solution.x), settings, cost, &|| skip(index))
+            certified(task, schedule, solution, settings, cost, &|| skip(index))
         };
         if evaluated.outcome.status == Status::Cancelled && !evaluated.feasible {
             return;
@@ -310,10 +310,27 @@ fn solved(
     settings: &LowerSettings,
     weights: Option<&CostWeights>,
 ) -> Evaluated {
-    let Solution { outcome, x, variables, curves } = solution;
+    let Solution { outcome, x, variables, curves, .. } = solution;
     let motion = trajectory(task, &curves, &x);
     let verdict = Verdict { certified: false, feasible: true, n_violated: 0, max_violation: f64::NAN };
     evaluated(task, schedule, motion, verdict, (outcome, x, variables), settings, weights)
+}
+
+/// A solution with its violations and its cost, closed in f64 where it is not yet.
+fn certified(
+    task: &Task,
+    schedule: &AlignedSchedule,
+    solution: Solution,
+    settings: &LowerSettings,
+    weights: Option<&CostWeights>,
+    cancel: &dyn Fn() -> bool,
+) -> Evaluated {
+    let Solution { outcome, x, variables, curves, closed: is_closed } = solution;
+    if is_closed {
+        examined(task, schedule, (&curves, variables), (outcome, x), settings, weights)
+    } else {
+        closed(task, schedule, (outcome, x), settings, weights, cancel)
+    }
 }
 
 /// A solution closed in f64, with its violations and its cost.
@@ -330,23 +347,25 @@ fn closed(
         Precision::F32 => close(&layout, outcome, x, &settings.solver, cancel),
         Precision::F64 => (outcome, x),
     };
-    examined(task, schedule, &layout, closed, settings, weights)
+    examined(task, schedule, (&layout.curves, layout.variables), closed, settings, weights)
 }
 
 /// A solution with its violations, its cost and its sizes.
+///
+/// * `curves`, `n_variables` - those of its layout
 pub(super) fn examined(
     task: &Task,
     schedule: &AlignedSchedule,
-    layout: &Layout<f64>,
+    (curves, n_variables): (&Curves, usize),
     (outcome, x): (Outcome, Vec<f64>),
     settings: &LowerSettings,
     weights: Option<&CostWeights>,
 ) -> Evaluated {
-    let trajectory = trajectory(task, &layout.curves, &x);
+    let trajectory = trajectory(task, curves, &x);
     let rows = verify_rows(&trajectory, &task.robot, &task.terrain, force_limit(&settings.transcription, task));
     let (n_violated, max_violation, feasible) = rows.map_or((usize::MAX, f64::NAN, false), |r| (r.n_violated, r.max_violation, r.feasible));
     let verdict = Verdict { certified: true, feasible, n_violated, max_violation };
-    evaluated(task, schedule, trajectory, verdict, (outcome, x, layout.variables), settings, weights)
+    evaluated(task, schedule, trajectory, verdict, (outcome, x, n_variables), settings, weights)
 }
 
 /// What is known of whether a motion holds.

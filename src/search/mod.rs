@@ -95,7 +95,8 @@ impl Gait {
         let Evaluated { outcome, schedule, x, .. } = &self.candidate.solution;
         let refined = refine(task, schedule, x, &lower.transcription, &search.cost, settings, cancelled)?;
         let layout = Layout::<f64>::new(task, &refined.schedule, &lower.transcription);
-        let solution = examined(task, &refined.schedule, &layout, (*outcome, refined.x.clone()), lower, Some(&search.cost));
+        let solution =
+            examined(task, &refined.schedule, (&layout.curves, layout.variables), (*outcome, refined.x.clone()), lower, Some(&search.cost));
         let (old, as_drawn) = (&self.candidate, self.candidate.schedule.clone());
         let candidate = Candidate::new(&search.cem(1), old.generation, old.index, as_drawn, solution.evaluation(), solution);
         Ok((Gait::new(self.family, candidate, task, lower)?, refined))

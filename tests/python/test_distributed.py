@@ -1,5 +1,6 @@
 """Populations and sweeps on clusters of this machine, with workers and nodes that die."""
 
+import importlib.util
 import json
 import os
 import pathlib
@@ -91,7 +92,7 @@ def counting(folder: pathlib.Path, work: str, first_attempt: Callable[[Any], Non
     def attempt(shared: Any, *arguments: Any) -> object:
         from cregopt import distributed
 
-        number = arguments[0] if work == "_solve" else arguments[1]
+        number = arguments[1] if work == "_search_row" else arguments[0]
         attempts = len(list(folder.glob(f"{number}.*")))
         (folder / f"{number}.{attempts}").write_text(str(os.getpid()))
         if attempts == 0:
@@ -112,12 +113,16 @@ def test_without_ray_it_says_what_to_install(task: cregopt.Task, tmp_path: pathl
         distributed.evaluate(task, [[[0.5]] * 4])
     with pytest.raises(ImportError, match=r"pip install cregopt\[ray\]"):
         distributed.sweep([task], tmp_path)
+    with pytest.raises(ImportError, match=r"pip install cregopt\[ray\]"):
+        distributed.search(task)
 
 
 def test_without_a_cluster_it_says_how_to_join_one(task: cregopt.Task, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pytest.importorskip("ray"), "is_initialized", lambda: False)
     with pytest.raises(cregopt.Error, match="no cluster: join one by ray.init"):
         distributed.evaluate(task, [[[0.5]] * 4])
+    with pytest.raises(cregopt.Error, match="no cluster: join one by ray.init"):
+        distributed.search(task)
 
 
 @pytest.mark.parametrize("chunk", [1, 7, 100])
@@ -148,7 +153,7 @@ def test_nothing_is_lost_when_a_worker_is_killed(
         if first == 10:
             os.kill(os.getpid(), signal.SIGKILL)
 
-    monkeypatch.setattr(distributed, "_solve", counting(tmp_path, "_solve", die))
+    monkeypatch.setattr(distributed, "_evaluate_chunk", counting(tmp_path, "_evaluate_chunk", die))
     assert_same(distributed.evaluate(task, population, chunk=5), alone)
     assert attempts(tmp_path) == {0: 1, 5: 1, 10: 2, 15: 1, 20: 1}
 
@@ -159,7 +164,7 @@ def test_a_chunk_that_kills_its_workers_is_named(
     def die(shared: Any, first: int, schedules: Any) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
-    monkeypatch.setattr(distributed, "_solve", die)
+    monkeypatch.setattr(distributed, "_evaluate_chunk", die)
     with pytest.raises(cregopt.Error, match=r"schedules\[0\] to \[22\]: no result of a worker, with 1 retries: WorkerCrashedError"):
         distributed.evaluate(task, population, chunk=50, max_retries=1)
 
@@ -183,13 +188,18 @@ def test_nothing_is_lost_when_a_node_is_removed(
         if ray.get_runtime_context().get_node_id() == doomed and first > 0:
             caught.write_text(str(first))
             time.sleep(60.0)
+        # The other leaves it something to do.
+        for _ in range(1500):
+            if first == 0 or caught.exists():
+                break
+            time.sleep(0.02)
 
     def remove() -> None:
         while not caught.exists():
             time.sleep(0.02)
         machines.remove(two)
 
-    monkeypatch.setattr(distributed, "_solve", counting(attempted, "_solve", hang))
+    monkeypatch.setattr(distributed, "_evaluate_chunk", counting(attempted, "_evaluate_chunk", hang))
     removing = threading.Thread(target=remove)
     removing.start()
     try:
@@ -217,6 +227,16 @@ def test_no_schedules_are_no_results(machines: Machines, task: cregopt.Task) -> 
 def test_options_that_cannot_be_are_named(machines: Machines, task: cregopt.Task, tmp_path: pathlib.Path) -> None:
     with pytest.raises(cregopt.Error, match="option `threads`: `cpus` says"):
         distributed.evaluate(task, [], threads=2)
+    with pytest.raises(cregopt.Error, match="option `device`: `gpus` says"):
+        distributed.search(task, device="gpu")
+    with pytest.raises(TypeError, match="unexpected keyword argument 'popultion'"):
+        distributed.search(task, popultion=2)
+    with pytest.raises(cregopt.Error, match="chunk: 0, but it must be an integer from 1"):
+        distributed.search(task, chunk=0)
+    with pytest.raises(cregopt.Error, match="unknown gait `trott`"):
+        distributed.search(task, gaits="trott")
+    with pytest.raises(cregopt.Error, match="gpus: 2, but it must be a number from 0 to 1"):
+        distributed.search(task, gpus=2)
     with pytest.raises(cregopt.Error, match="option `seed`: `seeds` is for that"):
         distributed.sweep([task], tmp_path, seed=2)
     with pytest.raises(TypeError, match="unexpected keyword argument 'popultion'"):
@@ -228,17 +248,174 @@ def test_options_that_cannot_be_are_named(machines: Machines, task: cregopt.Task
     assert list(tmp_path.iterdir()) == []
 
 
+def assert_same_search(found: cregopt.Gait, alone: cregopt.Gait) -> None:
+    """All of a search but times and the device."""
+    assert len(found.legs) == len(alone.legs)
+    for leg, expected in zip(found.legs, alone.legs):
+        assert leg.trajectory.to_json() == expected.trajectory.to_json()
+        assert plain(leg.to_dict()) == plain(expected.to_dict())
+
+
+def plain(result: Any) -> Any:
+    if isinstance(result, dict):
+        return {key: plain(value) for key, value in result.items() if key not in ("seconds", "first_feasible_seconds", "device")}
+    return [plain(value) for value in result] if isinstance(result, list) else result
+
+
+#: A search with several generations, in which f32 does not solve every candidate: some are solved when they are closed, some are not.
+BROAD: dict[str, Any] = {"seed": 3, "gaits": "trot,pace,bound", "population": 7, "generations": 2, "alternatives": 2}
+BROAD["settings"] = {"solver": {"max_iterations": 7}}
+
+
+@pytest.fixture(scope="module")
+def searched(task: cregopt.Task) -> cregopt.Gait:
+    """What one process finds."""
+    gait = cregopt.search(task, device="cpu", **BROAD)
+    generations = gait.to_dict()["generations"]
+    assert gait.feasible and len(gait.alternatives) == 1 and any(g["feasible"] < g["evaluated"] for g in generations)
+    return gait
+
+
+@pytest.mark.parametrize("chunk", [None, 1, 3])
+def test_a_search_on_one_worker_is_that_of_one_process(machines: Machines, task: cregopt.Task, searched: cregopt.Gait, chunk: Optional[int]) -> None:
+    told: list[dict[str, Any]] = []
+    found = distributed.search(task, chunk=chunk, progress=told.append, **BROAD)
+    assert_same_search(found, searched)
+    assert [g["generation"] for g in told if g["event"] == "generation"] == [g["generation"] for g in found.to_dict()["generations"]]
+    assert found.to_dict()["device"] == "cpu, Ray's workers of 1 threads, f32 closed in f64"
+
+
+def test_a_search_on_two_workers_is_that_of_one_process(machines: Machines, two: Any, task: cregopt.Task, searched: cregopt.Gait) -> None:
+    assert_same_search(distributed.search(task, **BROAD), searched)
+    exact: dict[str, Any] = {"gaits": "trot", "population": 3, "generations": 1, "precision": "f64", "first": True, "smooth": True}
+    assert_same_search(distributed.search(task, **exact), cregopt.search(task, device="cpu", **exact))
+    schedule: dict[str, Any] = {"gaits": searched.schedule, "population": 3, "generations": 1, "settings": {"solver": {"max_iterations": 60}}}
+    assert_same_search(distributed.search(task, **schedule), cregopt.search(task, device="cpu", **schedule))
+
+
+def test_legs_and_reasons_are_those_of_one_process(machines: Machines, two: Any, task: cregopt.Task, nowhere: cregopt.Task) -> None:
+    way = cregopt.Task(task.robot, task.terrain, goal=(1.0, 0.1), yaw=0.3, start=(0.1, 0.0), start_yaw=0.1, via=[(0.5, 0.1)])
+    found = distributed.search(way, **QUICK)
+    assert len(found.legs) == 2
+    assert_same_search(found, cregopt.search(way, device="cpu", **QUICK))
+    # What is tried to find the reason are tasks and settings of its own.
+    none = {**QUICK, "settings": {"search": {"further_generations": 0, "perturbed_generations": 0}}}
+    found = distributed.search(nowhere, **none)
+    assert found.diagnosis is not None and found.diagnosis["relaxations"]
+    assert_same_search(found, cregopt.search(nowhere, device="cpu", **none))
+
+
+def test_what_a_search_never_sends_is_refused(task: cregopt.Task, gait: cregopt.Gait) -> None:
+    from cregopt import _cregopt
+
+    settings = json.dumps(gait.to_dict()["lower"])
+    (answer,) = _cregopt.solve_chunk(task, settings, [gait.schedule], "cpu", 1)
+    assert answer[0] == "solved" and len(answer[5]) > 500
+    uneven = [[*gait.schedule[0][:-1], gait.schedule[0][-1] - 0.01], *gait.schedule[1:]]
+    with pytest.raises(cregopt.Error, match="durations, foot 0: .* s in all, but it must be"):
+        _cregopt.solve_chunk(task, settings, [uneven], "cpu", 1)
+    with pytest.raises(cregopt.Error, match="2 feet, but it must be 4 feet"):
+        _cregopt.solve_chunk(task, settings, [gait.schedule[:2]], "cpu", 1)
+
+
+def test_a_search_loses_nothing_when_a_worker_is_killed(
+    machines: Machines, task: cregopt.Task, searched: cregopt.Gait, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def die(first: int) -> None:
+        if first == 2:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    monkeypatch.setattr(distributed, "_solve_chunk", counting(tmp_path, "_solve_chunk", die))
+    assert_same_search(distributed.search(task, chunk=2, **BROAD), searched)
+    sizes = [generation["evaluated"] for generation in searched.to_dict()["generations"]]
+    expected = {first: sum(first < size for size in sizes) + (first == 2) for first in range(0, max(sizes), 2)}
+    assert attempts(tmp_path) == expected
+
+
+def test_a_search_whose_workers_die_ends(machines: Machines, task: cregopt.Task, monkeypatch: pytest.MonkeyPatch) -> None:
+    def die(shared: Any, first: int, schedules: Any) -> None:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    monkeypatch.setattr(distributed, "_solve_chunk", die)
+    with pytest.raises(cregopt.Error, match=r"schedules\[0\] to \[0\]: no result of a worker, with 0 retries: WorkerCrashedError"):
+        distributed.search(task, max_retries=0, **QUICK)
+
+
+def test_a_search_can_be_ended(machines: Machines, task: cregopt.Task, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def enough(record: dict[str, Any]) -> None:
+        raise LookupError("enough")
+
+    with pytest.raises(LookupError, match="enough"):
+        distributed.search(task, progress=enough, **BROAD)
+
+    begun, ended = tmp_path / "begun", tmp_path / "ended"
+
+    def hang(shared: Any, first: int, schedules: Any) -> None:
+        # Where tests run in the background, interrupts are ignored, there and below.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        try:
+            begun.touch()
+            for _ in range(3000):
+                time.sleep(0.02)
+        except KeyboardInterrupt:
+            ended.touch()
+            raise
+
+    def interrupt() -> None:
+        while not begun.exists():
+            time.sleep(0.02)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(distributed, "_solve_chunk", hang)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    interrupting = threading.Thread(target=interrupt)
+    interrupting.start()
+    start = time.monotonic()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            distributed.search(task, **QUICK)
+    finally:
+        interrupting.join()
+        signal.signal(signal.SIGINT, before)
+    while not ended.exists() and time.monotonic() - start < 30.0:
+        time.sleep(0.02)
+    assert ended.exists()  # the worker, too, so that the cluster is free
+
+
+def test_workers_on_gpus_are_those_of_the_cluster_that_have_one(
+    machines: Machines, task: cregopt.Task, population: list[list[list[float]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = machines.cluster.add_node(num_cpus=1, num_gpus=1, object_store_memory=80 << 20)
+    machines.cluster.wait_for_nodes()
+    place = node.node_id
+
+    def solve(shared: Any, first: int, schedules: Any) -> object:
+        import ray
+
+        return f"{ray.get_runtime_context().get_node_id() == place} {shared[3] if len(shared) == 5 else shared[2]['device']}"
+
+    monkeypatch.setattr(distributed, "_solve_chunk", solve)
+    monkeypatch.setattr(distributed, "_evaluate_chunk", solve)
+    try:
+        with pytest.raises(cregopt.Error, match="^True gpu$"):
+            distributed.search(task, gpus=1, **QUICK)
+        with pytest.raises(cregopt.Error, match="^True gpu$"):
+            distributed.evaluate(task, population, gpus=0.5)
+    finally:
+        machines.remove(node)
+
+
 def rows(table: Any) -> list[dict[str, Any]]:
     """What must not depend on the machine."""
     return [{name: value for name, value in row.items() if name != "seconds"} for row in table.to_pylist()]
 
 
 def test_a_sweep_finds_what_searches_do_and_goes_on_where_it_was(
-    machines: Machines, two: Any, task: cregopt.Task, nowhere: cregopt.Task, tmp_path: pathlib.Path
+    machines: Machines, two: Any, task: cregopt.Task, tmp_path: pathlib.Path
 ) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     refused = cregopt.Task(task.robot, task.terrain, goal=(1.0, 0.0, 0.9))
-    tasks = {"turn": task, "refused": refused, "nowhere": nowhere, "short": cregopt.Task(task.robot, task.terrain, goal=(0.5, 0.0))}
+    tasks = {"turn": task, "refused": refused, "short": cregopt.Task(task.robot, task.terrain, goal=(0.5, 0.0))}
     quick = {**QUICK, "settings": {"search": {"further_generations": 0, "perturbed_generations": 0}}}
     told: list[dict[str, Any]] = []
 
@@ -252,15 +429,15 @@ def test_a_sweep_finds_what_searches_do_and_goes_on_where_it_was(
             raise LookupError("enough")
 
     whole = sweep("whole")
-    assert [(row["task"], row["seed"]) for row in whole] == [(name, seed) for name in tasks for seed in (1, 2)] and len(told) == 8
+    assert [(row["task"], row["seed"]) for row in whole] == [(name, seed) for name in tasks for seed in (1, 2)] and len(told) == 6
     for row in whole:
         if row["task"] == "refused":
             assert row["error"].startswith("Error: ") and "goal" in row["error"] and row["feasible"] is None
             continue
         gait = cregopt.search(tasks[row["task"]], seed=row["seed"], device="cpu", **quick)
-        assert row["error"] is None and row["feasible"] == gait.feasible == (row["task"] != "nowhere")
+        assert row["error"] is None and row["feasible"] and gait.feasible
         assert json.loads(row["durations"]) == gait.schedule and row["horizon"] == gait.trajectory.horizon
-        assert row["cost"] == (gait.cost["total"] if gait.cost else None)
+        assert gait.cost is not None and row["cost"] == gait.cost["total"]
         assert row["family"] == gait.family and row["objective"] == "transport"
         assert [kept["trajectory"] for kept in told if kept["key"] == row["key"]] == [gait.trajectory.to_json()]
     files = parquet.read_table(tmp_path / "whole").to_pylist()
@@ -289,6 +466,19 @@ def test_a_sweep_finds_what_searches_do_and_goes_on_where_it_was(
     parquet.write_table(parquet.read_table(torn.parent).select(["key"]), torn.parent / "part-other.parquet")
     with pytest.raises(cregopt.Error, match="part-other.parquet: columns .*choose another folder"):
         sweep("parts")
+
+
+def test_a_task_without_a_gait_has_a_row_that_says_so(
+    machines: Machines, nowhere: cregopt.Task, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    none = {**QUICK, "settings": {"search": {"further_generations": 0, "perturbed_generations": 0}}}
+    (row,) = rows(distributed.sweep([nowhere], tmp_path, **none))
+    nearest = cregopt.search(nowhere, device="cpu", **none)
+    if importlib.util.find_spec("tqdm"):
+        distributed.sweep([nowhere], tmp_path, progress=True, **none)
+        assert "1/1" in capsys.readouterr().err
+    assert row["feasible"] is False and row["cost"] is None and row["error"] is None
+    assert json.loads(row["durations"]) == nearest.schedule and row["horizon"] == nearest.trajectory.horizon
 
 
 def test_a_sweep_goes_on_when_workers_die(

@@ -1,8 +1,11 @@
 """Searches, their gaits and their files."""
 
+import base64
 import json
 import pathlib
+import re
 import subprocess
+import sys
 import warnings
 from typing import Any
 
@@ -57,6 +60,27 @@ def test_options_reach_the_search(task: cregopt.Task) -> None:
     refined = cregopt.search(task, first=True, refine=True, precision="f64", smooth=True, transcription="momentum", settings=few)
     assert refined.to_dict()["refinement"]["iterations"] == 3
     assert refined.to_dict()["refinement"]["before"]["total"] > refined.cost["total"]  # type: ignore[index]
+
+
+def test_those_who_watch_see_a_bar(task: cregopt.Task, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("tqdm")
+    gait = cregopt.search(task, gaits="trot", population=3, generations=1, device="cpu", progress=True)
+    line = capsys.readouterr().err.splitlines()[-1]
+    generations = gait.to_dict()["generations"]
+    evaluated, feasible = (sum(generation[key] for generation in generations) for key in ("evaluated", "feasible"))
+    assert gait.cost is not None
+    assert re.search(rf"best trot, {gait.cost['total']:.3f} after [0-9.]* s: {evaluated} candidates .*{feasible} gaits\]", line), line
+    (tmp_path / "way.toml").write_text('robot = "anymal"\nfirst = true\ngoal = { xy = [1.0, 0.0] }\n')
+    cregopt.solve(tmp_path / "way.toml", progress=True)
+    assert " after " in capsys.readouterr().err
+    cregopt.search(task, first=True, progress=False)
+    assert capsys.readouterr().err == ""
+
+
+def test_without_tqdm_it_says_what_to_install(task: cregopt.Task, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "tqdm.auto", None)
+    with pytest.raises(ImportError, match=r"pip install cregopt\[progress\]"):
+        cregopt.search(task, progress=True)
 
 
 @pytest.mark.parametrize(
@@ -189,10 +213,25 @@ def test_a_built_in_scenario_is_named_in_what_is_found(program: str, tmp_path: p
     assert cregopt.Task.from_scenario(tmp_path / "out/scenario.toml").goal == gait.task.goal
 
 
+def test_notebooks_show_an_evaluation_as_a_table_of_the_best(task: cregopt.Task, gait: cregopt.Gait) -> None:
+    slower = [[[phase * factor for phase in foot] for foot in gait.schedule] for factor in (1.3, 1.0, 1.15)]
+    found = cregopt.evaluate(task, [[[0.1]] * 4, *slower] * 3, device="cpu")
+    shown = found._repr_html_()
+    order = [int(index) for index in re.findall(r"<tr><td>(\d+)</td>", shown)]
+    costs = [float(found.cost[index]) for index in order if found.feasible[index]]
+    assert shown.startswith("<p>9 of 12 schedules feasible; the best 10:</p><table>") and len(order) == 10
+    assert sorted(order[:9]) == [1, 2, 3, 5, 6, 7, 9, 10, 11] and costs == sorted(costs) and order[9] == 0
+    assert f"<td>{costs[0]:.3f}</td><td>{found.horizon[order[0]]:.2f}</td>" in shown
+    few = cregopt.evaluate(task, [[[0.1]] * 4], device="cpu")._repr_html_()
+    assert few.startswith("<p>0 of 1 schedules feasible</p>") and "<td>0</td><td>no</td><td></td>" in few and "nan" not in few
+
+
 def test_pictures_and_pages_are_written(gait: cregopt.Gait, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
     gait.plot(tmp_path / "gait.svg")
-    assert (tmp_path / "gait.svg").read_text() == gait._repr_html_()
-    assert gait._repr_html_().startswith("<svg") and "trot, " in gait._repr_html_()
+    picture = (tmp_path / "gait.svg").read_text()
+    assert picture.startswith("<svg") and "trot, " in picture
+    shown = re.fullmatch('<img style="max-width: 100%" alt="Gait\\(trot, .*, feasible\\)" src="data:image/svg\\+xml;base64,(.*)"/>', gait._repr_html_())
+    assert shown is not None and base64.b64decode(shown[1]).decode() == picture
     assert gait.view(tmp_path / "gait.html") == str(tmp_path / "gait.html")
     assert "trot" in (tmp_path / "gait.html").read_text()
     opened: list[str] = []

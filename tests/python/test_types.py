@@ -10,6 +10,7 @@ import pytest
 SAMPLE = """
 import cregopt
 import numpy as np
+from cregopt import distributed
 
 terrain = cregopt.Terrain.heights(np.zeros((20, 20)), cell=0.2, origin=(-2.0, -2.0))
 task = cregopt.Task(cregopt.Robot("anymal"), terrain, goal=(1.0, 0.0), yaw=0.1)
@@ -23,7 +24,8 @@ robot = cregopt.Robot.from_urdf("go2.urdf", feet=["FL", "FR"], configuration={"k
 scenario = cregopt.Task.from_scenario("walk.toml")
 way = cregopt.Task(robot, terrain, (2.0, 0.0), start={"xy": [0.5, 0.0]}, start_yaw=0.1, via=[(1.0, 0.0), {"xy": [1.5, 0.0], "yaw": 0.2}])
 torque: float = float(cregopt.search(way).legs[0].joints(rate=50).efforts.max())
-for leg in cregopt.solve("walk.toml"):
+wide = distributed.search(task, population=256, cpus=4, gpus=0.5, progress=True).alternatives
+for leg in cregopt.solve("walk.toml", progress=True):
     print(str(cregopt.verify(leg)), leg.certificate["n_rows"])
 """
 

@@ -449,7 +449,7 @@ impl<'a> Work<'a> {
                 infeasibility: f64::from(progress.infeasibility),
             };
             self.done[index] = true;
-            finish(index, Solution { outcome, x: x[..len].iter().map(|v| f64::from(*v)).collect(), variables, curves });
+            finish(index, Solution { outcome, x: x[..len].iter().map(|v| f64::from(*v)).collect(), variables, curves, closed: false });
         }
         Ok(())
     }

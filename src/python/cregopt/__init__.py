@@ -10,7 +10,10 @@ True
 
 On many machines: ``help("cregopt.distributed")``.
 
-Units are SI, angles rad, and forces act on the robot. World frame: z up; base frame: x forward, y left, in the centre of mass.
+Units are SI, angles rad, and forces act on the robot. World frame: z up; base frame: x forward, y left, in the centre of mass. Schedules are lists of
+phase durations, s, a list for each foot in the robot's order: stance, swing, stance, ..., stance.
+
+What cannot be raises ``Error``, a ``ValueError`` that names the place, the value and the limit; files that cannot be read or written raise ``OSError``.
 """
 
 from ._cregopt import (

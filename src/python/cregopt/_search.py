@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import os
-from typing import Any, Callable, Mapping, Optional, Sequence, Union
+from typing import Any, Mapping, Optional, Sequence, Union
 
 from . import _cregopt
 from ._cregopt import Evaluation, Gait, Task
+from ._progress import Watch, watched
 
 #: Stance, swing, stance, ... of each foot, s.
 Schedule = Sequence[Sequence[float]]
-#: Is called with a dictionary; its key ``event`` is ``generation`` or ``improvement``, the others are those of result.json.
-Progress = Callable[[dict[str, Any]], object]
 Path = Union[str, "os.PathLike[str]"]
 
 
@@ -39,7 +38,7 @@ def search(
     device: str = "auto",
     threads: int = 0,
     settings: Optional[Mapping[str, Any]] = None,
-    progress: Optional[Progress] = None,
+    progress: Watch = None,
 ) -> Gait:
     """Searches for the cheapest gait of a task.
 
@@ -83,8 +82,10 @@ def search(
     settings : dict, optional
         Any setting, in the tables ``search``, ``transcription``, ``solver`` and ``refine``, as in ``gait.to_dict()``: for example
         ``{"solver": {"max_iterations": 100}}``.
-    progress : callable, optional
-        Is called with a dictionary for each generation and each better gait, on this thread. An exception in it ends the search and is raised.
+    progress : bool or callable, optional
+        True shows a bar by tqdm (``pip install cregopt[progress]``). A callable is called with a dictionary for each generation and each better
+        gait, on this thread: ``event`` is ``generation`` or ``improvement``, the other keys are those of ``generations`` and ``improvements`` in
+        ``gait.to_dict()``. An exception in it ends the search and is raised.
 
     Returns
     -------
@@ -97,21 +98,13 @@ def search(
     Error
         For options or a task that cannot be, and for a device that is not there.
     """
-    tables = dict(settings or {})
-    gait: Optional[str] = None
-    if gaits is None or isinstance(gaits, str):
-        gait = gaits
-    elif all(isinstance(family, str) for family in gaits):
-        gait = ",".join(str(family) for family in gaits)
-    else:
-        tables["search"] = {**tables.get("search", {}), "gaits": {"around": gaits}}
-    options = _given(
+    options = asked(
         seed=seed,
         first=first,
-        gait=gait,
+        gaits=gaits,
         population=population,
         generations=generations,
-        time=seconds,
+        seconds=seconds,
         objective=objective,
         alternatives=alternatives,
         refine=refine,
@@ -121,9 +114,29 @@ def search(
         precision=precision,
         device=device,
         threads=threads,
-        settings=tables,
+        settings=settings,
     )
-    return _cregopt.search(task, options, progress)
+    with watched(progress) as tell:
+        return _cregopt.search(task, options, tell)
+
+
+def asked(
+    *,
+    gaits: Union[str, Sequence[str], Schedule, None] = None,
+    seconds: Optional[float] = None,
+    settings: Optional[Mapping[str, Any]] = None,
+    **options: Any,
+) -> dict[str, Any]:
+    """Options of :func:`search` by the keys of a scenario file."""
+    tables = dict(settings or {})
+    gait: Optional[str] = None
+    if gaits is None or isinstance(gaits, str):
+        gait = gaits
+    elif all(isinstance(family, str) for family in gaits):
+        gait = ",".join(str(family) for family in gaits)
+    else:
+        tables["search"] = {**tables.get("search", {}), "gaits": {"around": gaits}}
+    return _given(gait=gait, time=seconds, settings=tables, **options)
 
 
 def evaluate(
@@ -174,7 +187,7 @@ def evaluate(
     return _cregopt.evaluate(task, schedules, options, trajectories)
 
 
-def solve(path: Path, *, out: Optional[Path] = None, progress: Optional[Progress] = None) -> list[Gait]:
+def solve(path: Path, *, out: Optional[Path] = None, progress: Watch = None) -> list[Gait]:
     """Searches as a scenario file asks, as ``cregopt solve FILE`` does.
 
     Parameters
@@ -183,7 +196,7 @@ def solve(path: Path, *, out: Optional[Path] = None, progress: Optional[Progress
         Scenario file (.toml).
     out : path, optional
         Folder for result.json, trajectory.json and scenario.toml, instead of the file's ``out``.
-    progress : callable, optional
+    progress : bool or callable, optional
         As :func:`search` has it.
 
     Returns
@@ -191,4 +204,5 @@ def solve(path: Path, *, out: Optional[Path] = None, progress: Optional[Progress
     list of Gait
         One for each leg of the way, to the first that has no gait; without waypoints one.
     """
-    return _cregopt.solve(path, out, progress)
+    with watched(progress) as tell:
+        return _cregopt.solve(path, out, tell)

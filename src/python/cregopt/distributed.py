@@ -1,48 +1,46 @@
-"""Populations and sweeps on many machines, by Ray: ``pip install cregopt[ray]``.
+"""Searches, populations and sweeps on many machines, by Ray: ``pip install cregopt[ray]``.
 
 >>> import ray
 >>> from cregopt import distributed
 >>> ray.init(address="auto")  # a cluster; ``ray.init()`` makes one of this machine
+>>> gait = distributed.search(task, seed=1, population=256)
 >>> found = distributed.evaluate(task, schedules)
 >>> table = distributed.sweep(tasks, "sweep", seeds=range(1, 6))
 
-Every node needs this package, of the same version. Workers solve on CPUs. What they find does not depend on how many they are, nor on how work is
-cut, as long as the processors have the same vector instructions. Work of a process or a node that dies is done again by another.
+Every node needs this package, of the same version. What workers find on CPUs does not depend on how many they are, nor on how work is cut, as long
+as the processors have the same vector instructions. Work of a process or a node that dies is done again by another.
 
-A search runs whole on one worker. Its generations follow one another, so that a cluster would stand still at the end of each, and the compiled
-search draws and ranks its candidates itself: :func:`evaluate` distributes the generations of a search of one's own. Many searches fill a cluster
-without waiting for one another: :func:`sweep`.
+:func:`search` splits each generation over the workers. Generations follow one another, so that workers wait at the end of each: with as many
+candidates a generation as there are workers, or a few times as many, they wait least. The searches of a :func:`sweep` do not wait for one another.
+
+With ``gpus`` workers solve on GPUs, as ``device="gpu"`` does in one process. Results then are the same for the same adapter and driver alone, and
+where these are what one process has. Ray counts GPUs, but says nothing to Vulkan: on a node with several all workers take the same one.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
-import importlib
 import inspect
-import itertools
 import json
 import pathlib
 import re
-import time
-import uuid
-import warnings
 from typing import Any, Callable, Iterable, Iterator, Mapping, NamedTuple, Optional, Sequence, Union
 
 import numpy as np
 
-from . import _search
-from ._cregopt import Error, Evaluation, Task, __version__
+from . import _cregopt, _search
+from ._cluster import Cluster, at_least
+from ._cregopt import Error, Evaluation, Gait, Task, __version__
 from ._pickle import parts
+from ._progress import Watch, bar, watched
 from ._search import Path, Schedule
+from ._store import Store
 
-__all__ = ["evaluate", "sweep"]
+__all__ = ["evaluate", "search", "sweep"]
 
-#: Candidates of a chunk at most: what is solved again when a worker dies.
-_LARGEST_CHUNK = 256
-#: Chunks for each place of a worker: the last ones to end keep the others waiting for a part of a chunk's time.
-_CHUNKS_A_WORKER = 4
-#: Rows are written when they are as many, or as old in s.
-_ROWS, _AGE = 256, 10.0
+#: How long a search waits before it asks whether it is to go on, s.
+_PATIENCE = 0.05
 
 
 def evaluate(
@@ -51,6 +49,7 @@ def evaluate(
     *,
     chunk: Optional[int] = None,
     cpus: int = 1,
+    gpus: float = 0,
     max_retries: int = 3,
     trajectories: bool = False,
     **options: Any,
@@ -64,9 +63,12 @@ def evaluate(
     schedules : list of schedules
         Each a list of phase durations for each foot, s: stance, swing, stance, ...
     chunk : int, optional
-        Schedules that a worker gets at once; by default a quarter of its share, and at most 256. Results do not depend on it.
+        Schedules that a worker gets at once; by default a quarter of its share, and at most 256 (on GPUs all of it, and at most 8192). Results
+        do not depend on it.
     cpus : int, default 1
         CPUs of a worker: what it asks Ray for, and its threads. On many nodes more are faster: there are fewer chunks to hand out, at 0.7 ms each.
+    gpus : float, default 0
+        GPUs of a worker, 1 or a part of one that workers share: what it asks Ray for. Not 0: it solves on a GPU.
     max_retries : int, default 3
         How often a chunk is given to another worker when a process or a node dies.
     trajectories : bool, default False
@@ -88,21 +90,14 @@ def evaluate(
         ``max_retries + 1`` times.
     """
     _check_options(_search.evaluate, (task, schedules), options)
-    cluster = _Cluster(cpus, max_retries)
-    if chunk is None:
-        share = -(-len(schedules) // (_CHUNKS_A_WORKER * cluster.workers()))
-        chunk = max(cpus, min(share, _LARGEST_CHUNK))
-    _at_least("chunk", chunk, 1)
+    cluster = Cluster(cpus, gpus, max_retries)
+    chunk = cluster.chunk(chunk, len(schedules))
     if len(schedules) == 0:
         return _search.evaluate(task, schedules, trajectories=trajectories, device="cpu", **options)
-    work = cluster.remote(_solve)
-    shared = cluster.ray.put((__version__, task, {**options, "trajectories": trajectories, "threads": cpus}))
+    shared = (task, {**options, "trajectories": trajectories, "device": cluster.device, "threads": cpus})
     found: dict[int, Evaluation] = {}
     refused: dict[int, str] = {}
-    for first, outcome in cluster.each(lambda first: work.remote(shared, first, schedules[first : first + chunk]), range(0, len(schedules), chunk)):
-        if isinstance(outcome, Exception):
-            last = min(first + chunk, len(schedules)) - 1
-            raise Error(f"schedules[{first}] to [{last}]: {cluster.why(outcome)}") from outcome
+    for first, outcome in cluster.chunks(_evaluate_chunk, shared, schedules, chunk):
         if isinstance(outcome, str):
             refused[first] = outcome
         else:
@@ -115,15 +110,83 @@ def evaluate(
     return _joined([found[first] for first in sorted(found)])
 
 
+def search(
+    task: Task,
+    *,
+    seed: int = 1,
+    chunk: Optional[int] = None,
+    cpus: int = 1,
+    gpus: float = 0,
+    max_retries: int = 3,
+    progress: Watch = None,
+    **options: Any,
+) -> Gait:
+    """Searches for the cheapest gait of a task, as :func:`cregopt.search` does, with each generation solved on a cluster.
+
+    This process draws the schedules, prices what comes back and certifies the best of it, on all of its cores: each keeps up with some three
+    workers' cores. ``refine`` runs here, too. Other threads of Python go on meanwhile; Ctrl-C ends it with ``KeyboardInterrupt``, and what the workers
+    are at with it.
+
+    Parameters
+    ----------
+    task : Task
+        Each leg of a way with places on it is searched in turn.
+    seed : int, default 1
+        Seed of all random numbers.
+    chunk : int, optional
+        Schedules that a worker gets at once; by default a quarter of its share, and at most 256 (on GPUs all of it, and at most 8192). Results
+        do not depend on it.
+    cpus : int, default 1
+        CPUs of a worker: what it asks Ray for, and its threads.
+    gpus : float, default 0
+        GPUs of a worker, 1 or a part of one that workers share: what it asks Ray for. Not 0: it solves on a GPU.
+    max_retries : int, default 3
+        How often a chunk is given to another worker when a process or a node dies.
+    progress : bool or callable, optional
+        As :func:`cregopt.search` has it.
+    **options
+        The others of :func:`cregopt.search`, but for ``threads`` and ``device``. A ``population`` of a few candidates for each worker keeps a
+        cluster busy; the default of 16 does so for four.
+
+    Returns
+    -------
+    Gait
+        Bit for bit that of :func:`cregopt.search` with ``device="cpu"``, but for times and for the name of the device in ``to_dict()``.
+
+    Raises
+    ------
+    ImportError
+        Without Ray.
+    Error
+        Without a cluster; for what :func:`cregopt.search` does not take; and where the workers of a chunk died ``max_retries + 1`` times.
+    """
+    _check_options(_search.search, (task,), options)
+    cluster = Cluster(cpus, gpus, max_retries)
+    if chunk is not None:
+        at_least("chunk", chunk, 1)
+
+    def solve(task: Task, settings: str, schedules: Sequence[Schedule]) -> Iterator[Optional[tuple[int, list[Any]]]]:
+        shared = (task, settings, cluster.device, cpus)
+        for first, outcome in cluster.chunks(_solve_chunk, shared, schedules, cluster.chunk(chunk, len(schedules)), patience=_PATIENCE):
+            if isinstance(outcome, str):
+                raise Error(outcome)
+            yield None if first is None else (first, outcome)
+
+    name = f"{cluster.device}, Ray's workers of {cpus} threads"
+    with watched(progress) as tell:
+        return _cregopt.search(task, _search.asked(seed=seed, **options), tell, (name, solve))
+
+
 def sweep(
     tasks: Union[Sequence[Task], Mapping[str, Task]],
     folder: Path,
     *,
     seeds: Iterable[int] = (1,),
     cpus: int = 1,
+    gpus: float = 0,
     max_retries: int = 3,
     trajectories: bool = False,
-    progress: Optional[Callable[[dict[str, Any]], object]] = None,
+    progress: Watch = None,
     **options: Any,
 ) -> Any:
     """Searches for the gaits of many tasks on a cluster, and keeps what is found in a folder of Parquet files.
@@ -142,12 +205,15 @@ def sweep(
         Seeds; each task is searched with each.
     cpus : int, default 1
         CPUs of a worker: what it asks Ray for, and its threads.
+    gpus : float, default 0
+        GPUs of a worker, 1 or a part of one that workers share: what it asks Ray for. Not 0: it solves on a GPU.
     max_retries : int, default 3
         How often a search is begun again when its process or node dies.
     trajectories : bool, default False
         Whether motions are kept, too: the column ``trajectory``, the text of trajectory.json, some 50 kB each.
-    progress : callable, optional
-        Is called with each new row, a dictionary. An exception in it ends the sweep and is raised; what was found is kept.
+    progress : bool or callable, optional
+        True shows a bar of searches by tqdm (``pip install cregopt[progress]``). A callable is called with each new row, a dictionary. An exception
+        in it ends the sweep and is raised; what was found is kept.
     **options
         As :func:`cregopt.search` has them, but for ``seed``, ``threads``, ``device`` and ``progress``. With ``seconds`` rows depend on the machine.
 
@@ -179,32 +245,39 @@ def sweep(
     Error
         Without a cluster, for options that no search has, and where workers cannot run at all. A search that fails makes a row with its ``error``.
     """
-    _check_options(_search.search, (None,), options)
-    cluster = _Cluster(cpus, max_retries)
+    _check_options(_search.search, (None,), options, seed="`seeds` is for that")
+    cluster = Cluster(cpus, gpus, max_retries)
     named = tasks.items() if isinstance(tasks, Mapping) else ((str(number), task) for number, task in enumerate(tasks))
     given = {name: value for name, value in options.items() if value is not None}
     what = {"version": __version__, "options": given, "trajectories": trajectories}
+    if gpus:
+        what["device"] = cluster.device
     jobs: dict[str, _Job] = {}
     every_seed = [int(seed) for seed in seeds]
     for name, task in named:
         told = {**what, "task": parts(task), "name": name}
         jobs.update((_key({**told, "seed": seed}), _Job(name, seed, task)) for seed in every_seed)
-    store = _Store(pathlib.Path(folder))
+    store = Store(pathlib.Path(folder))
     rows = store.open(jobs)
     work = cluster.remote(_search_row)
-    shared = cluster.ray.put((__version__, {**given, "threads": cpus}, trajectories))
-    try:
-        for key, outcome in cluster.each(lambda key: work.remote(shared, jobs[key].task, jobs[key].seed), [key for key in jobs if key not in rows]):
+    shared = cluster.ray.put((__version__, {**given, "device": cluster.device, "threads": cpus}, trajectories))
+    missing = [key for key in jobs if key not in rows]
+    with contextlib.ExitStack() as ending:
+        tell = progress if callable(progress) else None
+        if progress is True:
+            shown = ending.enter_context(bar("sweep", " searches", len(jobs)))
+            shown.update(len(rows))
+            tell = lambda row: shown.update()
+        ending.callback(store.flush)
+        for key, outcome in cluster.each(lambda key: work.remote(shared, jobs[key].task, jobs[key].seed), missing):
             if isinstance(outcome, cluster.ray.exceptions.RayTaskError):
                 raise Error(f"task {jobs[key].name}, seed {jobs[key].seed}: {cluster.why(outcome)}") from outcome
             result = {"error": cluster.why(outcome)} if isinstance(outcome, Exception) else outcome
             row = {**store.blank, "key": key, "task": jobs[key].name, "seed": jobs[key].seed, **result}
             store.add(row)
             rows[key] = {name: value for name, value in row.items() if name != "trajectory"}
-            if progress is not None:
-                progress(row)
-    finally:
-        store.flush()
+            if tell is not None:
+                tell(row)
     return store.table([rows[key] for key in jobs])
 
 
@@ -224,14 +297,24 @@ def _same_version(version: str) -> None:
         raise RuntimeError(f"cregopt {__version__} on a worker, but {version} where it was asked: install the same on every node")
 
 
-def _solve(shared: tuple[str, Task, dict[str, Any]], first: int, schedules: Sequence[Schedule]) -> Union[Evaluation, str]:
+def _evaluate_chunk(shared: tuple[str, Task, dict[str, Any]], first: int, schedules: Sequence[Schedule]) -> Union[Evaluation, str]:
     """A chunk of schedules, of which the first has this index."""
     version, task, options = shared
     _same_version(version)
     try:
-        return _search.evaluate(task, schedules, device="cpu", **options)
+        return _search.evaluate(task, schedules, **options)
     except Error as error:
         return re.sub(r"^schedules\[(\d+)\]", lambda found: f"schedules[{first + int(found[1])}]", str(error))
+
+
+def _solve_chunk(shared: tuple[str, Task, str, str, int], first: int, schedules: Sequence[Schedule]) -> Union[list[Any], str]:
+    """A chunk of a search's schedules, of which the first has this index: solved, and not yet certified."""
+    version, task, settings, device, threads = shared
+    _same_version(version)
+    try:
+        return _cregopt.solve_chunk(task, settings, schedules, device, threads)
+    except Error as error:
+        return str(error)
 
 
 def _search_row(shared: tuple[str, dict[str, Any], bool], task: Task, seed: int) -> dict[str, Any]:
@@ -239,7 +322,7 @@ def _search_row(shared: tuple[str, dict[str, Any], bool], task: Task, seed: int)
     version, options, trajectories = shared
     _same_version(version)
     try:
-        gait = _search.search(task, seed=seed, device="cpu", **options)
+        gait = _search.search(task, seed=seed, **options)
         return {
             "feasible": gait.feasible,
             "family": gait.family,
@@ -256,136 +339,9 @@ def _search_row(shared: tuple[str, dict[str, Any], bool], task: Task, seed: int)
         return {"error": f"{type(error).__name__}: {error}"}
 
 
-class _Cluster:
-    """Workers of a number of CPUs on the cluster that this process has joined."""
-
-    def __init__(self, cpus: int, max_retries: int) -> None:
-        _at_least("cpus", cpus, 1)
-        _at_least("max_retries", max_retries, 0)
-        self.ray = _needed("ray")
-        if not self.ray.is_initialized():
-            raise Error('no cluster: join one by ray.init(address="auto"), or make one of this machine by ray.init()')
-        self.cpus, self.max_retries = cpus, max_retries
-        largest = max((node["Resources"].get("CPU", 0.0) for node in self.ray.nodes() if node["Alive"]), default=0.0)
-        if cpus > largest:
-            warnings.warn(f"cpus: {cpus}, but the largest node of the cluster has {largest:.0f}: waiting for one with more", stacklevel=3)
-
-    def workers(self) -> int:
-        """How many can work at once now."""
-        return max(1, int(self.ray.cluster_resources().get("CPU", 0.0) // self.cpus))
-
-    def remote(self, work: Callable[..., object]) -> Any:
-        return self.ray.remote(num_cpus=self.cpus, max_retries=self.max_retries)(work)
-
-    def each(self, submit: Callable[[Any], Any], jobs: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
-        """Each job once, with its result or Ray's exception, as they end. Some are submitted ahead, so that workers need not wait."""
-        ray, jobs = self.ray, iter(jobs)
-        pending: dict[Any, Any] = {}
-        try:
-            while True:
-                ahead = 2 * self.workers() + 2 - len(pending)
-                pending.update((submit(job), job) for job in itertools.islice(jobs, max(0, ahead)))
-                if not pending:
-                    return
-                ray.wait(list(pending), num_returns=1)
-                ready, _ = ray.wait(list(pending), num_returns=len(pending), timeout=0)
-                for reference in ready:
-                    job = pending.pop(reference)
-                    try:
-                        outcome = ray.get(reference)
-                    except ray.exceptions.RayError as error:
-                        outcome = error
-                    yield job, outcome
-        finally:
-            for reference in pending:
-                ray.cancel(reference)
-
-    def why(self, error: Exception) -> str:
-        """What Ray's exception says, without the stack of the worker."""
-        if isinstance(error, self.ray.exceptions.RayTaskError):
-            return f"a worker could not run: {getattr(error, 'cause', error)}"
-        lines = str(error).strip().splitlines() or [""]
-        return f"no result of a worker, with {self.max_retries} retries: {type(error).__name__}: {lines[0]}"
-
-
-class _Store:
-    """The rows of a folder. Those with an error stand in files of their own, which the next sweep writes anew."""
-
-    def __init__(self, folder: pathlib.Path) -> None:
-        self.arrow, self.parquet = _needed("pyarrow"), _needed("pyarrow.parquet")
-        text, number = self.arrow.string(), self.arrow.float64()
-        kinds = {"key": text, "task": text, "seed": self.arrow.int64(), "feasible": self.arrow.bool_(), "family": text, "cost": number}
-        kinds.update({"objective": text, "horizon": number, "seconds": number, "durations": text, "error": text, "trajectory": text})
-        self.schema = self.arrow.schema(list(kinds.items()))
-        self.columns = [name for name in kinds if name != "trajectory"]
-        self.blank: dict[str, Any] = dict.fromkeys(kinds)
-        self.folder = folder
-        self.rows: list[dict[str, Any]] = []
-        self.written = time.monotonic()
-
-    def open(self, jobs: Mapping[str, object]) -> dict[str, dict[str, Any]]:
-        """The results that are there for jobs, by their keys."""
-        self.folder.mkdir(parents=True, exist_ok=True)
-        for left in self.folder.glob(".*.parquet.tmp"):
-            left.unlink()
-        there = {row["key"]: row for path in self.folder.glob("part-*.parquet") for row in self._read(path) if row["key"] in jobs}
-        failed = list(self.folder.glob("failed-*.parquet"))
-        self._write("failed", [row for path in failed for row in self._read(path) if row["key"] not in jobs])
-        for path in failed:
-            path.unlink(missing_ok=True)
-        return there
-
-    def add(self, row: dict[str, Any]) -> None:
-        self.rows.append(row)
-        if len(self.rows) >= _ROWS or time.monotonic() - self.written > _AGE:
-            self.flush()
-
-    def flush(self) -> None:
-        rows, self.rows, self.written = self.rows, [], time.monotonic()
-        self._write("part", [row for row in rows if row["error"] is None])
-        self._write("failed", [row for row in rows if row["error"] is not None])
-
-    def table(self, rows: list[dict[str, Any]]) -> Any:
-        return self.arrow.Table.from_pylist(rows, schema=self.arrow.schema([self.schema.field(name) for name in self.columns]))
-
-    def _read(self, path: pathlib.Path) -> list[dict[str, Any]]:
-        try:
-            with open(path, "rb") as file:
-                schema = self.parquet.read_schema(file)
-                if schema.equals(self.schema):
-                    rows: list[dict[str, Any]] = self.parquet.read_table(file, columns=self.columns).to_pylist()
-                    return rows
-        except PermissionError:
-            raise
-        except (self.arrow.ArrowInvalid, OSError) as torn:
-            warnings.warn(f"{path}: dropped, for it cannot be read: {torn}", stacklevel=4)
-            path.unlink()
-            return []
-        raise Error(f"{path}: columns {schema.names}, but those of a sweep are {self.schema.names}: choose another folder")
-
-    def _write(self, kind: str, rows: list[dict[str, Any]]) -> None:
-        if rows:
-            path = self.folder / f"{kind}-{uuid.uuid4().hex}.parquet"
-            part = path.with_name(f".{path.name}.tmp")
-            self.parquet.write_table(self.arrow.Table.from_pylist(rows, schema=self.schema), part)
-            part.replace(path)
-
-
-def _needed(module: str) -> Any:
-    try:
-        return importlib.import_module(module)
-    except ImportError as missing:
-        raise ImportError(f"cregopt.distributed needs {module}, which is not here: pip install cregopt[ray]", name=module) from missing
-
-
-def _at_least(name: str, value: int, least: int) -> None:
-    if not isinstance(value, (int, np.integer)) or value < least:
-        raise Error(f"{name}: {value}, but it must be an integer from {least}")
-
-
-def _check_options(call: Callable[..., object], given: tuple[Any, ...], options: Mapping[str, Any]) -> None:
+def _check_options(call: Callable[..., object], given: tuple[Any, ...], options: Mapping[str, Any], **instead: str) -> None:
     """Refuses what the call in one process does not take, before anything is sent."""
-    instead = {"threads": "`cpus` says how many a worker has", "device": "workers solve on CPUs", "seed": "`seeds` is for that"}
+    instead = {"threads": "`cpus` says how many a worker has", "device": "`gpus` says what workers solve on", **instead}
     for name in options:
         if name in instead:
             raise Error(f"option `{name}`: {instead[name]}")

@@ -32,31 +32,46 @@ UNBOUNDED = 1e30
 
 @dataclass(frozen=True)
 class Gains:
-    """What the controller can be tuned by; accelerations for errors: 1/s² and 1/s."""
+    """What the controller can be tuned by.
+
+    Attributes
+    ----------
+    base, attitude, swing : tuple of float
+        Accelerations for errors of the base's position, of its attitude and of swinging feet, 1/s², and of their velocities, 1/s.
+    stance : float
+        Slowing of feet that stand, 1/s.
+    rest : float
+        Slowing of joints where nothing else moves them, 1/s.
+    impedance : float
+        Joint impedance: torque for an error of velocity, as a share of the joint's inertia, 1/s.
+    weight_base, weight_attitude, weight_feet, weight_forces, weight_rest : float
+        Weights of these tasks against one another.
+    capture, displacement : float
+        Share of the capture point's error by which footholds are displaced, and at most how far, m.
+    decided : float
+        From this share of a swing on it is not displaced further.
+    press, seek : float
+        Swings end so far below the ground, m, and feet that are late go down at so many m/s.
+    near, bears : float
+        A foot that is due touches the ground when it is so near, m, or bears so much, N.
+    """
 
     base: tuple[float, float] = (120.0, 20.0)
     attitude: tuple[float, float] = (200.0, 28.0)
     swing: tuple[float, float] = (400.0, 40.0)
-    #: Slowing of feet that stand, 1/s.
     stance: float = 40.0
-    #: Slowing of joints where nothing else moves them, 1/s.
     rest: float = 10.0
-    #: Joint impedance: torque for an error of velocity, as a share of the joint's inertia, 1/s.
     impedance: float = 20.0
     weight_base: float = 30.0
     weight_attitude: float = 4.0
     weight_feet: float = 30.0
     weight_forces: float = 0.3
     weight_rest: float = 0.01
-    #: Share of the capture point's error by which footholds are displaced, and at most how far, m.
     capture: float = 0.7
     displacement: float = 0.1
-    #: From this share of a swing on it is not displaced further.
     decided: float = 0.85
-    #: Swings end so far below the ground, m, and feet that are late go down at so many m/s.
     press: float = 0.006
     seek: float = 0.1
-    #: A foot that is due touches the ground when it is so near, m, or bears so much, N.
     near: float = 0.004
     bears: float = 1.0
 

@@ -16,47 +16,64 @@ class Report:
     """What a robot made of a plan, from standing before it to standing behind it.
 
     World frame, SI units, angles rad. The base is the centre of mass with the attitude of the model's first body.
+
+    Attributes
+    ----------
+    model, mass, planned_mass : str, float, float
+        The model's name, its mass, kg, and that of the plan's robot.
+    friction, planned_friction : float
+        Friction of the ground in the simulation, and the one of the plan.
+    seed : int or None
+        What start, masses and friction were disturbed by, if at all.
+    horizon : float
+        How long the plan lasts, s.
+    upright, fall_time, fall : bool, float or None, str or None
+        Whether the robot stood to the end; else when it fell, s of the plan's time (negative: before it began), and how.
+    position_error_max, position_error_rms : float
+        Distance of the base from its plan, m.
+    attitude_error_max, attitude_error_rms : float
+        Angle between the base and its plan, rad.
+    end_error : float
+        Horizontal distance of the base from the plan's end, where it stands or lies at last, m.
+    slip_total, slip_max : float
+        How far feet slid while they bore load: all together, and the most in one stance, m.
+    missing_contact : float
+        Share of the planned stance time in which feet bore nothing.
+    torque_share, torque_joint, torque_saturated : float, str, float
+        Largest torque as a share of the motors' limits, its joint, and the share of time in which some motor was at its limit.
+    joint_speed, joint_speed_limit, speed_joint : float, float, str
+        Largest joint speed and the motors' limit, rad/s, and its joint.
+    unsolved : int
+        Control periods without a solution.
+    notes : list of str
+        What is odd about model or plan.
     """
 
-    #: The model's name, its mass, kg, and that of the plan's robot.
     model: str
     mass: float
     planned_mass: float
-    #: Friction of the ground in the simulation, and the one of the plan.
     friction: float
     planned_friction: float
-    #: What start, masses and friction were disturbed by, if at all.
     seed: Optional[int]
-    #: How long the plan lasts, s.
     horizon: float
-    #: Whether the robot stood to the end; else when it fell, s of the plan's time (negative: before it began), and how.
     upright: bool = True
     fall_time: Optional[float] = None
     fall: Optional[str] = None
-    #: Distance of the base from its plan, m.
     position_error_max: float = 0.0
     position_error_rms: float = 0.0
-    #: Angle between the base and its plan, rad.
     attitude_error_max: float = 0.0
     attitude_error_rms: float = 0.0
-    #: Horizontal distance of the base from the plan's end, where it stands or lies at last, m.
     end_error: float = 0.0
-    #: How far feet slid while they bore load: all together, and the most in one stance, m.
     slip_total: float = 0.0
     slip_max: float = 0.0
-    #: Share of the planned stance time in which feet bore nothing.
     missing_contact: float = 0.0
-    #: Largest torque as a share of the motors' limits, its joint, and the share of time in which some motor was at its limit.
     torque_share: float = 0.0
     torque_joint: str = ""
     torque_saturated: float = 0.0
-    #: Largest joint speed and the motors' limit, rad/s, and its joint.
     joint_speed: float = 0.0
     joint_speed_limit: float = 0.0
     speed_joint: str = ""
-    #: Control periods without a solution.
     unsolved: int = 0
-    #: What is odd about model or plan.
     notes: list[str] = field(default_factory=list)
 
     @property

@@ -1,0 +1,16 @@
+"""Schedules that the measurements from Python solve."""
+
+import random
+
+import cregopt
+
+
+def population(task: cregopt.Task, candidates: int) -> list[list[list[float]]]:
+    """Schedules about a trot."""
+    draw = random.Random(1)
+    around = cregopt.search(task, gaits="trot", first=True, device="cpu").schedule
+    schedules = []
+    for _ in range(candidates):
+        feet = [[phase * draw.uniform(0.9, 1.1) for phase in foot] for foot in around]
+        schedules.append([[phase * sum(feet[0]) / sum(foot) for phase in foot] for foot in feet])
+    return schedules

@@ -1,0 +1,188 @@
+//! Candidates of a search, solved by other processes: the search itself stays here.
+
+use super::call::working;
+use super::convert::{from_python, raised, to_python};
+use super::world::Task;
+use crate::backend::{Backend, Job, Precision, Problem, Solution, locked};
+use crate::cli::args::{DeviceArg, DeviceArgs};
+use crate::cli::leg::Way;
+use crate::error::{Error, from_json};
+use crate::gait::{AlignedSchedule, Schedule};
+use crate::nlp::Layout;
+use crate::nlp::transcription::interval;
+use crate::search::evaluate::{LowerSettings, check_candidate};
+use crate::solver::{Outcome, Status, close};
+use numpy::{IntoPyArray, PyArray1, PyArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyString;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+
+/// What a worker tells of a candidate, as a tuple: status, iterations, factorisations, infeasibility, whether it was closed, and `x`.
+#[derive(FromPyObject, IntoPyObject)]
+pub struct Answer(String, usize, usize, f64, bool, Py<PyArray1<f64>>);
+
+/// The same, away from Python.
+struct Solved {
+    outcome: Outcome,
+    closed: bool,
+    x: Vec<f64>,
+}
+
+impl Answer {
+    fn of(py: Python<'_>, Solved { outcome, closed, x }: Solved) -> PyResult<Answer> {
+        let Outcome { status, iterations, factorisations, infeasibility } = outcome;
+        let status = to_python(py, &status)?.extract()?;
+        Ok(Answer(status, iterations, factorisations, infeasibility, closed, x.into_pyarray(py).unbind()))
+    }
+
+    fn solved(self, py: Python<'_>) -> PyResult<Solved> {
+        let Answer(status, iterations, factorisations, infeasibility, closed, x) = self;
+        let status: Status = from_python(PyString::new(py, &status).as_any(), "status")?;
+        Ok(Solved { outcome: Outcome { status, iterations, factorisations, infeasibility }, closed, x: x.bind(py).to_vec()? })
+    }
+}
+
+/// Workers as a device.
+pub struct Workers<'a> {
+    /// What results call them.
+    pub device: String,
+    /// ``solve(task, settings, schedules)`` is an iterator over pairs of an index and the [`Answer`]s from there on, in any order, and over None
+    /// now and then, that it may be asked whether to go on.
+    pub solve: Py<PyAny>,
+    /// Is set when they cannot: nobody else would end the search.
+    pub cancelled: &'a AtomicBool,
+    /// The exception of why.
+    pub exception: &'a Mutex<Option<PyErr>>,
+}
+
+impl Workers<'_> {
+    /// Problems of one task, of which the first has this index in its job.
+    fn solve_task(
+        &self,
+        (first, problems): (usize, &[Problem]),
+        job: &Job,
+        skip: &(dyn Fn(usize) -> bool + Sync),
+        finish: &(dyn Fn(usize, Solution) + Sync),
+    ) -> PyResult<()> {
+        let Some(Problem { task, .. }) = problems.first() else { return Ok(()) };
+        let lower = LowerSettings { transcription: job.transcription.clone(), solver: job.settings.clone(), precision: job.precision };
+        let lower = serde_json::to_string(&lower).map_err(raised)?;
+        let schedules: Vec<&[Vec<f64>]> = problems.iter().map(|problem| problem.schedule.durations()).collect();
+        let answers = Python::attach(|py| {
+            let way = Way { task: (*task).clone(), places: Vec::new(), named: (None, None) };
+            self.solve.call1(py, (Task(Arc::new(way)), lower, schedules))?.bind(py).try_iter().map(|answers| answers.unbind().into_any())
+        })?;
+        let mut open = vec![true; problems.len()];
+        rayon::in_place_scope(|scope| {
+            while (0..open.len()).any(|i| open[i] && !skip(first + i)) {
+                let next = Python::attach(|py| -> PyResult<_> {
+                    let Some(next) = answers.bind(py).try_iter()?.next() else {
+                        return Err(raised(Error::Ended { message: "workers ended before every candidate was solved".into() }));
+                    };
+                    let Some((at, answers)) = next?.extract::<Option<(usize, Vec<Answer>)>>()? else { return Ok(None) };
+                    let solved = answers.into_iter().map(|answer| answer.solved(py)).collect::<PyResult<Vec<Solved>>>()?;
+                    Ok(Some((at, solved)))
+                })?;
+                for (index, solved) in next.into_iter().flat_map(|(at, solved)| (at..).zip(solved)) {
+                    let Some(problem) = problems.get(index).filter(|_| std::mem::take(&mut open[index])) else { continue };
+                    scope.spawn(move |_| {
+                        let Layout { variables, curves, .. } = Layout::<f64>::new(problem.task, &problem.schedule, job.transcription);
+                        let Solved { outcome, closed, x } = solved;
+                        finish(first + index, Solution { outcome, x, variables, curves, closed });
+                    });
+                }
+            }
+            // What still is solved is of no use.
+            Python::attach(|py| answers.call_method0(py, "close")).map(|_| ())
+        })
+    }
+}
+
+impl Backend for Workers<'_> {
+    fn device(&self) -> String {
+        self.device.clone()
+    }
+
+    fn threads(&self) -> usize {
+        rayon::current_num_threads()
+    }
+
+    fn solve(&self, job: &Job, skip: &(dyn Fn(usize) -> bool + Sync), finish: &(dyn Fn(usize, Solution) + Sync)) {
+        let mut first = 0;
+        for problems in job.problems.chunk_by(|a, b| std::ptr::eq(a.task, b.task)) {
+            if let Err(exception) = self.solve_task((first, problems), job, skip, finish) {
+                locked(self.exception).get_or_insert(exception);
+                self.cancelled.store(true, Ordering::Relaxed);
+            }
+            first += problems.len();
+        }
+    }
+}
+
+/// A device, and what it was opened for.
+struct Opened {
+    asked: (String, usize, Precision),
+    device: Arc<dyn Backend>,
+}
+
+/// The device of a process for what it is given piece by piece: a GPU takes longer to open than to solve a piece.
+static OPENED: Mutex<Option<Opened>> = Mutex::new(None);
+
+fn device(name: &str, threads: usize, lower: &LowerSettings) -> crate::Result<Arc<dyn Backend>> {
+    let mut opened = locked(&OPENED);
+    let asked = (name.to_owned(), threads, lower.precision);
+    if let Some(Opened { device, .. }) = opened.as_ref().filter(|opened| opened.asked == asked) {
+        return Ok(device.clone());
+    }
+    let known = |e: String| Error::invalid("device", format!("`{}`", name.escape_debug()), e);
+    let place = DeviceArgs { device: Some(name.parse::<DeviceArg>().map_err(known)?), threads: Some(threads) };
+    let device: Arc<dyn Backend> = place.backend(1, lower.precision).map_err(Error::from)?.into();
+    *opened = Some(Opened { asked, device: device.clone() });
+    Ok(device)
+}
+
+/// Solves schedules as [`Workers`] gave them, and closes in f64 what is not solved: that can take as long as the solve.
+///
+/// Returns an [`Answer`] for each, in their order.
+#[pyfunction]
+pub fn solve_chunk(
+    py: Python<'_>,
+    task: &Task,
+    settings: &str,
+    schedules: Vec<Vec<Vec<f64>>>,
+    on: &str,
+    threads: usize,
+) -> PyResult<Vec<Answer>> {
+    let task = &task.0.task;
+    let solved = working(py, None, |cancelled, _| {
+        let lower: LowerSettings = from_json(settings)?;
+        lower.validate()?;
+        let interval = interval(&lower.transcription, &task.robot);
+        let aligned = |durations| -> crate::Result<AlignedSchedule> {
+            let schedule = Schedule::new(durations)?;
+            check_candidate(task, &schedule, &lower)?;
+            schedule.aligned_before(interval)
+        };
+        let problem = |durations| aligned(durations).map(|schedule| Problem { task, schedule });
+        let problems: Vec<Problem> = schedules.into_iter().map(problem).collect::<crate::Result<_>>()?;
+        let results: Vec<Mutex<Option<Solved>>> = problems.iter().map(|_| Mutex::new(None)).collect();
+        let called_off = || cancelled.load(Ordering::Relaxed);
+        let finish = |index: usize, Solution { outcome, x, closed, .. }: Solution| {
+            let leave = closed || outcome.status == Status::Solved || lower.precision == Precision::F64;
+            let solved = if leave {
+                Solved { outcome, closed, x }
+            } else {
+                let layout = Layout::<f64>::new(task, &problems[index].schedule, &lower.transcription);
+                let (outcome, x) = close(&layout, outcome, x, &lower.solver, &called_off);
+                Solved { outcome, closed: true, x }
+            };
+            *locked(&results[index]) = Some(solved);
+        };
+        let job = Job { problems: &problems, transcription: &lower.transcription, settings: &lower.solver, precision: lower.precision };
+        device(on, threads, &lower)?.solve(&job, &|_| called_off(), &finish);
+        let all: Option<Vec<Solved>> = results.iter().map(|slot| locked(slot).take()).collect();
+        all.ok_or_else(|| Error::Ended { message: "stopped before every schedule was solved".into() })
+    })?;
+    solved.into_iter().map(|solved| Answer::of(py, solved)).collect()
+}
