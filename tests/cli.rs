@@ -1111,7 +1111,7 @@ fn devices_lists_adapters_as_text_and_as_json() {
     let text = run(dir.path(), "devices");
     let ran = run(dir.path(), "devices --json");
     let report: Value = serde_json::from_str(&ran.ends_with(0).stdout).unwrap();
-    assert_eq!(report["auto_batch"], 256);
+    assert_eq!(report["auto_batch"], 64);
     for adapter in report["adapters"].as_array().unwrap() {
         assert!(text.stdout.contains(adapter["name"].as_str().unwrap()));
         assert!(adapter["workgroup_memory"].as_u64().unwrap() >= 16 << 10);

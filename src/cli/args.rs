@@ -191,7 +191,7 @@ const SMOOTH_ITERATIONS: usize = 20;
 /// Where to solve.
 #[derive(Debug, Clone, Default, Args)]
 pub struct DeviceArgs {
-    /// Where to solve: `auto` takes a GPU for large batches, `gpu:NAME` an adapter of that name, see `devices` [default: auto]
+    /// Where to solve: `auto` takes a GPU for batches that it measured to be sooner done there, `gpu:NAME` an adapter of that name, see `devices` [default: auto]
     #[arg(long, value_name = "auto|cpu|gpu[:NAME]")]
     pub device: Option<DeviceArg>,
     /// Threads; 0 is one a processor. Results do not depend on it [default: 0]
@@ -280,10 +280,11 @@ impl DeviceArgs {
             (DeviceArg::Gpu(_), Precision::F64) => {
                 Err(Error::invalid("--device", "gpu", "`cpu` or `auto` with --precision f64, which only the CPU has").into())
             }
-            (DeviceArg::Gpu(name), _) => Ok(gpu(name.as_deref(), true, threads)?),
+            (DeviceArg::Gpu(name), _) => Ok(gpu(name.as_deref(), threads)?),
             (DeviceArg::Auto, _) if batch < AUTO_BATCH => cpu(),
-            (DeviceArg::Auto, _) => match gpu(None, false, threads) {
-                Ok(gpu) => Ok(gpu),
+            (DeviceArg::Auto, _) => match sooner(batch, threads) {
+                Ok(Some(gpu)) => Ok(gpu),
+                Ok(None) => cpu(),
                 Err(error) => {
                     warn!("on the CPU: {error}");
                     cpu()
@@ -293,15 +294,27 @@ impl DeviceArgs {
     }
 }
 
-/// A GPU, or a software adapter if asked for by name or as such.
+/// A GPU or a software adapter, by its name or the first one.
 #[cfg(feature = "gpu")]
-fn gpu(name: Option<&str>, software: bool, threads: usize) -> Result<Box<dyn Backend>> {
-    Ok(Box::new(crate::backend::Gpu::open(name, software, threads)?))
+fn gpu(name: Option<&str>, threads: usize) -> Result<Box<dyn Backend>> {
+    Ok(Box::new(crate::backend::Gpu::open(name, true, threads)?))
+}
+
+/// A GPU where a batch is sooner done on it than on the CPU.
+#[cfg(feature = "gpu")]
+fn sooner(batch: usize, threads: usize) -> Result<Option<Box<dyn Backend>>> {
+    use crate::backend::gpu::{Folder, crossover::choose};
+    Ok(choose(batch, threads, &Folder::of_user())?.map(|gpu| Box::new(gpu) as Box<dyn Backend>))
 }
 
 #[cfg(not(feature = "gpu"))]
-fn gpu(_: Option<&str>, _: bool, _: usize) -> Result<Box<dyn Backend>> {
+fn gpu(_: Option<&str>, _: usize) -> Result<Box<dyn Backend>> {
     Err(Error::Device { message: "this program was built without the feature `gpu`".into() })
+}
+
+#[cfg(not(feature = "gpu"))]
+fn sooner(_: usize, threads: usize) -> Result<Option<Box<dyn Backend>>> {
+    gpu(None, threads).map(Some)
 }
 
 /// Processes of this program that solve with Ipopt.
@@ -311,7 +324,8 @@ pub fn workers(threads: usize) -> Result<Workers> {
     Ok(Workers::new(program, check_threads(threads)?))
 }
 
-fn check_threads(threads: usize) -> Result<usize> {
+/// Checks how many threads are asked for.
+pub fn check_threads(threads: usize) -> Result<usize> {
     if threads > MAX_THREADS {
         return Err(Error::invalid("--threads", threads, format!("at most {MAX_THREADS}")));
     }
@@ -321,8 +335,8 @@ fn check_threads(threads: usize) -> Result<usize> {
 /// Most threads that can be asked for.
 const MAX_THREADS: usize = 4096;
 
-/// Candidates at once from which `--device auto` looks for a GPU: for fewer, opening it takes longer than solving them.
-pub const AUTO_BATCH: usize = 256;
+/// Candidates at once from which `--device auto` looks for a GPU: fewer are solved before it is measured.
+pub const AUTO_BATCH: usize = 64;
 
 /// `--device`.
 #[derive(Debug, Clone, PartialEq, Eq)]

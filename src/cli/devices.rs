@@ -1,8 +1,10 @@
 //! `devices`: adapters of this machine.
 
-use super::args::AUTO_BATCH;
+use super::args::{AUTO_BATCH, check_threads};
 use super::{Failure, Verdict, print, to_json};
-use crate::backend::gpu::{AdapterReport, Gpu, adapters};
+use crate::backend::gpu::crossover::Crossover;
+use crate::backend::gpu::{AdapterReport, Folder, Gpu, adapters};
+use crate::backend::{Backend, Cpu};
 use clap::Args;
 use serde::Serialize;
 
@@ -11,6 +13,12 @@ pub struct Devices {
     /// Open each adapter and have it solve a small problem with a known end
     #[arg(long)]
     test: bool,
+    /// Measure again from how many candidates on the adapter of this name is done sooner than the CPU
+    #[arg(long, value_name = "NAME")]
+    measure: Option<String>,
+    /// Threads of the CPU in that; 0 is one a processor
+    #[arg(long, default_value_t = 0)]
+    threads: usize,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -22,7 +30,7 @@ struct Report {
     adapters: Vec<Tested>,
     /// What `--device auto` takes for large batches.
     auto: String,
-    /// Size from which a batch is large.
+    /// Size from which a batch is large enough to look for a GPU.
     auto_batch: usize,
 }
 
@@ -33,14 +41,26 @@ struct Tested {
     /// `passed`, or why not.
     #[serde(skip_serializing_if = "Option::is_none")]
     self_test: Option<String>,
+    /// What was measured, if it was.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    crossover: Option<Crossover>,
 }
 
 impl Devices {
     pub fn run(&self) -> std::result::Result<Verdict, Failure> {
+        let folder = Folder::of_user();
+        let threads = Cpu::new(check_threads(self.threads)?)?.threads();
+        // Known below even where nothing is kept.
+        let measured = self.measure.as_ref().map(|name| Crossover::measure(&Gpu::open(Some(name), true, threads)?)).transpose()?;
+        if let Some(measured) = &measured {
+            measured.keep(&folder);
+        }
         let tested = |adapter: AdapterReport| {
             let test = || Gpu::open(Some(&adapter.name), true, 1).map_or_else(|e| e.to_string(), |_| "passed".into());
             let self_test = self.test.then(test);
-            Tested { adapter, self_test }
+            let own = measured.clone().filter(|m| m.is_of(&adapter, threads));
+            let crossover = own.or_else(|| Crossover::known(&folder, &adapter, threads));
+            Tested { adapter, self_test, crossover }
         };
         let adapters: Vec<Tested> = adapters().into_iter().map(tested).collect();
         let taken = adapters.iter().find(|a| !a.adapter.software && a.adapter.unusable.is_none());
@@ -54,7 +74,7 @@ impl Devices {
 impl Report {
     fn text(&self) -> String {
         let mut text = String::new();
-        for Tested { adapter: a, self_test } in &self.adapters {
+        for Tested { adapter: a, self_test, crossover } in &self.adapters {
             text += &format!("{} ({}, {}, {})\n", a.name, a.kind, a.interface, a.driver);
             text += &format!(
                 "    {} KiB workgroup memory, storage bindings of {} MiB, {} a shader\n",
@@ -68,13 +88,26 @@ impl Report {
             if let Some(result) = self_test {
                 text += &format!("    self-test: {result}\n");
             }
+            if let Some(crossover) = crossover {
+                text += &format!("    {crossover}\n");
+            }
         }
         if self.adapters.is_empty() {
             text += "no adapter: a Vulkan, Metal or DX12 driver is needed\n";
         }
         text + &match self.auto.as_str() {
             "cpu" => "--device auto takes the CPU; a software adapter has to be asked for: --device gpu\n".to_string(),
-            gpu => format!("--device auto takes {gpu} from {} candidates at once on, else the CPU\n", self.auto_batch),
+            gpu => {
+                let name = gpu.strip_prefix("gpu:").unwrap_or(gpu);
+                let crossover = self.adapters.iter().find(|a| a.adapter.name == name).and_then(|a| a.crossover.as_ref());
+                match crossover.map(|c| c.from) {
+                    None => format!("--device auto measures {gpu} when it meets {} candidates at once or more\n", self.auto_batch),
+                    Some(None) => "--device auto takes the CPU\n".into(),
+                    Some(Some(from)) => {
+                        format!("--device auto takes {gpu} from {} candidates at once on, else the CPU\n", from.max(self.auto_batch))
+                    }
+                }
+            }
         }
     }
 }

@@ -1,6 +1,6 @@
 //! `experiment`: the paper's experiments, with baselines.
 
-use super::args::{AUTO_BATCH, DeviceArgs, workers};
+use super::args::{DeviceArgs, workers};
 use super::{CANCELLED, Failure, Verdict, print};
 use crate::backend::Precision;
 use crate::error::{Error, Result};
@@ -110,14 +110,14 @@ impl Experiment {
             case.search()?.validate()?;
         }
         let mut log = Log::open(&self.out.join(format!("experiment{number}.jsonl")), threads_or_all(self.place.threads.unwrap_or(0)))?;
-        // One device for small populations, one for large ones.
+        // Which device is sooner done depends on the population.
         let mut backends = BTreeMap::new();
         let count = cases.len();
         for (i, case) in cases.into_iter().enumerate() {
             if log.has(&case) {
                 continue;
             }
-            let backend = match backends.entry(case.population >= AUTO_BATCH) {
+            let backend = match backends.entry(case.population) {
                 Entry::Occupied(entry) => entry.into_mut(),
                 Entry::Vacant(entry) => entry.insert(self.place.backend(case.population, Precision::F32)?),
             };

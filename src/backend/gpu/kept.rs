@@ -1,4 +1,4 @@
-//! What is kept of adapters between runs: pipelines, in a folder of the user's caches. Nothing there is needed: what cannot be read, or is not what
+//! What is kept of adapters between runs, pipelines and measurements, in a folder of the user's caches. Nothing there is needed: what cannot be read, or is not what
 //! it should be, is made anew, and what cannot be written is left.
 
 use crate::backend::locked;
@@ -35,14 +35,14 @@ impl Folder {
     }
 
     /// What a file holds.
-    fn read(&self, name: &str) -> Option<Vec<u8>> {
+    pub(super) fn read(&self, name: &str) -> Option<Vec<u8>> {
         let path = self.0.as_ref()?.join(name);
         let bytes = path.is_file().then(|| files::read_bytes(&path, MOST))?;
         bytes.inspect_err(|e| debug!("made anew: {e}")).ok()
     }
 
     /// Writes a whole file or leaves it as it is.
-    fn write(&self, name: &str, bytes: &[u8]) {
+    pub(super) fn write(&self, name: &str, bytes: &[u8]) {
         let Some(folder) = &self.0 else { return };
         let made = std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()));
         let written = made.and_then(|()| files::write_bytes(&folder.join(name), bytes).map_err(|e| e.to_string()));

@@ -4,6 +4,7 @@
 //! candidates leave, and their slots are filled again once half of them are free. Meanwhile the CPU prepares the tables of those that
 //! come next and certifies those that are done.
 
+pub mod crossover;
 mod device;
 mod kept;
 pub mod shaders;
