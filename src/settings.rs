@@ -226,11 +226,14 @@ pub struct StallSettings {
     pub window: usize,
     /// Iterations that a candidate may still need. Too small: candidates are lost; too large: failing ones cost more.
     pub budget: f64,
+    /// With the rows `momentum`: infeasibility a row at which a candidate is given up after four iterations, half of it after five, and on.
+    /// What is solved has a twentieth of that at most, on flat ground and slopes; 0: none is given up for it.
+    pub hopeless: f64,
 }
 
 impl Default for StallSettings {
     fn default() -> Self {
-        StallSettings { enabled: true, start: 10, window: 4, budget: 200. }
+        StallSettings { enabled: true, start: 10, window: 4, budget: 200., hopeless: 0.05 }
     }
 }
 
@@ -264,6 +267,17 @@ impl TranscriptionSettings {
 }
 
 impl SolverSettings {
+    /// Infeasibility at which a candidate is given up after [`HOPELESS_FROM`](crate::solver::control::HOPELESS_FROM) iterations. With the rows
+    /// `towr` good and bad candidates do not differ by then.
+    ///
+    /// * `rows` - how many it has
+    pub fn hopeless(&self, transcription: Transcription, rows: usize) -> f64 {
+        let stall = &self.stall;
+        let given_up = stall.enabled && stall.hopeless > 0. && transcription == Transcription::Momentum;
+        // Shaders need not know infinities.
+        if given_up { stall.hopeless * rows as f64 } else { f64::from(f32::MAX) }
+    }
+
     /// Rounding of the edges of a terrain until closing steps start, m; 0 where it has none.
     pub fn edge_radius_on(&self, terrain: &Terrain) -> f64 {
         if terrain.has_edges() { self.edge_radius } else { 0. }
@@ -288,6 +302,7 @@ impl SolverSettings {
         check_range("solver.smooth.weight", self.smooth.weight, 1e-9, 1e3)?;
         check_range("solver.stall.start", self.stall.start as f64, 1., 1e6)?;
         check_range("solver.stall.window", self.stall.window as f64, 1., 1e3)?;
-        check_range("solver.stall.budget", self.stall.budget, 1., 1e6)
+        check_range("solver.stall.budget", self.stall.budget, 1., 1e6)?;
+        check_range("solver.stall.hopeless", self.stall.hopeless, 0., 1e6)
     }
 }

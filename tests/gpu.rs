@@ -165,7 +165,7 @@ fn a_batch_that_does_not_fit_is_retried_smaller_and_without_any_memory_goes_to_t
     let settings = lower(towr());
     let theirs = solve_on(&Cpu::new(2).unwrap(), &problems, &settings);
     // Enough for one or two of them.
-    device.memory = 3 << 20;
+    device.memory = 1 << 20;
     let gpu = Gpu::new(device, 2).unwrap();
     let ours = solve_on(&gpu, &problems, &settings);
     assert_same_verdicts(test, &ours, &theirs);

@@ -35,7 +35,7 @@ pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSetting
     let layout = Layout::<Counted>::new(task, schedule, &settings.transcription);
     let limits = Limits::<Counted>::new(&settings.solver);
     let radius = Counted::of(settings.solver.edge_radius_on(&layout.terrain));
-    let progress = Progress::first(&limits, radius);
+    let progress = Progress::first(&limits, radius, Counted::of(1e30));
     let zeros = |n: usize| -> Values { vec![Counted::default(); n] };
     let (variables, [equalities, inequalities]) = (layout.variables, [layout.equalities, layout.inequalities]);
     let mut of = vec![Operations::default(); Shader::ALL.len()];

@@ -41,7 +41,7 @@ fn begin(before: Progress, f: f32, earlier: f32) -> Progress {
         progress.state = SOLVED;
     } else if (progress.iterations >= batch.max_iterations) {
         progress.state = MAX_ITERATIONS;
-    } else if (stalled(progress, f, earlier)) {
+    } else if (stalled(progress, f, earlier) || (may_be_given_up(progress) && f > progress.hopeless)) {
         progress.state = STALLED;
     } else {
         var closing = progress.state == CLOSE;
@@ -58,7 +58,15 @@ fn begin(before: Progress, f: f32, earlier: f32) -> Progress {
             progress.closing_eps = batch.proximal_floor;
         }
     }
+    if (may_be_given_up(progress)) {
+        progress.hopeless *= HOPELESS_RATE;
+    }
     return progress;
+}
+
+// Whether its infeasibility may end the solve now.
+fn may_be_given_up(progress: Progress) -> bool {
+    return progress.recorded > HOPELESS_FROM && progress.recorded <= HOPELESS_TO + 1u;
 }
 
 // The stall rule. Closing steps are never cut short.

@@ -28,6 +28,12 @@ pub const NON_FINITE: u32 = 6;
 pub const CLOSING_RATE: f64 = 0.1;
 /// Infeasibility above which the stall rule speaks, in that at which closing starts: below it rounding makes it rest now and then.
 pub const STALL_ABOVE: f64 = 10.;
+/// Iterations after which a candidate may be given up for its infeasibility: from here on
+pub const HOPELESS_FROM: u32 = 4;
+/// to here. Who gets farther may be slow; what it does is the stall rule's to judge.
+pub const HOPELESS_TO: u32 = 12;
+/// Part of that infeasibility that is left with each further iteration.
+pub const HOPELESS_RATE: f64 = 0.5;
 /// Attempts to step before an iteration gives up, each with a larger proximal weight.
 pub const ATTEMPTS: u32 = 6;
 /// Growth of the proximal weight after a refused attempt.
@@ -67,6 +73,8 @@ crate::table! {
         pub closing_from: T,
         /// Rounding of terrain edges in force; 0 once closing steps began, m.
         pub edge_radius: T,
+        /// Infeasibility at which the solve is given up.
+        pub hopeless: T,
         /// Length of the step to the trial point.
         pub length: T,
     }
@@ -115,8 +123,11 @@ impl<T: Real> Limits<T> {
 
 impl<T: Real> Progress<T> {
     /// Before the first round.
-    pub fn first(limits: &Limits<T>, edge_radius: T) -> Self {
+    ///
+    /// * `hopeless` - see [`SolverSettings::hopeless`]
+    pub fn first(limits: &Limits<T>, edge_radius: T, hopeless: T) -> Self {
         Progress {
+            hopeless,
             mu: limits.barrier,
             eps: limits.proximal,
             closing_eps: limits.proximal_floor,
@@ -167,7 +178,7 @@ pub fn begin<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>, f: T, befo
         progress.state = SOLVED;
     } else if progress.iterations >= limits.max_iterations {
         progress.state = MAX_ITERATIONS;
-    } else if stalled(progress, limits, f, before) {
+    } else if stalled(progress, limits, f, before) || (may_be_given_up(progress) && f > progress.hopeless) {
         progress.state = STALLED;
     } else {
         let mut closing = progress.state == CLOSE;
@@ -184,6 +195,9 @@ pub fn begin<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>, f: T, befo
             progress.closing_eps = limits.proximal_floor;
         }
     }
+    if may_be_given_up(progress) {
+        progress.hopeless *= T::of(HOPELESS_RATE);
+    }
 }
 
 /// The stall rule, see [`crate::settings::StallSettings`]. Closing steps are never cut short.
@@ -195,6 +209,11 @@ fn stalled<T: Real>(progress: &Progress<T>, limits: &Limits<T>, f: T, before: T)
     // Logarithmic distance left against that covered in the window, in windows.
     let window = T::of(f64::from(limits.stall_window));
     f > T::of(STALL_ABOVE) * limits.closing && (f / limits.closing).ln() * window > limits.stall_budget * (before / f).ln()
+}
+
+/// Whether its infeasibility may end the solve now.
+fn may_be_given_up<T: Real>(progress: &Progress<T>) -> bool {
+    progress.recorded > HOPELESS_FROM && progress.recorded <= HOPELESS_TO + 1
 }
 
 /// Whether a trial point is taken: the merit falls, or the residuals are close to their linear model.
@@ -246,7 +265,7 @@ pub fn refuse<T: Real>(progress: &mut Progress<T>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::settings::StallSettings;
+    use crate::settings::{StallSettings, Transcription};
 
     const LIMITS: Limits<f64> = Limits {
         max_iterations: 50,
@@ -261,7 +280,7 @@ mod tests {
     };
 
     fn first() -> Progress<f64> {
-        Progress::first(&LIMITS, 0.)
+        Progress::first(&LIMITS, 0., f64::INFINITY)
     }
 
     /// After the beginning of a round at infeasibility `f`, with rows that do not hold and no look back.
@@ -306,7 +325,7 @@ mod tests {
 
     #[test]
     fn a_solve_starts_with_a_barrier_step_at_the_weights_of_the_settings() {
-        let progress = begun(Progress::first(&LIMITS, 0.04), &LIMITS, 3.);
+        let progress = begun(Progress::first(&LIMITS, 0.04, f64::INFINITY), &LIMITS, 3.);
         let expected = Progress {
             state: STEP,
             recorded: 1,
@@ -318,6 +337,7 @@ mod tests {
             closing_below: 1e-6,
             closing_from: 3.,
             edge_radius: 0.04,
+            hopeless: f64::INFINITY,
             ..Progress::default()
         };
         assert_eq!(progress, expected);
@@ -364,7 +384,7 @@ mod tests {
 
     #[test]
     fn near_the_end_the_rows_become_exact_once() {
-        let rounded = Progress { recorded: 12, iterations: 12, attempts: 0, ..Progress::first(&LIMITS, 0.04) };
+        let rounded = Progress { recorded: 12, iterations: 12, attempts: 0, ..Progress::first(&LIMITS, 0.04, f64::INFINITY) };
         assert_eq!(begun(rounded, &LIMITS, LIMITS.closing).state, STEP, "not near enough");
         let mut progress = begun(rounded, &LIMITS, 0.5 * LIMITS.closing);
         // The record is taken back: it belongs to the rows as they were.
@@ -417,6 +437,28 @@ mod tests {
     }
 
     #[test]
+    fn a_candidate_is_given_up_for_what_no_solved_one_has_after_four_iterations() {
+        let mut progress = Progress { hopeless: 8., ..first() };
+        let states = [100., 100., 100., 100., 7.9, 3.9, 2.1].map(|f| {
+            begin(&mut progress, &LIMITS, f, f64::INFINITY, false);
+            progress.state
+        });
+        assert_eq!(states, [STEP, STEP, STEP, STEP, STEP, STEP, STALLED]);
+        assert_eq!(progress.hopeless, 1.);
+        // Later on the stall rule alone decides.
+        let late = Progress { recorded: 13, ..progress };
+        assert_eq!(begun(Progress { state: STEP, ..late }, &Limits { stall_start: NONE, ..LIMITS }, 100.).state, STEP);
+        let settings = SolverSettings::default();
+        assert_eq!(settings.hopeless(Transcription::Momentum, 100), 5.);
+        assert_eq!(settings.hopeless(Transcription::Towr, 100), f64::from(f32::MAX));
+        for stall in
+            [StallSettings { enabled: false, ..StallSettings::default() }, StallSettings { hopeless: 0., ..StallSettings::default() }]
+        {
+            assert_eq!(SolverSettings { stall, ..settings.clone() }.hopeless(Transcription::Momentum, 100), f64::from(f32::MAX));
+        }
+    }
+
+    #[test]
     fn closing_steps_go_on_while_each_leaves_a_tenth() {
         let progress = closing(9e-7);
         assert_eq!((progress.closing_from, progress.proximal()), (9e-7, LIMITS.proximal_floor));
@@ -444,7 +486,7 @@ mod tests {
     #[test]
     fn what_always_closes_closes_slowly_too() {
         let limits = Limits { closing: f64::INFINITY, ..LIMITS };
-        let mut progress = Progress::first(&limits, 0.);
+        let mut progress = Progress::first(&limits, 0., f64::INFINITY);
         for f in [10., 9., 8.5] {
             progress = begun(progress, &limits, f);
             assert_eq!((progress.state, progress.smoothing, progress.closing_below), (CLOSE, 0., f64::INFINITY));
@@ -455,7 +497,7 @@ mod tests {
     fn what_never_closes_keeps_to_barrier_steps() {
         let limits = Limits { closing: 0., stall_start: NONE, ..LIMITS };
         for f in [1., 1e-12, 0.] {
-            assert_eq!(begun(Progress::first(&limits, 0.04), &limits, f).state, STEP);
+            assert_eq!(begun(Progress::first(&limits, 0.04, f64::INFINITY), &limits, f).state, STEP);
         }
     }
 

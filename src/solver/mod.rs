@@ -158,7 +158,8 @@ impl<T: Real> Solver<T> {
         self.prepare(layout, start);
         let solve = Solve { layout, limits: Limits::new(settings), finish };
         let edge_radius = T::of(settings.edge_radius_on(&layout.terrain));
-        let mut progress = Progress::first(&solve.limits, edge_radius);
+        let hopeless = T::of(settings.hopeless(layout.curves.transcription, layout.rows));
+        let mut progress = Progress::first(&solve.limits, edge_radius, hopeless);
         for stage in START {
             self.stage(stage, &solve, &mut progress);
         }
@@ -356,7 +357,7 @@ impl<T: Real> Solver<T> {
             recorded: recorded as u32,
             stall_from: recorded as u32,
             infeasibility: progress.infeasibility,
-            ..Progress::first(&solve.limits, T::zero())
+            ..Progress::first(&solve.limits, T::zero(), T::max_value())
         };
         *progress = renewed(progress, self.history.len());
         progress.smoothing = T::of(settings.smooth.weight);

@@ -166,7 +166,7 @@ impl<'a> Lab<'a> {
         let settings = SolverSettings {
             edge_radius: EDGE_RADIUS,
             max_iterations: 25,
-            stall: StallSettings { enabled: true, start: 12, window: 7, budget: 200. },
+            stall: StallSettings { start: 12, window: 7, ..StallSettings::default() },
             ..SolverSettings::default()
         };
         let prepare = |s: usize| {

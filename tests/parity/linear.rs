@@ -9,6 +9,8 @@ use crate::{SUBSTITUTION, SUM};
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::linear::front::{Factor, factorise};
 use cregopt::linear::{forward, product, transposed};
+use cregopt::rows::Family;
+use cregopt::rows::table::Span;
 use cregopt::solver::advance;
 use cregopt::solver::control::{CLOSE, EXACT, SOLVED, STEP};
 use std::collections::BTreeMap;
@@ -34,6 +36,12 @@ fn product_agrees_with_its_twin() {
             }
             let mut layout = lab.slots[s].layout.clone();
             layout.elements.truncate(lab.slots[s].counts.elements as usize);
+            // The twin goes through the feet of reach instants instead of their elements.
+            let mut left = layout.elements.iter().filter(|e| e.family == Family::Reach).count() as u32;
+            for Span { start, end } in layout.reach_instants.iter_mut().map(|instant| &mut instant.feet) {
+                *end = (*start + left).min(*end);
+                left -= *end - *start;
+            }
             let jacobian = state.jacobian[lab.jacobian(s, state.progress[s].current)].to_vec();
             let d = state.values[lab.of_variables(s, batch.direction)].to_vec();
             let times = |jacobian: &[f32], d: &[f32]| {

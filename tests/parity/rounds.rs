@@ -34,8 +34,10 @@ fn weights_begins_rounds_as_its_twin_does() {
         for array in [batch.scaling, batch.smoothing, batch.initial] {
             fill(&mut before.values, lab.of_variables(s, array), &mut random, 0., 1.);
         }
-        before.progress[s] =
-            Progress { current: s as u32 % 2, ..Progress::first(&limits, if s % 3 == 0 { 0. } else { EDGE_RADIUS as f32 }) };
+        before.progress[s] = Progress {
+            current: s as u32 % 2,
+            ..Progress::first(&limits, if s % 3 == 0 { 0. } else { EDGE_RADIUS as f32 }, [0.3, f32::MAX][s % 2])
+        };
     }
     // How fast each falls a round; some rest.
     let rates: Vec<f64> = (0..n).map(|_| [1., 0.98, 0.9, 0.7, 0.4, 0.09, 1.05][random.index(0..=6)]).collect();
@@ -113,8 +115,10 @@ fn weights_begins_rounds_as_its_twin_does() {
                 EXACT => control::renew(progress),
                 _ => {
                     // The slot is filled again; what its ring holds is another candidate's.
-                    *progress =
-                        Progress { current: progress.current, ..Progress::first(&limits, if s.is_multiple_of(2) { 0. } else { 0.04 }) };
+                    *progress = Progress {
+                        current: progress.current,
+                        ..Progress::first(&limits, if s.is_multiple_of(2) { 0. } else { 0.04 }, f32::MAX)
+                    };
                     histories[s].clear();
                 }
             }

@@ -164,7 +164,7 @@ fn weights_agrees_with_its_twin() {
                 eps: 3e-4,
                 closing_eps: 7e-5,
                 // Refused attempts close, and the first of the rest.
-                ..Progress::first(&Limits::new(&lab.settings), progress.edge_radius)
+                ..Progress::first(&Limits::new(&lab.settings), progress.edge_radius, progress.hopeless)
             };
             if progress.state == EXACT {
                 // Rows become exact only before a round.

@@ -322,6 +322,8 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("STALLED", control::STALLED),
         ("NON_FINITE", control::NON_FINITE),
         ("ATTEMPTS", control::ATTEMPTS),
+        ("HOPELESS_FROM", control::HOPELESS_FROM),
+        ("HOPELESS_TO", control::HOPELESS_TO),
         ("LINEAR_MOMENTUM", Family::LinearMomentum as u32),
         ("REACH", Family::Reach as u32),
     ];
@@ -330,6 +332,7 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("GRAVITY", GRAVITY as f32),
         ("CLOSING_RATE", control::CLOSING_RATE as f32),
         ("STALL_ABOVE", control::STALL_ABOVE as f32),
+        ("HOPELESS_RATE", control::HOPELESS_RATE as f32),
         ("PROXIMAL_GROWTH", control::PROXIMAL_GROWTH as f32),
         ("BARRIER_FLOOR", BARRIER_FLOOR as f32),
         ("SLACK_FLOOR", SLACK_FLOOR as f32),

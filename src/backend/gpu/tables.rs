@@ -671,7 +671,8 @@ impl Sizes {
 /// Progress of a candidate whose initial values stand in the first half: they are evaluated as a trial point.
 pub fn first_progress(layout: &Layout<f32>, settings: &SolverSettings) -> Progress<f32> {
     let edge_radius = settings.edge_radius_on(&layout.terrain) as f32;
-    Progress { current: 1, ..Progress::first(&Limits::new(settings), edge_radius) }
+    let hopeless = settings.hopeless(layout.curves.transcription, layout.rows) as f32;
+    Progress { current: 1, ..Progress::first(&Limits::new(settings), edge_radius, hopeless) }
 }
 
 // SAFETY: `#[repr(C)]`, with members of four bytes alone, whose bits are all values.
