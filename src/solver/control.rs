@@ -29,7 +29,7 @@ pub const CLOSING_RATE: f64 = 0.1;
 /// Infeasibility above which the stall rule speaks, in that at which closing starts: below it rounding makes it rest now and then.
 pub const STALL_ABOVE: f64 = 10.;
 /// Iterations after which a candidate may be given up for its infeasibility: from here on
-pub const HOPELESS_FROM: u32 = 4;
+pub const HOPELESS_FROM: u32 = 5;
 /// to here. Who gets farther may be slow; what it does is the stall rule's to judge.
 pub const HOPELESS_TO: u32 = 12;
 /// Part of that infeasibility that is left with each further iteration.
@@ -437,13 +437,13 @@ mod tests {
     }
 
     #[test]
-    fn a_candidate_is_given_up_for_what_no_solved_one_has_after_four_iterations() {
+    fn a_candidate_is_given_up_for_what_no_solved_one_has_after_five_iterations() {
         let mut progress = Progress { hopeless: 8., ..first() };
-        let states = [100., 100., 100., 100., 7.9, 3.9, 2.1].map(|f| {
+        let states = [100., 100., 100., 100., 100., 7.9, 3.9, 2.1].map(|f| {
             begin(&mut progress, &LIMITS, f, f64::INFINITY, false);
             progress.state
         });
-        assert_eq!(states, [STEP, STEP, STEP, STEP, STEP, STEP, STALLED]);
+        assert_eq!(states, [STEP, STEP, STEP, STEP, STEP, STEP, STEP, STALLED]);
         assert_eq!(progress.hopeless, 1.);
         // Later on the stall rule alone decides.
         let late = Progress { recorded: 13, ..progress };
