@@ -35,13 +35,14 @@ impl Sizes<'_> {
     /// The Jacobian values of some families, padding left out.
     fn jacobian(&self, of: impl Fn(Family) -> bool) -> u64 {
         let of_element = |e: &cregopt::nlp::layout::Element| {
-            let columns: u32 = self.layout.runs[e.runs.range()].iter().map(|r| r.len).sum();
-            4 * u64::from(e.rows * columns)
+            // Some runs share columns.
+            let columns = self.layout.runs[e.runs.range()].iter().map(|r| r.column + r.len).max();
+            4 * u64::from(e.rows * columns.unwrap_or(0))
         };
         self.layout.elements.iter().filter(|e| of(e.family)).map(of_element).sum()
     }
 
-    /// The rows by pose, behind those of each foot at a reach instant.
+    /// The rows of reach by the pose.
     fn by_pose(&self) -> u64 {
         4 * 18 * self.layout.reach_feet.len() as u64
     }
@@ -97,7 +98,7 @@ impl Sizes<'_> {
                 let written = self.jacobian(|o| o == linear || o == angular) + equalities(linear) + equalities(angular);
                 walk(&[Buffer::MomentumIntervals, Buffer::Impulses]) + written + deviations
             }
-            Shader::Reach => family(Family::Reach, Buffer::ReachInstants) + t(&[Buffer::ReachFeet]) + deviations + self.by_pose(),
+            Shader::Reach => family(Family::Reach, Buffer::ReachInstants) + t(&[Buffer::ReachFeet]) + deviations,
             Shader::Force => family(Family::Force, Buffer::ForceNodes),
             Shader::Swing => family(Family::Swing, Buffer::SwingNodes),
             Shader::Stride => family(Family::Stride, Buffer::Strides),
@@ -108,7 +109,7 @@ impl Sizes<'_> {
             Shader::Start => whole + elements + t(&[Buffer::Gathers, Buffer::Touches]) + 2 * x + v + 3 * g,
             // Residuals, slacks, multipliers; weight and value; scaling, smoothing, x, initial; diagonal, gradient.
             Shader::Weights => c + 3 * g + elements + 2 * rows + 6 * v,
-            // Of reach rows the feet's own columns and the rows by pose; of their tables indices, weights, spans and places.
+            // Of reach rows the feet's own columns and those of the pose; of their tables indices, weights, spans and places.
             Shader::Front => {
                 let reach = 40 * (layout.reach_instants.len() + layout.reach_feet.len()) as u64;
                 let read = self.jacobian(|f| f != Family::Reach) + self.by_feet() + self.by_pose();
