@@ -38,11 +38,5 @@ pub fn dot<T: Real>(a: &[T], b: &[T]) -> T {
     for (l, (a, b)) in a_rest.iter().zip(b_rest).enumerate() {
         lanes[l] = a.mul_add(*b, lanes[l]);
     }
-    folded(lanes)
-}
-
-/// The lanes, added in pairs.
-#[inline(always)]
-pub fn folded<T: Real>(lanes: [T; LANES]) -> T {
     ((lanes[0] + lanes[4]) + (lanes[2] + lanes[6])) + ((lanes[1] + lanes[5]) + (lanes[3] + lanes[7]))
 }

@@ -1,6 +1,6 @@
 //! Products of the Jacobian with a direction.
 
-use super::lanes::{LANES, dot, folded};
+use super::lanes::{LANES, dot};
 use crate::nlp::Layout;
 use crate::nlp::layout::Element;
 use crate::real::Real;
@@ -98,14 +98,7 @@ fn foot_times<T: Real, const GROUPS: usize>(
     }
     let (first, at) = (foot.place.jacobian as usize, foot.place.inequality as usize);
     for r in 0..3 {
-        let row = &jacobian[first + r * GROUPS * LANES..][..GROUPS * LANES];
-        let mut lanes = [T::zero(); LANES];
-        for (row, local) in row.as_chunks::<LANES>().0.iter().zip(&local) {
-            for l in 0..LANES {
-                lanes[l] = row[l].mul_add(local[l], lanes[l]);
-            }
-        }
-        let product = folded(lanes);
+        let product = dot(&jacobian[first + r * GROUPS * LANES..][..GROUPS * LANES], local.as_flattened());
         g_change[at + r] = product;
         g_change[at + 3 + r] = -product;
     }
