@@ -452,7 +452,7 @@ fn momentum(tally: &mut Tally, motion: &Motion) {
     for piece in motion.base_lin.times.windows(2) {
         let (start, end) = (piece[0], piece[1]);
         let length = end - start;
-        let reached = rollout.run(Body::planned(motion, &motion.base(start)), start, end, |_, _| {});
+        let reached = rollout.run(Body::planned(motion, &motion.base(start)), start, end);
         let plan = Body::planned(motion, &motion.base(end));
         tally.zero((reached.velocity - plan.velocity) * mass / length, tolerances.force, "mean force", AXES, None, end);
         tally.zero(

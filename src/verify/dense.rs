@@ -199,17 +199,28 @@ impl<'a> TimedCurve<'a> {
         self.on_piece(piece, time - self.times[piece])
     }
 
-    /// Point of a piece, `t` s after its start: `p = a + b t + c t^2 + d t^3` through both nodes with their slopes.
+    /// Point of a piece, `t` s after its start.
     pub fn on_piece(&self, piece: usize, t: f64) -> Point {
-        let length = self.curve.poly_durations[piece];
-        let t = t.clamp(0., length);
+        let t = t.clamp(0., self.length(piece));
+        let [a, b, c, d] = self.cubic(piece);
+        Point { value: a + (b + (c + d * t) * t) * t, first: b + (c * 2. + d * (3. * t)) * t, second: c * 2. + d * (6. * t) }
+    }
+
+    /// `[a, b, c, d]` of a piece, `a + b t + c t^2 + d t^3` at `t` s after its start: the cubic through both nodes with their slopes.
+    pub fn cubic(&self, piece: usize) -> [Vector3<f64>; 4] {
+        let length = self.length(piece);
         let (a, b) = (self.value(piece), self.slope(piece));
         // Mean speed against the slopes at both ends; differences first, so that a standing foot stands exactly.
         let mean = (self.value(piece + 1) - a) / length;
         let next = self.slope(piece + 1);
         let c = (mean * 3. - b * 2. - next) / length;
         let d = (b + next - mean * 2.) / (length * length);
-        Point { value: a + (b + (c + d * t) * t) * t, first: b + (c * 2. + d * (3. * t)) * t, second: c * 2. + d * (6. * t) }
+        [a, b, c, d]
+    }
+
+    /// The piece that a time within is on.
+    pub fn piece_around(&self, time: f64) -> usize {
+        self.times[1..].partition_point(|&end| end < time).min(self.pieces() - 1)
     }
 
     /// Number of pieces.
@@ -219,8 +230,7 @@ impl<'a> TimedCurve<'a> {
 
     /// What a function makes of the piece at a time.
     pub fn on<T>(&self, time: f64, f: impl Fn(&Curve, usize) -> T) -> T {
-        let piece = self.times[1..].partition_point(|&end| end < time).min(self.pieces() - 1);
-        f(self.curve, piece)
+        f(self.curve, self.piece_around(time))
     }
 
     /// Length of a piece, s.

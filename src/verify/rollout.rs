@@ -3,10 +3,10 @@
 //!
 //! State: position, velocity, rotation, angular momentum about the centre of mass, world frame;
 //! `p' = v`, `m v' = sum f_i - m g e_z`, `L' = sum (x_i - p) x f_i`, `q' = omega q / 2`, `omega = R I^-1 R' L`. Runge-Kutta steps of fifth
-//! order between all times at which a curve has a node.
+//! order between all times at which a curve has a node or a contact changes: in between forces and feet are cubics.
 
 use super::bernstein::{acceleration, velocity};
-use super::dense::{BaseState, Extreme, Motion, readable};
+use super::dense::{BaseState, Extreme, Motion, TimedCurve, readable};
 use crate::robot::GRAVITY;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use serde::Serialize;
@@ -91,54 +91,90 @@ const STAGES: [(f64, &[f64]); 6] = [
 /// Weights of the stages in the step.
 const WEIGHTS: [f64; 6] = [35. / 384., 0., 500. / 1113., 125. / 192., -2187. / 6784., 11. / 84.];
 
+/// One piece of a curve.
+struct Cubic {
+    /// s.
+    start: f64,
+    coefficients: [Vector3<f64>; 4],
+}
+
+impl Cubic {
+    /// The piece around a time.
+    fn around(curve: &TimedCurve, time: f64) -> Cubic {
+        let piece = curve.piece_around(time);
+        Cubic { start: curve.times[piece], coefficients: curve.cubic(piece) }
+    }
+
+    fn at(&self, time: f64) -> Vector3<f64> {
+        let ([a, b, c, d], t) = (&self.coefficients, time - self.start);
+        a + (b + (c + d * t) * t) * t
+    }
+}
+
+/// A foot that stands, between two times at which anything changes.
+pub(super) struct Contact {
+    /// Where, m.
+    place: Cubic,
+    /// N.
+    force: Cubic,
+}
+
 /// Integrates bodies along a plan.
 pub(super) struct Rollout<'a> {
     motion: &'a Motion<'a>,
     inverse_inertia: Matrix3<f64>,
-    /// Times at which a curve has a node, ascending.
+    /// Times at which a curve has a node or a contact changes, ascending.
     nodes: Vec<f64>,
 }
 
 impl<'a> Rollout<'a> {
     /// None when the inertia has no inverse.
     pub fn new(motion: &'a Motion<'a>) -> Option<Self> {
-        let mut nodes: Vec<f64> = motion.base_lin.times.clone();
+        let mut nodes: Vec<f64> = motion.base_lin.times.iter().chain(&motion.base_ang.times).copied().collect();
         for foot in &motion.feet {
-            nodes.extend(foot.motion.times.iter().chain(&foot.force.times));
+            nodes.extend(foot.motion.times.iter().chain(&foot.force.times).chain(&foot.switches));
         }
         nodes.sort_by(f64::total_cmp);
         nodes.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
         Some(Rollout { motion, inverse_inertia: motion.inertia().try_inverse()?, nodes })
     }
 
-    /// The body at `end`, from `body` at `start`; `observe` sees it after every step.
-    pub fn run(&self, body: Body, start: f64, end: f64, observe: impl FnMut(&Body, f64)) -> Body {
-        self.steps(body, start, end, STEP, observe)
+    /// The body at `end`, from `body` at `start`.
+    pub fn run(&self, body: Body, start: f64, end: f64) -> Body {
+        self.steps(body, start, end, STEP, |_, _, _| {})
     }
 
-    /// As [`Rollout::run`], in steps of a length, s.
-    fn steps(&self, mut body: Body, start: f64, end: f64, longest: f64, mut observe: impl FnMut(&Body, f64)) -> Body {
+    /// As [`Rollout::run`], in steps of a length, s; `observe` sees the body after every step, and the feet that stood.
+    fn steps(&self, mut body: Body, start: f64, end: f64, longest: f64, mut observe: impl FnMut(&Body, f64, &[Contact])) -> Body {
         let mut time = start;
+        let mut contacts = Vec::new();
         let first = self.nodes.partition_point(|&t| t <= start + 1e-9);
         for &node in self.nodes[first..].iter().take_while(|&&t| t < end - 1e-9).chain([&end]) {
+            let middle = (time + node) / 2.;
+            contacts.clear();
+            contacts.extend(
+                self.motion
+                    .feet
+                    .iter()
+                    .filter(|foot| foot.foothold(middle).is_some())
+                    .map(|foot| Contact { place: Cubic::around(&foot.motion, middle), force: Cubic::around(&foot.force, middle) }),
+            );
             let steps = ((node - time) / longest).ceil().max(1.);
             let step = (node - time) / steps;
             for i in 0..steps as usize {
                 let at = time + i as f64 * step;
-                body = self.step(&body, at, step);
-                observe(&body, at + step);
+                body = self.step(&body, at, step, &contacts);
+                observe(&body, at + step, &contacts);
             }
             time = node;
         }
         body
     }
 
-    fn step(&self, body: &Body, time: f64, step: f64) -> Body {
+    fn step(&self, body: &Body, time: f64, step: f64, contacts: &[Contact]) -> Body {
         let mut rates = [*body; 6];
         for (i, (part, weights)) in STAGES.into_iter().enumerate() {
-            // At both ends of the step, inside of it: at a node forces and feet belong to the piece that is stepped over.
-            let at = time + part.clamp(1e-9, 1. - 1e-9) * step;
-            rates[i] = self.rate(&body.advanced(weights, &rates, step), at);
+            rates[i] = self.rate(&body.advanced(weights, &rates, step), time + part * step, contacts);
         }
         let mut body = body.advanced(&WEIGHTS, &rates, step);
         body.rotation.normalize_mut();
@@ -146,14 +182,12 @@ impl<'a> Rollout<'a> {
     }
 
     /// Derivatives of the state.
-    fn rate(&self, body: &Body, time: f64) -> Body {
+    fn rate(&self, body: &Body, time: f64, contacts: &[Contact]) -> Body {
         let (mut force, mut moment) = (Vector3::zeros(), Vector3::zeros());
-        for foot in &self.motion.feet {
-            if foot.foothold(time).is_some() {
-                let f = foot.force.at(time).value;
-                force += f;
-                moment += (foot.motion.at(time).value - body.position).cross(&f);
-            }
+        for contact in contacts {
+            let f = contact.force.at(time);
+            force += f;
+            moment += (contact.place.at(time) - body.position).cross(&f);
         }
         let rotation = UnitQuaternion::from_quaternion(body.rotation);
         let omega = rotation * (self.inverse_inertia * rotation.inverse_transform_vector(&body.momentum));
@@ -203,36 +237,41 @@ impl<'a> Rollout<'a> {
         let least = moments.min();
         let mut report = RolloutReport::default();
         let mut gaps = [0., 0.];
+        let mut pushes = Vec::new();
         let start = Body::planned(motion, &motion.base(0.));
         let mut before = (start, 0., 0.);
-        self.steps(start, 0., motion.horizon, longest, |body, time| {
+        self.steps(start, 0., motion.horizon, longest, |body, time, contacts| {
             let plan = Body::planned(motion, &motion.base(time));
             let away = body.angle_to(&plan);
             report.position.update((body.position - plan.position).norm(), None, time);
             report.attitude.update(away.to_degrees(), None, time);
             let (earlier, since, earlier_away) = &before;
             let step = time - since;
+            let middle = since + step / 2.;
+            let planned = motion.base_lin.piece_around(middle);
+            let [_, _, c, d] = motion.base_lin.cubic(planned);
             let mut apart = 0_f64;
-            let mut push = vec![0_f64; motion.feet.len()];
-            for part in [1e-9, 1. / 3., 2. / 3., 1. - 1e-9] {
+            pushes.clear();
+            pushes.resize(contacts.len(), 0_f64);
+            for part in [0., 1. / 3., 2. / 3., 1.] {
                 let at = since + part * step;
                 let mut force = Vector3::zeros();
-                for (foot, push) in motion.feet.iter().zip(&mut push).filter(|(foot, _)| foot.foothold(at).is_some()) {
-                    let f = foot.force.at(at).value;
+                for (contact, push) in contacts.iter().zip(&mut pushes) {
+                    let f = contact.force.at(at);
                     *push = push.max(f.norm());
                     force += f;
                 }
-                apart = apart.max((force / motion.robot.mass - Vector3::z() * GRAVITY - motion.base_lin.at(at).second).norm());
+                let acceleration = c * 2. + d * (6. * (at - motion.base_lin.times[planned]));
+                apart = apart.max((force / motion.robot.mass - Vector3::z() * GRAVITY - acceleration).norm());
             }
             gaps[0] = f64::max(gaps[0], FOUR_POINTS * apart * step * step / 8.);
-            let middle = since + step / 2.;
             let rates = motion.base_ang.on(middle, |curve, piece| greatest(&velocity(curve, piece)));
             let turn = motion.base_ang.on(middle, |curve, piece| greatest(&acceleration(curve, piece)));
             // The way of the base within the step, by its speed and what it gains.
-            let gained = push.iter().sum::<f64>() * FOUR_POINTS / motion.robot.mass + GRAVITY;
+            let gained = pushes.iter().sum::<f64>() * FOUR_POINTS / motion.robot.mass + GRAVITY;
             let way = step * (body.velocity.norm().max(earlier.velocity.norm()) + step * gained);
-            let moment: f64 = motion.feet.iter().zip(&push).filter(|(_, push)| **push > 0.).fold(0., |sum, (foot, push)| {
-                let place = foot.motion.at(middle).value;
+            let moment: f64 = contacts.iter().zip(&pushes).fold(0., |sum, (contact, push)| {
+                let place = contact.place.at(middle);
                 let arm = (place - body.position).norm().max((place - earlier.position).norm()) + way;
                 sum + arm * push * FOUR_POINTS
             });
