@@ -21,12 +21,13 @@ use crate::real::Real;
 use crate::robot::{GRAVITY, Robot};
 use crate::rows::Family;
 use crate::rows::blocks::Use;
+use crate::rows::math::euler;
 use crate::rows::momentum::{INNER_POINTS, INNER_RULE, Impulse, MOMENTUM_POINTS, MomentumInterval, lagrange};
 use crate::rows::reach::BasePoint;
 use crate::rows::table::{NONE, Place, Span};
 use crate::settings::TranscriptionSettings;
 use crate::task::Task;
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
 /// Horizontal speed of a foot in mid-swing, in its mean speeds.
 ///
@@ -255,11 +256,11 @@ pub(crate) fn limits(settings: &TranscriptionSettings, robot: &Robot) -> MotionL
 /// First to third integral of each node's basis functions, `[value, slope]`.
 type Integrals = [[f64; 2]; 3];
 
-/// Integrals from `t` to `end` of the basis functions of a stance's force nodes: `int b`, `int (end - s) b`, `int (end - s)^2 / 2 b ds`.
-fn basis_integrals(span: Phase, nodes: usize, t: f64, end: f64) -> Vec<Integrals> {
-    let duration = span.duration() / (nodes - 1) as f64;
-    let mut integrals = vec![Integrals::default(); nodes];
-    for piece in 0..nodes - 1 {
+/// Calls `at` with every point of the rule that integrates the force of a stance from `t` to `end`: the number of the piece, the basis functions
+/// there, and the weights of the point in `int f`, `int (end - s) f` and `int (end - s)^2 / 2 f ds`.
+fn integrate(span: Phase, pieces: usize, t: f64, end: f64, mut at: impl FnMut(usize, [f64; 4], [f64; 3])) {
+    let duration = span.duration() / pieces as f64;
+    for piece in 0..pieces {
         let start = span.start + piece as f64 * duration;
         let (low, high) = (start.max(t), (start + duration).min(end));
         if low >= high {
@@ -267,18 +268,51 @@ fn basis_integrals(span: Phase, nodes: usize, t: f64, end: f64) -> Vec<Integrals
         }
         for [part, weight] in EXACT_RULE {
             let s = low + part * (high - low);
-            let basis = hermite(s - start, duration);
-            let left = end - s;
-            for (order, kernel) in [1., left, left * left / 2.].into_iter().enumerate() {
-                for i in 0..2 {
+            let (by, left) = (weight * (high - low), end - s);
+            at(piece, hermite(s - start, duration), [by, by * left, by * left * left / 2.]);
+        }
+    }
+}
+
+/// Integrals from `t` to each end of the basis functions of a stance's force nodes.
+fn basis_integrals(span: Phase, nodes: usize, t: f64, ends: [f64; MOMENTUM_POINTS]) -> Vec<[Integrals; MOMENTUM_POINTS]> {
+    let mut integrals = vec![[Integrals::default(); MOMENTUM_POINTS]; nodes];
+    for (q, end) in ends.into_iter().enumerate() {
+        integrate(span, nodes - 1, t, end, |piece, basis, weights| {
+            for i in 0..2 {
+                for (sums, weight) in integrals[piece + i][q].iter_mut().zip(weights) {
                     for part in 0..2 {
-                        integrals[piece + i][order][part] += weight * (high - low) * kernel * basis[2 * i + part];
+                        sums[part] += weight * basis[2 * i + part];
                     }
                 }
             }
-        }
+        });
     }
     integrals
+}
+
+/// First to third integral of the force of a stance from `t` to `end`.
+///
+/// * `nodes` - positions of its nodes in `x`
+/// * `unit` - of forces, N
+fn impulses(span: Phase, nodes: &[u32], x: &[f64], unit: f64, t: f64, end: f64) -> [Vector3<f64>; 3] {
+    let pieces = nodes.len() - 1;
+    let piece_duration = span.duration() / pieces as f64;
+    let vector = |node: u32, part: usize| match node {
+        NONE => Vector3::zeros(),
+        node => Vector3::from_column_slice(&x[node as usize + 3 * part..][..3]),
+    };
+    let mut sums = [Vector3::zeros(); 3];
+    integrate(span, pieces, t, end, |piece, basis, weights| {
+        let force = (0..2).fold(Vector3::zeros(), |sum, i| {
+            let node = nodes[piece + i];
+            sum + vector(node, 0) * (unit * basis[2 * i]) + vector(node, 1) * (unit / piece_duration * basis[2 * i + 1])
+        });
+        for (sum, weight) in sums.iter_mut().zip(weights) {
+            *sum += force * weight;
+        }
+    });
+    sums
 }
 
 /// What the force nodes of a stance do in the interval that starts at `t`, with their indices in the stance.
@@ -290,20 +324,20 @@ fn stance_impulses<T: Real>(b: &Builder<T>, foot: usize, stance: usize, t: f64) 
     }
     let nodes = &b.feet[foot].force_nodes[stance];
     let scale = [b.force_unit(), b.force_unit() * b.settings.force_pieces as f64 / span.duration()];
-    let points: [Vec<Integrals>; MOMENTUM_POINTS] = std::array::from_fn(|q| {
-        let end = t + INNER_RULE.get(q).map_or(1., |n| n[0]) * h;
-        basis_integrals(span, nodes.len(), t, end)
-    });
-    let impulse = |node: usize| Impulse {
-        weights: std::array::from_fn(|q| points[q][node].map(|order| std::array::from_fn(|part| T::of(order[part] * scale[part])))),
+    let ends = std::array::from_fn(|q| t + INNER_RULE.get(q).map_or(1., |n| n[0]) * h);
+    let integrals = basis_integrals(span, nodes.len(), t, ends);
+    let foothold = b.feet[foot].footholds[stance].index;
+    let impulse = |weights: [Integrals; MOMENTUM_POINTS]| Impulse {
+        weights: weights.map(|point| point.map(|order| std::array::from_fn(|part| T::of(order[part] * scale[part])))),
         node: NONE,
         linear_column: NONE,
         angular_column: NONE,
-        foothold: b.feet[foot].footholds[stance].index,
+        foothold,
         foothold_column: NONE,
     };
-    let at_work = |&node: &usize| nodes[node].is_some() && points[MOMENTUM_POINTS - 1][node][0] != [0.; 2];
-    (0..nodes.len()).filter(at_work).map(|node| (node, impulse(node))).collect()
+    let at_work =
+        move |(node, weights): &(usize, [Integrals; MOMENTUM_POINTS])| nodes[*node].is_some() && weights[MOMENTUM_POINTS - 1][0] != [0.; 2];
+    integrals.into_iter().enumerate().filter(at_work).map(|(node, weights)| (node, impulse(weights))).collect()
 }
 
 /// Longest time between reach rows of all feet, s.
@@ -389,16 +423,7 @@ fn between(task: &Task, curves: &Curves, x: &[f64], t: f64, [pose, rate]: [[f64;
                 if span.end <= t || span.start >= t + tau {
                     continue;
                 }
-                let piece = span.duration() / (nodes.len() - 1) as f64;
-                let scale = [curves.force_unit, curves.force_unit / piece];
-                let mut sums = [Vector3::zeros(); 3];
-                for (&node, integrals) in nodes.iter().zip(basis_integrals(span, nodes.len(), t, t + tau)).filter(|(n, _)| **n != NONE) {
-                    for (sum, weights) in sums.iter_mut().zip(integrals) {
-                        for part in 0..2 {
-                            *sum += vector(&x[node as usize + 3 * part..]) * (weights[part] * scale[part]);
-                        }
-                    }
-                }
+                let sums = impulses(span, nodes, x, curves.force_unit, t, t + tau);
                 let at = foot.footholds[stance] as usize;
                 let foothold = Vector3::new(x[at], x[at + 1], task.terrain.height(x[at], x[at + 1]));
                 moment += (foothold - p).cross(&sums[0]);
@@ -412,21 +437,18 @@ fn between(task: &Task, curves: &Curves, x: &[f64], t: f64, [pose, rate]: [[f64;
         let gained = moment + (v * (mass * tau * tau / 2.) + third).cross(&gravity) - moved.cross(&velocity) * mass;
         (moved, velocity, gained)
     };
-    let turn = |angles: &Vector3<f64>| Rotation3::from_euler_angles(angles.x, angles.y, angles.z);
-    // omega = E rates
-    let axes = |angles: &Vector3<f64>| {
-        let yaw = Rotation3::from_axis_angle(&Vector3::z_axis(), angles.z);
-        let pitch = Rotation3::from_axis_angle(&Vector3::y_axis(), angles.y);
-        Matrix3::from_columns(&[yaw * pitch * Vector3::x(), yaw * Vector3::y(), Vector3::z()])
+    // Base to world, and `omega = E rates`.
+    let turn = |angles: &Vector3<f64>| {
+        let (rotation, axes) = euler((*angles).into());
+        (Matrix3::from(rotation).transpose(), Matrix3::from(axes))
     };
     let (angles, rates) = (vector(&pose[3..]), vector(&rate[3..]));
-    let rotation = turn(&angles);
-    let at_start = rotation * (inertia * (rotation.inverse() * (axes(&angles) * rates)));
+    let (rotation, axes) = turn(&angles);
+    let at_start = rotation * (inertia * rotation.tr_mul(&(axes * rates)));
     let inverse = inertia.try_inverse().unwrap_or_else(Matrix3::zeros);
     let rates_at = |angles: &Vector3<f64>, momentum: Vector3<f64>| {
-        let rotation = turn(angles);
-        let omega = rotation * (inverse * (rotation.inverse() * momentum));
-        axes(angles).try_inverse().unwrap_or_else(Matrix3::zeros) * omega
+        let (rotation, axes) = turn(angles);
+        axes.try_inverse().unwrap_or_else(Matrix3::zeros) * (rotation * (inverse * rotation.tr_mul(&momentum)))
     };
     let step = curves.interval / (2 * pieces) as f64;
     let join = |a: Vector3<f64>, b: Vector3<f64>| [a.x, a.y, a.z, b.x, b.y, b.z];
