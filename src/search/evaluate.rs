@@ -9,7 +9,7 @@ use crate::gait::{AlignedSchedule, Schedule, Trajectory};
 use crate::nlp::transcription::{force_limit, interval};
 use crate::nlp::{Curves, Layout, trajectory};
 use crate::settings::{SolverSettings, Transcription, TranscriptionSettings};
-use crate::solver::{Outcome, Status, close};
+use crate::solver::{Outcome, Status, can_close, close};
 use crate::task::Task;
 use crate::verify::verify_rows;
 use serde::{Deserialize, Serialize};
@@ -326,7 +326,7 @@ fn certified(
     cancel: &dyn Fn() -> bool,
 ) -> Evaluated {
     let Solution { outcome, x, variables, curves, closed: is_closed } = solution;
-    if is_closed {
+    if is_closed || settings.precision == Precision::F64 || !can_close(&outcome) {
         examined(task, schedule, (&curves, variables), (outcome, x), settings, weights)
     } else {
         closed(task, schedule, (outcome, x), settings, weights, cancel)

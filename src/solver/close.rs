@@ -13,6 +13,11 @@ thread_local! {
 /// Infeasibility below which a solve that f32 did not end goes on in f64.
 pub const CONTINUE_BELOW: f64 = 1e-2;
 
+/// Whether an f32 solve came near enough for [`close`] to do anything.
+pub fn can_close(outcome: &Outcome) -> bool {
+    outcome.status == Status::Solved || outcome.infeasibility < CONTINUE_BELOW
+}
+
 /// Brings an f32 solution to f64 accuracy.
 ///
 /// One or two Gauss-Newton steps from a solved point usually do. Where they do not, the solve is repeated in f64. Where f32 crept without
@@ -26,9 +31,7 @@ pub fn close(
     settings: &SolverSettings,
     cancel: &dyn Fn() -> bool,
 ) -> (Outcome, Vec<f64>) {
-    let solved = f32_outcome.status == Status::Solved;
-    let near = f32_outcome.infeasibility < CONTINUE_BELOW;
-    if !solved && !near {
+    if !can_close(&f32_outcome) {
         return (f32_outcome, x);
     }
     let finish = Finish::Rows(settings.row_tolerance);
@@ -43,7 +46,7 @@ pub fn close(
     let onwards = SolverSettings { barrier: settings.barrier.min(1e-3), ..settings.clone() };
     // What f32 did not solve goes on from where it is; what it solved must close, and has more to fall back on.
     let attempts: &[(&SolverSettings, Option<&[f64]>)] =
-        if solved { &[(&closing, Some(&x)), (settings, None)] } else { &[(&onwards, Some(&x))] };
+        if f32_outcome.status == Status::Solved { &[(&closing, Some(&x)), (settings, None)] } else { &[(&onwards, Some(&x))] };
     SOLVER.with_borrow_mut(|solver| {
         let mut total = f32_outcome;
         for &(settings, start) in attempts {

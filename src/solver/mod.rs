@@ -21,7 +21,7 @@ pub mod start;
 mod status;
 pub mod weights;
 
-pub use close::{CONTINUE_BELOW, close};
+pub use close::{CONTINUE_BELOW, can_close, close};
 pub use status::{Outcome, Status};
 
 use crate::linear::forward::forward;
