@@ -15,7 +15,7 @@ use cregopt::rows::Family;
 use cregopt::rows::acceleration::Acceleration;
 use cregopt::rows::footing::Footing;
 use cregopt::rows::stride::Stride;
-use cregopt::rows::table::{ColumnRun, NONE};
+use cregopt::rows::table::{NONE, Run};
 use cregopt::search::evaluate::{LowerSettings, evaluate};
 use cregopt::settings::{Friction, Legs, Transcription, TranscriptionSettings};
 use cregopt::solver::Status;
@@ -169,7 +169,7 @@ fn check_places(layout: &Layout<f32>) -> Result<(), TestCaseError> {
         let buffer = [&mut row, &mut inequality, &mut jacobian][buffer].iter_mut();
         buffer.skip(from as usize).take(len as usize).for_each(|used| *used += 1);
     };
-    for element in &layout.elements {
+    for (element, runs) in layout.elements.iter().zip(layout.columns()) {
         let place = &element.place;
         cover(0, place.row, element.rows);
         cover(2, place.jacobian, element.rows * place.stride);
@@ -178,21 +178,24 @@ fn check_places(layout: &Layout<f32>) -> Result<(), TestCaseError> {
         } else {
             cover(1, place.inequality, element.rows + element.pairs);
         }
-        let runs = &layout.runs[element.runs.range()];
         // The base blocks share the columns of the pose, the first six of a foot's reach, by weights.
         let shared = if element.family == Family::Reach { 6 } else { 0 };
         let mut column = shared;
-        for run in runs {
+        for (run, weight) in &runs {
             prop_assert!((run.variable + run.len) as usize <= layout.variables);
             if run.column < shared {
-                prop_assert!((run.column, run.len) == (0, shared) && run.weight != 0.);
+                prop_assert!((run.column, run.len) == (0, shared) && *weight != 0.);
                 continue;
             }
-            prop_assert!(run.column == column && run.weight == 1., "columns follow each other");
+            prop_assert!(run.column == column && *weight == 1., "columns follow each other");
             column += run.len;
         }
-        let apart = |a: &ColumnRun<f32>, b: &ColumnRun<f32>| a.variable + a.len < b.variable + u32::from(a.column.min(b.column) < shared);
-        prop_assert!(runs.is_sorted_by(apart), "runs are apart, but for those of different weight, and in order");
+        if element.family == Family::Reach {
+            prop_assert!(element.runs.range().is_empty(), "their tables have them");
+        } else {
+            let apart = |a: &(Run, f32), b: &(Run, f32)| a.0.variable + a.0.len < b.0.variable;
+            prop_assert!(runs.is_sorted_by(apart), "runs are apart and in order");
+        }
         prop_assert!(column <= place.stride && place.stride % 8 == 0);
     }
     for (name, used) in [("row", row), ("inequality", inequality), ("Jacobian value", jacobian)] {
@@ -207,6 +210,7 @@ fn check_sweep(layout: &Layout<f32>) -> Result<(), TestCaseError> {
     prop_assert_eq!(layout.steps.iter().map(|s| (s.pivots * s.stride) as usize).sum::<usize>(), layout.factor_len);
     let mut last_step = vec![usize::MAX; layout.variables];
     let (mut next_element, mut next_pivot) = (0, 0);
+    let columns = layout.columns();
     for (k, step) in layout.steps.iter().enumerate() {
         prop_assert_eq!(step.elements.start, next_element);
         next_element = step.elements.end;
@@ -220,8 +224,8 @@ fn check_sweep(layout: &Layout<f32>) -> Result<(), TestCaseError> {
             front.extend(run.variable..run.variable + run.len);
         }
         prop_assert_eq!(front.len(), step.size as usize);
-        for element in &layout.elements[step.elements.range()] {
-            for run in &layout.runs[element.runs.range()] {
+        for element in step.elements.range() {
+            for (run, _) in &columns[element] {
                 for i in 0..run.len {
                     prop_assert_eq!(front[(run.front + i) as usize], run.variable + i);
                     last_step[(run.variable + i) as usize] = k;

@@ -4,8 +4,10 @@
 mod common;
 
 use common::{Random, cones, gait, hills, layout_with, spider, task, task_for, transcriptions};
-use cregopt::backend::gpu::shaders::{Binding, SHARED, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP, bindings, constants, prelude};
-use cregopt::backend::gpu::tables::{Batch, Buffer, FrontStep, Part, ShaderTables, Shape, Slot};
+use cregopt::backend::gpu::shaders::{
+    Binding, SHARED, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP, bindings, constants, prelude, reads,
+};
+use cregopt::backend::gpu::tables::{Batch, Buffer, FrontStep, Part, ShaderTables, Shape, Slot, Touch};
 use cregopt::linear::transposed::transposed_times;
 use cregopt::nlp::Layout;
 use cregopt::nlp::layout::Element;
@@ -178,7 +180,8 @@ fn a_text_that_states_bindings_wrongly_is_refused() {
 fn buffers_stand_in_the_order_of_their_numbers() {
     for (i, &buffer) in Buffer::ALL.iter().enumerate() {
         assert_eq!(buffer as usize, i, "{}", buffer.name());
-        assert!(Shader::ALL.iter().any(|s| s.buffers().any(|b| b.0 == buffer)), "no shader binds {}", buffer.name());
+        let uses = |s: &Shader| s.buffers().any(|b| b.0 == buffer) || reads(s.source()).unwrap().contains(&buffer);
+        assert!(Shader::ALL.iter().any(uses), "no shader binds or reads {}", buffer.name());
     }
     let names: BTreeSet<&str> = Buffer::ALL.iter().map(|b| b.name()).collect();
     assert_eq!(names.len(), Buffer::ALL.len());
@@ -529,14 +532,16 @@ fn gathering_over_touches_gives_the_transposed_product() {
         assert_eq!(own.gathers.len(), layout.variables);
         for (variable, gather) in own.gathers.iter().enumerate() {
             let touches = &own.touches[gather.touches.range()];
-            assert!(touches.windows(2).all(|pair| pair[0].element < pair[1].element), "in the order of the elements");
+            let place = |touch: &Touch<f32>| (layout.elements[touch.element as usize].family == Family::Reach, touch.element);
+            assert!(touches.is_sorted_by(|a, b| place(a) < place(b)), "in the order of the elements, reach behind the others");
             let mut sum = 0f32;
             for touch in touches {
-                let element = &layout.elements[touch.element as usize];
-                let column = (element.place.jacobian + touch.column + gather.offset) as usize;
                 let mut local = 0.;
-                for r in 0..element.rows as usize {
-                    local = v[element.place.row as usize + r].mul_add(jacobian[column + r * element.place.stride as usize], local);
+                for element in &layout.elements[touch.element as usize..][..touch.count as usize] {
+                    let column = (element.place.jacobian + touch.column + gather.offset) as usize;
+                    let rows =
+                        (0..element.rows as usize).map(|r| (v[element.place.row as usize + r], column + r * element.place.stride as usize));
+                    local += rows.fold(0., |sum, (v, at)| v.mul_add(jacobian[at], sum));
                 }
                 sum = touch.weight.mul_add(local, sum);
             }

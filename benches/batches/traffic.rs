@@ -6,6 +6,7 @@ use cregopt::Result;
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::backend::gpu::tables::{Buffer, ShaderTables, Slot};
 use cregopt::gait::Schedule;
+use cregopt::nlp::layout::Element;
 use cregopt::nlp::{Layout, transcription};
 use cregopt::rows::Family;
 use cregopt::rows::table::NONE;
@@ -34,12 +35,10 @@ impl Sizes<'_> {
 
     /// The Jacobian values of some families, padding left out.
     fn jacobian(&self, of: impl Fn(Family) -> bool) -> u64 {
-        let of_element = |e: &cregopt::nlp::layout::Element| {
-            // Some runs share columns.
-            let columns = self.layout.runs[e.runs.range()].iter().map(|r| r.column + r.len).max();
-            4 * u64::from(e.rows * columns.unwrap_or(0))
-        };
-        self.layout.elements.iter().filter(|e| of(e.family)).map(of_element).sum()
+        let reach = if of(Family::Reach) { self.by_pose() + self.by_feet() } else { 0 };
+        let columns = |e: &Element| self.layout.runs[e.runs.range()].iter().map(|r| r.len).sum::<u32>();
+        let others = self.layout.elements.iter().filter(|e| of(e.family)).map(|e| 4 * u64::from(e.rows * columns(e)));
+        reach + others.sum::<u64>()
     }
 
     /// The rows of reach by the pose.
@@ -84,6 +83,7 @@ impl Sizes<'_> {
         let whole = self.jacobian(|_| true);
         let elements = t(&[Buffer::Elements]);
         let sweep = t(&[Buffer::FrontSteps, Buffer::Rests]);
+        let reach = 40 * (layout.reach_instants.len() + layout.reach_feet.len()) as u64;
         if shader.table().is_some_and(|table| self.table(table) == 0) {
             return 0;
         }
@@ -111,13 +111,12 @@ impl Sizes<'_> {
             Shader::Weights => c + 3 * g + elements + 2 * rows + 6 * v,
             // Of reach rows the feet's own columns and those of the pose; of their tables indices, weights, spans and places.
             Shader::Front => {
-                let reach = 40 * (layout.reach_instants.len() + layout.reach_feet.len()) as u64;
                 let read = self.jacobian(|f| f != Family::Reach) + self.by_feet() + self.by_pose();
                 read + 2 * rows + 2 * v + elements + t(&[Buffer::Runs]) + sweep + reach + 2 * self.carry() + self.factor()
             }
             // The direction, which is read again behind the pivots.
             Shader::Substitute => self.factor() + sweep + 2 * v,
-            Shader::Product => whole + elements + t(&[Buffer::Runs]) + v + c + g,
+            Shader::Product => whole + elements + t(&[Buffer::Runs]) + reach + v + c + g,
             // Residuals, their change, slacks, multipliers; both steps; weight and value.
             Shader::Correct => c + 6 * g + elements + 2 * rows,
             Shader::Transposed => whole + rows + elements + t(&[Buffer::Gathers, Buffer::Touches]) + 2 * v,

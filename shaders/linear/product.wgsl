@@ -1,5 +1,6 @@
-// binds: jacobian elements runs
-// Products of the Jacobian with the direction. One thread an element.
+// binds: jacobian tables footholds
+// reads: elements runs reach_instants reach_feet
+// Products of the Jacobian with the direction. One thread an element; of reach rows one an instant, whose feet share the change of its pose.
 //   in   values    direction
 //   in   jacobian  at the point
 //   out  values    c_change [equalities]; g_change [inequalities], with the sign of their side
@@ -11,9 +12,9 @@ fn rows_times(slot: u32, element: Element, first: u32, count: u32) -> vec3<f32> 
     let stride = element.place.stride;
     var sums = vec3<f32>();
     for (var k = element.runs.start; k < element.runs.end; k++) {
-        let run = runs[slot * batch.runs + k];
+        let run = runs_at(slot, k);
         for (var i = 0u; i < run.len; i++) {
-            let d = run.weight * values[direction + run.variable + i];
+            let d = values[direction + run.variable + i];
             let at = first + run.column + i;
             sums.x += jacobian[at] * d;
             if (count > 1u) {
@@ -49,13 +50,66 @@ fn jacobian_times(slot: u32, half: u32, element: Element) {
     }
 }
 
+// Values of three Jacobian rows `stride` apart, in the column at `at`.
+fn column_at(at: u32, stride: u32) -> vec3<f32> {
+    return vec3<f32>(jacobian[at], jacobian[at + stride], jacobian[at + 2u * stride]);
+}
+
+// Products of the reach rows of all feet at one instant.
+fn reach_times(slot: u32, half: u32, instant: u32) {
+    let direction = slot * batch.values + batch.direction;
+    var position = vec3<f32>();
+    var angles = vec3<f32>();
+    for (var i = 0u; i < 4u; i++) {
+        if (reach_instants_base_front(slot, instant, i) == NONE) {
+            continue;
+        }
+        let weight = reach_instants_base_weights(slot, instant, i);
+        let at = direction + reach_instants_base_variable(slot, instant, i);
+        position += weight * vec3<f32>(values[at], values[at + 1u], values[at + 2u]);
+        angles += weight * vec3<f32>(values[at + 3u], values[at + 4u], values[at + 5u]);
+    }
+    let feet = reach_instants_at(slot, instant).feet;
+    for (var f = feet.start; f < feet.end; f++) {
+        let foot = reach_feet_at(slot, f);
+        let stride = foot.place.stride;
+        let first = (2u * slot + half) * batch.jacobian + foot.place.jacobian;
+        var products = vec3<f32>();
+        for (var c = 0u; c < 3u; c++) {
+            products += column_at(first + c, stride) * position[c] + column_at(first + 3u + c, stride) * angles[c];
+        }
+        for (var i = 0u; i < 2u; i++) {
+            if (reach_feet_front(slot, f, i) != NONE) {
+                let at = direction + footholds[slot * batch.footholds + reach_feet_foothold(slot, f, i)];
+                let column = first + reach_feet_foothold_column(slot, f, i);
+                products += column_at(column, stride) * values[at] + column_at(column + 1u, stride) * values[at + 1u];
+            }
+        }
+        if (reach_feet_front(slot, f, 2u) != NONE) {
+            products += column_at(first + foot.height_column, stride) * values[direction + foot.height];
+        }
+        let to = slot * batch.values + batch.g_change + foot.place.inequality;
+        for (var r = 0u; r < 3u; r++) {
+            values[to + r] = products[r];
+            values[to + 3u + r] = -products[r];
+        }
+    }
+}
+
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let slot = running[group.x];
     if (progress[slot].state > CLOSE) {
         return;
     }
+    let half = progress[slot].current;
     for (var i = lane; i < slots[slot].elements; i += WORKGROUP) {
-        jacobian_times(slot, progress[slot].current, elements[slot * batch.elements + i]);
+        let element = elements_at(slot, i);
+        if (element.family != REACH) {
+            jacobian_times(slot, half, element);
+        }
+    }
+    for (var i = lane; i < slots[slot].reach_instants; i += WORKGROUP) {
+        reach_times(slot, half, i);
     }
 }

@@ -13,11 +13,13 @@ fn transposed_times(slot: u32, half: u32, i: u32) -> f32 {
     var sum = 0.0;
     for (var k = gather.touches.start; k < gather.touches.end; k++) {
         let touch = touches[slot * batch.touches + k];
-        let element = elements[slot * batch.elements + touch.element];
-        let column = (2u * slot + half) * batch.jacobian + element.place.jacobian + touch.column + gather.offset;
         var local = 0.0;
-        for (var r = 0u; r < element.rows; r++) {
-            local += values[value + element.place.row + r] * jacobian[column + r * element.place.stride];
+        for (var e = 0u; e < touch.count; e++) {
+            let element = elements[slot * batch.elements + touch.element + e];
+            let column = (2u * slot + half) * batch.jacobian + element.place.jacobian + touch.column + gather.offset;
+            for (var r = 0u; r < element.rows; r++) {
+                local += values[value + element.place.row + r] * jacobian[column + r * element.place.stride];
+            }
         }
         sum += touch.weight * local;
     }

@@ -12,14 +12,18 @@ fn column_scaling(slot: u32, half: u32, i: u32) -> f32 {
     var sum = 0.0;
     for (var k = gather.touches.start; k < gather.touches.end; k++) {
         let touch = touches[slot * batch.touches + k];
-        let element = elements[slot * batch.elements + touch.element];
-        let column = (2u * slot + half) * batch.jacobian + element.place.jacobian + touch.column + gather.offset;
-        for (var r = 0u; r < element.rows; r++) {
-            // A two-sided row counts twice.
-            let sides = select(0.5, 1.0, element.place.row < slots[slot].equalities || r < element.pairs);
-            let v = touch.weight * jacobian[column + r * element.place.stride];
-            sum += sides * v * v;
+        var local = 0.0;
+        for (var e = 0u; e < touch.count; e++) {
+            let element = elements[slot * batch.elements + touch.element + e];
+            let column = (2u * slot + half) * batch.jacobian + element.place.jacobian + touch.column + gather.offset;
+            for (var r = 0u; r < element.rows; r++) {
+                // A two-sided row counts twice.
+                let sides = select(0.5, 1.0, element.place.row < slots[slot].equalities || r < element.pairs);
+                let v = jacobian[column + r * element.place.stride];
+                local += sides * v * v;
+            }
         }
+        sum += touch.weight * touch.weight * local;
     }
     return max(sum, 1e-2);
 }

@@ -88,13 +88,10 @@ fn foot_times<T: Real, const GROUPS: usize>(
     let mut local = [[T::zero(); LANES]; GROUPS];
     let columns = local.as_flattened_mut();
     columns[..6].copy_from_slice(pose);
-    for i in (0..2).filter(|&i| foot.front[i] != NONE) {
-        let (column, variable) = (foot.foothold_column[i] as usize, layout.footholds[foot.foothold[i] as usize] as usize);
-        columns[column] = d[variable];
-        columns[column + 1] = d[variable + 1];
-    }
-    if foot.front[2] != NONE {
-        columns[foot.height_column as usize] = d[foot.height as usize];
+    for run in foot.own_runs(&layout.footholds) {
+        for i in 0..run.len as usize {
+            columns[run.column as usize + i] = d[run.variable as usize + i];
+        }
     }
     let (first, at) = (foot.place.jacobian as usize, foot.place.inequality as usize);
     for r in 0..3 {

@@ -1,31 +1,106 @@
-//! Products of the transposed Jacobian with values of the rows.
+//! Products of the transposed Jacobian, and of its squares, with values of the rows.
 
+use super::lanes::LANES;
 use crate::nlp::Layout;
 use crate::real::Real;
+use crate::rows::Family;
+use crate::rows::reach::{ReachFoot, ReachInstant};
+use crate::rows::table::NONE;
 use multiversion::multiversion;
 
 /// Transposed product `out = J' v`.
-#[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
+///
+/// * `v` - `[rows]`
+/// * `local` - scratch, `[widest]`
 pub fn transposed_times<T: Real>(layout: &Layout<T>, jacobian: &[T], v: &[T], local: &mut [T], out: &mut [T]) {
+    by_column::<T, false>(layout, jacobian, v, local, out);
+}
+
+/// As [`transposed_times`], of squared values: `out[j] = sum_i v[i] J[i][j]^2`.
+pub fn transposed_squares_times<T: Real>(layout: &Layout<T>, jacobian: &[T], v: &[T], local: &mut [T], out: &mut [T]) {
+    by_column::<T, true>(layout, jacobian, v, local, out);
+}
+
+/// Sums over the rows by column, of values or of their squares.
+#[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
+fn by_column<T: Real, const SQUARED: bool>(layout: &Layout<T>, jacobian: &[T], v: &[T], local: &mut [T], out: &mut [T]) {
     out.fill(T::zero());
-    for element in &layout.elements {
+    for element in layout.elements.iter().filter(|e| e.family != Family::Reach) {
         let place = &element.place;
         let (row, stride) = (place.row as usize, place.stride as usize);
-        local[..stride].fill(T::zero());
+        let local = &mut local[..stride];
+        local.fill(T::zero());
         for r in 0..element.rows as usize {
-            let v = v[row + r];
             let values = &jacobian[place.jacobian as usize + r * stride..][..stride];
-            for (sum, value) in local[..stride].chunks_exact_mut(8).zip(values.chunks_exact(8)) {
-                for l in 0..8 {
-                    sum[l] = v.mul_add(value[l], sum[l]);
-                }
+            for (sums, values) in local.chunks_exact_mut(LANES).zip(values.chunks_exact(LANES)) {
+                add_row::<T, SQUARED>(sums, values, v[row + r]);
             }
         }
         for run in &layout.runs[element.runs.range()] {
             let (to, from, len) = (run.variable as usize, run.column as usize, run.len as usize);
             for (sum, local) in out[to..to + len].iter_mut().zip(&local[from..from + len]) {
-                *sum = run.weight.mul_add(*local, *sum);
+                *sum += *local;
             }
         }
+    }
+    for instant in &layout.reach_instants {
+        reach_by_column::<T, SQUARED>(layout, instant, jacobian, v, out);
+    }
+}
+
+/// Reach rows of all feet at one instant: what they have by its pose goes to the blocks of the base by their weights.
+#[inline(always)]
+fn reach_by_column<T: Real, const SQUARED: bool>(layout: &Layout<T>, instant: &ReachInstant<T>, jacobian: &[T], v: &[T], out: &mut [T]) {
+    let mut pose = [T::zero(); 6];
+    for foot in &layout.reach_feet[instant.feet.range()] {
+        if foot.place.stride as usize == LANES {
+            foot_by_column::<T, 1, SQUARED>(layout, foot, jacobian, v, &mut pose, out);
+        } else {
+            foot_by_column::<T, 2, SQUARED>(layout, foot, jacobian, v, &mut pose, out);
+        }
+    }
+    let base = &instant.base;
+    for i in (0..4).filter(|&i| base.front[i] != NONE) {
+        let weight = if SQUARED { base.weights[i] * base.weights[i] } else { base.weights[i] };
+        for (sum, pose) in out[base.variable[i] as usize..][..6].iter_mut().zip(pose) {
+            *sum = weight.mul_add(pose, *sum);
+        }
+    }
+}
+
+/// Reach rows of one foot, `GROUPS` times eight columns each: its own go to `out`, those of the pose to `pose`.
+#[inline(always)]
+fn foot_by_column<T: Real, const GROUPS: usize, const SQUARED: bool>(
+    layout: &Layout<T>,
+    foot: &ReachFoot<T>,
+    jacobian: &[T],
+    v: &[T],
+    pose: &mut [T; 6],
+    out: &mut [T],
+) {
+    let mut local = [[T::zero(); LANES]; GROUPS];
+    for r in 0..3 {
+        let values = &jacobian[foot.place.jacobian as usize + r * GROUPS * LANES..][..GROUPS * LANES];
+        for (sums, values) in local.iter_mut().zip(values.chunks_exact(LANES)) {
+            add_row::<T, SQUARED>(sums, values, v[foot.place.row as usize + r]);
+        }
+    }
+    let columns = local.as_flattened();
+    for (sum, value) in pose.iter_mut().zip(columns) {
+        *sum += *value;
+    }
+    for run in foot.own_runs(&layout.footholds) {
+        for i in 0..run.len as usize {
+            out[run.variable as usize + i] += columns[run.column as usize + i];
+        }
+    }
+}
+
+/// Adds a row's values in eight columns, or their squares, times `v`.
+#[inline(always)]
+fn add_row<T: Real, const SQUARED: bool>(sums: &mut [T], values: &[T], v: T) {
+    for l in 0..LANES {
+        let value = if SQUARED { values[l] * values[l] } else { values[l] };
+        sums[l] = v.mul_add(value, sums[l]);
     }
 }

@@ -11,7 +11,7 @@ use crate::gait::{AlignedSchedule, Phase};
 use crate::real::Real;
 use crate::robot::GRAVITY;
 use crate::rows::blocks::{BlockId, Foothold, Placed, Seat, Use};
-use crate::rows::table::{ColumnRun, NONE, Place, Span};
+use crate::rows::table::{NONE, Place, Run, Span};
 use crate::rows::{Constants, Family, Tables};
 use crate::settings::{Transcription, TranscriptionSettings};
 use crate::task::Task;
@@ -148,7 +148,7 @@ impl<'a, T: Real> Builder<'a, T> {
     /// As [`Builder::element`], with another number of two-sided rows than the family's.
     pub fn element_of(&mut self, family: Family, entry: usize, step: usize, pairs: usize, uses: &[Use]) {
         for used in uses {
-            if let Use::Touches(id) | Use::Shares(id, _) = used
+            if let Use::Touches(id) | Use::Shares(id) = used
                 && let block = &mut self.blocks[id.0 as usize]
                 && !block.fixed
             {
@@ -193,7 +193,7 @@ impl<'a, T: Real> Builder<'a, T> {
         let mut widest = 0;
         let (mut equality, mut row, mut inequality, mut jacobian) = (0, equalities, 0, 0);
         let mut elements = Vec::with_capacity(drafts.len());
-        let mut runs: Vec<ColumnRun<T>> = Vec::with_capacity(4 * drafts.len());
+        let mut runs = Vec::with_capacity(2 * drafts.len());
         let mut columns = Columns::default();
         // Index in the front of the step at hand, of each variable that is in it.
         let mut in_front = vec![NONE; variables];
@@ -205,7 +205,10 @@ impl<'a, T: Real> Builder<'a, T> {
             }
             let spec = draft.family.spec();
             let first_run = runs.len();
-            columns.assign(&self.blocks, &positions, &self.uses[draft.uses.clone()], &in_front, &mut runs);
+            columns.assign(&self.blocks, &positions, &self.uses[draft.uses.clone()], &in_front);
+            if draft.family != Family::Reach {
+                columns.add_runs(&mut runs);
+            }
             let stride = columns.count.next_multiple_of(8);
             widest = widest.max(stride as usize);
             let first_row = if spec.equality { equality } else { row };
@@ -286,53 +289,45 @@ struct Columns {
 struct BlockColumns {
     id: BlockId,
     position: u32,
-    /// In columns that others have, too: its weight.
-    shared: Option<f64>,
+    len: u32,
+    /// Whether its columns, the first ones, are those of other blocks, too.
+    shared: bool,
     column: u32,
     front: u32,
 }
 
 impl Columns {
-    /// Free blocks that the rows touch, each once and in the order of `x`, become columns and runs.
-    fn assign<T: Real>(&mut self, blocks: &[Block], positions: &[u32], uses: &[Use], in_front: &[u32], runs: &mut Vec<ColumnRun<T>>) {
+    /// Free blocks that the rows touch, each once and in the order of `x`, become columns.
+    fn assign(&mut self, blocks: &[Block], positions: &[u32], uses: &[Use], in_front: &[u32]) {
         let position = |id: BlockId| positions[id.0 as usize];
-        let len_of = |id: BlockId| blocks[id.0 as usize].initial.len() as u32;
-        let free = |used: &Use| match *used {
-            Use::Touches(id) => Some((id, None)),
-            Use::Shares(id, weight) => Some((id, Some(weight))),
-            Use::Nothing | Use::Reads(_) => None,
-        };
-        let columns = uses.iter().filter_map(free).filter(|(id, _)| !blocks[id.0 as usize].fixed);
         self.blocks.clear();
-        self.blocks.extend(columns.map(|(id, shared)| BlockColumns { id, position: position(id), shared, column: 0, front: 0 }));
+        // Rows have the shared columns whether a block with them is free or not.
+        self.count = 0;
+        for used in uses {
+            let (id, shared) = match *used {
+                Use::Touches(id) => (id, false),
+                Use::Shares(id) => (id, true),
+                Use::Nothing | Use::Reads(_) => continue,
+            };
+            let block = &blocks[id.0 as usize];
+            let (position, len) = (position(id), block.initial.len() as u32);
+            if shared {
+                self.count = len;
+            }
+            if !block.fixed {
+                self.blocks.push(BlockColumns { id, position, len, shared, column: 0, front: in_front[position as usize] });
+            }
+        }
         self.blocks.sort_unstable_by_key(|b| b.position);
         self.blocks.dedup_by_key(|b| b.id);
-        // Rows have the shared columns whether a block with them is free or not.
-        self.count = uses.iter().find_map(|used| if let Use::Shares(id, _) = used { Some(len_of(*id)) } else { None }).unwrap_or(0);
-        let first_run = runs.len();
-        for block in &mut self.blocks {
-            let len = len_of(block.id);
-            block.front = in_front[block.position as usize];
-            if block.shared.is_none() {
-                block.column = self.count;
-                self.count += len;
-            }
-            let run = ColumnRun {
-                variable: block.position,
-                front: block.front,
-                column: block.column,
-                len,
-                weight: block.shared.map_or(T::one(), T::of),
-            };
-            match runs[first_run..].last_mut() {
-                Some(last) if block.shared.is_none() && last.weight == T::one() && continues(last, &run) => last.len += len,
-                _ => runs.push(run),
-            }
+        for block in self.blocks.iter_mut().filter(|b| !b.shared) {
+            block.column = self.count;
+            self.count += block.len;
         }
         let seat = |used: &Use| match used {
             Use::Nothing => Seat::NOTHING,
             Use::Reads(id) => Seat { position: position(*id), ..Seat::NOTHING },
-            Use::Touches(id) | Use::Shares(id, _) => {
+            Use::Touches(id) | Use::Shares(id) => {
                 let has = self.blocks.iter().find(|b| b.id == *id);
                 Seat { position: position(*id), column: has.map_or(NONE, |b| b.column), front: has.map_or(NONE, |b| b.front) }
             }
@@ -340,11 +335,17 @@ impl Columns {
         self.seats.clear();
         self.seats.extend(uses.iter().map(seat));
     }
-}
 
-/// Whether a run begins where another one ends, in `x` and in the columns.
-fn continues<T>(last: &ColumnRun<T>, run: &ColumnRun<T>) -> bool {
-    last.variable + last.len == run.variable && last.column + last.len == run.column
+    /// The columns as runs, as long as they can be.
+    fn add_runs(&self, runs: &mut Vec<Run>) {
+        let first = runs.len();
+        for &BlockColumns { position, len, column, front, .. } in &self.blocks {
+            match runs[first..].last_mut() {
+                Some(last) if last.variable + last.len == position => last.len += len,
+                _ => runs.push(Run { variable: position, front, column, len }),
+            }
+        }
+    }
 }
 
 fn constants<T: Real>(task: &Task, settings: &TranscriptionSettings, interval: f64, force_limit: f64) -> Constants<T> {

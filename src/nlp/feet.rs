@@ -103,7 +103,7 @@ fn reach_instant<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>, ReachTime
     let first = b.tables.reach_feet.len();
     let base_uses: [Use; 4] = std::array::from_fn(|i| match base.weights[i].as_f64() {
         0. => Use::Reads(blocks[i]),
-        weight => Use::Shares(blocks[i], weight),
+        _ => Use::Shares(blocks[i]),
     });
     b.tables.reach_instants.push(ReachInstant { base, feet: Span::default() });
     for foot in feet {

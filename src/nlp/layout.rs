@@ -9,7 +9,7 @@ use super::sweep::Step;
 use crate::gait::Phase;
 use crate::gait::trajectory::MotionLimits;
 use crate::real::Real;
-use crate::rows::table::{ColumnRun, Place, Run, Span};
+use crate::rows::table::{NONE, Place, Run, Span};
 use crate::rows::{Family, Tables};
 use crate::settings::Transcription;
 use std::ops::{Deref, DerefMut};
@@ -25,7 +25,7 @@ crate::table! {
         pub pairs: u32,
         /// Where they stand.
         pub place: Place,
-        /// Its columns as runs of variables, in [`Layout::runs`].
+        /// Its columns as runs of variables, in [`Layout::runs`]; none of reach rows, whose tables have them ([`Layout::columns`]).
         pub runs: Span,
     }
 }
@@ -52,7 +52,7 @@ pub struct Layout<T> {
     /// Elements, in the order of the sweep.
     pub elements: Vec<Element>,
     /// Columns of the elements.
-    pub runs: Vec<ColumnRun<T>>,
+    pub runs: Vec<Run>,
     /// The sweep.
     pub steps: Vec<Step>,
     /// Front-to-front moves and front contents, see [`Step`].
@@ -85,6 +85,23 @@ impl<T: Real> Layout<T> {
     /// Largest normal force of a foot, N.
     pub fn force_limit(&self) -> f64 {
         self.curves.force_limit
+    }
+
+    /// What the rows of each element depend on: columns as runs of variables, and how much their values count for these. Reach rows depend on
+    /// the blocks of the base through the six columns of their pose, by weights.
+    pub fn columns(&self) -> Vec<Vec<(Run, T)>> {
+        let instants = self.reach_instants.iter();
+        let mut feet = instants.flat_map(|instant| self.reach_feet[instant.feet.range()].iter().map(|foot| (&instant.base, foot)));
+        let mut of_reach = || {
+            let Some((base, foot)) = feet.next() else { return Vec::new() };
+            let pose = (0..4).map(|i| (Run { variable: base.variable[i], front: base.front[i], column: 0, len: 6 }, base.weights[i]));
+            let own = foot.own_runs(&self.footholds).map(|run| (run, T::one()));
+            let mut all: Vec<(Run, T)> = pose.filter(|(run, _)| run.front != NONE).chain(own).collect();
+            all.sort_by_key(|(run, _)| run.column);
+            all
+        };
+        let own = |element: &Element| self.runs[element.runs.range()].iter().map(|run| (*run, T::one())).collect();
+        self.elements.iter().map(|e| if e.family == Family::Reach { of_reach() } else { own(e) }).collect()
     }
 
     /// Bytes of the tables and of the buffers of one solve.

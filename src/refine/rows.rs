@@ -163,17 +163,18 @@ pub(super) fn linear(space: &Space, point: &Point) -> Result<Linear> {
     for (i, element) in layout.elements.iter().enumerate() {
         element_of[element.place.row as usize] = i as u32;
     }
+    let runs = layout.columns();
     let mut rows: Vec<Row> = Vec::new();
     for (element, at) in known.iter().map(|e| (e, element_of[e.place.row as usize] as usize)) {
         for r in 0..element.rows {
             let mut by = Gradient::new();
-            for run in &layout.runs[layout.elements[at].runs.range()] {
+            for (run, weight) in &runs[at] {
                 for i in 0..run.len as usize {
                     let value =
                         here.jacobian[element.place.jacobian as usize + r * element.place.stride as usize + run.column as usize + i];
                     let (variable, scale) = columns[run.variable as usize + i];
                     if value != 0. {
-                        by.push((variable, run.weight * value * scale));
+                        by.push((variable, weight * value * scale));
                     }
                 }
             }

@@ -6,7 +6,7 @@
 use super::blocks::Placed;
 use super::math::{cross, euler, mul_transposed, scale, sub};
 use super::momentum::{Deviation, INNER_POINTS};
-use super::table::{NONE, Place, Span};
+use super::table::{NONE, Place, Run, Span};
 use super::write::Rows;
 use super::{Spec, Tables};
 use crate::real::Real;
@@ -67,6 +67,19 @@ crate::table! {
         pub front: [u32; 3],
         /// Buffers.
         pub place: Place,
+    }
+}
+
+impl<T> ReachFoot<T> {
+    /// Its own columns that are free: those of the footholds and of the swing height.
+    ///
+    /// * `footholds` - see [`Tables::footholds`]
+    #[inline(always)]
+    pub fn own_runs(&self, footholds: &[u32]) -> impl Iterator<Item = Run> {
+        let foothold = |i: usize| (self.front[i] != NONE).then(|| (footholds[self.foothold[i] as usize], self.foothold_column[i], 2));
+        let height = (self.front[2] != NONE).then_some((self.height, self.height_column, 1));
+        let all = [foothold(0), foothold(1), height].into_iter().zip(self.front);
+        all.filter_map(|(run, front)| run.map(|(variable, column, len)| Run { variable, front, column, len }))
     }
 }
 

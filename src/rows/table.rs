@@ -157,32 +157,17 @@ table! {
         pub end: u32,
     }
 
-    /// Consecutive variables: in `x`, in the front, and in the previous front.
+    /// Consecutive variables: in `x`, in the front, and in the columns of an element or in the previous front.
     #[derive(PartialEq, Eq)]
     pub struct Run {
         /// First variable.
         pub variable: u32,
         /// Its index in the front.
         pub front: u32,
-        /// Its index in the previous front.
+        /// Its column in the element, or its index in the previous front.
         pub column: u32,
         /// How many.
         pub len: u32,
-    }
-
-    /// Consecutive variables that the rows of an element depend on: by `weight` times the values in its columns. Several may share columns.
-    #[derive(PartialEq)]
-    pub struct ColumnRun<T> {
-        /// First variable.
-        pub variable: u32,
-        /// Its index in the front.
-        pub front: u32,
-        /// Its column in the element.
-        pub column: u32,
-        /// How many.
-        pub len: u32,
-        /// What the values in the columns are to be multiplied by; 1 where columns are not shared.
-        pub weight: T,
     }
 
     /// Where an element's rows stand in the buffers.

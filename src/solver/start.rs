@@ -1,28 +1,20 @@
 //! The start of a solve: column scaling, first slacks and multipliers.
 
 use super::slacks::Slacks;
+use crate::linear::transposed::transposed_squares_times;
 use crate::nlp::Layout;
 use crate::real::Real;
 use multiversion::multiversion;
 
 /// Column scaling `D_j = sum_eq J_ij^2 + 1/2 sum_ineq J_ij^2`, at least 1e-2.
-#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn column_scaling<T: Real>(layout: &Layout<T>, jacobian: &[T], diagonal: &mut [T]) {
-    diagonal.fill(T::zero());
-    for element in &layout.elements {
-        let place = &element.place;
-        for r in 0..element.rows as usize {
-            // A two-sided row counts twice.
-            let sides = if (place.row as usize) < layout.equalities || r < element.pairs as usize { T::one() } else { T::of(0.5) };
-            let row = &jacobian[place.jacobian as usize + r * place.stride as usize..][..place.stride as usize];
-            for run in &layout.runs[element.runs.range()] {
-                for i in 0..run.len as usize {
-                    let v = run.weight * row[run.column as usize + i];
-                    diagonal[run.variable as usize + i] += sides * v * v;
-                }
-            }
-        }
+    let (mut counts, mut local) = (vec![T::one(); layout.rows], vec![T::zero(); layout.widest]);
+    for element in layout.elements.iter().filter(|e| e.place.row as usize >= layout.equalities) {
+        // A two-sided row counts twice.
+        let row = element.place.row as usize;
+        counts[row + element.pairs as usize..row + element.rows as usize].fill(T::of(0.5));
     }
+    transposed_squares_times(layout, jacobian, &counts, &mut local, diagonal);
     for d in diagonal {
         *d = d.max(T::of(1e-2));
     }

@@ -286,13 +286,13 @@ pub fn shared<T: Real>(layout: &Layout<T>) -> Shared<T> {
 /// The Jacobian as a matrix, `[rows][variables]`, from the tables of the layout.
 pub fn dense_jacobian<T: Real>(layout: &Layout<T>, values: &[T]) -> DMatrix<f64> {
     let mut dense = DMatrix::zeros(layout.rows, layout.variables);
-    for element in &layout.elements {
+    for (element, runs) in layout.elements.iter().zip(layout.columns()) {
         let place = &element.place;
         for r in 0..element.rows as usize {
-            for run in &layout.runs[element.runs.range()] {
+            for (run, weight) in &runs {
                 for i in 0..run.len as usize {
                     let value = values[place.jacobian as usize + r * place.stride as usize + run.column as usize + i];
-                    dense[(place.row as usize + r, run.variable as usize + i)] += run.weight.as_f64() * value.as_f64();
+                    dense[(place.row as usize + r, run.variable as usize + i)] += weight.as_f64() * value.as_f64();
                 }
             }
         }

@@ -14,7 +14,7 @@ use std::io::Write;
 
 /// Waves that a SIMD is to hold at least, in the order of [`CHIPS`], of shaders that do not fill it: as many as Mesa 22.3 gives them.
 ///
-/// The rows have more at hand than registers for all waves; `front` keeps its front in workgroup memory.
+/// The rows and their products have more at hand than registers for all waves; `front` keeps its front in workgroup memory.
 const LEAST_WAVES: &[(Shader, [u64; 3])] = &[
     (Shader::Dynamics, [12, 12, 3]),
     (Shader::Momentum, [12, 12, 3]),
@@ -23,6 +23,7 @@ const LEAST_WAVES: &[(Shader, [u64; 3])] = &[
     (Shader::Swing, [21, 24, 6]),
     (Shader::Cone, [21, 32, 8]),
     (Shader::Front, [3, 4, 1]),
+    (Shader::Product, [21, 24, 7]),
     (Shader::Judge, [32, 32, 8]),
 ];
 /// What fills a SIMD.

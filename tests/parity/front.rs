@@ -42,15 +42,15 @@ impl System {
         let mut matrix = DMatrix::from_diagonal(&wide(&self.diagonal));
         let mut rhs = -wide(&self.gradient);
         let mut size = rhs.abs();
-        for element in &layout.elements {
+        for (element, runs) in layout.elements.iter().zip(layout.columns()) {
             let place = &element.place;
             for r in 0..element.rows as usize {
                 let row = &jacobian[place.jacobian as usize + r * place.stride as usize..];
-                let entries: Vec<(usize, f64)> = layout.runs[element.runs.range()]
+                let entries: Vec<(usize, f64)> = runs
                     .iter()
-                    .flat_map(|run| {
+                    .flat_map(|(run, weight)| {
                         (0..run.len)
-                            .map(move |i| ((run.variable + i) as usize, f64::from(run.weight) * f64::from(row[(run.column + i) as usize])))
+                            .map(move |i| ((run.variable + i) as usize, f64::from(*weight) * f64::from(row[(run.column + i) as usize])))
                     })
                     .filter(|entry| entry.1 != 0.)
                     .collect();

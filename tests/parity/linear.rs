@@ -9,8 +9,6 @@ use crate::{SUBSTITUTION, SUM};
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::linear::front::{Factor, factorise};
 use cregopt::linear::{forward, product, transposed};
-use cregopt::rows::Family;
-use cregopt::rows::table::Span;
 use cregopt::solver::advance;
 use cregopt::solver::control::{CLOSE, EXACT, SOLVED, STEP};
 use std::collections::BTreeMap;
@@ -21,8 +19,10 @@ fn product_agrees_with_its_twin() {
         Shader::Product,
         &[STEP, CLOSE, EXACT, SOLVED],
         |s, prepared| {
-            // Elements that are not there have no product.
-            prepared.slot.elements = prepared.slot.elements.min([63, 64, 65, u32::MAX][s / 4 % 4]);
+            // Elements and instants that are not there have no product.
+            let most = [63, 64, 65, u32::MAX][s / 4 % 4];
+            prepared.slot.elements = prepared.slot.elements.min(most);
+            prepared.slot.reach_instants = prepared.slot.reach_instants.min(most);
         },
         |lab, s, state, random| {
             let to = lab.jacobian(s, state.progress[s].current);
@@ -36,12 +36,7 @@ fn product_agrees_with_its_twin() {
             }
             let mut layout = lab.slots[s].layout.clone();
             layout.elements.truncate(lab.slots[s].counts.elements as usize);
-            // The twin goes through the feet of reach instants instead of their elements.
-            let mut left = layout.elements.iter().filter(|e| e.family == Family::Reach).count() as u32;
-            for Span { start, end } in layout.reach_instants.iter_mut().map(|instant| &mut instant.feet) {
-                *end = (*start + left).min(*end);
-                left -= *end - *start;
-            }
+            layout.reach_instants.truncate(lab.slots[s].counts.reach_instants as usize);
             let jacobian = state.jacobian[lab.jacobian(s, state.progress[s].current)].to_vec();
             let d = state.values[lab.of_variables(s, batch.direction)].to_vec();
             let times = |jacobian: &[f32], d: &[f32]| {

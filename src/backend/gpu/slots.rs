@@ -72,14 +72,19 @@ fn walk(layout: &Layout<f32>, own: &ShaderTables, workgroup: usize) -> u32 {
         });
         1 + rows.max().unwrap_or(0)
     });
+    let by_instant = layout.reach_instants.chunks(workgroup).map(|together| {
+        // Four blocks, and the columns of each foot.
+        let feet = together.iter().map(|instant| 4 + instant.feet.range().len() as u32 * 6);
+        5 + feet.max().unwrap_or(0)
+    });
     let by_variable = own.gathers.chunks(workgroup).map(|together| {
         let touches = together.iter().map(|g| {
             let touches = &own.touches[g.touches.range()];
-            touches.iter().map(|t| 1 + layout.elements[t.element as usize].rows).sum::<u32>()
+            touches.iter().map(|t| 1 + t.count * (1 + layout.elements[t.element as usize].rows)).sum::<u32>()
         });
         1 + touches.max().unwrap_or(0)
     });
-    by_element.sum::<u32>().max(by_variable.sum())
+    (by_element.sum::<u32>() + by_instant.sum::<u32>()).max(by_variable.sum())
 }
 
 /// Which list of slots a dispatch works on.

@@ -9,7 +9,7 @@
 
 use crate::nlp::Layout;
 use crate::rows::momentum::{MOMENTUM_POINTS, MomentumPoint};
-use crate::rows::table::{ColumnRun, MemberArray, Span, Wgsl};
+use crate::rows::table::{MemberArray, NONE, Run, Span, Wgsl};
 use crate::rows::{Constants, Family, row_tables};
 use crate::settings::SolverSettings;
 use crate::solver::control::{Limits, Progress};
@@ -436,11 +436,13 @@ crate::table! {
         pub offset: u32,
     }
 
-    /// An element that touches a block of variables.
+    /// Consecutive elements that touch a block of variables by the same columns.
     #[derive(Default, PartialEq)]
     pub struct Touch<T> {
-        /// The element.
+        /// The first element.
         pub element: u32,
+        /// How many.
+        pub count: u32,
         /// Column of the first variable of the block.
         pub column: u32,
         /// What the values in the columns are to be multiplied by.
@@ -528,9 +530,10 @@ impl ShaderTables {
 
     /// Blocks are the longest runs of variables that the same elements touch.
     fn gather(&mut self, layout: &Layout<f32>) {
+        let touched = touched(layout);
         // Where runs begin or end, blocks do.
         let mut begins = vec![false; layout.variables + 1];
-        for run in &layout.runs {
+        for (run, _) in &touched {
             begins[run.variable as usize] = true;
             begins[(run.variable + run.len) as usize] = true;
         }
@@ -542,9 +545,9 @@ impl ShaderTables {
             }
             block_of.push(firsts.len() - 1);
         }
-        let blocks_of = |run: &ColumnRun<f32>| block_of[run.variable as usize]..=block_of[(run.variable + run.len - 1) as usize];
+        let blocks_of = |run: &Run| block_of[run.variable as usize]..=block_of[(run.variable + run.len - 1) as usize];
         let mut ends = vec![0u32; firsts.len() + 1];
-        for run in &layout.runs {
+        for (run, _) in &touched {
             for block in blocks_of(run) {
                 ends[block + 1] += 1;
             }
@@ -554,13 +557,10 @@ impl ShaderTables {
         }
         let starts = ends.clone();
         self.touches = vec![Touch::default(); ends[firsts.len()] as usize];
-        for (element, entry) in layout.elements.iter().enumerate() {
-            for run in &layout.runs[entry.runs.range()] {
-                for block in blocks_of(run) {
-                    let column = run.column + firsts[block] - run.variable;
-                    self.touches[ends[block] as usize] = Touch { element: element as u32, column, weight: run.weight };
-                    ends[block] += 1;
-                }
+        for (run, touch) in &touched {
+            for block in blocks_of(run) {
+                self.touches[ends[block] as usize] = Touch { column: touch.column + firsts[block] - run.variable, ..*touch };
+                ends[block] += 1;
             }
         }
         self.gathers = (0..layout.variables)
@@ -571,6 +571,30 @@ impl ShaderTables {
             })
             .collect();
     }
+}
+
+/// Which variables are touched by which elements, reach rows behind all others: the feet of an instant touch the base together.
+fn touched(layout: &Layout<f32>) -> Vec<(Run, Touch<f32>)> {
+    let of_run = |run: Run, element: usize| (run, Touch { element: element as u32, count: 1, column: run.column, weight: 1. });
+    let elements = layout.elements.iter().enumerate();
+    let others = elements.clone().flat_map(|(i, element)| layout.runs[element.runs.range()].iter().map(move |run| of_run(*run, i)));
+    let mut touched: Vec<_> = others.collect();
+    let mut reach = elements.filter(|(_, element)| element.family == Family::Reach).map(|(i, _)| i);
+    for instant in &layout.reach_instants {
+        let feet = &layout.reach_feet[instant.feet.range()];
+        let base = &instant.base;
+        // Elements of the feet of an instant follow each other.
+        let Some(first) = reach.next() else { break };
+        for i in (0..4).filter(|&i| base.front[i] != NONE) {
+            let run = Run { variable: base.variable[i], front: base.front[i], column: 0, len: 6 };
+            touched.push((run, Touch { element: first as u32, count: feet.len() as u32, column: 0, weight: base.weights[i] }));
+        }
+        for (number, foot) in feet.iter().enumerate() {
+            touched.extend(foot.own_runs(&layout.footholds).map(|run| of_run(run, first + number)));
+        }
+        reach.by_ref().take(feet.len() - 1).for_each(drop);
+    }
+    touched
 }
 
 /// What the largest candidate of a batch needs.
