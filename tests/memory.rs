@@ -31,7 +31,7 @@ unsafe impl GlobalAlloc for Counted {
 #[global_allocator]
 static COUNTED: Counted = Counted;
 
-/// Most that a candidate may take, bytes: a third of the values of a biped's variables alone.
+/// Most that a candidate may take, bytes: a quarter of the values of its variables alone.
 const MOST: usize = 2048;
 
 /// What is held when a generation of this size has been ranked, bytes.
