@@ -114,8 +114,8 @@ impl Backend for Backwards {
         "backwards".into()
     }
 
-    fn threads(&self) -> usize {
-        self.0.threads()
+    fn pool(&self) -> &rayon::ThreadPool {
+        self.0.pool()
     }
 
     fn solve(&self, job: &Job, skip: &(dyn Fn(usize) -> bool + Sync), finish: &(dyn Fn(usize, Solution) + Sync)) {

@@ -20,7 +20,7 @@ use cregopt::gait::family::families;
 use cregopt::nlp::transcription;
 use cregopt::scenario::Scenario;
 use cregopt::search::cem::{
-    self, CemSettings, Distribution, Evaluation, Evaluator, FreeDistribution, PeriodicDistribution, PeriodicSettings,
+    self, Answer, CemSettings, Distribution, Evaluation, Evaluator, FreeDistribution, PeriodicDistribution, PeriodicSettings, Worth,
 };
 use cregopt::search::evaluate::{LowerSettings, evaluate};
 use cregopt::settings::{Transcription, TranscriptionSettings};
@@ -76,10 +76,11 @@ struct Keep(Vec<Schedule>, f64, Instant);
 impl Evaluator for Keep {
     type Solution = ();
 
-    fn evaluate(&mut self, _generation: usize, schedules: &[Schedule], _first_feasible: bool) -> Vec<Option<(Evaluation, ())>> {
+    fn evaluate(&mut self, _: usize, schedules: &[Schedule], _first_feasible: bool, _: Worth) -> Vec<Option<Answer<()>>> {
         self.1 = self.2.elapsed().as_secs_f64();
         self.0 = schedules.to_vec();
-        schedules.iter().map(|_| Some((Evaluation { n_violated: 1, feasible: false, mean_normal_force: 0., cost: None }, ()))).collect()
+        let evaluation = Evaluation { n_violated: 1, feasible: false, certified: true, mean_normal_force: 0., cost: None };
+        schedules.iter().map(|_| Some((evaluation, None))).collect()
     }
 }
 

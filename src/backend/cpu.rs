@@ -24,12 +24,6 @@ impl Cpu {
             .map_err(|e| Error::invalid("threads", format!("{threads}: {e}"), "a number of threads that the system starts"))
     }
 
-    /// Its threads.
-    #[cfg(feature = "gpu")]
-    pub(super) fn pool(&self) -> &rayon::ThreadPool {
-        &self.pool
-    }
-
     /// Takes candidates in order: with an early exit the first ones matter most.
     fn work<T: Real>(
         &self,
@@ -67,8 +61,8 @@ impl Backend for Cpu {
         format!("cpu, {} threads", self.threads())
     }
 
-    fn threads(&self) -> usize {
-        self.pool.current_num_threads()
+    fn pool(&self) -> &rayon::ThreadPool {
+        &self.pool
     }
 
     fn batch(&self) -> usize {

@@ -84,8 +84,13 @@ pub trait Backend: Send + Sync {
         None
     }
 
-    /// Threads of the CPU that it uses.
-    fn threads(&self) -> usize;
+    /// Threads of the CPU that it uses, for what is done on the CPU before and after its solves, too.
+    fn pool(&self) -> &rayon::ThreadPool;
+
+    /// How many those are.
+    fn threads(&self) -> usize {
+        self.pool().current_num_threads()
+    }
 
     /// Problems that are worth handing over at once: with more nothing is faster.
     fn batch(&self) -> usize {

@@ -282,14 +282,10 @@ impl DeviceArgs {
             }
             (DeviceArg::Gpu(name), _) => Ok(gpu(name.as_deref(), threads)?),
             (DeviceArg::Auto, _) if batch < AUTO_BATCH => cpu(),
-            (DeviceArg::Auto, _) => match sooner(batch, threads) {
-                Ok(Some(gpu)) => Ok(gpu),
-                Ok(None) => cpu(),
-                Err(error) => {
-                    warn!("on the CPU: {error}");
-                    cpu()
-                }
-            },
+            (DeviceArg::Auto, _) => sooner(batch, Cpu::new(threads)?).or_else(|error| {
+                warn!("on the CPU: {error}");
+                cpu()
+            }),
         }
     }
 }
@@ -300,11 +296,11 @@ fn gpu(name: Option<&str>, threads: usize) -> Result<Box<dyn Backend>> {
     Ok(Box::new(crate::backend::Gpu::open(name, true, threads)?))
 }
 
-/// A GPU where a batch is sooner done on it than on the CPU.
+/// A GPU where a batch is sooner done on it, otherwise the CPU.
 #[cfg(feature = "gpu")]
-fn sooner(batch: usize, threads: usize) -> Result<Option<Box<dyn Backend>>> {
+fn sooner(batch: usize, cpu: Cpu) -> Result<Box<dyn Backend>> {
     use crate::backend::gpu::{Folder, crossover::choose};
-    Ok(choose(batch, threads, &Folder::of_user())?.map(|gpu| Box::new(gpu) as Box<dyn Backend>))
+    choose(batch, cpu, &Folder::of_user())
 }
 
 #[cfg(not(feature = "gpu"))]
@@ -313,8 +309,8 @@ fn gpu(_: Option<&str>, _: usize) -> Result<Box<dyn Backend>> {
 }
 
 #[cfg(not(feature = "gpu"))]
-fn sooner(_: usize, threads: usize) -> Result<Option<Box<dyn Backend>>> {
-    gpu(None, threads).map(Some)
+fn sooner(_: usize, cpu: Cpu) -> Result<Box<dyn Backend>> {
+    gpu(None, cpu.threads())
 }
 
 /// Processes of this program that solve with Ipopt.

@@ -178,7 +178,7 @@ impl Leg {
         let mut refinement = None;
         if *refines && found.best.feasible() {
             let start = Instant::now();
-            let (best, refined) = found.best.refined(&task, search, lower, refine, &called_off)?;
+            let (best, refined) = found.best.refined(&task, search, lower, refine, backend, &called_off)?;
             found.best = best;
             refinement = Some(Refinement { refined, settings: refine.clone(), seconds: start.elapsed().as_secs_f64() });
         }

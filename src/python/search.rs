@@ -6,7 +6,7 @@ use super::joints::Joints;
 use super::motion::{Certificate, Samples, Trajectory};
 use super::workers::Workers;
 use super::world::{Robot, Task};
-use crate::backend::locked;
+use crate::backend::{Cpu, locked};
 use crate::cli::args::World;
 use crate::cli::held::{Asked, Held};
 use crate::cli::leg::{Leg, leg_folder};
@@ -264,7 +264,7 @@ pub fn search(
     let legs = working(py, progress.as_ref(), |cancelled, hear| {
         let asking = solve.asking()?;
         let backend = match workers {
-            Some((device, solve)) => Box::new(Workers { device, solve, cancelled, exception: &exception }),
+            Some((device, solve)) => Box::new(Workers { device, solve, cpu: Cpu::new(0)?, cancelled, exception: &exception }),
             None => solve.lower.backend(asking.search.population).map_err(Error::from)?,
         };
         task.0.search(&asking, None, &*backend, cancelled, hear, &mut |_, _| Ok(()))

@@ -3,7 +3,7 @@
 use super::call::working;
 use super::convert::{from_python, raised, to_python};
 use super::world::Task;
-use crate::backend::{Backend, Job, Precision, Problem, Solution, locked};
+use crate::backend::{Backend, Cpu, Job, Precision, Problem, Solution, locked};
 use crate::cli::args::{DeviceArg, DeviceArgs};
 use crate::cli::leg::Way;
 use crate::error::{Error, from_json};
@@ -50,6 +50,8 @@ pub struct Workers<'a> {
     /// ``solve(task, settings, schedules)`` is an iterator over pairs of an index and the [`Answer`]s from there on, in any order, and over None
     /// now and then, that it may be asked whether to go on.
     pub solve: Py<PyAny>,
+    /// Threads of this process, for what is done with their answers.
+    pub cpu: Cpu,
     /// Is set when they cannot: nobody else would end the search.
     pub cancelled: &'a AtomicBool,
     /// The exception of why.
@@ -74,7 +76,7 @@ impl Workers<'_> {
             self.solve.call1(py, (Task(Arc::new(way)), lower, schedules))?.bind(py).try_iter().map(|answers| answers.unbind().into_any())
         })?;
         let mut open = vec![true; problems.len()];
-        rayon::in_place_scope(|scope| {
+        self.pool().in_place_scope(|scope| {
             while (0..open.len()).any(|i| open[i] && !skip(first + i)) {
                 let next = Python::attach(|py| -> PyResult<_> {
                     let Some(next) = answers.bind(py).try_iter()?.next() else {
@@ -104,8 +106,8 @@ impl Backend for Workers<'_> {
         self.device.clone()
     }
 
-    fn threads(&self) -> usize {
-        rayon::current_num_threads()
+    fn pool(&self) -> &rayon::ThreadPool {
+        self.cpu.pool()
     }
 
     fn solve(&self, job: &Job, skip: &(dyn Fn(usize) -> bool + Sync), finish: &(dyn Fn(usize, Solution) + Sync)) {

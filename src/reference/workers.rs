@@ -9,7 +9,7 @@ use crate::backend::locked;
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
 use crate::search::cem::Evaluation;
-use crate::search::{Cancelled, LowerLevel, Solved};
+use crate::search::{Certify, LowerLevel, Solved};
 use crate::task::Task;
 use std::io::{BufRead, BufReader, Write};
 use std::path::PathBuf;
@@ -202,21 +202,19 @@ pub struct IpoptLevel<'a> {
 impl LowerLevel for IpoptLevel<'_> {
     type Solution = Answer;
 
-    fn solve(&self, schedules: &[Schedule], first_feasible: bool, cancelled: Cancelled) -> Result<Vec<Option<Solved<Answer>>>> {
+    fn solve(
+        &self,
+        schedules: &[Schedule],
+        _: Certify,
+        skip: &(dyn Fn(usize) -> bool + Sync),
+        finish: &(dyn Fn(usize, Solved<Answer>) + Sync),
+    ) -> Result<()> {
         let start = Instant::now();
-        let lowest = AtomicUsize::new(usize::MAX);
         let jobs: Vec<Job> = schedules.iter().map(|schedule| Job::fixed(self.task, schedule, self.options)).collect();
-        let results: Vec<Mutex<Option<Solved<Answer>>>> = jobs.iter().map(|_| Mutex::default()).collect();
-        let skip = |index: usize| cancelled() || (first_feasible && index > lowest.load(Ordering::Relaxed));
-        self.workers.solve(&jobs, &skip, &|index, answer: Answer| {
-            if answer.feasible {
-                lowest.fetch_min(index, Ordering::Relaxed);
-            }
+        self.workers.solve(&jobs, skip, &|index, answer: Answer| {
             let Answer { n_violated, feasible, mean_normal_force, .. } = answer;
-            let evaluation = Evaluation { n_violated, feasible, mean_normal_force, cost: None };
-            *locked(&results[index]) = Some(Solved { evaluation, finished_after: start.elapsed().as_secs_f64(), solution: answer });
-        })?;
-        let lowest = if first_feasible { lowest.into_inner() } else { usize::MAX };
-        Ok(results.iter().enumerate().map(|(i, result)| locked(result).take().filter(|_| i <= lowest)).collect())
+            let evaluation = Evaluation { n_violated, feasible, certified: true, mean_normal_force, cost: None };
+            finish(index, Solved { evaluation, finished_after: start.elapsed().as_secs_f64(), solution: answer });
+        })
     }
 }

@@ -1,13 +1,15 @@
 //! Who solves the schedules of a search, and the clock beside it.
 
-use super::cem::{Candidate, CemSettings, Distribution, Evaluation, Evaluator, GenerationRecord, StopReason, run};
-use super::evaluate::{Cancelled, Certify, Evaluated, LowerSettings, batch};
-use crate::backend::Backend;
+use super::cem::{Answer, Candidate, CemSettings, Distribution, Evaluation, Evaluator, GenerationRecord, StopReason, Worth, run};
+use super::evaluate::{Certify, Evaluated, LowerSettings, Needed, batch};
+use super::population::{KEPT, Population};
+use crate::backend::{Backend, locked};
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
 use crate::gait::cost::CostWeights;
 use crate::task::Task;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// One candidate as a [`LowerLevel`] solved it.
@@ -24,21 +26,28 @@ pub struct Solved<S> {
 /// Who solves the schedules: this program's solver ([`BatchSolver`]), or another one to compare with.
 pub trait LowerLevel {
     /// What is kept of a candidate.
-    type Solution;
+    type Solution: Send;
 
-    /// Solves schedules; the result has their order and number. `first_feasible` and `cancelled` as in
-    /// [`evaluate`](super::evaluate::evaluate()).
+    /// Solves schedules, and hands over each when it is solved, in any order and from any thread.
+    ///
+    /// * `certify` - which of them have to be certified; more may be
+    /// * `skip` - asked before and during the solve of a candidate whether to drop it
     ///
     /// # Errors
     /// What keeps it from solving any.
-    fn solve(&self, schedules: &[Schedule], first_feasible: bool, cancelled: Cancelled) -> Result<Vec<Option<Solved<Self::Solution>>>>;
+    fn solve(
+        &self,
+        schedules: &[Schedule],
+        certify: Certify,
+        skip: &(dyn Fn(usize) -> bool + Sync),
+        finish: &(dyn Fn(usize, Solved<Self::Solution>) + Sync),
+    ) -> Result<()>;
 
-    /// As [`LowerLevel::solve`] of all, leaving it to the caller to certify the solved ones that it wants. By default nothing is left.
-    ///
-    /// # Errors
-    /// As [`LowerLevel::solve`].
-    fn solve_alone(&self, schedules: &[Schedule], cancelled: Cancelled) -> Result<Vec<Option<Solved<Self::Solution>>>> {
-        self.solve(schedules, false, cancelled)
+    /// Solutions of schedules that were solved before, made again; `None` where that fails.
+    fn again(&self, schedules: &[Schedule], certify: Certify) -> Vec<Option<Self::Solution>> {
+        let solutions: Vec<Mutex<Option<Self::Solution>>> = schedules.iter().map(|_| Mutex::default()).collect();
+        let done = self.solve(schedules, certify, &|_| false, &|index, solved| *locked(&solutions[index]) = Some(solved.solution));
+        solutions.iter().map(|solution| locked(solution).take().filter(|_| done.is_ok())).collect()
     }
 }
 
@@ -58,21 +67,16 @@ pub struct BatchSolver<'a> {
 impl LowerLevel for BatchSolver<'_> {
     type Solution = Evaluated;
 
-    fn solve(&self, schedules: &[Schedule], first_feasible: bool, cancelled: Cancelled) -> Result<Vec<Option<Solved<Evaluated>>>> {
-        self.certifying(schedules, if first_feasible { Certify::UntilFeasible } else { Certify::All }, cancelled)
-    }
-
-    fn solve_alone(&self, schedules: &[Schedule], cancelled: Cancelled) -> Result<Vec<Option<Solved<Evaluated>>>> {
-        self.certifying(schedules, Certify::Unsolved, cancelled)
-    }
-}
-
-impl BatchSolver<'_> {
-    fn certifying(&self, schedules: &[Schedule], wanted: Certify, cancelled: Cancelled) -> Result<Vec<Option<Solved<Evaluated>>>> {
+    fn solve(
+        &self,
+        schedules: &[Schedule],
+        certify: Certify,
+        skip: &(dyn Fn(usize) -> bool + Sync),
+        finish: &(dyn Fn(usize, Solved<Evaluated>) + Sync),
+    ) -> Result<()> {
         let candidates: Vec<(&Task, &Schedule)> = schedules.iter().map(|s| (self.task, s)).collect();
-        let results = batch(&candidates, self.settings, self.cost, self.backend, wanted, cancelled)?;
         let solved = |r: Evaluated| Solved { evaluation: r.evaluation(), finished_after: r.finished_after, solution: r };
-        Ok(results.into_iter().map(|r| r.map(solved)).collect())
+        batch(&candidates, self.settings, self.cost, self.backend, certify, skip, &|index, r| finish(index, solved(r)))
     }
 }
 
@@ -117,17 +121,24 @@ pub(super) struct Timed<'a, L> {
     pub first_feasible_after: Option<f64>,
     /// Whether only what is wanted is certified, once there is a certified candidate.
     on_demand: bool,
+    /// Solutions that are kept of a generation.
+    kept: usize,
     error: Option<Error>,
 }
 
 impl<'a, L> Timed<'a, L> {
     pub fn new(level: &'a L, clock: Clock<'a>) -> Self {
-        Timed { level, clock, first_feasible_after: None, on_demand: false, error: None }
+        Timed { level, clock, first_feasible_after: None, on_demand: false, kept: KEPT, error: None }
     }
 
     /// Once there is a certified candidate, the caller certifies what it wants.
     pub fn on_demand(self) -> Self {
         Timed { on_demand: true, ..self }
+    }
+
+    /// Keeps this many solutions of a generation.
+    pub fn keeping(self, kept: usize) -> Self {
+        Timed { kept, ..self }
     }
 
     /// What the lower level could not do.
@@ -139,26 +150,40 @@ impl<'a, L> Timed<'a, L> {
 impl<L: LowerLevel> Evaluator for Timed<'_, L> {
     type Solution = L::Solution;
 
-    fn evaluate(&mut self, _generation: usize, schedules: &[Schedule], first_feasible: bool) -> Vec<Option<(Evaluation, L::Solution)>> {
+    fn evaluate(
+        &mut self,
+        _generation: usize,
+        schedules: &[Schedule],
+        first_feasible: bool,
+        worth: Worth,
+    ) -> Vec<Option<Answer<L::Solution>>> {
         let (before, clock) = (self.clock.seconds(), self.clock);
         // The first generation is solved whatever the time: a search without a candidate has nothing to return.
-        let ends = |timed: bool| clock.cancelled() || (timed && clock.up());
         let timed = self.first_feasible_after.is_some();
-        let ends = || ends(timed);
-        let results = if self.on_demand && timed && !first_feasible {
-            self.level.solve_alone(schedules, &ends)
-        } else {
-            self.level.solve(schedules, first_feasible, &ends)
-        };
-        let results = results.unwrap_or_else(|e| {
-            self.error = Some(e);
-            schedules.iter().map(|_| None).collect()
+        let certify = if self.on_demand && timed && !first_feasible { Certify::Unsolved } else { Certify::All };
+        let needed = Needed::new(first_feasible);
+        let skip = |index: usize| clock.cancelled() || (timed && clock.up()) || !needed.has(index);
+        let population = Mutex::new(Population::new(schedules.len(), self.kept));
+        let solved = self.level.solve(schedules, certify, &skip, &|index, solved| {
+            needed.note(index, solved.evaluation.feasible);
+            let objective = worth(index, &solved.evaluation);
+            locked(&population).add(index, objective, solved);
         });
-        let feasible = results.iter().flatten().filter(|r| r.evaluation.feasible).map(|r| before + r.finished_after);
-        self.first_feasible_after = self.first_feasible_after.or_else(|| feasible.reduce(f64::min));
+        if let Err(error) = solved {
+            self.error = Some(error);
+            return schedules.iter().map(|_| None).collect();
+        }
+        let mut population = population.into_inner().unwrap_or_else(PoisonError::into_inner);
+        population.retain(|index| needed.has(index));
+        self.first_feasible_after = self.first_feasible_after.or(population.first_feasible_after().map(|after| before + after));
+        let answers = population.answers();
         // Which candidates were solved before the time was up depends on the machine: then none of the generation counts.
-        let cut = timed && clock.up() && !clock.cancelled() && !first_feasible && results.iter().any(Option::is_none);
-        results.into_iter().map(|r| r.filter(|_| !cut).map(|r| (r.evaluation, r.solution))).collect()
+        let cut = timed && clock.up() && !clock.cancelled() && !first_feasible && answers.iter().any(Option::is_none);
+        if cut { schedules.iter().map(|_| None).collect() } else { answers }
+    }
+
+    fn again(&mut self, schedule: &Schedule) -> Option<L::Solution> {
+        self.level.again(std::slice::from_ref(schedule), Certify::All).pop().flatten()
     }
 
     fn cancelled(&self) -> bool {

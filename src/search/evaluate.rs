@@ -1,7 +1,7 @@
 //! From schedules to certified trajectories: solve the batch, close each solution in f64, count what it violates.
 
 use super::cem::Evaluation;
-use crate::backend::{Backend, Job, Precision, Problem, Solution};
+use crate::backend::{Backend, Job, Precision, Problem, Solution, locked};
 use crate::error::{Error, Result};
 use crate::gait::cost::{Cost, CostWeights, cost};
 use crate::gait::schedule::MAX_HORIZON;
@@ -102,8 +102,8 @@ impl Evaluated {
 
     /// What the upper level looks at.
     pub fn evaluation(&self) -> Evaluation {
-        let Evaluated { n_violated, feasible, mean_normal_force, cost, .. } = *self;
-        Evaluation { n_violated, feasible, mean_normal_force, cost }
+        let Evaluated { n_violated, feasible, certified, mean_normal_force, cost, .. } = *self;
+        Evaluation { n_violated, feasible, certified, mean_normal_force, cost }
     }
 
     /// With its certificate, if it has none yet: closed in f64, its violations counted, its cost worked out.
@@ -173,44 +173,72 @@ pub fn evaluate(
     first_feasible: bool,
     cancelled: Cancelled,
 ) -> Result<Vec<Option<Evaluated>>> {
-    let wanted = if first_feasible { Certify::UntilFeasible } else { Certify::All };
-    batch(candidates, settings, cost, backend, wanted, cancelled)
+    let needed = Needed::new(first_feasible);
+    let results: Vec<Mutex<Option<Evaluated>>> = candidates.iter().map(|_| Mutex::default()).collect();
+    let skip = |index: usize| cancelled() || !needed.has(index);
+    batch(candidates, settings, cost, backend, Certify::All, &skip, &|index, evaluated| {
+        needed.note(index, evaluated.feasible);
+        *locked(&results[index]) = Some(evaluated);
+    })?;
+    let results = results.iter().enumerate();
+    Ok(results.map(|(index, result)| locked(result).take().filter(|_| needed.has(index))).collect())
+}
+
+/// Which candidates of a batch are needed: with an end at the first feasible one, none behind the lowest of those that are known.
+pub(super) struct Needed {
+    first_feasible: bool,
+    lowest: AtomicUsize,
+}
+
+impl Needed {
+    /// All, as long as none is known to be feasible.
+    pub fn new(first_feasible: bool) -> Needed {
+        Needed { first_feasible, lowest: AtomicUsize::new(usize::MAX) }
+    }
+
+    /// Takes note of a candidate that was evaluated.
+    pub fn note(&self, index: usize, feasible: bool) {
+        if self.first_feasible && feasible {
+            self.lowest.fetch_min(index, Ordering::Relaxed);
+        }
+    }
+
+    /// Whether a candidate is needed.
+    pub fn has(&self, index: usize) -> bool {
+        index <= self.lowest.load(Ordering::Relaxed)
+    }
 }
 
 /// Which candidates of a batch are certified.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Certify {
+pub enum Certify {
     /// All.
     All,
-    /// All up to the first feasible one.
-    UntilFeasible,
-    /// Those that the solver did not solve, for what they violate. The others have a cost; whether they hold is asked of those that are wanted,
-    /// see [`Evaluated::certify`].
+    /// Those that the solver did not solve, for what they violate. The others have a cost; whether they hold is asked of those that are wanted.
     Unsolved,
 }
 
-/// As [`evaluate`], with a choice of what is certified.
+/// As [`evaluate`], with a choice of what is certified. Each result is handed over when it is there, in any order and from any thread.
+///
+/// * `skip` - asked before and during the solve of a candidate whether to drop it
 pub(super) fn batch(
     candidates: &[(&Task, &Schedule)],
     settings: &LowerSettings,
     cost: Option<&CostWeights>,
     backend: &dyn Backend,
-    wanted: Certify,
-    cancelled: Cancelled,
-) -> Result<Vec<Option<Evaluated>>> {
-    let first_feasible = wanted == Certify::UntilFeasible;
+    certify: Certify,
+    skip: &(dyn Fn(usize) -> bool + Sync),
+    finish: &(dyn Fn(usize, Evaluated) + Sync),
+) -> Result<()> {
     for (task, schedule) in candidates {
         check_candidate(task, schedule, settings)?;
     }
     let start = Instant::now();
     let aligned = |task: &Task, schedule: &Schedule| schedule.aligned(interval(&settings.transcription, &task.robot));
     let problems: Vec<Problem> = candidates.iter().map(|(task, schedule)| Problem { task, schedule: aligned(task, schedule) }).collect();
-    let lowest = AtomicUsize::new(usize::MAX);
-    let results: Vec<Mutex<Option<Evaluated>>> = problems.iter().map(|_| Mutex::new(None)).collect();
-    let skip = |index: usize| cancelled() || (first_feasible && index > lowest.load(Ordering::Relaxed));
     let finish = |index: usize, solution: Solution| {
         let Problem { task, schedule } = &problems[index];
-        let mut evaluated = if wanted == Certify::Unsolved && solution.outcome.status == Status::Solved {
+        let mut evaluated = if certify == Certify::Unsolved && solution.outcome.status == Status::Solved {
             solved(task, schedule, solution, settings, cost)
         } else {
             certified(task, schedule, solution, settings, cost, &|| skip(index))
@@ -219,19 +247,12 @@ pub(super) fn batch(
             return;
         }
         evaluated.finished_after = start.elapsed().as_secs_f64();
-        if evaluated.feasible {
-            lowest.fetch_min(index, Ordering::Relaxed);
-        }
-        if let Ok(mut slot) = results[index].lock() {
-            *slot = Some(evaluated);
-        }
+        finish(index, evaluated);
     };
     let job =
         Job { problems: &problems, transcription: &settings.transcription, settings: &settings.solver, precision: settings.precision };
-    backend.solve(&job, &skip, &finish);
-    let lowest = if first_feasible { lowest.into_inner() } else { usize::MAX };
-    let results = results.into_iter().enumerate();
-    Ok(results.map(|(i, slot)| slot.into_inner().ok().flatten().filter(|_| i <= lowest)).collect())
+    backend.solve(&job, skip, &finish);
+    Ok(())
 }
 
 /// Given schedules of a task, solved and certified as one batch.

@@ -9,13 +9,15 @@
 pub mod atlas;
 mod batch;
 pub mod cem;
+mod contenders;
 pub mod diagnosis;
 pub mod evaluate;
+mod population;
 pub mod precheck;
 mod settings;
 
 pub use batch::{BatchSolver, Found, LowerLevel, Solved, search_with};
-pub use evaluate::Cancelled;
+pub use evaluate::{Cancelled, Certify};
 pub use settings::{Gaits, SearchSettings};
 
 use crate::backend::Backend;
@@ -29,11 +31,12 @@ use crate::task::Task;
 use crate::verify::{Report, verify};
 use batch::{Clock, Timed};
 use cem::{
-    Candidate, CemSettings, Distribution, Evaluator, FreeDistribution, Generation, GenerationRecord, PeriodicDistribution,
-    PerturbDistribution, StopReason, Stopping,
+    Candidate, CemSettings, Distribution, Evaluation, Evaluator, FreeDistribution, Generation, GenerationRecord, Member,
+    PeriodicDistribution, PerturbDistribution, StopReason, Stopping,
 };
+use contenders::best_certified;
 use evaluate::{Evaluated, LowerSettings, examined};
-use rayon::prelude::*;
+use population::KEPT;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 use tracing::debug;
@@ -80,6 +83,7 @@ impl Gait {
     /// Brought to a local optimum of its cost, phase durations among the variables; see [`refine`]. A gait that is not certified stays as it is.
     ///
     /// * `task`, `search`, `lower` - those that it was found with
+    /// * `backend` - on whose threads of the CPU this is done
     /// * `cancelled` - asked now and then whether to end with the best so far
     ///
     /// # Errors
@@ -90,10 +94,12 @@ impl Gait {
         search: &SearchSettings,
         lower: &LowerSettings,
         settings: &RefineSettings,
+        backend: &dyn Backend,
         cancelled: Cancelled,
     ) -> Result<(Gait, Refined)> {
         let Evaluated { outcome, schedule, x, .. } = &self.candidate.solution;
-        let refined = refine(task, schedule, x, &lower.transcription, &search.cost, settings, cancelled)?;
+        let refined = || refine(task, schedule, x, &lower.transcription, &search.cost, settings, cancelled);
+        let refined = backend.pool().install(refined)?;
         let layout = Layout::<f64>::new(task, &refined.schedule, &lower.transcription);
         let solution =
             examined(task, &refined.schedule, (&layout.curves, layout.variables), (*outcome, refined.x.clone()), lower, Some(&search.cost));
@@ -168,6 +174,8 @@ pub struct Search<'a> {
     seed: u64,
     cancelled: Option<&'a AtomicBool>,
     progress: Option<Listener<'a>>,
+    /// Solutions that are kept of a generation: nothing that it finds depends on it.
+    kept: usize,
 }
 
 impl std::fmt::Debug for Search<'_> {
@@ -179,7 +187,8 @@ impl std::fmt::Debug for Search<'_> {
 impl<'a> Search<'a> {
     /// A search with the default settings and seed 1.
     pub fn new(task: &'a Task) -> Self {
-        Search { task, settings: SearchSettings::default(), lower: LowerSettings::default(), seed: 1, cancelled: None, progress: None }
+        let (settings, lower) = (SearchSettings::default(), LowerSettings::default());
+        Search { task, settings, lower, seed: 1, cancelled: None, progress: None, kept: KEPT }
     }
 
     /// Settings of the search.
@@ -237,7 +246,7 @@ impl<'a> Search<'a> {
     /// [`Error::Invalid`] for settings or a task out of their limits, [`Error::Unknown`] for a family that the robot cannot have,
     /// [`Error::Ended`] when no candidate was solved before the end.
     pub fn run(self, backend: &dyn Backend) -> Result<SearchResult> {
-        let Search { task, settings, lower, seed, cancelled, mut progress } = self;
+        let Search { task, settings, lower, seed, cancelled, mut progress, kept } = self;
         settings.validate()?;
         lower.validate()?;
         task.validate()?;
@@ -248,7 +257,7 @@ impl<'a> Search<'a> {
                 progress(p);
             }
         };
-        let mut timed = Timed::new(&level, clock).on_demand();
+        let mut timed = Timed::new(&level, clock).on_demand().keeping(kept);
         let mut session = Session {
             task,
             level: &level,
@@ -287,13 +296,6 @@ struct Session<'a, 's> {
 
 /// What a schedule is to a search: its family, and the schedule.
 type Named = (Option<GaitFamily>, Schedule);
-
-/// Solved candidates of a family, best first, and the objective that they have to exceed.
-struct Contenders<'a> {
-    family: Option<GaitFamily>,
-    best: f64,
-    candidates: Vec<&'a Candidate<Evaluated>>,
-}
 
 /// The lower level of a search.
 type Level<'a> = Timed<'a, BatchSolver<'a>>;
@@ -390,18 +392,18 @@ impl Session<'_, '_> {
     fn generation(&mut self, timed: &mut Level, named: Vec<Named>) -> Result<Option<StopReason>> {
         let generation = self.generations.len();
         let (families, schedules): (Vec<Option<GaitFamily>>, Vec<Schedule>) = named.into_iter().unzip();
-        let results = timed.evaluate(generation, &schedules, self.settings.first);
-        timed.check()?;
         let settings = self.settings.cem(1);
+        let worth = |index: usize, evaluation: &Evaluation| settings.worth(&schedules[index], evaluation);
+        let results = timed.evaluate(generation, &schedules, self.settings.first, &worth);
+        timed.check()?;
         let candidates = schedules.into_iter().zip(results).zip(families).enumerate();
-        let ranked: Vec<(Option<GaitFamily>, Candidate<Evaluated>)> = candidates
+        let ranked: Vec<(Option<GaitFamily>, Member<Evaluated>)> = candidates
             .filter_map(|(index, ((schedule, result), family))| {
                 let (evaluation, solution) = result?;
                 Some((family, Candidate::new(&settings, generation, index, schedule, evaluation, solution)))
             })
             .collect();
-        let candidates: Vec<Candidate<Evaluated>> = ranked.iter().map(|(_, c)| c.clone()).collect();
-        let record = cem::summarise(generation, &candidates, 0., 0.);
+        let record = cem::summarise(generation, ranked.iter().map(|(_, candidate)| candidate), 0., 0.);
         self.look(&Generation { record: &record, ranked: &ranked }, None);
         let found = self.best.is_some() && self.settings.first;
         Ok(if found { Some(StopReason::FirstFeasible) } else { timed.cancelled().then(|| self.clock.stop()) })
@@ -429,13 +431,17 @@ impl Session<'_, '_> {
         let mut open = Vec::new();
         for (own, candidate) in generation.ranked {
             let family = own.or(family);
-            if candidate.evaluation.feasible && !candidate.solution.certified {
+            if candidate.evaluation.feasible && !candidate.evaluation.certified {
                 open.push((family, candidate));
             } else {
                 self.keep(family, candidate);
             }
         }
-        for (family, candidate) in self.certified(&open) {
+        let best = |family: Option<GaitFamily>| match family {
+            Some(family) => self.by_family.iter().find(|(f, _)| *f == family).map(|(_, c)| c.objective),
+            None => self.best.as_ref().map(|(_, c)| c.objective),
+        };
+        for (family, candidate) in best_certified(&open, best, &self.settings.cem(1), self.level) {
             self.keep(family, &candidate);
         }
         let best_ever_objective = self.best.as_ref().or(self.nearest.as_ref()).map(|(_, best)| best.objective);
@@ -452,51 +458,34 @@ impl Session<'_, '_> {
         self.report();
     }
 
-    /// Of solved candidates, best first, those that take the place of the best of their family: of each family the first whose certificate holds.
-    fn certified(&self, open: &[(Option<GaitFamily>, &Candidate<Evaluated>)]) -> Vec<(Option<GaitFamily>, Candidate<Evaluated>)> {
-        let settings = self.settings.cem(1);
-        let best = |family: Option<GaitFamily>| match family {
-            Some(family) => self.by_family.iter().find(|(f, _)| *f == family).map(|(_, c)| c.objective),
-            None => self.best.as_ref().map(|(_, c)| c.objective),
-        };
-        let mut groups: Vec<Contenders> = Vec::new();
-        for &(family, candidate) in open {
-            match groups.iter_mut().find(|group| group.family == family) {
-                Some(group) => group.candidates.push(candidate),
-                None => groups.push(Contenders { family, best: best(family).unwrap_or(f64::NEG_INFINITY), candidates: vec![candidate] }),
-            }
-        }
-        let BatchSolver { task, settings: lower, cost, .. } = *self.level;
-        let first = |Contenders { family, best, candidates }: &Contenders| {
-            let mut certified = candidates.iter().take_while(|c| c.objective > *best).map(|&c| {
-                let solution = c.solution.clone().certify(task, lower, cost);
-                Candidate::new(&settings, c.generation, c.index, c.schedule.clone(), solution.evaluation(), solution)
-            });
-            certified.find(|c| c.evaluation.feasible && c.objective > *best).map(|c| (*family, c))
-        };
-        groups.par_iter().filter_map(first).collect()
-    }
-
     /// Looks at a candidate: is it better than those before?
-    fn keep(&mut self, family: Option<GaitFamily>, candidate: &Candidate<Evaluated>) {
+    fn keep(&mut self, family: Option<GaitFamily>, candidate: &Member<Evaluated>) {
         let better = |old: &Candidate<Evaluated>| candidate.objective > old.objective;
+        let again = |schedule: &Schedule| self.level.again(std::slice::from_ref(schedule), Certify::All).pop().flatten();
+        let solved = || candidate.clone().solved(again);
         if !candidate.evaluation.feasible {
             if self.best.is_none()
                 && self.nearest.as_ref().is_none_or(|(_, old)| candidate.evaluation.n_violated < old.evaluation.n_violated)
+                && let Some(solved) = solved()
             {
-                self.nearest = Some((family, candidate.clone()));
+                self.nearest = Some((family, solved));
             }
             return;
         }
-        if let Some(family) = family {
-            match self.by_family.iter_mut().find(|(f, _)| *f == family) {
-                Some((_, old)) if better(old) => *old = candidate.clone(),
-                Some(_) => {}
-                None => self.by_family.push((family, candidate.clone())),
-            }
+        let of_family = family.map(|family| (family, self.by_family.iter().position(|(f, _)| *f == family)));
+        let best_of_family = of_family.filter(|(_, at)| at.is_none_or(|at| better(&self.by_family[at].1)));
+        let best = self.best.as_ref().is_none_or(|(_, old)| better(old));
+        if !best && best_of_family.is_none() {
+            return;
         }
-        if self.best.as_ref().is_none_or(|(_, old)| better(old)) {
-            self.best = Some((family, candidate.clone()));
+        let Some(candidate) = solved() else { return };
+        match best_of_family {
+            Some((_, Some(at))) => self.by_family[at].1 = candidate.clone(),
+            Some((family, None)) => self.by_family.push((family, candidate.clone())),
+            None => {}
+        }
+        if best {
+            self.best = Some((family, candidate));
         }
     }
 
@@ -536,3 +525,6 @@ impl Session<'_, '_> {
         })
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -2,7 +2,7 @@
 //! of threads, and kept.
 
 use super::kept::Folder;
-use super::{AdapterReport, Gpu, adapters};
+use super::{AdapterReport, Device, Found, Gpu};
 use crate::backend::{Backend, Cpu, Job, Precision, Problem};
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
@@ -74,7 +74,6 @@ impl Crossover {
     /// [`Error::Device`] when the device gives up.
     pub fn measure(gpu: &Gpu) -> Result<Crossover> {
         let report = &gpu.open_device().report;
-        let cpu = Cpu::new(gpu.threads())?;
         let start = Instant::now();
         drop(Gpu::open(Some(&report.name), true, gpu.threads())?);
         let opening = start.elapsed().as_secs_f64();
@@ -90,13 +89,13 @@ impl Crossover {
                 break;
             }
         }
-        let candidates = 4 * cpu.threads();
-        let each = time(&cpu, candidates)? / candidates as f64;
+        let candidates = 4 * gpu.threads();
+        let each = time(&gpu.cpu, candidates)? / candidates as f64;
         Ok(Crossover {
             adapter: report.name.clone(),
             driver: report.driver.clone(),
             version: env!("CARGO_PKG_VERSION").into(),
-            threads: cpu.threads(),
+            threads: gpu.threads(),
             cpu: each,
             opening,
             from: crossover(each, opening, &times),
@@ -156,22 +155,29 @@ fn time(backend: &dyn Backend, batch: usize) -> Result<f64> {
     Ok(start.elapsed().as_secs_f64())
 }
 
-/// The first GPU that is none in software, where a batch is sooner done on it than on the CPU; measured where that is not known yet.
+/// The first GPU that is none in software where a batch is sooner done on it, otherwise the CPU that was given; measured where that is not known yet.
 ///
 /// # Errors
 /// [`Error::Device`] when there is none, or it is not fit.
-pub fn choose(batch: usize, threads: usize, folder: &Folder) -> Result<Option<Gpu>> {
-    let threads = Cpu::new(threads)?.threads();
-    let adapter = adapters().into_iter().find(|a| !a.software && a.unusable.is_none());
-    if let Some(known) = adapter.and_then(|a| Crossover::known(folder, &a, threads)) {
+pub fn choose(batch: usize, cpu: Cpu, folder: &Folder) -> Result<Box<dyn Backend>> {
+    let adapter = Found::find(None, false)?;
+    let known = Crossover::known(folder, &adapter.report, cpu.threads());
+    if let Some(known) = &known {
         debug!("{}: {known}", known.adapter);
-        return known.pays(batch).then(|| Gpu::open(None, false, threads)).transpose();
+        if !known.pays(batch) {
+            return Ok(Box::new(cpu));
+        }
     }
-    let gpu = Gpu::open(None, false, threads)?;
-    let measured = Crossover::measure(&gpu)?;
-    info!("{}: {measured}", measured.adapter);
-    measured.keep(folder);
-    Ok(measured.pays(batch).then_some(gpu))
+    let gpu = Gpu::beside(cpu, Device::of(adapter, Folder::of_user())?)?;
+    if known.is_none() {
+        let measured = Crossover::measure(&gpu)?;
+        info!("{}: {measured}", measured.adapter);
+        measured.keep(folder);
+        if !measured.pays(batch) {
+            return Ok(Box::new(gpu.cpu));
+        }
+    }
+    Ok(Box::new(gpu))
 }
 
 #[cfg(test)]

@@ -95,6 +95,38 @@ pub fn adapters() -> Vec<AdapterReport> {
     ranked().into_iter().map(|(report, _)| report).collect()
 }
 
+/// An adapter that is fit, not yet open.
+pub struct Found {
+    /// What it is.
+    pub report: AdapterReport,
+    adapter: wgpu::Adapter,
+}
+
+impl Found {
+    /// The adapter that [`Device::open`] takes.
+    ///
+    /// # Errors
+    /// [`Error::Device`] says what was found instead, or why it cannot be used.
+    pub fn find(name: Option<&str>, software: bool) -> Result<Found> {
+        let wanted = name.map(str::to_lowercase);
+        let found = ranked();
+        let fits = |r: &AdapterReport| match &wanted {
+            Some(name) => r.name.to_lowercase().contains(name),
+            None => software || !r.software,
+        };
+        let names: Vec<String> = found.iter().map(|(r, _)| format!("{} ({}, {})", r.name, r.kind, r.interface)).collect();
+        let list = if names.is_empty() { "no adapter".into() } else { names.join("; ") };
+        let Some((report, adapter)) = found.into_iter().find(|(r, _)| fits(r)) else {
+            let wanted = name.map_or("a GPU".into(), |n| format!("an adapter named `{n}`"));
+            return Err(Error::Device { message: format!("{wanted} was asked for; this machine has {list}") });
+        };
+        if let Some(why) = &report.unusable {
+            return Err(Error::Device { message: format!("{} cannot be used: {why}", report.name) });
+        }
+        Ok(Found { report, adapter })
+    }
+}
+
 /// Why work on a device could not go on.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Fault {
@@ -179,21 +211,14 @@ impl Device {
     /// # Errors
     /// As [`Device::open`].
     pub fn open_with(name: Option<&str>, software: bool, folder: Folder) -> Result<Device> {
-        let wanted = name.map(str::to_lowercase);
-        let found = ranked();
-        let fits = |r: &AdapterReport| match &wanted {
-            Some(name) => r.name.to_lowercase().contains(name),
-            None => software || !r.software,
-        };
-        let names: Vec<String> = found.iter().map(|(r, _)| format!("{} ({}, {})", r.name, r.kind, r.interface)).collect();
-        let list = if names.is_empty() { "no adapter".into() } else { names.join("; ") };
-        let Some((report, adapter)) = found.into_iter().find(|(r, _)| fits(r)) else {
-            let wanted = name.map_or("a GPU".into(), |n| format!("an adapter named `{n}`"));
-            return Err(Error::Device { message: format!("{wanted} was asked for; this machine has {list}") });
-        };
-        if let Some(why) = &report.unusable {
-            return Err(Error::Device { message: format!("{} cannot be used: {why}", report.name) });
-        }
+        Device::of(Found::find(name, software)?, folder)
+    }
+
+    /// Opens an adapter.
+    ///
+    /// # Errors
+    /// [`Error::Device`] says why it could not be opened.
+    pub fn of(Found { report, adapter }: Found, folder: Folder) -> Result<Device> {
         let refused = |message: String| Error::Device { message: format!("{}: {message}", report.name) };
         let limits = adapter.limits();
         let features = adapter.features() & (wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::PIPELINE_CACHE);

@@ -12,7 +12,7 @@ mod slots;
 pub mod tables;
 mod timer;
 
-pub use device::{AdapterReport, Device, Fault, adapters};
+pub use device::{AdapterReport, Device, Fault, Found, adapters};
 pub use kept::Folder;
 pub use slots::{List, Prepared, Slots, most_slots};
 pub use timer::Timing;
@@ -110,8 +110,15 @@ impl Gpu {
     /// # Errors
     /// [`Error::Device`] when it computes wrong numbers.
     pub fn new(device: Device, threads: usize) -> Result<Gpu> {
+        Gpu::beside(Cpu::new(threads)?, device)
+    }
+
+    /// As [`Gpu::new`], with the CPU that stands in for it.
+    ///
+    /// # Errors
+    /// As [`Gpu::new`].
+    pub fn beside(cpu: Cpu, device: Device) -> Result<Gpu> {
         let device = Arc::new(device);
-        let cpu = Cpu::new(threads)?;
         let most_slots = if device.report.software { SOFTWARE_SLOTS.max(2 * cpu.threads()) } else { SLOTS };
         let gpu =
             Gpu { device, cpu, slots: Mutex::default(), fallback: Mutex::default(), profile: Mutex::default(), timed: false, most_slots };
@@ -499,8 +506,8 @@ impl Backend for Gpu {
         locked(&self.fallback).clone()
     }
 
-    fn threads(&self) -> usize {
-        self.cpu.threads()
+    fn pool(&self) -> &rayon::ThreadPool {
+        self.cpu.pool()
     }
 
     fn solve(&self, job: &Job, skip: &(dyn Fn(usize) -> bool + Sync), finish: &(dyn Fn(usize, Solution) + Sync)) {

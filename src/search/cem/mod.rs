@@ -31,6 +31,7 @@ use crate::gait::cost::Cost;
 use crate::gait::family::GaitFamily;
 use random::Draws;
 use serde::Serialize;
+use std::cmp::Ordering;
 
 /// What candidates are drawn from, and fitted to elites.
 pub trait Distribution {
@@ -72,11 +73,19 @@ pub struct Evaluation {
     pub n_violated: usize,
     /// Whether the motion counts as found.
     pub feasible: bool,
+    /// Whether that was certified; otherwise it is the solver's word.
+    pub certified: bool,
     /// Mean of |normal force| over all force nodes of all feet, N.
     pub mean_normal_force: f64,
     /// What the motion costs, when it counts as found and anybody asks.
     pub cost: Option<Cost>,
 }
+
+/// What a schedule is worth, by its index in the generation and what the lower level says of it: the objective.
+pub type Worth<'a> = &'a (dyn Fn(usize, &Evaluation) -> f64 + Sync);
+
+/// What an evaluator says of a schedule; of most schedules of a large generation without the solution, of which nobody will want to know.
+pub type Answer<S> = (Evaluation, Option<Box<S>>);
 
 /// The lower level.
 pub trait Evaluator {
@@ -87,7 +96,20 @@ pub trait Evaluator {
     ///
     /// With `first_feasible`, candidates after a feasible one may be left out (`None`): the result must be `Some` for every index up to
     /// the lowest feasible one. Once [`Evaluator::cancelled`] holds, any candidate may be `None`.
-    fn evaluate(&mut self, generation: usize, schedules: &[Schedule], first_feasible: bool) -> Vec<Option<(Evaluation, Self::Solution)>>;
+    ///
+    /// * `worth` - by which it may choose whose solutions it keeps
+    fn evaluate(
+        &mut self,
+        generation: usize,
+        schedules: &[Schedule],
+        first_feasible: bool,
+        worth: Worth,
+    ) -> Vec<Option<Answer<Self::Solution>>>;
+
+    /// The solution of a schedule that was evaluated, made again; `None` when it cannot be. An evaluator that keeps all solutions is never asked.
+    fn again(&mut self, _schedule: &Schedule) -> Option<Self::Solution> {
+        None
+    }
 
     /// Whether the user asked for the end. Read before and after every generation; the best candidate so far is returned.
     fn cancelled(&self) -> bool {
@@ -117,10 +139,31 @@ pub struct Candidate<S> {
 impl<S> Candidate<S> {
     /// A schedule with what the lower level said of it.
     pub fn new(settings: &CemSettings, generation: usize, index: usize, schedule: Schedule, evaluation: Evaluation, solution: S) -> Self {
-        let stances: Vec<usize> = (0..schedule.feet()).map(|foot| schedule.stances(foot)).collect();
-        let objective = settings.objective.value(&stances, &evaluation, settings.penalty);
-        Candidate { generation, index, stances, schedule, objective, evaluation, solution }
+        let objective = settings.worth(&schedule, &evaluation);
+        Candidate { generation, index, stances: stances(&schedule), schedule, objective, evaluation, solution }
     }
+}
+
+/// A candidate of a generation, whose solution may have been let go of.
+pub type Member<S> = Candidate<Option<Box<S>>>;
+
+impl<S> Member<S> {
+    /// With its solution, which is made again where it was let go of; `None` when it cannot be.
+    pub fn solved(self, again: impl FnOnce(&Schedule) -> Option<S>) -> Option<Candidate<S>> {
+        let Candidate { generation, index, stances, schedule, objective, evaluation, solution } = self;
+        let solution = solution.map(|solution| *solution).or_else(|| again(&schedule))?;
+        Some(Candidate { generation, index, stances, schedule, objective, evaluation, solution })
+    }
+}
+
+/// The order of candidates in a generation, each by its objective and its index: by falling objective, ties by index.
+pub(in crate::search) fn rank_order((a, i): (f64, usize), (b, j): (f64, usize)) -> Ordering {
+    b.total_cmp(&a).then(i.cmp(&j))
+}
+
+/// Stance phases of each foot.
+fn stances(schedule: &Schedule) -> Vec<usize> {
+    (0..schedule.feet()).map(|foot| schedule.stances(foot)).collect()
 }
 
 /// One generation in numbers. Objectives are `None` when no candidate has a finite one.

@@ -72,7 +72,7 @@ mod tests {
 
     #[test]
     fn objectives_are_penalised_by_violations() {
-        let evaluation = Evaluation { n_violated: 3, feasible: false, mean_normal_force: 80., cost: None };
+        let evaluation = Evaluation { n_violated: 3, feasible: false, certified: true, mean_normal_force: 80., cost: None };
         assert_eq!(Objective::Feasibility.value(&[7, 8], &evaluation, 100.), -300.);
         assert_eq!(Objective::FewestStances.value(&[7, 8], &evaluation, 100.), -315.);
         assert_eq!(Objective::LeastForce.value(&[7, 8], &evaluation, 100.), -380.);
@@ -80,7 +80,7 @@ mod tests {
 
     #[test]
     fn an_objective_that_is_no_number_is_behind_all_others() {
-        let evaluation = Evaluation { n_violated: 0, feasible: true, mean_normal_force: f64::NAN, cost: None };
+        let evaluation = Evaluation { n_violated: 0, feasible: true, certified: true, mean_normal_force: f64::NAN, cost: None };
         assert_eq!(Objective::LeastForce.value(&[7], &evaluation, 100.), f64::NEG_INFINITY);
         assert_eq!(Objective::Feasibility.value(&[7], &evaluation, 100.), 0.);
     }

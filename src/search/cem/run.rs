@@ -1,7 +1,10 @@
 //! Algorithm 1 of \[1\]: the search itself.
 
 use super::random::Draws;
-use super::{Candidate, CemSettings, Distribution, Evaluation, Evaluator, GenerationRecord, Outcome, Sampler, StopReason, Stopping};
+use super::{
+    Answer, Candidate, CemSettings, Distribution, Evaluation, Evaluator, GenerationRecord, Member, Outcome, Sampler, StopReason, Stopping,
+    rank_order,
+};
 use crate::error::Result;
 use crate::gait::Schedule;
 use crate::gait::family::GaitFamily;
@@ -33,7 +36,7 @@ pub struct Generation<'a, S> {
     /// In numbers.
     pub record: &'a GenerationRecord,
     /// Its candidates, best first, each with its family where there are families.
-    pub ranked: &'a [(Option<GaitFamily>, Candidate<S>)],
+    pub ranked: &'a [(Option<GaitFamily>, Member<S>)],
 }
 
 /// As [`run`], showing the candidates of every generation.
@@ -63,7 +66,8 @@ pub fn run_observed<D: Distribution, E: Evaluator>(
         // Sample N candidates and evaluate them.
         let drawn = (0..settings.population).map(|candidate| draw(&distribution, settings.population, seed, generation, candidate));
         let (samples, schedules): (Vec<D::Sample>, Vec<Schedule>) = drawn.collect::<Result<Vec<_>>>()?.into_iter().unzip();
-        let results = evaluator.evaluate(generation, &schedules, first_only);
+        let worth = |index: usize, evaluation: &Evaluation| settings.worth(&schedules[index], evaluation);
+        let results = evaluator.evaluate(generation, &schedules, first_only, &worth);
 
         // Sort by J, best first; the M first are the elites.
         let ranked = rank(settings, generation, schedules, results, first_only);
@@ -83,17 +87,18 @@ pub fn run_observed<D: Distribution, E: Evaluator>(
         }
 
         // Keep the best ever.
-        let mut record = summarise(generation, &ranked, distribution.entropy(), distribution.largest_std());
+        let mut record = summarise(generation, ranked.iter(), distribution.entropy(), distribution.largest_std());
         let former = best.as_ref().map_or(f64::NEG_INFINITY, |b| b.objective);
         record.best_ever_objective = record.best_objective.into_iter().chain(finite(former)).reduce(f64::max);
         let ranked: Vec<_> = families.into_iter().zip(ranked).collect();
         observe(&Generation { record: &record, ranked: &ranked });
         let mut ranked = ranked.into_iter().map(|(_, candidate)| candidate);
-        if stop == Some(StopReason::FirstFeasible) {
-            best = ranked.find(|c| c.evaluation.feasible);
-        } else if let Some(first) = ranked.next().filter(|c| best.is_none() || c.objective > former) {
-            best = Some(first);
-        }
+        let better = if stop == Some(StopReason::FirstFeasible) {
+            ranked.find(|c| c.evaluation.feasible)
+        } else {
+            ranked.next().filter(|c| best.is_none() || c.objective > former)
+        };
+        best = better.and_then(|c| c.solved(|schedule| evaluator.again(schedule))).or(best);
         generations.push(record);
         if stop.is_some() {
             break;
@@ -127,9 +132,9 @@ fn rank<S>(
     settings: &CemSettings,
     generation: usize,
     schedules: Vec<Schedule>,
-    results: Vec<Option<(Evaluation, S)>>,
+    results: Vec<Option<Answer<S>>>,
     first_only: bool,
-) -> Vec<Candidate<S>> {
+) -> Vec<Member<S>> {
     let mut ranked = Vec::new();
     for (index, (schedule, result)) in schedules.into_iter().zip(results).enumerate() {
         let Some((evaluation, solution)) = result else { continue };
@@ -138,21 +143,26 @@ fn rank<S>(
             break;
         }
     }
-    ranked.sort_by(|a, b| b.objective.total_cmp(&a.objective).then(a.index.cmp(&b.index)));
+    ranked.sort_by(|a, b| rank_order((a.objective, a.index), (b.objective, b.index)));
     ranked
 }
 
 /// The record of a generation, the best ever still without the generations before.
-pub(in crate::search) fn summarise<S>(generation: usize, ranked: &[Candidate<S>], entropy: f64, largest_std: f64) -> GenerationRecord {
-    let objectives: Vec<f64> = ranked.iter().filter_map(|c| finite(c.objective)).collect();
+pub(in crate::search) fn summarise<'a, S: 'a>(
+    generation: usize,
+    ranked: impl ExactSizeIterator<Item = &'a Candidate<S>> + Clone,
+    entropy: f64,
+    largest_std: f64,
+) -> GenerationRecord {
+    let objectives: Vec<f64> = ranked.clone().filter_map(|c| finite(c.objective)).collect();
     GenerationRecord {
         generation,
         evaluated: ranked.len(),
-        feasible: ranked.iter().filter(|c| c.evaluation.feasible).count(),
+        feasible: ranked.clone().filter(|c| c.evaluation.feasible).count(),
         best_objective: objectives.first().copied(),
         mean_objective: finite(objectives.iter().sum::<f64>() / objectives.len() as f64),
         best_ever_objective: objectives.first().copied(),
-        lowest_n_violated: ranked.iter().map(|c| c.evaluation.n_violated).min(),
+        lowest_n_violated: ranked.map(|c| c.evaluation.n_violated).min(),
         entropy,
         largest_std,
     }

@@ -1,7 +1,7 @@
 //! Tests of the search on evaluators without a solver.
 
 use super::*;
-use crate::search::cem::{FreeDistribution, Objective};
+use crate::search::cem::{FreeDistribution, Objective, Worth};
 
 /// An evaluator from a function of (generation, index, schedule); the solution is (generation, index).
 struct Synthetic<F> {
@@ -17,10 +17,10 @@ fn synthetic<F: FnMut(usize, usize, &Schedule) -> Option<Evaluation>>(answer: F)
 impl<F: FnMut(usize, usize, &Schedule) -> Option<Evaluation>> Evaluator for Synthetic<F> {
     type Solution = (usize, usize);
 
-    fn evaluate(&mut self, generation: usize, schedules: &[Schedule], _: bool) -> Vec<Option<(Evaluation, Self::Solution)>> {
+    fn evaluate(&mut self, generation: usize, schedules: &[Schedule], _: bool, _: Worth) -> Vec<Option<Answer<Self::Solution>>> {
         self.calls += 1;
         let schedules = schedules.iter().enumerate();
-        schedules.map(|(i, s)| (self.answer)(generation, i, s).map(|e| (e, (generation, i)))).collect()
+        schedules.map(|(i, s)| (self.answer)(generation, i, s).map(|e| (e, Some(Box::new((generation, i)))))).collect()
     }
 
     fn cancelled(&self) -> bool {
@@ -29,7 +29,7 @@ impl<F: FnMut(usize, usize, &Schedule) -> Option<Evaluation>> Evaluator for Synt
 }
 
 fn violating(n_violated: usize) -> Evaluation {
-    Evaluation { n_violated, feasible: n_violated == 0, mean_normal_force: 10., cost: None }
+    Evaluation { n_violated, feasible: n_violated == 0, certified: true, mean_normal_force: 10., cost: None }
 }
 
 /// Distance of the stance counts from a hidden pattern, and of the used log durations from -1.3, in tenths.
@@ -93,7 +93,13 @@ fn the_search_stops_at_the_first_feasible_candidate() {
 #[test]
 fn a_whole_generation_gives_its_best_feasible_candidate() {
     let mut force = |_, i: usize, _: &Schedule| {
-        Some(Evaluation { n_violated: 0, feasible: i > 2, mean_normal_force: [1., 1., 1., 50., 40., 30., 30.][i.min(6)], cost: None })
+        Some(Evaluation {
+            n_violated: 0,
+            feasible: i > 2,
+            certified: true,
+            mean_normal_force: [1., 1., 1., 50., 40., 30., 30.][i.min(6)],
+            cost: None,
+        })
     };
     let settings = CemSettings { objective: Objective::LeastForce, whole_generation: true, ..Default::default() };
     let outcome = search(&settings, 1, &mut synthetic(&mut force));
@@ -153,7 +159,8 @@ fn candidates_that_were_not_evaluated_are_no_elites() {
 #[test]
 fn an_objective_that_is_no_number_is_no_elite_over_a_finite_one() {
     let force = |i: usize| if i < 13 { f64::NAN } else { i as f64 };
-    let answer = |_, i, _: &Schedule| Some(Evaluation { n_violated: 9, feasible: false, mean_normal_force: force(i), cost: None });
+    let answer =
+        |_, i, _: &Schedule| Some(Evaluation { n_violated: 9, feasible: false, certified: true, mean_normal_force: force(i), cost: None });
     let settings = CemSettings { generations: 1, elites: 3, objective: Objective::LeastForce, ..Default::default() };
     let outcome = search(&settings, 1, &mut synthetic(answer));
     let initial = initial(&settings);

@@ -1,7 +1,8 @@
 //! Every tunable value of the search, with default and limits.
 
-use super::{Objective, heuristic};
+use super::{Evaluation, Objective, heuristic, stances};
 use crate::error::{Error, Result, check_range};
+use crate::gait::Schedule;
 use crate::gait::schedule::{MAX_HORIZON, MIN_PHASE};
 use serde::{Deserialize, Serialize};
 
@@ -129,6 +130,11 @@ impl CemSettings {
         // A product that overflows is out of the limits anyway.
         let elites = (population.saturating_mul(self.elites) / self.population).max(1);
         CemSettings { population, elites, ..self }
+    }
+
+    /// The objective `J` of a schedule.
+    pub(in crate::search) fn worth(&self, schedule: &Schedule, evaluation: &Evaluation) -> f64 {
+        self.objective.value(&stances(schedule), evaluation, self.penalty)
     }
 
     /// Checks every field.

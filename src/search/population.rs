@@ -1,0 +1,102 @@
+//! What is kept of a population while it is solved: of all candidates what is said of them, of the best their solutions, too. A solution takes some
+//! ten kilobytes, and nobody wants to know those of candidates far behind; of one that is wanted after all it is made again.
+
+use super::batch::Solved;
+use super::cem::{Answer, Evaluation, rank_order};
+
+/// Solutions that are kept of a population. Too few: solutions are made again that were there before; too many: memory.
+pub(super) const KEPT: usize = 256;
+
+/// Candidates of a generation as they come in, in any order.
+pub(super) struct Population<S> {
+    /// With the time from the start of the batch, s.
+    evaluations: Vec<Option<(Evaluation, f64)>>,
+    /// Objective, index and solution, in the order of ranks.
+    best: Vec<(f64, usize, Box<S>)>,
+    /// Solutions to keep.
+    most: usize,
+}
+
+impl<S> Population<S> {
+    /// Nothing yet.
+    pub fn new(candidates: usize, most: usize) -> Self {
+        Population { evaluations: vec![None; candidates], best: Vec::new(), most }
+    }
+
+    /// Takes in a candidate, and lets go of the solution that is behind all others when there are too many.
+    pub fn add(&mut self, index: usize, objective: f64, Solved { evaluation, finished_after, solution }: Solved<S>) {
+        self.evaluations[index] = Some((evaluation, finished_after));
+        let place = self.best.partition_point(|(other, at, _)| rank_order((*other, *at), (objective, index)).is_lt());
+        if place < self.most {
+            self.best.insert(place, (objective, index, Box::new(solution)));
+            self.best.truncate(self.most);
+        }
+    }
+
+    /// Forgets candidates that are not needed.
+    pub fn retain(&mut self, needed: impl Fn(usize) -> bool) {
+        self.evaluations.iter_mut().enumerate().filter(|(index, _)| !needed(*index)).for_each(|(_, evaluation)| *evaluation = None);
+    }
+
+    /// Time from the start of the batch to the first feasible candidate, s.
+    pub fn first_feasible_after(&self) -> Option<f64> {
+        self.evaluations.iter().flatten().filter(|(evaluation, _)| evaluation.feasible).map(|(_, after)| *after).reduce(f64::min)
+    }
+
+    /// What is known of each candidate.
+    pub fn answers(self) -> Vec<Option<Answer<S>>> {
+        let mut answers: Vec<_> = self.evaluations.into_iter().map(|said| said.map(|(evaluation, _)| (evaluation, None))).collect();
+        for (_, index, solution) in self.best {
+            if let Some((_, place)) = &mut answers[index] {
+                *place = Some(solution);
+            }
+        }
+        answers
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Takes in candidates of these objectives, in this order of their indices, and says whose solutions are kept.
+    fn kept(objectives: &[f64], order: &[usize], most: usize) -> Vec<usize> {
+        let mut population = Population::new(objectives.len(), most);
+        for &index in order {
+            let evaluation = Evaluation { n_violated: index, feasible: true, certified: true, mean_normal_force: 0., cost: None };
+            population.add(index, objectives[index], Solved { evaluation, finished_after: 0., solution: index });
+            assert!(population.best.len() <= most);
+        }
+        let answers = population.answers();
+        assert!(answers.iter().enumerate().all(|(i, answer)| answer.as_ref().is_some_and(|(e, _)| e.n_violated == i)));
+        let solutions = answers.into_iter().flatten().filter_map(|(_, solution)| solution.map(|s| *s));
+        solutions.collect()
+    }
+
+    #[test]
+    fn the_best_keep_their_solutions_in_whatever_order_they_come() {
+        let objectives = [3., 1., f64::NEG_INFINITY, 3., 2., 3.];
+        for order in [[0, 1, 2, 3, 4, 5], [5, 4, 3, 2, 1, 0], [2, 5, 0, 1, 3, 4]] {
+            // Of equals the first.
+            assert_eq!(kept(&objectives, &order, 2), [0, 3]);
+            assert_eq!(kept(&objectives, &order, 4), [0, 3, 4, 5]);
+            assert_eq!(kept(&objectives, &order, 9), [0, 1, 2, 3, 4, 5]);
+            assert!(kept(&objectives, &order, 0).is_empty());
+        }
+    }
+
+    #[test]
+    fn candidates_that_are_not_needed_have_no_answer() {
+        let mut population = Population::new(3, 3);
+        for (index, finished_after) in [(0, 2.), (2, 1.)] {
+            let evaluation = Evaluation { n_violated: 0, feasible: true, certified: true, mean_normal_force: 0., cost: None };
+            population.add(index, 0., Solved { evaluation, finished_after, solution: () });
+        }
+        assert_eq!(population.first_feasible_after(), Some(1.));
+        population.retain(|index| index < 2);
+        assert_eq!(population.first_feasible_after(), Some(2.));
+        let answers = population.answers();
+        assert!(answers[0].as_ref().is_some_and(|(_, solution)| solution.is_some()));
+        assert!(answers[1].is_none() && answers[2].is_none());
+    }
+}

@@ -1,0 +1,87 @@
+//! Tests of what a search keeps and what it makes again.
+
+use super::batch::Timed;
+use super::cem::{FreeDistribution, Objective, run};
+use super::population::KEPT;
+use super::*;
+use crate::backend::Cpu;
+use crate::{Goal, Robot, Terrain};
+
+fn walk() -> Task {
+    Task::new(Robot::named("biped").unwrap(), Terrain::flat(), Goal::at(0.8, 0.1)).unwrap()
+}
+
+/// All of a result that depends on no clock.
+fn parts(found: &SearchResult) -> impl PartialEq + std::fmt::Debug {
+    let gait = |gait: &Gait| {
+        let Candidate { generation, index, stances, schedule, objective, evaluation, solution } = gait.candidate.clone();
+        let solved = (solution.outcome, solution.schedule, solution.x, solution.cost);
+        (gait.family, (generation, index, stances, schedule, objective, evaluation), solved, gait.trajectory.clone())
+    };
+    let gaits: Vec<_> = std::iter::once(&found.best).chain(&found.alternatives).map(gait).collect();
+    let improvements: Vec<_> = found.improvements.iter().map(|i| (i.family, i.generation, i.candidates, i.objective)).collect();
+    (gaits, improvements, found.generations.clone(), found.stop)
+}
+
+/// Asserts that a search finds the same whatever it keeps.
+fn assert_same_whatever_is_kept<'a>(search: impl Fn() -> Search<'a>, backend: &dyn Backend) -> SearchResult {
+    let keeping = |kept: usize| Search { kept, ..search() }.run(backend).unwrap();
+    let all = keeping(KEPT);
+    for kept in [0, 3] {
+        let some = keeping(kept);
+        assert!(parts(&some) == parts(&all), "{:#?}\n{:#?}", parts(&some), parts(&all));
+    }
+    all
+}
+
+#[test]
+fn a_search_finds_the_same_whatever_it_keeps() {
+    let task = walk();
+    let cpu = Cpu::new(2).unwrap();
+    let settings = SearchSettings { alternatives: 4, ..SearchSettings::default() };
+    let search = || Search::new(&task).settings(settings.clone()).seed(3).population(40).generations(2);
+    let found = assert_same_whatever_is_kept(search, &cpu);
+    assert!(found.best.feasible() && found.improvements.len() > 1 && !found.alternatives.is_empty());
+    // With costs of which most motions that are not found have better ones.
+    let found = assert_same_whatever_is_kept(|| search().settings(settings.clone().seeking(Objective::LeastForce)).generations(1), &cpu);
+    assert!(found.best.feasible());
+    // With nothing found: the one that violates least.
+    let mut lower = LowerSettings::default();
+    lower.solver.max_iterations = 2;
+    let hopeless = SearchSettings { further_generations: 0, ..settings.clone() };
+    let found = assert_same_whatever_is_kept(|| search().settings(hopeless.clone()).generations(1).lower(lower.clone()), &cpu);
+    assert!(!found.best.feasible());
+}
+
+#[cfg(feature = "gpu")]
+#[test]
+fn a_search_on_a_gpu_finds_the_same_whatever_it_keeps() {
+    let name = std::env::var("CREGOPT_TEST_ADAPTER").ok();
+    let gpu = match crate::backend::Gpu::open(name.as_deref(), true, 2) {
+        Ok(gpu) => gpu,
+        Err(error) if std::env::var("GPU_TESTS").is_ok_and(|v| v == "require") => panic!("{error}"),
+        Err(error) => return eprintln!("skipped: a_search_on_a_gpu_finds_the_same_whatever_it_keeps: {error}"),
+    };
+    let task = walk();
+    let settings = SearchSettings { perturbed_generations: 0, ..SearchSettings::default() };
+    let found = assert_same_whatever_is_kept(|| Search::new(&task).settings(settings.clone()).seed(3).generations(1), &gpu);
+    assert!(found.best.feasible() && gpu.fallback().is_none());
+}
+
+#[test]
+fn the_papers_loop_finds_the_same_whatever_it_keeps() {
+    let (task, lower, cpu) = (walk(), LowerSettings::default(), Cpu::new(2).unwrap());
+    let level = BatchSolver { task: &task, settings: &lower, backend: &cpu, cost: None };
+    let loops = [(Objective::Feasibility, false), (Objective::LeastForce, true)];
+    for (objective, whole_generation) in loops {
+        let settings = CemSettings { objective, whole_generation, generations: 3, ..CemSettings::default() };
+        let keeping = |kept: usize| {
+            let mut timed = Timed::new(&level, Clock::new(None, None)).keeping(kept);
+            let distribution = FreeDistribution::initial(&settings, task.robot.feet()).unwrap();
+            let outcome = run(&settings, distribution, 1, 0, &mut timed, &mut |_| ()).unwrap();
+            let best = outcome.best.unwrap();
+            (best.generation, best.index, best.objective, best.evaluation, best.solution.x, outcome.generations, outcome.stop)
+        };
+        assert_eq!(keeping(0), keeping(KEPT));
+    }
+}

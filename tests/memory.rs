@@ -1,0 +1,65 @@
+//! What a search holds in memory. In a program of its own, which counts what it allocates.
+
+use cregopt::gait::family::families;
+use cregopt::search::evaluate::LowerSettings;
+use cregopt::search::{Gaits, Progress, SearchSettings};
+use cregopt::{Cpu, Goal, Robot, Search, Task, Terrain};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Bytes that are allocated.
+static HELD: AtomicUsize = AtomicUsize::new(0);
+
+/// The system's allocator, counted.
+struct Counted;
+
+// SAFETY: every call goes to the system's allocator as it came.
+unsafe impl GlobalAlloc for Counted {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        HELD.fetch_add(layout.size(), Ordering::Relaxed);
+        // SAFETY: the caller keeps the contract.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
+        HELD.fetch_sub(layout.size(), Ordering::Relaxed);
+        // SAFETY: the caller keeps the contract, and the memory came from there.
+        unsafe { System.dealloc(memory, layout) }
+    }
+}
+
+#[global_allocator]
+static COUNTED: Counted = Counted;
+
+/// Most that a candidate may take, bytes: a quarter of the values of its variables alone.
+const MOST: usize = 2048;
+
+/// What is held when a generation of this size has been ranked, bytes.
+fn held(task: &Task, population: usize) -> usize {
+    let gaits = Gaits::Families(families(&task.robot));
+    let settings = SearchSettings { gaits, generations: 1, further_generations: 0, perturbed_generations: 0, ..SearchSettings::default() };
+    // What counts is how many there are, not what becomes of them.
+    let mut lower = LowerSettings::default();
+    lower.solver.max_iterations = 1;
+    let (mut most, before) = (0, HELD.load(Ordering::Relaxed));
+    let watch = |progress: &Progress| {
+        if let Progress::Generation(record) = progress
+            && record.evaluated == population
+        {
+            most = HELD.load(Ordering::Relaxed).saturating_sub(before);
+        }
+    };
+    Search::new(task).settings(settings).population(population).lower(lower).on_progress(watch).run(&Cpu::new(2).unwrap()).unwrap();
+    most
+}
+
+#[test]
+fn the_memory_of_a_candidate_is_small_in_a_large_population() {
+    let task = Task::new(Robot::named("biped").unwrap(), Terrain::flat(), Goal::at(2., 0.)).unwrap();
+    let (few, many) = (500, 2000);
+    let [small, large] = [few, many].map(|population| held(&task, population));
+    let each = large.saturating_sub(small) / (many - few);
+    println!("{small} bytes for {few}, {large} for {many}: {each} a candidate");
+    assert!(small > few * 100, "nothing was counted");
+    assert!(each < MOST, "{each} bytes a candidate");
+}
