@@ -343,20 +343,23 @@ fn bits(module: &Module, constant: &naga::Constant) -> u32 {
 fn constants_arrive_with_all_their_bits_and_are_used() {
     let (whole, real) = constants();
     let mut twins: BTreeMap<&str, u32> = whole.into_iter().chain(real.into_iter().map(|(name, v)| (name, v.to_bits()))).collect();
-    twins.extend([("TAU", std::f32::consts::TAU.to_bits()), ("END", twins["INNER_POINTS"])]);
+    twins.extend([("QUARTERS_PER_RADIAN", std::f32::consts::FRAC_2_PI.to_bits()), ("END", twins["INNER_POINTS"])]);
     // The threads of an interval: one a point, and one for the start.
     twins.extend([("START", twins["MOMENTUM_POINTS"]), ("LANES", twins["MOMENTUM_POINTS"] + 1)]);
     for (shader, variant, module) in modules() {
         let Variant { workgroup, front, side, columns } = variant;
         let of_variant = BTreeMap::from([("WORKGROUP", workgroup), ("FRONT", front), ("SIDE", side), ("COLUMNS", columns)]);
-        let mut parts = [0f32; 2];
+        let mut quarter = [0f32; 3];
         for (_, constant) in module.constants.iter() {
             let Some(name) = constant.name.as_deref() else { continue };
             let value = bits(&module, constant);
             match name {
                 // Shaders alone reduce angles; see below.
-                "TAU_HIGH" => parts[0] = f32::from_bits(value),
-                "TAU_LOW" => parts[1] = f32::from_bits(value),
+                "QUARTER_HIGH" => quarter[0] = f32::from_bits(value),
+                "QUARTER_MIDDLE" => quarter[1] = f32::from_bits(value),
+                "QUARTER_LOW" => quarter[2] = f32::from_bits(value),
+                // Theirs alone, too; `tests/parity` holds what comes of them to f64.
+                "SINE_3" | "SINE_5" | "SINE_7" | "COSINE_4" | "COSINE_6" | "COSINE_8" => {}
                 _ => {
                     let twin = of_variant.get(name).or(twins.get(name));
                     let twin = twin.unwrap_or_else(|| panic!("{}: the constant {name} has no twin", shader.path()));
@@ -364,9 +367,12 @@ fn constants_arrive_with_all_their_bits_and_are_used() {
                 }
             }
         }
-        if parts[0] != 0. {
-            assert!((f64::from(parts[0]) + f64::from(parts[1]) - std::f64::consts::TAU).abs() < 1e-10);
-            assert!(parts[0].to_bits().trailing_zeros() >= 14, "up to 2^14 turns of it are exact");
+        if quarter[0] != 0. {
+            // What is left of a quarter turn, from the large to the small: exact until the last.
+            let left = quarter.iter().fold(std::f64::consts::FRAC_PI_2, |left, part| left - f64::from(*part));
+            assert!(left.abs() < 3e-16, "{left:e}");
+            let exact = |part: &f32| part.to_bits().trailing_zeros() >= 11;
+            assert!(quarter[..2].iter().all(exact), "up to 2^11 times these are exact");
         }
     }
     let texts: Vec<&str> = Shader::ALL.iter().map(|s| s.source()).chain(SHARED.iter().map(|s| s.1)).collect();

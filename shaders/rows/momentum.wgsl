@@ -480,11 +480,11 @@ fn deviate(at: At, present: bool, lane: u32, angles: vec3<f32>, rot_wb: Mat3, mo
     let to = ix_deviation(at.slot, at.k, at.q);
     put_three(to, moved[lane] - cubic);
     // From a rotation vector to Euler angles: the inverse of the axes, kept finite where the pitch is steep.
-    let within = reduced(angles);
-    let sz = sin(within.z);
-    let cz = cos(within.z);
-    let sy = sin(within.y);
-    let cos_pitch = cos(within.y);
+    let turns = sin_cos(angles);
+    let sz = turns.sin.z;
+    let cz = turns.cos.z;
+    let sy = turns.sin.y;
+    let cos_pitch = turns.cos.y;
     let cy = select(cos_pitch, 0.1, abs(cos_pitch) < 0.1);
     let forward = cz * turned.x + sz * turned.y;
     put_three(to + 3u, vec3<f32>(forward / cy, cz * turned.y - sz * turned.x, turned.z + forward * sy / cy));

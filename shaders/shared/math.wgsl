@@ -1,10 +1,20 @@
 // Vectors, matrices and Euler angles. Sum, difference and multiple are operators here.
 // Twin: src/rows/math.rs
 
-const TAU: f32 = 6.2831853;
-// In two parts: whole turns times the first are exact.
-const TAU_HIGH: f32 = 6.28125;
-const TAU_LOW: f32 = 0.0019353072;
+// A quarter turn in three parts: up to 2,048 times the first and the second are exact.
+const QUARTER_HIGH: f32 = 1.5703125;
+const QUARTER_MIDDLE: f32 = 0.0004838109;
+const QUARTER_LOW: f32 = 1.5893255e-8;
+const QUARTERS_PER_RADIAN: f32 = 0.63661977;
+
+// Coefficients of `sin r = r + SINE_3 r^3 + ...` and `cos r = 1 - r^2 / 2 + COSINE_4 r^4 + ...` within an eighth of a turn. With these the largest
+// relative error is the smallest that so many terms can have, 2^-28 and 2^-33 (Remez' exchange, in r^2); rounded to f32, 2^-26 and 2^-32.
+const SINE_3: f32 = -0.16666655;
+const SINE_5: f32 = 0.00833216;
+const SINE_7: f32 = -0.00019515282;
+const COSINE_4: f32 = 0.041666646;
+const COSINE_6: f32 = -0.0013887316;
+const COSINE_8: f32 = 2.4433157e-5;
 
 // Rows of a 3 x 3 matrix.
 alias Mat3 = array<vec3<f32>, 3>;
@@ -38,9 +48,9 @@ struct Euler {
 //
 // `omega = axes[0] roll' + axes[1] pitch' + axes[2] yaw'`, and `d rot / d angle_i = [axes[i]]x rot`.
 fn euler(angles: vec3<f32>) -> Euler {
-    let a = reduced(angles);
-    let s = sin(a);
-    let c = cos(a);
+    let turned = sin_cos(angles);
+    let s = turned.sin;
+    let c = turned.cos;
     let rot_wb = Mat3(
         vec3<f32>(c.y * c.z, s.x * s.y * c.z - c.x * s.z, c.x * s.y * c.z + s.x * s.z),
         vec3<f32>(c.y * s.z, s.x * s.y * s.z + c.x * c.z, c.x * s.y * s.z - s.x * c.z),
@@ -50,10 +60,27 @@ fn euler(angles: vec3<f32>) -> Euler {
     return Euler(rot_wb, axes);
 }
 
-// Angles within half a turn, where WGSL promises an accuracy of sine and cosine; those that are there stay as they are.
-fn reduced(angles: vec3<f32>) -> vec3<f32> {
-    let turns = round(angles / TAU);
-    return angles - turns * TAU_HIGH - turns * TAU_LOW;
+struct SinCos {
+    sin: vec3<f32>,
+    cos: vec3<f32>,
+}
+
+// Sines and cosines of angles within thirty turns: two units in the last place off at most, a little more beyond half a turn. The built-in
+// ones may be 2^-11 off, and anything beyond half a turn.
+fn sin_cos(angles: vec3<f32>) -> SinCos {
+    let quarters = round(angles * QUARTERS_PER_RADIAN);
+    let r = angles - quarters * QUARTER_HIGH - quarters * QUARTER_MIDDLE - quarters * QUARTER_LOW;
+    let z = r * r;
+    let s = r + r * z * (SINE_3 + z * (SINE_5 + z * SINE_7));
+    let c = 1.0 - 0.5 * z + z * z * (COSINE_4 + z * (COSINE_6 + z * COSINE_8));
+    // 0 to 3: the sine of r is the sine, the cosine, and both with the other sign.
+    let quarter = quarters - 4.0 * floor(0.25 * quarters);
+    let one = quarter == vec3<f32>(1.0);
+    let two = quarter == vec3<f32>(2.0);
+    let three = quarter == vec3<f32>(3.0);
+    let sine = select(s, c, one | three);
+    let cosine = select(c, s, one | three);
+    return SinCos(select(sine, -sine, two | three), select(cosine, -cosine, one | two));
 }
 
 // `sum_i v[i] axes[i]`.

@@ -56,6 +56,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         return;
     }
     let trial = 1u - now.current;
+    // Read once: what two loops read, SwiftShader reads in the first alone, and who leaves that before others then has 0.
+    let inequalities = slots[slot].inequalities;
     var fall = 0.0;
     var predicted = 0.0;
     var gap = 0.0;
@@ -67,7 +69,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         predicted += (c - linear) * (c + linear);
         gap += (to - linear) * (to - linear);
     }
-    for (var i = lane; i < slots[slot].inequalities; i += WORKGROUP) {
+    for (var i = lane; i < inequalities; i += WORKGROUP) {
         let g = values[base + batch.g + now.current * batch.g_half + i];
         let to = values[base + batch.g + trial * batch.g_half + i];
         let linear = g + now.length * values[base + batch.g_change + i];
@@ -93,7 +95,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     gap = 0.5 * sum_over(lane, gap);
     let taken = acceptable(now, fall, predicted, gap);
     if (taken && now.state == STEP) {
-        for (var i = lane; i < slots[slot].inequalities; i += WORKGROUP) {
+        for (var i = lane; i < inequalities; i += WORKGROUP) {
             let s = base + batch.slack + i;
             let z = base + batch.multiplier + i;
             values[s] = max(values[s] + now.length * values[base + batch.slack_step + i], SLACK_FLOOR);

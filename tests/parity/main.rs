@@ -9,6 +9,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod angles;
 mod candidates;
 mod front;
 mod judge;
@@ -37,8 +38,8 @@ const ARITHMETIC: f32 = 8.;
 /// number.
 const SUM: f32 = 16.;
 
-/// Rows with sine and cosine, against the larger of 1 and the value. Drivers are a few units off in those (WGSL asks for no more than 2^-11
-/// absolute, which no f32 solver could use), and rows multiply that by legs in units of 0.1 m or by moments of some body weights.
+/// Rows with sine and cosine, against the larger of 1 and the value. Those are two units off, the twin's less, and rows multiply that by legs in
+/// units of 0.1 m or by moments of some body weights.
 const TRIGONOMETRY: f32 = 64.;
 
 /// Force rows: a root and divisions, and normals of ground that bends by 33/m.
