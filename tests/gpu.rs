@@ -28,7 +28,7 @@ fn device(test: &str) -> Option<Device> {
 /// The same with a folder for what is kept.
 fn device_with(test: &str, folder: Folder) -> Option<Device> {
     let name = std::env::var("CREGOPT_TEST_ADAPTER").ok();
-    match Device::open_with(name.as_deref(), true, folder) {
+    match Device::open_with(name.as_deref(), folder) {
         Ok(device) => Some(device),
         Err(error) if std::env::var("GPU_TESTS").is_ok_and(|v| v == "require") => panic!("{test}: {error}"),
         Err(error) => {

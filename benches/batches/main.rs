@@ -140,7 +140,7 @@ fn main() -> Result<()> {
         return traffic::print(&task, &schedules, &lower);
     }
     let open = || -> Result<Gpu> {
-        let gpu = Gpu::open(arguments.device.as_deref(), true, 0)?;
+        let gpu = Gpu::open(arguments.device.as_deref(), 0)?;
         Ok(match arguments.slots {
             Some(slots) => gpu.with_slots(slots),
             None => gpu,

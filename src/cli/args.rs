@@ -293,7 +293,7 @@ impl DeviceArgs {
 /// A GPU or a software adapter, by its name or the first one.
 #[cfg(feature = "gpu")]
 fn gpu(name: Option<&str>, threads: usize) -> Result<Box<dyn Backend>> {
-    Ok(Box::new(crate::backend::Gpu::open(name, true, threads)?))
+    Ok(Box::new(crate::backend::Gpu::open(name, threads)?))
 }
 
 /// A GPU where a batch is sooner done on it, otherwise the CPU.

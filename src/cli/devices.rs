@@ -51,12 +51,12 @@ impl Devices {
         let folder = Folder::of_user();
         let threads = Cpu::new(check_threads(self.threads)?)?.threads();
         // Known below even where nothing is kept.
-        let measured = self.measure.as_ref().map(|name| Crossover::measure(&Gpu::open(Some(name), true, threads)?)).transpose()?;
+        let measured = self.measure.as_ref().map(|name| Crossover::measure(&Gpu::open(Some(name), threads)?)).transpose()?;
         if let Some(measured) = &measured {
             measured.keep(&folder);
         }
         let tested = |adapter: AdapterReport| {
-            let test = || Gpu::open(Some(&adapter.name), true, 1).map_or_else(|e| e.to_string(), |_| "passed".into());
+            let test = || Gpu::open(Some(&adapter.name), 1).map_or_else(|e| e.to_string(), |_| "passed".into());
             let self_test = self.test.then(test);
             let own = measured.clone().filter(|m| m.is_of(&adapter, threads));
             let crossover = own.or_else(|| Crossover::known(&folder, &adapter, threads));

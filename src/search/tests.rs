@@ -57,7 +57,7 @@ fn a_search_finds_the_same_whatever_it_keeps() {
 #[test]
 fn a_search_on_a_gpu_finds_the_same_whatever_it_keeps() {
     let name = std::env::var("CREGOPT_TEST_ADAPTER").ok();
-    let gpu = match crate::backend::Gpu::open(name.as_deref(), true, 2) {
+    let gpu = match crate::backend::Gpu::open(name.as_deref(), 2) {
         Ok(gpu) => gpu,
         Err(error) if std::env::var("GPU_TESTS").is_ok_and(|v| v == "require") => panic!("{error}"),
         Err(error) => return eprintln!("skipped: a_search_on_a_gpu_finds_the_same_whatever_it_keeps: {error}"),

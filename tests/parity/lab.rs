@@ -39,7 +39,7 @@ pub fn gpu(test: &str) -> Option<Arc<Device>> {
     static DEVICE: OnceLock<Result<Arc<Device>, String>> = OnceLock::new();
     let device = DEVICE.get_or_init(|| {
         let name = std::env::var("CREGOPT_TEST_ADAPTER").ok();
-        let device = Device::open_with(name.as_deref(), true, Folder::default()).map_err(|e| e.to_string())?;
+        let device = Device::open_with(name.as_deref(), Folder::default()).map_err(|e| e.to_string())?;
         eprintln!("parity on {} ({}, {})", device.report.name, device.report.interface, device.report.driver);
         Ok(Arc::new(device.with_workgroup(WORKGROUP)))
     });
@@ -57,7 +57,7 @@ pub fn gpu(test: &str) -> Option<Arc<Device>> {
 pub fn with_its_workgroups(test: &str) -> Option<Arc<Device>> {
     static DEVICE: OnceLock<Option<Arc<Device>>> = OnceLock::new();
     gpu(test)?;
-    let open = || Device::open_with(std::env::var("CREGOPT_TEST_ADAPTER").ok().as_deref(), true, Folder::default()).ok().map(Arc::new);
+    let open = || Device::open_with(std::env::var("CREGOPT_TEST_ADAPTER").ok().as_deref(), Folder::default()).ok().map(Arc::new);
     DEVICE.get_or_init(open).clone()
 }
 

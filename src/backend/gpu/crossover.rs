@@ -75,7 +75,7 @@ impl Crossover {
     pub fn measure(gpu: &Gpu) -> Result<Crossover> {
         let report = &gpu.open_device().report;
         let start = Instant::now();
-        drop(Gpu::open(Some(&report.name), true, gpu.threads())?);
+        drop(Gpu::open(Some(&report.name), gpu.threads())?);
         let opening = start.elapsed().as_secs_f64();
         // Compiles what the batches need.
         time(gpu, 1)?;
@@ -158,9 +158,12 @@ fn time(backend: &dyn Backend, batch: usize) -> Result<f64> {
 /// The first GPU that is none in software where a batch is sooner done on it, otherwise the CPU that was given; measured where that is not known yet.
 ///
 /// # Errors
-/// [`Error::Device`] when there is none, or it is not fit.
+/// [`Error::Device`] when it is not fit.
 pub fn choose(batch: usize, cpu: Cpu, folder: &Folder) -> Result<Box<dyn Backend>> {
-    let adapter = Found::find(None, false)?;
+    let Some(adapter) = Found::gpu()? else {
+        info!("on the CPU: no adapter is a GPU");
+        return Ok(Box::new(cpu));
+    };
     let known = Crossover::known(folder, &adapter.report, cpu.threads());
     if let Some(known) = &known {
         debug!("{}: {known}", known.adapter);

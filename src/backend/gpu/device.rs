@@ -107,23 +107,34 @@ impl Found {
     ///
     /// # Errors
     /// [`Error::Device`] says what was found instead, or why it cannot be used.
-    pub fn find(name: Option<&str>, software: bool) -> Result<Found> {
+    pub fn find(name: Option<&str>) -> Result<Found> {
         let wanted = name.map(str::to_lowercase);
         let found = ranked();
-        let fits = |r: &AdapterReport| match &wanted {
-            Some(name) => r.name.to_lowercase().contains(name),
-            None => software || !r.software,
-        };
+        let fits = |r: &AdapterReport| wanted.as_ref().is_none_or(|name| r.name.to_lowercase().contains(name));
         let names: Vec<String> = found.iter().map(|(r, _)| format!("{} ({}, {})", r.name, r.kind, r.interface)).collect();
         let list = if names.is_empty() { "no adapter".into() } else { names.join("; ") };
         let Some((report, adapter)) = found.into_iter().find(|(r, _)| fits(r)) else {
             let wanted = name.map_or("a GPU".into(), |n| format!("an adapter named `{n}`"));
             return Err(Error::Device { message: format!("{wanted} was asked for; this machine has {list}") });
         };
-        if let Some(why) = &report.unusable {
-            return Err(Error::Device { message: format!("{} cannot be used: {why}", report.name) });
+        Found { report, adapter }.fit()
+    }
+
+    /// The first GPU that is none in software; none where there is none.
+    ///
+    /// # Errors
+    /// [`Error::Device`] says why it cannot be used.
+    pub fn gpu() -> Result<Option<Found>> {
+        let found = ranked().into_iter().find(|(report, _)| !report.software);
+        found.map(|(report, adapter)| Found { report, adapter }.fit()).transpose()
+    }
+
+    /// Itself, or why it cannot be used.
+    fn fit(self) -> Result<Found> {
+        match &self.report.unusable {
+            Some(why) => Err(Error::Device { message: format!("{} cannot be used: {why}", self.report.name) }),
+            None => Ok(self),
         }
-        Ok(Found { report, adapter })
     }
 }
 
@@ -196,22 +207,20 @@ fn keep(fault: &Mutex<Option<Fault>>, new: Fault) {
 }
 
 impl Device {
-    /// Opens the first usable adapter, or the first whose name contains `name` (in any case).
-    ///
-    /// * `software` - whether adapters that compute on a processor may be taken when no name asks for one
+    /// Opens the first usable adapter, those that compute on a processor behind all others, or the first whose name contains `name` (in any case).
     ///
     /// # Errors
     /// [`Error::Device`] says what was found instead, or why it could not be opened.
-    pub fn open(name: Option<&str>, software: bool) -> Result<Device> {
-        Device::open_with(name, software, Folder::of_user())
+    pub fn open(name: Option<&str>) -> Result<Device> {
+        Device::open_with(name, Folder::of_user())
     }
 
     /// As [`Device::open`], with a folder in which compiled pipelines are kept.
     ///
     /// # Errors
     /// As [`Device::open`].
-    pub fn open_with(name: Option<&str>, software: bool, folder: Folder) -> Result<Device> {
-        Device::of(Found::find(name, software)?, folder)
+    pub fn open_with(name: Option<&str>, folder: Folder) -> Result<Device> {
+        Device::of(Found::find(name)?, folder)
     }
 
     /// Opens an adapter.

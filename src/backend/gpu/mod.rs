@@ -101,8 +101,8 @@ impl Gpu {
     ///
     /// # Errors
     /// [`Error::Device`] when there is none, it cannot be opened, or it computes wrong numbers.
-    pub fn open(name: Option<&str>, software: bool, threads: usize) -> Result<Gpu> {
-        Gpu::new(Device::open(name, software)?, threads)
+    pub fn open(name: Option<&str>, threads: usize) -> Result<Gpu> {
+        Gpu::new(Device::open(name)?, threads)
     }
 
     /// Tests an open device and works on it.
