@@ -291,7 +291,7 @@ fn basis_integrals(span: Phase, nodes: usize, t: f64, ends: [f64; MOMENTUM_POINT
     integrals
 }
 
-/// First to third integral of the force of a stance from `t` to `end`.
+/// First to third integral of the force of a stance from `t` to `end`: `int f`, `int (end - s) f`, `int (end - s)^2 / 2 f ds`.
 ///
 /// * `nodes` - positions of its nodes in `x`
 /// * `unit` - of forces, N
@@ -414,27 +414,32 @@ fn between(task: &Task, curves: &Curves, x: &[f64], t: f64, [pose, rate]: [[f64;
     let inertia = Matrix3::from_fn(|r, c| robot.inertia[r][c]);
     let vector = |v: &[f64]| Vector3::new(v[0], v[1], v[2]);
     let (p, v) = (vector(&pose), vector(&rate));
-    // Moved, velocity and angular momentum gained after `tau`.
-    let after = |tau: f64| {
-        let (mut first, mut second, mut third, mut moment) = (Vector3::zeros(), Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
-        for foot in &curves.feet {
-            for (stance, nodes) in foot.force_nodes.iter().enumerate() {
-                let span = foot.phases[2 * stance];
-                if span.end <= t || span.start >= t + tau {
-                    continue;
-                }
-                let sums = impulses(span, nodes, x, curves.force_unit, t, t + tau);
-                let at = foot.footholds[stance] as usize;
-                let foothold = Vector3::new(x[at], x[at + 1], task.terrain.height(x[at], x[at + 1]));
-                moment += (foothold - p).cross(&sums[0]);
-                first += sums[0];
-                second += sums[1];
-                third += sums[2];
-            }
+    let end = t + curves.interval;
+    let stances = curves.feet.iter().flat_map(|foot| foot.phases.iter().step_by(2).zip(&foot.force_nodes).zip(&foot.footholds));
+    let at_work: Vec<(Phase, &[u32], usize)> = stances
+        .filter(|((span, _), _)| span.end > t && span.start < end)
+        .map(|((span, nodes), at)| (*span, &nodes[..], *at as usize))
+        .collect();
+    // First to third integral of the forces since `t`, and their impulses' moment about where the base was then.
+    let (mut done, mut integrals, mut moment) = (0., [Vector3::zeros(); 3], Vector3::zeros());
+    // Moved, velocity and angular momentum gained after `tau`, which never falls.
+    let mut after = |tau: f64| {
+        let [first, second, third] = &mut integrals;
+        let by = tau - done;
+        *third += *second * by + *first * (by * by / 2.);
+        *second += *first * by;
+        for &(span, nodes, at) in &at_work {
+            let [one, two, three] = impulses(span, nodes, x, curves.force_unit, t + done, t + tau);
+            let foothold = Vector3::new(x[at], x[at + 1], task.terrain.height(x[at], x[at + 1]));
+            moment += (foothold - p).cross(&one);
+            *first += one;
+            *second += two;
+            *third += three;
         }
-        let velocity = v + gravity * tau + first / mass;
-        let moved = v * tau + gravity * (tau * tau / 2.) + second / mass;
-        let gained = moment + (v * (mass * tau * tau / 2.) + third).cross(&gravity) - moved.cross(&velocity) * mass;
+        done = tau;
+        let velocity = v + gravity * tau + *first / mass;
+        let moved = v * tau + gravity * (tau * tau / 2.) + *second / mass;
+        let gained = moment + (v * (mass * tau * tau / 2.) + *third).cross(&gravity) - moved.cross(&velocity) * mass;
         (moved, velocity, gained)
     };
     // Base to world, and `omega = E rates`.
