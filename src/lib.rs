@@ -2,7 +2,7 @@
 //!
 //! Given a [`Task`] (robot, terrain, goal) it returns a gait, that is phase durations for every foot, with a motion and contact forces that are
 //! physically valid. A [`Search`] draws gaits of many families, solves for each a trajectory optimisation problem with single rigid body
-//! dynamics, the whole population as one batch on a [`Cpu`] or a [`Gpu`], and fits its distribution to the cheapest by the cross-entropy method:
+//! dynamics, the whole population as one batch on a [`Cpu`] or a [`Gpu`](backend), and fits its distribution to the cheapest by the cross-entropy method:
 //!
 //! ```
 //! use cregopt::{Cpu, Goal, Robot, Search, Task, Terrain};

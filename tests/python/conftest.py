@@ -27,12 +27,12 @@ def nowhere() -> cregopt.Task:
 
 @pytest.fixture(scope="session")
 def program() -> str:
-    """The program, if it was built."""
+    """The program as it was built last."""
     root = pathlib.Path(__file__).parents[2]
     target = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", root / "target"))
-    built = [target / profile / "cregopt" for profile in ("quick", "release", "debug")]
     named = os.environ.get("CREGOPT_PROGRAM")
-    for path in [pathlib.Path(named)] if named else built:
-        if path.is_file():
-            return str(path)
-    pytest.skip("the program is not built; CREGOPT_PROGRAM names it")
+    paths = [pathlib.Path(named)] if named else [target / profile / "cregopt" for profile in ("quick", "release", "debug")]
+    built = [path for path in paths if path.is_file()]
+    if not built:
+        pytest.skip("the program is not built; CREGOPT_PROGRAM names it")
+    return str(max(built, key=lambda path: path.stat().st_mtime))
