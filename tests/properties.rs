@@ -209,7 +209,7 @@ fn check_sweep(layout: &Layout<f32>) -> Result<(), TestCaseError> {
     prop_assert_eq!(layout.steps.iter().map(|s| s.pivots as usize).sum::<usize>(), layout.variables);
     prop_assert_eq!(layout.steps.iter().map(|s| (s.pivots * s.stride) as usize).sum::<usize>(), layout.factor_len);
     let mut last_step = vec![usize::MAX; layout.variables];
-    let (mut next_element, mut next_pivot) = (0, 0);
+    let (mut next_element, mut next_pivot, mut next_instant) = (0, 0, 0);
     let columns = layout.columns();
     for (k, step) in layout.steps.iter().enumerate() {
         prop_assert_eq!(step.elements.start, next_element);
@@ -224,7 +224,11 @@ fn check_sweep(layout: &Layout<f32>) -> Result<(), TestCaseError> {
             front.extend(run.variable..run.variable + run.len);
         }
         prop_assert_eq!(front.len(), step.size as usize);
-        for element in step.elements.range() {
+        prop_assert_eq!(step.reach.start, next_instant);
+        next_instant = step.reach.end;
+        let instants = &layout.reach_instants[step.reach.range()];
+        let feet = instants.iter().flat_map(|instant| instant.feet.range()).map(|foot| layout.first_reach + foot);
+        for element in step.elements.range().chain(feet) {
             for (run, _) in &columns[element] {
                 for i in 0..run.len {
                     prop_assert_eq!(front[(run.front + i) as usize], run.variable + i);
@@ -235,23 +239,16 @@ fn check_sweep(layout: &Layout<f32>) -> Result<(), TestCaseError> {
         let pivots = &last_step[step.variable as usize..(step.variable + step.pivots) as usize];
         prop_assert!(pivots.iter().all(|&last| last == k), "eliminated where they are last touched");
     }
-    prop_assert_eq!(next_element as usize, layout.elements.len());
-    // The front takes the feet of a reach instant together: no step splits one, nothing stands between its feet.
-    let (mut instants, mut left) = (layout.reach_instants.iter(), 0);
-    for step in &layout.steps {
-        for element in &layout.elements[step.elements.range()] {
-            if element.family == Family::Reach && left == 0 {
-                left = instants.next().map_or(0, |instant| instant.feet.range().len());
-                prop_assert!(left > 0);
-            }
-            prop_assert!(left == 0 || element.family == Family::Reach);
-            left = left.saturating_sub(1);
-        }
-        prop_assert_eq!(left, 0);
+    prop_assert_eq!(next_element as usize, layout.first_reach);
+    prop_assert_eq!(next_instant as usize, layout.reach_instants.len());
+    let mut next_foot = 0;
+    for instant in &layout.reach_instants {
+        prop_assert!(instant.feet.start == next_foot && instant.feet.end > next_foot);
+        next_foot = instant.feet.end;
     }
-    prop_assert!(instants.next().is_none());
-    let rows = layout.elements.iter().filter(|e| e.family == Family::Reach).map(|e| e.place.row);
-    prop_assert!(rows.eq(layout.reach_feet.iter().map(|f| f.place.row)), "instants in order of time, feet in order");
+    let (others, reach) = layout.elements.split_at(layout.first_reach);
+    prop_assert!(others.iter().all(|e| e.family != Family::Reach) && reach.iter().all(|e| e.family == Family::Reach));
+    prop_assert!(reach.iter().map(|e| e.place.row).eq(layout.reach_feet.iter().map(|f| f.place.row)), "in the order of the feet");
     Ok(())
 }
 

@@ -7,10 +7,11 @@ use common::{Random, cones, gait, hills, layout_with, spider, task, task_for, tr
 use cregopt::backend::gpu::shaders::{
     Binding, SHARED, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP, bindings, constants, prelude, reads,
 };
-use cregopt::backend::gpu::tables::{Batch, Buffer, FrontStep, Part, ShaderTables, Shape, Slot, Touch};
+use cregopt::backend::gpu::tables::{Batch, Buffer, FrontStep, Part, ShaderTables, Shape, Slot};
 use cregopt::linear::transposed::transposed_times;
 use cregopt::nlp::Layout;
 use cregopt::nlp::layout::Element;
+use cregopt::rows::Constants;
 use cregopt::rows::dynamics::{DynamicsInstant, StanceForce};
 use cregopt::rows::footing::Footing;
 use cregopt::rows::force::ForceNode;
@@ -18,7 +19,6 @@ use cregopt::rows::momentum::MomentumInterval;
 use cregopt::rows::reach::{BasePoint, ReachFoot, ReachInstant};
 use cregopt::rows::swing::SwingNode;
 use cregopt::rows::table::NONE;
-use cregopt::rows::{Constants, Family};
 use cregopt::solver::control::Progress;
 use cregopt::solver::round::{ROUND, START, Stage};
 use naga::valid::{Capabilities, GlobalUse, ModuleInfo, ValidationFlags, Validator};
@@ -538,8 +538,7 @@ fn gathering_over_touches_gives_the_transposed_product() {
         assert_eq!(own.gathers.len(), layout.variables);
         for (variable, gather) in own.gathers.iter().enumerate() {
             let touches = &own.touches[gather.touches.range()];
-            let place = |touch: &Touch<f32>| (layout.elements[touch.element as usize].family == Family::Reach, touch.element);
-            assert!(touches.is_sorted_by(|a, b| place(a) < place(b)), "in the order of the elements, reach behind the others");
+            assert!(touches.is_sorted_by(|a, b| a.element < b.element), "in the order of the elements");
             let mut sum = 0f32;
             for touch in touches {
                 let mut local = 0.;
@@ -597,22 +596,5 @@ fn rests_name_what_stays_of_a_front_and_where_it_stands_in_the_next() {
             moved += nexts.len();
         }
         assert!(moved > 0 || layout.steps.len() == 1);
-    }
-}
-
-#[test]
-fn reach_instants_of_a_step_are_those_of_its_elements() {
-    for layout in layouts() {
-        let mut next = 0;
-        for step in &ShaderTables::of(&layout).front_steps {
-            assert_eq!(step.reach.start, next, "they follow each other");
-            next = step.reach.end;
-            let places = |e: &&Element| e.family == Family::Reach;
-            let elements = layout.elements[step.elements.range()].iter().filter(places).map(|e| e.place.row);
-            let feet =
-                layout.reach_instants[step.reach.range()].iter().flat_map(|i| &layout.reach_feet[i.feet.range()]).map(|f| f.place.row);
-            assert_eq!(feet.collect::<Vec<_>>(), elements.collect::<Vec<_>>());
-        }
-        assert_eq!(next as usize, layout.reach_instants.len());
     }
 }

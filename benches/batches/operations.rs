@@ -132,7 +132,6 @@ fn front(layout: &Layout<f32>, own: &ShaderTables) -> Operations {
         for element in &layout.elements[step.elements.range()] {
             let columns: u64 = layout.runs[element.runs.range()].iter().map(|r| u64::from(r.len)).sum();
             of.simple += match element.family {
-                Family::Reach => 0,
                 Family::LinearMomentum => 3 * add_rows(2, columns / 3),
                 _ => (0..element.rows).step_by(6).map(|top| add_rows(u64::from(element.rows - top).min(6), columns)).sum(),
             };

@@ -82,6 +82,7 @@ impl Sizes<'_> {
         let family = |f: Family, table: Buffer| walk(&[table]) + self.jacobian(|o| o == f) + inequalities(f);
         let whole = self.jacobian(|_| true);
         let elements = t(&[Buffer::Elements]);
+        let others = (layout.first_reach * size_of::<Element>()) as u64;
         let sweep = t(&[Buffer::FrontSteps, Buffer::Rests]);
         let reach = 40 * (layout.reach_instants.len() + layout.reach_feet.len()) as u64;
         if shader.table().is_some_and(|table| self.table(table) == 0) {
@@ -112,11 +113,11 @@ impl Sizes<'_> {
             // Of reach rows the feet's own columns and those of the pose; of their tables indices, weights, spans and places.
             Shader::Front => {
                 let read = self.jacobian(|f| f != Family::Reach) + self.by_feet() + self.by_pose();
-                read + 2 * rows + 2 * v + elements + t(&[Buffer::Runs]) + sweep + reach + 2 * self.carry() + self.factor()
+                read + 2 * rows + 2 * v + others + t(&[Buffer::Runs]) + sweep + reach + 2 * self.carry() + self.factor()
             }
             // The direction, which is read again behind the pivots.
             Shader::Substitute => self.factor() + sweep + 2 * v,
-            Shader::Product => whole + elements + t(&[Buffer::Runs]) + reach + v + c + g,
+            Shader::Product => whole + others + t(&[Buffer::Runs]) + reach + v + c + g,
             // Residuals, their change, slacks, multipliers; both steps; weight and value.
             Shader::Correct => c + 6 * g + elements + 2 * rows,
             Shader::Transposed => whole + rows + elements + t(&[Buffer::Gathers, Buffer::Touches]) + 2 * v,

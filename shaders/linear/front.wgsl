@@ -439,9 +439,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         var side = 0u;
         for (var i = at.elements.start; i < at.elements.end; i++) {
             let element = elements_at(slot, i);
-            if (element.family == REACH) {
-                continue;
-            }
             let count = spread(slot, element, side, lane);
             front_barrier();
             assemble(slot, half, element, side, count, at.size, lane);

@@ -103,11 +103,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         return;
     }
     let half = progress[slot].current;
-    for (var i = lane; i < slots[slot].elements; i += WORKGROUP) {
-        let element = elements_at(slot, i);
-        if (element.family != REACH) {
-            jacobian_times(slot, half, element);
-        }
+    for (var i = lane; i < slots[slot].first_reach; i += WORKGROUP) {
+        jacobian_times(slot, half, elements_at(slot, i));
     }
     for (var i = lane; i < slots[slot].reach_instants; i += WORKGROUP) {
         reach_times(slot, half, i);

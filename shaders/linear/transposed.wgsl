@@ -17,9 +17,19 @@ fn transposed_times(slot: u32, half: u32, i: u32) -> f32 {
         for (var e = 0u; e < touch.count; e++) {
             let element = elements[slot * batch.elements + touch.element + e];
             let column = (2u * slot + half) * batch.jacobian + element.place.jacobian + touch.column + gather.offset;
-            for (var r = 0u; r < element.rows; r++) {
-                local += values[value + element.place.row + r] * jacobian[column + r * element.place.stride];
+            let row = value + element.place.row;
+            let stride = element.place.stride;
+            if (element.rows == 3u) {
+                // Most are reach rows: without a loop.
+                local += values[row] * jacobian[column] + values[row + 1u] * jacobian[column + stride]
+                    + values[row + 2u] * jacobian[column + 2u * stride];
+                continue;
             }
+            var of_element = 0.0;
+            for (var r = 0u; r < element.rows; r++) {
+                of_element += values[row + r] * jacobian[column + r * stride];
+            }
+            local += of_element;
         }
         sum += touch.weight * local;
     }

@@ -16,12 +16,21 @@ fn column_scaling(slot: u32, half: u32, i: u32) -> f32 {
         for (var e = 0u; e < touch.count; e++) {
             let element = elements[slot * batch.elements + touch.element + e];
             let column = (2u * slot + half) * batch.jacobian + element.place.jacobian + touch.column + gather.offset;
-            for (var r = 0u; r < element.rows; r++) {
-                // A two-sided row counts twice.
-                let sides = select(0.5, 1.0, element.place.row < slots[slot].equalities || r < element.pairs);
-                let v = jacobian[column + r * element.place.stride];
-                local += sides * v * v;
+            let stride = element.place.stride;
+            // A two-sided row counts twice.
+            let twice = select(element.pairs, element.rows, element.place.row < slots[slot].equalities);
+            if (twice == 3u && element.rows == 3u) {
+                // Most are reach rows: without a loop.
+                let v = vec3<f32>(jacobian[column], jacobian[column + stride], jacobian[column + 2u * stride]);
+                local += dot(v, v);
+                continue;
             }
+            var of_element = 0.0;
+            for (var r = 0u; r < element.rows; r++) {
+                let v = jacobian[column + r * stride];
+                of_element += select(0.5, 1.0, r < twice) * v * v;
+            }
+            local += of_element;
         }
         sum += touch.weight * touch.weight * local;
     }

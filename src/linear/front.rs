@@ -7,7 +7,6 @@ use super::lanes::LANES;
 use crate::nlp::Layout;
 use crate::nlp::layout::Element;
 use crate::real::Real;
-use crate::rows::Family;
 use crate::rows::reach::{ReachFoot, ReachInstant};
 use crate::rows::table::{NONE, Span};
 use aligned_vec::{AVec, CACHELINE_ALIGN};
@@ -66,29 +65,17 @@ pub struct NormalEquations<'a, T> {
 pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, factor: &mut Factor<T>) -> bool {
     let stride = layout.front_stride;
     let [mut front, mut next] = factor.fronts.each_mut().map(|f| &mut f[..]);
-    let (mut previous_size, mut next_reach) = (0, 0);
+    let mut previous_size = 0;
     for step in &layout.steps {
         let (size, pivots) = (step.size as usize, step.pivots as usize);
         std::mem::swap(&mut front, &mut next);
         front[..size * stride].fill(T::zero());
         move_front(layout, step.moves, next, previous_size, front, size, stride);
-        let mut elements = &layout.elements[step.elements.range()];
-        while let Some((element, rest)) = elements.split_first() {
-            if element.family == Family::Reach {
-                // Those of a step stand together.
-                let feet = elements.iter().take_while(|e| e.family == Family::Reach).count();
-                let first = next_reach;
-                let mut left = feet;
-                while left > 0 {
-                    left -= layout.reach_instants[next_reach].feet.range().len();
-                    next_reach += 1;
-                }
-                assemble_reach(layout, &layout.reach_instants[first..next_reach], system, front, size, stride);
-                elements = &elements[feet..];
-            } else {
-                assemble(layout, element, system, front, size, stride, &mut factor.spread);
-                elements = rest;
-            }
+        for element in &layout.elements[step.elements.range()] {
+            assemble(layout, element, system, front, size, stride, &mut factor.spread);
+        }
+        if !step.reach.range().is_empty() {
+            assemble_reach(layout, &layout.reach_instants[step.reach.range()], system, front, size, stride);
         }
         for i in 0..pivots {
             front[i * stride + i] += system.diagonal[step.variable as usize + i];

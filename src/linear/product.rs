@@ -4,7 +4,6 @@ use super::lanes::{LANES, dot};
 use crate::nlp::Layout;
 use crate::nlp::layout::Element;
 use crate::real::Real;
-use crate::rows::Family;
 use crate::rows::reach::{ReachFoot, ReachInstant};
 use crate::rows::table::NONE;
 use multiversion::multiversion;
@@ -14,7 +13,7 @@ use multiversion::multiversion;
 /// * `local` - scratch, `[widest]`
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 pub fn jacobian_times<T: Real>(layout: &Layout<T>, jacobian: &[T], d: &[T], local: &mut [T], c_change: &mut [T], g_change: &mut [T]) {
-    for element in layout.elements.iter().filter(|e| e.family != Family::Reach) {
+    for element in &layout.elements[..layout.first_reach] {
         element_times(layout, element, jacobian, d, local, c_change, g_change);
     }
     for instant in &layout.reach_instants {

@@ -3,7 +3,6 @@
 use super::lanes::LANES;
 use crate::nlp::Layout;
 use crate::real::Real;
-use crate::rows::Family;
 use crate::rows::reach::{ReachFoot, ReachInstant};
 use crate::rows::table::NONE;
 use multiversion::multiversion;
@@ -25,7 +24,7 @@ pub fn transposed_squares_times<T: Real>(layout: &Layout<T>, jacobian: &[T], v: 
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 fn by_column<T: Real, const SQUARED: bool>(layout: &Layout<T>, jacobian: &[T], v: &[T], local: &mut [T], out: &mut [T]) {
     out.fill(T::zero());
-    for element in layout.elements.iter().filter(|e| e.family != Family::Reach) {
+    for element in &layout.elements[..layout.first_reach] {
         let place = &element.place;
         let (row, stride) = (place.row as usize, place.stride as usize);
         let local = &mut local[..stride];

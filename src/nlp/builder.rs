@@ -187,7 +187,8 @@ impl<'a, T: Real> Builder<'a, T> {
         let mut steps = std::mem::take(&mut fronts.steps);
 
         let mut drafts = std::mem::take(&mut self.drafts);
-        drafts.sort_by_key(|d| d.step);
+        drafts.sort_by_key(|d| (d.family == Family::Reach, d.step));
+        let first_reach = drafts.partition_point(|d| d.family != Family::Reach);
         let rows_of = |equality: bool| drafts.iter().map(|d| d.family.spec()).filter(|s| s.equality == equality).map(|s| s.rows).sum();
         let equalities: usize = rows_of(true);
         let mut widest = 0;
@@ -198,6 +199,7 @@ impl<'a, T: Real> Builder<'a, T> {
         // Index in the front of the step at hand, of each variable that is in it.
         let mut in_front = vec![NONE; variables];
         let mut step = usize::MAX;
+        let mut instant = 0;
         for draft in &drafts {
             if draft.step != step {
                 step = draft.step;
@@ -228,13 +230,21 @@ impl<'a, T: Real> Builder<'a, T> {
                 place,
                 runs: Span::added(first_run, &runs),
             });
-            steps[draft.step].elements.end = elements.len() as u32;
+            if draft.family == Family::Reach {
+                // Instants stand in the order of their feet.
+                let instants = &self.tables.reach_instants;
+                instant += usize::from(instants[instant].feet.end as usize <= draft.entry);
+                steps[draft.step].reach.end = instant as u32 + 1;
+            } else {
+                steps[draft.step].elements.end = elements.len() as u32;
+            }
         }
-        // Steps without elements: empty ranges that keep the order.
-        let mut end = 0;
+        // Steps without any: empty ranges that keep the order.
+        let (mut end, mut reach_end) = (0, 0);
         for step in &mut steps {
             step.elements = Span { start: end, end: step.elements.end.max(end) };
-            end = step.elements.end;
+            step.reach = Span { start: reach_end, end: step.reach.end.max(reach_end) };
+            (end, reach_end) = (step.elements.end, step.reach.end);
         }
 
         let (at, force_unit) = (|id: BlockId| positions[id.0 as usize], self.force_unit());
@@ -256,6 +266,7 @@ impl<'a, T: Real> Builder<'a, T> {
             smoothing,
             tables: self.tables,
             elements,
+            first_reach,
             runs,
             steps,
             front_runs: fronts.runs,

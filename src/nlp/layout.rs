@@ -9,6 +9,7 @@ use super::sweep::Step;
 use crate::gait::Phase;
 use crate::gait::trajectory::MotionLimits;
 use crate::real::Real;
+use crate::rows::reach::{BasePoint, ReachFoot};
 use crate::rows::table::{NONE, Place, Run, Span};
 use crate::rows::{Family, Tables};
 use crate::settings::Transcription;
@@ -49,8 +50,10 @@ pub struct Layout<T> {
     pub smoothing: Vec<T>,
     /// What rows are made from.
     pub tables: Tables<T>,
-    /// Elements, in the order of the sweep.
+    /// Elements in the order of the sweep; those of reach rows behind all others, one a foot and instant.
     pub elements: Vec<Element>,
+    /// The first element of reach rows.
+    pub first_reach: usize,
     /// Columns of the elements.
     pub runs: Vec<Run>,
     /// The sweep.
@@ -90,10 +93,7 @@ impl<T: Real> Layout<T> {
     /// What the rows of each element depend on: columns as runs of variables, and how much their values count for these. Reach rows depend on
     /// the blocks of the base through the six columns of their pose, by weights.
     pub fn columns(&self) -> Vec<Vec<(Run, T)>> {
-        let instants = self.reach_instants.iter();
-        let mut feet = instants.flat_map(|instant| self.reach_feet[instant.feet.range()].iter().map(|foot| (&instant.base, foot)));
-        let mut of_reach = || {
-            let Some((base, foot)) = feet.next() else { return Vec::new() };
+        let of_reach = |(base, foot): (&BasePoint<T>, &ReachFoot<T>)| {
             let pose = (0..4).map(|i| (Run { variable: base.variable[i], front: base.front[i], column: 0, len: 6 }, base.weights[i]));
             let own = foot.own_runs(&self.footholds).map(|run| (run, T::one()));
             let mut all: Vec<(Run, T)> = pose.filter(|(run, _)| run.front != NONE).chain(own).collect();
@@ -101,7 +101,9 @@ impl<T: Real> Layout<T> {
             all
         };
         let own = |element: &Element| self.runs[element.runs.range()].iter().map(|run| (*run, T::one())).collect();
-        self.elements.iter().map(|e| if e.family == Family::Reach { of_reach() } else { own(e) }).collect()
+        let instants = self.reach_instants.iter();
+        let feet = instants.flat_map(|instant| self.reach_feet[instant.feet.range()].iter().map(|foot| (&instant.base, foot)));
+        self.elements[..self.first_reach].iter().map(own).chain(feet.map(of_reach)).collect()
     }
 
     /// Bytes of the tables and of the buffers of one solve.

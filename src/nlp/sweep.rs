@@ -20,8 +20,10 @@ pub struct Step {
     pub factor: u32,
     /// Distance of two of them.
     pub stride: u32,
-    /// Elements assembled here.
+    /// Elements assembled here, those of reach rows left out.
     pub elements: Span,
+    /// Reach instants whose rows are assembled here.
+    pub reach: Span,
     /// What stays of the previous front: runs from index `column` there to index `front` here.
     pub moves: Span,
     /// The front after its pivots, as runs.
@@ -132,6 +134,7 @@ pub(super) fn fronts(blocks: &[Block], positions: &[u32], steps: usize) -> Front
             factor: result.factor_len as u32,
             stride,
             elements: Span::default(),
+            reach: Span::default(),
             moves: Span { start: first_move as u32, end: first_rest as u32 },
             rest: Span { start: first_rest as u32, end: result.runs.len() as u32 },
         });

@@ -332,7 +332,6 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("HOPELESS_FROM", control::HOPELESS_FROM),
         ("HOPELESS_TO", control::HOPELESS_TO),
         ("LINEAR_MOMENTUM", Family::LinearMomentum as u32),
-        ("REACH", Family::Reach as u32),
     ];
     let real = vec![
         ("ACCELERATION_MARGIN", acceleration::MARGIN as f32),

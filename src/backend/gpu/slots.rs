@@ -2,10 +2,9 @@
 
 use super::device::{Device, Fault, Pipeline};
 use super::shaders::{Binding, Shader, Variant};
-use super::tables::{ALIGNMENT, Batch, Buffer, Part, ShaderTables, Sizes, Slot, first_progress};
+use super::tables::{ALIGNMENT, Batch, Buffer, Gather, Part, ShaderTables, Sizes, Slot, Touch, first_progress};
 use crate::nlp::Layout;
 use crate::nlp::sweep::Step;
-use crate::rows::Family;
 use crate::settings::SolverSettings;
 use crate::solver::control::Progress;
 use rayon::prelude::*;
@@ -49,42 +48,57 @@ fn loops(layout: &Layout<f32>, step: &Step, workgroup: u32) -> u32 {
     let elements: u32 = layout.elements[step.elements.range()]
         .iter()
         .map(|element| {
-            if element.family == Family::Reach {
-                // A foot, and what is done once an instant.
-                return 5 * shares(30) + 3 * shares(42) + shares(24) + shares(360);
-            }
             let columns: u32 = layout.runs[element.runs.range()].iter().map(|r| r.len).sum();
             element.rows.div_ceil(6) * (triangle(columns) + shares(columns) + columns + 8)
         })
         .sum();
+    let feet: u32 = layout.reach_instants[step.reach.range()].iter().map(|instant| instant.feet.end - instant.feet.start).sum();
+    // A foot, and what is done once an instant.
+    let reach = feet * (5 * shares(30) + 3 * shares(42) + shares(24) + shares(360));
     let panels = step.pivots.div_ceil(4) * (triangle(step.size) + 6 * shares(step.size));
-    elements + panels + 4 * triangle(step.size) + 4 * shares(step.size)
+    elements + reach + panels + 4 * triangle(step.size) + 4 * shares(step.size)
 }
 
 /// Loop iterations of an invocation of the shader that goes over all elements row by row, or of those that gather them by variable. An
-/// invocation takes every `workgroup`-th; those beside it wait for the longest.
+/// invocation takes every `workgroup`-th; those beside it go through each loop together, as often as the one that goes through it longest, and
+/// once more to leave it.
 fn walk(layout: &Layout<f32>, own: &ShaderTables, workgroup: usize) -> u32 {
-    let by_element = layout.elements.chunks(workgroup).map(|together| {
-        let rows = together.iter().map(|e| {
-            let runs = &layout.runs[e.runs.range()];
-            // Three rows at once.
-            e.rows + e.rows.div_ceil(3) * runs.iter().map(|r| r.len + 1).sum::<u32>()
-        });
-        1 + rows.max().unwrap_or(0)
+    let by_element = layout.elements[..layout.first_reach].chunks(workgroup).map(|together| {
+        let rows = together.iter().map(|e| e.rows).max().unwrap_or(0);
+        let columns = longest(together.iter().map(|e| layout.runs[e.runs.range()].iter().map(|run| run.len)));
+        // Three rows at once.
+        1 + (rows + 1) + rows.div_ceil(3) * (columns.iter().map(|len| 1 + (len + 1)).sum::<u32>() + 1)
     });
     let by_instant = layout.reach_instants.chunks(workgroup).map(|together| {
-        // Four blocks, and the columns of each foot.
-        let feet = together.iter().map(|instant| 4 + instant.feet.range().len() as u32 * 6);
-        5 + feet.max().unwrap_or(0)
+        let feet = together.iter().map(|instant| instant.feet.end - instant.feet.start).max().unwrap_or(0);
+        // Blocks of the base; of each foot axes, footholds and rows.
+        1 + (4 + 1) + (feet + 1) + feet * ((3 + 1) + (2 + 1) + (3 + 1))
     });
     let by_variable = own.gathers.chunks(workgroup).map(|together| {
-        let touches = together.iter().map(|g| {
-            let touches = &own.touches[g.touches.range()];
-            touches.iter().map(|t| 1 + t.count * (1 + layout.elements[t.element as usize].rows)).sum::<u32>()
-        });
-        1 + touches.max().unwrap_or(0)
+        let touches = |g: &Gather| own.touches[g.touches.range()].iter();
+        let counts = longest(together.iter().map(|g| touches(g).map(|t| t.count)));
+        // Reach rows of a foot go without a loop.
+        let rows = |t: &Touch<f32>| Some(layout.elements[t.element as usize].rows).filter(|_| t.element < layout.first_reach as u32);
+        let rows = longest(together.iter().map(|g| touches(g).map(|t| rows(t).map_or(0, |rows| rows + 1))));
+        1 + counts.iter().zip(rows).map(|(count, rows)| 1 + (count + 1) + count * rows).sum::<u32>() + 1
     });
-    (by_element.sum::<u32>() + by_instant.sum::<u32>()).max(by_variable.sum())
+    // The start goes over inequalities and values besides.
+    let besides = [layout.inequalities, layout.initial.len()].map(|n| n.div_ceil(workgroup) as u32 + 1);
+    (by_element.sum::<u32>() + by_instant.sum::<u32>()).max(by_variable.sum::<u32>() + besides.iter().sum::<u32>()) + 2
+}
+
+/// The largest of the first items of some lists, of the second ones, and so on.
+fn longest(lists: impl Iterator<Item = impl Iterator<Item = u32>>) -> Vec<u32> {
+    let mut largest: Vec<u32> = Vec::new();
+    for list in lists {
+        for (i, item) in list.enumerate() {
+            match largest.get_mut(i) {
+                Some(so_far) => *so_far = item.max(*so_far),
+                None => largest.push(item),
+            }
+        }
+    }
+    largest
 }
 
 /// Which list of slots a dispatch works on.

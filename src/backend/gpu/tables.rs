@@ -9,8 +9,9 @@
 
 use crate::nlp::Layout;
 use crate::rows::momentum::{MOMENTUM_POINTS, MomentumPoint};
+use crate::rows::reach::ReachInstant;
 use crate::rows::table::{MemberArray, NONE, Run, Span, Wgsl};
-use crate::rows::{Constants, Family, row_tables};
+use crate::rows::{Constants, row_tables};
 use crate::settings::SolverSettings;
 use crate::solver::control::{Limits, Progress};
 use crate::terrain::{Profile, Shape as TerrainShape, Terrain};
@@ -251,6 +252,8 @@ macro_rules! gpu_tables {
                 pub rows: u32,
                 /// Number of inequalities.
                 pub inequalities: u32,
+                /// Number of elements before those of reach rows.
+                pub first_reach: u32,
                 $(
                     #[doc = concat!("Entries in `", stringify!($table), "`.")]
                     pub $table: u32,
@@ -273,6 +276,7 @@ macro_rules! gpu_tables {
                     equalities: layout.equalities as u32,
                     rows: layout.rows as u32,
                     inequalities: layout.inequalities as u32,
+                    first_reach: layout.first_reach as u32,
                     $($table: count(Buffer::$buffer),)*
                     shape: Shape::of(&layout.terrain, first_height),
                     constants: layout.constants,
@@ -494,7 +498,6 @@ impl ShaderTables {
     /// Tables of a layout.
     pub fn of(layout: &Layout<f32>) -> ShaderTables {
         let mut tables = ShaderTables::default();
-        let mut next_reach = 0;
         for (k, step) in layout.steps.iter().enumerate() {
             let first_rest = tables.rests.len();
             for run in &layout.front_runs[step.rest.range()] {
@@ -507,12 +510,6 @@ impl ShaderTables {
                     }
                 }
             }
-            let first_reach = next_reach;
-            let mut feet = layout.elements[step.elements.range()].iter().filter(|e| e.family == Family::Reach).count();
-            while feet > 0 {
-                feet -= layout.reach_instants[next_reach].feet.range().len();
-                next_reach += 1;
-            }
             tables.front_steps.push(FrontStep {
                 size: step.size,
                 pivots: step.pivots,
@@ -520,7 +517,7 @@ impl ShaderTables {
                 factor: step.factor,
                 stride: step.stride,
                 elements: step.elements,
-                reach: Span { start: first_reach as u32, end: next_reach as u32 },
+                reach: step.reach,
                 rest: Span::added(first_rest, &tables.rests),
             });
         }
@@ -576,23 +573,18 @@ impl ShaderTables {
 /// Which variables are touched by which elements, reach rows behind all others: the feet of an instant touch the base together.
 fn touched(layout: &Layout<f32>) -> Vec<(Run, Touch<f32>)> {
     let of_run = |run: Run, element: usize| (run, Touch { element: element as u32, count: 1, column: run.column, weight: 1. });
-    let elements = layout.elements.iter().enumerate();
-    let others = elements.clone().flat_map(|(i, element)| layout.runs[element.runs.range()].iter().map(move |run| of_run(*run, i)));
+    let others = layout.elements[..layout.first_reach].iter().enumerate();
+    let others = others.flat_map(|(i, element)| layout.runs[element.runs.range()].iter().map(move |run| of_run(*run, i)));
     let mut touched: Vec<_> = others.collect();
-    let mut reach = elements.filter(|(_, element)| element.family == Family::Reach).map(|(i, _)| i);
-    for instant in &layout.reach_instants {
-        let feet = &layout.reach_feet[instant.feet.range()];
-        let base = &instant.base;
-        // Elements of the feet of an instant follow each other.
-        let Some(first) = reach.next() else { break };
+    for ReachInstant { base, feet } in &layout.reach_instants {
+        let first = layout.first_reach + feet.start as usize;
         for i in (0..4).filter(|&i| base.front[i] != NONE) {
             let run = Run { variable: base.variable[i], front: base.front[i], column: 0, len: 6 };
-            touched.push((run, Touch { element: first as u32, count: feet.len() as u32, column: 0, weight: base.weights[i] }));
+            touched.push((run, Touch { element: first as u32, count: feet.end - feet.start, column: 0, weight: base.weights[i] }));
         }
-        for (number, foot) in feet.iter().enumerate() {
+        for (number, foot) in layout.reach_feet[feet.range()].iter().enumerate() {
             touched.extend(foot.own_runs(&layout.footholds).map(|run| of_run(run, first + number)));
         }
-        reach.by_ref().take(feet.len() - 1).for_each(drop);
     }
     touched
 }
