@@ -161,7 +161,7 @@ fn time(backend: &dyn Backend, batch: usize) -> Result<f64> {
 /// [`Error::Device`] when it is not fit.
 pub fn choose(batch: usize, cpu: Cpu, folder: &Folder) -> Result<Box<dyn Backend>> {
     let Some(adapter) = Found::gpu()? else {
-        info!("on the CPU: no adapter is a GPU");
+        debug!("on the CPU: no adapter is a GPU");
         return Ok(Box::new(cpu));
     };
     let known = Crossover::known(folder, &adapter.report, cpu.threads());
