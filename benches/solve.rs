@@ -94,7 +94,8 @@ impl Linearised {
         let mut jacobian = vec![0.; layout.jacobian_len];
         rows::residuals(&layout, &layout.initial, 0., &mut shared, &mut c, &mut g, Some(&mut jacobian));
         let mut diagonal = vec![0.; layout.variables];
-        column_scaling(&layout, &jacobian, &mut diagonal);
+        let (mut counts, mut local) = (vec![0.; layout.rows], vec![0.; layout.widest]);
+        column_scaling(&layout, &jacobian, &mut counts, &mut local, &mut diagonal);
         diagonal.iter_mut().for_each(|d| *d *= 1e-3);
         let (weight, value, gradient) = (vec![1.; layout.rows], vec![0.1; layout.rows], vec![0.; layout.variables]);
         Linearised { layout, jacobian, weight, value, diagonal, gradient }

@@ -52,7 +52,8 @@ pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSetting
     slacks.multiplier = zeros(inequalities);
     slacks.slack_step = zeros(inequalities);
     slacks.multiplier_step = zeros(inequalities);
-    shader(Shader::Start, &mut || column_scaling(&layout, &jacobian, &mut scaling));
+    let (mut counts, mut local) = (zeros(layout.rows), zeros(layout.widest));
+    shader(Shader::Start, &mut || column_scaling(&layout, &jacobian, &mut counts, &mut local, &mut scaling));
     shader(Shader::Start, &mut || start_slacks(&g, progress.mu, &mut slacks));
 
     let (mut weight, mut value) = (zeros(layout.rows), zeros(layout.rows));
@@ -70,7 +71,7 @@ pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSetting
     factor.resize(&layout);
     let system = NormalEquations { jacobian: &jacobian, weight: &weight, value: &value, diagonal: &diagonal, gradient: &gradient };
     assert!(factorise(&layout, &system, &mut factor), "the first factorisation of a solve");
-    let (mut direction, mut local) = (zeros(variables), zeros(layout.widest));
+    let mut direction = zeros(variables);
     let (mut c_change, mut g_change) = (zeros(equalities), zeros(inequalities));
     shader(Shader::Substitute, &mut || substitute(&layout, &mut factor, &mut direction));
     shader(Shader::Product, &mut || jacobian_times(&layout, &jacobian, &direction, &mut local, &mut c_change, &mut g_change));

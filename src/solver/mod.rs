@@ -240,7 +240,7 @@ impl<T: Real> Solver<T> {
     /// The initial point, which was evaluated as a trial point, becomes the point; scaling, slacks and multipliers follow from it.
     fn start(&mut self, solve: &Solve<T>, progress: &Progress<T>) {
         self.take_trial();
-        column_scaling(solve.layout, &self.jacobian, &mut self.scaling);
+        column_scaling(solve.layout, &self.jacobian, &mut self.value, &mut self.local, &mut self.scaling);
         start_slacks(&self.now.g, progress.mu, &mut self.slacks);
     }
 

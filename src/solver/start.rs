@@ -7,14 +7,17 @@ use crate::real::Real;
 use multiversion::multiversion;
 
 /// Column scaling `D_j = sum_eq J_ij^2 + 1/2 sum_ineq J_ij^2`, at least 1e-2.
-pub fn column_scaling<T: Real>(layout: &Layout<T>, jacobian: &[T], diagonal: &mut [T]) {
-    let (mut counts, mut local) = (vec![T::one(); layout.rows], vec![T::zero(); layout.widest]);
+///
+/// * `counts` - scratch, `[rows]`
+/// * `local` - scratch, `[widest]`
+pub fn column_scaling<T: Real>(layout: &Layout<T>, jacobian: &[T], counts: &mut [T], local: &mut [T], diagonal: &mut [T]) {
+    counts.fill(T::one());
     for element in layout.elements.iter().filter(|e| e.place.row as usize >= layout.equalities) {
         // A two-sided row counts twice.
         let row = element.place.row as usize;
         counts[row + element.pairs as usize..row + element.rows as usize].fill(T::of(0.5));
     }
-    transposed_squares_times(layout, jacobian, &counts, &mut local, diagonal);
+    transposed_squares_times(layout, jacobian, counts, local, diagonal);
     for d in diagonal {
         *d = d.max(T::of(1e-2));
     }

@@ -102,7 +102,8 @@ fn start_agrees_with_its_twin() {
             let (layout, state) = (&lab.slots[s].layout, &mut expected.state);
             let half = 1 - state.progress[s].current;
             let mut scaling = vec![f32::NAN; layout.variables];
-            start::column_scaling(layout, &state.jacobian[lab.jacobian(s, half)], &mut scaling);
+            let (mut counts, mut local) = (vec![0.; layout.rows], vec![0.; layout.widest]);
+            start::column_scaling(layout, &state.jacobian[lab.jacobian(s, half)], &mut counts, &mut local, &mut scaling);
             state.values[lab.of_variables(s, lab.batch.scaling)].copy_from_slice(&scaling);
             let mut slacks = slacks(lab, s, state);
             start::start_slacks(&state.values[lab.g(s, half)], state.progress[s].mu, &mut slacks);

@@ -121,7 +121,8 @@ fn columns_are_scaled_by_their_squares() {
     for State { layout, rows, .. } in states() {
         let (j, jg) = (dense_jacobian(&layout, &rows.jacobian), dense_inequalities(&layout, &rows.jacobian));
         let mut diagonal = vec![f64::NAN; layout.variables];
-        column_scaling(&layout, &rows.jacobian, &mut diagonal);
+        let (mut counts, mut local) = (vec![0.; layout.rows], vec![0.; layout.widest]);
+        column_scaling(&layout, &rows.jacobian, &mut counts, &mut local, &mut diagonal);
         let formula = |i: usize| {
             let equalities = j.column(i).rows(0, layout.equalities).norm_squared();
             (equalities + 0.5 * jg.column(i).norm_squared()).max(1e-2)
