@@ -49,6 +49,11 @@ pub trait LowerLevel {
         let done = self.solve(schedules, certify, &|_| false, &|index, solved| *locked(&solutions[index]) = Some(solved.solution));
         solutions.iter().map(|solution| locked(solution).take().filter(|_| done.is_ok())).collect()
     }
+
+    /// As [`LowerLevel::again`], of one schedule and certified.
+    fn certified_again(&self, schedule: &Schedule) -> Option<Self::Solution> {
+        self.again(std::slice::from_ref(schedule), Certify::All).pop().flatten()
+    }
 }
 
 /// This program's solver, with the certificate and, when it is asked for, the cost of what it finds.
@@ -183,7 +188,7 @@ impl<L: LowerLevel> Evaluator for Timed<'_, L> {
     }
 
     fn again(&mut self, schedule: &Schedule) -> Option<L::Solution> {
-        self.level.again(std::slice::from_ref(schedule), Certify::All).pop().flatten()
+        self.level.certified_again(schedule)
     }
 
     fn cancelled(&self) -> bool {

@@ -78,8 +78,8 @@ fn walk(layout: &Layout<f32>, own: &ShaderTables, workgroup: usize) -> u32 {
         let touches = |g: &Gather| own.touches[g.touches.range()].iter();
         let counts = longest(together.iter().map(|g| touches(g).map(|t| t.count)));
         // Reach rows of a foot go without a loop.
-        let rows = |t: &Touch<f32>| Some(layout.elements[t.element as usize].rows).filter(|_| t.element < layout.first_reach as u32);
-        let rows = longest(together.iter().map(|g| touches(g).map(|t| rows(t).map_or(0, |rows| rows + 1))));
+        let of_rows = |t: &Touch<f32>| layout.elements[..layout.first_reach].get(t.element as usize).map_or(0, |element| element.rows + 1);
+        let rows = longest(together.iter().map(|g| touches(g).map(of_rows)));
         1 + counts.iter().zip(rows).map(|(count, rows)| 1 + (count + 1) + count * rows).sum::<u32>() + 1
     });
     // The start goes over inequalities and values besides.

@@ -416,9 +416,11 @@ fn between(task: &Task, curves: &Curves, x: &[f64], t: f64, [pose, rate]: [[f64;
     let (p, v) = (vector(&pose), vector(&rate));
     let end = t + curves.interval;
     let stances = curves.feet.iter().flat_map(|foot| foot.phases.iter().step_by(2).zip(&foot.force_nodes).zip(&foot.footholds));
-    let at_work: Vec<(Phase, &[u32], usize)> = stances
+    let place = |at: usize| Vector3::new(x[at], x[at + 1], task.terrain.height(x[at], x[at + 1]));
+    // Each with its arm from the base at `t`.
+    let at_work: Vec<(Phase, &[u32], Vector3<f64>)> = stances
         .filter(|((span, _), _)| span.end > t && span.start < end)
-        .map(|((span, nodes), at)| (*span, &nodes[..], *at as usize))
+        .map(|((span, nodes), at)| (*span, &nodes[..], place(*at as usize) - p))
         .collect();
     // First to third integral of the forces since `t`, and their impulses' moment about where the base was then.
     let (mut done, mut integrals, mut moment) = (0., [Vector3::zeros(); 3], Vector3::zeros());
@@ -428,10 +430,9 @@ fn between(task: &Task, curves: &Curves, x: &[f64], t: f64, [pose, rate]: [[f64;
         let by = tau - done;
         *third += *second * by + *first * (by * by / 2.);
         *second += *first * by;
-        for &(span, nodes, at) in &at_work {
+        for &(span, nodes, arm) in &at_work {
             let [one, two, three] = impulses(span, nodes, x, curves.force_unit, t + done, t + tau);
-            let foothold = Vector3::new(x[at], x[at + 1], task.terrain.height(x[at], x[at + 1]));
-            moment += (foothold - p).cross(&one);
+            moment += arm.cross(&one);
             *first += one;
             *second += two;
             *third += three;
