@@ -6,6 +6,8 @@
 use crate::settings::{Transcription, TranscriptionSettings};
 use crate::task::Task;
 use crate::terrain::Terrain;
+use std::f64::consts::TAU;
+use std::sync::LazyLock;
 
 /// How far the ground may be off the plane of a place, in radii: a little less than the certificate allows.
 const OFF_PLANE: f64 = 0.45;
@@ -105,6 +107,11 @@ impl Search<'_> {
 
     /// A place with the box about it.
     fn boxed(&self, at: [f64; 2], will_do: impl Fn([f64; 2]) -> bool) -> Footing {
+        let [low, high] = [-1., 1.].map(|sign| at.map(|v| v + sign * self.around));
+        let reached = CIRCLES[1] * self.radius;
+        if self.terrain.is_plane(low.map(|v| v - reached), high.map(|v| v + reached)) {
+            return Footing { at, low, high };
+        }
         let step = self.step();
         let side = |axis: usize, sign: f64| {
             let moved = |by: f64| {
@@ -154,7 +161,9 @@ impl Search<'_> {
 
 /// One of [`SAMPLES`] points of a circle.
 fn on_circle([x, y]: [f64; 2], radius: f64, k: usize) -> [f64; 2] {
-    let (sin, cos) = (std::f64::consts::TAU * k as f64 / SAMPLES as f64).sin_cos();
+    static DIRECTIONS: LazyLock<[(f64, f64); SAMPLES]> =
+        LazyLock::new(|| std::array::from_fn(|k| (TAU * k as f64 / SAMPLES as f64).sin_cos()));
+    let (sin, cos) = DIRECTIONS[k];
     [x + radius * cos, y + radius * sin]
 }
 
@@ -211,6 +220,17 @@ mod tests {
         // Treads of 0.3 m, risers of 0.12 m and 2 cm.
         let room = near(&task("anymal", terrain(|i| 0.12 * ((i.max(85) - 85) / 15) as f64)), 1.08);
         assert!(room.low[0] > 1. + 0.02 && room.high[0] < 1.28 - 0.02 && room.high[0] - room.low[0] > 0.2, "{room:?}");
+    }
+
+    #[test]
+    fn a_place_on_a_plane_is_the_one_that_samples_find() {
+        let task = named("step");
+        for at in [[2.9, 0.1], [3.8, 0.1], [4.5, -0.2]] {
+            let search = Search { radius: 0.031, around: 0.15, ..Search::of(&task, 0, 0.031) };
+            let on_plane = search.boxed(at, |_| panic!("{at:?} was looked at"));
+            assert_eq!([on_plane.low, on_plane.high], [-0.15, 0.15].map(|by| at.map(|v| v + by)));
+            assert!([on_plane.low, on_plane.high, at].iter().all(|place| search.has_room(*place)));
+        }
     }
 
     #[test]

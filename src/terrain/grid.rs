@@ -56,6 +56,26 @@ impl Grid {
         Ok(())
     }
 
+    /// Whether the ground between two corners (x, y), m, is one plane, to a nanometre. Where the grid ends it turns level.
+    pub fn is_plane(&self, low: [f64; 2], high: [f64; 2]) -> bool {
+        // Samples on and about a side.
+        let samples = |axis: usize, count: usize| {
+            let at = |v: f64| (v - self.low[axis]) * count as f64 / (self.high[axis] - self.low[axis]);
+            let (first, last) = (at(low[axis]), at(high[axis]));
+            (first >= 0. && last <= (count - 1) as f64).then(|| (first as usize, last.ceil() as usize))
+        };
+        let (Some((i, last_i)), Some((j, last_j))) = (samples(0, self.heights.len()), samples(1, self.heights[0].len())) else {
+            return false;
+        };
+        let corner = self.heights[i][j];
+        let along_x = (self.heights[last_i][j] - corner) / (last_i - i).max(1) as f64;
+        let along_y = (self.heights[i][last_j] - corner) / (last_j - j).max(1) as f64;
+        self.heights[i..=last_i].iter().zip(0..).all(|(row, di)| {
+            let plane = |dj: i32| corner + f64::from(di) * along_x + f64::from(dj) * along_y;
+            row[j..=last_j].iter().zip(0..).all(|(height, dj)| (height - plane(dj)).abs() < 1e-9)
+        })
+    }
+
     /// Height, slope and curvature at (x, y); beyond the last sample the edge height goes on.
     pub fn ground<T: Float>(&self, x: T, y: T) -> Ground<T> {
         let c = |v: f64| T::from(v).unwrap_or_else(T::nan);
@@ -108,6 +128,26 @@ mod tests {
             assert!(((grid.ground(x + d, y).height - grid.ground(x - d, y).height) / (2. * d) - g.slope[0]).abs() < 1e-7);
             assert!(((grid.ground(x, y + d).height - grid.ground(x, y - d).height) / (2. * d) - g.slope[1]).abs() < 1e-7);
             assert!(((grid.ground(x, y + d).slope[0] - grid.ground(x, y - d).slope[0]) / (2. * d) - g.curvature[0][1]).abs() < 1e-7);
+        }
+    }
+
+    #[test]
+    fn a_plane_ends_at_edges_and_where_the_grid_does() {
+        let plane = |i: usize, j: usize| 0.1 * i as f64 - 0.07 * j as f64;
+        let heights = (0..20).map(|i| (0..30).map(|j| plane(i, j) + if i > 12 && j > 12 { 1e-6 } else { 0. }).collect()).collect();
+        let grid = Grid { low: [-1., 2.], high: [3., 8.], heights };
+        // Samples every 0.2 m, the last at 2.8 and 7.8.
+        for (low, high, is) in [
+            ([-1., 2.], [1.39, 7.79], true),
+            ([-1., 2.], [2.79, 4.39], true),
+            ([-1., 2.], [1.5, 4.5], false),
+            ([1.61, 4.61], [2.79, 7.79], true),
+            ([0.3, 3.3], [0.3, 3.3], true),
+            ([-1.1, 2.], [1., 3.], false),
+            ([-1., 2.], [1., 7.9], false),
+            ([f64::NAN, 2.], [1., 3.], false),
+        ] {
+            assert_eq!(grid.is_plane(low, high), is, "{low:?} to {high:?}");
         }
     }
 

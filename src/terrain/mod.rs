@@ -161,6 +161,15 @@ impl Terrain {
         self.ground(x, y).height
     }
 
+    /// Whether all ground between two corners (x, y), m, is known to be one plane. Of a grid only what it covers is.
+    pub fn is_plane(&self, low: [f64; 2], high: [f64; 2]) -> bool {
+        match &self.shape {
+            Shape::Flat => true,
+            Shape::Profile(profile) => profile.is_plane(low[0], high[0]),
+            Shape::Grid(grid) => grid.is_plane(low, high),
+        }
+    }
+
     /// Checks that a point lies on the terrain.
     ///
     /// # Errors

@@ -36,6 +36,12 @@ impl Profile {
         }
     }
 
+    /// Whether there is one patch from `low` to `high` along x, m, and it does not bend.
+    pub fn is_plane(self, low: f64, high: f64) -> bool {
+        let within = |edge: &f64| (low..=high).contains(edge);
+        !self.edges().iter().any(within) && self.ground(low, 0.).curvature == [[0.; 2]; 2]
+    }
+
     /// Height, slope and curvature at (x, y).
     pub fn ground<T: Float>(self, x: T, y: T) -> Ground<T> {
         let c = |v: f64| T::from(v).unwrap_or_else(T::nan);
@@ -117,6 +123,12 @@ mod tests {
         assert_eq!(h(Profile::Chimney, 2., 1.5), 3.);
         assert_eq!(h(Profile::ChimneyLr, 1., 1.), 1.);
         assert_eq!(h(Profile::ChimneyLr, 2., -1.), 1.);
+    }
+
+    #[test]
+    fn a_plane_is_one_patch_that_does_not_bend() {
+        assert!(Profile::Slope.is_plane(1.01, 1.99) && Profile::Slope.is_plane(3.01, 9.) && Profile::Gap.is_plane(-5., 0.99));
+        assert!(!Profile::Slope.is_plane(0.9, 1.1) && !Profile::Slope.is_plane(0., 5.) && !Profile::Gap.is_plane(1.2, 1.4));
     }
 
     #[test]
