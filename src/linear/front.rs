@@ -41,7 +41,7 @@ impl<T: Real> Factor<T> {
             front.resize(stride * stride, T::zero());
         }
         self.pivot_rows.resize(layout.factor_len, T::zero());
-        self.spread.resize(AT_ONCE * stride, T::zero());
+        self.spread.resize((2 * AT_ONCE + 1) * stride, T::zero());
         self.local.resize(stride, T::zero());
     }
 }
@@ -63,6 +63,16 @@ pub struct NormalEquations<'a, T> {
 
 /// Factorises. Returns false when a pivot is not positive (or not finite).
 pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, factor: &mut Factor<T>) -> bool {
+    // Columns at a time: two vector registers in either precision.
+    if size_of::<T>() == size_of::<f32>() {
+        factorise_by::<T, 16>(layout, system, factor)
+    } else {
+        factorise_by::<T, 8>(layout, system, factor)
+    }
+}
+
+/// As [`factorise`], in tiles of `W` columns.
+fn factorise_by<T: Real, const W: usize>(layout: &Layout<T>, system: &NormalEquations<T>, factor: &mut Factor<T>) -> bool {
     let stride = layout.front_stride;
     let [mut front, mut next] = factor.fronts.each_mut().map(|f| &mut f[..]);
     let mut previous_size = 0;
@@ -72,7 +82,7 @@ pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, facto
         front[..size * stride].fill(T::zero());
         move_front(layout, step.moves, next, previous_size, front, size, stride);
         for element in &layout.elements[step.elements.range()] {
-            assemble(layout, element, system, front, size, stride, &mut factor.spread);
+            assemble::<T, W>(layout, element, system, front, size, stride, &mut factor.spread);
         }
         if !step.reach.range().is_empty() {
             assemble_reach(layout, &layout.reach_instants[step.reach.range()], system, front, size, stride);
@@ -81,13 +91,7 @@ pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, facto
             front[i * stride + i] += system.diagonal[step.variable as usize + i];
             front[i * stride + size] -= system.gradient[step.variable as usize + i];
         }
-        // Two vector registers wide in either precision.
-        let positive = if size_of::<T>() == size_of::<f32>() {
-            partial_cholesky::<T, 16>(front, stride, size, pivots)
-        } else {
-            partial_cholesky::<T, 8>(front, stride, size, pivots)
-        };
-        if !positive {
+        if !partial_cholesky::<T, W>(front, stride, size, pivots) {
             return false;
         }
         for i in 0..pivots {
@@ -120,7 +124,7 @@ fn move_front<T: Real>(layout: &Layout<T>, moves: Span, old: &[T], old_size: usi
 
 /// Adds `J' W J` and `-J' v` of one element to the front.
 #[inline(always)]
-fn assemble<T: Real>(
+fn assemble<T: Real, const W: usize>(
     layout: &Layout<T>,
     element: &Element,
     system: &NormalEquations<T>,
@@ -129,15 +133,61 @@ fn assemble<T: Real>(
     stride: usize,
     spread: &mut [T],
 ) {
+    if element.place.stride as usize == LANES {
+        return assemble_narrow(layout, element, system, front, size, stride);
+    }
     let rows = element.rows as usize;
     for first in (0..rows).step_by(AT_ONCE) {
         match rows - first {
-            1 => assemble_rows::<T, 1>(layout, element, first, system, front, size, stride, spread),
-            2 => assemble_rows::<T, 2>(layout, element, first, system, front, size, stride, spread),
-            3 => assemble_rows::<T, 3>(layout, element, first, system, front, size, stride, spread),
-            4 => assemble_rows::<T, 4>(layout, element, first, system, front, size, stride, spread),
-            5 => assemble_rows::<T, 5>(layout, element, first, system, front, size, stride, spread),
-            _ => assemble_rows::<T, AT_ONCE>(layout, element, first, system, front, size, stride, spread),
+            1 => assemble_rows::<T, 1, W>(layout, element, first, system, front, size, stride, spread),
+            2 => assemble_rows::<T, 2, W>(layout, element, first, system, front, size, stride, spread),
+            3 => assemble_rows::<T, 3, W>(layout, element, first, system, front, size, stride, spread),
+            4 => assemble_rows::<T, 4, W>(layout, element, first, system, front, size, stride, spread),
+            5 => assemble_rows::<T, 5, W>(layout, element, first, system, front, size, stride, spread),
+            _ => assemble_rows::<T, AT_ONCE, W>(layout, element, first, system, front, size, stride, spread),
+        }
+    }
+}
+
+/// Adds rows with a handful of columns, as they stand.
+#[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
+fn assemble_narrow<T: Real>(
+    layout: &Layout<T>,
+    element: &Element,
+    system: &NormalEquations<T>,
+    front: &mut [T],
+    size: usize,
+    stride: usize,
+) {
+    let (place, count) = (&element.place, element.rows as usize);
+    let weights = &system.weight[place.row as usize..][..count];
+    let values = &system.value[place.row as usize..][..count];
+    if weights.iter().all(|w| *w == T::zero()) {
+        return;
+    }
+    let rows = &system.jacobian[place.jacobian as usize..][..count * LANES];
+    let runs = &layout.runs[element.runs.range()];
+    for (first, run) in runs.iter().enumerate() {
+        for i in 0..run.len as usize {
+            let mut products = [T::zero(); LANES];
+            let mut sum = T::zero();
+            for ((row, weight), value) in rows.chunks_exact(LANES).zip(weights).zip(values) {
+                let of_column = row[run.column as usize + i];
+                let left = *weight * of_column;
+                sum += *value * of_column;
+                for l in 0..LANES {
+                    products[l] = left.mul_add(row[l], products[l]);
+                }
+            }
+            let line = &mut front[(run.front as usize + i) * stride..][..stride];
+            line[size] -= sum;
+            // What lies left of the diagonal is never read.
+            for other in &runs[first..] {
+                let line = &mut line[other.front as usize..][..other.len as usize];
+                for (to, product) in line.iter_mut().zip(&products[other.column as usize..]) {
+                    *to += *product;
+                }
+            }
         }
     }
 }
@@ -145,10 +195,10 @@ fn assemble<T: Real>(
 /// Rows of an element that are assembled together.
 const AT_ONCE: usize = 6;
 
-/// Adds `M` rows of an element from the `first` on.
+/// Adds `M` rows of an element from the `first` on, in tiles of four by `W`.
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 #[allow(clippy::too_many_arguments, reason = "separate slices: the compiler knows that they do not overlap")]
-fn assemble_rows<T: Real, const M: usize>(
+fn assemble_rows<T: Real, const M: usize, const W: usize>(
     layout: &Layout<T>,
     element: &Element,
     first: usize,
@@ -166,47 +216,53 @@ fn assemble_rows<T: Real, const M: usize>(
         return;
     }
     let runs = &layout.runs[element.runs.range()];
-    let Some(end) = runs.last().map(|r| ((r.front + r.len) as usize).next_multiple_of(LANES)) else { return };
-    let begin = runs[0].front as usize / LANES * LANES;
-    // Lanes of all rows side by side: slot `s` of row `r` stands at `(s / LANES * M + r) * LANES + s % LANES`.
-    let at = |slot: usize, r: usize| (slot / LANES * M + r) * LANES + slot % LANES;
-    spread[begin * M..end * M].fill(T::zero());
-    for r in 0..M {
+    let Some(end) = runs.last().map(|r| ((r.front + r.len) as usize).next_multiple_of(W)) else { return };
+    let begin = runs[0].front as usize / W * W;
+    let width = end - begin;
+    // The rows over the front, the same weighted, and what they make of the right-hand side.
+    let (rows, rest) = spread.split_at_mut(M * width);
+    let (weighted, sums) = rest.split_at_mut(M * width);
+    let sums = &mut sums[..width];
+    rows.fill(T::zero());
+    sums.fill(T::zero());
+    for (r, (line, weighted)) in rows.chunks_exact_mut(width).zip(weighted.chunks_exact_mut(width)).enumerate() {
         let source = &system.jacobian[place.jacobian as usize + (first + r) * place.stride as usize..][..place.stride as usize];
         for run in runs {
-            let values = &source[run.column as usize..(run.column + run.len) as usize];
-            for (i, &v) in values.iter().enumerate() {
-                spread[at(run.front as usize + i, r)] = v;
+            let line = &mut line[run.front as usize - begin..][..run.len as usize];
+            for (to, from) in line.iter_mut().zip(&source[run.column as usize..][..run.len as usize]) {
+                *to += *from;
+            }
+        }
+        for ((weighted, sum), value) in weighted.iter_mut().zip(&mut *sums).zip(&*line) {
+            *weighted = weights[r] * *value;
+            *sum += values[r] * *value;
+        }
+    }
+    for i in (0..width).step_by(4) {
+        let left: [[T; 4]; M] = std::array::from_fn(|r| tile_of(&weighted[r * width + i..]));
+        // Runs leave gaps.
+        if left == [[T::zero(); 4]; M] {
+            continue;
+        }
+        let front = &mut front[(begin + i) * stride + begin..];
+        for j in (i / W * W..width).step_by(W) {
+            let mut tile: [[T; W]; 4] = std::array::from_fn(|q| tile_of(&front[q * stride + j..]));
+            for r in 0..M {
+                let right: [T; W] = tile_of(&rows[r * width + j..]);
+                for q in 0..4 {
+                    for l in 0..W {
+                        tile[q][l] = left[r][q].mul_add(right[l], tile[q][l]);
+                    }
+                }
+            }
+            for q in 0..4 {
+                front[q * stride + j..][..W].copy_from_slice(&tile[q]);
             }
         }
     }
     for run in runs {
         for i in run.front as usize..(run.front + run.len) as usize {
-            // Rows that do not touch this column (many: a balance row touches one axis) are left out.
-            let mut left = [T::zero(); M];
-            let mut touching = [0; M];
-            let mut count = 0;
-            let mut rhs = T::zero();
-            for r in 0..M {
-                let v = weights[r] * spread[at(i, r)];
-                rhs += values[r] * spread[at(i, r)];
-                left[count] = v;
-                touching[count] = r * LANES;
-                count += usize::from(v != T::zero());
-            }
-            let from = i / LANES * LANES;
-            let line = &mut front[i * stride..(i + 1) * stride];
-            line[size] -= rhs;
-            let (line, tile) = (&mut line[from..end], &spread[from * M..end * M]);
-            match count {
-                0 => {}
-                1 => accumulate::<T, 1>(line, tile, LANES * M, &left, &touching),
-                2 => accumulate::<T, 2>(line, tile, LANES * M, &left, &touching),
-                3 => accumulate::<T, 3>(line, tile, LANES * M, &left, &touching),
-                4 => accumulate::<T, 4>(line, tile, LANES * M, &left, &touching),
-                5 => accumulate::<T, 5>(line, tile, LANES * M, &left, &touching),
-                _ => accumulate::<T, 6>(line, tile, LANES * M, &left, &touching),
-            }
+            front[i * stride + size] -= sums[i - begin];
         }
     }
 }
@@ -371,20 +427,6 @@ fn combined<T: Real, const W: usize>(left: [T; 3], rows: &[[T; W]; 3]) -> [T; W]
         sums[l] = left[2].mul_add(rows[2][l], left[1].mul_add(rows[1][l], left[0] * rows[0][l]));
     }
     sums
-}
-
-/// `line += sum_k left[k] row_k`, where row `k` stands `offset[k]` into each group of `width` values of `tile`.
-#[inline(always)]
-fn accumulate<T: Real, const K: usize>(line: &mut [T], tile: &[T], width: usize, left: &[T], offset: &[usize]) {
-    let (left, offset): ([T; K], [usize; K]) = (tile_of(left), std::array::from_fn(|k| offset[k]));
-    for (sum, right) in line.chunks_exact_mut(LANES).zip(tile.chunks_exact(width)) {
-        for k in 0..K {
-            let right = &right[offset[k]..offset[k] + LANES];
-            for l in 0..LANES {
-                sum[l] = left[k].mul_add(right[l], sum[l]);
-            }
-        }
-    }
 }
 
 /// Eliminates the first `pivots` variables of a front: `A = U' U` row by row, the rest becomes the Schur complement.

@@ -114,7 +114,11 @@ pub(super) fn fronts(blocks: &[Block], positions: &[u32], steps: usize) -> Front
                     let new = contents[at];
                     let len = (old.len - from).min(new.variable + new.len - variable);
                     let run = Run { variable, front: new.front + variable - new.variable, column: old.front + from, len };
-                    result.runs.push(run);
+                    // Variables that are none of either front may lie between two runs.
+                    match result.runs[first_move..].last_mut() {
+                        Some(last) if last.front + last.len == run.front && last.column + last.len == run.column => last.len += len,
+                        _ => result.runs.push(run),
+                    }
                     from += len;
                 }
             }
