@@ -59,7 +59,7 @@ fn begin(before: Progress, f: f32, earlier: f32) -> Progress {
         }
     }
     if (may_be_given_up(progress)) {
-        progress.hopeless *= HOPELESS_RATE;
+        progress.hopeless *= select(HOPELESS_RATE, HOPELESS_LATE_RATE, progress.recorded > HOPELESS_AT);
     }
     return progress;
 }

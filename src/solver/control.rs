@@ -29,11 +29,13 @@ pub const CLOSING_RATE: f64 = 0.1;
 /// Infeasibility above which the stall rule speaks, in that at which closing starts: below it rounding makes it rest now and then.
 pub const STALL_ABOVE: f64 = 10.;
 /// Iterations after which a candidate may be given up for its infeasibility: from here on
-pub const HOPELESS_FROM: u32 = 5;
+pub const HOPELESS_FROM: u32 = 2;
 /// to here. Who gets farther may be slow; what it does is the stall rule's to judge.
 pub const HOPELESS_TO: u32 = 12;
-/// Part of that infeasibility that is left with each further iteration.
-pub const HOPELESS_RATE: f64 = 0.5;
+/// Iterations of which [`crate::settings::StallSettings::hopeless`] tells.
+pub const HOPELESS_AT: u32 = 5;
+/// Part of that infeasibility that is left with each further iteration, up to that one and beyond.
+pub const HOPELESS_RATES: [f64; 2] = [0.25, 0.5];
 /// Attempts to step before an iteration gives up, each with a larger proximal weight.
 pub const ATTEMPTS: u32 = 6;
 /// Growth of the proximal weight after a refused attempt.
@@ -196,7 +198,7 @@ pub fn begin<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>, f: T, befo
         }
     }
     if may_be_given_up(progress) {
-        progress.hopeless *= T::of(HOPELESS_RATE);
+        progress.hopeless *= T::of(HOPELESS_RATES[usize::from(progress.recorded > HOPELESS_AT)]);
     }
 }
 
@@ -437,9 +439,9 @@ mod tests {
     }
 
     #[test]
-    fn a_candidate_is_given_up_for_what_no_solved_one_has_after_five_iterations() {
-        let mut progress = Progress { hopeless: 8., ..first() };
-        let states = [100., 100., 100., 100., 100., 7.9, 3.9, 2.1].map(|f| {
+    fn a_candidate_is_given_up_for_what_no_solved_one_has_after_as_many_iterations() {
+        let mut progress = Progress { hopeless: 512., ..first() };
+        let states = [1000., 1000., 511., 127., 31., 7.9, 3.9, 2.1].map(|f| {
             begin(&mut progress, &LIMITS, f, f64::INFINITY, false);
             progress.state
         });
@@ -449,7 +451,7 @@ mod tests {
         let late = Progress { recorded: 13, ..progress };
         assert_eq!(begun(Progress { state: STEP, ..late }, &Limits { stall_start: NONE, ..LIMITS }, 100.).state, STEP);
         let settings = SolverSettings::default();
-        assert_eq!(settings.hopeless(Transcription::Momentum, 100), 5.);
+        assert_eq!(settings.hopeless(Transcription::Momentum, 100), 4f64.powi(3) * 5.);
         assert_eq!(settings.hopeless(Transcription::Towr, 100), f64::from(f32::MAX));
         for stall in
             [StallSettings { enabled: false, ..StallSettings::default() }, StallSettings { hopeless: 0., ..StallSettings::default() }]

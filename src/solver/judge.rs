@@ -60,23 +60,24 @@ pub fn merit_fall<T: Real>(c: &[T], g: &[T], c_to: &[T], g_to: &[T], mu: T) -> T
     last[..rest.len()].copy_from_slice(rest);
     last_to[..rest_to.len()].copy_from_slice(rest_to);
     let mut squares = [T::zero(); LANES];
-    let (mut ratios, mut logs) = (1., 0.);
+    let (mut ratios, mut logs) = ([1f64; LANES], 0.);
+    let log = |ratios: &[f64; LANES]| ratios.iter().map(|ratio| ratio.ln()).sum::<f64>();
     for (from, to) in groups.iter().zip(groups_to).chain([(&last, &last_to)]) {
-        let mut ratio = [T::one(); LANES];
+        let mut far = false;
         for l in 0..LANES {
             let (over, slack) = smoothed(from[l], mu);
             let (over_to, slack_to) = smoothed(to[l], mu);
             squares[l] += (over - over_to) * (over + over_to);
-            ratio[l] = slack_to / slack;
+            ratios[l] *= (slack_to / slack).as_f64();
+            // One more ratio is within the range of numbers, too.
+            far |= !(1e-150..1e150).contains(&ratios[l]);
         }
-        ratios *= ratio.iter().map(|r| r.as_f64()).product::<f64>();
-        // One more of these is within the range of numbers, too.
-        if !(1e-150..1e150).contains(&ratios) {
-            logs += ratios.ln();
-            ratios = 1.;
+        if far {
+            logs += log(&ratios);
+            ratios = [1.; LANES];
         }
     }
-    squares_fall(c, c_to) + T::of(0.5) * squares.into_iter().sum::<T>() + mu * T::of(logs + ratios.ln())
+    squares_fall(c, c_to) + T::of(0.5) * squares.into_iter().sum::<T>() + mu * T::of(logs + log(&ratios))
 }
 
 /// How far the cost of being away from the initial values falls from `x` to `x_to`: that of `sum smoothing (x - initial)^2 / 2`.

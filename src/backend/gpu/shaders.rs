@@ -331,6 +331,7 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("ATTEMPTS", control::ATTEMPTS),
         ("HOPELESS_FROM", control::HOPELESS_FROM),
         ("HOPELESS_TO", control::HOPELESS_TO),
+        ("HOPELESS_AT", control::HOPELESS_AT),
         ("LINEAR_MOMENTUM", Family::LinearMomentum as u32),
     ];
     let real = vec![
@@ -338,7 +339,8 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("GRAVITY", GRAVITY as f32),
         ("CLOSING_RATE", control::CLOSING_RATE as f32),
         ("STALL_ABOVE", control::STALL_ABOVE as f32),
-        ("HOPELESS_RATE", control::HOPELESS_RATE as f32),
+        ("HOPELESS_RATE", control::HOPELESS_RATES[0] as f32),
+        ("HOPELESS_LATE_RATE", control::HOPELESS_RATES[1] as f32),
         ("PROXIMAL_GROWTH", control::PROXIMAL_GROWTH as f32),
         ("BARRIER_FLOOR", BARRIER_FLOOR as f32),
         ("SLACK_FLOOR", SLACK_FLOOR as f32),
