@@ -361,8 +361,14 @@ fn add_foot<T: Real, const W: usize>(
         return;
     }
     let rows: [[T; W]; 3] = std::array::from_fn(|r| tile_of(&system.jacobian[place.jacobian as usize + r * W..]));
+    let mut weighted = rows;
+    for r in 0..3 {
+        for l in 0..W {
+            weighted[r][l] *= w[r];
+        }
+    }
     for c in 0..POSE {
-        let products = column_products(&w, &rows, c);
+        let products = column_products(&weighted, &rows, c);
         for l in 0..LANES {
             by_pose.products[c][l] += products[l];
         }
@@ -385,7 +391,7 @@ fn add_foot<T: Real, const W: usize>(
         }
     }
     for &(slot, column) in &own[..count] {
-        let products = column_products(&w, &rows, column);
+        let products = column_products(&weighted, &rows, column);
         front[slot * stride + size] -= values[column];
         for b in 0..4 {
             let (block, weight) = (instant.base.front[b] as usize, instant.base.weights[b]);
@@ -413,10 +419,10 @@ fn add_foot<T: Real, const W: usize>(
     }
 }
 
-/// Products of one column of three rows, weighted, with all columns.
+/// Products of one column of three weighted rows with all columns.
 #[inline(always)]
-fn column_products<T: Real, const W: usize>(weights: &[T; 3], rows: &[[T; W]; 3], column: usize) -> [T; W] {
-    combined(std::array::from_fn(|r| weights[r] * rows[r][column]), rows)
+fn column_products<T: Real, const W: usize>(weighted: &[[T; W]; 3], rows: &[[T; W]; 3], column: usize) -> [T; W] {
+    combined(std::array::from_fn(|r| weighted[r][column]), rows)
 }
 
 /// `sum_r left[r] rows[r]`.
