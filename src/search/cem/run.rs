@@ -147,22 +147,23 @@ fn rank<S>(
     ranked
 }
 
-/// The record of a generation, the best ever still without the generations before.
+/// The record of a generation, in any order, the best ever still without the generations before.
 pub(in crate::search) fn summarise<'a, S: 'a>(
     generation: usize,
-    ranked: impl ExactSizeIterator<Item = &'a Candidate<S>> + Clone,
+    candidates: impl ExactSizeIterator<Item = &'a Candidate<S>> + Clone,
     entropy: f64,
     largest_std: f64,
 ) -> GenerationRecord {
-    let objectives: Vec<f64> = ranked.clone().filter_map(|c| finite(c.objective)).collect();
+    let objectives: Vec<f64> = candidates.clone().filter_map(|c| finite(c.objective)).collect();
+    let best = objectives.iter().copied().reduce(f64::max);
     GenerationRecord {
         generation,
-        evaluated: ranked.len(),
-        feasible: ranked.clone().filter(|c| c.evaluation.feasible).count(),
-        best_objective: objectives.first().copied(),
+        evaluated: candidates.len(),
+        feasible: candidates.clone().filter(|c| c.evaluation.feasible).count(),
+        best_objective: best,
         mean_objective: finite(objectives.iter().sum::<f64>() / objectives.len() as f64),
-        best_ever_objective: objectives.first().copied(),
-        lowest_n_violated: ranked.map(|c| c.evaluation.n_violated).min(),
+        best_ever_objective: best,
+        lowest_n_violated: candidates.map(|c| c.evaluation.n_violated).min(),
         entropy,
         largest_std,
     }

@@ -190,3 +190,19 @@ fn generations_of_another_number_draw_other_candidates() {
     assert_eq!((best(3).generation, best(0).generation), (3, 0));
     assert_ne!(best(3).schedule, best(0).schedule);
 }
+
+#[test]
+fn a_record_does_not_depend_on_the_order_of_candidates() {
+    let settings = CemSettings { population: 16, generations: 1, ..Default::default() };
+    let mut seen = 0;
+    let mut evaluator = synthetic(|_, i, _| Some(violating([3, 1, 2][i % 3])));
+    run_observed(&settings, initial(&settings), 1, 0, &mut evaluator, &mut |generation| {
+        let candidates = || generation.ranked.iter().map(|(_, candidate)| candidate);
+        let of = |record: GenerationRecord| (record.best_objective, record.lowest_n_violated, record.evaluated);
+        assert_eq!(of(summarise(0, candidates(), 0., 0.)), of(summarise(0, candidates().rev(), 0., 0.)));
+        assert_eq!(generation.record.best_objective, Some(-100.));
+        seen += 1;
+    })
+    .unwrap();
+    assert_eq!(seen, 1);
+}
