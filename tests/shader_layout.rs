@@ -583,11 +583,13 @@ fn rests_name_what_stays_of_a_front_and_where_it_stands_in_the_next() {
                 assert!(rests.is_empty(), "something is left at the end");
                 continue;
             };
+            let of_next = layout.front_runs[next.rest.range()].iter().flat_map(|run| (0..run.len).map(|i| run.variable + i));
+            let contents: Vec<u32> = (next.variable..next.variable + next.pivots).chain(of_next).collect();
             let mut nexts = vec![NONE; rests.len()];
             for run in &layout.front_runs[next.moves.range()] {
                 for i in 0..run.len {
                     let rest = (run.column + i - of.pivots) as usize;
-                    assert_eq!(rests[rest].variable, run.variable + i);
+                    assert_eq!(rests[rest].variable, contents[(run.front + i) as usize]);
                     nexts[rest] = run.front + i;
                 }
             }
