@@ -157,7 +157,8 @@ table! {
         pub end: u32,
     }
 
-    /// Consecutive variables: in `x`, which the moves of a front may leave some out of, in the front, and in the columns of an element or in the previous front.
+    /// Consecutive variables: in `x` (those of a front's moves may leave some out there), in the front, and in the columns of an element or in the
+    /// previous front.
     #[derive(PartialEq, Eq)]
     pub struct Run {
         /// First variable.
