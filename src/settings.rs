@@ -155,8 +155,9 @@ pub struct SolverSettings {
     pub tolerance: f64,
     /// Row violation below which an f64 solve ends, in the row's own unit (N, N m, m). Certification counts beyond 1e-4.
     pub row_tolerance: f64,
-    /// First barrier parameter `mu`.
-    pub barrier: f64,
+    /// First barrier parameter `mu`; see [`SolverSettings::barrier`] when absent. Larger: longer first steps, which lead hard candidates astray
+    /// with `momentum`.
+    pub barrier: Option<f64>,
     /// First proximal weight `eps`. Larger: shorter, safer steps.
     pub proximal: f64,
     /// Weight, at the first barrier parameter, of what draws a motion to its smooth initial guess. It vanishes with the barrier: it leads
@@ -182,10 +183,10 @@ impl Default for SolverSettings {
             max_iterations: 200,
             tolerance: 1e-7,
             row_tolerance: 2e-5,
-            barrier: 0.05,
+            barrier: None,
             proximal: 1e-3,
             smoothing: 0.1,
-            proximal_floor: 1e-5,
+            proximal_floor: 1e-6,
             edge_radius: 0.04,
             closing: 1e-6,
             closing_steps: 8,
@@ -269,6 +270,14 @@ impl TranscriptionSettings {
 }
 
 impl SolverSettings {
+    /// First barrier parameter: 0.02 with the rows `momentum`, 0.2 with `towr`, whose violations are larger at first.
+    pub fn barrier(&self, transcription: Transcription) -> f64 {
+        self.barrier.unwrap_or(match transcription {
+            Transcription::Momentum => 0.02,
+            Transcription::Towr => 0.2,
+        })
+    }
+
     /// Infeasibility at which a candidate is given up after [`HOPELESS_FROM`] iterations. With the rows
     /// `towr` good and bad candidates do not differ by then.
     ///
@@ -294,7 +303,9 @@ impl SolverSettings {
         check_range("solver.max_iterations", self.max_iterations as f64, 0., 1e6)?;
         check_range("solver.tolerance", self.tolerance, 1e-12, 1.)?;
         check_range("solver.row_tolerance", self.row_tolerance, 1e-9, 1.)?;
-        check_range("solver.barrier", self.barrier, 1e-6, 1e3)?;
+        if let Some(barrier) = self.barrier {
+            check_range("solver.barrier", barrier, 1e-6, 1e3)?;
+        }
         check_range("solver.proximal", self.proximal, 1e-9, 1e3)?;
         check_range("solver.smoothing", self.smoothing, 0., 1e3)?;
         check_range("solver.proximal_floor", self.proximal_floor, 1e-9, self.proximal)?;

@@ -316,9 +316,9 @@ fn a_struct_that_differs_is_seen() {
     let text = prelude();
     assert_eq!(check(&text), Ok(()));
     for (from, to, seen) in [
-        ("    mu: f32,\n    smoothing: f32,\n", "    smoothing: f32,\n    mu: f32,\n", "Progress.mu"),
-        ("    mu: f32,\n    smoothing: f32,\n", "    mu: f32,\n", "progress"),
-        ("    mu: f32,\n    smoothing: f32,\n", "    mu: f32,\n    smoothing: vec3<f32>,\n", "progress"),
+        ("    mu: f32,\n    barrier: f32,\n", "    barrier: f32,\n    mu: f32,\n", "Progress.mu"),
+        ("    mu: f32,\n    barrier: f32,\n", "    mu: f32,\n", "progress"),
+        ("    mu: f32,\n    barrier: f32,\n", "    mu: f32,\n    barrier: vec3<f32>,\n", "progress"),
         ("    closing: f32,\n}", "    closing: f32,\n    more: u32,\n}", "batch"),
         ("    center: array<f32, 3>,\n", "    center: vec3<f32>,\n", "reach_feet"),
         ("    per_metre: array<f32, 2>,\n", "", "slots"),

@@ -67,7 +67,7 @@ fn standing() -> (Task, Schedule) {
 
 /// A walk that takes some iterations.
 fn walking() -> (Task, Schedule) {
-    (task("anymal", "flat", [1.5, 0.2], 0.3), gait(&mut Random::new(2), 4, 6..=8))
+    (task("anymal", "flat", [1.5, 0.2], 0.3), gait(&mut Random::new(3), 4, 6..=8))
 }
 
 fn solve<T: Real>(

@@ -11,7 +11,6 @@ use cregopt::linear::product::jacobian_times;
 use cregopt::linear::substitute::substitute;
 use cregopt::linear::transposed::transposed_times;
 use cregopt::nlp::Layout;
-use cregopt::real::Real;
 use cregopt::rows::table::NONE;
 use cregopt::rows::{
     self, Family, Shared, acceleration::acceleration, cone::cone, dynamics::dynamics, footing::footing, force::force, ground::ground,
@@ -19,10 +18,10 @@ use cregopt::rows::{
 };
 use cregopt::search::evaluate::LowerSettings;
 use cregopt::solver::advance::{add, advance};
-use cregopt::solver::control::{Limits, Progress};
+use cregopt::solver::control::Limits;
 use cregopt::solver::correct::correct;
 use cregopt::solver::judge::{infeasibility, merit_fall, nonlinearity, smoothing_fall, update_slacks};
-use cregopt::solver::slacks::{Aim, Slacks, slack_steps};
+use cregopt::solver::slacks::{Aim, Lengths, Slacks, slack_steps};
 use cregopt::solver::start::{column_scaling, start_slacks};
 use cregopt::solver::weights::{barrier_rows, variable_terms};
 use cregopt::task::Task;
@@ -34,8 +33,8 @@ type Values = Vec<Counted>;
 pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSettings) -> Vec<Operations> {
     let layout = Layout::<Counted>::new(task, schedule, &settings.transcription);
     let limits = Limits::<Counted>::new(&settings.solver);
-    let radius = Counted::of(settings.solver.edge_radius_on(&layout.terrain));
-    let progress = Progress::first(&limits, radius, Counted::of(1e30));
+    let progress = limits.first_progress(&settings.solver, &layout);
+    let radius = progress.edge_radius;
     let zeros = |n: usize| -> Values { vec![Counted::default(); n] };
     let (variables, [equalities, inequalities]) = (layout.variables, [layout.equalities, layout.inequalities]);
     let mut of = vec![Operations::default(); Shader::ALL.len()];
@@ -75,8 +74,8 @@ pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSetting
     let (mut c_change, mut g_change) = (zeros(equalities), zeros(inequalities));
     shader(Shader::Substitute, &mut || substitute(&layout, &mut factor, &mut direction));
     shader(Shader::Product, &mut || jacobian_times(&layout, &jacobian, &direction, &mut local, &mut c_change, &mut g_change));
-    let (mut mu, mut length) = Default::default();
-    shader(Shader::Correct, &mut || (mu, length) = correct(&layout, &c, &g, &g_change, &mut slacks, &mut weight, &mut value));
+    let mut mu = Counted::default();
+    shader(Shader::Correct, &mut || mu = correct(&layout, &c, &g, &g_change, &mut slacks, &mut weight, &mut value));
     let mut right = zeros(variables);
     shader(Shader::Transposed, &mut || {
         transposed_times(&layout, &jacobian, &value, &mut local, &mut right);
@@ -84,9 +83,10 @@ pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSetting
     });
     shader(Shader::Forward, &mut || forward(&layout, &mut factor, &mut right));
     let (mut trial, mut c_linear, mut g_linear) = (x.clone(), zeros(equalities), zeros(inequalities));
+    let mut lengths = Lengths::whole();
     shader(Shader::Advance, &mut || {
-        length = slack_steps(&g, &g_change, Aim { mu, correction: length }, &mut slacks);
-        advance(&x[..variables], length, &direction, &mut trial[..variables]);
+        lengths = slack_steps(&g, &g_change, Aim::corrector(mu), &mut slacks);
+        advance(&x[..variables], lengths.primal, &direction, &mut trial[..variables]);
     });
 
     let (mut c_to, mut g_to) = (zeros(equalities), zeros(inequalities));
@@ -104,13 +104,13 @@ pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSetting
 
     shader(Shader::Judge, &mut || {
         // Here the shader extrapolates the residuals.
-        advance(&c, length, &c_change, &mut c_linear);
-        advance(&g, length, &g_change, &mut g_linear);
+        advance(&c, lengths.primal, &c_change, &mut c_linear);
+        advance(&g, lengths.primal, &g_change, &mut g_linear);
         merit_fall(&c, &g, &c_to, &g_to, mu);
         merit_fall(&c, &g, &c_linear, &g_linear, mu);
         nonlinearity(&c_to, &c_linear, &g_to, &g_linear);
         smoothing_fall(&layout.smoothing, &x, &trial, &layout.initial);
-        update_slacks(&mut slacks, length);
+        update_slacks(&mut slacks, lengths);
     });
     let layout = Layout::<f32>::new(task, schedule, &settings.transcription);
     of[Shader::Front as usize] = front(&layout, &ShaderTables::of(&layout));

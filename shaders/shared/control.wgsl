@@ -53,7 +53,7 @@ fn begin(before: Progress, f: f32, earlier: f32) -> Progress {
         closing = closing || f < progress.closing_below;
         progress.closing_from = f;
         progress.state = select(STEP, CLOSE, closing);
-        progress.smoothing = select(batch.smoothing_weight * progress.mu / batch.barrier, 0.0, closing);
+        progress.smoothing = select(batch.smoothing_weight * progress.mu / progress.barrier, 0.0, closing);
         if (!closing) {
             progress.closing_eps = batch.proximal_floor;
         }

@@ -10,8 +10,8 @@ struct Aim {
 
 // Steps of slack and multiplier of inequality `i`, into their place.
 //   g, g_change   residual, and its change along the direction
-// Returns the reciprocal of the step at which the first of them reaches zero.
-fn slack_step(base: u32, i: u32, g: f32, g_change: f32, aim: Aim) -> f32 {
+// Returns the reciprocals of the steps at which slack and multiplier reach zero.
+fn slack_step(base: u32, i: u32, g: f32, g_change: f32, aim: Aim) -> vec2<f32> {
     let s = values[base + batch.slack + i];
     let z = values[base + batch.multiplier + i];
     let ds_at = base + batch.slack_step + i;
@@ -28,31 +28,32 @@ fn slack_step(base: u32, i: u32, g: f32, g_change: f32, aim: Aim) -> f32 {
     let ds = centre - s - ratio * dz;
     values[ds_at] = ds;
     values[dz_at] = dz;
-    return max(-ds / s, -dz / z);
+    return vec2<f32>(-ds / s, -dz / z);
 }
 
-// The largest step in (0, 1] that keeps a twentieth of every slack and multiplier.
-fn step_length(steepest: f32) -> f32 {
-    return select(1.0, 0.95 / steepest, steepest * (1.0 / 0.95) > 1.0);
+// The longest step in (0, 1], by the reciprocal of that at which the first slack or multiplier reaches zero.
+fn up_to_the_boundary(steepest: f32) -> f32 {
+    return select(1.0, TO_THE_BOUNDARY / steepest, steepest > TO_THE_BOUNDARY);
 }
 
 // Steps of all slacks and multipliers, each invocation for its share. Every invocation of the workgroup must come here.
 //   half  of the point
-// Returns the largest step that keeps a twentieth of every slack and multiplier.
-fn slack_steps(slot: u32, half: u32, lane: u32, aim: Aim) -> f32 {
+// Returns how far slacks and multipliers may go.
+fn slack_steps(slot: u32, half: u32, lane: u32, aim: Aim) -> vec2<f32> {
     let base = slot * batch.values;
     let g = base + batch.g + half * batch.g_half;
-    var steepest = 0.0;
+    var steepest = vec2<f32>();
     for (var i = lane; i < slots[slot].inequalities; i += WORKGROUP) {
         steepest = max(steepest, slack_step(base, i, values[g + i], values[base + batch.g_change + i], aim));
     }
-    return step_length(max_over(lane, steepest));
+    let primal = up_to_the_boundary(max_over(lane, steepest.x));
+    return vec2<f32>(primal, up_to_the_boundary(max_over(lane, steepest.y)));
 }
 
-// Product of slack and multiplier `i` after a step.
-fn product_after(base: u32, i: u32, length: f32) -> f32 {
-    let s = values[base + batch.slack + i] + length * values[base + batch.slack_step + i];
-    let z = values[base + batch.multiplier + i] + length * values[base + batch.multiplier_step + i];
+// Product of slack and multiplier `i`, `lengths` along their steps.
+fn product_after(base: u32, i: u32, lengths: vec2<f32>) -> f32 {
+    let s = values[base + batch.slack + i] + lengths.x * values[base + batch.slack_step + i];
+    let z = values[base + batch.multiplier + i] + lengths.y * values[base + batch.multiplier_step + i];
     return s * z;
 }
 

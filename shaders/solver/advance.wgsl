@@ -1,7 +1,8 @@
 // needs: shared/slacks shared/round
 // The length of the step, and the trial point. One workgroup a candidate.
 //   in      values    x, c and g at the point, direction, c_change, g_change, slacks and multipliers
-//   in out  progress  length: of the predictor, then of the step
+//   in      progress  mu
+//   out     progress  length, dual_length
 //   out     values    x of the trial point; slack_step, multiplier_step of a barrier step
 // Twins: src/solver/advance.rs, src/solver/slacks.rs
 
@@ -13,16 +14,17 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     if (now.state > CLOSE) {
         return;
     }
-    var length = 1.0;
+    var lengths = vec2<f32>(1.0);
     if (now.state == STEP) {
-        length = slack_steps(slot, now.current, lane, Aim(now.mu, now.length));
+        lengths = slack_steps(slot, now.current, lane, Aim(now.mu, 1.0));
     }
     let x = base + batch.x;
     for (var i = lane; i < slots[slot].variables; i += WORKGROUP) {
         let here = values[x + now.current * batch.x_half + i];
-        values[x + (1u - now.current) * batch.x_half + i] = here + length * values[base + batch.direction + i];
+        values[x + (1u - now.current) * batch.x_half + i] = here + lengths.x * values[base + batch.direction + i];
     }
     if (lane == 0u) {
-        progress[slot].length = length;
+        progress[slot].length = lengths.x;
+        progress[slot].dual_length = lengths.y;
     }
 }

@@ -2,7 +2,7 @@
 // binds: elements
 // How far the predictor could go, the barrier parameter to aim for, and the values of the rows for the corrector. One workgroup a candidate.
 //   in      values    g at the point, g_change, slacks and multipliers
-//   in out  progress  mu; length: of the predictor, on return
+//   in out  progress  mu
 //   out     values    slack_step, multiplier_step [inequalities]; weight, value [rows]
 // Twin: src/solver/correct.rs
 
@@ -20,12 +20,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     var before = 0.0;
     var after = 0.0;
     for (var i = lane; i < count; i += WORKGROUP) {
-        before += product_after(base, i, 0.0);
+        before += product_after(base, i, vec2<f32>());
         after += product_after(base, i, reach);
     }
     before = sum_over(lane, before) / f32(max(count, 1u));
     after = sum_over(lane, after) / f32(max(count, 1u));
-    let aim = Aim(target_barrier(before, after), reach);
+    let aim = Aim(target_barrier(before, after), 1.0);
     // What other invocations wrote of the steps is read now.
     storageBarrier();
     for (var i = lane; i < slots[slot].elements; i += WORKGROUP) {
@@ -33,6 +33,5 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     }
     if (lane == 0u) {
         progress[slot].mu = aim.mu;
-        progress[slot].length = reach;
     }
 }

@@ -99,14 +99,15 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
             let s = base + batch.slack + i;
             let z = base + batch.multiplier + i;
             values[s] = max(values[s] + now.length * values[base + batch.slack_step + i], SLACK_FLOOR);
-            values[z] = max(values[z] + now.length * values[base + batch.multiplier_step + i], MULTIPLIER_FLOOR);
+            values[z] = max(values[z] + now.dual_length * values[base + batch.multiplier_step + i], MULTIPLIER_FLOOR);
         }
     }
     if (lane == 0u) {
+        // Read once more: what is kept all the way costs registers.
         if (taken) {
-            progress[slot] = accept(now, select(0.0, fall / predicted, predicted > 0.0));
+            progress[slot] = accept(progress[slot], select(0.0, fall / predicted, predicted > 0.0));
         } else {
-            progress[slot] = refuse(now);
+            progress[slot] = refuse(progress[slot]);
         }
     }
 }

@@ -37,9 +37,9 @@ fn column_scaling(slot: u32, half: u32, i: u32) -> f32 {
     return max(sum, 1e-2);
 }
 
-// First slack of an inequality, `max(|g|, sqrt(mu / 5))`, and the multiplier that goes with the barrier parameter.
+// First slack of an inequality, `max(|g|, sqrt(mu))`, and the multiplier that goes with the barrier parameter.
 fn start_slacks(base: u32, i: u32, g: f32, mu: f32) {
-    let s = max(abs(g), sqrt(0.2 * mu));
+    let s = max(abs(g), sqrt(mu));
     values[base + batch.slack + i] = s;
     values[base + batch.multiplier + i] = mu / s;
 }

@@ -418,7 +418,7 @@ fn certified(task: &Task, point: &Point) -> bool {
 /// The point of the given gait brought onto its rows; nothing when that fails.
 fn close_given(space: &Space, solver: &mut Solver<f64>, schedule: &AlignedSchedule, x: &[f64], cancel: &dyn Fn() -> bool) -> Option<Point> {
     // Forces outside their cones may be farther off than closing steps can bring them.
-    let onwards = SolverSettings { barrier: START_BARRIER, ..SolverSettings::default() };
+    let onwards = SolverSettings { barrier: Some(START_BARRIER), ..SolverSettings::default() };
     let attempts = [closing_settings(), onwards, SolverSettings::default()];
     let closed = |settings| close(space, solver, space.start(schedule, x), settings, cancel).filter(|p| certified(space.task, p));
     attempts.iter().find_map(closed)

@@ -12,6 +12,8 @@ thread_local! {
 
 /// Infeasibility below which a solve that f32 did not end goes on in f64.
 pub const CONTINUE_BELOW: f64 = 1e-2;
+/// Largest barrier parameter with which it does.
+const ONWARDS_BARRIER: f64 = 1e-3;
 
 /// Whether an f32 solve came near enough for [`close`] to do anything.
 pub fn can_close(outcome: &Outcome) -> bool {
@@ -43,7 +45,8 @@ pub fn close(
         stall: StallSettings { enabled: false, ..settings.stall.clone() },
         ..settings.clone()
     };
-    let onwards = SolverSettings { barrier: settings.barrier.min(1e-3), ..settings.clone() };
+    let barrier = settings.barrier(layout.curves.transcription).min(ONWARDS_BARRIER);
+    let onwards = SolverSettings { barrier: Some(barrier), ..settings.clone() };
     // What f32 did not solve goes on from where it is; what it solved must close, and has more to fall back on.
     let attempts: &[(&SolverSettings, Option<&[f64]>)] =
         if f32_outcome.status == Status::Solved { &[(&closing, Some(&x)), (settings, None)] } else { &[(&onwards, Some(&x))] };

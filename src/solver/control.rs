@@ -3,6 +3,7 @@
 //! A solve is a sequence of rounds. A round begins with the infeasibility at the point ([`begin`]), makes a trial point, and ends with the
 //! verdict on it: taken ([`accept`]) or not ([`refuse`]). A refused round is repeated with a larger proximal weight.
 
+use crate::nlp::Layout;
 use crate::real::Real;
 use crate::rows::table::NONE;
 use crate::settings::SolverSettings;
@@ -63,6 +64,8 @@ crate::table! {
         pub infeasibility: T,
         /// Barrier parameter.
         pub mu: T,
+        /// First barrier parameter.
+        pub barrier: T,
         /// Weight of the smoothing: how firmly the initial values draw.
         pub smoothing: T,
         /// Proximal weight of barrier steps.
@@ -79,6 +82,8 @@ crate::table! {
         pub hopeless: T,
         /// Length of the step to the trial point.
         pub length: T,
+        /// Length of the step of the multipliers.
+        pub dual_length: T,
     }
 }
 
@@ -93,8 +98,6 @@ pub struct Limits<T> {
     pub stall_window: u32,
     /// Iterations that a candidate may still need.
     pub stall_budget: T,
-    /// First barrier parameter.
-    pub barrier: T,
     /// First proximal weight.
     pub proximal: T,
     /// Smallest proximal weight.
@@ -114,23 +117,30 @@ impl<T: Real> Limits<T> {
             stall_start: if stall.enabled { stall.start as u32 } else { NONE },
             stall_window: stall.window as u32,
             stall_budget: T::of(stall.budget),
-            barrier: T::of(settings.barrier),
             proximal: T::of(settings.proximal),
             proximal_floor: T::of(settings.proximal_floor),
             smoothing: T::of(settings.smoothing),
             closing: T::of(settings.closing),
         }
     }
+
+    /// Before the first round of a candidate.
+    pub fn first_progress(&self, settings: &SolverSettings, layout: &Layout<T>) -> Progress<T> {
+        let (transcription, rows) = (layout.curves.transcription, layout.rows);
+        let (barrier, hopeless) = (settings.barrier(transcription), settings.hopeless(transcription, rows));
+        Progress::first(self, T::of(barrier), T::of(settings.edge_radius_on(&layout.terrain)), T::of(hopeless))
+    }
 }
 
 impl<T: Real> Progress<T> {
     /// Before the first round.
     ///
-    /// * `hopeless` - see [`SolverSettings::hopeless`]
-    pub fn first(limits: &Limits<T>, edge_radius: T, hopeless: T) -> Self {
+    /// * `barrier`, `hopeless` - see [`SolverSettings::barrier`], [`SolverSettings::hopeless`]
+    pub fn first(limits: &Limits<T>, barrier: T, edge_radius: T, hopeless: T) -> Self {
         Progress {
             hopeless,
-            mu: limits.barrier,
+            barrier,
+            mu: barrier,
             eps: limits.proximal,
             closing_eps: limits.proximal_floor,
             closing_below: limits.closing,
@@ -192,7 +202,7 @@ pub fn begin<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>, f: T, befo
         closing = closing || f < progress.closing_below;
         progress.closing_from = f;
         progress.state = if closing { CLOSE } else { STEP };
-        progress.smoothing = if closing { T::zero() } else { limits.smoothing * progress.mu / limits.barrier };
+        progress.smoothing = if closing { T::zero() } else { limits.smoothing * progress.mu / progress.barrier };
         if !closing {
             progress.closing_eps = limits.proximal_floor;
         }
@@ -269,12 +279,13 @@ mod tests {
     use super::*;
     use crate::settings::{StallSettings, Transcription};
 
+    const BARRIER: f64 = 0.0625;
+
     const LIMITS: Limits<f64> = Limits {
         max_iterations: 50,
         stall_start: 10,
         stall_window: 4,
         stall_budget: 200.,
-        barrier: 0.0625,
         proximal: 1e-3,
         proximal_floor: 1e-5,
         smoothing: 0.1,
@@ -282,7 +293,7 @@ mod tests {
     };
 
     fn first() -> Progress<f64> {
-        Progress::first(&LIMITS, 0., f64::INFINITY)
+        Progress::first(&LIMITS, BARRIER, 0., f64::INFINITY)
     }
 
     /// After the beginning of a round at infeasibility `f`, with rows that do not hold and no look back.
@@ -315,11 +326,10 @@ mod tests {
     #[test]
     fn limits_are_those_of_the_settings() {
         let stall = StallSettings { start: 7, window: 3, budget: 90., ..StallSettings::default() };
-        let settings =
-            SolverSettings { max_iterations: 12, barrier: 0.25, smoothing: 0.5, closing: 1e-3, stall, ..SolverSettings::default() };
+        let settings = SolverSettings { max_iterations: 12, smoothing: 0.5, closing: 1e-3, stall, ..SolverSettings::default() };
         let limits = Limits::<f64>::new(&settings);
         assert_eq!((limits.max_iterations, limits.stall_start, limits.stall_window, limits.stall_budget), (12, 7, 3, 90.));
-        assert_eq!((limits.barrier, limits.smoothing, limits.closing), (0.25, 0.5, 1e-3));
+        assert_eq!((limits.smoothing, limits.closing), (0.5, 1e-3));
         assert_eq!((limits.proximal, limits.proximal_floor), (settings.proximal, settings.proximal_floor));
         let stall = StallSettings { enabled: false, ..StallSettings::default() };
         assert_eq!(Limits::<f64>::new(&SolverSettings { stall, ..settings }).stall_start, NONE);
@@ -327,12 +337,13 @@ mod tests {
 
     #[test]
     fn a_solve_starts_with_a_barrier_step_at_the_weights_of_the_settings() {
-        let progress = begun(Progress::first(&LIMITS, 0.04, f64::INFINITY), &LIMITS, 3.);
+        let progress = begun(Progress::first(&LIMITS, BARRIER, 0.04, f64::INFINITY), &LIMITS, 3.);
         let expected = Progress {
             state: STEP,
             recorded: 1,
             infeasibility: 3.,
-            mu: 0.0625,
+            mu: BARRIER,
+            barrier: BARRIER,
             smoothing: 0.1,
             eps: 1e-3,
             closing_eps: 1e-5,
@@ -386,7 +397,7 @@ mod tests {
 
     #[test]
     fn near_the_end_the_rows_become_exact_once() {
-        let rounded = Progress { recorded: 12, iterations: 12, attempts: 0, ..Progress::first(&LIMITS, 0.04, f64::INFINITY) };
+        let rounded = Progress { recorded: 12, iterations: 12, attempts: 0, ..Progress::first(&LIMITS, BARRIER, 0.04, f64::INFINITY) };
         assert_eq!(begun(rounded, &LIMITS, LIMITS.closing).state, STEP, "not near enough");
         let mut progress = begun(rounded, &LIMITS, 0.5 * LIMITS.closing);
         // The record is taken back: it belongs to the rows as they were.
@@ -488,7 +499,7 @@ mod tests {
     #[test]
     fn what_always_closes_closes_slowly_too() {
         let limits = Limits { closing: f64::INFINITY, ..LIMITS };
-        let mut progress = Progress::first(&limits, 0., f64::INFINITY);
+        let mut progress = Progress::first(&limits, BARRIER, 0., f64::INFINITY);
         for f in [10., 9., 8.5] {
             progress = begun(progress, &limits, f);
             assert_eq!((progress.state, progress.smoothing, progress.closing_below), (CLOSE, 0., f64::INFINITY));
@@ -499,7 +510,7 @@ mod tests {
     fn what_never_closes_keeps_to_barrier_steps() {
         let limits = Limits { closing: 0., stall_start: NONE, ..LIMITS };
         for f in [1., 1e-12, 0.] {
-            assert_eq!(begun(Progress::first(&limits, 0.04, f64::INFINITY), &limits, f).state, STEP);
+            assert_eq!(begun(Progress::first(&limits, BARRIER, 0.04, f64::INFINITY), &limits, f).state, STEP);
         }
     }
 

@@ -7,8 +7,7 @@ use crate::nlp::Layout;
 use crate::real::Real;
 use multiversion::multiversion;
 
-/// Steps of slacks and multipliers of the predictor, and the rows for the corrector. Returns the barrier parameter and the length of the
-/// predictor's step.
+/// Steps of slacks and multipliers of the predictor, and the rows for the corrector. Returns the barrier parameter.
 ///
 /// * `g_change` - products of the Jacobian with the predictor
 /// * `weight`, `value` - out, of the rows
@@ -21,9 +20,9 @@ pub fn correct<T: Real>(
     slacks: &mut Slacks<T>,
     weight: &mut [T],
     value: &mut [T],
-) -> (T, T) {
-    let length = slack_steps(g, g_change, Aim::predictor(), slacks);
-    let mu = target(slacks, length);
-    barrier_rows(layout, c, g, slacks, Aim { mu, correction: length }, weight, value);
-    (mu, length)
+) -> T {
+    let lengths = slack_steps(g, g_change, Aim::predictor(), slacks);
+    let mu = target(slacks, lengths);
+    barrier_rows(layout, c, g, slacks, Aim::corrector(mu), weight, value);
+    mu
 }

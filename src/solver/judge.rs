@@ -1,6 +1,6 @@
 //! How good a trial point is, and the update of slacks and multipliers where it is taken.
 
-use super::slacks::{MULTIPLIER_FLOOR, SLACK_FLOOR, Slacks};
+use super::slacks::{Lengths, MULTIPLIER_FLOOR, SLACK_FLOOR, Slacks};
 use crate::linear::lanes::{LANES, dot, sum_over};
 use crate::real::Real;
 use multiversion::multiversion;
@@ -102,14 +102,14 @@ pub fn nonlinearity<T: Real>(c: &[T], c_linear: &[T], g: &[T], g_linear: &[T]) -
     T::of(0.5) * (gaps(c, c_linear) + gaps(g, g_linear))
 }
 
-/// Moves slacks and multipliers along their steps and keeps them off zero.
+/// Moves slacks and multipliers along their steps, each by its length, and keeps them off zero.
 #[multiversion(targets("x86_64+avx2+fma"))]
-pub fn update_slacks<T: Real>(slacks: &mut Slacks<T>, step: T) {
+pub fn update_slacks<T: Real>(slacks: &mut Slacks<T>, lengths: Lengths<T>) {
     let (slack_floor, multiplier_floor) = (T::of(SLACK_FLOOR), T::of(MULTIPLIER_FLOOR));
     for (value, change) in slacks.slack.iter_mut().zip(&slacks.slack_step) {
-        *value = (*value + step * *change).max(slack_floor);
+        *value = (*value + lengths.primal * *change).max(slack_floor);
     }
     for (value, change) in slacks.multiplier.iter_mut().zip(&slacks.multiplier_step) {
-        *value = (*value + step * *change).max(multiplier_floor);
+        *value = (*value + lengths.dual * *change).max(multiplier_floor);
     }
 }

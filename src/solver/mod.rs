@@ -7,8 +7,8 @@
 //! `(eps D + rho Jc'Jc + Jg' W Jg) d = -(rho Jc' c + Jg'(z + w (g - z/rho + mu/z)))`, `w = 1 / (s/z + 1/rho)`,
 //!
 //! whose weights are bounded by `rho`, so that it is safe in f32. Each factorisation serves twice: a predictor with `mu = 0` says how far the
-//! barrier can fall, and Mehrotra's corrector goes there. Near a solution, closing steps (Gauss-Newton on the equalities and the
-//! violated rows) converge quadratically.
+//! barrier can fall, and Mehrotra's corrector goes there; multipliers go by a length of their own. Near a solution, closing steps (Gauss-Newton
+//! on the equalities and the violated rows) converge quadratically.
 
 pub mod advance;
 mod close;
@@ -39,7 +39,7 @@ use control::{CLOSE, EXACT, Limits, Progress, STEP};
 use correct::correct;
 use judge::{infeasibility, infeasibility_fall, merit_fall, nonlinearity, smoothing_fall, update_slacks};
 use round::{ROUND, START, Stage, When};
-use slacks::{Aim, Slacks, slack_steps};
+use slacks::{Aim, Lengths, Slacks, slack_steps};
 use start::{column_scaling, start_slacks};
 use weights::{barrier_rows, closing_rows, variable_terms};
 
@@ -141,7 +141,7 @@ struct Solve<'a, T> {
 }
 
 /// Barrier parameter at which a cost begins to be lowered: near rows bend it early.
-const SMOOTH_BARRIER: f64 = 1e-3;
+const SMOOTH_BARRIER: f64 = 2e-4;
 
 impl<T: Real> Solver<T> {
     /// Solves one candidate from `start` (or from the layout's initial values).
@@ -157,9 +157,7 @@ impl<T: Real> Solver<T> {
     ) -> Outcome {
         self.prepare(layout, start);
         let solve = Solve { layout, limits: Limits::new(settings), finish };
-        let edge_radius = T::of(settings.edge_radius_on(&layout.terrain));
-        let hopeless = T::of(settings.hopeless(layout.curves.transcription, layout.rows));
-        let mut progress = Progress::first(&solve.limits, edge_radius, hopeless);
+        let mut progress = solve.limits.first_progress(settings, layout);
         for stage in START {
             self.stage(stage, &solve, &mut progress);
         }
@@ -224,7 +222,7 @@ impl<T: Real> Solver<T> {
             }
             Stage::Correct => {
                 let (now, rows) = (&self.now, (&mut self.weight, &mut self.value));
-                (progress.mu, progress.length) = correct(layout, &now.c, &now.g, &self.change.g, &mut self.slacks, rows.0, rows.1);
+                progress.mu = correct(layout, &now.c, &now.g, &self.change.g, &mut self.slacks, rows.0, rows.1);
             }
             Stage::Transposed => {
                 transposed_times(layout, &self.jacobian, &self.value, &mut self.local, &mut self.right_hand_side);
@@ -279,12 +277,12 @@ impl<T: Real> Solver<T> {
 
     /// Length of the step, trial point, and what the residuals would be there if they were linear.
     fn advance(&mut self, layout: &Layout<T>, progress: &mut Progress<T>) {
-        progress.length = if progress.state == CLOSE {
-            T::one()
+        let lengths = if progress.state == CLOSE {
+            Lengths::whole()
         } else {
-            let aim = Aim { mu: progress.mu, correction: progress.length };
-            slack_steps(&self.now.g, &self.change.g, aim, &mut self.slacks)
+            slack_steps(&self.now.g, &self.change.g, Aim::corrector(progress.mu), &mut self.slacks)
         };
+        (progress.length, progress.dual_length) = (lengths.primal, lengths.dual);
         let (variables, length) = (layout.variables, progress.length);
         advance(&self.x[..variables], length, &self.direction, &mut self.trial[..variables]);
         advance(&self.now.c, length, &self.change.c, &mut self.linear.c);
@@ -318,7 +316,7 @@ impl<T: Real> Solver<T> {
         let gap = nonlinearity(&next.c, &linear.c, &next.g, &linear.g);
         if control::acceptable(progress, fall, predicted, gap) {
             if !closing {
-                update_slacks(&mut self.slacks, progress.length);
+                update_slacks(&mut self.slacks, Lengths { primal: progress.length, dual: progress.dual_length });
             }
             let ratio = if predicted > T::zero() { fall / predicted } else { T::zero() };
             control::accept(progress, &solve.limits, ratio);
@@ -343,8 +341,8 @@ impl<T: Real> Solver<T> {
             return;
         }
         let (solved, infeasibility) = (self.x.clone(), progress.infeasibility);
+        let barrier = progress.barrier.min(T::of(SMOOTH_BARRIER));
         let onwards = SolverSettings {
-            barrier: settings.barrier.min(SMOOTH_BARRIER),
             proximal: settings.proximal_floor,
             smoothing: 0.,
             max_iterations: progress.iterations as usize + settings.smooth.iterations + settings.max_iterations,
@@ -357,11 +355,11 @@ impl<T: Real> Solver<T> {
             recorded: recorded as u32,
             stall_from: recorded as u32,
             infeasibility: progress.infeasibility,
-            ..Progress::first(&solve.limits, T::zero(), T::max_value())
+            ..Progress::first(&solve.limits, barrier, T::zero(), T::max_value())
         };
         *progress = renewed(progress, self.history.len());
         progress.smoothing = T::of(settings.smooth.weight);
-        start_slacks(&self.now.g, solve.limits.barrier, &mut self.slacks);
+        start_slacks(&self.now.g, barrier, &mut self.slacks);
         let end = progress.iterations + settings.smooth.iterations as u32;
         while progress.iterations < end && !progress.ended() && !cancel() {
             let before = progress.iterations;
@@ -378,7 +376,7 @@ impl<T: Real> Solver<T> {
         self.trial.clone_from(&self.x);
         self.evaluate(layout, progress);
         self.take_trial();
-        start_slacks(&self.now.g, solve.limits.barrier, &mut self.slacks);
+        start_slacks(&self.now.g, barrier, &mut self.slacks);
         self.stage(Stage::Weights, &solve, progress);
         if self.iterate(&solve, progress, cancel) != Status::Solved {
             self.x = solved;

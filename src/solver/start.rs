@@ -23,11 +23,10 @@ pub fn column_scaling<T: Real>(layout: &Layout<T>, jacobian: &[T], counts: &mut 
     }
 }
 
-/// First slacks, `max(|g|, sqrt(mu / 5))`, and the multipliers that go with the barrier parameter.
+/// First slacks, `max(|g|, sqrt(mu))`, and the multipliers that go with the barrier parameter.
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn start_slacks<T: Real>(g: &[T], mu: T, slacks: &mut Slacks<T>) {
-    // At the default barrier 0.1; what starts near its end starts with small slacks, too.
-    let least = (T::of(0.2) * mu).sqrt();
+    let least = mu.sqrt();
     for i in 0..g.len() {
         let s = g[i].abs().max(least);
         slacks.slack[i] = s;

@@ -8,6 +8,7 @@ use crate::solver::{barrier_state, residuals, slacks, truncated_counts};
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::solver::control::{self, CLOSE, ENDED, EXACT, Limits, Progress, SOLVED, STEP};
 use cregopt::solver::judge;
+use cregopt::solver::slacks::Lengths;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -22,11 +23,12 @@ fn before_verdict(s: usize, progress: Progress<f32>, random: &mut Random) -> Pro
         mu: random.between(1e-3, 0.1) as f32,
         smoothing: [0., 0.05][s % 2],
         // Near the floor a quarter would be below it.
-        eps: [1e-3, 3e-5][s / 2 % 2],
-        closing_eps: [2e-5, 4e-3][s / 3 % 2],
+        eps: [1e-3, 3e-6][s / 2 % 2],
+        closing_eps: [2e-6, 4e-3][s / 3 % 2],
         closing_below: 1e-4,
         closing_from: 7e-4,
         length: random.between(0.2, 1.) as f32,
+        dual_length: [0.3, 1.][s % 2],
         ..progress
     }
 }
@@ -211,7 +213,7 @@ fn judge_agrees_with_its_twin() {
                 state.progress[s] = verdict;
                 if taken {
                     let mut slacks = slacks(&lab, s, state);
-                    judge::update_slacks(&mut slacks, progress.length);
+                    judge::update_slacks(&mut slacks, Lengths { primal: progress.length, dual: progress.dual_length });
                     for (array, values) in [(batch.slack, &slacks.slack), (batch.multiplier, &slacks.multiplier)] {
                         let at = lab.of_inequalities(s, array);
                         state.values[at].copy_from_slice(values);

@@ -124,7 +124,7 @@ pub fn arrays(batch: &Batch) -> Vec<(u32, &'static str)> {
 }
 
 /// Names of the members of `Progress`; the first seven are integers.
-pub const PROGRESS: [&str; 16] = [
+pub const PROGRESS: [&str; 19] = [
     "state",
     "current",
     "iterations",
@@ -134,14 +134,18 @@ pub const PROGRESS: [&str; 16] = [
     "stall_from",
     "infeasibility",
     "mu",
+    "barrier",
     "smoothing",
     "eps",
     "closing_eps",
     "closing_below",
     "closing_from",
     "edge_radius",
+    "hopeless",
     "length",
+    "dual_length",
 ];
+const _: () = assert!(size_of::<Progress<f32>>() == 4 * PROGRESS.len());
 
 impl<'a> Lab<'a> {
     /// Slots with candidate `s % n` in slot `s`, changed by `tweak`.
@@ -203,6 +207,8 @@ impl<'a> Lab<'a> {
             closing_from: float,
             edge_radius: float,
             length: float,
+            dual_length: float,
+            barrier: float,
             ..Progress::default()
         };
         State {

@@ -9,6 +9,9 @@ use cregopt::backend::gpu::shaders::Shader;
 use cregopt::solver::control::{self, CLOSE, EXACT, Limits, Progress, SOLVED, STEP};
 use std::collections::BTreeMap;
 
+/// First barrier parameter.
+const BARRIER: f32 = 0.05;
+
 #[test]
 fn weights_begins_rounds_as_its_twin_does() {
     let Some(device) = gpu("weights_begins_rounds_as_its_twin_does") else { return };
@@ -36,7 +39,7 @@ fn weights_begins_rounds_as_its_twin_does() {
         }
         before.progress[s] = Progress {
             current: s as u32 % 2,
-            ..Progress::first(&limits, if s % 3 == 0 { 0. } else { EDGE_RADIUS as f32 }, [0.3, f32::MAX][s % 2])
+            ..Progress::first(&limits, BARRIER, if s % 3 == 0 { 0. } else { EDGE_RADIUS as f32 }, [0.3, f32::MAX][s % 2])
         };
     }
     // How fast each falls a round; some rest.
@@ -117,7 +120,7 @@ fn weights_begins_rounds_as_its_twin_does() {
                     // The slot is filled again; what its ring holds is another candidate's.
                     *progress = Progress {
                         current: progress.current,
-                        ..Progress::first(&limits, if s.is_multiple_of(2) { 0. } else { 0.04 }, f32::MAX)
+                        ..Progress::first(&limits, BARRIER, if s.is_multiple_of(2) { 0. } else { 0.04 }, f32::MAX)
                     };
                     histories[s].clear();
                 }

@@ -7,7 +7,7 @@ use crate::{ARITHMETIC, SUM};
 use cregopt::backend::gpu::Prepared;
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::solver::control::{self, CLOSE, EXACT, Limits, Progress, SOLVED, STEP};
-use cregopt::solver::slacks::{Aim, BARRIER_FLOOR, Slacks, mean_product, slack_steps};
+use cregopt::solver::slacks::{Aim, BARRIER_FLOOR, Lengths, Slacks, TO_THE_BOUNDARY, mean_product, slack_steps};
 use cregopt::solver::{advance, judge, start, weights};
 use std::collections::BTreeMap;
 
@@ -165,7 +165,7 @@ fn weights_agrees_with_its_twin() {
                 eps: 3e-4,
                 closing_eps: 7e-5,
                 // Refused attempts close, and the first of the rest.
-                ..Progress::first(&Limits::new(&lab.settings), progress.edge_radius, progress.hopeless)
+                ..Progress::first(&Limits::new(&lab.settings), progress.barrier, progress.edge_radius, progress.hopeless)
             };
             if progress.state == EXACT {
                 // Rows become exact only before a round.
@@ -212,7 +212,7 @@ fn weights_agrees_with_its_twin() {
                 return;
             }
             let slacks = slacks(lab, s, state);
-            let aim = Aim { mu: 0., correction: 0. };
+            let aim = Aim::predictor();
             let (mut weight, mut value) = (vec![f32::NAN; layout.rows], vec![f32::NAN; layout.rows]);
             if progress.state == CLOSE {
                 weights::closing_rows(layout, &c, &g, &mut weight, &mut value);
@@ -274,16 +274,14 @@ fn correct_agrees_with_its_twin() {
                 return;
             }
             let (c, g) = (state.values[lab.c(s, half)].to_vec(), state.values[lab.g(s, half)].to_vec());
-            steps_of_slacks(lab, s, expected, Aim { mu: 0., correction: 0. });
+            steps_of_slacks(lab, s, expected, Aim::predictor());
             // From its own steps on.
             let own = slacks(lab, s, got);
-            let length = length_of(&own);
-            let reach = got.progress[s].length;
-            let (all, share) = (mean_product(&own, 0.), mean_product(&own, reach) / mean_product(&own, 0.));
+            let all = mean_product(&own, Lengths::none());
+            let share = mean_product(&own, lengths_of(&own)) / all;
             let state = &mut expected.state;
-            state.progress[s].length = length;
             state.progress[s].mu = (all * share.clamp(0., 1.) * share.clamp(0., 1.)).max(BARRIER_FLOOR as f32);
-            let aim = Aim { mu: got.progress[s].mu, correction: reach };
+            let aim = Aim::corrector(got.progress[s].mu);
             let (mut weight, mut value) = (vec![f32::NAN; layout.rows], vec![f32::NAN; layout.rows]);
             weights::barrier_rows(layout, &c, &g, &own, aim, &mut weight, &mut value);
             state.values[lab.of_rows(s, batch.weight)].copy_from_slice(&weight);
@@ -292,7 +290,7 @@ fn correct_agrees_with_its_twin() {
         },
         |name| match name {
             "mu" => SUM,
-            "weight" | "value" | "slack_step" | "multiplier_step" | "length" => ARITHMETIC,
+            "weight" | "value" | "slack_step" | "multiplier_step" => ARITHMETIC,
             _ => 0.,
         },
     );
@@ -322,11 +320,14 @@ pub fn steps_of_slacks(lab: &Lab, s: usize, expected: &mut Expected, aim: Aim<f3
     }
 }
 
-/// The largest step that keeps a twentieth of every slack and multiplier, by their steps.
-pub fn length_of(slacks: &Slacks<f32>) -> f32 {
-    let by = |value: &[f32], step: &[f32]| value.iter().zip(step).fold(0f32, |steepest, (v, by)| steepest.max(-by / v));
-    let steepest = by(&slacks.slack, &slacks.slack_step).max(by(&slacks.multiplier, &slacks.multiplier_step));
-    if steepest * (1. / 0.95) > 1. { 0.95 / steepest } else { 1. }
+/// How far slacks and multipliers may go, by their steps.
+pub fn lengths_of(slacks: &Slacks<f32>) -> Lengths<f32> {
+    let most = TO_THE_BOUNDARY as f32;
+    let by = |value: &[f32], step: &[f32]| {
+        let steepest = value.iter().zip(step).fold(0f32, |steepest, (v, by)| steepest.max(-by / v));
+        if steepest > most { most / steepest } else { 1. }
+    };
+    Lengths { primal: by(&slacks.slack, &slacks.slack_step), dual: by(&slacks.multiplier, &slacks.multiplier_step) }
 }
 
 /// Counts of variables and rows around the workgroup size. Only loops over them may depend on that.
@@ -363,19 +364,19 @@ fn advance_agrees_with_its_twin() {
             if progress.state > CLOSE {
                 return;
             }
-            let mut length = 1.;
+            let mut lengths = Lengths::whole();
             if progress.state == STEP {
-                steps_of_slacks(lab, s, expected, Aim { mu: progress.mu, correction: progress.length });
-                length = length_of(&slacks(lab, s, got));
+                steps_of_slacks(lab, s, expected, Aim::corrector(progress.mu));
+                lengths = lengths_of(&slacks(lab, s, got));
             }
             let (batch, state) = (&lab.batch, &mut expected.state);
-            state.progress[s].length = length;
+            (state.progress[s].length, state.progress[s].dual_length) = (lengths.primal, lengths.dual);
             let [x, to] = [progress.current, 1 - progress.current].map(|half| lab.of_variables(s, batch.x + half * batch.x_half));
             let (x, d) = (state.values[x].to_vec(), state.values[lab.of_variables(s, batch.direction)].to_vec());
             advance::advance(&x, got.progress[s].length, &d, &mut state.values[to]);
         },
         |name| match name {
-            "slack_step" | "multiplier_step" | "length" | "x" => ARITHMETIC,
+            "slack_step" | "multiplier_step" | "length" | "dual_length" | "x" => ARITHMETIC,
             _ => 0.,
         },
     );

@@ -7,7 +7,7 @@ use cregopt::real::Real;
 use cregopt::rows::table::NONE;
 use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::solver::judge::{infeasibility, infeasibility_fall, merit_fall, nonlinearity, smoothing_fall, update_slacks};
-use cregopt::solver::slacks::{Aim, Slacks, mean_product, slack_steps, target};
+use cregopt::solver::slacks::{Aim, Lengths, Slacks, mean_product, slack_steps, target};
 use cregopt::solver::start::{column_scaling, start_slacks};
 use cregopt::solver::weights::{barrier_rows, closing_rows, variable_terms};
 use nalgebra::DVector;
@@ -319,7 +319,7 @@ fn slacks_start_where_their_products_are_the_barrier_parameter() {
             let mut slacks = Slacks { slack: unset(), multiplier: unset(), slack_step: unset(), multiplier_step: unset() };
             start_slacks(&g, T::of(mu), &mut slacks);
             for ((g, s), z) in g.iter().zip(&slacks.slack).zip(&slacks.multiplier) {
-                let expected = g.abs().as_f64().max((mu / 5.).sqrt());
+                let expected = g.abs().as_f64().max(mu.sqrt());
                 assert!((s.as_f64() - expected).abs() <= tolerance * expected, "slack {s:?} at {g:?}");
                 assert!((z.as_f64() * expected - mu).abs() <= tolerance * mu, "multiplier {z:?} at {g:?}");
             }
@@ -330,59 +330,61 @@ fn slacks_start_where_their_products_are_the_barrier_parameter() {
         check::<f64>(&g, ELEMENTWISE_TOLERANCE);
         check::<f32>(&g, 4. * f64::from(f32::EPSILON));
     }
-    // At the default barrier.
     let mut slacks = Slacks { slack: vec![0.; 3], multiplier: vec![0.; 3], ..Slacks::default() };
-    start_slacks(&[-0.5, 0.02, 0.25], 0.05, &mut slacks);
+    start_slacks(&[-0.5, 0.02, 0.25], 0.01, &mut slacks);
     assert_close(&slacks.slack, &[0.5, 0.1, 0.25], ELEMENTWISE_TOLERANCE, "slack");
-    assert_close(&slacks.multiplier, &[0.1, 0.5, 0.2], ELEMENTWISE_TOLERANCE, "multiplier");
+    assert_close(&slacks.multiplier, &[0.02, 0.1, 0.04], ELEMENTWISE_TOLERANCE, "multiplier");
 }
 
 #[test]
 fn the_target_is_the_square_of_what_the_predictor_leaves() {
     for State { mut slacks, .. } in states() {
-        let mean = |slacks: &Slacks<f64>, reach: f64| {
-            let of =
-                |i: usize| (slacks.slack[i] + reach * slacks.slack_step[i]) * (slacks.multiplier[i] + reach * slacks.multiplier_step[i]);
-            (0..slacks.slack.len()).map(of).sum::<f64>() / slacks.slack.len() as f64
+        let mean = |slacks: &Slacks<f64>, reach: Lengths<f64>| {
+            let slack = |i: usize| slacks.slack[i] + reach.primal * slacks.slack_step[i];
+            let multiplier = |i: usize| slacks.multiplier[i] + reach.dual * slacks.multiplier_step[i];
+            (0..slacks.slack.len()).map(|i| slack(i) * multiplier(i)).sum::<f64>() / slacks.slack.len() as f64
         };
-        let close = |slacks: &Slacks<f64>, reach: f64, expected: f64| {
+        let close = |slacks: &Slacks<f64>, reach: Lengths<f64>, expected: f64| {
             let got = target(slacks, reach);
-            assert!((got - expected).abs() <= SUM_TOLERANCE * expected, "reach {reach}: {got:e} against {expected:e}");
+            assert!((got - expected).abs() <= SUM_TOLERANCE * expected, "reach {reach:?}: {got:e} against {expected:e}");
         };
-        let before = mean(&slacks, 0.);
-        close(&slacks, 0., before);
+        let whole = Lengths::whole();
+        let before = mean(&slacks, Lengths::none());
+        close(&slacks, Lengths::none(), before);
         // Nine tenths of every slack go, and nothing of the multipliers.
         slacks.slack_step = slacks.slack.iter().map(|s| -0.9 * s).collect();
         slacks.multiplier_step.fill(0.);
-        close(&slacks, 1., before / 100.);
+        close(&slacks, whole, before / 100.);
+        close(&slacks, Lengths { dual: 0.2, ..whole }, before / 100.);
         // Some of both.
         slacks.multiplier_step = slacks.multiplier.iter().zip(random_vector(22, slacks.slack.len())).map(|(z, by)| 0.5 * z * by).collect();
-        for reach in [0.1, 0.6, 1.] {
+        for (primal, dual) in [(0.1, 0.1), (0.6, 0.3), (0.2, 0.9), (1., 1.)] {
+            let reach = Lengths { primal, dual };
             let after = mean(&slacks, reach);
             assert!(after > 0. && after < before);
             close(&slacks, reach, after * after / before);
         }
         // It does not rise above what is, nor fall below its floor, not even where products turn negative.
         slacks.slack_step = slacks.slack.clone();
-        close(&slacks, 1., before);
+        close(&slacks, whole, before);
         slacks.multiplier_step.fill(0.);
         for part in [1., 1.5] {
             slacks.slack_step = slacks.slack.iter().map(|s| -part * s).collect();
-            assert_eq!(target(&slacks, 1.), 1e-9);
+            assert_eq!(target(&slacks, whole), 1e-9);
         }
     }
 }
 
 #[test]
-fn slack_steps_solve_the_linearised_conditions_and_keep_a_twentieth() {
+fn slack_steps_solve_the_linearised_conditions_and_keep_a_hundredth() {
     for settings in transcriptions() {
         for (aim, size) in AIMS.into_iter().flat_map(|aim| [1., 1e-3].map(|size| (aim, size))) {
             let State { layout, rows: Rows { g, .. }, mut slacks, .. } = state(&settings);
             let mut random = Random::new(13);
             let change: Vec<f64> = (0..layout.inequalities).map(|_| size * random.between(-1., 1.)).collect();
             let predicted = (slacks.slack_step.clone(), slacks.multiplier_step.clone());
-            let step = slack_steps(&g, &change, aim, &mut slacks);
-            let mut largest = f64::INFINITY;
+            let lengths = slack_steps(&g, &change, aim, &mut slacks);
+            let mut largest = [f64::INFINITY; 2];
             for i in 0..layout.inequalities {
                 let (s, z, ds, dz) = (slacks.slack[i], slacks.multiplier[i], slacks.slack_step[i], slacks.multiplier_step[i]);
                 let second_order = aim.correction * predicted.0[i] * predicted.1[i];
@@ -392,28 +394,31 @@ fn slack_steps_solve_the_linearised_conditions_and_keep_a_twentieth() {
                     [g[i].abs() + s + ds.abs() + z + dz.abs(), s * z + (s * dz).abs() + (z * ds).abs() + aim.mu + second_order.abs()];
                 assert!(penalty.abs() <= ELEMENTWISE_TOLERANCE * sizes[0], "inequality {i}: {penalty:e}");
                 assert!(centre.abs() <= ELEMENTWISE_TOLERANCE * sizes[1], "inequality {i}: {centre:e}");
-                for (value, change) in [(s, ds), (z, dz)] {
+                for (largest, (value, change)) in largest.iter_mut().zip([(s, ds), (z, dz)]) {
                     if change < 0. {
-                        largest = largest.min(-value / change);
+                        *largest = largest.min(-value / change);
                     }
                 }
             }
-            assert_close(&[step], &[(0.95 * largest).min(1.)], SUM_TOLERANCE, "step");
+            let expected = largest.map(|largest| (0.99 * largest).min(1.));
+            assert_close(&[lengths.primal, lengths.dual], &expected, SUM_TOLERANCE, "lengths");
 
             let before = (slacks.slack.clone(), slacks.multiplier.clone());
-            let after = |step: f64, i: usize| (before.0[i] + step * slacks.slack_step[i], before.1[i] + step * slacks.multiplier_step[i]);
-            let mean = |step: f64| {
+            let after = |step: Lengths<f64>, i: usize| {
+                (before.0[i] + step.primal * slacks.slack_step[i], before.1[i] + step.dual * slacks.multiplier_step[i])
+            };
+            let mean = |step: Lengths<f64>| {
                 let products = (0..layout.inequalities).map(|i| after(step, i)).map(|(s, z)| s * z);
                 products.sum::<f64>() / layout.inequalities as f64
             };
-            for length in [0., 0.3 * step, step] {
-                assert_close(&[mean_product(&slacks, length)], &[mean(length)], SUM_TOLERANCE, "mean product ahead");
+            for ahead in [Lengths::none(), Lengths { primal: 0.3 * lengths.primal, ..lengths }, lengths] {
+                assert_close(&[mean_product(&slacks, ahead)], &[mean(ahead)], SUM_TOLERANCE, "mean product ahead");
             }
-            let expected: Vec<(f64, f64)> = (0..layout.inequalities).map(|i| after(step, i)).collect();
-            update_slacks(&mut slacks, step);
+            let expected: Vec<(f64, f64)> = (0..layout.inequalities).map(|i| after(lengths, i)).collect();
+            update_slacks(&mut slacks, lengths);
             for (i, (s, z)) in expected.into_iter().enumerate() {
                 assert_eq!((slacks.slack[i], slacks.multiplier[i]), (s.max(1e-6), z.max(1e-8)));
-                assert!(s >= 0.049 * before.0[i] && z >= 0.049 * before.1[i]);
+                assert!(s >= 0.0099 * before.0[i] && z >= 0.0099 * before.1[i]);
             }
         }
     }
@@ -422,12 +427,12 @@ fn slack_steps_solve_the_linearised_conditions_and_keep_a_twentieth() {
 #[test]
 fn slacks_and_multipliers_stay_off_zero() {
     let mut slacks = Slacks { slack: vec![1., 2.], multiplier: vec![3., 4.], slack_step: vec![-1., 0.5], multiplier_step: vec![1., -4.] };
-    update_slacks(&mut slacks, 0.5);
-    assert_eq!((&slacks.slack, &slacks.multiplier), (&vec![0.5, 2.25], &vec![3.5, 2.]));
-    update_slacks(&mut slacks, 1.);
-    assert_eq!((&slacks.slack, &slacks.multiplier), (&vec![1e-6, 2.75], &vec![4.5, 1e-8]));
+    update_slacks(&mut slacks, Lengths { primal: 0.5, dual: 0.25 });
+    assert_eq!((&slacks.slack, &slacks.multiplier), (&vec![0.5, 2.25], &vec![3.25, 3.]));
+    update_slacks(&mut slacks, Lengths::whole());
+    assert_eq!((&slacks.slack, &slacks.multiplier), (&vec![1e-6, 2.75], &vec![4.25, 1e-8]));
     // Those on the floor leave it when they grow.
     (slacks.slack_step, slacks.multiplier_step) = (vec![0.25, 0.], vec![0., 0.5]);
-    update_slacks(&mut slacks, 1.);
-    assert_eq!((slacks.slack, slacks.multiplier), (vec![0.250_001, 2.75], vec![4.5, 0.500_000_01]));
+    update_slacks(&mut slacks, Lengths::whole());
+    assert_eq!((slacks.slack, slacks.multiplier), (vec![0.250_001, 2.75], vec![4.25, 0.500_000_01]));
 }

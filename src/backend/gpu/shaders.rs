@@ -35,7 +35,7 @@ use crate::rows::table::{NONE, Wgsl};
 use crate::rows::{Family, acceleration, row_shaders};
 use crate::solver::control;
 use crate::solver::round::Stage;
-use crate::solver::slacks::{BARRIER_FLOOR, MULTIPLIER_FLOOR, SLACK_FLOOR};
+use crate::solver::slacks::{BARRIER_FLOOR, MULTIPLIER_FLOOR, SLACK_FLOOR, TO_THE_BOUNDARY};
 
 /// Invocations of a workgroup, in every shader.
 pub const WORKGROUP: u32 = 64;
@@ -344,6 +344,7 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("PROXIMAL_GROWTH", control::PROXIMAL_GROWTH as f32),
         ("BARRIER_FLOOR", BARRIER_FLOOR as f32),
         ("SLACK_FLOOR", SLACK_FLOOR as f32),
+        ("TO_THE_BOUNDARY", TO_THE_BOUNDARY as f32),
         ("MULTIPLIER_FLOOR", MULTIPLIER_FLOOR as f32),
     ];
     (whole, real)

@@ -233,8 +233,6 @@ macro_rules! gpu_tables {
                 /// Likewise.
                 pub tolerance: f32,
                 /// Likewise.
-                pub barrier: f32,
-                /// Likewise.
                 pub proximal_floor: f32,
                 /// Likewise.
                 pub smoothing_weight: f32,
@@ -343,7 +341,6 @@ macro_rules! gpu_tables {
                     stall_window: limits.stall_window,
                     stall_budget: limits.stall_budget,
                     tolerance: settings.tolerance as f32,
-                    barrier: limits.barrier,
                     proximal_floor: limits.proximal_floor,
                     smoothing_weight: limits.smoothing,
                     closing: limits.closing,
@@ -686,9 +683,7 @@ impl Sizes {
 
 /// Progress of a candidate whose initial values stand in the first half: they are evaluated as a trial point.
 pub fn first_progress(layout: &Layout<f32>, settings: &SolverSettings) -> Progress<f32> {
-    let edge_radius = settings.edge_radius_on(&layout.terrain) as f32;
-    let hopeless = settings.hopeless(layout.curves.transcription, layout.rows) as f32;
-    Progress { current: 1, ..Progress::first(&Limits::new(settings), edge_radius, hopeless) }
+    Progress { current: 1, ..Limits::new(settings).first_progress(settings, layout) }
 }
 
 // SAFETY: `#[repr(C)]`, with members of four bytes alone, whose bits are all values.
