@@ -155,8 +155,8 @@ pub struct SolverSettings {
     pub tolerance: f64,
     /// Row violation below which an f64 solve ends, in the row's own unit (N, N m, m). Certification counts beyond 1e-4.
     pub row_tolerance: f64,
-    /// First barrier parameter `mu`; see [`SolverSettings::barrier`] when absent. Larger: longer first steps, which lead hard candidates astray
-    /// with `momentum`.
+    /// First barrier parameter `mu`; see [`SolverSettings::barrier`] when absent. Smaller: more is solved where
+    /// friction is scarce, less where it is not, in more iterations.
     pub barrier: Option<f64>,
     /// First proximal weight `eps`. Larger: shorter, safer steps.
     pub proximal: f64,

@@ -472,6 +472,15 @@ mod tests {
     }
 
     #[test]
+    fn the_first_barrier_is_that_of_the_rows_unless_it_is_set() {
+        let (settings, both) = (SolverSettings::default(), [Transcription::Momentum, Transcription::Towr]);
+        assert_eq!(both.map(|t| settings.barrier(t)), [0.02, 0.2]);
+        let set = SolverSettings { barrier: Some(0.07), ..settings };
+        assert_eq!(both.map(|t| set.barrier(t)), [0.07; 2]);
+        assert!(set.validate().is_ok() && SolverSettings { barrier: Some(0.), ..set }.validate().is_err());
+    }
+
+    #[test]
     fn closing_steps_go_on_while_each_leaves_a_tenth() {
         let progress = closing(9e-7);
         assert_eq!((progress.closing_from, progress.proximal()), (9e-7, LIMITS.proximal_floor));
