@@ -26,7 +26,7 @@ pub const MULTIPLIER_FLOOR: f64 = 1e-8;
 /// How much of its way to zero a slack or multiplier may go in a step.
 pub const TO_THE_BOUNDARY: f64 = 0.99;
 
-/// Lengths of a step, each in `(0, 1]`.
+/// Lengths of a step, from 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lengths<T> {
     /// Of variables and slacks.
