@@ -14,6 +14,11 @@ thread_local! {
 pub const CONTINUE_BELOW: f64 = 1e-2;
 /// Largest barrier parameter with which it does.
 const ONWARDS_BARRIER: f64 = 1e-3;
+/// Iterations after which it ends: those that arrive do so after 40 at most.
+const ONWARDS_ITERATIONS: usize = 40;
+/// Barrier parameters with which a point that does not close is begun anew, one after the other, and the iterations of each.
+const ANEW_BARRIERS: [f64; 2] = [1e-3, 3e-3];
+const ANEW_ITERATIONS: usize = 20;
 
 /// Whether an f32 solve came near enough for [`close`] to do anything.
 pub fn can_close(outcome: &Outcome) -> bool {
@@ -22,8 +27,10 @@ pub fn can_close(outcome: &Outcome) -> bool {
 
 /// Brings an f32 solution to f64 accuracy.
 ///
-/// One or two Gauss-Newton steps from a solved point usually do. Where they do not, the solve is repeated in f64. Where f32 crept without
-/// arriving (`F` below [`CONTINUE_BELOW`]), it goes on in f64 from there, with a small barrier. Everything else is returned as it is.
+/// Where f32 crept without arriving (`F` below [`CONTINUE_BELOW`]), f64 first goes on from there, with a small barrier. One or two
+/// Gauss-Newton steps from a solved point usually make its rows hold. Where they do not, they close on the wrong rows: fresh slacks on a small
+/// barrier find the right ones from there in some ten iterations. What f32 solved has a solve in f64 from the start to fall back on. Everything
+/// else is returned as it is.
 ///
 /// Returns the outcome with the costs of all attempts added, and the point.
 pub fn close(
@@ -36,33 +43,64 @@ pub fn close(
     if !can_close(&f32_outcome) {
         return (f32_outcome, x);
     }
-    let finish = Finish::Rows(settings.row_tolerance);
-    let closing = SolverSettings {
-        max_iterations: settings.closing_steps,
-        closing: f64::INFINITY,
-        edge_radius: 0.,
-        proximal: settings.proximal_floor,
-        stall: StallSettings { enabled: false, ..settings.stall.clone() },
-        ..settings.clone()
-    };
-    let barrier = settings.barrier(layout.curves.transcription).min(ONWARDS_BARRIER);
-    let onwards = SolverSettings { barrier: Some(barrier), ..settings.clone() };
-    // What f32 did not solve goes on from where it is; what it solved must close, and has more to fall back on.
-    let attempts: &[(&SolverSettings, Option<&[f64]>)] =
-        if f32_outcome.status == Status::Solved { &[(&closing, Some(&x)), (settings, None)] } else { &[(&onwards, Some(&x))] };
     SOLVER.with_borrow_mut(|solver| {
-        let mut total = f32_outcome;
-        for &(settings, start) in attempts {
-            let outcome = solver.solve(layout, settings, finish, start, cancel);
-            total = Outcome {
-                iterations: total.iterations + outcome.iterations,
-                factorisations: total.factorisations + outcome.factorisations,
-                ..outcome
-            };
-            if outcome.status == Status::Solved || outcome.status == Status::Cancelled {
-                break;
+        let mut so_far = Closing { layout, solver, cancel, outcome: f32_outcome, x };
+        so_far.run(settings);
+        (so_far.outcome, so_far.x)
+    })
+}
+
+/// A point on its way, and what was spent on it.
+struct Closing<'a> {
+    layout: &'a Layout<f64>,
+    solver: &'a mut Solver<f64>,
+    cancel: &'a dyn Fn() -> bool,
+    outcome: Outcome,
+    x: Vec<f64>,
+}
+
+impl Closing<'_> {
+    fn run(&mut self, settings: &SolverSettings) {
+        let solved_before = self.outcome.status == Status::Solved;
+        if !solved_before {
+            let barrier = settings.barrier(self.layout.curves.transcription).min(ONWARDS_BARRIER);
+            let onwards = SolverSettings { barrier: Some(barrier), ..at_most(ONWARDS_ITERATIONS, settings) };
+            self.attempt(&onwards, Finish::Infeasibility(settings.tolerance), true);
+            if self.outcome.status != Status::Solved {
+                return;
             }
         }
-        (total, solver.solution())
-    })
+        let steps = SolverSettings {
+            max_iterations: settings.closing_steps,
+            closing: f64::INFINITY,
+            edge_radius: 0.,
+            proximal: settings.proximal_floor,
+            stall: StallSettings { enabled: false, ..settings.stall.clone() },
+            ..settings.clone()
+        };
+        let anew = |barrier| SolverSettings { barrier: Some(barrier), smoothing: 0., ..at_most(ANEW_ITERATIONS, settings) };
+        let from_here = std::iter::once(steps).chain(ANEW_BARRIERS.map(anew)).map(|settings| (settings, true));
+        let from_the_start = solved_before.then(|| (settings.clone(), false));
+        for (settings, from_here) in from_here.chain(from_the_start) {
+            self.attempt(&settings, Finish::Rows(settings.row_tolerance), from_here);
+            if matches!(self.outcome.status, Status::Solved | Status::Cancelled) {
+                return;
+            }
+        }
+    }
+
+    fn attempt(&mut self, settings: &SolverSettings, finish: Finish, from_here: bool) {
+        let outcome = self.solver.solve(self.layout, settings, finish, from_here.then_some(&self.x), self.cancel);
+        self.outcome = Outcome {
+            iterations: self.outcome.iterations + outcome.iterations,
+            factorisations: self.outcome.factorisations + outcome.factorisations,
+            ..outcome
+        };
+        self.x = self.solver.solution();
+    }
+}
+
+/// The settings with a limit of iterations, if they have no lower one.
+fn at_most(iterations: usize, settings: &SolverSettings) -> SolverSettings {
+    SolverSettings { max_iterations: settings.max_iterations.min(iterations), ..settings.clone() }
 }
