@@ -167,9 +167,10 @@ pub struct SolverSettings {
     pub proximal_floor: f64,
     /// Rounding of terrain edges until closing steps start, m. 0: feet cannot cross an edge; large: feet may end on the wrong side of it.
     pub edge_radius: f64,
-    /// `F` below which closing steps start.
+    /// `F` below which closing steps are tried. Smaller: iterations that they would save; larger: they close on the wrong rows, and
+    /// candidates that are hard are lost.
     pub closing: f64,
-    /// Closing steps in f64 after an f32 solve, before the solve is repeated in f64.
+    /// Closing steps in f64 after an f32 solve, before other ways are tried.
     pub closing_steps: usize,
     /// Make what is feasible pleasant, too.
     pub smooth: SmoothSettings,
@@ -188,7 +189,7 @@ impl Default for SolverSettings {
             smoothing: 0.1,
             proximal_floor: 1e-6,
             edge_radius: 0.04,
-            closing: 1e-6,
+            closing: 1e-3,
             closing_steps: 8,
             smooth: SmoothSettings::default(),
             stall: StallSettings::default(),
@@ -215,7 +216,7 @@ impl Default for SmoothSettings {
 }
 
 /// When a candidate counts as stalled: at the rate of the last `window` iterations, `F` would need more than `budget` further
-/// iterations to fall to [`SolverSettings::closing`]. Calibrated in `benches/README.md`.
+/// iterations to fall to 1e-6. Calibrated in `benches/README.md`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]

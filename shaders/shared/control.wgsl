@@ -77,7 +77,7 @@ fn stalled(progress: Progress, f: f32, earlier: f32) -> bool {
     }
     // Logarithmic distance left against that covered in the window, in windows.
     let window = f32(batch.stall_window);
-    return f > STALL_ABOVE * batch.closing && log(f / batch.closing) * window > batch.stall_budget * log(earlier / f);
+    return f > STALL_ABOVE && log(f / STALL_TARGET) * window > batch.stall_budget * log(earlier / f);
 }
 
 // Whether a trial point is taken: the merit falls, or the residuals are close to their linear model.

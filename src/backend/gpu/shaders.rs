@@ -338,6 +338,7 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("ACCELERATION_MARGIN", acceleration::MARGIN as f32),
         ("GRAVITY", GRAVITY as f32),
         ("CLOSING_RATE", control::CLOSING_RATE as f32),
+        ("STALL_TARGET", control::STALL_TARGET as f32),
         ("STALL_ABOVE", control::STALL_ABOVE as f32),
         ("HOPELESS_RATE", control::HOPELESS_RATES[0] as f32),
         ("HOPELESS_LATE_RATE", control::HOPELESS_RATES[1] as f32),
