@@ -21,8 +21,9 @@ use std::f64::consts::FRAC_PI_2;
 /// multiply by 10; the rest is sums of some hundred terms.
 const MOVED_TOLERANCE: f64 = 1e-12;
 
-/// Solutions from moved starts, in the units of the variables: what ten iterations, their systems solved to 1e-9 of a step, make of that.
-const SOLUTION_TOLERANCE: f64 = 1e-10;
+/// Solutions from moved starts, in the units of the variables: what six iterations, their systems solved to 1e-9 of a step, make of that; a
+/// closing step is up to decimetres long.
+const SOLUTION_TOLERANCE: f64 = 1e-9;
 
 /// Base between knots, m and rad: reach rows against what the forces do. A stance of 0.08 s has three cubics in less than an interval,
 /// and the deviations are one polynomial over it; the angles take the turning to second order, too.

@@ -86,7 +86,7 @@ fn stalled(progress: Progress, f: f32, earlier: f32) -> bool {
 //   gap        squared distance of the residuals from that model
 fn acceptable(progress: Progress, fall: f32, predicted: f32, gap: f32) -> bool {
     let near_linear = gap < 0.3 * max(predicted, 0.05 * progress.infeasibility);
-    return is_finite(fall) && is_finite(gap) && (fall > 0.0 || (progress.state == STEP && near_linear));
+    return is_finite(fall) && is_finite(gap) && (fall > 0.0 || (progress.state != CLOSE && near_linear));
 }
 
 // The trial point becomes the point.
@@ -94,7 +94,9 @@ fn acceptable(progress: Progress, fall: f32, predicted: f32, gap: f32) -> bool {
 fn accept(before: Progress, ratio: f32) -> Progress {
     var progress = before;
     let eps = proximal(progress);
-    if (ratio > 0.7) {
+    if (progress.state == SHORTER) {
+        // Nothing against the weight: its direction was good, and the length is known.
+    } else if (ratio > 0.7) {
         progress = with_proximal(progress, max(eps / 4.0, batch.proximal_floor));
     } else if (ratio < 0.25) {
         progress = with_proximal(progress, eps * 2.0);
@@ -111,19 +113,35 @@ fn renew(before: Progress) -> Progress {
     return progress;
 }
 
-// The trial point is dropped.
+// The trial point is dropped: another one along its direction, nearer, is tried, or another direction.
 fn refuse(before: Progress) -> Progress {
-    var progress = with_proximal(before, proximal(before) * PROXIMAL_GROWTH);
+    if (before.state == CLOSE || before.attempts >= SHORTENINGS) {
+        return damp(before);
+    }
+    var progress = before;
     progress.attempts += 1u;
+    progress.state = SHORTER;
+    progress.length *= SHORTENING;
+    progress.dual_length *= SHORTENING;
+    return progress;
+}
+
+// The direction is dropped: another one is made with a larger proximal weight, or with the barrier, or the solve ends.
+fn damp(before: Progress) -> Progress {
+    var progress = before;
+    if (progress.state == CLOSE) {
+        // Back to the barrier until the violated rows are better known.
+        progress.state = STEP;
+        progress.attempts = 0u;
+        progress.closing_below = 0.1 * min(progress.closing_below, progress.infeasibility);
+        return progress;
+    }
+    progress.eps *= PROXIMAL_GROWTH;
+    progress.attempts = max(progress.attempts, SHORTENINGS) + 1u;
+    progress.state = STEP;
     if (progress.attempts == ATTEMPTS) {
         progress.attempts = 0u;
-        if (progress.state == CLOSE) {
-            // Back to the barrier until the violated rows are better known.
-            progress.state = STEP;
-            progress.closing_below *= 0.1;
-        } else {
-            progress.state = STALLED;
-        }
+        progress.state = STALLED;
     }
     return progress;
 }

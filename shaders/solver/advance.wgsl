@@ -1,7 +1,7 @@
 // needs: shared/slacks shared/round
 // The length of the step, and the trial point. One workgroup a candidate.
 //   in      values    x, c and g at the point, direction, c_change, g_change, slacks and multipliers
-//   in      progress  mu
+//   in      progress  mu, in shorter steps length and dual_length
 //   out     progress  length, dual_length
 //   out     values    x of the trial point; slack_step, multiplier_step of a barrier step
 // Twins: src/solver/advance.rs, src/solver/slacks.rs
@@ -11,11 +11,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let slot = running[group.x];
     let base = slot * batch.values;
     let now = progress_at_start(slot, lane);
-    if (now.state > CLOSE) {
+    if (now.state > CLOSE && now.state != SHORTER) {
         return;
     }
     var lengths = vec2<f32>(1.0);
-    if (now.state == STEP) {
+    if (now.state == SHORTER) {
+        lengths = vec2<f32>(now.length, now.dual_length);
+    } else if (now.state == STEP) {
         lengths = slack_steps(slot, now.current, lane, Aim(now.mu, 1.0));
     }
     let x = base + batch.x;

@@ -48,7 +48,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     if (now.state == EXACT || failed) {
         if (lane == 0u) {
             if (failed) {
-                progress[slot] = refuse(now);
+                progress[slot] = damp(now);
             } else {
                 progress[slot] = renew(now);
             }
@@ -94,7 +94,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     predicted = 0.5 * sum_over(lane, predicted) + smoothed_fall;
     gap = 0.5 * sum_over(lane, gap);
     let taken = acceptable(now, fall, predicted, gap);
-    if (taken && now.state == STEP) {
+    if (taken && now.state != CLOSE) {
         for (var i = lane; i < inequalities; i += WORKGROUP) {
             let s = base + batch.slack + i;
             let z = base + batch.multiplier + i;

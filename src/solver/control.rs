@@ -1,7 +1,8 @@
 //! How the solve of a candidate goes on: barrier steps, closing steps, proximal weight, and when it ends.
 //!
 //! A solve is a sequence of rounds. A round begins with the infeasibility at the point ([`begin`]), makes a trial point, and ends with the
-//! verdict on it: taken ([`accept`]) or not ([`refuse`]). A refused round is repeated with a larger proximal weight.
+//! verdict on it: taken ([`accept`]) or not ([`refuse`]). What is refused is tried again by a shorter step along the same direction, which costs
+//! no factorisation, and then with a larger proximal weight ([`damp`]).
 
 use crate::nlp::Layout;
 use crate::real::Real;
@@ -14,16 +15,18 @@ pub const STEP: u32 = 0;
 pub const CLOSE: u32 = 1;
 /// The next trial point is the point itself: rows that were rounded become exact.
 pub const EXACT: u32 = 2;
+/// The next trial point is a barrier step by a part of the length that was refused.
+pub const SHORTER: u32 = 3;
 /// States from here on are ends.
 pub const ENDED: u32 = SOLVED;
 /// See [`crate::solver::Status`].
-pub const SOLVED: u32 = 3;
+pub const SOLVED: u32 = 4;
 /// Likewise.
-pub const MAX_ITERATIONS: u32 = 4;
+pub const MAX_ITERATIONS: u32 = 5;
 /// Likewise.
-pub const STALLED: u32 = 5;
+pub const STALLED: u32 = 6;
 /// Likewise.
-pub const NON_FINITE: u32 = 6;
+pub const NON_FINITE: u32 = 7;
 
 /// Part of the infeasibility that a closing step may leave.
 pub const CLOSING_RATE: f64 = 0.1;
@@ -39,8 +42,12 @@ pub const HOPELESS_TO: u32 = 12;
 pub const HOPELESS_AT: u32 = 5;
 /// Part of that infeasibility that is left with each further iteration, up to that one and beyond.
 pub const HOPELESS_RATES: [f64; 2] = [0.25, 0.5];
-/// Attempts to step before an iteration gives up, each with a larger proximal weight.
-pub const ATTEMPTS: u32 = 6;
+/// Shorter steps that are tried along a refused direction,
+pub const SHORTENINGS: u32 = 2;
+/// and the part of the length that each keeps.
+pub const SHORTENING: f64 = 0.25;
+/// Refused attempts with which an iteration gives up: behind the shorter steps each has a larger proximal weight.
+pub const ATTEMPTS: u32 = SHORTENINGS + 6;
 /// Growth of the proximal weight after a refused attempt.
 pub const PROXIMAL_GROWTH: f64 = 6.;
 
@@ -237,7 +244,7 @@ fn may_be_given_up<T: Real>(progress: &Progress<T>) -> bool {
 /// * `gap` - squared distance of the residuals from that model
 pub fn acceptable<T: Real>(progress: &Progress<T>, fall: T, predicted: T, gap: T) -> bool {
     let near_linear = gap < T::of(0.3) * predicted.max(T::of(0.05) * progress.infeasibility);
-    fall > T::zero() || (progress.state == STEP && near_linear)
+    fall > T::zero() || (progress.state != CLOSE && near_linear)
 }
 
 /// The trial point becomes the point.
@@ -245,7 +252,9 @@ pub fn acceptable<T: Real>(progress: &Progress<T>, fall: T, predicted: T, gap: T
 /// * `ratio` - fall of the merit by the predicted one
 pub fn accept<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>, ratio: T) {
     let eps = progress.proximal();
-    if ratio > T::of(0.7) {
+    if progress.state == SHORTER {
+        // Nothing against the weight: its direction was good, and the length is known.
+    } else if ratio > T::of(0.7) {
         progress.set_proximal((eps / T::of(4.)).max(limits.proximal_floor));
     } else if ratio < T::of(0.25) {
         progress.set_proximal(eps * T::of(2.));
@@ -260,19 +269,34 @@ pub fn renew<T: Real>(progress: &mut Progress<T>) {
     progress.current = 1 - progress.current;
 }
 
-/// The trial point is dropped.
+/// The trial point is dropped: another one along its direction, nearer, is tried, or another direction.
 pub fn refuse<T: Real>(progress: &mut Progress<T>) {
-    progress.set_proximal(progress.proximal() * T::of(PROXIMAL_GROWTH));
+    if progress.state == CLOSE || progress.attempts >= SHORTENINGS {
+        return damp(progress);
+    }
     progress.attempts += 1;
+    progress.state = SHORTER;
+    progress.length = progress.length * T::of(SHORTENING);
+    progress.dual_length = progress.dual_length * T::of(SHORTENING);
+}
+
+/// The direction is dropped: another one is made with a larger proximal weight, or with the barrier, or the solve ends.
+pub fn damp<T: Real>(progress: &mut Progress<T>) {
+    if progress.state == CLOSE && progress.closing_below.is_finite() {
+        // Back to the barrier until the violated rows are better known.
+        progress.state = STEP;
+        progress.attempts = 0;
+        progress.closing_below = T::of(0.1) * progress.closing_below.min(progress.infeasibility);
+        return;
+    }
+    progress.set_proximal(progress.proximal() * T::of(PROXIMAL_GROWTH));
+    progress.attempts = progress.attempts.max(SHORTENINGS) + 1;
+    if progress.state == SHORTER {
+        progress.state = STEP;
+    }
     if progress.attempts == ATTEMPTS {
         progress.attempts = 0;
-        if progress.state == CLOSE && progress.closing_below.is_finite() {
-            // Back to the barrier until the violated rows are better known.
-            progress.state = STEP;
-            progress.closing_below *= T::of(0.1);
-        } else {
-            progress.state = STALLED;
-        }
+        progress.state = STALLED;
     }
 }
 
@@ -391,7 +415,9 @@ mod tests {
         assert_eq!(state(&Progress { recorded: 0, ..early }, far, false), STEP);
         let early = Progress { edge_radius: 0., ..early };
         assert_eq!(state(&early, near, false), CLOSE);
-        for (end, ended) in [(STEP, false), (CLOSE, false), (EXACT, false), (SOLVED, true), (MAX_ITERATIONS, true), (STALLED, true)] {
+        for (end, ended) in
+            [(STEP, false), (CLOSE, false), (EXACT, false), (SHORTER, false), (SOLVED, true), (MAX_ITERATIONS, true), (STALLED, true)]
+        {
             assert_eq!(Progress { state: end, ..first() }.ended(), ended);
         }
         assert!(Progress { state: NON_FINITE, ..first() }.ended());
@@ -548,54 +574,77 @@ mod tests {
         assert_eq!(close.proximal(), 0.04);
         let [taken, doubled, dropped] = [accepted(close, 1.), accepted(close, 0.1), refused(close, 1)];
         assert_eq!([taken.closing_eps, doubled.closing_eps], [0.01, 0.08]);
-        assert_close(dropped.closing_eps, 0.24);
         assert_eq!([taken.eps, doubled.eps, dropped.eps], [LIMITS.proximal; 3]);
-        for step in [accepted(first(), 1.), accepted(first(), 0.1), refused(first(), 1)] {
+        for step in [accepted(first(), 1.), accepted(first(), 0.1), refused(first(), 3)] {
             assert_eq!(step.closing_eps, LIMITS.proximal_floor);
         }
     }
 
     #[test]
-    fn six_refused_barrier_steps_end_the_solve() {
-        let start = Progress { iterations: 4, current: 1, ..begun(first(), &LIMITS, 1.) };
-        for times in 1..6 {
-            let progress = refused(start, times);
-            assert_close(progress.eps, 1e-3 * 6_f64.powi(times as i32));
-            assert_eq!(progress, Progress { attempts: times, eps: progress.eps, ..start });
+    fn a_refused_step_is_tried_by_a_quarter_and_by_a_quarter_of_that_along_the_same_direction() {
+        let start = Progress { iterations: 4, current: 1, length: 0.8, dual_length: 0.4, ..begun(first(), &LIMITS, 1.) };
+        let shorter = Progress { state: SHORTER, attempts: 1, length: 0.2, dual_length: 0.1, ..start };
+        assert_eq!(refused(start, 1), shorter);
+        assert_eq!(refused(start, 2), Progress { attempts: 2, length: 0.05, dual_length: 0.025, ..shorter });
+        // What it says of the proximal weight is nothing.
+        for ratio in [0.1, 0.5, 0.9] {
+            let taken = accepted(shorter, ratio);
+            assert_eq!(taken, Progress { attempts: 0, iterations: 5, current: 0, ..shorter });
+            assert_eq!(begun(taken, &LIMITS, 0.5).state, STEP);
         }
-        let end = refused(start, 6);
-        assert_eq!(end, Progress { state: STALLED, attempts: 0, eps: end.eps, ..start });
-        // A step that is taken starts the count anew.
-        assert_eq!(refused(accepted(refused(start, 5), 0.5), 5).state, STEP);
     }
 
     #[test]
-    fn six_refused_closing_steps_lead_back_to_the_barrier() {
+    fn behind_the_shorter_steps_six_larger_weights_end_the_solve() {
+        let start = Progress { iterations: 4, current: 1, ..begun(first(), &LIMITS, 1.) };
+        for times in 1..6 {
+            let progress = refused(start, SHORTENINGS + times);
+            assert_close(progress.eps, 1e-3 * 6_f64.powi(times as i32));
+            assert_eq!(progress, Progress { attempts: SHORTENINGS + times, eps: progress.eps, ..start });
+        }
+        let end = refused(start, ATTEMPTS);
+        assert_eq!(end, Progress { state: STALLED, attempts: 0, eps: end.eps, ..start });
+        // A step that is taken starts the count anew.
+        assert_eq!(refused(accepted(refused(start, ATTEMPTS - 1), 0.5), ATTEMPTS - 1).state, STEP);
+    }
+
+    #[test]
+    fn without_a_factor_there_is_no_direction_to_go_less_far() {
+        let start = begun(first(), &LIMITS, 1.);
+        let mut progress = start;
+        damp(&mut progress);
+        assert_eq!(progress, Progress { attempts: SHORTENINGS + 1, eps: 6e-3, ..start });
+    }
+
+    #[test]
+    fn a_refused_closing_step_leads_back_to_the_barrier() {
         let start = closing(5e-7);
-        let last = refused(start, 5);
-        assert_eq!((last.state, last.attempts, last.closing_below), (CLOSE, 5, 1e-6));
-        assert_close(last.closing_eps, 1e-5 * 6_f64.powi(5));
-        let back = refused(last, 1);
-        assert_eq!(back, Progress { state: STEP, closing_eps: back.closing_eps, closing_below: back.closing_below, ..start });
-        assert_close(back.closing_below, 1e-7);
+        let back = refused(start, 1);
+        assert_eq!(back, Progress { state: STEP, closing_below: back.closing_below, ..start });
+        assert_close(back.closing_below, 5e-8);
         // The same point again, now with a barrier step.
         let again = begun(back, &LIMITS, 5e-7);
         assert_eq!((again.state, again.smoothing, again.closing_eps), (STEP, LIMITS.smoothing, LIMITS.proximal_floor));
-        assert_eq!(begun(again, &LIMITS, 0.9e-7).state, CLOSE);
+        assert_eq!([begun(again, &LIMITS, 6e-8).state, begun(again, &LIMITS, 4e-8).state], [STEP, CLOSE]);
+        // The threshold never rises.
+        assert_close(refused(Progress { closing_below: 1e-9, ..start }, 1).closing_below, 1e-10);
     }
 
     #[test]
-    fn where_a_tenth_is_still_above_closing_goes_on_with_its_larger_weight() {
-        let back = refused(closing(5e-8), 6);
-        let again = begun(back, &LIMITS, 5e-8);
-        assert_eq!((again.state, again.closing_eps), (CLOSE, back.closing_eps));
-        assert_eq!(begun(refused(again, 6), &LIMITS, 5e-8).state, STEP);
+    fn what_always_closes_is_tried_with_larger_weights() {
+        let limits = Limits { closing: f64::INFINITY, ..LIMITS };
+        let start = begun(Progress::first(&limits, BARRIER, 0., f64::INFINITY), &limits, 10.);
+        let next = refused(start, 1);
+        assert_eq!((next.state, next.attempts, next.eps), (CLOSE, SHORTENINGS + 1, LIMITS.proximal));
+        assert_close(next.closing_eps, 6. * LIMITS.proximal_floor);
+        assert_eq!(refused(start, 6).state, STALLED);
     }
 
     #[test]
     fn a_trial_point_is_taken_where_the_merit_falls() {
         let (step, close) = (begun(first(), &LIMITS, 1.), closing(1e-7));
-        for progress in [step, close] {
+        let shorter = Progress { state: SHORTER, ..step };
+        for progress in [step, shorter, close] {
             assert!(acceptable(&progress, 1e-300, 1., 1e9));
             for fall in [0., -1., f64::NAN] {
                 assert!(!acceptable(&progress, fall, 1., 1e9));
@@ -608,7 +657,9 @@ mod tests {
     fn a_barrier_step_is_taken_near_its_linear_model_too() {
         let (step, close) = (begun(first(), &LIMITS, 1.), closing(1e-7));
         // The gap is below 0.3 of what was predicted, or of a twentieth of the infeasibility.
-        assert_eq!([0.29, 0.31].map(|gap| acceptable(&step, -1., 1., gap)), [true, false]);
+        for step in [step, Progress { state: SHORTER, ..step }] {
+            assert_eq!([0.29, 0.31].map(|gap| acceptable(&step, -1., 1., gap)), [true, false]);
+        }
         for predicted in [0.01, 0., -1.] {
             assert_eq!([0.0149, 0.0151].map(|gap| acceptable(&step, -1., predicted, gap)), [true, false]);
         }

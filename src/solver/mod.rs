@@ -35,7 +35,7 @@ use crate::rows::{self, Shared};
 use crate::settings::SolverSettings;
 use advance::{add, advance};
 use aligned_vec::{AVec, CACHELINE_ALIGN};
-use control::{CLOSE, EXACT, Limits, Progress, STEP};
+use control::{CLOSE, EXACT, Limits, Progress, SHORTER, STEP};
 use correct::correct;
 use judge::{infeasibility, infeasibility_fall, merit_fall, nonlinearity, smoothing_fall, update_slacks};
 use round::{ROUND, START, Stage, When};
@@ -193,7 +193,8 @@ impl<T: Real> Solver<T> {
         let judged = matches!(stage, Stage::Judge | Stage::Weights);
         let evaluated = stage == Stage::Rows && progress.state == EXACT;
         let directed = progress.state <= CLOSE && !self.failed && (when == When::Always || progress.state == STEP);
-        if judged || evaluated || directed {
+        let shorter = progress.state == SHORTER && matches!(stage, Stage::Advance | Stage::Rows);
+        if judged || evaluated || directed || shorter {
             self.stage(stage, solve, progress);
         }
     }
@@ -277,10 +278,10 @@ impl<T: Real> Solver<T> {
 
     /// Length of the step, trial point, and what the residuals would be there if they were linear.
     fn advance(&mut self, layout: &Layout<T>, progress: &mut Progress<T>) {
-        let lengths = if progress.state == CLOSE {
-            Lengths::whole()
-        } else {
-            slack_steps(&self.now.g, &self.change.g, Aim::corrector(progress.mu), &mut self.slacks)
+        let lengths = match progress.state {
+            CLOSE => Lengths::whole(),
+            SHORTER => Lengths { primal: progress.length, dual: progress.dual_length },
+            _ => slack_steps(&self.now.g, &self.change.g, Aim::corrector(progress.mu), &mut self.slacks),
         };
         (progress.length, progress.dual_length) = (lengths.primal, lengths.dual);
         let (variables, length) = (layout.variables, progress.length);
@@ -304,7 +305,7 @@ impl<T: Real> Solver<T> {
             return control::renew(progress);
         }
         if self.failed {
-            return control::refuse(progress);
+            return control::damp(progress);
         }
         let (layout, now, next, linear) = (solve.layout, &self.now, &self.next, &self.linear);
         let closing = progress.state == CLOSE;

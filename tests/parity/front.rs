@@ -10,7 +10,7 @@ use cregopt::backend::gpu::shaders::{Shader, Variant, WORKGROUP};
 use cregopt::linear::front::{Factor, NormalEquations, factorise};
 use cregopt::nlp::Layout;
 use cregopt::nlp::sweep::Step;
-use cregopt::solver::control::{CLOSE, EXACT, SOLVED, STEP};
+use cregopt::solver::control::{CLOSE, EXACT, SHORTER, SOLVED, STEP};
 use nalgebra::{DMatrix, DVector};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -152,7 +152,7 @@ fn check_front(lab: &mut Lab, lists: &[Vec<u32>], what: &str) {
 fn check_front_at(lab: &mut Lab, lists: &[Vec<u32>], what: &str, mut jacobian_of: impl FnMut(&Slot) -> Vec<f32>) {
     let mut random = Random::new(51);
     let mut before = lab.poisoned();
-    states(lab, &mut before, &[STEP, CLOSE, STEP, STEP, EXACT, CLOSE, SOLVED]);
+    states(lab, &mut before, &[STEP, CLOSE, STEP, SHORTER, EXACT, CLOSE, SOLVED]);
     let mut systems = Vec::new();
     for s in 0..lab.slots.len() {
         let layout = &lab.slots[s].layout;

@@ -6,7 +6,7 @@ use crate::common::Random;
 use crate::lab::{CAPACITY, Expected, Lab, SMALL, State, fill, gpu, states};
 use crate::solver::{barrier_state, residuals, slacks, truncated_counts};
 use cregopt::backend::gpu::shaders::Shader;
-use cregopt::solver::control::{self, CLOSE, ENDED, EXACT, Limits, Progress, SOLVED, STEP};
+use cregopt::solver::control::{self, ATTEMPTS, CLOSE, ENDED, EXACT, Limits, Progress, SHORTENINGS, SHORTER, SOLVED, STEP};
 use cregopt::solver::judge;
 use cregopt::solver::slacks::Lengths;
 use std::collections::BTreeMap;
@@ -15,7 +15,7 @@ use std::ops::Range;
 /// Progress before a verdict, with every member a number of its own.
 fn before_verdict(s: usize, progress: Progress<f32>, random: &mut Random) -> Progress<f32> {
     Progress {
-        attempts: s as u32 % 6,
+        attempts: [0, 1, SHORTENINGS, SHORTENINGS + 2, ATTEMPTS - 1][random.index(0..=4)],
         iterations: 3 * s as u32,
         factorisations: 4 * s as u32,
         recorded: 5 * s as u32,
@@ -129,10 +129,10 @@ fn judge_agrees_with_its_twin() {
     let mut lab = Lab::new(&device, &candidates, CAPACITY, SMALL, truncated_counts);
     let (batch, limits) = (lab.batch, Limits::<f32>::new(&lab.settings));
     let mut outcomes: BTreeMap<&str, usize> = BTreeMap::new();
-    for seed in 0..3 {
+    for seed in 0..6 {
         let mut random = Random::new(31 + seed);
         let mut before = lab.poisoned();
-        states(&lab, &mut before, &[STEP, CLOSE, STEP, EXACT, CLOSE, STEP, SOLVED]);
+        states(&lab, &mut before, &[STEP, CLOSE, SHORTER, EXACT, CLOSE, STEP, SHORTER, SOLVED]);
         let mut verdicts = Vec::new();
         for s in 0..lab.slots.len() {
             let state = before.progress[s].state;
@@ -154,7 +154,7 @@ fn judge_agrees_with_its_twin() {
                 let trial = Trial::draw(&lab, s, &mut before, &mut random);
                 verdict = before.progress[s];
                 if failed && state <= CLOSE {
-                    control::refuse(&mut verdict);
+                    control::damp(&mut verdict);
                     *outcomes.entry("failed").or_default() += 1;
                     break;
                 }
@@ -195,7 +195,13 @@ fn judge_agrees_with_its_twin() {
                     }
                 } else {
                     control::refuse(&mut verdict);
-                    *outcomes.entry(if verdict.attempts == 0 { "given up" } else { "refused" }).or_default() += 1;
+                    let what = match verdict.state {
+                        SHORTER => "shortened",
+                        control::STALLED => "given up",
+                        STEP if state == CLOSE => "back to the barrier",
+                        _ => "refused",
+                    };
+                    *outcomes.entry(what).or_default() += 1;
                 }
                 break;
             }
@@ -209,7 +215,8 @@ fn judge_agrees_with_its_twin() {
                 let (verdict, failed) = verdicts[s];
                 let state = &mut expected.state;
                 let progress = state.progress[s];
-                let taken = progress.state == STEP && !failed && verdict.current != progress.current;
+                let taken =
+                    matches!(progress.state, STEP | SHORTER) && !(failed && progress.state == STEP) && verdict.current != progress.current;
                 state.progress[s] = verdict;
                 if taken {
                     let mut slacks = slacks(&lab, s, state);
@@ -221,15 +228,24 @@ fn judge_agrees_with_its_twin() {
                 }
             }
             lab.check(Shader::Judge, &got, &expected, |name| match name {
-                "slack" | "multiplier" | "eps" | "closing_eps" | "closing_below" => ARITHMETIC,
+                "slack" | "multiplier" | "eps" | "closing_eps" | "closing_below" | "length" | "dual_length" => ARITHMETIC,
                 _ => 0.,
             });
         }
     }
     eprintln!("verdicts: {outcomes:?}");
-    for what in
-        ["failed", "exact", "taken at ratios below 0.25", "between", "above 0.7", "taken near the linear model", "refused", "given up"]
-    {
+    for what in [
+        "failed",
+        "exact",
+        "taken at ratios below 0.25",
+        "between",
+        "above 0.7",
+        "taken near the linear model",
+        "shortened",
+        "back to the barrier",
+        "refused",
+        "given up",
+    ] {
         assert!(outcomes.get(what).is_some_and(|n| *n > 2), "no verdict {what:?} among {outcomes:?}");
     }
 }

@@ -10,14 +10,14 @@ use cregopt::backend::gpu::shaders::Shader;
 use cregopt::linear::front::{Factor, factorise};
 use cregopt::linear::{forward, product, transposed};
 use cregopt::solver::advance;
-use cregopt::solver::control::{CLOSE, EXACT, SOLVED, STEP};
+use cregopt::solver::control::{CLOSE, EXACT, SHORTER, SOLVED, STEP};
 use std::collections::BTreeMap;
 
 #[test]
 fn product_agrees_with_its_twin() {
     solver_step(
         Shader::Product,
-        &[STEP, CLOSE, EXACT, SOLVED],
+        &[STEP, CLOSE, EXACT, SHORTER, SOLVED],
         |s, prepared| {
             // Elements and instants that are not there have no product.
             let most = [63, 64, 65, u32::MAX][s / 4 % 4];
@@ -61,7 +61,7 @@ fn product_agrees_with_its_twin() {
 fn transposed_agrees_with_its_twin() {
     solver_step(
         Shader::Transposed,
-        &[STEP, CLOSE, STEP, EXACT, SOLVED],
+        &[STEP, CLOSE, SHORTER, EXACT, SOLVED],
         |_, _| {},
         |lab, s, state, random| {
             let to = lab.jacobian(s, state.progress[s].current);
@@ -150,7 +150,7 @@ fn substitution(
 fn substitute_solves_its_triangle() {
     substitution(
         Shader::Substitute,
-        &[STEP, CLOSE, STEP, EXACT, SOLVED],
+        &[STEP, CLOSE, SHORTER, EXACT, SOLVED],
         |_, _, _, _| {},
         |lab, s, before, got, expected| {
             if before.progress[s].state > CLOSE {
@@ -184,7 +184,7 @@ fn substitute_solves_its_triangle() {
 fn forward_solves_its_triangle() {
     substitution(
         Shader::Forward,
-        &[STEP, STEP, CLOSE, STEP, EXACT, SOLVED],
+        &[STEP, SHORTER, CLOSE, STEP, EXACT, SOLVED],
         |lab, s, state, random| {
             let at = lab.of_variables(s, lab.batch.right_hand_side);
             fill(&mut state.values, at, random, -1., 1.);

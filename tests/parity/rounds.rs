@@ -46,7 +46,7 @@ fn weights_begins_rounds_as_its_twin_does() {
     let rates: Vec<f64> = (0..n).map(|_| [1., 0.98, 0.9, 0.7, 0.4, 0.09, 1.05][random.index(0..=6)]).collect();
     let list: Vec<u32> = (0..n as u32 - 3).rev().collect();
     let mut seen: BTreeMap<u32, usize> = BTreeMap::new();
-    for round in 0..40 {
+    for round in 0..60 {
         let mut expected = Expected { state: before.clone(), sizes: BTreeMap::new() };
         for &s in &list {
             let s = s as usize;
@@ -114,7 +114,12 @@ fn weights_begins_rounds_as_its_twin_does() {
             let s = s as usize;
             let progress = &mut before.progress[s];
             match progress.state {
-                STEP | CLOSE => control::accept(progress, &limits, [0.1, 0.5, 0.9][random.index(0..=2)]),
+                STEP | CLOSE => {
+                    if progress.state == STEP && random.index(0..=2) == 0 {
+                        control::refuse(progress);
+                    }
+                    control::accept(progress, &limits, [0.1, 0.5, 0.9][random.index(0..=2)]);
+                }
                 EXACT => control::renew(progress),
                 _ => {
                     // The slot is filled again; what its ring holds is another candidate's.

@@ -8,7 +8,7 @@ use cregopt::backend::gpu::shaders::Shader;
 use cregopt::backend::gpu::tables::Slot as Counts;
 use cregopt::rows::momentum::Deviation;
 use cregopt::rows::{Shared, acceleration, cone, dynamics, footing, force, ground, momentum, reach, stride, swing};
-use cregopt::solver::control::{CLOSE, ENDED, EXACT, SOLVED, STEP};
+use cregopt::solver::control::{CLOSE, ENDED, EXACT, SHORTER, SOLVED, STEP};
 use cregopt::terrain::Ground;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -57,7 +57,7 @@ fn evaluation(
     let long_counts: BTreeSet<u32> = labs[1].slots.iter().map(|s| counted(&s.counts)).collect();
     assert!([63, 64, 65].iter().all(|n| long_counts.contains(n)), "entries of the long candidates: {long_counts:?}");
     // All long ones are evaluated.
-    for (mut lab, of_states) in labs.into_iter().zip([&[STEP, CLOSE, EXACT, SOLVED, STEP][..], &[STEP, CLOSE, EXACT, STEP]]) {
+    for (mut lab, of_states) in labs.into_iter().zip([&[STEP, CLOSE, EXACT, SOLVED, SHORTER][..], &[STEP, CLOSE, EXACT, SHORTER]]) {
         let mut before = lab.poisoned();
         states(&lab, &mut before, of_states);
         // The same for all lists: x, ground and deviations at the trial point.

@@ -6,7 +6,7 @@ use crate::lab::{CAPACITY, Expected, Lab, POISON, SMALL, Slot, State, fill, gpu,
 use crate::{ARITHMETIC, SUM};
 use cregopt::backend::gpu::Prepared;
 use cregopt::backend::gpu::shaders::Shader;
-use cregopt::solver::control::{self, CLOSE, EXACT, Limits, Progress, SOLVED, STEP};
+use cregopt::solver::control::{self, CLOSE, EXACT, Limits, Progress, SHORTER, SOLVED, STEP};
 use cregopt::solver::slacks::{Aim, BARRIER_FLOOR, Lengths, Slacks, TO_THE_BOUNDARY, mean_product, slack_steps};
 use cregopt::solver::{advance, judge, start, weights};
 use std::collections::BTreeMap;
@@ -144,7 +144,7 @@ pub fn row_sizes(lab: &Lab, s: usize, expected: &mut Expected, g: &[f32], slacks
 fn weights_agrees_with_its_twin() {
     solver_step(
         Shader::Weights,
-        &[STEP, CLOSE, STEP, SOLVED, CLOSE, EXACT],
+        &[STEP, CLOSE, STEP, SOLVED, CLOSE, SHORTER, EXACT],
         |_, _| {},
         |lab, s, state, random| {
             let progress = &mut state.progress[s];
@@ -253,7 +253,7 @@ fn weights_agrees_with_its_twin() {
 fn correct_agrees_with_its_twin() {
     solver_step(
         Shader::Correct,
-        &[STEP, CLOSE, STEP, EXACT, STEP, SOLVED],
+        &[STEP, CLOSE, SHORTER, EXACT, STEP, SOLVED],
         |_, _| {},
         |lab, s, state, random| {
             let half = state.progress[s].current;
@@ -346,12 +346,13 @@ pub fn truncated_counts(s: usize, prepared: &mut Prepared) {
 fn advance_agrees_with_its_twin() {
     solver_step(
         Shader::Advance,
-        &[STEP, CLOSE, STEP, EXACT, STEP, SOLVED],
+        &[STEP, CLOSE, SHORTER, EXACT, STEP, SOLVED],
         truncated_counts,
         |lab, s, state, random| {
             let half = state.progress[s].current;
             state.progress[s].mu = random.between(1e-3, 0.1) as f32;
             state.progress[s].length = random.between(0.1, 1.) as f32;
+            state.progress[s].dual_length = random.between(0.1, 1.) as f32;
             fill(&mut state.values, lab.of_variables(s, lab.batch.x + half * lab.batch.x_half), random, -5., 5.);
             fill(&mut state.values, lab.of_variables(s, lab.batch.direction), random, -1., 1.);
             fill(&mut state.values, lab.g(s, half), random, -2., 1.);
@@ -361,11 +362,13 @@ fn advance_agrees_with_its_twin() {
         },
         |lab, s, got, expected| {
             let progress = expected.state.progress[s];
-            if progress.state > CLOSE {
+            if progress.state > CLOSE && progress.state != SHORTER {
                 return;
             }
             let mut lengths = Lengths::whole();
-            if progress.state == STEP {
+            if progress.state == SHORTER {
+                lengths = Lengths { primal: progress.length, dual: progress.dual_length };
+            } else if progress.state == STEP {
                 steps_of_slacks(lab, s, expected, Aim::corrector(progress.mu));
                 lengths = lengths_of(&slacks(lab, s, got));
             }
