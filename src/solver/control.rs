@@ -276,8 +276,8 @@ pub fn refuse<T: Real>(progress: &mut Progress<T>) {
     }
     progress.attempts += 1;
     progress.state = SHORTER;
-    progress.length = progress.length * T::of(SHORTENING);
-    progress.dual_length = progress.dual_length * T::of(SHORTENING);
+    progress.length *= T::of(SHORTENING);
+    progress.dual_length *= T::of(SHORTENING);
 }
 
 /// The direction is dropped: another one is made with a larger proximal weight, or with the barrier, or the solve ends.
