@@ -15,7 +15,7 @@ use cregopt::search::evaluate::{Evaluated, LowerSettings, evaluate};
 use cregopt::search::{BatchSolver, Found, search_with};
 use cregopt::settings::{Friction, SmoothSettings, SolverSettings, StallSettings, TranscriptionSettings};
 use cregopt::solver::judge::smoothing_fall;
-use cregopt::solver::{Finish, Outcome, Solver, Status};
+use cregopt::solver::{Finish, Outcome, Solver, Status, can_close, close};
 use cregopt::task::Task;
 use cregopt::terrain::Terrain;
 use cregopt::verify::{verify, verify_rows};
@@ -217,6 +217,58 @@ fn a_cancelled_solve_ends_as_cancelled() {
     // A batch that is cancelled has no results.
     let results = evaluate(&[(&problem.0, &problem.1)], &LowerSettings::default(), None, &Cpu::new(1).unwrap(), false, &|| true).unwrap();
     assert!(matches!(results[..], [None]));
+}
+
+#[test]
+fn what_f32_left_near_is_closed_in_f64_and_what_it_left_afar_is_not_touched() {
+    let ((task, schedule), settings) = (walking(), SolverSettings::default());
+    for transcription in free_legs() {
+        let (narrow, wide) = (layout_with::<f32>(&task, &schedule, &transcription), layout_with::<f64>(&task, &schedule, &transcription));
+        let mut solver = Solver::<f32>::default();
+        let (mut afar, mut near) = (0, 0);
+        // Ended after one iteration, after two, until it arrives.
+        for max_iterations in 1.. {
+            let limited = SolverSettings { max_iterations, ..settings.clone() };
+            let outcome = solver.solve(&narrow, &limited, Finish::Infeasibility(settings.tolerance), None, &|| false);
+            let x = solver.solution();
+            let (closed, at) = close(&wide, outcome, x.clone(), &settings, &|| false);
+            if !can_close(&outcome) {
+                assert_eq!((closed, at), (outcome, x));
+                afar += 1;
+                continue;
+            }
+            assert_eq!(closed.status, Status::Solved, "after {max_iterations} iterations in f32");
+            assert_eq!(close(&wide, outcome, x, &settings, &|| true).0.status, Status::Cancelled);
+            if outcome.status == Status::Solved {
+                assert!(closed.iterations - outcome.iterations <= settings.closing_steps);
+                break;
+            }
+            near += 1;
+        }
+        assert!(afar > 0 && near > 0, "{afar} afar, {near} near");
+    }
+}
+
+#[test]
+fn a_point_that_closes_on_the_wrong_rows_is_begun_anew_where_it_is() {
+    let ((task, schedule), settings) = (walking(), SolverSettings::default());
+    let transcription = TranscriptionSettings::default();
+    let layout = layout_with::<f64>(&task, &schedule, &transcription);
+    let mut solver = Solver::<f64>::default();
+    let outcome = solver.solve(&layout, &settings, Finish::Rows(settings.row_tolerance), None, &|| false);
+    assert_eq!(outcome.status, Status::Solved);
+    let (solution, mut anew) = (solver.solution(), 0);
+    for seed in 0..8 {
+        let mut random = Random::new(seed);
+        let mut x = solution.clone();
+        x[..layout.variables].iter_mut().for_each(|v| *v += random.between(-0.1, 0.1));
+        let closed = close(&layout, outcome, x, &settings, &|| false).0;
+        let steps = closed.iterations - outcome.iterations;
+        assert_eq!(closed.status, Status::Solved, "seed {seed}");
+        assert!(steps < settings.closing_steps + 20, "seed {seed}: {steps} steps, as many as a solve from the start");
+        anew += usize::from(steps > settings.closing_steps);
+    }
+    assert!(anew > 0, "all closed at once");
 }
 
 #[test]
