@@ -94,11 +94,11 @@ fn acceptable(progress: Progress, fall: f32, predicted: f32, gap: f32) -> bool {
 fn accept(before: Progress, ratio: f32) -> Progress {
     var progress = before;
     let eps = proximal(progress);
-    if (progress.state == SHORTER) {
-        // Nothing against the weight: its direction was good, and the length is known.
-    } else if (ratio > 0.7) {
+    // A shorter step leaves the weight as it is: its direction was good.
+    let whole = progress.state != SHORTER;
+    if (whole && ratio > 0.7) {
         progress = with_proximal(progress, max(eps / 4.0, batch.proximal_floor));
-    } else if (ratio < 0.25) {
+    } else if (whole && ratio < 0.25) {
         progress = with_proximal(progress, eps * 2.0);
     }
     progress.iterations += 1u;

@@ -252,11 +252,11 @@ pub fn acceptable<T: Real>(progress: &Progress<T>, fall: T, predicted: T, gap: T
 /// * `ratio` - fall of the merit by the predicted one
 pub fn accept<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>, ratio: T) {
     let eps = progress.proximal();
-    if progress.state == SHORTER {
-        // Nothing against the weight: its direction was good, and the length is known.
-    } else if ratio > T::of(0.7) {
+    // A shorter step leaves the weight as it is: its direction was good.
+    let whole = progress.state != SHORTER;
+    if whole && ratio > T::of(0.7) {
         progress.set_proximal((eps / T::of(4.)).max(limits.proximal_floor));
-    } else if ratio < T::of(0.25) {
+    } else if whole && ratio < T::of(0.25) {
         progress.set_proximal(eps * T::of(2.));
     }
     progress.iterations += 1;
