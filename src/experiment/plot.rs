@@ -244,11 +244,15 @@ mod tests {
     use super::*;
     use std::path::Path;
 
-    /// The stored runs of an experiment, and a stored picture of them.
+    /// The stored runs of the machine that the tables of an experiment are of, and a stored picture of them.
     fn stored(experiment: u8, picture: &str) -> (Vec<Run>, String) {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/experiments");
         let read = |name: String| std::fs::read_to_string(folder.join(name)).unwrap();
-        let runs = read(format!("experiment{experiment}.jsonl")).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        let tables: serde_json::Value = serde_json::from_str(&read(format!("experiment{experiment}.json"))).unwrap();
+        let log = read(format!("experiment{experiment}.jsonl"));
+        let mut runs: Vec<Run> = log.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        runs.retain(|run| tables["machine"] == *run.machine);
+        assert!(!runs.is_empty(), "no runs of {}", tables["machine"]);
         (runs, read(format!("experiment{experiment}_{picture}.svg")))
     }
 
