@@ -21,6 +21,8 @@ pub struct Factor<T> {
     pub pivot_rows: AVec<T>,
     /// Jacobian rows of one element, spread over the front.
     spread: AVec<T>,
+    /// What reach rows make of the columns that feet have to themselves.
+    own: OwnSums<T>,
     /// Solution on the front of one step.
     pub(super) local: AVec<T>,
 }
@@ -29,7 +31,7 @@ impl<T> Default for Factor<T> {
     fn default() -> Self {
         // Vectors of whole cache lines.
         let [a, b, pivot_rows, spread, local] = std::array::from_fn(|_| AVec::new(CACHELINE_ALIGN));
-        Factor { fronts: [a, b], pivot_rows, spread, local }
+        Factor { fronts: [a, b], pivot_rows, spread, own: OwnSums { feet: Vec::new(), used: 0 }, local }
     }
 }
 
@@ -85,7 +87,7 @@ fn factorise_by<T: Real, const W: usize>(layout: &Layout<T>, system: &NormalEqua
             assemble::<T, W>(layout, element, system, front, size, stride, &mut factor.spread);
         }
         if !step.reach.range().is_empty() {
-            assemble_reach(layout, &layout.reach_instants[step.reach.range()], system, front, size, stride);
+            assemble_reach(layout, &layout.reach_instants[step.reach.range()], system, front, size, stride, &mut factor.own);
         }
         for i in 0..pivots {
             front[i * stride + i] += system.diagonal[step.variable as usize + i];
@@ -280,6 +282,99 @@ struct ByPose<T> {
     values: [T; LANES],
 }
 
+/// What the instants of a step make of the columns that a foot has to itself as long as its phase lasts.
+#[derive(Debug)]
+struct ByOwn<T> {
+    /// Those of the foot, by which it is found.
+    front: [u32; 3],
+    /// Of each column the slot in the front, and which of the rows' columns it is: two a foothold, one a swing height.
+    slots: [(usize, usize); 5],
+    count: usize,
+    columns: [OwnColumn<T>; 5],
+}
+
+/// Sums for one of them, `a`.
+#[derive(Debug, Clone, Copy)]
+struct OwnColumn<T> {
+    /// For each base block `w_i P' W a`, and two values that mean nothing.
+    by_base: [[T; LANES]; 4],
+    /// With all columns of the rows, of which those of the pose mean nothing.
+    by_own: [T; 2 * LANES],
+    /// `a' v`.
+    value: T,
+}
+
+impl<T: Real> ByOwn<T> {
+    fn none() -> Self {
+        let zero = T::zero();
+        let nothing = OwnColumn { by_base: [[zero; LANES]; 4], by_own: [zero; 2 * LANES], value: zero };
+        ByOwn { front: [NONE; 3], slots: [(0, 0); 5], count: 0, columns: [nothing; 5] }
+    }
+
+    /// Begins the sums of a foot.
+    fn begin(&mut self, foot: &ReachFoot<T>) {
+        *self = ByOwn { front: foot.front, count: 0, ..Self::none() };
+        let columns = [foot.foothold_column[0], foot.foothold_column[1], foot.height_column];
+        for ((slot, column), len) in foot.front.into_iter().zip(columns).zip([2, 2, 1]).filter(|((slot, _), _)| *slot != NONE) {
+            for d in 0..len {
+                self.slots[self.count] = ((slot + d) as usize, (column + d) as usize);
+                self.count += 1;
+            }
+        }
+    }
+
+    /// Adds the sums to the front.
+    #[inline(always)]
+    fn add(&self, blocks: &[u32; 4], front: &mut [T], size: usize, stride: usize) {
+        let slots = &self.slots[..self.count];
+        for (column, &(slot, _)) in self.columns.iter().zip(slots) {
+            front[slot * stride + size] -= column.value;
+            for (&block, sums) in blocks.iter().zip(&column.by_base).filter(|(block, _)| **block != NONE) {
+                let block = block as usize;
+                // Only what lies right of the diagonal.
+                if block > slot {
+                    let line = &mut front[slot * stride + block..][..POSE];
+                    for c in 0..POSE {
+                        line[c] += sums[c];
+                    }
+                } else {
+                    for c in 0..POSE {
+                        front[(block + c) * stride + slot] += sums[c];
+                    }
+                }
+            }
+            for &(other, of_row) in slots.iter().filter(|(other, _)| *other >= slot) {
+                front[slot * stride + other] += column.by_own[of_row];
+            }
+        }
+    }
+}
+
+/// Those of one step; of earlier ones there may be more.
+#[derive(Debug)]
+struct OwnSums<T> {
+    feet: Vec<ByOwn<T>>,
+    used: usize,
+}
+
+impl<T: Real> OwnSums<T> {
+    /// Those of a foot in a phase.
+    #[inline(always)]
+    fn of(&mut self, foot: &ReachFoot<T>) -> &mut ByOwn<T> {
+        let at = self.feet[..self.used].iter().rposition(|own| own.front == foot.front).unwrap_or_else(|| self.begin(foot));
+        &mut self.feet[at]
+    }
+
+    fn begin(&mut self, foot: &ReachFoot<T>) -> usize {
+        if self.used == self.feet.len() {
+            self.feet.push(ByOwn::none());
+        }
+        self.feet[self.used].begin(foot);
+        self.used += 1;
+        self.used - 1
+    }
+}
+
 /// Adds `J' W J` and `-J' v` of the reach rows of all feet at the instants of one step, which share their base blocks.
 ///
 /// All rows touch the base through its pose alone, with weights `w` that an instant's feet share: with `P` the rows by the pose, `A` by the
@@ -292,10 +387,12 @@ fn assemble_reach<T: Real>(
     front: &mut [T],
     size: usize,
     stride: usize,
+    own: &mut OwnSums<T>,
 ) {
     let mut slots = [NONE; 4];
     let mut sums = [[[T::zero(); LANES]; POSE]; PAIRS.len()];
     let mut values = [[T::zero(); LANES]; 4];
+    own.used = 0;
     for instant in instants {
         let weights = instant.base.weights;
         for i in 0..4 {
@@ -306,9 +403,9 @@ fn assemble_reach<T: Real>(
         let mut by_pose = ByPose { products: [[T::zero(); LANES]; POSE], values: [T::zero(); LANES] };
         for foot in &layout.reach_feet[instant.feet.range()] {
             if foot.place.stride as usize == LANES {
-                add_foot::<T, LANES>(foot, instant, system, &mut by_pose, front, size, stride);
+                add_foot::<T, LANES>(foot, &weights, system, &mut by_pose, own);
             } else {
-                add_foot::<T, { 2 * LANES }>(foot, instant, system, &mut by_pose, front, size, stride);
+                add_foot::<T, { 2 * LANES }>(foot, &weights, system, &mut by_pose, own);
             }
         }
         for (sum, (i, j)) in sums.iter_mut().zip(PAIRS) {
@@ -327,6 +424,9 @@ fn assemble_reach<T: Real>(
             }
         }
     }
+    for own in &own.feet[..own.used] {
+        own.add(&slots, front, size, stride);
+    }
     for i in (0..4).filter(|&i| slots[i] != NONE) {
         for c in 0..POSE {
             front[(slots[i] as usize + c) * stride + size] -= values[i][c];
@@ -344,16 +444,16 @@ fn assemble_reach<T: Real>(
     }
 }
 
-/// Adds what a foot's own columns have to do with others, and what its rows make of the pose. `W` columns: the pose's, its own, padding.
+/// Adds up what a foot's rows make of the pose, and of its own columns. `W` columns: the pose's, its own, padding.
+///
+/// * `weights` - of the base blocks
 #[inline(always)]
 fn add_foot<T: Real, const W: usize>(
     foot: &ReachFoot<T>,
-    instant: &ReachInstant<T>,
+    weights: &[T; 4],
     system: &NormalEquations<T>,
     by_pose: &mut ByPose<T>,
-    front: &mut [T],
-    size: usize,
-    stride: usize,
+    own: &mut OwnSums<T>,
 ) {
     let (row, place) = (foot.place.row as usize, &foot.place);
     let (w, v): ([T; 3], [T; 3]) = (tile_of(&system.weight[row..]), tile_of(&system.value[row..]));
@@ -377,44 +477,17 @@ fn add_foot<T: Real, const W: usize>(
     for l in 0..LANES {
         by_pose.values[l] += values[l];
     }
-    // The foot's own columns, with their slots in the front: two a foothold, one a swing height.
-    let blocks =
-        [(foot.front[0], foot.foothold_column[0], 2), (foot.front[1], foot.foothold_column[1], 2), (foot.front[2], foot.height_column, 1)];
-    let mut own = [(0, 0); 5];
-    let mut count = 0;
-    for (slot, column, len) in blocks {
-        if slot != NONE {
-            for d in 0..len {
-                own[count] = ((slot + d) as usize, (column + d) as usize);
-                count += 1;
-            }
-        }
-    }
-    for &(slot, column) in &own[..count] {
+    let own = own.of(foot);
+    for (sum, &(_, column)) in own.columns.iter_mut().zip(&own.slots[..own.count]) {
         let products = column_products(&weighted, &rows, column);
-        front[slot * stride + size] -= values[column];
-        for b in 0..4 {
-            let (block, weight) = (instant.base.front[b] as usize, instant.base.weights[b]);
-            if instant.base.front[b] == NONE {
-                continue;
-            }
-            // Only what lies right of the diagonal.
-            if block > slot {
-                let line = &mut front[slot * stride + block..][..POSE];
-                for c in 0..POSE {
-                    line[c] = weight.mul_add(products[c], line[c]);
-                }
-            } else {
-                for c in 0..POSE {
-                    let at = (block + c) * stride + slot;
-                    front[at] = weight.mul_add(products[c], front[at]);
-                }
+        sum.value += values[column];
+        for (by_base, weight) in sum.by_base.iter_mut().zip(weights) {
+            for l in 0..LANES {
+                by_base[l] = weight.mul_add(products[l], by_base[l]);
             }
         }
-        for &(other, column) in &own[..count] {
-            if other >= slot {
-                front[slot * stride + other] += products[column];
-            }
+        for (sum, product) in sum.by_own.iter_mut().zip(products) {
+            *sum += product;
         }
     }
 }

@@ -87,7 +87,8 @@ fn foot_times<T: Real, const GROUPS: usize>(
     let mut local = [[T::zero(); LANES]; GROUPS];
     let columns = local.as_flattened_mut();
     columns[..6].copy_from_slice(pose);
-    for run in foot.own_runs(&layout.footholds) {
+    for own in 0..3 {
+        let Some(run) = foot.own_run(own, &layout.footholds) else { continue };
         for i in 0..run.len as usize {
             columns[run.column as usize + i] = d[run.variable as usize + i];
         }

@@ -88,7 +88,8 @@ fn foot_by_column<T: Real, const GROUPS: usize, const SQUARED: bool>(
     for (sum, value) in pose.iter_mut().zip(columns) {
         *sum += *value;
     }
-    for run in foot.own_runs(&layout.footholds) {
+    for own in 0..3 {
+        let Some(run) = foot.own_run(own, &layout.footholds) else { continue };
         for i in 0..run.len as usize {
             out[run.variable as usize + i] += columns[run.column as usize + i];
         }

@@ -187,7 +187,10 @@ pub struct AngularMomentum<T> {
 #[inline(always)]
 pub fn angular_momentum<T: Real>(inertia: &Mat3<T>, angles: Vec3<T>, rates: Vec3<T>) -> AngularMomentum<T> {
     let (rot_wb, axes) = euler(angles);
-    let inertia_times = |v: Vec3<T>| mul(&rot_wb, mul(inertia, mul_transposed(&rot_wb, v)));
+    // Rows of R I R', which is symmetric.
+    let row = |r: usize| mul(&rot_wb, mul(inertia, rot_wb[r]));
+    let inertia_w = [row(0), row(1), row(2)];
+    let inertia_times = |v: Vec3<T>| mul(&inertia_w, v);
     let omega = along(&axes, rates);
     let value = inertia_times(omega);
     // Turning the body about an axis while omega stays: axis x L - I_w (axis x omega).
@@ -408,13 +411,11 @@ fn momentum_interval<T: Real>(
             continue;
         }
         let column = interval.angular_column[i] as usize + 3;
-        for d in 0..3 {
-            for r in 0..3 {
-                let (by_end, by_mean) =
-                    if i < 2 { (-ends[i][d][r], planned_by[i][d][r] - ends[i][d][r]) } else { (ends[i][d][r], planned_by[i][d][r]) };
-                rows.put(r, column + d, by_end * end_scale);
-                rows.put(3 + r, column + d, by_mean * mean_scale);
-            }
+        for r in 0..3 {
+            let sign = if i < 2 { -end_scale } else { end_scale };
+            rows.put_three(r, column, std::array::from_fn(|d| sign * ends[i][d][r]));
+            let start = |d: usize| if i < 2 { ends[i][d][r] } else { zero };
+            rows.put_three(3 + r, column, std::array::from_fn(|d| (planned_by[i][d][r] - start(d)) * mean_scale));
         }
     }
 }

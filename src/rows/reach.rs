@@ -74,12 +74,21 @@ impl<T> ReachFoot<T> {
     /// Its own columns that are free: those of the footholds and of the swing height.
     ///
     /// * `footholds` - see [`Tables::footholds`]
-    #[inline(always)]
     pub fn own_runs(&self, footholds: &[u32]) -> impl Iterator<Item = Run> {
-        let foothold = |i: usize| (self.front[i] != NONE).then(|| (footholds[self.foothold[i] as usize], self.foothold_column[i], 2));
-        let height = (self.front[2] != NONE).then_some((self.height, self.height_column, 1));
-        let all = [foothold(0), foothold(1), height].into_iter().zip(self.front);
-        all.filter_map(|(run, front)| run.map(|(variable, column, len)| Run { variable, front, column, len }))
+        (0..3).filter_map(|i| self.own_run(i, footholds))
+    }
+
+    /// One of them: of the footholds before and after, or of the swing height.
+    #[inline(always)]
+    pub fn own_run(&self, i: usize, footholds: &[u32]) -> Option<Run> {
+        let front = self.front[i];
+        if front == NONE {
+            None
+        } else if i < 2 {
+            Some(Run { variable: footholds[self.foothold[i] as usize], front, column: self.foothold_column[i], len: 2 })
+        } else {
+            Some(Run { variable: self.height, front, column: self.height_column, len: 1 })
+        }
     }
 }
 

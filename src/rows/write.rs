@@ -40,9 +40,13 @@ impl<T: Real> Rows<'_, T> {
         let zero = T::zero();
         let matrix = [[zero, -a[2], a[1]], [a[2], zero, -a[0]], [-a[1], a[0], zero]];
         for r in 0..3 {
-            for d in 0..3 {
-                self.put(row + r, column + d, matrix[r][d]);
-            }
+            self.put_three(row + r, column, matrix[r]);
         }
+    }
+
+    /// Writes three values of a row from a column on.
+    #[inline(always)]
+    pub fn put_three(&mut self, row: usize, column: usize, values: Vec3<T>) {
+        self.values[row * self.stride + column..][..3].copy_from_slice(&values);
     }
 }

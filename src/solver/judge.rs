@@ -37,47 +37,94 @@ pub fn infeasibility_fall<T: Real>(c: &[T], g: &[T], c_to: &[T], g_to: &[T]) -> 
     squares_fall(c, c_to) + T::of(0.5) * violated
 }
 
-/// Smoothed `max(g, 0)` and the slack that goes with it: `(q + g) / 2` and `(q - g) / 2`, `q = sqrt(g^2 + 4 mu)`.
+/// Values that are smoothed at once: a loop of fewer is unrolled before it could be made one over vectors.
+const AT_ONCE: usize = 8 * LANES;
+
+/// Smoothed `max(g, 0)` and the slacks that go with it: `(q + g) / 2` and `(q - g) / 2`, `q = sqrt(g^2 + 4 mu)`.
 #[inline(always)]
-fn smoothed<T: Real>(g: T, mu: T) -> (T, T) {
-    let q = (g * g + T::of(4.) * mu).sqrt();
-    // The smaller of the two is mu / larger: no cancellation.
-    let larger = T::of(0.5) * (q + g.abs());
-    let smaller = mu / larger;
-    if g > T::zero() { (larger, smaller) } else { (smaller, larger) }
+fn smoothed<T: Real>(g: &[T; AT_ONCE], mu: T) -> [[T; AT_ONCE]; 2] {
+    let [mut over, mut slack] = [[T::zero(); AT_ONCE]; 2];
+    for i in 0..AT_ONCE {
+        let q = (g[i] * g[i] + T::of(4.) * mu).sqrt();
+        // The smaller of the two is mu / larger: no cancellation.
+        let larger = T::of(0.5) * (q + g[i].abs());
+        let smaller = mu / larger;
+        let positive = g[i] > T::zero();
+        over[i] = if positive { larger } else { smaller };
+        slack[i] = if positive { smaller } else { larger };
+    }
+    [over, slack]
 }
 
-/// How far the smoothed merit falls from `(c, g)` to `(c_to, g_to)`.
+/// Falls of the smoothed merit of inequalities, as [`merit_falls`] adds them up.
+struct Falls<T> {
+    squares: [T; LANES],
+    /// Products of ratios of slacks whose logarithms are not taken yet.
+    ratios: [f64; LANES],
+    logs: f64,
+}
+
+impl<T: Real> Falls<T> {
+    fn none() -> Self {
+        Falls { squares: [T::zero(); LANES], ratios: [1.; LANES], logs: 0. }
+    }
+
+    /// From values to others, both smoothed.
+    #[inline(always)]
+    fn add(&mut self, [over, slack]: &[[T; AT_ONCE]; 2], [over_to, slack_to]: &[[T; AT_ONCE]; 2]) {
+        let (mut squares, mut ratios) = ([T::zero(); AT_ONCE], [0.; AT_ONCE]);
+        for i in 0..AT_ONCE {
+            squares[i] = (over[i] - over_to[i]) * (over[i] + over_to[i]);
+            ratios[i] = (slack_to[i] / slack[i]).as_f64();
+        }
+        for (squares, ratios) in squares.as_chunks::<LANES>().0.iter().zip(ratios.as_chunks::<LANES>().0) {
+            let mut far = false;
+            for l in 0..LANES {
+                self.squares[l] += squares[l];
+                self.ratios[l] *= ratios[l];
+                // One more ratio is within the range of numbers, too.
+                far |= !(1e-150..1e150).contains(&self.ratios[l]);
+            }
+            if far {
+                self.take_logs();
+            }
+        }
+    }
+
+    fn take_logs(&mut self) {
+        self.logs += self.ratios.iter().map(|ratio| ratio.ln()).sum::<f64>();
+        self.ratios = [1.; LANES];
+    }
+
+    fn sum(mut self, mu: T) -> T {
+        self.take_logs();
+        T::of(0.5) * self.squares.into_iter().sum::<T>() + mu * T::of(self.logs)
+    }
+}
+
+/// How far the smoothed merit falls from `(c, g)` to each of two points `(c_to, g_to)`.
 ///
 /// `M = |c|^2 / 2 + sum phi(g)`, `phi(g) = (g + s)^2 / 2 - mu ln s` at the best slack `s = (q - g) / 2`, `q = sqrt(g^2 + 4 mu)`. Its
 /// derivative is `(g + q) / 2`, a smooth `max(g, 0)`. Differences are taken term by term, so that they are good in `f32`; logarithms of
 /// products of ratios of slacks, as many as `f64` has room for.
 #[multiversion(targets("x86_64+avx2+fma"))]
-pub fn merit_fall<T: Real>(c: &[T], g: &[T], c_to: &[T], g_to: &[T], mu: T) -> T {
-    let ((groups, rest), (groups_to, rest_to)) = (g.as_chunks(), g_to.as_chunks());
-    // What stays as it is adds nothing.
-    let (mut last, mut last_to) = ([T::zero(); LANES], [T::zero(); LANES]);
-    last[..rest.len()].copy_from_slice(rest);
-    last_to[..rest_to.len()].copy_from_slice(rest_to);
-    let mut squares = [T::zero(); LANES];
-    let (mut ratios, mut logs) = ([1f64; LANES], 0.);
-    let log = |ratios: &[f64; LANES]| ratios.iter().map(|ratio| ratio.ln()).sum::<f64>();
-    for (from, to) in groups.iter().zip(groups_to).chain([(&last, &last_to)]) {
-        let mut far = false;
-        for l in 0..LANES {
-            let (over, slack) = smoothed(from[l], mu);
-            let (over_to, slack_to) = smoothed(to[l], mu);
-            squares[l] += (over - over_to) * (over + over_to);
-            ratios[l] *= (slack_to / slack).as_f64();
-            // One more ratio is within the range of numbers, too.
-            far |= !(1e-150..1e150).contains(&ratios[l]);
-        }
-        if far {
-            logs += log(&ratios);
-            ratios = [1.; LANES];
+pub fn merit_falls<T: Real>(c: &[T], g: &[T], to: [(&[T], &[T]); 2], mu: T) -> [T; 2] {
+    let mut falls = to.map(|_| Falls::none());
+    for first in (0..g.len()).step_by(AT_ONCE) {
+        // What is beyond the last adds nothing: it stays as it is.
+        let values = |g: &[T]| {
+            let mut values = [T::zero(); AT_ONCE];
+            let count = AT_ONCE.min(g.len() - first);
+            values[..count].copy_from_slice(&g[first..][..count]);
+            smoothed(&values, mu)
+        };
+        let from = values(g);
+        for (falls, (_, g_to)) in falls.iter_mut().zip(to) {
+            falls.add(&from, &values(g_to));
         }
     }
-    squares_fall(c, c_to) + T::of(0.5) * squares.into_iter().sum::<T>() + mu * T::of(logs + log(&ratios))
+    let [a, b] = falls.map(|falls| falls.sum(mu));
+    [squares_fall(c, to[0].0) + a, squares_fall(c, to[1].0) + b]
 }
 
 /// How far the cost of being away from the initial values falls from `x` to `x_to`: that of `sum smoothing (x - initial)^2 / 2`.

@@ -38,7 +38,7 @@ use advance::{add, advance};
 use aligned_vec::{AVec, CACHELINE_ALIGN};
 use control::{CLOSE, EXACT, Limits, Progress, SHORTER, STEP};
 use correct::correct;
-use judge::{infeasibility, infeasibility_fall, merit_fall, nonlinearity, smoothing_fall, update_slacks};
+use judge::{infeasibility, infeasibility_fall, merit_falls, nonlinearity, smoothing_fall, update_slacks};
 use round::{ROUND, START, Stage, When};
 use slacks::{Aim, Lengths, Slacks, slack_steps};
 use start::{column_scaling, start_slacks};
@@ -310,11 +310,13 @@ impl<T: Real> Solver<T> {
         }
         let (layout, now, next, linear) = (solve.layout, &self.now, &self.next, &self.linear);
         let closing = progress.state == CLOSE;
-        let falls = |to: &Residuals<T>| {
-            if closing { infeasibility_fall(&now.c, &now.g, &to.c, &to.g) } else { merit_fall(&now.c, &now.g, &to.c, &to.g, progress.mu) }
+        let [fall, predicted] = if closing {
+            [next, linear].map(|to| infeasibility_fall(&now.c, &now.g, &to.c, &to.g))
+        } else {
+            merit_falls(&now.c, &now.g, [next, linear].map(|to| (&to.c[..], &to.g[..])), progress.mu)
         };
         let smoothed = progress.smoothing * smoothing_fall(&layout.smoothing, &self.x, &self.trial, &layout.initial);
-        let (fall, predicted) = (falls(next) + smoothed, falls(linear) + smoothed);
+        let (fall, predicted) = (fall + smoothed, predicted + smoothed);
         let gap = nonlinearity(&next.c, &linear.c, &next.g, &linear.g);
         if control::acceptable(progress, fall, predicted, gap) {
             if !closing {

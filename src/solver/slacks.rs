@@ -23,6 +23,8 @@ pub const SLACK_FLOOR: f64 = 1e-6;
 pub const BARRIER_FLOOR: f64 = 1e-9;
 /// Smallest multiplier.
 pub const MULTIPLIER_FLOOR: f64 = 1e-8;
+/// Inequalities whose steps are made at once.
+const AT_ONCE: usize = 8 * LANES;
 /// How much of its way to zero a slack or multiplier may go in a step.
 pub const TO_THE_BOUNDARY: f64 = 0.99;
 
@@ -88,38 +90,32 @@ impl<T: Real> Aim<T> {
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn slack_steps<T: Real>(g: &[T], g_change: &[T], aim: Aim<T>, slacks: &mut Slacks<T>) -> Lengths<T> {
     let one = T::one();
-    let count = g.len();
-    let (s, z) = (&slacks.slack[..count], &slacks.multiplier[..count]);
-    let (ds, dz) = (&mut slacks.slack_step[..count], &mut slacks.multiplier_step[..count]);
-    let g_change = &g_change[..count];
-    // Steps, and the reciprocals of those at which slack and multiplier reach zero: -change / value.
-    let step = |s: T, z: T, g: T, g_change: T, ds: T, dz: T| {
-        let ratio = s / z;
-        let centre = aim.product(ds, dz) / z;
-        let w = one / (ratio + one);
-        let dz = w * (g_change + g - z + centre);
-        let ds = centre - s - ratio * dz;
-        (ds, dz, [-ds / s, -dz / z])
-    };
+    // How steeply slacks and multipliers fall: the reciprocals of the steps at which they reach zero.
     let mut steepest = [[T::zero(); LANES]; 2];
-    let whole = count - count % LANES;
-    let groups = (s.as_chunks::<LANES>().0, z.as_chunks::<LANES>().0, g.as_chunks::<LANES>().0, g_change.as_chunks::<LANES>().0);
-    let steps = (ds.as_chunks_mut::<LANES>().0, dz.as_chunks_mut::<LANES>().0);
-    for i in 0..count / LANES {
-        let (s, z, g, g_change) = (&groups.0[i], &groups.1[i], &groups.2[i], &groups.3[i]);
-        let (ds, dz) = (&mut steps.0[i], &mut steps.1[i]);
-        for l in 0..LANES {
-            let steep;
-            (ds[l], dz[l], steep) = step(s[l], z[l], g[l], g_change[l], ds[l], dz[l]);
-            steepest[0][l] = larger(steepest[0][l], steep[0]);
-            steepest[1][l] = larger(steepest[1][l], steep[1]);
+    let Slacks { slack, multiplier, slack_step, multiplier_step } = slacks;
+    for first in (0..g.len()).step_by(AT_ONCE) {
+        let count = AT_ONCE.min(g.len() - first);
+        let (s, z) = (&slack[first..][..count], &multiplier[first..][..count]);
+        let (ds, dz) = (&mut slack_step[first..][..count], &mut multiplier_step[first..][..count]);
+        let (g, g_change) = (&g[first..][..count], &g_change[first..][..count]);
+        let mut steep = [[T::zero(); AT_ONCE]; 2];
+        let [steep_s, steep_z] = &mut steep;
+        for i in 0..count {
+            let ratio = s[i] / z[i];
+            let centre = aim.product(ds[i], dz[i]) / z[i];
+            let w = one / (ratio + one);
+            dz[i] = w * (g_change[i] + g[i] - z[i] + centre);
+            ds[i] = centre - s[i] - ratio * dz[i];
+            steep_s[i] = -ds[i] / s[i];
+            steep_z[i] = -dz[i] / z[i];
         }
-    }
-    for i in whole..count {
-        let steep;
-        (ds[i], dz[i], steep) = step(s[i], z[i], g[i], g_change[i], ds[i], dz[i]);
-        steepest[0][0] = larger(steepest[0][0], steep[0]);
-        steepest[1][0] = larger(steepest[1][0], steep[1]);
+        for (most, steep) in steepest.iter_mut().zip(&steep) {
+            for group in steep.as_chunks::<LANES>().0 {
+                for l in 0..LANES {
+                    most[l] = larger(most[l], group[l]);
+                }
+            }
+        }
     }
     Lengths::up_to_the_boundary(steepest.map(|lanes| lanes.into_iter().fold(T::zero(), larger)))
 }

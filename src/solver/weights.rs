@@ -26,15 +26,14 @@ fn per_row<T: Real>(layout: &Layout<T>, weight: &mut [T], value: &mut [T], make:
             made = at..layout.inequalities.min(at + AT_ONCE);
             make(at, &mut weights[..made.len()], &mut values[..made.len()]);
         }
-        let at = at - made.start;
-        for r in 0..rows {
-            let (mut w, mut v) = (weights[at + r], values[at + r]);
-            if r < pairs {
-                w += weights[at + rows + r];
-                v -= values[at + rows + r];
-            }
-            weight[row + r] = w;
-            value[row + r] = v;
+        let (weights, values) = (&weights[at - made.start..][..rows + pairs], &values[at - made.start..][..rows + pairs]);
+        let (weight, value) = (&mut weight[row..][..rows], &mut value[row..][..rows]);
+        for r in 0..pairs {
+            weight[r] = weights[r] + weights[rows + r];
+            value[r] = values[r] - values[rows + r];
+        }
+        for r in pairs..rows {
+            (weight[r], value[r]) = (weights[r], values[r]);
         }
     }
 }

@@ -86,7 +86,7 @@ impl Grid {
             let last = c((samples - 1) as f64);
             let inside = u >= T::zero() && u <= last;
             let clamped = if u.is_nan() { T::zero() } else { u.max(T::zero()).min(last) };
-            let cell = clamped.floor().to_usize().unwrap_or(0).min(samples - 2);
+            let cell = clamped.to_usize().unwrap_or(0).min(samples - 2);
             (cell, clamped - c(cell as f64), if inside { per_metre } else { T::zero() })
         };
         let (i, a, da) = locate(x, 0, self.heights.len());

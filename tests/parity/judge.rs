@@ -105,18 +105,16 @@ fn falls(lab: &Lab, s: usize, state: &State) -> [f64; 4] {
     let linear = |at: &[f64], by: &[f64]| at.iter().zip(by).map(|(at, by)| at + length * by).collect::<Vec<f64>>();
     let c_linear = linear(&c, &of(lab.of_equalities(s, batch.c_change)));
     let g_linear = linear(&g, &of(lab.of_inequalities(s, batch.g_change)));
-    let falls = |c_to: &[f64], g_to: &[f64]| {
-        if progress.state == CLOSE {
-            judge::infeasibility_fall(&c, &g, c_to, g_to)
-        } else {
-            judge::merit_fall(&c, &g, c_to, g_to, f64::from(progress.mu))
-        }
+    let [fall, predicted] = if progress.state == CLOSE {
+        [(&c_to, &g_to), (&c_linear, &g_linear)].map(|(c_to, g_to)| judge::infeasibility_fall(&c, &g, c_to, g_to))
+    } else {
+        judge::merit_falls(&c, &g, [(&c_to, &g_to), (&c_linear, &g_linear)], f64::from(progress.mu))
     };
     let x = |half: u32| of(lab.of_variables(s, batch.x + half * batch.x_half));
     let (smoothing, initial) = (of(lab.of_variables(s, batch.smoothing)), of(lab.of_variables(s, batch.initial)));
     let smoothed = f64::from(progress.smoothing) * judge::smoothing_fall(&smoothing, &x(half), &x(to), &initial);
     let gap = judge::nonlinearity(&c_to, &c_linear, &g_to, &g_linear);
-    [falls(&c_to, &g_to) + smoothed, falls(&c_linear, &g_linear) + smoothed, gap, smoothed]
+    [fall + smoothed, predicted + smoothed, gap, smoothed]
 }
 
 #[test]
