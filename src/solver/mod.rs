@@ -65,11 +65,6 @@ impl<T: Real> Residuals<T> {
         self.c.resize(layout.equalities, T::zero());
         self.g.resize(layout.inequalities, T::zero());
     }
-
-    fn clear(&mut self) {
-        self.c.fill(T::zero());
-        self.g.fill(T::zero());
-    }
 }
 
 /// Buffers for one candidate at a time; made once a thread and reused, so that a solve allocates only when it meets a larger candidate.
@@ -93,7 +88,7 @@ pub struct Solver<T> {
     jacobian: AVec<T>,
     /// That of the trial point.
     next_jacobian: AVec<T>,
-    /// Multipliers that residuals are shifted by, of equalities and inequalities; zero but while a cost is lowered.
+    /// Multipliers that residuals are shifted by, of equalities and inequalities; none but while a cost is lowered.
     shift: Residuals<T>,
     weight: Vec<T>,
     value: Vec<T>,
@@ -363,6 +358,7 @@ impl<T: Real> Solver<T> {
         };
         *progress = renewed(progress, self.history.len());
         progress.smoothing = T::of(settings.smooth.weight);
+        self.shift.resize(layout);
         start_slacks(&self.now.g, barrier, &mut self.slacks);
         let end = progress.iterations + settings.smooth.iterations as u32;
         while progress.iterations < end && !progress.ended() && !cancel() {
@@ -375,7 +371,7 @@ impl<T: Real> Solver<T> {
                 self.shift_residuals();
             }
         }
-        self.shift.clear();
+        self.shift = Residuals::default();
         *progress = renewed(progress, self.history.len());
         self.trial.clone_from(&self.x);
         self.evaluate(layout, progress);
@@ -430,8 +426,7 @@ impl<T: Real> Solver<T> {
             jacobian.resize(layout.jacobian_len, T::zero());
         }
         self.local.resize(layout.widest, T::zero());
-        self.shift.resize(layout);
-        self.shift.clear();
+        self.shift = Residuals::default();
         self.weight.resize(layout.rows, T::zero());
         self.value.resize(layout.rows, T::zero());
         for v in [&mut self.slacks.slack, &mut self.slacks.multiplier, &mut self.slacks.slack_step, &mut self.slacks.multiplier_step] {
