@@ -9,7 +9,7 @@
 //   out     factor    pivot rows, [pivots][stride] at each step; the right-hand side stands in column `size`
 //   out     values    flags: 1 when a pivot is not positive
 // Solves `(E + J' W J) d = -(u + J' v)` together with substitute.wgsl.
-// Twin: src/linear/front.rs. Its sums have another order: pivots are eliminated one by one.
+// Twins: src/linear/front.rs, src/linear/reach.rs. Their sums have another order: pivots are eliminated one by one.
 
 // Indices in the front of the columns of an element, those of the next one beside them.
 var<workgroup> columns: array<u32, 2 * COLUMNS>;

@@ -4,11 +4,11 @@
 //! right-hand side stands in the column after the last variable, so that forward substitution happens along the way.
 
 use super::lanes::LANES;
+use super::reach::{OwnSums, assemble_reach};
 use crate::nlp::Layout;
 use crate::nlp::layout::Element;
 use crate::real::Real;
-use crate::rows::reach::{ReachFoot, ReachInstant};
-use crate::rows::table::{NONE, Span};
+use crate::rows::table::Span;
 use aligned_vec::{AVec, CACHELINE_ALIGN};
 use multiversion::multiversion;
 
@@ -31,7 +31,7 @@ impl<T> Default for Factor<T> {
     fn default() -> Self {
         // Vectors of whole cache lines.
         let [a, b, pivot_rows, spread, local] = std::array::from_fn(|_| AVec::new(CACHELINE_ALIGN));
-        Factor { fronts: [a, b], pivot_rows, spread, own: OwnSums { feet: Vec::new(), used: 0 }, local }
+        Factor { fronts: [a, b], pivot_rows, spread, own: OwnSums::default(), local }
     }
 }
 
@@ -269,245 +269,6 @@ fn assemble_rows<T: Real, const M: usize, const W: usize>(
     }
 }
 
-/// Values of a pose.
-const POSE: usize = 6;
-/// Pairs of base blocks.
-const PAIRS: [(usize, usize); 10] = [(0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3)];
-
-/// What the feet at one reach instant make of its pose.
-struct ByPose<T> {
-    /// `P' W P`, row by row, and two columns that mean nothing.
-    products: [[T; LANES]; POSE],
-    /// `P' v`, likewise.
-    values: [T; LANES],
-}
-
-/// What the instants of a step make of the columns that a foot has to itself as long as its phase lasts.
-#[derive(Debug)]
-struct ByOwn<T> {
-    /// Those of the foot, by which it is found.
-    front: [u32; 3],
-    /// Of each column the slot in the front, and which of the rows' columns it is: two a foothold, one a swing height.
-    slots: [(usize, usize); 5],
-    count: usize,
-    columns: [OwnColumn<T>; 5],
-}
-
-/// Sums for one of them, `a`.
-#[derive(Debug, Clone, Copy)]
-struct OwnColumn<T> {
-    /// For each base block `w_i P' W a`, and two values that mean nothing.
-    by_base: [[T; LANES]; 4],
-    /// With all columns of the rows, of which those of the pose mean nothing.
-    by_own: [T; 2 * LANES],
-    /// `a' v`.
-    value: T,
-}
-
-impl<T: Real> ByOwn<T> {
-    fn none() -> Self {
-        let zero = T::zero();
-        let nothing = OwnColumn { by_base: [[zero; LANES]; 4], by_own: [zero; 2 * LANES], value: zero };
-        ByOwn { front: [NONE; 3], slots: [(0, 0); 5], count: 0, columns: [nothing; 5] }
-    }
-
-    /// Begins the sums of a foot.
-    fn begin(&mut self, foot: &ReachFoot<T>) {
-        *self = ByOwn { front: foot.front, count: 0, ..Self::none() };
-        let columns = [foot.foothold_column[0], foot.foothold_column[1], foot.height_column];
-        for ((slot, column), len) in foot.front.into_iter().zip(columns).zip([2, 2, 1]).filter(|((slot, _), _)| *slot != NONE) {
-            for d in 0..len {
-                self.slots[self.count] = ((slot + d) as usize, (column + d) as usize);
-                self.count += 1;
-            }
-        }
-    }
-
-    /// Adds the sums to the front.
-    #[inline(always)]
-    fn add(&self, blocks: &[u32; 4], front: &mut [T], size: usize, stride: usize) {
-        let slots = &self.slots[..self.count];
-        for (column, &(slot, _)) in self.columns.iter().zip(slots) {
-            front[slot * stride + size] -= column.value;
-            for (&block, sums) in blocks.iter().zip(&column.by_base).filter(|(block, _)| **block != NONE) {
-                let block = block as usize;
-                // Only what lies right of the diagonal.
-                if block > slot {
-                    let line = &mut front[slot * stride + block..][..POSE];
-                    for c in 0..POSE {
-                        line[c] += sums[c];
-                    }
-                } else {
-                    for c in 0..POSE {
-                        front[(block + c) * stride + slot] += sums[c];
-                    }
-                }
-            }
-            for &(other, of_row) in slots.iter().filter(|(other, _)| *other >= slot) {
-                front[slot * stride + other] += column.by_own[of_row];
-            }
-        }
-    }
-}
-
-/// Those of one step; of earlier ones there may be more.
-#[derive(Debug)]
-struct OwnSums<T> {
-    feet: Vec<ByOwn<T>>,
-    used: usize,
-}
-
-impl<T: Real> OwnSums<T> {
-    /// Those of a foot in a phase.
-    #[inline(always)]
-    fn of(&mut self, foot: &ReachFoot<T>) -> &mut ByOwn<T> {
-        let at = self.feet[..self.used].iter().rposition(|own| own.front == foot.front).unwrap_or_else(|| self.begin(foot));
-        &mut self.feet[at]
-    }
-
-    fn begin(&mut self, foot: &ReachFoot<T>) -> usize {
-        if self.used == self.feet.len() {
-            self.feet.push(ByOwn::none());
-        }
-        self.feet[self.used].begin(foot);
-        self.used += 1;
-        self.used - 1
-    }
-}
-
-/// Adds `J' W J` and `-J' v` of the reach rows of all feet at the instants of one step, which share their base blocks.
-///
-/// All rows touch the base through its pose alone, with weights `w` that an instant's feet share: with `P` the rows by the pose, `A` by the
-/// foot's own columns, the base block of coefficients `i` and `j` is `w_i w_j sum P' W P`, that of coefficient and foot `w_i P' W A`.
-#[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
-fn assemble_reach<T: Real>(
-    layout: &Layout<T>,
-    instants: &[ReachInstant<T>],
-    system: &NormalEquations<T>,
-    front: &mut [T],
-    size: usize,
-    stride: usize,
-    own: &mut OwnSums<T>,
-) {
-    let mut slots = [NONE; 4];
-    let mut sums = [[[T::zero(); LANES]; POSE]; PAIRS.len()];
-    let mut values = [[T::zero(); LANES]; 4];
-    own.used = 0;
-    for instant in instants {
-        let weights = instant.base.weights;
-        for i in 0..4 {
-            if instant.base.front[i] != NONE {
-                slots[i] = instant.base.front[i];
-            }
-        }
-        let mut by_pose = ByPose { products: [[T::zero(); LANES]; POSE], values: [T::zero(); LANES] };
-        for foot in &layout.reach_feet[instant.feet.range()] {
-            if foot.place.stride as usize == LANES {
-                add_foot::<T, LANES>(foot, &weights, system, &mut by_pose, own);
-            } else {
-                add_foot::<T, { 2 * LANES }>(foot, &weights, system, &mut by_pose, own);
-            }
-        }
-        for (sum, (i, j)) in sums.iter_mut().zip(PAIRS) {
-            let w = weights[i] * weights[j];
-            if w != T::zero() {
-                for c in 0..POSE {
-                    for l in 0..LANES {
-                        sum[c][l] = w.mul_add(by_pose.products[c][l], sum[c][l]);
-                    }
-                }
-            }
-        }
-        for i in 0..4 {
-            for l in 0..LANES {
-                values[i][l] = weights[i].mul_add(by_pose.values[l], values[i][l]);
-            }
-        }
-    }
-    for own in &own.feet[..own.used] {
-        own.add(&slots, front, size, stride);
-    }
-    for i in (0..4).filter(|&i| slots[i] != NONE) {
-        for c in 0..POSE {
-            front[(slots[i] as usize + c) * stride + size] -= values[i][c];
-        }
-    }
-    for (sum, (i, j)) in sums.iter().zip(PAIRS).filter(|(_, (i, j))| slots[*i] != NONE && slots[*j] != NONE) {
-        // The sums are symmetric.
-        let (row, column) = (slots[i].min(slots[j]) as usize, slots[i].max(slots[j]) as usize);
-        for c in 0..POSE {
-            let line = &mut front[(row + c) * stride + column..][..POSE];
-            for d in 0..POSE {
-                line[d] += sum[c][d];
-            }
-        }
-    }
-}
-
-/// Adds up what a foot's rows make of the pose, and of its own columns. `W` columns: the pose's, its own, padding.
-///
-/// * `weights` - of the base blocks
-#[inline(always)]
-fn add_foot<T: Real, const W: usize>(
-    foot: &ReachFoot<T>,
-    weights: &[T; 4],
-    system: &NormalEquations<T>,
-    by_pose: &mut ByPose<T>,
-    own: &mut OwnSums<T>,
-) {
-    let (row, place) = (foot.place.row as usize, &foot.place);
-    let (w, v): ([T; 3], [T; 3]) = (tile_of(&system.weight[row..]), tile_of(&system.value[row..]));
-    if w == [T::zero(); 3] {
-        return;
-    }
-    let rows: [[T; W]; 3] = std::array::from_fn(|r| tile_of(&system.jacobian[place.jacobian as usize + r * W..]));
-    let mut weighted = rows;
-    for r in 0..3 {
-        for l in 0..W {
-            weighted[r][l] *= w[r];
-        }
-    }
-    for c in 0..POSE {
-        let products = column_products(&weighted, &rows, c);
-        for l in 0..LANES {
-            by_pose.products[c][l] += products[l];
-        }
-    }
-    let values = combined(v, &rows);
-    for l in 0..LANES {
-        by_pose.values[l] += values[l];
-    }
-    let own = own.of(foot);
-    for (sum, &(_, column)) in own.columns.iter_mut().zip(&own.slots[..own.count]) {
-        let products = column_products(&weighted, &rows, column);
-        sum.value += values[column];
-        for (by_base, weight) in sum.by_base.iter_mut().zip(weights) {
-            for l in 0..LANES {
-                by_base[l] = weight.mul_add(products[l], by_base[l]);
-            }
-        }
-        for (sum, product) in sum.by_own.iter_mut().zip(products) {
-            *sum += product;
-        }
-    }
-}
-
-/// Products of one column of three weighted rows with all columns.
-#[inline(always)]
-fn column_products<T: Real, const W: usize>(weighted: &[[T; W]; 3], rows: &[[T; W]; 3], column: usize) -> [T; W] {
-    combined(std::array::from_fn(|r| weighted[r][column]), rows)
-}
-
-/// `sum_r left[r] rows[r]`.
-#[inline(always)]
-fn combined<T: Real, const W: usize>(left: [T; 3], rows: &[[T; W]; 3]) -> [T; W] {
-    let mut sums = [T::zero(); W];
-    for l in 0..W {
-        sums[l] = left[2].mul_add(rows[2][l], left[1].mul_add(rows[1][l], left[0] * rows[0][l]));
-    }
-    sums
-}
-
 /// Eliminates the first `pivots` variables of a front: `A = U' U` row by row, the rest becomes the Schur complement.
 ///
 /// Rows are taken four at a time, columns `W` at a time, so that a 4 x `W` tile stays in registers while all earlier pivot rows pass.
@@ -593,7 +354,7 @@ fn eliminate_rows<T: Real, const W: usize, const R: usize>(
 }
 
 #[inline(always)]
-fn tile_of<T: Real, const W: usize>(values: &[T]) -> [T; W] {
+pub(super) fn tile_of<T: Real, const W: usize>(values: &[T]) -> [T; W] {
     let mut tile = [T::zero(); W];
     tile.copy_from_slice(&values[..W]);
     tile

@@ -4,6 +4,8 @@ use crate::real::Real;
 
 /// Lanes of a sum: term `i` is added in lane `i % LANES`.
 pub const LANES: usize = 8;
+/// Values that are worked out at once: a shorter loop is unrolled before it could be made one over vectors.
+pub const BLOCK: usize = 8 * LANES;
 
 /// Sum of a term of the values at each index. All slices are as long as the first, at least.
 #[inline(always)]

@@ -7,5 +7,6 @@ pub mod forward;
 pub mod front;
 pub mod lanes;
 pub mod product;
+mod reach;
 pub mod substitute;
 pub mod transposed;

@@ -1,7 +1,7 @@
 //! How good a trial point is, and the update of slacks and multipliers where it is taken.
 
 use super::slacks::{Lengths, MULTIPLIER_FLOOR, SLACK_FLOOR, Slacks};
-use crate::linear::lanes::{LANES, dot, sum_over};
+use crate::linear::lanes::{BLOCK, LANES, dot, sum_over};
 use crate::real::Real;
 use multiversion::multiversion;
 
@@ -37,14 +37,11 @@ pub fn infeasibility_fall<T: Real>(c: &[T], g: &[T], c_to: &[T], g_to: &[T]) -> 
     squares_fall(c, c_to) + T::of(0.5) * violated
 }
 
-/// Values that are smoothed at once: a loop of fewer is unrolled before it could be made one over vectors.
-const AT_ONCE: usize = 8 * LANES;
-
 /// Smoothed `max(g, 0)` and the slacks that go with it: `(q + g) / 2` and `(q - g) / 2`, `q = sqrt(g^2 + 4 mu)`.
 #[inline(always)]
-fn smoothed<T: Real>(g: &[T; AT_ONCE], mu: T) -> [[T; AT_ONCE]; 2] {
-    let [mut over, mut slack] = [[T::zero(); AT_ONCE]; 2];
-    for i in 0..AT_ONCE {
+fn smoothed<T: Real>(g: &[T; BLOCK], mu: T) -> [[T; BLOCK]; 2] {
+    let [mut over, mut slack] = [[T::zero(); BLOCK]; 2];
+    for i in 0..BLOCK {
         let q = (g[i] * g[i] + T::of(4.) * mu).sqrt();
         // The smaller of the two is mu / larger: no cancellation.
         let larger = T::of(0.5) * (q + g[i].abs());
@@ -71,9 +68,9 @@ impl<T: Real> Falls<T> {
 
     /// From values to others, both smoothed.
     #[inline(always)]
-    fn add(&mut self, [over, slack]: &[[T; AT_ONCE]; 2], [over_to, slack_to]: &[[T; AT_ONCE]; 2]) {
-        let (mut squares, mut ratios) = ([T::zero(); AT_ONCE], [0.; AT_ONCE]);
-        for i in 0..AT_ONCE {
+    fn add(&mut self, [over, slack]: &[[T; BLOCK]; 2], [over_to, slack_to]: &[[T; BLOCK]; 2]) {
+        let (mut squares, mut ratios) = ([T::zero(); BLOCK], [0.; BLOCK]);
+        for i in 0..BLOCK {
             squares[i] = (over[i] - over_to[i]) * (over[i] + over_to[i]);
             ratios[i] = (slack_to[i] / slack[i]).as_f64();
         }
@@ -110,11 +107,11 @@ impl<T: Real> Falls<T> {
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn merit_falls<T: Real>(c: &[T], g: &[T], to: [(&[T], &[T]); 2], mu: T) -> [T; 2] {
     let mut falls = to.map(|_| Falls::none());
-    for first in (0..g.len()).step_by(AT_ONCE) {
+    for first in (0..g.len()).step_by(BLOCK) {
         // What is beyond the last adds nothing: it stays as it is.
         let values = |g: &[T]| {
-            let mut values = [T::zero(); AT_ONCE];
-            let count = AT_ONCE.min(g.len() - first);
+            let mut values = [T::zero(); BLOCK];
+            let count = BLOCK.min(g.len() - first);
             values[..count].copy_from_slice(&g[first..][..count]);
             smoothed(&values, mu)
         };

@@ -1,6 +1,6 @@
 //! Slacks and multipliers of the inequalities: their steps, and where a barrier step aims.
 
-use crate::linear::lanes::{LANES, sum_over};
+use crate::linear::lanes::{BLOCK, LANES, sum_over};
 use crate::real::Real;
 use multiversion::multiversion;
 
@@ -23,8 +23,6 @@ pub const SLACK_FLOOR: f64 = 1e-6;
 pub const BARRIER_FLOOR: f64 = 1e-9;
 /// Smallest multiplier.
 pub const MULTIPLIER_FLOOR: f64 = 1e-8;
-/// Inequalities whose steps are made at once.
-const AT_ONCE: usize = 8 * LANES;
 /// How much of its way to zero a slack or multiplier may go in a step.
 pub const TO_THE_BOUNDARY: f64 = 0.99;
 
@@ -93,12 +91,12 @@ pub fn slack_steps<T: Real>(g: &[T], g_change: &[T], aim: Aim<T>, slacks: &mut S
     // How steeply slacks and multipliers fall: the reciprocals of the steps at which they reach zero.
     let mut steepest = [[T::zero(); LANES]; 2];
     let Slacks { slack, multiplier, slack_step, multiplier_step } = slacks;
-    for first in (0..g.len()).step_by(AT_ONCE) {
-        let count = AT_ONCE.min(g.len() - first);
+    for first in (0..g.len()).step_by(BLOCK) {
+        let count = BLOCK.min(g.len() - first);
         let (s, z) = (&slack[first..][..count], &multiplier[first..][..count]);
         let (ds, dz) = (&mut slack_step[first..][..count], &mut multiplier_step[first..][..count]);
         let (g, g_change) = (&g[first..][..count], &g_change[first..][..count]);
-        let mut steep = [[T::zero(); AT_ONCE]; 2];
+        let mut steep = [[T::zero(); BLOCK]; 2];
         let [steep_s, steep_z] = &mut steep;
         for i in 0..count {
             let ratio = s[i] / z[i];
