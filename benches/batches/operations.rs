@@ -20,7 +20,7 @@ use cregopt::search::evaluate::LowerSettings;
 use cregopt::solver::advance::{add, advance};
 use cregopt::solver::control::Limits;
 use cregopt::solver::correct::correct;
-use cregopt::solver::judge::{infeasibility, merit_fall, nonlinearity, smoothing_fall, update_slacks};
+use cregopt::solver::judge::{infeasibility, merit_falls, nonlinearity, smoothing_fall, update_slacks};
 use cregopt::solver::slacks::{Aim, Lengths, Slacks, slack_steps};
 use cregopt::solver::start::{column_scaling, start_slacks};
 use cregopt::solver::weights::{barrier_rows, variable_terms};
@@ -106,8 +106,7 @@ pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSetting
         // Here the shader extrapolates the residuals.
         advance(&c, lengths.primal, &c_change, &mut c_linear);
         advance(&g, lengths.primal, &g_change, &mut g_linear);
-        merit_fall(&c, &g, &c_to, &g_to, mu);
-        merit_fall(&c, &g, &c_linear, &g_linear, mu);
+        merit_falls(&c, &g, [(&c_to, &g_to), (&c_linear, &g_linear)], mu);
         nonlinearity(&c_to, &c_linear, &g_to, &g_linear);
         smoothing_fall(&layout.smoothing, &x, &trial, &layout.initial);
         update_slacks(&mut slacks, lengths);

@@ -2,11 +2,12 @@
 
 use crate::common::{Random, Rows, dense_inequalities, dense_jacobian, gait, layout_with, point, rows, transcriptions};
 use crate::{ELEMENTWISE_TOLERANCE, F32_FALL_ERROR, SUM_TOLERANCE, assert_close, cases, in_scalar, random_vector};
+use cregopt::linear::lanes::BLOCK;
 use cregopt::nlp::Layout;
 use cregopt::real::Real;
 use cregopt::rows::table::NONE;
 use cregopt::settings::{Transcription, TranscriptionSettings};
-use cregopt::solver::judge::{infeasibility, infeasibility_fall, merit_fall, nonlinearity, smoothing_fall, update_slacks};
+use cregopt::solver::judge::{infeasibility, infeasibility_fall, merit_falls, nonlinearity, smoothing_fall, update_slacks};
 use cregopt::solver::slacks::{Aim, Lengths, Slacks, mean_product, slack_steps, target};
 use cregopt::solver::start::{column_scaling, start_slacks};
 use cregopt::solver::weights::{barrier_rows, closing_rows, variable_terms};
@@ -219,7 +220,8 @@ fn infeasibility_and_nonlinearity_are_their_plain_formulas() {
 
 #[test]
 fn residuals_that_are_no_numbers_show_in_every_sum() {
-    let (c, g) = (vec![0.1; 13], vec![-0.2; 21]);
+    // More inequalities than are worked out at once.
+    let (c, g) = (vec![0.1; 13], vec![-0.2; 2 * BLOCK + 21]);
     let spoilt = |values: &[f64], at: usize| {
         let mut values = values.to_vec();
         values[at] = f64::NAN;
@@ -230,7 +232,8 @@ fn residuals_that_are_no_numbers_show_in_every_sum() {
     for (bad_c, bad_g) in by_c.chain(by_g) {
         assert!(infeasibility(&bad_c, &bad_g).is_nan());
         assert!(infeasibility_fall(&c, &g, &bad_c, &bad_g).is_nan());
-        assert!(merit_fall(&c, &g, &bad_c, &bad_g, MU).is_nan());
+        let [fall, other] = merit_falls(&c, &g, [(&bad_c, &bad_g), (&c, &g)], MU);
+        assert!(fall.is_nan() && other == 0.);
         assert!(nonlinearity(&bad_c, &c, &bad_g, &g).is_nan());
     }
 }
@@ -245,9 +248,12 @@ fn falls_are_differences_of_the_plain_formulas() {
         assert_eq!(infeasibility_fall(&c, &g, &c, &g), 0.);
         for mu in MUS {
             let (from, to) = (merit_terms(&c, &g, mu, 1.), merit_terms(&c_to, &g_to, mu, 1.));
-            assert_falls(merit_fall(&c, &g, &c_to, &g_to, mu), &from, &to, SUM_TOLERANCE, "merit");
-            assert_falls(merit_fall(&c_to, &g_to, &c, &g, mu), &to, &from, SUM_TOLERANCE, "merit, back");
-            assert_eq!(merit_fall(&c, &g, &c, &g, mu), 0.);
+            let [there, none] = merit_falls(&c, &g, [(&c_to, &g_to), (&c, &g)], mu);
+            assert_falls(there, &from, &to, SUM_TOLERANCE, "merit");
+            assert_eq!(none, 0.);
+            let [none, back] = merit_falls(&c_to, &g_to, [(&c_to, &g_to), (&c, &g)], mu);
+            assert_falls(back, &to, &from, SUM_TOLERANCE, "merit, back");
+            assert_eq!(none, 0.);
             // No other slack is better.
             let with = |factor: f64| merit_terms(&c, &g, mu, factor).iter().sum::<f64>();
             assert!(with(1.01) > with(1.) && with(0.99) > with(1.));
@@ -274,7 +280,8 @@ fn falls_to_a_point_nearby_are_good_in_f32() {
             for mu in MUS {
                 let mu = mu as f32;
                 let (from, to) = (merit_terms(&wide_c, &wide_g, mu.into(), 1.), merit_terms(&wide_c_to, &wide_g_to, mu.into(), 1.));
-                let error = f32_error(merit_fall(&c, &g, &c_to, &g_to, mu), &from, &to, &from);
+                let [fall, _] = merit_falls(&c, &g, [(&c_to, &g_to), (&c, &g)], mu);
+                let error = f32_error(fall, &from, &to, &from);
                 assert!(error <= 1., "merit, mu = {mu}, {size} of it, {away} away: {error}");
                 worst_of_sums[1] = worst_of_sums[1].max(f32_error_of_sums(&from, &to, &from));
             }
