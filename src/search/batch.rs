@@ -1,6 +1,8 @@
 //! Who solves the schedules of a search, and the clock beside it.
 
-use super::cem::{Answer, Candidate, CemSettings, Distribution, Evaluation, Evaluator, GenerationRecord, StopReason, Worth, run};
+use super::cem::{
+    Answer, Candidate, CemSettings, Distribution, Evaluation, Evaluator, GenerationRecord, StopReason, Worth, rank_order, run,
+};
 use super::evaluate::{Certify, Evaluated, LowerSettings, Needed, batch};
 use super::population::{KEPT, Population};
 use crate::backend::{Backend, locked};
@@ -43,15 +45,15 @@ pub trait LowerLevel {
         finish: &(dyn Fn(usize, Solved<Self::Solution>) + Sync),
     ) -> Result<()>;
 
-    /// Solutions of schedules that were solved before, made again; `None` where that fails.
-    fn again(&self, schedules: &[Schedule], certify: Certify) -> Vec<Option<Self::Solution>> {
-        let solutions: Vec<Mutex<Option<Self::Solution>>> = schedules.iter().map(|_| Mutex::default()).collect();
-        let done = self.solve(schedules, certify, &|_| false, &|index, solved| *locked(&solutions[index]) = Some(solved.solution));
-        solutions.iter().map(|solution| locked(solution).take().filter(|_| done.is_ok())).collect()
+    /// Schedules that were solved before, solved again; `None` where that fails.
+    fn again(&self, schedules: &[Schedule], certify: Certify) -> Vec<Option<Solved<Self::Solution>>> {
+        let again: Vec<Mutex<Option<Solved<Self::Solution>>>> = schedules.iter().map(|_| Mutex::new(None)).collect();
+        let done = self.solve(schedules, certify, &|_| false, &|index, solved| *locked(&again[index]) = Some(solved));
+        again.iter().map(|solved| locked(solved).take().filter(|_| done.is_ok())).collect()
     }
 
     /// As [`LowerLevel::again`], of one schedule and certified.
-    fn certified_again(&self, schedule: &Schedule) -> Option<Self::Solution> {
+    fn certified_again(&self, schedule: &Schedule) -> Option<Solved<Self::Solution>> {
         self.again(std::slice::from_ref(schedule), Certify::All).pop().flatten()
     }
 }
@@ -119,13 +121,26 @@ impl<'a> Clock<'a> {
     }
 }
 
+/// What of a generation is certified, once there is a certified candidate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Certified {
+    /// All.
+    All,
+    /// What the caller wants, by itself.
+    OnDemand,
+    /// What would be the best so far, in order, until a certificate holds.
+    Best {
+        /// Objective of the best so far.
+        objective: f64,
+    },
+}
+
 /// A lower level as the upper level sees it, with a clock.
 pub(super) struct Timed<'a, L> {
     level: &'a L,
     clock: Clock<'a>,
     pub first_feasible_after: Option<f64>,
-    /// Whether only what is wanted is certified, once there is a certified candidate.
-    on_demand: bool,
+    certified: Certified,
     /// Solutions that are kept of a generation.
     kept: usize,
     error: Option<Error>,
@@ -133,12 +148,17 @@ pub(super) struct Timed<'a, L> {
 
 impl<'a, L> Timed<'a, L> {
     pub fn new(level: &'a L, clock: Clock<'a>) -> Self {
-        Timed { level, clock, first_feasible_after: None, on_demand: false, kept: KEPT, error: None }
+        Timed { level, clock, first_feasible_after: None, certified: Certified::All, kept: KEPT, error: None }
     }
 
     /// Once there is a certified candidate, the caller certifies what it wants.
     pub fn on_demand(self) -> Self {
-        Timed { on_demand: true, ..self }
+        Timed { certified: Certified::OnDemand, ..self }
+    }
+
+    /// Once there is a certified candidate, only what would be the best so far is certified.
+    pub fn best_alone(self) -> Self {
+        Timed { certified: Certified::Best { objective: f64::NEG_INFINITY }, ..self }
     }
 
     /// Keeps this many solutions of a generation.
@@ -165,7 +185,7 @@ impl<L: LowerLevel> Evaluator for Timed<'_, L> {
         let (before, clock) = (self.clock.seconds(), self.clock);
         // The first generation is solved whatever the time: a search without a candidate has nothing to return.
         let timed = self.first_feasible_after.is_some();
-        let certify = if self.on_demand && timed && !first_feasible { Certify::Unsolved } else { Certify::All };
+        let certify = if self.certified != Certified::All && timed && !first_feasible { Certify::Unsolved } else { Certify::All };
         let needed = Needed::new(first_feasible);
         let skip = |index: usize| clock.cancelled() || (timed && clock.up()) || !needed.has(index);
         let population = Mutex::new(Population::new(schedules.len(), self.kept));
@@ -181,18 +201,45 @@ impl<L: LowerLevel> Evaluator for Timed<'_, L> {
         let mut population = population.into_inner().unwrap_or_else(PoisonError::into_inner);
         population.retain(|index| needed.has(index));
         self.first_feasible_after = self.first_feasible_after.or(population.first_feasible_after().map(|after| before + after));
-        let answers = population.answers();
+        let mut answers = population.answers();
+        if let Certified::Best { objective } = &mut self.certified {
+            *objective = certify_best(self.level, schedules, &mut answers, worth, *objective);
+        }
         // Which candidates were solved before the time was up depends on the machine: then none of the generation counts.
         let cut = timed && clock.up() && !clock.cancelled() && !first_feasible && answers.iter().any(Option::is_none);
         if cut { schedules.iter().map(|_| None).collect() } else { answers }
     }
 
     fn again(&mut self, schedule: &Schedule) -> Option<L::Solution> {
-        self.level.certified_again(schedule)
+        self.level.certified_again(schedule).map(|solved| solved.solution)
     }
 
     fn cancelled(&self) -> bool {
         self.error.is_some() || self.clock.cancelled() || self.clock.up()
+    }
+}
+
+/// Certifies candidates of a generation, best first, until one holds or is no better than the best so far. Those whose certificate does not
+/// hold are violated from then on.
+///
+/// * `objective` - of the best so far
+///
+/// Returns the objective of the best, this generation included.
+fn certify_best<L: LowerLevel>(
+    level: &L,
+    schedules: &[Schedule],
+    answers: &mut [Option<Answer<L::Solution>>],
+    worth: Worth,
+    objective: f64,
+) -> f64 {
+    loop {
+        let evaluations = answers.iter().enumerate().filter_map(|(index, answer)| Some((index, &answer.as_ref()?.0)));
+        let best = evaluations.map(|(index, said)| ((worth(index, said), index), said)).min_by(|(a, _), (b, _)| rank_order(*a, *b));
+        let Some(((value, index), evaluation)) = best else { return objective };
+        if evaluation.certified || value <= objective {
+            return objective.max(value);
+        }
+        answers[index] = level.certified_again(&schedules[index]).map(|solved| (solved.evaluation, Some(Box::new(solved.solution))));
     }
 }
 
@@ -224,7 +271,7 @@ pub fn search_with<L: LowerLevel, D: Distribution>(
     progress: &mut dyn FnMut(&GenerationRecord),
 ) -> Result<Found<L::Solution>> {
     let clock = Clock::new(Some(cancelled), None);
-    let mut level = Timed::new(level, clock);
+    let mut level = Timed::new(level, clock).best_alone();
     let outcome = run(settings, distribution, seed, 0, &mut level, progress)?;
     level.check()?;
     Ok(Found {

@@ -80,8 +80,8 @@ pub(super) fn best_certified(
         }
         debug!(candidates = next.len(), "solved again");
         let schedules: Vec<Schedule> = next.iter().map(|c| c.schedule.clone()).collect();
-        let solutions = level.again(&schedules, Certify::Unsolved).into_iter();
-        again = next.iter().zip(solutions).filter_map(|(c, solution)| Some((c.index, solution?))).collect();
+        let solved = level.again(&schedules, Certify::Unsolved).into_iter();
+        again = next.iter().zip(solved).filter_map(|(c, solved)| Some((c.index, solved?.solution))).collect();
         let failed: Vec<usize> = next.iter().map(|c| c.index).filter(|index| !again.contains_key(index)).collect();
         for group in &mut groups {
             group.open.retain(|c| !failed.contains(&c.index));

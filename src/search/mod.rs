@@ -461,7 +461,7 @@ impl Session<'_, '_> {
     /// Looks at a candidate: is it better than those before?
     fn keep(&mut self, family: Option<GaitFamily>, candidate: &Member<Evaluated>) {
         let better = |old: &Candidate<Evaluated>| candidate.objective > old.objective;
-        let solved = || candidate.clone().solved(|schedule| self.level.certified_again(schedule));
+        let solved = || candidate.clone().solved(|schedule| Some(self.level.certified_again(schedule)?.solution));
         if !candidate.evaluation.feasible {
             if self.best.is_none()
                 && self.nearest.as_ref().is_none_or(|(_, old)| candidate.evaluation.n_violated < old.evaluation.n_violated)

@@ -1,11 +1,13 @@
 //! Tests of what a search keeps and what it makes again.
 
-use super::batch::Timed;
-use super::cem::{FreeDistribution, Objective, run};
+use super::batch::{LowerLevel, Solved, Timed};
+use super::cem::{Evaluation, FreeDistribution, Objective, run};
+use super::evaluate::Certify;
 use super::population::KEPT;
 use super::*;
 use crate::backend::Cpu;
 use crate::{Goal, Robot, Terrain};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 fn walk() -> Task {
     Task::new(Robot::named("biped").unwrap(), Terrain::flat(), Goal::at(0.8, 0.1)).unwrap()
@@ -72,16 +74,76 @@ fn a_search_on_a_gpu_finds_the_same_whatever_it_keeps() {
 fn the_papers_loop_finds_the_same_whatever_it_keeps() {
     let (task, lower, cpu) = (walk(), LowerSettings::default(), Cpu::new(2).unwrap());
     let level = BatchSolver { task: &task, settings: &lower, backend: &cpu, cost: None };
-    let loops = [(Objective::Feasibility, false), (Objective::LeastForce, true)];
-    for (objective, whole_generation) in loops {
-        let settings = CemSettings { objective, whole_generation, generations: 3, ..CemSettings::default() };
-        let keeping = |kept: usize| {
-            let mut timed = Timed::new(&level, Clock::new(None, None)).keeping(kept);
+    let loops = [(Objective::Feasibility, Stopping::FirstFeasible, false), (Objective::LeastForce, Stopping::Convergence, true)];
+    for (objective, stopping, whole_generation) in loops {
+        let settings = CemSettings { objective, stopping, whole_generation, generations: 3, ..CemSettings::default() };
+        let keeping = |kept: usize, best_alone: bool| {
+            let timed = Timed::new(&level, Clock::new(None, None)).keeping(kept);
+            let mut timed = if best_alone { timed.best_alone() } else { timed };
             let distribution = FreeDistribution::initial(&settings, task.robot.feet()).unwrap();
             let outcome = run(&settings, distribution, 1, 0, &mut timed, &mut |_| ()).unwrap();
             let best = outcome.best.unwrap();
             (best.generation, best.index, best.objective, best.evaluation, best.solution.x, outcome.generations, outcome.stop)
         };
-        assert_eq!(keeping(0), keeping(KEPT));
+        for best_alone in [false, true] {
+            assert_eq!(keeping(0, best_alone), keeping(KEPT, best_alone));
+        }
     }
+}
+
+/// Calls every schedule solved, and knows better when it certifies: what lasts long enough holds. The shorter, the less force.
+struct Optimist {
+    certified: AtomicUsize,
+}
+
+impl Optimist {
+    fn holds(schedule: &Schedule) -> bool {
+        schedule.horizon() > 1.8
+    }
+}
+
+impl LowerLevel for Optimist {
+    type Solution = bool;
+
+    fn solve(
+        &self,
+        schedules: &[Schedule],
+        certify: Certify,
+        _: &(dyn Fn(usize) -> bool + Sync),
+        finish: &(dyn Fn(usize, Solved<bool>) + Sync),
+    ) -> Result<()> {
+        let certified = certify == Certify::All;
+        for (index, schedule) in schedules.iter().enumerate() {
+            self.certified.fetch_add(usize::from(certified), Ordering::Relaxed);
+            let feasible = !certified || Optimist::holds(schedule);
+            let mean_normal_force = 10. * schedule.horizon();
+            let evaluation = Evaluation { n_violated: usize::from(!feasible), feasible, certified, mean_normal_force, cost: None };
+            finish(index, Solved { evaluation, finished_after: 0., solution: certified });
+        }
+        Ok(())
+    }
+}
+
+#[test]
+fn the_papers_loop_certifies_what_it_returns_and_hardly_more() {
+    let level = Optimist { certified: AtomicUsize::new(0) };
+    let settings = CemSettings {
+        objective: Objective::LeastForce,
+        stopping: Stopping::Convergence,
+        population: 64,
+        elites: 48,
+        generations: 12,
+        ..CemSettings::default()
+    };
+    let distribution = FreeDistribution::initial(&settings, 2).unwrap();
+    let found = search_with(&level, distribution, &settings, 1, &AtomicBool::new(false), &mut |_| ()).unwrap();
+    let best = found.best.unwrap();
+    assert!(best.solution && best.evaluation.certified && best.evaluation.feasible && Optimist::holds(&best.schedule));
+    let objectives: Vec<f64> = found.generations.iter().filter_map(|g| g.best_ever_objective).collect();
+    assert_eq!((objectives.len(), objectives.last()), (12, Some(&best.objective)));
+    assert!(objectives.is_sorted() && objectives[0] < best.objective, "{objectives:?}");
+    // The first generation, and some of the others: most claim to be better than what holds.
+    let certified = level.certified.into_inner();
+    println!("{certified} certified of {}", 12 * 64);
+    assert!((64 + 1..12 * 64).contains(&certified), "{certified}");
 }
