@@ -11,8 +11,9 @@ use crate::gait::{AlignedSchedule, Phase};
 use crate::real::Real;
 use crate::robot::GRAVITY;
 use crate::rows::blocks::{BlockId, Foothold, Placed, Seat, Use};
+use crate::rows::reach::{self, BasePoint, ReachFoot, ReachInstant};
 use crate::rows::table::{NONE, Place, Run, Span};
-use crate::rows::{Constants, Family, Tables};
+use crate::rows::{Constants, Family, Spec, Tables};
 use crate::settings::{Transcription, TranscriptionSettings};
 use crate::task::Task;
 use nalgebra::Matrix3;
@@ -27,6 +28,13 @@ struct Draft {
     pairs: usize,
     /// In [`Builder::uses`].
     uses: Range<usize>,
+}
+
+/// An instant of reach rows before their columns are known.
+struct ReachDraft {
+    step: usize,
+    /// What its pose uses.
+    base: [Use; 4],
 }
 
 /// Blocks of one foot.
@@ -46,11 +54,21 @@ pub(super) struct FootDraft {
 impl FootDraft {
     /// Index of the phase at time `t`; at a boundary the stance.
     pub fn phase_at(&self, t: f64) -> usize {
+        self.phase_from(&mut 0, t)
+    }
+
+    /// As [`FootDraft::phase_at`], for times in their order.
+    ///
+    /// * `from` - a phase not behind that one, 0 at first; moves on
+    pub fn phase_from(&self, from: &mut usize, t: f64) -> usize {
         let close = 1e-9;
         let last = self.phases.len() - 1;
-        let phase = self.phases.partition_point(|p| p.end + close < t).min(last);
-        let lands = !self.phases[phase].stance && phase < last && t >= self.phases[phase].end - close;
-        phase + usize::from(lands)
+        while *from < last && self.phases[*from].end + close < t {
+            *from += 1;
+        }
+        let phase = &self.phases[*from];
+        let lands = !phase.stance && *from < last && t >= phase.end - close;
+        *from + usize::from(lands)
     }
 }
 
@@ -75,6 +93,10 @@ pub(super) struct Builder<'a, T> {
     blocks: Vec<Block>,
     drafts: Vec<Draft>,
     uses: Vec<Use>,
+    /// Of all instants of reach rows, in the order of their tables.
+    reach: Vec<ReachDraft>,
+    /// What their feet use besides, likewise.
+    reach_uses: Vec<[Use; 3]>,
     footholds: Vec<BlockId>,
     /// Largest normal force of a foot, N.
     force_limit: f64,
@@ -102,6 +124,8 @@ impl<'a, T: Real> Builder<'a, T> {
             blocks: Vec::new(),
             drafts: Vec::new(),
             uses: Vec::new(),
+            reach: Vec::new(),
+            reach_uses: Vec::new(),
             footholds: Vec::new(),
             force_limit,
             limits: transcription::of::<T>(settings.rows).limits(settings, &task.robot),
@@ -109,14 +133,15 @@ impl<'a, T: Real> Builder<'a, T> {
     }
 
     /// Adds a block, at most six variables, drawn to their initial values as firmly as `smoothing` says.
-    pub fn block(&mut self, fixed: bool, initial: Vec<f64>, smoothing: [f64; 6]) -> BlockId {
-        self.blocks.push(Block { initial, smoothing, fixed, first: usize::MAX, last: 0 });
+    pub fn block<const N: usize>(&mut self, fixed: bool, initial: [f64; N], smoothing: [f64; 6]) -> BlockId {
+        let initial = std::array::from_fn(|i| initial.get(i).copied().unwrap_or_default());
+        self.blocks.push(Block { initial, len: N, smoothing, fixed, first: usize::MAX, last: 0 });
         BlockId(self.blocks.len() as u32 - 1)
     }
 
     /// Adds a foothold.
     pub fn foothold(&mut self, fixed: bool, initial: [f64; 2], smoothing: f64) -> Foothold {
-        let block = self.block(fixed, initial.to_vec(), [smoothing; 6]);
+        let block = self.block(fixed, initial, [smoothing; 6]);
         self.footholds.push(block);
         Foothold { index: self.footholds.len() as u32 - 1, block }
     }
@@ -147,8 +172,42 @@ impl<'a, T: Real> Builder<'a, T> {
 
     /// As [`Builder::element`], with another number of two-sided rows than the family's.
     pub fn element_of(&mut self, family: Family, entry: usize, step: usize, pairs: usize, uses: &[Use]) {
+        self.touch(step, uses);
+        let first = self.uses.len();
+        self.uses.extend_from_slice(uses);
+        self.drafts.push(Draft { family, entry, step, pairs, uses: first..self.uses.len() });
+    }
+
+    /// Makes room for reach rows.
+    pub fn reserve_reach(&mut self, instants: usize, feet: usize) {
+        self.tables.reach_instants.reserve_exact(instants);
+        self.reach.reserve_exact(instants);
+        self.tables.reach_feet.reserve_exact(feet);
+        self.reach_uses.reserve_exact(feet);
+    }
+
+    /// Adds an instant of reach rows, its step not before that of the last one.
+    pub fn reach_instant(&mut self, base: BasePoint<T>, step: usize, uses: [Use; 4]) {
+        self.touch(step, &uses);
+        let end = self.tables.reach_feet.len() as u32;
+        self.tables.reach_instants.push(ReachInstant { base, feet: Span { start: end, end } });
+        self.reach.push(ReachDraft { step, base: uses });
+    }
+
+    /// Adds a foot to the last instant of reach rows.
+    pub fn reach_foot(&mut self, foot: ReachFoot<T>, uses: [Use; 3]) {
+        if let (Some(instant), Some(draft)) = (self.tables.reach_instants.last_mut(), self.reach.last()) {
+            instant.feet.end += 1;
+            self.touch(draft.step, &uses);
+            self.tables.reach_feet.push(foot);
+            self.reach_uses.push(uses);
+        }
+    }
+
+    /// Extends the lives of the free blocks that rows touch to their step.
+    fn touch(&mut self, step: usize, uses: &[Use]) {
         for used in uses {
-            if let Use::Touches(id) | Use::Shares(id) = used
+            if let Use::Touches(id) = used
                 && let block = &mut self.blocks[id.0 as usize]
                 && !block.fixed
             {
@@ -156,9 +215,6 @@ impl<'a, T: Real> Builder<'a, T> {
                 block.last = block.last.max(step);
             }
         }
-        let first = self.uses.len();
-        self.uses.extend_from_slice(uses);
-        self.drafts.push(Draft { family, entry, step, pairs, uses: first..self.uses.len() });
     }
 
     /// Step of a row at time `t` that should not lengthen the life of a block.
@@ -171,12 +227,12 @@ impl<'a, T: Real> Builder<'a, T> {
     /// Orders the variables, gives every element its rows and columns, and every entry its positions in `x`.
     pub fn finish(mut self) -> Layout<T> {
         let positions = sweep::order(&self.blocks);
-        let variables: usize = self.blocks.iter().filter(|b| !b.fixed).map(|b| b.initial.len()).sum();
-        let total: usize = self.blocks.iter().map(|b| b.initial.len()).sum();
+        let variables: usize = self.blocks.iter().filter(|b| !b.fixed).map(|b| b.len).sum();
+        let total: usize = self.blocks.iter().map(|b| b.len).sum();
         let mut initial = vec![T::zero(); total];
         let mut smoothing = vec![T::zero(); variables];
         for (block, &at) in self.blocks.iter().zip(&positions) {
-            for (i, &v) in block.initial.iter().enumerate() {
+            for (i, &v) in block.initial[..block.len].iter().enumerate() {
                 initial[at as usize + i] = T::of(v);
                 if !block.fixed {
                     smoothing[at as usize + i] = T::of(block.smoothing[i]);
@@ -187,19 +243,15 @@ impl<'a, T: Real> Builder<'a, T> {
         let mut steps = std::mem::take(&mut fronts.steps);
 
         let mut drafts = std::mem::take(&mut self.drafts);
-        drafts.sort_by_key(|d| (d.family == Family::Reach, d.step));
-        let first_reach = drafts.partition_point(|d| d.family != Family::Reach);
-        let rows_of = |equality: bool| drafts.iter().map(|d| d.family.spec()).filter(|s| s.equality == equality).map(|s| s.rows).sum();
-        let equalities: usize = rows_of(true);
-        let mut widest = 0;
-        let (mut equality, mut row, mut inequality, mut jacobian) = (0, equalities, 0, 0);
-        let mut elements = Vec::with_capacity(drafts.len());
-        let mut runs = Vec::with_capacity(2 * drafts.len());
+        drafts.sort_by_key(|d| d.step);
+        let equalities = drafts.iter().map(|d| d.family.spec()).filter(|s| s.equality).map(|s| s.rows).sum();
+        let mut next = Next { row: equalities, ..Next::default() };
+        let mut elements = Vec::with_capacity(drafts.len() + self.reach_uses.len());
+        let mut runs = Vec::with_capacity(3 * drafts.len());
         let mut columns = Columns::default();
         // Index in the front of the step at hand, of each variable that is in it.
         let mut in_front = vec![NONE; variables];
         let mut step = usize::MAX;
-        let mut instant = 0;
         for draft in &drafts {
             if draft.step != step {
                 step = draft.step;
@@ -207,37 +259,32 @@ impl<'a, T: Real> Builder<'a, T> {
             }
             let spec = draft.family.spec();
             let first_run = runs.len();
-            columns.assign(&self.blocks, &positions, &self.uses[draft.uses.clone()], &in_front);
-            if draft.family != Family::Reach {
-                columns.add_runs(&mut runs);
-            }
-            let stride = columns.count.next_multiple_of(8);
-            widest = widest.max(stride as usize);
-            let first_row = if spec.equality { equality } else { row };
-            let place = Place { row: first_row as u32, inequality: inequality as u32, jacobian: jacobian as u32, stride };
-            if spec.equality {
-                equality += spec.rows;
-            } else {
-                row += spec.rows;
-                inequality += spec.rows + draft.pairs;
-            }
-            jacobian += spec.rows * stride as usize;
+            columns.assign(&self.blocks, &positions, &self.uses[draft.uses.clone()], &in_front, 0);
+            columns.add_runs(&mut runs);
+            let place = next.place(spec, draft.pairs, columns.count);
             draft.family.place(&mut self.tables, draft.entry, &Placed { place, seats: &columns.seats });
-            elements.push(Element {
-                family: draft.family,
-                rows: spec.rows as u32,
-                pairs: draft.pairs as u32,
-                place,
-                runs: Span::added(first_run, &runs),
-            });
-            if draft.family == Family::Reach {
-                // Instants stand in the order of their feet.
-                let instants = &self.tables.reach_instants;
-                instant += usize::from(instants[instant].feet.end as usize <= draft.entry);
-                steps[draft.step].reach.end = instant as u32 + 1;
-            } else {
-                steps[draft.step].elements.end = elements.len() as u32;
+            let (rows, pairs) = (spec.rows as u32, draft.pairs as u32);
+            elements.push(Element { family: draft.family, rows, pairs, place, runs: Span::added(first_run, &runs) });
+            steps[step].elements.end = elements.len() as u32;
+        }
+        let first_reach = elements.len();
+        let (spec, no_runs) = (Family::Reach.spec(), Span::added(runs.len(), &runs));
+        for (instant, draft) in self.reach.iter().enumerate() {
+            if draft.step != step {
+                step = draft.step;
+                fronts.write(step, &mut in_front);
             }
+            columns.assign(&self.blocks, &positions, &draft.base, &in_front, 0);
+            let ReachInstant { base, feet } = &mut self.tables.reach_instants[instant];
+            reach::place_base(base, &columns.seats);
+            for foot in feet.range() {
+                columns.assign(&self.blocks, &positions, &self.reach_uses[foot], &in_front, reach::POSE);
+                let place = next.place(spec, spec.pairs, columns.count);
+                Family::Reach.place(&mut self.tables, foot, &Placed { place, seats: &columns.seats });
+                let (rows, pairs) = (spec.rows as u32, spec.pairs as u32);
+                elements.push(Element { family: Family::Reach, rows, pairs, place, runs: no_runs });
+            }
+            steps[step].reach.end = instant as u32 + 1;
         }
         // Steps without any: empty ranges that keep the order.
         let (mut end, mut reach_end) = (0, 0);
@@ -259,9 +306,9 @@ impl<'a, T: Real> Builder<'a, T> {
         Layout {
             variables,
             equalities,
-            rows: row,
-            inequalities: inequality,
-            jacobian_len: jacobian,
+            rows: next.row,
+            inequalities: next.inequality,
+            jacobian_len: next.jacobian,
             initial,
             smoothing,
             tables: self.tables,
@@ -270,7 +317,7 @@ impl<'a, T: Real> Builder<'a, T> {
             runs,
             steps,
             front_runs: fronts.runs,
-            widest,
+            widest: next.widest,
             front_stride: fronts.stride,
             factor_len: fronts.factor_len,
             curves: Curves {
@@ -287,12 +334,43 @@ impl<'a, T: Real> Builder<'a, T> {
     }
 }
 
+/// Where the next rows stand.
+#[derive(Default)]
+struct Next {
+    equality: usize,
+    row: usize,
+    inequality: usize,
+    jacobian: usize,
+    /// Most columns until now, padding included.
+    widest: usize,
+}
+
+impl Next {
+    /// Place of the rows of one element.
+    fn place(&mut self, spec: Spec, pairs: usize, columns: u32) -> Place {
+        let stride = columns.next_multiple_of(8);
+        let row = if spec.equality { self.equality } else { self.row };
+        let place = Place { row: row as u32, inequality: self.inequality as u32, jacobian: self.jacobian as u32, stride };
+        if spec.equality {
+            self.equality += spec.rows;
+        } else {
+            self.row += spec.rows;
+            self.inequality += spec.rows + pairs;
+        }
+        self.jacobian += spec.rows * stride as usize;
+        self.widest = self.widest.max(stride as usize);
+        place
+    }
+}
+
 /// Columns of one element, and where the blocks that it uses stand.
 #[derive(Default)]
 struct Columns {
     /// Blocks that have columns, by position.
     blocks: Vec<BlockColumns>,
     count: u32,
+    /// First column of each block that has one, by its id; of others what they had before.
+    of_block: Vec<u32>,
     seats: Vec<Seat>,
 }
 
@@ -301,47 +379,40 @@ struct BlockColumns {
     id: BlockId,
     position: u32,
     len: u32,
-    /// Whether its columns, the first ones, are those of other blocks, too.
-    shared: bool,
     column: u32,
     front: u32,
 }
 
 impl Columns {
-    /// Free blocks that the rows touch, each once and in the order of `x`, become columns.
-    fn assign(&mut self, blocks: &[Block], positions: &[u32], uses: &[Use], in_front: &[u32]) {
+    /// Free blocks that the rows touch, each once and in the order of `x`, become columns behind the first `others`.
+    fn assign(&mut self, blocks: &[Block], positions: &[u32], uses: &[Use], in_front: &[u32], others: u32) {
         let position = |id: BlockId| positions[id.0 as usize];
         self.blocks.clear();
-        // Rows have the shared columns whether a block with them is free or not.
-        self.count = 0;
         for used in uses {
-            let (id, shared) = match *used {
-                Use::Touches(id) => (id, false),
-                Use::Shares(id) => (id, true),
-                Use::Nothing | Use::Reads(_) => continue,
-            };
-            let block = &blocks[id.0 as usize];
-            let (position, len) = (position(id), block.initial.len() as u32);
-            if shared {
-                self.count = len;
-            }
-            if !block.fixed {
-                self.blocks.push(BlockColumns { id, position, len, shared, column: 0, front: in_front[position as usize] });
+            if let Use::Touches(id) = *used
+                && let block = &blocks[id.0 as usize]
+                && !block.fixed
+            {
+                let (position, len) = (position(id), block.len as u32);
+                self.blocks.push(BlockColumns { id, position, len, column: 0, front: in_front[position as usize] });
             }
         }
         self.blocks.sort_unstable_by_key(|b| b.position);
         self.blocks.dedup_by_key(|b| b.id);
-        for block in self.blocks.iter_mut().filter(|b| !b.shared) {
+        self.count = others;
+        self.of_block.resize(blocks.len(), NONE);
+        for block in &mut self.blocks {
             block.column = self.count;
+            self.of_block[block.id.0 as usize] = self.count;
             self.count += block.len;
         }
         let seat = |used: &Use| match used {
             Use::Nothing => Seat::NOTHING,
-            Use::Reads(id) => Seat { position: position(*id), ..Seat::NOTHING },
-            Use::Touches(id) | Use::Shares(id) => {
-                let has = self.blocks.iter().find(|b| b.id == *id);
-                Seat { position: position(*id), column: has.map_or(NONE, |b| b.column), front: has.map_or(NONE, |b| b.front) }
+            Use::Touches(id) if !blocks[id.0 as usize].fixed => {
+                let position = position(*id);
+                Seat { position, column: self.of_block[id.0 as usize], front: in_front[position as usize] }
             }
+            Use::Reads(id) | Use::Touches(id) => Seat { position: position(*id), ..Seat::NOTHING },
         };
         self.seats.clear();
         self.seats.extend(uses.iter().map(seat));

@@ -12,10 +12,10 @@ use crate::rows::acceleration::Acceleration;
 use crate::rows::blocks::Use;
 use crate::rows::footing::Footing;
 use crate::rows::force::ForceNode;
-use crate::rows::reach::{ReachFoot, ReachInstant};
+use crate::rows::reach::ReachFoot;
 use crate::rows::stride::Stride;
 use crate::rows::swing::SwingNode;
-use crate::rows::table::{NONE, Place, Span};
+use crate::rows::table::{NONE, Place};
 use crate::settings::{Friction, TranscriptionSettings};
 use crate::task::Task;
 
@@ -28,11 +28,7 @@ impl<T: Real> Layout<T> {
         own.base_blocks(&mut builder);
         foot_blocks(own, &mut builder);
         own.dynamics(&mut builder);
-        let times = own.reach_times(&builder);
-        builder.tables.reach_feet.reserve_exact(times.iter().map(|time| time.feet.len()).sum());
-        for time in times {
-            reach_instant(own, &mut builder, time);
-        }
+        reach_elements(own, &mut builder);
         force_elements(own, &mut builder);
         swing_elements(own, &mut builder);
         footing_elements(&mut builder);
@@ -63,7 +59,7 @@ fn foot_blocks<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
             if let Some(&next) = places.get(stance + 1) {
                 let law = own.swing(b.settings, b.task, b.feet[foot].phases[2 * stance + 1]);
                 let mid = (law.over)(b.task, here, next) + law.above;
-                let height = b.block(false, vec![mid], [0.; 6]);
+                let height = b.block(false, [mid], [0.; 6]);
                 b.feet[foot].heights.push(height);
             }
             let pieces = b.settings.force_pieces;
@@ -73,7 +69,7 @@ fn foot_blocks<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
                 let zero = (node == 0 && stance > 0) || (node == pieces && stance + 1 < stances);
                 nodes.push((!zero).then(|| {
                     let guess = own.force(b, span.start + span.duration() * node as f64 / pieces as f64);
-                    b.block(false, guess.initial.to_vec(), guess.smoothing)
+                    b.block(false, guess.initial, guess.smoothing)
                 }));
             }
             b.feet[foot].force_nodes.push(nodes);
@@ -98,34 +94,28 @@ fn swing_weights(span: Phase, t: f64, mid_time: f64) -> ([f64; 2], [f64; 3]) {
     }
 }
 
-/// Reach rows of some feet at one instant.
-fn reach_instant<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>, ReachTime { t, feet, step, base, blocks }: ReachTime<T>) {
-    let first = b.tables.reach_feet.len();
-    let base_uses: [Use; 4] = std::array::from_fn(|i| match base.weights[i].as_f64() {
-        0. => Use::Reads(blocks[i]),
-        _ => Use::Shares(blocks[i]),
-    });
-    b.tables.reach_instants.push(ReachInstant { base, feet: Span::default() });
-    for foot in feet {
-        let (entry, own_uses) = reach_foot(own, b, foot, t);
-        b.tables.reach_feet.push(entry);
-        let entry = b.tables.reach_feet.len() - 1;
-        if let Some(instant) = b.tables.reach_instants.last_mut() {
-            instant.feet = Span::added(first, &b.tables.reach_feet);
+/// Reach rows of some feet at every instant.
+fn reach_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
+    let times = own.reach_times(b);
+    b.reserve_reach(times.len(), times.iter().map(|time| time.feet.len()).sum());
+    let mut phases = vec![0; b.feet.len()];
+    for ReachTime { t, feet, step, base, blocks } in times {
+        let uses = std::array::from_fn(|i| match base.weights[i].as_f64() {
+            0. => Use::Reads(blocks[i]),
+            _ => Use::Touches(blocks[i]),
+        });
+        b.reach_instant(base, step, uses);
+        for foot in feet {
+            let phase = b.feet[foot].phase_from(&mut phases[foot], t);
+            let (entry, uses) = reach_foot(own, b, foot, phase, t);
+            b.reach_foot(entry, uses);
         }
-        b.element(
-            Family::Reach,
-            entry,
-            step,
-            &[base_uses[0], base_uses[1], base_uses[2], base_uses[3], own_uses[0], own_uses[1], own_uses[2]],
-        );
     }
 }
 
-/// Entry of a foot at an instant, and its own blocks.
-fn reach_foot<T: Real>(own: &dyn Transcribe<T>, b: &Builder<T>, foot: usize, t: f64) -> (ReachFoot<T>, [Use; 3]) {
+/// Entry of a foot at an instant in a phase, and its own blocks.
+fn reach_foot<T: Real>(own: &dyn Transcribe<T>, b: &Builder<T>, foot: usize, phase: usize, t: f64) -> (ReachFoot<T>, [Use; 3]) {
     let blocks = &b.feet[foot];
-    let phase = blocks.phase_at(t);
     let span = blocks.phases[phase];
     let before = blocks.footholds[phase / 2];
     let (xy, z, after, uses) = if span.stance {

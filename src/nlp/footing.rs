@@ -139,6 +139,10 @@ impl Search<'_> {
 
     /// Whether all of a ball has its place on the plane of the ground at a place.
     fn has_room(&self, at: [f64; 2]) -> bool {
+        let reached = CIRCLES[1] * self.radius;
+        if self.terrain.is_plane(at.map(|v| v - reached), at.map(|v| v + reached)) {
+            return true;
+        }
         let here = self.terrain.ground(at[0], at[1]);
         CIRCLES.iter().all(|part| {
             // The lower side of a ball at rest.

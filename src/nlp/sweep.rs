@@ -32,8 +32,10 @@ pub struct Step {
 
 /// A block before it has its place in `x`.
 pub(super) struct Block {
-    pub initial: Vec<f64>,
-    /// How firmly its variables, at most six, are drawn to their initial values.
+    pub initial: [f64; 6],
+    /// Number of its variables, the first ones.
+    pub len: usize,
+    /// How firmly its variables are drawn to their initial values.
     pub smoothing: [f64; 6],
     pub fixed: bool,
     /// First and last step of the sweep that touch it.
@@ -70,7 +72,7 @@ pub(super) fn order(blocks: &[Block]) -> Vec<u32> {
     let mut next = 0;
     for id in ids {
         positions[id] = next;
-        next += blocks[id].initial.len() as u32;
+        next += blocks[id].len as u32;
     }
     positions
 }
@@ -82,6 +84,11 @@ pub(super) fn fronts(blocks: &[Block], positions: &[u32], steps: usize) -> Front
     let mut result =
         Fronts { steps: Vec::with_capacity(steps), runs: Vec::new(), stride: 0, factor_len: 0, contents: Vec::with_capacity(steps) };
     let mut first_free = 0;
+    // Those of a step's front, and those that are yet to come, by their first step: both as indices of `free`.
+    let mut alive: Vec<usize> = Vec::new();
+    let mut ahead: Vec<usize> = (0..free.len()).collect();
+    ahead.sort_by_key(|&i| blocks[free[i]].first);
+    let mut ahead = ahead.into_iter().peekable();
     for k in 0..steps {
         while first_free < free.len() && blocks[free[first_free]].last < k {
             first_free += 1;
@@ -89,12 +96,14 @@ pub(super) fn fronts(blocks: &[Block], positions: &[u32], steps: usize) -> Front
         let mut contents: Vec<Run> = Vec::new();
         let (mut size, mut pivots) = (0u32, 0u32);
         let variable = free.get(first_free).map_or(0, |&i| positions[i]);
-        for &i in &free[first_free..] {
-            let (block, at) = (&blocks[i], positions[i]);
-            if block.first > k {
-                continue;
-            }
-            let len = block.initial.len() as u32;
+        alive.retain(|&i| i >= first_free);
+        while let Some(i) = ahead.next_if(|&i| blocks[free[i]].first <= k) {
+            alive.push(i);
+        }
+        alive.sort_unstable();
+        for &i in &alive {
+            let (block, at) = (&blocks[free[i]], positions[free[i]]);
+            let len = block.len as u32;
             push_run(&mut contents, 0, Run { variable: at, front: size, column: 0, len });
             size += len;
             if block.last == k {

@@ -27,8 +27,6 @@ pub enum Use {
     Reads(BlockId),
     /// They depend on it; where it is not fixed they have columns for it.
     Touches(BlockId),
-    /// They depend on it through columns that all such blocks of an element share, the first ones, by weights that their table has.
-    Shares(BlockId),
 }
 
 /// Where a block stands.

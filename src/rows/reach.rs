@@ -3,7 +3,7 @@
 //! `v = R' (foot - p) - center`, rows `v - half_width + margin <= 0` and `-v - half_width + margin <= 0`, times the length scale.
 //! Source: \[3\].
 
-use super::blocks::Placed;
+use super::blocks::{Placed, Seat};
 use super::math::{cross, euler, mul_transposed, scale, sub};
 use super::momentum::{Deviation, INNER_POINTS};
 use super::table::{NONE, Place, Run, Span};
@@ -15,6 +15,9 @@ use multiversion::multiversion;
 
 /// Three two-sided rows a foot and instant.
 pub const SPEC: Spec = Spec { rows: 3, pairs: 3, equality: false, unit: "m" };
+
+/// Columns by the base pose, the first of every foot.
+pub(crate) const POSE: u32 = 6;
 
 /// See [`super::Family::allowed`].
 pub(super) use super::length_allowed as allowed;
@@ -92,19 +95,21 @@ impl<T> ReachFoot<T> {
     }
 }
 
-/// Roles: the four base blocks, the footholds before and after, the swing height.
+/// Writes where the blocks of a base pose stand.
+pub(crate) fn place_base<T>(base: &mut BasePoint<T>, seats: &[Seat]) {
+    for (i, seat) in seats.iter().enumerate() {
+        (base.variable[i], base.front[i]) = (seat.position, seat.front);
+    }
+}
+
+/// Roles: the footholds before and after, the swing height. The base has its own seats.
 pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) {
-    // The feet of an instant follow each other, and so do the instants.
-    let instant = tables.reach_instants.partition_point(|r| r.feet.end as usize <= entry);
-    let base = &mut tables.reach_instants[instant].base;
-    base.variable = at.positions(0);
-    base.front = at.fronts(0);
     let foot = &mut tables.reach_feet[entry];
     foot.place = at.place;
-    foot.foothold_column = at.columns(4);
-    foot.height_column = at.seats[6].column;
-    foot.height = at.seats[6].position;
-    foot.front = at.fronts(4);
+    foot.foothold_column = at.columns(0);
+    foot.height_column = at.seats[2].column;
+    foot.height = at.seats[2].position;
+    foot.front = at.fronts(0);
 }
 
 /// Reach rows of all feet at all reach instants.

@@ -52,6 +52,9 @@ crate::table! {
 /// Where around a foot the ground is looked at: distance, and height of the lower side of the ball there, in radii. Twin: `around`.
 const RINGS: [[f64; 2]; 2] = [[0.6, 0.2], [0.96, 0.72]];
 
+/// Half of the least height there, in radii: ground that is no more above that under the foot asks for nothing, whatever the rounding.
+const OF_NO_MATTER: f64 = 0.1;
+
 /// Offset of place `k` around a foot, to both sides along both axes, and the lift of the ball there, in radii.
 fn around<T: Real>(k: usize) -> ([T; 2], T) {
     let [distance, lift] = RINGS[k / 4].map(T::of);
@@ -112,7 +115,16 @@ pub fn swing<T: Real>(tables: &Tables<T>, x: &[T], ground: &[Ground<T>], residua
                 let grounds = swing.foothold.map(|f| &ground[f as usize]);
                 let level: [T; 2] =
                     std::array::from_fn(|d| swing.xy_weights[0] * grounds[0].slope[d] + swing.xy_weights[1] * grounds[1].slope[d]);
-                for k in 0..4 * RINGS.len() {
+                let reached = RINGS[1][0] * constants.foot_radius.as_f64();
+                let corner = |by: f64| at.map(|v| v.as_f64() + by);
+                let highest = tables.terrain.highest(corner(-reached), corner(reached));
+                let tilt = level[0].abs().max(level[1].abs()).as_f64();
+                let places = if highest + (tilt * RINGS[1][0] - OF_NO_MATTER) * constants.foot_radius.as_f64() <= above.as_f64() {
+                    0
+                } else {
+                    4 * RINGS.len()
+                };
+                for k in 0..places {
                     let (offset, lift) = around::<T>(k);
                     let offset = offset.map(|o| o * constants.foot_radius);
                     let beside = tables.terrain.ground(at[0] + offset[0], at[1] + offset[1]);

@@ -170,6 +170,15 @@ impl Terrain {
         }
     }
 
+    /// A height that no ground between two corners (x, y), m, exceeds; infinite where none is known.
+    pub fn highest(&self, low: [f64; 2], high: [f64; 2]) -> f64 {
+        match &self.shape {
+            Shape::Flat => 0.,
+            Shape::Profile(_) => f64::INFINITY,
+            Shape::Grid(grid) => grid.highest(low, high),
+        }
+    }
+
     /// Checks that a point lies on the terrain.
     ///
     /// # Errors

@@ -117,8 +117,8 @@ impl<T: Real> Transcribe<T> for Momentum {
             let t = k as f64 * b.interval;
             let (first, last) = (k == 0, k == b.intervals);
             let ((pose, rate), line) = (base_guess(b, t), b.reference(t));
-            let pose = (0..6).map(|i| pose[i] - line[i]).collect();
-            let rate = (0..6).map(|i| rate[i] - line_rate[i]).collect();
+            let pose: [f64; 6] = std::array::from_fn(|i| pose[i] - line[i]);
+            let rate: [f64; 6] = std::array::from_fn(|i| rate[i] - line_rate[i]);
             let stops = b.settings.goal_velocity == GoalVelocity::Zero;
             let pose = b.block(first || last, pose, POSE_SMOOTHING);
             let rate = b.block(first || (last && stops), rate, RATE_SMOOTHING);
@@ -128,18 +128,15 @@ impl<T: Real> Transcribe<T> for Momentum {
 
     /// Momentum rows of every interval.
     fn dynamics(&self, b: &mut Builder<T>) {
+        let (mut integrals, mut uses, mut footholds) = (Vec::new(), Vec::new(), Vec::new());
         for k in 0..b.intervals {
             let t = k as f64 * b.interval;
             let first = b.tables.impulses.len();
-            let mut uses: Vec<Use> = b.base[2 * k..2 * k + 4].iter().map(|&id| Use::Touches(id)).collect();
-            let mut footholds = Vec::new();
+            uses.clear();
+            uses.extend(b.base[2 * k..2 * k + 4].iter().map(|&id| Use::Touches(id)));
             for foot in 0..b.feet.len() {
                 for stance in 0..b.feet[foot].force_nodes.len() {
-                    for (node, impulse) in stance_impulses(b, foot, stance, t) {
-                        uses.extend(b.feet[foot].force_nodes[stance][node].map(Use::Touches));
-                        footholds.push(Use::Touches(b.feet[foot].footholds[stance].block));
-                        b.tables.impulses.push(impulse);
-                    }
+                    stance_impulses(b, foot, stance, t, &mut integrals, &mut uses, &mut footholds);
                 }
             }
             b.tables.momentum_intervals.push(MomentumInterval {
@@ -275,8 +272,11 @@ fn integrate(span: Phase, pieces: usize, t: f64, end: f64, mut at: impl FnMut(us
 }
 
 /// Integrals from `t` to each end of the basis functions of a stance's force nodes.
-fn basis_integrals(span: Phase, nodes: usize, t: f64, ends: [f64; MOMENTUM_POINTS]) -> Vec<[Integrals; MOMENTUM_POINTS]> {
-    let mut integrals = vec![[Integrals::default(); MOMENTUM_POINTS]; nodes];
+///
+/// * `integrals` - out, one a node
+fn basis_integrals(span: Phase, nodes: usize, t: f64, ends: [f64; MOMENTUM_POINTS], integrals: &mut Vec<[Integrals; MOMENTUM_POINTS]>) {
+    integrals.clear();
+    integrals.resize(nodes, Default::default());
     for (q, end) in ends.into_iter().enumerate() {
         integrate(span, nodes - 1, t, end, |piece, basis, weights| {
             for i in 0..2 {
@@ -288,7 +288,6 @@ fn basis_integrals(span: Phase, nodes: usize, t: f64, ends: [f64; MOMENTUM_POINT
             }
         });
     }
-    integrals
 }
 
 /// First to third integral of the force of a stance from `t` to `end`: `int f`, `int (end - s) f`, `int (end - s)^2 / 2 f ds`.
@@ -315,29 +314,45 @@ fn impulses(span: Phase, nodes: &[u32], x: &[f64], unit: f64, t: f64, end: f64) 
     sums
 }
 
-/// What the force nodes of a stance do in the interval that starts at `t`, with their indices in the stance.
-fn stance_impulses<T: Real>(b: &Builder<T>, foot: usize, stance: usize, t: f64) -> Vec<(usize, Impulse<T>)> {
+/// Adds what the force nodes of a stance do in the interval that starts at `t`.
+///
+/// * `integrals` - overwritten
+/// * `uses`, `footholds` - out, the node of each impulse and its foothold
+fn stance_impulses<T: Real>(
+    b: &mut Builder<T>,
+    foot: usize,
+    stance: usize,
+    t: f64,
+    integrals: &mut Vec<[Integrals; MOMENTUM_POINTS]>,
+    uses: &mut Vec<Use>,
+    footholds: &mut Vec<Use>,
+) {
     let h = b.interval;
     let span = b.feet[foot].phases[2 * stance];
     if span.end <= t + 1e-9 || span.start >= t + h - 1e-9 {
-        return Vec::new();
+        return;
     }
     let nodes = &b.feet[foot].force_nodes[stance];
     let scale = [b.force_unit(), b.force_unit() * b.settings.force_pieces as f64 / span.duration()];
     let ends = std::array::from_fn(|q| t + INNER_RULE.get(q).map_or(1., |n| n[0]) * h);
-    let integrals = basis_integrals(span, nodes.len(), t, ends);
-    let foothold = b.feet[foot].footholds[stance].index;
-    let impulse = |weights: [Integrals; MOMENTUM_POINTS]| Impulse {
-        weights: weights.map(|point| point.map(|order| std::array::from_fn(|part| T::of(order[part] * scale[part])))),
-        node: NONE,
-        linear_column: NONE,
-        angular_column: NONE,
-        foothold,
-        foothold_column: NONE,
-    };
-    let at_work =
-        move |(node, weights): &(usize, [Integrals; MOMENTUM_POINTS])| nodes[*node].is_some() && weights[MOMENTUM_POINTS - 1][0] != [0.; 2];
-    integrals.into_iter().enumerate().filter(at_work).map(|(node, weights)| (node, impulse(weights))).collect()
+    basis_integrals(span, nodes.len(), t, ends, integrals);
+    let foothold = b.feet[foot].footholds[stance];
+    for (node, weights) in nodes.iter().zip(integrals) {
+        if let Some(node) = *node
+            && weights[MOMENTUM_POINTS - 1][0] != [0.; 2]
+        {
+            uses.push(Use::Touches(node));
+            footholds.push(Use::Touches(foothold.block));
+            b.tables.impulses.push(Impulse {
+                weights: weights.map(|point| point.map(|order| std::array::from_fn(|part| T::of(order[part] * scale[part])))),
+                node: NONE,
+                linear_column: NONE,
+                angular_column: NONE,
+                foothold: foothold.index,
+                foothold_column: NONE,
+            });
+        }
+    }
 }
 
 /// Longest time between reach rows of all feet, s.

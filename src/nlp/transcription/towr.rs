@@ -46,11 +46,11 @@ impl<T: Real> Transcribe<T> for Towr {
             let on_line = b.reference(spline.greville(j));
             let fixed = j < 2 || j == count - 1;
             let initial = if j < 2 {
-                (0..6).map(|i| start[i] + rate[i] * spline.greville(j) - on_line[i]).collect()
+                std::array::from_fn(|i| start[i] + rate[i] * spline.greville(j) - on_line[i])
             } else if j == count - 1 {
-                vec![0.; 6]
+                [0.; 6]
             } else {
-                vec![0., 0., spline.greville(j) / b.horizon * rise, 0., 0., 0.]
+                [0., 0., spline.greville(j) / b.horizon * rise, 0., 0., 0.]
             };
             let id = b.block(fixed, initial, [0.; 6]);
             b.base.push(id);
