@@ -101,7 +101,8 @@ fn population(distribution: impl Distribution, settings: &CemSettings) -> Result
 fn solve(backend: &dyn Backend, task: &Task, schedules: &[Schedule], lower: &LowerSettings) -> (f64, usize) {
     let interval = transcription::interval(&lower.transcription, &task.robot);
     let problems: Vec<Problem> = schedules.iter().map(|s| Problem { task, schedule: s.aligned(interval) }).collect();
-    let job = Job { problems: &problems, transcription: &lower.transcription, settings: &lower.solver, precision: Precision::F32 };
+    let LowerSettings { transcription, solver, .. } = lower;
+    let job = Job { problems: &problems, transcription, settings: solver, precision: Precision::F32, certified: false };
     let solved = AtomicUsize::new(0);
     let count = |_: usize, s: Solution| {
         solved.fetch_add(usize::from(s.outcome.status == cregopt::solver::Status::Solved), Ordering::Relaxed);

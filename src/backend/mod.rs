@@ -35,6 +35,8 @@ pub struct Job<'a> {
     pub settings: &'a SolverSettings,
     /// Scalar.
     pub precision: Precision,
+    /// Whether each candidate is certified: what f32 leaves near a solution then goes on in f64, and a backend may do that where it has the time.
+    pub certified: bool,
 }
 
 /// What a backend returns for a candidate.

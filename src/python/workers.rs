@@ -15,6 +15,7 @@ use crate::solver::{Outcome, Status, close};
 use numpy::{IntoPyArray, PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyString;
+use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
@@ -43,12 +44,19 @@ impl Answer {
     }
 }
 
+/// What workers are told of a [`Job`] besides its schedules, as JSON.
+#[derive(Serialize, Deserialize)]
+struct Told {
+    lower: LowerSettings,
+    certified: bool,
+}
+
 /// Workers as a device.
 pub struct Workers<'a> {
     /// What results call them.
     pub device: String,
-    /// ``solve(task, settings, schedules)`` is an iterator over pairs of an index and the [`Answer`]s from there on, in any order, and over None
-    /// now and then, that it may be asked whether to go on.
+    /// ``solve(task, told, schedules)``, `told` being JSON, is an iterator over pairs of an index and the [`Answer`]s from there on, in any order,
+    /// and over None now and then, that it may be asked whether to go on.
     pub solve: Py<PyAny>,
     /// Threads of this process, for what is done with their answers.
     pub cpu: Cpu,
@@ -69,11 +77,11 @@ impl Workers<'_> {
     ) -> PyResult<()> {
         let Some(Problem { task, .. }) = problems.first() else { return Ok(()) };
         let lower = LowerSettings { transcription: job.transcription.clone(), solver: job.settings.clone(), precision: job.precision };
-        let lower = serde_json::to_string(&lower).map_err(raised)?;
+        let told = serde_json::to_string(&Told { lower, certified: job.certified }).map_err(raised)?;
         let schedules: Vec<&[Vec<f64>]> = problems.iter().map(|problem| problem.schedule.durations()).collect();
         let answers = Python::attach(|py| {
             let way = Way { task: (*task).clone(), places: Vec::new(), named: (None, None) };
-            self.solve.call1(py, (Task(Arc::new(way)), lower, schedules))?.bind(py).try_iter().map(|answers| answers.unbind().into_any())
+            self.solve.call1(py, (Task(Arc::new(way)), told, schedules))?.bind(py).try_iter().map(|answers| answers.unbind().into_any())
         })?;
         let mut open = vec![true; problems.len()];
         self.pool().in_place_scope(|scope| {
@@ -144,21 +152,23 @@ fn device(name: &str, threads: usize, lower: &LowerSettings) -> crate::Result<Ar
     Ok(device)
 }
 
-/// Solves schedules as [`Workers`] gave them, and closes in f64 what is not solved: that can take as long as the solve.
+/// Solves schedules as [`Workers`] gave them. What is not solved but is to be certified is closed in f64: that can take as long as the solve.
+///
+/// * `told` - what they were told besides
 ///
 /// Returns an [`Answer`] for each, in their order.
 #[pyfunction]
 pub fn solve_chunk(
     py: Python<'_>,
     task: &Task,
-    settings: &str,
+    told: &str,
     schedules: Vec<Vec<Vec<f64>>>,
     on: &str,
     threads: usize,
 ) -> PyResult<Vec<Answer>> {
     let task = &task.0.task;
     let solved = working(py, None, |cancelled, _| {
-        let lower: LowerSettings = from_json(settings)?;
+        let Told { lower, certified } = from_json(told)?;
         lower.validate()?;
         let interval = interval(&lower.transcription, &task.robot);
         let aligned = |durations| -> crate::Result<AlignedSchedule> {
@@ -171,7 +181,7 @@ pub fn solve_chunk(
         let results: Vec<Mutex<Option<Solved>>> = problems.iter().map(|_| Mutex::new(None)).collect();
         let called_off = || cancelled.load(Ordering::Relaxed);
         let finish = |index: usize, Solution { outcome, x, closed, .. }: Solution| {
-            let leave = closed || outcome.status == Status::Solved || lower.precision == Precision::F64;
+            let leave = !certified || closed || outcome.status == Status::Solved || lower.precision == Precision::F64;
             let solved = if leave {
                 Solved { outcome, closed, x }
             } else {
@@ -181,7 +191,8 @@ pub fn solve_chunk(
             };
             *locked(&results[index]) = Some(solved);
         };
-        let job = Job { problems: &problems, transcription: &lower.transcription, settings: &lower.solver, precision: lower.precision };
+        let LowerSettings { transcription, solver, precision } = &lower;
+        let job = Job { problems: &problems, transcription, settings: solver, precision: *precision, certified };
         device(on, threads, &lower)?.solve(&job, &|_| called_off(), &finish);
         let all: Option<Vec<Solved>> = results.iter().map(|slot| locked(slot).take()).collect();
         all.ok_or_else(|| Error::Ended { message: "stopped before every schedule was solved".into() })

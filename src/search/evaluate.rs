@@ -251,8 +251,8 @@ pub(super) fn batch(
         evaluated.finished_after = start.elapsed().as_secs_f64();
         finish(index, evaluated);
     };
-    let job =
-        Job { problems: &problems, transcription: &settings.transcription, settings: &settings.solver, precision: settings.precision };
+    let LowerSettings { transcription, solver, precision } = settings;
+    let job = Job { problems: &problems, transcription, settings: solver, precision: *precision, certified: certify == Certify::All };
     backend.solve(&job, skip, &finish);
     Ok(())
 }

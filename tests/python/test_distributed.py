@@ -263,7 +263,7 @@ def plain(result: Any) -> Any:
 
 
 #: A search with several generations, in which f32 does not solve every candidate: some are solved when they are closed, some are not.
-BROAD: dict[str, Any] = {"seed": 3, "gaits": "trot,pace,bound", "population": 7, "generations": 2, "alternatives": 2}
+BROAD: dict[str, Any] = {"seed": 3, "gaits": "trot,pace,bound", "population": 24, "generations": 2, "alternatives": 2}
 BROAD["settings"] = {"solver": {"max_iterations": 7}}
 
 
@@ -274,6 +274,17 @@ def searched(task: cregopt.Task) -> cregopt.Gait:
     generations = gait.to_dict()["generations"]
     assert gait.feasible and len(gait.alternatives) == 1 and any(g["feasible"] < g["evaluated"] for g in generations)
     return gait
+
+
+def test_what_workers_solve_is_what_one_process_solves(task: cregopt.Task, searched: cregopt.Gait) -> None:
+    """Without a cluster: their work, done here."""
+    from cregopt import _cregopt, _search
+
+    def solve(task: cregopt.Task, told: str, schedules: Any) -> Iterator[tuple[int, list[Any]]]:
+        for first in range(0, len(schedules), 5):
+            yield first, _cregopt.solve_chunk(task, told, schedules[first : first + 5], "cpu", 1)
+
+    assert_same_search(_cregopt.search(task, _search.asked(**BROAD), None, ("workers", solve)), searched)
 
 
 @pytest.mark.parametrize("chunk", [None, 1, 3])
@@ -308,14 +319,14 @@ def test_legs_and_reasons_are_those_of_one_process(machines: Machines, two: Any,
 def test_what_a_search_never_sends_is_refused(task: cregopt.Task, gait: cregopt.Gait) -> None:
     from cregopt import _cregopt
 
-    settings = json.dumps(gait.to_dict()["lower"])
-    (answer,) = _cregopt.solve_chunk(task, settings, [gait.schedule], "cpu", 1)
+    told = json.dumps({"lower": gait.to_dict()["lower"], "certified": False})
+    (answer,) = _cregopt.solve_chunk(task, told, [gait.schedule], "cpu", 1)
     assert answer[0] == "solved" and len(answer[5]) > 500
     uneven = [[*gait.schedule[0][:-1], gait.schedule[0][-1] - 0.01], *gait.schedule[1:]]
     with pytest.raises(cregopt.Error, match="durations, foot 0: .* s in all, but it must be"):
-        _cregopt.solve_chunk(task, settings, [uneven], "cpu", 1)
+        _cregopt.solve_chunk(task, told, [uneven], "cpu", 1)
     with pytest.raises(cregopt.Error, match="2 feet, but it must be 4 feet"):
-        _cregopt.solve_chunk(task, settings, [gait.schedule[:2]], "cpu", 1)
+        _cregopt.solve_chunk(task, told, [gait.schedule[:2]], "cpu", 1)
 
 
 def test_a_search_loses_nothing_when_a_worker_is_killed(

@@ -149,7 +149,7 @@ fn time(backend: &dyn Backend, batch: usize) -> Result<f64> {
     let [early, late] = [vec![0.3, 0.3, 0.3, 0.3, 0.6], vec![0.6, 0.3, 0.3, 0.3, 0.3]];
     let trot = Schedule::new(vec![early.clone(), late.clone(), late, early])?.aligned(transcription::interval(&rows, &task.robot));
     let problems = vec![Problem { task: &task, schedule: trot }; batch];
-    let job = Job { problems: &problems, transcription: &rows, settings: &settings, precision: Precision::F32 };
+    let job = Job { problems: &problems, transcription: &rows, settings: &settings, precision: Precision::F32, certified: false };
     let start = Instant::now();
     backend.solve(&job, &|_| false, &|_, _| ());
     Ok(start.elapsed().as_secs_f64())

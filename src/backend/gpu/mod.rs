@@ -158,7 +158,7 @@ impl Gpu {
         let layout = Layout::<f32>::new(&task, &schedule, &lower);
         let problems = [Problem { task: &task, schedule }];
         let answer = Mutex::new(None);
-        let job = Job { problems: &problems, transcription: &lower, settings: &settings, precision: Precision::F32 };
+        let job = Job { problems: &problems, transcription: &lower, settings: &settings, precision: Precision::F32, certified: false };
         self.work(&job, &|_| false, &|_, solution| *locked(&answer) = Some(solution), &mut [false]).map_err(|f| failed(f.to_string()))?;
         let answer = locked(&answer).take();
         let Some(Solution { outcome, x, .. }) = answer else { return Err(failed("no answer".into())) };

@@ -165,8 +165,8 @@ def search(
     if chunk is not None:
         at_least("chunk", chunk, 1)
 
-    def solve(task: Task, settings: str, schedules: Sequence[Schedule]) -> Iterator[Optional[tuple[int, list[Any]]]]:
-        shared = (task, settings, cluster.device, cpus)
+    def solve(task: Task, told: str, schedules: Sequence[Schedule]) -> Iterator[Optional[tuple[int, list[Any]]]]:
+        shared = (task, told, cluster.device, cpus)
         for first, outcome in cluster.chunks(_solve_chunk, shared, schedules, cluster.chunk(chunk, len(schedules)), patience=_PATIENCE):
             if isinstance(outcome, str):
                 raise Error(outcome)
@@ -309,10 +309,10 @@ def _evaluate_chunk(shared: tuple[str, Task, dict[str, Any]], first: int, schedu
 
 def _solve_chunk(shared: tuple[str, Task, str, str, int], first: int, schedules: Sequence[Schedule]) -> Union[list[Any], str]:
     """A chunk of a search's schedules, of which the first has this index: solved, and not yet certified."""
-    version, task, settings, device, threads = shared
+    version, task, told, device, threads = shared
     _same_version(version)
     try:
-        return _cregopt.solve_chunk(task, settings, schedules, device, threads)
+        return _cregopt.solve_chunk(task, told, schedules, device, threads)
     except Error as error:
         return str(error)
 
