@@ -5,12 +5,10 @@ use super::front::{NormalEquations, tile_of};
 use super::lanes::LANES;
 use crate::nlp::Layout;
 use crate::real::Real;
-use crate::rows::reach::{ReachFoot, ReachInstant};
+use crate::rows::reach::{POSE, ReachFoot, ReachInstant};
 use crate::rows::table::NONE;
 use multiversion::multiversion;
 
-/// Values of a pose.
-const POSE: usize = 6;
 /// Pairs of base blocks.
 const PAIRS: [(usize, usize); 10] = [(0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3)];
 

@@ -278,7 +278,7 @@ impl<'a, T: Real> Builder<'a, T> {
             let ReachInstant { base, feet } = &mut self.tables.reach_instants[instant];
             reach::place_base(base, &columns.seats);
             for foot in feet.range() {
-                columns.assign(&self.blocks, &positions, &self.reach_uses[foot], &in_front, reach::POSE);
+                columns.assign(&self.blocks, &positions, &self.reach_uses[foot], &in_front, reach::POSE as u32);
                 let place = next.place(spec, spec.pairs, columns.count);
                 Family::Reach.place(&mut self.tables, foot, &Placed { place, seats: &columns.seats });
                 let (rows, pairs) = (spec.rows as u32, spec.pairs as u32);

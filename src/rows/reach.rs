@@ -17,7 +17,7 @@ use multiversion::multiversion;
 pub const SPEC: Spec = Spec { rows: 3, pairs: 3, equality: false, unit: "m" };
 
 /// Columns by the base pose, the first of every foot.
-pub(crate) const POSE: u32 = 6;
+pub(crate) const POSE: usize = 6;
 
 /// See [`super::Family::allowed`].
 pub(super) use super::length_allowed as allowed;
@@ -174,7 +174,7 @@ pub fn reach<T: Real>(
             for turn in &mut turns {
                 *turn = scale(unit, mul_transposed(&rot_wb, cross(leg_w, *turn)));
             }
-            let mut pose = [[zero; 6]; 3];
+            let mut pose = [[zero; POSE]; 3];
             for r in 0..3 {
                 for d in 0..3 {
                     pose[r][d] = -rot_wb[d][r] * unit;

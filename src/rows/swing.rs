@@ -6,7 +6,7 @@
 //!
 //! A foot is a ball, on ground with edges: its lower side is above the ground around, too, `z >= height(x + o, y + o') - s.o - lift(o)` at
 //! offsets `o` within the radius. `s` is the slope on which the ball is level, on the way from that of lift-off to that of landing, and
-//! `lift` the height of its lower side there.
+//! `lift` the height of its lower side there. Where no ground there is high enough to matter, it is not looked at.
 
 use super::blocks::Placed;
 use super::table::{NONE, Place};
