@@ -20,7 +20,7 @@ use cregopt::gait::family::families;
 use cregopt::nlp::transcription;
 use cregopt::scenario::Scenario;
 use cregopt::search::cem::{
-    self, Answer, CemSettings, Distribution, Evaluation, Evaluator, FreeDistribution, PeriodicDistribution, PeriodicSettings, Worth,
+    self, Aim, Answer, CemSettings, Distribution, Evaluation, Evaluator, FreeDistribution, PeriodicDistribution, PeriodicSettings,
 };
 use cregopt::search::evaluate::{LowerSettings, evaluate};
 use cregopt::settings::{Transcription, TranscriptionSettings};
@@ -76,7 +76,7 @@ struct Keep(Vec<Schedule>, f64, Instant);
 impl Evaluator for Keep {
     type Solution = ();
 
-    fn evaluate(&mut self, _: usize, schedules: &[Schedule], _first_feasible: bool, _: Worth) -> Vec<Option<Answer<()>>> {
+    fn evaluate(&mut self, _: usize, schedules: &[Schedule], _: &Aim) -> Vec<Option<Answer<()>>> {
         self.1 = self.2.elapsed().as_secs_f64();
         self.0 = schedules.to_vec();
         let evaluation = Evaluation { n_violated: 1, feasible: false, certified: true, mean_normal_force: 0., cost: None };

@@ -1,8 +1,6 @@
 //! Who solves the schedules of a search, and the clock beside it.
 
-use super::cem::{
-    Answer, Candidate, CemSettings, Distribution, Evaluation, Evaluator, GenerationRecord, StopReason, Worth, rank_order, run,
-};
+use super::cem::{Aim, Answer, Candidate, CemSettings, Distribution, Evaluation, Evaluator, GenerationRecord, StopReason, rank_order, run};
 use super::evaluate::{Certify, Evaluated, LowerSettings, Needed, batch};
 use super::population::{KEPT, Population};
 use crate::backend::{Backend, locked};
@@ -10,6 +8,7 @@ use crate::error::{Error, Result};
 use crate::gait::Schedule;
 use crate::gait::cost::CostWeights;
 use crate::task::Task;
+use std::borrow::Cow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -143,12 +142,14 @@ pub(super) struct Timed<'a, L> {
     certified: Certified,
     /// Solutions that are kept of a generation.
     kept: usize,
+    /// Whether all of a generation is solved, also what can only come behind its elites.
+    whole: bool,
     error: Option<Error>,
 }
 
 impl<'a, L> Timed<'a, L> {
     pub fn new(level: &'a L, clock: Clock<'a>) -> Self {
-        Timed { level, clock, first_feasible_after: None, certified: Certified::All, kept: KEPT, error: None }
+        Timed { level, clock, first_feasible_after: None, certified: Certified::All, kept: KEPT, whole: false, error: None }
     }
 
     /// Once there is a certified candidate, the caller certifies what it wants.
@@ -166,48 +167,100 @@ impl<'a, L> Timed<'a, L> {
         Timed { kept, ..self }
     }
 
+    /// Solves all of a generation, whatever its best are: the caller looks at each family.
+    pub fn whole(self) -> Self {
+        Timed { whole: true, ..self }
+    }
+
     /// What the lower level could not do.
     pub fn check(&mut self) -> Result<()> {
         self.error.take().map_or(Ok(()), Err)
     }
 }
 
+impl<L: LowerLevel> Timed<'_, L> {
+    /// Which candidates of a generation are needed, as far as answers say.
+    fn needed(&self, aim: &Aim, answers: &[Option<Answer<L::Solution>>]) -> Needed {
+        let needed = if aim.first_feasible {
+            Needed::new(vec![0.; answers.len()], 1)
+        } else {
+            let most = (0..answers.len()).map(|index| aim.most(index)).collect();
+            Needed::new(most, if self.whole { usize::MAX } else { aim.enough })
+        };
+        for (index, (evaluation, _)) in answers.iter().enumerate().filter_map(|(index, answer)| Some((index, answer.as_ref()?))) {
+            note(&needed, aim, index, evaluation);
+        }
+        needed
+    }
+
+    /// Solves the candidates of a generation that are open, as long as they are needed. Returns what is known of each.
+    fn solve(
+        &mut self,
+        schedules: &[Schedule],
+        open: &[usize],
+        aim: &Aim,
+        needed: &Needed,
+        (certify, timed): (Certify, bool),
+    ) -> Result<Vec<Option<Answer<L::Solution>>>> {
+        let (before, clock) = (self.clock.seconds(), self.clock);
+        let skip = |at: usize| clock.cancelled() || (timed && clock.up()) || !needed.has(open[at]);
+        let population = Mutex::new(Population::new(open.len(), self.kept));
+        let in_order = open.len() == schedules.len() && open.is_sorted();
+        let schedules = if in_order { Cow::Borrowed(schedules) } else { open.iter().map(|&index| schedules[index].clone()).collect() };
+        self.level.solve(&schedules, certify, &skip, &|at, solved| {
+            note(needed, aim, open[at], &solved.evaluation);
+            let objective = aim.worth(open[at], &solved.evaluation);
+            locked(&population).add(at, objective, solved);
+        })?;
+        let mut population = population.into_inner().unwrap_or_else(PoisonError::into_inner);
+        population.retain(|at| needed.has(open[at]));
+        self.first_feasible_after = self.first_feasible_after.or(population.first_feasible_after().map(|after| before + after));
+        Ok(population.answers())
+    }
+}
+
 impl<L: LowerLevel> Evaluator for Timed<'_, L> {
     type Solution = L::Solution;
 
-    fn evaluate(
-        &mut self,
-        _generation: usize,
-        schedules: &[Schedule],
-        first_feasible: bool,
-        worth: Worth,
-    ) -> Vec<Option<Answer<L::Solution>>> {
-        let (before, clock) = (self.clock.seconds(), self.clock);
+    fn evaluate(&mut self, _generation: usize, schedules: &[Schedule], aim: &Aim) -> Vec<Option<Answer<L::Solution>>> {
+        let nothing = || schedules.iter().map(|_| None).collect();
         // The first generation is solved whatever the time: a search without a candidate has nothing to return.
         let timed = self.first_feasible_after.is_some();
-        let certify = if self.certified != Certified::All && timed && !first_feasible { Certify::Unsolved } else { Certify::All };
-        let needed = Needed::new(first_feasible);
-        let skip = |index: usize| clock.cancelled() || (timed && clock.up()) || !needed.has(index);
-        let population = Mutex::new(Population::new(schedules.len(), self.kept));
-        let solved = self.level.solve(schedules, certify, &skip, &|index, solved| {
-            needed.note(index, solved.evaluation.feasible);
-            let objective = worth(index, &solved.evaluation);
-            locked(&population).add(index, objective, solved);
-        });
-        if let Err(error) = solved {
-            self.error = Some(error);
-            return schedules.iter().map(|_| None).collect();
+        let certify = if self.certified != Certified::All && timed && !aim.first_feasible { Certify::Unsolved } else { Certify::All };
+        let mut answers: Vec<Option<Answer<L::Solution>>> = nothing();
+        let mut solved = vec![false; schedules.len()];
+        // Once more where certificates do not hold: what is behind them may be needed then.
+        loop {
+            let needed = self.needed(aim, &answers);
+            // Until there is a gait, in the order of draws: what may be worth most is the least likely to be found.
+            let mut open = if timed { needed.order() } else { (0..answers.len()).collect() };
+            open.retain(|&index| !solved[index] && needed.has(index));
+            if open.is_empty() {
+                return answers;
+            }
+            let found = match self.solve(schedules, &open, aim, &needed, (certify, timed)) {
+                Ok(found) => found,
+                Err(error) => {
+                    self.error = Some(error);
+                    return nothing();
+                }
+            };
+            for (&index, answer) in open.iter().zip(found) {
+                solved[index] = answer.is_some();
+                answers[index] = answer;
+            }
+            let ended = open.iter().any(|&index| !solved[index] && needed.has(index));
+            // Which candidates were solved before the time was up depends on the machine: then none of the generation counts.
+            if ended && timed && self.clock.up() && !self.clock.cancelled() {
+                return nothing();
+            }
+            if let Certified::Best { objective } = &mut self.certified {
+                *objective = certify_best(self.level, schedules, &mut answers, aim, *objective);
+            }
+            if ended {
+                return answers;
+            }
         }
-        let mut population = population.into_inner().unwrap_or_else(PoisonError::into_inner);
-        population.retain(|index| needed.has(index));
-        self.first_feasible_after = self.first_feasible_after.or(population.first_feasible_after().map(|after| before + after));
-        let mut answers = population.answers();
-        if let Certified::Best { objective } = &mut self.certified {
-            *objective = certify_best(self.level, schedules, &mut answers, worth, *objective);
-        }
-        // Which candidates were solved before the time was up depends on the machine: then none of the generation counts.
-        let cut = timed && clock.up() && !clock.cancelled() && !first_feasible && answers.iter().any(Option::is_none);
-        if cut { schedules.iter().map(|_| None).collect() } else { answers }
     }
 
     fn again(&mut self, schedule: &Schedule) -> Option<L::Solution> {
@@ -216,6 +269,13 @@ impl<L: LowerLevel> Evaluator for Timed<'_, L> {
 
     fn cancelled(&self) -> bool {
         self.error.is_some() || self.clock.cancelled() || self.clock.up()
+    }
+}
+
+/// Takes note of a candidate that was evaluated. Where the first feasible one ends a search, they are all worth the same.
+fn note(needed: &Needed, aim: &Aim, index: usize, evaluation: &Evaluation) {
+    if evaluation.feasible {
+        needed.note(index, if aim.first_feasible { 0. } else { aim.worth(index, evaluation) });
     }
 }
 
@@ -229,12 +289,12 @@ fn certify_best<L: LowerLevel>(
     level: &L,
     schedules: &[Schedule],
     answers: &mut [Option<Answer<L::Solution>>],
-    worth: Worth,
+    aim: &Aim,
     objective: f64,
 ) -> f64 {
     loop {
         let evaluations = answers.iter().enumerate().filter_map(|(index, answer)| Some((index, &answer.as_ref()?.0)));
-        let best = evaluations.map(|(index, said)| ((worth(index, said), index), said)).min_by(|(a, _), (b, _)| rank_order(*a, *b));
+        let best = evaluations.map(|(index, said)| ((aim.worth(index, said), index), said)).min_by(|(a, _), (b, _)| rank_order(*a, *b));
         let Some(((value, index), evaluation)) = best else { return objective };
         if evaluation.certified || value <= objective {
             return objective.max(value);

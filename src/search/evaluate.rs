@@ -1,6 +1,6 @@
 //! From schedules to certified trajectories: solve the batch, close each solution in f64, count what it violates.
 
-use super::cem::Evaluation;
+use super::cem::{Evaluation, rank_order};
 use crate::backend::{Backend, Job, Precision, Problem, Solution, locked};
 use crate::error::{Error, Result};
 use crate::gait::cost::{Cost, CostWeights, cost};
@@ -14,7 +14,7 @@ use crate::task::Task;
 use crate::verify::verify_rows;
 use serde::{Deserialize, Serialize};
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 /// Asked now and then whether the work is to end.
@@ -173,39 +173,68 @@ pub fn evaluate(
     first_feasible: bool,
     cancelled: Cancelled,
 ) -> Result<Vec<Option<Evaluated>>> {
-    let needed = Needed::new(first_feasible);
+    // All feasible ones are worth the same: then the first is the best.
+    let needed = Needed::new(vec![0.; candidates.len()], if first_feasible { 1 } else { usize::MAX });
     let results: Vec<Mutex<Option<Evaluated>>> = candidates.iter().map(|_| Mutex::default()).collect();
     let skip = |index: usize| cancelled() || !needed.has(index);
     batch(candidates, settings, cost, backend, Certify::All, &skip, &|index, evaluated| {
-        needed.note(index, evaluated.feasible);
+        if evaluated.feasible {
+            needed.note(index, 0.);
+        }
         *locked(&results[index]) = Some(evaluated);
     })?;
     let results = results.iter().enumerate();
     Ok(results.map(|(index, result)| locked(result).take().filter(|_| needed.has(index))).collect())
 }
 
-/// Which candidates of a batch are needed: with an end at the first feasible one, none behind the lowest of those that are known.
+/// Which candidates of a batch are needed: those that may still come before the last of enough feasible ones.
+///
+/// What is needed in the end depends on no order in which candidates are noted: the best are always among it.
 pub(super) struct Needed {
-    first_feasible: bool,
-    lowest: AtomicUsize,
+    most: Vec<f64>,
+    enough: usize,
+    /// Worth and index of the best feasible ones, in the order of ranks.
+    best: Mutex<Vec<(f64, usize)>>,
 }
 
 impl Needed {
     /// All, as long as none is known to be feasible.
-    pub fn new(first_feasible: bool) -> Needed {
-        Needed { first_feasible, lowest: AtomicUsize::new(usize::MAX) }
+    ///
+    /// * `most` - what each candidate is worth at most
+    /// * `enough` - how many feasible ones are, the best of all
+    pub fn new(most: Vec<f64>, enough: usize) -> Needed {
+        Needed { most, enough, best: Mutex::default() }
     }
 
-    /// Takes note of a candidate that was evaluated.
-    pub fn note(&self, index: usize, feasible: bool) {
-        if self.first_feasible && feasible {
-            self.lowest.fetch_min(index, Ordering::Relaxed);
+    /// The candidates, those that may be worth most first.
+    pub fn order(&self) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..self.most.len()).collect();
+        order.sort_by(|&i, &j| rank_order((self.most[i], i), (self.most[j], j)));
+        order
+    }
+
+    /// Takes note of a feasible candidate.
+    ///
+    /// * `worth` - no more than it was thought to be worth at most
+    pub fn note(&self, index: usize, worth: f64) {
+        if self.enough >= self.most.len() {
+            return;
+        }
+        let mut best = locked(&self.best);
+        let place = best.partition_point(|&other| rank_order(other, (worth, index)).is_lt());
+        if place < self.enough {
+            best.insert(place, (worth, index));
+            best.truncate(self.enough);
         }
     }
 
     /// Whether a candidate is needed.
     pub fn has(&self, index: usize) -> bool {
-        index <= self.lowest.load(Ordering::Relaxed)
+        if self.enough >= self.most.len() {
+            return true;
+        }
+        let best = locked(&self.best);
+        best.len() < self.enough || best.last().is_some_and(|&last| rank_order((self.most[index], index), last).is_le())
     }
 }
 

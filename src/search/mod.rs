@@ -31,8 +31,8 @@ use crate::task::Task;
 use crate::verify::{Report, verify};
 use batch::{Clock, Timed};
 use cem::{
-    Candidate, CemSettings, Distribution, Evaluation, Evaluator, FreeDistribution, Generation, GenerationRecord, Member,
-    PeriodicDistribution, PerturbDistribution, StopReason, Stopping,
+    Aim, Candidate, CemSettings, Distribution, Evaluator, FreeDistribution, Generation, GenerationRecord, Member, PeriodicDistribution,
+    PerturbDistribution, StopReason, Stopping,
 };
 use contenders::best_certified;
 use evaluate::{Evaluated, LowerSettings, examined};
@@ -257,7 +257,8 @@ impl<'a> Search<'a> {
                 progress(p);
             }
         };
-        let mut timed = Timed::new(&level, clock).on_demand().keeping(kept);
+        let timed = Timed::new(&level, clock).on_demand().keeping(kept);
+        let mut timed = if settings.alternatives > 1 { timed.whole() } else { timed };
         let mut session = Session {
             task,
             level: &level,
@@ -393,8 +394,9 @@ impl Session<'_, '_> {
         let generation = self.generations.len();
         let (families, schedules): (Vec<Option<GaitFamily>>, Vec<Schedule>) = named.into_iter().unzip();
         let settings = self.settings.cem(1);
-        let worth = |index: usize, evaluation: &Evaluation| settings.worth(&schedules[index], evaluation);
-        let results = timed.evaluate(generation, &schedules, self.settings.first, &worth);
+        let mut aim = Aim::all(&settings, &schedules);
+        aim.first_feasible = self.settings.first;
+        let results = timed.evaluate(generation, &schedules, &aim);
         timed.check()?;
         let candidates = schedules.into_iter().zip(results).zip(families).enumerate();
         let ranked: Vec<(Option<GaitFamily>, Member<Evaluated>)> = candidates

@@ -6,6 +6,7 @@ use super::evaluate::Certify;
 use super::population::KEPT;
 use super::*;
 use crate::backend::Cpu;
+use crate::gait::cost::Cost;
 use crate::{Goal, Robot, Terrain};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
@@ -146,4 +147,71 @@ fn the_papers_loop_certifies_what_it_returns_and_hardly_more() {
     let certified = level.certified.into_inner();
     println!("{certified} certified of {}", 12 * 64);
     assert!((64 + 1..12 * 64).contains(&certified), "{certified}");
+}
+
+/// Solves some schedules, of which not all hold when they are certified, in the order in which they come or the other way round.
+struct Half {
+    backwards: bool,
+    solved: AtomicUsize,
+}
+
+impl LowerLevel for Half {
+    type Solution = ();
+
+    fn solve(
+        &self,
+        schedules: &[Schedule],
+        certify: Certify,
+        skip: &(dyn Fn(usize) -> bool + Sync),
+        finish: &(dyn Fn(usize, Solved<()>) + Sync),
+    ) -> Result<()> {
+        for at in 0..schedules.len() {
+            let index = if self.backwards { schedules.len() - 1 - at } else { at };
+            if skip(index) {
+                continue;
+            }
+            self.solved.fetch_add(1, Ordering::Relaxed);
+            let schedule = &schedules[index];
+            // As good as random, and the same whenever it is asked for.
+            let digit = (schedule.durations()[0][0] * 1e6) as usize % 10;
+            let certified = certify == Certify::All || digit < 4;
+            let feasible = digit >= if certified { 6 } else { 4 };
+            let n_violated = usize::from(!feasible) * (1 + digit);
+            let cost = feasible.then(|| Cost { horizon: schedule.aligned(0.1).horizon(), ..Cost::default() });
+            let evaluation = Evaluation { n_violated, feasible, certified, mean_normal_force: 0., cost };
+            finish(index, Solved { evaluation, finished_after: 0., solution: () });
+        }
+        Ok(())
+    }
+}
+
+#[test]
+fn what_can_only_come_behind_the_elites_is_not_solved() {
+    for (objective, share) in [(Objective::FewestStances, 0.7), (Objective::Time, 0.7), (Objective::Feasibility, 0.6)] {
+        let settings = CemSettings {
+            objective,
+            stopping: Stopping::Convergence,
+            population: 128,
+            elites: 16,
+            generations: 12,
+            ..CemSettings::default()
+        };
+        for seed in 1..6 {
+            let found = |whole: bool, backwards: bool| {
+                let level = Half { backwards, solved: AtomicUsize::new(0) };
+                let timed = Timed::new(&level, Clock::new(None, None)).best_alone();
+                let mut timed = if whole { timed.whole() } else { timed };
+                let distribution = FreeDistribution::initial(&settings, 2).unwrap();
+                let outcome = run(&settings, distribution, seed, 0, &mut timed, &mut |_| ()).unwrap();
+                let best: Vec<_> = outcome.generations.iter().map(|g| g.best_ever_objective).collect();
+                let evaluated: Vec<_> = outcome.generations.iter().map(|g| (g.evaluated, g.feasible)).collect();
+                ((outcome.best.unwrap(), outcome.distribution, best), evaluated, level.solved.into_inner())
+            };
+            let (all, needed, backwards) = (found(true, false), found(false, false), found(false, true));
+            assert!(all.0 == needed.0 && all.0 == backwards.0, "{objective:?}, seed {seed}");
+            // What counts depends on no order either, though more is solved.
+            assert_eq!(needed.1, backwards.1);
+            assert!((needed.2 as f64) < share * all.2 as f64 && needed.2 < backwards.2, "{} and {} of {}", needed.2, backwards.2, all.2);
+        }
+    }
 }

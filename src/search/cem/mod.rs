@@ -81,8 +81,33 @@ pub struct Evaluation {
     pub cost: Option<Cost>,
 }
 
-/// What a schedule is worth, by its index in the generation and what the lower level says of it: the objective.
-pub type Worth<'a> = &'a (dyn Fn(usize, &Evaluation) -> f64 + Sync);
+/// What a search wants to know of the schedules of a generation.
+#[derive(Debug, Clone, Copy)]
+pub struct Aim<'a> {
+    settings: &'a CemSettings,
+    schedules: &'a [Schedule],
+    /// Whether the first feasible candidate ends the search, whatever comes behind it.
+    pub first_feasible: bool,
+    /// How many feasible candidates, the best of all, are enough.
+    pub enough: usize,
+}
+
+impl<'a> Aim<'a> {
+    /// All is to be known of these schedules.
+    pub(in crate::search) fn all(settings: &'a CemSettings, schedules: &'a [Schedule]) -> Self {
+        Aim { settings, schedules, first_feasible: false, enough: usize::MAX }
+    }
+
+    /// What a schedule is worth, by its index and what the lower level says of it: the objective.
+    pub fn worth(&self, index: usize, evaluation: &Evaluation) -> f64 {
+        self.settings.worth(&self.schedules[index], evaluation)
+    }
+
+    /// What a schedule is worth at most, whatever the lower level says of it.
+    pub fn most(&self, index: usize) -> f64 {
+        self.settings.objective.most(&self.schedules[index], self.settings.penalty)
+    }
+}
 
 /// What an evaluator says of a schedule; of most schedules of a large generation without the solution, of which nobody will want to know.
 pub type Answer<S> = (Evaluation, Option<Box<S>>);
@@ -94,17 +119,10 @@ pub trait Evaluator {
 
     /// Evaluates the schedules of one generation; the result has their order and number.
     ///
-    /// With `first_feasible`, candidates after a feasible one may be left out (`None`): the result must be `Some` for every index up to
-    /// the lowest feasible one. Once [`Evaluator::cancelled`] holds, any candidate may be `None`.
-    ///
-    /// * `worth` - by which it may choose whose solutions it keeps
-    fn evaluate(
-        &mut self,
-        generation: usize,
-        schedules: &[Schedule],
-        first_feasible: bool,
-        worth: Worth,
-    ) -> Vec<Option<Answer<Self::Solution>>>;
+    /// With [`Aim::first_feasible`], candidates after a feasible one may be left out (`None`): the result must be `Some` for every index up to
+    /// the lowest feasible one. So may those that could only come behind [`Aim::enough`] feasible ones. Once [`Evaluator::cancelled`] holds,
+    /// any candidate may be `None`.
+    fn evaluate(&mut self, generation: usize, schedules: &[Schedule], aim: &Aim) -> Vec<Option<Answer<Self::Solution>>>;
 
     /// The solution of a schedule that was evaluated, made again; `None` when it cannot be. An evaluator that keeps all solutions is never asked.
     fn again(&mut self, _schedule: &Schedule) -> Option<Self::Solution> {
@@ -172,7 +190,8 @@ fn stances(schedule: &Schedule) -> Vec<usize> {
 pub struct GenerationRecord {
     /// Generation, from 0.
     pub generation: usize,
-    /// Candidates that count: evaluated, and not after the first feasible one when the search ends there.
+    /// Candidates that count: evaluated, not after the first feasible one when the search ends there, and none that could only come behind
+    /// the elites.
     pub evaluated: usize,
     /// Feasible ones among them; where not all were certified, solved ones.
     pub feasible: usize,

@@ -1,7 +1,8 @@
 //! What the search maximises.
 
-use super::Evaluation;
+use super::{Evaluation, stances};
 use crate::error::{Error, Result};
+use crate::gait::Schedule;
 use crate::gait::cost::Cost;
 use serde::{Deserialize, Serialize};
 
@@ -34,6 +35,9 @@ pub const OBJECTIVES: [(&str, Objective); 6] = [
     ("effort", Objective::Effort),
 ];
 
+/// A horizon this little above whole intervals is rounded down, s.
+const ROUNDING: f64 = 1e-6;
+
 impl Objective {
     /// An objective by name.
     ///
@@ -64,6 +68,17 @@ impl Objective {
         let j = f - penalty * evaluation.n_violated as f64;
         if j.is_nan() { f64::NEG_INFINITY } else { j }
     }
+
+    /// The most that [`Objective::value`] can be, before anything is solved. What is a matter of the schedule alone is known then; no cost is
+    /// below zero.
+    pub fn most(self, schedule: &Schedule, penalty: f64) -> f64 {
+        match self {
+            // A horizon is rounded up; not found at all can be better than long.
+            Objective::Time => (ROUNDING - schedule.horizon()).max(-penalty),
+            Objective::FewestStances => -(stances(schedule).iter().sum::<usize>() as f64),
+            Objective::Feasibility | Objective::LeastForce | Objective::Transport | Objective::Effort => 0.,
+        }
+    }
 }
 
 #[cfg(test)]
@@ -76,6 +91,29 @@ mod tests {
         assert_eq!(Objective::Feasibility.value(&[7, 8], &evaluation, 100.), -300.);
         assert_eq!(Objective::FewestStances.value(&[7, 8], &evaluation, 100.), -315.);
         assert_eq!(Objective::LeastForce.value(&[7, 8], &evaluation, 100.), -380.);
+    }
+
+    #[test]
+    fn no_schedule_is_worth_more_than_it_can_be() {
+        let schedule = Schedule::new(vec![vec![0.3, 0.2, 0.4], vec![0.1, 0.2, 0.3, 0.2, 0.12]]).unwrap();
+        let horizon = schedule.aligned(0.1).horizon();
+        let cost = Cost { total: 0.4, effort: 0.3, horizon, ..Cost::default() };
+        for (_, objective) in OBJECTIVES {
+            for penalty in [0., 0.5, 100.] {
+                let most = objective.most(&schedule, penalty);
+                let value = |n_violated: usize, cost: Option<Cost>| {
+                    let evaluation = Evaluation { n_violated, feasible: n_violated == 0, certified: true, mean_normal_force: 80., cost };
+                    objective.value(&stances(&schedule), &evaluation, penalty)
+                };
+                for value in [value(0, Some(cost)), value(0, None), value(3, None)] {
+                    assert!(value <= most, "{objective:?}, penalty {penalty}: {value} > {most}");
+                }
+                // A bound that says something: what is known of a schedule is all there is to its objective.
+                let known = matches!(objective, Objective::FewestStances | Objective::Feasibility);
+                assert!(!known || value(0, Some(cost)) == most);
+            }
+        }
+        assert!((Objective::Time.most(&schedule, 100.) + 0.92).abs() < 1e-5);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::random::Draws;
 use super::{
-    Answer, Candidate, CemSettings, Distribution, Evaluation, Evaluator, GenerationRecord, Member, Outcome, Sampler, StopReason, Stopping,
+    Aim, Answer, Candidate, CemSettings, Distribution, Evaluator, GenerationRecord, Member, Outcome, Sampler, StopReason, Stopping,
     rank_order,
 };
 use crate::error::Result;
@@ -66,8 +66,9 @@ pub fn run_observed<D: Distribution, E: Evaluator>(
         // Sample N candidates and evaluate them.
         let drawn = (0..settings.population).map(|candidate| draw(&distribution, settings.population, seed, generation, candidate));
         let (samples, schedules): (Vec<D::Sample>, Vec<Schedule>) = drawn.collect::<Result<Vec<_>>>()?.into_iter().unzip();
-        let worth = |index: usize, evaluation: &Evaluation| settings.worth(&schedules[index], evaluation);
-        let results = evaluator.evaluate(generation, &schedules, first_only, &worth);
+        let enough = if until_feasible { usize::MAX } else { settings.elites };
+        let aim = Aim { settings, schedules: &schedules, first_feasible: first_only, enough };
+        let results = evaluator.evaluate(generation, &schedules, &aim);
 
         // Sort by J, best first; the M first are the elites.
         let ranked = rank(settings, generation, schedules, results, first_only);

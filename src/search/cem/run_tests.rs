@@ -1,7 +1,7 @@
 //! Tests of the search on evaluators without a solver.
 
 use super::*;
-use crate::search::cem::{FreeDistribution, Objective, Worth};
+use crate::search::cem::{Evaluation, FreeDistribution, Objective};
 
 /// An evaluator from a function of (generation, index, schedule); the solution is (generation, index).
 struct Synthetic<F> {
@@ -17,7 +17,7 @@ fn synthetic<F: FnMut(usize, usize, &Schedule) -> Option<Evaluation>>(answer: F)
 impl<F: FnMut(usize, usize, &Schedule) -> Option<Evaluation>> Evaluator for Synthetic<F> {
     type Solution = (usize, usize);
 
-    fn evaluate(&mut self, generation: usize, schedules: &[Schedule], _: bool, _: Worth) -> Vec<Option<Answer<Self::Solution>>> {
+    fn evaluate(&mut self, generation: usize, schedules: &[Schedule], _: &Aim) -> Vec<Option<Answer<Self::Solution>>> {
         self.calls += 1;
         let schedules = schedules.iter().enumerate();
         schedules.map(|(i, s)| (self.answer)(generation, i, s).map(|e| (e, Some(Box::new((generation, i)))))).collect()
