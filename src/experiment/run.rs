@@ -60,7 +60,7 @@ pub struct Run {
     pub seconds: f64,
     /// Generations; 0 without a search.
     pub generations_run: usize,
-    /// Candidates; 1 without a search.
+    /// Candidates that count ([`crate::search::cem::GenerationRecord::evaluated`]); 1 without a search.
     pub candidates: usize,
     /// Rows of `verify` that the result breaks.
     pub n_violated: Option<usize>,

@@ -142,14 +142,12 @@ pub(super) struct Timed<'a, L> {
     certified: Certified,
     /// Solutions that are kept of a generation.
     kept: usize,
-    /// Whether all of a generation is solved, also what can only come behind its elites.
-    whole: bool,
     error: Option<Error>,
 }
 
 impl<'a, L> Timed<'a, L> {
     pub fn new(level: &'a L, clock: Clock<'a>) -> Self {
-        Timed { level, clock, first_feasible_after: None, certified: Certified::All, kept: KEPT, whole: false, error: None }
+        Timed { level, clock, first_feasible_after: None, certified: Certified::All, kept: KEPT, error: None }
     }
 
     /// Once there is a certified candidate, the caller certifies what it wants.
@@ -167,11 +165,6 @@ impl<'a, L> Timed<'a, L> {
         Timed { kept, ..self }
     }
 
-    /// Solves all of a generation, whatever its best are: the caller looks at each family.
-    pub fn whole(self) -> Self {
-        Timed { whole: true, ..self }
-    }
-
     /// What the lower level could not do.
     pub fn check(&mut self) -> Result<()> {
         self.error.take().map_or(Ok(()), Err)
@@ -181,12 +174,14 @@ impl<'a, L> Timed<'a, L> {
 impl<L: LowerLevel> Timed<'_, L> {
     /// Which candidates of a generation are needed, as far as answers say.
     fn needed(&self, aim: &Aim, answers: &[Option<Answer<L::Solution>>]) -> Needed {
-        let needed = if aim.first_feasible {
-            Needed::new(vec![0.; answers.len()], 1)
+        let (most, enough) = if aim.first_feasible {
+            (vec![0.; answers.len()], 1)
         } else {
             let most = (0..answers.len()).map(|index| aim.most(index)).collect();
-            Needed::new(most, if self.whole { usize::MAX } else { aim.enough })
+            // Who certifies afterwards may want what is behind all elites, when they do not hold.
+            (most, if self.certified == Certified::OnDemand { usize::MAX } else { aim.enough })
         };
+        let needed = Needed::new(most, enough);
         for (index, (evaluation, _)) in answers.iter().enumerate().filter_map(|(index, answer)| Some((index, answer.as_ref()?))) {
             note(&needed, aim, index, evaluation);
         }
@@ -213,8 +208,11 @@ impl<L: LowerLevel> Timed<'_, L> {
             locked(&population).add(at, objective, solved);
         })?;
         let mut population = population.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let first = population.first_feasible_after();
         population.retain(|at| needed.has(open[at]));
-        self.first_feasible_after = self.first_feasible_after.or(population.first_feasible_after().map(|after| before + after));
+        // Where the first one in the order of draws ends the search, it is the time of that one.
+        let first = if aim.first_feasible { population.first_feasible_after() } else { first };
+        self.first_feasible_after = self.first_feasible_after.or(first.map(|after| before + after));
         Ok(population.answers())
     }
 }

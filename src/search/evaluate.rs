@@ -215,11 +215,12 @@ impl Needed {
 
     /// Takes note of a feasible candidate.
     ///
-    /// * `worth` - no more than it was thought to be worth at most
+    /// * `worth` - what is more than it was thought to be worth at most does not count
     pub fn note(&self, index: usize, worth: f64) {
         if self.enough >= self.most.len() {
             return;
         }
+        let worth = worth.min(self.most[index]);
         let mut best = locked(&self.best);
         let place = best.partition_point(|&other| rank_order(other, (worth, index)).is_lt());
         if place < self.enough {

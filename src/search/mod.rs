@@ -257,8 +257,7 @@ impl<'a> Search<'a> {
                 progress(p);
             }
         };
-        let timed = Timed::new(&level, clock).on_demand().keeping(kept);
-        let mut timed = if settings.alternatives > 1 { timed.whole() } else { timed };
+        let mut timed = Timed::new(&level, clock).on_demand().keeping(kept);
         let mut session = Session {
             task,
             level: &level,
