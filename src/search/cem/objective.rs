@@ -35,7 +35,7 @@ pub const OBJECTIVES: [(&str, Objective); 6] = [
     ("effort", Objective::Effort),
 ];
 
-/// A horizon this little above whole intervals is rounded down, s.
+/// A horizon hardly above whole intervals is rounded down, by less than this, s.
 const ROUNDING: f64 = 1e-6;
 
 impl Objective {
