@@ -206,10 +206,17 @@ impl Needed {
         Needed { most, enough, best: Mutex::default() }
     }
 
-    /// The candidates, those that may be worth most first.
+    /// Whether all are needed, whatever is found.
+    fn all(&self) -> bool {
+        self.enough >= self.most.len()
+    }
+
+    /// The candidates, those that may be worth most first where others may not be needed then.
     pub fn order(&self) -> Vec<usize> {
         let mut order: Vec<usize> = (0..self.most.len()).collect();
-        order.sort_by(|&i, &j| rank_order((self.most[i], i), (self.most[j], j)));
+        if !self.all() {
+            order.sort_by(|&i, &j| rank_order((self.most[i], i), (self.most[j], j)));
+        }
         order
     }
 
@@ -217,7 +224,7 @@ impl Needed {
     ///
     /// * `worth` - what is more than it was thought to be worth at most does not count
     pub fn note(&self, index: usize, worth: f64) {
-        if self.enough >= self.most.len() {
+        if self.all() {
             return;
         }
         let worth = worth.min(self.most[index]);
@@ -231,7 +238,7 @@ impl Needed {
 
     /// Whether a candidate is needed.
     pub fn has(&self, index: usize) -> bool {
-        if self.enough >= self.most.len() {
+        if self.all() {
             return true;
         }
         let best = locked(&self.best);
