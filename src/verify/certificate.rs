@@ -4,7 +4,8 @@
 
 use super::dense::{ContactAxes, DenseReport, Extreme, FootMotion, Motion, SAME_TIME, nearest, readable, sample};
 use super::labels::{check_labels, of_momentum};
-use super::rollout::{Body, Rollout, RolloutReport};
+use super::rollout::{Rollout, RolloutReport};
+use super::stretch::Body;
 use super::{ball, exact};
 use crate::error::Result;
 use crate::gait::Trajectory;

@@ -166,6 +166,8 @@ pub(crate) struct TimedCurve<'a> {
     pub curve: &'a Curve,
     /// Times of the nodes, s.
     pub times: Vec<f64>,
+    /// See [`TimedCurve::cubic`].
+    cubics: Vec<[Vector3<f64>; 4]>,
 }
 
 impl<'a> TimedCurve<'a> {
@@ -176,19 +178,19 @@ impl<'a> TimedCurve<'a> {
             end += duration;
             times.push(end);
         }
-        TimedCurve { curve, times }
+        let pieces = curve.nodes.windows(2).zip(&curve.poly_durations);
+        let cubics = pieces.map(|(nodes, &length)| cubic(&nodes[0], &nodes[1], length)).collect();
+        TimedCurve { curve, times, cubics }
     }
 
     /// Value of a node.
     pub fn value(&self, node: usize) -> Vector3<f64> {
-        let n = &self.curve.nodes[node];
-        Vector3::new(n[0], n[1], n[2])
+        value(&self.curve.nodes[node])
     }
 
     /// Slope of a node.
     pub fn slope(&self, node: usize) -> Vector3<f64> {
-        let n = &self.curve.nodes[node];
-        Vector3::new(n[3], n[4], n[5])
+        slope(&self.curve.nodes[node])
     }
 
     /// Point at a time, clamped to the curve; at a node, of the piece that ends there, as TOWR does.
@@ -208,14 +210,7 @@ impl<'a> TimedCurve<'a> {
 
     /// `[a, b, c, d]` of a piece, `a + b t + c t^2 + d t^3` at `t` s after its start: the cubic through both nodes with their slopes.
     pub fn cubic(&self, piece: usize) -> [Vector3<f64>; 4] {
-        let length = self.length(piece);
-        let (a, b) = (self.value(piece), self.slope(piece));
-        // Mean speed against the slopes at both ends; differences first, so that a standing foot stands exactly.
-        let mean = (self.value(piece + 1) - a) / length;
-        let next = self.slope(piece + 1);
-        let c = (mean * 3. - b * 2. - next) / length;
-        let d = (b + next - mean * 2.) / (length * length);
-        [a, b, c, d]
+        self.cubics[piece]
     }
 
     /// The piece that a time within is on.
@@ -237,6 +232,24 @@ impl<'a> TimedCurve<'a> {
     pub fn length(&self, piece: usize) -> f64 {
         self.curve.poly_durations[piece]
     }
+}
+
+fn value(node: &[f64; 6]) -> Vector3<f64> {
+    Vector3::new(node[0], node[1], node[2])
+}
+
+fn slope(node: &[f64; 6]) -> Vector3<f64> {
+    Vector3::new(node[3], node[4], node[5])
+}
+
+/// The cubic through two nodes, see [`TimedCurve::cubic`].
+fn cubic(from: &[f64; 6], to: &[f64; 6], length: f64) -> [Vector3<f64>; 4] {
+    let (a, b, next) = (value(from), slope(from), slope(to));
+    // Mean speed against the slopes at both ends; differences first, so that a standing foot stands exactly.
+    let mean = (value(to) - a) / length;
+    let c = (mean * 3. - b * 2. - next) / length;
+    let d = (b + next - mean * 2.) / (length * length);
+    [a, b, c, d]
 }
 
 /// Curves of a foot and its phases.
@@ -363,19 +376,18 @@ impl<'a> Motion<'a> {
         let lin = self.base_lin.at(time);
         let ang = self.base_ang.at(time);
         let (angle, rate, rate_dot) = (ang.value, ang.first, ang.second);
-        let yaw_turn = Rotation3::from_axis_angle(&Vector3::z_axis(), angle.z);
-        let pitch_turn = Rotation3::from_axis_angle(&Vector3::y_axis(), angle.y);
-        let roll_turn = Rotation3::from_axis_angle(&Vector3::x_axis(), angle.x);
+        let rotation = Rotation3::from_euler_angles(angle.x, angle.y, angle.z);
+        let (sin, cos) = angle.z.sin_cos();
         let a_yaw = Vector3::z();
-        let a_pitch = yaw_turn * Vector3::y();
-        let a_roll = yaw_turn * pitch_turn * Vector3::x();
+        let a_pitch = Vector3::new(-sin, cos, 0.);
+        let a_roll = rotation.matrix().column(0).into_owned();
         let a_pitch_dot = (a_yaw * rate.z).cross(&a_pitch);
         let a_roll_dot = (a_yaw * rate.z + a_pitch * rate.y).cross(&a_roll);
         BaseState {
             position: lin.value,
             velocity: lin.first,
             acceleration: lin.second,
-            rotation: yaw_turn * pitch_turn * roll_turn,
+            rotation,
             omega: a_roll * rate.x + a_pitch * rate.y + a_yaw * rate.z,
             omega_dot: a_roll * rate_dot.x + a_pitch * rate_dot.y + a_yaw * rate_dot.z + a_pitch_dot * rate.y + a_roll_dot * rate.x,
         }

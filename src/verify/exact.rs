@@ -126,6 +126,7 @@ pub(super) fn reach(motion: &Motion, floor: f64) -> Extreme {
     times.dedup_by(|a, b| *a - *b < 1e-9);
     let mut extreme = Extreme::default();
     let mut before = motion.base(times[0]);
+    let mut parts = Vec::new();
     let excess = |base: &BaseState, foot: usize, at: Vector3<f64>| {
         let [x, y, z] = motion.reach_excess(base, foot, at).into();
         if x.is_nan() || y.is_nan() || z.is_nan() { f64::NAN } else { x.max(y).max(z) }
@@ -147,7 +148,7 @@ pub(super) fn reach(motion: &Motion, floor: f64) -> Extreme {
                 let p = curves.motion.at(time);
                 (excess(base, foot, p.value), (p.value - base.position).norm(), (p.first - base.velocity).norm())
             };
-            let mut parts = vec![(start, at(start, &before), end, at(end, &after), 0)];
+            parts.push((start, at(start, &before), end, at(end, &after), 0));
             while let Some((start, first, end, last, depth)) = parts.pop() {
                 let length = end - start;
                 extreme.update(first.0, Some(foot), start);

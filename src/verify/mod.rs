@@ -20,6 +20,7 @@ pub mod dense;
 mod exact;
 pub mod labels;
 pub mod rollout;
+mod stretch;
 
 pub use certificate::{Report, RowReport, TOLERANCE, verify, verify_rows};
 pub use dense::DenseReport;
