@@ -174,14 +174,10 @@ impl<'a, L> Timed<'a, L> {
 impl<L: LowerLevel> Timed<'_, L> {
     /// Which candidates of a generation are needed, as far as answers say.
     fn needed(&self, aim: &Aim, answers: &[Option<Answer<L::Solution>>]) -> Needed {
-        let (most, enough) = if aim.first_feasible {
-            (vec![0.; answers.len()], 1)
-        } else {
-            let most = (0..answers.len()).map(|index| aim.most(index)).collect();
-            // Who certifies afterwards may want what is behind all elites, when they do not hold.
-            (most, if self.certified == Certified::OnDemand { usize::MAX } else { aim.enough })
-        };
-        let needed = Needed::new(most, enough);
+        // Who certifies afterwards may want what is behind all elites, when they do not hold.
+        let all = self.certified == Certified::OnDemand && !aim.first_feasible;
+        let most = (0..answers.len()).map(|index| aim.most(index)).collect();
+        let needed = Needed::new(most, if all { usize::MAX } else { aim.enough });
         for (index, (evaluation, _)) in answers.iter().enumerate().filter_map(|(index, answer)| Some((index, answer.as_ref()?))) {
             note(&needed, aim, index, evaluation);
         }
@@ -270,10 +266,10 @@ impl<L: LowerLevel> Evaluator for Timed<'_, L> {
     }
 }
 
-/// Takes note of a candidate that was evaluated. Where the first feasible one ends a search, they are all worth the same.
+/// Takes note of a candidate that was evaluated.
 fn note(needed: &Needed, aim: &Aim, index: usize, evaluation: &Evaluation) {
     if evaluation.feasible {
-        needed.note(index, if aim.first_feasible { 0. } else { aim.worth(index, evaluation) });
+        needed.note(index, aim.counts(index, evaluation));
     }
 }
 

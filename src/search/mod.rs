@@ -393,8 +393,7 @@ impl Session<'_, '_> {
         let generation = self.generations.len();
         let (families, schedules): (Vec<Option<GaitFamily>>, Vec<Schedule>) = named.into_iter().unzip();
         let settings = self.settings.cem(1);
-        let mut aim = Aim::all(&settings, &schedules);
-        aim.first_feasible = self.settings.first;
+        let aim = Aim::all(&settings, &schedules).or_first(self.settings.first);
         let results = timed.evaluate(generation, &schedules, &aim);
         timed.check()?;
         let candidates = schedules.into_iter().zip(results).zip(families).enumerate();

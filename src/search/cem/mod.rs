@@ -98,14 +98,25 @@ impl<'a> Aim<'a> {
         Aim { settings, schedules, first_feasible: false, enough: usize::MAX }
     }
 
+    /// The first feasible one is enough, if so it is wanted.
+    pub(in crate::search) fn or_first(self, first: bool) -> Self {
+        if first { Aim { first_feasible: true, enough: 1, ..self } } else { self }
+    }
+
     /// What a schedule is worth, by its index and what the lower level says of it: the objective.
     pub fn worth(&self, index: usize, evaluation: &Evaluation) -> f64 {
         self.settings.worth(&self.schedules[index], evaluation)
     }
 
-    /// What a schedule is worth at most, whatever the lower level says of it.
+    /// What a feasible schedule counts for among those that are [`Aim::enough`]: what it is worth, or as much as any other where the first one
+    /// ends the search.
+    pub fn counts(&self, index: usize, evaluation: &Evaluation) -> f64 {
+        if self.first_feasible { 0. } else { self.worth(index, evaluation) }
+    }
+
+    /// What a schedule counts for at most, whatever the lower level says of it.
     pub fn most(&self, index: usize) -> f64 {
-        self.settings.objective.most(&self.schedules[index], self.settings.penalty)
+        if self.first_feasible { 0. } else { self.settings.objective.most(&self.schedules[index], self.settings.penalty) }
     }
 }
 

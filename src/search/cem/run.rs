@@ -67,7 +67,7 @@ pub fn run_observed<D: Distribution, E: Evaluator>(
         let drawn = (0..settings.population).map(|candidate| draw(&distribution, settings.population, seed, generation, candidate));
         let (samples, schedules): (Vec<D::Sample>, Vec<Schedule>) = drawn.collect::<Result<Vec<_>>>()?.into_iter().unzip();
         let enough = if until_feasible { usize::MAX } else { settings.elites };
-        let aim = Aim { settings, schedules: &schedules, first_feasible: first_only, enough };
+        let aim = Aim { enough, ..Aim::all(settings, &schedules) }.or_first(first_only);
         let results = evaluator.evaluate(generation, &schedules, &aim);
 
         // Sort by J, best first; the M first are the elites.
