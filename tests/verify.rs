@@ -7,10 +7,8 @@ use cregopt::robot::{GRAVITY, ROBOTS, Reach, Robot};
 use cregopt::scenario::Scenario;
 
 use cregopt::terrain::{Grid, Shape, Terrain};
-use cregopt::verify::RolloutReport;
-use cregopt::verify::certificate::{
-    DENSE_REACH, Family, PENETRATION, ROLLOUT_ATTITUDE, ROLLOUT_POSITION, Report, TOLERANCE, Tolerances, verify, verify_rows,
-};
+use cregopt::verify::report::{DENSE_REACH, Family, PENETRATION, ROLLOUT_ATTITUDE, ROLLOUT_POSITION, Tolerances};
+use cregopt::verify::{Report, RolloutReport, TOLERANCE, verify, verify_rows};
 use cregopt::{Cpu, Evaluate, Goal, Schedule, Task};
 use nalgebra::{Matrix3, Vector3};
 

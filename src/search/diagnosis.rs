@@ -12,7 +12,7 @@ use crate::settings::Transcription;
 use crate::task::{Goal, Task};
 use crate::terrain::Terrain;
 use crate::verify::RowReport;
-use crate::verify::certificate::Family;
+use crate::verify::report::Family;
 use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};

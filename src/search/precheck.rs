@@ -10,7 +10,7 @@ use crate::robot::Robot;
 use crate::settings::{Transcription, TranscriptionSettings};
 use crate::task::Task;
 use crate::verify::TOLERANCE;
-use crate::verify::certificate::DENSE_REACH;
+use crate::verify::report::DENSE_REACH;
 use serde::Serialize;
 
 /// Something that stands in the way of a gait.

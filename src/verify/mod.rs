@@ -15,13 +15,15 @@
 
 mod ball;
 mod bernstein;
-pub mod certificate;
+mod certificate;
 pub mod dense;
 mod exact;
 pub mod labels;
+pub mod report;
 pub mod rollout;
 mod stretch;
 
-pub use certificate::{Report, RowReport, TOLERANCE, verify, verify_rows};
+pub use certificate::{verify, verify_rows};
 pub use dense::DenseReport;
+pub use report::{Report, RowReport, TOLERANCE};
 pub use rollout::RolloutReport;

@@ -3,9 +3,9 @@
 use super::Scene;
 use crate::report::samples::Sample;
 use crate::report::verdict::verdict;
-use crate::verify::certificate::{DENSE_REACH, Family, PENETRATION, ROLLOUT_ATTITUDE, ROLLOUT_POSITION};
 use crate::verify::dense::Extreme;
 use crate::verify::labels::of_momentum;
+use crate::verify::report::{DENSE_REACH, Family, PENETRATION, ROLLOUT_ATTITUDE, ROLLOUT_POSITION};
 use serde::Serialize;
 
 /// A certificate for readers.

@@ -16,7 +16,8 @@ use cregopt::nlp::{Layout, trajectory};
 use cregopt::robot::GRAVITY;
 use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::terrain::Shape;
-use cregopt::verify::certificate::{Family, verify_rows};
+use cregopt::verify::report::Family;
+use cregopt::verify::verify_rows;
 use nalgebra::{DMatrix, DVector};
 
 #[test]
