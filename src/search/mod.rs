@@ -389,8 +389,12 @@ impl Session<'_, '_> {
     }
 
     /// One generation of given schedules. Returns why the search ends with it, if it does.
-    fn generation(&mut self, timed: &mut Level, named: Vec<Named>) -> Result<Option<StopReason>> {
+    fn generation(&mut self, timed: &mut Level, mut named: Vec<Named>) -> Result<Option<StopReason>> {
         let generation = self.generations.len();
+        if !self.settings.first {
+            // What is short is solved soonest.
+            named.sort_by(|(_, a), (_, b)| a.horizon().total_cmp(&b.horizon()));
+        }
         let (families, schedules): (Vec<Option<GaitFamily>>, Vec<Schedule>) = named.into_iter().unzip();
         let settings = self.settings.cem(1);
         let aim = Aim::all(&settings, &schedules).or_first(self.settings.first);
