@@ -1,5 +1,5 @@
 //! What really happens under the planned forces: the rigid body in f64 from its state, with forces and footholds as planned and nothing else, and
-//! compared with the planned base. From each time at which a curve has a node or a contact changes to the next it is a [`Stretch`].
+//! compared with the planned base. Between two times at which a curve has a node or a contact changes all but its attitude is known in closed form.
 
 use super::bernstein::{acceleration, velocity};
 use super::dense::{Extreme, Motion, readable};
