@@ -103,6 +103,15 @@ pub(super) fn push(motion: &Motion) -> f64 {
     motion.feet.iter().map(|foot| greatest(&foot.force)).sum()
 }
 
+/// Bounds of the angular velocity and acceleration of the base, rad/s and rad/s², on the piece that a time is on.
+///
+/// The axes of the Euler angles are unit vectors that turn no faster than the angles before them.
+pub(super) fn turning(angles: &TimedCurve, time: f64) -> [f64; 2] {
+    let greatest = |control: &[Vector3<f64>]| control.iter().map(|c| c.lp_norm(1)).fold(0., f64::max);
+    let [rates, turn] = angles.on(time, |curve, piece| [greatest(&velocity(curve, piece)), greatest(&acceleration(curve, piece))]);
+    [rates, turn + rates * rates]
+}
+
 /// What bounds the curvature of a foot's path, seen from the base, over an interval without nodes.
 struct Bend {
     /// Angular velocity, rad/s.
@@ -135,11 +144,8 @@ pub(super) fn reach(motion: &Motion, floor: f64) -> Extreme {
         let (start, end) = (interval[0], interval[1]);
         let after = motion.base(end);
         let middle = (start + end) / 2.;
-        let rates = motion.base_ang.on(middle, |curve, piece| velocity(curve, piece).map(|r| r.lp_norm(1)).into_iter().fold(0., f64::max));
-        let turn =
-            motion.base_ang.on(middle, |curve, piece| acceleration(curve, piece).map(|a| a.lp_norm(1)).into_iter().fold(0., f64::max));
-        let [b0, b1] = motion.base_lin.on(middle, acceleration);
-        let bend = Bend { omega: rates, alpha: turn + rates * rates, base: [b0, b1] };
+        let [omega, alpha] = turning(&motion.base_ang, middle);
+        let bend = Bend { omega, alpha, base: motion.base_lin.on(middle, acceleration) };
         for (foot, curves) in motion.feet.iter().enumerate() {
             let path = curves.motion.on(middle, acceleration);
             // All accelerations are linear over their pieces: the difference is largest at some pair of ends.

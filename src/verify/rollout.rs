@@ -1,8 +1,8 @@
 //! What really happens under the planned forces: the rigid body in f64 from its state, with forces and footholds as planned and nothing else, and
 //! compared with the planned base. Between two times at which a curve has a node or a contact changes all but its attitude is known in closed form.
 
-use super::bernstein::{acceleration, velocity};
 use super::dense::{Extreme, Motion, readable};
+use super::exact::turning;
 use super::stretch::{Body, Stretch, greatest_of_cubic};
 use crate::robot::GRAVITY;
 use nalgebra::{Matrix3, Vector3};
@@ -173,24 +173,18 @@ impl<'a> Rollout<'a> {
             let acceleration = c * 2. + d * (6. * (step.origin + time - motion.base_lin.times[planned]));
             (stretch.force(time) / mass - Vector3::z() * GRAVITY - acceleration).norm()
         });
-        let rates = motion.base_ang.on(middle, |curve, piece| greatest(&velocity(curve, piece)));
-        let turn = motion.base_ang.on(middle, |curve, piece| greatest(&acceleration(curve, piece)));
+        let [rates, alpha] = turning(&motion.base_ang, middle);
         let push = greatest_of_cubic(*since, *length, |time| stretch.force(time).norm());
         // The way of the base within the step, by its speed and what it gains.
         let way = length * (before.velocity.norm().max(after.velocity.norm()) + length * (push / mass + GRAVITY));
         let moment = stretch.moment_bound(*since, *length, push, way);
         let momentum = before.momentum.norm().max(after.momentum.norm()) + moment * length / 2.;
         let omega = momentum / least;
-        let curvature = turn + rates * rates + (moment + omega * momentum) / least + (rates + omega).powi(2);
+        let curvature = alpha + (moment + omega * momentum) / least + (rates + omega).powi(2);
         let away = f64::max(ends[0][1], ends[1][1]).to_radians();
         let angle = if away + (rates + omega) * length < 0.3 { 1.1 * curvature * by_curvature } else { f64::INFINITY };
         [apart * by_curvature, angle.to_degrees()]
     }
-}
-
-/// Sum of the sizes of the components, greatest among control points.
-fn greatest(control: &[Vector3<f64>]) -> f64 {
-    control.iter().map(|c| c.lp_norm(1)).fold(0., f64::max)
 }
 
 #[cfg(test)]
