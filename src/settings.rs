@@ -22,7 +22,7 @@
 
 use crate::error::{Error, Result, check_range};
 use crate::gait::trajectory::GoalVelocity;
-use crate::solver::control::{HOPELESS_AT, HOPELESS_FROM, HOPELESS_RATES};
+use crate::solver::control::NEVER_HOPELESS;
 use crate::terrain::Terrain;
 use serde::{Deserialize, Serialize};
 
@@ -229,15 +229,14 @@ pub struct StallSettings {
     pub window: usize,
     /// Iterations that a candidate may still need. Too small: candidates are lost; too large: failing ones cost more.
     pub budget: f64,
-    /// With the rows `momentum`: infeasibility a row at which a candidate is given up after five iterations; four times that after each iteration
-    /// less, from the second on, half of it after each one more, up to the twelfth. Two of 7,794 that are solved had more. 0: none is given up
-    /// for it.
+    /// Factor of the limits above which a candidate is given up in its first iterations, for what it lacks, the steps that it takes and the
+    /// multipliers that it has: see [`Progress::hopeless`](crate::solver::control::Progress::hopeless). Too small: candidates are lost; 0: none is given up for it.
     pub hopeless: f64,
 }
 
 impl Default for StallSettings {
     fn default() -> Self {
-        StallSettings { enabled: true, start: 10, window: 4, budget: 200., hopeless: 0.05 }
+        StallSettings { enabled: true, start: 10, window: 4, budget: 200., hopeless: 1. }
     }
 }
 
@@ -279,16 +278,19 @@ impl SolverSettings {
         })
     }
 
-    /// Infeasibility at which a candidate is given up after [`HOPELESS_FROM`] iterations. With the rows
-    /// `towr` good and bad candidates do not differ by then.
+    /// What a candidate may lack after [`HOPELESS_FROM`](crate::solver::control::HOPELESS_FROM) iterations, see
+    /// [`Progress::hopeless`](crate::solver::control::Progress::hopeless).
     ///
     /// * `rows` - how many it has
     pub fn hopeless(&self, transcription: Transcription, rows: usize) -> f64 {
-        let stall = &self.stall;
-        let given_up = stall.enabled && stall.hopeless > 0. && transcription == Transcription::Momentum;
-        // Shaders need not know infinities.
-        let first = stall.hopeless / HOPELESS_RATES[0].powi((HOPELESS_AT - HOPELESS_FROM) as i32);
-        if given_up { first * rows as f64 } else { f64::from(f32::MAX) }
+        if !self.stall.enabled || self.stall.hopeless == 0. {
+            return NEVER_HOPELESS;
+        }
+        let of_a_row = match transcription {
+            Transcription::Momentum => 8.,
+            Transcription::Towr => 30.,
+        };
+        self.stall.hopeless * of_a_row * rows as f64
     }
 
     /// Rounding of the edges of a terrain until closing steps start, m; 0 where it has none.

@@ -32,7 +32,7 @@ type Values = Vec<Counted>;
 /// has twice, once.
 pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSettings) -> Vec<Operations> {
     let layout = Layout::<Counted>::new(task, schedule, &settings.transcription);
-    let limits = Limits::<Counted>::new(&settings.solver);
+    let limits = Limits::<Counted>::new(&settings.solver, settings.transcription.rows);
     let progress = limits.first_progress(&settings.solver, &layout);
     let radius = progress.edge_radius;
     let zeros = |n: usize| -> Values { vec![Counted::default(); n] };

@@ -25,7 +25,8 @@ fn with_proximal(before: Progress, eps: f32) -> Progress {
 // Decides what the round is for, or ends the solve.
 //   f        infeasibility at the point
 //   earlier  that `stall_window` records ago; any value where there are not as many
-fn begin(before: Progress, f: f32, earlier: f32) -> Progress {
+//   largest  multiplier of an inequality
+fn begin(slot: u32, before: Progress, f: f32, earlier: f32, largest: f32) -> Progress {
     var progress = before;
     progress.infeasibility = f;
     progress.recorded += 1u;
@@ -41,7 +42,7 @@ fn begin(before: Progress, f: f32, earlier: f32) -> Progress {
         progress.state = SOLVED;
     } else if (progress.iterations >= batch.max_iterations) {
         progress.state = MAX_ITERATIONS;
-    } else if (stalled(progress, f, earlier) || (may_be_given_up(progress) && f > progress.hopeless)) {
+    } else if (stalled(progress, f, earlier) || is_hopeless(progress, f, largest)) {
         progress.state = STALLED;
     } else {
         var closing = progress.state == CLOSE;
@@ -58,13 +59,20 @@ fn begin(before: Progress, f: f32, earlier: f32) -> Progress {
             progress.closing_eps = batch.proximal_floor;
         }
     }
-    if (may_be_given_up(progress)) {
-        progress.hopeless *= select(HOPELESS_RATE, HOPELESS_LATE_RATE, progress.recorded > HOPELESS_AT);
+    if (may_be_given_up(progress) && progress.state != EXACT) {
+        let rates = slots[slot].hopeless_rates;
+        let later = select(rates[1], rates[2], progress.recorded > HOPELESS_LATE_KNEE);
+        progress.hopeless *= select(rates[0], later, progress.recorded > HOPELESS_KNEE);
     }
     return progress;
 }
 
-// Whether its infeasibility may end the solve now.
+// Whether it lacks more than what is solved did after as many iterations.
+fn is_hopeless(progress: Progress, f: f32, largest: f32) -> bool {
+    return may_be_given_up(progress) && f * largest > progress.hopeless * progress.length;
+}
+
+// Whether what is lacking may end the solve now.
 fn may_be_given_up(progress: Progress) -> bool {
     return progress.recorded > HOPELESS_FROM && progress.recorded <= HOPELESS_TO + 1u;
 }

@@ -5,7 +5,7 @@
 //   in      values    x, c and g at the point, slacks and multipliers
 //   in out  progress
 //   out     values    history; weight, value [rows]; diagonal, gradient [variables]; x of the trial point when the rows become exact
-// Twins: src/solver/weights.rs, `begin` in src/solver/control.rs, `infeasibility` in src/solver/judge.rs
+// Twins: src/solver/weights.rs, `begin` in src/solver/control.rs, `infeasibility` in src/solver/judge.rs, `largest` in src/solver/slacks.rs
 
 // Part of the infeasibility `F = (|c|^2 + |max(g, 0)|^2) / 2` that one invocation sums.
 fn infeasibility(slot: u32, half: u32, lane: u32) -> f32 {
@@ -21,6 +21,16 @@ fn infeasibility(slot: u32, half: u32, lane: u32) -> f32 {
         sum += over * over;
     }
     return 0.5 * sum;
+}
+
+// The largest multiplier of those that one invocation looks at.
+fn largest_multiplier(slot: u32, lane: u32) -> f32 {
+    let z = slot * batch.values + batch.multiplier;
+    var largest = 0.0;
+    for (var i = lane; i < slots[slot].inequalities; i += WORKGROUP) {
+        largest = max(largest, values[z + i]);
+    }
+    return largest;
 }
 
 // Row weights of a closing step: the equalities and the violated inequalities.
@@ -60,9 +70,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     }
     if (now.attempts == 0u) {
         let f = sum_over(lane, infeasibility(slot, now.current, lane));
+        let largest = max_over(lane, largest_multiplier(slot, lane));
         // The window is a ring: what is in the place of this record is as old as the rule wants.
         let record = base + batch.history + now.recorded % batch.stall_window;
-        now = begin(now, f, values[record]);
+        now = begin(slot, now, f, values[record], largest);
         workgroupBarrier();
         if (lane == 0u && now.state != EXACT) {
             values[record] = f;

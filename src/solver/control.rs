@@ -7,7 +7,7 @@
 use crate::nlp::Layout;
 use crate::real::Real;
 use crate::rows::table::NONE;
-use crate::settings::SolverSettings;
+use crate::settings::{SolverSettings, Transcription};
 
 /// The next trial point is a barrier step.
 pub const STEP: u32 = 0;
@@ -34,14 +34,14 @@ pub const CLOSING_RATE: f64 = 0.1;
 pub const STALL_TARGET: f64 = 1e-6;
 /// Infeasibility above which it speaks: below it rounding makes it rest now and then.
 pub const STALL_ABOVE: f64 = 1e-5;
-/// Iterations after which a candidate may be given up for its infeasibility: from here on
+/// Limit on what a candidate lacks that no candidate exceeds. Shaders need not know infinities.
+pub const NEVER_HOPELESS: f64 = f32::MAX as f64;
+/// Iterations after which a candidate may be given up for what it lacks: from here on
 pub const HOPELESS_FROM: u32 = 2;
 /// to here. Who gets farther may be slow; what it does is the stall rule's to judge.
-pub const HOPELESS_TO: u32 = 12;
-/// Iterations of which [`crate::settings::StallSettings::hopeless`] tells.
-pub const HOPELESS_AT: u32 = 5;
-/// Part of that infeasibility that is left with each further iteration, up to that one and beyond.
-pub const HOPELESS_RATES: [f64; 2] = [0.25, 0.5];
+pub const HOPELESS_TO: u32 = 15;
+/// Iterations up to which the first, and the second, of [`hopeless_rates`] hold.
+pub const HOPELESS_KNEES: [u32; 2] = [4, 7];
 /// Shorter steps that are tried along a refused direction,
 pub const SHORTENINGS: u32 = 2;
 /// and the part of the length that each keeps.
@@ -87,7 +87,9 @@ crate::table! {
         pub closing_from: T,
         /// Rounding of terrain edges in force; 0 once closing steps began, m.
         pub edge_radius: T,
-        /// Infeasibility at which the solve is given up.
+        /// The solve is given up when it lacks more than this: infeasibility, times the largest multiplier of an inequality, over the length of
+        /// the last step. Where there is no solution multipliers grow, steps are short and the infeasibility stays, and the product of the three
+        /// tells it before each of them does. Calibrated in `benches/README.md`.
         pub hopeless: T,
         /// Length of the step to the trial point.
         pub length: T,
@@ -115,11 +117,21 @@ pub struct Limits<T> {
     pub smoothing: T,
     /// Infeasibility below which closing steps start.
     pub closing: T,
+    /// See [`hopeless_rates`].
+    pub hopeless_rates: [T; 3],
+}
+
+/// Parts of [`Progress::hopeless`] that are left with each further iteration, up to each of [`HOPELESS_KNEES`] and beyond.
+pub fn hopeless_rates(transcription: Transcription) -> [f64; 3] {
+    match transcription {
+        Transcription::Momentum => [0.1, 0.2, 0.8],
+        Transcription::Towr => [0.25, 0.45, 0.6],
+    }
 }
 
 impl<T: Real> Limits<T> {
     /// Limits of a solve.
-    pub fn new(settings: &SolverSettings) -> Self {
+    pub fn new(settings: &SolverSettings, transcription: Transcription) -> Self {
         let stall = &settings.stall;
         Limits {
             max_iterations: settings.max_iterations as u32,
@@ -130,6 +142,7 @@ impl<T: Real> Limits<T> {
             proximal_floor: T::of(settings.proximal_floor),
             smoothing: T::of(settings.smoothing),
             closing: T::of(settings.closing),
+            hopeless_rates: hopeless_rates(transcription).map(T::of),
         }
     }
 
@@ -137,17 +150,17 @@ impl<T: Real> Limits<T> {
     pub fn first_progress(&self, settings: &SolverSettings, layout: &Layout<T>) -> Progress<T> {
         let (transcription, rows) = (layout.curves.transcription, layout.rows);
         let (barrier, hopeless) = (settings.barrier(transcription), settings.hopeless(transcription, rows));
-        Progress::first(self, T::of(barrier), T::of(settings.edge_radius_on(&layout.terrain)), T::of(hopeless))
+        let first = Progress::first(self, T::of(barrier), T::of(settings.edge_radius_on(&layout.terrain)));
+        Progress { hopeless: T::of(hopeless), ..first }
     }
 }
 
 impl<T: Real> Progress<T> {
-    /// Before the first round.
+    /// Before the first round, never given up for what is lacking.
     ///
-    /// * `barrier`, `hopeless` - see [`SolverSettings::barrier`], [`SolverSettings::hopeless`]
-    pub fn first(limits: &Limits<T>, barrier: T, edge_radius: T, hopeless: T) -> Self {
+    /// * `barrier` - see [`SolverSettings::barrier`]
+    pub fn first(limits: &Limits<T>, barrier: T, edge_radius: T) -> Self {
         Progress {
-            hopeless,
             barrier,
             mu: barrier,
             eps: limits.proximal,
@@ -155,6 +168,9 @@ impl<T: Real> Progress<T> {
             closing_below: limits.closing,
             closing_from: T::infinity(),
             edge_radius,
+            hopeless: T::of(NEVER_HOPELESS),
+            length: T::one(),
+            dual_length: T::one(),
             ..Progress::default()
         }
     }
@@ -183,8 +199,9 @@ impl<T: Real> Progress<T> {
 ///
 /// * `f` - infeasibility at the point
 /// * `before` - that `stall_window` records ago; any value where there are not as many
+/// * `largest` - multiplier of an inequality
 /// * `held` - whether the rows hold
-pub fn begin<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>, f: T, before: T, held: bool) {
+pub fn begin<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>, f: T, before: T, largest: T, held: bool) {
     progress.infeasibility = f;
     progress.recorded += 1;
     if !f.is_finite() {
@@ -199,7 +216,7 @@ pub fn begin<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>, f: T, befo
         progress.state = SOLVED;
     } else if progress.iterations >= limits.max_iterations {
         progress.state = MAX_ITERATIONS;
-    } else if stalled(progress, limits, f, before) || (may_be_given_up(progress) && f > progress.hopeless) {
+    } else if stalled(progress, limits, f, before) || is_hopeless(progress, f, largest) {
         progress.state = STALLED;
     } else {
         let mut closing = progress.state == CLOSE;
@@ -216,8 +233,9 @@ pub fn begin<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>, f: T, befo
             progress.closing_eps = limits.proximal_floor;
         }
     }
-    if may_be_given_up(progress) {
-        progress.hopeless *= T::of(HOPELESS_RATES[usize::from(progress.recorded > HOPELESS_AT)]);
+    if may_be_given_up(progress) && progress.state != EXACT {
+        let knees = HOPELESS_KNEES.iter().filter(|&&knee| progress.recorded > knee).count();
+        progress.hopeless *= limits.hopeless_rates[knees];
     }
 }
 
@@ -232,7 +250,12 @@ fn stalled<T: Real>(progress: &Progress<T>, limits: &Limits<T>, f: T, before: T)
     f > T::of(STALL_ABOVE) && (f / T::of(STALL_TARGET)).ln() * window > limits.stall_budget * (before / f).ln()
 }
 
-/// Whether its infeasibility may end the solve now.
+/// Whether it lacks more than what is solved did after as many iterations.
+fn is_hopeless<T: Real>(progress: &Progress<T>, f: T, largest: T) -> bool {
+    may_be_given_up(progress) && f * largest > progress.hopeless * progress.length
+}
+
+/// Whether what is lacking may end the solve now.
 fn may_be_given_up<T: Real>(progress: &Progress<T>) -> bool {
     progress.recorded > HOPELESS_FROM && progress.recorded <= HOPELESS_TO + 1
 }
@@ -303,7 +326,7 @@ pub fn damp<T: Real>(progress: &mut Progress<T>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::settings::{StallSettings, Transcription};
+    use crate::settings::StallSettings;
 
     const BARRIER: f64 = 0.0625;
 
@@ -316,15 +339,16 @@ mod tests {
         proximal_floor: 1e-5,
         smoothing: 0.1,
         closing: 1e-6,
+        hopeless_rates: [1.; 3],
     };
 
     fn first() -> Progress<f64> {
-        Progress::first(&LIMITS, BARRIER, 0., f64::INFINITY)
+        Progress::first(&LIMITS, BARRIER, 0.)
     }
 
     /// After the beginning of a round at infeasibility `f`, with rows that do not hold and no look back.
     fn begun(mut progress: Progress<f64>, limits: &Limits<f64>, f: f64) -> Progress<f64> {
-        begin(&mut progress, limits, f, f64::INFINITY, false);
+        begin(&mut progress, limits, f, f64::INFINITY, 1., false);
         progress
     }
 
@@ -353,17 +377,17 @@ mod tests {
     fn limits_are_those_of_the_settings() {
         let stall = StallSettings { start: 7, window: 3, budget: 90., ..StallSettings::default() };
         let settings = SolverSettings { max_iterations: 12, smoothing: 0.5, closing: 1e-3, stall, ..SolverSettings::default() };
-        let limits = Limits::<f64>::new(&settings);
+        let limits = Limits::<f64>::new(&settings, Transcription::Momentum);
         assert_eq!((limits.max_iterations, limits.stall_start, limits.stall_window, limits.stall_budget), (12, 7, 3, 90.));
         assert_eq!((limits.smoothing, limits.closing), (0.5, 1e-3));
         assert_eq!((limits.proximal, limits.proximal_floor), (settings.proximal, settings.proximal_floor));
         let stall = StallSettings { enabled: false, ..StallSettings::default() };
-        assert_eq!(Limits::<f64>::new(&SolverSettings { stall, ..settings }).stall_start, NONE);
+        assert_eq!(Limits::<f64>::new(&SolverSettings { stall, ..settings }, Transcription::Towr).stall_start, NONE);
     }
 
     #[test]
     fn a_solve_starts_with_a_barrier_step_at_the_weights_of_the_settings() {
-        let progress = begun(Progress::first(&LIMITS, BARRIER, 0.04, f64::INFINITY), &LIMITS, 3.);
+        let progress = begun(Progress::first(&LIMITS, BARRIER, 0.04), &LIMITS, 3.);
         let expected = Progress {
             state: STEP,
             recorded: 1,
@@ -376,7 +400,9 @@ mod tests {
             closing_below: 1e-6,
             closing_from: 3.,
             edge_radius: 0.04,
-            hopeless: f64::INFINITY,
+            hopeless: NEVER_HOPELESS,
+            length: 1.,
+            dual_length: 1.,
             ..Progress::default()
         };
         assert_eq!(progress, expected);
@@ -398,7 +424,7 @@ mod tests {
         let state = |progress: &Progress<f64>, f: f64, held: bool| {
             let mut progress = *progress;
             // No fall in the window.
-            begin(&mut progress, &LIMITS, f, f, held);
+            begin(&mut progress, &LIMITS, f, f, 1., held);
             assert_eq!(progress.infeasibility.to_bits(), f.to_bits());
             progress.state
         };
@@ -425,7 +451,7 @@ mod tests {
 
     #[test]
     fn near_the_end_the_rows_become_exact_once() {
-        let rounded = Progress { recorded: 12, iterations: 12, attempts: 0, ..Progress::first(&LIMITS, BARRIER, 0.04, f64::INFINITY) };
+        let rounded = Progress { recorded: 12, iterations: 12, attempts: 0, ..Progress::first(&LIMITS, BARRIER, 0.04) };
         assert_eq!(begun(rounded, &LIMITS, LIMITS.closing).state, STEP, "not near enough");
         let mut progress = begun(rounded, &LIMITS, 0.5 * LIMITS.closing);
         // The record is taken back: it belongs to the rows as they were.
@@ -452,7 +478,7 @@ mod tests {
     fn a_solve_stalls_where_its_rate_would_take_longer_than_the_budget() {
         let state = |f: f64, before: f64, limits: &Limits<f64>| {
             let mut progress = Progress { recorded: 10, ..first() };
-            begin(&mut progress, limits, f, before, false);
+            begin(&mut progress, limits, f, before, 1., false);
             progress.state
         };
         // From 1 to 1e-6 in 200 iterations: by the factor exp(0.069 * 4) in a window of 4.
@@ -468,7 +494,7 @@ mod tests {
     fn the_stall_rule_waits_for_its_start_and_for_a_window_of_the_same_rows() {
         let stalls = |recorded, stall_from| {
             let mut progress = Progress { recorded, stall_from, ..first() };
-            begin(&mut progress, &LIMITS, 1., 1., false);
+            begin(&mut progress, &LIMITS, 1., 1., 1., false);
             progress.state == STALLED
         };
         assert_eq!([stalls(9, 0), stalls(10, 0), stalls(11, 0)], [false, true, true]);
@@ -477,24 +503,45 @@ mod tests {
     }
 
     #[test]
-    fn a_candidate_is_given_up_for_what_no_solved_one_has_after_as_many_iterations() {
-        let mut progress = Progress { hopeless: 512., ..first() };
-        let states = [1000., 1000., 511., 127., 31., 7.9, 3.9, 2.1].map(|f| {
-            begin(&mut progress, &LIMITS, f, f64::INFINITY, false);
-            progress.state
-        });
-        assert_eq!(states, [STEP, STEP, STEP, STEP, STEP, STEP, STEP, STALLED]);
-        assert_eq!(progress.hopeless, 1.);
+    fn a_candidate_is_given_up_for_what_no_solved_one_lacks_after_as_many_iterations() {
+        let limits = Limits { hopeless_rates: [0.125, 0.5, 0.25], ..LIMITS };
+        let start = Progress { hopeless: 4096., length: 0.5, ..first() };
+        // As long as the last is below the limit, which is asked for from the third record on.
+        let most = [4096., 512., 64., 32., 16., 8., 2., 0.5];
+        for last in 0..most.len() {
+            let mut progress = start;
+            let lacking = [1e9, 1e9].into_iter().chain(most[..last].iter().map(|l| 0.99 * l)).chain([1.01 * most[last]]);
+            let states: Vec<u32> = lacking
+                .map(|lacking| {
+                    // Half of it by the length of the step, a quarter by the multiplier.
+                    begin(&mut progress, &limits, lacking * 0.5 / 0.25, f64::INFINITY, 0.25, false);
+                    progress.state
+                })
+                .collect();
+            assert_eq!(states.iter().position(|state| *state == STALLED), Some(2 + last), "{states:?}");
+        }
         // Later on the stall rule alone decides.
-        let late = Progress { recorded: 13, ..progress };
-        assert_eq!(begun(Progress { state: STEP, ..late }, &Limits { stall_start: NONE, ..LIMITS }, 100.).state, STEP);
-        let settings = SolverSettings::default();
-        assert_eq!(settings.hopeless(Transcription::Momentum, 100), 4f64.powi(3) * 5.);
-        assert_eq!(settings.hopeless(Transcription::Towr, 100), f64::from(f32::MAX));
-        for stall in
-            [StallSettings { enabled: false, ..StallSettings::default() }, StallSettings { hopeless: 0., ..StallSettings::default() }]
-        {
-            assert_eq!(SolverSettings { stall, ..settings.clone() }.hopeless(Transcription::Momentum, 100), f64::from(f32::MAX));
+        let begun = |recorded| {
+            let mut progress = Progress { recorded, ..start };
+            begin(&mut progress, &Limits { stall_start: NONE, ..LIMITS }, 1e9, f64::INFINITY, 1., false);
+            progress.state
+        };
+        assert_eq!([begun(HOPELESS_TO), begun(HOPELESS_TO + 1)], [STALLED, STEP]);
+    }
+
+    #[test]
+    fn what_may_be_lacking_grows_with_the_rows_and_the_setting() {
+        let settings = |stall| SolverSettings { stall, ..SolverSettings::default() };
+        let stall = StallSettings::default();
+        for transcription in [Transcription::Momentum, Transcription::Towr] {
+            let of = |stall, rows| settings(stall).hopeless(transcription, rows);
+            let one = of(stall.clone(), 100);
+            assert!(one > 0. && hopeless_rates(transcription).iter().all(|rate| 0. < *rate && *rate < 1.));
+            assert_eq!(of(stall.clone(), 300), 3. * one);
+            assert_eq!(of(StallSettings { hopeless: 2., ..stall.clone() }, 100), 2. * one);
+            for never in [StallSettings { enabled: false, ..stall.clone() }, StallSettings { hopeless: 0., ..stall.clone() }] {
+                assert_eq!(of(never, 100), NEVER_HOPELESS);
+            }
         }
     }
 
@@ -535,7 +582,7 @@ mod tests {
     #[test]
     fn what_always_closes_closes_slowly_too() {
         let limits = Limits { closing: f64::INFINITY, ..LIMITS };
-        let mut progress = Progress::first(&limits, BARRIER, 0., f64::INFINITY);
+        let mut progress = Progress::first(&limits, BARRIER, 0.);
         for f in [10., 9., 8.5] {
             progress = begun(progress, &limits, f);
             assert_eq!((progress.state, progress.smoothing, progress.closing_below), (CLOSE, 0., f64::INFINITY));
@@ -546,7 +593,7 @@ mod tests {
     fn what_never_closes_keeps_to_barrier_steps() {
         let limits = Limits { closing: 0., stall_start: NONE, ..LIMITS };
         for f in [1., 1e-12, 0.] {
-            assert_eq!(begun(Progress::first(&limits, BARRIER, 0.04, f64::INFINITY), &limits, f).state, STEP);
+            assert_eq!(begun(Progress::first(&limits, BARRIER, 0.04), &limits, f).state, STEP);
         }
     }
 
@@ -596,7 +643,8 @@ mod tests {
 
     #[test]
     fn behind_the_shorter_steps_six_larger_weights_end_the_solve() {
-        let start = Progress { iterations: 4, current: 1, ..begun(first(), &LIMITS, 1.) };
+        // Of no length, so that shorter ones are the same.
+        let start = Progress { iterations: 4, current: 1, length: 0., dual_length: 0., ..begun(first(), &LIMITS, 1.) };
         for times in 1..6 {
             let progress = refused(start, SHORTENINGS + times);
             assert_close(progress.eps, 1e-3 * 6_f64.powi(times as i32));
@@ -633,7 +681,7 @@ mod tests {
     #[test]
     fn what_always_closes_is_tried_with_larger_weights() {
         let limits = Limits { closing: f64::INFINITY, ..LIMITS };
-        let start = begun(Progress::first(&limits, BARRIER, 0., f64::INFINITY), &limits, 10.);
+        let start = begun(Progress::first(&limits, BARRIER, 0.), &limits, 10.);
         let next = refused(start, 1);
         assert_eq!((next.state, next.attempts, next.eps), (CLOSE, SHORTENINGS + 1, LIMITS.proximal));
         assert_close(next.closing_eps, 6. * LIMITS.proximal_floor);

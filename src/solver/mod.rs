@@ -40,7 +40,7 @@ use control::{CLOSE, EXACT, Limits, Progress, SHORTER, STEP};
 use correct::correct;
 use judge::{infeasibility, infeasibility_fall, merit_falls, nonlinearity, smoothing_fall, update_slacks};
 use round::{ROUND, START, Stage, When};
-use slacks::{Aim, Lengths, Slacks, slack_steps};
+use slacks::{Aim, Lengths, Slacks, largest, slack_steps};
 use start::{column_scaling, start_slacks};
 use weights::{barrier_rows, closing_rows, variable_terms};
 
@@ -152,7 +152,7 @@ impl<T: Real> Solver<T> {
         cancel: &dyn Fn() -> bool,
     ) -> Outcome {
         self.prepare(layout, start);
-        let solve = Solve { layout, limits: Limits::new(settings), finish };
+        let solve = Solve { layout, limits: Limits::new(settings, layout.curves.transcription), finish };
         let mut progress = solve.limits.first_progress(settings, layout);
         for stage in START {
             self.stage(stage, &solve, &mut progress);
@@ -246,7 +246,8 @@ impl<T: Real> Solver<T> {
         }
         let f = infeasibility(&self.now.c, &self.now.g);
         let before = self.history.len().checked_sub(solve.limits.stall_window as usize).map_or(f, |at| self.history[at]);
-        control::begin(progress, &solve.limits, f, before, self.finished(solve, f));
+        let largest = largest(&self.slacks.multiplier);
+        control::begin(progress, &solve.limits, f, before, largest, self.finished(solve, f));
         if progress.state == EXACT {
             self.trial.clone_from(&self.x);
         } else {
@@ -347,14 +348,14 @@ impl<T: Real> Solver<T> {
             max_iterations: progress.iterations as usize + settings.smooth.iterations + settings.max_iterations,
             ..settings.clone()
         };
-        let solve = Solve { limits: Limits::new(&onwards), ..*solve };
+        let solve = Solve { limits: Limits::new(&onwards, layout.curves.transcription), ..*solve };
         let renewed = |progress: &Progress<T>, recorded: usize| Progress {
             iterations: progress.iterations,
             factorisations: progress.factorisations,
             recorded: recorded as u32,
             stall_from: recorded as u32,
             infeasibility: progress.infeasibility,
-            ..Progress::first(&solve.limits, barrier, T::zero(), T::max_value())
+            ..Progress::first(&solve.limits, barrier, T::zero())
         };
         *progress = renewed(progress, self.history.len());
         progress.smoothing = T::of(settings.smooth.weight);

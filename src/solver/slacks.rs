@@ -124,6 +124,19 @@ fn larger<T: Real>(a: T, b: T) -> T {
     if b > a { b } else { a }
 }
 
+/// The largest of non-negative values; 0 of none.
+#[multiversion(targets("x86_64+avx2+fma"))]
+pub fn largest<T: Real>(values: &[T]) -> T {
+    let (groups, rest) = values.as_chunks::<LANES>();
+    let mut most = [T::zero(); LANES];
+    for group in groups {
+        for l in 0..LANES {
+            most[l] = larger(most[l], group[l]);
+        }
+    }
+    most.into_iter().chain(rest.iter().copied()).fold(T::zero(), larger)
+}
+
 /// Mean of the products `s z`, `lengths` along their steps.
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn mean_product<T: Real>(slacks: &Slacks<T>, lengths: Lengths<T>) -> T {

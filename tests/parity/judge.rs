@@ -6,6 +6,7 @@ use crate::common::Random;
 use crate::lab::{CAPACITY, Expected, Lab, SMALL, State, fill, gpu, states};
 use crate::solver::{barrier_state, residuals, slacks, truncated_counts};
 use cregopt::backend::gpu::shaders::Shader;
+use cregopt::settings::Transcription;
 use cregopt::solver::control::{self, ATTEMPTS, CLOSE, ENDED, EXACT, Limits, Progress, SHORTENINGS, SHORTER, SOLVED, STEP};
 use cregopt::solver::judge;
 use cregopt::solver::slacks::Lengths;
@@ -125,7 +126,7 @@ fn judge_agrees_with_its_twin() {
     let Some(device) = gpu("judge_agrees_with_its_twin") else { return };
     let candidates = candidates();
     let mut lab = Lab::new(&device, &candidates, CAPACITY, SMALL, truncated_counts);
-    let (batch, limits) = (lab.batch, Limits::<f32>::new(&lab.settings));
+    let (batch, limits) = (lab.batch, Limits::<f32>::new(&lab.settings, Transcription::Momentum));
     let mut outcomes: BTreeMap<&str, usize> = BTreeMap::new();
     for seed in 0..6 {
         let mut random = Random::new(31 + seed);

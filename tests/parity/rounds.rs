@@ -4,9 +4,10 @@ use crate::ARITHMETIC;
 use crate::candidates::{EDGE_RADIUS, candidates};
 use crate::common::Random;
 use crate::lab::{CAPACITY, Expected, Lab, SMALL, fill, gpu};
-use crate::solver::barrier_state;
+use crate::solver::{barrier_state, limits, slacks};
 use cregopt::backend::gpu::shaders::Shader;
-use cregopt::solver::control::{self, CLOSE, EXACT, Limits, Progress, SOLVED, STEP};
+use cregopt::solver::control::{self, CLOSE, EXACT, Progress, SOLVED, STEP};
+use cregopt::solver::slacks::largest;
 use std::collections::BTreeMap;
 
 /// First barrier parameter.
@@ -17,7 +18,7 @@ fn weights_begins_rounds_as_its_twin_does() {
     let Some(device) = gpu("weights_begins_rounds_as_its_twin_does") else { return };
     let candidates = candidates();
     let mut lab = Lab::new(&device, &candidates, CAPACITY, SMALL, |_, _| {});
-    let (batch, limits) = (lab.batch, Limits::<f32>::new(&lab.settings));
+    let batch = lab.batch;
     let window = lab.settings.stall.window;
     let tolerance = lab.settings.tolerance as f32;
     let mut random = Random::new(41);
@@ -39,9 +40,11 @@ fn weights_begins_rounds_as_its_twin_does() {
         }
         before.progress[s] = Progress {
             current: s as u32 % 2,
-            ..Progress::first(&limits, BARRIER, if s % 3 == 0 { 0. } else { EDGE_RADIUS as f32 }, [0.3, f32::MAX][s % 2])
+            hopeless: [20., f32::MAX][s % 2],
+            ..Progress::first(&limits(&lab, s), BARRIER, if s % 3 == 0 { 0. } else { EDGE_RADIUS as f32 })
         };
     }
+    let multipliers: Vec<f32> = (0..n).map(|s| largest(&slacks(&lab, s, &before).multiplier)).collect();
     // How fast each falls a round; some rest.
     let rates: Vec<f64> = (0..n).map(|_| [1., 0.98, 0.9, 0.7, 0.4, 0.09, 1.05][random.index(0..=6)]).collect();
     let list: Vec<u32> = (0..n as u32 - 3).rev().collect();
@@ -53,7 +56,7 @@ fn weights_begins_rounds_as_its_twin_does() {
             let progress = before.progress[s];
             let last = histories[s].last().copied().map_or(10f64.powf(random.between(-1., 2.)), f64::from);
             // Now and then a limit, hit exactly or nearly, or no number; more often where it matters.
-            let special = [limits.closing, tolerance, 0.1 * progress.closing_from, progress.closing_below];
+            let special = [lab.settings.closing as f32, tolerance, 0.1 * progress.closing_from, progress.closing_below];
             let special = if progress.state == CLOSE { special[random.index(1..=3)] } else { special[random.index(0..=3)] };
             let f = match random.index(if progress.state == CLOSE { 0..=5 } else { 0..=11 }) {
                 0 => special,
@@ -79,7 +82,7 @@ fn weights_begins_rounds_as_its_twin_does() {
             let ring = lab.range(s, batch.history, 0).start + progress.recorded as usize % window;
             assert_eq!(progress.recorded as usize, history.len());
             let mut begun = progress;
-            control::begin(&mut begun, &limits, f, earlier, f < tolerance);
+            control::begin(&mut begun, &limits(&lab, s), f, earlier, multipliers[s], f < tolerance);
             if begun.state != EXACT {
                 history.push(f);
                 expected.state.values[ring] = f;
@@ -118,14 +121,15 @@ fn weights_begins_rounds_as_its_twin_does() {
                     if progress.state == STEP && random.index(0..=2) == 0 {
                         control::refuse(progress);
                     }
-                    control::accept(progress, &limits, [0.1, 0.5, 0.9][random.index(0..=2)]);
+                    progress.length = random.between(0.05, 1.) as f32;
+                    control::accept(progress, &limits(&lab, s), [0.1, 0.5, 0.9][random.index(0..=2)]);
                 }
                 EXACT => control::renew(progress),
                 _ => {
                     // The slot is filled again; what its ring holds is another candidate's.
                     *progress = Progress {
                         current: progress.current,
-                        ..Progress::first(&limits, BARRIER, if s.is_multiple_of(2) { 0. } else { 0.04 }, f32::MAX)
+                        ..Progress::first(&limits(&lab, s), BARRIER, if s.is_multiple_of(2) { 0. } else { 0.04 })
                     };
                     histories[s].clear();
                 }

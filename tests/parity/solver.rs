@@ -7,7 +7,7 @@ use crate::{ARITHMETIC, SUM};
 use cregopt::backend::gpu::Prepared;
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::solver::control::{self, CLOSE, EXACT, Limits, Progress, SHORTER, SOLVED, STEP};
-use cregopt::solver::slacks::{Aim, BARRIER_FLOOR, Lengths, Slacks, TO_THE_BOUNDARY, mean_product, slack_steps};
+use cregopt::solver::slacks::{Aim, BARRIER_FLOOR, Lengths, Slacks, TO_THE_BOUNDARY, largest, mean_product, slack_steps};
 use cregopt::solver::{advance, judge, start, weights};
 use std::collections::BTreeMap;
 
@@ -24,6 +24,11 @@ pub fn barrier_state(lab: &Lab, s: usize, state: &mut State, random: &mut Random
             fill(&mut state.values, lab.of_inequalities(s, array), random, -0.5, 0.5);
         }
     }
+}
+
+/// Limits of the solve of a slot's candidate.
+pub fn limits(lab: &Lab, s: usize) -> Limits<f32> {
+    Limits::new(&lab.settings, lab.slots[s].layout.curves.transcription)
 }
 
 /// Slacks of a slot, as the twin has them. Steps that are poison become zero: the twin multiplies them by zero.
@@ -165,7 +170,8 @@ fn weights_agrees_with_its_twin() {
                 eps: 3e-4,
                 closing_eps: 7e-5,
                 // Refused attempts close, and the first of the rest.
-                ..Progress::first(&Limits::new(&lab.settings), progress.barrier, progress.edge_radius, progress.hopeless)
+                hopeless: progress.hopeless,
+                ..Progress::first(&limits(lab, s), progress.barrier, progress.edge_radius)
             };
             if progress.state == EXACT {
                 // Rows become exact only before a round.
@@ -197,7 +203,8 @@ fn weights_agrees_with_its_twin() {
             if progress.attempts == 0 {
                 let f = judge::infeasibility(&c, &g);
                 let ring = lab.range(s, batch.history, 0).start + progress.recorded as usize % lab.settings.stall.window;
-                control::begin(&mut progress, &Limits::new(&lab.settings), f, POISON, f < lab.settings.tolerance as f32);
+                let largest = largest(&slacks(lab, s, state).multiplier);
+                control::begin(&mut progress, &limits(lab, s), f, POISON, largest, f < lab.settings.tolerance as f32);
                 if progress.state != EXACT {
                     state.values[ring] = f;
                 }

@@ -333,7 +333,8 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("ATTEMPTS", control::ATTEMPTS),
         ("HOPELESS_FROM", control::HOPELESS_FROM),
         ("HOPELESS_TO", control::HOPELESS_TO),
-        ("HOPELESS_AT", control::HOPELESS_AT),
+        ("HOPELESS_KNEE", control::HOPELESS_KNEES[0]),
+        ("HOPELESS_LATE_KNEE", control::HOPELESS_KNEES[1]),
         ("LINEAR_MOMENTUM", Family::LinearMomentum as u32),
     ];
     let real = vec![
@@ -343,8 +344,6 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("SHORTENING", control::SHORTENING as f32),
         ("STALL_TARGET", control::STALL_TARGET as f32),
         ("STALL_ABOVE", control::STALL_ABOVE as f32),
-        ("HOPELESS_RATE", control::HOPELESS_RATES[0] as f32),
-        ("HOPELESS_LATE_RATE", control::HOPELESS_RATES[1] as f32),
         ("PROXIMAL_GROWTH", control::PROXIMAL_GROWTH as f32),
         ("BARRIER_FLOOR", BARRIER_FLOOR as f32),
         ("SLACK_FLOOR", SLACK_FLOOR as f32),

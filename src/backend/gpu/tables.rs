@@ -12,8 +12,8 @@ use crate::rows::momentum::{MOMENTUM_POINTS, MomentumPoint};
 use crate::rows::reach::ReachInstant;
 use crate::rows::table::{MemberArray, NONE, Run, Span, Wgsl};
 use crate::rows::{Constants, row_tables};
-use crate::settings::SolverSettings;
-use crate::solver::control::{Limits, Progress};
+use crate::settings::{SolverSettings, Transcription};
+use crate::solver::control::{Limits, Progress, hopeless_rates};
 use crate::terrain::{Profile, Shape as TerrainShape, Terrain};
 
 /// Offsets of bindings are multiples of this, the most that any device asks for, bytes.
@@ -252,6 +252,8 @@ macro_rules! gpu_tables {
                 pub inequalities: u32,
                 /// Number of elements before those of reach rows.
                 pub first_reach: u32,
+                /// See [`hopeless_rates`].
+                pub hopeless_rates: [f32; 3],
                 $(
                     #[doc = concat!("Entries in `", stringify!($table), "`.")]
                     pub $table: u32,
@@ -275,6 +277,7 @@ macro_rules! gpu_tables {
                     rows: layout.rows as u32,
                     inequalities: layout.inequalities as u32,
                     first_reach: layout.first_reach as u32,
+                    hopeless_rates: hopeless_rates(layout.curves.transcription).map(|rate| rate as f32),
                     $($table: count(Buffer::$buffer),)*
                     shape: Shape::of(&layout.terrain, first_height),
                     constants: layout.constants,
@@ -295,7 +298,8 @@ macro_rules! gpu_tables {
                     values += len as u32;
                     at
                 };
-                let limits = Limits::<f32>::new(settings);
+                // What depends on the rows stands in the slots.
+                let limits = Limits::<f32>::new(settings, Transcription::Momentum);
                 let size = |n: usize| n.max(1) as u32;
                 let mut words = 0;
                 let mut joined = |buffer: Buffer| {
@@ -683,7 +687,7 @@ impl Sizes {
 
 /// Progress of a candidate whose initial values stand in the first half: they are evaluated as a trial point.
 pub fn first_progress(layout: &Layout<f32>, settings: &SolverSettings) -> Progress<f32> {
-    Progress { current: 1, ..Limits::new(settings).first_progress(settings, layout) }
+    Progress { current: 1, ..Limits::new(settings, layout.curves.transcription).first_progress(settings, layout) }
 }
 
 // SAFETY: `#[repr(C)]`, with members of four bytes alone, whose bits are all values.
