@@ -229,14 +229,14 @@ pub struct StallSettings {
     pub window: usize,
     /// Iterations that a candidate may still need. Too small: candidates are lost; too large: failing ones cost more.
     pub budget: f64,
-    /// Factor of the limits above which a candidate is given up in its first iterations, for what it lacks, the steps that it takes and the
-    /// multipliers that it has: see [`Progress::hopeless`](crate::solver::control::Progress::hopeless). Too small: candidates are lost; 0: none is given up for it.
-    pub hopeless: f64,
+    /// A candidate is given up in its first iterations above this many times what any that is solved lacks after as many: see
+    /// [`Progress::hopeless`](crate::solver::control::Progress::hopeless). Too small: candidates are lost; 0: none is given up for it.
+    pub hopeless_above: f64,
 }
 
 impl Default for StallSettings {
     fn default() -> Self {
-        StallSettings { enabled: true, start: 10, window: 4, budget: 200., hopeless: 1. }
+        StallSettings { enabled: true, start: 10, window: 4, budget: 200., hopeless_above: 1. }
     }
 }
 
@@ -283,14 +283,14 @@ impl SolverSettings {
     ///
     /// * `rows` - how many it has
     pub fn hopeless(&self, transcription: Transcription, rows: usize) -> f64 {
-        if !self.stall.enabled || self.stall.hopeless == 0. {
+        if !self.stall.enabled || self.stall.hopeless_above == 0. {
             return NEVER_HOPELESS;
         }
         let of_a_row = match transcription {
             Transcription::Momentum => 8.,
             Transcription::Towr => 30.,
         };
-        self.stall.hopeless * of_a_row * rows as f64
+        self.stall.hopeless_above * of_a_row * rows as f64
     }
 
     /// Rounding of the edges of a terrain until closing steps start, m; 0 where it has none.
@@ -320,6 +320,6 @@ impl SolverSettings {
         check_range("solver.stall.start", self.stall.start as f64, 1., 1e6)?;
         check_range("solver.stall.window", self.stall.window as f64, 1., 1e3)?;
         check_range("solver.stall.budget", self.stall.budget, 1., 1e6)?;
-        check_range("solver.stall.hopeless", self.stall.hopeless, 0., 1e6)
+        check_range("solver.stall.hopeless_above", self.stall.hopeless_above, 0., 1e6)
     }
 }

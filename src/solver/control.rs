@@ -538,8 +538,8 @@ mod tests {
             let one = of(stall.clone(), 100);
             assert!(one > 0. && hopeless_rates(transcription).iter().all(|rate| 0. < *rate && *rate < 1.));
             assert_eq!(of(stall.clone(), 300), 3. * one);
-            assert_eq!(of(StallSettings { hopeless: 2., ..stall.clone() }, 100), 2. * one);
-            for never in [StallSettings { enabled: false, ..stall.clone() }, StallSettings { hopeless: 0., ..stall.clone() }] {
+            assert_eq!(of(StallSettings { hopeless_above: 2., ..stall.clone() }, 100), 2. * one);
+            for never in [StallSettings { enabled: false, ..stall.clone() }, StallSettings { hopeless_above: 0., ..stall.clone() }] {
                 assert_eq!(of(never, 100), NEVER_HOPELESS);
             }
         }
