@@ -417,7 +417,7 @@ fn a_step_breaks_no_row_of_momentum() {
     assert_eq!((rows(Family::Dynamics), rows(Family::BaseAcceleration)), (0, 0));
     // Velocity, position, angular momentum and the angle at the end of each base piece.
     assert_eq!(rows(Family::Momentum), 30 * (3 * 3 + 1));
-    assert_eq!((rows(Family::Swing), rows(Family::Motion)), (3, 7));
+    assert_eq!((rows(Family::Swing), rows(Family::Motion)), (3, 8));
     assert_eq!(rows(Family::Bounds), 6 + 6 + 3 + 3 + 4 * 3 + 3 + 3);
     for family in [Family::Reach, Family::Terrain, Family::Structure] {
         assert_eq!(rows(family), check(&step()).family(family).rows);
@@ -640,7 +640,7 @@ const LONG: f64 = 110.;
 #[rustfmt::skip]
 const MOTION_FAULTS: [MotionFault; 6] = [
     // dF T^2 / (2 m), by four feet.
-    MotionFault { name: "a small force for long", faultless: || momentum(standing_for(&anymal(), LONG, &[1.; LONG as usize])),
+    MotionFault { name: "a small force for long", faultless: || momentum(standing_for(&anymal(), LONG, &[0.1; 10 * LONG as usize])),
         plant: |t, s| t.ee.iter_mut().flat_map(|e| &mut e.force.nodes).for_each(|node| node[2] += 2. * anymal().mass * s / (LONG * LONG) / 4.),
         row: "position off the rollout", limit: ROLLOUT_POSITION, unit: 1., foot: None, time: LONG },
     // In two parts, each within the limit of a piece.
@@ -683,7 +683,7 @@ fn planted_faults_between_the_instants_are_counted_beyond_their_limit_only() {
             let report = verify(&trajectory, &anymal(), &smooth(), FORCE_LIMIT).unwrap();
             let context = format!("{}, {part} of its limit\n{report}", fault.name);
             let (motion, violated) = (report.family(Family::Motion), usize::from(part > 1.));
-            assert_eq!((motion.rows, motion.violated, report.n_violated), (7, violated, violated), "{context}");
+            assert_eq!((motion.rows, motion.violated, report.n_violated), (8, violated, violated), "{context}");
             assert_eq!(report.feasible, part < 1., "{context}");
             if part > 1. {
                 let worst = motion.worst.as_ref().unwrap();
@@ -692,6 +692,37 @@ fn planted_faults_between_the_instants_are_counted_beyond_their_limit_only() {
                 assert!((worst.time - fault.time).abs() < 1e-4 && (worst.violation - over).abs() < 1e-3 * over, "{context}");
             }
         }
+    }
+}
+
+#[test]
+fn a_standing_foot_stays_where_it_is_between_its_nodes() {
+    let limit = Tolerances::of(&anymal()).length;
+    for part in [0.99, 1.01] {
+        let mut trajectory = momentum(standing_for(&anymal(), LONG, &[0.1; 10 * LONG as usize]));
+        // So slowly that no node tells, over 44 s.
+        trajectory.ee[1].motion.nodes[1][5] = part * limit / (4. / 27. * 0.4 * LONG);
+        let report = check(&trajectory);
+        assert_eq!((report.feasible, report.n_violated), (part < 1., usize::from(part > 1.)), "{report}");
+        if part > 1. {
+            let worst = report.family(Family::Motion).worst.as_ref().unwrap();
+            assert_eq!((worst.row.as_str(), worst.foot), ("standing foot off its foothold", Some(1)), "{report}");
+            assert!((worst.time - (0.3 + 0.4 / 3.) * LONG).abs() < 0.1, "{report}");
+        }
+    }
+}
+
+#[test]
+fn what_the_body_gains_over_a_long_piece_is_no_less_than_over_short_ones() {
+    // A push before the end, of which the plan says nothing: 1.5 mm/s, with which 29.5 kg arrive.
+    for pieces in [&[2.][..], &[0.1; 20]] {
+        let mut trajectory = momentum(standing_for(&anymal(), 2., pieces));
+        assert!(check(&trajectory).feasible);
+        for foot in &mut trajectory.ee {
+            foot.force.nodes[3][2] += 1.5e-3 * anymal().mass / 0.3 / 4.;
+        }
+        let report = check(&trajectory);
+        assert!(report.family(Family::Momentum).violated > 0, "{report}");
     }
 }
 
@@ -924,13 +955,19 @@ fn labels_that_contradict_the_content_are_errors() {
     labelled(|_| {}).unwrap();
     // Rounded numbers are no other robot.
     labelled(|t| robot(t).inertia[0][0] = 0.95).unwrap();
-    let contradictions: [Forgery; 15] = [
+    // Nor is one that may do less.
+    labelled(|t| robot(t).force_limit = Some(300.)).unwrap();
+    labelled(|t| robot(t).foot_radius = Some(0.06)).unwrap();
+    let contradictions: [Forgery; 18] = [
         ("target 10", |t| t.base_target = [0., 0., 0.5]),
         ("one of its targets", |t| (t.base_target, t.target) = ([1., 0., 0.5], None)),
         ("target 11", |t| t.target = Some(11)),
         ("height", |t| t.base_target[2] = 0.6),
         ("yaw", |t| t.yaw_target = 1.),
         ("`s9`", |t| t.scenario = Some("s9".into())),
+        ("above the origin", |t| t.init_base = Some(t.base_target)),
+        ("radius of its feet", |t| robot(t).foot_radius = Some(0.)),
+        ("force limit", |t| robot(t).force_limit = Some(2000.)),
         ("anymal", |t| robot(t).name = "mine".into()),
         ("mass", |t| robot(t).mass = 31.),
         ("reach", |t| robot(t).reach = [0.15, 0.2, 0.1].into()),

@@ -79,7 +79,7 @@ impl Held {
             format!("robot {}, {whose_robot}; terrain {}, {whose_terrain}", shown(&robot.name), shown(&terrain.name)),
             format!("normal force at most {force_limit:.1} N, {whose_limit}"),
         ];
-        terms.extend(asked.terms(trajectory));
+        terms.extend(asked.terms(trajectory, &terrain));
         Ok(Held { robot, terrain, force_limit, terms, report })
     }
 }
@@ -128,9 +128,10 @@ impl Asked {
     }
 
     /// Rows, ends and limits that a trajectory is held to.
-    fn terms(&self, trajectory: &Trajectory) -> Vec<String> {
+    fn terms(&self, trajectory: &Trajectory, terrain: &Terrain) -> Vec<String> {
         let rows = trajectory.transcription.as_deref().unwrap_or("towr");
         let friction = if of_momentum(trajectory) { "the friction cone" } else { "TOWR's friction pyramid" };
+        let coefficient = terrain.friction;
         let [x, y, z] = trajectory.base_target;
         let whose = match (&trajectory.scenario, trajectory.target) {
             _ if self.ends_given() => "given".into(),
@@ -139,7 +140,7 @@ impl Asked {
             (None, _) => "the file's own".into(),
         };
         let mut terms = vec![
-            format!("rows {rows}, with {friction}"),
+            format!("rows {rows}, with {friction} of coefficient {coefficient}"),
             format!("goal ({x:.3}, {y:.3}, {z:.3}) m, yaw {:.4} rad{}, {whose}", trajectory.yaw_target, moves(trajectory.goal.as_ref())),
         ];
         let feet = if trajectory.start_feet.is_some() { "feet where they stood" } else { "feet at their nominal places" };

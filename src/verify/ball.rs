@@ -19,6 +19,9 @@ const CLOSE: f64 = 5e-5;
 /// Rectangles that are looked at for one distance, and parts for one piece of a path, before the bound of what is left is taken for the value.
 const LOOKS: u32 = 5_000;
 
+/// Patches that are made for one piece of a path before that. Grids much finer than a foot have many under it.
+const PATCHES: usize = 2_000_000;
+
 /// Patches meet in strips of this width at most where the height jumps, m.
 const STRIP: f64 = 4e-9;
 
@@ -117,9 +120,15 @@ fn patches(terrain: &Terrain, low: Vector2<f64>, high: Vector2<f64>) -> Vec<Patc
 
 /// Distance of a point from the ground and all below it, m, to [`CLOSE`]; `within` where it is no less.
 fn distance(terrain: &Terrain, from: &Vector3<f64>, within: f64) -> f64 {
+    distance_counting(terrain, from, within, &mut 0)
+}
+
+/// The same, adding to the number of patches made.
+fn distance_counting(terrain: &Terrain, from: &Vector3<f64>, within: f64, made: &mut usize) -> f64 {
     let around = Vector2::repeat(within);
     // The largest first: where much of the ground is as far away, what is left is small.
     let mut open = VecDeque::from(patches(terrain, from.xy() - around, from.xy() + around));
+    *made += open.len();
     let (mut best, mut looks) = (within, 0);
     while let Some(patch) = open.pop_front() {
         let bound = patch.distance_bound(terrain, from);
@@ -155,15 +164,16 @@ pub(super) fn standing_depth(terrain: &Terrain, foothold: Vector3<f64>, radius: 
     radius - distance(terrain, &middle, radius - floor)
 }
 
-/// How deep the ball of a foot gets into the ground at most in a swing, m; not below `floor`.
+/// How much deeper than it may the ball of a foot gets into the ground in a swing, m; 0 where it does not.
 ///
 /// * `swing` - times of lift-off and landing, s
-pub(super) fn swing_depth(curves: &FootMotion, swing: [f64; 2], terrain: &Terrain, radius: f64, floor: f64) -> Extreme {
+/// * `allowed` - how deep it may be above the place of lift-off, as long as the ground there can be under it, and anywhere else, m
+pub(super) fn swing_depth(curves: &FootMotion, swing: [f64; 2], terrain: &Terrain, radius: f64, allowed: [f64; 2]) -> Extreme {
     let motion = &curves.motion;
     let nodes = swing.map(|time| nearest(&motion.times, time));
     let ends = nodes.map(|node| ContactAxes::new(terrain, motion.value(node)).normal * radius);
-    let top = highest(terrain);
-    let mut extreme = Extreme { value: floor, time: swing[0], foot: None };
+    let ground = Below { terrain, radius, top: highest(terrain), start: (motion.value(nodes[0]) + ends[0]).xy(), allowed };
+    let mut extreme = Extreme { value: 0., time: swing[0], foot: None };
     for piece in nodes[0]..nodes[1] {
         let (start, length) = (motion.times[piece], motion.length(piece));
         let offset = |third: usize| {
@@ -172,7 +182,7 @@ pub(super) fn swing_depth(curves: &FootMotion, swing: [f64; 2], terrain: &Terrai
         };
         let control: Control<4> = position(motion.curve, piece);
         let path = std::array::from_fn(|i| control[i] + offset(i));
-        let (value, at) = path_depth(path, terrain, radius, extreme.value, top);
+        let (value, at) = ground.path_depth(path, extreme.value);
         if value > extreme.value {
             extreme = Extreme { value, time: start + at * length, foot: None };
         }
@@ -180,42 +190,64 @@ pub(super) fn swing_depth(curves: &FootMotion, swing: [f64; 2], terrain: &Terrai
     extreme
 }
 
-/// The same over one piece of the path of its middle, and where on it.
-///
-/// * `top` - no less than any height
-fn path_depth(path: Control<4>, terrain: &Terrain, radius: f64, floor: f64, top: f64) -> (f64, f64) {
-    if !path.iter().all(|c| c.iter().all(|v| v.is_finite())) {
-        return (f64::INFINITY, 0.);
+/// The ground below the path of a ball.
+struct Below<'a> {
+    terrain: &'a Terrain,
+    radius: f64,
+    /// No less than any height.
+    top: f64,
+    /// Where the middle of the ball is at lift-off.
+    start: Vector2<f64>,
+    /// See [`swing_depth`].
+    allowed: [f64; 2],
+}
+
+impl Below<'_> {
+    /// How deep the ball may be on a part of the path of its middle.
+    fn allowed(&self, part: &Control<4>) -> f64 {
+        let [at_start, elsewhere] = self.allowed;
+        if part.iter().all(|c| (c.xy() - self.start).norm() < 2. * self.radius) { at_start } else { elsewhere }
     }
-    let mut best = (floor, 0.);
-    let mut parts = vec![(path, 0., 1.)];
-    let mut looks = 0;
-    while let Some((part, start, end)) = parts.pop() {
-        if part.iter().all(|c| c.z - radius > top - floor) {
-            continue;
+
+    /// How much deeper than that it gets on one piece of the path, not below `floor`, and where on it.
+    fn path_depth(&self, path: Control<4>, floor: f64) -> (f64, f64) {
+        let Below { terrain, radius, .. } = *self;
+        if !path.iter().all(|c| c.iter().all(|v| v.is_finite())) {
+            return (f64::INFINITY, 0.);
         }
-        looks += 1;
-        let (left, right) = halves(part);
-        let (middle, at) = (right[0], (start + end) / 2.);
-        let apart = part.iter().map(|c| (c - middle).norm()).fold(0., f64::max);
-        // Long parts would look at too much ground at once.
-        if apart <= radius || looks > LOOKS {
-            let depth = radius - distance(terrain, &middle, radius - best.0 + apart);
-            let bound = (depth + apart).min(radius);
-            if depth > best.0 {
-                best = (depth, at);
-            }
-            if bound <= best.0 + CLOSE {
+        let mut best = (floor, 0.);
+        let mut parts = vec![(path, 0., 1.)];
+        let (mut looks, mut made) = (0, 0);
+        while let Some((part, start, end)) = parts.pop() {
+            let allowed = self.allowed(&part);
+            if part.iter().all(|c| c.z - radius > self.top - allowed) {
                 continue;
             }
-            if looks > LOOKS {
-                best = (bound, at);
-                continue;
+            looks += 1;
+            let (left, right) = halves(part);
+            let (middle, at) = (right[0], (start + end) / 2.);
+            let apart = part.iter().map(|c| (c - middle).norm()).fold(0., f64::max);
+            let enough = looks > LOOKS || made > PATCHES;
+            // Long parts would look at too much ground at once.
+            if apart <= radius || enough {
+                let within = radius - best.0 - allowed + apart;
+                let over = radius - distance_counting(terrain, &middle, within, &mut made) - allowed;
+                let bound = (over + apart).min(radius);
+                if over > best.0 {
+                    best = (over, at);
+                }
+                if bound <= best.0 + CLOSE {
+                    continue;
+                }
+                if enough {
+                    best = (bound, at);
+                    continue;
+                }
             }
+            parts.extend([(left, start, at), (right, at, end)]);
         }
-        parts.extend([(left, start, at), (right, at, end)]);
+        best
     }
-    best
 }
 
 /// How far the ground within the radius of a foothold is off the plane of the ground under it, above or below, m; not below `floor`.
@@ -325,7 +357,8 @@ mod tests {
         // Steps of 0.2 m at 1.0 m and 1.4 m.
         let stairs = Terrain::named("stairs").unwrap();
         let path = |x: f64, z: f64| [0.8, 0.8 + (x - 0.8) / 3., 0.8 + (x - 0.8) * 2. / 3., x].map(|x| Vector3::new(x, 0., z));
-        let depth = |x: f64, z: f64| path_depth(path(x, z), &stairs, 0.05, 0., f64::INFINITY);
+        let below = |allowed| Below { terrain: &stairs, radius: 0.05, top: f64::INFINITY, start: Vector2::new(0.8, 0.), allowed };
+        let depth = |x: f64, z: f64| below([0.; 2]).path_depth(path(x, z), 0.);
         let close = |got: f64, expected: f64| assert!((got - expected).abs() < 2. * CLOSE, "{got} against {expected}");
         close(depth(0.94, 0.1).0, 0.);
         let (value, at) = depth(0.97, 0.1);
@@ -336,7 +369,11 @@ mod tests {
         close(depth(0.97, 0.24).0, 0.05 - 0.03_f64.hypot(0.04));
         // Inside, by no more than its radius.
         close(depth(1.2, 0.1).0, 0.05);
-        assert_eq!(path_depth([Vector3::new(f64::NAN, 0., 0.); 4], &stairs, 0.05, 0., f64::INFINITY).0, f64::INFINITY);
+        assert_eq!(below([0.; 2]).path_depth([Vector3::new(f64::NAN, 0., 0.); 4], 0.).0, f64::INFINITY);
+        // What is allowed at the start is allowed within two radii from there, and no farther.
+        let from = |x: f64| Below { start: Vector2::new(x, 0.), ..below([0.03, 0.005]) }.path_depth(path(0.97, 0.1), 0.).0;
+        close(from(0.8), 0.015);
+        close(from(0.93), 0.);
     }
 
     #[test]

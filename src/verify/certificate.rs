@@ -27,6 +27,8 @@ const REACH_STEP: f64 = 0.08;
 /// Duration of a swing from which TOWR takes the horizontal velocity of its mid node, s.
 const SWING_DURATION: f64 = 0.3;
 
+/// Longest time over which a mean force or moment is taken, s.
+const MEAN_OVER: f64 = 0.1;
 /// How far the attitude may stray over one base piece, rad. What they add up to is limited by [`ROLLOUT_ATTITUDE`].
 const PIECE_ATTITUDE: f64 = 1e-2;
 
@@ -156,7 +158,7 @@ fn dynamics(tally: &mut Tally, motion: &Motion) {
 }
 
 /// Each base piece by itself: from the planned state at its start, the body is integrated to its end. Momenta are given by the mean force
-/// or moment that would make up for them.
+/// or moment that would make up for them, over [`MEAN_OVER`] at most.
 fn momentum(tally: &mut Tally, motion: &Motion) {
     let Some(rollout) = Rollout::new(motion) else {
         return tally.row(f64::INFINITY, 0., format_args!("inertia without inverse"), None, 0.);
@@ -164,7 +166,8 @@ fn momentum(tally: &mut Tally, motion: &Motion) {
     let (mass, tolerances) = (motion.robot.mass, tally.tolerances);
     for piece in motion.base_lin.times.windows(2) {
         let (start, end) = (piece[0], piece[1]);
-        let length = end - start;
+        // Over long pieces a small mean force makes a large momentum.
+        let length = (end - start).min(MEAN_OVER);
         let reached = rollout.run(Body::planned(motion, &motion.base(start)), start, end);
         let plan = Body::planned(motion, &motion.base(end));
         tally.zero((reached.velocity - plan.velocity) * mass / length, tolerances.force, "mean force", AXES, None, end);
@@ -188,7 +191,7 @@ fn between(tally: &mut Tally, motion: &Motion, terrain: &Terrain, force_limit: f
     let weight = motion.robot.weight();
     let [pull, limit, friction] = exact::forces(motion, terrain, force_limit, tally.tolerances.force);
     let in_weights = |e: Extreme| Extreme { value: e.value / weight, ..e };
-    let force = tally.tolerances.force / weight;
+    let (force, length) = (tally.tolerances.force / weight, tally.tolerances.length);
     let rows = [
         ("position off the rollout", rollout.position, ROLLOUT_POSITION),
         ("attitude off the rollout", rollout.attitude, ROLLOUT_ATTITUDE),
@@ -197,6 +200,7 @@ fn between(tally: &mut Tally, motion: &Motion, terrain: &Terrain, force_limit: f
         ("normal force, limit", in_weights(limit), force),
         ("friction cone", in_weights(friction), force),
         ("foot below terrain", exact::penetration(motion, terrain, PENETRATION), PENETRATION),
+        ("standing foot off its foothold", exact::standing(motion, length), length),
     ];
     for (what, extreme, limit) in rows {
         let over = (extreme.value - limit).max(0.);
@@ -204,7 +208,7 @@ fn between(tally: &mut Tally, motion: &Motion, terrain: &Terrain, force_limit: f
     }
 }
 
-/// Feet as balls. Where the robot stands at the start is given: its first lift-offs may be from as deep as that is.
+/// Feet as balls. Where the robot stands at the start is given: its first lift-offs may be from as deep as that is, as long as they are above it.
 fn footing(tally: &mut Tally, motion: &Motion, terrain: &Terrain) {
     let radius = motion.robot.foot_radius();
     if radius == 0. || !terrain.has_edges() {
@@ -214,9 +218,9 @@ fn footing(tally: &mut Tally, motion: &Motion, terrain: &Terrain) {
     for (foot, curves) in motion.feet.iter().enumerate() {
         for (number, swing) in curves.swings().enumerate() {
             let start = curves.place(swing[0]);
-            let allowed = if number == 0 { ball::standing_depth(terrain, start, radius, deepest) } else { deepest };
-            let depth = ball::swing_depth(curves, swing, terrain, radius, allowed);
-            tally.not_positive(depth.value - allowed, 0., format_args!("ball in the ground"), Some(foot), depth.time);
+            let at_start = if number == 0 { ball::standing_depth(terrain, start, radius, deepest) } else { deepest };
+            let over = ball::swing_depth(curves, swing, terrain, radius, [at_start, deepest]);
+            tally.not_positive(over.value, 0., format_args!("ball in the ground"), Some(foot), over.time);
             let off = ball::off_plane(terrain, curves.place(swing[1]), radius, farthest);
             tally.not_positive(off - farthest, 0., format_args!("foothold at an edge"), Some(foot), swing[1]);
         }

@@ -135,8 +135,9 @@ pub(super) fn sample(motion: &Motion, terrain: &Terrain) -> DenseReport {
     let radius = motion.robot.foot_radius();
     for (foot, curves) in motion.feet.iter().enumerate().filter(|_| radius > 0. && terrain.has_edges()) {
         for swing in curves.swings() {
-            let depth = ball::swing_depth(curves, swing, terrain, radius, report.ball_depth.value);
-            report.ball_depth.update(depth.value, Some(foot), depth.time);
+            let before = report.ball_depth.value;
+            let over = ball::swing_depth(curves, swing, terrain, radius, [before; 2]);
+            report.ball_depth.update(before + over.value, Some(foot), over.time);
             let off = ball::off_plane(terrain, curves.place(swing[1]), radius, report.foothold_off_plane.value);
             report.foothold_off_plane.update(off, Some(foot), swing[1]);
         }

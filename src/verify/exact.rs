@@ -8,6 +8,9 @@ use nalgebra::Vector3;
 /// Halvings of an interval of the reach rows after which its bound is taken for the value.
 const REACH_DEPTH: u32 = 16;
 
+/// How close that bound need not come to the value, m.
+const REACH_CLOSE: f64 = 1e-8;
+
 /// Remembers a peak of a piece, found given the greatest value so far.
 fn note(extreme: &mut Extreme, peak: impl FnOnce(f64) -> Peak, foot: Option<usize>, curve: &TimedCurve, piece: usize) {
     let (value, at) = peak(extreme.value);
@@ -43,6 +46,20 @@ pub(super) fn penetration(motion: &Motion, terrain: &Terrain, floor: f64) -> Ext
         for piece in 0..curves.motion.pieces() {
             let below = |best| depth(position(curves.motion.curve, piece), terrain, floor.max(best));
             note(&mut extreme, below, Some(foot), &curves.motion, piece);
+        }
+    }
+    extreme
+}
+
+/// How far a standing foot is off its foothold, m.
+pub(super) fn standing(motion: &Motion, floor: f64) -> Extreme {
+    let mut extreme = Extreme::default();
+    for (foot, curves) in motion.feet.iter().enumerate() {
+        let curve = &curves.motion;
+        for piece in 0..curve.pieces() {
+            let Some(foothold) = curves.foothold(curve.times[piece] + curve.length(piece) / 2.) else { continue };
+            let off = |best| convex(position(curve.curve, piece), |p| (p - foothold).norm(), floor.max(best));
+            note(&mut extreme, off, Some(foot), curve, piece);
         }
     }
     extreme
@@ -125,7 +142,8 @@ struct Bend {
 /// How far a foot is outside its box along the worst axis of the base, m.
 ///
 /// Between two times `h` apart a twice differentiable function is not above its greater end by more than `h^2 / 8 max |f''|`. With `r` the foot
-/// from the base: `|(R' r)''| <= |r''| + 2 |w| |r'| + (|w'| + |w|^2) |r|`. An interval is halved until that is below `floor`.
+/// from the base: `|(R' r)''| <= |r''| + 2 |w| |r'| + (|w'| + |w|^2) |r|`. An interval is halved until that is below `floor`,
+/// or as good as the value.
 pub(super) fn reach(motion: &Motion, floor: f64) -> Extreme {
     let mut times: Vec<f64> = motion.base_lin.times.iter().chain(&motion.base_ang.times).copied().collect();
     times.extend(motion.feet.iter().flat_map(|foot| &foot.motion.times));
@@ -167,7 +185,7 @@ pub(super) fn reach(motion: &Motion, floor: f64) -> Extreme {
                     continue;
                 }
                 let middle = (start + end) / 2.;
-                if depth >= REACH_DEPTH || !above.is_finite() {
+                if depth >= REACH_DEPTH || above - first.0.max(last.0) < REACH_CLOSE || !above.is_finite() {
                     extreme.update(above, Some(foot), middle);
                     continue;
                 }

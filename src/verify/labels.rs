@@ -33,14 +33,7 @@ pub fn check_labels(trajectory: &Trajectory) -> Result<()> {
     trajectory.force_limit.map_or(Ok(()), |limit| check_range("force_limit", limit, 1e-3, 1e7))?;
     if let Some(NamedOr::Own(robot)) = &trajectory.robot {
         robot.validate()?;
-        if ROBOTS.contains(&robot.name.as_str()) {
-            let differs = difference(robot, &Robot::named(&robot.name)?);
-            contradiction(
-                "robot.name",
-                &robot.name,
-                differs.map(|what| format!("the name of another robot: that one has another {what}")),
-            )?;
-        }
+        check_robot_name(robot)?;
     }
     if let Some(NamedOr::Own(terrain)) = &trajectory.terrain {
         terrain.validate()?;
@@ -49,6 +42,19 @@ pub fn check_labels(trajectory: &Trajectory) -> Result<()> {
         }
     }
     scenario_differs(trajectory).and_then(|differs| contradiction("scenario", trajectory.scenario.as_deref().unwrap_or_default(), differs))
+}
+
+/// Checks that a robot with the name of a built-in one is that one.
+///
+/// # Errors
+/// [`Error::Invalid`] says in what it is not.
+pub fn check_robot_name(robot: &Robot) -> Result<()> {
+    if !ROBOTS.contains(&robot.name.as_str()) {
+        return Ok(());
+    }
+    let differs = difference(robot, &Robot::named(&robot.name)?);
+    let differs = differs.map(|what| format!("the name of another robot: that one has another {what}"));
+    contradiction("robot.name", &robot.name, differs)
 }
 
 /// Largest normal force of a foot that a trajectory is held to by itself, N, and whose word it is: the file's, but not more than the robot's.
@@ -84,7 +90,7 @@ fn check_limits(limits: &MotionLimits) -> Result<()> {
     limits.foot_acceleration.map_or(Ok(()), |a| check_range("limits.foot_acceleration", a, 1., 1e6))
 }
 
-/// In what a robot differs from a built-in one by more than rounding, if in anything.
+/// In what a robot differs from a built-in one by more than rounding, if in anything; to stronger legs and smaller feet, if in these.
 fn difference(robot: &Robot, named: &Robot) -> Option<&'static str> {
     let near = |own: &[f64], named: &[f64]| {
         let scale = named.iter().fold(0., |scale: f64, v| scale.max(v.abs()));
@@ -92,6 +98,7 @@ fn difference(robot: &Robot, named: &Robot) -> Option<&'static str> {
     };
     let feet = |robot: &Robot| robot.nominal_feet.concat();
     let inertia = |robot: &Robot| robot.inertia.concat();
+    let force_limit = |robot: &Robot| robot.force_limit.unwrap_or_else(|| robot.default_force_limit());
     let reach = |robot: &Robot| robot.reach_boxes().flat_map(|r| [r.low, r.high]).collect::<Vec<_>>().concat();
     if !near(&[robot.mass], &[named.mass]) {
         Some("mass")
@@ -101,6 +108,10 @@ fn difference(robot: &Robot, named: &Robot) -> Option<&'static str> {
         Some("place of its feet")
     } else if !near(&reach(robot), &reach(named)) {
         Some("reach")
+    } else if robot.foot_radius.is_some_and(|radius| radius < (1. - ROUNDED) * named.foot_radius()) {
+        Some("radius of its feet")
+    } else if robot.force_limit.is_some_and(|limit| limit > (1. + ROUNDED) * force_limit(named)) {
+        Some("force limit")
     } else {
         None
     }
@@ -130,7 +141,13 @@ pub fn scenario_differs(trajectory: &Trajectory) -> Result<Option<String>> {
     if !terrain {
         return Ok(Some(format!("that of a motion on the terrain `{}`", scenario.terrain)));
     }
-    if trajectory.start.is_some() || trajectory.start_feet.is_some() || trajectory.goal.is_some() {
+    let origin = [0., 0., Robot::named(scenario.robot)?.base_height + Terrain::named(scenario.terrain)?.height(0., 0.)];
+    let elsewhere = |start: [f64; 3]| start.iter().zip(origin).any(|(a, b)| (a - b).abs() > SAME_GOAL);
+    if trajectory.start.is_some()
+        || trajectory.start_feet.is_some()
+        || trajectory.goal.is_some()
+        || trajectory.init_base.is_some_and(elsewhere)
+    {
         return Ok(Some("that of a motion between rests, from above the origin with yaw 0 and with feet at their nominal places".into()));
     }
     let [x, y, z] = trajectory.base_target;
