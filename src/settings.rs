@@ -22,7 +22,7 @@
 
 use crate::error::{Error, Result, check_range};
 use crate::gait::trajectory::GoalVelocity;
-use crate::solver::control::NEVER_HOPELESS;
+use crate::solver::control::{NEVER_HOPELESS, hopeless_of_a_row};
 use crate::terrain::Terrain;
 use serde::{Deserialize, Serialize};
 
@@ -229,7 +229,7 @@ pub struct StallSettings {
     pub window: usize,
     /// Iterations that a candidate may still need. Too small: candidates are lost; too large: failing ones cost more.
     pub budget: f64,
-    /// A candidate is given up in its first iterations above this many times what any that is solved lacks after as many: see
+    /// A candidate is given up in its first iterations when it lacks this many times what it may after as many: see
     /// [`Progress::hopeless`](crate::solver::control::Progress::hopeless). Too small: candidates are lost; 0: none is given up for it.
     pub hopeless_above: f64,
 }
@@ -286,11 +286,7 @@ impl SolverSettings {
         if !self.stall.enabled || self.stall.hopeless_above == 0. {
             return NEVER_HOPELESS;
         }
-        let of_a_row = match transcription {
-            Transcription::Momentum => 8.,
-            Transcription::Towr => 30.,
-        };
-        self.stall.hopeless_above * of_a_row * rows as f64
+        self.stall.hopeless_above * hopeless_of_a_row(transcription) * rows as f64
     }
 
     /// Rounding of the edges of a terrain until closing steps start, m; 0 where it has none.

@@ -67,7 +67,7 @@ fn begin(slot: u32, before: Progress, f: f32, earlier: f32, largest: f32) -> Pro
     return progress;
 }
 
-// Whether it lacks more than what is solved did after as many iterations.
+// Whether it lacks more than it may after as many iterations.
 fn is_hopeless(progress: Progress, f: f32, largest: f32) -> bool {
     return may_be_given_up(progress) && f * largest > progress.hopeless * progress.length;
 }

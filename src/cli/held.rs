@@ -131,7 +131,6 @@ impl Asked {
     fn terms(&self, trajectory: &Trajectory, terrain: &Terrain) -> Vec<String> {
         let rows = trajectory.transcription.as_deref().unwrap_or("towr");
         let friction = if of_momentum(trajectory) { "the friction cone" } else { "TOWR's friction pyramid" };
-        let coefficient = terrain.friction;
         let [x, y, z] = trajectory.base_target;
         let whose = match (&trajectory.scenario, trajectory.target) {
             _ if self.ends_given() => "given".into(),
@@ -140,7 +139,7 @@ impl Asked {
             (None, _) => "the file's own".into(),
         };
         let mut terms = vec![
-            format!("rows {rows}, with {friction} of coefficient {coefficient}"),
+            format!("rows {rows}, with {friction} of coefficient {}", terrain.friction),
             format!("goal ({x:.3}, {y:.3}, {z:.3}) m, yaw {:.4} rad{}, {whose}", trajectory.yaw_target, moves(trajectory.goal.as_ref())),
         ];
         let feet = if trajectory.start_feet.is_some() { "feet where they stood" } else { "feet at their nominal places" };

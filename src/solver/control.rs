@@ -121,6 +121,14 @@ pub struct Limits<T> {
     pub hopeless_rates: [T; 3],
 }
 
+/// [`Progress::hopeless`] after [`HOPELESS_FROM`] iterations, of a row.
+pub fn hopeless_of_a_row(transcription: Transcription) -> f64 {
+    match transcription {
+        Transcription::Momentum => 8.,
+        Transcription::Towr => 30.,
+    }
+}
+
 /// Parts of [`Progress::hopeless`] that are left with each further iteration, up to each of [`HOPELESS_KNEES`] and beyond.
 pub fn hopeless_rates(transcription: Transcription) -> [f64; 3] {
     match transcription {
@@ -250,7 +258,7 @@ fn stalled<T: Real>(progress: &Progress<T>, limits: &Limits<T>, f: T, before: T)
     f > T::of(STALL_ABOVE) && (f / T::of(STALL_TARGET)).ln() * window > limits.stall_budget * (before / f).ln()
 }
 
-/// Whether it lacks more than what is solved did after as many iterations.
+/// Whether it lacks more than it may after as many iterations.
 fn is_hopeless<T: Real>(progress: &Progress<T>, f: T, largest: T) -> bool {
     may_be_given_up(progress) && f * largest > progress.hopeless * progress.length
 }

@@ -232,7 +232,7 @@ impl Below<'_> {
             if apart <= radius || enough {
                 let within = radius - best.0 - allowed + apart;
                 let over = radius - distance_counting(terrain, &middle, within, &mut made) - allowed;
-                let bound = (over + apart).min(radius);
+                let bound = (over + apart).min(radius - allowed);
                 if over > best.0 {
                     best = (over, at);
                 }

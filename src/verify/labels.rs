@@ -124,24 +124,26 @@ fn difference(robot: &Robot, named: &Robot) -> Option<&'static str> {
 pub fn scenario_differs(trajectory: &Trajectory) -> Result<Option<String>> {
     let Some(name) = trajectory.scenario.as_deref() else { return Ok(None) };
     let scenario = Scenario::named(name)?;
+    let named = Robot::named(scenario.robot)?;
     match &trajectory.robot {
         Some(NamedOr::Name(robot)) if robot != scenario.robot => {
             return Ok(Some(format!("that of a motion of the robot `{}`", scenario.robot)));
         }
-        Some(NamedOr::Own(robot)) if robot.name != scenario.robot || difference(robot, &Robot::named(scenario.robot)?).is_some() => {
+        Some(NamedOr::Own(robot)) if robot.name != scenario.robot || difference(robot, &named).is_some() => {
             return Ok(Some(format!("that of a motion of the robot `{}`", scenario.robot)));
         }
         _ => {}
     }
-    let terrain = match &trajectory.terrain {
+    let ground = Terrain::named(scenario.terrain)?;
+    let same_ground = match &trajectory.terrain {
         Some(NamedOr::Name(terrain)) => terrain == scenario.terrain,
-        Some(NamedOr::Own(terrain)) => *terrain == Terrain::named(scenario.terrain)?,
+        Some(NamedOr::Own(terrain)) => *terrain == ground,
         None => true,
     };
-    if !terrain {
+    if !same_ground {
         return Ok(Some(format!("that of a motion on the terrain `{}`", scenario.terrain)));
     }
-    let origin = [0., 0., Robot::named(scenario.robot)?.base_height + Terrain::named(scenario.terrain)?.height(0., 0.)];
+    let origin = [0., 0., named.base_height + ground.height(0., 0.)];
     let elsewhere = |start: [f64; 3]| start.iter().zip(origin).any(|(a, b)| (a - b).abs() > SAME_GOAL);
     if trajectory.start.is_some()
         || trajectory.start_feet.is_some()
@@ -160,7 +162,7 @@ pub fn scenario_differs(trajectory: &Trajectory) -> Result<Option<String>> {
         let target = trajectory.target.map_or("one of its targets".into(), |target| format!("its target {target}"));
         return Ok(Some(format!("that of a motion to {target}, and not to ({x:.3}, {y:.3}) m")));
     }
-    let height = Robot::named(scenario.robot)?.base_height + Terrain::named(scenario.terrain)?.height(x, y);
+    let height = named.base_height + ground.height(x, y);
     if (z - height).abs() > SAME_GOAL {
         return Ok(Some(format!("that of a motion to the height {height:.3} m, and not {z:.3}")));
     }
