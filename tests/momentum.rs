@@ -129,7 +129,7 @@ fn moving_and_yawing_the_scene_moves_the_rows_with_it() {
             let [x, y] = scene.turned([v[0], v[1]]);
             [x, y, v[2]]
         };
-        for element in &layout.elements {
+        for element in layout.all_elements() {
             let (row, at) = (element.place.row as usize, element.place.inequality as usize);
             let sides = (element.rows + element.pairs) as usize;
             let name = format!("{robot} {scene:?} {:?}", element.family);
@@ -208,9 +208,10 @@ fn between_knots(task: &Task, schedule: &Schedule) -> [[f64; 2]; 2] {
     assert!(instants.len() > 2 * layout.curves.intervals);
     let mut farthest = [[0_f64; 2]; 2];
     for (base, (lin, ang)) in instants.iter().zip(nodes.base_lin.nodes.iter().zip(&nodes.base_ang.nodes)) {
-        let deviation = &shared.deviations[base.interval as usize];
+        let blocks = &layout.base_blocks[base.blocks as usize];
+        let deviation = &shared.deviations[blocks.interval as usize];
         for d in 0..6 {
-            let cubic = base.reference[d] + (0..4).map(|i| base.weights[i] * x[base.variable[i] as usize + d]).sum::<f64>();
+            let cubic = base.reference[d] + (0..4).map(|i| base.weights[i] * x[blocks.variable[i] as usize + d]).sum::<f64>();
             let bent = cubic + (0..INNER_POINTS).map(|q| base.deviation_weights[q] * deviation.pose[q][d]).sum::<f64>();
             let node = [&lin[..3], &ang[..3]][d / 3][d % 3];
             for (farthest, pose) in farthest.iter_mut().zip([bent, cubic]) {

@@ -154,7 +154,7 @@ fn check_sizes(layout: &Layout<f32>, schedule: &Schedule, settings: &Transcripti
         layout.inequalities,
         6 * reach + (2 + friction) * forces + sides * per_swing * swings + strides + 2 * accelerations + 4 * boxes
     );
-    let count = |family| layout.elements.iter().filter(|e| e.family == family).count();
+    let count = |family| layout.all_elements().filter(|e| e.family == family).count();
     prop_assert_eq!([Family::Dynamics, Family::LinearMomentum, Family::AngularMomentum].map(count), balance);
     let counts =
         [Family::Reach, Family::Force, Family::Cone, Family::Swing, Family::Stride, Family::Acceleration, Family::Footing].map(count);
@@ -169,7 +169,7 @@ fn check_places(layout: &Layout<f32>) -> Result<(), TestCaseError> {
         let buffer = [&mut row, &mut inequality, &mut jacobian][buffer].iter_mut();
         buffer.skip(from as usize).take(len as usize).for_each(|used| *used += 1);
     };
-    for (element, runs) in layout.elements.iter().zip(layout.columns()) {
+    for (element, runs) in layout.all_elements().zip(layout.columns()) {
         let place = &element.place;
         cover(0, place.row, element.rows);
         cover(2, place.jacobian, element.rows * place.stride);
@@ -227,7 +227,7 @@ fn check_sweep(layout: &Layout<f32>) -> Result<(), TestCaseError> {
         prop_assert_eq!(step.reach.start, next_instant);
         next_instant = step.reach.end;
         let instants = &layout.reach_instants[step.reach.range()];
-        let feet = instants.iter().flat_map(|instant| instant.feet.range()).map(|foot| layout.first_reach + foot);
+        let feet = instants.iter().flat_map(|instant| instant.feet.range()).map(|foot| layout.elements.len() + foot);
         for element in step.elements.range().chain(feet) {
             for (run, _) in &columns[element] {
                 for i in 0..run.len {
@@ -239,16 +239,29 @@ fn check_sweep(layout: &Layout<f32>) -> Result<(), TestCaseError> {
         let pivots = &last_step[step.variable as usize..(step.variable + step.pivots) as usize];
         prop_assert!(pivots.iter().all(|&last| last == k), "eliminated where they are last touched");
     }
-    prop_assert_eq!(next_element as usize, layout.first_reach);
+    prop_assert_eq!(next_element as usize, layout.elements.len());
     prop_assert_eq!(next_instant as usize, layout.reach_instants.len());
     let mut next_foot = 0;
     for instant in &layout.reach_instants {
         prop_assert!(instant.feet.start == next_foot && instant.feet.end > next_foot);
         next_foot = instant.feet.end;
     }
-    let (others, reach) = layout.elements.split_at(layout.first_reach);
-    prop_assert!(others.iter().all(|e| e.family != Family::Reach) && reach.iter().all(|e| e.family == Family::Reach));
-    prop_assert!(reach.iter().map(|e| e.place.row).eq(layout.reach_feet.iter().map(|f| f.place.row)), "in the order of the feet");
+    prop_assert!(layout.elements.iter().all(|e| e.family != Family::Reach));
+    prop_assert_eq!(layout.reach_elements().count(), next_foot as usize);
+    prop_assert!(layout.reach_elements().is_sorted_by(|a, b| a.place.jacobian < b.place.jacobian), "in the order of the feet");
+    // A leg, and blocks of the base, stand in one step, for their places in its front hold there.
+    let mut step_of = [vec![usize::MAX; layout.reach_legs.len()], vec![usize::MAX; layout.base_blocks.len()]];
+    for (k, step) in layout.steps.iter().enumerate() {
+        for instant in &layout.reach_instants[step.reach.range()] {
+            let legs = layout.reach_feet[instant.feet.range()].iter().map(|foot| (0, foot.leg));
+            for (table, entry) in legs.chain([(1, instant.base.blocks)]) {
+                let of = &mut step_of[table][entry as usize];
+                prop_assert!(*of == usize::MAX || *of == k);
+                *of = k;
+            }
+        }
+    }
+    prop_assert!(step_of.iter().flatten().all(|step| *step != usize::MAX), "none is left out");
     Ok(())
 }
 
@@ -323,7 +336,11 @@ fn mirrored_rows(robot: &Robot, layout: &Layout<f64>, other: &Layout<f64>, rows:
         let of = |layout: &Layout<f64>, foot: usize| -> Vec<u32> {
             let (nominal, middle) = (robot.nominal_feet[foot], robot.reach.of(foot).center());
             let center = std::array::from_fn(|axis| nominal[axis] + middle[axis]);
-            layout.reach_feet.iter().filter(|f| f.center == center).map(|f| f.place.inequality).collect()
+            {
+                let of_foot = |element: &usize| layout.reach_legs[layout.reach_feet[*element].leg as usize].center == center;
+                let place = |element: usize| layout.reach_rows.place(element, &layout.reach_feet[element]).inequality;
+                (0..layout.reach_feet.len()).filter(of_foot).map(place).collect()
+            }
         };
         let (here, there) = (of(layout, foot), of(other, mirrored_foot(foot)));
         assert!(!here.is_empty() && here.len() == there.len());

@@ -16,9 +16,9 @@ use cregopt::rows::dynamics::{DynamicsInstant, StanceForce};
 use cregopt::rows::footing::Footing;
 use cregopt::rows::force::ForceNode;
 use cregopt::rows::momentum::MomentumInterval;
-use cregopt::rows::reach::{BasePoint, ReachFoot, ReachInstant};
+use cregopt::rows::reach::{BaseBlocks, BasePoint, ReachFoot, ReachInstant, ReachLeg, ReachRows};
 use cregopt::rows::swing::SwingNode;
-use cregopt::rows::table::NONE;
+use cregopt::rows::table::{NONE, Place};
 use cregopt::solver::control::Progress;
 use cregopt::solver::round::{ROUND, START, Stage};
 use naga::valid::{Capabilities, GlobalUse, ModuleInfo, ValidationFlags, Validator};
@@ -242,7 +242,7 @@ fn structs_differ(module: &Module) -> Result<(), String> {
     }
     let offsets = offsets! {
         Batch: Batch { values x flags stall_budget closing }
-        Slot: Slot { footholds shape constants points }
+        Slot: Slot { reach_rows footholds shape constants points }
         Progress: Progress<f32> { infeasibility mu eps edge_radius length }
         Shape: Shape { low per_metre }
         Constants: Constants<f32> { inertia moment_scale friction force_margin }
@@ -251,7 +251,10 @@ fn structs_differ(module: &Module) -> Result<(), String> {
         MomentumInterval: MomentumInterval<f32> { rate impulses angular }
         BasePoint: BasePoint<f32> { weights deviation_weights }
         ReachInstant: ReachInstant<f32> { base feet }
-        ReachFoot: ReachFoot<f32> { half_widths foothold front place }
+        BaseBlocks: BaseBlocks { variable front interval }
+        ReachFoot: ReachFoot<f32> { z_weights leg stride }
+        ReachLeg: ReachLeg<f32> { half_widths foothold height front }
+        ReachRows: ReachRows { row inequality }
         ForceNode: ForceNode<f32> { slope_weight place }
         SwingNode: SwingNode<f32> { low two_sided upper place }
         Footing: Footing<f32> { high foothold_column place }
@@ -289,15 +292,15 @@ fn entries_of_joined_tables_are_made_of_all_their_words_in_order() {
         assert_eq!(words_read(&(entry.read)(0)), (0..entry.size / 4).collect::<Vec<_>>(), "{}", table.name());
     }
     let mut arrays = Vec::new();
-    for table in [Buffer::ReachInstants, Buffer::ReachFeet, Buffer::Elements] {
+    for table in [Buffer::BaseBlocks, Buffer::ReachInstants, Buffer::ReachLegs, Buffer::Elements] {
         (table.entry().arrays)(table.name(), 0, &mut arrays);
     }
     let base = offset_of!(ReachInstant<f32>, base);
     for (name, offset, of) in [
         ("reach_instants_base_weights", base + offset_of!(BasePoint<f32>, weights), "f32"),
-        ("reach_instants_base_front", base + offset_of!(BasePoint<f32>, front), "u32"),
-        ("reach_feet_center", offset_of!(ReachFoot<f32>, center), "f32"),
-        ("reach_feet_front", offset_of!(ReachFoot<f32>, front), "u32"),
+        ("base_blocks_front", offset_of!(BaseBlocks, front), "u32"),
+        ("reach_legs_center", offset_of!(ReachLeg<f32>, center), "f32"),
+        ("reach_legs_front", offset_of!(ReachLeg<f32>, front), "u32"),
     ] {
         let array = arrays.iter().find(|a| a.name == name).unwrap();
         assert_eq!((words_read(&(array.read)(array.first)), &array.of[..]), (vec![offset / 4], of), "{name}");
@@ -311,7 +314,7 @@ fn a_struct_that_differs_is_seen() {
     let bindings = "@group(0) @binding(0) var<uniform> batch: Batch;
         @group(0) @binding(1) var<storage> slots: array<Slot>;
         @group(0) @binding(2) var<storage> progress: array<Progress>;
-        @group(0) @binding(3) var<storage> reach_feet: array<ReachFoot>;";
+        @group(0) @binding(3) var<storage> reach_legs: array<ReachLeg>;";
     let check = |text: &str| structs_differ(&naga::front::wgsl::parse_str(&format!("{text}{bindings}")).unwrap());
     let text = prelude();
     assert_eq!(check(&text), Ok(()));
@@ -320,7 +323,7 @@ fn a_struct_that_differs_is_seen() {
         ("    mu: f32,\n    barrier: f32,\n", "    mu: f32,\n", "progress"),
         ("    mu: f32,\n    barrier: f32,\n", "    mu: f32,\n    barrier: vec3<f32>,\n", "progress"),
         ("    closing: f32,\n}", "    closing: f32,\n    more: u32,\n}", "batch"),
-        ("    center: array<f32, 3>,\n", "    center: vec3<f32>,\n", "reach_feet"),
+        ("    center: array<f32, 3>,\n", "    center: vec3<f32>,\n", "reach_legs"),
         ("    per_metre: array<f32, 2>,\n", "", "slots"),
         ("    angular: Place,\n", "    angle: Place,\n", "MomentumInterval has no angular"),
     ] {
@@ -535,26 +538,37 @@ fn gathering_over_touches_gives_the_transposed_product() {
         let (jacobian, v) = (fill(layout.jacobian_len), fill(layout.rows));
         let mut expected = vec![f32::NAN; layout.variables];
         transposed_times(&layout, &jacobian, &v, &mut vec![0.; layout.widest], &mut expected);
-        assert_eq!(own.gathers.len(), layout.variables);
-        for (variable, gather) in own.gathers.iter().enumerate() {
+        assert_eq!(own.gather_of.len(), layout.variables);
+        let of_rows = |place: Place, rows: u32, column: u32| {
+            let at = |r: usize| (place.jacobian + column) as usize + r * place.stride as usize;
+            (0..rows as usize).fold(0f32, |sum, r| v[place.row as usize + r].mul_add(jacobian[at(r)], sum))
+        };
+        let foot = |number: usize, column: u32| of_rows(layout.reach_rows.place(number, &layout.reach_feet[number]), 3, column);
+        for (variable, &gather) in own.gather_of.iter().enumerate() {
+            let gather = &own.gathers[gather as usize];
+            let offset = variable as u32 - gather.variable;
             let touches = &own.touches[gather.touches.range()];
             assert!(touches.is_sorted_by(|a, b| a.element < b.element), "in the order of the elements");
+            let reach = &own.reach_touches[gather.reach.range()];
+            assert!(reach.is_sorted_by(|a, b| a.instants.end <= b.instants.start), "in the order of the instants");
             let mut sum = 0f32;
             for touch in touches {
-                let mut local = 0.;
-                for element in &layout.elements[touch.element as usize..][..touch.count as usize] {
-                    let column = (element.place.jacobian + touch.column + gather.offset) as usize;
-                    let rows =
-                        (0..element.rows as usize).map(|r| (v[element.place.row as usize + r], column + r * element.place.stride as usize));
-                    local += rows.fold(0., |sum, (v, at)| v.mul_add(jacobian[at], sum));
+                let element = &layout.elements[touch.element as usize];
+                sum += of_rows(element.place, element.rows, touch.column + offset);
+            }
+            for touch in reach {
+                for instant in &layout.reach_instants[touch.instants.range()] {
+                    let of_leg = |f: &usize| touch.leg == NONE || touch.leg == layout.reach_feet[*f].leg;
+                    let of_feet = instant.feet.range().filter(of_leg).fold(0., |sum, f| sum + foot(f, touch.column + offset));
+                    let weight = if touch.leg == NONE { instant.base.weights[touch.block as usize] } else { 1. };
+                    sum = weight.mul_add(of_feet, sum);
                 }
-                sum = touch.weight.mul_add(local, sum);
             }
             assert_eq!(sum.to_bits(), expected[variable].to_bits(), "variable {variable}");
         }
         // Each block's touches stand there once.
-        let blocks = own.gathers.iter().filter(|g| g.offset == 0).map(|g| g.touches.range().len()).sum::<usize>();
-        assert_eq!(blocks, own.touches.len());
+        assert_eq!(own.gathers.iter().map(|g| g.touches.range().len()).sum::<usize>(), own.touches.len());
+        assert_eq!(own.gathers.iter().map(|g| g.reach.range().len()).sum::<usize>(), own.reach_touches.len());
     }
 }
 

@@ -137,11 +137,16 @@ fn front(layout: &Layout<f32>, own: &ShaderTables) -> Operations {
             };
         }
         for instant in &layout.reach_instants[step.reach.range()] {
-            let blocks = instant.base.front.iter().filter(|at| **at != NONE).count() as u64;
+            let blocks = layout.base_blocks[instant.base.blocks as usize].front.iter().filter(|at| **at != NONE).count() as u64;
             // The products by pose into the front, of the diagonal blocks half, and the values.
             of.simple += 3 * (36 * blocks * (blocks.saturating_sub(1)) / 2 + 21 * blocks) + 12 * blocks;
             for foot in &layout.reach_feet[instant.feet.range()] {
-                let own: u64 = foot.front.iter().zip([2, 2, 1]).map(|(at, columns)| if *at == NONE { 0 } else { columns }).sum();
+                let own: u64 = layout.reach_legs[foot.leg as usize]
+                    .front
+                    .iter()
+                    .zip([2, 2, 1])
+                    .map(|(at, columns)| if *at == NONE { 0 } else { columns })
+                    .sum();
                 // Sums by pose; then each other column and the values with the foot's own ones.
                 of.simple += 3 * (36 * 3 + 6 * 2) + 6 * blocks * (6 + 6 * own) + own * (3 + 3 * (own + 1)) + 6 * own;
             }

@@ -49,7 +49,7 @@ impl Sizes<'_> {
     /// The rows of reach by the feet's own columns.
     fn by_feet(&self) -> u64 {
         let own = |at: &[u32; 3]| -> u64 { at.iter().zip([2, 2, 1]).map(|(at, n)| if *at == NONE { 0 } else { n }).sum() };
-        4 * 3 * self.layout.reach_feet.iter().map(|f| own(&f.front)).sum::<u64>()
+        4 * 3 * self.layout.reach_feet.iter().map(|f| own(&self.layout.reach_legs[f.leg as usize].front)).sum::<u64>()
     }
 
     /// Pivot rows with their right-hand side.
@@ -75,16 +75,20 @@ impl Sizes<'_> {
         let deviations = 36 * four(layout.momentum_intervals.len());
         let sees = (4 + size_of::<Slot>() + size_of::<Progress<f32>>()) as u64;
         // Rows: their tables, x, the ground; Jacobian and residuals.
-        let of = |family: Family| layout.elements.iter().filter(move |e| e.family == family);
+        let of = |family: Family| layout.all_elements().filter(move |e| e.family == family);
         let equalities = |f: Family| 4 * of(f).map(|e| u64::from(e.rows)).sum::<u64>();
         let inequalities = |f: Family| 4 * of(f).map(|e| u64::from(e.rows + e.pairs)).sum::<u64>();
         let walk = |tables: &[Buffer]| t(tables) + t(&[Buffer::Footholds]) + x + under;
         let family = |f: Family, table: Buffer| walk(&[table]) + self.jacobian(|o| o == f) + inequalities(f);
         let whole = self.jacobian(|_| true);
         let elements = t(&[Buffer::Elements]);
-        let others = (layout.first_reach * size_of::<Element>()) as u64;
         let sweep = t(&[Buffer::FrontSteps, Buffer::Rests]);
-        let reach = 40 * (layout.reach_instants.len() + layout.reach_feet.len()) as u64;
+        let legs = t(&[Buffer::BaseBlocks, Buffer::ReachLegs]);
+        // Weights, blocks and feet of an instant; leg and place of a foot.
+        let reach = four(7 * layout.reach_instants.len() + 3 * layout.reach_feet.len()) + legs;
+        // By variable; of an instant one weight and its feet.
+        let gathers = t(&[Buffer::GatherOf, Buffer::Gathers, Buffer::Touches, Buffer::ReachTouches]);
+        let gathered = gathers + four(3 * layout.reach_instants.len() + 3 * layout.reach_feet.len());
         if shader.table().is_some_and(|table| self.table(table) == 0) {
             return 0;
         }
@@ -99,7 +103,7 @@ impl Sizes<'_> {
                 let written = self.jacobian(|o| o == linear || o == angular) + equalities(linear) + equalities(angular);
                 walk(&[Buffer::MomentumIntervals, Buffer::Impulses]) + written + deviations
             }
-            Shader::Reach => family(Family::Reach, Buffer::ReachInstants) + t(&[Buffer::ReachFeet]) + deviations,
+            Shader::Reach => family(Family::Reach, Buffer::ReachInstants) + t(&[Buffer::ReachFeet]) + legs + deviations,
             Shader::Force => family(Family::Force, Buffer::ForceNodes),
             Shader::Swing => family(Family::Swing, Buffer::SwingNodes),
             Shader::Stride => family(Family::Stride, Buffer::Strides),
@@ -107,20 +111,20 @@ impl Sizes<'_> {
             Shader::Cone => family(Family::Cone, Buffer::Cones),
             Shader::Footing => family(Family::Footing, Buffer::Footings),
             // Jacobian and tables; x twice, scaling, slack and multiplier.
-            Shader::Start => whole + elements + t(&[Buffer::Gathers, Buffer::Touches]) + 2 * x + v + 3 * g,
+            Shader::Start => whole + elements + gathered + 2 * x + v + 3 * g,
             // Residuals, slacks, multipliers; weight and value; scaling, smoothing, x, initial; diagonal, gradient.
             Shader::Weights => c + 3 * g + elements + 2 * rows + 6 * v,
             // Of reach rows the feet's own columns and those of the pose; of their tables indices, weights, spans and places.
             Shader::Front => {
                 let read = self.jacobian(|f| f != Family::Reach) + self.by_feet() + self.by_pose();
-                read + 2 * rows + 2 * v + others + t(&[Buffer::Runs]) + sweep + reach + 2 * self.carry() + self.factor()
+                read + 2 * rows + 2 * v + elements + t(&[Buffer::Runs]) + sweep + reach + 2 * self.carry() + self.factor()
             }
             // The direction, which is read again behind the pivots.
             Shader::Substitute => self.factor() + sweep + 2 * v,
-            Shader::Product => whole + others + t(&[Buffer::Runs]) + reach + v + c + g,
+            Shader::Product => whole + elements + t(&[Buffer::Runs]) + reach + v + c + g,
             // Residuals, their change, slacks, multipliers; both steps; weight and value.
             Shader::Correct => c + 6 * g + elements + 2 * rows,
-            Shader::Transposed => whole + rows + elements + t(&[Buffer::Gathers, Buffer::Touches]) + 2 * v,
+            Shader::Transposed => whole + rows + elements + gathered + 2 * v,
             // The right-hand side is written into the factor, and to what stays.
             Shader::Forward => self.factor() + 4 * v + sweep,
             // Residuals, their change, slacks, multipliers, both steps, twice; direction, x, trial point.

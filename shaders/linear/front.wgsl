@@ -1,6 +1,6 @@
-// needs: shared/triangle
+// needs: shared/triangle shared/reach
 // binds: jacobian factor tables part
-// reads: elements runs front_steps rests reach_instants reach_feet
+// reads: elements runs front_steps rests base_blocks reach_instants reach_feet reach_legs
 // The frontal Cholesky factorisation in time order: assemble, eliminate, slide on. One workgroup a candidate, steps `part.first` to
 // `part.last`.
 //   in      values    weight, value [rows]; diagonal, gradient [variables]
@@ -185,7 +185,7 @@ fn pose_sum(slot: u32, half: u32, feet: Span, e: u32) -> f32 {
     let base = slot * batch.values;
     var sum = 0.0;
     for (var f = feet.start; f < feet.end; f++) {
-        let place = reach_feet_at(slot, f).place;
+        let place = reach_place(slot, f, reach_feet_at(slot, f));
         let pose = (2u * slot + half) * batch.jacobian + place.jacobian;
         for (var r = 0u; r < 3u; r++) {
             if (e < 36u) {
@@ -199,21 +199,22 @@ fn pose_sum(slot: u32, half: u32, feet: Span, e: u32) -> f32 {
     return sum;
 }
 
-// Index in the front and Jacobian column of one of the five columns that a foot has for itself: two a foothold, one a swing height. NONE: it is fixed.
-fn own_column(slot: u32, foot: u32, f: u32) -> vec2<u32> {
-    let block = reach_feet_front(slot, foot, f / 2u);
+// Index in the front and Jacobian column of one of the five columns that a leg has for itself: two a foothold, one a swing height. NONE: it is fixed.
+fn own_column(slot: u32, leg: u32, f: u32) -> vec2<u32> {
+    let block = reach_legs_front(slot, leg, f / 2u);
     if (block == NONE) {
         return vec2<u32>(NONE, NONE);
     }
     if (f == 4u) {
-        return vec2<u32>(block, reach_feet_at(slot, foot).height_column);
+        return vec2<u32>(block, reach_legs_at(slot, leg).height_column);
     }
-    return vec2<u32>(block, reach_feet_foothold_column(slot, foot, f / 2u)) + f % 2u;
+    return vec2<u32>(block, reach_legs_foothold_column(slot, leg, f / 2u)) + f % 2u;
 }
 
 // Adds the products of a foot's own columns with another one: of the 24 base columns, its own ones, and the values, 30 in all.
-fn add_foot(slot: u32, half: u32, instant: u32, foot: u32, size: u32, other: u32) {
-    let place = reach_feet_at(slot, foot).place;
+fn add_foot(slot: u32, half: u32, instant: u32, blocks: u32, number: u32, size: u32, other: u32) {
+    let foot = reach_feet_at(slot, number);
+    let place = reach_place(slot, number, foot);
     let first = (2u * slot + half) * batch.jacobian + place.jacobian;
     let rows = place.stride * vec3<u32>(0u, 1u, 2u);
     let row = slot * batch.values + place.row;
@@ -221,7 +222,7 @@ fn add_foot(slot: u32, half: u32, instant: u32, foot: u32, size: u32, other: u32
     var at = size;
     if (other < 24u) {
         let block = other / 6u;
-        at = reach_instants_base_front(slot, instant, block);
+        at = base_blocks_front(slot, blocks, block);
         if (at == NONE) {
             return;
         }
@@ -229,7 +230,7 @@ fn add_foot(slot: u32, half: u32, instant: u32, foot: u32, size: u32, other: u32
         right *= column_of(first + other % 6u, rows, 3u);
         right *= reach_instants_base_weights(slot, instant, block);
     } else if (other < 29u) {
-        let second = own_column(slot, foot, other - 24u);
+        let second = own_column(slot, foot.leg, other - 24u);
         if (second.x == NONE) {
             return;
         }
@@ -239,7 +240,7 @@ fn add_foot(slot: u32, half: u32, instant: u32, foot: u32, size: u32, other: u32
         right = -vec3<f32>(values[row + batch.value], values[row + batch.value + 1u], values[row + batch.value + 2u]);
     }
     for (var f = 0u; f < 5u; f++) {
-        let own = own_column(slot, foot, f);
+        let own = own_column(slot, foot.leg, f);
         // Of two own columns only what lies right of the diagonal.
         if (own.x != NONE && (other < 24u || own.x <= at)) {
             add_front(slot, ix_front(size, min(own.x, at), max(own.x, at)), dot(column_of(first + own.y, rows, 3u), right));
@@ -255,10 +256,10 @@ fn block_pair(pair: u32) -> vec2<u32> {
 }
 
 // Adds one of the 360 products of the base columns at an instant, 36 of each pair of blocks.
-fn add_pose(slot: u32, instant: u32, size: u32, e: u32) {
+fn add_pose(slot: u32, instant: u32, blocks: u32, size: u32, e: u32) {
     let pair = block_pair(e / 36u);
-    let rows = reach_instants_base_front(slot, instant, pair.x);
-    let columns = reach_instants_base_front(slot, instant, pair.y);
+    let rows = base_blocks_front(slot, blocks, pair.x);
+    let columns = base_blocks_front(slot, blocks, pair.y);
     let c = (e % 36u) / 6u;
     let d = e % 6u;
     // On the diagonal only what lies right of it; else the block above it, whichever of the two comes first. The sums are symmetric.
@@ -275,23 +276,24 @@ fn add_pose(slot: u32, instant: u32, size: u32, e: u32) {
 fn assemble_reach(slot: u32, half: u32, at: FrontStep, lane: u32) {
     for (var instant = at.reach.start; instant < at.reach.end; instant++) {
         let feet = reach_instants_at(slot, instant).feet;
+        let blocks = reach_instants_at(slot, instant).base.blocks;
         front_barrier();
         for (var e = lane; e < 42u; e += WORKGROUP) {
             by_pose[e] = pose_sum(slot, half, feet, e);
         }
         workgroupBarrier();
         for (var e = lane; e < 360u; e += WORKGROUP) {
-            add_pose(slot, instant, at.size, e);
+            add_pose(slot, instant, blocks, at.size, e);
         }
         for (var e = lane; e < 24u; e += WORKGROUP) {
-            let block = reach_instants_base_front(slot, instant, e / 6u);
+            let block = base_blocks_front(slot, blocks, e / 6u);
             if (block != NONE) {
                 let sum = reach_instants_base_weights(slot, instant, e / 6u) * by_pose[36u + e % 6u];
                 add_front(slot, ix_front(at.size, block + e % 6u, at.size), -sum);
             }
         }
         for (var e = lane; e < 30u * (feet.end - feet.start); e += WORKGROUP) {
-            add_foot(slot, half, instant, feet.start + e / 30u, at.size, e % 30u);
+            add_foot(slot, half, instant, blocks, feet.start + e / 30u, at.size, e % 30u);
         }
     }
     front_barrier();

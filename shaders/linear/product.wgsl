@@ -1,5 +1,6 @@
+// needs: shared/reach
 // binds: jacobian tables footholds
-// reads: elements runs reach_instants reach_feet
+// reads: elements runs base_blocks reach_instants reach_feet reach_legs
 // Products of the Jacobian with the direction. One thread an element; of reach rows one an instant, whose feet share the change of its pose.
 //   in   values    direction
 //   in   jacobian  at the point
@@ -60,35 +61,38 @@ fn reach_times(slot: u32, half: u32, instant: u32) {
     let direction = slot * batch.values + batch.direction;
     var position = vec3<f32>();
     var angles = vec3<f32>();
+    let blocks = reach_instants_at(slot, instant).base.blocks;
     for (var i = 0u; i < 4u; i++) {
-        if (reach_instants_base_front(slot, instant, i) == NONE) {
+        if (base_blocks_front(slot, blocks, i) == NONE) {
             continue;
         }
         let weight = reach_instants_base_weights(slot, instant, i);
-        let at = direction + reach_instants_base_variable(slot, instant, i);
+        let at = direction + base_blocks_variable(slot, blocks, i);
         position += weight * vec3<f32>(values[at], values[at + 1u], values[at + 2u]);
         angles += weight * vec3<f32>(values[at + 3u], values[at + 4u], values[at + 5u]);
     }
     let feet = reach_instants_at(slot, instant).feet;
     for (var f = feet.start; f < feet.end; f++) {
         let foot = reach_feet_at(slot, f);
-        let stride = foot.place.stride;
-        let first = (2u * slot + half) * batch.jacobian + foot.place.jacobian;
+        let place = reach_place(slot, f, foot);
+        let stride = place.stride;
+        let first = (2u * slot + half) * batch.jacobian + place.jacobian;
         var products = vec3<f32>();
         for (var c = 0u; c < 3u; c++) {
             products += column_at(first + c, stride) * position[c] + column_at(first + 3u + c, stride) * angles[c];
         }
         for (var i = 0u; i < 2u; i++) {
-            if (reach_feet_front(slot, f, i) != NONE) {
-                let at = direction + footholds[slot * batch.footholds + reach_feet_foothold(slot, f, i)];
-                let column = first + reach_feet_foothold_column(slot, f, i);
+            if (reach_legs_front(slot, foot.leg, i) != NONE) {
+                let at = direction + footholds[slot * batch.footholds + reach_legs_foothold(slot, foot.leg, i)];
+                let column = first + reach_legs_foothold_column(slot, foot.leg, i);
                 products += column_at(column, stride) * values[at] + column_at(column + 1u, stride) * values[at + 1u];
             }
         }
-        if (reach_feet_front(slot, f, 2u) != NONE) {
-            products += column_at(first + foot.height_column, stride) * values[direction + foot.height];
+        if (reach_legs_front(slot, foot.leg, 2u) != NONE) {
+            let leg = reach_legs_at(slot, foot.leg);
+            products += column_at(first + leg.height_column, stride) * values[direction + leg.height];
         }
-        let to = slot * batch.values + batch.g_change + foot.place.inequality;
+        let to = slot * batch.values + batch.g_change + place.inequality;
         for (var r = 0u; r < 3u; r++) {
             values[to + r] = products[r];
             values[to + 3u + r] = -products[r];
@@ -103,7 +107,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         return;
     }
     let half = progress[slot].current;
-    for (var i = lane; i < slots[slot].first_reach; i += WORKGROUP) {
+    for (var i = lane; i < slots[slot].elements; i += WORKGROUP) {
         jacobian_times(slot, half, elements_at(slot, i));
     }
     for (var i = lane; i < slots[slot].reach_instants; i += WORKGROUP) {

@@ -1,5 +1,6 @@
-// needs: shared/values shared/jacobian shared/math shared/entries
-// binds: jacobian footholds reach_instants reach_feet
+// needs: shared/values shared/jacobian shared/math shared/reach shared/entries
+// binds: jacobian footholds tables
+// reads: base_blocks reach_instants reach_feet reach_legs
 // Reach boxes: each foot stays within a box in the base frame. One thread per reach instant.
 //   in   values    x of the trial point, ground, deviations
 //   out  values    g at each foot's place: 3 upper sides, 3 lower sides; dimensionless, feasible when <= 0
@@ -8,68 +9,72 @@
 
 // Reach rows of all feet at one instant.
 fn entry(slot: u32, half: u32, k: u32) {
-    let instant = &reach_instants[slot * batch.reach_instants + k];
+    let instant = reach_instants_at(slot, k);
+    let blocks = instant.base.blocks;
     let x = ix_x(slot, half);
     var pose = motion(instant.base.reference);
     for (var i = 0u; i < 4u; i++) {
-        pose = add_weighted(pose, instant.base.weights[i], x + instant.base.variable[i]);
+        pose = add_weighted(pose, reach_instants_base_weights(slot, k, i), x + base_blocks_variable(slot, blocks, i));
     }
-    if (instant.base.interval < slots[slot].momentum_intervals) {
+    let interval = base_blocks_at(slot, blocks).interval;
+    if (interval < slots[slot].momentum_intervals) {
         for (var q = 0u; q < INNER_POINTS; q++) {
-            pose = add_weighted(pose, instant.base.deviation_weights[q], ix_deviation(slot, instant.base.interval, q));
+            pose = add_weighted(pose, reach_instants_base_deviation_weights(slot, k, q), ix_deviation(slot, interval, q));
         }
     }
     let base_w = pose.linear;
     let turned = euler(pose.angular);
     for (var i = instant.feet.start; i < instant.feet.end; i++) {
-        reach_foot(slot, half, slot * batch.reach_feet + i, base_w, turned.rot_wb, turned.axes);
+        reach_foot(slot, half, i, base_w, turned.rot_wb, turned.axes);
     }
 }
 
 // Reach rows of one foot.
 fn reach_foot(slot: u32, half: u32, number: u32, base_w: vec3<f32>, rot_wb: Mat3, axes: Mat3) {
-    let foot = &reach_feet[number];
+    let foot = reach_feet_at(slot, number);
+    let leg = reach_legs_at(slot, foot.leg);
+    let place = reach_place(slot, number, foot);
     let constants = &slots[slot].constants;
     let unit = constants.length_scale;
     let x = ix_x(slot, half);
     var foot_w = vec3<f32>();
     for (var i = 0u; i < 2u; i++) {
-        if (foot.foothold[i] == NONE) {
+        if (leg.foothold[i] == NONE) {
             continue;
         }
-        let at = x + footholds[slot * batch.footholds + foot.foothold[i]];
+        let at = x + footholds[slot * batch.footholds + leg.foothold[i]];
         foot_w.x += foot.xy_weights[i] * values[at];
         foot_w.y += foot.xy_weights[i] * values[at + 1u];
-        foot_w.z += foot.z_weights[i] * ground_height(slot, foot.foothold[i]);
+        foot_w.z += foot.z_weights[i] * ground_height(slot, leg.foothold[i]);
     }
-    if (foot.height != NONE) {
-        foot_w.z += foot.z_weights[2] * values[x + foot.height];
+    if (leg.height != NONE) {
+        foot_w.z += foot.z_weights[2] * values[x + leg.height];
     }
     let leg_w = foot_w - base_w;
-    let center = vec3<f32>(foot.center[0], foot.center[1], foot.center[2]);
+    let center = vec3<f32>(leg.center[0], leg.center[1], leg.center[2]);
     let offset_b = mul_transposed(rot_wb, leg_w) - center;
-    let at = ix_inequality(slot, half, foot.place.inequality);
-    let room = vec3<f32>(foot.half_widths[0], foot.half_widths[1], foot.half_widths[2]) - constants.length_margin;
+    let at = ix_inequality(slot, half, place.inequality);
+    let room = vec3<f32>(leg.half_widths[0], leg.half_widths[1], leg.half_widths[2]) - constants.length_margin;
     put_three(at, (offset_b - room) * unit);
     put_three(at + 3u, (-offset_b - room) * unit);
 
-    let rows = rows_at(slot, half, foot.place);
+    let rows = rows_at(slot, half, place);
     // Columns of the rows by the pose: d(R' leg)/d angle_i = R' (leg x axis_i).
     for (var d = 0u; d < 3u; d++) {
         put_column(rows, 0u, d, -rot_wb[d] * unit);
         put_column(rows, 0u, 3u + d, unit * mul_transposed(rot_wb, cross(leg_w, axes[d])));
     }
     for (var i = 0u; i < 2u; i++) {
-        if (foot.foothold[i] == NONE || foot.foothold_column[i] == NONE) {
+        if (leg.foothold[i] == NONE || leg.foothold_column[i] == NONE) {
             continue;
         }
-        let c = foot.foothold_column[i];
-        let slope = ground_slope(slot, foot.foothold[i]);
+        let c = leg.foothold_column[i];
+        let slope = ground_slope(slot, leg.foothold[i]);
         for (var d = 0u; d < 2u; d++) {
             put_column(rows, 0u, c + d, (foot.xy_weights[i] * rot_wb[d] + foot.z_weights[i] * slope[d] * rot_wb[2]) * unit);
         }
     }
-    if (foot.height != NONE) {
-        put_column(rows, 0u, foot.height_column, foot.z_weights[2] * rot_wb[2] * unit);
+    if (leg.height != NONE) {
+        put_column(rows, 0u, leg.height_column, foot.z_weights[2] * rot_wb[2] * unit);
     }
 }

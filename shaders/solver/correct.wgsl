@@ -1,4 +1,4 @@
-// needs: shared/reduce shared/slacks shared/round
+// needs: shared/reduce shared/slacks shared/round shared/reach
 // binds: elements
 // How far the predictor could go, the barrier parameter to aim for, and the values of the rows for the corrector. One workgroup a candidate.
 //   in      values    g at the point, g_change, slacks and multipliers
@@ -30,6 +30,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     storageBarrier();
     for (var i = lane; i < slots[slot].elements; i += WORKGROUP) {
         barrier_rows(slot, now.current, elements[slot * batch.elements + i], aim);
+    }
+    for (var i = lane; i < slots[slot].reach_feet; i += WORKGROUP) {
+        barrier_rows(slot, now.current, reach_element(slot, i), aim);
     }
     if (lane == 0u) {
         progress[slot].mu = aim.mu;

@@ -1,4 +1,4 @@
-// needs: shared/reduce shared/slacks shared/control shared/round
+// needs: shared/reduce shared/slacks shared/control shared/round shared/reach
 // binds: elements
 // The start of a round: what it is for, then weights and values of the rows in the normal equations, and what falls on single variables.
 // One workgroup a candidate.
@@ -53,6 +53,15 @@ fn closing_rows(slot: u32, half: u32, element: Element) {
     }
 }
 
+// Row weights of the step that the round is for.
+fn row_weights(slot: u32, now: Progress, element: Element) {
+    if (now.state == CLOSE) {
+        closing_rows(slot, now.current, element);
+    } else {
+        barrier_rows(slot, now.current, element, Aim(0.0, 0.0));
+    }
+}
+
 // What falls on a variable: `eps D + weight smoothing` and `weight smoothing (x - initial)`.
 fn variable_terms(base: u32, half: u32, i: u32, eps: f32, weight: f32) {
     let smoothing = weight * values[base + batch.smoothing + i];
@@ -93,12 +102,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         return;
     }
     for (var i = lane; i < slots[slot].elements; i += WORKGROUP) {
-        let element = elements[slot * batch.elements + i];
-        if (now.state == CLOSE) {
-            closing_rows(slot, now.current, element);
-        } else {
-            barrier_rows(slot, now.current, element, Aim(0.0, 0.0));
-        }
+        row_weights(slot, now, elements[slot * batch.elements + i]);
+    }
+    for (var i = lane; i < slots[slot].reach_feet; i += WORKGROUP) {
+        row_weights(slot, now, reach_element(slot, i));
     }
     for (var i = lane; i < slots[slot].variables; i += WORKGROUP) {
         variable_terms(base, now.current, i, proximal(now), now.smoothing);

@@ -4,7 +4,7 @@ use super::lanes::{LANES, dot};
 use crate::nlp::Layout;
 use crate::nlp::layout::Element;
 use crate::real::Real;
-use crate::rows::reach::{ReachFoot, ReachInstant};
+use crate::rows::reach::ReachInstant;
 use crate::rows::table::NONE;
 use multiversion::multiversion;
 
@@ -13,7 +13,7 @@ use multiversion::multiversion;
 /// * `local` - scratch, `[widest]`
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 pub fn jacobian_times<T: Real>(layout: &Layout<T>, jacobian: &[T], d: &[T], local: &mut [T], c_change: &mut [T], g_change: &mut [T]) {
-    for element in &layout.elements[..layout.first_reach] {
+    for element in &layout.elements {
         element_times(layout, element, jacobian, d, local, c_change, g_change);
     }
     for instant in &layout.reach_instants {
@@ -57,16 +57,16 @@ fn element_times<T: Real>(
 /// Products of the reach rows of all feet at one instant, which share the change of its pose.
 #[inline(always)]
 fn reach_times<T: Real>(layout: &Layout<T>, instant: &ReachInstant<T>, jacobian: &[T], d: &[T], g_change: &mut [T]) {
-    let base = &instant.base;
+    let (weights, blocks) = (&instant.base.weights, &layout.base_blocks[instant.base.blocks as usize]);
     let mut pose = [T::zero(); 6];
-    for i in (0..4).filter(|&i| base.front[i] != NONE) {
-        let block = &d[base.variable[i] as usize..][..6];
+    for i in (0..4).filter(|&i| blocks.front[i] != NONE) {
+        let block = &d[blocks.variable[i] as usize..][..6];
         for c in 0..6 {
-            pose[c] = base.weights[i].mul_add(block[c], pose[c]);
+            pose[c] = weights[i].mul_add(block[c], pose[c]);
         }
     }
-    for foot in &layout.reach_feet[instant.feet.range()] {
-        if foot.place.stride as usize == LANES {
+    for foot in instant.feet.range() {
+        if layout.reach_feet[foot].stride as usize == LANES {
             foot_times::<T, 1>(layout, foot, &pose, jacobian, d, g_change);
         } else {
             foot_times::<T, 2>(layout, foot, &pose, jacobian, d, g_change);
@@ -75,25 +75,22 @@ fn reach_times<T: Real>(layout: &Layout<T>, instant: &ReachInstant<T>, jacobian:
 }
 
 /// Products of the reach rows of one foot, `GROUPS` times eight columns each.
+///
+/// * `number` - in the table of feet
 #[inline(always)]
-fn foot_times<T: Real, const GROUPS: usize>(
-    layout: &Layout<T>,
-    foot: &ReachFoot<T>,
-    pose: &[T; 6],
-    jacobian: &[T],
-    d: &[T],
-    g_change: &mut [T],
-) {
+fn foot_times<T: Real, const GROUPS: usize>(layout: &Layout<T>, number: usize, pose: &[T; 6], jacobian: &[T], d: &[T], g_change: &mut [T]) {
+    let foot = &layout.reach_feet[number];
+    let (leg, place) = (&layout.reach_legs[foot.leg as usize], layout.reach_rows.place(number, foot));
     let mut local = [[T::zero(); LANES]; GROUPS];
     let columns = local.as_flattened_mut();
     columns[..6].copy_from_slice(pose);
     for own in 0..3 {
-        let Some(run) = foot.own_run(own, &layout.footholds) else { continue };
+        let Some(run) = leg.own_run(own, &layout.footholds) else { continue };
         for i in 0..run.len as usize {
             columns[run.column as usize + i] = d[run.variable as usize + i];
         }
     }
-    let (first, at) = (foot.place.jacobian as usize, foot.place.inequality as usize);
+    let (first, at) = (place.jacobian as usize, place.inequality as usize);
     for r in 0..3 {
         let product = dot(&jacobian[first + r * GROUPS * LANES..][..GROUPS * LANES], local.as_flattened());
         g_change[at + r] = product;

@@ -5,8 +5,8 @@ use super::front::{NormalEquations, tile_of};
 use super::lanes::LANES;
 use crate::nlp::Layout;
 use crate::real::Real;
-use crate::rows::reach::{POSE, ReachFoot, ReachInstant};
-use crate::rows::table::NONE;
+use crate::rows::reach::{POSE, ReachInstant, ReachLeg};
+use crate::rows::table::{NONE, Place};
 use multiversion::multiversion;
 
 /// Pairs of base blocks.
@@ -20,11 +20,11 @@ struct ByPose<T> {
     values: [T; LANES],
 }
 
-/// What the instants of a step make of the columns that a foot has to itself as long as its phase lasts.
+/// What the instants of a step make of the columns that a leg has to itself.
 #[derive(Debug)]
 struct ByOwn<T> {
-    /// Those of the foot, by which it is found.
-    front: [u32; 3],
+    /// The leg, by which it is found.
+    leg: u32,
     /// Of each column the slot in the front, and which of the rows' columns it is: two a foothold, one a swing height.
     slots: [(usize, usize); 5],
     count: usize,
@@ -46,14 +46,14 @@ impl<T: Real> ByOwn<T> {
     fn none() -> Self {
         let zero = T::zero();
         let nothing = OwnColumn { by_base: [[zero; LANES]; 4], by_own: [zero; 2 * LANES], value: zero };
-        ByOwn { front: [NONE; 3], slots: [(0, 0); 5], count: 0, columns: [nothing; 5] }
+        ByOwn { leg: NONE, slots: [(0, 0); 5], count: 0, columns: [nothing; 5] }
     }
 
-    /// Begins the sums of a foot.
-    fn begin(&mut self, foot: &ReachFoot<T>) {
-        *self = ByOwn { front: foot.front, count: 0, ..Self::none() };
-        let columns = [foot.foothold_column[0], foot.foothold_column[1], foot.height_column];
-        for ((slot, column), len) in foot.front.into_iter().zip(columns).zip([2, 2, 1]).filter(|((slot, _), _)| *slot != NONE) {
+    /// Begins the sums of a leg.
+    fn begin(&mut self, number: u32, leg: &ReachLeg<T>) {
+        *self = ByOwn { leg: number, count: 0, ..Self::none() };
+        let columns = [leg.foothold_column[0], leg.foothold_column[1], leg.height_column];
+        for ((slot, column), len) in leg.front.into_iter().zip(columns).zip([2, 2, 1]).filter(|((slot, _), _)| *slot != NONE) {
             for d in 0..len {
                 self.slots[self.count] = ((slot + d) as usize, (column + d) as usize);
                 self.count += 1;
@@ -91,29 +91,29 @@ impl<T: Real> ByOwn<T> {
 /// Those of one step; of earlier ones there may be more.
 #[derive(Debug)]
 pub(super) struct OwnSums<T> {
-    feet: Vec<ByOwn<T>>,
+    legs: Vec<ByOwn<T>>,
     used: usize,
 }
 
 impl<T> Default for OwnSums<T> {
     fn default() -> Self {
-        OwnSums { feet: Vec::new(), used: 0 }
+        OwnSums { legs: Vec::new(), used: 0 }
     }
 }
 
 impl<T: Real> OwnSums<T> {
-    /// Those of a foot, whose own columns are the same as long as its phase lasts.
+    /// Those of a leg.
     #[inline(always)]
-    fn of(&mut self, foot: &ReachFoot<T>) -> &mut ByOwn<T> {
-        let at = self.feet[..self.used].iter().rposition(|own| own.front == foot.front).unwrap_or_else(|| self.begin(foot));
-        &mut self.feet[at]
+    fn of(&mut self, leg: u32, legs: &[ReachLeg<T>]) -> &mut ByOwn<T> {
+        let at = self.legs[..self.used].iter().rposition(|own| own.leg == leg).unwrap_or_else(|| self.begin(leg, legs));
+        &mut self.legs[at]
     }
 
-    fn begin(&mut self, foot: &ReachFoot<T>) -> usize {
-        if self.used == self.feet.len() {
-            self.feet.push(ByOwn::none());
+    fn begin(&mut self, leg: u32, legs: &[ReachLeg<T>]) -> usize {
+        if self.used == self.legs.len() {
+            self.legs.push(ByOwn::none());
         }
-        self.feet[self.used].begin(foot);
+        self.legs[self.used].begin(leg, &legs[leg as usize]);
         self.used += 1;
         self.used - 1
     }
@@ -138,18 +138,20 @@ pub(super) fn assemble_reach<T: Real>(
     let mut values = [[T::zero(); LANES]; 4];
     own.used = 0;
     for instant in instants {
-        let weights = instant.base.weights;
+        let (weights, blocks) = (instant.base.weights, &layout.base_blocks[instant.base.blocks as usize]);
         for i in 0..4 {
-            if instant.base.front[i] != NONE {
-                slots[i] = instant.base.front[i];
+            if blocks.front[i] != NONE {
+                slots[i] = blocks.front[i];
             }
         }
         let mut by_pose = ByPose { products: [[T::zero(); LANES]; POSE], values: [T::zero(); LANES] };
-        for foot in &layout.reach_feet[instant.feet.range()] {
-            if foot.place.stride as usize == LANES {
-                add_foot::<T, LANES>(foot, &weights, system, &mut by_pose, own);
+        for number in instant.feet.range() {
+            let foot = &layout.reach_feet[number];
+            let (place, of_leg) = (layout.reach_rows.place(number, foot), (foot.leg, &layout.reach_legs[..]));
+            if foot.stride as usize == LANES {
+                add_foot::<T, LANES>(place, of_leg, &weights, system, &mut by_pose, own);
             } else {
-                add_foot::<T, { 2 * LANES }>(foot, &weights, system, &mut by_pose, own);
+                add_foot::<T, { 2 * LANES }>(place, of_leg, &weights, system, &mut by_pose, own);
             }
         }
         for (sum, (i, j)) in sums.iter_mut().zip(PAIRS) {
@@ -168,7 +170,7 @@ pub(super) fn assemble_reach<T: Real>(
             }
         }
     }
-    for own in &own.feet[..own.used] {
+    for own in &own.legs[..own.used] {
         own.add(&slots, front, size, stride);
     }
     for i in (0..4).filter(|&i| slots[i] != NONE) {
@@ -193,13 +195,14 @@ pub(super) fn assemble_reach<T: Real>(
 /// * `weights` - of the base blocks
 #[inline(always)]
 fn add_foot<T: Real, const W: usize>(
-    foot: &ReachFoot<T>,
+    place: Place,
+    (leg, legs): (u32, &[ReachLeg<T>]),
     weights: &[T; 4],
     system: &NormalEquations<T>,
     by_pose: &mut ByPose<T>,
     own: &mut OwnSums<T>,
 ) {
-    let (row, place) = (foot.place.row as usize, &foot.place);
+    let row = place.row as usize;
     let (w, v): ([T; 3], [T; 3]) = (tile_of(&system.weight[row..]), tile_of(&system.value[row..]));
     if w == [T::zero(); 3] {
         return;
@@ -221,7 +224,7 @@ fn add_foot<T: Real, const W: usize>(
     for l in 0..LANES {
         by_pose.values[l] += values[l];
     }
-    let own = own.of(foot);
+    let own = own.of(leg, legs);
     for (sum, &(_, column)) in own.columns.iter_mut().zip(&own.slots[..own.count]) {
         let products = column_products(&weighted, &rows, column);
         sum.value += values[column];

@@ -3,7 +3,7 @@
 use super::lanes::LANES;
 use crate::nlp::Layout;
 use crate::real::Real;
-use crate::rows::reach::{ReachFoot, ReachInstant};
+use crate::rows::reach::ReachInstant;
 use crate::rows::table::NONE;
 use multiversion::multiversion;
 
@@ -24,7 +24,7 @@ pub fn transposed_squares_times<T: Real>(layout: &Layout<T>, jacobian: &[T], v: 
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 fn by_column<T: Real, const SQUARED: bool>(layout: &Layout<T>, jacobian: &[T], v: &[T], local: &mut [T], out: &mut [T]) {
     out.fill(T::zero());
-    for element in &layout.elements[..layout.first_reach] {
+    for element in &layout.elements {
         let place = &element.place;
         let (row, stride) = (place.row as usize, place.stride as usize);
         let local = &mut local[..stride];
@@ -51,37 +51,41 @@ fn by_column<T: Real, const SQUARED: bool>(layout: &Layout<T>, jacobian: &[T], v
 #[inline(always)]
 fn reach_by_column<T: Real, const SQUARED: bool>(layout: &Layout<T>, instant: &ReachInstant<T>, jacobian: &[T], v: &[T], out: &mut [T]) {
     let mut pose = [T::zero(); 6];
-    for foot in &layout.reach_feet[instant.feet.range()] {
-        if foot.place.stride as usize == LANES {
+    for foot in instant.feet.range() {
+        if layout.reach_feet[foot].stride as usize == LANES {
             foot_by_column::<T, 1, SQUARED>(layout, foot, jacobian, v, &mut pose, out);
         } else {
             foot_by_column::<T, 2, SQUARED>(layout, foot, jacobian, v, &mut pose, out);
         }
     }
-    let base = &instant.base;
-    for i in (0..4).filter(|&i| base.front[i] != NONE) {
-        let weight = if SQUARED { base.weights[i] * base.weights[i] } else { base.weights[i] };
-        for (sum, pose) in out[base.variable[i] as usize..][..6].iter_mut().zip(pose) {
+    let (weights, blocks) = (&instant.base.weights, &layout.base_blocks[instant.base.blocks as usize]);
+    for i in (0..4).filter(|&i| blocks.front[i] != NONE) {
+        let weight = if SQUARED { weights[i] * weights[i] } else { weights[i] };
+        for (sum, pose) in out[blocks.variable[i] as usize..][..6].iter_mut().zip(pose) {
             *sum = weight.mul_add(pose, *sum);
         }
     }
 }
 
 /// Reach rows of one foot, `GROUPS` times eight columns each: its own go to `out`, those of the pose to `pose`.
+///
+/// * `number` - in the table of feet
 #[inline(always)]
 fn foot_by_column<T: Real, const GROUPS: usize, const SQUARED: bool>(
     layout: &Layout<T>,
-    foot: &ReachFoot<T>,
+    number: usize,
     jacobian: &[T],
     v: &[T],
     pose: &mut [T; 6],
     out: &mut [T],
 ) {
+    let foot = &layout.reach_feet[number];
+    let (leg, place) = (&layout.reach_legs[foot.leg as usize], layout.reach_rows.place(number, foot));
     let mut local = [[T::zero(); LANES]; GROUPS];
     for r in 0..3 {
-        let values = &jacobian[foot.place.jacobian as usize + r * GROUPS * LANES..][..GROUPS * LANES];
+        let values = &jacobian[place.jacobian as usize + r * GROUPS * LANES..][..GROUPS * LANES];
         for (sums, values) in local.iter_mut().zip(values.chunks_exact(LANES)) {
-            add_row::<T, SQUARED>(sums, values, v[foot.place.row as usize + r]);
+            add_row::<T, SQUARED>(sums, values, v[place.row as usize + r]);
         }
     }
     let columns = local.as_flattened();
@@ -89,7 +93,7 @@ fn foot_by_column<T: Real, const GROUPS: usize, const SQUARED: bool>(
         *sum += *value;
     }
     for own in 0..3 {
-        let Some(run) = foot.own_run(own, &layout.footholds) else { continue };
+        let Some(run) = leg.own_run(own, &layout.footholds) else { continue };
         for i in 0..run.len as usize {
             out[run.variable as usize + i] += columns[run.column as usize + i];
         }

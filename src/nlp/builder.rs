@@ -11,7 +11,7 @@ use crate::gait::{AlignedSchedule, Phase};
 use crate::real::Real;
 use crate::robot::GRAVITY;
 use crate::rows::blocks::{BlockId, Foothold, Placed, Seat, Use};
-use crate::rows::reach::{self, BasePoint, ReachFoot, ReachInstant};
+use crate::rows::reach::{self, BaseBlocks, BasePoint, ReachFoot, ReachInstant, ReachLeg, ReachRows};
 use crate::rows::table::{NONE, Place, Run, Span};
 use crate::rows::{Constants, Family, Spec, Tables};
 use crate::settings::{Transcription, TranscriptionSettings};
@@ -33,8 +33,19 @@ struct Draft {
 /// An instant of reach rows before their columns are known.
 struct ReachDraft {
     step: usize,
+    /// Whose deviation counts.
+    interval: u32,
     /// What its pose uses.
     base: [Use; 4],
+}
+
+/// A leg before its columns are known.
+struct LegDraft<T> {
+    leg: ReachLeg<T>,
+    /// What its rows use besides the pose.
+    uses: [Use; 3],
+    /// The last step in which it has stood, its index among the legs then, and its columns with those of the pose.
+    placed: (usize, usize, u32),
 }
 
 /// Blocks of one foot.
@@ -95,8 +106,8 @@ pub(super) struct Builder<'a, T> {
     uses: Vec<Use>,
     /// Of all instants of reach rows, in the order of their tables.
     reach: Vec<ReachDraft>,
-    /// What their feet use besides, likewise.
-    reach_uses: Vec<[Use; 3]>,
+    /// Their legs, by which feet name them until all is placed.
+    legs: Vec<LegDraft<T>>,
     footholds: Vec<BlockId>,
     /// Largest normal force of a foot, N.
     force_limit: f64,
@@ -125,7 +136,7 @@ impl<'a, T: Real> Builder<'a, T> {
             drafts: Vec::new(),
             uses: Vec::new(),
             reach: Vec::new(),
-            reach_uses: Vec::new(),
+            legs: Vec::new(),
             footholds: Vec::new(),
             force_limit,
             limits: transcription::of::<T>(settings.rows).limits(settings, &task.robot),
@@ -183,24 +194,31 @@ impl<'a, T: Real> Builder<'a, T> {
         self.tables.reach_instants.reserve_exact(instants);
         self.reach.reserve_exact(instants);
         self.tables.reach_feet.reserve_exact(feet);
-        self.reach_uses.reserve_exact(feet);
     }
 
     /// Adds an instant of reach rows, its step not before that of the last one.
-    pub fn reach_instant(&mut self, base: BasePoint<T>, step: usize, uses: [Use; 4]) {
+    ///
+    /// * `interval` - see [`BaseBlocks`]
+    pub fn reach_instant(&mut self, base: BasePoint<T>, interval: u32, step: usize, uses: [Use; 4]) {
         self.touch(step, &uses);
         let end = self.tables.reach_feet.len() as u32;
         self.tables.reach_instants.push(ReachInstant { base, feet: Span { start: end, end } });
-        self.reach.push(ReachDraft { step, base: uses });
+        self.reach.push(ReachDraft { step, interval, base: uses });
+    }
+
+    /// Adds what feet at instants of reach rows have in common. Returns by what they name it.
+    pub fn reach_leg(&mut self, leg: ReachLeg<T>, uses: [Use; 3]) -> u32 {
+        self.legs.push(LegDraft { leg, uses, placed: (usize::MAX, 0, 0) });
+        self.legs.len() as u32 - 1
     }
 
     /// Adds a foot to the last instant of reach rows.
-    pub fn reach_foot(&mut self, foot: ReachFoot<T>, uses: [Use; 3]) {
+    pub fn reach_foot(&mut self, foot: ReachFoot<T>) {
         if let (Some(instant), Some(draft)) = (self.tables.reach_instants.last_mut(), self.reach.last()) {
             instant.feet.end += 1;
+            let uses = self.legs[foot.leg as usize].uses;
             self.touch(draft.step, &uses);
             self.tables.reach_feet.push(foot);
-            self.reach_uses.push(uses);
         }
     }
 
@@ -246,7 +264,7 @@ impl<'a, T: Real> Builder<'a, T> {
         drafts.sort_by_key(|d| d.step);
         let equalities = drafts.iter().map(|d| d.family.spec()).filter(|s| s.equality).map(|s| s.rows).sum();
         let mut next = Next { row: equalities, ..Next::default() };
-        let mut elements = Vec::with_capacity(drafts.len() + self.reach_uses.len());
+        let mut elements = Vec::with_capacity(drafts.len());
         let mut runs = Vec::with_capacity(3 * drafts.len());
         let mut columns = Columns::default();
         // Index in the front of the step at hand, of each variable that is in it.
@@ -267,22 +285,36 @@ impl<'a, T: Real> Builder<'a, T> {
             elements.push(Element { family: draft.family, rows, pairs, place, runs: Span::added(first_run, &runs) });
             steps[step].elements.end = elements.len() as u32;
         }
-        let first_reach = elements.len();
-        let (spec, no_runs) = (Family::Reach.spec(), Span::added(runs.len(), &runs));
+        self.tables.reach_rows = ReachRows { row: next.row as u32, inequality: next.inequality as u32 };
+        let spec = Family::Reach.spec();
+        // The step, the interval and the blocks of the last instant.
+        let mut last = None;
         for (instant, draft) in self.reach.iter().enumerate() {
             if draft.step != step {
                 step = draft.step;
                 fronts.write(step, &mut in_front);
             }
-            columns.assign(&self.blocks, &positions, &draft.base, &in_front, 0);
+            let base = (step, draft.interval, &draft.base);
+            if last != Some(base) {
+                last = Some(base);
+                columns.assign(&self.blocks, &positions, &draft.base, &in_front, 0);
+                self.tables.base_blocks.push(BaseBlocks::placed(&columns.seats, draft.interval));
+            }
             let ReachInstant { base, feet } = &mut self.tables.reach_instants[instant];
-            reach::place_base(base, &columns.seats);
+            base.blocks = self.tables.base_blocks.len() as u32 - 1;
             for foot in feet.range() {
-                columns.assign(&self.blocks, &positions, &self.reach_uses[foot], &in_front, reach::POSE as u32);
-                let place = next.place(spec, spec.pairs, columns.count);
-                Family::Reach.place(&mut self.tables, foot, &Placed { place, seats: &columns.seats });
-                let (rows, pairs) = (spec.rows as u32, spec.pairs as u32);
-                elements.push(Element { family: Family::Reach, rows, pairs, place, runs: no_runs });
+                let draft = &mut self.legs[self.tables.reach_feet[foot].leg as usize];
+                if draft.placed.0 != step {
+                    columns.assign(&self.blocks, &positions, &draft.uses, &in_front, reach::POSE as u32);
+                    draft.placed = (step, self.tables.reach_legs.len(), columns.count);
+                    self.tables.reach_legs.push(draft.leg);
+                    let at = Placed { place: Place::default(), seats: &columns.seats };
+                    Family::Reach.place(&mut self.tables, draft.placed.1, &at);
+                }
+                let (_, leg, count) = draft.placed;
+                let Place { jacobian, stride, .. } = next.place(spec, spec.pairs, count);
+                let foot = &mut self.tables.reach_feet[foot];
+                (foot.leg, foot.jacobian, foot.stride) = (leg as u32, jacobian, stride);
             }
             steps[step].reach.end = instant as u32 + 1;
         }
@@ -313,7 +345,6 @@ impl<'a, T: Real> Builder<'a, T> {
             smoothing,
             tables: self.tables,
             elements,
-            first_reach,
             runs,
             steps,
             front_runs: fronts.runs,

@@ -12,7 +12,7 @@ use crate::rows::acceleration::Acceleration;
 use crate::rows::blocks::Use;
 use crate::rows::footing::Footing;
 use crate::rows::force::ForceNode;
-use crate::rows::reach::ReachFoot;
+use crate::rows::reach::{ReachFoot, ReachLeg};
 use crate::rows::stride::Stride;
 use crate::rows::swing::SwingNode;
 use crate::rows::table::{NONE, Place};
@@ -99,47 +99,50 @@ fn reach_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
     let times = own.reach_times(b);
     b.reserve_reach(times.len(), times.iter().map(|time| time.feet.len()).sum());
     let mut phases = vec![0; b.feet.len()];
-    for ReachTime { t, feet, step, base, blocks } in times {
+    // Phase of each foot at the last of its instants, and its leg there.
+    let mut legs = vec![(usize::MAX, NONE); b.feet.len()];
+    for ReachTime { t, feet, step, base, interval, blocks } in times {
         let uses = std::array::from_fn(|i| match base.weights[i].as_f64() {
             0. => Use::Reads(blocks[i]),
             _ => Use::Touches(blocks[i]),
         });
-        b.reach_instant(base, step, uses);
+        b.reach_instant(base, interval, step, uses);
         for foot in feet {
             let phase = b.feet[foot].phase_from(&mut phases[foot], t);
-            let (entry, uses) = reach_foot(own, b, foot, phase, t);
-            b.reach_foot(entry, uses);
+            if legs[foot].0 != phase {
+                let (leg, uses) = reach_leg(b, foot, phase);
+                legs[foot] = (phase, b.reach_leg(leg, uses));
+            }
+            let span = b.feet[foot].phases[phase];
+            let (xy, z) = if span.stance { ([1., 0.], [1., 0., 0.]) } else { swing_weights(span, t, own.mid_time(span)) };
+            let (xy_weights, z_weights) = (xy.map(T::of), z.map(T::of));
+            b.reach_foot(ReachFoot { xy_weights, z_weights, leg: legs[foot].1, jacobian: 0, stride: 0 });
         }
     }
 }
 
-/// Entry of a foot at an instant in a phase, and its own blocks.
-fn reach_foot<T: Real>(own: &dyn Transcribe<T>, b: &Builder<T>, foot: usize, phase: usize, t: f64) -> (ReachFoot<T>, [Use; 3]) {
+/// What the reach rows of a foot have in common in a phase, and its own blocks.
+fn reach_leg<T: Real>(b: &Builder<T>, foot: usize, phase: usize) -> (ReachLeg<T>, [Use; 3]) {
     let blocks = &b.feet[foot];
-    let span = blocks.phases[phase];
     let before = blocks.footholds[phase / 2];
-    let (xy, z, after, uses) = if span.stance {
-        ([1., 0.], [1., 0., 0.], NONE, [Use::Touches(before.block), Use::Nothing, Use::Nothing])
+    let (after, uses) = if blocks.phases[phase].stance {
+        (NONE, [Use::Touches(before.block), Use::Nothing, Use::Nothing])
     } else {
-        let (xy, z) = swing_weights(span, t, own.mid_time(span));
         let after = blocks.footholds[phase / 2 + 1];
-        (xy, z, after.index, [before.block, after.block, blocks.heights[phase / 2]].map(Use::Touches))
+        (after.index, [before.block, after.block, blocks.heights[phase / 2]].map(Use::Touches))
     };
     let (nominal, reach) = (b.task.robot.nominal_feet[foot], b.task.robot.reach.of(foot));
     let center = reach.center();
-    let entry = ReachFoot {
+    let leg = ReachLeg {
         center: std::array::from_fn(|axis| T::of(nominal[axis] + center[axis])),
         half_widths: reach.half_widths().map(T::of),
-        xy_weights: xy.map(T::of),
-        z_weights: z.map(T::of),
         foothold: [before.index, after],
         height: NONE,
         foothold_column: [NONE; 2],
         height_column: NONE,
         front: [NONE; 3],
-        place: Place::default(),
     };
-    (entry, uses)
+    (leg, uses)
 }
 
 /// Boxes of all footholds but the first of a foot.

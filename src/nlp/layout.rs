@@ -9,9 +9,9 @@ use super::sweep::Step;
 use crate::gait::Phase;
 use crate::gait::trajectory::MotionLimits;
 use crate::real::Real;
-use crate::rows::reach::{BasePoint, ReachFoot};
+use crate::rows::reach::{self, ReachInstant};
 use crate::rows::table::{NONE, Place, Run, Span};
-use crate::rows::{Family, Tables};
+use crate::rows::{Family, Spec, Tables};
 use crate::settings::Transcription;
 use std::ops::{Deref, DerefMut};
 
@@ -50,10 +50,8 @@ pub struct Layout<T> {
     pub smoothing: Vec<T>,
     /// What rows are made from.
     pub tables: Tables<T>,
-    /// Elements in the order of the sweep; those of reach rows behind all others, one a foot and instant.
+    /// Elements in the order of the sweep, but for those of reach rows, which stand behind all others: see [`Layout::reach_elements`].
     pub elements: Vec<Element>,
-    /// The first element of reach rows.
-    pub first_reach: usize,
     /// Columns of the elements.
     pub runs: Vec<Run>,
     /// The sweep.
@@ -90,20 +88,38 @@ impl<T: Real> Layout<T> {
         self.curves.force_limit
     }
 
-    /// What the rows of each element depend on: columns as runs of variables, and how much their values count for these. Reach rows depend on
+    /// Elements of reach rows, one a foot and instant.
+    pub fn reach_elements(&self) -> impl Iterator<Item = Element> {
+        let Spec { rows, pairs, .. } = reach::SPEC;
+        self.reach_feet.iter().enumerate().map(move |(number, foot)| Element {
+            family: Family::Reach,
+            rows: rows as u32,
+            pairs: pairs as u32,
+            place: self.reach_rows.place(number, foot),
+            runs: Span::default(),
+        })
+    }
+
+    /// All elements, those of reach rows last.
+    pub fn all_elements(&self) -> impl Iterator<Item = Element> {
+        self.elements.iter().copied().chain(self.reach_elements())
+    }
+
+    /// What the rows of each of [`Layout::all_elements`] depend on: columns as runs of variables, and how much their values count for these. Reach rows depend on
     /// the blocks of the base through the six columns of their pose, by weights.
     pub fn columns(&self) -> Vec<Vec<(Run, T)>> {
-        let of_reach = |(base, foot): (&BasePoint<T>, &ReachFoot<T>)| {
-            let pose = (0..4).map(|i| (Run { variable: base.variable[i], front: base.front[i], column: 0, len: 6 }, base.weights[i]));
-            let own = foot.own_runs(&self.footholds).map(|run| (run, T::one()));
-            let mut all: Vec<(Run, T)> = pose.filter(|(run, _)| run.front != NONE).chain(own).collect();
-            all.sort_by_key(|(run, _)| run.column);
-            all
+        let of_instant = |instant: &ReachInstant<T>| {
+            let (weights, blocks) = (instant.base.weights, self.base_blocks[instant.base.blocks as usize]);
+            self.reach_feet[instant.feet.range()].iter().map(move |foot| {
+                let pose = (0..4).map(|i| (Run { variable: blocks.variable[i], front: blocks.front[i], column: 0, len: 6 }, weights[i]));
+                let own = self.reach_legs[foot.leg as usize].own_runs(&self.footholds).map(|run| (run, T::one()));
+                let mut all: Vec<(Run, T)> = pose.filter(|(run, _)| run.front != NONE).chain(own).collect();
+                all.sort_by_key(|(run, _)| run.column);
+                all
+            })
         };
         let own = |element: &Element| self.runs[element.runs.range()].iter().map(|run| (*run, T::one())).collect();
-        let instants = self.reach_instants.iter();
-        let feet = instants.flat_map(|instant| self.reach_feet[instant.feet.range()].iter().map(|foot| (&instant.base, foot)));
-        self.elements[..self.first_reach].iter().map(own).chain(feet.map(of_reach)).collect()
+        self.elements.iter().map(own).chain(self.reach_instants.iter().flat_map(of_instant)).collect()
     }
 
     /// Bytes of the tables and of the buffers of one solve.

@@ -86,9 +86,10 @@ fn known(space: &Space, layout: &Layout<f64>) -> Vec<Known> {
     let mut numbered: Vec<_> = timings.iter().zip(&layout.reach_instants).collect();
     numbered.sort_by_key(|(timing, _)| timing.number);
     for (_, instant) in numbered {
-        let k = f64::from(instant.base.interval);
-        for foot in &layout.reach_feet[instant.feet.range()] {
-            all.push(Known { place: foot.place, spec: reach::SPEC, rows: 3, pairs: 3, window: k..k + 1. });
+        let k = f64::from(layout.base_blocks[instant.base.blocks as usize].interval);
+        for foot in instant.feet.range() {
+            let place = layout.reach_rows.place(foot, &layout.reach_feet[foot]);
+            all.push(Known { place, spec: reach::SPEC, rows: 3, pairs: 3, window: k..k + 1. });
         }
     }
     for node in &layout.cones {
@@ -160,7 +161,7 @@ pub(super) fn linear(space: &Space, point: &Point) -> Result<Linear> {
     let known = known(space, layout);
     let columns = space.columns(layout);
     let mut element_of = vec![NONE; layout.rows];
-    for (i, element) in layout.elements.iter().enumerate() {
+    for (i, element) in layout.all_elements().enumerate() {
         element_of[element.place.row as usize] = i as u32;
     }
     let runs = layout.columns();
@@ -291,16 +292,17 @@ fn add_deviations(
     }
     for instant in &layout.reach_instants {
         let weights = &instant.base.deviation_weights;
-        for (at, bend) in &bends[instant.base.interval as usize] {
+        for (at, bend) in &bends[layout.base_blocks[instant.base.blocks as usize].interval as usize] {
             let pose: [f64; 6] = std::array::from_fn(|d| weights.iter().zip(&bend.pose).map(|(w, pose)| w * pose[d]).sum());
             if pose.iter().all(|p| p.abs() < 0.01 * SMALL) {
                 continue;
             }
-            for foot in &layout.reach_feet[instant.feet.range()] {
+            for foot in instant.feet.range() {
+                let place = layout.reach_rows.place(foot, &layout.reach_feet[foot]);
                 // The first columns are those of the pose.
-                let (by_pose, stride) = (&here.jacobian[foot.place.jacobian as usize..], foot.place.stride as usize);
+                let (by_pose, stride) = (&here.jacobian[place.jacobian as usize..], place.stride as usize);
                 for r in 0..3 {
-                    put(&foot.place, r, *at, (0..6).map(|d| by_pose[r * stride + d] * pose[d]).sum());
+                    put(&place, r, *at, (0..6).map(|d| by_pose[r * stride + d] * pose[d]).sum());
                 }
             }
         }

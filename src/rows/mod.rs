@@ -26,6 +26,7 @@ use crate::real::Real;
 use crate::terrain::{Ground, Terrain};
 use blocks::Placed;
 use momentum::{Deviation, MOMENTUM_POINTS, MomentumPoint};
+use reach::ReachRows;
 use std::sync::Arc;
 use table::Wgsl;
 
@@ -119,8 +120,10 @@ macro_rules! row_tables {
             stance_forces StanceForces [$crate::rows::dynamics::StanceForce<T>],
             momentum_intervals MomentumIntervals [$crate::rows::momentum::MomentumInterval<T>],
             impulses Impulses [$crate::rows::momentum::Impulse<T>],
+            base_blocks BaseBlocks [$crate::rows::reach::BaseBlocks],
             reach_instants ReachInstants [$crate::rows::reach::ReachInstant<T>],
             reach_feet ReachFeet [$crate::rows::reach::ReachFoot<T>],
+            reach_legs ReachLegs [$crate::rows::reach::ReachLeg<T>],
             force_nodes ForceNodes [$crate::rows::force::ForceNode<T>],
             swing_nodes SwingNodes [$crate::rows::swing::SwingNode<T>],
             strides Strides [$crate::rows::stride::Stride<T>],
@@ -165,6 +168,8 @@ macro_rules! tables {
             pub terrain: Arc<Terrain>,
             /// Points of every momentum interval.
             pub momentum_points: [MomentumPoint<T>; MOMENTUM_POINTS],
+            /// Where reach rows begin.
+            pub reach_rows: ReachRows,
             $(
                 #[doc = concat!("Table `", stringify!($table), "`.")]
                 pub $table: Vec<$entry>,
@@ -176,7 +181,7 @@ macro_rules! tables {
             ///
             /// * `interval` - of base knots, s, not rounded yet
             pub fn new(constants: Constants<T>, terrain: Arc<Terrain>, interval: f64) -> Self {
-                Tables { constants, terrain, momentum_points: momentum::points(interval), $($table: Vec::new()),* }
+                Tables { constants, terrain, momentum_points: momentum::points(interval), reach_rows: ReachRows::default(), $($table: Vec::new()),* }
             }
 
             /// Bytes of their entries.

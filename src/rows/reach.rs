@@ -23,20 +23,27 @@ pub(crate) const POSE: usize = 6;
 pub(super) use super::length_allowed as allowed;
 
 crate::table! {
-    /// Base pose at one time: `reference + sum_i weights[i] x[variable[i]..][..6]`.
+    /// Base pose at one time: `reference + sum_i weights[i] x[variable[i]..][..6]`, with the variables of its [`BaseBlocks`].
     pub struct BasePoint<T> {
         /// Pose on the straight line from start to goal, m and rad.
         pub reference: [T; 6],
         /// Weights of the blocks.
         pub weights: [T; 4],
-        /// Blocks in `x`.
+        /// In [`Tables::base_blocks`].
+        pub blocks: u32,
+        /// Weights of [`Deviation::pose`].
+        pub deviation_weights: [T; INNER_POINTS],
+    }
+
+    /// Blocks that base poses are made of, of instants that follow each other.
+    #[derive(PartialEq, Eq)]
+    pub struct BaseBlocks {
+        /// Where they begin in `x`.
         pub variable: [u32; 4],
         /// Their indices in the front, [`NONE`] where they are fixed or have no part.
         pub front: [u32; 4],
         /// `momentum`: the interval whose deviation counts here.
         pub interval: u32,
-        /// Weights of [`Deviation::pose`].
-        pub deviation_weights: [T; INNER_POINTS],
     }
 
     /// Reach rows at one instant.
@@ -48,17 +55,28 @@ crate::table! {
     }
 
     /// Reach rows of one foot: its position is
-    /// `xy = sum_i xy_weights[i] foothold_i`, `z = sum_i z_weights[i] height(foothold_i) + z_weights[2] swing_height`.
+    /// `xy = sum_i xy_weights[i] foothold_i`, `z = sum_i z_weights[i] height(foothold_i) + z_weights[2] swing_height`, with the footholds and the
+    /// swing height of its [`ReachLeg`].
     pub struct ReachFoot<T> {
-        /// Middle of the box in the base frame, m.
-        pub center: [T; 3],
-        /// Half of its sides, m.
-        pub half_widths: [T; 3],
         /// Weights of the footholds before and after.
         pub xy_weights: [T; 2],
         /// Weights of their heights, and of the swing's mid node.
         pub z_weights: [T; 3],
-        /// Footholds; the second is [`NONE`] in stance.
+        /// In [`Tables::reach_legs`].
+        pub leg: u32,
+        /// See [`Place`], as the next one; [`ReachRows`] says the rest.
+        pub jacobian: u32,
+        /// Likewise.
+        pub stride: u32,
+    }
+
+    /// What reach rows of a foot have in common within a phase and a step of the sweep.
+    pub struct ReachLeg<T> {
+        /// Middle of the box in the base frame, m.
+        pub center: [T; 3],
+        /// Half of its sides, m.
+        pub half_widths: [T; 3],
+        /// Footholds before and after; the second is [`NONE`] in stance.
         pub foothold: [u32; 2],
         /// Swing height in `x`, or [`NONE`] in stance.
         pub height: u32,
@@ -68,12 +86,32 @@ crate::table! {
         pub height_column: u32,
         /// Indices of the footholds and of the swing height in the front.
         pub front: [u32; 3],
-        /// Buffers.
-        pub place: Place,
+    }
+
+    /// Where reach rows begin: those of each foot at an instant stand behind those of the one before.
+    #[derive(Default, PartialEq, Eq)]
+    pub struct ReachRows {
+        /// First Jacobian row.
+        pub row: u32,
+        /// First inequality.
+        pub inequality: u32,
     }
 }
 
-impl<T> ReachFoot<T> {
+impl ReachRows {
+    /// Where the rows of a foot stand.
+    ///
+    /// * `number` - of the foot in [`Tables::reach_feet`]
+    #[inline(always)]
+    pub fn place<T>(self, number: usize, foot: &ReachFoot<T>) -> Place {
+        let number = number as u32;
+        let ReachFoot { jacobian, stride, .. } = *foot;
+        let (rows, sides) = (SPEC.rows as u32, (SPEC.rows + SPEC.pairs) as u32);
+        Place { row: self.row + rows * number, inequality: self.inequality + sides * number, jacobian, stride }
+    }
+}
+
+impl<T> ReachLeg<T> {
     /// Its own columns that are free: those of the footholds and of the swing height.
     ///
     /// * `footholds` - see [`Tables::footholds`]
@@ -95,26 +133,25 @@ impl<T> ReachFoot<T> {
     }
 }
 
-/// Writes where the blocks of a base pose stand.
-pub(crate) fn place_base<T>(base: &mut BasePoint<T>, seats: &[Seat]) {
-    for (i, seat) in seats.iter().enumerate() {
-        (base.variable[i], base.front[i]) = (seat.position, seat.front);
+impl BaseBlocks {
+    /// Blocks whose seats are known.
+    pub(crate) fn placed(seats: &[Seat], interval: u32) -> BaseBlocks {
+        BaseBlocks { variable: std::array::from_fn(|i| seats[i].position), front: std::array::from_fn(|i| seats[i].front), interval }
     }
 }
 
-/// Roles: the footholds before and after, the swing height. The base has its own seats.
+/// Roles: the footholds before and after, the swing height. The base has its own seats. The entry is that of the leg.
 pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) {
-    let foot = &mut tables.reach_feet[entry];
-    foot.place = at.place;
-    foot.foothold_column = at.columns(0);
-    foot.height_column = at.seats[2].column;
-    foot.height = at.seats[2].position;
-    foot.front = at.fronts(0);
+    let leg = &mut tables.reach_legs[entry];
+    leg.foothold_column = at.columns(0);
+    leg.height_column = at.seats[2].column;
+    leg.height = at.seats[2].position;
+    leg.front = at.fronts(0);
 }
 
 /// Reach rows of all feet at all reach instants.
 ///
-/// * `residual` - out, at each foot's place: 3 upper sides, 3 lower sides
+/// * `residual` - out, at each foot's place ([`ReachRows`]): 3 upper sides, 3 lower sides
 /// * `jacobian` - out, 3 rows at each foot's place: 6 columns by the base pose, which the base blocks share by their weights, then its own
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn reach<T: Real>(
@@ -130,13 +167,14 @@ pub fn reach<T: Real>(
     let unit = constants.length_scale;
     for instant in &tables.reach_instants {
         let mut pose = instant.base.reference;
+        let blocks = &tables.base_blocks[instant.base.blocks as usize];
         for i in 0..4 {
-            let at = instant.base.variable[i] as usize;
+            let at = blocks.variable[i] as usize;
             for d in 0..6 {
                 pose[d] += instant.base.weights[i] * x[at + d];
             }
         }
-        if let Some(deviation) = deviations.get(instant.base.interval as usize) {
+        if let Some(deviation) = deviations.get(blocks.interval as usize) {
             for (w, deviation) in instant.base.deviation_weights.iter().zip(&deviation.pose) {
                 for d in 0..6 {
                     pose[d] += *w * deviation[d];
@@ -145,30 +183,32 @@ pub fn reach<T: Real>(
         }
         let base_w = [pose[0], pose[1], pose[2]];
         let (rot_wb, axes) = euler([pose[3], pose[4], pose[5]]);
-        for foot in &tables.reach_feet[instant.feet.range()] {
+        for number in instant.feet.range() {
+            let foot = &tables.reach_feet[number];
+            let (leg, place) = (&tables.reach_legs[foot.leg as usize], tables.reach_rows.place(number, foot));
             let mut foot_w = [zero; 3];
             for i in 0..2 {
-                if foot.foothold[i] == NONE {
+                if leg.foothold[i] == NONE {
                     continue;
                 }
-                let at = tables.footholds[foot.foothold[i] as usize] as usize;
+                let at = tables.footholds[leg.foothold[i] as usize] as usize;
                 foot_w[0] += foot.xy_weights[i] * x[at];
                 foot_w[1] += foot.xy_weights[i] * x[at + 1];
-                foot_w[2] += foot.z_weights[i] * ground[foot.foothold[i] as usize].height;
+                foot_w[2] += foot.z_weights[i] * ground[leg.foothold[i] as usize].height;
             }
-            if foot.height != NONE {
-                foot_w[2] += foot.z_weights[2] * x[foot.height as usize];
+            if leg.height != NONE {
+                foot_w[2] += foot.z_weights[2] * x[leg.height as usize];
             }
             let leg_w = sub(foot_w, base_w);
-            let offset_b = sub(mul_transposed(&rot_wb, leg_w), foot.center);
-            let at = foot.place.inequality as usize;
+            let offset_b = sub(mul_transposed(&rot_wb, leg_w), leg.center);
+            let at = place.inequality as usize;
             for d in 0..3 {
-                let room = foot.half_widths[d] - constants.length_margin;
+                let room = leg.half_widths[d] - constants.length_margin;
                 residual[at + d] = (offset_b[d] - room) * unit;
                 residual[at + 3 + d] = (-offset_b[d] - room) * unit;
             }
             let Some(jacobian) = jacobian.as_deref_mut() else { continue };
-            let mut rows = Rows::new(jacobian, &foot.place);
+            let mut rows = Rows::new(jacobian, &place);
             // d(R' leg)/d angle_i = R' (leg x axis_i).
             let mut turns = axes;
             for turn in &mut turns {
@@ -185,20 +225,20 @@ pub fn reach<T: Real>(
                 rows.put_first(r, &pose[r]);
             }
             for i in 0..2 {
-                if foot.foothold[i] == NONE || foot.foothold_column[i] == NONE {
+                if leg.foothold[i] == NONE || leg.foothold_column[i] == NONE {
                     continue;
                 }
-                let c = foot.foothold_column[i] as usize;
-                let slope = ground[foot.foothold[i] as usize].slope;
+                let c = leg.foothold_column[i] as usize;
+                let slope = ground[leg.foothold[i] as usize].slope;
                 for r in 0..3 {
                     for d in 0..2 {
                         rows.put(r, c + d, (foot.xy_weights[i] * rot_wb[d][r] + foot.z_weights[i] * slope[d] * rot_wb[2][r]) * unit);
                     }
                 }
             }
-            if foot.height != NONE {
+            if leg.height != NONE {
                 for r in 0..3 {
-                    rows.put(r, foot.height_column as usize, foot.z_weights[2] * rot_wb[2][r] * unit);
+                    rows.put(r, leg.height_column as usize, foot.z_weights[2] * rot_wb[2][r] * unit);
                 }
             }
         }

@@ -453,7 +453,7 @@ impl<T: Real> Solver<T> {
 /// Whether no row is violated by more than `tolerance` in its own unit, margins aside.
 fn rows_hold<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], tolerance: f64) -> bool {
     let tolerance = T::of(tolerance);
-    layout.elements.iter().all(|element| {
+    layout.all_elements().all(|element| {
         let (row, at, rows) = (element.place.row as usize, element.place.inequality as usize, element.rows as usize);
         let allowed = |r: usize| element.family.allowed(&layout.constants, r, tolerance);
         if element.family.spec().equality {

@@ -12,7 +12,7 @@ use multiversion::multiversion;
 /// * `local` - scratch, `[widest]`
 pub fn column_scaling<T: Real>(layout: &Layout<T>, jacobian: &[T], counts: &mut [T], local: &mut [T], diagonal: &mut [T]) {
     counts.fill(T::one());
-    for element in layout.elements.iter().filter(|e| e.place.row as usize >= layout.equalities) {
+    for element in layout.all_elements().filter(|e| e.place.row as usize >= layout.equalities) {
         // A two-sided row counts twice.
         let row = element.place.row as usize;
         counts[row + element.pairs as usize..row + element.rows as usize].fill(T::of(0.5));

@@ -16,11 +16,12 @@ fn per_row<T: Real>(layout: &Layout<T>, weight: &mut [T], value: &mut [T], make:
     let (mut weights, mut values) = ([T::zero(); AT_ONCE], [T::zero(); AT_ONCE]);
     // Which are made.
     let mut made = 0..0;
-    for element in &layout.elements {
+    // Not `for`, which would ask at each which of the two kinds it is.
+    layout.all_elements().for_each(|element| {
         let (rows, pairs) = (element.rows as usize, element.pairs as usize);
         let (row, at) = (element.place.row as usize, element.place.inequality as usize);
         if row < layout.equalities {
-            continue;
+            return;
         }
         if at < made.start || at + rows + pairs > made.end {
             made = at..layout.inequalities.min(at + AT_ONCE);
@@ -35,7 +36,7 @@ fn per_row<T: Real>(layout: &Layout<T>, weight: &mut [T], value: &mut [T], make:
         for r in pairs..rows {
             (weight[r], value[r]) = (weights[r], values[r]);
         }
-    }
+    });
 }
 
 /// Row weights of a barrier step: `W = rho` and `w = 1 / (s/z + 1/rho)`, `v = rho c` and `z + w (g - z/rho + mu/z)`, with `rho = 1`.

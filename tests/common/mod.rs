@@ -213,7 +213,7 @@ pub fn point(layout: &Layout<f64>, random: &mut Random, edge_radius: f64) -> Vec
 /// Gives elements any number of rows, 1 to 13 in turns. Their rows and Jacobian values stand behind those that there were. What the
 /// factorisation knows by its family (reach, linear momentum) stays as it is.
 pub fn with_any_rows<T: Real>(layout: &mut Layout<T>) {
-    let any = layout.elements.iter_mut().filter(|e| ![Family::Reach, Family::LinearMomentum].contains(&e.family));
+    let any = layout.elements.iter_mut().filter(|e| e.family != Family::LinearMomentum);
     for (element, rows) in any.zip((1..=13).cycle()) {
         element.rows = rows;
         element.place.row = layout.rows as u32;
@@ -226,7 +226,7 @@ pub fn with_any_rows<T: Real>(layout: &mut Layout<T>) {
 /// Jacobian values of such a layout at a point: of rows that there were those that they have, of the others any, a third of them zero.
 pub fn any_jacobian<T: Real>(layout: &Layout<T>, x: &[T], random: &mut Random) -> Vec<T> {
     let mut values = rows(layout, x, 0.).jacobian;
-    for element in layout.elements.iter().filter(|e| ![Family::Reach, Family::LinearMomentum].contains(&e.family)) {
+    for element in layout.elements.iter().filter(|e| e.family != Family::LinearMomentum) {
         let place = &element.place;
         for run in &layout.runs[element.runs.range()] {
             for (r, i) in (0..element.rows).flat_map(|r| (0..run.len).map(move |i| (r, i))) {
@@ -286,7 +286,7 @@ pub fn shared<T: Real>(layout: &Layout<T>) -> Shared<T> {
 /// The Jacobian as a matrix, `[rows][variables]`, from the tables of the layout.
 pub fn dense_jacobian<T: Real>(layout: &Layout<T>, values: &[T]) -> DMatrix<f64> {
     let mut dense = DMatrix::zeros(layout.rows, layout.variables);
-    for (element, runs) in layout.elements.iter().zip(layout.columns()) {
+    for (element, runs) in layout.all_elements().zip(layout.columns()) {
         let place = &element.place;
         for r in 0..element.rows as usize {
             for (run, weight) in &runs {
@@ -304,7 +304,7 @@ pub fn dense_jacobian<T: Real>(layout: &Layout<T>, values: &[T]) -> DMatrix<f64>
 pub fn dense_inequalities<T: Real>(layout: &Layout<T>, values: &[T]) -> DMatrix<f64> {
     let by_row = dense_jacobian(layout, values);
     let mut dense = DMatrix::zeros(layout.inequalities, layout.variables);
-    for element in layout.elements.iter().filter(|e| e.place.row as usize >= layout.equalities) {
+    for element in layout.all_elements().filter(|e| e.place.row as usize >= layout.equalities) {
         let (row, at) = (element.place.row as usize, element.place.inequality as usize);
         for r in 0..element.rows as usize {
             dense.set_row(at + r, &by_row.row(row + r));
@@ -319,7 +319,7 @@ pub fn dense_inequalities<T: Real>(layout: &Layout<T>, values: &[T]) -> DMatrix<
 /// One residual for each Jacobian row: equalities, and the upper sides of inequalities.
 pub fn one_sided<T: Real>(layout: &Layout<T>, c: &[T], g: &[T]) -> Vec<f64> {
     let mut residuals = vec![f64::NAN; layout.rows];
-    for element in &layout.elements {
+    for element in layout.all_elements() {
         let (row, at) = (element.place.row as usize, element.place.inequality as usize);
         for r in 0..element.rows as usize {
             residuals[row + r] = if row < layout.equalities { c[row + r] } else { g[at + r] }.as_f64();

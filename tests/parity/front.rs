@@ -42,7 +42,7 @@ impl System {
         let mut matrix = DMatrix::from_diagonal(&wide(&self.diagonal));
         let mut rhs = -wide(&self.gradient);
         let mut size = rhs.abs();
-        for (element, runs) in layout.elements.iter().zip(layout.columns()) {
+        for (element, runs) in layout.all_elements().zip(layout.columns()) {
             let place = &element.place;
             for r in 0..element.rows as usize {
                 let row = &jacobian[place.jacobian as usize + r * place.stride as usize..];

@@ -35,7 +35,7 @@ fn product_agrees_with_its_twin() {
         |s, prepared| {
             // Elements and instants that are not there have no product.
             let most = [63, 64, 65, u32::MAX][s / 4 % 4];
-            prepared.slot.first_reach = prepared.slot.first_reach.min(most);
+            prepared.slot.elements = prepared.slot.elements.min(most);
             prepared.slot.reach_instants = prepared.slot.reach_instants.min(most);
         },
         |lab, s, state, random| {
@@ -49,7 +49,7 @@ fn product_agrees_with_its_twin() {
                 return;
             }
             let mut layout = lab.slots[s].layout.clone();
-            layout.first_reach = lab.slots[s].counts.first_reach as usize;
+            layout.elements.truncate(lab.slots[s].counts.elements as usize);
             layout.reach_instants.truncate(lab.slots[s].counts.reach_instants as usize);
             let jacobian = state.jacobian[lab.jacobian(s, state.progress[s].current)].to_vec();
             let d = state.values[lab.of_variables(s, batch.direction)].to_vec();

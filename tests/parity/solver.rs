@@ -135,7 +135,7 @@ pub fn row_sizes(lab: &Lab, s: usize, expected: &mut Expected, g: &[f32], slacks
         let product = aim.mu + (aim.correction * slacks.slack_step[i] * slacks.multiplier_step[i]).abs();
         z + (g[i].abs() + z + product / z) / (s / z + 1.)
     };
-    for element in layout.elements.iter().filter(|e| e.place.row as usize >= layout.equalities) {
+    for element in layout.all_elements().filter(|e| e.place.row as usize >= layout.equalities) {
         for r in 0..element.rows {
             let upper = (element.place.inequality + r) as usize;
             let lower = if r < element.pairs { size(upper + element.rows as usize) } else { 0. };

@@ -141,8 +141,8 @@ fn jacobians_match_central_differences() {
                 let numeric = differences(&layout, &x, edge_radius);
                 let difference = first_difference(analytic.as_slice(), numeric.as_slice(), JACOBIAN_TOLERANCE);
                 if let Some((row, variable)) = difference.map(|i| (i % layout.rows, i / layout.rows)) {
-                    let of_row = |e: &&Element| (e.place.row..e.place.row + e.rows).contains(&(row as u32));
-                    let family = layout.elements.iter().find(of_row).unwrap().family;
+                    let of_row = |e: &Element| (e.place.row..e.place.row + e.rows).contains(&(row as u32));
+                    let family = layout.all_elements().find(of_row).unwrap().family;
                     let (a, b) = (analytic[(row, variable)], numeric[(row, variable)]);
                     panic!("{}, edge radius {edge_radius}, {family:?} row {row}, variable {variable}: {a:e} against {b:e}", case.name);
                 }
@@ -239,7 +239,7 @@ fn f32_kernels_agree_with_f64_kernels() {
                     let tangential = wide.g[inequality + 1] + constants.friction * normal - constants.force_margin;
                     4. * f64::from(f32::EPSILON) * (normal / tangential).powi(2)
                 };
-                for element in &layout.elements {
+                for element in layout.all_elements() {
                     let start = element.place.jacobian as usize;
                     let part = start..start + element.rows as usize * element.place.stride as usize;
                     let own = if element.family == cregopt::rows::Family::Cone { direction(element.place.inequality as usize) } else { 0. };

@@ -117,6 +117,7 @@ pub const SHARED: &[(&str, &str)] = &[
     ("shared/entries", text!("shared/entries")),
     ("shared/values", text!("shared/values")),
     ("shared/jacobian", text!("shared/jacobian")),
+    ("shared/reach", text!("shared/reach")),
     ("shared/math", text!("shared/math")),
     ("shared/terrain", text!("shared/terrain")),
     ("shared/contact", text!("shared/contact")),
@@ -336,6 +337,7 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("HOPELESS_KNEE", control::HOPELESS_KNEES[0]),
         ("HOPELESS_LATE_KNEE", control::HOPELESS_KNEES[1]),
         ("LINEAR_MOMENTUM", Family::LinearMomentum as u32),
+        ("REACH", Family::Reach as u32),
     ];
     let real = vec![
         ("ACCELERATION_MARGIN", acceleration::MARGIN as f32),

@@ -2,7 +2,7 @@
 
 use super::device::{Device, Fault, Pipeline};
 use super::shaders::{Binding, Shader, Variant};
-use super::tables::{ALIGNMENT, Batch, Buffer, Gather, Part, ShaderTables, Sizes, Slot, Touch, first_progress};
+use super::tables::{ALIGNMENT, Batch, Buffer, Part, ReachTouch, ShaderTables, Sizes, Slot, first_progress};
 use crate::nlp::Layout;
 use crate::nlp::sweep::Step;
 use crate::settings::SolverSettings;
@@ -63,7 +63,7 @@ fn loops(layout: &Layout<f32>, step: &Step, workgroup: u32) -> u32 {
 /// invocation takes every `workgroup`-th; those beside it go through each loop together, as often as the one that goes through it longest, and
 /// once more to leave it.
 fn walk(layout: &Layout<f32>, own: &ShaderTables, workgroup: usize) -> u32 {
-    let by_element = layout.elements[..layout.first_reach].chunks(workgroup).map(|together| {
+    let by_element = layout.elements.chunks(workgroup).map(|together| {
         let rows = together.iter().map(|e| e.rows).max().unwrap_or(0);
         let columns = longest(together.iter().map(|e| layout.runs[e.runs.range()].iter().map(|run| run.len)));
         // Three rows at once.
@@ -74,13 +74,15 @@ fn walk(layout: &Layout<f32>, own: &ShaderTables, workgroup: usize) -> u32 {
         // Blocks of the base; of each foot axes, footholds and rows.
         1 + (4 + 1) + (feet + 1) + feet * ((3 + 1) + (2 + 1) + (3 + 1))
     });
-    let by_variable = own.gathers.chunks(workgroup).map(|together| {
-        let touches = |g: &Gather| own.touches[g.touches.range()].iter();
-        let counts = longest(together.iter().map(|g| touches(g).map(|t| t.count)));
-        // Reach rows of a foot go without a loop.
-        let of_rows = |t: &Touch<f32>| layout.elements[..layout.first_reach].get(t.element as usize).map_or(0, |element| element.rows + 1);
-        let rows = longest(together.iter().map(|g| touches(g).map(of_rows)));
-        1 + counts.iter().zip(rows).map(|(count, rows)| 1 + (count + 1) + count * rows).sum::<u32>() + 1
+    // Of an instant its feet, and the step to the next one.
+    let of_instants = |touch: &ReachTouch| -> u32 {
+        layout.reach_instants[touch.instants.range()].iter().map(|instant| 2 + instant.feet.end - instant.feet.start).sum()
+    };
+    let by_variable = own.gather_of.chunks(workgroup).map(|together| {
+        let gathers = || together.iter().map(|&gather| &own.gathers[gather as usize]);
+        let rows = longest(gathers().map(|g| own.touches[g.touches.range()].iter().map(|t| layout.elements[t.element as usize].rows)));
+        let reach = longest(gathers().map(|g| own.reach_touches[g.reach.range()].iter().map(of_instants)));
+        1 + rows.iter().chain(&reach).map(|count| 1 + (count + 1)).sum::<u32>() + 2
     });
     // The start goes over inequalities and values besides.
     let besides = [layout.inequalities, layout.initial.len()].map(|n| n.div_ceil(workgroup) as u32 + 1);

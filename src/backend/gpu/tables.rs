@@ -9,7 +9,7 @@
 
 use crate::nlp::Layout;
 use crate::rows::momentum::{MOMENTUM_POINTS, MomentumPoint};
-use crate::rows::reach::ReachInstant;
+use crate::rows::reach::{ReachInstant, ReachRows};
 use crate::rows::table::{MemberArray, NONE, Run, Span, Wgsl};
 use crate::rows::{Constants, row_tables};
 use crate::settings::{SolverSettings, Transcription};
@@ -66,16 +66,24 @@ macro_rules! all_tables {
                 first_runs Runs,
                 first_front_steps FrontSteps,
                 first_rests Rests,
+                first_base_blocks BaseBlocks,
                 first_reach_instants ReachInstants,
                 first_reach_feet ReachFeet,
+                first_reach_legs ReachLegs,
+                first_gather_of GatherOf,
+                first_gathers Gathers,
+                first_touches Touches,
+                first_reach_touches ReachTouches,
             }
             $($table $buffer (&layout.tables.$table),)*
             elements Elements (&layout.elements),
             runs Runs (&layout.runs),
             front_steps FrontSteps (&own.front_steps),
             rests Rests (&own.rests),
+            gather_of GatherOf (&own.gather_of),
             gathers Gathers (&own.gathers),
             touches Touches (&own.touches),
+            reach_touches ReachTouches (&own.reach_touches),
         }
     };
 }
@@ -250,8 +258,8 @@ macro_rules! gpu_tables {
                 pub rows: u32,
                 /// Number of inequalities.
                 pub inequalities: u32,
-                /// Number of elements before those of reach rows.
-                pub first_reach: u32,
+                /// Where reach rows begin.
+                pub reach_rows: ReachRows,
                 /// See [`hopeless_rates`].
                 pub hopeless_rates: [f32; 3],
                 $(
@@ -276,7 +284,7 @@ macro_rules! gpu_tables {
                     equalities: layout.equalities as u32,
                     rows: layout.rows as u32,
                     inequalities: layout.inequalities as u32,
-                    first_reach: layout.first_reach as u32,
+                    reach_rows: layout.reach_rows,
                     hopeless_rates: hopeless_rates(layout.curves.transcription).map(|rate| rate as f32),
                     $($table: count(Buffer::$buffer),)*
                     shape: Shape::of(&layout.terrain, first_height),
@@ -432,26 +440,37 @@ crate::table! {
         pub next: u32,
     }
 
-    /// The elements that touch one variable.
+    /// What touches a block of variables.
     #[derive(Default, PartialEq)]
     pub struct Gather {
+        /// Its first variable.
+        pub variable: u32,
         /// In the table of [`Touch`], in the order of the elements.
         pub touches: Span,
-        /// How far the variable stands behind the first one of its block.
-        pub offset: u32,
+        /// In the table of [`ReachTouch`], in the order of the instants.
+        pub reach: Span,
     }
 
-    /// Consecutive elements that touch a block of variables by the same columns.
+    /// An element that touches a block of variables.
     #[derive(Default, PartialEq)]
-    pub struct Touch<T> {
-        /// The first element.
+    pub struct Touch {
+        /// The element.
         pub element: u32,
-        /// How many.
-        pub count: u32,
         /// Column of the first variable of the block.
         pub column: u32,
-        /// What the values in the columns are to be multiplied by.
-        pub weight: T,
+    }
+
+    /// Reach rows at consecutive instants that touch a block of variables by the same columns: those of a leg, or of all feet by the pose.
+    #[derive(Default, PartialEq)]
+    pub struct ReachTouch {
+        /// The instants.
+        pub instants: Span,
+        /// The leg; [`NONE`]: all feet, by the pose.
+        pub leg: u32,
+        /// By the pose: which of the four blocks of the base it is, whose weights count.
+        pub block: u32,
+        /// Column of the first variable of the block.
+        pub column: u32,
     }
 }
 
@@ -489,10 +508,14 @@ pub struct ShaderTables {
     pub front_steps: Vec<FrontStep>,
     /// What stays of their fronts.
     pub rests: Vec<Rest>,
-    /// Elements by variable, `[variables]`.
+    /// Block of each variable, in `gathers`, `[variables]`.
+    pub gather_of: Vec<u32>,
+    /// What touches each block.
     pub gathers: Vec<Gather>,
     /// Elements by block.
-    pub touches: Vec<Touch<f32>>,
+    pub touches: Vec<Touch>,
+    /// Reach rows by block.
+    pub reach_touches: Vec<ReachTouch>,
 }
 
 impl ShaderTables {
@@ -526,66 +549,86 @@ impl ShaderTables {
         tables
     }
 
-    /// Blocks are the longest runs of variables that the same elements touch.
+    /// Blocks are the longest runs of variables that the same rows touch.
     fn gather(&mut self, layout: &Layout<f32>) {
-        let touched = touched(layout);
+        let (by_elements, by_reach) = (touched(layout), reach_touched(layout));
         // Where runs begin or end, blocks do.
         let mut begins = vec![false; layout.variables + 1];
-        for (run, _) in &touched {
+        for run in by_elements.iter().map(|(run, _)| run).chain(by_reach.iter().map(|(run, _)| run)) {
             begins[run.variable as usize] = true;
             begins[(run.variable + run.len) as usize] = true;
         }
-        let mut block_of = Vec::with_capacity(layout.variables);
-        let mut firsts: Vec<u32> = Vec::new();
         for variable in 0..layout.variables {
-            if begins[variable] || firsts.is_empty() {
-                firsts.push(variable as u32);
+            if begins[variable] || variable == 0 {
+                self.gathers.push(Gather { variable: variable as u32, ..Gather::default() });
             }
-            block_of.push(firsts.len() - 1);
+            self.gather_of.push(self.gathers.len() as u32 - 1);
         }
-        let blocks_of = |run: &Run| block_of[run.variable as usize]..=block_of[(run.variable + run.len - 1) as usize];
-        let mut ends = vec![0u32; firsts.len() + 1];
-        for (run, _) in &touched {
-            for block in blocks_of(run) {
-                ends[block + 1] += 1;
-            }
+        let (spans, touches) = self.by_block(&by_elements, |touch, by| Touch { column: touch.column + by, ..touch });
+        let (reach_spans, reach_touches) = self.by_block(&by_reach, |touch, by| ReachTouch { column: touch.column + by, ..touch });
+        (self.touches, self.reach_touches) = (touches, reach_touches);
+        for (gather, (touches, reach)) in self.gathers.iter_mut().zip(spans.into_iter().zip(reach_spans)) {
+            (gather.touches, gather.reach) = (touches, reach);
         }
-        for block in 0..firsts.len() {
+    }
+
+    /// What touches runs of variables, sorted by the blocks in these: the entries of each block, and all entries.
+    ///
+    /// * `from` - the entry of a block that begins so many columns behind the run
+    fn by_block<E: Copy + Default>(&self, touched: &[(Run, E)], from: impl Fn(E, u32) -> E) -> (Vec<Span>, Vec<E>) {
+        let blocks_of = |run: &Run| {
+            let [first, last] = [run.variable, run.variable + run.len - 1].map(|variable| self.gather_of[variable as usize] as usize);
+            first..=last
+        };
+        let mut ends = vec![0u32; self.gathers.len() + 1];
+        for block in touched.iter().flat_map(|(run, _)| blocks_of(run)) {
+            ends[block + 1] += 1;
+        }
+        for block in 0..self.gathers.len() {
             ends[block + 1] += ends[block];
         }
         let starts = ends.clone();
-        self.touches = vec![Touch::default(); ends[firsts.len()] as usize];
-        for (run, touch) in &touched {
+        let mut entries = vec![E::default(); ends[self.gathers.len()] as usize];
+        for (run, entry) in touched {
             for block in blocks_of(run) {
-                self.touches[ends[block] as usize] = Touch { column: touch.column + firsts[block] - run.variable, ..*touch };
+                entries[ends[block] as usize] = from(*entry, self.gathers[block].variable - run.variable);
                 ends[block] += 1;
             }
         }
-        self.gathers = (0..layout.variables)
-            .map(|variable| {
-                let block = block_of[variable];
-                let touches = Span { start: starts[block], end: starts[block + 1] };
-                Gather { touches, offset: variable as u32 - firsts[block] }
-            })
-            .collect();
+        (starts.windows(2).map(|w| Span { start: w[0], end: w[1] }).collect(), entries)
     }
 }
 
-/// Which variables are touched by which elements, reach rows behind all others: the feet of an instant touch the base together.
-fn touched(layout: &Layout<f32>) -> Vec<(Run, Touch<f32>)> {
-    let of_run = |run: Run, element: usize| (run, Touch { element: element as u32, count: 1, column: run.column, weight: 1. });
-    let others = layout.elements[..layout.first_reach].iter().enumerate();
-    let others = others.flat_map(|(i, element)| layout.runs[element.runs.range()].iter().map(move |run| of_run(*run, i)));
-    let mut touched: Vec<_> = others.collect();
-    for ReachInstant { base, feet } in &layout.reach_instants {
-        let first = layout.first_reach + feet.start as usize;
-        for i in (0..4).filter(|&i| base.front[i] != NONE) {
-            let run = Run { variable: base.variable[i], front: base.front[i], column: 0, len: 6 };
-            touched.push((run, Touch { element: first as u32, count: feet.end - feet.start, column: 0, weight: base.weights[i] }));
+/// Which variables are touched by which elements.
+fn touched(layout: &Layout<f32>) -> Vec<(Run, Touch)> {
+    let of_run = |element: usize, run: &Run| (*run, Touch { element: element as u32, column: run.column });
+    let elements = layout.elements.iter().enumerate();
+    elements.flat_map(|(i, element)| layout.runs[element.runs.range()].iter().map(move |run| of_run(i, run))).collect()
+}
+
+/// Which variables are touched by which reach rows.
+fn reach_touched(layout: &Layout<f32>) -> Vec<(Run, ReachTouch)> {
+    let mut of_legs = vec![Span::default(); layout.reach_legs.len()];
+    let mut of_blocks = vec![Span::default(); layout.base_blocks.len()];
+    for (i, ReachInstant { base, feet }) in (0..).zip(&layout.reach_instants) {
+        let with = |span: Span| Span { start: if span.end == 0 { i } else { span.start }, end: i + 1 };
+        let of_block = &mut of_blocks[base.blocks as usize];
+        *of_block = with(*of_block);
+        for foot in &layout.reach_feet[feet.range()] {
+            let of_leg = &mut of_legs[foot.leg as usize];
+            *of_leg = with(*of_leg);
         }
-        for (number, foot) in layout.reach_feet[feet.range()].iter().enumerate() {
-            touched.extend(foot.own_runs(&layout.footholds).map(|run| of_run(run, first + number)));
+    }
+    let mut touched = Vec::new();
+    for (blocks, &instants) in layout.base_blocks.iter().zip(&of_blocks) {
+        for i in (0..4).filter(|&i| blocks.front[i] != NONE) {
+            let run = Run { variable: blocks.variable[i], front: blocks.front[i], column: 0, len: 6 };
+            touched.push((run, ReachTouch { instants, leg: NONE, block: i as u32, column: 0 }));
         }
+    }
+    for (number, (leg, &instants)) in (0..).zip(layout.reach_legs.iter().zip(&of_legs)) {
+        let of_run = |run: Run| (run, ReachTouch { instants, leg: number, block: NONE, column: run.column });
+        touched.extend(leg.own_runs(&layout.footholds).map(of_run));
     }
     touched
 }

@@ -43,6 +43,8 @@ pub(super) struct ReachTime<T> {
     pub step: usize,
     /// Base pose, without blocks.
     pub base: BasePoint<T>,
+    /// Whose deviation counts, see [`BaseBlocks`](crate::rows::reach::BaseBlocks).
+    pub interval: u32,
     /// Its blocks.
     pub blocks: [BlockId; 4],
 }

@@ -170,12 +170,10 @@ impl<T: Real> Transcribe<T> for Momentum {
             let base = BasePoint {
                 reference: b.reference(t).map(T::of),
                 weights: hermite(in_interval, h).map(T::of),
-                variable: [NONE; 4],
-                front: [NONE; 4],
-                interval: k as u32,
+                blocks: NONE,
                 deviation_weights: deviation_weights(in_interval / h).map(T::of),
             };
-            ReachTime { t, feet, step: k, base, blocks: std::array::from_fn(|i| b.base[2 * k + i]) }
+            ReachTime { t, feet, step: k, base, interval: k as u32, blocks: std::array::from_fn(|i| b.base[2 * k + i]) }
         };
         reach_timings(&phases, h, b.intervals).into_iter().map(time).collect()
     }

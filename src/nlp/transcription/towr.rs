@@ -107,12 +107,10 @@ impl<T: Real> Transcribe<T> for Towr {
             let base = BasePoint {
                 reference: b.reference(t).map(T::of),
                 weights: spline.basis(interval, t, 0).map(T::of),
-                variable: [NONE; 4],
-                front: [NONE; 4],
-                interval: NONE,
+                blocks: NONE,
                 deviation_weights: [T::zero(); INNER_POINTS],
             };
-            ReachTime { t, feet: 0..b.feet.len(), step, base, blocks: std::array::from_fn(|i| b.base[interval + i]) }
+            ReachTime { t, feet: 0..b.feet.len(), step, base, interval: NONE, blocks: std::array::from_fn(|i| b.base[interval + i]) }
         };
         times.into_iter().map(time).collect()
     }
