@@ -16,12 +16,11 @@ fn per_row<T: Real>(layout: &Layout<T>, weight: &mut [T], value: &mut [T], make:
     let (mut weights, mut values) = ([T::zero(); AT_ONCE], [T::zero(); AT_ONCE]);
     // Which are made.
     let mut made = 0..0;
-    // Not `for`, which would ask at each which of the two kinds it is.
-    layout.all_elements().for_each(|element| {
+    for element in layout.all_elements() {
         let (rows, pairs) = (element.rows as usize, element.pairs as usize);
         let (row, at) = (element.place.row as usize, element.place.inequality as usize);
         if row < layout.equalities {
-            return;
+            continue;
         }
         if at < made.start || at + rows + pairs > made.end {
             made = at..layout.inequalities.min(at + AT_ONCE);
@@ -36,7 +35,7 @@ fn per_row<T: Real>(layout: &Layout<T>, weight: &mut [T], value: &mut [T], make:
         for r in pairs..rows {
             (weight[r], value[r]) = (weights[r], values[r]);
         }
-    });
+    }
 }
 
 /// Row weights of a barrier step: `W = rho` and `w = 1 / (s/z + 1/rho)`, `v = rho c` and `z + w (g - z/rho + mu/z)`, with `rho = 1`.

@@ -12,7 +12,7 @@
 //! ```text
 //! // binds: jacobian tables                   `tables` are those of `Buffer::JOINED`, as words
 //! // reads: elements reach_feet               whose entries `elements_at(slot, i)`, and what arrays in them hold
-//! //                                          `reach_feet_front(slot, i, k)` reads: functions written in front of the text
+//! //                                          `reach_legs_front(slot, i, k)` reads: functions written in front of the text
 //! ```
 //!
 //! Every shader binds `batch`, `running`, `slots`, `progress` and `values` ([`COMMON`]). Types of buffers, their structs and the constants that
