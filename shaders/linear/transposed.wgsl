@@ -1,4 +1,4 @@
-// needs: shared/reach
+// needs: shared/reach shared/gather
 // binds: jacobian tables
 // reads: elements reach_instants reach_feet gather_of gathers touches reach_touches
 // Right-hand side of the corrector: the transposed Jacobian times the values of the rows, and what falls on single variables. One thread a
@@ -9,34 +9,15 @@
 // Twin: src/linear/transposed.rs, which scatters in the same order
 
 // Product of one column with the values, of the reach rows of a foot at an instant.
-fn foot_times(slot: u32, half: u32, number: u32, column: u32) -> f32 {
+fn of_foot(slot: u32, half: u32, number: u32, column: u32) -> f32 {
     let place = reach_place(slot, number, reach_feet_at(slot, number));
     let first = (2u * slot + half) * batch.jacobian + place.jacobian + column;
     let v = slot * batch.values + batch.value + place.row;
     return values[v] * jacobian[first] + values[v + 1u] * jacobian[first + place.stride] + values[v + 2u] * jacobian[first + 2u * place.stride];
 }
 
-// The same of reach rows at consecutive instants.
-fn reach_times(slot: u32, half: u32, touch: ReachTouch, column: u32) -> f32 {
-    var sum = 0.0;
-    for (var instant = touch.instants.start; instant < touch.instants.end; instant++) {
-        let feet = reach_instants_at(slot, instant).feet;
-        var of_feet = 0.0;
-        for (var f = feet.start; f < feet.end; f++) {
-            if (touch.leg == NONE || touch.leg == reach_feet_at(slot, f).leg) {
-                of_feet += foot_times(slot, half, f, column);
-            }
-        }
-        if (touch.leg == NONE) {
-            of_feet *= reach_instants_base_weights(slot, instant, touch.block);
-        }
-        sum += of_feet;
-    }
-    return sum;
-}
-
 // The same of the rows of an element.
-fn element_times(slot: u32, half: u32, element: Element, column: u32) -> f32 {
+fn of_element(slot: u32, half: u32, element: Element, column: u32) -> f32 {
     let first = (2u * slot + half) * batch.jacobian + element.place.jacobian + column;
     let v = slot * batch.values + batch.value + element.place.row;
     var sum = 0.0;
@@ -46,20 +27,9 @@ fn element_times(slot: u32, half: u32, element: Element, column: u32) -> f32 {
     return sum;
 }
 
-// Product of the column of variable `i` with the values.
-fn transposed_times(slot: u32, half: u32, i: u32) -> f32 {
-    let gather = gathers_at(slot, gather_of_at(slot, i));
-    let offset = i - gather.variable;
-    var sum = 0.0;
-    for (var k = gather.touches.start; k < gather.touches.end; k++) {
-        let touch = touches_at(slot, k);
-        sum += element_times(slot, half, elements_at(slot, touch.element), touch.column + offset);
-    }
-    for (var k = gather.reach.start; k < gather.reach.end; k++) {
-        let touch = reach_touches_at(slot, k);
-        sum += reach_times(slot, half, touch, touch.column + offset);
-    }
-    return sum;
+// The weight itself.
+fn of_weight(weight: f32) -> f32 {
+    return weight;
 }
 
 @compute @workgroup_size(WORKGROUP)
@@ -70,7 +40,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     }
     let base = slot * batch.values;
     for (var i = lane; i < slots[slot].variables; i += WORKGROUP) {
-        let product = transposed_times(slot, progress[slot].current, i);
+        let product = gathered(slot, progress[slot].current, i);
         values[base + batch.right_hand_side + i] = product + values[base + batch.gradient + i];
     }
 }

@@ -1,4 +1,4 @@
-// needs: shared/reach
+// needs: shared/reach shared/gather
 // binds: jacobian tables
 // reads: elements reach_instants reach_feet gather_of gathers touches reach_touches
 // The start of a solve, after the rows have been evaluated at the initial point: column scaling, first slacks and multipliers. One workgroup
@@ -9,35 +9,15 @@
 // Twin: src/solver/start.rs
 
 // Squares in one column of the reach rows of a foot at an instant. They are two-sided: each counts twice.
-fn foot_squares(slot: u32, half: u32, number: u32, column: u32) -> f32 {
+fn of_foot(slot: u32, half: u32, number: u32, column: u32) -> f32 {
     let place = reach_place(slot, number, reach_feet_at(slot, number));
     let first = (2u * slot + half) * batch.jacobian + place.jacobian + column;
     let v = vec3<f32>(jacobian[first], jacobian[first + place.stride], jacobian[first + 2u * place.stride]);
     return dot(v, v);
 }
 
-// The same of reach rows at consecutive instants.
-fn reach_squares(slot: u32, half: u32, touch: ReachTouch, column: u32) -> f32 {
-    var sum = 0.0;
-    for (var instant = touch.instants.start; instant < touch.instants.end; instant++) {
-        let feet = reach_instants_at(slot, instant).feet;
-        var of_feet = 0.0;
-        for (var f = feet.start; f < feet.end; f++) {
-            if (touch.leg == NONE || touch.leg == reach_feet_at(slot, f).leg) {
-                of_feet += foot_squares(slot, half, f, column);
-            }
-        }
-        if (touch.leg == NONE) {
-            let weight = reach_instants_base_weights(slot, instant, touch.block);
-            of_feet *= weight * weight;
-        }
-        sum += of_feet;
-    }
-    return sum;
-}
-
 // The same of the rows of an element; those that are two-sided, or equalities, count twice.
-fn element_squares(slot: u32, half: u32, element: Element, column: u32) -> f32 {
+fn of_element(slot: u32, half: u32, element: Element, column: u32) -> f32 {
     let first = (2u * slot + half) * batch.jacobian + element.place.jacobian + column;
     let twice = select(element.pairs, element.rows, element.place.row < slots[slot].equalities);
     var sum = 0.0;
@@ -48,20 +28,14 @@ fn element_squares(slot: u32, half: u32, element: Element, column: u32) -> f32 {
     return sum;
 }
 
+// Its square.
+fn of_weight(weight: f32) -> f32 {
+    return weight * weight;
+}
+
 // Scaling of a column, `D_j = sum_eq J_ij^2 + 1/2 sum_ineq J_ij^2`, at least 1e-2.
 fn column_scaling(slot: u32, half: u32, i: u32) -> f32 {
-    let gather = gathers_at(slot, gather_of_at(slot, i));
-    let offset = i - gather.variable;
-    var sum = 0.0;
-    for (var k = gather.touches.start; k < gather.touches.end; k++) {
-        let touch = touches_at(slot, k);
-        sum += element_squares(slot, half, elements_at(slot, touch.element), touch.column + offset);
-    }
-    for (var k = gather.reach.start; k < gather.reach.end; k++) {
-        let touch = reach_touches_at(slot, k);
-        sum += reach_squares(slot, half, touch, touch.column + offset);
-    }
-    return max(sum, 1e-2);
+    return max(gathered(slot, half, i), 1e-2);
 }
 
 // First slack of an inequality, `max(|g|, sqrt(mu))`, and the multiplier that goes with the barrier parameter.

@@ -118,6 +118,7 @@ pub const SHARED: &[(&str, &str)] = &[
     ("shared/values", text!("shared/values")),
     ("shared/jacobian", text!("shared/jacobian")),
     ("shared/reach", text!("shared/reach")),
+    ("shared/gather", text!("shared/gather")),
     ("shared/math", text!("shared/math")),
     ("shared/terrain", text!("shared/terrain")),
     ("shared/contact", text!("shared/contact")),
