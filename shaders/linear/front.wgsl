@@ -185,7 +185,8 @@ fn pose_sum(slot: u32, half: u32, feet: Span, e: u32) -> f32 {
     let base = slot * batch.values;
     var sum = 0.0;
     for (var f = feet.start; f < feet.end; f++) {
-        let place = reach_place(slot, f, reach_feet_at(slot, f));
+        let foot = reach_feet_at(slot, f);
+        let place = reach_place(slot, f, foot.jacobian, foot.stride);
         let pose = (2u * slot + half) * batch.jacobian + place.jacobian;
         for (var r = 0u; r < 3u; r++) {
             if (e < 36u) {
@@ -214,7 +215,7 @@ fn own_column(slot: u32, leg: u32, f: u32) -> vec2<u32> {
 // Adds the products of a foot's own columns with another one: of the 24 base columns, its own ones, and the values, 30 in all.
 fn add_foot(slot: u32, half: u32, instant: u32, blocks: u32, number: u32, size: u32, other: u32) {
     let foot = reach_feet_at(slot, number);
-    let place = reach_place(slot, number, foot);
+    let place = reach_place(slot, number, foot.jacobian, foot.stride);
     let first = (2u * slot + half) * batch.jacobian + place.jacobian;
     let rows = place.stride * vec3<u32>(0u, 1u, 2u);
     let row = slot * batch.values + place.row;

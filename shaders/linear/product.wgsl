@@ -74,7 +74,7 @@ fn reach_times(slot: u32, half: u32, instant: u32) {
     let feet = reach_instants_at(slot, instant).feet;
     for (var f = feet.start; f < feet.end; f++) {
         let foot = reach_feet_at(slot, f);
-        let place = reach_place(slot, f, foot);
+        let place = reach_place(slot, f, foot.jacobian, foot.stride);
         let stride = place.stride;
         let first = (2u * slot + half) * batch.jacobian + place.jacobian;
         var products = vec3<f32>();

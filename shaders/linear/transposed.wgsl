@@ -10,7 +10,8 @@
 
 // Product of one column with the values, of the reach rows of a foot at an instant.
 fn of_foot(slot: u32, half: u32, number: u32, column: u32) -> f32 {
-    let place = reach_place(slot, number, reach_feet_at(slot, number));
+    let foot = reach_feet_at(slot, number);
+    let place = reach_place(slot, number, foot.jacobian, foot.stride);
     let first = (2u * slot + half) * batch.jacobian + place.jacobian + column;
     let v = slot * batch.values + batch.value + place.row;
     return values[v] * jacobian[first] + values[v + 1u] * jacobian[first + place.stride] + values[v + 2u] * jacobian[first + 2u * place.stride];

@@ -33,7 +33,7 @@ fn entry(slot: u32, half: u32, k: u32) {
 fn reach_foot(slot: u32, half: u32, number: u32, base_w: vec3<f32>, rot_wb: Mat3, axes: Mat3) {
     let foot = reach_feet_at(slot, number);
     let leg = reach_legs_at(slot, foot.leg);
-    let place = reach_place(slot, number, foot);
+    let place = reach_place(slot, number, foot.jacobian, foot.stride);
     let constants = &slots[slot].constants;
     let unit = constants.length_scale;
     let x = ix_x(slot, half);

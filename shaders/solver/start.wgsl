@@ -10,7 +10,8 @@
 
 // Squares in one column of the reach rows of a foot at an instant. They are two-sided: each counts twice.
 fn of_foot(slot: u32, half: u32, number: u32, column: u32) -> f32 {
-    let place = reach_place(slot, number, reach_feet_at(slot, number));
+    let foot = reach_feet_at(slot, number);
+    let place = reach_place(slot, number, foot.jacobian, foot.stride);
     let first = (2u * slot + half) * batch.jacobian + place.jacobian + column;
     let v = vec3<f32>(jacobian[first], jacobian[first + place.stride], jacobian[first + 2u * place.stride]);
     return dot(v, v);

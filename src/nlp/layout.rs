@@ -105,8 +105,8 @@ impl<T: Real> Layout<T> {
         self.elements.iter().copied().chain(self.reach_elements())
     }
 
-    /// What the rows of each of [`Layout::all_elements`] depend on: columns as runs of variables, and how much their values count for these. Reach rows depend on
-    /// the blocks of the base through the six columns of their pose, by weights.
+    /// What the rows of each of [`Layout::all_elements`] depend on: columns as runs of variables, and how much their values count for these.
+    /// Reach rows depend on the blocks of the base through the six columns of their pose, by weights.
     pub fn columns(&self) -> Vec<Vec<(Run, T)>> {
         let of_instant = |instant: &ReachInstant<T>| {
             let (weights, blocks) = (instant.base.weights, self.base_blocks[instant.base.blocks as usize]);
