@@ -338,7 +338,7 @@ fn mirrored_rows(robot: &Robot, layout: &Layout<f64>, other: &Layout<f64>, rows:
             let center = std::array::from_fn(|axis| nominal[axis] + middle[axis]);
             {
                 let of_foot = |element: &usize| layout.reach_legs[layout.reach_feet[*element].leg as usize].center == center;
-                let place = |element: usize| layout.reach_rows.place(element, &layout.reach_feet[element]).inequality;
+                let place = |element: usize| layout.reach_place(element).inequality;
                 (0..layout.reach_feet.len()).filter(of_foot).map(place).collect()
             }
         };

@@ -543,7 +543,7 @@ fn gathering_over_touches_gives_the_transposed_product() {
             let at = |r: usize| (place.jacobian + column) as usize + r * place.stride as usize;
             (0..rows as usize).fold(0f32, |sum, r| v[place.row as usize + r].mul_add(jacobian[at(r)], sum))
         };
-        let foot = |number: usize, column: u32| of_rows(layout.reach_rows.place(number, &layout.reach_feet[number]), 3, column);
+        let foot = |number: usize, column: u32| of_rows(layout.reach_place(number), 3, column);
         for (variable, &gather) in own.gather_of.iter().enumerate() {
             let gather = &own.gathers[gather as usize];
             let offset = variable as u32 - gather.variable;

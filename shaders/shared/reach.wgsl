@@ -1,4 +1,4 @@
-// Where reach rows stand. Twin: `ReachRows` of src/rows/reach.rs
+// Where reach rows stand. Twin: `Tables::reach_place` of src/rows/reach.rs
 
 // The place of the rows of a foot at an instant, whose Jacobian stands where its entry says.
 fn reach_place(slot: u32, number: u32, jacobian_at: u32, stride: u32) -> Place {

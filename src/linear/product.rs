@@ -80,7 +80,7 @@ fn reach_times<T: Real>(layout: &Layout<T>, instant: &ReachInstant<T>, jacobian:
 #[inline(always)]
 fn foot_times<T: Real, const GROUPS: usize>(layout: &Layout<T>, number: usize, pose: &[T; 6], jacobian: &[T], d: &[T], g_change: &mut [T]) {
     let foot = &layout.reach_feet[number];
-    let (leg, place) = (&layout.reach_legs[foot.leg as usize], layout.reach_rows.place(number, foot));
+    let (leg, place) = (&layout.reach_legs[foot.leg as usize], layout.reach_place(number));
     let mut local = [[T::zero(); LANES]; GROUPS];
     let columns = local.as_flattened_mut();
     columns[..6].copy_from_slice(pose);

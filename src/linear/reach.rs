@@ -147,7 +147,7 @@ pub(super) fn assemble_reach<T: Real>(
         let mut by_pose = ByPose { products: [[T::zero(); LANES]; POSE], values: [T::zero(); LANES] };
         for number in instant.feet.range() {
             let foot = &layout.reach_feet[number];
-            let (place, of_leg) = (layout.reach_rows.place(number, foot), (foot.leg, &layout.reach_legs[..]));
+            let (place, of_leg) = (layout.reach_place(number), (foot.leg, &layout.reach_legs[..]));
             if foot.stride as usize == LANES {
                 add_foot::<T, LANES>(place, of_leg, &weights, system, &mut by_pose, own);
             } else {

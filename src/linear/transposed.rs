@@ -80,7 +80,7 @@ fn foot_by_column<T: Real, const GROUPS: usize, const SQUARED: bool>(
     out: &mut [T],
 ) {
     let foot = &layout.reach_feet[number];
-    let (leg, place) = (&layout.reach_legs[foot.leg as usize], layout.reach_rows.place(number, foot));
+    let (leg, place) = (&layout.reach_legs[foot.leg as usize], layout.reach_place(number));
     let mut local = [[T::zero(); LANES]; GROUPS];
     for r in 0..3 {
         let values = &jacobian[place.jacobian as usize + r * GROUPS * LANES..][..GROUPS * LANES];

@@ -91,11 +91,11 @@ impl<T: Real> Layout<T> {
     /// Elements of reach rows, one a foot and instant.
     pub fn reach_elements(&self) -> impl Iterator<Item = Element> {
         let Spec { rows, pairs, .. } = reach::SPEC;
-        self.reach_feet.iter().enumerate().map(move |(number, foot)| Element {
+        (0..self.reach_feet.len()).map(move |number| Element {
             family: Family::Reach,
             rows: rows as u32,
             pairs: pairs as u32,
-            place: self.reach_rows.place(number, foot),
+            place: self.reach_place(number),
             runs: Span::default(),
         })
     }

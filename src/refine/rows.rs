@@ -88,7 +88,7 @@ fn known(space: &Space, layout: &Layout<f64>) -> Vec<Known> {
     for (_, instant) in numbered {
         let k = f64::from(layout.base_blocks[instant.base.blocks as usize].interval);
         for foot in instant.feet.range() {
-            let place = layout.reach_rows.place(foot, &layout.reach_feet[foot]);
+            let place = layout.reach_place(foot);
             all.push(Known { place, spec: reach::SPEC, rows: 3, pairs: 3, window: k..k + 1. });
         }
     }
@@ -298,7 +298,7 @@ fn add_deviations(
                 continue;
             }
             for foot in instant.feet.range() {
-                let place = layout.reach_rows.place(foot, &layout.reach_feet[foot]);
+                let place = layout.reach_place(foot);
                 // The first columns are those of the pose.
                 let (by_pose, stride) = (&here.jacobian[place.jacobian as usize..], place.stride as usize);
                 for r in 0..3 {

@@ -64,7 +64,7 @@ crate::table! {
         pub z_weights: [T; 3],
         /// In [`Tables::reach_legs`].
         pub leg: u32,
-        /// See [`Place`], as the next one; [`ReachRows`] says the rest.
+        /// See [`Place`], as the next one; [`Tables::reach_place`] has the rest.
         pub jacobian: u32,
         /// Likewise.
         pub stride: u32,
@@ -98,16 +98,16 @@ crate::table! {
     }
 }
 
-impl ReachRows {
-    /// Where the rows of a foot stand.
+impl<T> Tables<T> {
+    /// Where the reach rows of a foot at an instant stand.
     ///
-    /// * `number` - of the foot in [`Tables::reach_feet`]
+    /// * `number` - in [`Tables::reach_feet`]
     #[inline(always)]
-    pub fn place<T>(self, number: usize, foot: &ReachFoot<T>) -> Place {
-        let number = number as u32;
-        let ReachFoot { jacobian, stride, .. } = *foot;
+    pub fn reach_place(&self, number: usize) -> Place {
+        let ReachFoot { jacobian, stride, .. } = self.reach_feet[number];
+        let ReachRows { row, inequality } = self.reach_rows;
         let (rows, sides) = (SPEC.rows as u32, (SPEC.rows + SPEC.pairs) as u32);
-        Place { row: self.row + rows * number, inequality: self.inequality + sides * number, jacobian, stride }
+        Place { row: row + rows * number as u32, inequality: inequality + sides * number as u32, jacobian, stride }
     }
 }
 
@@ -151,7 +151,7 @@ pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) 
 
 /// Reach rows of all feet at all reach instants.
 ///
-/// * `residual` - out, at each foot's place ([`ReachRows`]): 3 upper sides, 3 lower sides
+/// * `residual` - out, at each foot's place ([`Tables::reach_place`]): 3 upper sides, 3 lower sides
 /// * `jacobian` - out, 3 rows at each foot's place: 6 columns by the base pose, which the base blocks share by their weights, then its own
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn reach<T: Real>(
@@ -185,7 +185,7 @@ pub fn reach<T: Real>(
         let (rot_wb, axes) = euler([pose[3], pose[4], pose[5]]);
         for number in instant.feet.range() {
             let foot = &tables.reach_feet[number];
-            let (leg, place) = (&tables.reach_legs[foot.leg as usize], tables.reach_rows.place(number, foot));
+            let (leg, place) = (&tables.reach_legs[foot.leg as usize], tables.reach_place(number));
             let mut foot_w = [zero; 3];
             for i in 0..2 {
                 if leg.foothold[i] == NONE {

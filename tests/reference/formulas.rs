@@ -94,7 +94,7 @@ pub fn expected(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> (Vec<f
             let offset = to_base * (at(&nodes.ee[foot].motion, t)[0] - base) - Vector3::from(robot.nominal_feet[foot]);
             let reach = robot.reach.of(foot);
             for d in 0..3 {
-                let row = layout.reach_rows.place(number, &layout.reach_feet[number]).inequality as usize + d;
+                let row = layout.reach_place(number).inequality as usize + d;
                 // In units of 0.1 m.
                 g[row] = (offset[d] - reach.high[d] + settings.length_margin) / 0.1;
                 g[row + 3] = (reach.low[d] - offset[d] + settings.length_margin) / 0.1;
