@@ -1,10 +1,13 @@
 //! Robot models: a single rigid body with feet that reach inside boxes.
 
+mod built_in;
 #[cfg(feature = "urdf")]
 pub mod import;
 pub mod leg;
 mod reach;
 
+pub use built_in::ROBOTS;
+pub(crate) use built_in::ROUNDED;
 pub use reach::{Reach, ReachBox};
 
 use crate::error::{Error, Result, check_name, check_range};
@@ -62,77 +65,14 @@ pub const FOOT_RADIUS: f64 = 0.06;
 /// Largest normal force of a foot when legs are not limited, in weights: what a runner's leg takes.
 pub const FORCE_LIMIT: f64 = 3.;
 
-/// Names of the built-in robots.
-pub const ROBOTS: [&str; 6] = ["monoped", "biped", "hyq", "anymal", "pexod", "pexod-as-published"];
-
-/// Symmetric matrix from its six entries.
-fn symmetric(xx: f64, yy: f64, zz: f64, xy: f64, xz: f64, yz: f64) -> [[f64; 3]; 3] {
-    [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
-}
-
-/// Feet left, right, from front to hind, mirrored in y: LF, RF, LH, RH for a quadruped.
-fn pairs(xs: &[f64], y: f64, z: f64) -> Vec<[f64; 3]> {
-    xs.iter().flat_map(|&x| [[x, y, z], [x, -y, z]]).collect()
-}
-
 impl Robot {
-    /// A built-in robot by name. Numbers: \[3\] for the first four, \[4\] for the hexapod.
-    ///
-    /// # Errors
-    /// [`Error::Unknown`] lists [`ROBOTS`].
-    pub fn named(name: &str) -> Result<Robot> {
-        let (mass, inertia, base_height, nominal_feet, reach) = match name {
-            "monoped" => (20., symmetric(1.2, 5.5, 6.0, 0., 0.2, 0.01), 0.58, vec![[0., 0., -0.58]], [0.25, 0.15, 0.2]),
-            "biped" => (20., symmetric(1.209, 5.583, 6.056, -0.005, 0.19, 0.012), 0.65, pairs(&[0.], 0.2, -0.65), [0.25, 0.15, 0.15]),
-            "hyq" => {
-                (83., symmetric(4.26, 8.97, 9.88, 0.0063, -0.193, -0.0126), 0.58, pairs(&[0.31, -0.31], 0.29, -0.58), [0.25, 0.2, 0.1])
-            }
-            "anymal" => (
-                29.5,
-                symmetric(0.946438, 1.94478, 2.01835, -0.000938112, 0.00595386, 0.00146328),
-                0.5,
-                pairs(&[0.34, -0.34], 0.19, -0.42),
-                [0.15, 0.1, 0.1],
-            ),
-            // A 0.24 x 0.20 x 0.04 m box.
-            "pexod" => (
-                1.031,
-                symmetric(0.00357413333333, 0.00508626666667, 0.00838546666667, 0., 0., 0.),
-                0.14,
-                pairs(&[0.11, 0., -0.11], 0.185, -0.14),
-                [0.15, 0.1, 0.05],
-            ),
-            // The same numbers in the order in which the public code of [4] passes them: no possible body, kept for comparisons.
-            "pexod-as-published" => (
-                1.031,
-                symmetric(0.00357413333333, 0., 0., -0.00508626666667, 0., -0.00838546666667),
-                0.14,
-                pairs(&[0.11, 0., -0.11], 0.185, -0.14),
-                [0.15, 0.1, 0.05],
-            ),
-            _ => return Err(Error::Unknown { what: "robot", name: name.into(), known: ROBOTS.join(", ") }),
-        };
-        Ok(Robot {
-            name: name.into(),
-            mass,
-            inertia,
-            base_height,
-            nominal_feet,
-            reach: reach.into(),
-            force_limit: None,
-            leg_mass: None,
-            joints: None,
-            foot_radius: None,
-        })
-    }
-
     /// Reads a robot from JSON text and validates it.
     ///
     /// # Errors
     /// [`Error::Format`] for malformed JSON, unknown or missing keys; [`Error::Invalid`] for impossible values.
     pub fn from_json(text: &str) -> Result<Robot> {
         let robot: Robot = crate::error::from_json(text)?;
-        robot.validate()?;
+        robot.validate_own()?;
         Ok(robot)
     }
 
@@ -143,7 +83,7 @@ impl Robot {
     /// the feature `toml`.
     pub fn read(path: &Path) -> Result<Robot> {
         let robot: Robot = files::read_value(path)?;
-        robot.validate().map_err(|e| e.in_file(path, None))?;
+        robot.validate_own().map_err(|e| e.in_file(path, None))?;
         Ok(robot)
     }
 
@@ -276,7 +216,7 @@ mod tests {
     #[test]
     fn a_file_is_toml_or_json_by_its_name() {
         let folder = tempfile::tempdir().unwrap();
-        let mut robot = Robot::named("biped").unwrap();
+        let mut robot = Robot { name: "own".into(), ..Robot::named("biped").unwrap() };
         robot.reach = Reach::PerFoot(vec![[[-0.1, 0.2], [0., 0.1], [-0.2, 1. / 3.]]; 2]);
         robot.force_limit = Some(500.);
         for name in ["robot.toml", "robot.TOML", "robot.json", "robot"] {
@@ -302,7 +242,7 @@ mod tests {
 
     #[test]
     fn feet_may_be_points_and_are_no_larger_than_half_a_leg() {
-        let with = |radius| Robot { foot_radius: Some(radius), ..Robot::named("anymal").unwrap() };
+        let with = |radius| Robot { name: "own".into(), foot_radius: Some(radius), ..Robot::named("anymal").unwrap() };
         assert_eq!(Robot::from_json(&serde_json::to_string(&with(0.)).unwrap()).unwrap().foot_radius(), 0.);
         with(0.21).validate().unwrap();
         for radius in [-0.01, 0.22, f64::NAN] {

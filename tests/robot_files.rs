@@ -46,6 +46,30 @@ fn an_imported_robot_walks_from_json_and_from_toml_alike() {
 }
 
 #[test]
+fn a_robot_and_a_ground_whose_files_have_built_in_names_give_gaits_that_verify() {
+    let dir = tempfile::tempdir().unwrap();
+    urdf(dir.path());
+    let text = fs::read_to_string(dir.path().join("four.urdf")).unwrap();
+    fs::write(dir.path().join("four.urdf"), text.replace("<robot name=\"four\">", "<robot name=\"hyq\">")).unwrap();
+    fs::write(dir.path().join("stairs.csv"), "0,0,0\n0,0.01,0\n0,0,0\n").unwrap();
+    let [said, _] = ran(dir.path(), &["robot", "import", "four.urdf", "--configuration", STANDING, "-o", "robot.toml"], 0);
+    assert!(said.contains("hyq-imported: 13.200 kg") && said.contains("`hyq` has another mass"), "{said}");
+    let [said, _] = ran(dir.path(), &["terrain", "import", "stairs.csv", "--cell", "1", "--origin=-1.5,-1.5", "-o", "stairs.json"], 0);
+    assert!(said.starts_with("stairs-imported: 3 x 3 samples"), "{said}");
+    let world = ["--robot", "robot.toml", "--terrain", "stairs.json"];
+    ran(dir.path(), &[&["solve", "--goal", "0.5,0", "--first", "--out", "out"], &world[..]].concat(), 0);
+    ran(dir.path(), &["verify", "out/trajectory.json"], 0);
+    // Before anything is solved.
+    for (file, place) in [("robot.toml", "robot.name: `hyq`"), ("stairs.json", "terrain.name: `stairs`")] {
+        let text = fs::read_to_string(dir.path().join(file)).unwrap();
+        fs::write(dir.path().join(file), text.replace("-imported", "")).unwrap();
+        let [_, error] = ran(dir.path(), &[&["solve", "--goal", "0.5,0", "--first"], &world[..]].concat(), 4);
+        assert!(error.contains(file) && error.contains(place), "{error}");
+        fs::write(dir.path().join(file), text).unwrap();
+    }
+}
+
+#[test]
 fn what_is_no_robot_exits_4_and_leaves_nothing() {
     let dir = tempfile::tempdir().unwrap();
     urdf(dir.path());

@@ -12,7 +12,6 @@ use crate::search::evaluate::LowerSettings;
 use crate::settings::{Legs, SolverSettings, Transcription, TranscriptionSettings};
 use crate::task::{Goal, Task};
 use crate::terrain::{TERRAINS, Terrain};
-use crate::verify::labels::check_robot_name;
 use clap::Args;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -30,10 +29,9 @@ pub fn in_degrees(yaw: f64) -> Option<String> {
     (turns.abs() > 1.).then(|| format!("goal yaw {yaw} rad is {turns:.1} turns; {yaw} degrees are {:.4} rad", yaw.to_radians()))
 }
 
-/// Robot by name, or a JSON or TOML file. One with the name of a built-in robot must be that: its motions would be refused.
+/// Robot by name, or a JSON or TOML file.
 pub fn robot(name: &str) -> Result<Arc<Robot>> {
-    let read = |path: &Path| Robot::read(path).and_then(|robot| check_robot_name(&robot).map(|()| robot));
-    named_or_file(name, &ROBOTS, "robot", Robot::named, read).map(Arc::new)
+    named_or_file(name, &ROBOTS, "robot", Robot::named, Robot::read).map(Arc::new)
 }
 
 /// Terrain by name, or a JSON or TOML file.

@@ -42,7 +42,7 @@ pub struct ImportUrdf {
     /// Joint values in which it stands, rad or m; the others are at zero, or in the middle of their limits when zero is outside
     #[arg(long, value_name = "JOINT=VALUE,...", allow_hyphen_values = true)]
     configuration: Vec<String>,
-    /// Name of the robot; the file's by default
+    /// Name of the robot; the file's by default, with `-imported` behind it where a built-in robot has that
     #[arg(long)]
     name: Option<String>,
     /// Where to write the robot, .json or .toml; else it is printed as JSON

@@ -236,7 +236,7 @@ impl ScenarioFile {
     /// # Errors
     /// For a name or a file that does not exist, or no possible robot.
     pub fn robot(&self) -> Result<Option<Arc<Robot>>> {
-        read(self.robot.as_ref(), robot, Robot::validate)
+        read(self.robot.as_ref(), robot, Robot::validate_own)
     }
 
     /// The terrain, if one is named or described.
@@ -244,7 +244,7 @@ impl ScenarioFile {
     /// # Errors
     /// For a name or a file that does not exist, or no possible terrain.
     pub fn terrain(&self) -> Result<Option<Arc<Terrain>>> {
-        read(self.terrain.as_ref(), terrain, Terrain::validate)
+        read(self.terrain.as_ref(), terrain, Terrain::validate_own)
     }
 
     /// A table of settings; empty when the file has none.

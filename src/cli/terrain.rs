@@ -35,7 +35,7 @@ struct Import {
     /// Friction coefficient
     #[arg(long, default_value_t = 0.8)]
     friction: f64,
-    /// Name of the terrain; that of the file by default
+    /// Name of the terrain; that of the file by default, with `-imported` behind it where a built-in terrain has that
     #[arg(long)]
     name: Option<String>,
     /// Terrain file, .json
@@ -79,7 +79,7 @@ impl Import {
         })?;
         if let Some(name) = &self.name {
             imported.terrain.name = name.clone();
-            imported.terrain.validate()?;
+            imported.terrain.validate_own()?;
         }
         Ok(imported)
     }

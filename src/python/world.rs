@@ -73,7 +73,7 @@ impl Robot {
     ///     Joint values in which it stands, rad or m; the others are at zero, or in the middle of their limits when zero is outside. Without any, legs
     ///     are bent so that the robot stands.
     /// name : str, optional
-    ///     Name of the robot; the file's by default.
+    ///     Name of the robot; the file's by default, with ``-imported`` behind it where a built-in robot has that.
     ///
     /// Raises
     /// ------
@@ -110,7 +110,7 @@ impl Robot {
     #[staticmethod]
     fn from_dict(description: &Bound<'_, PyDict>) -> PyResult<Self> {
         let robot: crate::Robot = from_python(description, "robot")?;
-        robot.validate().raise()?;
+        robot.validate_own().raise()?;
         Ok(Robot::of(robot))
     }
 
@@ -270,7 +270,7 @@ impl Terrain {
 
 impl Terrain {
     fn of(terrain: crate::Terrain) -> PyResult<Terrain> {
-        terrain.validate().raise()?;
+        terrain.validate_own().raise()?;
         Ok(Terrain(Arc::new(terrain)))
     }
 }

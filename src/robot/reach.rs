@@ -210,6 +210,7 @@ mod tests {
     /// The biped with another reach.
     fn biped(reach: &str) -> Result<Robot> {
         let mut json = serde_json::to_value(Robot::named("biped").unwrap()).unwrap();
+        json["name"] = "own".into();
         json["reach"] = serde_json::from_str(reach).unwrap();
         Robot::from_json(&json.to_string())
     }

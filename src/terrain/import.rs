@@ -47,7 +47,8 @@ pub struct Imported {
     pub holes: usize,
 }
 
-/// A terrain from the bytes of a height map, of a kind that the extension of its path says.
+/// A terrain from the bytes of a height map, of a kind that the extension of its path says. It has the name of the file, with `-imported`
+/// behind it where that is the name of a built-in terrain of another shape.
 ///
 /// # Errors
 /// [`Error::Invalid`] or [`Error::Format`] for another kind, a file that is none of its kind, rows that differ in length, or heights that
@@ -62,7 +63,11 @@ pub fn terrain_of(path: &Path, bytes: &[u8], placement: &Placement) -> Result<Im
         _ => return Err(Error::invalid("file name", path.display(), "one that ends in .csv, .npy or .png")),
     };
     let name = path.file_stem().map(|stem| stem.to_string_lossy().chars().take(64).collect()).unwrap_or_default();
-    terrain_of_heights(name, heights, placement)
+    let mut imported = terrain_of_heights(name, heights, placement)?;
+    if imported.terrain.differs_from_named() {
+        imported.terrain.name += "-imported";
+    }
+    Ok(imported)
 }
 
 /// A terrain from heights, m, `[rows along x][columns along y]`; what is not a number is a hole.
@@ -309,6 +314,7 @@ mod tests {
         let expected = [vec![0., 0.1, 0.2], vec![0.3, -2., 0.5]];
         assert_eq!((grid(&csv).heights.as_slice(), csv.holes, &csv.terrain.name[..]), (&expected[..], 1, "hill"));
         assert_eq!((grid(&csv).low, grid(&csv).high, csv.terrain.friction), ([-1., 0.25], [0., 1.75], 0.7));
+        assert_eq!(import("stairs.csv", CSV).unwrap().terrain.name, "stairs-imported");
         // The sample in row 1 and column 2 is where it should be.
         assert!((csv.terrain.height(-0.5, 1.25) - 0.5).abs() < 1e-12);
         assert_eq!(import("hill.npy", &npy("<f8", false, "(2, 3)", &floats())).unwrap(), csv);

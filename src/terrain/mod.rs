@@ -92,7 +92,7 @@ impl Terrain {
     /// [`Error::Format`] for malformed JSON, unknown or missing keys; [`Error::Invalid`] for impossible values.
     pub fn from_json(text: &str) -> Result<Terrain> {
         let terrain: Terrain = crate::error::from_json(text)?;
-        terrain.validate()?;
+        terrain.validate_own()?;
         Ok(terrain)
     }
 
@@ -102,7 +102,7 @@ impl Terrain {
     /// [`Error::Io`], or [`Error::InFile`] with what [`Terrain::from_json`] says.
     pub fn read(path: &Path) -> Result<Terrain> {
         let terrain: Terrain = files::read_value(path)?;
-        terrain.validate().map_err(|e| e.in_file(path, None))?;
+        terrain.validate_own().map_err(|e| e.in_file(path, None))?;
         Ok(terrain)
     }
 
@@ -117,6 +117,24 @@ impl Terrain {
             Shape::Grid(grid) => grid.validate(),
             _ => Ok(()),
         }
+    }
+
+    /// As [`Terrain::validate`], and that a terrain with the name of a built-in one has its shape: motions on another would be refused.
+    ///
+    /// # Errors
+    /// As [`Terrain::validate`], and [`Error::Invalid`] for the name of another shape.
+    pub fn validate_own(&self) -> Result<()> {
+        self.validate()?;
+        if !self.differs_from_named() {
+            return Ok(());
+        }
+        let limit = "another one: the built-in terrain of that name has another shape";
+        Err(Error::invalid("terrain.name", format!("`{}`", self.name), limit))
+    }
+
+    /// Whether it has another shape than the built-in terrain of its name, if there is one.
+    pub(crate) fn differs_from_named(&self) -> bool {
+        Terrain::named(&self.name).is_ok_and(|named| named.shape != self.shape)
     }
 
     /// Height, slope and curvature at (x, y), m. Beyond the edge of a grid its edge goes on.

@@ -3,19 +3,16 @@
 use crate::error::{Error, Result, check_range};
 use crate::gait::Trajectory;
 use crate::gait::trajectory::{MotionLimits, NamedOr};
-use crate::robot::{FORCE_LIMIT, ROBOTS, Robot};
+use crate::robot::{FORCE_LIMIT, ROUNDED, Robot};
 use crate::scenario::{Scenario, TARGETS};
 use crate::settings::Transcription;
-use crate::terrain::{TERRAINS, Terrain};
+use crate::terrain::Terrain;
 
 /// Transcriptions of which the rows are known.
 pub const TRANSCRIPTIONS: [&str; 3] = ["momentum", "towr", "contact-implicit"];
 
 /// What TOWR \[3\] limits normal forces to, N.
 const TOWR_FORCE_LIMIT: f64 = 1000.;
-
-/// How far a robot may be from the built-in one of its name, or a force limit above the most that a leg takes, of the largest number of its kind: room for numbers that were rounded.
-const ROUNDED: f64 = 0.01;
 
 /// How far a goal may be from that of a label, m and rad.
 const SAME_GOAL: f64 = 1e-6;
@@ -32,29 +29,13 @@ pub fn check_labels(trajectory: &Trajectory) -> Result<()> {
     trajectory.limits.as_ref().map_or(Ok(()), check_limits)?;
     trajectory.force_limit.map_or(Ok(()), |limit| check_range("force_limit", limit, 1e-3, 1e7))?;
     if let Some(NamedOr::Own(robot)) = &trajectory.robot {
-        robot.validate()?;
-        check_robot_name(robot)?;
+        robot.validate_own()?;
     }
     if let Some(NamedOr::Own(terrain)) = &trajectory.terrain {
-        terrain.validate()?;
-        if TERRAINS.contains(&terrain.name.as_str()) && Terrain::named(&terrain.name)?.shape != terrain.shape {
-            contradiction("terrain.name", &terrain.name, Some("the name of another terrain: that one has another shape".into()))?;
-        }
+        terrain.validate_own()?;
     }
-    scenario_differs(trajectory).and_then(|differs| contradiction("scenario", trajectory.scenario.as_deref().unwrap_or_default(), differs))
-}
-
-/// Checks that a robot with the name of a built-in one is that one.
-///
-/// # Errors
-/// [`Error::Invalid`] says in what it is not.
-pub fn check_robot_name(robot: &Robot) -> Result<()> {
-    if !ROBOTS.contains(&robot.name.as_str()) {
-        return Ok(());
-    }
-    let differs = difference(robot, &Robot::named(&robot.name)?);
-    let differs = differs.map(|what| format!("the name of another robot: that one has another {what}"));
-    contradiction("robot.name", &robot.name, differs)
+    let Some(differs) = scenario_differs(trajectory)? else { return Ok(()) };
+    Err(Error::invalid("scenario", format!("`{}`", trajectory.scenario.as_deref().unwrap_or_default().escape_debug()), differs))
 }
 
 /// Largest normal force of a foot that a trajectory is held to by itself, N, and whose word it is: the file's, but not more than the robot's.
@@ -78,43 +59,12 @@ pub fn own_force_limit(trajectory: &Trajectory, robot: &Robot) -> Result<(f64, &
     }
 }
 
-fn contradiction(place: &str, label: &str, differs: Option<String>) -> Result<()> {
-    differs.map_or(Ok(()), |differs| Err(Error::invalid(place, format!("`{}`", label.escape_debug()), differs)))
-}
-
 /// Limits within what the settings of a transcription accept.
 fn check_limits(limits: &MotionLimits) -> Result<()> {
     check_range("limits.clearance", limits.clearance, 0., 10.)?;
     check_range("limits.swing_height", limits.swing_height, limits.clearance, 100.)?;
     check_range("limits.foot_speed", limits.foot_speed, 0.1, 1000.)?;
     limits.foot_acceleration.map_or(Ok(()), |a| check_range("limits.foot_acceleration", a, 1., 1e6))
-}
-
-/// In what a robot differs from a built-in one by more than rounding, if in anything; to stronger legs and smaller feet, if in these.
-fn difference(robot: &Robot, named: &Robot) -> Option<&'static str> {
-    let near = |own: &[f64], named: &[f64]| {
-        let scale = named.iter().fold(0., |scale: f64, v| scale.max(v.abs()));
-        own.len() == named.len() && own.iter().zip(named).all(|(a, b)| (a - b).abs() <= ROUNDED * scale)
-    };
-    let feet = |robot: &Robot| robot.nominal_feet.concat();
-    let inertia = |robot: &Robot| robot.inertia.concat();
-    let force_limit = |robot: &Robot| robot.force_limit.unwrap_or_else(|| robot.default_force_limit());
-    let reach = |robot: &Robot| robot.reach_boxes().flat_map(|r| [r.low, r.high]).collect::<Vec<_>>().concat();
-    if !near(&[robot.mass], &[named.mass]) {
-        Some("mass")
-    } else if !near(&inertia(robot), &inertia(named)) {
-        Some("inertia")
-    } else if !near(&feet(robot), &feet(named)) {
-        Some("place of its feet")
-    } else if !near(&reach(robot), &reach(named)) {
-        Some("reach")
-    } else if robot.foot_radius.is_some_and(|radius| radius < (1. - ROUNDED) * named.foot_radius()) {
-        Some("radius of its feet")
-    } else if robot.force_limit.is_some_and(|limit| limit > (1. + ROUNDED) * force_limit(named)) {
-        Some("force limit")
-    } else {
-        None
-    }
 }
 
 /// In what a trajectory differs from the scenario that it names, if in anything.
@@ -129,7 +79,7 @@ pub fn scenario_differs(trajectory: &Trajectory) -> Result<Option<String>> {
         Some(NamedOr::Name(robot)) if robot != scenario.robot => {
             return Ok(Some(format!("that of a motion of the robot `{}`", scenario.robot)));
         }
-        Some(NamedOr::Own(robot)) if robot.name != scenario.robot || difference(robot, &named).is_some() => {
+        Some(NamedOr::Own(robot)) if robot.name != scenario.robot || robot.difference(&named).is_some() => {
             return Ok(Some(format!("that of a motion of the robot `{}`", scenario.robot)));
         }
         _ => {}

@@ -253,6 +253,8 @@ def test_the_program_plays_and_makes_robots(trot: cregopt.Gait, model: pathlib.P
     assert fallen.returncode == 3 and "falls at" in fallen.stdout, fallen.stdout + fallen.stderr
     assert run("--model", str(model), "--robot", str(robot)).returncode == 0
     assert cregopt.Robot.from_file(robot) == cregopt.mujoco.robot(model)
+    (tmp_path / "hyq.xml").write_text(model.read_text())
+    assert cregopt.mujoco.robot(tmp_path / "hyq.xml").name == "hyq-imported"
     missing = run("nowhere.json", "--model", str(model))
     assert missing.returncode == 4 and missing.stderr.startswith("error: ") and "nowhere.json" in missing.stderr
     assert run("--model", str(model)).returncode == 2

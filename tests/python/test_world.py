@@ -68,6 +68,7 @@ FLAT = cregopt.Terrain("flat")
     [
         (lambda: cregopt.Robot("anymall"), "unknown robot `anymall`; did you mean `anymal`"),
         (lambda: cregopt.Robot.from_dict({**ROBOT.to_dict(), "mass": -1}), "robot.mass: -1, but it must be"),
+        (lambda: cregopt.Robot.from_dict({**ROBOT.to_dict(), "mass": 40.0}), "robot.name: `anymal`, but it must be another one"),
         (lambda: cregopt.Robot.from_dict({**ROBOT.to_dict(), "mas": 1}), "robot: mas: unknown field `mas`; did you mean `mass`"),
         (lambda: cregopt.Robot.from_dict({"name": object()}), "robot: dict .*, but it must be finite numbers"),
         (lambda: cregopt.Robot.from_dict({**ROBOT.to_dict(), "mass": float("nan")}), "robot: dict .*, but it must be finite numbers"),
@@ -76,6 +77,7 @@ FLAT = cregopt.Terrain("flat")
         (lambda: cregopt.Terrain.heights(np.zeros((3, 3, 3)), 0.1), "height map: 3 dimensions, but it must be 2"),
         (lambda: cregopt.Terrain.heights(np.zeros((3, 0)), 0.1), "height map: 0 x 0 samples"),
         (lambda: cregopt.Terrain.heights(np.full((3, 3), np.nan), 0.1), "height map: holes alone"),
+        (lambda: cregopt.Terrain.heights(np.zeros((3, 3)), 0.1, name="stairs"), "terrain.name: `stairs`, but it must be another one"),
         (lambda: cregopt.Terrain.heights(np.zeros((3, 3)), -0.1), "cell: -0.1, but it must be"),
         (lambda: cregopt.Task(ROBOT, FLAT, goal=(1.0,)), "goal: 1 numbers, but it must be 2 or 3"),
         (lambda: cregopt.Task(ROBOT, FLAT, goal="far"), "goal: 'far', but it must be 2 or 3 numbers"),  # type: ignore[arg-type]

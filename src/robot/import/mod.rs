@@ -70,6 +70,7 @@ impl Import {
     /// * reach: the largest box for each foot that its joints reach within their limits, see `import/reach.rs`
     /// * force limit: what the joints' efforts bear at the weakest foot, straight up, and at most [`FORCE_LIMIT`] weights
     /// * joints: those of each foot's leg
+    /// * name: the given one, or the file's; with `-imported` behind it where that is the name of a built-in robot which this one is not
     /// * leg mass: `sum m_i (d_i / l)^2` over the links that a leg moves, `d_i` and `l` the distances of their centres of mass and of the foot
     ///   from the leg's first joint; the mean of the legs
     ///
@@ -119,14 +120,20 @@ impl Import {
         let speeds = legs.iter().map(|leg| leg.horizontal_speed(&leg.posture(&leg.nominal())));
         let slowest = speeds.collect::<Option<Vec<f64>>>().map(|speeds| speeds.into_iter().fold(f64::INFINITY, f64::min));
         robot.joints = Some(legs);
-        robot.validate()?;
+        let mut notes = self.notes(&tree, &robot, &contacts, vertical, stands);
+        if let Some(what) = robot.differs_from_named().filter(|_| self.name.is_none()) {
+            let own = format!("{}-imported", robot.name);
+            notes.push(format!("the built-in robot `{}` has another {what}; this one is called `{own}`", robot.name));
+            robot.name = own;
+        }
+        robot.validate_own()?;
         let moving = model.joints.iter().zip(&values).filter(|(joint, _)| joint.motion != urdf::Motion::Fixed);
         Ok(Imported {
             feet: contacts.iter().map(|contact| foot(&tree, &frames[contact.link].translation.vector, contact, &center)).collect(),
             foot_speed: slowest.filter(|speed| speed.is_finite()),
             center_of_mass: center.into(),
             configuration: moving.map(|(joint, &value)| (joint.name.clone(), value)).collect(),
-            notes: self.notes(&tree, &robot, &contacts, vertical, stands),
+            notes,
             robot,
         })
     }

@@ -118,6 +118,17 @@ fn a_quadruped_has_the_feet_forces_and_legs_that_trigonometry_gives() {
 }
 
 #[test]
+fn a_robot_with_the_name_of_a_built_in_one_gets_another_unless_it_was_asked_for() {
+    let text = quadruped(BALL).replace("<robot name=\"four\">", "<robot name=\"hyq\">");
+    let imported = import(&text).unwrap();
+    assert_eq!(imported.robot.name, "hyq-imported");
+    assert!(imported.notes.iter().any(|note| note.contains("`hyq` has another mass")), "{:?}", imported.notes);
+    let named = |name: &str| Import { name: Some(name.into()), configuration: standing(), ..Import::default() }.urdf(&text);
+    assert_eq!(named("four").unwrap().robot.name, "four");
+    assert!(named("hyq").unwrap_err().to_string().contains("robot.name: `hyq`"));
+}
+
+#[test]
 fn every_place_of_a_box_is_within_the_limits_of_the_joints_and_boxes_are_large() {
     let imported = import(&quadruped(BALL)).unwrap();
     let boxes: Vec<_> = imported.robot.reach_boxes().collect();

@@ -7,7 +7,7 @@ from typing import Optional, Sequence
 
 import numpy as np
 
-from .. import Error, Robot
+from .. import ROBOTS, Error, Robot
 from ._engine import Floats
 from ._model import Machine, Path
 
@@ -63,7 +63,8 @@ def robot(model: Path, feet: Optional[Sequence[str]] = None) -> Robot:
             largest = middle
     return Robot.from_dict(
         {
-            "name": machine.name,
+            # A built-in robot is another one.
+            "name": f"{machine.name}-imported" if machine.name in ROBOTS else machine.name,
             "mass": machine.mass,
             "inertia": machine.composite_inertia().tolist(),
             "base_height": height,

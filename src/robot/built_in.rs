@@ -1,0 +1,141 @@
+//! The built-in robots, and whether a robot with the name of one is that one.
+
+use super::Robot;
+use crate::error::{Error, Result};
+
+/// Names of the built-in robots.
+pub const ROBOTS: [&str; 6] = ["monoped", "biped", "hyq", "anymal", "pexod", "pexod-as-published"];
+
+/// How far a robot may be from the built-in one of its name, or a force limit above the most that a leg takes, of the largest number of its
+/// kind: room for numbers that were rounded.
+pub(crate) const ROUNDED: f64 = 0.01;
+
+/// Symmetric matrix from its six entries.
+fn symmetric(xx: f64, yy: f64, zz: f64, xy: f64, xz: f64, yz: f64) -> [[f64; 3]; 3] {
+    [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+}
+
+/// Feet left, right, from front to hind, mirrored in y: LF, RF, LH, RH for a quadruped.
+fn pairs(xs: &[f64], y: f64, z: f64) -> Vec<[f64; 3]> {
+    xs.iter().flat_map(|&x| [[x, y, z], [x, -y, z]]).collect()
+}
+
+impl Robot {
+    /// A built-in robot by name. Numbers: \[3\] for the first four, \[4\] for the hexapod.
+    ///
+    /// # Errors
+    /// [`Error::Unknown`] lists [`ROBOTS`].
+    pub fn named(name: &str) -> Result<Robot> {
+        let (mass, inertia, base_height, nominal_feet, reach) = match name {
+            "monoped" => (20., symmetric(1.2, 5.5, 6.0, 0., 0.2, 0.01), 0.58, vec![[0., 0., -0.58]], [0.25, 0.15, 0.2]),
+            "biped" => (20., symmetric(1.209, 5.583, 6.056, -0.005, 0.19, 0.012), 0.65, pairs(&[0.], 0.2, -0.65), [0.25, 0.15, 0.15]),
+            "hyq" => {
+                (83., symmetric(4.26, 8.97, 9.88, 0.0063, -0.193, -0.0126), 0.58, pairs(&[0.31, -0.31], 0.29, -0.58), [0.25, 0.2, 0.1])
+            }
+            "anymal" => (
+                29.5,
+                symmetric(0.946438, 1.94478, 2.01835, -0.000938112, 0.00595386, 0.00146328),
+                0.5,
+                pairs(&[0.34, -0.34], 0.19, -0.42),
+                [0.15, 0.1, 0.1],
+            ),
+            // A 0.24 x 0.20 x 0.04 m box.
+            "pexod" => (
+                1.031,
+                symmetric(0.00357413333333, 0.00508626666667, 0.00838546666667, 0., 0., 0.),
+                0.14,
+                pairs(&[0.11, 0., -0.11], 0.185, -0.14),
+                [0.15, 0.1, 0.05],
+            ),
+            // The same numbers in the order in which the public code of [4] passes them: no possible body, kept for comparisons.
+            "pexod-as-published" => (
+                1.031,
+                symmetric(0.00357413333333, 0., 0., -0.00508626666667, 0., -0.00838546666667),
+                0.14,
+                pairs(&[0.11, 0., -0.11], 0.185, -0.14),
+                [0.15, 0.1, 0.05],
+            ),
+            _ => return Err(Error::Unknown { what: "robot", name: name.into(), known: ROBOTS.join(", ") }),
+        };
+        Ok(Robot {
+            name: name.into(),
+            mass,
+            inertia,
+            base_height,
+            nominal_feet,
+            reach: reach.into(),
+            force_limit: None,
+            leg_mass: None,
+            joints: None,
+            foot_radius: None,
+        })
+    }
+
+    /// As [`Robot::validate`], and that a robot with the name of a built-in one is that one: motions of another would be refused.
+    ///
+    /// # Errors
+    /// As [`Robot::validate`], and [`Error::Invalid`] that says in what it is another.
+    pub fn validate_own(&self) -> Result<()> {
+        self.validate()?;
+        let Some(what) = self.differs_from_named() else { return Ok(()) };
+        let limit = format!("another one: the built-in robot of that name has another {what}");
+        Err(Error::invalid("robot.name", format!("`{}`", self.name), limit))
+    }
+
+    /// In what it differs from the built-in robot of its name, if there is one and it does.
+    pub(crate) fn differs_from_named(&self) -> Option<&'static str> {
+        Robot::named(&self.name).ok().and_then(|named| self.difference(&named))
+    }
+
+    /// In what it differs from a built-in one by more than rounding, if in anything; to stronger legs and smaller feet, if in these.
+    pub(crate) fn difference(&self, named: &Robot) -> Option<&'static str> {
+        let near = |own: &[f64], named: &[f64]| {
+            let scale = named.iter().fold(0., |scale: f64, v| scale.max(v.abs()));
+            own.len() == named.len() && own.iter().zip(named).all(|(a, b)| (a - b).abs() <= ROUNDED * scale)
+        };
+        let feet = |robot: &Robot| robot.nominal_feet.concat();
+        let inertia = |robot: &Robot| robot.inertia.concat();
+        let force_limit = |robot: &Robot| robot.force_limit.unwrap_or_else(|| robot.default_force_limit());
+        let reach = |robot: &Robot| robot.reach_boxes().flat_map(|r| [r.low, r.high]).collect::<Vec<_>>().concat();
+        if !near(&[self.mass], &[named.mass]) {
+            Some("mass")
+        } else if !near(&[self.base_height], &[named.base_height]) {
+            Some("base height")
+        } else if !near(&inertia(self), &inertia(named)) {
+            Some("inertia")
+        } else if !near(&feet(self), &feet(named)) {
+            Some("place of its feet")
+        } else if !near(&reach(self), &reach(named)) {
+            Some("reach")
+        } else if self.foot_radius.is_some_and(|radius| radius < (1. - ROUNDED) * named.foot_radius()) {
+            Some("radius of its feet")
+        } else if self.force_limit.is_some_and(|limit| limit > (1. + ROUNDED) * force_limit(named)) {
+            Some("force limit")
+        } else {
+            None
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_robot_file_with_the_name_of_a_built_in_one_holds_that_one() {
+        let read = |robot: &Robot| Robot::from_json(&serde_json::to_string(robot).unwrap()).map_err(|e| e.to_string());
+        let anymal = Robot::named("anymal").unwrap();
+        // Rounded numbers are no other robot, nor is one that may do less.
+        read(&Robot { mass: 29.6, force_limit: Some(300.), foot_radius: Some(0.06), ..anymal.clone() }).unwrap();
+        for (what, other) in [
+            ("mass", Robot { mass: 31., ..anymal.clone() }),
+            ("base height", Robot { base_height: 0.55, ..anymal.clone() }),
+            ("reach", Robot { reach: [0.15, 0.2, 0.1].into(), ..anymal.clone() }),
+            ("force limit", Robot { force_limit: Some(2000.), ..anymal.clone() }),
+        ] {
+            let error = read(&other).unwrap_err();
+            assert!(error.contains("robot.name: `anymal`") && error.ends_with(&format!("has another {what}")), "{error}");
+            read(&Robot { name: "own".into(), ..other }).unwrap();
+        }
+    }
+}
