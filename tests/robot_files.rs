@@ -46,6 +46,29 @@ fn an_imported_robot_walks_from_json_and_from_toml_alike() {
 }
 
 #[test]
+fn gaits_within_the_limits_of_joints_are_preferred() {
+    let dir = tempfile::tempdir().unwrap();
+    urdf(dir.path());
+    ran(dir.path(), &["robot", "import", "four.urdf", "--configuration", STANDING, "-o", "robot.toml"], 0);
+    let solve = |more: &[&str]| {
+        let asked = ["solve", "--robot", "robot.toml", "--goal", "1,0", "--json"];
+        let result: serde_json::Value = serde_json::from_str(&ran(dir.path(), &[&asked, more].concat(), 0)[0]).unwrap();
+        let number = |value: &serde_json::Value| value.as_f64().unwrap();
+        let cost = &result["gait"]["cost"];
+        let parts = ["leg_work", "swing_work", "effort_cost", "joint_cost"].map(|part| number(&cost[part]));
+        assert!((number(&cost["total"]) - parts.iter().sum::<f64>()).abs() < 1e-9, "{cost}");
+        (result["joints"]["kept"].as_bool().unwrap(), parts[3])
+    };
+    assert_eq!(solve(&[]), (true, 0.));
+    assert_eq!(solve(&["--set", "search.cost.joint_excess=0"]), (false, 0.));
+    // Legs too slow for anything: what is found is the nearest, and says so.
+    let text = fs::read_to_string(dir.path().join("robot.toml")).unwrap();
+    fs::write(dir.path().join("robot.toml"), text.replace("velocity = 12.0", "velocity = 2.0")).unwrap();
+    let (kept, joint_cost) = solve(&[]);
+    assert!(!kept && joint_cost > 1., "{joint_cost}");
+}
+
+#[test]
 fn a_robot_and_a_ground_whose_files_have_built_in_names_give_gaits_that_verify() {
     let dir = tempfile::tempdir().unwrap();
     urdf(dir.path());

@@ -316,7 +316,7 @@ pub fn text(result: &SolveResult, folder: Option<&Path>) -> Result<String> {
     }
     text += &format!("\n{}\n", result.certificate);
     if let Some(joints) = &result.joints {
-        text += &format!("\njoints, whose limits no search knows\n{joints}");
+        text += &format!("\njoints\n{joints}");
     }
     if let Some(diagnosis) = &result.diagnosis {
         text += &format!("\n{diagnosis}");
@@ -381,8 +381,9 @@ fn gait_text(gait: &GaitResult) -> String {
 
 /// What a motion costs, and what its legs have to do.
 fn cost_text(cost: &Cost) -> String {
+    let joints = if cost.joint_cost > 0. { format!(", joints {:.3}", cost.joint_cost) } else { String::new() };
     format!(
-        "cost {:.3} a weight and distance: leg work {:.3}, swing work {:.3}, effort {:.3} ({:.3} weights^2)\n\
+        "cost {:.3} a weight and distance: leg work {:.3}, swing work {:.3}, effort {:.3} ({:.3} weights^2){joints}\n\
          peak force {:.2} weights, tilt {:.1} deg, feet up to {:.2} m/s and {:.0} m/s^2\n",
         cost.total,
         cost.leg_work,

@@ -19,8 +19,11 @@
 //! Effort is what it costs to bear a force without moving: the heat of a motor goes with the square of its torque, and muscles pay by time
 //! too. Per distance it makes slow gaits dear, as swing work does fast ones.
 //!
+//! Of a robot with joints, what these would have to do beyond their limits is dear besides, so that gaits within them are preferred; no row holds
+//! them to it.
+//!
 //! # Weights
-//! All three are 1. With less than about 0.7 of effort a trot is ANYmal's cheapest gait at every speed; from there on a walk is at low
+//! The three are 1. That of joints is 50: a twentieth of a limit counts as much as a whole trot. With less than about 0.7 of effort a trot is ANYmal's cheapest gait at every speed; from there on a walk is at low
 //! speeds, since more feet share the weight. Longer legs walk with less of it, too. That is the range of electric legs as well, whose motors heat more than they work:
 //! at weight 1 a quadruped of 30 kg and half a metre spends 160 W on standing. The atlases in `benches/README.md` show what comes out.
 //!
@@ -31,6 +34,7 @@
 
 use super::{Curve, Phase, Schedule, Trajectory};
 use crate::error::{Error, Result, check_range};
+use crate::report::joints::excess;
 use crate::robot::{GRAVITY, Robot};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -62,11 +66,14 @@ pub struct CostWeights {
     /// Of [`Cost::effort_cost`]. Too small: short stances with high forces, and a trot is the best at every speed; too large: feet that hurry
     /// to stand longer.
     pub effort: f64,
+    /// Of how far joints go beyond their limits, see [`excess`], for [`Cost::joint_cost`]. Too small: a gait that the robot's motors cannot
+    /// follow; 0: nobody looks at joints.
+    pub joint_excess: f64,
 }
 
 impl Default for CostWeights {
     fn default() -> Self {
-        CostWeights { leg_work: 1., swing_work: 1., effort: 1. }
+        CostWeights { leg_work: 1., swing_work: 1., effort: 1., joint_excess: 50. }
     }
 }
 
@@ -78,7 +85,8 @@ impl CostWeights {
     pub fn validate(&self) -> Result<()> {
         check_range("cost.leg_work", self.leg_work, 0., 1e6)?;
         check_range("cost.swing_work", self.swing_work, 0., 1e6)?;
-        check_range("cost.effort", self.effort, 0., 1e6)
+        check_range("cost.effort", self.effort, 0., 1e6)?;
+        check_range("cost.joint_excess", self.joint_excess, 0., 1e6)
     }
 }
 
@@ -86,7 +94,7 @@ impl CostWeights {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Cost {
-    /// Weighted sum of leg work, swing work and effort cost.
+    /// Weighted sum of leg work, swing work, effort cost and joint excess: [`Cost::joint_cost`] is in it.
     pub total: f64,
     /// Work of standing legs on the body, per weight and distance.
     pub leg_work: f64,
@@ -96,6 +104,9 @@ pub struct Cost {
     pub effort: f64,
     /// Effort per distance, `effort T sqrt(g l) / d`.
     pub effort_cost: f64,
+    /// Weighted excess of joints beyond their limits, see [`excess`]; 0 of a robot without joints.
+    #[serde(default)]
+    pub joint_cost: f64,
     /// Distance `d` that costs are divided by, m: from start to goal, and `l` a rad of yaw for the turn; at least [`LEAST_DISTANCE`] `l`.
     pub distance: f64,
     /// Horizon, s.
@@ -170,7 +181,11 @@ fn priced(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weights: &CostW
     cost.swing_work = leg_mass * work.swing / (weight * distance);
     cost.swing_moment = leg_mass * work.swing_moment / (weight * robot.base_height);
     cost.tilt = work.upright.clamp(-1., 1.).acos().to_degrees();
-    cost.total = weights.leg_work * cost.leg_work + weights.swing_work * cost.swing_work + weights.effort * cost.effort_cost;
+    if weights.joint_excess > 0. {
+        cost.joint_cost = weights.joint_excess * excess(trajectory, robot, part)?;
+    }
+    cost.total =
+        weights.leg_work * cost.leg_work + weights.swing_work * cost.swing_work + weights.effort * cost.effort_cost + cost.joint_cost;
     Ok(cost)
 }
 

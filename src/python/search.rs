@@ -44,7 +44,8 @@ impl Gait {
 
     /// What it costs, and what its legs have to do, by the keys of ``cost`` in result.json; None where it is not feasible.
     ///
-    /// ``total`` is ``leg_work``, ``swing_work`` and ``effort_cost`` by their weights, each a weight and distance, so without unit. Besides:
+    /// ``total`` is ``leg_work``, ``swing_work`` and ``effort_cost`` by their weights, each a weight and distance, so without unit, and
+    /// ``joint_cost``, what joints cost that go beyond their limits, of a robot with joints. Besides:
     /// ``effort`` (mean of the squared forces, weights²), ``distance`` (m), ``horizon`` (s), ``peak_force`` (weights), ``tilt`` (degrees),
     /// ``foot_speed`` and ``touch_down_speed`` (m/s), ``foot_acceleration`` (m/s²), ``swing_moment`` (weight times the length of a leg).
     #[getter]

@@ -9,7 +9,7 @@ use crate::search::evaluate::LowerSettings;
 use serde::Serialize;
 
 /// Names and values of the columns, in their order. Digits: four to five that count, so that thousands of lines stay small.
-fn columns(point: &Point) -> [(&'static str, String); 24] {
+fn columns(point: &Point) -> [(&'static str, String); 25] {
     let digits = |value: f64| match value.abs() {
         v if v >= 100. => format!("{value:.1}"),
         v if v >= 1. => format!("{value:.3}"),
@@ -33,6 +33,7 @@ fn columns(point: &Point) -> [(&'static str, String); 24] {
         ("leg_work", of(cost.map(|c| c.leg_work))),
         ("swing_work", of(cost.map(|c| c.swing_work))),
         ("effort_cost", of(cost.map(|c| c.effort_cost))),
+        ("joint_cost", of(cost.map(|c| c.joint_cost))),
         ("effort", of(cost.map(|c| c.effort))),
         ("peak_force", of(cost.map(|c| c.peak_force))),
         ("tilt", of(cost.map(|c| c.tilt))),

@@ -16,6 +16,8 @@ use std::fmt;
 pub const RATE: f64 = 100.;
 /// Least and most times a second.
 pub const RATES: [f64; 2] = [1., 10_000.];
+/// Share of its limits that a joint may use before [`excess`] begins: the times between the samples have the rest.
+pub const IN_HAND: f64 = 0.95;
 /// How far a foot may be from its place, m; what the certificate allows outside of the reach box.
 const ALLOWED_MISS: f64 = 5e-3;
 
@@ -95,8 +97,30 @@ pub struct JointMotion {
     pub limits: JointLimits,
 }
 
+/// What a joint does at one time, beside its limit.
+#[derive(Clone, Copy)]
+struct Use<'a> {
+    joint: &'a LegJoint,
+    time: f64,
+    value: f64,
+    limit: f64,
+}
+
+impl Use<'_> {
+    /// In shares of the limit.
+    fn share(&self) -> f64 {
+        self.value.abs() / self.limit
+    }
+
+    /// With the unit of a joint that turns, or of one that slides.
+    fn named(&self, units: [&'static str; 2]) -> Nearest {
+        let Use { joint, time, value, limit } = *self;
+        Nearest { name: joint.name.clone(), unit: units[usize::from(!joint.turns)], time, value, limit }
+    }
+}
+
 /// Keeps the worse of two: that which is greater by a measure.
-fn keep(worst: &mut Option<Nearest>, measure: impl Fn(&Nearest) -> f64, new: Nearest) {
+fn keep<'a>(worst: &mut Option<Use<'a>>, measure: impl Fn(&Use) -> f64, new: Use<'a>) {
     if worst.as_ref().is_none_or(|old| measure(&new) > measure(old)) {
         *worst = Some(new);
     }
@@ -122,13 +146,35 @@ pub fn follow(trajectory: &Trajectory, robot: &Robot, rate: f64) -> Result<Joint
     let mut tracker = Tracker::new(legs);
     let samples = motion.times(rate).into_iter().map(|time| tracker.sample(&motion, time)).collect();
     let Tracker { position, velocity, effort, miss, .. } = tracker;
-    let beyond = |worst: &Option<Nearest>| worst.as_ref().is_some_and(|w| w.value.abs() > w.limit);
-    let kept = !beyond(&velocity) && !beyond(&effort) && miss.value <= miss.limit;
+    let kept = [velocity, effort].iter().flatten().all(|w| w.share() <= 1.) && miss.value <= miss.limit;
+    let [position, velocity, effort] = [(position, ["rad", "m"]), (velocity, ["rad/s", "m/s"]), (effort, ["N m", "N"])]
+        .map(|(worst, units)| worst.map(|w| w.named(units)));
     Ok(JointMotion {
         joints: legs.iter().flat_map(|leg| leg.chain.clone()).collect(),
         samples,
         limits: JointLimits { position_margin: position, velocity, effort, miss, kept },
     })
+}
+
+/// How far joints go beyond [`IN_HAND`] of their limits in a part of a motion, at [`RATE`]: the largest speed, the largest torque and the
+/// largest distance of a foot from where the motion has it, each in shares of its limit and no more than 1; their sum. 0 of a robot without
+/// joints.
+///
+/// * `part` - from when to when, s
+///
+/// # Errors
+/// [`Error::Invalid`] when the robot is none, or has other feet than the motion.
+pub fn excess(trajectory: &Trajectory, robot: &Robot, [start, end]: [f64; 2]) -> Result<f64> {
+    let Some(legs) = &robot.joints else { return Ok(0.) };
+    robot.validate()?;
+    let motion = Motion::new(trajectory, robot)?;
+    let mut tracker = Tracker::new(legs);
+    for time in motion.times(RATE).into_iter().filter(|time| (start..=end).contains(time)) {
+        tracker.sample(&motion, time);
+    }
+    let Tracker { velocity, effort, miss, .. } = tracker;
+    let shares = [velocity, effort].into_iter().flatten().map(|w| w.share()).chain([miss.value / miss.limit]);
+    Ok(shares.map(|share| (share - IN_HAND).clamp(0., 1.)).sum())
 }
 
 /// How near a motion comes to what the joints of its robot can do, at [`RATE`]; none where the robot has none.
@@ -143,14 +189,14 @@ pub fn limits(trajectory: &Trajectory, robot: &Robot) -> Result<Option<JointLimi
 struct Tracker<'a> {
     legs: &'a [Leg],
     joints: Vec<Vec<f64>>,
-    position: Option<Nearest>,
-    velocity: Option<Nearest>,
-    effort: Option<Nearest>,
+    position: Option<Use<'a>>,
+    velocity: Option<Use<'a>>,
+    effort: Option<Use<'a>>,
     miss: Nearest,
 }
 
-impl Tracker<'_> {
-    fn new(legs: &[Leg]) -> Tracker<'_> {
+impl<'a> Tracker<'a> {
+    fn new(legs: &'a [Leg]) -> Self {
         let miss = Nearest { name: String::new(), unit: "m", time: 0., value: 0., limit: ALLOWED_MISS };
         Tracker { legs, joints: legs.iter().map(Leg::nominal).collect(), position: None, velocity: None, effort: None, miss }
     }
@@ -186,15 +232,13 @@ impl Tracker<'_> {
     }
 
     /// Compares what a joint does with what it can.
-    fn look(&mut self, joint: &LegJoint, time: f64, [position, velocity, effort]: [f64; 3]) {
-        let units = if joint.turns { ["rad", "rad/s", "N m"] } else { ["m", "m/s", "N"] };
-        let worst = |unit: usize, value: f64, limit: f64| Nearest { name: joint.name.clone(), unit: units[unit], time, value, limit };
+    fn look(&mut self, joint: &'a LegJoint, time: f64, [position, velocity, effort]: [f64; 3]) {
+        let used = |value: f64, limit: f64| Use { joint, time, value, limit };
         for limit in joint.limits.into_iter().filter(|limit| limit.is_finite()) {
-            keep(&mut self.position, |w| -(w.value - w.limit).abs(), worst(0, position, limit));
+            keep(&mut self.position, |w| -(w.value - w.limit).abs(), used(position, limit));
         }
-        let share = |w: &Nearest| w.value.abs() / w.limit;
-        joint.velocity.into_iter().for_each(|limit| keep(&mut self.velocity, share, worst(1, velocity, limit)));
-        joint.effort.into_iter().for_each(|limit| keep(&mut self.effort, share, worst(2, effort, limit)));
+        joint.velocity.into_iter().for_each(|limit| keep(&mut self.velocity, |w| w.share(), used(velocity, limit)));
+        joint.effort.into_iter().for_each(|limit| keep(&mut self.effort, |w| w.share(), used(effort, limit)));
     }
 }
 
@@ -289,6 +333,7 @@ pub(crate) mod tests {
         assert_eq!(worst.value.abs() / 12., free.samples.iter().map(share).fold(0., f64::max));
         // Slower than that, weaker than its torque, and a knee that folds less than it should.
         let effort = free.limits.effort.clone().unwrap();
+        assert!(free.limits.kept && excess(&trajectory, &robot, [0., 0.5]).unwrap() == 0.);
         for (change, part) in [
             (&|joint: &mut LegJoint| joint.velocity = Some(worst.value.abs() * 0.9), 0),
             (&|joint: &mut LegJoint| joint.effort = Some(effort.value.abs() * 0.9), 1),
@@ -297,6 +342,10 @@ pub(crate) mod tests {
             let mut weak = robot.clone();
             weak.joints.as_mut().unwrap().iter_mut().flat_map(|leg| &mut leg.chain).for_each(change);
             let limits = follow(&trajectory, &weak, RATE).unwrap().limits;
+            // 1 / 0.9 of the limit, in its part of the motion alone.
+            let from = |start: f64| excess(&trajectory, &weak, [start, 0.5]).unwrap();
+            let more = 1. / 0.9 - IN_HAND;
+            assert!((from(0.) - more).abs() < 1e-12 && (from([worst.time, effort.time][part] + 0.02) < more), "{}", from(0.));
             let told = [limits.velocity, limits.effort][part].clone().unwrap();
             assert!(!limits.kept && told.value.abs() > told.limit && told.name == [&worst, &effort][part].name);
         }
@@ -304,6 +353,7 @@ pub(crate) mod tests {
         knee.limits[0] = knee.nominal;
         let stiff = follow(&trajectory, &robot, RATE).unwrap().limits;
         assert!(!stiff.kept && stiff.miss.value > ALLOWED_MISS && stiff.miss.name == "RF_foot", "{stiff:?}");
+        assert!(excess(&trajectory, &robot, [0., 0.5]).unwrap() > 0.05);
         assert!(stiff.position_margin.unwrap().name == "RF_knee");
     }
 
@@ -320,6 +370,8 @@ pub(crate) mod tests {
         odd.nominal_feet.pop();
         odd.reach = crate::robot::Reach::Symmetric([0.1; 3]);
         assert!(refused(&odd, RATE).contains("ee: 4 feet"));
+        assert!(excess(&trajectory, &odd, [0., 0.5]).is_err());
+        assert_eq!(excess(&trajectory, &Robot::named("anymal").unwrap(), [0., 0.5]).unwrap(), 0.);
     }
 
     #[test]

@@ -175,7 +175,7 @@ pub struct SolveResult<'a> {
     /// What was pointed out before the search.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Finding>,
-    /// How near the gait comes to the limits of the robot's joints, where it has joints; no search knows them.
+    /// How near the gait comes to the limits of the robot's joints, where it has joints.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub joints: Option<JointLimits>,
     /// Why nothing was found.

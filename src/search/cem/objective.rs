@@ -19,9 +19,9 @@ pub enum Objective {
     LeastForce,
     /// `f = -(cost of transport)`, see [`crate::gait::cost`].
     Transport,
-    /// `f = -horizon`, s.
+    /// `f = -horizon`, s, less the joint cost.
     Time,
-    /// `f = -(mean over time of sum |f|^2)`, squared weights.
+    /// `f = -(mean over time of sum |f|^2)`, squared weights, less the joint cost.
     Effort,
 }
 
@@ -59,8 +59,8 @@ impl Objective {
         let of_cost = |part: fn(&Cost) -> f64| evaluation.cost.as_ref().map_or(-penalty, |cost| -part(cost));
         let f = match self {
             Objective::Transport => of_cost(|cost| cost.total),
-            Objective::Time => of_cost(|cost| cost.horizon),
-            Objective::Effort => of_cost(|cost| cost.effort),
+            Objective::Time => of_cost(|cost| cost.horizon + cost.joint_cost),
+            Objective::Effort => of_cost(|cost| cost.effort + cost.joint_cost),
             Objective::Feasibility => 0.,
             Objective::FewestStances => -(stances.iter().sum::<usize>() as f64),
             Objective::LeastForce => -evaluation.mean_normal_force.abs(),
