@@ -23,9 +23,10 @@
 //! them to it.
 //!
 //! # Weights
-//! The three are 1. That of joints is 50: a twentieth of a limit counts as much as a whole trot. With less than about 0.7 of effort a trot is ANYmal's cheapest gait at every speed; from there on a walk is at low
-//! speeds, since more feet share the weight. Longer legs walk with less of it, too. That is the range of electric legs as well, whose motors heat more than they work:
-//! at weight 1 a quadruped of 30 kg and half a metre spends 160 W on standing. The atlases in `benches/README.md` show what comes out.
+//! The three are 1. With less than about 0.7 of effort a trot is ANYmal's cheapest gait at every speed; from there on a walk is at low
+//! speeds, since more feet share the weight. Longer legs walk with less of it, too. That is the range of electric legs as well, whose
+//! motors heat more than they work: at weight 1 a quadruped of 30 kg and half a metre spends 160 W on standing. The weight of joints is 50: a
+//! twentieth of a limit counts as much as a whole trot. The atlases in `benches/README.md` show what comes out.
 //!
 //! Quantities of a single curve are exact, by Bernstein polynomials: they integrate to the mean of their coefficients and lie below the
 //! largest. Powers mix curves and the attitude; they are integrated between all nodes of all curves, in steps of at most [`STEP`], as the
