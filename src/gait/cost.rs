@@ -131,7 +131,7 @@ pub struct Cost {
 /// * `leg_mass` - mass of a leg as if it were at the foot, kg
 ///
 /// # Errors
-/// [`Error::Invalid`] when the trajectory is malformed, or robot and trajectory disagree on the number of feet.
+/// [`Error::Invalid`] when the trajectory is malformed, robot and trajectory disagree on the number of feet, or a robot with joints is none.
 pub fn cost(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weights: &CostWeights) -> Result<Cost> {
     trajectory.validate()?;
     let (lin, ang) = (&trajectory.base_lin.nodes[0], &trajectory.base_ang.nodes[0]);

@@ -202,7 +202,7 @@ impl Terrain {
     /// Reads a terrain from a JSON or TOML file.
     #[staticmethod]
     fn from_file(path: PathBuf) -> PyResult<Self> {
-        crate::Terrain::read(&path).raise().and_then(Terrain::of)
+        crate::Terrain::read(&path).map(|terrain| Terrain(Arc::new(terrain))).raise()
     }
 
     /// A terrain from a dictionary with the keys of a terrain file.
