@@ -61,11 +61,19 @@ fn gaits_within_the_limits_of_joints_are_preferred() {
     };
     assert_eq!(solve(&[]), (true, 0.));
     assert_eq!(solve(&["--set", "search.cost.joint_excess=0"]), (false, 0.));
-    // Legs too slow for anything: what is found is the nearest, and says so.
     let text = fs::read_to_string(dir.path().join("robot.toml")).unwrap();
-    fs::write(dir.path().join("robot.toml"), text.replace("velocity = 12.0", "velocity = 2.0")).unwrap();
+    let slower = |limit: &str| fs::write(dir.path().join("robot.toml"), text.replace("velocity = 12.0", limit)).unwrap();
+    // Slow legs: the planned generations have nothing for them.
+    slower("velocity = 7.0");
+    assert!(!solve(&["--set", "search.further_generations=0"]).0 && solve(&[]).0);
+    // Legs too slow for anything: what is found is the nearest, and says so.
+    slower("velocity = 2.0");
     let (kept, joint_cost) = solve(&[]);
     assert!(!kept && joint_cost > 1., "{joint_cost}");
+    for (more, said) in [(&[][..], "one family alone (`--gait`)"), (&["--first"], "without `--first`")] {
+        let [text, _] = ran(dir.path(), &[&["solve", "--robot", "robot.toml", "--goal", "1,0"], more].concat(), 0);
+        assert!(text.contains("beyond the limits") && text.contains(said), "{text}");
+    }
 }
 
 #[test]

@@ -317,6 +317,14 @@ pub fn text(result: &SolveResult, folder: Option<&Path>) -> Result<String> {
     text += &format!("\n{}\n", result.certificate);
     if let Some(joints) = &result.joints {
         text += &format!("\njoints\n{joints}");
+        if !joints.kept {
+            let advice = if result.run.search.prefers_joint_limits() {
+                "one family alone (`--gait`), or a larger `--population`, may have a gait within them"
+            } else {
+                "this search did not look at joints: without `--first` the objectives transport, time and effort do, by `search.cost.joint_excess`"
+            };
+            text += &format!("  {advice}\n");
+        }
     }
     if let Some(diagnosis) = &result.diagnosis {
         text += &format!("\n{diagnosis}");

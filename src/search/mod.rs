@@ -1,7 +1,8 @@
 //! The whole search: gaits are drawn, solved and certified, and the cheapest is returned.
 //!
 //! It is anytime. First come the typical gaits of every family that the robot can have, a plain trot or tripod before all others; then
-//! generations of the cross-entropy method over families, durations, speed and offsets, fitted to the cost; then the neighbourhood of the best.
+//! generations of the cross-entropy method over families, durations, speed and offsets, fitted to the cost, more of them while no gait is certified
+//! or none that the robot's joints can follow; then the neighbourhood of the best.
 //! Every improvement is reported. Once there is a certified gait, candidates are taken at the solver's word, and only those that would be the
 //! best of their family are certified, in the order of their cost until one holds. What decides is counted in candidates, so that a seed gives
 //! the same gait at any number of threads; time and the user only end a search.
@@ -27,6 +28,7 @@ use crate::gait::{Schedule, Trajectory};
 use crate::nlp::Layout;
 use crate::nlp::transcription::force_limit;
 use crate::refine::{RefineSettings, Refined, refine};
+use crate::report::joints;
 use crate::task::Task;
 use crate::verify::{Report, verify};
 use batch::{Clock, Timed};
@@ -366,16 +368,35 @@ impl Session<'_, '_> {
         self.until_found(timed, distribution)
     }
 
-    /// The planned generations over a distribution, and further ones while there is no gait.
+    /// The planned generations over a distribution, and further ones while there is no gait, or none that the robot's joints can follow.
     fn until_found<D: Distribution>(&mut self, timed: &mut Level, distribution: D) -> Result<StopReason> {
         let settings = self.settings;
-        let (stop, distribution) = self.cem(timed, &settings.cem(settings.generations), distribution, None)?;
-        if self.best.is_some() || stop != StopReason::GenerationLimit || settings.further_generations == 0 {
-            return Ok(stop);
+        let (mut stop, mut distribution) = self.cem(timed, &settings.cem(settings.generations), distribution, None)?;
+        for _ in 0..settings.further_generations {
+            if stop != StopReason::GenerationLimit || self.within_joint_limits()? {
+                break;
+            }
+            let mut further = settings.cem(1);
+            if self.best.is_none() {
+                further.stopping = Stopping::FirstFeasible;
+            }
+            (stop, distribution) = self.cem(timed, &further, distribution, None)?;
+            if stop == StopReason::FirstFeasible && !settings.first {
+                stop = StopReason::GenerationLimit;
+            }
         }
-        let further = CemSettings { stopping: Stopping::FirstFeasible, ..settings.cem(settings.further_generations) };
-        let (stop, _) = self.cem(timed, &further, distribution, None)?;
-        Ok(if stop == StopReason::FirstFeasible && !settings.first { StopReason::GenerationLimit } else { stop })
+        Ok(stop)
+    }
+
+    /// Whether there is a gait, and one within the limits of the robot's joints where such are preferred.
+    fn within_joint_limits(&self) -> Result<bool> {
+        let Some((_, best)) = &self.best else { return Ok(false) };
+        let dear = best.evaluation.cost.is_some_and(|cost| cost.joint_cost > 0.);
+        if !dear || !self.settings.prefers_joint_limits() {
+            return Ok(true);
+        }
+        let trajectory = best.solution.trajectory(self.task, &self.level.settings.transcription);
+        Ok(joints::limits(&trajectory, &self.task.robot)?.is_none_or(|limits| limits.kept))
     }
 
     /// Generations around the best gait.

@@ -40,7 +40,7 @@ pub struct SearchSettings {
     pub elites: usize,
     /// Most generations over periodic gaits, behind the families' typical ones.
     pub generations: usize,
-    /// Most generations behind those while there is no gait.
+    /// Most generations behind those while there is no gait, or none within the limits of the robot's joints.
     pub further_generations: usize,
     /// Most generations around the best gait so far.
     pub perturbed_generations: usize,
@@ -110,6 +110,12 @@ impl SearchSettings {
     /// With another objective. Only feasibility ends with the first gait.
     pub fn seeking(self, objective: Objective) -> SearchSettings {
         SearchSettings { objective, first: objective == Objective::Feasibility, ..self }
+    }
+
+    /// Whether gaits within the limits of the robot's joints are preferred to others: the first gait is returned as it is, and some objectives
+    /// leave joints out.
+    pub fn prefers_joint_limits(&self) -> bool {
+        !self.first && self.cost.joint_excess > 0. && self.objective.counts_joints()
     }
 
     /// The paper's loop over a distribution, with this search's population and generations.

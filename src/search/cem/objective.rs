@@ -49,6 +49,11 @@ impl Objective {
         found.map(|(_, objective)| *objective).ok_or_else(|| Error::Unknown { what: "objective", name: name.into(), known: known() })
     }
 
+    /// Whether the joint cost is in `f`.
+    pub fn counts_joints(self) -> bool {
+        matches!(self, Objective::Transport | Objective::Time | Objective::Effort)
+    }
+
     /// `J = f - alpha N_vc`; negative infinity, behind every finite value, when that is no number.
     ///
     /// * `stances` - stance phases of each foot
