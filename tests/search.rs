@@ -9,7 +9,7 @@ use cregopt::gait::family::{GaitFamily, PeriodicGait};
 use cregopt::gait::spline::hermite;
 use cregopt::nlp::transcription::force_limit;
 use cregopt::robot::{GRAVITY, Reach};
-use cregopt::search::cem::{CemSettings, Objective, StopReason};
+use cregopt::search::cem::{CemSettings, Objective, Sampler, StopReason};
 use cregopt::search::evaluate::{Evaluate, LowerSettings};
 use cregopt::search::{Gaits, Progress, SearchSettings};
 use cregopt::{Cpu, Error, Goal, Robot, Schedule, Search, SearchResult, Task, Terrain, verify};
@@ -139,6 +139,54 @@ fn a_search_whose_time_is_up_returns_what_its_first_generation_has() {
     let found = run(Search::new(&walk()).settings(SearchSettings { seconds: Some(0.), ..SearchSettings::default() }));
     assert_eq!((found.stop, found.generations.len()), (StopReason::TimeLimit, 1));
     assert!(found.best.feasible());
+}
+
+#[test]
+fn no_time_is_left_for_a_second_generation_where_the_first_has_no_gait() {
+    let task = Task { force_limit: Some(20.), ..walk() };
+    let found = run(Search::new(&task).settings(SearchSettings { seconds: Some(0.), ..SearchSettings::default() }));
+    assert_eq!((found.stop, found.generations.len()), (StopReason::TimeLimit, 1));
+    assert!(!found.best.feasible());
+}
+
+#[test]
+fn further_generations_follow_where_none_was_planned() {
+    let free = |further_generations: usize| {
+        let gaits = SearchSettings { gaits: Gaits::Free, generations: 0, further_generations, ..SearchSettings::default() };
+        Search::new(&walk()).settings(gaits).run(&Cpu::new(2).unwrap())
+    };
+    assert!(free(12).unwrap().best.feasible());
+    assert!(matches!(free(0).unwrap_err(), Error::Ended { .. }));
+}
+
+#[test]
+fn a_way_too_long_for_one_family_is_left_to_the_others() {
+    let task = task("pexod", "flat", [24., 0.], 0.);
+    let mut lower = LowerSettings::default();
+    // How they end is of no interest.
+    lower.solver.max_iterations = 0;
+    let search = |families: &[GaitFamily]| {
+        let settings = SearchSettings {
+            gaits: Gaits::Families(families.to_vec()),
+            generations: 0,
+            further_generations: 0,
+            ..SearchSettings::default()
+        };
+        Search::new(&task).settings(settings).lower(lower.clone()).run(&Cpu::new(2).unwrap())
+    };
+    assert!(search(&[GaitFamily::Wave]).unwrap_err().to_string().contains("at most 120 s"));
+    let found = search(&[GaitFamily::Wave, GaitFamily::Tripod]).unwrap();
+    assert_eq!((found.generations[0].evaluated, found.best.family), (1, Some(GaitFamily::Tripod)));
+}
+
+#[test]
+fn plain_random_sampling_learns_nothing() {
+    let mut settings = SearchSettings::default();
+    settings.free.sampler = Sampler::Random;
+    let found = run(Search::new(&walk()).settings(settings.clone()));
+    // All families are as likely at the end as they were at first, and nobody looks around the best.
+    assert!(found.best.feasible() && found.generations.len() == 1 + settings.generations);
+    assert!(found.generations[1..].iter().all(|g| (g.entropy - 3f64.ln()).abs() < 1e-12), "{:?}", found.generations);
 }
 
 #[test]

@@ -41,6 +41,10 @@ const EVEN: f64 = 0.4;
 const REACH: f64 = 1.05;
 /// Shortest phase, [`time_scale`]s. The grid holds shorter ones: no leg follows them.
 const SHORTEST_PHASE: f64 = 0.35;
+/// Friction of the ground.
+const FRICTION: f64 = 1.;
+/// How far a slope goes beyond the goal, m.
+const BEYOND: f64 = 10.;
 /// Steepest slope.
 const MAX_SLOPE: f64 = 1.;
 /// Most problems of one atlas.
@@ -68,7 +72,7 @@ pub struct Plan {
     pub periods: Vec<f64>,
     /// Shares of a stride that a foot stands.
     pub duties: Vec<f64>,
-    /// Travel speeds, m/s.
+    /// Travel speeds, m/s, from slow to fast.
     pub speeds: Vec<f64>,
     /// Slopes of the ground along the way, rise over run.
     pub slopes: Vec<f64>,
@@ -185,6 +189,10 @@ impl Plan {
                 check_range(&format!("{name}[{i}]"), value, low, high)?;
             }
         }
+        if let Some(i) = (1..self.speeds.len()).find(|&i| self.speeds[i] <= self.speeds[i - 1]) {
+            let limit = format!("more than {}, the one before", self.speeds[i - 1]);
+            return Err(Error::invalid(format!("speeds[{i}]"), self.speeds[i], limit));
+        }
         let sizes = [self.families.len(), self.periods.len(), self.duties.len(), self.speeds.len(), self.slopes.len()];
         let problems = sizes.iter().fold(1usize, |product, &size| product.saturating_mul(size));
         check_range("problems", problems as f64, 1., MAX_PROBLEMS as f64)?;
@@ -198,7 +206,6 @@ impl Plan {
         // The foot with the shortest box is the first to leave it.
         let along = robot.reach_boxes().map(|reach| reach.widths()[0]).fold(f64::INFINITY, f64::min);
         for &slope in &self.slopes {
-            let terrain = Arc::new(sloping(slope));
             for &family in &self.families {
                 let offsets = offsets(family, robot)?;
                 for (&speed, &period, &duty) in grid(&self.speeds, &self.periods, &self.duties) {
@@ -211,12 +218,13 @@ impl Plan {
                     let (lead_in, tail) = (TYPICAL_LEAD_IN * time, TYPICAL_TAIL * time);
                     let mut gait = PeriodicGait { family, offsets: offsets.clone(), swing, stance, strides: 0, lead_in, tail };
                     // Even for long enough, and no faster to its speed than a body can lean.
-                    let ramp = speed / (ACCELERATION * GRAVITY * terrain.friction.min(1.));
+                    let ramp = speed / (ACCELERATION * GRAVITY * FRICTION);
                     let horizon = (self.even.max(period) / EVEN).max(ramp / ((1. - EVEN) / 2.));
                     gait.strides = ((horizon - gait.horizon()) / period).ceil().max(1.) as usize;
                     let x = MEAN_SPEED * speed * gait.horizon() / slope.hypot(1.);
+                    let terrain = Arc::new(sloping(slope, x));
                     let target = [x, 0., robot.base_height + terrain.height(x, 0.)];
-                    let task = Task::new(robot.clone(), terrain.clone(), Goal::position(target))?;
+                    let task = Task::new(robot.clone(), terrain, Goal::position(target))?;
                     problems.push(Problem { schedule: gait.schedule()?, gait, speed, slope, task });
                 }
             }
@@ -333,16 +341,16 @@ fn is_itself(family: GaitFamily, feet: usize, duty: f64) -> bool {
     }
 }
 
-/// Level ground, or a plane that rises along x, 50 m to either side.
-fn sloping(slope: f64) -> Terrain {
-    const FAR: f64 = 50.;
+/// Level ground, or a plane that rises along x, for a way along it, m.
+fn sloping(slope: f64, way: f64) -> Terrain {
+    let far = (way + BEYOND).max(50.);
     let shape = if slope == 0. {
         Shape::Flat
     } else {
         // The last row reaches on to the upper edge.
-        Shape::Grid(Grid { low: [-FAR; 2], high: [3. * FAR; 2], heights: [-FAR * slope, FAR * slope].map(|h| vec![h; 2]).to_vec() })
+        Shape::Grid(Grid { low: [-far; 2], high: [3. * far; 2], heights: [-far * slope, far * slope].map(|h| vec![h; 2]).to_vec() })
     };
-    Terrain { name: if slope == 0. { "flat".into() } else { format!("slope of {slope}") }, friction: 1., shape }
+    Terrain { name: if slope == 0. { "flat".into() } else { format!("slope of {slope}") }, friction: FRICTION, shape }
 }
 
 /// The whole strides in the middle of the even part, s.
@@ -451,10 +459,12 @@ mod tests {
 
     #[test]
     fn slopes_rise_along_the_way() {
-        let terrain = sloping(0.2);
+        let terrain = sloping(0.2, 60.);
         terrain.validate().unwrap();
         assert!((terrain.height(10., 3.) - 2.).abs() < 1e-12 && terrain.height(0., 0.).abs() < 1e-12);
-        assert_eq!(sloping(0.).shape, Shape::Flat);
+        // To the end of the way and a little farther.
+        assert!((terrain.height(60. + BEYOND, 0.) - 0.2 * (60. + BEYOND)).abs() < 1e-9);
+        assert_eq!(sloping(0., 60.).shape, Shape::Flat);
     }
 
     #[test]
@@ -462,6 +472,7 @@ mod tests {
         let refused = |plan: Plan| plan.validate().unwrap_err().to_string();
         assert!(refused(Plan { duties: vec![1.5], ..biped() }).contains("duties[0]"));
         assert!(refused(Plan { speeds: vec![], ..biped() }).contains("speeds"));
+        assert!(refused(Plan { speeds: vec![1., 0.5], ..biped() }).contains("speeds[1]: 0.5, but it must be more than 1"));
         assert!(refused(Plan { families: vec![GaitFamily::Trot], ..biped() }).contains("walk, run, hop"));
         assert!(refused(Plan { even: 1e3, ..biped() }).contains("even"));
         biped().validate().unwrap();

@@ -1,7 +1,7 @@
 //! Who solves the schedules of a search, and the clock beside it.
 
 use super::cem::{Aim, Answer, Candidate, CemSettings, Distribution, Evaluation, Evaluator, GenerationRecord, StopReason, rank_order, run};
-use super::evaluate::{Certify, Evaluated, LowerSettings, Needed, batch};
+use super::evaluate::{Certify, Evaluated, LowerSettings, Needed, batch, check_candidate};
 use super::population::{KEPT, Population};
 use crate::backend::{Backend, locked};
 use crate::error::{Error, Result};
@@ -28,6 +28,14 @@ pub struct Solved<S> {
 pub trait LowerLevel {
     /// What is kept of a candidate.
     type Solution: Send;
+
+    /// Checks that a schedule can be solved at all.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    fn check(&self, _schedule: &Schedule) -> Result<()> {
+        Ok(())
+    }
 
     /// Solves schedules, and hands over each when it is solved, in any order and from any thread.
     ///
@@ -72,6 +80,10 @@ pub struct BatchSolver<'a> {
 
 impl LowerLevel for BatchSolver<'_> {
     type Solution = Evaluated;
+
+    fn check(&self, schedule: &Schedule) -> Result<()> {
+        check_candidate(self.task, schedule, self.settings)
+    }
 
     fn solve(
         &self,
@@ -139,6 +151,8 @@ pub(super) struct Timed<'a, L> {
     level: &'a L,
     clock: Clock<'a>,
     pub first_feasible_after: Option<f64>,
+    /// Whether any candidate was evaluated.
+    begun: bool,
     certified: Certified,
     /// Solutions that are kept of a generation.
     kept: usize,
@@ -147,7 +161,7 @@ pub(super) struct Timed<'a, L> {
 
 impl<'a, L> Timed<'a, L> {
     pub fn new(level: &'a L, clock: Clock<'a>) -> Self {
-        Timed { level, clock, first_feasible_after: None, certified: Certified::All, kept: KEPT, error: None }
+        Timed { level, clock, first_feasible_after: None, begun: false, certified: Certified::All, kept: KEPT, error: None }
     }
 
     /// Once there is a certified candidate, the caller certifies what it wants.
@@ -166,7 +180,7 @@ impl<'a, L> Timed<'a, L> {
     }
 
     /// What the lower level could not do.
-    pub fn check(&mut self) -> Result<()> {
+    pub fn failure(&mut self) -> Result<()> {
         self.error.take().map_or(Ok(()), Err)
     }
 }
@@ -216,18 +230,23 @@ impl<L: LowerLevel> Timed<'_, L> {
 impl<L: LowerLevel> Evaluator for Timed<'_, L> {
     type Solution = L::Solution;
 
+    fn check(&self, schedule: &Schedule) -> Result<()> {
+        self.level.check(schedule)
+    }
+
     fn evaluate(&mut self, _generation: usize, schedules: &[Schedule], aim: &Aim) -> Vec<Option<Answer<L::Solution>>> {
         let nothing = || schedules.iter().map(|_| None).collect();
         // The first generation is solved whatever the time: a search without a candidate has nothing to return.
-        let timed = self.first_feasible_after.is_some();
-        let certify = if self.certified != Certified::All && timed && !aim.first_feasible { Certify::Unsolved } else { Certify::All };
+        let timed = std::mem::replace(&mut self.begun, true);
+        let found = self.first_feasible_after.is_some();
+        let certify = if self.certified != Certified::All && found && !aim.first_feasible { Certify::Unsolved } else { Certify::All };
         let mut answers: Vec<Option<Answer<L::Solution>>> = nothing();
         let mut solved = vec![false; schedules.len()];
         // Once more where certificates do not hold: what is behind them may be needed then.
         loop {
             let needed = self.needed(aim, &answers);
             // Until there is a gait, in the order of draws: what may be worth most is the least likely to be found.
-            let mut open = if timed { needed.order() } else { (0..answers.len()).collect() };
+            let mut open = if found { needed.order() } else { (0..answers.len()).collect() };
             open.retain(|&index| !solved[index] && needed.has(index));
             if open.is_empty() {
                 return answers;
@@ -327,7 +346,7 @@ pub fn search_with<L: LowerLevel, D: Distribution>(
     let clock = Clock::new(Some(cancelled), None);
     let mut level = Timed::new(level, clock).best_alone();
     let outcome = run(settings, distribution, seed, 0, &mut level, progress)?;
-    level.check()?;
+    level.failure()?;
     Ok(Found {
         best: outcome.best,
         generations: outcome.generations,

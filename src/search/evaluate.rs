@@ -65,9 +65,9 @@ pub struct Evaluated {
     /// Whether it was certified, which is left out where nobody wants to know.
     #[serde(skip)]
     pub certified: bool,
-    /// Violated rows and bounds beyond 1e-4 in TOWR's units.
+    /// Rows and bounds of the certificate that are violated beyond their tolerance: see [`crate::verify`].
     pub n_violated: usize,
-    /// Worst violation in TOWR's units.
+    /// Worst violation, in the row's own unit.
     #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub max_violation: f64,
     /// Horizon, s.

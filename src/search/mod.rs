@@ -1,7 +1,7 @@
 //! The whole search: gaits are drawn, solved and certified, and the cheapest is returned.
 //!
-//! It is anytime. First come the typical gaits of every family that the robot can have, a plain trot or tripod before all others; then
-//! generations of the cross-entropy method over families, durations, speed and offsets, fitted to the cost, more of them while no gait is certified
+//! It is anytime. First come the typical gaits of every family that the robot can have, the shortest before all others (a plain trot or
+//! tripod where the first gait is enough); then generations of the cross-entropy method over families, durations, speed and offsets, fitted to the cost, more of them while no gait is certified
 //! or none that the robot's joints can follow; then the neighbourhood of the best.
 //! Every improvement is reported. Once there is a certified gait, candidates are taken at the solver's word, and only those that would be the
 //! best of their family are certified, in the order of their cost until one holds. What decides is counted in candidates, so that a seed gives
@@ -34,14 +34,14 @@ use crate::verify::{Report, verify};
 use batch::{Clock, Timed};
 use cem::{
     Aim, Candidate, CemSettings, Distribution, Evaluator, FreeDistribution, Generation, GenerationRecord, Member, PeriodicDistribution,
-    PerturbDistribution, StopReason, Stopping,
+    PerturbDistribution, Sampler, StopReason, Stopping,
 };
 use contenders::best_certified;
 use evaluate::{Evaluated, LowerSettings, examined};
 use population::KEPT;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
-use tracing::debug;
+use tracing::{debug, info};
 
 /// A gait that a search returns, with its motion.
 #[derive(Debug, Clone)]
@@ -321,8 +321,13 @@ impl Session<'_, '_> {
             Gaits::All => self.periodic(timed, &families(&self.task.robot))?,
             Gaits::Families(families) => self.periodic(timed, families)?,
         };
-        let goes_on = matches!(stop, StopReason::GenerationLimit | StopReason::Converged) && self.moves();
+        let goes_on = matches!(stop, StopReason::GenerationLimit | StopReason::Converged) && self.learns() && self.moves();
         if goes_on && settings.perturbed_generations > 0 { self.perturbed(timed).map(|s| s.unwrap_or(stop)) } else { Ok(stop) }
+    }
+
+    /// Whether draws follow what was found.
+    fn learns(&self) -> bool {
+        self.settings.free.sampler == Sampler::Cem
     }
 
     /// Whether the best gait has a swing: standing still cannot be improved by other times.
@@ -334,9 +339,23 @@ impl Session<'_, '_> {
     fn periodic(&mut self, timed: &mut Level, families: &[GaitFamily]) -> Result<StopReason> {
         let settings = self.settings;
         let mut distribution = PeriodicDistribution::initial(self.task, families, &settings.periodic)?;
-        let mut typical: Vec<Named> = Vec::new();
+        let (mut typical, mut refused): (Vec<Named>, _) = (Vec::new(), None);
         for (sample, family) in distribution.means().iter().zip(families) {
-            typical.push((Some(*family), distribution.schedule(sample)?));
+            match distribution.schedule(sample).and_then(|schedule| self.level.check(&schedule).map(|()| schedule)) {
+                Ok(schedule) => typical.push((Some(*family), schedule)),
+                Err(error) => refused = refused.or(Some((*family, error))),
+            }
+        }
+        if let Some((family, error)) = refused {
+            // Too long a way for one family need not be for another.
+            if typical.is_empty() {
+                return Err(error);
+            }
+            info!("without {family} and families like it: {error}");
+        }
+        let families: Vec<GaitFamily> = typical.iter().filter_map(|(family, _)| *family).collect();
+        if families.len() < distribution.families.len() {
+            distribution = PeriodicDistribution::initial(self.task, &families, &settings.periodic)?;
         }
         let stands = |schedule: &Schedule| (0..schedule.feet()).all(|foot| schedule.stances(foot) == 1);
         if let Some((_, still)) = typical.iter().find(|(_, schedule)| stands(schedule)) {
@@ -361,9 +380,8 @@ impl Session<'_, '_> {
         ranked.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
         let means = distribution.means();
         let elites: Vec<_> = ranked.iter().take(settings.elites).map(|(i, _)| &means[*i]).collect();
-        distribution.update_families(&elites);
-        if settings.generations == 0 {
-            return Ok(StopReason::GenerationLimit);
+        if self.learns() {
+            distribution.update_families(&elites);
         }
         self.until_found(timed, distribution)
     }
@@ -371,7 +389,10 @@ impl Session<'_, '_> {
     /// The planned generations over a distribution, and further ones while there is no gait, or none that the robot's joints can follow.
     fn until_found<D: Distribution>(&mut self, timed: &mut Level, distribution: D) -> Result<StopReason> {
         let settings = self.settings;
-        let (mut stop, mut distribution) = self.cem(timed, &settings.cem(settings.generations), distribution, None)?;
+        let (mut stop, mut distribution) = match settings.generations {
+            0 => (StopReason::GenerationLimit, distribution),
+            planned => self.cem(timed, &settings.cem(planned), distribution, None)?,
+        };
         for _ in 0..settings.further_generations {
             if stop != StopReason::GenerationLimit || self.within_joint_limits()? {
                 break;
@@ -420,7 +441,7 @@ impl Session<'_, '_> {
         let settings = self.settings.cem(1);
         let aim = Aim::all(&settings, &schedules).or_first(self.settings.first);
         let results = timed.evaluate(generation, &schedules, &aim);
-        timed.check()?;
+        timed.failure()?;
         let candidates = schedules.into_iter().zip(results).zip(families).enumerate();
         let ranked: Vec<(Option<GaitFamily>, Member<Evaluated>)> = candidates
             .filter_map(|(index, ((schedule, result), family))| {
@@ -446,7 +467,7 @@ impl Session<'_, '_> {
     ) -> Result<(StopReason, D)> {
         let first = self.generations.len();
         let outcome = cem::run_observed(settings, distribution, self.seed, first, timed, &mut |generation| self.look(generation, family))?;
-        timed.check()?;
+        timed.failure()?;
         let stop = if outcome.stop == StopReason::Cancelled { self.clock.stop() } else { outcome.stop };
         Ok((stop, outcome.distribution))
     }

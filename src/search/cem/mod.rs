@@ -135,6 +135,14 @@ pub trait Evaluator {
     /// any candidate may be `None`.
     fn evaluate(&mut self, generation: usize, schedules: &[Schedule], aim: &Aim) -> Vec<Option<Answer<Self::Solution>>>;
 
+    /// Checks that a schedule can be evaluated at all; others are drawn instead of one that cannot.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    fn check(&self, _schedule: &Schedule) -> Result<()> {
+        Ok(())
+    }
+
     /// The solution of a schedule that was evaluated, made again; `None` when it cannot be. An evaluator that keeps all solutions is never asked.
     fn again(&mut self, _schedule: &Schedule) -> Option<Self::Solution> {
         None

@@ -64,8 +64,7 @@ pub fn run_observed<D: Distribution, E: Evaluator>(
             break;
         }
         // Sample N candidates and evaluate them.
-        let drawn = (0..settings.population).map(|candidate| draw(&distribution, settings.population, seed, generation, candidate));
-        let (samples, schedules): (Vec<D::Sample>, Vec<Schedule>) = drawn.collect::<Result<Vec<_>>>()?.into_iter().unzip();
+        let (samples, schedules) = draw(&distribution, settings.population, (seed, generation), evaluator)?;
         let enough = if until_feasible { usize::MAX } else { settings.elites };
         let aim = Aim { enough, ..Aim::all(settings, &schedules) }.or_first(first_only);
         let results = evaluator.evaluate(generation, &schedules, &aim);
@@ -108,22 +107,32 @@ pub fn run_observed<D: Distribution, E: Evaluator>(
     Ok(Outcome { best, generations, stop: stop.unwrap_or(StopReason::GenerationLimit), distribution })
 }
 
-/// How often a candidate is drawn again when its draw is no schedule.
+/// How often a candidate is drawn when its draws are no schedules that can be evaluated.
 const DRAWS: usize = 8;
 
-/// A candidate and its schedule.
-fn draw<D: Distribution>(
+/// The candidates of a generation and their schedules. One that cannot be drawn is left out.
+///
+/// # Errors
+/// What is wrong with the last draw where there is no candidate at all.
+fn draw<D: Distribution, E: Evaluator>(
     distribution: &D,
     population: usize,
-    seed: u64,
-    generation: usize,
-    candidate: usize,
-) -> Result<(D::Sample, Schedule)> {
-    let drawn = |attempt: usize| {
-        let sample = distribution.sample(Draws::new(seed, generation, candidate + attempt * population));
-        distribution.schedule(&sample).map(|schedule| (sample, schedule))
+    (seed, generation): (u64, usize),
+    evaluator: &E,
+) -> Result<(Vec<D::Sample>, Vec<Schedule>)> {
+    let mut refused = None;
+    let mut drawn = |number: usize| {
+        let sample = distribution.sample(Draws::new(seed, generation, number));
+        let schedule = distribution.schedule(&sample).and_then(|schedule| evaluator.check(&schedule).map(|()| schedule));
+        schedule.map(|schedule| (sample, schedule)).map_err(|error| refused = Some(error)).ok()
     };
-    (1..DRAWS).fold(drawn(0), |result, attempt| result.or_else(|_| drawn(attempt)))
+    let attempts = |candidate: usize| (0..DRAWS).map(move |attempt| candidate + attempt * population);
+    let candidates: (Vec<D::Sample>, Vec<Schedule>) =
+        (0..population).filter_map(|candidate| attempts(candidate).find_map(&mut drawn)).unzip();
+    match refused {
+        Some(error) if candidates.0.is_empty() => Err(error),
+        _ => Ok(candidates),
+    }
 }
 
 /// The evaluated candidates of a generation by falling objective, ties by index.

@@ -1,6 +1,7 @@
 //! Tests of the search on evaluators without a solver.
 
 use super::*;
+use crate::error::check_range;
 use crate::search::cem::{Evaluation, FreeDistribution, Objective};
 
 /// An evaluator from a function of (generation, index, schedule); the solution is (generation, index).
@@ -8,14 +9,20 @@ struct Synthetic<F> {
     answer: F,
     calls: usize,
     cancel_after: usize,
+    /// Longest horizon that it can evaluate, s.
+    longest: f64,
 }
 
 fn synthetic<F: FnMut(usize, usize, &Schedule) -> Option<Evaluation>>(answer: F) -> Synthetic<F> {
-    Synthetic { answer, calls: 0, cancel_after: usize::MAX }
+    Synthetic { answer, calls: 0, cancel_after: usize::MAX, longest: f64::INFINITY }
 }
 
 impl<F: FnMut(usize, usize, &Schedule) -> Option<Evaluation>> Evaluator for Synthetic<F> {
     type Solution = (usize, usize);
+
+    fn check(&self, schedule: &Schedule) -> Result<()> {
+        check_range("horizon", schedule.horizon(), 0., self.longest)
+    }
 
     fn evaluate(&mut self, generation: usize, schedules: &[Schedule], _: &Aim) -> Vec<Option<Answer<Self::Solution>>> {
         self.calls += 1;
@@ -205,4 +212,29 @@ fn a_record_does_not_depend_on_the_order_of_candidates() {
     })
     .unwrap();
     assert_eq!(seen, 1);
+}
+
+#[test]
+fn what_cannot_be_evaluated_is_drawn_again_or_left_out_and_an_error_only_where_nothing_is_left() {
+    let settings = CemSettings { population: 32, elites: 4, generations: 3, ..CemSettings::default() };
+    let horizons = |longest: f64| {
+        let mut horizons = Vec::new();
+        let mut evaluator = Synthetic {
+            longest,
+            ..synthetic(|generation, _, schedule: &Schedule| {
+                horizons.push((generation, schedule.horizon()));
+                Some(violating(1))
+            })
+        };
+        run(&settings, initial(&settings), 1, 0, &mut evaluator, &mut |_| ()).map(|_| horizons)
+    };
+    let mut first: Vec<f64> = horizons(f64::INFINITY).unwrap().iter().filter(|(generation, _)| *generation == 0).map(|(_, h)| *h).collect();
+    first.sort_by(f64::total_cmp);
+    // Half of the draws are too long: others come instead. Nearly all: some are left out.
+    for (longest, all) in [(first[16], true), (first[1], false)] {
+        let horizons = horizons(longest).unwrap();
+        assert!(horizons.iter().all(|(_, horizon)| *horizon <= longest));
+        assert_eq!(horizons.len() == 32 * 3, all, "{} of {}", horizons.len(), 32 * 3);
+    }
+    assert!(horizons(1e-3).unwrap_err().to_string().starts_with("horizon: "));
 }

@@ -46,7 +46,7 @@ pub struct CemSettings {
     pub elites: usize,
     /// Most generations, `K`.
     pub generations: usize,
-    /// Fewest stance phases of a foot.
+    /// Fewest stance phases of a foot; with the heuristic two more are the fewest that are drawn.
     pub min_stances: usize,
     /// Most stance phases of a foot. The heuristic ends at `min_stances + 8` and needs at least that.
     pub max_stances: usize,
@@ -128,7 +128,7 @@ impl CemSettings {
     /// With another population; elites keep their share.
     pub fn with_population(self, population: usize) -> CemSettings {
         // A product that overflows is out of the limits anyway.
-        let elites = (population.saturating_mul(self.elites) / self.population).max(1);
+        let elites = (population.saturating_mul(self.elites) / self.population.max(1)).max(1);
         CemSettings { population, elites, ..self }
     }
 
@@ -205,6 +205,7 @@ mod tests {
             assert!(!line.is_empty());
             assert_eq!(serde_json::from_str::<CemSettings>(&serde_json::to_string(&settings).unwrap()).unwrap(), settings);
         }
+        assert_eq!(CemSettings { population: 0, ..CemSettings::default() }.with_population(4).population, 4);
         assert!(CemSettings::preset("experiment9").unwrap_err().to_string().contains("experiment1, experiment2, experiment3"));
     }
 
