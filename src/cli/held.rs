@@ -12,7 +12,7 @@ use crate::settings::{Legs, Transcription, TranscriptionSettings};
 use crate::task::{BaseState, Goal, Task};
 use crate::terrain::Terrain;
 use crate::verify::labels::{check_labels, of_momentum, own_force_limit};
-use crate::verify::{Report, verify};
+use crate::verify::{MOTION_LIMITS, Report, verify};
 use clap::Args;
 use std::sync::Arc;
 
@@ -103,7 +103,8 @@ impl Asked {
         let task = match (&scenario, self.goal) {
             (Some(scenario), _) => {
                 let goal = GoalSource { target: self.target, ..GoalSource::default() };
-                Some(world.task(Some(scenario), &Start::default(), goal)?)
+                let own = World::of(Some(robot.clone()), Some(terrain.clone()), world.force_limit);
+                Some(own.task(Some(scenario), &Start::default(), goal)?)
             }
             (None, Some(goal)) => {
                 let start = self.start.map_or(Goal::at(0., 0.), GoalArg::goal).yaw(self.start_yaw.unwrap_or(0.));
@@ -157,19 +158,21 @@ impl Asked {
     }
 
     fn limits_text(&self, trajectory: &Trajectory) -> String {
-        match trajectory.limits {
-            _ if !of_momentum(trajectory) => "no limits for legs".into(),
-            None => "limits for legs: the defaults".into(),
-            Some(l) => {
-                let hardest = l.foot_acceleration.map_or("any".into(), |a| format!("at most {a:.3}"));
-                let arrives = if l.goal_velocity == GoalVelocity::Zero { "as the goal asks" } else { "with any velocity" };
-                let whose = if self.default_limits { "the defaults" } else { "the file's own" };
-                format!(
-                    "limits, {whose}: foot {:.3} to {:.3} m high in mid-swing, at most {:.3} m/s, {hardest} m/s2; arrives {arrives}",
-                    l.clearance, l.swing_height, l.foot_speed
-                )
-            }
+        if !of_momentum(trajectory) {
+            return "no limits for legs".into();
         }
+        let l = trajectory.limits.unwrap_or(MOTION_LIMITS);
+        let whose = match trajectory.limits {
+            _ if self.default_limits => "the defaults",
+            Some(_) => "the file's own",
+            None => "as the file has none those of legs that can do anything",
+        };
+        let hardest = l.foot_acceleration.map_or("any".into(), |a| format!("at most {a:.3}"));
+        let arrives = if l.goal_velocity == GoalVelocity::Zero { "as the goal asks" } else { "with any velocity" };
+        format!(
+            "limits, {whose}: foot {:.3} to {:.3} m high in mid-swing, at most {:.3} m/s, {hardest} m/s2; arrives {arrives}",
+            l.clearance, l.swing_height, l.foot_speed
+        )
     }
 }
 

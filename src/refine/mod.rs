@@ -256,7 +256,8 @@ pub fn refine(
     let mut closed = spaces.filter_map(|space| close_given(&space, &mut solver, schedule, x, cancel).map(|point| (space, point)));
     let Some((space, now)) = closed.next() else {
         let given = Space::new(task, schedule, &cones[0], settings).start(schedule, x);
-        return pricing.report(&given, given.clone(), RefineStatus::NotClosed, None, 0);
+        let status = if cancel() { RefineStatus::Cancelled } else { RefineStatus::NotClosed };
+        return pricing.report(&given, given.clone(), status, None, 0);
     };
     let given = space.start(schedule, x);
     let price = Price::new(&space, weights, leg_mass);

@@ -181,6 +181,11 @@ fn the_refined_gait_does_not_depend_on_the_number_of_threads() {
 fn a_refinement_of_no_iterations_or_cancelled_returns_a_certified_gait_no_dearer() {
     let (_, r) = refined(&RefineSettings { iterations: 0, ..RefineSettings::default() });
     assert!(r.status == RefineStatus::MaxIterations && r.after.total <= r.before.total && r.optimality.is_none());
+    let task = task("biped", "flat", [0.3, 0.], 0.);
+    let gait = found(&task, GaitFamily::Walk, &LowerSettings::default());
+    let (transcription, settings) = (TranscriptionSettings::default(), RefineSettings::default());
+    let ended = refine(&task, &gait.schedule, &gait.x, &transcription, &CostWeights::default(), &settings, &|| true).unwrap();
+    assert!(ended.status == RefineStatus::Cancelled && ended.certified && ended.changed == 0, "{:?}", ended.status);
 }
 
 #[test]

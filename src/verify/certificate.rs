@@ -1,6 +1,7 @@
 //! Counts the rows of TOWR \[3\] that a trajectory breaks, in f64 from its node values, apart from the solver's kernels.
 //!
-//! Rows hold at instants and nodes only; [`super::dense`] reports what happens in between.
+//! TOWR's rows hold at instants and nodes only, and [`super::dense`] reports what happens in between; those of `momentum` motions are bounded over
+//! whole curves.
 
 use super::dense::{ContactAxes, Extreme, FootMotion, Motion, SAME_TIME, nearest, sample};
 use super::labels::{check_labels, of_momentum};
@@ -33,7 +34,7 @@ const MEAN_OVER: f64 = 0.1;
 const PIECE_ATTITUDE: f64 = 1e-2;
 
 /// What a `momentum` motion whose file names no limits is held to.
-const MOTION_LIMITS: MotionLimits =
+pub const MOTION_LIMITS: MotionLimits =
     MotionLimits { clearance: 0.03, swing_height: 0.2, foot_speed: 20., foot_acceleration: None, goal_velocity: GoalVelocity::Zero };
 
 const AXES: [&str; 3] = ["x", "y", "z"];
