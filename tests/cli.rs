@@ -200,6 +200,8 @@ fn usage_errors_exit_2_and_name_flag_value_and_limit() {
     }
     run(dir.path(), "evaluate missing.jsonl --scenario s9").ends_with(2).says(&["scenario", "s9"]);
     run(dir.path(), "evaluate missing.jsonl --set solver.speed=1").ends_with(2).says(&["solver.speed"]);
+    run(dir.path(), "evaluate missing.jsonl --set refine.speed=1").ends_with(2).says(&["refine.speed", "nothing is searched or refined"]);
+    run(dir.path(), "solve --robot biped --goal 1,0 --device gpu --set precision=f64").ends_with(2).says(&["--device", "f64", "CPU"]);
 }
 
 #[test]
@@ -321,8 +323,11 @@ fn goal_yaw_files_and_settings_are_taken() {
 #[test]
 fn legs_by_way_of_a_place_begin_where_the_one_before_ends() {
     let dir = folder();
-    run(dir.path(), "solve --robot anymal --start 0.2,0.1 --start-yaw 0.3 --goal 0.8,0.1 --via 0.5,0.3 --yaw 0.5 --first --out out")
-        .ends_with(0);
+    run(
+        dir.path(),
+        "solve --robot anymal --start 0.2,0.1 --start-yaw 0.3 --goal 0.8,0.1 --via 0.5,0.3 --yaw 0.5 --first --out out --plot way.svg",
+    )
+    .ends_with(0);
     let [first, second] = [1, 2].map(|leg| read(dir.path().join(format!("out/leg-{leg}/trajectory.json"))));
     assert_eq!(first["start"]["position"], json!([0.2, 0.1, 0.5]));
     // It turns evenly.
@@ -344,6 +349,9 @@ fn legs_by_way_of_a_place_begin_where_the_one_before_ends() {
     run(dir.path(), asked).ends_with(0);
     run(dir.path(), "verify out/leg-2/trajectory.json").ends_with(0);
     run(dir.path(), "verify out/leg-2/trajectory.json --goal 0.9,0.1").ends_with(3);
+    for leg in [1, 2] {
+        assert!(dir.path().join(format!("way-leg-{leg}.svg")).is_file());
+    }
     // On from a file.
     run(dir.path(), "solve --robot anymal --from out/leg-2/trajectory.json --goal 0.9,0.1 --yaw 0.5 --first --out on").ends_with(0);
     assert_eq!(read(dir.path().join("on/trajectory.json"))["start"]["position"], json!([0.8, 0.1, 0.5]));
@@ -353,6 +361,13 @@ fn legs_by_way_of_a_place_begin_where_the_one_before_ends() {
         "2",
     ]);
     run(dir.path(), "solve --robot anymal --goal 3,0 --via 5000,0").ends_with(2).says(&["place 1 on the way", "goal", "1000"]);
+    // Without a place on the way nothing is left of its legs but what is not ours. A gait's name is one beside a folder of that name.
+    fs::write(dir.path().join("out/leg-2/mine.txt"), "").unwrap();
+    fs::create_dir(dir.path().join("trot")).unwrap();
+    run(dir.path(), "solve --robot anymal --goal 0.5,0 --gait trot --first --out out").ends_with(0);
+    assert_eq!(read(dir.path().join("out/result.json"))["gait"]["family"], "trot");
+    let left: Vec<_> = fs::read_dir(dir.path().join("out/leg-2")).unwrap().map(|file| file.unwrap().file_name()).collect();
+    assert!(!dir.path().join("out/leg-1").exists() && left == ["mine.txt"], "{left:?}");
 }
 
 #[test]
@@ -940,6 +955,23 @@ fn verify_says_what_a_file_is_held_to_and_refuses_labels_that_do_not_fit() {
         t["robot"]["force_limit"] = json!(20.);
     };
     assert!(verify(&weak, "").ends_with(3).stdout.contains("normal force, limit"));
+}
+
+#[test]
+fn a_scenario_is_asked_of_a_motion_with_the_robot_that_its_file_has() {
+    let dir = folder();
+    let mut low = own_robot();
+    low["base_height"] = json!(0.47);
+    fs::write(dir.path().join("low.json"), low.to_string()).unwrap();
+    run(dir.path(), "solve --scenario s1 --target 3 --robot low.json --first --out out").ends_with(0);
+    run(dir.path(), "verify out/trajectory.json --scenario s1 --target 3").ends_with(0);
+    run(dir.path(), "verify out/trajectory.json --scenario s1 --target 4").ends_with(3);
+    // Without limits in its file it is held to those of legs that can do anything, and that is said.
+    let mut motion = read(dir.path().join("out/trajectory.json"));
+    motion["limits"] = Value::Null;
+    fs::write(dir.path().join("free.json"), motion.to_string()).unwrap();
+    let told = run(dir.path(), "verify free.json");
+    assert!(told.ends_with(0).stdout.contains("at most 20.000 m/s, any m/s2"), "{}", told.stdout);
 }
 
 #[test]

@@ -213,12 +213,22 @@ pub struct LowerArgs {
     pub precision: Option<Precision>,
     #[command(flatten)]
     pub place: DeviceArgs,
-    /// Any setting by its path, e.g. `solver.max_iterations=100`; all are in result.json
+    /// Any setting by its path, e.g. `solver.max_iterations=100`; all are in the tables of scenario.toml
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Settings of a scenario file.
+    /// What a scenario file says.
     #[arg(skip)]
-    pub tables: [toml::Table; 2],
+    file: LowerOfFile,
+}
+
+/// What a scenario file says of how to solve.
+#[derive(Debug, Clone, Default)]
+struct LowerOfFile {
+    transcription: Option<Transcription>,
+    smooth: bool,
+    /// Its tables.
+    of_transcription: toml::Table,
+    of_solver: toml::Table,
 }
 
 impl LowerArgs {
@@ -229,12 +239,15 @@ impl LowerArgs {
             text.parse::<DeviceArg>().map_err(known)
         });
         Ok(LowerArgs {
-            transcription: self.transcription.or(file.transcription),
-            smooth: self.smooth || file.smooth.unwrap_or(false),
             precision: self.precision.or(file.precision),
             place: DeviceArgs { device: self.place.device.or(device.transpose()?), threads: self.place.threads.or(file.threads) },
-            set: self.set,
-            tables: [file.settings_of("transcription")?, file.settings_of("solver")?],
+            file: LowerOfFile {
+                transcription: file.transcription,
+                smooth: file.smooth.unwrap_or(false),
+                of_transcription: file.settings_of("transcription")?,
+                of_solver: file.settings_of("solver")?,
+            },
+            ..self
         })
     }
 
@@ -242,32 +255,26 @@ impl LowerArgs {
     ///
     /// * `legs` - what legs can do, unless it is set
     pub fn settings(&self, legs: Legs) -> Result<LowerSettings> {
-        let rows = self.transcription.unwrap_or(Transcription::Momentum);
-        let mut solver = SolverSettings::default();
-        if self.smooth {
-            solver.smooth.iterations = SMOOTH_ITERATIONS;
-        }
-        let sets = self.set.iter().filter(|s| !(s.starts_with("search.") || s.starts_with("refine.")));
+        let rows = self.file.transcription.unwrap_or(Transcription::Momentum);
         let transcription = TranscriptionSettings { legs, ..TranscriptionSettings::of(rows) };
-        let [of_transcription, of_solver] = &self.tables;
-        let settings = LowerSettings {
-            transcription: merge(transcription, of_transcription, "settings.transcription")?,
-            solver: merge(solver, of_solver, "settings.solver")?,
-            precision: self.precision(),
-        };
+        let mut transcription = merge(transcription, &self.file.of_transcription, "settings.transcription")?;
+        transcription.rows = self.transcription.unwrap_or(transcription.rows);
+        let solver = smoothed(SolverSettings::default(), self.file.smooth);
+        let solver = smoothed(merge(solver, &self.file.of_solver, "settings.solver")?, self.smooth);
+        let settings = LowerSettings { transcription, solver, precision: self.precision.unwrap_or(Precision::F32) };
+        let sets = self.set.iter().filter(|s| !(s.starts_with("search.") || s.starts_with("refine.")));
         let settings = apply(settings, "", sets.map(String::as_str))?;
         settings.validate()?;
         Ok(settings)
     }
+}
 
-    /// As [`DeviceArgs::backend`].
-    pub fn backend(&self, batch: usize) -> std::result::Result<Box<dyn Backend>, Failure> {
-        self.place.backend(batch, self.precision())
+/// Settings with smoothing, where that is asked for and they have none.
+fn smoothed(mut settings: SolverSettings, smooth: bool) -> SolverSettings {
+    if smooth && settings.smooth.iterations == 0 {
+        settings.smooth.iterations = SMOOTH_ITERATIONS;
     }
-
-    fn precision(&self) -> Precision {
-        self.precision.unwrap_or(Precision::F32)
-    }
+    settings
 }
 
 impl DeviceArgs {

@@ -25,13 +25,13 @@ const COST: &str = "cost.";
 
 #[derive(Debug, Args)]
 pub struct Atlas {
-    /// Robot: a name from `list` or a JSON file
+    /// Robot: a name from `list`, or a JSON or TOML file
     #[arg(long, value_name = "NAME|FILE")]
     robot: String,
     /// Only these gaits; default all that the robot can have
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     gait: Vec<String>,
-    /// Travel speeds, m/s; default 0.1 to 1.7 sqrt(g l), with l the height of the base
+    /// Travel speeds, m/s; from slow to fast; default 0.1 to 1.6 sqrt(g l), with l the height of the base
     #[arg(long, value_name = "M/S,...", value_delimiter = ',')]
     speeds: Vec<f64>,
     /// Periods of a stride, s; default 1 to 5 sqrt(l / g)

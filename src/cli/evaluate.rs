@@ -178,8 +178,9 @@ impl Evaluate {
         let world = self.world.read()?;
         // A wrong flag is a usage error, not one of the file.
         self.scenario.as_deref().map(Scenario::named).transpose()?;
-        if let Some(set) = self.lower.set.iter().find(|s| s.starts_with("search.")) {
-            return Err(Error::invalid("--set", set, "a setting of transcription, solver or precision: nothing is searched here").into());
+        if let Some(set) = self.lower.set.iter().find(|s| s.starts_with("search.") || s.starts_with("refine.")) {
+            let limit = "a setting of transcription, solver or precision: nothing is searched or refined here";
+            return Err(Error::invalid("--set", set, limit).into());
         }
         if self.out.is_some() && self.out == self.trajectories {
             return Err(Error::invalid("--trajectories", "the file of --out", "another file").into());
@@ -205,7 +206,7 @@ impl Evaluate {
         }
 
         let solver = match self.solver {
-            SolverArg::Own => Solver::Own(self.lower.backend(items.len())?, Box::new(settings.clone())),
+            SolverArg::Own => Solver::Own(self.lower.place.backend(items.len(), settings.precision)?, Box::new(settings.clone())),
             SolverArg::Ipopt => Solver::Ipopt(workers(self.lower.place.threads.unwrap_or(0))?),
         };
         let start = Instant::now();

@@ -20,6 +20,7 @@ use crate::search::evaluate::LowerSettings;
 use crate::search::precheck::{Finding, precheck};
 use crate::search::{Gait, Progress, Search, SearchResult, SearchSettings};
 use crate::task::{Goal, Task};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -67,7 +68,7 @@ impl Way {
         self.places.len() + 1
     }
 
-    /// Searches leg by leg until one has no gait.
+    /// Searches leg by leg until one has no gait, or the end is asked for.
     ///
     /// * `out` - folder for their files
     /// * `cancelled` - ends the search that runs with its best so far
@@ -88,13 +89,16 @@ impl Way {
         let mut asking = asking.clone();
         asking.at_robot(&self.task.robot);
         let mut legs: Vec<Leg> = Vec::new();
-        while legs.len() < self.legs() && legs.last().is_none_or(|before| before.found.best.feasible()) {
+        while legs.len() < self.legs()
+            && legs.last().is_none_or(|before| before.found.best.feasible() && !cancelled.load(Ordering::Relaxed))
+        {
             let number = legs.len() + 1;
             let task = self.leg(number, legs.last().map(|before| before.found.best.trajectory()))?;
             let folder = out.map(|out| leg_folder(out, number, self.legs()));
             let named = if number == self.legs() { self.named } else { (None, None) };
             let leg = Leg::search(task, named, &asking, folder.as_deref(), backend, cancelled, tell)?;
             folder.as_deref().map_or(Ok(()), |folder| leg.write(folder))?;
+            out.map_or(Ok(()), |out| forget_legs(out, if self.legs() == 1 { 1 } else { number + 1 }))?;
             each(&leg, folder.as_deref())?;
             legs.push(leg);
         }
@@ -114,6 +118,13 @@ impl Way {
 /// Folder of a leg of some: its own where there are others.
 pub fn leg_folder(out: &Path, number: usize, count: usize) -> PathBuf {
     if count == 1 { out.to_owned() } else { out.join(format!("leg-{number}")) }
+}
+
+/// File of a leg of some: with its number where there are others.
+pub fn leg_file(path: &Path, number: usize, count: usize) -> PathBuf {
+    let (stem, extension) = (path.file_stem().unwrap_or_default(), path.extension().unwrap_or_default());
+    let numbered = || path.with_file_name(format!("{}-leg-{number}", stem.to_string_lossy())).with_extension(extension);
+    if count == 1 { path.to_owned() } else { numbered() }
 }
 
 /// What is told of a search on the way.
@@ -261,6 +272,8 @@ impl Leg {
         let (robot, terrain) = world_of(task);
         let of_target = |target| Scenario::named((*scenario)?).ok()?.task(target).ok();
         let is_its = target.and_then(of_target).is_some_and(|own| own.goal == task.goal);
+        // The name goes up to the first bracket; in front of it every adapter has one.
+        let adapter = self.solved_on.device.strip_prefix("gpu: ").and_then(|text| text.split(" (").next());
         let settings = [
             ("search", table_of(search)?),
             ("transcription", table_of(&lower.transcription)?),
@@ -275,7 +288,7 @@ impl Leg {
             refine: refines.then_some(true),
             transcription: Some(lower.transcription.rows),
             precision: Some(lower.precision),
-            device: Some(if self.solved_on.device.starts_with("cpu") { "cpu" } else { "gpu" }.into()),
+            device: Some(adapter.map_or("cpu".into(), |adapter| format!("gpu:{adapter}"))),
             force_limit: task.force_limit,
             start: Some(Start::in_state(&task.start, &task.start_feet)),
             goal: (!is_its).then(|| of_state(&task.goal)),
@@ -302,6 +315,27 @@ fn possible(task: &Task, settings: &SearchSettings, lower: &LowerSettings) -> Re
     }
 }
 
+/// Takes away the results of legs from one on that an earlier run had, which would pass for this one's.
+fn forget_legs(out: &Path, first: usize) -> Result<()> {
+    for folder in (first..).map(|number| out.join(format!("leg-{number}"))).take_while(|folder| folder.is_dir()) {
+        write_trajectories(&folder, &[])?;
+        for name in ["result.json", "scenario.toml"] {
+            remove(folder.join(name))?;
+        }
+        // What is not ours stays, and its folder with it.
+        let _ = std::fs::remove_dir(folder);
+    }
+    Ok(())
+}
+
+/// Takes a file away, if it is there.
+fn remove(path: PathBuf) -> Result<()> {
+    match std::fs::remove_file(&path) {
+        Err(source) if source.kind() != ErrorKind::NotFound => Err(Error::Io { action: "remove", path, source }),
+        _ => Ok(()),
+    }
+}
+
 /// Writes the best and its alternatives, and takes away those of an earlier run, which would pass for this one's.
 fn write_trajectories(folder: &Path, trajectories: &[String]) -> Result<()> {
     let path = |number: usize| folder.join(if number == 1 { "trajectory.json".into() } else { format!("trajectory-{number}.json") });
@@ -309,7 +343,30 @@ fn write_trajectories(folder: &Path, trajectories: &[String]) -> Result<()> {
         files::write(&path(number), &format!("{trajectory}\n"))?;
     }
     for path in (trajectories.len() + 1..).map(path).take_while(|path| path.is_file()) {
-        std::fs::remove_file(&path).map_err(|source| Error::Io { action: "remove", path, source })?;
+        remove(path)?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::backend::Cpu;
+    use crate::terrain::Terrain;
+
+    #[test]
+    fn legs_behind_the_end_that_was_asked_for_are_not_begun() {
+        let task = Task::new(Robot::named("biped").unwrap(), Terrain::flat(), Goal::at(0.4, 0.)).unwrap();
+        let way = Way { task, places: vec![(Goal::at(0.2, 0.), true)], named: (None, None) };
+        let search = SearchSettings { first: true, ..SearchSettings::default() };
+        let asking = Asking { seed: 1, search, lower: LowerSettings::default(), refines: false, refine: RefineSettings::default() };
+        let (folder, ended) = (tempfile::tempdir().unwrap(), AtomicBool::new(false));
+        let mut each = |_: &Leg, _: Option<&Path>| {
+            ended.store(true, Ordering::Relaxed);
+            Ok(())
+        };
+        let legs = way.search(&asking, Some(folder.path()), &Cpu::new(1).unwrap(), &ended, &mut |_| (), &mut each).unwrap();
+        assert!(legs.len() == 1 && legs[0].found.best.feasible());
+        assert!(folder.path().join("leg-1/trajectory.json").is_file() && !folder.path().join("leg-2").exists());
+    }
 }

@@ -18,6 +18,7 @@ pub(crate) mod robot;
 pub(crate) mod scenario_file;
 #[cfg(feature = "schema")]
 mod schema;
+mod search_args;
 mod shell;
 pub(crate) mod solve;
 #[cfg(feature = "import")]

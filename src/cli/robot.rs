@@ -39,7 +39,8 @@ pub struct ImportUrdf {
     /// Links of the feet; else those that stand on the ground in the configuration
     #[arg(long, value_name = "LINK,...", value_delimiter = ',')]
     feet: Vec<String>,
-    /// Joint values in which it stands, rad or m; the others are at zero, or in the middle of their limits when zero is outside
+    /// Joint values in which it stands, rad or m; the others are at zero, or in the middle of their limits when zero is outside. Without any
+    /// the legs are bent so that it stands
     #[arg(long, value_name = "JOINT=VALUE,...", allow_hyphen_values = true)]
     configuration: Vec<String>,
     /// Name of the robot; the file's by default, with `-imported` behind it where a built-in robot has that

@@ -1,6 +1,7 @@
 //! Scenario files: everything that `solve` can be asked, in TOML. Flags override what stands in them.
 
 use super::args::{robot, terrain};
+use super::search_args::SearchArgs;
 use crate::backend::Precision;
 use crate::error::{Error, Result, from_toml, to_toml};
 use crate::gait::Trajectory;
@@ -96,7 +97,7 @@ pub struct ScenarioFile {
     /// Terrain: a name, a file, or a table.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub terrain: Option<NamedOr<Terrain>>,
-    /// Any setting in the tables `search`, `transcription`, `solver` and `refine`, as in `result.json`.
+    /// Any setting in the tables `search`, `transcription`, `solver` and `refine`, as in the file that a run writes.
     #[serde(skip_serializing_if = "toml::Table::is_empty")]
     pub settings: toml::Table,
 }
@@ -229,6 +230,36 @@ impl ScenarioFile {
             Some(name) => Err(Error::Unknown { what: "table of settings", name: name.clone(), known: KNOWN.join(", ") }),
             None => Ok(()),
         }
+    }
+
+    /// What it asks of the search.
+    pub fn search(&self) -> SearchArgs {
+        SearchArgs {
+            gait: self.gait.clone(),
+            population: self.population,
+            generations: self.generations,
+            objective: self.objective.clone(),
+            time: self.time,
+            first: self.first.unwrap_or(false),
+            alternatives: self.alternatives,
+            random: self.random.unwrap_or(false),
+        }
+    }
+
+    /// Without its task, for that of another scenario.
+    pub fn without_task(self) -> ScenarioFile {
+        let file = ScenarioFile { scenario: None, target: None, force_limit: None, start: None, goal: None, ..self };
+        ScenarioFile { waypoints: Vec::new(), robot: None, terrain: None, ..file }
+    }
+
+    /// Without what it says of gaits and legs, for what a preset says.
+    pub fn without_search(mut self) -> ScenarioFile {
+        self.settings.remove("search");
+        if let Some(toml::Value::Table(transcription)) = self.settings.get_mut("transcription") {
+            transcription.remove("legs");
+        }
+        let file = ScenarioFile { preset: None, gait: None, population: None, generations: None, objective: None, ..self };
+        ScenarioFile { first: None, alternatives: None, random: None, ..file }
     }
 
     /// The robot, if one is named or described.

@@ -1,27 +1,23 @@
 //! `solve`: search for a gait.
 
 use super::args::{GoalArg, GoalSource, LowerArgs, WorldArgs, apply, merge};
-use super::leg::{Asking, Leg, News, Way};
+use super::leg::{Asking, Leg, News, Way, leg_file};
 use super::scenario_file::{ScenarioFile, Start};
+use super::search_args::SearchArgs;
 use super::{CANCELLED, Failure, Verdict, print, to_json};
-use crate::error::{Error, Result, from_json};
+use crate::error::Result;
 use crate::gait::Schedule;
 use crate::gait::cost::Cost;
-use crate::gait::family::GaitFamily;
 use crate::refine::RefineSettings;
 use crate::report::motion_plot;
 use crate::report::result::{GaitResult, Refinement};
-use crate::report::{SolveResult, files, gait_diagram};
+use crate::report::{SolveResult, gait_diagram};
 use crate::scenario::Scenario;
-use crate::search::cem::objective::OBJECTIVES;
-use crate::search::cem::{Objective, Sampler};
-use crate::search::{Gaits, Progress, SearchSettings};
+use crate::search::{Progress, SearchSettings};
 use crate::settings::Legs;
 use crate::task::{Goal, Task};
 use clap::Args;
-use clap::builder::PossibleValuesParser;
 use indicatif::{ProgressBar, ProgressFinish};
-use serde::Deserialize;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -39,7 +35,7 @@ pub struct Solve {
     /// Target of the scenario, 1 to 20 [default: 10]
     #[arg(long)]
     target: Option<usize>,
-    /// Goal instead of a target, m; without Z the base is as high above the ground there as at the start, or as its feet reach
+    /// Goal instead of a target, m; without Z the base is above the ground there by its `base_height`, or as its feet reach
     #[arg(long, value_name = "X,Y[,Z]", allow_hyphen_values = true)]
     goal: Option<GoalArg>,
     /// Pass through a place on the way and stop there, m. The motion to each is a folder of its own: leg-1, leg-2 and on
@@ -62,43 +58,20 @@ pub struct Solve {
     /// Seed of the search [default: 1]
     #[arg(long)]
     seed: Option<u64>,
-    /// Which gaits: all families that the robot can have, some of them, any schedule at all as in the paper, or those near the `durations` of a
-    /// JSON file
-    #[arg(long, value_name = "all|FAMILY,...|free|FILE")]
-    gait: Option<String>,
     /// The paper's search, from `list`: any schedule, legs that can do anything
     #[arg(long)]
     preset: Option<String>,
-    /// Candidates a generation; elites keep their share
-    #[arg(long)]
-    population: Option<usize>,
-    /// Most generations, behind the families' typical gaits
-    #[arg(long)]
-    generations: Option<usize>,
-    /// What is best among gaits
-    #[arg(long, value_parser = PossibleValuesParser::new(OBJECTIVES.map(|(name, _)| name)))]
-    objective: Option<String>,
-    /// End after this time with the best so far, s. Gaits then depend on the machine
-    #[arg(long, value_name = "SECONDS")]
-    time: Option<f64>,
-    /// End with the first gait
-    #[arg(long)]
-    first: bool,
-    /// Gaits to return: the best, and the best of other families [default: 1]
-    #[arg(long, value_name = "K")]
-    alternatives: Option<usize>,
+    #[command(flatten)]
+    search: SearchArgs,
     /// Bring the gait to a local optimum of its cost, phase durations among the variables
     #[arg(long)]
     refine: bool,
-    /// Plain random sampling: never update the distribution
-    #[arg(long)]
-    random: bool,
     #[command(flatten)]
     pub lower: LowerArgs,
     /// Folder for result.json, trajectory.json and scenario.toml; alternatives are trajectory-2.json and on
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Draw the gait, its forces and its way: .svg or .png
+    /// Draw the gait, its forces and its way: .svg or .png; with places on the way FILE-leg-1 and on
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     /// Print result.json instead of text
@@ -128,26 +101,27 @@ impl Solve {
     /// # Errors
     /// For a device that cannot be, or settings that are no table.
     pub fn over(self, file: ScenarioFile) -> Result<Solve> {
+        let mut file = file;
+        if self.scenario.is_some() && file.scenario.is_some() && self.scenario != file.scenario {
+            file = file.without_task();
+        }
+        if self.preset.is_some() {
+            file = file.without_search();
+        }
+        if self.goal.is_some() || self.target.is_some() {
+            // Another goal is one without the file's way to its own.
+            file = ScenarioFile { goal: None, waypoints: Vec::new(), ..file };
+        }
         let asked = file.clone();
-        // A goal on the command line is one without the file's way to its own.
-        let waypoints = if self.goal.is_none() { file.waypoints } else { Vec::new() };
         Ok(Solve {
             scenario: self.scenario.or(file.scenario),
             target: self.target.or(file.target),
             seed: self.seed.or(file.seed),
-            gait: self.gait.or(file.gait),
             preset: self.preset.or(file.preset),
-            population: self.population.or(file.population),
-            generations: self.generations.or(file.generations),
-            objective: self.objective.or(file.objective),
-            time: self.time.or(file.time),
-            first: self.first || file.first.unwrap_or(false),
-            alternatives: self.alternatives.or(file.alternatives),
             refine: self.refine || file.refine.unwrap_or(false),
-            random: self.random || file.random.unwrap_or(false),
             lower: self.lower.over(&asked)?,
             out: self.out.or(file.out),
-            asked: ScenarioFile { waypoints, ..asked },
+            asked,
             ..self
         })
     }
@@ -175,11 +149,13 @@ impl Solve {
             let result = leg.result(&run);
             print(&if self.json { to_json(&result)? } else { text(&result, folder)? })
         })?;
-        if legs.len() < whole {
-            warn!("leg {} of {whole} has no gait: the further ones were not looked for", legs.len());
-        }
         let feasible = legs.iter().all(|leg| leg.found.best.feasible());
-        Ok(if feasible { Verdict::Feasible } else { Verdict::Infeasible })
+        if legs.len() < whole {
+            let why =
+                if feasible { "was the last to be looked for before the end" } else { "has no gait: the further ones were not looked for" };
+            warn!("leg {} of {whole} {why}", legs.len());
+        }
+        Ok(if feasible && legs.len() == whole { Verdict::Feasible } else { Verdict::Infeasible })
     }
 
     /// Searches leg by leg until one has no gait. Returns those that were searched, and how many there are.
@@ -194,9 +170,12 @@ impl Solve {
         let asking = self.asking()?;
         let way = self.way()?;
         self.plot.as_deref().map_or(Ok(()), motion_plot::check)?;
-        let backend = self.lower.backend(asking.search.population)?;
+        let backend = self.lower.place.backend(asking.search.population, asking.lower.precision)?;
+        let mut number = 0;
         let legs = way.search(&asking, self.out.as_deref(), &*backend, cancelled, hear, &mut |leg, folder| {
-            self.plot.as_deref().map_or(Ok(()), |path| motion_plot::write(&leg.plot(&leg.found.best), path))?;
+            number += 1;
+            let plot = self.plot.as_deref().map(|plot| leg_file(plot, number, way.legs()));
+            plot.map_or(Ok(()), |path| motion_plot::write(&leg.plot(&leg.found.best), &path))?;
             each(leg, folder)
         })?;
         Ok((legs, way.legs()))
@@ -230,7 +209,7 @@ impl Solve {
         let goal = GoalSource {
             target: scenario.map(|_| self.target.unwrap_or(TARGET)),
             goal: self.goal.map(GoalArg::goal).or(self.asked.goal),
-            yaw: self.yaw.or(self.asked.goal.filter(|_| self.goal.is_none()).map(|goal| goal.yaw)),
+            yaw: self.yaw.or(self.asked.goal.map(|goal| goal.yaw)),
         };
         let start = match (&self.from, self.start) {
             (Some(path), _) => Start::after(path.clone()),
@@ -249,28 +228,11 @@ impl Solve {
         apply(settings, "refine.", sets)
     }
 
-    /// The preset with what was given on top.
+    /// The preset, with what the file's keys say on top, then its tables, flags, and `--set`.
     fn search_settings(&self) -> Result<SearchSettings> {
-        let mut settings = self.preset.as_deref().map_or_else(|| Ok(SearchSettings::default()), SearchSettings::preset)?;
-        if let Some(gait) = &self.gait {
-            settings.gaits = gaits(gait)?;
-        }
-        if let Some(population) = self.population {
-            settings = settings.with_population(population);
-        }
-        if let Some(generations) = self.generations {
-            settings.generations = generations;
-        }
-        if let Some(name) = &self.objective {
-            settings = settings.seeking(Objective::named(name)?);
-        }
-        settings.first |= self.first;
-        settings.alternatives = self.alternatives.unwrap_or(settings.alternatives);
-        settings.seconds = self.time.or(settings.seconds);
-        if self.random {
-            settings.free.sampler = Sampler::Random;
-        }
-        let settings = merge(settings, &self.asked.settings_of("search")?, "settings.search")?;
+        let preset = self.preset.as_deref().map_or_else(|| Ok(SearchSettings::default()), SearchSettings::preset)?;
+        let settings = merge(self.asked.search().over(preset)?, &self.asked.settings_of("search")?, "settings.search")?;
+        let settings = self.search.over(settings)?;
         let settings = apply(settings, "search.", self.lower.set.iter().filter_map(|s| s.strip_prefix("search.")))?;
         settings.validate()?;
         Ok(settings)
@@ -405,29 +367,77 @@ fn cost_text(cost: &Cost) -> String {
     )
 }
 
-/// `--gait`.
-fn gaits(text: &str) -> Result<Gaits> {
-    /// What is read of a trajectory or a line of schedules, and of the gait of a result.
-    #[derive(Deserialize)]
-    struct Durations {
-        durations: Schedule,
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::scenario_file::table_of;
+    use crate::gait::family::GaitFamily;
+    use crate::search::Gaits;
+    use crate::search::cem::{Objective, Sampler};
+    use crate::settings::{SolverSettings, Transcription, TranscriptionSettings};
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Flags {
+        #[command(flatten)]
+        solve: Solve,
     }
-    /// What is read of a file.
-    #[derive(Deserialize)]
-    struct File {
-        durations: Option<Schedule>,
-        gait: Option<Durations>,
+
+    /// What is asked by flags over a file with every setting in its tables, as a run writes it.
+    fn over(flags: &str) -> Solve {
+        let tables = [
+            ("search", table_of(&SearchSettings::default())),
+            ("transcription", table_of(&TranscriptionSettings::default())),
+            ("solver", table_of(&SolverSettings::default())),
+        ];
+        let file = ScenarioFile {
+            scenario: Some("s1".into()),
+            target: Some(3),
+            goal: Some(Goal::at(1., 0.)),
+            waypoints: vec![Goal::at(0.5, 0.)],
+            time: Some(50.),
+            gait: Some("walk".into()),
+            population: Some(5),
+            settings: tables.into_iter().map(|(name, table)| (name.into(), toml::Value::Table(table.unwrap()))).collect(),
+            ..ScenarioFile::default()
+        };
+        let words = std::iter::once("solve").chain(flags.split_whitespace());
+        Flags::parse_from(words).solve.over(file).unwrap()
     }
-    let path = Path::new(text);
-    match text {
-        "all" => Ok(Gaits::All),
-        "free" => Ok(Gaits::Free),
-        _ if path.exists() || path.extension().is_some() => {
-            let file: File = from_json(&files::read(path)?).map_err(|e| e.in_file(path, None))?;
-            let durations = file.durations.or(file.gait.map(|gait| gait.durations));
-            let missing = || Error::Format { message: "missing field `durations`, in the file or in its `gait`".into() };
-            durations.map(Gaits::Around).ok_or_else(|| missing().in_file(path, None))
-        }
-        _ => text.split(',').map(|name| GaitFamily::named(name.trim())).collect::<Result<_>>().map(Gaits::Families),
+
+    #[test]
+    fn flags_are_stronger_than_the_tables_of_a_file_and_these_than_its_keys() {
+        let asked = over("").asking().unwrap();
+        assert_eq!((&asked.search.gaits, asked.search.population, asked.lower.solver), (&Gaits::All, 16, SolverSettings::default()));
+
+        let flags = "--gait trot --population 64 --generations 9 --objective time --time 7 --first --alternatives 3 --random --smooth \
+                     --transcription towr --precision f64 --set search.elites=2";
+        let asked = over(flags).asking().unwrap();
+        let search = &asked.search;
+        assert_eq!(search.gaits, Gaits::Families(vec![GaitFamily::Trot]));
+        assert_eq!((search.population, search.elites, search.generations, search.alternatives), (64, 2, 9, 3));
+        assert_eq!((search.objective, search.first, search.seconds), (Objective::Time, true, Some(7.)));
+        assert_eq!(search.free.sampler, Sampler::Random);
+        assert_eq!(asked.lower.transcription.rows, Transcription::Towr);
+        assert_eq!((asked.lower.solver.smooth.iterations, asked.lower.precision), (20, crate::backend::Precision::F64));
+
+        let asked = over("--preset experiment3 --population 8").asking().unwrap();
+        assert_eq!((asked.search.gaits, asked.search.population, asked.search.elites), (Gaits::Free, 8, 4));
+        assert_eq!((asked.search.objective, asked.lower.transcription.legs), (Objective::FewestStances, Legs::Free));
+    }
+
+    #[test]
+    fn another_goal_or_scenario_is_one_without_those_of_the_file() {
+        let task = |flags: &str| {
+            let way = over(flags).way().unwrap();
+            (way.named, way.places.len(), way.task.goal.position[0], way.task.robot.name.clone())
+        };
+        let s1 = |target: usize| Scenario::named("s1").unwrap().task(target).unwrap().goal.position[0];
+        assert_eq!(task(""), ((Some("s1"), None), 1, 1., "anymal".into()));
+        assert_eq!(task("--goal 2,0"), ((Some("s1"), None), 0, 2., "anymal".into()));
+        assert_eq!(task("--target 4"), ((Some("s1"), Some(4)), 0, s1(4), "anymal".into()));
+        assert_eq!(task("--scenario s1"), ((Some("s1"), None), 1, 1., "anymal".into()));
+        let [x, _] = Scenario::goal(TARGET).unwrap();
+        assert_eq!(task("--scenario biped"), ((Some("biped"), Some(TARGET)), 0, x, "biped".into()));
     }
 }

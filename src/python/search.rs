@@ -266,7 +266,7 @@ pub fn search(
         let asking = solve.asking()?;
         let backend = match workers {
             Some((device, solve)) => Box::new(Workers { device, solve, cpu: Cpu::new(0)?, cancelled, exception: &exception }),
-            None => solve.lower.backend(asking.search.population).map_err(Error::from)?,
+            None => solve.lower.place.backend(asking.search.population, asking.lower.precision).map_err(Error::from)?,
         };
         task.0.search(&asking, None, &*backend, cancelled, hear, &mut |_, _| Ok(()))
     });

@@ -80,7 +80,7 @@ def search(
     threads : int, default 0
         Threads; 0 is one a processor. Results do not depend on it.
     settings : dict, optional
-        Any setting, in the tables ``search``, ``transcription``, ``solver`` and ``refine``, as in ``gait.to_dict()``: for example
+        Any setting, in the tables ``search``, ``transcription``, ``solver`` and ``refine``, as in the ``scenario.toml`` of a saved gait: for example
         ``{"solver": {"max_iterations": 100}}``.
     progress : bool or callable, optional
         True shows a bar by tqdm (``pip install cregopt[progress]``). A callable is called with a dictionary for each generation and each better
