@@ -79,8 +79,7 @@ impl Robot {
     /// Reads a robot from a file and validates it: TOML when its name ends in `.toml`, else JSON.
     ///
     /// # Errors
-    /// As [`Robot::from_json`], with the name of the file; [`Error::Io`] when the system refuses, [`Error::Missing`] for TOML in a build without
-    /// the feature `toml`.
+    /// As [`Robot::from_json`], with the name of the file; [`Error::Io`] when the system refuses.
     pub fn read(path: &Path) -> Result<Robot> {
         let robot: Robot = files::read_value(path)?;
         robot.validate_own().map_err(|e| e.in_file(path, None))?;

@@ -17,7 +17,7 @@
 //! | `solver.stall.budget` | 200 | further iterations a candidate may seem to need before it is given up |
 //! | `solver.edge_radius` | 0.04 m | rounding of terrain edges; 0 loses gaits that step over one |
 //! | `search.population`, `search.generations` | 16, 3 | candidates a generation, generations over families; more is slower and cheaper gaits |
-//! | `search.cost.*` | 1 | weights of leg work, swing work and effort |
+//! | `search.cost.*` | 1; `joint_excess` 50 | weights of leg work, swing work and effort, and of what joints do beyond their limits |
 //! | `search.free.*` | the paper's | `list` shows the presets |
 
 use crate::error::{Error, Result, check_range};
@@ -153,7 +153,7 @@ pub struct SolverSettings {
     pub max_iterations: usize,
     /// Scaled infeasibility `F` below which the f32 solve ends; the f64 closing steps do the rest.
     pub tolerance: f64,
-    /// Row violation below which an f64 solve ends, in the row's own unit (N, N m, m). Certification counts beyond 1e-4.
+    /// Row violation below which an f64 solve ends, in the row's own unit (N, N m, m). What a certificate tolerates: [`crate::verify`].
     pub row_tolerance: f64,
     /// First barrier parameter `mu`; see [`SolverSettings::barrier`] when absent. Smaller: more is solved where
     /// friction is scarce, less where it is not, in more iterations.

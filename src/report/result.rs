@@ -165,7 +165,7 @@ pub struct SolveResult<'a> {
     pub stop: StopReason,
     /// N_vc of the gait.
     pub n_violated: usize,
-    /// Its worst violation in TOWR's units.
+    /// Its worst violation, in the row's own unit.
     #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub max_violation: f64,
     /// Time to the first certified gait, s.
