@@ -339,19 +339,19 @@ impl Session<'_, '_> {
     fn periodic(&mut self, timed: &mut Level, families: &[GaitFamily]) -> Result<StopReason> {
         let settings = self.settings;
         let mut distribution = PeriodicDistribution::initial(self.task, families, &settings.periodic)?;
-        let (mut typical, mut refused): (Vec<Named>, _) = (Vec::new(), None);
+        let (mut typical, mut refused): (Vec<Named>, Vec<(GaitFamily, Error)>) = (Vec::new(), Vec::new());
         for (sample, family) in distribution.means().iter().zip(families) {
             match distribution.schedule(sample).and_then(|schedule| self.level.check(&schedule).map(|()| schedule)) {
                 Ok(schedule) => typical.push((Some(*family), schedule)),
-                Err(error) => refused = refused.or(Some((*family, error))),
+                Err(error) => refused.push((*family, error)),
             }
         }
-        if let Some((family, error)) = refused {
-            // Too long a way for one family need not be for another.
+        // Too long a way for one family need not be for another.
+        for (family, error) in refused {
             if typical.is_empty() {
                 return Err(error);
             }
-            info!("without {family} and families like it: {error}");
+            info!("without {family}: {error}");
         }
         let families: Vec<GaitFamily> = typical.iter().filter_map(|(family, _)| *family).collect();
         if families.len() < distribution.families.len() {

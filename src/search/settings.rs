@@ -44,7 +44,7 @@ pub struct SearchSettings {
     pub further_generations: usize,
     /// Most generations around the best gait so far.
     pub perturbed_generations: usize,
-    /// Time after which no generation begins and the one that runs does not count any more, s; none: the generations decide alone.
+    /// Time after which no generation begins and the one that runs does not count any more (the first does), s; none: the generations decide alone.
     pub seconds: Option<f64>,
     /// Whether the first certified gait is enough.
     pub first: bool,

@@ -60,7 +60,7 @@ def search(
     generations : int, optional
         Most generations behind the families' typical gaits; 3 unless a preset says otherwise.
     seconds : float, optional
-        End after this time with the best so far, s. Gaits then depend on the machine.
+        End the search after this time with the best so far, s; each leg has it anew, and ``refine`` comes on top. Gaits then depend on the machine.
     objective : str, optional
         What is best: ``transport`` (default), ``time``, ``effort`` or one of the paper's.
     alternatives : int, optional
