@@ -65,6 +65,15 @@ fn every_slope_has_its_picture_and_weights_can_be_set() {
 }
 
 #[test]
+fn a_long_body_stands_along_the_slope_at_both_ends() {
+    let folder = tempfile::tempdir().unwrap();
+    let flags = "--robot anymal --gait walk --speeds 0.3 --periods 1 --duties 0.7 --seconds 1 --slopes 0.2 --device cpu --out of";
+    let (code, _, stderr) = atlas(folder.path(), flags);
+    let json: Value = serde_json::from_str(&fs::read_to_string(folder.path().join("of/atlas.json")).unwrap()).unwrap();
+    assert!(code == 0 && json["slopes"][0]["best"][0]["best"]["family"] == "walk", "{stderr}{json}");
+}
+
+#[test]
 fn impossible_plans_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     for (flags, says) in [

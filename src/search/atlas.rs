@@ -223,8 +223,8 @@ impl Plan {
                     gait.strides = ((horizon - gait.horizon()) / period).ceil().max(1.) as usize;
                     let x = MEAN_SPEED * speed * gait.horizon() / slope.hypot(1.);
                     let terrain = Arc::new(sloping(slope, x));
-                    let target = [x, 0., robot.base_height + terrain.height(x, 0.)];
-                    let task = Task::new(robot.clone(), terrain, Goal::position(target))?;
+                    // Along the slope at the goal, as at the start.
+                    let task = Task::new(robot.clone(), terrain, Goal::at(x, 0.))?;
                     problems.push(Problem { schedule: gait.schedule()?, gait, speed, slope, task });
                 }
             }
