@@ -361,13 +361,14 @@ fn legs_by_way_of_a_place_begin_where_the_one_before_ends() {
         "2",
     ]);
     run(dir.path(), "solve --robot anymal --goal 3,0 --via 5000,0").ends_with(2).says(&["place 1 on the way", "goal", "1000"]);
-    // Without a place on the way nothing is left of its legs but what is not ours. A gait's name is one beside a folder of that name.
-    fs::write(dir.path().join("out/leg-2/mine.txt"), "").unwrap();
+    // What another run left in the folder is told. A gait's name is one beside a folder of that name.
     fs::create_dir(dir.path().join("trot")).unwrap();
-    run(dir.path(), "solve --robot anymal --goal 0.5,0 --gait trot --first --out out").ends_with(0);
+    let once = run(dir.path(), "solve --robot anymal --goal 0.5,0 --gait trot --first --out out");
+    once.ends_with(0).says(&["out/leg-1 has the motion of an earlier run", "out/leg-2 has"]);
     assert_eq!(read(dir.path().join("out/result.json"))["gait"]["family"], "trot");
-    let left: Vec<_> = fs::read_dir(dir.path().join("out/leg-2")).unwrap().map(|file| file.unwrap().file_name()).collect();
-    assert!(!dir.path().join("out/leg-1").exists() && left == ["mine.txt"], "{left:?}");
+    let again = run(dir.path(), "solve --robot anymal --goal 0.5,0 --via 0.2,0 --first --out out");
+    again.ends_with(0).says(&["out has the motion of an earlier run"]);
+    assert!(!again.stderr.contains("leg-"), "{}", again.stderr);
 }
 
 #[test]
@@ -459,6 +460,12 @@ fn a_dash_is_stdin_and_stdout_and_shells_know_the_commands() {
     assert!(code == Some(0) && csv.starts_with("time_s,") && told.contains("samples"), "{told}");
     // Nothing else is in it.
     assert!(csv.lines().skip(1).all(|line| line.split(',').all(|v| v.parse::<f64>().is_ok())));
+    // Who reads no further ends nothing.
+    let mut export = std::process::Command::new(PROGRAM);
+    export.current_dir(dir.path()).args("export out/trajectory.json --format csv --rate 1000 -o -".split_whitespace());
+    let mut child = export.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+    drop(child.stdout.take());
+    assert_eq!(child.wait().unwrap().code(), Some(0));
     assert!(piped("completions bash", b"").1.contains("cregopt"));
     assert!(piped("man", b"").1.contains(".TH") && piped("man solve", b"").1.contains("seed"));
     let (code, _, told) = piped("man slove", b"");
@@ -962,8 +969,11 @@ fn a_scenario_is_asked_of_a_motion_with_the_robot_that_its_file_has() {
     let dir = folder();
     let mut low = own_robot();
     low["base_height"] = json!(0.47);
-    fs::write(dir.path().join("low.json"), low.to_string()).unwrap();
-    run(dir.path(), "solve --scenario s1 --target 3 --robot low.json --first --out out").ends_with(0);
+    // As folders of sweeps are called.
+    fs::create_dir(dir.path().join("height=0.47")).unwrap();
+    fs::write(dir.path().join("height=0.47/low.json"), low.to_string()).unwrap();
+    run(dir.path(), "solve --scenario s1 --target 3 --robot height=0.47/low.json --first --out out").ends_with(0);
+    run(dir.path(), "solve --scenario s1 --target 3 --robot s9=height=0.47/low.json --first").ends_with(2).says(&["scenario", "s9"]);
     run(dir.path(), "verify out/trajectory.json --scenario s1 --target 3").ends_with(0);
     run(dir.path(), "verify out/trajectory.json --scenario s1 --target 4").ends_with(3);
     // Without limits in its file it is held to those of legs that can do anything, and that is said.

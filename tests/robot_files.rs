@@ -1,6 +1,7 @@
 //! Robot files as users make and use them: from a URDF, as JSON or TOML.
 
 use assert_cmd::Command;
+use cregopt::Terrain;
 use std::fs;
 use std::path::Path;
 use std::process::Output;
@@ -42,6 +43,7 @@ fn an_imported_robot_walks_from_json_and_from_toml_alike() {
         costs.push(result["gait"]["objective"].as_f64().unwrap());
     }
     assert_eq!(fs::read_to_string(dir.path().join("robot.json")).unwrap(), printed);
+    assert_eq!(ran(dir.path(), &[&import[..], &["-o", "-"]].concat(), 0)[0], printed);
     assert_eq!(costs[0], costs[1]);
 }
 
@@ -87,6 +89,11 @@ fn a_robot_and_a_ground_whose_files_have_built_in_names_give_gaits_that_verify()
     assert!(said.contains("hyq-imported: 13.200 kg") && said.contains("`hyq` has another mass"), "{said}");
     let [said, _] = ran(dir.path(), &["terrain", "import", "stairs.csv", "--cell", "1", "--origin=-1.5,-1.5", "-o", "stairs.json"], 0);
     assert!(said.starts_with("stairs-imported: 3 x 3 samples"), "{said}");
+    // In TOML, by another name, as well.
+    let named = ["terrain", "import", "stairs.csv", "--cell", "1", "--origin=-1.5,-1.5", "--name", "steps", "-o", "steps.toml"];
+    ran(dir.path(), &named, 0);
+    let [json, toml] = ["stairs.json", "steps.toml"].map(|file| Terrain::read(&dir.path().join(file)).unwrap());
+    assert_eq!((json.shape, toml.name), (toml.shape, "steps".into()));
     let world = ["--robot", "robot.toml", "--terrain", "stairs.json"];
     ran(dir.path(), &[&["solve", "--goal", "0.5,0", "--first", "--out", "out"], &world[..]].concat(), 0);
     ran(dir.path(), &["verify", "out/trajectory.json"], 0);
@@ -145,6 +152,9 @@ fn joints_follow_the_motion_of_an_imported_robot() {
     assert_eq!((&limits["kept"], &limits["miss"]["limit"]), (&within.into(), &5e-3.into()));
     let trajectory: serde_json::Value = serde_json::from_str(&fs::read_to_string(dir.path().join("out/trajectory.json")).unwrap()).unwrap();
     let csv = fs::read_to_string(dir.path().join("joints.csv")).unwrap();
+    // A file on stdout is alone there.
+    let [streamed, said] = ran(dir.path(), &[&joints[..6], &["-"]].concat(), if within { 0 } else { 3 });
+    assert!(streamed == csv && said.starts_with("12 joints at "), "{said}");
     let rows: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
     assert_eq!((rows[0].len(), rows[0][0], rows[0][3], rows[0][36]), (37, "time_s", "LF_roll_torque_Nm", "RH_knee_torque_Nm"));
     let last: f64 = rows.last().unwrap()[0].parse().unwrap();

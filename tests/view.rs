@@ -47,6 +47,16 @@ fn a_page_stands_in_the_folder_of_the_result_or_where_it_is_asked_for() {
     run_well(folder.path(), "view four/trajectory.json two/trajectory.json -o both.html");
     let page = fs::read_to_string(folder.path().join("both.html")).unwrap();
     assert!(page.contains(r#""name":"four/trajectory""#) && page.contains(r#""name":"two/trajectory""#));
+    // A folder has no ending.
+    for (name, new) in [("four", "f0.4"), ("two", "f0.8")] {
+        fs::rename(folder.path().join(name), folder.path().join(new)).unwrap();
+    }
+    run_well(folder.path(), "view f0.4 f0.8 -o both.html");
+    let page = fs::read_to_string(folder.path().join("both.html")).unwrap();
+    assert!(page.contains(r#""name":"f0.4""#) && page.contains(r#""name":"f0.8""#));
+    for (name, new) in [("f0.4", "four"), ("f0.8", "two")] {
+        fs::rename(folder.path().join(name), folder.path().join(new)).unwrap();
+    }
     // The result of another trajectory says nothing of this one.
     fs::copy(folder.path().join("two/result.json"), folder.path().join("four/result.json")).unwrap();
     run_well(folder.path(), "view four");

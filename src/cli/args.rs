@@ -77,8 +77,9 @@ struct Choices<T>(Vec<(Option<&'static str>, Arc<T>)>);
 impl<T> Choices<T> {
     fn read(texts: &[String], read: impl Fn(&str) -> Result<Arc<T>>) -> Result<Self> {
         let choice = |text: &String| match text.split_once('=') {
-            Some((scenario, name)) => Ok((Some(Scenario::named(scenario)?.name), read(name)?)),
-            None => Ok((None, read(text)?)),
+            // Folders and files may have a `=` in their names.
+            Some((scenario, name)) if !Path::new(text).exists() => Ok((Some(Scenario::named(scenario)?.name), read(name)?)),
+            _ => Ok((None, read(text)?)),
         };
         texts.iter().map(choice).collect::<Result<_>>().map(Choices)
     }

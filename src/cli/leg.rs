@@ -20,10 +20,10 @@ use crate::search::evaluate::LowerSettings;
 use crate::search::precheck::{Finding, precheck};
 use crate::search::{Gait, Progress, Search, SearchResult, SearchSettings};
 use crate::task::{Goal, Task};
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+use tracing::warn;
 
 /// What a search is asked besides its task.
 #[derive(Debug, Clone)]
@@ -98,9 +98,11 @@ impl Way {
             let named = if number == self.legs() { self.named } else { (None, None) };
             let leg = Leg::search(task, named, &asking, folder.as_deref(), backend, cancelled, tell)?;
             folder.as_deref().map_or(Ok(()), |folder| leg.write(folder))?;
-            out.map_or(Ok(()), |out| forget_legs(out, if self.legs() == 1 { 1 } else { number + 1 }))?;
             each(&leg, folder.as_deref())?;
             legs.push(leg);
+        }
+        for folder in out.map(|out| left_over(out, legs.len(), self.legs())).unwrap_or_default() {
+            warn!("warning: {} has the motion of an earlier run", folder.display());
         }
         Ok(legs)
     }
@@ -123,7 +125,7 @@ pub fn leg_folder(out: &Path, number: usize, count: usize) -> PathBuf {
 /// File of a leg of some: with its number where there are others.
 pub fn leg_file(path: &Path, number: usize, count: usize) -> PathBuf {
     let (stem, extension) = (path.file_stem().unwrap_or_default(), path.extension().unwrap_or_default());
-    let numbered = || path.with_file_name(format!("{}-leg-{number}", stem.to_string_lossy())).with_extension(extension);
+    let numbered = || path.with_file_name(format!("{}-leg-{number}.{}", stem.to_string_lossy(), extension.to_string_lossy()));
     if count == 1 { path.to_owned() } else { numbered() }
 }
 
@@ -315,25 +317,16 @@ fn possible(task: &Task, settings: &SearchSettings, lower: &LowerSettings) -> Re
     }
 }
 
-/// Takes away the results of legs from one on that an earlier run had, which would pass for this one's.
-fn forget_legs(out: &Path, first: usize) -> Result<()> {
-    for folder in (first..).map(|number| out.join(format!("leg-{number}"))).take_while(|folder| folder.is_dir()) {
-        write_trajectories(&folder, &[])?;
-        for name in ["result.json", "scenario.toml"] {
-            remove(folder.join(name))?;
-        }
-        // What is not ours stays, and its folder with it.
-        let _ = std::fs::remove_dir(folder);
-    }
-    Ok(())
-}
-
-/// Takes a file away, if it is there.
-fn remove(path: PathBuf) -> Result<()> {
-    match std::fs::remove_file(&path) {
-        Err(source) if source.kind() != ErrorKind::NotFound => Err(Error::Io { action: "remove", path, source }),
-        _ => Ok(()),
-    }
+/// Folders beside those of this run whose motions would pass for its own.
+///
+/// * `searched` - legs that have a result
+/// * `count` - legs that were asked for
+fn left_over(out: &Path, searched: usize, count: usize) -> Vec<PathBuf> {
+    let has_motion = |folder: &PathBuf| folder.join("trajectory.json").is_file();
+    let first = if count == 1 { 1 } else { searched + 1 };
+    let legs = (first..).map(|number| out.join(format!("leg-{number}"))).take_while(has_motion);
+    let whole = Some(out.to_owned()).filter(|out| count > 1 && has_motion(out));
+    whole.into_iter().chain(legs).collect()
 }
 
 /// Writes the best and its alternatives, and takes away those of an earlier run, which would pass for this one's.
@@ -343,7 +336,7 @@ fn write_trajectories(folder: &Path, trajectories: &[String]) -> Result<()> {
         files::write(&path(number), &format!("{trajectory}\n"))?;
     }
     for path in (trajectories.len() + 1..).map(path).take_while(|path| path.is_file()) {
-        remove(path)?;
+        std::fs::remove_file(&path).map_err(|source| Error::Io { action: "remove", path, source })?;
     }
     Ok(())
 }
@@ -368,5 +361,12 @@ mod tests {
         let legs = way.search(&asking, Some(folder.path()), &Cpu::new(1).unwrap(), &ended, &mut |_| (), &mut each).unwrap();
         assert!(legs.len() == 1 && legs[0].found.best.feasible());
         assert!(folder.path().join("leg-1/trajectory.json").is_file() && !folder.path().join("leg-2").exists());
+    }
+
+    #[test]
+    fn a_picture_of_a_leg_has_its_number_before_the_ending() {
+        let named = |file: &str, count: usize| leg_file(Path::new(file), 2, count).to_string_lossy().into_owned();
+        assert_eq!(named("to/run1.5.svg", 3), "to/run1.5-leg-2.svg");
+        assert_eq!(named("to/run1.5.svg", 1), "to/run1.5.svg");
     }
 }

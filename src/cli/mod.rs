@@ -28,7 +28,9 @@ mod verify;
 pub(crate) mod view;
 
 use crate::error::Error;
+use crate::report::files::{STREAM, stdout};
 use clap::{Parser, Subcommand};
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -199,19 +201,14 @@ fn log(verbose: u8, quiet: bool) {
     let _ = if verbose == 0 { told.with_target(false).with_level(false).try_init() } else { told.try_init() };
 }
 
-/// Prints to stdout. A closed pipe (`| head`) is no error.
+/// Prints to stdout.
 fn print(text: &str) -> Result<(), Error> {
-    use std::io::Write;
-    let mut out = std::io::stdout().lock();
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
-        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(Error::Io { action: "write", path: "stdout".into(), source: e }),
-        _ => Ok(()),
-    }
+    stdout(text.as_bytes()).map_err(|source| Error::Io { action: "write", path: "stdout".into(), source })
 }
 
 /// Prints what is said of a file that was written: to stderr when that is stdout.
-fn print_beside(path: &std::path::Path, text: &str) -> Result<(), Error> {
-    if path != std::path::Path::new(crate::report::files::STREAM) {
+fn print_beside(path: &Path, text: &str) -> Result<(), Error> {
+    if path != Path::new(STREAM) {
         return print(text);
     }
     complain(&text.trim_end());

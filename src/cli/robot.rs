@@ -2,7 +2,7 @@
 
 use super::args::{self, World};
 use super::held::robot_of;
-use super::{Failure, Verdict, print, to_json};
+use super::{Failure, Verdict, print, print_beside, to_json};
 use crate::error::{Error, Result, check_range};
 use crate::gait::Trajectory;
 use crate::report::files;
@@ -64,7 +64,7 @@ impl ImportUrdf {
         match &self.out {
             Some(out) => {
                 files::write(out, &imported.robot.file_text(out)?)?;
-                print(&summary(&imported))?;
+                print_beside(out, &summary(&imported))?;
             }
             None => {
                 super::complain(&summary(&imported).trim_end());
@@ -125,11 +125,12 @@ impl Joints {
         if let Some(out) = &self.out {
             files::write(out, &csv_text(&motion, out)?)?;
         }
-        print(&if self.json {
+        let said = if self.json {
             to_json(&motion.limits)?
         } else {
             format!("{} joints at {} times\n{}", motion.joints.len(), motion.samples.len(), motion.limits)
-        })?;
+        };
+        self.out.as_deref().map_or_else(|| print(&said), |out| print_beside(out, &said))?;
         Ok(if motion.limits.kept { Verdict::Feasible } else { Verdict::Infeasible })
     }
 }

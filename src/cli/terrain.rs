@@ -38,7 +38,7 @@ struct Import {
     /// Name of the terrain; that of the file by default, with `-imported` behind it where a built-in terrain has that
     #[arg(long)]
     name: Option<String>,
-    /// Terrain file, .json
+    /// Terrain file, .json or .toml
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
 }
@@ -61,8 +61,9 @@ impl std::str::FromStr for Origin {
 impl TerrainCommand {
     pub fn run(&self) -> std::result::Result<Verdict, Failure> {
         let Command::Import(import) = &self.command;
+        files::check_writable(&import.out)?;
         let imported = import.read()?;
-        files::write(&import.out, &(serde_json::to_string(&imported.terrain).map_err(Error::from)? + "\n"))?;
+        files::write(&import.out, &imported.terrain.file_text(&import.out)?)?;
         print_beside(&import.out, &imported.about())?;
         print_beside(&import.out, &format!("written to {}\n", import.out.display()))?;
         Ok(Verdict::Feasible)
@@ -72,15 +73,11 @@ impl TerrainCommand {
 impl Import {
     fn read(&self) -> Result<Imported> {
         let placement = Placement { cell: self.cell, origin: self.origin.0, height_scale: self.height_scale, friction: self.friction };
-        let mut imported = terrain_of(&self.file, &files::read_bytes(&self.file, files::MAX_FILE)?, &placement).map_err(|e| match e {
+        let bytes = files::read_bytes(&self.file, files::MAX_FILE)?;
+        terrain_of(&self.file, &bytes, &placement, self.name.as_deref()).map_err(|e| match e {
             // Flags are not in the file.
             Error::Invalid { ref place, .. } if place.starts_with("--") => e,
             e => e.in_file(&self.file, None),
-        })?;
-        if let Some(name) = &self.name {
-            imported.terrain.name = name.clone();
-            imported.terrain.validate_own()?;
-        }
-        Ok(imported)
+        })
     }
 }

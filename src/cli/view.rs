@@ -97,7 +97,9 @@ fn trajectory_path(result: &Path) -> Result<PathBuf> {
 
 /// What results are called: the last part of their path, or as much of it as tells them apart.
 fn names(results: &[PathBuf]) -> Vec<String> {
-    let whole = |path: &PathBuf| std::fs::canonicalize(path).unwrap_or_else(|_| path.clone()).with_extension("");
+    let whole = |path: &PathBuf| std::fs::canonicalize(path).unwrap_or_else(|_| path.clone());
+    // The ending is one of files alone.
+    let whole = |path: &PathBuf| if path.is_dir() { whole(path) } else { whole(path).with_extension("") };
     let parts: Vec<Vec<String>> =
         results.iter().map(|path| whole(path).components().map(|part| part.as_os_str().to_string_lossy().into_owned()).collect()).collect();
     let tail = |parts: &[String], count: usize| parts[parts.len().saturating_sub(count)..].join("/");

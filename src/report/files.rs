@@ -79,7 +79,7 @@ pub fn write(path: &Path, text: &str) -> Result<()> {
 pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
     let io = |source| Error::Io { action: "write", path: path.to_owned(), source };
     if path == Path::new(STREAM) {
-        return io::stdout().lock().write_all(bytes).map_err(io);
+        return stdout(bytes).map_err(io);
     }
     let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     if fs::metadata(&target).is_ok_and(|m| !m.is_file()) {
@@ -94,6 +94,18 @@ pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
         let _ = fs::remove_file(&part);
         io(e)
     })
+}
+
+/// Writes to standard output. A closed pipe (`| head`) is no error.
+///
+/// # Errors
+/// What the system says.
+pub fn stdout(bytes: &[u8]) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    match out.write_all(bytes).and_then(|()| out.flush()) {
+        Err(e) if e.kind() != io::ErrorKind::BrokenPipe => Err(e),
+        _ => Ok(()),
+    }
 }
 
 /// Makes a folder and checks that files can be written there, before any work is done.

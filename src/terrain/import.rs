@@ -47,13 +47,14 @@ pub struct Imported {
     pub holes: usize,
 }
 
-/// A terrain from the bytes of a height map, of a kind that the extension of its path says. It has the name of the file, with `-imported`
-/// behind it where that is the name of a built-in terrain of another shape.
+/// A terrain from the bytes of a height map, of a kind that the extension of its path says.
+///
+/// * `name` - of the terrain; when absent that of the file, with `-imported` behind it where a built-in terrain of another shape has that
 ///
 /// # Errors
-/// [`Error::Invalid`] or [`Error::Format`] for another kind, a file that is none of its kind, rows that differ in length, or heights that
-/// are out of the limits of a [`Grid`].
-pub fn terrain_of(path: &Path, bytes: &[u8], placement: &Placement) -> Result<Imported> {
+/// [`Error::Invalid`] or [`Error::Format`] for another kind, a file that is none of its kind, rows that differ in length, heights that
+/// are out of the limits of a [`Grid`], or a name that no terrain can have.
+pub fn terrain_of(path: &Path, bytes: &[u8], placement: &Placement, name: Option<&str>) -> Result<Imported> {
     placement.validate()?;
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     let heights = match extension.as_str() {
@@ -62,10 +63,12 @@ pub fn terrain_of(path: &Path, bytes: &[u8], placement: &Placement) -> Result<Im
         "png" => of_png(bytes)?,
         _ => return Err(Error::invalid("file name", path.display(), "one that ends in .csv, .npy or .png")),
     };
-    let name = path.file_stem().map(|stem| stem.to_string_lossy().chars().take(64).collect()).unwrap_or_default();
-    let mut imported = terrain_of_heights(name, heights, placement)?;
-    if imported.terrain.differs_from_named() {
-        imported.terrain.name += "-imported";
+    let of_file = || path.file_stem().map(|stem| stem.to_string_lossy().chars().take(64).collect()).unwrap_or_default();
+    let mut imported = terrain_of_heights(name.map_or_else(of_file, str::to_owned), heights, placement)?;
+    match name {
+        Some(_) => imported.terrain.validate_own()?,
+        None if imported.terrain.differs_from_named() => imported.terrain.name += "-imported",
+        None => {}
     }
     Ok(imported)
 }
@@ -108,7 +111,8 @@ fn of_csv(bytes: &[u8]) -> Result<Vec<Vec<f64>>> {
     let mut rows: Vec<Vec<f64>> = Vec::new();
     for (number, record) in reader.byte_records().enumerate() {
         let record = record.map_err(|e| Error::Format { message: e.to_string() })?;
-        let place = |column: usize| format!("line {}, column {}", number + 1, column + 1);
+        let line = record.position().map_or(0, csv::Position::line);
+        let place = |column: usize| format!("line {line}, column {}", column + 1);
         let field = |(column, field): (usize, &[u8])| {
             let text = std::str::from_utf8(field).unwrap_or("?");
             if text.is_empty() {
@@ -125,11 +129,7 @@ fn of_csv(bytes: &[u8]) -> Result<Vec<Vec<f64>>> {
         if let Some(columns) = rows.first().map(Vec::len)
             && columns != row.len()
         {
-            return Err(Error::invalid(
-                format!("line {}", number + 1),
-                format!("{} columns", row.len()),
-                format!("{columns} as in the first"),
-            ));
+            return Err(Error::invalid(format!("line {line}"), format!("{} columns", row.len()), format!("{columns} as in the first")));
         }
         if rows.len() == MOST {
             return Err(Error::invalid("height map", format!("more than {MOST} rows"), format!("at most {MOST}")));
@@ -276,7 +276,7 @@ mod tests {
     }
 
     fn import(name: &str, bytes: &[u8]) -> Result<Imported> {
-        terrain_of(Path::new(name), bytes, &placement())
+        terrain_of(Path::new(name), bytes, &placement(), None)
     }
 
     fn grid(imported: &Imported) -> &Grid {
@@ -351,6 +351,7 @@ mod tests {
         let cases: [(&str, &[u8], &str); 12] = [
             ("a.csv", b"0,1\n2\n", "line 2: 1 columns, but it must be 2 as in the first"),
             ("a.csv", b"0,1\n2,x7\n", "line 2, column 2: `x7`"),
+            ("a.csv", b"0,1\n\n\n2,x7\n", "line 4, column 2: `x7`"),
             ("a.csv", b"0,1\n", "1 x 2 samples"),
             ("a.csv", b"", "0 x 0 samples"),
             ("a.csv", b",\n,\n", "holes alone"),
@@ -368,7 +369,7 @@ mod tests {
         }
         assert!(import("a.npy", &npy("<f8", false, "(2, 3)", &floats()[..20])).is_err());
         let flat = Placement { cell: 0., ..placement() };
-        assert!(terrain_of(Path::new("a.csv"), CSV, &flat).unwrap_err().to_string().starts_with("--cell"));
+        assert!(terrain_of(Path::new("a.csv"), CSV, &flat, None).unwrap_err().to_string().starts_with("--cell"));
     }
 
     #[test]

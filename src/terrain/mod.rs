@@ -106,6 +106,14 @@ impl Terrain {
         Ok(terrain)
     }
 
+    /// Text of a terrain file, in the form that [`Terrain::read`] reads from a file of that name.
+    ///
+    /// # Errors
+    /// [`Error::Format`] for what TOML cannot hold.
+    pub fn file_text(&self, path: &Path) -> Result<String> {
+        if files::is_toml(path) { crate::error::to_toml(self) } else { Ok(serde_json::to_string(self)? + "\n") }
+    }
+
     /// Checks friction and, for a grid, its sizes and heights.
     ///
     /// # Errors
