@@ -201,6 +201,13 @@ fn usage_errors_exit_2_and_name_flag_value_and_limit() {
     run(dir.path(), "evaluate missing.jsonl --scenario s9").ends_with(2).says(&["scenario", "s9"]);
     run(dir.path(), "evaluate missing.jsonl --set solver.speed=1").ends_with(2).says(&["solver.speed"]);
     run(dir.path(), "evaluate missing.jsonl --set refine.speed=1").ends_with(2).says(&["refine.speed", "nothing is searched or refined"]);
+    // Before the search, not after it.
+    for (flags, parts) in
+        [("refine.trust=2", ["refine.trust", "0.000001 to 1"]), ("transcription.rows=towr", ["transcription.rows", "momentum"])]
+    {
+        run(dir.path(), &format!("solve --robot biped --goal 1,0 --refine --set {flags} --out none")).ends_with(2).says(&parts);
+    }
+    assert!(!dir.path().join("none").exists());
     run(dir.path(), "solve --robot biped --goal 1,0 --device gpu --set precision=f64").ends_with(2).says(&["--device", "f64", "CPU"]);
 }
 
@@ -355,6 +362,12 @@ fn legs_by_way_of_a_place_begin_where_the_one_before_ends() {
     // On from a file.
     run(dir.path(), "solve --robot anymal --from out/leg-2/trajectory.json --goal 0.9,0.1 --yaw 0.5 --first --out on").ends_with(0);
     assert_eq!(read(dir.path().join("on/trajectory.json"))["start"]["position"], json!([0.8, 0.1, 0.5]));
+    fs::write(
+        dir.path().join("on.toml"),
+        "robot = 'anymal'\ngoal = { xy = [0.9, 0.1] }\nstart = { after = 'out/leg-2/trajectory.json' }\n",
+    )
+    .unwrap();
+    run(dir.path(), "solve on.toml --start-yaw 0.2").ends_with(2).says(&["yaw at the start", "0.2", "end of a motion"]);
     run(dir.path(), "solve --robot biped --from out/leg-2/trajectory.json --goal 0.9,0.1").ends_with(2).says(&[
         "start_feet",
         "4 feet",

@@ -274,8 +274,6 @@ impl Leg {
         let (robot, terrain) = world_of(task);
         let of_target = |target| Scenario::named((*scenario)?).ok()?.task(target).ok();
         let is_its = target.and_then(of_target).is_some_and(|own| own.goal == task.goal);
-        // The name goes up to the first bracket; in front of it every adapter has one.
-        let adapter = self.solved_on.device.strip_prefix("gpu: ").and_then(|text| text.split(" (").next());
         let settings = [
             ("search", table_of(search)?),
             ("transcription", table_of(&lower.transcription)?),
@@ -290,7 +288,7 @@ impl Leg {
             refine: refines.then_some(true),
             transcription: Some(lower.transcription.rows),
             precision: Some(lower.precision),
-            device: Some(adapter.map_or("cpu".into(), |adapter| format!("gpu:{adapter}"))),
+            device: Some(device_of(&self.solved_on.device)),
             force_limit: task.force_limit,
             start: Some(Start::in_state(&task.start, &task.start_feet)),
             goal: (!is_its).then(|| of_state(&task.goal)),
@@ -317,11 +315,19 @@ fn possible(task: &Task, settings: &SearchSettings, lower: &LowerSettings) -> Re
     }
 }
 
+/// What `--device` is for a device that a result names: an adapter's name goes up to the first bracket.
+fn device_of(named: &str) -> String {
+    match named.strip_prefix("gpu: ").and_then(|text| text.split(" (").next()) {
+        Some(adapter) => format!("gpu:{adapter}"),
+        None => if named.starts_with("gpu") { "gpu" } else { "cpu" }.into(),
+    }
+}
+
 /// Folders beside those of this run whose motions would pass for its own.
 ///
 /// * `searched` - legs that have a result
 /// * `count` - legs that were asked for
-fn left_over(out: &Path, searched: usize, count: usize) -> Vec<PathBuf> {
+pub fn left_over(out: &Path, searched: usize, count: usize) -> Vec<PathBuf> {
     let has_motion = |folder: &PathBuf| folder.join("trajectory.json").is_file();
     let first = if count == 1 { 1 } else { searched + 1 };
     let legs = (first..).map(|number| out.join(format!("leg-{number}"))).take_while(has_motion);
@@ -361,6 +367,13 @@ mod tests {
         let legs = way.search(&asking, Some(folder.path()), &Cpu::new(1).unwrap(), &ended, &mut |_| (), &mut each).unwrap();
         assert!(legs.len() == 1 && legs[0].found.best.feasible());
         assert!(folder.path().join("leg-1/trajectory.json").is_file() && !folder.path().join("leg-2").exists());
+    }
+
+    #[test]
+    fn the_device_of_a_result_can_be_asked_for() {
+        assert_eq!(device_of("cpu, 2 threads, f64"), "cpu");
+        assert_eq!(device_of("gpu: llvmpipe (LLVM 15.0.6, 256 bits) (vulkan, llvmpipe), f32 closed in f64"), "gpu:llvmpipe");
+        assert_eq!(device_of("gpu, Ray's workers of 2 threads, f32 closed in f64"), "gpu");
     }
 
     #[test]

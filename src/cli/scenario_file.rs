@@ -149,6 +149,23 @@ impl Start {
         Start { after: Some(path), ..Start::default() }
     }
 
+    /// With another yaw, rad, if one is given.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] where the end of a motion says which it is.
+    pub fn turned(self, yaw: Option<f64>) -> Result<Start> {
+        match yaw {
+            None => Ok(self),
+            Some(yaw) if self.after.is_none() => Ok(Start { yaw, ..self }),
+            Some(yaw) => Err(Start::turned_after(yaw)),
+        }
+    }
+
+    /// A yaw beside the end of a motion.
+    pub fn turned_after(yaw: f64) -> Error {
+        Error::invalid("yaw at the start", yaw, "left out where the start is the end of a motion")
+    }
+
     /// In a state, with the feet in their places.
     pub fn in_state(state: &BaseState, feet: &[[f64; 2]]) -> Start {
         Start { feet: Some(feet.to_vec()), ..Start::at(of_state(state)) }

@@ -126,6 +126,12 @@ impl Solve {
         })
     }
 
+    /// To a target of its scenario, if one is given.
+    #[cfg(feature = "python")]
+    pub fn to_target(self, target: Option<usize>) -> Solve {
+        Solve { target, ..self }
+    }
+
     /// Places on the way: those of the command line, else the file's. Those without a yaw of their own turn evenly.
     fn waypoints(&self) -> Vec<(Goal, bool)> {
         if self.via.is_empty() {
@@ -196,13 +202,15 @@ impl Solve {
     /// # Errors
     /// For settings that are out of their limits.
     pub fn asking(&self) -> Result<Asking> {
-        Ok(Asking {
-            lower: self.lower.settings(if self.preset.is_some() { Legs::Free } else { Legs::Limited })?,
-            search: self.search_settings()?,
-            seed: self.seed.unwrap_or(SEED),
-            refines: self.refine,
-            refine: self.refine_settings()?,
-        })
+        let lower = self.lower.settings(if self.preset.is_some() { Legs::Free } else { Legs::Limited })?;
+        let refine = self.refine_settings()?;
+        // Not after a search whose gait would be lost.
+        if self.refine {
+            refine.validate_for(&lower.transcription)?
+        } else {
+            refine.validate()?
+        }
+        Ok(Asking { lower, search: self.search_settings()?, seed: self.seed.unwrap_or(SEED), refines: self.refine, refine })
     }
 
     fn task(&self, scenario: Option<&Scenario>) -> Result<Task> {
@@ -214,10 +222,7 @@ impl Solve {
         let start = match (&self.from, self.start) {
             (Some(path), _) => Start::after(path.clone()),
             (None, Some(place)) => Start::at(place.goal().yaw(self.start_yaw.unwrap_or(0.))),
-            (None, None) => {
-                let start = self.asked.start.clone().unwrap_or_default();
-                Start { yaw: self.start_yaw.unwrap_or(start.yaw), ..start }
-            }
+            (None, None) => self.asked.start.clone().unwrap_or_default().turned(self.start_yaw)?,
         };
         self.world.over(&self.asked)?.task(scenario, &start, goal)
     }

@@ -133,7 +133,7 @@ pub fn evaluate(
         let numbered = schedules.into_iter().enumerate();
         let schedule = |(i, durations)| fitting(durations).map_err(|e| e.within(format_args!("schedules[{i}]")));
         let schedules: Vec<Schedule> = numbered.map(schedule).collect::<crate::Result<_>>()?;
-        let backend = solve.lower.backend(schedules.len()).map_err(Error::from)?;
+        let backend = solve.lower.place.backend(schedules.len(), asking.lower.precision).map_err(Error::from)?;
         let candidates: Vec<(&crate::Task, &Schedule)> = schedules.iter().map(|schedule| (task, schedule)).collect();
         let called_off = || cancelled.load(Ordering::Relaxed);
         let results = solved(&candidates, &asking.lower, Some(&asking.search.cost), &*backend, false, &called_off)?;

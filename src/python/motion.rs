@@ -58,6 +58,17 @@ impl Trajectory {
         self.text().and_then(|text| files::write(&path, &format!("{text}\n"))).raise()
     }
 
+    /// What its file does not say: the largest normal force of a foot that was allowed, N, if that was said apart.
+    #[getter]
+    fn _force_limit(&self) -> Option<f64> {
+        self.force_limit
+    }
+
+    /// With that.
+    fn _limited(&self, force_limit: Option<f64>) -> Self {
+        Trajectory { motion: self.motion.clone(), force_limit }
+    }
+
     /// Phase durations, stance first, s: a list for each foot.
     #[getter]
     fn schedule(&self) -> Vec<Vec<f64>> {

@@ -9,7 +9,7 @@ use super::world::{Robot, Task};
 use crate::backend::{Cpu, locked};
 use crate::cli::args::World;
 use crate::cli::held::{Asked, Held};
-use crate::cli::leg::{Leg, leg_folder};
+use crate::cli::leg::{Leg, left_over, leg_folder};
 use crate::cli::scenario_file::ScenarioFile;
 use crate::cli::solve::{Solve, text};
 use crate::cli::to_json;
@@ -17,9 +17,11 @@ use crate::cli::view::{Found, said, scene};
 use crate::error::{Error, Result, from_value};
 use crate::report::files;
 use crate::report::motion_plot;
+use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde_json::Value;
+use std::ffi::CString;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
@@ -133,14 +135,19 @@ impl Gait {
     }
 
     /// Writes result.json, trajectory.json and scenario.toml into a folder, as ``cregopt solve --out`` does: of each leg into a folder leg-1, leg-2
-    /// and on where there is more than one.
+    /// and on where there is more than one. Warns of motions of an earlier gait that stay beside them.
     fn save(&self, py: Python<'_>, folder: PathBuf) -> PyResult<()> {
         let legs: Vec<&Leg> = self.before.iter().chain([&self.leg]).map(|leg| &**leg).collect();
         let write = |(number, leg): (usize, &&Leg)| {
             let own = leg_folder(&folder, number, legs.len());
             files::make_folder(&own).and_then(|()| leg.write(&own))
         };
-        py.detach(|| (1..).zip(&legs).try_for_each(write)).raise()
+        py.detach(|| (1..).zip(&legs).try_for_each(write)).raise()?;
+        for old in left_over(&folder, legs.len(), legs.len()) {
+            let said = CString::new(format!("{} has the motion of an earlier gait", old.display()))?;
+            PyErr::warn(py, &py.get_type::<PyUserWarning>(), &said, 1)?;
+        }
+        Ok(())
     }
 
     /// Writes a picture of the gait, its forces and its way: .svg or .png.

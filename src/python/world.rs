@@ -346,14 +346,13 @@ impl Task {
     #[staticmethod]
     #[pyo3(signature = (scenario, target = None))]
     fn from_scenario(scenario: PathBuf, target: Option<usize>) -> PyResult<Self> {
-        let way = if scenario.extension().is_none() && scenario.components().count() == 1 && !scenario.exists() {
-            let name = Scenario::named(&scenario.to_string_lossy()).raise()?.name;
-            let file = ScenarioFile { scenario: Some(name.into()), target, ..ScenarioFile::default() };
-            Solve::default().over(file).and_then(|solve| solve.way())
-        } else {
-            let file = ScenarioFile::read(&scenario).raise()?;
-            let file = ScenarioFile { target: target.or(file.target), ..file };
-            Solve::default().over(file).and_then(|solve| solve.way()).map_err(|e| e.in_file(&scenario, None))
+        let way = |file: ScenarioFile| Solve::default().to_target(target).over(file)?.way();
+        let is_file = scenario.extension().is_some() || scenario.components().count() != 1 || scenario.exists();
+        // A built-in name is one, whatever files there are.
+        let way = match Scenario::named(&scenario.to_string_lossy()) {
+            Ok(built_in) => way(ScenarioFile { scenario: Some(built_in.name.into()), ..ScenarioFile::default() }),
+            Err(_) if is_file => ScenarioFile::read(&scenario).and_then(|file| way(file).map_err(|e| e.in_file(&scenario, None))),
+            Err(unknown) => Err(unknown),
         };
         way.map(|way| Task(Arc::new(way))).raise()
     }
@@ -437,7 +436,7 @@ fn from(
             let motion = motion.or_else(|| start.cast::<Trajectory>().map(|motion| motion.get().motion.clone()).ok());
             if let Some(motion) = motion {
                 if let Some(yaw) = start_yaw {
-                    return Err(raised(Error::invalid("start_yaw", yaw, "left out where the start is the end of a motion")));
+                    return Err(raised(Start::turned_after(yaw)));
                 }
                 let task = crate::Task::between(robot, terrain, goal, goal).and_then(|task| task.after(&motion));
                 return Ok(crate::Task { force_limit, ..task.raise()? });
@@ -445,8 +444,7 @@ fn from(
             if start.is_instance_of::<PyDict>() { from_python(start, "start")? } else { Start::at(end(start, "start")?.0) }
         }
     };
-    let start = Start { yaw: start_yaw.unwrap_or(start.yaw), ..start };
-    start.task(robot, terrain, goal, force_limit).raise()
+    start.turned(start_yaw).and_then(|start| start.task(robot, terrain, goal, force_limit)).raise()
 }
 
 /// An end or a place on the way, as a dictionary or two or three numbers say it, and whether it leaves its yaw open.

@@ -135,6 +135,8 @@ impl Workers {
             if skip(index) {
                 continue;
             }
+            // It may have been ended after its last answer.
+            pipes = pipes.filter(|_| locked(desk).child.is_some());
             let (input, output) = match &mut pipes {
                 Some(pipes) => pipes,
                 None => pipes.insert(self.start(desk)?),

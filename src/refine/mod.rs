@@ -92,6 +92,17 @@ impl RefineSettings {
         check_range("refine.shortest_phase", self.shortest_phase, 0., 100.)?;
         self.leg_mass.map_or(Ok(()), |mass| check_range("refine.leg_mass", mass, 0., 1e6))
     }
+
+    /// Checks every field, and that gaits with some rows can be refined.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] names the first field that is out of its limits, or `transcription.rows`.
+    pub fn validate_for(&self, transcription: &TranscriptionSettings) -> Result<()> {
+        if transcription.rows != Transcription::Momentum {
+            return Err(Error::invalid("transcription.rows", transcription.rows.name(), "`momentum` for a gait to be refined"));
+        }
+        self.validate()
+    }
 }
 
 /// How a refinement ended.
@@ -376,10 +387,7 @@ fn check(
     task.validate()?;
     transcription.validate()?;
     weights.validate()?;
-    settings.validate()?;
-    if transcription.rows != Transcription::Momentum {
-        return Err(Error::invalid("transcription.rows", transcription.rows.name(), "`momentum` for a gait to be refined"));
-    }
+    settings.validate_for(transcription)?;
     if schedule.feet() != task.robot.feet() {
         let limit = format!("{} feet, as robot `{}` has", task.robot.feet(), task.robot.name);
         return Err(Error::invalid("durations", format!("{} feet", schedule.feet()), limit));

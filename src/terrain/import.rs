@@ -109,10 +109,15 @@ fn of_csv(bytes: &[u8]) -> Result<Vec<Vec<f64>>> {
     let mut reader =
         csv::ReaderBuilder::new().has_headers(false).flexible(true).delimiter(separator).trim(csv::Trim::All).from_reader(bytes);
     let mut rows: Vec<Vec<f64>> = Vec::new();
-    for (number, record) in reader.byte_records().enumerate() {
-        let record = record.map_err(|e| Error::Format { message: e.to_string() })?;
-        let line = record.position().map_or(0, csv::Position::line);
-        let place = |column: usize| format!("line {line}, column {}", column + 1);
+    let mut record = csv::ByteRecord::new();
+    for number in 0.. {
+        if !reader.read_byte_record(&mut record).map_err(|e| Error::Format { message: e.to_string() })? {
+            break;
+        }
+        // Empty lines are no records, but lines.
+        let read = &bytes[..bytes.len().min(reader.position().byte() as usize)];
+        let line = || 1 + read.strip_suffix(b"\n").unwrap_or(read).iter().filter(|&&b| b == b'\n').count();
+        let place = |column: usize| format!("line {}, column {}", line(), column + 1);
         let field = |(column, field): (usize, &[u8])| {
             let text = std::str::from_utf8(field).unwrap_or("?");
             if text.is_empty() {
@@ -129,7 +134,7 @@ fn of_csv(bytes: &[u8]) -> Result<Vec<Vec<f64>>> {
         if let Some(columns) = rows.first().map(Vec::len)
             && columns != row.len()
         {
-            return Err(Error::invalid(format!("line {line}"), format!("{} columns", row.len()), format!("{columns} as in the first")));
+            return Err(Error::invalid(format!("line {}", line()), format!("{} columns", row.len()), format!("{columns} as in the first")));
         }
         if rows.len() == MOST {
             return Err(Error::invalid("height map", format!("more than {MOST} rows"), format!("at most {MOST}")));
@@ -348,7 +353,7 @@ mod tests {
     fn what_is_no_height_map_is_said_with_its_place() {
         let rgb = png(png::ColorType::Rgb, png::BitDepth::Eight, [2, 2], &[0; 12]);
         let complex = npy("<c16", false, "(2, 2)", &[0; 64]);
-        let cases: [(&str, &[u8], &str); 12] = [
+        let cases: [(&str, &[u8], &str); 13] = [
             ("a.csv", b"0,1\n2\n", "line 2: 1 columns, but it must be 2 as in the first"),
             ("a.csv", b"0,1\n2,x7\n", "line 2, column 2: `x7`"),
             ("a.csv", b"0,1\n\n\n2,x7\n", "line 4, column 2: `x7`"),

@@ -38,6 +38,15 @@ def test_a_copied_task_has_the_same_gaits_under_the_same_name(gait: cregopt.Gait
         task._named("s9", None)
 
 
+def test_a_copied_motion_is_held_to_the_same_force(task: cregopt.Task, gait: cregopt.Gait) -> None:
+    strong = cregopt.Task(task.robot, task.terrain, task.goal, force_limit=1000.0)
+    found = cregopt.evaluate(strong, [gait.schedule], trajectories=True, device="cpu")
+    assert found.trajectories is not None
+    motion = found.trajectories[0]
+    for copied in (pickle.loads(pickle.dumps(motion)), copy.deepcopy(motion)):
+        assert copied == motion and str(cregopt.verify(copied)) == str(cregopt.verify(motion))
+
+
 def test_a_copied_evaluation_is_the_same(task: cregopt.Task, gait: cregopt.Gait) -> None:
     short = [[0.1] for _ in gait.schedule]
     found = cregopt.evaluate(task, [gait.schedule, short], trajectories=True, device="cpu")

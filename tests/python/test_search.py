@@ -203,6 +203,14 @@ def test_a_way_ends_at_the_first_leg_without_a_gait(nowhere: cregopt.Task) -> No
     assert not gait.feasible and len(gait.legs) == 1 and gait.task.goal["xy"] == [1.0, 0.0]
 
 
+def test_a_folder_with_an_earlier_gait_is_told(gait: cregopt.Gait, tmp_path: pathlib.Path) -> None:
+    (tmp_path / "leg-1").mkdir()
+    (tmp_path / "leg-1" / "trajectory.json").write_text("{}")
+    with pytest.warns(UserWarning, match="leg-1 has the motion of an earlier gait"):
+        gait.save(tmp_path)
+    assert (tmp_path / "leg-1" / "trajectory.json").read_text() == "{}"
+
+
 def test_a_built_in_scenario_is_named_in_what_is_found(program: str, tmp_path: pathlib.Path) -> None:
     gait = cregopt.search(cregopt.Task.from_scenario("s1", target=3), first=True, threads=1, device="cpu")
     result = gait.to_dict()

@@ -103,7 +103,7 @@ def test_files_that_cannot_be_read_are_errors_of_the_system(tmp_path: pathlib.Pa
         cregopt.Robot.from_file(wrong)
 
 
-def test_a_task_can_be_read_from_a_scenario(tmp_path: pathlib.Path) -> None:
+def test_a_task_can_be_read_from_a_scenario(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
     built_in = cregopt.Task.from_scenario("s3", target=4)
     assert cregopt.SCENARIOS[:3] == ("s1", "s2", "s3")
     assert (built_in.robot, built_in.terrain) == (ROBOT, cregopt.Terrain("step")) and built_in.goal["yaw"] == np.pi
@@ -124,6 +124,13 @@ def test_a_task_can_be_read_from_a_scenario(tmp_path: pathlib.Path) -> None:
         assert (task.start["xy"], task.start["yaw"], task.start["velocity"]) == ([1.0, 2.0], 0.3, [0.1, 0.0, 0.0])
         assert (task.goal["xy"], task.goal["yaw"], task.goal["z"]) == ([2.0, 2.5], 0.7, 0.5)
         assert [(place["xy"], place["yaw"]) for place in task.via] == [([1.5, 2.2], 0.4)] and "over 1 places" in repr(task)
+    # A target is one without the file's goal and the way to it, and a folder of that name hides no scenario.
+    path.write_text('scenario = "s1"\n[goal]\nxy = [2.0, 2.5]\n[[waypoints]]\nxy = [1.5, 2.2]\n')
+    to_target = cregopt.Task.from_scenario(path, target=4)
+    assert to_target.goal == cregopt.Task.from_scenario("s1", 4).goal and to_target.via == []
+    (tmp_path / "s1").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert cregopt.Task.from_scenario("s1", 4).goal == to_target.goal
     with pytest.raises(cregopt.Error, match="unknown scenario `s9`; did you mean `s1`"):
         cregopt.Task.from_scenario("s9")
     with pytest.raises(cregopt.Error, match="target: 21, but it must be 1 to 20"):

@@ -39,6 +39,10 @@ def of_parts(
     return task if name is None else task._named(name, target)
 
 
+def _motion(description: dict[str, Any], force_limit: Optional[float]) -> Trajectory:
+    return Trajectory.from_dict(description)._limited(force_limit)
+
+
 def _columns(found: Evaluation) -> tuple[Any, ...]:
     arrays = (found.feasible, found.n_violated, found.max_violation, found.cost, found.iterations, found.horizon)
     return (*arrays, found.trajectories)
@@ -48,5 +52,5 @@ def _columns(found: Evaluation) -> tuple[Any, ...]:
 copyreg.pickle(Robot, lambda robot: (Robot.from_dict, (robot.to_dict(),)))
 copyreg.pickle(Terrain, lambda terrain: (Terrain.from_dict, (terrain.to_dict(),)))
 copyreg.pickle(Task, lambda task: (of_parts, tuple(parts(task).values())))
-copyreg.pickle(Trajectory, lambda motion: (Trajectory.from_dict, (motion.to_dict(),)))
+copyreg.pickle(Trajectory, lambda motion: (_motion, (motion.to_dict(), motion._force_limit)))
 copyreg.pickle(Evaluation, lambda found: (Evaluation, _columns(found)))

@@ -243,7 +243,9 @@ def sweep(
     ImportError
         Without Ray or pyarrow.
     Error
-        Without a cluster, for options that no search has, and where workers cannot run at all. A search that fails makes a row with its ``error``.
+        Without a cluster, and where workers cannot run at all. A search that fails makes a row with its ``error``.
+    TypeError
+        For options that no search has.
     """
     _check_options(_search.search, (None,), options, seed="`seeds` is for that")
     cluster = Cluster(cpus, gpus, max_retries)
