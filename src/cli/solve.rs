@@ -128,7 +128,7 @@ impl Solve {
 
     /// To a target of its scenario, if one is given.
     #[cfg(feature = "python")]
-    pub fn to_target(self, target: Option<usize>) -> Solve {
+    pub fn at_target(self, target: Option<usize>) -> Solve {
         Solve { target, ..self }
     }
 
@@ -157,8 +157,11 @@ impl Solve {
         })?;
         let feasible = legs.iter().all(|leg| leg.found.best.feasible());
         if legs.len() < whole {
-            let why =
-                if feasible { "was the last to be looked for before the end" } else { "has no gait: the further ones were not looked for" };
+            let why = if feasible {
+                "has one, but the end was asked for: the further ones were not looked for"
+            } else {
+                "has no gait: the further ones were not looked for"
+            };
             warn!("leg {} of {whole} {why}", legs.len());
         }
         Ok(if feasible && legs.len() == whole { Verdict::Feasible } else { Verdict::Infeasible })

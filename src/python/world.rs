@@ -346,7 +346,7 @@ impl Task {
     #[staticmethod]
     #[pyo3(signature = (scenario, target = None))]
     fn from_scenario(scenario: PathBuf, target: Option<usize>) -> PyResult<Self> {
-        let way = |file: ScenarioFile| Solve::default().to_target(target).over(file)?.way();
+        let way = |file: ScenarioFile| Solve::default().at_target(target).over(file)?.way();
         let is_file = scenario.extension().is_some() || scenario.components().count() != 1 || scenario.exists();
         // A built-in name is one, whatever files there are.
         let way = match Scenario::named(&scenario.to_string_lossy()) {

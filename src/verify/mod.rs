@@ -25,8 +25,7 @@ pub mod report;
 pub mod rollout;
 mod stretch;
 
-pub(crate) use certificate::MOTION_LIMITS;
-pub use certificate::{verify, verify_rows};
+pub use certificate::{MOTION_LIMITS, verify, verify_rows};
 pub use dense::DenseReport;
 pub use report::{Report, RowReport, TOLERANCE};
 pub use rollout::RolloutReport;
