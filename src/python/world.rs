@@ -114,6 +114,14 @@ impl Robot {
         Ok(Robot::of(robot))
     }
 
+    /// A robot that there is already, for copies in other processes: where the reason of a failure is looked for, a built-in robot reaches farther.
+    #[staticmethod]
+    fn _again(description: &Bound<'_, PyDict>) -> PyResult<Self> {
+        let robot: crate::Robot = from_python(description, "robot")?;
+        robot.validate().raise()?;
+        Ok(Robot::of(robot))
+    }
+
     /// The description, with the keys of a robot file.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         to_python(py, &*self.robot)

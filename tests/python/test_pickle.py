@@ -38,6 +38,16 @@ def test_a_copied_task_has_the_same_gaits_under_the_same_name(gait: cregopt.Gait
         task._named("s9", None)
 
 
+def test_a_built_in_robot_that_reaches_farther_can_be_copied(task: cregopt.Task) -> None:
+    # As a search without a gait looks for the reason of it.
+    description = task.robot.to_dict()
+    farther = cregopt.Robot._again({**description, "reach": [1.25 * half for half in description["reach"]]})
+    with pytest.raises(cregopt.Error, match="another reach"):
+        cregopt.Robot.from_dict(farther.to_dict())
+    again(cregopt.Task(farther, task.terrain, task.goal))
+    assert pickle.loads(pickle.dumps(farther)) == farther
+
+
 def test_a_copied_motion_is_held_to_the_same_force(task: cregopt.Task, gait: cregopt.Gait) -> None:
     strong = cregopt.Task(task.robot, task.terrain, task.goal, force_limit=1000.0)
     found = cregopt.evaluate(strong, [gait.schedule], trajectories=True, device="cpu")

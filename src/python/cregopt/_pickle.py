@@ -33,7 +33,7 @@ def of_parts(
     scenario: tuple[Optional[str], Optional[int]],
 ) -> Task:
     """The task with these parts."""
-    world = (Robot.from_dict(robot), Terrain.from_dict(terrain))
+    world = (Robot._again(robot), Terrain.from_dict(terrain))
     task = Task(*world, goal, start=start, via=via, force_limit=force_limit)
     name, target = scenario
     return task if name is None else task._named(name, target)
@@ -49,7 +49,7 @@ def _columns(found: Evaluation) -> tuple[Any, ...]:
 
 
 # What an import from a URDF found besides the robot stays behind, as it does in a task.
-copyreg.pickle(Robot, lambda robot: (Robot.from_dict, (robot.to_dict(),)))
+copyreg.pickle(Robot, lambda robot: (Robot._again, (robot.to_dict(),)))
 copyreg.pickle(Terrain, lambda terrain: (Terrain.from_dict, (terrain.to_dict(),)))
 copyreg.pickle(Task, lambda task: (of_parts, tuple(parts(task).values())))
 copyreg.pickle(Trajectory, lambda motion: (_motion, (motion.to_dict(), motion._force_limit)))
