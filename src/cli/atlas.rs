@@ -31,7 +31,7 @@ pub struct Atlas {
     /// Only these gaits; default all that the robot can have
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     gait: Vec<String>,
-    /// Travel speeds, m/s; from slow to fast; default 0.1 to 1.6 sqrt(g l), with l the height of the base
+    /// Travel speeds, m/s, from slow to fast; default 0.1 to 1.6 sqrt(g l), with l the height of the base
     #[arg(long, value_name = "M/S,...", value_delimiter = ',')]
     speeds: Vec<f64>,
     /// Periods of a stride, s; default 1 to 5 sqrt(l / g)

@@ -100,8 +100,7 @@ impl Solve {
     ///
     /// # Errors
     /// For a device that cannot be, or settings that are no table.
-    pub fn over(self, file: ScenarioFile) -> Result<Solve> {
-        let mut file = file;
+    pub fn over(self, mut file: ScenarioFile) -> Result<Solve> {
         if self.scenario.is_some() && file.scenario.is_some() && self.scenario != file.scenario {
             file = file.without_task();
         }
