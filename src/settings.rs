@@ -153,7 +153,7 @@ pub struct SolverSettings {
     pub max_iterations: usize,
     /// Scaled infeasibility `F` below which the f32 solve ends; the f64 closing steps do the rest.
     pub tolerance: f64,
-    /// Row violation below which an f64 solve ends, in the row's own unit (N, N m, m). What a certificate tolerates: [`crate::verify`].
+    /// Row violation below which an f64 solve ends, in the row's own unit (N, N m, m). What a certificate tolerates: [`verify`](mod@crate::verify).
     pub row_tolerance: f64,
     /// First barrier parameter `mu`; see [`SolverSettings::barrier`] when absent. Smaller: more is solved where
     /// friction is scarce, less where it is not, in more iterations.

@@ -65,7 +65,7 @@ pub struct Evaluated {
     /// Whether it was certified, which is left out where nobody wants to know.
     #[serde(skip)]
     pub certified: bool,
-    /// Rows and bounds of the certificate that are violated beyond their tolerance: see [`crate::verify`].
+    /// Rows and bounds of the certificate that are violated beyond their tolerance: see [`verify`](mod@crate::verify).
     pub n_violated: usize,
     /// Worst violation, in the row's own unit.
     #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
