@@ -71,7 +71,7 @@
 //! On a GPU one workgroup works on one candidate, whose tables and buffers stand in a slot. A round makes and judges a trial point for every running slot in 18 dispatches on flat
 //! ground, eleven stages and a shader for each of seven kinds of rows: row weights, factorisation and predictor, corrector, step, rows and Jacobian there, verdict. Whether a candidate goes
 //! on, closes or ends is decided on the device; the host reads 76 bytes a slot after every few rounds, takes out what has ended and fills the slots
-//! again. The front of a factorisation stays in workgroup memory (16 KiB where that is enough, as much as the adapter has where not, storage
+//! again. The front of a factorisation stays in workgroup memory (16 KiB where that is enough, more where the adapter has as much as it takes, storage
 //! otherwise). At the start a device counts loops (some software adapters leave them after 65,535 iterations, and get the factorisation in parts)
 //! and solves a small problem with a known end; one that computes wrong numbers is refused. Compiled shaders are kept between runs where Vulkan
 //! hands them out, in `cregopt` among the user's caches, or where `CREGOPT_CACHE` says (empty: nowhere).

@@ -157,6 +157,39 @@ fn candidates_are_finished_on_the_cpu_when_the_device_is_lost() {
 }
 
 #[test]
+fn what_is_left_to_the_cpu_is_smoothed_once() {
+    let test = "what_is_left_to_the_cpu_is_smoothed_once";
+    let Some(device) = device(test) else { return };
+    let gpu = Gpu::new(device, 2).unwrap();
+    gpu.open_device().device.destroy();
+    let candidates = mixed(&mut Random::new(3));
+    let problems: Vec<(&Task, &Schedule)> = candidates.iter().take(4).map(|(t, s)| (t, s)).collect();
+    let mut settings = lower(momentum());
+    settings.solver.smooth.iterations = 10;
+    let ours = solve_on(&gpu, &problems, &settings);
+    let theirs = solve_on(&Cpu::new(1).unwrap(), &problems, &settings);
+    assert!(theirs.iter().flatten().any(|e| e.feasible));
+    for (a, b) in ours.iter().flatten().zip(theirs.iter().flatten()) {
+        assert_eq!((a.outcome.iterations, &a.x), (b.outcome.iterations, &b.x));
+    }
+}
+
+#[test]
+fn what_needs_more_workgroup_memory_than_there_is_goes_to_the_cpu() {
+    let test = "what_needs_more_workgroup_memory_than_there_is_goes_to_the_cpu";
+    let Some(mut device) = device(test) else { return };
+    // Without the front itself it takes a small one's panel, but no large one's.
+    device.limits.max_compute_workgroup_storage_size = 4 << 10;
+    let gpu = Gpu::new(device, 1).unwrap();
+    let (far, long) = (task("pexod", "flat", [2., 0.], 0.), gait(&mut Random::new(1), 6, 9..=11));
+    let settings = lower(momentum());
+    let theirs = solve_on(&Cpu::new(1).unwrap(), &[(&far, &long)], &settings);
+    let ours = solve_on(&gpu, &[(&far, &long)], &settings);
+    assert_eq!(ours[0].as_ref().unwrap().x, theirs[0].as_ref().unwrap().x);
+    left_to_the_cpu(&gpu, 1, "the device is out of memory");
+}
+
+#[test]
 fn a_batch_that_does_not_fit_is_retried_smaller_and_without_any_memory_goes_to_the_cpu() {
     let test = "a_batch_that_does_not_fit_is_retried_smaller_and_without_any_memory_goes_to_the_cpu";
     let Some(mut device) = device(test) else { return };

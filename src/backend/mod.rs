@@ -76,6 +76,21 @@ pub struct Fallback {
     pub reason: String,
 }
 
+impl Fallback {
+    /// Adds candidates to those that were left before.
+    pub fn add(to: &Mutex<Option<Fallback>>, candidates: usize, reason: String) {
+        let mut known = locked(to);
+        let before = known.as_ref().map_or(0, |f| f.candidates);
+        *known = Some(Fallback { candidates: before + candidates, reason });
+    }
+}
+
+impl std::fmt::Display for Fallback {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} candidates on the cpu, for {}", self.candidates, self.reason)
+    }
+}
+
 /// Solves batches of candidates.
 pub trait Backend: Send + Sync {
     /// Name of the device, for results.

@@ -3,7 +3,7 @@
 use super::args::{AUTO_BATCH, check_threads};
 use super::{Failure, Verdict, print, to_json};
 use crate::backend::gpu::crossover::Crossover;
-use crate::backend::gpu::{AdapterReport, Folder, Gpu, adapters};
+use crate::backend::gpu::{AdapterReport, Device, Folder, Found, Gpu};
 use crate::backend::{Backend, Cpu};
 use clap::Args;
 use serde::Serialize;
@@ -55,14 +55,16 @@ impl Devices {
         if let Some(measured) = &measured {
             measured.keep(&folder);
         }
-        let tested = |adapter: AdapterReport| {
-            let test = || Gpu::open(Some(&adapter.name), 1).map_or_else(|e| e.to_string(), |_| "passed".into());
-            let self_test = self.test.then(test);
+        let tested = |found: Found| {
+            let adapter = found.report.clone();
+            // Itself: two may have one name.
+            let test = || found.fit().and_then(|fit| Gpu::new(Device::of(fit, folder.clone())?, 1));
+            let self_test = self.test.then(|| test().map_or_else(|e| e.to_string(), |_| "passed".into()));
             let own = measured.clone().filter(|m| m.is_of(&adapter, threads));
             let crossover = own.or_else(|| Crossover::known(&folder, &adapter, threads));
             Tested { adapter, self_test, crossover }
         };
-        let adapters: Vec<Tested> = adapters().into_iter().map(tested).collect();
+        let adapters: Vec<Tested> = Found::all().into_iter().map(tested).collect();
         let taken = adapters.iter().find(|a| !a.adapter.software && a.adapter.unusable.is_none());
         let auto = taken.map_or("cpu".into(), |a| format!("gpu:{}", a.adapter.name));
         let report = Report { adapters, auto, auto_batch: AUTO_BATCH };

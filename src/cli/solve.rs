@@ -262,7 +262,7 @@ pub fn text(result: &SolveResult, folder: Option<&Path>) -> Result<String> {
         result.transcription.name()
     );
     if let Some(fallback) = &result.solved_on.fallback {
-        text += &format!("{} candidates on the cpu, for {}\n", fallback.candidates, fallback.reason);
+        text += &format!("{fallback}\n");
     }
     let generations = result.generations.len();
     let evaluated: usize = result.generations.iter().map(|g| g.evaluated).sum();

@@ -272,7 +272,10 @@ pub fn search(
     let legs = working(py, progress.as_ref(), |cancelled, hear| {
         let asking = solve.asking()?;
         let backend = match workers {
-            Some((device, solve)) => Box::new(Workers { device, solve, cpu: Cpu::new(0)?, cancelled, exception: &exception }),
+            Some((device, solve)) => {
+                let (cpu, fallback) = (Cpu::new(0)?, Mutex::default());
+                Box::new(Workers { device, solve, cpu, fallback, cancelled, exception: &exception })
+            }
             None => solve.lower.place.backend(asking.search.population, asking.lower.precision).map_err(Error::from)?,
         };
         task.0.search(&asking, None, &*backend, cancelled, hear, &mut |_, _| Ok(()))

@@ -3,7 +3,7 @@
 use super::call::working;
 use super::convert::{from_python, raised, to_python};
 use super::world::Task;
-use crate::backend::{Backend, Cpu, Job, Precision, Problem, Solution, locked};
+use crate::backend::{Backend, Cpu, Fallback, Job, Precision, Problem, Solution, locked};
 use crate::cli::args::{DeviceArg, DeviceArgs};
 use crate::cli::leg::Way;
 use crate::error::{Error, from_json};
@@ -23,7 +23,10 @@ use std::sync::{Arc, Mutex};
 #[derive(FromPyObject, IntoPyObject)]
 pub struct Answer(String, usize, usize, f64, bool, Py<PyArray1<f64>>);
 
-/// The same, away from Python.
+/// What a worker's device left to the CPU: how many candidates, and why.
+type Left = Option<(usize, String)>;
+
+/// An answer, away from Python.
 struct Solved {
     outcome: Outcome,
     closed: bool,
@@ -55,11 +58,13 @@ struct Told {
 pub struct Workers<'a> {
     /// What results call them.
     pub device: String,
-    /// ``solve(task, told, schedules)``, `told` being JSON, is an iterator over pairs of an index and the [`Answer`]s from there on, in any order,
-    /// and over None now and then, that it may be asked whether to go on.
+    /// ``solve(task, told, schedules)``, `told` being JSON, is an iterator over pairs of an index and what [`solve_chunk`] returns for the schedules
+    /// from there on, in any order, and over None now and then, that it may be asked whether to go on.
     pub solve: Py<PyAny>,
     /// Threads of this process, for what is done with their answers.
     pub cpu: Cpu,
+    /// What they left to their CPUs.
+    pub fallback: Mutex<Option<Fallback>>,
     /// Is set when they cannot: nobody else would end the search.
     pub cancelled: &'a AtomicBool,
     /// The exception of why.
@@ -90,7 +95,10 @@ impl Workers<'_> {
                     let Some(next) = answers.bind(py).try_iter()?.next() else {
                         return Err(raised(Error::Ended { message: "workers ended before every candidate was solved".into() }));
                     };
-                    let Some((at, answers)) = next?.extract::<Option<(usize, Vec<Answer>)>>()? else { return Ok(None) };
+                    let Some((at, (answers, left))) = next?.extract::<Option<(usize, (Vec<Answer>, Left))>>()? else { return Ok(None) };
+                    if let Some((candidates, reason)) = left {
+                        Fallback::add(&self.fallback, candidates, reason);
+                    }
                     let solved = answers.into_iter().map(|answer| answer.solved(py)).collect::<PyResult<Vec<Solved>>>()?;
                     Ok(Some((at, solved)))
                 })?;
@@ -112,6 +120,10 @@ impl Workers<'_> {
 impl Backend for Workers<'_> {
     fn device(&self) -> String {
         self.device.clone()
+    }
+
+    fn fallback(&self) -> Option<Fallback> {
+        locked(&self.fallback).clone()
     }
 
     fn pool(&self) -> &rayon::ThreadPool {
@@ -156,7 +168,7 @@ fn device(name: &str, threads: usize, lower: &LowerSettings) -> crate::Result<Ar
 ///
 /// * `told` - what they were told besides
 ///
-/// Returns an [`Answer`] for each, in their order.
+/// Returns an [`Answer`] for each, in their order, and what the device [`Left`] to the CPU.
 #[pyfunction]
 pub fn solve_chunk(
     py: Python<'_>,
@@ -165,9 +177,9 @@ pub fn solve_chunk(
     schedules: Vec<Vec<Vec<f64>>>,
     on: &str,
     threads: usize,
-) -> PyResult<Vec<Answer>> {
+) -> PyResult<(Vec<Answer>, Left)> {
     let task = &task.0.task;
-    let solved = working(py, None, |cancelled, _| {
+    let (solved, left) = working(py, None, |cancelled, _| {
         let Told { lower, certified } = from_json(told)?;
         lower.validate()?;
         let interval = interval(&lower.transcription, &task.robot);
@@ -193,9 +205,12 @@ pub fn solve_chunk(
         };
         let LowerSettings { transcription, solver, precision } = &lower;
         let job = Job { problems: &problems, transcription, settings: solver, precision: *precision, certified };
-        device(on, threads, &lower)?.solve(&job, &|_| called_off(), &finish);
+        let device = device(on, threads, &lower)?;
+        let left_before = device.fallback().map_or(0, |f| f.candidates);
+        device.solve(&job, &|_| called_off(), &finish);
+        let left = device.fallback().filter(|f| f.candidates > left_before).map(|f| (f.candidates - left_before, f.reason));
         let all: Option<Vec<Solved>> = results.iter().map(|slot| locked(slot).take()).collect();
-        all.ok_or_else(|| Error::Ended { message: "stopped before every schedule was solved".into() })
+        all.map(|all| (all, left)).ok_or_else(|| Error::Ended { message: "stopped before every schedule was solved".into() })
     })?;
-    solved.into_iter().map(|solved| Answer::of(py, solved)).collect()
+    Ok((solved.into_iter().map(|solved| Answer::of(py, solved)).collect::<PyResult<_>>()?, left))
 }

@@ -280,11 +280,22 @@ def test_what_workers_solve_is_what_one_process_solves(task: cregopt.Task, searc
     """Without a cluster: their work, done here."""
     from cregopt import _cregopt, _search
 
-    def solve(task: cregopt.Task, told: str, schedules: Any) -> Iterator[tuple[int, list[Any]]]:
+    def solve(task: cregopt.Task, told: str, schedules: Any) -> Iterator[tuple[int, Any]]:
         for first in range(0, len(schedules), 5):
             yield first, _cregopt.solve_chunk(task, told, schedules[first : first + 5], "cpu", 1)
 
-    assert_same_search(_cregopt.search(task, _search.asked(**BROAD), None, ("workers", solve)), searched)
+    found = _cregopt.search(task, _search.asked(**BROAD), None, ("workers", solve))
+    assert_same_search(found, searched)
+    assert found.to_dict().get("fallback") is None
+
+    def without_gpu(task: cregopt.Task, told: str, schedules: Any) -> Iterator[tuple[int, Any]]:
+        for first, (answers, _) in solve(task, told, schedules):
+            yield first, (answers, (len(answers), "the device was lost"))
+
+    found = _cregopt.search(task, _search.asked(**BROAD), None, ("workers", without_gpu))
+    assert found.trajectory.to_json() == searched.trajectory.to_json()
+    fallback = found.to_dict()["fallback"]
+    assert fallback["candidates"] >= 24 and fallback["reason"] == "the device was lost"
 
 
 @pytest.mark.parametrize("chunk", [None, 1, 3])
@@ -320,8 +331,8 @@ def test_what_a_search_never_sends_is_refused(task: cregopt.Task, gait: cregopt.
     from cregopt import _cregopt
 
     told = json.dumps({"lower": gait.to_dict()["lower"], "certified": False})
-    (answer,) = _cregopt.solve_chunk(task, told, [gait.schedule], "cpu", 1)
-    assert answer[0] == "solved" and len(answer[5]) > 500
+    (answer,), left = _cregopt.solve_chunk(task, told, [gait.schedule], "cpu", 1)
+    assert answer[0] == "solved" and len(answer[5]) > 500 and left is None
     uneven = [[*gait.schedule[0][:-1], gait.schedule[0][-1] - 0.01], *gait.schedule[1:]]
     with pytest.raises(cregopt.Error, match="durations, foot 0: .* s in all, but it must be"):
         _cregopt.solve_chunk(task, told, [uneven], "cpu", 1)

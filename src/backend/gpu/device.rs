@@ -80,22 +80,7 @@ fn report(adapter: &wgpu::Adapter) -> AdapterReport {
     }
 }
 
-/// Adapters of this machine, in the order in which they are tried.
-fn ranked() -> Vec<(AdapterReport, wgpu::Adapter)> {
-    let instance = instance();
-    let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
-    let mut ranked: Vec<_> = adapters.into_iter().map(|a| (report(&a), a)).collect();
-    let rank = |kind: &str| ["discrete", "integrated", "virtual", "other", "software"].iter().position(|k| *k == kind);
-    ranked.sort_by_key(|(r, _)| (r.unusable.is_some(), rank(&r.kind)));
-    ranked
-}
-
-/// Adapters of this machine, in the order in which they are tried.
-pub fn adapters() -> Vec<AdapterReport> {
-    ranked().into_iter().map(|(report, _)| report).collect()
-}
-
-/// An adapter that is fit, not yet open.
+/// An adapter, not yet open.
 pub struct Found {
     /// What it is.
     pub report: AdapterReport,
@@ -103,21 +88,31 @@ pub struct Found {
 }
 
 impl Found {
+    /// Adapters of this machine, in the order in which they are tried.
+    pub fn all() -> Vec<Found> {
+        let instance = instance();
+        let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+        let mut all: Vec<_> = adapters.into_iter().map(|adapter| Found { report: report(&adapter), adapter }).collect();
+        let rank = |kind: &str| ["discrete", "integrated", "virtual", "other", "software"].iter().position(|k| *k == kind);
+        all.sort_by_key(|Found { report, .. }| (report.unusable.is_some(), rank(&report.kind)));
+        all
+    }
+
     /// The adapter that [`Device::open`] takes.
     ///
     /// # Errors
     /// [`Error::Device`] says what was found instead, or why it cannot be used.
     pub fn find(name: Option<&str>) -> Result<Found> {
         let wanted = name.map(str::to_lowercase);
-        let found = ranked();
+        let all = Found::all();
         let fits = |r: &AdapterReport| wanted.as_ref().is_none_or(|name| r.name.to_lowercase().contains(name));
-        let names: Vec<String> = found.iter().map(|(r, _)| format!("{} ({}, {})", r.name, r.kind, r.interface)).collect();
+        let names: Vec<String> = all.iter().map(|Found { report: r, .. }| format!("{} ({}, {})", r.name, r.kind, r.interface)).collect();
         let list = if names.is_empty() { "no adapter".into() } else { names.join("; ") };
-        let Some((report, adapter)) = found.into_iter().find(|(r, _)| fits(r)) else {
+        let Some(found) = all.into_iter().find(|found| fits(&found.report)) else {
             let wanted = name.map_or("a GPU".into(), |n| format!("an adapter named `{n}`"));
             return Err(Error::Device { message: format!("{wanted} was asked for; this machine has {list}") });
         };
-        Found { report, adapter }.fit()
+        found.fit()
     }
 
     /// The first GPU that is none in software; none where there is none.
@@ -125,12 +120,14 @@ impl Found {
     /// # Errors
     /// [`Error::Device`] says why it cannot be used.
     pub fn gpu() -> Result<Option<Found>> {
-        let found = ranked().into_iter().find(|(report, _)| !report.software);
-        found.map(|(report, adapter)| Found { report, adapter }.fit()).transpose()
+        Found::all().into_iter().find(|found| !found.report.software).map(Found::fit).transpose()
     }
 
-    /// Itself, or why it cannot be used.
-    fn fit(self) -> Result<Found> {
+    /// Itself.
+    ///
+    /// # Errors
+    /// [`Error::Device`] says why it cannot be used.
+    pub fn fit(self) -> Result<Found> {
         match &self.report.unusable {
             Some(why) => Err(Error::Device { message: format!("{} cannot be used: {why}", self.report.name) }),
             None => Ok(self),
@@ -204,6 +201,14 @@ impl std::fmt::Debug for Device {
 
 fn keep(fault: &Mutex<Option<Fault>>, new: Fault) {
     locked(fault).get_or_insert(new);
+}
+
+/// What a call of wgpu returns, which panics where the driver loses its device meanwhile.
+fn outlived<T>(call: impl FnOnce() -> T) -> std::result::Result<T, Fault> {
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(call)).map_err(|panic| {
+        let why = panic.downcast_ref::<String>().map(String::as_str).or_else(|| panic.downcast_ref::<&str>().copied());
+        Fault::Lost(why.unwrap_or("a wait ended in a panic").into())
+    })
 }
 
 impl Device {
@@ -291,7 +296,10 @@ impl Device {
 
     /// Waits until everything submitted is done.
     pub fn wait(&self) -> std::result::Result<(), Fault> {
-        self.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|e| Fault::Lost(e.to_string()))?;
+        let polled = outlived(|| self.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|e| Fault::Lost(e.to_string())));
+        if let Err(fault) = polled.and_then(|polled| polled) {
+            keep(&self.fault, fault);
+        }
         self.check()
     }
 
@@ -419,5 +427,17 @@ impl Device {
         self.queue.submit([encoder.finish()]);
         let answer = self.read(&answer, bytes)?;
         Ok(answer.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).min().unwrap_or(0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_in_a_wait_is_a_lost_device() {
+        assert_eq!(outlived(|| 3), Ok(3));
+        let lost = |message: &'static str| outlived(|| std::panic::resume_unwind(Box::new(message.to_string())));
+        assert_eq!(lost("no queue"), Err::<(), _>(Fault::Lost("no queue".into())));
     }
 }

@@ -12,7 +12,7 @@ mod slots;
 pub mod tables;
 mod timer;
 
-pub use device::{AdapterReport, Device, Fault, Found, adapters};
+pub use device::{AdapterReport, Device, Fault, Found};
 pub use kept::Folder;
 pub use slots::{List, Prepared, Slots, most_slots};
 pub use timer::Timing;
@@ -35,6 +35,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use tables::{Buffer, Sizes};
 use timer::Timer;
+use tracing::warn;
 
 /// Slots of a device with memory of its own.
 const SLOTS: usize = 2048;
@@ -274,11 +275,13 @@ impl<'a> Work<'a> {
 
     /// Solves all candidates.
     fn all(&mut self, slots: &mut Option<Slots>, finish: &mut dyn FnMut(usize, Solution)) -> std::result::Result<(), Fault> {
-        // A slots of an earlier call has other heights, maybe other settings.
+        // What was lost in an earlier call needs no tables.
+        self.gpu.device.check()?;
+        // Slots of an earlier call have other heights, maybe other settings.
         loop {
             self.prepare(SAMPLE);
             let Some(sizes) = self.prepared.iter().map(|p| p.sizes).reduce(|a, b| a.max(b)) else { return Ok(()) };
-            self.make_bank(slots, sizes)?;
+            self.make_slots(slots, sizes)?;
             let Some(slots) = slots.as_mut() else { return Ok(()) };
             self.free = (0..slots.capacity as u32).rev().collect();
             while self.step(slots, finish)? {}
@@ -298,8 +301,9 @@ impl<'a> Work<'a> {
             for (index, prepared) in (self.next - wanted..).zip(made) {
                 match prepared {
                     None => self.done[index] = true,
-                    // Left for the CPU. Loops are counted from the texts; a twentieth more of them was seen.
-                    Some(prepared) if self.gpu.device.loop_limit.is_some_and(|limit| prepared.walk > limit - limit / 8) => {}
+                    // Left for the CPU. Loops are counted from the texts; a twentieth more of them was seen. Those of a factorisation are a bound.
+                    Some(Prepared { walk, loops, .. })
+                        if self.gpu.device.loop_limit.is_some_and(|limit| walk > limit - limit / 8 || loops > limit) => {}
                     Some(prepared) => self.prepared.push_back(prepared),
                 }
             }
@@ -317,8 +321,8 @@ impl<'a> Work<'a> {
         Some(Prepared::new(index, layout, first, self.gpu.device.workgroup))
     }
 
-    /// A slots that holds candidates of these sizes: as many as are left, as the device allows, and as it has memory for.
-    fn make_bank(&mut self, slots: &mut Option<Slots>, sizes: Sizes) -> std::result::Result<(), Fault> {
+    /// Makes slots for candidates of these sizes: as many as are left, as the device allows, and as it has memory for.
+    fn make_slots(&mut self, slots: &mut Option<Slots>, sizes: Sizes) -> std::result::Result<(), Fault> {
         let (device, settings) = (&self.gpu.device, self.job.settings);
         let left = self.prepared.len() + self.job.problems.len() - self.next;
         let loops = self.prepared.iter().map(|p| p.loops).max().unwrap_or(0);
@@ -516,29 +520,26 @@ impl Backend for Gpu {
             return self.cpu.solve(job, skip, finish);
         }
         let mut done = vec![false; job.problems.len()];
-        let smoothed;
-        let finish: &(dyn Fn(usize, Solution) + Sync) = if job.settings.smooth.iterations == 0 {
-            finish
-        } else {
-            smoothed = |index: usize, solution: Solution| finish(index, smooth(job, index, solution));
-            &smoothed
-        };
-        let result = self.work(job, skip, finish, &mut done);
+        let smoothed = |index: usize, solution: Solution| finish(index, smooth(job, index, solution, &|| skip(index)));
+        let result = self.work(job, skip, if job.settings.smooth.iterations == 0 { finish } else { &smoothed }, &mut done);
         let left: Vec<usize> = (0..done.len()).filter(|i| !done[*i]).collect();
         if !left.is_empty() {
             let fault = result.err().unwrap_or(Fault::LoopLimit);
             let problems: Vec<Problem> = left.iter().map(|i| job.problems[*i].clone()).collect();
-            let mut fallback = locked(&self.fallback);
-            let before = fallback.take().map_or(0, |f| f.candidates);
-            *fallback = Some(Fallback { candidates: before + left.len(), reason: fault.to_string() });
-            drop(fallback);
+            let wanted = left.iter().filter(|i| !skip(**i)).count();
+            if wanted > 0 {
+                if self.fallback().is_none() {
+                    warn!("warning: {fault}; the CPU goes on");
+                }
+                Fallback::add(&self.fallback, wanted, fault.to_string());
+            }
             self.cpu.solve(&Job { problems: &problems, ..*job }, &|i| skip(left[i]), &|i, solution| finish(left[i], solution));
         }
     }
 }
 
 /// Lowers the cost of a solved motion, on the CPU: few are solved, and only those that are wanted.
-fn smooth(job: &Job, index: usize, solution: Solution) -> Solution {
+fn smooth(job: &Job, index: usize, solution: Solution, cancel: &dyn Fn() -> bool) -> Solution {
     if solution.outcome.status != Status::Solved {
         return solution;
     }
@@ -546,7 +547,7 @@ fn smooth(job: &Job, index: usize, solution: Solution) -> Solution {
     let layout = Layout::<f32>::new(problem.task, &problem.schedule, job.transcription);
     let mut solver = Solver::<f32>::default();
     let finish = Finish::Infeasibility(job.settings.tolerance);
-    let outcome = solver.solve(&layout, job.settings, finish, Some(&solution.x), &|| false);
+    let outcome = solver.solve(&layout, job.settings, finish, Some(&solution.x), cancel);
     if outcome.status != Status::Solved {
         return solution;
     }
@@ -558,7 +559,7 @@ fn smooth(job: &Job, index: usize, solution: Solution) -> Solution {
     Solution { outcome, x: solver.solution(), ..solution }
 }
 
-/// The slots and its device, for tests of single shaders.
+/// Slots and their device, for tests of single shaders.
 impl Slots {
     /// Dispatches shaders over a list of slots and waits.
     ///

@@ -395,11 +395,16 @@ impl Variant {
     pub fn new(front: usize, columns: usize, workgroup: u32, limit: u32) -> Variant {
         let side = (front as u32 + 1).next_multiple_of(16);
         let columns = (columns as u32).max(1).next_multiple_of(16);
-        // `panel`, `columns` and `by_pose` of front.wgsl, in the multiples of 16 bytes that adapters count.
-        let others = 4 * (4 * side + 2 * columns + 44);
+        let without = Variant { workgroup, front: 0, side, columns };
+        let others = without.workgroup_memory();
         let needed = 4 * (front * (front + 3) / 2) as u32 + others;
         let memory = needed.next_multiple_of(8 << 10).max(16 << 10).min(limit);
-        let front = if needed <= memory { (memory - others) / 4 } else { 0 };
-        Variant { workgroup, front, side, columns }
+        Variant { front: if needed <= memory { (memory - others) / 4 } else { 0 }, ..without }
+    }
+
+    /// Workgroup memory that a factorisation takes, bytes: the front, and `panel`, `columns` and `by_pose` of front.wgsl, in the multiples of 16
+    /// that adapters count.
+    pub fn workgroup_memory(&self) -> u32 {
+        4 * (self.front + 4 * self.side + 2 * self.columns + 44)
     }
 }

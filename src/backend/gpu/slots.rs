@@ -161,7 +161,14 @@ fn bytes_of(buffer: Buffer, sizes: &Sizes, batch: &Batch, heights: usize) -> u64
 pub fn most_slots(device: &Device, sizes: &Sizes, settings: &SolverSettings, heights: usize) -> usize {
     let variant = device.variant(sizes.front, sizes.columns);
     let batch = Batch::new(sizes, settings, variant.front == 0, 1);
-    let limit = device.limits.max_storage_buffer_binding_size.min(device.limits.max_buffer_size);
+    // Shaders count words in 32 bits.
+    let limit = device.limits.max_storage_buffer_binding_size.min(device.limits.max_buffer_size).min(4 * u64::from(u32::MAX));
+    // Neither of these depends on their number.
+    if variant.workgroup_memory() > device.limits.max_compute_workgroup_storage_size
+        || bytes_of(Buffer::Heights, sizes, &batch, heights) > limit
+    {
+        return 0;
+    }
     // Tables that are joined begin at multiples.
     let limit = limit - ALIGNMENT * Buffer::JOINED.len() as u64;
     let slots = |buffer: Buffer| if buffer == Buffer::Heights { u64::MAX } else { limit / bytes_of(buffer, sizes, &batch, heights) };

@@ -165,7 +165,7 @@ def search(
     if chunk is not None:
         at_least("chunk", chunk, 1)
 
-    def solve(task: Task, told: str, schedules: Sequence[Schedule]) -> Iterator[Optional[tuple[int, list[Any]]]]:
+    def solve(task: Task, told: str, schedules: Sequence[Schedule]) -> Iterator[Optional[tuple[int, Any]]]:
         shared = (task, told, cluster.device, cpus)
         for first, outcome in cluster.chunks(_solve_chunk, shared, schedules, cluster.chunk(chunk, len(schedules)), patience=_PATIENCE):
             if isinstance(outcome, str):
@@ -309,7 +309,7 @@ def _evaluate_chunk(shared: tuple[str, Task, dict[str, Any]], first: int, schedu
         return re.sub(r"^schedules\[(\d+)\]", lambda found: f"schedules[{first + int(found[1])}]", str(error))
 
 
-def _solve_chunk(shared: tuple[str, Task, str, str, int], first: int, schedules: Sequence[Schedule]) -> Union[list[Any], str]:
+def _solve_chunk(shared: tuple[str, Task, str, str, int], first: int, schedules: Sequence[Schedule]) -> Union[tuple[list[Any], Any], str]:
     """A chunk of a search's schedules, of which the first has this index: solved, and not yet certified."""
     version, task, told, device, threads = shared
     _same_version(version)
