@@ -94,7 +94,7 @@ impl Robot {
         if files::is_toml(path) { crate::error::to_toml(self) } else { Ok(serde_json::to_string_pretty(self)? + "\n") }
     }
 
-    /// Checks that this is a possible body with feet below it.
+    /// Checks that this is a possible body.
     ///
     /// # Errors
     /// [`Error::Invalid`] names the first field that is out of its limits.

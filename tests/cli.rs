@@ -150,7 +150,7 @@ fn a_goal_out_of_reach_of_the_ground_is_refused_at_once_with_the_height_that_wou
 #[test]
 fn usage_errors_exit_2_and_name_flag_value_and_limit() {
     let dir = folder();
-    let cases: [(&str, &[&str]); 41] = [
+    let cases: [(&str, &[&str]); 42] = [
         ("", &["Usage"]),
         ("swim", &["swim"]),
         ("solve", &["robot"]),
@@ -182,6 +182,7 @@ fn usage_errors_exit_2_and_name_flag_value_and_limit() {
         ("solve --scenario s1 --transcription spline", &["--transcription", "spline", "momentum", "towr"]),
         ("solve --scenario s1 --set transcription.goal_velocity=fast", &["transcription.goal_velocity", "fast", "zero", "free"]),
         ("solve --scenario s1 --set transcription.clearance=-1", &["transcription.clearance", "-1", "0 to 10"]),
+        ("solve --scenario s1 --set transcription.swing_height=0.032", &["transcription.swing_height", "0.032", "0.033 to 100"]),
         ("solve --scenario s1 --set transcription.foot_speed=0", &["transcription.foot_speed", "0.1 to 1000"]),
         ("solve --scenario s1 --set search.elites=17", &["elites", "17", "1 to 16"]),
         ("solve --scenario s1 --set transcription.foot_acceleration=0", &["transcription.foot_acceleration", "1 to 1000000"]),
@@ -817,7 +818,7 @@ fn bad_schedules_exit_4_and_name_file_line_field_value_and_limit() {
         line[key] = value;
         line.to_string()
     };
-    let cases: [(String, &[&str]); 24] = [
+    let cases: [(String, &[&str]); 25] = [
         ("nonsense".into(), &["column"]),
         ("[1, 2]".into(), &["map"]),
         ("{}".into(), &["durations"]),
@@ -831,6 +832,8 @@ fn bad_schedules_exit_4_and_name_file_line_field_value_and_limit() {
         (text("[[0.5], [1e999], [0.5], [0.5]]"), &["number out of range", "column"]),
         (feet(&[0.01; 1003]), &["durations, foot 0", "1003 phases", "1 to 1001"]),
         (feet(&[0.1; 999]), &["durations", "3996 phases", "MiB"]),
+        // Short, but all at once.
+        (feet(&[0.0011; 901]), &["durations", "3604 phases", "MiB"]),
         (feet(&[0.5, 0.5]), &["durations, foot 0", "2 phases", "odd number"]),
         (feet(&[1e300]), &["durations, foot 0", "at most 120 s"]),
         (feet(&[100.0, 10.0, 100.0]), &["durations, foot 0", "210 s", "at most 120 s"]),

@@ -74,7 +74,8 @@ impl Schedule {
                 ));
             }
             for (phase, &d) in phases.iter().enumerate() {
-                if !(d.is_finite() && d >= MIN_PHASE) {
+                // Differences of times are rounded.
+                if !(d.is_finite() && d >= MIN_PHASE * (1. - 1e-9)) {
                     return Err(Error::invalid(format!("{place}, phase {phase}"), format!("{d} s"), format!("at least {MIN_PHASE} s")));
                 }
             }
@@ -217,6 +218,13 @@ mod tests {
         }
         assert_eq!((a.stances(0), a.stances(1)), (2, 1));
         assert!(a.phases(0)[0].stance && !a.phases(0)[1].stance);
+    }
+
+    #[test]
+    fn shortest_phases_between_rounded_times_are_no_shorter() {
+        const { assert!(1.001 - 1. < MIN_PHASE) };
+        Schedule::new(vec![vec![1., 1.001 - 1., 1.]]).unwrap();
+        assert!(Schedule::new(vec![vec![1., 0.999_99 * MIN_PHASE, 1.]]).is_err());
     }
 
     #[test]

@@ -151,13 +151,11 @@ fn footing_elements<T: Real>(b: &mut Builder<T>) {
         for stance in 1..=b.feet[foot].footings.len() {
             let (room, foothold) = (b.feet[foot].footings[stance - 1], b.feet[foot].footholds[stance]);
             let step = b.step_within(b.feet[foot].phases[2 * stance].start, foothold.block);
-            b.tables.footings.push(Footing {
-                low: room.low.map(T::of),
-                high: room.high.map(T::of),
-                foothold: foothold.index,
-                foothold_column: NONE,
-                place: Place::default(),
-            });
+            // A box leaves a place between its margins.
+            let least = |i: usize| ((room.high[i] - room.low[i]) / 2.).max(b.settings.length_margin);
+            let side = |sign: f64| std::array::from_fn(|i| T::of((room.low[i] + room.high[i]) / 2. + sign * least(i)));
+            let (low, high) = (side(-1.), side(1.));
+            b.tables.footings.push(Footing { low, high, foothold: foothold.index, foothold_column: NONE, place: Place::default() });
             b.element(Family::Footing, b.tables.footings.len() - 1, step, &[Use::Touches(foothold.block)]);
         }
     }

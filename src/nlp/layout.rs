@@ -121,15 +121,6 @@ impl<T: Real> Layout<T> {
         let own = |element: &Element| self.runs[element.runs.range()].iter().map(|run| (*run, T::one())).collect();
         self.elements.iter().map(own).chain(self.reach_instants.iter().flat_map(of_instant)).collect()
     }
-
-    /// Bytes of the tables and of the buffers of one solve.
-    pub fn memory(&self) -> usize {
-        let elements = size_of_val(&self.elements[..]) + size_of_val(&self.runs[..]);
-        let sweep = size_of_val(&self.steps[..]) + size_of_val(&self.front_runs[..]);
-        let buffers = self.jacobian_len + self.factor_len + 2 * self.front_stride * self.front_stride;
-        let vectors = 6 * self.initial.len() + 6 * self.rows + 8 * self.inequalities;
-        self.tables.bytes() + elements + sweep + size_of::<T>() * (buffers + vectors)
-    }
 }
 
 /// What turns `x` back into a motion: positions of the blocks of each curve, and units. It outlives the tables, which are much larger.

@@ -81,7 +81,7 @@ impl Variables {
 }
 
 impl BaseCurves {
-    /// Nodes every 0.1 s on a line from start to goal; start pose at rest and goal pose are fixed.
+    /// Nodes every 0.1 s on a line from start to goal; start pose and velocity and goal pose are fixed.
     pub fn new(task: &Task, horizon: f64, variables: &mut Variables) -> BaseCurves {
         let full = ((horizon + 1e-10) / DYNAMICS_STEP) as usize;
         let mut durations = vec![DYNAMICS_STEP; full];

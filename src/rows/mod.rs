@@ -183,11 +183,6 @@ macro_rules! tables {
             pub fn new(constants: Constants<T>, terrain: Arc<Terrain>, interval: f64) -> Self {
                 Tables { constants, terrain, momentum_points: momentum::points(interval), reach_rows: ReachRows::default(), $($table: Vec::new()),* }
             }
-
-            /// Bytes of their entries.
-            pub fn bytes(&self) -> usize {
-                0 $(+ size_of_val(&self.$table[..]))*
-            }
         }
     };
 }

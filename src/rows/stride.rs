@@ -5,14 +5,16 @@
 use super::blocks::Placed;
 use super::table::{NONE, Place};
 use super::write::Rows;
-use super::{Spec, Tables};
+use super::{Constants, Spec, Tables};
 use crate::real::Real;
 
 /// One row.
 pub const SPEC: Spec = Spec { rows: 1, pairs: 0, equality: false, unit: "m" };
 
-/// See [`super::Family::allowed`].
-pub(super) use super::length_allowed as allowed;
+/// See [`super::Family::allowed`]. They have no margin.
+pub(super) fn allowed<T: Real>(constants: &Constants<T>, _: usize, tolerance: T) -> T {
+    tolerance * constants.length_scale
+}
 
 crate::table! {
     /// Length of the step of one swing.

@@ -143,10 +143,12 @@ pub fn check_candidate(task: &Task, schedule: &Schedule, settings: &LowerSetting
             format!("at most {MAX_HORIZON} s"),
         ));
     }
-    // Fronts hold what is alive at once: bounded by everything that starts within the longest phase and its neighbours.
     let phases: usize = schedule.durations().iter().map(Vec::len).sum();
-    let variables = 6 * (schedule.intervals(interval) + 3) + phases * (6 * settings.transcription.force_pieces + 4);
-    let estimate = variables * 8 * 400;
+    let a_phase = 6 * settings.transcription.force_pieces + 4;
+    let variables = 12 * (schedule.intervals(interval) + 1) + phases * a_phase;
+    // A front holds what is alive in one interval, twice; what it leaves behind has as many rows as there are variables.
+    let front = 24 + a_phase * most_phases(schedule, interval);
+    let estimate = 8 * (2 * front * front).max(400 * variables);
     if estimate > MAX_CANDIDATE_MEMORY {
         return Err(Error::invalid(
             "durations",
@@ -155,6 +157,21 @@ pub fn check_candidate(task: &Task, schedule: &Schedule, settings: &LowerSetting
         ));
     }
     Ok(())
+}
+
+/// Most phases of all feet together that touch one interval.
+fn most_phases(schedule: &Schedule, interval: f64) -> usize {
+    let mut touched = vec![0; schedule.intervals(interval) + 1];
+    for phases in schedule.durations() {
+        let mut start = 0.;
+        for duration in phases {
+            let end = start + duration;
+            let last = ((end / interval) as usize).min(touched.len() - 1);
+            touched[((start / interval) as usize).min(last)..=last].iter_mut().for_each(|count| *count += 1);
+            start = end;
+        }
+    }
+    touched.into_iter().max().unwrap_or(0)
 }
 
 /// Solves and certifies a batch.

@@ -80,7 +80,7 @@ impl Grid {
     pub fn highest(&self, low: [f64; 2], high: [f64; 2]) -> f64 {
         let samples = |axis: usize, count: usize| {
             let at = |v: f64| ((v - self.low[axis]) * count as f64 / (self.high[axis] - self.low[axis])) as usize;
-            at(low[axis]).min(count - 1)..(at(high[axis]) + 2).min(count)
+            at(low[axis]).min(count - 1)..at(high[axis]).saturating_add(2).min(count)
         };
         let (rows, columns) = (samples(0, self.heights.len()), samples(1, self.heights[0].len()));
         let rows = self.heights[rows].iter().map(|row| row[columns.clone()].iter().copied().fold(f64::NEG_INFINITY, f64::max));
@@ -159,6 +159,8 @@ mod tests {
         // Samples every 0.4 m, those of the ramp at 3.6 and 4.
         assert_eq!(Grid::step().highest([3., 0.], [3.5, 0.]), 0.);
         assert_eq!(Grid::step().highest([3., 0.], [3.7, 0.]), 0.15);
+        // However far out.
+        assert_eq!(Grid::step().highest([1e30, -1e30], [f64::INFINITY, 1e30]), 0.15);
     }
 
     #[test]

@@ -55,7 +55,7 @@ pub enum Shape {
 pub struct Terrain {
     /// Name, used in results.
     pub name: String,
-    /// Friction coefficient of the pyramid, dimensionless.
+    /// Friction coefficient, dimensionless.
     pub friction: f64,
     /// Height over (x, y).
     pub shape: Shape,
