@@ -2,7 +2,7 @@
 
 use super::{Finish, Outcome, Solver, Status};
 use crate::nlp::Layout;
-use crate::settings::{SolverSettings, StallSettings};
+use crate::settings::{SmoothSettings, SolverSettings, StallSettings};
 use std::cell::RefCell;
 
 thread_local! {
@@ -70,15 +70,18 @@ impl Closing<'_> {
                 return;
             }
         }
+        // What was solved has been smoothed.
+        let smooth = SmoothSettings { iterations: 0, ..settings.smooth.clone() };
+        let once = SolverSettings { smooth, ..settings.clone() };
         let steps = SolverSettings {
             max_iterations: settings.closing_steps,
             closing: f64::INFINITY,
             edge_radius: 0.,
             proximal: settings.proximal_floor,
             stall: StallSettings { enabled: false, ..settings.stall.clone() },
-            ..settings.clone()
+            ..once.clone()
         };
-        let anew = |barrier| SolverSettings { barrier: Some(barrier), smoothing: 0., ..at_most(ANEW_ITERATIONS, settings) };
+        let anew = |barrier| SolverSettings { barrier: Some(barrier), smoothing: 0., ..at_most(ANEW_ITERATIONS, &once) };
         let from_here = std::iter::once(steps).chain(ANEW_BARRIERS.map(anew)).map(|settings| (settings, true));
         let from_the_start = solved_before.then(|| (settings.clone(), false));
         for (settings, from_here) in from_here.chain(from_the_start) {

@@ -369,6 +369,8 @@ impl<T: Real> Solver<T> {
                 self.turn(stage, when, &solve, progress);
             }
             if progress.iterations > before && !progress.ended() {
+                // Nothing begins a round here: the next has a direction of its own, however short this step was.
+                progress.state = control::STEP;
                 self.shift_residuals();
             }
         }

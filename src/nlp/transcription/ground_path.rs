@@ -12,14 +12,15 @@ pub struct GroundPath(Vec<[f64; 3]>);
 impl GroundPath {
     /// The way of a task; none where the straight line is as good.
     pub fn new(task: &Task) -> Option<GroundPath> {
-        let [x, y] = task.way();
-        let length = x.hypot(y);
-        if !task.terrain.has_edges() || length == 0. {
-            return None;
-        }
         let robot = &task.robot;
         // Half the robot's length: it bridges a pit as long as itself.
         let half = robot.nominal_feet.iter().map(|foot| foot[0].hypot(foot[1])).fold(0., f64::max);
+        let [x, y] = task.way();
+        // Feet go around where the base turns.
+        let length = x.hypot(y).max(half * task.turn().abs());
+        if !task.terrain.has_edges() || length == 0. {
+            return None;
+        }
         let window = ((half * PARTS as f64 / length).round() as usize).clamp(1, PARTS);
         let level = |part: usize| {
             let [x, y, _, _, _, yaw] = task.line(part as f64 / PARTS as f64);
@@ -107,6 +108,16 @@ mod tests {
         assert!(top > 0.4 && top < 0.7 && level.abs() < 0.05, "{top} {level}");
         assert!((slope.at(2.5 / 4.)[0][2] + up).abs() < 0.05);
         assert_eq!([slope.at(0.)[0], slope.at(1.)[0]], [[0.; 3]; 2]);
+    }
+
+    #[test]
+    fn it_follows_a_slope_where_the_body_turns_on_it() {
+        let (robot, terrain) = (Robot::named("anymal").unwrap(), Terrain::named("slope").unwrap());
+        let [start, goal] = [Goal::at(1.5, 0.), Goal::at(1.5, 0.).yaw(std::f64::consts::PI)];
+        let task = Task::between(robot, terrain, start, goal).unwrap();
+        // Nose up at first, nose down at last: half way on its side.
+        let [[z, roll, pitch], _] = GroundPath::new(&task).unwrap().at(0.5);
+        assert!((roll + 0.7f64.atan()).abs() < 0.1 && pitch.abs() < 0.05 && z.abs() < 0.05, "{z} {roll} {pitch}");
     }
 
     #[test]
