@@ -115,9 +115,9 @@ mod tests {
         let (robot, terrain) = (Robot::named("anymal").unwrap(), Terrain::named("slope").unwrap());
         let [start, goal] = [Goal::at(1.5, 0.), Goal::at(1.5, 0.).yaw(std::f64::consts::PI)];
         let task = Task::between(robot, terrain, start, goal).unwrap();
-        // Nose up at first, nose down at last: half way on its side.
+        // Nose up at first, nose down at last: half way on its side, less so as hollows on the way of a foot are filled.
         let [[z, roll, pitch], _] = GroundPath::new(&task).unwrap().at(0.5);
-        assert!((roll + 0.7f64.atan()).abs() < 0.1 && pitch.abs() < 0.05 && z.abs() < 0.05, "{z} {roll} {pitch}");
+        assert!((-0.7f64.atan()..-0.25).contains(&roll) && pitch.abs() < 0.05 && z.abs() < 0.1, "{z} {roll} {pitch}");
     }
 
     #[test]
