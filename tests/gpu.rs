@@ -5,9 +5,11 @@
 mod common;
 
 use common::{Random, gait, momentum, reference_candidates, task, towr};
-use cregopt::backend::gpu::{Device, Folder};
+use cregopt::backend::gpu::{Device, Folder, Prepared, most_slots};
 use cregopt::backend::{Backend, Cpu, Fallback, Gpu, Precision};
 use cregopt::gait::Schedule;
+use cregopt::nlp::Layout;
+use cregopt::nlp::transcription::interval;
 use cregopt::scenario::SCENARIOS;
 use cregopt::search::cem::{CemSettings, FreeDistribution};
 use cregopt::search::evaluate::{Evaluated, LowerSettings, evaluate};
@@ -175,18 +177,19 @@ fn what_is_left_to_the_cpu_is_smoothed_once() {
 }
 
 #[test]
-fn what_needs_more_workgroup_memory_than_there_is_goes_to_the_cpu() {
-    let test = "what_needs_more_workgroup_memory_than_there_is_goes_to_the_cpu";
+fn fronts_beyond_the_workgroup_memory_and_heights_beyond_a_binding_have_no_slots() {
+    let test = "fronts_beyond_the_workgroup_memory_and_heights_beyond_a_binding_have_no_slots";
     let Some(mut device) = device(test) else { return };
-    // Without the front itself it takes a small one's panel, but no large one's.
-    device.limits.max_compute_workgroup_storage_size = 4 << 10;
-    let gpu = Gpu::new(device, 1).unwrap();
-    let (far, long) = (task("pexod", "flat", [2., 0.], 0.), gait(&mut Random::new(1), 6, 9..=11));
+    let (task, schedule) = (task("pexod", "flat", [2., 0.], 0.), gait(&mut Random::new(1), 6, 9..=11));
     let settings = lower(momentum());
-    let theirs = solve_on(&Cpu::new(1).unwrap(), &[(&far, &long)], &settings);
-    let ours = solve_on(&gpu, &[(&far, &long)], &settings);
-    assert_eq!(ours[0].as_ref().unwrap().x, theirs[0].as_ref().unwrap().x);
-    left_to_the_cpu(&gpu, 1, "the device is out of memory");
+    let layout = Layout::<f32>::new(&task, &schedule.aligned(interval(&settings.transcription, &task.robot)), &settings.transcription);
+    let sizes = Prepared::new(0, layout, 0, device.workgroup).sizes;
+    let slots = |device: &Device, heights: usize| most_slots(device, &sizes, &settings.solver, heights);
+    assert!(slots(&device, 0) > 0);
+    assert_eq!(slots(&device, 1 << 40), 0);
+    // A part of the panel of its front.
+    device.limits.max_compute_workgroup_storage_size = 1 << 10;
+    assert_eq!(slots(&device, 0), 0);
 }
 
 #[test]
