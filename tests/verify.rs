@@ -456,7 +456,7 @@ const EARLY_MEAN: f64 = 257. / 270.;
 #[rustfmt::skip]
 const MOMENTUM_FAULTS: [Fault; 10] = [
     Fault { name: "one foot pushes more at the start", plant: |t, s| t.ee[1].force.nodes[0][2] += s / EARLY_MEAN,
-        family: Family::Momentum, rows: 1, row: "mean force for the way z", foot: None, time: BASE_PIECE },
+        family: Family::Momentum, rows: 1, row: "mean force for the displacement z", foot: None, time: BASE_PIECE },
     // Late forces move less.
     Fault { name: "one foot pushes more at the end", plant: |t, s| t.ee[1].force.nodes[7][2] += s / MEAN,
         family: Family::Momentum, rows: 1, row: "mean force z", foot: None, time: 1. },
@@ -464,7 +464,7 @@ const MOMENTUM_FAULTS: [Fault; 10] = [
         family: Family::Momentum, rows: 1, row: "mean moment y", foot: None, time: BASE_PIECE },
     // The piece after the jump goes s L too far, which twice the force would mend that mends the velocity.
     Fault { name: "base speed jumps", plant: |t, s| t.base_lin.nodes[4][4] += s * BASE_PIECE / (2. * anymal().mass),
-        family: Family::Momentum, rows: 1, row: "mean force for the way y", foot: None, time: 5. * BASE_PIECE },
+        family: Family::Momentum, rows: 1, row: "mean force for the displacement y", foot: None, time: 5. * BASE_PIECE },
     Fault { name: "a mid node too low", plant: |t, s| t.ee[0].motion.nodes[2][2] = 0.03 - s,
         family: Family::Swing, rows: 1, row: "mid node too low", foot: Some(0), time: 0.5 },
     Fault { name: "a mid node too high", plant: |t, s| { t.limits = Some(MotionLimits { swing_height: 0.1, ..LIMITS }); t.ee[0].motion.nodes[2][2] = 0.1 + s },
