@@ -109,8 +109,8 @@ pub enum Family {
     /// Normal force between 0 and its limit, and force inside the friction cone; except for `momentum` motions inside TOWR's pyramid, which
     /// circumscribes it.
     Force,
-    /// Mid node of a swing. In TOWR's own transcription: of a two-piece swing, halfway between the footholds with the velocity that TOWR
-    /// prescribes. In `momentum` motions: within the limits of clearance, swing height, speed and acceleration.
+    /// Swings. In TOWR's own transcription: mid node of a two-piece swing halfway between the footholds, with the velocity that TOWR
+    /// prescribes. In `momentum` motions: clearance and swing height in the middle, speed and acceleration of the foot within their limits.
     Swing,
     /// Start of base and feet, goal of the base.
     Bounds,
