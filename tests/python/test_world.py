@@ -76,7 +76,7 @@ FLAT = cregopt.Terrain("flat")
         (lambda: cregopt.Terrain("flat", friction=-1.0), "terrain.friction: -1, but it must be"),
         (lambda: cregopt.Terrain.heights(np.zeros((3, 3, 3)), 0.1), "height map: 3 dimensions, but it must be 2"),
         (lambda: cregopt.Terrain.heights(np.zeros((3, 0)), 0.1), "height map: 0 x 0 samples"),
-        (lambda: cregopt.Terrain.heights(np.full((3, 3), np.nan), 0.1), "height map: holes alone"),
+        (lambda: cregopt.Terrain.heights(np.full((3, 3), np.nan), 0.1), "height map: only holes"),
         (lambda: cregopt.Terrain.heights(np.zeros((3, 3)), 0.1, name="stairs"), "terrain.name: `stairs`, but it must be another one"),
         (lambda: cregopt.Terrain.heights(np.zeros((3, 3)), -0.1), "cell: -0.1, but it must be"),
         (lambda: cregopt.Task(ROBOT, FLAT, goal=(1.0,)), "goal: 1 numbers, but it must be 2 or 3"),
