@@ -901,14 +901,14 @@ fn what_no_robot_does_is_refused_in_every_transcription() {
             t.ee[0].motion.nodes[3][1] += 0.1;
         }),
         // 0.3 m within two milliseconds.
-        ("foot faster than any", |t| {
+        ("foot faster than possible", |t| {
             t.ee[0].motion.poly_durations = vec![0.3, 0.2, 0.002, 0.002, 0.196, 0.3];
             let [up, aside] = [t.ee[0].motion.nodes[2], t.ee[0].motion.nodes[2]];
             t.ee[0].motion.nodes.splice(3..3, [up, aside]);
             t.ee[0].motion.nodes[3][1] += 0.3;
         }),
         // Between two instants of TOWR's rows, with continuous acceleration to the eye of none of them.
-        ("base accelerated more than feet push", |t| t.base_lin.nodes[4][0] += 0.1),
+        ("base accelerates more than its feet push", |t| t.base_lin.nodes[4][0] += 0.1),
         // A whole turn between two nodes.
         ("base turns too fast", |t| t.base_ang.nodes[5..].iter_mut().for_each(|node| node[2] += std::f64::consts::TAU)),
         ("goal below the terrain", |t| t.base_target[2] = -0.1),
@@ -920,7 +920,7 @@ fn what_no_robot_does_is_refused_in_every_transcription() {
     ];
     for (row, forge) in forge {
         for transcription in [None, Some("towr"), Some("contact-implicit"), Some("momentum")] {
-            if row == "foot faster than any" && [None, Some("towr")].contains(&transcription) {
+            if row == "foot faster than possible" && [None, Some("towr")].contains(&transcription) {
                 continue;
             }
             let mut trajectory = Trajectory { transcription: transcription.map(Into::into), ..step() };

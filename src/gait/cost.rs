@@ -632,7 +632,7 @@ mod tests {
     }
 
     #[test]
-    fn the_costs_of_parts_add_up_to_that_of_the_motion() {
+    fn the_work_of_parts_adds_up_to_that_of_the_motion() {
         // Even horizontal speed under a constant force for 1 s.
         let w = monoped().weight();
         let base = curve(0.5, &[at([0., 0., 0.58], [0.2, 0., 0.]), at([0.1, 0., 0.48], [0.2, 0., 0.]), at([0.2, 0., 0.58], [0.2, 0., 0.])]);

@@ -247,7 +247,7 @@ fn possible(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain
     // TOWR's rows do not limit feet during a swing: its published solutions reach foot speeds of 150 m/s.
     for (foot, curves) in motion.feet.iter().enumerate().filter(|_| !of_towr) {
         let speed = exact::foot_speed(curves, 0..curves.motion.pieces(), false, FOOT_SPEED);
-        row(speed.value - FOOT_SPEED, "foot faster than any", Some(foot), speed.time);
+        row(speed.value - FOOT_SPEED, "foot faster than possible", Some(foot), speed.time);
     }
     let limit = BASE_RATE * (GRAVITY / robot.leg_height()).sqrt();
     let rate = exact::base_rate(&motion.base_ang, limit);
@@ -255,7 +255,7 @@ fn possible(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain
     let pushed = exact::push(motion) / robot.weight() + 1.;
     let lin = &motion.base_lin;
     let hardest = exact::ends(lin, 0..lin.pieces(), |a| (a / GRAVITY + Vector3::z()).norm());
-    row(hardest.value - pushed, "base accelerated more than feet push", None, hardest.time);
+    row(hardest.value - pushed, "base accelerates more than its feet push", None, hardest.time);
     let below = exact::base_depth(motion, terrain);
     row(below.value, "base below the terrain", None, below.time);
     let [x, y, z] = trajectory.base_target;
