@@ -6,7 +6,7 @@
 //! No value of a `momentum` motion is certified by samples alone.
 //!
 //! * Normal force, force limit, friction cone, speed and acceleration of feet, depth of feet and base, and the distance of a standing foot
-//!   from its foothold are bounded on whole pieces. A convex function of a cubic does not exceed its value at the control points, and
+//!   from its foothold are bounded on whole pieces. A convex function of a cubic is bounded by its maximum at the control points, and
 //!   halving closes the gap. The terrain is split where its patches meet.
 //! * Reach and the deviation from the rollout depend on the attitude of the base. They are bounded between the times of their evaluation by
 //!   the second derivative.
