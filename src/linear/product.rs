@@ -4,6 +4,7 @@ use super::lanes::{LANES, dot};
 use crate::nlp::Layout;
 use crate::nlp::layout::Element;
 use crate::real::Real;
+use crate::rows::RowKind;
 use crate::rows::reach::ReachInstant;
 use crate::rows::table::NONE;
 use multiversion::multiversion;
@@ -35,6 +36,7 @@ fn element_times<T: Real>(
     let place = &element.place;
     let (rows, pairs) = (element.rows as usize, element.pairs as usize);
     let (row, at, stride) = (place.row as usize, place.inequality as usize, place.stride as usize);
+    let kind = layout.rows.kind(place.row);
     // The element's part of d; the padding of Jacobian rows is zero.
     local[..stride].fill(T::zero());
     for run in &layout.runs[element.runs.range()] {
@@ -43,7 +45,7 @@ fn element_times<T: Real>(
     }
     for r in 0..rows {
         let product = dot(&jacobian[place.jacobian as usize + r * stride..][..stride], &local[..stride]);
-        if row < layout.equalities {
+        if kind != RowKind::Inequality {
             c_change[row + r] = product;
         } else {
             g_change[at + r] = product;

@@ -13,7 +13,7 @@ use crate::robot::GRAVITY;
 use crate::rows::blocks::{BlockId, Foothold, Placed, Seat, Use};
 use crate::rows::reach::{self, BaseBlocks, BasePoint, ReachFoot, ReachInstant, ReachLeg, ReachRows};
 use crate::rows::table::{NONE, Place, Run, Span};
-use crate::rows::{Constants, Family, Spec, Tables};
+use crate::rows::{Constants, Family, RowCounts, RowKind, Spec, Tables};
 use crate::settings::{Transcription, TranscriptionSettings};
 use crate::task::Task;
 use nalgebra::Matrix3;
@@ -262,8 +262,7 @@ impl<'a, T: Real> Builder<'a, T> {
 
         let mut drafts = std::mem::take(&mut self.drafts);
         drafts.sort_by_key(|d| d.step);
-        let equalities = drafts.iter().map(|d| d.family.spec()).filter(|s| s.equality).map(|s| s.rows).sum();
-        let mut next = Next { row: equalities, ..Next::default() };
+        let mut next = Next::after(drafts.iter().map(|d| d.family.spec()), self.tables.reach_feet.len());
         let mut elements = Vec::with_capacity(drafts.len());
         let mut runs = Vec::with_capacity(3 * drafts.len());
         let mut columns = Columns::default();
@@ -285,7 +284,7 @@ impl<'a, T: Real> Builder<'a, T> {
             elements.push(Element { family: draft.family, rows, pairs, place, runs: Span::added(first_run, &runs) });
             steps[step].elements.end = elements.len() as u32;
         }
-        self.tables.reach_rows = ReachRows { row: next.row as u32, inequality: next.inequality as u32 };
+        self.tables.reach_rows = ReachRows { row: next.row[RowKind::Inequality as usize] as u32, inequality: next.inequality as u32 };
         let spec = Family::Reach.spec();
         // The step, the interval and the blocks of the last instant.
         let mut last = None;
@@ -337,8 +336,7 @@ impl<'a, T: Real> Builder<'a, T> {
         let base = self.base.into_iter().map(at).collect();
         Layout {
             variables,
-            equalities,
-            rows: next.row,
+            rows: next.counts,
             inequalities: next.inequality,
             jacobian_len: next.jacobian,
             initial,
@@ -368,8 +366,10 @@ impl<'a, T: Real> Builder<'a, T> {
 /// Where the next rows stand.
 #[derive(Default)]
 struct Next {
-    equality: usize,
-    row: usize,
+    /// Of all rows.
+    counts: RowCounts,
+    /// Next row of each kind.
+    row: [usize; 3],
     inequality: usize,
     jacobian: usize,
     /// Most columns until now, padding included.
@@ -377,15 +377,26 @@ struct Next {
 }
 
 impl Next {
+    /// Before the first element.
+    ///
+    /// * `specs` - of all elements but those of reach rows
+    /// * `reach` - number of elements of reach rows
+    fn after(specs: impl Iterator<Item = Spec>, reach: usize) -> Next {
+        let mut rows = [0, 0, reach * reach::SPEC.rows];
+        specs.for_each(|spec| rows[spec.kind as usize] += spec.rows);
+        let [equalities, costs, inequalities] = rows.map(|count| count as u32);
+        let counts = RowCounts { equalities, costs, inequalities };
+        let row = [RowKind::Equality, RowKind::Cost, RowKind::Inequality].map(|kind| counts.of(kind).start);
+        Next { counts, row, ..Next::default() }
+    }
+
     /// Place of the rows of one element.
     fn place(&mut self, spec: Spec, pairs: usize, columns: u32) -> Place {
         let stride = columns.next_multiple_of(8);
-        let row = if spec.equality { self.equality } else { self.row };
-        let place = Place { row: row as u32, inequality: self.inequality as u32, jacobian: self.jacobian as u32, stride };
-        if spec.equality {
-            self.equality += spec.rows;
-        } else {
-            self.row += spec.rows;
+        let row = &mut self.row[spec.kind as usize];
+        let place = Place { row: *row as u32, inequality: self.inequality as u32, jacobian: self.jacobian as u32, stride };
+        *row += spec.rows;
+        if spec.kind == RowKind::Inequality {
             self.inequality += spec.rows + pairs;
         }
         self.jacobian += spec.rows * stride as usize;

@@ -11,7 +11,7 @@ use crate::gait::trajectory::MotionLimits;
 use crate::real::Real;
 use crate::rows::reach::{self, ReachInstant};
 use crate::rows::table::{NONE, Place, Run, Span};
-use crate::rows::{Family, Spec, Tables};
+use crate::rows::{Family, RowCounts, RowKind, Spec, Tables};
 use crate::settings::Transcription;
 use std::ops::{Deref, DerefMut};
 
@@ -31,16 +31,22 @@ crate::table! {
     }
 }
 
+impl Element {
+    /// Kind of its rows.
+    #[inline(always)]
+    pub fn kind(&self) -> RowKind {
+        self.family.spec().kind
+    }
+}
+
 /// The problem of one candidate as flat tables.
 #[derive(Debug, Clone)]
 pub struct Layout<T> {
     /// Number of variables.
     pub variables: usize,
-    /// Number of equalities.
-    pub equalities: usize,
-    /// Number of Jacobian rows, equalities included.
-    pub rows: usize,
-    /// Number of inequalities.
+    /// Numbers of Jacobian rows by kind.
+    pub rows: RowCounts,
+    /// Number of inequalities: a two-sided row has two.
     pub inequalities: usize,
     /// Number of Jacobian values.
     pub jacobian_len: usize,

@@ -7,12 +7,12 @@
 use super::blocks::Placed;
 use super::table::{NONE, Place};
 use super::write::Rows;
-use super::{Constants, Spec, Tables};
+use super::{Constants, RowKind, Spec, Tables};
 use crate::real::Real;
 use crate::terrain::Ground;
 
 /// Lift-off, touch-down.
-pub const SPEC: Spec = Spec { rows: 2, pairs: 0, equality: false, unit: "m/s2" };
+pub const SPEC: Spec = Spec { rows: 2, pairs: 0, kind: RowKind::Inequality, unit: "m/s2" };
 
 /// Tightening, in squares of the limit.
 pub(crate) const MARGIN: f64 = 2e-3;

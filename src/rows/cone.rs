@@ -10,12 +10,12 @@ use super::force::ForceNode;
 use super::math::{add, dot, scale, sub};
 use super::table::NONE;
 use super::write::Rows;
-use super::{Spec, Tables};
+use super::{RowKind, Spec, Tables};
 use crate::real::Real;
 use multiversion::multiversion;
 
 /// Normal force with its upper limit, cone; the push is the lower side of the first.
-pub const SPEC: Spec = Spec { rows: 2, pairs: 1, equality: false, unit: "N" };
+pub const SPEC: Spec = Spec { rows: 2, pairs: 1, kind: RowKind::Inequality, unit: "N" };
 
 /// See [`super::Family::allowed`].
 pub(super) use super::force_allowed as allowed;

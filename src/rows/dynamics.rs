@@ -7,13 +7,13 @@ use super::blocks::Placed;
 use super::math::{Mat3, Vec3, add, along, cross, euler, mul, mul_transposed, scale, sub};
 use super::table::{NONE, Place, Span};
 use super::write::Rows;
-use super::{Constants, Spec, Tables};
+use super::{Constants, RowKind, Spec, Tables};
 use crate::real::Real;
 use crate::terrain::Ground;
 use multiversion::multiversion;
 
 /// Six equalities: moments, then forces.
-pub const SPEC: Spec = Spec { rows: 6, pairs: 0, equality: true, unit: "N m, N" };
+pub const SPEC: Spec = Spec { rows: 6, pairs: 0, kind: RowKind::Equality, unit: "N m, N" };
 
 /// See [`super::Family::allowed`].
 pub fn allowed<T: Real>(constants: &Constants<T>, r: usize, tolerance: T) -> T {

@@ -5,11 +5,11 @@
 use super::blocks::Placed;
 use super::table::{NONE, Place};
 use super::write::Rows;
-use super::{Spec, Tables};
+use super::{RowKind, Spec, Tables};
 use crate::real::Real;
 
 /// Two two-sided rows a foothold.
-pub const SPEC: Spec = Spec { rows: 2, pairs: 2, equality: false, unit: "m" };
+pub const SPEC: Spec = Spec { rows: 2, pairs: 2, kind: RowKind::Inequality, unit: "m" };
 
 /// See [`super::Family::allowed`].
 pub(super) use super::length_allowed as allowed;

@@ -8,13 +8,13 @@ use super::blocks::Placed;
 use super::math::{Vec3, add, dot, scale, sub};
 use super::table::{NONE, Place};
 use super::write::Rows;
-use super::{Spec, Tables};
+use super::{RowKind, Spec, Tables};
 use crate::real::Real;
 use crate::terrain::Ground;
 use multiversion::multiversion;
 
 /// Normal force with its upper limit, four sides of the pyramid; the push is the lower side of the first.
-pub const SPEC: Spec = Spec { rows: 5, pairs: 1, equality: false, unit: "N" };
+pub const SPEC: Spec = Spec { rows: 5, pairs: 1, kind: RowKind::Inequality, unit: "N" };
 
 /// See [`super::Family::allowed`].
 pub(super) use super::force_allowed as allowed;

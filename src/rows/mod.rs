@@ -30,6 +30,68 @@ use reach::ReachRows;
 use std::sync::Arc;
 use table::Wgsl;
 
+/// Kind of a row: what the solver does with its residual. Jacobian rows are numbered by kind, in this order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum RowKind {
+    /// The residual is zero at a solution.
+    Equality,
+    /// The residual is a term of the objective.
+    Cost,
+    /// The residual is not positive at a solution. A two-sided row has a lower side, too.
+    Inequality,
+}
+
+crate::table! {
+    /// Numbers of Jacobian rows by kind.
+    #[derive(Default, PartialEq, Eq)]
+    pub struct RowCounts {
+        /// Equalities.
+        pub equalities: u32,
+        /// Terms of the objective.
+        pub costs: u32,
+        /// Inequalities; a two-sided row counts once.
+        pub inequalities: u32,
+    }
+}
+
+impl RowCounts {
+    /// Number of all rows.
+    pub fn all(self) -> usize {
+        self.of(RowKind::Inequality).end
+    }
+
+    /// Rows of a kind.
+    #[inline(always)]
+    pub fn of(self, kind: RowKind) -> std::ops::Range<usize> {
+        let first_cost = self.equalities as usize;
+        let first_inequality = first_cost + self.costs as usize;
+        match kind {
+            RowKind::Equality => 0..first_cost,
+            RowKind::Cost => first_cost..first_inequality,
+            RowKind::Inequality => first_inequality..first_inequality + self.inequalities as usize,
+        }
+    }
+
+    /// Kind of a row. Twin: `row_kind` of `shaders/shared/kind.wgsl`.
+    #[inline(always)]
+    pub fn kind(self, row: u32) -> RowKind {
+        if row < self.equalities {
+            RowKind::Equality
+        } else if row < self.equalities + self.costs {
+            RowKind::Cost
+        } else {
+            RowKind::Inequality
+        }
+    }
+
+    /// Number of rows whose residual is in `c`, by row: equalities and costs.
+    #[inline(always)]
+    pub fn one_sided(self) -> usize {
+        self.of(RowKind::Cost).end
+    }
+}
+
 /// What is known of a family before any candidate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spec {
@@ -37,8 +99,8 @@ pub struct Spec {
     pub rows: usize,
     /// How many of them, the first, have a lower side too.
     pub pairs: usize,
-    /// Whether they are equalities.
-    pub equality: bool,
+    /// Their kind.
+    pub kind: RowKind,
     /// Unit of a row before it is scaled.
     pub unit: &'static str,
 }

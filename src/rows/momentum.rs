@@ -10,7 +10,7 @@ use super::blocks::Placed;
 use super::math::{Mat3, Vec3, add, along, cross, euler, mul, mul_transposed, scale, sub};
 use super::table::{NONE, Place, Span};
 use super::write::Rows;
-use super::{Constants, Spec, Tables};
+use super::{Constants, RowKind, Spec, Tables};
 use crate::gait::spline::{hermite, hermite_rate};
 use crate::real::Real;
 use crate::robot::GRAVITY;
@@ -19,10 +19,10 @@ use multiversion::multiversion;
 use std::sync::LazyLock;
 
 /// Six equalities: velocity, then position.
-pub const LINEAR: Spec = Spec { rows: 6, pairs: 0, equality: true, unit: "N" };
+pub const LINEAR: Spec = Spec { rows: 6, pairs: 0, kind: RowKind::Equality, unit: "N" };
 
 /// Six equalities: angular momentum at the end, then its mean.
-pub const ANGULAR: Spec = Spec { rows: 6, pairs: 0, equality: true, unit: "N m" };
+pub const ANGULAR: Spec = Spec { rows: 6, pairs: 0, kind: RowKind::Equality, unit: "N m" };
 
 /// See [`super::Family::allowed`].
 pub fn linear_allowed<T: Real>(constants: &Constants<T>, _: usize, tolerance: T) -> T {

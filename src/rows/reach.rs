@@ -8,13 +8,13 @@ use super::math::{cross, euler, mul_transposed, scale, sub};
 use super::momentum::{Deviation, INNER_POINTS};
 use super::table::{NONE, Place, Run, Span};
 use super::write::Rows;
-use super::{Spec, Tables};
+use super::{RowKind, Spec, Tables};
 use crate::real::Real;
 use crate::terrain::Ground;
 use multiversion::multiversion;
 
 /// Three two-sided rows a foot and instant.
-pub const SPEC: Spec = Spec { rows: 3, pairs: 3, equality: false, unit: "m" };
+pub const SPEC: Spec = Spec { rows: 3, pairs: 3, kind: RowKind::Inequality, unit: "m" };
 
 /// Columns by the base pose, the first of every foot.
 pub(crate) const POSE: usize = 6;

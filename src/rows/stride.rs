@@ -5,11 +5,11 @@
 use super::blocks::Placed;
 use super::table::{NONE, Place};
 use super::write::Rows;
-use super::{Constants, Spec, Tables};
+use super::{Constants, RowKind, Spec, Tables};
 use crate::real::Real;
 
 /// One row.
-pub const SPEC: Spec = Spec { rows: 1, pairs: 0, equality: false, unit: "m" };
+pub const SPEC: Spec = Spec { rows: 1, pairs: 0, kind: RowKind::Inequality, unit: "m" };
 
 /// See [`super::Family::allowed`]. They have no margin.
 pub(super) fn allowed<T: Real>(constants: &Constants<T>, _: usize, tolerance: T) -> T {

@@ -11,12 +11,12 @@
 use super::blocks::Placed;
 use super::table::{NONE, Place};
 use super::write::Rows;
-use super::{Spec, Tables};
+use super::{RowKind, Spec, Tables};
 use crate::real::Real;
 use crate::terrain::Ground;
 
 /// One row; of `momentum` on level ground two-sided.
-pub const SPEC: Spec = Spec { rows: 1, pairs: 1, equality: false, unit: "m" };
+pub const SPEC: Spec = Spec { rows: 1, pairs: 1, kind: RowKind::Inequality, unit: "m" };
 
 /// See [`super::Family::allowed`].
 pub(super) use super::length_allowed as allowed;
@@ -170,7 +170,7 @@ mod tests {
     fn rows(layout: &Layout<f64>, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let mut shared = Shared::default();
         shared.resize(layout);
-        let (mut c, mut g) = (vec![0.; layout.equalities], vec![0.; layout.inequalities]);
+        let (mut c, mut g) = (vec![0.; layout.rows.one_sided()], vec![0.; layout.inequalities]);
         let mut jacobian = vec![0.; layout.jacobian_len];
         residuals(layout, x, 0., &mut shared, &mut c, &mut g, Some(&mut jacobian[..]));
         (g, jacobian)

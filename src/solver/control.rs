@@ -156,7 +156,7 @@ impl<T: Real> Limits<T> {
 
     /// Before the first round of a candidate.
     pub fn first_progress(&self, settings: &SolverSettings, layout: &Layout<T>) -> Progress<T> {
-        let (transcription, rows) = (layout.curves.transcription, layout.rows);
+        let (transcription, rows) = (layout.curves.transcription, layout.rows.all());
         let (barrier, hopeless) = (settings.barrier(transcription), settings.hopeless(transcription, rows));
         let first = Progress::first(self, T::of(barrier), T::of(settings.edge_radius_on(&layout.terrain)));
         Progress { hopeless: T::of(hopeless), ..first }

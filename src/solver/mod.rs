@@ -32,7 +32,7 @@ use crate::linear::substitute::substitute;
 use crate::linear::transposed::transposed_times;
 use crate::nlp::Layout;
 use crate::real::Real;
-use crate::rows::{self, Shared};
+use crate::rows::{self, RowKind, Shared};
 use crate::settings::SolverSettings;
 use advance::{add, advance};
 use aligned_vec::{AVec, CACHELINE_ALIGN};
@@ -62,7 +62,7 @@ struct Residuals<T> {
 
 impl<T: Real> Residuals<T> {
     fn resize(&mut self, layout: &Layout<T>) {
-        self.c.resize(layout.equalities, T::zero());
+        self.c.resize(layout.rows.one_sided(), T::zero());
         self.g.resize(layout.inequalities, T::zero());
     }
 }
@@ -430,8 +430,8 @@ impl<T: Real> Solver<T> {
         }
         self.local.resize(layout.widest, T::zero());
         self.shift = Residuals::default();
-        self.weight.resize(layout.rows, T::zero());
-        self.value.resize(layout.rows, T::zero());
+        self.weight.resize(layout.rows.all(), T::zero());
+        self.value.resize(layout.rows.all(), T::zero());
         for v in [&mut self.slacks.slack, &mut self.slacks.multiplier, &mut self.slacks.slack_step, &mut self.slacks.multiplier_step] {
             v.resize(layout.inequalities, T::zero());
         }
@@ -458,10 +458,10 @@ fn rows_hold<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], tolerance: f64) -> b
     layout.all_elements().all(|element| {
         let (row, at, rows) = (element.place.row as usize, element.place.inequality as usize, element.rows as usize);
         let allowed = |r: usize| element.family.allowed(&layout.constants, r, tolerance);
-        if element.family.spec().equality {
-            (0..rows).all(|r| c[row + r].abs() <= allowed(r))
-        } else {
-            (0..rows + element.pairs as usize).all(|r| g[at + r] <= allowed(r))
+        match element.kind() {
+            RowKind::Equality => (0..rows).all(|r| c[row + r].abs() <= allowed(r)),
+            RowKind::Cost => true,
+            RowKind::Inequality => (0..rows + element.pairs as usize).all(|r| g[at + r] <= allowed(r)),
         }
     })
 }

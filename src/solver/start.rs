@@ -4,6 +4,7 @@ use super::slacks::Slacks;
 use crate::linear::transposed::transposed_squares_times;
 use crate::nlp::Layout;
 use crate::real::Real;
+use crate::rows::RowKind;
 use multiversion::multiversion;
 
 /// Column scaling `D_j = sum_eq J_ij^2 + 1/2 sum_ineq J_ij^2`, at least 1e-2.
@@ -12,7 +13,8 @@ use multiversion::multiversion;
 /// * `local` - scratch, `[widest]`
 pub fn column_scaling<T: Real>(layout: &Layout<T>, jacobian: &[T], counts: &mut [T], local: &mut [T], diagonal: &mut [T]) {
     counts.fill(T::one());
-    for element in layout.all_elements().filter(|e| e.place.row as usize >= layout.equalities) {
+    counts[layout.rows.of(RowKind::Cost)].fill(T::zero());
+    for element in layout.all_elements().filter(|e| e.kind() == RowKind::Inequality) {
         // A two-sided row counts twice.
         let row = element.place.row as usize;
         counts[row + element.pairs as usize..row + element.rows as usize].fill(T::of(0.5));

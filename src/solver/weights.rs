@@ -3,6 +3,7 @@
 use super::slacks::{Aim, Slacks};
 use crate::nlp::Layout;
 use crate::real::Real;
+use crate::rows::RowKind;
 use multiversion::multiversion;
 
 /// Inequalities whose values are made at once, at most.
@@ -19,7 +20,7 @@ fn per_row<T: Real>(layout: &Layout<T>, weight: &mut [T], value: &mut [T], make:
     for element in layout.all_elements() {
         let (rows, pairs) = (element.rows as usize, element.pairs as usize);
         let (row, at) = (element.place.row as usize, element.place.inequality as usize);
-        if row < layout.equalities {
+        if element.kind() != RowKind::Inequality {
             continue;
         }
         if at < made.start || at + rows + pairs > made.end {
@@ -42,8 +43,9 @@ fn per_row<T: Real>(layout: &Layout<T>, weight: &mut [T], value: &mut [T], make:
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn barrier_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], slacks: &Slacks<T>, aim: Aim<T>, weight: &mut [T], value: &mut [T]) {
     let one = T::one();
-    weight[..layout.equalities].fill(one);
-    value[..layout.equalities].copy_from_slice(c);
+    let equalities = layout.rows.of(RowKind::Equality);
+    weight[equalities.clone()].fill(one);
+    value[equalities.clone()].copy_from_slice(&c[equalities]);
     per_row(layout, weight, value, |first, weights, values| {
         let count = weights.len();
         let (values, g) = (&mut values[..count], &g[first..][..count]);
@@ -61,8 +63,9 @@ pub fn barrier_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], slacks: &Slac
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn closing_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], weight: &mut [T], value: &mut [T]) {
     let (zero, one) = (T::zero(), T::one());
-    weight[..layout.equalities].fill(one);
-    value[..layout.equalities].copy_from_slice(c);
+    let equalities = layout.rows.of(RowKind::Equality);
+    weight[equalities.clone()].fill(one);
+    value[equalities.clone()].copy_from_slice(&c[equalities]);
     per_row(layout, weight, value, |first, weights, values| {
         for ((weight, value), &g) in weights.iter_mut().zip(values).zip(&g[first..]) {
             (*weight, *value) = if g > zero { (one, g) } else { (zero, zero) };
