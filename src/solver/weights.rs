@@ -39,8 +39,8 @@ fn per_row<T: Real>(layout: &Layout<T>, weight: &mut [T], value: &mut [T], make:
     }
 }
 
-/// Row weights and values of a barrier step: `W = rho` and `w = 1 / (s/z + 1/rho)`, `v = rho c` and `z + w (g - z/rho + mu/z)`, with `rho =
-/// 1`.
+/// Row weights and values of a barrier step: `W = rho` and `w = 1 / (s/z + 1/rho)`, `v = rho c` and `z + w (g - z/rho + mu/z)`, with
+/// `rho = 1`.
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn barrier_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], slacks: &Slacks<T>, aim: Aim<T>, weight: &mut [T], value: &mut [T]) {
     let one = T::one();
