@@ -80,7 +80,7 @@ fn foot_blocks<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
 /// Weights of a foot's position at time `t` in the swing `span`: of the footholds in x and y, and of their heights and the mid node's
 /// height in z.
 ///
-/// The mid node of a swing is halfway between the footholds. Its horizontal velocity is their distance divided by `mid_time`, which the
+/// The mid node of a swing is halfway between the footholds in x and y. Its velocity is their distance divided by `mid_time`, which the
 /// transcription defines. Both pieces start and end at rest in z; at the footholds the foot is at rest in all directions.
 fn swing_weights(span: Phase, t: f64, mid_time: f64) -> ([f64; 2], [f64; 3]) {
     let half = span.duration() / 2.;

@@ -94,7 +94,7 @@ pub fn swing<T: Real>(tables: &Tables<T>, x: &[T], ground: &[Ground<T>], residua
             height += swing.z_weights[i] * ground[swing.foothold[i] as usize].height;
         }
         let under = tables.terrain.ground(at[0], at[1]);
-        // Height from which z is measured, and its derivatives by way of each foothold.
+        // Height from which z is measured, and its slopes with respect to the position of each foothold.
         let mut above = under.height;
         let mut weights = swing.xy_weights;
         let mut slopes = [under.slope; 2];
