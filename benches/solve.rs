@@ -97,7 +97,7 @@ impl Linearised {
         let (mut counts, mut local) = (vec![0.; layout.rows.all()], vec![0.; layout.widest]);
         column_scaling(&layout, &jacobian, &mut counts, &mut local, &mut diagonal);
         diagonal.iter_mut().for_each(|d| *d *= 1e-3);
-        let (weight, value, gradient) = (vec![1.; layout.rows], vec![0.1; layout.rows], vec![0.; layout.variables]);
+        let (weight, value, gradient) = (vec![1.; layout.rows.all()], vec![0.1; layout.rows.all()], vec![0.; layout.variables]);
         Linearised { layout, jacobian, weight, value, diagonal, gradient }
     }
 }

@@ -164,7 +164,7 @@ fn check_sizes(layout: &Layout<f32>, schedule: &Schedule, settings: &Transcripti
 
 /// Rows, inequalities and Jacobian values of the elements cover their buffers once.
 fn check_places(layout: &Layout<f32>) -> Result<(), TestCaseError> {
-    let (mut row, mut inequality, mut jacobian) = (vec![0; layout.rows], vec![0; layout.inequalities], vec![0; layout.jacobian_len]);
+    let (mut row, mut inequality, mut jacobian) = (vec![0; layout.rows.all()], vec![0; layout.inequalities], vec![0; layout.jacobian_len]);
     let mut cover = |buffer: usize, from: u32, len: u32| {
         let buffer = [&mut row, &mut inequality, &mut jacobian][buffer].iter_mut();
         buffer.skip(from as usize).take(len as usize).for_each(|used| *used += 1);
@@ -309,7 +309,7 @@ fn mirrored_point(layout: &Layout<f64>, other: &Layout<f64>, x: &[f64]) -> Vec<f
 
 /// Residuals at the mirrored point from those at the point: `[c, g]` in the order of the other layout.
 fn mirrored_rows(robot: &Robot, layout: &Layout<f64>, other: &Layout<f64>, rows: &Rows<f64>) -> [Vec<f64>; 2] {
-    let (mut c, mut g) = (vec![f64::NAN; other.equalities], vec![f64::NAN; other.inequalities]);
+    let (mut c, mut g) = (vec![f64::NAN; other.rows.one_sided()], vec![f64::NAN; other.inequalities]);
     for (from, to) in layout.dynamics_instants.iter().zip(&other.dynamics_instants) {
         // Moments about x and z change sign, and the force along y.
         for (i, sign) in [-1., 1., -1., 1., -1., 1.].into_iter().enumerate() {

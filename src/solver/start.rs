@@ -1,4 +1,4 @@
-//! The start of a solve: column scaling, first slacks and multipliers.
+//! Initialisation of a solve: column scaling, slacks and multipliers.
 
 use super::slacks::Slacks;
 use crate::linear::transposed::transposed_squares_times;
@@ -15,7 +15,7 @@ pub fn column_scaling<T: Real>(layout: &Layout<T>, jacobian: &[T], counts: &mut 
     counts.fill(T::one());
     counts[layout.rows.of(RowKind::Cost)].fill(T::zero());
     for element in layout.all_elements().filter(|e| e.kind() == RowKind::Inequality) {
-        // A two-sided row counts twice.
+        // A two-sided row stands for two inequalities, so only one-sided rows get the factor 1/2.
         let row = element.place.row as usize;
         counts[row + element.pairs as usize..row + element.rows as usize].fill(T::of(0.5));
     }
@@ -25,7 +25,7 @@ pub fn column_scaling<T: Real>(layout: &Layout<T>, jacobian: &[T], counts: &mut 
     }
 }
 
-/// First slacks, `max(|g|, sqrt(mu))`, and the multipliers that go with the barrier parameter.
+/// Initial slacks `max(|g|, sqrt(mu))` and multipliers `mu / s`.
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn start_slacks<T: Real>(g: &[T], mu: T, slacks: &mut Slacks<T>) {
     let least = mu.sqrt();
