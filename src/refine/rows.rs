@@ -16,7 +16,7 @@ use crate::nlp::transcription::momentum::reach_timings;
 use crate::rows::math::{Vec3, add, dot, scale, sub};
 use crate::rows::momentum::{Deviation, MomentumInterval};
 use crate::rows::table::{NONE, Place, Span};
-use crate::rows::{Shared, Spec, Tables, acceleration, cone, footing, momentum, reach, residuals, stride, swing};
+use crate::rows::{RowKind, Shared, Spec, Tables, acceleration, cone, footing, momentum, reach, residuals, stride, swing};
 use crate::terrain::Ground;
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -126,7 +126,7 @@ impl Residuals {
     pub fn new(layout: &Layout<f64>, x: &[f64], derivatives: bool) -> Residuals {
         let mut shared = Shared::default();
         shared.resize(layout);
-        let (mut c, mut g) = (vec![0.; layout.equalities], vec![0.; layout.inequalities]);
+        let (mut c, mut g) = (vec![0.; layout.rows.one_sided()], vec![0.; layout.inequalities]);
         let mut jacobian = vec![0.; if derivatives { layout.jacobian_len } else { 0 }];
         residuals(layout, x, 0., &mut shared, &mut c, &mut g, derivatives.then_some(&mut jacobian[..]));
         Residuals { c, g, jacobian, shared }
@@ -143,7 +143,7 @@ impl Residuals {
         for element in known {
             for r in 0..element.rows {
                 let (row, at) = (element.place.row as usize + r, element.place.inequality as usize);
-                values.push(if element.spec.equality {
+                values.push(if element.spec.kind == RowKind::Equality {
                     (self.c[row], None)
                 } else {
                     (self.g[at + r], (r < element.pairs).then(|| self.g[at + element.spec.rows + r]))
@@ -160,7 +160,7 @@ pub(super) fn linear(space: &Space, point: &Point) -> Result<Linear> {
     let here = Residuals::new(layout, &point.x, true);
     let known = known(space, layout);
     let columns = space.columns(layout);
-    let mut element_of = vec![NONE; layout.rows];
+    let mut element_of = vec![NONE; layout.rows.all()];
     for (i, element) in layout.all_elements().enumerate() {
         element_of[element.place.row as usize] = i as u32;
     }
@@ -191,7 +191,11 @@ pub(super) fn linear(space: &Space, point: &Point) -> Result<Linear> {
     let mut linear = Linear { cones: cones(layout, &point.x, &here.shared.ground, &columns), ..Linear::default() };
     let mut rows = rows.into_iter();
     for element in &known {
-        let into = if element.spec.equality { &mut linear.equalities } else { &mut linear.inequalities };
+        let into = match element.spec.kind {
+            RowKind::Equality => &mut linear.equalities,
+            RowKind::Inequality => &mut linear.inequalities,
+            RowKind::Cost => continue,
+        };
         into.extend(rows.by_ref().take(element.rows));
     }
     linear.inequalities.extend(shortest_phases(space, point));
@@ -251,12 +255,12 @@ fn bends(layout: &Layout<f64>, x: &[f64], here: &Residuals, element_of: &[u32]) 
 #[cfg(all(test, feature = "ipopt"))]
 pub(super) fn intervals(space: &Space, layout: &Layout<f64>) -> Vec<Option<usize>> {
     let known = known(space, layout);
-    let of = |equality: bool| {
-        let elements = known.iter().filter(move |e| e.spec.equality == equality);
+    let of = |kind: RowKind| {
+        let elements = known.iter().filter(move |e| e.spec.kind == kind);
         elements.flat_map(|e| vec![(e.window.end == e.window.start + 1.).then_some(e.window.start as usize); e.rows])
     };
     // Shortest phases come after all others.
-    of(true).chain(of(false)).chain(std::iter::repeat_n(None, 16 * known.len())).collect()
+    of(RowKind::Equality).chain(of(RowKind::Inequality)).chain(std::iter::repeat_n(None, 16 * known.len())).collect()
 }
 
 /// Adds what the deviations do to the rows of the mean angular momentum and of reach.
