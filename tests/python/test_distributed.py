@@ -119,9 +119,9 @@ def test_without_ray_it_says_what_to_install(task: cregopt.Task, tmp_path: pathl
 
 def test_without_a_cluster_it_says_how_to_join_one(task: cregopt.Task, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pytest.importorskip("ray"), "is_initialized", lambda: False)
-    with pytest.raises(cregopt.Error, match="no cluster: join one by ray.init"):
+    with pytest.raises(cregopt.Error, match="no cluster: join one with ray.init"):
         distributed.evaluate(task, [[[0.5]] * 4])
-    with pytest.raises(cregopt.Error, match="no cluster: join one by ray.init"):
+    with pytest.raises(cregopt.Error, match="no cluster: join one with ray.init"):
         distributed.search(task)
 
 
@@ -165,7 +165,7 @@ def test_a_chunk_that_kills_its_workers_is_named(
         os.kill(os.getpid(), signal.SIGKILL)
 
     monkeypatch.setattr(distributed, "_evaluate_chunk", die)
-    with pytest.raises(cregopt.Error, match=r"schedules\[0\] to \[22\]: no result of a worker, with 1 retries: WorkerCrashedError"):
+    with pytest.raises(cregopt.Error, match=r"schedules\[0\] to \[22\]: no result from a worker after 1 retries: WorkerCrashedError"):
         distributed.evaluate(task, population, chunk=50, max_retries=1)
 
 
@@ -225,9 +225,9 @@ def test_no_schedules_are_no_results(machines: Machines, task: cregopt.Task) -> 
 
 
 def test_options_that_cannot_be_are_named(machines: Machines, task: cregopt.Task, tmp_path: pathlib.Path) -> None:
-    with pytest.raises(cregopt.Error, match="option `threads`: `cpus` says"):
+    with pytest.raises(cregopt.Error, match="option `threads`: use `cpus`"):
         distributed.evaluate(task, [], threads=2)
-    with pytest.raises(cregopt.Error, match="option `device`: `gpus` says"):
+    with pytest.raises(cregopt.Error, match="option `device`: use `gpus`"):
         distributed.search(task, device="gpu")
     with pytest.raises(TypeError, match="unexpected keyword argument 'popultion'"):
         distributed.search(task, popultion=2)
@@ -237,7 +237,7 @@ def test_options_that_cannot_be_are_named(machines: Machines, task: cregopt.Task
         distributed.search(task, gaits="trott")
     with pytest.raises(cregopt.Error, match="gpus: 2, but it must be a number from 0 to 1"):
         distributed.search(task, gpus=2)
-    with pytest.raises(cregopt.Error, match="option `seed`: `seeds` is for that"):
+    with pytest.raises(cregopt.Error, match="option `seed`: use `seeds`"):
         distributed.sweep([task], tmp_path, seed=2)
     with pytest.raises(TypeError, match="unexpected keyword argument 'popultion'"):
         distributed.sweep([task], tmp_path, popultion=2)
@@ -284,7 +284,7 @@ def test_what_workers_solve_is_what_one_process_solves(task: cregopt.Task, searc
         for first in range(0, len(schedules), 5):
             yield first, _cregopt.solve_chunk(task, told, schedules[first : first + 5], "cpu", 1)
 
-    found = _cregopt.search(task, _search.asked(**BROAD), None, ("workers", solve))
+    found = _cregopt.search(task, _search.scenario_options(**BROAD), None, ("workers", solve))
     assert_same_search(found, searched)
     assert found.to_dict().get("fallback") is None
 
@@ -292,7 +292,7 @@ def test_what_workers_solve_is_what_one_process_solves(task: cregopt.Task, searc
         for first, (answers, _) in solve(task, told, schedules):
             yield first, (answers, (len(answers), "the device was lost"))
 
-    found = _cregopt.search(task, _search.asked(**BROAD), None, ("workers", without_gpu))
+    found = _cregopt.search(task, _search.scenario_options(**BROAD), None, ("workers", without_gpu))
     assert found.trajectory.to_json() == searched.trajectory.to_json()
     fallback = found.to_dict()["fallback"]
     assert fallback["candidates"] >= 24 and fallback["reason"] == "the device was lost"
@@ -359,7 +359,7 @@ def test_a_search_whose_workers_die_ends(machines: Machines, task: cregopt.Task,
         os.kill(os.getpid(), signal.SIGKILL)
 
     monkeypatch.setattr(distributed, "_solve_chunk", die)
-    with pytest.raises(cregopt.Error, match=r"schedules\[0\] to \[0\]: no result of a worker, with 0 retries: WorkerCrashedError"):
+    with pytest.raises(cregopt.Error, match=r"schedules\[0\] to \[0\]: no result from a worker after 0 retries: WorkerCrashedError"):
         distributed.search(task, max_retries=0, **QUICK)
 
 
@@ -480,7 +480,7 @@ def test_a_sweep_finds_what_searches_do_and_goes_on_where_it_was(
     torn = max((tmp_path / "parts").glob("part-*"), key=lambda path: path.stat().st_size)
     lost = parquet.read_table(torn).num_rows
     torn.write_bytes(torn.read_bytes()[:-20])
-    with pytest.warns(UserWarning, match="dropped, for it cannot be read"):
+    with pytest.warns(UserWarning, match="dropped, because it cannot be read"):
         assert sweep("parts") == whole
     assert len(told) == lost + 2
     files = parquet.read_table(tmp_path / "parts").to_pylist()
@@ -522,7 +522,7 @@ def test_a_sweep_goes_on_when_workers_die(
     found = rows(distributed.sweep([task], tmp_path / "sweep", seeds=[1, 2, 3], max_retries=1, **QUICK))
     assert attempts(attempted) == {1: 1, 2: 2, 3: 2}
     assert [row["feasible"] for row in found] == [True, None, True]
-    assert found[1]["error"].startswith("no result of a worker, with 1 retries: WorkerCrashedError")
+    assert found[1]["error"].startswith("no result from a worker after 1 retries: WorkerCrashedError")
     monkeypatch.undo()
     again = rows(distributed.sweep([task], tmp_path / "sweep", seeds=[1, 2, 3], max_retries=1, **QUICK))
     assert [row["error"] for row in again] == [None] * 3 and [again[0], again[2]] == [found[0], found[2]]
