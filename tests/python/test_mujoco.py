@@ -179,10 +179,10 @@ def test_plans_for_other_robots_are_refused(trot: cregopt.Gait, model: pathlib.P
         (heavy, None, "the plan is for a robot of 12.2 kg, the model heavy weighs 13.2 kg, more than 5 % apart"),
         (stuck, None, "the model stuck has no free joint at its base"),
         (weightless, None, "joint FL_knee of the model passive has no motor"),
-        (tmp_path / "none.xml", None, "none.xml: there is no such model"),
+        (tmp_path / "none.xml", None, "none.xml: there is no such model file"),
         (model, ["FL", "FR", "RL"], "the model small has 3 feet (FL, FR, RL), the plan 4"),
         (model, ["FL", "FR", "RL", "tail"], "no geom, body or site 'tail'; at the ends of its legs are: RR, FL, FR, RL"),
-        (model, ["FL", "FR", "RL", "trunk"], "'trunk' of the model small is no foot"),
+        (model, ["FL", "FR", "RL", "trunk"], "'trunk' of the model small is not a foot"),
     ]
     for path, feet, told in cases:
         with pytest.raises(cregopt.Error) as error:
