@@ -3,7 +3,7 @@
 The unknowns x are the accelerations of all degrees of freedom and the forces of the feet in contact. The program is
 
     minimise    sum of weight * |A x - b|^2 over the tasks
-    subject to  the dynamics of the base, friction pyramids, and the motors' torque limits, which are soft constraints.
+    subject to  the dynamics of the base, friction pyramids, and, as soft constraints, the motors' torque limits.
 
 The state is known exactly. The plan is followed with one change: a swing starts at the actual position of its foot, and its foothold is displaced by a
 share of the capture point error.

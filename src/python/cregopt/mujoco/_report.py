@@ -24,7 +24,7 @@ class Report:
     friction, planned_friction : float
         Friction coefficients of the ground in the simulation and in the plan.
     seed : int or None
-        Seed of the disturbances of start, masses and friction; None without disturbances.
+        Seed of the disturbances of start, masses and friction, or None if there were no disturbances.
     horizon : float
         Duration of the plan, s.
     upright, fall_time, fall : bool, float or None, str or None
