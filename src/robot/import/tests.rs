@@ -308,8 +308,8 @@ fn errors_name_the_place_the_value_and_the_limit() {
     let standing = Import { configuration: standing(), ..Import::default() };
     check("", &standing, &["empty"]);
     check(" \n", &standing, &["empty"]);
-    check("<robot name=\"x\">", &standing, &["no XML"]);
-    check(&good[..good.len() / 2], &standing, &["no XML"]);
+    check("<robot name=\"x\">", &standing, &["not XML"]);
+    check(&good[..good.len() / 2], &standing, &["not XML"]);
     check("<sdf/>", &standing, &["<sdf>", "<robot>"]);
     check("<robot name=\"x\"/>", &standing, &["links", "none", "at least one"]);
     let ring = format!(
@@ -319,7 +319,7 @@ fn errors_name_the_place_the_value_and_the_limit() {
     );
     check(&ring, &standing, &["links that no joint moves", "none", "without loops"]);
     let changes: &[(&str, &str, &[&str])] = &[
-        ("<inertial>", "<nothing>", &["no XML"]),
+        ("<inertial>", "<nothing>", &["not XML"]),
         ("mass value=\"10\"", "mass value=\"heavy\"", &["line 4", "link `base`, <mass>, `value`", "\"heavy\"", "a number"]),
         ("mass value=\"10\"", "mass value=\"NaN\"", &["link `base`, <mass>", "\"NaN\""]),
         ("mass value=\"10\"", "mass value=\"-1\"", &["link `base`, <mass>", "-1", "not negative"]),
