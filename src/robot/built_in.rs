@@ -47,8 +47,8 @@ impl Robot {
                 pairs(&[0.11, 0., -0.11], 0.185, -0.14),
                 [0.15, 0.1, 0.05],
             ),
-            // The same numbers in the order in which the public code of [4] passes them. This body is physically impossible; it is kept for
-            // comparisons.
+            // Numbers of `pexod` in the order in which the public code of [4] passes them. This body is physically impossible; it is kept
+            // for comparisons.
             "pexod-as-published" => (
                 1.031,
                 symmetric(0.00357413333333, 0., 0., -0.00508626666667, 0., -0.00838546666667),

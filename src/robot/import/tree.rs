@@ -174,7 +174,7 @@ impl<'a> Tree<'a> {
     /// Sets joints that follow others (mimic) to their values.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for one that follows a joint that is not there, or itself.
+    /// [`Error::Invalid`] for a joint that follows a missing joint, or itself.
     pub fn follow(&self, values: &mut [f64]) -> Result<()> {
         for j in 0..values.len() {
             values[j] = self.followed(j, values)?;
