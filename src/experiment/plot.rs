@@ -199,7 +199,7 @@ fn caption(run: &Run) -> String {
 /// Gaits as stance bars of each foot over time: one panel for the best run of each group that found one.
 ///
 /// # Errors
-/// Errors for an invalid schedule, and for an unknown robot.
+/// [`Error::Invalid`] for an invalid schedule, [`Error::Unknown`] for an unknown robot.
 pub fn gaits(runs: &[Run]) -> Result<String> {
     const LEFT: f64 = 60.;
     const RIGHT: f64 = WIDTH - 20.;

@@ -74,7 +74,7 @@ pub struct Run {
     pub reach_excess: Option<f64>,
     /// Mean of |normal force| over the force nodes of the result, N.
     pub mean_normal_force: Option<f64>,
-    /// Best objective so far after each generation; `None` while there is none.
+    /// Best objective so far after each generation; `None` until there is one.
     pub best_objectives: Vec<Option<f64>>,
     /// Phase durations of the result, s, `[feet][phases]`.
     pub durations: Vec<Vec<f64>>,
@@ -130,7 +130,7 @@ pub fn run(case: &Case, devices: &Devices, cancelled: &AtomicBool) -> Result<Opt
         (Method::Towr, Some(workers)) => {
             baseline(&task, Program::Free(vec![phases; task.robot.feet()], BASELINE_LIMITS), workers, cancelled)?
         }
-        // The same horizon as TOWR's.
+        // Same horizon as TOWR.
         (Method::ContactImplicit, Some(workers)) => baseline(&task, Program::ContactImplicit(phases.iter().sum()), workers, cancelled)?,
         (Method::Ipopt | Method::RandomIpopt, Some(workers)) => {
             let level = IpoptLevel { task: &task, workers, options: Options::LOWER_LEVEL };

@@ -116,7 +116,7 @@ const GRAM: [[f64; 4]; 4] = [
 #[derive(Debug)]
 pub(super) struct Price<'a> {
     space: &'a Space<'a>,
-    /// Weights of leg work, 1/J, and of swing work, kg/J (it multiplies the work per kg of leg).
+    /// Weights of leg work, 1/J, and of swing work, kg/J; the latter applies to work per kg of leg mass.
     work: [f64; 2],
     /// Weight of effort, 1/(N² s).
     effort: f64,

@@ -8,13 +8,13 @@
 //! predicted and shrinks if it does not. The result is certified and costs no more than the given gait.
 //!
 //! ```text
-//! v        the given gait, closed under cones
-//! for      a cost whose absolute values are rounded, less rounded, exact
+//! v        the given gait, closed with exact friction cones
+//! for      a cost whose absolute values are rounded, less rounded, exact:
 //! repeat   d    minimises the convex cost around v, |d| <= trust
 //!          w    v + d, closed
-//!          if w is certified and cost(w) < cost(v) - share of what was predicted: v becomes w
+//!          if w is certified and cost(w) < cost(v) - ACCEPTED * predicted decrease: v becomes w
 //!          trust grows or shrinks
-//! until    the optimality residual is below its tolerance, or what is predicted next to nothing
+//! until    the optimality residual is below its tolerance, or the predicted decrease is negligible
 //! ```
 
 mod convex;
@@ -49,7 +49,7 @@ pub struct RefineSettings {
     pub iterations: usize,
     /// Optimality residual at which the refinement ends with `optimal`. Too small: never reached; too large: the result is not optimal.
     pub tolerance: f64,
-    /// Predicted relative decrease of the cost below which a step is negligible. The refinement ends after two such steps. Too small:
+    /// Predicted relative decrease of the cost below which a step is negligible. The refinement ends after two consecutive such steps. Too small:
     /// iterations without effect; too large: ends early.
     pub gain: f64,
     /// Makes phase durations variables.
@@ -60,7 +60,8 @@ pub struct RefineSettings {
     /// Initial trust region. The unit 1 means 5 cm, 0.1 rad, 0.5 m/s, one weight per foot, and a tenth of `sqrt(l / g)` for each phase
     /// boundary. Too large: the first steps are rejected; too small: many steps until it has grown.
     pub trust: f64,
-    /// Shortest phase, in units of `sqrt(l / g)`. Phases of the given gait that are shorter may keep their duration. Too small: swings too fast for motors and controllers; too large: less freedom for the durations.
+    /// Shortest phase, in units of `sqrt(l / g)`. Phases of the given gait that are shorter may keep their duration. Too
+    /// small: swings too fast for motors and controllers; too large: less freedom for the durations.
     pub shortest_phase: f64,
     /// Equivalent mass of a leg at its foot, kg. Default: the robot's.
     pub leg_mass: Option<f64>,

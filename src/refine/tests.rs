@@ -77,7 +77,7 @@ fn derivatives_of_the_cost_agree_with_central_differences() {
                 v[i] += sign * step * length;
                 price.value(&space.point(v).unwrap(), 0.)
             };
-            // Where a power is zero the one-sided derivatives differ, and any value between them is correct.
+            // At zero power the one-sided derivatives differ, and any value between them is correct.
             let (left, right) = ((here - at(-1.)) / step, (at(1.) - here) / step);
             let (by, close) = (by[i] * length, 2e-5);
             assert!(by > left.min(right) - close && by < left.max(right) + close, "variable {i}: {by} is not between {left} and {right}");

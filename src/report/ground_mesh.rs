@@ -39,7 +39,7 @@ impl GroundMesh {
             let feet = samples.iter().flat_map(|s| s.feet.iter().map(|f| f.position));
             feet.chain(samples.iter().map(|s| s.base.position)).chain([goal])
         };
-        // The edge of the mesh needs no more than millimetres.
+        // Millimetres are precise enough for the edge of the mesh.
         let rounded = |value: f64| (value * 1e3).round() / 1e3;
         let low = [0, 1].map(|axis| rounded(places().map(|p| p[axis]).fold(f64::INFINITY, f64::min) - margin));
         let high = [0, 1].map(|axis| rounded(places().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max) + margin));

@@ -28,7 +28,7 @@ pub struct SolvedOn {
 }
 
 impl SolvedOn {
-    /// Describes a backend after its work, when it knows what it could not do on the requested device.
+    /// Describes a backend. To be called after its work, when the fallback to the CPU is known.
     pub fn new(backend: &dyn Backend, precision: Precision) -> SolvedOn {
         let precision = match precision {
             Precision::F32 => "f32 closed in f64",

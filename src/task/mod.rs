@@ -200,7 +200,7 @@ impl Task {
         }
         let feet = self.robot.feet();
         if self.start_feet.len() != feet {
-            return Err(Error::invalid("start_feet", format!("{} feet", self.start_feet.len()), format!("the robot's {feet}")));
+            return Err(Error::invalid("start_feet", format!("{} feet", self.start_feet.len()), format!("{feet} feet, as the robot has")));
         }
         for (foot, place) in self.start_feet.iter().enumerate() {
             for axis in 0..2 {

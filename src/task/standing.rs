@@ -139,7 +139,7 @@ pub(super) fn ground_of_foot(robot: &Robot, terrain: &Terrain, state: &BaseState
     })
 }
 
-/// Lowest and highest base position from which every foot reaches the ground, m. The first exceeds the second if there is none.
+/// Lowest and highest base position from which every foot reaches the ground, m. The first exceeds the second if no height fits.
 pub(super) fn heights(robot: &Robot, terrain: &Terrain, state: &BaseState, fixed_feet: bool) -> [f64; 2] {
     let upright = state.rotation()[2][2];
     (0..robot.feet()).fold([f64::NEG_INFINITY, f64::INFINITY], |[low, high], foot| {

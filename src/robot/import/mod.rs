@@ -204,7 +204,7 @@ impl Import {
         }
         let (flat, bare) = (names(&|c| c.touching > 1 || c.touching == 1 && c.radius == 0.), names(&|c| c.touching == 0));
         if !flat.is_empty() {
-            notes.push(format!("flat feet are taken as points, where their soles are under the ankles: {flat}"));
+            notes.push(format!("flat feet are modelled as points, at the part of the sole below the ankle: {flat}"));
         }
         if !bare.is_empty() {
             notes.push(format!("feet without collision shapes other than meshes touch the ground at the origin of their frames: {bare}"));
@@ -221,7 +221,7 @@ impl Import {
         }
         if let Some(outside) = out_of_support(&robot.nominal_feet).filter(|&outside| outside > 0.) {
             notes.push(format!(
-                "in the configuration the centre of mass is {outside:.3} m outside the feet: it would tip over; give another"
+                "in the configuration the centre of mass is {outside:.3} m outside the feet: it would tip over; give another configuration"
             ));
         }
         notes

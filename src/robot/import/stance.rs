@@ -47,7 +47,7 @@ fn aim(leg: &Leg, bent: f64) -> Option<Aim> {
     Some(Aim { place, joints })
 }
 
-/// Joint values of each leg with which the robot stands on level ground; `None` if a leg cannot be bent in this way.
+/// Joint values of each leg with which the robot stands on level ground; `None` if a leg cannot reach such a pose.
 pub fn standing(legs: &[Leg]) -> Option<Vec<Vec<f64>>> {
     let bent = BENT[usize::from(legs.len() > 2)];
     // Angle of the first bending joint that shortens two equal links to this length.

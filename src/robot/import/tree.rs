@@ -38,7 +38,7 @@ fn index<'a>(what: &str, names: impl Iterator<Item = &'a str>) -> Result<HashMap
     let mut index = HashMap::new();
     for (i, name) in names.enumerate() {
         if index.insert(name, i).is_some() {
-            return Err(Error::invalid(format!("{what} `{}`", name.escape_debug()), "there twice", "there once"));
+            return Err(Error::invalid(format!("{what} `{}`", name.escape_debug()), "defined twice", "defined once"));
         }
     }
     Ok(index)

@@ -170,7 +170,7 @@ fn place(node: Node) -> String {
 }
 
 fn required<'a, 'i>(node: Node<'a, 'i>, name: &'static str) -> Result<Node<'a, 'i>> {
-    element(node, name).ok_or_else(|| Error::invalid(format!("{}, <{name}>", place(node)), "missing", "there"))
+    element(node, name).ok_or_else(|| Error::invalid(format!("{}, <{name}>", place(node)), "missing", "present"))
 }
 
 fn text<'a>(node: Node<'a, '_>, attribute: &str) -> Result<&'a str> {
