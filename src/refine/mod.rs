@@ -49,8 +49,8 @@ pub struct RefineSettings {
     pub iterations: usize,
     /// Optimality residual at which the refinement ends with `optimal`. Too small: never reached; too large: the result is not optimal.
     pub tolerance: f64,
-    /// Predicted relative decrease of the cost below which a step is negligible. The refinement ends after two consecutive such steps. Too small:
-    /// iterations without effect; too large: ends early.
+    /// Predicted relative decrease of the cost below which a step is negligible. The refinement ends after two consecutive such steps.
+    /// Too small: iterations without effect; too large: ends early.
     pub gain: f64,
     /// Makes phase durations variables.
     pub durations: bool,

@@ -48,8 +48,8 @@ fn depth(shape: Shape, turn: &Isometry3<f64>) -> f64 {
 
 /// Contact of a link with the ground: the lowest of its collision spheres, else of its other shapes, else the origin of its frame.
 ///
-/// Several shapes that touch together are a flat foot. It is represented by the point of its sole closest to below the origin of the link's
-/// frame.
+/// Several shapes that touch together are a flat foot. It is represented by the point of its sole that is closest to the
+/// vertical through the origin of the link's frame.
 pub fn contact(tree: &Tree, frames: &[Isometry3<f64>], link: usize) -> Contact {
     let (frame, collisions) = (&frames[link], &tree.model.links[link].collisions);
     let is_ball = |c: &&Collision| matches!(c.shape, Shape::Sphere(_));
@@ -73,7 +73,7 @@ pub fn contact(tree: &Tree, frames: &[Isometry3<f64>], link: usize) -> Contact {
         several => {
             let soles: Vec<Vector3<f64>> = several.iter().map(|&i| placed[i].0 - Vector3::z() * placed[i].1).collect();
             let mean = soles.iter().sum::<Vector3<f64>>() / soles.len() as f64;
-            // The point of the sole closest to below the ankle (the link's frame): a force there causes the smallest ankle torques.
+            // The point of the sole closest to the vertical through the ankle (the link's frame): a force there causes the smallest torques.
             let along = |axis: usize| {
                 let ends = soles.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], p| [low.min(p[axis]), high.max(p[axis])]);
                 frame.translation.vector[axis].max(ends[0]).min(ends[1])

@@ -23,7 +23,7 @@ fn bending(leg: &Leg, axes: &[Vector3<f64>]) -> Option<Vec<usize>> {
     (0..axes.len()).filter(level).map(parallel).max_by_key(Vec::len).filter(|joints| joints.len() > 1)
 }
 
-/// Desired foot position (its height is a minimum) of a leg, and the joints that bend it.
+/// Desired foot position of a leg, whose height is a lower bound, and the joints that bend the leg.
 struct Aim {
     place: Vector3<f64>,
     joints: Vec<usize>,
