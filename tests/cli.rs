@@ -132,7 +132,7 @@ fn an_infeasible_budget_exits_3_and_still_writes_the_best_candidate() {
     assert_eq!(read(dir.path().join("weak/result.json"))["alternatives"], json!([]));
     // It says so before, and afterwards what is violated and what would not be enough.
     ran.says(&["warning", "40.0 N of a weight of 196.1 N"]);
-    assert!(ran.stdout.contains("what stays violated"));
+    assert!(ran.stdout.contains("rows that the nearest candidate violates"));
     let result = read(dir.path().join("weak/result.json"));
     assert_eq!(result["warnings"][0]["certain"], json!(false));
     assert!(result["diagnosis"]["broken"][0]["violated"].as_u64().unwrap() > 0);
