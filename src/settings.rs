@@ -93,8 +93,8 @@ pub struct TranscriptionSettings {
     pub interval: Option<f64>,
     /// `towr` only: time between reach rows, s. Too short: many rows, slow solves. Too long: feet may leave their reach between the rows.
     pub reach_interval: f64,
-    /// Number of cubic pieces of the force in a stance, at least 2. Too few: the force cannot follow what the motion needs. Too many: many
-    /// variables, slow solves.
+    /// Number of cubic pieces of the force in a stance, at least 2. Too few: the force cannot follow what the motion needs; with two pieces
+    /// 52 of the 240 reference candidates were solved, with three 82. Too many: many variables, slow solves.
     pub force_pieces: usize,
     /// Tightening of reach, swing and footing rows, m. Too small: rows that the f32 solution touches fail the f64 check. Too large: fewer
     /// gaits are feasible.
@@ -184,7 +184,7 @@ pub struct SolverSettings {
     pub proximal: f64,
     /// Weight, at the first barrier parameter, of the pull to the smooth initial guess; `momentum` only. It leads to gentler forces and
     /// vanishes with the barrier, so it excludes no solution. Too small: fewer candidates are solved. Too large: more iterations are
-    /// needed.
+    /// needed. With 0, 0.05, 0.1 and 0.2 f32 solved 428, 588, 587 and 582 of 976 candidates.
     pub smoothing: f64,
     /// Smallest proximal weight. Too small: a rejected direction needs more attempts, each with a factorisation, until the weight matters.
     /// Too large: steps stay short, and more iterations are needed.
@@ -193,7 +193,8 @@ pub struct SolverSettings {
     /// side of it.
     pub edge_radius: f64,
     /// Infeasibility `F` below which closing steps are tried. Too small: iterations that closing steps would save; with 0 edges stay
-    /// rounded. Too large: closing steps act on the wrong rows, and hard candidates are lost.
+    /// rounded. Too large: closing steps act on the wrong rows, and hard candidates are lost. With 1e-6, 1e-3 and 1e-2 128 periodic gaits
+    /// of s1 took 817, 759 and 693 iterations, but of 96 free draws 12, 12 and 10 were solved.
     pub closing: f64,
     /// Largest number of f64 closing steps after an f32 solve, before costlier methods are tried. Too small: those methods are used
     /// needlessly. Too large: time is lost on candidates that do not converge.
@@ -245,7 +246,7 @@ impl Default for SmoothSettings {
 /// Settings of early termination.
 ///
 /// A candidate counts as stalled if `F`, at the rate of the last `window` iterations, would need more than `budget` further iterations to
-/// fall to 1e-6. Calibrated in `benches/README.md`.
+/// fall to 1e-6. `benches/README.md` shows how many candidates early termination loses, and how many iterations it saves.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
@@ -255,10 +256,11 @@ pub struct StallSettings {
     /// First iteration at which the stall rule may end a candidate. Too small: candidates with a slow start are lost. Too large: failing
     /// ones cost more.
     pub start: usize,
-    /// Number of iterations over which the rate is measured. Too small: a slow stretch ends a candidate that would have recovered. Too
-    /// large: failing ones cost more.
+    /// Number of iterations over which the rate is measured. Too small: a slow stretch ends a candidate that would have recovered; a window
+    /// of 3 instead of 4 lost 19 instead of 13 of 7,794 solvable candidates. Too large: failing ones cost more.
     pub window: usize,
-    /// Largest predicted number of further iterations. Too small: candidates are lost. Too large: failing ones cost more.
+    /// Largest predicted number of further iterations. Too small: candidates are lost. Too large: failing ones cost more. With 120, 200, 400
+    /// and 800 the rule lost 5, 3, 2 and none of 1,505 solvable candidates and saved 79, 78, 76 and 74 % of the iterations (`towr`).
     pub budget: f64,
     /// Factor of early termination in the first iterations: a candidate ends if its infeasibility measure exceeds this multiple of the
     /// limit for its iteration, see [`Progress::hopeless`](crate::solver::control::Progress::hopeless). Too small: candidates are lost. Too
@@ -304,7 +306,8 @@ impl TranscriptionSettings {
 }
 
 impl SolverSettings {
-    /// First barrier parameter: by default 0.02 for `momentum`, and 0.2 for `towr`, whose violations are larger at first.
+    /// First barrier parameter: by default 0.02 for `momentum`, and 0.2 for `towr`, whose violations are larger at first. With 0.005, 0.02,
+    /// 0.05 and 0.1 f32 solved 571, 587, 587 and 569 of 976 `momentum` candidates, with 9,907, 10,264, 10,548 and 11,426 factorisations.
     pub fn barrier(&self, transcription: Transcription) -> f64 {
         self.barrier.unwrap_or(match transcription {
             Transcription::Momentum => 0.02,

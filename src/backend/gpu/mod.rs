@@ -39,7 +39,8 @@ use tracing::warn;
 
 /// Number of slots on a device with its own memory.
 const SLOTS: usize = 2048;
-/// Smallest number of slots on a software adapter. More than its threads need make it slower, because they share a cache.
+/// Smallest number of slots on a software adapter. More than its threads need make it slower, because they share a cache:
+/// on llvmpipe with two threads, 16 slots solve 2.5 candidates/s, 64 slots 1.8.
 const SOFTWARE_SLOTS: usize = 16;
 /// Number of candidates whose tables are built before the sizes of the slots are chosen.
 const SAMPLE: usize = 256;
