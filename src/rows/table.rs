@@ -138,7 +138,7 @@ macro_rules! table {
         $crate::table!(@sent $name $(<$scalar>)?);
     )*};
     (@sent $name:ident) => {
-        // SAFETY: `#[repr(C)]`, with members of four bytes alone and so without padding; `tests/shader_layout.rs` compares sizes.
+        // SAFETY: `#[repr(C)]`, with members of four bytes alone and so without padding; `tests/library/shader_layout.rs` compares sizes.
         unsafe impl bytemuck::NoUninit for $name {}
     };
     (@sent $name:ident <$scalar:ident>) => {

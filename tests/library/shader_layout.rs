@@ -1,9 +1,7 @@
 //! Shaders, their bindings and their files agree, without a GPU: texts are parsed and validated, sizes and offsets of what stands in buffers
 //! compared with the types whose declarations were written for them. And the tables that only shaders read say the same as those of the twins.
 
-mod common;
-
-use common::{Random, cones, gait, hills, layout_with, spider, task, task_for, transcriptions};
+use crate::common::{Random, cones, gait, hills, layout_with, spider, task, task_for, transcriptions};
 use cregopt::backend::gpu::shaders::{
     Binding, SHARED, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP, bindings, constants, prelude, reads,
 };
@@ -361,7 +359,7 @@ fn constants_arrive_with_all_their_bits_and_are_used() {
                 "QUARTER_HIGH" => quarter[0] = f32::from_bits(value),
                 "QUARTER_MIDDLE" => quarter[1] = f32::from_bits(value),
                 "QUARTER_LOW" => quarter[2] = f32::from_bits(value),
-                // Theirs alone, too; `tests/parity` holds what comes of them to f64.
+                // Theirs alone, too; `tests/gpu/parity` holds what comes of them to f64.
                 "SINE_3" | "SINE_5" | "SINE_7" | "COSINE_4" | "COSINE_6" | "COSINE_8" => {}
                 _ => {
                     let twin = of_variant.get(name).or(twins.get(name));

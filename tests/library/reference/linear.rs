@@ -1,13 +1,13 @@
 //! The factorisation, substitutions and products against dense linear algebra.
 
+use super::solver::{State, states};
+use super::{
+    Case, DIFFERENCE_STEP, F32_BACKWARD_ERROR, F64_SOLVE_TOLERANCE, JACOBIAN_TOLERANCE, SUM_TOLERANCE, assert_close, cases, in_scalar,
+    random_vector,
+};
 use crate::common::{
     Random, any_jacobian, dense_jacobian, families, frozen_at, gait, layout_with, point, rows, rows_with, task, transcriptions,
     with_any_rows,
-};
-use crate::solver::{State, states};
-use crate::{
-    Case, DIFFERENCE_STEP, F32_BACKWARD_ERROR, F64_SOLVE_TOLERANCE, JACOBIAN_TOLERANCE, SUM_TOLERANCE, assert_close, cases, in_scalar,
-    random_vector,
 };
 use cregopt::gait::Schedule;
 use cregopt::linear::forward::forward;

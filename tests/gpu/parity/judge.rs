@@ -1,10 +1,10 @@
 //! Verdicts on trial points.
 
-use crate::ARITHMETIC;
-use crate::candidates::candidates;
+use super::ARITHMETIC;
+use super::candidates::candidates;
+use super::lab::{CAPACITY, Expected, Lab, SMALL, State, fill, gpu, states};
+use super::solver::{barrier_state, residuals, slacks, truncated_counts};
 use crate::common::Random;
-use crate::lab::{CAPACITY, Expected, Lab, SMALL, State, fill, gpu, states};
-use crate::solver::{barrier_state, residuals, slacks, truncated_counts};
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::settings::Transcription;
 use cregopt::solver::control::{self, ATTEMPTS, CLOSE, ENDED, EXACT, Limits, Progress, SHORTENINGS, SHORTER, SOLVED, STEP};

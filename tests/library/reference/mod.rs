@@ -1,14 +1,11 @@
 //! The kernels against independent f64 formulas on TOWR's node values, central differences and dense linear algebra.
 
-#[path = "../common/mod.rs"]
-mod common;
-
 mod formulas;
 mod linear;
 mod rows;
 mod solver;
 
-use common::{Random, gait, hills, lopsided, spider, task, task_for};
+use crate::common::{Random, gait, hills, lopsided, spider, task, task_for};
 use cregopt::gait::Schedule;
 use cregopt::real::Real;
 use cregopt::task::Task;

@@ -1,8 +1,6 @@
 //! Small whole problems with known answers, every way a solve can end, and results that do not depend on threads or order.
 
-mod common;
-
-use common::{
+use crate::common::{
     Random, ReferenceCandidate, free_legs, gait, layout, layout_with, momentum, reference_candidates, task, towr, transcriptions,
 };
 use cregopt::backend::{Backend, Cpu, Job, Precision, Solution};

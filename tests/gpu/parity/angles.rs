@@ -1,7 +1,7 @@
 //! Sine and cosine of shaders against those in f64.
 
+use super::lab::gpu;
 use crate::common::Random;
-use crate::lab::gpu;
 use cregopt::backend::gpu::shaders::{SHARED, WORKGROUP};
 use std::f64::consts::{FRAC_PI_2, PI};
 

@@ -1,11 +1,11 @@
 //! Products with the Jacobian, and substitutions with a factor.
 
-use crate::candidates::candidates;
+use super::candidates::candidates;
+use super::front::{System, backward, front_of, with_small_fronts};
+use super::lab::{CAPACITY, Expected, LARGE, Lab, POISON, SMALL, Slot, State, fill, gpu, states, stem};
+use super::solver::{jacobian_at, solver_step};
+use super::{SUBSTITUTION, SUM};
 use crate::common::Random;
-use crate::front::{System, backward, front_of, with_small_fronts};
-use crate::lab::{CAPACITY, Expected, LARGE, Lab, POISON, SMALL, Slot, State, fill, gpu, states, stem};
-use crate::solver::{jacobian_at, solver_step};
-use crate::{SUBSTITUTION, SUM};
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::linear::front::{Factor, factorise};
 use cregopt::linear::{forward, product, transposed};

@@ -1,8 +1,6 @@
 //! What must hold for any gait, robot or goal.
 
-mod common;
-
-use common::{Random, Rows, gait, layout_with, lopsided, point, rows, task, task_for, transcriptions};
+use crate::common::{Random, Rows, gait, layout_with, lopsided, point, rows, task, task_for, transcriptions};
 use cregopt::backend::Cpu;
 use cregopt::gait::Schedule;
 use cregopt::gait::spline::hermite;
@@ -98,7 +96,7 @@ proptest! {
     #[test]
     fn any_schedule_has_a_consistent_layout(schedule in schedule(1..=8), settings in transcription(), edges in any::<bool>()) {
         let terrain = Terrain::named(if edges { "slope" } else { "flat" }).unwrap();
-        let task = task_for(common::spider(schedule.feet()), terrain, [2., 0.5], 1.);
+        let task = task_for(crate::common::spider(schedule.feet()), terrain, [2., 0.5], 1.);
         let layout = Layout::<f32>::new(&task, &schedule.aligned(interval(&settings, &task.robot)), &settings);
         check_sizes(&layout, &schedule, &settings)?;
         check_places(&layout)?;

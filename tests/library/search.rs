@@ -1,8 +1,6 @@
 //! The whole search as a user of the library meets it, on a biped that walks a metre.
 
-mod common;
-
-use common::task;
+use crate::common::task;
 use cregopt::gait::Curve;
 use cregopt::gait::cost::CostWeights;
 use cregopt::gait::family::{GaitFamily, PeriodicGait};

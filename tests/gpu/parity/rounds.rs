@@ -1,10 +1,10 @@
 //! What a round is for, or why there is none: forty rounds of candidates that converge, stall and fail.
 
-use crate::ARITHMETIC;
-use crate::candidates::{EDGE_RADIUS, candidates};
+use super::ARITHMETIC;
+use super::candidates::{EDGE_RADIUS, candidates};
+use super::lab::{CAPACITY, Expected, Lab, SMALL, fill, gpu};
+use super::solver::{barrier_state, limits, slacks};
 use crate::common::Random;
-use crate::lab::{CAPACITY, Expected, Lab, SMALL, fill, gpu};
-use crate::solver::{barrier_state, limits, slacks};
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::solver::control::{self, CLOSE, EXACT, Progress, SOLVED, STEP};
 use cregopt::solver::slacks::largest;

@@ -1,6 +1,6 @@
 //! Slots full of candidates: poison before a shader runs, a copy for its twin, and the comparison after it.
 
-use crate::candidates::{Candidate, EDGE_RADIUS, grids};
+use super::candidates::{Candidate, EDGE_RADIUS, grids};
 use crate::common::Random;
 use cregopt::backend::gpu::shaders::{Shader, WORKGROUP};
 use cregopt::backend::gpu::tables::{Batch, Buffer, Sizes, Slot as Counts};

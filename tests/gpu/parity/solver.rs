@@ -1,9 +1,9 @@
 //! Steps of the solver. Inputs are seeded numbers of the size that they have in a solve.
 
-use crate::candidates::candidates;
+use super::candidates::candidates;
+use super::lab::{CAPACITY, Expected, Lab, POISON, SMALL, Slot, State, fill, gpu, states, stem};
+use super::{ARITHMETIC, SUM};
 use crate::common::{self, Random};
-use crate::lab::{CAPACITY, Expected, Lab, POISON, SMALL, Slot, State, fill, gpu, states, stem};
-use crate::{ARITHMETIC, SUM};
 use cregopt::backend::gpu::Prepared;
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::solver::control::{self, CLOSE, EXACT, Limits, Progress, SHORTER, SOLVED, STEP};

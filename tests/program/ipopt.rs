@@ -1,9 +1,7 @@
 //! The programs that Ipopt gets, against central differences, TOWR's own numbers and solutions, and this program's solver; and Ipopt on them,
 //! where the feature `ipopt` is built in.
 
-mod common;
-
-use common::{Random, data, gait, hills, reference_candidates, spider, task_for, towr};
+use crate::common::{Random, data, gait, hills, reference_candidates, spider, task_for, towr};
 use cregopt::backend::Cpu;
 use cregopt::gait::{Schedule, Trajectory};
 use cregopt::reference::contact_implicit::{ContactImplicit, Contacts};
@@ -139,8 +137,9 @@ fn towrs_own_solutions_satisfy_the_program() {
     for line in data("towr_solutions.jsonl").lines() {
         let trajectory = Trajectory::from_json(line).unwrap();
         let value: serde_json::Value = serde_json::from_str(line).unwrap();
-        let same =
-            |c: &&common::ReferenceCandidate| c.scenario == value["scenario"] && c.target == value["target"] && c.index == value["idx"];
+        let same = |c: &&crate::common::ReferenceCandidate| {
+            c.scenario == value["scenario"] && c.target == value["target"] && c.index == value["idx"]
+        };
         let candidate = candidates.iter().find(same).unwrap();
         let nlp = Towr::fixed(&candidate.task, &Schedule::new(trajectory.durations.clone()).unwrap());
         let x = nlp.point(&trajectory).unwrap();

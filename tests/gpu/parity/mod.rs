@@ -3,11 +3,6 @@
 //! Candidates stand in slots. Before a run everything that the shader is not documented to read is poison, a NaN of its own; then the
 //! twin writes into a copy. After the run both are compared as a whole: what the twin wrote within a tolerance, all else bit for bit, so an
 //! element that is left out, written twice over, or written into a slot that was not asked for, fails.
-//!
-//! `CREGOPT_TEST_ADAPTER` names the adapter; without one tests are skipped, unless `GPU_TESTS=require`.
-
-#[path = "../common/mod.rs"]
-mod common;
 
 mod angles;
 mod candidates;
@@ -19,8 +14,8 @@ mod rounds;
 mod rows;
 mod solver;
 
+use crate::common::Random;
 use candidates::candidates;
-use common::Random;
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::solver::control::{Progress, STEP};
 use lab::{Expected, Lab, POISON, SMALL, State, fill, gpu, states};
@@ -45,7 +40,7 @@ const TRIGONOMETRY: f32 = 64.;
 /// Force rows: a root and divisions, and normals of ground that bends by 33/m.
 const CURVED: f32 = 16.;
 
-/// Deviations of attitude divide momenta of up to 1e3 N m s by inertias down to 0.05 kg m²; see `F32_DEVIATION_TOLERANCE` in tests/reference.
+/// Deviations of attitude divide momenta of up to 1e3 N m s by inertias down to 0.05 kg m²; see `F32_DEVIATION_TOLERANCE` in `tests/library/reference`.
 const DEVIATION: f32 = 256.;
 
 /// Backward error of the front, entry by entry: that of a Cholesky factor is within a few units of the geometric mean of two diagonal
@@ -115,7 +110,7 @@ fn a_perturbed_element_is_seen() {
 fn every_shader_has_a_test_here() {
     let rooms = ["front", "judge", "linear", "rounds", "rows", "solver"];
     let text: String =
-        rooms.map(|room| std::fs::read_to_string(format!("{}/tests/parity/{room}.rs", env!("CARGO_MANIFEST_DIR"))).unwrap()).concat();
+        rooms.map(|room| std::fs::read_to_string(format!("{}/tests/gpu/parity/{room}.rs", env!("CARGO_MANIFEST_DIR"))).unwrap()).concat();
     for shader in Shader::ALL {
         assert!(text.contains(&format!("Shader::{shader:?},")), "{} is compared nowhere", shader.path());
     }

@@ -1,10 +1,10 @@
 //! The factorisation.
 
-use crate::FRONT;
-use crate::candidates::{Candidate, candidates};
+use super::FRONT;
+use super::candidates::{Candidate, candidates};
+use super::lab::{CAPACITY, Expected, LARGE, Lab, SMALL, Slot, State, gpu, skipped, states, with_its_workgroups};
+use super::solver::jacobian_at;
 use crate::common::{Random, any_jacobian, with_any_rows};
-use crate::lab::{CAPACITY, Expected, LARGE, Lab, SMALL, Slot, State, gpu, skipped, states, with_its_workgroups};
-use crate::solver::jacobian_at;
 use cregopt::backend::gpu::Prepared;
 use cregopt::backend::gpu::shaders::{Shader, Variant, WORKGROUP};
 use cregopt::linear::front::{Factor, NormalEquations, factorise};
@@ -14,7 +14,7 @@ use cregopt::solver::control::{CLOSE, EXACT, SHORTER, SOLVED, STEP};
 use nalgebra::{DMatrix, DVector};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Random weights, some of them zero, with values that are zero there too; what falls on single variables. As in tests/reference.
+/// Random weights, some of them zero, with values that are zero there too; what falls on single variables. As in `tests/library/reference`.
 pub struct System {
     pub weight: Vec<f32>,
     pub value: Vec<f32>,

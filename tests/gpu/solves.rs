@@ -1,10 +1,6 @@
 //! Whole solves on a GPU or a software adapter against those on the CPU, and what happens when the device gives up.
-//!
-//! Without an adapter every test says what it skips; with `GPU_TESTS=require` it fails instead.
 
-mod common;
-
-use common::{Random, gait, momentum, reference_candidates, task, towr};
+use crate::common::{Random, gait, momentum, reference_candidates, task, towr};
 use cregopt::backend::gpu::{Device, Folder, Prepared, most_slots};
 use cregopt::backend::{Backend, Cpu, Fallback, Gpu, Precision};
 use cregopt::gait::Schedule;

@@ -1,8 +1,6 @@
 //! The `momentum` transcription: what must not depend on where the scene is, motion between knots, exact integrals.
 
-mod common;
-
-use common::{Random, gait, layout, layout_with, point, rows_with, shared, task};
+use crate::common::{Random, gait, layout, layout_with, point, rows_with, shared, task};
 use cregopt::gait::spline::hermite;
 use cregopt::gait::{Schedule, Trajectory};
 use cregopt::nlp::{Layout, trajectory};
@@ -194,7 +192,8 @@ fn the_whole_solve_moves_with_the_scene() {
 
 /// Farthest that the base is from its nodes between knots, m and rad: as reach rows have it, and by its plain cubics.
 fn between_knots(task: &Task, schedule: &Schedule) -> [[f64; 2]; 2] {
-    let layout = layout_with::<f64>(task, schedule, &TranscriptionSettings { friction: Some(Friction::Pyramid), ..common::momentum() });
+    let layout =
+        layout_with::<f64>(task, schedule, &TranscriptionSettings { friction: Some(Friction::Pyramid), ..crate::common::momentum() });
     let (outcome, x) = solve(&layout, &SolverSettings::default());
     assert_eq!(outcome.status, Status::Solved);
     let mut shared = shared(&layout);

@@ -1,7 +1,7 @@
 //! Who is evaluated: candidates, small and long ones, and a point of each.
 
+use super::lab::POISON;
 use crate::common::{Random, cones, gait, hills, layout_with, lopsided, point, spider, task, task_for, towr, transcriptions};
-use crate::lab::POISON;
 use cregopt::gait::Schedule;
 use cregopt::nlp::Layout;
 use cregopt::settings::TranscriptionSettings;

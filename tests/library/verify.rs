@@ -77,7 +77,7 @@ fn check(trajectory: &Trajectory) -> Report {
 
 #[test]
 fn every_reference_solution_of_towr_breaks_no_row() {
-    let text = include_str!("data/towr_solutions.jsonl");
+    let text = include_str!("../data/towr_solutions.jsonl");
     for (line, text) in text.lines().enumerate() {
         let trajectory = Trajectory::from_json(text).unwrap();
         let scenario = Scenario::named(trajectory.scenario.as_ref().unwrap()).unwrap();

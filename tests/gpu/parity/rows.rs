@@ -1,8 +1,9 @@
 //! Evaluation of the rows.
 
-use crate::candidates::{candidates, long_candidates};
-use crate::lab::{CAPACITY, Expected, Lab, SMALL, State, gpu, states, stem};
-use crate::{ARITHMETIC, CURVED, DEVIATION, TRIGONOMETRY, common};
+use super::candidates::{candidates, long_candidates};
+use super::lab::{CAPACITY, Expected, Lab, SMALL, State, gpu, states, stem};
+use super::{ARITHMETIC, CURVED, DEVIATION, TRIGONOMETRY};
+use crate::common;
 use cregopt::backend::gpu::Prepared;
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::backend::gpu::tables::Slot as Counts;

@@ -1,13 +1,13 @@
 //! Residuals against formulas, Jacobians against central differences, f32 against f64.
 
+use super::formulas::{accelerations, expected, expected_cones, expected_momentum};
+use super::{
+    DIFFERENCE_STEP, F32_DEVIATION_TOLERANCE, F32_TOLERANCE, JACOBIAN_TOLERANCE, RESIDUAL_TOLERANCE, assert_close, cases, first_difference,
+    in_scalar,
+};
 use crate::common::{
     Random, Rows, cones, dense_jacobian, families, frozen_at, gait, layout_with, momentum, one_sided, point, rows, rows_with, straight,
     towr, transcriptions,
-};
-use crate::formulas::{accelerations, expected, expected_cones, expected_momentum};
-use crate::{
-    DIFFERENCE_STEP, F32_DEVIATION_TOLERANCE, F32_TOLERANCE, JACOBIAN_TOLERANCE, RESIDUAL_TOLERANCE, assert_close, cases, first_difference,
-    in_scalar,
 };
 use cregopt::gait::Trajectory;
 use cregopt::nlp::layout::Element;
