@@ -4,6 +4,7 @@
 mod common;
 
 mod momentum;
+mod perturbations;
 mod properties;
 mod reference;
 mod search;

@@ -1,20 +1,14 @@
-//! `cregopt atlas` as its users meet it.
+//! `cregopt atlas`.
 
-use assert_cmd::Command;
+use crate::harness::run;
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
-use std::time::Duration;
-
-const PROGRAM: &str = env!("CARGO_BIN_EXE_cregopt");
 
 /// Exit code, stdout, stderr.
 fn atlas(folder: &Path, flags: &str) -> (i32, String, String) {
-    let mut command = Command::new(PROGRAM);
-    command.arg("atlas").args(flags.split_whitespace()).current_dir(folder).timeout(Duration::from_secs(60));
-    let output = command.output().unwrap();
-    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
-    (output.status.code().unwrap_or(-1), text(output.stdout), text(output.stderr))
+    let ran = run(folder, &format!("atlas {flags}"));
+    (ran.code, ran.stdout, ran.stderr)
 }
 
 /// A grid of a few problems.

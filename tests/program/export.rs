@@ -1,18 +1,16 @@
 //! Motions that `export` writes for other programs.
 
-use assert_cmd::Command;
+use crate::harness;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
-use std::time::Duration;
 use tempfile::TempDir;
 
 /// Runs the program in a folder: exit code and messages.
 fn run(folder: &Path, command: &str) -> (i32, String) {
-    let mut program = Command::new(env!("CARGO_BIN_EXE_cregopt"));
-    let output = program.args(command.split_whitespace()).current_dir(folder).timeout(Duration::from_secs(120)).output().unwrap();
-    (output.status.code().unwrap_or(-1), String::from_utf8(output.stderr).unwrap())
+    let ran = harness::run(folder, command);
+    (ran.code, ran.stderr)
 }
 
 /// A quadruped that turns while it walks up a slope.

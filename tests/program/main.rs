@@ -4,14 +4,25 @@
 mod common;
 
 mod atlas;
+#[cfg(feature = "gpu")]
+mod devices;
+mod evaluate;
 #[cfg(all(feature = "gpu", feature = "experiment"))]
-mod cli;
+mod exit_codes;
+#[cfg(feature = "experiment")]
+mod experiment;
 mod export;
+mod harness;
+mod input_files;
 mod ipopt;
 mod pictures;
+mod processes;
 #[cfg(feature = "urdf")]
 mod robot_files;
+mod scenario_file;
 #[cfg(feature = "schema")]
 mod schema;
+mod solve;
+mod verify;
 #[cfg(feature = "view")]
 mod view;

@@ -1,30 +1,22 @@
 //! Robot files as users make and use them: from a URDF, as JSON or TOML.
 
-use assert_cmd::Command;
+use crate::harness::{Ran, data, run_in};
 use cregopt::Terrain;
 use std::fs;
 use std::path::Path;
-use std::process::Output;
-use std::time::Duration;
 
 const STANDING: &str =
     "LF_pitch=0.785,LF_knee=-1.57,RF_pitch=0.785,RF_knee=-1.57,LH_pitch=0.785,LH_knee=-1.57,RH_pitch=0.785,RH_knee=-1.57";
 
-fn run(folder: &Path, args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_cregopt")).args(args).current_dir(folder).timeout(Duration::from_secs(60)).output().unwrap()
-}
-
-/// Runs it, checks the exit code and returns what it printed.
+/// Runs the program, checks the exit code and returns stdout and stderr.
 fn ran(folder: &Path, args: &[&str], code: i32) -> [String; 2] {
-    let output = run(folder, args);
-    let texts = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
-    assert_eq!(output.status.code(), Some(code), "{texts:?}");
-    texts
+    let ran = run_in(folder, args);
+    ran.ends_with(code);
+    [ran.stdout, ran.stderr]
 }
 
 fn urdf(folder: &Path) {
-    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/quadruped.urdf");
-    fs::copy(source, folder.join("four.urdf")).unwrap();
+    fs::copy(data("quadruped.urdf"), folder.join("four.urdf")).unwrap();
 }
 
 #[test]
@@ -142,11 +134,10 @@ fn joints_follow_the_motion_of_an_imported_robot() {
     ran(dir.path(), &["robot", "import", "four.urdf", "--configuration", STANDING, "-o", "robot.toml"], 0);
     ran(dir.path(), &["solve", "--robot", "robot.toml", "--goal", "0.5,0", "--first", "--threads", "1", "--out", "out"], 0);
     let joints = ["robot", "joints", "out/trajectory.json", "--rate", "200", "-o", "joints.csv"];
-    let output = run(dir.path(), &joints);
-    let text = String::from_utf8(output.stdout).unwrap();
+    let Ran { code, stdout: text, .. } = run_in(dir.path(), &joints);
     assert!(text.starts_with("12 joints at ") && text.contains("torque") && text.contains("limits"), "{text}");
     let within = text.contains("within all limits");
-    assert_eq!(output.status.code(), Some(if within { 0 } else { 3 }), "{text}");
+    assert_eq!(code, if within { 0 } else { 3 }, "{text}");
     let [json, _] = ran(dir.path(), &[&joints[..], &["--json"]].concat(), if within { 0 } else { 3 });
     let limits: serde_json::Value = serde_json::from_str(&json).unwrap();
     assert_eq!((&limits["kept"], &limits["miss"]["limit"]), (&within.into(), &5e-3.into()));

@@ -1,16 +1,14 @@
 //! Files that the program reads and writes against the JSON Schemas that it prints.
 
-use assert_cmd::Command;
+use crate::harness::{self, read};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
-use std::time::Duration;
 
 /// Runs the program in a folder: exit code and output.
 fn run(folder: &Path, command: &str) -> (i32, String) {
-    let mut program = Command::new(env!("CARGO_BIN_EXE_cregopt"));
-    let output = program.args(command.split_whitespace()).current_dir(folder).timeout(Duration::from_secs(120)).output().unwrap();
-    (output.status.code().unwrap_or(-1), String::from_utf8(output.stdout).unwrap())
+    let ran = harness::run(folder, command);
+    (ran.code, ran.stdout)
 }
 
 fn schema(folder: &Path, file: &str) -> Value {
@@ -23,10 +21,6 @@ fn schema(folder: &Path, file: &str) -> Value {
 fn wrong(schema: &Value, value: &Value) -> Option<String> {
     let validator = jsonschema::draft202012::new(schema).unwrap();
     validator.validate(value).err().map(|error| format!("{} at {}", error, error.instance_path()))
-}
-
-fn read(path: impl AsRef<Path>) -> Value {
-    serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
 }
 
 /// Follows references, and the one alternative of several that is an object with properties.

@@ -1,27 +1,15 @@
 //! Pages of results, as the program makes them and as a browser shows them.
 
-use assert_cmd::Command;
+use crate::harness::run;
 use std::fs;
 use std::path::Path;
-use std::process::Output;
-use std::time::Duration;
 use tempfile::TempDir;
-
-/// Runs the program in a folder.
-fn run(folder: &Path, command: &str) -> Output {
-    let program = Command::new(env!("CARGO_BIN_EXE_cregopt"))
-        .args(command.split_whitespace())
-        .current_dir(folder)
-        .timeout(Duration::from_secs(120))
-        .output();
-    program.unwrap()
-}
 
 /// Runs the program, which must succeed, and returns what it prints.
 fn run_well(folder: &Path, command: &str) -> String {
-    let output = run(folder, command);
-    assert!(output.status.success(), "{command}: {}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap()
+    let ran = run(folder, command);
+    ran.ends_with(0);
+    ran.stdout
 }
 
 /// A folder with gaits of a quadruped and a biped.
@@ -76,12 +64,7 @@ fn what_cannot_be_shown_is_refused_and_nothing_is_written() {
         ("view a b c d e f g h i", 2, &["results: 9", "at most 8"]),
     ];
     for (command, code, parts) in cases {
-        let output = run(folder.path(), command);
-        let stderr = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(code), "{command}: {stderr}");
-        for part in parts {
-            assert!(stderr.contains(part), "{command}: no `{part}` in: {stderr}");
-        }
+        run(folder.path(), command).ends_with(code).says(parts);
     }
     let names: Vec<String> = fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
     assert!(names.iter().all(|name| !name.contains("html")), "{names:?}");
