@@ -1,7 +1,7 @@
 //! Comparison of a refinement with Ipopt from the same gait.
 //!
-//! The durations are given, so that the optimum is unique. With free durations there are many optima, and two methods seldom find the same one:
-//! Ipopt then finds gaits that cost 3 to 4 % less than refined ones (`benches/README.md`).
+//! The durations are given, so that the optimum is unique. With free durations there are many optima, and two methods seldom find the same
+//! one: Ipopt then finds gaits that cost 3 to 4 % less than refined ones (`benches/README.md`).
 
 use super::tests::{found, task};
 use super::*;

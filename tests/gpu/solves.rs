@@ -1,4 +1,4 @@
-//! Whole solves on a GPU or a software adapter against those on the CPU, and what happens when the device gives up.
+//! Whole solves on a GPU or a software adapter, compared with solves on the CPU, and recovery from a device that fails.
 
 use crate::common::{Random, gait, momentum, reference_candidates, task, towr};
 use cregopt::backend::gpu::{Device, Folder, Prepared, most_slots};
@@ -18,12 +18,12 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Mutex, MutexGuard, OnceLock};
 
-/// The adapter under test, opened, or `None` after saying which test is skipped.
+/// Opens the adapter under test. Returns `None` after reporting which test is skipped.
 fn device(test: &str) -> Option<Device> {
     device_with(test, Folder::default())
 }
 
-/// The same with a folder for what is kept.
+/// Opens the adapter with a folder for cached pipelines.
 fn device_with(test: &str, folder: Folder) -> Option<Device> {
     let name = std::env::var("CREGOPT_TEST_ADAPTER").ok();
     match Device::open_with(name.as_deref(), folder) {
@@ -36,7 +36,7 @@ fn device_with(test: &str, folder: Folder) -> Option<Device> {
     }
 }
 
-/// The same device for every test that does not break it; one test at a time has it.
+/// The device shared by all tests that do not break it, for one test at a time.
 fn gpu(test: &str) -> Option<MutexGuard<'static, Gpu>> {
     static GPU: OnceLock<Option<Mutex<Gpu>>> = OnceLock::new();
     let gpu = GPU.get_or_init(|| device(test).map(|device| Mutex::new(Gpu::new(device, 2).unwrap())));
@@ -54,7 +54,7 @@ fn solve_on(backend: &dyn Backend, candidates: &[(&Task, &Schedule)], lower: &Lo
     evaluate(candidates, lower, None, backend, false, &|| false).unwrap()
 }
 
-/// Asserts how many candidates a device left to the CPU, and why.
+/// Asserts how many candidates a device left to the CPU, and for which reason.
 fn left_to_the_cpu(gpu: &Gpu, candidates: usize, why: &str) {
     let Fallback { candidates: left, reason } = gpu.fallback().expect("it says so");
     assert_eq!(left, candidates);
@@ -62,7 +62,7 @@ fn left_to_the_cpu(gpu: &Gpu, candidates: usize, why: &str) {
     assert!(!gpu.device().contains("cpu"), "the name is that of the device: {}", gpu.device());
 }
 
-/// Asserts that both found the same candidates feasible, each certified in f64.
+/// Asserts that both found the same candidates feasible, each certified in f64. Returns their number.
 fn assert_same_verdicts(name: &str, ours: &[Option<Evaluated>], theirs: &[Option<Evaluated>]) -> usize {
     assert_eq!(ours.len(), theirs.len());
     let mut differing = Vec::new();
@@ -76,7 +76,7 @@ fn assert_same_verdicts(name: &str, ours: &[Option<Evaluated>], theirs: &[Option
     ours.iter().flatten().filter(|e| e.feasible).count()
 }
 
-/// All reference candidates of one transcription, of all robots in one batch.
+/// Solves all reference candidates of all robots with one transcription in one batch.
 fn reference_batch(test: &str, transcription: TranscriptionSettings, least: usize) {
     let Some(gpu) = gpu(test) else { return };
     let candidates = reference_candidates();
@@ -96,11 +96,11 @@ fn gpu_and_cpu_agree_on_the_reference_candidates_in_towr() {
 
 #[test]
 fn gpu_and_cpu_agree_on_the_reference_candidates_in_momentum() {
-    // Under the exact cone; fewer than under a pyramid around it.
+    // Under the exact cone fewer are feasible than under a pyramid around it.
     reference_batch("gpu_and_cpu_agree_on_the_reference_candidates_in_momentum", momentum(), 45);
 }
 
-/// A few short candidates of several robots and terrains, every other one with a goal that is too far.
+/// A few short candidates of several robots and terrains; every other goal is too far.
 fn mixed(random: &mut Random) -> Vec<(Task, Schedule)> {
     let mut candidates = Vec::new();
     for (robot, feet, terrain) in [("biped", 2, "flat"), ("anymal", 4, "step"), ("pexod", 6, "slope"), ("biped", 2, "stairs")] {
@@ -112,8 +112,8 @@ fn mixed(random: &mut Random) -> Vec<(Task, Schedule)> {
 }
 
 #[test]
-fn robots_and_terrains_share_a_batch_and_few_slots_give_the_same() {
-    let test = "robots_and_terrains_share_a_batch_and_few_slots_give_the_same";
+fn robots_and_terrains_share_a_batch_and_few_slots_give_the_same_results() {
+    let test = "robots_and_terrains_share_a_batch_and_few_slots_give_the_same_results";
     let Some(device) = device(test) else { return };
     let candidates = mixed(&mut Random::new(3));
     let problems: Vec<(&Task, &Schedule)> = candidates.iter().map(|(t, s)| (t, s)).collect();
@@ -123,7 +123,7 @@ fn robots_and_terrains_share_a_batch_and_few_slots_give_the_same() {
     let at_once = solve_on(&gpu, &problems, &settings);
     let feasible = assert_same_verdicts(test, &at_once, &theirs);
     assert!(feasible > 0 && feasible < problems.len(), "{feasible} of {} feasible: nothing to tell apart", problems.len());
-    // Slots that are left and filled again by others.
+    // Slots that are released and filled with other candidates.
     let gpu = gpu.with_slots(3);
     let by_threes = solve_on(&gpu, &problems, &settings);
     for (index, (a, b)) in at_once.iter().flatten().zip(by_threes.iter().flatten()).enumerate() {
@@ -155,8 +155,8 @@ fn candidates_are_finished_on_the_cpu_when_the_device_is_lost() {
 }
 
 #[test]
-fn what_is_left_to_the_cpu_is_smoothed_once() {
-    let test = "what_is_left_to_the_cpu_is_smoothed_once";
+fn candidates_left_to_the_cpu_are_smoothed_once() {
+    let test = "candidates_left_to_the_cpu_are_smoothed_once";
     let Some(device) = device(test) else { return };
     let gpu = Gpu::new(device, 2).unwrap();
     gpu.open_device().device.destroy();
@@ -183,7 +183,7 @@ fn fronts_beyond_the_workgroup_memory_and_heights_beyond_a_binding_have_no_slots
     let slots = |device: &Device, heights: usize| most_slots(device, &sizes, &settings.solver, heights);
     assert!(slots(&device, 0) > 0);
     assert_eq!(slots(&device, 1 << 40), 0);
-    // A part of the panel of its front.
+    // Part of the panel of its front.
     device.limits.max_compute_workgroup_storage_size = 1 << 10;
     assert_eq!(slots(&device, 0), 0);
 }
@@ -204,7 +204,7 @@ fn a_batch_that_does_not_fit_is_retried_smaller_and_without_any_memory_goes_to_t
     let profile = gpu.take_profile();
     assert!((1..problems.len()).contains(&profile.slots), "{} slots", profile.slots);
     assert_eq!(gpu.fallback(), None);
-    // None is found at all: long candidates need more than the self-test.
+    // No memory for a single slot: long candidates need more than the self-test.
     let (far, long) = (task("pexod", "flat", [2., 0.], 0.), gait(&mut Random::new(1), 6, 9..=11));
     let settings = lower(momentum());
     let ours = solve_on(&gpu, &[(&far, &long)], &settings);
@@ -227,13 +227,13 @@ fn the_first_feasible_candidate_does_not_depend_on_the_device() {
         results.iter().position(|r| r.as_ref().is_some_and(|r| r.feasible)).unwrap()
     };
     assert_eq!(first(&*gpu), first(&Cpu::new(1).unwrap()));
-    // Nothing is left behind when everything is cancelled.
+    // A cancelled batch leaves nothing to be finished.
     assert!(evaluate(&problems, &settings, None, &*gpu, false, &|| true).unwrap().iter().all(Option::is_none));
 }
 
 #[test]
-fn smoothing_and_double_precision_work_with_a_gpu_too() {
-    let test = "smoothing_and_double_precision_work_with_a_gpu_too";
+fn smoothing_and_double_precision_work_with_a_gpu() {
+    let test = "smoothing_and_double_precision_work_with_a_gpu";
     let Some(gpu) = gpu(test) else { return };
     let candidates = mixed(&mut Random::new(3));
     let problems: Vec<(&Task, &Schedule)> = candidates.iter().take(4).map(|(t, s)| (t, s)).collect();
@@ -281,7 +281,7 @@ fn searches_on_the_gpu_find_the_gaits_that_the_cpu_finds() {
     let Some(gpu) = gpu(test) else { return };
     let settings = CemSettings { whole_generation: true, ..CemSettings::default() };
     for scenario in &SCENARIOS {
-        // On ground that grips, where the first generations have gaits: later ones follow from every digit of the earlier.
+        // With high friction the first generations have gaits; otherwise later ones depend on every digit of the earlier.
         let mut task = scenario.task(10).unwrap();
         task.terrain = Arc::new(Terrain { friction: 5., ..(*task.terrain).clone() });
         let run = |backend: &dyn Backend| {
@@ -302,7 +302,7 @@ fn searches_on_the_gpu_find_the_gaits_that_the_cpu_finds() {
 fn candidates_for_which_a_driver_leaves_loops_too_early_go_to_the_cpu() {
     let test = "candidates_for_which_a_driver_leaves_loops_too_early_go_to_the_cpu";
     let Some(mut device) = device(test) else { return };
-    // As if it did so even earlier.
+    // Simulates a driver that leaves them even earlier.
     device.loop_limit = Some(8000);
     let gpu = Gpu::new(device, 2).unwrap();
     let (near, short) = (task("biped", "flat", [0.3, 0.], 0.), gait(&mut Random::new(1), 2, 2..=2));
@@ -315,8 +315,8 @@ fn candidates_for_which_a_driver_leaves_loops_too_early_go_to_the_cpu() {
 }
 
 #[test]
-fn pipelines_are_kept_and_what_is_in_their_place_does_no_harm() {
-    let test = "pipelines_are_kept_and_what_is_in_their_place_does_no_harm";
+fn pipelines_are_cached_and_invalid_cache_files_are_harmless() {
+    let test = "pipelines_are_cached_and_invalid_cache_files_are_harmless";
     let folder = tempfile::tempdir().unwrap();
     let open = || device_with(test, Folder::at(folder.path()));
     let Some(first) = open() else { return };
@@ -334,7 +334,7 @@ fn pipelines_are_kept_and_what_is_in_their_place_does_no_harm() {
     let kept = std::fs::read(file).unwrap();
     assert_eq!(solve(open().unwrap()), expected);
     assert_eq!(std::fs::read(file).unwrap().len(), kept.len(), "what was there was of use");
-    // Another adapter's, from a folder that was copied: the header that wgpu writes names it, behind the sum of the bytes.
+    // The data of another adapter, from a copied folder: wgpu's header, after the checksum of the bytes, names the adapter.
     let mut foreign = kept[8..].to_vec();
     foreign[20] ^= 1;
     let mut hasher = std::hash::DefaultHasher::new();
@@ -345,6 +345,6 @@ fn pipelines_are_kept_and_what_is_in_their_place_does_no_harm() {
         assert_eq!(solve(open().unwrap()), expected);
         assert_eq!(std::fs::read(file).unwrap().len(), kept.len(), "{} other bytes were replaced", other.len());
     }
-    // A file where the folder should be.
+    // A file in place of the folder.
     assert_eq!(solve(device_with(test, Folder::at(file)).unwrap()), expected);
 }

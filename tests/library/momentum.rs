@@ -1,4 +1,4 @@
-//! The `momentum` transcription: what must not depend on where the scene is, motion between knots, exact integrals.
+//! The `momentum` transcription: invariance to the position of the scene, motion between knots, exact integrals.
 
 use crate::common::{Random, gait, layout, layout_with, point, rows_with, shared, task};
 use cregopt::gait::spline::hermite;
@@ -15,33 +15,35 @@ use cregopt::terrain::{Grid, Shape, Terrain};
 use nalgebra::Vector3;
 use std::f64::consts::FRAC_PI_2;
 
-/// Rows and deviations of a moved scene, relative to the larger of 1 and the value: positions of some metres are 1e-15 off, which rows
-/// multiply by 10; the rest is sums of some hundred terms.
+/// Tolerance of rows and deviations of a moved scene, relative to the larger of 1 and the value. Positions of some metres are off by
+/// 1e-15, which rows multiply by 10; the rest are sums of some hundred terms.
 const MOVED_TOLERANCE: f64 = 1e-12;
 
-/// Solutions from moved starts, in the units of the variables: what ten iterations, their systems solved to 1e-9 of a step, make of that.
+/// Tolerance of solutions from moved starts, in the units of the variables: the row errors after ten iterations whose systems are solved
+/// to 1e-9 of a step.
 const SOLUTION_TOLERANCE: f64 = 1e-10;
 
-/// Base between knots, m and rad: reach rows against what the forces do. A stance of 0.08 s has three cubics in less than an interval,
-/// and the deviations are one polynomial over it; the angles take the turning to second order, too.
+/// Largest error of the base between knots, m and rad: reach rows against the integrated forces. A stance of 0.08 s has three force cubics
+/// in less than an interval, and the deviations are one polynomial over the interval; the angles also take the rotation to second order
+/// only.
 const BETWEEN_TOLERANCE: [f64; 2] = [3e-4, 2e-3];
 
-/// The same when every cubic of a force lasts longer than an interval.
+/// Largest error of the base between knots, m and rad, when every force cubic lasts longer than an interval.
 const SMOOTH_TOLERANCE: [f64; 2] = [2e-6, 1e-4];
 
-/// How many times farther from it the plain cubics come, at least.
+/// Least ratio of the error of the plain cubics to that of the reach rows.
 const BENT: f64 = 5.;
 
-/// Integrals in units of the time that they go over: Simpson's rule with 256 panels on polynomials of degree 5.
+/// Error of integrals per unit of the time that they cover: Simpson's rule with 256 panels on polynomials of degree 5.
 const INTEGRAL_TOLERANCE: f64 = 1e-11;
 
-/// Moments of a rule on (0, 1): some roundings.
+/// Error of the moments of a quadrature rule on (0, 1): a few roundings.
 const RULE_TOLERANCE: f64 = 1e-14;
 
-/// Tangential forces beyond the cone, N: what the solver leaves of a row, and roundings.
+/// Tangential force beyond the friction cone, N: the residual that the solver leaves in a row, and rounding.
 const SLIP_TOLERANCE: f64 = 3e-5;
 
-/// How the whole scene is moved: turned about the vertical through the origin, then shifted.
+/// Transformation of the whole scene: rotation about the vertical through the origin, then translation.
 #[derive(Debug, Clone, Copy)]
 struct Move {
     yaw: f64,
@@ -59,7 +61,7 @@ impl Move {
         [x + self.by[0], y + self.by[1]]
     }
 
-    /// The point at which everything is moved, fixed values included.
+    /// The point after the transformation, fixed values included.
     fn point(&self, layout: &Layout<f64>, x: &[f64]) -> Vec<f64> {
         let mut moved = vec![f64::NAN; x.len()];
         let knots =
@@ -92,7 +94,7 @@ impl Move {
     }
 }
 
-/// A scene on flat ground with a random gait.
+/// Scene on flat ground with a random gait.
 fn scene(robot: &str, random: &mut Random, stances: std::ops::RangeInclusive<usize>) -> (Task, Schedule) {
     let goal = [random.between(0.3, 2.), random.between(-0.5, 0.5)];
     let task = task(robot, "flat", goal, random.between(-1., 1.));
@@ -139,7 +141,7 @@ fn moving_and_yawing_the_scene_moves_the_rows_with_it() {
                 Family::Reach | Family::Swing | Family::Stride | Family::Acceleration => {
                     assert_close(&moved.g[at..at + sides], &rows.g[at..at + sides], MOVED_TOLERANCE, &name)
                 }
-                // The pyramid stays along the axes of the world, so that its sides come round in a quarter turn.
+                // The pyramid stays aligned with the world axes: its sides only map to each other after a quarter turn.
                 Family::Force if quarter => {
                     let expected = [0, 4, 3, 1, 2, 5].map(|r| rows.g[at + r]);
                     assert_close(&moved.g[at..at + 6], &expected, MOVED_TOLERANCE, &name)
@@ -175,7 +177,8 @@ fn solve(layout: &Layout<f64>, settings: &SolverSettings) -> (Outcome, Vec<f64>)
 #[test]
 fn the_whole_solve_moves_with_the_scene() {
     let scene = Move { yaw: FRAC_PI_2, by: [0.7, -1.3] };
-    // Closing from near: a last step of decimetres, its system solved to 1e-9 of it, would say nothing finer.
+    // The solve closes from near the solution: a last step of decimetres, whose system is solved to 1e-9 of it, would hide finer
+    // differences.
     let settings = SolverSettings { closing: 1e-6, ..SolverSettings::default() };
     for seed in 0..4 {
         let task = task("biped", "flat", [0.5, 0.1], 0.2);
@@ -190,7 +193,7 @@ fn the_whole_solve_moves_with_the_scene() {
     }
 }
 
-/// Farthest that the base is from its nodes between knots, m and rad: as reach rows have it, and by its plain cubics.
+/// Largest distance of the base from its nodes between knots, m and rad: as the reach rows evaluate it, and by its plain cubics.
 fn between_knots(task: &Task, schedule: &Schedule) -> [[f64; 2]; 2] {
     let layout =
         layout_with::<f64>(task, schedule, &TranscriptionSettings { friction: Some(Friction::Pyramid), ..crate::common::momentum() });
@@ -199,7 +202,7 @@ fn between_knots(task: &Task, schedule: &Schedule) -> [[f64; 2]; 2] {
     let mut shared = shared(&layout);
     rows_with(&layout, &x, 0., &mut shared);
     let nodes = trajectory(task, &layout.curves, &x);
-    // Rows of all feet are at the times of the nodes.
+    // Rows that contain all feet are at the times of the nodes.
     let feet = task.robot.feet();
     let instants: Vec<_> =
         layout.reach_instants.iter().filter(|instant| instant.feet.range().len() == feet).map(|instant| &instant.base).collect();
@@ -222,7 +225,7 @@ fn between_knots(task: &Task, schedule: &Schedule) -> [[f64; 2]; 2] {
 }
 
 #[test]
-fn between_knots_the_base_goes_where_the_forces_take_it() {
+fn between_knots_the_base_follows_the_forces() {
     let walk = task("anymal", "flat", [1.5, 0.2], 0.3);
     let mut cases: Vec<_> = (0..5).map(|seed| (walk.clone(), gait(&mut Random::new(seed), 4, 6..=8), BETWEEN_TOLERANCE)).collect();
     let trot = [[0.5, 0.25, 0.75, 0.25, 0.35], [0.6, 0.25, 0.4, 0.25, 0.6]];
@@ -265,7 +268,7 @@ fn integrals_of_force_nodes_are_exact() {
                 };
                 at_work += 1;
                 assert_eq!(layout.footholds[impulse.foothold as usize], *foothold);
-                // Value 1 and slope 0, or value 0 and slope 1, at its own time, slopes per piece; 0 at the nodes beside it.
+                // Value 1 and slope 0 at its own time, or value 0 and slope 1 (slopes per piece); 0 at the neighbouring nodes.
                 let basis: [&dyn Fn(f64) -> f64; 2] =
                     [&|u: f64| (1. - u.abs()).powi(2) * (1. + 2. * u.abs()), &|u: f64| u * (1. - u.abs()).powi(2)];
                 for q in 0..MOMENTUM_POINTS {
@@ -311,7 +314,7 @@ fn the_rule_inside_intervals_is_exact_for_polynomials() {
     }
 }
 
-/// How far forces leave the friction cones of the ground under their feet, N, at most: `|t| - mu n.f` at many times of every stance.
+/// Largest tangential force beyond the friction cones of the ground under the feet, N: `|t| - mu n.f` at many times of every stance.
 fn out_of_the_cone(task: &Task, nodes: &Trajectory) -> f64 {
     const TIMES: usize = 50;
     let mut farthest = f64::NEG_INFINITY;
@@ -345,11 +348,11 @@ fn ramp() -> Terrain {
 
 #[test]
 fn with_cones_no_foot_slips_at_any_time() {
-    // Ground so slippery that a pyramid lets feet slip.
+    // The ground is so slippery that feet slip under a pyramid.
     let cases = [("anymal", Terrain::named("flat").unwrap(), 0.27), ("biped", ramp(), 0.3), ("pexod", ramp(), 0.65)];
     for (robot, terrain, friction) in cases {
         let (robot_of, terrain) = (Robot::named(robot).unwrap(), Terrain { friction, ..terrain });
-        // Level at both ends: along a ramp a base leans to where the little friction hardly holds it.
+        // The base is level at both ends: along a ramp it leans to where the low friction can hardly hold it.
         let level = |x: f64, y: f64| Goal::position([x, y, robot_of.base_height + terrain.height(x, y)]);
         let task = Task::between(robot_of.clone(), terrain.clone(), level(0., 0.), level(0.5, 0.5).yaw(0.3)).unwrap();
         for seed in 0..3 {

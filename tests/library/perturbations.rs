@@ -62,8 +62,8 @@ fn move_node(curve: &mut Curve, slope: bool, by: impl Fn(usize) -> f64, random: 
     curve.nodes[node][axis + if slope { 3 } else { 0 }] += sign(random) * by(axis);
 }
 
-/// Shortens a random piece of a curve by 90 % in favour of the next one. Only pieces along which a value changes by more than `least`: the others
-/// may last as long as they like. `false` if there is none.
+/// Shortens a random piece of a curve by 90 % in favour of the next one, among the pieces along which a value changes by more than `least`.
+/// Returns `false` if no piece does.
 fn retime(curve: &mut Curve, least: f64, random: &mut Random) -> bool {
     let moves = |i: &usize| (0..3).any(|d| (curve.nodes[i + 1][d] - curve.nodes[*i][d]).abs() > least);
     let pieces: Vec<usize> = (0..curve.poly_durations.len() - 1).filter(moves).collect();
@@ -145,7 +145,7 @@ const MOTIONS: &[(&str, Perturbation)] = &[
     }),
 ];
 
-/// Least change of a position along a piece that is timed anew, leg heights.
+/// Least change of a position along a piece that is timed again, leg heights.
 const LEAST_MOVE: f64 = 0.01;
 /// Least change of an angle, rad.
 const LEAST_TURN: f64 = 0.01;

@@ -1,4 +1,4 @@
-//! What must hold for any gait, robot or goal.
+//! Properties of any gait, robot and goal.
 
 use crate::common::{Random, Rows, gait, layout_with, lopsided, point, rows, task, task_for, transcriptions};
 use cregopt::backend::Cpu;
@@ -23,21 +23,21 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
-/// Sums of up to 45 durations of seconds.
+/// Error of sums of up to 45 durations, s.
 const TIME_TOLERANCE: f64 = 1e-12;
 
-/// Rows of two layouts whose variables stand in another order: sums in another order, of terms up to 100.
+/// Error of rows of two layouts with different orders of variables: sums in another order, of terms up to 100.
 const MIRROR_TOLERANCE: f64 = 1e-11;
 
-/// Balance of a certified trajectory, N: what the solver leaves, and less than what the certificate counts.
+/// Imbalance of a certified trajectory, N: the residual that the solver leaves, less than what the certificate counts.
 const BALANCE_TOLERANCE: f64 = 1e-4;
 
-/// The same cases every time, and no files beside the sources.
+/// Configuration with the same cases in every run and no files next to the sources.
 fn config(cases: u32) -> ProptestConfig {
     ProptestConfig { cases, failure_persistence: None, rng_seed: RngSeed::Fixed(1), ..ProptestConfig::default() }
 }
 
-/// One foot's durations: an odd number of phases, some as short as they may be.
+/// Durations of one foot: an odd number of phases, some of the least duration.
 fn durations() -> impl Strategy<Value = Vec<f64>> {
     let phase = || prop_oneof![4 => 0.05..0.6, 1 => Just(0.001), 1 => Just(0.1), 1 => Just(0.08)];
     (0..12usize).prop_flat_map(move |swings| vec(phase(), 2 * swings + 1))
@@ -58,7 +58,7 @@ fn transcription() -> impl Strategy<Value = TranscriptionSettings> {
                 rows,
                 legs,
                 goal_velocity,
-                // TOWR has a pyramid.
+                // TOWR has a pyramid only.
                 friction: Some(if cone && rows == Transcription::Momentum { Friction::Cone } else { Friction::Pyramid }),
                 interval: Some(interval),
                 reach_interval,
@@ -107,42 +107,42 @@ proptest! {
     }
 }
 
-/// Counts of variables and rows from the schedule alone.
+/// Numbers of variables and rows, derived from the schedule alone.
 fn check_sizes(layout: &Layout<f32>, schedule: &Schedule, settings: &TranscriptionSettings) -> Result<(), TestCaseError> {
     let (pieces, knots) = (settings.force_pieces, layout.curves.intervals);
     let stances: usize = (0..schedule.feet()).map(|foot| schedule.stances(foot)).sum();
     let swings = stances - schedule.feet();
     let momentum = settings.rows == Transcription::Momentum;
-    // Base coefficients but three, or pose and rates at every knot but those of the start, the goal and, at rest, its rates.
+    // Base: all coefficients but three, or pose and rates at every knot but those of the start, the goal and, if it is at rest, its rates.
     let (base, fixed) = match (momentum, settings.goal_velocity) {
         (false, _) => (6 * knots, 18),
         (true, GoalVelocity::Zero) => (12 * (knots - 1), 24),
         (true, GoalVelocity::Free) => (12 * (knots - 1) + 6, 18),
     };
-    // Two coordinates of each foothold but the first; heights; force nodes but two a swing.
+    // Two coordinates of each foothold but the first; heights; force nodes but two per swing.
     let nodes = stances * (pieces + 1) - 2 * swings;
     prop_assert_eq!(layout.variables, base + 2 * swings + swings + 6 * nodes);
     prop_assert_eq!(layout.initial.len(), layout.variables + fixed + 2 * schedule.feet());
-    // Of a force: its nodes, or two Bezier points for each, itself one of them at the ends of a stance.
+    // Rows of a force: at its nodes, or at two Bezier points per node; the end nodes of a stance are such a point themselves.
     let (forces, per_swing, sides) = match momentum {
         false => (nodes, 1, 1),
-        // The height is held at nine points where there are edges, and its upper limit is a row of its own.
+        // The height has nine points where there are edges, and its upper limit is a row of its own.
         true if layout.terrain.has_edges() => (2 * nodes, 9 + 1, 1),
         true => (2 * nodes, 1, 2),
     };
     let balance = if momentum { [0, knots, knots] } else { [knots + 1, 0, 0] };
     prop_assert_eq!(layout.equalities, 6 * balance.iter().sum::<usize>());
     let reach = match momentum {
-        // At most 0.026 s apart, and five parts of every swing.
+        // At most 0.026 s apart, and five per swing.
         true => ((layout.curves.interval / 0.026).ceil() as usize * knots + 1) * schedule.feet() + 5 * swings,
         false => layout.reach_instants.len() * schedule.feet(),
     };
     let strides = if momentum { swings } else { 0 };
-    // At lift-off and at touch-down, where legs are limited.
+    // At lift-off and at touchdown, where legs are limited.
     let accelerations = if momentum && settings.legs == Legs::Limited { swings } else { 0 };
-    // Where there are edges all footholds but the first have a box.
+    // All footholds but the first have a box where there are edges.
     let boxes = if momentum && layout.terrain.has_edges() { swings } else { 0 };
-    // The normal force has two sides; the pyramid has four rows beside it, the cone one.
+    // The normal force has two sides; in addition the pyramid has four rows, the cone one.
     let (friction, pyramids, cones) = if settings.friction() == Friction::Cone { (1, 0, forces) } else { (4, forces, 0) };
     prop_assert_eq!(
         layout.rows,
@@ -160,7 +160,7 @@ fn check_sizes(layout: &Layout<f32>, schedule: &Schedule, settings: &Transcripti
     Ok(())
 }
 
-/// Rows, inequalities and Jacobian values of the elements cover their buffers once.
+/// Checks that the rows, inequalities and Jacobian values of the elements cover their buffers once.
 fn check_places(layout: &Layout<f32>) -> Result<(), TestCaseError> {
     let (mut row, mut inequality, mut jacobian) = (vec![0; layout.rows], vec![0; layout.inequalities], vec![0; layout.jacobian_len]);
     let mut cover = |buffer: usize, from: u32, len: u32| {
@@ -176,7 +176,7 @@ fn check_places(layout: &Layout<f32>) -> Result<(), TestCaseError> {
         } else {
             cover(1, place.inequality, element.rows + element.pairs);
         }
-        // The base blocks share the columns of the pose, the first six of a foot's reach, by weights.
+        // The base blocks share the columns of the pose, the first six of a foot's reach, through weights.
         let shared = if element.family == Family::Reach { 6 } else { 0 };
         let mut column = shared;
         for (run, weight) in &runs {
@@ -202,7 +202,7 @@ fn check_places(layout: &Layout<f32>) -> Result<(), TestCaseError> {
     Ok(())
 }
 
-/// Every variable is eliminated once, at the last step that touches it; fronts hold what they need.
+/// Checks that every variable is eliminated once, at the last step that touches it, and that fronts contain what they need.
 fn check_sweep(layout: &Layout<f32>) -> Result<(), TestCaseError> {
     prop_assert_eq!(layout.steps.iter().map(|s| s.pivots as usize).sum::<usize>(), layout.variables);
     prop_assert_eq!(layout.steps.iter().map(|s| (s.pivots * s.stride) as usize).sum::<usize>(), layout.factor_len);
@@ -215,7 +215,7 @@ fn check_sweep(layout: &Layout<f32>) -> Result<(), TestCaseError> {
         prop_assert!(step.pivots == 0 || step.variable == next_pivot);
         next_pivot += step.pivots;
         prop_assert!(step.pivots <= step.size && step.size < step.stride && (step.size as usize) < layout.front_stride);
-        // Variable in each slot: pivots, then the rest.
+        // Variables of the front in order: pivots, then the rest.
         let mut front: Vec<u32> = (step.variable..step.variable + step.pivots).collect();
         for run in &layout.front_runs[step.rest.range()] {
             prop_assert_eq!(run.front as usize, front.len());
@@ -247,7 +247,7 @@ fn check_sweep(layout: &Layout<f32>) -> Result<(), TestCaseError> {
     prop_assert!(layout.elements.iter().all(|e| e.family != Family::Reach));
     prop_assert_eq!(layout.reach_elements().count(), next_foot as usize);
     prop_assert!(layout.reach_elements().is_sorted_by(|a, b| a.place.jacobian < b.place.jacobian), "in the order of the feet");
-    // A leg, and blocks of the base, stand in one step, for their places in its front hold there.
+    // The blocks of a leg and of the base are in one step, because their places in its front are valid only there.
     let mut step_of = [vec![usize::MAX; layout.reach_legs.len()], vec![usize::MAX; layout.base_blocks.len()]];
     for (k, step) in layout.steps.iter().enumerate() {
         for instant in &layout.reach_instants[step.reach.range()] {
@@ -274,12 +274,12 @@ fn symmetric_robot(robot: &str) -> Robot {
     lopsided(robot)
 }
 
-/// Left and right foot of a pair.
+/// Indices of the left and the right foot of a pair.
 fn mirrored_foot(foot: usize) -> usize {
     foot ^ 1
 }
 
-/// The mirrored point: each block of `x` with the signs of its components, in its place in the other layout.
+/// The mirrored point: each block of `x` with the signs of its components, at its place in the other layout.
 fn mirrored_point(layout: &Layout<f64>, other: &Layout<f64>, x: &[f64]) -> Vec<f64> {
     let mut mirrored = vec![f64::NAN; x.len()];
     let mut copy = |from: u32, to: u32, signs: &[f64]| {
@@ -306,7 +306,7 @@ fn mirrored_point(layout: &Layout<f64>, other: &Layout<f64>, x: &[f64]) -> Vec<f
     mirrored
 }
 
-/// Residuals at the mirrored point from those at the point: `[c, g]` in the order of the other layout.
+/// Residuals at the mirrored point, computed from those at the point: `[c, g]` in the order of the other layout.
 fn mirrored_rows(robot: &Robot, layout: &Layout<f64>, other: &Layout<f64>, rows: &Rows<f64>) -> [Vec<f64>; 2] {
     let (mut c, mut g) = (vec![f64::NAN; other.equalities], vec![f64::NAN; other.inequalities]);
     for (from, to) in layout.dynamics_instants.iter().zip(&other.dynamics_instants) {
@@ -330,7 +330,7 @@ fn mirrored_rows(robot: &Robot, layout: &Layout<f64>, other: &Layout<f64>, rows:
     };
     let feet = layout.curves.feet.len();
     for foot in 0..feet {
-        // A foot is known by the middle of its box, its entries come in order of time.
+        // A foot is identified by the centre of its box; its entries are in order of time.
         let of = |layout: &Layout<f64>, foot: usize| -> Vec<u32> {
             let (nominal, middle) = (robot.nominal_feet[foot], robot.reach.of(foot).center());
             let center = std::array::from_fn(|axis| nominal[axis] + middle[axis]);
@@ -342,10 +342,10 @@ fn mirrored_rows(robot: &Robot, layout: &Layout<f64>, other: &Layout<f64>, rows:
         };
         let (here, there) = (of(layout, foot), of(other, mirrored_foot(foot)));
         assert!(!here.is_empty() && here.len() == there.len());
-        // Upper and lower side of y change places.
+        // The upper and lower sides of y are exchanged.
         here.iter().zip(&there).for_each(|(&from, &to)| copy(from, to, &[0, 4, 2, 3, 1, 5]));
     }
-    // Force nodes and swings come foot by foot.
+    // Force nodes and swings are ordered by foot.
     for foot in 0..feet {
         let of = |layout: &Layout<f64>, foot: usize| {
             let blocks = &layout.curves.feet[foot];
@@ -373,7 +373,7 @@ fn mirrored_rows(robot: &Robot, layout: &Layout<f64>, other: &Layout<f64>, rows:
         };
         let (here, there) = (of(layout, foot), of(other, mirrored_foot(foot)));
         assert_eq!(here.each_ref().map(Vec::len), there.each_ref().map(Vec::len));
-        // So do the sides of the pyramid along y. A swing's height is two-sided in `momentum` on level ground.
+        // The sides of the pyramid along y are exchanged, too. A swing's height is two-sided in `momentum` on level ground.
         let two_sided = layout.curves.transcription == Transcription::Momentum && !layout.terrain.has_edges();
         let heights: &[usize] = if two_sided { &[0, 1] } else { &[0] };
         for (i, order) in [&[0, 1, 2, 4, 3, 5], heights, &[0], &[0, 1], &[0, 3, 2, 1]].into_iter().enumerate() {
@@ -399,7 +399,7 @@ proptest! {
         let schedule = gait(&mut random, here.robot.feet(), 3..=7);
         let durations = schedule.durations();
         let mirrored = Schedule::new((0..durations.len()).map(|foot| durations[mirrored_foot(foot)].clone()).collect()).unwrap();
-        // Rows of the pyramid have places that are followed here.
+        // The test follows the places of the pyramid's rows.
         for settings in transcriptions().map(|s| TranscriptionSettings { friction: Some(Friction::Pyramid), ..s }) {
             let (layout, other) = (layout_with::<f64>(&here, &schedule, &settings), layout_with::<f64>(&there, &mirrored, &settings));
             let point = point(&layout, &mut random, 0.04);
@@ -416,10 +416,10 @@ proptest! {
     }
 }
 
-/// A quadruped of any size that stands on a level rectangle of feet.
+/// A quadruped of any size in stance on a level rectangle of feet.
 fn stander(mass: f64, half_length: f64, half_width: f64, height: f64) -> Robot {
     let feet = [(1., 1.), (1., -1.), (-1., 1.), (-1., -1.)];
-    // A solid box as long and wide as the stance and a third as high as it stands.
+    // A solid box as long and wide as the stance and a third as high as the base.
     let [xx, yy, zz] = [half_length, half_width, height / 6.].map(|half| 4. * half * half * mass / 12.);
     Robot {
         name: "stander".into(),
@@ -483,9 +483,9 @@ proptest! {
     }
 }
 
-/// Balance of a robot that stands, first at the initial guess, then as it is solved.
+/// Force balance of a standing robot, at the initial guess and at the solution.
 fn check_balance(task: &Task, schedule: &Schedule, transcription: TranscriptionSettings) -> Result<(), TestCaseError> {
-    // Equal shares on all feet and a base at rest: nothing is missing. A foot that pushes a tenth more lifts by a fortieth.
+    // Equal shares on all feet and a base at rest: no defect. A foot that pushes a tenth more adds a fortieth of the weight.
     let layout = layout_with::<f64>(task, schedule, &transcription);
     let residual = |x: &[f64]| rows(&layout, x, 0.).c;
     prop_assert!(residual(&layout.initial).iter().all(|c| c.abs() < 1e-12));
@@ -503,7 +503,7 @@ fn check_balance(task: &Task, schedule: &Schedule, transcription: TranscriptionS
         prop_assert!((lift + 0.1 / 4.).abs() < 1e-12, "row {}: {}", row, lift);
     }
 
-    // The solved motion, whatever it is, is carried by its forces.
+    // The forces carry the solved motion, whatever it is.
     let settings = LowerSettings { transcription: transcription.clone(), ..LowerSettings::default() };
     let results = evaluate(&[(task, schedule)], &settings, None, &Cpu::new(1).unwrap(), false, &|| false).unwrap();
     let result = results[0].as_ref().unwrap();
@@ -517,12 +517,12 @@ fn check_balance(task: &Task, schedule: &Schedule, transcription: TranscriptionS
         let (a, b) = (ends[0], ends[1]);
         for d in 0..3 {
             let missing = match transcription.rows {
-                // At the start of the piece, by its second derivative there.
+                // By the second derivative at the start of the piece.
                 Transcription::Towr => {
                     let acceleration = (6. * (b[d] - a[d]) - piece * (4. * a[3 + d] + 2. * b[3 + d])) / (piece * piece);
                     total_force(&trajectory, start)[d] - weight(d) - mass * acceleration
                 }
-                // On the mean over the piece.
+                // By the mean over the piece.
                 Transcription::Momentum => mean_force(&trajectory, start, *piece)[d] - weight(d) - mass * (b[3 + d] - a[3 + d]) / piece,
             };
             prop_assert!(missing.abs() < BALANCE_TOLERANCE, "axis {} at {} s: {} N", d, start, missing);
@@ -535,7 +535,7 @@ fn check_balance(task: &Task, schedule: &Schedule, transcription: TranscriptionS
 
 #[test]
 fn a_robot_that_is_not_symmetric_is_not_mirrored() {
-    // The mirror test sees a difference where there is one: ANYmal's own inertia has small products.
+    // The mirror test notices a difference: ANYmal's own inertia has small products.
     let (here, there) = (task("anymal", "flat", [2., 0.5], 0.6), task("anymal", "flat", [2., -0.5], -0.6));
     let mut random = Random::new(1);
     let schedule = gait(&mut random, 4, 3..=5);

@@ -1,4 +1,4 @@
-//! The whole search as a user of the library meets it, on a biped that walks a metre.
+//! The whole search through the library's interface, on a biped that walks a metre.
 
 use crate::common::task;
 use cregopt::gait::Curve;
@@ -13,10 +13,10 @@ use cregopt::search::{Gaits, Progress, SearchSettings};
 use cregopt::{Cpu, Error, Goal, Robot, Schedule, Search, SearchResult, Task, Terrain, verify};
 use std::sync::atomic::AtomicBool;
 
-/// Times at which a foot is looked at, s apart.
+/// Interval between the times at which a foot is examined, s.
 const SAMPLES: f64 = 1e-3;
 
-/// What samples may be above a limit: the certificate's tolerance.
+/// Largest excess of samples over a limit: the certificate's tolerance.
 const TOLERANCE: f64 = 1e-4;
 
 fn walk() -> Task {
@@ -27,7 +27,7 @@ fn run(search: Search) -> SearchResult {
     search.run(&Cpu::new(2).unwrap()).unwrap()
 }
 
-/// Cost of transport of a gait that was found.
+/// Cost of transport of the best gait.
 fn cost(gait: &cregopt::search::Gait) -> f64 {
     gait.candidate.solution.cost.unwrap().total
 }
@@ -45,14 +45,14 @@ fn the_same_seed_gives_the_same_gait_at_any_number_of_threads() {
     assert_eq!(one.generations, two.generations);
     let history = |found: &SearchResult| found.improvements.iter().map(|i| (i.generation, i.candidates, i.objective)).collect::<Vec<_>>();
     assert_eq!(history(&one), history(&two));
-    // Typical gaits come first and are those of any seed; what is drawn behind them is not.
+    // Typical gaits come first and do not depend on the seed; the gaits that are drawn after them do.
     let other = run(Search::new(&task).seed(4));
     assert_eq!(one.generations[0], other.generations[0]);
     assert_ne!(one.generations[1], other.generations[1]);
 }
 
 #[test]
-fn standing_still_is_one_stance_a_foot() {
+fn standing_still_is_one_stance_per_foot() {
     let found = run(Search::new(&task("biped", "flat", [0., 0.], 0.)));
     assert!(found.best.feasible() && found.best.certificate().feasible);
     assert!(found.best.schedule().durations().iter().all(|phases| phases.len() == 1), "{:?}", found.best.schedule());
@@ -78,11 +78,11 @@ fn alternatives_are_of_other_families_and_none_is_cheaper_than_the_best() {
         let limit = force_limit(&LowerSettings::default().transcription, &task);
         assert!(gait.feasible() && verify(gait.trajectory(), &task.robot, &task.terrain, limit).unwrap().feasible);
     }
-    assert!(run(Search::new(&task).first()).alternatives.is_empty(), "nobody asked for any");
+    assert!(run(Search::new(&task).first()).alternatives.is_empty(), "none were requested");
 }
 
 #[test]
-fn every_improvement_is_one_and_the_last_is_the_best() {
+fn every_improvement_is_better_and_the_last_is_the_best() {
     let task = walk();
     let (mut improvements, mut generations) = (Vec::new(), Vec::new());
     let found = run(Search::new(&task).seed(2).on_progress(|progress| match progress {
@@ -97,7 +97,7 @@ fn every_improvement_is_one_and_the_last_is_the_best() {
         (best.objective, best.generation, found.best.family)
     });
     assert_eq!(last.objective, -cost(&found.best));
-    // Records say the same.
+    // The records agree.
     let best_ever: Vec<f64> = generations.iter().filter_map(|g| g.best_ever_objective).collect();
     assert!(best_ever.is_sorted() && best_ever.last() == Some(&last.objective), "{best_ever:?}");
     assert!(found.first_feasible_after.unwrap() <= found.seconds);
@@ -105,21 +105,21 @@ fn every_improvement_is_one_and_the_last_is_the_best() {
 }
 
 #[test]
-fn the_neighbourhood_of_a_schedule_has_a_gait_no_dearer_than_it() {
+fn the_neighbourhood_of_a_schedule_has_a_gait_that_costs_no_more() {
     let task = task("biped", "flat", [0.5, 0.], 0.);
     let own = Schedule::new(vec![vec![0.2, 0.3, 0.5, 0.3, 0.5, 0.3, 0.2], vec![0.6, 0.3, 0.5, 0.3, 0.6]]).unwrap();
     let evaluated = Evaluate::new(&task).run(std::slice::from_ref(&own), &Cpu::new(1).unwrap()).unwrap().remove(0).unwrap();
     assert!(evaluated.feasible);
     let found = run(Search::new(&task).gaits(Gaits::Around(own.clone())).population(8));
     assert!(found.best.feasible() && cost(&found.best) <= evaluated.cost.unwrap().total);
-    // First comes the schedule itself, then what is near it: as many strides, or one less.
+    // The schedule itself comes first, then its neighbours: as many strides, or one less.
     assert_eq!(found.improvements[0].objective, -evaluated.cost.unwrap().total);
     assert_eq!((found.improvements[0].generation, found.improvements[0].family), (0, None));
     assert!((0..2).all(|foot| found.best.candidate.stances[foot] <= own.stances(foot)));
 }
 
 #[test]
-fn the_first_gait_is_enough_when_it_is_asked_for() {
+fn a_search_for_the_first_gait_stops_there() {
     let found = run(Search::new(&walk()).first());
     assert_eq!((found.stop, found.generations.len(), found.improvements.len()), (StopReason::FirstFeasible, 1, 1));
     assert!(found.best.feasible());
@@ -133,14 +133,14 @@ fn a_search_that_was_cancelled_before_it_began_has_nothing_to_return() {
 }
 
 #[test]
-fn a_search_whose_time_is_up_returns_what_its_first_generation_has() {
+fn a_search_at_its_time_limit_returns_the_best_of_its_first_generation() {
     let found = run(Search::new(&walk()).settings(SearchSettings { seconds: Some(0.), ..SearchSettings::default() }));
     assert_eq!((found.stop, found.generations.len()), (StopReason::TimeLimit, 1));
     assert!(found.best.feasible());
 }
 
 #[test]
-fn no_time_is_left_for_a_second_generation_where_the_first_has_no_gait() {
+fn a_search_without_a_gait_at_its_time_limit_has_no_second_generation() {
     let task = Task { force_limit: Some(20.), ..walk() };
     let found = run(Search::new(&task).settings(SearchSettings { seconds: Some(0.), ..SearchSettings::default() }));
     assert_eq!((found.stop, found.generations.len()), (StopReason::TimeLimit, 1));
@@ -148,7 +148,7 @@ fn no_time_is_left_for_a_second_generation_where_the_first_has_no_gait() {
 }
 
 #[test]
-fn further_generations_follow_where_none_was_planned() {
+fn further_generations_follow_when_no_generation_was_planned() {
     let free = |further_generations: usize| {
         let gaits = SearchSettings { gaits: Gaits::Free, generations: 0, further_generations, ..SearchSettings::default() };
         Search::new(&walk()).settings(gaits).run(&Cpu::new(2).unwrap())
@@ -158,10 +158,10 @@ fn further_generations_follow_where_none_was_planned() {
 }
 
 #[test]
-fn a_way_too_long_for_one_family_is_left_to_the_others() {
+fn a_distance_too_long_for_one_family_is_left_to_the_others() {
     let task = task("pexod", "flat", [24., 0.], 0.);
     let mut lower = LowerSettings::default();
-    // How they end is of no interest.
+    // Only the choice of families matters, not how the solves end.
     lower.solver.max_iterations = 0;
     let search = |families: &[GaitFamily]| {
         let settings = SearchSettings {
@@ -182,13 +182,13 @@ fn plain_random_sampling_learns_nothing() {
     let mut settings = SearchSettings::default();
     settings.free.sampler = Sampler::Random;
     let found = run(Search::new(&walk()).settings(settings.clone()));
-    // All families are as likely at the end as they were at first, and nobody looks around the best.
+    // All families are as likely at the end as at the beginning, and no candidate is drawn around the best.
     assert!(found.best.feasible() && found.generations.len() == 1 + settings.generations);
     assert!(found.generations[1..].iter().all(|g| (g.entropy - 3f64.ln()).abs() < 1e-12), "{:?}", found.generations);
 }
 
 #[test]
-fn callers_mistakes_are_refused() {
+fn invalid_requests_are_refused() {
     let task = walk();
     let refused = |settings: SearchSettings| Search::new(&task).settings(settings).run(&Cpu::new(1).unwrap()).unwrap_err();
     let default = SearchSettings::default;
@@ -209,7 +209,7 @@ fn callers_mistakes_are_refused() {
 
 #[test]
 fn without_a_gait_the_candidate_that_violates_least_is_returned() {
-    // Two feet of a tenth of the weight each cannot carry it.
+    // Two feet that bear a tenth of the weight each cannot carry the robot.
     let mut task = walk();
     task.force_limit = Some(0.1 * task.robot.weight());
     let found = run(Search::new(&task).settings(SearchSettings { generations: 0, further_generations: 0, ..SearchSettings::default() }));
@@ -219,8 +219,8 @@ fn without_a_gait_the_candidate_that_violates_least_is_returned() {
 }
 
 #[test]
-fn what_is_sought_is_what_is_best() {
-    // Work alone asks for no hurry.
+fn the_objective_decides_which_gait_is_best() {
+    // Work alone gives no reason to hurry.
     let task = walk();
     let cost = CostWeights { effort: 0., ..CostWeights::default() };
     let settings = SearchSettings { cost, ..SearchSettings::default() };
@@ -231,7 +231,7 @@ fn what_is_sought_is_what_is_best() {
     assert!(quickest.solution.cost.unwrap().total >= cheapest.solution.cost.unwrap().total);
 }
 
-/// Value, first and second derivative of a curve at some time, by component.
+/// Value, first and second derivative of a curve at a time, per component.
 fn sample(curve: &Curve, time: f64) -> [[f64; 3]; 3] {
     let (mut start, mut piece) = (0., 0);
     while piece + 1 < curve.poly_durations.len() && time > start + curve.poly_durations[piece] {
@@ -257,8 +257,8 @@ fn sample(curve: &Curve, time: f64) -> [[f64; 3]; 3] {
 }
 
 #[test]
-fn feet_keep_to_what_legs_can_do() {
-    // As fast as gaits of the families get: the limits matter.
+fn feet_stay_within_the_limits_of_legs() {
+    // At the fastest gaits of the families the limits are active.
     let task = task("biped", "flat", [1.2, 0.], 0.);
     let settings = SearchSettings { alternatives: 3, ..SearchSettings::default().seeking(Objective::Time) };
     let found = run(Search::new(&task).settings(settings));
@@ -287,7 +287,7 @@ fn feet_keep_to_what_legs_can_do() {
 }
 
 #[test]
-fn hind_feet_that_reach_less_far_ahead_are_kept_to_it() {
+fn hind_feet_stay_within_a_shorter_reach_ahead() {
     const LESS: f64 = 0.03;
     let with = |reach| {
         let robot = Robot { reach, name: "short behind".into(), ..Robot::named("anymal").unwrap() };
@@ -303,7 +303,7 @@ fn hind_feet_that_reach_less_far_ahead_are_kept_to_it() {
         evaluate.trajectory(&solved)
     });
     let report = |trajectory| verify(trajectory, &less.robot, &less.terrain, less.robot.default_force_limit()).unwrap();
-    // It matters: with the whole reach the hind feet are farther ahead.
+    // The limit is active: with the whole reach the hind feet get farther ahead.
     let excess = report(&free).dense.reach_excess;
     assert!(excess.value > 0.01 && excess.foot.is_some_and(|foot| foot >= 2), "{excess:?}");
     let kept = report(&kept);
@@ -311,14 +311,14 @@ fn hind_feet_that_reach_less_far_ahead_are_kept_to_it() {
 }
 
 #[test]
-fn a_gap_is_stepped_over_with_all_of_every_foot_on_its_rims() {
+fn a_gap_is_crossed_with_every_whole_foot_on_its_rims() {
     let task = task("hyq", "gap", [2.5, 0.], 0.);
     let found = run(Search::new(&task).settings(SearchSettings { first: true, ..SearchSettings::default() }));
     assert!(found.best.feasible(), "{}", found.best.certificate());
     let radius = task.robot.foot_radius();
     let footholds = |e: &cregopt::gait::FootCurves| e.motion.nodes.iter().filter(|n| n[2] == 0.).map(|n| n[0]).collect::<Vec<_>>();
     let places: Vec<f64> = found.best.trajectory().ee.iter().flat_map(footholds).collect();
-    // A slope of ten to one is off the plane by half of a radius where it begins a twentieth of a radius inside.
+    // A slope of ten to one, which begins a twentieth of a radius inside, is half a radius off the plane.
     assert!(places.iter().all(|&x| x < 1. - 0.95 * radius + 1e-3 || x > 1.6 + 0.95 * radius - 1e-3), "{places:?}");
     assert!(places.iter().any(|&x| x < 1.) && places.iter().any(|&x| x > 1.6));
 }

@@ -1,5 +1,6 @@
-//! Shaders, their bindings and their files agree, without a GPU: texts are parsed and validated, sizes and offsets of what stands in buffers
-//! compared with the types whose declarations were written for them. And the tables that only shaders read say the same as those of the twins.
+//! Agreement of shaders, their bindings and their files, without a GPU. Texts are parsed and validated; sizes and offsets of buffer
+//! contents are compared with the types from which their declarations were written; tables that only shaders read are compared with those
+//! of the twins.
 
 use crate::common::{Random, cones, gait, hills, layout_with, spider, task, task_for, transcriptions};
 use cregopt::backend::gpu::shaders::{
@@ -25,16 +26,16 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::mem::offset_of;
 use std::path::{Path, PathBuf};
 
-/// Storage buffers that a shader may bind on every WebGPU device.
+/// Number of storage buffers that a shader may bind on every WebGPU device.
 const MOST_BUFFERS: usize = 8;
 
-/// Workgroup memory that every WebGPU adapter has, bytes.
+/// Workgroup memory of every WebGPU adapter, bytes.
 const PORTABLE_MEMORY: u32 = 16 << 10;
 
 /// Workgroup memory of common adapters, bytes.
 const MEMORIES: [u32; 4] = [PORTABLE_MEMORY, 32 << 10, 48 << 10, 64 << 10];
 
-/// A front that no workgroup memory holds.
+/// Size of a front that no workgroup memory holds.
 const LARGE_FRONT: usize = 400;
 
 /// Variants with the front in workgroup memory and in storage.
@@ -54,7 +55,7 @@ fn modules() -> Vec<(Shader, Variant, Module)> {
     variants().into_iter().flat_map(|variant| Shader::ALL.iter().map(move |&s| (s, variant, parse(s, &variant)))).collect()
 }
 
-/// What is found out of a module when it is validated.
+/// Validates a module and returns the validator's information about it.
 fn validate(shader: Shader, variant: &Variant, module: &Module) -> ModuleInfo {
     let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
     let text = shader.text(variant);
@@ -77,7 +78,7 @@ fn every_shader_has_one_entry_point_with_the_workgroup_size_of_the_variant() {
     }
 }
 
-/// Name of a type in a text; that of a buffer with its brackets.
+/// Name of a type in a text; a buffer's type has brackets.
 fn type_name(module: &Module, ty: Handle<Type>) -> String {
     match &module.types[ty].inner {
         TypeInner::Scalar(naga::Scalar::F32) => "f32".into(),
@@ -87,7 +88,7 @@ fn type_name(module: &Module, ty: Handle<Type>) -> String {
     }
 }
 
-/// Name and size of what a buffer holds.
+/// Name and size of the entries of a buffer.
 fn entry(buffer: Buffer) -> (String, usize) {
     match buffer {
         Buffer::Running => ("u32".into(), 4),
@@ -98,13 +99,13 @@ fn entry(buffer: Buffer) -> (String, usize) {
     }
 }
 
-/// Bindings that a shader states.
+/// Bindings that a shader declares.
 fn stated(shader: Shader) -> Vec<Binding> {
     shader.bindings().unwrap_or_else(|why| panic!("{}: {why}", shader.path()))
 }
 
 #[test]
-fn bindings_that_a_text_states_are_those_of_its_module() {
+fn declared_bindings_match_the_module() {
     for (shader, _, module) in modules() {
         let mut bound: Vec<(u32, String)> = Vec::new();
         for (_, variable) in module.global_variables.iter() {
@@ -135,7 +136,7 @@ fn bindings_that_a_text_states_are_those_of_its_module() {
 }
 
 #[test]
-fn shaders_use_what_they_bind_and_write_what_they_say() {
+fn shaders_use_their_bindings_and_write_only_declared_ones() {
     for (shader, variant, module) in modules() {
         let info = validate(shader, &variant, &module);
         let used = |name: &str| {
@@ -155,7 +156,7 @@ fn shaders_use_what_they_bind_and_write_what_they_say() {
 }
 
 #[test]
-fn a_text_that_states_bindings_wrongly_is_refused() {
+fn wrongly_declared_bindings_are_refused() {
     let text = "// needs: shared/values\n// binds: jacobian cones part\n// Cones.\n//   in      cones\n//   in out  jacobian  one row\n\n//   out  factor";
     let (read, written) = (|buffer| Binding::Storage(buffer, false), |buffer| Binding::Storage(buffer, true));
     let common = [Binding::Batch, read(Buffer::Running), read(Buffer::Slots), read(Buffer::Progress), read(Buffer::Values)];
@@ -175,7 +176,7 @@ fn a_text_that_states_bindings_wrongly_is_refused() {
 }
 
 #[test]
-fn buffers_stand_in_the_order_of_their_numbers() {
+fn buffers_are_in_the_order_of_their_numbers() {
     for (i, &buffer) in Buffer::ALL.iter().enumerate() {
         assert_eq!(buffer as usize, i, "{}", buffer.name());
         let uses = |s: &Shader| s.buffers().any(|b| b.0 == buffer) || reads(s.source()).unwrap().contains(&buffer);
@@ -185,7 +186,7 @@ fn buffers_stand_in_the_order_of_their_numbers() {
     assert_eq!(names.len(), Buffer::ALL.len());
 }
 
-/// Size of a type without padding, bytes; what is wrong with it otherwise.
+/// Size of a type without padding, bytes, or the reason why it is not sound.
 fn packed(module: &Module, ty: Handle<Type>) -> Result<usize, String> {
     match &module.types[ty].inner {
         TypeInner::Scalar(scalar) if scalar.width == 4 => Ok(4),
@@ -217,14 +218,14 @@ fn offset(module: &Module, of: &str, member: &str) -> Option<usize> {
     members.iter().find(|m| m.name.as_deref() == Some(member)).map(|m| m.offset as usize)
 }
 
-/// Some members of each kind of struct, the last ones among them: who they are, and their offsets.
+/// Some members of each kind of struct, including the last ones: names and offsets.
 macro_rules! offsets {
     ($($name:ident: $type:ty { $($member:ident)* })*) => {
         [$($((stringify!($name), stringify!($member), offset_of!($type, $member)),)*)*]
     };
 }
 
-/// The first difference between the structs of a module and their types.
+/// Returns the first difference between the structs of a module and their types.
 fn structs_differ(module: &Module) -> Result<(), String> {
     for (_, variable) in module.global_variables.iter().filter(|v| v.1.binding.is_some()) {
         let name = variable.name.as_deref().unwrap();
@@ -278,7 +279,7 @@ fn structs_in_buffers_have_the_bytes_of_their_types() {
     }
 }
 
-/// The words that an expression reads, in its order.
+/// Words that an expression reads, in their order.
 fn words_read(expression: &str) -> Vec<usize> {
     expression.split("tables[at + ").skip(1).map(|rest| rest.split_once("u]").unwrap().0.parse().unwrap()).collect()
 }
@@ -345,7 +346,7 @@ fn constants_arrive_with_all_their_bits_and_are_used() {
     let (whole, real) = constants();
     let mut twins: BTreeMap<&str, u32> = whole.into_iter().chain(real.into_iter().map(|(name, v)| (name, v.to_bits()))).collect();
     twins.extend([("QUARTERS_PER_RADIAN", std::f32::consts::FRAC_2_PI.to_bits()), ("END", twins["INNER_POINTS"])]);
-    // The threads of an interval: one a point, and one for the start.
+    // Threads of an interval: one per point, and one for the start.
     twins.extend([("START", twins["MOMENTUM_POINTS"]), ("LANES", twins["MOMENTUM_POINTS"] + 1)]);
     for (shader, variant, module) in modules() {
         let Variant { workgroup, front, side, columns } = variant;
@@ -355,11 +356,11 @@ fn constants_arrive_with_all_their_bits_and_are_used() {
             let Some(name) = constant.name.as_deref() else { continue };
             let value = bits(&module, constant);
             match name {
-                // Shaders alone reduce angles; see below.
+                // Only shaders reduce angles; checked below.
                 "QUARTER_HIGH" => quarter[0] = f32::from_bits(value),
                 "QUARTER_MIDDLE" => quarter[1] = f32::from_bits(value),
                 "QUARTER_LOW" => quarter[2] = f32::from_bits(value),
-                // Theirs alone, too; `tests/gpu/parity` holds what comes of them to f64.
+                // Only shaders have these; `tests/gpu/parity` compares their results with f64.
                 "SINE_3" | "SINE_5" | "SINE_7" | "COSINE_4" | "COSINE_6" | "COSINE_8" => {}
                 _ => {
                     let twin = of_variant.get(name).or(twins.get(name));
@@ -369,7 +370,7 @@ fn constants_arrive_with_all_their_bits_and_are_used() {
             }
         }
         if quarter[0] != 0. {
-            // What is left of a quarter turn, from the large to the small: exact until the last.
+            // The remainder of a quarter turn after each part, from large to small, is exact until the last.
             let left = quarter.iter().fold(std::f64::consts::FRAC_PI_2, |left, part| left - f64::from(*part));
             assert!(left.abs() < 3e-16, "{left:e}");
             let exact = |part: &f32| part.to_bits().trailing_zeros() >= 11;
@@ -388,7 +389,7 @@ fn words(text: &str) -> impl Iterator<Item = &str> {
     code.flat_map(|line| line.split(|c: char| !c.is_alphanumeric() && c != '_')).filter(|word| !word.is_empty())
 }
 
-/// Shared files that a text asks for.
+/// Shared files that a text names as needed.
 fn needs(text: &str) -> impl Iterator<Item = &str> {
     text.lines().filter_map(|line| line.strip_prefix("// needs:")).flat_map(str::split_whitespace)
 }
@@ -400,13 +401,13 @@ fn every_need_is_a_shared_file_and_every_shared_file_is_needed() {
     for (path, text) in texts() {
         for name in needs(text) {
             let needed = shared.get(name).unwrap_or_else(|| panic!("{path} needs {name}, which is no shared file"));
-            // Something that it declares is there for it, or for another file that it needs.
+            // At least one of its declarations is used by the text or by another file that the text needs.
             let declared = needed.lines().filter_map(|line| {
                 let (keyword, rest) = line.split_once(' ')?;
                 let declares = ["fn", "struct", "alias", "const", "var<workgroup>"].contains(&keyword);
                 declares.then(|| words(rest).next().unwrap())
             });
-            // What walks a table is there for a text without an entry point of its own.
+            // A file that walks a table is for a text without an entry point of its own.
             let uses = |name: &str| {
                 if name == "main" {
                     return words(text).all(|word| word != "main");
@@ -421,7 +422,7 @@ fn every_need_is_a_shared_file_and_every_shared_file_is_needed() {
     }
     for (name, text) in SHARED {
         let needed = texts().any(|(_, of)| needs(of).any(|need| need == *name));
-        // Where the front is kept is the variant's choice.
+        // The variant chooses where the front is kept.
         let chosen =
             variants().iter().any(|v| needs(Shader::Front.source()).all(|need| need != *name) && Shader::Front.text(v).contains(text));
         assert!(needed || chosen, "no shader needs {name}");
@@ -438,7 +439,7 @@ fn every_shader_belongs_to_one_stage_of_a_round() {
     assert_eq!(shaders, Shader::ALL);
 }
 
-/// Files of a folder of this project without their ending, as paths from `root`.
+/// Files of a folder of this project without their extension, as paths from `root`.
 fn files(root: &str, folder: &str) -> BTreeSet<String> {
     let path = project().join(root).join(folder);
     let files = std::fs::read_dir(&path).unwrap().map(|entry| entry.unwrap().path()).filter(|path| path.is_file());
@@ -457,7 +458,7 @@ fn every_shader_has_a_twin_file_and_names_it() {
     assert_eq!(folders.map(|folder| files("shaders", folder)).into_iter().flatten().collect::<BTreeSet<_>>(), all);
     let shared: BTreeSet<String> = SHARED.iter().map(|(name, _)| name.to_string()).collect();
     assert_eq!(files("shaders", "shared"), shared);
-    // Twins of what several shaders share, parts of a twin, and what is no kernel.
+    // Twins of code that several shaders share, parts of a twin, and files that are not kernels.
     let others = ["rows/blocks", "rows/math", "rows/mod", "rows/table", "rows/write", "linear/lanes", "linear/mod", "linear/reach"];
     let more = ["solver/close", "solver/control", "solver/mod", "solver/round", "solver/slacks", "solver/status"];
     let twins: BTreeSet<String> = folders.map(|folder| files("src", folder)).into_iter().flatten().collect();
@@ -503,7 +504,7 @@ fn workgroup_memory_is_within_the_limit_of_the_variant() {
     }
 }
 
-/// Layouts with one to eight feet, short and long, some at an odd interval.
+/// Layouts with one to eight feet, short and long, some with an odd interval.
 fn layouts() -> Vec<Layout<f32>> {
     let mut random = Random::new(5);
     let mut layouts = Vec::new();
@@ -564,14 +565,14 @@ fn gathering_over_touches_gives_the_transposed_product() {
             }
             assert_eq!(sum.to_bits(), expected[variable].to_bits(), "variable {variable}");
         }
-        // Each block's touches stand there once.
+        // The touches of each block occur once.
         assert_eq!(own.gathers.iter().map(|g| g.touches.range().len()).sum::<usize>(), own.touches.len());
         assert_eq!(own.gathers.iter().map(|g| g.reach.range().len()).sum::<usize>(), own.reach_touches.len());
     }
 }
 
 #[test]
-fn rests_name_what_stays_of_a_front_and_where_it_stands_in_the_next() {
+fn rests_name_the_remainder_of_a_front_and_its_place_in_the_next() {
     for layout in layouts() {
         let own = ShaderTables::of(&layout);
         assert_eq!(own.front_steps.len(), layout.steps.len());
@@ -582,7 +583,7 @@ fn rests_name_what_stays_of_a_front_and_where_it_stands_in_the_next() {
             assert_eq!(step.elements, of.elements);
             let rests = &own.rests[step.rest.range()];
             assert_eq!(rests.len() as u32, step.size - step.pivots);
-            // By the contents of the front.
+            // From the contents of the front.
             let mut stays: Vec<u32> = vec![NONE; rests.len()];
             for run in &layout.front_runs[of.rest.range()] {
                 for i in 0..run.len {
@@ -590,7 +591,7 @@ fn rests_name_what_stays_of_a_front_and_where_it_stands_in_the_next() {
                 }
             }
             assert_eq!(rests.iter().map(|r| r.variable).collect::<Vec<_>>(), stays);
-            // By the moves into the next one.
+            // From the moves into the next front.
             let Some(next) = layout.steps.get(k + 1) else {
                 assert!(rests.is_empty(), "something is left at the end");
                 continue;

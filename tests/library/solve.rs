@@ -1,4 +1,4 @@
-//! Small whole problems with known answers, every way a solve can end, and results that do not depend on threads or order.
+//! Small whole problems with known answers, every status that a solve can end with, and independence of threads and order.
 
 use crate::common::{
     Random, ReferenceCandidate, free_legs, gait, layout, layout_with, momentum, reference_candidates, task, towr, transcriptions,
@@ -22,7 +22,7 @@ use std::cell::Cell;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// The system's allocator; counts what each thread asks of it.
+/// The system's allocator, with a count of the allocations of each thread.
 struct Counting;
 
 thread_local! {
@@ -58,7 +58,7 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// ANYmal stays where it is.
+/// ANYmal at rest, with its goal at its start.
 fn standing() -> (Task, Schedule) {
     (task("anymal", "flat", [0., 0.], 0.), Schedule::new(vec![vec![1.]; 4]).unwrap())
 }
@@ -79,7 +79,7 @@ fn solve<T: Real>(
     Solver::<T>::default().solve(&layout_with(&problem.0, &problem.1, transcription), settings, finish, start, &|| cancel)
 }
 
-/// In f32, then in f64, by both transcriptions with free legs.
+/// Runs a check in f32 and in f64, with both transcriptions and without limits on the legs.
 fn solve_all(problem: &(Task, Schedule), settings: &SolverSettings) -> impl Iterator<Item = Outcome> {
     free_legs().into_iter().flat_map(|t| {
         let (narrow, wide) = (solve::<f32>(problem, &t, settings, None, false), solve::<f64>(problem, &t, settings, None, false));
@@ -134,7 +134,7 @@ fn standing_still_is_solved_in_a_few_iterations() {
             assert_eq!((result.outcome.status, result.feasible, result.n_violated), (Status::Solved, true, 0));
             assert!(result.outcome.iterations <= 8, "{} iterations", result.outcome.iterations);
             assert_eq!((result.horizon, result.transcription), (1., transcription.rows));
-            // The base starts and ends 0.5 m above the ground and its four feet never leave it.
+            // The base starts and ends 0.5 m above the ground, and its four feet never leave it.
             let curves = &result.trajectory(&task, &transcription);
             assert_eq!(curves.ee.iter().map(|foot| foot.motion.poly_durations.len()).sum::<usize>(), 4);
             assert!((curves.base_lin.nodes.last().unwrap()[2] - 0.5).abs() < 1e-12);
@@ -163,7 +163,7 @@ fn six_metres_in_four_tenths_of_a_second_end_as_stalled() {
     let impossible = (task("anymal", "flat", [6., 0.], 0.), Schedule::new(vec![vec![0.15, 0.1, 0.15]; 4]).unwrap());
     for outcome in solve_all(&impossible, &SolverSettings::default()) {
         assert_eq!(outcome.status, Status::Stalled, "{outcome:?}");
-        // The rule steps in well before the limit.
+        // The rule ends the solve well before the limit.
         assert!(outcome.iterations < 40 && outcome.infeasibility > 1., "{outcome:?}");
     }
     for transcription in transcriptions() {
@@ -178,7 +178,7 @@ fn a_start_without_finite_residuals_ends_as_non_finite() {
     let problem = walking();
     for transcription in transcriptions() {
         let layout = layout_with::<f64>(&problem.0, &problem.1, &transcription);
-        // Whatever the balance depends on: a pose, a force, a foothold.
+        // Every quantity that the balance depends on: a pose, a force, a foothold.
         let foot = &layout.curves.feet[1];
         let places = [layout.curves.base[4], foot.force_nodes[1][1], foot.footholds[1]];
         assert!(places.iter().all(|&at| (at as usize) < layout.variables));
@@ -197,7 +197,7 @@ fn a_start_without_finite_residuals_ends_as_non_finite() {
 fn a_cancelled_solve_ends_as_cancelled() {
     let outcome = solve::<f32>(&walking(), &momentum(), &SolverSettings::default(), None, true);
     assert_eq!((outcome.status, outcome.iterations), (Status::Cancelled, 0));
-    // In the middle, too.
+    // Also in the middle.
     let problem = walking();
     let asked = Cell::new(0);
     let cancel = || {
@@ -212,7 +212,7 @@ fn a_cancelled_solve_ends_as_cancelled() {
         &cancel,
     );
     assert_eq!((outcome.status, outcome.iterations), (Status::Cancelled, 3));
-    // A batch that is cancelled has no results.
+    // A cancelled batch has no results.
     let results = evaluate(&[(&problem.0, &problem.1)], &LowerSettings::default(), None, &Cpu::new(1).unwrap(), false, &|| true).unwrap();
     assert!(matches!(results[..], [None]));
 }
@@ -224,7 +224,7 @@ fn what_f32_left_near_is_closed_in_f64_and_what_it_left_afar_is_not_touched() {
         let (narrow, wide) = (layout_with::<f32>(&task, &schedule, &transcription), layout_with::<f64>(&task, &schedule, &transcription));
         let mut solver = Solver::<f32>::default();
         let (mut afar, mut near) = (0, 0);
-        // Ended after one iteration, after two, until it arrives.
+        // Terminates after one iteration, after two, and so on, until the solve succeeds.
         for max_iterations in 1.. {
             let limited = SolverSettings { max_iterations, ..settings.clone() };
             let outcome = solver.solve(&narrow, &limited, Finish::Infeasibility(settings.tolerance), None, &|| false);
@@ -248,14 +248,14 @@ fn what_f32_left_near_is_closed_in_f64_and_what_it_left_afar_is_not_touched() {
 }
 
 #[test]
-fn a_point_that_closes_on_the_wrong_rows_is_begun_anew_where_it_is() {
+fn closing_on_the_wrong_rows_restarts_from_the_same_point() {
     let ((task, schedule), settings) = (walking(), SolverSettings::default());
     let transcription = TranscriptionSettings::default();
     let layout = layout_with::<f64>(&task, &schedule, &transcription);
     let mut solver = Solver::<f64>::default();
     let outcome = solver.solve(&layout, &settings, Finish::Rows(settings.row_tolerance), None, &|| false);
     assert_eq!(outcome.status, Status::Solved);
-    let (solution, mut anew) = (solver.solution(), 0);
+    let (solution, mut restarted) = (solver.solution(), 0);
     for seed in 0..8 {
         let mut random = Random::new(seed);
         let mut x = solution.clone();
@@ -264,9 +264,9 @@ fn a_point_that_closes_on_the_wrong_rows_is_begun_anew_where_it_is() {
         let steps = closed.iterations - outcome.iterations;
         assert_eq!(closed.status, Status::Solved, "seed {seed}");
         assert!(steps < settings.closing_steps + 20, "seed {seed}: {steps} steps, as many as a solve from the start");
-        anew += usize::from(steps > settings.closing_steps);
+        restarted += usize::from(steps > settings.closing_steps);
     }
-    assert!(anew > 0, "all closed at once");
+    assert!(restarted > 0, "all closed at once");
 }
 
 #[test]
@@ -277,14 +277,14 @@ fn a_candidate_with_other_feet_is_refused() {
     assert!(error.unwrap_err().to_string().contains("2 feet"));
 }
 
-/// Twelve gaits over a distance that some of them cover; sizes vary from one to the next.
+/// Twelve gaits over a distance that some of them cover; their sizes vary.
 fn population() -> (Task, Vec<Schedule>) {
     let mut random = Random::new(21);
     let schedules = (0..12).map(|i| gait(&mut random, 4, if i % 3 == 0 { 8..=11 } else { 4..=7 })).collect();
     (task("anymal", "step", [4.5, 0.4], 1.), schedules)
 }
 
-/// Everything but the clock.
+/// All fields except times.
 fn same(a: &Evaluated, b: &Evaluated) -> bool {
     let numbers = |e: &Evaluated| [e.max_violation, e.mean_normal_force, e.horizon].map(f64::to_bits);
     let counts =
@@ -299,7 +299,7 @@ fn results_do_not_depend_on_threads_or_order() {
     let lower = lower(momentum(), Precision::F32);
     let one = evaluate_all(&candidates, &lower, 1);
     let two = evaluate_all(&candidates, &lower, 2);
-    // 5 is prime to 12.
+    // 5 and 12 are coprime.
     let order: Vec<usize> = (0..12).map(|i| (5 * i + 3) % 12).collect();
     let permuted: Vec<(&Task, &Schedule)> = order.iter().map(|&i| candidates[i]).collect();
     let permuted = evaluate_all(&permuted, &lower, 2);
@@ -314,7 +314,7 @@ fn results_do_not_depend_on_threads_or_order() {
 #[test]
 fn first_feasible_keeps_everything_up_to_the_lowest_feasible_index() {
     let (_, mut schedules) = population();
-    // On level ground that holds every foot several are feasible.
+    // On level ground with high friction several candidates are feasible.
     let mut task = task("anymal", "flat", [4.5, 0.4], 1.);
     task.terrain = Arc::new(Terrain { friction: 5., ..Terrain::flat() });
     let candidates: Vec<(&Task, &Schedule)> = schedules.iter().map(|s| (&task, s)).collect();
@@ -322,7 +322,7 @@ fn first_feasible_keeps_everything_up_to_the_lowest_feasible_index() {
     let all = evaluate_all(&candidates, &lower, 2);
     let feasible: Vec<bool> = all.iter().map(|r| r.as_ref().unwrap().feasible).collect();
     assert!(feasible.contains(&true) && feasible.contains(&false), "{feasible:?}");
-    // Failing ones first, so that several threads pass the answer before it is known.
+    // Infeasible candidates come first, so that several threads pass the answer before it is known.
     let (mut order, good): (Vec<usize>, Vec<usize>) = (0..12).partition(|&i| !feasible[i]);
     order.extend(good);
     let lowest = order.iter().position(|&i| feasible[i]).unwrap();
@@ -360,7 +360,7 @@ fn reference_candidates_are_solved_in_both_precisions() {
         if candidate.solved_by_ipopt && !narrow.feasible {
             failures.push(format!("{name}: solved by Ipopt alone"));
         }
-        // Counted again, from what the user gets.
+        // Counts again, from the trajectory that the user gets.
         let task = &candidate.task;
         let rows = verify_rows(&narrow.trajectory(task, &towr()), &task.robot, &task.terrain, force_limit(&towr(), task)).unwrap();
         if (narrow.feasible, narrow.n_violated) != (rows.n_violated == 0, rows.n_violated) {
@@ -383,7 +383,7 @@ fn momentum_gaits_of_the_biped_hold_between_the_instants() {
     let chosen: Vec<&ReferenceCandidate> = candidates.iter().filter(|c| c.scenario == "biped" && c.target == 10).collect();
     // The robot's own force limit, not TOWR's.
     let mut tasks: Vec<Task> = chosen.iter().map(|_| Scenario::named("biped").unwrap().task(10).unwrap()).collect();
-    // Ground that holds feet better: with a friction of 1 two of them are not found inside the cone, which TOWR's pyramid circumscribes.
+    // Higher friction: at 1 two of the gaits are not found inside the cone, which lies inside TOWR's pyramid.
     for task in &mut tasks {
         task.terrain = Arc::new(Terrain { friction: 2., ..Terrain::flat() });
     }
@@ -410,7 +410,7 @@ fn smoothing_lowers_the_cost_of_a_motion_that_stays_solved() {
         let mut solver = Solver::<f64>::default();
         let outcome = solver.solve(&layout, &settings, Finish::Rows(settings.row_tolerance), None, &|| false);
         assert_eq!(outcome.status, Status::Solved);
-        // Initial values cost nothing.
+        // Deviations from the initial values are not costed.
         smoothing_fall(&layout.smoothing, &solver.solution(), &layout.initial, &layout.initial)
     };
     let plain = cost(SmoothSettings::default());
@@ -427,7 +427,7 @@ fn a_warm_solver_does_not_allocate() {
         let layout = layout_with::<T>(&task, &walking().1, transcription);
         let settings = |max_iterations| SolverSettings {
             max_iterations,
-            // Nothing ends the solve before its limit.
+            // Only the iteration limit ends the solve.
             closing: 0.,
             stall: StallSettings { enabled: false, ..StallSettings::default() },
             ..SolverSettings::default()
@@ -449,7 +449,7 @@ fn a_warm_solver_does_not_allocate() {
     }
 }
 
-/// The paper's loop with its settings and seed 1.
+/// The paper's search loop with its settings and seed 1.
 fn papers_search(task: &Task, threads: usize, cancelled: &AtomicBool, generation: &mut dyn FnMut()) -> Found {
     let (upper, lower, backend) = (CemSettings::default(), lower(momentum(), Precision::F32), Cpu::new(threads).unwrap());
     let level = BatchSolver { task, settings: &lower, backend: &backend, cost: None };
@@ -476,7 +476,7 @@ fn the_papers_search_finds_a_gait_and_the_same_one_on_two_threads() {
 }
 
 #[test]
-fn a_cancelled_search_says_so() {
+fn a_cancelled_search_reports_it() {
     let task = Scenario::named("s1").unwrap().task(10).unwrap();
     let found = papers_search(&task, 1, &AtomicBool::new(true), &mut || ());
     assert_eq!(found.stop, StopReason::Cancelled);

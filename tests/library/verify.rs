@@ -1,4 +1,4 @@
-//! The independent check of trajectories: it accepts what TOWR found, and counts planted faults where they belong.
+//! The independent verification of trajectories: it accepts TOWR's solutions, and counts planted faults in their families.
 
 use cregopt::gait::trajectory::{GoalVelocity, MotionLimits, NamedOr};
 use cregopt::gait::{Curve, FootCurves, Trajectory};
@@ -10,21 +10,21 @@ use cregopt::verify::report::{DENSE_REACH, Family, PENETRATION, ROLLOUT_ATTITUDE
 use cregopt::verify::{Report, RolloutReport, TOLERANCE, verify, verify_rows};
 use nalgebra::{Matrix3, Vector3};
 
-/// Pieces of the base, s. Three of them between two dynamics instants: the nodes 4 and 5 move without touching any instant.
+/// Pieces of the base, s. Three of them fit between two dynamics instants: nodes 4 and 5 can move without affecting any instant.
 const BASE_PIECE: f64 = 0.1 / 3.;
 
-/// A curve that keeps a value.
+/// A curve with a constant value.
 fn constant(value: [f64; 3], durations: &[f64]) -> Curve {
     let [x, y, z] = value;
     Curve { poly_durations: durations.into(), nodes: vec![[x, y, z, 0., 0., 0.]; durations.len() + 1] }
 }
 
-/// A robot that stands still for 1 s with all forces straight up, m g / n each.
+/// A robot that stands still for 1 s, with vertical forces of m g / n.
 fn standing(robot: &Robot) -> Trajectory {
     standing_for(robot, 1., &[BASE_PIECE; 30])
 }
 
-/// The same for as long as the pieces of the base last together.
+/// A robot that stands still for the total duration of the base pieces.
 fn standing_for(robot: &Robot, horizon: f64, base_pieces: &[f64]) -> Trajectory {
     let thirds = [0.3 * horizon, 0.4 * horizon, 0.3 * horizon];
     let base = [0., 0., robot.base_height];
@@ -36,7 +36,8 @@ fn standing_for(robot: &Robot, horizon: f64, base_pieces: &[f64]) -> Trajectory 
 
 /// ANYmal at rest lifts its left front foot (0) by 5 cm from 0.3 to 0.7 s and puts it back.
 ///
-/// Diagonal pairs carry equal forces, so that there is no moment: 0 and 3 go from m g / 4 to 0 and stay there, 1 and 2 carry the rest.
+/// Diagonal pairs carry equal forces, so that there is no moment: feet 0 and 3 go from m g / 4 to 0 and stay there, feet 1 and 2 carry the
+/// rest.
 fn step() -> Trajectory {
     let robot = anymal();
     let pieces = [0.1, 0.1, 0.1, 0.4, 0.1, 0.1, 0.1];
@@ -54,7 +55,7 @@ fn step() -> Trajectory {
     trajectory
 }
 
-/// Moves load between the diagonals at a force node, N a foot: no force or moment on the base changes.
+/// Moves load between the diagonals at a force node, N per foot: no force or moment on the base changes.
 fn shift_load(trajectory: &mut Trajectory, node: usize, load: f64) {
     for (foot, sign) in [1., -1., -1., 1.].iter().enumerate() {
         trajectory.ee[foot].force.nodes[node][2] += sign * load;
@@ -74,25 +75,25 @@ fn check(trajectory: &Trajectory) -> Report {
 }
 
 #[test]
-fn every_reference_solution_of_towr_breaks_no_row() {
+fn towrs_reference_solutions_violate_no_row() {
     let text = include_str!("../data/towr_solutions.jsonl");
     for (line, text) in text.lines().enumerate() {
         let trajectory = Trajectory::from_json(text).unwrap();
         let scenario = Scenario::named(trajectory.scenario.as_ref().unwrap()).unwrap();
-        // The hexapod solutions were made with the inertia as it was published.
+        // The hexapod solutions were computed with the inertia as published.
         let robot = Robot::named(if scenario.robot == "pexod" { "pexod-as-published" } else { scenario.robot }).unwrap();
         let terrain = Terrain::named(scenario.terrain).unwrap();
         let report = verify(&trajectory, &robot, &terrain, FORCE_LIMIT).unwrap();
         println!("line {}, {}, T = {}\n{report}", line + 1, scenario.name, trajectory.horizon);
         assert!(report.feasible && report.n_violated == 0, "line {}\n{report}", line + 1);
-        // All but the rows of the other transcription.
+        // All families except those of the other transcription.
         let asked = |family| ![Family::Momentum, Family::Motion, Family::Footing].contains(&family);
         assert!(report.families.iter().all(|f| asked(f.family) == (f.rows > 0 && f.worst.is_some())), "line {}\n{report}", line + 1);
     }
 }
 
 #[test]
-fn a_standing_robot_breaks_no_row_and_has_no_defect() {
+fn a_standing_robot_violates_no_row_and_has_no_defect() {
     for name in ROBOTS {
         let robot = Robot::named(name).unwrap();
         let report = verify(&standing(&robot), &robot, &flat(), FORCE_LIMIT).unwrap();
@@ -111,7 +112,7 @@ fn a_standing_robot_breaks_no_row_and_has_no_defect() {
 }
 
 #[test]
-fn a_step_breaks_no_row_and_its_rows_are_those_of_towr() {
+fn a_step_violates_no_row_and_its_rows_are_those_of_towr() {
     let report = check(&step());
     assert!(report.feasible && report.max_violation < 1e-12, "{report}");
     let rows = |family| report.family(family).rows;
@@ -124,10 +125,10 @@ fn a_step_breaks_no_row_and_its_rows_are_those_of_towr() {
     assert_eq!(rows(Family::Force), 6 * (6 + 3 * 8));
     assert_eq!(rows(Family::Swing), 4);
     assert_eq!(rows(Family::Bounds), 6 + 6 + 3 + 3 + 4 * 3);
-    // Two switches on two curves; standing nodes, mid node; swing force at both switches.
+    // Two switches on two curves; stance nodes, mid node; swing force at both switches.
     assert_eq!(rows(Family::Structure), 2 * 2 + 6 * (4 + 3 * 4) + 1 + 6 * 2);
     assert_eq!(report.n_rows, Family::ALL.map(rows).iter().sum::<usize>());
-    // Between the instants: the foot's apex, and its fastest in the middle of the way up, 1.5 x 0.05 m / 0.2 s.
+    // Between the instants: the apex of the foot, and its highest speed in the middle of the ascent, 1.5 x 0.05 m / 0.2 s.
     let (height, speed) = (report.dense.foot_height, report.dense.foot_speed);
     assert!((height.value - 0.05).abs() < 1e-12 && (height.time - 0.5).abs() < 1e-9 && height.foot == Some(0));
     assert!((speed.value - 0.375).abs() < 1e-9 && speed.foot == Some(0));
@@ -139,7 +140,7 @@ struct Fault {
     name: &'static str,
     plant: fn(&mut Trajectory, f64),
     family: Family,
-    /// Rows that it violates when it is just beyond the tolerance.
+    /// Number of rows that it violates when it is just beyond the tolerance.
     rows: usize,
     row: &'static str,
     foot: Option<usize>,
@@ -147,7 +148,7 @@ struct Fault {
 }
 
 impl Fault {
-    /// What does not count of it: TOWR's, or by the robot's weight and size.
+    /// Tolerance of the row: TOWR's, or the one that depends on the robot's weight and size.
     fn tolerance(&self, trajectory: &Trajectory) -> f64 {
         if trajectory.transcription.as_deref() != Some("momentum") {
             return TOLERANCE;
@@ -183,10 +184,10 @@ const FAULTS: [Fault; 19] = [
         family: Family::Terrain, rows: 2, row: "stance z", foot: Some(0), time: 0.7 },
     Fault { name: "a buried mid node", plant: |t, s| t.ee[0].motion.nodes[2][2] = -s,
         family: Family::Terrain, rows: 1, row: "swing z", foot: Some(0), time: 0.5 },
-    // Two feet pull; none of the four sides of the pyramid holds then either.
+    // Two feet pull; none of the four sides of the pyramid holds then.
     Fault { name: "a foot pulls", plant: |t, s| { let now = t.ee[0].force.nodes[1][2]; shift_load(t, 1, -now - s) },
         family: Family::Force, rows: 10, row: "normal force, pull", foot: Some(0), time: 0.1 },
-    // The feet of a side pull apart: no moment, as they share y and z.
+    // The feet of one side push in opposite directions: no moment, because they share y and z.
     Fault { name: "a foot slips", plant: |t, s| { let load = t.ee[0].force.nodes[1][2] + s; t.ee[0].force.nodes[1][0] += load; t.ee[2].force.nodes[1][0] -= load },
         family: Family::Force, rows: 2, row: "friction +t1", foot: Some(0), time: 0.1 },
     Fault { name: "a force at the first node", plant: |t, s| { let now = t.ee[0].force.nodes[0][2]; shift_load(t, 0, -now - s) },
@@ -211,7 +212,7 @@ const FAULTS: [Fault; 19] = [
         family: Family::Structure, rows: 1, row: "force slope in swing, z", foot: Some(0), time: 0.7 },
 ];
 
-/// Plants every fault just below the tolerance, just above and well above it.
+/// Plants every fault just below the tolerance, just above it and well above it.
 fn check_faults(faults: &[Fault], faultless: fn() -> Trajectory) {
     for fault in faults {
         for part in [0.99, 1.01, 10.] {
@@ -253,7 +254,7 @@ fn acceleration_may_jump_in_another_transcription() {
         // No force makes the base jump.
         let momentum = report.family(Family::Momentum);
         assert_eq!(momentum.violated, if transcription == Some("momentum") { report.n_violated } else { 0 }, "{report}");
-        // Not at an instant, but seen: 4 x 0.01 m/s in a thirtieth of 0.1 s.
+        // Not at an instant, but reported: 4 x 0.01 m/s in a thirtieth of 0.1 s.
         let defect = report.dense.force_defect;
         let peak = 4. * 0.01 / BASE_PIECE / GRAVITY;
         assert!(defect.value < peak && defect.value > 0.9 * peak && (defect.time - 4. * BASE_PIECE).abs() < 1e-3, "{report}");
@@ -280,7 +281,7 @@ fn normal_forces_are_counted_against_the_given_limit() {
     assert!(with_limit(f64::NAN).family(Family::Force).violated > 0);
 }
 
-/// ANYmal standing around x = 1.5 m, with one force on each foot.
+/// ANYmal in stance around x = 1.5 m, with one force on each foot.
 fn standing_on(terrain: &Terrain, force: [f64; 3]) -> Trajectory {
     let mut trajectory = standing(&anymal());
     for curves in &mut trajectory.ee {
@@ -295,18 +296,18 @@ fn standing_on(terrain: &Terrain, force: [f64; 3]) -> Trajectory {
 
 #[test]
 fn friction_is_that_of_the_slope_under_the_foothold() {
-    // A vertical force on a slope of 0.7 has 0.7 times as much force along the slope as across.
+    // A vertical force on a slope of 0.7 has a component along the slope 0.7 times as large as its normal component.
     let load = anymal().weight() / 4.;
     for (friction, violated) in [(0.701, 0), (0.699, 4 * 4)] {
         let terrain = Terrain { friction, ..Terrain::named("slope").unwrap() };
         let report = verify(&standing_on(&terrain, [0., 0., load]), &anymal(), &terrain, FORCE_LIMIT).unwrap();
         assert_eq!(report.family(Family::Force).violated, violated, "{report}");
         assert_eq!(report.family(Family::Terrain).violated, 0, "{report}");
-        // Over the length of (1, 0, 0.7).
+        // Divided by the length of (1, 0, 0.7).
         let excess = (0.7 - friction).max(0.) / 4. / 1.49_f64.sqrt();
         assert!((report.dense.friction_excess.value - excess).abs() < 1e-12, "{report}");
     }
-    // A force across the slope needs no friction and is all normal force; turned about the vertical it slips.
+    // A force normal to the slope needs no friction; rotated about the vertical it slips.
     for (name, across) in [("slope", [-70., 0., 100.]), ("chimney", [0., -300., 100.])] {
         let terrain = Terrain { friction: 1e-3, ..Terrain::named(name).unwrap() };
         let violated = |force, limit| {
@@ -321,9 +322,9 @@ fn friction_is_that_of_the_slope_under_the_foothold() {
 }
 
 #[test]
-fn what_happens_between_the_instants_is_reported_but_not_counted() {
+fn violations_between_the_instants_are_reported_but_not_counted() {
     let mut trajectory = step();
-    // A slope where the load is zero: next to the node one diagonal pulls, and the other carries more.
+    // A slope of the force where the load is zero: next to the node one diagonal pulls, and the other carries more.
     for (foot, sign) in [-1., 1., 1., -1.].iter().enumerate() {
         trajectory.ee[foot].force.nodes[5][5] += sign * 2000.;
     }
@@ -331,7 +332,8 @@ fn what_happens_between_the_instants_is_reported_but_not_counted() {
     trajectory.ee[0].motion.nodes[2][2] = 0.181;
     let report = check(&trajectory);
     assert!(report.feasible, "{report}");
-    // A piece of length d that is zero at both ends with a slope s at one has its extreme, 4/27 s d, a third of d from there.
+    // A piece of length d that is zero at both ends, with slope s at one of them, has its extreme 4/27 s d at a distance of d / 3 from
+    // there.
     let expected = 4. / 27. * 2000. * 0.1 / anymal().weight();
     let (pull, reach) = (report.dense.pull, report.dense.reach_excess);
     assert!((pull.value - expected).abs() < 1e-3 * expected && [Some(0), Some(3)].contains(&pull.foot), "{report}");
@@ -341,7 +343,7 @@ fn what_happens_between_the_instants_is_reported_but_not_counted() {
 }
 
 #[test]
-fn one_rigged_phase_boundary_is_one_violated_row_a_curve() {
+fn one_moved_phase_boundary_is_one_violated_row_per_curve() {
     let mut trajectory = step();
     trajectory.durations[0] = vec![0.31, 0.39, 0.3];
     let report = check(&trajectory);
@@ -350,7 +352,7 @@ fn one_rigged_phase_boundary_is_one_violated_row_a_curve() {
     let worst = structure.worst.as_ref().unwrap();
     assert_eq!((worst.row.as_str(), worst.foot, worst.time), ("motion node at phase boundary", Some(0), 0.31));
     assert!((worst.violation - 0.01).abs() < 1e-12);
-    // Below 1e-4, but no longer the same time.
+    // Below 1e-4, but not the same time any more.
     trajectory.durations[0] = vec![0.3 + 1e-5, 0.4 - 1e-5, 0.3];
     assert_eq!(check(&trajectory).family(Family::Structure).violated, 2);
     trajectory.durations[0] = vec![0.3 + 1e-7, 0.4 - 1e-7, 0.3];
@@ -369,7 +371,7 @@ fn odd_but_well_formed_trajectories_get_a_verdict() {
         // Curves without a node at any phase boundary.
         |t| t.ee[0].motion = constant([0.34, 0.19, 0.], &[1.]),
         |t| t.ee[0].force = constant([0., 0., 1.], &[1.]),
-        // A stance without any node in it.
+        // A stance without a node in it.
         |t| t.durations[0] = vec![0.31, 0.1, 0.01, 0.08, 0.5],
         // Numbers that overflow.
         |t| t.ee[2].force.nodes[3] = [1e308; 6],
@@ -387,7 +389,7 @@ fn odd_but_well_formed_trajectories_get_a_verdict() {
         assert!(!report.feasible && report.max_violation > 0., "case {case}\n{report}");
         assert!(!serde_json::to_string(&report).unwrap().is_empty());
     }
-    // A malformed one is refused even when the caller did not check it.
+    // A malformed trajectory is refused even if the caller did not check it.
     let mut trajectory = step();
     trajectory.ee[1].motion.nodes.pop();
     assert!(verify(&trajectory, &anymal(), &flat(), FORCE_LIMIT).is_err());
@@ -408,7 +410,7 @@ fn momentum_step() -> Trajectory {
 }
 
 #[test]
-fn a_step_breaks_no_row_of_momentum() {
+fn a_step_violates_no_row_of_momentum() {
     let report = check(&momentum_step());
     assert!(report.feasible && report.max_violation < 1e-9, "{report}");
     let rows = |family| report.family(family).rows;
@@ -420,14 +422,14 @@ fn a_step_breaks_no_row_of_momentum() {
     for family in [Family::Reach, Family::Terrain, Family::Structure] {
         assert_eq!(rows(family), check(&step()).family(family).rows);
     }
-    // One cone in the place of the four sides of a pyramid.
+    // One cone instead of the four sides of a pyramid.
     assert_eq!(rows(Family::Force) * 2, check(&step()).family(Family::Force).rows);
-    // A trajectory that names no limits is held to the defaults.
+    // A trajectory without limits is verified against the defaults.
     let report = check(&Trajectory { limits: None, ..momentum_step() });
     assert_eq!((report.family(Family::Swing).rows, report.family(Family::Bounds).rows), (3, rows(Family::Bounds)));
 }
 
-/// The base rises from rest by `acceleration`, and turns about the vertical by `turn`, as the forces of feet 1 and 2 make it.
+/// The base rises from rest by `acceleration` and turns about the vertical by `turn`, as the forces of feet 1 and 2 require.
 fn accelerate(trajectory: &mut Trajectory, acceleration: f64, turn: f64) {
     let (robot, half_length) = (anymal(), 0.34);
     for (node, t) in (0..=30).map(|k| f64::from(k) * BASE_PIECE).enumerate() {
@@ -446,8 +448,8 @@ fn accelerate(trajectory: &mut Trajectory, acceleration: f64, turn: f64) {
     }
 }
 
-/// A force that falls from s to 0 along half a cubic in 0.1 s, seen from the first third of it: its mean, and its mean weighted with the
-/// time that is left (`int 2 (1 - w) (1 - w^2/3 + 2 w^3/27) dw`).
+/// Mean, over its first third, of a force that falls from s to 0 along half a cubic in 0.1 s; and the mean weighted with the remaining
+/// time (`int 2 (1 - w) (1 - w^2/3 + 2 w^3/27) dw`).
 const MEAN: f64 = 49. / 54.;
 const EARLY_MEAN: f64 = 257. / 270.;
 
@@ -455,12 +457,12 @@ const EARLY_MEAN: f64 = 257. / 270.;
 const MOMENTUM_FAULTS: [Fault; 10] = [
     Fault { name: "one foot pushes more at the start", plant: |t, s| t.ee[1].force.nodes[0][2] += s / EARLY_MEAN,
         family: Family::Momentum, rows: 1, row: "mean force for the way z", foot: None, time: BASE_PIECE },
-    // Late forces move less.
+    // Late forces have less effect on the position.
     Fault { name: "one foot pushes more at the end", plant: |t, s| t.ee[1].force.nodes[7][2] += s / MEAN,
         family: Family::Momentum, rows: 1, row: "mean force z", foot: None, time: 1. },
     Fault { name: "the load is too far in front", plant: |t, s| for (foot, sign) in [1., 1., -1., -1.].iter().enumerate() { t.ee[foot].force.nodes[0][2] += sign * s / 1.36 / MEAN },
         family: Family::Momentum, rows: 1, row: "mean moment y", foot: None, time: BASE_PIECE },
-    // The piece after the jump goes s L too far, which twice the force would mend that mends the velocity.
+    // The piece after the jump goes s L too far; correcting the position takes twice the force that corrects the velocity.
     Fault { name: "base speed jumps", plant: |t, s| t.base_lin.nodes[4][4] += s * BASE_PIECE / (2. * anymal().mass),
         family: Family::Momentum, rows: 1, row: "mean force for the way y", foot: None, time: 5. * BASE_PIECE },
     Fault { name: "a mid node too low", plant: |t, s| t.ee[0].motion.nodes[2][2] = 0.03 - s,
@@ -469,7 +471,7 @@ const MOMENTUM_FAULTS: [Fault; 10] = [
         family: Family::Swing, rows: 1, row: "mid node too high", foot: Some(0), time: 0.5 },
     Fault { name: "a foot too fast", plant: |t, s| { t.ee[0].motion.nodes[2][3] = 0.3; t.ee[0].motion.nodes[2][4] = ((0.5 + s).powi(2) - 0.09).sqrt() },
         family: Family::Swing, rows: 1, row: "foot too fast", foot: Some(0), time: 0.5 },
-    // Up to the height h from rest to rest in 0.2 s: 6 h / 0.04 s^2.
+    // Ascent to the height h from rest to rest in 0.2 s: 6 h / 0.04 s^2.
     Fault { name: "a foot accelerated too hard", plant: |t, s| { t.limits = Some(MotionLimits { foot_acceleration: Some(7.5), ..LIMITS }); t.ee[0].motion.nodes[2][2] = (7.5 + s) / 150. },
         family: Family::Swing, rows: 1, row: "foot accelerated too hard", foot: Some(0), time: 0.5 },
     Fault { name: "the base arrives with speed", plant: |t, s| accelerate(t, s, 0.),
@@ -485,7 +487,8 @@ fn planted_faults_of_momentum_are_counted_in_their_family_and_beyond_the_toleran
 
 #[test]
 fn a_foot_that_is_accelerated_too_hard_is_refused_where_there_is_a_limit() {
-    // In the middle 7.5 m/s^2 down, and 4 v / 0.2 s = 6 m/s^2 along: sqrt(92.25) = 9.605 m/s^2, more than anywhere else.
+    // In the middle 7.5 m/s^2 downwards, and 4 v / 0.2 s = 6 m/s^2 along: sqrt(92.25) = 9.605 m/s^2, the largest acceleration of the
+    // swing.
     let mut trajectory = momentum_step();
     trajectory.ee[0].motion.nodes[2][4] = 0.3;
     for (limit, rows, violated) in [(None, 3, 0), (Some(9.61), 4, 0), (Some(9.59), 4, 1)] {
@@ -493,7 +496,7 @@ fn a_foot_that_is_accelerated_too_hard_is_refused_where_there_is_a_limit() {
         let report = check(&trajectory);
         let swing = report.family(Family::Swing);
         assert_eq!((report.feasible, swing.rows, swing.violated), (violated == 0, rows, violated), "{limit:?}\n{report}");
-        // Standing feet have none: the same limit holds for a robot that stands.
+        // Stance feet have no acceleration: the same limit holds for a robot that stands.
         let standing = momentum(standing(&anymal()));
         assert!(check(&Trajectory { limits: trajectory.limits, ..standing }).feasible);
     }
@@ -513,7 +516,7 @@ fn the_base_may_arrive_with_speed_where_its_goal_is_free() {
 #[test]
 fn the_attitude_of_a_base_piece_has_its_own_limit() {
     for (angle, violated) in [(0.99e-2, 0), (1.01e-2, 2)] {
-        // Turned at one node and at rest there: no piece goes there, none comes back.
+        // Turned at one node and at rest there: the pieces before and after it do not move that way.
         let mut trajectory = momentum_step();
         trajectory.base_ang.nodes[4][2] = angle;
         let report = check(&trajectory);
@@ -538,7 +541,7 @@ fn a_foot_may_be_a_little_outside_its_box() {
     }
 }
 
-/// ANYmal whose feet have boxes of their own.
+/// ANYmal with one box per foot.
 fn with_reach(change: impl FnOnce(&mut Vec<[[f64; 2]; 3]>)) -> Robot {
     let mut boxes = vec![[[-0.15, 0.15], [-0.1, 0.1], [-0.1, 0.1]]; 4];
     change(&mut boxes);
@@ -546,8 +549,8 @@ fn with_reach(change: impl FnOnce(&mut Vec<[[f64; 2]; 3]>)) -> Robot {
 }
 
 #[test]
-fn a_foot_is_held_to_the_sides_of_its_own_box() {
-    // Feet stand 8 cm below their nominal places; foot 0 swings 3 cm ahead and back.
+fn a_foot_is_verified_against_its_own_box() {
+    // The feet stand 8 cm below their nominal positions; foot 0 swings 3 cm ahead and back.
     let swung = |x: f64| {
         let mut trajectory = momentum_step();
         trajectory.ee[0].motion.nodes[2][0] += x;
@@ -561,7 +564,7 @@ fn a_foot_is_held_to_the_sides_of_its_own_box() {
     let worst = report.family(Family::Reach).worst.clone().unwrap();
     assert!(!report.feasible && worst.row == "x" && worst.foot == Some(0), "{report}");
     assert!((report.dense.reach_excess.value - 0.01).abs() < 1e-9 && report.dense.reach_excess.foot == Some(0), "{report}");
-    // The sides of the other feet are not his.
+    // The sides of the other feet do not apply to foot 0.
     assert!(check(&swung(0.03), &with_reach(|boxes| boxes[1][0] = [-0.15, 0.02])).feasible);
     let report = check(&swung(0.), &with_reach(|boxes| boxes[2][2] = [-0.07, 0.1]));
     assert!(!report.feasible && report.family(Family::Reach).worst.as_ref().unwrap().foot == Some(2), "{report}");
@@ -593,46 +596,46 @@ fn a_ball_keeps_from_a_riser_and_a_foothold_from_an_edge() {
         assert_eq!(worst.foot, Some(0));
         (worst.row, worst.violation, worst.time)
     };
-    // The foot of the riser is 2 cm ahead of the way there and back, and its face leans by 1 mm.
+    // The bottom of the riser is 2 cm ahead of the swing's turning point, and its face leans by 1 mm.
     let report = check(&swung(0.02, 0.), 0.03, 0.382);
     let (row, violation, time) = worst(&report);
     assert!(row == "ball in the ground" && (violation - (0.01 - 0.125 * 0.03)).abs() < 1e-3 && (time - 0.5).abs() < 0.01, "{report}");
     assert!((report.dense.ball_depth.value - 0.01).abs() < 1e-3 && report.dense.ball_depth.foot == Some(0), "{report}");
     assert!(check(&swung(0.02, 0.), 0.02, 0.382).feasible && check(&swung(0.02, 0.), 0., 0.382).feasible);
     assert!(check(&swung(0.01, 0.), 0.03, 0.382).feasible);
-    // Where it stands at the start is given, where it lands is not: 1 cm from the riser, whose upper edge is 0.2 m off the plane.
+    // The foothold at the start is given, the landing one is not: 1 cm from the riser, whose upper edge is 0.2 m off the plane.
     let report = check(&swung(0., 0.), 0.03, 0.352);
     let (row, violation, time) = worst(&report);
     assert!(row == "foothold at an edge" && (violation - (0.2 - 0.015)).abs() < 1e-9 && (time - 0.7).abs() < 1e-9, "{report}");
     assert!((report.dense.foothold_off_plane.value - 0.2).abs() < 1e-9, "{report}");
     assert!(check(&swung(0., 0.), 0.009, 0.352).feasible);
-    // On flat ground there is nothing to keep from, and TOWR's own rows ask for nothing.
+    // Flat ground has no edges to keep from, and TOWR's own rows have no such limit.
     assert_eq!(verify(&swung(0.02, 0.), &with(0.03), &flat(), FORCE_LIMIT).unwrap().family(Family::Footing).rows, 0);
     let towr = Trajectory { transcription: None, limits: None, ..swung(0., 0.) };
     let report = check(&towr, 0.03, 0.352);
     assert!(report.family(Family::Footing).rows == 0 && report.dense.foothold_off_plane.value > 0.1, "{report}");
 }
 
-/// A fault between the instants: its size is what the row measures.
+/// A fault between the instants; its size is in the unit of the row.
 struct MotionFault {
     name: &'static str,
     faultless: fn() -> Trajectory,
     plant: fn(&mut Trajectory, f64),
     row: &'static str,
-    /// In the unit of `plant`, and what a unit of the row has of it.
+    /// Limit of the row, in the unit of `plant`.
     limit: f64,
     unit: f64,
     foot: Option<usize>,
     time: f64,
 }
 
-/// A cubic that is zero at both ends of a piece of 0.1 s with a slope at one has this part of the slope a third of it from there, its extreme.
+/// Extreme of a cubic that is zero at both ends of a piece of 0.1 s, per slope at one of them; it is a third of the piece away from there.
 const BULGE: f64 = 4. / 27. * 0.1;
 
 /// Weight of ANYmal, N.
 const WEIGHT: f64 = 29.5 * GRAVITY;
 
-/// A long stand: forces within the tolerance move the base visibly.
+/// Duration of a stance in which forces within the tolerance move the base visibly, s.
 const LONG: f64 = 110.;
 
 #[rustfmt::skip]
@@ -651,11 +654,11 @@ const MOTION_FAULTS: [MotionFault; 6] = [
     MotionFault { name: "a foot pulls between nodes", faultless: momentum_step,
         plant: |t, s| for (foot, sign) in [1., -1., -1., 1.].iter().enumerate() { t.ee[foot].force.nodes[7][5] = sign * s / BULGE },
         row: "normal force, pull", limit: 1e-4 * WEIGHT, unit: WEIGHT, foot: Some(0), time: 0.9 + 0.2 / 3. },
-    // The feet of a side pull apart.
+    // The feet of one side push in opposite directions.
     MotionFault { name: "a foot slips between nodes", faultless: momentum_step,
         plant: |t, s| for (foot, sign) in [(0, 1.), (2, -1.)] { t.ee[foot].force.nodes[0][3] = sign * (0.5 * WEIGHT / 4. + s) / BULGE },
         row: "friction cone", limit: 1e-4 * WEIGHT, unit: WEIGHT, foot: Some(0), time: 0.1 / 3. },
-    // A swing in three pieces comes down to the ground, and again.
+    // A swing in three pieces that touches the ground twice.
     MotionFault { name: "a foot dips into the ground", faultless: momentum_step,
         plant: |t, s| {
             let motion = &mut t.ee[0].motion;
@@ -694,11 +697,11 @@ fn planted_faults_between_the_instants_are_counted_beyond_their_limit_only() {
 }
 
 #[test]
-fn a_standing_foot_stays_where_it_is_between_its_nodes() {
+fn a_stance_foot_that_moves_between_its_nodes_is_refused() {
     let limit = Tolerances::of(&anymal()).length;
     for part in [0.99, 1.01] {
         let mut trajectory = momentum(standing_for(&anymal(), LONG, &[0.1; 10 * LONG as usize]));
-        // So slowly that no node tells, over 44 s.
+        // So slowly that the nodes do not show it, over 44 s.
         trajectory.ee[1].motion.nodes[1][5] = part * limit / (4. / 27. * 0.4 * LONG);
         let report = check(&trajectory);
         assert_eq!((report.feasible, report.n_violated), (part < 1., usize::from(part > 1.)), "{report}");
@@ -711,8 +714,8 @@ fn a_standing_foot_stays_where_it_is_between_its_nodes() {
 }
 
 #[test]
-fn what_the_body_gains_over_a_long_piece_is_no_less_than_over_short_ones() {
-    // A push before the end, of which the plan says nothing: 1.5 mm/s, with which 29.5 kg arrive.
+fn long_pieces_accumulate_as_much_drift_as_short_ones() {
+    // A push before the end that the plan does not contain: 1.5 mm/s at the end for 29.5 kg.
     for pieces in [&[2.][..], &[0.1; 20]] {
         let mut trajectory = momentum(standing_for(&anymal(), 2., pieces));
         assert!(check(&trajectory).feasible);
@@ -725,7 +728,7 @@ fn what_the_body_gains_over_a_long_piece_is_no_less_than_over_short_ones() {
 }
 
 #[test]
-fn what_holds_between_the_instants_is_asked_where_all_else_holds_and_only_of_momentum() {
+fn rows_between_the_instants_count_only_in_momentum_and_if_all_others_hold() {
     for fault in &MOTION_FAULTS[2..] {
         let mut trajectory = (fault.faultless)();
         (fault.plant)(&mut trajectory, 1.01 * fault.limit);
@@ -741,7 +744,7 @@ fn what_holds_between_the_instants_is_asked_where_all_else_holds_and_only_of_mom
         let report = verify(&trajectory, &anymal(), &smooth(), FORCE_LIMIT).unwrap();
         assert_eq!((report.family(Family::Motion).rows, report.n_violated), (0, 1), "{report}");
     }
-    // Nor are a swing's limits and the rest at the goal.
+    // Nor do the limits of a swing and the rest at the goal.
     let mut trajectory = step();
     trajectory.ee[0].motion.nodes[2][2] = 0.01;
     assert!(check(&trajectory).feasible);
@@ -754,7 +757,7 @@ fn rollout(trajectory: &Trajectory, robot: &Robot) -> RolloutReport {
 }
 
 #[test]
-fn a_force_that_the_plan_forgot_carries_the_base_away() {
+fn a_force_missing_from_the_plan_moves_the_base() {
     // However the base turns, it moves by dF T^2 / (2 m).
     let (robot, force) = (anymal(), [7., -3., 5.]);
     let mut trajectory = standing(&robot);
@@ -767,7 +770,7 @@ fn a_force_that_the_plan_forgot_carries_the_base_away() {
 }
 
 #[test]
-fn a_couple_that_the_plan_forgot_turns_the_base() {
+fn a_couple_missing_from_the_plan_turns_the_base() {
     let mut robot = anymal();
     robot.inertia = [[1., 0., 0.], [0., 2., 0.], [0., 0., 2.]];
     let mut trajectory = standing(&robot);
@@ -793,18 +796,18 @@ fn a_robot_that_lifts_its_only_foot_falls() {
         trajectory.ee[0].force.nodes[node][2] = 0.;
     }
     let report = rollout(&trajectory, &robot);
-    // 0.4 s without any force and 0.2 s with half of it, symmetric about 0.5 s: as if the weight were gone for 0.5 s, all at 0.5 s.
+    // 0.4 s without any force and 0.2 s with half of it, symmetric about 0.5 s: as if the weight were removed for 0.5 s, all at 0.5 s.
     let expected = GRAVITY * 0.5 * 0.5;
     assert!((report.position.value - expected).abs() < 1e-9 && (report.position.time - 1.).abs() < 1e-9, "{report}");
     assert!(report.attitude.value < 1e-9, "{report}");
-    // What a foot off the ground would push does not count.
+    // Forces of a foot off the ground do not count.
     trajectory.ee[0].force.nodes[2][5] = 2000.;
     let pushes = rollout(&trajectory, &robot).position.value;
     let before_lift_off = 2000. * 0.1 * 0.1 / robot.mass * (0.7 / 12. + 0.1 / 30.);
     assert!((pushes - (expected + before_lift_off)).abs() < 1e-6, "{pushes} against {expected} + {before_lift_off}");
 }
 
-/// Orientation and angular velocity in the body's own axes.
+/// Orientation and angular velocity in body axes.
 #[derive(Clone, Copy)]
 struct Spin {
     rotation: Matrix3<f64>,
@@ -812,7 +815,7 @@ struct Spin {
 }
 
 impl Spin {
-    /// Euler's equations in body axes, `I w' = -w x I w` and `R' = R [w]x`: a step of the classical Runge-Kutta method.
+    /// One step of the classical Runge-Kutta method for Euler's equations in body axes, `I w' = -w x I w` and `R' = R [w]x`.
     fn after(self, inertia: &Matrix3<f64>, step: f64) -> Spin {
         let inverse = inertia.try_inverse().unwrap();
         let rate = |s: Spin| Spin { rotation: s.rotation * s.omega.cross_matrix(), omega: inverse * (inertia * s.omega).cross(&s.omega) };
@@ -867,12 +870,12 @@ fn a_tumbling_body_keeps_its_angular_momentum() {
     let report = verify(&trajectory, &robot, &flat(), FORCE_LIMIT).unwrap();
     let RolloutReport { position, attitude } = report.rollout.unwrap();
     assert!(position.value < 1e-9 && attitude.value < 1e-4, "{report}");
-    // From node to node neither the velocity nor the angular momentum changes but by gravity.
+    // From node to node only gravity changes the velocity, and nothing changes the angular momentum.
     let kept = report.family(Family::Momentum);
     assert!(kept.rows == 400 && kept.max_violation < 1e-6, "{report}");
     assert!(report.dense.moment_defect.value < 1e-3, "{report}");
 
-    // A body that turned on at its first Euler rates would be elsewhere.
+    // A body that kept its first Euler rates would end elsewhere.
     let first = trajectory.base_ang.nodes[0];
     for (node, angles) in trajectory.base_ang.nodes.iter_mut().enumerate() {
         *angles = first;
@@ -884,12 +887,12 @@ fn a_tumbling_body_keeps_its_angular_momentum() {
 
 // ---------------------------------------------------------------- forgeries
 
-/// What is said of it, and what is done.
+/// Text of the row or error, and the change of the trajectory.
 type Forgery = (&'static str, fn(&mut Trajectory));
 
-/// A step as a file of its own, and what someone might do to it.
+/// A step as a file of its own, with impossible changes.
 #[test]
-fn what_no_robot_does_is_refused_in_every_transcription() {
+fn physically_impossible_motions_are_refused_in_every_transcription() {
     let forge: [Forgery; 6] = [
         // 0.1 m to the side and back, in a fifth of a millisecond.
         ("piece too short", |t| {
@@ -905,7 +908,7 @@ fn what_no_robot_does_is_refused_in_every_transcription() {
             t.ee[0].motion.nodes.splice(3..3, [up, aside]);
             t.ee[0].motion.nodes[3][1] += 0.3;
         }),
-        // Between two instants of TOWR's rows, with continuous acceleration to the eye of none of them.
+        // Between two instants of TOWR's rows: the acceleration is continuous at every one of them.
         ("base accelerated more than feet push", |t| t.base_lin.nodes[4][0] += 0.1),
         // A whole turn between two nodes.
         ("base turns too fast", |t| t.base_ang.nodes[5..].iter_mut().for_each(|node| node[2] += std::f64::consts::TAU)),
@@ -951,9 +954,9 @@ fn labels_that_contradict_the_content_are_errors() {
         }
     }
     labelled(|_| {}).unwrap();
-    // Rounded numbers are no other robot.
+    // A robot with rounded numbers counts as the same.
     labelled(|t| robot(t).inertia[0][0] = 0.95).unwrap();
-    // Nor is one that may do less.
+    // So does a robot with lower limits.
     labelled(|t| robot(t).force_limit = Some(300.)).unwrap();
     labelled(|t| robot(t).foot_radius = Some(0.06)).unwrap();
     let contradictions: [Forgery; 18] = [
@@ -980,7 +983,7 @@ fn labels_that_contradict_the_content_are_errors() {
         let error = labelled(change).unwrap_err();
         assert!(error.contains(part), "{part}: {error}");
     }
-    // Names that move the cursor are none.
+    // A name may not move the cursor.
     for name in ["", "mine\nfeasible: 0 of 9 rows violated", "mine\u{1b}[8m", "mine\u{202e}"] {
         assert!(Robot { name: name.into(), ..anymal() }.validate().is_err(), "{name:?}");
         assert!(Terrain { name: name.into(), ..flat() }.validate().is_err(), "{name:?}");

@@ -15,7 +15,7 @@ fn atlas(folder: &Path, flags: &str) -> (i32, String, String) {
 const SMALL: &str = "--robot biped --speeds 0.6,1.2 --periods 0.6 --duties 0.4,0.6 --seconds 1.2 --device cpu";
 
 #[test]
-fn a_small_atlas_writes_a_line_a_problem_a_summary_and_a_picture() {
+fn a_small_atlas_writes_a_line_per_problem_a_summary_and_a_picture() {
     let folder = tempfile::tempdir().unwrap();
     let (code, stdout, stderr) = atlas(folder.path(), &format!("{SMALL} --out of"));
     assert_eq!(code, 0, "{stdout}{stderr}");
@@ -54,12 +54,12 @@ fn every_slope_has_its_picture_and_weights_can_be_set() {
     assert!(folder.path().join("of/atlas_slope_-0.1.svg").exists() && folder.path().join("of/atlas_slope_0.1.svg").exists());
     let json: Value = serde_json::from_str(&fs::read_to_string(folder.path().join("of/atlas.json")).unwrap()).unwrap();
     assert_eq!(json["cost"]["effort"], 0.5);
-    // Uphill the legs lift the weight: at least the slope more than nothing.
+    // Uphill the legs do at least the work of lifting the weight.
     assert!(json["slopes"][1]["best"][0]["best"]["cost"]["leg_work"].as_f64().unwrap() > 0.099);
 }
 
 #[test]
-fn a_long_body_stands_along_the_slope_at_both_ends() {
+fn a_long_body_is_parallel_to_the_slope_at_both_ends() {
     let folder = tempfile::tempdir().unwrap();
     let flags = "--robot anymal --gait walk --speeds 0.3 --periods 1 --duties 0.7 --seconds 1 --slopes 0.2 --device cpu --out of";
     let (code, _, stderr) = atlas(folder.path(), flags);
@@ -85,9 +85,9 @@ fn impossible_plans_are_refused() {
 }
 
 #[test]
-fn where_no_gait_exists_the_atlas_says_so() {
+fn an_atlas_without_gaits_says_so() {
     let folder = tempfile::tempdir().unwrap();
-    // Nobody goes 2 m/s on so little time for a step.
+    // No biped walks 2 m/s with so little time per step.
     let flags = "--robot biped --gait walk --speeds 2 --periods 0.9 --duties 0.6 --device cpu --out of";
     let (code, stdout, _) = atlas(folder.path(), flags);
     assert!(code == 3 && stdout.contains("no gait"), "{code}, {stdout}");

@@ -119,7 +119,7 @@ fn bad_schedules_exit_4_and_name_file_line_field_value_and_limit() {
         (text("[[0.5], [1e999], [0.5], [0.5]]"), &["number out of range", "column"]),
         (feet(&[0.01; 1003]), &["durations, foot 0", "1003 phases", "1 to 1001"]),
         (feet(&[0.1; 999]), &["durations", "3996 phases", "MiB"]),
-        // Short, but all at once.
+        // Short phases, but too many at once.
         (feet(&[0.0011; 901]), &["durations", "3604 phases", "MiB"]),
         (feet(&[0.5, 0.5]), &["durations, foot 0", "2 phases", "odd number"]),
         (feet(&[1e300]), &["durations, foot 0", "at most 120 s"]),

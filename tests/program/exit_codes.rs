@@ -34,13 +34,13 @@ fn an_infeasible_budget_exits_3_and_still_writes_the_best_candidate() {
     run(dir.path(), few).ends_with(3);
     assert!(dir.path().join("few/trajectory.json").exists());
 
-    // Feet that may not carry the robot.
+    // The feet may not carry the robot.
     let weak =
         "solve --robot biped --goal 0.3,0 --force-limit 20 --generations 0 --set search.further_generations=0 --alternatives 2 --out weak";
     let ran = run(dir.path(), weak);
     assert!(ran.ends_with(3).stdout.contains("no feasible gait"));
     assert_eq!(read(dir.path().join("weak/result.json"))["alternatives"], json!([]));
-    // It says so before, and afterwards what is violated and what would not be enough.
+    // A warning before the search; afterwards the violated rows and the limits that would not suffice.
     ran.says(&["warning", "40.0 N of a weight of 196.1 N"]);
     assert!(ran.stdout.contains("what stays violated"));
     let result = read(dir.path().join("weak/result.json"));
@@ -50,7 +50,7 @@ fn an_infeasible_budget_exits_3_and_still_writes_the_best_candidate() {
 }
 
 #[test]
-fn a_goal_out_of_reach_of_the_ground_is_refused_at_once_with_the_height_that_would_do() {
+fn a_goal_out_of_reach_of_the_ground_is_refused_with_a_feasible_height() {
     let dir = folder();
     let ran = run(dir.path(), "solve --robot anymal --terrain step --goal 4,0,0.65 --out astride");
     ran.ends_with(2).says(&["goal, foot 2", "0.051 m outside", "Z from 0.470 to 0.599 m"]);
@@ -124,7 +124,7 @@ fn usage_errors_exit_2_and_name_flag_value_and_limit() {
 
 #[test]
 fn a_population_that_overflows_in_a_product_is_refused() {
-    // 12 elites of 16: the share of 2^61 + 1 does not fit.
+    // 12 elites of 16: the share of 2^61 + 1 overflows.
     let dir = folder();
     run(dir.path(), "solve --scenario s1 --population 2305843009213693953").ends_with(2).says(&["population"]);
 }

@@ -3,13 +3,13 @@
 use crate::harness::{folder, read, read_lines, run};
 use std::fs;
 
-/// However many panels it has: an end in the middle makes it unreadable.
+/// True for a complete SVG with any number of panels: a closing tag in the middle makes it unreadable.
 fn is_one_picture(svg: &str) -> bool {
     svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>") && svg.matches("</svg>").count() == 1
 }
 
 #[test]
-fn an_experiment_goes_on_where_it_was() {
+fn an_experiment_resumes_where_it_stopped() {
     let folder = folder();
     let log = folder.path().join("e/experiment2.jsonl");
     let command = |replicates: u32| format!("experiment 2 --methods cregopt-towr --replicates {replicates} --threads 2 --out e");
@@ -22,13 +22,13 @@ fn an_experiment_goes_on_where_it_was() {
     for key in ["seed", "version", "machine", "budget", "device", "threads", "first_feasible_seconds", "seconds"] {
         assert!(first.iter().all(|run| !run[key].is_null()), "{key}");
     }
-    // As if it had been killed while it wrote.
+    // As if the process had been killed while it wrote.
     let whole = fs::read_to_string(&log).unwrap();
     fs::write(&log, whole.clone() + &whole[..100]).unwrap();
     let ran = run(folder.path(), &command(2));
     ran.ends_with(0);
     let second = read_lines(&log);
-    // Replicates of two are the first and the last; of one, the middle.
+    // Two replicates are the first and the last; one is the middle.
     assert_eq!((second.len(), &second[..6]), (18, &first[..]));
     assert_eq!(ran.stderr.matches("found in").count(), 12, "{}", ran.stderr);
     let again = run(folder.path(), &command(2));

@@ -34,7 +34,7 @@ fn columns(text: &str) -> BTreeMap<String, Vec<f64>> {
 }
 
 #[test]
-fn csv_holds_a_motion_that_its_forces_make() {
+fn a_csv_motion_is_consistent_with_its_forces() {
     const RATE: f64 = 2000.;
     let folder = gait();
     let (code, message) = run(folder.path(), "export out/trajectory.json --format csv --rate 2000");
@@ -46,18 +46,18 @@ fn csv_holds_a_motion_that_its_forces_make() {
     assert_eq!(Some(of["base_position_z_m"][0]), trajectory["init_base"][2].as_f64());
     assert!((of["base_yaw_rad"].last().unwrap() - 0.4).abs() < 1e-3);
     let feet = ["LF", "RF", "LH", "RH"];
-    // Velocities are those of the positions.
+    // The velocities are the derivatives of the positions.
     for what in ["base", "LF", "RH"] {
         for axis in ["x", "y", "z"] {
             let (p, v) = (&of[&format!("{what}_position_{axis}_m")], &of[&format!("{what}_velocity_{axis}_m/s")]);
             for i in (1..time.len() - 2).step_by(7) {
                 let slope = (p[i + 1] - p[i - 1]) / (time[i + 1] - time[i - 1]);
-                // Where an acceleration of at most 20 g begins or ends the difference is half of what it makes in a step.
+                // The difference is half of the effect of an acceleration in a step, of at most 20 g, where that begins or ends.
                 assert!((slope - v[i]).abs() < 196.2 / 2. / RATE + 1e-3, "{what} {axis} at {} s: {slope}, {}", time[i], v[i]);
             }
         }
     }
-    // Quaternion, Euler angles and angular velocity are of one rotation: 2 q' q^-1 = (0, w).
+    // Quaternion, Euler angles and angular velocity belong to one rotation: 2 q' q^-1 = (0, w).
     let q = |i: usize| ["w", "x", "y", "z"].map(|part| of[&format!("base_quaternion_{part}")][i]);
     for i in (1..time.len() - 2).step_by(11) {
         let [w, x, y, z] = q(i);
@@ -75,7 +75,7 @@ fn csv_holds_a_motion_that_its_forces_make() {
             assert!((spin - of[&format!("base_angular_velocity_{axis}_rad/s")][i]).abs() < 1e-4, "{axis} at {} s", time[i]);
         }
     }
-    // Forces are of the ground on the feet: with the weight they change the momentum of the base, up to what the program certifies.
+    // Forces act from the ground on the feet: with the weight they change the momentum of the base, within the certified tolerance.
     let (mass, gravity) = (29.5, 9.80665);
     for (axis, weight) in [("x", 0.), ("y", 0.), ("z", mass * gravity)] {
         let force = |i: usize| feet.iter().map(|foot| of[&format!("{foot}_force_{axis}_N")][i]).sum::<f64>() - weight;
@@ -100,7 +100,7 @@ fn csv_holds_a_motion_that_its_forces_make() {
 
 #[cfg(feature = "mcap")]
 #[test]
-fn messages_in_mcap_obey_their_schemas_and_tell_the_motion() {
+fn messages_in_mcap_match_their_schemas_and_the_motion() {
     let folder = gait();
     let (code, message) = run(folder.path(), "export out/trajectory.json --format mcap --rate 20 -o motion.mcap");
     assert_eq!(code, 0, "{message}");
@@ -139,7 +139,7 @@ fn messages_in_mcap_obey_their_schemas_and_tell_the_motion() {
             _ => {
                 let ids: Vec<&str> = value["entities"].as_array().unwrap().iter().map(|e| e["id"].as_str().unwrap()).collect();
                 assert_eq!(ids, if row == 0 { vec!["robot", "ground", "plan"] } else { vec!["robot"] });
-                // An arrow points along its force: its x axis is that of the pose.
+                // An arrow points along its force: the x axis of its pose.
                 let standing = ["LF", "RF", "LH", "RH"].iter().filter(|foot| of[&format!("{foot}_contact")][row] == 1.).count();
                 assert!(value["entities"][0]["arrows"].as_array().unwrap().len() <= standing);
             }
@@ -150,7 +150,7 @@ fn messages_in_mcap_obey_their_schemas_and_tell_the_motion() {
 }
 
 #[test]
-fn what_cannot_be_exported_is_refused() {
+fn files_that_cannot_be_exported_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("half.json"), "{").unwrap();
     for (command, code, part) in [

@@ -1,4 +1,4 @@
-//! Runs the program in temporary folders, and files for it.
+//! Runs the program in temporary folders, and makes files for it.
 
 use assert_cmd::Command;
 use serde_json::{Value, json};
@@ -90,7 +90,7 @@ pub fn standing() -> Value {
     json!({"durations": [[0.6], [0.6], [0.6], [0.6]], "base_target": [0.05, 0.0, 0.5], "yaw_target": 0.0})
 }
 
-/// A robot file: ANYmal's dimensions, another mass.
+/// A robot file: a quadruped with ANYmal's dimensions.
 pub fn own_robot() -> Value {
     json!({
         "name": "mine", "mass": 30.0, "inertia": [[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]], "base_height": 0.5,

@@ -1,5 +1,5 @@
-//! The programs that Ipopt gets, against central differences, TOWR's own numbers and solutions, and this program's solver; and Ipopt on them,
-//! where the feature `ipopt` is built in.
+//! Programs for Ipopt, checked against central differences, TOWR's own numbers and solutions, and this program's solver; and Ipopt's
+//! solutions of them, if the feature `ipopt` is enabled.
 
 use crate::common::{Random, data, gait, hills, reference_candidates, spider, task_for, towr};
 use crate::harness;
@@ -16,8 +16,8 @@ use std::collections::BTreeMap;
 
 /// Step of the central differences.
 const STEP: f64 = 1e-6;
-/// Difference to them, of 1 and the derivative: their own error is 1e-16 of the largest terms (1e3 N m) over the step, and its square times
-/// third derivatives.
+/// Largest difference from them, relative to the larger of 1 and the derivative. Their own error is 1e-16 of the largest terms (1e3 N m)
+/// over the step, and the step's square times third derivatives.
 const DIFFERENCE: f64 = 2e-6;
 
 fn rows_at(nlp: &dyn Nlp, x: &[f64]) -> Rows {
@@ -34,7 +34,7 @@ fn worst_violation(nlp: &dyn Nlp, x: &[f64]) -> f64 {
     of_rows.chain(x.iter().zip(nlp.bounds()).map(|(v, b)| outside(*v, *b))).fold(0., f64::max)
 }
 
-/// The Jacobian at a point against central differences, every entry, also those that are not there.
+/// Compares the Jacobian at a point with central differences, every entry, including those that the program omits.
 fn check_jacobian(nlp: &dyn Nlp, x: &[f64], name: &str) {
     let rows = rows_at(nlp, x);
     let pattern = Pattern::new(&rows);
@@ -59,18 +59,18 @@ fn check_jacobian(nlp: &dyn Nlp, x: &[f64], name: &str) {
     assert_eq!(Pattern::new(&rows_at(nlp, nlp.initial())).entries, pattern.entries, "{name}: the pattern depends on the point");
 }
 
-/// The initial point, everything moved a little.
+/// The initial point with a small random change of every variable.
 fn near_initial(nlp: &dyn Nlp, random: &mut Random, by: f64) -> Vec<f64> {
     nlp.initial().iter().map(|v| v + by * (1. + v.abs()) * random.between(-1., 1.)).collect()
 }
 
-/// A gait that ends together, short enough for dense differences.
+/// A gait whose feet end together, short enough for dense differences.
 fn short_gait(random: &mut Random, feet: usize) -> Schedule {
     gait(random, feet, 2..=3).stretched()
 }
 
 #[test]
-fn jacobian_of_towrs_program_is_that_of_central_differences() {
+fn the_jacobian_of_towrs_program_matches_central_differences() {
     let mut random = Random::new(11);
     for (robot, terrain) in [(Robot::named("biped").unwrap(), hills()), (spider(3), Terrain::named("slope").unwrap())] {
         let name = format!("{} on {}", robot.name, terrain.name);
@@ -84,7 +84,7 @@ fn jacobian_of_towrs_program_is_that_of_central_differences() {
 }
 
 #[test]
-fn jacobian_of_the_contact_implicit_program_is_that_of_central_differences() {
+fn the_jacobian_of_the_contact_implicit_program_matches_central_differences() {
     let mut random = Random::new(12);
     let task = task_for(Robot::named("biped").unwrap(), hills(), [0.4, 0.1], 0.3);
     let contacts = vec![vec![true, true, false, false, true, true], vec![true, false, false, true, true, true]];
@@ -126,7 +126,7 @@ fn sizes_are_those_of_towr() {
         let rows = rows_at(&nlp, nlp.initial());
         let name = format!("{} target {} candidate {}", candidate.scenario, candidate.target, candidate.index);
         assert_eq!((nlp.initial().len(), rows.values.len()), (candidate.n_variables, candidate.n_constraints), "{name}");
-        // Entries that are zero at any point count differently.
+        // Entries that are zero at every point are counted differently.
         let ratio = Pattern::new(&rows).entries.len() as f64 / candidate.nnz_jacobian as f64;
         assert!((0.9..1.1).contains(&ratio), "{name}: {ratio}");
     }
@@ -144,7 +144,7 @@ fn towrs_own_solutions_satisfy_the_program() {
         let candidate = candidates.iter().find(same).unwrap();
         let nlp = Towr::fixed(&candidate.task, &Schedule::new(trajectory.durations.clone()).unwrap());
         let x = nlp.point(&trajectory).unwrap();
-        // Solved to 1e-4; written to fifteen digits.
+        // Solved to 1e-4, written with fifteen digits.
         assert!(worst_violation(&nlp, &x) < 1.01e-4, "{} {}: {}", value["scenario"], value["idx"], worst_violation(&nlp, &x));
         let back = nlp.trajectory(&x);
         assert_eq!(back.base_lin.nodes, trajectory.base_lin.nodes);
@@ -158,8 +158,8 @@ fn towrs_own_solutions_satisfy_the_program() {
 }
 
 #[test]
-fn what_this_solver_finds_satisfies_towrs_whole_program() {
-    // Ours and Ipopt's are one problem: nothing that was eliminated here is missing there.
+fn solutions_of_this_solver_satisfy_towrs_whole_program() {
+    // Both solvers have the same problem: rows that this one eliminates are not missing.
     let task = |scenario: &str| {
         let mut task = cregopt::scenario::Scenario::named(scenario).unwrap().task(7).unwrap();
         task.force_limit = Some(cregopt::nlp::transcription::towr::FORCE_LIMIT);
@@ -204,7 +204,7 @@ fn without_the_feature_ipopt_says_how_to_get_it() {
 #[cfg(not(feature = "ipopt"))]
 #[cfg(feature = "experiment")]
 #[test]
-fn without_ipopt_asking_for_it_exits_2_and_says_how_to_get_it() {
+fn without_ipopt_its_commands_exit_2_and_say_how_to_install_it() {
     let folder = harness::folder();
     harness::write_lines(folder.path(), &[harness::standing().to_string()]);
     for command in ["evaluate in.jsonl --robot anymal --solver ipopt", "experiment 1 --methods towr"] {
@@ -263,13 +263,13 @@ mod with_ipopt {
         assert_eq!((statistics.status, statistics.iterations), (-1, 3));
     }
 
-    /// Reference candidates that are solved: every so many of the 240.
+    /// Interval between the reference candidates that are solved, of 240.
     const EVERY: usize = 7;
-    /// Verdicts that must be the same, of 10. Those that differ are cut off by a limit on one side.
+    /// Least number of equal verdicts, of 10. The others are cut off by a limit on one side.
     const SAME_OF_TEN: usize = 9;
 
     #[test]
-    fn verdicts_are_those_of_towr_but_for_candidates_that_a_limit_cuts_off() {
+    fn verdicts_equal_towrs_except_for_candidates_that_a_limit_cuts_off() {
         let candidates = reference_candidates();
         let candidates: Vec<_> = candidates.into_iter().step_by(EVERY).collect();
         let solve = |of: &[usize], options: Options| {
@@ -286,7 +286,7 @@ mod with_ipopt {
         for (&i, longer) in differing.iter().zip(&longer) {
             let c = &candidates[i];
             println!("{} target {} candidate {}: {} here, {} there", c.scenario, c.target, c.index, answers[i].statistics.status, c.status);
-            // Where TOWR's Ipopt found a motion and this one did not, or the other way round, the iterations were at an end.
+            // If only one of TOWR's Ipopt and this one found a motion, the other had reached the iteration limit.
             assert!(longer.feasible, "not even in 500 iterations");
             assert!(if answers[i].feasible { [-1, -4].contains(&c.status) } else { answers[i].statistics.status == -1 });
         }
@@ -320,7 +320,7 @@ mod with_ipopt {
     }
 
     #[test]
-    fn workers_answer_every_job_in_its_place() {
+    fn workers_answer_jobs_in_order() {
         let (task, schedule) = standing();
         let jobs: Vec<Job> = (1..=5)
             .map(|i| Job {
@@ -339,7 +339,7 @@ mod with_ipopt {
         let mut random = Random::new(4);
         let hard = Options { max_iterations: 100_000, max_seconds: 600., tolerance: 1e-12, barrier: None };
         let jobs: Vec<Job> = (0..4).map(|_| Job::fixed(&task, &gait(&mut random, 6, 13..=13), hard)).collect();
-        // No longer wanted when two of them have run for a while: each is asked about before it starts, then every few milliseconds.
+        // No longer wanted when two of them have run for a while: a solve is asked about before it starts, then every few milliseconds.
         let (asked, finished) = (AtomicUsize::new(0), AtomicUsize::new(0));
         let enough = |_| asked.fetch_add(1, Ordering::Relaxed) > 100;
         let finish = |_, _| _ = finished.fetch_add(1, Ordering::Relaxed);
@@ -349,7 +349,7 @@ mod with_ipopt {
     }
 
     #[test]
-    fn a_process_that_is_no_worker_is_an_error() {
+    fn a_process_that_is_not_a_worker_is_an_error() {
         let (task, schedule) = standing();
         let jobs = [Job::fixed(&task, &schedule, Options::LOWER_LEVEL)];
         let missing = Workers::new("/nowhere/cregopt".into(), 1).solve(&jobs, &|_| false, &|_, _| ()).unwrap_err();
@@ -374,7 +374,7 @@ mod with_ipopt {
     }
 
     #[test]
-    fn ipopt_solves_the_same_lines() {
+    fn evaluate_solves_the_same_lines_with_ipopt() {
         let folder = harness::folder();
         let mut odd = harness::standing();
         odd["durations"] = json!([[0.6], [0.2, 0.1, 0.25], [0.6], [0.6]]);

@@ -20,7 +20,7 @@ fn solve_and_verify_draw_the_same_motion() {
         assert!(picture.contains(part), "no `{part}`");
     }
     assert_eq!(run(folder.path(), "verify out/trajectory.json --plot verified.svg").0, 0);
-    // All but the title, which says what only the search knows.
+    // Everything but the title, which has information from the search.
     let without_title =
         |text: String| text.lines().enumerate().filter(|(i, _)| *i != 3).map(|(_, line)| line.to_owned() + "\n").collect::<String>();
     assert_eq!(without_title(picture), without_title(fs::read_to_string(at("verified.svg")).unwrap()));

@@ -1,4 +1,4 @@
-//! Robot files as users make and use them: from a URDF, as JSON or TOML.
+//! Robot files: imported from a URDF, as JSON and TOML.
 
 use crate::harness::{Ran, data, run_in};
 use cregopt::Terrain;
@@ -20,7 +20,7 @@ fn urdf(folder: &Path) {
 }
 
 #[test]
-fn an_imported_robot_walks_from_json_and_from_toml_alike() {
+fn an_imported_robot_gives_the_same_gait_from_json_and_toml() {
     let dir = tempfile::tempdir().unwrap();
     urdf(dir.path());
     let import = ["robot", "import", "four.urdf", "--configuration", STANDING];
@@ -57,10 +57,10 @@ fn gaits_within_the_limits_of_joints_are_preferred() {
     assert_eq!(solve(&["--set", "search.cost.joint_excess=0"]), (false, 0.));
     let text = fs::read_to_string(dir.path().join("robot.toml")).unwrap();
     let slower = |limit: &str| fs::write(dir.path().join("robot.toml"), text.replace("velocity = 12.0", limit)).unwrap();
-    // Slow legs: the planned generations have nothing for them.
+    // Slow legs: the planned generations find no gait within the limits.
     slower("velocity = 7.0");
     assert!(!solve(&["--set", "search.further_generations=0"]).0 && solve(&[]).0);
-    // Legs too slow for anything: what is found is the nearest, and says so.
+    // Legs that are too slow for any gait: the result is the nearest one, and its report says so.
     slower("velocity = 2.0");
     let (kept, joint_cost) = solve(&[]);
     assert!(!kept && joint_cost > 1., "{joint_cost}");
@@ -71,7 +71,7 @@ fn gaits_within_the_limits_of_joints_are_preferred() {
 }
 
 #[test]
-fn a_robot_and_a_ground_whose_files_have_built_in_names_give_gaits_that_verify() {
+fn imported_files_with_built_in_names_are_renamed_and_their_gaits_verify() {
     let dir = tempfile::tempdir().unwrap();
     urdf(dir.path());
     let text = fs::read_to_string(dir.path().join("four.urdf")).unwrap();
@@ -81,7 +81,7 @@ fn a_robot_and_a_ground_whose_files_have_built_in_names_give_gaits_that_verify()
     assert!(said.contains("hyq-imported: 13.200 kg") && said.contains("`hyq` has another mass"), "{said}");
     let [said, _] = ran(dir.path(), &["terrain", "import", "stairs.csv", "--cell", "1", "--origin=-1.5,-1.5", "-o", "stairs.json"], 0);
     assert!(said.starts_with("stairs-imported: 3 x 3 samples"), "{said}");
-    // In TOML, by another name, as well.
+    // In TOML and under another name it is the same terrain.
     let named = ["terrain", "import", "stairs.csv", "--cell", "1", "--origin=-1.5,-1.5", "--name", "steps", "-o", "steps.toml"];
     ran(dir.path(), &named, 0);
     let [json, toml] = ["stairs.json", "steps.toml"].map(|file| Terrain::read(&dir.path().join(file)).unwrap());
@@ -89,7 +89,7 @@ fn a_robot_and_a_ground_whose_files_have_built_in_names_give_gaits_that_verify()
     let world = ["--robot", "robot.toml", "--terrain", "stairs.json"];
     ran(dir.path(), &[&["solve", "--goal", "0.5,0", "--first", "--out", "out"], &world[..]].concat(), 0);
     ran(dir.path(), &["verify", "out/trajectory.json"], 0);
-    // Before anything is solved.
+    // Before the search.
     for (file, place) in [("robot.toml", "robot.name: `hyq`"), ("stairs.json", "terrain.name: `stairs`")] {
         let text = fs::read_to_string(dir.path().join(file)).unwrap();
         fs::write(dir.path().join(file), text.replace("-imported", "")).unwrap();
@@ -100,7 +100,7 @@ fn a_robot_and_a_ground_whose_files_have_built_in_names_give_gaits_that_verify()
 }
 
 #[test]
-fn what_is_no_robot_exits_4_and_leaves_nothing() {
+fn invalid_robot_files_exit_4_and_leave_no_output() {
     let dir = tempfile::tempdir().unwrap();
     urdf(dir.path());
     let good = fs::read_to_string(dir.path().join("four.urdf")).unwrap();
@@ -143,7 +143,7 @@ fn joints_follow_the_motion_of_an_imported_robot() {
     assert_eq!((&limits["kept"], &limits["miss"]["limit"]), (&within.into(), &5e-3.into()));
     let trajectory: serde_json::Value = serde_json::from_str(&fs::read_to_string(dir.path().join("out/trajectory.json")).unwrap()).unwrap();
     let csv = fs::read_to_string(dir.path().join("joints.csv")).unwrap();
-    // A file on stdout is alone there.
+    // With `-` stdout has the file only.
     let [streamed, said] = ran(dir.path(), &[&joints[..6], &["-"]].concat(), if within { 0 } else { 3 });
     assert!(streamed == csv && said.starts_with("12 joints at "), "{said}");
     let rows: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
@@ -151,7 +151,7 @@ fn joints_follow_the_motion_of_an_imported_robot() {
     let last: f64 = rows.last().unwrap()[0].parse().unwrap();
     assert_eq!(last, trajectory["T"].as_f64().unwrap());
     assert!(rows.len() > (200. * last) as usize && rows.iter().all(|row| row.len() == 37));
-    // At rest at the start, on the nominal joints.
+    // At rest at the start, with the nominal joint angles.
     for (column, value) in [(1, 0.), (4, 0.785), (7, -1.57), (5, 0.)] {
         assert!((rows[1][column].parse::<f64>().unwrap() - value).abs() < 1e-4, "{} {}", rows[0][column], rows[1][column]);
     }

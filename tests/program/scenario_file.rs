@@ -5,11 +5,11 @@ use serde_json::json;
 use std::fs;
 
 #[test]
-fn a_scenario_file_asks_for_everything_and_that_of_a_result_for_the_same_again() {
+fn a_scenario_file_sets_everything_and_that_of_a_result_repeats_the_run() {
     let dir = folder();
     run(dir.path(), "init walk.toml").ends_with(0);
     run(dir.path(), "init walk.toml").ends_with(4).says(&["walk.toml", "exists"]);
-    // Every key is in it, in use or behind a comment.
+    // The template has every key, in use or commented out.
     let template = fs::read_to_string(dir.path().join("walk.toml")).unwrap();
     let misspelt = run(dir.path(), "init -").ends_with(0).stdout.replacen("population", "populatoin", 1);
     fs::write(dir.path().join("wrong.toml"), misspelt).unwrap();
@@ -21,7 +21,7 @@ fn a_scenario_file_asks_for_everything_and_that_of_a_result_for_the_same_again()
         assert!(template.lines().any(named), "{key}");
     }
 
-    // Its own robot and ground, two feet off their places, and settings in tables; flags come on top.
+    // Its own robot and terrain, two feet away from their nominal positions, and settings in tables; flags take precedence.
     fs::create_dir(dir.path().join("in")).unwrap();
     fs::write(dir.path().join("in/robot.json"), own_robot().to_string()).unwrap();
     fs::write(dir.path().join("in/terrain.json"), own_terrain().to_string()).unwrap();
@@ -37,7 +37,7 @@ fn a_scenario_file_asks_for_everything_and_that_of_a_result_for_the_same_again()
     assert_eq!(trajectory["start_feet"][0], json!([0.36, 0.2]));
     run(dir.path(), "verify in/out/trajectory.json").ends_with(0);
 
-    // The same bits again, without the files that it came from.
+    // The run repeats bit for bit without the files that the scenario referred to.
     for file in ["robot.json", "terrain.json", "own.toml"] {
         fs::remove_file(dir.path().join("in").join(file)).unwrap();
     }

@@ -17,13 +17,13 @@ fn schema(folder: &Path, file: &str) -> Value {
     serde_json::from_str(&text).unwrap()
 }
 
-/// What a schema finds wrong, the first of it.
+/// The first error that a schema finds in a value.
 fn wrong(schema: &Value, value: &Value) -> Option<String> {
     let validator = jsonschema::draft202012::new(schema).unwrap();
     validator.validate(value).err().map(|error| format!("{} at {}", error, error.instance_path()))
 }
 
-/// Follows references, and the one alternative of several that is an object with properties.
+/// Follows references; among alternatives, the one that is an object with properties.
 fn resolved<'a>(root: &'a Value, schema: &'a Value) -> &'a Value {
     if let Some(name) = schema["$ref"].as_str() {
         return resolved(root, root.pointer(name.trim_start_matches('#')).unwrap());
@@ -32,7 +32,7 @@ fn resolved<'a>(root: &'a Value, schema: &'a Value) -> &'a Value {
     found.into_iter().find(|s| s["properties"].is_object()).unwrap_or(schema)
 }
 
-/// Keys that a value has and its schema does not name.
+/// Collects the keys of a value that its schema does not name.
 fn unnamed(root: &Value, schema: &Value, value: &Value, path: &str, into: &mut Vec<String>) {
     let schema = resolved(root, schema);
     match value {
@@ -50,7 +50,7 @@ fn unnamed(root: &Value, schema: &Value, value: &Value, path: &str, into: &mut V
 }
 
 #[test]
-fn every_kind_of_result_obeys_its_schema() {
+fn every_kind_of_result_matches_its_schema() {
     let folder = tempfile::tempdir().unwrap();
     let (result, trajectory) = (schema(folder.path(), "result"), schema(folder.path(), "trajectory"));
     let runs = [
@@ -70,7 +70,7 @@ fn every_kind_of_result_obeys_its_schema() {
         assert!(keys.is_empty(), "{name}: {keys:?}");
         assert_eq!(wrong(&trajectory, &read(folder.path().join(name).join("trajectory.json"))), None, "{name}");
     }
-    // A schema that takes anything would have passed, too.
+    // A schema that accepts everything would have passed until here.
     let mut value = read(folder.path().join("biped/result.json"));
     value["gait"]["durations"] = json!("long");
     assert!(wrong(&result, &value).unwrap().contains("durations"));
@@ -83,7 +83,7 @@ fn every_kind_of_result_obeys_its_schema() {
 }
 
 #[test]
-fn robots_and_terrains_obey_their_schemas_as_the_program_reads_them() {
+fn robots_and_terrains_match_their_schemas() {
     let folder = tempfile::tempdir().unwrap();
     let (robot, terrain) = (schema(folder.path(), "robot"), schema(folder.path(), "terrain"));
     let feet = [[0.34, 0.19, -0.42], [0.34, -0.19, -0.42], [-0.34, 0.19, -0.42], [-0.34, -0.19, -0.42]];
@@ -98,7 +98,7 @@ fn robots_and_terrains_obey_their_schemas_as_the_program_reads_them() {
     for shape in [json!("flat"), json!({"profile": "chimney-lr"})] {
         assert_eq!(wrong(&terrain, &json!({"name": "mine", "friction": 1, "shape": shape})), None);
     }
-    // What the program refuses for its form the schemas refuse.
+    // The schemas refuse files that the program refuses for their form.
     own["wings"] = json!(2);
     ground["shape"] = json!("round");
     assert!(wrong(&robot, &own).is_some() && wrong(&terrain, &ground).is_some());
@@ -106,7 +106,7 @@ fn robots_and_terrains_obey_their_schemas_as_the_program_reads_them() {
     fs::write(folder.path().join("terrain.json"), ground.to_string()).unwrap();
     assert_eq!(run(folder.path(), "solve --robot robot.json --goal 1,0").0, 4);
     assert_eq!(run(folder.path(), "solve --robot anymal --terrain terrain.json --goal 1,0").0, 4);
-    // A robot in a trajectory may be a name or whole.
+    // A robot in a trajectory is a name or a whole robot.
     let trajectory = schema(folder.path(), "trajectory");
     assert!(trajectory.to_string().contains("nominal_feet"));
 }

@@ -74,7 +74,7 @@ fn the_same_seed_gives_the_same_gait_at_any_number_of_threads() {
         run(dir.path(), &format!("solve --robot biped --goal 0.8,0.1 --seed {seed} --threads {threads} --out {out}")).ends_with(0);
     }
     let trajectory = |out: &str| fs::read_to_string(dir.path().join(out).join("trajectory.json")).unwrap();
-    // Everything but the clock.
+    // All fields except times.
     let gait = |out: &str| {
         let mut gait = read(dir.path().join(out).join("result.json"))["gait"].take();
         assert!(gait.as_object_mut().unwrap().remove("seconds").is_some_and(|seconds| seconds.is_f64()));
@@ -86,7 +86,7 @@ fn the_same_seed_gives_the_same_gait_at_any_number_of_threads() {
 }
 
 #[test]
-fn goal_yaw_files_and_settings_are_taken() {
+fn goal_yaw_files_and_settings_are_applied() {
     let dir = folder();
     fs::write(dir.path().join("robot.json"), own_robot().to_string()).unwrap();
     fs::write(dir.path().join("terrain.json"), own_terrain().to_string()).unwrap();
@@ -100,11 +100,11 @@ fn goal_yaw_files_and_settings_are_taken() {
     // Samples are 2 m apart and rise 0.1 m: 0.025 m at x = 0.5, where the sample at x = 0 has height 0.
     let goal = result["base_target"].as_array().unwrap();
     assert_eq!((&goal[0], &goal[1]), (&json!(0.5), &json!(-0.1)));
-    // The base stands along it, on legs of 0.42 m: these are longer along the vertical.
+    // The base is parallel to the slope, on legs of 0.42 m, which are longer along the vertical.
     assert!((goal[2].as_f64().unwrap() - (0.025 + 0.08 + 0.42 / 0.05f64.atan().cos())).abs() < 1e-9);
     assert_eq!((&result["lower"]["solver"]["max_iterations"], &result["lower"]["precision"]), (&json!(150), &json!("f64")));
     assert_eq!((&result["search"]["population"], &result["search"]["elites"]), (&json!(4), &json!(2)));
-    // The trajectory carries the robot and the terrain: nothing else is needed to check it.
+    // The trajectory contains the robot and the terrain: verification needs no other file.
     fs::remove_file(dir.path().join("robot.json")).unwrap();
     run(dir.path(), "verify out/trajectory.json").ends_with(0);
 
@@ -113,7 +113,7 @@ fn goal_yaw_files_and_settings_are_taken() {
 }
 
 #[test]
-fn legs_by_way_of_a_place_begin_where_the_one_before_ends() {
+fn each_stage_begins_where_the_previous_one_ends() {
     let dir = folder();
     run(
         dir.path(),
@@ -122,7 +122,7 @@ fn legs_by_way_of_a_place_begin_where_the_one_before_ends() {
     .ends_with(0);
     let [first, second] = [1, 2].map(|leg| read(dir.path().join(format!("out/leg-{leg}/trajectory.json"))));
     assert_eq!(first["start"]["position"], json!([0.2, 0.1, 0.5]));
-    // It turns evenly.
+    // The yaw changes evenly over the stages.
     assert_eq!((&first["start"]["angles"][2], &first["yaw_target"], &second["yaw_target"]), (&json!(0.3), &json!(0.4), &json!(0.5)));
     let ends = |curve: &Value| curve["nodes"].as_array().unwrap().clone();
     let (last, next) = (ends(&first["base_lin"]), ends(&second["base_lin"]));
@@ -133,10 +133,10 @@ fn legs_by_way_of_a_place_begin_where_the_one_before_ends() {
         let (last, next) = (ends(&first["ee"][foot]["motion"]), ends(&second["ee"][foot]["motion"]));
         assert_eq!(last[last.len() - 1], next[0]);
     }
-    // Goal and start can be asked from outside: the first leg is at the place on the way, not at the goal.
+    // Goal and start can be given: the first stage ends at the waypoint, not at the goal.
     let verified = run(dir.path(), "verify out/leg-1/trajectory.json --start 0.2,0.1 --goal 0.5,0.3 --yaw 0.4 --default-limits");
-    let told = &verified.ends_with(3).stdout;
-    assert!(told.contains("yaw 0.4000 rad, given") && told.contains("start angle yaw"), "{told}");
+    let report = &verified.ends_with(3).stdout;
+    assert!(report.contains("yaw 0.4000 rad, given") && report.contains("start angle yaw"), "{report}");
     let asked = "verify out/leg-1/trajectory.json --start 0.2,0.1 --start-yaw 0.3 --goal 0.5,0.3 --yaw 0.4 --default-limits";
     run(dir.path(), asked).ends_with(0);
     run(dir.path(), "verify out/leg-2/trajectory.json").ends_with(0);
@@ -144,7 +144,7 @@ fn legs_by_way_of_a_place_begin_where_the_one_before_ends() {
     for leg in [1, 2] {
         assert!(dir.path().join(format!("way-leg-{leg}.svg")).is_file());
     }
-    // On from a file.
+    // Continues from a file.
     run(dir.path(), "solve --robot anymal --from out/leg-2/trajectory.json --goal 0.9,0.1 --yaw 0.5 --first --out on").ends_with(0);
     assert_eq!(read(dir.path().join("on/trajectory.json"))["start"]["position"], json!([0.8, 0.1, 0.5]));
     fs::write(
@@ -159,7 +159,7 @@ fn legs_by_way_of_a_place_begin_where_the_one_before_ends() {
         "2",
     ]);
     run(dir.path(), "solve --robot anymal --goal 3,0 --via 5000,0").ends_with(2).says(&["place 1 on the way", "goal", "1000"]);
-    // What another run left in the folder is told. A gait's name is one beside a folder of that name.
+    // Files of another run in the folder are reported. `--gait trot` means the name even if there is a folder of that name.
     fs::create_dir(dir.path().join("trot")).unwrap();
     let once = run(dir.path(), "solve --robot anymal --goal 0.5,0 --gait trot --first --out out");
     once.ends_with(0).says(&["out/leg-1 has the motion of an earlier run", "out/leg-2 has"]);
@@ -169,7 +169,7 @@ fn legs_by_way_of_a_place_begin_where_the_one_before_ends() {
     assert!(!again.stderr.contains("leg-"), "{}", again.stderr);
 }
 
-/// Solves with some flags: the result, the trajectory and the report of `verify`.
+/// Solves with flags. Returns the result, the trajectory and the report of `verify`.
 pub fn solve(folder: &Path, flags: &str) -> (Value, Value, Value) {
     run(folder, &format!("solve {flags} --first --out out")).ends_with(0);
     let verified = run(folder, "verify out/trajectory.json --json");
@@ -184,9 +184,9 @@ fn rows(report: &Value, family: &str) -> u64 {
 }
 
 #[test]
-fn momentum_is_the_default_transcription_and_towr_can_be_asked_for() {
+fn momentum_is_the_default_transcription_and_towr_is_an_option() {
     let dir = folder();
-    // 1.2 weights of ANYmal, three where legs are free; what TOWR has for any robot.
+    // 1.2 weights of ANYmal; three with free legs; TOWR's limit for any robot.
     let weight = 29.5 * 9.80665;
     for (flags, name, limit) in [
         ("", "momentum", 1.2 * weight),
@@ -248,7 +248,7 @@ fn the_goal_velocity_is_zero_unless_it_is_free() {
     );
     assert!(report["dense"]["final_base_speed"].as_f64().unwrap() > 0.01, "{}", report["dense"]);
     assert_eq!(at_rest - rows(&report, "bounds"), 6);
-    // It arrives with speed: not what was asked for when the goal is at rest.
+    // The base arrives with a velocity, which violates a goal at rest.
     let mut moving = trajectory.clone();
     moving["limits"]["goal_velocity"] = json!("zero");
     fs::write(dir.path().join("moving.json"), moving.to_string()).unwrap();
@@ -256,7 +256,7 @@ fn the_goal_velocity_is_zero_unless_it_is_free() {
 }
 
 #[test]
-fn a_gait_of_an_earlier_run_is_a_place_to_start_from() {
+fn a_search_can_start_from_the_gait_of_an_earlier_run() {
     let dir = folder();
     let command = |more: &str| format!("solve --robot biped --goal 0.5,0 {more}");
     run(dir.path(), &command("--first --out first")).ends_with(0);
@@ -268,7 +268,7 @@ fn a_gait_of_an_earlier_run_is_a_place_to_start_from() {
         run(dir.path(), &command(&format!("--gait {file} --population 4 --generations 1 --out {out}"))).ends_with(0);
         let result = read(dir.path().join(out).join("result.json"));
         assert_eq!(result["search"]["gaits"]["around"], first["durations"]);
-        // It is the first that is evaluated, and nothing dearer is returned.
+        // The given gait is evaluated first, and the result does not cost more.
         let objective = |of: &Value| of["objective"].as_f64().unwrap();
         assert!((objective(&result["improvements"][0]) - objective(&first)).abs() < 1e-6, "{}", result["improvements"]);
         assert!(objective(&result["gait"]) >= objective(&result["improvements"][0]));
@@ -288,7 +288,7 @@ fn a_gait_of_an_earlier_run_is_a_place_to_start_from() {
 }
 
 #[test]
-fn alternatives_have_files_of_their_own_and_leave_none_behind() {
+fn alternatives_have_their_own_files_and_a_later_run_deletes_them() {
     let dir = folder();
     let out = dir.path().join("out");
     let command = |k: usize| format!("solve --robot biped --goal 0.5,0 --generations 0 --alternatives {k} --out out");
@@ -300,7 +300,7 @@ fn alternatives_have_files_of_their_own_and_leave_none_behind() {
     assert!(alternatives[0]["objective"].as_f64().unwrap() <= result["gait"]["objective"].as_f64().unwrap());
     assert_eq!(read(out.join("trajectory-2.json"))["durations"], alternatives[0]["durations"]);
     run(dir.path(), "verify out/trajectory-2.json").ends_with(0);
-    // Nothing of it stays, and nothing else goes.
+    // Its own extra file is deleted, and no other file.
     fs::write(out.join("trajectory-4.json"), "mine").unwrap();
     let ran = run(dir.path(), &command(1));
     assert!(!ran.ends_with(0).stdout.contains("alternative"), "{}", ran.stdout);

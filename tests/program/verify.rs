@@ -11,12 +11,12 @@ fn broken_trajectories_exit_4_and_perturbed_ones_3() {
     write_lines(dir.path(), &[standing().to_string()]);
     run(dir.path(), "evaluate in.jsonl --scenario s1 --trajectories t.jsonl").ends_with(0);
     let mut good = read_lines(dir.path().join("t.jsonl")).remove(0);
-    // It is no motion of the scenario that lent it its robot: it has another goal.
+    // The file has no scenario: its goal is not one of the scenario that its robot comes from.
     assert!(good.get("scenario").is_none());
     good["scenario"] = Value::Null;
     let path = dir.path().join("t.json");
     let verify = |trajectory: &Value| {
-        // Pretty: one document over many lines.
+        // Pretty-printed: one document over many lines.
         fs::write(&path, serde_json::to_string_pretty(trajectory).unwrap()).unwrap();
         run(dir.path(), "verify t.json")
     };
@@ -63,7 +63,7 @@ fn broken_trajectories_exit_4_and_perturbed_ones_3() {
 }
 
 #[test]
-fn verify_says_what_a_file_is_held_to_and_refuses_labels_that_do_not_fit() {
+fn verify_reports_its_terms_and_refuses_contradictory_labels() {
     let dir = folder();
     write_lines(dir.path(), &[standing().to_string()]);
     run(dir.path(), "evaluate in.jsonl --scenario s1 --trajectories t.jsonl").ends_with(0);
@@ -88,7 +88,7 @@ fn verify_says_what_a_file_is_held_to_and_refuses_labels_that_do_not_fit() {
         (robot["name"], robot["mass"]) = (json!(name), json!(mass));
         robot
     };
-    // The weight of the robot is another one, and so are its rows.
+    // A robot of the file's own needs another name than a built-in one.
     verify(&|t| t["robot"] = own("mine, terrain mine", 29.5), "").ends_with(0).says(&[]);
     let printed = verify(&|t| t["robot"] = own("mine, terrain mine", 29.5), "");
     assert!(printed.stdout.contains("robot \"mine, terrain mine\", the file's own"), "{}", printed.stdout);
@@ -115,23 +115,23 @@ fn verify_says_what_a_file_is_held_to_and_refuses_labels_that_do_not_fit() {
 }
 
 #[test]
-fn a_scenario_is_asked_of_a_motion_with_the_robot_that_its_file_has() {
+fn a_scenario_is_verified_with_the_robot_in_the_file() {
     let dir = folder();
     let mut low = own_robot();
     low["base_height"] = json!(0.47);
-    // As folders of sweeps are called.
+    // A folder name as sweeps make it.
     fs::create_dir(dir.path().join("height=0.47")).unwrap();
     fs::write(dir.path().join("height=0.47/low.json"), low.to_string()).unwrap();
     run(dir.path(), "solve --scenario s1 --target 3 --robot height=0.47/low.json --first --out out").ends_with(0);
     run(dir.path(), "solve --scenario s1 --target 3 --robot s9=height=0.47/low.json --first").ends_with(2).says(&["scenario", "s9"]);
     run(dir.path(), "verify out/trajectory.json --scenario s1 --target 3").ends_with(0);
     run(dir.path(), "verify out/trajectory.json --scenario s1 --target 4").ends_with(3);
-    // Without limits in its file it is held to those of legs that can do anything, and that is said.
+    // A file without limits is verified against free legs, and the report says so.
     let mut motion = read(dir.path().join("out/trajectory.json"));
     motion["limits"] = Value::Null;
     fs::write(dir.path().join("free.json"), motion.to_string()).unwrap();
-    let told = run(dir.path(), "verify free.json");
-    assert!(told.ends_with(0).stdout.contains("at most 20.000 m/s, any m/s2"), "{}", told.stdout);
+    let report = run(dir.path(), "verify free.json");
+    assert!(report.ends_with(0).stdout.contains("at most 20.000 m/s, any m/s2"), "{}", report.stdout);
 }
 
 #[test]
@@ -156,6 +156,6 @@ fn verify_accepts_towrs_own_solutions() {
     let dir = folder();
     let args = ["verify", path.to_str().unwrap(), "--robot", "hex=pexod-as-published"];
     assert!(run_in(dir.path(), &args).ends_with(0).stdout.contains("10 of 10 trajectories feasible"));
-    // With the inertia of a possible body the hexapod's do not hold.
+    // With the physical inertia the solutions of the hexapod violate rows.
     run_in(dir.path(), &args[..2]).ends_with(3);
 }

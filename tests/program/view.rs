@@ -21,21 +21,21 @@ fn gaits() -> TempDir {
 }
 
 #[test]
-fn a_page_stands_in_the_folder_of_the_result_or_where_it_is_asked_for() {
+fn a_page_is_written_next_to_the_result_or_to_the_given_path() {
     let folder = gaits();
     assert!(run_well(folder.path(), "view four").contains("written to four/view.html"));
     let page = fs::read_to_string(folder.path().join("four/view.html")).unwrap();
     assert!(page.contains(r#""name":"four""#) && page.contains(r#""robot":"anymal""#) && page.contains(r#""feasible":true"#));
-    // Gait and cost are those of the result beside it.
+    // Gait and cost come from the result next to the trajectory.
     assert!(page.contains(r#""about":[""#) && page.contains("cost "));
     run_well(folder.path(), "view four two/trajectory.json -o both.html");
     let page = fs::read_to_string(folder.path().join("both.html")).unwrap();
     assert!(page.contains(r#""name":"four""#) && page.contains(r#""name":"trajectory""#));
-    // Alike in their last part they are told apart by more of it.
+    // Names whose last parts are equal get more parts.
     run_well(folder.path(), "view four/trajectory.json two/trajectory.json -o both.html");
     let page = fs::read_to_string(folder.path().join("both.html")).unwrap();
     assert!(page.contains(r#""name":"four/trajectory""#) && page.contains(r#""name":"two/trajectory""#));
-    // A folder has no ending.
+    // The name of a folder has no extension.
     for (name, new) in [("four", "f0.4"), ("two", "f0.8")] {
         fs::rename(folder.path().join(name), folder.path().join(new)).unwrap();
     }
@@ -45,14 +45,14 @@ fn a_page_stands_in_the_folder_of_the_result_or_where_it_is_asked_for() {
     for (name, new) in [("f0.4", "four"), ("f0.8", "two")] {
         fs::rename(folder.path().join(name), folder.path().join(new)).unwrap();
     }
-    // The result of another trajectory says nothing of this one.
+    // A result of another trajectory is ignored.
     fs::copy(folder.path().join("two/result.json"), folder.path().join("four/result.json")).unwrap();
     run_well(folder.path(), "view four");
     assert!(fs::read_to_string(folder.path().join("four/view.html")).unwrap().contains(r#""about":[]"#));
 }
 
 #[test]
-fn what_cannot_be_shown_is_refused_and_nothing_is_written() {
+fn files_that_cannot_be_shown_are_refused_and_nothing_is_written() {
     let folder = tempfile::tempdir().unwrap();
     fs::create_dir(folder.path().join("empty")).unwrap();
     fs::write(folder.path().join("half.json"), r#"{"durations": [[0.5]]"#).unwrap();
@@ -70,7 +70,7 @@ fn what_cannot_be_shown_is_refused_and_nothing_is_written() {
     assert!(names.iter().all(|name| !name.contains("html")), "{names:?}");
 }
 
-/// `BROWSER_TESTS=require`: fail without Chromium and Python instead of saying what is skipped.
+/// `BROWSER_TESTS=require`: fails without Chromium and Python instead of reporting that it is skipped.
 #[test]
 fn a_browser_plays_and_scrubs_the_pages() {
     let folder = gaits();

@@ -1,11 +1,11 @@
-//! Sine and cosine of shaders against those in f64.
+//! Sine and cosine of shaders, compared with f64.
 
 use super::lab::gpu;
 use crate::common::Random;
 use cregopt::backend::gpu::shaders::{SHARED, WORKGROUP};
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// Sines and cosines of three angles an invocation.
+/// Sines and cosines of three angles per invocation.
 const MAIN: &str = "
 @group(0) @binding(0) var<storage, read> angles: array<f32>;
 @group(0) @binding(1) var<storage, read_write> found: array<f32>;
@@ -24,13 +24,13 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 }
 ";
 
-/// Units in the last place that sine and cosine may be off, of angles within half a turn and of others. Two come from the rounding of the
-/// angle's rest and of the sums; beyond half a turn, a quarter turn's low part times their number is rounded, too, which shows where next to
-/// nothing is left.
+/// Largest errors of sine and cosine, in units in the last place, of angles within half a turn and of others. Two units come from the
+/// rounding of the reduced angle and of the sums. Beyond half a turn the product of the number of quarter turns and the low part of a
+/// quarter turn is rounded, too, which matters where the reduced angle is close to zero.
 const WITHIN_HALF_A_TURN: f64 = 2.;
 const BEYOND: f64 = 2.5;
 
-/// Angles within half a turn and within thirty turns, next to nothing, and as near to quarter turns as there are numbers.
+/// Angles within half a turn and within thirty turns, close to zero, and as near to quarter turns as floats get.
 fn angles() -> Vec<f32> {
     let mut random = Random::new(5);
     let mut angles = vec![0., -0.];
@@ -41,7 +41,7 @@ fn angles() -> Vec<f32> {
     for quarters in -120..=120 {
         let near = (f64::from(quarters) * FRAC_PI_2) as f32;
         angles.extend([near, near.next_up(), near.next_down(), near * 1.000_01, near + 1e-3]);
-        // Where the nearest quarter turn changes.
+        // Points at which the nearest quarter turn changes.
         let between = ((f64::from(quarters) + 0.5) * FRAC_PI_2) as f32;
         angles.extend([between, between.next_up(), between.next_down()]);
     }

@@ -1,4 +1,4 @@
-//! Who is evaluated: candidates, small and long ones, and a point of each.
+//! Candidates, short and long ones, and a point of each.
 
 use super::lab::POISON;
 use crate::common::{Random, cones, gait, hills, layout_with, lopsided, point, spider, task, task_for, towr, transcriptions};
@@ -28,10 +28,10 @@ impl Candidate {
     }
 }
 
-/// Rounding of edges for the force rows, m.
+/// Edge rounding of the force rows, m.
 pub const EDGE_RADIUS: f64 = 0.04;
 
-/// Heights of all grids behind some that are no grid's, and where each grid begins.
+/// Heights of all grids, after some values that belong to no grid, and the index at which each grid begins.
 pub fn grids() -> (Vec<f32>, Vec<(String, u32)>) {
     let (mut heights, mut firsts) = (vec![POISON; 5], Vec::new());
     for terrain in [Terrain::named("step").unwrap(), hills()] {
@@ -42,8 +42,8 @@ pub fn grids() -> (Vec<f32>, Vec<(String, u32)>) {
     (heights, firsts)
 }
 
-/// Small candidates: robots with one to eight feet on every terrain, with all kinds of rows, some turned by more than half a turn; a few with
-/// friction cones.
+/// Short candidates: robots with one to eight feet on every terrain, with all kinds of rows, some turned by more than half a turn; a few
+/// with friction cones.
 pub fn candidates() -> Vec<Candidate> {
     let named = |name| Terrain::named(name).unwrap();
     let mut random = Random::new(11);

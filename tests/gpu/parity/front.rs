@@ -14,7 +14,7 @@ use cregopt::solver::control::{CLOSE, EXACT, SHORTER, SOLVED, STEP};
 use nalgebra::{DMatrix, DVector};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Random weights, some of them zero, with values that are zero there too; what falls on single variables. As in `tests/library/reference`.
+/// Random weights with single-variable terms. Some weights are zero, with zero values. As in `tests/library/reference`.
 pub struct System {
     pub weight: Vec<f32>,
     pub value: Vec<f32>,
@@ -36,7 +36,7 @@ impl System {
         NormalEquations { jacobian, weight: &self.weight, value: &self.value, diagonal: &self.diagonal, gradient: &self.gradient }
     }
 
-    /// `E + J' W J`, `-(u + J' v)`, and the sizes of the terms of that, in f64.
+    /// `E + J' W J`, `-(u + J' v)`, and the sizes of the terms of the latter, in f64.
     pub fn dense(&self, layout: &Layout<f32>, jacobian: &[f32]) -> (DMatrix<f64>, DVector<f64>, DVector<f64>) {
         let wide = |v: &[f32]| DVector::from_iterator(v.len(), v.iter().map(|v| f64::from(*v)));
         let mut matrix = DMatrix::from_diagonal(&wide(&self.diagonal));
@@ -68,7 +68,7 @@ impl System {
     }
 }
 
-/// Entries of the factor that hold numbers: each pivot row from the diagonal to the right-hand side.
+/// Entries of the factor that have values: each pivot row from the diagonal to the right-hand side.
 fn factor_entries(layout: &Layout<f32>) -> Vec<usize> {
     let of_row = |step: &Step, i: u32| {
         let row = step.factor + i * step.stride;
@@ -77,7 +77,7 @@ fn factor_entries(layout: &Layout<f32>) -> Vec<usize> {
     layout.steps.iter().flat_map(|step| (0..step.pivots).flat_map(move |i| of_row(step, i))).collect()
 }
 
-/// Entries left of the diagonal in the block of four pivots on it: the shader writes whole blocks, with zeros there.
+/// Entries left of the diagonal in the diagonal block of four pivots: the shader writes whole blocks, with zeros there.
 fn left_of_diagonal(layout: &Layout<f32>) -> Vec<usize> {
     let of_row = |step: &Step, i: u32| {
         let row = step.factor + i * step.stride;
@@ -86,21 +86,21 @@ fn left_of_diagonal(layout: &Layout<f32>) -> Vec<usize> {
     layout.steps.iter().flat_map(|step| (0..step.pivots).flat_map(move |i| of_row(step, i))).collect()
 }
 
-/// Variables of the front of a step, in its order.
+/// Variables of the front of a step, in order.
 pub fn front_of(layout: &Layout<f32>, step: &Step) -> Vec<usize> {
     let pivots = step.variable..step.variable + step.pivots;
     let rest = layout.front_runs[step.rest.range()].iter().flat_map(|run| run.variable..run.variable + run.len);
     pivots.chain(rest).map(|v| v as usize).collect()
 }
 
-/// Largest ratio of a residual and the sizes of its terms; infinite where one is no number.
+/// Largest ratio of a residual to the sizes of its terms; infinite if one is NaN.
 pub fn backward(residual: f64, size: f64, worst: f64) -> f64 {
     let error = residual.abs() / size;
     if error.is_nan() { f64::INFINITY } else { worst.max(error) }
 }
 
-/// By how much a factor and its right-hand side miss the normal equations `A d = b`: the largest of `|A - U'U|` by the geometric mean of its
-/// two diagonal entries, and of `|b - U'y|` by the sizes of its terms.
+/// Backward error of a factor and its right-hand side in the normal equations `A d = b`: the largest of `|A - U'U|` relative to the
+/// geometric mean of its two diagonal entries, and of `|b - U'y|` relative to the sizes of its terms.
 fn misses(layout: &Layout<f32>, factor: &[f32], (matrix, rhs, size): &(DMatrix<f64>, DVector<f64>, DVector<f64>)) -> f64 {
     let (mut matrix_left, mut left, mut size) = (matrix.clone(), rhs.clone(), size.clone());
     for step in &layout.steps {
@@ -143,12 +143,12 @@ fn put_system(lab: &Lab, s: usize, state: &mut State, system: &System, jacobian:
     }
 }
 
-/// Factorises systems of all slots and checks what the factors solve.
+/// Factorises the systems of all slots and checks the factors.
 fn check_front(lab: &mut Lab, lists: &[Vec<u32>], what: &str) {
     check_front_at(lab, lists, what, jacobian_at);
 }
 
-/// The same with a Jacobian for each slot.
+/// Factorises the systems of all slots with a Jacobian per slot, and checks the factors.
 fn check_front_at(lab: &mut Lab, lists: &[Vec<u32>], what: &str, mut jacobian_of: impl FnMut(&Slot) -> Vec<f32>) {
     let mut random = Random::new(51);
     let mut before = lab.poisoned();
@@ -157,7 +157,7 @@ fn check_front_at(lab: &mut Lab, lists: &[Vec<u32>], what: &str, mut jacobian_of
     for s in 0..lab.slots.len() {
         let layout = &lab.slots[s].layout;
         let mut system = System::new(layout, &mut random, [0., 0.4, 0.9][s % 3]);
-        // Some are not positive definite, at one pivot or another.
+        // Some are not positive definite, at different pivots.
         if s % 8 == 5 {
             let at = [0, layout.variables / 2, layout.variables - 1][s / 8 % 3];
             system.diagonal[at] = -1e3;
@@ -170,7 +170,7 @@ fn check_front_at(lab: &mut Lab, lists: &[Vec<u32>], what: &str, mut jacobian_of
     let (mut checked, mut refused) = (BTreeMap::new(), 0);
     for list in lists {
         let got = lab.run(Shader::Front, list, &before);
-        // What must not change, with room for what the sweep keeps between its steps.
+        // Values that must not change, except those that the sweep keeps between its steps.
         let mut expected = Expected { state: before.clone(), sizes: BTreeMap::new() };
         for &s in list {
             let s = s as usize;
@@ -202,7 +202,7 @@ fn check_front_at(lab: &mut Lab, lists: &[Vec<u32>], what: &str, mut jacobian_of
             }
             let factor = &got.factor[lab.factor(s)];
             if let Some(checked) = checked.insert(s, factor.to_vec()) {
-                // Whoever else is in the list.
+                // Whatever other slots are in the list.
                 assert!(
                     checked.iter().zip(factor).all(|(a, b)| a.to_bits() == b.to_bits()),
                     "{what}, slot {s}: another factor in another list"
@@ -299,7 +299,7 @@ fn a_sweep_in_several_dispatches_gives_the_same_factor() {
             assert!(lab.slots[s].loops < limit, "one dispatch is too long for this adapter: {}", lab.slots[s].loops);
             let mut system = System::new(layout, &mut random, 0.2);
             if s % 4 == 1 {
-                // The first step fails; it must not be forgotten.
+                // The failure of the first step must not be forgotten.
                 system.diagonal[0] = -1e3;
             }
             put_system(&lab, s, &mut before, &system, &jacobian_at(&lab.slots[s]));
@@ -307,7 +307,7 @@ fn a_sweep_in_several_dispatches_gives_the_same_factor() {
         let list: Vec<u32> = (0..n as u32).rev().collect();
         let got = lab.run(Shader::Front, &list, &before);
         let flags: Vec<f32> = (0..n).map(|s| got.values[lab.flags(s)]).collect();
-        // Of those that failed the numbers are any.
+        // The values of failed factors are arbitrary.
         let numbers = |s: usize| got.factor[lab.factor(s)].iter().map(|v| v.to_bits()).collect::<Vec<u32>>();
         (flags.clone(), (0..n).filter(|s| flags[*s] == 0.).flat_map(numbers).collect::<Vec<u32>>())
     });

@@ -13,7 +13,7 @@ use cregopt::solver::slacks::Lengths;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-/// Progress before a verdict, with every member a number of its own.
+/// Progress before a verdict, with a distinct value in every member.
 fn before_verdict(s: usize, progress: Progress<f32>, random: &mut Random) -> Progress<f32> {
     Progress {
         attempts: [0, 1, SHORTENINGS, SHORTENINGS + 2, ATTEMPTS - 1][random.index(0..=4)],
@@ -23,7 +23,7 @@ fn before_verdict(s: usize, progress: Progress<f32>, random: &mut Random) -> Pro
         stall_from: s as u32,
         mu: random.between(1e-3, 0.1) as f32,
         smoothing: [0., 0.05][s % 2],
-        // Near the floor a quarter would be below it.
+        // Close to the floor: a quarter of it would be below.
         eps: [1e-3, 3e-6][s / 2 % 2],
         closing_eps: [2e-6, 4e-3][s / 3 % 2],
         closing_below: 1e-4,
@@ -34,17 +34,17 @@ fn before_verdict(s: usize, progress: Progress<f32>, random: &mut Random) -> Pro
     }
 }
 
-/// A trial point that keeps to the linear model but for some noise, equalities first.
+/// A trial point that follows the linear model except for noise, equalities first.
 struct Trial {
     noise: Vec<f64>,
 }
 
 impl Trial {
-    /// Draws all that a verdict depends on.
+    /// Draws everything that a verdict depends on.
     fn draw(lab: &Lab, s: usize, state: &mut State, random: &mut Random) -> Trial {
         let (batch, progress) = (&lab.batch, state.progress[s]);
         residuals(lab, s, progress.current, state, random, 1.);
-        // Changes lead down, or anywhere.
+        // The changes lead downhill, or anywhere.
         let down = random.between(-0.2, 1.);
         for (at, by) in lab.changes(s, progress.current) {
             for (at, by) in at.zip(by) {
@@ -63,7 +63,7 @@ impl Trial {
         trial
     }
 
-    /// Writes the trial point that misses the linear model by so much.
+    /// Writes the trial point whose distance from the linear model is `miss` times the noise.
     fn put(&self, lab: &Lab, s: usize, state: &mut State, miss: f64) {
         let progress = state.progress[s];
         let mut noise = self.noise.iter();
@@ -76,7 +76,7 @@ impl Trial {
         }
     }
 
-    /// Misses by so much that the merit falls by a share of what was predicted; by much where there is no such point.
+    /// Scales the noise so that the merit falls by a share of the predicted fall. Leaves the point as it is if no scale does.
     fn aim(&self, lab: &Lab, s: usize, state: &mut State, share: f64) {
         let mut beyond = |miss: f64| {
             self.put(lab, s, state, miss);
@@ -95,8 +95,8 @@ impl Trial {
     }
 }
 
-/// Falls as in `Solver::judge`: of the merit and of its linear model, the distance between both, and what the smoothing has in them. In f64, so as
-/// to know how clear a verdict is.
+/// Falls as in `Solver::judge`: of the merit and of its linear model, the distance between both, and the smoothing's part in them. In f64,
+/// to determine the margin of a verdict.
 fn falls(lab: &Lab, s: usize, state: &State) -> [f64; 4] {
     let (batch, progress) = (&lab.batch, state.progress[s]);
     let (half, to) = (progress.current, 1 - progress.current);
@@ -120,8 +120,8 @@ fn falls(lab: &Lab, s: usize, state: &State) -> [f64; 4] {
 
 #[test]
 fn judge_agrees_with_its_twin() {
-    // Falls and their prediction are sums in another order: where a decision hangs on their last digits there is none to compare. By how
-    // much the ratios must be clear of a limit.
+    // Falls and their prediction are sums in another order: a decision that depends on their last digits cannot be compared. Least
+    // distance of the ratios from a limit.
     const CLEAR: f64 = 1e-3;
     let Some(device) = gpu("judge_agrees_with_its_twin") else { return };
     let candidates = candidates();
@@ -137,7 +137,7 @@ fn judge_agrees_with_its_twin() {
             let state = before.progress[s].state;
             let failed = s % 9 == 4;
             let mut verdict = before.progress[s];
-            // Until it is clear.
+            // Repeats until the margin is large enough.
             loop {
                 if state >= ENDED {
                     break;
@@ -145,7 +145,7 @@ fn judge_agrees_with_its_twin() {
                 let rounds = before.progress[s];
                 before.progress[s] = before_verdict(s + seed as usize, Progress { infeasibility: 1., ..rounds }, &mut random);
                 if s % 4 == 3 {
-                    // Large enough that logarithms of slacks decide.
+                    // Large enough for the logarithms of slacks to decide.
                     before.progress[s].mu *= 30.;
                 }
                 let flag = lab.flags(s);
@@ -162,7 +162,7 @@ fn judge_agrees_with_its_twin() {
                     *outcomes.entry("exact").or_default() += 1;
                     break;
                 }
-                // Close to a limit, on one side or the other, or anywhere.
+                // Close to a limit, on either side, or anywhere.
                 let side = [0.95, 1.05][random.index(0..=1)];
                 match random.index(0..=5) {
                     0 => trial.aim(&lab, s, &mut before, 0.25 * side),
@@ -196,7 +196,7 @@ fn judge_agrees_with_its_twin() {
                     control::refuse(&mut verdict);
                     let what = match verdict.state {
                         SHORTER => "shortened",
-                        control::STALLED => "given up",
+                        control::STALLED => "stalled",
                         STEP if state == CLOSE => "back to the barrier",
                         _ => "refused",
                     };
@@ -243,7 +243,7 @@ fn judge_agrees_with_its_twin() {
         "shortened",
         "back to the barrier",
         "refused",
-        "given up",
+        "stalled",
     ] {
         assert!(outcomes.get(what).is_some_and(|n| *n > 2), "no verdict {what:?} among {outcomes:?}");
     }

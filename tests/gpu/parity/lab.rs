@@ -1,4 +1,4 @@
-//! Slots full of candidates: poison before a shader runs, a copy for its twin, and the comparison after it.
+//! Slots full of candidates: poison before a shader runs, a copy for its twin, and the comparison afterwards.
 
 use super::candidates::{Candidate, EDGE_RADIUS, grids};
 use crate::common::Random;
@@ -13,28 +13,28 @@ use std::io::Write;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, OnceLock};
 
-/// Nobody writes this NaN.
+/// A NaN that no shader writes.
 pub const POISON: f32 = f32::from_bits(0x7fd5_eed5);
 
-/// Slots of a lab.
+/// Number of slots of a lab.
 pub const CAPACITY: usize = 70;
 
-/// Sizes of the list of running slots: one, and around what a workgroup or a warp would hold.
+/// Sizes of the list of running slots: one, and around the size of a workgroup or a warp.
 pub const COUNTS: [usize; 4] = [1, 63, 64, 65];
 
-/// The largest front, and most columns of an element, that leave the front within the portable 16 KiB of workgroup memory.
+/// Largest front, and largest number of columns of an element, with which the front fits into the portable 16 KiB of workgroup memory.
 pub const SMALL: [usize; 2] = [80, 160];
 
-/// Those of labs whose front no common adapter keeps in workgroup memory: 81 KiB.
+/// Largest front and columns with which the front does not fit into the workgroup memory of common adapters: 81 KiB.
 pub const LARGE: [usize; 2] = [200, 256];
 
-/// Says so even where the output of tests that pass is not shown.
+/// Prints the reason even where the output of passing tests is hidden.
 #[expect(clippy::explicit_write, reason = "the harness keeps what eprintln prints")]
 pub fn skipped(test: &str, why: &str) {
     writeln!(std::io::stderr(), "`{test}` skipped: {why}").unwrap();
 }
 
-/// The adapter, opened once, with the workgroups of GPUs; `None`, said by name, when this machine has none.
+/// The adapter, opened once, with the workgroups of GPUs. Returns `None` after reporting which test is skipped.
 pub fn gpu(test: &str) -> Option<Arc<Device>> {
     static DEVICE: OnceLock<Result<Arc<Device>, String>> = OnceLock::new();
     let device = DEVICE.get_or_init(|| {
@@ -53,7 +53,7 @@ pub fn gpu(test: &str) -> Option<Arc<Device>> {
     }
 }
 
-/// The same adapter with workgroups of another size, those of software adapters.
+/// The adapter with the workgroup size of software adapters.
 pub fn with_its_workgroups(test: &str) -> Option<Arc<Device>> {
     static DEVICE: OnceLock<Option<Arc<Device>>> = OnceLock::new();
     gpu(test)?;
@@ -61,7 +61,7 @@ pub fn with_its_workgroups(test: &str) -> Option<Arc<Device>> {
     DEVICE.get_or_init(open).clone()
 }
 
-/// What shaders write.
+/// Buffers that shaders write.
 #[derive(Clone)]
 pub struct State {
     pub values: Vec<f32>,
@@ -70,13 +70,13 @@ pub struct State {
     pub progress: Vec<Progress<f32>>,
 }
 
-/// What the twin writes, and the sizes of the terms where they are not 1.
+/// Results of the twin, and the sizes of the terms where they are not 1.
 pub struct Expected {
     pub state: State,
     pub sizes: BTreeMap<usize, f32>,
 }
 
-/// Buffers and who is in them.
+/// Buffers and the candidates in their slots.
 pub struct Lab<'a> {
     pub device: Arc<Device>,
     buffers: Slots,
@@ -85,7 +85,7 @@ pub struct Lab<'a> {
     pub settings: SolverSettings,
 }
 
-/// A slot's candidate, and how many entries it has in this test.
+/// Candidate of a slot, and the number of its entries in this test.
 pub struct Slot<'a> {
     pub candidate: &'a Candidate,
     pub layout: Layout<f32>,
@@ -93,7 +93,7 @@ pub struct Slot<'a> {
     pub loops: u32,
 }
 
-/// Names of the arrays in the values of a slot, by where they begin.
+/// Names of the arrays in the values of a slot, by their start.
 pub fn arrays(batch: &Batch) -> Vec<(u32, &'static str)> {
     vec![
         (batch.x, "x"),
@@ -148,7 +148,7 @@ pub const PROGRESS: [&str; 19] = [
 const _: () = assert!(size_of::<Progress<f32>>() == 4 * PROGRESS.len());
 
 impl<'a> Lab<'a> {
-    /// Slots with candidate `s % n` in slot `s`, changed by `tweak`.
+    /// Fills slot `s` with candidate `s % n`, changed by `tweak`.
     pub fn new(
         device: &Arc<Device>,
         candidates: &'a [Candidate],
@@ -193,7 +193,7 @@ impl<'a> Lab<'a> {
         Lab { device: device.clone(), batch: buffers.batch, buffers, slots: prepared.into_iter().map(of).collect(), settings }
     }
 
-    /// All poison.
+    /// State full of poison.
     pub fn poisoned(&self) -> State {
         let n = self.slots.len();
         let float = POISON;
@@ -219,7 +219,7 @@ impl<'a> Lab<'a> {
         }
     }
 
-    /// Where an array of a slot stands in the values.
+    /// Range of an array of a slot in the values.
     pub fn range(&self, slot: usize, array: u32, len: usize) -> Range<usize> {
         let at = slot * self.batch.values as usize + array as usize;
         at..at + len
@@ -253,7 +253,7 @@ impl<'a> Lab<'a> {
         self.range(slot, array, self.slots[slot].layout.equalities)
     }
 
-    /// Residuals of one half and their changes: equalities, inequalities.
+    /// Ranges of the residuals of one half and of their changes: equalities, inequalities.
     pub fn changes(&self, slot: usize, half: u32) -> [(Range<usize>, Range<usize>); 2] {
         let batch = &self.batch;
         [(self.c(slot, half), self.of_equalities(slot, batch.c_change)), (self.g(slot, half), self.of_inequalities(slot, batch.g_change))]
@@ -287,7 +287,7 @@ impl<'a> Lab<'a> {
         queue.submit([encoder.finish()]);
         let bound = |buffer| shader.buffers().any(|bound| bound == (buffer, true));
         let read = |buffer| self.buffers.read_buffer(buffer).unwrap();
-        // What it binds to read alone stays as it is.
+        // Buffers that are bound for reading only stay as they are.
         let floats = |buffer, before: &Vec<f32>| if bound(buffer) { bytemuck::pod_collect_to_vec(&read(buffer)) } else { before.clone() };
         State {
             values: floats(Buffer::Values, &before.values),
@@ -297,7 +297,7 @@ impl<'a> Lab<'a> {
         }
     }
 
-    /// Compares what a shader left with what its twin did.
+    /// Compares the results of a shader with those of its twin.
     pub fn check(&self, shader: Shader, got: &State, expected: &Expected, tolerance: impl Fn(&str) -> f32) {
         let mut worst: BTreeMap<&str, f32> = BTreeMap::new();
         if let Err(difference) = self.compare(got, expected, tolerance, &mut worst) {
@@ -306,7 +306,7 @@ impl<'a> Lab<'a> {
         note(shader, &worst);
     }
 
-    /// The first difference, or the largest errors by array in units of the tolerance.
+    /// Returns the first difference. Collects the largest errors per array, in units of the tolerance.
     pub fn compare(
         &self,
         got: &State,
@@ -351,7 +351,7 @@ impl<'a> Lab<'a> {
         Ok(())
     }
 
-    /// Whether two numbers with different bits differ by too much.
+    /// Fails if two floats with different bits differ by more than the tolerance.
     #[allow(clippy::too_many_arguments, reason = "what its message says")]
     pub fn differs(
         &self,
@@ -366,7 +366,7 @@ impl<'a> Lab<'a> {
     ) -> Result<(), String> {
         let unit = f32::EPSILON * expected.abs().max(size);
         let error = (f64::from(got) - f64::from(expected)).abs() / f64::from(unit);
-        // Poison is no error that is small enough; zeros of both signs are the same number.
+        // Poison is never within a tolerance; zeros of both signs are equal.
         if error <= f64::from(tolerance) || got == expected {
             let worst = worst.entry(name).or_default();
             *worst = worst.max(error as f32);
@@ -382,7 +382,7 @@ impl<'a> Lab<'a> {
         ))
     }
 
-    /// Lists of slots: of each size the last ones, in reversed order, so that the first ones are left out.
+    /// Lists of slots: of each size the last ones in reversed order, so that the first ones are left out.
     pub fn lists(&self) -> Vec<Vec<u32>> {
         let n = self.slots.len();
         let reversed = |count: usize| (n - count..n).rev().map(|s| s as u32).collect();
@@ -390,7 +390,7 @@ impl<'a> Lab<'a> {
     }
 }
 
-/// Floats between two numbers.
+/// Number of floats between two floats.
 pub fn ulps(a: f32, b: f32) -> u64 {
     let order = |v: f32| {
         let bits = i64::from(v.to_bits() & 0x7fff_ffff);
@@ -399,12 +399,12 @@ pub fn ulps(a: f32, b: f32) -> u64 {
     order(a).abs_diff(order(b))
 }
 
-/// Name of a shader and of its tests.
+/// Name of a shader in the names of its tests.
 pub fn stem(shader: Shader) -> &'static str {
     shader.path().rsplit('/').next().unwrap()
 }
 
-/// Keeps the largest errors of each shader and prints those that grew; `cargo test -- --nocapture` shows them.
+/// Keeps the largest errors of each shader and prints new maxima; `cargo test -- --nocapture` shows them.
 pub fn note(shader: Shader, worst: &BTreeMap<&str, f32>) {
     static WORST: Mutex<BTreeMap<String, f32>> = Mutex::new(BTreeMap::new());
     let mut all = WORST.lock().unwrap();
@@ -421,7 +421,7 @@ pub fn fill(state: &mut [f32], range: Range<usize>, random: &mut Random, low: f6
     state[range].iter_mut().for_each(|v| *v = random.between(low, high) as f32);
 }
 
-/// Slots in every state: those that ended must stay as they are.
+/// Sets slots to every state in turn: those that ended must stay as they are.
 pub fn states(lab: &Lab, state: &mut State, of: &[u32]) {
     for (slot, progress) in state.progress.iter_mut().enumerate() {
         progress.state = of[slot % of.len()];

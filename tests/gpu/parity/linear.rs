@@ -18,7 +18,7 @@ fn size(v: &[f32]) -> Vec<f32> {
     v.iter().map(|v| v.abs()).collect()
 }
 
-/// A layout whose products of sizes are sums of sizes: with the weights of base blocks, some of which are negative, they would cancel.
+/// A layout whose sizes of products are sums of the sizes of their terms: negative weights of base blocks would make them cancel.
 fn with_weights_as_sizes(layout: &Layout<f32>) -> Layout<f32> {
     let mut layout = layout.clone();
     for instant in &mut layout.reach_instants {
@@ -33,7 +33,7 @@ fn product_agrees_with_its_twin() {
         Shader::Product,
         &[STEP, CLOSE, EXACT, SHORTER, SOLVED],
         |s, prepared| {
-            // Elements and instants that are not there have no product.
+            // Elements and instants beyond the counts have no product.
             let most = [63, 64, 65, u32::MAX][s / 4 % 4];
             prepared.slot.elements = prepared.slot.elements.min(most);
             prepared.slot.reach_instants = prepared.slot.reach_instants.min(most);
@@ -105,18 +105,18 @@ fn transposed_agrees_with_its_twin() {
     );
 }
 
-/// A slot's factor by the twin, with its right-hand side.
+/// Factor of a slot by the twin, with its right-hand side.
 fn twin_factor(slot: &Slot, random: &mut Random) -> Vec<f32> {
     let system = System::new(&slot.layout, random, 0.2);
     let mut factor = Factor::default();
     factor.resize(&slot.layout);
-    // Where the twin writes nothing there is nothing to read.
+    // Entries that the twin does not write are not read.
     factor.pivot_rows.fill(POISON);
     assert!(factorise(&slot.layout, &system.equations(&jacobian_at(slot)), &mut factor));
     factor.pivot_rows.to_vec()
 }
 
-/// Runs a substitution on workgroup-size fronts and on large ones.
+/// Runs a substitution on fronts of the workgroup memory and on large ones.
 fn substitution(
     shader: Shader,
     of_states: &[u32],
@@ -210,7 +210,7 @@ fn forward_solves_its_triangle() {
             let at = lab.of_variables(s, lab.batch.right_hand_side);
             let (given, left) = (&before.values[at.clone()], &got.values[at.clone()]);
             let first = lab.factor(s).start;
-            // What pivots subtract from later variables, by the shader's own solution.
+            // Contributions of pivots to later variables, from the shader's own solution.
             let mut sums: Vec<f64> = given.iter().map(|v| f64::from(*v)).collect();
             let mut sizes: Vec<f64> = sums.iter().map(|v| v.abs()).collect();
             let mut worst = 0.;
@@ -231,7 +231,7 @@ fn forward_solves_its_triangle() {
                     }
                 }
             }
-            // And the twin on the same numbers leaves the same right-hand side, but for rounding: what it is no one reads.
+            // The twin leaves the same right-hand side on the same numbers, except for rounding.
             let mut twin = Factor::default();
             twin.resize(layout);
             twin.pivot_rows.copy_from_slice(&before.factor[lab.factor(s)]);

@@ -1,8 +1,8 @@
 //! Every shader against its Rust twin on the same numbers, on a GPU or a software adapter.
 //!
-//! Candidates stand in slots. Before a run everything that the shader is not documented to read is poison, a NaN of its own; then the
-//! twin writes into a copy. After the run both are compared as a whole: what the twin wrote within a tolerance, all else bit for bit, so an
-//! element that is left out, written twice over, or written into a slot that was not asked for, fails.
+//! Candidates occupy slots. Before a run everything that the shader is not documented to read is filled with poison, a NaN with bits of
+//! its own. The twin then writes into a copy. After the run both are compared as a whole: the twin's results within a tolerance,
+//! everything else bit for bit. An element that is missing, written twice, or written into a wrong slot makes a test fail.
 
 mod angles;
 mod candidates;
@@ -22,32 +22,33 @@ use lab::{Expected, Lab, POISON, SMALL, State, fill, gpu, states};
 use solver::barrier_state;
 use std::collections::BTreeMap;
 
-// Tolerances are in units of f32 precision, 2^-23, of the larger of the value and the size of the terms that it is the sum of. Where nothing
-// else is said that size is 1. llvmpipe rounds every operation as the twins do; other drivers may fuse a product with a sum, and WGSL
-// gives division and square root 2.5 units.
+// Tolerances are in units of f32 precision, 2^-23, of the larger of the value and the sum of the sizes of its terms; that sum is 1 unless
+// stated. llvmpipe rounds every operation as the twins do. Other drivers may fuse a product with a sum, and WGSL allows division and
+// square root an error of 2.5 units.
 
-/// Where twin and shader take the same steps in the same order, a few of them divisions.
+/// Twin and shader do the same operations in the same order, including a few divisions.
 const ARITHMETIC: f32 = 8.;
 
-/// Sums in another order, against the sum of the sizes of their terms. In lanes of some hundred terms errors grow like the root of their
-/// number.
+/// Sums in another order, relative to the sum of the sizes of their terms. Errors of sums over some hundred terms in lanes grow with the
+/// square root of their number.
 const SUM: f32 = 16.;
 
-/// Rows with sine and cosine, against the larger of 1 and the value. Those are two units off, the twin's less, and rows multiply that by legs in
-/// units of 0.1 m or by moments of some body weights.
+/// Rows with sine and cosine, relative to the larger of 1 and the value. These functions are off by two units, the twin's by less; rows
+/// multiply that by legs in units of 0.1 m or by moments of some body weights.
 const TRIGONOMETRY: f32 = 64.;
 
-/// Force rows: a root and divisions, and normals of ground that bends by 33/m.
+/// Force rows: a root, divisions, and normals of ground with a curvature of 33/m.
 const CURVED: f32 = 16.;
 
-/// Deviations of attitude divide momenta of up to 1e3 N m s by inertias down to 0.05 kg m²; see `F32_DEVIATION_TOLERANCE` in `tests/library/reference`.
+/// Deviations of attitude: momenta of up to 1e3 N m s divided by inertias down to 0.05 kg m². See `F32_DEVIATION_TOLERANCE` in
+/// `tests/library/reference`.
 const DEVIATION: f32 = 256.;
 
-/// Backward error of the front, entry by entry: that of a Cholesky factor is within a few units of the geometric mean of two diagonal
-/// entries, and sums of up to some hundred products grow like the root of their number.
+/// Backward error of the front per entry. That of a Cholesky factor is within a few units of the geometric mean of two diagonal entries,
+/// and the error of sums of up to some hundred products grows with the square root of their number.
 const FRONT: f64 = 16. * f32::EPSILON as f64;
 
-/// Backward error of a substitution in each row, relative to the sum of the sizes of its terms: one rounding a term, up to 200 of them, of
+/// Backward error of a substitution per row, relative to the sum of the sizes of its terms: one rounding per term, up to 200 terms, of
 /// which most cancel.
 const SUBSTITUTION: f64 = 32. * f32::EPSILON as f64;
 
@@ -86,7 +87,7 @@ fn a_perturbed_element_is_seen() {
         change(&mut wrong);
         compare(&wrong).err()
     };
-    // Within the tolerance, beyond it, and no number.
+    // Within the tolerance, beyond it, and NaN.
     let unit = right.abs().max(1.) * f32::EPSILON;
     assert_eq!(seen(&|state| state.values[at] = right + 0.9 * ARITHMETIC * unit), None);
     for wrong in [right + 1.2 * ARITHMETIC * unit, right - 1.2 * ARITHMETIC * unit, f32::NAN, f32::INFINITY, POISON] {
@@ -94,7 +95,7 @@ fn a_perturbed_element_is_seen() {
         assert!(message.contains(&format!("slot {slot}")) && message.contains(&lab.slots[slot].candidate.name), "{message}");
         assert!(message.contains("x[") && message.contains("ulp"), "{message}");
     }
-    // Written where nothing should be: a slot that is not listed, the padding behind an array, what another shader owns.
+    // Written where nothing should be: in a slot that is not listed, in the padding after an array, in another shader's results.
     let unlisted = lab.of_variables(0, batch.direction).start;
     assert!(seen(&|state| state.values[unlisted] += 1.).unwrap().contains("slot 0"));
     let poison = (0..got.values.len()).find(|i| got.values[*i].to_bits() == POISON.to_bits()).unwrap();

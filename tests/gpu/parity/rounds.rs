@@ -1,4 +1,4 @@
-//! What a round is for, or why there is none: forty rounds of candidates that converge, stall and fail.
+//! Decisions at the begin of a round: sixty rounds of candidates that converge, stall and fail.
 
 use super::ARITHMETIC;
 use super::candidates::{EDGE_RADIUS, candidates};
@@ -24,7 +24,7 @@ fn weights_begins_rounds_as_its_twin_does() {
     let mut random = Random::new(41);
     let mut before = lab.poisoned();
     let n = lab.slots.len();
-    // Infeasibilities, newest last, as the twin keeps them.
+    // Infeasibilities as the twin keeps them, newest last.
     let mut histories: Vec<Vec<f32>> = vec![Vec::new(); n];
     for s in 0..n {
         for half in [0, 1] {
@@ -45,7 +45,7 @@ fn weights_begins_rounds_as_its_twin_does() {
         };
     }
     let multipliers: Vec<f32> = (0..n).map(|s| largest(&slacks(&lab, s, &before).multiplier)).collect();
-    // How fast each falls a round; some rest.
+    // Factor by which the infeasibility of each candidate falls per round; some rest.
     let rates: Vec<f64> = (0..n).map(|_| [1., 0.98, 0.9, 0.7, 0.4, 0.09, 1.05][random.index(0..=6)]).collect();
     let list: Vec<u32> = (0..n as u32 - 3).rev().collect();
     let mut seen: BTreeMap<u32, usize> = BTreeMap::new();
@@ -55,7 +55,7 @@ fn weights_begins_rounds_as_its_twin_does() {
             let s = s as usize;
             let progress = before.progress[s];
             let last = histories[s].last().copied().map_or(10f64.powf(random.between(-1., 2.)), f64::from);
-            // Now and then a limit, hit exactly or nearly, or no number; more often where it matters.
+            // Now and then a limit, hit exactly or nearly, or NaN; more often in the states in which it matters.
             let special = [lab.settings.closing as f32, tolerance, 0.1 * progress.closing_from, progress.closing_below];
             let special = if progress.state == CLOSE { special[random.index(1..=3)] } else { special[random.index(0..=3)] };
             let f = match random.index(if progress.state == CLOSE { 0..=5 } else { 0..=11 }) {
@@ -64,7 +64,7 @@ fn weights_begins_rounds_as_its_twin_does() {
                 2 if round > 20 => [f32::NAN, f32::INFINITY, 1e-9][random.index(0..=2)],
                 _ => (last * rates[s]) as f32,
             };
-            // Two residuals whose sum is the same in any order, fused or not: the second, which another invocation adds, makes up for the
+            // Two residuals whose sum does not depend on order or fusing: the second, which another invocation adds, compensates for the
             // rounding of the first.
             let mut c = (2. * f).sqrt();
             if c * c > 2. * f {
@@ -91,14 +91,14 @@ fn weights_begins_rounds_as_its_twin_does() {
             *seen.entry(begun.state).or_default() += 1;
             expected.state.progress[s] = begun;
         }
-        // What follows from the state is compared in the test above.
+        // Values that follow from the state are compared in the test of `solver`.
         let mut got = lab.run(Shader::Weights, &list, &before);
         let written = [lab.batch.x..lab.batch.initial, lab.batch.diagonal..lab.batch.right_hand_side, lab.batch.weight..lab.batch.slack];
         for s in 0..n {
             for range in &written {
                 let range = lab.range(s, range.start, (range.end - range.start) as usize);
                 expected.state.values[range.clone()].copy_from_slice(&got.values[range.clone()]);
-                // Input of the next round is as of this one.
+                // The next round has the same input as this one.
                 got.values[range.clone()].copy_from_slice(&before.values[range]);
             }
         }
@@ -109,7 +109,7 @@ fn weights_begins_rounds_as_its_twin_does() {
                 as_got.state.values[range.clone()].copy_from_slice(&got.values[range]);
             }
         }
-        // `smoothing` and the start of a slower closing are products; the rest is the same to the last bit.
+        // `smoothing` and the start of a slower closing are products; everything else has the same bits.
         lab.check(Shader::Weights, &got, &as_got, |name| if ["smoothing", "closing_below"].contains(&name) { ARITHMETIC } else { 0. });
         before.values.copy_from_slice(&got.values);
         before.progress.copy_from_slice(&expected.state.progress);
@@ -126,7 +126,7 @@ fn weights_begins_rounds_as_its_twin_does() {
                 }
                 EXACT => control::renew(progress),
                 _ => {
-                    // The slot is filled again; what its ring holds is another candidate's.
+                    // The slot is filled again; its ring has values of another candidate.
                     *progress = Progress {
                         current: progress.current,
                         ..Progress::first(&limits(&lab, s), BARRIER, if s.is_multiple_of(2) { 0. } else { 0.04 })

@@ -13,7 +13,7 @@ use cregopt::solver::control::{CLOSE, ENDED, EXACT, SHORTER, SOLVED, STEP};
 use cregopt::terrain::Ground;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// How many long candidates there are.
+/// Number of long candidates.
 const LONG: usize = 3;
 
 /// Truncates tables so that their numbers of entries lie around the workgroup size.
@@ -41,10 +41,10 @@ fn around_the_workgroup(s: usize, prepared: &mut Prepared) {
     slot.footholds = slot.footholds.min(count as u32);
 }
 
-/// Runs an evaluation shader on small candidates and on long ones, and its twin.
+/// Runs an evaluation shader on short candidates and on long ones, and its twin.
 ///
-/// * `counted` - entries that the shader walks
-/// * `twin` - writes what it should at the trial point: slot, its layout, x, ground and deviations there, out
+/// * `counted` - entries that the shader processes
+/// * `twin` - writes the expected results at the trial point: slot, its layout, x, ground and deviations there, output
 fn evaluation(
     shader: Shader,
     counted: fn(&Counts) -> u32,
@@ -57,11 +57,11 @@ fn evaluation(
     let labs = [Lab::new(&device, &small, CAPACITY, SMALL, |_, _| {}), Lab::new(&device, &long, 4 * LONG, SMALL, around_the_workgroup)];
     let long_counts: BTreeSet<u32> = labs[1].slots.iter().map(|s| counted(&s.counts)).collect();
     assert!([63, 64, 65].iter().all(|n| long_counts.contains(n)), "entries of the long candidates: {long_counts:?}");
-    // All long ones are evaluated.
+    // All long candidates are evaluated.
     for (mut lab, of_states) in labs.into_iter().zip([&[STEP, CLOSE, EXACT, SOLVED, SHORTER][..], &[STEP, CLOSE, EXACT, SHORTER]]) {
         let mut before = lab.poisoned();
         states(&lab, &mut before, of_states);
-        // The same for all lists: x, ground and deviations at the trial point.
+        // Shared by all lists: x, ground and deviations at the trial point.
         let mut shared = Vec::new();
         for (s, slot) in lab.slots.iter().enumerate() {
             let (layout, x) = (&slot.layout, &slot.candidate.x);
@@ -125,7 +125,7 @@ fn ground_agrees_with_its_twin() {
         |lab, s, _, shared, expected| {
             let count = lab.slots[s].counts.footholds as usize;
             let ground = flat(&shared.ground[..count]);
-            // Slopes of the terrains reach 17.
+            // The slopes of the terrains reach 17.
             let to = lab.range(s, lab.batch.ground, ground.len());
             expected.state.values[to].copy_from_slice(&ground);
         },
@@ -194,7 +194,7 @@ fn cone_agrees_with_its_twin() {
     evaluation(
         Shader::Cone,
         |slot| slot.cones,
-        // The root of the tangential force besides, whose parts cancel: once more as much.
+        // The tangential force has a root of its own, whose parts cancel: the same error again.
         2. * CURVED,
         |lab, s, x, _, expected| {
             let edge_radius = expected.state.progress[s].edge_radius;
@@ -206,7 +206,7 @@ fn cone_agrees_with_its_twin() {
 
 #[test]
 fn swing_agrees_with_its_twin() {
-    // Rows are in units of 0.1 m.
+    // The rows are in units of 0.1 m.
     evaluation(
         Shader::Swing,
         |slot| slot.swing_nodes,

@@ -31,7 +31,7 @@ pub fn limits(lab: &Lab, s: usize) -> Limits<f32> {
     Limits::new(&lab.settings, lab.slots[s].layout.curves.transcription)
 }
 
-/// Slacks of a slot, as the twin has them. Steps that are poison become zero: the twin multiplies them by zero.
+/// Slacks of a slot in the form of the twin. Steps that are poison become zero, because the twin multiplies them by zero.
 pub fn slacks(lab: &Lab, s: usize, state: &State) -> Slacks<f32> {
     let clean = |v: &f32| if v.is_nan() { 0. } else { *v };
     let of = |array| state.values[lab.of_inequalities(s, array)].iter().map(clean).collect();
@@ -44,12 +44,12 @@ pub fn slacks(lab: &Lab, s: usize, state: &State) -> Slacks<f32> {
     }
 }
 
-/// A Jacobian of the right structure: that at the point.
+/// A Jacobian of the right structure: the one at the point.
 pub fn jacobian_at(slot: &Slot) -> Vec<f32> {
     common::rows(&slot.layout, &slot.candidate.x, 0.).jacobian
 }
 
-/// Random residuals of one half, of a size.
+/// Random residuals of one half, of a given size.
 pub fn residuals(lab: &Lab, s: usize, half: u32, state: &mut State, random: &mut Random, size: f64) {
     fill(&mut state.values, lab.c(s, half), random, -size, size);
     fill(&mut state.values, lab.g(s, half), random, -2. * size, size);
@@ -58,7 +58,8 @@ pub fn residuals(lab: &Lab, s: usize, half: u32, state: &mut State, random: &mut
 /// Runs a shader of the solver.
 ///
 /// * `prepare` - writes its inputs
-/// * `twin` - what it should do, given what it did: later stages are compared on the numbers of the earlier ones
+/// * `twin` - computes the expected results from the shader's own earlier ones, so that each stage is compared on the numbers of the
+/// stages before it
 pub fn solver_step(
     shader: Shader,
     of_states: &[u32],
@@ -161,7 +162,7 @@ fn weights_agrees_with_its_twin() {
                 attempts,
                 factorisations: s as u32,
                 recorded: s as u32,
-                // Its window is never full; the stall rule has a test of its own.
+                // The window is never full; the stall rule has a test of its own.
                 stall_from: s as u32,
                 iterations: s as u32 / 2,
                 infeasibility: if attempts == 0 { POISON } else { 3. },
@@ -169,7 +170,7 @@ fn weights_agrees_with_its_twin() {
                 smoothing: random.between(0.01, 0.1) as f32,
                 eps: 3e-4,
                 closing_eps: 7e-5,
-                // Refused attempts close, and the first of the rest.
+                // Closes after refused attempts, and the first of the rest.
                 hopeless: progress.hopeless,
                 ..Progress::first(&limits(lab, s), progress.barrier, progress.edge_radius)
             };
@@ -303,7 +304,7 @@ fn correct_agrees_with_its_twin() {
     );
 }
 
-/// Steps of slacks and multipliers into their place, with the sizes of their terms.
+/// Places of the steps of slacks and multipliers, with the sizes of their terms.
 pub fn steps_of_slacks(lab: &Lab, s: usize, expected: &mut Expected, aim: Aim<f32>) {
     let (batch, state) = (&lab.batch, &mut expected.state);
     let mut steps = slacks(lab, s, state);
@@ -327,7 +328,7 @@ pub fn steps_of_slacks(lab: &Lab, s: usize, expected: &mut Expected, aim: Aim<f3
     }
 }
 
-/// How far slacks and multipliers may go, by their steps.
+/// Step lengths of slacks and multipliers by the fraction-to-the-boundary rule.
 pub fn lengths_of(slacks: &Slacks<f32>) -> Lengths<f32> {
     let most = TO_THE_BOUNDARY as f32;
     let by = |value: &[f32], step: &[f32]| {
@@ -337,7 +338,7 @@ pub fn lengths_of(slacks: &Slacks<f32>) -> Lengths<f32> {
     Lengths { primal: by(&slacks.slack, &slacks.slack_step), dual: by(&slacks.multiplier, &slacks.multiplier_step) }
 }
 
-/// Counts of variables and rows around the workgroup size. Only loops over them may depend on that.
+/// Numbers of variables and rows around the workgroup size. Only loops over them may depend on that.
 pub fn truncated_counts(s: usize, prepared: &mut Prepared) {
     let (layout, slot) = (&mut prepared.layout, &mut prepared.slot);
     let cut = |n: u32, k: usize| n.min([63, 64, 65, 1, u32::MAX][(s + k) % 5]);

@@ -1,4 +1,4 @@
-//! Rows from node values, independently of how the kernels have them.
+//! Row residuals from node values, derived independently of the kernels.
 
 use crate::common::{cones, towr};
 use cregopt::gait::{Curve, FootCurves, Trajectory};
@@ -8,7 +8,7 @@ use cregopt::robot::GRAVITY;
 use cregopt::task::Task;
 use nalgebra::{Matrix3, Vector3};
 
-/// Value, first and second derivative of a curve. The piece as a polynomial in seconds.
+/// Value, first and second derivative of a curve; the piece is a polynomial in seconds.
 fn at(curve: &Curve, t: f64) -> [Vector3<f64>; 3] {
     let (mut start, mut piece) = (0., 0);
     while piece + 1 < curve.poly_durations.len() && t > start + curve.poly_durations[piece] {
@@ -24,9 +24,9 @@ fn at(curve: &Curve, t: f64) -> [Vector3<f64>; 3] {
     [p + u * (v + u * (a + u * b)), v + u * (2. * a + u * 3. * b), 2. * a + 6. * u * b]
 }
 
-/// Rotation from base to world by Euler angles roll, pitch, yaw, and its first two derivatives in time.
+/// Rotation from base to world by the Euler angles roll, pitch, yaw, and its first two derivatives in time.
 fn rotation([angles, rates, accelerations]: [Vector3<f64>; 3]) -> [Matrix3<f64>; 3] {
-    // One axis: R(a), R' = a' dR/da, R'' = a'' dR/da + a'^2 d2R/da2.
+    // About one axis: R(a), R' = a' dR/da, R'' = a'' dR/da + a'^2 d2R/da2.
     let turn = |axis: usize| {
         let (j, k) = ((axis + 1) % 3, (axis + 2) % 3);
         let plane = |cos: f64, sin: f64, one: f64| {
@@ -49,7 +49,7 @@ fn axial(m: &Matrix3<f64>) -> Vector3<f64> {
     Vector3::new(m[(2, 1)], m[(0, 2)], m[(1, 0)])
 }
 
-/// Moment and force that the forces of the feet miss at time `t`.
+/// Defects of moment and force at time `t`: the rate of change of momentum, less gravity and the forces of the feet.
 fn defect(task: &Task, nodes: &Trajectory, t: f64) -> [Vector3<f64>; 2] {
     let robot = &task.robot;
     let [p, _, acceleration] = at(&nodes.base_lin, t);
@@ -108,7 +108,7 @@ pub fn expected(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> (Vec<f
     for (foot, durations) in nodes.ee.iter().zip(&nodes.durations) {
         let stances = durations.len().div_ceil(2);
         for stance in 0..stances {
-            // Motion nodes: two a stance, one a swing. Force nodes: four a stance.
+            // Motion nodes: two per stance, one per swing. Force nodes: four per stance.
             let foothold = foot.motion.nodes[3 * stance];
             let [hx, hy] = task.terrain.ground(foothold[0], foothold[1]).slope;
             let n = Vector3::new(-hx, -hy, 1.).normalize();
@@ -141,7 +141,7 @@ pub fn expected(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> (Vec<f
     (c, g)
 }
 
-/// Acceleration at both ends of a piece of a curve: by `p'' = (6 (q - p) - d (4 v + 2 w)) / d^2` at its start.
+/// Acceleration at both ends of a piece of a curve; at its start `p'' = (6 (q - p) - d (4 v + 2 w)) / d^2`.
 pub fn accelerations(curve: &Curve, piece: usize) -> [Vector3<f64>; 2] {
     let d = curve.poly_durations[piece];
     let part = |node: usize, from: usize| Vector3::from_column_slice(&curve.nodes[node][from..from + 3]);
@@ -149,7 +149,7 @@ pub fn accelerations(curve: &Curve, piece: usize) -> [Vector3<f64>; 2] {
     [(6. * way - d * (4. * v + 2. * w)) / (d * d), (d * (2. * v + 4. * w) - 6. * way) / (d * d)]
 }
 
-/// Cone rows from node values: at the Bezier points of the pieces of every stance but those beside its ends in the air, each once.
+/// Cone rows from node values: at the Bezier points of the pieces of every stance, each once, except those next to its ends in the air.
 pub fn expected_cones(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> Vec<f64> {
     let settings = cones();
     let weight = task.robot.mass * GRAVITY;
@@ -183,7 +183,7 @@ pub fn expected_cones(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> 
     g
 }
 
-/// Body that falls and turns under the forces of the feet: position, velocity, angular momentum about the centre of mass.
+/// Free body under gravity and the forces of the feet: position, velocity, angular momentum about the centre of mass.
 #[derive(Clone, Copy)]
 struct Body {
     position: Vector3<f64>,
@@ -200,7 +200,7 @@ impl Body {
         Body { position, velocity, momentum: r * inertia * r.transpose() * axial(&(r1 * r.transpose())) }
     }
 
-    /// Carried on from `start` to `end` by forces that have nodes at `times`, in short steps between them.
+    /// Integrates from `start` to `end` under forces that have nodes at `times`, in short steps between them.
     fn carried(self, task: &Task, nodes: &Trajectory, times: &[f64], start: f64, end: f64) -> Body {
         const STEPS: usize = 4;
         let mut body = self;
@@ -215,7 +215,7 @@ impl Body {
         body
     }
 
-    /// Impulses and their moments by four points of Gauss; the way within a step is taken from the forces as well.
+    /// Impulses and their moments by four Gauss points; the displacement within a step is also integrated from the forces.
     fn stepped(self, task: &Task, nodes: &Trajectory, start: f64, step: f64) -> Body {
         let (inner, outer) = ((3. / 7. - 2. / 7. * 1.2_f64.sqrt()).sqrt(), (3. / 7. + 2. / 7. * 1.2_f64.sqrt()).sqrt());
         let (near, far) = ((18. + 30_f64.sqrt()) / 72., (18. - 30_f64.sqrt()) / 72.);
@@ -242,9 +242,9 @@ impl Body {
     }
 }
 
-/// Scaled momentum residuals of the intervals, from node values, in the order of the layout.
+/// Scaled momentum residuals of the intervals from node values, in the order of the layout.
 pub fn expected_momentum(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> Vec<f64> {
-    // Abscissae on (-1, 1) of the rule of Gauss and Legendre with six points, and weights that add up to 1.
+    // Gauss-Legendre rule with six points: abscissae on (-1, 1), and weights that add up to 1.
     let half = [(0.238_619_186_083_196_9, 0.467_913_934_572_691), (0.661_209_386_466_264_5, 0.360_761_573_048_138_6)];
     let outer = [(0.932_469_514_203_152, 0.171_324_492_379_170_4)];
     let rule: Vec<(f64, f64)> = half.into_iter().chain(outer).flat_map(|(x, w)| [(-x, w / 2.), (x, w / 2.)]).collect();
@@ -260,7 +260,7 @@ pub fn expected_momentum(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) 
     let (mass, h) = (task.robot.mass, layout.curves.interval);
     let weight = mass * GRAVITY;
     let leg = task.robot.nominal_feet[0][2].abs();
-    // The attitude between two knots is the cubic through both: nodes in between are there for the trajectory alone.
+    // The attitude between two knots is the cubic through both; nodes in between serve the trajectory only.
     let pieces = nodes.base_lin.poly_durations.len() / layout.curves.intervals;
     let at_knots = |curve: &Curve| Curve {
         poly_durations: vec![h; layout.curves.intervals],

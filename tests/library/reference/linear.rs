@@ -21,7 +21,7 @@ use cregopt::settings::TranscriptionSettings;
 use cregopt::solver::advance::advance;
 use nalgebra::{DMatrix, DVector};
 
-/// Random weights, some of them zero, with values that are zero there too; what falls on single variables.
+/// Random weights with single-variable terms. Some weights are zero, with zero values.
 struct RandomSystem {
     weight: Vec<f64>,
     value: Vec<f64>,
@@ -54,7 +54,7 @@ impl RandomSystem {
         (matrix, -(j.tr_mul(&DVector::from_vec(self.value.clone())) + DVector::from_vec(self.gradient.clone())))
     }
 
-    /// The direction by the front; `None` when it was not positive definite.
+    /// The direction computed with the front; `None` if the matrix was not positive definite.
     fn solve<T: Real>(&self, layout: &Layout<T>, jacobian: &[T], factor: &mut Factor<T>) -> Option<DVector<f64>> {
         factor.resize(layout);
         let [weight, value, diagonal, gradient] =
@@ -73,7 +73,7 @@ fn back<T: Real>(layout: &Layout<T>, factor: &mut Factor<T>) -> DVector<f64> {
 
 #[test]
 fn the_front_solves_what_a_dense_cholesky_solves() {
-    // One factor for all, so that leftovers of another layout would show.
+    // One factor for all systems, so that leftovers of another layout are noticed.
     let (mut factor, mut factor_f32) = (Factor::default(), Factor::default());
     let mut problems: Vec<(Case, TranscriptionSettings)> = Vec::new();
     for own in families() {
@@ -85,7 +85,7 @@ fn the_front_solves_what_a_dense_cholesky_solves() {
             let schedule = gait(&mut random, case.task.robot.feet(), if i % 2 == 0 { 3..=7 } else { 1..=3 });
             problems.push((Case { schedule, ..case }, [own.clone(), coarse.clone(), fine.clone()][i % 3].clone()));
         }
-        // One interval: of the base only one coefficient is free, or nothing.
+        // One interval: only one coefficient of the base is free, or none.
         let short = Schedule::new(vec![vec![0.08]; 4]).unwrap();
         let case = Case { name: "short".into(), task: task("anymal", "flat", [0., 0.], 0.), schedule: short };
         problems.push((case, own));
@@ -201,7 +201,7 @@ fn jacobian_products_are_derivatives_along_the_direction() {
 fn transposed_products_are_those_of_the_dense_jacobian() {
     for State { layout, rows, .. } in states() {
         let v = random_vector(14, layout.rows);
-        // What is left in either buffer must not show.
+        // Leftovers in either buffer must not affect the result.
         let (mut product, mut local) = (vec![f64::NAN; layout.variables], vec![f64::NAN; layout.widest]);
         transposed_times(&layout, &rows.jacobian, &v, &mut local, &mut product);
         let expected = dense_jacobian(&layout, &rows.jacobian).tr_mul(&DVector::from_vec(v));

@@ -11,38 +11,38 @@ use cregopt::real::Real;
 use cregopt::task::Task;
 use cregopt::terrain::Terrain;
 
-/// Residuals, kernel against formula. Second differences of node values 0.1 s apart lose four of sixteen digits.
+/// Tolerance of residuals, kernel against formula. Second differences of node values 0.1 s apart lose four of sixteen digits.
 const RESIDUAL_TOLERANCE: f64 = 1e-10;
 
-/// Step of central differences; the error of their quotient is near 1e-10 by rounding and by curvature.
+/// Step of central differences. The error of their quotient is near 1e-10, from rounding and from curvature.
 const DIFFERENCE_STEP: f64 = 1e-5;
 
-/// Jacobian entries against central differences, relative to the larger of 1 and the entry.
+/// Tolerance of Jacobian entries against central differences, relative to the larger of 1 and the entry.
 const JACOBIAN_TOLERANCE: f64 = 2e-6;
 
-/// Direction, f64 front against dense solve, relative to its norm: condition numbers up to 1e7 on 1e-16.
+/// Tolerance of the direction, f64 front against dense solve, relative to its norm: condition numbers up to 1e7 times 1e-16.
 const F64_SOLVE_TOLERANCE: f64 = 1e-9;
 
-/// Backward error of the f32 front, in units of f32 precision: a Cholesky solve is backward stable, and sums of up to 100 products grow
-/// like the root of their number.
+/// Backward error of the f32 front, in units of f32 precision. A Cholesky solve is backward stable, and the error of sums of up to 100
+/// products grows with the square root of their number.
 const F32_BACKWARD_ERROR: f64 = 20. * f32::EPSILON as f64;
 
-/// f32 kernels against f64 kernels at the same point, relative to the larger of 1 and the value. Positions up to 6 m are 2.4e-7 m off,
-/// which rows in units of 0.1 m multiply by 10, and the normal of the steep gap by its curvature of 33/m.
+/// Tolerance of f32 kernels against f64 kernels at the same point, relative to the larger of 1 and the value. Positions up to 6 m are off
+/// by 2.4e-7 m, which rows in units of 0.1 m multiply by 10, and the normal of the steep gap by its curvature of 33/m.
 const F32_TOLERANCE: f64 = 2e-4;
 
-/// Deviations of the base from its cubics in f32, relative to the larger of 1 (m, rad, N m s) and the value. They divide what is left of
-/// angular momenta by the inertia: up to 1e3 N m s at a random point, 1e-7 of that lost, over 0.05 kg m².
+/// Tolerance of deviations of the base from its cubics in f32, relative to the larger of 1 (m, rad, N m s) and the value. They divide the
+/// remainder of angular momenta by the inertia: up to 1e3 N m s at a random point, of which 1e-7 is lost, over 0.05 kg m².
 const F32_DEVIATION_TOLERANCE: f64 = 2e-3;
 
-/// Linear conditions of elementwise steps, relative to the sizes of their terms: a few roundings.
+/// Tolerance of the linear conditions of elementwise steps, relative to the sizes of their terms: a few roundings.
 const ELEMENTWISE_TOLERANCE: f64 = 1e-14;
 
-/// Sums over all rows in another order, relative.
+/// Relative tolerance of sums over all rows in another order.
 const SUM_TOLERANCE: f64 = 1e-11;
 
-/// Falls in f32, relative to how far the terms fall, up or down, and to the norm of those terms that are rounded before their difference is
-/// taken: each has a few roundings of its own, and their signs are random.
+/// Tolerance of falls in f32, relative to the absolute falls of the terms and to the norm of those terms that are rounded before their
+/// difference is taken. Each of these has a few roundings of its own with random signs.
 const F32_FALL_ERROR: f64 = 4. * f32::EPSILON as f64;
 
 struct Case {
@@ -79,7 +79,7 @@ fn cases() -> Vec<Case> {
     cases
 }
 
-/// The first pair that differs by more than `tolerance * max(1, |expected|)`; NaN differs from everything.
+/// Finds the first pair that differs by more than `tolerance * max(1, |expected|)`; NaN differs from everything.
 fn first_difference(got: &[f64], expected: &[f64], tolerance: f64) -> Option<usize> {
     assert_eq!(got.len(), expected.len());
     let close = |a: f64, b: f64| (a - b).abs() <= tolerance * b.abs().max(1.);

@@ -69,12 +69,12 @@ fn node_values_give_the_accelerations_of_swinging_feet() {
         let mut entries = layout.accelerations.iter();
         for (foot, durations) in nodes.ee.iter().zip(&nodes.durations) {
             for swing in 0..durations.len() / 2 {
-                // Of motion a stance has one piece, a swing two.
+                // The motion of a foot has one piece per stance and two per swing.
                 let [up, down] = [1, 2].map(|piece| accelerations(&foot.motion, 3 * swing + piece).map(|a| a.norm()));
                 let row = |a: f64| ((a / (20. * GRAVITY)).powi(2) - 1. + 2e-3) / 2.;
                 let at = entries.next().unwrap().place.inequality as usize;
                 assert_close(&rows.g[at..at + 2], &[row(up[0]), row(down[1])], RESIDUAL_TOLERANCE, &case.name);
-                // About the middle it is not accelerated harder: no row is missing there.
+                // The acceleration has its extremes at the ends, not in the middle: no row is missing there.
                 assert!(up[1].max(down[0]) <= (1. + 1e-9) * up[0].max(down[1]), "{}: {up:?}, {down:?}", case.name);
             }
         }
@@ -85,7 +85,7 @@ fn node_values_give_the_accelerations_of_swinging_feet() {
 }
 
 #[test]
-fn rows_that_were_eliminated_hold_at_any_point() {
+fn eliminated_rows_hold_at_any_point() {
     for (seed, case) in cases().iter().enumerate() {
         let layout = layout_with::<f64>(&case.task, &case.schedule, &towr());
         let x = point(&layout, &mut Random::new(seed as u64), 0.);
@@ -108,10 +108,10 @@ fn rows_that_were_eliminated_hold_at_any_point() {
     }
 }
 
-/// Jacobian by central differences of one-sided residuals, `[rows][variables]`.
+/// Jacobian of one-sided residuals by central differences, `[rows][variables]`.
 fn differences(layout: &Layout<f64>, x: &[f64], edge_radius: f64) -> DMatrix<f64> {
     let mut result = DMatrix::zeros(layout.rows, layout.variables);
-    // Derivatives take deviations from the cubics between knots as given.
+    // Derivatives treat the deviations from the cubics between knots as constants.
     let mut given = frozen_at(layout, x, edge_radius);
     let mut x = x.to_vec();
     for column in 0..layout.variables {
@@ -132,7 +132,7 @@ fn differences(layout: &Layout<f64>, x: &[f64], edge_radius: f64) -> DMatrix<f64
 fn jacobians_match_central_differences() {
     for (seed, case) in cases().iter().enumerate() {
         for settings in families() {
-            // Fewer stances than in the search: every variable takes two evaluations.
+            // Fewer stances than in the search, because every variable takes two evaluations.
             let schedule = gait(&mut Random::new(seed as u64), case.task.robot.feet(), 3..=6);
             let layout = layout_with::<f64>(&case.task, &schedule, &settings);
             for edge_radius in [0., 0.04] {
@@ -152,7 +152,7 @@ fn jacobians_match_central_differences() {
 }
 
 #[test]
-fn the_cases_stand_on_slopes_wherever_there_are_any() {
+fn the_cases_have_footholds_on_slopes_where_there_are_any() {
     for (seed, case) in cases().iter().enumerate().filter(|(_, case)| case.task.terrain.shape != Shape::Flat) {
         for settings in transcriptions() {
             let layout = layout_with::<f64>(&case.task, &case.schedule, &settings);
@@ -160,7 +160,7 @@ fn the_cases_stand_on_slopes_wherever_there_are_any() {
             let slope = |at: usize| case.task.terrain.ground(x[at], x[at + 1]).slope;
             let on_slope = layout.footholds.iter().filter(|&&f| slope(f as usize) != [0.; 2]);
             let count = on_slope.count();
-            // Footholds that keep from edges begin beside a gap: in it are those that `point` has moved.
+            // Footholds that keep clear of edges begin next to a gap; those that `point` has moved are in it.
             let least = if layout.footings.is_empty() || case.task.terrain.name != "gap" { 3 } else { 1 };
             assert!(count >= least, "{}: {count} of {}", case.name, layout.footholds.len());
         }
@@ -185,7 +185,7 @@ fn a_wrong_entry_is_seen() {
             analytic.as_mut_slice()[middle] = right;
         }
     }
-    // A foot 1 um off moves a moment.
+    // A foot that is 1 um off changes a moment.
     for settings in transcriptions() {
         let layout = layout_with::<f64>(&case.task, &gait(&mut Random::new(0), 4, 3..=3), &settings);
         let x = point(&layout, &mut Random::new(0), 0.);
@@ -211,7 +211,7 @@ fn f32_kernels_agree_with_f64_kernels() {
             let x_f32: Vec<f32> = in_scalar(&point(&layout, &mut Random::new(100 + seed as u64), 0.04));
             let x: Vec<f64> = x_f32.iter().map(|&v| v.into()).collect();
             for edge_radius in [0., 0.04] {
-                // Both with the same deviations; those have a tolerance of their own.
+                // Both with the same deviations, which have a tolerance of their own.
                 let mut shared = frozen_at(&layout, &x, edge_radius);
                 let mut shared_f32 = frozen_at(&layout_f32, &x_f32, edge_radius);
                 for (narrow, wide) in shared_f32.deviations.iter_mut().zip(&mut shared.deviations) {
@@ -231,8 +231,9 @@ fn f32_kernels_agree_with_f64_kernels() {
                 };
                 close(&narrow.c, &wide.c, F32_TOLERANCE, "equalities");
                 close(&narrow.g, &wide.g, F32_TOLERANCE, "inequalities");
-                // The tangential force is what remains of the force without its normal part: off by the latter's precision, and with it the
-                // direction that the cone's gradient has. How it turns with the normal goes with the square.
+                // The tangential force is the remainder of the force without its normal part, so its error is that of the normal part. The
+                // cone's gradient has the direction of the tangential force, and the error of its dependence on the normal grows with the
+                // square of the ratio of both.
                 let constants = &layout.constants;
                 let direction = |inequality: usize| {
                     let normal = wide.g[inequality] + constants.force_limit - constants.force_margin;

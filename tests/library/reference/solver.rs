@@ -13,7 +13,7 @@ use cregopt::solver::start::{column_scaling, start_slacks};
 use cregopt::solver::weights::{barrier_rows, closing_rows, variable_terms};
 use nalgebra::DVector;
 
-/// A random solver state on the second case: rows, slacks and multipliers around 1, some small; steps of a predictor.
+/// Random solver state on the second case: rows, slacks and multipliers around 1, some small; steps of a predictor.
 pub struct State {
     pub layout: Layout<f64>,
     pub rows: Rows<f64>,
@@ -41,7 +41,7 @@ pub fn states() -> [State; 3] {
 /// Barrier parameter of the elementwise tests.
 const MU: f64 = 0.03;
 
-/// Aims of a predictor, of a plain barrier step, of a corrected one.
+/// Aims of a predictor, of a plain barrier step, and of a corrected step.
 const AIMS: [Aim<f64>; 3] = [Aim { mu: 0., correction: 0. }, Aim { mu: MU, correction: 0. }, Aim { mu: MU, correction: 0.7 }];
 
 #[test]
@@ -59,7 +59,7 @@ fn terms_of_single_variables_are_their_plain_formulas() {
         let expected = of_each(&|i| weight * smoothing[i] * (x[i] - layout.initial[i]));
         assert_close(&gradient, &expected, ELEMENTWISE_TOLERANCE, "gradient");
 
-        // Forces, attitudes and rates are smoothed, in `momentum` alone.
+        // Forces, attitudes and rates are smoothed in `momentum` only.
         let mut expected = vec![0.; n];
         if layout.curves.transcription == Transcription::Momentum {
             for &node in layout.curves.feet.iter().flat_map(|f| &f.force_nodes).flatten().filter(|&&node| node != NONE) {
@@ -99,7 +99,7 @@ fn row_weights_are_those_of_the_full_system() {
                 Some(aim) => barrier_rows(&layout, &rows.c, g, &slacks, aim, &mut weight, &mut value),
                 None => closing_rows(&layout, &rows.c, g, &mut weight, &mut value),
             }
-            // J' W J e and J' v with all rows, against one weight for both sides of a row.
+            // J' W J e and J' v over all rows, against one weight for both sides of a row.
             let probe = DVector::from_fn(layout.variables, |i, _| ((i * 7919) % 13) as f64 / 13. - 0.4);
             let (by_c, mut by_g) = (&jc * &probe, &jg * &probe);
             let mut v = DVector::zeros(layout.inequalities);
@@ -142,7 +142,7 @@ fn infeasibility_terms(c: &[f64], g: &[f64]) -> Vec<f64> {
     c.iter().copied().chain(g.iter().map(|g| g.max(0.))).map(|v| v * v / 2.).collect()
 }
 
-/// Terms of the merit with each slack `factor` times the best one, at which `s (g + s) = mu`.
+/// Terms of the merit with each slack `factor` times the best one, for which `s (g + s) = mu`.
 fn merit_terms(c: &[f64], g: &[f64], mu: f64, factor: f64) -> Vec<f64> {
     let of_row = |g: f64| {
         let best = ((g * g + 4. * mu).sqrt() - g) / 2.;
@@ -153,19 +153,19 @@ fn merit_terms(c: &[f64], g: &[f64], mu: f64, factor: f64) -> Vec<f64> {
     c.iter().map(|c| c * c / 2.).chain(g.iter().map(|&g| of_row(g))).collect()
 }
 
-/// Terms of the cost of being away from the initial values.
+/// Terms of the cost of deviations from the initial values.
 fn smoothing_terms(smoothing: &[f64], x: &[f64], initial: &[f64]) -> Vec<f64> {
     smoothing.iter().zip(x.iter().zip(initial)).map(|(smoothing, (x, initial))| smoothing * (x - initial).powi(2) / 2.).collect()
 }
 
-/// A fall against the difference of two sums.
+/// Compares a fall with the difference of two sums.
 fn assert_falls(got: f64, from: &[f64], to: &[f64], tolerance: f64, what: &str) {
     let [sum, sum_to] = [from, to].map(|terms| terms.iter().sum::<f64>());
     let (gap, size) = (got - (sum - sum_to), sum.abs().max(sum_to.abs()).max(1.));
     assert!(gap.abs() <= tolerance * size, "{what}: {got:e} against {:e}, gap {gap:e} of {size:e}", sum - sum_to);
 }
 
-/// How far a fall is off the difference of two sums, in units of the error that f32 may have.
+/// Error of a fall relative to the difference of two sums, in units of the error that f32 may have.
 ///
 /// * `rounded` - terms that are rounded before their difference is taken
 fn f32_error(got: f32, from: &[f64], to: &[f64], rounded: &[f64]) -> f64 {
@@ -174,25 +174,25 @@ fn f32_error(got: f32, from: &[f64], to: &[f64], rounded: &[f64]) -> f64 {
     (f64::from(got) - falls.iter().sum::<f64>()).abs() / (F32_FALL_ERROR * size)
 }
 
-/// The same of the difference of two sums in f32.
+/// Error of the difference of two f32 sums, in the same units.
 fn f32_error_of_sums(from: &[f64], to: &[f64], rounded: &[f64]) -> f64 {
     let [sum, sum_to] = [from, to].map(|terms| terms.iter().map(|&v| v as f32).sum::<f32>());
     f32_error(sum - sum_to, from, to, rounded)
 }
 
-/// Values in f32, and those in f64.
+/// Values in f32, and the same values in f64.
 fn narrow(values: &[f64]) -> (Vec<f32>, Vec<f64>) {
     let narrow = in_scalar::<f32>(values);
     let wide = narrow.iter().map(|&v| v.into()).collect();
     (narrow, wide)
 }
 
-/// Values near others, on the whole smaller by a share of `away`.
+/// Values near others, on average smaller by a share of `away`.
 fn near(values: &[f64], random: &mut Random, away: f64) -> Vec<f64> {
     values.iter().map(|v| v * (1. - random.between(-0.5 * away, away))).collect()
 }
 
-/// Residuals of a state and others at which it may arrive: some rows hold in one of them only.
+/// Residuals of a state and of one that follows it: some rows hold in one of them only.
 fn residuals_from_and_to(Rows { c, g, .. }: &Rows<f64>) -> [(Vec<f64>, Vec<f64>); 2] {
     let moved = |values: &[f64], seed| -> Vec<f64> {
         let moves = random_vector(seed, values.len());
@@ -203,7 +203,7 @@ fn residuals_from_and_to(Rows { c, g, .. }: &Rows<f64>) -> [(Vec<f64>, Vec<f64>)
     [(c.clone(), g.clone()), (c_to, g_to)]
 }
 
-/// Barrier parameters at the end of a solve, in its midst, and far above.
+/// Barrier parameters at the end of a solve, in the middle, and far above.
 const MUS: [f64; 3] = [1e-6, MU, 2.];
 
 #[test]
@@ -219,8 +219,8 @@ fn infeasibility_and_nonlinearity_are_their_plain_formulas() {
 }
 
 #[test]
-fn residuals_that_are_no_numbers_show_in_every_sum() {
-    // More inequalities than are worked out at once.
+fn non_finite_residuals_show_in_every_sum() {
+    // More inequalities than are processed at once.
     let (c, g) = (vec![0.1; 13], vec![-0.2; 2 * BLOCK + 21]);
     let spoilt = |values: &[f64], at: usize| {
         let mut values = values.to_vec();
@@ -264,7 +264,7 @@ fn falls_are_differences_of_the_plain_formulas() {
 #[test]
 fn falls_to_a_point_nearby_are_good_in_f32() {
     let mut random = Random::new(19);
-    // Differences of sums are not: otherwise this test would say nothing.
+    // Differences of sums are less accurate; otherwise this test would prove nothing.
     let mut worst_of_sums = [0_f64; 2];
     for State { rows: Rows { c, g, .. }, .. } in states() {
         for (size, away) in [1., 1e-3].into_iter().flat_map(|size| [1e-2, 1e-4, 1e-6].map(|away| (size, away))) {
@@ -301,7 +301,7 @@ fn the_cost_of_the_smoothing_falls_by_its_plain_formula() {
         assert!(from.iter().sum::<f64>() > 1.);
         assert_falls(smoothing_fall(&smoothing, x, &x_to, initial), &from, &to, SUM_TOLERANCE, "cost");
         assert_falls(smoothing_fall(&smoothing, &x_to, x, initial), &to, &from, SUM_TOLERANCE, "cost, back");
-        // Initial values cost nothing.
+        // Deviations from the initial values are not costed.
         assert_falls(smoothing_fall(&smoothing, x, initial, initial), &from, &[], SUM_TOLERANCE, "whole cost");
         assert_eq!(smoothing_fall(&smoothing, x, x, initial), 0.);
 
@@ -358,7 +358,7 @@ fn the_target_is_the_square_of_what_the_predictor_leaves() {
         let whole = Lengths::whole();
         let before = mean(&slacks, Lengths::none());
         close(&slacks, Lengths::none(), before);
-        // Nine tenths of every slack go, and nothing of the multipliers.
+        // All slacks lose nine tenths, and the multipliers nothing.
         slacks.slack_step = slacks.slack.iter().map(|s| -0.9 * s).collect();
         slacks.multiplier_step.fill(0.);
         close(&slacks, whole, before / 100.);
@@ -371,7 +371,7 @@ fn the_target_is_the_square_of_what_the_predictor_leaves() {
             assert!(after > 0. && after < before);
             close(&slacks, reach, after * after / before);
         }
-        // It does not rise above what is, nor fall below its floor, not even where products turn negative.
+        // The target does not rise above the present value nor fall below its floor, not even where products become negative.
         slacks.slack_step = slacks.slack.clone();
         close(&slacks, whole, before);
         slacks.multiplier_step.fill(0.);
@@ -438,7 +438,7 @@ fn slacks_and_multipliers_stay_off_zero() {
     assert_eq!((&slacks.slack, &slacks.multiplier), (&vec![0.5, 2.25], &vec![3.25, 3.]));
     update_slacks(&mut slacks, Lengths::whole());
     assert_eq!((&slacks.slack, &slacks.multiplier), (&vec![1e-6, 2.75], &vec![4.25, 1e-8]));
-    // Those on the floor leave it when they grow.
+    // Values at the floor leave it when they grow.
     (slacks.slack_step, slacks.multiplier_step) = (vec![0.25, 0.], vec![0., 0.5]);
     update_slacks(&mut slacks, Lengths::whole());
     assert_eq!((slacks.slack, slacks.multiplier), (vec![0.250_001, 2.75], vec![4.25, 0.500_000_01]));
