@@ -118,133 +118,159 @@ fn falls(lab: &Lab, s: usize, state: &State) -> [f64; 4] {
     [fall + smoothed, predicted + smoothed, gap, smoothed]
 }
 
+/// Least distance of a fall from a limit, relative to the sizes of the falls. Falls and their prediction are sums in another order: a decision that
+/// depends on their last digits cannot be compared.
+const CLEAR: f64 = 1e-3;
+
+/// Names of the verdicts, each of which must occur.
+const OUTCOMES: [&str; 10] = [
+    "failed",
+    "exact",
+    "taken at ratios below 0.25",
+    "between",
+    "above 0.7",
+    "taken near the linear model",
+    "shortened",
+    "back to the barrier",
+    "refused",
+    "stalled",
+];
+
+/// Verdict of the twin on the trial point of a slot, with its names in [`OUTCOMES`]; `None` if a limit is too close.
+fn verdict_of_twin(lab: &Lab, limits: &Limits<f32>, s: usize, before: &State) -> Option<(Progress<f32>, Vec<&'static str>)> {
+    let mut verdict = before.progress[s];
+    let state = verdict.state;
+    let [fall, predicted, gap, smoothed] = falls(lab, s, before);
+    let wide = Progress { state, infeasibility: f64::from(verdict.infeasibility), ..Progress::<f64>::default() };
+    let model = 0.3 * predicted.max(0.05 * wide.infeasibility);
+    let size = fall.abs() + predicted.abs() + gap + smoothed.abs();
+    let near = |a: f64, b: f64| (a - b).abs() <= CLEAR * size;
+    if [0., 0.25, 0.7].iter().any(|limit| near(fall, limit * predicted)) || near(predicted, 0.) || near(gap, model) {
+        return None;
+    }
+    let mut names = Vec::new();
+    if control::acceptable(&wide, fall, predicted, gap) {
+        let ratio = if predicted > 0. { fall / predicted } else { 0. };
+        control::accept(&mut verdict, limits, ratio as f32);
+        names.push(["taken at ratios below 0.25", "between", "above 0.7"][usize::from(ratio > 0.25) + usize::from(ratio > 0.7)]);
+        if fall < 0. {
+            names.push("taken near the linear model");
+        }
+    } else {
+        control::refuse(&mut verdict);
+        names.push(match verdict.state {
+            SHORTER => "shortened",
+            control::STALLED => "stalled",
+            STEP if state == CLOSE => "back to the barrier",
+            _ => "refused",
+        });
+    }
+    Some((verdict, names))
+}
+
+/// Draws a trial point of a slot whose verdict is clear. Returns the verdict and its names.
+fn draw_verdict(
+    lab: &Lab,
+    limits: &Limits<f32>,
+    s: usize,
+    seed: usize,
+    before: &mut State,
+    random: &mut Random,
+) -> (Progress<f32>, Vec<&'static str>) {
+    let rounds = before.progress[s];
+    if rounds.state >= ENDED {
+        return (rounds, Vec::new());
+    }
+    loop {
+        before.progress[s] = before_verdict(s + seed, Progress { infeasibility: 1., ..before.progress[s] }, random);
+        if s % 4 == 3 {
+            // Large enough for the logarithms of slacks to decide.
+            before.progress[s].mu *= 30.;
+        }
+        let flag = lab.flags(s);
+        before.values[flag] = f32::from(failed(s));
+        let trial = Trial::draw(lab, s, before, random);
+        let mut verdict = before.progress[s];
+        if failed(s) && rounds.state <= CLOSE {
+            control::damp(&mut verdict);
+            return (verdict, vec!["failed"]);
+        }
+        if rounds.state == EXACT {
+            control::renew(&mut verdict);
+            return (verdict, vec!["exact"]);
+        }
+        // Close to a limit, on either side, or anywhere.
+        let side = [0.95, 1.05][random.index(0..=1)];
+        match random.index(0..=5) {
+            0 => trial.aim(lab, s, before, 0.25 * side),
+            1 => trial.aim(lab, s, before, 0.7 * side),
+            2 => trial.aim(lab, s, before, 0.05 * (side - 1.)),
+            3 => {
+                trial.aim(lab, s, before, -0.1);
+                let gap = falls(lab, s, before)[2];
+                before.progress[s].infeasibility = (gap / (0.3 * 0.05) * side) as f32;
+            }
+            _ => {}
+        }
+        if let Some(clear) = verdict_of_twin(lab, limits, s, before) {
+            return clear;
+        }
+    }
+}
+
+/// True for the slots whose factorisation failed.
+fn failed(s: usize) -> bool {
+    s % 9 == 4
+}
+
+/// State of the listed slots after their verdicts.
+fn judged(lab: &Lab, before: &State, list: &[u32], verdicts: &[Progress<f32>]) -> Expected {
+    let mut expected = Expected { state: before.clone(), sizes: BTreeMap::new() };
+    for &s in list {
+        let s = s as usize;
+        let (state, verdict) = (&mut expected.state, verdicts[s]);
+        let progress = state.progress[s];
+        let stepped = matches!(progress.state, STEP | SHORTER) && !(failed(s) && progress.state == STEP);
+        state.progress[s] = verdict;
+        if stepped && verdict.current != progress.current {
+            let mut slacks = slacks(lab, s, state);
+            judge::update_slacks(&mut slacks, Lengths { primal: progress.length, dual: progress.dual_length });
+            for (array, values) in [(lab.batch.slack, &slacks.slack), (lab.batch.multiplier, &slacks.multiplier)] {
+                let at = lab.of_inequalities(s, array);
+                state.values[at].copy_from_slice(values);
+            }
+        }
+    }
+    expected
+}
+
 #[test]
 fn judge_agrees_with_its_twin() {
-    // Falls and their prediction are sums in another order: a decision that depends on their last digits cannot be compared. Least
-    // distance of the ratios from a limit.
-    const CLEAR: f64 = 1e-3;
     let Some(device) = gpu("judge_agrees_with_its_twin") else { return };
     let candidates = candidates();
     let mut lab = Lab::new(&device, &candidates, CAPACITY, SMALL, truncated_counts);
-    let (batch, limits) = (lab.batch, Limits::<f32>::new(&lab.settings, Transcription::Momentum));
+    let limits = Limits::<f32>::new(&lab.settings, Transcription::Momentum);
     let mut outcomes: BTreeMap<&str, usize> = BTreeMap::new();
     for seed in 0..6 {
-        let mut random = Random::new(31 + seed);
+        let mut random = Random::new(31 + seed as u64);
         let mut before = lab.poisoned();
         states(&lab, &mut before, &[STEP, CLOSE, SHORTER, EXACT, CLOSE, STEP, SHORTER, SOLVED]);
         let mut verdicts = Vec::new();
         for s in 0..lab.slots.len() {
-            let state = before.progress[s].state;
-            let failed = s % 9 == 4;
-            let mut verdict = before.progress[s];
-            // Repeats until the margin is large enough.
-            loop {
-                if state >= ENDED {
-                    break;
-                }
-                let rounds = before.progress[s];
-                before.progress[s] = before_verdict(s + seed as usize, Progress { infeasibility: 1., ..rounds }, &mut random);
-                if s % 4 == 3 {
-                    // Large enough for the logarithms of slacks to decide.
-                    before.progress[s].mu *= 30.;
-                }
-                let flag = lab.flags(s);
-                before.values[flag] = f32::from(failed);
-                let trial = Trial::draw(&lab, s, &mut before, &mut random);
-                verdict = before.progress[s];
-                if failed && state <= CLOSE {
-                    control::damp(&mut verdict);
-                    *outcomes.entry("failed").or_default() += 1;
-                    break;
-                }
-                if state == EXACT {
-                    control::renew(&mut verdict);
-                    *outcomes.entry("exact").or_default() += 1;
-                    break;
-                }
-                // Close to a limit, on either side, or anywhere.
-                let side = [0.95, 1.05][random.index(0..=1)];
-                match random.index(0..=5) {
-                    0 => trial.aim(&lab, s, &mut before, 0.25 * side),
-                    1 => trial.aim(&lab, s, &mut before, 0.7 * side),
-                    2 => trial.aim(&lab, s, &mut before, 0.05 * (side - 1.)),
-                    3 => {
-                        trial.aim(&lab, s, &mut before, -0.1);
-                        let gap = falls(&lab, s, &before)[2];
-                        before.progress[s].infeasibility = (gap / (0.3 * 0.05) * side) as f32;
-                    }
-                    _ => {}
-                }
-                verdict = before.progress[s];
-                let [fall, predicted, gap, smoothed] = falls(&lab, s, &before);
-                let wide = Progress { state, infeasibility: f64::from(verdict.infeasibility), ..Progress::<f64>::default() };
-                let model = 0.3 * predicted.max(0.05 * wide.infeasibility);
-                let size = fall.abs() + predicted.abs() + gap + smoothed.abs();
-                let near = |a: f64, b: f64| (a - b).abs() <= CLEAR * size;
-                if [0., 0.25, 0.7].iter().any(|limit| near(fall, limit * predicted)) || near(predicted, 0.) || near(gap, model) {
-                    continue;
-                }
-                if control::acceptable(&wide, fall, predicted, gap) {
-                    let ratio = if predicted > 0. { fall / predicted } else { 0. };
-                    control::accept(&mut verdict, &limits, ratio as f32);
-                    let why = ["taken at ratios below 0.25", "between", "above 0.7"][usize::from(ratio > 0.25) + usize::from(ratio > 0.7)];
-                    *outcomes.entry(why).or_default() += 1;
-                    if fall < 0. {
-                        *outcomes.entry("taken near the linear model").or_default() += 1;
-                    }
-                } else {
-                    control::refuse(&mut verdict);
-                    let what = match verdict.state {
-                        SHORTER => "shortened",
-                        control::STALLED => "stalled",
-                        STEP if state == CLOSE => "back to the barrier",
-                        _ => "refused",
-                    };
-                    *outcomes.entry(what).or_default() += 1;
-                }
-                break;
-            }
-            verdicts.push((verdict, failed));
+            let (verdict, names) = draw_verdict(&lab, &limits, s, seed, &mut before, &mut random);
+            verdicts.push(verdict);
+            names.into_iter().for_each(|name| *outcomes.entry(name).or_default() += 1);
         }
         for list in lab.lists() {
             let got = lab.run(Shader::Judge, &list, &before);
-            let mut expected = Expected { state: before.clone(), sizes: BTreeMap::new() };
-            for &s in &list {
-                let s = s as usize;
-                let (verdict, failed) = verdicts[s];
-                let state = &mut expected.state;
-                let progress = state.progress[s];
-                let taken =
-                    matches!(progress.state, STEP | SHORTER) && !(failed && progress.state == STEP) && verdict.current != progress.current;
-                state.progress[s] = verdict;
-                if taken {
-                    let mut slacks = slacks(&lab, s, state);
-                    judge::update_slacks(&mut slacks, Lengths { primal: progress.length, dual: progress.dual_length });
-                    for (array, values) in [(batch.slack, &slacks.slack), (batch.multiplier, &slacks.multiplier)] {
-                        let at = lab.of_inequalities(s, array);
-                        state.values[at].copy_from_slice(values);
-                    }
-                }
-            }
-            lab.check(Shader::Judge, &got, &expected, |name| match name {
+            lab.check(Shader::Judge, &got, &judged(&lab, &before, &list, &verdicts), |name| match name {
                 "slack" | "multiplier" | "eps" | "closing_eps" | "closing_below" | "length" | "dual_length" => ARITHMETIC,
                 _ => 0.,
             });
         }
     }
     eprintln!("verdicts: {outcomes:?}");
-    for what in [
-        "failed",
-        "exact",
-        "taken at ratios below 0.25",
-        "between",
-        "above 0.7",
-        "taken near the linear model",
-        "shortened",
-        "back to the barrier",
-        "refused",
-        "stalled",
-    ] {
+    for what in OUTCOMES {
         assert!(outcomes.get(what).is_some_and(|n| *n > 2), "no verdict {what:?} among {outcomes:?}");
     }
 }

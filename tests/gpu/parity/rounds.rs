@@ -2,7 +2,7 @@
 
 use super::ARITHMETIC;
 use super::candidates::{EDGE_RADIUS, candidates};
-use super::lab::{CAPACITY, Expected, Lab, SMALL, fill, gpu};
+use super::lab::{CAPACITY, Expected, Lab, SMALL, State, fill, gpu};
 use super::solver::{barrier_state, limits, slacks};
 use crate::common::Random;
 use cregopt::backend::gpu::shaders::Shader;
@@ -12,6 +12,80 @@ use std::collections::BTreeMap;
 
 /// First barrier parameter.
 const BARRIER: f32 = 0.05;
+
+/// Random state of a candidate before its first round.
+fn prepare(lab: &Lab, s: usize, before: &mut State, random: &mut Random) {
+    for half in [0, 1] {
+        let (c, g) = (lab.c(s, half), lab.g(s, half));
+        before.values[c].fill(0.);
+        before.values[g].fill(-1.);
+        let x = lab.x(s, half);
+        fill(&mut before.values, x, random, -1., 1.);
+    }
+    barrier_state(lab, s, before, random, false);
+    for array in [lab.batch.scaling, lab.batch.smoothing, lab.batch.initial] {
+        fill(&mut before.values, lab.of_variables(s, array), random, 0., 1.);
+    }
+    before.progress[s] = Progress {
+        current: s as u32 % 2,
+        hopeless: [20., f32::MAX][s % 2],
+        ..Progress::first(&limits(lab, s), BARRIER, if s % 3 == 0 { 0. } else { EDGE_RADIUS as f32 })
+    };
+}
+
+/// Infeasibility of the next round: the one that follows from the rate; now and then a limit, hit exactly or nearly, or NaN; more often in the
+/// states in which it matters.
+fn infeasibility(lab: &Lab, progress: &Progress<f32>, follows: f32, round: usize, random: &mut Random) -> f32 {
+    let closing = progress.state == CLOSE;
+    let special = [lab.settings.closing as f32, lab.settings.tolerance as f32, 0.1 * progress.closing_from, progress.closing_below];
+    let special = special[random.index(usize::from(closing)..=3)];
+    match random.index(if closing { 0..=5 } else { 0..=11 }) {
+        0 => special,
+        1 => special * [0.999999, 1.000001, 0.5][random.index(0..=2)],
+        2 if round > 20 => [f32::NAN, f32::INFINITY, 1e-9][random.index(0..=2)],
+        _ => follows,
+    }
+}
+
+/// Two residuals with a given infeasibility, whose sum does not depend on order or fusing: the second, which another invocation adds, compensates
+/// for the rounding of the first.
+fn residuals_of(f: f32) -> [f32; 2] {
+    let mut c = (2. * f).sqrt();
+    if c * c > 2. * f {
+        c = c.next_down();
+    }
+    let g = if f.is_finite() { (2. * f - c * c).sqrt() } else { 0. };
+    [c, g]
+}
+
+/// Takes a step or refuses it, and clears the residuals for the next round. A slot that ended is filled again, with `true`: its ring has values of
+/// another candidate.
+fn go_on(lab: &Lab, s: usize, before: &mut State, random: &mut Random) -> bool {
+    let progress = &mut before.progress[s];
+    let mut again = false;
+    match progress.state {
+        STEP | CLOSE => {
+            if progress.state == STEP && random.index(0..=2) == 0 {
+                control::refuse(progress);
+            }
+            progress.length = random.between(0.05, 1.) as f32;
+            control::accept(progress, &limits(lab, s), [0.1, 0.5, 0.9][random.index(0..=2)]);
+        }
+        EXACT => control::renew(progress),
+        _ => {
+            let eps = if s.is_multiple_of(2) { 0. } else { 0.04 };
+            *progress = Progress { current: progress.current, ..Progress::first(&limits(lab, s), BARRIER, eps) };
+            again = true;
+        }
+    }
+    for half in [0, 1] {
+        let (c, g) = (lab.c(s, half), lab.g(s, half));
+        before.values[c].fill(0.);
+        before.values[g].fill(-1.);
+    }
+    assert!(before.progress[s].current < 2);
+    again
+}
 
 #[test]
 fn weights_begins_rounds_as_its_twin_does() {
@@ -26,24 +100,7 @@ fn weights_begins_rounds_as_its_twin_does() {
     let n = lab.slots.len();
     // Infeasibilities as the twin keeps them, newest last.
     let mut histories: Vec<Vec<f32>> = vec![Vec::new(); n];
-    for s in 0..n {
-        for half in [0, 1] {
-            let (c, g) = (lab.c(s, half), lab.g(s, half));
-            before.values[c].fill(0.);
-            before.values[g].fill(-1.);
-            let x = lab.x(s, half);
-            fill(&mut before.values, x, &mut random, -1., 1.);
-        }
-        barrier_state(&lab, s, &mut before, &mut random, false);
-        for array in [batch.scaling, batch.smoothing, batch.initial] {
-            fill(&mut before.values, lab.of_variables(s, array), &mut random, 0., 1.);
-        }
-        before.progress[s] = Progress {
-            current: s as u32 % 2,
-            hopeless: [20., f32::MAX][s % 2],
-            ..Progress::first(&limits(&lab, s), BARRIER, if s % 3 == 0 { 0. } else { EDGE_RADIUS as f32 })
-        };
-    }
+    (0..n).for_each(|s| prepare(&lab, s, &mut before, &mut random));
     let multipliers: Vec<f32> = (0..n).map(|s| largest(&slacks(&lab, s, &before).multiplier)).collect();
     // Factor by which the infeasibility of each candidate falls per round; some rest.
     let rates: Vec<f64> = (0..n).map(|_| [1., 0.98, 0.9, 0.7, 0.4, 0.09, 1.05][random.index(0..=6)]).collect();
@@ -55,22 +112,8 @@ fn weights_begins_rounds_as_its_twin_does() {
             let s = s as usize;
             let progress = before.progress[s];
             let last = histories[s].last().copied().map_or(10f64.powf(random.between(-1., 2.)), f64::from);
-            // Now and then a limit, hit exactly or nearly, or NaN; more often in the states in which it matters.
-            let special = [lab.settings.closing as f32, tolerance, 0.1 * progress.closing_from, progress.closing_below];
-            let special = if progress.state == CLOSE { special[random.index(1..=3)] } else { special[random.index(0..=3)] };
-            let f = match random.index(if progress.state == CLOSE { 0..=5 } else { 0..=11 }) {
-                0 => special,
-                1 => special * [0.999999, 1.000001, 0.5][random.index(0..=2)],
-                2 if round > 20 => [f32::NAN, f32::INFINITY, 1e-9][random.index(0..=2)],
-                _ => (last * rates[s]) as f32,
-            };
-            // Two residuals whose sum does not depend on order or fusing: the second, which another invocation adds, compensates for the
-            // rounding of the first.
-            let mut c = (2. * f).sqrt();
-            if c * c > 2. * f {
-                c = c.next_down();
-            }
-            let g = if f.is_finite() { (2. * f - c * c).sqrt() } else { 0. };
+            let f = infeasibility(&lab, &progress, (last * rates[s]) as f32, round, &mut random);
+            let [c, g] = residuals_of(f);
             for state in [&mut before, &mut expected.state] {
                 let (c_at, g_at) = (lab.c(s, progress.current).start, lab.g(s, progress.current).start + 1);
                 state.values[c_at] = c;
@@ -115,32 +158,9 @@ fn weights_begins_rounds_as_its_twin_does() {
         before.progress.copy_from_slice(&expected.state.progress);
         for &s in &list {
             let s = s as usize;
-            let progress = &mut before.progress[s];
-            match progress.state {
-                STEP | CLOSE => {
-                    if progress.state == STEP && random.index(0..=2) == 0 {
-                        control::refuse(progress);
-                    }
-                    progress.length = random.between(0.05, 1.) as f32;
-                    control::accept(progress, &limits(&lab, s), [0.1, 0.5, 0.9][random.index(0..=2)]);
-                }
-                EXACT => control::renew(progress),
-                _ => {
-                    // The slot is filled again; its ring has values of another candidate.
-                    *progress = Progress {
-                        current: progress.current,
-                        ..Progress::first(&limits(&lab, s), BARRIER, if s.is_multiple_of(2) { 0. } else { 0.04 })
-                    };
-                    histories[s].clear();
-                }
+            if go_on(&lab, s, &mut before, &mut random) {
+                histories[s].clear();
             }
-            let progress = before.progress[s];
-            for half in [0, 1] {
-                let (c, g) = (lab.c(s, half), lab.g(s, half));
-                before.values[c].fill(0.);
-                before.values[g].fill(-1.);
-            }
-            assert!(progress.current < 2);
         }
     }
     eprintln!("states begun: {seen:?}");

@@ -146,109 +146,105 @@ pub fn row_sizes(lab: &Lab, s: usize, expected: &mut Expected, g: &[f32], slacks
     }
 }
 
+/// Random inputs of `weights`: a state at the begin of a round, residuals, slacks and variables.
+fn prepare_weights(lab: &Lab, s: usize, state: &mut State, random: &mut Random) {
+    let progress = &mut state.progress[s];
+    let half = progress.current;
+    let attempts = progress.attempts;
+    *progress = Progress {
+        state: progress.state,
+        current: half,
+        attempts,
+        factorisations: s as u32,
+        recorded: s as u32,
+        // The window is never full; the stall rule has a test of its own.
+        stall_from: s as u32,
+        iterations: s as u32 / 2,
+        infeasibility: if attempts == 0 { POISON } else { 3. },
+        mu: random.between(1e-3, 0.1) as f32,
+        smoothing: random.between(0.01, 0.1) as f32,
+        eps: 3e-4,
+        closing_eps: 7e-5,
+        // Closes after refused attempts, and the first of the rest.
+        hopeless: progress.hopeless,
+        ..Progress::first(&limits(lab, s), progress.barrier, progress.edge_radius)
+    };
+    if progress.state == EXACT {
+        // Rows become exact only before a round.
+        progress.attempts = 0;
+    }
+    // A few are near the end: most of their rows hold.
+    let near = s % 5 == 0;
+    residuals(lab, s, half, state, random, if near { 1e-6 } else { 1. });
+    if near {
+        let quiet = lab.g(s, half);
+        state.values[quiet].iter_mut().for_each(|g| *g = if *g > 0. { *g } else { *g - 0.1 });
+    }
+    barrier_state(lab, s, state, random, false);
+    fill(&mut state.values, lab.of_variables(s, lab.batch.scaling), random, 0.01, 30.);
+    for array in [lab.batch.smoothing, lab.batch.initial] {
+        fill(&mut state.values, lab.of_variables(s, array), random, 0., 1.);
+    }
+    fill(&mut state.values, lab.x(s, half), random, -2., 2.);
+}
+
+/// Expected results of `weights`: progress, and the weights and gradients of rows and variables.
+fn weights_of_twin(lab: &Lab, s: usize, expected: &mut Expected) {
+    let (batch, layout) = (&lab.batch, &lab.slots[s].layout);
+    let state = &mut expected.state;
+    let mut progress = state.progress[s];
+    if progress.ended() {
+        return;
+    }
+    let half = progress.current;
+    let (c, g) = (state.values[lab.c(s, half)].to_vec(), state.values[lab.g(s, half)].to_vec());
+    if progress.attempts == 0 {
+        let f = judge::infeasibility(&c, &g);
+        let ring = lab.range(s, batch.history, 0).start + progress.recorded as usize % lab.settings.stall.window;
+        let largest = largest(&slacks(lab, s, state).multiplier);
+        control::begin(&mut progress, &limits(lab, s), f, POISON, largest, f < lab.settings.tolerance as f32);
+        if progress.state != EXACT {
+            state.values[ring] = f;
+        }
+    }
+    progress.factorisations += u32::from(progress.state <= CLOSE);
+    state.progress[s] = progress;
+    if progress.state == EXACT {
+        let (from, to) = (lab.of_variables(s, batch.x + half * batch.x_half), lab.x(s, 1 - half).start);
+        state.values.copy_within(from, to);
+    }
+    if progress.state > CLOSE {
+        return;
+    }
+    let slacks = slacks(lab, s, state);
+    let aim = Aim::predictor();
+    let (mut weight, mut value) = (vec![f32::NAN; layout.rows], vec![f32::NAN; layout.rows]);
+    if progress.state == CLOSE {
+        weights::closing_rows(layout, &c, &g, &mut weight, &mut value);
+    } else {
+        weights::barrier_rows(layout, &c, &g, &slacks, aim, &mut weight, &mut value);
+    }
+    let of = |array| state.values[lab.of_variables(s, array)].to_vec();
+    let (scaling, smoothing, x, initial) = (of(batch.scaling), of(batch.smoothing), of(batch.x + half * batch.x_half), of(batch.initial));
+    let (mut diagonal, mut gradient) = (vec![f32::NAN; layout.variables], vec![f32::NAN; layout.variables]);
+    weights::variable_terms(&scaling, progress.proximal(), &smoothing, progress.smoothing, &x, &initial, &mut diagonal, &mut gradient);
+    state.values[lab.of_rows(s, batch.weight)].copy_from_slice(&weight);
+    state.values[lab.of_rows(s, batch.value)].copy_from_slice(&value);
+    state.values[lab.of_variables(s, batch.diagonal)].copy_from_slice(&diagonal);
+    state.values[lab.of_variables(s, batch.gradient)].copy_from_slice(&gradient);
+    if progress.state == STEP {
+        row_sizes(lab, s, expected, &g, &slacks, aim);
+    }
+}
+
 #[test]
 fn weights_agrees_with_its_twin() {
     solver_step(
         Shader::Weights,
         &[STEP, CLOSE, STEP, SOLVED, CLOSE, SHORTER, EXACT],
         |_, _| {},
-        |lab, s, state, random| {
-            let progress = &mut state.progress[s];
-            let half = progress.current;
-            let attempts = progress.attempts;
-            *progress = Progress {
-                state: progress.state,
-                current: half,
-                attempts,
-                factorisations: s as u32,
-                recorded: s as u32,
-                // The window is never full; the stall rule has a test of its own.
-                stall_from: s as u32,
-                iterations: s as u32 / 2,
-                infeasibility: if attempts == 0 { POISON } else { 3. },
-                mu: random.between(1e-3, 0.1) as f32,
-                smoothing: random.between(0.01, 0.1) as f32,
-                eps: 3e-4,
-                closing_eps: 7e-5,
-                // Closes after refused attempts, and the first of the rest.
-                hopeless: progress.hopeless,
-                ..Progress::first(&limits(lab, s), progress.barrier, progress.edge_radius)
-            };
-            if progress.state == EXACT {
-                // Rows become exact only before a round.
-                progress.attempts = 0;
-            }
-            // A few are near the end: most of their rows hold.
-            let near = s % 5 == 0;
-            residuals(lab, s, half, state, random, if near { 1e-6 } else { 1. });
-            if near {
-                let quiet = lab.g(s, half);
-                state.values[quiet].iter_mut().for_each(|g| *g = if *g > 0. { *g } else { *g - 0.1 });
-            }
-            barrier_state(lab, s, state, random, false);
-            fill(&mut state.values, lab.of_variables(s, lab.batch.scaling), random, 0.01, 30.);
-            for array in [lab.batch.smoothing, lab.batch.initial] {
-                fill(&mut state.values, lab.of_variables(s, array), random, 0., 1.);
-            }
-            fill(&mut state.values, lab.x(s, half), random, -2., 2.);
-        },
-        |lab, s, _, expected| {
-            let (batch, layout) = (&lab.batch, &lab.slots[s].layout);
-            let state = &mut expected.state;
-            let mut progress = state.progress[s];
-            if progress.ended() {
-                return;
-            }
-            let half = progress.current;
-            let (c, g) = (state.values[lab.c(s, half)].to_vec(), state.values[lab.g(s, half)].to_vec());
-            if progress.attempts == 0 {
-                let f = judge::infeasibility(&c, &g);
-                let ring = lab.range(s, batch.history, 0).start + progress.recorded as usize % lab.settings.stall.window;
-                let largest = largest(&slacks(lab, s, state).multiplier);
-                control::begin(&mut progress, &limits(lab, s), f, POISON, largest, f < lab.settings.tolerance as f32);
-                if progress.state != EXACT {
-                    state.values[ring] = f;
-                }
-            }
-            progress.factorisations += u32::from(progress.state <= CLOSE);
-            state.progress[s] = progress;
-            if progress.state == EXACT {
-                let (from, to) = (lab.of_variables(s, batch.x + half * batch.x_half), lab.x(s, 1 - half).start);
-                state.values.copy_within(from, to);
-            }
-            if progress.state > CLOSE {
-                return;
-            }
-            let slacks = slacks(lab, s, state);
-            let aim = Aim::predictor();
-            let (mut weight, mut value) = (vec![f32::NAN; layout.rows], vec![f32::NAN; layout.rows]);
-            if progress.state == CLOSE {
-                weights::closing_rows(layout, &c, &g, &mut weight, &mut value);
-            } else {
-                weights::barrier_rows(layout, &c, &g, &slacks, aim, &mut weight, &mut value);
-            }
-            let of = |array| state.values[lab.of_variables(s, array)].to_vec();
-            let (scaling, smoothing, x, initial) =
-                (of(batch.scaling), of(batch.smoothing), of(batch.x + half * batch.x_half), of(batch.initial));
-            let (mut diagonal, mut gradient) = (vec![f32::NAN; layout.variables], vec![f32::NAN; layout.variables]);
-            weights::variable_terms(
-                &scaling,
-                progress.proximal(),
-                &smoothing,
-                progress.smoothing,
-                &x,
-                &initial,
-                &mut diagonal,
-                &mut gradient,
-            );
-            state.values[lab.of_rows(s, batch.weight)].copy_from_slice(&weight);
-            state.values[lab.of_rows(s, batch.value)].copy_from_slice(&value);
-            state.values[lab.of_variables(s, batch.diagonal)].copy_from_slice(&diagonal);
-            state.values[lab.of_variables(s, batch.gradient)].copy_from_slice(&gradient);
-            if progress.state == STEP {
-                row_sizes(lab, s, expected, &g, &slacks, aim);
-            }
-        },
+        prepare_weights,
+        |lab, s, _, expected| weights_of_twin(lab, s, expected),
         |name| match name {
             "infeasibility" | "history" | "closing_from" => SUM,
             "weight" | "value" | "diagonal" | "gradient" | "smoothing" => ARITHMETIC,
