@@ -109,7 +109,7 @@ fn invalid_robot_files_exit_4_and_leave_no_output() {
     fs::write(dir.path().join("binary.urdf"), [0xff, 0xfe, 0x00]).unwrap();
     let cases: &[(&[&str], &[&str])] = &[
         (&["empty.urdf"], &["empty.urdf", "empty"]),
-        (&["half.urdf"], &["half.urdf", "no XML"]),
+        (&["half.urdf"], &["half.urdf", "not XML"]),
         (&["binary.urdf"], &["binary.urdf", "UTF-8"]),
         (&["none.urdf"], &["none.urdf"]),
         (&["/dev/zero"], &["/dev/zero", "67108864"]),
