@@ -118,8 +118,8 @@ fn falls(lab: &Lab, s: usize, state: &State) -> [f64; 4] {
     [fall + smoothed, predicted + smoothed, gap, smoothed]
 }
 
-/// Least distance of a fall from a limit, relative to the sizes of the falls. Falls and their prediction are sums in another order: a decision that
-/// depends on their last digits cannot be compared.
+/// Least distance of a fall from a limit, relative to the sizes of the falls. Falls and their prediction are sums in another order: a
+/// decision that depends on their last digits cannot be compared.
 const CLEAR: f64 = 1e-3;
 
 /// Names of the verdicts, each of which must occur.

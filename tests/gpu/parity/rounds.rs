@@ -33,8 +33,8 @@ fn prepare(lab: &Lab, s: usize, before: &mut State, random: &mut Random) {
     };
 }
 
-/// Infeasibility of the next round: the one that follows from the rate; now and then a limit, hit exactly or nearly, or NaN; more often in the
-/// states in which it matters.
+/// Infeasibility of the next round: the one that follows from the rate; now and then a limit, hit exactly or nearly, or NaN; more often
+/// in the states in which it matters.
 fn infeasibility(lab: &Lab, progress: &Progress<f32>, follows: f32, round: usize, random: &mut Random) -> f32 {
     let closing = progress.state == CLOSE;
     let special = [lab.settings.closing as f32, lab.settings.tolerance as f32, 0.1 * progress.closing_from, progress.closing_below];
@@ -47,8 +47,8 @@ fn infeasibility(lab: &Lab, progress: &Progress<f32>, follows: f32, round: usize
     }
 }
 
-/// Two residuals with a given infeasibility, whose sum does not depend on order or fusing: the second, which another invocation adds, compensates
-/// for the rounding of the first.
+/// Two residuals with a given infeasibility, whose sum does not depend on order or fusing: the second, which another invocation adds,
+/// compensates for the rounding of the first.
 fn residuals_of(f: f32) -> [f32; 2] {
     let mut c = (2. * f).sqrt();
     if c * c > 2. * f {
@@ -58,8 +58,8 @@ fn residuals_of(f: f32) -> [f32; 2] {
     [c, g]
 }
 
-/// Takes a step or refuses it, and clears the residuals for the next round. A slot that ended is filled again, with `true`: its ring has values of
-/// another candidate.
+/// Takes a step or refuses it, and clears the residuals for the next round. A slot that ended is filled again, with `true`: its ring has
+/// values of another candidate.
 fn go_on(lab: &Lab, s: usize, before: &mut State, random: &mut Random) -> bool {
     let progress = &mut before.progress[s];
     let mut again = false;
