@@ -9,7 +9,7 @@ use crate::reference::workers::Workers;
 use crate::robot::{ROBOTS, Robot};
 use crate::scenario::Scenario;
 use crate::search::evaluate::LowerSettings;
-use crate::settings::{Legs, SolverSettings, Transcription, TranscriptionSettings};
+use crate::settings::{Legs, SolverSettings, Transcription, TranscriptionSettings, present_name};
 use crate::task::{Goal, Task};
 use crate::terrain::{TERRAINS, Terrain};
 use clap::Args;
@@ -376,7 +376,7 @@ pub fn apply<'a, S: Serialize + DeserializeOwned>(settings: S, prefix: &str, set
         let Some((key, value)) = set.split_once('=') else {
             return Err(Error::invalid("--set", set, "KEY=VALUE"));
         };
-        let pointer = format!("/{}", key.replace('.', "/"));
+        let pointer: String = key.split('.').map(|name| format!("/{}", present_name(name))).collect();
         match tree.pointer_mut(&pointer) {
             Some(slot) if !slot.is_object() => *slot = serde_json::from_str(value).unwrap_or_else(|_| value.into()),
             _ => return Err(Error::Unknown { what: "setting", name: format!("{prefix}{key}"), known: known.join(", ") }),
@@ -404,7 +404,7 @@ fn graft(tree: &mut serde_json::Value, other: serde_json::Value, place: &str) ->
     match (tree, other) {
         (serde_json::Value::Object(own), serde_json::Value::Object(other)) => {
             for (key, value) in other {
-                let Some(slot) = own.get_mut(&key) else {
+                let Some(slot) = own.get_mut(present_name(&key)) else {
                     let known: Vec<&str> = own.keys().map(String::as_str).collect();
                     return Err(Error::Unknown { what: "setting", known: known.join(", "), name: key }.within(place));
                 };
@@ -456,5 +456,20 @@ impl std::str::FromStr for GoalArg {
             Ok(&[x, y, z]) => Ok(GoalArg { xy: [x, y], z: Some(z) }),
             _ => Err("expected X,Y or X,Y,Z in metres".into()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::StallSettings;
+
+    #[test]
+    fn former_names_of_settings_are_read() {
+        let expected = StallSettings { early_termination: 2., ..StallSettings::default() };
+        assert_eq!(apply(StallSettings::default(), "", ["hopeless_above=2"].into_iter()).unwrap(), expected);
+        let table = toml::from_str("hopeless_above = 2").unwrap();
+        assert_eq!(merge(StallSettings::default(), &table, "settings.solver.stall").unwrap(), expected);
+        assert_eq!(serde_json::from_str::<StallSettings>(r#"{ "hopeless_above": 2 }"#).unwrap(), expected);
     }
 }
