@@ -16,6 +16,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
+//! A [`Mission`] adds waypoints, checks before a search and a diagnosis after one that found no gait; see [`app`] for an example.
 //! [`Evaluate`] solves gaits of the caller's, and [`verify()`] is the check that shares nothing with the solver.
 //!
 //! # What is solved
@@ -92,6 +93,7 @@
 //! 5. M. Posa, C. Cantu, R. Tedrake, "A Direct Method for Trajectory Optimization of Rigid Bodies Through Contact", IJRR 33(1), 2014: the
 //!    contact-implicit baseline.
 
+pub mod app;
 #[doc(hidden)]
 pub mod backend;
 #[cfg(feature = "cli")]
@@ -102,8 +104,9 @@ pub mod error;
 #[cfg(feature = "experiment")]
 #[doc(hidden)]
 pub mod experiment;
-#[cfg(feature = "cli")]
 pub mod export;
+#[doc(hidden)]
+pub mod files;
 pub mod gait;
 #[doc(hidden)]
 pub mod linear;
@@ -134,9 +137,10 @@ pub mod verify;
 #[doc(hidden)]
 pub mod view;
 
+pub use app::{Mission, ProgressEvent, Request, Stage, Waypoint};
 #[cfg(feature = "gpu")]
 pub use backend::Gpu;
-pub use backend::{Backend, Cpu};
+pub use backend::{Backend, Cpu, DeviceChoice};
 pub use error::{Error, Result};
 pub use gait::{Schedule, Trajectory};
 pub use robot::Robot;

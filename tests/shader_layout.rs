@@ -7,7 +7,7 @@ use common::{Random, cones, gait, hills, layout_with, spider, task, task_for, tr
 use cregopt::backend::gpu::shaders::{
     Binding, SHARED, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP, bindings, constants, prelude, reads,
 };
-use cregopt::backend::gpu::tables::{Batch, Buffer, FrontStep, Part, ShaderTables, Shape, Slot};
+use cregopt::backend::tables::{Batch, Buffer, FrontStep, Part, ShaderTables, Shape, Slot};
 use cregopt::linear::transposed::transposed_times;
 use cregopt::nlp::Layout;
 use cregopt::nlp::layout::Element;

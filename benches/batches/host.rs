@@ -1,6 +1,6 @@
 //! What a candidate costs the host, by part, on one thread and with no device: what remains when a device solves in no time.
 
-use cregopt::backend::gpu::tables::ShaderTables;
+use cregopt::backend::tables::ShaderTables;
 use cregopt::gait::cost::{CostWeights, cost};
 use cregopt::gait::{AlignedSchedule, Schedule};
 use cregopt::nlp::transcription::{force_limit, interval};

@@ -1,9 +1,13 @@
 //! Where a population is solved.
 
+pub mod choose;
 mod cpu;
 #[cfg(feature = "gpu")]
 pub mod gpu;
+#[cfg(feature = "gpu")]
+pub mod tables;
 
+pub use choose::DeviceChoice;
 pub use cpu::Cpu;
 #[cfg(feature = "gpu")]
 pub use gpu::Gpu;
@@ -95,6 +99,11 @@ impl std::fmt::Display for Fallback {
 pub trait Backend: Send + Sync {
     /// Name of the device, for results.
     fn device(&self) -> String;
+
+    /// Choice that opens this device again; `auto` if no choice does.
+    fn choice(&self) -> DeviceChoice {
+        DeviceChoice::Auto
+    }
 
     /// What it could not do itself so far.
     fn fallback(&self) -> Option<Fallback> {

@@ -5,7 +5,7 @@ use super::motion::{Trajectory, table};
 use super::world::Robot;
 use crate::cli::args::World;
 use crate::cli::held::robot_of;
-use crate::report::joints::{JointMotion, JointSample, follow};
+use crate::gait::joints::{JointMotion, JointSample, follow};
 use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::prelude::*;
 

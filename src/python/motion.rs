@@ -8,7 +8,7 @@ use crate::cli::args::World;
 use crate::cli::held::{Asked, Held, robot_of, terrain_of};
 use crate::error::Result;
 use crate::export::Sampled;
-use crate::report::files;
+use crate::files;
 use crate::report::samples::{FootSample, Sample};
 use crate::verify::Report;
 use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods};

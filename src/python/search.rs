@@ -15,7 +15,7 @@ use crate::cli::solve::{Solve, text};
 use crate::cli::to_json;
 use crate::cli::view::{Found, said, scene};
 use crate::error::{Error, Result, from_value};
-use crate::report::files;
+use crate::files;
 use crate::report::motion_plot;
 use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;

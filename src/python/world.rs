@@ -8,7 +8,7 @@ use crate::cli::leg::Way;
 use crate::cli::scenario_file::{ScenarioFile, Start, of_state};
 use crate::cli::solve::Solve;
 use crate::error::Error;
-use crate::report::files;
+use crate::files;
 use crate::robot::import::{Import, Imported};
 use crate::scenario::Scenario;
 use crate::task::Goal;

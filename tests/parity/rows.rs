@@ -5,7 +5,7 @@ use crate::lab::{CAPACITY, Expected, Lab, SMALL, State, gpu, states, stem};
 use crate::{ARITHMETIC, CURVED, DEVIATION, TRIGONOMETRY, common};
 use cregopt::backend::gpu::Prepared;
 use cregopt::backend::gpu::shaders::Shader;
-use cregopt::backend::gpu::tables::Slot as Counts;
+use cregopt::backend::tables::Slot as Counts;
 use cregopt::rows::momentum::Deviation;
 use cregopt::rows::{Shared, acceleration, cone, dynamics, footing, force, ground, momentum, reach, stride, swing};
 use cregopt::solver::control::{CLOSE, ENDED, EXACT, SHORTER, SOLVED, STEP};

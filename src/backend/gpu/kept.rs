@@ -2,7 +2,7 @@
 //! it should be, is made anew, and what cannot be written is left.
 
 use crate::backend::locked;
-use crate::report::files;
+use crate::files;
 use etcetera::BaseStrategy;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::PathBuf;

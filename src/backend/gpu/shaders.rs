@@ -28,7 +28,7 @@
 //! merit and in the stall rule, it asks 3 units, but 2^-21 absolute between 0.5 and 2, where slacks that hardly change have their ratios: times
 //! the barrier parameter, 2.4e-8 a row at its default. Adapters tested are within 1.9e-7, that is 1e-8 a row.
 
-use super::tables::{Batch, Buffer, Part, kind};
+use crate::backend::tables::{Batch, Buffer, Part, kind};
 use crate::robot::GRAVITY;
 use crate::rows::momentum::{INNER_POINTS, MOMENTUM_POINTS};
 use crate::rows::table::{NONE, Wgsl};
