@@ -284,7 +284,7 @@ def test_what_workers_solve_is_what_one_process_solves(task: cregopt.Task, searc
         for first in range(0, len(schedules), 5):
             yield first, _cregopt.solve_chunk(task, told, schedules[first : first + 5], "cpu", 1)
 
-    found = _cregopt.search(task, _search.asked(**BROAD), None, ("workers", solve))
+    found = _cregopt.search(task, _search.asked(**BROAD), None, ("cpu", "workers", solve))
     assert_same_search(found, searched)
     assert found.to_dict().get("fallback") is None
 
@@ -292,7 +292,7 @@ def test_what_workers_solve_is_what_one_process_solves(task: cregopt.Task, searc
         for first, (answers, _) in solve(task, told, schedules):
             yield first, (answers, (len(answers), "the device was lost"))
 
-    found = _cregopt.search(task, _search.asked(**BROAD), None, ("workers", without_gpu))
+    found = _cregopt.search(task, _search.asked(**BROAD), None, ("cpu", "workers", without_gpu))
     assert found.trajectory.to_json() == searched.trajectory.to_json()
     fallback = found.to_dict()["fallback"]
     assert fallback["candidates"] >= 24 and fallback["reason"] == "the device was lost"

@@ -76,6 +76,7 @@ class Task:
         yaw: Optional[float] = None,
         start: Optional[Union[_Place, Trajectory, Gait]] = None,
         start_yaw: Optional[float] = None,
+        *,
         force_limit: Optional[float] = None,
         via: Optional[Union[Sequence[_Place], _Floats]] = None,
     ) -> Task: ...
@@ -251,7 +252,7 @@ _Solved = tuple[list[_Answer], Optional[tuple[int, str]]]
 _Solve = Callable[[Task, str, list[list[list[float]]]], Iterator[Optional[tuple[int, _Solved]]]]
 
 def search(
-    task: Task, options: Mapping[str, Any], progress: _Progress = None, workers: Optional[tuple[str, _Solve]] = None
+    task: Task, options: Mapping[str, Any], progress: _Progress = None, workers: Optional[tuple[str, str, _Solve]] = None
 ) -> Gait: ...
 def solve_chunk(task: Task, told: str, schedules: Sequence[Sequence[Sequence[float]]], on: str, threads: int) -> _Solved: ...
 def solve(path: _Path, out: Optional[_Path] = None, progress: _Progress = None) -> list[Gait]: ...

@@ -174,7 +174,7 @@ def search(
 
     name = f"{cluster.device}, Ray's workers of {cpus} threads"
     with watched(progress) as tell:
-        return _cregopt.search(task, _search.asked(seed=seed, **options), tell, (name, solve))
+        return _cregopt.search(task, _search.asked(seed=seed, **options), tell, (cluster.device, name, solve))
 
 
 def sweep(
