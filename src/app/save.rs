@@ -41,7 +41,8 @@ pub fn left_over(out: &Path, searched: usize, count: usize) -> Vec<PathBuf> {
 }
 
 impl Stage {
-    /// Writes `result.json`, `scenario.toml`, and a trajectory file for each gait. Trajectory files of an earlier run beyond these are removed.
+    /// Writes `result.json`, `scenario.toml`, and a trajectory file for each gait. Trajectory files of an earlier run beyond these are
+    /// removed.
     ///
     /// # Errors
     /// [`Error::Io`] when the system refuses.

@@ -192,7 +192,7 @@ fn motion_text(state: Option<&BaseState>) -> String {
 /// Robot given by the user, else that of the file, else that of its scenario; and its source.
 ///
 /// # Errors
-/// For an unknown or invalid robot, and if there is none.
+/// For an unknown or invalid robot, and if none of the three has a robot.
 pub fn robot_of(world: &World, trajectory: &Trajectory) -> Result<(Arc<Robot>, &'static str)> {
     match (world.robot(trajectory.scenario.as_deref()), &trajectory.robot) {
         (Some(robot), _) => Ok((robot, "given")),
@@ -205,7 +205,7 @@ pub fn robot_of(world: &World, trajectory: &Trajectory) -> Result<(Arc<Robot>, &
 /// Terrain given by the user, else that of the file, else that of its scenario; and its source.
 ///
 /// # Errors
-/// For an unknown or invalid terrain, and if there is none.
+/// For an unknown or invalid terrain, and if none of the three has a terrain.
 pub fn terrain_of(world: &World, trajectory: &Trajectory) -> Result<(Arc<Terrain>, &'static str)> {
     match (world.terrain(trajectory.scenario.as_deref()), &trajectory.terrain) {
         (Some(terrain), _) => Ok((terrain, "given")),

@@ -23,10 +23,12 @@ pub struct Experiment {
     /// Folder for raw runs, tables and plots. Runs that it has already are not repeated
     #[arg(long, value_name = "DIR", default_value = "experiments")]
     out: PathBuf,
-    /// Representative part, in minutes: 5 of 20 targets or replicates; experiment 3: 2 of 10 replicates, 10 of 50 generations, populations up to 1024
+    /// Representative part, in minutes: 5 of 20 targets or replicates; experiment 3: 2 of 10 replicates, 10 of 50 generations, populations
+    /// up to 1024
     #[arg(long)]
     quick: bool,
-    /// Methods [default: all of the experiment]: cregopt, cregopt-towr, ipopt, towr, contact-implicit, random, random-towr, random-ipopt, no-stall, no-stall-towr
+    /// Methods [default: all of the experiment]: cregopt, cregopt-towr, ipopt, towr, contact-implicit, random, random-towr, random-ipopt,
+    /// no-stall, no-stall-towr
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     methods: Vec<String>,
     /// Largest number of targets (experiment 1) or replicates

@@ -125,7 +125,7 @@ impl From<Error> for Failure {
 
 /// Parses the command line, runs the command and returns the exit code.
 pub fn main() -> ExitCode {
-    // SAFETY: no other thread runs yet. The variable keeps a layer of Mesa from looking for a screen, and from complaining if there is none.
+    // SAFETY: no other thread runs yet. The variable keeps a layer of Mesa from looking for a screen and complaining about a missing one.
     unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
     let cli = Cli::parse();
     log(cli.verbose, cli.quiet);

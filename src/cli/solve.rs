@@ -26,7 +26,8 @@ pub struct Solve {
     /// Target of the scenario, 1 to 20 [default: 10]
     #[arg(long)]
     target: Option<usize>,
-    /// Goal instead of a target, m. Without Z, the base ends at its `base_height` above the ground, or at a height from which all feet reach it
+    /// Goal instead of a target, m. Without Z, the base ends at its `base_height` above the ground, or at a height from which all feet
+    /// reach it
     #[arg(long, value_name = "X,Y[,Z]", allow_hyphen_values = true)]
     goal: Option<GoalArg>,
     /// Waypoint at which the base stops, m; repeatable. Each stage of the mission has a folder of its own: leg-1, leg-2, ...

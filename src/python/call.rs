@@ -54,7 +54,8 @@ impl Event {
     }
 }
 
-/// Runs work on a thread of its own without the interpreter lock. An exception from a signal or from the callback ends the work and is raised.
+/// Runs work on a thread of its own without the interpreter lock. An exception from a signal or from the callback ends the work and is
+/// raised.
 ///
 /// * `progress` - callback that receives a dictionary per event, on the thread of the caller
 /// * `work` - receives the flag that cancels it, and a function that takes its events

@@ -26,8 +26,9 @@ pub struct Joints {
     names: Vec<String>,
     /// True for a joint that turns, False for one that slides, bool, shape (m,).
     turns: Py<PyArray1<bool>>,
-    /// Use of the joint limits, with the keys of ``cregopt robot joints --json``: ``position_margin``, ``velocity``, ``effort`` (each with ``name``,
-    /// ``unit``, ``time``, ``value`` and ``limit``, or None without limits), ``miss`` (largest distance of a foot from its place, m) and ``kept``.
+    /// Use of the joint limits, with the keys of ``cregopt robot joints --json``: ``position_margin``, ``velocity``, ``effort`` (each with
+    /// ``name``, ``unit``, ``time``, ``value`` and ``limit``, or None without limits), ``miss`` (largest distance of a foot from its place,
+    /// m) and ``kept``.
     limits: Py<PyAny>,
     /// True if no limit is exceeded and every foot reaches its place in the motion.
     kept: bool,

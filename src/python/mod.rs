@@ -1,7 +1,7 @@
 //! Python package: the functions of the program, for notebooks and other programs.
 //!
-//! Robots, terrains, tasks, motions and gaits are classes of this module; `cregopt/*.py` has the functions with their options. Options are the
-//! keys of a scenario file and pass the same checks. Descriptions cross the boundary as JSON, samples as arrays.
+//! Robots, terrains, tasks, motions and gaits are classes of this module; `cregopt/*.py` has the functions with their options. Options are
+//! the keys of a scenario file and pass the same checks. Descriptions cross the boundary as JSON, samples as arrays.
 
 mod call;
 mod convert;

@@ -43,10 +43,10 @@ impl Gait {
         self.gait().feasible()
     }
 
-    /// Cost, and the demands on the legs, with the keys of ``cost`` in result.json; None if the gait is not feasible.
+    /// Cost, and the demands on the legs, with the keys of ``cost`` in result.json; None for an infeasible gait.
     ///
-    /// ``total`` is the weighted sum of ``leg_work``, ``swing_work`` and ``effort_cost``, each per weight and distance, so without unit, plus
-    /// ``joint_cost``, the cost of exceeded joint limits for a robot with joints. Further keys:
+    /// ``total`` is the weighted sum of ``leg_work``, ``swing_work`` and ``effort_cost``, each per weight and distance, so without unit,
+    /// plus ``joint_cost``, the cost of exceeded joint limits for a robot with joints. Further keys:
     /// ``effort`` (mean of the squared forces, weights²), ``distance`` (m), ``horizon`` (s), ``peak_force`` (weights), ``tilt`` (degrees),
     /// ``foot_speed`` and ``touch_down_speed`` (m/s), ``foot_acceleration`` (m/s²), ``swing_moment`` (weight times the length of a leg).
     #[getter]
@@ -93,7 +93,7 @@ impl Gait {
         (0..self.before.len()).map(earlier).chain([last]).collect()
     }
 
-    /// Reasons why no gait was found, with the keys of ``diagnosis`` in result.json; None if the gait is feasible.
+    /// Reasons why no gait was found, with the keys of ``diagnosis`` in result.json; None for a feasible gait.
     #[getter]
     fn diagnosis<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         self.stage.diagnosis.as_ref().map(|diagnosis| to_python(py, diagnosis)).transpose()
@@ -133,8 +133,8 @@ impl Gait {
         to_json(&self.stage.result(&self.stage.run())).raise()
     }
 
-    /// Writes result.json, trajectory.json and scenario.toml to a folder, as ``cregopt solve --out`` does; with several stages, to one folder per
-    /// stage: leg-1, leg-2, ... Warns about motions of an earlier gait that remain in the folder.
+    /// Writes result.json, trajectory.json and scenario.toml to a folder, as ``cregopt solve --out`` does; with several stages, to one
+    /// folder per stage: leg-1, leg-2, ... Warns about motions of an earlier gait that remain in the folder.
     fn save(&self, py: Python<'_>, folder: PathBuf) -> PyResult<()> {
         let stages: Vec<&Stage> = self.before.iter().chain([&self.stage]).map(|stage| &**stage).collect();
         let write = |(number, stage): (usize, &&Stage)| {
@@ -181,7 +181,8 @@ impl Gait {
         Ok(path.display().to_string())
     }
 
-    /// Picture of :meth:`plot`, for notebooks. It is embedded as an image, because several SVGs in one document would share the names of their parts.
+    /// Picture of :meth:`plot`, for notebooks. It is embedded as an image, because several SVGs in one document would share the names of
+    /// their parts.
     fn _repr_html_(&self, py: Python<'_>) -> PyResult<String> {
         let svg = py.detach(|| motion_plot::svg(&self.stage.plot(self.gait()))).raise()?;
         let code: String =
@@ -256,7 +257,8 @@ fn take_nulls(tree: &mut Value, path: &str, nulls: &mut Vec<String>) {
 
 /// Searches for the cheapest gait of a task, stage by stage if it has waypoints; `options` has the keys of a scenario file.
 ///
-/// * `workers` - solver that replaces the device of the options: its device (``cpu`` or ``gpu``), its name in results, and [`Workers::solve`]
+/// * `workers` - solver that replaces the device of the options: its device (``cpu`` or ``gpu``), its name in results, and
+///   [`Workers::solve`]
 #[pyfunction]
 #[pyo3(signature = (task, options, progress = None, workers = None))]
 pub fn search(

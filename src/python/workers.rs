@@ -48,7 +48,7 @@ impl Answer {
 
 /// Part of a [`Job`] that workers receive as JSON, apart from the schedules.
 #[derive(Serialize, Deserialize)]
-struct Told {
+struct JobPart {
     lower: LowerSettings,
     certified: bool,
 }
@@ -59,8 +59,9 @@ pub struct Workers<'a> {
     pub choice: DeviceChoice,
     /// Name in results.
     pub device: String,
-    /// Function ``solve(task, told, schedules)``; ``told`` is JSON. It returns an iterator over pairs: an index, and the value of [`solve_chunk`] for
-    /// the schedules from that index on. Pairs come in any order. The iterator also yields None from time to time, so that it can be cancelled.
+    /// Function ``solve(task, part, schedules)``; ``part`` is JSON. It returns an iterator over pairs: an index, and the value of
+    /// [`solve_chunk`] for the schedules from that index on. Pairs come in any order. The iterator also yields None from time to time, so
+    /// that it can be cancelled.
     pub solve: Py<PyAny>,
     /// Threads of this process, which handle the answers.
     pub cpu: Cpu,
@@ -85,11 +86,11 @@ impl Workers<'_> {
     ) -> PyResult<()> {
         let Some(Problem { task, .. }) = problems.first() else { return Ok(()) };
         let lower = LowerSettings { transcription: job.transcription.clone(), solver: job.settings.clone(), precision: job.precision };
-        let told = serde_json::to_string(&Told { lower, certified: job.certified }).map_err(raised)?;
+        let part = serde_json::to_string(&JobPart { lower, certified: job.certified }).map_err(raised)?;
         let schedules: Vec<&[Vec<f64>]> = problems.iter().map(|problem| problem.schedule.durations()).collect();
         let answers = Python::attach(|py| {
             let mission = Mission::new((*task).clone());
-            self.solve.call1(py, (Task(Arc::new(mission)), told, schedules))?.bind(py).try_iter().map(|answers| answers.unbind().into_any())
+            self.solve.call1(py, (Task(Arc::new(mission)), part, schedules))?.bind(py).try_iter().map(|answers| answers.unbind().into_any())
         })?;
         let mut open = vec![true; problems.len()];
         self.pool().in_place_scope(|scope| {
@@ -169,10 +170,10 @@ fn device(name: &str, threads: usize, lower: &LowerSettings) -> crate::Result<Ar
     Ok(device)
 }
 
-/// Solves a chunk of schedules from [`Workers`]. Candidates that will be certified but are not solved are closed in f64, which can take as long as
-/// the solve.
+/// Solves a chunk of schedules from [`Workers`]. Candidates that will be certified but are not solved are closed in f64, which can take as
+/// long as the solve.
 ///
-/// * `told` - JSON from [`Workers`]
+/// * `part` - JSON from [`Workers`]
 /// * `on` - device
 ///
 /// Returns an [`Answer`] per schedule, in order, and the work [`Left`] to the CPU.
@@ -180,14 +181,14 @@ fn device(name: &str, threads: usize, lower: &LowerSettings) -> crate::Result<Ar
 pub fn solve_chunk(
     py: Python<'_>,
     task: &Task,
-    told: &str,
+    part: &str,
     schedules: Vec<Vec<Vec<f64>>>,
     on: &str,
     threads: usize,
 ) -> PyResult<(Vec<Answer>, Left)> {
     let task = &task.0.task;
     let (solved, left) = working(py, None, |cancelled, _| {
-        let Told { lower, certified } = from_json(told)?;
+        let JobPart { lower, certified } = from_json(part)?;
         lower.validate()?;
         let interval = interval(&lower.transcription, &task.robot);
         let aligned = |durations| -> crate::Result<AlignedSchedule> {

@@ -59,7 +59,8 @@ impl Robot {
         crate::Robot::read(&path).map(Robot::of).raise()
     }
 
-    /// Imports a robot from a URDF, as ``cregopt robot import`` does: mass, inertia, feet, their reach, forces that the joints bear, and the joints.
+    /// Imports a robot from a URDF, as ``cregopt robot import`` does: mass, inertia, feet, their reach, forces that the joints bear, and
+    /// the joints.
     ///
     /// All values hold in one configuration of the joints. ``imported`` lists computed and guessed values.
     ///
@@ -70,8 +71,8 @@ impl Robot {
     /// feet : list of str, optional
     ///     Links of the feet; by default those on the ground in the configuration.
     /// configuration : dict of str to float, optional
-    ///     Joint values in which the robot stands, rad or m. Other joints are at zero, or in the middle of their limits if zero is outside. Without
-    ///     values, the legs are bent so that the robot stands.
+    ///     Joint values in which the robot stands, rad or m. Other joints are at zero, or in the middle of their limits if zero is outside.
+    ///     Without values, the legs are bent so that the robot stands.
     /// name : str, optional
     ///     Name of the robot; by default the name in the file, with ``-imported`` appended if a built-in robot has it.
     ///
@@ -114,8 +115,8 @@ impl Robot {
         Ok(Robot::of(robot))
     }
 
-    /// Copy of an existing robot in another process. Unlike in ``from_dict``, it may have the name of a built-in robot with a larger reach, which the
-    /// diagnosis of a failure uses.
+    /// Copy of an existing robot in another process. Unlike in ``from_dict``, it may have the name of a built-in robot with a larger reach,
+    /// which the diagnosis of a failure uses.
     #[staticmethod]
     fn _again(description: &Bound<'_, PyDict>) -> PyResult<Self> {
         let robot: crate::Robot = from_python(description, "robot")?;
@@ -135,9 +136,10 @@ impl Robot {
 
     /// Further results of the import from a URDF; None for other robots.
     ///
-    /// Keys: ``center_of_mass`` (x, y, z in the root link, m), ``feet`` (for each the name of its ``link`` and ``frame``, the origin of that link
-    /// relative to the centre of mass, m), ``foot_speed`` (speed that every foot reaches along x and y at the limits of its joints, m/s, or None),
-    /// ``configuration`` (value of every joint that moves, rad or m) and ``notes`` (sentences on guesses, omissions and oddities).
+    /// Keys: ``center_of_mass`` (x, y, z in the root link, m), ``feet`` (for each the name of its ``link`` and ``frame``, the origin of
+    /// that link relative to the centre of mass, m), ``foot_speed`` (speed that every foot reaches along x and y at the limits of its
+    /// joints, m/s, or None), ``configuration`` (value of every joint that moves, rad or m) and ``notes`` (sentences on guesses, omissions
+    /// and oddities).
     #[getter]
     fn imported<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         let Some(import) = &self.import else { return Ok(None) };
@@ -225,8 +227,8 @@ impl Terrain {
     /// Parameters
     /// ----------
     /// z : array_like, shape (n, m)
-    ///     Heights, m: ``z[i, j]`` is at ``x = origin[0] + i * cell``, ``y = origin[1] + j * cell``. Values that are not finite are holes, which
-    ///     admit no foothold.
+    ///     Heights, m: ``z[i, j]`` is at ``x = origin[0] + i * cell``, ``y = origin[1] + j * cell``. Values that are not finite are holes,
+    ///     which admit no foothold.
     /// cell : float
     ///     Distance between samples, m.
     /// origin : tuple of float, default (0, 0)
@@ -291,8 +293,9 @@ impl Terrain {
 /// robot : Robot
 /// terrain : Terrain
 /// goal : (x, y), (x, y, z) or dict
-///     Goal of the base, world frame, m. Without z, the base ends at the robot's ``base_height`` above the ground, or at a height from which all
-///     feet reach it. A dictionary has the keys of ``[goal]`` in a scenario file: ``xy``, ``z``, ``yaw``, ``tilt``, ``velocity``, ``rates``.
+///     Goal of the base, world frame, m. Without z, the base ends at the robot's ``base_height`` above the ground, or at a height from
+///     which all feet reach it. A dictionary has the keys of ``[goal]`` in a scenario file: ``xy``, ``z``, ``yaw``, ``tilt``, ``velocity``,
+///     ``rates``.
 /// yaw : float, optional
 ///     Yaw at the goal, rad; by default that of the dictionary, or 0.
 /// start : (x, y), (x, y, z), dict, Trajectory or Gait, optional
@@ -303,8 +306,8 @@ impl Terrain {
 /// force_limit : float, optional
 ///     Largest normal force of a foot, N; the robot's by default.
 /// via : list of (x, y), (x, y, z) or dict, optional
-///     Waypoints at which the base stops, in order, in the form of ``goal``. Without a yaw in a dictionary, the yaw is interpolated between start and
-///     goal. Each waypoint ends a stage, which has a gait of its own: see ``Gait.legs``.
+///     Waypoints at which the base stops, in order, in the form of ``goal``. Without a yaw in a dictionary, the yaw is interpolated between
+///     start and goal. Each waypoint ends a stage, which has a gait of its own: see ``Gait.legs``.
 ///
 /// Raises
 /// ------
