@@ -61,6 +61,7 @@
 //! | independent check between the instants, rollout | `verify/` |
 //! | TOWR's whole program and the contact-implicit one, for Ipopt | `reference/` |
 //! | the paper's experiments, tables, plots | `experiment/` |
+//! | missions with waypoints, scenario files, terms of verification, explanations of failures | `app/` |
 //!
 //! Forces are cubics, so their impulses are exact weights on the force nodes. Angular momentum, taken about the base position at the start of an
 //! interval instead of the moving base, changes by the moments of impulses about fixed footholds and by the moment of gravity: exact, too,
