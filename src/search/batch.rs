@@ -1,4 +1,4 @@
-//! Who solves the schedules of a search, and the clock beside it.
+//! Lower level of the search: solves the schedules of a generation, with a clock and a certification policy.
 
 use super::cem::{Aim, Answer, Candidate, CemSettings, Distribution, Evaluation, Evaluator, GenerationRecord, StopReason, rank_order, run};
 use super::evaluate::{Certify, Evaluated, LowerSettings, Needed, batch, check_candidate};
@@ -13,37 +13,37 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// One candidate as a [`LowerLevel`] solved it.
+/// One candidate solved by a [`LowerLevel`].
 #[derive(Debug)]
 pub struct Solved<S> {
-    /// For the upper level.
+    /// Evaluation for the upper level.
     pub evaluation: Evaluation,
     /// Time from the start of its batch, s.
     pub finished_after: f64,
-    /// What is kept.
+    /// Solution.
     pub solution: S,
 }
 
-/// Who solves the schedules: this program's solver ([`BatchSolver`]), or another one to compare with.
+/// Solver of schedules: the solver of this crate ([`BatchSolver`]) or another one for comparison.
 pub trait LowerLevel {
-    /// What is kept of a candidate.
+    /// Solution of a candidate.
     type Solution: Send;
 
-    /// Checks that a schedule can be solved at all.
+    /// Checks that a schedule can be solved.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// Describes why the schedule cannot be solved.
     fn check(&self, _schedule: &Schedule) -> Result<()> {
         Ok(())
     }
 
-    /// Solves schedules, and hands over each when it is solved, in any order and from any thread.
+    /// Solves schedules and passes each result to `finish`, in any order and from any thread.
     ///
-    /// * `certify` - which of them have to be certified; more may be
-    /// * `skip` - asked before and during the solve of a candidate whether to drop it
+    /// * `certify` - candidates that must be certified; the solver may certify more
+    /// * `skip` - returns true if a candidate is to be dropped; called before and during its solve
     ///
     /// # Errors
-    /// What keeps it from solving any.
+    /// Describes why no schedule could be solved.
     fn solve(
         &self,
         schedules: &[Schedule],
@@ -52,29 +52,29 @@ pub trait LowerLevel {
         finish: &(dyn Fn(usize, Solved<Self::Solution>) + Sync),
     ) -> Result<()>;
 
-    /// Schedules that were solved before, solved again; `None` where that fails.
+    /// Solves schedules again that were solved before. An entry is `None` if that fails.
     fn again(&self, schedules: &[Schedule], certify: Certify) -> Vec<Option<Solved<Self::Solution>>> {
         let again: Vec<Mutex<Option<Solved<Self::Solution>>>> = schedules.iter().map(|_| Mutex::new(None)).collect();
         let done = self.solve(schedules, certify, &|_| false, &|index, solved| *locked(&again[index]) = Some(solved));
         again.iter().map(|solved| locked(solved).take().filter(|_| done.is_ok())).collect()
     }
 
-    /// As [`LowerLevel::again`], of one schedule and certified.
+    /// Solves one schedule again and certifies it; `None` if that fails.
     fn certified_again(&self, schedule: &Schedule) -> Option<Solved<Self::Solution>> {
         self.again(std::slice::from_ref(schedule), Certify::All).pop().flatten()
     }
 }
 
-/// This program's solver, with the certificate and, when it is asked for, the cost of what it finds.
+/// Solver of this crate, with the certificate and, on request, the cost of each motion.
 #[derive(Clone, Copy)]
 pub struct BatchSolver<'a> {
-    /// The task.
+    /// Task.
     pub task: &'a Task,
-    /// Settings.
+    /// Settings of the lower level.
     pub settings: &'a LowerSettings,
-    /// Where it is solved.
+    /// Backend that solves the batches.
     pub backend: &'a dyn Backend,
-    /// Weights of the cost of transport; none: no cost is worked out.
+    /// Weights of the cost of transport; `None`: no cost is computed.
     pub cost: Option<&'a CostWeights>,
 }
 
@@ -98,7 +98,7 @@ impl LowerLevel for BatchSolver<'_> {
     }
 }
 
-/// When a search began, and what ends it from outside.
+/// Start time of a search and its external end conditions: cancellation and time limit.
 #[derive(Clone, Copy)]
 pub(super) struct Clock<'a> {
     start: Instant,
@@ -116,45 +116,45 @@ impl<'a> Clock<'a> {
         self.start.elapsed().as_secs_f64()
     }
 
-    /// Whether the user asked for the end.
+    /// True if the caller cancelled the search.
     pub fn cancelled(&self) -> bool {
         self.cancelled.is_some_and(|flag| flag.load(Ordering::Relaxed))
     }
 
-    /// Whether the time is up.
+    /// True if the time limit is reached.
     pub fn up(&self) -> bool {
         self.limit.is_some_and(|limit| self.start.elapsed() >= limit)
     }
 
-    /// Why a search that was ended from outside was.
+    /// Reason for the end of a search that an external condition ended.
     pub fn stop(&self) -> StopReason {
         if self.cancelled() { StopReason::Cancelled } else { StopReason::TimeLimit }
     }
 }
 
-/// What of a generation is certified, once there is a certified candidate.
+/// Policy that decides which candidates of a generation are certified once a certified candidate exists.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Certified {
-    /// All.
+    /// Every candidate.
     All,
-    /// What the caller wants, by itself.
+    /// No candidate: the caller certifies those that it selects.
     OnDemand,
-    /// What would be the best so far, in order, until a certificate holds.
+    /// Candidates that would be the best so far, best first, until a certificate is valid.
     Best {
-        /// Objective of the best so far.
+        /// Objective of the best certified candidate so far.
         objective: f64,
     },
 }
 
-/// A lower level as the upper level sees it, with a clock.
+/// Lower level with a clock and a certification policy, as the cross-entropy loop uses it.
 pub(super) struct Timed<'a, L> {
     level: &'a L,
     clock: Clock<'a>,
     pub first_feasible_after: Option<f64>,
-    /// Whether any candidate was evaluated.
+    /// True once a generation was evaluated.
     begun: bool,
     certified: Certified,
-    /// Solutions that are kept of a generation.
+    /// Number of solutions kept per generation.
     kept: usize,
     error: Option<Error>,
 }
@@ -164,31 +164,31 @@ impl<'a, L> Timed<'a, L> {
         Timed { level, clock, first_feasible_after: None, begun: false, certified: Certified::All, kept: KEPT, error: None }
     }
 
-    /// Once there is a certified candidate, the caller certifies what it wants.
+    /// Selects on-demand certification: once a certified candidate exists, the caller certifies those that it selects.
     pub fn on_demand(self) -> Self {
         Timed { certified: Certified::OnDemand, ..self }
     }
 
-    /// Once there is a certified candidate, only what would be the best so far is certified.
+    /// Selects certification of improvements: once a certified candidate exists, only those that would be the best so far are certified.
     pub fn best_alone(self) -> Self {
         Timed { certified: Certified::Best { objective: f64::NEG_INFINITY }, ..self }
     }
 
-    /// Keeps this many solutions of a generation.
+    /// Sets the number of solutions kept per generation.
     pub fn keeping(self, kept: usize) -> Self {
         Timed { kept, ..self }
     }
 
-    /// What the lower level could not do.
+    /// Returns and clears the error of the lower level.
     pub fn failure(&mut self) -> Result<()> {
         self.error.take().map_or(Ok(()), Err)
     }
 }
 
 impl<L: LowerLevel> Timed<'_, L> {
-    /// Which candidates of a generation are needed, as far as answers say.
+    /// Candidates of a generation that are needed, given the answers so far.
     fn needed(&self, aim: &Aim, answers: &[Option<Answer<L::Solution>>]) -> Needed {
-        // Who certifies afterwards may want what is behind all elites, when they do not hold.
+        // With on-demand certification every candidate may be needed, because the elites can fail their certificates.
         let all = self.certified == Certified::OnDemand && !aim.first_feasible;
         let most = (0..answers.len()).map(|index| aim.most(index)).collect();
         let needed = Needed::new(most, if all { usize::MAX } else { aim.enough });
@@ -198,7 +198,7 @@ impl<L: LowerLevel> Timed<'_, L> {
         needed
     }
 
-    /// Solves the candidates of a generation that are open, as long as they are needed. Returns what is known of each.
+    /// Solves the open candidates of a generation that are needed. Returns the answer for each.
     fn solve(
         &mut self,
         schedules: &[Schedule],
@@ -220,7 +220,7 @@ impl<L: LowerLevel> Timed<'_, L> {
         let mut population = population.into_inner().unwrap_or_else(PoisonError::into_inner);
         let first = population.first_feasible_after();
         population.retain(|at| needed.has(open[at]));
-        // Where the first one in the order of draws ends the search, it is the time of that one.
+        // If the first feasible candidate in the order of draws ends the search, its time counts.
         let first = if aim.first_feasible { population.first_feasible_after() } else { first };
         self.first_feasible_after = self.first_feasible_after.or(first.map(|after| before + after));
         Ok(population.answers())
@@ -236,16 +236,16 @@ impl<L: LowerLevel> Evaluator for Timed<'_, L> {
 
     fn evaluate(&mut self, _generation: usize, schedules: &[Schedule], aim: &Aim) -> Vec<Option<Answer<L::Solution>>> {
         let nothing = || schedules.iter().map(|_| None).collect();
-        // The first generation is solved whatever the time: a search without a candidate has nothing to return.
+        // The time limit does not apply to the first generation: a search without a candidate has nothing to return.
         let timed = std::mem::replace(&mut self.begun, true);
         let found = self.first_feasible_after.is_some();
         let certify = if self.certified != Certified::All && found && !aim.first_feasible { Certify::Unsolved } else { Certify::All };
         let mut answers: Vec<Option<Answer<L::Solution>>> = nothing();
         let mut solved = vec![false; schedules.len()];
-        // Once more where certificates do not hold: what is behind them may be needed then.
+        // Repeats if certificates fail, because lower-ranked candidates may be needed then.
         loop {
             let needed = self.needed(aim, &answers);
-            // Until there is a gait, in the order of draws: what may be worth most is the least likely to be found.
+            // In the order of draws until a gait exists: the schedules with the best bounds are the least likely to be feasible.
             let mut open = if found { needed.order() } else { (0..answers.len()).collect() };
             open.retain(|&index| !solved[index] && needed.has(index));
             if open.is_empty() {
@@ -263,7 +263,7 @@ impl<L: LowerLevel> Evaluator for Timed<'_, L> {
                 answers[index] = answer;
             }
             let ended = open.iter().any(|&index| !solved[index] && needed.has(index));
-            // Which candidates were solved before the time was up depends on the machine: then none of the generation counts.
+            // The machine decides which candidates were solved before the time limit, so the whole generation is discarded.
             if ended && timed && self.clock.up() && !self.clock.cancelled() {
                 return nothing();
             }
@@ -285,19 +285,19 @@ impl<L: LowerLevel> Evaluator for Timed<'_, L> {
     }
 }
 
-/// Takes note of a candidate that was evaluated.
+/// Registers an evaluated candidate.
 fn note(needed: &Needed, aim: &Aim, index: usize, evaluation: &Evaluation) {
     if evaluation.feasible {
         needed.note(index, aim.counts(index, evaluation));
     }
 }
 
-/// Certifies candidates of a generation, best first, until one holds or is no better than the best so far. Those whose certificate does not
-/// hold are violated from then on.
+/// Certifies candidates of a generation, best first, until a certificate is valid or the next candidate is no better than the best so far.
+/// Replaces the answers of the candidates that it certifies.
 ///
-/// * `objective` - of the best so far
+/// * `objective` - objective of the best certified candidate so far
 ///
-/// Returns the objective of the best, this generation included.
+/// Returns the objective of the best certified candidate, including this generation.
 fn certify_best<L: LowerLevel>(
     level: &L,
     schedules: &[Schedule],
@@ -316,25 +316,25 @@ fn certify_best<L: LowerLevel>(
     }
 }
 
-/// How a search by the paper's loop alone ended.
+/// Result of [`search_with`].
 #[derive(Debug)]
 pub struct Found<S = Evaluated> {
-    /// The feasible gait that ended the search, or the best candidate; `None` only when nothing was evaluated.
+    /// Feasible gait that ended the search, or the best candidate; `None` only if no candidate was evaluated.
     pub best: Option<Candidate<S>>,
-    /// One record a generation.
+    /// Statistics of each generation.
     pub generations: Vec<GenerationRecord>,
-    /// Why it ended.
+    /// Reason for the end.
     pub stop: StopReason,
-    /// Time from the start to the end of the first certification that succeeded, s.
+    /// Time from the start to the end of the first successful certification, s.
     pub first_feasible_after: Option<f64>,
-    /// Time of the whole search, s.
+    /// Total time of the search, s.
     pub seconds: f64,
 }
 
-/// The paper's loop \[1\] over a distribution, with any lower level.
+/// Runs the cross-entropy loop of the paper \[1\] over a distribution with any lower level.
 ///
 /// # Errors
-/// [`Error::Invalid`] for settings out of their limits, and what the lower level says.
+/// [`Error::Invalid`] for settings outside their limits; errors of the lower level.
 pub fn search_with<L: LowerLevel, D: Distribution>(
     level: &L,
     distribution: D,

@@ -1,4 +1,5 @@
-//! Which solved candidates of a generation are certified: those that would be the best of their family, in the order of their cost.
+//! On-demand certification: certifies the solved candidates of a generation that would be the best of their family, in the order of their
+//! cost.
 
 use super::batch::{BatchSolver, LowerLevel};
 use super::cem::{Candidate, CemSettings, Member};
@@ -9,18 +10,18 @@ use rayon::prelude::*;
 use std::collections::{BTreeMap, VecDeque};
 use tracing::debug;
 
-/// Solved candidates of a family, best first, among which the first is sought whose certificate holds.
+/// Solved candidates of a family, best first. The first one whose certificate is valid is wanted.
 struct Contenders<'a> {
     family: Option<GaitFamily>,
-    /// The objective that they have to exceed.
+    /// Objective that a candidate has to exceed.
     best: f64,
-    /// Those that are not certified yet.
+    /// Candidates without a certificate yet.
     open: VecDeque<&'a Member<Evaluated>>,
     found: Option<Member<Evaluated>>,
 }
 
 impl Contenders<'_> {
-    /// Certifies one after the other until one holds, or the solution of the next is not there.
+    /// Certifies one candidate after the other until a certificate is valid or the solution of the next one was dropped.
     fn certify(&mut self, certified: impl Fn(&Member<Evaluated>) -> Option<Member<Evaluated>>) {
         while self.found.is_none()
             && let Some(candidate) = self.open.front().and_then(|next| certified(next))
@@ -31,12 +32,13 @@ impl Contenders<'_> {
     }
 }
 
-/// Candidates of a family that are solved again at once where their solutions were let go of.
+/// Number of candidates per family that are solved again in one batch if their solutions were dropped.
 const AGAIN: usize = 32;
 
-/// Of solved candidates, best first, those that take the place of the best of their family: of each family the first whose certificate holds.
+/// Certified candidates that replace the best of their family: the first one of each family whose certificate is valid.
 ///
-/// * `best` - objective of the best of a family so far
+/// * `open` - solved candidates without a certificate, best first
+/// * `best` - objective of the best gait of a family so far
 pub(super) fn best_certified(
     open: &[(Option<GaitFamily>, &Member<Evaluated>)],
     best: impl Fn(Option<GaitFamily>) -> Option<f64>,
@@ -58,7 +60,7 @@ pub(super) fn best_certified(
         open.truncate(behind);
     }
     let BatchSolver { task, settings: lower, backend, cost } = *level;
-    // Candidates by index that were solved again.
+    // Candidates that were solved again, by index.
     let mut again: BTreeMap<usize, Evaluated> = BTreeMap::new();
     loop {
         let certified = |c: &Member<Evaluated>| {
@@ -67,7 +69,7 @@ pub(super) fn best_certified(
             Some(Candidate::new(settings, c.generation, c.index, c.schedule.clone(), evaluation, Some(Box::new(solution))))
         };
         backend.pool().install(|| groups.par_iter_mut().for_each(|group| group.certify(certified)));
-        // Solved again by none of those threads: a device takes one batch at a time.
+        // Solved again outside the parallel loop, because a device takes one batch at a time.
         let missing = |group: &Contenders| group.found.is_none() && !group.open.is_empty();
         let next: Vec<&Member<Evaluated>> = groups
             .iter()

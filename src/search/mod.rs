@@ -1,11 +1,17 @@
-//! The whole search: gaits are drawn, solved and certified, and the cheapest is returned.
+//! The search: draws schedules, solves and certifies them, and returns the cheapest gait.
 //!
-//! It is anytime. First come the typical gaits of every family that the robot can have, the shortest before all others (a plain trot or
-//! tripod where the first gait is enough); then generations of the cross-entropy method over families, durations, speed and offsets, fitted to the cost, more of them while no gait is certified
-//! or none that the robot's joints can follow; then the neighbourhood of the best.
-//! Every improvement is reported. Once there is a certified gait, candidates are taken at the solver's word, and only those that would be the
-//! best of their family are certified, in the order of their cost until one holds. What decides is counted in candidates, so that a seed gives
-//! the same gait at any number of threads; time and the user only end a search.
+//! The search is anytime and has three stages:
+//! 1. The typical gait of every family that is possible for the robot, shortest first. If the first gait ends the search, the families keep
+//!    their order, which begins with a trot or tripod.
+//! 2. Generations of the cross-entropy method over families, durations, speed and phase offsets. Additional generations run while no gait
+//!    is certified, or none that the joints of the robot can follow.
+//! 3. Generations in the neighbourhood of the best gait.
+//!
+//! Every improvement is reported. Once a certified gait exists, the search ranks candidates by the solver's status and certifies only those
+//! that would be the best of their family, in the order of their cost, until a certificate is valid.
+//!
+//! All decisions count candidates, not time, so a seed gives the same gait with any number of threads. A time limit or a cancellation only
+//! ends the search.
 
 pub mod atlas;
 mod batch;
@@ -43,53 +49,54 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 use tracing::{debug, info};
 
-/// A gait that a search returns, with its motion.
+/// Gait that a search returns, with its motion and certificate.
 #[derive(Debug, Clone)]
 pub struct Gait {
-    /// Its family, where it is one of a family or near one.
+    /// Gait family, if the gait was drawn from one or from the neighbourhood of one.
     pub family: Option<GaitFamily>,
-    /// The candidate that it was: generation, index, schedule as drawn, objective, and how it was solved.
+    /// Candidate that the gait was: generation, index, schedule as drawn, objective and solution.
     pub candidate: Candidate<Evaluated>,
     trajectory: Trajectory,
     certificate: Report,
 }
 
 impl Gait {
-    /// Whether every row of its certificate holds.
+    /// True if every row of the certificate holds.
     pub fn feasible(&self) -> bool {
         self.candidate.solution.feasible
     }
 
-    /// Its motion, contact schedule and forces.
+    /// Motion, contact schedule and forces.
     pub fn trajectory(&self) -> &Trajectory {
         &self.trajectory
     }
 
-    /// What the independent check says of it.
+    /// Certificate of the independent check.
     pub fn certificate(&self) -> &Report {
         &self.certificate
     }
 
-    /// Its schedule, whose feet all end with the motion.
+    /// Schedule, in which all feet end with the motion.
     pub fn schedule(&self) -> &Schedule {
         &self.candidate.solution.schedule
     }
 
-    /// With its motion and its certificate.
+    /// Computes the motion and the certificate of a candidate.
     fn new(family: Option<GaitFamily>, candidate: Candidate<Evaluated>, task: &Task, lower: &LowerSettings) -> Result<Gait> {
         let trajectory = candidate.solution.trajectory(task, &lower.transcription);
         let certificate = verify(&trajectory, &task.robot, &task.terrain, force_limit(&lower.transcription, task))?;
         Ok(Gait { family, candidate, trajectory, certificate })
     }
 
-    /// Brought to a local optimum of its cost, phase durations among the variables; see [`refine`]. A gait that is not certified stays as it is.
+    /// Refines the gait to a local optimum of its cost, with the phase durations among the variables; see [`refine`]. A gait without a
+    /// valid certificate stays unchanged.
     ///
-    /// * `task`, `search`, `lower` - those that it was found with
-    /// * `backend` - on whose threads of the CPU this is done
-    /// * `cancelled` - asked now and then whether to end with the best so far
+    /// * `task`, `search`, `lower` - task and settings of the search that found the gait
+    /// * `backend` - backend whose CPU threads are used
+    /// * `cancelled` - returns true if the refinement is to end with the best gait so far
     ///
     /// # Errors
-    /// As [`refine`].
+    /// Errors of [`refine`].
     pub fn refined(
         &self,
         task: &Task,
@@ -111,54 +118,54 @@ impl Gait {
     }
 }
 
-/// A better gait than all before it.
+/// Gait that is better than all before it.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Improvement {
-    /// Its family, where it is one of a family or near one.
+    /// Gait family, if the gait was drawn from one or from the neighbourhood of one.
     pub family: Option<GaitFamily>,
-    /// Generation that had it.
+    /// Generation of the gait.
     pub generation: usize,
-    /// Candidates evaluated until the end of that generation.
+    /// Number of candidates evaluated by the end of that generation.
     pub candidates: usize,
     /// Time from the start, s.
     pub seconds: f64,
-    /// Its objective, maximised.
+    /// Objective of the gait, maximised.
     pub objective: f64,
 }
 
-/// What a search tells while it runs.
+/// Event of a running search.
 #[derive(Debug)]
 pub enum Progress<'a> {
-    /// A generation has ended.
+    /// A generation ended.
     Generation(&'a GenerationRecord),
-    /// There is a better certified gait.
+    /// A better certified gait was found.
     Improvement(&'a Improvement),
 }
 
-/// How a search ended.
+/// Result of a search.
 #[derive(Debug)]
 pub struct SearchResult {
-    /// The best certified gait; the candidate that violates least when none was found.
+    /// Best certified gait, or the candidate with the fewest violations if no gait was found.
     pub best: Gait,
-    /// The best of other families, cheapest first, when they were asked for.
+    /// Best gaits of other families, cheapest first, if [`SearchSettings::alternatives`] requests them.
     pub alternatives: Vec<Gait>,
-    /// One record a generation.
+    /// Statistics of each generation.
     pub generations: Vec<GenerationRecord>,
-    /// Each gait that was the best so far.
+    /// Every gait that was the best so far.
     pub improvements: Vec<Improvement>,
-    /// Why it ended.
+    /// Reason for the end.
     pub stop: StopReason,
-    /// Time from the start to the end of the first certification that succeeded, s.
+    /// Time from the start to the end of the first successful certification, s.
     pub first_feasible_after: Option<f64>,
-    /// Time of the whole search, s.
+    /// Total time of the search, s.
     pub seconds: f64,
 }
 
-/// Who is told while a search runs.
+/// Callback for the events of a search.
 type Listener<'a> = Box<dyn FnMut(&Progress) + Send + 'a>;
 
-/// A search for a gait.
+/// Search for a gait.
 ///
 /// ```
 /// use cregopt::{Cpu, Goal, Robot, Search, Task, Terrain};
@@ -176,7 +183,7 @@ pub struct Search<'a> {
     seed: u64,
     cancelled: Option<&'a AtomicBool>,
     progress: Option<Listener<'a>>,
-    /// Solutions that are kept of a generation: nothing that it finds depends on it.
+    /// Number of solutions kept per generation. The result does not depend on it.
     kept: usize,
 }
 
@@ -193,60 +200,60 @@ impl<'a> Search<'a> {
         Search { task, settings, lower, seed: 1, cancelled: None, progress: None, kept: KEPT }
     }
 
-    /// Settings of the search.
+    /// Sets the settings of the search.
     pub fn settings(self, settings: SearchSettings) -> Self {
         Search { settings, ..self }
     }
 
-    /// Settings of the lower level: variables, rows, iterations.
+    /// Sets the settings of the lower level: variables, rows, solver.
     pub fn lower(self, lower: LowerSettings) -> Self {
         Search { lower, ..self }
     }
 
-    /// Seed of all random numbers.
+    /// Sets the seed of all random numbers.
     pub fn seed(self, seed: u64) -> Self {
         Search { seed, ..self }
     }
 
-    /// Candidates a generation; elites keep their share.
+    /// Sets the number of candidates per generation; the elites keep their share of it.
     pub fn population(mut self, population: usize) -> Self {
         self.settings = self.settings.with_population(population);
         self
     }
 
-    /// Most generations behind the families' typical gaits.
+    /// Sets the largest number of generations after the typical gaits of the families.
     pub fn generations(mut self, generations: usize) -> Self {
         self.settings.generations = generations;
         self
     }
 
-    /// Which gaits are looked at.
+    /// Sets the gaits that are searched.
     pub fn gaits(mut self, gaits: Gaits) -> Self {
         self.settings.gaits = gaits;
         self
     }
 
-    /// Ends with the first certified gait.
+    /// Makes the search end with the first certified gait.
     pub fn first(mut self) -> Self {
         self.settings.first = true;
         self
     }
 
-    /// Ends when this is set, with the best so far.
+    /// Sets a flag that ends the search with the best gait so far.
     pub fn cancelled_by(self, flag: &'a AtomicBool) -> Self {
         Search { cancelled: Some(flag), ..self }
     }
 
-    /// Is told of generations and improvements.
+    /// Sets a callback for generations and improvements.
     pub fn on_progress(self, progress: impl FnMut(&Progress) + Send + 'a) -> Self {
         Search { progress: Some(Box::new(progress)), ..self }
     }
 
-    /// Searches.
+    /// Runs the search.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for settings or a task out of their limits, [`Error::Unknown`] for a family that the robot cannot have,
-    /// [`Error::Ended`] when no candidate was solved before the end.
+    /// [`Error::Invalid`] for settings or a task outside their limits, [`Error::Unknown`] for a family that the robot cannot have,
+    /// [`Error::Ended`] if no candidate was solved before the end.
     pub fn run(self, backend: &dyn Backend) -> Result<SearchResult> {
         let Search { task, settings, lower, seed, cancelled, mut progress, kept } = self;
         settings.validate()?;
@@ -278,7 +285,7 @@ impl<'a> Search<'a> {
     }
 }
 
-/// A search while it runs.
+/// State of a running search.
 struct Session<'a, 's> {
     task: &'a Task,
     level: &'a BatchSolver<'a>,
@@ -286,24 +293,24 @@ struct Session<'a, 's> {
     seed: u64,
     clock: Clock<'a>,
     tell: &'s mut dyn FnMut(&Progress),
-    /// The best certified candidate.
+    /// Best certified candidate, with its family.
     best: Option<(Option<GaitFamily>, Candidate<Evaluated>)>,
-    /// While there is none, the one that violates least.
+    /// Candidate with the fewest violations while no candidate is certified, with its family.
     nearest: Option<(Option<GaitFamily>, Candidate<Evaluated>)>,
-    /// The best certified candidate of each family.
+    /// Best certified candidate of each family.
     by_family: Vec<(GaitFamily, Candidate<Evaluated>)>,
     generations: Vec<GenerationRecord>,
     improvements: Vec<Improvement>,
 }
 
-/// What a schedule is to a search: its family, and the schedule.
+/// Schedule with its family, if it has one.
 type Named = (Option<GaitFamily>, Schedule);
 
-/// The lower level of a search.
+/// Lower level of the search.
 type Level<'a> = Timed<'a, BatchSolver<'a>>;
 
 impl Session<'_, '_> {
-    /// All stages. Returns why the search ended.
+    /// Runs all stages. Returns the reason for the end.
     fn all(&mut self, timed: &mut Level) -> Result<StopReason> {
         let settings = self.settings;
         let stop = match &settings.gaits {
@@ -325,17 +332,17 @@ impl Session<'_, '_> {
         if goes_on && settings.perturbed_generations > 0 { self.perturbed(timed).map(|s| s.unwrap_or(stop)) } else { Ok(stop) }
     }
 
-    /// Whether draws follow what was found.
+    /// True if the distribution is fitted to the elites.
     fn learns(&self) -> bool {
         self.settings.free.sampler == Sampler::Cem
     }
 
-    /// Whether the best gait has a swing: standing still cannot be improved by other times.
+    /// True if the best gait has a swing. Other phase times cannot improve standing still.
     fn moves(&self) -> bool {
         self.best.as_ref().is_some_and(|(_, b)| b.stances.iter().any(|n| *n > 1))
     }
 
-    /// Typical gaits of families, then generations over them.
+    /// Evaluates the typical gaits of the families, then runs generations over them.
     fn periodic(&mut self, timed: &mut Level, families: &[GaitFamily]) -> Result<StopReason> {
         let settings = self.settings;
         let mut distribution = PeriodicDistribution::initial(self.task, families, &settings.periodic)?;
@@ -346,7 +353,7 @@ impl Session<'_, '_> {
                 Err(error) => refused.push((*family, error)),
             }
         }
-        // Too long a way for one family need not be for another.
+        // A distance that is too long for one family may be possible for another.
         for (family, error) in refused {
             if typical.is_empty() {
                 return Err(error);
@@ -359,7 +366,7 @@ impl Session<'_, '_> {
         }
         let stands = |schedule: &Schedule| (0..schedule.feet()).all(|foot| schedule.stances(foot) == 1);
         if let Some((_, still)) = typical.iter().find(|(_, schedule)| stands(schedule)) {
-            // Standing still is no family's own, and nothing is better.
+            // Standing still belongs to no family, and no gait is better.
             let still = vec![(None, still.clone())];
             if let Some(stop) = self.generation(timed, still)? {
                 return Ok(stop);
@@ -371,7 +378,7 @@ impl Session<'_, '_> {
         if let Some(stop) = self.generation(timed, typical)? {
             return Ok(stop);
         }
-        // The families that did well are looked at more closely.
+        // Families that did well are drawn more often.
         let mut ranked: Vec<(usize, f64)> = families
             .iter()
             .enumerate()
@@ -386,7 +393,7 @@ impl Session<'_, '_> {
         self.until_found(timed, distribution)
     }
 
-    /// The planned generations over a distribution, and further ones while there is no gait, or none that the robot's joints can follow.
+    /// Runs the planned generations over a distribution, then further ones while no gait exists or none that the joints can follow.
     fn until_found<D: Distribution>(&mut self, timed: &mut Level, distribution: D) -> Result<StopReason> {
         let settings = self.settings;
         let (mut stop, mut distribution) = match settings.generations {
@@ -409,18 +416,18 @@ impl Session<'_, '_> {
         Ok(stop)
     }
 
-    /// Whether there is a gait, and one within the limits of the robot's joints where such are preferred.
+    /// True if a gait exists and, where that is preferred, its joints stay within their limits.
     fn within_joint_limits(&self) -> Result<bool> {
         let Some((_, best)) = &self.best else { return Ok(false) };
-        let dear = best.evaluation.cost.is_some_and(|cost| cost.joint_cost > 0.);
-        if !dear || !self.settings.prefers_joint_limits() {
+        let exceeded = best.evaluation.cost.is_some_and(|cost| cost.joint_cost > 0.);
+        if !exceeded || !self.settings.prefers_joint_limits() {
             return Ok(true);
         }
         let trajectory = best.solution.trajectory(self.task, &self.level.settings.transcription);
         Ok(joints::limits(&trajectory, &self.task.robot)?.is_none_or(|limits| limits.kept))
     }
 
-    /// Generations around the best gait.
+    /// Runs generations in the neighbourhood of the best gait.
     fn perturbed(&mut self, timed: &mut Level) -> Result<Option<StopReason>> {
         let Some((family, best)) = &self.best else { return Ok(None) };
         let family = *family;
@@ -430,11 +437,11 @@ impl Session<'_, '_> {
         Ok(Some(stop))
     }
 
-    /// One generation of given schedules. Returns why the search ends with it, if it does.
+    /// Runs one generation of given schedules. Returns the reason if the search ends with it.
     fn generation(&mut self, timed: &mut Level, mut named: Vec<Named>) -> Result<Option<StopReason>> {
         let generation = self.generations.len();
         if !self.settings.first {
-            // What is short is solved soonest.
+            // Short schedules are solved fastest.
             named.sort_by(|(_, a), (_, b)| a.horizon().total_cmp(&b.horizon()));
         }
         let (families, schedules): (Vec<Option<GaitFamily>>, Vec<Schedule>) = named.into_iter().unzip();
@@ -455,9 +462,9 @@ impl Session<'_, '_> {
         Ok(if found { Some(StopReason::FirstFeasible) } else { timed.cancelled().then(|| self.clock.stop()) })
     }
 
-    /// Generations of the cross-entropy method over a distribution.
+    /// Runs generations of the cross-entropy method over a distribution.
     ///
-    /// * `family` - that of all samples, where the distribution knows of none
+    /// * `family` - family of all samples of a distribution without families
     fn cem<D: Distribution>(
         &mut self,
         timed: &mut Level,
@@ -472,7 +479,7 @@ impl Session<'_, '_> {
         Ok((stop, outcome.distribution))
     }
 
-    /// Looks at a generation: is there anything better than before?
+    /// Processes a completed generation: keeps better candidates and reports progress.
     fn look(&mut self, generation: &Generation<Evaluated>, family: Option<GaitFamily>) {
         let mut open = Vec::new();
         for (own, candidate) in generation.ranked {
@@ -504,7 +511,7 @@ impl Session<'_, '_> {
         self.report();
     }
 
-    /// Looks at a candidate: is it better than those before?
+    /// Keeps a candidate if it is better than those before.
     fn keep(&mut self, family: Option<GaitFamily>, candidate: &Member<Evaluated>) {
         let better = |old: &Candidate<Evaluated>| candidate.objective > old.objective;
         let solved = || candidate.clone().solved(|schedule| Some(self.level.certified_again(schedule)?.solution));
@@ -534,7 +541,7 @@ impl Session<'_, '_> {
         }
     }
 
-    /// Tells of the best gait when it is a new one.
+    /// Reports the best gait if it is new.
     fn report(&mut self) {
         let Some((family, best)) = &self.best else { return };
         if self.improvements.last().is_some_and(|last| last.objective >= best.objective) {
@@ -551,7 +558,7 @@ impl Session<'_, '_> {
         self.improvements.push(improvement);
     }
 
-    /// The result, with motions and certificates of what is returned.
+    /// Result of the search, with the motions and certificates of the gaits in it.
     fn finish(self, stop: StopReason, lower: &LowerSettings, first_feasible_after: Option<f64>) -> Result<SearchResult> {
         let gait = |(family, candidate): (Option<GaitFamily>, Candidate<Evaluated>)| Gait::new(family, candidate, self.task, lower);
         let best = self.best.or(self.nearest).ok_or_else(|| Error::Ended { message: format!("no candidate was solved ({stop})") })?;

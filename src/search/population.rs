@@ -1,29 +1,29 @@
-//! What is kept of a population while it is solved: of all candidates what is said of them, of the best their solutions, too. A solution takes some
-//! ten kilobytes, and nobody wants to know those of candidates far behind; of one that is wanted after all it is made again.
+//! Results of a population while it is solved: the evaluations of all candidates and the solutions of the best ones. A solution takes some
+//! ten kilobytes, and those of poor candidates are rarely needed. If one is needed after all, it is recomputed.
 
 use super::batch::Solved;
 use super::cem::{Answer, Evaluation, rank_order};
 
-/// Solutions that are kept of a population. Too few: solutions are made again that were there before; too many: memory.
+/// Number of solutions kept per population. Too small: solutions are recomputed; too large: memory.
 pub(super) const KEPT: usize = 256;
 
-/// Candidates of a generation as they come in, in any order.
+/// Results of the candidates of a generation, added in any order.
 pub(super) struct Population<S> {
-    /// With the time from the start of the batch, s.
+    /// Evaluation of each candidate, with the time from the start of the batch, s.
     evaluations: Vec<Option<(Evaluation, f64)>>,
-    /// Objective, index and solution, in the order of ranks.
+    /// Objective, index and solution of the best candidates, best first.
     best: Vec<(f64, usize, Box<S>)>,
-    /// Solutions to keep.
+    /// Largest number of solutions to keep.
     most: usize,
 }
 
 impl<S> Population<S> {
-    /// Nothing yet.
+    /// An empty population.
     pub fn new(candidates: usize, most: usize) -> Self {
         Population { evaluations: vec![None; candidates], best: Vec::new(), most }
     }
 
-    /// Takes in a candidate, and lets go of the solution that is behind all others when there are too many.
+    /// Adds a candidate, and drops the solution of the worst one if there are too many.
     pub fn add(&mut self, index: usize, objective: f64, Solved { evaluation, finished_after, solution }: Solved<S>) {
         self.evaluations[index] = Some((evaluation, finished_after));
         let place = self.best.partition_point(|(other, at, _)| rank_order((*other, *at), (objective, index)).is_lt());
@@ -33,7 +33,7 @@ impl<S> Population<S> {
         }
     }
 
-    /// Forgets candidates that are not needed.
+    /// Drops the candidates that are not needed.
     pub fn retain(&mut self, needed: impl Fn(usize) -> bool) {
         self.evaluations.iter_mut().enumerate().filter(|(index, _)| !needed(*index)).for_each(|(_, evaluation)| *evaluation = None);
     }
@@ -43,7 +43,7 @@ impl<S> Population<S> {
         self.evaluations.iter().flatten().filter(|(evaluation, _)| evaluation.feasible).map(|(_, after)| *after).reduce(f64::min)
     }
 
-    /// What is known of each candidate.
+    /// Evaluation of each candidate, with its solution if it was kept.
     pub fn answers(self) -> Vec<Option<Answer<S>>> {
         let mut answers: Vec<_> = self.evaluations.into_iter().map(|said| said.map(|(evaluation, _)| (evaluation, None))).collect();
         for (_, index, solution) in self.best {
@@ -59,7 +59,7 @@ impl<S> Population<S> {
 mod tests {
     use super::*;
 
-    /// Takes in candidates of these objectives, in this order of their indices, and says whose solutions are kept.
+    /// Adds candidates with these objectives in this order of indices. Returns the indices whose solutions are kept.
     fn kept(objectives: &[f64], order: &[usize], most: usize) -> Vec<usize> {
         let mut population = Population::new(objectives.len(), most);
         for &index in order {
@@ -74,10 +74,10 @@ mod tests {
     }
 
     #[test]
-    fn the_best_keep_their_solutions_in_whatever_order_they_come() {
+    fn the_best_candidates_keep_their_solutions_in_any_order_of_arrival() {
         let objectives = [3., 1., f64::NEG_INFINITY, 3., 2., 3.];
         for order in [[0, 1, 2, 3, 4, 5], [5, 4, 3, 2, 1, 0], [2, 5, 0, 1, 3, 4]] {
-            // Of equals the first.
+            // The first one wins a tie.
             assert_eq!(kept(&objectives, &order, 2), [0, 3]);
             assert_eq!(kept(&objectives, &order, 4), [0, 3, 4, 5]);
             assert_eq!(kept(&objectives, &order, 9), [0, 1, 2, 3, 4, 5]);

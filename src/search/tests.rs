@@ -1,4 +1,4 @@
-//! Tests of what a search keeps and what it makes again.
+//! Tests of the search: dropped solutions, on-demand certification and skipped candidates.
 
 use super::batch::{LowerLevel, Solved, Timed};
 use super::cem::{Aim, Answer, Evaluation, Evaluator, FreeDistribution, Objective, run};
@@ -14,7 +14,7 @@ fn walk() -> Task {
     Task::new(Robot::named("biped").unwrap(), Terrain::flat(), Goal::at(0.8, 0.1)).unwrap()
 }
 
-/// All of a result that depends on no clock.
+/// Parts of a result that do not depend on time.
 fn parts(found: &SearchResult) -> impl PartialEq + std::fmt::Debug {
     let gait = |gait: &Gait| {
         let Candidate { generation, index, stances, schedule, objective, evaluation, solution } = gait.candidate.clone();
@@ -26,8 +26,8 @@ fn parts(found: &SearchResult) -> impl PartialEq + std::fmt::Debug {
     (gaits, improvements, found.generations.clone(), found.stop)
 }
 
-/// Asserts that a search finds the same whatever it keeps.
-fn assert_same_whatever_is_kept<'a>(search: impl Fn() -> Search<'a>, backend: &dyn Backend) -> SearchResult {
+/// Asserts that the result of a search does not depend on the number of solutions that it keeps.
+fn assert_result_independent_of_kept_solutions<'a>(search: impl Fn() -> Search<'a>, backend: &dyn Backend) -> SearchResult {
     let keeping = |kept: usize| Search { kept, ..search() }.run(backend).unwrap();
     let all = keeping(KEPT);
     for kept in [0, 3] {
@@ -38,41 +38,47 @@ fn assert_same_whatever_is_kept<'a>(search: impl Fn() -> Search<'a>, backend: &d
 }
 
 #[test]
-fn a_search_finds_the_same_whatever_it_keeps() {
+fn the_result_of_a_search_does_not_depend_on_the_number_of_kept_solutions() {
     let task = walk();
     let cpu = Cpu::new(2).unwrap();
     let settings = SearchSettings { alternatives: 4, ..SearchSettings::default() };
     let search = || Search::new(&task).settings(settings.clone()).seed(3).population(40).generations(2);
-    let found = assert_same_whatever_is_kept(search, &cpu);
+    let found = assert_result_independent_of_kept_solutions(search, &cpu);
     assert!(found.best.feasible() && found.improvements.len() > 1 && !found.alternatives.is_empty());
-    // With costs of which most motions that are not found have better ones.
-    let found = assert_same_whatever_is_kept(|| search().settings(settings.clone().seeking(Objective::LeastForce)).generations(1), &cpu);
+    // With an objective that is better for most infeasible motions than for feasible ones.
+    let found = assert_result_independent_of_kept_solutions(
+        || search().settings(settings.clone().seeking(Objective::LeastForce)).generations(1),
+        &cpu,
+    );
     assert!(found.best.feasible());
-    // With nothing found: the one that violates least.
+    // Without a gait the candidate with the fewest violations is returned.
     let mut lower = LowerSettings::default();
     lower.solver.max_iterations = 2;
-    let hopeless = SearchSettings { further_generations: 0, ..settings.clone() };
-    let found = assert_same_whatever_is_kept(|| search().settings(hopeless.clone()).generations(1).lower(lower.clone()), &cpu);
+    let without_further = SearchSettings { further_generations: 0, ..settings.clone() };
+    let found = assert_result_independent_of_kept_solutions(
+        || search().settings(without_further.clone()).generations(1).lower(lower.clone()),
+        &cpu,
+    );
     assert!(!found.best.feasible());
 }
 
 #[cfg(feature = "gpu")]
 #[test]
-fn a_search_on_a_gpu_finds_the_same_whatever_it_keeps() {
+fn on_a_gpu_the_result_does_not_depend_on_the_number_of_kept_solutions() {
     let name = std::env::var("CREGOPT_TEST_ADAPTER").ok();
     let gpu = match crate::backend::Gpu::open(name.as_deref(), 2) {
         Ok(gpu) => gpu,
         Err(error) if std::env::var("GPU_TESTS").is_ok_and(|v| v == "require") => panic!("{error}"),
-        Err(error) => return eprintln!("skipped: a_search_on_a_gpu_finds_the_same_whatever_it_keeps: {error}"),
+        Err(error) => return eprintln!("skipped: on_a_gpu_the_result_does_not_depend_on_the_number_of_kept_solutions: {error}"),
     };
     let task = walk();
     let settings = SearchSettings { perturbed_generations: 0, ..SearchSettings::default() };
-    let found = assert_same_whatever_is_kept(|| Search::new(&task).settings(settings.clone()).seed(3).generations(1), &gpu);
+    let found = assert_result_independent_of_kept_solutions(|| Search::new(&task).settings(settings.clone()).seed(3).generations(1), &gpu);
     assert!(found.best.feasible() && gpu.fallback().is_none());
 }
 
 #[test]
-fn the_papers_loop_finds_the_same_whatever_it_keeps() {
+fn the_result_of_the_papers_loop_does_not_depend_on_the_number_of_kept_solutions() {
     let (task, lower, cpu) = (walk(), LowerSettings::default(), Cpu::new(2).unwrap());
     let level = BatchSolver { task: &task, settings: &lower, backend: &cpu, cost: None };
     let loops = [(Objective::Feasibility, Stopping::FirstFeasible, false), (Objective::LeastForce, Stopping::Convergence, true)];
@@ -92,7 +98,8 @@ fn the_papers_loop_finds_the_same_whatever_it_keeps() {
     }
 }
 
-/// Calls every schedule solved, and knows better when it certifies: what lasts long enough holds. The shorter, the less force.
+/// Lower level that reports every schedule as solved, but certifies only schedules that last long enough. Shorter schedules need less
+/// force.
 struct Optimist {
     certified: AtomicUsize,
 }
@@ -126,7 +133,7 @@ impl LowerLevel for Optimist {
 }
 
 #[test]
-fn the_papers_loop_certifies_what_it_returns_and_hardly_more() {
+fn the_papers_loop_certifies_the_gait_that_it_returns_and_few_others() {
     let level = Optimist { certified: AtomicUsize::new(0) };
     let settings = CemSettings {
         objective: Objective::LeastForce,
@@ -143,13 +150,13 @@ fn the_papers_loop_certifies_what_it_returns_and_hardly_more() {
     let objectives: Vec<f64> = found.generations.iter().filter_map(|g| g.best_ever_objective).collect();
     assert_eq!((objectives.len(), objectives.last()), (12, Some(&best.objective)));
     assert!(objectives.is_sorted() && objectives[0] < best.objective, "{objectives:?}");
-    // The first generation, and some of the others: most claim to be better than what holds.
+    // The first generation and some later candidates: most later ones rank before the best certified one and have to be certified.
     let certified = level.certified.into_inner();
     println!("{certified} certified of {}", 12 * 64);
     assert!((64 + 1..12 * 64).contains(&certified), "{certified}");
 }
 
-/// Solves some schedules, of which not all hold when they are certified, in the order in which they come or the other way round.
+/// Lower level that solves some schedules, in the given or the reverse order. Not all solved schedules pass their certificate.
 struct Half {
     backwards: bool,
     solved: AtomicUsize,
@@ -172,7 +179,7 @@ impl LowerLevel for Half {
             }
             self.solved.fetch_add(1, Ordering::Relaxed);
             let schedule = &schedules[index];
-            // As good as random, and the same whenever it is asked for.
+            // Pseudo-random digit of the schedule, identical in every call.
             let digit = (schedule.durations()[0][0] * 1e6) as usize % 10;
             let certified = certify == Certify::All || digit < 4;
             let feasible = digit >= if certified { 6 } else { 4 };
@@ -185,7 +192,7 @@ impl LowerLevel for Half {
     }
 }
 
-/// Wants to know all of a generation.
+/// Evaluator that evaluates every candidate of a generation.
 struct Whole<E>(E);
 
 impl<E: Evaluator> Evaluator for Whole<E> {
@@ -199,7 +206,7 @@ impl<E: Evaluator> Evaluator for Whole<E> {
 }
 
 #[test]
-fn what_can_only_come_behind_the_elites_is_not_solved() {
+fn candidates_that_can_only_rank_after_the_elites_are_not_solved() {
     for (objective, share) in [(Objective::FewestStances, 0.7), (Objective::Time, 0.7), (Objective::Feasibility, 0.6)] {
         let settings = CemSettings {
             objective,
@@ -224,7 +231,7 @@ fn what_can_only_come_behind_the_elites_is_not_solved() {
             };
             let (all, needed, backwards) = (found(true, false), found(false, false), found(false, true));
             assert!(all.0 == needed.0 && all.0 == backwards.0, "{objective:?}, seed {seed}");
-            // What counts depends on no order either, though more is solved.
+            // The candidates that count do not depend on the order of solving, although more are solved.
             assert_eq!(needed.1, backwards.1);
             assert!((needed.2 as f64) < share * all.2 as f64 && needed.2 < backwards.2, "{} and {} of {}", needed.2, backwards.2, all.2);
         }

@@ -1,4 +1,4 @@
-//! Algorithm 1 of \[1\]: the search itself.
+//! Algorithm 1 of \[1\]: the cross-entropy loop.
 
 use super::random::Draws;
 use super::{
@@ -11,14 +11,14 @@ use crate::gait::family::GaitFamily;
 
 /// Searches for the schedule with the largest objective.
 ///
-/// The same settings, distribution, seed and answers of the evaluator give the same outcome.
+/// The outcome is a function of settings, distribution, seed and the evaluator's answers.
 ///
-/// * `distribution` - of the first generation
-/// * `first` - number of the first generation, by which its random numbers differ from those of other runs with the seed
+/// * `distribution` - distribution of the first generation
+/// * `first` - number of the first generation; runs with the same seed and different numbers draw different candidates
 /// * `progress` - called after every generation
 ///
 /// # Errors
-/// [`crate::Error::Invalid`] names the setting that is out of its limits.
+/// [`crate::Error::Invalid`] names the setting that is outside its limits.
 pub fn run<D: Distribution, E: Evaluator>(
     settings: &CemSettings,
     distribution: D,
@@ -30,16 +30,16 @@ pub fn run<D: Distribution, E: Evaluator>(
     run_observed(settings, distribution, seed, first, evaluator, &mut |generation| progress(generation.record))
 }
 
-/// A generation that has ended.
+/// A completed generation.
 #[derive(Debug)]
 pub struct Generation<'a, S> {
-    /// In numbers.
+    /// Statistics of the generation.
     pub record: &'a GenerationRecord,
-    /// Its candidates, best first, each with its family where there are families.
+    /// Candidates, best first, each with its family if the distribution has families.
     pub ranked: &'a [(Option<GaitFamily>, Member<S>)],
 }
 
-/// As [`run`], showing the candidates of every generation.
+/// Runs the search as [`run`] does and shows the candidates of every generation to `observe`.
 ///
 /// # Errors
 /// As [`run`].
@@ -69,7 +69,7 @@ pub fn run_observed<D: Distribution, E: Evaluator>(
         let aim = Aim { enough, ..Aim::all(settings, &schedules) }.or_first(first_only);
         let results = evaluator.evaluate(generation, &schedules, &aim);
 
-        // Sort by J, best first; the M first are the elites.
+        // Sort by J, best first. The first M are the elites.
         let ranked = rank(settings, generation, schedules, results, first_only);
         let elites: Vec<&D::Sample> = ranked.iter().take(settings.elites).map(|c| &samples[c.index]).collect();
         let families: Vec<Option<GaitFamily>> = ranked.iter().map(|c| distribution.family(&samples[c.index])).collect();
@@ -107,13 +107,13 @@ pub fn run_observed<D: Distribution, E: Evaluator>(
     Ok(Outcome { best, generations, stop: stop.unwrap_or(StopReason::GenerationLimit), distribution })
 }
 
-/// How often a candidate is drawn when its draws are no schedules that can be evaluated.
+/// Largest number of draws for one candidate, if draws give schedules that cannot be evaluated.
 const DRAWS: usize = 8;
 
-/// The candidates of a generation and their schedules. One that cannot be drawn is left out.
+/// Draws the candidates of a generation. Leaves out a candidate if none of its [`DRAWS`] draws can be evaluated.
 ///
 /// # Errors
-/// What is wrong with the last draw where there is no candidate at all.
+/// The reason why the last draw was refused, if no candidate remains.
 fn draw<D: Distribution, E: Evaluator>(
     distribution: &D,
     population: usize,
@@ -135,9 +135,9 @@ fn draw<D: Distribution, E: Evaluator>(
     }
 }
 
-/// The evaluated candidates of a generation by falling objective, ties by index.
+/// Evaluated candidates of a generation by decreasing objective, ties by index.
 ///
-/// With `first_only`, candidates after the first feasible one are dropped: which of them were evaluated depends on timing.
+/// `first_only` drops candidates after the first feasible one, because timing decides which of them were evaluated.
 fn rank<S>(
     settings: &CemSettings,
     generation: usize,
@@ -157,7 +157,7 @@ fn rank<S>(
     ranked
 }
 
-/// The record of a generation, in any order, the best ever still without the generations before.
+/// Statistics of one generation from its candidates in any order. `best_ever_objective` does not include former generations yet.
 pub(in crate::search) fn summarise<'a, S: 'a>(
     generation: usize,
     candidates: impl ExactSizeIterator<Item = &'a Candidate<S>> + Clone,
@@ -179,7 +179,7 @@ pub(in crate::search) fn summarise<'a, S: 'a>(
     }
 }
 
-/// A number, unless it is infinite or none.
+/// The number, or `None` if it is infinite or NaN.
 fn finite(x: f64) -> Option<f64> {
     x.is_finite().then_some(x)
 }
