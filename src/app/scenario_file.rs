@@ -216,7 +216,12 @@ impl ScenarioFile {
     /// # Errors
     /// [`Error::InFile`] for a file that is not a scenario; [`Error::Io`] for one that cannot be read.
     pub fn read(path: &Path) -> Result<ScenarioFile> {
-        let read: Result<ScenarioFile> = from_toml(&files::read(path)?);
+        ScenarioFile::from_text(&files::read(path)?, path)
+    }
+
+    /// Text of the file at `path`; names of files are relative to its folder.
+    fn from_text(text: &str, path: &Path) -> Result<ScenarioFile> {
+        let read: Result<ScenarioFile> = from_toml(text);
         let mut file = read.map_err(|e| e.in_file(path, None))?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let resolve = |name: &mut String| {
@@ -344,8 +349,6 @@ mod tests {
     use crate::task::Task;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
-    use std::fs;
-    use std::time::{Duration, Instant};
 
     /// Template with every key active, and with robot and terrain written in full.
     fn everything() -> String {
@@ -364,11 +367,9 @@ mod tests {
 
     #[test]
     fn randomly_changed_files_are_read_or_refused() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("walk.toml");
+        let path = Path::new("walk.toml");
         let good: Vec<char> = everything().chars().collect();
-        fs::write(&path, everything()).unwrap();
-        ScenarioFile::read(&path).unwrap();
+        ScenarioFile::from_text(&everything(), path).unwrap();
         let parts = [
             "\"",
             "'",
@@ -398,7 +399,6 @@ mod tests {
             "reach",
         ];
         let mut random = ChaCha8Rng::seed_from_u64(7);
-        let start = Instant::now();
         let (mut posed, mut refused) = (0, 0);
         for i in 0..3000 {
             let mut text = good.clone();
@@ -410,8 +410,7 @@ mod tests {
             if i % 20 == 19 {
                 text.truncate(random.random_range(0..text.len()));
             }
-            fs::write(&path, text.into_iter().collect::<String>()).unwrap();
-            let task = ScenarioFile::read(&path).and_then(|file| {
+            let task = ScenarioFile::from_text(&text.into_iter().collect::<String>(), path).and_then(|file| {
                 for table in ["search", "transcription", "solver", "refine"] {
                     file.settings_of(table)?;
                 }
@@ -430,6 +429,5 @@ mod tests {
             }
         }
         assert!(posed > 200 && refused > 200, "{posed} posed, {refused} refused");
-        assert!(start.elapsed() < Duration::from_secs(60), "{:?}", start.elapsed());
     }
 }
