@@ -4,7 +4,7 @@
 use crate::common::{layout_with, reference_candidates, towr};
 use ash::{Entry, khr, vk};
 use cregopt::backend::gpu::shaders::{Binding, Shader, Variant, WORKGROUP};
-use cregopt::backend::gpu::tables::{ShaderTables, Sizes};
+use cregopt::backend::tables::{ShaderTables, Sizes};
 use cregopt::settings::TranscriptionSettings;
 use naga::back::spv;
 use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};

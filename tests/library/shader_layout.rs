@@ -6,7 +6,7 @@ use crate::common::{Random, cones, gait, hills, layout_with, spider, task, task_
 use cregopt::backend::gpu::shaders::{
     Binding, SHARED, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP, bindings, constants, generated, prelude, reads,
 };
-use cregopt::backend::gpu::tables::{Batch, Buffer, FrontStep, Part, ShaderTables, Shape, Slot};
+use cregopt::backend::tables::{Batch, Buffer, FrontStep, Part, ShaderTables, Shape, Slot};
 use cregopt::linear::transposed::transposed_times;
 use cregopt::nlp::Layout;
 use cregopt::nlp::layout::Element;

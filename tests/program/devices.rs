@@ -29,7 +29,7 @@ fn run_without_drivers(folder: &Path, command: &str) -> Ran {
 fn an_unknown_device_is_a_usage_error_and_a_missing_one_exits_5() {
     let dir = folder();
     run(dir.path(), "solve --scenario s1 --device gpuu").ends_with(2).says(&["--device", "gpuu", "auto, cpu, gpu"]);
-    run(dir.path(), "solve --scenario s1 --device gpu --precision f64").ends_with(2).says(&["--device", "f64"]);
+    run(dir.path(), "solve --scenario s1 --device gpu --precision f64").ends_with(2).says(&["device", "f64"]);
     run(dir.path(), "solve --scenario s1 --device gpu:NoSuchAdapter").ends_with(5).says(&["NoSuchAdapter", "this machine has"]);
     assert!(run(dir.path(), "--help").ends_with(0).stdout.contains("5 no such"));
 }

@@ -78,7 +78,7 @@ fn usage_errors_exit_2_and_name_flag_value_and_limit() {
         ("solve --scenario s1 --yaw 900", &["yaw", "900", "62.8"]),
         ("solve --scenario s1 --force-limit 0", &["force_limit", "0.001"]),
         ("solve --scenario s1 --seed x", &["--seed", "x"]),
-        ("solve --scenario s1 --threads 100000", &["--threads", "100000", "4096"]),
+        ("solve --scenario s1 --threads 100000", &["threads", "100000", "4096"]),
         ("solve --scenario s1 --population 0", &["population", "0", "65536"]),
         ("solve --scenario s1 --population 18446744073709551615", &["population", "18446744073709551615", "65536"]),
         ("solve --scenario s1 --preset x", &["preset", "x", "experiment1"]),
@@ -119,7 +119,7 @@ fn usage_errors_exit_2_and_name_flag_value_and_limit() {
         run(dir.path(), &format!("solve --robot biped --goal 1,0 --refine --set {flags} --out none")).ends_with(2).says(&parts);
     }
     assert!(!dir.path().join("none").exists());
-    run(dir.path(), "solve --robot biped --goal 1,0 --device gpu --set precision=f64").ends_with(2).says(&["--device", "f64", "CPU"]);
+    run(dir.path(), "solve --robot biped --goal 1,0 --device gpu --set precision=f64").ends_with(2).says(&["device", "f64", "CPU"]);
 }
 
 #[test]

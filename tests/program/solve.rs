@@ -158,7 +158,7 @@ fn each_stage_begins_where_the_previous_one_ends() {
         "4 feet",
         "2",
     ]);
-    run(dir.path(), "solve --robot anymal --goal 3,0 --via 5000,0").ends_with(2).says(&["place 1 on the way", "goal", "1000"]);
+    run(dir.path(), "solve --robot anymal --goal 3,0 --via 5000,0").ends_with(2).says(&["waypoint 1", "goal", "1000"]);
     // Files of another run in the folder are reported. `--gait trot` means the name even if there is a folder of that name.
     fs::create_dir(dir.path().join("trot")).unwrap();
     let once = run(dir.path(), "solve --robot anymal --goal 0.5,0 --gait trot --first --out out");

@@ -81,7 +81,7 @@ fn verify_reports_its_terms_and_refuses_contradictory_labels() {
     }
     assert!(verify(&|_| {}, "--force-limit 300").ends_with(0).stdout.contains("at most 300.0 N, given"));
     for limit in ["0", "1e300", "nan"] {
-        verify(&|_| {}, &format!("--force-limit {limit}")).ends_with(2).says(&["--force-limit"]);
+        verify(&|_| {}, &format!("--force-limit {limit}")).ends_with(2).says(&["force_limit"]);
     }
     let own = |name: &str, mass: f64| {
         let mut robot = serde_json::to_value(cregopt::Robot::named("anymal").unwrap()).unwrap();

@@ -3,8 +3,8 @@
 use super::candidates::{Candidate, EDGE_RADIUS, grids};
 use crate::common::Random;
 use cregopt::backend::gpu::shaders::{Shader, WORKGROUP};
-use cregopt::backend::gpu::tables::{Batch, Buffer, Sizes, Slot as Counts};
 use cregopt::backend::gpu::{Device, Folder, List, Prepared, Slots};
+use cregopt::backend::tables::{Batch, Buffer, Sizes, Slot as Counts};
 use cregopt::nlp::Layout;
 use cregopt::settings::{SolverSettings, StallSettings};
 use cregopt::solver::control::Progress;

@@ -6,7 +6,7 @@ use super::{ARITHMETIC, CURVED, DEVIATION, TRIGONOMETRY};
 use crate::common;
 use cregopt::backend::gpu::Prepared;
 use cregopt::backend::gpu::shaders::Shader;
-use cregopt::backend::gpu::tables::Slot as Counts;
+use cregopt::backend::tables::Slot as Counts;
 use cregopt::rows::momentum::Deviation;
 use cregopt::rows::{Shared, acceleration, cone, dynamics, footing, force, ground, momentum, reach, stride, swing};
 use cregopt::solver::control::{CLOSE, ENDED, EXACT, SHORTER, SOLVED, STEP};

@@ -1,4 +1,4 @@
-//! What trajectories say of where they come from.
+//! Origin of a trajectory, as its file states it.
 
 use crate::gait::Trajectory;
 use crate::gait::trajectory::NamedOr;
@@ -7,9 +7,18 @@ use crate::task::Task;
 use crate::terrain::{TERRAINS, Terrain};
 use crate::verify::labels::scenario_differs;
 
-/// A trajectory with its task, target and seed. Built-in robots and terrains go by their names, a user's own in full. A scenario is named where the
-/// motion is one of it: with another robot, ground or goal it is the user's own.
-pub fn label(trajectory: Trajectory, task: &Task, scenario: Option<&str>, target: Option<usize>, seed: Option<u64>) -> Trajectory {
+/// Built-in scenario and target that a task was named by.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Provenance {
+    /// Scenario, if one was named.
+    pub scenario: Option<&'static str>,
+    /// Its target, 1 to 20, if one was named.
+    pub target: Option<usize>,
+}
+
+/// Adds robot, terrain, seed and provenance to a trajectory. Built-in robots and terrains are named, a user's own are written in full. The
+/// scenario is left out if robot, terrain or goal differ from it.
+pub fn label(trajectory: Trajectory, task: &Task, Provenance { scenario, target }: Provenance, seed: Option<u64>) -> Trajectory {
     let (robot, terrain) = world_of(task);
     let mut own = Trajectory { scenario: scenario.map(Into::into), target, seed, robot: Some(robot), terrain: Some(terrain), ..trajectory };
     if !matches!(scenario_differs(&own), Ok(None)) {
@@ -18,7 +27,7 @@ pub fn label(trajectory: Trajectory, task: &Task, scenario: Option<&str>, target
     own
 }
 
-/// Robot and terrain of a task: built-in ones by their names, a user's own in full.
+/// Robot and terrain of a task: built-in ones by name, a user's own in full.
 pub fn world_of(task: &Task) -> (NamedOr<Robot>, NamedOr<Terrain>) {
     (
         named_or_own(&*task.robot, &task.robot.name, &ROBOTS, |name| Robot::named(name).ok()),

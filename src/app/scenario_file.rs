@@ -1,12 +1,11 @@
-//! Scenario files: everything that `solve` can be asked, in TOML. Flags override what stands in them.
+//! Scenario files: everything that `solve` can be asked, in TOML. Flags override them.
 
-use super::args::{robot, terrain};
-use super::search_args::SearchArgs;
+use super::named::{robot, terrain};
 use crate::backend::Precision;
 use crate::error::{Error, Result, from_toml, to_toml};
+use crate::files;
 use crate::gait::Trajectory;
 use crate::gait::trajectory::NamedOr;
-use crate::report::files;
 use crate::robot::Robot;
 use crate::settings::Transcription;
 use crate::task::{BaseState, Goal, Task};
@@ -15,53 +14,56 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// A scenario. Every key may be left out; paths are relative to the file. `cregopt init` writes one with all keys explained.
+/// Template of a scenario file, with every key explained.
+pub const TEMPLATE: &str = include_str!("scenario.toml");
+
+/// Scenario file. Every key is optional; paths are relative to the file. `cregopt init` writes [`TEMPLATE`].
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ScenarioFile {
-    /// Version of the program that wrote it.
+    /// Version of the program that wrote the file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub version: Option<String>,
-    /// Built-in scenario that fills in what is left out.
+    /// Built-in scenario for robot, terrain and goal where these are absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scenario: Option<String>,
-    /// Its target, 1 to 20.
+    /// Target of the scenario, 1 to 20.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub target: Option<usize>,
     /// Seed of the search.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
-    /// As `--gait`.
+    /// Gaits to search: `all`, names of families, `free`, or a file with `durations`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gait: Option<String>,
-    /// The paper's search, by name.
+    /// Search of the paper, by name.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub preset: Option<String>,
-    /// What is best among gaits.
+    /// Objective by which gaits are ranked.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub objective: Option<String>,
-    /// Candidates a generation.
+    /// Candidates per generation.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub population: Option<usize>,
-    /// Most generations behind the families' typical gaits.
+    /// Largest number of generations after the typical gaits of the families.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub generations: Option<usize>,
-    /// End after this time with the best so far, s.
+    /// Time after which a search ends with the best gait so far, s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub time: Option<f64>,
-    /// End with the first gait.
+    /// True if a search ends with its first gait.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub first: Option<bool>,
-    /// Gaits to return.
+    /// Number of gaits to return.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub alternatives: Option<usize>,
-    /// Bring the gait to a local optimum of its cost.
+    /// True if the best gait is refined to a local optimum of its cost.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub refine: Option<bool>,
-    /// Lower forces and base motion after each solve.
+    /// True if forces and base motion are smoothed after each solve.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub smooth: Option<bool>,
-    /// Plain random sampling.
+    /// True for plain random sampling.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub random: Option<bool>,
     /// Rows that a motion must satisfy.
@@ -70,10 +72,10 @@ pub struct ScenarioFile {
     /// Scalar of the solver.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub precision: Option<Precision>,
-    /// Where to solve: `auto`, `cpu`, `gpu` or `gpu:NAME`.
+    /// Device: `auto`, `cpu`, `gpu` or `gpu:NAME`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub device: Option<String>,
-    /// Threads; 0 is one a processor.
+    /// Threads of the CPU; 0: one per processor.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub threads: Option<usize>,
     /// Largest normal force of a foot, N.
@@ -82,13 +84,13 @@ pub struct ScenarioFile {
     /// Folder for results.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub out: Option<PathBuf>,
-    /// Where the robot starts.
+    /// Start of the robot.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub start: Option<Start>,
-    /// Where its base is to end.
+    /// Goal of the base.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub goal: Option<Goal>,
-    /// Places on the way at which the base is to be, in order.
+    /// Places at which the base stops on the path to the goal, in order.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub waypoints: Vec<Goal>,
     /// Robot: a name, a file, or a table.
@@ -97,12 +99,12 @@ pub struct ScenarioFile {
     /// Terrain: a name, a file, or a table.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub terrain: Option<NamedOr<Terrain>>,
-    /// Any setting in the tables `search`, `transcription`, `solver` and `refine`, as in the file that a run writes.
+    /// Tables `search`, `transcription`, `solver` and `refine` with any settings; a run writes all of them.
     #[serde(skip_serializing_if = "toml::Table::is_empty")]
     pub settings: toml::Table,
 }
 
-/// Where a robot starts: a place, as of a [`Goal`], or the end of a motion.
+/// Start of a robot: a place with the keys of a [`Goal`], or the end of a motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Start {
@@ -124,10 +126,10 @@ pub struct Start {
     /// Rates of roll, pitch and yaw, rad/s.
     #[serde(default)]
     pub rates: [f64; 3],
-    /// Where each foot stands (x, y), m; at its nominal place under the base when absent.
+    /// Foothold of each foot (x, y), world frame, m; the nominal footholds under the base when absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub feet: Option<Vec<[f64; 2]>>,
-    /// Trajectory file at whose end to start, instead of all these.
+    /// Trajectory file at whose end the robot starts; replaces all other keys.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub after: Option<PathBuf>,
 }
@@ -139,20 +141,22 @@ impl Default for Start {
 }
 
 impl Start {
-    /// At a place, with the feet under it.
+    /// Start at a place, with the feet at their nominal footholds.
     pub fn at(Goal { xy, z, yaw, tilt, velocity, rates }: Goal) -> Start {
         Start { xy, z, yaw, tilt, velocity, rates, feet: None, after: None }
     }
 
-    /// At the end of the motion of a file.
+    /// Start at the end of the motion in a file.
     pub fn after(path: PathBuf) -> Start {
         Start { after: Some(path), ..Start::default() }
     }
 
-    /// With another yaw, rad, if one is given.
+    /// Replaces the yaw, if one is given.
+    ///
+    /// * `yaw` - rad
     ///
     /// # Errors
-    /// [`Error::Invalid`] where the end of a motion says which it is.
+    /// [`Error::Invalid`] at the end of a motion, which has a yaw of its own.
     pub fn turned(self, yaw: Option<f64>) -> Result<Start> {
         match yaw {
             None => Ok(self),
@@ -161,25 +165,25 @@ impl Start {
         }
     }
 
-    /// A yaw beside the end of a motion.
+    /// Error for a yaw given together with the end of a motion.
     pub fn turned_after(yaw: f64) -> Error {
         Error::invalid("yaw at the start", yaw, "left out where the start is the end of a motion")
     }
 
-    /// In a state, with the feet in their places.
+    /// Start in a state with given footholds (x, y), world frame, m.
     pub fn in_state(state: &BaseState, feet: &[[f64; 2]]) -> Start {
         Start { feet: Some(feet.to_vec()), ..Start::at(of_state(state)) }
     }
 
-    /// The place.
+    /// Place of the start.
     pub fn place(&self) -> Goal {
         Goal { xy: self.xy, z: self.z, yaw: self.yaw, tilt: self.tilt, velocity: self.velocity, rates: self.rates }
     }
 
-    /// The task of going from here to a goal.
+    /// Task from this start to a goal.
     ///
     /// # Errors
-    /// As [`Task::new`], and for a file that is no trajectory.
+    /// Errors of [`Task::new`], and of a file that is not a trajectory.
     pub fn task(&self, robot: Arc<Robot>, terrain: Arc<Terrain>, goal: Goal, force_limit: Option<f64>) -> Result<Task> {
         let task = match self.motion()? {
             Some(motion) => Task::between(robot, terrain, goal, goal)?.after(&motion)?,
@@ -190,27 +194,27 @@ impl Start {
         Ok(task)
     }
 
-    /// The motion at whose end to start.
+    /// Motion at whose end the robot starts, if there is one.
     ///
     /// # Errors
-    /// For a file that is no trajectory.
+    /// For a file that is not a trajectory.
     pub fn motion(&self) -> Result<Option<Trajectory>> {
         let read = |path: &PathBuf| Trajectory::from_json(&files::read(path)?).map_err(|e| e.in_file(path, None));
         self.after.as_ref().map(read).transpose()
     }
 }
 
-/// A state as a goal that says everything.
+/// Goal that states every part of a state.
 pub fn of_state(state: &BaseState) -> Goal {
     let ([x, y, z], [roll, pitch, yaw]) = (state.position, state.angles);
     Goal { velocity: state.velocity, rates: state.rates, ..Goal::position([x, y, z]).yaw(yaw).tilt(roll, pitch) }
 }
 
 impl ScenarioFile {
-    /// Reads a file; relative paths in it become relative to the working directory.
+    /// Reads a file. Paths in it become relative to the working directory.
     ///
     /// # Errors
-    /// [`Error::InFile`] for what cannot be read or is no scenario.
+    /// [`Error::InFile`] for a file that is not a scenario; [`Error::Io`] for one that cannot be read.
     pub fn read(path: &Path) -> Result<ScenarioFile> {
         ScenarioFile::from_text(&files::read(path)?, path)
     }
@@ -242,10 +246,10 @@ impl ScenarioFile {
         Ok(file)
     }
 
-    /// Checks the names of the tables of settings.
+    /// Checks the names of the tables in `settings`.
     ///
     /// # Errors
-    /// [`Error::Unknown`] for one that nothing reads.
+    /// [`Error::Unknown`] for an unknown table.
     pub fn check_settings(&self) -> Result<()> {
         const KNOWN: [&str; 4] = ["search", "transcription", "solver", "refine"];
         match self.settings.keys().find(|key| !KNOWN.contains(&key.as_str())) {
@@ -254,27 +258,13 @@ impl ScenarioFile {
         }
     }
 
-    /// What it asks of the search.
-    pub fn search(&self) -> SearchArgs {
-        SearchArgs {
-            gait: self.gait.clone(),
-            population: self.population,
-            generations: self.generations,
-            objective: self.objective.clone(),
-            time: self.time,
-            first: self.first.unwrap_or(false),
-            alternatives: self.alternatives,
-            random: self.random.unwrap_or(false),
-        }
-    }
-
-    /// Without its task, for that of another scenario.
+    /// File without its task, for the task of another scenario.
     pub fn without_task(self) -> ScenarioFile {
         let file = ScenarioFile { scenario: None, target: None, force_limit: None, start: None, goal: None, ..self };
         ScenarioFile { waypoints: Vec::new(), robot: None, terrain: None, ..file }
     }
 
-    /// Without what it says of gaits and legs, for what a preset says.
+    /// File without its settings of search and legs, for those of a preset.
     pub fn without_search(mut self) -> ScenarioFile {
         self.settings.remove("search");
         if let Some(toml::Value::Table(transcription)) = self.settings.get_mut("transcription") {
@@ -284,26 +274,26 @@ impl ScenarioFile {
         ScenarioFile { first: None, alternatives: None, random: None, ..file }
     }
 
-    /// The robot, if one is named or described.
+    /// Robot, if one is named or described.
     ///
     /// # Errors
-    /// For a name or a file that does not exist, or no possible robot.
+    /// For an unknown name, a missing file, or an invalid robot.
     pub fn robot(&self) -> Result<Option<Arc<Robot>>> {
         read(self.robot.as_ref(), robot, Robot::validate_own)
     }
 
-    /// The terrain, if one is named or described.
+    /// Terrain, if one is named or described.
     ///
     /// # Errors
-    /// For a name or a file that does not exist, or no possible terrain.
+    /// For an unknown name, a missing file, or an invalid terrain.
     pub fn terrain(&self) -> Result<Option<Arc<Terrain>>> {
         read(self.terrain.as_ref(), terrain, Terrain::validate_own)
     }
 
-    /// A table of settings; empty when the file has none.
+    /// Table of settings; empty if the file has none.
     ///
     /// # Errors
-    /// [`Error::Invalid`] when something else has its name.
+    /// [`Error::Invalid`] if the value of this name is not a table.
     pub fn settings_of(&self, name: &str) -> Result<toml::Table> {
         match self.settings.get(name) {
             None => Ok(toml::Table::new()),
@@ -312,17 +302,17 @@ impl ScenarioFile {
         }
     }
 
-    /// As text.
+    /// TOML text of the file.
     ///
     /// # Errors
-    /// [`Error::Format`] for what TOML cannot hold.
+    /// [`Error::Format`] for values that TOML cannot hold.
     pub fn text(&self) -> Result<String> {
-        let head = "# What was asked, whole: `cregopt solve` with this file finds the same gait.\n\n";
+        let head = "# All settings of a run: `cregopt solve` with this file finds the same gait.\n\n";
         Ok(head.to_string() + &to_toml(self)?)
     }
 }
 
-/// What is named, or described and possible.
+/// Reads a named thing, or checks a described one.
 fn read<T: Clone>(
     from: Option<&NamedOr<T>>,
     named: impl Fn(&str) -> Result<Arc<T>>,
@@ -335,10 +325,10 @@ fn read<T: Clone>(
     }
 }
 
-/// A settings tree as a table of TOML, which has no word for nothing.
+/// TOML table of settings. Null values are left out, because TOML has no null.
 ///
 /// # Errors
-/// [`Error::Format`] for what TOML cannot hold.
+/// [`Error::Format`] for values that TOML cannot hold.
 pub fn table_of(settings: &impl Serialize) -> Result<toml::Table> {
     fn without_null(value: serde_json::Value) -> Option<serde_json::Value> {
         match value {
@@ -356,12 +346,11 @@ pub fn table_of(settings: &impl Serialize) -> Result<toml::Table> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cli::init::TEMPLATE;
     use crate::task::Task;
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// The commented scenario with every key in force, and with its robot and terrain in full.
+    /// Template with every key active, and with robot and terrain written in full.
     fn everything() -> String {
         let key = |line: &str| line.split_once(" = ").is_some_and(|(key, _)| key.chars().all(|c| c.is_ascii_lowercase() || c == '_'));
         let named = |line: &&str| !line.starts_with("robot = ") && !line.starts_with("terrain = ");
@@ -377,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn mutated_files_are_read_or_refused() {
+    fn randomly_changed_files_are_read_or_refused() {
         let path = Path::new("walk.toml");
         let good: Vec<char> = everything().chars().collect();
         ScenarioFile::from_text(&everything(), path).unwrap();

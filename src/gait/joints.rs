@@ -3,12 +3,12 @@
 //! The motion is that of a rigid body with massless legs, so the torques are those of the contact forces alone, `-J' f`. The torques that
 //! accelerate and carry the legs themselves are left out. The centre of a foot's ball is straight above its contact point.
 
+use super::Trajectory;
+use super::cost::{Piece, SAME_TIME, pieces};
 use crate::error::{Error, Result, check_range};
-use crate::gait::Trajectory;
 use crate::robot::Robot;
 use crate::robot::leg::{Leg, LegJoint, PRECISION};
-use crate::verify::dense::Motion;
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 use serde::Serialize;
 use std::fmt;
 
@@ -143,7 +143,7 @@ pub fn follow(trajectory: &Trajectory, robot: &Robot, rate: f64) -> Result<Joint
         let limit = "the joints of its legs in its file, as `robot import` writes them";
         return Err(Error::invalid(format!("robot `{}`", robot.name.escape_debug()), "no `joints`", limit));
     };
-    let motion = Motion::new(trajectory, robot)?;
+    let motion = Course::new(trajectory, robot)?;
     let mut tracker = Tracker::new(legs);
     let samples = motion.times(rate).into_iter().map(|time| tracker.sample(&motion, time)).collect();
     let Tracker { position, velocity, effort, miss, .. } = tracker;
@@ -168,7 +168,7 @@ pub fn follow(trajectory: &Trajectory, robot: &Robot, rate: f64) -> Result<Joint
 pub fn excess(trajectory: &Trajectory, robot: &Robot, [start, end]: [f64; 2]) -> Result<f64> {
     let Some(legs) = &robot.joints else { return Ok(0.) };
     robot.validate()?;
-    let motion = Motion::new(trajectory, robot)?;
+    let motion = Course::new(trajectory, robot)?;
     let mut tracker = Tracker::new(legs);
     for time in motion.times(RATE).into_iter().filter(|time| (start..=end).contains(time)) {
         tracker.sample(&motion, time);
@@ -184,6 +184,50 @@ pub fn excess(trajectory: &Trajectory, robot: &Robot, [start, end]: [f64; 2]) ->
 /// See [`follow`].
 pub fn limits(trajectory: &Trajectory, robot: &Robot) -> Result<Option<JointLimits>> {
     robot.joints.as_ref().map(|_| Ok(follow(trajectory, robot, RATE)?.limits)).transpose()
+}
+
+/// Curves of a trajectory as pieces, for a robot that fits it.
+struct Course {
+    horizon: f64,
+    base_lin: Vec<Piece>,
+    base_ang: Vec<Piece>,
+    /// Position and force of each foot.
+    feet: Vec<[Vec<Piece>; 2]>,
+}
+
+/// State of the base at one time, world frame.
+struct Base {
+    position: Vector3<f64>,
+    velocity: Vector3<f64>,
+    /// Base to world.
+    rotation: Rotation3<f64>,
+    omega: Vector3<f64>,
+}
+
+impl Course {
+    fn new(trajectory: &Trajectory, robot: &Robot) -> Result<Course> {
+        trajectory.validate()?;
+        trajectory.check_feet(robot)?;
+        let feet = trajectory.ee.iter().map(|curves| [pieces(&curves.motion), pieces(&curves.force)]).collect();
+        let (base_lin, base_ang) = (pieces(&trajectory.base_lin), pieces(&trajectory.base_ang));
+        Ok(Course { horizon: trajectory.horizon, base_lin, base_ang, feet })
+    }
+
+    /// Sample times from 0 to the horizon, which is always the last, s.
+    fn times(&self, rate: f64) -> Vec<f64> {
+        let before = |&time: &f64| time < self.horizon - SAME_TIME;
+        (0u32..).map(|i| f64::from(i) / rate).take_while(before).chain([self.horizon]).collect()
+    }
+
+    /// State of the base. With rotation `Rz(yaw) Ry(pitch) Rx(roll)`, `omega = roll' x_base + pitch' Rz e_y + yaw' e_z`.
+    fn base(&self, time: f64) -> Base {
+        let [position, velocity] = Piece::at(&self.base_lin, time);
+        let [angle, rate] = Piece::at(&self.base_ang, time);
+        let rotation = Rotation3::from_euler_angles(angle.x, angle.y, angle.z);
+        let (sin, cos) = angle.z.sin_cos();
+        let (roll_axis, pitch_axis) = (rotation.matrix().column(0).into_owned(), Vector3::new(-sin, cos, 0.));
+        Base { position, velocity, rotation, omega: roll_axis * rate.x + pitch_axis * rate.y + Vector3::z() * rate.z }
+    }
 }
 
 /// Joints of the previous sample, and the worst values so far.
@@ -203,24 +247,24 @@ impl<'a> Tracker<'a> {
     }
 
     /// Computes the joints at a time.
-    fn sample(&mut self, motion: &Motion, time: f64) -> JointSample {
+    fn sample(&mut self, motion: &Course, time: f64) -> JointSample {
         let base = motion.base(time);
         let to_base = base.rotation.inverse();
         let omega = to_base * base.omega;
         let mut sample = JointSample { time, positions: vec![], velocities: vec![], efforts: vec![] };
         for (foot, leg) in self.legs.iter().enumerate() {
-            let curves = &motion.feet[foot];
-            let place = curves.motion.at(time);
-            let contact = to_base * (place.value - base.position);
-            let center = to_base * (place.value + Vector3::z() * leg.radius - base.position);
+            let [path, force] = &motion.feet[foot];
+            let [place, velocity] = Piece::at(path, time);
+            let contact = to_base * (place - base.position);
+            let center = to_base * (place + Vector3::z() * leg.radius - base.position);
             let (joints, missed) = leg.approach(&center, &self.joints[foot]);
             if missed > PRECISION && missed > self.miss.value {
                 self.miss = Nearest { name: leg.foot.clone(), time, value: missed, ..self.miss };
             }
             let at = leg.posture(&joints);
-            let against_base = to_base * (place.first - base.velocity) - omega.cross(&center);
+            let against_base = to_base * (velocity - base.velocity) - omega.cross(&center);
             let rates = leg.rates(&at, &against_base);
-            let efforts = leg.efforts(&at, &contact, &(to_base * curves.force.at(time).value));
+            let efforts = leg.efforts(&at, &contact, &(to_base * Piece::at(force, time)[0]));
             for (j, joint) in leg.chain.iter().enumerate() {
                 self.look(joint, time, [joints[j], rates[j], efforts[j]]);
             }
@@ -248,6 +292,7 @@ pub(crate) mod tests {
     use super::*;
     use crate::gait::{Curve, FootCurves};
     use crate::robot::import::{Import, configuration};
+    use crate::verify::dense::Motion;
 
     /// The quadruped of the import tests, standing.
     pub fn quadruped() -> Robot {
