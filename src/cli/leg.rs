@@ -18,7 +18,7 @@ use crate::scenario::Scenario;
 use crate::search::diagnosis::{Diagnosis, diagnose};
 use crate::search::evaluate::LowerSettings;
 use crate::search::precheck::{Finding, precheck};
-use crate::search::{Gait, Progress, Search, SearchResult, SearchSettings};
+use crate::search::{Gait, Search, SearchEvent, SearchResult, SearchSettings};
 use crate::task::{Goal, Task};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -136,7 +136,7 @@ pub enum News<'a> {
     /// It has begun.
     Begun,
     /// How far it is.
-    Progress(&'a Progress<'a>),
+    Progress(&'a SearchEvent<'a>),
     /// It has ended; a refinement or a diagnosis may follow.
     Ended,
 }

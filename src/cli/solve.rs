@@ -13,7 +13,7 @@ use crate::report::motion_plot;
 use crate::report::result::{GaitResult, Refinement};
 use crate::report::{SolveResult, gait_diagram};
 use crate::scenario::Scenario;
-use crate::search::{Progress, SearchSettings};
+use crate::search::{SearchEvent, SearchSettings};
 use crate::settings::Legs;
 use crate::task::{Goal, Task};
 use clap::Args;
@@ -305,16 +305,16 @@ pub fn text(result: &SolveResult, folder: Option<&Path>) -> Result<String> {
 }
 
 /// Says how far a search is.
-type Teller = Box<dyn FnMut(&Progress) + Send>;
+type Teller = Box<dyn FnMut(&SearchEvent) + Send>;
 
 /// Seconds between two lines of a search that nobody watches.
 const TELL: f64 = 10.;
 
 /// The line of a generation now and then, for logs.
-fn tell_now_and_then() -> impl FnMut(&Progress) + Send {
+fn tell_now_and_then() -> impl FnMut(&SearchEvent) + Send {
     let mut told = Instant::now();
     move |progress| {
-        let Progress::Generation(g) = progress else { return };
+        let SearchEvent::Generation(g) = progress else { return };
         if told.elapsed().as_secs_f64() >= TELL {
             told = Instant::now();
             let fewest = g.lowest_n_violated.map_or("-".into(), |n| n.to_string());
@@ -325,14 +325,14 @@ fn tell_now_and_then() -> impl FnMut(&Progress) + Send {
 }
 
 /// A line that says how far the search is and what is the best so far, for those who watch.
-fn bar() -> impl FnMut(&Progress) + Send {
+fn bar() -> impl FnMut(&SearchEvent) + Send {
     let bar = ProgressBar::new_spinner().with_finish(ProgressFinish::AndClear);
     bar.enable_steady_tick(Duration::from_millis(120));
     let (mut evaluated, mut feasible, mut best) = (0, 0, String::from("no gait yet"));
     move |progress| {
         match progress {
-            Progress::Generation(g) => (evaluated, feasible) = (evaluated + g.evaluated, feasible + g.feasible),
-            Progress::Improvement(i) => {
+            SearchEvent::Generation(g) => (evaluated, feasible) = (evaluated + g.evaluated, feasible + g.feasible),
+            SearchEvent::Improvement(i) => {
                 let family = i.family.map(|f| format!("{f}, ")).unwrap_or_default();
                 best = format!("best {family}{:.3} after {:.2} s", -i.objective, i.seconds);
             }

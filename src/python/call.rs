@@ -3,7 +3,7 @@
 use super::convert::{raised, to_python};
 use crate::cli::leg::News;
 use crate::error::{Error, Result};
-use crate::search::Progress;
+use crate::search::SearchEvent;
 use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 use std::ffi::CString;
@@ -28,8 +28,8 @@ impl Event {
         match news {
             News::Begun | News::Ended => None,
             News::Warning(finding) => Some(Event::Warning(finding.to_string())),
-            News::Progress(Progress::Generation(record)) => Some(Event::Progress("generation", serde_json::to_value(record).ok()?)),
-            News::Progress(Progress::Improvement(better)) => Some(Event::Progress("improvement", serde_json::to_value(better).ok()?)),
+            News::Progress(SearchEvent::Generation(record)) => Some(Event::Progress("generation", serde_json::to_value(record).ok()?)),
+            News::Progress(SearchEvent::Improvement(better)) => Some(Event::Progress("improvement", serde_json::to_value(better).ok()?)),
         }
     }
 
