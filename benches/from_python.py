@@ -1,9 +1,9 @@
-"""What it costs to solve a population from Python instead of by the command line, and whether many calls keep memory.
+"""Overhead of solving a population from Python instead of the command line, and memory use over many calls.
 
     python benches/from_python.py target/release/cregopt --candidates 192 --pairs 5 --calls 1000
 
-The program and a fresh process of Python solve the same schedules in turn, on one thread. Machines are shared, so seconds of CPU (user and system) are
-told; of Python also those of the call alone, with reading the file (as the program does) and with the import apart.
+The program and a new Python process solve the same schedules in turn, on one thread. Times are CPU times (user and system), because machines are
+shared. For Python the call, which includes reading the file as in the program, and the import are also reported separately.
 """
 
 import argparse
@@ -36,7 +36,7 @@ print(imported - begun, cpu() - imported, int(found.feasible.sum()), int(found.i
 
 
 def cpu_of(command: list[str]) -> tuple[float, str]:
-    """CPU of a process, s, and what it printed."""
+    """CPU time of a process, s, and its output."""
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     printed = process.stdout.read()
@@ -48,14 +48,14 @@ def cpu_of(command: list[str]) -> tuple[float, str]:
 
 
 def resident() -> int:
-    """What this process has in memory, kB."""
+    """Resident memory of this process, kB."""
     pages = int(pathlib.Path("/proc/self/statm").read_text().split()[1])
     return pages * resource.getpagesize() // 1024
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("program", help="cregopt, of the same version and built alike")
+    parser.add_argument("program", help="cregopt, same version and build profile")
     parser.add_argument("--candidates", type=int, default=192)
     parser.add_argument("--pairs", type=int, default=5)
     parser.add_argument("--calls", type=int, default=1000)
@@ -71,17 +71,17 @@ def main() -> None:
             by_python = [sys.executable, "-c", CHILD, str(file)]
             turns = [by_program, by_python] if pair % 2 == 0 else [by_python, by_program]
             spent = {command[0]: cpu_of(command) for command in turns}
-            (program, said), (whole, told) = spent[options.program], spent[sys.executable]
-            imported, called, feasible, iterations = (float(word) for word in told.split())
-            found = re.match(r"(\d+) of \d+ candidates feasible, (\d+) iterations", said)
-            assert found is not None and [int(word) for word in found.groups()] == [feasible, iterations], (said, told)
+            (program, output), (whole, printed) = spent[options.program], spent[sys.executable]
+            imported, called, feasible, iterations = (float(word) for word in printed.split())
+            found = re.match(r"(\d+) of \d+ candidates feasible, (\d+) iterations", output)
+            assert found is not None and [int(word) for word in found.groups()] == [feasible, iterations], (output, printed)
             rows.append((program, called, imported, whole, called / program - 1))
             print(f"pair {pair + 1}: " + ", ".join(f"{value:.3f}" for value in rows[-1]), flush=True)
     program, called, imported, whole, more = (statistics.median(column) for column in zip(*rows))
-    print("| command line, s | Python: the call | import | whole process | the call more by |\n|---|---|---|---|---|")
+    print("| command line, s | Python: the call | import | whole process | overhead of the call |\n|---|---|---|---|---|")
     print(f"| {program:.3f} | {called:.3f} | {imported:.3f} | {whole:.3f} | {100 * more:+.1f} % |")
     least = [min(column) for column in zip(*rows)]
-    print(f"least of {options.pairs}: {least[0]:.3f} s and {least[1]:.3f} s, {100 * (least[1] / least[0] - 1):+.1f} %")
+    print(f"minimum of {options.pairs}: {least[0]:.3f} s and {least[1]:.3f} s, {100 * (least[1] / least[0] - 1):+.1f} %")
 
     short = cregopt.Task(cregopt.Robot("anymal"), cregopt.Terrain("flat"), goal=(1.0, 0.0))
     for call in range(1, options.calls + 1):

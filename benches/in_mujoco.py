@@ -1,9 +1,9 @@
-"""What becomes of default gaits in MuJoCo: robots, tasks, seeds and frictions, each played by ``cregopt.mujoco``.
+"""Success of default gaits in MuJoCo over robots, tasks, seeds and frictions; each gait is played by ``cregopt.mujoco``.
 
     python benches/in_mujoco.py MODEL.xml... [--preset NAME] [--gait FAMILY,...] [--seeds N] [--friction MU...] [--out FILE.jsonl]
 
-Each gait is searched for on flat ground with the defaults of ``cregopt solve``, and played on each friction, disturbed by the search's seed.
-Prints a line for each play and a table of all.
+Each gait is searched on flat ground with the defaults of ``cregopt solve``, and played with each friction and with disturbances by the seed of the
+search. Prints one line per play and a table of all plays.
 """
 
 from __future__ import annotations
@@ -32,28 +32,28 @@ HEAD = """\
 
 
 def plays(model: str, seeds: int, frictions: Sequence[float], preset: Optional[str], gaits: str) -> Iterable[dict[str, Any]]:
-    """Each play of a robot: what was asked, and the report."""
+    """Yields one dictionary per play of a robot, with the conditions and the report."""
     robot = cregopt.mujoco.robot(model)
     for name, (goal, yaw) in TASKS.items():
         task = cregopt.Task(robot, cregopt.Terrain("flat"), goal=goal, yaw=yaw)
         for seed in range(1, seeds + 1):
             gait = cregopt.search(task, seed=seed, preset=preset, gaits=gaits, threads=1)
             for friction in frictions:
-                asked = {"robot": robot.name, "task": name, "seed": seed, "friction": friction, "family": gait.family}
+                conditions = {"robot": robot.name, "task": name, "seed": seed, "friction": friction, "family": gait.family}
                 if not gait.feasible:
-                    yield {**asked, "found": False}
+                    yield {**conditions, "found": False}
                     continue
                 report = cregopt.mujoco.play(gait, model, friction=friction, seed=seed)
-                yield {**asked, **report.to_dict(), "friction": friction, "found": True}
+                yield {**conditions, **report.to_dict(), "friction": friction, "found": True}
 
 
 def row(name: str, rows: list[dict[str, Any]]) -> str:
-    """A line of the table."""
+    """Line of the table."""
     found = [r for r in rows if r["found"]]
     upright = [r for r in found if r["upright"]]
 
     def spread(key: str, scale: float) -> str:
-        """Median / largest of those that stay upright."""
+        """Median / largest value of the plays that stay upright."""
         values = sorted(scale * r[key] for r in upright)
         return f"{values[len(values) // 2]:.3g} / {values[-1]:.3g}" if values else "-"
 
@@ -81,16 +81,16 @@ def main() -> None:
     parser.add_argument("--gait", default="all")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--friction", type=float, nargs="+", default=FRICTIONS)
-    parser.add_argument("--out", help="all reports, one JSON object a line")
-    asked = parser.parse_args()
+    parser.add_argument("--out", help="file for all reports, one JSON object per line")
+    options = parser.parse_args()
     begun, rows = time.monotonic(), []
-    for model in asked.models:
-        for play in plays(model, asked.seeds, asked.friction, asked.preset, asked.gait):
+    for model in options.models:
+        for play in plays(model, options.seeds, options.friction, options.preset, options.gait):
             rows.append(play)
-            said = "no gait" if not play["found"] else play["fall"] or ("followed" if play["followed"] else "upright")
-            print(play["robot"], play["task"], play["seed"], play["friction"], play["family"], said, f"{time.monotonic() - begun:.0f} s", flush=True)
-            if asked.out:
-                with open(asked.out, "a") as file:
+            outcome = "no gait" if not play["found"] else play["fall"] or ("followed" if play["followed"] else "upright")
+            print(play["robot"], play["task"], play["seed"], play["friction"], play["family"], outcome, f"{time.monotonic() - begun:.0f} s", flush=True)
+            if options.out:
+                with open(options.out, "a") as file:
                     file.write(json.dumps(play) + "\n")
     print("\n" + HEAD)
     for key in ("robot", "task", "friction"):

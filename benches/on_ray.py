@@ -1,10 +1,10 @@
-"""Candidates a second on workers of a cluster of this machine, beside threads of one process, bytes a candidate, and the time of a search.
+"""Candidates per second on the workers of a local cluster and on threads of one process, bytes per candidate, and the time of a search.
 
     python benches/on_ray.py --candidates 192 --rounds 3 --workers 1,2,4
 
-Needs the package with its extra (pip install '.[ray]') and Linux. Each worker has one CPU, of which Ray is told that there are as many as workers.
-Rounds take turns and medians are told, for machines are shared; where others take the cores, seconds of CPU say more: those of Ray's processes are
-among them.
+Needs Linux and the package with its extra (pip install '.[ray]'). Each worker has one CPU, and Ray is started with as many CPUs as workers. The cases
+alternate in rounds and medians are reported, because machines are shared. If other processes use the cores, CPU times are more reliable than wall
+times; they include those of Ray's processes.
 """
 
 import argparse
@@ -22,7 +22,7 @@ from population import population
 
 
 def cpu() -> float:
-    """What this process and those of Ray have used, s."""
+    """CPU time that this process and those of Ray have used, s."""
     used = time.process_time()
     for process in pathlib.Path("/proc").glob("[0-9]*"):
         try:
@@ -36,7 +36,7 @@ def cpu() -> float:
 
 
 def seconds(call: Callable[[], object]) -> tuple[float, float]:
-    """By the clock, and of CPU."""
+    """Wall time and CPU time of a call, s."""
     begun, before = time.perf_counter(), cpu()
     call()
     return time.perf_counter() - begun, cpu() - before
@@ -65,24 +65,24 @@ def main() -> None:
             note(f"search, threads {threads}", seconds(lambda: cregopt.search(task, device="cpu", threads=threads, **wide)))
         for workers in map(int, options.workers.split(",")):
             ray.init(num_cpus=workers, include_dashboard=False, log_to_driver=False)
-            distributed.evaluate(task, schedules[: 4 * workers], chunk=1)  # processes start
+            distributed.evaluate(task, schedules[: 4 * workers], chunk=1)  # starts the processes
             note(f"Ray, workers {workers}", seconds(lambda: distributed.evaluate(task, schedules, chunk=options.chunk)))
-            distributed.search(task, first=True)  # and those of searches
+            distributed.search(task, first=True)  # starts those of searches
             note(f"search, Ray, workers {workers}", seconds(lambda: distributed.search(task, chunk=options.chunk, **wide)))
             if workers == 1:
                 nothing: Any = ray.remote(num_cpus=1)(lambda: None)
                 note("300 tasks of Ray that do nothing", seconds(lambda: ray.get([nothing.remote() for _ in range(300)])))
             ray.shutdown()
-    print("| | s | CPU, s | candidates a second | a second of CPU |\n|---|---|---|---|---|")
+    print("| | s | CPU, s | candidates per second | per CPU second |\n|---|---|---|---|---|")
     for name, spent in times.items():
         clock, used = (statistics.median(column) for column in zip(*spent))
         rates = "| |" if "nothing" in name or "search" in name else f"| {n / clock:.1f} | {n / used:.1f} |"
         print(f"| {name} | {clock:.3g} | {used:.3g} {rates}")
     found = cregopt.evaluate(task, schedules[:100], device="cpu")
     motions = cregopt.evaluate(task, schedules[:100], device="cpu", trajectories=True)
-    size = {name: len(pickle.dumps(what, 5)) / 100 for name, what in (("schedule", schedules[:100]), ("result", found), ("with motion", motions))}
-    print("bytes a candidate in chunks of 100: " + ", ".join(f"{name} {value:.0f}" for name, value in size.items()))
-    print(f"the task: {len(pickle.dumps(task, 5))} bytes once a node")
+    size = {name: len(pickle.dumps(item, 5)) / 100 for name, item in (("schedule", schedules[:100]), ("result", found), ("with motion", motions))}
+    print("bytes per candidate in chunks of 100: " + ", ".join(f"{name} {value:.0f}" for name, value in size.items()))
+    print(f"the task: {len(pickle.dumps(task, 5))} bytes once per node")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Schedules that the measurements from Python solve."""
+"""Schedules for the benchmarks in Python."""
 
 import random
 
@@ -6,7 +6,7 @@ import cregopt
 
 
 def population(task: cregopt.Task, candidates: int) -> list[list[list[float]]]:
-    """Schedules about a trot."""
+    """Random schedules around a feasible trot of the task; the same for each call."""
     draw = random.Random(1)
     around = cregopt.search(task, gaits="trot", first=True, device="cpu").schedule
     schedules = []

@@ -90,14 +90,14 @@ impl Linearised {
         let layout = Layout::<f32>::new(task, &schedule.aligned(interval(&settings, &task.robot)), &settings);
         let mut shared = rows::Shared::default();
         shared.resize(&layout);
-        let (mut c, mut g) = (vec![0.; layout.equalities], vec![0.; layout.inequalities]);
+        let (mut c, mut g) = (vec![0.; layout.rows.one_sided()], vec![0.; layout.inequalities]);
         let mut jacobian = vec![0.; layout.jacobian_len];
         rows::residuals(&layout, &layout.initial, 0., &mut shared, &mut c, &mut g, Some(&mut jacobian));
         let mut diagonal = vec![0.; layout.variables];
-        let (mut counts, mut local) = (vec![0.; layout.rows], vec![0.; layout.widest]);
+        let (mut counts, mut local) = (vec![0.; layout.rows.all()], vec![0.; layout.widest]);
         column_scaling(&layout, &jacobian, &mut counts, &mut local, &mut diagonal);
         diagonal.iter_mut().for_each(|d| *d *= 1e-3);
-        let (weight, value, gradient) = (vec![1.; layout.rows], vec![0.1; layout.rows], vec![0.; layout.variables]);
+        let (weight, value, gradient) = (vec![1.; layout.rows.all()], vec![0.1; layout.rows.all()], vec![0.; layout.variables]);
         Linearised { layout, jacobian, weight, value, diagonal, gradient }
     }
 }

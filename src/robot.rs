@@ -1,4 +1,4 @@
-//! Robot models: a single rigid body with feet that reach inside boxes.
+//! Robot models: a single rigid body whose feet reach inside boxes.
 
 mod built_in;
 #[cfg(feature = "urdf")]
@@ -18,17 +18,17 @@ use std::path::Path;
 /// Standard gravity, m/s². Source: \[3\].
 pub const GRAVITY: f64 = 9.80665;
 
-/// Most feet a robot can have.
+/// Largest number of feet.
 pub const MAX_FEET: usize = 8;
 
 /// A legged robot as the solver sees it.
 ///
-/// The base frame sits in the centre of mass: x forward, y left, z up.
+/// The origin of the base frame is the centre of mass: x forward, y left, z up.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Robot {
-    /// Name, used in results.
+    /// Name, shown in results.
     pub name: String,
     /// Mass, kg.
     pub mass: f64,
@@ -39,30 +39,30 @@ pub struct Robot {
     pub base_height: f64,
     /// Nominal foot positions in the base frame, m, `[feet][3]`.
     pub nominal_feet: Vec<[f64; 3]>,
-    /// The box around its nominal position that each foot reaches.
+    /// Box around its nominal position that each foot can reach.
     pub reach: Reach,
-    /// Largest normal force of a foot, N; see [`Robot::default_force_limit`] when absent.
+    /// Largest normal force of a foot, N. Default: [`Robot::default_force_limit`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub force_limit: Option<f64>,
-    /// Mass of a leg as if it were at the foot, kg; [`LEG_MASS`] of the robot's when absent.
+    /// Equivalent mass of a leg at its foot, kg. Default: [`LEG_MASS`] times the mass.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub leg_mass: Option<f64>,
-    /// Joints of each foot's leg, for trajectories of joints; motions are found without them.
+    /// Joints of each leg, used for joint trajectories. The solver does not need them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joints: Option<Vec<leg::Leg>>,
-    /// Radius of the ball that a foot is, m, 0 for a point; [`FOOT_RADIUS`] of the leg height when absent. The foot of a motion is where the
-    /// ball touches the ground.
+    /// Radius of the foot ball, m; 0 for a point foot. Default: [`FOOT_RADIUS`] times the leg height. The foot position of a motion is the
+    /// point where the ball touches the ground.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub foot_radius: Option<f64>,
 }
 
-/// Mass of a leg at its foot of a robot that names none, in masses of the robot.
+/// Default equivalent mass of a leg at its foot, relative to the mass of the robot.
 pub const LEG_MASS: f64 = 0.03;
 
-/// Radius of a foot of a robot that names none, in leg heights: Unitree's quadrupeds have 0.02 m at 0.25 to 0.32 m, ANYmal 0.03 m at 0.42 m.
+/// Default radius of a foot, in leg heights. Unitree's quadrupeds have 0.02 m at 0.25 to 0.32 m, ANYmal 0.03 m at 0.42 m.
 pub const FOOT_RADIUS: f64 = 0.06;
 
-/// Largest normal force of a foot when legs are not limited, in weights: what a runner's leg takes.
+/// Largest normal force of a foot if the leg's own strength is not limited, in weights: the load on a runner's leg.
 pub const FORCE_LIMIT: f64 = 3.;
 
 impl Robot {
@@ -76,28 +76,28 @@ impl Robot {
         Ok(robot)
     }
 
-    /// Reads a robot from a file and validates it: TOML when its name ends in `.toml`, else JSON.
+    /// Reads a robot from a file and validates it. The file is TOML if its name ends in `.toml`, otherwise JSON.
     ///
     /// # Errors
-    /// As [`Robot::from_json`], with the name of the file; [`Error::Io`] when the system refuses.
+    /// See [`Robot::from_json`], with the name of the file; [`Error::Io`] if the system refuses.
     pub fn read(path: &Path) -> Result<Robot> {
         let robot: Robot = files::read_value(path)?;
         robot.validate_own().map_err(|e| e.in_file(path, None))?;
         Ok(robot)
     }
 
-    /// Text of a robot file, in the form that [`Robot::read`] reads from a file of that name.
+    /// Text of a robot file in the format that [`Robot::read`] expects for a file of this name.
     ///
     /// # Errors
-    /// [`Error::Format`] for what TOML cannot hold.
+    /// [`Error::Format`] for values that TOML cannot represent.
     pub fn file_text(&self, path: &Path) -> Result<String> {
         if files::is_toml(path) { crate::error::to_toml(self) } else { Ok(serde_json::to_string_pretty(self)? + "\n") }
     }
 
-    /// Checks that this is a possible body.
+    /// Checks that this is a physically possible body.
     ///
     /// # Errors
-    /// [`Error::Invalid`] names the first field that is out of its limits.
+    /// [`Error::Invalid`] names the first field that is out of range.
     pub fn validate(&self) -> Result<()> {
         check_name("robot.name", &self.name)?;
         check_range("robot.mass", self.mass, 1e-3, 1e6)?;
@@ -160,18 +160,18 @@ impl Robot {
         self.nominal_feet.len()
     }
 
-    /// The box that each foot reaches, in the order of the feet.
+    /// Reach box of each foot, in the order of the feet.
     pub fn reach_boxes(&self) -> impl Iterator<Item = ReachBox> {
         (0..self.feet()).map(|foot| self.reach.of(foot))
     }
 
-    /// Nominal leg height, m, the length that makes moments dimensionless; at least 0.1 m.
+    /// Nominal leg height, m: the length that makes moments dimensionless. At least 0.1 m.
     pub fn leg_height(&self) -> f64 {
         self.nominal_feet[0][2].abs().max(0.1)
     }
 
-    /// Largest normal force of a foot of a robot that names none, N: 1.2 weights on three feet or more, 2.5 on two, 3 on one. A biped cannot
-    /// fly with less than two; four legs hardly need one.
+    /// Default largest normal force of a foot, N: 1.2 weights for three feet or more, 2.5 for two, 3 for one. A biped needs at least two
+    /// weights for a flight phase; a quadruped hardly needs one.
     pub fn default_force_limit(&self) -> f64 {
         let weights = match self.feet() {
             1 => FORCE_LIMIT,
@@ -181,7 +181,7 @@ impl Robot {
         weights * self.weight()
     }
 
-    /// Mass of a leg as if it were at the foot, kg.
+    /// Equivalent mass of a leg at its foot, kg.
     pub fn leg_mass(&self) -> f64 {
         self.leg_mass.unwrap_or(LEG_MASS * self.mass)
     }
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_is_toml_or_json_by_its_name() {
+    fn the_file_name_selects_toml_or_json() {
         let folder = tempfile::tempdir().unwrap();
         let mut robot = Robot { name: "own".into(), ..Robot::named("biped").unwrap() };
         robot.reach = Reach::PerFoot(vec![[[-0.1, 0.2], [0., 0.1], [-0.2, 1. / 3.]]; 2]);
@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn feet_may_be_points_and_are_no_larger_than_half_a_leg() {
+    fn feet_may_be_points_and_at_most_half_a_leg_in_radius() {
         let with = |radius| Robot { name: "own".into(), foot_radius: Some(radius), ..Robot::named("anymal").unwrap() };
         assert_eq!(Robot::from_json(&serde_json::to_string(&with(0.)).unwrap()).unwrap().foot_radius(), 0.);
         with(0.21).validate().unwrap();

@@ -11,11 +11,11 @@ use cregopt::nlp::Layout;
 use cregopt::nlp::transcription::interval;
 
 use cregopt::robot::{GRAVITY, Robot};
-use cregopt::rows::Family;
 use cregopt::rows::acceleration::Acceleration;
 use cregopt::rows::footing::Footing;
 use cregopt::rows::stride::Stride;
 use cregopt::rows::table::{NONE, Run};
+use cregopt::rows::{Family, RowKind};
 use cregopt::search::evaluate::{LowerSettings, evaluate};
 use cregopt::settings::{Friction, Legs, Transcription, TranscriptionSettings};
 use cregopt::solver::Status;
@@ -133,7 +133,7 @@ fn check_sizes(layout: &Layout<f32>, schedule: &Schedule, settings: &Transcripti
         true => (2 * nodes, 1, 2),
     };
     let balance = if momentum { [0, knots, knots] } else { [knots + 1, 0, 0] };
-    prop_assert_eq!(layout.equalities, 6 * balance.iter().sum::<usize>());
+    prop_assert_eq!(layout.rows.of(RowKind::Equality).len(), 6 * balance.iter().sum::<usize>());
     let reach = match momentum {
         // At most 0.026 s apart, and five parts of every swing.
         true => ((layout.curves.interval / 0.026).ceil() as usize * knots + 1) * schedule.feet() + 5 * swings,
@@ -147,8 +147,8 @@ fn check_sizes(layout: &Layout<f32>, schedule: &Schedule, settings: &Transcripti
     // The normal force has two sides; the pyramid has four rows beside it, the cone one.
     let (friction, pyramids, cones) = if settings.friction() == Friction::Cone { (1, 0, forces) } else { (4, forces, 0) };
     prop_assert_eq!(
-        layout.rows,
-        layout.equalities + 3 * reach + (1 + friction) * forces + per_swing * swings + strides + 2 * accelerations + 2 * boxes
+        layout.rows.of(RowKind::Inequality).len(),
+        3 * reach + (1 + friction) * forces + per_swing * swings + strides + 2 * accelerations + 2 * boxes
     );
     prop_assert_eq!(
         layout.inequalities,
@@ -164,7 +164,7 @@ fn check_sizes(layout: &Layout<f32>, schedule: &Schedule, settings: &Transcripti
 
 /// Rows, inequalities and Jacobian values of the elements cover their buffers once.
 fn check_places(layout: &Layout<f32>) -> Result<(), TestCaseError> {
-    let (mut row, mut inequality, mut jacobian) = (vec![0; layout.rows], vec![0; layout.inequalities], vec![0; layout.jacobian_len]);
+    let (mut row, mut inequality, mut jacobian) = (vec![0; layout.rows.all()], vec![0; layout.inequalities], vec![0; layout.jacobian_len]);
     let mut cover = |buffer: usize, from: u32, len: u32| {
         let buffer = [&mut row, &mut inequality, &mut jacobian][buffer].iter_mut();
         buffer.skip(from as usize).take(len as usize).for_each(|used| *used += 1);
@@ -173,9 +173,8 @@ fn check_places(layout: &Layout<f32>) -> Result<(), TestCaseError> {
         let place = &element.place;
         cover(0, place.row, element.rows);
         cover(2, place.jacobian, element.rows * place.stride);
-        if (place.row as usize) < layout.equalities {
-            prop_assert!(element.family.spec().equality);
-        } else {
+        prop_assert_eq!(layout.rows.kind(place.row), element.kind());
+        if element.kind() == RowKind::Inequality {
             cover(1, place.inequality, element.rows + element.pairs);
         }
         // The base blocks share the columns of the pose, the first six of a foot's reach, by weights.
@@ -310,7 +309,7 @@ fn mirrored_point(layout: &Layout<f64>, other: &Layout<f64>, x: &[f64]) -> Vec<f
 
 /// Residuals at the mirrored point from those at the point: `[c, g]` in the order of the other layout.
 fn mirrored_rows(robot: &Robot, layout: &Layout<f64>, other: &Layout<f64>, rows: &Rows<f64>) -> [Vec<f64>; 2] {
-    let (mut c, mut g) = (vec![f64::NAN; other.equalities], vec![f64::NAN; other.inequalities]);
+    let (mut c, mut g) = (vec![f64::NAN; other.rows.one_sided()], vec![f64::NAN; other.inequalities]);
     for (from, to) in layout.dynamics_instants.iter().zip(&other.dynamics_instants) {
         // Moments about x and z change sign, and the force along y.
         for (i, sign) in [-1., 1., -1., 1., -1., 1.].into_iter().enumerate() {

@@ -117,7 +117,7 @@ fn what_is_no_robot_exits_4_and_leaves_nothing() {
     fs::write(dir.path().join("binary.urdf"), [0xff, 0xfe, 0x00]).unwrap();
     let cases: &[(&[&str], &[&str])] = &[
         (&["empty.urdf"], &["empty.urdf", "empty"]),
-        (&["half.urdf"], &["half.urdf", "no XML"]),
+        (&["half.urdf"], &["half.urdf", "not XML"]),
         (&["binary.urdf"], &["binary.urdf", "UTF-8"]),
         (&["none.urdf"], &["none.urdf"]),
         (&["/dev/zero"], &["/dev/zero", "67108864"]),

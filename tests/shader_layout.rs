@@ -535,7 +535,7 @@ fn gathering_over_touches_gives_the_transposed_product() {
     for layout in layouts() {
         let own = ShaderTables::of(&layout);
         let mut fill = |len: usize| -> Vec<f32> { (0..len).map(|_| random.between(-1., 1.) as f32).collect() };
-        let (jacobian, v) = (fill(layout.jacobian_len), fill(layout.rows));
+        let (jacobian, v) = (fill(layout.jacobian_len), fill(layout.rows.all()));
         let mut expected = vec![f32::NAN; layout.variables];
         transposed_times(&layout, &jacobian, &v, &mut vec![0.; layout.widest], &mut expected);
         assert_eq!(own.gather_of.len(), layout.variables);

@@ -456,7 +456,7 @@ const EARLY_MEAN: f64 = 257. / 270.;
 #[rustfmt::skip]
 const MOMENTUM_FAULTS: [Fault; 10] = [
     Fault { name: "one foot pushes more at the start", plant: |t, s| t.ee[1].force.nodes[0][2] += s / EARLY_MEAN,
-        family: Family::Momentum, rows: 1, row: "mean force for the way z", foot: None, time: BASE_PIECE },
+        family: Family::Momentum, rows: 1, row: "mean force for the displacement z", foot: None, time: BASE_PIECE },
     // Late forces move less.
     Fault { name: "one foot pushes more at the end", plant: |t, s| t.ee[1].force.nodes[7][2] += s / MEAN,
         family: Family::Momentum, rows: 1, row: "mean force z", foot: None, time: 1. },
@@ -464,7 +464,7 @@ const MOMENTUM_FAULTS: [Fault; 10] = [
         family: Family::Momentum, rows: 1, row: "mean moment y", foot: None, time: BASE_PIECE },
     // The piece after the jump goes s L too far, which twice the force would mend that mends the velocity.
     Fault { name: "base speed jumps", plant: |t, s| t.base_lin.nodes[4][4] += s * BASE_PIECE / (2. * anymal().mass),
-        family: Family::Momentum, rows: 1, row: "mean force for the way y", foot: None, time: 5. * BASE_PIECE },
+        family: Family::Momentum, rows: 1, row: "mean force for the displacement y", foot: None, time: 5. * BASE_PIECE },
     Fault { name: "a mid node too low", plant: |t, s| t.ee[0].motion.nodes[2][2] = 0.03 - s,
         family: Family::Swing, rows: 1, row: "mid node too low", foot: Some(0), time: 0.5 },
     Fault { name: "a mid node too high", plant: |t, s| { t.limits = Some(MotionLimits { swing_height: 0.1, ..LIMITS }); t.ee[0].motion.nodes[2][2] = 0.1 + s },
@@ -901,14 +901,14 @@ fn what_no_robot_does_is_refused_in_every_transcription() {
             t.ee[0].motion.nodes[3][1] += 0.1;
         }),
         // 0.3 m within two milliseconds.
-        ("foot faster than any", |t| {
+        ("foot faster than possible", |t| {
             t.ee[0].motion.poly_durations = vec![0.3, 0.2, 0.002, 0.002, 0.196, 0.3];
             let [up, aside] = [t.ee[0].motion.nodes[2], t.ee[0].motion.nodes[2]];
             t.ee[0].motion.nodes.splice(3..3, [up, aside]);
             t.ee[0].motion.nodes[3][1] += 0.3;
         }),
         // Between two instants of TOWR's rows, with continuous acceleration to the eye of none of them.
-        ("base accelerated more than feet push", |t| t.base_lin.nodes[4][0] += 0.1),
+        ("base accelerates more than its feet push", |t| t.base_lin.nodes[4][0] += 0.1),
         // A whole turn between two nodes.
         ("base turns too fast", |t| t.base_ang.nodes[5..].iter_mut().for_each(|node| node[2] += std::f64::consts::TAU)),
         ("goal below the terrain", |t| t.base_target[2] = -0.1),
@@ -920,7 +920,7 @@ fn what_no_robot_does_is_refused_in_every_transcription() {
     ];
     for (row, forge) in forge {
         for transcription in [None, Some("towr"), Some("contact-implicit"), Some("momentum")] {
-            if row == "foot faster than any" && [None, Some("towr")].contains(&transcription) {
+            if row == "foot faster than possible" && [None, Some("towr")].contains(&transcription) {
                 continue;
             }
             let mut trajectory = Trajectory { transcription: transcription.map(Into::into), ..step() };

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Opens a page of `cregopt view` in headless Chromium and uses it: `view_page.py PAGE.html [SCREENSHOT.png [WIDTHxHEIGHT]]`.
+"""Opens a page of `cregopt view` in headless Chromium and operates it: `view_page.py PAGE.html [SCREENSHOT.png [WIDTHxHEIGHT]]`.
 
-Checks that it opens without a message on the console, that it plays, that it scrubs, that pictures change, and that nothing is loaded. Speaks the DevTools
-protocol over a pipe, so that nothing but Chromium and Python is needed. Exit code 77: there is no Chromium.
+Checks that the page opens without console messages, that it plays, that its controls change time, plots and picture, and that it loads nothing. It uses the
+DevTools protocol over a pipe, and needs only Chromium and Python. Exit code 77: Chromium is not installed.
 """
 
 import base64
@@ -20,14 +20,14 @@ PATIENCE = 60
 
 
 class Browser:
-    """One tab of a headless Chromium."""
+    """Tab of a headless Chromium."""
 
     def __init__(self, program, profile):
         ours_in, theirs_out = os.pipe()
         theirs_in, ours_out = os.pipe()
 
         def hand_over():
-            # The protocol stands on the descriptors 3 and 4; the copies keep one from overwriting the other.
+            # Chromium uses the descriptors 3 and 4. The copies prevent that one overwrites the other.
             reading, writing = os.dup(theirs_in), os.dup(theirs_out)
             os.dup2(reading, 3)
             os.dup2(writing, 4)
@@ -50,7 +50,7 @@ class Browser:
         while b"\0" not in self.buffer:
             part = os.read(self.reading.fileno(), 1 << 20)
             if not part:
-                raise SystemExit("Chromium has gone")
+                raise SystemExit("Chromium has ended")
             self.buffer += part
         text, self.buffer = self.buffer.split(b"\0", 1)
         message = json.loads(text)
@@ -97,7 +97,7 @@ class Browser:
         end = time.time() + PATIENCE
         while not self.run(f"Boolean({condition})"):
             if time.time() > end:
-                raise SystemExit(f"never came: {condition}")
+                raise SystemExit(f"never became true: {condition}")
             time.sleep(0.05)
 
     def picture(self):
@@ -112,9 +112,9 @@ class Browser:
         self.process.wait(timeout=20)
 
 
-# Two frames: one to take a change, one to have drawn it.
+# Waits two frames: one applies a change, the next one has drawn it.
 DRAWN = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
-# What a drawing in 3D shows, as a short number; read in the frame in which it is drawn.
+# Checksum and number of colours of the 3D view, read in the frame in which it is drawn.
 SEEN = """new Promise((done) => requestAnimationFrame(() => {
   const canvas = document.querySelector('.stage canvas');
   panes[0].view.dirty = true;
@@ -135,25 +135,25 @@ SEEN = """new Promise((done) => requestAnimationFrame(() => {
 }))"""
 
 
-def check(condition, what):
+def check(condition, message):
     if not condition:
-        raise SystemExit(f"failed: {what}")
+        raise SystemExit(f"failed: {message}")
 
 
 def use(browser):
-    """Plays, scrubs, looks from elsewhere, changes layers."""
+    """Operates the page: playback, slider, plots, views, layers, results and window width."""
     browser.wait("typeof panes !== 'undefined' && document.querySelectorAll('.pane').length === data.results.length")
     check(browser.run("document.querySelectorAll('.stage .message').length") == 0, "a 3D view in every pane")
     check(browser.run("horizon > 0 && Number(document.getElementById('time').max) === horizon"), "the slider ends with the motion")
-    # It plays by itself, in real time or slower where drawing is slow.
+    # Playback runs in real time, or slower if drawing is slow.
     first = browser.run("setPlaying(true), clock.time")
     browser.wait(f"clock.time > {first} + 0.2 || clock.time < {first}")
     browser.run("document.getElementById('play').click()")
     check(not browser.run("clock.playing"), "the button pauses")
     stopped = browser.run("clock.time")
     time.sleep(0.3)
-    check(browser.run("clock.time") == stopped, "time stands while paused")
-    # Scrubbing moves time, cursor, values and picture.
+    check(browser.run("clock.time") == stopped, "time does not change while paused")
+    # The slider changes time, cursor, values and picture.
     scrub = "const t = document.getElementById('time'); t.value = {}; t.dispatchEvent(new Event('input')); clock.time"
     state = "[document.querySelector('.cursor').style.transform, document.querySelector('.plots').innerText, document.getElementById('clock').textContent]"
     browser.run(f"(() => {{ {scrub.format('0.25 * horizon').replace('clock.time', '')} }})()")
@@ -165,8 +165,8 @@ def use(browser):
     check(abs(browser.run("clock.time / horizon") - 0.6) < 1e-3, "the slider sets the time")
     check(before[1] > 20 and after[1] > 20, f"the picture shows something: {before}, {after}")
     check(before[0] != after[0], "the picture changes with time")
-    for what, a, b in zip(["cursor", "values", "clock"], text_before, text_after):
-        check(a != b, f"the {what} follows: {a!r}")
+    for name, a, b in zip(["cursor", "values", "clock"], text_before, text_after):
+        check(a != b, f"the {name} follows: {a!r}")
     # A click in the plots seeks.
     place = browser.run("(() => { const b = document.querySelector('.area').getBoundingClientRect(); return [b.left + 46 + 0.1 * (b.width - 58), b.top + 40] })()")
     for kind in ["mousePressed", "mouseReleased"]:
@@ -182,7 +182,7 @@ def use(browser):
     browser.run("document.querySelectorAll('#layers input').forEach((box) => box.click())")
     check(browser.run(SEEN)[0] != seen, "layers")
     browser.run("document.querySelectorAll('#layers input').forEach((box) => box.click())")
-    # At the end it stops when it is not to go round.
+    # Without looping, playback stops at the end.
     browser.run("document.getElementById('loop').click(), document.getElementById('speed').value = 4, "
                 "document.getElementById('speed').dispatchEvent(new Event('change')), setTime(0.95 * horizon), setPlaying(true)")
     browser.wait("!clock.playing")
@@ -190,9 +190,9 @@ def use(browser):
     results = browser.run("data.results.length")
     if results > 1:
         browser.run("document.querySelector('#chips button').click()")
-        check(browser.run("panes[0].root.hidden && !panes[1].root.hidden"), "a result is hidden")
+        check(browser.run("panes[0].root.hidden && !panes[1].root.hidden"), "a result can be hidden")
         browser.run("document.querySelector('#chips button').click()")
-    # A narrow window has no sideways scrolling.
+    # A narrow window has no horizontal scrolling.
     browser.call("Emulation.setDeviceMetricsOverride", width=420, height=800, deviceScaleFactor=1, mobile=False)
     browser.run(DRAWN)
     check(browser.run("document.documentElement.scrollWidth") <= 420, "a narrow window")
@@ -201,7 +201,7 @@ def use(browser):
 def main():
     program = os.environ.get("CHROMIUM") or next((path for name in NAMES if (path := shutil.which(name))), None)
     if program is None:
-        print("no Chromium: the page was not opened")
+        print("Chromium is not installed: the page was not opened")
         return 77
     page = pathlib.Path(sys.argv[1]).resolve()
     width, height = map(int, sys.argv[3].split("x")) if len(sys.argv) > 3 else (1280, 800)

@@ -36,7 +36,7 @@ pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSetting
     let progress = limits.first_progress(&settings.solver, &layout);
     let radius = progress.edge_radius;
     let zeros = |n: usize| -> Values { vec![Counted::default(); n] };
-    let (variables, [equalities, inequalities]) = (layout.variables, [layout.equalities, layout.inequalities]);
+    let (variables, [equalities, inequalities]) = (layout.variables, [layout.rows.one_sided(), layout.inequalities]);
     let mut of = vec![Operations::default(); Shader::ALL.len()];
     let mut shader = |shader: Shader, call: &mut dyn FnMut()| of[shader as usize] += counted(call);
 
@@ -51,11 +51,11 @@ pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSetting
     slacks.multiplier = zeros(inequalities);
     slacks.slack_step = zeros(inequalities);
     slacks.multiplier_step = zeros(inequalities);
-    let (mut counts, mut local) = (zeros(layout.rows), zeros(layout.widest));
+    let (mut counts, mut local) = (zeros(layout.rows.all()), zeros(layout.widest));
     shader(Shader::Start, &mut || column_scaling(&layout, &jacobian, &mut counts, &mut local, &mut scaling));
     shader(Shader::Start, &mut || start_slacks(&g, progress.mu, &mut slacks));
 
-    let (mut weight, mut value) = (zeros(layout.rows), zeros(layout.rows));
+    let (mut weight, mut value) = (zeros(layout.rows.all()), zeros(layout.rows.all()));
     let (mut diagonal, mut gradient) = (zeros(variables), zeros(variables));
     shader(Shader::Weights, &mut || {
         infeasibility(&c, &g);

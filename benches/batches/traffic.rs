@@ -69,7 +69,7 @@ impl Sizes<'_> {
         let layout = self.layout;
         let four = |n: usize| 4 * n as u64;
         let (x, v) = (four(layout.initial.len()), four(layout.variables));
-        let (c, g, rows) = (four(layout.equalities), four(layout.inequalities), four(layout.rows));
+        let (c, g, rows) = (four(layout.rows.one_sided()), four(layout.inequalities), four(layout.rows.all()));
         let t = |buffers: &[Buffer]| -> u64 { buffers.iter().map(|b| self.table(*b)).sum() };
         let under = 3 * four(layout.footholds.len());
         let deviations = 36 * four(layout.momentum_intervals.len());

@@ -1,4 +1,4 @@
-// needs: shared/reach
+// needs: shared/kind shared/reach
 // binds: jacobian tables footholds
 // reads: elements runs base_blocks reach_instants reach_feet reach_legs
 // Products of the Jacobian with the direction. One thread an element; of reach rows one an instant, whose feet share the change of its pose.
@@ -40,7 +40,7 @@ fn jacobian_times(slot: u32, half: u32, element: Element) {
             products = rows_times(slot, element, first, element.rows - r);
         }
         let product = products[r % 3u];
-        if (place.row < slots[slot].equalities) {
+        if (row_kind(slots[slot].rows, place.row) != INEQUALITY) {
             values[base + batch.c_change + place.row + r] = product;
         } else {
             values[base + batch.g_change + place.inequality + r] = product;

@@ -1,4 +1,4 @@
-// needs: shared/reduce
+// needs: shared/reduce shared/kind
 // Slacks and multipliers of the inequalities: their steps, and where a barrier step aims.
 // Twin: src/solver/slacks.rs
 
@@ -81,7 +81,7 @@ fn barrier_rows(slot: u32, half: u32, element: Element, aim: Aim) {
     let g = base + batch.g + half * batch.g_half;
     for (var r = 0u; r < element.rows; r++) {
         let row = element.place.row + r;
-        if (row < slots[slot].equalities) {
+        if (row_kind(slots[slot].rows, row) != INEQUALITY) {
             values[base + batch.weight + row] = 1.0;
             values[base + batch.value + row] = values[base + batch.c + half * batch.c_half + row];
             continue;

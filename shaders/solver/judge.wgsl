@@ -61,7 +61,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     var fall = 0.0;
     var predicted = 0.0;
     var gap = 0.0;
-    for (var i = lane; i < slots[slot].equalities; i += WORKGROUP) {
+    for (var i = lane; i < slots[slot].rows.equalities; i += WORKGROUP) {
         let c = values[base + batch.c + now.current * batch.c_half + i];
         let to = values[base + batch.c + trial * batch.c_half + i];
         let linear = c + now.length * values[base + batch.c_change + i];

@@ -1,4 +1,4 @@
-// needs: shared/reach shared/gather
+// needs: shared/kind shared/reach shared/gather
 // binds: jacobian tables
 // reads: elements reach_instants reach_feet gather_of gathers touches reach_touches
 // The start of a solve, after the rows have been evaluated at the initial point: column scaling, first slacks and multipliers. One workgroup
@@ -20,7 +20,7 @@ fn of_foot(slot: u32, half: u32, number: u32, column: u32) -> f32 {
 // The same of the rows of an element; those that are two-sided, or equalities, count twice.
 fn of_element(slot: u32, half: u32, element: Element, column: u32) -> f32 {
     let first = (2u * slot + half) * batch.jacobian + element.place.jacobian + column;
-    let twice = select(element.pairs, element.rows, element.place.row < slots[slot].equalities);
+    let twice = select(element.pairs, element.rows, row_kind(slots[slot].rows, element.place.row) == EQUALITY);
     var sum = 0.0;
     for (var r = 0u; r < element.rows; r++) {
         let v = jacobian[first + r * element.place.stride];

@@ -12,7 +12,7 @@ fn infeasibility(slot: u32, half: u32, lane: u32) -> f32 {
     let c = slot * batch.values + batch.c + half * batch.c_half;
     let g = slot * batch.values + batch.g + half * batch.g_half;
     var sum = 0.0;
-    for (var i = lane; i < slots[slot].equalities; i += WORKGROUP) {
+    for (var i = lane; i < slots[slot].rows.equalities; i += WORKGROUP) {
         sum += values[c + i] * values[c + i];
     }
     for (var i = lane; i < slots[slot].inequalities; i += WORKGROUP) {
@@ -39,8 +39,8 @@ fn closing_rows(slot: u32, half: u32, element: Element) {
     let g = base + batch.g + half * batch.g_half;
     for (var r = 0u; r < element.rows; r++) {
         let row = element.place.row + r;
-        var sum = vec2<f32>(1.0, values[base + batch.c + half * batch.c_half + min(row, slots[slot].equalities - 1u)]);
-        if (row >= slots[slot].equalities) {
+        var sum = vec2<f32>(1.0, values[base + batch.c + half * batch.c_half + min(row, slots[slot].rows.equalities - 1u)]);
+        if (row_kind(slots[slot].rows, row) == INEQUALITY) {
             let upper = values[g + element.place.inequality + r];
             sum = select(vec2<f32>(0.0, 0.0), vec2<f32>(1.0, upper), upper > 0.0);
             if (r < element.pairs) {

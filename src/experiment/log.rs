@@ -1,4 +1,4 @@
-//! Runs that are done, one JSON object a line, written as they end.
+//! Log of finished runs: one JSON object per line, written as runs end.
 
 use super::plan::Case;
 use super::run::{Run, machine};
@@ -8,11 +8,11 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// The log of an experiment. It may hold runs of other machines, versions or numbers of threads: they stay, and are not looked at.
+/// Log of an experiment. Runs of other machines, versions or thread counts are kept in the file but ignored.
 #[derive(Debug)]
 pub struct Log {
     path: PathBuf,
-    /// Held, so that no other run adds to it.
+    /// Locked, so that no other run can append.
     file: fs::File,
     machine: String,
     threads: usize,
@@ -20,12 +20,12 @@ pub struct Log {
 }
 
 impl Log {
-    /// Opens a log, or begins one. A last line that was cut off is dropped from the file.
+    /// Opens or creates a log. An incomplete last line is removed from the file.
     ///
-    /// * `threads` - of the runs that are looked at
+    /// * `threads` - thread count of the runs that are used
     ///
     /// # Errors
-    /// As [`files::open_alone`]; [`Error::InFile`] for a line that is no run.
+    /// See [`files::open_alone`]; [`Error::InFile`] for a line that is not a run.
     pub fn open(path: &Path, threads: usize) -> Result<Log> {
         let file = files::open_alone(path)?;
         let mut log = Log { path: path.to_owned(), file, machine: machine(), threads, runs: Vec::new() };
@@ -41,20 +41,20 @@ impl Log {
         Ok(log)
     }
 
-    /// Runs by this version, on a machine like this one, with as many threads, in the order in which they were made.
+    /// Runs made by this version on an equal machine with as many threads, in the order in which they were made.
     pub fn runs(&self) -> &[Run] {
         &self.runs
     }
 
-    /// Whether a run is done.
+    /// True if a run is finished.
     pub fn has(&self, case: &Case) -> bool {
         self.runs.iter().any(|run| run.case == *case)
     }
 
-    /// Adds a run, in memory and at the end of the file.
+    /// Appends a run, in memory and to the file.
     ///
     /// # Errors
-    /// [`Error::Io`] when the system refuses.
+    /// [`Error::Io`] if the system refuses.
     pub fn add(&mut self, run: Run) -> Result<()> {
         let line = serde_json::to_string(&run)? + "\n";
         let io = |source| Error::Io { action: "write", path: self.path.clone(), source };
@@ -64,7 +64,7 @@ impl Log {
     }
 
     fn keep(&mut self, run: Run) {
-        // What is one solve uses one thread anyway.
+        // A single solve uses one thread anyway.
         let threads = run.threads == self.threads || !run.case.method.searches();
         if run.version == env!("CARGO_PKG_VERSION") && run.machine == self.machine && threads {
             self.runs.push(run);

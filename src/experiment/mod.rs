@@ -1,7 +1,7 @@
-//! The paper's experiments \[1\], with its method and its baselines beside this program's.
+//! The paper's experiments \[1\]: its method and its baselines compared with this program.
 //!
-//! A [`plan()`] lists the runs of an experiment; [`run()`](run::run) makes one; [`Log`] keeps what is done, so that a stopped experiment
-//! goes on where it was; [`summary`] and [`plot`] read the log.
+//! [`plan()`] lists the runs of an experiment and [`run()`](run::run) makes one. [`Log`] stores finished runs, so that a stopped experiment
+//! can be resumed. [`summary`] and [`plot`] evaluate the log.
 
 pub mod log;
 pub mod plan;

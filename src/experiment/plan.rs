@@ -1,4 +1,4 @@
-//! Which runs an experiment has.
+//! Runs of each experiment.
 
 use crate::error::{Error, Result};
 use crate::reference::ipopt::{self, Options};
@@ -8,26 +8,26 @@ use crate::settings::Transcription;
 use crate::task::Task;
 use serde::{Deserialize, Serialize};
 
-/// Numbers of the experiments.
+/// Valid experiment numbers.
 pub const EXPERIMENTS: std::ops::RangeInclusive<u8> = 1..=3;
-/// Replicates of experiments 1 (one a target) and 2.
+/// Replicates of experiment 1 (one per target) and of experiment 2.
 const REPLICATES: u64 = 20;
-/// Of experiment 3.
+/// Replicates of experiment 3.
 const OBJECTIVE_REPLICATES: u64 = 10;
-/// Population of its first part, with and without the heuristic.
+/// Population of the first part of experiment 3, with and without the heuristic.
 const POPULATION: usize = 64;
-/// Larger ones, with the heuristic: do they find better gaits, and what does it cost?
+/// Larger populations of experiment 3, with the heuristic. They show the quality and the cost of larger searches.
 const POPULATIONS: [usize; 3] = [256, 1024, 4096];
-/// Of a quick run.
+/// Larger populations of a quick run of experiment 3.
 const QUICK_POPULATIONS: [usize; 2] = [256, 1024];
-/// Generations of experiment 3, and of a quick run.
+/// Generations of experiment 3, and of its quick run.
 const GENERATIONS: [usize; 2] = [50, 10];
-/// Scenario and goal of experiment 3: turning round on the way.
+/// Scenario of experiment 3. The robot turns during the motion.
 const OBJECTIVE_SCENARIO: &str = "s2";
-/// m.
+/// Goal of experiment 3 (x, y), m.
 const OBJECTIVE_GOAL: [f64; 2] = [3., 3.];
 
-/// What is compared.
+/// Compared methods.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
@@ -39,7 +39,7 @@ pub enum Method {
     Ipopt,
     /// TOWR with durations as variables.
     Towr,
-    /// Contact-implicit.
+    /// Contact-implicit optimisation.
     ContactImplicit,
     /// Random search over this solver, `momentum` rows.
     Random,
@@ -47,9 +47,9 @@ pub enum Method {
     RandomTowr,
     /// Random search over Ipopt.
     RandomIpopt,
-    /// As [`Method::Cregopt`], without the stall rule.
+    /// [`Method::Cregopt`] without the stall rule.
     NoStall,
-    /// As [`Method::CregoptTowr`], without the stall rule.
+    /// [`Method::CregoptTowr`] without the stall rule.
     NoStallTowr,
 }
 
@@ -68,7 +68,7 @@ impl Method {
         Method::NoStallTowr,
     ];
 
-    /// Name, as in files.
+    /// Name in files.
     pub fn name(self) -> &'static str {
         match self {
             Method::Cregopt => "cregopt",
@@ -84,7 +84,7 @@ impl Method {
         }
     }
 
-    /// What it is, for tables.
+    /// Description, for tables.
     pub fn about(self) -> &'static str {
         match self {
             Method::Cregopt => "CEM-MD, this solver, `momentum` rows",
@@ -100,10 +100,10 @@ impl Method {
         }
     }
 
-    /// A method by name.
+    /// Method with a name.
     ///
     /// # Errors
-    /// [`Error::Unknown`] lists all.
+    /// [`Error::Unknown`] lists all methods.
     pub fn named(name: &str) -> Result<Method> {
         let known = || Method::ALL.map(Method::name).join(", ");
         Method::ALL.into_iter().find(|m| m.name() == name).ok_or_else(|| Error::Unknown {
@@ -113,17 +113,17 @@ impl Method {
         })
     }
 
-    /// Whether it asks for Ipopt.
+    /// True if the method needs Ipopt.
     pub fn needs_ipopt(self) -> bool {
         matches!(self, Method::Ipopt | Method::RandomIpopt | Method::Towr | Method::ContactImplicit)
     }
 
-    /// Whether it searches over schedules; the others solve one program.
+    /// True if the method searches over schedules. The others solve one program.
     pub fn searches(self) -> bool {
         !matches!(self, Method::Towr | Method::ContactImplicit)
     }
 
-    /// How its schedules are drawn.
+    /// Sampler of the schedules.
     pub fn sampler(self) -> Sampler {
         match self {
             Method::Random | Method::RandomTowr | Method::RandomIpopt => Sampler::Random,
@@ -131,7 +131,7 @@ impl Method {
         }
     }
 
-    /// Rows that its motions satisfy.
+    /// Transcription whose rows its motions satisfy.
     pub fn rows(self) -> Transcription {
         match self {
             Method::Cregopt | Method::Random | Method::NoStall => Transcription::Momentum,
@@ -139,7 +139,7 @@ impl Method {
         }
     }
 
-    /// Whether this solver gives up candidates that do not get anywhere.
+    /// True if this solver applies the stall rule, which ends candidates that make no progress.
     pub fn stall_rule(self) -> bool {
         !matches!(self, Method::NoStall | Method::NoStallTowr)
     }
@@ -151,36 +151,36 @@ impl std::fmt::Display for Method {
     }
 }
 
-/// One run, before it is made.
+/// Specification of one run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Case {
-    /// 1 to 3.
+    /// Number of the experiment, 1 to 3.
     pub experiment: u8,
     /// Scenario.
     pub scenario: String,
-    /// Its target; none where the goal is the experiment's own.
+    /// Target number in the scenario; `None` if the experiment defines its own goal.
     pub target: Option<usize>,
-    /// From 1.
+    /// Number of the replicate, from 1.
     pub replicate: u64,
-    /// Seed of the search: the same for all methods of a replicate, which then draw the same first generation.
+    /// Seed of the search. All methods of a replicate share it and therefore draw the same first generation.
     pub seed: u64,
-    /// Who solves it.
+    /// Method.
     pub method: Method,
-    /// Whether stance counts are drawn in triplets.
+    /// True if stance counts are drawn in triplets.
     pub heuristic: bool,
-    /// What is sought.
+    /// Objective.
     pub objective: Objective,
-    /// Candidates a generation.
+    /// Candidates per generation.
     pub population: usize,
-    /// Most generations.
+    /// Largest number of generations.
     pub generations: usize,
 }
 
 impl Case {
-    /// The task.
+    /// Task of the run.
     ///
     /// # Errors
-    /// As [`Scenario::named`] and [`Scenario::task`].
+    /// See [`Scenario::named`] and [`Scenario::task`].
     pub fn task(&self) -> Result<Task> {
         let scenario = Scenario::named(&self.scenario)?;
         self.target.map_or_else(|| scenario.task_to(OBJECTIVE_GOAL), |target| scenario.task(target))
@@ -189,7 +189,7 @@ impl Case {
     /// Settings of the search.
     ///
     /// # Errors
-    /// As [`CemSettings::preset`].
+    /// See [`CemSettings::preset`].
     pub fn search(&self) -> Result<CemSettings> {
         let preset = CemSettings::preset(&format!("experiment{}", self.experiment))?;
         Ok(CemSettings {
@@ -197,26 +197,26 @@ impl Case {
             heuristic: self.heuristic,
             objective: self.objective,
             whole_generation: true,
-            // All generations, so that medians over generations are over the same runs.
+            // All generations are run, so that medians per generation are over the same runs.
             converged_std: 0.,
             sampler: self.method.sampler(),
             ..preset.with_population(self.population)
         })
     }
 
-    /// What it may use, for results.
+    /// Computing budget, for results.
     pub fn budget(&self) -> String {
         let ipopt = |o: Options| format!("{} iterations, {} s CPU", o.max_iterations, o.max_seconds);
         let search = format!("{} generations of {}", self.generations, self.population);
         match self.method {
-            Method::Ipopt | Method::RandomIpopt => format!("{search}; a candidate: {}", ipopt(Options::LOWER_LEVEL)),
+            Method::Ipopt | Method::RandomIpopt => format!("{search}; per candidate: {}", ipopt(Options::LOWER_LEVEL)),
             Method::Towr => ipopt(Options::BASELINE),
-            Method::ContactImplicit => format!("{} a solve, all solves together in that time", ipopt(Options::BASELINE)),
+            Method::ContactImplicit => format!("{} per solve, all solves together within that time", ipopt(Options::BASELINE)),
             _ => search,
         }
     }
 
-    /// Where it stands in tables: runs of a group differ in target, replicate and seed only.
+    /// Table line of the run. The runs of a group differ only in target, replicate and seed.
     pub fn group(&self) -> Group {
         Group {
             scenario: self.scenario.clone(),
@@ -229,33 +229,33 @@ impl Case {
     }
 }
 
-/// What the runs of one line of a table have in common.
+/// Common properties of the runs in one line of a table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Group {
     /// Scenario.
     pub scenario: String,
-    /// What is sought.
+    /// Objective.
     pub objective: Objective,
-    /// Candidates a generation.
+    /// Candidates per generation.
     pub population: usize,
-    /// Most generations.
+    /// Largest number of generations.
     pub generations: usize,
-    /// Whether stance counts are drawn in triplets.
+    /// True if stance counts are drawn in triplets.
     pub heuristic: bool,
-    /// Who solves it.
+    /// Method.
     pub method: Method,
 }
 
-/// How much of an experiment.
+/// Extent of an experiment.
 #[derive(Debug, Clone)]
 pub struct Extent {
-    /// A representative part that takes minutes.
+    /// Restricts it to a representative part that takes minutes.
     pub quick: bool,
-    /// Seed of the first replicate; the next ones follow.
+    /// Seed of the first replicate. Later replicates use consecutive seeds.
     pub seed: u64,
-    /// Only these methods; empty for all that the experiment compares.
+    /// Methods to run; empty for all that the experiment compares.
     pub methods: Vec<Method>,
-    /// Most replicates (targets, in experiment 1).
+    /// Largest number of replicates (targets in experiment 1).
     pub replicates: Option<u64>,
     /// Generations of experiment 3.
     pub generations: Option<usize>,
@@ -264,10 +264,10 @@ pub struct Extent {
 }
 
 impl Extent {
-    /// `REPLICATES` of all, or those of a quick run, spread over them.
+    /// Replicates to run: `REPLICATES` of all, or those of a quick run, spread evenly.
     fn replicates(&self, all: u64, quick: u64) -> Vec<u64> {
         let count = self.replicates.unwrap_or(if self.quick { quick } else { all }).clamp(1, all);
-        // 1, all, and evenly between: targets lie on an arc.
+        // 1, all, and evenly spaced values between: the targets lie on an arc.
         (0..count).map(|i| if count == 1 { all.div_ceil(2) } else { 1 + (i * (all - 1) + (count - 1) / 2) / (count - 1) }).collect()
     }
 
@@ -278,11 +278,11 @@ impl Extent {
     }
 }
 
-/// The runs of an experiment, replicate by replicate so that every method has as many when it is stopped. Methods that this build does not have
-/// are left out.
+/// Runs of an experiment, ordered by replicate, so that every method has equally many when the experiment is stopped. Methods that this
+/// build lacks are left out.
 ///
 /// # Errors
-/// [`Error::Invalid`] for another experiment.
+/// [`Error::Invalid`] for an unknown experiment.
 pub fn plan(experiment: u8, extent: &Extent) -> Result<Vec<Case>> {
     let case = |scenario: &str, target, replicate: u64, method, heuristic| Case {
         experiment,
@@ -361,7 +361,7 @@ mod tests {
         for experiment in EXPERIMENTS {
             let (quick, whole) = (plan(experiment, &extent(true)).unwrap(), plan(experiment, &extent(false)).unwrap());
             assert!(!quick.is_empty() && quick.len() < whole.len());
-            // In experiment 3 they differ in the number of generations only.
+            // In experiment 3 they differ only in the number of generations.
             let same = |a: &Case, b: &Case| Case { generations: b.generations, ..a.clone() } == *b;
             assert!(quick.iter().all(|q| whole.iter().any(|w| same(q, w))), "experiment {experiment}");
         }

@@ -15,7 +15,7 @@ use crate::search::cem::Objective;
 const WIDTH: f64 = 980.;
 /// Height of a box or of a foot's bar, pixels.
 const BAR: f64 = 24.;
-/// Height of a caption, of the axis under a panel, between panels, pixels.
+/// Heights of a caption, of the axis below a panel, and of the gap between panels, pixels.
 const CAPTION: f64 = 26.;
 const AXIS_ROOM: f64 = 42.;
 const GAP: f64 = 12.;
@@ -23,10 +23,10 @@ const GAP: f64 = 12.;
 const CURVES: f64 = 300.;
 /// Style of captions.
 const HEAD: &str = r##"font-size="14" font-weight="bold" fill="#111""##;
-/// Style of what explains.
+/// Style of explanations.
 const NOTE: &str = r##"font-size="11.5" fill="#555""##;
 
-/// A colour for the rows and the solver of a method: variants of one have the same.
+/// Colour of a method by its rows and solver. Variants of one method share it.
 fn color(method: Method) -> &'static str {
     match method {
         Method::Cregopt | Method::Random | Method::NoStall => FOOT_COLORS[0],
@@ -37,17 +37,18 @@ fn color(method: Method) -> &'static str {
     }
 }
 
-/// A method in words.
+/// Description of a method without code marks.
 fn words(method: Method) -> String {
     method.about().replace('`', "")
 }
 
-/// The frame of a panel, over its curves.
+/// Draws the frame of a panel over its curves.
 fn frame(p: &mut Picture, [left, top]: [f64; 2], [right, bottom]: [f64; 2]) {
     p.box_of([left, top], [right, bottom], r##"fill="none" stroke="#333" stroke-width="1""##);
 }
 
-/// Times to the first feasible motion: a panel a scenario, a box a method; whiskers to the extremes, crosses for runs that found none.
+/// Times to the first feasible motion: one panel per scenario, one box per method, whiskers to the extremes, crosses for runs that found
+/// none.
 ///
 /// # Errors
 /// [`Error::Format`] without runs.
@@ -70,7 +71,7 @@ pub fn times(runs: &[Run]) -> Result<String> {
         p.text(20., top + 16., "start", HEAD, &format!("{scenario}{about}"));
         let (first, bottom) = (top + CAPTION, top + CAPTION + BAR * lines.len() as f64);
         for tick in x.ticks(0) {
-            // Tens have numbers; of the others 3 alone, where there is room for it.
+            // Powers of ten are labelled; 3 is also labelled if there is room.
             let ten = (tick.log10() - tick.log10().round()).abs() < 1e-9;
             p.line([x.at(tick), first], [x.at(tick), bottom], GRID);
             if ten || x.high / x.low < 100. && tick.to_string().ends_with('3') {
@@ -105,9 +106,9 @@ pub fn times(runs: &[Run]) -> Result<String> {
     Ok(p.finish())
 }
 
-/// Best cost so far over generations: a panel an objective, a curve a setting; medians with the band between the quartiles.
+/// Best cost so far over generations: one panel per objective, one curve per setting, with medians and a band between the quartiles.
 ///
-/// A generation counts from the first at which half the runs have a feasible gait: penalties of infeasible ones would hide the rest.
+/// Curves begin at the first generation in which half the runs have a feasible gait. Penalties of infeasible ones would hide the rest.
 ///
 /// # Errors
 /// [`Error::Format`] without runs.
@@ -137,7 +138,7 @@ pub fn objectives(runs: &[Run]) -> Result<String> {
             p.line([x.at(v), top], [x.at(v), bottom], GRID);
             p.text(x.at(v), bottom + 18., "middle", SMALL, &short(v));
         }
-        // Stances are counted: no half ones on the axis.
+        // Stance phases are counted, so the axis has no fractional ticks.
         for v in y.ticks(8).into_iter().filter(|v| objective != Objective::FewestStances || v.fract() == 0.) {
             p.line([LEFT, y.at(v)], [RIGHT, y.at(v)], GRID);
             p.text(LEFT - 8., y.at(v) + 4., "end", SMALL, &short(v));
@@ -167,12 +168,12 @@ pub fn objectives(runs: &[Run]) -> Result<String> {
     Ok(p.finish())
 }
 
-/// Generation, from 1, with the spread of the costs that the runs had reached.
+/// Generations, from 1, with the spread of the costs reached by the runs.
 fn curve(line: &Line) -> Vec<(f64, Spread)> {
     let penalty = line.runs[0].case.search().map_or(0., |settings| settings.penalty);
     let longest = line.runs.iter().map(|run| run.best_objectives.len()).max().unwrap_or(0);
     let at = |generation: usize| {
-        // Any violation costs a penalty, more than all stances or forces together.
+        // Any violation adds a penalty larger than all stance phases or forces together.
         let reached = line.runs.iter().filter_map(|run| run.best_objectives.get(generation).copied().flatten());
         let costs: Vec<f64> = reached.map(|j| -j).filter(|cost| *cost < penalty).collect();
         let enough = 2 * costs.len() >= line.runs.len();
@@ -181,7 +182,7 @@ fn curve(line: &Line) -> Vec<(f64, Spread)> {
     (0..longest).filter_map(at).collect()
 }
 
-/// What a gait is the best of.
+/// Caption of a gait: what it is the best of.
 fn caption(run: &Run) -> String {
     let Case { scenario, target, method, heuristic, objective, population, generations, seed, .. } = &run.case;
     let heuristic = with(*heuristic);
@@ -195,17 +196,17 @@ fn caption(run: &Run) -> String {
     format!("{what}, seed {seed}: {} stance phases", run.stances())
 }
 
-/// Gaits: stance bars of each foot over time, one panel for the best run of each group that found one.
+/// Gaits as stance bars of each foot over time: one panel for the best run of each group that found one.
 ///
 /// # Errors
-/// For a schedule that is none, and a robot that does not exist.
+/// [`Error::Invalid`] for an invalid schedule, [`Error::Unknown`] for an unknown robot.
 pub fn gaits(runs: &[Run]) -> Result<String> {
     const LEFT: f64 = 60.;
     const RIGHT: f64 = WIDTH - 20.;
     let lines = lines(runs);
     let best = |line: &Line| {
         let found = line.runs.iter().filter(|run| run.success && !run.durations.is_empty());
-        // The lowest cost; of equals the first. Baselines have none.
+        // The lowest cost; of equal ones the first. Baselines have no cost.
         let cost = |run: &Run| run.cost().unwrap_or(0.);
         found.copied().cloned().reduce(|a, b| if cost(&b) < cost(&a) { b } else { a })
     };
@@ -244,7 +245,7 @@ mod tests {
     use super::*;
     use std::path::Path;
 
-    /// The stored runs of the machine that the tables of an experiment are of, and a stored picture of them.
+    /// Stored runs of the machine on which the tables of an experiment were made, and a stored picture of them.
     fn stored(experiment: u8, picture: &str) -> (Vec<Run>, String) {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/experiments");
         let read = |name: String| std::fs::read_to_string(folder.join(name)).unwrap();
@@ -257,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn stored_pictures_are_those_of_the_stored_runs() {
+    fn stored_pictures_agree_with_the_stored_runs() {
         for experiment in 1..=3 {
             let (runs, picture) = stored(experiment, "gaits");
             assert!(gaits(&runs).unwrap() == picture, "gaits of experiment {experiment}");
@@ -272,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn labels_are_words_and_no_names_of_the_program() {
+    fn labels_are_words_instead_of_identifiers() {
         for (experiment, picture) in [(1, "times"), (2, "times"), (1, "gaits"), (3, "gaits"), (3, "objectives")] {
             let (_, picture) = stored(experiment, picture);
             let texts = picture.split("<text").skip(1).filter_map(|t| t.split_once('>')?.1.split_once("</text>"));

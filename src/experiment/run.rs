@@ -1,4 +1,4 @@
-//! One run of an experiment, and what is kept of it.
+//! One run of an experiment, and its record.
 
 use super::plan::{Case, Method};
 use crate::backend::Backend;
@@ -19,85 +19,85 @@ use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
-/// Stance phases of a foot of the baselines.
+/// Stance phases per foot in the baselines.
 const BASELINE_STANCES: usize = 10;
-/// Where TOWR begins, s: stance and swing.
+/// Initial stance and swing durations of TOWR, s.
 const BASELINE_DURATIONS: [f64; 2] = [0.2, 0.1];
 /// Bounds of TOWR's durations, s.
 const BASELINE_LIMITS: [f64; 2] = [0.08, 0.36];
 
-/// Where runs are made.
+/// Devices and processes that run the methods.
 pub struct Devices<'a> {
-    /// This program's solver.
+    /// Backend of this program's solver.
     pub backend: &'a dyn Backend,
-    /// Ipopt; none without the feature.
+    /// Ipopt workers; `None` without the feature.
     pub workers: Option<&'a Workers>,
 }
 
-/// What is kept of a run: a line of `experimentN.jsonl`.
+/// Record of a run: a line of `experimentN.jsonl`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Run {
-    /// What was asked.
+    /// Specification of the run.
     #[serde(flatten)]
     pub case: Case,
     /// Version of this program.
     pub version: String,
     /// Processor.
     pub machine: String,
-    /// Where it was solved.
+    /// Device of the solves.
     pub device: String,
-    /// Threads or processes at work.
+    /// Number of threads or processes.
     pub threads: usize,
-    /// What it could use.
+    /// Computing budget.
     pub budget: String,
-    /// When it ended, s since 1970.
+    /// Time of its end, s since 1970.
     pub unix_time: u64,
-    /// Whether a motion was found that satisfies every row of its certificate.
+    /// True if a motion was found that satisfies every row of its certificate.
     pub success: bool,
-    /// Time to the first one, s.
+    /// Time to the first certified motion, s.
     pub first_feasible_seconds: Option<f64>,
-    /// Time of the whole run, failing candidates included, s.
+    /// Time of the whole run, including failed candidates, s.
     pub seconds: f64,
-    /// Generations; 0 without a search.
+    /// Number of generations; 0 without a search.
     pub generations_run: usize,
-    /// Candidates that count ([`crate::search::cem::GenerationRecord::evaluated`]); 1 without a search.
+    /// Number of candidates that count ([`crate::search::cem::GenerationRecord::evaluated`]); 1 without a search.
     pub candidates: usize,
-    /// Rows of `verify` that the result breaks.
+    /// Number of rows of `verify` that the result violates.
     pub n_violated: Option<usize>,
-    /// Worst of them, in its unit.
+    /// Largest of these violations, in the unit of its row.
     pub max_violation: Option<f64>,
-    /// How far the body is from its plan when only the planned forces act, m,
+    /// Largest position error of the body when it is simulated with the planned forces only, m.
     pub rollout_position: Option<f64>,
-    /// and degrees.
+    /// Largest attitude error of the body when it is simulated with the planned forces only, degrees.
     pub rollout_attitude: Option<f64>,
-    /// How far a foot leaves its box at any time, m.
+    /// Largest distance of a foot outside its box at any time, m.
     pub reach_excess: Option<f64>,
     /// Mean of |normal force| over the force nodes of the result, N.
     pub mean_normal_force: Option<f64>,
-    /// Largest objective so far after each generation; none while there is none.
+    /// Best objective so far after each generation; `None` until there is one.
     pub best_objectives: Vec<Option<f64>>,
-    /// Gait of the result, s, `[feet][phases]`.
+    /// Phase durations of the result, s, `[feet][phases]`.
     pub durations: Vec<Vec<f64>>,
 }
 
 impl Run {
-    /// Time to the first motion; of a run that found none, its whole time.
+    /// Time to the first certified motion, or the whole time if none was found.
     pub fn first_or_all(&self) -> f64 {
         self.first_feasible_seconds.unwrap_or(self.seconds)
     }
 
-    /// What the objective made of the result, as a cost: stance phases, or N; none when nothing was found.
+    /// Objective of the result as a cost: number of stance phases, or N; `None` if nothing was found.
     pub fn cost(&self) -> Option<f64> {
         self.best_objectives.last().copied().flatten().filter(|_| self.success).map(|j| 0. - j)
     }
 
-    /// Sum of the stance phases of all feet.
+    /// Number of stance phases of all feet.
     pub fn stances(&self) -> usize {
         self.durations.iter().map(|phases| phases.len().div_ceil(2)).sum()
     }
 }
 
-/// What all methods give.
+/// Outcome common to all methods.
 struct Outcome {
     success: bool,
     first_feasible: Option<f64>,
@@ -111,17 +111,17 @@ struct Outcome {
     threads: usize,
 }
 
-/// Processor of this machine, where the system tells.
+/// Processor of this machine, as far as the system reports it.
 pub fn machine() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let model = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':')).map(|(_, name)| name.trim().to_owned());
     format!("{}, {} processors, {}", model.unwrap_or_else(|| std::env::consts::ARCH.into()), threads_or_all(0), std::env::consts::OS)
 }
 
-/// Makes a run. `None` when it was cancelled, or when it needs an Ipopt that is not there.
+/// Makes a run. Returns `None` if it was cancelled, or if it needs Ipopt and this build has none.
 ///
 /// # Errors
-/// What keeps it from running; a motion that is not found is none.
+/// Returns an error if the case cannot run. Finding no motion is not an error.
 pub fn run(case: &Case, devices: &Devices, cancelled: &AtomicBool) -> Result<Option<Run>> {
     let task = case.task()?;
     let phases: Vec<f64> = (0..2 * BASELINE_STANCES - 1).map(|phase| BASELINE_DURATIONS[phase % 2]).collect();
@@ -130,7 +130,7 @@ pub fn run(case: &Case, devices: &Devices, cancelled: &AtomicBool) -> Result<Opt
         (Method::Towr, Some(workers)) => {
             baseline(&task, Program::Free(vec![phases; task.robot.feet()], BASELINE_LIMITS), workers, cancelled)?
         }
-        // As long as TOWR's.
+        // Same horizon as TOWR.
         (Method::ContactImplicit, Some(workers)) => baseline(&task, Program::ContactImplicit(phases.iter().sum()), workers, cancelled)?,
         (Method::Ipopt | Method::RandomIpopt, Some(workers)) => {
             let level = IpoptLevel { task: &task, workers, options: Options::LOWER_LEVEL };
@@ -184,7 +184,7 @@ pub fn run(case: &Case, devices: &Devices, cancelled: &AtomicBool) -> Result<Opt
     }))
 }
 
-/// A search over schedules.
+/// Runs a search over schedules.
 fn searched<L: ScheduleSolver>(
     level: &L,
     case: &Case,
@@ -211,7 +211,7 @@ fn searched<L: ScheduleSolver>(
     })
 }
 
-/// One program, solved once by one process.
+/// Solves one program once in one process.
 fn baseline(task: &Task, program: Program, workers: &Workers, cancelled: &AtomicBool) -> Result<Outcome> {
     let start = Instant::now();
     let answer = workers.answers(&[Job::new(task, program, Options::BASELINE)], cancelled)?.pop().flatten();

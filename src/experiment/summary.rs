@@ -1,4 +1,4 @@
-//! Runs in numbers: medians with quartiles, as Markdown, CSV and JSON.
+//! Statistics of runs: medians with quartiles, as Markdown, CSV and JSON.
 
 use super::plan::Group;
 use super::run::Run;
@@ -6,23 +6,23 @@ use crate::error::{Error, Result};
 use crate::search::cem::Objective;
 use serde::Serialize;
 
-/// Smallest value, quartiles, and largest value.
+/// Minimum, quartiles and maximum.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Spread {
-    /// Smallest.
+    /// Minimum.
     pub min: f64,
-    /// A quarter is below.
+    /// Lower quartile.
     pub lower: f64,
-    /// Half is below.
+    /// Median.
     pub median: f64,
-    /// Three quarters are below.
+    /// Upper quartile.
     pub upper: f64,
-    /// Largest.
+    /// Maximum.
     pub max: f64,
 }
 
 impl Spread {
-    /// Of values in any order, interpolated between neighbours; none without values.
+    /// Statistics of values in any order, interpolated between neighbours; `None` without values.
     pub fn of(values: impl IntoIterator<Item = f64>) -> Option<Spread> {
         let mut values: Vec<f64> = values.into_iter().collect();
         values.sort_by(f64::total_cmp);
@@ -37,14 +37,14 @@ impl Spread {
     }
 }
 
-/// Median with quartiles, to three digits.
+/// Formats the median with quartiles, with three digits.
 impl std::fmt::Display for Spread {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         write!(f, "{} ({}, {})", digits(self.median), digits(self.lower), digits(self.upper))
     }
 }
 
-/// A number to three digits.
+/// A number with three significant digits.
 fn digits(x: f64) -> String {
     if x == 0. || !x.is_finite() {
         return format!("{x}");
@@ -53,12 +53,12 @@ fn digits(x: f64) -> String {
     if decimals > 5 { format!("{x:.1e}") } else { format!("{x:.decimals$}") }
 }
 
-/// The runs of a line of a table.
+/// Runs of one line of a table.
 #[derive(Debug, Clone)]
 pub struct Line<'a> {
-    /// What they have in common.
+    /// Common properties of the runs.
     pub group: Group,
-    /// In the order in which they were made.
+    /// Runs, in the order in which they were made.
     pub runs: Vec<&'a Run>,
 }
 
@@ -81,7 +81,7 @@ pub fn lines(runs: &[Run]) -> Vec<Line<'_>> {
     lines
 }
 
-/// A line in numbers.
+/// Statistics of a line.
 #[derive(Debug, Clone, Serialize)]
 pub struct LineSummary {
     scenario: String,
@@ -93,24 +93,24 @@ pub struct LineSummary {
     generations: usize,
     runs: usize,
     found: usize,
-    /// Time to the first feasible motion, s; of runs without one, all their time.
+    /// Time to the first feasible motion, s. Runs without one count with their whole time.
     first_feasible_seconds: Option<Spread>,
     /// Time of the whole run, s.
     seconds: Option<Spread>,
     candidates: Option<Spread>,
-    /// Rows of the result that `verify` finds violated.
+    /// Number of rows of the result that `verify` finds violated.
     n_violated: Option<Spread>,
-    /// Body off its plan under the planned forces, m.
+    /// Largest position error of the body under the planned forces, m.
     rollout_position: Option<Spread>,
-    /// Foot outside its box at any time, m.
+    /// Largest distance of a foot outside its box at any time, m.
     reach_excess: Option<Spread>,
-    /// Stance phases, or mean normal force in N, of the runs that found a gait: the best objective, as a cost.
+    /// Best objective as a cost, over the runs that found a gait: stance phases, or mean normal force in N.
     reached: Option<Spread>,
     budget: String,
 }
 
 impl Line<'_> {
-    /// Its numbers.
+    /// Statistics of the runs.
     pub fn summary(&self) -> LineSummary {
         let spread = |value: &dyn Fn(&Run) -> Option<f64>| Spread::of(self.runs.iter().filter_map(|run| value(run)));
         LineSummary {
@@ -135,7 +135,7 @@ impl Line<'_> {
     }
 }
 
-/// The table of an experiment.
+/// Markdown table of an experiment.
 pub fn markdown(experiment: u8, runs: &[Run]) -> String {
     let lines = lines(runs);
     let mut text = String::new();
@@ -186,7 +186,7 @@ pub fn markdown(experiment: u8, runs: &[Run]) -> String {
     text + "\nMedian (quartiles). Times include failing candidates; a run that found nothing counts with all its time.\n"
 }
 
-/// With or without the heuristic.
+/// The word "with" or "without", for the heuristic.
 pub fn with(heuristic: bool) -> &'static str {
     if heuristic { "with" } else { "without" }
 }
@@ -203,10 +203,10 @@ pub fn title(objective: Objective) -> &'static str {
     }
 }
 
-/// All lines in numbers, with where they come from.
+/// Statistics of all lines as JSON, with version, machine, threads and seeds.
 ///
 /// # Errors
-/// [`Error::Format`] if a number has no JSON.
+/// [`Error::Format`] if a number has no JSON representation.
 pub fn json(experiment: u8, runs: &[Run]) -> Result<String> {
     #[derive(Serialize)]
     struct Summary<'a> {
@@ -232,7 +232,7 @@ pub fn json(experiment: u8, runs: &[Run]) -> Result<String> {
     Ok(serde_json::to_string_pretty(&summary)? + "\n")
 }
 
-/// One row a run.
+/// CSV table with one row per run.
 ///
 /// # Errors
 /// [`Error::Format`] if a row cannot be written.

@@ -1,14 +1,14 @@
-//! Motions as CSV: a header with units, a row an instant. Frames and signs: [`super`].
+//! Motions as CSV: a header with units and one row per instant. Frames and signs: [`super`].
 
 use super::Sampled;
 use crate::report::samples::Sample;
 
-/// Names of the columns, in their order.
+/// Names of the columns, in order.
 fn header(names: &[String]) -> Vec<String> {
     let axes = ["x", "y", "z"];
     let mut columns = vec!["time_s".to_owned()];
-    let mut of = |what: &str, parts: &[&str], unit: &str| {
-        columns.extend(parts.iter().map(|part| [what, part, unit].into_iter().filter(|p| !p.is_empty()).collect::<Vec<_>>().join("_")));
+    let mut of = |quantity: &str, parts: &[&str], unit: &str| {
+        columns.extend(parts.iter().map(|part| [quantity, part, unit].into_iter().filter(|p| !p.is_empty()).collect::<Vec<_>>().join("_")));
     };
     of("base_position", &axes, "m");
     of("base_quaternion", &["w", "x", "y", "z"], "");
@@ -24,7 +24,7 @@ fn header(names: &[String]) -> Vec<String> {
     columns
 }
 
-/// The values of a row.
+/// Values of a row, in the order of [`header`].
 fn row(sample: &Sample) -> Vec<f64> {
     let base = &sample.base;
     let mut values = vec![sample.time];
@@ -36,9 +36,9 @@ fn row(sample: &Sample) -> Vec<f64> {
     values
 }
 
-/// The text of the file. Numbers have as many digits as it takes to read the same ones back.
+/// Text of the file. Numbers have enough digits to be read back exactly.
 pub fn csv(sampled: &Sampled) -> String {
-    // Names are of letters, digits and underscores, numbers are numbers: nothing is to be quoted.
+    // Names consist of letters, digits and underscores, so that nothing needs quotes.
     let mut text = header(&sampled.names).join(",") + "\n";
     for sample in &sampled.samples {
         let whole = |v: &f64| if v.fract() == 0. && v.abs() < 1e15 { format!("{}", *v + 0.) } else { format!("{v:?}") };

@@ -1,4 +1,4 @@
-//! Motions as MCAP with Foxglove's schemas. Topics, frames and signs: [`super`].
+//! Motions as MCAP files with Foxglove's schemas. Topics, frames and signs: [`super`].
 //!
 //! `foxglove/*.json` are Foxglove's JSON Schemas (MIT, `foxglove/LICENSE`).
 
@@ -16,7 +16,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::io::Cursor;
 
-/// Topics with their schemas: name and text.
+/// Topics, each with the name and the text of its schema.
 fn topics() -> [(&'static str, &'static str, String); 3] {
     [
         ("/tf", "foxglove.FrameTransforms", include_str!("foxglove/FrameTransforms.json").into()),
@@ -29,11 +29,11 @@ fn failed(error: mcap::McapError) -> Error {
     Error::Format { message: format!("MCAP: {error}") }
 }
 
-/// The bytes of the file.
+/// Bytes of the MCAP file of a motion.
 ///
 /// # Errors
-/// [`Error::Invalid`] when the trajectory is malformed, or robot and trajectory disagree on the number of feet; [`Error::Format`] when the library
-/// cannot write.
+/// * [`Error::Invalid`] if the trajectory is malformed, or robot and trajectory disagree on the number of feet
+/// * [`Error::Format`] if the MCAP library cannot write
 pub fn mcap(sampled: &Sampled, trajectory: &Trajectory, robot: &Robot, terrain: &Terrain) -> Result<Vec<u8>> {
     let options = WriteOptions::new().compression(None).library(concat!("cregopt ", env!("CARGO_PKG_VERSION")));
     let mut writer = Writer::with_options(Cursor::new(Vec::new()), options).map_err(failed)?;
@@ -61,7 +61,7 @@ pub fn mcap(sampled: &Sampled, trajectory: &Trajectory, robot: &Robot, terrain: 
     Ok(writer.into_inner().into_inner())
 }
 
-/// What the messages of a motion are made from.
+/// Source of the messages of a motion.
 struct Drawing<'a> {
     sampled: &'a Sampled,
     robot: &'a Robot,
@@ -86,21 +86,21 @@ fn time(seconds: f64) -> Value {
     json!({"sec": nanoseconds / 1_000_000_000, "nsec": nanoseconds % 1_000_000_000})
 }
 
-/// `#rrggbb` with an opacity.
+/// Foxglove colour from `#rrggbb` and an opacity.
 fn color(hex: &str, a: f64) -> Value {
     let part = |i: usize| hex.get(i..i + 2).and_then(|s| u8::from_str_radix(s, 16).ok()).map_or(0., |v| f64::from(v) / 255.);
     json!({"r": part(1), "g": part(3), "b": part(5), "a": a})
 }
 
-/// The rotation that turns x into a direction.
-fn along(way: Vector3<f64>) -> [f64; 4] {
-    // Straight back there are many: any will do.
-    let turn = UnitQuaternion::rotation_between(&Vector3::x(), &way)
+/// Quaternion w, x, y, z of a rotation that turns the x axis into a direction.
+fn along(direction: Vector3<f64>) -> [f64; 4] {
+    // The direction -x has many such rotations. Any of them is suitable.
+    let turn = UnitQuaternion::rotation_between(&Vector3::x(), &direction)
         .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI));
     [turn.w, turn.i, turn.j, turn.k]
 }
 
-/// An entity of the scene in the world frame, which stays until one of its name comes.
+/// Scene entity in the world frame, which is shown until an entity with the same id replaces it.
 fn entity(id: &str, at: f64, shapes: Value) -> Value {
     let mut entity = json!({
         "timestamp": time(at), "frame_id": "world", "id": id, "lifetime": time(0.), "frame_locked": false, "metadata": [],
@@ -112,7 +112,7 @@ fn entity(id: &str, at: f64, shapes: Value) -> Value {
     entity
 }
 
-/// Line strips and separate lines, as Foxglove counts their kinds.
+/// Foxglove's code for line strips.
 const STRIP: u8 = 0;
 
 impl Drawing<'_> {
@@ -128,7 +128,7 @@ impl Drawing<'_> {
         json!({"transforms": std::iter::once(base).chain(feet).collect::<Vec<_>>()})
     }
 
-    /// Body, legs, feet and forces.
+    /// Entity with body, legs, feet and forces.
     fn robot(&self, sample: &Sample) -> Value {
         let leg = self.robot.leg_height();
         let [w, x, y, z] = sample.base.quaternion;
@@ -144,7 +144,7 @@ impl Drawing<'_> {
             let size = [0.15 * leg; 3];
             balls.push(json!({"pose": pose(foot.position, NO_TURN), "size": xyz(size), "color": color(FOOT_COLORS[i], 1.)}));
             let force = Vector3::from(foot.force);
-            // The weight is as long as two legs.
+            // An arrow as long as two legs is the robot's weight.
             let length = 2. * leg * force.norm() / self.robot.weight();
             if foot.stance && length > 0.02 * leg {
                 let head = (0.2 * leg).min(length);
@@ -175,7 +175,7 @@ impl Drawing<'_> {
         entity("ground", 0., json!({"triangles": [triangles]}))
     }
 
-    /// Path of the base and footholds.
+    /// Entity with the path of the base and the footholds.
     fn plan(&self, sampler: &Sampler) -> Value {
         let leg = self.robot.leg_height();
         let points: Vec<Value> = self.sampled.samples.iter().map(|s| xyz(s.base.position)).collect();
@@ -240,9 +240,9 @@ fn motion_schema() -> Value {
         "properties": {
             "position": vector("world frame, m"), "velocity": vector("world frame, m/s"),
             "force": vector("of the ground on the foot, world frame, N"),
-            "contact": {"type": "boolean", "description": "whether it stands"},
+            "contact": {"type": "boolean", "description": "true in stance"},
             "normal_force": number("along the normal of the ground, N"),
-            "friction_use": {"type": ["number", "null"], "description": "|t.f| / (mu n.f); null where the foot bears nearly nothing"}
+            "friction_use": {"type": ["number", "null"], "description": "|t.f| / (mu n.f); null if the foot carries almost no load"}
         },
         "required": ["position", "velocity", "force", "contact", "normal_force"]
     });

@@ -1,4 +1,4 @@
-//! What a motion costs: the work of its legs and the forces that they bear, per weight and distance.
+//! Cost of a motion: the work of its legs and the forces that they bear, per weight and distance.
 //!
 //! With mass `m`, base height `l`, horizon `T` and distance `d` (see [`Cost::distance`]):
 //!
@@ -9,29 +9,33 @@
 //! effort cost = effort T sqrt(g l) / d
 //! ```
 //!
-//! with `v = v_foot - v_hip` and `e` the direction of the leg, from the hip, above the nominal foothold as high as the base, to the foot.
+//! with `v = v_foot - v_hip` and `e` the direction of the leg from the hip to the foot. The hip is above the nominal foothold, at base
+//! height.
 //!
-//! A leg works along itself, where its knee stretches and bends it, and across itself, where its hip turns it. Each counts by its size:
-//! braking costs like driving, and what one joint takes up does not feed the other, since muscles and motors give little back. Their sum,
-//! `f . v`, alone would let a body ride for nothing on bent legs that sweep under a level trunk, the hip braking all that the knee drives.
-//! A stiff leg that vaults with its force along it costs nothing either way. Legs that work against each other pay for both.
+//! A leg does work along its direction, when its knee extends and flexes, and across it, when its hip turns it. The absolute value of each
+//! counts: braking costs as much as driving, and the work absorbed by one joint does not drive the other, because muscles and motors
+//! recover little energy. With their sum `f . v` alone, a body could ride at no cost on bent legs that swing under a level trunk while the
+//! hip absorbs all the work of the knee. A stiff leg that vaults with its force along the leg costs nothing in either term. Legs that work
+//! against each other both count.
 //!
-//! Effort is what it costs to bear a force without moving: the heat of a motor goes with the square of its torque, and muscles pay by time
-//! too. Per distance it makes slow gaits dear, as swing work does fast ones.
+//! Effort is the cost of bearing a force without motion: the heat of a motor is proportional to the square of its torque, and muscles also
+//! consume energy over time. Per distance, effort makes slow gaits costly, as swing work does fast ones.
 //!
-//! Of a robot with joints, what these would have to do beyond their limits is dear besides, so that gaits within them are preferred; no row holds
-//! them to it.
+//! For robots with joints the cost also penalises the joint-limit excess. This is a preference, not a constraint: no row enforces joint
+//! limits.
 //!
 //! # Weights
-//! The three are 1. With less than about 0.7 of effort a trot is ANYmal's cheapest gait at every speed; from there on a walk is at low
-//! speeds, since more feet share the weight. Longer legs walk with less of it, too. That is the range of electric legs as well, whose
-//! motors heat more than they work: at weight 1 a quadruped of 30 kg and half a metre spends 160 W on standing. The weight of joints is 50: a
-//! twentieth of a limit counts as much as a whole trot. The atlases in `benches/README.md` show what comes out.
+//! The weights of the three terms are 1. With an effort weight below about 0.7 a trot is ANYmal's cheapest gait at every speed; from there
+//! on a walk is cheapest at low speeds, because more feet share the weight. Robots with longer legs walk at lower weights, too. The value
+//! also suits electric legs, whose motors convert more power to heat than to work: at weight 1 a quadruped of 30 kg and 0.5 m height spends
+//! 160 W on standing. The weight of joints is 50: an excess of one twentieth of a limit costs as much as a whole trot. The atlases in
+//! `benches/README.md` show the resulting gaits.
 //!
-//! Quantities of a single curve are exact, by Bernstein polynomials: they integrate to the mean of their coefficients and lie below the
-//! largest. Powers mix curves and the attitude; they are integrated between all nodes of all curves, in steps of at most [`STEP`], as the
-//! absolute value of the parabola through the powers at three Gauss-Legendre points. Without a change of sign that is the Gauss-Legendre
-//! rule, exact to fifth order.
+//! # Integration
+//! Quantities of a single curve are exact, by Bernstein polynomials: their integral is the mean of the coefficients, and they do not exceed
+//! the largest coefficient. Powers combine several curves and the attitude. They are integrated between all nodes of all curves, in steps
+//! of at most [`STEP`], as the absolute value of the parabola through the powers at three Gauss-Legendre points. Without a change of sign
+//! this is the Gauss-Legendre rule, exact to fifth order.
 
 use super::{Curve, Phase, Schedule, Trajectory};
 use crate::error::{Error, Result, check_range};
@@ -40,35 +44,36 @@ use crate::robot::{GRAVITY, Robot};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-/// Shortest distance that costs are divided by, in base heights. Standing still has a cost by time, as if it went this far.
+/// Smallest distance by which costs are divided, in base heights. A robot that stands still has a cost per time, as if it covered this
+/// distance.
 pub const LEAST_DISTANCE: f64 = 0.1;
 
-/// Longest step of a quadrature, s. A power that is no parabola and changes its sign costs an error of fourth order.
+/// Longest step of the quadrature, s. A power that is not a parabola and changes its sign has an error of fourth order.
 pub const STEP: f64 = 0.04;
 
 /// Shortest leg that has a direction, m.
 const LEAST_LEG: f64 = 1e-6;
 
-/// Times closer than this are one, s.
+/// Times closer than this count as equal, s.
 const SAME_TIME: f64 = 1e-6;
 
-/// Gauss-Legendre nodes on \[-1, 1\] are 0 and this on both sides: `sqrt(3 / 5)`.
+/// Outer Gauss-Legendre node on \[-1, 1\], `sqrt(3 / 5)`; the nodes are `-GAUSS`, 0 and `GAUSS`.
 pub(crate) const GAUSS: f64 = 0.774_596_669_241_483_4;
 
-/// Weights of the terms of the total.
+/// Weights of the terms of the total cost.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct CostWeights {
-    /// Of [`Cost::leg_work`].
+    /// Weight of [`Cost::leg_work`], dimensionless.
     pub leg_work: f64,
-    /// Of [`Cost::swing_work`]. Too small: feet that hurry; too large: long swings.
+    /// Weight of [`Cost::swing_work`], dimensionless. Too small: feet move hastily; too large: long swings.
     pub swing_work: f64,
-    /// Of [`Cost::effort_cost`]. Too small: short stances with high forces, and a trot is the best at every speed; too large: feet that hurry
-    /// to stand longer.
+    /// Weight of [`Cost::effort_cost`], dimensionless. Too small: short stances with high forces, and a trot is best at every speed; too
+    /// large: feet move hastily in order to stand longer.
     pub effort: f64,
-    /// Of how far joints go beyond their limits, see [`excess`], for [`Cost::joint_cost`]. Too small: a gait that the robot's motors cannot
-    /// follow; 0: nobody looks at joints.
+    /// Weight of the joint-limit excess, see [`excess`], in [`Cost::joint_cost`]. Too small: gaits that the robot's motors cannot follow;
+    /// 0: joints are not evaluated.
     pub joint_excess: f64,
 }
 
@@ -91,24 +96,24 @@ impl CostWeights {
     }
 }
 
-/// Costs of a motion, and what its legs have to do.
+/// Costs of a motion, and the demands on its legs.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Cost {
-    /// Weighted sum of leg work, swing work, effort cost and joint excess: [`Cost::joint_cost`] is in it.
+    /// Weighted sum of leg work, swing work, effort cost and joint excess; it includes [`Cost::joint_cost`].
     pub total: f64,
     /// Work of standing legs on the body, per weight and distance.
     pub leg_work: f64,
     /// Work of moving the mass of swinging legs, per weight and distance.
     pub swing_work: f64,
-    /// Mean over time of `sum |f|^2 / (m g)^2`. Standing on `n` feet: `1 / n`.
+    /// Mean over time of `sum |f|^2 / (m g)^2`; `1 / n` when standing on `n` feet.
     pub effort: f64,
     /// Effort per distance, `effort T sqrt(g l) / d`.
     pub effort_cost: f64,
-    /// Weighted excess of joints beyond their limits, see [`excess`]; 0 of a robot without joints.
+    /// Weighted excess of joints beyond their limits, see [`excess`]; 0 for a robot without joints.
     #[serde(default)]
     pub joint_cost: f64,
-    /// Distance `d` that costs are divided by, m: from start to goal, and `l` a rad of yaw for the turn; at least [`LEAST_DISTANCE`] `l`.
+    /// Distance `d` by which costs are divided, m: from start to goal, plus `l` per rad of yaw; at least [`LEAST_DISTANCE`] `l`.
     pub distance: f64,
     /// Horizon, s.
     pub horizon: f64,
@@ -120,18 +125,19 @@ pub struct Cost {
     pub foot_speed: f64,
     /// Largest acceleration of a foot, m/s².
     pub foot_acceleration: f64,
-    /// Highest speed with which a foot ends a swing, m/s.
+    /// Highest speed of a foot at the end of a swing, m/s.
     pub touch_down_speed: f64,
     /// Largest moment `|sum m_leg (x_i - p) x a_i|` of swinging legs about the base at the points of the quadrature, in `m g l`.
     pub swing_moment: f64,
 }
 
-/// Costs of a motion.
+/// Computes the costs of a motion.
 ///
-/// * `leg_mass` - mass of a leg as if it were at the foot, kg
+/// * `leg_mass` - mass of a leg, concentrated at the foot, kg
 ///
 /// # Errors
-/// [`Error::Invalid`] when the trajectory is malformed, robot and trajectory disagree on the number of feet, or a robot with joints is none.
+/// [`Error::Invalid`] if the trajectory is malformed, robot and trajectory disagree on the number of feet, or the robot's joint model is
+/// invalid.
 pub fn cost(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weights: &CostWeights) -> Result<Cost> {
     trajectory.validate()?;
     let (lin, ang) = (&trajectory.base_lin.nodes[0], &trajectory.base_ang.nodes[0]);
@@ -140,13 +146,13 @@ pub fn cost(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weights: &Cos
     priced(trajectory, robot, leg_mass, weights, [0., trajectory.horizon], distance)
 }
 
-/// Costs of a part of a motion, from `start` to `end` s, and what its legs have to do in it.
+/// Computes the costs of a part of a motion, from `start` to `end` s, and the demands on its legs in that part.
 ///
-/// Steady strides have a cost that starting and stopping does not blur when the part is a whole number of them. [`Cost::horizon`] is the
-/// duration of the part, [`Cost::distance`] what the base covers in it.
+/// If the part is a whole number of steady strides, its cost is that of the gait without starting and stopping. [`Cost::horizon`] is the
+/// duration of the part, [`Cost::distance`] the distance that the base covers in it.
 ///
 /// # Errors
-/// As [`cost`], and when the part is empty or not in the motion.
+/// The errors of [`cost`], and [`Error::Invalid`] if the part is empty or outside the motion.
 pub fn cost_between(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weights: &CostWeights, part: [f64; 2]) -> Result<Cost> {
     trajectory.validate()?;
     let [start, end] = part;
@@ -190,13 +196,13 @@ fn priced(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weights: &CostW
     Ok(cost)
 }
 
-/// [`Cost::distance`] of a way in m and a turn in rad.
+/// [`Cost::distance`] of a displacement in m and a turn in rad.
 pub(crate) fn distance(robot: &Robot, way: [f64; 3], turn: f64) -> f64 {
     let l = robot.base_height;
     (way.iter().map(|w| w * w).sum::<f64>().sqrt() + l * turn.abs()).max(LEAST_DISTANCE * l)
 }
 
-/// One piece of a curve: `p = p0 + p1 t + p2 t^2 + p3 t^3`.
+/// Piece of a curve: `p = p0 + p1 t + p2 t^2 + p3 t^3`.
 struct Piece {
     start: f64,
     length: f64,
@@ -222,7 +228,7 @@ impl Piece {
         self.p[2] * 2. + self.p[3] * (6. * (time - self.start))
     }
 
-    /// What of it lies between two times, if more than an instant.
+    /// Part of the piece between two times; `None` if it is shorter than [`SAME_TIME`].
     fn between(&self, [from, to]: [f64; 2]) -> Option<Piece> {
         let (start, end) = (self.start.max(from), self.end().min(to));
         if end - start < SAME_TIME {
@@ -254,7 +260,7 @@ fn pieces(curve: &Curve) -> Vec<Piece> {
     let ends = curve.nodes.windows(2).zip(&curve.poly_durations);
     ends.map(|(n, &length)| {
         let (a, b, next) = (vector(&n[0]), vector(&n[0][3..]), vector(&n[1][3..]));
-        // Differences first, so that a standing foot stands exactly.
+        // Differences first, so that a standing foot has exactly zero velocity.
         let mean = (vector(&n[1]) - a) / length;
         let p = [a, b, (mean * 3. - b * 2. - next) / length, (b + next - mean * 2.) / (length * length)];
         let piece = Piece { start, length, p };
@@ -264,12 +270,12 @@ fn pieces(curve: &Curve) -> Vec<Piece> {
     .collect()
 }
 
-/// Curves of a foot.
+/// Curves and phases of a foot.
 struct Foot {
     motion: Vec<Piece>,
     force: Vec<Piece>,
     phases: Vec<Phase>,
-    /// Where the leg starts, base frame (x, y), m: above the nominal foothold, as high as the base.
+    /// Hip, base frame (x, y), m: above the nominal foothold, at base height.
     hip: [f64; 2],
 }
 
@@ -281,15 +287,15 @@ struct Motion {
     feet: Vec<Foot>,
 }
 
-/// Integrals and extremes of what mixes several curves.
+/// Integrals and extremes of quantities that combine several curves.
 struct Work {
-    /// J.
+    /// Work of standing legs, J.
     leg: f64,
-    /// J a kg of leg.
+    /// Work of swinging legs, J per kg of leg mass.
     swing: f64,
-    /// N m a kg of leg.
+    /// Largest moment of swinging legs, N m per kg of leg mass.
     swing_moment: f64,
-    /// Least cosine of the angle between the body's and the world's vertical.
+    /// Smallest cosine of the angle between the body's and the world's vertical.
     upright: f64,
 }
 
@@ -304,7 +310,7 @@ impl Motion {
         Ok(Motion { start: part[0], feet: feet.collect(), base_lin: pieces(&trajectory.base_lin), base_ang: pieces(&trajectory.base_ang) })
     }
 
-    /// What single curves say: speeds and accelerations of feet, the largest force in N, the effort in N² s.
+    /// Quantities of single curves: speeds and accelerations of feet, the largest force in N, the effort in N² s.
     fn extremes(&self) -> Cost {
         let (mut speed, mut acceleration, mut touch_down, mut force, mut effort): (f64, f64, f64, f64, f64) = Default::default();
         for foot in &self.feet {
@@ -315,7 +321,7 @@ impl Motion {
             }
             let mut phase = 0;
             for piece in &foot.motion {
-                // It is linear in between.
+                // The acceleration is linear on a piece, so its maximum is at an end.
                 acceleration = acceleration.max(piece.second(piece.start).norm()).max(piece.second(piece.end()).norm());
                 speed = Squares::new(&piece.control_rate()).largest(speed);
                 advance(&mut phase, &foot.phases, (piece.start + piece.end()) / 2., |p| p.end);
@@ -349,9 +355,9 @@ impl Motion {
         let mut work = Work { leg: 0., swing: 0., swing_moment: 0., upright: 1. };
         let times = self.times();
         let (mut lin, mut ang) = (0, 0);
-        // Motion piece, force piece and phase of each foot.
+        // Indices of the motion piece, force piece and phase of each foot.
         let mut places = vec![[0; 3]; self.feet.len()];
-        // Along the leg and across it while its foot stands; all in the first while it swings.
+        // Power along and across the leg of a standing foot; the total power in the first entry for a swinging foot.
         let mut powers = vec![[[0.; 3]; 2]; self.feet.len()];
         let steps = times.windows(2).flat_map(|w| {
             let count = ((w[1] - w[0]) / STEP).ceil();
@@ -376,7 +382,7 @@ impl Motion {
                     if foot.phases[phase].stance {
                         let force = foot.force[force].value(time);
                         let leg = motion.value(time) - base.hip(foot.hip);
-                        // A foot at its hip has no leg.
+                        // A leg of zero length has no direction.
                         let leg = leg.try_normalize(LEAST_LEG).unwrap_or_default();
                         along[point] = force.dot(&leg) * against_hip.dot(&leg);
                         across[point] = force.dot(&against_hip) - along[point];
@@ -398,7 +404,7 @@ impl Motion {
     }
 }
 
-/// Moves an index on to the item that a time lies in: the first that ends after it.
+/// Advances an index to the item that contains a time: the first that ends after it.
 fn advance<T>(index: &mut usize, items: &[T], time: f64, end: impl Fn(&T) -> f64) {
     while *index + 1 < items.len() && end(&items[*index]) < time {
         *index += 1;
@@ -412,12 +418,13 @@ struct Base {
     omega: Vector3<f64>,
     /// Axes x and y of the base.
     axes: [Vector3<f64>; 2],
-    /// Cosine of the angle between the verticals.
+    /// Cosine of the angle between the verticals of base and world.
     upright: f64,
 }
 
 impl Base {
-    /// Of its pieces. With rotation `Rz(yaw) Ry(pitch) Rx(roll)`, `omega = roll' x_base + pitch' Rz e_y + yaw' e_z`.
+    /// State from the pieces of position and attitude. With rotation `Rz(yaw) Ry(pitch) Rx(roll)`, `omega = roll' x_base + pitch' Rz e_y +
+    /// yaw' e_z`.
     fn new(lin: &Piece, ang: &Piece, time: f64) -> Base {
         let (angle, rate) = (ang.value(time), ang.first(time));
         let ((sr, cr), (sp, cp), (sy, cy)) = (angle.x.sin_cos(), angle.y.sin_cos(), angle.z.sin_cos());
@@ -436,18 +443,18 @@ impl Base {
     }
 }
 
-/// Integral over \[-1, 1\] times `half` of the absolute value of the parabola through values at the Gauss-Legendre points.
+/// Integral over \[-1, 1\], times `half`, of the absolute value of the parabola through values at the Gauss-Legendre points.
 fn absolute_integral([a, b, c]: [f64; 3], half: f64) -> f64 {
     // q = b + q1 s + q2 s^2
     let (q1, q2) = ((c - a) / (2. * GAUSS), (a + c - 2. * b) / (2. * GAUSS * GAUSS));
     let antiderivative = |s: f64| (b + (q1 / 2. + q2 / 3. * s) * s) * s;
-    // Bernstein coefficients of one sign: no root.
+    // Bernstein coefficients of equal sign: no root.
     let (left, middle, right) = (b - q1 + q2, b - q2, b + q1 + q2);
     let mut cuts = [-1., -1., -1., 1.];
     if left.min(middle).min(right) < 0. && left.max(middle).max(right) > 0. {
         let discriminant = q1 * q1 - 4. * q2 * b;
         if discriminant > 0. {
-            // Without cancellation; a root at infinity or nowhere falls to an end.
+            // Formula without cancellation; a root at infinity or no root is moved to an end.
             let t = -0.5 * (q1 + discriminant.sqrt().copysign(q1));
             let inside = |root: f64| if root > -1. && root < 1. { root } else { -1. };
             let roots = [inside(t / q2), inside(b / t)];
@@ -492,12 +499,12 @@ impl Squares {
         self.coefficients[..self.count].iter().sum::<f64>() / self.count as f64
     }
 
-    /// The larger of `best` and the largest value on the piece, to nine digits.
+    /// Larger of `best` and the maximum on the piece, to nine digits.
     fn largest(&self, best: f64) -> f64 {
         self.largest_of_halves(best, 40)
     }
 
-    /// Both ends are values, no value is above the largest coefficient, and halving brings them together.
+    /// The end coefficients are values, no value exceeds the largest coefficient, and halving closes the gap.
     fn largest_of_halves(&self, best: f64, halvings: usize) -> f64 {
         let c = &self.coefficients[..self.count];
         let best = best.max(c[0]).max(c[self.count - 1]);
@@ -505,7 +512,7 @@ impl Squares {
         if halvings == 0 || bound <= best * (1. + 1e-9) {
             return best;
         }
-        // De Casteljau's steps leave the right half in place, the left half along the way.
+        // De Casteljau's steps leave the right half in place; the left half consists of the first coefficients of every step.
         let (mut left, mut right) = (*self, *self);
         for step in 1..self.count {
             for i in 0..self.count - step {
@@ -526,7 +533,7 @@ mod tests {
         assert!((got - want).abs() <= 1e-9 * want.abs().max(1.), "{got} is not {want}");
     }
 
-    /// A monoped of 20 kg and weight `w`, 0.58 m high, and a curve from nodes at even times.
+    /// Monoped of 20 kg and base height 0.58 m.
     fn monoped() -> Robot {
         Robot::named("monoped").unwrap()
     }
@@ -563,7 +570,7 @@ mod tests {
         let (one, two) = (stand(1.), stand(2.));
         near(one.effort, 1.);
         near(one.peak_force, 1.);
-        // A tenth of 0.58 m; sqrt(g l) / 0.058 m.
+        // A tenth of 0.58 m; effort cost sqrt(g l) / 0.058 m.
         near(one.distance, 0.058);
         near(one.effort_cost, (9.80665f64 * 0.58).sqrt() / 0.058);
         near(one.total, one.effort_cost);
@@ -573,13 +580,13 @@ mod tests {
 
     #[test]
     fn a_squat_works_against_its_weight_down_and_up() {
-        // Down by 0.1 m and up again under a constant force of the weight: 2 * 0.1 m * w, over 0.058 m.
+        // Down by 0.1 m and up again under a constant force equal to the weight w: 2 * 0.1 m * w, over 0.058 m.
         let w = monoped().weight();
         let base = curve(0.5, &[still([0., 0., 0.58]), still([0., 0., 0.48]), still([0., 0., 0.58])]);
         let of = |node| curve(1., &[node, node]);
         let c = priced(&trajectory(vec![1.], base, of(still([0.; 3])), of(still([0.; 3])), of(still([0., 0., w]))));
         near(c.leg_work, 0.2 / 0.058);
-        // Under a level body that moves on by x the leg stretches, and its hip holds back as much: int w h x / (x^2 + h^2) each.
+        // Under a level body that advances by x the leg extends and the hip absorbs the same work: int w h x / (x^2 + h^2) each.
         let base = curve(0.5, &[still([0., 0., 0.58]), at([0.15, 0., 0.58], [0.45, 0., 0.]), still([0.3, 0., 0.58])]);
         let c = priced(&trajectory(vec![1.], base, of(still([0.; 3])), of(still([0.; 3])), of(still([0., 0., w]))));
         let work = 0.58 * (1. + (0.3f64 / 0.58).powi(2)).ln() / 0.3;
@@ -588,14 +595,14 @@ mod tests {
     }
 
     #[test]
-    fn a_force_that_changes_its_sign_works_both_times() {
-        // The base moves on by 1 m/s; the force along it goes linearly from -100 to 100 N in 1 s: int |f v| = 50 J, over 1 m.
+    fn a_force_that_changes_its_sign_does_work_in_both_directions() {
+        // The base advances at 1 m/s; the force along x rises linearly from -100 to 100 N in 1 s: int |f v| = 50 J, over 1 m.
         let base = curve(1., &[at([0., 0., 0.58], [1., 0., 0.]), at([1., 0., 0.58], [1., 0., 0.])]);
         let of = |node| curve(1., &[node, node]);
         let force = curve(1., &[at([-100., 0., 0.], [200., 0., 0.]), at([100., 0., 0.], [200., 0., 0.])]);
         let c = priced(&trajectory(vec![1.], base, of(still([0.; 3])), of(still([0.; 3])), force));
         let w = monoped().weight();
-        // The shares along and across the leg are no parabolas.
+        // The components along and across the leg are not parabolas.
         assert!((c.leg_work * w - 50.).abs() < 1e-4, "{}", c.leg_work * w);
         near(c.peak_force, 100. / w);
         // int (200 t - 100)^2 = 1e4 / 3.
@@ -604,8 +611,8 @@ mod tests {
     }
 
     #[test]
-    fn a_stiff_leg_that_vaults_does_not_work() {
-        // The base on a circle around the foot, in short pieces, with a force along the leg.
+    fn a_stiff_leg_that_vaults_does_no_work() {
+        // The base moves on a circle around the foot, in short pieces, with the force along the leg.
         let (radius, rate) = (0.58, 0.8);
         let on = |f: fn(f64) -> f64, g: fn(f64) -> f64, size: f64, u: f64| [size * f(u), 0., size * g(u)];
         let node = |t: f64| {
@@ -625,8 +632,8 @@ mod tests {
     }
 
     #[test]
-    fn parts_of_a_motion_cost_what_is_in_them() {
-        // Even speed under a constant force for 1 s; the work of the whole is that of its parts.
+    fn the_work_of_parts_adds_up_to_that_of_the_motion() {
+        // Even horizontal speed under a constant force for 1 s.
         let w = monoped().weight();
         let base = curve(0.5, &[at([0., 0., 0.58], [0.2, 0., 0.]), at([0.1, 0., 0.48], [0.2, 0., 0.]), at([0.2, 0., 0.58], [0.2, 0., 0.])]);
         let of = |node| curve(1., &[node, node]);
@@ -651,7 +658,7 @@ mod tests {
         let motion = Curve { poly_durations: vec![0.25, length, 0.25], nodes: vec![still([0.; 3]), still([0.; 3]), far, far] };
         let base = still([0., 0., 0.58]);
         let c = priced(&trajectory(vec![0.25, length, 0.25], of(base), of(still([0.; 3])), motion, of(still([0.; 3]))));
-        // Top speed 1.5 mean speeds; acceleration 6 d / s^2 at the ends; speeding up and slowing down each cost m v^2 / 2.
+        // Peak speed 1.5 mean speeds; acceleration 6 d / s^2 at the ends; speeding up and slowing down each cost m v^2 / 2.
         near(c.foot_speed, 1.2);
         near(c.foot_acceleration, 6. * 0.4 / 0.25);
         let work = 0.5 * 1.2 * 1.2 / (monoped().weight() * 0.058);
@@ -662,7 +669,7 @@ mod tests {
     }
 
     #[test]
-    fn a_foot_that_lands_fast_says_so() {
+    fn the_touchdown_speed_of_a_fast_foot_is_reported() {
         let motion = Curve {
             poly_durations: vec![0.2, 0.4, 0.4],
             nodes: vec![still([0.; 3]), still([0.; 3]), at([0.1, 0., 0.], [0., 0., -0.5]), still([0.1, 0., 0.])],
@@ -674,13 +681,13 @@ mod tests {
 
     #[test]
     fn hips_turn_with_the_base() {
-        // A foot at nominal (0.3, 0.2) of a base that yaws by 1 rad/s about the origin, under a force of 10 N along y: the hip moves by
-        // e_z x R (0.3, 0.2); its way along y is 0.3 sin t + 0.2 cos t, up to where the tangent is 1.5 and down again.
+        // A foot at nominal (0.3, 0.2) of a base that yaws at 1 rad/s about the origin, under a force of 10 N along y. The hip moves with
+        // e_z x R (0.3, 0.2). Its y coordinate is 0.3 sin t + 0.2 cos t, which rises up to tan t = 1.5 and falls afterwards.
         let robot = Robot { nominal_feet: vec![[0.3, 0.2, -0.58]], ..monoped() };
         let of = |node| curve(2., &[node, node]);
         let turn = curve(2., &[at([0.; 3], [0., 0., 1.]), at([0., 0., 2.], [0., 0., 1.])]);
         let mut t = trajectory(vec![2.], of(still([0., 0., 0.58])), turn, of(still([0.; 3])), of(still([0., 10., 0.])));
-        // Short pieces, as motions have them.
+        // Short pieces, as in computed motions.
         let piece = |i: usize| at([0., 0., 0.05 * i as f64], [0., 0., 1.]);
         t.base_ang = curve(0.05, &(0..=40).map(piece).collect::<Vec<_>>());
         let c = cost(&t, &robot, 0.5, &CostWeights::default()).unwrap();
@@ -699,8 +706,8 @@ mod tests {
     }
 
     #[test]
-    fn largest_values_inside_a_piece_are_found() {
-        // Values and slopes with a maximum of |v|^2 between the nodes, against a fine grid.
+    fn maxima_inside_a_piece_are_found() {
+        // Random values and slopes, compared with a fine grid.
         for seed in 0..20 {
             let r = |i: usize| ((seed * 37 + i * 101) as f64 * 0.7).sin();
             let nodes = [0, 1].map(|k| std::array::from_fn(|i| r(6 * k + i)));

@@ -1,11 +1,11 @@
 //! Gait families, and periodic gaits as schedules.
 //!
-//! In a periodic gait all feet repeat one stride: swing for `s`, stance for `d`, period `P = s + d`. A family says when in the stride
-//! each foot leaves the ground: its phase offset `phi` in \[0, 1\). Lengths and times scale with the height `l` of the base: time
-//! `sqrt(l / g)`, speed `sqrt(g l)`, Froude number `v^2 / (g l)`. Animals of different size that move alike have the same Froude number,
-//! and change their gaits at the same ones (R. McN. Alexander, "The Gaits of Bipedal and Quadrupedal Animals", IJRR 3(2), 1984).
+//! In a periodic gait all feet repeat one stride: swing for `s`, stance for `d`, period `P = s + d`. A family defines the time in the
+//! stride at which each foot lifts off: its phase offset `phi` in \[0, 1\). Lengths and times scale with the base height `l`: time `sqrt(l
+//! / g)`, speed `sqrt(g l)`, Froude number `v^2 / (g l)`. Animals of different size that move alike have the same Froude number and change
+//! their gaits at the same Froude numbers (R. McN. Alexander, "The Gaits of Bipedal and Quadrupedal Animals", IJRR 3(2), 1984).
 //!
-//! Feet are told apart by where they stand, not by their order: pairs behind each other, or anything else.
+//! Feet are identified by their positions, not by their order: pairs one behind the other, or any other arrangement.
 
 use super::Schedule;
 use super::schedule::MAX_PHASES;
@@ -14,35 +14,36 @@ use crate::robot::{GRAVITY, Robot};
 use crate::task::Task;
 use serde::{Deserialize, Serialize};
 
-/// Shortest phase that a leg is asked for, in [`time_scale`]s. Shorter: feet so fast that motors and controllers cannot follow.
+/// Shortest phase in requested gaits, in [`time_scale`]s. Too small: feet so fast that motors and controllers cannot follow.
 pub const MIN_PHASE: f64 = 0.75;
 
-/// Highest speed of a swinging foot that strides are planned for, in [`speed_scale`]s.
+/// Highest speed of a swinging foot for which strides are planned, in [`speed_scale`]s.
 pub const FOOT_SPEED: f64 = 1.9;
 
-/// Highest speed of a swinging foot, in its mean speeds.
+/// Ratio of the peak speed of a swinging foot to its mean speed.
 const TOP_SPEED: f64 = 1.35;
 
-/// Share of the reach box that the base may use up along an axis in one stance at travel speed. A motion may come out more even than
-/// planned and need less. Too large: the faster families are not found over short ways (measured: from 1.15 on); small: short strides.
+/// Share of the reach box that the base may use along an axis in one stance at travel speed. The optimised motion may be more even than
+/// planned and need less. Too large: the faster families are not found over short distances (measured: from 1.15 on); too small: short
+/// strides.
 pub const REACH_SHARE: f64 = 1.;
 
-/// Largest acceleration that strides are planned for, in `g` and at a friction coefficient of 1 or more; with less friction, in
-/// proportion. Too large: short ways are asked for in less time than a body can lean into them.
+/// Largest acceleration for which strides are planned, in `g`, at a friction coefficient of 1 or more; proportionally less with less
+/// friction. Too large: short distances are requested in less time than a body needs to lean into them.
 pub const ACCELERATION: f64 = 0.15;
 
-/// Mean speed of a motion from rest to rest, in travel speeds: it speeds up over 30 % of the horizon and slows down over 30 %.
+/// Mean speed of a motion from rest to rest, in travel speeds: it accelerates over 30 % of the horizon and decelerates over 30 %.
 pub const MEAN_SPEED: f64 = 0.7;
 
-/// Distance, m, and turn, rad, below which the goal is the start.
+/// Distance, m, and turn, rad, below which the goal counts as the start.
 const STILL: f64 = 1e-9;
 
-/// Time in which a body of the robot's height falls, s: `sqrt(l / g)`.
+/// Time scale of a falling body of the robot's height, s: `sqrt(l / g)`.
 pub fn time_scale(robot: &Robot) -> f64 {
     (robot.base_height / GRAVITY).sqrt()
 }
 
-/// Speed at which a step of the robot's height turns into flight, m/s: `sqrt(g l)`.
+/// Speed at which a step of the robot's height becomes flight, m/s: `sqrt(g l)`.
 pub fn speed_scale(robot: &Robot) -> f64 {
     (GRAVITY * robot.base_height).sqrt()
 }
@@ -52,7 +53,7 @@ pub fn froude(robot: &Robot, speed: f64) -> f64 {
     (speed / speed_scale(robot)).powi(2)
 }
 
-/// How the feet of a gait follow each other.
+/// Order in which the feet of a gait follow each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
@@ -85,14 +86,14 @@ pub enum GaitFamily {
     Ripple,
     /// One foot at a time, from hind to front on one side, then on the other.
     Wave,
-    /// Every other foot in turn with those between them.
+    /// Alternate feet in turn with the feet between them.
     Alternating,
 }
 
-/// Values of a family that are known to work, from which a search starts.
+/// Values of a family that are known to work. A search starts from them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Typical {
-    /// Share of a stride that a foot stands.
+    /// Share of a stride in which a foot stands.
     pub duty: f64,
     /// Duration of a swing, [`time_scale`]s.
     pub swing: f64,
@@ -100,7 +101,7 @@ pub struct Typical {
     pub speed: f64,
 }
 
-/// Every family. Within a kind of robot the likeliest to work comes first.
+/// All families. Among those of one kind of robot the most likely to work comes first.
 pub const FAMILIES: [GaitFamily; 15] = {
     use GaitFamily::*;
     [Trot, Walk, Pace, Bound, Canter, RotaryGallop, TransverseGallop, Pronk, Run, Hop, Tripod, Tetrapod, Ripple, Wave, Alternating]
@@ -134,10 +135,10 @@ impl GaitFamily {
         }
     }
 
-    /// A family by name.
+    /// Returns the family of the given name.
     ///
     /// # Errors
-    /// [`Error::Unknown`] lists [`FAMILIES`].
+    /// [`Error::Unknown`] for another name; it lists [`FAMILIES`].
     pub fn named(name: &str) -> Result<GaitFamily> {
         FAMILIES.into_iter().find(|f| f.name() == name).ok_or_else(|| Error::Unknown {
             what: "gait",
@@ -146,7 +147,7 @@ impl GaitFamily {
         })
     }
 
-    /// Typical values on a robot with this many feet.
+    /// Typical values for a robot with this number of feet.
     pub fn typical(self, feet: usize) -> Typical {
         let (duty, swing, speed) = match self {
             GaitFamily::Walk if feet == 2 => (0.6, 1.1, 0.5),
@@ -164,19 +165,19 @@ impl GaitFamily {
     }
 }
 
-/// Where each foot stands among the others.
+/// Arrangement of the feet.
 #[derive(Debug, Clone, PartialEq)]
 enum Places {
-    /// Pairs behind each other: row of each foot, counted from the front, and whether it is a left one.
+    /// Pairs one behind the other: row of each foot, counted from the front, and true for a left foot.
     Pairs(Vec<(usize, bool)>),
-    /// Anything else: rank of each foot around the middle of all.
+    /// Any other arrangement: rank of each foot by its angle around the centre of all feet.
     Ring(Vec<usize>),
 }
 
 impl Places {
-    /// Places of a robot's feet, by their nominal positions.
+    /// Arrangement of a robot's feet, by their nominal positions.
     ///
-    /// Feet are in pairs when as many stand left of the middle as right of it, and both feet of a pair stand in front of both of the next.
+    /// Feet form pairs if equally many are left and right of the centre, and both feet of a pair are in front of both feet of the next.
     fn of(robot: &Robot) -> Places {
         let feet = &robot.nominal_feet;
         let middle = [0, 1].map(|axis| feet.iter().map(|f| f[axis]).sum::<f64>() / feet.len() as f64);
@@ -208,10 +209,10 @@ impl Places {
     }
 }
 
-/// The families that a robot can have, the likeliest to work first.
+/// Families that a robot can have, the most likely to work first.
 pub fn families(robot: &Robot) -> Vec<GaitFamily> {
     let known: Vec<GaitFamily> = FAMILIES.into_iter().filter(|&f| known_offsets(f, robot).is_some()).collect();
-    // One foot at a time and every other foot are names for what these robots have already, but for the hexapod's wave.
+    // On these robots wave and alternating gait duplicate families that they have already, except the hexapod's wave.
     match (robot.feet(), Places::of(robot)) {
         (1, _) | (2 | 4, Places::Pairs(_)) => {
             known.into_iter().filter(|f| !matches!(f, GaitFamily::Wave | GaitFamily::Alternating)).collect()
@@ -221,10 +222,10 @@ pub fn families(robot: &Robot) -> Vec<GaitFamily> {
     }
 }
 
-/// Phase offset of each foot, in \[0, 1\): the part of a stride after which it leaves the ground.
+/// Phase offset of each foot, in \[0, 1\): the fraction of a stride after which it lifts off.
 ///
 /// # Errors
-/// [`Error::Unknown`] lists the families that the robot can have.
+/// [`Error::Unknown`] if the robot cannot have the family; it lists those that it can have.
 pub fn offsets(family: GaitFamily, robot: &Robot) -> Result<Vec<f64>> {
     known_offsets(family, robot).ok_or_else(|| Error::Unknown {
         what: "gait of this robot",
@@ -247,10 +248,10 @@ fn known_offsets(family: GaitFamily, robot: &Robot) -> Option<Vec<f64>> {
         }
     };
     let rows = feet / 2;
-    // Left and right foot of each row from the front.
+    // Offset of the left or right foot of a row, counted from the front.
     let offset = |row: usize, left: bool| -> Option<f64> {
         let front = row == 0;
-        // From hind to front on the left, half a stride later on the right.
+        // From hind to front on the left; later by `right` on the right.
         let wave = |step: f64, right: f64| ((rows - 1 - row) as f64 * step + if left { 0. } else { right }) % 1.;
         let of_four = |table: [f64; 4]| table[2 * row + usize::from(!left)];
         Some(match (family, feet) {
@@ -284,7 +285,7 @@ fn known_offsets(family: GaitFamily, robot: &Robot) -> Option<Vec<f64>> {
     places.into_iter().map(|(row, left)| offset(row, left)).collect()
 }
 
-/// A gait whose feet repeat one stride.
+/// Gait whose feet repeat one stride.
 ///
 /// With `P = swing + stance` and `n = strides`, the motion takes `T = lead_in + n P + P max(phi) + tail`. Foot `i` stands for
 /// `lead_in + phi_i P`, then swings for `swing` and stands for `stance`, `n` times; its last stance is stretched to `T`.
@@ -292,7 +293,7 @@ fn known_offsets(family: GaitFamily, robot: &Robot) -> Option<Vec<f64>> {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct PeriodicGait {
-    /// Where its offsets come from.
+    /// Family that defines the offsets.
     pub family: GaitFamily,
     /// Phase offset `phi` of each foot, in strides, at least 0.
     pub offsets: Vec<f64>,
@@ -300,24 +301,24 @@ pub struct PeriodicGait {
     pub swing: f64,
     /// Duration of a stance between two swings, s.
     pub stance: f64,
-    /// Number of strides; 0: all feet stand.
+    /// Number of strides; with 0 all feet stand.
     pub strides: usize,
-    /// Time for which all feet stand at the start, s.
+    /// Time during which all feet stand at the start, s.
     pub lead_in: f64,
-    /// Time for which all feet stand at the end, besides `stance`, s.
+    /// Time during which all feet stand at the end, in addition to `stance`, s.
     pub tail: f64,
 }
 
-/// First stance of a typical gait, [`time_scale`]s.
+/// Duration of the first stance of a typical gait, [`time_scale`]s.
 pub const TYPICAL_LEAD_IN: f64 = 1.;
 /// Tail of a typical gait, [`time_scale`]s.
 pub const TYPICAL_TAIL: f64 = 0.5;
 
 impl PeriodicGait {
-    /// A family at its typical values, with the strides that a task asks for.
+    /// Gait of a family at its typical values, with the number of strides that a task requires.
     ///
     /// # Errors
-    /// As [`offsets`].
+    /// The errors of [`offsets`].
     pub fn typical(family: GaitFamily, task: &Task) -> Result<PeriodicGait> {
         let (robot, time) = (&task.robot, time_scale(&task.robot));
         let Typical { duty, swing, speed } = family.typical(robot.feet());
@@ -333,29 +334,29 @@ impl PeriodicGait {
         Ok(gait.for_travel(task, speed * speed_scale(robot)))
     }
 
-    /// The same gait with as many strides as a task takes at a travel speed in m/s; none when the goal is the start.
+    /// Sets the number of strides that a task requires at a travel speed in m/s; zero if the goal is the start.
     ///
-    /// The travel speed is the highest speed at which a nominal foothold moves with the base, turns included. It is lowered to what the
-    /// feet can follow: see [`PeriodicGait::least_horizon`]. The number of strides is rounded up.
+    /// The travel speed is the highest speed at which a nominal foothold moves with the base, including turns. It is reduced to a speed
+    /// that the feet can follow, see [`PeriodicGait::least_horizon`]. The number of strides is rounded up.
     pub fn for_travel(self, task: &Task, speed: f64) -> PeriodicGait {
         let [x, y] = task.way();
         if x.hypot(y) < STILL && task.turn().abs() < STILL {
             return PeriodicGait { strides: 0, ..self };
         }
         let missing = self.least_horizon(task, speed) - PeriodicGait { strides: 0, ..self.clone() }.horizon();
-        // Rounded only where a stride more would be one for the last digit. A cast of a number too large or of NaN saturates.
+        // The margin avoids a whole stride for a rounding error. The cast saturates for numbers that are too large and for NaN.
         let strides = (missing / self.period() - 1e-9).ceil().max(1.) as usize;
         PeriodicGait { strides, ..self }
     }
 
-    /// Shortest horizon, s, for a task at a travel speed in m/s.
+    /// Shortest horizon for a task at a travel speed in m/s, s.
     ///
-    /// Along the line from start to goal, turning evenly, a nominal foothold moves by `w = R' (x, y) + yaw e_z x foot` in the base frame
-    /// per unit of the way. At the highest speed, 1 / [`MEAN_SPEED`] of the mean one, `w` must not be faster than `speed`, not
-    /// leave [`REACH_SHARE`] of the reach box in a stance, and not make the foot, which has only the swing to catch up, faster than
-    /// [`FOOT_SPEED`]. Nor must the base speed up faster than [`ACCELERATION`], a rad of yaw counted as `l`.
+    /// On the line from start to goal with an even turn, a nominal foothold moves by `w = R' (x, y) + yaw e_z x foot` in the base frame per
+    /// unit of the path. The highest speed is 1 / [`MEAN_SPEED`] of the mean speed. At that speed, `w` must not be faster than `speed`,
+    /// must not leave [`REACH_SHARE`] of the reach box within a stance, and must not make the foot, which catches up during the swing only,
+    /// faster than [`FOOT_SPEED`]. The base must not accelerate faster than [`ACCELERATION`], where a rad of yaw counts as `l`.
     pub fn least_horizon(&self, task: &Task, speed: f64) -> f64 {
-        /// Parts of the way that are looked at.
+        /// Number of parts of the path that are examined.
         const PARTS: usize = 32;
         let (robot, yaw) = (&task.robot, task.turn());
         let [x, y] = task.way();
@@ -374,7 +375,7 @@ impl PeriodicGait {
         }
         let acceleration = ACCELERATION * GRAVITY * task.terrain.friction.min(1.);
         let way = x.hypot(y) + robot.base_height * yaw.abs();
-        // From rest to way / (MEAN_SPEED T) in the ramp, (1 - MEAN_SPEED) T.
+        // From rest to way / (MEAN_SPEED T) in a ramp of (1 - MEAN_SPEED) T.
         let ramps = (way / (MEAN_SPEED * (1. - MEAN_SPEED) * acceleration)).sqrt();
         ramps.max(least / MEAN_SPEED)
     }
@@ -384,7 +385,7 @@ impl PeriodicGait {
         self.swing + self.stance
     }
 
-    /// Share of a stride that a foot stands.
+    /// Share of a stride in which a foot stands.
     pub fn duty(&self) -> f64 {
         self.stance / self.period()
     }
@@ -395,10 +396,11 @@ impl PeriodicGait {
         self.lead_in + (self.strides as f64 + latest) * self.period() + self.tail
     }
 
-    /// The schedule.
+    /// Schedule of the gait.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for negative or endless offsets, more strides than a schedule holds, or as [`Schedule::new`].
+    /// [`Error::Invalid`] for offsets that are negative or not finite, for more strides than a schedule can hold, and the errors of
+    /// [`Schedule::new`].
     pub fn schedule(&self) -> Result<Schedule> {
         check_range("strides", self.strides as f64, 0., ((MAX_PHASES - 1) / 2) as f64)?;
         for (foot, &offset) in self.offsets.iter().enumerate() {
@@ -452,7 +454,7 @@ mod tests {
     }
 
     #[test]
-    fn offsets_of_the_quadruped_are_those_of_the_book() {
+    fn offsets_of_the_quadruped_match_the_literature() {
         // Left front, right front, left hind, right hind.
         let of = |family| offsets(family, &Robot::named("anymal").unwrap()).unwrap();
         assert_eq!(of(GaitFamily::Trot), [0., 0.5, 0.5, 0.]);
@@ -460,7 +462,7 @@ mod tests {
         assert_eq!(of(GaitFamily::Pace), [0., 0.5, 0., 0.5]);
         assert_eq!(of(GaitFamily::Bound), [0., 0., 0.5, 0.5]);
         assert_eq!(of(GaitFamily::Pronk), [0.; 4]);
-        // Diagonal pair together, the others on either side of it.
+        // A diagonal pair together, the other two feet before and after it.
         assert_eq!(of(GaitFamily::Canter), [0.3, 0., 0., 0.7]);
         // Right hind, left hind, then left front first in the rotary, right front first in the transverse gallop.
         assert_eq!(of(GaitFamily::RotaryGallop), [0., 0.1, 0.6, 0.5]);
@@ -486,7 +488,7 @@ mod tests {
     }
 
     #[test]
-    fn feet_listed_in_another_order_get_the_same_gait() {
+    fn the_order_of_the_feet_does_not_change_the_gait() {
         for name in ["anymal", "pexod", "biped"] {
             let robot = Robot::named(name).unwrap();
             let n = robot.feet();
@@ -504,7 +506,7 @@ mod tests {
     fn other_arrangements_get_the_wave_and_the_alternating_gait() {
         let anymal = Robot::named("anymal").unwrap();
         let with = |feet: Vec<[f64; 3]>| Robot { nominal_feet: feet, ..anymal.clone() };
-        // A plus: front, left, hind, right; around the middle: right, front, left, hind.
+        // Feet in a plus: front, left, hind, right. By angle around the centre: right, front, left, hind.
         let plus = with(vec![[0.3, 0., -0.4], [0., 0.3, -0.4], [-0.3, 0., -0.4], [0., -0.3, -0.4]]);
         let three = with(vec![[0.3, 0., -0.4], [-0.2, 0.3, -0.4], [-0.2, -0.3, -0.4]]);
         let eight = with((0..8).map(|i| [0.3 - 0.2 * (i / 2) as f64, if i % 2 == 0 { 0.2 } else { -0.2 }, -0.4]).collect());
@@ -556,7 +558,7 @@ mod tests {
     }
 
     #[test]
-    fn standing_still_is_one_stance_a_foot() {
+    fn standing_still_is_one_stance_per_foot() {
         for name in ROBOTS {
             let task = task(name, 0., 0., 0.);
             for family in families(&task.robot) {
@@ -577,7 +579,7 @@ mod tests {
                     let schedule = gait.schedule().unwrap();
                     assert!(gait.strides >= 1 && schedule.feet() == task.robot.feet());
                     assert!((schedule.horizon() - gait.horizon()).abs() < 1e-9);
-                    // No phase is shorter than a leg is asked for.
+                    // No phase is shorter than the shortest requested one.
                     let floor = MIN_PHASE * time_scale(&task.robot);
                     assert!(schedule.durations().iter().flatten().all(|&d| d >= floor - 1e-9), "{name} {}", family.name());
                 }
@@ -597,25 +599,25 @@ mod tests {
             tail: 0.05,
         };
         let straight = Scenario::named("s1").unwrap().task_to([7., 0.]).unwrap();
-        // 7 m at 0.5 m/s, 0.35 m/s in the mean: 20 s. Lead-in, tail and half a stride of 0.5 s take 0.5 s: 39 strides are left.
+        // 7 m at 0.5 m/s, 0.35 m/s on average: 20 s. Lead-in, tail and half a stride of 0.5 s take 0.5 s: 39 strides remain.
         assert_eq!(gait(0.25).for_travel(&straight, 0.5).strides, 39);
-        // A stance of 0.6 s lets the base travel at 0.3 / 0.6 = 0.5 m/s: 20 s.
+        // With a stance of 0.6 s the base can travel at 0.3 / 0.6 = 0.5 m/s: 20 s.
         assert!((gait(0.6).least_horizon(&straight, 1.) - 20.).abs() < 1e-9);
-        // Sideways it reaches two thirds of that: 30 s.
+        // The reach to the side is two thirds of that: 30 s.
         let sideways = Scenario::named("s1").unwrap().task_to([0., 7.]).unwrap();
         assert!((gait(0.6).least_horizon(&sideways, 1.) - 30.).abs() < 1e-9);
-        // A hind foot that reaches ahead by 0.05 m only has two thirds of the way: 30 s.
+        // A hind foot that reaches only 0.05 m ahead has two thirds of the range: 30 s.
         let side = |ahead: f64| [[-0.15, ahead], [-0.1, 0.1], [-0.1, 0.1]];
         let reach = crate::robot::Reach::PerFoot(vec![side(0.15), side(0.15), side(0.15), side(0.05)]);
         let mut shorter = straight.clone();
         shorter.robot = std::sync::Arc::new(crate::robot::Robot { reach, ..(*straight.robot).clone() });
         assert!((gait(0.6).least_horizon(&shorter, 1.) - 30.).abs() < 1e-9);
-        // Half a turn on the spot: feet travel 0.34 pi to the side, with 0.2 m a stance of 0.5 s.
+        // Half a turn on the spot: feet travel 0.34 pi to the side, with 0.2 m per stance of 0.5 s.
         let turn = task("anymal", 0., 0., PI);
         assert!((gait(0.5).least_horizon(&turn, 9.) - 0.34 * PI * 0.5 / 0.2 / 0.7).abs() < 1e-9);
-        // With short stances the body has to be turned: 0.5 pi at 0.15 g in ramps of 0.3 T, to 1 / 0.7 of the mean speed.
+        // With short stances the turn of the body limits: 0.5 pi at 0.15 g in ramps of 0.3 T, to 1 / 0.7 of the mean speed.
         assert!((gait(0.2).least_horizon(&turn, 9.) - (0.5 * PI / (0.21 * 0.15 * 9.80665)).sqrt()).abs() < 1e-9);
-        // A foot has half of the time to cover all of the way: at most 1.9 sqrt(g l) / 1.35 / 2 = 1.558 m/s.
+        // A foot has half of the time to cover the whole distance: at most 1.9 sqrt(g l) / 1.35 / 2 = 1.558 m/s.
         let limit = 1.9 * (9.80665f64 * 0.5).sqrt() / 1.35 / 2.;
         let short = PeriodicGait { swing: 0.05, stance: 0.05, ..gait(0.25) };
         assert!((short.least_horizon(&straight, 9.) - 7. / limit / 0.7).abs() < 1e-9);

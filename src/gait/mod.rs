@@ -1,4 +1,4 @@
-//! Gaits: contact schedules, the curves between nodes, and trajectories as node values.
+//! Gaits: contact schedules, curves, and trajectories as node values.
 
 pub mod cost;
 pub mod family;

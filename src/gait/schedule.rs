@@ -1,4 +1,4 @@
-//! Contact schedules: when each foot stands and swings.
+//! Contact schedules: stance and swing phases of each foot.
 
 use crate::error::{Error, Result};
 use crate::robot::MAX_FEET;
@@ -6,19 +6,19 @@ use serde::{Deserialize, Serialize};
 
 /// Longest horizon, s.
 pub const MAX_HORIZON: f64 = 120.;
-/// Most phases of one foot.
+/// Largest number of phases of one foot.
 pub const MAX_PHASES: usize = 1001;
 /// Shortest phase, s.
 pub const MIN_PHASE: f64 = 1e-3;
 
-/// An interval in which one foot's contact does not change.
+/// Interval in which one foot's contact does not change.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Phase {
     /// Start, s.
     pub start: f64,
     /// End, s.
     pub end: f64,
-    /// Whether the foot stands.
+    /// True if the foot stands.
     pub stance: bool,
 }
 
@@ -52,11 +52,12 @@ impl From<Schedule> for Vec<Vec<f64>> {
 }
 
 impl Schedule {
-    /// A validated schedule.
+    /// Creates and validates a schedule.
     ///
     /// # Errors
-    /// [`Error::Invalid`] names the foot and the phase: no feet or more than [`MAX_FEET`], an even number of phases (it would end
-    /// in swing), more than [`MAX_PHASES`], durations that are no numbers or shorter than [`MIN_PHASE`], more than [`MAX_HORIZON`].
+    /// [`Error::Invalid`] names the foot and the phase: no feet or more than [`MAX_FEET`]; an even number of phases (the foot would end in
+    /// swing) or more than [`MAX_PHASES`]; durations that are not finite or shorter than [`MIN_PHASE`]; a total of more than
+    /// [`MAX_HORIZON`].
     pub fn new(durations: Vec<Vec<f64>>) -> Result<Schedule> {
         if durations.is_empty() || durations.len() > MAX_FEET {
             return Err(Error::invalid("durations", format!("{} feet", durations.len()), format!("1 to {MAX_FEET} feet")));
@@ -74,7 +75,7 @@ impl Schedule {
                 ));
             }
             for (phase, &d) in phases.iter().enumerate() {
-                // Differences of times are rounded.
+                // The tolerance allows for durations that are differences of rounded times.
                 if !(d.is_finite() && d >= MIN_PHASE * (1. - 1e-9)) {
                     return Err(Error::invalid(format!("{place}, phase {phase}"), format!("{d} s"), format!("at least {MIN_PHASE} s")));
                 }
@@ -102,7 +103,7 @@ impl Schedule {
         self.durations[foot].len().div_ceil(2)
     }
 
-    /// Longest sum of a foot's durations, s.
+    /// Largest sum of a foot's durations, s.
     pub fn horizon(&self) -> f64 {
         self.durations.iter().map(|d| d.iter().sum()).fold(0., f64::max)
     }
@@ -112,18 +113,18 @@ impl Schedule {
         ((self.horizon() / interval - 1e-9).ceil() as usize).max(1)
     }
 
-    /// The same schedule with every foot's last stance stretched to a common horizon, a multiple of `interval`.
+    /// Stretches every foot's last stance to a common horizon, a multiple of `interval`.
     ///
-    /// The paper \[1\] stretches to the longest foot; the rest, less than one interval, makes knots and instants uniform.
+    /// The paper \[1\] stretches to the longest foot. The remainder of less than one interval makes knots and instants uniform.
     pub fn aligned(&self, interval: f64) -> AlignedSchedule {
         let intervals = self.intervals(interval);
         AlignedSchedule { schedule: self.ended_at(intervals as f64 * interval), interval, intervals }
     }
 
-    /// This schedule as one that [`Schedule::aligned`] has made before, in a copy of it: nothing moves, not even in the last bit.
+    /// Wraps a copy of a schedule that [`Schedule::aligned`] has produced, without changing its durations in the last bit.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for one whose feet do not all end at a multiple of `interval`.
+    /// [`Error::Invalid`] if not all feet end at the same multiple of `interval`.
     #[cfg(feature = "python")]
     pub(crate) fn aligned_before(self, interval: f64) -> Result<AlignedSchedule> {
         let intervals = self.intervals(interval);
@@ -137,7 +138,7 @@ impl Schedule {
         Ok(AlignedSchedule { schedule: self, interval, intervals })
     }
 
-    /// The same schedule with every foot's last stance stretched to the end of the longest foot, as in the paper \[1\].
+    /// Stretches every foot's last stance to the end of the longest foot, as in the paper \[1\].
     pub fn stretched(&self) -> Schedule {
         self.ended_at(self.horizon())
     }
@@ -167,7 +168,7 @@ impl Schedule {
     }
 }
 
-/// A schedule whose feet all end at the same whole number of intervals: what can be posed as a problem. Made by [`Schedule::aligned`] alone.
+/// Schedule whose feet all end after the same whole number of intervals, as a problem requires. Only [`Schedule::aligned`] creates it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AlignedSchedule {
     schedule: Schedule,
@@ -181,12 +182,12 @@ impl AlignedSchedule {
         self.interval
     }
 
-    /// How many there are.
+    /// Number of intervals.
     pub fn count(&self) -> usize {
         self.intervals
     }
 
-    /// The end, s: that many intervals.
+    /// End of all feet, s.
     pub fn end(&self) -> f64 {
         self.intervals as f64 * self.interval
     }
@@ -205,14 +206,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn aligned_ends_every_foot_on_the_same_multiple() {
+    fn aligned_ends_every_foot_at_the_same_multiple() {
         let s = Schedule::new(vec![vec![0.3, 0.2, 0.33], vec![0.25]]).unwrap();
         let a = s.aligned(0.1);
         assert_eq!(s.intervals(0.1), 9);
         for foot in 0..2 {
             assert!((a.durations()[foot].iter().sum::<f64>() - 0.9).abs() < 1e-12);
         }
-        // Aligned again, nothing moves but the last bit of a sum.
+        // Aligning twice changes at most the last bit of a sum.
         for (once, twice) in a.durations().iter().flatten().zip(a.aligned(0.1).durations().iter().flatten()) {
             assert!((once - twice).abs() < 1e-14);
         }
@@ -221,14 +222,14 @@ mod tests {
     }
 
     #[test]
-    fn shortest_phases_between_rounded_times_are_no_shorter() {
+    fn the_shortest_phase_is_accepted_between_rounded_times() {
         const { assert!(1.001 - 1. < MIN_PHASE) };
         Schedule::new(vec![vec![1., 1.001 - 1., 1.]]).unwrap();
         assert!(Schedule::new(vec![vec![1., 0.999_99 * MIN_PHASE, 1.]]).is_err());
     }
 
     #[test]
-    fn bad_schedules_say_where_and_why() {
+    fn errors_in_schedules_name_the_place_and_the_reason() {
         let refused = |durations: Vec<Vec<f64>>| Schedule::new(durations).unwrap_err().to_string();
         assert!(refused(vec![]).contains("0 feet"));
         assert!(refused(vec![vec![1.]; 9]).contains("9 feet"));

@@ -1,6 +1,6 @@
-//! Curves: cubic Hermite pieces between nodes and the uniform clamped cubic B-spline of the base.
+//! Curves: cubic Hermite pieces between nodes, and the clamped uniform cubic B-spline of the base.
 
-/// Weights of (value, slope, next value, next slope) of a cubic Hermite piece of length `duration` at time `t` in it.
+/// Weights of (value, slope, next value, next slope) of a cubic Hermite piece of length `duration`, `t` s after its start.
 ///
 /// `h00 = 2u^3 - 3u^2 + 1`, `h10 = (u^3 - 2u^2 + u) d`, `h01 = -2u^3 + 3u^2`, `h11 = (u^3 - u^2) d`, `u = t/d`.
 pub fn hermite(t: f64, duration: f64) -> [f64; 4] {
@@ -9,7 +9,7 @@ pub fn hermite(t: f64, duration: f64) -> [f64; 4] {
     [2. * u3 - 3. * u2 + 1., (u3 - 2. * u2 + u) * duration, -2. * u3 + 3. * u2, (u3 - u2) * duration]
 }
 
-/// Weights of the derivative of [`hermite`].
+/// Weights of the time derivative of [`hermite`].
 pub fn hermite_rate(t: f64, duration: f64) -> [f64; 4] {
     let u = t / duration;
     let u2 = u * u;
@@ -24,7 +24,7 @@ pub struct BSpline {
 }
 
 impl BSpline {
-    /// A spline over at least one interval.
+    /// Creates a spline over at least one interval of length `interval`, s.
     pub fn new(intervals: usize, interval: f64) -> BSpline {
         BSpline { intervals, interval }
     }
@@ -34,19 +34,19 @@ impl BSpline {
         self.intervals + 3
     }
 
-    /// Knot `i` of the knot vector, whose ends are repeated four times, s.
+    /// Knot `i` of the knot vector, s. The end knots are repeated four times.
     fn knot(&self, i: usize) -> f64 {
         (i.max(3) - 3).min(self.intervals) as f64 * self.interval
     }
 
-    /// Greville abscissa of a coefficient, s: a spline whose coefficients lie on a line at these times is that line.
+    /// Greville abscissa of a coefficient, s: coefficients that are linear in these times give a straight line.
     pub fn greville(&self, coefficient: usize) -> f64 {
         (1..=3).map(|i| self.knot(coefficient + i)).sum::<f64>() / 3.
     }
 
-    /// Values of the four basis functions `k..k + 4` of interval `k` at time `t` in it, or their first or second derivatives.
+    /// Values of the four basis functions `k..k + 4` of interval `k` at time `t` since the start of the spline, s, or their derivatives.
     ///
-    /// Cox-de Boor recursion; a derivative lowers the degree and differences the coefficients.
+    /// Cox-de Boor recursion; a derivative lowers the degree and takes differences of the coefficients.
     pub fn basis(&self, k: usize, t: f64, derivative: usize) -> [f64; 4] {
         let span = k + 3;
         // Basis of degree 3 - derivative on this span.
@@ -63,7 +63,7 @@ impl BSpline {
             }
             b[p] = saved;
         }
-        // Raise: d/dt sum c_i N_i,p = sum p (c_i - c_{i-1}) / (u_{i+p} - u_i) N_i,p-1.
+        // Raise the degree: d/dt sum c_i N_i,p = sum p (c_i - c_{i-1}) / (u_{i+p} - u_i) N_i,p-1.
         for p in degree + 1..=3 {
             let mut raised = [0.; 4];
             for r in 0..p {

@@ -1,4 +1,4 @@
-//! Trajectories as Hermite nodes, in the form of TOWR's variables \[3\]; what `solve` writes and `verify` reads.
+//! Trajectories as Hermite nodes, in the form of TOWR's variables \[3\]. `solve` writes them and `verify` reads them.
 
 use crate::error::{Error, Result};
 use crate::robot::Robot;
@@ -10,14 +10,14 @@ use serde::{Deserialize, Deserializer, Serialize};
 use std::fmt;
 use std::marker::PhantomData;
 
-/// A piecewise cubic Hermite curve.
+/// Piecewise cubic Hermite curve.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Curve {
     /// Durations of the pieces, s.
     pub poly_durations: Vec<f64>,
-    /// Nodes between them, one more than pieces: value and slope, `[x, y, z, dx/dt, dy/dt, dz/dt]`.
+    /// Nodes at the ends of the pieces, one more than pieces: value and slope, `[x, y, z, dx/dt, dy/dt, dz/dt]`.
     pub nodes: Vec<[f64; 6]>,
 }
 
@@ -27,10 +27,10 @@ impl Curve {
         self.nodes.last().map_or([[0.; 3]; 2], |&[x, y, z, dx, dy, dz]| [[x, y, z], [dx, dy, dz]])
     }
 
-    /// Checks sizes and numbers.
+    /// Checks that sizes agree and numbers are finite.
     ///
     /// # Errors
-    /// [`Error::Invalid`] names the piece or node.
+    /// [`Error::Invalid`] names the piece or the node.
     pub fn validate(&self, place: &str) -> Result<()> {
         if self.poly_durations.is_empty() || self.nodes.len() != self.poly_durations.len() + 1 {
             return Err(Error::invalid(
@@ -64,18 +64,18 @@ pub struct FootCurves {
     pub force: Curve,
 }
 
-/// A built-in thing by name, or a user's own in full.
+/// Name of a built-in description, or a complete description of the user's own.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(untagged)]
 pub enum NamedOr<T> {
-    /// Name of a built-in.
+    /// Name of a built-in description.
     Name(String),
-    /// The whole description.
+    /// Complete description.
     Own(T),
 }
 
-/// By the kind of the value, so that errors are those of the description.
+/// Selects the variant by the type of the value, so that errors are those of the description.
 impl<'de, T: Deserialize<'de>> Deserialize<'de> for NamedOr<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
         struct Kinds<T>(PhantomData<T>);
@@ -103,47 +103,47 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for NamedOr<T> {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum GoalVelocity {
-    /// That of the goal: at rest unless the goal says otherwise.
+    /// Velocity of the goal: zero unless the goal specifies another one.
     Zero,
-    /// Any.
+    /// Any velocity.
     Free,
 }
 
-/// What a motion was made to keep to, besides its rows.
+/// Limits that a motion was computed to satisfy, in addition to its rows.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct MotionLimits {
-    /// Least height of a foot above the terrain in mid-swing, m.
+    /// Smallest height of a foot above the terrain in mid-swing, m.
     pub clearance: f64,
-    /// Greatest height there above the highest of lift-off, landing and that terrain, m.
+    /// Largest height of a foot in mid-swing, above the highest of lift-off, touchdown and the terrain there, m.
     pub swing_height: f64,
-    /// Greatest horizontal speed of a foot, m/s.
+    /// Largest horizontal speed of a foot, m/s.
     pub foot_speed: f64,
-    /// Greatest acceleration of a swinging foot, m/s²; any when absent.
+    /// Largest acceleration of a swinging foot, m/s²; unlimited if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub foot_acceleration: Option<f64>,
     /// Velocity of the base at the goal.
     pub goal_velocity: GoalVelocity,
 }
 
-/// A motion with its contact schedule and forces. Keys that it does not know are ignored when it is read.
+/// Motion with its contact schedule and forces. Unknown keys are ignored on reading.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Trajectory {
-    /// Scenario it belongs to, if any.
+    /// Scenario that it belongs to, if any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scenario: Option<String>,
     /// Target of the scenario, 1 to 20.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub target: Option<usize>,
-    /// Robot; taken from the scenario when absent.
+    /// Robot; taken from the scenario if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub robot: Option<NamedOr<Robot>>,
-    /// Terrain; taken from the scenario when absent.
+    /// Terrain; taken from the scenario if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub terrain: Option<NamedOr<Terrain>>,
-    /// Which rows it was made to satisfy.
+    /// Transcription whose rows it was computed to satisfy.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub transcription: Option<String>,
     /// Seed of the search that found it.
@@ -152,26 +152,26 @@ pub struct Trajectory {
     /// Version of the program that wrote it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub version: Option<String>,
-    /// Base position at the start, m; above the origin when absent.
+    /// Base position at the start, m; above the origin if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub init_base: Option<[f64; 3]>,
-    /// Base at the start where it is not at rest, level and with yaw 0; its position is `init_base`.
+    /// Base at the start, if it is not at rest, level and with yaw 0; its position equals `init_base`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub start: Option<BaseState>,
-    /// Where each foot stands at the start (x, y), m; at its nominal place under the base when absent.
+    /// Position of each foot at the start (x, y), m; its nominal position under the base if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub start_feet: Option<Vec<[f64; 2]>>,
-    /// Base position asked for at the end, m.
+    /// Requested base position at the end, m.
     pub base_target: [f64; 3],
-    /// Yaw asked for at the end, rad.
+    /// Requested yaw at the end, rad.
     pub yaw_target: f64,
-    /// Base asked for at the end where that is not at rest and level; position and yaw are those above.
+    /// Requested base at the end, if it is not at rest and level; position and yaw equal `base_target` and `yaw_target`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub goal: Option<BaseState>,
-    /// Largest normal force of a foot that it was made for, N.
+    /// Largest normal force of a foot that it was computed for, N.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub force_limit: Option<f64>,
-    /// What else it was made to keep to.
+    /// Further limits that it was computed to satisfy.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub limits: Option<MotionLimits>,
     /// Phase durations, s, `[feet][phases]`.
@@ -181,18 +181,18 @@ pub struct Trajectory {
     pub horizon: f64,
     /// Base position, world frame.
     pub base_lin: Curve,
-    /// Base Euler angles roll, pitch, yaw and their rates; rotation `Rz(yaw) Ry(pitch) Rx(roll)`.
+    /// Base Euler angles roll, pitch and yaw and their rates; rotation `Rz(yaw) Ry(pitch) Rx(roll)`.
     pub base_ang: Curve,
-    /// Per foot.
+    /// Curves of each foot.
     pub ee: Vec<FootCurves>,
 }
 
 impl Trajectory {
-    /// A motion from its curves, which asks for the place where its base ends, and says neither where it comes from nor what it keeps to.
+    /// Creates a motion from its curves. Its goal is the place where its base ends; all labels and limits are absent.
     ///
     /// * `durations` - s, `[feet][phases]`
     /// * `horizon` - s
-    /// * `base` - position, and Euler angles
+    /// * `base` - curves of the position and of the Euler angles
     pub fn new(durations: Vec<Vec<f64>>, horizon: f64, [base_lin, base_ang]: [Curve; 2], ee: Vec<FootCurves>) -> Trajectory {
         Trajectory {
             scenario: None,
@@ -221,19 +221,19 @@ impl Trajectory {
     /// Reads a trajectory from JSON text and checks its form.
     ///
     /// # Errors
-    /// [`Error::Format`] for malformed JSON; [`Error::Invalid`] for sizes or numbers that cannot be a trajectory.
+    /// [`Error::Format`] for malformed JSON; [`Error::Invalid`] for inconsistent sizes or impossible numbers.
     pub fn from_json(text: &str) -> Result<Trajectory> {
         let trajectory: Trajectory = crate::error::from_json(text)?;
         trajectory.validate()?;
         Ok(trajectory)
     }
 
-    /// The base asked for at the end.
+    /// Requested base at the end.
     pub fn goal_state(&self) -> BaseState {
         self.goal.unwrap_or(BaseState::level(self.base_target, self.yaw_target))
     }
 
-    /// Base at the start: above the origin, as high as the robot says, when the file does not say.
+    /// Base at the start. If the file does not specify it: above the origin, at the robot's base height.
     pub fn start_state(&self, robot: &Robot, terrain: &Terrain) -> BaseState {
         let position = || self.init_base.unwrap_or([0., 0., robot.base_height + terrain.height(0., 0.)]);
         self.start.unwrap_or_else(|| BaseState::level(position(), 0.))
@@ -245,7 +245,7 @@ impl Trajectory {
         BaseState { position, angles, velocity, rates }
     }
 
-    /// Where each foot stands at the end of the curves (x, y), world frame, m.
+    /// Position of each foot at the end of the curves (x, y), world frame, m.
     pub fn end_feet(&self) -> Vec<[f64; 2]> {
         let end = |foot: &FootCurves| {
             let [[x, y, _], _] = foot.motion.end();
@@ -254,7 +254,7 @@ impl Trajectory {
         self.ee.iter().map(end).collect()
     }
 
-    /// What is said of the ends twice must agree.
+    /// Checks that repeated statements about start and goal agree.
     fn validate_ends(&self) -> Result<()> {
         let differs = |end: &str, what: String, other: String| Err(Error::invalid(end, what, format!("as elsewhere in the file, {other}")));
         if let Some(start) = &self.start {
@@ -287,7 +287,7 @@ impl Trajectory {
         }
     }
 
-    /// Checks sizes and numbers, not physics.
+    /// Checks sizes and numbers; physics is not checked.
     ///
     /// # Errors
     /// [`Error::Invalid`] names the place.

@@ -1,19 +1,19 @@
-//! Forward substitution with a factor, for one more right-hand side.
+//! Forward substitution with an existing factor for a new right-hand side.
 
 use super::front::Factor;
 use crate::nlp::Layout;
 use crate::real::Real;
 use multiversion::multiversion;
 
-/// Replaces the right-hand side after [`factorise`](super::front::factorise): forward substitution of `-(u + J' v)`.
+/// Replaces the right-hand side after [`factorise`](super::front::factorise) by forward substitution of `-(u + J' v)`.
 ///
-/// * `gradient` - `u + J' v`, `[variables]`
+/// * `gradient` - `u + J' v`, `[variables]`; overwritten
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 pub fn forward<T: Real>(layout: &Layout<T>, factor: &mut Factor<T>, gradient: &mut [T]) {
     let local = &mut factor.local;
     for step in &layout.steps {
         let (size, pivots, first) = (step.size as usize, step.pivots as usize, step.variable as usize);
-        // What the pivots subtract from the variables that stay.
+        // Contributions of the pivots to the variables that remain in the front.
         local[..size].fill(T::zero());
         for i in 0..pivots {
             let row = &mut factor.pivot_rows[step.factor as usize + i * step.stride as usize..][..size + 1];

@@ -1,7 +1,8 @@
-//! The frontal Cholesky factorisation in time order: assemble, eliminate, slide on; then substitute back from the end.
+//! Frontal Cholesky factorisation in time order: assemble a front, eliminate its pivots, carry the rest over to the next front; then
+//! substitute back from the end.
 //!
-//! Solves `(E + J' W J) d = -(u + J' v)` with `W` and `v` given for each Jacobian row, `E` and `u` for each variable. The front holds the upper triangle row by row, the
-//! right-hand side stands in the column after the last variable, so that forward substitution happens along the way.
+//! Solves `(E + J' W J) d = -(u + J' v)` with `W` and `v` given per Jacobian row, `E` and `u` per variable. The front stores the upper
+//! triangle by rows. The right-hand side is in the column after the last variable, so that the elimination includes forward substitution.
 
 use super::lanes::LANES;
 use super::reach::{OwnSums, assemble_reach};
@@ -15,28 +16,28 @@ use multiversion::multiversion;
 /// Buffers of the factorisation.
 #[derive(Debug)]
 pub struct Factor<T> {
-    /// Front and next front, `[size][stride]`.
+    /// Current and previous front, `[size][stride]`.
     fronts: [AVec<T>; 2],
     /// Pivot rows of all steps.
     pub pivot_rows: AVec<T>,
-    /// Jacobian rows of one element, spread over the front.
+    /// Jacobian rows of one element, scattered to the columns of the front.
     spread: AVec<T>,
-    /// What reach rows make of the columns that feet have to themselves.
+    /// Contributions of the reach rows to the columns of footholds and swing heights.
     own: OwnSums<T>,
-    /// Solution on the front of one step.
+    /// Solution for the front of one step.
     pub(super) local: AVec<T>,
 }
 
 impl<T> Default for Factor<T> {
     fn default() -> Self {
-        // Vectors of whole cache lines.
+        // Vectors are aligned to cache lines.
         let [a, b, pivot_rows, spread, local] = std::array::from_fn(|_| AVec::new(CACHELINE_ALIGN));
         Factor { fronts: [a, b], pivot_rows, spread, own: OwnSums::default(), local }
     }
 }
 
 impl<T: Real> Factor<T> {
-    /// Makes the buffers large enough for a layout.
+    /// Resizes the buffers for a layout.
     pub fn resize(&mut self, layout: &Layout<T>) {
         let stride = layout.front_stride;
         for front in &mut self.fronts {
@@ -48,12 +49,12 @@ impl<T: Real> Factor<T> {
     }
 }
 
-/// The normal equations: by Jacobian rows, and what falls on single variables.
+/// Normal equations: terms per Jacobian row and per variable.
 #[derive(Debug, Clone, Copy)]
 pub struct NormalEquations<'a, T> {
-    /// Values of every element.
+    /// Jacobian values of every element.
     pub jacobian: &'a [T],
-    /// `W`, `[rows]`, not negative; elements of weight 0 are skipped, and `v` of a row of weight 0 must be 0.
+    /// `W`, `[rows]`, not negative; elements whose weights are all 0 are skipped, and `v` of a row of weight 0 must be 0.
     pub weight: &'a [T],
     /// `v`, `[rows]`.
     pub value: &'a [T],
@@ -63,9 +64,9 @@ pub struct NormalEquations<'a, T> {
     pub gradient: &'a [T],
 }
 
-/// Factorises. Returns false when a pivot is not positive (or not finite).
+/// Factorises the normal equations. Returns false if a pivot is not positive or not finite.
 pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, factor: &mut Factor<T>) -> bool {
-    // Columns at a time: two vector registers in either precision.
+    // Columns per tile: two vector registers in either precision.
     if size_of::<T>() == size_of::<f32>() {
         factorise_by::<T, 16>(layout, system, factor)
     } else {
@@ -73,7 +74,7 @@ pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, facto
     }
 }
 
-/// As [`factorise`], in tiles of `W` columns.
+/// Implementation of [`factorise`] with tiles of `W` columns.
 fn factorise_by<T: Real, const W: usize>(layout: &Layout<T>, system: &NormalEquations<T>, factor: &mut Factor<T>) -> bool {
     let stride = layout.front_stride;
     let [mut front, mut next] = factor.fronts.each_mut().map(|f| &mut f[..]);
@@ -105,7 +106,8 @@ fn factorise_by<T: Real, const W: usize>(layout: &Layout<T>, system: &NormalEqua
     true
 }
 
-/// Adds what stays of the old front to its slots in the new one, which is zero: runs are short, and a call that copies is longer.
+/// Adds the remaining part of the old front to the new front, which is zero. It adds instead of copying because runs are short, and a call
+/// of a copy routine takes longer.
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 fn move_front<T: Real>(layout: &Layout<T>, moves: Span, old: &[T], old_size: usize, new: &mut [T], new_size: usize, stride: usize) {
     let runs = &layout.front_runs[moves.range()];
@@ -151,7 +153,7 @@ fn assemble<T: Real, const W: usize>(
     }
 }
 
-/// Adds rows with a handful of columns, as they stand.
+/// Adds rows with at most eight columns directly, without scattering them to the front first.
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 fn assemble_narrow<T: Real>(
     layout: &Layout<T>,
@@ -183,7 +185,7 @@ fn assemble_narrow<T: Real>(
             }
             let line = &mut front[(run.front as usize + i) * stride..][..stride];
             line[size] -= sum;
-            // What lies left of the diagonal is never read.
+            // Values left of the diagonal are never read.
             for other in &runs[first..] {
                 let line = &mut line[other.front as usize..][..other.len as usize];
                 for (to, product) in line.iter_mut().zip(&products[other.column as usize..]) {
@@ -194,10 +196,10 @@ fn assemble_narrow<T: Real>(
     }
 }
 
-/// Rows of an element that are assembled together.
+/// Number of rows of an element that are assembled together.
 const AT_ONCE: usize = 6;
 
-/// Adds `M` rows of an element from the `first` on, in tiles of four by `W`.
+/// Adds `M` rows of an element, starting at row `first`, in tiles of four by `W`.
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 #[allow(clippy::too_many_arguments, reason = "separate slices: the compiler knows that they do not overlap")]
 fn assemble_rows<T: Real, const M: usize, const W: usize>(
@@ -221,7 +223,7 @@ fn assemble_rows<T: Real, const M: usize, const W: usize>(
     let Some(end) = runs.last().map(|r| ((r.front + r.len) as usize).next_multiple_of(W)) else { return };
     let begin = runs[0].front as usize / W * W;
     let width = end - begin;
-    // The rows over the front, the same weighted, and what they make of the right-hand side.
+    // Rows scattered to the front, the same rows weighted, and their contributions to the right-hand side.
     let (rows, rest) = spread.split_at_mut(M * width);
     let (weighted, sums) = rest.split_at_mut(M * width);
     let sums = &mut sums[..width];
@@ -242,7 +244,7 @@ fn assemble_rows<T: Real, const M: usize, const W: usize>(
     }
     for i in (0..width).step_by(4) {
         let left: [[T; 4]; M] = std::array::from_fn(|r| tile_of(&weighted[r * width + i..]));
-        // Runs leave gaps.
+        // Columns between two runs are zero.
         if left == [[T::zero(); 4]; M] {
             continue;
         }
@@ -269,10 +271,10 @@ fn assemble_rows<T: Real, const M: usize, const W: usize>(
     }
 }
 
-/// Eliminates the first `pivots` variables of a front: `A = U' U` row by row, the rest becomes the Schur complement.
+/// Eliminates the first `pivots` variables of a front: `A = U' U` row by row; the rest becomes the Schur complement.
 ///
-/// Rows are taken four at a time, columns `W` at a time, so that a 4 x `W` tile stays in registers while all earlier pivot rows pass.
-/// Returns false when a pivot is not positive.
+/// Processes four rows and `W` columns at a time, so that a 4 x `W` tile stays in registers while all earlier pivot rows are subtracted.
+/// Returns false if a pivot is not positive.
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 pub fn partial_cholesky<T: Real, const W: usize>(front: &mut [T], stride: usize, size: usize, pivots: usize) -> bool {
     let mut first = 0;
@@ -291,7 +293,8 @@ pub fn partial_cholesky<T: Real, const W: usize>(front: &mut [T], stride: usize,
     true
 }
 
-/// Rows `first..first + R` of [`partial_cholesky`]: subtracts all earlier pivot rows, then eliminates what of them is a pivot.
+/// Processes rows `first..first + R` of [`partial_cholesky`]: subtracts all earlier pivot rows, then eliminates the pivots among these
+/// rows.
 #[inline(always)]
 fn eliminate_rows<T: Real, const W: usize, const R: usize>(
     front: &mut [T],
@@ -326,8 +329,8 @@ fn eliminate_rows<T: Real, const W: usize, const R: usize>(
     for r in 0..R {
         let i = first + r;
         let (earlier, line) = below.split_at_mut(r * stride);
-        // Whole tiles, from the one that holds the diagonal to the one that holds the right-hand side: what lies left of the diagonal is
-        // never read.
+        // Processes whole tiles, from the one that contains the diagonal to the one that contains the right-hand side: values left of the
+        // diagonal are never read.
         let (from, to) = (i / W * W, (size + 1).next_multiple_of(W));
         for pivot in earlier.chunks_exact(stride).take(pivots.saturating_sub(first)) {
             let left = pivot[i];

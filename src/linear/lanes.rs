@@ -1,13 +1,13 @@
-//! Sums in eight lanes: vector registers of any width do them alike, so that their order depends on no processor.
+//! Sums in eight lanes. Vector registers of every width compute them in the same order, so results do not depend on the processor.
 
 use crate::real::Real;
 
-/// Lanes of a sum: term `i` is added in lane `i % LANES`.
+/// Number of lanes of a sum: term `i` is added to lane `i % LANES`.
 pub const LANES: usize = 8;
-/// Values that are worked out at once: a shorter loop is unrolled before it could be made one over vectors.
+/// Number of values computed in one block: the compiler would unroll a shorter loop before it could vectorise it.
 pub const BLOCK: usize = 8 * LANES;
 
-/// Sum of a term of the values at each index. All slices are as long as the first, at least.
+/// Sum of `term` over the values at each index. All slices must be at least as long as the first.
 #[inline(always)]
 pub fn sum_over<T: Real, const N: usize>(slices: [&[T]; N], term: impl Fn([T; N]) -> T) -> T {
     let count = slices[0].len();

@@ -4,11 +4,12 @@ use super::lanes::{LANES, dot};
 use crate::nlp::Layout;
 use crate::nlp::layout::Element;
 use crate::real::Real;
+use crate::rows::RowKind;
 use crate::rows::reach::ReachInstant;
 use crate::rows::table::NONE;
 use multiversion::multiversion;
 
-/// Products `J d`: for equalities in `c_change`, for inequalities (with the sign of their side) in `g_change`.
+/// Product `J d`: equalities in `c_change`, inequalities in `g_change`. The lower side of a two-sided row has the opposite sign.
 ///
 /// * `local` - scratch, `[widest]`
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
@@ -21,7 +22,7 @@ pub fn jacobian_times<T: Real>(layout: &Layout<T>, jacobian: &[T], d: &[T], loca
     }
 }
 
-/// Products of the rows of one element.
+/// Products of the rows of one element with the direction.
 #[inline(always)]
 fn element_times<T: Real>(
     layout: &Layout<T>,
@@ -35,7 +36,8 @@ fn element_times<T: Real>(
     let place = &element.place;
     let (rows, pairs) = (element.rows as usize, element.pairs as usize);
     let (row, at, stride) = (place.row as usize, place.inequality as usize, place.stride as usize);
-    // The element's part of d; the padding of Jacobian rows is zero.
+    let kind = layout.rows.kind(place.row);
+    // Values of `d` for the columns of the element; the padding of Jacobian rows is zero.
     local[..stride].fill(T::zero());
     for run in &layout.runs[element.runs.range()] {
         local[run.column as usize..(run.column + run.len) as usize]
@@ -43,7 +45,7 @@ fn element_times<T: Real>(
     }
     for r in 0..rows {
         let product = dot(&jacobian[place.jacobian as usize + r * stride..][..stride], &local[..stride]);
-        if row < layout.equalities {
+        if kind != RowKind::Inequality {
             c_change[row + r] = product;
         } else {
             g_change[at + r] = product;
@@ -54,7 +56,7 @@ fn element_times<T: Real>(
     }
 }
 
-/// Products of the reach rows of all feet at one instant, which share the change of its pose.
+/// Products of the reach rows of all feet at one instant, for which the change of the base pose is computed once.
 #[inline(always)]
 fn reach_times<T: Real>(layout: &Layout<T>, instant: &ReachInstant<T>, jacobian: &[T], d: &[T], g_change: &mut [T]) {
     let (weights, blocks) = (&instant.base.weights, &layout.base_blocks[instant.base.blocks as usize]);
@@ -74,9 +76,9 @@ fn reach_times<T: Real>(layout: &Layout<T>, instant: &ReachInstant<T>, jacobian:
     }
 }
 
-/// Products of the reach rows of one foot, `GROUPS` times eight columns each.
+/// Products of the reach rows of one foot, which have `GROUPS` times eight columns.
 ///
-/// * `number` - in the table of feet
+/// * `number` - index in the table of feet
 #[inline(always)]
 fn foot_times<T: Real, const GROUPS: usize>(layout: &Layout<T>, number: usize, pose: &[T; 6], jacobian: &[T], d: &[T], g_change: &mut [T]) {
     let foot = &layout.reach_feet[number];

@@ -1,5 +1,5 @@
-//! Reach rows in the normal equations: what the feet of a step make of the blocks of the base and of their own columns is summed up before it
-//! goes to the front.
+//! Reach rows in the normal equations. Contributions of all feet in a step to the blocks of the base and to the columns of footholds and
+//! swing heights are summed before they are added to the front.
 
 use super::front::{NormalEquations, tile_of};
 use super::lanes::LANES;
@@ -9,34 +9,34 @@ use crate::rows::reach::{POSE, ReachInstant, ReachLeg};
 use crate::rows::table::{NONE, Place};
 use multiversion::multiversion;
 
-/// Pairs of base blocks.
+/// Pairs of base blocks, upper triangle.
 const PAIRS: [(usize, usize); 10] = [(0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3)];
 
-/// What the feet at one reach instant make of its pose.
+/// Sums over the feet at one reach instant with respect to the base pose.
 struct ByPose<T> {
-    /// `P' W P`, row by row, and two columns that mean nothing.
+    /// `P' W P` by rows; the last two columns are unused.
     products: [[T; LANES]; POSE],
-    /// `P' v`, likewise.
+    /// `P' v`; the last two values are unused.
     values: [T; LANES],
 }
 
-/// What the instants of a step make of the columns that a leg has to itself.
+/// Sums over the instants of a step for the columns of one leg: footholds and swing height.
 #[derive(Debug)]
 struct ByOwn<T> {
-    /// The leg, by which it is found.
+    /// Index of the leg.
     leg: u32,
-    /// Of each column the slot in the front, and which of the rows' columns it is: two a foothold, one a swing height.
+    /// Index in the front and column in the rows of each variable: two per foothold, one per swing height.
     slots: [(usize, usize); 5],
     count: usize,
     columns: [OwnColumn<T>; 5],
 }
 
-/// Sums for one of them, `a`.
+/// Sums for one column `a` of a leg.
 #[derive(Debug, Clone, Copy)]
 struct OwnColumn<T> {
-    /// For each base block `w_i P' W a`, and two values that mean nothing.
+    /// `w_i P' W a` for each base block; the last two values are unused.
     by_base: [[T; LANES]; 4],
-    /// With all columns of the rows, of which those of the pose mean nothing.
+    /// Products with all columns of the rows; those with the pose columns are unused.
     by_own: [T; 2 * LANES],
     /// `a' v`.
     value: T,
@@ -49,7 +49,7 @@ impl<T: Real> ByOwn<T> {
         ByOwn { leg: NONE, slots: [(0, 0); 5], count: 0, columns: [nothing; 5] }
     }
 
-    /// Begins the sums of a leg.
+    /// Resets the sums for a leg.
     fn begin(&mut self, number: u32, leg: &ReachLeg<T>) {
         *self = ByOwn { leg: number, count: 0, ..Self::none() };
         let columns = [leg.foothold_column[0], leg.foothold_column[1], leg.height_column];
@@ -69,7 +69,7 @@ impl<T: Real> ByOwn<T> {
             front[slot * stride + size] -= column.value;
             for (&block, sums) in blocks.iter().zip(&column.by_base).filter(|(block, _)| **block != NONE) {
                 let block = block as usize;
-                // Only what lies right of the diagonal.
+                // Only the upper triangle is stored.
                 if block > slot {
                     let line = &mut front[slot * stride + block..][..POSE];
                     for c in 0..POSE {
@@ -88,7 +88,7 @@ impl<T: Real> ByOwn<T> {
     }
 }
 
-/// Those of one step; of earlier ones there may be more.
+/// Sums of the legs in one step. Only the first `used` are valid; the rest is kept for reuse.
 #[derive(Debug)]
 pub(super) struct OwnSums<T> {
     legs: Vec<ByOwn<T>>,
@@ -102,7 +102,7 @@ impl<T> Default for OwnSums<T> {
 }
 
 impl<T: Real> OwnSums<T> {
-    /// Those of a leg.
+    /// Sums of a leg, reset when the leg first occurs in the step.
     #[inline(always)]
     fn of(&mut self, leg: u32, legs: &[ReachLeg<T>]) -> &mut ByOwn<T> {
         let at = self.legs[..self.used].iter().rposition(|own| own.leg == leg).unwrap_or_else(|| self.begin(leg, legs));
@@ -121,8 +121,9 @@ impl<T: Real> OwnSums<T> {
 
 /// Adds `J' W J` and `-J' v` of the reach rows of all feet at the instants of one step, which share their base blocks.
 ///
-/// All rows touch the base through its pose alone, with weights `w` that an instant's feet share: with `P` the rows by the pose, `A` by the
-/// foot's own columns, the base block of coefficients `i` and `j` is `w_i w_j sum P' W P`, that of coefficient and foot `w_i P' W A`.
+/// Rows depend on the base only through its pose, with weights `w` that all feet at an instant share. With `P` the columns for the pose and
+/// `A` those for footholds and swing height, the base block of coefficients `i` and `j` is `w_i w_j sum P' W P`, and the block of a
+/// coefficient and a foot is `w_i P' W A`.
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 pub(super) fn assemble_reach<T: Real>(
     layout: &Layout<T>,
@@ -179,7 +180,7 @@ pub(super) fn assemble_reach<T: Real>(
         }
     }
     for (sum, (i, j)) in sums.iter().zip(PAIRS).filter(|(_, (i, j))| slots[*i] != NONE && slots[*j] != NONE) {
-        // The sums are symmetric.
+        // The sums are symmetric, so the pair may be swapped into the upper triangle.
         let (row, column) = (slots[i].min(slots[j]) as usize, slots[i].max(slots[j]) as usize);
         for c in 0..POSE {
             let line = &mut front[(row + c) * stride + column..][..POSE];
@@ -190,9 +191,9 @@ pub(super) fn assemble_reach<T: Real>(
     }
 }
 
-/// Adds up what a foot's rows make of the pose, and of its own columns. `W` columns: the pose's, its own, padding.
+/// Adds the contributions of a foot's rows to the sums of the pose and of the leg. `W` columns: pose, footholds and swing height, padding.
 ///
-/// * `weights` - of the base blocks
+/// * `weights` - weights of the base blocks
 #[inline(always)]
 fn add_foot<T: Real, const W: usize>(
     place: Place,
@@ -239,7 +240,7 @@ fn add_foot<T: Real, const W: usize>(
     }
 }
 
-/// Products of one column of three weighted rows with all columns.
+/// Products of one column of three weighted rows with all columns of the rows.
 #[inline(always)]
 fn column_products<T: Real, const W: usize>(weighted: &[[T; W]; 3], rows: &[[T; W]; 3], column: usize) -> [T; W] {
     combined(std::array::from_fn(|r| weighted[r][column]), rows)

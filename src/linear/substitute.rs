@@ -1,4 +1,4 @@
-//! Back substitution with a factor: from its right-hand side to the direction.
+//! Back substitution with a factor: computes the direction from the substituted right-hand side.
 
 use super::front::Factor;
 use super::lanes::dot;
@@ -6,7 +6,7 @@ use crate::nlp::Layout;
 use crate::real::Real;
 use multiversion::multiversion;
 
-/// Back substitution after [`factorise`](super::front::factorise).
+/// Back substitution after [`factorise`](super::front::factorise) or [`forward`](super::forward::forward).
 ///
 /// * `direction` - out, `d`, `[variables]`
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]

@@ -1,4 +1,4 @@
-//! Products of the transposed Jacobian, and of its squares, with values of the rows.
+//! Products of the transposed Jacobian, or of its squared values, with one value per row.
 
 use super::lanes::LANES;
 use crate::nlp::Layout;
@@ -15,12 +15,12 @@ pub fn transposed_times<T: Real>(layout: &Layout<T>, jacobian: &[T], v: &[T], lo
     by_column::<T, false>(layout, jacobian, v, local, out);
 }
 
-/// As [`transposed_times`], of squared values: `out[j] = sum_i v[i] J[i][j]^2`.
+/// Transposed product of the squared Jacobian values: `out[j] = sum_i v[i] J[i][j]^2`.
 pub fn transposed_squares_times<T: Real>(layout: &Layout<T>, jacobian: &[T], v: &[T], local: &mut [T], out: &mut [T]) {
     by_column::<T, true>(layout, jacobian, v, local, out);
 }
 
-/// Sums over the rows by column, of values or of their squares.
+/// Weighted column sums of the Jacobian values, or of their squares.
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 fn by_column<T: Real, const SQUARED: bool>(layout: &Layout<T>, jacobian: &[T], v: &[T], local: &mut [T], out: &mut [T]) {
     out.fill(T::zero());
@@ -47,7 +47,7 @@ fn by_column<T: Real, const SQUARED: bool>(layout: &Layout<T>, jacobian: &[T], v
     }
 }
 
-/// Reach rows of all feet at one instant: what they have by its pose goes to the blocks of the base by their weights.
+/// Adds the reach rows of all feet at one instant. Their sums for the pose are distributed to the blocks of the base by weight.
 #[inline(always)]
 fn reach_by_column<T: Real, const SQUARED: bool>(layout: &Layout<T>, instant: &ReachInstant<T>, jacobian: &[T], v: &[T], out: &mut [T]) {
     let mut pose = [T::zero(); 6];
@@ -67,9 +67,9 @@ fn reach_by_column<T: Real, const SQUARED: bool>(layout: &Layout<T>, instant: &R
     }
 }
 
-/// Reach rows of one foot, `GROUPS` times eight columns each: its own go to `out`, those of the pose to `pose`.
+/// Adds the reach rows of one foot, which have `GROUPS` times eight columns: pose columns to `pose`, the other columns to `out`.
 ///
-/// * `number` - in the table of feet
+/// * `number` - index in the table of feet
 #[inline(always)]
 fn foot_by_column<T: Real, const GROUPS: usize, const SQUARED: bool>(
     layout: &Layout<T>,
@@ -100,7 +100,7 @@ fn foot_by_column<T: Real, const GROUPS: usize, const SQUARED: bool>(
     }
 }
 
-/// Adds a row's values in eight columns, or their squares, times `v`.
+/// Adds eight values of a row, or their squares, times `v`.
 #[inline(always)]
 fn add_row<T: Real, const SQUARED: bool>(sums: &mut [T], values: &[T], v: T) {
     for l in 0..LANES {

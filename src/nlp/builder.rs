@@ -1,4 +1,4 @@
-//! A [`Layout`] in the making: blocks of variables, elements over them, then places and columns for all.
+//! Builder of a [`Layout`]: collects blocks of variables and elements over them, then assigns places and columns.
 
 use super::Layout;
 use super::footing::{self, Footing};
@@ -13,38 +13,39 @@ use crate::robot::GRAVITY;
 use crate::rows::blocks::{BlockId, Foothold, Placed, Seat, Use};
 use crate::rows::reach::{self, BaseBlocks, BasePoint, ReachFoot, ReachInstant, ReachLeg, ReachRows};
 use crate::rows::table::{NONE, Place, Run, Span};
-use crate::rows::{Constants, Family, Spec, Tables};
+use crate::rows::{Constants, Family, RowCounts, RowKind, Spec, Tables};
 use crate::settings::{Transcription, TranscriptionSettings};
 use crate::task::Task;
 use nalgebra::Matrix3;
 use std::ops::Range;
 
-/// An element before its columns are known.
+/// Element whose columns are not known yet.
 struct Draft {
     family: Family,
     /// Index in the family's table.
     entry: usize,
     step: usize,
     pairs: usize,
-    /// In [`Builder::uses`].
+    /// Range in [`Builder::uses`].
     uses: Range<usize>,
 }
 
-/// An instant of reach rows before their columns are known.
+/// Instant of reach rows whose columns are not known yet.
 struct ReachDraft {
     step: usize,
-    /// Whose deviation counts.
+    /// Interval whose deviation applies.
     interval: u32,
-    /// What its pose uses.
+    /// Blocks of its base pose.
     base: [Use; 4],
 }
 
-/// A leg before its columns are known.
+/// Leg whose columns are not known yet.
 struct LegDraft<T> {
     leg: ReachLeg<T>,
-    /// What its rows use besides the pose.
+    /// Blocks that its rows use in addition to the base pose.
     uses: [Use; 3],
-    /// The last step in which it has stood, its index among the legs then, and its columns with those of the pose.
+    /// Last step for which the leg was placed, its index in [`Tables::reach_legs`] for that step, and its number of columns including those
+    /// of the pose.
     placed: (usize, usize, u32),
 }
 
@@ -52,25 +53,25 @@ struct LegDraft<T> {
 #[derive(Default)]
 pub(super) struct FootDraft {
     pub phases: Vec<Phase>,
-    /// One a stance.
+    /// Foothold of each stance.
     pub footholds: Vec<Foothold>,
-    /// Room for every foothold but the first; none where feet keep from no edge.
+    /// Box of each foothold but the first; empty if feet keep no distance from edges.
     pub footings: Vec<Footing>,
-    /// One a swing.
+    /// Swing height of each swing.
     pub heights: Vec<BlockId>,
-    /// Nodes of each stance's force; none where the force is zero.
+    /// Force nodes of each stance; `None` where the force is zero.
     pub force_nodes: Vec<Vec<Option<BlockId>>>,
 }
 
 impl FootDraft {
-    /// Index of the phase at time `t`; at a boundary the stance.
+    /// Index of the phase at time `t`; at a boundary between phases, the stance.
     pub fn phase_at(&self, t: f64) -> usize {
         self.phase_from(&mut 0, t)
     }
 
-    /// As [`FootDraft::phase_at`], for times in their order.
+    /// Index of the phase at time `t`, as [`FootDraft::phase_at`], for calls in order of time.
     ///
-    /// * `from` - a phase not behind that one, 0 at first; moves on
+    /// * `from` - index of a phase at or before the result, initially 0; advanced by each call
     pub fn phase_from(&self, from: &mut usize, t: f64) -> usize {
         let close = 1e-9;
         let last = self.phases.len() - 1;
@@ -83,41 +84,43 @@ impl FootDraft {
     }
 }
 
-/// A layout in the making.
+/// State of the builder.
 pub(super) struct Builder<'a, T> {
     pub task: &'a Task,
     pub settings: &'a TranscriptionSettings,
-    /// Between base knots, s.
+    /// Interval between base knots, s.
     pub interval: f64,
-    /// How the base is to follow the ground at first.
+    /// Ground path of the base in the initial guess.
     pub ground_path: Option<GroundPath>,
-    /// Of all feet, s.
+    /// Horizon of all feet, s.
     pub horizon: f64,
-    /// Intervals between base knots.
+    /// Number of intervals between base knots.
     pub intervals: usize,
-    /// Steps of the sweep.
+    /// Number of steps of the sweep.
     steps: usize,
     pub tables: Tables<T>,
-    /// Base: in `towr` spline coefficients; in `momentum` pose and rates at each knot in turn.
+    /// Blocks of the base. `towr`: spline coefficients; `momentum`: pose and rates, alternating, of each knot.
     pub base: Vec<BlockId>,
     pub feet: Vec<FootDraft>,
     blocks: Vec<Block>,
     drafts: Vec<Draft>,
     uses: Vec<Use>,
-    /// Of all instants of reach rows, in the order of their tables.
+    /// Instants of reach rows, in the order of their table.
     reach: Vec<ReachDraft>,
-    /// Their legs, by which feet name them until all is placed.
+    /// Legs of the reach rows. Until [`Builder::finish`], feet refer to these indices.
     legs: Vec<LegDraft<T>>,
     footholds: Vec<BlockId>,
     /// Largest normal force of a foot, N.
     force_limit: f64,
-    /// What motions keep to besides.
+    /// Limits that motions satisfy in addition to their rows.
     limits: Option<MotionLimits>,
 }
 
 impl<'a, T: Real> Builder<'a, T> {
+    /// Creates a builder without blocks and elements.
+    ///
     /// * `force_limit` - largest normal force of a foot, N
-    /// * `steps` - of the sweep
+    /// * `steps` - number of steps of the sweep
     pub fn new(task: &'a Task, schedule: &AlignedSchedule, settings: &'a TranscriptionSettings, force_limit: f64, steps: usize) -> Self {
         let (interval, intervals) = (schedule.interval(), schedule.count());
         let feet = (0..schedule.feet()).map(|foot| FootDraft { phases: schedule.phases(foot), ..FootDraft::default() }).collect();
@@ -143,7 +146,7 @@ impl<'a, T: Real> Builder<'a, T> {
         }
     }
 
-    /// Adds a block, at most six variables, drawn to their initial values as firmly as `smoothing` says.
+    /// Adds a block of at most six variables. `smoothing` holds the weights that attract them to their initial values.
     pub fn block<const N: usize>(&mut self, fixed: bool, initial: [f64; N], smoothing: [f64; 6]) -> BlockId {
         let initial = std::array::from_fn(|i| initial.get(i).copied().unwrap_or_default());
         self.blocks.push(Block { initial, len: N, smoothing, fixed, first: usize::MAX, last: 0 });
@@ -157,12 +160,12 @@ impl<'a, T: Real> Builder<'a, T> {
         Foothold { index: self.footholds.len() as u32 - 1, block }
     }
 
-    /// Straight line from start to goal: pose at time `t`.
+    /// Pose on the straight line from start to goal at time `t`.
     pub fn reference(&self, t: f64) -> [f64; 6] {
         self.task.line(t / self.horizon)
     }
 
-    /// Rate of that line, m/s and rad/s.
+    /// Rate of the straight line from start to goal, m/s and rad/s.
     pub fn reference_rate(&self) -> [f64; 6] {
         let (start, goal) = (self.reference(0.), self.reference(self.horizon));
         std::array::from_fn(|i| (goal[i] - start[i]) / self.horizon)
@@ -176,12 +179,12 @@ impl<'a, T: Real> Builder<'a, T> {
     /// Adds an element and extends the lives of the free blocks that it touches to its step.
     ///
     /// * `entry` - index in the family's table
-    /// * `uses` - what its rows use, in the roles of the family
+    /// * `uses` - blocks that its rows use, in the order of the family's roles
     pub fn element(&mut self, family: Family, entry: usize, step: usize, uses: &[Use]) {
         self.element_of(family, entry, step, family.spec().pairs, uses);
     }
 
-    /// As [`Builder::element`], with another number of two-sided rows than the family's.
+    /// Adds an element like [`Builder::element`], but with its own number of two-sided rows.
     pub fn element_of(&mut self, family: Family, entry: usize, step: usize, pairs: usize, uses: &[Use]) {
         self.touch(step, uses);
         let first = self.uses.len();
@@ -189,14 +192,14 @@ impl<'a, T: Real> Builder<'a, T> {
         self.drafts.push(Draft { family, entry, step, pairs, uses: first..self.uses.len() });
     }
 
-    /// Makes room for reach rows.
+    /// Reserves capacity for reach rows.
     pub fn reserve_reach(&mut self, instants: usize, feet: usize) {
         self.tables.reach_instants.reserve_exact(instants);
         self.reach.reserve_exact(instants);
         self.tables.reach_feet.reserve_exact(feet);
     }
 
-    /// Adds an instant of reach rows, its step not before that of the last one.
+    /// Adds an instant of reach rows. Its step must not be before that of the previous instant.
     ///
     /// * `interval` - see [`BaseBlocks`]
     pub fn reach_instant(&mut self, base: BasePoint<T>, interval: u32, step: usize, uses: [Use; 4]) {
@@ -206,7 +209,7 @@ impl<'a, T: Real> Builder<'a, T> {
         self.reach.push(ReachDraft { step, interval, base: uses });
     }
 
-    /// Adds what feet at instants of reach rows have in common. Returns by what they name it.
+    /// Adds the data that reach rows of one foot share in a phase. Returns the index by which feet refer to it.
     pub fn reach_leg(&mut self, leg: ReachLeg<T>, uses: [Use; 3]) -> u32 {
         self.legs.push(LegDraft { leg, uses, placed: (usize::MAX, 0, 0) });
         self.legs.len() as u32 - 1
@@ -222,7 +225,7 @@ impl<'a, T: Real> Builder<'a, T> {
         }
     }
 
-    /// Extends the lives of the free blocks that rows touch to their step.
+    /// Extends the lives of the free blocks that rows touch to the step of the rows.
     fn touch(&mut self, step: usize, uses: &[Use]) {
         for used in uses {
             if let Use::Touches(id) = used
@@ -235,14 +238,14 @@ impl<'a, T: Real> Builder<'a, T> {
         }
     }
 
-    /// Step of a row at time `t` that should not lengthen the life of a block.
+    /// Step for a row at time `t` that does not extend the life of a block.
     pub fn step_within(&self, t: f64, block: BlockId) -> usize {
         let step = ((t / self.interval) as usize).min(self.steps - 1);
         let block = &self.blocks[block.0 as usize];
         if block.first <= block.last { step.clamp(block.first, block.last) } else { step }
     }
 
-    /// Orders the variables, gives every element its rows and columns, and every entry its positions in `x`.
+    /// Orders the variables and assigns rows and columns to every element and positions in `x` to every table entry.
     pub fn finish(mut self) -> Layout<T> {
         let positions = sweep::order(&self.blocks);
         let variables: usize = self.blocks.iter().filter(|b| !b.fixed).map(|b| b.len).sum();
@@ -262,12 +265,11 @@ impl<'a, T: Real> Builder<'a, T> {
 
         let mut drafts = std::mem::take(&mut self.drafts);
         drafts.sort_by_key(|d| d.step);
-        let equalities = drafts.iter().map(|d| d.family.spec()).filter(|s| s.equality).map(|s| s.rows).sum();
-        let mut next = Next { row: equalities, ..Next::default() };
+        let mut next = Next::after(drafts.iter().map(|d| d.family.spec()), self.tables.reach_feet.len());
         let mut elements = Vec::with_capacity(drafts.len());
         let mut runs = Vec::with_capacity(3 * drafts.len());
         let mut columns = Columns::default();
-        // Index in the front of the step at hand, of each variable that is in it.
+        // Index of each variable in the front of the current step.
         let mut in_front = vec![NONE; variables];
         let mut step = usize::MAX;
         for draft in &drafts {
@@ -285,9 +287,9 @@ impl<'a, T: Real> Builder<'a, T> {
             elements.push(Element { family: draft.family, rows, pairs, place, runs: Span::added(first_run, &runs) });
             steps[step].elements.end = elements.len() as u32;
         }
-        self.tables.reach_rows = ReachRows { row: next.row as u32, inequality: next.inequality as u32 };
+        self.tables.reach_rows = ReachRows { row: next.row[RowKind::Inequality as usize] as u32, inequality: next.inequality as u32 };
         let spec = Family::Reach.spec();
-        // The step, the interval and the blocks of the last instant.
+        // Step, interval and blocks of the previous instant.
         let mut last = None;
         for (instant, draft) in self.reach.iter().enumerate() {
             if draft.step != step {
@@ -318,7 +320,7 @@ impl<'a, T: Real> Builder<'a, T> {
             }
             steps[step].reach.end = instant as u32 + 1;
         }
-        // Steps without any: empty ranges that keep the order.
+        // Steps without elements get empty ranges that keep the order.
         let (mut end, mut reach_end) = (0, 0);
         for step in &mut steps {
             step.elements = Span { start: end, end: step.elements.end.max(end) };
@@ -337,8 +339,7 @@ impl<'a, T: Real> Builder<'a, T> {
         let base = self.base.into_iter().map(at).collect();
         Layout {
             variables,
-            equalities,
-            rows: next.row,
+            rows: next.counts,
             inequalities: next.inequality,
             jacobian_len: next.jacobian,
             initial,
@@ -365,27 +366,40 @@ impl<'a, T: Real> Builder<'a, T> {
     }
 }
 
-/// Where the next rows stand.
+/// Place of the next rows.
 #[derive(Default)]
 struct Next {
-    equality: usize,
-    row: usize,
+    /// Of all rows.
+    counts: RowCounts,
+    /// Next row of each kind.
+    row: [usize; 3],
     inequality: usize,
     jacobian: usize,
-    /// Most columns until now, padding included.
+    /// Largest number of columns so far, padding included.
     widest: usize,
 }
 
 impl Next {
+    /// Before the first element.
+    ///
+    /// * `specs` - of all elements but those of reach rows
+    /// * `reach` - number of elements of reach rows
+    fn after(specs: impl Iterator<Item = Spec>, reach: usize) -> Next {
+        let mut rows = [0, 0, reach * reach::SPEC.rows];
+        specs.for_each(|spec| rows[spec.kind as usize] += spec.rows);
+        let [equalities, costs, inequalities] = rows.map(|count| count as u32);
+        let counts = RowCounts { equalities, costs, inequalities };
+        let row = [RowKind::Equality, RowKind::Cost, RowKind::Inequality].map(|kind| counts.of(kind).start);
+        Next { counts, row, ..Next::default() }
+    }
+
     /// Place of the rows of one element.
     fn place(&mut self, spec: Spec, pairs: usize, columns: u32) -> Place {
         let stride = columns.next_multiple_of(8);
-        let row = if spec.equality { self.equality } else { self.row };
-        let place = Place { row: row as u32, inequality: self.inequality as u32, jacobian: self.jacobian as u32, stride };
-        if spec.equality {
-            self.equality += spec.rows;
-        } else {
-            self.row += spec.rows;
+        let row = &mut self.row[spec.kind as usize];
+        let place = Place { row: *row as u32, inequality: self.inequality as u32, jacobian: self.jacobian as u32, stride };
+        *row += spec.rows;
+        if spec.kind == RowKind::Inequality {
             self.inequality += spec.rows + pairs;
         }
         self.jacobian += spec.rows * stride as usize;
@@ -394,13 +408,13 @@ impl Next {
     }
 }
 
-/// Columns of one element, and where the blocks that it uses stand.
+/// Columns of one element, and the seats of the blocks that it uses.
 #[derive(Default)]
 struct Columns {
-    /// Blocks that have columns, by position.
+    /// Blocks that have columns, by position in `x`.
     blocks: Vec<BlockColumns>,
     count: u32,
-    /// First column of each block that has one, by its id; of others what they had before.
+    /// First column of each block that has one, by its id; stale for the other blocks.
     of_block: Vec<u32>,
     seats: Vec<Seat>,
 }
@@ -415,7 +429,7 @@ struct BlockColumns {
 }
 
 impl Columns {
-    /// Free blocks that the rows touch, each once and in the order of `x`, become columns behind the first `others`.
+    /// Assigns columns, after the first `others`, to the free blocks that the rows touch: each block once, in the order of `x`.
     fn assign(&mut self, blocks: &[Block], positions: &[u32], uses: &[Use], in_front: &[u32], others: u32) {
         let position = |id: BlockId| positions[id.0 as usize];
         self.blocks.clear();
@@ -449,7 +463,7 @@ impl Columns {
         self.seats.extend(uses.iter().map(seat));
     }
 
-    /// The columns as runs, as long as they can be.
+    /// Appends the columns as runs, each as long as possible.
     fn add_runs(&self, runs: &mut Vec<Run>) {
         let first = runs.len();
         for &BlockColumns { position, len, column, front, .. } in &self.blocks {

@@ -1,4 +1,4 @@
-//! What all transcriptions have in common: footholds, swings and forces of the feet, and the rows about them.
+//! Parts that all transcriptions share: footholds, swings and forces of the feet, and their rows.
 
 use super::builder::Builder;
 use super::footing;
@@ -20,7 +20,7 @@ use crate::settings::{Friction, TranscriptionSettings};
 use crate::task::Task;
 
 impl<T: Real> Layout<T> {
-    /// Tables of the problem that a schedule poses.
+    /// Builds the tables of the problem for a schedule.
     pub fn new(task: &Task, schedule: &AlignedSchedule, settings: &TranscriptionSettings) -> layout::Layout<T> {
         let own = transcription::of(settings.rows);
         let force_limit = transcription::force_limit(settings, task);
@@ -36,14 +36,14 @@ impl<T: Real> Layout<T> {
     }
 }
 
-/// Footholds, swing heights and force nodes. The force is zero, value and slope, where a stance meets a swing.
+/// Adds the blocks of footholds, swing heights and force nodes. Value and slope of the force are zero where a stance meets a swing.
 fn foot_blocks<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
     let radius = footing::radius(b.task, b.settings);
     for foot in 0..b.feet.len() {
         let stances = b.feet[foot].phases.len().div_ceil(2);
         let mut places: Vec<[f64; 2]> = (0..stances).map(|stance| own.foothold(b, foot, stance, stances)).collect();
         if radius > 0. {
-            // The first is given.
+            // The first foothold is given.
             let search = footing::Search::of(b.task, foot, radius);
             for (stance, place) in places.iter_mut().enumerate().skip(1) {
                 let span = b.feet[foot].phases[2 * stance];
@@ -77,11 +77,11 @@ fn foot_blocks<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
     }
 }
 
-/// Weights of a foot's position at time `t` in the phase `span` of a swing: of the footholds in x and y, and of their heights and
-/// the mid node's in z.
+/// Weights of a foot's position at time `t` in the swing `span`: of the footholds in x and y, and of their heights and the mid node's
+/// height in z.
 ///
-/// The mid node of a swing stands halfway between the footholds and moves with their distance over a time that the transcription
-/// gives; both pieces start and end at rest in z, and at the footholds altogether.
+/// The mid node of a swing is halfway between the footholds in x and y. Its velocity is their distance divided by `mid_time`, which the
+/// transcription defines. Both pieces start and end at rest in z; at the footholds the foot is at rest in all directions.
 fn swing_weights(span: Phase, t: f64, mid_time: f64) -> ([f64; 2], [f64; 3]) {
     let half = span.duration() / 2.;
     let u = t - span.start;
@@ -94,12 +94,12 @@ fn swing_weights(span: Phase, t: f64, mid_time: f64) -> ([f64; 2], [f64; 3]) {
     }
 }
 
-/// Reach rows of some feet at every instant.
+/// Adds the reach rows of the feet at every instant.
 fn reach_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
     let times = own.reach_times(b);
     b.reserve_reach(times.len(), times.iter().map(|time| time.feet.len()).sum());
     let mut phases = vec![0; b.feet.len()];
-    // Phase of each foot at the last of its instants, and its leg there.
+    // Phase of each foot at its previous instant, and its leg in that phase.
     let mut legs = vec![(usize::MAX, NONE); b.feet.len()];
     for ReachTime { t, feet, step, base, interval, blocks } in times {
         let uses = std::array::from_fn(|i| match base.weights[i].as_f64() {
@@ -121,7 +121,7 @@ fn reach_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
     }
 }
 
-/// What the reach rows of a foot have in common in a phase, and its own blocks.
+/// Data that the reach rows of a foot share in a phase, and the blocks that they use.
 fn reach_leg<T: Real>(b: &Builder<T>, foot: usize, phase: usize) -> (ReachLeg<T>, [Use; 3]) {
     let blocks = &b.feet[foot];
     let before = blocks.footholds[phase / 2];
@@ -145,13 +145,13 @@ fn reach_leg<T: Real>(b: &Builder<T>, foot: usize, phase: usize) -> (ReachLeg<T>
     (leg, uses)
 }
 
-/// Boxes of all footholds but the first of a foot.
+/// Adds the boxes of all footholds but the first of each foot.
 fn footing_elements<T: Real>(b: &mut Builder<T>) {
     for foot in 0..b.feet.len() {
         for stance in 1..=b.feet[foot].footings.len() {
             let (room, foothold) = (b.feet[foot].footings[stance - 1], b.feet[foot].footholds[stance]);
             let step = b.step_within(b.feet[foot].phases[2 * stance].start, foothold.block);
-            // A box leaves a place between its margins.
+            // Widened if necessary, so that the box is not empty after its margins are subtracted.
             let least = |i: usize| ((room.high[i] - room.low[i]) / 2.).max(b.settings.length_margin);
             let side = |sign: f64| std::array::from_fn(|i| T::of((room.low[i] + room.high[i]) / 2. + sign * least(i)));
             let (low, high) = (side(-1.), side(1.));
@@ -193,7 +193,7 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
             let foothold = around.map(|f| f.index);
             let touched = around.map(|f| Use::Touches(f.block));
             let law = own.swing(b.settings, b.task, span);
-            // On level ground both limits are one row.
+            // On level ground lower and upper limit are one two-sided row.
             let level = !b.task.terrain.has_edges();
             let two_sided = law.limited && level;
             let lows = law.parts.iter().map(|part| (part, false));

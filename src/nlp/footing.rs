@@ -1,7 +1,8 @@
-//! Where on ground with edges a foot has room to stand: all of its ball on one patch.
+//! Places with room for a foot on ground with edges, where the whole foot ball is supported by one patch of ground.
 //!
-//! Footholds begin at such a place, and rows keep them within a box of such places, so that a solution is not led into a riser or over a gap.
-//! The ground is sampled on two circles about a place. What lies in between, and the corners of boxes, are left to the certificate.
+//! Footholds start at such a place, and rows keep them within a box of such places, so that a solution is not attracted into a riser or
+//! over a gap. The ground is sampled on two circles around a place. The ground between the samples and the corners of the boxes are checked
+//! by the certificate only.
 
 use crate::settings::{Transcription, TranscriptionSettings};
 use crate::task::Task;
@@ -9,66 +10,71 @@ use crate::terrain::Terrain;
 use std::f64::consts::TAU;
 use std::sync::LazyLock;
 
-/// How far the ground may be off the plane of a place, in radii: a little less than the certificate allows.
+/// Largest deviation of the ground from the tangent plane of a place, in radii; slightly less than the certificate allows.
 const OFF_PLANE: f64 = 0.45;
-/// How deep it may stand in the ball, in radii: likewise.
+/// Largest penetration of the ground into the foot ball, in radii; slightly less than the certificate allows.
 const IN_BALL: f64 = 0.1;
-/// Circles on which the ground is sampled, in radii. The outer one meets any straight edge that comes within a radius.
+/// Circles on which the ground is sampled, in radii. The outer circle meets any straight edge within one radius.
 const CIRCLES: [f64; 2] = [0.5, 1.03];
-/// Samples of a circle.
+/// Number of samples per circle.
 const SAMPLES: usize = 16;
-/// What a metre above or below the way counts, in metres aside: a foot goes around a pit rather than into it, and up a slope as the way leads.
+/// Horizontal distance in m that counts as much as a height difference of 1 m from the desired level. With it a foot goes around a
+/// pit rather than into it, and up a slope if the base does.
 const ASIDE: f64 = 0.5;
-/// How far from a guess a place is looked for, in the distance that a foothold may move: a gap may be as wide as a step.
+/// Search distance around a guess, as a multiple of the distance that a foothold may move: a gap may be as wide as a step.
 const FAR: f64 = 2.;
-/// Distance of places that are tried, in radii, not less than a part of how far a foothold may move; halvings of the last of them.
+/// Distance between the places that are tried, in radii.
 const STEP: f64 = 0.5;
+/// Smallest distance between the places that are tried, as a fraction of the distance that a foothold may move.
 const FINEST: f64 = 0.01;
+/// Number of bisections that refine the sides of a box.
 const HALVINGS: usize = 6;
 
 /// Room for a foothold, world frame, m.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Footing {
-    /// A place to stand near the one that was asked for, no steeper than friction holds if there is one; that one where there is none.
+    /// Nearest place to the requested one with room for the foot, preferably one whose slope friction can hold; the requested place if none
+    /// is found.
     pub at: [f64; 2],
-    /// Sides of a box about it within which there is room along both axes.
+    /// Lower sides of a box around `at` that has room along both axes.
     pub low: [f64; 2],
+    /// Upper sides of that box.
     pub high: [f64; 2],
 }
 
-/// Radius that the feet of a task keep from edges, m; 0 where they are points, and on flat ground.
+/// Radius by which the feet of a task keep clear of edges, m; 0 for point feet and on ground without edges.
 pub fn radius(task: &Task, settings: &TranscriptionSettings) -> f64 {
     let asked = settings.rows == Transcription::Momentum && task.terrain.has_edges();
     if asked { task.robot.foot_radius() } else { 0. }
 }
 
-/// What is looked at to find a place.
+/// Search for a place with room for a foot.
 pub struct Search<'a> {
     pub terrain: &'a Terrain,
-    /// Radius of the foot, m, not 0.
+    /// Radius of the foot, m, greater than 0.
     pub radius: f64,
-    /// How far from where it starts a foothold may come to stand, m.
+    /// Distance that a foothold may move from its start, m.
     pub around: f64,
-    /// To which side of y it goes first, 1 or -1: left and right feet do the same.
+    /// Direction along y that is tried first, 1 or -1; it makes the search of left and right feet mirror images.
     pub side: f64,
 }
 
 impl Search<'_> {
-    /// For the feet of a robot.
+    /// Search for one foot of a task's robot.
     pub fn of(task: &Task, foot: usize, radius: f64) -> Search<'_> {
         let [along, across, _] = task.robot.reach.of(foot).widths();
         let side = if task.robot.nominal_feet[foot][1] < 0. { -1. } else { 1. };
         Search { terrain: &task.terrain, radius, around: along.max(across), side }
     }
 
-    /// Distance of places that are tried, m.
+    /// Distance between the places that are tried, m.
     fn step(&self) -> f64 {
         (STEP * self.radius).max(FINEST * self.around)
     }
 
-    /// Room near a place.
+    /// Footing near a place.
     ///
-    /// * `level` - height of the ground for which the base would be as high as it is to be, m
+    /// * `level` - height of the ground for which the base has its planned height, m
     pub fn footing(&self, at: [f64; 2], level: f64) -> Footing {
         let good = |place| self.has_room(place) && self.is_gentle(place);
         let room = |place| self.has_room(place);
@@ -81,9 +87,9 @@ impl Search<'_> {
         }
     }
 
-    /// The nearest place that will do, height counted, of those on circles ever farther away.
+    /// Nearest admissible place, including the cost of its height, among the places on circles of growing radius.
     fn nearest(&self, at: [f64; 2], level: f64, will_do: impl Fn([f64; 2]) -> bool) -> Option<[f64; 2]> {
-        /// Along the axes first: where the ground has one direction, the nearest place is there.
+        /// Order of the directions, axes first: if the ground varies along one axis only, the nearest place is there.
         const DIRECTIONS: [usize; SAMPLES] = [0, 8, 4, 12, 2, 6, 10, 14, 1, 3, 5, 7, 9, 11, 13, 15];
         let circles = (FAR * self.around / self.step()).ceil() as usize;
         let mut best = (f64::INFINITY, None);
@@ -96,7 +102,7 @@ impl Search<'_> {
                 let [x, y] = on_circle([0.; 2], distance, k);
                 let place = [at[0] + x, at[1] + self.side * y];
                 let far = distance + ASIDE * (self.terrain.height(place[0], place[1]) - level).abs();
-                // Of places that only rounding tells apart the first.
+                // Among places that differ only by rounding, the first is kept.
                 if far < best.0 - 1e-9 && will_do(place) {
                     best = (far, Some(place));
                 }
@@ -105,7 +111,7 @@ impl Search<'_> {
         best.1
     }
 
-    /// A place with the box about it.
+    /// Footing at a place, with the box around it.
     fn boxed(&self, at: [f64; 2], will_do: impl Fn([f64; 2]) -> bool) -> Footing {
         let [low, high] = [-1., 1.].map(|sign| at.map(|v| v + sign * self.around));
         let reached = CIRCLES[1] * self.radius;
@@ -137,7 +143,7 @@ impl Search<'_> {
         Footing { at, low: [side(0, -1.), side(1, -1.)], high: [side(0, 1.), side(1, 1.)] }
     }
 
-    /// Whether all of a ball has its place on the plane of the ground at a place.
+    /// True if the whole foot ball at a place is supported by the tangent plane of the ground.
     fn has_room(&self, at: [f64; 2]) -> bool {
         let reached = CIRCLES[1] * self.radius;
         if self.terrain.is_plane(at.map(|v| v - reached), at.map(|v| v + reached)) {
@@ -145,7 +151,7 @@ impl Search<'_> {
         }
         let here = self.terrain.ground(at[0], at[1]);
         CIRCLES.iter().all(|part| {
-            // The lower side of a ball at rest.
+            // Height of the lower side of a ball at rest.
             let ball = 1. - (1. - part * part).max(0.).sqrt();
             let (highest, lowest) = (OFF_PLANE.min(ball + IN_BALL) * self.radius, -OFF_PLANE * self.radius);
             (0..SAMPLES).all(|k| {
@@ -156,14 +162,14 @@ impl Search<'_> {
         })
     }
 
-    /// Whether a foot holds without pushing against another.
+    /// True if friction holds a foot here without support from another foot.
     fn is_gentle(&self, at: [f64; 2]) -> bool {
         let [x, y] = self.terrain.ground(at[0], at[1]).slope;
         x.hypot(y) <= self.terrain.friction
     }
 }
 
-/// One of [`SAMPLES`] points of a circle.
+/// One of the [`SAMPLES`] points of a circle.
 fn on_circle([x, y]: [f64; 2], radius: f64, k: usize) -> [f64; 2] {
     static DIRECTIONS: LazyLock<[(f64, f64); SAMPLES]> =
         LazyLock::new(|| std::array::from_fn(|k| (TAU * k as f64 / SAMPLES as f64).sin_cos()));
@@ -186,14 +192,14 @@ mod tests {
         task("anymal", Terrain::named(terrain).unwrap())
     }
 
-    /// Room for ANYmal's first foot near (x, 0.1).
+    /// Footing of ANYmal's first foot near (x, 0.1).
     fn near(task: &Task, x: f64) -> Footing {
         Search::of(task, 0, radius(task, &TranscriptionSettings::default())).footing([x, 0.1], 0.)
     }
 
     #[test]
-    fn over_a_gap_a_foothold_moves_to_its_rim_and_stays_behind_it() {
-        // From 1.0 to 1.6 m; the ground falls at ten to one.
+    fn a_foothold_over_a_gap_moves_to_its_rim_and_keeps_its_distance() {
+        // The gap is from 1.0 to 1.6 m; its walls have a slope of 10.
         let task = named("gap");
         let radius = task.robot.foot_radius();
         let rim = |room: &Footing| if room.at[0] < 1.3 { room.high[0] - 1. } else { 1.6 - room.low[0] };
@@ -201,44 +207,44 @@ mod tests {
             let room = near(&task, x);
             assert!(room.at[0] < 1. - 0.9 * radius || room.at[0] > 1.6 + 0.9 * radius, "{x}: {room:?}");
             assert!(rim(&room) < -0.9 * radius && rim(&room) > -1.1 * radius, "{x}: {room:?}");
-            // Across there is room as far as is looked.
+            // Along y the box has its full width.
             let across = [room.low[1] - (0.1 - 0.3), room.high[1] - (0.1 + 0.3), room.at[1] - 0.1];
             assert!(across.iter().all(|v| v.abs() < 1e-12), "{room:?}");
         }
-        // Where there is room a foothold stays.
+        // A foothold that has room stays.
         assert_eq!(near(&task, 0.9).at, [0.9, 0.1]);
     }
 
     #[test]
-    fn the_floor_of_a_pit_is_no_place_and_a_tread_is() {
+    fn a_foothold_avoids_the_floor_of_a_pit_and_uses_a_tread() {
         let terrain = |height: fn(usize) -> f64| {
             let heights = (0..300).map(|i| vec![height(i); 2]).collect();
             Terrain { shape: Shape::Grid(Grid { low: [-1., -2.], high: [5., 2.], heights }), ..Terrain::flat() }
         };
-        // 1 m deep beyond 1.0 m, a wall of 2 cm: down there is nearer.
+        // 1 m deep beyond 1.0 m, with a wall of 2 cm: the floor is nearer.
         let room = near(&task("anymal", terrain(|i| if i >= 100 { -1. } else { 0. })), 0.996);
         assert!(room.at[0] < 0.96 && room.high[0] < 0.96, "{room:?}");
-        // 0.5 m deep from 1.0 to 1.2 m, walls of 2 cm.
+        // 0.5 m deep from 1.0 to 1.2 m, with walls of 2 cm.
         let room = near(&task("anymal", terrain(|i| if (100..110).contains(&i) { -0.5 } else { 0. })), 1.08);
         assert!(room.at[0] < 1. && room.high[0] < 0.96, "{room:?}");
-        // Treads of 0.3 m, risers of 0.12 m and 2 cm.
+        // Treads of 0.3 m, risers of 0.12 m with a length of 2 cm.
         let room = near(&task("anymal", terrain(|i| 0.12 * ((i.max(85) - 85) / 15) as f64)), 1.08);
         assert!(room.low[0] > 1. + 0.02 && room.high[0] < 1.28 - 0.02 && room.high[0] - room.low[0] > 0.2, "{room:?}");
     }
 
     #[test]
-    fn a_place_on_a_plane_is_the_one_that_samples_find() {
+    fn a_box_on_a_plane_needs_no_samples_and_has_room() {
         let task = named("step");
         for at in [[2.9, 0.1], [3.8, 0.1], [4.5, -0.2]] {
             let search = Search { radius: 0.031, around: 0.15, ..Search::of(&task, 0, 0.031) };
-            let on_plane = search.boxed(at, |_| panic!("{at:?} was looked at"));
+            let on_plane = search.boxed(at, |_| panic!("{at:?} was sampled"));
             assert_eq!([on_plane.low, on_plane.high], [-0.15, 0.15].map(|by| at.map(|v| v + by)));
             assert!([on_plane.low, on_plane.high, at].iter().all(|place| search.has_room(*place)));
         }
     }
 
     #[test]
-    fn small_turns_of_the_ground_are_no_edges_and_points_and_flat_ground_have_none() {
+    fn the_radius_is_zero_without_edges_and_small_slope_changes_are_not_edges() {
         let settings = TranscriptionSettings::default();
         assert_eq!(radius(&named("flat"), &settings), 0.);
         let towr = TranscriptionSettings { rows: Transcription::Towr, ..settings.clone() };

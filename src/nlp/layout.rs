@@ -1,9 +1,9 @@
-//! The problem of one candidate: its variables, its elements of rows, and what the loops walk.
+//! Problem of one candidate: its variables, its elements of rows, and the tables that the loops use.
 //!
-//! `x` holds the variables in elimination order, followed by the fixed values (start of the base, first footholds, goal). Variables
-//! come in blocks: a base coefficient or knot (position and angles, or their rates, 6), a force node (value and slope, 6), a foothold
-//! (2), a swing height (1). All of `x` is scaled: m, rad, s, and for forces the weight per foot (slopes: that per piece duration).
-//! `nlp/builder.rs` writes these tables; those that rows are made from are [`Tables`], one list in [`crate::rows`].
+//! `x` contains the variables in elimination order, followed by the fixed values (start of the base, first footholds, goal). Variables form
+//! blocks: base coefficient or knot (position and angles, or their rates, 6), force node (value and slope, 6), foothold (2), swing height
+//! (1). All of `x` is scaled: m, rad, s; forces by the weight per foot, force slopes by the weight per foot and piece duration.
+//! `nlp/builder.rs` writes these tables; the ones that define the rows are [`Tables`], listed in [`crate::rows`].
 
 use super::sweep::Step;
 use crate::gait::Phase;
@@ -11,60 +11,67 @@ use crate::gait::trajectory::MotionLimits;
 use crate::real::Real;
 use crate::rows::reach::{self, ReachInstant};
 use crate::rows::table::{NONE, Place, Run, Span};
-use crate::rows::{Family, Spec, Tables};
+use crate::rows::{Family, RowCounts, RowKind, Spec, Tables};
 use crate::settings::Transcription;
 use std::ops::{Deref, DerefMut};
 
 crate::table! {
-    /// A group of rows over the same columns.
+    /// Group of rows over the same columns.
     pub struct Element {
         /// Family of its rows.
         pub family: Family,
         /// Number of Jacobian rows.
         pub rows: u32,
-        /// How many of them (the first) have a lower side too.
+        /// Number of two-sided rows, which are the first.
         pub pairs: u32,
-        /// Where they stand.
+        /// Place of the rows in the buffers.
         pub place: Place,
-        /// Its columns as runs of variables, in [`Layout::runs`]; none of reach rows, whose tables have them ([`Layout::columns`]).
+        /// Columns as runs of variables, in [`Layout::runs`]; empty for reach rows, whose columns are in their own tables
+        /// ([`Layout::columns`]).
         pub runs: Span,
     }
 }
 
-/// The problem of one candidate as flat tables.
+impl Element {
+    /// Kind of its rows.
+    #[inline(always)]
+    pub fn kind(&self) -> RowKind {
+        self.family.spec().kind
+    }
+}
+
+/// Problem of one candidate as flat tables.
 #[derive(Debug, Clone)]
 pub struct Layout<T> {
     /// Number of variables.
     pub variables: usize,
-    /// Number of equalities.
-    pub equalities: usize,
-    /// Number of Jacobian rows, equalities included.
-    pub rows: usize,
-    /// Number of inequalities.
+    /// Numbers of Jacobian rows by kind.
+    pub rows: RowCounts,
+    /// Number of inequalities: a two-sided row has two.
     pub inequalities: usize,
     /// Number of Jacobian values.
     pub jacobian_len: usize,
-    /// Initial `x`, the fixed values included.
+    /// Initial `x`, fixed values included.
     pub initial: Vec<T>,
-    /// How firmly each variable is drawn to its initial value while the barrier is large, `[variables]`.
+    /// Weight of the attraction of each variable to its initial value while the barrier parameter is large, `[variables]`.
     pub smoothing: Vec<T>,
-    /// What rows are made from.
+    /// Tables that define the rows.
     pub tables: Tables<T>,
-    /// Elements in the order of the sweep, but for those of reach rows, which stand behind all others: see [`Layout::reach_elements`].
+    /// Elements in the order of the sweep, except those of reach rows, which follow all others: see [`Layout::reach_elements`].
     pub elements: Vec<Element>,
     /// Columns of the elements.
     pub runs: Vec<Run>,
-    /// The sweep.
+    /// Steps of the sweep.
     pub steps: Vec<Step>,
     /// Front-to-front moves and front contents, see [`Step`].
     pub front_runs: Vec<Run>,
-    /// Most columns of an element, padding included.
+    /// Largest number of columns of an element, padding included.
     pub widest: usize,
-    /// Distance of two rows of the front, large enough for the largest and a right-hand side.
+    /// Distance between two rows of the front, sufficient for the largest front and a right-hand side.
     pub front_stride: usize,
-    /// Number of values of the factor.
+    /// Number of values in the factor.
     pub factor_len: usize,
-    /// What turns `x` back into a motion.
+    /// Data for converting `x` into a motion.
     pub curves: Curves,
 }
 
@@ -88,7 +95,7 @@ impl<T: Real> Layout<T> {
         self.curves.force_limit
     }
 
-    /// Elements of reach rows, one a foot and instant.
+    /// Elements of reach rows, one per foot and instant.
     pub fn reach_elements(&self) -> impl Iterator<Item = Element> {
         let Spec { rows, pairs, .. } = reach::SPEC;
         (0..self.reach_feet.len()).map(move |number| Element {
@@ -105,8 +112,9 @@ impl<T: Real> Layout<T> {
         self.elements.iter().copied().chain(self.reach_elements())
     }
 
-    /// What the rows of each of [`Layout::all_elements`] depend on: columns as runs of variables, and how much their values count for these.
-    /// Reach rows depend on the blocks of the base through the six columns of their pose, by weights.
+    /// Dependencies of the rows of each of [`Layout::all_elements`]: columns as runs of variables, with the weight by which the Jacobian
+    /// values apply to these variables. Reach rows depend on the blocks of the base through the six columns of their pose, with one weight
+    /// per block.
     pub fn columns(&self) -> Vec<Vec<(Run, T)>> {
         let of_instant = |instant: &ReachInstant<T>| {
             let (weights, blocks) = (instant.base.weights, self.base_blocks[instant.base.blocks as usize]);
@@ -123,12 +131,12 @@ impl<T: Real> Layout<T> {
     }
 }
 
-/// What turns `x` back into a motion: positions of the blocks of each curve, and units. It outlives the tables, which are much larger.
+/// Data for converting `x` into a motion: positions of the blocks of each curve, and units. It outlives the tables, which are much larger.
 #[derive(Debug, Clone)]
 pub struct Curves {
-    /// Which rows it was solved for.
+    /// Transcription that was solved.
     pub transcription: Transcription,
-    /// What its motions keep to besides.
+    /// Limits that motions satisfy in addition to their rows.
     pub limits: Option<MotionLimits>,
     /// Largest normal force of a foot, N.
     pub force_limit: f64,
@@ -136,23 +144,23 @@ pub struct Curves {
     pub force_unit: f64,
     /// Number of intervals.
     pub intervals: usize,
-    /// Their length, s.
+    /// Length of an interval, s.
     pub interval: f64,
-    /// Base: in `towr` spline coefficients; in `momentum` pose and rates at each knot in turn.
+    /// Blocks of the base. `towr`: spline coefficients; `momentum`: pose and rates, alternating, of each knot.
     pub base: Vec<u32>,
-    /// Per foot.
+    /// Blocks of each foot.
     pub feet: Vec<FootBlocks>,
 }
 
 /// Positions in `x` of one foot's blocks.
 #[derive(Debug, Clone, Default)]
 pub struct FootBlocks {
-    /// Phases.
+    /// Phases of the foot.
     pub phases: Vec<Phase>,
-    /// One a stance.
+    /// Foothold of each stance.
     pub footholds: Vec<u32>,
-    /// One a swing.
+    /// Swing height of each swing.
     pub heights: Vec<u32>,
-    /// Nodes of each stance's force, `NONE` where the force is zero.
+    /// Force nodes of each stance; [`NONE`] where the force is zero.
     pub force_nodes: Vec<Vec<u32>>,
 }

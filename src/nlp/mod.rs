@@ -1,8 +1,8 @@
-//! The trajectory optimisation problem of one candidate: its variables, its rows and the tables that the loops walk.
+//! Trajectory optimisation problem of one candidate: its variables, its rows and the tables that the loops use.
 //!
-//! Rows come in elements. An element is a small group of rows that share their columns, such as the six dynamics rows of an instant.
-//! Each family fills its elements' residuals and dense Jacobians; everything after that (assembly, products, steps) knows elements only
-//! and serves every transcription.
+//! Rows form elements. An element is a small group of rows with the same columns, such as the six dynamics rows of an instant. Each family
+//! computes residuals and dense Jacobians of its elements. All later stages (assembly, products, steps) work on elements, so they are the
+//! same for every transcription.
 
 mod builder;
 mod feet;

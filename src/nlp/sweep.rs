@@ -1,8 +1,8 @@
-//! Symbolic analysis of the frontal factorisation: a sort by the time of a variable's last row.
+//! Symbolic analysis of the frontal factorisation: a sort by the time of each variable's last row.
 //!
-//! The sweep walks the instants in order. The front of a step holds the variables that have a row at or before it and one at or after
-//! it; those whose last row is here are its pivots. Variables are numbered in that order, so the pivots of a step are consecutive and a
-//! front sorted by variable starts with them.
+//! The sweep visits the instants in order. The front of a step contains the variables that have a row at or before the step and one at or
+//! after it; its pivots are the variables whose last row is at the step. Variables are numbered in that order, so the pivots of a step are
+//! consecutive and come first in a front sorted by variable.
 
 use crate::rows::table::{Run, Span};
 
@@ -12,38 +12,39 @@ use crate::rows::table::{Run, Span};
 pub struct Step {
     /// Size of the front.
     pub size: u32,
-    /// How many of its variables, the first, are eliminated here.
+    /// Number of pivots: the first variables of the front, which are eliminated in this step.
     pub pivots: u32,
-    /// First pivot.
+    /// Index of the first pivot in `x`.
     pub variable: u32,
-    /// Offset of its rows in the factor, `[pivots][stride]`; the right-hand side stands in column `size`.
+    /// Offset of the pivot rows in the factor, `[pivots][stride]`; the right-hand side is in column `size`.
     pub factor: u32,
-    /// Distance of two of them.
+    /// Distance between two pivot rows in the factor.
     pub stride: u32,
-    /// Elements assembled here, those of reach rows left out.
+    /// Elements assembled in this step, except those of reach rows.
     pub elements: Span,
-    /// Reach instants whose rows are assembled here.
+    /// Reach instants whose rows are assembled in this step.
     pub reach: Span,
-    /// What stays of the previous front: runs from index `column` there to index `front` here.
+    /// Part of the previous front that is carried over: runs from index `column` there to index `front` here.
     pub moves: Span,
-    /// The front after its pivots, as runs.
+    /// Variables that remain in the front after its pivots, as runs.
     pub rest: Span,
 }
 
-/// A block before it has its place in `x`.
+/// Block that has no position in `x` yet.
 pub(super) struct Block {
     pub initial: [f64; 6],
-    /// Number of its variables, the first ones.
+    /// Number of variables; only the first `len` entries of the arrays are used.
     pub len: usize,
-    /// How firmly its variables are drawn to their initial values.
+    /// Weights that attract the variables to their initial values.
     pub smoothing: [f64; 6],
     pub fixed: bool,
-    /// First and last step of the sweep that touch it.
+    /// First step of the sweep that touches the block.
     pub first: usize,
+    /// Last step of the sweep that touches the block.
     pub last: usize,
 }
 
-/// Result of the analysis.
+/// Result of the symbolic analysis.
 pub(super) struct Fronts {
     pub steps: Vec<Step>,
     pub runs: Vec<Run>,
@@ -54,7 +55,7 @@ pub(super) struct Fronts {
 }
 
 impl Fronts {
-    /// Writes where each variable of a step's front stands in it.
+    /// Writes the index in a step's front of each of its variables.
     pub fn write(&self, step: usize, in_front: &mut [u32]) {
         for run in &self.contents[step] {
             for i in 0..run.len {
@@ -77,14 +78,14 @@ pub(super) fn order(blocks: &[Block]) -> Vec<u32> {
     positions
 }
 
-/// Fronts of all steps.
+/// Computes the fronts of all steps.
 pub(super) fn fronts(blocks: &[Block], positions: &[u32], steps: usize) -> Fronts {
     let mut free: Vec<usize> = (0..blocks.len()).filter(|&i| !blocks[i].fixed).collect();
     free.sort_by_key(|&i| positions[i]);
     let mut result =
         Fronts { steps: Vec::with_capacity(steps), runs: Vec::new(), stride: 0, factor_len: 0, contents: Vec::with_capacity(steps) };
     let mut first_free = 0;
-    // Those of a step's front, and those that are yet to come, by their first step: both as indices of `free`.
+    // Indices into `free`: blocks in the front of the current step, and later blocks in the order of their first step.
     let mut alive: Vec<usize> = Vec::new();
     let mut ahead: Vec<usize> = (0..free.len()).collect();
     ahead.sort_by_key(|&i| blocks[free[i]].first);
@@ -115,7 +116,7 @@ pub(super) fn fronts(blocks: &[Block], positions: &[u32], steps: usize) -> Front
             let gone = result.steps[k - 1].pivots;
             for old in previous {
                 let skip = gone.saturating_sub(old.front).min(old.len);
-                // A run of the old front is a run of the new one too, or several where new variables came between.
+                // A run of the old front is one run of the new front, or several if new variables came between.
                 let mut from = skip;
                 while from < old.len {
                     let variable = old.variable + from;
@@ -123,7 +124,7 @@ pub(super) fn fronts(blocks: &[Block], positions: &[u32], steps: usize) -> Front
                     let new = contents[at];
                     let len = (old.len - from).min(new.variable + new.len - variable);
                     let run = Run { variable, front: new.front + variable - new.variable, column: old.front + from, len };
-                    // Variables that are none of either front may lie between two runs.
+                    // Between two runs there may be variables that belong to neither front, so `variable` need not be consecutive.
                     match result.runs[first_move..].last_mut() {
                         Some(last) if last.front + last.len == run.front && last.column + last.len == run.column => last.len += len,
                         _ => result.runs.push(run),
@@ -158,7 +159,7 @@ pub(super) fn fronts(blocks: &[Block], positions: &[u32], steps: usize) -> Front
     result
 }
 
-/// Appends a run, joined to the last one (from index `from` on) where it continues it.
+/// Appends a run, or extends the last one (from index `from` on) if the variables are consecutive.
 fn push_run(runs: &mut Vec<Run>, from: usize, run: Run) {
     match runs[from..].last_mut() {
         Some(last) if last.variable + last.len == run.variable => last.len += run.len,

@@ -1,11 +1,11 @@
-//! From solver variables back to curves with Hermite nodes, in the form of TOWR's \[3\].
+//! Conversion of solver variables to curves with Hermite nodes, in the form that TOWR \[3\] uses.
 
 use super::{Curves, transcription};
 use crate::gait::{Curve, FootCurves, Trajectory};
 use crate::rows::table::NONE;
 use crate::task::Task;
 
-/// The motion of a solution, as Hermite pieces.
+/// Converts a solution to a motion of Hermite pieces.
 ///
 /// * `x` - as [`Layout::initial`](super::Layout::initial), fixed values included
 pub fn trajectory(task: &Task, curves: &Curves, x: &[f64]) -> Trajectory {
@@ -18,7 +18,7 @@ pub fn trajectory(task: &Task, curves: &Curves, x: &[f64]) -> Trajectory {
     Trajectory { limits: curves.limits, ..trajectory }
 }
 
-/// One piece a stance, two a swing.
+/// Motion of a foot: one piece per stance, two per swing.
 fn motion_curve(task: &Task, curves: &Curves, x: &[f64], foot: usize) -> Curve {
     let blocks = &curves.feet[foot];
     let foothold = |stance: usize| {
@@ -45,7 +45,7 @@ fn motion_curve(task: &Task, curves: &Curves, x: &[f64], foot: usize) -> Curve {
     curve
 }
 
-/// The settings' number of pieces a stance, one zero piece a swing.
+/// Force of a foot: the configured number of pieces per stance, one zero piece per swing.
 fn force_curve(curves: &Curves, x: &[f64], foot: usize) -> Curve {
     let blocks = &curves.feet[foot];
     let unit = curves.force_unit;

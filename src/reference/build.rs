@@ -1,4 +1,4 @@
-//! Finds Ipopt for the feature `ipopt`; without it nothing is asked for.
+//! Finds Ipopt for the feature `ipopt`; does nothing without it.
 
 fn main() {
     println!("cargo::rerun-if-changed=src/reference/build.rs");
@@ -8,14 +8,14 @@ fn main() {
 
 #[cfg(feature = "ipopt")]
 fn ipopt() {
-    // The C interface is the same from 3.9 on.
+    // The C interface has not changed since 3.9.
     match pkg_config::Config::new().atleast_version("3.9").cargo_metadata(false).probe("ipopt") {
         Ok(library) => {
             println!("cargo::rustc-env=IPOPT_VERSION={}", library.version);
             for path in library.link_paths {
                 println!("cargo::rustc-link-search=native={}", path.display());
             }
-            // Not what it was made of: the shared library knows its own LAPACK and MUMPS, whose development files need not be there.
+            // Only the library itself: the shared library knows its LAPACK and MUMPS, whose development files need not be installed.
             println!("cargo::rustc-link-lib=ipopt");
         }
         Err(_) => {

@@ -1,15 +1,15 @@
-//! A contact-implicit program: no schedule, contacts are where complementarity lets forces act.
+//! Contact-implicit program without a schedule: complementarity decides where contact forces act.
 //!
-//! Base, dynamics, reach and friction are TOWR's; the feet have a position, a velocity and a force at knots every [`STEP`]. The
-//! complementarity, and its relaxation that is tightened from solve to solve, are those of \[5\]. For height `z` above the ground, force `f` and
-//! the motion `x` around a knot:
+//! Base, dynamics, reach and friction are those of TOWR. The feet have a position, a velocity and a force at knots every [`STEP`]. The
+//! complementarity and its relaxation, which is tightened from solve to solve, are those of \[5\]. For height `z` above the ground, force
+//! `f` and the motion `x` around a knot:
 //!
 //! ```text
 //! f_z >= 0,  z >= 0,  f_z z <= epsilon,  |f_z dx| <= epsilon to both neighbours,  |f_z v| <= epsilon there and here
 //! ```
 //!
-//! So a foot that carries anything at a knot stands through both intervals around it, and a solution without relaxation is a schedule. The
-//! last solve holds the contacts that were found and gives exact ones. Feet stand in the first and in the last interval, as in the
+//! A foot with a force at a knot therefore stands through both adjacent intervals, and a solution without relaxation is a schedule. The
+//! last solve fixes the contacts found so far and satisfies them exactly. Feet stand in the first and in the last interval, as in the
 //! phase-based programs.
 
 use super::curve::{Curve, Point, Timing};
@@ -19,26 +19,26 @@ use super::towr::{self, BaseCurves, Variables, nodes_at};
 use crate::gait::{FootCurves, Trajectory};
 use crate::task::Task;
 
-/// Distance of the knots, s.
+/// Interval between the knots, s.
 pub const STEP: f64 = 0.1;
-/// Relaxations of the complementarity, one solve each: body weights times m, and times m/s.
+/// Relaxations of the complementarity, one per solve, in body weights times m and body weights times m/s.
 pub const RELAXATIONS: [f64; 4] = [1e-1, 1e-2, 1e-3, 1e-4];
-/// Share of the weight from which a force counts as contact.
+/// Smallest vertical force that counts as contact, in body weights.
 const CONTACT: f64 = 1e-2;
-/// Motion in an interval below which a foot stands, m.
+/// Largest motion in an interval, and height, at which a foot counts as standing, m.
 const STILL: f64 = 1e-3;
 
-/// How contacts are asked for.
+/// Formulation of the contacts.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Contacts {
-    /// By complementarity, relaxed.
+    /// Complementarity with this relaxation.
     Relaxed(f64),
-    /// Given: which foot stands in which interval, `[feet][intervals]`.
+    /// Given contacts: true if the foot stands in the interval, `[feet][intervals]`.
     Given(Vec<Vec<bool>>),
 }
 
 impl Contacts {
-    /// Whether a foot is held in an interval: as given, or in the first and in the last.
+    /// True if a foot must stand in an interval: as given, or in the first and the last one.
     fn stands(&self, foot: usize, interval: usize, steps: usize) -> bool {
         match self {
             Contacts::Relaxed(_) => interval == 0 || interval + 1 == steps,
@@ -46,13 +46,13 @@ impl Contacts {
         }
     }
 
-    /// Whether it is in the intervals before and after a knot; at the ends there is one only, twice.
+    /// Result of [`Contacts::stands`] for the intervals before and after a knot; at both ends the only interval counts twice.
     fn around(&self, foot: usize, knot: usize, steps: usize) -> [bool; 2] {
         [knot.saturating_sub(1), knot.min(steps - 1)].map(|interval| self.stands(foot, interval, steps))
     }
 }
 
-/// The program.
+/// Contact-implicit program of a task.
 #[derive(Debug)]
 pub struct ContactImplicit<'a> {
     task: &'a Task,
@@ -72,7 +72,9 @@ struct Foot {
 }
 
 impl<'a> ContactImplicit<'a> {
-    /// * `horizon` - rounded to whole steps, at least three, s
+    /// Creates the program.
+    ///
+    /// * `horizon` - s, rounded to at least three whole steps
     pub fn new(task: &'a Task, horizon: f64, contacts: Contacts) -> ContactImplicit<'a> {
         let steps = ((horizon / STEP).round() as usize).max(3);
         let horizon = steps as f64 * STEP;
@@ -105,7 +107,7 @@ impl<'a> ContactImplicit<'a> {
                 let some = |v: [usize; 3]| v.map(Some);
                 let ([x, y, z], [vx, vy, vz], [fx, fy, fz]) = (some(position), some(velocity), some(forces));
                 motion.nodes.push([x, y, z, vx, vy, vz]);
-                // Level at the knots: between two of them a force stays between their values.
+                // Zero slope at the knots: between two knots a force stays between their values.
                 force.nodes.push([fx, fy, fz, None, None, None]);
             }
             feet.push(Foot { motion, force });
@@ -114,8 +116,8 @@ impl<'a> ContactImplicit<'a> {
         ContactImplicit { task, steps, contacts, base, feet, timing, initial: variables.initial, bounds: variables.bounds }
     }
 
-    /// Which foot stands in which interval: as given, or as it is at `x`, where a foot stands that carries something at one of the ends, or
-    /// does not move on the ground.
+    /// Contacts `[feet][intervals]`, as given or as they are at `x`. There a foot stands if it carries a force at either end of the
+    /// interval, or does not move and is on the ground.
     pub fn contacts(&self, x: &[f64]) -> Vec<Vec<bool>> {
         if let Contacts::Given(stands) = &self.contacts {
             return stands.clone();
@@ -132,7 +134,7 @@ impl<'a> ContactImplicit<'a> {
         feet.map(|(i, foot)| (0..self.steps).map(|interval| held(i, interval) || stands(foot, interval)).collect()).collect()
     }
 
-    /// The motion at `x` with the contacts that it has there.
+    /// Trajectory at `x` with the contacts found there.
     pub fn trajectory(&self, x: &[f64]) -> Trajectory {
         let curves =
             |foot: &Foot| FootCurves { motion: nodes_at(&foot.motion, &self.timing, x), force: nodes_at(&foot.force, &self.timing, x) };
@@ -141,7 +143,7 @@ impl<'a> ContactImplicit<'a> {
         self.task.trajectory("contact-implicit", towr::force_limit(self.task), durations, self.steps as f64 * STEP, self.base.curves(x), ee)
     }
 
-    /// Rows that hold contacts: complementarity, or standing where it is given.
+    /// Pushes the rows of the contacts: complementarity, or standing feet if the contacts are given.
     fn contact_rows(&self, foot: usize, x: &[f64], rows: &mut Rows) {
         let terrain = &self.task.terrain;
         let Foot { motion, force } = &self.feet[foot];
@@ -195,7 +197,7 @@ impl<'a> ContactImplicit<'a> {
     }
 }
 
-/// Durations of the phases of a foot, s, from which intervals it stands in. It stands in the first and in the last.
+/// Durations of the phases of a foot, s, from its contact in each interval. The foot stands in the first and the last interval.
 fn phases(stands: &[bool]) -> Vec<f64> {
     stands.chunk_by(|a, b| a == b).map(|phase| phase.len() as f64 * STEP).collect()
 }

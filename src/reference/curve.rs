@@ -1,12 +1,14 @@
 //! Piecewise cubic curves over the variables of a nonlinear program, with derivatives by nodes and by phase durations.
+//!
+//! The Hermite weights are deliberately written here again, so that the reference programs share no formula with the solver.
 
 use super::nlp::Rows;
 use nalgebra::Vector3;
 
-/// A cubic Hermite curve in three dimensions. Its pieces share the phases of a foot, or of the base, in equal parts.
+/// Cubic Hermite curve in three dimensions. The phases of a foot, or of the base, are divided into pieces of equal duration.
 #[derive(Debug, Clone, Default)]
 pub struct Curve {
-    /// Variable of each node value, `[x, y, z, dx/dt, dy/dt, dz/dt]`; none where it is zero by construction.
+    /// Variable of each node value, `[x, y, z, dx/dt, dy/dt, dz/dt]`; `None` if it is zero by construction.
     pub nodes: Vec<[Option<usize>; 6]>,
     /// Phase of each piece.
     pub phases: Vec<usize>,
@@ -15,33 +17,33 @@ pub struct Curve {
 /// Durations of the phases of a curve.
 #[derive(Debug, Clone)]
 pub struct Timing {
-    /// s.
+    /// Duration of each phase, s.
     pub durations: Vec<f64>,
-    /// Variables of all durations but the last, which fills the horizon; empty when durations are fixed.
+    /// Variables of all durations except the last, which fills the horizon; empty if the durations are fixed.
     pub variables: Vec<usize>,
 }
 
-/// A value of a curve.
+/// Value of a curve with its derivatives.
 #[derive(Debug, Clone)]
 pub struct Point {
     /// The value.
     pub value: Vector3<f64>,
-    /// `(variable, dimension, derivative)`.
+    /// Derivatives `(variable, dimension, derivative)`.
     pub by: Vec<(usize, usize, f64)>,
 }
 
 impl Point {
-    /// Pushes the derivatives of a row that has `gradient` with respect to this point.
+    /// Pushes the derivatives of a row whose gradient with respect to this point is `gradient`.
     pub fn push(&self, gradient: Vector3<f64>, rows: &mut Rows) {
         self.push_where([true; 3], gradient, rows);
     }
 
-    /// As [`Point::push`], for a row that depends on one dimension only.
+    /// [`Point::push`] for a row that depends on one dimension only.
     pub fn push_axis(&self, axis: usize, gradient: f64, rows: &mut Rows) {
         self.push_where([0, 1, 2].map(|d| d == axis), Vector3::repeat(gradient), rows);
     }
 
-    /// As [`Point::push`], for a row that depends on some dimensions only: the others get no entry, not even zeros.
+    /// [`Point::push`] for a row that depends on some dimensions only. The others get no entry, not even zeros.
     pub fn push_where(&self, depends: [bool; 3], gradient: Vector3<f64>, rows: &mut Rows) {
         for &(variable, dimension, derivative) in &self.by {
             if depends[dimension] {
@@ -53,7 +55,8 @@ impl Point {
 
 /// Weights of the two nodes of a piece (value, slope, value, slope) in a derivative of the curve.
 ///
-/// * `t` - from the start of the piece, s
+/// * `t` - time since the start of the piece, s
+/// * `duration` - duration of the piece, s
 /// * `order` - 0 value, 1 slope, 2 second derivative
 pub fn weights(t: f64, duration: f64, order: usize) -> [f64; 4] {
     let (s, d) = (t / duration, duration);
@@ -67,7 +70,7 @@ pub fn weights(t: f64, duration: f64, order: usize) -> [f64; 4] {
     }
 }
 
-/// Derivatives of the weights of the value with respect to the duration of the piece, at a fixed time from its start.
+/// Derivatives of the value weights with respect to the duration of the piece, at a fixed time since its start.
 fn weights_by_duration(t: f64, duration: f64) -> [f64; 4] {
     let (s, d) = (t / duration, duration);
     let (s2, s3) = (s * s, s * s * s);
@@ -75,12 +78,12 @@ fn weights_by_duration(t: f64, duration: f64) -> [f64; 4] {
 }
 
 impl Timing {
-    /// Durations that are no variables.
+    /// Timing with durations that are not variables.
     pub fn fixed(durations: Vec<f64>) -> Timing {
         Timing { durations, variables: Vec::new() }
     }
 
-    /// The same phases with their durations at `x`.
+    /// Timing of the same phases with the durations at `x`.
     pub fn at(&self, x: &[f64]) -> Timing {
         let mut timing = self.clone();
         if let [durations @ .., last] = timing.durations.as_mut_slice() {
@@ -95,12 +98,12 @@ impl Timing {
 }
 
 impl Curve {
-    /// Value of a node at `x`, value and slope.
+    /// Value and slope of a node at `x`.
     pub fn node(&self, node: usize, x: &[f64]) -> [f64; 6] {
         self.nodes[node].map(|variable| variable.map_or(0., |v| x[v]))
     }
 
-    /// Position of a node as a point.
+    /// Value of a node as a point, or its slope if `slope` is true.
     pub fn node_point(&self, node: usize, x: &[f64], slope: bool) -> Point {
         let offset = if slope { 3 } else { 0 };
         let at = self.node(node, x);
@@ -118,15 +121,15 @@ impl Curve {
         self.phases.iter().map(|&phase| timing.durations[phase] / self.pieces_of(phase) as f64).collect()
     }
 
-    /// The curve at a time.
+    /// Point of the curve at a time.
     ///
-    /// With fixed durations the entries are those of the two nodes around it. With free ones the piece changes with the durations: then
-    /// every node has an entry, and every duration.
+    /// With fixed durations only the two nodes around the time have entries. With free durations the piece depends on the durations; then
+    /// every node and every duration has an entry.
     ///
-    /// * `timing` - at `x`
-    /// * `order` - 0 value, 1 slope, 2 second derivative; with free durations 0 only
+    /// * `timing` - timing at `x`
+    /// * `order` - 0 value, 1 slope, 2 second derivative; only 0 with free durations
     pub fn at(&self, x: &[f64], timing: &Timing, time: f64, order: usize) -> Point {
-        // The phase, by its end; the last one takes what rounding leaves.
+        // Find the phase by its end; the last phase takes the rest from rounding.
         let last = timing.durations.len() - 1;
         let (mut phase, mut start) = (0, 0.);
         while phase < last && time > start + timing.durations[phase] {
@@ -152,7 +155,7 @@ impl Curve {
             }
         }
         let slope = value(weights(local, duration, 1));
-        // Longer phases before: everything comes later. A longer phase around: pieces grow, and those before in it push.
+        // A longer earlier phase delays the curve. A longer current phase stretches its pieces, and those before delay this one.
         let around = (value(weights_by_duration(local, duration)) - slope * within as f64) / pieces as f64;
         for (j, &variable) in timing.variables.iter().enumerate() {
             let mut derivative = match j.cmp(&phase) {
@@ -161,7 +164,7 @@ impl Curve {
                 std::cmp::Ordering::Greater => Vector3::zeros(),
             };
             if phase == last {
-                // The last phase shrinks by as much.
+                // The last phase shrinks by the same amount.
                 derivative -= around;
             }
             by.extend((0..3).map(|d| (variable, d, derivative[d])));
@@ -169,9 +172,9 @@ impl Curve {
         Point { value: value(w), by }
     }
 
-    /// The curve on a piece, with entries of its two nodes.
+    /// Point of the curve on a piece, with entries for its two nodes.
     ///
-    /// * `local` - from the start of the piece, s
+    /// * `local` - time since the start of the piece, s
     pub fn on_piece(&self, x: &[f64], piece: usize, duration: f64, local: f64, order: usize) -> Point {
         let w = weights(local, duration, order);
         let mut by = Vec::with_capacity(12);

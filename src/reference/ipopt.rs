@@ -1,13 +1,13 @@
-//! Ipopt, where the feature `ipopt` has linked it.
+//! Interface to Ipopt, which the feature `ipopt` links.
 //!
-//! One solve at a time in a process: Debian's Ipopt factors with MUMPS, whose state is global, and its time limit counts the CPU time of the
-//! whole process. [`super::workers`] runs several processes.
+//! Only one solve runs per process at a time: Debian's Ipopt factorises with MUMPS, whose state is global, and its time limit counts the
+//! CPU time of the whole process. [`super::workers`] runs several processes.
 
 use super::nlp::Nlp;
 pub use super::nlp::{Options, Statistics};
 use crate::error::{Error, Result};
 
-/// Version that was linked; none without the feature.
+/// Version of the linked Ipopt; `None` without the feature.
 pub const VERSION: Option<&str> = option_env!("IPOPT_VERSION");
 
 fn missing() -> Error {
@@ -15,7 +15,7 @@ fn missing() -> Error {
     Error::Missing { message: how.into() }
 }
 
-/// That there is an Ipopt.
+/// Checks that Ipopt is available.
 ///
 /// # Errors
 /// [`Error::Missing`] without the feature.
@@ -23,19 +23,19 @@ pub fn check() -> Result<()> {
     VERSION.map(|_| ()).ok_or_else(missing)
 }
 
-/// Solves from `start`, or from the program's own initial point. Returns the last point.
+/// Solves a program from `start`, or from its own initial point. Returns the last point.
 ///
 /// # Errors
-/// As [`check`].
+/// [`Error::Missing`] without the feature.
 #[cfg(feature = "ipopt")]
 pub fn solve(nlp: &dyn Nlp, start: Option<&[f64]>, options: &Options) -> Result<(Vec<f64>, Statistics)> {
     Ok(super::ipopt_binding::solve(nlp, start, options))
 }
 
-/// There is no Ipopt in this build.
+/// Fails, because this build has no Ipopt.
 ///
 /// # Errors
-/// As [`check`].
+/// [`Error::Missing`] always.
 #[cfg(not(feature = "ipopt"))]
 pub fn solve(_: &dyn Nlp, _: Option<&[f64]>, _: &Options) -> Result<(Vec<f64>, Statistics)> {
     Err(missing())

@@ -33,7 +33,7 @@ unsafe extern "C" {
         eval_h: EvalH,
     ) -> *mut c_void;
     fn FreeIpoptProblem(problem: *mut c_void);
-    // Answers are not looked at: `int` before 3.14, `bool` since.
+    // The results are ignored: they are `int` before 3.14 and `bool` since then.
     fn AddIpoptStrOption(problem: *mut c_void, keyword: *const c_char, value: *const c_char) -> Bool;
     fn AddIpoptNumOption(problem: *mut c_void, keyword: *const c_char, value: f64) -> Bool;
     fn AddIpoptIntOption(problem: *mut c_void, keyword: *const c_char, value: c_int) -> Bool;
@@ -50,19 +50,19 @@ unsafe extern "C" {
     ) -> c_int;
 }
 
-/// What the callbacks work on.
+/// State that the callbacks work on.
 struct Session<'a> {
     nlp: &'a dyn Nlp,
     rows: Rows,
     pattern: Pattern,
-    /// Where `rows` was evaluated.
+    /// Point at which `rows` was evaluated.
     x: Vec<f64>,
     iterations: usize,
     evaluation_seconds: f64,
 }
 
 impl Session<'_> {
-    /// Evaluates rows and Jacobian unless they are at `x` already.
+    /// Evaluates rows and Jacobian at `x` if they are at another point.
     fn evaluate(&mut self, x: &[f64]) {
         if self.x != x {
             let start = Instant::now();
@@ -75,30 +75,31 @@ impl Session<'_> {
     }
 }
 
-/// The session and the point of a callback.
+/// Returns the session and the point of a callback.
 ///
 /// # Safety
-/// As Ipopt calls it: `user` is the session given to [`IpoptSolve`], not in use elsewhere; `x` has `n` values, or is null.
+/// The arguments must be those of an Ipopt callback: `user` is the session given to [`IpoptSolve`] and not in use elsewhere; `x` has `n`
+/// values, or is null.
 unsafe fn session<'s, 'x>(user: *mut c_void, n: c_int, x: *const f64) -> (&'s mut Session<'static>, &'x [f64]) {
-    // SAFETY: see above.
+    // SAFETY: see the doc comment.
     unsafe { (&mut *user.cast::<Session>(), if x.is_null() { &[] } else { std::slice::from_raw_parts(x, n as usize) }) }
 }
 
 extern "C" fn eval_f(n: c_int, x: *const f64, _: Bool, value: *mut f64, user: *mut c_void) -> Bool {
-    // SAFETY: Ipopt's arguments, see `session`; it asks for one number.
+    // SAFETY: Ipopt's arguments, see `session`; `value` points to one number.
     let ((session, x), value) = unsafe { (session(user, n, x), &mut *value) };
     *value = session.nlp.objective(x, None);
     value.is_finite() as Bool
 }
 
 extern "C" fn eval_grad_f(n: c_int, x: *const f64, _: Bool, gradient: *mut f64, user: *mut c_void) -> Bool {
-    // SAFETY: Ipopt's arguments, see `session`; it asks for n numbers.
+    // SAFETY: Ipopt's arguments, see `session`; `gradient` has n numbers.
     let ((session, x), gradient) = unsafe { (session(user, n, x), std::slice::from_raw_parts_mut(gradient, n as usize)) };
     session.nlp.objective(x, Some(gradient)).is_finite() as Bool
 }
 
 extern "C" fn eval_g(n: c_int, x: *const f64, _: Bool, m: c_int, values: *mut f64, user: *mut c_void) -> Bool {
-    // SAFETY: Ipopt's arguments, see `session`; it asks for m numbers.
+    // SAFETY: Ipopt's arguments, see `session`; `values` has m numbers.
     let ((session, x), values) = unsafe { (session(user, n, x), std::slice::from_raw_parts_mut(values, m as usize)) };
     session.evaluate(x);
     values.copy_from_slice(&session.rows.values);
@@ -121,7 +122,7 @@ extern "C" fn eval_jac_g(
     let (session, x) = unsafe { session(user, n, x) };
     let entries = entries as usize;
     if values.is_null() {
-        // SAFETY: when it asks for no values it asks for the pattern, as many entries as it was told.
+        // SAFETY: without values Ipopt requests the pattern; both arrays have the number of entries given to `CreateIpoptProblem`.
         let (row, column) = unsafe { (std::slice::from_raw_parts_mut(row, entries), std::slice::from_raw_parts_mut(column, entries)) };
         for (i, &(r, c)) in session.pattern.entries.iter().enumerate() {
             (row[i], column[i]) = (r as c_int, c as c_int);
@@ -130,7 +131,7 @@ extern "C" fn eval_jac_g(
     }
     session.evaluate(x);
     let start = Instant::now();
-    // SAFETY: it asks for as many values as it was told there are.
+    // SAFETY: `values` has the number of entries given to `CreateIpoptProblem`.
     let values = unsafe { std::slice::from_raw_parts_mut(values, entries) };
     session.pattern.values(&session.rows, values);
     session.evaluation_seconds += start.elapsed().as_secs_f64();
@@ -152,7 +153,7 @@ extern "C" fn eval_h(
     _: *mut f64,
     _: *mut c_void,
 ) -> Bool {
-    // Never asked for with a limited-memory Hessian.
+    // Never called with a limited-memory Hessian.
     0
 }
 
@@ -177,7 +178,7 @@ extern "C" fn intermediate(
     1
 }
 
-/// As [`super::ipopt::solve`].
+/// Implementation of [`super::ipopt::solve`].
 pub fn solve(nlp: &dyn Nlp, start: Option<&[f64]>, options: &Options) -> (Vec<f64>, Statistics) {
     static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
     let _turn = locked(&ONE_AT_A_TIME);
@@ -191,11 +192,11 @@ pub fn solve(nlp: &dyn Nlp, start: Option<&[f64]>, options: &Options) -> (Vec<f6
     let (x_l, x_u, g_l, g_u) = (side(nlp.bounds(), 0), side(nlp.bounds(), 1), side(&rows.limits, 0), side(&rows.limits, 1));
     let mut session = Session { nlp, rows, pattern, x: x.clone(), iterations: 0, evaluation_seconds: 0. };
     let text = |problem, keyword: &CStr, value: &CStr| {
-        // SAFETY: a problem of Ipopt's and two C strings, which it copies.
+        // SAFETY: a problem created by Ipopt and two C strings, which it copies.
         unsafe { AddIpoptStrOption(problem, keyword.as_ptr(), value.as_ptr()) };
     };
-    // SAFETY: arrays of n and m numbers that Ipopt copies; callbacks that follow its interface; `session` outlives the solve and is not
-    // touched during it but by the callbacks; the problem is freed once.
+    // SAFETY: Ipopt copies the arrays of n and m numbers; the callbacks follow its interface; `session` outlives the solve and only the
+    // callbacks access it during the solve; the problem is freed once.
     let status = unsafe {
         let problem = CreateIpoptProblem(
             n as c_int,
@@ -214,7 +215,7 @@ pub fn solve(nlp: &dyn Nlp, start: Option<&[f64]>, options: &Options) -> (Vec<f6
             eval_h,
         );
         if problem.is_null() {
-            // `Invalid_Problem_Definition`: bounds that cross.
+            // `Invalid_Problem_Definition`: a lower bound exceeds its upper bound.
             -11
         } else {
             text(problem, c"hessian_approximation", c"limited-memory");

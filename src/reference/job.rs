@@ -1,4 +1,4 @@
-//! One problem for Ipopt from beginning to end: program, solve, count of what is violated.
+//! Job for Ipopt: builds a program, solves it and counts the violated rows.
 
 use super::contact_implicit::{ContactImplicit, Contacts, RELAXATIONS};
 use super::ipopt::{self, Options, Statistics};
@@ -15,19 +15,19 @@ use crate::verify::verify_rows;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
-/// Which program.
+/// Program to solve.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Program {
-    /// TOWR's with the durations of a schedule, s, `[feet][phases]`.
+    /// TOWR's program with the durations of a schedule, s, `[feet][phases]`.
     Fixed(Vec<Vec<f64>>),
-    /// TOWR's with durations as variables inside limits, s, beginning with these.
+    /// TOWR's program with durations as variables within limits, s, starting from the given durations.
     Free(Vec<Vec<f64>>, [f64; 2]),
-    /// The contact-implicit one with a horizon, s.
+    /// Contact-implicit program with a horizon, s.
     ContactImplicit(f64),
 }
 
-/// A problem, whole: it can be sent to another process.
+/// Complete problem that can be sent to another process.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Job {
     /// Robot.
@@ -36,38 +36,38 @@ pub struct Job {
     pub terrain: Terrain,
     /// Base at the start.
     pub start: BaseState,
-    /// Where each foot stands then (x, y), m.
+    /// Initial position of each foot (x, y), m.
     pub start_feet: Vec<[f64; 2]>,
     /// Base at the end.
     pub goal: BaseState,
     /// Largest normal force of a foot, N.
     pub force_limit: f64,
-    /// Program.
+    /// Program to solve.
     pub program: Program,
     /// Ipopt's options.
     pub options: Options,
 }
 
-/// What came of it.
+/// Result of a job.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Answer {
-    /// Of all solves where there are several; status and sizes are the last one's.
+    /// Statistics, summed over all solves if there are several; status and sizes are those of the last one.
     #[serde(flatten)]
     pub statistics: Statistics,
-    /// Whether no row of `verify` is violated.
+    /// True if no row of `verify` is violated.
     pub feasible: bool,
-    /// Rows of `verify` beyond 1e-4.
+    /// Number of rows of `verify` violated by more than 1e-4.
     pub n_violated: usize,
-    /// Worst violation.
+    /// Largest violation.
     pub max_violation: f64,
     /// Mean of |normal force| over all force nodes, N.
     pub mean_normal_force: f64,
-    /// The motion, feasible or not.
+    /// Trajectory, feasible or not.
     pub trajectory: Trajectory,
 }
 
 impl Job {
-    /// A job for a task.
+    /// Job for a task.
     pub fn new(task: &Task, program: Program, options: Options) -> Job {
         Job {
             robot: (*task.robot).clone(),
@@ -81,15 +81,15 @@ impl Job {
         }
     }
 
-    /// TOWR's program of a schedule whose feet are stretched to the longest, as in the paper \[1\].
+    /// TOWR's program of a schedule whose feet are stretched to the longest one, as in the paper \[1\].
     pub fn fixed(task: &Task, schedule: &Schedule, options: Options) -> Job {
         Job::new(task, Program::Fixed(schedule.stretched().durations().to_vec()), options)
     }
 
-    /// Solves it in this process, and checks the motion.
+    /// Solves the job in this process and checks the trajectory.
     ///
     /// # Errors
-    /// [`crate::Error::Invalid`] for a task or a schedule that cannot be, [`crate::Error::Missing`] without Ipopt.
+    /// [`crate::Error::Invalid`] for an invalid task or schedule, [`crate::Error::Missing`] without Ipopt.
     pub fn run(self) -> Result<Answer> {
         let Job { robot, terrain, start, start_feet, goal, force_limit, program, options } = self;
         let mut task = Task::of_states(robot, terrain, start, Some(start_feet), goal)?;
@@ -116,9 +116,9 @@ impl Job {
     }
 }
 
-/// Solves with ever less relaxation, each from the solution of the one before, and last with the contacts found.
+/// Solves with decreasing relaxation, each time from the previous solution, and finally with the contacts found.
 ///
-/// The time limit is for all solves together, the iteration limit for each.
+/// The time limit applies to all solves together, the iteration limit to each.
 fn contact_implicit(task: &Task, horizon: f64, options: &Options) -> Result<(Statistics, Trajectory)> {
     let start = Instant::now();
     let left = || Options { max_seconds: (options.max_seconds - start.elapsed().as_secs_f64()).max(1e-3), ..*options };

@@ -1,8 +1,11 @@
-//! The same problems for a general solver: what this program is compared with.
+//! Reference programs: the same problems formulated for a general solver, with which this program is compared.
 //!
-//! [`towr`] is TOWR's whole program \[3\] for fixed durations, or with durations as variables, which is the paper's \[1\] first baseline;
-//! [`contact_implicit`] its second. All are given to Ipopt by [`ipopt`], one as a [`job`], many by [`workers`]. Ipopt itself is there with the
-//! feature `ipopt` only.
+//! [`towr`] is TOWR's whole program \[3\] with fixed durations, or with durations as variables; the latter is the first baseline of the
+//! paper \[1\]. [`contact_implicit`] is the second baseline. [`ipopt`] passes them to Ipopt, [`job`] runs one problem, [`workers`] runs
+//! many in parallel. Ipopt itself is only available with the feature `ipopt`.
+//!
+//! The formulas for Hermite pieces, Euler angles and the rigid body are deliberately repeated here: an independent formulation shares no
+//! error with the solver that is compared with it.
 
 pub mod contact_implicit;
 mod curve;

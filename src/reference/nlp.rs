@@ -1,13 +1,13 @@
-//! Nonlinear programs as general solvers take them: bounds, rows, and a sparse exact Jacobian; what such a solver is told, and what it tells.
+//! Interface of nonlinear programs for general solvers: bounds, rows with a sparse exact Jacobian, options and statistics of a solve.
 
 use serde::{Deserialize, Serialize};
 
-/// Anything at least as large is no limit.
+/// Limits of at least this magnitude count as no limit.
 pub const INFINITY: f64 = 1e20;
 
-/// `lower <= x <= upper`, `lower_i <= row_i(x) <= upper_i`, and, in some, a smooth function to minimise.
+/// Nonlinear program: `lower <= x <= upper`, `lower_i <= row_i(x) <= upper_i`, and optionally a smooth function to minimise.
 pub trait Nlp {
-    /// Where to start.
+    /// Initial point.
     fn initial(&self) -> &[f64];
 
     /// Lower and upper bound of each variable.
@@ -16,7 +16,7 @@ pub trait Nlp {
     /// Pushes every row, in the same order and with the same entries at any `x`.
     fn rows(&self, x: &[f64], rows: &mut Rows);
 
-    /// What is to be minimised, and its derivatives into `gradient`; zero unless a program says otherwise.
+    /// Function to minimise; writes its derivatives into `gradient`. Zero by default.
     fn objective(&self, x: &[f64], gradient: Option<&mut [f64]>) -> f64 {
         let _ = x;
         gradient.map_or(0., |g| {
@@ -33,31 +33,31 @@ pub struct Rows {
     pub values: Vec<f64>,
     /// Lower and upper limit of each row.
     pub limits: Vec<[f64; 2]>,
-    /// `(row, variable, derivative)`; a pair may come more than once, and then its derivatives add up.
+    /// Derivatives `(row, variable, derivative)`. Those of repeated pairs are added.
     pub entries: Vec<(u32, u32, f64)>,
 }
 
 impl Rows {
-    /// Forgets all rows and keeps the memory.
+    /// Removes all rows and keeps the allocated memory.
     pub fn clear(&mut self) {
         self.values.clear();
         self.limits.clear();
         self.entries.clear();
     }
 
-    /// Begins a row.
+    /// Starts a new row.
     pub fn row(&mut self, value: f64, limits: [f64; 2]) {
         self.values.push(value);
         self.limits.push(limits);
     }
 
-    /// Derivative of the row begun last.
+    /// Adds a derivative of the most recent row.
     pub fn entry(&mut self, variable: usize, derivative: f64) {
         self.entries.push((self.values.len() as u32 - 1, variable as u32, derivative));
     }
 }
 
-/// Which entries the Jacobian has, each once, and where each entry pushed by [`Nlp::rows`] goes.
+/// Sparsity pattern of the Jacobian without repetitions, and the position in it of every entry that [`Nlp::rows`] pushes.
 #[derive(Debug)]
 pub struct Pattern {
     /// `(row, variable)` of each value.
@@ -66,7 +66,7 @@ pub struct Pattern {
 }
 
 impl Pattern {
-    /// Pattern of the entries at any point.
+    /// Pattern of the given rows; it is the same at every point.
     pub fn new(rows: &Rows) -> Pattern {
         let mut entries: Vec<(u32, u32)> = rows.entries.iter().map(|&(row, variable, _)| (row, variable)).collect();
         entries.sort_unstable();
@@ -76,7 +76,7 @@ impl Pattern {
         Pattern { entries, slots }
     }
 
-    /// Values of the Jacobian, in the order of [`Pattern::entries`].
+    /// Writes the values of the Jacobian, in the order of [`Pattern::entries`].
     pub fn values(&self, rows: &Rows, into: &mut [f64]) {
         debug_assert_eq!(rows.entries.len(), self.slots.len(), "every point pushes the same entries");
         into.fill(0.);
@@ -86,42 +86,43 @@ impl Pattern {
     }
 }
 
-/// Options of Ipopt; all others are Ipopt's defaults but for a limited-memory Hessian and no output.
+/// Options of Ipopt. All others have Ipopt's defaults, except a limited-memory Hessian and no output.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Options {
-    /// `tol`.
+    /// Convergence tolerance, Ipopt's `tol`.
     pub tolerance: f64,
-    /// `max_iter`.
+    /// Largest number of iterations, Ipopt's `max_iter`.
     pub max_iterations: usize,
-    /// `max_cpu_time`, s.
+    /// Time limit, Ipopt's `max_cpu_time`, s.
     pub max_seconds: f64,
-    /// `mu_init`, with starts pushed into their bounds by no more; Ipopt's own when absent. Small: the optimum near the start.
+    /// Initial barrier parameter `mu_init`, also the distance by which the start is pushed inside its bounds; `None` for Ipopt's defaults.
+    /// A small value finds the optimum near the start.
     pub barrier: Option<f64>,
 }
 
 impl Options {
-    /// Those of the paper's lower level: 50 iterations, 5 s.
+    /// Options of the paper's lower level: 50 iterations, 5 s.
     pub const LOWER_LEVEL: Options = Options { tolerance: 1e-3, max_iterations: 50, max_seconds: 5., barrier: None };
-    /// Those of the paper's baselines: 200 iterations, 40 s.
+    /// Options of the paper's baselines: 200 iterations, 40 s.
     pub const BASELINE: Options = Options { tolerance: 1e-3, max_iterations: 200, max_seconds: 40., barrier: None };
 }
 
-/// How a solve ended, and what it cost.
+/// Result status, size and cost of a solve.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Statistics {
-    /// Ipopt's `ApplicationReturnStatus`: 0 solved, 1 to an acceptable level, 2 infeasible, -1 iteration limit, -4 time limit, ...
+    /// Ipopt's `ApplicationReturnStatus`: 0 solved, 1 solved to the acceptable level, 2 infeasible, -1 iteration limit, -4 time limit, ...
     pub status: i32,
-    /// Iterations.
+    /// Number of iterations.
     pub iterations: usize,
     /// Wall time, s.
     pub seconds: f64,
-    /// Part of it spent in rows and Jacobians, s.
+    /// Part of the wall time spent in rows and Jacobians, s.
     pub evaluation_seconds: f64,
-    /// Variables, fixed ones included.
+    /// Number of variables, including fixed ones.
     pub n_variables: usize,
-    /// Rows.
+    /// Number of rows.
     pub n_constraints: usize,
-    /// Entries of the Jacobian.
+    /// Number of entries of the Jacobian.
     pub nnz_jacobian: usize,
 }

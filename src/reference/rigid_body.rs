@@ -1,4 +1,5 @@
-//! Rows of the single rigid body with exact derivatives: by dual numbers in the angles, by hand where they are bilinear.
+//! Rows of the single rigid body with exact derivatives: by dual numbers in the angles, by hand where the rows are bilinear. The formulas
+//! are deliberately independent of the solver's.
 
 use super::curve::Point;
 use super::nlp::{INFINITY, Rows};
@@ -7,21 +8,21 @@ use crate::terrain::Terrain;
 use nalgebra::{Matrix3, SVector, Vector3};
 use num_dual::{Derivative, DualNum, DualSVec64};
 
-/// Equality.
+/// Limits of an equality row.
 pub const ZERO: [f64; 2] = [0., 0.];
 
-/// Position or attitude of the base at a time, with its rates.
+/// Position and attitude of the base at a time, with their derivatives.
 #[derive(Debug)]
 pub struct Base {
     /// Position, m.
     pub position: Point,
     /// Acceleration, m/s².
     pub acceleration: Point,
-    /// Roll, pitch, yaw, rad, with first and second derivative.
+    /// Roll, pitch and yaw, rad, with their first and second derivatives.
     pub angles: [Point; 3],
 }
 
-/// Numbers whose derivatives are taken with respect to themselves.
+/// Dual numbers of independent variables.
 fn variables<const N: usize>(values: SVector<f64, N>) -> [DualSVec64<N>; N] {
     std::array::from_fn(|i| {
         let mut unit = SVector::zeros();
@@ -49,7 +50,7 @@ fn rotation<const N: usize>([roll, pitch, yaw]: [DualSVec64<N>; 3]) -> Matrix3<D
 fn spin(inertia: &Matrix3<f64>, [angles, rates, second]: [[DualSVec64<9>; 3]; 3]) -> Vector3<DualSVec64<9>> {
     let ((sp, cp), (sy, cy)) = (angles[1].sin_cos(), angles[2].sin_cos());
     let (zero, one) = (DualSVec64::from(0.), DualSVec64::from(1.));
-    // Axes about which yaw, pitch and roll turn, and how fast the latter two move.
+    // Axes of yaw, pitch and roll, and the rates of change of the latter two.
     let (z, y, x) = (Vector3::new(zero, zero, one), Vector3::new(-sy, cy, zero), Vector3::new(cy * cp, sy * cp, -sp));
     let (y_rate, x_rate) = (z.cross(&y) * rates[2], (z * rates[2] + y * rates[1]).cross(&x));
     let omega = z * rates[2] + y * rates[1] + x * rates[0];
@@ -59,9 +60,9 @@ fn spin(inertia: &Matrix3<f64>, [angles, rates, second]: [[DualSVec64<9>; 3]; 3]
     inertia_w * omega_rate + omega.cross(&(inertia_w * omega))
 }
 
-/// Six rows at an instant: `dL/dt - sum (x_i - p) x f_i = 0`, N m, and `m a - sum f_i + m g e_z = 0`, N.
+/// Pushes six rows of an instant: `dL/dt - sum (x_i - p) x f_i = 0`, N m, and `m a - sum f_i + m g e_z = 0`, N.
 ///
-/// * `feet` - position and force of each foot, world frame
+/// * `feet` - position, m, and force, N, of each foot, world frame
 pub fn dynamics(robot: &Robot, base: &Base, feet: &[(Point, Point)], rows: &mut Rows) {
     let inertia = Matrix3::from_fn(|r, c| robot.inertia[r][c]);
     let given = variables(SVector::<f64, 9>::from_fn(|i, _| base.angles[i / 3].value[i % 3]));
@@ -75,7 +76,7 @@ pub fn dynamics(robot: &Robot, base: &Base, feet: &[(Point, Point)], rows: &mut 
         for (order, angles) in base.angles.iter().enumerate() {
             angles.push(by.fixed_rows::<3>(3 * order).into_owned(), rows);
         }
-        // The moment's component is e . (r x f): its gradient by r is f x e, by f it is e x r.
+        // The component of the moment is e . (r x f): its gradient is f x e by r and e x r by f.
         let e = Vector3::ith(axis, 1.);
         let others = [0, 1, 2].map(|d| d != axis);
         base.position.push_where(others, total.cross(&e), rows);
@@ -94,7 +95,7 @@ pub fn dynamics(robot: &Robot, base: &Base, feet: &[(Point, Point)], rows: &mut 
     }
 }
 
-/// Three rows: a foot in the base frame inside its box, m.
+/// Pushes three rows: a foot inside its reach box, base frame, m.
 pub fn reach(robot: &Robot, foot: usize, base: &Point, angles: &Point, at: &Point, rows: &mut Rows) {
     let given = variables::<3>(angles.value);
     let r = at.value - base.value;
@@ -111,9 +112,9 @@ pub fn reach(robot: &Robot, foot: usize, base: &Point, angles: &Point, at: &Poin
     }
 }
 
-/// Five rows: normal force between 0 and its limit, friction pyramid on two tangents, N.
+/// Pushes five rows: normal force between 0 and its limit, and the friction pyramid on two tangents, N.
 ///
-/// * `at` - where the foot stands: normal and tangents are the terrain's there
+/// * `at` - foothold; normal and tangents are those of the terrain there
 pub fn contact_force(terrain: &Terrain, limit: f64, force: &Point, at: &Point, rows: &mut Rows) {
     let ground = terrain.ground(at.value.x, at.value.y);
     let given = variables(SVector::<f64, 5>::from_fn(|i, _| if i < 3 { force.value[i] } else { ground.slope[i - 3] }));
@@ -136,14 +137,14 @@ pub fn contact_force(terrain: &Terrain, limit: f64, force: &Point, at: &Point, r
     }
 }
 
-/// One row: height of a point above the terrain, m.
+/// Pushes one row: height of a point above the terrain, m.
 pub fn height(terrain: &Terrain, at: &Point, limits: [f64; 2], rows: &mut Rows) {
     let ground = terrain.ground(at.value.x, at.value.y);
     rows.row(at.value.z - ground.height, limits);
     at.push(Vector3::new(-ground.slope[0], -ground.slope[1], 1.), rows);
 }
 
-/// Three rows for each inner knot: acceleration continuous.
+/// Pushes three rows: continuous acceleration at an inner node.
 pub fn continuous_acceleration(before: &Point, after: &Point, rows: &mut Rows) {
     for axis in 0..3 {
         rows.row(before.value[axis] - after.value[axis], ZERO);

@@ -1,6 +1,7 @@
 //! TOWR's whole nonlinear program \[3\]: every node, row and bound, with fixed phase durations or with durations as variables.
 //!
-//! Nothing is eliminated and nothing is shared with [`crate::nlp`] or [`crate::rows`]: it is what this program's solver is compared with.
+//! Nothing is eliminated, and nothing is shared with [`crate::nlp`] or [`crate::rows`], because this program serves as the reference for
+//! their solver. Formulas that occur in both are repeated deliberately.
 
 use super::curve::{Curve, Point, Timing};
 use super::nlp::{INFINITY, Nlp, Rows};
@@ -13,22 +14,22 @@ use crate::settings::{Transcription, TranscriptionSettings};
 use crate::task::Task;
 use nalgebra::Vector3;
 
-/// Duration of a base piece and distance of the dynamics rows, s.
+/// Duration of a base piece and interval between the dynamics rows, s.
 const DYNAMICS_STEP: f64 = 0.1;
-/// Distance of the reach rows, s.
+/// Interval between the reach rows, s.
 const REACH_STEP: f64 = 0.08;
-/// Force pieces of a stance.
+/// Number of force pieces per stance.
 const FORCE_PIECES: usize = 3;
-/// Motion pieces of a swing.
+/// Number of motion pieces per swing.
 const SWING_PIECES: usize = 2;
-/// Duration that mid-swing velocities assume, s.
+/// Swing duration by which the mid-swing velocities are computed, s.
 const MEAN_SWING: f64 = 0.3;
-/// Sum of the durations but the last of a foot: at least this, and at most the horizon less [`TOTAL_MARGIN`], s.
+/// Smallest sum of all durations of a foot except the last, s.
 const LEAST_TOTAL: f64 = 0.1;
-/// s.
+/// Smallest amount by which the sum of all durations of a foot except the last is below the horizon, s.
 const TOTAL_MARGIN: f64 = 0.2;
 
-/// The program of one schedule.
+/// Program of one schedule.
 #[derive(Debug)]
 pub struct Towr<'a> {
     task: &'a Task,
@@ -39,7 +40,7 @@ pub struct Towr<'a> {
     bounds: Vec<[f64; 2]>,
 }
 
-/// Position and Euler angles of the base.
+/// Curves of the position and the Euler angles of the base.
 #[derive(Debug)]
 pub(super) struct BaseCurves {
     linear: Curve,
@@ -54,7 +55,7 @@ struct Foot {
     timing: Timing,
 }
 
-/// Variables while they are made.
+/// Variables during their construction.
 #[derive(Debug, Default)]
 pub(super) struct Variables {
     pub initial: Vec<f64>,
@@ -62,26 +63,26 @@ pub(super) struct Variables {
 }
 
 impl Variables {
-    /// A free variable.
+    /// Adds a free variable and returns its index.
     pub fn free(&mut self, initial: f64) -> usize {
         self.bounded(initial, [-INFINITY, INFINITY])
     }
 
-    /// A variable with bounds.
+    /// Adds a variable with bounds and returns its index.
     pub fn bounded(&mut self, initial: f64, bounds: [f64; 2]) -> usize {
         self.initial.push(initial);
         self.bounds.push(bounds);
         self.initial.len() - 1
     }
 
-    /// Holds a variable.
+    /// Fixes a variable.
     pub fn fix(&mut self, variable: usize, value: f64) {
         self.bounds[variable] = [value, value];
     }
 }
 
 impl BaseCurves {
-    /// Nodes every 0.1 s on a line from start to goal; start pose and velocity and goal pose are fixed.
+    /// Adds nodes every 0.1 s on a line from start to goal. Start pose, start velocity and goal pose are fixed.
     pub fn new(task: &Task, horizon: f64, variables: &mut Variables) -> BaseCurves {
         let full = ((horizon + 1e-10) / DYNAMICS_STEP) as usize;
         let mut durations = vec![DYNAMICS_STEP; full];
@@ -91,7 +92,7 @@ impl BaseCurves {
         }
         let pieces = durations.len();
         let [gx, gy, _] = task.goal.position;
-        // The height that TOWR starts from: a straight leg above the ground at the goal.
+        // TOWR's initial height: straight legs above the ground at the goal.
         let high = task.terrain.height(gx, gy) - task.robot.nominal_feet[0][2];
         let goals = [task.goal.position, task.goal.angles];
         let guesses = [[gx, gy, high], goals[1]];
@@ -118,13 +119,13 @@ impl BaseCurves {
         BaseCurves { linear, angular, timing: Timing::fixed(durations) }
     }
 
-    /// State at a time.
+    /// State of the base at a time.
     pub fn at(&self, x: &[f64], time: f64) -> Base {
         let at = |curve: &Curve, order| curve.at(x, &self.timing, time, order);
         Base { position: at(&self.linear, 0), acceleration: at(&self.linear, 2), angles: [0, 1, 2].map(|order| at(&self.angular, order)) }
     }
 
-    /// Accelerations continuous at inner nodes.
+    /// Pushes the rows of continuous acceleration at inner nodes.
     pub fn continuity_rows(&self, x: &[f64], rows: &mut Rows) {
         for curve in [&self.linear, &self.angular] {
             for (piece, pair) in self.timing.durations.windows(2).enumerate() {
@@ -135,7 +136,7 @@ impl BaseCurves {
         }
     }
 
-    /// Feet in their boxes at TOWR's instants.
+    /// Pushes the rows of feet in their reach boxes at TOWR's instants.
     ///
     /// * `at` - position of a foot at a time
     pub fn reach_rows(&self, robot: &Robot, x: &[f64], horizon: f64, at: impl Fn(usize, f64) -> Point, rows: &mut Rows) {
@@ -147,35 +148,35 @@ impl BaseCurves {
         }
     }
 
-    /// As in trajectory files: position, then angles.
+    /// Curves as in trajectory files: position, then angles.
     pub fn curves(&self, x: &[f64]) -> [crate::gait::Curve; 2] {
         [&self.linear, &self.angular].map(|curve| nodes_at(curve, &self.timing, x))
     }
 }
 
-/// Node values at `x`.
+/// Curve of a trajectory file, with the node values at `x`.
 pub(super) fn nodes_at(curve: &Curve, timing: &Timing, x: &[f64]) -> crate::gait::Curve {
     crate::gait::Curve { poly_durations: curve.piece_durations(timing), nodes: (0..curve.nodes.len()).map(|n| curve.node(n, x)).collect() }
 }
 
-/// Instants 0, step, 2 step, ... and the horizon. As TOWR has them: a horizon that is a multiple of the step comes twice.
+/// Instants 0, step, 2 step, ... and the horizon. As in TOWR, a horizon that is a multiple of the step occurs twice.
 fn instants(horizon: f64, step: f64) -> impl Iterator<Item = f64> {
     let full = (horizon / step).floor() as usize;
     (0..=full).map(move |i| i as f64 * step).chain([horizon])
 }
 
-/// Largest normal force of a foot in a program for Ipopt, N.
+/// Largest normal force of a foot in a reference program, N.
 pub(super) fn force_limit(task: &Task) -> f64 {
     transcription::force_limit(&TranscriptionSettings::of(Transcription::Towr), task)
 }
 
 impl<'a> Towr<'a> {
-    /// With the durations of a schedule. Its feet must end together.
+    /// Program with the durations of a schedule, whose feet must end at the same time.
     pub fn fixed(task: &'a Task, schedule: &Schedule) -> Towr<'a> {
         Towr::new(task, schedule, None)
     }
 
-    /// With durations as variables inside `limits`, s, beginning with those of a schedule.
+    /// Program with durations as variables within `limits`, s, starting from those of a schedule.
     pub fn free(task: &'a Task, schedule: &Schedule, limits: [f64; 2]) -> Towr<'a> {
         Towr::new(task, schedule, Some(limits))
     }
@@ -197,10 +198,10 @@ impl<'a> Towr<'a> {
         Towr { task, horizon, base, feet, initial: variables.initial, bounds: variables.bounds }
     }
 
-    /// The point at which the program has the curves of a trajectory: a start near it, or a check of it.
+    /// Point of the program that represents the curves of a trajectory, as an initial point or to check it.
     ///
     /// # Errors
-    /// [`Error::Invalid`] when a curve has another number of nodes than here.
+    /// [`Error::Invalid`] if a curve has a different number of nodes.
     pub fn point(&self, trajectory: &Trajectory) -> Result<Vec<f64>> {
         let mut x = self.initial.clone();
         let mut take = |name: &str, curve: &Curve, nodes: &[[f64; 6]]| {
@@ -237,7 +238,7 @@ impl<'a> Towr<'a> {
         Ok(x)
     }
 
-    /// The motion at `x`.
+    /// Trajectory at `x`.
     pub fn trajectory(&self, x: &[f64]) -> Trajectory {
         let timings: Vec<Timing> = self.feet.iter().map(|foot| foot.timing.at(x)).collect();
         let feet = self.feet.iter().zip(&timings);
@@ -249,7 +250,7 @@ impl<'a> Towr<'a> {
     }
 }
 
-/// Nodes of a foot's motion: a stance has one position for its two nodes, a swing a node in the middle that is level.
+/// Nodes of a foot's motion. The two nodes of a stance share one position; the middle node of a swing has zero vertical velocity.
 fn motion(task: &Task, foot: usize, phases: usize, horizon: f64, variables: &mut Variables) -> Curve {
     let mut curve = Curve::default();
     let nodes = (phases.div_ceil(2) + SWING_PIECES * (phases / 2)) + 1;
@@ -261,7 +262,7 @@ fn motion(task: &Task, foot: usize, phases: usize, horizon: f64, variables: &mut
     let mean_velocity = (goal - start) / horizon;
     for phase in 0..phases {
         if phase % 2 == 0 {
-            // The second node of a stance is the one that the position is read from.
+            // The initial position of a stance is that of its second node.
             let place = guess(curve.nodes.len() + 1);
             let at: [usize; 3] = std::array::from_fn(|d| variables.free(place[d]));
             if phase == 0 {
@@ -282,7 +283,7 @@ fn motion(task: &Task, foot: usize, phases: usize, horizon: f64, variables: &mut
     curve
 }
 
-/// Nodes of a foot's force: zero at both ends of a swing, free elsewhere.
+/// Nodes of a foot's force, which is zero at both ends of a swing and free elsewhere.
 fn force(task: &Task, phases: usize, variables: &mut Variables) -> Curve {
     let mut curve = Curve::default();
     let share = task.robot.weight() / task.robot.feet() as f64;
@@ -324,7 +325,7 @@ impl Nlp for Towr<'_> {
         self.base.reach_rows(robot, x, self.horizon, at, rows);
         for (foot, timing) in self.feet.iter().zip(&timings) {
             self.force_rows(foot, x, rows);
-            // The first node is the start, which is fixed.
+            // The first node is the start position, which is fixed.
             for node in 1..foot.motion.nodes.len() {
                 let limits = if swings(&foot.motion, node) { [0., INFINITY] } else { ZERO };
                 height(terrain, &foot.motion.node_point(node, x, false), limits, rows);
@@ -340,13 +341,13 @@ impl Nlp for Towr<'_> {
 }
 
 impl Towr<'_> {
-    /// Friction and normal force at every force node that is not zero by construction, where the foot stands in that phase.
+    /// Pushes friction and normal force at every force node that is not zero by construction, with the foothold of its phase.
     fn force_rows(&self, foot: &Foot, x: &[f64], rows: &mut Rows) {
         for (node, values) in foot.force.nodes.iter().enumerate() {
             if values[0].is_none() {
                 continue;
             }
-            // A node that is free has stance on both sides.
+            // A free node has stance on both sides.
             let phase = foot.force.phases[node.min(foot.force.phases.len() - 1)];
             let stance = foot.motion.phases.partition_point(|&p| p < phase);
             let at = foot.motion.node_point(stance, x, false);
@@ -355,12 +356,12 @@ impl Towr<'_> {
     }
 }
 
-/// Whether a motion node is in the middle of a swing.
+/// True if a motion node is in the middle of a swing.
 fn swings(motion: &Curve, node: usize) -> bool {
     motion.nodes[node][3].is_some()
 }
 
-/// Mid nodes of swings: halfway between the footholds, at their distance over 0.3 s.
+/// Pushes the rows of mid-swing nodes: halfway between the footholds, with the velocity of their distance over [`MEAN_SWING`].
 fn swing_rows(foot: &Foot, x: &[f64], rows: &mut Rows) {
     let motion = &foot.motion;
     for node in (0..motion.nodes.len()).filter(|&node| swings(motion, node)) {

@@ -1,7 +1,7 @@
-//! Several Ipopts at once, each in a process of its own: this program's hidden command `ipopt-worker`.
+//! Parallel Ipopt solves, each in its own process that runs this program's hidden command `ipopt-worker`.
 //!
-//! A worker reads a [`Job`] a line from its input and writes an [`Answer`] or an error a line. A solve that is no longer wanted is ended with its
-//! process. Why processes: see [`super::ipopt`].
+//! A worker reads one [`Job`] per line from its input and writes one [`Answer`] or error per line. A solve that is no longer needed is
+//! stopped by ending its process. [`super::ipopt`] explains why processes are needed.
 
 use super::ipopt::{self, Options};
 use super::job::{Answer, Job};
@@ -18,24 +18,24 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
-/// The hidden command of this program that [`serve`]s.
+/// Hidden command of this program that runs [`serve`].
 pub const COMMAND: &str = "ipopt-worker";
 
-/// How often running solves are looked at.
+/// Interval between checks of the running solves.
 const WATCH: Duration = Duration::from_millis(5);
 
-/// Where jobs are solved.
+/// Pool of worker processes.
 #[derive(Debug, Clone)]
 pub struct Workers {
     program: PathBuf,
-    /// Processes.
+    /// Number of processes.
     pub count: usize,
 }
 
-/// Answer to a job, or why there is none.
+/// Answer to a job, or the error message.
 type Reply = std::result::Result<Answer, String>;
 
-/// A worker: its process, and the index of the job that it is at work on.
+/// Worker: its process and the index of its current job.
 #[derive(Default)]
 struct Desk {
     child: Option<Child>,
@@ -43,38 +43,38 @@ struct Desk {
 }
 
 impl Desk {
-    /// Ends the process, if there is one.
+    /// Ends the process if there is one.
     fn end(&mut self) {
         if let Some(mut child) = self.child.take() {
-            // It may have ended by itself.
+            // The process may have ended already.
             let _ = child.kill();
             let _ = child.wait();
         }
     }
 }
 
-/// A number of threads, where 0 is one a processor.
+/// Number of threads; 0 selects one per processor.
 pub fn threads_or_all(threads: usize) -> usize {
     if threads == 0 { std::thread::available_parallelism().map_or(1, |n| n.get()) } else { threads }
 }
 
 impl Workers {
-    /// Processes of `program`, which must know [`COMMAND`]: `count` of them, or one a processor when that is 0.
+    /// Creates a pool of `count` processes of `program`, which must implement [`COMMAND`]; 0 selects one per processor.
     pub fn new(program: PathBuf, count: usize) -> Workers {
         Workers { program, count: threads_or_all(count) }
     }
 
-    /// Name for results.
+    /// Device name for results.
     pub fn device(&self) -> String {
         format!("ipopt {}, {} processes", ipopt::VERSION.unwrap_or("none"), self.count)
     }
 
-    /// Solves jobs in order and hands each answer to `finish`, from any thread.
+    /// Solves jobs in order and passes each answer to `finish`, from any thread.
     ///
-    /// `skip(index)` is asked before and during each solve; when it says so, that job is dropped.
+    /// `skip(index)` is called before and during each solve; if it returns true, the job is dropped.
     ///
     /// # Errors
-    /// [`Error::Io`] when a process cannot be started; [`Error::Format`] when a job is refused or its process ends without an answer.
+    /// [`Error::Io`] if a process cannot be started; [`Error::Format`] if a job is refused or its process ends without an answer.
     pub fn solve(&self, jobs: &[Job], skip: &(dyn Fn(usize) -> bool + Sync), finish: &(dyn Fn(usize, Answer) + Sync)) -> Result<()> {
         let (next, done) = (AtomicUsize::new(0), AtomicBool::new(false));
         let desks: Vec<Mutex<Desk>> = (0..self.count.min(jobs.len())).map(|_| Mutex::default()).collect();
@@ -100,7 +100,7 @@ impl Workers {
                 }
             });
             for thread in threads {
-                // A panic of `finish` ends one worker; the jobs it had left go to the others.
+                // A panic in `finish` ends one worker; the others take its remaining jobs.
                 let _ = thread.join();
             }
             done.store(true, Ordering::Relaxed);
@@ -108,10 +108,10 @@ impl Workers {
         locked(&failure).take().map_or(Ok(()), Err)
     }
 
-    /// Solves jobs; the answers have their order, none where `cancelled` came first.
+    /// Solves jobs and returns their answers in order; `None` for jobs that `cancelled` stopped.
     ///
     /// # Errors
-    /// As [`Workers::solve`].
+    /// The errors of [`Workers::solve`].
     pub fn answers(&self, jobs: &[Job], cancelled: &AtomicBool) -> Result<Vec<Option<Answer>>> {
         let answers: Vec<Mutex<Option<Answer>>> = jobs.iter().map(|_| Mutex::default()).collect();
         let finish = |index: usize, answer| *locked(&answers[index]) = Some(answer);
@@ -119,7 +119,7 @@ impl Workers {
         Ok(answers.iter().map(|answer| locked(answer).take()).collect())
     }
 
-    /// Takes jobs until there are none.
+    /// Takes jobs until none is left.
     fn work(
         &self,
         desk: &Mutex<Desk>,
@@ -135,7 +135,7 @@ impl Workers {
             if skip(index) {
                 continue;
             }
-            // It may have been ended after its last answer.
+            // The process may have been ended after its last answer.
             pipes = pipes.filter(|_| locked(desk).child.is_some());
             let (input, output) = match &mut pipes {
                 Some(pipes) => pipes,
@@ -143,7 +143,7 @@ impl Workers {
             };
             locked(desk).job = Some(index);
             let mut line = String::new();
-            // A process that was ended reads and writes nothing: what failed is told below.
+            // A process that was ended reads and writes nothing: the check below reports the failure.
             let _ = writeln!(input, "{}", serde_json::to_string(job)?).and_then(|()| input.flush());
             let _ = output.read_line(&mut line);
             locked(desk).job = None;
@@ -176,10 +176,10 @@ impl Workers {
     }
 }
 
-/// Answers jobs, one JSON object a line, until the input ends.
+/// Answers jobs, one JSON object per line, until the input ends.
 ///
 /// # Errors
-/// [`Error::Io`] when input or output breaks.
+/// [`Error::Io`] if reading or writing fails.
 pub fn serve(input: impl BufRead, mut output: impl Write) -> Result<()> {
     let io = |action| move |source| Error::Io { action, path: "pipe".into(), source };
     for line in input.lines() {
@@ -190,12 +190,12 @@ pub fn serve(input: impl BufRead, mut output: impl Write) -> Result<()> {
     Ok(())
 }
 
-/// The lower level of the paper \[1\]: each schedule to Ipopt, its feet stretched to the longest.
+/// Lower level of the paper \[1\]: Ipopt solves each schedule, with its feet stretched to the longest one.
 #[derive(Debug, Clone, Copy)]
 pub struct IpoptLevel<'a> {
     /// The task.
     pub task: &'a Task,
-    /// Processes.
+    /// Worker processes.
     pub workers: &'a Workers,
     /// Ipopt's options.
     pub options: Options,

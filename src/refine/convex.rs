@@ -1,18 +1,19 @@
-//! The convex problem around a point, as Clarabel takes it.
+//! Convex problem around a point, solved by Clarabel.
 //!
-//! Over the step `d` (in its own trust lengths), and the positive and the negative part `p`, `n` of each [`Term`] whose sign may change within
-//! the trust region, with a squared part `s` when terms are rounded:
+//! The unknowns are the step `d` (in trust lengths) and, for each [`Term`] whose sign may change within the trust region, its positive and
+//! negative parts `p`, `n`, and a squared part `s` if terms are rounded:
 //!
 //! ```text
-//! minimise    sum weight (p + n + s^2 / (2 rounding)) + sum weight sign (value + by . d) + effort + effort' d + d' (effort'' + curvature) d / 2
+//! minimise    sum weight (p + n + s^2 / (2 rounding)) + sum weight sign (value + by . d)
+//!             + effort + effort' d + d' (effort'' + curvature) d / 2
 //! such that   value + by . d = p - n + s,  p >= 0,  n >= 0
 //!             c + c' d = 0
-//!             g + g' d <= 0, or as near to it as half the trust region goes
+//!             g + g' d <= 0, or as close to it as half the trust region allows
 //!             |(tangential force, m)| <= mu (normal force) - m      second-order cones
 //!             |d| <= trust
 //! ```
 //!
-//! Rows and terms that no step within the trust region can reach are left out: the solution is the same.
+//! Rows and terms that no step within the trust region can activate are left out. The solution is the same.
 
 use super::convex_cost::{Gradient, Model, Term, rounded, rounded_slope};
 use super::curvature::Curvature;
@@ -20,37 +21,37 @@ use super::rows::{Linear, Row};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
 
-/// Accuracy of a subproblem. Larger: multipliers blur; smaller: rounding keeps Clarabel from reaching it.
+/// Accuracy of the convex problem. Too large: inaccurate multipliers; too small: rounding prevents Clarabel from reaching it.
 const TOLERANCE: f64 = 1e-8;
 
 /// Solution of the convex problem.
 #[derive(Debug, Clone)]
 pub(super) struct Step {
-    /// The step, in the units of the variables.
+    /// Step, in the units of the variables.
     pub by: Vec<f64>,
-    /// How far the cost falls to first order (forces to second).
+    /// Predicted decrease of the cost: first order in the variables, second order in the forces.
     pub predicted: f64,
-    /// What keeps the point from being optimal, see [`super::Optimality`]: derivative of the Lagrangian without the trust region, and
-    /// multiplier times distance from its limit of the worst row. In costs.
+    /// Largest derivative of the Lagrangian without the trust region, see [`super::Optimality`], relative to the cost.
     pub stationarity: f64,
+    /// Largest product of a row's multiplier and its distance from the limit, relative to the cost.
     pub complementarity: f64,
-    /// What rows and powers weigh there, in costs.
+    /// Multipliers of rows and powers, in costs.
     pub multipliers: Multipliers,
 }
 
-/// Weights of rows and powers in the Lagrangian.
+/// Multipliers of rows and powers in the Lagrangian.
 #[derive(Debug, Clone)]
 pub(super) struct Multipliers {
     equalities: Vec<f64>,
     inequalities: Vec<f64>,
-    /// Of the powers of each cell, with its key.
+    /// Multipliers of the powers of each cell, with its key.
     cells: Vec<([usize; 3], [f64; 3])>,
 }
 
 impl Multipliers {
-    /// Derivative of the Lagrangian, effort and cones left out, by a step in trust lengths.
+    /// Derivative of the Lagrangian, without effort and cones, with respect to a step in trust lengths.
     ///
-    /// Powers of cells that are not there any more, or were not, have the sign that they have.
+    /// Powers of cells without a stored multiplier are weighted by their sign.
     pub fn lagrangian(&self, linear: &Linear, model: &Model, length: &[f64]) -> Vec<f64> {
         let mut by = vec![0.; length.len()];
         let mut add = |gradient: &Gradient, weight: f64| gradient.iter().for_each(|&(i, d)| by[i] += weight * d * length[i]);
@@ -72,7 +73,7 @@ impl Multipliers {
     }
 }
 
-/// Matrix in the making, constraint by constraint: `b - A x` in a cone.
+/// Constraint matrix under construction, row by row: `b - A x` in a cone.
 #[derive(Default)]
 struct Constraints {
     rows: Vec<usize>,
@@ -83,7 +84,7 @@ struct Constraints {
 }
 
 impl Constraints {
-    /// `room - by . d` is the next slack.
+    /// Adds the slack `room - by . d`.
     fn slack(&mut self, room: f64, by: impl IntoIterator<Item = (usize, f64)>) {
         let row = self.b.len();
         for (column, value) in by {
@@ -94,7 +95,7 @@ impl Constraints {
         self.b.push(room);
     }
 
-    /// The slacks since the last cone make one.
+    /// Puts the slacks from `from` on into a cone.
     fn cone(&mut self, from: usize, cone: impl Fn(usize) -> SupportedConeT<f64>) {
         if self.b.len() > from {
             self.cones.push(cone(self.b.len() - from));
@@ -107,16 +108,16 @@ fn reach(by: &Gradient, step: &[f64], trust: f64) -> f64 {
     by.iter().map(|&(i, d)| (d * step[i]).abs()).sum::<f64>() * trust
 }
 
-/// Solves the convex problem around a point; nothing when Clarabel does not.
+/// Solves the convex problem around a point; `None` if Clarabel fails.
 ///
-/// * `length` - how far each variable may go at trust 1
+/// * `length` - trust length of each variable
 pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, length: &[f64], trust: f64) -> Option<Step> {
     let n = length.len();
     let cost = model.value();
     let scaled = |by: &Gradient| by.iter().map(|&(i, d)| (i, d * length[i])).collect::<Gradient>();
     let (open, settled): (Vec<&Term>, Vec<&Term>) =
         model.terms.iter().partition(|t| reach(&t.by, length, trust) >= t.value.abs() - model.rounding);
-    // Costs in parts of the cost here, so that tolerances mean the same for every gait.
+    // Costs are relative to the gait's cost, so that tolerances mean the same for every gait.
     let mut q: Vec<f64> = model.effort_by.iter().zip(length).map(|(d, l)| d * l / cost).collect();
     for term in &settled {
         term.by.iter().for_each(|&(i, d)| q[i] += term.weight * term.value.signum() * d * length[i] / cost);
@@ -128,7 +129,7 @@ pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, lengt
         columns.push(b);
         values.push(second * length[a] * length[b] / cost);
     }
-    // The parts that are squared, when terms are rounded.
+    // Squared parts of rounded terms.
     let squares = n + 2 * open.len();
     let n_squares = if model.rounding > 0. { open.len() } else { 0 };
     for (i, term) in open[..n_squares].iter().enumerate() {
@@ -137,7 +138,7 @@ pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, lengt
         values.push(term.weight / (cost * model.rounding));
         q.push(0.);
     }
-    // Steps along the curved directions, last.
+    // Components of the step along the curved directions, last.
     let bends = squares + n_squares;
     for (i, (bend, _)) in curvature.directions.iter().enumerate() {
         rows.push(bends + i);
@@ -167,7 +168,7 @@ pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, lengt
     };
     let inequalities: Vec<(usize, &Row)> = linear.inequalities.iter().enumerate().filter(near).collect();
     for (_, row) in &inequalities {
-        // What is violated comes back as far as half the trust region takes it.
+        // A violated row is repaired as far as half the trust region allows.
         let most = -0.5 * reach(&row.by, length, trust);
         constraints.slack((-row.value).max(most), scaled(&row.by));
         if let Some(lower) = row.lower {
@@ -187,7 +188,7 @@ pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, lengt
     let of_cones = constraints.b.len();
     for cone in &linear.cones {
         let at = constraints.b.len();
-        // A force that is outside may stay as far outside.
+        // A force outside its cone may stay as far outside.
         let [room, t @ ..] = cone.value;
         let size = (t.iter().map(|t| t * t).sum::<f64>() + cone.margin * cone.margin).sqrt();
         constraints.slack(room.max(size), scaled(&cone.by[0]).into_iter().map(|(i, d)| (i, -d)));
@@ -221,7 +222,7 @@ pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, lengt
         return None;
     }
 
-    // Stationarity at the point: what the trust region and the curvature had to balance.
+    // Stationarity at the point: the part that trust region and curvature had to balance.
     let mut bend = curvature.times(&solution.x[..n]);
     for &(i, j, second) in &model.effort_by_forces {
         let second = second * length[i] * length[j] / cost;
@@ -262,7 +263,7 @@ pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, lengt
     Some(Step { by: d, predicted: cost - after, stationarity, complementarity, multipliers })
 }
 
-/// The cost after a step, as the model has it.
+/// Cost after a step according to the model.
 fn predict(model: &Model, d: &[f64]) -> f64 {
     let along = |by: &Gradient| by.iter().map(|&(i, by)| by * d[i]).sum::<f64>();
     let terms = model.terms.iter().map(|t| t.weight * rounded(t.value + along(&t.by), model.rounding)).sum::<f64>();

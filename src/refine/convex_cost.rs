@@ -1,15 +1,17 @@
-//! The cost of a motion as a sum of absolute values of smooth functions and a quadratic one, with their derivatives.
+//! Cost of a motion as a sum of absolute values of smooth functions and a quadratic function, with derivatives.
 //!
-//! A standing leg has two powers, along and across. The absolute values of powers are integrated by the Gauss-Legendre rule of three points between the joints of the curves that a power is
-//! made of. Every point is a [`Term`]: `cost = sum weight |power| + effort`. Linear inside the absolute value that is convex and equals the cost
-//! to first order, however fast powers change their signs: at an optimum many are zero for long. [`crate::gait::cost`] integrates the
-//! absolute value of the parabola through the same points, which is the same where no power changes its sign, and smooth where one does.
-//! Effort is quadratic in the forces and linear in the durations of their pieces.
+//! A stance leg has two powers, along the leg and across it. Their absolute values are integrated by the three-point Gauss-Legendre rule
+//! between the joints of the curves that a power is made of. Every quadrature point is a [`Term`]: `cost = sum weight |power| + effort`.
+//! With the powers linearised inside the absolute value this is convex and equals the cost to first order, however often powers change
+//! sign. At an optimum many powers are zero over long times. [`crate::gait::cost`] integrates the absolute value of the parabola through
+//! the same points: the result is equal where no power changes sign, and smooth where one does. Effort is quadratic in the forces and
+//! linear in the durations of their pieces.
 //!
-//! Absolute values may be [`rounded`]: a motion whose powers are zero at many points is stuck there, for every way out costs something at first.
+//! Absolute values may be [`rounded`]. Without rounding, a motion with zero power at many points is stuck, because every change costs
+//! something at first.
 //!
-//! Derivatives are exact, by dual numbers over the variables that an interval of base knots depends on: durations too, for every time in it is
-//! a number like any other.
+//! Derivatives are exact, by dual numbers over the variables that affect an interval of base knots. This includes durations, because every
+//! time in the interval is a dual number.
 
 use super::variables::{Point, Space};
 use crate::gait::cost::{CostWeights, GAUSS, distance};
@@ -23,25 +25,25 @@ use rayon::prelude::*;
 /// Sparse derivatives: variable and value.
 pub(super) type Gradient = Vec<(usize, f64)>;
 
-/// A step of the quadrature of one foot's power.
+/// One quadrature step of a foot's power.
 #[derive(Debug, Clone)]
 pub(super) struct Cell {
-    /// Which, among points with the same number of them: interval, foot, number there.
+    /// Identifies the cell among models with the same number of cells: interval, foot, number within these.
     pub key: [usize; 3],
-    /// Of work in the cost, 1/J.
+    /// Weight of work in the cost, 1/J.
     pub weight: f64,
-    /// Powers at the Gauss-Legendre points, times half the length of the step, J.
+    /// Powers at the Gauss-Legendre points times half the length of the step, J.
     pub powers: [f64; 3],
-    /// Their derivatives: variable and values.
+    /// Derivatives of the powers: variable and values.
     pub by: Vec<(usize, [f64; 3])>,
 }
 
-/// `weight |value|`, a part of the cost: the power at a point of a cell.
+/// A part `weight |value|` of the cost: the power at one point of a cell.
 #[derive(Debug, Clone)]
 pub(super) struct Term {
-    /// Its cell, in [`Model::cells`].
+    /// Index of the cell in [`Model::cells`].
     pub cell: usize,
-    /// Which power of it.
+    /// Index of the power in the cell.
     pub point: usize,
     pub weight: f64,
     pub value: f64,
@@ -49,7 +51,7 @@ pub(super) struct Term {
 }
 
 impl Cell {
-    /// Its terms.
+    /// Terms of the cell.
     fn terms(&self, cell: usize) -> impl Iterator<Item = Term> + '_ {
         (0..3).map(move |point| {
             let by = self.by.iter().map(|(i, by)| (*i, by[point])).filter(|(_, d)| *d != 0.).collect();
@@ -62,43 +64,43 @@ impl Cell {
     }
 }
 
-/// Absolute value with a parabola around zero, Huber's.
+/// Huber's function: absolute value, with a parabola around zero.
 pub(super) fn rounded(value: f64, rounding: f64) -> f64 {
     if value.abs() < rounding { value * value / (2. * rounding) } else { value.abs() - 0.5 * rounding }
 }
 
-/// Its derivative.
+/// Derivative of [`rounded`].
 pub(super) fn rounded_slope(value: f64, rounding: f64) -> f64 {
     if value.abs() < rounding { value / rounding } else { value.signum() }
 }
 
-/// The cost at a point to first order in absolute values and durations, to second in forces.
+/// Model of the cost around a point: first order in powers and durations, second order in forces.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Model {
-    /// Steps of the quadrature, in the order of their keys.
+    /// Quadrature steps, ordered by their keys.
     pub cells: Vec<Cell>,
     pub terms: Vec<Term>,
     /// Rounding of the terms' absolute values, J.
     pub rounding: f64,
-    /// Effort cost, weighted.
+    /// Weighted effort cost.
     pub effort: f64,
-    /// Its derivatives, `[variables]`.
+    /// Derivatives of the effort, `[variables]`.
     pub effort_by: Vec<f64>,
-    /// Its second derivatives by forces, upper triangle: row, column, value.
+    /// Second derivatives of the effort with respect to forces, upper triangle: row, column, value.
     pub effort_by_forces: Vec<(usize, usize, f64)>,
 }
 
 impl Model {
-    /// The cost.
+    /// Cost at the point.
     pub fn value(&self) -> f64 {
         self.terms.iter().map(|t| t.weight * rounded(t.value, self.rounding)).sum::<f64>() + self.effort
     }
 }
 
-/// Weights of the Gauss-Legendre rule of three points on \[-1, 1\].
+/// Weights of the three-point Gauss-Legendre rule on \[-1, 1\].
 const GAUSS_WEIGHTS: [f64; 3] = [5. / 9., 8. / 9., 5. / 9.];
 
-/// Number of variables of which one pass takes the derivatives.
+/// Number of variables whose derivatives are computed in one pass.
 const LANES: usize = 16;
 type Dual = DualSVec64<LANES>;
 
@@ -110,22 +112,22 @@ const GRAM: [[f64; 4]; 4] = [
     [-13. / 420., -1. / 140., -11. / 210., 1. / 105.],
 ];
 
-/// What prices a motion of a space.
+/// Evaluation of the cost of motions in a space.
 #[derive(Debug)]
 pub(super) struct Price<'a> {
     space: &'a Space<'a>,
-    /// Of leg work in J and of swing work in J a kg of leg.
+    /// Weights of leg work, 1/J, and of swing work, kg/J; the latter applies to work per kg of leg mass.
     work: [f64; 2],
-    /// Of effort, 1/(N² s).
+    /// Weight of effort, 1/(N² s).
     effort: f64,
 }
 
-/// Numbers that carry derivatives, or none.
+/// Scalars with or without derivatives.
 trait Number: DualNum<Primitive = f64> + Copy {}
 impl<D: DualNum<Primitive = f64> + Copy> Number for D {}
 
 type Vec3<D> = Vector3<D>;
-/// Position or attitude and its rate, at a node of the base.
+/// Position, attitude and their rates at a base node.
 type State<D> = [Vec3<D>; 4];
 
 fn vec3<D: Number>(v: Vector3<f64>) -> Vec3<D> {
@@ -168,18 +170,18 @@ impl<D: Number> Piece<D> {
     }
 }
 
-/// What a foot does in an interval, phase by phase.
+/// Curves of a foot within an interval.
 struct Foot<D> {
-    /// Where a power may bend: joints of its curves, s.
+    /// Times at which a power may have a kink: the joints of its curves, s.
     joints: Vec<D>,
-    /// Cubics with the foothold under each; those of swings without.
+    /// Cubic pieces: forces with their foothold, swings with `None`.
     pieces: Vec<(Piece<D>, Option<Vec3<D>>)>,
 }
 
 impl<'a> Price<'a> {
-    /// Prices in a space.
+    /// Prepares the evaluation in a space.
     ///
-    /// * `leg_mass` - kg
+    /// * `leg_mass` - equivalent mass of a leg at its foot, kg
     pub fn new(space: &'a Space<'a>, weights: &CostWeights, leg_mass: f64) -> Self {
         let (task, robot) = (space.task, &space.task.robot);
         let weight = robot.weight();
@@ -191,7 +193,7 @@ impl<'a> Price<'a> {
         }
     }
 
-    /// The cost at a point, powers [`rounded`].
+    /// Cost at a point, with powers [`rounded`].
     pub fn value(&self, point: &Point, rounding: f64) -> f64 {
         let of_interval = |k: usize| {
             let mut cells = Vec::new();
@@ -199,14 +201,14 @@ impl<'a> Price<'a> {
             let cell = |(foot, weight, powers): (usize, f64, [f64; 3])| Cell { key: [k, foot, 0], weight, powers, by: Vec::new() };
             cells.into_iter().map(|c| cell(c).cost(rounding)).sum::<f64>()
         };
-        // Summed in order: the same digits at any number of threads.
+        // Summed in order, so that the result is bitwise equal for any number of threads.
         let sums: Vec<f64> = (0..self.space.intervals).into_par_iter().map(of_interval).collect();
         let mut model = Model::default();
         self.effort(point, &mut model);
         sums.iter().sum::<f64>() + model.effort
     }
 
-    /// The cost around a point, powers [`rounded`].
+    /// Model of the cost around a point, with powers [`rounded`].
     pub fn model(&self, point: &Point, rounding: f64) -> Model {
         let of_interval = |k: usize| self.interval_model(point, k);
         let cells: Vec<Vec<Cell>> = (0..self.space.intervals).into_par_iter().map(of_interval).collect();
@@ -217,7 +219,7 @@ impl<'a> Price<'a> {
         model
     }
 
-    /// Effort, and its derivatives.
+    /// Effort and its derivatives.
     fn effort(&self, point: &Point, model: &mut Model) {
         let variables = &self.space.variables;
         let unit = point.layout.constants.force_unit;
@@ -246,7 +248,7 @@ impl<'a> Price<'a> {
                     }
                 }
                 model.effort += price * mean * phase.duration();
-                // By the ends of the stance, in intervals, and by the interval.
+                // Derivatives with respect to the ends of the stance, in intervals, and to the interval.
                 for (boundary, sign) in [((2 * stance).checked_sub(1), -1.), (Some(2 * stance), 1.)] {
                     let variable = boundary.and_then(|b| of_foot.boundaries.get(b).copied().flatten());
                     if let Some(at) = variable {
@@ -292,7 +294,7 @@ impl<'a> Price<'a> {
         cells
     }
 
-    /// Variables that the terms of an interval depend on, ascending.
+    /// Variables that affect the terms of an interval, ascending.
     pub fn locals(&self, point: &Point, k: usize) -> Vec<usize> {
         let variables = &self.space.variables;
         let (t, h) = (k as f64 * point.schedule.interval(), point.schedule.interval());
@@ -374,7 +376,7 @@ impl<'a> Price<'a> {
         let line = space.task.line(k as f64 / space.intervals as f64);
         let at = layout.curves.base[2 * k] as usize;
         let pose = |d: usize| space.variables.base[2 * k].map_or(D::from(point.x[at + d]), |v| get(v + d)) + line[d];
-        // A rate that is fixed is that of an end.
+        // A fixed rate is the rate at an end of the motion.
         let end = if k == 0 { space.task.start.rate() } else { space.task.goal.rate() };
         let slower = h.recip() * space.interval;
         let rate = |d: usize| space.variables.base[2 * k + 1].map_or(D::from(end[d]), |v| get(v + d) * slower);
@@ -382,7 +384,7 @@ impl<'a> Price<'a> {
         [of(&pose, 0), of(&pose, 3), of(&rate, 0), of(&rate, 3)]
     }
 
-    /// What a foot does in the interval that starts at `from`.
+    /// Curves of a foot in the interval that starts at `from`.
     fn foot<D: Number>(&self, point: &Point, foot: usize, from: D, h: D, get: &impl Fn(usize) -> D) -> Foot<D> {
         let (space, blocks) = (self.space, &point.layout.curves.feet[foot]);
         let variables = &space.variables.feet[foot];
@@ -445,7 +447,7 @@ impl<'a> Price<'a> {
         result
     }
 
-    /// States at the ends of all but the last of the pieces of an interval, as the trajectory of the transcription has them.
+    /// States at the starts of the interval's pieces from the second on, as in the trajectory of the transcription.
     fn between<D: Number>(&self, feet: &[Foot<D>], first: &State<D>, start: D, h: D, pieces: usize, states: &mut Vec<State<D>>) {
         let robot = &self.space.task.robot;
         let mass = robot.mass;
@@ -465,7 +467,7 @@ impl<'a> Price<'a> {
             Vec3::new(roll, cz * omega.y - sz * omega.x, omega.z + sy * roll)
         };
         let zero = Vec3::from_element(D::from(0.));
-        // Integrals of the forces so far, and their moment about the base at the start.
+        // Integrals of the forces so far, and of their moment about the initial base position.
         let (mut first, mut second, mut third, mut moment) = (zero, zero, zero, zero);
         let mut now = angles;
         let mut gained = zero;
@@ -523,7 +525,7 @@ impl<'a> Price<'a> {
     }
 }
 
-/// Axes about which roll, pitch and yaw turn, world frame.
+/// Rotation axes of roll, pitch and yaw, world frame.
 fn axes<D: Number>(angles: &Vec3<D>) -> [Vec3<D>; 3] {
     let ((sy, cy), (sz, cz)) = (angles.y.sin_cos(), angles.z.sin_cos());
     let (zero, one) = (D::from(0.), D::from(1.));
@@ -558,7 +560,7 @@ fn hip<D: Number>([lin, ang]: &[Piece<D>; 2], time: D, [x, y]: [f64; 2]) -> [Vec
     [lin.value(time) + arm, lin.first(time) + omega.cross(&arm)]
 }
 
-/// Powers along a leg and across it, whose foot stands and whose hip moves.
+/// Powers of a stance leg along the leg and across it.
 fn stance_powers<D: Number>(force: &Vec3<D>, foothold: &Vec3<D>, [hip, velocity]: [Vec3<D>; 2]) -> [D; 2] {
     let leg = foothold - hip;
     let along = -force.dot(&leg) * velocity.dot(&leg) / leg.dot(&leg);

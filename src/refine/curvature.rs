@@ -1,33 +1,33 @@
-//! What rows and powers add to the curvature of the Lagrangian, learned from how its derivatives change from point to point.
+//! Curvature of the Lagrangian from rows and powers, learned from the change of its derivative between iterates.
 //!
-//! The convex problem has the curvature of the effort alone. That of products (forces with arms, forces with speeds, anything with times) is
-//! taken from the last steps `s` and the changes `y` of the derivative of the Lagrangian along them, by the BFGS formula with Powell's damping
-//! in the space that they span. Convex it stays: of directions that bend down, none is kept.
+//! The convex problem contains the curvature of the effort only. The curvature of products (forces with lever arms, forces with speeds,
+//! anything with times) is estimated from the last steps `s` and the changes `y` of the derivative of the Lagrangian along them, by the
+//! BFGS formula with Powell's damping in the space that they span. The estimate is convex: directions of negative curvature are dropped.
 //!
 //! Source: J. Nocedal, S. J. Wright, "Numerical Optimization", 2nd edition, 2006, procedure 18.2.
 
 use nalgebra::{DMatrix, DVector};
 use std::collections::VecDeque;
 
-/// Steps that are remembered.
+/// Number of steps that are stored.
 const MEMORY: usize = 20;
 
-/// Directions whose curvature is kept, the most curved: each is a dense row of the convex problem.
+/// Number of directions of largest curvature that are kept. Each is a dense row of the convex problem.
 const DIRECTIONS: usize = 16;
 
-/// Powell's damping: the least share of the curvature so far that a new step has to show.
+/// Powell's damping: smallest curvature of a new step relative to the estimate so far.
 const DAMPING: f64 = 0.2;
 
-/// Curvature by trust lengths, in costs: `least` in all directions and more in some.
+/// Curvature in costs per squared trust length: `least` in all directions, and more in some.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Curvature {
     pub least: f64,
-    /// Beyond `least`, with the unit direction.
+    /// Curvature beyond `least`, with its unit direction.
     pub directions: Vec<(f64, Vec<f64>)>,
 }
 
 impl Curvature {
-    /// Product with a step.
+    /// Product of the curvature matrix with a step.
     pub fn times(&self, d: &[f64]) -> Vec<f64> {
         let mut product: Vec<f64> = d.iter().map(|d| self.least * d).collect();
         for (bend, direction) in &self.directions {
@@ -43,14 +43,14 @@ impl Curvature {
     }
 }
 
-/// The last steps and what the derivative of the Lagrangian did along them, in trust lengths and costs.
+/// Stored steps, in trust lengths, and the changes of the derivative of the Lagrangian along them, in costs.
 #[derive(Debug, Default)]
 pub(super) struct History {
     steps: VecDeque<(DVector<f64>, DVector<f64>)>,
 }
 
 impl History {
-    /// Remembers a step, with the derivatives of the Lagrangian after it and before, in the unit of `cost`.
+    /// Stores a step with the derivatives of the Lagrangian after and before it, in the unit of `cost`.
     pub fn push(&mut self, step: Vec<f64>, after: Vec<f64>, before: &[f64], cost: f64) {
         let change: Vec<f64> = after.iter().zip(before).map(|(a, b)| (a - b) / cost).collect();
         if self.steps.len() == MEMORY {
@@ -59,12 +59,12 @@ impl History {
         self.steps.push_back((DVector::from_vec(step), DVector::from_vec(change)));
     }
 
-    /// Curvature from `least` in all directions on.
+    /// Curvature estimate that starts from `least` in all directions.
     pub fn curvature(&self, least: f64) -> Curvature {
         let mut basis: Vec<DVector<f64>> = Vec::new();
         for vector in self.steps.iter().flat_map(|(s, y)| [s, y]) {
             let mut left = vector.clone();
-            // Twice is enough.
+            // Two passes of Gram-Schmidt are enough.
             for _ in 0..2 {
                 for b in &basis {
                     let along = b.dot(&left);

@@ -1,4 +1,4 @@
-//! Ipopt on the problem of a refinement, from the same gait.
+//! Comparison of a refinement with Ipopt from the same gait.
 
 use super::tests::{found, task};
 use super::*;
@@ -6,14 +6,14 @@ use crate::gait::family::GaitFamily;
 use crate::reference::ipopt::{Options, solve};
 use crate::search::evaluate::LowerSettings;
 
-/// Cost of refined gaits above Ipopt's, at most.
+/// Largest relative excess of the refined cost over Ipopt's cost.
 const AGREEMENT: f64 = 1e-3;
 
-/// Violation of a row at which a point of Ipopt's counts as feasible.
+/// Violation of a row below which Ipopt's point counts as feasible.
 const FEASIBLE: f64 = 1e-5;
 
-/// Refines a gait, and has Ipopt go on from the refined one; from the given one, too, where there is one optimum to find. Costs: given,
-/// refined, Ipopt's two.
+/// Refines a gait, then runs Ipopt from the refined gait and, if the optimum is unique, also from the given one. Returns the costs: given,
+/// refined, and Ipopt's two.
 fn compare(task: &Task, family: GaitFamily, settings: &RefineSettings) -> [f64; 4] {
     let lower = LowerSettings::default();
     let gait = found(task, family, &lower);
@@ -34,14 +34,14 @@ fn compare(task: &Task, family: GaitFamily, settings: &RefineSettings) -> [f64; 
         refined.optimality
     );
     let ipopt = |from: &Point, roundings: &[f64], barrier: Option<f64>| {
-        // Boundaries of phases may move around the refined ones.
+        // Phase boundaries may move around the refined ones.
         let mut program = program::Program::new(&space, &price, &own, 0.).unwrap();
         let mut x: Vec<f64> = from.v.iter().zip(&space.variables.step).map(|(v, l)| v / l).collect();
-        // The rounding falls; every program starts where the last one ended.
+        // The rounding decreases; every program starts from the solution of the last one.
         let mut best = f64::INFINITY;
         for rounding in roundings {
             program.rounding = rounding * task.robot.weight();
-            // Iterations end it, not time: the same on a busy machine.
+            // Iterations limit the run, not time, so the result is the same on a busy machine.
             let options = Options { tolerance: 1e-6, max_iterations: 400, max_seconds: 600., barrier };
             let (end, how) = solve(&program, Some(&x), &options).unwrap();
             let (violation, cost, _) = program.judged(&end).unwrap();
@@ -53,7 +53,7 @@ fn compare(task: &Task, family: GaitFamily, settings: &RefineSettings) -> [f64; 
         }
         best
     };
-    // With durations free, optima are many, and those of two methods are seldom the same.
+    // With free durations there are many optima, and two methods seldom find the same one.
     let from_given = if settings.durations { f64::INFINITY } else { ipopt(&given, &[1e-4], None) };
     [before, after, from_given, ipopt(&own, &[1e-5], Some(1e-6))]
 }
@@ -62,13 +62,13 @@ fn agrees(task: &Task, family: GaitFamily, settings: &RefineSettings) {
     let [given, refined, from_given, from_refined] = compare(task, family, settings);
     assert!(refined < given);
     assert!(refined < from_given * (1. + AGREEMENT), "Ipopt finds {from_given} from the given gait, not {refined}");
-    assert!(from_refined.is_finite(), "Ipopt ends at no feasible point");
-    assert!(refined < from_refined * (1. + AGREEMENT), "Ipopt goes on to {from_refined} from {refined}");
+    assert!(from_refined.is_finite(), "Ipopt ends at an infeasible point");
+    assert!(refined < from_refined * (1. + AGREEMENT), "Ipopt improves {refined} to {from_refined}");
 }
 
-// With durations free, Ipopt finds gaits that are 3 to 4 % cheaper: what the next three measure is how far off a refinement is.
+// With free durations, Ipopt finds gaits that are 3 to 4 % cheaper. The next three tests measure this gap.
 #[test]
-#[ignore = "many minutes, and it does"]
+#[ignore = "many minutes, and fails: Ipopt finds a cheaper gait"]
 fn ipopt_finds_no_cheaper_gait_for_a_biped() {
     agrees(&task("biped", "flat", [0.6, 0.], 0.), GaitFamily::Walk, &RefineSettings::default());
 }

@@ -1,20 +1,20 @@
-//! Refinement: a found gait to a local optimum of its cost, by sequential convex programming.
+//! Refinement of a found gait to a local optimum of its cost, by sequential convex programming.
 //!
-//! The variables are those of the `momentum` layout, the boundaries between phases and, when the horizon is free, the interval of base
-//! knots (`variables`). At every point the rows are linearised, friction cones stay what they are (`rows`), and the cost is made convex
-//! (`convex_cost`), with a curvature that is learned on the way (`curvature`). Clarabel solves that problem within a trust region (`convex`).
-//! Gauss-Newton steps in f64 bring the step back onto the rows, as they close every solution of this program; so every point on the way is a
-//! valid gait, and the cost alone decides. The trust region grows when the cost falls as predicted and shrinks when it does not. What comes
-//! back is certified, and no worse than what was given.
+//! The variables are those of the `momentum` layout, the boundaries between phases and, if the horizon is free, the interval of base knots
+//! (`variables`). At every point the rows are linearised, friction cones are kept as cones (`rows`), and the cost is approximated by a
+//! convex model (`convex_cost`) whose curvature is learned from the iterations (`curvature`). Clarabel solves this problem within a trust
+//! region (`convex`). Gauss-Newton steps in f64 then bring the point back onto the rows, as they close every solution of this program.
+//! Every iterate is therefore a valid gait, and the cost alone decides whether it is accepted. The trust region grows if the cost falls as
+//! predicted and shrinks if it does not. The result is certified and costs no more than the given gait.
 //!
 //! ```text
-//! v        the given gait, closed under cones
-//! for      a cost whose absolute values are rounded, less rounded, exact
+//! v        the given gait, closed with exact friction cones
+//! for      a cost whose absolute values are rounded, less rounded, exact:
 //! repeat   d    minimises the convex cost around v, |d| <= trust
 //!          w    v + d, closed
-//!          if w is certified and cost(w) < cost(v) - share of what was predicted: v becomes w
+//!          if w is certified and cost(w) < cost(v) - ACCEPTED * predicted decrease: v becomes w
 //!          trust grows or shrinks
-//! until    the optimality residual is below its tolerance, or what is predicted next to nothing
+//! until    the optimality residual is below its tolerance, or the predicted decrease is negligible
 //! ```
 
 mod convex;
@@ -40,27 +40,30 @@ use curvature::History;
 use serde::{Deserialize, Serialize};
 use variables::{Point, Space};
 
-/// How a gait is refined.
+/// Settings of the refinement.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct RefineSettings {
-    /// Convex problems at most.
+    /// Largest number of convex problems. Too small: the refinement ends far from the optimum; too large: only costs time.
     pub iterations: usize,
-    /// Optimality residual below which the refinement ends.
+    /// Optimality residual at which the refinement ends with `optimal`. Too small: never reached; too large: the result is not optimal.
     pub tolerance: f64,
-    /// Part of the cost below which what steps promise is next to nothing, and the refinement ends.
+    /// Predicted relative decrease of the cost below which a step is negligible. The refinement ends after two consecutive such steps.
+    /// Too small: iterations without effect; too large: ends early.
     pub gain: f64,
-    /// Whether phase durations are variables.
+    /// Makes phase durations variables.
     pub durations: bool,
-    /// Whether the horizon is, too. The number of intervals of base knots stays and their length changes, within what leaves every interval
-    /// its pieces: from 0.1 s to between 0.078 and 0.104 s.
+    /// Makes the horizon a variable. The number of base intervals is kept and their length changes, within the range that keeps the number
+    /// of pieces per interval: an interval of 0.1 s may become 0.078 to 0.104 s.
     pub horizon: bool,
-    /// Trust region at the start. 1: 5 cm, 0.1 rad, 0.5 m/s, a weight per foot, a tenth of `sqrt(l / g)` for each boundary of phases.
+    /// Initial trust region. The unit 1 means 5 cm, 0.1 rad, 0.5 m/s, one weight per foot, and a tenth of `sqrt(l / g)` for each phase
+    /// boundary. Too large: the first steps are rejected; too small: many steps until it has grown.
     pub trust: f64,
-    /// Shortest phase, `sqrt(l / g)`s; phases that are shorter may stay so.
+    /// Shortest phase, in units of `sqrt(l / g)`. Phases of the given gait that are shorter may keep their duration. Too
+    /// small: swings too fast for motors and controllers; too large: less freedom for the durations.
     pub shortest_phase: f64,
-    /// Mass of a leg as if it were at the foot, kg; the robot's when absent.
+    /// Equivalent mass of a leg at its foot, kg. Default: the robot's.
     pub leg_mass: Option<f64>,
 }
 
@@ -83,7 +86,7 @@ impl RefineSettings {
     /// Checks every field.
     ///
     /// # Errors
-    /// [`Error::Invalid`] names the first field that is out of its limits.
+    /// [`Error::Invalid`] names the first field that is out of range.
     pub fn validate(&self) -> Result<()> {
         check_range("refine.iterations", self.iterations as f64, 0., 1e5)?;
         check_range("refine.tolerance", self.tolerance, 0., 1.)?;
@@ -93,10 +96,10 @@ impl RefineSettings {
         self.leg_mass.map_or(Ok(()), |mass| check_range("refine.leg_mass", mass, 0., 1e6))
     }
 
-    /// Checks every field, and that gaits with some rows can be refined.
+    /// Checks every field, and that gaits of this transcription can be refined.
     ///
     /// # Errors
-    /// [`Error::Invalid`] names the first field that is out of its limits, or `transcription.rows`.
+    /// [`Error::Invalid`] names the first field that is out of range, or `transcription.rows`.
     pub fn validate_for(&self, transcription: &TranscriptionSettings) -> Result<()> {
         if transcription.rows != Transcription::Momentum {
             return Err(Error::invalid("transcription.rows", transcription.rows.name(), "`momentum` for a gait to be refined"));
@@ -105,22 +108,22 @@ impl RefineSettings {
     }
 }
 
-/// How a refinement ended.
+/// Reason for which a refinement ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum RefineStatus {
-    /// At a local optimum, to the tolerance asked for.
+    /// Reached a local optimum within the tolerance.
     Optimal,
-    /// Steps promise next to nothing, see [`RefineSettings::gain`].
+    /// Predicted decreases became negligible, see [`RefineSettings::gain`].
     Settled,
-    /// Steps became too short to lower the cost by what counts.
+    /// The trust region became too small to decrease the cost.
     Stalled,
-    /// The iteration limit.
+    /// Reached the iteration limit.
     MaxIterations,
-    /// The caller ended it.
+    /// Cancelled by the caller.
     Cancelled,
-    /// The given gait could not be brought under the friction cones: it is returned as it was.
+    /// The given gait could not be brought inside the friction cones. It is returned unchanged.
     NotClosed,
 }
 
@@ -137,20 +140,20 @@ impl std::fmt::Display for RefineStatus {
     }
 }
 
-/// How far a point is from a local optimum. Dimensionless: in costs of the gait, by trust lengths of the variables.
+/// Distance of a point from a local optimum. Dimensionless: relative to the gait's cost, with variables in trust lengths.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Optimality {
-    /// Largest derivative of the Lagrangian by a variable.
+    /// Largest derivative of the Lagrangian with respect to a variable.
     pub stationarity: f64,
-    /// Largest residual of a row, scaled as the rows are.
+    /// Largest scaled residual of a row.
     pub feasibility: f64,
     /// Largest product of a multiplier and its row.
     pub complementarity: f64,
 }
 
 impl Optimality {
-    /// The largest of the three.
+    /// Largest of the three.
     pub fn residual(&self) -> f64 {
         self.stationarity.max(self.feasibility).max(self.complementarity)
     }
@@ -160,23 +163,24 @@ impl Optimality {
 #[derive(Debug, Clone, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Refined {
-    /// How it ended.
+    /// Reason for which the refinement ended.
     pub status: RefineStatus,
     /// Phase durations.
     #[serde(skip)]
     pub schedule: AlignedSchedule,
-    /// Values of the variables, as in [`Layout::initial`] of that schedule.
+    /// Values of the variables, ordered as in [`Layout::initial`] for this schedule.
     #[serde(skip)]
     pub x: Vec<f64>,
     /// Cost of the given gait.
     pub before: Cost,
-    /// Cost of this one.
+    /// Cost of the refined gait.
     pub after: Cost,
-    /// Whether every row of the certificate holds.
+    /// True if every row of the certificate holds.
     pub certified: bool,
-    /// Residual of the optimality conditions where the last convex problem was solved, with its multipliers; none when none was.
+    /// Residuals of the optimality conditions at the point of the last convex problem, with its multipliers; `None` if no convex problem
+    /// was solved.
     pub optimality: Option<Optimality>,
-    /// Convex problems solved.
+    /// Number of convex problems solved.
     pub iterations: usize,
     /// Largest change of a phase duration, s.
     pub largest_change: f64,
@@ -187,62 +191,63 @@ pub struct Refined {
 impl Refined {
     /// The motion.
     ///
-    /// * `task`, `settings` - those it was refined with
+    /// * `task`, `settings` - task and settings of the refinement
     pub fn trajectory(&self, task: &Task, settings: &TranscriptionSettings) -> Trajectory {
         trajectory(task, &Layout::<f64>::new(task, &self.schedule, settings).curves, &self.x)
     }
 }
 
-/// Part of the predicted fall of the cost that a step has to bring.
+/// Smallest accepted ratio of actual to predicted decrease of the cost.
 const ACCEPTED: f64 = 0.1;
-/// Part above which the trust region grows,
+/// Ratio of actual to predicted decrease above which the trust region grows.
 const GOOD: f64 = 0.7;
-/// and below which it shrinks.
+/// Ratio of actual to predicted decrease below which the trust region shrinks.
 const POOR: f64 = 0.3;
-/// Part by which a phase may be shorter than the shortest: closing steps do not move it.
+/// Relative amount by which a phase may be shorter than the shortest. Closing steps do not correct it.
 const SHORT: f64 = 1e-3;
-/// Trust below which a refinement stalls.
+/// Trust below which a refinement is stalled.
 const LEAST_TRUST: f64 = 1e-6;
 /// Largest trust.
 const MOST_TRUST: f64 = 1.;
-/// Curvature that every direction has, in costs by squared trust lengths: at the start, the least, the most. It moves against the trust. Too
-/// little: directions that cost next to nothing wander; too much: short steps.
+/// Curvature added in every direction, in costs per squared trust length: initial, smallest and largest value. It increases when the trust
+/// region shrinks and decreases when the trust region grows. Too small: directions with almost no effect on the cost drift; too large:
+/// short steps.
 const LEAST_CURVATURE: [f64; 3] = [1e-3, 1e-5, 1e2];
-/// Roundings of the absolute values of powers, one after the other, in metres times the weight at each point of the quadrature: from forces
-/// that cost what they heat, to all of the cost. Without the first ones gaits end in the nearest of many optima: where powers are zero, every
-/// way out costs something at first.
+/// Huber roundings of the absolute values of powers, applied one after the other, in metres times the weight at each quadrature point: from
+/// a smooth cost to the exact one. Without the first ones gaits end in the nearest of many optima, because where powers are zero, every
+/// direction increases the exact cost at first.
 const ROUNDINGS: [f64; 4] = [1., 0.1, 0.01, 0.];
-/// Part of a rounded cost below which what steps promise is next to nothing.
+/// Predicted relative decrease of a rounded cost below which a step is negligible.
 const ROUNDED_GAIN: f64 = 1e-3;
-/// Steps in a row that promise next to nothing, after which a refinement ends.
+/// Number of consecutive negligible steps after which a refinement ends.
 const IDLE: usize = 2;
-/// Half the sum of the squared violations, scaled as rows are, at which a point counts as closed. Closing steps nearly always end far below;
-/// where rows say the same twice they creep, and less would refuse good points.
+/// Half the sum of squared scaled violations at which a point counts as closed. Closing steps nearly always end far below. With redundant
+/// rows they converge slowly, and a smaller limit would reject good points.
 const CLOSED: f64 = 1e-13;
-/// Shares of the margins of rows that are tried, one after the other.
+/// Shares of the rows' margins, tried one after the other.
 const MARGINS: [f64; 2] = [1., 0.1];
-/// Barrier parameter from which a given gait is closed under cones, when closing steps do not do it.
+/// Initial barrier parameter for bringing a given gait inside the cones if closing steps fail.
 const START_BARRIER: f64 = 1e-3;
-/// Closing steps a point.
+/// Largest number of closing steps per point.
 const CLOSING_STEPS: usize = 8;
 
-/// A step that was taken, in trust lengths.
+/// An accepted step, in trust lengths.
 struct Taken {
     step: Vec<f64>,
-    /// Derivative of the Lagrangian before it.
+    /// Derivative of the Lagrangian before the step.
     before: Vec<f64>,
-    /// With these multipliers.
+    /// Multipliers of the convex problem.
     multipliers: Multipliers,
 }
 
-/// Brings a gait to a local optimum of its cost.
+/// Refines a gait to a local optimum of its cost.
 ///
-/// * `schedule`, `x` - the gait, as [`crate::search::evaluate::Evaluated`] has it
-/// * `transcription` - what it was solved with; `momentum`. Forces are held inside exact friction cones whatever it says
-/// * `cancel` - ends the refinement at the next iteration
+/// * `schedule`, `x` - the gait, as in [`crate::search::evaluate::Evaluated`]
+/// * `transcription` - settings of its solve, with `momentum` rows. Forces are kept inside exact friction cones whatever the settings say
+/// * `cancel` - ends the refinement at the next iteration when it returns true
 ///
 /// # Errors
-/// [`Error::Invalid`] for settings out of their limits, other rows than `momentum`, or a gait that does not fit the task.
+/// [`Error::Invalid`] for settings out of range, rows other than `momentum`, or a gait that does not fit the task.
 pub fn refine(
     task: &Task,
     schedule: &AlignedSchedule,
@@ -253,7 +258,7 @@ pub fn refine(
     cancel: &dyn Fn() -> bool,
 ) -> Result<Refined> {
     check(task, schedule, x, transcription, weights, settings)?;
-    // Where rows cannot hold with their margins, the certificate may still.
+    // If the rows cannot hold with their full margins, the certificate may still hold.
     let cones = MARGINS.map(|share| TranscriptionSettings {
         friction: Some(Friction::Cone),
         length_margin: share * transcription.length_margin,
@@ -287,7 +292,7 @@ pub fn refine(
     pricing.report(&given, descent.now, status, descent.optimality, descent.iterations)
 }
 
-/// Steps from point to point.
+/// State of the descent.
 struct Descent<'a> {
     task: &'a Task,
     space: &'a Space<'a>,
@@ -296,18 +301,18 @@ struct Descent<'a> {
     cancel: &'a dyn Fn() -> bool,
     solver: Solver<f64>,
     history: History,
-    /// Where it is.
+    /// Current point.
     now: Point,
     iterations: usize,
     optimality: Option<Optimality>,
 }
 
 impl Descent<'_> {
-    /// Goes down the cost with absolute values of powers rounded.
+    /// Minimises the cost with rounded absolute values of powers.
     ///
-    /// * `rounding` - J a point of the quadrature
-    /// * `gain` - part of the cost below which what steps promise is next to nothing
-    /// * `most` - iterations at which it ends, of all
+    /// * `rounding` - J per quadrature point
+    /// * `gain` - predicted relative decrease below which a step is negligible
+    /// * `most` - largest number of iterations, counted over all calls
     fn run(&mut self, rounding: f64, gain: f64, most: usize) -> Result<RefineStatus> {
         let (task, space, price, settings) = (self.task, self.space, self.price, self.settings);
         let length = &space.variables.step;
@@ -315,7 +320,7 @@ impl Descent<'_> {
         let mut value = price.value(&self.now, rounding);
         let (mut trust, mut least) = (settings.trust, LEAST_CURVATURE[0]);
         let mut last: Option<Taken> = None;
-        // Steps in a row that promised next to nothing.
+        // Consecutive negligible steps.
         let mut idle = 0;
         loop {
             let linear = rows::linear(space, &self.now)?;
@@ -324,7 +329,7 @@ impl Descent<'_> {
             if let Some(taken) = last.take() {
                 self.history.push(taken.step, taken.multipliers.lagrangian(&linear, &model, length), &taken.before, value);
             }
-            // Ever shorter steps from one point.
+            // Shorter and shorter steps from one point.
             loop {
                 if (self.cancel)() {
                     return Ok(RefineStatus::Cancelled);
@@ -394,12 +399,12 @@ fn check(
     }
     let expected = Layout::<f64>::new(task, schedule, transcription).initial.len();
     if x.len() != expected || x.iter().any(|v| !v.is_finite()) {
-        return Err(Error::invalid("x", format!("{} values", x.len()), format!("{expected} finite values, as the schedule asks for")));
+        return Err(Error::invalid("x", format!("{} values", x.len()), format!("{expected} finite values, for this schedule")));
     }
     Ok(())
 }
 
-/// Closing steps alone.
+/// Solver settings for closing steps only.
 fn closing_settings() -> SolverSettings {
     let settings = SolverSettings::default();
     SolverSettings {
@@ -412,28 +417,28 @@ fn closing_settings() -> SolverSettings {
     }
 }
 
-/// The point brought onto its rows; nothing when that fails.
+/// Brings a point onto its rows; `None` if that fails.
 fn close(space: &Space, solver: &mut Solver<f64>, point: Point, settings: &SolverSettings, cancel: &dyn Fn() -> bool) -> Option<Point> {
     let outcome = solver.solve(&point.layout, settings, Finish::Infeasibility(CLOSED), Some(&point.x), cancel);
     (outcome.status == Status::Solved).then(|| space.moved(point, solver.solution()))
 }
 
-/// Whether the motion of a point passes the independent check.
+/// True if the motion of a point passes the independent check.
 fn certified(task: &Task, point: &Point) -> bool {
     let motion = trajectory(task, &point.layout.curves, &point.x);
     verify_rows(&motion, &task.robot, &task.terrain, point.layout.force_limit()).is_ok_and(|r| r.feasible)
 }
 
-/// The point of the given gait brought onto its rows; nothing when that fails.
+/// Brings the given gait onto its rows; `None` if that fails.
 fn close_given(space: &Space, solver: &mut Solver<f64>, schedule: &AlignedSchedule, x: &[f64], cancel: &dyn Fn() -> bool) -> Option<Point> {
-    // Forces outside their cones may be farther off than closing steps can bring them.
+    // Forces outside their cones may be too far off for closing steps.
     let onwards = SolverSettings { barrier: Some(START_BARRIER), ..SolverSettings::default() };
     let attempts = [closing_settings(), onwards, SolverSettings::default()];
     let closed = |settings| close(space, solver, space.start(schedule, x), settings, cancel).filter(|p| certified(space.task, p));
     attempts.iter().find_map(closed)
 }
 
-/// What gaits are priced with.
+/// Task and weights for evaluating the cost of a gait.
 struct Pricing<'a> {
     task: &'a Task,
     weights: &'a CostWeights,
@@ -445,7 +450,7 @@ impl Pricing<'_> {
         cost::cost(&trajectory(self.task, &point.layout.curves, &point.x), &self.task.robot, self.leg_mass, self.weights)
     }
 
-    /// What came of it: the last point, or the given one when that is cheaper after all.
+    /// Result: the last point, or the given one if that costs less.
     fn report(
         &self,
         given: &Point,

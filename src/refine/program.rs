@@ -1,23 +1,24 @@
-//! The problem of a refinement as a smooth nonlinear program, for Ipopt to check the refinement.
+//! The refinement as a smooth nonlinear program, so that Ipopt can check it.
 //!
-//! The same variables, rows and cost, but for two things: absolute values of powers are rounded, `sqrt(power^2 + rounding^2)`, for Ipopt takes
-//! derivatives that go on; and friction cones are the rows that the solver has. Boundaries of phases move by less than an interval of base
-//! knots, so that every row has its entries at all points: those of a row are all variables that can touch it then.
+//! Variables, rows and cost are those of the refinement with two exceptions: absolute values of powers are rounded, `sqrt(power^2 +
+//! rounding^2)`, because Ipopt needs continuous derivatives; and friction cones are formulated as the solver's rows. Phase boundaries move
+//! by less than one base interval, so that the sparsity pattern is fixed: the entries of a row are all variables that can affect it within
+//! that range.
 
 use super::convex_cost::Price;
 use super::rows::{self, Residuals};
 use super::variables::{Point, Space};
 use crate::reference::nlp::{INFINITY, Nlp, Rows};
 
-/// How far a boundary of phases may move, in intervals.
+/// Largest displacement of a phase boundary, in intervals.
 const FARTHEST: f64 = 0.9;
 
-/// A refinement's problem around a gait.
+/// Refinement problem around a gait.
 #[derive(Debug)]
 pub(super) struct Program<'a> {
     space: &'a Space<'a>,
     price: &'a Price<'a>,
-    /// In the power's unit, J a point of a cell.
+    /// Rounding of powers, J per point of a cell.
     pub rounding: f64,
     start: Vec<f64>,
     bounds: Vec<[f64; 2]>,
@@ -36,7 +37,7 @@ impl<'a> Program<'a> {
         if let Some(at) = space.variables.interval {
             bounds[at] = space.interval_limits().map(|h| h / length[at]);
         }
-        // What touches the intervals around.
+        // Variables that affect the neighbouring intervals.
         let linear = rows::linear(space, point)?;
         let locals: Vec<Vec<usize>> = (0..space.intervals).map(|k| price.locals(point, k)).collect();
         let interval_of = rows::intervals(space, &point.layout);

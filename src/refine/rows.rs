@@ -1,12 +1,12 @@
-//! The rows of a point to first order in all variables, durations included.
+//! Rows of a point to first order in all variables, including durations.
 //!
-//! By the variables of the layout their derivatives are the Jacobian of the elements. By boundaries of phases and by the interval they are
-//! central differences of the rows of layouts that are made anew: rows are matched by what they say, not by where they stand. A boundary
-//! moves rows near it alone, so boundaries far apart share a difference.
+//! Derivatives with respect to the layout's variables are the Jacobians of the elements. Those with respect to phase boundaries and the
+//! interval are central differences of rebuilt layouts; rows are matched by their meaning, not by their position. A boundary affects only
+//! nearby rows, so boundaries far apart share one difference.
 //!
-//! How the base deviates from its cubic inside intervals is taken as given in the Jacobian of the elements. That is good enough to find a
-//! motion, not to find the best: without its derivatives the last steps towards an optimum bring half of what they promise, however short
-//! they are. Central differences interval by interval add them.
+//! The Jacobian of the elements treats the deviation of the base from its cubic inside intervals as constant. This is good enough to find a
+//! motion, but not to optimise it: without the derivatives of the deviation the last steps towards an optimum bring half of the predicted
+//! decrease, however short they are. Central differences per interval add them.
 
 use super::convex_cost::Gradient;
 use super::variables::{Point, Space};
@@ -16,26 +16,26 @@ use crate::nlp::transcription::momentum::reach_timings;
 use crate::rows::math::{Vec3, add, dot, scale, sub};
 use crate::rows::momentum::{Deviation, MomentumInterval};
 use crate::rows::table::{NONE, Place, Span};
-use crate::rows::{Shared, Spec, Tables, acceleration, cone, footing, momentum, reach, residuals, stride, swing};
+use crate::rows::{RowKind, Shared, Spec, Tables, acceleration, cone, footing, momentum, reach, residuals, stride, swing};
 use crate::terrain::Ground;
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::ops::Range;
 
-/// Step of the central differences, in intervals, and in parts of the interval.
+/// Step of the central differences, in intervals for a boundary and relative for the interval.
 const DIFFERENCE: f64 = 1e-5;
 
-/// Derivatives smaller than this are none.
+/// Derivatives smaller than this are dropped.
 const NOTHING: f64 = 1e-12;
 
-/// The same for what deviations add.
+/// Derivatives from deviations smaller than this are dropped.
 const SMALL: f64 = 1e-6;
 
-/// `value + by . dv`: an equality, or held at or below zero, and with a lower side at or above `-room`.
+/// `value + by . dv`: zero for an equality, at most zero for an inequality. A two-sided row is also at least `-room`.
 #[derive(Debug, Clone)]
 pub(super) struct Row {
     pub value: f64,
-    /// Value of the lower side, held at or below zero.
+    /// Value of the lower side, at most zero.
     pub lower: Option<f64>,
     pub by: Gradient,
 }
@@ -46,7 +46,7 @@ pub(super) struct Cone {
     /// `mu n.f - m`, then the tangential force.
     pub value: [f64; 4],
     pub by: [Gradient; 4],
-    /// The margin that rounds its tip.
+    /// Margin that rounds the tip of the cone.
     pub margin: f64,
 }
 
@@ -58,18 +58,18 @@ pub(super) struct Linear {
     pub cones: Vec<Cone>,
 }
 
-/// Rows of an element, and what they are about.
+/// Rows of an element, with their meaning.
 struct Known {
     place: Place,
     spec: Spec,
-    /// How many of them are linearised as they are.
+    /// Number of linearised rows.
     rows: usize,
     pairs: usize,
-    /// When boundaries of phases can move them, in intervals.
+    /// Times at which phase boundaries can affect the rows, in intervals.
     window: Range<f64>,
 }
 
-/// Values of Jacobian rows and of their lower sides.
+/// Values of rows and of their lower sides.
 type Values = Vec<(f64, Option<f64>)>;
 
 /// All elements in an order that does not depend on durations.
@@ -122,17 +122,17 @@ pub(super) struct Residuals {
 }
 
 impl Residuals {
-    /// Of a layout at `x`, with the Jacobian or without.
+    /// Residuals of a layout at `x`, with or without the Jacobian.
     pub fn new(layout: &Layout<f64>, x: &[f64], derivatives: bool) -> Residuals {
         let mut shared = Shared::default();
         shared.resize(layout);
-        let (mut c, mut g) = (vec![0.; layout.equalities], vec![0.; layout.inequalities]);
+        let (mut c, mut g) = (vec![0.; layout.rows.one_sided()], vec![0.; layout.inequalities]);
         let mut jacobian = vec![0.; if derivatives { layout.jacobian_len } else { 0 }];
         residuals(layout, x, 0., &mut shared, &mut c, &mut g, derivatives.then_some(&mut jacobian[..]));
         Residuals { c, g, jacobian, shared }
     }
 
-    /// Largest violation, scaled as the rows are.
+    /// Largest scaled violation.
     pub fn violation(&self) -> f64 {
         let c = self.c.iter().map(|c| c.abs());
         c.chain(self.g.iter().map(|g| g.max(0.))).fold(0., f64::max)
@@ -143,7 +143,7 @@ impl Residuals {
         for element in known {
             for r in 0..element.rows {
                 let (row, at) = (element.place.row as usize + r, element.place.inequality as usize);
-                values.push(if element.spec.equality {
+                values.push(if element.spec.kind == RowKind::Equality {
                     (self.c[row], None)
                 } else {
                     (self.g[at + r], (r < element.pairs).then(|| self.g[at + element.spec.rows + r]))
@@ -154,13 +154,13 @@ impl Residuals {
     }
 }
 
-/// Rows around a point.
+/// Linearised rows around a point.
 pub(super) fn linear(space: &Space, point: &Point) -> Result<Linear> {
     let layout = &point.layout;
     let here = Residuals::new(layout, &point.x, true);
     let known = known(space, layout);
     let columns = space.columns(layout);
-    let mut element_of = vec![NONE; layout.rows];
+    let mut element_of = vec![NONE; layout.rows.all()];
     for (i, element) in layout.all_elements().enumerate() {
         element_of[element.place.row as usize] = i as u32;
     }
@@ -191,7 +191,11 @@ pub(super) fn linear(space: &Space, point: &Point) -> Result<Linear> {
     let mut linear = Linear { cones: cones(layout, &point.x, &here.shared.ground, &columns), ..Linear::default() };
     let mut rows = rows.into_iter();
     for element in &known {
-        let into = if element.spec.equality { &mut linear.equalities } else { &mut linear.inequalities };
+        let into = match element.spec.kind {
+            RowKind::Equality => &mut linear.equalities,
+            RowKind::Inequality => &mut linear.inequalities,
+            RowKind::Cost => continue,
+        };
         into.extend(rows.by_ref().take(element.rows));
     }
     linear.inequalities.extend(shortest_phases(space, point));
@@ -202,7 +206,8 @@ pub(super) fn linear(space: &Space, point: &Point) -> Result<Linear> {
     Ok(linear)
 }
 
-/// Derivatives of the deviation in one interval: position in `x`, change of the pose at the inner points and of the mean angular momentum.
+/// Derivatives of the deviation in one interval: position in `x`, and change of the pose at the inner points and of the mean angular
+/// momentum.
 type Bends = Vec<(usize, Deviation<f64>)>;
 
 /// Derivatives of the deviations of all intervals.
@@ -210,7 +215,7 @@ fn bends(layout: &Layout<f64>, x: &[f64], here: &Residuals, element_of: &[u32]) 
     let of_interval = |interval: &MomentumInterval<f64>| {
         let element = &layout.elements[element_of[interval.angular.row as usize] as usize];
         let positions = layout.runs[element.runs.range()].iter().flat_map(|run| run.variable as usize..(run.variable + run.len) as usize);
-        // An interval alone.
+        // Tables with a single interval.
         let mut tables = Tables::new(layout.constants, layout.terrain.clone(), layout.curves.interval);
         tables.footholds.clone_from(&layout.footholds);
         tables.impulses = layout.impulses[interval.impulses.range()].to_vec();
@@ -247,19 +252,19 @@ fn bends(layout: &Layout<f64>, x: &[f64], here: &Residuals, element_of: &[u32]) 
     layout.momentum_intervals.par_iter().map(of_interval).collect()
 }
 
-/// Interval of each row that depends on one: those of momentum and of reach. In the order of [`linear`].
+/// Interval of each momentum and reach row; `None` for other rows. In the order of [`linear`].
 #[cfg(all(test, feature = "ipopt"))]
 pub(super) fn intervals(space: &Space, layout: &Layout<f64>) -> Vec<Option<usize>> {
     let known = known(space, layout);
-    let of = |equality: bool| {
-        let elements = known.iter().filter(move |e| e.spec.equality == equality);
+    let of = |kind: RowKind| {
+        let elements = known.iter().filter(move |e| e.spec.kind == kind);
         elements.flat_map(|e| vec![(e.window.end == e.window.start + 1.).then_some(e.window.start as usize); e.rows])
     };
-    // Shortest phases come after all others.
-    of(true).chain(of(false)).chain(std::iter::repeat_n(None, 16 * known.len())).collect()
+    // Rows of the shortest phases come after all others.
+    of(RowKind::Equality).chain(of(RowKind::Inequality)).chain(std::iter::repeat_n(None, 16 * known.len())).collect()
 }
 
-/// Adds what the deviations do to the rows of the mean angular momentum and of reach.
+/// Adds the derivatives of the deviations to the rows of the mean angular momentum and of reach.
 fn add_deviations(
     layout: &Layout<f64>,
     x: &[f64],
@@ -309,10 +314,10 @@ fn add_deviations(
     }
 }
 
-/// Boundaries that no row has to tell apart: foot, phase, and when they move rows, in intervals.
+/// Boundaries that share no row: variable, and the times at which it affects rows, in intervals.
 type Colour = Vec<(usize, Range<f64>)>;
 
-/// Boundaries of phases in groups that move no row together.
+/// Groups of phase boundaries such that no two of a group affect the same row.
 fn colours(space: &Space, point: &Point) -> Vec<Colour> {
     let h = point.schedule.interval();
     let mut all: Colour = Vec::new();
@@ -335,7 +340,7 @@ fn colours(space: &Space, point: &Point) -> Vec<Colour> {
     colours
 }
 
-/// Adds the derivatives by boundaries of phases and by the interval.
+/// Adds the derivatives with respect to phase boundaries and the interval.
 fn by_times(space: &Space, point: &Point, known_here: &[Known], here: &Values, rows: &mut [Row]) -> Result<()> {
     let everywhere = f64::NEG_INFINITY..f64::INFINITY;
     let interval = space.variables.interval.map(|at| vec![(at, everywhere)]);
@@ -349,7 +354,7 @@ fn by_times(space: &Space, point: &Point, known_here: &[Known], here: &Values, r
     };
     let differences = groups.par_iter().map(|group| {
         let ((step, up), (_, down)) = (moved(group, 1.)?, moved(group, -1.)?);
-        // Where the number of rows changes with the interval, one side has to do.
+        // A one-sided difference is used if the number of rows changes on the other side.
         let (up, down, width) = match (up.len() == here.len(), down.len() == here.len()) {
             (true, true) => (up, down, 2. * step),
             (true, false) => (up, here.clone(), step),
@@ -377,7 +382,7 @@ fn by_times(space: &Space, point: &Point, known_here: &[Known], here: &Values, r
     Ok(())
 }
 
-/// Friction cones at force nodes and beside them, as [`cone`] has them.
+/// Friction cones at force nodes and beside them, as in [`cone`].
 fn cones(layout: &Layout<f64>, x: &[f64], ground: &[Ground<f64>], columns: &[(usize, f64)]) -> Vec<Cone> {
     let constants = &layout.constants;
     let (friction, margin) = (constants.friction, constants.force_margin);
@@ -414,7 +419,7 @@ fn cones(layout: &Layout<f64>, x: &[f64], ground: &[Ground<f64>], columns: &[(us
     layout.cones.iter().map(of).collect()
 }
 
-/// Phases are no shorter than they may be: `shortest - (end - start) h <= 0`, in intervals of the start.
+/// Rows for the shortest phases: `shortest - (end - start) h <= 0`, in initial intervals.
 fn shortest_phases<'a>(space: &'a Space, point: &'a Point) -> impl Iterator<Item = Row> + 'a {
     let h = point.schedule.interval();
     let feet = space.variables.feet.iter().enumerate();

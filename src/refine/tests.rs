@@ -17,7 +17,7 @@ pub(super) fn found(task: &Task, family: GaitFamily, settings: &LowerSettings) -
     let backend = Cpu::new(1).unwrap();
     let mut results = evaluate(&[(task, &schedule)], settings, None, &backend, false, &|| false).unwrap();
     let found = results.pop().flatten().unwrap();
-    assert!(found.feasible, "{} is not found", family.name());
+    assert!(found.feasible, "no {} gait was found", family.name());
     found
 }
 
@@ -27,7 +27,7 @@ fn lower() -> LowerSettings {
     settings
 }
 
-/// Some steps of a biped that turns, its space, and its point.
+/// Calls `then` with a few steps of a turning biped: task, space, price and point.
 fn with_walk(then: impl Fn(&Task, &Space, &Price, &Point)) {
     let task = task("biped", "flat", [0.3, 0.05], 0.3);
     let lower = lower();
@@ -39,7 +39,7 @@ fn with_walk(then: impl Fn(&Task, &Space, &Price, &Point)) {
 }
 
 #[test]
-fn a_point_is_made_again_from_its_variables() {
+fn a_point_can_be_rebuilt_from_its_variables() {
     with_walk(|_, space, _, point| {
         let again = space.point(point.v.clone()).unwrap();
         assert_eq!(again.x.len(), point.x.len());
@@ -50,19 +50,19 @@ fn a_point_is_made_again_from_its_variables() {
 }
 
 #[test]
-fn the_model_of_the_cost_is_the_cost() {
+fn the_model_of_the_cost_agrees_with_the_cost() {
     with_walk(|task, _, price, point| {
         let motion = trajectory(task, &point.layout.curves, &point.x);
         let cost = price_of(&motion, &task.robot, task.robot.leg_mass(), &CostWeights::default()).unwrap();
         let value = price.value(point, 0.);
-        // Their quadratures differ where powers change their sign.
+        // The two quadratures differ where powers change sign.
         assert!((value - cost.total).abs() < 1e-3 * cost.total, "{value} is not {}", cost.total);
         assert!((price.model(point, 0.).value() - value).abs() < 1e-12 * value);
     });
 }
 
 #[test]
-fn derivatives_of_the_cost_are_those_of_central_differences() {
+fn derivatives_of_the_cost_agree_with_central_differences() {
     with_walk(|_, space, price, point| {
         let model = price.model(point, 0.);
         let mut by = model.effort_by.clone();
@@ -77,7 +77,7 @@ fn derivatives_of_the_cost_are_those_of_central_differences() {
                 v[i] += sign * step * length;
                 price.value(&space.point(v).unwrap(), 0.)
             };
-            // Where a power is zero the two sides differ, and any slope in between is right.
+            // At zero power the one-sided derivatives differ, and any value between them is correct.
             let (left, right) = ((here - at(-1.)) / step, (at(1.) - here) / step);
             let (by, close) = (by[i] * length, 2e-5);
             assert!(by > left.min(right) - close && by < left.max(right) + close, "variable {i}: {by} is not between {left} and {right}");
@@ -86,7 +86,7 @@ fn derivatives_of_the_cost_are_those_of_central_differences() {
 }
 
 #[test]
-fn derivatives_of_the_rows_are_those_of_central_differences() {
+fn derivatives_of_the_rows_agree_with_central_differences() {
     with_walk(|_, space, _, point| {
         let linear = rows::linear(space, point).unwrap();
         let dense = |rows: &[rows::Row]| -> Vec<Vec<f64>> {
@@ -138,14 +138,14 @@ fn refined(settings: &RefineSettings) -> (Task, Refined) {
 }
 
 #[test]
-fn a_trot_becomes_cheaper_and_keeps_its_durations_when_they_are_given() {
+fn a_trot_with_fixed_durations_becomes_cheaper() {
     let (_, r) = refined(&RefineSettings { durations: false, horizon: false, iterations: 8, ..RefineSettings::default() });
     assert!(r.after.total < 0.9 * r.before.total && r.status == RefineStatus::MaxIterations);
     assert!(r.changed == 0 && r.largest_change < 1e-12 && (r.after.horizon - r.before.horizon).abs() < 1e-12);
 }
 
 #[test]
-fn durations_that_move_make_it_cheaper_still_and_no_phase_too_short() {
+fn free_durations_reduce_the_cost_further_without_too_short_phases() {
     let (_, given) = refined(&RefineSettings { durations: false, horizon: false, iterations: 8, ..RefineSettings::default() });
     let (task, free) = refined(&RefineSettings { iterations: 8, ..RefineSettings::default() });
     assert!(free.after.total < given.after.total && free.changed > 0);
@@ -154,7 +154,7 @@ fn durations_that_move_make_it_cheaper_still_and_no_phase_too_short() {
 }
 
 #[test]
-fn forces_of_a_refined_gait_lie_inside_friction_cones_between_nodes_too() {
+fn forces_of_a_refined_gait_lie_inside_friction_cones_between_nodes() {
     let (task, r) = refined(&RefineSettings { iterations: 6, ..RefineSettings::default() });
     let motion = r.trajectory(&task, &TranscriptionSettings::default());
     for foot in &motion.ee {
@@ -178,7 +178,7 @@ fn the_refined_gait_does_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
-fn a_refinement_of_no_iterations_or_cancelled_returns_a_certified_gait_no_dearer() {
+fn a_refinement_without_iterations_or_cancelled_returns_a_certified_gait_of_no_higher_cost() {
     let (_, r) = refined(&RefineSettings { iterations: 0, ..RefineSettings::default() });
     assert!(r.status == RefineStatus::MaxIterations && r.after.total <= r.before.total && r.optimality.is_none());
     let task = task("biped", "flat", [0.3, 0.], 0.);
@@ -189,7 +189,7 @@ fn a_refinement_of_no_iterations_or_cancelled_returns_a_certified_gait_no_dearer
 }
 
 #[test]
-fn what_cannot_be_refined_is_refused() {
+fn invalid_inputs_are_refused() {
     let task = task("biped", "flat", [0.3, 0.], 0.);
     let gait = found(&task, GaitFamily::Walk, &LowerSettings::default());
     let refused = |x: &[f64], transcription: &TranscriptionSettings, settings: &RefineSettings| {
@@ -204,7 +204,7 @@ fn what_cannot_be_refined_is_refused() {
 
 #[test]
 fn curvature_is_learned_from_a_quadratic() {
-    // Second derivatives 4 along (1, 1) / sqrt 2, -3 along (1, -1) / sqrt 2: the first is found, the second is not convex and left out.
+    // Second derivatives 4 along (1, 1) / sqrt 2 and -3 along (1, -1) / sqrt 2: the first is found, the second is not convex and left out.
     let mut history = History::default();
     let times = |s: [f64; 2]| vec![0.5 * s[0] + 3.5 * s[1], 3.5 * s[0] + 0.5 * s[1]];
     for s in [[1., 1.], [0.1, 0.1]] {
@@ -218,7 +218,7 @@ fn curvature_is_learned_from_a_quadratic() {
 }
 
 #[test]
-fn a_hop_whose_rows_close_slowly_is_refined_too() {
+fn a_hop_whose_rows_close_slowly_is_refined() {
     let task = task("monoped", "flat", [0.5, 0.], 0.);
     let gait = found(&task, GaitFamily::Hop, &LowerSettings::default());
     let settings = RefineSettings { iterations: 2, ..RefineSettings::default() };

@@ -1,12 +1,12 @@
-//! The variables of a refinement: those of the layout in an order that outlives it, and the times at which phases change.
+//! Variables of a refinement: those of the layout in an order independent of the durations, and the phase boundaries.
 //!
-//! A [`Layout`] orders its variables by time, so that other durations make another order. Here blocks stand curve by curve: base knots, then
-//! foot by foot footholds, swing heights and force nodes. Their values are those of the layout but for the rates of the base: these are
-//! absolute, times `h / h_0`, where `h` is the interval of base knots and `h_0` the one at the start. Slopes of forces are per piece
-//! already. So a motion whose intervals become longer, and nothing else, takes the same way more slowly.
+//! A [`Layout`] orders its variables by time, so other durations give another order. Here blocks are ordered by curve: base knots, then for
+//! each foot its footholds, swing heights and force nodes. The values are those of the layout except for the rates of the base. These are
+//! absolute and multiplied by `h / h_0`, where `h` is the interval of base knots and `h_0` its initial value. Slopes of forces are already
+//! per piece. A motion in which only the interval grows therefore follows the same path more slowly.
 //!
-//! Boundaries between phases follow, in intervals: a change of one concerns two phases alone, where a change of a duration would shift all that
-//! comes after it. Last, when the horizon is free, the interval: the number of intervals stays, and the horizon is that many of them.
+//! Phase boundaries follow, in intervals. A boundary affects two phases only, whereas a change of a duration would shift everything after
+//! it. The last variable, if the horizon is free, is the interval: the number of intervals is fixed, so it determines the horizon.
 
 use super::RefineSettings;
 use crate::error::{Error, Result};
@@ -20,84 +20,84 @@ use crate::rows::table::NONE;
 use crate::settings::TranscriptionSettings;
 use crate::task::Task;
 
-/// Distances that a step of trust 1 may go: base position, m,
+/// Step of a base position at trust 1, m.
 const POSITION_STEP: f64 = 0.05;
-/// attitude, rad,
+/// Step of an attitude angle at trust 1, rad.
 const ANGLE_STEP: f64 = 0.1;
-/// velocity, m/s, and angular velocity, rad/s,
+/// Step of a velocity or angular rate at trust 1, m/s or rad/s.
 const RATE_STEP: f64 = 0.5;
-/// footholds, m,
+/// Step of a foothold at trust 1, m.
 const FOOTHOLD_STEP: f64 = 0.05;
-/// swing heights, m,
+/// Step of a swing height at trust 1, m.
 const HEIGHT_STEP: f64 = 0.05;
-/// forces, and their changes over a piece, in the weight per foot,
+/// Step of a force, and of its change over a piece, at trust 1, in weights per foot.
 const FORCE_STEP: f64 = 1.;
-/// boundaries of phases, [`time_scale`]s,
+/// Step of a phase boundary at trust 1, in units of [`time_scale`].
 const BOUNDARY_STEP: f64 = 0.1;
-/// and the interval, in intervals.
+/// Step of the interval at trust 1, relative to the interval.
 const INTERVAL_STEP: f64 = 0.03;
 
-/// Where the variables stand. Nothing stands for what is fixed.
+/// Positions of the variables. Fixed values are `None`.
 #[derive(Debug, Clone)]
 pub(super) struct Variables {
     /// Number of variables.
     pub count: usize,
-    /// First variable of pose and rates at each knot in turn.
+    /// First variable of each block at the base knots: pose and rates alternate.
     pub base: Vec<Option<usize>>,
-    /// Per foot.
+    /// Variables of each foot.
     pub feet: Vec<FootVariables>,
-    /// The interval.
+    /// Variable of the interval.
     pub interval: Option<usize>,
-    /// How far a step of trust 1 may go.
+    /// Trust length of each variable: its largest step at trust 1.
     pub step: Vec<f64>,
 }
 
 /// First variables of one foot's blocks.
 #[derive(Debug, Clone, Default)]
 pub(super) struct FootVariables {
-    /// One a stance.
+    /// Foothold of each stance.
     pub footholds: Vec<Option<usize>>,
-    /// One a swing.
+    /// Height of each swing.
     pub heights: Vec<Option<usize>>,
-    /// Nodes of each stance's force.
+    /// Force nodes of each stance.
     pub force_nodes: Vec<Vec<Option<usize>>>,
-    /// Ends of all phases but the last; none when durations are fixed.
+    /// Ends of all phases but the last; `None` if durations are fixed.
     pub boundaries: Vec<Option<usize>>,
 }
 
-/// A place in the space of the variables, with the problem that it poses.
+/// A point in the space of the variables, with its schedule and layout.
 #[derive(Debug, Clone)]
 pub(super) struct Point {
-    /// The variables.
+    /// Values of the variables.
     pub v: Vec<f64>,
     /// Phase durations.
     pub schedule: AlignedSchedule,
-    /// Their problem.
+    /// Layout of the schedule.
     pub layout: Layout<f64>,
-    /// Its variables, fixed values included.
+    /// Values of the layout's variables, including fixed ones.
     pub x: Vec<f64>,
 }
 
-/// What is the same at all points.
+/// Data shared by all points.
 #[derive(Debug)]
 pub(super) struct Space<'a> {
     pub task: &'a Task,
     pub settings: &'a TranscriptionSettings,
     pub variables: Variables,
-    /// Boxes of the footholds at the start: other durations do not move them.
+    /// Initial boxes of the footholds. Other durations do not move them.
     footings: Vec<Footing<f64>>,
-    /// Interval at the start, s.
+    /// Initial interval, s.
     pub interval: f64,
     /// Number of intervals.
     pub intervals: usize,
-    /// Ends of all phases but the last at the start, in intervals, `[feet][phases - 1]`.
+    /// Initial ends of all phases but the last, in intervals, `[feet][phases - 1]`.
     boundaries: Vec<Vec<f64>>,
-    /// Shortest duration of each phase, s, `[feet][phases]`.
+    /// Shortest allowed duration of each phase, s, `[feet][phases]`.
     pub shortest: Vec<Vec<f64>>,
 }
 
 impl<'a> Space<'a> {
-    /// The problem of a schedule, with the boxes of footholds at the start.
+    /// Layout of a schedule, with the initial boxes of the footholds.
     fn layout(&self, schedule: &AlignedSchedule) -> Layout<f64> {
         let mut layout = Layout::<f64>::new(self.task, schedule, self.settings);
         for (footing, start) in layout.tables.footings.iter_mut().zip(&self.footings) {
@@ -106,7 +106,7 @@ impl<'a> Space<'a> {
         layout
     }
 
-    /// The space around a gait.
+    /// Space of the variables around a gait.
     pub fn new(task: &'a Task, schedule: &AlignedSchedule, transcription: &'a TranscriptionSettings, settings: &RefineSettings) -> Self {
         let layout = Layout::<f64>::new(task, schedule, transcription);
         let (interval, intervals) = (schedule.interval(), schedule.count());
@@ -153,13 +153,14 @@ impl<'a> Space<'a> {
         }
     }
 
-    /// Shortest and longest interval, s: base curves and reach rows divide it into as many pieces as at the start, so that nothing jumps.
+    /// Smallest and largest interval, s. Within them, base curves and reach rows divide an interval into as many pieces as initially, so
+    /// that no row appears or disappears.
     pub fn interval_limits(&self) -> [f64; 2] {
         let pieces = (self.interval / PIECE).ceil();
         [(pieces - 1.).max(0.5) * PIECE + PIECE * 1e-6, pieces * PIECE * (1. - 1e-6)]
     }
 
-    /// Largest part that a phase lacks of its shortest duration; not positive when none lacks any.
+    /// Largest relative shortfall of a phase from its shortest duration; negative or zero if no phase is too short.
     pub fn shortness(&self, schedule: &AlignedSchedule) -> f64 {
         let phases = schedule.durations().iter().flatten().zip(self.shortest.iter().flatten());
         phases.map(|(duration, shortest)| 1. - duration / shortest).fold(f64::NEG_INFINITY, f64::max)
@@ -175,10 +176,10 @@ impl<'a> Space<'a> {
         self.variables.feet[foot].boundaries[phase].map_or(self.boundaries[foot][phase], |at| v[at])
     }
 
-    /// The point at which the variables have these values.
+    /// Point with given values of the variables.
     ///
     /// # Errors
-    /// [`Error::Invalid`] when a phase is shorter than schedules allow.
+    /// [`Error::Invalid`] if a phase is shorter than schedules allow.
     pub fn point(&self, v: Vec<f64>) -> Result<Point> {
         let interval = self.interval_at(&v);
         let durations = (0..self.boundaries.len()).map(|foot| {
@@ -196,14 +197,14 @@ impl<'a> Space<'a> {
         Ok(Point { v, schedule, layout, x })
     }
 
-    /// The point with the schedule of another one and values of its layout.
+    /// Point with the schedule of another one and new values of its layout.
     pub fn moved(&self, point: Point, x: Vec<f64>) -> Point {
         let mut v = point.v;
         self.pairs(&point.layout, |at, variable, of_rate| v[variable] = of_rate.map_or(x[at], |(scale, line)| (x[at] + line) / scale));
         Point { v, x, ..point }
     }
 
-    /// The point of a gait.
+    /// Point of the initial gait.
     pub fn start(&self, schedule: &AlignedSchedule, x: &[f64]) -> Point {
         let mut v = vec![0.; self.variables.count];
         for (foot, ends) in self.variables.feet.iter().zip(&self.boundaries) {
@@ -220,7 +221,7 @@ impl<'a> Space<'a> {
         self.moved(Point { v, schedule: schedule.clone(), layout, x: x.to_vec() }, x.to_vec())
     }
 
-    /// The point of a gait that a refinement made of the one at the start.
+    /// Point of a gait that was refined from the initial one.
     #[cfg(all(test, feature = "ipopt"))]
     pub fn found(&self, schedule: &AlignedSchedule, x: &[f64]) -> Point {
         let mut v = vec![0.; self.variables.count];
@@ -238,8 +239,8 @@ impl<'a> Space<'a> {
         self.moved(Point { v, schedule: schedule.clone(), layout, x: x.to_vec() }, x.to_vec())
     }
 
-    /// Visits every free value of a layout: its position in `x`, its variable, and, when it is a rate, its scale and the rate of the
-    /// reference line: `x = v scale - line`.
+    /// Visits every free value of a layout: its position in `x`, its variable, and for a rate its scale and the rate of the reference line,
+    /// `x = v scale - line`.
     fn pairs(&self, layout: &Layout<f64>, mut visit: impl FnMut(usize, usize, Option<(f64, f64)>)) {
         let mut block = |at: u32, variable: Option<usize>, len: usize, line: Option<&[f64; 6]>| {
             if let Some(first) = variable {
@@ -259,7 +260,7 @@ impl<'a> Space<'a> {
         }
     }
 
-    /// Variable of each position in `x`, and the derivative of that value by it.
+    /// Variable of each position in `x`, and the derivative of that value with respect to it.
     pub fn columns(&self, layout: &Layout<f64>) -> Vec<(usize, f64)> {
         let mut columns = vec![(usize::MAX, 0.); layout.variables];
         self.pairs(layout, |at, variable, of_rate| columns[at] = (variable, of_rate.map_or(1., |(scale, _)| scale)));
@@ -267,7 +268,7 @@ impl<'a> Space<'a> {
     }
 }
 
-/// Gives blocks their first variables.
+/// Assigns variables to blocks.
 struct Allot<'a> {
     layout: &'a Layout<f64>,
     step: Vec<f64>,

@@ -1,4 +1,5 @@
-//! A motion as a moving SVG for pages that run no scripts: seen from the side and a little from above, with its gait below, at real speed.
+//! A motion as an animated SVG for pages without scripts: the robot seen from the side and slightly from above, its gait below, in real
+//! time.
 
 use super::samples::{FOOT_COLORS, Sample, Sampler, body_size, foot_names, hips};
 use super::svg::Picture;
@@ -8,43 +9,45 @@ use crate::robot::Robot;
 use crate::terrain::Terrain;
 use std::fmt::Write;
 
-/// Frames a second; what is between them is interpolated.
+/// Frames per second. The viewer interpolates between them.
 const RATE: f64 = 20.;
 
-/// Width of the picture, and margins, pixels.
+/// Width of the picture, pixels.
 const WIDTH: f64 = 880.;
+/// Margin, pixels.
 const MARGIN: f64 = 26.;
-/// Height of a bar of the gait, and of one with the gap below it, pixels.
+/// Height of a bar of the gait, pixels.
 const BAR: f64 = 9.;
+/// Height of a bar with the gap below it, pixels.
 const LINE: f64 = 13.;
 
-/// Where a metre to the left of the robot's way goes: to the right and up, m.
+/// Projection of 1 m to the left of the direction of travel: to the right and up in the picture, m.
 const SIDEWAYS: [f64; 2] = [0.3, 0.22];
 
-/// Ground that is shown before the start and behind the end, and to either side, in leg heights.
+/// Ground shown before the start and after the end, and to either side, in leg heights.
 const AROUND: [f64; 2] = [1.6, 1.1];
 
-/// Length of a force as heavy as the robot, in leg heights.
+/// Drawn length of a force equal to the robot's weight, in leg heights.
 const FORCE: f64 = 0.9;
 
-/// Points of the world as pixels.
+/// Projection of world points to pixels.
 struct View {
-    /// Direction of the way (x, y), unit.
+    /// Direction of travel (x, y), unit.
     ahead: [f64; 2],
-    /// Of pixels, m.
+    /// Upper left corner of the scene in the projected plane, m.
     corner: [f64; 2],
-    /// Pixels a metre.
+    /// Pixels per metre.
     scale: f64,
 }
 
 impl View {
-    /// Ahead, and to the left of the way, m.
+    /// Coordinates along the direction of travel and to its left, m.
     fn along(&self, [x, y, _]: [f64; 3]) -> [f64; 2] {
         let [c, s] = self.ahead;
         [c * x + s * y, c * y - s * x]
     }
 
-    /// To the right and up, m.
+    /// Projected coordinates to the right and up, m.
     fn flat(&self, point: [f64; 3]) -> [f64; 2] {
         let [ahead, left] = self.along(point);
         [ahead + SIDEWAYS[0] * left, point[2] + SIDEWAYS[1] * left]
@@ -56,10 +59,10 @@ impl View {
     }
 }
 
-/// The picture of a motion.
+/// Animated picture of a motion.
 ///
 /// # Errors
-/// As [`Sampler::new`].
+/// See [`Sampler::new`].
 pub fn animation(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain) -> Result<String> {
     let sampler = Sampler::new(trajectory, robot, terrain)?;
     let samples = sampler.samples(RATE);
@@ -70,7 +73,7 @@ pub fn animation(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain) -> R
     let ahead = if length > 0.1 * leg { way.map(|v| v / length) } else { [1., 0.] };
     let mut view = View { ahead, corner: [0.; 2], scale: 1. };
 
-    // The ground on both sides of the way.
+    // The ground on both sides of the path.
     let side = robot.nominal_feet.iter().map(|foot| foot[0].hypot(foot[1])).fold(0., f64::max) + AROUND[1] * leg * 0.5;
     let ends = [view.along(from)[0] - side - AROUND[0] * leg, view.along(to)[0] + side + AROUND[0] * leg];
     let middle = view.along(from)[1];
@@ -107,7 +110,7 @@ pub fn animation(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain) -> R
         }
     }
     let moving = Moving { samples: &samples, duration: trajectory.horizon, view: &view };
-    // Far feet first, then the body, then near ones.
+    // Legs of the far side first, then the body, then legs of the near side.
     let left = |foot: usize| robot.nominal_feet[foot][1] > 0.;
     let hips = hips(robot);
     let weight = robot.weight();
@@ -146,7 +149,7 @@ pub fn animation(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain) -> R
         }
     }
 
-    // The gait, and where in it the motion is.
+    // The gait, and a cursor at the current time.
     let (x0, x1, top) = (MARGIN + 30., WIDTH - MARGIN, scene);
     let time = |t: f64| x0 + (x1 - x0) * t / trajectory.horizon;
     for (foot, name) in foot_names(robot).into_iter().enumerate() {
@@ -169,7 +172,7 @@ pub fn animation(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain) -> R
     Ok(picture.finish())
 }
 
-/// A point of the base frame in the world, m.
+/// World position of a point given in the base frame, m.
 fn to_world(sample: &Sample, point: [f64; 3]) -> [f64; 3] {
     let [w, x, y, z] = sample.base.quaternion;
     let rotation = nalgebra::UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(w, x, y, z));
@@ -179,16 +182,16 @@ fn to_world(sample: &Sample, point: [f64; 3]) -> [f64; 3] {
 
 type Place<'a> = &'a dyn Fn(&Sample) -> [f64; 3];
 
-/// Elements that move with the motion.
+/// Elements that follow the motion.
 struct Moving<'a> {
     samples: &'a [Sample],
-    /// s.
+    /// Duration, s.
     duration: f64,
     view: &'a View,
 }
 
 impl Moving<'_> {
-    /// The values of an attribute at all samples.
+    /// Animation of an attribute over all samples.
     fn animate(&self, attribute: &str, value: impl Fn(&Sample) -> String) -> String {
         let mut text = format!(r#"<animate attributeName="{attribute}" dur="{:.2}s" repeatCount="indefinite" keyTimes=""#, self.duration);
         let separated = |text: &mut String, number: usize, value: std::fmt::Arguments| {

@@ -1,4 +1,4 @@
-//! An atlas of gaits as tables: a line a problem, and a summary.
+//! Tables of an atlas of gaits: one line per problem, and a summary.
 
 use super::result::SolvedOn;
 use crate::error::{Error, Result};
@@ -8,7 +8,7 @@ use crate::search::atlas::{Atlas, AtlasPoint, Transition};
 use crate::search::evaluate::LowerSettings;
 use serde::Serialize;
 
-/// Names and values of the columns, in their order. Digits: four to five that count, so that thousands of lines stay small.
+/// Names and values of the columns in output order. Numbers keep four to five significant digits so that thousands of lines stay small.
 fn columns(point: &AtlasPoint) -> [(&'static str, String); 25] {
     let digits = |value: f64| match value.abs() {
         v if v >= 100. => format!("{value:.1}"),
@@ -46,10 +46,11 @@ fn columns(point: &AtlasPoint) -> [(&'static str, String); 25] {
     ]
 }
 
-/// A line a problem. Costs are empty where no motion was certified. Units: m, s, degrees; costs per weight and distance, forces in weights.
+/// Table with one line per problem. Costs are empty where no motion was certified. Units: m, s, degrees; costs per weight and distance,
+/// forces in weights.
 ///
 /// # Errors
-/// [`Error::Format`] when the library cannot write.
+/// [`Error::Format`] if the CSV library fails to write.
 pub fn csv(atlas: &Atlas) -> Result<String> {
     let failed = |e: &dyn std::fmt::Display| Error::Format { message: e.to_string() };
     let mut writer = csv::Writer::from_writer(Vec::new());
@@ -63,56 +64,56 @@ pub fn csv(atlas: &Atlas) -> Result<String> {
     String::from_utf8(writer.into_inner().map_err(|e| failed(&e))?).map_err(|e| failed(&e))
 }
 
-/// What an atlas comes to.
+/// Summary of an atlas.
 #[derive(Debug, Clone, Serialize)]
 pub struct AtlasResult {
     /// Name of the robot.
     pub robot: String,
-    /// Height of its base, m: the length that speeds and times scale with.
+    /// Height of the base, m: the length `l` that scales speeds and times.
     pub base_height: f64,
-    /// `sqrt(l / g)`, s.
+    /// Time scale `sqrt(l / g)`, s.
     pub time_scale: f64,
-    /// `sqrt(g l)`, m/s.
+    /// Speed scale `sqrt(g l)`, m/s.
     pub speed_scale: f64,
-    /// Periods of a stride, s.
+    /// Stride periods, s.
     pub periods: Vec<f64>,
-    /// Shares of a stride that a foot stands.
+    /// Duty factors: the part of a stride that a foot is in stance.
     pub duties: Vec<f64>,
     /// Travel speeds, m/s.
     pub speeds: Vec<f64>,
-    /// Least duration of the even part of a motion, s.
+    /// Shortest duration of the part of a motion at steady speed, s.
     pub even_seconds: f64,
-    /// Weights of the cost.
+    /// Weights of the cost terms.
     pub cost: CostWeights,
-    /// Settings of the solver.
+    /// Solver settings.
     pub settings: LowerSettings,
-    /// Problems of the plan.
+    /// Number of problems in the plan.
     pub problems: usize,
-    /// Problems that were solved; fewer when it was stopped.
+    /// Number of problems solved; smaller than `problems` if the run was stopped.
     pub solved: usize,
-    /// Problems with a certified motion.
+    /// Number of problems with a certified motion.
     pub certified: usize,
-    /// Combinations that no leg can follow: its foot would leave its reach, or hurry.
+    /// Number of combinations left out because no leg can follow them: the foot would leave its reach or exceed its speed.
     pub left_out: usize,
-    /// Time of all of it, s.
+    /// Total time, s.
     pub seconds: f64,
-    /// Where it was solved.
+    /// Device and precision.
     #[serde(flatten)]
     pub solved_on: SolvedOn,
-    /// One entry a slope.
+    /// Results per slope.
     pub slopes: Vec<OnSlope>,
 }
 
-/// What an atlas comes to on one slope.
+/// Results on one slope.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct OnSlope {
     /// Rise over run.
     pub slope: f64,
-    /// Where another gait becomes the best, from slow to fast.
+    /// Transitions between best gaits, from slow to fast.
     pub transitions: Vec<Transition>,
-    /// The best gait at each speed; null where none exists.
+    /// Best gait at each speed.
     pub best: Vec<AtSpeed>,
-    /// Each gait by itself.
+    /// Results per gait family.
     pub families: Vec<OfFamily>,
 }
 
@@ -121,29 +122,29 @@ pub struct OnSlope {
 pub struct AtSpeed {
     /// Travel speed, m/s.
     pub speed: f64,
-    /// Its Froude number.
+    /// Froude number.
     pub froude: f64,
-    /// The gait.
+    /// Best certified gait; null if no gait was certified.
     pub best: Option<AtlasPoint>,
-    /// The next best family, and how much more it costs, as a share.
+    /// Next best family and its relative extra cost (0.1: 10 % more).
     pub next: Option<(GaitFamily, f64)>,
 }
 
-/// A family of gaits.
+/// Results of one gait family.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct OfFamily {
-    /// Its name.
+    /// Family.
     pub family: GaitFamily,
-    /// Problems that were solved.
+    /// Number of problems solved.
     pub solved: usize,
-    /// Problems with a certified motion.
+    /// Number of problems with a certified motion.
     pub certified: usize,
-    /// Least cost at each speed; null where no motion was certified.
+    /// Smallest cost at each speed; null where no motion was certified.
     pub cost: Vec<Option<f64>>,
 }
 
 impl AtlasResult {
-    /// What settings and a device made of a plan.
+    /// Summarises an atlas that was solved with these settings on this device.
     pub fn new(atlas: &Atlas, settings: &LowerSettings, solved_on: SolvedOn) -> AtlasResult {
         let plan = &atlas.plan;
         let robot = &plan.robot;
@@ -168,7 +169,7 @@ impl AtlasResult {
         }
     }
 
-    /// Lines for the terminal.
+    /// Text for the terminal.
     pub fn text(&self) -> String {
         let mut text = format!(
             "{}: {} of {} problems certified in {:.1} s ({}), {} combinations left out\n",
@@ -226,7 +227,7 @@ impl OnSlope {
     }
 }
 
-/// Name of a family, or of none.
+/// Name of a family, or "no gait".
 pub fn name(family: Option<GaitFamily>) -> &'static str {
     family.map_or("no gait", GaitFamily::name)
 }

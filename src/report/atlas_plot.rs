@@ -1,28 +1,28 @@
-//! An atlas of gaits as a picture, SVG: cost of transport over speed, the best gait at each speed, and how it strides.
+//! An atlas of gaits as an SVG picture: cost of transport over speed, the best gait at each speed, and its duty factor and period.
 
 use super::atlas::name;
 use super::svg::{AXIS, GRID, Picture, SMALL, Scale, short};
 use crate::gait::family::{FAMILIES, GaitFamily, speed_scale, time_scale};
 use crate::search::atlas::{Atlas, AtlasPoint};
 
-/// Edges of the plots, pixels.
+/// Horizontal edges of the plots, pixels.
 const LEFT: f64 = 78.;
 const RIGHT: f64 = 760.;
-/// Width of the picture, pixels: the legend stands beside the plots.
+/// Width of the picture, pixels. The legend is to the right of the plots.
 const WIDTH: f64 = 980.;
 /// Top and height of the panel of curves, pixels.
 const TOP: f64 = 84.;
 const CURVES: f64 = 330.;
-/// Height of a line of notes, of the band of best gaits and of a strip, pixels.
+/// Heights of a line of notes, of the band of best gaits, of a strip, and of a gap, pixels.
 const NOTE: f64 = 17.;
 const BAND: f64 = 24.;
 const STRIP: f64 = 62.;
 const GAP: f64 = 14.;
 
-/// Dearest cost that is drawn, in least costs: beyond, curves of no interest would press the others together.
-const DEAREST: f64 = 12.;
+/// Largest cost drawn, in multiples of the smallest cost. Without a limit, uninteresting curves would compress the others.
+const LARGEST_COST: f64 = 12.;
 
-/// One colour a family, told apart by most eyes; families of one kind of robot have different ones.
+/// One colour per family, distinguishable with most colour vision deficiencies. Families of one kind of robot have different colours.
 fn color(family: GaitFamily) -> &'static str {
     use GaitFamily::*;
     match family {
@@ -37,10 +37,10 @@ fn color(family: GaitFamily) -> &'static str {
     }
 }
 
-/// Froude numbers of the second axis.
+/// Froude numbers on the second axis.
 const FROUDE: [f64; 13] = [0.01, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1., 1.5, 2., 3., 4., 6.];
 
-/// The atlas on one slope. Empty of curves where nothing was certified.
+/// Picture of the atlas on one slope. It has no curves if nothing was certified.
 pub fn svg(atlas: &Atlas, slope: f64) -> String {
     let plan = &atlas.plan;
     let robot = &plan.robot;
@@ -51,7 +51,7 @@ pub fn svg(atlas: &Atlas, slope: f64) -> String {
 
     let best = atlas.best(slope);
     let transitions = atlas.transitions(slope);
-    // Notes on transitions, in lines where they do not meet.
+    // Notes on transitions, distributed over lines so that they do not overlap.
     let mut ends: Vec<f64> = Vec::new();
     let notes: Vec<(usize, f64, String)> = transitions
         .iter()
@@ -82,7 +82,7 @@ pub fn svg(atlas: &Atlas, slope: f64) -> String {
     );
     p.text(LEFT, 42., "start", SMALL, &about);
 
-    // Axes of speed: at the bottom in m/s, on top as Froude numbers.
+    // Speed axes: m/s at the bottom, Froude numbers at the top.
     for v in x.ticks(10) {
         for [top, end] in [[TOP, TOP + CURVES], [strips[0], strips[0] + STRIP], [strips[1], bottom]] {
             p.line([x.at(v), top], [x.at(v), end], GRID);
@@ -108,7 +108,7 @@ pub fn svg(atlas: &Atlas, slope: f64) -> String {
         FAMILIES.into_iter().filter(|f| plan.families.contains(f)).map(|f| (f, atlas.curve(f, slope))).collect();
     let totals = || curves.iter().flat_map(|(_, c)| c.iter().flatten()).filter_map(|p| p.total());
     let least = totals().fold(f64::MAX, f64::min);
-    let most = totals().fold(0., f64::max).min(DEAREST * least);
+    let most = totals().fold(0., f64::max).min(LARGEST_COST * least);
     if most > 0. {
         let y = Scale { low: least / 1.12, high: (most * 1.08).max(1.5 * least), pixels: [TOP + CURVES, TOP], log: true };
         for v in y.ticks(0) {
@@ -128,7 +128,7 @@ pub fn svg(atlas: &Atlas, slope: f64) -> String {
     frame(&mut p, TOP, TOP + CURVES);
     p.turned(22., TOP + CURVES / 2., 13, "cost of transport");
 
-    // Legend, cheapest first.
+    // Legend, cheapest family first.
     let cheapest = |c: &[Option<&AtlasPoint>]| c.iter().flatten().filter_map(|q| q.total()).fold(f64::INFINITY, f64::min);
     let mut legend: Vec<&(GaitFamily, Vec<Option<&AtlasPoint>>)> = curves.iter().collect();
     legend.sort_by(|a, b| cheapest(&a.1).total_cmp(&cheapest(&b.1)));
@@ -141,7 +141,7 @@ pub fn svg(atlas: &Atlas, slope: f64) -> String {
         p.text(RIGHT + 50., at + 14., "start", r##"font-size="11" fill="#666""##, &share);
     }
 
-    // Notes and the band of the best.
+    // Notes, and the band of best gaits.
     for ((line, at, text), t) in notes.iter().zip(&transitions) {
         let y = band - 6. - NOTE * (ends.len() - 1 - line) as f64;
         p.line([x.at(t.speed), TOP + CURVES], [x.at(t.speed), y - 11.], r##"stroke="#777" stroke-width="1" stroke-dasharray="4 3""##);
@@ -167,7 +167,7 @@ pub fn svg(atlas: &Atlas, slope: f64) -> String {
     }
     p.text(RIGHT + 10., band + 17., "start", SMALL, "cheapest gait");
 
-    // Its stride.
+    // Duty factor and period of the best gait.
     let duty = Scale { low: 0., high: 1., pixels: [strips[0] + STRIP, strips[0]], log: false };
     let time = time_scale(robot);
     let longest = best.iter().flatten().map(|q| q.period / time).fold(1., f64::max);
@@ -189,12 +189,12 @@ pub fn svg(atlas: &Atlas, slope: f64) -> String {
     p.finish()
 }
 
-/// A gait in words.
+/// Name of a gait with spaces.
 fn words(family: Option<GaitFamily>) -> String {
     name(family).replace('-', " ")
 }
 
-/// The edges of a panel.
+/// Draws the frame of a panel.
 fn frame(p: &mut Picture, top: f64, bottom: f64) {
     p.box_of([LEFT, top], [RIGHT, bottom], r##"fill="none" stroke="#333" stroke-width="1""##);
 }

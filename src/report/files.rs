@@ -1,4 +1,4 @@
-//! Reading and writing files so that errors name the place and nothing is left half-written.
+//! Reading and writing of files. Errors name the file, and no file is left half-written.
 
 use crate::error::{Error, Result};
 use std::fs;
@@ -8,37 +8,37 @@ use std::path::{Path, PathBuf};
 /// Largest input file, bytes.
 pub const MAX_FILE: u64 = 1 << 30;
 
-/// The path that stands for standard input, and for standard output.
+/// Path that represents standard input or standard output.
 pub const STREAM: &str = "-";
 
-/// Reads a text file, without the byte order mark that some editors put first.
+/// Reads a text file and drops the byte order mark that some editors put first.
 ///
 /// # Errors
-/// [`Error::Io`] when the system refuses, [`Error::Invalid`] when there is more than [`MAX_FILE`], as in a device that never ends.
+/// [`Error::Io`] if the system refuses, [`Error::Invalid`] if the file is larger than [`MAX_FILE`], such as a device that never ends.
 pub fn read(path: &Path) -> Result<String> {
     read_at_most(path, MAX_FILE)
 }
 
-/// As [`read`], of a file that is small when it is what it should be.
+/// Reads a text file of at most `limit` bytes, for files that are small if they are valid.
 ///
 /// # Errors
-/// As [`read`], with `limit` bytes for [`MAX_FILE`].
+/// See [`read`], with `limit` in place of [`MAX_FILE`].
 pub fn read_at_most(path: &Path, limit: u64) -> Result<String> {
     let no_text =
-        |_| Error::Io { action: "read", path: path.to_owned(), source: io::Error::new(io::ErrorKind::InvalidData, "no UTF-8 text") };
+        |_| Error::Io { action: "read", path: path.to_owned(), source: io::Error::new(io::ErrorKind::InvalidData, "not UTF-8 text") };
     let text = String::from_utf8(read_bytes(path, limit)?).map_err(no_text)?;
     Ok(text.strip_prefix('\u{feff}').map(String::from).unwrap_or(text))
 }
 
-/// Whether a file is TOML by its name; it is JSON otherwise.
+/// True if the file name ends in `.toml`. All other files are JSON.
 pub fn is_toml(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("toml"))
 }
 
-/// Reads a value from a file in JSON or, by its name, in TOML.
+/// Reads a value from a TOML file (name ends in `.toml`) or a JSON file (any other name).
 ///
 /// # Errors
-/// As [`read`], and [`Error::InFile`] for what is not such a value.
+/// See [`read`]; [`Error::InFile`] if the text is not such a value.
 pub fn read_value<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
     let text = read(path)?;
     let value = if is_toml(path) { crate::error::from_toml(&text) } else { crate::error::from_json(&text) };
@@ -48,7 +48,7 @@ pub fn read_value<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
 /// Reads a file of any kind of at most `limit` bytes; `-` is standard input.
 ///
 /// # Errors
-/// As [`read_at_most`].
+/// See [`read_at_most`].
 pub fn read_bytes(path: &Path, limit: u64) -> Result<Vec<u8>> {
     let io = |source| Error::Io { action: "read", path: path.to_owned(), source };
     let mut bytes = Vec::new();
@@ -63,19 +63,19 @@ pub fn read_bytes(path: &Path, limit: u64) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Writes a whole file or nothing: to a neighbour first, then renamed over the target. A link is followed; a device or pipe is written
-/// directly, and so is standard output, `-`.
+/// Writes a whole file or nothing: to a temporary neighbour first, which is then renamed over the target. A link is followed. A device, a
+/// pipe and standard output (`-`) are written directly.
 ///
 /// # Errors
-/// [`Error::Io`] when the system refuses.
+/// [`Error::Io`] if the system refuses.
 pub fn write(path: &Path, text: &str) -> Result<()> {
     write_bytes(path, text.as_bytes())
 }
 
-/// As [`write()`], of what is no text.
+/// Writes bytes in the manner of [`write()`].
 ///
 /// # Errors
-/// As [`write()`].
+/// See [`write()`].
 pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
     let io = |source| Error::Io { action: "write", path: path.to_owned(), source };
     if path == Path::new(STREAM) {
@@ -90,16 +90,16 @@ pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<()> {
     let part = target.with_file_name(name);
     let written = fs::File::create_new(&part).and_then(|mut f| f.write_all(bytes).and_then(|()| f.sync_all()));
     written.and_then(|()| fs::rename(&part, &target)).map_err(|e| {
-        // The part may not exist; the first error is the one to tell.
+        // The part may not exist. The first error is the one to report.
         let _ = fs::remove_file(&part);
         io(e)
     })
 }
 
-/// Writes to standard output. A closed pipe (`| head`) is no error.
+/// Writes to standard output. A closed pipe (`| head`) is not an error.
 ///
 /// # Errors
-/// What the system says.
+/// The system's error.
 pub fn stdout(bytes: &[u8]) -> io::Result<()> {
     let mut out = io::stdout().lock();
     match out.write_all(bytes).and_then(|()| out.flush()) {
@@ -108,19 +108,19 @@ pub fn stdout(bytes: &[u8]) -> io::Result<()> {
     }
 }
 
-/// Makes a folder and checks that files can be written there, before any work is done.
+/// Creates a folder and checks that files can be written there, before any work is done.
 ///
 /// # Errors
-/// [`Error::Io`] when the system refuses.
+/// [`Error::Io`] if the system refuses.
 pub fn make_folder(path: &Path) -> Result<()> {
     fs::create_dir_all(path).map_err(|source| Error::Io { action: "make the folder", path: path.to_owned(), source })?;
     check_writable(&path.join("result.json"))
 }
 
-/// Checks that a file can be made beside `path`, before any work is done. An existing file is not touched.
+/// Checks that a file can be created beside `path`, before any work is done. An existing file is not touched.
 ///
 /// # Errors
-/// [`Error::Io`] when the system refuses.
+/// [`Error::Io`] if the system refuses.
 pub fn check_writable(path: &Path) -> Result<()> {
     let io = |source| Error::Io { action: "write", path: path.to_owned(), source };
     let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
@@ -133,42 +133,43 @@ pub fn check_writable(path: &Path) -> Result<()> {
     fs::File::create_new(&probe).and_then(|_| fs::remove_file(&probe)).map_err(io)
 }
 
-/// Opens a file to add to, made if it is not there, that no other run adds to at the same time. A link is not followed.
+/// Opens a file for appending and locks it against other runs; creates it if it does not exist. A link is refused.
 ///
 /// # Errors
-/// [`Error::Io`] when the system refuses; [`Error::Invalid`] when another run holds it, or it is a link.
+/// [`Error::Io`] if the system refuses; [`Error::Invalid`] if another run has locked the file, or if it is a link.
 pub fn open_alone(path: &Path) -> Result<fs::File> {
     let io = |source| Error::Io { action: "write", path: path.to_owned(), source };
     if fs::symlink_metadata(path).is_ok_and(|m| !m.is_file()) {
-        return Err(Error::invalid("file", "no plain file", "a plain file, which this program made").in_file(path, None));
+        return Err(Error::invalid("file", "not a regular file", "a regular file that this program created").in_file(path, None));
     }
     let file = fs::OpenOptions::new().create(true).append(true).open(path).map_err(io)?;
     match file.try_lock() {
         Ok(()) => Ok(file),
         Err(fs::TryLockError::WouldBlock) => Err(Error::invalid("file", "in use by another run", "one run at a time").in_file(path, None)),
-        // Some file systems cannot lock.
+        // Some file systems do not support locks.
         Err(fs::TryLockError::Error(e)) if e.kind() == std::io::ErrorKind::Unsupported => Ok(file),
         Err(fs::TryLockError::Error(e)) => Err(io(e)),
     }
 }
 
-/// Lines of a file in the making: they stand in a neighbour, `.part`, as soon as they are there, and become the file when all are.
+/// A file that is written line by line. Finished lines are stored at once in a neighbour, `.part`, which replaces the target when all are
+/// there.
 #[derive(Debug)]
 pub struct Growing {
     target: PathBuf,
-    /// None where the target is no plain file.
+    /// `None` if the target is not a regular file.
     part: Option<(PathBuf, fs::File)>,
     lines: String,
     count: usize,
 }
 
 impl Growing {
-    /// Begins, or goes on with what an ended run has left.
+    /// Starts a file, or resumes one that an earlier run left unfinished.
     ///
-    /// * `stamp` - a line that says what the lines depend on; what another stamp has left is begun anew
+    /// * `stamp` - a line that identifies everything the lines depend on; a part with another stamp is discarded
     ///
     /// # Errors
-    /// As [`open_alone`].
+    /// See [`open_alone`].
     pub fn open(target: &Path, stamp: &str) -> Result<Growing> {
         let mut growing = Growing { target: target.to_owned(), part: None, lines: String::new(), count: 0 };
         let real = fs::canonicalize(target).unwrap_or_else(|_| target.to_owned());
@@ -181,7 +182,7 @@ impl Growing {
         let mut file = open_alone(&path)?;
         let io = |source| Error::Io { action: "write", path: path.clone(), source };
         let text = read(&path)?;
-        // A last line may have been cut off.
+        // The last line may have been cut off.
         let whole = &text[..text.rfind('\n').map_or(0, |end| end + 1)];
         match whole.split_once('\n') {
             Some((first, rest)) if first == stamp => {
@@ -201,15 +202,15 @@ impl Growing {
         self.count
     }
 
-    /// The lines so far.
+    /// Lines so far.
     pub fn text(&self) -> &str {
         &self.lines
     }
 
-    /// Forgets all lines but the first ones.
+    /// Drops all lines but the first `count`.
     ///
     /// # Errors
-    /// [`Error::Io`] when the system refuses.
+    /// [`Error::Io`] if the system refuses.
     pub fn keep(&mut self, count: usize) -> Result<()> {
         if count < self.count {
             let kept: usize = self.lines.lines().take(count).map(|line| line.len() + 1).sum();
@@ -223,10 +224,10 @@ impl Growing {
         Ok(())
     }
 
-    /// Adds whole lines.
+    /// Appends whole lines.
     ///
     /// # Errors
-    /// [`Error::Io`] when the system refuses.
+    /// [`Error::Io`] if the system refuses.
     pub fn add(&mut self, lines: &str) -> Result<()> {
         if let Some((path, file)) = &mut self.part {
             let written = file.write_all(lines.as_bytes()).and_then(|()| file.sync_data());
@@ -237,10 +238,10 @@ impl Growing {
         Ok(())
     }
 
-    /// Makes the file of them, in the place of an older one.
+    /// Writes the lines to the target, replacing an older file, and removes the part.
     ///
     /// # Errors
-    /// As [`write`].
+    /// See [`write`].
     pub fn finish(self) -> Result<()> {
         write(&self.target, &self.lines)?;
         let remove = |(path, _): (PathBuf, fs::File)| {
@@ -250,7 +251,7 @@ impl Growing {
     }
 }
 
-/// Non-empty lines with their one-based numbers.
+/// Non-empty lines with their one-based line numbers.
 pub fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     text.lines().enumerate().map(|(i, line)| (i + 1, line)).filter(|(_, line)| !line.trim().is_empty())
 }
@@ -260,13 +261,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_in_the_making_is_gone_on_with() {
+    fn an_unfinished_file_is_resumed() {
         let folder = tempfile::tempdir().unwrap();
         let target = folder.path().join("results.jsonl");
         write(&target, "old\n").unwrap();
         let mut growing = Growing::open(&target, "stamp").unwrap();
         growing.add("one\ntwo\n").unwrap();
-        // Another run is refused while this one lasts.
+        // Another run is refused while this one is open.
         assert!(Growing::open(&target, "stamp").unwrap_err().to_string().contains("in use by another run"));
         drop(growing);
         assert_eq!(read(&target).unwrap(), "old\n");
@@ -280,13 +281,13 @@ mod tests {
         growing.finish().unwrap();
         assert_eq!(read(&target).unwrap(), "one\n2\n");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
-        // Another stamp begins anew.
+        // Another stamp starts afresh.
         drop(Growing::open(&target, "stamp").map(|mut g| g.add("one\n")).unwrap());
         assert_eq!(Growing::open(&target, "other").unwrap().count(), 0);
     }
 
     #[test]
-    fn a_byte_order_mark_is_no_part_of_a_text() {
+    fn a_byte_order_mark_is_dropped() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("robot.json");
         fs::write(&path, "\u{feff}{}").unwrap();
@@ -295,7 +296,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_link_in_the_place_of_a_part_is_refused() {
+    fn a_part_that_is_a_link_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let (target, other) = (folder.path().join("results.jsonl"), folder.path().join("other"));
         fs::write(&other, "kept").unwrap();

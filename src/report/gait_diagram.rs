@@ -1,11 +1,11 @@
-//! The contact schedule as text: one line a foot, time to the right.
+//! The contact schedule as text: one line per foot, time to the right.
 
 use crate::gait::Schedule;
 
 /// Widest diagram, characters.
 const WIDTH: f64 = 100.;
 
-/// Draws stance as `#` and swing as `.`; a character is at least 0.05 s.
+/// Draws stance as `#` and swing as `.`. One character is at least 0.05 s.
 pub fn gait_diagram(schedule: &Schedule) -> String {
     let horizon = schedule.horizon();
     let cell = (horizon / WIDTH).max(0.05);

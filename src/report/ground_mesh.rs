@@ -1,52 +1,52 @@
-//! The ground around a motion as a mesh of lines along x and y.
+//! Terrain around a motion as a mesh of lines along x and y.
 
 use super::samples::Sample;
 use crate::terrain::{Profile, Shape, Terrain};
 use serde::Serialize;
 
-/// Most lines along an axis; of a finer grid every second, third ... is drawn.
+/// Most lines along an axis. Of a finer grid only every second, third, ... line is drawn.
 const MOST_LINES: usize = 200;
 
-/// Pieces in which a curved patch is drawn.
+/// Number of pieces in which a curved patch is drawn.
 const PIECES: usize = 64;
 
-/// How far to the side of a jump its two heights are taken, m.
+/// Distance to either side of a jump at which its two heights are taken, m.
 const ASIDE: f64 = 1e-9;
 
-/// Ground that is shown around a motion, in leg heights, and at least, m.
+/// Terrain shown around a motion, in leg heights, and its minimum, m.
 const MARGIN: (f64, f64) = (3., 0.5);
 
 /// Heights above a rectangle of the plane.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GroundMesh {
-    /// Lines along x, m, ascending; twice the same where the ground jumps.
+    /// Lines along x, m, ascending. A value appears twice where the ground jumps.
     pub xs: Vec<f64>,
     /// Lines along y, m, ascending.
     pub ys: Vec<f64>,
-    /// Heights, m: those of the first line along x, then those of the second, ...
+    /// Heights, m: first all heights of the first line along x, then those of the second, ...
     pub heights: Vec<f64>,
-    /// Whether lines of a grid are left out.
+    /// True if lines of a grid were left out.
     pub coarser: bool,
 }
 
 impl GroundMesh {
-    /// The ground around a motion and its goal.
+    /// Terrain around a motion and its goal.
     ///
-    /// * `leg` - height of a leg, m
+    /// * `leg` - leg height, m
     pub fn around(samples: &[Sample], goal: [f64; 3], leg: f64, terrain: &Terrain) -> GroundMesh {
         let margin = (MARGIN.0 * leg).max(MARGIN.1);
         let places = || {
             let feet = samples.iter().flat_map(|s| s.feet.iter().map(|f| f.position));
             feet.chain(samples.iter().map(|s| s.base.position)).chain([goal])
         };
-        // To the millimetre: nobody sees where it ends.
+        // Millimetres are precise enough for the edge of the mesh.
         let rounded = |value: f64| (value * 1e3).round() / 1e3;
         let low = [0, 1].map(|axis| rounded(places().map(|p| p[axis]).fold(f64::INFINITY, f64::min) - margin));
         let high = [0, 1].map(|axis| rounded(places().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max) + margin));
         GroundMesh::new(terrain, low, high)
     }
 
-    /// The ground from `low` to `high` (x, y), m.
+    /// Terrain from `low` to `high` (x, y), m.
     pub fn new(terrain: &Terrain, low: [f64; 2], high: [f64; 2]) -> GroundMesh {
         let (mut xs, ys, coarser) = match &terrain.shape {
             Shape::Flat => (vec![low[0], high[0]], vec![low[1], high[1]], false),
@@ -84,7 +84,7 @@ impl GroundMesh {
     }
 }
 
-/// The edges of a profile, and points between them where it is curved.
+/// Lines at the edges of a profile, and between them where it is curved.
 fn profile_lines(profile: Profile, low: f64, high: f64) -> Vec<f64> {
     let mut lines = vec![low, high];
     lines.extend(profile.edges());
@@ -110,21 +110,21 @@ mod tests {
     }
 
     #[test]
-    fn risers_of_stairs_are_two_lines_at_one_place() {
+    fn risers_of_stairs_are_two_lines_at_one_position() {
         let stairs = mesh("stairs");
         assert_eq!(stairs.xs, [-1., 1.0, 1.0, 1.4, 1.4, 2.4, 2.4, 6.]);
         let along: Vec<f64> = stairs.heights.iter().step_by(2).copied().collect();
         assert_eq!(along, [0., 0., 0.2, 0.2, 0.4, 0.4, 0., 0.]);
-        // The ramp up to the block is no jump, its far end is.
+        // The ramp up to the block is not a jump; its far end is.
         assert_eq!(mesh("block").xs, [-1., 0.7, 0.73, 4.2, 4.2, 6.]);
-        // A wall in y jumps where it begins.
+        // A wall in y begins with a jump.
         let chimney = mesh("chimney");
         assert_eq!(chimney.xs, [-1., 1., 1., 2.5, 2.5, 6.]);
         assert_eq!(chimney.heights.len(), 12);
     }
 
     #[test]
-    fn a_mesh_is_on_the_ground() {
+    fn a_mesh_lies_on_the_ground() {
         for name in ["step", "gap", "slope"] {
             let (mesh, terrain) = (mesh(name), Terrain::named(name).unwrap());
             assert!(mesh.xs.is_sorted() && !mesh.coarser, "{name}");
@@ -133,7 +133,7 @@ mod tests {
                     assert!((mesh.heights[i * mesh.ys.len() + j] - terrain.height(x, y)).abs() < 1e-9, "{name} at {x}, {y}");
                 }
             }
-            // Between the lines, too: nothing of the ground is cut off.
+            // Between the lines, the mesh follows the terrain.
             for (i, pair) in mesh.xs.windows(2).enumerate() {
                 let middle = (mesh.heights[i * mesh.ys.len()] + mesh.heights[(i + 1) * mesh.ys.len()]) / 2.;
                 assert!((terrain.height((pair[0] + pair[1]) / 2., mesh.ys[0]) - middle).abs() < 1e-3, "{name} at {}", pair[0]);
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fine_grid_is_thinned_and_says_so() {
+    fn a_fine_grid_is_thinned_and_marked() {
         let heights = vec![vec![0.; 900]; 900];
         let shape = Shape::Grid(Grid { low: [-2.; 2], high: [8.; 2], heights });
         let mesh = GroundMesh::new(&Terrain { name: "fine".into(), friction: 1., shape }, [-1., -1.], [7., 1.]);

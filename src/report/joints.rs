@@ -1,7 +1,7 @@
-//! Joints along a motion: positions, velocities and torques of the legs of a robot that has them.
+//! Joint trajectories: positions, velocities and torques of the legs of a robot with a joint model.
 //!
-//! The motion is that of a rigid body with massless legs, so torques are those of the contact forces alone, `-J' f`; what swings and carries the
-//! legs themselves is left out. The centre of a foot's ball is straight above its contact point.
+//! The motion is that of a rigid body with massless legs, so the torques are those of the contact forces alone, `-J' f`. The torques that
+//! accelerate and carry the legs themselves are left out. The centre of a foot's ball is straight above its contact point.
 
 use crate::error::{Error, Result, check_range};
 use crate::gait::Trajectory;
@@ -12,29 +12,29 @@ use nalgebra::Vector3;
 use serde::Serialize;
 use std::fmt;
 
-/// Times a second at which joints are computed, unless it is said.
+/// Default sampling rate of joints, Hz.
 pub const RATE: f64 = 100.;
-/// Least and most times a second.
+/// Smallest and largest sampling rate, Hz.
 pub const RATES: [f64; 2] = [1., 10_000.];
-/// Share of its limits that a joint may use before [`excess`] begins: the times between the samples have the rest.
+/// Share of its limits that a joint may use before [`excess`] begins. The rest is a reserve for the times between the samples.
 pub const IN_HAND: f64 = 0.95;
-/// How far a foot may be from its place, m; what the certificate allows outside of the reach box.
+/// Largest distance of a foot from its planned position, m. Equal to the distance by which the certificate lets a foot leave its reach box.
 const ALLOWED_MISS: f64 = 5e-3;
 
-/// What all joints do at one time, foot after foot in the order of the robot's chains.
+/// Values of all joints at one time, ordered by foot and along each leg's chain.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointSample {
-    /// s
+    /// Time, s.
     pub time: f64,
-    /// rad, or m of a joint that slides.
+    /// Joint positions, rad, or m for a prismatic joint.
     pub positions: Vec<f64>,
-    /// rad/s or m/s
+    /// Joint velocities, rad/s or m/s.
     pub velocities: Vec<f64>,
-    /// N m or N; of a joint on what it moves.
+    /// Joint torques or forces, N m or N, that a joint exerts on the link it moves.
     pub efforts: Vec<f64>,
 }
 
-/// Where something is nearest to its limit, or farthest beyond.
+/// The value that is closest to its limit, or farthest beyond it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Nearest {
@@ -42,27 +42,28 @@ pub struct Nearest {
     pub name: String,
     /// Unit of the value and of the limit.
     pub unit: &'static str,
-    /// s
+    /// Time, s.
     pub time: f64,
-    /// What it is.
+    /// Value.
     pub value: f64,
-    /// The limit.
+    /// Limit.
     pub limit: f64,
 }
 
-/// How near a motion comes to what the joints can do, at the times of the samples. None where no joint has such a limit.
+/// Joint limits and their use by a motion, at the times of the samples. An entry is `None` if no joint has such a limit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct JointLimits {
-    /// Distance of a position to the nearer one of its limits, rad or m; positions are never beyond.
+    /// Smallest distance of a position from its nearer limit, rad or m. Positions never exceed their limits.
     pub position_margin: Option<Nearest>,
-    /// Speed in shares of its limit.
+    /// Largest speed relative to its limit.
     pub velocity: Option<Nearest>,
-    /// Torque or force in shares of its limit.
+    /// Largest torque or force relative to its limit.
     pub effort: Option<Nearest>,
-    /// Distance of a foot from where the motion has it, m: joints at their limits brought it no nearer.
+    /// Largest distance of a foot from its planned position, m. It is above 0 where joints within their limits cannot bring the foot
+    /// closer.
     pub miss: Nearest,
-    /// Whether none of them is beyond its limit.
+    /// True if no limit is exceeded.
     pub kept: bool,
 }
 
@@ -89,15 +90,15 @@ impl fmt::Display for JointLimits {
 /// Joints along a motion.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointMotion {
-    /// The joints, in the order of the samples' numbers.
+    /// Joints, in the order of the values in a sample.
     pub joints: Vec<LegJoint>,
-    /// At equal distances, and at the end.
+    /// Samples at a fixed rate, and at the end.
     pub samples: Vec<JointSample>,
-    /// How near it comes to their limits.
+    /// Use of the joint limits.
     pub limits: JointLimits,
 }
 
-/// What a joint does at one time, beside its limit.
+/// Value of a joint at one time together with its limit.
 #[derive(Clone, Copy)]
 struct Use<'a> {
     joint: &'a LegJoint,
@@ -107,34 +108,34 @@ struct Use<'a> {
 }
 
 impl Use<'_> {
-    /// In shares of the limit.
+    /// Absolute value relative to the limit.
     fn share(&self) -> f64 {
         self.value.abs() / self.limit
     }
 
-    /// With the unit of a joint that turns, or of one that slides.
+    /// Converts to [`Nearest`]. `units` are those of a revolute and of a prismatic joint.
     fn named(&self, units: [&'static str; 2]) -> Nearest {
         let Use { joint, time, value, limit } = *self;
         Nearest { name: joint.name.clone(), unit: units[usize::from(!joint.turns)], time, value, limit }
     }
 }
 
-/// Keeps the worse of two: that which is greater by a measure.
+/// Keeps the worse of two: the one with the larger measure.
 fn keep<'a>(worst: &mut Option<Use<'a>>, measure: impl Fn(&Use) -> f64, new: Use<'a>) {
     if worst.as_ref().is_none_or(|old| measure(&new) > measure(old)) {
         *worst = Some(new);
     }
 }
 
-/// Follows a motion with the joints of a robot.
+/// Computes the joint trajectories of a motion.
 ///
-/// Each time starts from the joints of the time before, the first from the nominal ones, so that legs stay on one branch of their inverse
-/// kinematics. Velocities are those of the Jacobian, `J q' = v`, `v` of the foot against the base.
+/// Each sample starts its inverse kinematics from the joints of the sample before, the first from the nominal joints, so that legs stay on
+/// one branch. Velocities solve `J q' = v` with the velocity `v` of the foot relative to the base.
 ///
-/// * `rate` - times a second
+/// * `rate` - sampling rate, Hz
 ///
 /// # Errors
-/// [`Error::Invalid`] when the robot has no joints or other feet than the motion, or the rate is out of its limits.
+/// [`Error::Invalid`] if the robot has no joints, robot and motion disagree on the number of feet, or the rate is out of range.
 pub fn follow(trajectory: &Trajectory, robot: &Robot, rate: f64) -> Result<JointMotion> {
     check_range("rate", rate, RATES[0], RATES[1])?;
     robot.validate()?;
@@ -156,14 +157,14 @@ pub fn follow(trajectory: &Trajectory, robot: &Robot, rate: f64) -> Result<Joint
     })
 }
 
-/// How far joints go beyond [`IN_HAND`] of their limits in a part of a motion, at [`RATE`]: the largest speed, the largest torque and the
-/// largest distance of a foot from where the motion has it, each in shares of its limit and no more than 1; their sum. 0 of a robot without
-/// joints.
+/// Excess over [`IN_HAND`] of the joint limits in a part of a motion, sampled at [`RATE`]. It is the sum of three terms, each relative to
+/// its limit and clamped to 0 to 1: the largest speed, the largest torque, and the largest distance of a foot from its planned position. 0
+/// for a robot without joints.
 ///
-/// * `part` - from when to when, s
+/// * `part` - start and end, s
 ///
 /// # Errors
-/// [`Error::Invalid`] when the robot is none, or has other feet than the motion.
+/// [`Error::Invalid`] if the robot is invalid, or robot and motion disagree on the number of feet.
 pub fn excess(trajectory: &Trajectory, robot: &Robot, [start, end]: [f64; 2]) -> Result<f64> {
     let Some(legs) = &robot.joints else { return Ok(0.) };
     robot.validate()?;
@@ -177,15 +178,15 @@ pub fn excess(trajectory: &Trajectory, robot: &Robot, [start, end]: [f64; 2]) ->
     Ok(shares.map(|share| (share - IN_HAND).clamp(0., 1.)).sum())
 }
 
-/// How near a motion comes to what the joints of its robot can do, at [`RATE`]; none where the robot has none.
+/// Use of the joint limits by a motion, sampled at [`RATE`]; `None` if the robot has no joints.
 ///
 /// # Errors
-/// As [`follow`].
+/// See [`follow`].
 pub fn limits(trajectory: &Trajectory, robot: &Robot) -> Result<Option<JointLimits>> {
     robot.joints.as_ref().map(|_| Ok(follow(trajectory, robot, RATE)?.limits)).transpose()
 }
 
-/// Joints of the time before, and the worst so far.
+/// Joints of the previous sample, and the worst values so far.
 struct Tracker<'a> {
     legs: &'a [Leg],
     joints: Vec<Vec<f64>>,
@@ -201,7 +202,7 @@ impl<'a> Tracker<'a> {
         Tracker { legs, joints: legs.iter().map(Leg::nominal).collect(), position: None, velocity: None, effort: None, miss }
     }
 
-    /// Joints at a time.
+    /// Computes the joints at a time.
     fn sample(&mut self, motion: &Motion, time: f64) -> JointSample {
         let base = motion.base(time);
         let to_base = base.rotation.inverse();
@@ -231,7 +232,7 @@ impl<'a> Tracker<'a> {
         sample
     }
 
-    /// Compares what a joint does with what it can.
+    /// Compares a joint's values with its limits.
     fn look(&mut self, joint: &'a LegJoint, time: f64, [position, velocity, effort]: [f64; 3]) {
         let used = |value: f64, limit: f64| Use { joint, time, value, limit };
         for limit in joint.limits.into_iter().filter(|limit| limit.is_finite()) {
@@ -248,14 +249,14 @@ pub(crate) mod tests {
     use crate::gait::{Curve, FootCurves};
     use crate::robot::import::{Import, configuration};
 
-    /// The quadruped of the imports' tests, standing.
+    /// The quadruped of the import tests, standing.
     pub fn quadruped() -> Robot {
         let values = ["LF", "RF", "LH", "RH"].map(|leg| format!("{leg}_pitch=0.7854,{leg}_knee=-1.5708")).join(",");
         let import = Import { configuration: configuration(&values).unwrap(), ..Import::default() };
         import.urdf(include_str!("../../tests/data/quadruped.urdf")).unwrap().robot
     }
 
-    /// Half a second in which the base moves and turns while feet 0 and 3 stand and the others swing.
+    /// Half a second in which the base moves and turns while feet 0 and 3 are in stance and the others swing.
     pub fn motion(robot: &Robot) -> Trajectory {
         let curve = |from: [f64; 6], to: [f64; 6]| Curve { poly_durations: vec![0.5], nodes: vec![from, to] };
         let h = robot.base_height;
@@ -272,7 +273,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn joints_bring_feet_where_the_motion_has_them_and_velocities_are_those_of_the_positions() {
+    fn joints_place_the_feet_as_planned_and_velocities_match_the_positions() {
         let robot = quadruped();
         let trajectory = motion(&robot);
         let rate = 2000.;
@@ -292,15 +293,15 @@ pub(crate) mod tests {
         for three in found.samples.windows(3).take(998) {
             for j in 0..12 {
                 let difference = (three[2].positions[j] - three[0].positions[j]) * rate / 2.;
-                // Positions are off by their precision over the lever, and by the third derivative.
+                // The tolerance covers the precision of the positions over the lever arm, and the third derivative.
                 assert!((difference - three[1].velocities[j]).abs() < 2e-2, "joint {j}: {difference} and {}", three[1].velocities[j]);
             }
         }
     }
 
     #[test]
-    fn torques_do_the_work_that_the_force_does() {
-        // Virtual work: effort . dq = -f . dx for every change of the joints, x the contact point under a ball that does not turn.
+    fn torques_do_the_virtual_work_of_the_contact_force() {
+        // Virtual work: effort . dq = -f . dx for every joint displacement, x the contact point under a ball that does not rotate.
         let mut robot = quadruped();
         robot.joints.as_mut().unwrap().iter_mut().for_each(|leg| leg.radius = 0.);
         robot.nominal_feet.iter_mut().for_each(|foot| foot[2] += 0.02);
@@ -324,14 +325,14 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn limits_are_told_with_joint_and_time() {
+    fn an_exceeded_limit_is_reported_with_its_joint() {
         let mut robot = quadruped();
         let trajectory = motion(&robot);
         let free = follow(&trajectory, &robot, RATE).unwrap();
         let worst = free.limits.velocity.clone().unwrap();
         let share = |s: &JointSample| s.velocities.iter().map(|v| v.abs() / 12.).fold(0., f64::max);
         assert_eq!(worst.value.abs() / 12., free.samples.iter().map(share).fold(0., f64::max));
-        // Slower than that, weaker than its torque, and a knee that folds less than it should.
+        // Limits below the speed and the torque of the motion, and a knee that cannot fold far enough.
         let effort = free.limits.effort.clone().unwrap();
         assert!(free.limits.kept && excess(&trajectory, &robot, [0., 0.5]).unwrap() == 0.);
         for (change, part) in [
@@ -342,12 +343,12 @@ pub(crate) mod tests {
             let mut weak = robot.clone();
             weak.joints.as_mut().unwrap().iter_mut().flat_map(|leg| &mut leg.chain).for_each(change);
             let limits = follow(&trajectory, &weak, RATE).unwrap().limits;
-            // 1 / 0.9 of the limit, in its part of the motion alone.
+            // 1 / 0.9 of the limit, in the part of the motion where it occurs only.
             let from = |start: f64| excess(&trajectory, &weak, [start, 0.5]).unwrap();
             let more = 1. / 0.9 - IN_HAND;
             assert!((from(0.) - more).abs() < 1e-12 && (from([worst.time, effort.time][part] + 0.02) < more), "{}", from(0.));
-            let told = [limits.velocity, limits.effort][part].clone().unwrap();
-            assert!(!limits.kept && told.value.abs() > told.limit && told.name == [&worst, &effort][part].name);
+            let reported = [limits.velocity, limits.effort][part].clone().unwrap();
+            assert!(!limits.kept && reported.value.abs() > reported.limit && reported.name == [&worst, &effort][part].name);
         }
         let knee = &mut robot.joints.as_mut().unwrap()[1].chain[2];
         knee.limits[0] = knee.nominal;
@@ -358,7 +359,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn what_has_no_joints_or_other_feet_is_refused() {
+    fn a_robot_without_joints_or_with_other_feet_is_refused() {
         let robot = quadruped();
         let trajectory = motion(&robot);
         let refused = |robot: &Robot, rate: f64| follow(&trajectory, robot, rate).unwrap_err().to_string();

@@ -1,4 +1,4 @@
-//! What users read: result files and text for the terminal.
+//! Output for users: result files, tables, pictures and text for the terminal.
 
 pub mod animation;
 #[cfg(feature = "cli")]

@@ -1,4 +1,4 @@
-//! A motion as a picture for a paper: its gait, forces, base over time, and the way from above.
+//! A motion as a picture for a paper: its gait, forces, base over time, and a view from above.
 
 use super::files;
 use super::samples::{FOOT_COLORS, Sample, Sampler, Stance, foot_names};
@@ -9,48 +9,48 @@ use crate::robot::Robot;
 use crate::terrain::Terrain;
 use std::path::Path;
 
-/// Width of a picture and edges of its panels, pixels; legends stand at the right.
+/// Width of a picture and horizontal edges of its panels, pixels. Legends are to the right of the panels.
 const WIDTH: f64 = 960.;
 const LEFT: f64 = 80.;
 const RIGHT: f64 = 800.;
-/// Where the first panel begins, pixels.
+/// Top of the first panel, pixels.
 const TOP: f64 = 58.;
-/// Height of a foot's bar, of the panel of forces, of other panels, between panels, pixels.
+/// Heights of a foot's bar, of the force panel, of the other panels, and of the gap between panels, pixels.
 const BAR: f64 = 18.;
 const FORCES: f64 = 140.;
 const PANEL: f64 = 104.;
 const GAP: f64 = 14.;
 /// Room for the time axis, pixels.
 const TIME_AXIS: f64 = 52.;
-/// Greatest height of the view from above, pixels.
+/// Largest height of the view from above, pixels.
 const MOST_ABOVE: f64 = 380.;
-/// Points of the ground along the longer side of the view from above, between which contours run.
+/// Number of terrain cells for contours along the longer side of the view from above.
 const CONTOUR_CELLS: f64 = 240.;
-/// Samples of curves over the whole motion: more than pixels.
+/// Samples per curve over the whole motion: more than there are pixels.
 const SAMPLES: f64 = 2000.;
 
-/// Colours of what is not of a foot.
+/// Colours of curves that belong to no foot.
 const INK: [&str; 3] = ["#1d2733", "#a05a00", "#6b7785"];
-/// Dashes that go with them.
+/// Dash patterns of these colours.
 const DASHES: [&str; 3] = ["", r#"stroke-dasharray="6 3""#, r#"stroke-dasharray="2 2.5""#];
 /// Style of limits.
 const LIMIT: &str = r##"stroke="#b3261e" stroke-width="1.2" stroke-dasharray="7 4""##;
 
-/// What is drawn.
+/// Contents of a picture.
 pub struct MotionPlot<'a> {
     /// Title, such as the gait and the verdict.
     pub title: String,
     /// The motion.
     pub trajectory: &'a Trajectory,
-    /// Its robot.
+    /// Robot of the motion.
     pub robot: &'a Robot,
-    /// Its ground.
+    /// Terrain of the motion.
     pub terrain: &'a Terrain,
     /// Largest normal force of a foot, N.
     pub force_limit: f64,
 }
 
-/// A curve of a panel over time: a value a sample.
+/// A curve of a panel over time, with one value per sample.
 struct Curve {
     name: String,
     color: &'static str,
@@ -65,15 +65,15 @@ struct Panel {
     height: f64,
     curves: Vec<Curve>,
     limit: Option<(f64, String)>,
-    /// What is above it is out of sight.
+    /// Largest value in view; curves are cut off above it.
     cap: f64,
-    /// Whether 0 is on the axis.
+    /// True if the axis includes 0.
     from_zero: bool,
-    /// Whether its curves are named beside it.
+    /// True if a legend names the curves.
     legend: bool,
 }
 
-/// How a picture is written, by the ending of its name.
+/// File format of a picture, chosen by the ending of its name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Format {
     Svg,
@@ -85,15 +85,16 @@ fn format_of(path: &Path) -> Result<Format> {
     match ending.as_str() {
         "svg" => Ok(Format::Svg),
         "png" if cfg!(feature = "pictures") => Ok(Format::Png),
-        "png" => Err(Error::Missing { message: format!("{}: this program was built without the feature `png`", path.display()) }),
+        "png" => Err(Error::Missing { message: format!("{}: this program was built without the feature `pictures`", path.display()) }),
         _ => Err(Error::invalid("name of the picture", path.display(), "one that ends in .svg or .png")),
     }
 }
 
-/// Checks that a picture can be written under a name, before any work is done.
+/// Checks that a picture of this name can be written, before any work is done.
 ///
 /// # Errors
-/// [`Error::Invalid`] for another ending than `.svg` or `.png`, [`Error::Missing`] where there is no `png`; [`Error::Io`] when the system refuses.
+/// [`Error::Invalid`] if the name ends in neither `.svg` nor `.png`, [`Error::Missing`] if this build has no `png`; [`Error::Io`] if the
+/// system refuses.
 pub fn check(path: &Path) -> Result<()> {
     format_of(path)?;
     files::check_writable(path)
@@ -102,7 +103,7 @@ pub fn check(path: &Path) -> Result<()> {
 /// Writes the picture of a motion.
 ///
 /// # Errors
-/// As [`check`] and [`svg`].
+/// See [`check`] and [`svg`].
 pub fn write(plot: &MotionPlot, path: &Path) -> Result<()> {
     match format_of(path)? {
         Format::Svg => files::write(path, &svg(plot)?),
@@ -113,10 +114,10 @@ pub fn write(plot: &MotionPlot, path: &Path) -> Result<()> {
     }
 }
 
-/// The picture of a motion.
+/// Picture of a motion as SVG.
 ///
 /// # Errors
-/// [`Error::Invalid`] when the trajectory is malformed, or robot and trajectory disagree on the number of feet.
+/// [`Error::Invalid`] if the trajectory is malformed, or robot and trajectory disagree on the number of feet.
 pub fn svg(plot: &MotionPlot) -> Result<String> {
     let sampler = Sampler::new(plot.trajectory, plot.robot, plot.terrain)?;
     let horizon = plot.trajectory.horizon;
@@ -187,7 +188,7 @@ fn panels(plot: &MotionPlot, samples: &[Sample], names: &[String]) -> Vec<Panel>
     ];
     let degrees = |s: &Sample, i: usize| s.base.angles[i].to_degrees();
     let most = |i: usize| samples.iter().map(|s| s.base.angles[i].abs()).fold(0., f64::max);
-    // Yaw has its own panel where it would press roll and pitch flat.
+    // Yaw has its own panel if it would compress roll and pitch.
     if most(2) > 3. * most(0).max(most(1)).max(0.01) {
         panels.push(Panel { legend: true, ..panel("attitude, deg", base(&["roll", "pitch"], &degrees), false) });
         panels.push(panel("yaw, deg", base(&["yaw"], &|s, _| degrees(s, 2)), false));
@@ -249,7 +250,7 @@ fn draw_panel(p: &mut Picture, x: &Scale, panel: &Panel, top: f64, samples: &[Sa
     p.box_of([LEFT, top], [RIGHT, bottom], r##"fill="none" stroke="#333" stroke-width="1""##);
 }
 
-/// The view from above: x to the right, y up, to one scale.
+/// View from above: x to the right, y up, one scale for both.
 struct Above {
     x: Scale,
     y: Scale,
@@ -319,7 +320,7 @@ impl Above {
         self.legend(p, names, contours);
     }
 
-    /// The nominal feet around the base as a polygon, with the direction in which it looks.
+    /// Draws the nominal feet around the base as a polygon, and the heading as a line.
     fn outline(&self, p: &mut Picture, robot: &Robot, sample: &Sample, style: &str) {
         let (sin, cos) = sample.base.angles[2].sin_cos();
         let [bx, by, _] = sample.base.position;
@@ -331,7 +332,7 @@ impl Above {
         p.line(place([0., 0.]), place([1.35 * length, 0.]), &format!(r#"stroke-width="1.2" {style}"#));
     }
 
-    /// Lines of equal height; returns how far apart they are, m, where there are any.
+    /// Draws contours of the terrain. Returns their distance in height, m, or `None` on level ground.
     fn contours(&self, p: &mut Picture, terrain: &Terrain) -> Option<f64> {
         let (width, height) = (self.x.high - self.x.low, self.y.high - self.y.low);
         let cell = width.max(height) / CONTOUR_CELLS;
@@ -378,7 +379,7 @@ impl Above {
         if let Some(step) = contours {
             entry(p, &format!("{} m of height", short(step)), r##"stroke="#8a6d3b" stroke-width="1""##, false);
         }
-        // A view that is low leaves no room: the colours are those above.
+        // A low view has no room for one entry per foot; the panels above show the colours.
         if self.bottom() - self.top() > 17. * (5 + names.len()) as f64 {
             for (foot, name) in names.iter().enumerate() {
                 entry(p, &format!("footholds {name}"), &format!(r#"fill="{}""#, FOOT_COLORS[foot]), true);
@@ -389,19 +390,19 @@ impl Above {
     }
 }
 
-/// A round distance of about eight values over a scale.
+/// Round distance between ticks that gives about eight over a scale.
 fn tick_step(scale: &Scale) -> f64 {
     let ticks = scale.ticks(8);
     ticks.windows(2).next().map_or(scale.high - scale.low, |pair| pair[1] - pair[0])
 }
 
-/// Multiples of a step on a scale.
+/// Multiples of a step within a scale.
 fn ticks_of(scale: &Scale, step: f64) -> Vec<f64> {
     let first = (scale.low / step).ceil() as i64;
     (first..).map(|i| i as f64 * step).take_while(|&v| v <= scale.high).collect()
 }
 
-/// Where a level runs through a cell: segments between points on its edges.
+/// Contour segments of a level in one cell, between points on the cell's edges.
 fn crossings(corners: &[[f64; 3]; 4], level: f64) -> Vec<[[f64; 3]; 2]> {
     let mut points = Vec::with_capacity(4);
     for i in 0..4 {
@@ -420,7 +421,7 @@ mod tests {
     use crate::gait::trajectory::Curve as MotionCurve;
     use crate::gait::{FootCurves, Trajectory};
 
-    /// A biped that stands on its left foot and steps with its right, 0.4 m ahead, while it turns round.
+    /// A biped that stands on its left foot and steps with its right, 0.4 m ahead, while it turns.
     fn step() -> Trajectory {
         let curve = |durations: &[f64], nodes: &[[f64; 6]]| MotionCurve { poly_durations: durations.to_vec(), nodes: nodes.to_vec() };
         let base = curve(&[1.], &[[0., 0., 0.6, 0., 0., 0.], [0.2, 0., 0.6, 0., 0., 0.]]);
@@ -450,7 +451,7 @@ mod tests {
             assert!(picture.contains(label), "no {label}");
         }
         assert!(!picture.contains("NaN") && !picture.contains("inf"));
-        // A bar for each stance: one of the left foot, two of the right one.
+        // One bar per stance: one for the left foot, two for the right one.
         assert_eq!(picture.matches(&format!(r#"height="{:.1}" fill="{}""#, BAR - 4., FOOT_COLORS[0])).count(), 1);
         assert_eq!(picture.matches(&format!(r#"height="{:.1}" fill="{}""#, BAR - 4., FOOT_COLORS[1])).count(), 2);
         // Level ground has no contours.
@@ -458,7 +459,7 @@ mod tests {
     }
 
     #[test]
-    fn a_force_far_outside_its_cone_does_not_press_the_others_flat() {
+    fn a_force_far_outside_its_cone_does_not_compress_the_other_curves() {
         let (robot, terrain, mut trajectory) = (Robot::named("biped").unwrap(), Terrain::flat(), step());
         trajectory.ee[0].force.nodes[0][0] = 15_000.;
         let plot = MotionPlot { title: String::new(), trajectory: &trajectory, robot: &robot, terrain: &terrain, force_limit: 490. };
@@ -469,7 +470,7 @@ mod tests {
     }
 
     #[test]
-    fn contours_run_where_the_ground_has_their_height() {
+    fn contours_lie_at_their_height() {
         let corners = [[0., 0., 0.], [1., 0., 1.], [1., 1., 1.], [0., 1., 0.]];
         assert_eq!(crossings(&corners, 0.25), [[[0.25, 0., 0.25], [0.25, 1., 0.25]]]);
         assert!(crossings(&corners, 1.).is_empty() && crossings(&corners, 2.).is_empty());
@@ -477,7 +478,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_are_svg_or_png_by_their_name() {
+    fn the_file_name_selects_svg_or_png() {
         let error = |name: &str| check(Path::new(name)).unwrap_err().to_string();
         assert!(error("plot.pdf").contains(".svg or .png") && error("plot").contains(".svg or .png"));
         let folder = tempfile::tempdir().unwrap();

@@ -1,17 +1,17 @@
-//! SVG as PNG. The font is in the program: a subset of DejaVu Sans with the letters of ASCII and a few signs, so that no font of the system is
-//! needed; what other letters a robot's name has are left out.
+//! Conversion of SVG to PNG. The program contains its font, a subset of DejaVu Sans with ASCII and a few signs, so no system font is
+//! needed. Other characters, such as those in a robot's name, are not drawn.
 
 use crate::error::{Error, Result};
 use resvg::tiny_skia::{Pixmap, Transform};
 use resvg::usvg::{Options, Tree};
 
-/// Pixels of a picture for one of its own: sharp in print.
+/// PNG pixels per SVG pixel; 2 is sharp in print.
 const SCALE: f32 = 2.;
 
-/// A picture as PNG, twice as many pixels each way as it says.
+/// Converts a picture to PNG with twice its pixels in each direction.
 ///
 /// # Errors
-/// [`Error::Format`] when it is no SVG that can be drawn.
+/// [`Error::Format`] if the text is not an SVG that can be drawn.
 pub fn png(svg: &str) -> Result<Vec<u8>> {
     let mut options = Options { font_family: "DejaVu Sans".into(), ..Options::default() };
     let fonts = options.fontdb_mut();
@@ -31,7 +31,7 @@ mod tests {
     use crate::report::svg::{Picture, SMALL};
 
     #[test]
-    fn letters_are_drawn_without_fonts_of_the_system() {
+    fn text_is_drawn_without_system_fonts() {
         let image = |text: &str| {
             let mut picture = Picture::new(60., 20.);
             picture.text(5., 15., "start", SMALL, text);

@@ -1,4 +1,4 @@
-//! Results in the forms that other tools rely on (`result.json`, and the `result` of each line of `evaluate`).
+//! Result formats that other tools rely on: `result.json`, and the `result` of each line of `evaluate`.
 
 use super::joints::JointLimits;
 use crate::backend::{Backend, Fallback, Precision};
@@ -16,19 +16,19 @@ use crate::task::Task;
 use crate::verify::Report;
 use serde::Serialize;
 
-/// Where it was solved.
+/// Device and precision of a run.
 #[derive(Debug, Clone, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SolvedOn {
-    /// Name of the device, and the scalar.
+    /// Name of the device, and its scalar type.
     pub device: String,
-    /// What the device left to the CPU.
+    /// Work that the device left to the CPU.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fallback: Option<Fallback>,
 }
 
 impl SolvedOn {
-    /// A backend, after its work: it says what could not be done where it should have been.
+    /// Describes a backend. To be called after its work, when the fallback to the CPU is known.
     pub fn new(backend: &dyn Backend, precision: Precision) -> SolvedOn {
         let precision = match precision {
             Precision::F32 => "f32 closed in f64",
@@ -41,10 +41,10 @@ impl SolvedOn {
 /// `result` of one line of `evaluate`.
 #[derive(Debug, Clone, Serialize)]
 pub struct EvaluateResult<'a> {
-    /// What came of it.
+    /// Outcome.
     #[serde(flatten)]
     pub evaluated: &'a Evaluated,
-    /// Where it was solved.
+    /// Device and precision.
     #[serde(flatten)]
     pub solved_on: &'a SolvedOn,
     /// Version of this program.
@@ -64,17 +64,17 @@ pub struct IpoptResult {
     /// Ipopt's status, iterations, time, and sizes of the whole program.
     #[serde(flatten)]
     pub statistics: Statistics,
-    /// Whether the certificate holds.
+    /// True if the certificate holds.
     pub feasible: bool,
-    /// Violated rows and bounds beyond 1e-4 in TOWR's units.
+    /// Number of rows and bounds violated by more than 1e-4 in TOWR's units.
     pub n_violated: usize,
-    /// Worst of them.
+    /// Largest of these violations.
     pub max_violation: f64,
     /// Horizon, s.
     pub horizon: f64,
-    /// Where it was solved.
+    /// Solver.
     pub device: String,
-    /// Rows it was solved for.
+    /// Transcription whose rows were solved.
     pub transcription: Transcription,
     /// Version of this program.
     pub version: &'static str,
@@ -100,15 +100,15 @@ impl IpoptResult {
 #[derive(Debug, Clone, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct GaitResult {
-    /// Its family, where it is one of a family or near one.
+    /// Gait family that the gait belongs to or is close to.
     pub family: Option<GaitFamily>,
-    /// Generation that found it, from 0.
+    /// Generation that found the gait, from 0.
     pub generation: usize,
-    /// Its index there.
+    /// Index of the gait in its generation.
     pub index: usize,
     /// Stance phases per foot.
     pub n_stance: Vec<usize>,
-    /// Phase durations after the horizon is rounded, s, `[feet][phases]`.
+    /// Phase durations, with the horizon rounded, s, `[feet][phases]`.
     pub durations: Vec<Vec<f64>>,
     /// Objective `J`, maximised.
     #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
@@ -116,7 +116,7 @@ pub struct GaitResult {
     /// Mean normal force over all force nodes, N.
     #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub mean_normal_force: f64,
-    /// How it was solved, and what it costs.
+    /// Outcome of the solve, and the cost.
     #[serde(flatten)]
     pub evaluated: Evaluated,
 }
@@ -137,70 +137,70 @@ impl GaitResult {
     }
 }
 
-/// `result.json` of `solve`: everything needed to repeat the run, and what came of it.
+/// `result.json` of `solve`: everything needed to repeat the run, and its outcome.
 #[derive(Debug, Clone, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SolveResult<'a> {
     /// Version of this program.
     pub version: &'static str,
-    /// What was asked for.
+    /// Request.
     #[serde(flatten)]
     pub run: &'a Run<'a>,
-    /// Robot.
+    /// Name of the robot.
     pub robot: &'a str,
-    /// Terrain.
+    /// Name of the terrain.
     pub terrain: &'a str,
     /// Goal position, m.
     pub base_target: [f64; 3],
     /// Goal yaw, rad.
     pub yaw_target: f64,
-    /// Rows it was solved for.
+    /// Transcription whose rows were solved.
     pub transcription: Transcription,
-    /// Where it was solved.
+    /// Device and precision.
     #[serde(flatten)]
     pub solved_on: SolvedOn,
-    /// Whether a certified gait was found.
+    /// True if a certified gait was found.
     pub feasible: bool,
-    /// Why the search ended.
+    /// Reason for which the search ended.
     pub stop: StopReason,
-    /// N_vc of the gait.
+    /// Number of violated rows of the gait, N_vc.
     pub n_violated: usize,
-    /// Its worst violation, in the row's own unit.
+    /// Largest violation of the gait, in the unit of its row.
     #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub max_violation: f64,
     /// Time to the first certified gait, s.
     pub first_feasible_seconds: Option<f64>,
     /// Time of the search, s.
     pub seconds: f64,
-    /// What was pointed out before the search.
+    /// Findings of the checks before the search.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Finding>,
-    /// How near the gait comes to the limits of the robot's joints, where it has joints.
+    /// Use of the joint limits by the gait, if the robot has joints.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub joints: Option<JointLimits>,
-    /// Why nothing was found.
+    /// Diagnosis if no certified gait was found.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub diagnosis: Option<Diagnosis>,
-    /// The best gait.
+    /// Best gait.
     pub gait: GaitResult,
-    /// How it was refined, if it was: the gait and its certificate are those after it.
+    /// Refinement of the gait, if requested. The gait and its certificate are then the refined ones.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub refinement: Option<&'a Refinement>,
-    /// Its certificate.
+    /// Certificate of the gait.
     pub certificate: &'a Report,
-    /// The best of other families.
+    /// Best gaits of other families.
     pub alternatives: Vec<GaitResult>,
-    /// Each gait that was the best so far.
+    /// Every gait that was the best so far.
     pub improvements: &'a [Improvement],
-    /// The search by generation.
+    /// Record of each generation.
     pub generations: &'a [GenerationRecord],
 }
 
-/// What became of the best gait when it was refined.
+/// Refinement of the best gait.
 #[derive(Debug, Clone, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Refinement {
-    /// How it went.
+    /// Outcome.
     #[serde(flatten)]
     pub refined: Refined,
     /// Settings.
@@ -209,13 +209,13 @@ pub struct Refinement {
     pub seconds: f64,
 }
 
-/// What a run was asked to do, for its result.
+/// Request of a run, for its result.
 #[derive(Debug, Clone, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Run<'a> {
-    /// Scenario, if one was named.
+    /// Scenario, if the request named one.
     pub scenario: Option<&'a str>,
-    /// Its target.
+    /// Target number in the scenario.
     pub target: Option<usize>,
     /// Task.
     #[serde(skip)]
@@ -231,7 +231,7 @@ pub struct Run<'a> {
 }
 
 impl<'a> SolveResult<'a> {
-    /// The result of a search, without warnings and diagnosis.
+    /// Result of a search, without warnings and diagnosis.
     pub fn new(run: &'a Run<'a>, found: &'a SearchResult, refinement: Option<&'a Refinement>, solved_on: SolvedOn) -> SolveResult<'a> {
         let best = &found.best;
         SolveResult {

@@ -1,4 +1,4 @@
-//! A motion at instants: what pictures and exports are made from. Values are those of the trajectory's exact curves.
+//! A motion sampled in time, for pictures and exports. Values come from the trajectory's exact curves.
 
 use crate::error::Result;
 use crate::gait::{Schedule, Trajectory};
@@ -7,11 +7,11 @@ use crate::terrain::Terrain;
 use crate::verify::dense::{ContactAxes, Motion};
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// One colour a foot, told apart by most eyes (after Okabe and Ito), the same in every picture.
+/// One colour per foot, distinguishable with most colour vision deficiencies (after Okabe and Ito), the same in every picture.
 pub const FOOT_COLORS: [&str; crate::robot::MAX_FEET] =
     ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7a5230", "#6b6b6b"];
 
-/// Normal force from which on the use of friction is a number, in weights: below, it is a quotient of two that vanish.
+/// Smallest normal force for which the use of friction is reported, in weights. Below it the quotient of two small forces is meaningless.
 const LOADED: f64 = 0.01;
 
 /// A motion that can be evaluated at any time.
@@ -41,7 +41,7 @@ pub struct BaseSample {
     pub velocity: [f64; 3],
     /// Roll, pitch, yaw, rad; base to world is `Rz(yaw) Ry(pitch) Rx(roll)`.
     pub angles: [f64; 3],
-    /// The same rotation as a unit quaternion w, x, y, z; of both the one nearer to that of the sample before, if there was one.
+    /// Unit quaternion w, x, y, z of the same rotation. Its sign is chosen so that it is close to the previous sample's, if there is one.
     pub quaternion: [f64; 4],
     /// Angular velocity, world frame, rad/s.
     pub angular_velocity: [f64; 3],
@@ -54,13 +54,14 @@ pub struct FootSample {
     pub position: [f64; 3],
     /// Velocity, world frame, m/s.
     pub velocity: [f64; 3],
-    /// Whether it stands. At a change that which begins counts.
+    /// True in stance. At a phase change the phase that begins counts.
     pub stance: bool,
-    /// Force of the ground on it, world frame, N.
+    /// Force of the ground on the foot, world frame, N.
     pub force: [f64; 3],
-    /// Part of the force along the normal of the ground, N; 0 in swing.
+    /// Component of the force along the terrain normal, N; 0 in swing.
     pub normal_force: f64,
-    /// `|t.f| / (mu n.f)`: 1 is the edge of the friction cone. None where it carries less than a hundredth of the weight.
+    /// Use of friction, `|t.f| / (mu n.f)`: 1 is the edge of the friction cone. `None` if the normal force is below a hundredth of the
+    /// weight.
     pub friction_use: Option<f64>,
 }
 
@@ -69,22 +70,22 @@ pub struct FootSample {
 pub struct Stance {
     /// Start and end, s.
     pub times: [f64; 2],
-    /// Where the foot stands, world frame, m.
+    /// Foothold, world frame, m.
     pub foothold: [f64; 3],
-    /// Normal of the ground there, unit.
+    /// Terrain normal at the foothold, unit.
     pub normal: [f64; 3],
 }
 
 impl<'a> Sampler<'a> {
-    /// Lays a trajectory out in time.
+    /// Prepares a trajectory for sampling.
     ///
     /// # Errors
-    /// [`crate::Error::Invalid`] when the trajectory is malformed, or robot and trajectory disagree on the number of feet.
+    /// [`crate::Error::Invalid`] if the trajectory is malformed, or robot and trajectory disagree on the number of feet.
     pub fn new(trajectory: &'a Trajectory, robot: &'a Robot, terrain: &'a Terrain) -> Result<Sampler<'a>> {
         Ok(Sampler { motion: Motion::new(trajectory, robot)?, terrain, schedule: Schedule::new(trajectory.durations.clone())? })
     }
 
-    /// The state at times a rate apart from 0 on, and at the horizon.
+    /// Samples at a fixed rate from time 0, and at the horizon.
     ///
     /// * `rate` - Hz, positive
     pub fn samples(&self, rate: f64) -> Vec<Sample> {
@@ -102,7 +103,7 @@ impl<'a> Sampler<'a> {
         samples
     }
 
-    /// The state at a time, s.
+    /// State at a time, s.
     pub fn at(&self, time: f64) -> Sample {
         let base = self.motion.base(time);
         let quaternion = UnitQuaternion::from_rotation_matrix(&base.rotation);
@@ -155,8 +156,8 @@ impl<'a> Sampler<'a> {
     }
 }
 
-/// Short names of the feet by where they are: L and R; LF, RF, LH, RH for fore and hind; LM and RM between them. Numbers where two would have the
-/// same.
+/// Short names of the feet by position: L and R; LF, RF, LH, RH for fore and hind; LM and RM between them. Falls back to `foot 0`, `foot
+/// 1`, ... if two names would be equal or a name cannot be formed.
 pub fn foot_names(robot: &Robot) -> Vec<String> {
     let mut rows: Vec<f64> = robot.nominal_feet.iter().map(|p| p[0]).collect();
     rows.sort_by(|a, b| b.total_cmp(a));
@@ -183,16 +184,16 @@ pub fn foot_names(robot: &Robot) -> Vec<String> {
     names.filter(distinct).unwrap_or_else(|| (0..robot.feet()).map(|foot| format!("foot {foot}")).collect())
 }
 
-/// Length, width and height of the box that stands for a robot's body in pictures, m: it is not part of a robot's description.
+/// Length, width and height of the box that represents the body in pictures, m. A robot's description has no body size.
 pub fn body_size(robot: &Robot) -> [f64; 3] {
     let leg = robot.leg_height();
     let extent = |axis: usize| robot.nominal_feet.iter().map(|p| p[axis].abs()).fold(0., f64::max);
-    // Who has all feet in one row stands upright.
+    // A robot with all feet in one row has an upright body.
     let height = if extent(0) < 0.2 * leg { 0.5 } else { 0.26 };
     [(2. * extent(0) + 0.1 * leg).max(0.4 * leg), (1.2 * extent(1)).max(0.4 * leg), height * leg]
 }
 
-/// Where legs meet that box, base frame, m.
+/// Points where the legs meet the body box, base frame, m.
 pub fn hips(robot: &Robot) -> Vec<[f64; 3]> {
     let half = body_size(robot)[1] / 2.;
     robot.nominal_feet.iter().map(|&[x, y, _]| [x, y.clamp(-half, half), 0.]).collect()
@@ -204,7 +205,7 @@ mod tests {
     use crate::gait::{Curve, FootCurves};
     use crate::robot::ROBOTS;
 
-    /// A monoped that stands for 0.4 s, hops for 0.2 s and stands again; its ground slopes.
+    /// A monoped that stands for 0.4 s, hops for 0.2 s and stands again on sloping ground.
     fn hop() -> (Trajectory, Robot, Terrain) {
         let curve = |durations: &[f64], nodes: &[[f64; 6]]| Curve { poly_durations: durations.to_vec(), nodes: nodes.to_vec() };
         let base = curve(&[1.], &[[0., 0., 0.6, 1., 0., 0.], [1., 0., 0.6, 1., 0., 0.]]);
@@ -228,7 +229,7 @@ mod tests {
         assert_eq!(at.base.position, [0., 0., 0.6]);
         assert_eq!(at.base.angles, [0.1, -0.2, 3.0]);
         assert!((at.base.angular_velocity[2] - 0.5).abs() < 1e-12);
-        // The ground rises by half: n = (-1, 0, 2) / sqrt 5.
+        // The ground has slope 1/2: n = (-1, 0, 2) / sqrt 5.
         let normal_force = (20. + 200.) / 5f64.sqrt();
         assert!((at.feet[0].normal_force - normal_force).abs() < 1e-9);
         let sideways = (20f64.powi(2) + 10f64.powi(2) + 100f64.powi(2) - normal_force.powi(2)).sqrt();
@@ -238,7 +239,7 @@ mod tests {
         let [x, y, z] = swing.feet[0].position;
         assert!((x - 0.5).abs() < 1e-12 && y == 0. && (z - 0.25).abs() < 1e-12 && (swing.base.position[0] - 0.5).abs() < 1e-12);
         assert!((swing.feet[0].velocity[0] - 7.5).abs() < 1e-12);
-        // What begins at a change counts.
+        // At a phase change the phase that begins counts.
         assert!(!sampler.at(0.4).feet[0].stance && sampler.at(0.6).feet[0].stance && sampler.at(1.).feet[0].stance);
     }
 
@@ -249,7 +250,7 @@ mod tests {
         let times = |rate: f64| sampler.samples(rate).iter().map(|sample| sample.time).collect::<Vec<_>>();
         assert_eq!(times(4.), [0., 0.25, 0.5, 0.75, 1.]);
         assert_eq!((times(3.).len(), times(3.).last()), (4, Some(&1.)));
-        // Yaw passes pi on the way.
+        // Yaw passes pi during the motion.
         let samples = sampler.samples(50.);
         for pair in samples.windows(2) {
             let dot: f64 = pair[0].base.quaternion.iter().zip(&pair[1].base.quaternion).map(|(a, b)| a * b).sum();

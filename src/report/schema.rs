@@ -1,4 +1,4 @@
-//! JSON Schemas of the files that are read and written, from their types.
+//! JSON Schemas of the input and output files, derived from their types.
 
 use super::result::SolveResult;
 use crate::gait::Trajectory;
@@ -7,20 +7,21 @@ use crate::terrain::Terrain;
 use schemars::generate::SchemaSettings;
 use serde_json::Value;
 
-/// A file with a schema.
+/// A file format with a schema.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Document {
     /// `result.json` of `solve`.
     Result,
     /// `trajectory.json`.
     Trajectory,
-    /// A robot.
+    /// Robot file.
     Robot,
-    /// A terrain.
+    /// Terrain file.
     Terrain,
 }
 
-/// The JSON Schema (draft 2020-12) of a file. What is read may lack what has a default; limits of numbers are told by the program itself.
+/// JSON Schema (draft 2020-12) of a file format. In input files, fields with a default are optional. Ranges of numbers are checked by the
+/// program, not by the schema.
 pub fn schema(document: Document) -> Value {
     let settings = match document {
         Document::Result => SchemaSettings::draft2020_12().for_serialize(),
@@ -42,7 +43,7 @@ mod tests {
     use crate::verify::dense::Extreme;
 
     #[test]
-    fn what_is_no_number_may_be_null() {
+    fn values_that_may_be_infinite_may_be_null() {
         // JSON has no infinity.
         let text = serde_json::to_string(&Extreme { value: f64::INFINITY, time: 0., foot: None }).unwrap();
         assert!(text.starts_with(r#"{"value":null"#));

@@ -1,44 +1,44 @@
-//! Pictures as SVG, written out by hand: legends beside curves, bars of a gait and axes of two kinds are more to ask of a plotting library than to
-//! draw.
+//! SVG pictures, written by hand. Legends beside curves, bars of a gait and two kinds of axes are easier to draw than to configure in a
+//! plotting library.
 
 use std::fmt::Write;
 
 /// Style of an axis.
 pub const AXIS: &str = r##"stroke="#333" stroke-width="1""##;
-/// Style of a line of a grid.
+/// Style of a grid line.
 pub const GRID: &str = r##"stroke="#e4e4e4" stroke-width="1""##;
 /// Style of small text.
 pub const SMALL: &str = r##"font-size="12" fill="#333""##;
 /// Style of a title.
 pub const TITLE: &str = r##"font-size="15" font-weight="bold" fill="#111""##;
 
-/// Values in a range as pixels.
+/// Linear or logarithmic map from values to pixels.
 #[derive(Debug, Clone, Copy)]
 pub struct Scale {
-    /// Least value.
+    /// Smallest value.
     pub low: f64,
-    /// Greatest value.
+    /// Largest value.
     pub high: f64,
-    /// Pixels of `low` and `high`.
+    /// Pixel positions of `low` and `high`.
     pub pixels: [f64; 2],
-    /// Whether it is logarithmic.
+    /// True if the scale is logarithmic.
     pub log: bool,
 }
 
 impl Scale {
-    /// A straight scale.
+    /// A linear scale.
     pub fn straight([low, high]: [f64; 2], pixels: [f64; 2]) -> Scale {
         Scale { low, high, pixels, log: false }
     }
 
-    /// Pixel of a value.
+    /// Pixel position of a value.
     pub fn at(&self, value: f64) -> f64 {
         let f = |v: f64| if self.log { v.max(1e-12).ln() } else { v };
         let part = (f(value) - f(self.low)) / (f(self.high) - f(self.low));
         self.pixels[0] + part * (self.pixels[1] - self.pixels[0])
     }
 
-    /// Round values in the range: at most about `most` on a straight scale; 1, 1.5, 2, 3, 5, 7 and their tens on a logarithmic one.
+    /// Round values in the range: about `most` or fewer on a linear scale; 1, 1.5, 2, 3, 5, 7 times powers of ten on a logarithmic one.
     pub fn ticks(&self, most: usize) -> Vec<f64> {
         let inside = |v: &f64| *v >= self.low * (1. - 1e-9) && *v <= self.high * (1. + 1e-9);
         if self.log {
@@ -52,13 +52,13 @@ impl Scale {
         (first..).map(|i| i as f64 * step).take_while(|&v| v <= self.high + 1e-9 * step).collect()
     }
 
-    /// [`Scale::ticks`], more of them where there would be one only: that does not say how long the axis is.
+    /// Ticks as in [`Scale::ticks`], but at least two if possible: one tick does not show the length of the axis.
     pub fn at_least_two(&self, most: usize) -> Vec<f64> {
         (most..most + 8).map(|most| self.ticks(most)).find(|ticks| ticks.len() > 1).unwrap_or_default()
     }
 }
 
-/// The range of values with some room to both sides, a part of its length; none without values.
+/// Range of values, extended on both sides by a part of its length; `None` without values.
 pub fn with_room(values: impl IntoIterator<Item = f64>, part: f64) -> Option<[f64; 2]> {
     let start = [f64::INFINITY, f64::NEG_INFINITY];
     let [low, high] = values.into_iter().fold(start, |[low, high], v| [low.min(v), high.max(v)]);
@@ -69,14 +69,14 @@ pub fn with_room(values: impl IntoIterator<Item = f64>, part: f64) -> Option<[f6
     Some([low - room, high + room])
 }
 
-/// A number as people write it, without zeros at the end.
+/// A number with at most three decimals and without trailing zeros.
 pub fn short(value: f64) -> String {
     let text = format!("{value:.3}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
     if text == "-0" { "0".into() } else { text.replace('-', "\u{2212}") }
 }
 
-/// A picture that grows by elements. Lengths are pixels, from the upper left corner.
+/// A picture to which elements are added. Lengths are in pixels from the upper left corner.
 #[derive(Debug)]
 pub struct Picture(String);
 
@@ -89,7 +89,7 @@ impl Picture {
         ))
     }
 
-    /// The text of the file.
+    /// Text of the SVG file.
     pub fn finish(self) -> String {
         self.0 + "</svg>\n"
     }
@@ -99,47 +99,47 @@ impl Picture {
         let _ = writeln!(self.0, "{element}");
     }
 
-    /// An element as it is.
+    /// Adds an element verbatim.
     pub fn element(&mut self, element: &str) {
         self.add(format_args!("{element}"));
     }
 
-    /// Text.
+    /// Adds text.
     ///
-    /// * `anchor` - `start`, `middle` or `end`: what of it stands at x
+    /// * `anchor` - the part of the text that lies at x: `start`, `middle` or `end`
     pub fn text(&mut self, x: f64, y: f64, anchor: &str, style: &str, text: &str) {
         let text = text.replace('&', "&amp;").replace('<', "&lt;");
         self.add(format_args!(r#"<text x="{x:.1}" y="{y:.1}" text-anchor="{anchor}" {style}>{text}</text>"#));
     }
 
-    /// Text that is read from below, such as the name of a vertical axis, centred.
+    /// Adds centred text that reads upwards, such as the name of a vertical axis.
     pub fn turned(&mut self, x: f64, y: f64, size: u32, text: &str) {
         self.text(x, y, "middle", &format!(r#"font-size="{size}" transform="rotate(-90 {x:.1} {y:.1})""#), text);
     }
 
-    /// A line.
+    /// Adds a line.
     pub fn line(&mut self, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2], style: &str) {
         self.add(format_args!(r#"<line x1="{x1:.1}" y1="{y1:.1}" x2="{x2:.1}" y2="{y2:.1}" {style}/>"#));
     }
 
-    /// A rectangle between its upper left and its lower right corner.
+    /// Adds a rectangle between its upper left and its lower right corner.
     pub fn box_of(&mut self, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2], style: &str) {
         let (width, height) = (x2 - x1, y2 - y1);
         self.add(format_args!(r#"<rect x="{x1:.1}" y="{y1:.1}" width="{width:.1}" height="{height:.1}" {style}/>"#));
     }
 
-    /// A circle.
+    /// Adds a circle.
     pub fn circle(&mut self, [x, y]: [f64; 2], radius: f64, style: &str) {
         self.add(format_args!(r#"<circle cx="{x:.1}" cy="{y:.1}" r="{radius:.1}" {style}/>"#));
     }
 
-    /// A filled polygon.
+    /// Adds a polygon.
     pub fn polygon(&mut self, points: &[[f64; 2]], style: &str) {
         let points: Vec<String> = points.iter().map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
         self.add(format_args!(r#"<polygon points="{}" {style}/>"#, points.join(" ")));
     }
 
-    /// Points joined by lines, broken where there is none.
+    /// Adds a polyline, interrupted where a point is `None`.
     pub fn curve(&mut self, points: &[Option<[f64; 2]>], style: &str) {
         for run in points.split(Option::is_none) {
             let run: Vec<String> = run.iter().flatten().map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
@@ -149,7 +149,7 @@ impl Picture {
         }
     }
 
-    /// As [`Picture::curve`], with a dot at every point.
+    /// Adds a polyline like [`Picture::curve`], with a dot at every point.
     pub fn points(&mut self, points: &[Option<[f64; 2]>], color: &str, width: f64) {
         self.curve(points, &format!(r#"stroke="{color}" stroke-width="{width}""#));
         for point in points.iter().flatten() {
@@ -157,9 +157,9 @@ impl Picture {
         }
     }
 
-    /// What follows is seen in a rectangle only.
+    /// Clips the elements that follow to a rectangle.
     ///
-    /// * `id` - once in a picture
+    /// * `id` - unique in the picture
     pub fn begin_clip(&mut self, id: &str, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2]) {
         let (width, height) = (x2 - x1, y2 - y1);
         self.add(format_args!(
@@ -167,7 +167,7 @@ impl Picture {
         ));
     }
 
-    /// Ends the last rectangle.
+    /// Ends the clipping that began last.
     pub fn end_clip(&mut self) {
         self.0 += "</g>\n";
     }
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_short_and_names_are_no_elements() {
+    fn numbers_are_short_and_text_is_escaped() {
         assert_eq!((short(0.5), short(-2.), short(100.), short(-1e-9)), ("0.5".into(), "\u{2212}2".into(), "100".into(), "0".into()));
         let mut picture = Picture::new(10., 10.);
         picture.text(0., 0., "start", SMALL, "<script>&");
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn curves_break_where_there_is_no_point() {
+    fn curves_break_at_missing_points() {
         let mut picture = Picture::new(10., 10.);
         picture.curve(&[Some([0., 0.]), Some([1., 1.]), None, Some([2., 2.]), None, Some([3., 3.]), Some([4., 4.])], "");
         assert_eq!(picture.finish().matches("<polyline").count(), 2);

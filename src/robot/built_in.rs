@@ -1,4 +1,4 @@
-//! The built-in robots, and whether a robot with the name of one is that one.
+//! The built-in robots, and the check that a robot with such a name is the built-in one.
 
 use super::Robot;
 use crate::error::{Error, Result};
@@ -6,8 +6,8 @@ use crate::error::{Error, Result};
 /// Names of the built-in robots.
 pub const ROBOTS: [&str; 6] = ["monoped", "biped", "hyq", "anymal", "pexod", "pexod-as-published"];
 
-/// How far a robot may be from the built-in one of its name, or a force limit above the most that a leg takes, of the largest number of its
-/// kind: room for numbers that were rounded.
+/// Largest deviation from the built-in robot of the same name, relative to the largest number of its kind. It also applies to a force limit
+/// above the largest that a leg can bear. Leaves room for rounded numbers.
 pub(crate) const ROUNDED: f64 = 0.01;
 
 /// Symmetric matrix from its six entries.
@@ -15,13 +15,13 @@ fn symmetric(xx: f64, yy: f64, zz: f64, xy: f64, xz: f64, yz: f64) -> [[f64; 3];
     [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
 }
 
-/// Feet left, right, from front to hind, mirrored in y: LF, RF, LH, RH for a quadruped.
+/// Feet in pairs left, right, from front to hind, mirrored in y: LF, RF, LH, RH for a quadruped.
 fn pairs(xs: &[f64], y: f64, z: f64) -> Vec<[f64; 3]> {
     xs.iter().flat_map(|&x| [[x, y, z], [x, -y, z]]).collect()
 }
 
 impl Robot {
-    /// A built-in robot by name. Numbers: \[3\] for the first four, \[4\] for the hexapod.
+    /// Built-in robot of a name. Sources of the numbers: \[3\] for the first four, \[4\] for the hexapod.
     ///
     /// # Errors
     /// [`Error::Unknown`] lists [`ROBOTS`].
@@ -39,7 +39,7 @@ impl Robot {
                 pairs(&[0.34, -0.34], 0.19, -0.42),
                 [0.15, 0.1, 0.1],
             ),
-            // A 0.24 x 0.20 x 0.04 m box.
+            // Inertia of a 0.24 x 0.20 x 0.04 m box.
             "pexod" => (
                 1.031,
                 symmetric(0.00357413333333, 0.00508626666667, 0.00838546666667, 0., 0., 0.),
@@ -47,7 +47,8 @@ impl Robot {
                 pairs(&[0.11, 0., -0.11], 0.185, -0.14),
                 [0.15, 0.1, 0.05],
             ),
-            // The same numbers in the order in which the public code of [4] passes them: no possible body, kept for comparisons.
+            // Numbers of `pexod` in the order in which the public code of [4] passes them. This body is physically impossible; it is kept
+            // for comparisons.
             "pexod-as-published" => (
                 1.031,
                 symmetric(0.00357413333333, 0., 0., -0.00508626666667, 0., -0.00838546666667),
@@ -71,10 +72,11 @@ impl Robot {
         })
     }
 
-    /// As [`Robot::validate`], and that a robot with the name of a built-in one is that one: motions of another would be refused.
+    /// Checks like [`Robot::validate`], and that a robot with the name of a built-in one equals it. Otherwise motions of another robot
+    /// would be refused.
     ///
     /// # Errors
-    /// As [`Robot::validate`], and [`Error::Invalid`] that says in what it is another.
+    /// See [`Robot::validate`]; also [`Error::Invalid`] with the first property that differs.
     pub fn validate_own(&self) -> Result<()> {
         self.validate()?;
         let Some(what) = self.differs_from_named() else { return Ok(()) };
@@ -82,12 +84,13 @@ impl Robot {
         Err(Error::invalid("robot.name", format!("`{}`", self.name), limit))
     }
 
-    /// In what it differs from the built-in robot of its name, if there is one and it does.
+    /// Property in which it differs from the built-in robot of the same name, or `None`.
     pub(crate) fn differs_from_named(&self) -> Option<&'static str> {
         Robot::named(&self.name).ok().and_then(|named| self.difference(&named))
     }
 
-    /// In what it differs from a built-in one by more than rounding, if in anything; to stronger legs and smaller feet, if in these.
+    /// First property that differs from a built-in robot by more than rounding. Force limit and foot radius count only if the legs are
+    /// stronger or the feet smaller.
     pub(crate) fn difference(&self, named: &Robot) -> Option<&'static str> {
         let near = |own: &[f64], named: &[f64]| {
             let scale = named.iter().fold(0., |scale: f64, v| scale.max(v.abs()));
@@ -122,10 +125,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_robot_file_with_the_name_of_a_built_in_one_holds_that_one() {
+    fn a_robot_file_with_a_built_in_name_must_hold_that_robot() {
         let read = |robot: &Robot| Robot::from_json(&serde_json::to_string(robot).unwrap()).map_err(|e| e.to_string());
         let anymal = Robot::named("anymal").unwrap();
-        // Rounded numbers are no other robot, nor is one that may do less.
+        // Rounded numbers are accepted, and so is a weaker robot.
         read(&Robot { mass: 29.6, force_limit: Some(300.), foot_radius: Some(0.06), ..anymal.clone() }).unwrap();
         for (what, other) in [
             ("mass", Robot { mass: 31., ..anymal.clone() }),

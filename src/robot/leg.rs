@@ -1,18 +1,18 @@
-//! Legs as chains of joints: where the foot is, how it moves with the joints, and joints that bring it to a place.
+//! Legs as chains of joints: forward kinematics, Jacobian, and inverse kinematics of the foot.
 //!
-//! Written here rather than taken from the crate `k`, which brings another version of nalgebra than this crate has.
+//! The crate `k` is not used because it depends on another version of nalgebra.
 
 use crate::error::{Error, Result, check_name, check_range};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, Quaternion, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Most joints of a leg: a chain of more is none.
+/// Largest number of joints of a leg.
 pub const MAX_JOINTS: usize = 64;
-/// How near the foot is brought to a place, m.
+/// Accuracy of the inverse kinematics, m.
 pub const PRECISION: f64 = 1e-6;
-/// Most steps of a solve; from a neighbouring place it needs three to five.
+/// Most iterations of a solve. From a neighbouring position it needs three to five.
 const STEPS: usize = 100;
-/// Longest step of a joint, rad or m: longer ones leave the range in which the Jacobian says where the foot goes.
+/// Largest step of a joint in one iteration, rad or m. Longer steps leave the range in which the Jacobian predicts the motion of the foot.
 const LONGEST_STEP: f64 = 0.3;
 
 /// A joint of a leg.
@@ -21,13 +21,13 @@ const LONGEST_STEP: f64 = 0.3;
 pub struct LegJoint {
     /// Name in the robot's file.
     pub name: String,
-    /// Whether it turns about its axis, or slides along it.
+    /// True for a revolute joint, false for a prismatic one.
     pub turns: bool,
-    /// Frame of the joint at zero, in that of the joint before it; the first one's in the frame of the base.
+    /// Frame of the joint at zero, in the frame of the joint before it; for the first joint, in the base frame.
     pub origin: Isometry3<f64>,
-    /// Axis in its own frame.
+    /// Axis in the joint's own frame.
     pub axis: Unit<Vector3<f64>>,
-    /// Lower and upper limit, rad or m; infinite when there are none.
+    /// Lower and upper limit, rad or m; infinite if there is no limit.
     pub limits: [f64; 2],
     /// Largest speed, rad/s or m/s.
     pub velocity: Option<f64>,
@@ -37,40 +37,40 @@ pub struct LegJoint {
     pub nominal: f64,
 }
 
-/// A chain of joints from the base to a foot, first the joint at the base.
+/// A chain of joints from the base to a foot. The first joint is the one at the base.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Leg {
     /// Name of the foot's link.
     pub foot: String,
-    /// Centre of the foot's ball in the frame of the last joint, m; the contact point itself when the radius is zero.
+    /// Centre of the foot ball in the frame of the last joint, m. Equal to the contact point if the radius is zero.
     pub tip: [f64; 3],
-    /// Radius of the foot's ball, m: the contact point is so far below its centre.
+    /// Radius of the foot ball, m. The contact point is this far below its centre.
     pub radius: f64,
-    /// 1 to [`MAX_JOINTS`].
+    /// Joints, 1 to [`MAX_JOINTS`].
     #[cfg_attr(feature = "schema", schemars(with = "Vec<file::Joint>"))]
     pub chain: Vec<LegJoint>,
 }
 
-/// Where a leg is, base frame.
+/// Geometry of a leg for given joint values, base frame.
 #[derive(Debug, Clone)]
 pub struct Posture {
-    /// Centre of the foot's ball, m.
+    /// Centre of the foot ball, m.
     pub tip: Vector3<f64>,
-    /// Where each joint is, m.
+    /// Position of each joint, m.
     pub anchors: Vec<Vector3<f64>>,
-    /// Axis of each joint.
+    /// Axis of each joint, unit.
     pub axes: Vec<Vector3<f64>>,
 }
 
 impl Leg {
-    /// The nominal configuration, rad or m.
+    /// Nominal joint values, rad or m.
     pub fn nominal(&self) -> Vec<f64> {
         self.chain.iter().map(|joint| joint.nominal).collect()
     }
 
-    /// Where the leg is when its joints have values `q`, rad or m.
+    /// Geometry of the leg for joint values `q`, rad or m.
     pub fn posture(&self, q: &[f64]) -> Posture {
         let mut frame = Isometry3::identity();
         let (mut anchors, mut axes) = (Vec::with_capacity(q.len()), Vec::with_capacity(q.len()));
@@ -83,7 +83,7 @@ impl Leg {
         Posture { tip: (frame * Point3::from(Vector3::from(self.tip))).coords, anchors, axes }
     }
 
-    /// Velocity of the tip for a unit speed of each joint, base frame, `[3][joints]`.
+    /// Jacobian of the tip: its velocity for unit speed of each joint, base frame, `[3][joints]`.
     pub fn jacobian(&self, at: &Posture) -> DMatrix<f64> {
         let columns = self
             .chain
@@ -94,25 +94,26 @@ impl Leg {
         DMatrix::from_fn(3, columns.len(), |row, column| columns[column][row])
     }
 
-    /// Distance along the leg from its first joint to the tip, m: no place is reached from farther away.
+    /// Length of the leg from its first joint to the tip, m: the largest distance it can reach.
     pub fn length(&self) -> f64 {
         let between: f64 = self.chain.iter().skip(1).map(|joint| joint.origin.translation.vector.norm()).sum();
         between + Vector3::from(self.tip).norm()
     }
 
-    /// Joint values within their limits that bring the tip to a place within [`PRECISION`]; none when none were found. As [`Leg::approach`].
+    /// Joint values within their limits that bring the tip to a position within [`PRECISION`]; `None` if none were found. See
+    /// [`Leg::approach`].
     pub fn reach(&self, target: &Vector3<f64>, start: &[f64]) -> Option<Vec<f64>> {
         let (q, missed) = self.approach(target, start);
         (missed <= PRECISION).then_some(q)
     }
 
-    /// Joint values within their limits that bring the tip as near to a place as was found, and how far it is from there, m.
+    /// Joint values within their limits that bring the tip as close to a position as possible, and the remaining distance, m.
     ///
-    /// Levenberg-Marquardt: `dq = J' (J J' + d I)^-1 e`, joints at a limit left out when they would pass it. Deterministic, and continuous
-    /// in the place: of several solutions it finds the one on the branch of `start`.
+    /// Levenberg-Marquardt: `dq = J' (J J' + d I)^-1 e`. Joints at a limit are left out if the step would exceed it. The result is
+    /// deterministic and continuous in the target: of several solutions it is the one on the branch of `start`.
     ///
-    /// * `target` - base frame, m
-    /// * `start` - joint values of a place near by, rad or m
+    /// * `target` - position of the tip, base frame, m
+    /// * `start` - joint values of a nearby position, rad or m
     pub fn approach(&self, target: &Vector3<f64>, start: &[f64]) -> (Vec<f64>, f64) {
         let mut q = self.within_limits(start);
         let mut at = self.posture(&q);
@@ -137,7 +138,7 @@ impl Leg {
         (q, missing.norm())
     }
 
-    /// A step towards a place, of which no joint at a limit takes part that would pass it.
+    /// One step towards a target. Joints at a limit that the step would exceed do not take part.
     fn step(&self, q: &[f64], at: &Posture, missing: &Vector3<f64>, damping: f64) -> Option<Vec<f64>> {
         let mut jacobian = self.jacobian(at);
         loop {
@@ -153,7 +154,7 @@ impl Leg {
                 let shorter = if longest > LONGEST_STEP { LONGEST_STEP / longest } else { 1. };
                 return Some(q.iter().zip(step.iter()).map(|(v, d)| v + d * shorter).collect());
             };
-            // Its part of the step is zero from here on, so that it is found once at most.
+            // The joint's part of the step is zero from now on, so it is found at most once.
             jacobian.column_mut(stopped).fill(0.);
         }
     }
@@ -162,31 +163,31 @@ impl Leg {
         self.chain.iter().zip(q).map(|(joint, v)| v.max(joint.limits[0]).min(joint.limits[1])).collect()
     }
 
-    /// Joint speeds at which the tip has a velocity, least squares, rad/s or m/s. Near a posture in which it cannot have it they are large.
+    /// Joint speeds that give the tip a velocity, least squares, rad/s or m/s. They are large near a singular posture.
     ///
-    /// * `velocity` - of the tip against the base, base frame, m/s
+    /// * `velocity` - of the tip relative to the base, base frame, m/s
     pub fn rates(&self, at: &Posture, velocity: &Vector3<f64>) -> Vec<f64> {
         let jacobian = self.jacobian(at);
         let normal = Matrix3::from_fn(|r, c| jacobian.row(r).dot(&jacobian.row(c)));
-        // Little enough to leave no trace where the leg can move, and no zero where it cannot.
+        // Small enough to have no effect where the leg can move, and positive where it cannot.
         let damped = normal + Matrix3::identity() * (1e-10 * self.length() * self.length()).max(f64::MIN_POSITIVE);
         let solved = damped.try_inverse().map_or(Vector3::zeros(), |inverse| inverse * velocity);
         (jacobian.transpose() * DVector::from_column_slice(solved.as_slice())).as_slice().to_vec()
     }
 
-    /// Torques, or forces of sliding joints, with which massless joints hold a force on the foot: `-J' f`, N m or N.
+    /// Torques (forces of prismatic joints) with which massless joints balance a force on the foot: `-J' f`, N m or N.
     ///
-    /// * `contact` - where the force acts, base frame, m
+    /// * `contact` - point where the force acts, base frame, m
     /// * `force` - on the robot, base frame, N
     pub fn efforts(&self, at: &Posture, contact: &Vector3<f64>, force: &Vector3<f64>) -> Vec<f64> {
         let at = Posture { tip: *contact, ..at.clone() };
         (-self.jacobian(&at).transpose() * DVector::from_column_slice(force.as_slice())).as_slice().to_vec()
     }
 
-    /// Checks that this is a leg.
+    /// Checks that this is a valid leg.
     ///
     /// # Errors
-    /// [`Error::Invalid`] names the place.
+    /// [`Error::Invalid`] names the field.
     pub(super) fn validate(&self, place: &str) -> Result<()> {
         if self.chain.is_empty() || self.chain.len() > MAX_JOINTS {
             let value = format!("{} joints", self.chain.len());
@@ -211,15 +212,16 @@ impl Leg {
         Ok(())
     }
 
-    /// Largest force along z that the joints' efforts bear at a posture, N: `|J_z' f| <= effort`. Infinite when no effort limits it.
+    /// Largest vertical force at the foot that the joint efforts can bear in a posture, N: `|J_z' f| <= effort`. Infinite if no joint has
+    /// an effort limit.
     pub fn vertical_force(&self, at: &Posture) -> f64 {
         let jacobian = self.jacobian(at);
         let bears = |(j, joint): (usize, &LegJoint)| joint.effort.map_or(f64::INFINITY, |effort| effort / jacobian[(2, j)].abs());
         self.chain.iter().enumerate().map(bears).fold(f64::INFINITY, f64::min)
     }
 
-    /// Largest speed that the tip has in every horizontal direction along x and y when no joint is faster than it can, m/s. Infinite when no
-    /// joint's speed limits it, none when the tip cannot move in one of them.
+    /// Largest speed of the tip that the joint speeds allow along x and along y, m/s. Infinite if no joint has a speed limit, `None` if the
+    /// tip cannot move along one of the two axes.
     pub fn horizontal_speed(&self, at: &Posture) -> Option<f64> {
         let jacobian = self.jacobian(at);
         let inverse = jacobian.clone().pseudo_inverse(1e-6).ok()?;
@@ -233,7 +235,7 @@ impl Leg {
     }
 }
 
-/// Joints as files have them.
+/// File format of joints.
 mod file {
     use super::{Isometry3, LegJoint, Quaternion, Unit, UnitQuaternion, Vector3};
     use serde::{Deserialize, Serialize};
@@ -276,7 +278,7 @@ mod file {
             let wrong = |what: &str, value: &[f64]| {
                 format!("joint `{}`, {what}: {value:?}, but it must be numbers that are not all zero", joint.name.escape_debug())
             };
-            // What has its length already keeps its digits.
+            // A vector that already has unit length keeps its digits.
             let has_length = |values: &[f64]| (values.iter().map(|v| v * v).sum::<f64>() - 1.).abs() < 1e-12;
             let ([w, i, j, k], axis) = (joint.rotation, Vector3::from(joint.axis));
             let turn = Quaternion::new(w, i, j, k);
@@ -317,7 +319,7 @@ mod file {
     }
 }
 
-/// What a joint does to what hangs from it.
+/// Displacement of a joint's child for a joint value.
 pub(super) fn joint_motion(turns: bool, axis: &Unit<Vector3<f64>>, value: f64) -> Isometry3<f64> {
     if turns {
         Isometry3::from_parts(Default::default(), UnitQuaternion::from_axis_angle(axis, value))
@@ -337,7 +339,7 @@ mod tests {
         LegJoint { name: name.into(), turns: true, origin, axis, limits, velocity: Some(10.), effort: Some(20.), nominal }
     }
 
-    /// Hip about x, thigh and calf of 0.2 m about y, knee folded backwards by 90 degrees.
+    /// Hip about x, thigh and calf of 0.2 m about y, knee bent backwards by 90 degrees.
     fn leg() -> Leg {
         let y = Vector3::y_axis();
         Leg {
@@ -353,16 +355,16 @@ mod tests {
     }
 
     #[test]
-    fn the_foot_is_where_trigonometry_puts_it() {
+    fn the_foot_position_agrees_with_trigonometry() {
         let leg = leg();
         let at = leg.posture(&leg.nominal());
-        // Both halves are 45 degrees off the vertical.
+        // Both links are 45 degrees off the vertical.
         assert!((at.tip - Vector3::new(0.3, 0.1, -0.4 * (PI / 4.).cos())).norm() < 1e-15);
         assert!((leg.length() - 0.4).abs() < 1e-15);
     }
 
     #[test]
-    fn the_jacobian_is_that_of_differences_also_of_a_joint_that_slides() {
+    fn the_jacobian_agrees_with_differences_for_revolute_and_prismatic_joints() {
         let mut leg = leg();
         leg.chain[1].turns = false;
         for leg in [leg, self::leg()] {
@@ -377,31 +379,31 @@ mod tests {
     }
 
     #[test]
-    fn places_are_reached_within_the_limits_and_others_are_not() {
+    fn positions_are_reached_within_the_joint_limits_only() {
         let leg = leg();
         let nominal = leg.nominal();
         for q in [[0.4, 1., -2.], [-0.49, -0.5, -0.6], [0.5, 0.3, -0.5]] {
             let target = leg.posture(&q).tip;
             let found = leg.reach(&target, &nominal).unwrap();
             assert!((leg.posture(&found).tip - target).norm() <= PRECISION);
-            // The knee keeps its side, so there is one solution.
+            // The knee keeps its side, so the solution is unique.
             assert!(found.iter().zip(q).all(|(a, b)| (a - b).abs() < 1e-3), "{found:?}, but {q:?}");
             assert!(found.iter().zip(&leg.chain).all(|(v, j)| (j.limits[0]..=j.limits[1]).contains(v)));
         }
-        // Farther than the leg is long, nearer than the knee folds, farther aside than the hip turns.
+        // Targets beyond the leg's length, closer than the knee can fold, and farther to the side than the hip can turn.
         for target in [[0.3, 0.1, -0.41], [0.3, 0.1, -0.05], [0.3, 0.4, -0.2]] {
             assert_eq!(leg.reach(&target.into(), &nominal), None, "{target:?}");
         }
     }
 
     #[test]
-    fn forces_and_speeds_are_those_of_the_levers() {
+    fn forces_and_speeds_agree_with_the_lever_arms() {
         let leg = leg();
         let at = leg.posture(&leg.nominal());
-        // The foot is under the hip: only the calf has a lever, 0.2 sin 45.
+        // The foot is below the hip, so only the calf has a lever arm: 0.2 sin 45.
         let lever = 0.2 * (PI / 4.).sin();
         assert!((leg.vertical_force(&at) - 20. / lever).abs() < 1e-9);
-        // Thigh and hip move it along x and y, 2 levers below them.
+        // Thigh and hip move the foot along x and y. They are 2 lever arms above it.
         assert!((leg.horizontal_speed(&at).unwrap() - 10. * 2. * lever).abs() < 1e-9);
         let mut weak = leg.clone();
         weak.chain.iter_mut().for_each(|joint| joint.effort = None);

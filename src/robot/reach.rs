@@ -1,4 +1,4 @@
-//! How far feet reach: boxes about their nominal positions, in a short form for all feet and a long one for each.
+//! Reach of the feet: boxes about their nominal positions, with a short form for all feet and a long form for each foot.
 
 use crate::error::{Error, Result, check_range};
 use serde::de::value::SeqAccessDeserializer;
@@ -8,12 +8,12 @@ use std::fmt;
 
 /// Shortest side of a box, m.
 const SHORTEST_SIDE: f64 = 2e-3;
-/// Farthest that a side is from the nominal position, m.
+/// Largest distance of a side from the nominal position, m.
 const FARTHEST_SIDE: f64 = 100.;
 
-/// Boxes about the nominal positions of the feet that they reach, base axes, m.
+/// Reach boxes about the nominal positions of the feet, base axes, m.
 ///
-/// In JSON `[x, y, z]`, half-widths for all feet, or for each foot `[[low, high], [low, high], [low, high]]`.
+/// JSON: `[x, y, z]`, half-widths for all feet, or for each foot `[[low, high], [low, high], [low, high]]`.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema), schemars(untagged))]
 pub enum Reach {
@@ -23,32 +23,32 @@ pub enum Reach {
     PerFoot(Vec<[[f64; 2]; 3]>),
 }
 
-/// The box of a foot about its nominal position, base axes, m.
+/// Reach box of a foot about its nominal position, base axes, m.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReachBox {
-    /// Lower sides along x, y and z, not positive.
+    /// Lower sides along x, y and z, zero or negative.
     pub low: [f64; 3],
-    /// Upper sides, not negative.
+    /// Upper sides along x, y and z, zero or positive.
     pub high: [f64; 3],
 }
 
 impl ReachBox {
-    /// Its middle.
+    /// Centre, m.
     pub fn center(&self) -> [f64; 3] {
         std::array::from_fn(|axis| (self.low[axis] + self.high[axis]) / 2.)
     }
 
-    /// Half of its sides.
+    /// Half of the width along each axis, m.
     pub fn half_widths(&self) -> [f64; 3] {
         self.widths().map(|width| width / 2.)
     }
 
-    /// Its sides.
+    /// Width along each axis, m.
     pub fn widths(&self) -> [f64; 3] {
         std::array::from_fn(|axis| self.high[axis] - self.low[axis])
     }
 
-    /// Distance of its farthest corner along x and y from the nominal position.
+    /// Horizontal distance of the farthest corner from the nominal position, m.
     pub fn farthest(&self) -> f64 {
         let [x, y] = [0, 1].map(|axis| self.high[axis].max(-self.low[axis]));
         x.hypot(y)
@@ -56,7 +56,7 @@ impl ReachBox {
 }
 
 impl Reach {
-    /// The box of a foot; that of a foot that has none is its nominal position.
+    /// Box of a foot. A foot without a box gets a box of zero size.
     pub fn of(&self, foot: usize) -> ReachBox {
         match self {
             Reach::Symmetric(half) => ReachBox { low: half.map(|v| -v), high: *half },
@@ -67,7 +67,7 @@ impl Reach {
         }
     }
 
-    /// The same, larger by a factor about the nominal positions.
+    /// Boxes scaled by a factor about the nominal positions.
     pub fn scaled(&self, by: f64) -> Reach {
         match self {
             Reach::Symmetric(half) => Reach::Symmetric(half.map(|v| v * by)),
@@ -75,10 +75,10 @@ impl Reach {
         }
     }
 
-    /// Checks the boxes of a robot with so many feet.
+    /// Checks the boxes of a robot with `feet` feet.
     ///
     /// # Errors
-    /// [`Error::Invalid`] names the first number that is out of its limits, or how many boxes there are.
+    /// [`Error::Invalid`] names the first number that is out of range, or the number of boxes if it is wrong.
     pub(super) fn validate(&self, feet: usize) -> Result<()> {
         match self {
             Reach::Symmetric(half) => {
@@ -95,7 +95,7 @@ impl Reach {
                         let place = format!("robot.reach[{foot}][{axis}]");
                         check_range(&format!("{place}[0]"), low, -FARTHEST_SIDE, 0.)?;
                         check_range(&format!("{place}[1]"), high, 0., FARTHEST_SIDE)?;
-                        // Sums of decimals miss their last digit.
+                        // Differences of decimal numbers are off in the last digit.
                         if high - low < SHORTEST_SIDE * (1. - 1e-9) {
                             return Err(Error::invalid(place, format!("[{low}, {high}]"), format!("at least {SHORTEST_SIDE} m wide")));
                         }
@@ -113,7 +113,7 @@ impl From<[f64; 3]> for Reach {
     }
 }
 
-/// As in JSON, to three digits.
+/// Formats as in JSON, with three digits.
 impl fmt::Display for Reach {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
@@ -138,7 +138,7 @@ enum Entry {
     Sides([[f64; 2]; 3]),
 }
 
-/// By the kind of the value, so that errors name the number that is wrong.
+/// Selects the form by the kind of the value, so that errors name the wrong number.
 impl<'de> Deserialize<'de> for Entry {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
         struct Kinds;
@@ -169,7 +169,7 @@ impl<'de> Deserialize<'de> for Entry {
     }
 }
 
-/// By the kind of the first entry.
+/// Selects the form by the kind of the first entry.
 impl<'de> Deserialize<'de> for Reach {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
         struct Entries;
@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn both_forms_survive_a_round_trip_as_they_are() {
+    fn both_forms_survive_a_round_trip_unchanged() {
         for text in ["[0.25,0.15,0.1]", "[[[-0.1,0.2],[0.0,0.1],[-0.2,0.05]],[[-0.1,0.2],[-0.1,0.0],[-0.2,0.05]]]"] {
             let reach: Reach = serde_json::from_str(text).unwrap();
             assert_eq!(serde_json::to_string(&reach).unwrap(), text);
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_has_its_sides_middle_and_farthest_corner() {
+    fn a_box_reports_its_sides_centre_and_farthest_corner() {
         let same = Reach::from([0.3, 0.2, 0.1]);
         assert_eq!(same.of(7), ReachBox { low: [-0.3, -0.2, -0.1], high: [0.3, 0.2, 0.1] });
         assert_eq!((same.of(0).center(), same.of(0).half_widths()), ([0.; 3], [0.3, 0.2, 0.1]));

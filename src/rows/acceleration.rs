@@ -1,20 +1,20 @@
-//! Swinging feet: how hard they are accelerated where they leave the ground and where they land.
+//! Acceleration limit of swinging feet at lift-off and touchdown.
 //!
-//! A swing is two cubics, whose accelerations are linear: the largest are those at its ends and about its middle, and those at the ends are
-//! larger. With the step `d` from foothold to foothold and the height `h` of the mid node over one of them,
+//! A swing consists of two cubics, whose accelerations are linear in time: the extremes are at the ends of the swing and around its middle,
+//! and those at the ends are larger. With the step `d` from foothold to foothold and the height `h` of the mid node over one of them,
 //! `a^2 = (by_step d)^2 + (by_height h)^2`; rows `((a / a_max)^2 - 1 + margin) / 2 <= 0`.
 
 use super::blocks::Placed;
 use super::table::{NONE, Place};
 use super::write::Rows;
-use super::{Constants, Spec, Tables};
+use super::{Constants, RowKind, Spec, Tables};
 use crate::real::Real;
 use crate::terrain::Ground;
 
-/// Lift-off, touch-down.
-pub const SPEC: Spec = Spec { rows: 2, pairs: 0, equality: false, unit: "m/s2" };
+/// One row at lift-off, one at touchdown.
+pub const SPEC: Spec = Spec { rows: 2, pairs: 0, kind: RowKind::Inequality, unit: "m/s2" };
 
-/// Tightening, in squares of the limit.
+/// Tightening of the rows, relative to the square of the limit.
 pub(crate) const MARGIN: f64 = 2e-3;
 
 /// See [`super::Family::allowed`].
@@ -25,32 +25,32 @@ pub(super) fn allowed<T: Real>(constants: &Constants<T>, _: usize, tolerance: T)
 crate::table! {
     /// Accelerations at the ends of one swing.
     pub struct Acceleration<T> {
-        /// Of a step, 1/s².
+        /// Acceleration per step length, 1/s².
         pub by_step: T,
-        /// Of a height, 1/s².
+        /// Acceleration per height of the mid node, 1/s².
         pub by_height: T,
-        /// Swing height in `x`.
+        /// Position of the swing height in `x`.
         pub height: u32,
-        /// Its column.
+        /// Column of the swing height.
         pub height_column: u32,
-        /// Footholds before and after.
+        /// Indices of the footholds before and after the swing.
         pub foothold: [u32; 2],
-        /// Their columns.
+        /// Columns of the footholds.
         pub foothold_column: [u32; 2],
-        /// Buffers.
+        /// Place of the rows in the buffers.
         pub place: Place,
     }
 }
 
 impl<T> Acceleration<T> {
-    /// Before it has its place.
+    /// Entry without positions and columns, which [`place`] writes.
     pub(crate) fn new([by_step, by_height]: [T; 2], foothold: [u32; 2]) -> Self {
         let none = [NONE; 2];
         Acceleration { by_step, by_height, height: NONE, height_column: NONE, foothold, foothold_column: none, place: Place::default() }
     }
 }
 
-/// Roles: the swing height, the footholds before and after.
+/// Writes positions and columns into an entry. Roles: swing height, foothold before, foothold after.
 pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) {
     let swing = &mut tables.accelerations[entry];
     swing.place = at.place;
@@ -61,8 +61,8 @@ pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) 
 
 /// Acceleration rows of all swings.
 ///
-/// * `residual` - out, at each row's place: lift-off, touch-down
-/// * `jacobian` - out, two rows at each place
+/// * `residual` - out, at each entry's place: lift-off, touchdown
+/// * `jacobian` - out, two rows at each entry's place
 #[inline(always)]
 pub fn acceleration<T: Real>(tables: &Tables<T>, x: &[T], ground: &[Ground<T>], residual: &mut [T], mut jacobian: Option<&mut [T]>) {
     let limit = tables.constants.foot_acceleration;
@@ -88,7 +88,7 @@ pub fn acceleration<T: Real>(tables: &Tables<T>, x: &[T], ground: &[Ground<T>], 
                 }
                 for d in 0..2 {
                     let along = if i == 0 { -by_step * step[d] } else { by_step * step[d] };
-                    // The height is over the foothold of the row.
+                    // The height of row `r` is measured from foothold `r` only.
                     let over = if i == r { by_height * rise[r] * ground[swing.foothold[i] as usize].slope[d] } else { T::zero() };
                     rows.put(r, swing.foothold_column[i] as usize + d, along - over);
                 }

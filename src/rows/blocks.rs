@@ -1,7 +1,8 @@
-//! Blocks of variables by their ids, and where they come to stand once all are known.
+//! Blocks of variables by their ids, and their positions once all blocks are known.
 //!
-//! While a layout is built, blocks have ids and tables hold [`NONE`] in their place. An element says in which roles its rows use blocks; once
-//! variables are ordered, each family's `place` gets the same roles back as [`Seat`]s and writes positions and columns into its tables.
+//! While a layout is built, blocks have ids, and tables hold [`NONE`] instead of positions and columns. An element lists the blocks that
+//! its rows use, in the order of its family's roles. Once the variables are ordered, the family's `place` function receives the same roles
+//! as [`Seat`]s and writes positions and columns into its tables.
 
 use super::table::{NONE, Place};
 
@@ -9,63 +10,63 @@ use super::table::{NONE, Place};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct BlockId(pub(crate) u32);
 
-/// A foothold: its index among all, and its block.
+/// Index and block of a foothold.
 #[derive(Debug, Clone, Copy)]
 pub struct Foothold {
-    /// Index in [`super::Tables::footholds`].
+    /// Index of the foothold in [`super::Tables::footholds`].
     pub index: u32,
-    /// Its two variables.
+    /// Block of its two variables.
     pub block: BlockId,
 }
 
-/// How the rows of an element use a block.
+/// Use of a block by the rows of an element.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Use {
-    /// There is no such block here.
+    /// No block in this role.
     Nothing,
-    /// They read it but do not depend on it: its weight is zero.
+    /// The rows read the block but do not depend on it, because its weight is zero.
     Reads(BlockId),
-    /// They depend on it; where it is not fixed they have columns for it.
+    /// The rows depend on the block; unless it is fixed they have columns for it.
     Touches(BlockId),
 }
 
-/// Where a block stands.
+/// Position and columns of a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Seat {
-    /// In `x`; [`NONE`] without a block.
+    /// Position in `x`; [`NONE`] without a block.
     pub position: u32,
-    /// First column in the element; [`NONE`] where it has none.
+    /// First column in the element; [`NONE`] if it has no columns.
     pub column: u32,
-    /// Index of that column in the front; [`NONE`] likewise.
+    /// Index of the first column in the front; [`NONE`] if it has no columns.
     pub front: u32,
 }
 
 impl Seat {
-    /// Without a block.
+    /// Seat of an absent block.
     pub const NOTHING: Seat = Seat { position: NONE, column: NONE, front: NONE };
 }
 
-/// Where the rows of an element and the blocks that it uses stand, in the order of its roles.
+/// Place of an element's rows, and the seats of its blocks in the order of its roles.
 #[derive(Debug)]
 pub struct Placed<'a> {
-    /// Its rows.
+    /// Place of the rows in the buffers.
     pub place: Place,
-    /// Its blocks.
+    /// Seats of the blocks.
     pub seats: &'a [Seat],
 }
 
 impl Placed<'_> {
-    /// Positions of the roles from `first` on.
+    /// Positions in `x` of `N` roles, starting at role `first`.
     pub fn positions<const N: usize>(&self, first: usize) -> [u32; N] {
         std::array::from_fn(|i| self.seats[first + i].position)
     }
 
-    /// Columns of the roles from `first` on.
+    /// Columns of `N` roles, starting at role `first`.
     pub fn columns<const N: usize>(&self, first: usize) -> [u32; N] {
         std::array::from_fn(|i| self.seats[first + i].column)
     }
 
-    /// Indices in the front of the roles from `first` on.
+    /// Indices in the front of `N` roles, starting at role `first`.
     pub fn fronts<const N: usize>(&self, first: usize) -> [u32; N] {
         std::array::from_fn(|i| self.seats[first + i].front)
     }

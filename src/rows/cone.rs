@@ -1,37 +1,37 @@
-//! Contact forces that push, not too hard, inside the exact friction cone of the ground under the foothold, at force nodes or at the Bezier
-//! points beside them.
+//! Contact forces inside the exact friction cone of the ground under the foothold, with an upper limit on the normal force, at force nodes
+//! or at the Bezier points next to them.
 //!
 //! With unit normal `n` of the ground and `t = f - (n.f) n`: `n.f <= f_max`, `sqrt(|t|^2 + m^2) - mu n.f <= 0`, `-n.f <= 0`, each tightened
-//! by the margin `m`, which also rounds the tip of the cone. Forces are in the force unit. These rows take the place of those of
-//! [`super::force`], whose pyramid circumscribes the cone.
+//! by the margin `m`, which also rounds the tip of the cone. Forces are in the force unit. These rows replace those of [`super::force`],
+//! whose pyramid circumscribes the cone.
 
 use super::blocks::Placed;
 use super::force::ForceNode;
 use super::math::{add, dot, scale, sub};
 use super::table::NONE;
 use super::write::Rows;
-use super::{Spec, Tables};
+use super::{RowKind, Spec, Tables};
 use crate::real::Real;
 use multiversion::multiversion;
 
-/// Normal force with its upper limit, cone; the push is the lower side of the first.
-pub const SPEC: Spec = Spec { rows: 2, pairs: 1, equality: false, unit: "N" };
+/// Upper limit of the normal force, then the cone. Unilateral contact (`-n.f <= 0`) is the lower side of the first row.
+pub const SPEC: Spec = Spec { rows: 2, pairs: 1, kind: RowKind::Inequality, unit: "N" };
 
 /// See [`super::Family::allowed`].
 pub(super) use super::force_allowed as allowed;
 
-/// Where the cone is held.
+/// Force to which the cone rows apply.
 pub type Cone<T> = ForceNode<T>;
 
-/// Roles: node, foothold.
+/// Writes positions and columns into an entry. Roles: force node, foothold.
 pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) {
     tables.cones[entry].sit(at);
 }
 
 /// Cone rows of all nodes.
 ///
-/// * `edge_radius` - over which edges of the terrain are rounded, m; 0 for the exact rows
-/// * `residual` - out, at each node's place: normal limit, cone, push
+/// * `edge_radius` - radius with which terrain edges are rounded, m; 0 for the exact rows
+/// * `residual` - out, at each node's place: normal limit, cone, unilateral contact
 /// * `jacobian` - out, 2 rows at each node's place
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn cone<T: Real>(tables: &Tables<T>, x: &[T], edge_radius: T, residual: &mut [T], mut jacobian: Option<&mut [T]>) {
@@ -57,7 +57,7 @@ pub fn cone<T: Real>(tables: &Tables<T>, x: &[T], edge_radius: T, residual: &mut
         for d in 0..2 {
             let by_n = dot(n.by[d], force);
             rows.put(0, c + d, by_n);
-            // d|t|^2 / 2 = -(n.f) (dn.f), for t stands on n and n on dn.
+            // d|t|^2 / 2 = -(n.f) t.dn = -(n.f) (dn.f), because t is orthogonal to n, and n to dn.
             rows.put(1, c + d, -(normal / size + friction) * by_n);
         }
     }

@@ -7,13 +7,13 @@ use super::blocks::Placed;
 use super::math::{Mat3, Vec3, add, along, cross, euler, mul, mul_transposed, scale, sub};
 use super::table::{NONE, Place, Span};
 use super::write::Rows;
-use super::{Constants, Spec, Tables};
+use super::{Constants, RowKind, Spec, Tables};
 use crate::real::Real;
 use crate::terrain::Ground;
 use multiversion::multiversion;
 
 /// Six equalities: moments, then forces.
-pub const SPEC: Spec = Spec { rows: 6, pairs: 0, equality: true, unit: "N m, N" };
+pub const SPEC: Spec = Spec { rows: 6, pairs: 0, kind: RowKind::Equality, unit: "N m, N" };
 
 /// See [`super::Family::allowed`].
 pub fn allowed<T: Real>(constants: &Constants<T>, r: usize, tolerance: T) -> T {
@@ -23,19 +23,19 @@ pub fn allowed<T: Real>(constants: &Constants<T>, r: usize, tolerance: T) -> T {
 crate::table! {
     /// Dynamics rows at one instant.
     pub struct DynamicsInstant<T> {
-        /// Pose on the reference line and its rate.
+        /// Pose on the reference line, m and rad.
         pub reference: [T; 6],
         /// Rate of the reference line, m/s and rad/s.
         pub rate: [T; 6],
         /// Spline weights of value, first and second derivative for three coefficients.
         pub weights: [[T; 3]; 3],
-        /// Coefficients in `x`.
+        /// Positions of the coefficients in `x`.
         pub variable: [u32; 3],
-        /// Their columns.
+        /// Columns of the coefficients.
         pub column: [u32; 3],
         /// Feet in contact, in `stance_forces`.
         pub forces: Span,
-        /// Buffers.
+        /// Place of the rows in the buffers.
         pub place: Place,
     }
 
@@ -43,18 +43,19 @@ crate::table! {
     pub struct StanceForce<T> {
         /// Hermite weights of value and slope of two nodes, times the scale of the variables.
         pub weights: [[T; 2]; 2],
-        /// Nodes in `x`, or [`NONE`].
+        /// Positions of the nodes in `x`, or [`NONE`].
         pub node: [u32; 2],
-        /// Their columns.
+        /// Columns of the nodes.
         pub node_column: [u32; 2],
-        /// Foothold.
+        /// Index of the foothold.
         pub foothold: u32,
-        /// Its column.
+        /// Column of the foothold.
         pub foothold_column: u32,
     }
 }
 
-/// Roles: the three coefficients, then of each foot in contact its two force nodes and its foothold.
+/// Writes positions and columns into an entry. Roles: the three coefficients, then two force nodes and the foothold of each foot in
+/// contact.
 pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) {
     let instant = &mut tables.dynamics_instants[entry];
     instant.place = at.place;
@@ -71,15 +72,15 @@ pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) 
 pub struct Spin<T> {
     /// `I_w omega' + omega x I_w omega`, N m.
     pub moment: Vec3<T>,
-    /// Its derivative with respect to each Euler angle, `[angle]`.
+    /// Derivative of the moment with respect to each Euler angle, `[angle]`.
     pub by_angle: [Vec3<T>; 3],
-    /// With respect to each rate.
+    /// Derivative of the moment with respect to each Euler angle rate, `[angle]`.
     pub by_rate: [Vec3<T>; 3],
-    /// With respect to each acceleration.
+    /// Derivative of the moment with respect to each Euler angle acceleration, `[angle]`.
     pub by_acceleration: [Vec3<T>; 3],
 }
 
-/// A rotating body: its attitude and motion, and what follows from them.
+/// Attitude and motion of a rotating body, with the quantities derived from them.
 struct Body<'a, T> {
     rot_wb: Mat3<T>,
     inertia: &'a Mat3<T>,
@@ -104,7 +105,7 @@ impl<T: Real> Body<'_, T> {
         add(self.inertia_times(a), add(cross(w, self.momentum), cross(self.omega, self.inertia_times(w))))
     }
 
-    /// Change of the moment when the body turns about an axis: `d(I_w v) = axis x I_w v - I_w (axis x v)`.
+    /// Change of the moment when the body rotates about an axis: `d(I_w v) = axis x I_w v - I_w (axis x v)`.
     #[inline(always)]
     fn by_turn(&self, axis: Vec3<T>) -> Vec3<T> {
         let turned = sub(cross(axis, self.inertial), self.inertia_times(cross(axis, self.omega_dot)));
@@ -117,12 +118,12 @@ impl<T: Real> Body<'_, T> {
 ///
 /// With axes `E = (e_r, e_p, e_z)`: `omega = E angles'` and
 /// `omega' = E angles'' + (pitch' e_p + yaw' e_z) x roll' e_r + yaw' e_z x pitch' e_p`.
-/// Turning the yaw turns everything; the pitch axis carries `e_r` along; the roll moves no axis.
+/// A change of yaw rotates everything; a change of pitch rotates `e_r`; a change of roll rotates no axis.
 #[inline(always)]
 pub fn spin<T: Real>(inertia: &Mat3<T>, angles: Vec3<T>, rates: Vec3<T>, accelerations: Vec3<T>) -> Spin<T> {
     let (rot_wb, axes) = euler(angles);
     let [e_r, e_p, e_z] = axes;
-    // What carries the roll axis, and the rates that are carried.
+    // Angular velocity of the roll axis, and the angular velocity about each axis.
     let carrier = add(scale(rates[1], e_p), scale(rates[2], e_z));
     let (roll, pitch, yaw) = (scale(rates[0], e_r), scale(rates[1], e_p), scale(rates[2], e_z));
     let bias = add(cross(carrier, roll), cross(yaw, pitch));
@@ -225,7 +226,7 @@ fn dynamics_instant<T: Real>(
                 }
             }
         }
-        // d(-arm x f)/d arm = [f]x; the height follows the slope.
+        // d(-arm x f)/d arm = [f]x; the height of the foothold changes with the slope.
         if stance.foothold_column != NONE {
             let c = stance.foothold_column as usize;
             let f = scale(moment_scale, force_w);

@@ -1,15 +1,15 @@
-//! Footholds on ground with edges: each within a box in which all of the foot has room.
+//! Footholds on ground with edges: each stays within a box in which the whole foot has support.
 //!
 //! `x - high + margin <= 0` and `low - x + margin <= 0` along x and y, times the length scale.
 
 use super::blocks::Placed;
 use super::table::{NONE, Place};
 use super::write::Rows;
-use super::{Spec, Tables};
+use super::{RowKind, Spec, Tables};
 use crate::real::Real;
 
-/// Two two-sided rows a foothold.
-pub const SPEC: Spec = Spec { rows: 2, pairs: 2, equality: false, unit: "m" };
+/// Two two-sided rows per foothold.
+pub const SPEC: Spec = Spec { rows: 2, pairs: 2, kind: RowKind::Inequality, unit: "m" };
 
 /// See [`super::Family::allowed`].
 pub(super) use super::length_allowed as allowed;
@@ -21,16 +21,16 @@ crate::table! {
         pub low: [T; 2],
         /// Upper sides, m.
         pub high: [T; 2],
-        /// Foothold.
+        /// Index of the foothold.
         pub foothold: u32,
-        /// Its columns.
+        /// First column of the foothold.
         pub foothold_column: u32,
-        /// Buffers.
+        /// Place of the rows in the buffers.
         pub place: Place,
     }
 }
 
-/// Roles: the foothold.
+/// Writes columns into an entry. Role: the foothold.
 pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) {
     let footing = &mut tables.footings[entry];
     footing.place = at.place;
@@ -39,8 +39,8 @@ pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) 
 
 /// Rows of all footholds that have a box.
 ///
-/// * `residual` - out, at each foothold's place: 2 upper sides, 2 lower sides
-/// * `jacobian` - out, 2 rows at each place
+/// * `residual` - out, at each entry's place: 2 upper sides, 2 lower sides
+/// * `jacobian` - out, 2 rows at each entry's place
 #[inline(always)]
 pub fn footing<T: Real>(tables: &Tables<T>, x: &[T], residual: &mut [T], mut jacobian: Option<&mut [T]>) {
     let (unit, margin) = (tables.constants.length_scale, tables.constants.length_margin);

@@ -1,5 +1,5 @@
-//! Contact forces at their nodes, or at the Bezier points beside them: they push, not too hard, inside the friction pyramid of the ground
-//! under the foothold.
+//! Contact forces inside the friction pyramid of the ground under the foothold, with an upper limit on the normal force, at force nodes or
+//! at the Bezier points next to them.
 //!
 //! With unit normal `n` and tangents `t1`, `t2` of the ground: `n.f <= f_max`, `+-t1.f - mu n.f <= 0`, `+-t2.f - mu n.f <= 0`, `-n.f <= 0`,
 //! each tightened by a margin. Forces are in the force unit. Source: \[3\].
@@ -8,42 +8,42 @@ use super::blocks::Placed;
 use super::math::{Vec3, add, dot, scale, sub};
 use super::table::{NONE, Place};
 use super::write::Rows;
-use super::{Spec, Tables};
+use super::{RowKind, Spec, Tables};
 use crate::real::Real;
 use crate::terrain::Ground;
 use multiversion::multiversion;
 
-/// Normal force with its upper limit, four sides of the pyramid; the push is the lower side of the first.
-pub const SPEC: Spec = Spec { rows: 5, pairs: 1, equality: false, unit: "N" };
+/// Upper limit of the normal force, then four sides of the pyramid. Unilateral contact (`-n.f <= 0`) is the lower side of the first row.
+pub const SPEC: Spec = Spec { rows: 5, pairs: 1, kind: RowKind::Inequality, unit: "N" };
 
 /// See [`super::Family::allowed`].
 pub(super) use super::force_allowed as allowed;
 
 crate::table! {
-    /// A force at a node or beside it: at `value + slope_weight slope`.
+    /// Force at a node or at a Bezier point next to it: `value + slope_weight slope`.
     pub struct ForceNode<T> {
-        /// Node in `x`.
+        /// Position of the node in `x`.
         pub node: u32,
-        /// Its column.
+        /// Column of the node.
         pub node_column: u32,
         /// Weight of the slope: 0 at the node, -1/3 and 1/3 at the Bezier points of the pieces before and after it.
         pub slope_weight: T,
-        /// Foothold on whose ground it pushes.
+        /// Index of the foothold whose ground the force acts on.
         pub foothold: u32,
-        /// Its column.
+        /// Column of the foothold.
         pub foothold_column: u32,
-        /// Buffers.
+        /// Place of the rows in the buffers.
         pub place: Place,
     }
 }
 
 impl<T> ForceNode<T> {
-    /// Before it has its place.
+    /// Entry without positions and columns, which [`ForceNode::sit`] writes.
     pub(crate) fn new(slope_weight: T, foothold: u32) -> Self {
         ForceNode { node: NONE, node_column: NONE, slope_weight, foothold, foothold_column: NONE, place: Place::default() }
     }
 
-    /// The force there, in its unit.
+    /// Force at this point, in force units.
     #[inline(always)]
     pub(super) fn force(&self, x: &[T]) -> Vec3<T>
     where
@@ -53,9 +53,9 @@ impl<T> ForceNode<T> {
         std::array::from_fn(|d| x[at + d] + self.slope_weight * x[at + 3 + d])
     }
 
-    /// Normal and tangents of the ground that it pushes on.
+    /// Normal and tangents of the ground under the foothold.
     ///
-    /// * `edge_radius` - over which edges of the terrain are rounded, m; 0 for the exact ones
+    /// * `edge_radius` - radius with which terrain edges are rounded, m; 0 for the exact ground
     #[inline(always)]
     pub(super) fn directions(&self, tables: &Tables<T>, x: &[T], edge_radius: T) -> [Direction<T>; 3]
     where
@@ -65,7 +65,7 @@ impl<T> ForceNode<T> {
         basis(&tables.terrain.rounded_ground(x[under], x[under + 1], edge_radius))
     }
 
-    /// Writes the derivatives of its rows by the force: by the node's value and by its weighted slope.
+    /// Writes the derivatives of the rows with respect to the force: columns of the node's value and of its weighted slope.
     #[inline(always)]
     pub(super) fn put_by_force<const R: usize>(&self, rows: &mut Rows<T>, by_force: &[Vec3<T>; R])
     where
@@ -80,7 +80,7 @@ impl<T> ForceNode<T> {
         }
     }
 
-    /// Roles: node, foothold.
+    /// Writes place, positions and columns. Roles: force node, foothold.
     pub(super) fn sit(&mut self, at: &Placed) {
         self.place = at.place;
         self.node = at.seats[0].position;
@@ -89,12 +89,12 @@ impl<T> ForceNode<T> {
     }
 }
 
-/// Roles: node, foothold.
+/// Writes positions and columns into an entry. Roles: force node, foothold.
 pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) {
     tables.force_nodes[entry].sit(at);
 }
 
-/// A unit vector and its derivatives with respect to x and y.
+/// Unit vector and its derivatives with respect to x and y.
 pub(crate) struct Direction<T> {
     pub unit: Vec3<T>,
     pub by: [Vec3<T>; 2],
@@ -112,7 +112,7 @@ fn normalised<T: Real>(v: Vec3<T>, by: [Vec3<T>; 2]) -> Direction<T> {
     direction
 }
 
-/// Normal and tangents of the ground.
+/// Normal and the two tangents of the ground.
 #[inline(always)]
 pub(crate) fn basis<T: Real>(ground: &Ground<T>) -> [Direction<T>; 3] {
     let (zero, one) = (T::zero(), T::one());
@@ -126,9 +126,9 @@ pub(crate) fn basis<T: Real>(ground: &Ground<T>) -> [Direction<T>; 3] {
 
 /// Force rows of all nodes.
 ///
-/// * `edge_radius` - over which edges of the terrain are rounded, m; 0 for the exact rows
-/// * `residual` - out, at each node's place: normal limit, 4 friction rows, push
-/// * `jacobian` - out, 5 rows at each node's place; the push is the lower side of the first
+/// * `edge_radius` - radius with which terrain edges are rounded, m; 0 for the exact rows
+/// * `residual` - out, at each node's place: normal limit, 4 friction rows, unilateral contact
+/// * `jacobian` - out, 5 rows at each node's place; unilateral contact is the lower side of the first
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn force<T: Real>(tables: &Tables<T>, x: &[T], edge_radius: T, residual: &mut [T], mut jacobian: Option<&mut [T]>) {
     let constants = &tables.constants;

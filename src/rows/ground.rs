@@ -1,4 +1,4 @@
-//! Ground under every foothold, shared by the families.
+//! Ground under every foothold, used by several families.
 
 use super::Tables;
 use crate::real::Real;

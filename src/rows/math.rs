@@ -2,24 +2,24 @@
 
 use crate::real::Real;
 
-/// Three components.
+/// Vector with three components.
 pub type Vec3<T> = [T; 3];
-/// Rows of a 3 x 3 matrix.
+/// 3 x 3 matrix by rows.
 pub type Mat3<T> = [[T; 3]; 3];
 
-/// Sum.
+/// Vector sum.
 #[inline(always)]
 pub fn add<T: Real>(a: Vec3<T>, b: Vec3<T>) -> Vec3<T> {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
-/// Difference.
+/// Vector difference.
 #[inline(always)]
 pub fn sub<T: Real>(a: Vec3<T>, b: Vec3<T>) -> Vec3<T> {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-/// Multiple.
+/// Scalar multiple of a vector.
 #[inline(always)]
 pub fn scale<T: Real>(s: T, a: Vec3<T>) -> Vec3<T> {
     [s * a[0], s * a[1], s * a[2]]
@@ -49,7 +49,7 @@ pub fn mul_transposed<T: Real>(m: &Mat3<T>, a: Vec3<T>) -> Vec3<T> {
     add(add(scale(a[0], m[0]), scale(a[1], m[1])), scale(a[2], m[2]))
 }
 
-/// Rotation `Rz(yaw) Ry(pitch) Rx(roll)` from base to world, and the axes about which the angles turn, in world coordinates.
+/// Rotation `Rz(yaw) Ry(pitch) Rx(roll)` from base to world, and the rotation axes of the three angles in world coordinates.
 ///
 /// `omega = axes[0] roll' + axes[1] pitch' + axes[2] yaw'`, and `d rot / d angle_i = [axes[i]]x rot`.
 #[inline(always)]

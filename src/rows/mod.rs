@@ -1,11 +1,11 @@
-//! Families of constraint rows, one file each, and the one list that names them.
+//! Families of constraint rows, one file each, and the list that names them.
 //!
-//! A family's file holds all of it: its table entries, how many rows it has, in which unit and how far they may be off, which blocks they
-//! use, residual and Jacobian. Its shader has the same name under `shaders/rows`. What stands here is the list (`families!`, `row_tables!`
-//! and [`residuals`]); sizes, buffers, uploads and declarations in WGSL are made from it.
+//! The file of a family contains everything about it: its table entries, number of rows, unit, tolerance, the blocks that it uses, residual
+//! and Jacobian. Its shader has the same name under `shaders/rows`. This file contains the lists (`families!`, `row_tables!` and
+//! [`residuals`]) from which sizes, buffers, uploads and WGSL declarations are generated.
 //!
-//! Rows are plain loops over flat buffers and the index tables of a candidate, without allocation. None uses fused multiply-add, and every sum
-//! has a fixed order, so results do not depend on the processor's vector width.
+//! Rows are plain loops over flat buffers and the index tables of a candidate, without allocation. They use no fused multiply-add, and
+//! every sum has a fixed order, so results do not depend on the vector width of the processor.
 
 pub mod acceleration;
 pub mod blocks;
@@ -30,24 +30,86 @@ use reach::ReachRows;
 use std::sync::Arc;
 use table::Wgsl;
 
-/// What is known of a family before any candidate.
+/// Role of a row in the optimisation problem. Jacobian rows are numbered by kind, in this order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum RowKind {
+    /// The residual is zero at a solution.
+    Equality,
+    /// The residual is a term of the objective.
+    Cost,
+    /// The residual is not positive at a solution. A two-sided row has a lower side, too.
+    Inequality,
+}
+
+crate::table! {
+    /// Numbers of Jacobian rows by kind.
+    #[derive(Default, PartialEq, Eq)]
+    pub struct RowCounts {
+        /// Equalities.
+        pub equalities: u32,
+        /// Terms of the objective.
+        pub costs: u32,
+        /// Inequalities; a two-sided row counts once.
+        pub inequalities: u32,
+    }
+}
+
+impl RowCounts {
+    /// Number of all rows.
+    pub fn all(self) -> usize {
+        self.of(RowKind::Inequality).end
+    }
+
+    /// Rows of a kind.
+    #[inline(always)]
+    pub fn of(self, kind: RowKind) -> std::ops::Range<usize> {
+        let first_cost = self.equalities as usize;
+        let first_inequality = first_cost + self.costs as usize;
+        match kind {
+            RowKind::Equality => 0..first_cost,
+            RowKind::Cost => first_cost..first_inequality,
+            RowKind::Inequality => first_inequality..first_inequality + self.inequalities as usize,
+        }
+    }
+
+    /// Kind of a row. Twin: `row_kind` of `shaders/shared/kind.wgsl`.
+    #[inline(always)]
+    pub fn kind(self, row: u32) -> RowKind {
+        if row < self.equalities {
+            RowKind::Equality
+        } else if row < self.equalities + self.costs {
+            RowKind::Cost
+        } else {
+            RowKind::Inequality
+        }
+    }
+
+    /// Number of rows whose residual is in `c`, by row: equalities and costs.
+    #[inline(always)]
+    pub fn one_sided(self) -> usize {
+        self.of(RowKind::Cost).end
+    }
+}
+
+/// Properties of a family that are the same for all candidates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spec {
-    /// Rows of an element.
+    /// Number of rows per element.
     pub rows: usize,
-    /// How many of them, the first, have a lower side too.
+    /// Number of two-sided rows, which are the first.
     pub pairs: usize,
-    /// Whether they are equalities.
-    pub equality: bool,
-    /// Unit of a row before it is scaled.
+    /// Kind of the rows.
+    pub kind: RowKind,
+    /// Unit of the rows before scaling.
     pub unit: &'static str,
 }
 
-/// Makes [`Family`] of the list below: of each family its specification, how far a row may be off (scaled) when a tolerance in its own unit is
-/// asked for, and who writes its columns.
+/// Generates [`Family`] from the list below. Each family names its specification, the largest scaled residual for a tolerance in its own
+/// unit, and the function that writes positions and columns.
 macro_rules! families {
     ($($(#[$about:meta])* $family:ident { $spec:path, $allowed:path, $place:path })*) => {
-        /// A family of rows.
+        /// Family of constraint rows.
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         #[repr(u32)]
         pub enum Family {
@@ -55,20 +117,20 @@ macro_rules! families {
         }
 
         impl Family {
-            /// All of them.
+            /// All families.
             pub const ALL: &[Family] = &[$(Family::$family),*];
 
-            /// Its specification.
+            /// Specification of the family.
             pub fn spec(self) -> Spec {
                 match self { $(Family::$family => $spec),* }
             }
 
-            /// Largest residual of row `r` at which a violation of `tolerance` in the row's own unit is not exceeded, margins aside.
+            /// Largest scaled residual of row `r` that violates it by at most `tolerance` in the row's own unit, margins excluded.
             pub fn allowed<T: Real>(self, constants: &Constants<T>, r: usize, tolerance: T) -> T {
                 match self { $(Family::$family => $allowed(constants, r, tolerance)),* }
             }
 
-            /// Writes where an element's rows and blocks stand into its entry.
+            /// Writes the place of an element's rows and the seats of its blocks into its table entry.
             pub(crate) fn place<T: Real>(self, tables: &mut Tables<T>, entry: usize, at: &Placed) {
                 match self { $(Family::$family => $place(tables, entry, at)),* }
             }
@@ -77,15 +139,15 @@ macro_rules! families {
 }
 
 families! {
-    /// `towr`: Newton-Euler equations at an instant: moments, then forces.
+    /// `towr`: Newton-Euler equations at an instant, moments before forces.
     Dynamics { dynamics::SPEC, dynamics::allowed, dynamics::place }
     /// `momentum`: change of linear momentum, then of position, over an interval.
     LinearMomentum { momentum::LINEAR, momentum::linear_allowed, momentum::place_linear }
-    /// `momentum`: angular momentum at the end of an interval, then its mean.
+    /// `momentum`: angular momentum at the end of an interval, then its mean over the interval.
     AngularMomentum { momentum::ANGULAR, momentum::angular_allowed, momentum::place_angular }
     /// Reach box of a foot at an instant.
     Reach { reach::SPEC, reach::allowed, reach::place }
-    /// Normal force and friction pyramid, at a force node or a control point beside it.
+    /// Normal force and friction pyramid at a force node or at a Bezier point next to it.
     Force { force::SPEC, force::allowed, force::place }
     /// Height of a swinging foot above the terrain.
     Swing { swing::SPEC, swing::allowed, swing::place }
@@ -93,7 +155,7 @@ families! {
     Stride { stride::SPEC, stride::allowed, stride::place }
     /// Acceleration of a foot at the ends of a swing.
     Acceleration { acceleration::SPEC, acceleration::allowed, acceleration::place }
-    /// Friction cone at a force node or a control point beside it.
+    /// Normal force and friction cone at a force node or at a Bezier point next to it.
     Cone { cone::SPEC, cone::allowed, cone::place }
     /// Box of a foothold on ground with edges.
     Footing { footing::SPEC, footing::allowed, footing::place }
@@ -111,7 +173,7 @@ impl Wgsl for Family {
     }
 }
 
-/// The tables of all families, `name Buffer Entry` each; shaders bind them by their names. Hands the list to a macro.
+/// Passes the tables of all families (`name Buffer [Entry]` each) to a macro. Shaders bind the tables by these names.
 macro_rules! row_tables {
     ($then:path $(, $more:tt)*) => {
         $then! { $($more)*
@@ -136,7 +198,7 @@ macro_rules! row_tables {
 #[cfg(feature = "gpu")]
 pub(crate) use row_tables;
 
-/// The shaders that evaluate all rows, in their order, each with the table whose entries it walks. Hands the list to a macro.
+/// Passes the shaders that evaluate all rows, in order, to a macro. Each is listed with the table over whose entries it runs.
 #[cfg(feature = "gpu")]
 macro_rules! row_shaders {
     ($then:path $(, $more:tt)*) => {
@@ -159,16 +221,16 @@ pub(crate) use row_shaders;
 
 macro_rules! tables {
     ($($table:ident $buffer:ident [$entry:ty],)*) => {
-        /// What the rows of one candidate are made from: constants, ground, and a table for each kind of entry.
+        /// Data of the rows of one candidate: constants, ground, and a table per kind of entry.
         #[derive(Debug, Clone)]
         pub struct Tables<T> {
-            /// Constants.
+            /// Physical constants and row scales.
             pub constants: Constants<T>,
-            /// Ground.
+            /// Terrain.
             pub terrain: Arc<Terrain>,
-            /// Points of every momentum interval.
+            /// Points at which the momentum of every interval is evaluated.
             pub momentum_points: [MomentumPoint<T>; MOMENTUM_POINTS],
-            /// Where reach rows begin.
+            /// First reach row and first reach inequality.
             pub reach_rows: ReachRows,
             $(
                 #[doc = concat!("Table `", stringify!($table), "`.")]
@@ -179,7 +241,7 @@ macro_rules! tables {
         impl<T: Real> Tables<T> {
             /// Empty tables.
             ///
-            /// * `interval` - of base knots, s, not rounded yet
+            /// * `interval` - between base knots, s, in f64
             pub fn new(constants: Constants<T>, terrain: Arc<Terrain>, interval: f64) -> Self {
                 Tables { constants, terrain, momentum_points: momentum::points(interval), reach_rows: ReachRows::default(), $($table: Vec::new()),* }
             }
@@ -197,19 +259,19 @@ crate::table! {
         pub weight: T,
         /// Inertia in the base frame, kg m².
         pub inertia: [[T; 3]; 3],
-        /// Its inverse.
+        /// Inverse of the inertia, base frame, 1/(kg m²).
         pub inverse_inertia: [[T; 3]; 3],
-        /// Scale of moments, 1/(N m).
+        /// Scale of moment rows, 1/(N m).
         pub moment_scale: T,
-        /// Scale of forces in balance, 1/N.
+        /// Scale of force balance rows, 1/N.
         pub balance_scale: T,
-        /// Interval of base knots, s.
+        /// Interval between base knots, s.
         pub interval: T,
         /// Scale of reach and swing rows, 1/m.
         pub length_scale: T,
-        /// Force unit of the variables, N; force rows are divided by it.
+        /// Unit of the force variables, N; force rows are divided by it.
         pub force_unit: T,
-        /// Largest normal force in that unit.
+        /// Largest normal force, in force units.
         pub force_limit: T,
         /// Friction coefficient.
         pub friction: T,
@@ -217,21 +279,21 @@ crate::table! {
         pub length_margin: T,
         /// Tightening of force rows, in force units.
         pub force_margin: T,
-        /// Radius of a foot that keeps from edges, m; 0 where none does.
+        /// Radius of a foot for clearance from edges, m; 0 if no foot keeps clear of edges.
         pub foot_radius: T,
         /// Largest acceleration of a foot, m/s².
         pub foot_acceleration: T,
     }
 }
 
-/// What the rows of a candidate share at one `x`.
+/// Quantities at one `x` that the rows of a candidate share.
 #[derive(Debug, Clone)]
 pub struct Shared<T> {
     /// Ground under the footholds, `[footholds]`.
     pub ground: Vec<Ground<T>>,
-    /// How the base deviates from its cubic inside intervals, `[intervals]`.
+    /// Deviations of the base from its cubics inside the intervals, `[intervals]`.
     pub deviations: Vec<Deviation<T>>,
-    /// Whether the deviations stay as they are, as the derivatives of the rows take them.
+    /// True to keep the deviations constant, consistent with the derivatives of the rows.
     pub frozen: bool,
 }
 
@@ -242,19 +304,19 @@ impl<T: Real> Default for Shared<T> {
 }
 
 impl<T: Real> Shared<T> {
-    /// Makes room for a candidate.
+    /// Allocates for a candidate.
     pub fn resize(&mut self, tables: &Tables<T>) {
         self.ground.resize(tables.footholds.len(), Ground::level(T::zero()));
         self.deviations.resize(tables.momentum_intervals.len(), Deviation::default());
     }
 }
 
-/// Residuals (and, when asked for, Jacobian values) of all elements at `x`.
+/// Evaluates the residuals, and optionally the Jacobian, of all elements at `x`.
 ///
-/// * `edge_radius` - over which edges of the terrain are rounded for the force rows, m; 0 for the exact rows
-/// * `shared` - what rows share
-/// * `equality` - out, `c`, `[equalities]`, dimensionless; zero when it holds
-/// * `inequality` - out, `g`, `[inequalities]`, dimensionless; holds when `g <= 0`
+/// * `edge_radius` - radius with which terrain edges are rounded for the force rows, m; 0 for the exact rows
+/// * `shared` - quantities that rows share; overwritten, except frozen deviations
+/// * `equality` - out, `c`, `[equalities]`, dimensionless; satisfied when zero
+/// * `inequality` - out, `g`, `[inequalities]`, dimensionless; satisfied when `g <= 0`
 /// * `jacobian` - out, values of every element, `[rows][stride]`
 #[inline(always)]
 pub fn residuals<T: Real>(
@@ -284,7 +346,7 @@ fn force_allowed<T: Real>(constants: &Constants<T>, _: usize, tolerance: T) -> T
     tolerance / constants.force_unit + constants.force_margin
 }
 
-/// Largest residual of a row in units of length for a tolerance in m.
+/// Largest residual of a length row for a tolerance in m.
 fn length_allowed<T: Real>(constants: &Constants<T>, _: usize, tolerance: T) -> T {
     (tolerance + constants.length_margin) * constants.length_scale
 }

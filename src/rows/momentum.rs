@@ -10,7 +10,7 @@ use super::blocks::Placed;
 use super::math::{Mat3, Vec3, add, along, cross, euler, mul, mul_transposed, scale, sub};
 use super::table::{NONE, Place, Span};
 use super::write::Rows;
-use super::{Constants, Spec, Tables};
+use super::{Constants, RowKind, Spec, Tables};
 use crate::gait::spline::{hermite, hermite_rate};
 use crate::real::Real;
 use crate::robot::GRAVITY;
@@ -18,11 +18,11 @@ use crate::terrain::Ground;
 use multiversion::multiversion;
 use std::sync::LazyLock;
 
-/// Six equalities: velocity, then position.
-pub const LINEAR: Spec = Spec { rows: 6, pairs: 0, equality: true, unit: "N" };
+/// Six equalities: change of velocity, then of position.
+pub const LINEAR: Spec = Spec { rows: 6, pairs: 0, kind: RowKind::Equality, unit: "N" };
 
 /// Six equalities: angular momentum at the end, then its mean.
-pub const ANGULAR: Spec = Spec { rows: 6, pairs: 0, equality: true, unit: "N m" };
+pub const ANGULAR: Spec = Spec { rows: 6, pairs: 0, kind: RowKind::Equality, unit: "N m" };
 
 /// See [`super::Family::allowed`].
 pub fn linear_allowed<T: Real>(constants: &Constants<T>, _: usize, tolerance: T) -> T {
@@ -34,24 +34,24 @@ pub fn angular_allowed<T: Real>(constants: &Constants<T>, _: usize, tolerance: T
     tolerance * constants.moment_scale
 }
 
-/// Nodes of the Gauss-Legendre rule at which the motion inside an interval is taken.
+/// Number of nodes of the Gauss-Legendre rule at which the motion inside an interval is evaluated.
 pub const INNER_POINTS: usize = 6;
-/// Points of an interval at which its momentum is taken: the inner ones, then the end.
+/// Number of points of an interval at which its momentum is evaluated: the inner points, then the end.
 pub const MOMENTUM_POINTS: usize = INNER_POINTS + 1;
 
 crate::table! {
-    /// One of [`MOMENTUM_POINTS`] points of every interval.
+    /// One of the [`MOMENTUM_POINTS`] points of every interval.
     #[derive(Default)]
     pub struct MomentumPoint<T> {
         /// Time since the start of the interval, s.
         pub time: T,
-        /// Weight in the mean over the interval; 0 at the end.
+        /// Quadrature weight in the mean over the interval; 0 at the end.
         pub mean: T,
-        /// Hermite weights there of value and rate at the start, value and rate at the end.
+        /// Hermite weights of the value here, for value and rate at the start, value and rate at the end.
         pub value: [T; 4],
-        /// The same for the rate.
+        /// Hermite weights of the rate here, for value and rate at the start, value and rate at the end.
         pub rate: [T; 4],
-        /// Weights of the inner points in the integral from the start to here, s.
+        /// Weights of the inner points in the integral from the start of the interval to this point, s.
         pub integral: [T; INNER_POINTS],
     }
 
@@ -61,50 +61,51 @@ crate::table! {
         pub reference: [[T; 6]; 2],
         /// Rate of the reference line, m/s and rad/s.
         pub rate: [T; 6],
-        /// Blocks in `x`: pose and rates at the start, pose and rates at the end, as deviations from the reference line.
+        /// Positions in `x` of the blocks: pose and rates at the start, pose and rates at the end, as deviations from the reference line.
         pub variable: [u32; 4],
-        /// Their columns in the linear element.
+        /// Columns of the blocks in the linear element.
         pub linear_column: [u32; 4],
-        /// Their columns in the angular element.
+        /// Columns of the blocks in the angular element.
         pub angular_column: [u32; 4],
-        /// Force nodes at work, in `impulses`, those of one foothold together.
+        /// Force nodes that act in the interval, in `impulses`; those of one foothold are adjacent.
         pub impulses: Span,
-        /// Buffers of the linear element.
+        /// Place of the linear element's rows in the buffers.
         pub linear: Place,
-        /// Buffers of the angular element.
+        /// Place of the angular element's rows in the buffers.
         pub angular: Place,
     }
 
-    /// What one force node does in one interval.
+    /// Impulses of one force node in one interval.
     pub struct Impulse<T> {
-        /// At each point `tau`, for value and slope of the node with basis function `b`: `int b`, `int (tau - s) b` and
+        /// Weights at each point `tau`, for value and slope of the node with basis function `b`: `int b`, `int (tau - s) b` and
         /// `int (tau - s)^2 / 2 b ds` from the start of the interval, times the scale of the variables.
         pub weights: [[[T; 2]; 3]; MOMENTUM_POINTS],
-        /// Node in `x`.
+        /// Position of the node in `x`.
         pub node: u32,
-        /// Its column in the linear element.
+        /// Column of the node in the linear element.
         pub linear_column: u32,
-        /// Its column in the angular element.
+        /// Column of the node in the angular element.
         pub angular_column: u32,
-        /// Foothold.
+        /// Index of the foothold.
         pub foothold: u32,
-        /// Its column in the angular element.
+        /// Column of the foothold in the angular element.
         pub foothold_column: u32,
     }
 }
 
-/// How the motion inside an interval deviates from the cubic between its knots, under the forces of the last evaluation.
+/// Deviation of the motion inside an interval from the cubic between its knots, under the forces of the last evaluation.
 ///
-/// Rows take it as given: their derivatives leave it out.
+/// The rows treat it as constant: their derivatives do not include it.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Deviation<T> {
-    /// Of the pose, at the inner points, m and rad.
+    /// Deviation of the pose at the inner points, m and rad.
     pub pose: [[T; 6]; INNER_POINTS],
-    /// Of the mean of the angular momentum over the interval, when the attitude at its end is to be exact, N m s.
+    /// Correction of the mean angular momentum over the interval for which the attitude at its end becomes exact, N m s.
     pub mean: [T; 3],
 }
 
-/// Roles: pose and rates at the start, pose and rates at the end, then the force nodes at work.
+/// Writes positions and columns of the linear element. Roles: pose and rates at the start, pose and rates at the end, then the force nodes
+/// that act in the interval.
 pub(super) fn place_linear<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) {
     let interval = &mut tables.momentum_intervals[entry];
     interval.linear = at.place;
@@ -116,7 +117,7 @@ pub(super) fn place_linear<T: Real>(tables: &mut Tables<T>, entry: usize, at: &P
     }
 }
 
-/// Roles: those of [`place_linear`], then the foothold of each force node.
+/// Writes columns of the angular element. Roles: those of [`place_linear`], then the foothold of each force node.
 pub(super) fn place_angular<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) {
     let interval = &mut tables.momentum_intervals[entry];
     interval.angular = at.place;
@@ -129,7 +130,7 @@ pub(super) fn place_angular<T: Real>(tables: &mut Tables<T>, entry: usize, at: &
     }
 }
 
-/// Nodes and weights of the Gauss-Legendre rule of [`INNER_POINTS`] on (0, 1), by Newton's method on the Legendre polynomial.
+/// Nodes and weights of the Gauss-Legendre rule with [`INNER_POINTS`] nodes on (0, 1), by Newton's method on the Legendre polynomial.
 pub static INNER_RULE: LazyLock<[[f64; 2]; INNER_POINTS]> = LazyLock::new(|| {
     let n = INNER_POINTS;
     std::array::from_fn(|i| {
@@ -147,19 +148,19 @@ pub static INNER_RULE: LazyLock<[[f64; 2]; INNER_POINTS]> = LazyLock::new(|| {
     })
 });
 
-/// Value at `u` of the polynomial that is 1 at node `i` and 0 at the others.
+/// Value at `u` of the Lagrange polynomial that is 1 at node `i` and 0 at the other nodes.
 pub fn lagrange(nodes: &[f64], i: usize, u: f64) -> f64 {
     (0..nodes.len()).filter(|&j| j != i).map(|j| (u - nodes[j]) / (nodes[i] - nodes[j])).product()
 }
 
-/// Points of an interval of length `h`.
+/// Points of an interval of length `h`, s.
 pub fn points<T: Real>(h: f64) -> [MomentumPoint<T>; MOMENTUM_POINTS] {
     let rule = *INNER_RULE;
     let nodes = rule.map(|[u, _]| u);
     std::array::from_fn(|q| {
         let [part, mean] = rule.get(q).copied().unwrap_or([1., 0.]);
         let t = part * h;
-        // The rule itself is exact for polynomials through its nodes.
+        // The rule, scaled to the time from the start to this point, integrates polynomials through its nodes exactly.
         let integral = |i: usize| rule.iter().map(|[u, weight]| weight * t * lagrange(&nodes, i, u * part)).sum::<f64>();
         MomentumPoint {
             time: T::of(t),
@@ -175,11 +176,11 @@ pub fn points<T: Real>(h: f64) -> [MomentumPoint<T>; MOMENTUM_POINTS] {
 pub struct AngularMomentum<T> {
     /// Rotation from base to world.
     pub rot_wb: Mat3<T>,
-    /// Its value, N m s.
+    /// Angular momentum in the world frame, N m s.
     pub value: Vec3<T>,
-    /// With respect to each Euler angle, `[angle]`.
+    /// Derivative with respect to each Euler angle, `[angle]`.
     pub by_angle: [Vec3<T>; 3],
-    /// With respect to each rate.
+    /// Derivative with respect to each Euler angle rate, `[angle]`.
     pub by_rate: [Vec3<T>; 3],
 }
 
@@ -193,9 +194,9 @@ pub fn angular_momentum<T: Real>(inertia: &Mat3<T>, angles: Vec3<T>, rates: Vec3
     let inertia_times = |v: Vec3<T>| mul(&inertia_w, v);
     let omega = along(&axes, rates);
     let value = inertia_times(omega);
-    // Turning the body about an axis while omega stays: axis x L - I_w (axis x omega).
+    // Rotation of the body about an axis at constant omega: axis x L - I_w (axis x omega).
     let by_turn = |axis: Vec3<T>| sub(cross(axis, value), inertia_times(cross(axis, omega)));
-    // The pitch carries the roll axis along, the yaw everything.
+    // A change of pitch rotates the roll axis; a change of yaw rotates everything.
     let carried = inertia_times(scale(rates[0], cross(axes[1], axes[0])));
     AngularMomentum {
         rot_wb,
@@ -208,9 +209,9 @@ pub fn angular_momentum<T: Real>(inertia: &Mat3<T>, angles: Vec3<T>, rates: Vec3
 /// Momentum rows of all intervals.
 ///
 /// * `deviations` - in and out, `[intervals]`
-/// * `frozen` - whether the deviations are taken as they are
-/// * `residual` - out, at each interval's places
-/// * `jacobian` - out, likewise
+/// * `frozen` - true to keep the deviations unchanged
+/// * `residual` - out, at the places of each interval
+/// * `jacobian` - out, at the places of each interval
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn momentum<T: Real>(
     tables: &Tables<T>,
@@ -226,7 +227,7 @@ pub fn momentum<T: Real>(
     }
 }
 
-/// `[points]` of vectors.
+/// One vector per momentum point.
 type Points<T> = [Vec3<T>; MOMENTUM_POINTS];
 
 /// Momentum rows of one interval.
@@ -260,7 +261,7 @@ fn momentum_interval<T: Real>(
     let end_scale = constants.moment_scale / h;
     let mean_scale = two * end_scale;
 
-    // Impulses of all feet, and their moments about the base at the start.
+    // Impulses of all feet, and their moments about the base position at the start of the interval.
     let (mut first, mut second, mut third, mut moment): (Points<T>, Points<T>, Points<T>, Points<T>) = Default::default();
     let impulses = &tables.impulses[interval.impulses.range()];
     for of_foothold in impulses.chunk_by(|a, b| a.foothold == b.foothold) {
@@ -286,7 +287,7 @@ fn momentum_interval<T: Real>(
             mean = add(mean, scale(points[q].mean, foot_first[q]));
         }
         let Some(jacobian) = jacobian.as_deref_mut() else { continue };
-        // -d(arm x J)/d arm = [J]x; the height follows the slope.
+        // -d(arm x J)/d arm = [J]x; the height of the foothold changes with the slope.
         let column = of_foothold[0].foothold_column;
         if column != NONE {
             let mut rows = Rows::new(jacobian, &interval.angular);
@@ -302,7 +303,7 @@ fn momentum_interval<T: Real>(
         }
     }
 
-    // The linear motion that follows, and the angular momentum gained.
+    // Linear motion under these impulses, and the change of angular momentum.
     let gravity_w = [zero, zero, gravity];
     let (mut moved, mut velocity, mut gained): (Points<T>, Points<T>, Points<T>) = Default::default();
     let mut gained_mean = [zero; 3];
@@ -323,7 +324,7 @@ fn momentum_interval<T: Real>(
 
     let start = angular_momentum(&constants.inertia, angular(&pose[0]), angular(&rate[0]));
     let end = angular_momentum(&constants.inertia, angular(&pose[1]), angular(&rate[1]));
-    // Mean of the planned angular momentum, and its derivatives by angles and rates at the start and at the end.
+    // Mean of the planned angular momentum, and its derivatives with respect to angles and rates at the start and at the end.
     let mut planned = [zero; 3];
     let mut planned_by = [[[zero; 3]; 3]; 4];
     let line: Vec3<T> = std::array::from_fn(|d| interval.rate[3 + d]);
@@ -378,7 +379,7 @@ fn momentum_interval<T: Real>(
             }
         }
     }
-    // Velocity and position rows by pose and rates at the start, pose and rates at the end.
+    // Derivatives of the velocity and position rows with respect to pose and rates at the start, pose and rates at the end.
     for (i, by) in [[zero, -mass], [-mass, -mass * h], [zero, mass], [mass, zero]].into_iter().enumerate() {
         if interval.linear_column[i] != NONE {
             for d in 0..3 {
@@ -391,7 +392,7 @@ fn momentum_interval<T: Real>(
 
     let mut rows = Rows::new(jacobian, &interval.angular);
     angular_by_forces(tables, impulses, x, ground, base_w, &moved, &velocity, [end_scale, mean_scale], &mut rows);
-    // By position and velocity at the start: -[J]x and -[tau J - P]x.
+    // Derivatives with respect to position and velocity at the start: -[J]x and -[tau J - P]x.
     let mut by_start = [[first[END], [zero; 3]], [sub(scale(h, first[END]), second[END]), [zero; 3]]];
     for q in 0..END {
         let (t, mean) = (points[q].time, points[q].mean);
@@ -420,13 +421,13 @@ fn momentum_interval<T: Real>(
     }
 }
 
-/// How the motion inside an interval deviates from the cubic through its knots.
+/// Deviation of the motion inside an interval from the cubic through its knots.
 ///
-/// In position by the difference to the cubic through the end that the forces lead to. In attitude by the rotation vector
-/// `eps' = I_w^-1 (e - eps x L)`, where `e` is the angular momentum that the forces give beyond the planned one, less a quadratic
-/// that takes what is missing in the rows, so that rows that do not hold yet bend nothing.
+/// The position deviates by its difference to the cubic that ends where the forces lead. The attitude deviates by the rotation vector
+/// `eps' = I_w^-1 (e - eps x L)`, where `e` is the difference between the angular momentum under the forces and the planned one, minus a
+/// quadratic that absorbs the residuals of the rows. Unsatisfied rows therefore cause no deviation.
 #[inline(always)]
-#[allow(clippy::too_many_arguments, reason = "what its caller has at hand")]
+#[allow(clippy::too_many_arguments, reason = "intermediate results of its only caller")]
 fn deviate<T: Real>(
     tables: &Tables<T>,
     interval: &MomentumInterval<T>,
@@ -450,7 +451,7 @@ fn deviate<T: Real>(
             deviation.pose[q][d] = moved[q][d] - (w[1] * velocity_w[d] + w[2] * moved[END][d] + w[3] * velocity[END][d]);
         }
     }
-    // Twice: the second time with the turning of what has been gained.
+    // Two fixed-point iterations: the second includes the rotation found by the first.
     let (two, three, six) = (T::of(2.), T::of(3.), T::of(6.));
     let mut beyond = [[zero; 3]; END];
     for q in 0..END {
@@ -478,7 +479,7 @@ fn deviate<T: Real>(
     let mut mean_rate = [zero; 3];
     for q in 0..END {
         mean_rate = add(mean_rate, scale(points[q].mean, rate[q]));
-        // From a rotation vector to Euler angles: the inverse of the axes, kept finite where the pitch is steep.
+        // Conversion of a rotation vector to Euler angles with the inverse of the axes, bounded where the pitch is steep.
         let angles = inside[q].0;
         let (sz, cz) = angles[2].sin_cos();
         let (sy, cy) = angles[1].sin_cos();
@@ -493,7 +494,8 @@ fn deviate<T: Real>(
     deviation
 }
 
-/// Angular rows by the forces: `-[a]x` with `a = w_1 (x_i - p_k - d) + w_2 v - w_3 g`, `w` the integrals of the node's basis function.
+/// Derivatives of the angular rows with respect to the forces: `-[a]x` with `a = w_1 (x_i - p_k - d) + w_2 v - w_3 g`, where `w` are the
+/// integrals of the node's basis function.
 #[inline(always)]
 #[allow(clippy::too_many_arguments, reason = "separate slices: the compiler knows that they do not overlap")]
 fn angular_by_forces<T: Real>(

@@ -8,15 +8,15 @@ use super::math::{cross, euler, mul_transposed, scale, sub};
 use super::momentum::{Deviation, INNER_POINTS};
 use super::table::{NONE, Place, Run, Span};
 use super::write::Rows;
-use super::{Spec, Tables};
+use super::{RowKind, Spec, Tables};
 use crate::real::Real;
 use crate::terrain::Ground;
 use multiversion::multiversion;
 
-/// Three two-sided rows a foot and instant.
-pub const SPEC: Spec = Spec { rows: 3, pairs: 3, equality: false, unit: "m" };
+/// Three two-sided rows per foot and instant.
+pub const SPEC: Spec = Spec { rows: 3, pairs: 3, kind: RowKind::Inequality, unit: "m" };
 
-/// Columns by the base pose, the first of every foot.
+/// Number of columns for the base pose; they are the first columns of every foot.
 pub(crate) const POSE: usize = 6;
 
 /// See [`super::Family::allowed`].
@@ -27,22 +27,22 @@ crate::table! {
     pub struct BasePoint<T> {
         /// Pose on the straight line from start to goal, m and rad.
         pub reference: [T; 6],
-        /// Weights of the blocks.
+        /// Hermite or spline weights of the blocks.
         pub weights: [T; 4],
-        /// In [`Tables::base_blocks`].
+        /// Index in [`Tables::base_blocks`].
         pub blocks: u32,
         /// Weights of [`Deviation::pose`].
         pub deviation_weights: [T; INNER_POINTS],
     }
 
-    /// Blocks that base poses are made of, of instants that follow each other.
+    /// Blocks that determine the base pose, shared by consecutive instants.
     #[derive(PartialEq, Eq)]
     pub struct BaseBlocks {
-        /// Where they begin in `x`.
+        /// Positions of the blocks in `x`.
         pub variable: [u32; 4],
-        /// Their indices in the front, [`NONE`] where they are fixed or have no part.
+        /// Indices of the blocks in the front; [`NONE`] for blocks that are fixed or have no weight.
         pub front: [u32; 4],
-        /// `momentum`: the interval whose deviation counts here.
+        /// `momentum`: interval whose deviation applies.
         pub interval: u32,
     }
 
@@ -54,31 +54,32 @@ crate::table! {
         pub feet: Span,
     }
 
-    /// Reach rows of one foot: its position is
-    /// `xy = sum_i xy_weights[i] foothold_i`, `z = sum_i z_weights[i] height(foothold_i) + z_weights[2] swing_height`, with the footholds and the
-    /// swing height of its [`ReachLeg`].
+    /// Reach rows of one foot.
+    ///
+    /// Its position is `xy = sum_i xy_weights[i] foothold_i`, `z = sum_i z_weights[i] height(foothold_i) + z_weights[2] swing_height`, with
+    /// the footholds and the swing height of its [`ReachLeg`].
     pub struct ReachFoot<T> {
-        /// Weights of the footholds before and after.
+        /// Weights of the footholds before and after the swing.
         pub xy_weights: [T; 2],
-        /// Weights of their heights, and of the swing's mid node.
+        /// Weights of the heights of these footholds, and of the swing's mid node.
         pub z_weights: [T; 3],
-        /// In [`Tables::reach_legs`].
+        /// Index in [`Tables::reach_legs`].
         pub leg: u32,
-        /// See [`Place`], as the next one; [`Tables::reach_place`] has the rest.
+        /// Offset in the Jacobian values, see [`Place::jacobian`]; [`Tables::reach_place`] computes the rest of the place.
         pub jacobian: u32,
-        /// Likewise.
+        /// Distance between two rows in the Jacobian values, see [`Place::stride`].
         pub stride: u32,
     }
 
-    /// What reach rows of a foot have in common within a phase and a step of the sweep.
+    /// Data that the reach rows of one foot share within a phase and a step of the sweep.
     pub struct ReachLeg<T> {
-        /// Middle of the box in the base frame, m.
+        /// Centre of the box in the base frame, m.
         pub center: [T; 3],
-        /// Half of its sides, m.
+        /// Half widths of the box, m.
         pub half_widths: [T; 3],
-        /// Footholds before and after; the second is [`NONE`] in stance.
+        /// Indices of the footholds before and after the swing; the second is [`NONE`] in stance.
         pub foothold: [u32; 2],
-        /// Swing height in `x`, or [`NONE`] in stance.
+        /// Position of the swing height in `x`, or [`NONE`] in stance.
         pub height: u32,
         /// Columns of the footholds.
         pub foothold_column: [u32; 2],
@@ -88,7 +89,7 @@ crate::table! {
         pub front: [u32; 3],
     }
 
-    /// Where reach rows begin: those of each foot at an instant stand behind those of the one before.
+    /// First indices of the reach rows. Each foot at each instant follows the one before.
     #[derive(Default, PartialEq, Eq)]
     pub struct ReachRows {
         /// First Jacobian row.
@@ -99,9 +100,9 @@ crate::table! {
 }
 
 impl<T> Tables<T> {
-    /// Where the reach rows of a foot at an instant stand.
+    /// Place of the reach rows of a foot at an instant.
     ///
-    /// * `number` - in [`Tables::reach_feet`]
+    /// * `number` - index in [`Tables::reach_feet`]
     #[inline(always)]
     pub fn reach_place(&self, number: usize) -> Place {
         let ReachFoot { jacobian, stride, .. } = self.reach_feet[number];
@@ -112,14 +113,15 @@ impl<T> Tables<T> {
 }
 
 impl<T> ReachLeg<T> {
-    /// Its own columns that are free: those of the footholds and of the swing height.
+    /// Columns of the free footholds and of the swing height.
     ///
     /// * `footholds` - see [`Tables::footholds`]
     pub fn own_runs(&self, footholds: &[u32]) -> impl Iterator<Item = Run> {
         (0..3).filter_map(|i| self.own_run(i, footholds))
     }
 
-    /// One of them: of the footholds before and after, or of the swing height.
+    /// One of these runs: of the foothold before (0) or after (1) the swing, or of the swing height (2). `None` if the block is absent or
+    /// fixed.
     #[inline(always)]
     pub fn own_run(&self, i: usize, footholds: &[u32]) -> Option<Run> {
         let front = self.front[i];
@@ -134,13 +136,14 @@ impl<T> ReachLeg<T> {
 }
 
 impl BaseBlocks {
-    /// Blocks whose seats are known.
+    /// Blocks at known seats.
     pub(crate) fn placed(seats: &[Seat], interval: u32) -> BaseBlocks {
         BaseBlocks { variable: std::array::from_fn(|i| seats[i].position), front: std::array::from_fn(|i| seats[i].front), interval }
     }
 }
 
-/// Roles: the footholds before and after, the swing height. The base has its own seats. The entry is that of the leg.
+/// Writes positions and columns into a leg, whose index is `entry`. Roles: foothold before, foothold after, swing height. The base has
+/// separate seats.
 pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) {
     let leg = &mut tables.reach_legs[entry];
     leg.foothold_column = at.columns(0);
@@ -152,7 +155,8 @@ pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) 
 /// Reach rows of all feet at all reach instants.
 ///
 /// * `residual` - out, at each foot's place ([`Tables::reach_place`]): 3 upper sides, 3 lower sides
-/// * `jacobian` - out, 3 rows at each foot's place: 6 columns by the base pose, which the base blocks share by their weights, then its own
+/// * `jacobian` - out, 3 rows at each foot's place: 6 columns for the base pose, from which those of the base blocks follow by their
+///   weights, then the columns of footholds and swing height
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn reach<T: Real>(
     tables: &Tables<T>,

@@ -1,17 +1,17 @@
-//! Steps: how far a foot goes in one swing, which bounds its speed.
+//! Limit on the length of the step in one swing, which bounds the foot's speed.
 //!
-//! A step from `a` to `b` is no longer than its limit: `(|b - a|^2 / limit - limit) / 2 <= 0`, times the length scale.
+//! A step from `a` to `b` satisfies `(|b - a|^2 / limit - limit) / 2 <= 0`, times the length scale.
 
 use super::blocks::Placed;
 use super::table::{NONE, Place};
 use super::write::Rows;
-use super::{Constants, Spec, Tables};
+use super::{Constants, RowKind, Spec, Tables};
 use crate::real::Real;
 
-/// One row.
-pub const SPEC: Spec = Spec { rows: 1, pairs: 0, equality: false, unit: "m" };
+/// One row per swing.
+pub const SPEC: Spec = Spec { rows: 1, pairs: 0, kind: RowKind::Inequality, unit: "m" };
 
-/// See [`super::Family::allowed`]. They have no margin.
+/// See [`super::Family::allowed`]. These rows have no margin.
 pub(super) fn allowed<T: Real>(constants: &Constants<T>, _: usize, tolerance: T) -> T {
     tolerance * constants.length_scale
 }
@@ -19,18 +19,18 @@ pub(super) fn allowed<T: Real>(constants: &Constants<T>, _: usize, tolerance: T)
 crate::table! {
     /// Length of the step of one swing.
     pub struct Stride<T> {
-        /// Longest step, m.
+        /// Longest admissible step, m.
         pub limit: T,
-        /// Footholds before and after.
+        /// Indices of the footholds before and after the swing.
         pub foothold: [u32; 2],
-        /// Their columns.
+        /// Columns of the footholds.
         pub foothold_column: [u32; 2],
-        /// Buffers.
+        /// Place of the row in the buffers.
         pub place: Place,
     }
 }
 
-/// Roles: the footholds before and after.
+/// Writes columns into an entry. Roles: foothold before, foothold after.
 pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) {
     let stride = &mut tables.strides[entry];
     stride.place = at.place;
@@ -39,8 +39,8 @@ pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) 
 
 /// Step rows of all swings.
 ///
-/// * `residual` - out, at each row's place
-/// * `jacobian` - out, one row at each place
+/// * `residual` - out, at each entry's place
+/// * `jacobian` - out, one row at each entry's place
 #[inline(always)]
 pub fn stride<T: Real>(tables: &Tables<T>, x: &[T], residual: &mut [T], mut jacobian: Option<&mut [T]>) {
     let unit = tables.constants.length_scale;

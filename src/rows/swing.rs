@@ -1,22 +1,24 @@
-//! Swinging feet: how high above the terrain, and how high above lift-off and landing.
+//! Height of swinging feet: lower limit above the terrain, upper limit above lift-off and touchdown.
 //!
-//! `low - (z - height(x, y)) + margin <= 0` and `z - highest - high + margin <= 0`, times the length scale, where `highest` is that of both
-//! footholds and of the ground under the foot: over a pit a foot need not go down. Both are one two-sided row on level ground, where the
-//! three are the same; elsewhere the upper limit has a row of its own, in the middle of the swing. z rises to it and falls from it.
+//! `low - (z - height(x, y)) + margin <= 0` and `z - highest - high + margin <= 0`, times the length scale, where `highest` is the maximum
+//! height of both footholds and of the ground under the foot: over a pit a foot need not go down. On level ground these three are equal,
+//! and both limits form one two-sided row. On other ground the upper limit is a separate row in the middle of the swing; it suffices there,
+//! because z rises to the middle and falls from it.
 //!
-//! A foot is a ball, on ground with edges: its lower side is above the ground around, too, `z >= height(x + o, y + o') - s.o - lift(o)` at
-//! offsets `o` within the radius. `s` is the slope on which the ball is level, on the way from that of lift-off to that of landing, and
-//! `lift` the height of its lower side there. Where no ground there is high enough to matter, it is not looked at.
+//! On ground with edges a foot is a ball whose lower side must also clear the ground around it:
+//! `z >= height(x + o, y + o') - s.o - lift(o)` at offsets `o` within the radius. `s` is a slope interpolated from that of the lift-off
+//! foothold to that of the touchdown foothold, and `lift` is the height of the ball's lower side at the offset. The ground around is not
+//! sampled if no point of it is high enough to matter.
 
 use super::blocks::Placed;
 use super::table::{NONE, Place};
 use super::write::Rows;
-use super::{Spec, Tables};
+use super::{RowKind, Spec, Tables};
 use crate::real::Real;
 use crate::terrain::Ground;
 
-/// One row; of `momentum` on level ground two-sided.
-pub const SPEC: Spec = Spec { rows: 1, pairs: 1, equality: false, unit: "m" };
+/// One row; two-sided in `momentum` on level ground.
+pub const SPEC: Spec = Spec { rows: 1, pairs: 1, kind: RowKind::Inequality, unit: "m" };
 
 /// See [`super::Family::allowed`].
 pub(super) use super::length_allowed as allowed;
@@ -24,38 +26,40 @@ pub(super) use super::length_allowed as allowed;
 crate::table! {
     /// Height of a foot above the terrain at one point of a swing; weights as in [`super::reach::ReachFoot`].
     pub struct SwingNode<T> {
-        /// Weights of the footholds before and after.
+        /// Weights of the footholds before and after the swing.
         pub xy_weights: [T; 2],
-        /// Weights of their heights, and of the swing's mid node.
+        /// Weights of the heights of these footholds, and of the swing's mid node.
         pub z_weights: [T; 3],
         /// Lowest height above the terrain, m.
         pub low: T,
-        /// Highest above lift-off and landing, m, where the row has an upper side.
+        /// Largest height above lift-off and touchdown, m; used if the row has an upper side.
         pub high: T,
-        /// 1: the row is two-sided.
+        /// 1 if the row is two-sided.
         pub two_sided: u32,
-        /// 1: the row is the upper limit alone.
+        /// 1 if the row is the upper limit alone.
         pub upper: u32,
-        /// Swing height in `x`.
+        /// Position of the swing height in `x`.
         pub height: u32,
-        /// Its column.
+        /// Column of the swing height.
         pub height_column: u32,
-        /// Footholds before and after.
+        /// Indices of the footholds before and after the swing.
         pub foothold: [u32; 2],
-        /// Their columns.
+        /// Columns of the footholds.
         pub foothold_column: [u32; 2],
-        /// Buffers.
+        /// Place of the row in the buffers.
         pub place: Place,
     }
 }
 
-/// Where around a foot the ground is looked at: distance, and height of the lower side of the ball there, in radii. Twin: `around`.
+/// Rings around the foot on which the ground is sampled: distance, and height of the lower side of the ball there, in radii. Twin:
+/// `around`.
 const RINGS: [[f64; 2]; 2] = [[0.6, 0.2], [0.96, 0.72]];
 
-/// Half of the least height there, in radii: ground that is no more above that under the foot asks for nothing, whatever the rounding.
+/// Half of the smallest lift on the rings, in radii: lower ground around the foot, relative to the ground under it, cannot make the row
+/// active, whatever the rounding.
 const OF_NO_MATTER: f64 = 0.1;
 
-/// Offset of place `k` around a foot, to both sides along both axes, and the lift of the ball there, in radii.
+/// Offset of sample `k` around a foot, on both sides along both axes, and the lift of the ball there, in radii.
 fn around<T: Real>(k: usize) -> ([T; 2], T) {
     let [distance, lift] = RINGS[k / 4].map(T::of);
     let mut offset = [T::zero(); 2];
@@ -63,7 +67,7 @@ fn around<T: Real>(k: usize) -> ([T; 2], T) {
     (offset, lift)
 }
 
-/// Roles: the swing height, the footholds before and after.
+/// Writes positions and columns into an entry. Roles: swing height, foothold before, foothold after.
 pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) {
     let swing = &mut tables.swing_nodes[entry];
     swing.place = at.place;
@@ -74,8 +78,8 @@ pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) 
 
 /// Height rows of all swings.
 ///
-/// * `residual` - out, at each row's place: low, then high where it is two-sided; or high alone
-/// * `jacobian` - out, one row at each place
+/// * `residual` - out, at each entry's place: lower limit, then the upper limit if two-sided; or the upper limit alone
+/// * `jacobian` - out, one row at each entry's place
 #[inline(always)]
 pub fn swing<T: Real>(tables: &Tables<T>, x: &[T], ground: &[Ground<T>], residual: &mut [T], mut jacobian: Option<&mut [T]>) {
     let constants = &tables.constants;
@@ -90,7 +94,7 @@ pub fn swing<T: Real>(tables: &Tables<T>, x: &[T], ground: &[Ground<T>], residua
             height += swing.z_weights[i] * ground[swing.foothold[i] as usize].height;
         }
         let under = tables.terrain.ground(at[0], at[1]);
-        // What the height is above, and how each foothold moves it.
+        // Height from which z is measured, and its slopes with respect to the position of each foothold.
         let mut above = under.height;
         let mut weights = swing.xy_weights;
         let mut slopes = [under.slope; 2];
@@ -109,7 +113,7 @@ pub fn swing<T: Real>(tables: &Tables<T>, x: &[T], ground: &[Ground<T>], residua
             }
             residual[place] = (height - above - swing.high + constants.length_margin) * unit;
         } else {
-            // The clearance is that above the ground under the foot; around it none is asked for.
+            // The clearance applies to the ground under the foot only; the ground around the foot requires no clearance.
             let mut least = above;
             if constants.foot_radius > T::zero() {
                 let grounds = swing.foothold.map(|f| &ground[f as usize]);
@@ -170,14 +174,14 @@ mod tests {
     fn rows(layout: &Layout<f64>, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let mut shared = Shared::default();
         shared.resize(layout);
-        let (mut c, mut g) = (vec![0.; layout.equalities], vec![0.; layout.inequalities]);
+        let (mut c, mut g) = (vec![0.; layout.rows.one_sided()], vec![0.; layout.inequalities]);
         let mut jacobian = vec![0.; layout.jacobian_len];
         residuals(layout, x, 0., &mut shared, &mut c, &mut g, Some(&mut jacobian[..]));
         (g, jacobian)
     }
 
     #[test]
-    fn over_a_pit_the_upper_limit_counts_from_the_footholds() {
+    fn over_a_pit_the_upper_limit_is_measured_from_the_footholds() {
         let pair = [vec![0.4, 0.2, 0.2, 0.2, 0.6], vec![0.6, 0.2, 0.2, 0.2, 0.4]];
         let schedule = Schedule::new(vec![pair[0].clone(), pair[1].clone(), pair[1].clone(), pair[0].clone()]).unwrap();
         let settings = TranscriptionSettings::default();
@@ -188,14 +192,14 @@ mod tests {
             assert_eq!(uppers.len(), 8 * both);
             assert_eq!(layout.swing_nodes.iter().any(|s| s.two_sided == 1), both == 0);
             let (g, jacobian) = rows(&layout, &layout.initial);
-            // Both limits of one row are a clearance above the ground.
+            // A two-sided row measures both limits from the ground under the foot.
             for both in layout.swing_nodes.iter().filter(|s| s.two_sided == 1) {
                 let expected = 10. * (settings.clearance - settings.swing_height + settings.length_margin);
                 assert!((g[both.place.inequality as usize + 1] - expected).abs() < 1e-9, "{terrain}");
             }
             let mut deep = 0;
             for upper in uppers {
-                // At first a mid node is as high above the highest as it must be above the ground, wherever that is.
+                // Initially a mid node has the required clearance above the highest of the three heights.
                 let expected = 10. * (settings.clearance - settings.swing_height + settings.length_margin);
                 assert!((g[upper.place.inequality as usize] - expected).abs() < 1e-9, "{terrain}: {}", g[upper.place.inequality as usize]);
                 let at = upper.foothold.map(|f| layout.footholds[f as usize] as usize);

@@ -1,44 +1,44 @@
-//! Structs that stand in tables: the same bytes for the CPU's loops and for shaders.
+//! Structs stored in tables, with the same bytes for CPU loops and shaders.
 //!
-//! [`table!`](crate::table) writes a struct down once. Its WGSL declaration is made from it ([`Wgsl`]), so that the two cannot differ. All members
-//! have four bytes in `f32`, so there is no padding in either language.
+//! [`table!`](crate::table) declares a struct once and generates its WGSL declaration from it ([`Wgsl`]), so that the two cannot differ.
+//! All members have four bytes in `f32`, so there is no padding in either language.
 
-/// No such column, block or entry.
+/// Marker of an absent column, block or entry.
 pub const NONE: u32 = u32::MAX;
 
-/// A type that stands in buffers, as WGSL writes it.
+/// Type stored in buffers, with its WGSL declaration.
 pub trait Wgsl {
-    /// Its name there.
+    /// Name of the type in WGSL.
     fn name() -> String;
 
-    /// Adds the declarations that it needs, by name, each behind those that it needs itself.
+    /// Adds the declarations that the type needs, as pairs of name and text, dependencies first.
     fn declare(_into: &mut Vec<(String, String)>) {}
 
-    /// How many words of four bytes it has.
+    /// Size in words of four bytes.
     const WORDS: u32;
 
-    /// The expression that makes it of the words of `tables` from `at + first` on.
+    /// WGSL expression that constructs the type from the words of `tables` starting at `at + first`.
     fn read(first: u32) -> String;
 
-    /// Adds the arrays that it holds.
+    /// Adds the arrays that the type contains.
     ///
-    /// * `name` - what its name is made from: the table, and the members on the way
-    /// * `first` - where it begins in the table's entry, words
+    /// * `name` - prefix of their names: the table and the members that lead to the type
+    /// * `first` - offset of the type in the table's entry, words
     fn arrays(_name: &str, _first: u32, _into: &mut Vec<MemberArray>) {}
 }
 
-/// An array in an entry of a table.
+/// Array inside an entry of a table.
 #[derive(Debug)]
 pub struct MemberArray {
-    /// Table and members, in its order.
+    /// Name of the array, formed from table and members.
     pub name: String,
-    /// Where it begins in the entry, words.
+    /// Offset of the array in the entry, words.
     pub first: u32,
-    /// Words of one of its values.
+    /// Size of one value, words.
     pub words: u32,
-    /// Type of its values.
+    /// WGSL type of the values.
     pub of: String,
-    /// [`Wgsl::read`] of one.
+    /// [`Wgsl::read`] of one value.
     pub read: fn(u32) -> String,
 }
 
@@ -87,7 +87,7 @@ impl<M: Wgsl, const N: usize> Wgsl for [M; N] {
     }
 }
 
-/// Declares structs that stand in tables, `#[repr(C)]` and with members of four bytes alone, and makes their WGSL declarations.
+/// Declares structs for tables, `#[repr(C)]` and with members of four bytes only, and generates their WGSL declarations.
 #[macro_export]
 #[doc(hidden)]
 macro_rules! table {
@@ -138,11 +138,11 @@ macro_rules! table {
         $crate::table!(@sent $name $(<$scalar>)?);
     )*};
     (@sent $name:ident) => {
-        // SAFETY: `#[repr(C)]`, with members of four bytes alone and so without padding; `tests/shader_layout.rs` compares sizes.
+        // SAFETY: `#[repr(C)]` with members of four bytes only, so there is no padding; `tests/shader_layout.rs` compares sizes.
         unsafe impl bytemuck::NoUninit for $name {}
     };
     (@sent $name:ident <$scalar:ident>) => {
-        // SAFETY: likewise.
+        // SAFETY: `#[repr(C)]` with members of four bytes only, so there is no padding; `tests/shader_layout.rs` compares sizes.
         unsafe impl bytemuck::NoUninit for $name<f32> {}
     };
 }
@@ -157,42 +157,42 @@ table! {
         pub end: u32,
     }
 
-    /// Consecutive variables: in `x` (those of a front's moves may leave some out there), in the front, and in the columns of an element or in the
-    /// previous front.
+    /// Run of variables that are consecutive in the front and in the columns of an element or in the previous front. They are also
+    /// consecutive in `x`, except that moves between fronts may skip variables there.
     #[derive(PartialEq, Eq)]
     pub struct Run {
         /// First variable.
         pub variable: u32,
-        /// Its index in the front.
+        /// Index of the first variable in the front.
         pub front: u32,
-        /// Its column in the element, or its index in the previous front.
+        /// Column of the first variable in the element, or its index in the previous front.
         pub column: u32,
-        /// How many.
+        /// Number of variables.
         pub len: u32,
     }
 
-    /// Where an element's rows stand in the buffers.
+    /// Place of an element's rows in the buffers.
     #[derive(Default)]
     pub struct Place {
-        /// First Jacobian row; equalities come first, so for them also the index of the residual.
+        /// First Jacobian row. Equalities come first, so for them it is also the index of the residual.
         pub row: u32,
-        /// First inequality; the upper sides of all rows, then the lower sides of the first `pairs`.
+        /// First inequality. The upper sides of all rows are followed by the lower sides of the first `pairs` rows.
         pub inequality: u32,
-        /// Offset in the Jacobian values, row-major.
+        /// Offset in the Jacobian values, which are row-major.
         pub jacobian: u32,
-        /// Distance of two rows there, a multiple of 8; the padding is zero.
+        /// Distance between two rows in the Jacobian values, a multiple of 8; the padding is zero.
         pub stride: u32,
     }
 }
 
 impl Span {
-    /// As indices.
+    /// Index range of the span.
     #[inline(always)]
     pub fn range(self) -> std::ops::Range<usize> {
         self.start as usize..self.end as usize
     }
 
-    /// What was added to a table that had `start` entries.
+    /// Span of the entries added to a table that had `start` entries before.
     pub fn added<E>(start: usize, table: &[E]) -> Span {
         Span { start: start as u32, end: table.len() as u32 }
     }

@@ -1,4 +1,4 @@
-//! Writing Jacobian rows.
+//! Writer for Jacobian rows.
 
 use super::math::Vec3;
 use super::table::Place;
@@ -11,7 +11,7 @@ pub struct Rows<'a, T> {
 }
 
 impl<'a, T> Rows<'a, T> {
-    /// The rows at a place.
+    /// Rows of the element at a place.
     #[inline(always)]
     pub fn new(jacobian: &'a mut [T], place: &Place) -> Self {
         Rows { values: &mut jacobian[place.jacobian as usize..], stride: place.stride as usize }
@@ -23,7 +23,7 @@ impl<'a, T> Rows<'a, T> {
         self.values[row * self.stride + column] = value;
     }
 
-    /// Writes a row from its first column on.
+    /// Writes the first columns of a row.
     #[inline(always)]
     pub fn put_first<const C: usize>(&mut self, row: usize, values: &[T; C])
     where
@@ -34,7 +34,7 @@ impl<'a, T> Rows<'a, T> {
 }
 
 impl<T: Real> Rows<'_, T> {
-    /// Writes `[a]x` into three rows from a row and a column on.
+    /// Writes the cross-product matrix `[a]x` into three rows, starting at a row and a column.
     #[inline(always)]
     pub fn put_cross(&mut self, row: usize, column: usize, a: Vec3<T>) {
         let zero = T::zero();
@@ -44,7 +44,7 @@ impl<T: Real> Rows<'_, T> {
         }
     }
 
-    /// Writes three values of a row from a column on.
+    /// Writes three values of a row, starting at a column.
     #[inline(always)]
     pub fn put_three(&mut self, row: usize, column: usize, values: Vec3<T>) {
         self.values[row * self.stride + column..][..3].copy_from_slice(&values);

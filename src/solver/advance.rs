@@ -1,4 +1,4 @@
-//! The trial point, and what the residuals would be there if they were linear.
+//! Vector updates for the trial point and for the linear model of the residuals there.
 
 use crate::real::Real;
 use multiversion::multiversion;

@@ -1,4 +1,4 @@
-//! Closing steps: an f32 solution made exact in f64.
+//! Closing in f64: brings an f32 solution to f64 accuracy.
 
 use super::{Finish, Outcome, Solver, Status};
 use crate::nlp::Layout;
@@ -6,33 +6,37 @@ use crate::settings::{SmoothSettings, SolverSettings, StallSettings};
 use std::cell::RefCell;
 
 thread_local! {
-    /// Buffers of a thread, which are larger than what allocators keep at hand.
+    /// Buffers of one thread, reused because they are larger than the blocks that allocators cache.
     static SOLVER: RefCell<Solver<f64>> = RefCell::default();
 }
 
-/// Infeasibility below which a solve that f32 did not end goes on in f64.
+/// Infeasibility below which an f32 solve that did not finish is continued in f64.
 pub const CONTINUE_BELOW: f64 = 1e-2;
-/// Largest barrier parameter with which it does.
+/// Largest barrier parameter for continuing an unfinished f32 solve in f64.
 const ONWARDS_BARRIER: f64 = 1e-3;
-/// Iterations after which it ends: those that arrive do so after 40 at most.
+/// Iteration limit for continuing an unfinished f32 solve in f64. All that converge do so within 40 iterations.
 const ONWARDS_ITERATIONS: usize = 40;
-/// Barrier parameters with which a point that does not close is begun anew, one after the other, and the iterations of each.
+/// Barrier parameters of the restarts, tried in this order, for a point at which the closing steps fail.
 const ANEW_BARRIERS: [f64; 2] = [1e-3, 3e-3];
+/// Iteration limit of each restart.
 const ANEW_ITERATIONS: usize = 20;
 
-/// Whether an f32 solve came near enough for [`close`] to do anything.
+/// True if an f32 solve came close enough to a solution for [`close`] to work on it.
 pub fn can_close(outcome: &Outcome) -> bool {
     outcome.status == Status::Solved || outcome.infeasibility < CONTINUE_BELOW
 }
 
 /// Brings an f32 solution to f64 accuracy.
 ///
-/// Where f32 crept without arriving (`F` below [`CONTINUE_BELOW`]), f64 first goes on from there, with a small barrier. One or two
-/// Gauss-Newton steps from a solved point usually make its rows hold. Where they do not, they close on the wrong rows: fresh slacks on a small
-/// barrier find the right ones from there in some ten iterations. What f32 solved has a solve in f64 from the start to fall back on. Everything
-/// else is returned as it is.
+/// 1. An unfinished f32 solve with `F` below [`CONTINUE_BELOW`] is first continued in f64 with a small barrier parameter.
+/// 2. From a solved point, one or two Gauss-Newton steps usually satisfy the rows.
+/// 3. If they do not, they act on the wrong set of violated rows. Restarts with fresh slacks and a small barrier parameter then find the
+/// right set in about ten iterations.
+/// 4. If f32 solved the candidate, the last resort is a solve in f64 from the initial values.
 ///
-/// Returns the outcome with the costs of all attempts added, and the point.
+/// An f32 outcome for which [`can_close`] is false is returned unchanged.
+///
+/// Returns the outcome, with the iterations and factorisations of all attempts added, and the point.
 pub fn close(
     layout: &Layout<f64>,
     f32_outcome: Outcome,
@@ -50,7 +54,7 @@ pub fn close(
     })
 }
 
-/// A point on its way, and what was spent on it.
+/// State of a closing: the current point, its outcome, and the iterations and factorisations spent so far.
 struct Closing<'a> {
     layout: &'a Layout<f64>,
     solver: &'a mut Solver<f64>,
@@ -70,7 +74,7 @@ impl Closing<'_> {
                 return;
             }
         }
-        // What was solved has been smoothed.
+        // The smoothing iterations have already run on this point, so they are not repeated from here.
         let smooth = SmoothSettings { iterations: 0, ..settings.smooth.clone() };
         let once = SolverSettings { smooth, ..settings.clone() };
         let steps = SolverSettings {
@@ -103,7 +107,7 @@ impl Closing<'_> {
     }
 }
 
-/// The settings with a limit of iterations, if they have no lower one.
+/// Copy of the settings with the iteration limit reduced to `iterations`, unless it is already lower.
 fn at_most(iterations: usize, settings: &SolverSettings) -> SolverSettings {
     SolverSettings { max_iterations: settings.max_iterations.min(iterations), ..settings.clone() }
 }

@@ -1,8 +1,8 @@
-//! How the solve of a candidate goes on: barrier steps, closing steps, proximal weight, and when it ends.
+//! Control of the iteration for one candidate: barrier steps, closing steps, proximal weight, and termination.
 //!
-//! A solve is a sequence of rounds. A round begins with the infeasibility at the point ([`begin`]), makes a trial point, and ends with the
-//! verdict on it: taken ([`accept`]) or not ([`refuse`]). What is refused is tried again by a shorter step along the same direction, which costs
-//! no factorisation, and then with a larger proximal weight ([`damp`]).
+//! A solve is a sequence of rounds. A round begins with the infeasibility at the current point ([`begin`]), computes a trial point, and
+//! ends by accepting ([`accept`]) or refusing it ([`refuse`]). A refused step is first shortened along the same direction, which costs no
+//! factorisation. If that fails too, the next direction is computed with a larger proximal weight ([`damp`]).
 
 use crate::nlp::Layout;
 use crate::real::Real;
@@ -13,51 +13,51 @@ use crate::settings::{SolverSettings, Transcription};
 pub const STEP: u32 = 0;
 /// The next trial point is a closing step: Gauss-Newton on the equalities and the violated rows.
 pub const CLOSE: u32 = 1;
-/// The next trial point is the point itself: rows that were rounded become exact.
+/// The next trial point is the current point itself, re-evaluated with exact instead of rounded terrain edges.
 pub const EXACT: u32 = 2;
-/// The next trial point is a barrier step by a part of the length that was refused.
+/// The next trial point is the refused barrier step, shortened.
 pub const SHORTER: u32 = 3;
-/// States from here on are ends.
+/// First of the states in which the solve has ended.
 pub const ENDED: u32 = SOLVED;
-/// See [`crate::solver::Status`].
+/// See [`Status::Solved`](crate::solver::Status::Solved).
 pub const SOLVED: u32 = 4;
-/// Likewise.
+/// See [`Status::MaxIterations`](crate::solver::Status::MaxIterations).
 pub const MAX_ITERATIONS: u32 = 5;
-/// Likewise.
+/// See [`Status::Stalled`](crate::solver::Status::Stalled).
 pub const STALLED: u32 = 6;
-/// Likewise.
+/// See [`Status::NonFinite`](crate::solver::Status::NonFinite).
 pub const NON_FINITE: u32 = 7;
 
-/// Part of the infeasibility that a closing step may leave.
+/// Largest ratio of the infeasibilities after and before a closing step for which closing steps continue.
 pub const CLOSING_RATE: f64 = 0.1;
-/// Infeasibility to which the stall rule counts how many iterations are left.
+/// Target infeasibility from which the stall rule extrapolates the iterations still needed.
 pub const STALL_TARGET: f64 = 1e-6;
-/// Infeasibility above which it speaks: below it rounding makes it rest now and then.
+/// Infeasibility above which the stall rule applies. Below it, rounding errors can stop the progress for a few iterations.
 pub const STALL_ABOVE: f64 = 1e-5;
-/// Limit on what a candidate lacks that no candidate exceeds. Shaders need not know infinities.
+/// Limit that disables early termination. Finite, because WGSL has no portable infinity.
 pub const NEVER_HOPELESS: f64 = f32::MAX as f64;
-/// Iterations after which a candidate may be given up for what it lacks: from here on
+/// First iteration after which early termination applies.
 pub const HOPELESS_FROM: u32 = 2;
-/// to here. Who gets farther may be slow; what it does is the stall rule's to judge.
+/// Last iteration after which early termination applies. Later, slow progress is judged by the stall rule alone.
 pub const HOPELESS_TO: u32 = 15;
-/// Iterations up to which the first, and the second, of [`hopeless_rates`] hold.
+/// Last iterations for which the first and the second of [`hopeless_rates`] apply.
 pub const HOPELESS_KNEES: [u32; 2] = [4, 7];
-/// Shorter steps that are tried along a refused direction,
+/// Number of shorter steps that are tried along a refused direction.
 pub const SHORTENINGS: u32 = 2;
-/// and the part of the length that each keeps.
+/// Factor by which each shorter step reduces the step length.
 pub const SHORTENING: f64 = 0.25;
-/// Refused attempts with which an iteration gives up: behind the shorter steps each has a larger proximal weight.
+/// Refused attempts after which an iteration ends as stalled. Every attempt after the shorter steps has a larger proximal weight.
 pub const ATTEMPTS: u32 = SHORTENINGS + 6;
-/// Growth of the proximal weight after a refused attempt.
+/// Growth factor of the proximal weight after a refused attempt.
 pub const PROXIMAL_GROWTH: f64 = 6.;
 
 crate::table! {
-    /// How far the solve of a candidate is.
+    /// State of the solve of one candidate.
     #[derive(Default, PartialEq)]
     pub struct Progress<T> {
-        /// What the next trial point is for, or how the solve ended.
+        /// Purpose of the next trial point, or how the solve ended.
         pub state: u32,
-        /// Half of the buffers in which the point is; the other one has the trial point.
+        /// Half of the buffers (0 or 1) that holds the current point; the other half holds the trial point.
         pub current: u32,
         /// Accepted steps.
         pub iterations: u32,
@@ -65,17 +65,17 @@ crate::table! {
         pub factorisations: u32,
         /// Attempts refused since the last accepted step.
         pub attempts: u32,
-        /// Infeasibilities recorded.
+        /// Number of infeasibilities recorded.
         pub recorded: u32,
-        /// Record from which the stall rule looks back: before it other rows were in force.
+        /// First record that the stall rule may use; earlier records belong to rounded rows.
         pub stall_from: u32,
-        /// Infeasibility `F` at the point.
+        /// Infeasibility `F` at the current point.
         pub infeasibility: T,
         /// Barrier parameter.
         pub mu: T,
-        /// First barrier parameter.
+        /// Initial barrier parameter.
         pub barrier: T,
-        /// Weight of the smoothing: how firmly the initial values draw.
+        /// Weight of the smoothing term, which attracts the variables to their initial values.
         pub smoothing: T,
         /// Proximal weight of barrier steps.
         pub eps: T,
@@ -83,37 +83,37 @@ crate::table! {
         pub closing_eps: T,
         /// Infeasibility below which closing steps are tried.
         pub closing_below: T,
-        /// Infeasibility before the last step.
+        /// Infeasibility before the last barrier or closing step.
         pub closing_from: T,
-        /// Rounding of terrain edges in force; 0 once closing steps began, m.
+        /// Radius with which terrain edges are rounded, m; 0 once closing steps have begun.
         pub edge_radius: T,
-        /// The solve is given up when it lacks more than this: infeasibility, times the largest multiplier of an inequality, over the length of
-        /// the last step. Where there is no solution multipliers grow, steps are short and the infeasibility stays, and the product of the three
-        /// tells it before each of them does. Calibrated in `benches/README.md`.
+        /// Early-termination limit on `infeasibility * largest inequality multiplier / length of the last step`. Without a solution the
+        /// multipliers grow, the steps become short and the infeasibility stays, so the product of the three reveals it before any one of
+        /// them does. Calibrated in `benches/README.md`.
         pub hopeless: T,
-        /// Length of the step to the trial point.
+        /// Length of the primal step to the trial point, 0 to 1.
         pub length: T,
-        /// Length of the step of the multipliers.
+        /// Length of the step of the multipliers, 0 to 1.
         pub dual_length: T,
     }
 }
 
-/// [`SolverSettings`] in the solver's scalar.
+/// [`SolverSettings`] as scalars of the solver.
 #[derive(Debug, Clone, Copy)]
 pub struct Limits<T> {
     /// Iteration limit.
     pub max_iterations: u32,
-    /// First record at which the stall rule may end a solve; [`NONE`]: no rule.
+    /// First record at which the stall rule may end a solve; [`NONE`] disables the rule.
     pub stall_start: u32,
-    /// Iterations over which its rate is taken.
+    /// Number of iterations over which the stall rule measures the rate of convergence.
     pub stall_window: u32,
-    /// Iterations that a candidate may still need.
+    /// Largest number of further iterations that the stall rule allows a candidate.
     pub stall_budget: T,
-    /// First proximal weight.
+    /// Initial proximal weight.
     pub proximal: T,
     /// Smallest proximal weight.
     pub proximal_floor: T,
-    /// Weight of the smoothing at the first barrier parameter.
+    /// Weight of the smoothing term at the initial barrier parameter.
     pub smoothing: T,
     /// Infeasibility below which closing steps start.
     pub closing: T,
@@ -121,7 +121,7 @@ pub struct Limits<T> {
     pub hopeless_rates: [T; 3],
 }
 
-/// [`Progress::hopeless`] after [`HOPELESS_FROM`] iterations, of a row.
+/// Early-termination limit ([`Progress::hopeless`]) after [`HOPELESS_FROM`] iterations, per row.
 pub fn hopeless_of_a_row(transcription: Transcription) -> f64 {
     match transcription {
         Transcription::Momentum => 8.,
@@ -129,7 +129,7 @@ pub fn hopeless_of_a_row(transcription: Transcription) -> f64 {
     }
 }
 
-/// Parts of [`Progress::hopeless`] that are left with each further iteration, up to each of [`HOPELESS_KNEES`] and beyond.
+/// Factors by which [`Progress::hopeless`] shrinks per iteration: up to the first of [`HOPELESS_KNEES`], up to the second, and afterwards.
 pub fn hopeless_rates(transcription: Transcription) -> [f64; 3] {
     match transcription {
         Transcription::Momentum => [0.1, 0.2, 0.8],
@@ -138,7 +138,7 @@ pub fn hopeless_rates(transcription: Transcription) -> [f64; 3] {
 }
 
 impl<T: Real> Limits<T> {
-    /// Limits of a solve.
+    /// Limits of a solve with these settings.
     pub fn new(settings: &SolverSettings, transcription: Transcription) -> Self {
         let stall = &settings.stall;
         Limits {
@@ -154,9 +154,9 @@ impl<T: Real> Limits<T> {
         }
     }
 
-    /// Before the first round of a candidate.
+    /// Initial state of the solve of one candidate.
     pub fn first_progress(&self, settings: &SolverSettings, layout: &Layout<T>) -> Progress<T> {
-        let (transcription, rows) = (layout.curves.transcription, layout.rows);
+        let (transcription, rows) = (layout.curves.transcription, layout.rows.all());
         let (barrier, hopeless) = (settings.barrier(transcription), settings.hopeless(transcription, rows));
         let first = Progress::first(self, T::of(barrier), T::of(settings.edge_radius_on(&layout.terrain)));
         Progress { hopeless: T::of(hopeless), ..first }
@@ -164,7 +164,7 @@ impl<T: Real> Limits<T> {
 }
 
 impl<T: Real> Progress<T> {
-    /// Before the first round, never given up for what is lacking.
+    /// Initial state of a solve without early termination.
     ///
     /// * `barrier` - see [`SolverSettings::barrier`]
     pub fn first(limits: &Limits<T>, barrier: T, edge_radius: T) -> Self {
@@ -183,7 +183,7 @@ impl<T: Real> Progress<T> {
         }
     }
 
-    /// Whether the solve has ended.
+    /// True if the solve has ended.
     pub fn ended(&self) -> bool {
         self.state >= ENDED
     }
@@ -193,7 +193,7 @@ impl<T: Real> Progress<T> {
         if self.state == CLOSE { self.closing_eps } else { self.eps }
     }
 
-    /// Gives the proximal weight in force another value.
+    /// Sets the proximal weight in force.
     fn set_proximal(&mut self, eps: T) {
         if self.state == CLOSE {
             self.closing_eps = eps;
@@ -203,19 +203,19 @@ impl<T: Real> Progress<T> {
     }
 }
 
-/// Decides what the round is for, or ends the solve.
+/// Chooses the purpose of the round, or ends the solve.
 ///
-/// * `f` - infeasibility at the point
-/// * `before` - that `stall_window` records ago; any value where there are not as many
-/// * `largest` - multiplier of an inequality
-/// * `held` - whether the rows hold
+/// * `f` - infeasibility at the current point
+/// * `before` - infeasibility `stall_window` records ago; arbitrary if there are fewer records
+/// * `largest` - largest multiplier of an inequality
+/// * `held` - true if all rows are satisfied
 pub fn begin<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>, f: T, before: T, largest: T, held: bool) {
     progress.infeasibility = f;
     progress.recorded += 1;
     if !f.is_finite() {
         progress.state = NON_FINITE;
     } else if f < limits.closing && progress.edge_radius > T::zero() {
-        // Near enough: from here on the exact rows.
+        // Close enough to a solution: evaluate the exact rows from here on.
         progress.edge_radius = T::zero();
         progress.recorded -= 1;
         progress.stall_from = progress.recorded;
@@ -229,7 +229,7 @@ pub fn begin<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>, f: T, befo
     } else {
         let mut closing = progress.state == CLOSE;
         if closing && f > T::of(CLOSING_RATE) * progress.closing_from && limits.closing.is_finite() {
-            // It closes on the wrong rows: back to the barrier until they are better known.
+            // Closing steps act on the wrong set of violated rows: return to barrier steps until the set is better known.
             closing = false;
             progress.closing_below = progress.closing_below.min(T::of(0.1) * f);
         }
@@ -247,43 +247,43 @@ pub fn begin<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>, f: T, befo
     }
 }
 
-/// The stall rule, see [`crate::settings::StallSettings`]. Closing steps are never cut short.
+/// Stall rule, see [`crate::settings::StallSettings`]. It never interrupts closing steps.
 fn stalled<T: Real>(progress: &Progress<T>, limits: &Limits<T>, f: T, before: T) -> bool {
     let done = progress.recorded - 1;
     if limits.stall_start == NONE || done < limits.stall_start.max(progress.stall_from + limits.stall_window) {
         return false;
     }
-    // Logarithmic distance left against that covered in the window, in windows.
+    // Logarithmic decrease still needed, relative to the decrease over the window, in windows.
     let window = T::of(f64::from(limits.stall_window));
     f > T::of(STALL_ABOVE) && (f / T::of(STALL_TARGET)).ln() * window > limits.stall_budget * (before / f).ln()
 }
 
-/// Whether it lacks more than it may after as many iterations.
+/// True if the candidate exceeds the early-termination limit for its iteration.
 fn is_hopeless<T: Real>(progress: &Progress<T>, f: T, largest: T) -> bool {
     may_be_given_up(progress) && f * largest > progress.hopeless * progress.length
 }
 
-/// Whether what is lacking may end the solve now.
+/// True if early termination applies after this number of iterations.
 fn may_be_given_up<T: Real>(progress: &Progress<T>) -> bool {
     progress.recorded > HOPELESS_FROM && progress.recorded <= HOPELESS_TO + 1
 }
 
-/// Whether a trial point is taken: the merit falls, or the residuals are close to their linear model.
+/// True if the trial point is acceptable: the merit decreases, or the residuals are close to their linear model.
 ///
-/// * `fall` - of the merit
-/// * `predicted` - fall of the merit by the linear model
-/// * `gap` - squared distance of the residuals from that model
+/// * `fall` - actual decrease of the merit
+/// * `predicted` - decrease of the merit predicted by the linear model
+/// * `gap` - half the squared distance of the residuals from that model
 pub fn acceptable<T: Real>(progress: &Progress<T>, fall: T, predicted: T, gap: T) -> bool {
     let near_linear = gap < T::of(0.3) * predicted.max(T::of(0.05) * progress.infeasibility);
     fall > T::zero() || (progress.state != CLOSE && near_linear)
 }
 
-/// The trial point becomes the point.
+/// Makes the trial point the current point.
 ///
-/// * `ratio` - fall of the merit by the predicted one
+/// * `ratio` - actual over predicted decrease of the merit
 pub fn accept<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>, ratio: T) {
     let eps = progress.proximal();
-    // A shorter step leaves the weight as it is: its direction was good.
+    // A shortened step leaves the proximal weight unchanged: its direction was good.
     let whole = progress.state != SHORTER;
     if whole && ratio > T::of(0.7) {
         progress.set_proximal((eps / T::of(4.)).max(limits.proximal_floor));
@@ -294,13 +294,13 @@ pub fn accept<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>, ratio: T)
     renew(progress);
 }
 
-/// The trial point, which is the point with other rows, takes its place.
+/// Swaps the buffers after the current point was re-evaluated with exact rows.
 pub fn renew<T: Real>(progress: &mut Progress<T>) {
     progress.attempts = 0;
     progress.current = 1 - progress.current;
 }
 
-/// The trial point is dropped: another one along its direction, nearer, is tried, or another direction.
+/// Rejects the trial point: shortens the step along the same direction, or requests a new direction.
 pub fn refuse<T: Real>(progress: &mut Progress<T>) {
     if progress.state == CLOSE || progress.attempts >= SHORTENINGS {
         return damp(progress);
@@ -311,10 +311,10 @@ pub fn refuse<T: Real>(progress: &mut Progress<T>) {
     progress.dual_length *= T::of(SHORTENING);
 }
 
-/// The direction is dropped: another one is made with a larger proximal weight, or with the barrier, or the solve ends.
+/// Rejects the direction: requests one with a larger proximal weight, returns from closing to barrier steps, or ends the solve as stalled.
 pub fn damp<T: Real>(progress: &mut Progress<T>) {
     if progress.state == CLOSE && progress.closing_below.is_finite() {
-        // Back to the barrier until the violated rows are better known.
+        // Return to barrier steps until the set of violated rows is better known.
         progress.state = STEP;
         progress.attempts = 0;
         progress.closing_below = T::of(0.1) * progress.closing_below.min(progress.infeasibility);
@@ -354,13 +354,13 @@ mod tests {
         Progress::first(&LIMITS, BARRIER, 0.)
     }
 
-    /// After the beginning of a round at infeasibility `f`, with rows that do not hold and no look back.
+    /// State after the beginning of a round at infeasibility `f`, with unsatisfied rows and no decrease to measure.
     fn begun(mut progress: Progress<f64>, limits: &Limits<f64>, f: f64) -> Progress<f64> {
         begin(&mut progress, limits, f, f64::INFINITY, 1., false);
         progress
     }
 
-    /// In a closing step from infeasibility `f`.
+    /// State in a closing step from infeasibility `f`.
     fn closing(f: f64) -> Progress<f64> {
         let progress = begun(first(), &LIMITS, f);
         assert_eq!(progress.state, CLOSE);
@@ -382,7 +382,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_are_those_of_the_settings() {
+    fn limits_match_the_settings() {
         let stall = StallSettings { start: 7, window: 3, budget: 90., ..StallSettings::default() };
         let settings = SolverSettings { max_iterations: 12, smoothing: 0.5, closing: 1e-3, stall, ..SolverSettings::default() };
         let limits = Limits::<f64>::new(&settings, Transcription::Momentum);
@@ -394,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn a_solve_starts_with_a_barrier_step_at_the_weights_of_the_settings() {
+    fn a_solve_starts_with_a_barrier_step_at_the_configured_weights() {
         let progress = begun(Progress::first(&LIMITS, BARRIER, 0.04), &LIMITS, 3.);
         let expected = Progress {
             state: STEP,
@@ -419,19 +419,20 @@ mod tests {
     }
 
     #[test]
-    fn the_smoothing_vanishes_with_the_barrier_and_in_closing_steps() {
+    fn smoothing_vanishes_with_the_barrier_and_in_closing_steps() {
         let progress = begun(Progress { mu: 0.0125, ..first() }, &LIMITS, 1.);
         assert_close(progress.smoothing, 0.02);
         assert_eq!(begun(progress, &LIMITS, 1e-7).smoothing, 0.);
     }
 
     #[test]
-    fn the_ends_are_looked_for_in_their_order() {
-        // Everything is true of this one at once, but for the infeasibility; what comes first wins, and one after the other is taken away.
+    fn end_conditions_are_checked_in_order() {
+        // All conditions but the one on the infeasibility are true at first and are removed one after the other; the first that is true
+        // wins.
         let all = Progress { iterations: LIMITS.max_iterations, recorded: 20, edge_radius: 0.04, ..first() };
         let state = |progress: &Progress<f64>, f: f64, held: bool| {
             let mut progress = *progress;
-            // No fall in the window.
+            // No decrease over the window.
             begin(&mut progress, &LIMITS, f, f, 1., held);
             assert_eq!(progress.infeasibility.to_bits(), f.to_bits());
             progress.state
@@ -458,23 +459,23 @@ mod tests {
     }
 
     #[test]
-    fn near_the_end_the_rows_become_exact_once() {
+    fn rows_become_exact_once_near_a_solution() {
         let rounded = Progress { recorded: 12, iterations: 12, attempts: 0, ..Progress::first(&LIMITS, BARRIER, 0.04) };
-        assert_eq!(begun(rounded, &LIMITS, LIMITS.closing).state, STEP, "not near enough");
+        assert_eq!(begun(rounded, &LIMITS, LIMITS.closing).state, STEP, "not close enough");
         let mut progress = begun(rounded, &LIMITS, 0.5 * LIMITS.closing);
-        // The record is taken back: it belongs to the rows as they were.
+        // The record is withdrawn, because it belongs to the rounded rows.
         let expected = Progress { state: EXACT, edge_radius: 0., stall_from: 12, infeasibility: 0.5 * LIMITS.closing, ..rounded };
         assert_eq!(progress, expected);
         renew(&mut progress);
         assert_eq!(progress, Progress { current: 1, ..expected });
         assert_eq!(begun(progress, &LIMITS, 0.5 * LIMITS.closing).state, CLOSE);
-        // Exact rows may be farther off.
+        // The infeasibility of the exact rows may be larger.
         let progress = begun(progress, &LIMITS, 0.1);
         assert_eq!((progress.state, progress.recorded), (STEP, 13));
     }
 
     #[test]
-    fn no_round_begins_beyond_the_iteration_limit() {
+    fn no_round_begins_at_or_above_the_iteration_limit() {
         let state = |iterations, max_iterations| {
             let limits = Limits { max_iterations, ..LIMITS };
             begun(Progress { iterations, ..first() }, &limits, 1.).state
@@ -483,23 +484,23 @@ mod tests {
     }
 
     #[test]
-    fn a_solve_stalls_where_its_rate_would_take_longer_than_the_budget() {
+    fn a_solve_stalls_if_its_rate_needs_more_iterations_than_the_budget() {
         let state = |f: f64, before: f64, limits: &Limits<f64>| {
             let mut progress = Progress { recorded: 10, ..first() };
             begin(&mut progress, limits, f, before, 1., false);
             progress.state
         };
-        // From 1 to 1e-6 in 200 iterations: by the factor exp(0.069 * 4) in a window of 4.
+        // From 1 to 1e-6 in 200 iterations: a factor of exp(0.069 * 4) per window of 4.
         let needed = (1e6_f64.ln() / 200. * 4.).exp();
         assert_eq!([state(1., 0.99 * needed, &LIMITS), state(1., 1.01 * needed, &LIMITS)], [STALLED, STEP]);
-        assert_eq!([state(1., 1., &LIMITS), state(1., 0.5, &LIMITS)], [STALLED, STALLED], "it rests, it rises");
-        // Near the end it may rest.
+        assert_eq!([state(1., 1., &LIMITS), state(1., 0.5, &LIMITS)], [STALLED, STALLED], "constant, then increasing");
+        // Just above a solution the infeasibility may stay constant.
         assert_eq!([state(11e-6, 11e-6, &LIMITS), state(9e-6, 9e-6, &LIMITS)], [STALLED, STEP]);
         assert_eq!(state(1., 1., &Limits { stall_start: NONE, ..LIMITS }), STEP);
     }
 
     #[test]
-    fn the_stall_rule_waits_for_its_start_and_for_a_window_of_the_same_rows() {
+    fn the_stall_rule_waits_for_its_start_and_for_a_window_of_unchanged_rows() {
         let stalls = |recorded, stall_from| {
             let mut progress = Progress { recorded, stall_from, ..first() };
             begin(&mut progress, &LIMITS, 1., 1., 1., false);
@@ -511,24 +512,24 @@ mod tests {
     }
 
     #[test]
-    fn a_candidate_is_given_up_for_what_no_solved_one_lacks_after_as_many_iterations() {
+    fn a_candidate_terminates_early_above_the_limit_for_its_iteration() {
         let limits = Limits { hopeless_rates: [0.125, 0.5, 0.25], ..LIMITS };
         let start = Progress { hopeless: 4096., length: 0.5, ..first() };
-        // As long as the last is below the limit, which is asked for from the third record on.
+        // All values but the last are below the limit, which applies from the third record on.
         let most = [4096., 512., 64., 32., 16., 8., 2., 0.5];
         for last in 0..most.len() {
             let mut progress = start;
             let lacking = [1e9, 1e9].into_iter().chain(most[..last].iter().map(|l| 0.99 * l)).chain([1.01 * most[last]]);
             let states: Vec<u32> = lacking
                 .map(|lacking| {
-                    // Half of it by the length of the step, a quarter by the multiplier.
+                    // The step length contributes a factor of 0.5, the multiplier one of 0.25.
                     begin(&mut progress, &limits, lacking * 0.5 / 0.25, f64::INFINITY, 0.25, false);
                     progress.state
                 })
                 .collect();
             assert_eq!(states.iter().position(|state| *state == STALLED), Some(2 + last), "{states:?}");
         }
-        // Later on the stall rule alone decides.
+        // Afterwards only the stall rule applies.
         let begun = |recorded| {
             let mut progress = Progress { recorded, ..start };
             begin(&mut progress, &Limits { stall_start: NONE, ..LIMITS }, 1e9, f64::INFINITY, 1., false);
@@ -538,7 +539,7 @@ mod tests {
     }
 
     #[test]
-    fn what_may_be_lacking_grows_with_the_rows_and_the_setting() {
+    fn the_early_termination_limit_is_proportional_to_the_rows_and_to_the_setting() {
         let settings = |stall| SolverSettings { stall, ..SolverSettings::default() };
         let stall = StallSettings::default();
         for transcription in [Transcription::Momentum, Transcription::Towr] {
@@ -554,7 +555,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_barrier_is_that_of_the_rows_unless_it_is_set() {
+    fn the_initial_barrier_depends_on_the_transcription_unless_it_is_set() {
         let (settings, both) = (SolverSettings::default(), [Transcription::Momentum, Transcription::Towr]);
         assert_eq!(both.map(|t| settings.barrier(t)), [0.02, 0.2]);
         let set = SolverSettings { barrier: Some(0.07), ..settings };
@@ -563,18 +564,18 @@ mod tests {
     }
 
     #[test]
-    fn closing_steps_go_on_while_each_leaves_a_tenth() {
+    fn closing_steps_continue_while_each_leaves_at_most_a_tenth() {
         let progress = closing(9e-7);
         assert_eq!((progress.closing_from, progress.proximal()), (9e-7, LIMITS.proximal_floor));
         let next = begun(progress, &LIMITS, 0.9e-7);
         assert_eq!((next.state, next.closing_from, next.closing_below), (CLOSE, 0.9e-7, 1e-6));
-        // Measured by the last step, not by the first.
+        // The ratio is relative to the previous step, not to the first.
         assert_eq!(begun(next, &LIMITS, 0.8e-7).state, STEP);
         assert_eq!(begun(next, &LIMITS, 0.8e-8).state, CLOSE);
     }
 
     #[test]
-    fn closing_that_is_too_slow_waits_for_a_tenth_of_where_it_was() {
+    fn slow_closing_pauses_until_a_tenth_of_its_infeasibility() {
         let progress = Progress { closing_eps: 0.3, mu: 0.0125, ..closing(9e-7) };
         let back = begun(progress, &LIMITS, 5e-7);
         assert_eq!((back.state, back.closing_eps, back.closing_from), (STEP, LIMITS.proximal_floor, 5e-7));
@@ -588,7 +589,7 @@ mod tests {
     }
 
     #[test]
-    fn what_always_closes_closes_slowly_too() {
+    fn unlimited_closing_continues_even_if_it_is_slow() {
         let limits = Limits { closing: f64::INFINITY, ..LIMITS };
         let mut progress = Progress::first(&limits, BARRIER, 0.);
         for f in [10., 9., 8.5] {
@@ -598,7 +599,7 @@ mod tests {
     }
 
     #[test]
-    fn what_never_closes_keeps_to_barrier_steps() {
+    fn a_closing_limit_of_zero_disables_closing_steps() {
         let limits = Limits { closing: 0., stall_start: NONE, ..LIMITS };
         for f in [1., 1e-12, 0.] {
             assert_eq!(begun(Progress::first(&limits, BARRIER, 0.04), &limits, f).state, STEP);
@@ -606,7 +607,7 @@ mod tests {
     }
 
     #[test]
-    fn an_accepted_step_sets_the_next_proximal_weight_by_its_ratio() {
+    fn an_accepted_step_adapts_the_proximal_weight_to_its_ratio() {
         let eps = |ratio: f64| accepted(first(), ratio).eps;
         assert_eq!([0.71, 1., 3., f64::INFINITY].map(eps), [2.5e-4; 4]);
         assert_eq!([0.25, 0.5, 0.7].map(eps), [1e-3; 3]);
@@ -616,7 +617,7 @@ mod tests {
     }
 
     #[test]
-    fn an_accepted_step_counts_and_changes_buffers() {
+    fn an_accepted_step_is_counted_and_swaps_the_buffers() {
         let progress = Progress { attempts: 3, iterations: 4, current: 0, ..first() };
         let next = accepted(progress, 0.5);
         assert_eq!(next, Progress { attempts: 0, iterations: 5, current: 1, ..progress });
@@ -624,7 +625,7 @@ mod tests {
     }
 
     #[test]
-    fn barrier_and_closing_steps_have_proximal_weights_of_their_own() {
+    fn barrier_and_closing_steps_have_separate_proximal_weights() {
         let close = Progress { closing_eps: 0.04, ..closing(1e-7) };
         assert_eq!(close.proximal(), 0.04);
         let [taken, doubled, dropped] = [accepted(close, 1.), accepted(close, 0.1), refused(close, 1)];
@@ -636,12 +637,12 @@ mod tests {
     }
 
     #[test]
-    fn a_refused_step_is_tried_by_a_quarter_and_by_a_quarter_of_that_along_the_same_direction() {
+    fn a_refused_step_is_shortened_to_a_quarter_and_to_a_sixteenth() {
         let start = Progress { iterations: 4, current: 1, length: 0.8, dual_length: 0.4, ..begun(first(), &LIMITS, 1.) };
         let shorter = Progress { state: SHORTER, attempts: 1, length: 0.2, dual_length: 0.1, ..start };
         assert_eq!(refused(start, 1), shorter);
         assert_eq!(refused(start, 2), Progress { attempts: 2, length: 0.05, dual_length: 0.025, ..shorter });
-        // What it says of the proximal weight is nothing.
+        // The ratio of a shortened step leaves the proximal weight unchanged.
         for ratio in [0.1, 0.5, 0.9] {
             let taken = accepted(shorter, ratio);
             assert_eq!(taken, Progress { attempts: 0, iterations: 5, current: 0, ..shorter });
@@ -650,8 +651,8 @@ mod tests {
     }
 
     #[test]
-    fn behind_the_shorter_steps_six_larger_weights_end_the_solve() {
-        // Of no length, so that shorter ones are the same.
+    fn after_the_shorter_steps_six_larger_weights_end_the_solve() {
+        // Zero length, so that shortening does not change it.
         let start = Progress { iterations: 4, current: 1, length: 0., dual_length: 0., ..begun(first(), &LIMITS, 1.) };
         for times in 1..6 {
             let progress = refused(start, SHORTENINGS + times);
@@ -660,12 +661,12 @@ mod tests {
         }
         let end = refused(start, ATTEMPTS);
         assert_eq!(end, Progress { state: STALLED, attempts: 0, eps: end.eps, ..start });
-        // A step that is taken starts the count anew.
+        // An accepted step resets the count of refused attempts.
         assert_eq!(refused(accepted(refused(start, ATTEMPTS - 1), 0.5), ATTEMPTS - 1).state, STEP);
     }
 
     #[test]
-    fn without_a_factor_there_is_no_direction_to_go_less_far() {
+    fn without_a_factorisation_no_shorter_step_is_tried() {
         let start = begun(first(), &LIMITS, 1.);
         let mut progress = start;
         damp(&mut progress);
@@ -673,12 +674,12 @@ mod tests {
     }
 
     #[test]
-    fn a_refused_closing_step_leads_back_to_the_barrier() {
+    fn a_refused_closing_step_returns_to_barrier_steps() {
         let start = closing(5e-7);
         let back = refused(start, 1);
         assert_eq!(back, Progress { state: STEP, closing_below: back.closing_below, ..start });
         assert_close(back.closing_below, 5e-8);
-        // The same point again, now with a barrier step.
+        // The next round starts from the same point with a barrier step.
         let again = begun(back, &LIMITS, 5e-7);
         assert_eq!((again.state, again.smoothing, again.closing_eps), (STEP, LIMITS.smoothing, LIMITS.proximal_floor));
         assert_eq!([begun(again, &LIMITS, 6e-8).state, begun(again, &LIMITS, 4e-8).state], [STEP, CLOSE]);
@@ -687,7 +688,7 @@ mod tests {
     }
 
     #[test]
-    fn what_always_closes_is_tried_with_larger_weights() {
+    fn unlimited_closing_is_retried_with_larger_weights() {
         let limits = Limits { closing: f64::INFINITY, ..LIMITS };
         let start = begun(Progress::first(&limits, BARRIER, 0.), &limits, 10.);
         let next = refused(start, 1);
@@ -697,7 +698,7 @@ mod tests {
     }
 
     #[test]
-    fn a_trial_point_is_taken_where_the_merit_falls() {
+    fn a_trial_point_is_accepted_if_the_merit_decreases() {
         let (step, close) = (begun(first(), &LIMITS, 1.), closing(1e-7));
         let shorter = Progress { state: SHORTER, ..step };
         for progress in [step, shorter, close] {
@@ -710,15 +711,15 @@ mod tests {
     }
 
     #[test]
-    fn a_barrier_step_is_taken_near_its_linear_model_too() {
+    fn a_barrier_step_is_also_accepted_near_its_linear_model() {
         let (step, close) = (begun(first(), &LIMITS, 1.), closing(1e-7));
-        // The gap is below 0.3 of what was predicted, or of a twentieth of the infeasibility.
+        // The limit on the gap is 0.3 times the predicted decrease, or 0.3 times a twentieth of the infeasibility.
         for step in [step, Progress { state: SHORTER, ..step }] {
             assert_eq!([0.29, 0.31].map(|gap| acceptable(&step, -1., 1., gap)), [true, false]);
         }
         for predicted in [0.01, 0., -1.] {
             assert_eq!([0.0149, 0.0151].map(|gap| acceptable(&step, -1., predicted, gap)), [true, false]);
         }
-        assert!(!acceptable(&close, -1., 1., 0.), "closing steps lower the infeasibility or are refused");
+        assert!(!acceptable(&close, -1., 1., 0.), "a closing step must decrease the infeasibility");
     }
 }

@@ -1,5 +1,5 @@
-//! The corrector, Mehrotra's way: the barrier parameter follows from how far the predictor could go, and the product of the predictor's steps
-//! is taken into account.
+//! Mehrotra's corrector: chooses the barrier parameter from the step lengths of the predictor and adds the second-order term of the
+//! predictor's steps.
 
 use super::slacks::{Aim, Slacks, slack_steps, target};
 use super::weights::barrier_rows;
@@ -7,10 +7,10 @@ use crate::nlp::Layout;
 use crate::real::Real;
 use multiversion::multiversion;
 
-/// Steps of slacks and multipliers of the predictor, and the rows for the corrector. Returns the barrier parameter.
+/// Computes the predictor's steps of slacks and multipliers and the row weights and values of the corrector. Returns the barrier parameter.
 ///
-/// * `g_change` - products of the Jacobian with the predictor
-/// * `weight`, `value` - out, of the rows
+/// * `g_change` - product of the inequality Jacobian with the predictor's direction
+/// * `weight`, `value` - out, per row
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn correct<T: Real>(
     layout: &Layout<T>,

@@ -1,11 +1,11 @@
-//! How good a trial point is, and the update of slacks and multipliers where it is taken.
+//! Merit of a trial point, and the update of slacks and multipliers after it was accepted.
 
 use super::slacks::{Lengths, MULTIPLIER_FLOOR, SLACK_FLOOR, Slacks};
 use crate::linear::lanes::{BLOCK, LANES, dot, sum_over};
 use crate::real::Real;
 use multiversion::multiversion;
 
-/// What is violated: `max(g, 0)`, but no number stays none.
+/// Violation `max(g, 0)`; NaN stays NaN.
 #[inline(always)]
 fn over<T: Real>(g: T) -> T {
     if g <= T::zero() { T::zero() } else { g }
@@ -21,13 +21,13 @@ pub fn infeasibility<T: Real>(c: &[T], g: &[T]) -> T {
     T::of(0.5) * (dot(c, c) + violated)
 }
 
-/// How far half the squares fall from `a` to `b`, term by term: near a solution the sums differ in their last digits only.
+/// Decrease of half the sum of squares from `a` to `b`, term by term: near a solution the two sums differ only in their last digits.
 #[inline(always)]
 fn squares_fall<T: Real>(a: &[T], b: &[T]) -> T {
     T::of(0.5) * sum_over([a, b], |[a, b]| (a - b) * (a + b))
 }
 
-/// How far the infeasibility falls from `(c, g)` to `(c_to, g_to)`.
+/// Decrease of the infeasibility from `(c, g)` to `(c_to, g_to)`.
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn infeasibility_fall<T: Real>(c: &[T], g: &[T], c_to: &[T], g_to: &[T]) -> T {
     let violated = sum_over([g, g_to], |[from, to]| {
@@ -37,13 +37,13 @@ pub fn infeasibility_fall<T: Real>(c: &[T], g: &[T], c_to: &[T], g_to: &[T]) -> 
     squares_fall(c, c_to) + T::of(0.5) * violated
 }
 
-/// Smoothed `max(g, 0)` and the slacks that go with it: `(q + g) / 2` and `(q - g) / 2`, `q = sqrt(g^2 + 4 mu)`.
+/// Smoothed `max(g, 0)` and the matching slacks: `(q + g) / 2` and `(q - g) / 2`, `q = sqrt(g^2 + 4 mu)`.
 #[inline(always)]
 fn smoothed<T: Real>(g: &[T; BLOCK], mu: T) -> [[T; BLOCK]; 2] {
     let [mut over, mut slack] = [[T::zero(); BLOCK]; 2];
     for i in 0..BLOCK {
         let q = (g[i] * g[i] + T::of(4.) * mu).sqrt();
-        // The smaller of the two is mu / larger: no cancellation.
+        // Their product is mu, so the smaller is mu / larger: no cancellation.
         let larger = T::of(0.5) * (q + g[i].abs());
         let smaller = mu / larger;
         let positive = g[i] > T::zero();
@@ -53,10 +53,10 @@ fn smoothed<T: Real>(g: &[T; BLOCK], mu: T) -> [[T; BLOCK]; 2] {
     [over, slack]
 }
 
-/// Falls of the smoothed merit of inequalities, as [`merit_falls`] adds them up.
+/// Accumulated decrease of the smoothed merit of the inequalities, used by [`merit_falls`].
 struct Falls<T> {
     squares: [T; LANES],
-    /// Products of ratios of slacks whose logarithms are not taken yet.
+    /// Products of slack ratios whose logarithms have not been taken yet.
     ratios: [f64; LANES],
     logs: f64,
 }
@@ -66,7 +66,7 @@ impl<T: Real> Falls<T> {
         Falls { squares: [T::zero(); LANES], ratios: [1.; LANES], logs: 0. }
     }
 
-    /// From values to others, both smoothed.
+    /// Adds the decrease from one block of smoothed values to another.
     #[inline(always)]
     fn add(&mut self, [over, slack]: &[[T; BLOCK]; 2], [over_to, slack_to]: &[[T; BLOCK]; 2]) {
         let (mut squares, mut ratios) = ([T::zero(); BLOCK], [0.; BLOCK]);
@@ -79,7 +79,7 @@ impl<T: Real> Falls<T> {
             for l in 0..LANES {
                 self.squares[l] += squares[l];
                 self.ratios[l] *= ratios[l];
-                // One more ratio is within the range of numbers, too.
+                // Within these bounds the product with one more ratio cannot overflow.
                 far |= !(1e-150..1e150).contains(&self.ratios[l]);
             }
             if far {
@@ -99,16 +99,16 @@ impl<T: Real> Falls<T> {
     }
 }
 
-/// How far the smoothed merit falls from `(c, g)` to each of two points `(c_to, g_to)`.
+/// Decrease of the smoothed merit from `(c, g)` to each of two points `(c_to, g_to)`.
 ///
-/// `M = |c|^2 / 2 + sum phi(g)`, `phi(g) = (g + s)^2 / 2 - mu ln s` at the best slack `s = (q - g) / 2`, `q = sqrt(g^2 + 4 mu)`. Its
-/// derivative is `(g + q) / 2`, a smooth `max(g, 0)`. Differences are taken term by term, so that they are good in `f32`; logarithms of
-/// products of ratios of slacks, as many as `f64` has room for.
+/// `M = |c|^2 / 2 + sum phi(g)`, `phi(g) = (g + s)^2 / 2 - mu ln s` at the optimal slack `s = (q - g) / 2`, `q = sqrt(g^2 + 4 mu)`. The
+/// derivative of `phi` is `(g + q) / 2`, a smooth `max(g, 0)`. Differences are taken term by term, so that they are accurate in `f32`.
+/// Logarithms are taken of products of slack ratios, of as many ratios as fit the range of `f64`.
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn merit_falls<T: Real>(c: &[T], g: &[T], to: [(&[T], &[T]); 2], mu: T) -> [T; 2] {
     let mut falls = to.map(|_| Falls::none());
     for first in (0..g.len()).step_by(BLOCK) {
-        // What is beyond the last adds nothing: it stays as it is.
+        // Padding beyond the last inequality is the same at all points and adds nothing.
         let values = |g: &[T]| {
             let mut values = [T::zero(); BLOCK];
             let count = BLOCK.min(g.len() - first);
@@ -124,7 +124,7 @@ pub fn merit_falls<T: Real>(c: &[T], g: &[T], to: [(&[T], &[T]); 2], mu: T) -> [
     [squares_fall(c, to[0].0) + a, squares_fall(c, to[1].0) + b]
 }
 
-/// How far the cost of being away from the initial values falls from `x` to `x_to`: that of `sum smoothing (x - initial)^2 / 2`.
+/// Decrease of the smoothing term `sum smoothing (x - initial)^2 / 2` from `x` to `x_to`.
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn smoothing_fall<T: Real>(smoothing: &[T], x: &[T], x_to: &[T], initial: &[T]) -> T {
     let fall = sum_over([smoothing, x, x_to, initial], |[smoothing, x, x_to, initial]| {
@@ -134,7 +134,7 @@ pub fn smoothing_fall<T: Real>(smoothing: &[T], x: &[T], x_to: &[T], initial: &[
     T::of(0.5) * fall
 }
 
-/// Squared distance of residuals from their linear model: `(|c - c_lin|^2 + |g - g_lin|^2) / 2`.
+/// Half the squared distance of the residuals from their linear model: `(|c - c_lin|^2 + |g - g_lin|^2) / 2`.
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn nonlinearity<T: Real>(c: &[T], c_linear: &[T], g: &[T], g_linear: &[T]) -> T {
     let gaps = |values: &[T], linear: &[T]| {
@@ -146,7 +146,7 @@ pub fn nonlinearity<T: Real>(c: &[T], c_linear: &[T], g: &[T], g_linear: &[T]) -
     T::of(0.5) * (gaps(c, c_linear) + gaps(g, g_linear))
 }
 
-/// Moves slacks and multipliers along their steps, each by its length, and keeps them off zero.
+/// Moves slacks and multipliers along their steps, each by its own length, and keeps them above their floors.
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn update_slacks<T: Real>(slacks: &mut Slacks<T>, lengths: Lengths<T>) {
     let (slack_floor, multiplier_floor) = (T::of(SLACK_FLOOR), T::of(MULTIPLIER_FLOOR));

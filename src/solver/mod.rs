@@ -2,14 +2,15 @@
 //!
 //! For scaled equalities `c(x) = 0` and inequalities `g(x) <= 0` with slacks `s`, multipliers `z` and penalty `rho = 1`, it minimises
 //! `rho/2 |c|^2 + rho/2 |g + s|^2 - mu sum ln s` with a proximal term. Eliminating slacks and multipliers leaves one positive definite
-//! system an iteration,
+//! system per iteration,
 //!
 //! `(eps D + rho Jc'Jc + Jg' W Jg) d = -(rho Jc' c + Jg'(z + w (g - z/rho + mu/z)))`, `w = 1 / (s/z + 1/rho)`,
 //!
-//! whose weights are bounded by `rho`, so that it is safe in f32. Each factorisation serves twice: a predictor with `mu = 0` says how far the
-//! barrier can fall, and Mehrotra's corrector goes there; multipliers go by a length of their own. A step that the rows do not bear out is tried
-//! by a quarter and a sixteenth of its length, which costs no factorisation, and then with larger `eps`. Near a solution, closing steps
-//! (Gauss-Newton on the equalities and the violated rows) converge quadratically.
+//! whose weights are bounded by `rho`, which makes it safe in f32. Each factorisation is used twice: a predictor with `mu = 0` determines
+//! how far the barrier parameter can be reduced, and Mehrotra's corrector computes the step for that parameter. The multipliers have a step
+//! length of their own. A step is refused if the merit does not decrease and the residuals are far from their linear model. It is then
+//! shortened to a quarter and to a sixteenth, which costs no factorisation, and after that recomputed with larger `eps`. Near a solution,
+//! closing steps (Gauss-Newton on the equalities and the violated rows) converge quadratically.
 
 pub mod advance;
 mod close;
@@ -32,7 +33,7 @@ use crate::linear::substitute::substitute;
 use crate::linear::transposed::transposed_times;
 use crate::nlp::Layout;
 use crate::real::Real;
-use crate::rows::{self, Shared};
+use crate::rows::{self, RowKind, Shared};
 use crate::settings::SolverSettings;
 use advance::{add, advance};
 use aligned_vec::{AVec, CACHELINE_ALIGN};
@@ -44,12 +45,12 @@ use slacks::{Aim, Lengths, Slacks, largest, slack_steps};
 use start::{column_scaling, start_slacks};
 use weights::{barrier_rows, closing_rows, variable_terms};
 
-/// When a solve is done.
+/// Termination criterion of a solve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Finish {
-    /// The scaled infeasibility `F`, margins included, is below this.
+    /// The scaled infeasibility `F`, margins included, is below this value.
     Infeasibility(f64),
-    /// No row is violated by more than this in its own unit (N, N m, m); margins do not count.
+    /// No row is violated by more than this value in its own unit (N, N m, m); margins do not count.
     Rows(f64),
 }
 
@@ -62,17 +63,18 @@ struct Residuals<T> {
 
 impl<T: Real> Residuals<T> {
     fn resize(&mut self, layout: &Layout<T>) {
-        self.c.resize(layout.equalities, T::zero());
+        self.c.resize(layout.rows.one_sided(), T::zero());
         self.g.resize(layout.inequalities, T::zero());
     }
 }
 
-/// Buffers for one candidate at a time; made once a thread and reused, so that a solve allocates only when it meets a larger candidate.
+/// Buffers for one candidate at a time. Created once per thread and reused, so that a solve allocates only when the candidate is larger
+/// than all before.
 #[derive(Debug)]
 pub struct Solver<T> {
     x: Vec<T>,
     trial: Vec<T>,
-    /// The direction on the columns of one element.
+    /// Values of the direction for the columns of one element.
     local: Vec<T>,
     direction: Vec<T>,
     scaling: Vec<T>,
@@ -84,17 +86,18 @@ pub struct Solver<T> {
     next: Residuals<T>,
     change: Residuals<T>,
     linear: Residuals<T>,
-    /// In whole cache lines, as is the next one.
+    /// Jacobian at the current point, aligned to cache lines.
     jacobian: AVec<T>,
-    /// That of the trial point.
+    /// Jacobian at the trial point, aligned to cache lines.
     next_jacobian: AVec<T>,
-    /// Multipliers that residuals are shifted by, of equalities and inequalities; none but while a cost is lowered.
+    /// Augmented-Lagrangian multipliers by which the residuals of equalities and inequalities are shifted. Zero unless a cost is being
+    /// minimised.
     shift: Residuals<T>,
     weight: Vec<T>,
     value: Vec<T>,
     slacks: Slacks<T>,
     factor: Factor<T>,
-    /// Whether the last factorisation met a pivot that is not positive.
+    /// True if the last factorisation met a pivot that is not positive.
     failed: bool,
     history: Vec<T>,
 }
@@ -128,7 +131,7 @@ impl<T: Real> Default for Solver<T> {
     }
 }
 
-/// One solve: what does not change while it goes on.
+/// Data of one solve that stay constant.
 #[derive(Clone, Copy)]
 struct Solve<'a, T> {
     layout: &'a Layout<T>,
@@ -136,13 +139,14 @@ struct Solve<'a, T> {
     finish: Finish,
 }
 
-/// Barrier parameter at which a cost begins to be lowered: near rows bend it early.
+/// Largest barrier parameter with which cost minimisation begins; with a larger one, inequalities that are nearly active would affect the
+/// motion too early.
 const SMOOTH_BARRIER: f64 = 2e-4;
 
 impl<T: Real> Solver<T> {
-    /// Solves one candidate from `start` (or from the layout's initial values).
+    /// Solves one candidate from `start`, or from the initial values of the layout.
     ///
-    /// The result does not depend on what was solved before. `cancel` ends the solve at the next iteration.
+    /// The result does not depend on earlier solves. `cancel` ends the solve at the next iteration.
     pub fn solve(
         &mut self,
         layout: &Layout<T>,
@@ -169,7 +173,7 @@ impl<T: Real> Solver<T> {
         }
     }
 
-    /// Rounds until the end. Returns how it ended; `x` is the last point.
+    /// Runs rounds until the solve ends. Returns the status; `x` holds the last point.
     fn iterate(&mut self, solve: &Solve<T>, progress: &mut Progress<T>, cancel: &dyn Fn() -> bool) -> Status {
         loop {
             if let Some(status) = Status::of(progress.state) {
@@ -184,7 +188,7 @@ impl<T: Real> Solver<T> {
         }
     }
 
-    /// Does what a stage of a round has to do in the state that the solve is in.
+    /// Runs a stage of the round if the state of the solve needs it.
     fn turn(&mut self, stage: Stage, when: When, solve: &Solve<T>, progress: &mut Progress<T>) {
         let judged = matches!(stage, Stage::Judge | Stage::Weights);
         let evaluated = stage == Stage::Rows && progress.state == EXACT;
@@ -232,14 +236,14 @@ impl<T: Real> Solver<T> {
         }
     }
 
-    /// The initial point, which was evaluated as a trial point, becomes the point; scaling, slacks and multipliers follow from it.
+    /// Makes the initial point, which was evaluated as a trial point, the current point; initialises scaling, slacks and multipliers.
     fn start(&mut self, solve: &Solve<T>, progress: &Progress<T>) {
         self.take_trial();
         column_scaling(solve.layout, &self.jacobian, &mut self.value, &mut self.local, &mut self.scaling);
         start_slacks(&self.now.g, progress.mu, &mut self.slacks);
     }
 
-    /// Decides what the round is for, or ends the solve.
+    /// Chooses the purpose of the round, or ends the solve.
     fn begin(&mut self, solve: &Solve<T>, progress: &mut Progress<T>) {
         if progress.attempts > 0 || progress.ended() {
             return;
@@ -255,7 +259,7 @@ impl<T: Real> Solver<T> {
         }
     }
 
-    /// Weights and values of the rows, and what falls on single variables.
+    /// Computes the weights and values of the rows and the terms on single variables.
     fn weigh(&mut self, layout: &Layout<T>, progress: &mut Progress<T>) {
         if progress.state > CLOSE {
             return;
@@ -273,7 +277,7 @@ impl<T: Real> Solver<T> {
         variable_terms(&self.scaling, proximal, &layout.smoothing, progress.smoothing, &self.x, &layout.initial, diagonal, gradient);
     }
 
-    /// Length of the step, trial point, and what the residuals would be there if they were linear.
+    /// Computes the step length, the trial point, and the linear model of the residuals there.
     fn advance(&mut self, layout: &Layout<T>, progress: &mut Progress<T>) {
         let lengths = match progress.state {
             CLOSE => Lengths::whole(),
@@ -287,7 +291,7 @@ impl<T: Real> Solver<T> {
         advance(&self.now.g, length, &self.change.g, &mut self.linear.g);
     }
 
-    /// Residuals and Jacobian at the trial point: nearly every trial is accepted.
+    /// Evaluates residuals and Jacobian at the trial point. The Jacobian is always computed, because nearly every trial point is accepted.
     fn evaluate(&mut self, layout: &Layout<T>, progress: &Progress<T>) {
         let (c, g) = (&mut self.next.c, &mut self.next.g);
         rows::residuals(layout, &self.trial, progress.edge_radius, &mut self.shared, c, g, Some(&mut self.next_jacobian));
@@ -295,7 +299,7 @@ impl<T: Real> Solver<T> {
         add(g, &self.shift.g);
     }
 
-    /// Takes the trial point when it is good.
+    /// Accepts or refuses the trial point.
     fn judge(&mut self, solve: &Solve<T>, progress: &mut Progress<T>) {
         if progress.state == EXACT {
             self.take_trial();
@@ -326,15 +330,15 @@ impl<T: Real> Solver<T> {
         }
     }
 
-    /// The trial point becomes the point.
+    /// Makes the trial point the current point.
     fn take_trial(&mut self) {
         std::mem::swap(&mut self.x, &mut self.trial);
         std::mem::swap(&mut self.now, &mut self.next);
         std::mem::swap(&mut self.jacobian, &mut self.next_jacobian);
     }
 
-    /// Lowers the cost of a solved motion by the method of multipliers, one barrier step between two updates, then solves on without it.
-    /// A motion that is not solved again is taken back.
+    /// Minimises the cost of a solved motion by the method of multipliers, with one barrier step between two multiplier updates, and then
+    /// solves the rows again without the cost. Restores the original motion if that last solve fails.
     fn smooth(&mut self, solve: &Solve<T>, settings: &SolverSettings, progress: &mut Progress<T>, cancel: &dyn Fn() -> bool) {
         let layout = solve.layout;
         if settings.smooth.iterations == 0 || layout.smoothing.iter().all(|p| *p == T::zero()) {
@@ -369,7 +373,7 @@ impl<T: Real> Solver<T> {
                 self.turn(stage, when, &solve, progress);
             }
             if progress.iterations > before && !progress.ended() {
-                // Nothing begins a round here: the next has a direction of its own, however short this step was.
+                // No stage begins a round in this loop: the next step needs a new direction, even if this one was shortened.
                 progress.state = control::STEP;
                 self.shift_residuals();
             }
@@ -389,7 +393,7 @@ impl<T: Real> Solver<T> {
 
     /// Updates the multipliers by which residuals are shifted.
     fn shift_residuals(&mut self) {
-        // Equalities: multiplier and residual make the new multiplier. Inequalities have theirs from the barrier.
+        // Equalities: the new multiplier is the sum of multiplier and residual. Inequalities take their multipliers from the barrier.
         for (c, shift) in self.now.c.iter_mut().zip(&mut self.shift.c) {
             let residual = *c - *shift;
             *shift = *c;
@@ -401,7 +405,7 @@ impl<T: Real> Solver<T> {
         }
     }
 
-    /// The last `x` in `f64`, fixed values included.
+    /// The last point `x` in `f64`, fixed values included.
     pub fn solution(&self) -> Vec<f64> {
         self.x.iter().map(|v| v.as_f64()).collect()
     }
@@ -423,15 +427,15 @@ impl<T: Real> Solver<T> {
         for residuals in [&mut self.now, &mut self.next, &mut self.change, &mut self.linear] {
             residuals.resize(layout);
         }
-        // The padding of Jacobian rows must be zero, and no kernel writes it.
+        // The padding of Jacobian rows must be zero, because no kernel writes it.
         for jacobian in [&mut self.jacobian, &mut self.next_jacobian] {
             jacobian.clear();
             jacobian.resize(layout.jacobian_len, T::zero());
         }
         self.local.resize(layout.widest, T::zero());
         self.shift = Residuals::default();
-        self.weight.resize(layout.rows, T::zero());
-        self.value.resize(layout.rows, T::zero());
+        self.weight.resize(layout.rows.all(), T::zero());
+        self.value.resize(layout.rows.all(), T::zero());
         for v in [&mut self.slacks.slack, &mut self.slacks.multiplier, &mut self.slacks.slack_step, &mut self.slacks.multiplier_step] {
             v.resize(layout.inequalities, T::zero());
         }
@@ -446,22 +450,22 @@ impl<T: Real> Solver<T> {
         }
     }
 
-    /// `F` at the start and after each iteration of the last solve.
+    /// Infeasibility `F` at the start and after each iteration of the last solve.
     pub fn history(&self) -> Vec<f64> {
         self.history.iter().map(|f| f.as_f64()).collect()
     }
 }
 
-/// Whether no row is violated by more than `tolerance` in its own unit, margins aside.
+/// True if no row is violated by more than `tolerance` in its own unit, margins excluded.
 fn rows_hold<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], tolerance: f64) -> bool {
     let tolerance = T::of(tolerance);
     layout.all_elements().all(|element| {
         let (row, at, rows) = (element.place.row as usize, element.place.inequality as usize, element.rows as usize);
         let allowed = |r: usize| element.family.allowed(&layout.constants, r, tolerance);
-        if element.family.spec().equality {
-            (0..rows).all(|r| c[row + r].abs() <= allowed(r))
-        } else {
-            (0..rows + element.pairs as usize).all(|r| g[at + r] <= allowed(r))
+        match element.kind() {
+            RowKind::Equality => (0..rows).all(|r| c[row + r].abs() <= allowed(r)),
+            RowKind::Cost => true,
+            RowKind::Inequality => (0..rows + element.pairs as usize).all(|r| g[at + r] <= allowed(r)),
         }
     })
 }

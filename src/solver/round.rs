@@ -1,45 +1,46 @@
-//! The order of a round. Both backends read it: the CPU's loop calls what stands behind a stage, a GPU dispatches its shader.
+//! Order of the stages in a round. Both backends use it: the CPU calls a function per stage, the GPU dispatches a shader per stage.
 
-/// One step of the algorithm, a kernel on either side.
+/// One step of the algorithm, with a kernel on the CPU and on the GPU.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Stage {
-    /// What the round is for, or the end; then weights and values of the rows in the normal equations.
+    /// Choice of the round's purpose or the end of the solve, then weights and values of the rows in the normal equations.
     Weights,
-    /// Factorisation of the normal equations, with forward substitution along the way.
+    /// Factorisation of the normal equations, including forward substitution.
     Factorise,
-    /// Back substitution: the direction.
+    /// Back substitution, which gives the direction.
     Substitute,
-    /// Products of the Jacobian with the direction.
+    /// Product of the Jacobian with the direction.
     Product,
-    /// How far the predictor could go, the barrier parameter that follows, and the values of the rows for it.
+    /// Step lengths of the predictor, the barrier parameter that follows from them, and the row values for it.
     Correct,
-    /// Product of the transposed Jacobian with those values.
+    /// Product of the transposed Jacobian with the row values.
     Transposed,
-    /// Forward substitution with the factor that is there.
+    /// Forward substitution with the existing factor.
     Forward,
-    /// Length of the step, and the trial point.
+    /// Step length and trial point.
     Advance,
     /// Residuals and Jacobian at the trial point.
     Rows,
-    /// The verdict on the trial point.
+    /// Acceptance test of the trial point.
     Judge,
-    /// Column scaling, first slacks and multipliers.
+    /// Column scaling, initial slacks and multipliers.
     Start,
 }
 
-/// In which rounds a stage has something to do.
+/// Rounds in which a stage runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum When {
-    /// In all that make a direction.
+    /// All rounds that compute a direction.
     Always,
-    /// In barrier steps: a closing step has no corrector. Shaders may repeat what they did, to the same end.
+    /// Rounds with a barrier step; a closing step has no corrector. A shader may run in other rounds too if it only reproduces its earlier
+    /// result.
     Barrier,
 }
 
-/// What comes before the first round: the initial point is evaluated as a trial point.
+/// Stages before the first round: the initial point is evaluated as a trial point.
 pub const START: [Stage; 3] = [Stage::Rows, Stage::Start, Stage::Weights];
 
-/// A round makes a trial point from the weights that are there, judges it, and gives weights to the next one.
+/// Stages of a round: compute a trial point from the existing weights, accept or refuse it, and compute the weights for the next round.
 pub const ROUND: [(Stage, When); 12] = [
     (Stage::Factorise, When::Always),
     (Stage::Substitute, When::Always),

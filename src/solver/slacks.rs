@@ -1,4 +1,4 @@
-//! Slacks and multipliers of the inequalities: their steps, and where a barrier step aims.
+//! Slacks and multipliers of the inequalities, their steps, and the complementarity target of a barrier step.
 
 use crate::linear::lanes::{BLOCK, LANES, sum_over};
 use crate::real::Real;
@@ -23,30 +23,31 @@ pub const SLACK_FLOOR: f64 = 1e-6;
 pub const BARRIER_FLOOR: f64 = 1e-9;
 /// Smallest multiplier.
 pub const MULTIPLIER_FLOOR: f64 = 1e-8;
-/// How much of its way to zero a slack or multiplier may go in a step.
+/// Fraction to the boundary: largest part of the distance to zero that a slack or multiplier may move in one step.
 pub const TO_THE_BOUNDARY: f64 = 0.99;
 
-/// Lengths of a step, from 0 to 1.
+/// Step lengths, from 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lengths<T> {
-    /// Of variables and slacks.
+    /// Length of the step of variables and slacks.
     pub primal: T,
-    /// Of multipliers.
+    /// Length of the step of multipliers.
     pub dual: T,
 }
 
 impl<T: Real> Lengths<T> {
-    /// No step.
+    /// Zero step.
     pub fn none() -> Self {
         Lengths { primal: T::zero(), dual: T::zero() }
     }
 
-    /// The whole step.
+    /// Full step.
     pub fn whole() -> Self {
         Lengths { primal: T::one(), dual: T::one() }
     }
 
-    /// The longest step, by the reciprocals of the steps at which the first slack and the first multiplier reach zero.
+    /// Longest step within the fraction to the boundary, from the reciprocals of the lengths at which the first slack and the first
+    /// multiplier reach zero.
     fn up_to_the_boundary(steepest: [T; 2]) -> Self {
         let [primal, dual] = steepest.map(|steepest| {
             let most = T::of(TO_THE_BOUNDARY);
@@ -56,22 +57,22 @@ impl<T: Real> Lengths<T> {
     }
 }
 
-/// Where a barrier step aims: at products `s z = mu - correction ds dz`, with the steps of the predictor.
+/// Complementarity target of a barrier step: `s z = mu - correction ds dz`, with the steps `ds`, `dz` of the predictor.
 #[derive(Debug, Clone, Copy)]
 pub struct Aim<T> {
     /// Barrier parameter.
     pub mu: T,
-    /// Share of the second-order term that is corrected for: 0 in the predictor itself, 1 after it.
+    /// Share of the second-order term that is included: 0 in the predictor, 1 in the corrector.
     pub correction: T,
 }
 
 impl<T: Real> Aim<T> {
-    /// Where the predictor aims: at the end.
+    /// Target of the predictor: zero complementarity.
     pub fn predictor() -> Self {
         Aim { mu: T::zero(), correction: T::zero() }
     }
 
-    /// Where the corrector aims.
+    /// Target of the corrector for a barrier parameter.
     pub fn corrector(mu: T) -> Self {
         Aim { mu, correction: T::one() }
     }
@@ -82,13 +83,13 @@ impl<T: Real> Aim<T> {
     }
 }
 
-/// Steps of slacks and multipliers for `d`: `dz = w (J d + g - z/rho + mu/z)`, `ds = -(s - mu/z) - (s/z) dz`.
+/// Computes the steps of slacks and multipliers for `d`: `dz = w (J d + g - z/rho + mu/z)`, `ds = -(s - mu/z) - (s/z) dz`.
 ///
-/// Returns how far they may go.
+/// Returns the longest step lengths within the fraction to the boundary.
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn slack_steps<T: Real>(g: &[T], g_change: &[T], aim: Aim<T>, slacks: &mut Slacks<T>) -> Lengths<T> {
     let one = T::one();
-    // How steeply slacks and multipliers fall: the reciprocals of the steps at which they reach zero.
+    // Largest relative rates of decrease: the reciprocals of the lengths at which the first slack and the first multiplier reach zero.
     let mut steepest = [[T::zero(); LANES]; 2];
     let Slacks { slack, multiplier, slack_step, multiplier_step } = slacks;
     for first in (0..g.len()).step_by(BLOCK) {
@@ -118,13 +119,13 @@ pub fn slack_steps<T: Real>(g: &[T], g_change: &[T], aim: Aim<T>, slacks: &mut S
     Lengths::up_to_the_boundary(steepest.map(|lanes| lanes.into_iter().fold(T::zero(), larger)))
 }
 
-/// The larger of two; what is no number counts as less than any.
+/// Larger of two values; `a` if `b` is NaN.
 #[inline(always)]
 fn larger<T: Real>(a: T, b: T) -> T {
     if b > a { b } else { a }
 }
 
-/// The largest of non-negative values; 0 of none.
+/// Largest of non-negative values; 0 for an empty slice.
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn largest<T: Real>(values: &[T]) -> T {
     let (groups, rest) = values.as_chunks::<LANES>();
@@ -137,7 +138,7 @@ pub fn largest<T: Real>(values: &[T]) -> T {
     most.into_iter().chain(rest.iter().copied()).fold(T::zero(), larger)
 }
 
-/// Mean of the products `s z`, `lengths` along their steps.
+/// Mean complementarity product `s z` after steps of these lengths.
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn mean_product<T: Real>(slacks: &Slacks<T>, lengths: Lengths<T>) -> T {
     let Lengths { primal, dual } = lengths;
@@ -146,9 +147,10 @@ pub fn mean_product<T: Real>(slacks: &Slacks<T>, lengths: Lengths<T>) -> T {
     products / T::of(slack.len().max(1) as f64)
 }
 
-/// Barrier parameter to aim for, Mehrotra's way: the farther the predictor could go, the lower.
+/// Barrier parameter of the corrector by Mehrotra's heuristic, with exponent 2 on the ratio of the mean products: the longer the
+/// predictor's steps, the smaller it is.
 ///
-/// * `lengths` - of the predictor's step
+/// * `lengths` - step lengths of the predictor
 pub fn target<T: Real>(slacks: &Slacks<T>, lengths: Lengths<T>) -> T {
     let before = mean_product(slacks, Lengths::none());
     let share = mean_product(slacks, lengths) / before;

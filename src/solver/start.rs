@@ -1,9 +1,10 @@
-//! The start of a solve: column scaling, first slacks and multipliers.
+//! Initialisation of a solve: column scaling, slacks and multipliers.
 
 use super::slacks::Slacks;
 use crate::linear::transposed::transposed_squares_times;
 use crate::nlp::Layout;
 use crate::real::Real;
+use crate::rows::RowKind;
 use multiversion::multiversion;
 
 /// Column scaling `D_j = sum_eq J_ij^2 + 1/2 sum_ineq J_ij^2`, at least 1e-2.
@@ -12,8 +13,9 @@ use multiversion::multiversion;
 /// * `local` - scratch, `[widest]`
 pub fn column_scaling<T: Real>(layout: &Layout<T>, jacobian: &[T], counts: &mut [T], local: &mut [T], diagonal: &mut [T]) {
     counts.fill(T::one());
-    for element in layout.all_elements().filter(|e| e.place.row as usize >= layout.equalities) {
-        // A two-sided row counts twice.
+    counts[layout.rows.of(RowKind::Cost)].fill(T::zero());
+    for element in layout.all_elements().filter(|e| e.kind() == RowKind::Inequality) {
+        // A two-sided row stands for two inequalities, so only one-sided rows get the factor 1/2.
         let row = element.place.row as usize;
         counts[row + element.pairs as usize..row + element.rows as usize].fill(T::of(0.5));
     }
@@ -23,7 +25,7 @@ pub fn column_scaling<T: Real>(layout: &Layout<T>, jacobian: &[T], counts: &mut 
     }
 }
 
-/// First slacks, `max(|g|, sqrt(mu))`, and the multipliers that go with the barrier parameter.
+/// Initial slacks `max(|g|, sqrt(mu))` and multipliers `mu / s`.
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn start_slacks<T: Real>(g: &[T], mu: T, slacks: &mut Slacks<T>) {
     let least = mu.sqrt();

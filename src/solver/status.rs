@@ -1,27 +1,27 @@
-//! How a solve ended.
+//! Status and outcome of a solve.
 
 use crate::solver::control;
 use serde::{Deserialize, Serialize};
 
-/// How the solve of one candidate ended. Not an error: the last point is kept in every case.
+/// Status at the end of the solve of one candidate. Not an error: the last point is returned in every case.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Status {
-    /// Every row holds to the tolerance that was asked for.
+    /// Every row is satisfied to the requested tolerance.
     Solved,
     /// The iteration limit was reached.
     MaxIterations,
-    /// No progress: the stall rule ended it, or every attempt to step was refused.
+    /// No progress: the stall rule or early termination ended the solve, or every attempted step was refused.
     Stalled,
-    /// A residual became infinite or no number.
+    /// A residual became infinite or NaN.
     NonFinite,
-    /// Ended from outside, because an answer was found or the user asked for the end.
+    /// Cancelled from outside, because an answer was found or the user requested it.
     Cancelled,
 }
 
 impl Status {
-    /// Status of a state of [`control`], none while the solve goes on.
+    /// Status for a state of [`control`]; `None` while the solve is running.
     pub fn of(state: u32) -> Option<Status> {
         match state {
             control::SOLVED => Some(Status::Solved),
@@ -45,11 +45,11 @@ impl std::fmt::Display for Status {
     }
 }
 
-/// How a solve ended and what it took.
+/// Status and effort of a solve.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Outcome {
-    /// How it ended.
+    /// Status at the end of the solve.
     pub status: Status,
     /// Accepted steps.
     pub iterations: usize,

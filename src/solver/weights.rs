@@ -1,25 +1,27 @@
-//! Weights and values of the rows in the normal equations, and what falls on single variables.
+//! Weights and values of the rows in the normal equations, and the terms on single variables.
 
 use super::slacks::{Aim, Slacks};
 use crate::nlp::Layout;
 use crate::real::Real;
+use crate::rows::RowKind;
 use multiversion::multiversion;
 
-/// Inequalities whose values are made at once, at most.
+/// Number of inequalities whose weights and values are computed in one block.
 const AT_ONCE: usize = 256;
 
-/// Spreads values of the inequalities over their Jacobian rows: `out[row] = upper +- lower`.
+/// Combines the weights and values of the inequalities into those of their Jacobian rows. The two sides of a two-sided row are added:
+/// weights as `upper + lower`, values as `upper - lower`.
 ///
-/// * `make` - writes weights and values of consecutive inequalities from an index on
+/// * `make` - writes weights and values of consecutive inequalities, starting at an index
 #[inline(always)]
 fn per_row<T: Real>(layout: &Layout<T>, weight: &mut [T], value: &mut [T], make: impl Fn(usize, &mut [T], &mut [T])) {
     let (mut weights, mut values) = ([T::zero(); AT_ONCE], [T::zero(); AT_ONCE]);
-    // Which are made.
+    // Range of the inequalities in the current block.
     let mut made = 0..0;
     for element in layout.all_elements() {
         let (rows, pairs) = (element.rows as usize, element.pairs as usize);
         let (row, at) = (element.place.row as usize, element.place.inequality as usize);
-        if row < layout.equalities {
+        if element.kind() != RowKind::Inequality {
             continue;
         }
         if at < made.start || at + rows + pairs > made.end {
@@ -38,12 +40,14 @@ fn per_row<T: Real>(layout: &Layout<T>, weight: &mut [T], value: &mut [T], make:
     }
 }
 
-/// Row weights of a barrier step: `W = rho` and `w = 1 / (s/z + 1/rho)`, `v = rho c` and `z + w (g - z/rho + mu/z)`, with `rho = 1`.
+/// Row weights and values of a barrier step: `W = rho` and `w = 1 / (s/z + 1/rho)`, `v = rho c` and `z + w (g - z/rho + mu/z)`, with
+/// `rho = 1`.
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn barrier_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], slacks: &Slacks<T>, aim: Aim<T>, weight: &mut [T], value: &mut [T]) {
     let one = T::one();
-    weight[..layout.equalities].fill(one);
-    value[..layout.equalities].copy_from_slice(c);
+    let equalities = layout.rows.of(RowKind::Equality);
+    weight[equalities.clone()].fill(one);
+    value[equalities.clone()].copy_from_slice(&c[equalities]);
     per_row(layout, weight, value, |first, weights, values| {
         let count = weights.len();
         let (values, g) = (&mut values[..count], &g[first..][..count]);
@@ -57,12 +61,13 @@ pub fn barrier_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], slacks: &Slac
     });
 }
 
-/// Row weights of a closing step: the equalities and the violated inequalities.
+/// Row weights and values of a closing step: the equalities and the violated inequalities.
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn closing_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], weight: &mut [T], value: &mut [T]) {
     let (zero, one) = (T::zero(), T::one());
-    weight[..layout.equalities].fill(one);
-    value[..layout.equalities].copy_from_slice(c);
+    let equalities = layout.rows.of(RowKind::Equality);
+    weight[equalities.clone()].fill(one);
+    value[equalities.clone()].copy_from_slice(&c[equalities]);
     per_row(layout, weight, value, |first, weights, values| {
         for ((weight, value), &g) in weights.iter_mut().zip(values).zip(&g[first..]) {
             (*weight, *value) = if g > zero { (one, g) } else { (zero, zero) };
@@ -70,7 +75,7 @@ pub fn closing_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], weight: &mut 
     });
 }
 
-/// What falls on single variables: `eps D + weight smoothing` and `weight smoothing (x - initial)`.
+/// Terms on single variables: diagonal `eps D + weight smoothing` and gradient `weight smoothing (x - initial)`.
 #[multiversion(targets("x86_64+avx2+fma"))]
 #[allow(clippy::too_many_arguments, reason = "separate slices: the compiler knows that they do not overlap")]
 pub fn variable_terms<T: Real>(

@@ -1,4 +1,4 @@
-//! A task: which robot, on which ground, from where to where.
+//! A task: robot, terrain, and the states of the base at start and goal.
 
 mod standing;
 mod state;
@@ -14,39 +14,39 @@ use standing::standing;
 pub(crate) use standing::tilt_over;
 use std::sync::Arc;
 
-/// What is to be done: how the robot stands and moves at first, and how its base is to be at the end.
+/// A motion problem: the initial state of the robot and the goal state of its base.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Task {
-    /// The robot.
+    /// Robot.
     pub robot: Arc<Robot>,
-    /// The ground.
+    /// Terrain.
     pub terrain: Arc<Terrain>,
-    /// Base at the start.
+    /// State of the base at the start.
     pub start: BaseState,
-    /// Where each foot stands at the start (x, y), world frame, m.
+    /// Initial foothold of each foot (x, y), world frame, m.
     pub start_feet: Vec<[f64; 2]>,
-    /// Base at the end.
+    /// State of the base at the goal.
     pub goal: BaseState,
-    /// Largest normal force of a foot, N; the robot's or the transcription's when none is asked for.
+    /// Largest normal force of a foot, N. Default: the robot's, or else the transcription's.
     pub force_limit: Option<f64>,
 }
 
-/// What two states may differ by through rounding alone, m, rad, m/s and rad/s.
+/// Largest difference between two states that is attributed to rounding, m, rad, m/s and rad/s.
 const SAME: f64 = 1e-9;
 
-/// Where the base is to be at one end of a motion. What is not said follows from the ground there.
+/// State of the base at one end of a motion. Missing values follow from the ground there.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Goal {
     /// Position, world frame, m.
     pub xy: [f64; 2],
-    /// Height, m; without it as high above the ground as the robot's `base_height`, or as near to that as the feet reach the ground from.
+    /// Height, m. Default: the robot's `base_height` above the ground, or the closest height from which all feet reach the ground.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub z: Option<f64>,
     /// Yaw, rad.
     #[serde(default)]
     pub yaw: f64,
-    /// Roll and pitch, rad; without them along the ground under the feet or, where a height is given, level.
+    /// Roll and pitch, rad. Default: along the ground under the feet, or level if a height is given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tilt: Option<[f64; 2]>,
     /// Velocity, world frame, m/s.
@@ -58,35 +58,35 @@ pub struct Goal {
 }
 
 impl Goal {
-    /// At rest above a point of the ground, with yaw 0.
+    /// Rest above a point of the ground, with yaw 0.
     pub fn at(x: f64, y: f64) -> Goal {
         Goal { xy: [x, y], z: None, yaw: 0., tilt: None, velocity: [0.; 3], rates: [0.; 3] }
     }
 
-    /// At rest and level at a position, with yaw 0.
+    /// Rest at a position, level, with yaw 0.
     pub fn position([x, y, z]: [f64; 3]) -> Goal {
         Goal { z: Some(z), ..Goal::at(x, y) }
     }
 
-    /// The same with a yaw, rad.
+    /// Sets the yaw, rad.
     pub fn yaw(self, yaw: f64) -> Goal {
         Goal { yaw, ..self }
     }
 
-    /// The same with roll and pitch, rad.
+    /// Sets roll and pitch, rad.
     pub fn tilt(self, roll: f64, pitch: f64) -> Goal {
         Goal { tilt: Some([roll, pitch]), ..self }
     }
 
-    /// The same with a velocity, world frame, m/s.
+    /// Sets the velocity, world frame, m/s.
     pub fn velocity(self, velocity: [f64; 3]) -> Goal {
         Goal { velocity, ..self }
     }
 
-    /// The state that is asked for.
+    /// State of the base with all defaults filled in.
     ///
-    /// * `end` - its name in errors
-    /// * `fixed_feet` - whether feet stand under their nominal places, or anywhere in reach
+    /// * `end` - name of the state in errors
+    /// * `fixed_feet` - true if the feet are at their nominal positions, false if they may be anywhere in reach
     fn state(&self, end: &str, robot: &Robot, terrain: &Terrain, fixed_feet: bool) -> Result<BaseState> {
         let [x, y] = self.xy;
         let level = BaseState::level([x, y, self.z.unwrap_or(0.)], self.yaw);
@@ -106,25 +106,25 @@ impl Task {
     /// A validated task that starts at rest above the origin with yaw 0, and has no force limit of its own.
     ///
     /// # Errors
-    /// [`Error::Invalid`] when the goal is off the terrain, or a number is out of its limits.
+    /// [`Error::Invalid`] if the goal is outside the terrain, or a number is out of range.
     pub fn new(robot: impl Into<Arc<Robot>>, terrain: impl Into<Arc<Terrain>>, goal: Goal) -> Result<Task> {
         Task::between(robot, terrain, Goal::at(0., 0.), goal)
     }
 
-    /// A validated task from one place to another, with the feet at their nominal places under the first.
+    /// A validated task between two states, with the feet initially at their nominal positions.
     ///
     /// # Errors
-    /// As [`Task::new`].
+    /// See [`Task::new`].
     pub fn between(robot: impl Into<Arc<Robot>>, terrain: impl Into<Arc<Terrain>>, start: Goal, goal: Goal) -> Result<Task> {
         Task::from_feet(robot, terrain, start, None, goal)
     }
 
-    /// A validated task from one place to another.
+    /// A validated task between two states.
     ///
-    /// * `feet` - where they stand at the start (x, y), world frame, m; at their nominal places when none are given
+    /// * `feet` - initial footholds (x, y), world frame, m. Default: the nominal positions
     ///
     /// # Errors
-    /// As [`Task::new`].
+    /// See [`Task::new`].
     pub fn from_feet(
         robot: impl Into<Arc<Robot>>,
         terrain: impl Into<Arc<Terrain>>,
@@ -140,12 +140,12 @@ impl Task {
         Task::of_states(robot, terrain, from, feet, to)
     }
 
-    /// A validated task from one state to another.
+    /// A validated task between two complete states.
     ///
-    /// * `feet` - where they stand at the start (x, y), world frame, m; at their nominal places when none are given
+    /// * `feet` - initial footholds (x, y), world frame, m. Default: the nominal positions
     ///
     /// # Errors
-    /// As [`Task::new`].
+    /// See [`Task::new`].
     pub fn of_states(
         robot: impl Into<Arc<Robot>>,
         terrain: impl Into<Arc<Terrain>>,
@@ -160,20 +160,20 @@ impl Task {
         Ok(task)
     }
 
-    /// The same to another goal.
+    /// Copy of the task with another goal.
     ///
     /// # Errors
-    /// As [`Task::new`].
+    /// See [`Task::new`].
     pub fn to(&self, goal: Goal) -> Result<Task> {
         let task = Task { goal: goal.state("goal", &self.robot, &self.terrain, false)?, ..self.clone() };
         task.validate()?;
         Ok(task)
     }
 
-    /// The same from where a motion of the robot ends, with the base and the feet as they are then.
+    /// Copy of the task that starts at the end of a motion, with the base and the feet as they are there.
     ///
     /// # Errors
-    /// As [`Task::new`], and for a motion of another number of feet.
+    /// See [`Task::new`]; also for a motion with another number of feet.
     pub fn after(&self, motion: &Trajectory) -> Result<Task> {
         let (end, asked) = (motion.end_state(), motion.goal_state());
         let apart = |a: [f64; 6], b: [f64; 6]| (0..6).any(|i| (a[i] - b[i]).abs() > SAME);
@@ -185,7 +185,7 @@ impl Task {
     /// Checks robot, terrain, both ends and the feet.
     ///
     /// # Errors
-    /// [`Error::Invalid`] names the first value that is out of its limits.
+    /// [`Error::Invalid`] names the first value that is out of range.
     pub fn validate(&self) -> Result<()> {
         self.robot.validate()?;
         self.terrain.validate()?;
@@ -200,7 +200,7 @@ impl Task {
         }
         let feet = self.robot.feet();
         if self.start_feet.len() != feet {
-            return Err(Error::invalid("start_feet", format!("{} feet", self.start_feet.len()), format!("those of the robot, {feet}")));
+            return Err(Error::invalid("start_feet", format!("{} feet", self.start_feet.len()), format!("{feet} feet, as the robot has")));
         }
         for (foot, place) in self.start_feet.iter().enumerate() {
             for axis in 0..2 {
@@ -210,29 +210,31 @@ impl Task {
         self.force_limit.map_or(Ok(()), |limit| check_range("force_limit", limit, 1e-3, 1e7))
     }
 
-    /// The straight line from start to goal: pose at a part of the way, m and rad.
+    /// Pose on the straight line from start to goal, m and rad.
+    ///
+    /// * `part` - 0 at the start, 1 at the goal
     pub fn line(&self, part: f64) -> [f64; 6] {
         let (start, goal) = (self.start.pose(), self.goal.pose());
         std::array::from_fn(|i| start[i] + part * (goal[i] - start[i]))
     }
 
-    /// From start to goal (x, y), in the axes of the base at the start, m.
+    /// Displacement from start to goal (x, y), in the axes of the base at the start, m.
     pub fn way(&self) -> [f64; 2] {
         let [x, y] = [0, 1].map(|i| self.goal.position[i] - self.start.position[i]);
         let (sin, cos) = self.start.yaw().sin_cos();
         [cos * x + sin * y, cos * y - sin * x]
     }
 
-    /// From start to goal, rad.
+    /// Change of yaw from start to goal, rad.
     pub fn turn(&self) -> f64 {
         self.goal.yaw() - self.start.yaw()
     }
 
-    /// A motion of this task, from its curves.
+    /// Trajectory of this task, made of its curves.
     ///
-    /// * `transcription` - name of the rows that it was made for
-    /// * `force_limit` - largest normal force of a foot that it was made for, N
-    /// * `durations` - s, `[feet][phases]`
+    /// * `transcription` - name of the transcription that it was solved with
+    /// * `force_limit` - largest normal force of a foot in its solve, N
+    /// * `durations` - phase durations, s, `[feet][phases]`
     /// * `base` - position, and Euler angles
     pub fn trajectory(
         &self,
@@ -252,7 +254,7 @@ impl Task {
         self.asked_of(own)
     }
 
-    /// The same motion, of which the ends of this task are asked, whatever its file asks for.
+    /// Copy of a motion whose required start and goal are those of this task.
     pub fn asked_of(&self, motion: Trajectory) -> Trajectory {
         Trajectory {
             init_base: Some(self.start.position),
@@ -270,17 +272,18 @@ impl Task {
         standing::ground_at(&self.terrain, &self.start, self.start_feet[foot])
     }
 
-    /// Lowest and highest ground that a foot has within its reach along x and y at the goal, m, measured along the vertical of the base.
+    /// Lowest and highest ground within a foot's reach along x and y at the goal, m, measured along the vertical of the base.
     pub fn ground_at_goal(&self, foot: usize) -> [f64; 2] {
         standing::ground_of_foot(&self.robot, &self.terrain, &self.goal, foot, false)
     }
 
-    /// Lowest and highest base at the goal from which every foot reaches ground, m; empty, with the lowest above the highest, where no height will do.
+    /// Lowest and highest base position at the goal from which every foot reaches the ground, m. The first exceeds the second if there is
+    /// none.
     pub fn heights_at_goal(&self) -> [f64; 2] {
         standing::heights(&self.robot, &self.terrain, &self.goal, false)
     }
 
-    /// Foothold of a foot at the start (x, y), world frame, m.
+    /// Initial foothold of a foot (x, y), world frame, m.
     pub fn foothold_start(&self, foot: usize) -> [f64; 2] {
         self.start_feet[foot]
     }
@@ -292,7 +295,7 @@ impl Task {
     }
 }
 
-/// Where the nominal feet of a base are (x, y), world frame, m.
+/// Nominal footholds for a state of the base (x, y), world frame, m.
 pub fn nominal_footholds(robot: &Robot, base: &BaseState) -> Vec<[f64; 2]> {
     let foothold = |&foot: &[f64; 3]| {
         let [x, y, _] = base.to_world(foot);
@@ -316,15 +319,15 @@ mod tests {
         let (sin, cos) = 0.4f64.sin_cos();
         let [x, y] = task.foothold_start(1);
         assert!((x - (1. + cos * 0.34 + sin * 0.19)).abs() < 1e-12 && (y - (-2. + sin * 0.34 - cos * 0.19)).abs() < 1e-12);
-        // 2 m along x and y, in the axes of a base that is turned.
+        // 2 m along x and along y, in the axes of a rotated base.
         let [along, across] = task.way();
         assert!((along - (2. * cos + 2. * sin)).abs() < 1e-12 && (across - (2. * cos - 2. * sin)).abs() < 1e-12);
         assert!((task.turn() - 0.6).abs() < 1e-12);
     }
 
     #[test]
-    fn on_a_slope_it_stands_along_the_ground_unless_it_is_told_otherwise() {
-        // Up by 0.7 a metre, about 35 degrees: a little more than is taken unasked.
+    fn on_a_slope_a_robot_stands_along_the_ground_by_default() {
+        // The ground rises by 0.7 m per metre, about 35 degrees, which is slightly more than the largest default tilt.
         let task = anymal("slope", Goal::at(1.5, 0.), Goal::at(1.5, 0.).yaw(std::f64::consts::FRAC_PI_2));
         assert_eq!(task.start.angles, [0., -0.6, 0.]);
         let [roll, pitch, _] = task.goal.angles;
@@ -333,7 +336,7 @@ mod tests {
             let [low, high] = standing::heights(&task.robot, &task.terrain, &state, false);
             assert!(low < state.position[2] && state.position[2] < high);
         }
-        // A height is the user's, and level; so is a tilt.
+        // A given height makes the base level. A given tilt is kept.
         assert_eq!(anymal("slope", Goal::at(0., 0.), Goal::position([1.5, 0., 0.9])).goal, BaseState::level([1.5, 0., 0.9], 0.));
         let tilted = anymal("slope", Goal::at(0., 0.), Goal::at(1.5, 0.).tilt(0.1, -0.3));
         assert_eq!(tilted.goal.angles, [0.1, -0.3, 0.]);
@@ -348,7 +351,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_named() {
+    fn errors_name_the_impossible_value() {
         let between = |start, goal| Task::between(Robot::named("anymal").unwrap(), Terrain::named("step").unwrap(), start, goal);
         let refused = |result: Result<Task>, place: &str| {
             let error = result.unwrap_err().to_string();

@@ -1,4 +1,4 @@
-//! Pose and velocity of a base.
+//! Pose and velocity of the base.
 
 use crate::error::{Result, check_range};
 use serde::{Deserialize, Serialize};
@@ -22,11 +22,11 @@ pub struct BaseState {
     pub rates: [f64; 3],
 }
 
-/// Largest roll and pitch, rad: Euler angles are singular at a quarter turn of pitch.
+/// Largest roll and pitch, rad. Euler angles are singular at a pitch of 90 degrees.
 pub const LARGEST_TILT: f64 = 1.4;
 
 impl BaseState {
-    /// At rest and level.
+    /// State at rest and level.
     pub fn level(position: [f64; 3], yaw: f64) -> BaseState {
         BaseState { position, angles: [0., 0., yaw], velocity: [0.; 3], rates: [0.; 3] }
     }
@@ -36,27 +36,27 @@ impl BaseState {
         self.angles[2]
     }
 
-    /// Position, then angles.
+    /// Position and angles.
     pub fn pose(&self) -> [f64; 6] {
         join(self.position, self.angles)
     }
 
-    /// Velocity, then rates.
+    /// Velocity and angle rates.
     pub fn rate(&self) -> [f64; 6] {
         join(self.velocity, self.rates)
     }
 
-    /// Whether it neither moves nor turns.
+    /// True if the base neither moves nor rotates.
     pub fn at_rest(&self) -> bool {
         self.rate() == [0.; 6]
     }
 
-    /// Whether it is at rest with neither roll nor pitch.
+    /// True if the base is at rest with zero roll and pitch.
     pub fn is_level(&self) -> bool {
         self.at_rest() && self.angles[..2] == [0.; 2]
     }
 
-    /// Rotation from base to world, rows.
+    /// Rotation matrix from base to world, by rows.
     pub fn rotation(&self) -> [[f64; 3]; 3] {
         let [(sr, cr), (sp, cp), (sy, cy)] = self.angles.map(f64::sin_cos);
         [
@@ -66,22 +66,22 @@ impl BaseState {
         ]
     }
 
-    /// Where a point of the base frame is in the world, m.
+    /// World position of a point of the base frame, m.
     pub fn to_world(&self, point: [f64; 3]) -> [f64; 3] {
         let rotation = self.rotation();
         std::array::from_fn(|i| (0..3).fold(self.position[i], |sum, j| sum + rotation[i][j] * point[j]))
     }
 
-    /// Where a point of the world is in the base frame, m.
+    /// Base-frame position of a point of the world, m.
     pub fn to_base(&self, point: [f64; 3]) -> [f64; 3] {
         let rotation = self.rotation();
         std::array::from_fn(|i| (0..3).map(|j| rotation[j][i] * (point[j] - self.position[j])).sum())
     }
 
-    /// Checks that all numbers are within their limits.
+    /// Checks that all numbers are in range.
     ///
     /// # Errors
-    /// [`crate::Error::Invalid`] names the first that is not, e.g. `goal.pitch`.
+    /// [`crate::Error::Invalid`] names the first number out of range, for example `goal.pitch`.
     pub fn validate(&self, end: &str) -> Result<()> {
         let turns = 20. * PI;
         for (what, values, limit) in [("position", self.position, 1000.), ("velocity", self.velocity, 100.), ("rates", self.rates, 100.)] {
@@ -108,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_rotation_is_that_of_yaw_pitch_and_roll_in_turn() {
+    fn the_rotation_agrees_with_euler_angles() {
         let state = BaseState { angles: [0.3, -0.4, 2.1], ..BaseState::level([1., 2., 3.], 0.) };
         let expected = nalgebra::Rotation3::from_euler_angles(0.3, -0.4, 2.1);
         let rotation = state.rotation();
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_out_of_its_limits_is_named() {
+    fn errors_name_the_value_out_of_range() {
         let steep = BaseState { angles: [0., 1.5, 0.], ..BaseState::level([0.; 3], 0.) };
         assert!(steep.validate("goal").unwrap_err().to_string().starts_with("goal.pitch"));
         let nan = BaseState { rates: [0., 0., f64::NAN], ..BaseState::level([0.; 3], 0.) };

@@ -1,14 +1,14 @@
-//! A rectangular grid of heights, interpolated bilinearly.
+//! Rectangular grid of heights with bilinear interpolation.
 
 use super::Ground;
 use crate::error::{Error, Result, check_range};
 use num_traits::Float;
 use serde::{Deserialize, Serialize};
 
-/// Heights on a grid.
+/// Grid of heights.
 ///
-/// Row `i` stands at `x = low[0] + i (high[0] - low[0]) / rows`, column `j` likewise in y: the cell count equals the number of
-/// samples, as in \[4\], so the last row and column reach on to the upper edge.
+/// Row `i` is at `x = low[0] + i (high[0] - low[0]) / rows`, column `j` at `y = low[1] + j (high[1] - low[1]) / columns`. As in \[4\], the
+/// number of cells equals the number of samples, so the last row and column extend to the upper edge.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -22,7 +22,7 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// The 0.15 m step of \[4\]: 50 x 50 over 20 x 20 m, rows 35 and up at 0.15 m.
+    /// Step of 0.15 m from \[4\]: 50 x 50 samples over 20 x 20 m, rows from 35 on at 0.15 m.
     pub fn step() -> Grid {
         let heights = (0..50).map(|i| vec![if i >= 35 { 0.15 } else { 0. }; 50]).collect();
         Grid { low: [-10.; 2], high: [10.; 2], heights }
@@ -56,9 +56,10 @@ impl Grid {
         Ok(())
     }
 
-    /// Whether the ground between two corners (x, y), m, is one plane, to a nanometre. Where the grid ends it turns level.
+    /// True if the ground between two corners (x, y), m, is one plane, to 1 nm, and lies within the samples. Outside the samples the ground
+    /// is level.
     pub fn is_plane(&self, low: [f64; 2], high: [f64; 2]) -> bool {
-        // Samples on and about a side.
+        // Range of samples that encloses a side.
         let samples = |axis: usize, count: usize| {
             let at = |v: f64| (v - self.low[axis]) * count as f64 / (self.high[axis] - self.low[axis]);
             let (first, last) = (at(low[axis]), at(high[axis]));
@@ -76,7 +77,7 @@ impl Grid {
         })
     }
 
-    /// Highest sample on and about what is between two corners (x, y), m: none of the ground there is higher.
+    /// Highest sample of the cells between two corners (x, y), m: an upper bound of the ground there.
     pub fn highest(&self, low: [f64; 2], high: [f64; 2]) -> f64 {
         let samples = |axis: usize, count: usize| {
             let at = |v: f64| ((v - self.low[axis]) * count as f64 / (self.high[axis] - self.low[axis])) as usize;
@@ -87,10 +88,10 @@ impl Grid {
         rows.fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// Height, slope and curvature at (x, y); beyond the last sample the edge height goes on.
+    /// Height, slope and curvature at (x, y); beyond the last sample the height at the edge continues.
     pub fn ground<T: Float>(&self, x: T, y: T) -> Ground<T> {
         let c = |v: f64| T::from(v).unwrap_or_else(T::nan);
-        // Cell, fraction in it, samples per metre (0 where clamped).
+        // Cell, fraction within it, samples per metre (0 where clamped).
         let locate = |v: T, axis: usize, samples: usize| {
             let per_metre = c(samples as f64 / (self.high[axis] - self.low[axis]));
             let u = (v - c(self.low[axis])) * per_metre;
@@ -143,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_higher_than_the_highest() {
+    fn no_ground_is_above_the_highest_sample() {
         let heights = (0..20).map(|i| (0..30).map(|j| f64::from((i * 7 + j * 13) % 11)).collect()).collect();
         let grid = Grid { low: [-1., 2.], high: [3., 8.], heights };
         for n in 0..200 {
@@ -156,19 +157,19 @@ mod tests {
                 assert!(height <= highest + 1e-9, "({x}, {y}): {height} above {highest}");
             }
         }
-        // Samples every 0.4 m, those of the ramp at 3.6 and 4.
+        // Samples every 0.4 m; the ramp lies between those at 3.6 and 4 m.
         assert_eq!(Grid::step().highest([3., 0.], [3.5, 0.]), 0.);
         assert_eq!(Grid::step().highest([3., 0.], [3.7, 0.]), 0.15);
-        // However far out.
+        // Corners arbitrarily far away.
         assert_eq!(Grid::step().highest([1e30, -1e30], [f64::INFINITY, 1e30]), 0.15);
     }
 
     #[test]
-    fn a_plane_ends_at_edges_and_where_the_grid_does() {
+    fn a_plane_ends_at_edges_and_at_the_end_of_the_grid() {
         let plane = |i: usize, j: usize| 0.1 * i as f64 - 0.07 * j as f64;
         let heights = (0..20).map(|i| (0..30).map(|j| plane(i, j) + if i > 12 && j > 12 { 1e-6 } else { 0. }).collect()).collect();
         let grid = Grid { low: [-1., 2.], high: [3., 8.], heights };
-        // Samples every 0.2 m, the last at 2.8 and 7.8.
+        // Samples every 0.2 m, the last ones at x = 2.8 m and y = 7.8 m.
         for (low, high, is) in [
             ([-1., 2.], [1.39, 7.79], true),
             ([-1., 2.], [2.79, 4.39], true),

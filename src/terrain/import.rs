@@ -1,8 +1,8 @@
-//! Height maps as terrains: CSV, NPY (numpy) and grey PNG.
+//! Height maps as terrains: CSV, NPY (numpy) and greyscale PNG.
 //!
-//! Heights `z[i][j]` of CSV and NPY stand at `x = origin[0] + i cell`, `y = origin[1] + j cell`. A picture is a map seen from above with x to
-//! the right and y up: its lower left pixel stands at the origin. What is not a number, or transparent in a picture, is ground on which
-//! nothing can stand: a pit, [`HOLE`] deeper than the lowest height.
+//! Heights `z[i][j]` of CSV and NPY are at `x = origin[0] + i cell`, `y = origin[1] + j cell`. An image is a map seen from above with x to
+//! the right and y up: its lower left pixel is at the origin. NaN and infinite heights, and transparent pixels of an image, mark ground
+//! that cannot carry a foot: a pit, [`HOLE`] deeper than the lowest height.
 
 use super::{Grid, Shape, Terrain};
 use crate::error::{Error, Result, check_range};
@@ -12,17 +12,17 @@ use std::path::Path;
 /// Depth of holes below the lowest height, m.
 pub const HOLE: f64 = 2.;
 
-/// Most samples along an axis.
+/// Largest number of samples along an axis.
 const MOST: usize = 4096;
 
-/// What a height map does not say itself.
+/// Parameters that a height map does not contain itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Placement {
-    /// Distance of samples, m.
+    /// Distance between samples, m.
     pub cell: f64,
-    /// Where the first sample stands (x, y), m.
+    /// Position of the first sample (x, y), m.
     pub origin: [f64; 2],
-    /// Factor on heights; of a picture the height of white, m.
+    /// Factor on heights; for an image the height of white, m.
     pub height_scale: f64,
     /// Friction coefficient.
     pub friction: f64,
@@ -38,22 +38,23 @@ impl Placement {
     }
 }
 
-/// A terrain of a height map.
+/// Terrain imported from a height map.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Imported {
-    /// The terrain.
+    /// Imported terrain.
     pub terrain: Terrain,
-    /// Its grid's samples on which nothing can stand: the lowest ones.
+    /// Number of samples that are holes. Holes are the lowest samples.
     pub holes: usize,
 }
 
-/// A terrain from the bytes of a height map, of a kind that the extension of its path says.
+/// Creates a terrain from the bytes of a height map. The extension of its path selects the format.
 ///
-/// * `name` - of the terrain; when absent that of the file, with `-imported` behind it where a built-in terrain of another shape has that
+/// * `name` - name of the terrain; by default the stem of the file name, with `-imported` appended if a built-in terrain of that name has
+///   another shape
 ///
 /// # Errors
-/// [`Error::Invalid`] or [`Error::Format`] for another kind, a file that is none of its kind, rows that differ in length, heights that
-/// are out of the limits of a [`Grid`], or a name that no terrain can have.
+/// [`Error::Invalid`] or [`Error::Format`] for an unknown format, a malformed file, rows of different length, heights outside the limits of
+/// a [`Grid`], or an invalid name.
 pub fn terrain_of(path: &Path, bytes: &[u8], placement: &Placement, name: Option<&str>) -> Result<Imported> {
     placement.validate()?;
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
@@ -73,10 +74,10 @@ pub fn terrain_of(path: &Path, bytes: &[u8], placement: &Placement, name: Option
     Ok(imported)
 }
 
-/// A terrain from heights, m, `[rows along x][columns along y]`; what is not a number is a hole.
+/// Creates a terrain from heights, m, `[rows along x][columns along y]`; NaN and infinite heights are holes.
 ///
 /// # Errors
-/// [`Error::Invalid`] for rows that differ in length, or heights that are out of the limits of a [`Grid`].
+/// [`Error::Invalid`] for rows of different length, or heights outside the limits of a [`Grid`].
 pub fn terrain_of_heights(name: String, heights: Vec<Vec<f64>>, placement: &Placement) -> Result<Imported> {
     placement.validate()?;
     let holes = heights.iter().flatten().filter(|h| !h.is_finite()).count();
@@ -85,7 +86,7 @@ pub fn terrain_of_heights(name: String, heights: Vec<Vec<f64>>, placement: &Plac
     Ok(Imported { terrain, holes })
 }
 
-/// The grid of some heights; those that are no numbers are holes.
+/// Creates the grid of the given heights; NaN and infinite heights become holes.
 fn placed(mut heights: Vec<Vec<f64>>, placement: &Placement) -> Result<Grid> {
     let (rows, columns) = (heights.len(), heights.first().map_or(0, Vec::len));
     if rows < 2 || columns < 2 || rows > MOST || columns > MOST {
@@ -94,14 +95,14 @@ fn placed(mut heights: Vec<Vec<f64>>, placement: &Placement) -> Result<Grid> {
     heights.iter_mut().flatten().for_each(|h| *h *= placement.height_scale);
     let lowest = heights.iter().flatten().copied().filter(|h| h.is_finite()).fold(f64::INFINITY, f64::min);
     if lowest == f64::INFINITY {
-        return Err(Error::invalid("height map", "holes alone", "at least one height"));
+        return Err(Error::invalid("height map", "only holes", "at least one height"));
     }
     heights.iter_mut().flatten().filter(|h| !h.is_finite()).for_each(|h| *h = lowest - HOLE);
     let low = placement.origin;
     Ok(Grid { low, high: [low[0] + rows as f64 * placement.cell, low[1] + columns as f64 * placement.cell], heights })
 }
 
-/// Numbers separated by commas, semicolons or tabs; an empty field or `nan` is a hole. A first line of other words is a heading.
+/// Reads numbers separated by commas, semicolons or tabs. An empty field or `nan` is a hole; a first line of words is a header.
 fn of_csv(bytes: &[u8]) -> Result<Vec<Vec<f64>>> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let first = bytes.split(|&b| b == b'\n').next().unwrap_or_default();
@@ -114,7 +115,7 @@ fn of_csv(bytes: &[u8]) -> Result<Vec<Vec<f64>>> {
         if !reader.read_byte_record(&mut record).map_err(|e| Error::Format { message: e.to_string() })? {
             break;
         }
-        // Empty lines are no records, but lines.
+        // The reader skips empty lines; the line number must count them.
         let read = &bytes[..bytes.len().min(reader.position().byte() as usize)];
         let line = || 1 + read.strip_suffix(b"\n").unwrap_or(read).iter().filter(|&&b| b == b'\n').count();
         let place = |column: usize| format!("line {}, column {}", line(), column + 1);
@@ -144,9 +145,9 @@ fn of_csv(bytes: &[u8]) -> Result<Vec<Vec<f64>>> {
     Ok(rows)
 }
 
-/// A matrix of floats or integers.
+/// Reads a matrix of floats or integers.
 fn of_npy(bytes: &[u8]) -> Result<Vec<Vec<f64>>> {
-    let format = |e: std::io::Error| Error::Format { message: format!("no NPY file: {e}") };
+    let format = |e: std::io::Error| Error::Format { message: format!("not an NPY file: {e}") };
     let header = npyz::NpyHeader::from_reader(Cursor::new(bytes)).map_err(format)?;
     let &[rows, columns] = header.shape() else {
         return Err(Error::invalid("height map", format!("{} dimensions", header.shape().len()), "2: x and y"));
@@ -173,7 +174,7 @@ fn of_npy(bytes: &[u8]) -> Result<Vec<Vec<f64>>> {
         }
     }
     let flat =
-        flat.ok_or_else(|| Error::invalid("height map", format!("numbers of the kind {kind}"), "floats, or integers of at most 32 bits"))?;
+        flat.ok_or_else(|| Error::invalid("height map", format!("numbers of type {kind}"), "floats, or integers of at most 32 bits"))?;
     let flat = flat.map_err(format)?;
     let (rows, columns) = (rows as usize, columns as usize);
     if flat.len() != rows * columns {
@@ -183,9 +184,9 @@ fn of_npy(bytes: &[u8]) -> Result<Vec<Vec<f64>>> {
     Ok((0..rows).map(|i| (0..columns).map(|j| at(i, j)).collect()).collect())
 }
 
-/// A grey picture of 8 or 16 bits, or fewer; white is 1. Its rows go from the top down.
+/// Reads a greyscale image of at most 16 bits; white is 1. The rows of the image run from the top down.
 fn of_png(bytes: &[u8]) -> Result<Vec<Vec<f64>>> {
-    let format = |e: png::DecodingError| Error::Format { message: format!("no PNG file: {e}") };
+    let format = |e: png::DecodingError| Error::Format { message: format!("not a PNG file: {e}") };
     let mut decoder = png::Decoder::new_with_limits(Cursor::new(bytes), png::Limits { bytes: 256 << 20 });
     decoder.set_transformations(png::Transformations::EXPAND);
     let mut reader = decoder.read_info().map_err(format)?;
@@ -198,11 +199,16 @@ fn of_png(bytes: &[u8]) -> Result<Vec<Vec<f64>>> {
         png::ColorType::Grayscale => false,
         png::ColorType::GrayscaleAlpha => true,
         other => {
-            let found = format!("a picture of the kind {other:?}");
-            return Err(Error::invalid("height map", found, "grey: a height is one number (`convert in.png -colorspace Gray out.png`)"));
+            let found = format!("an image of type {other:?}");
+            return Err(Error::invalid(
+                "height map",
+                found,
+                "greyscale: a height is one number (`convert in.png -colorspace Gray out.png`)",
+            ));
         }
     };
-    let size = reader.output_buffer_size().ok_or_else(|| Error::invalid("height map", "more pixels", "as many as fit into memory"))?;
+    let size =
+        reader.output_buffer_size().ok_or_else(|| Error::invalid("height map", "too many pixels", "an image that fits into memory"))?;
     let mut pixels = vec![0; size];
     let frame = reader.next_frame(&mut pixels).map_err(format)?;
     let wide = depth == png::BitDepth::Sixteen;
@@ -217,8 +223,8 @@ fn of_png(bytes: &[u8]) -> Result<Vec<Vec<f64>>> {
 }
 
 impl Imported {
-    /// Size, heights and steepest slope in a line, and a picture in letters: seen from above with x up and y to the left, as a robot sees it
-    /// ahead; the darker, the higher, and holes left out.
+    /// Describes size, heights and steepest slope in one line and adds a text picture, seen from above with x up and y to the left, as the
+    /// robot sees the ground ahead. Denser characters are higher; holes are blank.
     pub fn about(&self) -> String {
         let Shape::Grid(grid) = &self.terrain.shape else { return String::new() };
         let (rows, columns) = (grid.heights.len(), grid.heights[0].len());
@@ -247,7 +253,7 @@ impl Imported {
             grid.high[1],
             (steepest / cell).atan().to_degrees(),
         );
-        // Samples a letter; one is twice as high as it is wide.
+        // Samples per character; a character is twice as high as it is wide.
         let across = (columns as f64 / WIDTH).max(rows as f64 / (2. * HEIGHT)).max(0.5);
         let (lines, letters) = ((rows as f64 / (2. * across)).ceil() as usize, (columns as f64 / across).ceil() as usize);
         let place = |number: usize, of: usize, step: f64, last: usize| (((of - 1 - number) as f64 * step) as usize).min(last);
@@ -264,10 +270,11 @@ impl Imported {
     }
 }
 
-/// Letters of a picture, from low to high.
+/// Characters of the picture, from low to high.
 const SHADES: [char; 9] = ['.', ':', '-', '=', '+', '*', '#', '%', '@'];
-/// Most of them in a line, and most lines.
+/// Largest number of characters per line.
 const WIDTH: f64 = 64.;
+/// Largest number of lines.
 const HEIGHT: f64 = 24.;
 
 #[cfg(test)]
@@ -289,7 +296,7 @@ mod tests {
         grid
     }
 
-    /// As numpy writes it.
+    /// Encodes data as numpy does.
     fn npy(kind: &str, by_columns: bool, shape: &str, data: &[u8]) -> Vec<u8> {
         let order = if by_columns { "True" } else { "False" };
         let mut header = format!("{{'descr': '{kind}', 'fortran_order': {order}, 'shape': {shape}, }}");
@@ -314,13 +321,13 @@ mod tests {
     }
 
     #[test]
-    fn the_same_heights_come_out_of_every_kind() {
+    fn every_format_gives_the_same_heights() {
         let csv = import("hill.csv", CSV).unwrap();
         let expected = [vec![0., 0.1, 0.2], vec![0.3, -2., 0.5]];
         assert_eq!((grid(&csv).heights.as_slice(), csv.holes, &csv.terrain.name[..]), (&expected[..], 1, "hill"));
         assert_eq!((grid(&csv).low, grid(&csv).high, csv.terrain.friction), ([-1., 0.25], [0., 1.75], 0.7));
         assert_eq!(import("stairs.csv", CSV).unwrap().terrain.name, "stairs-imported");
-        // The sample in row 1 and column 2 is where it should be.
+        // The sample of row 1 and column 2 is at its expected position.
         assert!((csv.terrain.height(-0.5, 1.25) - 0.5).abs() < 1e-12);
         assert_eq!(import("hill.npy", &npy("<f8", false, "(2, 3)", &floats())).unwrap(), csv);
         let by_columns: Vec<u8> = [0., 0.3, 0.1, f64::NAN, 0.2, 0.5].iter().flat_map(|v: &f64| v.to_be_bytes()).collect();
@@ -335,8 +342,8 @@ mod tests {
     }
 
     #[test]
-    fn pictures_have_x_to_the_right_and_y_up() {
-        // Three pixels wide, two high; the upper row first.
+    fn images_have_x_to_the_right_and_y_up() {
+        // Three pixels wide, two high; the upper row comes first.
         let grey = png(png::ColorType::Grayscale, png::BitDepth::Eight, [3, 2], &[0, 51, 102, 153, 204, 255]);
         let wide: Vec<u8> = [0u16, 13107, 26214, 39321, 52428, 65535].iter().flat_map(|v| v.to_be_bytes()).collect();
         let sixteen = png(png::ColorType::Grayscale, png::BitDepth::Sixteen, [3, 2], &wide);
@@ -350,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_height_map_is_said_with_its_place() {
+    fn errors_in_height_maps_name_their_place() {
         let rgb = png(png::ColorType::Rgb, png::BitDepth::Eight, [2, 2], &[0; 12]);
         let complex = npy("<c16", false, "(2, 2)", &[0; 64]);
         let cases: [(&str, &[u8], &str); 13] = [
@@ -359,12 +366,12 @@ mod tests {
             ("a.csv", b"0,1\n\n\n2,x7\n", "line 4, column 2: `x7`"),
             ("a.csv", b"0,1\n", "1 x 2 samples"),
             ("a.csv", b"", "0 x 0 samples"),
-            ("a.csv", b",\n,\n", "holes alone"),
+            ("a.csv", b",\n,\n", "only holes"),
             ("a.csv", b"0,1\n2,300\n", "terrain.grid.heights[1][1]: 300"),
-            ("a.npy", b"what", "no NPY file"),
+            ("a.npy", b"what", "not an NPY file"),
             ("a.npy", &npy("<f8", false, "(4,)", &[0; 32]), "1 dimensions"),
             ("a.npy", &npy("<f8", false, "(4000000000, 4000000000)", &[0; 32]), "4000000000 x"),
-            ("a.npy", &complex, "numbers of the kind"),
+            ("a.npy", &complex, "numbers of type"),
             ("a.png", &rgb, "Rgb"),
             ("a.tif", b"", "a.tif"),
         ];

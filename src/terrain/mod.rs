@@ -1,4 +1,4 @@
-//! Terrain: height, slope and curvature at (x, y), generic over the scalar so that kernels and checks share one definition.
+//! Terrain: height, slope and curvature at (x, y), generic over the scalar type so that kernels and checks share one definition.
 
 pub mod grid;
 #[cfg(feature = "import")]
@@ -17,7 +17,7 @@ use std::path::Path;
 /// Names of the built-in terrains.
 pub const TERRAINS: [&str; 8] = ["flat", "step", "block", "stairs", "gap", "slope", "chimney", "chimney-lr"];
 
-/// The ground under one point.
+/// Ground under one point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ground<T> {
     /// Height, m.
@@ -29,7 +29,7 @@ pub struct Ground<T> {
 }
 
 impl<T: Float> Ground<T> {
-    /// Level ground at a height.
+    /// Level ground at the given height.
     pub fn level(height: T) -> Self {
         Ground { height, slope: [T::zero(); 2], curvature: [[T::zero(); 2]; 2] }
     }
@@ -44,11 +44,11 @@ pub enum Shape {
     Flat,
     /// One of the analytic profiles of \[3\].
     Profile(Profile),
-    /// A grid of heights.
+    /// Grid of heights.
     Grid(Grid),
 }
 
-/// A terrain: its shape and its friction.
+/// Terrain: its shape and its friction.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -62,10 +62,10 @@ pub struct Terrain {
 }
 
 impl Terrain {
-    /// A built-in terrain by name, with friction coefficient 1. `step` is the grid of \[4\], the others are those of \[3\].
+    /// Returns a built-in terrain with friction coefficient 1. `step` is the grid of \[4\], the others are those of \[3\].
     ///
     /// # Errors
-    /// [`Error::Unknown`] lists [`TERRAINS`].
+    /// [`Error::Unknown`] for another name; it lists [`TERRAINS`].
     pub fn named(name: &str) -> Result<Terrain> {
         let shape = match name {
             "flat" => Shape::Flat,
@@ -89,27 +89,27 @@ impl Terrain {
     /// Reads a terrain from JSON text and validates it.
     ///
     /// # Errors
-    /// [`Error::Format`] for malformed JSON, unknown or missing keys; [`Error::Invalid`] for impossible values.
+    /// [`Error::Format`] for malformed JSON and for unknown or missing keys; [`Error::Invalid`] for impossible values.
     pub fn from_json(text: &str) -> Result<Terrain> {
         let terrain: Terrain = crate::error::from_json(text)?;
         terrain.validate_own()?;
         Ok(terrain)
     }
 
-    /// Reads a terrain from a file in JSON or, by its name, in TOML, and validates it.
+    /// Reads a terrain from a JSON file or, by its extension, a TOML file, and validates it.
     ///
     /// # Errors
-    /// [`Error::Io`], or [`Error::InFile`] with what [`Terrain::from_json`] says.
+    /// [`Error::Io`], or [`Error::InFile`] with the error of [`Terrain::from_json`].
     pub fn read(path: &Path) -> Result<Terrain> {
         let terrain: Terrain = files::read_value(path)?;
         terrain.validate_own().map_err(|e| e.in_file(path, None))?;
         Ok(terrain)
     }
 
-    /// Text of a terrain file, in the form that [`Terrain::read`] reads from a file of that name.
+    /// Text of a terrain file in the format that [`Terrain::read`] expects for this path.
     ///
     /// # Errors
-    /// [`Error::Format`] for what TOML cannot hold.
+    /// [`Error::Format`] for a value that TOML cannot represent.
     pub fn file_text(&self, path: &Path) -> Result<String> {
         if files::is_toml(path) { crate::error::to_toml(self) } else { Ok(serde_json::to_string(self)? + "\n") }
     }
@@ -127,25 +127,26 @@ impl Terrain {
         }
     }
 
-    /// As [`Terrain::validate`], and that a terrain with the name of a built-in one has its shape: motions on another would be refused.
+    /// Validates a terrain that is not built in: [`Terrain::validate`], and if its name is that of a built-in terrain, its shape must be
+    /// the same. Motions on another shape of that name would be refused.
     ///
     /// # Errors
-    /// As [`Terrain::validate`], and [`Error::Invalid`] for the name of another shape.
+    /// The errors of [`Terrain::validate`], and [`Error::Invalid`] if a built-in terrain of this name has another shape.
     pub fn validate_own(&self) -> Result<()> {
         self.validate()?;
         if !self.differs_from_named() {
             return Ok(());
         }
-        let limit = "another one: the built-in terrain of that name has another shape";
+        let limit = "a different name: the built-in terrain of this name has another shape";
         Err(Error::invalid("terrain.name", format!("`{}`", self.name), limit))
     }
 
-    /// Whether it has another shape than the built-in terrain of its name, if there is one.
+    /// True if a built-in terrain of the same name has another shape.
     pub(crate) fn differs_from_named(&self) -> bool {
         Terrain::named(&self.name).is_ok_and(|named| named.shape != self.shape)
     }
 
-    /// Height, slope and curvature at (x, y), m. Beyond the edge of a grid its edge goes on.
+    /// Height, slope and curvature at (x, y), m. Outside a grid the values at its edge continue.
     pub fn ground<T: Float>(&self, x: T, y: T) -> Ground<T> {
         match &self.shape {
             Shape::Flat => Ground::level(T::zero()),
@@ -154,13 +155,13 @@ impl Terrain {
         }
     }
 
-    /// The ground at (x, y) with the direction of its surface averaged over `radius` to either side along each axis, m.
+    /// Ground at (x, y) with the surface direction averaged along each axis from `-radius` to `radius`, m.
     ///
-    /// At an edge of a grid the normal jumps, and with it the friction pyramid: no small step crosses it. The average,
-    /// `(h(x + r) - h(x - r)) / 2r`, turns continuously. Height stays exact. Radius 0 is [`Terrain::ground`].
+    /// At an edge of a grid the normal jumps, and with it the friction pyramid, so that no small step crosses the edge. The average,
+    /// `(h(x + r) - h(x - r)) / 2r`, varies continuously. The height remains exact. Radius 0 gives [`Terrain::ground`].
     pub fn rounded_ground<T: Float>(&self, x: T, y: T, radius: T) -> Ground<T> {
         let exact = self.ground(x, y);
-        // Stairs are level where they are not vertical: nothing to average.
+        // Stairs are level everywhere except at their risers, so there is nothing to average.
         if radius == T::zero() || matches!(self.shape, Shape::Flat | Shape::Profile(Profile::Stairs)) {
             return exact;
         }
@@ -177,7 +178,7 @@ impl Terrain {
         }
     }
 
-    /// Whether the direction of the surface jumps anywhere.
+    /// True if the direction of the surface may jump somewhere.
     pub fn has_edges(&self) -> bool {
         self.shape != Shape::Flat
     }
@@ -187,7 +188,7 @@ impl Terrain {
         self.ground(x, y).height
     }
 
-    /// Whether all ground between two corners (x, y), m, is known to be one plane. Of a grid only what it covers is.
+    /// True if all ground between two corners (x, y), m, is known to be one plane. Outside a grid nothing is known.
     pub fn is_plane(&self, low: [f64; 2], high: [f64; 2]) -> bool {
         match &self.shape {
             Shape::Flat => true,
@@ -196,7 +197,7 @@ impl Terrain {
         }
     }
 
-    /// A height that no ground between two corners (x, y), m, exceeds; infinite where none is known.
+    /// Upper bound of the heights between two corners (x, y), m; infinite if no bound is known.
     pub fn highest(&self, low: [f64; 2], high: [f64; 2]) -> f64 {
         match &self.shape {
             Shape::Flat => 0.,

@@ -1,30 +1,30 @@
-//! The analytic terrains of TOWR \[3\]. Heights in m; all start beyond the origin, along +x.
+//! Analytic terrains of TOWR \[3\]. Heights in m; all features are ahead of the origin, along +x.
 
 use super::Ground;
 use num_traits::Float;
 use serde::{Deserialize, Serialize};
 
-/// An analytic height profile.
+/// Analytic height profile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Profile {
-    /// A 0.5 m high block from x = 0.7 to 4.2 with a 0.03 m wide ramp up to it.
+    /// Block 0.5 m high from x = 0.7 to 4.2 m, with a ramp 0.03 m wide up to it.
     Block,
-    /// Steps of 0.2 and 0.4 m at x = 1.0 and 1.4, back to 0 at 2.4.
+    /// Stairs of height 0.2 m from x = 1.0 m and 0.4 m from x = 1.4 m, back to 0 at x = 2.4 m.
     Stairs,
-    /// A parabolic ditch, 1.5 m deep, from x = 1.0 to 1.6.
+    /// Parabolic ditch, 1.5 m deep, from x = 1.0 to 1.6 m.
     Gap,
-    /// A ramp up to 0.7 m from x = 1 to 2 and down again to x = 3.
+    /// Ramp up to 0.7 m from x = 1 to 2 m and down again to x = 3 m.
     Slope,
-    /// A wall of slope 3 in y for x from 1.0 to 2.5.
+    /// Wall of slope 3 in y from x = 1.0 to 2.5 m.
     Chimney,
-    /// A wall of slope 2 rising to the left for x from 0.5 to 1.5, then to the right up to 2.5.
+    /// Wall of slope 2 that rises to the left from x = 0.5 to 1.5 m, then one that rises to the right up to x = 2.5 m.
     ChimneyLr,
 }
 
 impl Profile {
-    /// Where along x its patches meet, m; the height may jump there.
+    /// Boundaries between patches along x, m; the height may jump there.
     pub fn edges(self) -> &'static [f64] {
         match self {
             Profile::Block => &[0.7, 0.7 + 0.03, 0.7 + 3.5],
@@ -36,7 +36,7 @@ impl Profile {
         }
     }
 
-    /// Whether there is one patch from `low` to `high` along x, m, and it does not bend.
+    /// True if only one patch lies between `low` and `high` along x, m, and it has no curvature.
     pub fn is_plane(self, low: f64, high: f64) -> bool {
         let within = |edge: &f64| (low..=high).contains(edge);
         !self.edges().iter().any(within) && self.ground(low, 0.).curvature == [[0.; 2]; 2]
@@ -66,7 +66,7 @@ impl Profile {
                 }
             }
             Profile::Gap => {
-                // Zero at both edges and -depth in the middle.
+                // Zero at both edges, -depth in the middle.
                 let (start, width, depth) = (1.0, 0.6, 1.5);
                 if within(start, start + width) {
                     let a = 4. * depth / (width * width);
@@ -93,7 +93,7 @@ impl Profile {
                 }
             }
             Profile::ChimneyLr => {
-                // At the common edge the second wall wins.
+                // The second wall applies at the common edge.
                 if within(1.5, 2.5) {
                     ground.height = c(-2.) * (y + c(0.5));
                     ground.slope[1] = c(-2.);
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plane_is_one_patch_that_does_not_bend() {
+    fn a_plane_is_one_patch_without_curvature() {
         assert!(Profile::Slope.is_plane(1.01, 1.99) && Profile::Slope.is_plane(3.01, 9.) && Profile::Gap.is_plane(-5., 0.99));
         assert!(!Profile::Slope.is_plane(0.9, 1.1) && !Profile::Slope.is_plane(0., 5.) && !Profile::Gap.is_plane(1.2, 1.4));
     }
@@ -136,7 +136,7 @@ mod tests {
         let d = 1e-5;
         for p in [Profile::Block, Profile::Stairs, Profile::Gap, Profile::Slope, Profile::Chimney, Profile::ChimneyLr] {
             for i in 0..200 {
-                // Irrational steps keep clear of the edges.
+                // Irrational steps avoid the edges.
                 let (x, y) = (-0.5 + 0.0271828 * f64::from(i), 0.3 - 0.00314159 * f64::from(i));
                 let edge = p.ground(x + d, y).curvature != p.ground(x - d, y).curvature;
                 let g = p.ground(x, y);

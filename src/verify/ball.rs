@@ -1,11 +1,13 @@
-//! Feet as balls: what of the ground comes into one on its way, and how far the ground about a foothold is off the plane that it stands on.
+//! Foot balls: penetration of the ground by a foot's ball during a swing, and deviation of the ground around a foothold from its plane.
 //!
-//! A foot is the point in which a ball touches the ground. At lift-off and landing the middle of the ball is a radius above that point along
-//! the normal of the ground; in between the way from point to middle turns evenly, so that the path of the middle is a cubic, too.
+//! A foot is the point at which a ball touches the ground. At lift-off and touchdown the centre of the ball is one radius away from that
+//! point along the ground normal. During the swing the offset from point to centre is interpolated linearly, so the path of the centre is a
+//! cubic.
 //!
-//! How deep the ball is in the ground, the radius less the distance of its middle from all that is at or below the surface, changes by no
-//! more than the middle moves. So a part of a path is no deeper than its middle is and the part is long to either side; parts are halved until that
-//! tells. Distances are bounded alike, over ever smaller rectangles of ground: vertical risers and all that stands between samples count.
+//! The penetration is the radius minus the distance of the centre from everything at or below the surface. It changes by no more than the
+//! centre moves. On a part of a path it therefore exceeds its value at the middle by at most the distance from there to the rest of the
+//! part; parts are halved until this bound decides. Distances are bounded in the same manner over ever smaller rectangles of ground, so
+//! vertical risers and obstacles between samples count.
 
 use super::bernstein::{Control, breaks, halves, position};
 use super::dense::{ContactAxes, Extreme, FootMotion, nearest};
@@ -13,19 +15,20 @@ use crate::terrain::{Shape, Terrain};
 use nalgebra::{Vector2, Vector3};
 use std::collections::VecDeque;
 
-/// How close distances are to the truth, m. Depths are a tenth of a millimetre below it at most, twice as much.
+/// Accuracy of distances, m. Depths are underestimated by at most twice as much, 0.1 mm.
 const CLOSE: f64 = 5e-5;
 
-/// Rectangles that are looked at for one distance, and parts for one piece of a path, before the bound of what is left is taken for the value.
+/// Largest number of rectangles examined per distance, and of parts per path piece. Afterwards the remaining bound is taken as the value.
 const LOOKS: u32 = 5_000;
 
-/// Patches that are made for one piece of a path before that. Grids much finer than a foot have many under it.
+/// Largest number of patches created per path piece before its bound is taken as the value. Grids much finer than a foot have many under
+/// it.
 const PATCHES: usize = 2_000_000;
 
-/// Patches meet in strips of this width at most where the height jumps, m.
+/// Largest width of the strip between two patches at a jump in height, m.
 const STRIP: f64 = 4e-9;
 
-/// Ground over a rectangle in which no patches meet: one polynomial of second order, or a strip with a jump.
+/// Ground over a rectangle that no patch boundary crosses: one polynomial of second order, or a strip with a jump.
 #[derive(Clone, Copy)]
 struct Patch {
     low: Vector2<f64>,
@@ -39,12 +42,12 @@ impl Patch {
         Vector2::new([self.low.x, self.high.x][i], [self.low.y, self.high.y][j])
     }
 
-    /// The point nearest to another.
+    /// Returns the point of the rectangle nearest to `to`.
     fn nearest(&self, to: Vector2<f64>) -> Vector2<f64> {
         to.sup(&self.low).inf(&self.high)
     }
 
-    /// Both halves of the longer side.
+    /// Splits the rectangle across its longer side.
     fn halves(&self, terrain: &Terrain) -> [Patch; 2] {
         let (size, middle) = (self.high - self.low, (self.low + self.high) / 2.);
         let axis = usize::from(size.y > size.x);
@@ -63,10 +66,10 @@ impl Patch {
         [first, second]
     }
 
-    /// No more than the distance of a point from this ground and all below it.
+    /// Lower bound of the distance of a point from this ground and everything below it, m.
     ///
-    /// The height is greatest in a corner: it is bilinear, or convex. Nor is it above its tangent plane in the middle by more than the rest of
-    /// its expansion.
+    /// The height is bilinear or convex, so its maximum is at a corner. It exceeds the tangent plane at the centre by no more than the
+    /// second-order term of its expansion.
     fn distance_bound(&self, terrain: &Terrain, from: &Vector3<f64>) -> f64 {
         let highest = self.corners.concat().into_iter().fold(f64::NEG_INFINITY, f64::max);
         let aside = (self.nearest(from.xy()) - from.xy()).norm();
@@ -84,7 +87,7 @@ impl Patch {
         beside.max((from.z - plane) / slope.norm().hypot(1.))
     }
 
-    /// Distance of a point from some point of this ground, near the nearest.
+    /// Distance of a point from a point of this ground that is close to the nearest one, m: an upper bound.
     fn distance(&self, terrain: &Terrain, from: &Vector3<f64>) -> f64 {
         let at = self.nearest(from.xy());
         let ground = terrain.ground(at.x, at.y);
@@ -99,7 +102,7 @@ impl Patch {
     }
 }
 
-/// The patches of a rectangle.
+/// Splits a rectangle into patches.
 fn patches(terrain: &Terrain, low: Vector2<f64>, high: Vector2<f64>) -> Vec<Patch> {
     let [xs, ys] = [0, 1].map(|axis| {
         let mut lines = vec![low[axis]];
@@ -118,15 +121,15 @@ fn patches(terrain: &Terrain, low: Vector2<f64>, high: Vector2<f64>) -> Vec<Patc
     all
 }
 
-/// Distance of a point from the ground and all below it, m, to [`CLOSE`]; `within` where it is no less.
+/// Distance of a point from the ground and everything below it, m, to [`CLOSE`]; `within` if it is larger.
 fn distance(terrain: &Terrain, from: &Vector3<f64>, within: f64) -> f64 {
     distance_counting(terrain, from, within, &mut 0)
 }
 
-/// The same, adding to the number of patches made.
+/// [`distance`] that also adds the number of created patches to `made`.
 fn distance_counting(terrain: &Terrain, from: &Vector3<f64>, within: f64, made: &mut usize) -> f64 {
     let around = Vector2::repeat(within);
-    // The largest first: where much of the ground is as far away, what is left is small.
+    // Breadth first, so the largest patches come first: if much of the ground is equally far away, only small patches remain at the limit.
     let mut open = VecDeque::from(patches(terrain, from.xy() - around, from.xy() + around));
     *made += open.len();
     let (mut best, mut looks) = (within, 0);
@@ -148,26 +151,26 @@ fn distance_counting(terrain: &Terrain, from: &Vector3<f64>, within: f64, made: 
     best
 }
 
-/// No less than any height of a terrain, m.
+/// Upper bound of all heights of a terrain, m.
 fn highest(terrain: &Terrain) -> f64 {
     match &terrain.shape {
         Shape::Flat => 0.,
         Shape::Grid(grid) => grid.heights.iter().flatten().fold(f64::NEG_INFINITY, |highest, &h| highest.max(h)),
-        // Chimneys rise without end.
+        // The walls of chimneys are infinitely high.
         Shape::Profile(_) => f64::INFINITY,
     }
 }
 
-/// How deep the ball of a standing foot is in the ground, m; not below `floor`.
+/// Depth of a standing foot's ball in the ground, m; values below `floor` are returned as `floor`.
 pub(super) fn standing_depth(terrain: &Terrain, foothold: Vector3<f64>, radius: f64, floor: f64) -> f64 {
     let middle = foothold + ContactAxes::new(terrain, foothold).normal * radius;
     radius - distance(terrain, &middle, radius - floor)
 }
 
-/// How much deeper than it may the ball of a foot gets into the ground in a swing, m; 0 where it does not.
+/// Largest excess of the ball's penetration over the allowed one during a swing, m; 0 if it stays within.
 ///
-/// * `swing` - times of lift-off and landing, s
-/// * `allowed` - how deep it may be above the place of lift-off, as long as the ground there can be under it, and anywhere else, m
+/// * `swing` - times of lift-off and touchdown, s
+/// * `allowed` - allowed penetration, m: within two radii of the lift-off (horizontally), and elsewhere
 pub(super) fn swing_depth(curves: &FootMotion, swing: [f64; 2], terrain: &Terrain, radius: f64, allowed: [f64; 2]) -> Extreme {
     let motion = &curves.motion;
     let nodes = swing.map(|time| nearest(&motion.times, time));
@@ -194,22 +197,22 @@ pub(super) fn swing_depth(curves: &FootMotion, swing: [f64; 2], terrain: &Terrai
 struct Below<'a> {
     terrain: &'a Terrain,
     radius: f64,
-    /// No less than any height.
+    /// Upper bound of all heights, m.
     top: f64,
-    /// Where the middle of the ball is at lift-off.
+    /// Horizontal position of the ball's centre at lift-off, m.
     start: Vector2<f64>,
     /// See [`swing_depth`].
     allowed: [f64; 2],
 }
 
 impl Below<'_> {
-    /// How deep the ball may be on a part of the path of its middle.
+    /// Allowed penetration on a part of the path of the ball's centre, m.
     fn allowed(&self, part: &Control<4>) -> f64 {
         let [at_start, elsewhere] = self.allowed;
         if part.iter().all(|c| (c.xy() - self.start).norm() < 2. * self.radius) { at_start } else { elsewhere }
     }
 
-    /// How much deeper than that it gets on one piece of the path, not below `floor`, and where on it.
+    /// Largest excess over the allowed penetration on a path piece, m (at least `floor`), and its position on the piece, 0 to 1.
     fn path_depth(&self, path: Control<4>, floor: f64) -> (f64, f64) {
         let Below { terrain, radius, .. } = *self;
         if !path.iter().all(|c| c.iter().all(|v| v.is_finite())) {
@@ -228,7 +231,7 @@ impl Below<'_> {
             let (middle, at) = (right[0], (start + end) / 2.);
             let apart = part.iter().map(|c| (c - middle).norm()).fold(0., f64::max);
             let enough = looks > LOOKS || made > PATCHES;
-            // Long parts would look at too much ground at once.
+            // The distance query of a long part would cover too much ground.
             if apart <= radius || enough {
                 let within = radius - best.0 - allowed + apart;
                 let over = radius - distance_counting(terrain, &middle, within, &mut made) - allowed;
@@ -250,7 +253,7 @@ impl Below<'_> {
     }
 }
 
-/// How far the ground within the radius of a foothold is off the plane of the ground under it, above or below, m; not below `floor`.
+/// Largest deviation, above or below, of the ground within `radius` of a foothold from its tangent plane there, m; at least `floor`.
 pub(super) fn off_plane(terrain: &Terrain, foothold: Vector3<f64>, radius: f64, floor: f64) -> f64 {
     let here = foothold.xy();
     let ground = terrain.ground(here.x, here.y);
@@ -273,7 +276,7 @@ pub(super) fn off_plane(terrain: &Terrain, foothold: Vector3<f64>, radius: f64, 
             let within = here + (corner - here).cap_magnitude(radius);
             best = best.max(off(within, terrain.height(within.x, within.y)));
         }
-        // A bilinear height is nowhere farther off than in a corner; a profile bends by its curvature in between.
+        // A bilinear height deviates most at a corner; a profile bends by its curvature in between.
         let middle = patch.low + half;
         let [[xx, _], [_, yy]] = terrain.ground(middle.x, middle.y).curvature;
         bound += (xx.abs() * half.x * half.x + yy.abs() * half.y * half.y) / 2.;
@@ -295,13 +298,13 @@ mod tests {
     use super::*;
     use crate::terrain::{Grid, Terrain};
 
-    /// Numbers from 0 to 1.
+    /// Pseudo-random number from 0 to 1.
     fn random(state: &mut u64) -> f64 {
         *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
         (*state >> 40) as f64 / (1_u64 << 24) as f64
     }
 
-    /// Twisted cells of 5 cm, and every profile.
+    /// A grid of twisted 5 cm cells, and every built-in profile.
     fn terrains() -> Vec<Terrain> {
         let heights = (0..60).map(|i| (0..20).map(|j| 0.01 * f64::from((i * 7 + j * 3) % 5)).collect()).collect();
         let grid = Terrain { shape: Shape::Grid(Grid { low: [0.; 2], high: [3., 1.], heights }), ..Terrain::flat() };
@@ -310,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn distances_are_those_of_the_nearest_of_many_points() {
+    fn distance_matches_a_dense_search() {
         let mut state = 1;
         for terrain in terrains() {
             let mut close = 0;
@@ -324,7 +327,7 @@ mod tests {
                     let below = (from.z - terrain.height(x + dx, y + dy)).max(0.);
                     least = least.min(Vector3::new(dx, dy, below).norm());
                 }
-                // Samples are half a millimetre apart, and never nearer than what is nearest.
+                // Samples are 0.5 mm apart and never nearer than the nearest point.
                 assert!(got <= least + CLOSE && got > least - 6e-4, "{} at {x}, {y}: {got} against {least}", terrain.name);
                 close += usize::from(least < 0.04);
             }
@@ -333,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn ground_off_a_plane_is_that_of_many_points() {
+    fn deviation_from_the_plane_matches_a_dense_search() {
         let mut state = 2;
         for terrain in terrains() {
             for _ in 0..60 {
@@ -346,14 +349,14 @@ mod tests {
                     let (dx, dy) = (5e-4 * f64::from(i) * cos, 5e-4 * f64::from(i) * sin);
                     most = most.max((terrain.height(x + dx, y + dy) - ground.height - ground.slope[0] * dx - ground.slope[1] * dy).abs());
                 }
-                // Half a step of samples on the steepest ground, 0.5 m in 0.03 m, and half of a jump where it is between samples.
+                // Half a sample step on the steepest ground (0.5 m in 0.03 m); half of a jump between samples.
                 assert!(got >= most - CLOSE && got <= most + 0.011 || got > 0.19, "{} at {x}, {y}: {got} against {most}", terrain.name);
             }
         }
     }
 
     #[test]
-    fn a_ball_beside_a_riser_is_as_deep_as_it_is_too_near() {
+    fn ball_depth_beside_a_riser_is_its_radius_minus_the_distance() {
         // Steps of 0.2 m at 1.0 m and 1.4 m.
         let stairs = Terrain::named("stairs").unwrap();
         let path = |x: f64, z: f64| [0.8, 0.8 + (x - 0.8) / 3., 0.8 + (x - 0.8) * 2. / 3., x].map(|x| Vector3::new(x, 0., z));
@@ -364,27 +367,27 @@ mod tests {
         let (value, at) = depth(0.97, 0.1);
         close(value, 0.02);
         assert!((at - 1.).abs() < 0.01);
-        // Over the edge, by the distance from it.
+        // Above the edge: the radius minus the distance from the edge.
         close(depth(1.2, 0.23).0, 0.02);
         close(depth(0.97, 0.24).0, 0.05 - 0.03_f64.hypot(0.04));
-        // Inside, by no more than its radius.
+        // Inside the step: the depth is at most the radius.
         close(depth(1.2, 0.1).0, 0.05);
         assert_eq!(below([0.; 2]).path_depth([Vector3::new(f64::NAN, 0., 0.); 4], 0.).0, f64::INFINITY);
-        // What is allowed at the start is allowed within two radii from there, and no farther.
+        // The allowance at the start holds within two radii of it and no farther.
         let from = |x: f64| Below { start: Vector2::new(x, 0.), ..below([0.03, 0.005]) }.path_depth(path(0.97, 0.1), 0.).0;
         close(from(0.8), 0.015);
         close(from(0.93), 0.);
     }
 
     #[test]
-    fn standing_on_a_slope_is_on_a_plane_and_an_edge_is_off_it_by_what_is_beyond() {
-        // Up by 0.7 from 1 to 2 m, and down again.
+    fn a_slope_counts_as_a_plane_and_an_edge_deviates_by_the_ground_beyond_it() {
+        // The ground rises with slope 0.7 from x = 1 m to 2 m and descends again.
         let slope = Terrain::named("slope").unwrap();
         let at = |x: f64| Vector3::new(x, 0.2, slope.height(x, 0.2));
         assert!(standing_depth(&slope, at(1.5), 0.05, -0.01).abs() < CLOSE && off_plane(&slope, at(1.5), 0.05, 0.) < 1e-12);
-        // 2 cm from the top: 3 cm are beyond, and fall away by 1.4.
+        // 2 cm before the top: 3 cm of the radius lie beyond it, where the slope differs by 1.4.
         assert!((off_plane(&slope, at(1.98), 0.05, 0.) - 1.4 * 0.03).abs() < CLOSE);
-        // In the foot of the slope: `1 - cos(atan 0.7)` of the radius.
+        // At the bottom corner of the slope: `1 - cos(atan 0.7)` of the radius.
         let corner = 0.05 * (1. - 1. / 0.7_f64.hypot(1.));
         assert!((standing_depth(&slope, at(1. - 1e-9), 0.05, 0.) - corner).abs() < 2. * CLOSE);
         let stairs = Terrain::named("stairs").unwrap();

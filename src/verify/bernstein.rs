@@ -1,23 +1,26 @@
-//! Greatest values along polynomial curves, with proof: a curve lies in the convex hull of its Bernstein control points, and the hull shrinks
-//! with the square of the length of a part when the curve is split in halves.
+//! Proven maxima along polynomial curves. A curve lies in the convex hull of its Bernstein control points, and halving a part reduces the
+//! distance between curve and hull to a quarter.
+//!
+//! The conversions from Hermite pieces are written here a second time on purpose, so that the certificate shares no formula with the
+//! solver.
 
 use crate::gait::Curve;
 use crate::terrain::{Shape, Terrain};
 use nalgebra::Vector3;
 
-/// Halvings after which a bound is taken for the value.
+/// Number of halvings after which a bound is taken as the value.
 const DEPTH: u32 = 48;
 
-/// Parts of one piece that are looked at before the bound of what is left is taken for the value: far more than a curve without flaws needs.
+/// Largest number of parts examined per piece before the remaining bound is taken as the value: far more than a smooth curve needs.
 const PARTS: u32 = 20_000;
 
-/// How close to the greatest value a bound must come, of the largest value of the control points.
+/// Largest gap between a bound and the maximum, relative to the largest value of the control points.
 const CLOSE: f64 = 1e-12;
 
 /// Control points of a piece.
 pub(super) type Control<const N: usize> = [Vector3<f64>; N];
 
-/// Position of a Hermite piece.
+/// Control points of the position on a Hermite piece.
 pub(super) fn position(curve: &Curve, piece: usize) -> Control<4> {
     let (a, b) = (&curve.nodes[piece], &curve.nodes[piece + 1]);
     let third = curve.poly_durations[piece] / 3.;
@@ -26,24 +29,24 @@ pub(super) fn position(curve: &Curve, piece: usize) -> Control<4> {
     [value(a), value(a) + slope(a), value(b) - slope(b), value(b)]
 }
 
-/// Velocity of a Hermite piece.
+/// Control points of the velocity on a Hermite piece.
 pub(super) fn velocity(curve: &Curve, piece: usize) -> Control<3> {
     let (a, b) = (&curve.nodes[piece], &curve.nodes[piece + 1]);
     let value = |n: &[f64; 6]| Vector3::new(n[0], n[1], n[2]);
     let slope = |n: &[f64; 6]| Vector3::new(n[3], n[4], n[5]);
-    // Differences first: a foot that stands has none.
+    // Differences first, so that the velocity of a standing foot is exactly zero.
     let middle = (value(b) - value(a)) * (3. / curve.poly_durations[piece]) - slope(a) - slope(b);
     [slope(a), middle, slope(b)]
 }
 
-/// Acceleration of a Hermite piece.
+/// Control points of the acceleration on a Hermite piece.
 pub(super) fn acceleration(curve: &Curve, piece: usize) -> Control<2> {
     let [a, b, c] = velocity(curve, piece);
     let by = 2. / curve.poly_durations[piece];
     [(b - a) * by, (c - b) * by]
 }
 
-/// Both halves of a curve (de Casteljau).
+/// Splits a curve into its two halves (de Casteljau).
 pub(super) fn halves<const N: usize>(mut c: Control<N>) -> (Control<N>, Control<N>) {
     let (mut left, mut right) = (c, c);
     for level in 1..N {
@@ -56,17 +59,17 @@ pub(super) fn halves<const N: usize>(mut c: Control<N>) -> (Control<N>, Control<
     (left, right)
 }
 
-/// A greatest value, and where on its piece it is, from 0 to 1.
+/// Maximum and its position on the piece, from 0 to 1.
 pub(super) type Peak = (f64, f64);
 
-/// Greatest value along a curve.
+/// Maximum along a curve.
 ///
-/// * `value` - at a point of the curve
-/// * `bound` - not below it anywhere on a part, given its control points
-/// * `floor` - below it nothing is told apart
-/// * `close` - how far the answer may be below the truth
+/// * `value` - function to maximise, of a point of the curve
+/// * `bound` - upper bound of `value` on a part of the curve, from its control points
+/// * `floor` - values below it need not be resolved
+/// * `close` - largest amount by which the result may be below the true maximum
 ///
-/// Returns infinity where something is no number.
+/// Returns infinity if a control point is not finite or `value` is NaN.
 fn greatest<const N: usize>(
     control: Control<N>,
     value: impl Fn(&Vector3<f64>) -> f64,
@@ -104,7 +107,7 @@ fn greatest<const N: usize>(
     best
 }
 
-/// Greatest value of a convex function along a curve, to [`CLOSE`].
+/// Maximum of a convex function along a curve, to [`CLOSE`].
 ///
 /// `f(sum B_i c_i) <= sum B_i f(c_i) <= max f(c_i)`
 pub(super) fn convex<const N: usize>(control: Control<N>, f: impl Fn(&Vector3<f64>) -> f64, floor: f64) -> Peak {
@@ -112,7 +115,7 @@ pub(super) fn convex<const N: usize>(control: Control<N>, f: impl Fn(&Vector3<f6
     greatest(control, &f, |part| part.iter().map(&f).fold(f64::NEG_INFINITY, f64::max), floor, CLOSE * scale)
 }
 
-/// How deep a curve gets below the terrain at most, m, to a micrometre; negative above it.
+/// Largest depth of a curve below the terrain, m, to 1e-6 m; negative if the curve is above it.
 pub(super) fn depth<const N: usize>(control: Control<N>, terrain: &Terrain, floor: f64) -> Peak {
     if terrain.shape == Shape::Flat {
         return convex(control, |p| -p.z, floor);
@@ -121,10 +124,10 @@ pub(super) fn depth<const N: usize>(control: Control<N>, terrain: &Terrain, floo
     greatest(control, value, |part| depth_bound(terrain, part), floor, 1e-6)
 }
 
-/// A bound of the depth of a part of a curve.
+/// Upper bound of the depth of a part of a curve, m.
 ///
-/// Where the part stays on one patch of the terrain, which is a polynomial of second order, the height is expanded about the middle of its box;
-/// elsewhere the highest ground in the box stands for all of it.
+/// If the part stays on one patch of the terrain, a polynomial of second order, the height is expanded about the centre of the part's
+/// bounding box. Otherwise the highest ground within the box is used for the whole part.
 fn depth_bound<const N: usize>(terrain: &Terrain, part: &Control<N>) -> f64 {
     let mut low = part[0];
     let mut high = part[0];
@@ -142,7 +145,7 @@ fn depth_bound<const N: usize>(terrain: &Terrain, part: &Control<N>) -> f64 {
         let rest = (xx.max(0.) * half.x * half.x + yy.max(0.) * half.y * half.y) / 2. + xy.abs() * half.x * half.y;
         return part.iter().map(above).fold(f64::NEG_INFINITY, f64::max) + rest;
     }
-    // On a patch the height is greatest in a corner: it is bilinear, or convex.
+    // The height of a patch is bilinear or convex, so its maximum is at a corner.
     let [xs, ys] = [(breaks[0].clone(), low.x, high.x), (breaks[1].clone(), low.y, high.y)].map(|(mut values, low, high)| {
         values.extend([low, high]);
         values
@@ -151,7 +154,7 @@ fn depth_bound<const N: usize>(terrain: &Terrain, part: &Control<N>) -> f64 {
     heights.fold(f64::NEG_INFINITY, f64::max) - low.z
 }
 
-/// Where along an axis patches of a terrain meet strictly inside of an interval; where its height jumps, points to both sides.
+/// Coordinates at which patches of a terrain meet, strictly inside an interval of an axis, m; at a jump also the points on both sides.
 pub(super) fn breaks(terrain: &Terrain, axis: usize, low: f64, high: f64) -> Vec<f64> {
     match &terrain.shape {
         Shape::Flat => Vec::new(),
@@ -181,12 +184,12 @@ mod tests {
     }
 
     #[test]
-    fn extremes_are_those_of_the_polynomial() {
-        // z = s u (1 - u)^2 d has its greatest value, 4/27 s d, a third along.
+    fn maxima_match_the_polynomial() {
+        // z = s u (1 - u)^2 d has its maximum, 4/27 s d, at u = 1/3.
         let c = curve([0., 0., 0., 0., 0., 3.], [0.; 6], 0.2);
         let (value, at) = convex(position(&c, 0), |p| p.z, 0.);
         assert!((value - 4. / 27. * 0.6).abs() < 1e-12 && (at - 1. / 3.).abs() < 1e-5, "{value} at {at}");
-        // From rest to rest by 0.1 in 0.2 s: fastest in the middle, 1.5 times the mean.
+        // From rest to rest over 0.1 m in 0.2 s: the peak speed is in the middle, 1.5 times the mean.
         let c = curve([0.; 6], [0.06, 0.08, 0., 0., 0., 0.], 0.2);
         let (value, at) = convex(velocity(&c, 0), |v| v.norm(), 0.);
         assert!((value - 0.75).abs() < 1e-11 && (at - 0.5).abs() < 1e-5);
@@ -194,7 +197,7 @@ mod tests {
         assert_eq!(convex(position(&curve([f64::NAN; 6], [0.; 6], 1.), 0), |p| p.z, 0.).0, f64::INFINITY);
     }
 
-    /// The greatest value of many samples is never above, and hardly below.
+    /// The proven maximum is never below that of many samples and hardly above it.
     #[test]
     fn bounds_hold_for_samples_and_are_tight() {
         let heights = (0..9).map(|i| (0..9).map(|j| 0.05 * f64::from((i * 7 + j * 3) % 5)).collect()).collect();

@@ -1,7 +1,7 @@
-//! Counts the rows of TOWR \[3\] that a trajectory breaks, in f64 from its node values, apart from the solver's kernels.
+//! Counts the violated rows of a trajectory, in f64 from its node values and independently of the solver's kernels.
 //!
-//! TOWR's rows hold at instants and nodes only, and [`super::dense`] reports what happens in between; those of `momentum` motions are bounded over
-//! whole curves.
+//! The rows of TOWR \[3\] hold only at instants and nodes; [`super::dense`] reports what happens in between. Rows of `momentum` motions are
+//! bounded over whole curves.
 
 use super::dense::{ContactAxes, Extreme, FootMotion, Motion, SAME_TIME, nearest, sample};
 use super::labels::{check_labels, of_momentum};
@@ -21,30 +21,30 @@ use crate::terrain::Terrain;
 use nalgebra::{Rotation3, Vector3};
 use std::fmt;
 
-/// Distance of the instants of the dynamics rows, s.
+/// Interval between the instants of the dynamics rows, s.
 const DYNAMICS_STEP: f64 = 0.1;
-/// Distance of the instants of the reach rows, s.
+/// Interval between the instants of the reach rows, s.
 const REACH_STEP: f64 = 0.08;
-/// Duration of a swing from which TOWR takes the horizontal velocity of its mid node, s.
+/// Swing duration by which TOWR computes the prescribed horizontal velocity of the mid node, s.
 const SWING_DURATION: f64 = 0.3;
 
-/// Longest time over which a mean force or moment is taken, s.
+/// Longest time over which a mean force or moment is computed, s.
 const MEAN_OVER: f64 = 0.1;
-/// How far the attitude may stray over one base piece, rad. What they add up to is limited by [`ROLLOUT_ATTITUDE`].
+/// Largest attitude difference at the end of one base piece, rad. [`ROLLOUT_ATTITUDE`] limits their sum.
 const PIECE_ATTITUDE: f64 = 1e-2;
 
-/// What a `momentum` motion whose file names no limits is held to.
+/// Limits for a `momentum` motion whose file specifies none.
 pub const MOTION_LIMITS: MotionLimits =
     MotionLimits { clearance: 0.03, swing_height: 0.2, foot_speed: 20., foot_acceleration: None, goal_velocity: GoalVelocity::Zero };
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];
 
-/// Counts the rows of one family.
+/// Counter of the rows of one family.
 struct Tally {
     report: FamilyReport,
     tolerances: Tolerances,
-    /// Violation of the worst row in tolerances.
+    /// Violation of the worst row, in multiples of its tolerance.
     worst: f64,
 }
 
@@ -54,7 +54,7 @@ impl Tally {
         Tally { report, tolerances, worst: 0. }
     }
 
-    /// A row that is violated by `violation`, never negative, of which `tolerance` does not count.
+    /// Counts one row. `violation` is non-negative (NaN counts as infinite); the row is violated if it exceeds `tolerance`.
     fn row(&mut self, violation: f64, tolerance: f64, row: fmt::Arguments, foot: Option<usize>, time: f64) {
         let violation = if violation.is_nan() { f64::INFINITY } else { violation };
         let report = &mut self.report;
@@ -69,37 +69,37 @@ impl Tally {
         }
     }
 
-    /// Equalities, one for each axis: `residual = 0`.
+    /// Counts equality rows `residual = 0`, one per axis.
     fn zero(&mut self, residual: Vector3<f64>, tolerance: f64, what: &str, axes: [&str; 3], foot: Option<usize>, time: f64) {
         for (axis, value) in axes.iter().zip(residual.iter()) {
             self.row(value.abs(), tolerance, format_args!("{what} {axis}"), foot, time);
         }
     }
 
-    /// An inequality: `value <= 0`.
+    /// Counts an inequality row `value <= 0`.
     fn not_positive(&mut self, value: f64, tolerance: f64, row: fmt::Arguments, foot: Option<usize>, time: f64) {
         // Not `f64::max`, which would drop a NaN.
         self.row(if value <= 0. { 0. } else { value }, tolerance, row, foot, time);
     }
 }
 
-/// Counts violated rows of a trajectory, and samples it between them.
+/// Counts the violated rows of a trajectory, samples it between them and integrates it under its planned forces.
 ///
 /// * `force_limit` - largest normal force of a foot, N
 ///
 /// # Errors
-/// [`crate::Error::Invalid`] when the trajectory is malformed, robot and trajectory disagree on the number of feet, or its labels and its content
-/// disagree ([`check_labels`]).
+/// [`crate::Error::Invalid`] if the trajectory is malformed, if robot and trajectory disagree on the number of feet, or if the labels of
+/// the trajectory contradict its content ([`check_labels`]).
 pub fn verify(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain, force_limit: f64) -> Result<Report> {
     let rows = verify_rows(trajectory, robot, terrain, force_limit)?;
     let motion = Motion::new(trajectory, robot)?;
     Ok(Report { rows, dense: sample(&motion, terrain), rollout: Rollout::new(&motion).map(|r| r.report()) })
 }
 
-/// The rows of [`verify`] alone.
+/// Counts the violated rows of a trajectory as [`verify`] does, without the reports in between.
 ///
 /// # Errors
-/// As [`verify`].
+/// The errors of [`verify`].
 pub fn verify_rows(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain, force_limit: f64) -> Result<RowReport> {
     let motion = Motion::new(trajectory, robot)?;
     check_labels(trajectory)?;
@@ -145,7 +145,7 @@ pub fn verify_rows(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain, fo
     })
 }
 
-/// 0, step, 2 step, ... and the horizon, once.
+/// Instants 0, step, 2 step, ... and the horizon, which occurs only once.
 fn instants(horizon: f64, step: f64) -> impl Iterator<Item = f64> {
     (0..).map(move |i| f64::from(i) * step).take_while(move |&t| t < horizon - SAME_TIME).chain([horizon])
 }
@@ -158,8 +158,8 @@ fn dynamics(tally: &mut Tally, motion: &Motion) {
     }
 }
 
-/// Each base piece by itself: from the planned state at its start, the body is integrated to its end. Momenta are given by the mean force
-/// or moment that would make up for them, over [`MEAN_OVER`] at most.
+/// Integrates the body over every base piece separately, from the planned state at its start to its end. Differences of velocity, position
+/// and angular momentum are expressed as the mean force or moment that would compensate them, over at most [`MEAN_OVER`].
 fn momentum(tally: &mut Tally, motion: &Motion) {
     let Some(rollout) = Rollout::new(motion) else {
         return tally.row(f64::INFINITY, 0., format_args!("inertia without inverse"), None, 0.);
@@ -167,7 +167,7 @@ fn momentum(tally: &mut Tally, motion: &Motion) {
     let (mass, tolerances) = (motion.robot.mass, tally.tolerances);
     for piece in motion.base_lin.times.windows(2) {
         let (start, end) = (piece[0], piece[1]);
-        // Over long pieces a small mean force makes a large momentum.
+        // A small mean force over a long piece adds up to a large momentum.
         let length = (end - start).min(MEAN_OVER);
         let reached = rollout.run(Body::planned(motion, &motion.base(start)), start, end);
         let plan = Body::planned(motion, &motion.base(end));
@@ -175,7 +175,7 @@ fn momentum(tally: &mut Tally, motion: &Motion) {
         tally.zero(
             (reached.position - plan.position) * 2. * mass / (length * length),
             tolerances.force,
-            "mean force for the way",
+            "mean force for the displacement",
             AXES,
             None,
             end,
@@ -186,7 +186,7 @@ fn momentum(tally: &mut Tally, motion: &Motion) {
     }
 }
 
-/// What must hold at all times.
+/// Checks the conditions of a `momentum` motion that must hold at all times, on whole curves.
 fn between(tally: &mut Tally, motion: &Motion, terrain: &Terrain, force_limit: f64) {
     let Some(rollout) = Rollout::new(motion).map(|r| r.certified([ROLLOUT_POSITION, ROLLOUT_ATTITUDE])) else { return };
     let weight = motion.robot.weight();
@@ -209,7 +209,7 @@ fn between(tally: &mut Tally, motion: &Motion, terrain: &Terrain, force_limit: f
     }
 }
 
-/// Feet as balls. Where the robot stands at the start is given: its first lift-offs may be from as deep as that is, as long as they are above it.
+/// Checks the balls of the feet. The initial stance is given, so the first lift-off of a foot may start as deep in the ground as it stands.
 fn footing(tally: &mut Tally, motion: &Motion, terrain: &Terrain) {
     let radius = motion.robot.foot_radius();
     if radius == 0. || !terrain.has_edges() {
@@ -228,9 +228,9 @@ fn footing(tally: &mut Tally, motion: &Motion, terrain: &Terrain) {
     }
 }
 
-/// What no robot does.
+/// Checks limits that no robot can exceed.
 ///
-/// * `of_towr` - whether only TOWR's rows are asked for
+/// * `of_towr` - true if the motion is only checked against TOWR's rows
 fn possible(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain: &Terrain, of_towr: bool) {
     let robot = motion.robot;
     let mut row = |over: f64, what: &str, foot: Option<usize>, time: f64| {
@@ -244,10 +244,10 @@ fn possible(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain
         let (shortest, time) = pieces.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::NAN, 0.));
         row(SHORTEST_PIECE * (1. - 1e-6) - shortest, "piece too short", foot, time);
     }
-    // TOWR's own rows hold feet to nothing in a swing: its published solutions throw them about at 150 m/s.
+    // TOWR's rows do not limit feet during a swing: its published solutions reach foot speeds of 150 m/s.
     for (foot, curves) in motion.feet.iter().enumerate().filter(|_| !of_towr) {
         let speed = exact::foot_speed(curves, 0..curves.motion.pieces(), false, FOOT_SPEED);
-        row(speed.value - FOOT_SPEED, "foot faster than any", Some(foot), speed.time);
+        row(speed.value - FOOT_SPEED, "foot faster than possible", Some(foot), speed.time);
     }
     let limit = BASE_RATE * (GRAVITY / robot.leg_height()).sqrt();
     let rate = exact::base_rate(&motion.base_ang, limit);
@@ -255,7 +255,7 @@ fn possible(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain
     let pushed = exact::push(motion) / robot.weight() + 1.;
     let lin = &motion.base_lin;
     let hardest = exact::ends(lin, 0..lin.pieces(), |a| (a / GRAVITY + Vector3::z()).norm());
-    row(hardest.value - pushed, "base accelerated more than feet push", None, hardest.time);
+    row(hardest.value - pushed, "base accelerates more than its feet push", None, hardest.time);
     let below = exact::base_depth(motion, terrain);
     row(below.value, "base below the terrain", None, below.time);
     let [x, y, z] = trajectory.base_target;
@@ -299,7 +299,7 @@ fn on_terrain(tally: &mut Tally, motion: &Motion, terrain: &Terrain) {
     }
 }
 
-/// * `cone` - whether friction is the cone, or TOWR's pyramid
+/// * `cone` - true for the exact friction cone, false for TOWR's pyramid
 fn force(tally: &mut Tally, motion: &Motion, terrain: &Terrain, force_limit: f64, cone: bool) {
     let (friction, tolerance) = (terrain.friction, tally.tolerances.force);
     for (foot, curves) in motion.feet.iter().enumerate() {
@@ -352,7 +352,7 @@ fn swing_heights(tally: &mut Tally, motion: &Motion, terrain: &Terrain, limits: 
             let place = curves.motion.at(time).value;
             let height = place.z - terrain.height(place.x, place.y);
             tally.not_positive(limits.clearance - height, tolerances.length, format_args!("mid node too low"), Some(foot), time);
-            // Above lift-off and landing: over a pit a foot need not go down.
+            // Height above lift-off and touchdown: a foot need not descend into a pit that it crosses.
             let feet = [start, end].map(|t| curves.motion.at(t).value.z);
             let height = height.min(place.z - feet[0].max(feet[1]));
             tally.not_positive(height - limits.swing_height, tolerances.length, format_args!("mid node too high"), Some(foot), time);
@@ -408,7 +408,7 @@ fn bounds(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain: 
     }
 }
 
-/// * `level` - whether feet are level in the middle of a swing of two pieces, as both phase-based transcriptions have them
+/// * `level` - true if the vertical velocity must be zero at the mid node of a two-piece swing, as in both phase-based transcriptions
 fn structure(tally: &mut Tally, motion: &Motion, level: bool) {
     let tolerances = tally.tolerances;
     for (foot, curves) in motion.feet.iter().enumerate() {
@@ -420,7 +420,7 @@ fn structure(tally: &mut Tally, motion: &Motion, level: bool) {
             }
         }
         for (node, &time) in curves.motion.times.iter().enumerate() {
-            // The foothold is a node of its phase: that one compares with itself.
+            // The node that defines the foothold of its phase is compared with itself.
             if let Some(foothold) = curves.foothold(time) {
                 tally.zero(curves.motion.value(node) - foothold, tolerances.length, "standing foot moved,", AXES, at, time);
                 tally.zero(curves.motion.slope(node), tolerances.speed, "velocity of standing foot,", AXES, at, time);
@@ -445,7 +445,7 @@ fn structure(tally: &mut Tally, motion: &Motion, level: bool) {
     }
 }
 
-/// The swing phase strictly inside of which a time is.
+/// Returns the swing phase that contains a time strictly, or `None`.
 fn swing_at(curves: &FootMotion, time: f64) -> Option<usize> {
     let (first, last) = curves.phases(time);
     (first == last && first % 2 == 1).then_some(first)
@@ -475,7 +475,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tally_counts_beyond_the_tolerance_and_nan() {
+    fn a_tally_counts_nan_and_rows_beyond_the_tolerance() {
         let mut tally = Tally::new(Family::Force, Tolerances::TOWR);
         tally.not_positive(-5., TOLERANCE, format_args!("a"), None, 0.);
         tally.row(TOLERANCE, TOLERANCE, format_args!("b"), None, 1.);
@@ -487,7 +487,7 @@ mod tests {
     }
 
     #[test]
-    fn families_are_found_by_their_place_in_the_list() {
+    fn a_family_is_the_index_into_the_list_of_families() {
         for (place, family) in Family::ALL.into_iter().enumerate() {
             assert_eq!(family as usize, place);
             assert_eq!(serde_json::to_value(family).unwrap(), family.name());

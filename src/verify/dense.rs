@@ -1,4 +1,7 @@
-//! What a trajectory does between the instants at which its rows hold, in f64 and apart from the solver's kernels.
+//! Worst values of a trajectory between the instants of its rows, in f64 and independently of the solver's kernels.
+//!
+//! The formulas for Hermite pieces, Euler angles and the rigid body are written here a second time on purpose, so that an error in the
+//! solver is not repeated in its check.
 
 use super::{ball, exact};
 use crate::error::Result;
@@ -9,22 +12,22 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde::Serialize;
 use std::fmt;
 
-/// Distance of the times at which a trajectory is sampled, s.
+/// Interval between the times at which a trajectory is sampled, s.
 pub const SAMPLE_STEP: f64 = 1e-3;
 
-/// Times closer than this are one, s. Sums of durations differ in their last digits between programs.
+/// Times closer than this count as equal, s. Sums of durations differ in their last digits between programs.
 pub(crate) const SAME_TIME: f64 = 1e-6;
 
-/// Greatest value of a quantity over the trajectory, never negative; infinite when the quantity was no number somewhere.
+/// Maximum of a quantity over the trajectory, never negative; infinite if the quantity was NaN at some time.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Extreme {
     /// The value, in the unit of the field.
     #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub value: f64,
-    /// When it occurs first, s.
+    /// First time at which it occurs, s.
     pub time: f64,
-    /// At which foot; none for the base, or when the value is zero.
+    /// Foot at which it occurs; `None` for the base, or if the value is zero.
     pub foot: Option<usize>,
 }
 
@@ -37,8 +40,8 @@ impl Extreme {
     }
 }
 
-/// Worst values between the rows: of forces, of feet against the terrain and of the speed of feet on whole curves, of what turns with the base
-/// on a grid of [`SAMPLE_STEP`] and at the end.
+/// Worst values between the rows. Forces, penetration and foot speed are bounded on whole curves; quantities that depend on the attitude of
+/// the base and the foot height are sampled every [`SAMPLE_STEP`] and at the end.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct DenseReport {
@@ -48,21 +51,21 @@ pub struct DenseReport {
     pub force_defect: Extreme,
     /// `|I_w wdot + w x I_w w - sum (x_i - p) x f_i| / (m g l)`, body weights times leg height.
     pub moment_defect: Extreme,
-    /// How far a foot is outside its reach box, along the worst axis of the base, m.
+    /// Largest distance of a foot outside its reach box, along the worst axis of the base, m.
     pub reach_excess: Extreme,
-    /// Normal force with which a foot pulls the ground, body weights.
+    /// Largest pulling (negative) normal force of a foot, body weights.
     pub pull: Extreme,
-    /// What lies outside the friction cone, `|f_t| - mu f_n`, body weights.
+    /// Largest force outside the friction cone, `|f_t| - mu f_n`, body weights.
     pub friction_excess: Extreme,
-    /// How far a foot is below the terrain, m.
+    /// Largest depth of a foot below the terrain, m.
     pub penetration: Extreme,
-    /// How deep the ball of a foot is in the ground in a swing, m.
+    /// Largest depth of a foot's ball in the ground during a swing, m.
     pub ball_depth: Extreme,
-    /// How far the ground within the radius of a foothold is off its plane, m; of all but the first of a foot.
+    /// Largest deviation of the ground within one radius of a foothold from its plane, m; the initial footholds are not counted.
     pub foothold_off_plane: Extreme,
-    /// How high a foot is above the terrain, m.
+    /// Largest height of a foot above the terrain, m.
     pub foot_height: Extreme,
-    /// Speed of a foot, m/s.
+    /// Largest speed of a foot, m/s.
     pub foot_speed: Extreme,
     /// Speed of the base at the end, m/s.
     #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
@@ -94,20 +97,20 @@ impl fmt::Display for DenseReport {
     }
 }
 
-/// A number in few digits: with an exponent only when it is very small or very large.
+/// Formats a number with few digits, with an exponent only if it is very small or very large.
 pub(crate) fn readable(value: f64) -> String {
     if value == 0. || (1e-3..1e6).contains(&value) { format!("{value:.3}") } else { format!("{value:.2e}") }
 }
 
-/// Samples a trajectory and reports the worst of each quantity.
+/// Samples a trajectory and reports the worst value of each quantity.
 ///
 /// # Errors
-/// [`crate::Error::Invalid`] when the trajectory is malformed, or robot and trajectory disagree on the number of feet.
+/// [`crate::Error::Invalid`] if the trajectory is malformed, or if robot and trajectory disagree on the number of feet.
 pub fn dense(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain) -> Result<DenseReport> {
     Ok(sample(&Motion::new(trajectory, robot)?, terrain))
 }
 
-/// As [`dense`], of curves already laid out in time.
+/// [`dense`] for curves that are already laid out in time.
 pub(super) fn sample(motion: &Motion, terrain: &Terrain) -> DenseReport {
     let robot = motion.robot;
     let (weight, leg) = (robot.weight(), robot.leg_height());
@@ -150,7 +153,7 @@ pub(super) fn sample(motion: &Motion, terrain: &Terrain) -> DenseReport {
     report
 }
 
-/// A point of a curve.
+/// Value and derivatives of a curve at one time.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Point {
     /// Value.
@@ -161,13 +164,13 @@ pub(crate) struct Point {
     pub second: Vector3<f64>,
 }
 
-/// A Hermite curve with the times of its nodes.
+/// Hermite curve with the times of its nodes.
 pub(crate) struct TimedCurve<'a> {
     /// The curve.
     pub curve: &'a Curve,
     /// Times of the nodes, s.
     pub times: Vec<f64>,
-    /// See [`TimedCurve::cubic`].
+    /// Coefficients of each piece, see [`TimedCurve::cubic`].
     cubics: Vec<[Vector3<f64>; 4]>,
 }
 
@@ -194,15 +197,15 @@ impl<'a> TimedCurve<'a> {
         slope(&self.curve.nodes[node])
     }
 
-    /// Point at a time, clamped to the curve; at a node, of the piece that ends there, as TOWR does.
+    /// Point at a time, which is clamped to the curve. At a node the piece that ends there counts, as in TOWR.
     pub fn at(&self, time: f64) -> Point {
-        // The slack keeps the side when times are sums of other durations.
+        // The slack selects the same side of a node if its time is a sum of other durations.
         let after = self.times[1..].partition_point(|&end| end < time - 1e-9);
         let piece = after.min(self.curve.poly_durations.len() - 1);
         self.on_piece(piece, time - self.times[piece])
     }
 
-    /// Point of a piece, `t` s after its start.
+    /// Point of a piece at `t` s after its start, clamped to the piece.
     pub fn on_piece(&self, piece: usize, t: f64) -> Point {
         let t = t.clamp(0., self.length(piece));
         let [a, b, c, d] = self.cubic(piece);
@@ -214,7 +217,7 @@ impl<'a> TimedCurve<'a> {
         self.cubics[piece]
     }
 
-    /// The piece that a time within is on.
+    /// Index of the piece that contains a time.
     pub fn piece_around(&self, time: f64) -> usize {
         self.times[1..].partition_point(|&end| end < time).min(self.pieces() - 1)
     }
@@ -224,7 +227,7 @@ impl<'a> TimedCurve<'a> {
         self.curve.poly_durations.len()
     }
 
-    /// What a function makes of the piece at a time.
+    /// Applies a function to the piece that contains a time.
     pub fn on<T>(&self, time: f64, f: impl Fn(&Curve, usize) -> T) -> T {
         f(self.curve, self.piece_around(time))
     }
@@ -246,7 +249,7 @@ fn slope(node: &[f64; 6]) -> Vector3<f64> {
 /// The cubic through two nodes, see [`TimedCurve::cubic`].
 fn cubic(from: &[f64; 6], to: &[f64; 6], length: f64) -> [Vector3<f64>; 4] {
     let (a, b, next) = (value(from), slope(from), slope(to));
-    // Mean speed against the slopes at both ends; differences first, so that a standing foot stands exactly.
+    // Differences first, so that a standing foot has exactly zero velocity.
     let mean = (value(to) - a) / length;
     let c = (mean * 3. - b * 2. - next) / length;
     let d = (b + next - mean * 2.) / (length * length);
@@ -259,7 +262,7 @@ pub(crate) struct FootMotion<'a> {
     pub motion: TimedCurve<'a>,
     /// Force, N.
     pub force: TimedCurve<'a>,
-    /// Times at which the contact changes, s; before the first of them the foot stands.
+    /// Times at which the contact changes, s; the first phase is a stance.
     pub switches: Vec<f64>,
     /// Position in each stance phase, m.
     footholds: Vec<Vector3<f64>>,
@@ -274,36 +277,36 @@ impl<'a> FootMotion<'a> {
             starts.push(end);
         }
         starts.pop();
-        // Of the node, not of the curve: a node on an edge of the terrain must stay on its side.
+        // Taken from the node, not the curve: a node on an edge of the terrain must stay on its side of the edge.
         let footholds = starts.iter().step_by(2).map(|&start| motion.value(nearest(&motion.times, start))).collect();
         starts.remove(0);
         FootMotion { motion, force, switches: starts, footholds }
     }
 
-    /// First and last phase that a time belongs to: two neighbours when it is a switch, else twice the same. Stances are even.
+    /// First and last phase that a time belongs to: two neighbours at a switch, otherwise twice the same phase. Stance phases are even.
     pub fn phases(&self, time: f64) -> (usize, usize) {
         let first = self.switches.partition_point(|&s| s < time - SAME_TIME);
         (first, self.switches.partition_point(|&s| s <= time + SAME_TIME))
     }
 
-    /// Times of lift-off and landing of every swing, s.
+    /// Times of lift-off and touchdown of every swing, s.
     pub fn swings(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
         self.switches.chunks_exact(2).map(|swing| [swing[0], swing[1]])
     }
 
-    /// Position of the node at a time, m: at an edge of the terrain the curve may be on its other side.
+    /// Position of the node at a time, m. At an edge of the terrain the curve may lie on the other side of the edge.
     pub fn place(&self, time: f64) -> Vector3<f64> {
         self.motion.value(nearest(&self.motion.times, time))
     }
 
-    /// Position of the stance phase at a time, m; none in a swing.
+    /// Foothold of the stance phase at a time, m; `None` during a swing.
     pub fn foothold(&self, time: f64) -> Option<Vector3<f64>> {
         let (first, last) = self.phases(time);
         [first, last].into_iter().find(|phase| phase % 2 == 0).map(|stance| self.footholds[stance / 2])
     }
 }
 
-/// Index of the time nearest to another, among ascending times.
+/// Index of the time nearest to another, in an ascending list.
 pub(super) fn nearest(times: &[f64], time: f64) -> usize {
     let after = times.partition_point(|&t| t < time).min(times.len() - 1);
     let before = after.saturating_sub(1);
@@ -339,7 +342,7 @@ pub(crate) struct BaseState {
     omega_dot: Vector3<f64>,
 }
 
-/// A trajectory laid out in time, of a robot that fits it.
+/// Trajectory laid out in time, with a robot that has its number of feet.
 pub(crate) struct Motion<'a> {
     pub robot: &'a Robot,
     pub horizon: f64,
@@ -361,7 +364,7 @@ impl<'a> Motion<'a> {
         Ok(Motion { robot, horizon: trajectory.horizon, base_lin, base_ang, feet })
     }
 
-    /// Times a rate apart from 0 on, and the horizon, s.
+    /// Times 0, `1 / rate`, `2 / rate`, ... and the horizon, s.
     ///
     /// * `rate` - Hz, positive
     pub fn times(&self, rate: f64) -> Vec<f64> {
@@ -369,10 +372,10 @@ impl<'a> Motion<'a> {
         (0u32..).map(|i| f64::from(i) / rate).take_while(before).chain([self.horizon]).collect()
     }
 
-    /// State of the base.
+    /// State of the base at a time.
     ///
     /// The Euler angles turn about the axes `a_yaw = e_z`, `a_pitch = Rz e_y`, `a_roll = Rz Ry e_x`:
-    /// `w = roll' a_roll + pitch' a_pitch + yaw' a_yaw`; each axis is carried along by the turns before it.
+    /// `w = roll' a_roll + pitch' a_pitch + yaw' a_yaw`. Each axis is rotated by the angles before it.
     pub fn base(&self, time: f64) -> BaseState {
         let lin = self.base_lin.at(time);
         let ang = self.base_ang.at(time);
@@ -399,7 +402,8 @@ impl<'a> Motion<'a> {
         Matrix3::from_fn(|r, c| self.robot.inertia[r][c])
     }
 
-    /// Moment `I_w wdot + w x I_w w - sum (x_i - p) x f_i`, N m, and force `m pddot - sum f_i + m g e_z`, N, missing; world frame.
+    /// Residuals of the rigid body, world frame: moment `I_w wdot + w x I_w w - sum (x_i - p) x f_i`, N m, and force `m pddot - sum f_i + m
+    /// g e_z`, N.
     pub fn defect(&self, base: &BaseState, time: f64) -> (Vector3<f64>, Vector3<f64>) {
         let rotation = base.rotation.matrix();
         let inertia = rotation * self.inertia() * rotation.transpose();
@@ -413,7 +417,7 @@ impl<'a> Motion<'a> {
         (moment, force)
     }
 
-    /// How far a foot is outside its box along each axis of the base, m; negative inside.
+    /// Distance of a foot outside its reach box along each axis of the base, m; negative inside.
     pub fn reach_excess(&self, base: &BaseState, foot: usize, position: Vector3<f64>) -> Vector3<f64> {
         let in_base = base.rotation.inverse() * (position - base.position);
         let (from_nominal, reach) = (in_base - Vector3::from(self.robot.nominal_feet[foot]), self.robot.reach.of(foot));
@@ -428,7 +432,7 @@ mod tests {
 
     #[test]
     fn a_piece_is_the_cubic_through_its_nodes() {
-        // p = 1 - 2 t + 3 t^2 - 4 t^3 over 0.5 s, then a tail that stands.
+        // p = 1 - 2 t + 3 t^2 - 4 t^3 over 0.5 s; the z component is constant.
         let (p, v) = (|t: f64| 1. - 2. * t + 3. * t * t - 4. * t * t * t, |t: f64| -2. + 6. * t - 12. * t * t);
         let node = |t: f64| [p(t), 0., 7., v(t), 0., 0.];
         let curve = Curve { poly_durations: vec![0.2, 0.3], nodes: vec![node(0.), node(0.2), node(0.5)] };
@@ -453,7 +457,7 @@ mod tests {
     }
 
     #[test]
-    fn angular_velocity_and_acceleration_are_those_of_the_rotation() {
+    fn angular_velocity_and_acceleration_match_the_rotation() {
         let robot = Robot::named("monoped").unwrap();
         let still = Curve { poly_durations: vec![1.], nodes: vec![[0.; 6]; 2] };
         let turning = Curve { poly_durations: vec![1.], nodes: vec![[0.3, -0.4, 2., 1., 2., -3.], [0.9, 0.6, -1., -2., 1., 0.5]] };
@@ -472,7 +476,7 @@ mod tests {
     }
 
     #[test]
-    fn extremes_keep_the_first_greatest_and_turn_nan_into_infinity() {
+    fn an_extreme_keeps_the_first_maximum_and_turns_nan_into_infinity() {
         let mut e = Extreme::default();
         e.update(-1., Some(1), 0.1);
         assert_eq!(e, Extreme::default());

@@ -1,23 +1,23 @@
-//! Greatest values over whole curves, not at samples: in closed form or bounded on every piece.
+//! Maxima over whole curves, in closed form or bounded on every piece, without sampling.
 
 use super::bernstein::{Peak, acceleration, convex, depth, position, velocity};
 use super::dense::{BaseState, ContactAxes, Extreme, FootMotion, Motion, TimedCurve};
 use crate::terrain::Terrain;
 use nalgebra::Vector3;
 
-/// Halvings of an interval of the reach rows after which its bound is taken for the value.
+/// Number of halvings of a reach interval after which its bound is taken as the value.
 const REACH_DEPTH: u32 = 16;
 
-/// How close that bound need not come to the value, m.
+/// Gap between bound and value below which a reach interval is not halved further, m.
 const REACH_CLOSE: f64 = 1e-8;
 
-/// Remembers a peak of a piece, found given the greatest value so far.
+/// Records the maximum of a piece. `peak` computes it from the largest value so far.
 fn note(extreme: &mut Extreme, peak: impl FnOnce(f64) -> Peak, foot: Option<usize>, curve: &TimedCurve, piece: usize) {
     let (value, at) = peak(extreme.value);
     extreme.update(value, foot, curve.times[piece] + at * curve.length(piece));
 }
 
-/// Forces of standing feet, N: pull, normal force above its limit, and what lies outside the friction cone, `|f_t| - mu f_n`.
+/// Maxima over standing feet, N: pulling force, normal force above its limit, and force outside the friction cone, `|f_t| - mu f_n`.
 pub(super) fn forces(motion: &Motion, terrain: &Terrain, force_limit: f64, floor: f64) -> [Extreme; 3] {
     let mut extremes = [Extreme::default(); 3];
     for (foot, curves) in motion.feet.iter().enumerate() {
@@ -39,7 +39,7 @@ pub(super) fn forces(motion: &Motion, terrain: &Terrain, force_limit: f64, floor
     extremes
 }
 
-/// How far a foot is below the terrain, m.
+/// Largest depth of a foot below the terrain, m.
 pub(super) fn penetration(motion: &Motion, terrain: &Terrain, floor: f64) -> Extreme {
     let mut extreme = Extreme::default();
     for (foot, curves) in motion.feet.iter().enumerate() {
@@ -51,7 +51,7 @@ pub(super) fn penetration(motion: &Motion, terrain: &Terrain, floor: f64) -> Ext
     extreme
 }
 
-/// How far a standing foot is off its foothold, m.
+/// Largest distance of a standing foot from its foothold, m.
 pub(super) fn standing(motion: &Motion, floor: f64) -> Extreme {
     let mut extreme = Extreme::default();
     for (foot, curves) in motion.feet.iter().enumerate() {
@@ -65,7 +65,7 @@ pub(super) fn standing(motion: &Motion, floor: f64) -> Extreme {
     extreme
 }
 
-/// How far the base is below the terrain, m.
+/// Largest depth of the base below the terrain, m.
 pub(super) fn base_depth(motion: &Motion, terrain: &Terrain) -> Extreme {
     let mut extreme = Extreme::default();
     let curve = &motion.base_lin;
@@ -75,7 +75,7 @@ pub(super) fn base_depth(motion: &Motion, terrain: &Terrain) -> Extreme {
     extreme
 }
 
-/// Speed of a foot over some of its pieces, m/s, all of it or along the ground.
+/// Largest speed of a foot over a range of pieces, m/s: total, or only the horizontal component.
 pub(super) fn foot_speed(curves: &FootMotion, pieces: std::ops::Range<usize>, horizontal: bool, floor: f64) -> Extreme {
     let mut extreme = Extreme::default();
     let curve = &curves.motion;
@@ -86,12 +86,12 @@ pub(super) fn foot_speed(curves: &FootMotion, pieces: std::ops::Range<usize>, ho
     extreme
 }
 
-/// Acceleration of a foot over some of its pieces, m/s². It is linear on each.
+/// Largest acceleration of a foot over a range of pieces, m/s². The acceleration is linear on each piece.
 pub(super) fn foot_acceleration(curves: &FootMotion, pieces: std::ops::Range<usize>) -> Extreme {
     ends(&curves.motion, pieces, |a| a.norm())
 }
 
-/// Greatest value of a convex function of the acceleration of a curve.
+/// Maximum of a convex function of a curve's acceleration. The acceleration is linear on each piece, so the maximum is at an end.
 pub(super) fn ends(curve: &TimedCurve, pieces: std::ops::Range<usize>, f: impl Fn(&Vector3<f64>) -> f64) -> Extreme {
     let mut extreme = Extreme::default();
     for piece in pieces {
@@ -102,7 +102,7 @@ pub(super) fn ends(curve: &TimedCurve, pieces: std::ops::Range<usize>, f: impl F
     extreme
 }
 
-/// Sum of the Euler rates of the base, rad/s, which its angular velocity does not exceed.
+/// Largest sum of the absolute Euler rates of the base, rad/s. It bounds the angular velocity.
 pub(super) fn base_rate(curve: &TimedCurve, floor: f64) -> Extreme {
     let mut extreme = Extreme::default();
     for piece in 0..curve.pieces() {
@@ -111,7 +111,7 @@ pub(super) fn base_rate(curve: &TimedCurve, floor: f64) -> Extreme {
     extreme
 }
 
-/// Greatest force of each foot, N, all of them added up.
+/// Sum of the largest force of every foot, N.
 pub(super) fn push(motion: &Motion) -> f64 {
     let greatest = |curve: &TimedCurve| {
         let peaks = (0..curve.pieces()).map(|piece| convex(position(curve.curve, piece), |f| f.norm(), 0.).0);
@@ -120,16 +120,16 @@ pub(super) fn push(motion: &Motion) -> f64 {
     motion.feet.iter().map(|foot| greatest(&foot.force)).sum()
 }
 
-/// Bounds of the angular velocity and acceleration of the base, rad/s and rad/s², on the piece that a time is on.
+/// Bounds of the angular velocity and acceleration of the base, rad/s and rad/s², on the piece that contains a time.
 ///
-/// The axes of the Euler angles are unit vectors that turn no faster than the angles before them.
+/// The axes of the Euler angles are unit vectors that rotate no faster than the sum of the rates of the angles before them.
 pub(super) fn turning(angles: &TimedCurve, time: f64) -> [f64; 2] {
     let greatest = |control: &[Vector3<f64>]| control.iter().map(|c| c.lp_norm(1)).fold(0., f64::max);
     let [rates, turn] = angles.on(time, |curve, piece| [greatest(&velocity(curve, piece)), greatest(&acceleration(curve, piece))]);
     [rates, turn + rates * rates]
 }
 
-/// What bounds the curvature of a foot's path, seen from the base, over an interval without nodes.
+/// Quantities that bound the curvature of a foot's path in the base frame, over an interval without nodes.
 struct Bend {
     /// Angular velocity, rad/s.
     omega: f64,
@@ -139,11 +139,11 @@ struct Bend {
     base: [Vector3<f64>; 2],
 }
 
-/// How far a foot is outside its box along the worst axis of the base, m.
+/// Largest distance of a foot outside its reach box along the worst axis of the base, m.
 ///
-/// Between two times `h` apart a twice differentiable function is not above its greater end by more than `h^2 / 8 max |f''|`. With `r` the foot
-/// from the base: `|(R' r)''| <= |r''| + 2 |w| |r'| + (|w'| + |w|^2) |r|`. An interval is halved until that is below `floor`,
-/// or as good as the value.
+/// Over an interval of length `h` a twice differentiable function exceeds the larger of its end values by at most `h^2 / 8 max |f''|`. With
+/// `r` the foot relative to the base: `|(R' r)''| <= |r''| + 2 |w| |r'| + (|w'| + |w|^2) |r|`. An interval is halved until the bound is
+/// below `floor` or within [`REACH_CLOSE`] of the value.
 pub(super) fn reach(motion: &Motion, floor: f64) -> Extreme {
     let mut times: Vec<f64> = motion.base_lin.times.iter().chain(&motion.base_ang.times).copied().collect();
     times.extend(motion.feet.iter().flat_map(|foot| &foot.motion.times));
@@ -166,7 +166,7 @@ pub(super) fn reach(motion: &Motion, floor: f64) -> Extreme {
         let bend = Bend { omega, alpha, base: motion.base_lin.on(middle, acceleration) };
         for (foot, curves) in motion.feet.iter().enumerate() {
             let path = curves.motion.on(middle, acceleration);
-            // All accelerations are linear over their pieces: the difference is largest at some pair of ends.
+            // All accelerations are linear on their pieces, so the difference is largest at some pair of ends.
             let apart = path.iter().flat_map(|a| bend.base.iter().map(move |b| (a - b).norm())).fold(0., f64::max);
             let at = |time: f64, base: &BaseState| {
                 let p = curves.motion.at(time);

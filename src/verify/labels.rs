@@ -1,4 +1,4 @@
-//! Whether a trajectory is what it says it is: its labels against its content.
+//! Checks the labels of a trajectory (transcription, scenario, robot, terrain, limits) against its content.
 
 use crate::error::{Error, Result, check_range};
 use crate::gait::Trajectory;
@@ -8,20 +8,20 @@ use crate::scenario::{Scenario, TARGETS};
 use crate::settings::Transcription;
 use crate::terrain::Terrain;
 
-/// Transcriptions of which the rows are known.
+/// Transcriptions whose rows are known.
 pub const TRANSCRIPTIONS: [&str; 3] = ["momentum", "towr", "contact-implicit"];
 
-/// What TOWR \[3\] limits normal forces to, N.
+/// Limit of normal forces in TOWR \[3\], N.
 const TOWR_FORCE_LIMIT: f64 = 1000.;
 
-/// How far a goal may be from that of a label, m and rad.
+/// Largest distance of a goal from the goal of its label, m and rad.
 const SAME_GOAL: f64 = 1e-6;
 
 /// Checks the labels of a trajectory.
 ///
 /// # Errors
-/// [`Error::Invalid`] or [`Error::Unknown`] for a transcription without rows, limits that no robot needs, a built-in name on another robot or
-/// another shape, and a scenario whose robot, terrain, goal or yaw is not that of the content.
+/// [`Error::Invalid`] or [`Error::Unknown`] for a transcription without rows, for limits outside the accepted ranges, for a built-in name
+/// on a different robot or terrain, and for a scenario whose robot, terrain, goal or yaw differs from the content.
 pub fn check_labels(trajectory: &Trajectory) -> Result<()> {
     if let Some(name) = trajectory.transcription.as_deref().filter(|name| !TRANSCRIPTIONS.contains(name)) {
         return Err(Error::Unknown { what: "transcription", name: name.into(), known: TRANSCRIPTIONS.join(", ") });
@@ -38,10 +38,11 @@ pub fn check_labels(trajectory: &Trajectory) -> Result<()> {
     Err(Error::invalid("scenario", format!("`{}`", trajectory.scenario.as_deref().unwrap_or_default().escape_debug()), differs))
 }
 
-/// Largest normal force of a foot that a trajectory is held to by itself, N, and whose word it is: the file's, but not more than the robot's.
+/// Largest normal force of a foot when the caller gives none, N, and the source of that limit: the file's limit, but not more than the
+/// robot's.
 ///
 /// # Errors
-/// [`Error::Invalid`] when the file allows more than any leg of its robot takes: that must be asked for from outside.
+/// [`Error::Invalid`] if the file allows more than any leg of its robot can take: such a limit must be requested explicitly.
 pub fn own_force_limit(trajectory: &Trajectory, robot: &Robot) -> Result<(f64, &'static str)> {
     let of_momentum = of_momentum(trajectory);
     let most = FORCE_LIMIT * robot.weight();
@@ -54,12 +55,12 @@ pub fn own_force_limit(trajectory: &Trajectory, robot: &Robot) -> Result<(f64, &
         }
         (Some(file), _) => Ok((file, "the file's own")),
         (None, Some(robot)) => Ok((robot, "the robot's")),
-        (None, None) if of_momentum => Ok((robot.default_force_limit(), "of a robot that names none")),
+        (None, None) if of_momentum => Ok((robot.default_force_limit(), "default for a robot without a limit")),
         (None, None) => Ok((TOWR_FORCE_LIMIT, "TOWR's")),
     }
 }
 
-/// Limits within what the settings of a transcription accept.
+/// Checks that limits are within the ranges that the settings of a transcription accept.
 fn check_limits(limits: &MotionLimits) -> Result<()> {
     check_range("limits.clearance", limits.clearance, 0., 10.)?;
     check_range("limits.swing_height", limits.swing_height, limits.clearance, 100.)?;
@@ -67,10 +68,10 @@ fn check_limits(limits: &MotionLimits) -> Result<()> {
     limits.foot_acceleration.map_or(Ok(()), |a| check_range("limits.foot_acceleration", a, 1., 1e6))
 }
 
-/// In what a trajectory differs from the scenario that it names, if in anything.
+/// Returns the first difference between a trajectory and the scenario that it names, or `None`.
 ///
 /// # Errors
-/// For a scenario or a target that does not exist.
+/// [`Error::Unknown`] or [`Error::Invalid`] for a scenario or a target that does not exist.
 pub fn scenario_differs(trajectory: &Trajectory) -> Result<Option<String>> {
     let Some(name) = trajectory.scenario.as_deref() else { return Ok(None) };
     let scenario = Scenario::named(name)?;
@@ -122,7 +123,7 @@ pub fn scenario_differs(trajectory: &Trajectory) -> Result<Option<String>> {
     Ok(None)
 }
 
-/// Whether a motion is held to the rows of `momentum`, and with them to what happens between the instants.
+/// True if the motion is checked against the rows of `momentum`, and therefore also between the instants.
 pub(crate) fn of_momentum(trajectory: &Trajectory) -> bool {
     trajectory.transcription.as_deref() == Some(Transcription::Momentum.name())
 }

@@ -1,19 +1,27 @@
-//! The independent check: an evaluation of a motion in f64 that shares nothing with the solver. It imports gait, robot and terrain, and for
-//! what a file says of itself scenarios and settings.
+//! Independent check: evaluates a motion in f64 without sharing any code with the solver. It imports gait, robot and terrain, and scenarios
+//! and settings for the labels of a file. It deliberately repeats the formulas for Hermite pieces, Bernstein control points and Euler
+//! angles, so that an error in the solver is not repeated in its check.
 //!
-//! Nothing is certified by samples alone: forces, speeds and depths have their greatest values on whole pieces, what turns
-//! with the base is bounded between the times at which it is evaluated.
+//! # Content of a certificate
+//! No value of a `momentum` motion is certified by samples alone.
 //!
-//! # What a certificate says
-//! `verify` shares no code with the solver, and no value of a `momentum` motion is certified by samples alone: normal force, force limit and the friction cone
-//! are bounded on whole pieces (a convex function of a cubic is not above its control points, and halving closes the gap), and so are speed, acceleration and
-//! depth of feet and base, how far a standing foot is off its foothold, the terrain split where its patches meet; reach, and the way off the rollout,
-//! which turn with the base, by their second derivative between the times at which they are evaluated. What the forces add to a momentum that the plan does
-//! not have is told as a mean force, over 0.1 s at most. Feet are held to the exact cone; TOWR's own motions to its pyramid, which circumscribes the cone, and the
-//! report says which. What no robot does is refused in every motion: pieces shorter than 1 ms, a base that turns by more than 10 `sqrt(g / l)`, accelerates
-//! more than its feet push, or is below the ground; in all but TOWR's own, feet faster than 30 m/s. Tolerances of `momentum` go by the robot: 1e-4 of its
-//! weight `W`, 1e-4 `W l`, 5e-4 of its leg `l`, 5e-4 `sqrt(g l)`, 1e-3 `g`, 1e-4 rad (1e-2 for what the momentum of one base piece turns it off the plan); N_vc of TOWR's rows is counted beyond 1e-4 as in the paper.
-//! Robot, ground, goal and limits are those of the file unless given, and are printed as such; a name or a scenario that its content contradicts is an error.
+//! * Normal force, force limit, friction cone, speed and acceleration of feet, depth of feet and base, and the distance of a standing foot
+//!   from its foothold are bounded on whole pieces. A convex function of a cubic is bounded by its maximum at the control points, and
+//!   halving closes the gap. The terrain is split where its patches meet.
+//! * Reach and the deviation from the rollout depend on the attitude of the base. They are bounded between the times of their evaluation by
+//!   the second derivative.
+//! * The difference between the integrated forces and the planned momentum is reported as a mean force over at most 0.1 s.
+//!
+//! Feet are checked against the exact friction cone, in TOWR's own motions against its pyramid, which circumscribes the cone; the report
+//! names the one used. Every motion is refused that no robot can perform: pieces shorter than 1 ms, a base that turns faster than 10
+//! `sqrt(g / l)`, accelerates more than its feet push, or is below the ground; in all but TOWR's own motions also feet faster than 30 m/s.
+//!
+//! Tolerances of `momentum` scale with the robot's weight `W` and leg length `l`: forces 1e-4 `W`, moments 1e-4 `W l`, lengths 5e-4 `l`,
+//! speeds 5e-4 `sqrt(g l)`, accelerations 1e-3 `g`, angles 1e-4 rad (1e-2 rad for the attitude that one base piece may differ from the
+//! plan). N_vc of TOWR's rows counts violations above 1e-4, as in the paper.
+//!
+//! Robot, ground, goal and limits are those of the file unless given, and the report prints their source. A name or a scenario that
+//! contradicts the content of the file is an error.
 
 mod ball;
 mod bernstein;

@@ -1,4 +1,4 @@
-//! What a certificate says: kinds of rows, what they are held to, and how many are violated.
+//! Content of a certificate: families of rows, their tolerances and limits, and the number of violated rows.
 
 use super::dense::{DenseReport, readable};
 use super::rollout::RolloutReport;
@@ -6,10 +6,10 @@ use crate::robot::{GRAVITY, Robot};
 use serde::Serialize;
 use std::fmt;
 
-/// Largest violation of a row of TOWR's that does not count, in the unit of the row: N_vc as in the paper \[1\].
+/// Largest violation of a TOWR row that does not count, in the unit of the row: N_vc as in the paper \[1\].
 pub const TOLERANCE: f64 = 1e-4;
 
-/// Largest violations that do not count, by what a row measures.
+/// Largest violations that do not count, per kind of quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Tolerances {
@@ -30,7 +30,7 @@ pub struct Tolerances {
 }
 
 impl Tolerances {
-    /// Those of TOWR's rows.
+    /// Tolerances of TOWR's rows.
     pub const TOWR: Tolerances = Tolerances {
         force: TOLERANCE,
         moment: TOLERANCE,
@@ -41,8 +41,8 @@ impl Tolerances {
         rate: TOLERANCE,
     };
 
-    /// Those of a robot, for `momentum` motions: with its weight `W` and the length `l` of its legs 1e-4 `W` and 1e-4 `W l`, 5e-4 `l` and
-    /// 5e-4 `sqrt(g l)`, 1e-3 `g`, 1e-4 rad and 1e-4 `sqrt(g / l)`.
+    /// Tolerances of `momentum` motions of a robot with weight `W` and leg length `l`: 1e-4 `W`, 1e-4 `W l`, 5e-4 `l`, 5e-4 `sqrt(g l)`,
+    /// 1e-3 `g`, 1e-4 rad and 1e-4 `sqrt(g / l)`.
     pub fn of(robot: &Robot) -> Tolerances {
         let (weight, leg) = (robot.weight(), robot.leg_height());
         Tolerances {
@@ -64,64 +64,67 @@ impl fmt::Display for Tolerances {
     }
 }
 
-/// Limits of a `momentum` motion between its instants: distance of the base from its rollout, m,
+/// Largest distance of the base from its rollout in a `momentum` motion, m.
 pub const ROLLOUT_POSITION: f64 = 0.01;
-/// angle between the base and its rollout, degrees,
+/// Largest angle between the base and its rollout in a `momentum` motion, degrees.
 pub const ROLLOUT_ATTITUDE: f64 = 1.;
-/// how far a foot may be outside its box, m,
+/// Largest distance of a foot outside its reach box between the instants of a `momentum` motion, m.
 pub const DENSE_REACH: f64 = 5e-3;
-/// and below the terrain, m.
+/// Largest depth of a foot below the terrain between the instants of a `momentum` motion, m.
 pub const PENETRATION: f64 = 1e-3;
 
-/// How far the ground within a radius of a foothold may be off its plane, above or below, in radii.
+/// Largest deviation, above or below, of the ground within one radius of a foothold from its plane, in radii.
 ///
-/// What turns by no more than half of a slope within the foot carries it as a plane does: a ball in such an edge is lifted by no more than an
-/// eighth of its radius, which a sole gives. At a gap or a riser the ground is off by its depth or height, so that a foot
-/// keeps a whole radius from every one of more than half a radius.
+/// An edge whose slope changes by at most 1/2 under the foot counts as flat: it lifts the ball by at most 1/8 of its radius, which a
+/// compliant sole absorbs. At a gap or a riser the ground deviates by its depth or height, so a foot stays one full radius away from each
+/// that is deeper or higher than half a radius.
 pub const FOOTHOLD_PLANE: f64 = 0.5;
 
-/// How deep the ball of a foot may get into the ground in a swing, in radii: what an edge takes of it that a foothold may have.
-/// With slopes of a quarter to either side `1 - cos(2 atan(1 / 4)) = 0.118`.
+/// Largest penetration of the foot ball during a swing, in radii. Equal to the depth that an admissible foothold edge causes: with slopes
+/// of 1/4 on both sides `1 - cos(2 atan(1 / 4)) = 0.118`.
 pub const BALL_DEPTH: f64 = 0.125;
 
-/// Shortest piece of a curve, s. Shorter ones carry nothing that a robot does.
+/// Shortest piece of a curve, s. No motion of a robot needs a shorter one.
 pub const SHORTEST_PIECE: f64 = 1e-3;
-/// Highest speed of a foot in any motion but TOWR's, m/s,
+/// Highest speed of a foot in any motion except TOWR's, m/s.
 pub const FOOT_SPEED: f64 = 30.;
-/// and sum of the Euler rates of a base, in `sqrt(g / l)` of its legs.
+/// Largest sum of the absolute Euler rates of the base, in `sqrt(g / l)` with the leg length `l`.
 pub const BASE_RATE: f64 = 10.;
 
-/// Kinds of rows.
+/// Families of rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Family {
-    /// Newton and Euler equations of the base, every 0.1 s and at the end.
+    /// Newton-Euler equations of the base, every 0.1 s and at the end.
     Dynamics,
-    /// Momentum, position and attitude at the end of every base piece as the forces make them. Only asked of `momentum` motions.
+    /// Momentum, position and attitude at the end of every base piece match the integrated forces. Only for `momentum` motions.
     Momentum,
-    /// Acceleration of the base continuous between its pieces. Only asked of TOWR's own transcription.
+    /// Continuous acceleration of the base between its pieces. Only for TOWR's own transcription.
     BaseAcceleration,
-    /// Feet inside their boxes, every 0.08 s and at the end; of `momentum` motions up to [`DENSE_REACH`] outside.
+    /// Feet inside their reach boxes, every 0.08 s and at the end; in `momentum` motions up to [`DENSE_REACH`] outside.
     Reach,
-    /// Standing feet on the terrain, mid nodes of a swing not below it.
+    /// Standing feet on the terrain; mid nodes of a swing not below it.
     Terrain,
-    /// Normal force between 0 and its limit, the friction cone; of other motions than `momentum` TOWR's pyramid, which circumscribes it.
+    /// Normal force between 0 and its limit, and force inside the friction cone; except for `momentum` motions inside TOWR's pyramid, which
+    /// circumscribes it.
     Force,
-    /// Mid node of a two-piece swing halfway between the footholds, with the velocity that TOWR prescribes, in TOWR's own transcription; of
-    /// `momentum` motions high enough, not too high, not too fast.
+    /// Swings. In TOWR's own transcription: mid node of a two-piece swing halfway between the footholds, with the velocity that TOWR
+    /// prescribes. In `momentum` motions: clearance and swing height in the middle, speed and acceleration of the foot within their limits.
     Swing,
     /// Start of base and feet, goal of the base.
     Bounds,
-    /// What TOWR's variables hold by construction: standing feet stand, swinging feet carry nothing, nodes at phase boundaries.
+    /// Properties that TOWR's variables have by construction: standing feet do not move, swinging feet carry no force, nodes at phase
+    /// boundaries.
     Structure,
-    /// What no robot does, whatever its rows: pieces shorter than [`SHORTEST_PIECE`], feet faster than [`FOOT_SPEED`], a base that turns faster than
-    /// [`BASE_RATE`], accelerates more than its feet can push by a weight, or gets below the terrain; a goal below it. On whole curves.
+    /// Limits that no robot can exceed, for every transcription and on whole curves: pieces shorter than [`SHORTEST_PIECE`], feet faster
+    /// than [`FOOT_SPEED`], a base that turns faster than [`BASE_RATE`], accelerates more than its feet can push plus one weight, or is
+    /// below the terrain; a goal below the terrain.
     Possible,
-    /// What must hold between the instants, beyond its limit, on whole curves. Only asked of `momentum` motions whose other rows hold.
+    /// Excess over the limits that must hold between the instants, on whole curves. Only for `momentum` motions whose other rows hold.
     Motion,
-    /// The ball that a foot is comes no deeper into the ground in a swing than [`BALL_DEPTH`], and stands where the ground within its radius is
-    /// no farther off a plane than [`FOOTHOLD_PLANE`]. On whole curves. Only asked of `momentum` motions on ground with edges whose other rows hold.
+    /// Foot balls, on whole curves: penetration of the ground during a swing up to [`BALL_DEPTH`], and footholds where the ground within
+    /// one radius deviates from a plane by at most [`FOOTHOLD_PLANE`]. Only for `momentum` motions on uneven ground whose other rows hold.
     Footing,
 }
 
@@ -160,7 +163,7 @@ impl Family {
         }
     }
 
-    /// Units of its rows; where there are several, the name of the row says which.
+    /// Units of its rows. If there are several, the name of a row identifies its unit.
     pub fn unit(self) -> &'static str {
         match self {
             Family::Dynamics => "N, N m",
@@ -183,37 +186,37 @@ impl fmt::Display for Family {
     }
 }
 
-/// The most violated row of a family, by its tolerance.
+/// Most violated row of a family, relative to its tolerance.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Worst {
-    /// Its violation, in its unit; infinite (`null` in JSON) when it was no number.
+    /// Violation, in the unit of the row; infinite (`null` in JSON) if it was NaN.
     #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub violation: f64,
-    /// Which row, e.g. `moment x`.
+    /// Name of the row, e.g. `moment x`.
     pub row: String,
-    /// Foot; none for the base.
+    /// Index of the foot; `None` for the base.
     pub foot: Option<usize>,
     /// Time, s.
     pub time: f64,
 }
 
-/// Count of one kind of rows.
+/// Count of the rows of one family.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct FamilyReport {
-    /// Which.
+    /// Family that is counted.
     pub family: Family,
     /// Units of its rows.
     pub unit: &'static str,
     /// Number of rows.
     pub rows: usize,
-    /// Those violated by more than their tolerance.
+    /// Number of rows violated by more than their tolerance.
     pub violated: usize,
-    /// Largest violation, 0 without rows.
+    /// Largest violation; 0 without rows.
     #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub max_violation: f64,
-    /// The row that has it, if there is any row.
+    /// Row with the largest violation relative to its tolerance; `None` without rows.
     pub worst: Option<Worst>,
 }
 
@@ -228,11 +231,11 @@ pub struct RowReport {
     /// Largest violation of any row, in its own unit.
     #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub max_violation: f64,
-    /// Whether no row is violated.
+    /// True if no row is violated.
     pub feasible: bool,
-    /// What does not count.
+    /// Largest violations that do not count.
     pub tolerances: Tolerances,
-    /// By kind, in the order of [`Family::ALL`].
+    /// Counts per family, in the order of [`Family::ALL`].
     pub families: Vec<FamilyReport>,
 }
 
@@ -240,12 +243,12 @@ pub struct RowReport {
 #[derive(Debug, Clone, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Report {
-    /// At the rows.
+    /// Violations of the rows.
     #[serde(flatten)]
     pub rows: RowReport,
-    /// Between the instants.
+    /// Worst values between the instants.
     pub dense: DenseReport,
-    /// Under the planned forces alone; none when the inertia has no inverse.
+    /// Deviation of the motion integrated under the planned forces alone; `None` if the inertia has no inverse.
     pub rollout: Option<RolloutReport>,
 }
 
@@ -258,7 +261,7 @@ impl std::ops::Deref for Report {
 }
 
 impl RowReport {
-    /// Count of one kind of rows.
+    /// Count of the rows of one family.
     pub fn family(&self, family: Family) -> &FamilyReport {
         // `families` is `Family::ALL` mapped in order.
         &self.families[family as usize]
@@ -268,14 +271,14 @@ impl RowReport {
 impl fmt::Display for RowReport {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let verdict = if self.feasible { "feasible" } else { "not feasible" };
-        writeln!(f, "{verdict}: {} of {} rows violated by more than its tolerance", self.n_violated, self.n_rows)?;
+        writeln!(f, "{verdict}: {} of {} rows violated by more than their tolerance", self.n_violated, self.n_rows)?;
         writeln!(f, "{}", self.tolerances)?;
         writeln!(f)?;
         writeln!(f, "{:<18}{:>6}{:>10}{:>11}  {:<18} worst row", "rows", "count", "violated", "worst", "unit")?;
         for family in &self.families {
             let worst = family.worst.as_ref().map_or("-".into(), |worst| readable(worst.violation));
             write!(f, "{:<18}{:>6}{:>10}{worst:>11}  {:<18}", family.family, family.rows, family.violated, family.unit)?;
-            // A row that holds exactly is as good as any other.
+            // All rows that hold exactly are equally good, so no worst one is named.
             if let Some(worst) = family.worst.as_ref().filter(|worst| worst.violation > 0.) {
                 write!(f, " {} at {:.3} s", worst.row, worst.time)?;
                 write!(f, "{}", worst.foot.map(|foot| format!(", foot {foot}")).unwrap_or_default())?;

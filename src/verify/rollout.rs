@@ -1,5 +1,5 @@
-//! What really happens under the planned forces: the rigid body in f64 from its state, with forces and footholds as planned and nothing else, and
-//! compared with the planned base. Between two times at which a curve has a node or a contact changes all but its attitude is known in closed form.
+//! Rollout: integrates the rigid body in f64 under the planned forces and footholds, without any correction, and compares it with the
+//! planned base. Between two successive nodes or contact changes everything except the attitude is known in closed form.
 
 use super::dense::{Extreme, Motion, readable};
 use super::exact::turning;
@@ -9,20 +9,20 @@ use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 use std::fmt;
 
-/// Longest step, s. Over motions of six seconds attitudes are then within 1e-7 rad.
+/// Longest step, s. Attitudes are then accurate to 1e-7 rad over motions of six seconds.
 const STEP: f64 = 0.02;
-/// Distance of the times at which a report looks at most, s.
+/// Longest interval between the times that a report compares, s.
 const LOOK: f64 = 0.01;
-/// How often a step is halved to see whether limits hold within it.
+/// Largest number of halvings of a step to decide whether limits hold within it.
 const HALVINGS: u32 = 7;
 
-/// How far the integrated motion strays from the plan.
+/// Deviation of the integrated motion from the plan.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RolloutReport {
-    /// Distance of the base from its plan, m.
+    /// Largest distance of the base from its plan, m.
     pub position: Extreme,
-    /// Angle of the rotation between the base and its plan, degrees.
+    /// Largest angle of the rotation between the base and its plan, degrees.
     pub attitude: Extreme,
 }
 
@@ -35,47 +35,47 @@ impl fmt::Display for RolloutReport {
     }
 }
 
-/// Follows bodies along a plan.
+/// Integrates bodies along a plan.
 pub(super) struct Rollout<'a> {
     motion: &'a Motion<'a>,
     inverse_inertia: Matrix3<f64>,
-    /// Times at which a curve has a node or a contact changes, ascending.
+    /// Times of nodes and contact changes, ascending, s.
     nodes: Vec<f64>,
 }
 
-/// A body before and after a step of a stretch.
+/// Body before and after a step of a stretch.
 struct Step<'a> {
     stretch: &'a Stretch,
     before: &'a Body,
     after: &'a Body,
     /// Start of the stretch, s.
     origin: f64,
-    /// Start of the step since then, s.
+    /// Start of the step since `origin`, s.
     since: f64,
-    /// Its length, s.
+    /// Length of the step, s.
     length: f64,
-    /// How often it was halved.
+    /// Number of times that it was halved.
     halved: u32,
 }
 
 impl Step<'_> {
-    /// When it starts, s.
+    /// Start time, s.
     fn start(&self) -> f64 {
         self.origin + self.since
     }
 
-    /// When it ends, s.
+    /// End time, s.
     fn end(&self) -> f64 {
         self.start() + self.length
     }
 }
 
 impl<'a> Rollout<'a> {
-    /// None when the inertia has no inverse.
+    /// Returns `None` if the inertia has no inverse.
     pub fn new(motion: &'a Motion<'a>) -> Option<Self> {
         let mut nodes: Vec<f64> = motion.base_lin.times.iter().chain(&motion.base_ang.times).copied().collect();
         for foot in &motion.feet {
-            // Where a swinging foot is does not matter.
+            // The position of a swinging foot has no effect.
             let standing = foot.motion.times.iter().filter(|&&time| foot.foothold(time).is_some());
             nodes.extend(standing.chain(&foot.force.times).chain(&foot.switches));
         }
@@ -84,12 +84,12 @@ impl<'a> Rollout<'a> {
         Some(Rollout { motion, inverse_inertia: motion.inertia().try_inverse()?, nodes })
     }
 
-    /// The body at `end`, from `body` at `start`.
+    /// Integrates `body` from `start` to `end`, s.
     pub fn run(&self, body: Body, start: f64, end: f64) -> Body {
         self.steps(body, start, end, STEP, |_| true)
     }
 
-    /// As [`Rollout::run`], in steps of a length, s, that is halved where `observe` does not see enough.
+    /// [`Rollout::run`] in steps of at most `longest`, s, which are halved for as long as `observe` returns false.
     fn steps(&self, mut body: Body, start: f64, end: f64, longest: f64, mut observe: impl FnMut(Step) -> bool) -> Body {
         let mut time = start;
         let first = self.nodes.partition_point(|&t| t <= start + 1e-9);
@@ -112,28 +112,29 @@ impl<'a> Rollout<'a> {
         body
     }
 
-    /// From the planned state at the start, with nothing corrected on the way, as it is at steps of [`LOOK`] at most.
+    /// Deviation of the rollout from the planned initial state, compared at steps of at most [`LOOK`].
     pub fn report(&self) -> RolloutReport {
         self.compared(LOOK, |_, _| None)
     }
 
-    /// As [`Rollout::report`], but beyond `limits` (m, degrees) wherever it is so at any time: steps are halved until that is clear.
+    /// [`Rollout::report`] whose result exceeds `limits` (m, degrees) if the motion exceeds them at any time: steps are halved until this
+    /// is decided.
     pub fn certified(&self, limits: [f64; 2]) -> RolloutReport {
         let least = self.motion.inertia().symmetric_eigenvalues().min();
         self.compared(STEP, |step, ends| {
             let gaps = self.gaps(step, ends, least);
             let most = [0, 1].map(|i| f64::max(ends[0][i], ends[1][i]));
             let within = [0, 1].map(|i| most[i] + gaps[i]);
-            // What is no number holds nothing.
+            // NaN satisfies no limit.
             let holds = |values: [f64; 2], i: usize| values[i] <= limits[i];
             [0, 1].into_iter().any(|i| holds(most, i) && !holds(within, i)).then_some(within)
         })
     }
 
-    /// The report of a rollout in steps.
+    /// Compares a rollout with the plan, in steps.
     ///
-    /// * `doubt` - of a step, with how far the body is off the plan at its start and its end (m, degrees): how far it may be off within, where
-    ///   that matters
+    /// * `longest` - longest step, s
+    /// * `doubt` - upper bound of the deviation within a step, given those at its start and end (m, degrees); `None` if the ends decide
     fn compared(&self, longest: f64, mut doubt: impl FnMut(&Step, [[f64; 2]; 2]) -> Option<[f64; 2]>) -> RolloutReport {
         let motion = self.motion;
         let mut report = RolloutReport::default();
@@ -155,13 +156,14 @@ impl<'a> Rollout<'a> {
         report
     }
 
-    /// How much farther off the plan a body may be within a step than at both ends of it, m and degrees.
+    /// Largest excess of the deviation within a step over that at both its ends, m and degrees.
     ///
-    /// Between two times `h` apart a function is not above its greater end by more than `h^2 / 8 max |f''|`. Of the distance from the plan, `f''` is
-    /// what forces and plan accelerate the base differently, a cubic. Of the angle it is not above what the angular accelerations and squares of the
-    /// angular velocities of both add up to, a tenth added while the angle is small.
+    /// Over an interval of length `h` a function exceeds the larger of its end values by at most `h^2 / 8 max |f''|`. For the distance from
+    /// the plan, `f''` is the difference between the acceleration by the forces and the planned one, a cubic. For the angle it is bounded
+    /// by the sum of both angular accelerations and the square of the sum of both angular velocities, plus a tenth as long as the angle is
+    /// small.
     ///
-    /// * `ends` - how far it is off at both ends
+    /// * `ends` - deviation at both ends, m and degrees
     /// * `least` - smallest moment of inertia, kg m²
     fn gaps(&self, step: &Step, ends: [[f64; 2]; 2], least: f64) -> [f64; 2] {
         let (motion, mass, Step { stretch, before, after, since, length, .. }) = (self.motion, self.motion.robot.mass, step);
@@ -175,7 +177,7 @@ impl<'a> Rollout<'a> {
         });
         let [rates, alpha] = turning(&motion.base_ang, middle);
         let push = greatest_of_cubic(*since, *length, |time| stretch.force(time).norm());
-        // The way of the base within the step, by its speed and what it gains.
+        // Displacement of the base within the step: from its speed and the speed that it gains.
         let way = length * (before.velocity.norm().max(after.velocity.norm()) + length * (push / mass + GRAVITY));
         let moment = stretch.moment_bound(*since, *length, push, way);
         let momentum = before.momentum.norm().max(after.momentum.norm()) + moment * length / 2.;
@@ -193,26 +195,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn longer_steps_lead_to_the_same_place() {
+    fn longer_steps_give_the_same_result() {
         let (robot, trajectory) = wild(5, 1.);
         let motion = Motion::new(&trajectory, &robot).unwrap();
         let rollout = Rollout::new(&motion).unwrap();
         let start = Body::planned(&motion, &motion.base(0.));
         let [long, short] = [STEP, STEP / 40.].map(|step| rollout.steps(start, 0., motion.horizon, step, |_| true));
-        // Positions and momenta are exact; five pieces of 0.1 s turn by up to 3 rad/s.
+        // Positions and momenta are exact; five pieces of 0.1 s rotate at up to 3 rad/s.
         assert!((long.position - short.position).norm() < 1e-13 && (long.momentum - short.momentum).norm() < 1e-12);
         assert!(start.angle_to(&long) > 0.1 && long.angle_to(&short) < 1e-6, "{}", long.angle_to(&short));
     }
 
-    /// Steps that see nothing wrong at their ends are halved as long as something may be wrong in between.
+    /// Steps whose ends are within the limits are halved for as long as the limits may be exceeded in between.
     #[test]
-    fn what_is_certified_is_above_what_fine_steps_see() {
+    fn the_certified_deviation_bounds_that_of_fine_steps() {
         for seed in 0..20 {
             let (robot, trajectory) = wild(seed, 0.02);
             let motion = Motion::new(&trajectory, &robot).unwrap();
             let rollout = Rollout::new(&motion).unwrap();
             let seen = rollout.compared(1e-4, |_, _| None);
-            // Just above what there is, and just below.
+            // Limits just above and just below the actual deviation.
             for (part, held) in [(1.01, true), (0.99, false)] {
                 let limits = [part * seen.position.value, part * seen.attitude.value];
                 let certified = rollout.certified(limits);

@@ -1,11 +1,12 @@
-//! A body on a stretch of a motion: the same feet stand, and no curve has a node.
+//! Body on a stretch of a motion: an interval in which the same feet stand and no curve has a node.
 //!
-//! Forces and feet are cubics in time there, so that position, velocity and angular momentum are polynomials, known in closed form. With `r` the
-//! way from the place `p0` at the start of the stretch, `F` all forces and `H = L + m r x v` the angular momentum about `p0`:
+//! Forces and feet are cubics in time there, so position, velocity and angular momentum are polynomials that are known in closed form. With
+//! `r` the displacement from the position `p0` at the start of the stretch, `F` the sum of all forces and `H = L + m r x v` the angular
+//! momentum about `p0`:
 //!
 //! `m v' = F - m g e_z`, `r' = v`, `H' = sum (x_i - p0) x f_i - m g r x e_z`, `L = H - m r x v`.
 //!
-//! The attitude alone is integrated: `q' = q w / 2`, `w = I^-1 R' L` in the frame of the base.
+//! Only the attitude is integrated numerically: `q' = q w / 2`, `w = I^-1 R' L` in the base frame.
 
 use super::dense::{BaseState, Motion, TimedCurve};
 use crate::robot::GRAVITY;
@@ -25,7 +26,7 @@ pub(super) struct Body {
 }
 
 impl Body {
-    /// The state of the plan.
+    /// State that the plan prescribes.
     pub fn planned(motion: &Motion, base: &BaseState) -> Body {
         let rotation = base.rotation.matrix();
         Body {
@@ -42,40 +43,41 @@ impl Body {
     }
 }
 
-/// Coefficients of a polynomial in the time since the start of its stretch, from the constant one on.
+/// Coefficients of a polynomial in the time since the start of its stretch, in ascending order of powers.
 type Polynomial<const N: usize> = [Vector3<f64>; N];
 
 fn at<const N: usize>(polynomial: &Polynomial<N>, time: f64) -> Vector3<f64> {
     polynomial.iter().rev().fold(Vector3::zeros(), |sum, c| sum * time + c)
 }
 
-/// The piece of a curve that a time is on, in the time since another.
+/// Coefficients of the curve piece that contains `around`, as a polynomial in the time since `start`.
 fn cubic(curve: &TimedCurve, around: f64, start: f64) -> Polynomial<4> {
     let piece = curve.piece_around(around);
     let ([a, b, c, d], t) = (curve.cubic(piece), start - curve.times[piece]);
     [a + (b + (c + d * t) * t) * t, b + (c * 2. + d * (3. * t)) * t, c + d * (3. * t), d]
 }
 
-/// A body under the forces of the feet that stand.
+/// Motion of a body under the forces of the standing feet.
 pub(super) struct Stretch {
     mass: f64,
     inverse_inertia: Matrix3<f64>,
-    /// The body at the start.
+    /// Body at the start.
     first: Body,
     /// Sum of the forces, N.
     force: Polynomial<4>,
-    /// Their moment about the place of the body at the start, N m.
+    /// Moment of the forces about the position of the body at the start, N m.
     moment: Polynomial<7>,
-    /// m/s.
+    /// Velocity, m/s.
     velocity: Polynomial<5>,
-    /// From the place at the start, m.
+    /// Displacement from the position at the start, m.
     way: Polynomial<6>,
-    /// Angular momentum about that place, N m s.
+    /// Angular momentum about the position at the start, N m s.
     spin: Polynomial<8>,
 }
 
 impl Stretch {
-    /// * `body` - at `start`, s
+    /// * `body` - state at `start`
+    /// * `start` - start of the stretch, s
     /// * `around` - a time within the stretch, s
     pub fn new(motion: &Motion, inverse_inertia: Matrix3<f64>, body: &Body, start: f64, around: f64) -> Stretch {
         let mass = motion.robot.mass;
@@ -85,7 +87,7 @@ impl Stretch {
             arm[0] -= body.position;
             for (i, push) in push.iter().enumerate() {
                 force[i] += push;
-                // A foot that stands has no more than a place.
+                // The position of a standing foot is constant: its higher coefficients are zero.
                 for (j, arm) in arm.iter().enumerate().filter(|(_, arm)| **arm != Vector3::zeros()) {
                     moment[i + j] += arm.cross(push);
                 }
@@ -108,17 +110,20 @@ impl Stretch {
 
     /// Sum of the forces, N.
     ///
-    /// * `time` - since the start of the stretch, s, as everywhere below
+    /// * `time` - time since the start of the stretch, s
     pub fn force(&self, time: f64) -> Vector3<f64> {
         at(&self.force, time)
     }
 
-    /// A bound of the moment about the centre of mass, N m, over a step.
+    /// Upper bound of the moment about the centre of mass over a step, N m.
     ///
-    /// It is taken about the place at the start of the step, where feet that stand make it a cubic, and the body does not go far from there.
+    /// The moment is taken about the position at the start of the step, where standing feet make it a cubic; the body does not move far
+    /// from there.
     ///
-    /// * `push` - bound of the force, N
-    /// * `way` - bound of how far the body goes within the step, m
+    /// * `time` - start of the step since the start of the stretch, s
+    /// * `step` - length of the step, s
+    /// * `push` - upper bound of the force, N
+    /// * `way` - upper bound of the displacement of the body within the step, m
     pub fn moment_bound(&self, time: f64, step: f64, push: f64, way: f64) -> f64 {
         let (here, [a, b, c, d, ..]) = (at(&self.way, time), self.moment);
         let about_here = |time: f64| at(&[a, b, c, d], time) - here.cross(&self.force(time));
@@ -126,9 +131,10 @@ impl Stretch {
         greatest_of_cubic(time, step, |time| about_here(time).norm()) + moving + push * way
     }
 
-    /// The body some time after the start.
+    /// State of the body at a time after the start.
     ///
     /// * `before` - the body `step` s earlier
+    /// * `time` - time since the start of the stretch, s
     pub fn after(&self, before: &Body, time: f64, step: f64) -> Body {
         let momentum = self.momentum(time);
         Body {
@@ -144,9 +150,10 @@ impl Stretch {
         at(&self.spin, time) - at(&self.way, time).cross(&at(&self.velocity, time)) * self.mass
     }
 
-    /// The attitude after a step. The rate keeps the length of any quaternion, so that one is enough to keep it at 1 in the end.
+    /// Attitude after a step. The derivative preserves the norm of any quaternion, so one normalisation at the end suffices.
     ///
-    /// * `last` - angular momentum at its end, N m s
+    /// * `time` - start of the step since the start of the stretch, s
+    /// * `last` - angular momentum at the end of the step, N m s
     fn turned(&self, before: &Body, time: f64, step: f64, last: Vector3<f64>) -> UnitQuaternion<f64> {
         let mut rates = [Quaternion::from_imag(Vector3::zeros()); 6];
         let advanced = |weights: &[f64], rates: &[Quaternion<f64>]| {
@@ -166,7 +173,7 @@ impl Stretch {
     }
 }
 
-/// Fifth-order method of Dormand and Prince (1980): time, then weights of the rates before, of each stage.
+/// Stages of the fifth-order method of Dormand and Prince (1980): time within the step, and weights of the earlier rates.
 const STAGES: [(f64, &[f64]); 6] = [
     (0., &[]),
     (1. / 5., &[1. / 5.]),
@@ -176,18 +183,19 @@ const STAGES: [(f64, &[f64]); 6] = [
     (1., &[9017. / 3168., -355. / 33., 46732. / 5247., 49. / 176., -5103. / 18656.]),
 ];
 
-/// Weights of the stages in the step.
+/// Weights of the stages in the result of the step.
 const WEIGHTS: [f64; 6] = [35. / 384., 0., 500. / 1113., 125. / 192., -2187. / 6784., 11. / 84.];
 
-/// How far a cubic may be above the greatest of its values at four evenly spaced points, the outer two its ends: their Lebesgue constant.
+/// Lebesgue constant of four evenly spaced points including both ends: largest ratio of a cubic's maximum to the largest of its values
+/// there.
 const FOUR_POINTS: f64 = 1.64;
 
-/// A bound of the size of a cubic over a step.
+/// Upper bound of the magnitude of a cubic over a step.
 ///
-/// * `size` - at a time
+/// * `size` - magnitude at a time
 pub(super) fn greatest_of_cubic(time: f64, step: f64, size: impl Fn(f64) -> f64) -> f64 {
     let sizes = [0., 1. / 3., 2. / 3., 1.].map(|part| size(time + part * step));
-    // What is no number stays none.
+    // NaN is kept.
     FOUR_POINTS * sizes.into_iter().fold(0., |most, size| if size > most || size.is_nan() { size } else { most })
 }
 
@@ -198,9 +206,9 @@ pub(super) mod tests {
     use crate::gait::{Curve, Trajectory};
     use crate::robot::Robot;
 
-    /// A biped under forces off its weight, on feet that slide, for 0.5 s: one stands, the other swings from 0.2 to 0.3 s.
+    /// Biped for 0.5 s under forces that do not balance its weight, on sliding feet: one stands, the other swings from 0.2 to 0.3 s.
     ///
-    /// * `size` - of all that is random
+    /// * `size` - scale of all random parts
     pub fn wild(seed: u64, size: f64) -> (Robot, Trajectory) {
         let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(1);
         let mut random = |most: f64| {
@@ -220,7 +228,7 @@ pub(super) mod tests {
         (robot, Trajectory::new(vec![vec![0.5], vec![0.2, 0.1, 0.2]], 0.5, base, feet.into()))
     }
 
-    /// All of the state by one method in small steps, from the curves themselves.
+    /// Integrates the whole state with one method in small steps, directly from the curves.
     fn integrated(motion: &Motion, start: f64, end: f64) -> Body {
         let inertia = motion.inertia();
         let inverse = inertia.try_inverse().unwrap();
@@ -256,7 +264,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn the_body_goes_where_small_steps_lead() {
+    fn the_closed_form_matches_integration_in_small_steps() {
         for (seed, start) in [(1, 0.), (2, 0.1), (3, 0.2), (4, 0.4)] {
             let (robot, trajectory) = wild(seed, 1.);
             let motion = Motion::new(&trajectory, &robot).unwrap();

@@ -1,4 +1,4 @@
-//! A certificate as rows of a table.
+//! Tables of a certificate for the page.
 
 use super::Scene;
 use crate::report::samples::Sample;
@@ -8,75 +8,75 @@ use crate::verify::labels::of_momentum;
 use crate::verify::report::{DENSE_REACH, Family, PENETRATION, ROLLOUT_ATTITUDE, ROLLOUT_POSITION};
 use serde::Serialize;
 
-/// A certificate for readers.
+/// Certificate as text and tables.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Certificate {
-    /// Whether it holds.
+    /// True if the motion is certified.
     pub feasible: bool,
-    /// What it says in a few words.
+    /// Verdict in a few words.
     pub verdict: String,
-    /// What it was held to, and whose word that is.
+    /// Limits used for verification and where each came from.
     pub terms: Vec<String>,
     /// Worst values over the whole motion.
     pub worst: Vec<WorstRow>,
-    /// Counts of rows.
+    /// Numbers of rows, per family.
     pub families: Vec<FamilyRow>,
 }
 
-/// The worst value of a quantity.
+/// Worst value of a quantity over the motion.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct WorstRow {
-    /// What, in words.
+    /// Name of the quantity.
     pub what: &'static str,
-    /// Value and its unit.
+    /// Worst value, in `unit`.
     pub value: f64,
-    /// Unit of value and limit.
+    /// Unit of `value` and `limit`.
     pub unit: &'static str,
-    /// What it is held to; none where it is held to nothing.
+    /// Limit in `unit`, or `None` if the quantity is only reported.
     pub limit: Option<f64>,
-    /// When it occurs first, s.
+    /// Time at which the worst value first occurs, s.
     pub time: Option<f64>,
-    /// At which foot.
+    /// Foot with the worst value.
     pub foot: Option<usize>,
 }
 
-/// One kind of rows.
+/// Counts of the rows of one family.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FamilyRow {
-    /// What must hold, in words.
+    /// Condition that the rows express.
     pub about: &'static str,
     /// Number of rows.
     pub rows: usize,
-    /// Those violated by more than their tolerance.
+    /// Number of rows violated by more than their tolerance.
     pub violated: usize,
-    /// The worst row in words, where one is not exactly kept.
+    /// Worst row as text, or `None` if no row is violated at all.
     pub worst: Option<String>,
 }
 
-/// What a kind of rows asks for.
+/// Condition that the rows of a family express.
 fn about(family: Family) -> &'static str {
     match family {
-        Family::Dynamics => "Newton and Euler, at instants",
-        Family::Momentum => "Forces move the base, each interval",
-        Family::BaseAcceleration => "Base acceleration without jumps",
+        Family::Dynamics => "Newton-Euler equations at instants",
+        Family::Momentum => "Base motion from the forces, per interval",
+        Family::BaseAcceleration => "Continuous base acceleration",
         Family::Reach => "Feet within reach",
-        Family::Terrain => "Standing feet on the ground",
+        Family::Terrain => "Stance feet on the ground",
         Family::Force => "Normal forces and friction",
-        Family::Swing => "Height and speed of swings",
+        Family::Swing => "Swing height and speed",
         Family::Bounds => "Start and goal",
-        Family::Structure => "Standing feet stand, swinging feet bear nothing",
-        Family::Possible => "What no robot does",
-        Family::Motion => "All of it between the instants",
-        Family::Footing => "Feet as balls, clear of edges",
+        Family::Structure => "Stance feet at rest, swing feet unloaded",
+        Family::Possible => "Physical plausibility",
+        Family::Motion => "Limits between the instants",
+        Family::Footing => "Foot balls clear of edges",
     }
 }
 
 impl Certificate {
-    /// The certificate of a motion.
+    /// Builds the tables from the report of a scene and the samples of its motion.
     pub fn new(scene: &Scene, samples: &[Sample]) -> Certificate {
         let report = &scene.report;
         let dense = &report.dense;
-        let asked = |limit: f64| of_momentum(scene.trajectory).then_some(limit);
+        let checked = |limit: f64| of_momentum(scene.trajectory).then_some(limit);
         let of = |what, extreme: Extreme, scale: f64, unit, limit: Option<f64>| WorstRow {
             what,
             value: extreme.value * scale,
@@ -101,17 +101,17 @@ impl Certificate {
         let slack = report.tolerances.force / weight;
         let mut worst = vec![
             of("Normal force of a foot", push, 1., "N", Some(scene.force_limit + report.tolerances.force)),
-            of("Use of friction", friction, 100., "%", None),
-            of("Force outside the friction cone", dense.friction_excess, weight, "N", asked(slack)),
-            of("Pull of a foot on the ground", dense.pull, weight, "N", asked(slack)),
-            of("Foot out of reach", dense.reach_excess, 1e3, "mm", asked(DENSE_REACH)),
-            of("Foot below the ground", dense.penetration, 1e3, "mm", asked(PENETRATION)),
+            of("Friction utilisation", friction, 100., "%", None),
+            of("Force outside the friction cone", dense.friction_excess, weight, "N", checked(slack)),
+            of("Pull of a foot on the ground", dense.pull, weight, "N", checked(slack)),
+            of("Foot beyond its reach", dense.reach_excess, 1e3, "mm", checked(DENSE_REACH)),
+            of("Foot below the ground", dense.penetration, 1e3, "mm", checked(PENETRATION)),
             of("Height of a foot", dense.foot_height, 1e3, "mm", None),
             of("Speed of a foot", dense.foot_speed, 1., "m/s", None),
         ];
         if let Some(rollout) = &report.rollout {
-            worst.push(of("Base off its plan under the forces", rollout.position, 1e3, "mm", asked(ROLLOUT_POSITION)));
-            worst.push(of("Attitude off its plan", rollout.attitude, 1., "deg", asked(ROLLOUT_ATTITUDE)));
+            worst.push(of("Drift of the base under the planned forces", rollout.position, 1e3, "mm", checked(ROLLOUT_POSITION)));
+            worst.push(of("Drift of the attitude", rollout.attitude, 1., "deg", checked(ROLLOUT_ATTITUDE)));
         }
         let end = Extreme { value: dense.final_base_speed, time: scene.trajectory.horizon, foot: None };
         worst.push(of("Speed of the base at the end", end, 1., "m/s", None));

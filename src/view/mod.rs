@@ -1,9 +1,10 @@
-//! Results as a page: the robot moving over its ground, forces and attitude over time, and what the certificate says.
+//! Results as a web page: animation of the robot on its ground, plots of forces and attitude over time, and tables of the certificate.
 //!
-//! The page is one file that loads nothing: everything is in it, and it forbids itself the net. Its parts are `page.html`, `page.css`,
-//! `scene.js` (3D), `plots.js` and `page.js`; `three.min.js` is three.js 0.187.0 (MIT, `three.LICENSE`), as much of it as `three.entry.js` names, made by
+//! The page is a single file. It loads nothing, and its content security policy forbids network access. Its parts are `page.html`,
+//! `page.css`, `scene.js` (3D), `plots.js`, `page.js` and `three.min.js`. The last is the part of three.js 0.187.0 (MIT,
+//! `three.LICENSE`) that `three.entry.js` exports, built with
 //! `npm install three@0.187.0 esbuild && npx esbuild three.entry.js --bundle --minify --format=iife --global-name=THREE --target=es2020
-//! --legal-comments=inline --outfile=three.min.js`. A page is 0.65 MB, and about 30 kB more for each second of a quadruped.
+//! --legal-comments=inline --outfile=three.min.js`. A page has 0.65 MB plus about 30 kB per second of a quadruped's motion.
 
 mod certificate;
 
@@ -18,33 +19,33 @@ use crate::verify::Report;
 use certificate::Certificate;
 use serde::Serialize;
 
-/// Samples a second; the page joins them by straight lines.
+/// Sampling rate, Hz. The page interpolates linearly.
 const RATE: f64 = 100.;
 
-/// Most results on a page: each has a drawing context of its own, of which browsers have few.
+/// Largest number of results on a page. Each needs its own WebGL context, and browsers limit their number.
 pub const MOST_SCENES: usize = 8;
 
-/// A result that is shown.
+/// Result to show.
 pub struct Scene<'a> {
-    /// What it is called.
+    /// Name of the result.
     pub name: String,
-    /// The motion.
+    /// Motion of the robot.
     pub trajectory: &'a Trajectory,
-    /// Its robot.
+    /// Robot of the motion.
     pub robot: &'a Robot,
-    /// Its ground.
+    /// Terrain of the motion.
     pub terrain: &'a Terrain,
-    /// Largest normal force of a foot that it is held to, N.
+    /// Limit on the normal force of a foot used for verification, N.
     pub force_limit: f64,
-    /// What it is held to, and whose word that is.
+    /// Limits used for verification and where each came from.
     pub terms: Vec<String>,
-    /// Its certificate.
+    /// Certificate of the motion.
     pub report: Report,
-    /// Its gait, and what it costs, where that is known.
+    /// Gait and cost, as far as they are known.
     pub about: Vec<String>,
 }
 
-/// What the page is made from.
+/// Data of the page.
 #[derive(Serialize)]
 struct Data<'a> {
     version: &'static str,
@@ -53,7 +54,7 @@ struct Data<'a> {
     results: Vec<ResultData<'a>>,
 }
 
-/// A result; curves as one number after the other, `[times][axes]`.
+/// Data of a result. Curves are flat arrays with shape `[times][axes]`.
 #[derive(Serialize)]
 struct ResultData<'a> {
     name: &'a str,
@@ -77,19 +78,20 @@ struct ResultData<'a> {
     certificate: Certificate,
 }
 
+/// Data of a foot.
 #[derive(Serialize)]
 struct FootData {
     name: String,
     nominal: [f64; 3],
-    /// Middle and sides of the box that it reaches, base frame.
+    /// Centre and side lengths of the reach box, base frame, m.
     reach: [[f64; 3]; 2],
-    /// Where its leg meets the body as it is drawn, base frame, m.
+    /// Point at which the drawn leg meets the body, base frame, m.
     hip: [f64; 3],
-    /// Number of joints of its leg; 0 where the robot's are not known.
+    /// Number of joints of the leg; 0 if the robot has no joint model.
     joints: usize,
-    /// Where they are, base frame, m, `[times][joints][axes]`.
+    /// Positions of the joints, base frame, m, `[times][joints][axes]`.
     links: Vec<f64>,
-    /// How high the centre of its ball is above the contact point, m.
+    /// Height of the centre of the foot ball above the contact point, m.
     radius: f64,
     position: Vec<f64>,
     force: Vec<f64>,
@@ -97,15 +99,16 @@ struct FootData {
     friction_use: Vec<Option<f64>>,
     /// Start and end of each stance, s.
     stances: Vec<[f64; 2]>,
-    /// Where it stands and the normal there.
+    /// Position of each foothold, m, and unit normal of the ground there, world frame.
     footholds: Vec<[f64; 6]>,
 }
 
-/// A number of as many digits as can be seen.
+/// Rounds to 1e-5, finer than the page shows.
 fn rounded(value: f64) -> f64 {
     (value * 1e5).round() / 1e5
 }
 
+/// Values of all samples as a flat array, rounded.
 fn flat<const N: usize>(samples: &[Sample], of: impl Fn(&Sample) -> [f64; N]) -> Vec<f64> {
     samples.iter().flat_map(of).map(rounded).collect()
 }
@@ -171,17 +174,17 @@ impl<'a> ResultData<'a> {
     }
 }
 
-/// The page of one result or several, which share a clock.
+/// HTML page of one or more results, which share a clock.
 ///
 /// # Errors
-/// [`Error::Invalid`] without results or with more than [`MOST_SCENES`], and for a motion that does not fit its robot.
+/// [`Error::Invalid`] if there are no results or more than [`MOST_SCENES`], or if a motion does not fit its robot.
 pub fn page(scenes: &[Scene]) -> Result<String> {
     if scenes.is_empty() || scenes.len() > MOST_SCENES {
         return Err(Error::invalid("results", scenes.len(), format!("1 to {MOST_SCENES}")));
     }
     let results = scenes.iter().map(|scene| ResultData::new(scene).map_err(|e| e.within(&scene.name))).collect::<Result<_>>()?;
     let data = Data { version: env!("CARGO_PKG_VERSION"), rate: RATE, colors: FOOT_COLORS, results };
-    // Each mark once, in this order: what is put in is not searched again.
+    // The marks occur once and in this order. Inserted text is not searched for marks.
     let parts: [(&str, &str); 6] = [
         ("/*page.css*/", include_str!("page.css")),
         ("/*data*/", &within_script(&serde_json::to_string(&data)?)),
@@ -200,7 +203,7 @@ pub fn page(scenes: &[Scene]) -> Result<String> {
     Ok(text + rest)
 }
 
-/// JSON that no HTML parser takes for the end of the script that it stands in, nor for the begin of a comment.
+/// JSON escaped for a `<script>` element: it contains no `<`, `>` or `&`, so that it can neither end the element nor start a comment.
 fn within_script(json: &str) -> String {
     json.replace('<', "\\u003c").replace('>', "\\u003e").replace('&', "\\u0026")
 }

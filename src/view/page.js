@@ -1,7 +1,7 @@
 "use strict";
-// The page: one pane a result, one clock for all, and the certificates beside them.
+// The page: one pane per result, a common clock, and a sidebar with the certificates.
 
-/** An element with a class and text; text is never read as HTML. */
+/** Creates an element with a class and a text. The text is never parsed as HTML. */
 function element(tag, kind = "", text = "") {
   const made = document.createElement(tag);
   if (kind) made.className = kind;
@@ -14,7 +14,7 @@ const data = JSON.parse(byId("data").textContent);
 const horizon = Math.max(...data.results.map((result) => result.horizon));
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
 
-/** Yaw has its own plot where it would press roll and pitch flat. */
+/** True if yaw gets its own plot, because it is so large that roll and pitch could not be read. */
 const yawApart = data.results.some((result) => {
   const most = (i) => Math.max(...Array.from({ length: result.times }, (_, k) => Math.abs(result.angles[3 * k + i])));
   return most(2) > 3 * Math.max(most(0), most(1), 0.01);
@@ -22,10 +22,10 @@ const yawApart = data.results.some((result) => {
 
 const clock = { time: 0, playing: false, speed: 1, loop: true };
 
-/** A number of three digits or so. */
+/** Formats a number with about three digits. */
 function shown(value) {
   const size = Math.abs(value);
-  // What rounding leaves of nothing.
+  // Rounding errors of zero.
   if (size < 1e-9) return "0";
   if (size < 1e-3 || size >= 1e5) return value.toExponential(1).replace("e-", "e−");
   return value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3);
@@ -33,7 +33,7 @@ function shown(value) {
 
 const badge = ({ feasible, verdict }) => element("span", feasible ? "badge good" : "badge bad", verdict);
 
-/** A result with its heading, its view and its plots. */
+/** Pane of a result: heading, 3D view and plots. */
 class Pane {
   constructor(result) {
     this.result = result;
@@ -56,7 +56,7 @@ class Pane {
       this.view = new SceneView(canvas, this.result, data);
     } catch (error) {
       canvas.remove();
-      this.stage.append(element("div", "message", `No 3D view: this browser has no WebGL here (${error.message}). The plots below work.`));
+      this.stage.append(element("div", "message", `No 3D view: WebGL is not available in this browser (${error.message}). The plots below work.`));
       return;
     }
     const views = element("div", "views");
@@ -76,7 +76,7 @@ class Pane {
   }
 }
 
-/** One certificate as tables. */
+/** Section of the sidebar with the tables of a certificate. */
 function certificateOf(result) {
   const { certificate } = result;
   const section = element("section");
@@ -92,12 +92,12 @@ function certificateOf(result) {
     broken: row.limit !== null && row.value > row.limit,
     cells: [[row.what, where(row)], [`${shown(row.value)} ${row.unit}`], [row.limit === null ? "–" : `${shown(row.limit)} ${row.unit}`]],
   }));
-  const rows = table(["Rows", "count", "violated"], certificate.families, (row) => ({
+  const rows = table(["Rows", "checked", "violated"], certificate.families, (row) => ({
     broken: row.violated > 0,
     cells: [[row.about, row.worst ?? ""], [row.rows], [row.violated]],
   }));
-  section.append(title, element("h3", "", "What it is held to"), terms);
-  section.append(element("h3", "", "Over the whole motion"), worst, element("h3", "", "Rows that were checked"), rows);
+  section.append(title, element("h3", "", "Limits"), terms);
+  section.append(element("h3", "", "Over the whole motion"), worst, element("h3", "", "Constraint rows"), rows);
   return section;
 }
 
@@ -218,13 +218,13 @@ function setUp() {
     event.preventDefault();
   });
   new ResizeObserver(layOut).observe(byId("panes"));
-  // Several results need the width more than the table does.
+  // With three or more results the panes need the width of the sidebar.
   showSidebar(panes.length < 3);
 }
 
 let last = null;
 function tick(now) {
-  // A tab in the background stands still, and does not jump when it comes back.
+  // A tab in the background pauses, and does not jump when it is shown again.
   const passed = last === null ? 0 : Math.min((now - last) / 1000, 0.25);
   last = now;
   if (clock.playing) {

@@ -1,11 +1,11 @@
 "use strict";
-// Curves over time, drawn once; a cursor and the values under it follow the clock.
+// Plots over time. The curves are drawn once; a cursor and the values at the cursor follow the clock.
 
 const GUTTER = { left: 46, right: 12, top: 19, bottom: 3, axis: 32 };
 const LEAST_HEIGHT = 52;
 const INK = { text: "#5b6876", grid: "#e6eaee", axis: "#aab4bf", limit: "#b3261e", base: ["#1d2733", "#8a5a00", "#5b6876"] };
 
-/** Round numbers in a range, about `most` of them, and how many digits they have behind the point. */
+/** About `most` round numbers in a range, and their number of digits after the decimal point. */
 function ticks(low, high, most) {
   const rough = (high - low) / Math.max(1, most);
   const ten = 10 ** Math.floor(Math.log10(rough));
@@ -13,14 +13,14 @@ function ticks(low, high, most) {
   const step = kind * ten;
   const values = [];
   for (let i = Math.ceil(low / step - 1e-9); i * step <= high + 1e-9 * step; i++) values.push(i * step);
-  // One number does not say how long the axis is.
+  // A single tick does not show the scale of the axis.
   if (values.length < 2 && most < 9) return ticks(low, high, most + 1);
   return { values, digits: Math.max(0, -Math.floor(Math.log10(step) + 1e-9) + (kind === 2.5 ? 1 : 0)) };
 }
 
 const degrees = (rad) => (rad * 180) / Math.PI;
 
-/** What is plotted of a result: title, unit, and curves, each a function of the index of a sample. */
+/** Plots of a result: title, unit and curves. A curve is a function of the index of a sample. */
 function panelsOf(result, data, yawApart) {
   const axis = (values, size, i) => (k) => values[size * k + i];
   const feet = (of) => result.feet.map((foot, i) => ({ name: foot.name, color: data.colors[i], at: of(foot) }));
@@ -37,7 +37,7 @@ function panelsOf(result, data, yawApart) {
     { title: "Gait", bars: true, curves: feet(() => null) },
     { title: "Normal force", unit: "N", digits: 0, zero: true, own: true, limit: result.force_limit, curves: feet((f) => axis(f.normal_force, 1, 0)) },
     {
-      title: "Use of friction", unit: "%", digits: 0, zero: true, limit: 100, cap: 200,
+      title: "Friction utilisation", unit: "%", digits: 0, zero: true, limit: 100, cap: 200,
       curves: feet((f) => (k) => (f.friction_use[k] === null ? null : 100 * f.friction_use[k])),
     },
     { title: "Height of the base", unit: "m", digits: 3, own: true, curves: base(["height"], () => axis(result.position, 3, 2)) },
@@ -46,7 +46,7 @@ function panelsOf(result, data, yawApart) {
   ];
 }
 
-/** Least and greatest value of a panel; what is above its cap is out of sight. */
+/** Smallest and largest value of a plot. Values above its cap are not shown. */
 function rangeOf(panel, count) {
   let [low, high] = panel.zero ? [0, 0] : [Infinity, -Infinity];
   if (panel.limit !== undefined) high = panel.limit;
@@ -61,10 +61,10 @@ function rangeOf(panel, count) {
   return [low, Math.min(high, panel.cap ?? high)];
 }
 
-/** What shares a range of values: plots of one quantity; of forces and heights those of robots of one weight. */
+/** Key of plots that share a range of values: plots of the same quantity; for forces and heights only of robots with the same weight. */
 const rangeKey = (panel, result) => (panel.own ? `${panel.title} ${result.weight.toPrecision(4)}` : panel.title);
 
-/** Ranges that several results share, so that their plots can be compared. */
+/** Common ranges of the plots of several results, so that they can be compared. */
 function sharedRanges(stacks) {
   const ranges = {};
   for (const { result, panels } of stacks) {
@@ -82,7 +82,7 @@ function sharedRanges(stacks) {
   return ranges;
 }
 
-/** The plots of one result under each other. */
+/** Column with the plots of one result. */
 class PlotStack {
   constructor(container, result, data, yawApart, onSeek) {
     this.container = container;
@@ -123,14 +123,14 @@ class PlotStack {
     });
   }
 
-  /** Lays out and draws for a range of time and shared ranges of values. */
+  /** Lays out and draws all plots, for a time range from 0 to `horizon`, s, and common ranges of values. */
   draw(horizon, ranges) {
     Object.assign(this, { horizon, ranges });
     const width = this.container.clientWidth;
     if (!width) return;
     const bars = Math.max(LEAST_HEIGHT, GUTTER.top + 13 * this.result.feet.length + 6);
     const others = this.panels.length - 1;
-    // The panels fill the room that there is; where that is too little they scroll.
+    // The plots fill the available height, and scroll if it is too small.
     const room = matchMedia("(max-width: 820px)").matches ? 0 : this.container.clientHeight;
     const each = Math.max(LEAST_HEIGHT, Math.min(150, (room - bars - GUTTER.axis) / others));
     const height = bars + others * each + GUTTER.axis;

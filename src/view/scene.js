@@ -1,7 +1,7 @@
 "use strict";
-// The robot over its ground in 3D. World axes as in the program: x forward, y left, z up, m.
+// 3D view of the robot on its ground. World axes as in the program: x forward, y left, z up, m.
 
-/** Index and weight of the samples around a time. */
+/** Index of the sample before a time, s, and interpolation weight of the sample after it. */
 function sampleAt(result, rate, time) {
   const last = result.times - 1;
   const index = Math.max(0, Math.min(last - 1, Math.floor(time * rate)));
@@ -10,7 +10,7 @@ function sampleAt(result, rate, time) {
   return { index, weight: Math.max(0, Math.min(1, (time - start) / (end - start))) };
 }
 
-/** `size` numbers of a curve between samples. */
+/** Interpolated value of a curve with `size` numbers per sample. */
 function valueAt(values, size, { index, weight }) {
   const out = new Array(size);
   for (let i = 0; i < size; i++) {
@@ -20,12 +20,12 @@ function valueAt(values, size, { index, weight }) {
   return out;
 }
 
-/** Whether a foot stands at a time. */
+/** True if a foot is in stance at a time, s. */
 function stands(foot, time) {
   return foot.stances.some(([start, end]) => time >= start - 1e-9 && time <= end + 1e-9);
 }
 
-/** Convex hull of points in the plane of x and y, counter-clockwise. */
+/** Convex hull of points in the xy plane, counter-clockwise. */
 function hull(points) {
   const sorted = [...points].sort((a, b) => a[0] - b[0] || a[1] - b[1]);
   if (sorted.length < 3) return sorted;
@@ -41,7 +41,7 @@ function hull(points) {
   return [...half(sorted), ...half(sorted.reverse())];
 }
 
-/** The ground: lit, with a grid of lines in the plane and its edges drawn. */
+/** Shaded ground with its edges and a grid of lines `step` apart in x and y, m. */
 function groundOf(ground, step) {
   const { xs, ys, heights } = ground;
   const positions = [];
@@ -82,7 +82,7 @@ function groundOf(ground, step) {
   return group;
 }
 
-/** A line of a width in pixels through points `[x, y, z, x, ...]`. */
+/** Line through points `[x, y, z, x, ...]`. Its width is in pixels. */
 function pathOf(points, color, width, opacity) {
   const geometry = new THREE.LineGeometry();
   geometry.setPositions(points);
@@ -90,7 +90,7 @@ function pathOf(points, color, width, opacity) {
   return new THREE.Line2(geometry, material);
 }
 
-/** A rod along y from 0 to 1, to be put between two points. */
+/** Rod along y from 0 to 1, which `span` places between two points. */
 function rodOf(radius, material, top = radius) {
   const geometry = new THREE.CylinderGeometry(top, radius, 1, 14);
   geometry.translate(0, 0.5, 0);
@@ -101,16 +101,16 @@ function rodOf(radius, material, top = radius) {
 
 const UP = new THREE.Vector3(0, 1, 0);
 
-/** Puts a rod between two points. */
+/** Places a rod between two points. */
 function span(mesh, from, to) {
-  const way = new THREE.Vector3().subVectors(to, from);
-  const length = way.length();
+  const direction = new THREE.Vector3().subVectors(to, from);
+  const length = direction.length();
   mesh.position.copy(from);
   mesh.scale.set(1, Math.max(length, 1e-6), 1);
-  if (length > 1e-9) mesh.quaternion.setFromUnitVectors(UP, way.divideScalar(length));
+  if (length > 1e-9) mesh.quaternion.setFromUnitVectors(UP, direction.divideScalar(length));
 }
 
-/** Means of positions over `half` s to both sides: what the camera follows without shaking. */
+/** Base positions averaged over `half` s to both sides. The camera follows this path, so that it does not shake. */
 function smoothPath(result, rate, half) {
   const count = result.times;
   const reach = Math.round(half * rate);
@@ -127,7 +127,7 @@ function smoothPath(result, rate, half) {
   return out;
 }
 
-/** Body, legs, feet and arrows of a robot, and how to pose them. */
+/** Drawing of a robot: body, legs, feet and force arrows, with a method that poses them. */
 class RobotModel {
   constructor(result, colors) {
     this.result = result;
@@ -155,7 +155,7 @@ class RobotModel {
     this.body.add(this.axes);
     this.hips = result.feet.map((f) => new THREE.Vector3(...f.hip));
     this.legs = colors.map((color) => rodOf(0.042 * leg, new THREE.MeshStandardMaterial({ color, roughness: 0.6 }), 0.055 * leg));
-    // Where the joints of the legs are known: a rod from each to the next, the last one to the foot.
+    // With a joint model, a leg is a chain of rods from joint to joint and to the foot.
     this.links = result.feet.map((foot, i) => {
       const material = new THREE.MeshStandardMaterial({ color: colors[i], roughness: 0.6 });
       return Array.from({ length: foot.joints }, () => rodOf(0.042 * leg, material, 0.05 * leg));
@@ -182,7 +182,7 @@ class RobotModel {
       this.forces.add(arrow.rod, arrow.tip);
       return arrow;
     });
-    // The largest force that a foot may have is as long as two legs.
+    // The arrow of the largest allowed force is as long as two legs.
     this.metresPerNewton = (2 * leg) / Math.max(result.force_limit, 0.5 * result.weight);
     this.support = new THREE.Group();
     const corners = result.feet.length;
@@ -249,10 +249,10 @@ class RobotModel {
   }
 }
 
-/** Where cameras stand, from what they look at. */
+/** Camera positions relative to the point that they look at, before scaling. */
 const VIEWS = { Oblique: [0.62, -1, 0.5], Side: [0.001, -1.2, 0.14], Front: [1.2, 0.001, 0.22], Top: [0, -0.001, 1.6] };
 
-/** The layers that can be shown, and whether they are from the beginning. */
+/** Layers: label, and true if the layer is shown initially. */
 const LAYERS = {
   forces: ["Forces", true],
   support: ["Support polygon", true],
@@ -264,7 +264,7 @@ const LAYERS = {
   follow: ["Camera follows", true],
 };
 
-/** A view of one result on a canvas. Throws where there is no WebGL. */
+/** 3D view of one result on a canvas. The constructor throws if WebGL is not available. */
 class SceneView {
   constructor(canvas, result, data) {
     this.result = result;
@@ -278,7 +278,7 @@ class SceneView {
     this.camera = new THREE.PerspectiveCamera(36, 1, 0.02 * result.leg, 400 * result.leg);
     this.camera.up.set(0, 0, 1);
     const leg = result.leg;
-    // Lines of the ground half a leg, or a round number near that, apart.
+    // Distance of the grid lines: half a leg, rounded up to one of these lengths.
     const step = [0.05, 0.1, 0.25, 0.5, 1].find((s) => s >= 0.5 * leg) ?? 1;
     this.gridStep = step;
     this.scene.add(groundOf(result.ground, step));
@@ -340,7 +340,7 @@ class SceneView {
     this.scene.add(this.layers.footholds);
   }
 
-  /** The pose that was asked for: a cross with an arrow along its yaw. */
+  /** Adds the goal of the base: a ball with an arrow along its yaw. */
   addGoal() {
     const { goal, goal_yaw: yaw, leg } = this.result;
     const material = new THREE.MeshBasicMaterial({ color: 0x1d2733 });
@@ -357,7 +357,7 @@ class SceneView {
     this.scene.add(ball, rod, tip);
   }
 
-  /** What the camera looks at. */
+  /** Point that the camera looks at. */
   focus() {
     const point = new THREE.Vector3(...valueAt(this.smooth, 3, sampleAt(this.result, this.rate, this.time)));
     point.z -= 0.45 * this.result.leg;
@@ -388,9 +388,9 @@ class SceneView {
     this.past.geometry.instanceCount = at.index + (at.weight > 0.5 ? 1 : 0);
     const focus = this.focus();
     if (this.follow && this.at) {
-      const way = focus.clone().sub(this.at);
-      this.camera.position.add(way);
-      this.controls.target.add(way);
+      const shift = focus.clone().sub(this.at);
+      this.camera.position.add(shift);
+      this.controls.target.add(shift);
       this.controls.update();
     }
     this.at = focus;
@@ -399,7 +399,7 @@ class SceneView {
     this.dirty = true;
   }
 
-  /** Draws if anything has changed, in the size that the canvas has. */
+  /** Draws at the current size of the canvas if anything has changed. */
   render() {
     const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight];
     if (!width || !height) return;

@@ -3,7 +3,7 @@ use crate::gait::{Curve, FootCurves};
 use crate::verify::verify;
 use serde_json::Value;
 
-/// A monoped that stands while its base rises by 5 cm.
+/// Motion of a monoped in stance whose base rises by 5 cm.
 fn trajectory() -> Trajectory {
     let curve = |nodes: [[f64; 6]; 2]| Curve { poly_durations: vec![0.5], nodes: nodes.to_vec() };
     let base = curve([[0., 0., 0.58, 0., 0., 0.], [0., 0., 0.63, 0., 0., 0.]]);
@@ -28,7 +28,7 @@ fn page_of(names: &[&str], robot: &Robot, terrain: &Terrain, trajectory: &Trajec
     page(&scenes)
 }
 
-/// The data in a page, as a browser reads it: up to the first end of a script.
+/// Data of a page as a browser reads it, up to the first end of a script.
 fn data_of(page: &str) -> Value {
     let start = r#"<script type="application/json" id="data">"#;
     let (_, rest) = page.split_once(start).unwrap();
@@ -44,7 +44,7 @@ fn a_page_holds_the_curves_of_its_trajectory() {
     assert_eq!(result["times"], 51);
     let numbers = |value: &Value| value.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect::<Vec<f64>>();
     let heights: Vec<f64> = numbers(&result["position"]).into_iter().skip(2).step_by(3).collect();
-    // A cubic from rest to rest: 3 u^2 - 2 u^3 of the way at u.
+    // A cubic from rest to rest covers the share 3 u^2 - 2 u^3 of the distance at u.
     for (k, height) in heights.iter().enumerate() {
         let u = k as f64 / 50.;
         assert!((height - (0.58 + 0.05 * (3. * u * u - 2. * u * u * u))).abs() < 6e-6, "sample {k}: {height}");
@@ -54,7 +54,7 @@ fn a_page_holds_the_curves_of_its_trajectory() {
     assert_eq!(numbers(&foot["friction_use"]), [0.; 51]);
     assert_eq!(foot["stances"], serde_json::json!([[0.0, 0.5]]));
     assert_eq!(foot["footholds"], serde_json::json!([[0.0, 0.0, 0.0, 0.0, 0.0, 1.0]]));
-    // The certificate is that of the motion: it is pushed by less than its weight, and rises.
+    // The certificate is that of the motion, in which the base rises although the force is less than the weight.
     assert_eq!(result["certificate"]["feasible"], false);
     assert!(result["certificate"]["verdict"].as_str().unwrap().starts_with("not certified: "));
     let push = &result["certificate"]["worst"][0];
@@ -95,7 +95,7 @@ fn legs_of_an_imported_robot_are_rods_from_joint_to_joint_and_end_at_the_foot() 
 }
 
 #[test]
-fn names_cannot_leave_their_place() {
+fn names_in_the_data_cannot_inject_html() {
     let evil = "</script><script>alert(1)</script><!--";
     let robot = Robot { name: "a</SCRIPT >&\"'".into(), ..Robot::named("monoped").unwrap() };
     let terrain = Terrain { name: "/*page.js*/ <b>".into(), ..Terrain::flat() };
@@ -104,13 +104,13 @@ fn names_cannot_leave_their_place() {
     assert_eq!(data["results"][0]["name"], evil);
     assert_eq!(data["results"][0]["robot"], robot.name);
     assert_eq!(data["results"][0]["terrain"], terrain.name);
-    // The scripts of the page and no others.
+    // Only the page's own scripts.
     assert_eq!(page.to_lowercase().matches("</script").count(), 5);
     assert!(!page.contains("<script>alert") && !page.contains("<b>") && !page.contains("<!--"));
 }
 
 #[test]
-fn a_page_is_whole_and_loads_nothing() {
+fn a_page_is_complete_and_loads_nothing() {
     let robot = Robot::named("monoped").unwrap();
     let page = page_of(&["rise"], &robot, &Terrain::flat(), &trajectory()).unwrap();
     for part in [
@@ -131,7 +131,7 @@ fn a_page_is_whole_and_loads_nothing() {
 }
 
 #[test]
-fn several_results_stand_on_a_page_but_not_more_than_browsers_draw() {
+fn a_page_shows_up_to_eight_results() {
     let robot = Robot::named("monoped").unwrap();
     let page = |names: &[&str]| page_of(names, &robot, &Terrain::flat(), &trajectory());
     let data = data_of(&page(&["a", "b"]).unwrap());

@@ -7,7 +7,7 @@ use cregopt::nlp::transcription::{interval, towr::FORCE_LIMIT};
 use cregopt::real::Real;
 use cregopt::robot::{Reach, Robot};
 use cregopt::rows::table::NONE;
-use cregopt::rows::{Family, Shared};
+use cregopt::rows::{Family, RowKind, Shared};
 use cregopt::scenario::Scenario;
 use cregopt::settings::{Friction, Transcription, TranscriptionSettings};
 use cregopt::task::{Goal, Task};
@@ -216,9 +216,9 @@ pub fn with_any_rows<T: Real>(layout: &mut Layout<T>) {
     let any = layout.elements.iter_mut().filter(|e| e.family != Family::LinearMomentum);
     for (element, rows) in any.zip((1..=13).cycle()) {
         element.rows = rows;
-        element.place.row = layout.rows as u32;
+        element.place.row = layout.rows.all() as u32;
         element.place.jacobian = layout.jacobian_len as u32;
-        layout.rows += rows as usize;
+        layout.rows.inequalities += rows;
         layout.jacobian_len += (rows * element.place.stride) as usize;
     }
 }
@@ -254,7 +254,7 @@ pub fn rows<T: Real>(layout: &Layout<T>, x: &[T], edge_radius: f64) -> Rows<T> {
 /// Runs the kernels. Residuals are filled with NaN before, so that one that is not written shows.
 pub fn rows_with<T: Real>(layout: &Layout<T>, x: &[T], edge_radius: f64, shared: &mut Shared<T>) -> Rows<T> {
     let mut rows = Rows {
-        c: vec![T::nan(); layout.equalities],
+        c: vec![T::nan(); layout.rows.one_sided()],
         g: vec![T::nan(); layout.inequalities],
         jacobian: vec![T::zero(); layout.jacobian_len],
     };
@@ -285,7 +285,7 @@ pub fn shared<T: Real>(layout: &Layout<T>) -> Shared<T> {
 
 /// The Jacobian as a matrix, `[rows][variables]`, from the tables of the layout.
 pub fn dense_jacobian<T: Real>(layout: &Layout<T>, values: &[T]) -> DMatrix<f64> {
-    let mut dense = DMatrix::zeros(layout.rows, layout.variables);
+    let mut dense = DMatrix::zeros(layout.rows.all(), layout.variables);
     for (element, runs) in layout.all_elements().zip(layout.columns()) {
         let place = &element.place;
         for r in 0..element.rows as usize {
@@ -304,7 +304,7 @@ pub fn dense_jacobian<T: Real>(layout: &Layout<T>, values: &[T]) -> DMatrix<f64>
 pub fn dense_inequalities<T: Real>(layout: &Layout<T>, values: &[T]) -> DMatrix<f64> {
     let by_row = dense_jacobian(layout, values);
     let mut dense = DMatrix::zeros(layout.inequalities, layout.variables);
-    for element in layout.all_elements().filter(|e| e.place.row as usize >= layout.equalities) {
+    for element in layout.all_elements().filter(|e| e.kind() == RowKind::Inequality) {
         let (row, at) = (element.place.row as usize, element.place.inequality as usize);
         for r in 0..element.rows as usize {
             dense.set_row(at + r, &by_row.row(row + r));
@@ -318,11 +318,11 @@ pub fn dense_inequalities<T: Real>(layout: &Layout<T>, values: &[T]) -> DMatrix<
 
 /// One residual for each Jacobian row: equalities, and the upper sides of inequalities.
 pub fn one_sided<T: Real>(layout: &Layout<T>, c: &[T], g: &[T]) -> Vec<f64> {
-    let mut residuals = vec![f64::NAN; layout.rows];
+    let mut residuals = vec![f64::NAN; layout.rows.all()];
     for element in layout.all_elements() {
         let (row, at) = (element.place.row as usize, element.place.inequality as usize);
         for r in 0..element.rows as usize {
-            residuals[row + r] = if row < layout.equalities { c[row + r] } else { g[at + r] }.as_f64();
+            residuals[row + r] = if element.kind() != RowKind::Inequality { c[row + r] } else { g[at + r] }.as_f64();
         }
     }
     residuals

@@ -25,7 +25,7 @@ pub struct System {
 impl System {
     pub fn new(layout: &Layout<f32>, random: &mut Random, zeros: f64) -> System {
         let weight: Vec<f32> =
-            (0..layout.rows).map(|_| if random.between(0., 1.) < zeros { 0. } else { random.between(0.01, 1.) as f32 }).collect();
+            (0..layout.rows.all()).map(|_| if random.between(0., 1.) < zeros { 0. } else { random.between(0.01, 1.) as f32 }).collect();
         let value = weight.iter().map(|&w| if w == 0. { 0. } else { random.between(-1., 1.) as f32 }).collect();
         let diagonal = (0..layout.variables).map(|_| 1e-3 * random.between(0.01, 10.) as f32).collect();
         let gradient = (0..layout.variables).map(|_| random.between(-1., 1.) as f32).collect();

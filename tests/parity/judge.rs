@@ -58,7 +58,7 @@ impl Trial {
         fill(&mut state.values, lab.of_variables(s, batch.smoothing), random, 0., 1.);
         barrier_state(lab, s, state, random, true);
         let layout = &lab.slots[s].layout;
-        let trial = Trial { noise: (0..layout.equalities + layout.inequalities).map(|_| random.between(-1., 1.)).collect() };
+        let trial = Trial { noise: (0..layout.rows.one_sided() + layout.inequalities).map(|_| random.between(-1., 1.)).collect() };
         trial.put(lab, s, state, 10f64.powf(random.between(-3., 0.3)));
         trial
     }

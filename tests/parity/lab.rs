@@ -230,7 +230,7 @@ impl<'a> Lab<'a> {
     }
 
     pub fn c(&self, slot: usize, half: u32) -> Range<usize> {
-        self.range(slot, self.batch.c + half * self.batch.c_half, self.slots[slot].layout.equalities)
+        self.range(slot, self.batch.c + half * self.batch.c_half, self.slots[slot].layout.rows.one_sided())
     }
 
     pub fn g(&self, slot: usize, half: u32) -> Range<usize> {
@@ -242,7 +242,7 @@ impl<'a> Lab<'a> {
     }
 
     pub fn of_rows(&self, slot: usize, array: u32) -> Range<usize> {
-        self.range(slot, array, self.slots[slot].layout.rows)
+        self.range(slot, array, self.slots[slot].layout.rows.all())
     }
 
     pub fn of_inequalities(&self, slot: usize, array: u32) -> Range<usize> {
@@ -250,7 +250,7 @@ impl<'a> Lab<'a> {
     }
 
     pub fn of_equalities(&self, slot: usize, array: u32) -> Range<usize> {
-        self.range(slot, array, self.slots[slot].layout.equalities)
+        self.range(slot, array, self.slots[slot].layout.rows.one_sided())
     }
 
     /// Residuals of one half and their changes: equalities, inequalities.

@@ -54,7 +54,7 @@ fn product_agrees_with_its_twin() {
             let jacobian = state.jacobian[lab.jacobian(s, state.progress[s].current)].to_vec();
             let d = state.values[lab.of_variables(s, batch.direction)].to_vec();
             let times = |layout: &Layout<f32>, jacobian: &[f32], d: &[f32]| {
-                let (mut c, mut g) = (vec![POISON; layout.equalities], vec![POISON; layout.inequalities]);
+                let (mut c, mut g) = (vec![POISON; layout.rows.one_sided()], vec![POISON; layout.inequalities]);
                 product::jacobian_times(layout, jacobian, d, &mut vec![0.; layout.widest], &mut c, &mut g);
                 (c, g)
             };

@@ -68,7 +68,7 @@ fn evaluation(
             let mut at =
                 Shared { ground: at.ground, deviations: vec![Deviation::default(); layout.momentum_intervals.len()], frozen: false };
             ground::ground(layout, x, &mut at.ground);
-            let mut c = vec![0.; layout.equalities];
+            let mut c = vec![0.; layout.rows.one_sided()];
             momentum::momentum(layout, x, &at.ground, &mut at.deviations, false, &mut c, None);
             let trial = 1 - before.progress[s].current;
             before.values[lab.x(s, trial)].copy_from_slice(x);

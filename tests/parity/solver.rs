@@ -6,6 +6,7 @@ use crate::lab::{CAPACITY, Expected, Lab, POISON, SMALL, Slot, State, fill, gpu,
 use crate::{ARITHMETIC, SUM};
 use cregopt::backend::gpu::Prepared;
 use cregopt::backend::gpu::shaders::Shader;
+use cregopt::rows::RowKind;
 use cregopt::solver::control::{self, CLOSE, EXACT, Limits, Progress, SHORTER, SOLVED, STEP};
 use cregopt::solver::slacks::{Aim, BARRIER_FLOOR, Lengths, Slacks, TO_THE_BOUNDARY, largest, mean_product, slack_steps};
 use cregopt::solver::{advance, judge, start, weights};
@@ -107,7 +108,7 @@ fn start_agrees_with_its_twin() {
             let (layout, state) = (&lab.slots[s].layout, &mut expected.state);
             let half = 1 - state.progress[s].current;
             let mut scaling = vec![f32::NAN; layout.variables];
-            let (mut counts, mut local) = (vec![0.; layout.rows], vec![0.; layout.widest]);
+            let (mut counts, mut local) = (vec![0.; layout.rows.all()], vec![0.; layout.widest]);
             start::column_scaling(layout, &state.jacobian[lab.jacobian(s, half)], &mut counts, &mut local, &mut scaling);
             state.values[lab.of_variables(s, lab.batch.scaling)].copy_from_slice(&scaling);
             let mut slacks = slacks(lab, s, state);
@@ -135,7 +136,7 @@ pub fn row_sizes(lab: &Lab, s: usize, expected: &mut Expected, g: &[f32], slacks
         let product = aim.mu + (aim.correction * slacks.slack_step[i] * slacks.multiplier_step[i]).abs();
         z + (g[i].abs() + z + product / z) / (s / z + 1.)
     };
-    for element in layout.all_elements().filter(|e| e.place.row as usize >= layout.equalities) {
+    for element in layout.all_elements().filter(|e| e.kind() == RowKind::Inequality) {
         for r in 0..element.rows {
             let upper = (element.place.inequality + r) as usize;
             let lower = if r < element.pairs { size(upper + element.rows as usize) } else { 0. };
@@ -220,7 +221,7 @@ fn weights_agrees_with_its_twin() {
             }
             let slacks = slacks(lab, s, state);
             let aim = Aim::predictor();
-            let (mut weight, mut value) = (vec![f32::NAN; layout.rows], vec![f32::NAN; layout.rows]);
+            let (mut weight, mut value) = (vec![f32::NAN; layout.rows.all()], vec![f32::NAN; layout.rows.all()]);
             if progress.state == CLOSE {
                 weights::closing_rows(layout, &c, &g, &mut weight, &mut value);
             } else {
@@ -289,7 +290,7 @@ fn correct_agrees_with_its_twin() {
             let state = &mut expected.state;
             state.progress[s].mu = (all * share.clamp(0., 1.) * share.clamp(0., 1.)).max(BARRIER_FLOOR as f32);
             let aim = Aim::corrector(got.progress[s].mu);
-            let (mut weight, mut value) = (vec![f32::NAN; layout.rows], vec![f32::NAN; layout.rows]);
+            let (mut weight, mut value) = (vec![f32::NAN; layout.rows.all()], vec![f32::NAN; layout.rows.all()]);
             weights::barrier_rows(layout, &c, &g, &own, aim, &mut weight, &mut value);
             state.values[lab.of_rows(s, batch.weight)].copy_from_slice(&weight);
             state.values[lab.of_rows(s, batch.value)].copy_from_slice(&value);
@@ -343,10 +344,10 @@ pub fn truncated_counts(s: usize, prepared: &mut Prepared) {
     let cut = |n: u32, k: usize| n.min([63, 64, 65, 1, u32::MAX][(s + k) % 5]);
     slot.variables = cut(slot.variables, 0);
     slot.inequalities = cut(slot.inequalities, 1);
-    slot.equalities = cut(slot.equalities, 2);
+    slot.rows.equalities = cut(slot.rows.equalities, 2);
     layout.variables = slot.variables as usize;
     layout.inequalities = slot.inequalities as usize;
-    layout.equalities = slot.equalities as usize;
+    layout.rows = slot.rows;
 }
 
 #[test]

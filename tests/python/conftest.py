@@ -1,4 +1,4 @@
-"""What the tests share."""
+"""Fixtures of the tests."""
 
 import os
 import pathlib
@@ -9,25 +9,26 @@ import pytest
 
 @pytest.fixture(scope="session")
 def task() -> cregopt.Task:
-    """A short way that turns."""
+    """Task with a short displacement and a turn."""
     return cregopt.Task(cregopt.Robot("anymal"), cregopt.Terrain("flat"), goal=(1.0, 0.1), yaw=0.2)
 
 
 @pytest.fixture(scope="session")
 def gait(task: cregopt.Task) -> cregopt.Gait:
+    """Feasible gait of the task."""
     return cregopt.search(task, population=4, generations=1, device="cpu")
 
 
 @pytest.fixture(scope="session")
 def nowhere() -> cregopt.Task:
-    """A task with no gait: feet that bear less than the robot's weight together as soon as one is lifted, and a goal that it must step to."""
+    """Task without a feasible gait: three feet cannot carry the weight, and the goal can only be reached by steps."""
     robot = cregopt.Robot("anymal")
     return cregopt.Task(robot, cregopt.Terrain("flat"), goal=(1.0, 0.0), force_limit=0.27 * 9.80665 * robot.mass)
 
 
 @pytest.fixture(scope="session")
 def program() -> str:
-    """The program as it was built last."""
+    """Path of the most recently built command-line program."""
     root = pathlib.Path(__file__).parents[2]
     target = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", root / "target"))
     named = os.environ.get("CREGOPT_PROGRAM")

@@ -1,4 +1,4 @@
-"""Long calls beside other threads, under signals, and many times."""
+"""Long calls: other threads, signals, and memory over many calls."""
 
 import resource
 import signal
@@ -14,7 +14,7 @@ LONG = """
 import signal
 import sys
 import cregopt
-# It may be ignored where the tests run in the background.
+# Background jobs ignore the signal by default.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 task = cregopt.Task(cregopt.Robot("anymal"), cregopt.Terrain("flat"), goal=(3.0, 0.0))
 print("started", flush=True)
@@ -22,13 +22,13 @@ try:
     {call}
 except KeyboardInterrupt:
     print("interrupted", flush=True)
-    # The interpreter and the package go on.
+    # The interpreter and the package still work.
     sys.exit(0 if cregopt.search(task, first=True).feasible else 1)
 sys.exit(2)
 """
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="signals are sent otherwise there")
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends signals differently")
 @pytest.mark.parametrize(
     "call",
     [
@@ -51,19 +51,19 @@ def test_ctrl_c_ends_a_long_call(call: str) -> None:
         process.wait()
 
 
-def test_an_exception_of_the_callback_ends_the_search(task: cregopt.Task) -> None:
-    told = []
+def test_an_exception_in_the_callback_ends_the_search(task: cregopt.Task) -> None:
+    records = []
 
-    def stop(news: dict[str, object]) -> None:
-        told.append(news)
+    def stop(record: dict[str, object]) -> None:
+        records.append(record)
         raise LookupError("enough")
 
     with pytest.raises(LookupError, match="enough"):
         cregopt.search(task, population=64, generations=1000, progress=stop)
-    assert len(told) == 1
+    assert len(records) == 1
 
 
-def test_other_threads_go_on_meanwhile(task: cregopt.Task) -> None:
+def test_other_threads_run_during_a_search(task: cregopt.Task) -> None:
     alone = cregopt.search(task, population=8, generations=2, threads=1, device="cpu").trajectory
     found: list[cregopt.Trajectory] = []
 
@@ -77,7 +77,7 @@ def test_other_threads_go_on_meanwhile(task: cregopt.Task) -> None:
     while any(worker.is_alive() for worker in workers):
         turns += 1
         time.sleep(0.001)
-    # Behind a lock there would be one turn a call.
+    # If the calls held the lock of the interpreter, there would be one turn per call.
     assert turns > 50
     assert len(found) == 4 and all(trajectory == alone for trajectory in found)
 
@@ -94,5 +94,5 @@ def test_memory_stays_flat_over_many_calls(task: cregopt.Task) -> None:
         warm = call()
     for _ in range(200):
         last = call()
-    # In kB, of macOS in bytes. What one call keeps, its motion alone, is tens of kB: 200 of them would be 10 MB.
+    # Units: kB, on macOS bytes. A call that leaked only its motion would leak tens of kB, 200 calls about 10 MB.
     assert last - warm < 2000 * (1024 if sys.platform == "darwin" else 1)

@@ -1,4 +1,4 @@
-"""Populations and sweeps on clusters of this machine, with workers and nodes that die."""
+"""Evaluations, searches and sweeps on local Ray clusters whose workers and nodes die."""
 
 import importlib.util
 import json
@@ -17,17 +17,17 @@ import pytest
 from cregopt import distributed
 
 COLUMNS = ("feasible", "n_violated", "max_violation", "cost", "iterations", "horizon")
-#: A search of some 0.1 s.
+#: Options of a search that takes about 0.1 s.
 QUICK: dict[str, Any] = {"gaits": "trot", "population": 2, "generations": 1}
 
 
 class Machines:
-    """A cluster whose nodes have one CPU each."""
+    """Cluster whose nodes have one CPU each."""
 
     def __init__(self) -> None:
         self.ray = pytest.importorskip("ray")
         os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
-        # A node that dies is seen at once.
+        # Dead nodes are detected within about 1 s.
         quick = {"health_check_period_ms": 300, "health_check_failure_threshold": 3}
         arguments = {"num_cpus": 1, "_system_config": quick, "object_store_memory": 80 << 20, "include_dashboard": False}
         self.cluster = pytest.importorskip("ray.cluster_utils").Cluster(initialize_head=True, head_node_args=arguments)
@@ -53,7 +53,7 @@ def machines() -> Iterator[Machines]:
 
 @pytest.fixture
 def two(machines: Machines) -> Iterator[Any]:
-    """The second of two nodes."""
+    """Second node, added to the cluster for one test."""
     node = machines.add()
     yield node
     if node in machines.cluster.list_all_nodes():
@@ -62,7 +62,7 @@ def two(machines: Machines) -> Iterator[Any]:
 
 @pytest.fixture(scope="module")
 def population(gait: cregopt.Gait) -> list[list[list[float]]]:
-    """Schedules about a gait's, and one that cannot be: 23 are no multiple of a chunk below."""
+    """22 schedules around that of a gait, and an infeasible one. The chunk sizes in the tests do not divide 23."""
     draw = random.Random(5)
     schedules = []
     for _ in range(22):
@@ -73,7 +73,7 @@ def population(gait: cregopt.Gait) -> list[list[list[float]]]:
 
 @pytest.fixture(scope="module")
 def alone(task: cregopt.Task, population: list[list[list[float]]]) -> cregopt.Evaluation:
-    """What one process finds."""
+    """Evaluation of the population in one process."""
     found = cregopt.evaluate(task, population, trajectories=True, device="cpu")
     assert found.feasible.any() and not found.feasible.all()
     return found
@@ -87,7 +87,7 @@ def assert_same(found: cregopt.Evaluation, alone: cregopt.Evaluation) -> None:
 
 
 def counting(folder: pathlib.Path, work: str, first_attempt: Callable[[Any], None]) -> Callable[..., object]:
-    """Work of a worker that leaves a file for each attempt, and does something else in the first."""
+    """Work function that writes a file per attempt, and calls ``first_attempt`` in the first attempt."""
 
     def attempt(shared: Any, *arguments: Any) -> object:
         from cregopt import distributed
@@ -103,11 +103,12 @@ def counting(folder: pathlib.Path, work: str, first_attempt: Callable[[Any], Non
 
 
 def attempts(folder: pathlib.Path) -> dict[int, int]:
+    """Number of attempts per job, counted by their files."""
     numbers = [int(path.stem) for path in folder.iterdir()]
     return {number: numbers.count(number) for number in numbers}
 
 
-def test_without_ray_it_says_what_to_install(task: cregopt.Task, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_ray_the_error_names_the_package_to_install(task: cregopt.Task, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(ImportError, match=r"pip install cregopt\[ray\]"):
         distributed.evaluate(task, [[[0.5]] * 4])
@@ -117,23 +118,23 @@ def test_without_ray_it_says_what_to_install(task: cregopt.Task, tmp_path: pathl
         distributed.search(task)
 
 
-def test_without_a_cluster_it_says_how_to_join_one(task: cregopt.Task, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_cluster_the_error_says_how_to_join_one(task: cregopt.Task, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pytest.importorskip("ray"), "is_initialized", lambda: False)
-    with pytest.raises(cregopt.Error, match="no cluster: join one by ray.init"):
+    with pytest.raises(cregopt.Error, match="no cluster: join one with ray.init"):
         distributed.evaluate(task, [[[0.5]] * 4])
-    with pytest.raises(cregopt.Error, match="no cluster: join one by ray.init"):
+    with pytest.raises(cregopt.Error, match="no cluster: join one with ray.init"):
         distributed.search(task)
 
 
 @pytest.mark.parametrize("chunk", [1, 7, 100])
-def test_one_worker_finds_what_one_process_does(
+def test_one_worker_finds_the_results_of_one_process(
     machines: Machines, task: cregopt.Task, population: list[list[list[float]]], alone: cregopt.Evaluation, chunk: int
 ) -> None:
     assert_same(distributed.evaluate(task, population, chunk=chunk), alone)
 
 
 @pytest.mark.parametrize("chunk", [None, 3])
-def test_two_workers_find_what_one_process_does(
+def test_two_workers_find_the_results_of_one_process(
     machines: Machines, two: Any, task: cregopt.Task, population: list[list[list[float]]], alone: cregopt.Evaluation, chunk: Optional[int]
 ) -> None:
     found = distributed.evaluate(task, population, chunk=chunk, trajectories=True)
@@ -141,7 +142,7 @@ def test_two_workers_find_what_one_process_does(
     assert found.trajectories == alone.trajectories
 
 
-def test_nothing_is_lost_when_a_worker_is_killed(
+def test_no_result_is_lost_when_a_worker_is_killed(
     machines: Machines,
     task: cregopt.Task,
     population: list[list[list[float]]],
@@ -158,18 +159,18 @@ def test_nothing_is_lost_when_a_worker_is_killed(
     assert attempts(tmp_path) == {0: 1, 5: 1, 10: 2, 15: 1, 20: 1}
 
 
-def test_a_chunk_that_kills_its_workers_is_named(
+def test_the_error_names_a_chunk_that_kills_its_workers(
     machines: Machines, task: cregopt.Task, population: list[list[list[float]]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def die(shared: Any, first: int, schedules: Any) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
     monkeypatch.setattr(distributed, "_evaluate_chunk", die)
-    with pytest.raises(cregopt.Error, match=r"schedules\[0\] to \[22\]: no result of a worker, with 1 retries: WorkerCrashedError"):
+    with pytest.raises(cregopt.Error, match=r"schedules\[0\] to \[22\]: no result from a worker after 1 retries: WorkerCrashedError"):
         distributed.evaluate(task, population, chunk=50, max_retries=1)
 
 
-def test_nothing_is_lost_when_a_node_is_removed(
+def test_no_result_is_lost_when_a_node_is_removed(
     machines: Machines,
     two: Any,
     task: cregopt.Task,
@@ -188,7 +189,7 @@ def test_nothing_is_lost_when_a_node_is_removed(
         if ray.get_runtime_context().get_node_id() == doomed and first > 0:
             caught.write_text(str(first))
             time.sleep(60.0)
-        # The other leaves it something to do.
+        # The other node waits, so that some chunks are left for this one.
         for _ in range(1500):
             if first == 0 or caught.exists():
                 break
@@ -211,7 +212,7 @@ def test_nothing_is_lost_when_a_node_is_removed(
     assert sorted(counts) == list(range(0, 23, 2)) and counts[int(caught.read_text())] == 2
 
 
-def test_the_first_schedule_that_does_not_fit_is_named(machines: Machines, task: cregopt.Task, population: list[list[list[float]]]) -> None:
+def test_the_error_names_the_first_invalid_schedule(machines: Machines, task: cregopt.Task, population: list[list[list[float]]]) -> None:
     bad = [*population[:4], [[0.5], [0.5]], *population[4:9], [[-1.0]]]
     with pytest.raises(cregopt.Error) as local:
         cregopt.evaluate(task, bad, device="cpu")
@@ -220,14 +221,14 @@ def test_the_first_schedule_that_does_not_fit_is_named(machines: Machines, task:
     assert str(remote.value) == str(local.value) and str(local.value).startswith("schedules[4]: ")
 
 
-def test_no_schedules_are_no_results(machines: Machines, task: cregopt.Task) -> None:
+def test_the_evaluation_of_no_schedules_is_empty(machines: Machines, task: cregopt.Task) -> None:
     assert len(distributed.evaluate(task, [])) == 0
 
 
-def test_options_that_cannot_be_are_named(machines: Machines, task: cregopt.Task, tmp_path: pathlib.Path) -> None:
-    with pytest.raises(cregopt.Error, match="option `threads`: `cpus` says"):
+def test_errors_name_invalid_options(machines: Machines, task: cregopt.Task, tmp_path: pathlib.Path) -> None:
+    with pytest.raises(cregopt.Error, match="option `threads`: use `cpus`"):
         distributed.evaluate(task, [], threads=2)
-    with pytest.raises(cregopt.Error, match="option `device`: `gpus` says"):
+    with pytest.raises(cregopt.Error, match="option `device`: use `gpus`"):
         distributed.search(task, device="gpu")
     with pytest.raises(TypeError, match="unexpected keyword argument 'popultion'"):
         distributed.search(task, popultion=2)
@@ -237,7 +238,7 @@ def test_options_that_cannot_be_are_named(machines: Machines, task: cregopt.Task
         distributed.search(task, gaits="trott")
     with pytest.raises(cregopt.Error, match="gpus: 2, but it must be a number from 0 to 1"):
         distributed.search(task, gpus=2)
-    with pytest.raises(cregopt.Error, match="option `seed`: `seeds` is for that"):
+    with pytest.raises(cregopt.Error, match="option `seed`: use `seeds`"):
         distributed.sweep([task], tmp_path, seed=2)
     with pytest.raises(TypeError, match="unexpected keyword argument 'popultion'"):
         distributed.sweep([task], tmp_path, popultion=2)
@@ -249,7 +250,7 @@ def test_options_that_cannot_be_are_named(machines: Machines, task: cregopt.Task
 
 
 def assert_same_search(found: cregopt.Gait, alone: cregopt.Gait) -> None:
-    """All of a search but times and the device."""
+    """Asserts that two searches are equal except for times and device."""
     assert len(found.legs) == len(alone.legs)
     for leg, expected in zip(found.legs, alone.legs):
         assert leg.trajectory.to_json() == expected.trajectory.to_json()
@@ -257,57 +258,58 @@ def assert_same_search(found: cregopt.Gait, alone: cregopt.Gait) -> None:
 
 
 def plain(result: Any) -> Any:
+    """Result without times and device."""
     if isinstance(result, dict):
         return {key: plain(value) for key, value in result.items() if key not in ("seconds", "first_feasible_seconds", "device")}
     return [plain(value) for value in result] if isinstance(result, list) else result
 
 
-#: A search with several generations, in which f32 does not solve every candidate: some are solved when they are closed, some are not.
+#: Search of several generations in which f32 does not solve every candidate. The closing in f64 solves some of the others.
 BROAD: dict[str, Any] = {"seed": 3, "gaits": "trot,pace,bound", "population": 24, "generations": 2, "alternatives": 2}
 BROAD["settings"] = {"solver": {"max_iterations": 7}}
 
 
 @pytest.fixture(scope="module")
 def searched(task: cregopt.Task) -> cregopt.Gait:
-    """What one process finds."""
+    """Gait of the broad search in one process."""
     gait = cregopt.search(task, device="cpu", **BROAD)
     generations = gait.to_dict()["generations"]
     assert gait.feasible and len(gait.alternatives) == 1 and any(g["feasible"] < g["evaluated"] for g in generations)
     return gait
 
 
-def test_what_workers_solve_is_what_one_process_solves(task: cregopt.Task, searched: cregopt.Gait) -> None:
-    """Without a cluster: their work, done here."""
+def test_the_work_of_workers_yields_the_search_of_one_process(task: cregopt.Task, searched: cregopt.Gait) -> None:
+    """The work of the workers runs in this process, without a cluster."""
     from cregopt import _cregopt, _search
 
-    def solve(task: cregopt.Task, told: str, schedules: Any) -> Iterator[tuple[int, Any]]:
+    def solve(task: cregopt.Task, job: str, schedules: Any) -> Iterator[tuple[int, Any]]:
         for first in range(0, len(schedules), 5):
-            yield first, _cregopt.solve_chunk(task, told, schedules[first : first + 5], "cpu", 1)
+            yield first, _cregopt.solve_chunk(task, job, schedules[first : first + 5], "cpu", 1)
 
-    found = _cregopt.search(task, _search.asked(**BROAD), None, ("workers", solve))
+    found = _cregopt.search(task, _search.scenario_options(**BROAD), None, ("workers", solve))
     assert_same_search(found, searched)
     assert found.to_dict().get("fallback") is None
 
-    def without_gpu(task: cregopt.Task, told: str, schedules: Any) -> Iterator[tuple[int, Any]]:
-        for first, (answers, _) in solve(task, told, schedules):
+    def without_gpu(task: cregopt.Task, job: str, schedules: Any) -> Iterator[tuple[int, Any]]:
+        for first, (answers, _) in solve(task, job, schedules):
             yield first, (answers, (len(answers), "the device was lost"))
 
-    found = _cregopt.search(task, _search.asked(**BROAD), None, ("workers", without_gpu))
+    found = _cregopt.search(task, _search.scenario_options(**BROAD), None, ("workers", without_gpu))
     assert found.trajectory.to_json() == searched.trajectory.to_json()
     fallback = found.to_dict()["fallback"]
     assert fallback["candidates"] >= 24 and fallback["reason"] == "the device was lost"
 
 
 @pytest.mark.parametrize("chunk", [None, 1, 3])
-def test_a_search_on_one_worker_is_that_of_one_process(machines: Machines, task: cregopt.Task, searched: cregopt.Gait, chunk: Optional[int]) -> None:
-    told: list[dict[str, Any]] = []
-    found = distributed.search(task, chunk=chunk, progress=told.append, **BROAD)
+def test_a_search_on_one_worker_equals_that_of_one_process(machines: Machines, task: cregopt.Task, searched: cregopt.Gait, chunk: Optional[int]) -> None:
+    records: list[dict[str, Any]] = []
+    found = distributed.search(task, chunk=chunk, progress=records.append, **BROAD)
     assert_same_search(found, searched)
-    assert [g["generation"] for g in told if g["event"] == "generation"] == [g["generation"] for g in found.to_dict()["generations"]]
+    assert [g["generation"] for g in records if g["event"] == "generation"] == [g["generation"] for g in found.to_dict()["generations"]]
     assert found.to_dict()["device"] == "cpu, Ray's workers of 1 threads, f32 closed in f64"
 
 
-def test_a_search_on_two_workers_is_that_of_one_process(machines: Machines, two: Any, task: cregopt.Task, searched: cregopt.Gait) -> None:
+def test_a_search_on_two_workers_equals_that_of_one_process(machines: Machines, two: Any, task: cregopt.Task, searched: cregopt.Gait) -> None:
     assert_same_search(distributed.search(task, **BROAD), searched)
     exact: dict[str, Any] = {"gaits": "trot", "population": 3, "generations": 1, "precision": "f64", "first": True, "smooth": True}
     assert_same_search(distributed.search(task, **exact), cregopt.search(task, device="cpu", **exact))
@@ -315,32 +317,32 @@ def test_a_search_on_two_workers_is_that_of_one_process(machines: Machines, two:
     assert_same_search(distributed.search(task, **schedule), cregopt.search(task, device="cpu", **schedule))
 
 
-def test_legs_and_reasons_are_those_of_one_process(machines: Machines, two: Any, task: cregopt.Task, nowhere: cregopt.Task) -> None:
-    way = cregopt.Task(task.robot, task.terrain, goal=(1.0, 0.1), yaw=0.3, start=(0.1, 0.0), start_yaw=0.1, via=[(0.5, 0.1)])
-    found = distributed.search(way, **QUICK)
+def test_stages_and_diagnoses_equal_those_of_one_process(machines: Machines, two: Any, task: cregopt.Task, nowhere: cregopt.Task) -> None:
+    route = cregopt.Task(task.robot, task.terrain, goal=(1.0, 0.1), yaw=0.3, start=(0.1, 0.0), start_yaw=0.1, via=[(0.5, 0.1)])
+    found = distributed.search(route, **QUICK)
     assert len(found.legs) == 2
-    assert_same_search(found, cregopt.search(way, device="cpu", **QUICK))
-    # What is tried to find the reason are tasks and settings of its own.
+    assert_same_search(found, cregopt.search(route, device="cpu", **QUICK))
+    # A diagnosis searches with modified tasks and settings.
     none = {**QUICK, "settings": {"search": {"further_generations": 0, "perturbed_generations": 0}}}
     found = distributed.search(nowhere, **none)
     assert found.diagnosis is not None and found.diagnosis["relaxations"]
     assert_same_search(found, cregopt.search(nowhere, device="cpu", **none))
 
 
-def test_what_a_search_never_sends_is_refused(task: cregopt.Task, gait: cregopt.Gait) -> None:
+def test_workers_reject_invalid_schedules(task: cregopt.Task, gait: cregopt.Gait) -> None:
     from cregopt import _cregopt
 
-    told = json.dumps({"lower": gait.to_dict()["lower"], "certified": False})
-    (answer,), left = _cregopt.solve_chunk(task, told, [gait.schedule], "cpu", 1)
+    job = json.dumps({"lower": gait.to_dict()["lower"], "certified": False})
+    (answer,), left = _cregopt.solve_chunk(task, job, [gait.schedule], "cpu", 1)
     assert answer[0] == "solved" and len(answer[5]) > 500 and left is None
     uneven = [[*gait.schedule[0][:-1], gait.schedule[0][-1] - 0.01], *gait.schedule[1:]]
     with pytest.raises(cregopt.Error, match="durations, foot 0: .* s in all, but it must be"):
-        _cregopt.solve_chunk(task, told, [uneven], "cpu", 1)
+        _cregopt.solve_chunk(task, job, [uneven], "cpu", 1)
     with pytest.raises(cregopt.Error, match="2 feet, but it must be 4 feet"):
-        _cregopt.solve_chunk(task, told, [gait.schedule[:2]], "cpu", 1)
+        _cregopt.solve_chunk(task, job, [gait.schedule[:2]], "cpu", 1)
 
 
-def test_a_search_loses_nothing_when_a_worker_is_killed(
+def test_a_search_loses_no_result_when_a_worker_is_killed(
     machines: Machines, task: cregopt.Task, searched: cregopt.Gait, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def die(first: int) -> None:
@@ -354,16 +356,16 @@ def test_a_search_loses_nothing_when_a_worker_is_killed(
     assert attempts(tmp_path) == expected
 
 
-def test_a_search_whose_workers_die_ends(machines: Machines, task: cregopt.Task, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_ends_with_an_error_when_its_workers_die(machines: Machines, task: cregopt.Task, monkeypatch: pytest.MonkeyPatch) -> None:
     def die(shared: Any, first: int, schedules: Any) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
     monkeypatch.setattr(distributed, "_solve_chunk", die)
-    with pytest.raises(cregopt.Error, match=r"schedules\[0\] to \[0\]: no result of a worker, with 0 retries: WorkerCrashedError"):
+    with pytest.raises(cregopt.Error, match=r"schedules\[0\] to \[0\]: no result from a worker after 0 retries: WorkerCrashedError"):
         distributed.search(task, max_retries=0, **QUICK)
 
 
-def test_a_search_can_be_ended(machines: Machines, task: cregopt.Task, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_ends_by_an_exception_or_an_interrupt(machines: Machines, task: cregopt.Task, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def enough(record: dict[str, Any]) -> None:
         raise LookupError("enough")
 
@@ -373,7 +375,7 @@ def test_a_search_can_be_ended(machines: Machines, task: cregopt.Task, tmp_path:
     begun, ended = tmp_path / "begun", tmp_path / "ended"
 
     def hang(shared: Any, first: int, schedules: Any) -> None:
-        # Where tests run in the background, interrupts are ignored, there and below.
+        # Background jobs ignore interrupts by default. The same applies below.
         signal.signal(signal.SIGINT, signal.default_int_handler)
         try:
             begun.touch()
@@ -401,10 +403,10 @@ def test_a_search_can_be_ended(machines: Machines, task: cregopt.Task, tmp_path:
         signal.signal(signal.SIGINT, before)
     while not ended.exists() and time.monotonic() - start < 30.0:
         time.sleep(0.02)
-    assert ended.exists()  # the worker, too, so that the cluster is free
+    assert ended.exists()  # the worker has ended as well, so that the cluster is free
 
 
-def test_workers_on_gpus_are_those_of_the_cluster_that_have_one(
+def test_gpu_workers_run_on_nodes_with_a_gpu(
     machines: Machines, task: cregopt.Task, population: list[list[list[float]]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     node = machines.cluster.add_node(num_cpus=1, num_gpus=1, object_store_memory=80 << 20)
@@ -428,30 +430,30 @@ def test_workers_on_gpus_are_those_of_the_cluster_that_have_one(
 
 
 def rows(table: Any) -> list[dict[str, Any]]:
-    """What must not depend on the machine."""
+    """Rows without the columns that depend on the machine."""
     return [{name: value for name, value in row.items() if name != "seconds"} for row in table.to_pylist()]
 
 
-def test_a_sweep_finds_what_searches_do_and_goes_on_where_it_was(
+def test_a_sweep_finds_the_gaits_of_searches_and_can_be_resumed(
     machines: Machines, two: Any, task: cregopt.Task, tmp_path: pathlib.Path
 ) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     refused = cregopt.Task(task.robot, task.terrain, goal=(1.0, 0.0, 0.9))
     tasks = {"turn": task, "refused": refused, "short": cregopt.Task(task.robot, task.terrain, goal=(0.5, 0.0))}
     quick = {**QUICK, "settings": {"search": {"further_generations": 0, "perturbed_generations": 0}}}
-    told: list[dict[str, Any]] = []
+    reported: list[dict[str, Any]] = []
 
     def sweep(folder: str, **options: Any) -> list[dict[str, Any]]:
-        told.clear()
-        return rows(distributed.sweep(tasks, tmp_path / folder, seeds=[1, 2], trajectories=True, **{**quick, "progress": told.append, **options}))
+        reported.clear()
+        return rows(distributed.sweep(tasks, tmp_path / folder, seeds=[1, 2], trajectories=True, **{**quick, "progress": reported.append, **options}))
 
     def enough(row: dict[str, Any]) -> None:
-        told.append(row)
-        if len(told) == 3:
+        reported.append(row)
+        if len(reported) == 3:
             raise LookupError("enough")
 
     whole = sweep("whole")
-    assert [(row["task"], row["seed"]) for row in whole] == [(name, seed) for name in tasks for seed in (1, 2)] and len(told) == 6
+    assert [(row["task"], row["seed"]) for row in whole] == [(name, seed) for name in tasks for seed in (1, 2)] and len(reported) == 6
     for row in whole:
         if row["task"] == "refused":
             assert row["error"].startswith("Error: ") and "goal" in row["error"] and row["feasible"] is None
@@ -461,28 +463,28 @@ def test_a_sweep_finds_what_searches_do_and_goes_on_where_it_was(
         assert json.loads(row["durations"]) == gait.schedule and row["horizon"] == gait.trajectory.horizon
         assert gait.cost is not None and row["cost"] == gait.cost["total"]
         assert row["family"] == gait.family and row["objective"] == "transport"
-        assert [kept["trajectory"] for kept in told if kept["key"] == row["key"]] == [gait.trajectory.to_json()]
+        assert [kept["trajectory"] for kept in reported if kept["key"] == row["key"]] == [gait.trajectory.to_json()]
     files = parquet.read_table(tmp_path / "whole").to_pylist()
     assert sorted(row["key"] for row in files) == sorted(row["key"] for row in whole)
 
-    # Ended early, with one worker: what was told is kept, and the rest follows.
+    # Interrupted, with one worker: the reported rows are stored, and the next sweep adds the others.
     machines.remove(two)
     with pytest.raises(LookupError, match="enough"):
         sweep("parts", progress=enough)
-    kept = {row["key"] for row in told if row["error"] is None}
-    assert {row["key"] for row in parquet.read_table(tmp_path / "parts").to_pylist()} == {row["key"] for row in told}
+    kept = {row["key"] for row in reported if row["error"] is None}
+    assert {row["key"] for row in parquet.read_table(tmp_path / "parts").to_pylist()} == {row["key"] for row in reported}
     (tmp_path / "parts/.part-0.parquet.tmp").write_bytes(b"PAR1")
     assert sweep("parts") == whole
-    assert {row["key"] for row in told} == {row["key"] for row in whole} - kept
-    # What failed is run again, alone, and stands there once.
-    assert sweep("parts") == whole and {row["task"] for row in told} == {"refused"}
-    # A torn file is dropped, and its rows are found again.
+    assert {row["key"] for row in reported} == {row["key"] for row in whole} - kept
+    # Only the failed searches run again, and each has one row.
+    assert sweep("parts") == whole and {row["task"] for row in reported} == {"refused"}
+    # An incomplete file is deleted, and its searches run again.
     torn = max((tmp_path / "parts").glob("part-*"), key=lambda path: path.stat().st_size)
     lost = parquet.read_table(torn).num_rows
     torn.write_bytes(torn.read_bytes()[:-20])
-    with pytest.warns(UserWarning, match="dropped, for it cannot be read"):
+    with pytest.warns(UserWarning, match="dropped, because it cannot be read"):
         assert sweep("parts") == whole
-    assert len(told) == lost + 2
+    assert len(reported) == lost + 2
     files = parquet.read_table(tmp_path / "parts").to_pylist()
     assert sorted(row["key"] for row in files) == sorted(row["key"] for row in whole)
     parquet.write_table(parquet.read_table(torn.parent).select(["key"]), torn.parent / "part-other.parquet")
@@ -490,7 +492,7 @@ def test_a_sweep_finds_what_searches_do_and_goes_on_where_it_was(
         sweep("parts")
 
 
-def test_a_task_without_a_gait_has_a_row_that_says_so(
+def test_a_task_without_a_feasible_gait_has_a_row(
     machines: Machines, nowhere: cregopt.Task, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     none = {**QUICK, "settings": {"search": {"further_generations": 0, "perturbed_generations": 0}}}
@@ -503,7 +505,7 @@ def test_a_task_without_a_gait_has_a_row_that_says_so(
     assert json.loads(row["durations"]) == nearest.schedule and row["horizon"] == nearest.trajectory.horizon
 
 
-def test_a_sweep_goes_on_when_workers_die(
+def test_a_sweep_continues_when_workers_die(
     machines: Machines, task: cregopt.Task, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     attempted = tmp_path / "attempts"
@@ -522,7 +524,7 @@ def test_a_sweep_goes_on_when_workers_die(
     found = rows(distributed.sweep([task], tmp_path / "sweep", seeds=[1, 2, 3], max_retries=1, **QUICK))
     assert attempts(attempted) == {1: 1, 2: 2, 3: 2}
     assert [row["feasible"] for row in found] == [True, None, True]
-    assert found[1]["error"].startswith("no result of a worker, with 1 retries: WorkerCrashedError")
+    assert found[1]["error"].startswith("no result from a worker after 1 retries: WorkerCrashedError")
     monkeypatch.undo()
     again = rows(distributed.sweep([task], tmp_path / "sweep", seeds=[1, 2, 3], max_retries=1, **QUICK))
     assert [row["error"] for row in again] == [None] * 3 and [again[0], again[2]] == [found[0], found[2]]

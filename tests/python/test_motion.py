@@ -9,7 +9,7 @@ import pytest
 GRAVITY = 9.80665
 
 
-def test_samples_have_their_shapes_and_hold_together(gait: cregopt.Gait) -> None:
+def test_samples_have_documented_shapes_and_are_consistent(gait: cregopt.Gait) -> None:
     s, robot = gait.sample(rate=1000), gait.task.robot
     n = len(s)
     assert n == round(gait.trajectory.horizon * 1000) + 1 and s.time[0] == 0 and s.time[-1] == gait.trajectory.horizon
@@ -28,16 +28,16 @@ def test_samples_have_their_shapes_and_hold_together(gait: cregopt.Gait) -> None
         array = getattr(s, name)
         assert array.shape == shape and array.dtype == np.float64 and np.isfinite(array).all(), name
     assert s.contacts.shape == (n, 4) and s.contacts.dtype == np.bool_ and s.feet_names == ["LF", "RF", "LH", "RH"]
-    # Order w, x, y, z: the end is a turn by 0.2 rad about z.
+    # Order w, x, y, z: the final attitude is a rotation by 0.2 rad about z.
     assert s.base_quaternion[-1] == pytest.approx([np.cos(0.1), 0, 0, np.sin(0.1)], abs=1e-3)
     assert np.linalg.norm(s.base_quaternion, axis=1) == pytest.approx(1.0)
     assert s.base_position[-1] == pytest.approx([1.0, 0.1, 0.5], abs=1e-3)
-    # Velocities are those of positions; a standing foot carries and stays, a swinging one does not carry.
+    # Velocities are derivatives of positions. Stance feet do not move; swing feet carry no load.
     slopes = np.gradient(s.base_position, s.time, axis=0)
     assert slopes[1:-1] == pytest.approx(s.base_velocity[1:-1], abs=1e-2)
     assert np.abs(s.forces[~s.contacts]).max() == 0.0
     assert np.abs(s.feet_velocity[s.contacts]).max() < 1e-9 and s.feet_position[:, :, 2].max() > 0.03
-    # The mean of what the ground pushes is the weight.
+    # The mean ground reaction force equals the weight.
     step = np.diff(s.time)[:, None]
     total = s.forces.sum(axis=1)
     mean = ((total[1:] + total[:-1]) / 2 * step).sum(axis=0) / s.time[-1]
@@ -47,13 +47,13 @@ def test_samples_have_their_shapes_and_hold_together(gait: cregopt.Gait) -> None
         gait.sample(rate=-1)
 
 
-def test_samples_can_be_written_to_and_are_the_callers_own(gait: cregopt.Gait) -> None:
+def test_samples_are_writable_and_independent(gait: cregopt.Gait) -> None:
     one, other = gait.sample(), gait.sample()
     one.forces[:] = 1.0
     assert not (other.forces == 1.0).all()
 
 
-def test_a_trajectory_goes_through_files_and_dictionaries(gait: cregopt.Gait, tmp_path: pathlib.Path) -> None:
+def test_a_trajectory_survives_files_and_dictionaries(gait: cregopt.Gait, tmp_path: pathlib.Path) -> None:
     trajectory = gait.trajectory
     trajectory.save(tmp_path / "trajectory.json")
     again = cregopt.Trajectory.from_file(tmp_path / "trajectory.json")
@@ -63,7 +63,7 @@ def test_a_trajectory_goes_through_files_and_dictionaries(gait: cregopt.Gait, tm
         cregopt.Trajectory.from_dict({})
 
 
-def test_a_motion_is_checked_apart_from_its_search(gait: cregopt.Gait, tmp_path: pathlib.Path) -> None:
+def test_a_motion_is_verified_independently_of_its_search(gait: cregopt.Gait, tmp_path: pathlib.Path) -> None:
     path = tmp_path / "trajectory.json"
     gait.trajectory.save(path)
     for motion in (gait, gait.trajectory, gait.trajectory.to_dict(), path, str(path)):
@@ -81,13 +81,13 @@ def test_a_motion_is_checked_apart_from_its_search(gait: cregopt.Gait, tmp_path:
         cregopt.verify(3)  # type: ignore[arg-type]
 
 
-def test_a_changed_motion_does_not_pass(gait: cregopt.Gait) -> None:
+def test_a_manipulated_motion_is_not_certified(gait: cregopt.Gait) -> None:
     description = gait.trajectory.to_dict()
     description["ee"][0]["force"]["nodes"][1][2] += 20.0
     assert not cregopt.verify(cregopt.Trajectory.from_dict(description)).feasible
 
 
-def test_a_terrain_of_heights_is_walked_on_and_checked_with_its_motion() -> None:
+def test_a_gait_on_a_height_map_is_found_and_certified() -> None:
     x = np.arange(60) * 0.05 - 0.75
     z = np.repeat(np.where(x > 0.6, 0.05, 0.0)[:, None], 40, axis=1)
     terrain = cregopt.Terrain.heights(z, cell=0.05, origin=(-0.75, -1.0))
@@ -96,7 +96,7 @@ def test_a_terrain_of_heights_is_walked_on_and_checked_with_its_motion() -> None
     assert gait.sample().feet_position[-1, :2, 2] == pytest.approx(0.05, abs=1e-3)
 
 
-def test_a_batch_has_a_row_for_each_schedule(task: cregopt.Task, gait: cregopt.Gait) -> None:
+def test_an_evaluation_has_one_row_per_schedule(task: cregopt.Task, gait: cregopt.Gait) -> None:
     standing = [[0.5]] * 4
     found = cregopt.evaluate(task, [gait.schedule, standing, np.array(standing)], trajectories=True, device="cpu")  # type: ignore[list-item]
     assert len(found) == 3 and found.feasible.tolist() == [True, False, False]
@@ -122,7 +122,7 @@ def test_a_batch_has_a_row_for_each_schedule(task: cregopt.Task, gait: cregopt.G
     assert few.iterations[0] < found.iterations[0]
 
 
-def test_schedules_that_cannot_be_are_named(task: cregopt.Task) -> None:
+def test_errors_name_invalid_schedules(task: cregopt.Task) -> None:
     with pytest.raises(cregopt.Error, match=r"schedules\[1\]: durations: 3 feet, but it must be 4"):
         cregopt.evaluate(task, [[[0.5]] * 4, [[0.5]] * 3])
     with pytest.raises(cregopt.Error, match=r"schedules\[0\]: .*-0.5"):

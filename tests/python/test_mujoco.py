@@ -1,4 +1,4 @@
-"""Plans played on a small robot in MuJoCo."""
+"""Plans that a small robot plays in MuJoCo."""
 
 import copy
 import ctypes.util
@@ -16,7 +16,7 @@ import cregopt.mujoco
 import numpy as np
 import pytest
 
-# Without a display pictures are drawn off the screen; counts when MuJoCo is imported.
+# Without a display pictures are rendered off-screen. MuJoCo reads this variable when it is imported.
 if sys.platform == "linux" and not os.environ.get("DISPLAY") and ctypes.util.find_library("EGL"):
     os.environ.setdefault("MUJOCO_GL", "egl")
 pytest.importorskip("mujoco")
@@ -41,7 +41,7 @@ LEG = """
 
 
 def mjcf(legs: dict[str, tuple[float, float]], trunk: float = 7.0) -> str:
-    """A box on legs with three motors each; without a keyframe, and on a floor that is not for it."""
+    """Model of a box on legs with three motors each, without a keyframe. Its own floor must be ignored."""
     bodies = "".join(LEG.format(name=name, x=x, y=y, out=math.copysign(0.06, y)) for name, (x, y) in legs.items())
     limits = {"roll": 20, "pitch": 20, "knee": 35}
     motors = "".join(f'<motor joint="{leg}_{joint}" ctrlrange="-{limit} {limit}"/>' for leg in legs for joint, limit in limits.items())
@@ -62,7 +62,7 @@ def mjcf(legs: dict[str, tuple[float, float]], trunk: float = 7.0) -> str:
 """
 
 
-# Not in the order of plans.
+# Legs in another order than in plans: position of the hip, m.
 LEGS = {"RR": (-0.18, -0.06), "FL": (0.18, 0.06), "FR": (0.18, -0.06), "RL": (-0.18, 0.06)}
 
 
@@ -81,15 +81,15 @@ def trot(model: pathlib.Path) -> cregopt.Gait:
     return gait
 
 
-def test_a_robot_is_made_of_the_model(model: pathlib.Path) -> None:
+def test_a_robot_is_made_from_a_model(model: pathlib.Path) -> None:
     robot = cregopt.mujoco.robot(model)
     assert robot.mass == pytest.approx(7 + 4 * 1.3)
     feet = robot.nominal_feet
-    # Front before rear, left before right; level.
+    # Front before rear, left before right, all at the same height.
     assert np.array_equal(np.sign(feet[:, :2]), [[1, 1], [1, -1], [-1, 1], [-1, -1]])
     assert np.ptp(feet[:, 2]) < 1e-9 and -0.4 < feet[0, 2] < -0.2
     described = robot.to_dict()
-    # The trunk as a box and the legs' masses at their hips bound the inertia about z.
+    # Bounds on the inertia about z: the trunk as a box, with the masses of the legs at the hips or further out.
     trunk = 7 / 12 * (0.4**2 + 0.14**2)
     assert trunk + 4 * 1.3 * 0.18**2 < described["inertia"][2][2] < trunk + 4 * 1.3 * (0.25**2 + 0.13**2)
     assert np.allclose(described["inertia"], np.transpose(described["inertia"]))
@@ -97,7 +97,7 @@ def test_a_robot_is_made_of_the_model(model: pathlib.Path) -> None:
     assert all(0.02 < half < 0.15 for half in described["reach"])
 
 
-def test_a_trot_stays_upright_and_on_its_plan(trot: cregopt.Gait, model: pathlib.Path) -> None:
+def test_a_trot_stays_upright_and_follows_its_plan(trot: cregopt.Gait, model: pathlib.Path) -> None:
     report = cregopt.mujoco.play(trot, model)
     assert report.upright and report.followed and report.fall is None, str(report)
     assert report.position_error_rms < report.position_error_max < 0.05
@@ -108,7 +108,7 @@ def test_a_trot_stays_upright_and_on_its_plan(trot: cregopt.Gait, model: pathlib
     assert (report.friction, report.seed, report.unsolved) == (0.7, None, 0)
 
 
-def test_seeds_disturb_and_repeat(trot: cregopt.Gait, model: pathlib.Path) -> None:
+def test_seeded_disturbances_are_reproducible(trot: cregopt.Gait, model: pathlib.Path) -> None:
     once, again = (cregopt.mujoco.play(trot, model, seed=4, friction=0.6) for _ in range(2))
     assert once == again
     assert once.friction != 0.6 and abs(once.friction / 0.6 - 1) <= 0.1
@@ -116,7 +116,7 @@ def test_seeds_disturb_and_repeat(trot: cregopt.Gait, model: pathlib.Path) -> No
 
 
 def swapped(plan: dict[str, Any], robot: cregopt.Robot, one: int, other: int) -> dict[str, Any]:
-    """The plan with two feet in each other's place."""
+    """Plan in which two feet have exchanged their motions."""
     plan, away = copy.deepcopy(plan), robot.nominal_feet[other] - robot.nominal_feet[one]
     for values in (plan["durations"], plan["ee"]):
         values[one], values[other] = values[other], values[one]
@@ -126,15 +126,15 @@ def swapped(plan: dict[str, Any], robot: cregopt.Robot, one: int, other: int) ->
     return plan
 
 
-def test_a_plan_whose_feet_go_in_the_wrong_order_falls(trot: cregopt.Gait, model: pathlib.Path) -> None:
-    # Both front feet together, then both hind feet, with the base of a trot.
+def test_a_plan_with_the_wrong_footfall_order_falls(trot: cregopt.Gait, model: pathlib.Path) -> None:
+    # A bound, both front feet and then both hind feet, with the base motion of a trot.
     bound = swapped(trot.trajectory.to_dict(), trot.task.robot, 1, 3)
     report = cregopt.mujoco.play(bound, model)
     assert not report.upright and report.fall and report.fall_time is not None and 0 < report.fall_time < report.horizon, str(report)
     assert not report.followed and "falls at" in str(report)
 
 
-def test_forces_that_do_not_fit_the_motion_are_told(trot: cregopt.Gait, model: pathlib.Path) -> None:
+def test_forces_that_contradict_the_motion_are_reported(trot: cregopt.Gait, model: pathlib.Path) -> None:
     plan = trot.trajectory.to_dict()
     for foot in plan["ee"]:
         foot["force"]["nodes"] = [[3 * value for value in node] for node in foot["force"]["nodes"]]
@@ -142,7 +142,7 @@ def test_forces_that_do_not_fit_the_motion_are_told(trot: cregopt.Gait, model: p
     assert not report.followed and report.position_error_max > 0.1, str(report)
 
 
-def test_ice_and_weak_motors_are_told(trot: cregopt.Gait, model: pathlib.Path, tmp_path: pathlib.Path) -> None:
+def test_ice_and_weak_motors_are_reported(trot: cregopt.Gait, model: pathlib.Path, tmp_path: pathlib.Path) -> None:
     ice = cregopt.mujoco.play(trot, model, friction=0.03)
     assert not ice.followed, str(ice)
     weak = tmp_path / "weak.xml"
@@ -152,7 +152,7 @@ def test_ice_and_weak_motors_are_told(trot: cregopt.Gait, model: pathlib.Path, t
     assert report.torque_share == pytest.approx(1) and report.torque_saturated > 0.3
 
 
-def test_uneven_ground_is_under_the_robot(model: pathlib.Path) -> None:
+def test_the_terrain_of_the_plan_is_simulated(model: pathlib.Path) -> None:
     x = np.arange(-2, 3, 0.05)
     hill = np.tile(0.06 / (1 + np.exp(-(x - 0.4) / 0.1)), (len(x), 1)).T
     terrain = cregopt.Terrain.heights(hill, cell=0.05, origin=(-2, -2))
@@ -165,7 +165,7 @@ def test_uneven_ground_is_under_the_robot(model: pathlib.Path) -> None:
     assert cregopt.mujoco.play(level, model).position_error_max > 0.03 > report.position_error_max
 
 
-def test_plans_for_other_robots_are_refused(trot: cregopt.Gait, model: pathlib.Path, tmp_path: pathlib.Path) -> None:
+def test_plans_for_other_robots_are_rejected(trot: cregopt.Gait, model: pathlib.Path, tmp_path: pathlib.Path) -> None:
     six = tmp_path / "six.xml"
     six.write_text(mjcf({**LEGS, "ML": (0.0, 0.1), "MR": (0.0, -0.1)}))
     heavy = tmp_path / "heavy.xml"
@@ -179,22 +179,22 @@ def test_plans_for_other_robots_are_refused(trot: cregopt.Gait, model: pathlib.P
         (heavy, None, "the plan is for a robot of 12.2 kg, the model heavy weighs 13.2 kg, more than 5 % apart"),
         (stuck, None, "the model stuck has no free joint at its base"),
         (weightless, None, "joint FL_knee of the model passive has no motor"),
-        (tmp_path / "none.xml", None, "none.xml: there is no such model"),
+        (tmp_path / "none.xml", None, "none.xml: there is no such model file"),
         (model, ["FL", "FR", "RL"], "the model small has 3 feet (FL, FR, RL), the plan 4"),
         (model, ["FL", "FR", "RL", "tail"], "no geom, body or site 'tail'; at the ends of its legs are: RR, FL, FR, RL"),
-        (model, ["FL", "FR", "RL", "trunk"], "'trunk' of the model small is no foot"),
+        (model, ["FL", "FR", "RL", "trunk"], "'trunk' of the model small is not a foot"),
     ]
-    for path, feet, told in cases:
+    for path, feet, message in cases:
         with pytest.raises(cregopt.Error) as error:
             cregopt.mujoco.play(trot, path, feet=feet)
-        assert told in str(error.value)
+        assert message in str(error.value)
     with pytest.raises(cregopt.Error, match="friction -1"):
         cregopt.mujoco.play(trot, model, friction=-1)
     with pytest.raises(cregopt.Error, match=r"film.avi: an animation is one of \.gif"):
         cregopt.mujoco.play(trot, model, video="film.avi")
 
 
-def test_motors_that_hold_positions_serve_too(trot: cregopt.Gait, model: pathlib.Path, tmp_path: pathlib.Path) -> None:
+def test_position_servos_give_the_same_result_as_torque_motors(trot: cregopt.Gait, model: pathlib.Path, tmp_path: pathlib.Path) -> None:
     servos = tmp_path / "small.xml"
     motors = re.compile(r'<motor joint="(\w+)" ctrlrange="-(\d+) \d+"/>')
     text, n = motors.subn(r'<position joint="\1" kp="50" forcerange="-\2 \2"/>', model.read_text())
@@ -202,7 +202,7 @@ def test_motors_that_hold_positions_serve_too(trot: cregopt.Gait, model: pathlib
     assert n == 12 and cregopt.mujoco.play(trot, servos) == cregopt.mujoco.play(trot, model)
 
 
-def test_a_hexapod_goes_as_a_tripod(tmp_path: pathlib.Path) -> None:
+def test_a_hexapod_walks_with_a_tripod_gait(tmp_path: pathlib.Path) -> None:
     model = tmp_path / "six.xml"
     model.write_text(mjcf({**LEGS, "ML": (0.0, 0.12), "MR": (0.0, -0.12)}))
     task = cregopt.Task(cregopt.mujoco.robot(model), cregopt.Terrain("flat"), goal=(0.3, 0.0))
@@ -211,7 +211,7 @@ def test_a_hexapod_goes_as_a_tripod(tmp_path: pathlib.Path) -> None:
     assert gait.feasible and report.followed, str(report)
 
 
-def test_an_animation_has_a_frame_for_each_moment(
+def test_an_animation_has_the_expected_number_of_frames(
     trot: cregopt.Gait, model: pathlib.Path, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     image = pytest.importorskip("PIL.Image")
@@ -225,14 +225,14 @@ def test_an_animation_has_a_frame_for_each_moment(
     with image.open(film) as shown:
         assert shown.n_frames == pytest.approx(5 * (report.horizon + 0.8), abs=1)
         shown.seek(shown.n_frames // 2)
-        # The robot in front of a ground: many colours.
+        # A picture of a robot on its ground has many colours.
         assert len(shown.convert("RGB").getcolors(1 << 20)) > 20
 
 
-def test_feet_can_be_named_by_bodies_and_sites(trot: cregopt.Gait, model: pathlib.Path) -> None:
+def test_feet_can_be_given_by_bodies_and_sites(trot: cregopt.Gait, model: pathlib.Path) -> None:
     named = cregopt.mujoco.play(trot, model, feet=["FL_shank", "FR_shank", "RL_shank", "RR_shank"])
     assert named == cregopt.mujoco.play(trot, model)
-    # Points under the balls.
+    # Sites at the lowest points of the balls.
     tips = cregopt.mujoco.play(trot, model, feet=["FL_tip", "FR_tip", "RL_tip", "RR_tip"])
     assert tips != named and tips.followed and tips.missing_contact < 0.2, str(tips)
 
@@ -241,7 +241,7 @@ def run(*arguments: str) -> "subprocess.CompletedProcess[str]":
     return subprocess.run([sys.executable, "-m", "cregopt.mujoco", *arguments], capture_output=True, text=True, timeout=120)
 
 
-def test_the_program_plays_and_makes_robots(trot: cregopt.Gait, model: pathlib.Path, tmp_path: pathlib.Path) -> None:
+def test_the_command_line_plays_plans_and_writes_robots(trot: cregopt.Gait, model: pathlib.Path, tmp_path: pathlib.Path) -> None:
     trot.trajectory.save(tmp_path / "trajectory.json")
     plan, robot = str(tmp_path / "trajectory.json"), tmp_path / "robot.toml"
     played = run(plan, "--model", str(model), "--json", "--friction", "0.8")
@@ -260,7 +260,7 @@ def test_the_program_plays_and_makes_robots(trot: cregopt.Gait, model: pathlib.P
     assert run("--model", str(model)).returncode == 2
 
 
-def test_without_mujoco_it_says_what_to_install(model: pathlib.Path) -> None:
+def test_without_mujoco_the_error_names_the_package_to_install(model: pathlib.Path) -> None:
     code = "import sys; sys.modules['mujoco'] = None\nfrom cregopt.mujoco.__main__ import main\nsys.exit(main(sys.argv[1:]))"
     arguments = [sys.executable, "-c", code, "--model", str(model), "--robot", "robot.json"]
     run = subprocess.run(arguments, capture_output=True, text=True, timeout=120)

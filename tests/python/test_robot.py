@@ -1,4 +1,4 @@
-"""Robots from URDF files, and their joints along motions."""
+"""Robots from URDF files, and joint angles of motions."""
 
 import json
 import pathlib
@@ -28,7 +28,7 @@ def walk(robot: cregopt.Robot) -> cregopt.Gait:
 
 
 def turn(axis: int, angles: Floats) -> Floats:
-    """Rotations about an axis of the frame, shape (n, 3, 3)."""
+    """Rotation matrices about a coordinate axis, shape (n, 3, 3), of angles in rad, shape (n,)."""
     a, b = (axis + 1) % 3, (axis + 2) % 3
     turned = np.zeros((len(angles), 3, 3))
     turned[:, axis, axis] = 1.0
@@ -39,20 +39,20 @@ def turn(axis: int, angles: Floats) -> Floats:
 
 
 def tip(leg: int, q: Floats, center: Floats) -> Floats:
-    """Centre of a foot's ball from the centre of mass, base frame, m, of joint angles (n, 3): what the URDF says."""
+    """Centre of a foot ball relative to the centre of mass, base frame, m, shape (n, 3), from joint angles q, shape (n, 3), by the URDF."""
     hip = np.array([0.2 if leg < 2 else -0.2, 0.15 if leg % 2 == 0 else -0.15, 0.0]) - center
     link = np.array([0.0, 0.0, -0.25])
     hanging = turn(1, q[:, 1]) @ (link + turn(1, q[:, 2]) @ link)[:, :, None]
     return np.asarray(hip + (turn(0, q[:, 0]) @ hanging)[:, :, 0])
 
 
-def test_a_robot_is_what_its_urdf_says(robot: cregopt.Robot) -> None:
+def test_an_imported_robot_matches_its_urdf(robot: cregopt.Robot) -> None:
     assert (robot.name, robot.feet) == ("four", 4) and robot.mass == pytest.approx(10.0 + 8 * 0.4)
     found = robot.imported
     assert found is not None and [foot["link"] for foot in found["feet"]] == [f"{leg}_foot" for leg in LEGS]
     assert {name: found["configuration"][name] for name in STANDING} == STANDING and len(found["configuration"]) == 12
     assert any("feet were not named" in note for note in found["notes"]) and found["foot_speed"] > 0
-    # A foot is a ball about its link's origin.
+    # A foot is a ball around the origin of its link.
     down = [0.0, 0.0, robot.to_dict()["foot_radius"]]
     assert robot.nominal_feet == pytest.approx(np.array([foot["frame"] for foot in found["feet"]]) - down)
     assert down[2] == 0.02
@@ -62,7 +62,7 @@ def test_a_robot_is_what_its_urdf_says(robot: cregopt.Robot) -> None:
     assert cregopt.Robot("anymal").imported is None
 
 
-def test_text_names_and_feet_can_be_given(robot: cregopt.Robot, tmp_path: pathlib.Path) -> None:
+def test_a_urdf_can_be_given_as_text_with_feet_and_a_name(robot: cregopt.Robot, tmp_path: pathlib.Path) -> None:
     text = URDF.read_text()
     assert cregopt.Robot.from_urdf(text, configuration=STANDING) == robot == cregopt.Robot.from_urdf(str(URDF), None, STANDING)
     assert cregopt.Robot.from_urdf("\ufeff\n " + text[text.index("<robot") :], configuration=STANDING) == robot
@@ -76,16 +76,16 @@ def test_text_names_and_feet_can_be_given(robot: cregopt.Robot, tmp_path: pathli
     assert cregopt.Robot.from_dict(robot.to_dict()) == robot
 
 
-def test_the_program_imports_the_same(robot: cregopt.Robot, program: str) -> None:
+def test_the_program_imports_the_same_robot(robot: cregopt.Robot, program: str) -> None:
     configuration = ",".join(f"{name}={value}" for name, value in STANDING.items())
     command = [program, "robot", "import", str(URDF), "--configuration", configuration]
     printed = subprocess.run(command, check=True, capture_output=True, text=True, timeout=60).stdout
     assert json.loads(printed) == robot.to_dict()
     wrong = [program, "robot", "import", str(URDF), "--configuration", "LF_knee=0"]
-    told = subprocess.run(wrong, capture_output=True, text=True, timeout=60).stderr
+    message = subprocess.run(wrong, capture_output=True, text=True, timeout=60).stderr
     with pytest.raises(cregopt.Error) as raised:
         cregopt.Robot.from_urdf(URDF, configuration={"LF_knee": 0.0})
-    assert told == f"error: {raised.value}\n"
+    assert message == f"error: {raised.value}\n"
 
 
 @pytest.mark.parametrize(
@@ -100,12 +100,12 @@ def test_the_program_imports_the_same(robot: cregopt.Robot, program: str) -> Non
         ({"name": "x" * 1000}, "robot.name"),
     ],
 )
-def test_what_cannot_be_imported_is_named(options: dict[str, Any], sentence: str) -> None:
+def test_errors_name_invalid_import_options(options: dict[str, Any], sentence: str) -> None:
     with pytest.raises(cregopt.Error, match=sentence):
         cregopt.Robot.from_urdf(URDF, **options)
 
 
-def test_files_that_are_no_urdf_are_named(tmp_path: pathlib.Path) -> None:
+def test_errors_name_files_that_are_not_urdf(tmp_path: pathlib.Path) -> None:
     with pytest.raises(FileNotFoundError, match="cannot read .*none.urdf"):
         cregopt.Robot.from_urdf(tmp_path / "none.urdf")
     (tmp_path / "half.urdf").write_text(URDF.read_text()[:700])
@@ -119,7 +119,7 @@ def test_files_that_are_no_urdf_are_named(tmp_path: pathlib.Path) -> None:
         cregopt.Robot.from_urdf(URDF, feet="LF_foot")
 
 
-def test_joints_bring_the_feet_where_the_motion_has_them(walk: cregopt.Gait, robot: cregopt.Robot) -> None:
+def test_joint_angles_put_the_feet_at_their_planned_positions(walk: cregopt.Gait, robot: cregopt.Robot) -> None:
     joints, motion = walk.joints(rate=400), walk.sample(rate=400)
     n = len(motion)
     assert walk.feasible and len(joints) == n and joints.time.tolist() == motion.time.tolist()
@@ -137,17 +137,17 @@ def test_joints_bring_the_feet_where_the_motion_has_them(walk: cregopt.Gait, rob
         q = joints.positions[:, 3 * leg : 3 * leg + 3]
         place = motion.base_position + (to_world @ tip(leg, q, center)[:, :, None])[:, :, 0] - [0.0, 0.0, 0.02]
         assert np.linalg.norm(place - motion.feet_position[:, leg], axis=1).max() < 1e-4
-        # Virtual work: efforts do what the force does, turned round.
+        # Principle of virtual work: the joint efforts balance the contact force.
         force = (to_world.transpose(0, 2, 1) @ motion.forces[:, leg, :, None])[:, :, 0]
         contact = -0.02 * to_world[:, 2, :]
         for j in range(3):
             step = np.eye(3)[j] * 1e-6
             moved = (tip(leg, q + step, center) - tip(leg, q - step, center)) / 2e-6
-            # The contact point is below the ball's centre, and turns with the last link.
+            # The contact point is below the centre of the ball, and moves with the last link.
             axis = [turn(0, q[:, 0])[:, :, 0] * 0 + [1.0, 0.0, 0.0], turn(0, q[:, 0])[:, :, 1], turn(0, q[:, 0])[:, :, 1]][j]
             lever = moved + np.cross(axis, contact)
             assert joints.efforts[:, 3 * leg + j] == pytest.approx(-(force * lever).sum(axis=1), abs=0.02)
-    # Velocities are those of the positions where no foot begins or ends its swing.
+    # Away from lift-offs and touchdowns, velocities are the derivatives of positions.
     slopes = np.gradient(joints.positions, joints.time, axis=0)
     steady = np.ones(n, dtype=bool)
     changes = np.flatnonzero((motion.contacts[1:] != motion.contacts[:-1]).any(axis=1))
@@ -158,7 +158,7 @@ def test_joints_bring_the_feet_where_the_motion_has_them(walk: cregopt.Gait, rob
     assert np.abs(slopes - joints.velocities)[steady].max() < 0.2
 
 
-def test_limits_say_where_a_motion_is_nearest_to_them(walk: cregopt.Gait, robot: cregopt.Robot, program: str, tmp_path: pathlib.Path) -> None:
+def test_limits_report_the_worst_instant_of_a_motion(walk: cregopt.Gait, robot: cregopt.Robot, program: str, tmp_path: pathlib.Path) -> None:
     joints = walk.joints()
     limits = joints.limits
     assert joints.kept == limits["kept"] and f"{len(joints)} instants, 12 joints" in repr(joints)
@@ -172,7 +172,7 @@ def test_limits_say_where_a_motion_is_nearest_to_them(walk: cregopt.Gait, robot:
     run = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert json.loads(run.stdout) == limits and run.returncode == (0 if joints.kept else 3)
     assert walk.trajectory.joints().positions.tolist() == joints.positions.tolist()
-    # The same legs with weaker motors.
+    # Weaker motors on the same legs.
     weak = robot.to_dict()
     for leg in weak["joints"]:
         for joint in leg["chain"]:
@@ -181,7 +181,7 @@ def test_limits_say_where_a_motion_is_nearest_to_them(walk: cregopt.Gait, robot:
     assert not beyond.kept and abs(beyond.limits["effort"]["value"]) > beyond.limits["effort"]["limit"]
 
 
-def test_without_joints_there_are_none(gait: cregopt.Gait, walk: cregopt.Gait) -> None:
+def test_joints_of_a_robot_without_a_joint_model_are_an_error(gait: cregopt.Gait, walk: cregopt.Gait) -> None:
     with pytest.raises(cregopt.Error, match="robot `anymal`: no `joints`"):
         gait.joints()
     with pytest.raises(cregopt.Error, match="rate: 0"):

@@ -1,4 +1,4 @@
-"""Searches, their gaits and their files."""
+"""Searches, gaits and their files."""
 
 import base64
 import json
@@ -13,7 +13,7 @@ import cregopt
 import pytest
 
 
-def test_a_gait_is_what_its_certificate_says(gait: cregopt.Gait) -> None:
+def test_a_gait_agrees_with_its_certificate(gait: cregopt.Gait) -> None:
     assert gait.feasible and gait.family == "trot" and gait.diagnosis is None
     assert gait.cost is not None and 0 < gait.cost["leg_work"] < gait.cost["total"] < 10
     assert len(gait.schedule) == 4 and all(sum(foot) == pytest.approx(gait.trajectory.horizon) for foot in gait.schedule)
@@ -27,7 +27,7 @@ def test_a_gait_is_what_its_certificate_says(gait: cregopt.Gait) -> None:
 
 
 def test_options_reach_the_search(task: cregopt.Task) -> None:
-    told: list[dict[str, Any]] = []
+    records: list[dict[str, Any]] = []
     gait = cregopt.search(
         task,
         seed=7,
@@ -39,14 +39,14 @@ def test_options_reach_the_search(task: cregopt.Task) -> None:
         threads=1,
         device="cpu",
         settings={"search": {"perturbed_generations": 0}, "solver": {"max_iterations": 40}, "transcription": {"foot_acceleration": None}},
-        progress=told.append,
+        progress=records.append,
     )
     result = gait.to_dict()
     assert result["seed"] == 7 and result["device"].startswith("cpu, 1 threads")
     assert result["lower"]["solver"]["max_iterations"] == 40 and result["lower"]["transcription"]["foot_acceleration"] is None
     assert result["search"]["gaits"] == {"families": ["pace", "trot"]} and result["search"]["objective"] == "effort"
-    assert [g["generation"] for g in told if g["event"] == "generation"] == [0, 1]
-    assert [g["family"] for g in told if g["event"] == "improvement"] == [i["family"] for i in result["improvements"]]
+    assert [g["generation"] for g in records if g["event"] == "generation"] == [0, 1]
+    assert [g["family"] for g in records if g["event"] == "improvement"] == [i["family"] for i in result["improvements"]]
     assert {gait.family, *(g.family for g in gait.alternatives)} == {"pace", "trot"}
     assert gait.alternatives[0].feasible and gait.alternatives[0].schedule == result["alternatives"][0]["durations"]
     first = cregopt.search(task, first=True)
@@ -62,7 +62,7 @@ def test_options_reach_the_search(task: cregopt.Task) -> None:
     assert refined.to_dict()["refinement"]["before"]["total"] > refined.cost["total"]  # type: ignore[index]
 
 
-def test_those_who_watch_see_a_bar(task: cregopt.Task, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_progress_is_shown_as_a_bar(task: cregopt.Task, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("tqdm")
     gait = cregopt.search(task, gaits="trot", population=3, generations=1, device="cpu", progress=True)
     line = capsys.readouterr().err.splitlines()[-1]
@@ -77,7 +77,7 @@ def test_those_who_watch_see_a_bar(task: cregopt.Task, tmp_path: pathlib.Path, c
     assert capsys.readouterr().err == ""
 
 
-def test_without_tqdm_it_says_what_to_install(task: cregopt.Task, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_tqdm_the_error_names_the_package_to_install(task: cregopt.Task, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "tqdm.auto", None)
     with pytest.raises(ImportError, match=r"pip install cregopt\[progress\]"):
         cregopt.search(task, progress=True)
@@ -106,12 +106,12 @@ def test_without_tqdm_it_says_what_to_install(task: cregopt.Task, monkeypatch: p
         ({"settings": {"solver": {"tolerance": float("inf")}}}, "options: dict .*, but it must be finite numbers"),
     ],
 )
-def test_options_that_cannot_be_are_named(task: cregopt.Task, options: dict[str, Any], sentence: str) -> None:
+def test_errors_name_invalid_options(task: cregopt.Task, options: dict[str, Any], sentence: str) -> None:
     with pytest.raises(cregopt.Error, match=sentence):
         cregopt.search(task, **options)
 
 
-def test_without_a_gait_it_says_why(nowhere: cregopt.Task) -> None:
+def test_a_search_without_a_feasible_gait_has_a_diagnosis(nowhere: cregopt.Task) -> None:
     settings = {"search": {"further_generations": 0, "perturbed_generations": 0}}
     gait = cregopt.search(nowhere, gaits="trot", population=2, generations=0, settings=settings)
     assert not gait.feasible and gait.cost is None and not gait.certificate.feasible
@@ -119,13 +119,13 @@ def test_without_a_gait_it_says_why(nowhere: cregopt.Task) -> None:
     assert "not feasible" in repr(gait) and gait.certificate.n_violated == gait.to_dict()["n_violated"] > 0
 
 
-def test_what_stands_in_the_way_is_said_before_the_search(task: cregopt.Task) -> None:
+def test_an_impossible_task_is_rejected_before_the_search(task: cregopt.Task) -> None:
     far = cregopt.Task(task.robot, task.terrain, goal=(1.0, 0.0, 0.9))
     with pytest.raises(cregopt.Error, match="goal"):
         cregopt.search(far)
 
 
-def test_doubts_are_warnings_that_can_be_made_errors(task: cregopt.Task) -> None:
+def test_doubts_are_warnings_that_can_be_turned_into_errors(task: cregopt.Task) -> None:
     weak = cregopt.Task(task.robot, task.terrain, goal=(1.0, 0.0), force_limit=50.0)
     options: dict[str, Any] = {"gaits": "trot", "population": 2, "generations": 0, "settings": {"search": {"further_generations": 0}}}
     with pytest.warns(UserWarning, match="force limit: 4 feet with at most 50.0 N each") as warned:
@@ -138,14 +138,14 @@ def test_doubts_are_warnings_that_can_be_made_errors(task: cregopt.Task) -> None
 
 
 def without_times(result: Any) -> Any:
-    """A result without what the clock says."""
+    """Result without measured times."""
     if isinstance(result, dict):
         clocks = ("seconds", "first_feasible_seconds")
         return {key: without_times(value) for key, value in result.items() if key not in clocks}
     return [without_times(value) for value in result] if isinstance(result, list) else result
 
 
-def test_the_program_finds_the_same_bit_for_bit(gait: cregopt.Gait, program: str, tmp_path: pathlib.Path) -> None:
+def test_the_program_finds_the_same_gait_bit_for_bit(gait: cregopt.Gait, program: str, tmp_path: pathlib.Path) -> None:
     command = "solve --robot anymal --goal 1,0.1 --yaw 0.2 --population 4 --generations 1 --device cpu --seed 1 --out out"
     subprocess.run([program, *command.split()], cwd=tmp_path, check=True, capture_output=True, timeout=300)
     assert (tmp_path / "out/trajectory.json").read_text() == gait.trajectory.to_json() + "\n"
@@ -158,32 +158,32 @@ def test_the_program_finds_the_same_bit_for_bit(gait: cregopt.Gait, program: str
     assert results[0] == json.loads(gait.to_json()) == gait.to_dict()
 
 
-def test_a_scenario_file_finds_the_gait_that_wrote_it(gait: cregopt.Gait, tmp_path: pathlib.Path) -> None:
+def test_a_saved_scenario_file_reproduces_its_gait(gait: cregopt.Gait, tmp_path: pathlib.Path) -> None:
     gait.save(tmp_path)
     again = cregopt.solve(tmp_path / "scenario.toml", out=tmp_path / "again")
     assert [g.trajectory.to_json() for g in again] == [gait.trajectory.to_json()]
     assert (tmp_path / "again/trajectory.json").read_text() == (tmp_path / "trajectory.json").read_text()
 
 
-def test_a_way_with_waypoints_has_a_gait_for_each_leg(tmp_path: pathlib.Path) -> None:
+def test_a_scenario_with_waypoints_has_a_gait_per_stage(tmp_path: pathlib.Path) -> None:
     (tmp_path / "way.toml").write_text(
         'robot = "anymal"\nfirst = true\ngoal = { xy = [1.0, 0.0] }\n[[waypoints]]\nxy = [0.5, 0.1]\n'
     )
     legs = cregopt.solve(str(tmp_path / "way.toml"))
-    assert len(legs) == 2 and all(leg.feasible for leg in legs)
+    assert len(legs) == 2 and all(stage.feasible for stage in legs)
     assert legs[1].task.start["xy"] == pytest.approx([0.5, 0.1], abs=1e-3)
     (tmp_path / "bad.toml").write_text('robt = "anymal"\n')
     with pytest.raises(cregopt.Error, match="bad.toml: .*unknown field `robt`"):
         cregopt.solve(tmp_path / "bad.toml")
 
 
-def test_a_task_with_places_on_the_way_has_a_gait_for_each_leg(task: cregopt.Task, program: str, tmp_path: pathlib.Path) -> None:
-    way = cregopt.Task(task.robot, task.terrain, goal=(1.0, 0.0), yaw=0.4, start=(0.1, 0.0), start_yaw=0.1, via=[(0.4, 0.1), (0.7, 0.0)])
-    gait = cregopt.search(way, first=True, device="cpu")
+def test_a_task_with_waypoints_has_a_gait_per_stage(task: cregopt.Task, program: str, tmp_path: pathlib.Path) -> None:
+    route = cregopt.Task(task.robot, task.terrain, goal=(1.0, 0.0), yaw=0.4, start=(0.1, 0.0), start_yaw=0.1, via=[(0.4, 0.1), (0.7, 0.0)])
+    gait = cregopt.search(route, first=True, device="cpu")
     legs = gait.legs
-    assert len(legs) == 3 and all(leg.feasible for leg in legs) and [len(leg.legs) for leg in legs] == [1, 2, 3]
-    assert [leg.task.goal["xy"] for leg in legs] == [[0.4, 0.1], [0.7, 0.0], [1.0, 0.0]] and gait.task.via == []
-    assert [leg.task.goal["yaw"] for leg in legs] == pytest.approx([0.2, 0.3, 0.4])
+    assert len(legs) == 3 and all(stage.feasible for stage in legs) and [len(stage.legs) for stage in legs] == [1, 2, 3]
+    assert [stage.task.goal["xy"] for stage in legs] == [[0.4, 0.1], [0.7, 0.0], [1.0, 0.0]] and gait.task.via == []
+    assert [stage.task.goal["yaw"] for stage in legs] == pytest.approx([0.2, 0.3, 0.4])
     for before, after in zip(legs, legs[1:]):
         assert after.sample().feet_position[0] == pytest.approx(before.sample().feet_position[-1], abs=1e-9)
     assert gait.to_dict() == legs[2].to_dict() and len(gait.alternatives) == 0
@@ -196,14 +196,14 @@ def test_a_task_with_places_on_the_way_has_a_gait_for_each_leg(task: cregopt.Tas
             assert (tmp_path / "own" / leg / name).read_text() == (tmp_path / "out" / leg / name).read_text()
 
 
-def test_a_way_ends_at_the_first_leg_without_a_gait(nowhere: cregopt.Task) -> None:
-    way = cregopt.Task(nowhere.robot, nowhere.terrain, goal=(2.0, 0.0), via=[(1.0, 0.0)], force_limit=nowhere.force_limit)
+def test_a_search_ends_at_the_first_stage_without_a_gait(nowhere: cregopt.Task) -> None:
+    route = cregopt.Task(nowhere.robot, nowhere.terrain, goal=(2.0, 0.0), via=[(1.0, 0.0)], force_limit=nowhere.force_limit)
     settings = {"search": {"further_generations": 0, "perturbed_generations": 0}}
-    gait = cregopt.search(way, gaits="trot", population=2, generations=0, settings=settings)
+    gait = cregopt.search(route, gaits="trot", population=2, generations=0, settings=settings)
     assert not gait.feasible and len(gait.legs) == 1 and gait.task.goal["xy"] == [1.0, 0.0]
 
 
-def test_a_folder_with_an_earlier_gait_is_told(gait: cregopt.Gait, tmp_path: pathlib.Path) -> None:
+def test_saving_into_the_folder_of_an_earlier_gait_warns(gait: cregopt.Gait, tmp_path: pathlib.Path) -> None:
     (tmp_path / "leg-1").mkdir()
     (tmp_path / "leg-1" / "trajectory.json").write_text("{}")
     with pytest.warns(UserWarning, match="leg-1 has the motion of an earlier gait"):
@@ -211,7 +211,7 @@ def test_a_folder_with_an_earlier_gait_is_told(gait: cregopt.Gait, tmp_path: pat
     assert (tmp_path / "leg-1" / "trajectory.json").read_text() == "{}"
 
 
-def test_a_built_in_scenario_is_named_in_what_is_found(program: str, tmp_path: pathlib.Path) -> None:
+def test_the_result_names_its_built_in_scenario(program: str, tmp_path: pathlib.Path) -> None:
     gait = cregopt.search(cregopt.Task.from_scenario("s1", target=3), first=True, threads=1, device="cpu")
     result = gait.to_dict()
     assert gait.feasible and (result["scenario"], result["target"]) == ("s1", 3)
@@ -221,7 +221,7 @@ def test_a_built_in_scenario_is_named_in_what_is_found(program: str, tmp_path: p
     assert cregopt.Task.from_scenario(tmp_path / "out/scenario.toml").goal == gait.task.goal
 
 
-def test_notebooks_show_an_evaluation_as_a_table_of_the_best(task: cregopt.Task, gait: cregopt.Gait) -> None:
+def test_notebooks_show_the_best_candidates_of_an_evaluation(task: cregopt.Task, gait: cregopt.Gait) -> None:
     slower = [[[phase * factor for phase in foot] for foot in gait.schedule] for factor in (1.3, 1.0, 1.15)]
     found = cregopt.evaluate(task, [[[0.1]] * 4, *slower] * 3, device="cpu")
     shown = found._repr_html_()

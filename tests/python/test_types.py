@@ -1,4 +1,4 @@
-"""The package and its users under mypy, and what its stubs say against what is there."""
+"""Types of the package and of a sample under mypy, and the stubs against the compiled module."""
 
 import pathlib
 import subprocess
@@ -22,8 +22,8 @@ first: bool = bool(found.feasible[0])
 again = cregopt.Task(task.robot, terrain, (2.0, 0.0), start=gait)
 robot = cregopt.Robot.from_urdf("go2.urdf", feet=["FL", "FR"], configuration={"knee": -1.5})
 scenario = cregopt.Task.from_scenario("walk.toml")
-way = cregopt.Task(robot, terrain, (2.0, 0.0), start={"xy": [0.5, 0.0]}, start_yaw=0.1, via=[(1.0, 0.0), {"xy": [1.5, 0.0], "yaw": 0.2}])
-torque: float = float(cregopt.search(way).legs[0].joints(rate=50).efforts.max())
+route = cregopt.Task(robot, terrain, (2.0, 0.0), start={"xy": [0.5, 0.0]}, start_yaw=0.1, via=[(1.0, 0.0), {"xy": [1.5, 0.0], "yaw": 0.2}])
+torque: float = float(cregopt.search(route).legs[0].joints(rate=50).efforts.max())
 wide = distributed.search(task, population=256, cpus=4, gpus=0.5, progress=True).alternatives
 for leg in cregopt.solve("walk.toml", progress=True):
     print(str(cregopt.verify(leg)), leg.certificate["n_rows"])
@@ -31,31 +31,32 @@ for leg in cregopt.solve("walk.toml", progress=True):
 
 
 def mypy(*arguments: str, cwd: pathlib.Path) -> str:
+    """Messages of ``mypy --strict``; empty if it finds no error."""
     pytest.importorskip("mypy")
     run = subprocess.run([sys.executable, "-m", "mypy", "--strict", *arguments], cwd=cwd, capture_output=True, text=True, timeout=300)
     return "" if run.returncode == 0 else run.stdout + run.stderr
 
 
-def test_the_package_and_a_sample_are_typed(tmp_path: pathlib.Path) -> None:
+def test_the_package_and_a_sample_pass_mypy(tmp_path: pathlib.Path) -> None:
     (tmp_path / "sample.py").write_text(SAMPLE)
     assert mypy("-p", "cregopt", cwd=tmp_path) == ""
     assert mypy("sample.py", cwd=tmp_path) == ""
 
 
-def test_a_wrong_use_is_found(tmp_path: pathlib.Path) -> None:
+def test_mypy_finds_wrong_uses(tmp_path: pathlib.Path) -> None:
     (tmp_path / "wrong.py").write_text(SAMPLE + "\ngait.forces\ncregopt.search(task, popultion=3)\n")
-    told = mypy("wrong.py", cwd=tmp_path)
-    assert '"Gait" has no attribute "forces"' in told and 'Unexpected keyword argument "popultion"' in told
+    messages = mypy("wrong.py", cwd=tmp_path)
+    assert '"Gait" has no attribute "forces"' in messages and 'Unexpected keyword argument "popultion"' in messages
 
 
-def test_stubs_name_what_is_there(tmp_path: pathlib.Path) -> None:
+def test_stubs_match_the_compiled_module(tmp_path: pathlib.Path) -> None:
     pytest.importorskip("mypy")
     check = [sys.executable, "-m", "mypy.stubtest", "cregopt._cregopt", "--ignore-missing-stub", "--ignore-disjoint-bases"]
     run = subprocess.run(check, cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert run.returncode == 0, run.stdout + run.stderr
 
 
-def test_everything_public_says_what_it_is() -> None:
+def test_all_public_items_have_docstrings() -> None:
     for name in cregopt.__all__:
         thing = getattr(cregopt, name)
         if not isinstance(thing, (str, tuple)):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 
-def test_a_robot_is_the_same_by_name_by_dictionary_and_by_file(tmp_path: pathlib.Path) -> None:
+def test_robots_from_a_name_a_dictionary_and_a_file_are_equal(tmp_path: pathlib.Path) -> None:
     robot = cregopt.Robot("anymal")
     description = robot.to_dict()
     (tmp_path / "own.json").write_text(json.dumps(description))
@@ -17,19 +17,19 @@ def test_a_robot_is_the_same_by_name_by_dictionary_and_by_file(tmp_path: pathlib
     assert (robot.name, robot.mass, robot.feet) == ("anymal", 29.5, 4)
     feet = robot.nominal_feet
     assert feet.shape == (4, 3) and feet.dtype == np.float64 and feet.tolist() == description["nominal_feet"]
-    # Numbers of numpy are numbers.
+    # NumPy scalars and arrays are accepted.
     heavy = cregopt.Robot.from_dict({**description, "name": "own", "mass": np.float64(40.0), "nominal_feet": feet})
     assert heavy.mass == 40.0 and heavy != robot
 
 
-def test_heights_stand_where_their_indices_say() -> None:
+def test_heights_are_at_the_positions_of_their_indices() -> None:
     z = np.arange(12.0).reshape(4, 3) / 100
     terrain = cregopt.Terrain.heights(z, cell=0.5, origin=(-1.0, 2.0), friction=0.6, name="ramp")
     assert (terrain.name, terrain.friction) == ("ramp", 0.6)
     for i in range(4):
         for j in range(3):
             assert terrain.height(-1.0 + 0.5 * i, 2.0 + 0.5 * j) == pytest.approx(z[i, j], abs=1e-12)
-    # Other layouts and kinds of numbers are the same map.
+    # Other memory layouts and nested lists give the same map.
     for other in (np.asfortranarray(z), z[::-1][::-1], z.tolist()):
         assert cregopt.Terrain.heights(other, cell=0.5, origin=(-1.0, 2.0), friction=0.6, name="ramp") == terrain
     assert cregopt.Terrain.from_dict(terrain.to_dict()) == terrain
@@ -40,7 +40,7 @@ def test_heights_stand_where_their_indices_say() -> None:
     assert cregopt.Terrain("flat", friction=0.5).friction == 0.5
 
 
-def test_a_task_says_where_it_begins_and_ends() -> None:
+def test_a_task_has_the_given_start_and_goal() -> None:
     robot, terrain = cregopt.Robot("anymal"), cregopt.Terrain("flat")
     task = cregopt.Task(robot, terrain, goal=np.array([2.0, 0.3]), yaw=0.5, start=(1.0, 0.0), start_yaw=-0.1)
     assert (task.goal["xy"], task.goal["z"], task.goal["yaw"]) == ([2.0, 0.3], 0.5, 0.5)
@@ -51,7 +51,7 @@ def test_a_task_says_where_it_begins_and_ends() -> None:
     assert moving.goal["velocity"] == [0.2, 0.0, 0.0] and moving.start["z"] == 0.48 and moving.force_limit == 300.0
 
 
-def test_a_task_begins_where_a_motion_ends(gait: cregopt.Gait) -> None:
+def test_a_task_can_start_at_the_end_of_a_motion(gait: cregopt.Gait) -> None:
     end = gait.sample()
     for motion in (gait, gait.trajectory):
         task = cregopt.Task(gait.task.robot, gait.task.terrain, goal=(2.0, 0.1), start=motion)
@@ -76,7 +76,7 @@ FLAT = cregopt.Terrain("flat")
         (lambda: cregopt.Terrain("flat", friction=-1.0), "terrain.friction: -1, but it must be"),
         (lambda: cregopt.Terrain.heights(np.zeros((3, 3, 3)), 0.1), "height map: 3 dimensions, but it must be 2"),
         (lambda: cregopt.Terrain.heights(np.zeros((3, 0)), 0.1), "height map: 0 x 0 samples"),
-        (lambda: cregopt.Terrain.heights(np.full((3, 3), np.nan), 0.1), "height map: holes alone"),
+        (lambda: cregopt.Terrain.heights(np.full((3, 3), np.nan), 0.1), "height map: only holes"),
         (lambda: cregopt.Terrain.heights(np.zeros((3, 3)), 0.1, name="stairs"), "terrain.name: `stairs`, but it must be another one"),
         (lambda: cregopt.Terrain.heights(np.zeros((3, 3)), -0.1), "cell: -0.1, but it must be"),
         (lambda: cregopt.Task(ROBOT, FLAT, goal=(1.0,)), "goal: 1 numbers, but it must be 2 or 3"),
@@ -87,13 +87,13 @@ FLAT = cregopt.Terrain("flat")
         (lambda: cregopt.Task(ROBOT, FLAT, goal=(1.0, 0.0), start={"feet": [[0.0, 0.0]]}), "start_feet: 1 feet"),
     ],
 )
-def test_what_cannot_be_is_named(call: Callable[[], Any], sentence: str) -> None:
+def test_errors_name_invalid_input(call: Callable[[], Any], sentence: str) -> None:
     with pytest.raises(cregopt.Error, match=sentence) as raised:
         call()
     assert isinstance(raised.value, ValueError)
 
 
-def test_files_that_cannot_be_read_are_errors_of_the_system(tmp_path: pathlib.Path) -> None:
+def test_unreadable_files_raise_os_errors(tmp_path: pathlib.Path) -> None:
     for read in (cregopt.Robot.from_file, cregopt.Terrain.from_file, cregopt.Trajectory.from_file, cregopt.solve, cregopt.verify):
         with pytest.raises(FileNotFoundError, match="cannot read .*missing.json"):
             read(tmp_path / "missing.json")
@@ -124,7 +124,7 @@ def test_a_task_can_be_read_from_a_scenario(tmp_path: pathlib.Path, monkeypatch:
         assert (task.start["xy"], task.start["yaw"], task.start["velocity"]) == ([1.0, 2.0], 0.3, [0.1, 0.0, 0.0])
         assert (task.goal["xy"], task.goal["yaw"], task.goal["z"]) == ([2.0, 2.5], 0.7, 0.5)
         assert [(place["xy"], place["yaw"]) for place in task.via] == [([1.5, 2.2], 0.4)] and "over 1 places" in repr(task)
-    # A target is one without the file's goal and the way to it, and a folder of that name hides no scenario.
+    # A target replaces the file's goal and waypoints. A folder with the name of a scenario does not hide it.
     path.write_text('scenario = "s1"\n[goal]\nxy = [2.0, 2.5]\n[[waypoints]]\nxy = [1.5, 2.2]\n')
     to_target = cregopt.Task.from_scenario(path, target=4)
     assert to_target.goal == cregopt.Task.from_scenario("s1", 4).goal and to_target.via == []
@@ -142,7 +142,7 @@ def test_a_task_can_be_read_from_a_scenario(tmp_path: pathlib.Path, monkeypatch:
         cregopt.Task.from_scenario(tmp_path / "missing.toml")
 
 
-def test_places_on_the_way_are_checked_where_they_are_given() -> None:
+def test_errors_name_invalid_waypoints() -> None:
     task = cregopt.Task(ROBOT, FLAT, goal=(2.0, 0.0), via=[(0.5, 0.1), {"xy": [1.0, 0.0]}, {"xy": [1.5, 0.0], "yaw": 0.2}])
     assert [place.get("yaw") for place in task.via] == [None, None, 0.2] and task.via[0]["xy"] == [0.5, 0.1]
     assert len(cregopt.Task(ROBOT, FLAT, goal=(2.0, 0.0), via=np.array([[0.5, 0.1], [1.0, 0.0]])).via) == 2
@@ -154,6 +154,6 @@ def test_places_on_the_way_are_checked_where_they_are_given() -> None:
         cregopt.evaluate(task, [])
 
 
-def test_a_yaw_in_degrees_is_doubted() -> None:
+def test_a_yaw_that_may_be_in_degrees_causes_a_warning() -> None:
     with pytest.warns(UserWarning, match="goal yaw 45 rad is 7.2 turns; 45 degrees are 0.7854 rad"):
         cregopt.Task(ROBOT, FLAT, goal=(1.0, 0.0), yaw=45.0)

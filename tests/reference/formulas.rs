@@ -71,7 +71,7 @@ pub fn expected(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> (Vec<f
     let (robot, settings) = (&task.robot, towr());
     let (weight, feet) = (robot.mass * GRAVITY, robot.feet());
     let leg = robot.nominal_feet[0][2].abs();
-    let mut c = vec![f64::NAN; layout.equalities];
+    let mut c = vec![f64::NAN; layout.rows.one_sided()];
     let mut g = vec![f64::NAN; layout.inequalities];
 
     let instants = (nodes.horizon / 0.1).round() as usize + 1;
@@ -267,7 +267,7 @@ pub fn expected_momentum(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) 
         nodes: curve.nodes.iter().copied().step_by(pieces).collect(),
     };
     let knots = Trajectory { base_lin: at_knots(&nodes.base_lin), base_ang: at_knots(&nodes.base_ang), ..nodes.clone() };
-    let mut c = vec![f64::NAN; layout.equalities];
+    let mut c = vec![f64::NAN; layout.rows.one_sided()];
     for (k, interval) in layout.momentum_intervals.iter().enumerate() {
         let (start, end) = (k as f64 * h, (k + 1) as f64 * h);
         let (before, after) = (Body::planned(task, &knots, start), Body::planned(task, &knots, end));

@@ -32,7 +32,7 @@ struct RandomSystem {
 impl RandomSystem {
     fn new<T: Real>(layout: &Layout<T>, random: &mut Random, zeros: f64, proximal: f64) -> RandomSystem {
         let weight: Vec<f64> =
-            (0..layout.rows).map(|_| if random.between(0., 1.) < zeros { 0. } else { random.between(0.01, 1.) }).collect();
+            (0..layout.rows.all()).map(|_| if random.between(0., 1.) < zeros { 0. } else { random.between(0.01, 1.) }).collect();
         let value = weight.iter().map(|&w| if w == 0. { 0. } else { random.between(-1., 1.) }).collect();
         let diagonal = (0..layout.variables).map(|_| proximal * random.between(0.01, 10.)).collect();
         let gradient = (0..layout.variables).map(|_| random.between(-1., 1.)).collect();
@@ -182,7 +182,7 @@ fn a_system_that_is_not_positive_definite_is_refused() {
 fn jacobian_products_are_derivatives_along_the_direction() {
     for State { layout, rows, x, .. } in states() {
         let direction = random_vector(12, layout.variables);
-        let (mut by_c, mut by_g) = (vec![f64::NAN; layout.equalities], vec![f64::NAN; layout.inequalities]);
+        let (mut by_c, mut by_g) = (vec![f64::NAN; layout.rows.one_sided()], vec![f64::NAN; layout.inequalities]);
         jacobian_times(&layout, &rows.jacobian, &direction, &mut vec![0.; layout.widest], &mut by_c, &mut by_g);
         // Along a straight line, both sides of every inequality.
         let moved = |by: f64| {
@@ -200,7 +200,7 @@ fn jacobian_products_are_derivatives_along_the_direction() {
 #[test]
 fn transposed_products_are_those_of_the_dense_jacobian() {
     for State { layout, rows, .. } in states() {
-        let v = random_vector(14, layout.rows);
+        let v = random_vector(14, layout.rows.all());
         // What is left in either buffer must not show.
         let (mut product, mut local) = (vec![f64::NAN; layout.variables], vec![f64::NAN; layout.widest]);
         transposed_times(&layout, &rows.jacobian, &v, &mut local, &mut product);

@@ -110,7 +110,7 @@ fn rows_that_were_eliminated_hold_at_any_point() {
 
 /// Jacobian by central differences of one-sided residuals, `[rows][variables]`.
 fn differences(layout: &Layout<f64>, x: &[f64], edge_radius: f64) -> DMatrix<f64> {
-    let mut result = DMatrix::zeros(layout.rows, layout.variables);
+    let mut result = DMatrix::zeros(layout.rows.all(), layout.variables);
     // Derivatives take deviations from the cubics between knots as given.
     let mut given = frozen_at(layout, x, edge_radius);
     let mut x = x.to_vec();
@@ -140,7 +140,7 @@ fn jacobians_match_central_differences() {
                 let analytic = dense_jacobian(&layout, &rows(&layout, &x, edge_radius).jacobian);
                 let numeric = differences(&layout, &x, edge_radius);
                 let difference = first_difference(analytic.as_slice(), numeric.as_slice(), JACOBIAN_TOLERANCE);
-                if let Some((row, variable)) = difference.map(|i| (i % layout.rows, i / layout.rows)) {
+                if let Some((row, variable)) = difference.map(|i| (i % layout.rows.all(), i / layout.rows.all())) {
                     let of_row = |e: &Element| (e.place.row..e.place.row + e.rows).contains(&(row as u32));
                     let family = layout.all_elements().find(of_row).unwrap().family;
                     let (a, b) = (analytic[(row, variable)], numeric[(row, variable)]);

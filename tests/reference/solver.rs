@@ -77,8 +77,10 @@ fn terms_of_single_variables_are_their_plain_formulas() {
 #[test]
 fn row_weights_are_those_of_the_full_system() {
     for State { layout, rows, slacks, .. } in states() {
-        let (jc, jg) =
-            (dense_jacobian(&layout, &rows.jacobian).rows(0, layout.equalities).into_owned(), dense_inequalities(&layout, &rows.jacobian));
+        let (jc, jg) = (
+            dense_jacobian(&layout, &rows.jacobian).rows(0, layout.rows.equalities as usize).into_owned(),
+            dense_inequalities(&layout, &rows.jacobian),
+        );
         let j = dense_jacobian(&layout, &rows.jacobian);
         let (c, g) = (DVector::from_column_slice(&rows.c), &rows.g);
         let inequality = |i: usize, aim: Option<Aim<f64>>| {
@@ -94,7 +96,7 @@ fn row_weights_are_those_of_the_full_system() {
             }
         };
         for aim in AIMS.map(Some).into_iter().chain([None]) {
-            let (mut weight, mut value) = (vec![f64::NAN; layout.rows], vec![f64::NAN; layout.rows]);
+            let (mut weight, mut value) = (vec![f64::NAN; layout.rows.all()], vec![f64::NAN; layout.rows.all()]);
             match aim {
                 Some(aim) => barrier_rows(&layout, &rows.c, g, &slacks, aim, &mut weight, &mut value),
                 None => closing_rows(&layout, &rows.c, g, &mut weight, &mut value),
@@ -122,10 +124,10 @@ fn columns_are_scaled_by_their_squares() {
     for State { layout, rows, .. } in states() {
         let (j, jg) = (dense_jacobian(&layout, &rows.jacobian), dense_inequalities(&layout, &rows.jacobian));
         let mut diagonal = vec![f64::NAN; layout.variables];
-        let (mut counts, mut local) = (vec![0.; layout.rows], vec![0.; layout.widest]);
+        let (mut counts, mut local) = (vec![0.; layout.rows.all()], vec![0.; layout.widest]);
         column_scaling(&layout, &rows.jacobian, &mut counts, &mut local, &mut diagonal);
         let formula = |i: usize| {
-            let equalities = j.column(i).rows(0, layout.equalities).norm_squared();
+            let equalities = j.column(i).rows(0, layout.rows.equalities as usize).norm_squared();
             (equalities + 0.5 * jg.column(i).norm_squared()).max(1e-2)
         };
         let expected: Vec<f64> = (0..layout.variables).map(formula).collect();

@@ -164,7 +164,7 @@ impl Gpu {
         let answer = locked(&answer).take();
         let Some(Solution { outcome, x, .. }) = answer else { return Err(failed("no answer".into())) };
         // The rows at its solution, on the CPU.
-        let (mut c, mut g) = (vec![0.; layout.equalities], vec![0.; layout.inequalities]);
+        let (mut c, mut g) = (vec![0.; layout.rows.one_sided()], vec![0.; layout.inequalities]);
         let mut shared = Shared::default();
         shared.resize(&layout);
         let x: Vec<f32> = x.iter().map(|v| *v as f32).collect();

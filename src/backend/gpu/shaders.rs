@@ -32,7 +32,7 @@ use super::tables::{Batch, Buffer, Part, kind};
 use crate::robot::GRAVITY;
 use crate::rows::momentum::{INNER_POINTS, MOMENTUM_POINTS};
 use crate::rows::table::{NONE, Wgsl};
-use crate::rows::{Family, acceleration, row_shaders};
+use crate::rows::{Family, RowKind, acceleration, row_shaders};
 use crate::solver::control;
 use crate::solver::round::Stage;
 use crate::solver::slacks::{BARRIER_FLOOR, MULTIPLIER_FLOOR, SLACK_FLOOR, TO_THE_BOUNDARY};
@@ -116,6 +116,7 @@ row_shaders!(all_shaders);
 pub const SHARED: &[(&str, &str)] = &[
     ("shared/entries", text!("shared/entries")),
     ("shared/values", text!("shared/values")),
+    ("shared/kind", text!("shared/kind")),
     ("shared/jacobian", text!("shared/jacobian")),
     ("shared/reach", text!("shared/reach")),
     ("shared/gather", text!("shared/gather")),
@@ -339,6 +340,9 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("HOPELESS_LATE_KNEE", control::HOPELESS_KNEES[1]),
         ("LINEAR_MOMENTUM", Family::LinearMomentum as u32),
         ("REACH", Family::Reach as u32),
+        ("EQUALITY", RowKind::Equality as u32),
+        ("COST", RowKind::Cost as u32),
+        ("INEQUALITY", RowKind::Inequality as u32),
     ];
     let real = vec![
         ("ACCELERATION_MARGIN", acceleration::MARGIN as f32),

@@ -11,7 +11,7 @@ use crate::nlp::Layout;
 use crate::rows::momentum::{MOMENTUM_POINTS, MomentumPoint};
 use crate::rows::reach::{ReachInstant, ReachRows};
 use crate::rows::table::{MemberArray, NONE, Run, Span, Wgsl};
-use crate::rows::{Constants, row_tables};
+use crate::rows::{Constants, RowCounts, row_tables};
 use crate::settings::{SolverSettings, Transcription};
 use crate::solver::control::{Limits, Progress, hopeless_rates};
 use crate::terrain::{Profile, Shape as TerrainShape, Terrain};
@@ -252,10 +252,8 @@ macro_rules! gpu_tables {
             pub struct Slot {
                 /// Number of variables.
                 pub variables: u32,
-                /// Number of equalities.
-                pub equalities: u32,
-                /// Number of Jacobian rows.
-                pub rows: u32,
+                /// Numbers of Jacobian rows by kind.
+                pub rows: RowCounts,
                 /// Number of inequalities.
                 pub inequalities: u32,
                 /// Where reach rows begin.
@@ -281,8 +279,7 @@ macro_rules! gpu_tables {
                 let count = |buffer: Buffer| buffer.table(layout, own).map_or(0, |t| t.count as u32);
                 Slot {
                     variables: layout.variables as u32,
-                    equalities: layout.equalities as u32,
-                    rows: layout.rows as u32,
+                    rows: layout.rows,
                     inequalities: layout.inequalities as u32,
                     reach_rows: layout.reach_rows,
                     hopeless_rates: hopeless_rates(layout.curves.transcription).map(|rate| rate as f32),
@@ -331,9 +328,9 @@ macro_rules! gpu_tables {
                     right_hand_side: array(sizes.variables),
                     ground: array(3 * sizes.entries(Buffer::Footholds)),
                     deviations: array(36 * sizes.entries(Buffer::MomentumIntervals)),
-                    c: array(2 * sizes.equalities),
-                    c_half: sizes.equalities as u32,
-                    c_change: array(sizes.equalities),
+                    c: array(2 * sizes.one_sided),
+                    c_half: sizes.one_sided as u32,
+                    c_change: array(sizes.one_sided),
                     g: array(2 * sizes.inequalities),
                     g_half: sizes.inequalities as u32,
                     g_change: array(sizes.inequalities),
@@ -639,7 +636,7 @@ fn reach_touched(layout: &Layout<f32>) -> Vec<(Run, ReachTouch)> {
 pub struct Sizes {
     pub all: usize,
     pub variables: usize,
-    pub equalities: usize,
+    pub one_sided: usize,
     pub rows: usize,
     pub inequalities: usize,
     pub jacobian: usize,
@@ -661,8 +658,8 @@ impl Sizes {
         Sizes {
             all: layout.initial.len(),
             variables: layout.variables,
-            equalities: layout.equalities,
-            rows: layout.rows,
+            one_sided: layout.rows.one_sided(),
+            rows: layout.rows.all(),
             inequalities: layout.inequalities,
             jacobian: layout.jacobian_len,
             factor: layout.factor_len,
@@ -708,7 +705,7 @@ impl Sizes {
         Sizes {
             all: of(self.all, other.all),
             variables: of(self.variables, other.variables),
-            equalities: of(self.equalities, other.equalities),
+            one_sided: of(self.one_sided, other.one_sided),
             rows: of(self.rows, other.rows),
             inequalities: of(self.inequalities, other.inequalities),
             jacobian: of(self.jacobian, other.jacobian),

@@ -1,22 +1,23 @@
-//! The base's way over uneven ground, from which the solver starts: along the ground under the feet, pits filled that feet can step over.
+//! Path of the base over uneven ground for the initial guess. It follows the ground under the feet, and bridges pits that the feet can step
+//! over.
 
 use crate::task::{BaseState, Task, tilt_over};
 
-/// Parts that the way is cut into.
+/// Number of parts into which the path is divided.
 const PARTS: usize = 64;
 
-/// How far the base is off the straight line: height, roll and pitch at parts of the way.
+/// Offset of the base from the straight line: height (m), roll and pitch (rad) at the ends of all parts.
 #[derive(Debug, Clone)]
 pub struct GroundPath(Vec<[f64; 3]>);
 
 impl GroundPath {
-    /// The way of a task; none where the straight line is as good.
+    /// Ground path of a task; `None` if the straight line is as good.
     pub fn new(task: &Task) -> Option<GroundPath> {
         let robot = &task.robot;
-        // Half the robot's length: it bridges a pit as long as itself.
+        // Half the length of the robot, which bridges a pit as long as itself.
         let half = robot.nominal_feet.iter().map(|foot| foot[0].hypot(foot[1])).fold(0., f64::max);
         let [x, y] = task.way();
-        // Feet go around where the base turns.
+        // If the base turns, its feet move on arcs.
         let length = x.hypot(y).max(half * task.turn().abs());
         if !task.terrain.has_edges() || length == 0. {
             return None;
@@ -43,7 +44,7 @@ impl GroundPath {
         };
         let path: Vec<[f64; 3]> = (0..=PARTS).map(off_line).collect();
         let (first, last) = (path[0], path[PARTS]);
-        // It begins and ends where the task says.
+        // Start and end are those of the task.
         let anchored = |(part, at): (usize, &[f64; 3])| {
             let u = part as f64 / PARTS as f64;
             std::array::from_fn(|i| at[i] - first[i] - u * (last[i] - first[i]))
@@ -52,7 +53,7 @@ impl GroundPath {
         Some(GroundPath(smooth(&path, window.div_ceil(4))))
     }
 
-    /// Height, roll and pitch off the line at a part of the way, and their derivatives with respect to it.
+    /// Offset of height, roll and pitch from the line at a fraction of the path, and the derivatives with respect to that fraction.
     pub fn at(&self, part: f64) -> [[f64; 3]; 2] {
         let scaled = part.clamp(0., 1.) * PARTS as f64;
         let index = (scaled as usize).min(PARTS - 1);
@@ -61,7 +62,7 @@ impl GroundPath {
     }
 }
 
-/// Pits no longer than twice a window are filled: the highest in every window, then the lowest of these.
+/// Heights with pits up to two windows long filled: the maximum over every window, then the minimum of these maxima.
 fn filled(heights: &[f64], window: usize) -> Vec<f64> {
     let over = |values: &[f64], best: fn(f64, f64) -> f64| -> Vec<f64> {
         let at = |i: usize| {
@@ -72,7 +73,7 @@ fn filled(heights: &[f64], window: usize) -> Vec<f64> {
     over(&over(heights, f64::max), f64::min)
 }
 
-/// Means over windows that shrink towards the ends, which stay what they are.
+/// Moving averages over windows that shrink towards the ends, which keep their values.
 fn smooth(values: &[[f64; 3]], window: usize) -> Vec<[f64; 3]> {
     let mean = |i: usize| {
         let width = window.min(i).min(values.len() - 1 - i);
@@ -95,9 +96,9 @@ mod tests {
     }
 
     #[test]
-    fn it_follows_a_slope_and_bridges_a_pit() {
+    fn the_path_follows_a_slope_and_bridges_a_pit() {
         assert!(path("flat", 3.).is_none());
-        // 1.5 m deep and 0.6 m long: nothing to follow.
+        // 1.5 m deep and 0.6 m long: the robot bridges it.
         let gap = path("gap", 3.).unwrap();
         assert!(gap.0.iter().flatten().all(|v| v.abs() < 1e-12), "{gap:?}");
         // Up 0.7 m from x = 1 to 2 and down again: steepest at 1.5, level at the top, and mirrored.
@@ -111,17 +112,18 @@ mod tests {
     }
 
     #[test]
-    fn it_follows_a_slope_where_the_body_turns_on_it() {
+    fn the_path_follows_a_slope_on_which_the_body_turns() {
         let (robot, terrain) = (Robot::named("anymal").unwrap(), Terrain::named("slope").unwrap());
         let [start, goal] = [Goal::at(1.5, 0.), Goal::at(1.5, 0.).yaw(std::f64::consts::PI)];
         let task = Task::between(robot, terrain, start, goal).unwrap();
-        // Nose up at first, nose down at last: half way on its side, less so as hollows on the way of a foot are filled.
+        // Nose up at the start, nose down at the end, rolled halfway: by less than the slope, because hollows on the path of a foot are
+        // filled.
         let [[z, roll, pitch], _] = GroundPath::new(&task).unwrap().at(0.5);
         assert!((-0.7f64.atan()..-0.25).contains(&roll) && pitch.abs() < 0.05 && z.abs() < 0.1, "{z} {roll} {pitch}");
     }
 
     #[test]
-    fn its_rate_is_its_derivative() {
+    fn the_rate_is_the_derivative_of_the_path() {
         let path = path("stairs", 3.).unwrap();
         for part in [0.11, 0.37, 0.505, 0.93] {
             let d = 1e-7;

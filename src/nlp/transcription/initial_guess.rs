@@ -1,7 +1,7 @@
-//! Where the solver starts: TOWR's initial values \[3\].
+//! Initial values of the solver, as in TOWR \[3\].
 //!
-//! The base moves along a line, its height towards the nominal leg height above the goal; footholds are spread along the line from
-//! the first to the last nominal foothold; every foot in contact carries an equal share of the weight.
+//! The base moves along a line, and its height towards the nominal leg height above the goal. Footholds are spread along the line from the
+//! first to the last nominal foothold. Every foot in contact carries an equal share of the weight.
 
 use crate::task::{BaseState, Task};
 
@@ -11,9 +11,9 @@ pub fn final_base_height(task: &Task) -> f64 {
     task.terrain.height(x, y) - task.robot.nominal_feet[0][2]
 }
 
-/// Foothold of stance `stance` of `stances` of a foot (x, y), m.
+/// Initial foothold (x, y) of the stance with index `stance` of `stances`, m.
 ///
-/// TOWR spreads the motion nodes evenly over the line, three a stance and swing; a stance takes the place of its second node.
+/// TOWR spreads the motion nodes evenly over the line, three per stance and swing. A stance is placed at its second node.
 pub fn foothold(task: &Task, foot: usize, stance: usize, stances: usize) -> [f64; 2] {
     let (start, goal) = (task.foothold_start(foot), task.foothold_goal(foot));
     if stance == 0 {
@@ -24,7 +24,7 @@ pub fn foothold(task: &Task, foot: usize, stance: usize, stances: usize) -> [f64
     [start[0] + part * (goal[0] - start[0]), start[1] + part * (goal[1] - start[1])]
 }
 
-/// Foothold of a foot (x, y) in the middle of its reach under a base pose (position, then Euler angles), m.
+/// Foothold (x, y) of a foot in the middle of its reach under a base pose (position, then Euler angles), m.
 pub fn under_base(task: &Task, foot: usize, pose: [f64; 6]) -> [f64; 2] {
     let [px, py, pz, roll, pitch, yaw] = pose;
     let base = BaseState { angles: [roll, pitch, yaw], ..BaseState::level([px, py, pz], 0.) };
@@ -38,7 +38,7 @@ pub fn swing_height(task: &Task, a: [f64; 2], b: [f64; 2]) -> f64 {
     task.terrain.height((a[0] + b[0]) / 2., (a[1] + b[1]) / 2.)
 }
 
-/// Height of the highest of two footholds and of the terrain between them, m.
+/// Height of the highest of three points: two footholds and the terrain midway between them, m.
 pub fn highest(task: &Task, a: [f64; 2], b: [f64; 2]) -> f64 {
     let height = |[x, y]: [f64; 2]| task.terrain.height(x, y);
     height(a).max(height(b)).max(swing_height(task, a, b))

@@ -1,10 +1,11 @@
-//! What a leg is asked for where the settings name no limit.
+//! Default limits of the legs, used if the settings specify none.
 
 use crate::gait::family::{FOOT_SPEED, speed_scale};
 use crate::robot::{GRAVITY, Robot};
 use crate::settings::{Legs, TranscriptionSettings};
 
-/// Highest horizontal speed of a foot, m/s: that of the settings, else `1.9 sqrt(g l)` for legs of base height `l`, or 20 where legs are free.
+/// Largest horizontal speed of a foot, m/s. If the settings specify none: `1.9 sqrt(g l)` for legs with base height `l`, or 20 for free
+/// legs.
 pub fn foot_speed(settings: &TranscriptionSettings, robot: &Robot) -> f64 {
     settings.foot_speed.unwrap_or_else(|| match settings.legs {
         Legs::Limited => FOOT_SPEED * speed_scale(robot),
@@ -12,7 +13,7 @@ pub fn foot_speed(settings: &TranscriptionSettings, robot: &Robot) -> f64 {
     })
 }
 
-/// Largest acceleration of a swinging foot, m/s²: that of the settings, else 20 g, or none where legs are free.
+/// Largest acceleration of a swinging foot, m/s². If the settings specify none: 20 g, or no limit (`None`) for free legs.
 pub fn foot_acceleration(settings: &TranscriptionSettings) -> Option<f64> {
     settings.foot_acceleration.or(match settings.legs {
         Legs::Limited => Some(20. * GRAVITY),

@@ -1,4 +1,4 @@
-//! Transcriptions: how a motion is turned into variables and rows. What differs between them is what `Transcribe` asks; each has a file.
+//! Transcriptions: conversions of a motion into variables and rows. Each has a file and implements the trait `Transcribe`.
 
 pub mod ground_path;
 pub mod initial_guess;
@@ -17,73 +17,73 @@ use crate::rows::reach::BasePoint;
 use crate::settings::{Legs, Transcription, TranscriptionSettings};
 use crate::task::Task;
 
-/// How feet swing.
+/// Parameters of a swing.
 pub(super) struct SwingLaw {
-    /// What the mid node is above at first, between two footholds,
+    /// Reference height of the initial mid node, from the two footholds, m.
     pub over: fn(&Task, [f64; 2], [f64; 2]) -> f64,
-    /// and by how much, m.
+    /// Height of the initial mid node above that reference, m.
     pub above: f64,
-    /// Parts of the swing at which its height is held.
+    /// Fractions of the swing at which its height is constrained.
     pub parts: &'static [f64],
-    /// Lowest height in the middle, m; elsewhere it is 0.
+    /// Smallest height in the middle of the swing, m; at the other fractions it is 0.
     pub clearance: f64,
-    /// Whether the height has an upper limit, too.
+    /// True if the height has an upper limit.
     pub limited: bool,
-    /// Longest step, m.
+    /// Longest step, m; `None` without a limit.
     pub longest_step: Option<f64>,
-    /// Accelerations at both ends of a swing, for a step and a height, 1/s²; none where they have no limit.
+    /// Accelerations at both ends of a swing, per step length and per height, 1/s²; `None` without a limit.
     pub accelerations: Option<[f64; 2]>,
 }
 
-/// An instant of reach rows.
+/// Instant of reach rows.
 pub(super) struct ReachTime<T> {
     pub t: f64,
     pub feet: std::ops::Range<usize>,
     /// Step of the sweep.
     pub step: usize,
-    /// Base pose, without blocks.
+    /// Base pose, whose blocks are assigned later.
     pub base: BasePoint<T>,
-    /// Whose deviation counts, see [`BaseBlocks`](crate::rows::reach::BaseBlocks).
+    /// Interval whose deviation applies, see [`BaseBlocks`](crate::rows::reach::BaseBlocks).
     pub interval: u32,
-    /// Its blocks.
+    /// Blocks of the base pose.
     pub blocks: [BlockId; 4],
 }
 
-/// Where a block starts, and how firmly it is drawn there.
+/// Initial values of a block, and the weights that attract its variables to them.
 pub(super) struct Guess {
     pub initial: [f64; 6],
     pub smoothing: [f64; 6],
 }
 
-/// The questions whose answers make a transcription.
+/// Parts in which transcriptions differ.
 pub(super) trait Transcribe<T: Real> {
-    /// Steps of the sweep over so many intervals.
+    /// Number of steps of the sweep for a number of intervals.
     fn steps(&self, intervals: usize) -> usize;
     /// Adds the blocks of the base.
     fn base_blocks(&self, b: &mut Builder<T>);
-    /// Adds the rows that tie base, forces and footholds together.
+    /// Adds the rows that couple base, forces and footholds.
     fn dynamics(&self, b: &mut Builder<T>);
-    /// Instants at which feet are held within reach, in the order of time.
+    /// Instants with reach rows, in the order of time.
     fn reach_times(&self, b: &Builder<T>) -> Vec<ReachTime<T>>;
-    /// How firmly footholds are drawn to where they start, 1/m².
+    /// Weight that attracts footholds to their initial values, 1/m².
     fn foothold_smoothing(&self) -> f64;
     /// Initial foothold of a stance, m.
     fn foothold(&self, b: &Builder<T>, foot: usize, stance: usize, stances: usize) -> [f64; 2];
     /// Initial force at time `t`.
     fn force(&self, b: &Builder<T>, t: f64) -> Guess;
-    /// Weights of the slope at which force rows are held about node `node` of a stance of `pieces` pieces.
+    /// Weights of the slope at which force rows apply around node `node` of a stance with `pieces` pieces.
     fn slopes(&self, node: usize, pieces: usize) -> &'static [f64];
-    /// Time over which the mid node of a swing would cover the distance of the footholds, s: the shorter, the faster is the foot there.
+    /// Distance between the footholds divided by the speed of the swing's mid node, s. Shorter means a faster foot in mid-swing.
     fn mid_time(&self, span: Phase) -> f64;
-    /// How feet swing over a phase.
+    /// Parameters of a swing phase.
     fn swing(&self, settings: &TranscriptionSettings, task: &Task, span: Phase) -> SwingLaw;
-    /// What its motions keep to besides their rows.
+    /// Limits that motions satisfy in addition to their rows.
     fn limits(&self, settings: &TranscriptionSettings, robot: &Robot) -> Option<MotionLimits>;
-    /// Base position and Euler angles of a solution.
+    /// Curves of base position and Euler angles of a solution.
     fn base_curves(&self, task: &Task, curves: &Curves, x: &[f64]) -> [Curve; 2];
 }
 
-/// Who answers for a transcription.
+/// Implementation of a transcription.
 pub(super) fn of<T: Real>(rows: Transcription) -> &'static dyn Transcribe<T> {
     match rows {
         Transcription::Momentum => &momentum::Momentum,
@@ -91,7 +91,7 @@ pub(super) fn of<T: Real>(rows: Transcription) -> &'static dyn Transcribe<T> {
     }
 }
 
-/// Interval of base knots and dynamics rows for a robot, s.
+/// Interval between base knots, which is also that of the dynamics rows, s.
 pub fn interval(settings: &TranscriptionSettings, robot: &Robot) -> f64 {
     settings.interval.unwrap_or_else(|| match settings.rows {
         Transcription::Momentum => momentum::interval(robot),
@@ -99,7 +99,7 @@ pub fn interval(settings: &TranscriptionSettings, robot: &Robot) -> f64 {
     })
 }
 
-/// Largest normal force of a foot in a task, N: that asked for, else the robot's, else the transcription's.
+/// Largest normal force of a foot in a task, N: that of the task, else of the robot, else of the transcription.
 pub fn force_limit(settings: &TranscriptionSettings, task: &Task) -> f64 {
     let own = || match (settings.rows, settings.legs) {
         (Transcription::Momentum, Legs::Limited) => task.robot.default_force_limit(),

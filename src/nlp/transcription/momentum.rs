@@ -1,14 +1,15 @@
-//! The `momentum` transcription: base states at knots, and the exact change of momentum over each interval in between.
+//! The `momentum` transcription: base states at knots, and the exact change of momentum over the interval between two knots.
 //!
-//! Forces are cubics, so their impulses are exact weights on the force nodes. So is the angular momentum: taken about the base position
-//! `p_k` at the start of the interval instead of the moving base, it changes by the moments of impulses about fixed footholds and by
-//! the moment of gravity, and both are integrals of the forces alone. With `J_i`, `P`, `W` the first to third integral of forces,
+//! Forces are cubics, so their impulses are exact weights on the force nodes. The angular momentum is exact too: it is taken about the base
+//! position `p_k` at the start of the interval instead of the moving base, so that it changes only by the moments of impulses about fixed
+//! footholds and by the moment of gravity, and both are integrals of the forces alone. With `J_i`, `P`, `W` the first to third integral of
+//! forces,
 //!
 //! `v = v_k + g tau + J / m`, `d = v_k tau + g tau^2 / 2 + P / m`,
 //! `L = L_k + sum (x_i - p_k) x J_i + (m v_k tau^2 / 2 + W) x g - m d x v`.
 //!
-//! No quadrature of moments is needed; only the attitude asks for one: the mean of `L` over an interval must be that of the planned
-//! motion, `R I R' omega`, at the nodes of a Gauss-Legendre rule.
+//! Moments need no quadrature. Only the attitude does: the mean of `L` over an interval must equal that of the planned motion,
+//! `R I R' omega`, at the nodes of a Gauss-Legendre rule.
 
 use super::legs::{foot_acceleration, foot_speed};
 use super::{Guess, ReachTime, SwingLaw, Transcribe, initial_guess};
@@ -29,45 +30,49 @@ use crate::settings::TranscriptionSettings;
 use crate::task::Task;
 use nalgebra::{Matrix3, Vector3};
 
-/// Horizontal speed of a foot in mid-swing, in its mean speeds.
+/// Horizontal speed of a foot in mid-swing, relative to its mean speed.
 ///
-/// One cubic from rest to rest has 1.5. The slower the middle, the faster a foot leaves the ground and the less the base, moving on,
-/// drags it out of reach before it follows: see `benches/README.md`.
+/// One cubic from rest to rest has 1.5. The slower the foot is in mid-swing, the faster it leaves the ground, and the less the moving base
+/// drags it out of reach at first: see `benches/README.md`.
 pub const MID_SPEED: f64 = 0.75;
 
-/// Highest horizontal speed in a swing, in mean speeds: of `v(u) = (6 - 2 c) u - (6 - 3 c) u^2` in each half, with `c` = [`MID_SPEED`].
+/// Largest horizontal speed in a swing, relative to the mean speed: maximum of `v(u) = (6 - 2 c) u - (6 - 3 c) u^2` in each half, with `c`
+/// = [`MID_SPEED`].
 pub const TOP_SPEED: f64 = (6. - 2. * MID_SPEED) * (6. - 2. * MID_SPEED) / (4. * (6. - 3. * MID_SPEED));
 
-/// Acceleration at lift-off and touch-down in step lengths by squared swing durations: of `v(u)` above at its ends, `4 (3 - c)`.
+/// Acceleration at lift-off and touchdown, in step lengths per squared swing duration: derivative of the `v(u)` of [`TOP_SPEED`] at its
+/// ends, `4 (3 - c)`.
 pub const TOP_ACCELERATION: f64 = 4. * (3. - MID_SPEED);
 
-/// How firmly footholds are drawn to the initial guess, against 1 for a force of the weight per foot, 1/m².
+/// Weight that attracts footholds to the initial guess, relative to 1 for a force of the weight per foot, 1/m².
 const FOOTHOLD_SMOOTHING: f64 = 0.;
 
-/// How firmly the base is drawn to the initial guess, against 1 for a force of the weight per foot: its attitude, 1/rad², and its rates,
-/// s²/m² and s²/rad².
+/// Weights that attract the base pose to the initial guess, relative to 1 for a force of the weight per foot: attitude only, 1/rad².
 const POSE_SMOOTHING: [f64; 6] = [0., 0., 0., 1., 1., 1.];
+/// Weights that attract the base rates to the initial guess, relative to 1 for a force of the weight per foot, s²/m² and s²/rad².
 const RATE_SMOOTHING: [f64; 6] = [0.1; 6];
 
-/// Part of the horizon in which the initial guess speeds up, and slows down again.
+/// Fraction of the horizon over which the initial guess accelerates, and again over which it decelerates.
 const RAMP: f64 = 0.3;
 
-/// Gauss-Legendre rule on (0, 1) with three nodes: exact for the integrals of a cubic that are needed.
+/// Gauss-Legendre rule on (0, 1) with three nodes, exact for the required integrals of a cubic.
 pub(crate) const EXACT_RULE: [[f64; 2]; 3] = [[0.112_701_665_379_258_3, 5. / 18.], [0.5, 8. / 18.], [0.887_298_334_620_741_7, 5. / 18.]];
 
-/// Weights of the deviations at the inner points at part `u` of an interval: a polynomial that vanishes at both ends.
+/// Weights of the deviations at the inner points for fraction `u` of an interval: a polynomial that vanishes at both ends.
 fn deviation_weights(u: f64) -> [f64; INNER_POINTS] {
     let nodes = INNER_RULE.map(|[u, _]| u);
     std::array::from_fn(|i| lagrange(&nodes, i, u) * u * (1. - u) / (nodes[i] * (1. - nodes[i])))
 }
 
-/// Where the initial guess has the base at time `t`, and its rate: along the line and the ground, from rest, and to rest when the goal asks for it; with
-/// what the ends are asked for besides.
+/// Pose and rate of the base in the initial guess at time `t`.
+///
+/// The base follows the straight line and the ground path. It accelerates from rest, and decelerates to rest if the goal velocity is to be
+/// zero. The start and goal rates of the task are added as Hermite terms.
 fn base_guess<T: Real>(b: &Builder<T>, t: f64) -> ([f64; 6], [f64; 6]) {
     let (start, goal) = (b.reference(0.), b.reference(b.horizon));
     let slows = b.settings.goal_velocity == GoalVelocity::Zero;
     let u = (t / b.horizon).clamp(0., 1.);
-    // Speed rises linearly over the ramp, stays, falls linearly; the area is 1.
+    // Trapezoidal speed profile with area 1: linear over the ramp, constant, and linear again if the base decelerates.
     let peak = 1. / if slows { 1. - RAMP } else { 1. - RAMP / 2. };
     let (part, speed) = if u < RAMP {
         (peak * u * u / (2. * RAMP), peak * u / RAMP)
@@ -91,18 +96,18 @@ fn base_guess<T: Real>(b: &Builder<T>, t: f64) -> ([f64; 6], [f64; 6]) {
     (pose, rate)
 }
 
-/// Parts of a swing at which its height is held over ground with edges. On flat ground the mid node speaks for all: z rises to it and
-/// falls from it. Of the upper limit it always does.
+/// Fractions of a swing at which its height is constrained on ground with edges. On other ground the mid node suffices, because z rises to
+/// it and falls from it. For the upper limit the mid node always suffices.
 const SWING_HEIGHTS: [f64; 9] = [0.0625, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 0.9375];
 
-/// Interval of base knots for a robot, s: how fast a body on such legs can turn and fall.
+/// Interval between base knots for a robot, s, limited by how fast a body on such legs can turn and fall.
 ///
 /// Half of `sqrt(l / g)`, in steps of 0.025 s from 0.025 to 0.1 s. That is 0.1 s for legs of 0.4 m and 0.05 s for those of 0.14 m.
 pub fn interval(robot: &Robot) -> f64 {
     ((0.5 * (robot.leg_height() / GRAVITY).sqrt() / 0.025).floor() * 0.025).clamp(0.025, 0.1)
 }
 
-/// The transcription.
+/// Implementation of the `momentum` transcription.
 pub(super) struct Momentum;
 
 impl<T: Real> Transcribe<T> for Momentum {
@@ -110,7 +115,7 @@ impl<T: Real> Transcribe<T> for Momentum {
         intervals
     }
 
-    /// Pose and rates at every knot, as deviations from the reference line.
+    /// Adds pose and rates at every knot, as deviations from the reference line.
     fn base_blocks(&self, b: &mut Builder<T>) {
         let line_rate = b.reference_rate();
         for k in 0..=b.intervals {
@@ -126,7 +131,7 @@ impl<T: Real> Transcribe<T> for Momentum {
         }
     }
 
-    /// Momentum rows of every interval.
+    /// Adds the momentum rows of every interval.
     fn dynamics(&self, b: &mut Builder<T>) {
         let (mut integrals, mut uses, mut footholds) = (Vec::new(), Vec::new(), Vec::new());
         for k in 0..b.intervals {
@@ -155,14 +160,14 @@ impl<T: Real> Transcribe<T> for Momentum {
         }
     }
 
-    /// Of all feet at most [`REACH`] apart, and of swinging feet at parts of their swings.
+    /// Instants of all feet at most [`REACH`] apart, and instants of swinging feet at fractions of their swings.
     fn reach_times(&self, b: &Builder<T>) -> Vec<ReachTime<T>> {
         let h = b.interval;
         let phases: Vec<&[Phase]> = b.feet.iter().map(|foot| &foot.phases[..]).collect();
         let time = |ReachTiming { t, feet, .. }| {
             let k = ((t / h + 1e-9) as usize).min(b.intervals - 1);
             let in_interval = match t - k as f64 * h {
-                // A knot is a knot: what has no part in it is left out.
+                // Rounds to the knot, so that blocks without weight there are left out.
                 u if u < 1e-9 => 0.,
                 u if u > h - 1e-9 => h,
                 u => u,
@@ -182,7 +187,7 @@ impl<T: Real> Transcribe<T> for Momentum {
         FOOTHOLD_SMOOTHING
     }
 
-    /// The middle of its reach under the base of the initial guess in the middle of the stance; nominal at both ends of the way.
+    /// Middle of the foot's reach under the initial guess of the base in the middle of the stance; nominal footholds at start and goal.
     fn foothold(&self, b: &Builder<T>, foot: usize, stance: usize, stances: usize) -> [f64; 2] {
         if stance == 0 {
             return b.task.foothold_start(foot);
@@ -195,13 +200,13 @@ impl<T: Real> Transcribe<T> for Momentum {
         initial_guess::under_base(b.task, foot, pose)
     }
 
-    /// Its share of the weight among the feet in contact.
+    /// Equal share of the weight among the feet in contact.
     fn force(&self, b: &Builder<T>, t: f64) -> Guess {
         let in_contact = b.feet.iter().filter(|foot| foot.phases[foot.phase_at(t)].stance).count();
         Guess { initial: [0., 0., b.feet.len() as f64 / in_contact as f64, 0., 0., 0.], smoothing: [1.; 6] }
     }
 
-    /// A cubic lies in the hull of its Bezier points; a node lies between those beside it.
+    /// A cubic lies in the convex hull of its Bezier points; an inner node lies between the two Bezier points next to it.
     fn slopes(&self, node: usize, pieces: usize) -> &'static [f64] {
         match node {
             0 => &[0., 1. / 3.],
@@ -237,7 +242,7 @@ impl<T: Real> Transcribe<T> for Momentum {
     }
 }
 
-/// What a motion of a robot is made to keep to besides its rows.
+/// Limits that a motion of a robot satisfies in addition to its rows.
 pub(crate) fn limits(settings: &TranscriptionSettings, robot: &Robot) -> MotionLimits {
     MotionLimits {
         clearance: settings.clearance,
@@ -248,11 +253,11 @@ pub(crate) fn limits(settings: &TranscriptionSettings, robot: &Robot) -> MotionL
     }
 }
 
-/// First to third integral of each node's basis functions, `[value, slope]`.
+/// First to third integral of the basis functions of one node, `[value, slope]`.
 type Integrals = [[f64; 2]; 3];
 
-/// Calls `at` with every point of the rule that integrates the force of a stance from `t` to `end`: the number of the piece, the basis functions
-/// there, and the weights of the point in `int f`, `int (end - s) f` and `int (end - s)^2 / 2 f ds`.
+/// Calls `at` with every quadrature point of the force of a stance from `t` to `end`: index of the piece, basis functions at the point, and
+/// weights of the point in `int f`, `int (end - s) f` and `int (end - s)^2 / 2 f ds`.
 fn integrate(span: Phase, pieces: usize, t: f64, end: f64, mut at: impl FnMut(usize, [f64; 4], [f64; 3])) {
     let duration = span.duration() / pieces as f64;
     for piece in 0..pieces {
@@ -269,9 +274,9 @@ fn integrate(span: Phase, pieces: usize, t: f64, end: f64, mut at: impl FnMut(us
     }
 }
 
-/// Integrals from `t` to each end of the basis functions of a stance's force nodes.
+/// Integrals of the basis functions of a stance's force nodes, from `t` to each of `ends`.
 ///
-/// * `integrals` - out, one a node
+/// * `integrals` - out, one per node
 fn basis_integrals(span: Phase, nodes: usize, t: f64, ends: [f64; MOMENTUM_POINTS], integrals: &mut Vec<[Integrals; MOMENTUM_POINTS]>) {
     integrals.clear();
     integrals.resize(nodes, Default::default());
@@ -290,8 +295,8 @@ fn basis_integrals(span: Phase, nodes: usize, t: f64, ends: [f64; MOMENTUM_POINT
 
 /// First to third integral of the force of a stance from `t` to `end`: `int f`, `int (end - s) f`, `int (end - s)^2 / 2 f ds`.
 ///
-/// * `nodes` - positions of its nodes in `x`
-/// * `unit` - of forces, N
+/// * `nodes` - positions of the force nodes in `x`
+/// * `unit` - force unit, N
 fn impulses(span: Phase, nodes: &[u32], x: &[f64], unit: f64, t: f64, end: f64) -> [Vector3<f64>; 3] {
     let pieces = nodes.len() - 1;
     let piece_duration = span.duration() / pieces as f64;
@@ -312,10 +317,10 @@ fn impulses(span: Phase, nodes: &[u32], x: &[f64], unit: f64, t: f64, end: f64) 
     sums
 }
 
-/// Adds what the force nodes of a stance do in the interval that starts at `t`.
+/// Adds the impulses of a stance's force nodes in the interval that starts at `t`.
 ///
-/// * `integrals` - overwritten
-/// * `uses`, `footholds` - out, the node of each impulse and its foothold
+/// * `integrals` - scratch, overwritten
+/// * `uses`, `footholds` - out, force node and foothold of each impulse
 fn stance_impulses<T: Real>(
     b: &mut Builder<T>,
     foot: usize,
@@ -356,20 +361,20 @@ fn stance_impulses<T: Real>(
 /// Longest time between reach rows of all feet, s.
 const REACH: f64 = 0.026;
 
-/// Parts of a swing at which reach is held besides: near its ends the base drags the foot along, or runs ahead of it.
+/// Fractions of a swing with additional reach rows: near its ends the base drags the foot along or runs ahead of it.
 const SWING_PARTS: [f64; 5] = [0.0625, 0.125, 0.5, 0.875, 0.9375];
 
-/// When a reach instant is.
+/// Time and feet of a reach instant.
 pub(crate) struct ReachTiming {
-    /// s.
+    /// Time, s.
     pub t: f64,
-    /// Whose feet.
+    /// Range of the feet.
     pub feet: std::ops::Range<usize>,
-    /// Its number among all, one that phases do not change as long as there are as many of them: in order of time instants change places.
+    /// Index that does not depend on the durations of the phases, only on their number. In the order of time, instants can change places.
     pub number: usize,
 }
 
-/// Reach instants in the order of time: of all feet at most [`REACH`] apart, and of swinging feet at parts of their swings.
+/// Reach instants in the order of time: of all feet at most [`REACH`] apart, and of swinging feet at fractions of their swings.
 pub(crate) fn reach_timings(phases: &[&[Phase]], interval: f64, intervals: usize) -> Vec<ReachTiming> {
     let (h, feet) = (interval, phases.len());
     let pieces = (h / REACH).ceil() as usize;
@@ -386,10 +391,10 @@ pub(crate) fn reach_timings(phases: &[&[Phase]], interval: f64, intervals: usize
     timings
 }
 
-/// Longest piece of a base curve, s. A cubic over twice as much would be up to a centimetre off what the forces do.
+/// Longest piece of a base curve, s. A cubic over twice that time would deviate by up to a centimetre from the motion under the forces.
 pub(crate) const PIECE: f64 = 0.026;
 
-/// Base position and Euler angles: at every knot those of the solution, in between what the forces make of them.
+/// Curves of base position and Euler angles: the solution at every knot, and the motion under the planned forces in between.
 fn base_curves(task: &Task, curves: &Curves, x: &[f64]) -> [Curve; 2] {
     let (n, h) = (curves.intervals, curves.interval);
     let (start, goal) = (task.start.pose(), task.goal.pose());
@@ -417,10 +422,10 @@ fn base_curves(task: &Task, curves: &Curves, x: &[f64]) -> [Curve; 2] {
     nodes.map(|nodes| Curve { poly_durations: vec![h / pieces as f64; pieces * n], nodes })
 }
 
-/// Pose and rates at the ends of all but the last of the `pieces` of an interval, from the state at its start, `t`, under the planned
+/// Pose and rates at the end of each of the `pieces` of an interval except the last, from the state at its start `t`, under the planned
 /// forces.
 ///
-/// Position and velocity are exact; the attitude takes two Runge-Kutta steps a piece along the exact angular momentum.
+/// Position and velocity are exact. The attitude is integrated along the exact angular momentum with two Runge-Kutta steps per piece.
 fn between(task: &Task, curves: &Curves, x: &[f64], t: f64, [pose, rate]: [[f64; 6]; 2], pieces: usize) -> Vec<[[f64; 6]; 2]> {
     let robot = &task.robot;
     let (mass, gravity) = (robot.mass, Vector3::new(0., 0., -GRAVITY));
@@ -430,14 +435,14 @@ fn between(task: &Task, curves: &Curves, x: &[f64], t: f64, [pose, rate]: [[f64;
     let end = t + curves.interval;
     let stances = curves.feet.iter().flat_map(|foot| foot.phases.iter().step_by(2).zip(&foot.force_nodes).zip(&foot.footholds));
     let place = |at: usize| Vector3::new(x[at], x[at + 1], task.terrain.height(x[at], x[at + 1]));
-    // Each with its arm from the base at `t`.
+    // Stances that act in the interval, with the arm of their foothold from the base position at `t`.
     let at_work: Vec<(Phase, &[u32], Vector3<f64>)> = stances
         .filter(|((span, _), _)| span.end > t && span.start < end)
         .map(|((span, nodes), at)| (*span, &nodes[..], place(*at as usize) - p))
         .collect();
-    // First to third integral of the forces since `t`, and their impulses' moment about where the base was then.
+    // First to third integral of the forces since `t`, and the moment of their impulses about the base position at `t`.
     let (mut done, mut integrals, mut moment) = (0., [Vector3::zeros(); 3], Vector3::zeros());
-    // Moved, velocity and angular momentum gained after `tau`, which never falls.
+    // Displacement, velocity and gained angular momentum after `tau`, which must not decrease between calls.
     let mut after = |tau: f64| {
         let [first, second, third] = &mut integrals;
         let by = tau - done;
@@ -456,7 +461,7 @@ fn between(task: &Task, curves: &Curves, x: &[f64], t: f64, [pose, rate]: [[f64;
         let gained = moment + (v * (mass * tau * tau / 2.) + *third).cross(&gravity) - moved.cross(&velocity) * mass;
         (moved, velocity, gained)
     };
-    // Base to world, and `omega = E rates`.
+    // Rotation from base to world, and the matrix `E` of `omega = E rates`.
     let turn = |angles: &Vector3<f64>| {
         let (rotation, axes) = euler((*angles).into());
         (Matrix3::from(rotation).transpose(), Matrix3::from(axes))

@@ -1,6 +1,6 @@
-//! The `towr` transcription: TOWR's rows \[3\] in variables that leave no linear equality.
+//! The `towr` transcription: TOWR's rows \[3\] in variables that eliminate its linear equalities.
 //!
-//! The base is the C2 cubic spline that TOWR's acceleration rows make of its Hermite nodes.
+//! The base is the C2 cubic spline that TOWR's acceleration rows enforce on its Hermite nodes.
 
 use super::{Guess, ReachTime, SwingLaw, Transcribe, initial_guess};
 use crate::gait::spline::{BSpline, hermite};
@@ -19,16 +19,16 @@ use crate::rows::table::{NONE, Place, Span};
 use crate::settings::TranscriptionSettings;
 use crate::task::Task;
 
-/// Interval of base knots and dynamics rows, s.
+/// Interval between base knots and dynamics rows, s.
 pub const INTERVAL: f64 = 0.1;
 
 /// Average swing duration that TOWR assumes for the mid-swing velocity, s.
 pub const SWING_DURATION: f64 = 0.3;
 
-/// Largest normal force of a foot in TOWR, N, whatever the robot.
+/// Largest normal force of a foot in TOWR, N, for every robot.
 pub const FORCE_LIMIT: f64 = 1000.;
 
-/// The transcription.
+/// Implementation of the `towr` transcription.
 pub(super) struct Towr;
 
 impl<T: Real> Transcribe<T> for Towr {
@@ -36,7 +36,7 @@ impl<T: Real> Transcribe<T> for Towr {
         intervals + 1
     }
 
-    /// Base coefficients as deviations from the reference line. The first two (start pose and rate) and the last (goal) are fixed.
+    /// Adds the base coefficients as deviations from the reference line. The first two (start pose and rate) and the last (goal) are fixed.
     fn base_blocks(&self, b: &mut Builder<T>) {
         let spline = BSpline::new(b.intervals, b.interval);
         let count = spline.coefficients();
@@ -57,12 +57,12 @@ impl<T: Real> Transcribe<T> for Towr {
         }
     }
 
-    /// Newton-Euler rows at every knot.
+    /// Adds Newton-Euler rows at every knot.
     fn dynamics(&self, b: &mut Builder<T>) {
         let spline = BSpline::new(b.intervals, b.interval);
         for k in 0..=b.intervals {
             let t = k as f64 * b.interval;
-            // At a knot three of the four functions are alive: the first three of the interval that starts there.
+            // At a knot three of the four basis functions are nonzero: the first three of the interval that starts there.
             let (interval, skip) = if k < b.intervals { (k, 0) } else { (k - 1, 1) };
             let weights = std::array::from_fn(|derivative| {
                 let basis = spline.basis(interval, t, derivative);
@@ -91,7 +91,7 @@ impl<T: Real> Transcribe<T> for Towr {
         }
     }
 
-    /// Of all feet every `reach_interval` and at the end.
+    /// Instants of all feet every `reach_interval` and at the end of the horizon.
     fn reach_times(&self, b: &Builder<T>) -> Vec<ReachTime<T>> {
         let spline = BSpline::new(b.intervals, b.interval);
         let every = b.settings.reach_interval;
@@ -102,7 +102,7 @@ impl<T: Real> Transcribe<T> for Towr {
         let time = |t: f64| {
             let t = t.min(b.horizon);
             let interval = ((t / b.interval + 1e-9) as usize).min(b.intervals - 1);
-            // The last instant goes with the last dynamics rows.
+            // The instant at the end of the horizon belongs to the step of the last dynamics rows.
             let step = if t >= b.horizon - 1e-9 { b.intervals } else { interval };
             let base = BasePoint {
                 reference: b.reference(t).map(T::of),
@@ -123,7 +123,7 @@ impl<T: Real> Transcribe<T> for Towr {
         initial_guess::foothold(b.task, foot, stance, stances)
     }
 
-    /// Its share of the weight among all feet.
+    /// Equal share of the weight among all feet.
     fn force(&self, _: &Builder<T>, _: f64) -> Guess {
         Guess { initial: [0., 0., 1., 0., 0., 0.], smoothing: [0.; 6] }
     }
@@ -157,7 +157,7 @@ impl<T: Real> Transcribe<T> for Towr {
     }
 }
 
-/// Weights of a force at time `t`, and the blocks of its nodes and of its foothold.
+/// Weights of the force of a foot at time `t`, and the blocks of its nodes and of its foothold.
 fn stance_force<T: Real>(b: &Builder<T>, foot: usize, phase: usize, t: f64) -> (StanceForce<T>, [Use; 3]) {
     let span = b.feet[foot].phases[phase];
     let (nodes, foothold) = (&b.feet[foot].force_nodes[phase / 2], b.feet[foot].footholds[phase / 2]);
@@ -177,7 +177,7 @@ fn stance_force<T: Real>(b: &Builder<T>, foot: usize, phase: usize, t: f64) -> (
     (force, [first, last, Use::Touches(foothold.block)])
 }
 
-/// Base position (`first = 0`) or Euler angles (`first = 3`) at the knots.
+/// Curve of base position (`first = 0`) or Euler angles (`first = 3`) with nodes at the knots.
 fn base_curve(task: &Task, curves: &Curves, x: &[f64], first: usize) -> Curve {
     let (n, h) = (curves.intervals, curves.interval);
     let (spline, horizon) = (BSpline::new(n, h), n as f64 * h);

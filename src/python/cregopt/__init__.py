@@ -1,4 +1,4 @@
-"""Gaits of legged robots: which foot steps when, with a motion and contact forces that are checked.
+"""Gait optimisation for legged robots: contact schedules with motions and contact forces, verified by an independent certificate.
 
 >>> import cregopt
 >>> task = cregopt.Task(cregopt.Robot("anymal"), cregopt.Terrain("flat"), goal=(2.0, 0.0))
@@ -8,12 +8,13 @@ True
 >>> gait.sample(rate=100).forces.shape[1:]
 (4, 3)
 
-On many machines: ``help("cregopt.distributed")``.
+Searches on many machines: ``help("cregopt.distributed")``.
 
-Units are SI, angles rad, and forces act on the robot. World frame: z up; base frame: x forward, y left, in the centre of mass. Schedules are lists of
-phase durations, s, a list for each foot in the robot's order: stance, swing, stance, ..., stance.
+Units are SI, angles are in rad, and forces act on the robot. World frame: z up. Base frame: origin at the centre of mass, x forward, y left.
+A schedule has one list per foot, in the robot's order of feet, of phase durations in s: stance, swing, stance, ..., stance.
 
-What cannot be raises ``Error``, a ``ValueError`` that names the place, the value and the limit; files that cannot be read or written raise ``OSError``.
+Invalid input raises ``Error``, a ``ValueError`` whose message gives the place, the value and the limit. Files that cannot be read or written
+raise ``OSError``.
 """
 
 from ._cregopt import (

@@ -1,4 +1,4 @@
-"""Workers of a Ray cluster, and what dies of them."""
+"""Workers of a Ray cluster: submission of chunks, results in the order of completion, and retries after a worker died."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import numpy as np
 from ._cregopt import Error, __version__
 from ._search import Schedule
 
-#: Candidates of a chunk at most, without GPUs and with: what is solved again when a worker dies. A GPU is not faster with more.
+#: Largest number of candidates per chunk, without and with GPUs. A chunk is solved again when its worker dies. Larger chunks make a GPU no faster.
 _LARGEST_CHUNK = (256, 8192)
-#: Chunks for each worker: the last ones to end keep the others waiting for a part of a chunk's time. A GPU is opened for each.
-_CHUNKS_A_WORKER = (4, 1)
+#: Chunks per worker, without and with GPUs. With more chunks, workers wait a shorter time for the last chunk. Each chunk opens the GPU again.
+_CHUNKS_PER_WORKER = (4, 1)
 
 
 class Cluster:
-    """Workers of a number of CPUs and GPUs on the cluster that this process has joined."""
+    """Workers with a given number of CPUs and GPUs each, on the cluster that this process has joined."""
 
     def __init__(self, cpus: int, gpus: float, max_retries: int) -> None:
         at_least("cpus", cpus, 1)
@@ -28,37 +28,41 @@ class Cluster:
             raise Error(f"gpus: {gpus}, but it must be a number from 0 to 1: a worker solves on one GPU at most")
         self.ray = needed("ray")
         if not self.ray.is_initialized():
-            raise Error('no cluster: join one by ray.init(address="auto"), or make one of this machine by ray.init()')
+            raise Error('no cluster: join one with ray.init(address="auto"), or start one on this machine with ray.init()')
         self.cpus, self.gpus, self.max_retries = cpus, gpus, max_retries
         self.device = "gpu" if gpus else "cpu"
-        for name, asked in (("CPU", cpus), ("GPU", gpus)):
+        for name, requested in (("CPU", cpus), ("GPU", gpus)):
             largest = max((node["Resources"].get(name, 0.0) for node in self.ray.nodes() if node["Alive"]), default=0.0)
-            if asked > largest:
-                told = f"{name.lower()}s: {asked}, but the largest node of the cluster has {largest:.0f}: waiting for one with more"
-                warnings.warn(told, stacklevel=3)
+            if requested > largest:
+                message = f"{name.lower()}s: {requested}, but the largest node of the cluster has {largest:.0f}: waiting for a node with more"
+                warnings.warn(message, stacklevel=3)
 
     def workers(self) -> int:
-        """How many can work at once now."""
-        there = self.ray.cluster_resources()
-        places = there.get("CPU", 0.0) // self.cpus
-        return max(1, int(min(places, there.get("GPU", 0.0) // self.gpus) if self.gpus else places))
+        """Number of workers that can run at once now, at least 1."""
+        resources = self.ray.cluster_resources()
+        count = resources.get("CPU", 0.0) // self.cpus
+        return max(1, int(min(count, resources.get("GPU", 0.0) // self.gpus) if self.gpus else count))
 
     def remote(self, work: Callable[..., object]) -> Any:
+        """Ray remote function that runs ``work`` with the resources and retries of this cluster's workers."""
         return self.ray.remote(num_cpus=self.cpus, num_gpus=self.gpus, max_retries=self.max_retries)(work)
 
-    def chunk(self, asked: Optional[int], n: int) -> int:
-        """How many of n schedules a worker gets at once."""
-        if asked is not None:
-            at_least("chunk", asked, 1)
-            return asked
+    def chunk(self, requested: Optional[int], n: int) -> int:
+        """Number of schedules per chunk for n schedules: the requested number, or by default a share of n."""
+        if requested is not None:
+            at_least("chunk", requested, 1)
+            return requested
         on_gpus = self.device == "gpu"
-        share = -(-n // (_CHUNKS_A_WORKER[on_gpus] * self.workers()))
+        share = -(-n // (_CHUNKS_PER_WORKER[on_gpus] * self.workers()))
         return max(self.cpus, min(share, _LARGEST_CHUNK[on_gpus]))
 
     def chunks(
         self, work: Callable[..., object], shared: tuple[Any, ...], schedules: Sequence[Schedule], chunk: int, patience: Optional[float] = None
     ) -> Iterator[tuple[Any, Any]]:
-        """Schedules in chunks: the index of the first of each with what the worker returned, as they end. As :meth:`each`."""
+        """Yields the index of the first schedule of each chunk with the result of its worker, in the order of completion.
+
+        Workers call ``work((version, *shared), first, schedules)``. ``patience``: see :meth:`each`. Raises Error for a chunk without a result.
+        """
         remote, known = self.remote(work), self.ray.put((__version__, *shared))
         firsts = range(0, len(schedules), chunk)
         for first, outcome in self.each(lambda first: remote.remote(known, first, schedules[first : first + chunk]), firsts, patience):
@@ -68,9 +72,10 @@ class Cluster:
             yield first, outcome
 
     def each(self, submit: Callable[[Any], Any], jobs: Iterable[Any], patience: Optional[float] = None) -> Iterator[tuple[Any, Any]]:
-        """Each job once, with its result or Ray's exception, as they end. Some are submitted ahead, so that workers need not wait.
+        """Yields each job once with its result, or with Ray's exception, in the order of completion.
 
-        Where none ends for as long as ``patience``, s, there is a pair of None in between. What is not waited for any more is called off.
+        ``submit`` starts a job. Some jobs are submitted ahead, so that workers do not wait. After ``patience`` seconds without a result it yields
+        ``(None, None)``. Jobs that are pending when the iterator is closed are cancelled.
         """
         ray, jobs = self.ray, iter(jobs)
         pending: dict[Any, Any] = {}
@@ -96,22 +101,22 @@ class Cluster:
                 ray.cancel(reference)
 
     def why(self, error: Exception) -> str:
-        """What Ray's exception says, without the stack of the worker."""
+        """Message of a Ray exception, without the stack of the worker."""
         if isinstance(error, self.ray.exceptions.RayTaskError):
             return f"a worker could not run: {getattr(error, 'cause', error)}"
         lines = str(error).strip().splitlines() or [""]
-        return f"no result of a worker, with {self.max_retries} retries: {type(error).__name__}: {lines[0]}"
+        return f"no result from a worker after {self.max_retries} retries: {type(error).__name__}: {lines[0]}"
 
 
 def needed(module: str) -> Any:
-    """A module that is installed only where clusters are."""
+    """Imports an optional module; raises ImportError with the command that installs it."""
     try:
         return importlib.import_module(module)
     except ImportError as missing:
-        raise ImportError(f"cregopt.distributed needs {module}, which is not here: pip install cregopt[ray]", name=module) from missing
+        raise ImportError(f"cregopt.distributed needs {module}, which is not installed: pip install cregopt[ray]", name=module) from missing
 
 
 def at_least(name: str, value: int, least: int) -> None:
-    """Refuses what is no integer from the least on."""
+    """Raises Error unless ``value`` is an integer of at least ``least``."""
     if not isinstance(value, (int, np.integer)) or value < least:
         raise Error(f"{name}: {value}, but it must be an integer from {least}")

@@ -1,4 +1,4 @@
-"""Types of the compiled part; its docstrings say what they are."""
+"""Type stubs of the compiled module. Its docstrings document the items: ``help(cregopt.Robot)``."""
 
 import os
 from collections.abc import Callable, Iterator, KeysView, Mapping, Sequence
@@ -244,9 +244,9 @@ def verify(
     terrain: Optional[Terrain] = None,
     force_limit: Optional[float] = None,
 ) -> Certificate: ...
-#: Status, iterations, factorisations, infeasibility, whether it was closed, and the variables.
+#: A worker's solution of one schedule: status, iterations, factorisations, infeasibility, True if it was closed in f64, and the variables.
 _Answer = tuple[str, int, int, float, bool, _Floats]
-#: The answers to some schedules, and how many of them a GPU left to the CPU, and why.
+#: Solutions of the schedules of a chunk; and the number of them that a GPU left to the CPU with the reason, or None.
 _Solved = tuple[list[_Answer], Optional[tuple[int, str]]]
 _Solve = Callable[[Task, str, list[list[list[float]]]], Iterator[Optional[tuple[int, _Solved]]]]
 

@@ -1,4 +1,4 @@
-"""Copies of the package's objects in other processes: pickle and copy ask here how."""
+"""Registers how ``pickle`` and ``copy`` copy the package's objects, so that they can be sent to other processes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _World = dict[str, Any]
 
 
 def parts(task: Task) -> dict[str, Any]:
-    """All that a task says, as numbers, texts, lists and dictionaries."""
+    """Content of a task as numbers, texts, lists and dictionaries."""
     return {
         "robot": task.robot.to_dict(),
         "terrain": task.terrain.to_dict(),
@@ -32,7 +32,7 @@ def of_parts(
     force_limit: Optional[float],
     scenario: tuple[Optional[str], Optional[int]],
 ) -> Task:
-    """The task with these parts."""
+    """Task with the given content; the inverse of :func:`parts`."""
     world = (Robot._again(robot), Terrain.from_dict(terrain))
     task = Task(*world, goal, start=start, via=via, force_limit=force_limit)
     name, target = scenario
@@ -48,7 +48,7 @@ def _columns(found: Evaluation) -> tuple[Any, ...]:
     return (*arrays, found.trajectories)
 
 
-# What an import from a URDF found besides the robot stays behind, as it does in a task.
+# The copy of a robot omits the report of its URDF import, ``Robot.imported``. A task omits it as well.
 copyreg.pickle(Robot, lambda robot: (Robot._again, (robot.to_dict(),)))
 copyreg.pickle(Terrain, lambda terrain: (Terrain.from_dict, (terrain.to_dict(),)))
 copyreg.pickle(Task, lambda task: (of_parts, tuple(parts(task).values())))

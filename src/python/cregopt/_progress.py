@@ -1,4 +1,4 @@
-"""How far a long call is, for those who watch."""
+"""Progress of long calls: a callback or a progress bar."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import contextlib
 import importlib
 from typing import Any, Callable, Iterator, Optional, Union
 
-#: Is called with a dictionary; its key ``event`` is ``generation`` or ``improvement``, the others are those of result.json.
+#: Callback that takes a dictionary. Its key ``event`` is ``generation`` or ``improvement``; the other keys are those of result.json.
 Progress = Callable[[dict[str, Any]], object]
-#: A callable, or whether there is a bar.
+#: A callback, True for a progress bar, or False or None for neither.
 Watch = Union[bool, Progress, None]
 
 
 @contextlib.contextmanager
 def watched(watch: Watch) -> Iterator[Optional[Progress]]:
-    """The callable of those who watch a search."""
+    """Callback for the option ``progress`` of a search, or None. If the option is True, a progress bar is shown within the context."""
     if not isinstance(watch, bool):
         yield watch
     elif not watch:
@@ -23,7 +23,7 @@ def watched(watch: Watch) -> Iterator[Optional[Progress]]:
         with bar("no gait yet", " candidates") as shown:
             gaits = 0
 
-            def tell(record: dict[str, Any]) -> None:
+            def update(record: dict[str, Any]) -> None:
                 nonlocal gaits
                 if record["event"] == "generation":
                     gaits += record["feasible"]
@@ -33,13 +33,13 @@ def watched(watch: Watch) -> Iterator[Optional[Progress]]:
                     family = f"{record['family']}, " if record["family"] else ""
                     shown.set_description_str(f"best {family}{-record['objective']:.3f} after {record['seconds']:.2f} s")
 
-            yield tell
+            yield update
 
 
 def bar(description: str, unit: str, total: Optional[int] = None) -> Any:
-    """A bar of tqdm: in notebooks theirs, else a line on stderr."""
+    """Progress bar of tqdm: a widget in a notebook, otherwise a line on stderr."""
     try:
         tqdm = importlib.import_module("tqdm.auto").tqdm
     except ImportError as missing:
-        raise ImportError("progress=True needs tqdm, which is not here: pip install cregopt[progress]", name="tqdm") from missing
+        raise ImportError("progress=True needs tqdm, which is not installed: pip install cregopt[progress]", name="tqdm") from missing
     return tqdm(desc=description, unit=unit, total=total)

@@ -1,4 +1,4 @@
-"""Searches and batches, with their options."""
+"""Searches and batch evaluations, with their options."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from . import _cregopt
 from ._cregopt import Evaluation, Gait, Task
 from ._progress import Watch, watched
 
-#: Stance, swing, stance, ... of each foot, s.
+#: Phase durations per foot, s: stance, swing, stance, ..., stance.
 Schedule = Sequence[Sequence[float]]
 Path = Union[str, "os.PathLike[str]"]
 
 
 def _given(**options: Any) -> dict[str, Any]:
-    """Those options that are not left to the program."""
+    """Options that are not None. The program has defaults for the others."""
     return {name: value for name, value in options.items() if value is not None}
 
 
@@ -40,65 +40,67 @@ def search(
     settings: Optional[Mapping[str, Any]] = None,
     progress: Watch = None,
 ) -> Gait:
-    """Searches for the cheapest gait of a task.
+    """Searches for the gait with the lowest cost for a task.
 
-    The same seed gives the same gait at any number of threads, and the one that ``cregopt solve`` gives. Other threads of Python go on
-    meanwhile; Ctrl-C ends it with ``KeyboardInterrupt``.
+    The same seed gives the same gait with any number of threads, and the same gait as ``cregopt solve``. Other Python threads run during the
+    call. Ctrl-C ends it with ``KeyboardInterrupt``.
 
     Parameters
     ----------
     task : Task
+        Robot, terrain, start, goal and waypoints. Each stage between waypoints is searched in turn.
     seed : int, default 1
         Seed of all random numbers.
     first : bool, default False
-        End with the first gait.
+        Stop at the first feasible gait.
     gaits : str, list of str, or list of lists of float, optional
-        Which gaits: ``all`` families that the robot can have, some of them (``"trot,walk"`` or a list), ``free`` for any schedule at all, a JSON
-        file with ``durations``, or a schedule, near which is looked. ``all`` unless a preset says otherwise.
+        Gaits to search: ``all`` families that the robot can have, some families (``"trot,walk"`` or a list), ``free`` for arbitrary schedules, a
+        JSON file with ``durations``, or a schedule whose neighbourhood is searched. Default: ``all``, or the preset's.
     population : int, optional
-        Candidates a generation; 16 unless a preset says otherwise.
+        Candidates per generation. Default: 16, or the preset's.
     generations : int, optional
-        Most generations behind the families' typical gaits; 3 unless a preset says otherwise.
+        Largest number of generations after that of the families' typical gaits. Default: 3, or the preset's.
     seconds : float, optional
-        End the search after this time with the best so far, s; each leg has it anew, and ``refine`` comes on top. Gaits then depend on the machine.
+        Time limit of the search, s, after which the best gait so far is returned. It applies to each stage separately; ``refine`` takes extra
+        time. With a limit the gait depends on the speed of the machine.
     objective : str, optional
-        What is best: ``transport`` (default), ``time``, ``effort`` or one of the paper's.
+        Objective that ranks gaits: ``transport`` (default), ``time``, ``effort`` or one of the paper's.
     alternatives : int, optional
-        Gaits to return: the best, and the best of other families. Default 1.
+        Number of gaits to return: the best, and the best of other families. Default: 1.
     refine : bool, default False
-        Bring the gait to a local optimum of its cost, phase durations among the variables.
+        Bring the gait to a local optimum of its cost, with the phase durations among the variables.
     smooth : bool, default False
-        Lower a cost of forces and of base motion after each solve.
+        Reduce a cost of forces and base motion after each solve.
     preset : str, optional
-        The paper's search, by name.
+        Name of one of the paper's searches.
     transcription : str, optional
-        Rows that a motion must satisfy: ``momentum`` (default) or ``towr``.
+        Constraints that a motion must satisfy: ``momentum`` (default) or ``towr``.
     precision : str, optional
-        Scalar of the solver: ``f32`` (default) or ``f64``.
+        Floating-point type of the solver: ``f32`` (default) or ``f64``.
     device : str, default "auto"
-        ``cpu``, ``gpu``, ``gpu:NAME``, or ``auto``: a GPU for large batches.
+        ``cpu``, ``gpu``, ``gpu:NAME``, or ``auto``, which uses a GPU for large batches.
     threads : int, default 0
-        Threads; 0 is one a processor. Results do not depend on it.
+        Number of threads; 0 uses one per processor. Results do not depend on it.
     settings : dict, optional
-        Any setting, in the tables ``search``, ``transcription``, ``solver`` and ``refine``, as in the ``scenario.toml`` of a saved gait: for example
+        Any setting, in the tables ``search``, ``transcription``, ``solver`` and ``refine``, as in the ``scenario.toml`` of a saved gait. Example:
         ``{"solver": {"max_iterations": 100}}``.
     progress : bool or callable, optional
-        True shows a bar by tqdm (``pip install cregopt[progress]``). A callable is called with a dictionary for each generation and each better
-        gait, on this thread: ``event`` is ``generation`` or ``improvement``, the other keys are those of ``generations`` and ``improvements`` in
-        ``gait.to_dict()``. An exception in it ends the search and is raised.
+        True shows a progress bar by tqdm (``pip install cregopt[progress]``). A callable is called on the calling thread with a dictionary per
+        generation and per improvement: ``event`` is ``generation`` or ``improvement``, the other keys are those of ``generations`` and
+        ``improvements`` in ``gait.to_dict()``. An exception that it raises ends the search and is raised again.
 
     Returns
     -------
     Gait
-        Without a gait the candidate that violates least: ``feasible`` is False, and ``diagnosis`` says why. Of a task with places on the way the
-        gait of the last leg, or of the first that has none; its ``legs`` are all of them.
+        The best gait. If no gait is feasible, the candidate with the smallest violation: ``feasible`` is False, and ``diagnosis`` gives the reason.
+        For a task with waypoints, the gait of the last stage, or of the first stage without a feasible gait; ``legs`` has the gaits of all stages.
 
     Raises
     ------
     Error
-        For options or a task that cannot be, and for a device that is not there.
+        If an option is invalid, the task is certainly impossible, or the device does not exist.
     """
-    options = asked(
+    options = scenario_options(
         seed=seed,
         first=first,
         gaits=gaits,
@@ -116,18 +118,18 @@ def search(
         threads=threads,
         settings=settings,
     )
-    with watched(progress) as tell:
-        return _cregopt.search(task, options, tell)
+    with watched(progress) as callback:
+        return _cregopt.search(task, options, callback)
 
 
-def asked(
+def scenario_options(
     *,
     gaits: Union[str, Sequence[str], Schedule, None] = None,
     seconds: Optional[float] = None,
     settings: Optional[Mapping[str, Any]] = None,
     **options: Any,
 ) -> dict[str, Any]:
-    """Options of :func:`search` by the keys of a scenario file."""
+    """Options of :func:`search` under the keys of a scenario file."""
     tables = dict(settings or {})
     gait: Optional[str] = None
     if gaits is None or isinstance(gaits, str):
@@ -151,30 +153,30 @@ def evaluate(
     threads: int = 0,
     settings: Optional[Mapping[str, Any]] = None,
 ) -> Evaluation:
-    """Solves and certifies given schedules as one batch.
+    """Solves and certifies the given schedules as one batch.
 
-    Other threads of Python go on meanwhile; Ctrl-C ends it with ``KeyboardInterrupt``.
+    Other Python threads run during the call. Ctrl-C ends it with ``KeyboardInterrupt``.
 
     Parameters
     ----------
     task : Task
-        Without places on the way.
+        Task without waypoints.
     schedules : list of schedules
-        Each a list of phase durations for each foot, s: stance, swing, stance, ...
+        One schedule per candidate. A schedule has one list per foot of phase durations, s: stance, swing, stance, ..., stance.
     trajectories : bool, default False
-        Whether motions are returned, too.
+        Also return the motions.
     smooth, transcription, precision, device, threads, settings
-        As :func:`search` has them. Of ``settings["search"]`` the weights ``cost`` count.
+        See :func:`search`. Of ``settings["search"]`` only the weights ``cost`` are used.
 
     Returns
     -------
     Evaluation
-        Arrays in the order of the schedules.
+        Arrays of shape (n,), in the order of the schedules.
 
     Raises
     ------
     Error
-        For a schedule that does not fit the robot, and as :func:`search`.
+        If a schedule does not fit the robot (the message has its index), the task has waypoints, an option is invalid, or the device does not exist.
     """
     options = _given(
         smooth=smooth,
@@ -188,7 +190,7 @@ def evaluate(
 
 
 def solve(path: Path, *, out: Optional[Path] = None, progress: Watch = None) -> list[Gait]:
-    """Searches as a scenario file asks, as ``cregopt solve FILE`` does.
+    """Runs the search that a scenario file describes, like ``cregopt solve FILE``.
 
     Parameters
     ----------
@@ -197,12 +199,19 @@ def solve(path: Path, *, out: Optional[Path] = None, progress: Watch = None) -> 
     out : path, optional
         Folder for result.json, trajectory.json and scenario.toml, instead of the file's ``out``.
     progress : bool or callable, optional
-        As :func:`search` has it.
+        See :func:`search`.
 
     Returns
     -------
     list of Gait
-        One for each leg of the way, to the first that has no gait; without waypoints one.
+        One gait per stage between waypoints, up to the first stage without a feasible gait. Without waypoints there is one stage.
+
+    Raises
+    ------
+    Error
+        If the file is invalid.
+    OSError
+        If a file cannot be read or written.
     """
-    with watched(progress) as tell:
-        return _cregopt.solve(path, out, tell)
+    with watched(progress) as callback:
+        return _cregopt.solve(path, out, callback)

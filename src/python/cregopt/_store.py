@@ -1,4 +1,4 @@
-"""Rows of a sweep in a folder of Parquet files."""
+"""Storage of the rows of a sweep in a folder of Parquet files."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from typing import Any, Mapping
 from ._cluster import needed
 from ._cregopt import Error
 
-#: Rows are written when they are as many, or as old in s.
+#: Number of rows, and time in s since the last write, after which rows are written.
 _ROWS, _AGE = 256, 10.0
 
 
 class Store:
-    """The rows of a folder. Those with an error stand in files of their own, which the next sweep writes anew."""
+    """Rows in a folder. Rows with an error are in files of their own, ``failed-*.parquet``, which the next sweep rewrites."""
 
     def __init__(self, folder: pathlib.Path) -> None:
         self.arrow, self.parquet = needed("pyarrow"), needed("pyarrow.parquet")
@@ -31,31 +31,38 @@ class Store:
         self.written = time.monotonic()
 
     def open(self, jobs: Mapping[str, object]) -> dict[str, dict[str, Any]]:
-        """The results that are there for jobs, by their keys."""
+        """Stored results of these jobs, by key.
+
+        Makes the folder, removes unfinished files, and forgets the failures of these jobs, which run again.
+        """
         self.folder.mkdir(parents=True, exist_ok=True)
         for left in self.folder.glob(".*.parquet.tmp"):
             left.unlink()
-        there = {row["key"]: row for path in self.folder.glob("part-*.parquet") for row in self._read(path) if row["key"] in jobs}
+        stored = {row["key"]: row for path in self.folder.glob("part-*.parquet") for row in self._read(path) if row["key"] in jobs}
         failed = list(self.folder.glob("failed-*.parquet"))
         self._write("failed", [row for path in failed for row in self._read(path) if row["key"] not in jobs])
         for path in failed:
             path.unlink(missing_ok=True)
-        return there
+        return stored
 
     def add(self, row: dict[str, Any]) -> None:
+        """Adds a row. Writes all rows that are not yet written when they are many or old."""
         self.rows.append(row)
         if len(self.rows) >= _ROWS or time.monotonic() - self.written > _AGE:
             self.flush()
 
     def flush(self) -> None:
+        """Writes all rows that are not yet written."""
         rows, self.rows, self.written = self.rows, [], time.monotonic()
         self._write("part", [row for row in rows if row["error"] is None])
         self._write("failed", [row for row in rows if row["error"] is not None])
 
     def table(self, rows: list[dict[str, Any]]) -> Any:
+        """Arrow table of rows, without the column ``trajectory``."""
         return self.arrow.Table.from_pylist(rows, schema=self.arrow.schema([self.schema.field(name) for name in self.columns]))
 
     def _read(self, path: pathlib.Path) -> list[dict[str, Any]]:
+        """Rows of a file, without trajectories. Deletes a file that cannot be read, with a warning; raises Error for other columns."""
         try:
             with open(path, "rb") as file:
                 schema = self.parquet.read_schema(file)
@@ -65,12 +72,13 @@ class Store:
         except PermissionError:
             raise
         except (self.arrow.ArrowInvalid, OSError) as torn:
-            warnings.warn(f"{path}: dropped, for it cannot be read: {torn}", stacklevel=4)
+            warnings.warn(f"{path}: dropped, because it cannot be read: {torn}", stacklevel=4)
             path.unlink()
             return []
         raise Error(f"{path}: columns {schema.names}, but those of a sweep are {self.schema.names}: choose another folder")
 
     def _write(self, kind: str, rows: list[dict[str, Any]]) -> None:
+        """Writes rows to a new file, which appears under its name only when it is complete."""
         if rows:
             path = self.folder / f"{kind}-{uuid.uuid4().hex}.parquet"
             part = path.with_name(f".{path.name}.tmp")

@@ -1,20 +1,21 @@
-"""Searches, populations and sweeps on many machines, by Ray: ``pip install cregopt[ray]``.
+"""Searches, evaluations and sweeps on many machines with Ray: ``pip install cregopt[ray]``.
 
 >>> import ray
 >>> from cregopt import distributed
->>> ray.init(address="auto")  # a cluster; ``ray.init()`` makes one of this machine
+>>> ray.init(address="auto")  # joins a cluster; ``ray.init()`` starts one on this machine
 >>> gait = distributed.search(task, seed=1, population=256)
 >>> found = distributed.evaluate(task, schedules)
 >>> table = distributed.sweep(tasks, "sweep", seeds=range(1, 6))
 
-Every node needs this package, of the same version. What workers find on CPUs does not depend on how many they are, nor on how work is cut, as long
-as the processors have the same vector instructions. Work of a process or a node that dies is done again by another.
+Every node needs the same version of this package. Results on CPUs depend neither on the number of workers nor on the division of the work, if all
+processors have the same vector instructions. When a process or node dies, another worker repeats its work.
 
-:func:`search` splits each generation over the workers. Generations follow one another, so that workers wait at the end of each: with as many
-candidates a generation as there are workers, or a few times as many, they wait least. The searches of a :func:`sweep` do not wait for one another.
+:func:`search` divides each generation among the workers. Generations run one after another, so that workers wait at the end of each. They wait least
+if a generation has as many candidates as there are workers, or a few times as many. The searches of a :func:`sweep` do not wait for one another.
 
-With ``gpus`` workers solve on GPUs, as ``device="gpu"`` does in one process. Results then are the same for the same adapter and driver alone, and
-where these are what one process has. Ray counts GPUs, but says nothing to Vulkan: on a node with several all workers take the same one.
+With ``gpus`` workers solve on GPUs, like ``device="gpu"`` in one process. Results then depend on the adapter and its driver, and equal those of one
+process only with the same adapter and driver. Ray counts GPUs, but does not select one for Vulkan: on a node with several GPUs all workers use the
+same GPU.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ from ._store import Store
 
 __all__ = ["evaluate", "search", "sweep"]
 
-#: How long a search waits before it asks whether it is to go on, s.
+#: Longest time that a search waits for workers before it checks whether it has been interrupted, s.
 _PATIENCE = 0.05
 
 
@@ -54,40 +55,39 @@ def evaluate(
     trajectories: bool = False,
     **options: Any,
 ) -> Evaluation:
-    """Solves and certifies given schedules on a cluster, as :func:`cregopt.evaluate` does in one process.
+    """Solves and certifies the given schedules on a cluster, like :func:`cregopt.evaluate` in one process.
 
     Parameters
     ----------
-    task : Task
-        Without places on the way.
-    schedules : list of schedules
-        Each a list of phase durations for each foot, s: stance, swing, stance, ...
+    task, schedules
+        See :func:`cregopt.evaluate`.
     chunk : int, optional
-        Schedules that a worker gets at once; by default a quarter of its share, and at most 256 (on GPUs all of it, and at most 8192). Results
-        do not depend on it.
+        Number of schedules that a worker gets at once. Default: a quarter of its share, at most 256; with GPUs its whole share, at most 8192.
+        Results do not depend on it.
     cpus : int, default 1
-        CPUs of a worker: what it asks Ray for, and its threads. On many nodes more are faster: there are fewer chunks to hand out, at 0.7 ms each.
+        CPUs per worker, requested from Ray, and number of its threads. On many nodes a larger number is faster, because there are fewer chunks to
+        hand out, at 0.7 ms each.
     gpus : float, default 0
-        GPUs of a worker, 1 or a part of one that workers share: what it asks Ray for. Not 0: it solves on a GPU.
+        GPUs per worker, requested from Ray: 1, or a fraction of 1 if workers share a GPU. With any value but 0 a worker solves on a GPU.
     max_retries : int, default 3
-        How often a chunk is given to another worker when a process or a node dies.
+        Number of times that a chunk is given to another worker after a process or node died.
     trajectories : bool, default False
-        Whether motions are returned, too; each is some 70 kB on the network.
+        Also return the motions, about 70 kB each on the network.
     **options
         ``smooth``, ``transcription``, ``precision`` and ``settings`` of :func:`cregopt.evaluate`.
 
     Returns
     -------
     Evaluation
-        Arrays of shape (n,) in the order of the schedules, bit for bit those of :func:`cregopt.evaluate` with ``device="cpu"``.
+        Arrays of shape (n,), in the order of the schedules. On CPUs they equal those of :func:`cregopt.evaluate` with ``device="cpu"`` bit for bit.
 
     Raises
     ------
     ImportError
-        Without Ray.
+        If Ray is not installed.
     Error
-        Without a cluster; for what :func:`cregopt.evaluate` does not take, of several schedules the first; and where the workers of a chunk died
-        ``max_retries + 1`` times.
+        If there is no cluster, if :func:`cregopt.evaluate` rejects an argument (of several invalid schedules the first is reported), or if the
+        workers of a chunk died ``max_retries + 1`` times.
     """
     _check_options(_search.evaluate, (task, schedules), options)
     cluster = Cluster(cpus, gpus, max_retries)
@@ -102,7 +102,7 @@ def evaluate(
             refused[first] = outcome
         else:
             found[first] = outcome
-        # What stands behind the first that does not fit need not be solved.
+        # Chunks after the first invalid one need not be solved.
         if refused and all(before in found for before in range(0, min(refused), chunk)):
             break
     if refused:
@@ -121,60 +121,60 @@ def search(
     progress: Watch = None,
     **options: Any,
 ) -> Gait:
-    """Searches for the cheapest gait of a task, as :func:`cregopt.search` does, with each generation solved on a cluster.
+    """Searches for the gait with the lowest cost for a task, like :func:`cregopt.search`, and solves each generation on a cluster.
 
-    This process draws the schedules, prices what comes back and certifies the best of it, on all of its cores: each keeps up with some three
-    workers' cores. ``refine`` runs here, too. Other threads of Python go on meanwhile; Ctrl-C ends it with ``KeyboardInterrupt``, and what the workers
-    are at with it.
+    This process samples the schedules, computes the costs of the solutions and certifies the best ones, on all of its cores. Each of its cores keeps
+    up with about three cores of workers. ``refine`` also runs in this process. Other Python threads run during the call. Ctrl-C ends it with
+    ``KeyboardInterrupt`` and cancels the work of the workers.
 
     Parameters
     ----------
     task : Task
-        Each leg of a way with places on it is searched in turn.
+        Task, with or without waypoints. Each stage between waypoints is searched in turn.
     seed : int, default 1
         Seed of all random numbers.
     chunk : int, optional
-        Schedules that a worker gets at once; by default a quarter of its share, and at most 256 (on GPUs all of it, and at most 8192). Results
-        do not depend on it.
+        Number of schedules that a worker gets at once. Default: a quarter of its share, at most 256; with GPUs its whole share, at most 8192.
+        Results do not depend on it.
     cpus : int, default 1
-        CPUs of a worker: what it asks Ray for, and its threads.
+        CPUs per worker, requested from Ray, and number of its threads.
     gpus : float, default 0
-        GPUs of a worker, 1 or a part of one that workers share: what it asks Ray for. Not 0: it solves on a GPU.
+        GPUs per worker, requested from Ray: 1, or a fraction of 1 if workers share a GPU. With any value but 0 a worker solves on a GPU.
     max_retries : int, default 3
-        How often a chunk is given to another worker when a process or a node dies.
+        Number of times that a chunk is given to another worker after a process or node died.
     progress : bool or callable, optional
-        As :func:`cregopt.search` has it.
+        See :func:`cregopt.search`.
     **options
-        The others of :func:`cregopt.search`, but for ``threads`` and ``device``. A ``population`` of a few candidates for each worker keeps a
-        cluster busy; the default of 16 does so for four.
+        Other options of :func:`cregopt.search`, except ``threads`` and ``device``. A ``population`` of a few candidates per worker keeps a cluster
+        busy; the default of 16 is enough for four workers.
 
     Returns
     -------
     Gait
-        Bit for bit that of :func:`cregopt.search` with ``device="cpu"``, but for times and for the name of the device in ``to_dict()``.
+        On CPUs bit for bit the gait of :func:`cregopt.search` with ``device="cpu"``, except for times and the name of the device in ``to_dict()``.
 
     Raises
     ------
     ImportError
-        Without Ray.
+        If Ray is not installed.
     Error
-        Without a cluster; for what :func:`cregopt.search` does not take; and where the workers of a chunk died ``max_retries + 1`` times.
+        If there is no cluster, if :func:`cregopt.search` rejects an argument, or if the workers of a chunk died ``max_retries + 1`` times.
     """
     _check_options(_search.search, (task,), options)
     cluster = Cluster(cpus, gpus, max_retries)
     if chunk is not None:
         at_least("chunk", chunk, 1)
 
-    def solve(task: Task, told: str, schedules: Sequence[Schedule]) -> Iterator[Optional[tuple[int, Any]]]:
-        shared = (task, told, cluster.device, cpus)
+    def solve(task: Task, job: str, schedules: Sequence[Schedule]) -> Iterator[Optional[tuple[int, Any]]]:
+        shared = (task, job, cluster.device, cpus)
         for first, outcome in cluster.chunks(_solve_chunk, shared, schedules, cluster.chunk(chunk, len(schedules)), patience=_PATIENCE):
             if isinstance(outcome, str):
                 raise Error(outcome)
             yield None if first is None else (first, outcome)
 
     name = f"{cluster.device}, Ray's workers of {cpus} threads"
-    with watched(progress) as tell:
-        return _cregopt.search(task, _search.asked(seed=seed, **options), tell, (name, solve))
+    with watched(progress) as callback:
+        return _cregopt.search(task, _search.scenario_options(seed=seed, **options), callback, (name, solve))
 
 
 def sweep(
@@ -189,87 +189,88 @@ def sweep(
     progress: Watch = None,
     **options: Any,
 ) -> Any:
-    """Searches for the gaits of many tasks on a cluster, and keeps what is found in a folder of Parquet files.
+    """Searches for the gaits of many tasks on a cluster, and stores the results in a folder of Parquet files.
 
-    A search that the folder has is not run again: a sweep that ended early goes on where it was, and one with more tasks or seeds runs those that
-    are new. A search is the same when task, name, seed, options and version are. Files are written whole, every 10 s or 256 rows; those that
-    cannot be read are dropped with a warning. One sweep at a time may use a folder.
+    A search whose result is in the folder is not run again: an interrupted sweep continues, and a sweep with more tasks or seeds runs only the new
+    searches. A search is identified by task, name, seed, options and version. Each file is written as a whole, after 10 s or 256 rows; a file that
+    cannot be read is deleted with a warning. Only one sweep at a time may use a folder.
 
     Parameters
     ----------
     tasks : list of Task, or dict of str to Task
-        Tasks, and their names; in a list these are ``0``, ``1``, ...
+        Tasks, or tasks by name. In a list the names are ``0``, ``1``, ...
     folder : path
-        Where rows are kept, made if need be; ``pyarrow.parquet.read_table(folder)`` reads all of it, in the order in which searches ended.
+        Folder of the rows, created if missing. ``pyarrow.parquet.read_table(folder)`` reads all rows, in the order in which searches ended.
     seeds : list of int, default (1,)
-        Seeds; each task is searched with each.
+        Seeds. Each task is searched with each seed.
     cpus : int, default 1
-        CPUs of a worker: what it asks Ray for, and its threads.
+        CPUs per worker, requested from Ray, and number of its threads.
     gpus : float, default 0
-        GPUs of a worker, 1 or a part of one that workers share: what it asks Ray for. Not 0: it solves on a GPU.
+        GPUs per worker, requested from Ray: 1, or a fraction of 1 if workers share a GPU. With any value but 0 a worker solves on a GPU.
     max_retries : int, default 3
-        How often a search is begun again when its process or node dies.
+        Number of times that a search is started again after its process or node died.
     trajectories : bool, default False
-        Whether motions are kept, too: the column ``trajectory``, the text of trajectory.json, some 50 kB each.
+        Also store the motions, in the column ``trajectory``: the text of trajectory.json, about 50 kB each.
     progress : bool or callable, optional
-        True shows a bar of searches by tqdm (``pip install cregopt[progress]``). A callable is called with each new row, a dictionary. An exception
-        in it ends the sweep and is raised; what was found is kept.
+        True shows a progress bar of searches by tqdm (``pip install cregopt[progress]``). A callable is called with each new row, a dictionary. An
+        exception that it raises ends the sweep and is raised again; results found until then are stored.
     **options
-        As :func:`cregopt.search` has them, but for ``seed``, ``threads``, ``device`` and ``progress``. With ``seconds`` rows depend on the machine.
+        Options of :func:`cregopt.search`, except ``seed``, ``threads``, ``device`` and ``progress``. With ``seconds`` rows depend on the machine.
 
     Returns
     -------
     pyarrow.Table
-        A row for each task and seed, in their order, the same at any number of workers but for ``seconds``. Columns:
+        One row per task and seed, in their order. Except for ``seconds`` it does not depend on the number of workers. Columns:
 
         ===============  =======  ==============================================================================================================
-        ``key``          string   says which search it is
+        ``key``          string   identifies the search
         ``task``         string   name of the task
         ``seed``         int64
-        ``feasible``     bool     whether the certificate holds; without, the row is of the candidate that violates least
-        ``family``       string   family of the gait, if it has one
-        ``cost``         float64  cost a weight and distance; null where it is not feasible
-        ``objective``    string   what was best
-        ``horizon``      float64  time from the start to the end, s
-        ``seconds``      float64  time of the search, s; of all legs
-        ``durations``    string   the schedule in JSON: a list for each foot, s, stance, swing, stance, ...
-        ``error``        string   why there is no result, and null where there is one: such a row is run again by the next sweep
+        ``feasible``     bool     True if the certificate holds; otherwise the row has the candidate with the smallest violation
+        ``family``       string   family of the gait; null if it belongs to no family
+        ``cost``         float64  cost per weight and distance; null if the gait is not feasible
+        ``objective``    string   objective that ranks gaits
+        ``horizon``      float64  duration of the motion, s
+        ``seconds``      float64  duration of the search, all stages together, s
+        ``durations``    string   schedule in JSON: phase durations per foot, s: stance, swing, stance, ..., stance
+        ``error``        string   reason for a missing result, otherwise null; the next sweep runs such a search again
         ===============  =======  ==============================================================================================================
 
-        The files have ``trajectory`` besides. Of a task with places on the way the row is of the last leg, as :func:`cregopt.search` has it.
+        The files also have the column ``trajectory``. For a task with waypoints the row describes the gait that :func:`cregopt.search` returns, which
+        is that of the last stage.
 
     Raises
     ------
     ImportError
-        Without Ray or pyarrow.
+        If Ray or pyarrow is not installed.
     Error
-        Without a cluster, and where workers cannot run at all. A search that fails makes a row with its ``error``.
+        If there is no cluster, or if workers cannot run at all. A search that fails yields a row with its ``error`` instead.
     TypeError
-        For options that no search has.
+        If a search has no such option.
     """
-    _check_options(_search.search, (None,), options, seed="`seeds` is for that")
+    _check_options(_search.search, (None,), options, seed="use `seeds`")
     cluster = Cluster(cpus, gpus, max_retries)
     named = tasks.items() if isinstance(tasks, Mapping) else ((str(number), task) for number, task in enumerate(tasks))
     given = {name: value for name, value in options.items() if value is not None}
-    what = {"version": __version__, "options": given, "trajectories": trajectories}
+    common = {"version": __version__, "options": given, "trajectories": trajectories}
     if gpus:
-        what["device"] = cluster.device
+        common["device"] = cluster.device
     jobs: dict[str, _Job] = {}
     every_seed = [int(seed) for seed in seeds]
     for name, task in named:
-        told = {**what, "task": parts(task), "name": name}
-        jobs.update((_key({**told, "seed": seed}), _Job(name, seed, task)) for seed in every_seed)
+        identity = {**common, "task": parts(task), "name": name}
+        jobs.update((_key({**identity, "seed": seed}), _Job(name, seed, task)) for seed in every_seed)
     store = Store(pathlib.Path(folder))
     rows = store.open(jobs)
     work = cluster.remote(_search_row)
     shared = cluster.ray.put((__version__, {**given, "device": cluster.device, "threads": cpus}, trajectories))
     missing = [key for key in jobs if key not in rows]
     with contextlib.ExitStack() as ending:
-        tell = progress if callable(progress) else None
+        callback = progress if callable(progress) else None
         if progress is True:
             shown = ending.enter_context(bar("sweep", " searches", len(jobs)))
             shown.update(len(rows))
-            tell = lambda row: shown.update()
+            callback = lambda row: shown.update()
         ending.callback(store.flush)
         for key, outcome in cluster.each(lambda key: work.remote(shared, jobs[key].task, jobs[key].seed), missing):
             if isinstance(outcome, cluster.ray.exceptions.RayTaskError):
@@ -278,29 +279,29 @@ def sweep(
             row = {**store.blank, "key": key, "task": jobs[key].name, "seed": jobs[key].seed, **result}
             store.add(row)
             rows[key] = {name: value for name, value in row.items() if name != "trajectory"}
-            if tell is not None:
-                tell(row)
+            if callback is not None:
+                callback(row)
     return store.table([rows[key] for key in jobs])
 
 
 class _Job(NamedTuple):
-    """A search of a sweep."""
+    """One search of a sweep."""
 
     name: str
     seed: int
     task: Task
 
 
-# What workers run. They tell errors as values, so that a sweep goes on and that of the first schedule is raised.
+# Functions that workers run. They return errors as values, so that a sweep continues, and the error of the first schedule can be selected.
 
 
 def _same_version(version: str) -> None:
     if version != __version__:
-        raise RuntimeError(f"cregopt {__version__} on a worker, but {version} where it was asked: install the same on every node")
+        raise RuntimeError(f"cregopt {__version__} on a worker, but {version} in the calling process: install the same version on every node")
 
 
 def _evaluate_chunk(shared: tuple[str, Task, dict[str, Any]], first: int, schedules: Sequence[Schedule]) -> Union[Evaluation, str]:
-    """A chunk of schedules, of which the first has this index."""
+    """Evaluation of a chunk of schedules, or an error message. ``first``: index of its first schedule."""
     version, task, options = shared
     _same_version(version)
     try:
@@ -310,17 +311,17 @@ def _evaluate_chunk(shared: tuple[str, Task, dict[str, Any]], first: int, schedu
 
 
 def _solve_chunk(shared: tuple[str, Task, str, str, int], first: int, schedules: Sequence[Schedule]) -> Union[tuple[list[Any], Any], str]:
-    """A chunk of a search's schedules, of which the first has this index: solved, and not yet certified."""
-    version, task, told, device, threads = shared
+    """Solutions of a chunk of a search's schedules, not yet certified, or an error message. ``first``: index of its first schedule."""
+    version, task, job, device, threads = shared
     _same_version(version)
     try:
-        return _cregopt.solve_chunk(task, told, schedules, device, threads)
+        return _cregopt.solve_chunk(task, job, schedules, device, threads)
     except Error as error:
         return str(error)
 
 
 def _search_row(shared: tuple[str, dict[str, Any], bool], task: Task, seed: int) -> dict[str, Any]:
-    """What a row says of its search."""
+    """Columns of a row that describe the result of its search."""
     version, options, trajectories = shared
     _same_version(version)
     try:
@@ -331,19 +332,19 @@ def _search_row(shared: tuple[str, dict[str, Any], bool], task: Task, seed: int)
             "cost": gait.cost["total"] if gait.cost else None,
             "objective": gait.to_dict()["search"]["objective"],
             "horizon": gait.trajectory.horizon,
-            "seconds": sum(leg.seconds for leg in gait.legs),
+            "seconds": sum(stage.seconds for stage in gait.legs),
             "durations": json.dumps(gait.schedule),
             "trajectory": gait.trajectory.to_json() if trajectories else None,
         }
     except (KeyboardInterrupt, SystemExit):
         raise
-    except BaseException as error:  # a panic of the compiled part is no Exception
+    except BaseException as error:  # a panic of the compiled module is not an Exception
         return {"error": f"{type(error).__name__}: {error}"}
 
 
 def _check_options(call: Callable[..., object], given: tuple[Any, ...], options: Mapping[str, Any], **instead: str) -> None:
-    """Refuses what the call in one process does not take, before anything is sent."""
-    instead = {"threads": "`cpus` says how many a worker has", "device": "`gpus` says what workers solve on", **instead}
+    """Raises an error for options that ``call`` does not accept, before any work is sent. ``instead``: options with the advice to give."""
+    instead = {"threads": "use `cpus`, the threads per worker", "device": "use `gpus`", **instead}
     for name in options:
         if name in instead:
             raise Error(f"option `{name}`: {instead[name]}")
@@ -351,6 +352,8 @@ def _check_options(call: Callable[..., object], given: tuple[Any, ...], options:
 
 
 def _key(search: Mapping[str, Any]) -> str:
+    """Hash that identifies a search."""
+
     def plain(value: Any) -> Any:
         return value.tolist() if hasattr(value, "tolist") else list(value)
 
@@ -358,7 +361,7 @@ def _key(search: Mapping[str, Any]) -> str:
 
 
 def _joined(chunks: Sequence[Evaluation]) -> Evaluation:
-    """Chunks one after another."""
+    """Concatenates the evaluations of chunks."""
     motions = None if chunks[0].trajectories is None else [motion for chunk in chunks for motion in chunk.trajectories or []]
     return Evaluation(
         feasible=np.concatenate([chunk.feasible for chunk in chunks]),

@@ -3,20 +3,20 @@
 use super::urdf::Inertial;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
-/// What a rigid body made of links weighs.
+/// Mass properties of a rigid body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Body {
-    /// kg
+    /// Mass, kg.
     pub mass: f64,
     /// Centre of mass, m; the origin for a body without mass.
     pub center: Vector3<f64>,
-    /// About the centre of mass, kg m².
+    /// Inertia tensor about the centre of mass, kg m².
     pub inertia: Matrix3<f64>,
 }
 
-/// Links frozen where they are: `I = sum R I_i R' + m_i (|d|^2 1 - d d')`, `d` from the centre of mass.
+/// Mass properties of rigidly connected links: `I = sum R I_i R' + m_i (|d|^2 1 - d d')`, with `d` measured from the centre of mass.
 ///
-/// * `links` - frame of each link and what it weighs
+/// * `links` - frame and mass properties of each link
 pub fn composite<'a>(links: impl Iterator<Item = (&'a Isometry3<f64>, &'a Inertial)> + Clone) -> Body {
     let mass: f64 = links.clone().map(|(_, part)| part.mass).sum();
     let center_of = |frame: &Isometry3<f64>, part: &Inertial| (frame * part.origin).translation.vector;
@@ -28,6 +28,6 @@ pub fn composite<'a>(links: impl Iterator<Item = (&'a Isometry3<f64>, &'a Inerti
         let d = center_of(frame, part) - center;
         inertia += turn * part.inertia * turn.transpose() + (Matrix3::identity() * d.norm_squared() - d * d.transpose()) * part.mass;
     }
-    // Rounding leaves it off by a digit.
+    // Removes the asymmetry caused by rounding.
     Body { mass, center, inertia: (inertia + inertia.transpose()) / 2. }
 }

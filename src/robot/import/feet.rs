@@ -1,4 +1,4 @@
-//! Where feet touch the ground, which links are feet, and the legs that move them.
+//! Feet of an imported robot: their links, contact points, and the legs that move them.
 
 use super::tree::Tree;
 use super::urdf::{Collision, Motion, Shape};
@@ -8,32 +8,33 @@ use crate::robot::leg::{Leg, LegJoint, MAX_JOINTS};
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::collections::HashSet;
 
-/// Feet that stand on the same ground: how far one may be above the lowest, in heights of the centre of mass above that.
+/// Largest height of a foot above the lowest one for both to be on the ground, relative to the height of the centre of mass above the
+/// lowest.
 const SAME_GROUND: f64 = 0.05;
-/// Shapes of one foot whose lowest points are so near to each other touch the ground together, m.
+/// Largest height difference between the lowest points of a foot's shapes for them to touch the ground together, m.
 const SAME_SOLE: f64 = 5e-3;
 
-/// Where a foot touches the ground in a configuration.
+/// Contact of a foot with the ground in a configuration.
 #[derive(Debug, Clone, Copy)]
 pub struct Contact {
-    /// Its link.
+    /// Link of the foot.
     pub link: usize,
-    /// Centre of the foot's ball, else the contact point, in the frame of the base, m.
+    /// Centre of the foot ball, or the contact point if there is no ball, base frame, m.
     pub center: Vector3<f64>,
     /// Radius of the ball, m; zero for a point.
     pub radius: f64,
-    /// Number of shapes that touch the ground together: a flat foot has several, or one without a ball.
+    /// Number of shapes that touch the ground together. A flat foot has several, or a single one that is not a ball.
     pub touching: usize,
 }
 
 impl Contact {
-    /// The contact point, in the frame of the base, m.
+    /// Contact point, base frame, m.
     pub fn point(&self) -> Vector3<f64> {
         self.center - Vector3::z() * self.radius
     }
 }
 
-/// How far the lowest point of a shape is below its middle, m.
+/// Depth of a shape's lowest point below its centre, m.
 fn depth(shape: Shape, turn: &Isometry3<f64>) -> f64 {
     let axis = |axis: Vector3<f64>| (turn.rotation * axis).z.abs();
     let (upright, radial) = (axis(Vector3::z()), |z: f64| (1. - z * z).max(0.).sqrt());
@@ -45,9 +46,10 @@ fn depth(shape: Shape, turn: &Isometry3<f64>) -> f64 {
     }
 }
 
-/// Where a link touches the ground first: its collision spheres before its other shapes, the origin of its frame when it has none.
+/// Contact of a link with the ground: the lowest of its collision spheres, else of its other shapes, else the origin of its frame.
 ///
-/// Several shapes that touch together are a flat foot, taken as a point: that of the sole which is nearest under its frame.
+/// Several shapes that touch together are a flat foot. It is represented by the point of its sole that is closest to the
+/// vertical through the origin of the link's frame.
 pub fn contact(tree: &Tree, frames: &[Isometry3<f64>], link: usize) -> Contact {
     let (frame, collisions) = (&frames[link], &tree.model.links[link].collisions);
     let is_ball = |c: &&Collision| matches!(c.shape, Shape::Sphere(_));
@@ -71,7 +73,7 @@ pub fn contact(tree: &Tree, frames: &[Isometry3<f64>], link: usize) -> Contact {
         several => {
             let soles: Vec<Vector3<f64>> = several.iter().map(|&i| placed[i].0 - Vector3::z() * placed[i].1).collect();
             let mean = soles.iter().sum::<Vector3<f64>>() / soles.len() as f64;
-            // Under the link's frame, the ankle, as far as the sole goes: there a force asks least of it.
+            // The point of the sole closest to the vertical through the ankle (the link's frame): a force there causes the smallest torques.
             let along = |axis: usize| {
                 let ends = soles.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], p| [low.min(p[axis]), high.max(p[axis])]);
                 frame.translation.vector[axis].max(ends[0]).min(ends[1])
@@ -82,13 +84,13 @@ pub fn contact(tree: &Tree, frames: &[Isometry3<f64>], link: usize) -> Contact {
     }
 }
 
-/// Links that stand on the ground: leaves that joints move and that are lowest. Of several that the same joint moves last, as sole and sensors of
-/// one foot are, it is the first in the file.
+/// Links on the ground: the lowest of the leaves that joints move. Of several leaves whose last moving joint is the same, such as the sole
+/// and the sensors of one foot, the first in the file is chosen.
 ///
 /// * `center` - centre of mass, frame of the base, m
 ///
 /// # Errors
-/// [`Error::Invalid`] when there are none, or more than [`MAX_FEET`].
+/// [`Error::Invalid`] if there are no feet, or more than [`MAX_FEET`].
 pub fn find(tree: &Tree, frames: &[Isometry3<f64>], center: &Vector3<f64>) -> Result<Vec<usize>> {
     let mut movers = vec![None; frames.len()];
     for &link in &tree.order {
@@ -111,13 +113,13 @@ pub fn find(tree: &Tree, frames: &[Isometry3<f64>], center: &Vector3<f64>) -> Re
     Ok(feet)
 }
 
-/// The legs of feet: of the joints above each those that move no other foot; the others are the body's and held where they are.
+/// Legs of the feet. A leg has the joints above its foot that move no other foot; the remaining joints belong to the body and are fixed.
 ///
-/// * `values` - of all joints, rad or m
-/// * `center` - centre of mass, frame of the base, m: the legs' base frame is there
+/// * `values` - values of all joints, rad or m
+/// * `center` - centre of mass, base frame, m; the origin of the legs' base frame
 ///
 /// # Errors
-/// [`Error::Invalid`] for a foot that no joint of its own moves, or one that follows another joint.
+/// [`Error::Invalid`] for a foot without a joint of its own, or with one that follows another joint.
 pub fn legs(tree: &Tree, frames: &[Isometry3<f64>], values: &[f64], center: &Vector3<f64>, contacts: &[Contact]) -> Result<Vec<Leg>> {
     let paths: Vec<Vec<usize>> = contacts.iter().map(|contact| tree.path(contact.link)).collect();
     let mut users = vec![0; values.len()];
@@ -162,7 +164,7 @@ pub fn legs(tree: &Tree, frames: &[Isometry3<f64>], values: &[f64], center: &Vec
     contacts.iter().zip(&paths).map(leg).collect()
 }
 
-/// Links that a leg's joints move.
+/// Links that the joints of a leg move.
 pub fn moved_by(tree: &Tree, leg: &Leg) -> Vec<usize> {
     let mut moved = vec![false; tree.parents.len()];
     for &link in &tree.order {

@@ -1,7 +1,7 @@
 //! Robots from URDF files: mass, inertia, feet, reach and forces of a [`Robot`], computed from links and joints.
 //!
-//! All of it holds in one configuration of the joints, in which the links are taken as one rigid body. The base frame of the robot has the
-//! axes of the root link and sits in the centre of mass.
+//! All numbers hold in one configuration of the joints, in which the links form one rigid body. The base frame of the robot has the axes of
+//! the root link and its origin in the centre of mass.
 
 mod body;
 mod feet;
@@ -23,59 +23,59 @@ use nalgebra::Vector3;
 use std::path::Path;
 use tree::Tree;
 
-/// What a URDF does not say.
+/// Options of an import: information that a URDF file does not contain.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Import {
-    /// Links of the feet; when empty those that stand on the ground in the configuration.
+    /// Links of the feet. If empty, the links that are on the ground in the configuration.
     pub feet: Vec<String>,
-    /// Values of joints by name, rad or m; the others are at zero, or in the middle of their limits when zero is outside.
+    /// Values of joints by name, rad or m. The others are at zero, or in the middle of their limits if zero is outside.
     pub configuration: Vec<(String, f64)>,
-    /// Name of the robot; that in the file when absent.
+    /// Name of the robot. Default: the name in the file.
     pub name: Option<String>,
 }
 
-/// A robot from a file, and what was found on the way.
+/// An imported robot, and information for the user.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Imported {
-    /// As the solver sees it.
+    /// Robot for the solver.
     pub robot: Robot,
-    /// In the order of its feet.
+    /// Feet, in the order of the robot's.
     pub feet: Vec<Foot>,
-    /// Speed that every foot has along x and y at the limits of its joints in the configuration, m/s; none when no joint's speed is limited or
-    /// a foot cannot move to one of the sides.
+    /// Speed along x and y that every foot can reach at its joint speed limits in the configuration, m/s. `None` if no joint has a speed
+    /// limit, or a foot cannot move along one of the axes.
     pub foot_speed: Option<f64>,
     /// Centre of mass in the frame of the root link, m.
     pub center_of_mass: [f64; 3],
     /// Value of every joint that moves, rad or m.
     pub configuration: Vec<(String, f64)>,
-    /// What a user should know: what was guessed, left out or looks odd.
+    /// Notes for the user: everything guessed, left out or unusual.
     pub notes: Vec<String>,
 }
 
-/// A foot.
+/// An imported foot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Foot {
-    /// Its link.
+    /// Link of the foot.
     pub link: String,
-    /// Origin of that link's frame from the centre of mass, m; the contact point is in [`Robot::nominal_feet`].
+    /// Origin of the link's frame relative to the centre of mass, m. The contact point is in [`Robot::nominal_feet`].
     pub frame: [f64; 3],
 }
 
 impl Import {
     /// Computes a robot from the text of a URDF file.
     ///
-    /// * mass, inertia, centre of mass: of all links as one body
-    /// * nominal feet: where the lowest collision shape of each foot's link touches the ground, spheres before other shapes; the origin of the
-    ///   link's frame when it has none but meshes
-    /// * reach: the largest box for each foot that its joints reach within their limits, see `import/reach.rs`
-    /// * force limit: what the joints' efforts bear at the weakest foot, straight up, and at most [`FORCE_LIMIT`] weights
-    /// * joints: those of each foot's leg
-    /// * name: the given one, or the file's; with `-imported` behind it where that is the name of a built-in robot which this one is not
-    /// * leg mass: `sum m_i (d_i / l)^2` over the links that a leg moves, `d_i` and `l` the distances of their centres of mass and of the foot
-    ///   from the leg's first joint; the mean of the legs
+    /// * mass, inertia, centre of mass: of all links as one rigid body
+    /// * nominal feet: the lowest point of the collision shapes of each foot's link, spheres before other shapes; the origin of the link's
+    ///   frame if it has only meshes
+    /// * reach: for each foot the largest box that its joints reach within their limits, see `import/reach.rs`
+    /// * force limit: vertical force that the joint efforts can bear at the weakest foot, at most [`FORCE_LIMIT`] weights
+    /// * joints: the joints of each foot's leg
+    /// * name: the given one, or the file's. `-imported` is appended if a different built-in robot has that name
+    /// * leg mass: `sum m_i (d_i / l)^2` over the links that a leg moves, with the distances `d_i` of their centres of mass and `l` of the
+    ///   foot from the leg's first joint; the mean of all legs
     ///
     /// # Errors
-    /// [`Error::Format`] for text that is no XML, [`Error::Invalid`] for a model that is no legged robot: each names the place.
+    /// [`Error::Format`] for text that is not XML, [`Error::Invalid`] for a model that is not a legged robot. Each names the place.
     pub fn urdf(&self, text: &str) -> Result<Imported> {
         let model = urdf::parse(text)?;
         let tree = Tree::new(&model)?;
@@ -141,13 +141,13 @@ impl Import {
     /// Computes a robot from a URDF file.
     ///
     /// # Errors
-    /// As [`Import::urdf`], with the file's name, and for one that cannot be read or is larger than [`MAX_URDF`].
+    /// See [`Import::urdf`], with the file's name; also for a file that cannot be read or is larger than [`MAX_URDF`].
     pub fn urdf_file(&self, path: &Path) -> Result<Imported> {
         let text = files::read_at_most(path, MAX_URDF as u64)?;
         self.urdf(&text).map_err(|e| e.in_file(path, None))
     }
 
-    /// Values of all joints: those given or, when none are, such that the robot stands on bent legs if it can, and whether it was made to.
+    /// Values of all joints, and true if they were chosen here: without a given configuration the robot stands on bent legs if it can.
     fn values(&self, model: &urdf::Model, tree: &Tree) -> Result<(Vec<f64>, bool)> {
         let mut values = tree.configuration(&self.configuration)?;
         if !self.configuration.is_empty() {
@@ -161,7 +161,7 @@ impl Import {
             let contacts: Vec<Contact> = links.iter().map(|&link| feet::contact(tree, &frames, link)).collect();
             feet::legs(tree, &frames, &values, &center, &contacts)
         });
-        // What is wrong with them is said where they are needed.
+        // Errors in the legs are reported later, where the legs are required.
         let Some((legs, standing)) = legs.ok().and_then(|legs| stance::standing(&legs).map(|q| (legs, q))) else {
             return Ok((values, false));
         };
@@ -191,7 +191,7 @@ impl Import {
         Ok(links)
     }
 
-    /// What was guessed, left out or looks odd.
+    /// Notes for the user: everything guessed, left out or unusual.
     fn notes(&self, tree: &Tree, robot: &Robot, contacts: &[Contact], vertical: f64, stands: bool) -> Vec<String> {
         let mut notes = Vec::new();
         if stands {
@@ -204,7 +204,7 @@ impl Import {
         }
         let (flat, bare) = (names(&|c| c.touching > 1 || c.touching == 1 && c.radius == 0.), names(&|c| c.touching == 0));
         if !flat.is_empty() {
-            notes.push(format!("flat feet are taken as points, where their soles are under the ankles: {flat}"));
+            notes.push(format!("flat feet are modelled as points, at the part of the sole below the ankle: {flat}"));
         }
         if !bare.is_empty() {
             notes.push(format!("feet without collision shapes other than meshes touch the ground at the origin of their frames: {bare}"));
@@ -221,14 +221,14 @@ impl Import {
         }
         if let Some(outside) = out_of_support(&robot.nominal_feet).filter(|&outside| outside > 0.) {
             notes.push(format!(
-                "in the configuration the centre of mass is {outside:.3} m outside the feet: it would tip over; give another"
+                "in the configuration the centre of mass is {outside:.3} m outside the feet: it would tip over; give another configuration"
             ));
         }
         notes
     }
 }
 
-/// The lesser of two radii, none when one is not there.
+/// The smaller of two radii; `None` if one is missing.
 fn least(a: Option<f64>, b: Option<f64>) -> Option<f64> {
     a.zip(b).map(|(a, b)| a.min(b))
 }
@@ -237,7 +237,8 @@ fn foot(tree: &Tree, frame: &Vector3<f64>, contact: &Contact, center: &Vector3<f
     Foot { link: tree.model.links[contact.link].name.clone(), frame: (frame - center).into() }
 }
 
-/// Mass at the foot with the same moment of inertia about the leg's first joint, links taken as points, kg; at most that of the leg.
+/// Point mass at the foot with the same moment of inertia about the leg's first joint as the links (taken as points), kg. At most the mass
+/// of the leg.
 fn leg_mass<'a>(leg: &Leg, links: impl Iterator<Item = (&'a nalgebra::Isometry3<f64>, &'a urdf::Inertial)>, center: &Vector3<f64>) -> f64 {
     let at = leg.posture(&leg.nominal());
     let length = (at.tip - at.anchors[0]).norm();
@@ -250,12 +251,12 @@ fn leg_mass<'a>(leg: &Leg, links: impl Iterator<Item = (&'a nalgebra::Isometry3<
     if moment < mass * length * length { moment / (length * length) } else { mass }
 }
 
-/// How far the origin is outside the convex hull of feet in the plane, m, negative inside; none for less than three feet.
+/// Horizontal distance of the origin from the convex hull of the feet, m, negative inside; `None` for fewer than three feet.
 fn out_of_support(feet: &[[f64; 3]]) -> Option<f64> {
     if feet.len() < 3 {
         return None;
     }
-    // Over all directions in which an edge of the hull may face, the farthest that the origin is beyond all feet.
+    // Largest signed distance of the origin from any edge line of the hull.
     let mut outside = f64::NEG_INFINITY;
     for a in feet {
         for b in feet {
@@ -269,10 +270,10 @@ fn out_of_support(feet: &[[f64; 3]]) -> Option<f64> {
     outside.is_finite().then_some(outside)
 }
 
-/// Reads `joint=value,...`, values in rad or m.
+/// Parses `joint=value,...`, values in rad or m.
 ///
 /// # Errors
-/// [`Error::Invalid`] names the part that is no such pair.
+/// [`Error::Invalid`] names the part that is not such a pair.
 pub fn configuration(text: &str) -> Result<Vec<(String, f64)>> {
     let pair = |part: &str| {
         let wrong = || Error::invalid("configuration", format!("`{}`", part.escape_debug()), "JOINT=VALUE, in rad or m");

@@ -1,16 +1,17 @@
-//! The box about its nominal position that a leg reaches.
+//! Box about its nominal position that a leg reaches.
 
 use crate::error::{Error, Result};
 use crate::robot::leg::Leg;
 use nalgebra::Vector3;
 
-/// Farthest that a side is from the nominal position along x, y and z, in lengths of the leg: a step forward needs more room than one aside.
+/// Largest distance of a side from the nominal position along x, y and z, in leg lengths. A step forward needs more room than a step to the
+/// side.
 const FARTHEST: [f64; 3] = [0.5, 0.3, 0.3];
-/// First step, in shares of the farthest: all sides grow alike.
+/// First growth step relative to the largest distance. All sides grow in the same way.
 const FIRST_STEP: f64 = 0.125;
-/// Steps are halved as often as this before a side stands still.
+/// Number of times that the step is halved before a side stops growing.
 const HALVINGS: usize = 4;
-/// Points along each edge of a face or box that are tried.
+/// Number of grid points along each edge of a face or box.
 const GRID: usize = 5;
 /// Narrowest box that a robot may have, m.
 const NARROWEST: f64 = 2e-3;
@@ -18,15 +19,16 @@ const NARROWEST: f64 = 2e-3;
 /// Lower and upper sides along x, y and z about the nominal position, m.
 pub type Sides = [[f64; 2]; 3];
 
-/// Grows the six sides of the box in turn, those away from the body first, each by a step while every point of a grid on its face is reached, else by half a step from then on.
+/// Grows the six sides of the box in turn, the outward ones first. A side grows by its step if every point of a grid on its new face can be
+/// reached; otherwise its step is halved.
 ///
-/// Joints of a point are sought from those of the nearest point reached before, so that the whole box is reached on one branch of the
-/// inverse kinematics, without a jump. The grid of the whole box is tried at the end.
+/// The inverse kinematics of a point starts from the joints of the nearest point reached before, so the whole box is reached on one branch
+/// without a jump. At the end a grid over the whole box is checked.
 ///
-/// * `room` - farthest sides, m; those of [`room`]
+/// * `room` - largest extent of the sides, m, from [`room`]
 ///
 /// # Errors
-/// [`Error::Invalid`] when the leg reaches to no side along an axis.
+/// [`Error::Invalid`] if the leg cannot move along an axis.
 pub fn grow(leg: &Leg, room: &Sides) -> Result<Sides> {
     let nominal = leg.nominal();
     let start = leg.posture(&nominal).tip;
@@ -34,7 +36,7 @@ pub fn grow(leg: &Leg, room: &Sides) -> Result<Sides> {
     let (mut sides, mut halvings) = ([[0.; 2]; 3], [[0; 2]; 3]);
     while halvings.iter().flatten().any(|&h| h <= HALVINGS) {
         for side in 0..6 {
-            // Outward first, so that legs that mirror each other get boxes that do.
+            // Outward sides first, so that mirrored legs get mirrored boxes.
             let axis = side % 3;
             let end = usize::from((start[axis] > 0.) == (side < 3));
             let limit = room[axis][end];
@@ -51,7 +53,7 @@ pub fn grow(leg: &Leg, room: &Sides) -> Result<Sides> {
             }
         }
     }
-    // What lies between faces was reached when they passed; a hole that they jumped over would show here.
+    // Points between the faces were reached when the faces passed them. A hole that the faces jumped over is detected here.
     while !reached.all(grid(&sides)) {
         sides.iter_mut().flatten().for_each(|v| *v *= 0.9);
         if sides.iter().all(|[low, high]| high - low < NARROWEST) {
@@ -70,9 +72,9 @@ pub fn grow(leg: &Leg, room: &Sides) -> Result<Sides> {
     Ok(sides)
 }
 
-/// How far sides may grow: no foot past the middle between it and another one, less its radius, and none farther than [`FARTHEST`].
+/// Largest extent of the sides: no side goes beyond the middle between two feet, less the foot radius, or beyond [`FARTHEST`].
 ///
-/// * `feet` - all nominal positions, base frame, m
+/// * `feet` - nominal positions of all feet, base frame, m
 pub fn room(leg: &Leg, foot: usize, feet: &[[f64; 3]]) -> Sides {
     let mut room = FARTHEST.map(|farthest| [-farthest * leg.length(), farthest * leg.length()]);
     for other in (0..feet.len()).filter(|&other| other != foot) {
@@ -85,7 +87,7 @@ pub fn room(leg: &Leg, foot: usize, feet: &[[f64; 3]]) -> Sides {
     room
 }
 
-/// Places that a leg was brought to, with its joints there.
+/// Positions that the leg has reached, with the joint values.
 struct Reached<'a> {
     leg: &'a Leg,
     start: Vector3<f64>,
@@ -93,7 +95,7 @@ struct Reached<'a> {
 }
 
 impl Reached<'_> {
-    /// Whether all places about the nominal one are reached.
+    /// True if all these positions relative to the nominal one can be reached.
     fn all(&mut self, places: impl Iterator<Item = Vector3<f64>>) -> bool {
         places.into_iter().all(|place| self.one(self.start + place))
     }
@@ -110,7 +112,7 @@ impl Reached<'_> {
     }
 }
 
-/// Grid along an edge, corners among it.
+/// Grid points along an edge, including its ends.
 fn along([low, high]: [f64; 2]) -> impl Iterator<Item = f64> + Clone {
     (0..GRID).map(move |i| low + (high - low) * i as f64 / (GRID - 1) as f64)
 }
@@ -119,7 +121,7 @@ fn grid(&[x, y, z]: &Sides) -> impl Iterator<Item = Vector3<f64>> + use<> {
     along(x).flat_map(move |x| along(y).flat_map(move |y| along(z).map(move |z| Vector3::new(x, y, z))))
 }
 
-/// Grid of a face.
+/// Grid points of a face.
 fn face(sides: &Sides, axis: usize, end: usize) -> impl Iterator<Item = Vector3<f64>> + use<> {
     let at = sides[axis][end];
     let across = *sides;
@@ -139,7 +141,7 @@ mod tests {
     use crate::robot::leg::LegJoint;
     use nalgebra::{Isometry3, Unit};
 
-    /// A carriage that slides along x, y and z: its box is that of its limits.
+    /// A carriage with prismatic joints along x, y and z. Its box equals its limits.
     fn carriage(limits: [[f64; 2]; 3]) -> Leg {
         let joint = |axis: usize| LegJoint {
             name: format!("slide {axis}"),
@@ -155,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn the_box_of_a_carriage_is_that_of_its_rails() {
+    fn the_box_of_a_carriage_equals_its_limits() {
         let rails = [[-0.2, 0.4], [-0.05, 0.1], [-0.01, 0.25]];
         let leg = carriage(rails);
         let sides = grow(&leg, &room(&leg, 0, &[[0., 0., -1.]])).unwrap();
@@ -167,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn feet_keep_to_their_half_and_near_their_place() {
+    fn boxes_end_midway_between_feet_and_at_the_largest_distance() {
         let leg = carriage([[-9., 9.]; 3]);
         let feet = [[0.3, 0.2, -1.], [0.3, -0.2, -1.], [-0.3, 0.2, -1.]];
         let expected = [[-0.25, 0.5], [-0.15, 0.3], [-0.3, 0.3]];
@@ -177,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn a_leg_that_reaches_to_no_side_is_refused() {
+    fn a_leg_that_cannot_move_along_an_axis_is_refused() {
         let leg = carriage([[-0.2, 0.2], [0., 0.], [-0.2, 0.2]]);
         let error = grow(&leg, &room(&leg, 0, &[[0., 0., -1.]])).unwrap_err().to_string();
         assert!(error.contains("foot `foot`") && error.contains("along y") && error.contains("0.002"), "{error}");

@@ -1,26 +1,29 @@
-//! A configuration in which a robot stands, for a file that says none: legs bent, feet under the joints that swing them.
+//! Standing configuration for a file without one: legs bent, feet below the joints that swing them.
 
 use crate::robot::leg::{Leg, PRECISION};
 use nalgebra::Vector3;
 
-/// Part of their length to which legs are bent: two stand more upright than more.
+/// Height of the foot below the leg's first bending joint relative to the leg length, for robots with at most two legs and with more.
+/// Bipeds stand more upright.
 const BENT: [f64; 2] = [0.93, 0.75];
-/// Axes whose product is larger are parallel.
+/// Dot product of unit axes above which they count as parallel.
 const PARALLEL: f64 = 0.9;
-/// How much of a leg is horizontal at rest when it sprawls, as that of an insect; it then stands so far out, and so far down, in its lengths.
+/// Horizontal part of a leg at rest, relative to its length, above which the leg sprawls like an insect's.
 const SPRAWLS: f64 = 0.7;
+/// Horizontal distance of a sprawling leg's foot from its first bending joint, in leg lengths.
 const OUT: f64 = 0.55;
+/// Depth of a sprawling leg's foot below its first bending joint, in leg lengths.
 const DOWN: f64 = 0.5;
 
-/// The joints that bend a leg: most of one horizontal direction, and at least two.
+/// Joints that bend a leg: the largest group of revolute joints about parallel horizontal axes, at least two.
 fn bending(leg: &Leg, axes: &[Vector3<f64>]) -> Option<Vec<usize>> {
     let level = |j: &usize| leg.chain[*j].turns && axes[*j].z.abs() < 0.5;
     let parallel = |to: usize| (0..axes.len()).filter(level).filter(|&j| axes[j].dot(&axes[to]).abs() > PARALLEL).collect::<Vec<_>>();
-    // Of several directions with as many the last: it is that of the knee.
+    // Of several groups of equal size the last is chosen: it contains the knee.
     (0..axes.len()).filter(level).map(parallel).max_by_key(Vec::len).filter(|joints| joints.len() > 1)
 }
 
-/// Where a leg should stand, on which height at the lowest, and the joints that bend it.
+/// Desired foot position of a leg, whose height is a lower bound, and the joints that bend the leg.
 struct Aim {
     place: Vector3<f64>,
     joints: Vec<usize>,
@@ -33,7 +36,7 @@ fn aim(leg: &Leg, bent: f64) -> Option<Aim> {
     let points: Vec<Vector3<f64>> = joints.iter().map(|&j| at.anchors[j]).chain([at.tip]).collect();
     let length: f64 = points.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum();
     let out = at.tip - first;
-    // What the bending joints cannot change stays.
+    // The bending joints cannot change the offset along their axis.
     let aside = axis * axis.dot(&out);
     let flat = Vector3::new(out.x, out.y, 0.) - Vector3::new(aside.x, aside.y, 0.);
     let place = if flat.norm() > SPRAWLS * length {
@@ -44,10 +47,10 @@ fn aim(leg: &Leg, bent: f64) -> Option<Aim> {
     Some(Aim { place, joints })
 }
 
-/// Joint values of each leg with which a robot stands on level ground; none when a leg cannot be bent so.
+/// Joint values of each leg with which the robot stands on level ground; `None` if a leg cannot reach such a pose.
 pub fn standing(legs: &[Leg]) -> Option<Vec<Vec<f64>>> {
     let bent = BENT[usize::from(legs.len() > 2)];
-    // Of the first of the joints that bend a leg: two equal links are then so long.
+    // Angle of the first bending joint that shortens two equal links to this length.
     let angle = bent.acos();
     let aims: Vec<Aim> = legs.iter().map(|leg| aim(leg, bent)).collect::<Option<_>>()?;
     let ground = aims.iter().map(|aim| aim.place.z).fold(f64::NEG_INFINITY, f64::max);
@@ -56,9 +59,9 @@ pub fn standing(legs: &[Leg]) -> Option<Vec<Vec<f64>>> {
         let folded = |sign: f64| {
             let mut q = leg.nominal();
             for (number, &j) in aim.joints.iter().enumerate() {
-                // There and back: what is below stays as upright as it was.
+                // Bend there and back, so that links below keep their orientation.
                 let by = [1., -2., 1.].get(number).copied().unwrap_or(0.) * sign * angle;
-                // Axes may point to either side.
+                // Axes may have either sign.
                 let axis = leg.posture(&q).axes[j].dot(&leg.posture(&leg.nominal()).axes[aim.joints[0]]);
                 q[j] += by * axis.signum();
             }
@@ -69,7 +72,7 @@ pub fn standing(legs: &[Leg]) -> Option<Vec<Vec<f64>>> {
             let (q, missed) = leg.approach(&target, start);
             (missed <= 100. * PRECISION).then_some(q)
         });
-        // Farthest from its limits; of two alike the first.
+        // The solution farthest from its limits; of two equal ones the first.
         let room = |q: &[f64]| {
             let of_joint = |(joint, v): (&crate::robot::leg::LegJoint, &f64)| (v - joint.limits[0]).min(joint.limits[1] - v);
             leg.chain.iter().zip(q).map(of_joint).fold(f64::INFINITY, f64::min)

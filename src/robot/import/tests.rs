@@ -1,4 +1,4 @@
-//! Robots whose numbers are known in closed form, and files that are no robots.
+//! Imports with results known in closed form, and invalid files.
 
 use super::*;
 use crate::robot::leg::PRECISION;
@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 use std::time::{Duration, Instant};
 
-/// Uniform box, kg and whole sides in m.
+/// Inertia of a uniform box of mass in kg and full side lengths in m.
 fn box_inertia(mass: f64, [x, y, z]: [f64; 3]) -> [f64; 3] {
     [y * y + z * z, x * x + z * z, x * x + y * y].map(|v| mass * v / 12.)
 }
@@ -26,13 +26,13 @@ fn joint(name: &str, kind: &str, ends: [&str; 2], inside: &str) -> String {
 const BALL: &str = "<collision><geometry><sphere radius=\"0.02\"/></geometry></collision>";
 const LEGS: [&str; 4] = ["LF", "RF", "LH", "RH"];
 
-/// A quadruped with a base of 10 kg, thighs and calves of 0.25 m, knees folded backwards: feet stand under their hips at thigh 45 and calf -90
-/// degrees.
+/// A quadruped with a base of 10 kg, thighs and calves of 0.25 m, and knees bent backwards. The feet are below their hips at thigh 45 and
+/// calf -90 degrees.
 fn quadruped(foot: &str) -> String {
     include_str!("../../../tests/data/quadruped.urdf").replace(BALL, foot)
 }
 
-/// Standing on feet below their hips.
+/// Configuration with the feet below their hips.
 fn standing() -> Vec<(String, f64)> {
     let of = |leg: &&str| [(format!("{leg}_pitch"), FRAC_PI_4), (format!("{leg}_knee"), -FRAC_PI_2)];
     LEGS.iter().flat_map(of).collect()
@@ -51,9 +51,9 @@ fn close(a: &[f64], b: &[f64], within: f64) {
 }
 
 #[test]
-fn mass_centre_and_inertia_are_those_of_the_boxes() {
-    // A box at the root and a longer one, turned by 90 degrees about z in its link, hung from a joint that is turned by 90 degrees about x; in
-    // axes of the base its sides (a, b, c) become (b, c, a). A massless link between them, which a fixed joint holds, changes nothing.
+fn mass_centre_and_inertia_agree_with_closed_forms() {
+    // A box at the root; a longer box, rotated by 90 degrees about z in its link, on a joint that is rotated by 90 degrees about x. In base
+    // axes its sides (a, b, c) become (b, c, a). A massless link between them, held by a fixed joint, changes nothing.
     let (first, second) = ([0.4, 0.2, 0.1], [0.6, 0.3, 0.2]);
     let base = inertial("xyz=\"0.1 0 0\"", 3., box_inertia(3., first));
     let hung = inertial(&format!("xyz=\"0 0.5 0\" rpy=\"0 0 {FRAC_PI_2}\""), 2., box_inertia(2., second));
@@ -66,7 +66,7 @@ fn mass_centre_and_inertia_are_those_of_the_boxes() {
     let tree = Tree::new(&model).unwrap();
     let frames = tree.frames(&tree.configuration(&[]).unwrap());
     let body = body::composite(frames.iter().zip(&model.links).filter_map(|(f, l)| l.inertial.as_ref().map(|i| (f, i))));
-    // y of the hung link points down in the base, so its centre is 0.5 m below the joint.
+    // The y axis of the hanging link points down in the base frame, so its centre is 0.5 m below the joint.
     let centers = [[0.1, 0., 0.], [0., 0., 0.3 - 0.5]];
     assert_eq!(body.mass, 5.);
     let center: [f64; 3] = std::array::from_fn(|i| (3. * centers[0][i] + 2. * centers[1][i]) / 5.);
@@ -83,21 +83,22 @@ fn mass_centre_and_inertia_are_those_of_the_boxes() {
         }
     }
     close(body.inertia.as_slice(), expected.as_flattened(), 1e-12);
-    // Turned by 90 degrees about the joint's axis, y of the base: the box lies along x.
+    // Rotated by 90 degrees about the joint's axis, y of the base: the box lies along x.
     let frames = tree.frames(&tree.configuration(&[("turn".into(), FRAC_PI_2)]).unwrap());
     let hung = frames[2] * model.links[2].inertial.unwrap().origin;
     close(hung.translation.vector.as_slice(), &[-0.5, 0., 0.3], 1e-15);
 }
 
 #[test]
-fn a_quadruped_has_the_feet_forces_and_legs_that_trigonometry_gives() {
+fn feet_forces_and_legs_of_a_quadruped_agree_with_trigonometry() {
     let imported = import(&quadruped(BALL)).unwrap();
     let robot = &imported.robot;
     robot.validate().unwrap();
     assert_eq!((robot.name.as_str(), robot.feet(), imported.robot.foot_radius), ("four", 4, Some(0.02)));
     assert_eq!(imported.feet.iter().map(|f| f.link.as_str()).collect::<Vec<_>>(), ["LF_foot", "RF_foot", "LH_foot", "RH_foot"]);
     assert!(imported.notes[0].contains("`LF_foot`, `RF_foot`, `LH_foot`, `RH_foot`"), "{:?}", imported.notes);
-    // Each leg: two rods of 0.4 kg, whose middles are 0.125 and 0.375 m down the leg, and as far behind the hip as before it.
+    // Each leg: two rods of 0.4 kg with centres 0.125 and 0.375 m along the leg, the first as far behind the hip as the second is before
+    // it.
     let s = FRAC_PI_4.sin();
     let (rods, height) = ([[-0.125 * s, -0.125 * s], [-0.125 * s, -0.375 * s]], 0.5 * s);
     let mass = 10. + 8. * 0.4;
@@ -109,7 +110,7 @@ fn a_quadruped_has_the_feet_forces_and_legs_that_trigonometry_gives() {
         close(&imported.feet[foot].frame, &[x - center[0], y, -height - center[1]], 1e-12);
         close(&robot.nominal_feet[foot], &[x - center[0], y, -height - center[1] - 0.02], 1e-12);
     }
-    // Only the knee has a lever under a vertical force: 0.25 sin 45.
+    // Only the knee has a lever arm under a vertical force: 0.25 sin 45.
     assert!((robot.force_limit.unwrap() - 30. / (0.25 * s)).abs() < 1e-9);
     // Hip and thigh move the foot along x and y, 0.5 cos 45 below them.
     assert!((imported.foot_speed.unwrap() - 12. * height).abs() < 1e-9);
@@ -118,7 +119,7 @@ fn a_quadruped_has_the_feet_forces_and_legs_that_trigonometry_gives() {
 }
 
 #[test]
-fn a_robot_with_the_name_of_a_built_in_one_gets_another_unless_it_was_asked_for() {
+fn a_robot_with_a_built_in_name_is_renamed_unless_the_name_was_given() {
     let text = quadruped(BALL).replace("<robot name=\"four\">", "<robot name=\"hyq\">");
     let imported = import(&text).unwrap();
     assert_eq!(imported.robot.name, "hyq-imported");
@@ -129,7 +130,7 @@ fn a_robot_with_the_name_of_a_built_in_one_gets_another_unless_it_was_asked_for(
 }
 
 #[test]
-fn every_place_of_a_box_is_within_the_limits_of_the_joints_and_boxes_are_large() {
+fn every_position_in_a_box_is_reachable_and_boxes_are_large() {
     let imported = import(&quadruped(BALL)).unwrap();
     let boxes: Vec<_> = imported.robot.reach_boxes().collect();
     for (foot, (leg, reach)) in legs(&imported).iter().zip(&boxes).enumerate() {
@@ -139,7 +140,7 @@ fn every_place_of_a_box_is_within_the_limits_of_the_joints_and_boxes_are_large()
             let share = |axis: u32| (corner / 3_usize.pow(axis) % 3) as f64 / 2.;
             let at = |axis: usize| reach.low[axis] + share(axis as u32) * (reach.high[axis] - reach.low[axis]);
             let place = nominal.tip + Vector3::new(at(0), at(1), at(2)) - hip;
-            // Law of cosines in the plane of the leg, and the roll that brings the plane there.
+            // Law of cosines in the plane of the leg, and the roll of that plane.
             let radius = place.norm();
             let knee = -(std::f64::consts::PI - (1. - radius * radius / (2. * 0.25 * 0.25)).acos());
             let roll = place.y.atan2(-place.z);
@@ -156,7 +157,7 @@ fn every_place_of_a_box_is_within_the_limits_of_the_joints_and_boxes_are_large()
 }
 
 #[test]
-fn a_longer_box_along_any_side_would_be_out_of_reach_or_of_room() {
+fn boxes_cannot_be_extended_on_any_side() {
     let imported = import(&quadruped(BALL)).unwrap();
     for (foot, leg) in legs(&imported).iter().enumerate() {
         let (nominal, reach) = (leg.posture(&leg.nominal()).tip, imported.robot.reach.of(foot));
@@ -184,7 +185,7 @@ fn feet_touch_the_ground_with_balls_soles_or_their_frames() {
         (std::array::from_fn::<f64, 3, _>(|i| contact[i] - frame[i]), imported)
     };
     let shape = |origin: &str, shape: &str| format!("<collision><origin {origin}/><geometry>{shape}</geometry></collision>");
-    // The calf is turned by -45 degrees about y: the foot's x axis points forward and up, its z axis up and backward.
+    // The calf is rotated by -45 degrees about y: the foot's x axis points forward and up, its z axis up and backward.
     let s = FRAC_PI_4.sin();
     let (offset, imported) = low(&shape("xyz=\"0 0 0.1\"", "<sphere radius=\"0.03\"/>"));
     close(&offset, &[-0.1 * s, 0., 0.1 * s - 0.03], 1e-12);
@@ -196,7 +197,7 @@ fn feet_touch_the_ground_with_balls_soles_or_their_frames() {
         "{:?}",
         imported.notes
     );
-    // A ball counts before a shape that is lower.
+    // A ball has priority over a lower shape.
     let both = shape("", "<box size=\"0.2 0.2 0.2\"/>") + &shape("", "<sphere radius=\"0.01\"/>");
     close(&low(&both).0, &[0., 0., -0.01], 1e-12);
     // Four balls on a sole, level in this configuration, are a flat foot.
@@ -204,18 +205,18 @@ fn feet_touch_the_ground_with_balls_soles_or_their_frames() {
     let sole = [(0.1, 0.03), (0.1, -0.03), (-0.04, 0.03), (-0.04, -0.03)].map(|(x, y)| ball(x, y)).concat();
     let (offset, imported) = low(&sole);
     close(&offset, &[0., 0., -0.01], 1e-12);
-    // One that is ahead of the ankle is stood on at its end.
+    // A sole ahead of the ankle carries the load at its rear end.
     let ahead = [(0.1, 0.03), (0.1, -0.03), (0.02, 0.03), (0.02, -0.03)].map(|(x, y)| ball(x, y)).concat();
     close(&low(&ahead).0, &[0.02, 0., -0.01], 1e-12);
     assert!(imported.robot.foot_radius.is_none() && imported.notes.iter().any(|n| n.contains("flat feet")), "{:?}", imported.notes);
-    // Shapes stand on what is lowest of them: here an edge of a box, and the rims of a cylinder and a capsule.
+    // Contact is at the lowest point of a shape: here an edge of a box, and the rims of a cylinder and a capsule.
     close(&low(&shape("", "<box size=\"0.04 0.1 0.02\"/>")).0, &[0., 0., -0.03 * s], 1e-12);
     close(&low(&shape("", "<cylinder radius=\"0.02\" length=\"0.06\"/>")).0, &[0., 0., -(0.03 + 0.02) * s], 1e-12);
     close(&low(&shape("", "<capsule radius=\"0.02\" length=\"0.06\"/>")).0, &[0., 0., -0.03 * s - 0.02], 1e-12);
 }
 
 #[test]
-fn sensors_beside_a_foot_are_no_feet_of_their_own_and_huge_limits_are_none() {
+fn sensors_beside_a_foot_are_not_feet_and_huge_limits_are_infinite() {
     let sensors =
         "<link name=\"LF_heel\"/>".to_owned() + &joint("LF_sensor", "fixed", ["LF_calf", "LF_heel"], "<origin xyz=\"0 0 -0.27\"/>");
     let text = quadruped(BALL).replace("</robot>", &(sensors + "</robot>")).replacen("upper=\"2.5\"", "upper=\"1e16\"", 1);
@@ -225,7 +226,7 @@ fn sensors_beside_a_foot_are_no_feet_of_their_own_and_huge_limits_are_none() {
 }
 
 #[test]
-fn joints_rest_at_zero_or_in_the_middle_and_followers_follow() {
+fn joints_rest_at_zero_or_mid_range_and_mimic_joints_follow() {
     let text = quadruped(BALL).replacen("</robot>", "", 1)
         + "<link name=\"arm\"/><link name=\"hand\"/>"
         + &joint(
@@ -250,11 +251,11 @@ fn joints_rest_at_zero_or_in_the_middle_and_followers_follow() {
 fn a_robot_without_a_configuration_stands_on_bent_legs() {
     let resting = Import::default().urdf(&quadruped(BALL)).unwrap();
     let value = |name: &str| resting.configuration.iter().find(|(joint, _)| joint == name).unwrap().1;
-    // Two links as long as each other, three quarters of both together.
+    // Two links of equal length, bent to three quarters of their total length.
     let angle = 0.75f64.acos();
     close(&[value("LF_roll"), value("LF_pitch"), value("LF_knee"), value("RH_knee")], &[0., angle, -2. * angle, -2. * angle], 1e-4);
-    let (stands, told) = (import(&quadruped(BALL)).unwrap(), resting.notes.iter().any(|note| note.contains("legs are bent")));
-    assert!(told && !stands.notes.iter().any(|note| note.contains("legs are bent")));
+    let (stands, noted) = (import(&quadruped(BALL)).unwrap(), resting.notes.iter().any(|note| note.contains("legs are bent")));
+    assert!(noted && !stands.notes.iter().any(|note| note.contains("legs are bent")));
     for (foot, under) in resting.robot.nominal_feet.iter().zip(&stands.robot.nominal_feet) {
         assert!((foot[0] - under[0]).abs() < 0.01 && (foot[1] - under[1]).abs() < 1e-6, "{foot:?} {under:?}");
     }
@@ -262,7 +263,7 @@ fn a_robot_without_a_configuration_stands_on_bent_legs() {
 }
 
 #[test]
-fn a_leg_may_slide_and_joints_above_two_feet_are_held() {
+fn legs_may_have_prismatic_joints_and_joints_above_two_feet_are_fixed() {
     let slide = quadruped(BALL).replace(
         "name=\"LF_knee\" type=\"revolute\"><parent link=\"LF_thigh\"/><child link=\"LF_calf\"/><origin xyz=\"0 0 -0.25\"/><axis xyz=\"0 1 0\"/><limit lower=\"-2.5\" upper=\"-0.5\"",
         "name=\"LF_knee\" type=\"prismatic\"><parent link=\"LF_thigh\"/><child link=\"LF_calf\"/><origin xyz=\"0 0 -0.1\"/><axis xyz=\"0 0 -1\"/><limit lower=\"-0.1\" upper=\"0.1\"",
@@ -275,7 +276,7 @@ fn a_leg_may_slide_and_joints_above_two_feet_are_held() {
     assert!(!leg.chain[2].turns && imported.robot.reach.of(0).widths()[2] > 0.1);
     let target = leg.posture(&[0.1, 0.2, 0.05]).tip;
     assert!((leg.posture(&leg.reach(&target, &leg.nominal()).unwrap()).tip - target).norm() <= PRECISION);
-    // A waist above the two hind legs is the body's.
+    // A waist joint above the two hind legs belongs to the body.
     let waist = "<link name=\"hind\"/>".to_owned()
         + &joint(
             "waist",
@@ -297,7 +298,7 @@ fn a_leg_may_slide_and_joints_above_two_feet_are_held() {
     assert_eq!(bent.robot, straight);
 }
 
-/// What a change of a good file, or of what is asked of it, is refused with.
+/// Errors of invalid files and options.
 #[test]
 fn errors_name_the_place_the_value_and_the_limit() {
     let good = quadruped(BALL);
@@ -308,8 +309,8 @@ fn errors_name_the_place_the_value_and_the_limit() {
     let standing = Import { configuration: standing(), ..Import::default() };
     check("", &standing, &["empty"]);
     check(" \n", &standing, &["empty"]);
-    check("<robot name=\"x\">", &standing, &["no XML"]);
-    check(&good[..good.len() / 2], &standing, &["no XML"]);
+    check("<robot name=\"x\">", &standing, &["not XML"]);
+    check(&good[..good.len() / 2], &standing, &["not XML"]);
     check("<sdf/>", &standing, &["<sdf>", "<robot>"]);
     check("<robot name=\"x\"/>", &standing, &["links", "none", "at least one"]);
     let ring = format!(
@@ -319,7 +320,7 @@ fn errors_name_the_place_the_value_and_the_limit() {
     );
     check(&ring, &standing, &["links that no joint moves", "none", "without loops"]);
     let changes: &[(&str, &str, &[&str])] = &[
-        ("<inertial>", "<nothing>", &["no XML"]),
+        ("<inertial>", "<nothing>", &["not XML"]),
         ("mass value=\"10\"", "mass value=\"heavy\"", &["line 4", "link `base`, <mass>, `value`", "\"heavy\"", "a number"]),
         ("mass value=\"10\"", "mass value=\"NaN\"", &["link `base`, <mass>", "\"NaN\""]),
         ("mass value=\"10\"", "mass value=\"-1\"", &["link `base`, <mass>", "-1", "not negative"]),
@@ -360,7 +361,7 @@ fn errors_name_the_place_the_value_and_the_limit() {
         (&[], "LF_knee=1", &["joint `LF_knee`", "1", "-2.5 to -0.5"]),
         (&[], "LF_knee=-1,LF_knee=-1", &["joint `LF_knee`", "given once"]),
         (&[], "LF_ankle=0", &["joint `LF_ankle`", "fixed"]),
-        // Feet above the base.
+        // The feet are above the base.
         (&["LF_foot"], "LF_pitch=2.5,LF_knee=-0.5", &["above"]),
     ];
     for (feet, values, parts) in asked {
@@ -373,7 +374,7 @@ fn errors_name_the_place_the_value_and_the_limit() {
 }
 
 #[test]
-fn too_many_feet_or_none_are_told_of() {
+fn too_many_feet_or_no_feet_are_refused() {
     let base = inertial("", 10., [1.; 3]);
     let rod = inertial("xyz=\"0 0 -0.1\"", 0.1, [0.01; 3]);
     let limit = "<limit lower=\"-1\" upper=\"1\" effort=\"1\" velocity=\"1\"/>";
@@ -392,11 +393,11 @@ fn too_many_feet_or_none_are_told_of() {
 }
 
 #[test]
-fn deep_and_long_files_end_neither_the_stack_nor_the_day() {
+fn deep_and_long_files_neither_overflow_the_stack_nor_take_long() {
     let start = Instant::now();
     let deep = format!("<robot name=\"x\">{}{}</robot>", "<a>".repeat(100_000), "</a>".repeat(100_000));
     assert!(import(&deep).unwrap_err().to_string().contains("links: none"));
-    // A chain of joints as long as a file of some megabytes has.
+    // A chain of joints as long as a file of some megabytes can hold.
     let link = |i: usize| {
         format!("<link name=\"l{i}\"/>{}", joint(&format!("j{i}"), "continuous", [&format!("l{}", i.max(1) - 1), &format!("l{i}")], ""))
     };

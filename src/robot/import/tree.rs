@@ -1,4 +1,4 @@
-//! How the links of a robot hang together, and where they are in a configuration.
+//! Kinematic tree of a model, and the frames of its links in a configuration.
 
 use super::urdf::{Joint, Model, Motion};
 use crate::error::{Error, Result};
@@ -6,39 +6,39 @@ use crate::robot::leg::joint_motion;
 use nalgebra::Isometry3;
 use std::collections::HashMap;
 
-/// How near to a limit a value may lie beyond it, rad or m: files round their limits.
+/// Tolerance by which a value may exceed a limit, rad or m. Files contain rounded limits.
 const SLACK: f64 = 1e-6;
-/// Longest chain of joints that follow each other.
+/// Longest chain of joints that follow each other (mimic).
 const LONGEST_MIMIC: usize = 16;
 
 /// A model whose links form one tree.
 #[derive(Debug)]
 pub struct Tree<'a> {
-    /// What the file says.
+    /// Parsed model.
     pub model: &'a Model,
-    /// Parents before their children.
+    /// Links, parents before their children.
     pub order: Vec<usize>,
-    /// The joint above each link; none for the root.
+    /// Joint above each link; `None` for the root.
     pub above: Vec<Option<usize>>,
-    /// The link above each link.
+    /// Link above each link; `None` for the root.
     pub parents: Vec<Option<usize>>,
     links: HashMap<&'a str, usize>,
     joints: HashMap<&'a str, usize>,
 }
 
-/// The names nearest to one, at most three, for an error.
+/// The most similar names, at most three, for an error message.
 fn near<'n>(name: &str, names: impl Iterator<Item = &'n str>) -> String {
     let mut ranked: Vec<(f64, &str)> = names.map(|n| (strsim::jaro_winkler(&name.to_lowercase(), &n.to_lowercase()), n)).collect();
     ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
     ranked.iter().take(3).map(|(_, n)| format!("`{}`", n.escape_debug())).collect::<Vec<_>>().join(", ")
 }
 
-/// Index by name; each name once.
+/// Index by name. Each name must be unique.
 fn index<'a>(what: &str, names: impl Iterator<Item = &'a str>) -> Result<HashMap<&'a str, usize>> {
     let mut index = HashMap::new();
     for (i, name) in names.enumerate() {
         if index.insert(name, i).is_some() {
-            return Err(Error::invalid(format!("{what} `{}`", name.escape_debug()), "there twice", "there once"));
+            return Err(Error::invalid(format!("{what} `{}`", name.escape_debug()), "defined twice", "defined once"));
         }
     }
     Ok(index)
@@ -48,7 +48,7 @@ impl<'a> Tree<'a> {
     /// Orders the links of a model.
     ///
     /// # Errors
-    /// [`Error::Invalid`] when links do not form one tree: names that are twice or not there, several roots, loops.
+    /// [`Error::Invalid`] if the links do not form one tree: duplicate or missing names, several roots, loops.
     pub fn new(model: &'a Model) -> Result<Tree<'a>> {
         if model.links.is_empty() {
             return Err(Error::invalid("links", "none", "at least one"));
@@ -96,10 +96,10 @@ impl<'a> Tree<'a> {
         Ok(Tree { model, order, above, parents, links, joints })
     }
 
-    /// The link of a name.
+    /// Link with a name.
     ///
     /// # Errors
-    /// [`Error::Invalid`] with the names nearest to it.
+    /// [`Error::Invalid`] with the most similar names.
     pub fn link(&self, place: &str, name: &str) -> Result<usize> {
         self.links.get(name).copied().ok_or_else(|| {
             let limit = format!("a link of the file, such as {}", near(name, self.model.links.iter().map(|l| l.name.as_str())));
@@ -107,14 +107,14 @@ impl<'a> Tree<'a> {
         })
     }
 
-    /// Links that no joint hangs from.
+    /// Links without child joints.
     pub fn leaves(&self) -> impl Iterator<Item = usize> {
         let mut leaf = vec![true; self.parents.len()];
         self.parents.iter().flatten().for_each(|&parent| leaf[parent] = false);
         (0..leaf.len()).filter(move |&link| leaf[link])
     }
 
-    /// Joints from the base to a link, the base's first.
+    /// Joints from the base to a link, starting at the base.
     pub fn path(&self, mut link: usize) -> Vec<usize> {
         let mut path = Vec::new();
         while let (Some(joint), Some(parent)) = (self.above[link], self.parents[link]) {
@@ -125,10 +125,10 @@ impl<'a> Tree<'a> {
         path
     }
 
-    /// Values of all joints, rad or m: those given, else zero, or the middle of the limits where zero is outside of them.
+    /// Values of all joints, rad or m: the given ones; otherwise zero, or the middle of the limits if zero is outside.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for a joint that is not there, does not move, follows another, or whose value is outside its limits.
+    /// [`Error::Invalid`] for a joint that does not exist, does not move or follows another, or whose value is outside its limits.
     pub fn configuration(&self, given: &[(String, f64)]) -> Result<Vec<f64>> {
         let resting = |joint: &Joint| match joint.limits {
             [lower, upper] if lower > 0. || upper < 0. => {
@@ -171,10 +171,10 @@ impl<'a> Tree<'a> {
         Ok(values)
     }
 
-    /// Brings joints that follow others to where these are.
+    /// Sets joints that follow others (mimic) to their values.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for one that follows a joint that is not there, or itself.
+    /// [`Error::Invalid`] for a joint that follows a missing joint, or itself.
     pub fn follow(&self, values: &mut [f64]) -> Result<()> {
         for j in 0..values.len() {
             values[j] = self.followed(j, values)?;

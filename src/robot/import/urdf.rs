@@ -1,122 +1,122 @@
-//! What a URDF file says of masses, joints and the shapes of feet. Looks, meshes and plugins are not read.
+//! Masses, joints and collision shapes of a URDF file. Visuals, meshes and plugins are not read.
 
 use crate::error::{Error, Result};
 use nalgebra::{Isometry3, Matrix3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3};
 use roxmltree::{Document, Node, ParsingOptions};
 
-/// Longest text of a file, bytes.
+/// Largest file, bytes.
 pub const MAX_URDF: usize = 64 << 20;
-/// Most elements, texts and comments of a file.
+/// Largest number of elements, texts and comments in a file.
 const MAX_NODES: u32 = 4_000_000;
-/// Largest number that a file may have, in its unit.
+/// Largest absolute value of a number in a file, in its unit.
 const LARGEST: f64 = 1e9;
 
-/// Links and joints of a file, in its order; nothing is said of how they hang together.
+/// Links and joints in file order. Their connections are not checked.
 #[derive(Debug, Clone)]
 pub struct Model {
     /// Name of the robot.
     pub name: String,
-    /// Its bodies.
+    /// Links.
     pub links: Vec<Link>,
-    /// What joins them.
+    /// Joints.
     pub joints: Vec<Joint>,
 }
 
 /// A rigid body.
 #[derive(Debug, Clone)]
 pub struct Link {
-    /// Name, one link's only.
+    /// Name, unique among links.
     pub name: String,
     /// Mass and inertia, if it has any.
     pub inertial: Option<Inertial>,
-    /// Shapes that touch, meshes left out.
+    /// Collision shapes without meshes.
     pub collisions: Vec<Collision>,
 }
 
 /// Mass and inertia of a link.
 #[derive(Debug, Clone, Copy)]
 pub struct Inertial {
-    /// Its centre of mass and principal frame, in the frame of the link.
+    /// Centre of mass and axes of the inertia tensor, in the frame of the link.
     pub origin: Isometry3<f64>,
-    /// kg
+    /// Mass, kg.
     pub mass: f64,
-    /// About the centre of mass in the axes of `origin`, kg m².
+    /// Inertia tensor about the centre of mass in the axes of `origin`, kg m².
     pub inertia: Matrix3<f64>,
 }
 
-/// A shape in the frame of a link.
+/// A collision shape.
 #[derive(Debug, Clone, Copy)]
 pub struct Collision {
-    /// Where its middle is.
+    /// Pose of the shape's centre in the frame of the link.
     pub origin: Isometry3<f64>,
-    /// What it is.
+    /// Shape.
     pub shape: Shape,
 }
 
-/// A primitive shape about its middle; cylinders and capsules along z. Lengths in m.
+/// A primitive shape about its centre. Cylinders and capsules are along z. Lengths in m.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Shape {
     /// Radius.
     Sphere(f64),
-    /// Whole sides.
+    /// Full side lengths.
     Box([f64; 3]),
     /// Radius and length.
     Cylinder(f64, f64),
-    /// Radius, and length without its caps.
+    /// Radius, and length without the caps.
     Capsule(f64, f64),
 }
 
-/// How a joint moves.
+/// Kind of motion of a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Motion {
-    /// Not at all. What floats or slides in a plane is the robot in the world: it is held at zero.
+    /// Fixed. Floating and planar joints place the robot in the world, so they are also held at zero.
     Fixed,
-    /// About its axis.
+    /// Rotation about the axis.
     Revolute,
-    /// Along its axis.
+    /// Translation along the axis.
     Prismatic,
 }
 
-/// What joins two links.
+/// A joint between two links.
 #[derive(Debug, Clone)]
 pub struct Joint {
-    /// Name, one joint's only.
+    /// Name, unique among joints.
     pub name: String,
-    /// How it moves.
+    /// Kind of motion.
     pub motion: Motion,
-    /// The link it hangs from.
+    /// Parent link.
     pub parent: String,
-    /// The link that it moves.
+    /// Child link, which the joint moves.
     pub child: String,
-    /// Frame of the child at zero, in the frame of the parent.
+    /// Frame of the child at joint value zero, in the frame of the parent.
     pub origin: Isometry3<f64>,
-    /// In the frame of the child.
+    /// Axis in the frame of the child.
     pub axis: Unit<Vector3<f64>>,
-    /// Lower and upper limit, rad or m; infinite when there are none.
+    /// Lower and upper limit, rad or m; infinite if there is no limit.
     pub limits: [f64; 2],
-    /// Largest speed, rad/s or m/s, if it is said.
+    /// Largest speed, rad/s or m/s, if given.
     pub velocity: Option<f64>,
-    /// Largest torque or force, N m or N, if it is said.
+    /// Largest torque or force, N m or N, if given.
     pub effort: Option<f64>,
-    /// Whose value it follows: `multiplier * value + offset`.
+    /// Joint that it follows: `multiplier * value + offset`.
     pub mimic: Option<Mimic>,
 }
 
-/// A joint that follows another one.
+/// Dependence of a joint on another one.
 #[derive(Debug, Clone)]
 pub struct Mimic {
-    /// The other joint.
+    /// Name of the other joint.
     pub joint: String,
     /// Factor.
     pub multiplier: f64,
-    /// rad or m
+    /// Offset, rad or m.
     pub offset: f64,
 }
 
-/// Reads the text of a file.
+/// Parses the text of a URDF file.
 ///
 /// # Errors
-/// [`Error::Format`] for text that is no XML; [`Error::Invalid`] names the line, the element and the value that is wrong.
+/// [`Error::Format`] for text that is not XML; [`Error::Invalid`] names the line, the element and the invalid value.
 pub fn parse(text: &str) -> Result<Model> {
     if text.len() > MAX_URDF {
         return Err(Error::invalid("size of the URDF", format!("{} bytes", text.len()), format!("at most {MAX_URDF} bytes")));
@@ -125,7 +125,7 @@ pub fn parse(text: &str) -> Result<Model> {
         return Err(Error::Format { message: "the file is empty, but a URDF was expected".into() });
     }
     let options = ParsingOptions { nodes_limit: MAX_NODES, ..ParsingOptions::default() };
-    let document = Document::parse_with_options(text, options).map_err(|e| Error::Format { message: format!("no XML: {e}") })?;
+    let document = Document::parse_with_options(text, options).map_err(|e| Error::Format { message: format!("not XML: {e}") })?;
     let root = document.root_element();
     if root.tag_name().name() != "robot" {
         let name = format!("<{}>", shortened(root.tag_name().name()));
@@ -146,7 +146,7 @@ fn element<'a, 'i>(node: Node<'a, 'i>, name: &'static str) -> Option<Node<'a, 'i
     elements(node, name).next()
 }
 
-/// So much of a text as an error shows.
+/// Beginning of a text, for an error message.
 fn shortened(text: &str) -> String {
     let mut shown: String = text.chars().take(40).collect();
     if shown.len() < text.len() {
@@ -155,7 +155,7 @@ fn shortened(text: &str) -> String {
     shown.escape_debug().to_string()
 }
 
-/// Line and element, and the link or joint it belongs to.
+/// Line and element, and the link or joint that contains it.
 fn place(node: Node) -> String {
     let line = node.document().text_pos_at(node.range().start).row;
     let owner = node.ancestors().find(|a| ["link", "joint"].contains(&a.tag_name().name()));
@@ -170,7 +170,7 @@ fn place(node: Node) -> String {
 }
 
 fn required<'a, 'i>(node: Node<'a, 'i>, name: &'static str) -> Result<Node<'a, 'i>> {
-    element(node, name).ok_or_else(|| Error::invalid(format!("{}, <{name}>", place(node)), "missing", "there"))
+    element(node, name).ok_or_else(|| Error::invalid(format!("{}, <{name}>", place(node)), "missing", "present"))
 }
 
 fn text<'a>(node: Node<'a, '_>, attribute: &str) -> Result<&'a str> {
@@ -182,7 +182,7 @@ fn name(node: Node) -> Result<String> {
     if name.trim().is_empty() { Err(Error::invalid(format!("{}, `name`", place(node)), "\"\"", "a name")) } else { Ok(name.into()) }
 }
 
-/// A number; limits of joints may be infinite, and are when they are too large for anything else.
+/// Parses a number. If `infinite` is set, as for joint limits, numbers beyond the largest one become infinite.
 fn number(node: Node, attribute: &str, text: &str, infinite: bool) -> Result<f64> {
     match text.trim().parse::<f64>() {
         Ok(v) if v.abs() <= LARGEST => Ok(v),
@@ -207,18 +207,18 @@ fn numbers<const N: usize>(node: Node, attribute: &str, default: [f64; N]) -> Re
     Ok(values)
 }
 
-/// A number that must be there.
+/// A mandatory number.
 fn scalar(node: Node, attribute: &str) -> Result<f64> {
     number(node, attribute, text(node, attribute)?, false)
 }
 
-/// A size, not negative.
+/// A mandatory size, zero or positive.
 fn size(node: Node, attribute: &str) -> Result<f64> {
     let value = scalar(node, attribute)?;
     if value >= 0. { Ok(value) } else { Err(Error::invalid(format!("{}, `{attribute}`", place(node)), value, "not negative")) }
 }
 
-/// `<origin>` of an element; the identity when absent. Turns are fixed-axis roll, pitch and yaw, or a quaternion.
+/// Pose from the `<origin>` of an element; the identity if absent. Rotations are fixed-axis roll, pitch and yaw, or a quaternion.
 fn origin(node: Node) -> Result<Isometry3<f64>> {
     let Some(origin) = element(node, "origin") else { return Ok(Isometry3::identity()) };
     let [x, y, z] = numbers(origin, "xyz", [0.; 3])?;
@@ -252,7 +252,7 @@ fn inertial(node: Node) -> Result<Inertial> {
     Ok(Inertial { origin: origin(node)?, mass, inertia: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) })
 }
 
-/// The primitive shape of a geometry; none for a mesh.
+/// Primitive shape of a geometry; `None` for a mesh.
 fn shape(geometry: Node) -> Result<Option<Shape>> {
     let Some(shape) = geometry.children().find(|child| child.is_element()) else { return Ok(None) };
     Ok(match shape.tag_name().name() {
@@ -280,7 +280,7 @@ fn joint(node: Node) -> Result<Joint> {
     };
     let [parent, child] = ["parent", "child"].map(|end| required(node, end).and_then(|e| text(e, "link")));
     let (mut limits, mut velocity, mut effort) = ([f64::NEG_INFINITY, f64::INFINITY], None, None);
-    // Zero stands for "unknown" in most files, infinity for "any".
+    // In most files zero means "unknown" and infinity "unlimited".
     let said = |v: f64| (v != 0. && v.is_finite()).then_some(v.abs());
     if let Some(limit) = element(node, "limit").filter(|_| motion != Motion::Fixed) {
         let value = |name| limit.attribute(name).map_or(Ok(0.), |text| number(limit, name, text, true));
@@ -307,13 +307,13 @@ fn joint(node: Node) -> Result<Joint> {
     })
 }
 
-/// Axis of a joint; x when it is not given.
+/// Axis of a joint; x if absent.
 fn axis(node: Node) -> Result<Unit<Vector3<f64>>> {
     let Some(axis) = element(node, "axis") else { return Ok(Vector3::x_axis()) };
     let xyz = Vector3::from(numbers(axis, "xyz", [1., 0., 0.])?);
     match Unit::try_new(xyz, 1e-6) {
         Some(axis) => Ok(axis),
-        // What does not move has no axis.
+        // A joint that does not move needs no axis.
         None if !["revolute", "continuous", "prismatic"].contains(&node.attribute("type").unwrap_or_default()) => Ok(Vector3::x_axis()),
         None => Err(Error::invalid(format!("{}, `xyz`", place(axis)), "0 0 0", "a direction")),
     }

@@ -7,8 +7,8 @@
 >>> report.upright
 True
 
-``python -m cregopt.mujoco trajectory.json --model go1.xml`` does the last of these. A controller with 500 periods a second tracks base, feet and
-forces of the plan by inverse dynamics of the whole body under the motors' torque limits; it knows the state. Units are SI, angles rad.
+``python -m cregopt.mujoco trajectory.json --model go1.xml`` plays a plan from the command line. A controller at 500 Hz tracks the base, feet and
+forces of the plan by whole-body inverse dynamics within the motors' torque limits. It knows the exact state. Units are SI, angles are in rad.
 """
 
 from ._controller import Gains

@@ -1,12 +1,12 @@
-"""Whole-body control: inverse dynamics as a quadratic program, tracking the base, the feet and the forces of a plan.
+"""Whole-body control: inverse dynamics as a quadratic program that tracks the base, the feet and the forces of a plan.
 
-With the accelerations of all degrees of freedom and the forces of the feet that touch the ground as unknowns x, the program is
+The unknowns x are the accelerations of all degrees of freedom and the forces of the feet in contact. The program is
 
     minimise    sum of weight * |A x - b|^2 over the tasks
-    subject to  the dynamics of the base, friction pyramids, and the motors' torque limits, which yield where they cannot all be met.
+    subject to  the dynamics of the base, friction pyramids, and, as soft constraints, the motors' torque limits.
 
-The state is known exactly. The plan is changed in one way only: a swing starts where its foot is, and lands displaced by a part of the error of
-the capture point.
+The state is known exactly. The plan is followed with one change: a swing starts at the actual position of its foot, and its foothold is displaced by a
+share of the capture point error.
 """
 
 from __future__ import annotations
@@ -21,39 +21,39 @@ from ._model import Machine, State
 from ._plan import Plan
 
 GRAVITY = 9.80665
-#: Share of a friction pyramid inside of the cone that forces use.
+#: Share of the friction pyramid inside the cone within which forces stay.
 INSIDE = 0.95
-#: Weight of all unknowns, so that they are determined.
+#: Weight that pulls every unknown to zero, so that the solution is unique.
 TINY = 1e-5
-#: Kinds of constraints as the solver has them.
+#: Codes of the kinds of constraints in DAQP.
 EQUAL, BOUND, SOFT = 5, 0, 8
 UNBOUNDED = 1e30
 
 
 @dataclass(frozen=True)
 class Gains:
-    """What the controller can be tuned by.
+    """Gains and weights of the controller.
 
     Attributes
     ----------
     base, attitude, swing : tuple of float
-        Accelerations for errors of the base's position, of its attitude and of swinging feet, 1/s², and of their velocities, 1/s.
+        Gains on the errors of the base position, of the base attitude and of the swing feet: on position, 1/s², and on velocity, 1/s.
     stance : float
-        Slowing of feet that stand, 1/s.
+        Damping of the velocity of stance feet, 1/s.
     rest : float
-        Slowing of joints where nothing else moves them, 1/s.
+        Damping of joint velocities that no other task determines, 1/s.
     impedance : float
-        Joint impedance: torque for an error of velocity, as a share of the joint's inertia, 1/s.
+        Joint damping: torque per velocity error and inertia of the joint, 1/s.
     weight_base, weight_attitude, weight_feet, weight_forces, weight_rest : float
-        Weights of these tasks against one another.
+        Relative weights of the tasks.
     capture, displacement : float
-        Share of the capture point's error by which footholds are displaced, and at most how far, m.
+        Share of the capture point error by which footholds are displaced, and largest displacement, m.
     decided : float
-        From this share of a swing on it is not displaced further.
+        Share of the swing duration after which its foothold is no longer displaced.
     press, seek : float
-        Swings end so far below the ground, m, and feet that are late go down at so many m/s.
+        Depth below the ground at which swings end, m, and speed at which late feet move down, m/s.
     near, bears : float
-        A foot that is due touches the ground when it is so near, m, or bears so much, N.
+        Distance from the ground, m, below which a foot in planned stance counts as in contact, and normal force, N, above which it does.
     """
 
     base: tuple[float, float] = (120.0, 20.0)
@@ -78,48 +78,48 @@ class Gains:
 
 @dataclass(frozen=True)
 class Command:
-    """What the motors are to do until the next."""
+    """Command to the motors until the next command."""
 
     #: Torques, shape (joints,), N m.
     torque: Floats
-    #: Joint velocities now and their change, rad/s and rad/s².
+    #: Joint velocities at the time of the command, and commanded joint accelerations, shape (joints,), rad/s and rad/s².
     velocity: Floats
     acceleration: Floats
-    #: Torque for an error of velocity, shape (joints,), N m s.
+    #: Torque per velocity error, shape (joints,), N m s.
     damping: Floats
-    #: Whether the program had a solution.
+    #: True if the quadratic program had a solution.
     solved: bool
 
     def torque_after(self, time: float, velocity: Floats) -> Floats:
-        """Torques so many seconds later, when the joints have a velocity."""
+        """Torques, N m, at ``time`` seconds after the command, when the joint velocities are ``velocity``, rad/s."""
         return self.torque + self.damping * (self.velocity + self.acceleration * time - velocity)
 
 
 def torque_range(limits: Floats, velocity: Floats, speed_limit: float) -> tuple[Floats, Floats]:
-    """Least and largest torque of motors: what pushes on fades from two thirds of the largest speed to that.
+    """Smallest and largest torque of motors. An accelerating torque fades to zero between two thirds of the speed limit and the limit.
 
-    All arrays have the shape (joints,); N m, rad/s.
+    All arrays have shape (joints,); N m, rad/s.
     """
     fade = np.clip((speed_limit - np.abs(velocity)) / (speed_limit / 3), 0.0, 1.0)
     return np.where(velocity < 0, -limits * fade, -limits), np.where(velocity > 0, limits * fade, limits)
 
 
 class Controller:
-    """Follows a plan with a robot; it remembers how far its feet are off."""
+    """Controller that follows a plan with a robot. Its state is the offset of each foot from the plan."""
 
     def __init__(self, machine: Machine, plan: Plan, friction: float, speed_limit: float, gains: Gains) -> None:
         self.machine, self.plan, self.gains = machine, plan, gains
         self.friction, self.speed_limit = friction, speed_limit
-        #: By how much each foot stood off its place when it last did, m, shape (feet, 3).
+        #: Offset of each foot from its planned position during its last contact, m, shape (feet, 3).
         self.off = np.zeros((plan.n_feet, 3))
-        #: By how much each swing is displaced, m, shape (feet, 3).
+        #: Displacement of the foothold at which each swing ends, m, shape (feet, 3).
         self.displaced = np.zeros((plan.n_feet, 3))
 
     def command(self, time: float, state: State, loads: Floats) -> Command:
-        """Torques for a time of the plan, s, with the normal force on each foot, N, shape (feet,)."""
+        """Command at a time of the plan, s. ``loads``: normal force on each foot, N, shape (feet,)."""
         plan, gains, machine = self.plan, self.gains, self.machine
         k = plan.index(time)
-        # Before and behind the motion it stands still.
+        # Before and after the motion the reference is at rest.
         moving = float(0 < time < plan.horizon)
         touching = [f for f, due in enumerate(plan.stands(k)) if due and (loads[f] > gains.bears or self._gap(f, k, state) < gains.near)]
         n_joints = len(state.velocity) - 6
@@ -141,7 +141,7 @@ class Controller:
         turn = _rotation.between(state.rotation, plan.rotation[k])
         spin = moving * plan.angular_velocity[k] - state.angular_velocity
         turning = moving * plan.angular_acceleration[k] + gains.attitude[0] * turn + gains.attitude[1] * spin
-        # Turning is free acceleration 3 to 5, in the base's axes.
+        # Accelerations 3 to 5 are those of the rotation of the base, in base axes.
         program.motion(3, np.eye(3), state.rotation.T @ turning, gains.weight_attitude)
         if touching:
             away, drift = plan.position[k] - state.com, moving * plan.velocity[k] - state.com_velocity
@@ -160,16 +160,16 @@ class Controller:
         return Command(torque, state.velocity[6:], acceleration, damping, solution is not None)
 
     def _planned(self, f: int, k: int) -> Floats:
-        """Where the plan has the centre of a foot, m."""
+        """Planned position of the centre of a foot, world frame, m."""
         return self.plan.feet[k, f] + self.machine.feet[f].radius * self.plan.normals[k, f]  # type: ignore[no-any-return]
 
     def _gap(self, f: int, k: int, state: State) -> float:
-        """Distance of a foot from the ground, m."""
+        """Distance of a foot from the ground, along the normal, m."""
         x, y, z = state.feet[f]
         return float((z - self.plan.terrain.height(x, y)) * self.plan.normals[k, f, 2]) - self.machine.feet[f].radius
 
     def _swing(self, f: int, k: int, time: float, state: State) -> tuple[Floats, Floats, Floats]:
-        """Place, velocity and acceleration that the centre of a foot without contact should have."""
+        """Reference position, velocity and acceleration of the centre of a foot without contact, world frame."""
         plan, gains, up = self.plan, self.gains, self.plan.normals[k, f]
         phase = plan.phases[k, f]
         place = self._planned(f, k)
@@ -187,7 +187,7 @@ class Controller:
         return place, velocity, plan.feet_acceleration[k, f]
 
     def _displacement(self, f: int, k: int, landing: int, state: State) -> Floats:
-        """By how much a foothold is displaced, m: the base is caught where it is about to come to rest."""
+        """Displacement of a foothold along the ground, m: a share of the error of the capture point, where the base would come to rest."""
         plan = self.plan
         height = state.com[2] - state.feet[:, 2].min()
         fall_time = np.sqrt(max(float(height), 0.1 * float(plan.position[0, 2])) / GRAVITY)
@@ -200,7 +200,7 @@ class Controller:
 
 
 class _Program:
-    """A quadratic program in accelerations, then forces of feet in contact."""
+    """Quadratic program. Unknowns: accelerations, then the forces of the feet in contact."""
 
     def __init__(self, n_accelerations: int, n_contacts: int) -> None:
         self.n_accelerations, self.size = n_accelerations, n_accelerations + 3 * n_contacts
@@ -208,17 +208,17 @@ class _Program:
         self.cones: list[Floats] = []
 
     def motion(self, first: int, task: Floats, wanted: Floats, weight: float) -> None:
-        """Accelerations from ``first`` on that meet ``task x = wanted``."""
+        """Adds the task ``task x = wanted`` on the unknowns from index ``first``."""
         columns = slice(first, first + task.shape[1])
         self.hessian[columns, columns] += weight * task.T @ task
         self.gradient[columns] -= weight * task.T @ wanted
 
     def forces(self, task: Floats, wanted: Floats, weight: float) -> None:
-        """Forces that meet ``task x = wanted``."""
+        """Adds the task ``task x = wanted`` on the forces."""
         self.motion(self.n_accelerations, task, wanted, weight)
 
     def friction(self, dynamics: list[Floats], jacobian: Floats, up: Floats, friction: float) -> None:
-        """The next contact's pyramid, and its column of the dynamics."""
+        """Adds the friction pyramid of the next contact, and the column of its force to the dynamics."""
         across = _rotation.upright(up)
         cone = np.zeros((4, self.size))
         first = self.n_accelerations + 3 * len(self.cones)
@@ -228,7 +228,10 @@ class _Program:
         dynamics.append(-jacobian.T)
 
     def solve(self, dynamics: Floats, bias: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats] | None:
-        """Torques and accelerations of the joints; ``dynamics x + bias`` are the generalised forces of the motors."""
+        """Torques and accelerations of the joints, shape (joints,), or None without a solution.
+
+        ``dynamics x + bias`` are the generalised forces of the motors; ``low`` and ``high`` are their limits.
+        """
         n_cone = 4 * len(self.cones)
         rows = np.vstack([dynamics[:6], *self.cones, dynamics[6:]])
         lower = np.concatenate([-bias[:6], np.zeros(n_cone), low - bias[6:]])

@@ -1,4 +1,4 @@
-"""MuJoCo and the solver of quadratic programs, which are imported at their first use."""
+"""MuJoCo and the quadratic programming solver DAQP, imported at their first use."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 
 
 class Late:
-    """A module that is imported when something of it is asked for."""
+    """Module that is imported when one of its attributes is first used."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -21,11 +21,11 @@ class Late:
         try:
             module = importlib.import_module(self._name)
         except ImportError as error:
-            raise ImportError(f"cregopt.mujoco needs {self._name}, which is not there ({error}): pip install cregopt[mujoco]") from error
+            raise ImportError(f"cregopt.mujoco needs {self._name}, which cannot be imported ({error}): pip install cregopt[mujoco]") from error
         self.__dict__.update(vars(module))
         return getattr(module, attribute)
 
 
-# Neither has types of its own.
+# Neither package has type stubs.
 mj: Any = Late("mujoco")
 daqp: Any = Late("daqp")

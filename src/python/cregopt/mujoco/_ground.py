@@ -1,4 +1,4 @@
-"""A plan's terrain as geometry of MuJoCo."""
+"""Terrain of a plan as MuJoCo geometry."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import numpy as np
 from .. import Terrain
 from ._engine import Floats, mj
 
-#: Name of the ground's geom, in no robot's way.
+#: Name of the ground's geom, which no model uses.
 NAME = "cregopt ground"
-#: Distance of samples of uneven ground, m.
+#: Distance between height samples of uneven ground, m. A larger distance rounds off edges.
 CELL = 0.02
-#: Ground around the places where feet are planned, m.
+#: Width of ground around the planned positions of the feet, m.
 MARGIN = 1.0
-#: Samples along one side at most.
+#: Largest number of height samples along one side.
 SAMPLES = 1000
-#: Heights below the feet's lowest are cut off so far beneath, m.
+#: Depth below the lowest planned foot position at which the ground is cut off, m.
 DEPTH = 1.0
 
 
 def add(spec: Any, terrain: Terrain, friction: float, feet: Floats) -> None:
-    """Puts the ground under a robot: a plane, or a height field around the feet, shape (n, feet, 3), m."""
+    """Adds the ground to a model: a plane, or a height field around the foot positions ``feet``, shape (n, feet, 3), m."""
     settings: dict[str, Any] = {
         "name": NAME,
         "friction": [friction, 0.01, 0.001],
         "condim": 3,
-        # The ground alone decides of contacts.
+        # The highest priority: the ground alone determines the contact parameters.
         "priority": 10,
         "contype": 1,
         "conaffinity": 0x7FFFFFFF,
@@ -56,7 +56,7 @@ def add(spec: Any, terrain: Terrain, friction: float, feet: Floats) -> None:
 
 
 def _light(spec: Any) -> None:
-    """What pictures need: squares of 0.2 m on the ground, and a sun."""
+    """Adds a checkerboard of 0.2 m and a directional light for pictures."""
     spec.add_texture(
         name=NAME,
         type=mj.mjtTexture.mjTEXTURE_2D,
@@ -68,7 +68,7 @@ def _light(spec: Any) -> None:
     )
     material = spec.add_material(name=NAME, texrepeat=[2.5, 2.5], texuniform=True)
     material.textures[mj.mjtTextureRole.mjTEXROLE_RGB] = NAME
-    # Shadows take most of the time where no GPU draws.
+    # Without a GPU, shadows would take most of the rendering time.
     spec.worldbody.add_light(
         type=mj.mjtLightType.mjLIGHT_DIRECTIONAL, castshadow=False, pos=[0, 0, 4], dir=[0.3, 0.4, -1], diffuse=[0.7] * 3, ambient=[0.25] * 3
     )

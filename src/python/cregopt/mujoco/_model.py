@@ -1,4 +1,4 @@
-"""A legged robot in a MuJoCo model: its feet, its motors, its kinematics."""
+"""Legged robot in a MuJoCo model: feet, motors, kinematics and dynamics."""
 
 from __future__ import annotations
 
@@ -13,66 +13,66 @@ from ._engine import Floats, mj
 
 Path = Union[str, "os.PathLike[str]"]
 
-#: Feet stand at the height of the lowest, to so much of the base's height above it.
+#: Largest height of a stance foot above the lowest foot, as a share of the height of the centre of mass above that foot.
 LEVEL = 0.1
-#: A pose is a stance if every foot is so much of its leg's length below the leg's first joint, ...
+#: Smallest height of the leg's first joint above the foot in a stance, as a share of the leg's length.
 DROP = 0.3
-#: ... and not further ahead or behind than so much of that.
+#: Largest longitudinal distance between foot and first joint in a stance, as a share of that height.
 LEAN = 0.6
-#: ... and every joint velocity of length 1 moves it by so much of that length a second: less is a leg that is stretched out.
+#: Smallest singular value of the foot's Jacobian in a stance, as a share of the leg's length. It is smaller for a stretched leg.
 BEND = 0.1
-#: Angles of legs with three joints, rad, where the model's own poses are no stance; also the other way round.
+#: Joint angles, rad, that are tried for legs with three joints if no pose of the model is a stance; the negative angles are tried as well.
 BENT = (0.0, 0.85, -1.7)
-#: Joints stay so far from the ends of their ranges, rad or m.
+#: Distance that joints keep from the ends of their ranges, rad or m.
 SPARE = 0.05
 
 
 @dataclass(frozen=True)
 class Foot:
-    """The end of a leg: a ball, or a point."""
+    """End of a leg: a ball or a point."""
 
     name: str
-    #: Body that carries it.
+    #: Index of the body that carries the foot.
     body: int
-    #: Geom that touches the ground, if it is one.
+    #: Index of the geom that touches the ground; None for a foot that is a site.
     geom: Optional[int]
-    #: Centre of the ball in the body, m.
+    #: Centre of the ball, frame of the body, m.
     center: Floats
-    #: Radius of the ball, m.
+    #: Radius of the ball, m; 0 for a point.
     radius: float
-    #: Degrees of freedom of the leg, from the base on.
+    #: Indices of the degrees of freedom of the leg, from the base outwards.
     dofs: tuple[int, ...]
 
 
 class State(NamedTuple):
-    """What a controller knows at an instant; world frame, SI units, n degrees of freedom."""
+    """State of the robot at an instant, as the controller knows it. World frame, SI units, n degrees of freedom."""
 
-    #: Velocity of the degrees of freedom, as MuJoCo has it.
+    #: Velocities of the degrees of freedom, MuJoCo's ``qvel``, shape (n,).
     velocity: Floats
-    #: Centre of mass and its velocity.
+    #: Position and velocity of the centre of mass, shape (3,).
     com: Floats
     com_velocity: Floats
-    #: Base to world, and the angular velocity of the base.
+    #: Rotation matrix from base to world, shape (3, 3), and angular velocity of the base, shape (3,).
     rotation: Floats
     angular_velocity: Floats
-    #: Centres of the feet, shape (feet, 3).
+    #: Positions of the centres of the feet, shape (feet, 3).
     feet: Floats
-    #: Inertia matrix, shape (n, n), and the generalised forces that hold the robot without acceleration, shape (n,).
+    #: Inertia matrix, shape (n, n), and generalised forces at which all accelerations are zero, shape (n,).
     inertia: Floats
     bias: Floats
 
 
 class Machine:
-    """A robot with a free base on legs whose joints all have motors.
+    """Robot with a free base and legs, all of whose joints have motors.
 
-    ``spec`` is the model without its world's geometry, so that a ground can be put under the robot.
+    ``spec`` is the model without the geometry of its world, so that a ground can be added.
     """
 
     def __init__(self, path: Path, feet: Optional[Sequence[str]] = None, count: Optional[int] = None) -> None:
         self.name = os.path.splitext(os.path.basename(os.fspath(path)))[0]
         self.spec = _read(path)
         self.model = self.spec.compile()
-        # The controller computes with this copy, which no ground touches and no motor drives.
+        # The controller computes with this copy, without contacts, actuators and constraints.
         off = mj.mjtDisableBit
         self.model.opt.disableflags |= off.mjDSBL_CONTACT | off.mjDSBL_ACTUATION | off.mjDSBL_CONSTRAINT
         self.data = mj.MjData(self.model)
@@ -90,22 +90,23 @@ class Machine:
             self.feet = sorted(self._lowest(), key=self._front_left_first)
         if count is not None and len(self.feet) != count:
             seen = ", ".join(foot.name for foot in self.feet) or "none"
-            raise Error(f"the model {self.name} has {len(self.feet)} feet ({seen}), the plan {count}: name those that are meant (--feet)")
+            raise Error(f"the model {self.name} has {len(self.feet)} feet ({seen}), the plan {count}: name the feet of the plan (--feet)")
         if not self.feet:
-            raise Error(f"the model {self.name} has no feet, balls or ends of capsules at the ends of legs: name them (--feet)")
+            raise Error(f"the model {self.name} has no feet (balls or ends of capsules at the ends of legs): name them (--feet)")
 
-    # What the model has.
+    # Content of the model.
 
     def _free_base(self) -> int:
+        """Index of the body with the free joint. Raises Error unless all other joints are hinges or slides."""
         m = self.model
         if m.njnt == 0 or int(m.jnt_type[0]) != int(mj.mjtJoint.mjJNT_FREE):
             raise Error(f"the model {self.name} has no free joint at its base")
         if not set(m.jnt_type[1:].tolist()) <= {int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE)}:
-            raise Error(f"the model {self.name} has joints other than hinges and slides behind its base, or a second free body")
+            raise Error(f"the model {self.name} has joints that are neither hinges nor slides, or a second free body")
         return int(m.jnt_bodyid[0])
 
     def _torque_limits(self) -> Floats:
-        """Largest torque of each joint, N m (N of slides), infinite where the model names none, shape (joints,)."""
+        """Largest torque of each joint, N m (N for slides), shape (joints,); infinite if the model has no limit."""
         m = self.model
         limits = np.zeros(m.nv - 6)
         drive = {int(mj.mjtTrn.mjTRN_JOINT), int(mj.mjtTrn.mjTRN_JOINTINPARENT)}
@@ -114,7 +115,7 @@ class Machine:
             if int(m.actuator_trntype[actuator]) not in drive or m.jnt_dofadr[joint] < 6:
                 raise Error(f"motor {m.actuator(actuator).name or actuator} of the model {self.name} drives no joint")
             force = float(m.actuator_forcerange[actuator, 1]) if m.actuator_forcelimited[actuator] else np.inf
-            # Of a motor that is told a torque, what it can be told counts, too.
+            # The control range of a torque motor limits its torque as well.
             if m.actuator_ctrllimited[actuator] and int(m.actuator_biastype[actuator]) == int(mj.mjtBias.mjBIAS_NONE):
                 force = min(force, float(m.actuator_ctrlrange[actuator, 1] * m.actuator_gainprm[actuator, 0]))
             limits[m.jnt_dofadr[joint] - 6] += force * abs(m.actuator_gear[actuator, 0])
@@ -127,7 +128,7 @@ class Machine:
         return limits
 
     def _chain(self, body: int) -> tuple[int, ...]:
-        """Degrees of freedom between the base and a body."""
+        """Indices of the degrees of freedom between the base and a body, from the base outwards."""
         m, dofs = self.model, []
         while body not in (self.base, 0):
             first = m.body_dofadr[body]
@@ -136,7 +137,7 @@ class Machine:
         return tuple(int(dof) for dof in dofs[::-1])
 
     def _ends(self) -> Iterator[Foot]:
-        """Balls and capsules furthest out at the ends of limbs."""
+        """Outermost ball or capsule end of each limb."""
         m = self.model
         welded = [int(w) for w in m.body_weldid]
         inner = {welded[m.body_parentid[body]] for body in range(1, m.nbody) if welded[body] == body}
@@ -146,7 +147,7 @@ class Machine:
                 yield max(balls, key=self._reaches_out)
 
     def _ball(self, geom: int) -> Iterator[Foot]:
-        """The foot that a geom can be, if it touches things: a ball, or the ends of a capsule."""
+        """Possible feet of a geom that can be in contact: a ball, or both ends of a capsule."""
         m = self.model
         kind, ball, capsule = int(m.geom_type[geom]), int(mj.mjtGeom.mjGEOM_SPHERE), int(mj.mjtGeom.mjGEOM_CAPSULE)
         if not (m.geom_contype[geom] or m.geom_conaffinity[geom]) or kind not in (ball, capsule):
@@ -156,8 +157,8 @@ class Machine:
         mj.mju_quat2Mat(axis, m.geom_quat[geom])
         body = int(m.geom_bodyid[geom])
         name = m.geom(geom).name or m.body(body).name or f"geom {geom}"
-        for way in (-half, half) if half else (0.0,):
-            yield Foot(name, body, geom, m.geom_pos[geom] + way * axis[2::3], radius, self._chain(body))
+        for offset in (-half, half) if half else (0.0,):
+            yield Foot(name, body, geom, m.geom_pos[geom] + offset * axis[2::3], radius, self._chain(body))
 
     def _reaches_out(self, foot: Foot) -> float:
         """Distance of the foot from the last joint of its leg, m."""
@@ -165,7 +166,7 @@ class Machine:
         return float(np.linalg.norm(self.place(foot) - self.data.xanchor[self.model.dof_jntid[foot.dofs[-1]]])) if foot.dofs else 0.0
 
     def _named_foot(self, name: str, ends: list[Foot]) -> Foot:
-        """A foot by the name of its geom, body or site."""
+        """Foot with the given name of a geom, body or site."""
         m, kind = self.model, mj.mjtObj
         geom, body, site = (int(mj.mj_name2id(m, of, name)) for of in (kind.mjOBJ_GEOM, kind.mjOBJ_BODY, kind.mjOBJ_SITE))
         found: list[Foot] = []
@@ -180,13 +181,13 @@ class Machine:
             seen = ", ".join(end.name for end in ends) or "none"
             raise Error(f"the model {self.name} has no geom, body or site {name!r}; at the ends of its legs are: {seen}")
         if not found:
-            raise Error(f"{name!r} of the model {self.name} is no foot: neither a ball nor a capsule that touches things, nor a site")
+            raise Error(f"{name!r} of the model {self.name} is not a foot: neither a ball or capsule that can be in contact, nor a site")
         return max(found, key=self._reaches_out)
 
-    # How it stands.
+    # Stance.
 
     def _poses(self) -> Iterator[Floats]:
-        """Poses in which the robot may stand, level at the origin."""
+        """Poses (``qpos``) that may be a stance: keyframes, bent legs, and the model's default."""
         m = self.model
         names = [m.key(key).name for key in range(m.nkey)]
         for key in sorted(range(m.nkey), key=lambda key: (names[key] not in ("home", "stand", "standing"), key)):
@@ -201,7 +202,7 @@ class Machine:
         yield m.qpos0.copy()
 
     def _stance(self) -> Floats:
-        """The first pose whose feet are below the robot, or the model's own if there is none."""
+        """First pose (``qpos``) whose feet are well below the robot, level at the origin; the model's default if no pose is."""
         m = self.model
         limited = np.flatnonzero(m.jnt_limited[1:]) + 1
         low, high = m.jnt_range[limited].T
@@ -217,7 +218,7 @@ class Machine:
         return pose
 
     def _stands_on(self, foot: Foot) -> bool:
-        """Whether a foot of the present pose is well below its leg's first joint, on a leg that is bent."""
+        """True if a foot of the current pose is well below the first joint of its leg, and the leg is bent."""
         anchors = [self.data.xanchor[self.model.dof_jntid[dof]] for dof in foot.dofs]
         if not anchors:
             return False
@@ -230,14 +231,14 @@ class Machine:
         return bool(drop > DROP * length and abs(ahead) < LEAN * drop and moves > BEND * length)
 
     def _lowest(self) -> list[Foot]:
-        """The feet of the present pose that stand if any do."""
+        """Feet that are in the current pose about as low as the lowest foot."""
         heights = [float(self.place(foot)[2]) - foot.radius for foot in self.feet]
         lowest = min(heights, default=0.0)
         above = float(self.center_of_mass()[2]) - lowest
         return [foot for foot, height in zip(self.feet, heights) if height - lowest < LEVEL * above]
 
     def _front_left_first(self, foot: Foot) -> tuple[float, float]:
-        """Feet in rows from front to back, each from left to right."""
+        """Sort key: rows of feet from front to back, each from left to right."""
         self._pose(self.stance)
         x, y, _ = self.place(foot)
         length = max(abs(self.place(other)[0]) for other in self.feet) + 1e-9
@@ -251,16 +252,16 @@ class Machine:
         mj.mj_comPos(self.model, self.data)
 
     def place(self, foot: Foot) -> Floats:
-        """Centre of a foot in the present pose, world frame, m."""
+        """Centre of a foot in the current pose, world frame, m."""
         rotation = self.data.xmat[foot.body].reshape(3, 3)
         return self.data.xpos[foot.body] + rotation @ foot.center  # type: ignore[no-any-return]
 
     def center_of_mass(self) -> Floats:
-        """Centre of mass in the present pose, world frame, m."""
+        """Centre of mass in the current pose, world frame, m."""
         return self.data.subtree_com[self.base].copy()  # type: ignore[no-any-return]
 
     def nominal_feet(self) -> Floats:
-        """Where the feet touch the ground in the stance, from the centre of mass, base frame, m, shape (feet, 3)."""
+        """Contact points of the feet in the stance, relative to the centre of mass, base frame, m, shape (feet, 3)."""
         self._pose(self.stance)
         return np.array([self.place(foot) - [0, 0, foot.radius] for foot in self.feet]) - self.center_of_mass()
 
@@ -275,11 +276,11 @@ class Machine:
         return (total + total.T) / 2
 
     def inverse_kinematics(self, com: Floats, rotation: Floats, feet: Floats) -> tuple[float, Floats]:
-        """A pose with its centre of mass, attitude and centres of feet in given places.
+        """Pose with the given centre of mass ``com``, attitude ``rotation`` and centres of the feet, world frame, m.
 
-        Joints that belong to no leg stay as in the stance.
+        Joints that belong to no leg keep their values of the stance.
 
-        Returns the largest distance that is left, m, and the pose as MuJoCo's ``qpos``.
+        Returns the largest remaining error, m, and the pose as MuJoCo's ``qpos``.
         """
         m, d = self.model, self.data
         d.qpos[:] = self.stance
@@ -299,13 +300,13 @@ class Machine:
             active = jacobian.reshape(-1, m.nv)[:, free]
             step = active.T @ np.linalg.solve(active @ active.T + 1e-6 * np.eye(len(missing)), missing)
             move = np.zeros(m.nv)
-            # Short steps, so that knees do not flip.
+            # Steps are limited so that knees do not flip.
             move[free] = step * min(1.0, 0.3 / np.abs(step).max())
             mj.mj_integratePos(m, d.qpos, move, 1.0)
         return float(np.abs(missing).max()), d.qpos.copy()
 
     def within_ranges(self, qpos: Floats) -> bool:
-        """Whether all joints are inside of their ranges."""
+        """True if all joints are within their ranges, with a margin of SPARE."""
         m = self.model
         at = m.jnt_qposadr[1:]
         inside = (m.jnt_range[1:, 0] + SPARE <= qpos[at]) & (qpos[at] <= m.jnt_range[1:, 1] - SPARE)
@@ -314,7 +315,7 @@ class Machine:
     # Dynamics.
 
     def state(self, qpos: Floats, qvel: Floats) -> State:
-        """All that a controller needs of a position and a velocity; Jacobians can be asked for afterwards."""
+        """State for the controller at ``qpos`` and ``qvel``. Afterwards :meth:`jacobian` refers to this state."""
         m, d = self.model, self.data
         d.qpos[:], d.qvel[:] = qpos, qvel
         mj.mj_forward(m, d)
@@ -336,9 +337,9 @@ class Machine:
         )
 
     def jacobian(self, foot: Foot, point: Floats) -> tuple[Floats, Floats]:
-        """Of the point of a foot at a place in the world, in the last state.
+        """Jacobian of the point of a foot that is at ``point``, world frame, m, in the last state.
 
-        Returns what takes velocities of the degrees of freedom to its velocity, shape (3, n), and its acceleration without any of theirs, m/s².
+        Returns the Jacobian, shape (3, n), and the acceleration of the point when all accelerations of degrees of freedom are zero, shape (3,), m/s².
         """
         m, d = self.model, self.data
         jacobian, rate = np.zeros((3, m.nv)), np.zeros((3, m.nv))
@@ -348,9 +349,9 @@ class Machine:
 
 
 def _read(path: Path) -> Any:
-    """The model of a file without its world's geometry."""
+    """Model of a file without the geometry of its world."""
     if not os.path.isfile(path):
-        raise Error(f"{os.fspath(path)}: there is no such model")
+        raise Error(f"{os.fspath(path)}: there is no such model file")
     try:
         spec = mj.MjSpec.from_file(os.fspath(path))
         for geom in list(spec.worldbody.geoms):

@@ -1,4 +1,4 @@
-"""A trajectory as a controller follows it: sampled at the rate of control, with accelerations."""
+"""Reference for the controller: a trajectory sampled at the control rate, with accelerations."""
 
 from __future__ import annotations
 
@@ -14,59 +14,60 @@ from .. import Error, Gait, Robot, Task, Terrain, Trajectory
 from . import _rotation
 from ._engine import Floats
 
-#: What can be played.
+#: Motions that can be played.
 Motion = Union[Trajectory, Gait, dict[str, Any], str, "os.PathLike[str]"]
 
-#: Slopes of the ground under a foothold are measured over so many m to each side.
+#: Distance to each side over which the slope of the ground under a foothold is measured, m.
 SLOPE_BASE = 0.02
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A motion at ``n`` instants of even distance, world frame, SI units."""
+    """Motion at ``n`` equidistant instants, world frame, SI units."""
 
     robot: Robot
     terrain: Terrain
-    #: Time from the start to the end, s, and time between instants, s.
+    #: Duration of the motion, s, and time between instants, s.
     horizon: float
     step: float
-    #: Centre of mass, its velocity and acceleration, shape (n, 3); the acceleration is what the forces give.
+    #: Position, velocity and acceleration of the centre of mass, shape (n, 3). The acceleration is that of the planned forces.
     position: Floats
     velocity: Floats
     acceleration: Floats
-    #: Base to world, shape (n, 3, 3); angular velocity and acceleration, shape (n, 3).
+    #: Rotation matrices from base to world, shape (n, 3, 3); angular velocity and acceleration, shape (n, 3).
     rotation: Floats
     angular_velocity: Floats
     angular_acceleration: Floats
-    #: Where the feet touch the ground or would, their velocities and accelerations, shape (n, feet, 3).
+    #: Contact points of the feet (in swing: the points that would touch the ground), their velocities and accelerations, shape (n, feet, 3).
     feet: Floats
     feet_velocity: Floats
     feet_acceleration: Floats
-    #: Directions in which the centres of their balls are from there, unit vectors, shape (n, feet, 3).
+    #: Unit vectors from the contact points to the centres of the foot balls, shape (n, feet, 3).
     normals: Floats
     #: Forces of the ground on the feet, shape (n, feet, 3).
     forces: Floats
-    #: Number of each foot's phase, shape (n, feet): even numbers are stances.
+    #: Index of the phase of each foot, shape (n, feet): even for stance, odd for swing.
     phases: NDArray[np.int64]
-    #: Begin and end of each phase of each foot, s.
+    #: Boundaries of the phases per foot, s, shape (phases + 1,).
     edges: list[Floats]
 
     @property
     def n_feet(self) -> int:
+        """Number of feet."""
         return int(self.feet.shape[1])
 
     def index(self, time: float) -> int:
-        """Number of the instant nearest to a time, the first before and the last behind the motion."""
+        """Index of the instant nearest to a time, s; the first instant before the motion and the last one after it."""
         return int(np.clip(round(time / self.step), 0, len(self.position) - 1))
 
     def stands(self, index: int) -> NDArray[np.bool_]:
-        """Which feet stand, shape (feet,)."""
+        """True for feet in planned stance, shape (feet,)."""
         stands: NDArray[np.bool_] = self.phases[index] % 2 == 0
         return stands
 
 
 def read(motion: Motion, rate: float) -> Plan:
-    """A motion at ``rate`` instants a second."""
+    """Plan of a motion, sampled at ``rate``, Hz. Raises Error if the motion is too short or has no robot or terrain."""
     if isinstance(motion, Gait):
         trajectory = motion.trajectory
     elif isinstance(motion, Trajectory):
@@ -77,7 +78,7 @@ def read(motion: Motion, rate: float) -> Plan:
         trajectory = Trajectory.from_file(motion)
     robot, terrain = _world(trajectory)
     samples = trajectory.sample(rate)
-    # The last instant is the end, at a distance of its own.
+    # A last sample at the end of the motion is left out if it is nearer to the one before than the others.
     inside = slice(0, int(np.floor(trajectory.horizon * rate + 1e-9)) + 1)
     forces, step = samples.forces[inside], 1 / rate
     if len(forces) < 3:
@@ -110,13 +111,13 @@ def read(motion: Motion, rate: float) -> Plan:
 
 
 def _world(trajectory: Trajectory) -> tuple[Robot, Terrain]:
-    """Robot and terrain of a motion, by name or in full, its own or its scenario's."""
+    """Robot and terrain of a motion, given by name or in full, or those of its scenario."""
     given = trajectory.to_dict()
     robot, terrain = given.get("robot"), given.get("terrain")
     scenario = given.get("scenario")
     if robot is None or terrain is None:
         if scenario is None:
-            raise Error("the motion names no robot or no terrain, and no scenario that has them")
+            raise Error("the motion has no robot or no terrain, and no scenario that has them")
         task = Task.from_scenario(scenario)
         robot, terrain = robot or task.robot.to_dict(), terrain or task.terrain.to_dict()
     return (
@@ -126,7 +127,7 @@ def _world(trajectory: Trajectory) -> tuple[Robot, Terrain]:
 
 
 def normal(terrain: Terrain, x: float, y: float) -> Floats:
-    """Unit normal of the ground, world frame."""
+    """Unit normal of the ground at (x, y), world frame."""
     dx = terrain.height(x + SLOPE_BASE, y) - terrain.height(x - SLOPE_BASE, y)
     dy = terrain.height(x, y + SLOPE_BASE) - terrain.height(x, y - SLOPE_BASE)
     up = np.array([-dx, -dy, 2 * SLOPE_BASE])
@@ -134,7 +135,7 @@ def normal(terrain: Terrain, x: float, y: float) -> Floats:
 
 
 def _normals(terrain: Terrain, feet: Floats, phases: NDArray[np.int64]) -> Floats:
-    """The ground's normals at footholds; through a swing from one to the next."""
+    """Normals of the ground at the footholds, shape (n, feet, 3); interpolated during a swing."""
     normals = np.tile([0.0, 0.0, 1.0], (*feet.shape[:2], 1))
     for foot, numbers in enumerate(phases.T):
         starts = np.flatnonzero(np.diff(numbers, prepend=-1))
@@ -151,7 +152,10 @@ def _normals(terrain: Terrain, feet: Floats, phases: NDArray[np.int64]) -> Float
 
 
 def order_of_feet(planned: Floats, standing: Floats) -> list[int]:
-    """Which foot of a model is which of the plan, by where they stand; both shape (feet, 3), base frame, m."""
+    """Index of the model's foot for each foot of the plan, by the smallest sum of horizontal distances.
+
+    ``planned`` and ``standing``: positions of the feet, base frame, m, shape (feet, 3).
+    """
     away = np.linalg.norm(planned[:, None, :2] - standing[None, :, :2], axis=2)
     orders = itertools.permutations(range(len(planned)))
     return list(min(orders, key=lambda order: sum(away[foot, of] for foot, of in enumerate(order))))

@@ -1,4 +1,4 @@
-"""Plays a plan on a robot."""
+"""Simulation of a robot that follows a plan."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ from ._engine import Floats, mj
 from ._model import Machine, Path, State
 from ._report import Report
 
-#: Time between steps of the simulation, s, and steps in a period of control.
+#: Time step of the simulation, s, and number of steps per control period.
 STEP, STEPS = 0.001, 2
-#: Time between what a window shows, s.
+#: Time between frames of the window, s.
 FRAME = 0.02
-#: Standing before and behind the plan, s.
+#: Duration of standing before and after the plan, s.
 HOLD = 0.4
-#: The masses of plan and model differ by so much of the model's at most.
+#: Largest difference between the masses of plan and model, as a share of the model's mass.
 MASS_APART = 0.05
-#: Legs must come so near to the feet of the plan's start, m.
+#: Largest distance between the feet of the model and those at the start of the plan, m.
 START_MISSED = 0.01
-#: A robot has fallen when it leans by more, rad, when its base is lower than this share of the planned height, or further off than so many m.
+#: Limits beyond which a robot has fallen: lean, rad; height of the base as a share of the planned height; distance of the base from the plan, m.
 LEAN, LOW, ASTRAY = float(np.radians(60.0)), 0.5, 1.0
-#: A foot is loaded by so much of its share of the weight.
+#: Normal force from which a foot counts as loaded, as a share of weight per foot.
 LOADED = 0.05
-#: What a seed disturbs: friction and mass by these shares, joints by so many rad, velocities by so many m/s and rad/s.
+#: Largest disturbances by a seed: of friction and masses, as shares; of joints, rad; of base velocities, m/s and rad/s.
 FRICTION_SPREAD, MASS_SPREAD, JOINT_SPREAD, SPEED_SPREAD = 0.1, 0.03, 0.01, 0.05
-#: A motor is at its limit from this share of it on.
+#: Share of the torque limit from which a motor counts as saturated.
 SATURATED = 0.99
 
-#: Is called in every period of control with model and data.
+#: Callback for each control period, with MuJoCo's model and data.
 Observer = Callable[[Any, Any], None]
 
 
@@ -52,43 +52,44 @@ def play(
     video: Optional[Path] = None,
     viewer: bool = False,
 ) -> Report:
-    """Plays a plan on a robot in MuJoCo, under a whole-body controller that keeps the motors' limits.
+    """Plays a plan on a robot in MuJoCo, with a whole-body controller that respects the limits of the motors.
 
     Parameters
     ----------
     trajectory : Trajectory, Gait, dict or path
         The plan. Its base frame is the centre of mass with the axes of the model's first body.
     model : path
-        MuJoCo model (MJCF or URDF) with a free base on legs whose joints all have motors. Geometry of its world is left out: the ground is
-        the plan's.
+        MuJoCo model (MJCF or URDF) with a free base and legs, all of whose joints have motors. The geometry of its world is replaced by the
+        terrain of the plan.
     feet : list of str, optional
-        Geoms (balls or capsules), bodies or sites that are the feet, in the plan's order; else those on which the model stands, each the
-        plan's foot that is nearest to it.
+        Geoms (balls or capsules), bodies or sites that are the feet, in the plan's order. Default: the feet on which the model stands, each assigned
+        to the nearest foot of the plan.
     friction : float, optional
-        Friction coefficient of the ground instead of the plan's. The controller knows it.
+        Friction coefficient of the ground, which the controller knows. Default: the plan's.
     seed : int, optional
-        Disturbs, unknown to the controller, friction (by up to 10 %), the masses of all bodies (3 %), joints (0.01 rad) and velocities of the base
-        (0.05 m/s and rad/s) at the start.
+        Seed of disturbances that the controller does not know: of friction (up to 10 %), of the masses of all bodies (3 %), and at the start of the
+        joints (0.01 rad) and of the base velocities (0.05 m/s and rad/s). Default: no disturbances.
     speed_limit : float, default 30
-        Largest joint speed of the motors, rad/s, at which their torque is gone; it fades from two thirds of that on. Models do not say it.
+        Joint speed at which the motors have no torque left, rad/s; the torque fades from two thirds of it. Model files do not contain it.
     gains : Gains, optional
-        Of the controller.
+        Gains and weights of the controller.
     video : path, optional
         File for an animation: .gif, .png (APNG) or .webp.
     viewer : bool, default False
-        Show it in a window, in real time.
+        Show the simulation in a window, in real time.
 
     Returns
     -------
     Report
+        Falls, tracking errors, slip and motor loads.
 
     Raises
     ------
     Error
-        For a plan or a model that cannot be read, and a plan that is for another robot: other feet, a mass more than 5 % apart, or legs that cannot
-        stand as it begins.
+        If the plan or the model is invalid, or the plan is for another robot: another number of feet, a mass that differs by more than 5 %, or legs
+        that cannot reach the start of the plan.
     ImportError
-        Without MuJoCo.
+        If MuJoCo or DAQP is not installed.
     """
     if not (np.isfinite(speed_limit) and speed_limit > 0):
         raise Error(f"speed limit {speed_limit!r}: must be positive, rad/s")
@@ -103,7 +104,7 @@ def play(
     if abs(machine.mass - plan.robot.mass) > MASS_APART * machine.mass:
         raise Error(
             f"the plan is for a robot of {plan.robot.mass:.4g} kg, the model {machine.name} weighs {machine.mass:.4g} kg, more than "
-            f"{100 * MASS_APART:g} % apart; cregopt.mujoco.robot makes a robot of a model"
+            f"{100 * MASS_APART:g} % apart; cregopt.mujoco.robot makes a robot from a model"
         )
     if feet is None:
         order = _plan.order_of_feet(plan.robot.nominal_feet, machine.nominal_feet())
@@ -121,7 +122,7 @@ def play(
         joint_speed_limit=speed_limit,
     )
     if not np.all(np.isfinite(machine.torque_limits)):
-        report.notes.append("the model limits no torque of some joints")
+        report.notes.append("the model has no torque limits for some joints")
     controller = Controller(machine, plan, friction, speed_limit, gains or Gains())
     simulation = _Simulation(controller, start, report)
     with ExitStack() as stack:
@@ -135,19 +136,19 @@ def play(
 
 
 def _start(machine: Machine, plan: _plan.Plan) -> Floats:
-    """The pose at which the plan begins."""
+    """Pose (``qpos``) at the start of the plan. Raises Error if the legs cannot reach it."""
     balls = plan.feet[0] + [[foot.radius] for foot in machine.feet] * plan.normals[0]
     missed, pose = machine.inverse_kinematics(plan.position[0], plan.rotation[0], balls)
     if missed > START_MISSED:
         raise Error(
-            f"the legs of the model {machine.name} cannot stand as the plan begins: they miss it by {missed:.3f} m; "
-            "cregopt.mujoco.robot makes a robot of a model"
+            f"the legs of the model {machine.name} cannot reach the start of the plan: they miss it by {missed:.3f} m; "
+            "cregopt.mujoco.robot makes a robot from a model"
         )
     return pose
 
 
 def _window(stack: ExitStack, simulation: _Simulation) -> Observer:
-    """Shows a simulation in real time."""
+    """Observer that shows a simulation in a window, in real time."""
     window = stack.enter_context(importlib.import_module("mujoco.viewer").launch_passive(simulation.model, simulation.data))
     begun, shown = clock.monotonic(), -1
 
@@ -162,7 +163,7 @@ def _window(stack: ExitStack, simulation: _Simulation) -> Observer:
 
 
 class _Simulation:
-    """A robot on the plan's ground, and what it does."""
+    """Simulation of a robot on the ground of the plan, with its report."""
 
     def __init__(self, controller: Controller, start: Floats, report: Report) -> None:
         self.controller, self.machine, self.plan, self.report = controller, controller.machine, controller.plan, report
@@ -177,32 +178,32 @@ class _Simulation:
         mj.mj_forward(self.model, self.data)
         self.ground = self.model.geom(_ground.NAME).id
         m, base, own = self.model, self.machine.base, self.machine.model
-        # The ground moves the numbers of geoms, not those of bodies.
+        # Adding the ground shifts the indices of geoms, not those of bodies.
         self.foot_of = {
             int(foot.geom - own.body_geomadr[foot.body] + m.body_geomadr[foot.body]): f
             for f, foot in enumerate(self.machine.feet)
             if foot.geom is not None
         }
         self.foot_on = {foot.body: f for f, foot in enumerate(self.machine.feet) if foot.geom is None}
-        # The base and what hangs on it directly may not touch the ground.
+        # The trunk, which may not touch the ground: the base and its direct children.
         self.trunk = {b for b in range(m.nbody) if base in (m.body_weldid[b], m.body_weldid[m.body_parentid[m.body_weldid[b]]])}
         self.sliding = _Sliding(self.plan.n_feet, report)
 
     def _world(self, friction: float) -> Any:
-        """The robot on the ground, without motors of its own: torques are given to its joints."""
+        """Model of the robot on the ground. The model's actuators are off: torques are applied to the joints."""
         spec = self.machine.spec
         option = spec.option
         option.timestep, option.integrator = STEP, mj.mjtIntegrator.mjINT_IMPLICITFAST
-        # Feet do not creep.
+        # Elliptic cones and a high impedance ratio: otherwise loaded feet creep.
         option.cone, option.impratio = mj.mjtCone.mjCONE_ELLIPTIC, 100
         _ground.add(spec, self.plan.terrain, friction, self.plan.feet)
         model = spec.compile()
-        # What diverges shall be seen.
+        # Without automatic resets, divergence is detected.
         model.opt.disableflags |= mj.mjtDisableBit.mjDSBL_ACTUATION | mj.mjtDisableBit.mjDSBL_AUTORESET
         return model
 
     def _disturb(self, random: np.random.Generator) -> None:
-        """Changes masses and the start; the lowest foot stays where it is."""
+        """Disturbs the masses and the initial state. The lowest foot stays on the ground."""
         m, d = self.model, self.data
         shares = random.uniform(1 - MASS_SPREAD, 1 + MASS_SPREAD, m.nbody)
         m.body_mass *= shares
@@ -216,7 +217,7 @@ class _Simulation:
         d.qpos[2] += max(sunk)
 
     def run(self, observers: Sequence[Observer]) -> None:
-        """From standing to standing, or to the fall."""
+        """Simulates the plan, with standing before and after it, or until the robot falls."""
         report, d = self.report, self.data
         errors: list[tuple[float, float]] = []
         missing = due = saturated = 0
@@ -245,13 +246,13 @@ class _Simulation:
         position, attitude = np.array(errors).T
         report.position_error_max, report.attitude_error_max = float(position.max()), float(attitude.max())
         report.position_error_rms, report.attitude_error_rms = (float(np.sqrt(np.mean(e**2))) for e in (position, attitude))
-        # Where it stands, or lies, when the play ends.
+        # The last state: standing, or lying after a fall.
         report.end_error = float(np.linalg.norm((state.com - self.plan.position[-1])[:2]))
         report.missing_contact = missing / max(due, 1)
         report.torque_saturated = saturated / max(len(errors), 1)
 
     def _contacts(self) -> tuple[Floats, bool]:
-        """Normal force on each foot, N, and whether the trunk touches the ground."""
+        """Normal force on each foot, N, shape (feet,), and True if the trunk touches the ground."""
         loads, trunk = np.zeros(self.plan.n_feet), False
         force = np.zeros(6)
         for number in range(self.data.ncon):
@@ -260,7 +261,7 @@ class _Simulation:
                 continue
             other = contact.geom2 if contact.geom1 == self.ground else contact.geom1
             body = int(self.model.geom_bodyid[other])
-            # A foot that is named as a site stands on whatever its body has.
+            # A foot that is a site touches the ground with any geom of its body.
             foot = self.foot_of.get(int(other), self.foot_on.get(body))
             if foot is not None:
                 mj.mj_contactForce(self.model, self.data, number, force)
@@ -270,7 +271,7 @@ class _Simulation:
         return loads, trunk
 
     def _fall(self, state: State, k: int, away: Floats, trunk_touches: bool) -> Optional[str]:
-        """How the robot has fallen, if it has."""
+        """Description of the fall, or None if the robot has not fallen."""
         planned = self.plan.position[k]
         ground = self.plan.terrain.height
         lean = float(np.arccos(np.clip(state.rotation[2, 2], -1, 1)))
@@ -285,7 +286,7 @@ class _Simulation:
         return None
 
     def _slide(self, loaded: NDArray[np.bool_], k: int, state: State) -> Floats:
-        """By how much the loaded feet slide in a period, m, shape (feet,)."""
+        """Distance that each loaded foot slides along the ground in a control period, m, shape (feet,)."""
         slides = np.zeros(self.plan.n_feet)
         for f in np.flatnonzero(loaded):
             foot, up = self.machine.feet[f], self.plan.normals[k, f]
@@ -295,7 +296,7 @@ class _Simulation:
         return slides
 
     def _drive(self, time: float, state: State, loads: Floats) -> bool:
-        """A period of control; whether a motor is at its limit in it."""
+        """Simulates one control period. Returns True if a motor was saturated."""
         report, d, machine = self.report, self.data, self.machine
         command = self.controller.command(time, state, loads)
         report.unsolved += not command.solved
@@ -315,12 +316,12 @@ class _Simulation:
         return at_limit
 
     def _joint(self, number: int) -> str:
-        """Name of a joint behind the base."""
+        """Name of the joint with this index, not counting the base."""
         return str(self.model.joint(self.model.dof_jntid[number + 6]).name)
 
 
 class _Sliding:
-    """How far feet slide while they bear load, in each stance and in all."""
+    """Distances that loaded feet slide, per stance and in total."""
 
     def __init__(self, n_feet: int, report: Report) -> None:
         self.report = report
@@ -328,6 +329,7 @@ class _Sliding:
         self.in_phase = np.zeros(n_feet)
 
     def add(self, slides: Floats, phases: Floats) -> None:
+        """Adds the slides of a control period, m, and the phases of the feet; both shape (feet,)."""
         self.in_phase = np.where(phases == self.phases, self.in_phase, 0.0) + slides
         self.phases = phases
         self.report.slip_total += float(slides.sum())

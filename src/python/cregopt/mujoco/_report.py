@@ -1,4 +1,4 @@
-"""What became of a plan."""
+"""Result of playing a plan."""
 
 from __future__ import annotations
 
@@ -7,46 +7,46 @@ from typing import Any, Optional
 
 import numpy as np
 
-#: A plan is followed if the base is never further from it, m and rad.
+#: Largest position error, m, and attitude error, rad, of the base with which a plan counts as followed.
 FOLLOWED_POSITION, FOLLOWED_ATTITUDE = 0.1, float(np.radians(15.0))
 
 
 @dataclass
 class Report:
-    """What a robot made of a plan, from standing before it to standing behind it.
+    """Result of playing a plan, including the standing before and after it.
 
-    World frame, SI units, angles rad. The base is the centre of mass with the attitude of the model's first body.
+    World frame, SI units, angles in rad. The base is the centre of mass with the attitude of the model's first body.
 
     Attributes
     ----------
     model, mass, planned_mass : str, float, float
-        The model's name, its mass, kg, and that of the plan's robot.
+        Name of the model, its mass, kg, and the mass of the plan's robot, kg.
     friction, planned_friction : float
-        Friction of the ground in the simulation, and the one of the plan.
+        Friction coefficients of the ground in the simulation and in the plan.
     seed : int or None
-        What start, masses and friction were disturbed by, if at all.
+        Seed of the disturbances of start, masses and friction, or None if there were no disturbances.
     horizon : float
-        How long the plan lasts, s.
+        Duration of the plan, s.
     upright, fall_time, fall : bool, float or None, str or None
-        Whether the robot stood to the end; else when it fell, s of the plan's time (negative: before it began), and how.
+        True if the robot did not fall; otherwise the time of the fall in the plan's time, s (negative: before the plan started), and its description.
     position_error_max, position_error_rms : float
-        Distance of the base from its plan, m.
+        Distance of the base from the plan, m.
     attitude_error_max, attitude_error_rms : float
-        Angle between the base and its plan, rad.
+        Angle between the attitudes of the base and the plan, rad.
     end_error : float
-        Horizontal distance of the base from the plan's end, where it stands or lies at last, m.
+        Horizontal distance of the base from the end of the plan, in the last state, m.
     slip_total, slip_max : float
-        How far feet slid while they bore load: all together, and the most in one stance, m.
+        Distances that loaded feet slid: sum over all stances, and largest of a stance, m.
     missing_contact : float
-        Share of the planned stance time in which feet bore nothing.
+        Share of the planned stance time in which the feet carried no load.
     torque_share, torque_joint, torque_saturated : float, str, float
-        Largest torque as a share of the motors' limits, its joint, and the share of time in which some motor was at its limit.
+        Largest torque as a share of the motor's limit, its joint, and share of time in which at least one motor was saturated.
     joint_speed, joint_speed_limit, speed_joint : float, float, str
-        Largest joint speed and the motors' limit, rad/s, and its joint.
+        Largest joint speed, rad/s, speed limit of the motors, rad/s, and joint with the largest speed.
     unsolved : int
-        Control periods without a solution.
+        Number of control periods in which the quadratic program had no solution.
     notes : list of str
-        What is odd about model or plan.
+        Remarks on the model or the plan.
     """
 
     model: str
@@ -78,28 +78,28 @@ class Report:
 
     @property
     def followed(self) -> bool:
-        """Whether the robot stood and its base was never more than 0.1 m and 15 degrees off the plan."""
+        """True if the robot did not fall, and its base was never more than 0.1 m or 15 degrees off the plan."""
         return self.upright and self.position_error_max <= FOLLOWED_POSITION and self.attitude_error_max <= FOLLOWED_ATTITUDE
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything, for JSON."""
+        """All attributes and ``followed``, for JSON."""
         return {**asdict(self), "followed": self.followed}
 
     def __str__(self) -> str:
         if not self.upright:
             end = f"falls at {self.fall_time:.2f} s: {self.fall}"
         elif self.followed:
-            end = "upright to the end, on its plan"
+            end = "upright to the end, on the plan"
         else:
-            end = "upright to the end, off its plan"
+            end = "upright to the end, off the plan"
         disturbed = "" if self.seed is None else f", disturbed by seed {self.seed}"
         lines = [
             f"{self.model}: {end}",
             f"  plan      {self.horizon:.2f} s, {self.planned_mass:.2f} kg, friction {self.planned_friction:g}",
             f"  played    {self.mass:.2f} kg, friction {self.friction:.3g}{disturbed}",
             f"  base      off by at most {self.position_error_max:.3f} m and {np.degrees(self.attitude_error_max):.1f} deg, "
-            f"rms {self.position_error_rms:.3f} m and {np.degrees(self.attitude_error_rms):.1f} deg; {self.end_error:.3f} m from its end at last",
-            f"  feet      slide at most {self.slip_max:.3f} m in a stance, {self.slip_total:.2f} m in all; "
+            f"rms {self.position_error_rms:.3f} m and {np.degrees(self.attitude_error_rms):.1f} deg; ends {self.end_error:.3f} m from the end of the plan",
+            f"  feet      slide at most {self.slip_max:.3f} m in a stance, {self.slip_total:.2f} m in total; "
             f"no contact in {100 * self.missing_contact:.0f} % of stances",
             f"  torque    at most {100 * self.torque_share:.0f} % of the limit ({self.torque_joint}), "
             f"at a limit {100 * self.torque_saturated:.1f} % of the time",

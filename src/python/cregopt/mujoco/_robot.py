@@ -1,4 +1,4 @@
-"""A robot for the search from a MuJoCo model."""
+"""Robot description for the search, made from a MuJoCo model."""
 
 from __future__ import annotations
 
@@ -11,40 +11,40 @@ from .. import ROBOTS, Error, Robot
 from ._engine import Floats
 from ._model import Machine, Path
 
-#: Largest box about the nominal feet that is tried, half-widths as shares of the base's height.
+#: Half-widths of the largest box around the nominal feet that is tried, as shares of the base height.
 BOX = np.array([0.48, 0.32, 0.32])
-#: Share of the box that legs attain which the robot is given.
+#: Share of the largest attainable box that becomes the reach of the robot.
 KEPT = 0.9
-#: Distance that inverse kinematics may leave, m.
+#: Largest remaining error of inverse kinematics, m, with which a position counts as attained.
 ATTAINED = 1e-4
-#: A box smaller than this share of the largest is no reach.
+#: Smallest acceptable box, as a share of the largest.
 SMALLEST = 0.05
 
 
 def robot(model: Path, feet: Optional[Sequence[str]] = None) -> Robot:
-    """A robot for the search whose plans fit a MuJoCo model.
+    """Robot for :class:`cregopt.Task`, whose plans fit a MuJoCo model.
 
     Parameters
     ----------
     model : path
-        MuJoCo model (MJCF or URDF) with a free base on legs whose joints all have motors; geometry of its world is left out.
+        MuJoCo model (MJCF or URDF) with a free base and legs, all of whose joints have motors. The geometry of its world is ignored.
     feet : list of str, optional
-        Geoms (balls or capsules), bodies or sites that are the feet, in the order that plans have; else the ends of legs that stand on the ground in
-        the model's stance, front first and left first.
+        Geoms (balls or capsules), bodies or sites that are the feet, in the order of the plans. Default: the ends of the legs that are on the ground in
+        the model's stance, front before rear and left before right.
 
     Returns
     -------
     Robot
-        Mass and composite inertia in the stance (base frame: centre of mass, axes of the model's first body), the feet's nominal places in it, and
-        as reach the box whose corners all legs attain at once with joints in their ranges, with a tenth to spare. The stance is the keyframe
-        ``home`` or another, or legs that are bent.
+        Robot with the mass, and with the composite inertia and the nominal feet of the stance (base frame: centre of mass, axes of the model's
+        first body). The reach is 90 % of the largest box whose corners all legs attain at once with their joints in range. The stance is the keyframe
+        ``home``, another keyframe, or a pose with bent legs.
 
     Raises
     ------
     Error
-        For a model that is no legged robot with motors, or that has no stance.
+        If the model is not a legged robot with motors, or has no stance.
     ImportError
-        Without MuJoCo.
+        If MuJoCo is not installed.
     """
     machine = Machine(model, feet)
     nominal = machine.nominal_feet()
@@ -63,7 +63,7 @@ def robot(model: Path, feet: Optional[Sequence[str]] = None) -> Robot:
             largest = middle
     return Robot.from_dict(
         {
-            # A built-in robot is another one.
+            # The names of built-in robots are reserved.
             "name": f"{machine.name}-imported" if machine.name in ROBOTS else machine.name,
             "mass": machine.mass,
             "inertia": machine.composite_inertia().tolist(),
@@ -76,7 +76,7 @@ def robot(model: Path, feet: Optional[Sequence[str]] = None) -> Robot:
 
 
 def _attains(machine: Machine, nominal: Floats, box: Floats) -> bool:
-    """Whether all feet can be in each corner of a box about their nominal places at once, the base level."""
+    """True if all feet can be at the same corner of a box around their nominal positions at once, for each corner, with a level base."""
     balls = nominal + [[0, 0, foot.radius] for foot in machine.feet]
     for corner in itertools.product((-1.0, 1.0), repeat=3):
         left, pose = machine.inverse_kinematics(np.zeros(3), np.eye(3), balls + corner * box)

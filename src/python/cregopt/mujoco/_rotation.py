@@ -8,7 +8,7 @@ from ._engine import Floats
 
 
 def of_quaternions(quaternions: Floats) -> Floats:
-    """Matrices of unit quaternions w, x, y, z: shape (n, 4) to (n, 3, 3)."""
+    """Matrices, shape (n, 3, 3), of unit quaternions w, x, y, z, shape (n, 4)."""
     w, v = quaternions[:, :1, None], quaternions[:, 1:]
     inner, outer = (v**2).sum(1)[:, None, None], v[:, :, None] * v[:, None, :]
     matrices: Floats = (w**2 - inner) * np.eye(3) + 2 * outer + 2 * w * crosses(v)
@@ -16,14 +16,14 @@ def of_quaternions(quaternions: Floats) -> Floats:
 
 
 def crosses(vectors: Floats) -> Floats:
-    """Matrices that take the cross product with vectors from the left: shape (n, 3) to (n, 3, 3)."""
+    """Skew-symmetric matrices S with S u = v x u, shape (n, 3, 3), of vectors v, shape (n, 3)."""
     x, y, z = vectors.T
     zero = np.zeros_like(x)
     return np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
 
 
 def between(start: Floats, end: Floats) -> Floats:
-    """Rotation vector, world frame, rad, that turns the attitude ``start`` into ``end``; angles below pi."""
+    """Rotation vector, world frame, rad, that rotates the attitude ``start`` into ``end``. Valid for angles below pi."""
     turn = end @ start.T
     twice_sine = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     length = float(np.linalg.norm(twice_sine))
@@ -32,7 +32,7 @@ def between(start: Floats, end: Floats) -> Floats:
 
 
 def upright(directions: Floats) -> Floats:
-    """Rotation whose third column is a unit vector that points up."""
+    """Rotation matrix whose third column is the given unit vector, which must point up."""
     x = np.cross([0.0, 1.0, 0.0], directions)
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(directions, x), directions], axis=1)

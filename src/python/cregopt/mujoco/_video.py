@@ -1,4 +1,4 @@
-"""Animations of what is played."""
+"""Animations of simulations."""
 
 from __future__ import annotations
 
@@ -13,34 +13,37 @@ from .. import Error
 from ._engine import Late, mj
 from ._model import Path
 
-#: Frames a second, and their size.
+#: Frames per second. The size of a frame in pixels follows.
 RATE = 25
 WIDTH, HEIGHT = 480, 320
-#: Kinds of files with several frames.
+#: Suffixes of the supported animation formats.
 KINDS = (".gif", ".png", ".apng", ".webp")
 
 _images: Any = Late("PIL.Image")
 
 
 def headless() -> bool:
-    """Whether there is no display."""
+    """True if there is no display."""
     return sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def prepare(path: Path) -> None:
-    """Refuses files of other kinds; without a display, pictures are drawn off the screen, if MuJoCo is not yet imported."""
+    """Prepares rendering to a file. Raises Error for another suffix.
+
+    Without a display it selects off-screen rendering, which has an effect only before MuJoCo is imported.
+    """
     if pathlib.Path(path).suffix.lower() not in KINDS:
         raise Error(f"{os.fspath(path)}: an animation is one of {', '.join(KINDS)}")
     if headless() and "MUJOCO_GL" not in os.environ and "mujoco" not in sys.modules:
-        # MuJoCo cannot even be imported with a library that is missing.
-        there = [name for name in ("EGL", "OSMesa") if ctypes.util.find_library(name)]
-        if not there:
-            raise Error("no pictures can be drawn without a display: neither EGL nor OSMesa is there (of Debian: libegl1, libosmesa6)")
-        os.environ["MUJOCO_GL"] = there[0].lower()
+        # With MUJOCO_GL set to a missing library, the import of MuJoCo fails.
+        found = [name for name in ("EGL", "OSMesa") if ctypes.util.find_library(name)]
+        if not found:
+            raise Error("no pictures can be drawn without a display: neither EGL nor OSMesa is installed (Debian: libegl1, libosmesa6)")
+        os.environ["MUJOCO_GL"] = found[0].lower()
 
 
 class Film:
-    """Frames of a simulation that become a file at the end."""
+    """Records the frames of a simulation and writes the file at the end."""
 
     def __init__(self, path: Path, model: Any, base: int, distance: float, rate: float) -> None:
         self.path, self.every, self.periods = pathlib.Path(path), max(1, round(rate / RATE)), 0
@@ -65,7 +68,7 @@ class Film:
     def __exit__(self, kind: Optional[type[BaseException]], error: Optional[BaseException], trace: Optional[TracebackType]) -> None:
         self.renderer.close()
         if kind is None and self.frames:
-            # Whole or not at all.
+            # The file appears under its name only when it is complete.
             part = self.path.with_name(f".{self.path.stem}.part{self.path.suffix}")
             try:
                 self.frames[0].save(part, save_all=True, append_images=self.frames[1:], duration=1000 // RATE, loop=0)
