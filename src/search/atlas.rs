@@ -350,9 +350,9 @@ fn is_itself(family: GaitFamily, feet: usize, duty: f64) -> bool {
 
 /// Level ground, or a plane that rises along x.
 ///
-/// * `way` - distance to travel along x, m
-fn sloping(slope: f64, way: f64) -> Terrain {
-    let far = (way + BEYOND).max(50.);
+/// * `distance` - distance to travel along x, m
+fn sloping(slope: f64, distance: f64) -> Terrain {
+    let far = (distance + BEYOND).max(50.);
     let shape = if slope == 0. {
         Shape::Flat
     } else {

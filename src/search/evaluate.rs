@@ -8,7 +8,7 @@ use crate::gait::cost::{Cost, CostWeights, cost};
 use crate::gait::schedule::MAX_HORIZON;
 use crate::gait::{AlignedSchedule, Schedule, Trajectory};
 use crate::nlp::transcription::{force_limit, interval};
-use crate::nlp::{Layout, trajectory};
+use crate::nlp::{Curves, Layout, trajectory};
 use crate::settings::{SolverSettings, Transcription, TranscriptionSettings};
 use crate::solver::{Outcome, Status, can_close, close};
 use crate::task::Task;
@@ -123,7 +123,7 @@ impl Evaluated {
     ///
     /// * `task`, `settings` - task and settings of the evaluation
     pub fn trajectory(&self, task: &Task, settings: &TranscriptionSettings) -> Trajectory {
-        trajectory(task, &Layout::<f64>::new(task, &self.schedule, settings).curves, &self.x)
+        trajectory(task, &Curves::new(task, &self.schedule, settings), &self.x)
     }
 }
 
@@ -350,12 +350,16 @@ impl EvaluationContext<'_> {
 
     /// Closes a solution in f64. A solution of an f64 solve stays unchanged.
     fn closed(self, outcome: Outcome, x: Vec<f64>, cancel: &dyn Fn() -> bool) -> Solution {
-        let layout = Layout::<f64>::new(self.task, self.schedule, &self.settings.transcription);
-        let (outcome, x) = match self.settings.precision {
-            Precision::F32 => close(&layout, outcome, x, &self.settings.solver, cancel),
-            Precision::F64 => (outcome, x),
+        let EvaluationContext { task, schedule, settings, .. } = self;
+        let (outcome, x, curves) = match settings.precision {
+            Precision::F32 => {
+                let layout = Layout::<f64>::new(task, schedule, &settings.transcription);
+                let (outcome, x) = close(&layout, outcome, x, &settings.solver, cancel);
+                (outcome, x, layout.curves)
+            }
+            Precision::F64 => (outcome, x, Curves::new(task, schedule, &settings.transcription)),
         };
-        Solution { outcome, x, variables: layout.variables, curves: layout.curves, closed: true }
+        Solution { outcome, x, variables: curves.variables, curves, closed: true }
     }
 
     /// Certified result of a candidate, with its cost. The solution is not closed before.

@@ -35,7 +35,7 @@ use crate::backend::{Backend, Solution};
 use crate::error::Result;
 use crate::gait::family::GaitFamily;
 use crate::gait::{Schedule, Trajectory};
-use crate::nlp::Layout;
+use crate::nlp::Curves;
 use crate::nlp::transcription::force_limit;
 use crate::refine::{RefineSettings, Refined, refine};
 use crate::task::Task;
@@ -108,9 +108,8 @@ impl Gait {
         let Evaluated { outcome, schedule, x, .. } = &self.candidate.solution;
         let refined = || refine(task, schedule, x, &lower.transcription, &search.cost, settings, cancelled);
         let refined = backend.pool().install(refined)?;
-        let layout = Layout::<f64>::new(task, &refined.schedule, &lower.transcription);
-        let solution =
-            Solution { outcome: *outcome, x: refined.x.clone(), variables: layout.variables, curves: layout.curves, closed: true };
+        let curves = Curves::new(task, &refined.schedule, &lower.transcription);
+        let solution = Solution { outcome: *outcome, x: refined.x.clone(), variables: curves.variables, curves, closed: true };
         let context = EvaluationContext { task, schedule: &refined.schedule, settings: lower, weights: Some(&search.cost) };
         let solution = context.examined(solution);
         let (old, as_drawn) = (&self.candidate, self.candidate.schedule.clone());

@@ -70,20 +70,20 @@ impl<'a, 's> SearchState<'a, 's> {
         let stop = match &settings.gaits {
             Gaits::Free => {
                 let distribution = FreeDistribution::initial(&settings.free, self.task.robot.feet())?;
-                self.until_found(evaluator, distribution)?
+                self.generations_until_found(evaluator, distribution)?
             }
             Gaits::Around(schedule) => match self.generation(evaluator, vec![(None, schedule.clone())])? {
                 Some(stop) => stop,
                 None => {
                     let distribution = PerturbDistribution::initial(&self.task.robot, schedule, &settings.perturb)?;
-                    self.until_found(evaluator, distribution)?
+                    self.generations_until_found(evaluator, distribution)?
                 }
             },
             Gaits::All => self.periodic(evaluator, &families(&self.task.robot))?,
             Gaits::Families(families) => self.periodic(evaluator, families)?,
         };
-        let goes_on = matches!(stop, StopReason::GenerationLimit | StopReason::Converged) && self.learns() && self.moves();
-        if goes_on && settings.perturbed_generations > 0 { self.perturbed(evaluator).map(|s| s.unwrap_or(stop)) } else { Ok(stop) }
+        let refinable = matches!(stop, StopReason::GenerationLimit | StopReason::Converged) && self.learns() && self.moves();
+        if refinable && settings.perturbed_generations > 0 { self.perturbed(evaluator).map(|s| s.unwrap_or(stop)) } else { Ok(stop) }
     }
 
     /// True if the distribution is fitted to the elites.
@@ -144,11 +144,11 @@ impl<'a, 's> SearchState<'a, 's> {
         if self.learns() {
             distribution.update_families(&elites);
         }
-        self.until_found(evaluator, distribution)
+        self.generations_until_found(evaluator, distribution)
     }
 
     /// Runs the planned generations over a distribution, then further ones while no gait exists or none that the joints can follow.
-    fn until_found<D: Distribution>(&mut self, evaluator: &mut BatchEvaluator, distribution: D) -> Result<StopReason> {
+    fn generations_until_found<D: Distribution>(&mut self, evaluator: &mut BatchEvaluator, distribution: D) -> Result<StopReason> {
         let settings = self.settings;
         let (mut stop, mut distribution) = match settings.generations {
             0 => (StopReason::GenerationLimit, distribution),
