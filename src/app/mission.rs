@@ -11,7 +11,7 @@ use crate::refine::RefineSettings;
 use crate::robot::Robot;
 use crate::search::evaluate::LowerSettings;
 use crate::search::precheck::Finding;
-use crate::search::{Progress, SearchSettings};
+use crate::search::{SearchEvent, SearchSettings};
 use crate::task::{Goal, Task};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -95,7 +95,7 @@ pub enum ProgressEvent<'a> {
     /// Start of the search of a stage.
     Started,
     /// Generation or improvement.
-    Progress(&'a Progress<'a>),
+    Progress(&'a SearchEvent<'a>),
     /// End of the search of a stage; a refinement or a diagnosis may follow.
     Ended,
 }

@@ -328,15 +328,8 @@ impl<'a, T: Real> Builder<'a, T> {
             (end, reach_end) = (step.elements.end, step.reach.end);
         }
 
-        let (at, force_unit) = (|id: BlockId| positions[id.0 as usize], self.force_unit());
-        self.tables.footholds = self.footholds.iter().map(|&id| at(id)).collect();
-        let feet = self.feet.into_iter().map(|foot| FootBlocks {
-            phases: foot.phases,
-            footholds: foot.footholds.iter().map(|f| at(f.block)).collect(),
-            heights: foot.heights.into_iter().map(at).collect(),
-            force_nodes: foot.force_nodes.into_iter().map(|nodes| nodes.into_iter().map(|n| n.map_or(NONE, at)).collect()).collect(),
-        });
-        let base = self.base.into_iter().map(at).collect();
+        self.tables.footholds = self.footholds.iter().map(|&id| positions[id.0 as usize]).collect();
+        let curves = self.curves(&positions);
         Layout {
             variables,
             rows: next.counts,
@@ -352,16 +345,37 @@ impl<'a, T: Real> Builder<'a, T> {
             widest: next.widest,
             front_stride: fronts.stride,
             factor_len: fronts.factor_len,
-            curves: Curves {
-                transcription: self.settings.rows,
-                limits: self.limits,
-                force_limit: self.force_limit,
-                force_unit,
-                intervals: self.intervals,
-                interval: self.interval,
-                base,
-                feet: feet.collect(),
-            },
+            curves,
+        }
+    }
+
+    /// Orders the variables and returns the positions of the blocks in `x`, without rows and columns.
+    pub fn finish_curves(mut self) -> Curves {
+        let positions = sweep::order(&self.blocks);
+        self.curves(&positions)
+    }
+
+    /// Positions in `x` of the blocks of each curve. Takes the blocks of the base and the feet.
+    ///
+    /// * `positions` - position of each block
+    fn curves(&mut self, positions: &[u32]) -> Curves {
+        let at = |id: BlockId| positions[id.0 as usize];
+        let feet = std::mem::take(&mut self.feet).into_iter().map(|foot| FootBlocks {
+            phases: foot.phases,
+            footholds: foot.footholds.iter().map(|f| at(f.block)).collect(),
+            heights: foot.heights.into_iter().map(at).collect(),
+            force_nodes: foot.force_nodes.into_iter().map(|nodes| nodes.into_iter().map(|n| n.map_or(NONE, at)).collect()).collect(),
+        });
+        Curves {
+            transcription: self.settings.rows,
+            limits: self.limits,
+            force_limit: self.force_limit,
+            force_unit: self.force_unit(),
+            intervals: self.intervals,
+            interval: self.interval,
+            variables: self.blocks.iter().filter(|b| !b.fixed).map(|b| b.len).sum(),
+            base: std::mem::take(&mut self.base).into_iter().map(at).collect(),
+            feet: feet.collect(),
         }
     }
 }

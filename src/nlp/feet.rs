@@ -3,7 +3,7 @@
 use super::builder::Builder;
 use super::footing;
 use super::transcription::{self, ReachTime, Transcribe};
-use super::{Layout, layout};
+use super::{Curves, Layout, layout};
 use crate::gait::spline::hermite;
 use crate::gait::{AlignedSchedule, Phase};
 use crate::real::Real;
@@ -22,18 +22,30 @@ use crate::task::Task;
 impl<T: Real> Layout<T> {
     /// Builds the tables of the problem for a schedule.
     pub fn new(task: &Task, schedule: &AlignedSchedule, settings: &TranscriptionSettings) -> layout::Layout<T> {
-        let own = transcription::of(settings.rows);
-        let force_limit = transcription::force_limit(settings, task);
-        let mut builder = Builder::new(task, schedule, settings, force_limit, own.steps(schedule.count()));
-        own.base_blocks(&mut builder);
-        foot_blocks(own, &mut builder);
-        own.dynamics(&mut builder);
-        reach_elements(own, &mut builder);
-        force_elements(own, &mut builder);
-        swing_elements(own, &mut builder);
-        footing_elements(&mut builder);
-        builder.finish()
+        builder(task, schedule, settings).finish()
     }
+}
+
+impl Curves {
+    /// Positions of the blocks in `x`, equal to [`Layout::curves`]. Faster than building a whole layout, because rows get no columns.
+    pub fn new(task: &Task, schedule: &AlignedSchedule, settings: &TranscriptionSettings) -> Curves {
+        builder::<f64>(task, schedule, settings).finish_curves()
+    }
+}
+
+/// Builder with all blocks and elements of the problem for a schedule.
+fn builder<'a, T: Real>(task: &'a Task, schedule: &AlignedSchedule, settings: &'a TranscriptionSettings) -> Builder<'a, T> {
+    let own = transcription::of(settings.rows);
+    let force_limit = transcription::force_limit(settings, task);
+    let mut builder = Builder::new(task, schedule, settings, force_limit, own.steps(schedule.count()));
+    own.base_blocks(&mut builder);
+    foot_blocks(own, &mut builder);
+    own.dynamics(&mut builder);
+    reach_elements(own, &mut builder);
+    force_elements(own, &mut builder);
+    swing_elements(own, &mut builder);
+    footing_elements(&mut builder);
+    builder
 }
 
 /// Adds the blocks of footholds, swing heights and force nodes. Value and slope of the force are zero where a stance meets a swing.
@@ -227,6 +239,30 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
                 b.tables.accelerations.push(Acceleration::new(by.map(T::of), foothold));
                 let entry = b.tables.accelerations.len() - 1;
                 b.element(Family::Acceleration, entry, step, &[Use::Touches(height), touched[0], touched[1]]);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gait::family::{PeriodicGait, families};
+    use crate::scenario::SCENARIOS;
+    use crate::settings::Transcription;
+
+    #[test]
+    fn curves_without_a_layout_equal_those_of_the_layout() {
+        for scenario in SCENARIOS {
+            let task = scenario.task(1).unwrap();
+            let schedule = PeriodicGait::typical(families(&task.robot)[0], &task).unwrap().schedule().unwrap();
+            for rows in [Transcription::Momentum, Transcription::Towr] {
+                let settings = TranscriptionSettings::of(rows);
+                let schedule = schedule.aligned(transcription::interval(&settings, &task.robot));
+                let layout = Layout::<f64>::new(&task, &schedule, &settings);
+                let curves = Curves::new(&task, &schedule, &settings);
+                assert_eq!(format!("{curves:?}"), format!("{:?}", layout.curves), "{}", scenario.name);
+                assert_eq!(curves.variables, layout.variables);
             }
         }
     }

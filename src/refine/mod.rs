@@ -29,7 +29,7 @@ use crate::error::{Error, Result, check_range};
 use crate::gait::cost::{self, Cost, CostWeights};
 use crate::gait::family::MIN_PHASE;
 use crate::gait::{AlignedSchedule, Trajectory};
-use crate::nlp::{Layout, trajectory};
+use crate::nlp::{Curves, Layout, trajectory};
 use crate::settings::{Friction, SolverSettings, StallSettings, Transcription, TranscriptionSettings};
 use crate::solver::{Finish, Solver, Status};
 use crate::task::Task;
@@ -193,7 +193,7 @@ impl Refined {
     ///
     /// * `task`, `settings` - task and settings of the refinement
     pub fn trajectory(&self, task: &Task, settings: &TranscriptionSettings) -> Trajectory {
-        trajectory(task, &Layout::<f64>::new(task, &self.schedule, settings).curves, &self.x)
+        trajectory(task, &Curves::new(task, &self.schedule, settings), &self.x)
     }
 }
 

@@ -3,7 +3,7 @@
 use super::atlas::name;
 use super::svg::{AXIS, GRID, Picture, SMALL, Scale, short};
 use crate::gait::family::{FAMILIES, GaitFamily, speed_scale, time_scale};
-use crate::search::atlas::{Atlas, Point};
+use crate::search::atlas::{Atlas, AtlasPoint};
 
 /// Horizontal edges of the plots, pixels.
 const LEFT: f64 = 78.;
@@ -104,7 +104,7 @@ pub fn svg(atlas: &Atlas, slope: f64) -> String {
     p.text(RIGHT + 10., TOP - 9., "start", SMALL, "Froude number v\u{b2} / g l");
 
     // Costs.
-    let curves: Vec<(GaitFamily, Vec<Option<&Point>>)> =
+    let curves: Vec<(GaitFamily, Vec<Option<&AtlasPoint>>)> =
         FAMILIES.into_iter().filter(|f| plan.families.contains(f)).map(|f| (f, atlas.curve(f, slope))).collect();
     let totals = || curves.iter().flat_map(|(_, c)| c.iter().flatten()).filter_map(|p| p.total());
     let least = totals().fold(f64::MAX, f64::min);
@@ -120,7 +120,7 @@ pub fn svg(atlas: &Atlas, slope: f64) -> String {
             p.line([x.at(t.speed), TOP], [x.at(t.speed), TOP + CURVES], r##"stroke="#777" stroke-width="1" stroke-dasharray="4 3""##);
         }
         for (family, curve) in &curves {
-            let at = |point: &Option<&Point>| point.and_then(|q| Some([x.at(q.speed), y.at(q.total()?)]));
+            let at = |point: &Option<&AtlasPoint>| point.and_then(|q| Some([x.at(q.speed), y.at(q.total()?)]));
             p.points(&curve.iter().map(at).collect::<Vec<_>>(), color(*family), 2.);
         }
         p.end_clip();
@@ -129,8 +129,8 @@ pub fn svg(atlas: &Atlas, slope: f64) -> String {
     p.turned(22., TOP + CURVES / 2., 13, "cost of transport");
 
     // Legend, cheapest family first.
-    let cheapest = |c: &[Option<&Point>]| c.iter().flatten().filter_map(|q| q.total()).fold(f64::INFINITY, f64::min);
-    let mut legend: Vec<&(GaitFamily, Vec<Option<&Point>>)> = curves.iter().collect();
+    let cheapest = |c: &[Option<&AtlasPoint>]| c.iter().flatten().filter_map(|q| q.total()).fold(f64::INFINITY, f64::min);
+    let mut legend: Vec<&(GaitFamily, Vec<Option<&AtlasPoint>>)> = curves.iter().collect();
     legend.sort_by(|a, b| cheapest(&a.1).total_cmp(&cheapest(&b.1)));
     for (i, (family, _)) in legend.into_iter().enumerate() {
         let at = TOP + 14. + 34. * i as f64;
@@ -172,8 +172,8 @@ pub fn svg(atlas: &Atlas, slope: f64) -> String {
     let time = time_scale(robot);
     let longest = best.iter().flatten().map(|q| q.period / time).fold(1., f64::max);
     let period = Scale { low: 0., high: 1.15 * longest, pixels: [bottom, strips[1]], log: false };
-    let of_duty: fn(&Point, f64) -> f64 = |q, _| q.duty;
-    let of_period: fn(&Point, f64) -> f64 = |q, time| q.period / time;
+    let of_duty: fn(&AtlasPoint, f64) -> f64 = |q, _| q.duty;
+    let of_period: fn(&AtlasPoint, f64) -> f64 = |q, time| q.period / time;
     for (scale, top, title, value) in
         [(duty, strips[0], "its duty factor", of_duty), (period, strips[1], "its period, \u{221a}(l / g)", of_period)]
     {

@@ -10,7 +10,7 @@ use cregopt::real::Real;
 use cregopt::scenario::Scenario;
 use cregopt::search::cem::{CemSettings, FreeDistribution, StopReason};
 use cregopt::search::evaluate::{Evaluated, LowerSettings, evaluate};
-use cregopt::search::{BatchSolver, Found, search_with};
+use cregopt::search::{BatchSolver, CemSearchResult, search_with};
 use cregopt::settings::{Friction, SmoothSettings, SolverSettings, StallSettings, TranscriptionSettings};
 use cregopt::solver::judge::smoothing_fall;
 use cregopt::solver::{Finish, Outcome, Solver, Status, can_close, close};
@@ -450,7 +450,7 @@ fn a_warm_solver_does_not_allocate() {
 }
 
 /// The paper's search loop with its settings and seed 1.
-fn papers_search(task: &Task, threads: usize, cancelled: &AtomicBool, generation: &mut dyn FnMut()) -> Found {
+fn papers_search(task: &Task, threads: usize, cancelled: &AtomicBool, generation: &mut dyn FnMut()) -> CemSearchResult {
     let (upper, lower, backend) = (CemSettings::default(), lower(momentum(), Precision::F32), Cpu::new(threads).unwrap());
     let level = BatchSolver { task, settings: &lower, backend: &backend, cost: None };
     let distribution = FreeDistribution::initial(&upper, task.robot.feet()).unwrap();
