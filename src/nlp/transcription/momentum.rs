@@ -33,7 +33,8 @@ use nalgebra::{Matrix3, Vector3};
 /// Horizontal speed of a foot in mid-swing, relative to its mean speed.
 ///
 /// One cubic from rest to rest has 1.5. The slower the foot is in mid-swing, the faster it leaves the ground, and the less the moving base
-/// drags it out of reach at first: see `benches/README.md`.
+/// drags it out of reach at first. With 1.5, 1, 0.75, 0.5 and 0.25, 3, 5, 9, 9 and 9 of 16 reference candidates were solved on s1, and 2,
+/// 3, 5, 5 and 4 on s3. The smaller the value, the higher the top speed, which is lowest near 1.
 pub const MID_SPEED: f64 = 0.75;
 
 /// Largest horizontal speed in a swing, relative to the mean speed: maximum of `v(u) = (6 - 2 c) u - (6 - 3 c) u^2` in each half, with `c`
@@ -44,7 +45,8 @@ pub const TOP_SPEED: f64 = (6. - 2. * MID_SPEED) * (6. - 2. * MID_SPEED) / (4. *
 /// ends, `4 (3 - c)`.
 pub const TOP_ACCELERATION: f64 = 4. * (3. - MID_SPEED);
 
-/// Weight that attracts footholds to the initial guess, relative to 1 for a force of the weight per foot, 1/m².
+/// Weight that attracts footholds to the initial guess, relative to 1 for a force of the weight per foot, 1/m². It would not slow the feet:
+/// with 0, 1, 10 and 100 the fastest foot of ANYmal's smoothed trot reaches 3.47, 3.51, 3.42 and 3.70 m/s.
 const FOOTHOLD_SMOOTHING: f64 = 0.;
 
 /// Weights that attract the base pose to the initial guess, relative to 1 for a force of the weight per foot: attitude only, 1/rad².
@@ -103,6 +105,7 @@ const SWING_HEIGHTS: [f64; 9] = [0.0625, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0
 /// Interval between base knots for a robot, s, limited by how fast a body on such legs can turn and fall.
 ///
 /// Half of `sqrt(l / g)`, in steps of 0.025 s from 0.025 to 0.1 s. That is 0.1 s for legs of 0.4 m and 0.05 s for those of 0.14 m.
+/// Of 120 candidates of a hexapod with legs of 0.14 m, 5 to 12 are certified with 0.1 s, 26 with 0.075 s and 38 with 0.05 s.
 pub fn interval(robot: &Robot) -> f64 {
     ((0.5 * (robot.leg_height() / GRAVITY).sqrt() / 0.025).floor() * 0.025).clamp(0.025, 0.1)
 }
@@ -358,10 +361,12 @@ fn stance_impulses<T: Real>(
     }
 }
 
-/// Longest time between reach rows of all feet, s.
+/// Longest time between reach rows of all feet, s. With 0.05 s solves are 15 % faster, but two thirds of the certified gaits are lost.
 const REACH: f64 = 0.026;
 
 /// Fractions of a swing with additional reach rows: near its ends the base drags the foot along or runs ahead of it.
+/// Certified of a test set: 927 with all five, 928 without the middle one (in 5 % more iterations), 922 with the outermost two (4 % more),
+/// 643 with none.
 const SWING_PARTS: [f64; 5] = [0.0625, 0.125, 0.5, 0.875, 0.9375];
 
 /// Time and feet of a reach instant.
