@@ -141,7 +141,7 @@ struct Display {
 }
 
 /// Function that reports how far a search is.
-type Reporter = Box<dyn FnMut(&Progress) + Send>;
+type Reporter = Box<dyn FnMut(&SearchEvent) + Send>;
 
 impl Display {
     fn new() -> Display {

@@ -2,7 +2,7 @@
 //!
 //! The search is anytime and has three stages:
 //! 1. The typical gait of every family that is possible for the robot, shortest first. If the first gait ends the search, the families keep
-//!    their order, which begins with a trot or tripod.
+//!    their order instead, which begins with the family most likely to work, e.g. a trot.
 //! 2. Generations of the cross-entropy method over families, durations, speed and phase offsets. Additional generations run while no gait
 //!    is certified, or none that the joints of the robot can follow.
 //! 3. Generations in the neighbourhood of the best gait.
@@ -34,7 +34,6 @@ pub use timed::{CemSearchResult, search_with};
 use crate::backend::{Backend, Solution};
 use crate::error::Result;
 use crate::gait::family::GaitFamily;
-use crate::gait::joints;
 use crate::gait::{Schedule, Trajectory};
 use crate::nlp::Curves;
 use crate::nlp::transcription::force_limit;

@@ -12,7 +12,7 @@ use super::{Gait, Gaits, Improvement, SearchEvent, SearchResult, SearchSettings}
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
 use crate::gait::family::{GaitFamily, families};
-use crate::report::joints;
+use crate::gait::joints;
 use crate::task::Task;
 use tracing::{debug, info};
 

@@ -65,8 +65,8 @@ enum CertificationPolicy {
 }
 
 /// Evaluator of generations with a schedule solver, a clock and a certification policy.
-pub(super) struct TimedEvaluator<'a, L> {
-    solver: &'a L,
+pub(super) struct TimedEvaluator<'a, S> {
+    solver: &'a S,
     clock: Clock<'a>,
     /// Time from the start of the search to the end of the first successful certification, s.
     pub first_feasible_after: Option<f64>,
@@ -78,9 +78,9 @@ pub(super) struct TimedEvaluator<'a, L> {
     error: Option<Error>,
 }
 
-impl<'a, L> TimedEvaluator<'a, L> {
+impl<'a, S> TimedEvaluator<'a, S> {
     /// An evaluator that certifies every candidate.
-    pub fn new(solver: &'a L, clock: Clock<'a>) -> Self {
+    pub fn new(solver: &'a S, clock: Clock<'a>) -> Self {
         let policy = CertificationPolicy::All;
         TimedEvaluator { solver, clock, first_feasible_after: None, begun: false, policy, max_solutions: MAX_SOLUTIONS, error: None }
     }
@@ -106,9 +106,9 @@ impl<'a, L> TimedEvaluator<'a, L> {
     }
 }
 
-impl<L: ScheduleSolver> TimedEvaluator<'_, L> {
+impl<S: ScheduleSolver> TimedEvaluator<'_, S> {
     /// Candidates of a generation that are needed, given the results so far.
-    fn needed(&self, goal: &SelectionGoal, results: &GenerationResults<L::Solution>) -> NeededCandidates {
+    fn needed(&self, goal: &SelectionGoal, results: &GenerationResults<S::Solution>) -> NeededCandidates {
         // With on-demand certification every candidate may be needed, because the elites can fail their certificates.
         let all = self.policy == CertificationPolicy::OnDemand && !goal.first_feasible;
         let bounds = (0..results.len()).map(|index| goal.upper_bound(index)).collect();
@@ -130,7 +130,7 @@ impl<L: ScheduleSolver> TimedEvaluator<'_, L> {
         goal: &SelectionGoal,
         needed: &NeededCandidates,
         (certify, limited): (Certify, bool),
-    ) -> Result<GenerationResults<L::Solution>> {
+    ) -> Result<GenerationResults<S::Solution>> {
         let clock = self.clock;
         let skip = |at: usize| clock.cancelled() || (limited && clock.expired()) || !needed.contains(open[at]);
         let population = Mutex::new(Population::new(open.len(), self.max_solutions));
@@ -152,21 +152,21 @@ impl<L: ScheduleSolver> TimedEvaluator<'_, L> {
     }
 }
 
-impl<L: ScheduleSolver> GenerationEvaluator for TimedEvaluator<'_, L> {
-    type Solution = L::Solution;
+impl<S: ScheduleSolver> GenerationEvaluator for TimedEvaluator<'_, S> {
+    type Solution = S::Solution;
 
     fn check(&self, schedule: &Schedule) -> Result<()> {
         self.solver.check(schedule)
     }
 
-    fn evaluate(&mut self, _generation: usize, schedules: &[Schedule], goal: &SelectionGoal) -> GenerationResults<L::Solution> {
+    fn evaluate(&mut self, _generation: usize, schedules: &[Schedule], goal: &SelectionGoal) -> GenerationResults<S::Solution> {
         let nothing = || schedules.iter().map(|_| None).collect();
         // The time limit does not apply to the first generation: a search without a candidate has nothing to return.
         let limited = std::mem::replace(&mut self.begun, true);
         let found = self.first_feasible_after.is_some();
         let all = self.policy == CertificationPolicy::All || !found || goal.first_feasible;
         let certify = if all { Certify::All } else { Certify::Unsolved };
-        let mut results: GenerationResults<L::Solution> = nothing();
+        let mut results: GenerationResults<S::Solution> = nothing();
         let mut solved = vec![false; schedules.len()];
         // Repeats if certificates fail, because lower-ranked candidates may be needed then.
         loop {
@@ -202,7 +202,7 @@ impl<L: ScheduleSolver> GenerationEvaluator for TimedEvaluator<'_, L> {
         }
     }
 
-    fn solve_again(&mut self, schedule: &Schedule) -> Option<L::Solution> {
+    fn solve_again(&mut self, schedule: &Schedule) -> Option<S::Solution> {
         self.solver.certify_again(schedule).map(|(_, solution)| solution)
     }
 
@@ -224,10 +224,10 @@ fn record(needed: &NeededCandidates, goal: &SelectionGoal, index: usize, evaluat
 /// * `objective` - objective of the best certified candidate so far
 ///
 /// Returns the objective of the best certified candidate, including this generation.
-fn certify_improvements<L: ScheduleSolver>(
-    solver: &L,
+fn certify_improvements<S: ScheduleSolver>(
+    solver: &S,
     schedules: &[Schedule],
-    results: &mut GenerationResults<L::Solution>,
+    results: &mut GenerationResults<S::Solution>,
     goal: &SelectionGoal,
     objective: f64,
 ) -> f64 {
@@ -261,14 +261,14 @@ pub struct CemSearchResult<S = Evaluated> {
 ///
 /// # Errors
 /// [`Error::Invalid`] for settings outside their limits; errors of the solver.
-pub fn search_with<L: ScheduleSolver, D: Distribution>(
-    solver: &L,
+pub fn search_with<S: ScheduleSolver, D: Distribution>(
+    solver: &S,
     distribution: D,
     settings: &CemSettings,
     seed: u64,
     cancelled: &AtomicBool,
     progress: &mut dyn FnMut(&GenerationRecord),
-) -> Result<CemSearchResult<L::Solution>> {
+) -> Result<CemSearchResult<S::Solution>> {
     let clock = Clock::new(Some(cancelled), None);
     let mut evaluator = TimedEvaluator::new(solver, clock).certifying_improvements();
     let outcome = run(settings, distribution, seed, 0, &mut evaluator, progress)?;

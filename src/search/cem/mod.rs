@@ -69,7 +69,8 @@ pub trait Distribution {
     }
 }
 
-/// Result of the lower level for one schedule, as far as the upper level needs it.
+/// Numbers by which the cross-entropy loop ranks a schedule. The lower level makes them from its result, for
+/// [`BatchSolver`](super::BatchSolver) an [`Evaluated`](super::evaluate::Evaluated), which may be dropped.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Evaluation {
