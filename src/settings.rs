@@ -33,7 +33,7 @@
 
 use crate::error::{Error, Result, check_range};
 use crate::gait::trajectory::GoalVelocity;
-use crate::solver::control::{NEVER_HOPELESS, hopeless_of_a_row};
+use crate::solver::control::{NO_EARLY_TERMINATION, early_termination_per_row};
 use crate::terrain::Terrain;
 use serde::{Deserialize, Serialize};
 
@@ -243,6 +243,14 @@ impl Default for SmoothSettings {
     }
 }
 
+/// Former names of settings and their present ones. Files and options that use a former name are still read.
+pub const RENAMED: [(&str, &str); 1] = [("hopeless_above", "early_termination")];
+
+/// Present name of a setting.
+pub fn present_name(key: &str) -> &str {
+    RENAMED.iter().find(|(former, _)| *former == key).map_or(key, |(_, present)| present)
+}
+
 /// Settings of early termination.
 ///
 /// A candidate counts as stalled if `F`, at the rate of the last `window` iterations, would need more than `budget` further iterations to
@@ -263,14 +271,15 @@ pub struct StallSettings {
     /// and 800 the rule lost 5, 3, 2 and none of 1,505 solvable candidates and saved 79, 78, 76 and 74 % of the iterations (`towr`).
     pub budget: f64,
     /// Factor of early termination in the first iterations: a candidate ends if its infeasibility measure exceeds this multiple of the
-    /// limit for its iteration, see [`Progress::hopeless`](crate::solver::control::Progress::hopeless). Too small: candidates are lost. Too
-    /// large: failing ones cost more. 0 disables this rule.
-    pub hopeless_above: f64,
+    /// limit for its iteration, see [`Progress`](crate::solver::control::Progress). Too small: candidates are lost. Too large: failing
+    /// ones cost more. 0 disables this rule.
+    #[serde(alias = "hopeless_above")]
+    pub early_termination: f64,
 }
 
 impl Default for StallSettings {
     fn default() -> Self {
-        StallSettings { enabled: true, start: 10, window: 4, budget: 200., hopeless_above: 1. }
+        StallSettings { enabled: true, start: 10, window: 4, budget: 200., early_termination: 1. }
     }
 }
 
@@ -315,15 +324,15 @@ impl SolverSettings {
         })
     }
 
-    /// Early termination limit after [`HOPELESS_FROM`](crate::solver::control::HOPELESS_FROM) iterations, see
-    /// [`Progress::hopeless`](crate::solver::control::Progress::hopeless).
+    /// Early termination limit after [`EARLY_TERMINATION_FROM`](crate::solver::control::EARLY_TERMINATION_FROM) iterations, see
+    /// [`Progress::early_termination_limit`](crate::solver::control::Progress::early_termination_limit).
     ///
     /// * `rows` - number of rows of the candidate
-    pub fn hopeless(&self, transcription: Transcription, rows: usize) -> f64 {
-        if !self.stall.enabled || self.stall.hopeless_above == 0. {
-            return NEVER_HOPELESS;
+    pub fn early_termination_limit(&self, transcription: Transcription, rows: usize) -> f64 {
+        if !self.stall.enabled || self.stall.early_termination == 0. {
+            return NO_EARLY_TERMINATION;
         }
-        self.stall.hopeless_above * hopeless_of_a_row(transcription) * rows as f64
+        self.stall.early_termination * early_termination_per_row(transcription) * rows as f64
     }
 
     /// Rounding of the edges of a terrain until closing steps start, m; 0 for terrain without edges.
@@ -353,6 +362,6 @@ impl SolverSettings {
         check_range("solver.stall.start", self.stall.start as f64, 1., 1e6)?;
         check_range("solver.stall.window", self.stall.window as f64, 1., 1e3)?;
         check_range("solver.stall.budget", self.stall.budget, 1., 1e6)?;
-        check_range("solver.stall.hopeless_above", self.stall.hopeless_above, 0., 1e6)
+        check_range("solver.stall.early_termination", self.stall.early_termination, 0., 1e6)
     }
 }

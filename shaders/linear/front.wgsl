@@ -177,10 +177,19 @@ fn assemble(slot: u32, half: u32, element: Element, side: u32, count: u32, size:
     }
 }
 
-// Sums over the feet at one reach instant, by its pose: `P' W P` and `P' v`, with `P` the derivatives of the rows by the pose.
-var<workgroup> by_pose: array<f32, 42>;
+// Number of products of two columns of the base pose, and of the values of `by_pose`.
+const POSE_PRODUCTS: u32 = POSE * POSE;
+const POSE_SUMS: u32 = POSE_PRODUCTS + POSE;
+// Number of columns of the base blocks, and of the columns by which the own columns of a foot are multiplied, values included.
+const BASE_COLUMNS: u32 = POSE_BLOCKS * POSE;
+const OTHER_COLUMNS: u32 = BASE_COLUMNS + OWN_COLUMNS + 1u;
+// Number of pairs of base blocks.
+const BLOCK_PAIRS: u32 = POSE_BLOCKS * (POSE_BLOCKS + 1u) / 2u;
 
-// One of the 42 values of `by_pose`: `P' W P` row by row, then `P' v`.
+// Sums over the feet at one reach instant, by its pose: `P' W P` and `P' v`, with `P` the derivatives of the rows by the pose.
+var<workgroup> by_pose: array<f32, POSE_SUMS>;
+
+// One of the values of `by_pose`: `P' W P` row by row, then `P' v`.
 fn pose_sum(slot: u32, half: u32, feet: Span, e: u32) -> f32 {
     let base = slot * batch.values;
     var sum = 0.0;
@@ -189,31 +198,31 @@ fn pose_sum(slot: u32, half: u32, feet: Span, e: u32) -> f32 {
         let place = reach_place(slot, f, foot.jacobian, foot.stride);
         let pose = (2u * slot + half) * batch.jacobian + place.jacobian;
         for (var r = 0u; r < 3u; r++) {
-            if (e < 36u) {
-                let left = values[base + batch.weight + place.row + r] * jacobian[pose + r * place.stride + e / 6u];
-                sum += left * jacobian[pose + r * place.stride + e % 6u];
+            if (e < POSE_PRODUCTS) {
+                let left = values[base + batch.weight + place.row + r] * jacobian[pose + r * place.stride + e / POSE];
+                sum += left * jacobian[pose + r * place.stride + e % POSE];
             } else {
-                sum += values[base + batch.value + place.row + r] * jacobian[pose + r * place.stride + e - 36u];
+                sum += values[base + batch.value + place.row + r] * jacobian[pose + r * place.stride + e - POSE_PRODUCTS];
             }
         }
     }
     return sum;
 }
 
-// Front index and Jacobian column of own column `f` of a leg: two per foothold, one for the swing height, five in all. NONE if the variable
+// Front index and Jacobian column of own column `f` of a leg: two per foothold, one for the swing height. NONE if the variable
 // is fixed.
 fn own_column(slot: u32, leg: u32, f: u32) -> vec2<u32> {
     let block = reach_legs_front(slot, leg, f / 2u);
     if (block == NONE) {
         return vec2<u32>(NONE, NONE);
     }
-    if (f == 4u) {
+    if (f == OWN_COLUMNS - 1u) {
         return vec2<u32>(block, reach_legs_at(slot, leg).height_column);
     }
     return vec2<u32>(block, reach_legs_foothold_column(slot, leg, f / 2u)) + f % 2u;
 }
 
-// Adds the products of a foot's own columns with column `other`: one of the 24 base columns, an own column or the values; 30 in all.
+// Adds the products of a foot's own columns with column `other`: a base column, an own column or the values.
 fn add_foot(slot: u32, half: u32, instant: u32, blocks: u32, number: u32, size: u32, other: u32) {
     let foot = reach_feet_at(slot, number);
     let place = reach_place(slot, number, foot.jacobian, foot.stride);
@@ -222,17 +231,17 @@ fn add_foot(slot: u32, half: u32, instant: u32, blocks: u32, number: u32, size: 
     let row = slot * batch.values + place.row;
     var right = vec3<f32>(values[row + batch.weight], values[row + batch.weight + 1u], values[row + batch.weight + 2u]);
     var at = size;
-    if (other < 24u) {
-        let block = other / 6u;
+    if (other < BASE_COLUMNS) {
+        let block = other / POSE;
         at = base_blocks_front(slot, blocks, block);
         if (at == NONE) {
             return;
         }
-        at += other % 6u;
-        right *= column_of(first + other % 6u, rows, 3u);
+        at += other % POSE;
+        right *= column_of(first + other % POSE, rows, 3u);
         right *= reach_instants_base_weights(slot, instant, block);
-    } else if (other < 29u) {
-        let second = own_column(slot, foot.leg, other - 24u);
+    } else if (other < BASE_COLUMNS + OWN_COLUMNS) {
+        let second = own_column(slot, foot.leg, other - BASE_COLUMNS);
         if (second.x == NONE) {
             return;
         }
@@ -241,34 +250,34 @@ fn add_foot(slot: u32, half: u32, instant: u32, blocks: u32, number: u32, size: 
     } else {
         right = -vec3<f32>(values[row + batch.value], values[row + batch.value + 1u], values[row + batch.value + 2u]);
     }
-    for (var f = 0u; f < 5u; f++) {
+    for (var f = 0u; f < OWN_COLUMNS; f++) {
         let own = own_column(slot, foot.leg, f);
         // For two own columns, only the upper triangle.
-        if (own.x != NONE && (other < 24u || own.x <= at)) {
+        if (own.x != NONE && (other < BASE_COLUMNS || own.x <= at)) {
             add_front(slot, ix_front(size, min(own.x, at), max(own.x, at)), dot(column_of(first + own.y, rows, 3u), right));
         }
     }
 }
 
-// One of the ten pairs of base blocks.
+// One of the pairs of base blocks.
 fn block_pair(pair: u32) -> vec2<u32> {
     let i = select(select(select(0u, 1u, pair > 3u), 2u, pair > 6u), 3u, pair > 8u);
-    let before = i * 4u - (i * (i - min(i, 1u))) / 2u;
+    let before = i * POSE_BLOCKS - (i * (i - min(i, 1u))) / 2u;
     return vec2<u32>(i, i + pair - before);
 }
 
-// Adds one of the 360 products of the base columns at an instant: 36 per pair of blocks.
+// Adds one of the products of the base columns at an instant: POSE_PRODUCTS per pair of blocks.
 fn add_pose(slot: u32, instant: u32, blocks: u32, size: u32, e: u32) {
-    let pair = block_pair(e / 36u);
+    let pair = block_pair(e / POSE_PRODUCTS);
     let rows = base_blocks_front(slot, blocks, pair.x);
     let columns = base_blocks_front(slot, blocks, pair.y);
-    let c = (e % 36u) / 6u;
-    let d = e % 6u;
+    let c = (e % POSE_PRODUCTS) / POSE;
+    let d = e % POSE;
     // Upper triangle of a diagonal block; otherwise the block above the diagonal, whichever of the two blocks comes first. The sums are
     // symmetric.
     if (rows != NONE && columns != NONE && (pair.x != pair.y || c <= d)) {
         let weight = reach_instants_base_weights(slot, instant, pair.x) * reach_instants_base_weights(slot, instant, pair.y);
-        add_front(slot, ix_front(size, min(rows, columns) + c, max(rows, columns) + d), weight * by_pose[e % 36u]);
+        add_front(slot, ix_front(size, min(rows, columns) + c, max(rows, columns) + d), weight * by_pose[e % POSE_PRODUCTS]);
     }
 }
 
@@ -282,22 +291,22 @@ fn assemble_reach(slot: u32, half: u32, at: FrontStep, lane: u32) {
         let feet = reach_instants_at(slot, instant).feet;
         let blocks = reach_instants_at(slot, instant).base.blocks;
         front_barrier();
-        for (var e = lane; e < 42u; e += WORKGROUP) {
+        for (var e = lane; e < POSE_SUMS; e += WORKGROUP) {
             by_pose[e] = pose_sum(slot, half, feet, e);
         }
         workgroupBarrier();
-        for (var e = lane; e < 360u; e += WORKGROUP) {
+        for (var e = lane; e < BLOCK_PAIRS * POSE_PRODUCTS; e += WORKGROUP) {
             add_pose(slot, instant, blocks, at.size, e);
         }
-        for (var e = lane; e < 24u; e += WORKGROUP) {
-            let block = base_blocks_front(slot, blocks, e / 6u);
+        for (var e = lane; e < BASE_COLUMNS; e += WORKGROUP) {
+            let block = base_blocks_front(slot, blocks, e / POSE);
             if (block != NONE) {
-                let sum = reach_instants_base_weights(slot, instant, e / 6u) * by_pose[36u + e % 6u];
-                add_front(slot, ix_front(at.size, block + e % 6u, at.size), -sum);
+                let sum = reach_instants_base_weights(slot, instant, e / POSE) * by_pose[POSE_PRODUCTS + e % POSE];
+                add_front(slot, ix_front(at.size, block + e % POSE, at.size), -sum);
             }
         }
-        for (var e = lane; e < 30u * (feet.end - feet.start); e += WORKGROUP) {
-            add_foot(slot, half, instant, blocks, feet.start + e / 30u, at.size, e % 30u);
+        for (var e = lane; e < OTHER_COLUMNS * (feet.end - feet.start); e += WORKGROUP) {
+            add_foot(slot, half, instant, blocks, feet.start + e / OTHER_COLUMNS, at.size, e % OTHER_COLUMNS);
         }
     }
     front_barrier();

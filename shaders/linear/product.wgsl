@@ -63,7 +63,7 @@ fn reach_times(slot: u32, half: u32, instant: u32) {
     var position = vec3<f32>();
     var angles = vec3<f32>();
     let blocks = reach_instants_at(slot, instant).base.blocks;
-    for (var i = 0u; i < 4u; i++) {
+    for (var i = 0u; i < POSE_BLOCKS; i++) {
         if (base_blocks_front(slot, blocks, i) == NONE) {
             continue;
         }

@@ -13,7 +13,7 @@ fn entry(slot: u32, half: u32, k: u32) {
     let blocks = instant.base.blocks;
     let x = ix_x(slot, half);
     var pose = motion(instant.base.reference);
-    for (var i = 0u; i < 4u; i++) {
+    for (var i = 0u; i < POSE_BLOCKS; i++) {
         pose = add_weighted(pose, reach_instants_base_weights(slot, k, i), x + base_blocks_variable(slot, blocks, i));
     }
     let interval = base_blocks_at(slot, blocks).interval;

@@ -9,7 +9,7 @@ use crate::gait::family::GaitFamily;
 use crate::search::cem::{Objective, Sampler};
 use crate::search::evaluate::LowerSettings;
 use crate::search::{Gaits, SearchSettings};
-use crate::settings::{Legs, SolverSettings, Transcription, TranscriptionSettings};
+use crate::settings::{Legs, SolverSettings, Transcription, TranscriptionSettings, present_name};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -152,7 +152,7 @@ pub fn apply<'a, S: Serialize + DeserializeOwned>(settings: S, prefix: &str, set
         let Some((key, value)) = set.split_once('=') else {
             return Err(Error::invalid("--set", set, "KEY=VALUE"));
         };
-        let pointer = format!("/{}", key.replace('.', "/"));
+        let pointer: String = key.split('.').map(|name| format!("/{}", present_name(name))).collect();
         match tree.pointer_mut(&pointer) {
             Some(place) if !place.is_object() => *place = serde_json::from_str(value).unwrap_or_else(|_| value.into()),
             _ => return Err(Error::Unknown { what: "setting", name: format!("{prefix}{key}"), known: known.join(", ") }),
@@ -183,7 +183,7 @@ fn graft(tree: &mut serde_json::Value, other: serde_json::Value, place: &str) ->
     match (tree, other) {
         (serde_json::Value::Object(own), serde_json::Value::Object(other)) => {
             for (key, value) in other {
-                let Some(inner) = own.get_mut(&key) else {
+                let Some(inner) = own.get_mut(present_name(&key)) else {
                     let known: Vec<&str> = own.keys().map(String::as_str).collect();
                     return Err(Error::Unknown { what: "setting", known: known.join(", "), name: key }.within(place));
                 };
@@ -204,5 +204,20 @@ fn leaves(tree: &serde_json::Value, path: String, into: &mut Vec<String>) {
             }
         }
         None => into.push(path),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::StallSettings;
+
+    #[test]
+    fn former_names_of_settings_are_read() {
+        let expected = StallSettings { early_termination: 2., ..StallSettings::default() };
+        assert_eq!(apply(StallSettings::default(), "", ["hopeless_above=2"].into_iter()).unwrap(), expected);
+        let table = toml::from_str("hopeless_above = 2").unwrap();
+        assert_eq!(merge(StallSettings::default(), &table, "settings.solver.stall").unwrap(), expected);
+        assert_eq!(serde_json::from_str::<StallSettings>(r#"{ "hopeless_above": 2 }"#).unwrap(), expected);
     }
 }

@@ -9,12 +9,12 @@
 //! words.
 
 use crate::nlp::Layout;
-use crate::rows::momentum::{MOMENTUM_POINTS, MomentumPoint};
-use crate::rows::reach::{ReachInstant, ReachRows};
+use crate::rows::momentum::{INNER_POINTS, MOMENTUM_POINTS, MomentumPoint};
+use crate::rows::reach::{POSE, ReachInstant, ReachRows};
 use crate::rows::table::{MemberArray, NONE, Run, Span, Wgsl};
 use crate::rows::{Constants, RowCounts, row_tables};
 use crate::settings::{SolverSettings, Transcription};
-use crate::solver::control::{Limits, Progress, hopeless_rates};
+use crate::solver::control::{Limits, Progress, early_termination_rates};
 use crate::terrain::{Profile, Shape as TerrainShape, Terrain};
 
 /// Alignment of the offsets of bindings, bytes: the largest that any device requires.
@@ -259,8 +259,8 @@ macro_rules! gpu_tables {
                 pub inequalities: u32,
                 /// First reach row.
                 pub reach_rows: ReachRows,
-                /// Decay of the early termination limit, see [`hopeless_rates`].
-                pub hopeless_rates: [f32; 3],
+                /// Decay of the early termination limit, see [`early_termination_rates`].
+                pub early_termination_rates: [f32; 3],
                 $(
                     #[doc = concat!("Number of entries in `", stringify!($table), "`.")]
                     pub $table: u32,
@@ -283,7 +283,7 @@ macro_rules! gpu_tables {
                     rows: layout.rows,
                     inequalities: layout.inequalities as u32,
                     reach_rows: layout.reach_rows,
-                    hopeless_rates: hopeless_rates(layout.curves.transcription).map(|rate| rate as f32),
+                    early_termination_rates: early_termination_rates(layout.curves.transcription).map(|rate| rate as f32),
                     $($table: count(Buffer::$buffer),)*
                     shape: Shape::of(&layout.terrain, first_height),
                     constants: layout.constants,
@@ -328,7 +328,7 @@ macro_rules! gpu_tables {
                     gradient: array(sizes.variables),
                     right_hand_side: array(sizes.variables),
                     ground: array(3 * sizes.entries(Buffer::Footholds)),
-                    deviations: array(36 * sizes.entries(Buffer::MomentumIntervals)),
+                    deviations: array(POSE * INNER_POINTS * sizes.entries(Buffer::MomentumIntervals)),
                     c: array(2 * sizes.one_sided),
                     c_half: sizes.one_sided as u32,
                     c_change: array(sizes.one_sided),

@@ -432,8 +432,8 @@ fn certified(task: &Task, point: &Point) -> bool {
 /// Brings the given gait onto its rows; `None` if that fails.
 fn close_given(space: &Space, solver: &mut Solver<f64>, schedule: &AlignedSchedule, x: &[f64], cancel: &dyn Fn() -> bool) -> Option<Point> {
     // Forces outside their cones may be too far off for closing steps.
-    let onwards = SolverSettings { barrier: Some(START_BARRIER), ..SolverSettings::default() };
-    let attempts = [closing_settings(), onwards, SolverSettings::default()];
+    let continued = SolverSettings { barrier: Some(START_BARRIER), ..SolverSettings::default() };
+    let attempts = [closing_settings(), continued, SolverSettings::default()];
     let closed = |settings| close(space, solver, space.start(schedule, x), settings, cancel).filter(|p| certified(space.task, p));
     attempts.iter().find_map(closed)
 }

@@ -39,6 +39,8 @@ pub fn angular_allowed<T: Real>(constants: &Constants<T>, _: usize, tolerance: T
 pub const INNER_POINTS: usize = 6;
 /// Number of points of an interval at which its momentum is evaluated: the inner points, then the end.
 pub const MOMENTUM_POINTS: usize = INNER_POINTS + 1;
+/// Smallest cosine of the pitch by which the rates of the Euler angles are divided.
+pub const STEEP_COSINE: f64 = 0.1;
 
 crate::table! {
     /// One of the [`MOMENTUM_POINTS`] points of every interval.
@@ -484,7 +486,7 @@ fn deviate<T: Real>(
         let angles = inside[q].0;
         let (sz, cz) = angles[2].sin_cos();
         let (sy, cy) = angles[1].sin_cos();
-        let cy = if cy.abs() < T::of(0.1) { T::of(0.1) } else { cy };
+        let cy = if cy.abs() < T::of(STEEP_COSINE) { T::of(STEEP_COSINE) } else { cy };
         let forward = cz * turned[q][0] + sz * turned[q][1];
         deviation.pose[q][3] = forward / cy;
         deviation.pose[q][4] = cz * turned[q][1] - sz * turned[q][0];

@@ -18,6 +18,10 @@ pub const SPEC: Spec = Spec { rows: 3, pairs: 3, kind: RowKind::Inequality, unit
 
 /// Number of columns for the base pose; they are the first columns of every foot.
 pub(crate) const POSE: usize = 6;
+/// Number of base blocks that determine the pose at an instant.
+pub(crate) const POSE_BLOCKS: usize = 4;
+/// Number of a foot's own columns: two per foothold, one of the swing height.
+pub(crate) const OWN_COLUMNS: usize = 5;
 
 /// See [`super::Family::allowed`].
 pub(super) use super::length_allowed as allowed;

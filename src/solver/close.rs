@@ -14,13 +14,13 @@ thread_local! {
 /// iterations.
 pub const CONTINUE_BELOW: f64 = 1e-2;
 /// Largest barrier parameter for continuing an unfinished f32 solve in f64.
-const ONWARDS_BARRIER: f64 = 1e-3;
+const CONTINUE_BARRIER: f64 = 1e-3;
 /// Iteration limit for continuing an unfinished f32 solve in f64. All that converge do so within 40 iterations.
-const ONWARDS_ITERATIONS: usize = 40;
+const CONTINUE_ITERATIONS: usize = 40;
 /// Barrier parameters of the restarts, tried in this order, for a point at which the closing steps fail.
-const ANEW_BARRIERS: [f64; 2] = [1e-3, 3e-3];
+const RESTART_BARRIERS: [f64; 2] = [1e-3, 3e-3];
 /// Iteration limit of each restart.
-const ANEW_ITERATIONS: usize = 20;
+const RESTART_ITERATIONS: usize = 20;
 
 /// True if an f32 solve came close enough to a solution for [`close`] to work on it.
 pub fn can_close(outcome: &Outcome) -> bool {
@@ -68,9 +68,9 @@ impl Closing<'_> {
     fn run(&mut self, settings: &SolverSettings) {
         let solved_before = self.outcome.status == Status::Solved;
         if !solved_before {
-            let barrier = settings.barrier(self.layout.curves.transcription).min(ONWARDS_BARRIER);
-            let onwards = SolverSettings { barrier: Some(barrier), ..at_most(ONWARDS_ITERATIONS, settings) };
-            self.attempt(&onwards, Finish::Infeasibility(settings.tolerance), true);
+            let barrier = settings.barrier(self.layout.curves.transcription).min(CONTINUE_BARRIER);
+            let continued = SolverSettings { barrier: Some(barrier), ..at_most(CONTINUE_ITERATIONS, settings) };
+            self.attempt(&continued, Finish::Infeasibility(settings.tolerance), true);
             if self.outcome.status != Status::Solved {
                 return;
             }
@@ -86,8 +86,8 @@ impl Closing<'_> {
             stall: StallSettings { enabled: false, ..settings.stall.clone() },
             ..once.clone()
         };
-        let anew = |barrier| SolverSettings { barrier: Some(barrier), smoothing: 0., ..at_most(ANEW_ITERATIONS, &once) };
-        let from_here = std::iter::once(steps).chain(ANEW_BARRIERS.map(anew)).map(|settings| (settings, true));
+        let restart = |barrier| SolverSettings { barrier: Some(barrier), smoothing: 0., ..at_most(RESTART_ITERATIONS, &once) };
+        let from_here = std::iter::once(steps).chain(RESTART_BARRIERS.map(restart)).map(|settings| (settings, true));
         let from_the_start = solved_before.then(|| (settings.clone(), false));
         for (settings, from_here) in from_here.chain(from_the_start) {
             self.attempt(&settings, Finish::Rows(settings.row_tolerance), from_here);

@@ -346,13 +346,13 @@ impl<T: Real> Solver<T> {
         }
         let (solved, infeasibility) = (self.x.clone(), progress.infeasibility);
         let barrier = progress.barrier.min(T::of(SMOOTH_BARRIER));
-        let onwards = SolverSettings {
+        let continued = SolverSettings {
             proximal: settings.proximal_floor,
             smoothing: 0.,
             max_iterations: progress.iterations as usize + settings.smooth.iterations + settings.max_iterations,
             ..settings.clone()
         };
-        let solve = Solve { limits: Limits::new(&onwards, layout.curves.transcription), ..*solve };
+        let solve = Solve { limits: Limits::new(&continued, layout.curves.transcription), ..*solve };
         let renewed = |progress: &Progress<T>, recorded: usize| Progress {
             iterations: progress.iterations,
             factorisations: progress.factorisations,

@@ -4,7 +4,7 @@
 
 use crate::common::{Random, cones, gait, hills, layout_with, spider, task, task_for, transcriptions};
 use cregopt::backend::gpu::shaders::{
-    Binding, SHARED, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP, bindings, constants, prelude, reads,
+    Binding, SHARED, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP, bindings, constants, generated, prelude, reads,
 };
 use cregopt::backend::tables::{Batch, Buffer, FrontStep, Part, ShaderTables, Shape, Slot};
 use cregopt::linear::transposed::transposed_times;
@@ -348,6 +348,9 @@ fn constants_arrive_with_all_their_bits_and_are_used() {
     twins.extend([("QUARTERS_PER_RADIAN", std::f32::consts::FRAC_2_PI.to_bits()), ("END", twins["INNER_POINTS"])]);
     // Threads of an interval: one per point, and one for the start.
     twins.extend([("START", twins["MOMENTUM_POINTS"]), ("LANES", twins["MOMENTUM_POINTS"] + 1)]);
+    let (pose, blocks, own) = (twins["POSE"], twins["POSE_BLOCKS"], twins["OWN_COLUMNS"]);
+    twins.extend([("POSE_PRODUCTS", pose * pose), ("POSE_SUMS", pose * pose + pose), ("BASE_COLUMNS", blocks * pose)]);
+    twins.extend([("OTHER_COLUMNS", blocks * pose + own + 1), ("BLOCK_PAIRS", blocks * (blocks + 1) / 2)]);
     for (shader, variant, module) in modules() {
         let Variant { workgroup, front, side, columns } = variant;
         let of_variant = BTreeMap::from([("WORKGROUP", workgroup), ("FRONT", front), ("SIDE", side), ("COLUMNS", columns)]);
@@ -380,6 +383,82 @@ fn constants_arrive_with_all_their_bits_and_are_used() {
     let texts: Vec<&str> = Shader::ALL.iter().map(|s| s.source()).chain(SHARED.iter().map(|s| s.1)).collect();
     for name in twins.keys() {
         assert!(texts.iter().any(|text| words(text).any(|word| word == *name)), "no shader uses {name}");
+    }
+}
+
+/// Literals that are not constants of a twin: zero, one, half, twice, and small counts and indices.
+const STRUCTURAL: [&str; 16] = ["0.0", "0.5", "1.0", "2.0", "0u", "1u", "2u", "3u", "4u", "0", "1", "2", "3", "4", "5", "6"];
+
+/// Other literals in shaders, by file, with the reason why they are not shared with a twin as constants.
+const ALLOWED: [(&str, &[&str], &str); 7] = [
+    ("shared/control", &["0x7f800000u"], "bits of the exponent of f32"),
+    ("shared/math", &["4.0", "0.25", "3.0"], "quarters of a turn"),
+    ("linear/front", &["5u", "6u"], "two vectors of three rows"),
+    ("linear/front", &["8u"], "last pairs of the first three of four rows of blocks: 3, 6, 8"),
+    ("linear/product", &["5u"], "index of the last of six values"),
+    ("rows/momentum", &["3.0", "6.0"], "quadratic with a given mean and end"),
+    ("solver/judge", &["4.0"], "root of a quadratic equation"),
+];
+
+/// Literals of a text with their line numbers, without comments and declarations of constants. The latter are compared with their twins by
+/// `constants_arrive_with_all_their_bits_and_are_used`.
+fn literals(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    let code = (1..).zip(text.lines()).map(|(number, line)| (number, line.split("//").next().unwrap()));
+    code.filter(|(_, line)| !line.starts_with("const ")).flat_map(|(number, line)| {
+        let word = |c: char| c.is_alphanumeric() || ['_', '.'].contains(&c);
+        // The sign of an exponent splits a literal; both of its halves are found.
+        line.split(move |c| !word(c)).filter(|w| w.starts_with(|c: char| c.is_ascii_digit())).map(move |literal| (number, literal))
+    })
+}
+
+#[test]
+fn numbers_in_shaders_are_structural_constants_of_twins_or_listed() {
+    let mut used = vec![BTreeSet::new(); ALLOWED.len()];
+    let mut strange = Vec::new();
+    for (path, text) in Shader::ALL.iter().map(|s| (s.path(), s.source())).chain(SHARED.iter().copied()) {
+        for (line, literal) in literals(text).filter(|(_, literal)| !STRUCTURAL.contains(literal)) {
+            match ALLOWED.iter().position(|(file, literals, _)| *file == path && literals.contains(&literal)) {
+                Some(i) => {
+                    used[i].insert(literal);
+                }
+                None => strange.push(format!("shaders/{path}.wgsl:{line}: {literal}")),
+            }
+        }
+    }
+    let advice = "name them in Rust and add them to `constants()` of src/backend/gpu/shaders.rs, or list them in ALLOWED with a reason";
+    assert!(strange.is_empty(), "{advice}:\n{}", strange.join("\n"));
+    for ((file, literals, _), used) in ALLOWED.iter().zip(used) {
+        assert_eq!(literals.len(), used.len(), "{file} no longer contains all of {literals:?}");
+    }
+}
+
+#[test]
+fn literals_are_found_outside_comments_and_constants() {
+    let text = "const A: f32 = 0.7;\n// 0.3\nlet v1 = x2 * vec3<f32>(0.3, 1e-3, -4u); // 5\n    v.x = a[7];";
+    assert_eq!(literals(text).collect::<Vec<_>>(), [(3, "0.3"), (3, "1e"), (3, "3"), (3, "4u"), (4, "7")]);
+}
+
+/// Variable that makes the test below write the file that it compares.
+const WRITE: &str = "WRITE_GENERATED";
+
+#[test]
+fn the_file_of_generated_declarations_is_up_to_date() {
+    let path = project().join("shaders/generated.wgsl");
+    let test = "the_file_of_generated_declarations_is_up_to_date";
+    let header = format!(
+        "// Generated: constants, structs and table readers that precede the shaders, see `generated` of src/backend/gpu/shaders.rs. The\n\
+         // program does not read this file. To write it: {WRITE}=1 cargo test --test library {test}\n\n"
+    );
+    let text = header + &generated();
+    if std::env::var_os(WRITE).is_some() {
+        std::fs::write(&path, &text).unwrap();
+    }
+    let found = std::fs::read_to_string(&path).unwrap_or_default();
+    assert!(found == text, "shaders/generated.wgsl is out of date; to write it: {WRITE}=1 cargo test --test library {test}");
+    // Every line is part of the text of a shader.
+    let texts: Vec<String> = Shader::ALL.iter().map(|s| s.text(&variants()[0])).collect();
+    for part in generated().split("\n\n") {
+        assert!(texts.iter().any(|text| text.contains(part)), "no shader contains {part}");
     }
 }
 

@@ -141,7 +141,7 @@ pub const PROGRESS: [&str; 19] = [
     "closing_below",
     "closing_from",
     "edge_radius",
-    "hopeless",
+    "early_termination_limit",
     "length",
     "dual_length",
 ];

@@ -8,7 +8,7 @@ use cregopt::backend::gpu::Prepared;
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::rows::RowKind;
 use cregopt::solver::control::{self, CLOSE, EXACT, Limits, Progress, SHORTER, SOLVED, STEP};
-use cregopt::solver::slacks::{Aim, BARRIER_FLOOR, Lengths, Slacks, TO_THE_BOUNDARY, largest, mean_product, slack_steps};
+use cregopt::solver::slacks::{Aim, BARRIER_FLOOR, FRACTION_TO_THE_BOUNDARY, Lengths, Slacks, largest, mean_product, slack_steps};
 use cregopt::solver::{advance, judge, start, weights};
 use std::collections::BTreeMap;
 
@@ -167,7 +167,7 @@ fn prepare_weights(lab: &Lab, s: usize, state: &mut State, random: &mut Random) 
         eps: 3e-4,
         closing_eps: 7e-5,
         // Closes after refused attempts, and the first of the rest.
-        hopeless: progress.hopeless,
+        early_termination_limit: progress.early_termination_limit,
         ..Progress::first(&limits(lab, s), progress.barrier, progress.edge_radius)
     };
     if progress.state == EXACT {
@@ -327,7 +327,7 @@ pub fn steps_of_slacks(lab: &Lab, s: usize, expected: &mut Expected, aim: Aim<f3
 
 /// Step lengths of slacks and multipliers by the fraction-to-the-boundary rule.
 pub fn lengths_of(slacks: &Slacks<f32>) -> Lengths<f32> {
-    let most = TO_THE_BOUNDARY as f32;
+    let most = FRACTION_TO_THE_BOUNDARY as f32;
     let by = |value: &[f32], step: &[f32]| {
         let steepest = value.iter().zip(step).fold(0f32, |steepest, (v, by)| steepest.max(-by / v));
         if steepest > most { most / steepest } else { 1. }
