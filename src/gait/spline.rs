@@ -16,6 +16,13 @@ pub fn hermite_rate(t: f64, duration: f64) -> [f64; 4] {
     [6. * (u2 - u) / duration, 3. * u2 - 4. * u + 1., 6. * (u - u2) / duration, 3. * u2 - 2. * u]
 }
 
+/// Weights of the second time derivative of [`hermite`].
+pub fn hermite_acceleration(t: f64, duration: f64) -> [f64; 4] {
+    let u = t / duration;
+    let far = (6. - 12. * u) / (duration * duration);
+    [-far, (6. * u - 4.) / duration, far, (6. * u - 2.) / duration]
+}
+
 /// Clamped uniform cubic B-spline over `intervals` intervals of length `interval`: `intervals + 3` coefficients.
 #[derive(Debug, Clone, Copy)]
 pub struct BSpline {
