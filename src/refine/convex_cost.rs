@@ -14,8 +14,9 @@
 //! time in the interval is a dual number.
 
 use super::variables::{Point, Space};
-use crate::gait::cost::{CostWeights, GAUSS, distance};
-use crate::nlp::transcription::momentum::{EXACT_RULE, MID_SPEED, PIECE};
+use crate::gait::cost::{CostWeights, distance};
+use crate::nlp::transcription::momentum::{MID_SPEED, PIECE};
+use crate::quadrature::{GAUSS_3, GAUSS_3_NODE, GAUSS_3_WEIGHTS};
 use crate::robot::{GRAVITY, MAX_FEET};
 use crate::rows::table::NONE;
 use nalgebra::{SVector, Vector3};
@@ -55,12 +56,12 @@ impl Cell {
     fn terms(&self, cell: usize) -> impl Iterator<Item = Term> + '_ {
         (0..3).map(move |point| {
             let by = self.by.iter().map(|(i, by)| (*i, by[point])).filter(|(_, d)| *d != 0.).collect();
-            Term { cell, point, weight: self.weight * GAUSS_WEIGHTS[point], value: self.powers[point], by }
+            Term { cell, point, weight: self.weight * GAUSS_3_WEIGHTS[point], value: self.powers[point], by }
         })
     }
 
     fn cost(&self, rounding: f64) -> f64 {
-        (0..3).map(|i| self.weight * GAUSS_WEIGHTS[i] * rounded(self.powers[i], rounding)).sum()
+        (0..3).map(|i| self.weight * GAUSS_3_WEIGHTS[i] * rounded(self.powers[i], rounding)).sum()
     }
 }
 
@@ -96,9 +97,6 @@ impl Model {
         self.terms.iter().map(|t| t.weight * rounded(t.value, self.rounding)).sum::<f64>() + self.effort
     }
 }
-
-/// Weights of the three-point Gauss-Legendre rule on \[-1, 1\].
-const GAUSS_WEIGHTS: [f64; 3] = [5. / 9., 8. / 9., 5. / 9.];
 
 /// Number of variables whose derivatives are computed in one pass.
 const LANES: usize = 16;
@@ -354,7 +352,7 @@ impl<'a> Price<'a> {
                 let base = [piece(0), piece(1)];
                 let mine = of_foot.pieces.iter().find(|(p, _)| middle.re() < p.start.re() + p.length.re());
                 let Some((mine, foothold)) = mine.or(of_foot.pieces.last()) else { continue };
-                let times = [-GAUSS, 0., GAUSS].map(|node| middle + half * node);
+                let times = [-GAUSS_3_NODE, 0., GAUSS_3_NODE].map(|node| middle + half * node);
                 let mut cell = |weight: f64, powers: [D; 3]| cells.push((foot, weight, powers.map(|p| p * half)));
                 match foothold {
                     Some(foothold) => {
@@ -488,7 +486,7 @@ impl<'a> Price<'a> {
                         continue;
                     }
                     let mut impulse = zero;
-                    for [node, weight] in EXACT_RULE {
+                    for [node, weight] in GAUSS_3 {
                         let time = low + (high - low) * node;
                         let force = piece.value(time) * ((high - low) * weight);
                         let left = to - time;

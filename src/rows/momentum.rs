@@ -12,11 +12,11 @@ use super::table::{NONE, Place, Span};
 use super::write::Rows;
 use super::{Constants, RowKind, Spec, Tables};
 use crate::gait::spline::{hermite, hermite_rate};
+use crate::quadrature::{GAUSS_6, lagrange};
 use crate::real::Real;
 use crate::robot::GRAVITY;
 use crate::terrain::Ground;
 use multiversion::multiversion;
-use std::sync::LazyLock;
 
 /// Six equalities: change of velocity, then of position.
 pub const LINEAR: Spec = Spec { rows: 6, pairs: 0, kind: RowKind::Equality, unit: "N" };
@@ -131,32 +131,9 @@ pub(super) fn place_angular<T: Real>(tables: &mut Tables<T>, entry: usize, at: &
     }
 }
 
-/// Nodes and weights of the Gauss-Legendre rule with [`INNER_POINTS`] nodes on (0, 1), by Newton's method on the Legendre polynomial.
-pub static INNER_RULE: LazyLock<[[f64; 2]; INNER_POINTS]> = LazyLock::new(|| {
-    let n = INNER_POINTS;
-    std::array::from_fn(|i| {
-        let mut x = -(std::f64::consts::PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();
-        let mut slope = 1.;
-        for _ in 0..20 {
-            let (mut before, mut now) = (1., x);
-            for k in 2..=n {
-                (before, now) = (now, ((2 * k - 1) as f64 * x * now - (k - 1) as f64 * before) / k as f64);
-            }
-            slope = n as f64 * (x * now - before) / (x * x - 1.);
-            x -= now / slope;
-        }
-        [(1. + x) / 2., 1. / ((1. - x * x) * slope * slope)]
-    })
-});
-
-/// Value at `u` of the Lagrange polynomial that is 1 at node `i` and 0 at the other nodes.
-pub fn lagrange(nodes: &[f64], i: usize, u: f64) -> f64 {
-    (0..nodes.len()).filter(|&j| j != i).map(|j| (u - nodes[j]) / (nodes[i] - nodes[j])).product()
-}
-
 /// Points of an interval of length `h`, s.
 pub fn points<T: Real>(h: f64) -> [MomentumPoint<T>; MOMENTUM_POINTS] {
-    let rule = *INNER_RULE;
+    let rule = *GAUSS_6;
     let nodes = rule.map(|[u, _]| u);
     std::array::from_fn(|q| {
         let [part, mean] = rule.get(q).copied().unwrap_or([1., 0.]);
