@@ -15,12 +15,14 @@
 
 use super::variables::{Point, Space};
 use crate::gait::cost::{CostWeights, distance};
+use crate::gait::spline::{hermite, hermite_acceleration, hermite_rate};
 use crate::nlp::transcription::momentum::{MID_SPEED, PIECE};
 use crate::quadrature::{GAUSS_3, GAUSS_3_NODE, GAUSS_3_WEIGHTS};
+use crate::real::Number;
 use crate::robot::{GRAVITY, MAX_FEET};
 use crate::rows::table::NONE;
 use nalgebra::{SVector, Vector3};
-use num_dual::{Derivative, DualNum, DualSVec64};
+use num_dual::{Derivative, DualSVec64};
 use rayon::prelude::*;
 
 /// Sparse derivatives: variable and value.
@@ -120,10 +122,6 @@ pub(super) struct Price<'a> {
     effort: f64,
 }
 
-/// Scalars with or without derivatives.
-trait Number: DualNum<Primitive = f64> + Copy {}
-impl<D: DualNum<Primitive = f64> + Copy> Number for D {}
-
 type Vec3<D> = Vector3<D>;
 /// Position, attitude and their rates at a base node.
 type State<D> = [Vec3<D>; 4];
@@ -148,23 +146,15 @@ impl<D: Number> Piece<D> {
     }
 
     fn value(&self, time: D) -> Vec3<D> {
-        let u = (time - self.start) / self.length;
-        let (u2, u3) = (u * u, u * u * u);
-        let far = u2 * 3. - u3 * 2.;
-        self.sum([-far + 1., (u3 - u2 * 2. + u) * self.length, far, (u3 - u2) * self.length])
+        self.sum(hermite(time - self.start, self.length))
     }
 
     fn first(&self, time: D) -> Vec3<D> {
-        let u = (time - self.start) / self.length;
-        let u2 = u * u;
-        let far = (u - u2) * 6. / self.length;
-        self.sum([-far, u2 * 3. - u * 4. + 1., far, u2 * 3. - u * 2.])
+        self.sum(hermite_rate(time - self.start, self.length))
     }
 
     fn second(&self, time: D) -> Vec3<D> {
-        let u = (time - self.start) / self.length;
-        let far = (-u * 12. + 6.) / (self.length * self.length);
-        self.sum([-far, (u * 6. - 4.) / self.length, far, (u * 6. - 2.) / self.length])
+        self.sum(hermite_acceleration(time - self.start, self.length))
     }
 }
 
