@@ -13,6 +13,7 @@
 
 use super::legs::{foot_acceleration, foot_speed};
 use super::{Guess, ReachTime, SwingLaw, Transcribe, initial_guess};
+use crate::gait::family::RAMP;
 use crate::gait::spline::{hermite, hermite_rate};
 use crate::gait::trajectory::{GoalVelocity, MotionLimits};
 use crate::gait::{Curve, Phase};
@@ -54,9 +55,6 @@ const FOOTHOLD_SMOOTHING: f64 = 0.;
 const POSE_SMOOTHING: [f64; 6] = [0., 0., 0., 1., 1., 1.];
 /// Weights that attract the base rates to the initial guess, relative to 1 for a force of the weight per foot, s²/m² and s²/rad².
 const RATE_SMOOTHING: [f64; 6] = [0.1; 6];
-
-/// Fraction of the horizon over which the initial guess accelerates, and again over which it decelerates.
-const RAMP: f64 = 0.3;
 
 /// Weights of the deviations at the inner points for fraction `u` of an interval: a polynomial that vanishes at both ends.
 fn deviation_weights(u: f64) -> [f64; INNER_POINTS] {
