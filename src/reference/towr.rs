@@ -176,7 +176,7 @@ impl<'a> Towr<'a> {
     /// # Errors
     /// [`Error::Invalid`] if a curve has a different number of nodes.
     pub fn point(&self, trajectory: &Trajectory) -> Result<Vec<f64>> {
-        let mut x = self.initial.clone();
+        let mut x = self.variables.initial.clone();
         let mut take = |name: &str, curve: &Curve, nodes: &[[f64; 6]]| {
             if curve.nodes.len() != nodes.len() {
                 return Err(Error::invalid(
