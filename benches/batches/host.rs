@@ -1,6 +1,6 @@
 //! Cost of a candidate on the host, by part, on one thread without a device: the part that a faster device cannot reduce.
 
-use cregopt::backend::gpu::tables::ShaderTables;
+use cregopt::backend::tables::ShaderTables;
 use cregopt::gait::cost::{CostWeights, cost};
 use cregopt::gait::{AlignedSchedule, Schedule};
 use cregopt::nlp::transcription::{force_limit, interval};

@@ -3,7 +3,7 @@
 
 use crate::counted::{Counted, Operations, counted};
 use cregopt::backend::gpu::shaders::{Shader, WORKGROUP};
-use cregopt::backend::gpu::tables::ShaderTables;
+use cregopt::backend::tables::ShaderTables;
 use cregopt::gait::AlignedSchedule;
 use cregopt::linear::forward::forward;
 use cregopt::linear::front::{Factor, NormalEquations, factorise};

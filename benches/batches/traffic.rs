@@ -4,7 +4,7 @@ use crate::counted::Operations;
 use crate::operations::of_round;
 use cregopt::Result;
 use cregopt::backend::gpu::shaders::Shader;
-use cregopt::backend::gpu::tables::{Buffer, ShaderTables, Slot};
+use cregopt::backend::tables::{Buffer, ShaderTables, Slot};
 use cregopt::gait::Schedule;
 use cregopt::nlp::layout::Element;
 use cregopt::nlp::{Layout, transcription};

@@ -38,10 +38,10 @@
 //! of at most [`STEP`], as the absolute value of the parabola through the powers at three Gauss-Legendre points. Without a change of sign
 //! this is the Gauss-Legendre rule, exact to fifth order.
 
+use super::joints::excess;
 use super::{Curve, Phase, Schedule, Trajectory};
-use crate::error::{Error, Result, check_range};
+use crate::error::{Result, check_range};
 use crate::quadrature::GAUSS_3_NODE;
-use crate::report::joints::excess;
 use crate::robot::{GRAVITY, Robot};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -57,7 +57,7 @@ pub const STEP: f64 = 0.04;
 const LEAST_LEG: f64 = 1e-6;
 
 /// Times closer than this count as equal, s.
-const SAME_TIME: f64 = 1e-6;
+pub(super) const SAME_TIME: f64 = 1e-6;
 
 /// Weights of the terms of the total cost.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -172,10 +172,7 @@ pub fn cost_between(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weigh
 
 /// Costs of a part of a valid trajectory, per `distance`.
 fn priced(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weights: &CostWeights, part: [f64; 2], distance: f64) -> Result<Cost> {
-    if trajectory.ee.len() != robot.feet() {
-        let limit = format!("{} feet, as the robot `{}` has", robot.feet(), robot.name);
-        return Err(Error::invalid("ee", format!("{} feet", trajectory.ee.len()), limit));
-    }
+    trajectory.check_feet(robot)?;
     let (weight, horizon) = (robot.weight(), part[1] - part[0]);
     let motion = Motion::new(trajectory, robot, part)?;
     let mut cost = Cost { distance, horizon, ..motion.extremes() };
@@ -202,7 +199,7 @@ pub(crate) fn distance(robot: &Robot, way: [f64; 3], turn: f64) -> f64 {
 }
 
 /// Piece of a curve: `p = p0 + p1 t + p2 t^2 + p3 t^3`.
-struct Piece {
+pub(super) struct Piece {
     start: f64,
     length: f64,
     p: [Vector3<f64>; 4],
@@ -213,14 +210,30 @@ impl Piece {
         self.start + self.length
     }
 
-    fn value(&self, time: f64) -> Vector3<f64> {
-        let t = time - self.start;
+    /// Value and slope of a curve at a time, clamped to the curve. At a node the earlier piece counts.
+    pub(super) fn at(curve: &[Piece], time: f64) -> [Vector3<f64>; 2] {
+        // The slack keeps the side of a node when times are sums of other durations.
+        let piece = &curve[curve.partition_point(|piece| piece.end() < time - 1e-9).min(curve.len() - 1)];
+        let t = (time - piece.start).clamp(0., piece.length);
+        [piece.value_after(t), piece.first_after(t)]
+    }
+
+    /// Value `t` s after the start of the piece.
+    fn value_after(&self, t: f64) -> Vector3<f64> {
         self.p[0] + (self.p[1] + (self.p[2] + self.p[3] * t) * t) * t
     }
 
-    fn first(&self, time: f64) -> Vector3<f64> {
-        let t = time - self.start;
+    /// First derivative `t` s after the start of the piece.
+    fn first_after(&self, t: f64) -> Vector3<f64> {
         self.p[1] + (self.p[2] * 2. + self.p[3] * (3. * t)) * t
+    }
+
+    fn value(&self, time: f64) -> Vector3<f64> {
+        self.value_after(time - self.start)
+    }
+
+    fn first(&self, time: f64) -> Vector3<f64> {
+        self.first_after(time - self.start)
     }
 
     fn second(&self, time: f64) -> Vector3<f64> {
@@ -253,7 +266,7 @@ impl Piece {
 }
 
 /// Pieces of a Hermite curve.
-fn pieces(curve: &Curve) -> Vec<Piece> {
+pub(super) fn pieces(curve: &Curve) -> Vec<Piece> {
     let vector = |n: &[f64]| Vector3::new(n[0], n[1], n[2]);
     let mut start = 0.;
     let ends = curve.nodes.windows(2).zip(&curve.poly_durations);

@@ -1,9 +1,9 @@
 //! A motion as a picture for a paper: its gait, forces, base over time, and a view from above.
 
-use super::files;
 use super::samples::{FOOT_COLORS, Sample, Sampler, Stance, foot_names};
 use super::svg::{AXIS, GRID, Picture, SMALL, Scale, TITLE, short, with_room};
 use crate::error::{Error, Result};
+use crate::files;
 use crate::gait::Trajectory;
 use crate::robot::Robot;
 use crate::terrain::Terrain;

@@ -9,7 +9,6 @@ mod device;
 mod kept;
 pub mod shaders;
 mod slots;
-pub mod tables;
 mod timer;
 
 pub use device::{AdapterReport, Device, Fault, Found};
@@ -17,7 +16,8 @@ pub use kept::Folder;
 pub use slots::{List, Prepared, Slots, most_slots};
 pub use timer::Timing;
 
-use super::{Backend, Cpu, Fallback, Job, Precision, Problem, Solution, locked};
+use super::tables::{Buffer, Sizes};
+use super::{Backend, Cpu, DeviceChoice, Fallback, Job, Precision, Problem, Solution, locked};
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
 use crate::nlp::{Curves, Layout, transcription};
@@ -33,7 +33,6 @@ use shaders::Shader;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
-use tables::{Buffer, Sizes};
 use timer::Timer;
 use tracing::warn;
 
@@ -506,6 +505,10 @@ impl Backend for Gpu {
     fn device(&self) -> String {
         let report = &self.device.report;
         format!("gpu: {} ({}, {})", report.name, report.interface, report.driver)
+    }
+
+    fn choice(&self) -> DeviceChoice {
+        DeviceChoice::adapter(&self.device.report.name)
     }
 
     fn fallback(&self) -> Option<Fallback> {

@@ -29,7 +29,7 @@
 //! within 3 units, but only within 2^-21 absolute between 0.5 and 2, where the ratios of slacks that hardly change are. Times the barrier
 //! parameter this is 2.4e-8 per row at its default. Tested adapters are within 1.9e-7, which is 1e-8 per row.
 
-use super::tables::{Batch, Buffer, Part, kind};
+use crate::backend::tables::{Batch, Buffer, Part, kind};
 use crate::robot::GRAVITY;
 use crate::rows::momentum::{INNER_POINTS, MOMENTUM_POINTS};
 use crate::rows::table::{NONE, Wgsl};

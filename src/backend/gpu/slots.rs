@@ -2,7 +2,7 @@
 
 use super::device::{Device, Fault, Pipeline};
 use super::shaders::{Binding, Shader, Variant};
-use super::tables::{ALIGNMENT, Batch, Buffer, Part, ReachTouch, ShaderTables, Sizes, Slot, first_progress};
+use crate::backend::tables::{ALIGNMENT, Batch, Buffer, Part, ReachTouch, ShaderTables, Sizes, Slot, first_progress};
 use crate::nlp::Layout;
 use crate::nlp::sweep::Step;
 use crate::settings::SolverSettings;
