@@ -142,6 +142,7 @@ pub mod linear;
 pub mod nlp;
 #[cfg(feature = "python")]
 mod python;
+mod quadrature;
 #[doc(hidden)]
 pub mod real;
 #[doc(hidden)]

@@ -63,7 +63,7 @@ pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSetting
     shader(Shader::Weights, &mut || barrier_rows(&layout, &c, &g, &slacks, Aim::predictor(), &mut weight, &mut value));
     shader(Shader::Weights, &mut || {
         let eps = progress.proximal();
-        variable_terms(&scaling, eps, &layout.smoothing, limits.smoothing, &x, &layout.initial, &mut diagonal, &mut gradient);
+        variable_terms(&layout, &scaling, eps, limits.smoothing, &x, &mut diagonal, &mut gradient);
     });
 
     let mut factor = Factor::default();

@@ -257,7 +257,11 @@ pub fn refine(
     settings: &RefineSettings,
     cancel: &dyn Fn() -> bool,
 ) -> Result<Refined> {
-    check(task, schedule, x, transcription, weights, settings)?;
+    task.validate()?;
+    transcription.validate()?;
+    weights.validate()?;
+    settings.validate_for(transcription)?;
+    check(task, schedule, x, transcription)?;
     // If the rows cannot hold with their full margins, the certificate may still hold.
     let cones = MARGINS.map(|share| TranscriptionSettings {
         friction: Some(Friction::Cone),
@@ -381,18 +385,8 @@ impl Descent<'_> {
     }
 }
 
-fn check(
-    task: &Task,
-    schedule: &AlignedSchedule,
-    x: &[f64],
-    transcription: &TranscriptionSettings,
-    weights: &CostWeights,
-    settings: &RefineSettings,
-) -> Result<()> {
-    task.validate()?;
-    transcription.validate()?;
-    weights.validate()?;
-    settings.validate_for(transcription)?;
+/// Checks that a gait fits its task and its transcription.
+fn check(task: &Task, schedule: &AlignedSchedule, x: &[f64], transcription: &TranscriptionSettings) -> Result<()> {
     if schedule.feet() != task.robot.feet() {
         let limit = format!("{} feet, as robot `{}` has", task.robot.feet(), task.robot.name);
         return Err(Error::invalid("durations", format!("{} feet", schedule.feet()), limit));

@@ -272,9 +272,8 @@ impl<T: Real> Solver<T> {
         } else {
             barrier_rows(layout, &now.c, &now.g, &self.slacks, Aim::predictor(), &mut self.weight, &mut self.value);
         }
-        let (diagonal, gradient) = (&mut self.diagonal, &mut self.gradient);
-        let proximal = progress.proximal();
-        variable_terms(&self.scaling, proximal, &layout.smoothing, progress.smoothing, &self.x, &layout.initial, diagonal, gradient);
+        let (proximal, weight) = (progress.proximal(), progress.smoothing);
+        variable_terms(layout, &self.scaling, proximal, weight, &self.x, &mut self.diagonal, &mut self.gradient);
     }
 
     /// Computes the step length, the trial point, and the linear model of the residuals there.
