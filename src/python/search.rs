@@ -149,7 +149,7 @@ impl Gait {
         Ok(())
     }
 
-    /// Writes a picture of the gait, its forces and its path: .svg or .png.
+    /// Writes a picture of the gait, its forces and its path: .svg, or .png if built with the feature `pictures`.
     fn plot(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         py.detach(|| motion_plot::check(&path).and_then(|()| motion_plot::write(&self.stage.plot(self.gait()), &path))).raise()
     }
