@@ -606,8 +606,8 @@ impl<'a, T: Real> Inputs<'a, T> {
 
     /// Writes the derivatives with respect to the force nodes.
     ///
-    /// Those of the angular rows are `-[a]x` with `a = w_1 (x_i - p_k - d) + w_2 v - w_3 g`, where `w` are the integrals of the node's
-    /// basis function.
+    /// The derivatives of the angular rows are `-[a]x` with `a = w_1 (x_i - p_k - d) + w_2 v - w_3 g`, where `w` are the integrals of the
+    /// node's basis function.
     #[inline(always)]
     fn put_by_forces(&self, motion: &Motion<T>, jacobian: &mut [T]) {
         let mut rows = Rows::new(jacobian, &self.interval.linear);
