@@ -58,7 +58,7 @@ fn row_weights(slot: u32, now: Progress, element: Element) {
     if (now.state == CLOSE) {
         closing_rows(slot, now.current, element);
     } else {
-        barrier_rows(slot, now.current, element, Aim(0.0, 0.0));
+        barrier_rows(slot, now.current, element, BarrierTarget(0.0, 0.0));
     }
 }
 

@@ -41,7 +41,7 @@ use control::{CLOSE, EXACT, Limits, Progress, SHORTER, STEP};
 use correct::correct;
 use judge::{infeasibility, infeasibility_fall, merit_falls, nonlinearity, smoothing_fall, update_slacks};
 use round::{ROUND, START, Stage, When};
-use slacks::{Aim, Lengths, Slacks, largest, slack_steps};
+use slacks::{BarrierTarget, Lengths, Slacks, largest, slack_steps};
 use start::{column_scaling, start_slacks};
 use weights::{barrier_rows, closing_rows, variable_terms};
 
@@ -270,7 +270,7 @@ impl<T: Real> Solver<T> {
         if progress.state == CLOSE {
             closing_rows(layout, &now.c, &now.g, &mut self.weight, &mut self.value);
         } else {
-            barrier_rows(layout, &now.c, &now.g, &self.slacks, Aim::predictor(), &mut self.weight, &mut self.value);
+            barrier_rows(layout, &now.c, &now.g, &self.slacks, BarrierTarget::predictor(), &mut self.weight, &mut self.value);
         }
         let (proximal, weight) = (progress.proximal(), progress.smoothing);
         variable_terms(layout, &self.scaling, proximal, weight, &self.x, &mut self.diagonal, &mut self.gradient);
@@ -281,7 +281,7 @@ impl<T: Real> Solver<T> {
         let lengths = match progress.state {
             CLOSE => Lengths::whole(),
             SHORTER => Lengths { primal: progress.length, dual: progress.dual_length },
-            _ => slack_steps(&self.now.g, &self.change.g, Aim::corrector(progress.mu), &mut self.slacks),
+            _ => slack_steps(&self.now.g, &self.change.g, BarrierTarget::corrector(progress.mu), &mut self.slacks),
         };
         (progress.length, progress.dual_length) = (lengths.primal, lengths.dual);
         let (variables, length) = (layout.variables, progress.length);

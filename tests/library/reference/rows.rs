@@ -16,7 +16,7 @@ use cregopt::nlp::{Layout, trajectory};
 use cregopt::robot::GRAVITY;
 use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::terrain::Shape;
-use cregopt::verify::report::Family;
+use cregopt::verify::report::CheckFamily;
 use cregopt::verify::verify_rows;
 use nalgebra::{DMatrix, DVector};
 
@@ -92,19 +92,19 @@ fn eliminated_rows_hold_at_any_point() {
         let limit = |settings: &TranscriptionSettings| force_limit(settings, &case.task);
         let nodes = trajectory(&case.task, &layout.curves, &x);
         let report = verify_rows(&nodes, &case.task.robot, &case.task.terrain, limit(&towr())).unwrap();
-        for family in [Family::BaseAcceleration, Family::Swing, Family::Bounds, Family::Structure] {
+        for family in [CheckFamily::BaseAcceleration, CheckFamily::Swing, CheckFamily::Bounds, CheckFamily::Structure] {
             assert_eq!(report.family(family).violated, 0, "{}\n{report}", case.name);
         }
-        assert!(report.family(Family::Dynamics).violated > 0, "a random point does not move like a rigid body");
+        assert!(report.family(CheckFamily::Dynamics).violated > 0, "a random point does not move like a rigid body");
 
         let layout = layout_with::<f64>(&case.task, &case.schedule, &TranscriptionSettings::default());
         let x = point(&layout, &mut Random::new(seed as u64), 0.);
         let nodes = trajectory(&case.task, &layout.curves, &x);
         let report = verify_rows(&nodes, &case.task.robot, &case.task.terrain, limit(&TranscriptionSettings::default())).unwrap();
-        for family in [Family::Bounds, Family::Structure] {
+        for family in [CheckFamily::Bounds, CheckFamily::Structure] {
             assert_eq!(report.family(family).violated, 0, "{}\n{report}", case.name);
         }
-        assert!(report.family(Family::Momentum).violated > 0, "nor does this one");
+        assert!(report.family(CheckFamily::Momentum).violated > 0, "nor does this one");
     }
 }
 
