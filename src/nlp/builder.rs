@@ -1,7 +1,7 @@
 //! Builder of a [`Layout`]: collects blocks of variables and elements over them, then assigns places and columns.
 
 use super::Layout;
-use super::footing::{self, Footing};
+use super::footing::{self, FootholdRegion};
 use super::layout::{Curves, Element, FootBlocks};
 use super::sweep::{self, Block};
 use super::transcription::ground_path::GroundPath;
@@ -58,7 +58,7 @@ pub(super) struct FootDraft {
     /// Foothold of each stance.
     pub footholds: Vec<Foothold>,
     /// Box of each foothold but the first; empty if feet keep no distance from edges.
-    pub footings: Vec<Footing>,
+    pub footings: Vec<FootholdRegion>,
     /// Swing height of each swing.
     pub heights: Vec<BlockId>,
     /// Force nodes of each stance; `None` where the force is zero.

@@ -7,28 +7,20 @@
 use super::builder::Builder;
 use super::feet::swing_weights;
 use super::transcription::Transcribe;
-use super::transcription::momentum::{EXACT_RULE, deviation_rates, deviation_weights};
+use super::transcription::momentum::{deviation_rates, deviation_weights};
 use crate::gait::Phase;
 use crate::gait::cost::{CostWeights, distance};
-use crate::gait::spline::{hermite, hermite_acceleration, hermite_rate};
+use crate::gait::spline::{HERMITE_GRAM, hermite, hermite_acceleration, hermite_rate};
+use crate::quadrature::{GAUSS_3, GAUSS_6};
 use crate::real::Real;
 use crate::robot::GRAVITY;
 use crate::rows::Family;
 use crate::rows::blocks::Use;
 use crate::rows::effort::Effort;
 use crate::rows::hip::HipPoint;
-use crate::rows::momentum::INNER_RULE;
 use crate::rows::stance_power::StancePower;
 use crate::rows::swing_power::SwingPower;
 use crate::rows::table::{NONE, Place};
-
-/// Gram matrix of the Hermite basis (value, slope, next value, next slope) of a piece of length 1.
-const GRAM: [[f64; 4]; 4] = [
-    [13. / 35., 11. / 210., 9. / 70., -13. / 420.],
-    [11. / 210., 1. / 105., 13. / 420., -1. / 140.],
-    [9. / 70., 13. / 420., 13. / 35., -11. / 210.],
-    [-13. / 420., -1. / 140., -11. / 210., 1. / 105.],
-];
 
 /// Shortest part of a quadrature, s.
 const SHORTEST: f64 = 1e-6;
@@ -83,7 +75,7 @@ fn effort_factor(free: &[usize], pieces: usize, scale: f64) -> Vec<[[f64; 4]; 2]
     let mut gram = vec![vec![0.; n]; n];
     for piece in 0..pieces {
         let at = |i: usize| free.iter().position(|&node| node == piece + i / 2).map(|node| 2 * node + i % 2);
-        for (i, row) in GRAM.iter().enumerate() {
+        for (i, row) in HERMITE_GRAM.iter().enumerate() {
             for (j, value) in row.iter().enumerate() {
                 if let (Some(r), Some(c)) = (at(i), at(j)) {
                     gram[r][c] += scale * value;
@@ -133,7 +125,7 @@ fn stance_elements<T: Real>(b: &mut Builder<T>, price: f64) {
             let (span, foothold) = (b.feet[foot].phases[2 * stance], b.feet[foot].footholds[stance]);
             let pieces = b.feet[foot].force_nodes[stance].len() - 1;
             let piece = span.duration() / pieces as f64;
-            let points = (0..b.intervals).flat_map(|k| INNER_RULE.map(|[u, share]| (k, u, share)));
+            let points = (0..b.intervals).flat_map(|k| GAUSS_6.map(|[u, share]| (k, u, share)));
             let inside = |t: f64| t > span.start && t < span.end;
             for (k, u, share) in points.filter(|(k, u, _)| inside((*k as f64 + u) * h)) {
                 let since = (k as f64 + u) * h - span.start;
@@ -168,7 +160,7 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>, price: f
             let (span, height) = (b.feet[foot].phases[2 * swing + 1], b.feet[foot].heights[swing]);
             let around = [b.feet[foot].footholds[swing], b.feet[foot].footholds[swing + 1]];
             let cuts = swing_cuts(span, h, b.intervals);
-            let parts = cuts.windows(2).flat_map(|w| EXACT_RULE.map(|[at, share]| (w[0] + at * (w[1] - w[0]), share * (w[1] - w[0]))));
+            let parts = cuts.windows(2).flat_map(|w| GAUSS_3.map(|[at, share]| (w[0] + at * (w[1] - w[0]), share * (w[1] - w[0]))));
             for (t, duration) in parts {
                 let k = ((t / h) as usize).min(b.intervals - 1);
                 let weights = |basis| swing_weights(span, t, own.mid_time(span), basis);

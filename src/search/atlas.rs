@@ -15,7 +15,8 @@ use crate::error::{Error, Result, check_range};
 use crate::gait::Schedule;
 use crate::gait::cost::{Cost, CostWeights, cost_between};
 use crate::gait::family::{
-    ACCELERATION, GaitFamily, MEAN_SPEED, PeriodicGait, TYPICAL_LEAD_IN, TYPICAL_TAIL, families, froude, offsets, speed_scale, time_scale,
+    ACCELERATION, GaitFamily, MEAN_SPEED, PeriodicGait, RAMP, TYPICAL_LEAD_IN, TYPICAL_TAIL, families, froude, offsets, speed_scale,
+    time_scale,
 };
 use crate::robot::{GRAVITY, Robot};
 use crate::search::evaluate::{Evaluated, LowerSettings, evaluate};
@@ -38,7 +39,7 @@ pub const DUTIES: [f64; 7] = [0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85];
 pub const EVEN_TIME: f64 = 8.;
 
 /// Share of the horizon at constant speed; the rest is for starting and stopping.
-const EVEN: f64 = 0.4;
+const EVEN: f64 = 1. - 2. * RAMP;
 /// Largest share of the length of the reach box that the base may travel in a stance. Slightly above 1, because the speed is never exactly
 /// constant.
 const REACH: f64 = 1.05;

@@ -32,7 +32,7 @@ pub fn can_close(outcome: &Outcome) -> bool {
 /// 1. An unfinished f32 solve with `F` below [`CONTINUE_BELOW`] is first continued in f64 with a small barrier parameter.
 /// 2. From a solved point, one or two Gauss-Newton steps usually satisfy the rows.
 /// 3. If they do not, they act on the wrong set of violated rows. Restarts with fresh slacks and a small barrier parameter then find the
-/// right set in about ten iterations.
+///    right set in about ten iterations.
 /// 4. If f32 solved the candidate, the last resort is a solve in f64 from the initial values.
 ///
 /// An f32 outcome for which [`can_close`] is false is returned unchanged.

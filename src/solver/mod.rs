@@ -41,10 +41,10 @@ use advance::{add, advance};
 use aligned_vec::{AVec, CACHELINE_ALIGN};
 use control::{CLOSE, EXACT, Limits, Progress, SHORTER, STEP};
 use correct::correct;
-use objective::Objective;
 use judge::{infeasibility, infeasibility_fall, merit_falls, nonlinearity, smoothing_fall, update_slacks};
+use objective::Objective;
 use round::{ROUND, START, Stage, When};
-use slacks::{Aim, Lengths, Slacks, largest, slack_steps};
+use slacks::{BarrierTarget, Lengths, Slacks, largest, slack_steps};
 use start::{column_scaling, start_slacks};
 use weights::{barrier_rows, closing_rows, variable_terms};
 
@@ -277,13 +277,12 @@ impl<T: Real> Solver<T> {
         if progress.state == CLOSE {
             closing_rows(layout, &now.c, &now.g, &mut self.weight, &mut self.value);
         } else {
-            barrier_rows(layout, &now.c, &now.g, &self.slacks, Aim::predictor(), &mut self.weight, &mut self.value);
+            barrier_rows(layout, &now.c, &now.g, &self.slacks, BarrierTarget::predictor(), &mut self.weight, &mut self.value);
         }
         let objective = if progress.state == CLOSE { Objective::none() } else { self.objective };
         objective.rows(layout, &now.c, &mut self.weight, &mut self.value);
-        let (diagonal, gradient) = (&mut self.diagonal, &mut self.gradient);
-        let proximal = progress.proximal();
-        variable_terms(&self.scaling, proximal, &layout.smoothing, progress.smoothing, &self.x, &layout.initial, diagonal, gradient);
+        let (proximal, weight) = (progress.proximal(), progress.smoothing);
+        variable_terms(layout, &self.scaling, proximal, weight, &self.x, &mut self.diagonal, &mut self.gradient);
     }
 
     /// Computes the step length, the trial point, and the linear model of the residuals there.
@@ -291,7 +290,7 @@ impl<T: Real> Solver<T> {
         let lengths = match progress.state {
             CLOSE => Lengths::whole(),
             SHORTER => Lengths { primal: progress.length, dual: progress.dual_length },
-            _ => slack_steps(&self.now.g, &self.change.g, Aim::corrector(progress.mu), &mut self.slacks),
+            _ => slack_steps(&self.now.g, &self.change.g, BarrierTarget::corrector(progress.mu), &mut self.slacks),
         };
         (progress.length, progress.dual_length) = (lengths.primal, lengths.dual);
         let (variables, length) = (layout.variables, progress.length);
