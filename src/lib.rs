@@ -95,7 +95,7 @@
 //! names (empty: no cache).
 //!
 //! # Features
-//! All but the last two are on by default. Without any, this is a library that needs no GPU driver and no argument parser.
+//! All but the last three are on by default. Without any, this is a library that needs no GPU driver and no argument parser.
 //!
 //! | feature | adds |
 //! |---|---|
@@ -103,11 +103,11 @@
 //! | `gpu` | the GPU backend |
 //! | `experiment` | the experiments of the paper |
 //! | `view` | results as a page for a browser |
-//! | `pictures` | PNG in addition to SVG |
 //! | `import` | height maps |
 //! | `urdf` | robots from URDF files |
 //! | `mcap` | motions for robotics viewers |
 //! | `schema` | JSON Schemas of the files |
+//! | `pictures` | PNG in addition to SVG |
 //! | `ipopt` | Ipopt, for comparisons |
 //! | `python` | the native part of the Python package |
 //!
@@ -142,6 +142,7 @@ pub mod linear;
 pub mod nlp;
 #[cfg(feature = "python")]
 mod python;
+mod quadrature;
 #[doc(hidden)]
 pub mod real;
 #[doc(hidden)]
@@ -165,7 +166,7 @@ pub mod verify;
 #[doc(hidden)]
 pub mod view;
 
-pub use app::{Mission, ProgressEvent, Request, Stage, Waypoint};
+pub use app::{Mission, MissionStage, ProgressEvent, Request, Waypoint};
 #[cfg(feature = "gpu")]
 pub use backend::Gpu;
 pub use backend::{Backend, Cpu, DeviceChoice};

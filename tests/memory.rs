@@ -2,7 +2,7 @@
 
 use cregopt::gait::family::families;
 use cregopt::search::evaluate::LowerSettings;
-use cregopt::search::{Gaits, Progress, SearchSettings};
+use cregopt::search::{Gaits, SearchEvent, SearchSettings};
 use cregopt::{Cpu, Goal, Robot, Search, Task, Terrain};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -42,8 +42,8 @@ fn held(task: &Task, population: usize) -> usize {
     let mut lower = LowerSettings::default();
     lower.solver.max_iterations = 1;
     let (mut most, before) = (0, HELD.load(Ordering::Relaxed));
-    let watch = |progress: &Progress| {
-        if let Progress::Generation(record) = progress
+    let watch = |progress: &SearchEvent| {
+        if let SearchEvent::Generation(record) = progress
             && record.evaluated == population
         {
             most = HELD.load(Ordering::Relaxed).saturating_sub(before);

@@ -20,7 +20,8 @@ use cregopt::gait::family::families;
 use cregopt::nlp::transcription;
 use cregopt::scenario::Scenario;
 use cregopt::search::cem::{
-    self, Aim, Answer, CemSettings, Distribution, Evaluation, Evaluator, FreeDistribution, PeriodicDistribution, PeriodicSettings,
+    self, CemSettings, Distribution, Evaluation, FreeDistribution, GenerationEvaluator, GenerationResults, PeriodicDistribution,
+    PeriodicSettings, SelectionGoal,
 };
 use cregopt::search::evaluate::{LowerSettings, evaluate};
 use cregopt::settings::{Transcription, TranscriptionSettings};
@@ -73,10 +74,10 @@ fn arguments() -> Result<Arguments> {
 /// Evaluator that only keeps the first generation of a search: its schedules, the time of drawing them in s, and the start.
 struct Keep(Vec<Schedule>, f64, Instant);
 
-impl Evaluator for Keep {
+impl GenerationEvaluator for Keep {
     type Solution = ();
 
-    fn evaluate(&mut self, _: usize, schedules: &[Schedule], _: &Aim) -> Vec<Option<Answer<()>>> {
+    fn evaluate(&mut self, _: usize, schedules: &[Schedule], _: &SelectionGoal) -> GenerationResults<()> {
         self.1 = self.2.elapsed().as_secs_f64();
         self.0 = schedules.to_vec();
         let evaluation = Evaluation { n_violated: 1, feasible: false, certified: true, mean_normal_force: 0., cost: None };

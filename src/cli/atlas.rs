@@ -11,7 +11,7 @@ use crate::gait::family::GaitFamily;
 use crate::report::atlas::{AtlasResult, csv};
 use crate::report::atlas_plot::svg;
 use crate::report::result::SolvedOn;
-use crate::search::atlas::{Plan, atlas_settings};
+use crate::search::atlas::{AtlasPlan, atlas_settings};
 use crate::search::evaluate::LowerSettings;
 use clap::Args;
 use std::path::PathBuf;
@@ -90,8 +90,8 @@ impl Atlas {
         Ok(settings)
     }
 
-    fn plan(&self) -> Result<Plan> {
-        let mut plan = Plan::new(robot(&self.robot)?);
+    fn plan(&self) -> Result<AtlasPlan> {
+        let mut plan = AtlasPlan::new(robot(&self.robot)?);
         if !self.gait.is_empty() {
             plan.families = self.gait.iter().map(|name| GaitFamily::named(name)).collect::<Result<_>>()?;
         }

@@ -7,7 +7,7 @@ use crate::app::scenario_file::{ScenarioFile, Start};
 use crate::app::summary::text;
 use crate::app::{Overrides, ProgressEvent, Setup, Waypoint};
 use crate::report::motion_plot;
-use crate::search::Progress;
+use crate::search::SearchEvent;
 use clap::Args;
 use indicatif::{ProgressBar, ProgressFinish};
 use std::io::IsTerminal;
@@ -63,7 +63,7 @@ pub struct Solve {
     /// Folder for result.json, trajectory.json and scenario.toml; alternatives are trajectory-2.json, ...
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Draw the gait, its forces and its path: .svg or .png; with waypoints FILE-leg-1, FILE-leg-2, ...
+    /// Draw the gait, its forces and its path: .svg, or .png with the feature `pictures`; with waypoints FILE-leg-1, FILE-leg-2, ...
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     /// Print result.json instead of text
@@ -141,7 +141,7 @@ struct Display {
 }
 
 /// Function that reports how far a search is.
-type Reporter = Box<dyn FnMut(&Progress) + Send>;
+type Reporter = Box<dyn FnMut(&SearchEvent) + Send>;
 
 impl Display {
     fn new() -> Display {
@@ -162,10 +162,10 @@ impl Display {
 const LOG_INTERVAL: f64 = 10.;
 
 /// Log line of a generation, at most one per [`LOG_INTERVAL`].
-fn log_lines() -> impl FnMut(&Progress) + Send {
+fn log_lines() -> impl FnMut(&SearchEvent) + Send {
     let mut last = Instant::now();
     move |progress| {
-        let Progress::Generation(g) = progress else { return };
+        let SearchEvent::Generation(g) = progress else { return };
         if last.elapsed().as_secs_f64() >= LOG_INTERVAL {
             last = Instant::now();
             let fewest = g.lowest_n_violated.map_or("-".into(), |n| n.to_string());
@@ -176,14 +176,14 @@ fn log_lines() -> impl FnMut(&Progress) + Send {
 }
 
 /// Line on a terminal with the number of candidates and the best gait so far.
-fn bar() -> impl FnMut(&Progress) + Send {
+fn bar() -> impl FnMut(&SearchEvent) + Send {
     let bar = ProgressBar::new_spinner().with_finish(ProgressFinish::AndClear);
     bar.enable_steady_tick(Duration::from_millis(120));
     let (mut evaluated, mut feasible, mut best) = (0, 0, String::from("no gait yet"));
     move |progress| {
         match progress {
-            Progress::Generation(g) => (evaluated, feasible) = (evaluated + g.evaluated, feasible + g.feasible),
-            Progress::Improvement(i) => {
+            SearchEvent::Generation(g) => (evaluated, feasible) = (evaluated + g.evaluated, feasible + g.feasible),
+            SearchEvent::Improvement(i) => {
                 let family = i.family.map(|f| format!("{f}, ")).unwrap_or_default();
                 best = format!("best {family}{:.3} after {:.2} s", -i.objective, i.seconds);
             }

@@ -22,7 +22,7 @@ pub struct Verify {
     world: WorldArgs,
     #[command(flatten)]
     terms: TermArgs,
-    /// Draw the motion, its forces and its path: .svg or .png; for a file with one trajectory
+    /// Draw the motion, its forces and its path: .svg, or .png with the feature `pictures`; for a file with one trajectory
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     /// Print JSON: an array with one report per trajectory

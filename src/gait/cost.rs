@@ -41,6 +41,7 @@
 use super::joints::excess;
 use super::{Curve, Phase, Schedule, Trajectory};
 use crate::error::{Result, check_range};
+use crate::quadrature::GAUSS_3_NODE;
 use crate::robot::{GRAVITY, Robot};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -57,9 +58,6 @@ const LEAST_LEG: f64 = 1e-6;
 
 /// Times closer than this count as equal, s.
 pub(super) const SAME_TIME: f64 = 1e-6;
-
-/// Outer Gauss-Legendre node on \[-1, 1\], `sqrt(3 / 5)`; the nodes are `-GAUSS`, 0 and `GAUSS`.
-pub(crate) const GAUSS: f64 = 0.774_596_669_241_483_4;
 
 /// Weights of the terms of the total cost.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -386,7 +384,7 @@ impl Motion {
                 advance(force, &foot.force, mid, Piece::end);
                 advance(phase, &foot.phases, mid, |p| p.end);
             }
-            for (point, time) in [mid - GAUSS * half, mid, mid + GAUSS * half].into_iter().enumerate() {
+            for (point, time) in [mid - GAUSS_3_NODE * half, mid, mid + GAUSS_3_NODE * half].into_iter().enumerate() {
                 let base = Base::new(&self.base_lin[lin], &self.base_ang[ang], time);
                 let mut moment = Vector3::zeros();
                 for (i, (foot, &[motion, force, phase])) in self.feet.iter().zip(&places).enumerate() {
@@ -460,7 +458,7 @@ impl Base {
 /// Integral over \[-1, 1\], times `half`, of the absolute value of the parabola through values at the Gauss-Legendre points.
 fn absolute_integral([a, b, c]: [f64; 3], half: f64) -> f64 {
     // q = b + q1 s + q2 s^2
-    let (q1, q2) = ((c - a) / (2. * GAUSS), (a + c - 2. * b) / (2. * GAUSS * GAUSS));
+    let (q1, q2) = ((c - a) / (2. * GAUSS_3_NODE), (a + c - 2. * b) / (2. * GAUSS_3_NODE * GAUSS_3_NODE));
     let antiderivative = |s: f64| (b + (q1 / 2. + q2 / 3. * s) * s) * s;
     // Bernstein coefficients of equal sign: no root.
     let (left, middle, right) = (b - q1 + q2, b - q2, b + q1 + q2);
@@ -738,7 +736,7 @@ mod tests {
 
     #[test]
     fn the_absolute_integral_of_a_parabola() {
-        let of = |q: fn(f64) -> f64| absolute_integral([q(-GAUSS), q(0.), q(GAUSS)], 1.);
+        let of = |q: fn(f64) -> f64| absolute_integral([q(-GAUSS_3_NODE), q(0.), q(GAUSS_3_NODE)], 1.);
         near(of(|_| -3.), 6.);
         near(of(|s| s), 1.);
         // Roots at +-0.5: 2 (int_0^0.5 - int_0.5^1) of 0.25 - s^2 = 2 (1/12 + 1/6).

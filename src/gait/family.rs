@@ -10,18 +10,16 @@
 use super::Schedule;
 use super::schedule::MAX_PHASES;
 use crate::error::{Error, Result, check_range};
+use crate::nlp::transcription::momentum::TOP_SPEED;
 use crate::robot::{GRAVITY, Robot};
 use crate::task::Task;
 use serde::{Deserialize, Serialize};
 
 /// Shortest phase in requested gaits, in [`time_scale`]s. Too small: feet so fast that motors and controllers cannot follow.
-pub const MIN_PHASE: f64 = 0.75;
+pub const MIN_PHASE_SCALED: f64 = 0.75;
 
 /// Highest speed of a swinging foot for which strides are planned, in [`speed_scale`]s.
-pub const FOOT_SPEED: f64 = 1.9;
-
-/// Ratio of the peak speed of a swinging foot to its mean speed.
-const TOP_SPEED: f64 = 1.35;
+pub const FOOT_SPEED_SCALED: f64 = 1.9;
 
 /// Share of the reach box that the base may use along an axis in one stance at travel speed. The optimised motion may be more even than
 /// planned and need less. Too large: the faster families are not found over short distances (measured: from 1.15 on); too small: short
@@ -32,8 +30,11 @@ pub const REACH_SHARE: f64 = 1.;
 /// friction. Too large: short distances are requested in less time than a body needs to lean into them.
 pub const ACCELERATION: f64 = 0.15;
 
-/// Mean speed of a motion from rest to rest, in travel speeds: it accelerates over 30 % of the horizon and decelerates over 30 %.
-pub const MEAN_SPEED: f64 = 0.7;
+/// Fraction of the horizon over which a planned motion accelerates from rest, and again over which it decelerates to rest.
+pub const RAMP: f64 = 0.3;
+
+/// Mean speed of a motion from rest to rest, in travel speeds.
+pub const MEAN_SPEED: f64 = 1. - RAMP;
 
 /// Distance, m, and turn, rad, below which the goal counts as the start.
 const STILL: f64 = 1e-9;
@@ -354,13 +355,13 @@ impl PeriodicGait {
     /// On the line from start to goal with an even turn, a nominal foothold moves by `w = R' (x, y) + yaw e_z x foot` in the base frame per
     /// unit of the path. The highest speed is 1 / [`MEAN_SPEED`] of the mean speed. At that speed, `w` must not be faster than `speed`,
     /// must not leave [`REACH_SHARE`] of the reach box within a stance, and must not make the foot, which catches up during the swing only,
-    /// faster than [`FOOT_SPEED`]. The base must not accelerate faster than [`ACCELERATION`], where a rad of yaw counts as `l`.
+    /// faster than [`FOOT_SPEED_SCALED`]. The base must not accelerate faster than [`ACCELERATION`], where a rad of yaw counts as `l`.
     pub fn least_horizon(&self, task: &Task, speed: f64) -> f64 {
         /// Number of parts of the path that are examined.
         const PARTS: usize = 32;
         let (robot, yaw) = (&task.robot, task.turn());
         let [x, y] = task.way();
-        let fastest = FOOT_SPEED * speed_scale(robot) * self.swing / (TOP_SPEED * self.period());
+        let fastest = FOOT_SPEED_SCALED * speed_scale(robot) * self.swing / (TOP_SPEED * self.period());
         let speed = speed.min(fastest);
         let mut least: f64 = 0.;
         for part in 0..=PARTS {
@@ -580,7 +581,7 @@ mod tests {
                     assert!(gait.strides >= 1 && schedule.feet() == task.robot.feet());
                     assert!((schedule.horizon() - gait.horizon()).abs() < 1e-9);
                     // No phase is shorter than the shortest requested one.
-                    let floor = MIN_PHASE * time_scale(&task.robot);
+                    let floor = MIN_PHASE_SCALED * time_scale(&task.robot);
                     assert!(schedule.durations().iter().flatten().all(|&d| d >= floor - 1e-9), "{name} {}", family.name());
                 }
             }

@@ -85,7 +85,7 @@ fn factorise_by<T: Real, const W: usize>(layout: &Layout<T>, system: &NormalEqua
         front[..size * stride].fill(T::zero());
         move_front(layout, step.moves, next, previous_size, front, size, stride);
         for element in &layout.elements[step.elements.range()] {
-            assemble::<T, W>(layout, element, system, front, size, stride, &mut factor.spread);
+            assemble::<T, W>(layout, element, system, front, Shape { size, stride }, &mut factor.spread);
         }
         if !step.reach.range().is_empty() {
             assemble_reach(layout, &layout.reach_instants[step.reach.range()], system, front, size, stride, &mut factor.own);
@@ -126,6 +126,13 @@ fn move_front<T: Real>(layout: &Layout<T>, moves: Span, old: &[T], old_size: usi
     }
 }
 
+/// Shape of a front: `size` variables, then the right-hand side, in rows of length `stride`.
+#[derive(Clone, Copy)]
+struct Shape {
+    size: usize,
+    stride: usize,
+}
+
 /// Adds `J' W J` and `-J' v` of one element to the front.
 #[inline(always)]
 fn assemble<T: Real, const W: usize>(
@@ -133,37 +140,29 @@ fn assemble<T: Real, const W: usize>(
     element: &Element,
     system: &NormalEquations<T>,
     front: &mut [T],
-    size: usize,
-    stride: usize,
+    shape: Shape,
     spread: &mut [T],
 ) {
     if element.place.stride as usize == LANES {
-        return assemble_narrow(layout, element, system, front, size, stride);
+        return assemble_narrow(layout, element, system, front, shape);
     }
     let rows = element.rows as usize;
     for first in (0..rows).step_by(AT_ONCE) {
         match rows - first {
-            1 => assemble_rows::<T, 1, W>(layout, element, first, system, front, size, stride, spread),
-            2 => assemble_rows::<T, 2, W>(layout, element, first, system, front, size, stride, spread),
-            3 => assemble_rows::<T, 3, W>(layout, element, first, system, front, size, stride, spread),
-            4 => assemble_rows::<T, 4, W>(layout, element, first, system, front, size, stride, spread),
-            5 => assemble_rows::<T, 5, W>(layout, element, first, system, front, size, stride, spread),
-            _ => assemble_rows::<T, AT_ONCE, W>(layout, element, first, system, front, size, stride, spread),
+            1 => assemble_rows::<T, 1, W>(layout, element, first, system, front, shape, spread),
+            2 => assemble_rows::<T, 2, W>(layout, element, first, system, front, shape, spread),
+            3 => assemble_rows::<T, 3, W>(layout, element, first, system, front, shape, spread),
+            4 => assemble_rows::<T, 4, W>(layout, element, first, system, front, shape, spread),
+            5 => assemble_rows::<T, 5, W>(layout, element, first, system, front, shape, spread),
+            _ => assemble_rows::<T, AT_ONCE, W>(layout, element, first, system, front, shape, spread),
         }
     }
 }
 
 /// Adds rows with at most eight columns directly, without scattering them to the front first.
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
-fn assemble_narrow<T: Real>(
-    layout: &Layout<T>,
-    element: &Element,
-    system: &NormalEquations<T>,
-    front: &mut [T],
-    size: usize,
-    stride: usize,
-) {
-    let (place, count) = (&element.place, element.rows as usize);
+fn assemble_narrow<T: Real>(layout: &Layout<T>, element: &Element, system: &NormalEquations<T>, front: &mut [T], shape: Shape) {
+    let (place, count, Shape { size, stride }) = (&element.place, element.rows as usize, shape);
     let weights = &system.weight[place.row as usize..][..count];
     let values = &system.value[place.row as usize..][..count];
     if weights.iter().all(|w| *w == T::zero()) {
@@ -201,18 +200,16 @@ const AT_ONCE: usize = 6;
 
 /// Adds `M` rows of an element, starting at row `first`, in tiles of four by `W`.
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
-#[allow(clippy::too_many_arguments, reason = "separate slices: the compiler knows that they do not overlap")]
 fn assemble_rows<T: Real, const M: usize, const W: usize>(
     layout: &Layout<T>,
     element: &Element,
     first: usize,
     system: &NormalEquations<T>,
     front: &mut [T],
-    size: usize,
-    stride: usize,
+    shape: Shape,
     spread: &mut [T],
 ) {
-    let place = &element.place;
+    let (place, Shape { size, stride }) = (&element.place, shape);
     let row = place.row as usize + first;
     let weights: [T; M] = tile_of(&system.weight[row..]);
     let values: [T; M] = tile_of(&system.value[row..]);

@@ -1,7 +1,7 @@
 //! Builder of a [`Layout`]: collects blocks of variables and elements over them, then assigns places and columns.
 
 use super::Layout;
-use super::footing::{self, Footing};
+use super::footing::{self, FootholdRegion};
 use super::layout::{Curves, Element, FootBlocks};
 use super::sweep::{self, Block};
 use super::transcription::ground_path::GroundPath;
@@ -26,6 +26,8 @@ struct Draft {
     entry: usize,
     step: usize,
     pairs: usize,
+    /// Weight of the absolute values of cost rows; 0 for quadratic ones.
+    weight: f64,
     /// Range in [`Builder::uses`].
     uses: Range<usize>,
 }
@@ -56,7 +58,7 @@ pub(super) struct FootDraft {
     /// Foothold of each stance.
     pub footholds: Vec<Foothold>,
     /// Box of each foothold but the first; empty if feet keep no distance from edges.
-    pub footings: Vec<Footing>,
+    pub footings: Vec<FootholdRegion>,
     /// Swing height of each swing.
     pub heights: Vec<BlockId>,
     /// Force nodes of each stance; `None` where the force is zero.
@@ -186,10 +188,30 @@ impl<'a, T: Real> Builder<'a, T> {
 
     /// Adds an element like [`Builder::element`], but with its own number of two-sided rows.
     pub fn element_of(&mut self, family: Family, entry: usize, step: usize, pairs: usize, uses: &[Use]) {
-        self.touch(step, uses);
+        self.draft(Draft { family, entry, step, pairs, weight: 0., uses: 0..0 }, uses);
+    }
+
+    /// Adds an element of cost rows. Cost rows do not change the elimination order: a block that no constraint touches at this step is read
+    /// only.
+    ///
+    /// * `weight` - of the absolute values of the rows in the objective; 0 if half of their squares count instead
+    pub fn cost_element(&mut self, family: Family, entry: usize, step: usize, weight: f64, uses: &[Use]) {
+        let alive = |id: BlockId| (self.blocks[id.0 as usize].first..=self.blocks[id.0 as usize].last).contains(&step);
+        let uses: Vec<Use> = uses
+            .iter()
+            .map(|used| match *used {
+                Use::Touches(id) if !alive(id) => Use::Reads(id),
+                used => used,
+            })
+            .collect();
+        self.draft(Draft { family, entry, step, pairs: 0, weight, uses: 0..0 }, &uses);
+    }
+
+    fn draft(&mut self, draft: Draft, uses: &[Use]) {
+        self.touch(draft.step, uses);
         let first = self.uses.len();
         self.uses.extend_from_slice(uses);
-        self.drafts.push(Draft { family, entry, step, pairs, uses: first..self.uses.len() });
+        self.drafts.push(Draft { uses: first..self.uses.len(), ..draft });
     }
 
     /// Reserves capacity for reach rows.
@@ -267,6 +289,8 @@ impl<'a, T: Real> Builder<'a, T> {
         drafts.sort_by_key(|d| d.step);
         let mut next = Next::after(drafts.iter().map(|d| d.family.spec()), self.tables.reach_feet.len());
         let mut elements = Vec::with_capacity(drafts.len());
+        let costs = next.counts.of(RowKind::Cost);
+        let mut cost_weights = vec![T::zero(); costs.len()];
         let mut runs = Vec::with_capacity(3 * drafts.len());
         let mut columns = Columns::default();
         // Index of each variable in the front of the current step.
@@ -282,6 +306,9 @@ impl<'a, T: Real> Builder<'a, T> {
             columns.assign(&self.blocks, &positions, &self.uses[draft.uses.clone()], &in_front, 0);
             columns.add_runs(&mut runs);
             let place = next.place(spec, draft.pairs, columns.count);
+            if spec.kind == RowKind::Cost {
+                cost_weights[place.row as usize - costs.start..][..spec.rows].fill(T::of(draft.weight));
+            }
             draft.family.place(&mut self.tables, draft.entry, &Placed { place, seats: &columns.seats });
             let (rows, pairs) = (spec.rows as u32, draft.pairs as u32);
             elements.push(Element { family: draft.family, rows, pairs, place, runs: Span::added(first_run, &runs) });
@@ -328,15 +355,8 @@ impl<'a, T: Real> Builder<'a, T> {
             (end, reach_end) = (step.elements.end, step.reach.end);
         }
 
-        let (at, force_unit) = (|id: BlockId| positions[id.0 as usize], self.force_unit());
-        self.tables.footholds = self.footholds.iter().map(|&id| at(id)).collect();
-        let feet = self.feet.into_iter().map(|foot| FootBlocks {
-            phases: foot.phases,
-            footholds: foot.footholds.iter().map(|f| at(f.block)).collect(),
-            heights: foot.heights.into_iter().map(at).collect(),
-            force_nodes: foot.force_nodes.into_iter().map(|nodes| nodes.into_iter().map(|n| n.map_or(NONE, at)).collect()).collect(),
-        });
-        let base = self.base.into_iter().map(at).collect();
+        self.tables.footholds = self.footholds.iter().map(|&id| positions[id.0 as usize]).collect();
+        let curves = self.curves(&positions);
         Layout {
             variables,
             rows: next.counts,
@@ -344,6 +364,7 @@ impl<'a, T: Real> Builder<'a, T> {
             jacobian_len: next.jacobian,
             initial,
             smoothing,
+            cost_weights,
             tables: self.tables,
             elements,
             runs,
@@ -352,16 +373,37 @@ impl<'a, T: Real> Builder<'a, T> {
             widest: next.widest,
             front_stride: fronts.stride,
             factor_len: fronts.factor_len,
-            curves: Curves {
-                transcription: self.settings.rows,
-                limits: self.limits,
-                force_limit: self.force_limit,
-                force_unit,
-                intervals: self.intervals,
-                interval: self.interval,
-                base,
-                feet: feet.collect(),
-            },
+            curves,
+        }
+    }
+
+    /// Orders the variables and returns the positions of the blocks in `x`, without rows and columns.
+    pub fn finish_curves(mut self) -> Curves {
+        let positions = sweep::order(&self.blocks);
+        self.curves(&positions)
+    }
+
+    /// Positions in `x` of the blocks of each curve. Takes the blocks of the base and the feet.
+    ///
+    /// * `positions` - position of each block
+    fn curves(&mut self, positions: &[u32]) -> Curves {
+        let at = |id: BlockId| positions[id.0 as usize];
+        let feet = std::mem::take(&mut self.feet).into_iter().map(|foot| FootBlocks {
+            phases: foot.phases,
+            footholds: foot.footholds.iter().map(|f| at(f.block)).collect(),
+            heights: foot.heights.into_iter().map(at).collect(),
+            force_nodes: foot.force_nodes.into_iter().map(|nodes| nodes.into_iter().map(|n| n.map_or(NONE, at)).collect()).collect(),
+        });
+        Curves {
+            transcription: self.settings.rows,
+            limits: self.limits,
+            force_limit: self.force_limit,
+            force_unit: self.force_unit(),
+            intervals: self.intervals,
+            interval: self.interval,
+            variables: self.blocks.iter().filter(|b| !b.fixed).map(|b| b.len).sum(),
+            base: std::mem::take(&mut self.base).into_iter().map(at).collect(),
+            feet: feet.collect(),
         }
     }
 }

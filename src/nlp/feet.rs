@@ -1,9 +1,11 @@
 //! Parts that all transcriptions share: footholds, swings and forces of the feet, and their rows.
 
 use super::builder::Builder;
+use super::cost::cost_elements;
 use super::footing;
 use super::transcription::{self, ReachTime, Transcribe};
-use super::{Layout, layout};
+use super::{Curves, Layout, layout};
+use crate::gait::cost::CostWeights;
 use crate::gait::spline::hermite;
 use crate::gait::{AlignedSchedule, Phase};
 use crate::real::Real;
@@ -16,24 +18,50 @@ use crate::rows::reach::{ReachFoot, ReachLeg};
 use crate::rows::stride::Stride;
 use crate::rows::swing::SwingNode;
 use crate::rows::table::{NONE, Place};
-use crate::settings::{Friction, TranscriptionSettings};
+use crate::settings::{Friction, Transcription, TranscriptionSettings};
 use crate::task::Task;
 
 impl<T: Real> Layout<T> {
     /// Builds the tables of the problem for a schedule.
     pub fn new(task: &Task, schedule: &AlignedSchedule, settings: &TranscriptionSettings) -> layout::Layout<T> {
-        let own = transcription::of(settings.rows);
-        let force_limit = transcription::force_limit(settings, task);
-        let mut builder = Builder::new(task, schedule, settings, force_limit, own.steps(schedule.count()));
-        own.base_blocks(&mut builder);
-        foot_blocks(own, &mut builder);
-        own.dynamics(&mut builder);
-        reach_elements(own, &mut builder);
-        force_elements(own, &mut builder);
-        swing_elements(own, &mut builder);
-        footing_elements(&mut builder);
+        Layout::with_cost(task, schedule, settings, None)
+    }
+
+    /// Tables of the problem that a schedule defines, with the rows of an objective if one is given. Only `momentum` has these rows.
+    pub fn with_cost(
+        task: &Task,
+        schedule: &AlignedSchedule,
+        settings: &TranscriptionSettings,
+        cost: Option<&CostWeights>,
+    ) -> layout::Layout<T> {
+        let mut builder = builder(task, schedule, settings);
+        if let Some(weights) = cost.filter(|_| settings.rows == Transcription::Momentum) {
+            cost_elements(transcription::of(settings.rows), &mut builder, weights);
+        }
         builder.finish()
     }
+}
+
+impl Curves {
+    /// Positions of the blocks in `x`, equal to [`Layout::curves`]. Faster than building a whole layout, because rows get no columns.
+    pub fn new(task: &Task, schedule: &AlignedSchedule, settings: &TranscriptionSettings) -> Curves {
+        builder::<f64>(task, schedule, settings).finish_curves()
+    }
+}
+
+/// Builder with all blocks and elements of the problem for a schedule.
+fn builder<'a, T: Real>(task: &'a Task, schedule: &AlignedSchedule, settings: &'a TranscriptionSettings) -> Builder<'a, T> {
+    let own = transcription::of(settings.rows);
+    let force_limit = transcription::force_limit(settings, task);
+    let mut builder = Builder::new(task, schedule, settings, force_limit, own.steps(schedule.count()));
+    own.base_blocks(&mut builder);
+    foot_blocks(own, &mut builder);
+    own.dynamics(&mut builder);
+    reach_elements(own, &mut builder);
+    force_elements(own, &mut builder);
+    swing_elements(own, &mut builder);
+    footing_elements(&mut builder);
+    builder
 }
 
 /// Adds the blocks of footholds, swing heights and force nodes. Value and slope of the force are zero where a stance meets a swing.
@@ -78,18 +106,18 @@ fn foot_blocks<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
 }
 
 /// Weights of a foot's position at time `t` in the swing `span`: of the footholds in x and y, and of their heights and the mid node's
-/// height in z.
+/// height in z. With the derivatives of [`hermite`] as `basis` they are those of its velocity or acceleration.
 ///
 /// The mid node of a swing is halfway between the footholds in x and y. Its velocity is their distance divided by `mid_time`, which the
 /// transcription defines. Both pieces start and end at rest in z; at the footholds the foot is at rest in all directions.
-fn swing_weights(span: Phase, t: f64, mid_time: f64) -> ([f64; 2], [f64; 3]) {
+pub(super) fn swing_weights(span: Phase, t: f64, mid_time: f64, basis: fn(f64, f64) -> [f64; 4]) -> ([f64; 2], [f64; 3]) {
     let half = span.duration() / 2.;
     let u = t - span.start;
     if u < half {
-        let w = hermite(u, half);
+        let w = basis(u, half);
         ([w[0] + 0.5 * w[2] - w[3] / mid_time, 0.5 * w[2] + w[3] / mid_time], [w[0], 0., w[2]])
     } else {
-        let w = hermite(u - half, half);
+        let w = basis(u - half, half);
         ([0.5 * w[0] - w[1] / mid_time, w[2] + 0.5 * w[0] + w[1] / mid_time], [0., w[2], w[0]])
     }
 }
@@ -114,7 +142,7 @@ fn reach_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
                 legs[foot] = (phase, b.reach_leg(leg, uses));
             }
             let span = b.feet[foot].phases[phase];
-            let (xy, z) = if span.stance { ([1., 0.], [1., 0., 0.]) } else { swing_weights(span, t, own.mid_time(span)) };
+            let (xy, z) = if span.stance { ([1., 0.], [1., 0., 0.]) } else { swing_weights(span, t, own.mid_time(span), hermite) };
             let (xy_weights, z_weights) = (xy.map(T::of), z.map(T::of));
             b.reach_foot(ReachFoot { xy_weights, z_weights, leg: legs[foot].1, jacobian: 0, stride: 0 });
         }
@@ -200,7 +228,7 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
             for (&part, upper) in lows.chain((law.limited && !level).then_some((&0.5, true))) {
                 let t = span.start + part * span.duration();
                 let step = b.step_within(t, height);
-                let (xy, z) = swing_weights(span, t, own.mid_time(span));
+                let (xy, z) = swing_weights(span, t, own.mid_time(span), hermite);
                 b.tables.swing_nodes.push(SwingNode {
                     xy_weights: xy.map(T::of),
                     z_weights: z.map(T::of),
@@ -227,6 +255,30 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
                 b.tables.accelerations.push(Acceleration::new(by.map(T::of), foothold));
                 let entry = b.tables.accelerations.len() - 1;
                 b.element(Family::Acceleration, entry, step, &[Use::Touches(height), touched[0], touched[1]]);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gait::family::{PeriodicGait, families};
+    use crate::scenario::SCENARIOS;
+    use crate::settings::Transcription;
+
+    #[test]
+    fn curves_without_a_layout_equal_those_of_the_layout() {
+        for scenario in SCENARIOS {
+            let task = scenario.task(1).unwrap();
+            let schedule = PeriodicGait::typical(families(&task.robot)[0], &task).unwrap().schedule().unwrap();
+            for rows in [Transcription::Momentum, Transcription::Towr] {
+                let settings = TranscriptionSettings::of(rows);
+                let schedule = schedule.aligned(transcription::interval(&settings, &task.robot));
+                let layout = Layout::<f64>::new(&task, &schedule, &settings);
+                let curves = Curves::new(&task, &schedule, &settings);
+                assert_eq!(format!("{curves:?}"), format!("{:?}", layout.curves), "{}", scenario.name);
+                assert_eq!(curves.variables, layout.variables);
             }
         }
     }

@@ -57,6 +57,8 @@ pub struct Layout<T> {
     pub smoothing: Vec<T>,
     /// Tables that define the rows.
     pub tables: Tables<T>,
+    /// Weight of the absolute value of each cost row in the objective; 0 if half of its square counts instead, `[costs]`.
+    pub cost_weights: Vec<T>,
     /// Elements in the order of the sweep, except those of reach rows, which follow all others: see [`Layout::reach_elements`].
     pub elements: Vec<Element>,
     /// Columns of the elements.
@@ -146,6 +148,8 @@ pub struct Curves {
     pub intervals: usize,
     /// Length of an interval, s.
     pub interval: f64,
+    /// Number of variables; the fixed values follow them in `x`.
+    pub variables: usize,
     /// Blocks of the base. `towr`: spline coefficients; `momentum`: pose and rates, alternating, of each knot.
     pub base: Vec<u32>,
     /// Blocks of each foot.

@@ -5,6 +5,7 @@
 //! same for every transcription.
 
 mod builder;
+mod cost;
 mod feet;
 mod footing;
 pub mod layout;

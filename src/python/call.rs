@@ -3,7 +3,7 @@
 use super::convert::{raised, to_python};
 use crate::app::ProgressEvent;
 use crate::error::{Error, Result};
-use crate::search::Progress;
+use crate::search::SearchEvent;
 use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 use std::ffi::CString;
@@ -28,10 +28,10 @@ impl Event {
         match event {
             ProgressEvent::Started | ProgressEvent::Ended => None,
             ProgressEvent::Warning(finding) => Some(Event::Warning(finding.to_string())),
-            ProgressEvent::Progress(Progress::Generation(record)) => {
+            ProgressEvent::Progress(SearchEvent::Generation(record)) => {
                 Some(Event::Progress("generation", serde_json::to_value(record).ok()?))
             }
-            ProgressEvent::Progress(Progress::Improvement(better)) => {
+            ProgressEvent::Progress(SearchEvent::Improvement(better)) => {
                 Some(Event::Progress("improvement", serde_json::to_value(better).ok()?))
             }
         }

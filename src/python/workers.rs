@@ -7,8 +7,8 @@ use crate::app::Mission;
 use crate::backend::{Backend, Cpu, DeviceChoice, Fallback, Job, Precision, Problem, Solution, locked};
 use crate::error::{Error, from_json};
 use crate::gait::{AlignedSchedule, Schedule};
-use crate::nlp::Layout;
 use crate::nlp::transcription::interval;
+use crate::nlp::{Curves, Layout};
 use crate::search::evaluate::{LowerSettings, check_candidate};
 use crate::solver::{Outcome, Status, close};
 use numpy::{IntoPyArray, PyArray1, PyArrayMethods};
@@ -109,9 +109,9 @@ impl Workers<'_> {
                 for (index, solved) in next.into_iter().flat_map(|(at, solved)| (at..).zip(solved)) {
                     let Some(problem) = problems.get(index).filter(|_| std::mem::take(&mut open[index])) else { continue };
                     scope.spawn(move |_| {
-                        let Layout { variables, curves, .. } = Layout::<f64>::new(problem.task, &problem.schedule, job.transcription);
+                        let curves = Curves::new(problem.task, &problem.schedule, job.transcription);
                         let Solved { outcome, closed, x } = solved;
-                        finish(first + index, Solution { outcome, x, variables, curves, closed });
+                        finish(first + index, Solution { outcome, x, variables: curves.variables, curves, closed });
                     });
                 }
             }

@@ -27,9 +27,9 @@ mod variables;
 
 use crate::error::{Error, Result, check_range};
 use crate::gait::cost::{self, Cost, CostWeights};
-use crate::gait::family::MIN_PHASE;
+use crate::gait::family::MIN_PHASE_SCALED;
 use crate::gait::{AlignedSchedule, Trajectory};
-use crate::nlp::{Layout, trajectory};
+use crate::nlp::{Curves, Layout, trajectory};
 use crate::settings::{Friction, SolverSettings, StallSettings, Transcription, TranscriptionSettings};
 use crate::solver::{Finish, Solver, Status};
 use crate::task::Task;
@@ -76,7 +76,7 @@ impl Default for RefineSettings {
             durations: true,
             horizon: true,
             trust: 0.5,
-            shortest_phase: MIN_PHASE,
+            shortest_phase: MIN_PHASE_SCALED,
             leg_mass: None,
         }
     }
@@ -193,7 +193,7 @@ impl Refined {
     ///
     /// * `task`, `settings` - task and settings of the refinement
     pub fn trajectory(&self, task: &Task, settings: &TranscriptionSettings) -> Trajectory {
-        trajectory(task, &Layout::<f64>::new(task, &self.schedule, settings).curves, &self.x)
+        trajectory(task, &Curves::new(task, &self.schedule, settings), &self.x)
     }
 }
 
@@ -257,7 +257,11 @@ pub fn refine(
     settings: &RefineSettings,
     cancel: &dyn Fn() -> bool,
 ) -> Result<Refined> {
-    check(task, schedule, x, transcription, weights, settings)?;
+    task.validate()?;
+    transcription.validate()?;
+    weights.validate()?;
+    settings.validate_for(transcription)?;
+    check(task, schedule, x, transcription)?;
     // If the rows cannot hold with their full margins, the certificate may still hold.
     let cones = MARGINS.map(|share| TranscriptionSettings {
         friction: Some(Friction::Cone),
@@ -381,18 +385,8 @@ impl Descent<'_> {
     }
 }
 
-fn check(
-    task: &Task,
-    schedule: &AlignedSchedule,
-    x: &[f64],
-    transcription: &TranscriptionSettings,
-    weights: &CostWeights,
-    settings: &RefineSettings,
-) -> Result<()> {
-    task.validate()?;
-    transcription.validate()?;
-    weights.validate()?;
-    settings.validate_for(transcription)?;
+/// Checks that a gait fits its task and its transcription.
+fn check(task: &Task, schedule: &AlignedSchedule, x: &[f64], transcription: &TranscriptionSettings) -> Result<()> {
     if schedule.feet() != task.robot.feet() {
         let limit = format!("{} feet, as robot `{}` has", task.robot.feet(), task.robot.name);
         return Err(Error::invalid("durations", format!("{} feet", schedule.feet()), limit));

@@ -85,7 +85,9 @@ fn format_of(path: &Path) -> Result<Format> {
     match ending.as_str() {
         "svg" => Ok(Format::Svg),
         "png" if cfg!(feature = "pictures") => Ok(Format::Png),
-        "png" => Err(Error::Missing { message: format!("{}: this program was built without the feature `pictures`", path.display()) }),
+        "png" => Err(Error::Missing {
+            message: format!("{}: this program was built without the feature `pictures` (cargo build --features pictures)", path.display()),
+        }),
         _ => Err(Error::invalid("name of the picture", path.display(), "one that ends in .svg or .png")),
     }
 }

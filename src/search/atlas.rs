@@ -3,7 +3,7 @@
 //! # Speed
 //! A motion starts and ends at rest. In the initial guess the base accelerates over 30 % of the horizon, moves at constant speed over 40 %
 //! (the even part) and decelerates over 30 %. The cost is that of whole strides in the even part ([`cost_between`]), without starting and
-//! stopping. The horizon is long enough that the even part lasts [`Plan::even`] and that the acceleration stays within that of
+//! stopping. The horizon is long enough that the even part lasts [`AtlasPlan::even`] and that the acceleration stays within that of
 //! [`ACCELERATION`].
 //!
 //! # Limits of an atlas
@@ -15,7 +15,8 @@ use crate::error::{Error, Result, check_range};
 use crate::gait::Schedule;
 use crate::gait::cost::{Cost, CostWeights, cost_between};
 use crate::gait::family::{
-    ACCELERATION, GaitFamily, MEAN_SPEED, PeriodicGait, TYPICAL_LEAD_IN, TYPICAL_TAIL, families, froude, offsets, speed_scale, time_scale,
+    ACCELERATION, GaitFamily, MEAN_SPEED, PeriodicGait, RAMP, TYPICAL_LEAD_IN, TYPICAL_TAIL, families, froude, offsets, speed_scale,
+    time_scale,
 };
 use crate::robot::{GRAVITY, Robot};
 use crate::search::evaluate::{Evaluated, LowerSettings, evaluate};
@@ -38,7 +39,7 @@ pub const DUTIES: [f64; 7] = [0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85];
 pub const EVEN_TIME: f64 = 8.;
 
 /// Share of the horizon at constant speed; the rest is for starting and stopping.
-const EVEN: f64 = 0.4;
+const EVEN: f64 = 1. - 2. * RAMP;
 /// Largest share of the length of the reach box that the base may travel in a stance. Slightly above 1, because the speed is never exactly
 /// constant.
 const REACH: f64 = 1.05;
@@ -67,7 +68,7 @@ pub fn atlas_settings() -> LowerSettings {
 
 /// Grid of an atlas: every combination of these values that a leg can follow.
 #[derive(Debug, Clone)]
-pub struct Plan {
+pub struct AtlasPlan {
     /// The robot.
     pub robot: Arc<Robot>,
     /// Gait families.
@@ -89,7 +90,7 @@ pub struct Plan {
 
 /// One grid point: a gait at a speed, with its task and schedule.
 #[derive(Debug, Clone)]
-struct Problem {
+struct AtlasProblem {
     gait: PeriodicGait,
     speed: f64,
     slope: f64,
@@ -99,7 +100,7 @@ struct Problem {
 
 /// Result at one grid point.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Point {
+pub struct AtlasPoint {
     /// Gait family.
     pub family: GaitFamily,
     /// Stride period, s.
@@ -143,22 +144,22 @@ pub struct Transition {
 #[derive(Debug, Clone)]
 pub struct Atlas {
     /// Grid that was requested.
-    pub plan: Plan,
+    pub plan: AtlasPlan,
     /// Number of grid points that were to be solved.
     pub problems: usize,
     /// Number of combinations that were skipped because no leg can follow them.
     pub left_out: usize,
     /// Results in the order of the plan; fewer than `problems` if the atlas was cancelled.
-    pub points: Vec<Point>,
+    pub points: Vec<AtlasPoint>,
     /// Total time, s.
     pub seconds: f64,
 }
 
-impl Plan {
+impl AtlasPlan {
     /// Default plan of a robot: all its families on level ground.
-    pub fn new(robot: Arc<Robot>) -> Plan {
+    pub fn new(robot: Arc<Robot>) -> AtlasPlan {
         let (time, speed) = (time_scale(&robot), speed_scale(&robot));
-        Plan {
+        AtlasPlan {
             families: families(&robot),
             periods: PERIODS.map(|p| p * time).to_vec(),
             duties: DUTIES.to_vec(),
@@ -206,7 +207,7 @@ impl Plan {
 
     /// Problems to solve, and the number of combinations that are skipped because a foot would leave its reach box, a phase would be too
     /// short or the duty factor belongs to another family.
-    fn problems(&self) -> Result<(Vec<Problem>, usize)> {
+    fn problems(&self) -> Result<(Vec<AtlasProblem>, usize)> {
         let robot = &self.robot;
         let (time, mut problems, mut left_out) = (time_scale(robot), Vec::new(), 0);
         // The foot with the shortest reach box is the first to leave it.
@@ -231,7 +232,7 @@ impl Plan {
                     let terrain = Arc::new(sloping(slope, x));
                     // The base is parallel to the slope at the start and at the goal.
                     let task = Task::new(robot.clone(), terrain, Goal::at(x, 0.))?;
-                    problems.push(Problem { schedule: gait.schedule()?, gait, speed, slope, task });
+                    problems.push(AtlasProblem { schedule: gait.schedule()?, gait, speed, slope, task });
                 }
             }
         }
@@ -241,7 +242,7 @@ impl Plan {
     /// Number of problems of the plan.
     ///
     /// # Errors
-    /// Errors of [`Plan::validate`].
+    /// Errors of [`AtlasPlan::validate`].
     pub fn count(&self) -> Result<usize> {
         self.validate()?;
         Ok(self.problems()?.0.len())
@@ -253,7 +254,7 @@ impl Plan {
     /// * `cancelled` - ends the run; the atlas then has the problems finished so far
     ///
     /// # Errors
-    /// Errors of [`Plan::validate`] and [`evaluate`].
+    /// Errors of [`AtlasPlan::validate`] and [`evaluate`].
     pub fn run(
         self,
         settings: &LowerSettings,
@@ -285,13 +286,13 @@ impl Plan {
 
 impl Atlas {
     /// Cheapest result of a family at each speed of the plan on one slope; the first one in a tie.
-    pub fn curve(&self, family: GaitFamily, slope: f64) -> Vec<Option<&Point>> {
+    pub fn curve(&self, family: GaitFamily, slope: f64) -> Vec<Option<&AtlasPoint>> {
         let on = |speed: f64| self.points.iter().filter(move |p| p.family == family && p.slope == slope && p.speed == speed);
         self.plan.speeds.iter().map(|&speed| cheapest(on(speed))).collect()
     }
 
     /// Cheapest result of all families at each speed of the plan on one slope.
-    pub fn best(&self, slope: f64) -> Vec<Option<&Point>> {
+    pub fn best(&self, slope: f64) -> Vec<Option<&AtlasPoint>> {
         let on = |speed: f64| self.points.iter().filter(move |p| p.slope == slope && p.speed == speed);
         self.plan.speeds.iter().map(|&speed| cheapest(on(speed))).collect()
     }
@@ -322,7 +323,7 @@ impl Atlas {
     }
 }
 
-impl Point {
+impl AtlasPoint {
     /// Weighted sum of the cost terms; `None` if not certified.
     pub fn total(&self) -> Option<f64> {
         self.cost.map(|c| c.total)
@@ -330,7 +331,7 @@ impl Point {
 }
 
 /// Result with the lowest cost; the first one in a tie.
-fn cheapest<'a>(points: impl Iterator<Item = &'a Point>) -> Option<&'a Point> {
+fn cheapest<'a>(points: impl Iterator<Item = &'a AtlasPoint>) -> Option<&'a AtlasPoint> {
     points.filter(|p| p.cost.is_some()).min_by(|a, b| a.total().unwrap_or(f64::NAN).total_cmp(&b.total().unwrap_or(f64::NAN)))
 }
 
@@ -351,9 +352,9 @@ fn is_itself(family: GaitFamily, feet: usize, duty: f64) -> bool {
 
 /// Level ground, or a plane that rises along x.
 ///
-/// * `way` - distance to travel along x, m
-fn sloping(slope: f64, way: f64) -> Terrain {
-    let far = (way + BEYOND).max(50.);
+/// * `distance` - distance to travel along x, m
+fn sloping(slope: f64, distance: f64) -> Terrain {
+    let far = (distance + BEYOND).max(50.);
     let shape = if slope == 0. {
         Shape::Flat
     } else {
@@ -371,8 +372,8 @@ fn even_part(gait: &PeriodicGait, horizon: f64) -> [f64; 2] {
 }
 
 /// Result at a grid point, with the cost of its even part.
-fn point(problem: &Problem, evaluated: &Evaluated, settings: &LowerSettings, weights: &CostWeights) -> Result<Point> {
-    let Problem { gait, speed, slope, task, .. } = problem;
+fn point(problem: &AtlasProblem, evaluated: &Evaluated, settings: &LowerSettings, weights: &CostWeights) -> Result<AtlasPoint> {
+    let AtlasProblem { gait, speed, slope, task, .. } = problem;
     let robot = &task.robot;
     let cost = if evaluated.feasible {
         let trajectory = evaluated.trajectory(task, &settings.transcription);
@@ -381,7 +382,7 @@ fn point(problem: &Problem, evaluated: &Evaluated, settings: &LowerSettings, wei
     } else {
         None
     };
-    Ok(Point {
+    Ok(AtlasPoint {
         family: gait.family,
         period: gait.period(),
         duty: gait.duty(),
@@ -401,14 +402,14 @@ fn point(problem: &Problem, evaluated: &Evaluated, settings: &LowerSettings, wei
 mod tests {
     use super::*;
 
-    fn biped() -> Plan {
-        Plan::new(Arc::new(Robot::named("biped").unwrap()))
+    fn biped() -> AtlasPlan {
+        AtlasPlan::new(Arc::new(Robot::named("biped").unwrap()))
     }
 
     /// Result of an atlas with nothing but a cost.
-    fn at(family: GaitFamily, speed: f64, total: Option<f64>) -> Point {
+    fn at(family: GaitFamily, speed: f64, total: Option<f64>) -> AtlasPoint {
         let cost = total.map(|total| Cost { total, ..Cost::default() });
-        Point {
+        AtlasPoint {
             family,
             period: 1.,
             duty: 0.5,
@@ -424,8 +425,8 @@ mod tests {
         }
     }
 
-    fn atlas(speeds: Vec<f64>, points: Vec<Point>) -> Atlas {
-        Atlas { plan: Plan { speeds, ..biped() }, problems: points.len(), left_out: 0, points, seconds: 0. }
+    fn atlas(speeds: Vec<f64>, points: Vec<AtlasPoint>) -> Atlas {
+        Atlas { plan: AtlasPlan { speeds, ..biped() }, problems: points.len(), left_out: 0, points, seconds: 0. }
     }
 
     #[test]
@@ -434,7 +435,7 @@ mod tests {
         let costs = [(walk, 1., 1.), (walk, 1., 1.5), (run, 1., 2.), (walk, 2., 2.), (run, 2., 1.), (run, 2., 3.)];
         let atlas = atlas(vec![1., 2.], costs.map(|(f, v, c)| at(f, v, Some(c))).to_vec());
         assert_eq!(atlas.best(0.).iter().map(|p| p.map(|p| p.family)).collect::<Vec<_>>(), [Some(walk), Some(run)]);
-        assert_eq!(atlas.curve(walk, 0.).iter().map(|p| p.and_then(Point::total)).collect::<Vec<_>>(), [Some(1.), Some(2.)]);
+        assert_eq!(atlas.curve(walk, 0.).iter().map(|p| p.and_then(AtlasPoint::total)).collect::<Vec<_>>(), [Some(1.), Some(2.)]);
         let transitions = atlas.transitions(0.);
         assert_eq!((transitions.len(), transitions[0].from, transitions[0].to, transitions[0].speed), (1, Some(walk), Some(run), 1.5));
         assert!(atlas.best(0.1).iter().all(Option::is_none));
@@ -449,19 +450,19 @@ mod tests {
 
     #[test]
     fn combinations_that_legs_cannot_follow_are_skipped() {
-        let plan = Plan { speeds: vec![0.5], periods: vec![0.5], duties: vec![0.4, 0.6], ..biped() };
+        let plan = AtlasPlan { speeds: vec![0.5], periods: vec![0.5], duties: vec![0.4, 0.6], ..biped() };
         let (problems, left_out) = plan.problems().unwrap();
         let families: Vec<_> = problems.iter().map(|p| (p.gait.family, p.gait.duty() < 0.5)).collect();
         use GaitFamily::{Hop, Run, Walk};
         assert_eq!((families, left_out), (vec![(Walk, false), (Run, true), (Hop, true), (Hop, false)], 2));
         // A stance of 0.5 s at 2 m/s would take 1 m, but the reach box is 0.5 m long.
-        let fast = Plan { speeds: vec![2.], periods: vec![1.], duties: vec![0.5], families: vec![Walk], ..biped() };
+        let fast = AtlasPlan { speeds: vec![2.], periods: vec![1.], duties: vec![0.5], families: vec![Walk], ..biped() };
         assert_eq!(fast.problems().unwrap().1, 1);
     }
 
     #[test]
     fn the_even_part_consists_of_whole_strides_in_the_middle() {
-        let plan = Plan { speeds: vec![0.5], periods: vec![0.5], duties: vec![0.6], families: vec![GaitFamily::Walk], ..biped() };
+        let plan = AtlasPlan { speeds: vec![0.5], periods: vec![0.5], duties: vec![0.6], families: vec![GaitFamily::Walk], ..biped() };
         let gait = &plan.problems().unwrap().0[0].gait;
         let [start, end] = even_part(gait, 6.);
         // 40 % of 6 s contain four strides of 0.5 s.
@@ -480,12 +481,12 @@ mod tests {
 
     #[test]
     fn invalid_plans_are_rejected() {
-        let refused = |plan: Plan| plan.validate().unwrap_err().to_string();
-        assert!(refused(Plan { duties: vec![1.5], ..biped() }).contains("duties[0]"));
-        assert!(refused(Plan { speeds: vec![], ..biped() }).contains("speeds"));
-        assert!(refused(Plan { speeds: vec![1., 0.5], ..biped() }).contains("speeds[1]: 0.5, but it must be more than 1"));
-        assert!(refused(Plan { families: vec![GaitFamily::Trot], ..biped() }).contains("walk, run, hop"));
-        assert!(refused(Plan { even: 1e3, ..biped() }).contains("even"));
+        let refused = |plan: AtlasPlan| plan.validate().unwrap_err().to_string();
+        assert!(refused(AtlasPlan { duties: vec![1.5], ..biped() }).contains("duties[0]"));
+        assert!(refused(AtlasPlan { speeds: vec![], ..biped() }).contains("speeds"));
+        assert!(refused(AtlasPlan { speeds: vec![1., 0.5], ..biped() }).contains("speeds[1]: 0.5, but it must be more than 1"));
+        assert!(refused(AtlasPlan { families: vec![GaitFamily::Trot], ..biped() }).contains("walk, run, hop"));
+        assert!(refused(AtlasPlan { even: 1e3, ..biped() }).contains("even"));
         biped().validate().unwrap();
     }
 }

@@ -1,6 +1,7 @@
 //! Evaluation of schedules: solves a batch, refines each solution in f64 (closing), and certifies and costs it.
 
-use super::cem::{Evaluation, rank_order};
+use super::cem::Evaluation;
+use super::needed::NeededCandidates;
 use crate::backend::{Backend, Job, Precision, Problem, Solution, locked};
 use crate::error::{Error, Result};
 use crate::gait::cost::{Cost, CostWeights, cost};
@@ -114,14 +115,15 @@ impl Evaluated {
             return self;
         }
         let Evaluated { outcome, schedule, x, finished_after, .. } = self;
-        Evaluated { finished_after, ..closed(task, &schedule, (outcome, x), settings, weights, &|| false) }
+        let context = EvaluationContext { task, schedule: &schedule, settings, weights };
+        Evaluated { finished_after, ..context.examined(context.closed(outcome, x, &|| false)) }
     }
 
     /// Motion, feasible or not. It is computed on demand, because the motions of a population would take gigabytes.
     ///
     /// * `task`, `settings` - task and settings of the evaluation
     pub fn trajectory(&self, task: &Task, settings: &TranscriptionSettings) -> Trajectory {
-        trajectory(task, &Layout::<f64>::new(task, &self.schedule, settings).curves, &self.x)
+        trajectory(task, &Curves::new(task, &self.schedule, settings), &self.x)
     }
 }
 
@@ -191,76 +193,17 @@ pub fn evaluate(
     cancelled: Cancelled,
 ) -> Result<Vec<Option<Evaluated>>> {
     // All feasible candidates have the same value, so the first one is the best.
-    let needed = Needed::new(vec![0.; candidates.len()], if first_feasible { 1 } else { usize::MAX });
+    let needed = NeededCandidates::new(vec![0.; candidates.len()], if first_feasible { 1 } else { usize::MAX });
     let results: Vec<Mutex<Option<Evaluated>>> = candidates.iter().map(|_| Mutex::default()).collect();
-    let skip = |index: usize| cancelled() || !needed.has(index);
+    let skip = |index: usize| cancelled() || !needed.contains(index);
     batch(candidates, settings, cost, backend, Certify::All, &skip, &|index, evaluated| {
         if evaluated.feasible {
-            needed.note(index, 0.);
+            needed.record(index, 0.);
         }
         *locked(&results[index]) = Some(evaluated);
     })?;
     let results = results.iter().enumerate();
-    Ok(results.map(|(index, result)| locked(result).take().filter(|_| needed.has(index))).collect())
-}
-
-/// Tracks which candidates of a batch are needed: those that may still rank before the last of enough feasible ones.
-///
-/// The final set does not depend on the order in which candidates are registered, and always contains the best ones.
-pub(super) struct Needed {
-    most: Vec<f64>,
-    enough: usize,
-    /// Objective and index of the best feasible candidates, best first.
-    best: Mutex<Vec<(f64, usize)>>,
-}
-
-impl Needed {
-    /// Starts with every candidate needed.
-    ///
-    /// * `most` - upper bound of the objective of each candidate
-    /// * `enough` - number of best feasible candidates that are needed
-    pub fn new(most: Vec<f64>, enough: usize) -> Needed {
-        Needed { most, enough, best: Mutex::default() }
-    }
-
-    /// True if all candidates are needed regardless of the results.
-    fn all(&self) -> bool {
-        self.enough >= self.most.len()
-    }
-
-    /// Order in which to solve the candidates: by decreasing bound if that can make others unnecessary.
-    pub fn order(&self) -> Vec<usize> {
-        let mut order: Vec<usize> = (0..self.most.len()).collect();
-        if !self.all() {
-            order.sort_by(|&i, &j| rank_order((self.most[i], i), (self.most[j], j)));
-        }
-        order
-    }
-
-    /// Registers a feasible candidate.
-    ///
-    /// * `worth` - objective; clamped to the bound of the candidate
-    pub fn note(&self, index: usize, worth: f64) {
-        if self.all() {
-            return;
-        }
-        let worth = worth.min(self.most[index]);
-        let mut best = locked(&self.best);
-        let place = best.partition_point(|&other| rank_order(other, (worth, index)).is_lt());
-        if place < self.enough {
-            best.insert(place, (worth, index));
-            best.truncate(self.enough);
-        }
-    }
-
-    /// True if the candidate is needed.
-    pub fn has(&self, index: usize) -> bool {
-        if self.all() {
-            return true;
-        }
-        let best = locked(&self.best);
-        best.len() < self.enough || best.last().is_some_and(|&last| rank_order((self.most[index], index), last).is_le())
-    }
+    Ok(results.map(|(index, result)| locked(result).take().filter(|_| needed.contains(index))).collect())
 }
 
 /// Selection of the candidates of a batch that are certified at once.
@@ -294,11 +237,12 @@ pub(super) fn batch(
     let problems: Vec<Problem> = candidates.iter().map(|(task, schedule)| Problem { task, schedule: aligned(task, schedule) }).collect();
     let finish = |index: usize, solution: Solution| {
         let Problem { task, schedule } = &problems[index];
+        let context = EvaluationContext { task, schedule, settings, weights: cost };
         let mut evaluated = match certify {
-            Certify::All => certified(task, schedule, solution, settings, cost, &|| skip(index)),
-            Certify::Unsolved if solution.outcome.status == Status::Solved => solved(task, schedule, solution, settings, cost),
+            Certify::All => context.certified(solution, &|| skip(index)),
+            Certify::Unsolved if solution.outcome.status == Status::Solved => context.uncertified(solution),
             // Closing in f64 would make one of eight such candidates feasible, and each attempt costs as much as four new candidates.
-            Certify::Unsolved => as_it_is(task, schedule, solution, settings, cost),
+            Certify::Unsolved => context.examined(solution),
         };
         if evaluated.outcome.status == Status::Cancelled && !evaluated.feasible {
             return;
@@ -380,118 +324,83 @@ impl<'a> Evaluate<'a> {
     }
 }
 
-/// Result of a solved candidate without a certificate, with its cost.
-fn solved(
-    task: &Task,
-    schedule: &AlignedSchedule,
-    solution: Solution,
-    settings: &LowerSettings,
-    weights: Option<&CostWeights>,
-) -> Evaluated {
-    let Solution { outcome, x, variables, curves, .. } = solution;
-    let motion = trajectory(task, &curves, &x);
-    let verdict = Verdict { certified: false, feasible: true, n_violated: 0, max_violation: f64::NAN };
-    evaluated(task, schedule, motion, verdict, (outcome, x, variables), settings, weights)
+/// Schedule and settings of one evaluation. Turns the solution of the solver into an [`Evaluated`].
+#[derive(Clone, Copy)]
+pub(super) struct EvaluationContext<'a> {
+    pub task: &'a Task,
+    /// Schedule that was solved.
+    pub schedule: &'a AlignedSchedule,
+    pub settings: &'a LowerSettings,
+    /// Weights of the cost; `None`: no cost is computed.
+    pub weights: Option<&'a CostWeights>,
 }
 
-/// Certified result of a candidate, closed in f64 unless it already is or cannot be.
-fn certified(
-    task: &Task,
-    schedule: &AlignedSchedule,
-    solution: Solution,
-    settings: &LowerSettings,
-    weights: Option<&CostWeights>,
-    cancel: &dyn Fn() -> bool,
-) -> Evaluated {
-    let Solution { outcome, closed: is_closed, .. } = solution;
-    if is_closed || settings.precision == Precision::F64 || !can_close(&outcome) {
-        as_it_is(task, schedule, solution, settings, weights)
-    } else {
-        closed(task, schedule, (outcome, solution.x), settings, weights, cancel)
+impl EvaluationContext<'_> {
+    /// Result of a solved candidate without a certificate, with its cost.
+    fn uncertified(self, solution: Solution) -> Evaluated {
+        let motion = trajectory(self.task, &solution.curves, &solution.x);
+        self.evaluated(&motion, RowCheck { certified: false, feasible: true, n_violated: 0, max_violation: f64::NAN }, solution)
+    }
+
+    /// Certified result of a candidate, closed in f64 unless it already is or cannot be.
+    fn certified(self, solution: Solution, cancel: &dyn Fn() -> bool) -> Evaluated {
+        let final_already = solution.closed || self.settings.precision == Precision::F64 || !can_close(&solution.outcome);
+        self.examined(if final_already { solution } else { self.closed(solution.outcome, solution.x, cancel) })
+    }
+
+    /// Closes a solution in f64. A solution of an f64 solve stays unchanged.
+    fn closed(self, outcome: Outcome, x: Vec<f64>, cancel: &dyn Fn() -> bool) -> Solution {
+        let EvaluationContext { task, schedule, settings, .. } = self;
+        let (outcome, x, curves) = match settings.precision {
+            Precision::F32 => {
+                let layout = Layout::<f64>::new(task, schedule, &settings.transcription);
+                let (outcome, x) = close(&layout, outcome, x, &settings.solver, cancel);
+                (outcome, x, layout.curves)
+            }
+            Precision::F64 => (outcome, x, Curves::new(task, schedule, &settings.transcription)),
+        };
+        Solution { outcome, x, variables: curves.variables, curves, closed: true }
+    }
+
+    /// Certified result of a candidate, with its cost. The solution is not closed before.
+    pub fn examined(self, solution: Solution) -> Evaluated {
+        let EvaluationContext { task, settings, .. } = self;
+        let motion = trajectory(task, &solution.curves, &solution.x);
+        let report = verify_rows(&motion, &task.robot, &task.terrain, force_limit(&settings.transcription, task));
+        let (n_violated, max_violation, feasible) =
+            report.map_or((usize::MAX, f64::NAN, false), |r| (r.n_violated, r.max_violation, r.feasible));
+        self.evaluated(&motion, RowCheck { certified: true, feasible, n_violated, max_violation }, solution)
+    }
+
+    /// Result of a candidate from its motion and the check of its rows, with its cost.
+    fn evaluated(self, motion: &Trajectory, rows: RowCheck, solution: Solution) -> Evaluated {
+        let RowCheck { certified, feasible, n_violated, max_violation } = rows;
+        let robot = &self.task.robot;
+        let cost = self.weights.filter(|_| feasible).and_then(|weights| cost(motion, robot, robot.leg_mass(), weights).ok());
+        Evaluated {
+            outcome: solution.outcome,
+            feasible,
+            certified,
+            n_violated,
+            max_violation,
+            horizon: motion.horizon,
+            n_variables: solution.variables,
+            finished_after: 0.,
+            transcription: self.settings.transcription.rows,
+            cost,
+            mean_normal_force: mean_normal_force(self.task, motion),
+            schedule: self.schedule.clone(),
+            x: solution.x,
+        }
     }
 }
 
-/// Certified result of a candidate without closing.
-fn as_it_is(
-    task: &Task,
-    schedule: &AlignedSchedule,
-    Solution { outcome, x, variables, curves, .. }: Solution,
-    settings: &LowerSettings,
-    weights: Option<&CostWeights>,
-) -> Evaluated {
-    examined(task, schedule, (&curves, variables), (outcome, x), settings, weights)
-}
-
-/// Closes a solution in f64 and certifies it.
-fn closed(
-    task: &Task,
-    schedule: &AlignedSchedule,
-    (outcome, x): (Outcome, Vec<f64>),
-    settings: &LowerSettings,
-    weights: Option<&CostWeights>,
-    cancel: &dyn Fn() -> bool,
-) -> Evaluated {
-    let layout = Layout::<f64>::new(task, schedule, &settings.transcription);
-    let closed = match settings.precision {
-        Precision::F32 => close(&layout, outcome, x, &settings.solver, cancel),
-        Precision::F64 => (outcome, x),
-    };
-    examined(task, schedule, (&layout.curves, layout.variables), closed, settings, weights)
-}
-
-/// Certifies a solution and computes its cost.
-///
-/// * `curves`, `n_variables` - curves and number of variables of its layout
-pub(super) fn examined(
-    task: &Task,
-    schedule: &AlignedSchedule,
-    (curves, n_variables): (&Curves, usize),
-    (outcome, x): (Outcome, Vec<f64>),
-    settings: &LowerSettings,
-    weights: Option<&CostWeights>,
-) -> Evaluated {
-    let trajectory = trajectory(task, curves, &x);
-    let rows = verify_rows(&trajectory, &task.robot, &task.terrain, force_limit(&settings.transcription, task));
-    let (n_violated, max_violation, feasible) = rows.map_or((usize::MAX, f64::NAN, false), |r| (r.n_violated, r.max_violation, r.feasible));
-    let verdict = Verdict { certified: true, feasible, n_violated, max_violation };
-    evaluated(task, schedule, trajectory, verdict, (outcome, x, n_variables), settings, weights)
-}
-
-/// Certificate of a motion in numbers, or the verdict of the solver.
-struct Verdict {
+/// Check of the rows of a motion: by its certificate, or by the solver if `certified` is false.
+struct RowCheck {
     certified: bool,
     feasible: bool,
     n_violated: usize,
     max_violation: f64,
-}
-
-/// Result from a motion and its verdict, with its cost.
-fn evaluated(
-    task: &Task,
-    schedule: &AlignedSchedule,
-    trajectory: Trajectory,
-    verdict: Verdict,
-    (outcome, x, n_variables): (Outcome, Vec<f64>, usize),
-    settings: &LowerSettings,
-    weights: Option<&CostWeights>,
-) -> Evaluated {
-    let Verdict { certified, feasible, n_violated, max_violation } = verdict;
-    let cost = weights.filter(|_| feasible).and_then(|weights| cost(&trajectory, &task.robot, task.robot.leg_mass(), weights).ok());
-    Evaluated {
-        outcome,
-        feasible,
-        certified,
-        n_violated,
-        max_violation,
-        horizon: trajectory.horizon,
-        n_variables,
-        finished_after: 0.,
-        transcription: settings.transcription.rows,
-        cost,
-        mean_normal_force: mean_normal_force(task, &trajectory),
-        schedule: schedule.clone(),
-        x,
-    }
 }
 
 /// Mean over all force nodes, including the zero ones of swings, of `|n . f|`, N, where `n` is the terrain normal under the foot at that

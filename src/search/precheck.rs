@@ -42,15 +42,15 @@ impl From<Finding> for Error {
 /// Obstacles to a gait for a task, certain ones first. Empty if the task may well have a gait.
 pub fn precheck(task: &Task, search: &SearchSettings, settings: &TranscriptionSettings) -> Vec<Finding> {
     let mut findings = Vec::new();
-    findings.extend(feet_in_reach(task));
-    findings.extend(standing(task, settings, End::Start));
-    findings.extend(standing(task, settings, End::Goal));
-    findings.extend(on_terrain(task));
-    findings.extend(odd_body(&task.robot));
-    findings.extend(carried(task, settings));
+    findings.extend(feet_out_of_reach(task));
+    findings.extend(ground_out_of_reach(task, settings, End::Start));
+    findings.extend(ground_out_of_reach(task, settings, End::Goal));
+    findings.extend(outside_terrain(task));
+    findings.extend(implausible_body(&task.robot));
+    findings.extend(weight_not_carried(task, settings));
     match &search.gaits {
-        Gaits::Around(schedule) => findings.extend(long_enough(task, settings, schedule)),
-        Gaits::Free => findings.extend(free_long_enough(task, search, settings)),
+        Gaits::Around(schedule) => findings.extend(schedule_too_short(task, settings, schedule)),
+        Gaits::Free => findings.extend(free_schedules_too_short(task, search, settings)),
         Gaits::All | Gaits::Families(_) => {}
     }
     findings.sort_by_key(|finding| !finding.certain);
@@ -75,7 +75,7 @@ fn ground_under(task: &Task, end: End, foot: usize) -> [f64; 2] {
 }
 
 /// Finding if a foot at the start is outside its reach along x or y of the base frame.
-fn feet_in_reach(task: &Task) -> Option<Finding> {
+fn feet_out_of_reach(task: &Task) -> Option<Finding> {
     let robot = &task.robot;
     let excess = |foot: usize| {
         let [x, y] = task.foothold_start(foot);
@@ -100,7 +100,7 @@ fn feet_in_reach(task: &Task) -> Option<Finding> {
 }
 
 /// Finding if the ground at one end is too high or too low for the vertical reach of a foot.
-fn standing(task: &Task, settings: &TranscriptionSettings, end: End) -> Option<Finding> {
+fn ground_out_of_reach(task: &Task, settings: &TranscriptionSettings, end: End) -> Option<Finding> {
     let robot = &task.robot;
     let state = if end == End::Start { &task.start } else { &task.goal };
     let base = state.position;
@@ -133,7 +133,20 @@ fn standing(task: &Task, settings: &TranscriptionSettings, end: End) -> Option<F
         End::Start => ("start", "the ground under it"),
         End::Goal => ("goal", "the nearest ground within its reach along x and y"),
     };
-    let remedy = if low > high {
+    Some(Finding {
+        certain: excess > allowed + TOLERANCE,
+        place: format!("{name}, foot {foot}"),
+        found: format!("{what} is {under:.3} m below the base, {excess:.3} m outside its reach from {:.3} to {:.3} m below", -top, -bottom),
+        remedy: height_remedy(task, end, base, [low, high]),
+    })
+}
+
+/// Advice for a base from which not all feet reach the ground.
+///
+/// * `base` - position of the base, world frame, m
+/// * `low`, `high` - lowest and highest base from which all feet reach the ground, m; contradictory if `low > high`
+fn height_remedy(task: &Task, end: End, base: [f64; 3], [low, high]: [f64; 2]) -> String {
+    if low > high {
         let spread = "level enough for all feet: no height of the base is within reach of all";
         match end {
             End::Start => format!("{spread}; use a larger `reach` of the robot, or move the terrain under it"),
@@ -156,17 +169,11 @@ fn standing(task: &Task, settings: &TranscriptionSettings, end: End) -> Option<F
                 )
             }
         }
-    };
-    Some(Finding {
-        certain: excess > allowed + TOLERANCE,
-        place: format!("{name}, foot {foot}"),
-        found: format!("{what} is {under:.3} m below the base, {excess:.3} m outside its reach from {:.3} to {:.3} m below", -top, -bottom),
-        remedy,
-    })
+    }
 }
 
 /// Finding if the base at the start or a foot at either end is outside the terrain, where the height map is extrapolated from its edge.
-fn on_terrain(task: &Task) -> Option<Finding> {
+fn outside_terrain(task: &Task) -> Option<Finding> {
     let feet = 0..task.robot.feet();
     let starts = feet.clone().map(|foot| (format!("start, foot {foot}"), task.foothold_start(foot)));
     let goals = feet.map(|foot| (format!("goal, foot {foot}"), task.foothold_goal(foot)));
@@ -189,7 +196,7 @@ const GYRATION: [f64; 2] = [0.1, 1.5];
 const DENSITY: [f64; 2] = [3., 3000.];
 
 /// Finding if mass, inertia and size do not fit together, e.g. because of mixed-up units.
-fn odd_body(robot: &Robot) -> Option<Finding> {
+fn implausible_body(robot: &Robot) -> Option<Finding> {
     let size = robot.nominal_feet.iter().map(|[x, y, z]| (x * x + y * y + z * z).sqrt()).fold(0., f64::max);
     let trace: f64 = (0..3).map(|i| robot.inertia[i][i]).sum();
     let gyration = (trace.max(0.) / (2. * robot.mass)).sqrt();
@@ -215,7 +222,7 @@ fn odd_body(robot: &Robot) -> Option<Finding> {
 }
 
 /// Finding if all feet together cannot carry the weight.
-fn carried(task: &Task, settings: &TranscriptionSettings) -> Option<Finding> {
+fn weight_not_carried(task: &Task, settings: &TranscriptionSettings) -> Option<Finding> {
     let (feet, limit, weight) = (task.robot.feet(), force_limit(settings, task), task.robot.weight());
     (feet as f64 * limit < weight).then(|| Finding {
         certain: false,
@@ -226,19 +233,19 @@ fn carried(task: &Task, settings: &TranscriptionSettings) -> Option<Finding> {
 }
 
 /// Half of the largest distance that the base can travel over a foot in stance, m.
-fn half_way(task: &Task) -> f64 {
+fn half_travel(task: &Task) -> f64 {
     task.robot.reach_boxes().map(|reach| reach.farthest()).fold(0., f64::max)
 }
 
 /// Smallest distance that a foot has to travel, from its start until it is within reach of its place at the goal, m.
-fn way_of_foot(task: &Task, foot: usize) -> f64 {
+fn travel_of_foot(task: &Task, foot: usize) -> f64 {
     let (from, to) = (task.foothold_start(foot), task.foothold_goal(foot));
     ((to[0] - from[0]).hypot(to[1] - from[1]) - task.robot.reach.of(foot).farthest()).max(0.)
 }
 
 /// Foot with the largest distance to travel, and that distance, m.
 fn farthest_foot(task: &Task) -> (usize, f64) {
-    (0..task.robot.feet()).map(|foot| (foot, way_of_foot(task, foot))).fold((0, 0.), |a, b| if b.1 > a.1 { b } else { a })
+    (0..task.robot.feet()).map(|foot| (foot, travel_of_foot(task, foot))).fold((0, 0.), |a, b| if b.1 > a.1 { b } else { a })
 }
 
 /// Distance from start to goal in the horizontal plane, m.
@@ -253,7 +260,7 @@ fn step_speed(task: &Task, settings: &TranscriptionSettings) -> Option<f64> {
 }
 
 /// Finding if a schedule is too short for the distance.
-fn long_enough(task: &Task, settings: &TranscriptionSettings, schedule: &Schedule) -> Option<Finding> {
+fn schedule_too_short(task: &Task, settings: &TranscriptionSettings, schedule: &Schedule) -> Option<Finding> {
     if schedule.feet() != task.robot.feet() {
         return None;
     }
@@ -262,28 +269,28 @@ fn long_enough(task: &Task, settings: &TranscriptionSettings, schedule: &Schedul
             let swings: f64 = schedule.phases(foot).iter().filter(|p| !p.stance).map(|p| p.duration()).sum();
             let by = format!("{swings:.3} s in swing at {speed:.2} m/s");
             let how = "more swings, longer ones, a nearer goal or a larger `transcription.foot_speed`";
-            too_little_swing(format!("gait, foot {foot}"), &by, speed, swings, way_of_foot(task, foot), how)
+            too_little_swing(format!("gait, foot {foot}"), &by, speed, swings, travel_of_foot(task, foot), how)
         };
         let finding = (0..schedule.feet()).find_map(short);
         if finding.is_some() {
             return finding;
         }
     }
-    let stances = stances_one_after_another(schedule)?;
-    let (way, most) = (distance(task), half_way(task) * (2 * stances - 1) as f64);
-    (way > most).then(|| Finding {
+    let stances = consecutive_stances(schedule)?;
+    let (distance, most) = (distance(task), half_travel(task) * (2 * stances - 1) as f64);
+    (distance > most).then(|| Finding {
         certain: false,
         place: "gait".into(),
-        found: format!("{stances} consecutive stances carry the base {most:.3} m of {way:.3} m, limited by the reach of the feet"),
+        found: format!("{stances} consecutive stances carry the base {most:.3} m of {distance:.3} m, limited by the reach of the feet"),
         remedy: format!(
             "{} or more: more stances in more time, a nearer goal, or a larger `reach` of the robot",
-            ((way / half_way(task) + 1.) / 2.).ceil()
+            ((distance / half_travel(task) + 1.) / 2.).ceil()
         ),
     })
 }
 
 /// Smallest number of stances that together cover the horizon; `None` if there is a flight phase.
-fn stances_one_after_another(schedule: &Schedule) -> Option<usize> {
+fn consecutive_stances(schedule: &Schedule) -> Option<usize> {
     let stances: Vec<_> = (0..schedule.feet()).flat_map(|foot| schedule.phases(foot)).filter(|p| p.stance).collect();
     let (mut until, mut count) = (0., 0);
     while until < schedule.horizon() - 1e-9 {
@@ -297,7 +304,7 @@ fn stances_one_after_another(schedule: &Schedule) -> Option<usize> {
 }
 
 /// Finding if the longest schedule of the free distribution is too short for the distance.
-fn free_long_enough(task: &Task, search: &SearchSettings, settings: &TranscriptionSettings) -> Option<Finding> {
+fn free_schedules_too_short(task: &Task, search: &SearchSettings, settings: &TranscriptionSettings) -> Option<Finding> {
     let speed = step_speed(task, settings)?;
     let (free, (foot, needed)) = (&search.free, farthest_foot(task));
     let swings = free.max_stances - 1;

@@ -1,9 +1,8 @@
 //! Tests of the search: dropped solutions, on-demand certification and skipped candidates.
 
-use super::batch::{LowerLevel, Solved, Timed};
-use super::cem::{Aim, Answer, Evaluation, Evaluator, FreeDistribution, Objective, run};
-use super::evaluate::Certify;
-use super::population::KEPT;
+use super::cem::{
+    CemSettings, Evaluation, FreeDistribution, GenerationEvaluator, GenerationResults, Objective, SelectionGoal, Stopping, run,
+};
 use super::*;
 use crate::backend::Cpu;
 use crate::gait::cost::Cost;
@@ -28,10 +27,10 @@ fn parts(found: &SearchResult) -> impl PartialEq + std::fmt::Debug {
 
 /// Asserts that the result of a search does not depend on the number of solutions that it keeps.
 fn assert_result_independent_of_kept_solutions<'a>(search: impl Fn() -> Search<'a>, backend: &dyn Backend) -> SearchResult {
-    let keeping = |kept: usize| Search { kept, ..search() }.run(backend).unwrap();
-    let all = keeping(KEPT);
-    for kept in [0, 3] {
-        let some = keeping(kept);
+    let keeping = |max_solutions: usize| Search { max_solutions, ..search() }.run(backend).unwrap();
+    let all = keeping(MAX_SOLUTIONS);
+    for max_solutions in [0, 3] {
+        let some = keeping(max_solutions);
         assert!(parts(&some) == parts(&all), "{:#?}\n{:#?}", parts(&some), parts(&all));
     }
     all
@@ -80,25 +79,25 @@ fn on_a_gpu_the_result_does_not_depend_on_the_number_of_kept_solutions() {
 #[test]
 fn the_result_of_the_papers_loop_does_not_depend_on_the_number_of_kept_solutions() {
     let (task, lower, cpu) = (walk(), LowerSettings::default(), Cpu::new(2).unwrap());
-    let level = BatchSolver { task: &task, settings: &lower, backend: &cpu, cost: None };
+    let solver = BatchSolver { task: &task, settings: &lower, backend: &cpu, cost: None };
     let loops = [(Objective::Feasibility, Stopping::FirstFeasible, false), (Objective::LeastForce, Stopping::Convergence, true)];
     for (objective, stopping, whole_generation) in loops {
         let settings = CemSettings { objective, stopping, whole_generation, generations: 3, ..CemSettings::default() };
-        let keeping = |kept: usize, best_alone: bool| {
-            let timed = Timed::new(&level, Clock::new(None, None)).keeping(kept);
-            let mut timed = if best_alone { timed.best_alone() } else { timed };
+        let keeping = |max_solutions: usize, improvements: bool| {
+            let evaluator = TimedEvaluator::new(&solver, Clock::new(None, None)).max_solutions(max_solutions);
+            let mut evaluator = if improvements { evaluator.certifying_improvements() } else { evaluator };
             let distribution = FreeDistribution::initial(&settings, task.robot.feet()).unwrap();
-            let outcome = run(&settings, distribution, 1, 0, &mut timed, &mut |_| ()).unwrap();
+            let outcome = run(&settings, distribution, 1, 0, &mut evaluator, &mut |_| ()).unwrap();
             let best = outcome.best.unwrap();
             (best.generation, best.index, best.objective, best.evaluation, best.solution.x, outcome.generations, outcome.stop)
         };
-        for best_alone in [false, true] {
-            assert_eq!(keeping(0, best_alone), keeping(KEPT, best_alone));
+        for improvements in [false, true] {
+            assert_eq!(keeping(0, improvements), keeping(MAX_SOLUTIONS, improvements));
         }
     }
 }
 
-/// Lower level that reports every schedule as solved, but certifies only schedules that last long enough. Shorter schedules need less
+/// Solver that reports every schedule as solved, but certifies only schedules that last long enough. Shorter schedules need less
 /// force.
 struct Optimist {
     certified: AtomicUsize,
@@ -110,7 +109,7 @@ impl Optimist {
     }
 }
 
-impl LowerLevel for Optimist {
+impl ScheduleSolver for Optimist {
     type Solution = bool;
 
     fn solve(
@@ -118,7 +117,7 @@ impl LowerLevel for Optimist {
         schedules: &[Schedule],
         certify: Certify,
         _: &(dyn Fn(usize) -> bool + Sync),
-        finish: &(dyn Fn(usize, Solved<bool>) + Sync),
+        finish: &(dyn Fn(usize, Evaluation, bool) + Sync),
     ) -> Result<()> {
         let certified = certify == Certify::All;
         for (index, schedule) in schedules.iter().enumerate() {
@@ -126,7 +125,7 @@ impl LowerLevel for Optimist {
             let feasible = !certified || Optimist::holds(schedule);
             let mean_normal_force = 10. * schedule.horizon();
             let evaluation = Evaluation { n_violated: usize::from(!feasible), feasible, certified, mean_normal_force, cost: None };
-            finish(index, Solved { evaluation, finished_after: 0., solution: certified });
+            finish(index, evaluation, certified);
         }
         Ok(())
     }
@@ -134,7 +133,7 @@ impl LowerLevel for Optimist {
 
 #[test]
 fn the_papers_loop_certifies_the_gait_that_it_returns_and_few_others() {
-    let level = Optimist { certified: AtomicUsize::new(0) };
+    let solver = Optimist { certified: AtomicUsize::new(0) };
     let settings = CemSettings {
         objective: Objective::LeastForce,
         stopping: Stopping::Convergence,
@@ -144,25 +143,25 @@ fn the_papers_loop_certifies_the_gait_that_it_returns_and_few_others() {
         ..CemSettings::default()
     };
     let distribution = FreeDistribution::initial(&settings, 2).unwrap();
-    let found = search_with(&level, distribution, &settings, 1, &AtomicBool::new(false), &mut |_| ()).unwrap();
+    let found = search_with(&solver, distribution, &settings, 1, &AtomicBool::new(false), &mut |_| ()).unwrap();
     let best = found.best.unwrap();
     assert!(best.solution && best.evaluation.certified && best.evaluation.feasible && Optimist::holds(&best.schedule));
     let objectives: Vec<f64> = found.generations.iter().filter_map(|g| g.best_ever_objective).collect();
     assert_eq!((objectives.len(), objectives.last()), (12, Some(&best.objective)));
     assert!(objectives.is_sorted() && objectives[0] < best.objective, "{objectives:?}");
     // The first generation and some later candidates: most later ones rank before the best certified one and have to be certified.
-    let certified = level.certified.into_inner();
+    let certified = solver.certified.into_inner();
     println!("{certified} certified of {}", 12 * 64);
     assert!((64 + 1..12 * 64).contains(&certified), "{certified}");
 }
 
-/// Lower level that solves some schedules, in the given or the reverse order. Not all solved schedules pass their certificate.
+/// Solver that solves some schedules, in the given or the reverse order. Not all solved schedules pass their certificate.
 struct Half {
     backwards: bool,
     solved: AtomicUsize,
 }
 
-impl LowerLevel for Half {
+impl ScheduleSolver for Half {
     type Solution = ();
 
     fn solve(
@@ -170,7 +169,7 @@ impl LowerLevel for Half {
         schedules: &[Schedule],
         certify: Certify,
         skip: &(dyn Fn(usize) -> bool + Sync),
-        finish: &(dyn Fn(usize, Solved<()>) + Sync),
+        finish: &(dyn Fn(usize, Evaluation, ()) + Sync),
     ) -> Result<()> {
         for at in 0..schedules.len() {
             let index = if self.backwards { schedules.len() - 1 - at } else { at };
@@ -186,7 +185,7 @@ impl LowerLevel for Half {
             let n_violated = usize::from(!feasible) * (1 + digit);
             let cost = feasible.then(|| Cost { horizon: schedule.aligned(0.1).horizon(), ..Cost::default() });
             let evaluation = Evaluation { n_violated, feasible, certified, mean_normal_force: 0., cost };
-            finish(index, Solved { evaluation, finished_after: 0., solution: () });
+            finish(index, evaluation, ());
         }
         Ok(())
     }
@@ -195,13 +194,13 @@ impl LowerLevel for Half {
 /// Evaluator that evaluates every candidate of a generation.
 struct Whole<E>(E);
 
-impl<E: Evaluator> Evaluator for Whole<E> {
+impl<E: GenerationEvaluator> GenerationEvaluator for Whole<E> {
     type Solution = E::Solution;
 
-    fn evaluate(&mut self, generation: usize, schedules: &[Schedule], aim: &Aim) -> Vec<Option<Answer<E::Solution>>> {
-        let mut aim = *aim;
-        aim.enough = usize::MAX;
-        self.0.evaluate(generation, schedules, &aim)
+    fn evaluate(&mut self, generation: usize, schedules: &[Schedule], goal: &SelectionGoal) -> GenerationResults<E::Solution> {
+        let mut goal = *goal;
+        goal.enough = usize::MAX;
+        self.0.evaluate(generation, schedules, &goal)
     }
 }
 
@@ -218,16 +217,16 @@ fn candidates_that_can_only_rank_after_the_elites_are_not_solved() {
         };
         for seed in 1..6 {
             let found = |whole: bool, backwards: bool| {
-                let level = Half { backwards, solved: AtomicUsize::new(0) };
-                let mut timed = Timed::new(&level, Clock::new(None, None)).best_alone();
+                let solver = Half { backwards, solved: AtomicUsize::new(0) };
+                let mut evaluator = TimedEvaluator::new(&solver, Clock::new(None, None)).certifying_improvements();
                 let distribution = FreeDistribution::initial(&settings, 2).unwrap();
                 let outcome = match whole {
-                    true => run(&settings, distribution, seed, 0, &mut Whole(timed), &mut |_| ()).unwrap(),
-                    false => run(&settings, distribution, seed, 0, &mut timed, &mut |_| ()).unwrap(),
+                    true => run(&settings, distribution, seed, 0, &mut Whole(evaluator), &mut |_| ()).unwrap(),
+                    false => run(&settings, distribution, seed, 0, &mut evaluator, &mut |_| ()).unwrap(),
                 };
                 let best: Vec<_> = outcome.generations.iter().map(|g| g.best_ever_objective).collect();
                 let evaluated: Vec<_> = outcome.generations.iter().map(|g| (g.evaluated, g.feasible)).collect();
-                ((outcome.best.unwrap(), outcome.distribution, best), evaluated, level.solved.into_inner())
+                ((outcome.best.unwrap(), outcome.distribution, best), evaluated, solver.solved.into_inner())
             };
             let (all, needed, backwards) = (found(true, false), found(false, false), found(false, true));
             assert!(all.0 == needed.0 && all.0 == backwards.0, "{objective:?}, seed {seed}");

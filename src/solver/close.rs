@@ -2,7 +2,7 @@
 
 use super::{Finish, Outcome, Solver, Status};
 use crate::nlp::Layout;
-use crate::settings::{SmoothSettings, SolverSettings, StallSettings};
+use crate::settings::{OptimiseSettings, SmoothSettings, SolverSettings, StallSettings};
 use std::cell::RefCell;
 
 thread_local! {
@@ -32,7 +32,7 @@ pub fn can_close(outcome: &Outcome) -> bool {
 /// 1. An unfinished f32 solve with `F` below [`CONTINUE_BELOW`] is first continued in f64 with a small barrier parameter.
 /// 2. From a solved point, one or two Gauss-Newton steps usually satisfy the rows.
 /// 3. If they do not, they act on the wrong set of violated rows. Restarts with fresh slacks and a small barrier parameter then find the
-/// right set in about ten iterations.
+///    right set in about ten iterations.
 /// 4. If f32 solved the candidate, the last resort is a solve in f64 from the initial values.
 ///
 /// An f32 outcome for which [`can_close`] is false is returned unchanged.
@@ -75,9 +75,10 @@ impl Closing<'_> {
                 return;
             }
         }
-        // The smoothing iterations have already run on this point, so they are not repeated from here.
+        // Smoothing and optimisation have already run on this point, so they are not repeated from here.
         let smooth = SmoothSettings { iterations: 0, ..settings.smooth.clone() };
-        let once = SolverSettings { smooth, ..settings.clone() };
+        let optimise = OptimiseSettings { iterations: 0, ..settings.optimise.clone() };
+        let once = SolverSettings { smooth, optimise, ..settings.clone() };
         let steps = SolverSettings {
             max_iterations: settings.closing_steps,
             closing: f64::INFINITY,

@@ -1,6 +1,6 @@
 //! Weights and values of the rows in the normal equations, and the terms on single variables.
 
-use super::slacks::{Aim, Slacks};
+use super::slacks::{BarrierTarget, Slacks};
 use crate::nlp::Layout;
 use crate::real::Real;
 use crate::rows::RowKind;
@@ -43,7 +43,15 @@ fn per_row<T: Real>(layout: &Layout<T>, weight: &mut [T], value: &mut [T], make:
 /// Row weights and values of a barrier step: `W = rho` and `w = 1 / (s/z + 1/rho)`, `v = rho c` and `z + w (g - z/rho + mu/z)`, with
 /// `rho = 1`.
 #[multiversion(targets("x86_64+avx2+fma"))]
-pub fn barrier_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], slacks: &Slacks<T>, aim: Aim<T>, weight: &mut [T], value: &mut [T]) {
+pub fn barrier_rows<T: Real>(
+    layout: &Layout<T>,
+    c: &[T],
+    g: &[T],
+    slacks: &Slacks<T>,
+    aim: BarrierTarget<T>,
+    weight: &mut [T],
+    value: &mut [T],
+) {
     let one = T::one();
     let equalities = layout.rows.of(RowKind::Equality);
     weight[equalities.clone()].fill(one);
@@ -77,17 +85,8 @@ pub fn closing_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], weight: &mut 
 
 /// Terms on single variables: diagonal `eps D + weight smoothing` and gradient `weight smoothing (x - initial)`.
 #[multiversion(targets("x86_64+avx2+fma"))]
-#[allow(clippy::too_many_arguments, reason = "separate slices: the compiler knows that they do not overlap")]
-pub fn variable_terms<T: Real>(
-    scaling: &[T],
-    proximal: T,
-    smoothing: &[T],
-    weight: T,
-    x: &[T],
-    initial: &[T],
-    diagonal: &mut [T],
-    gradient: &mut [T],
-) {
+pub fn variable_terms<T: Real>(layout: &Layout<T>, scaling: &[T], proximal: T, weight: T, x: &[T], diagonal: &mut [T], gradient: &mut [T]) {
+    let (smoothing, initial) = (&layout.smoothing[..], &layout.initial[..]);
     for i in 0..diagonal.len() {
         let smoothing = weight * smoothing[i];
         diagonal[i] = proximal * scaling[i] + smoothing;

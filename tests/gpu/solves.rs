@@ -9,7 +9,7 @@ use cregopt::nlp::transcription::interval;
 use cregopt::scenario::SCENARIOS;
 use cregopt::search::cem::{CemSettings, FreeDistribution};
 use cregopt::search::evaluate::{Evaluated, LowerSettings, evaluate};
-use cregopt::search::{BatchSolver, Found, search_with};
+use cregopt::search::{BatchSolver, CemSearchResult, search_with};
 use cregopt::settings::TranscriptionSettings;
 use cregopt::solver::Status;
 use cregopt::task::Task;
@@ -292,7 +292,7 @@ fn searches_on_the_gpu_find_the_gaits_that_the_cpu_finds() {
         };
         let (ours, theirs) = (run(&*gpu), run(&Cpu::new(2).unwrap()));
         println!("{}: {:.1} s for {} generations of {}", scenario.name, ours.seconds, ours.generations.len(), settings.population);
-        let found = |f: &Found| f.best.as_ref().map(|b| (b.generation, b.index, b.solution.feasible));
+        let found = |f: &CemSearchResult| f.best.as_ref().map(|b| (b.generation, b.index, b.solution.feasible));
         assert_eq!(found(&ours), found(&theirs), "{}", scenario.name);
         assert!(ours.best.unwrap().solution.feasible, "{}", scenario.name);
     }

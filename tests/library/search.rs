@@ -9,7 +9,7 @@ use cregopt::nlp::transcription::force_limit;
 use cregopt::robot::{GRAVITY, Reach};
 use cregopt::search::cem::{CemSettings, Objective, Sampler, StopReason};
 use cregopt::search::evaluate::{Evaluate, LowerSettings};
-use cregopt::search::{Gaits, Progress, SearchSettings};
+use cregopt::search::{Gaits, SearchEvent, SearchSettings};
 use cregopt::{Cpu, Error, Goal, Robot, Schedule, Search, SearchResult, Task, Terrain, verify};
 use std::sync::atomic::AtomicBool;
 
@@ -86,8 +86,8 @@ fn every_improvement_is_better_and_the_last_is_the_best() {
     let task = walk();
     let (mut improvements, mut generations) = (Vec::new(), Vec::new());
     let found = run(Search::new(&task).seed(2).on_progress(|progress| match progress {
-        Progress::Improvement(improvement) => improvements.push((*improvement).clone()),
-        Progress::Generation(record) => generations.push((*record).clone()),
+        SearchEvent::Improvement(improvement) => improvements.push((*improvement).clone()),
+        SearchEvent::Generation(record) => generations.push((*record).clone()),
     }));
     assert_eq!((&improvements, &generations), (&found.improvements, &found.generations));
     assert!(improvements.is_sorted_by(|a, b| a.objective < b.objective && a.candidates < b.candidates && a.seconds <= b.seconds));

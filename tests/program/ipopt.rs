@@ -6,7 +6,7 @@ use crate::harness;
 use cregopt::backend::Cpu;
 use cregopt::gait::{Schedule, Trajectory};
 use cregopt::reference::contact_implicit::{ContactImplicit, Contacts};
-use cregopt::reference::nlp::{Nlp, Pattern, Rows};
+use cregopt::reference::nlp::{Nlp, Pattern, Rows, Variables};
 use cregopt::reference::towr::Towr;
 use cregopt::robot::Robot;
 use cregopt::search::evaluate::{LowerSettings, evaluate};
@@ -31,7 +31,7 @@ fn worst_violation(nlp: &dyn Nlp, x: &[f64]) -> f64 {
     let rows = rows_at(nlp, x);
     let outside = |value: f64, [low, high]: [f64; 2]| (low - value).max(value - high).max(0.);
     let of_rows = rows.values.iter().zip(&rows.limits).map(|(v, l)| outside(*v, *l));
-    of_rows.chain(x.iter().zip(nlp.bounds()).map(|(v, b)| outside(*v, *b))).fold(0., f64::max)
+    of_rows.chain(x.iter().zip(&nlp.variables().bounds).map(|(v, b)| outside(*v, *b))).fold(0., f64::max)
 }
 
 /// Compares the Jacobian at a point with central differences, every entry, including those that the program omits.
@@ -56,12 +56,12 @@ fn check_jacobian(nlp: &dyn Nlp, x: &[f64], name: &str) {
             assert!(apart < DIFFERENCE, "{name}: row {row} by variable {variable}: {exact}, central difference {difference}");
         }
     }
-    assert_eq!(Pattern::new(&rows_at(nlp, nlp.initial())).entries, pattern.entries, "{name}: the pattern depends on the point");
+    assert_eq!(Pattern::new(&rows_at(nlp, &nlp.variables().initial)).entries, pattern.entries, "{name}: the pattern depends on the point");
 }
 
 /// The initial point with a small random change of every variable.
 fn near_initial(nlp: &dyn Nlp, random: &mut Random, by: f64) -> Vec<f64> {
-    nlp.initial().iter().map(|v| v + by * (1. + v.abs()) * random.between(-1., 1.)).collect()
+    nlp.variables().initial.iter().map(|v| v + by * (1. + v.abs()) * random.between(-1., 1.)).collect()
 }
 
 /// A gait whose feet end together, short enough for dense differences.
@@ -99,11 +99,8 @@ fn the_jacobian_test_sees_a_wrong_entry() {
     /// A program with one derivative that is 1 % off.
     struct Off<'a>(Towr<'a>);
     impl Nlp for Off<'_> {
-        fn initial(&self) -> &[f64] {
-            self.0.initial()
-        }
-        fn bounds(&self) -> &[[f64; 2]] {
-            self.0.bounds()
+        fn variables(&self) -> &Variables {
+            self.0.variables()
         }
         fn rows(&self, x: &[f64], rows: &mut Rows) {
             self.0.rows(x, rows);
@@ -113,7 +110,7 @@ fn the_jacobian_test_sees_a_wrong_entry() {
     }
     let task = task_for(Robot::named("biped").unwrap(), Terrain::named("flat").unwrap(), [0.4, 0.], 0.);
     let off = Off(Towr::fixed(&task, &short_gait(&mut Random::new(1), 2)));
-    let x = off.initial().to_vec();
+    let x = off.variables().initial.clone();
     let check = std::panic::AssertUnwindSafe(|| check_jacobian(&off, &x, "off"));
     assert!(std::panic::catch_unwind(check).is_err());
 }
@@ -123,9 +120,9 @@ fn sizes_are_those_of_towr() {
     let candidates = reference_candidates();
     for candidate in &candidates {
         let nlp = Towr::fixed(&candidate.task, &candidate.schedule);
-        let rows = rows_at(&nlp, nlp.initial());
+        let rows = rows_at(&nlp, &nlp.variables().initial);
         let name = format!("{} target {} candidate {}", candidate.scenario, candidate.target, candidate.index);
-        assert_eq!((nlp.initial().len(), rows.values.len()), (candidate.n_variables, candidate.n_constraints), "{name}");
+        assert_eq!((nlp.variables().initial.len(), rows.values.len()), (candidate.n_variables, candidate.n_constraints), "{name}");
         // Entries that are zero at every point are counted differently.
         let ratio = Pattern::new(&rows).entries.len() as f64 / candidate.nnz_jacobian as f64;
         assert!((0.9..1.1).contains(&ratio), "{name}: {ratio}");
@@ -188,7 +185,7 @@ fn a_point_of_another_schedule_is_refused_by_name() {
     let task = task_for(Robot::named("biped").unwrap(), Terrain::named("flat").unwrap(), [0.4, 0.], 0.);
     let [one, other] = [vec![vec![0.6]; 2], vec![vec![0.2, 0.2, 0.2]; 2]].map(|d| Schedule::new(d).unwrap());
     let (one, other) = (Towr::fixed(&task, &one), Towr::fixed(&task, &other));
-    let error = one.point(&other.trajectory(other.initial())).unwrap_err().to_string();
+    let error = one.point(&other.trajectory(&other.variables().initial)).unwrap_err().to_string();
     assert!(error.contains("ee[0].motion.nodes") && error.contains("5 nodes") && error.contains("2 nodes"), "{error}");
 }
 

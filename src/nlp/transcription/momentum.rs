@@ -13,17 +13,19 @@
 
 use super::legs::{foot_acceleration, foot_speed};
 use super::{Guess, ReachTime, SwingLaw, Transcribe, initial_guess};
+use crate::gait::family::RAMP;
 use crate::gait::spline::{hermite, hermite_rate};
 use crate::gait::trajectory::{GoalVelocity, MotionLimits};
 use crate::gait::{Curve, Phase};
 use crate::nlp::builder::Builder;
 use crate::nlp::layout::Curves;
+use crate::quadrature::{GAUSS_3, GAUSS_6, lagrange};
 use crate::real::Real;
 use crate::robot::{GRAVITY, Robot};
 use crate::rows::Family;
 use crate::rows::blocks::Use;
 use crate::rows::math::euler;
-use crate::rows::momentum::{INNER_POINTS, INNER_RULE, Impulse, MOMENTUM_POINTS, MomentumInterval, lagrange};
+use crate::rows::momentum::{INNER_POINTS, Impulse, MOMENTUM_POINTS, MomentumInterval};
 use crate::rows::reach::BasePoint;
 use crate::rows::table::{NONE, Place, Span};
 use crate::settings::TranscriptionSettings;
@@ -54,16 +56,22 @@ const POSE_SMOOTHING: [f64; 6] = [0., 0., 0., 1., 1., 1.];
 /// Weights that attract the base rates to the initial guess, relative to 1 for a force of the weight per foot, s²/m² and s²/rad².
 const RATE_SMOOTHING: [f64; 6] = [0.1; 6];
 
-/// Fraction of the horizon over which the initial guess accelerates, and again over which it decelerates.
-const RAMP: f64 = 0.3;
-
-/// Gauss-Legendre rule on (0, 1) with three nodes, exact for the required integrals of a cubic.
-pub(crate) const EXACT_RULE: [[f64; 2]; 3] = [[0.112_701_665_379_258_3, 5. / 18.], [0.5, 8. / 18.], [0.887_298_334_620_741_7, 5. / 18.]];
-
 /// Weights of the deviations at the inner points for fraction `u` of an interval: a polynomial that vanishes at both ends.
-fn deviation_weights(u: f64) -> [f64; INNER_POINTS] {
-    let nodes = INNER_RULE.map(|[u, _]| u);
+pub(crate) fn deviation_weights(u: f64) -> [f64; INNER_POINTS] {
+    let nodes = GAUSS_6.map(|[u, _]| u);
     std::array::from_fn(|i| lagrange(&nodes, i, u) * u * (1. - u) / (nodes[i] * (1. - nodes[i])))
+}
+
+/// Derivatives of [`deviation_weights`] with respect to `u`.
+pub(crate) fn deviation_rates(u: f64) -> [f64; INNER_POINTS] {
+    // The Lagrange polynomials of the inner points and both ends.
+    let nodes: [f64; INNER_POINTS + 2] = std::array::from_fn(|i| match i {
+        i if i < INNER_POINTS => GAUSS_6[i][0],
+        i => (i - INNER_POINTS) as f64,
+    });
+    let others = |i: usize, without: usize| (0..nodes.len()).filter(move |&j| j != i && j != without);
+    let product = |i: usize, without: usize| others(i, without).map(|j| (u - nodes[j]) / (nodes[i] - nodes[j])).product::<f64>();
+    std::array::from_fn(|i| others(i, i).map(|j| product(i, j) / (nodes[i] - nodes[j])).sum())
 }
 
 /// Pose and rate of the base in the initial guess at time `t`.
@@ -269,7 +277,8 @@ fn integrate(span: Phase, pieces: usize, t: f64, end: f64, mut at: impl FnMut(us
         if low >= high {
             continue;
         }
-        for [part, weight] in EXACT_RULE {
+        // Exact for the integrals of a cubic.
+        for [part, weight] in GAUSS_3 {
             let s = low + part * (high - low);
             let (by, left) = (weight * (high - low), end - s);
             at(piece, hermite(s - start, duration), [by, by * left, by * left * left / 2.]);
@@ -340,7 +349,7 @@ fn stance_impulses<T: Real>(
     }
     let nodes = &b.feet[foot].force_nodes[stance];
     let scale = [b.force_unit(), b.force_unit() * b.settings.force_pieces as f64 / span.duration()];
-    let ends = std::array::from_fn(|q| t + INNER_RULE.get(q).map_or(1., |n| n[0]) * h);
+    let ends = std::array::from_fn(|q| t + GAUSS_6.get(q).map_or(1., |n| n[0]) * h);
     basis_integrals(span, nodes.len(), t, ends, integrals);
     let foothold = b.feet[foot].footholds[stance];
     for (node, weights) in nodes.iter().zip(integrals) {

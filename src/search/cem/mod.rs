@@ -9,7 +9,7 @@
 //!
 //! The objective, maximised, is `J = f - alpha N_vc`: see [`Objective`].
 //!
-//! This module knows the lower level only as an [`Evaluator`] of schedules. It draws all random numbers of the crate.
+//! This module knows the lower level only as a [`GenerationEvaluator`]. It draws all random numbers of the crate.
 
 pub mod free;
 pub mod heuristic;
@@ -69,7 +69,8 @@ pub trait Distribution {
     }
 }
 
-/// Result of the lower level for one schedule, as far as the upper level needs it.
+/// Numbers by which the cross-entropy loop ranks a schedule. The lower level makes them from its result, for
+/// [`BatchSolver`](super::BatchSolver) an [`Evaluated`](super::evaluate::Evaluated), which may be dropped.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Evaluation {
@@ -85,9 +86,9 @@ pub struct Evaluation {
     pub cost: Option<Cost>,
 }
 
-/// Objective values and early-exit rules for the schedules of one generation.
+/// Goal of a generation: objective values of its schedules, and the candidates that selection needs.
 #[derive(Debug, Clone, Copy)]
-pub struct Aim<'a> {
+pub struct SelectionGoal<'a> {
     settings: &'a CemSettings,
     schedules: &'a [Schedule],
     /// True if the first feasible candidate ends the search, so that later candidates are irrelevant.
@@ -96,49 +97,52 @@ pub struct Aim<'a> {
     pub enough: usize,
 }
 
-impl<'a> Aim<'a> {
+impl<'a> SelectionGoal<'a> {
     /// Requires the evaluation of every schedule.
     pub(in crate::search) fn all(settings: &'a CemSettings, schedules: &'a [Schedule]) -> Self {
-        Aim { settings, schedules, first_feasible: false, enough: usize::MAX }
+        SelectionGoal { settings, schedules, first_feasible: false, enough: usize::MAX }
     }
 
     /// Requires only the candidates up to the first feasible one if `first` is set.
     pub(in crate::search) fn or_first(self, first: bool) -> Self {
-        if first { Aim { first_feasible: true, enough: 1, ..self } } else { self }
+        if first { SelectionGoal { first_feasible: true, enough: 1, ..self } } else { self }
     }
 
     /// Objective of the schedule with this index, given its evaluation.
-    pub fn worth(&self, index: usize, evaluation: &Evaluation) -> f64 {
-        self.settings.worth(&self.schedules[index], evaluation)
+    pub fn objective(&self, index: usize, evaluation: &Evaluation) -> f64 {
+        self.settings.objective_of(&self.schedules[index], evaluation)
     }
 
-    /// Value by which feasible schedules compete for the [`Aim::enough`] places: their objective, or 0 for all if the first feasible one
-    /// ends the search.
-    pub fn counts(&self, index: usize, evaluation: &Evaluation) -> f64 {
-        if self.first_feasible { 0. } else { self.worth(index, evaluation) }
+    /// Value by which feasible schedules compete for the [`SelectionGoal::enough`] places: their objective, or 0 for all if the first
+    /// feasible one ends the search.
+    pub fn competing_value(&self, index: usize, evaluation: &Evaluation) -> f64 {
+        if self.first_feasible { 0. } else { self.objective(index, evaluation) }
     }
 
-    /// Upper bound of [`Aim::counts`], known before the schedule is evaluated.
-    pub fn most(&self, index: usize) -> f64 {
-        if self.first_feasible { 0. } else { self.settings.objective.most(&self.schedules[index], self.settings.penalty) }
+    /// Upper bound of [`SelectionGoal::competing_value`], known before the schedule is evaluated.
+    pub fn upper_bound(&self, index: usize) -> f64 {
+        if self.first_feasible { 0. } else { self.settings.objective.upper_bound(&self.schedules[index], self.settings.penalty) }
     }
 }
 
-/// Evaluation of one schedule. The solution is dropped for most members of a large generation.
-pub type Answer<S> = (Evaluation, Option<Box<S>>);
+/// Evaluation of each schedule of a generation, with its solution. An entry is `None` if the schedule was not evaluated. The solution is
+/// `None` for most schedules of a large generation, because it was dropped.
+pub type GenerationResults<S> = Vec<Option<(Evaluation, Option<Box<S>>)>>;
 
-/// The lower level as the cross-entropy loop sees it: evaluates the schedules of one generation.
-pub trait Evaluator {
+/// Lower level as the cross-entropy loop sees it: evaluates the schedules of one generation.
+///
+/// The search implements it on top of a [`ScheduleSolver`](super::ScheduleSolver).
+pub trait GenerationEvaluator {
     /// Solution of an evaluated schedule, e.g. a trajectory.
     type Solution;
 
-    /// Evaluates the schedules of one generation. The result has their order and number.
+    /// Evaluates the schedules of one generation. The results have their order and number.
     ///
     /// An entry may be `None` in three cases:
-    /// * with [`Aim::first_feasible`], for an index above the lowest feasible one;
-    /// * for a candidate that could only rank after [`Aim::enough`] feasible ones;
-    /// * for any candidate once [`Evaluator::cancelled`] returns true.
-    fn evaluate(&mut self, generation: usize, schedules: &[Schedule], aim: &Aim) -> Vec<Option<Answer<Self::Solution>>>;
+    /// * with [`SelectionGoal::first_feasible`], for an index above the lowest feasible one;
+    /// * for a candidate that could only rank after [`SelectionGoal::enough`] feasible ones;
+    /// * for any candidate once [`GenerationEvaluator::cancelled`] returns true.
+    fn evaluate(&mut self, generation: usize, schedules: &[Schedule], goal: &SelectionGoal) -> GenerationResults<Self::Solution>;
 
     /// Checks that a schedule can be evaluated. The search draws a replacement for one that cannot.
     ///
@@ -150,7 +154,7 @@ pub trait Evaluator {
 
     /// Recomputes the solution of a schedule that was evaluated before; `None` if that fails. Never called for an evaluator that keeps all
     /// solutions.
-    fn again(&mut self, _schedule: &Schedule) -> Option<Self::Solution> {
+    fn solve_again(&mut self, _schedule: &Schedule) -> Option<Self::Solution> {
         None
     }
 
@@ -160,7 +164,9 @@ pub trait Evaluator {
     }
 }
 
-/// One evaluated schedule.
+/// One evaluated schedule of a generation.
+///
+/// `S` is its solution. While a generation is ranked it is `Option<Box<_>>`, because the solutions of most candidates are dropped.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Candidate<S> {
     /// Generation, from 0.
@@ -182,19 +188,16 @@ pub struct Candidate<S> {
 impl<S> Candidate<S> {
     /// Combines a schedule with its evaluation and solution, and computes the objective.
     pub fn new(settings: &CemSettings, generation: usize, index: usize, schedule: Schedule, evaluation: Evaluation, solution: S) -> Self {
-        let objective = settings.worth(&schedule, &evaluation);
+        let objective = settings.objective_of(&schedule, &evaluation);
         Candidate { generation, index, stances: stances(&schedule), schedule, objective, evaluation, solution }
     }
 }
 
-/// Candidate of a generation, whose solution may have been dropped.
-pub type Member<S> = Candidate<Option<Box<S>>>;
-
-impl<S> Member<S> {
-    /// The candidate with its solution, which `again` recomputes if it was dropped; `None` if that fails.
-    pub fn solved(self, again: impl FnOnce(&Schedule) -> Option<S>) -> Option<Candidate<S>> {
+impl<S> Candidate<Option<Box<S>>> {
+    /// The candidate with its solution, which `solve_again` recomputes if it was dropped; `None` if that fails.
+    pub fn with_solution(self, solve_again: impl FnOnce(&Schedule) -> Option<S>) -> Option<Candidate<S>> {
         let Candidate { generation, index, stances, schedule, objective, evaluation, solution } = self;
-        let solution = solution.map(|solution| *solution).or_else(|| again(&schedule))?;
+        let solution = solution.map(|solution| *solution).or_else(|| solve_again(&schedule))?;
         Some(Candidate { generation, index, stances, schedule, objective, evaluation, solution })
     }
 }
@@ -245,7 +248,7 @@ pub enum StopReason {
     Converged,
     /// All generations were run.
     GenerationLimit,
-    /// [`Evaluator::cancelled`] returned true.
+    /// [`GenerationEvaluator::cancelled`] returned true.
     Cancelled,
     /// The time limit was reached.
     TimeLimit,
@@ -265,7 +268,7 @@ impl std::fmt::Display for StopReason {
 
 /// Result of the cross-entropy loop.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Outcome<S, D> {
+pub struct CemOutcome<S, D> {
     /// Candidate that ended the search ([`StopReason::FirstFeasible`]), otherwise the first one with the largest objective.
     /// `None` only if no candidate was evaluated.
     pub best: Option<Candidate<S>>,

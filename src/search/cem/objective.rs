@@ -76,7 +76,7 @@ impl Objective {
 
     /// Upper bound of [`Objective::value`] before anything is solved. Terms that depend on the schedule alone are exact; no cost is below
     /// zero.
-    pub fn most(self, schedule: &Schedule, penalty: f64) -> f64 {
+    pub fn upper_bound(self, schedule: &Schedule, penalty: f64) -> f64 {
         match self {
             // Horizons are rounded up. The penalty of an infeasible motion can be smaller than a long horizon.
             Objective::Time => (ROUNDING - schedule.horizon()).max(-penalty),
@@ -105,20 +105,20 @@ mod tests {
         let cost = Cost { total: 0.4, effort: 0.3, horizon, ..Cost::default() };
         for (_, objective) in OBJECTIVES {
             for penalty in [0., 0.5, 100.] {
-                let most = objective.most(&schedule, penalty);
+                let bound = objective.upper_bound(&schedule, penalty);
                 let value = |n_violated: usize, cost: Option<Cost>| {
                     let evaluation = Evaluation { n_violated, feasible: n_violated == 0, certified: true, mean_normal_force: 80., cost };
                     objective.value(&stances(&schedule), &evaluation, penalty)
                 };
                 for value in [value(0, Some(cost)), value(0, None), value(3, None)] {
-                    assert!(value <= most, "{objective:?}, penalty {penalty}: {value} > {most}");
+                    assert!(value <= bound, "{objective:?}, penalty {penalty}: {value} > {bound}");
                 }
                 // The bound is tight for objectives that depend on the schedule alone.
                 let known = matches!(objective, Objective::FewestStances | Objective::Feasibility);
-                assert!(!known || value(0, Some(cost)) == most);
+                assert!(!known || value(0, Some(cost)) == bound);
             }
         }
-        assert!((Objective::Time.most(&schedule, 100.) + 0.92).abs() < 1e-5);
+        assert!((Objective::Time.upper_bound(&schedule, 100.) + 0.92).abs() < 1e-5);
     }
 
     #[test]

@@ -2,8 +2,8 @@
 
 use super::random::Draws;
 use super::{
-    Aim, Answer, Candidate, CemSettings, Distribution, Evaluator, GenerationRecord, Member, Outcome, Sampler, StopReason, Stopping,
-    rank_order,
+    Candidate, CemOutcome, CemSettings, Distribution, GenerationEvaluator, GenerationRecord, GenerationResults, Sampler, SelectionGoal,
+    StopReason, Stopping, rank_order,
 };
 use crate::error::Result;
 use crate::gait::Schedule;
@@ -19,14 +19,14 @@ use crate::gait::family::GaitFamily;
 ///
 /// # Errors
 /// [`crate::Error::Invalid`] names the setting that is outside its limits.
-pub fn run<D: Distribution, E: Evaluator>(
+pub fn run<D: Distribution, E: GenerationEvaluator>(
     settings: &CemSettings,
     distribution: D,
     seed: u64,
     first: usize,
     evaluator: &mut E,
     progress: &mut dyn FnMut(&GenerationRecord),
-) -> Result<Outcome<E::Solution, D>> {
+) -> Result<CemOutcome<E::Solution, D>> {
     run_observed(settings, distribution, seed, first, evaluator, &mut |generation| progress(generation.record))
 }
 
@@ -36,21 +36,21 @@ pub struct Generation<'a, S> {
     /// Statistics of the generation.
     pub record: &'a GenerationRecord,
     /// Candidates, best first, each with its family if the distribution has families.
-    pub ranked: &'a [(Option<GaitFamily>, Member<S>)],
+    pub ranked: &'a [(Option<GaitFamily>, Candidate<Option<Box<S>>>)],
 }
 
 /// Runs the search as [`run`] does and shows the candidates of every generation to `observe`.
 ///
 /// # Errors
 /// As [`run`].
-pub fn run_observed<D: Distribution, E: Evaluator>(
+pub fn run_observed<D: Distribution, E: GenerationEvaluator>(
     settings: &CemSettings,
     mut distribution: D,
     seed: u64,
     first: usize,
     evaluator: &mut E,
     observe: &mut dyn FnMut(&Generation<E::Solution>),
-) -> Result<Outcome<E::Solution, D>> {
+) -> Result<CemOutcome<E::Solution, D>> {
     settings.validate()?;
     let until_feasible = settings.stopping == Stopping::FirstFeasible;
     let first_only = until_feasible && !settings.whole_generation;
@@ -66,8 +66,8 @@ pub fn run_observed<D: Distribution, E: Evaluator>(
         // Sample N candidates and evaluate them.
         let (samples, schedules) = draw(&distribution, settings.population, (seed, generation), evaluator)?;
         let enough = if until_feasible { usize::MAX } else { settings.elites };
-        let aim = Aim { enough, ..Aim::all(settings, &schedules) }.or_first(first_only);
-        let results = evaluator.evaluate(generation, &schedules, &aim);
+        let goal = SelectionGoal { enough, ..SelectionGoal::all(settings, &schedules) }.or_first(first_only);
+        let results = evaluator.evaluate(generation, &schedules, &goal);
 
         // Sort by J, best first. The first M are the elites.
         let ranked = rank(settings, generation, schedules, results, first_only);
@@ -98,13 +98,13 @@ pub fn run_observed<D: Distribution, E: Evaluator>(
         } else {
             ranked.next().filter(|c| best.is_none() || c.objective > former)
         };
-        best = better.and_then(|c| c.solved(|schedule| evaluator.again(schedule))).or(best);
+        best = better.and_then(|c| c.with_solution(|schedule| evaluator.solve_again(schedule))).or(best);
         generations.push(record);
         if stop.is_some() {
             break;
         }
     }
-    Ok(Outcome { best, generations, stop: stop.unwrap_or(StopReason::GenerationLimit), distribution })
+    Ok(CemOutcome { best, generations, stop: stop.unwrap_or(StopReason::GenerationLimit), distribution })
 }
 
 /// Largest number of draws for one candidate, if draws give schedules that cannot be evaluated.
@@ -114,7 +114,7 @@ const DRAWS: usize = 8;
 ///
 /// # Errors
 /// The reason why the last draw was refused, if no candidate remains.
-fn draw<D: Distribution, E: Evaluator>(
+fn draw<D: Distribution, E: GenerationEvaluator>(
     distribution: &D,
     population: usize,
     (seed, generation): (u64, usize),
@@ -142,9 +142,9 @@ fn rank<S>(
     settings: &CemSettings,
     generation: usize,
     schedules: Vec<Schedule>,
-    results: Vec<Option<Answer<S>>>,
+    results: GenerationResults<S>,
     first_only: bool,
-) -> Vec<Member<S>> {
+) -> Vec<Candidate<Option<Box<S>>>> {
     let mut ranked = Vec::new();
     for (index, (schedule, result)) in schedules.into_iter().zip(results).enumerate() {
         let Some((evaluation, solution)) = result else { continue };

@@ -17,14 +17,14 @@ fn synthetic<F: FnMut(usize, usize, &Schedule) -> Option<Evaluation>>(answer: F)
     Synthetic { answer, calls: 0, cancel_after: usize::MAX, longest: f64::INFINITY }
 }
 
-impl<F: FnMut(usize, usize, &Schedule) -> Option<Evaluation>> Evaluator for Synthetic<F> {
+impl<F: FnMut(usize, usize, &Schedule) -> Option<Evaluation>> GenerationEvaluator for Synthetic<F> {
     type Solution = (usize, usize);
 
     fn check(&self, schedule: &Schedule) -> Result<()> {
         check_range("horizon", schedule.horizon(), 0., self.longest)
     }
 
-    fn evaluate(&mut self, generation: usize, schedules: &[Schedule], _: &Aim) -> Vec<Option<Answer<Self::Solution>>> {
+    fn evaluate(&mut self, generation: usize, schedules: &[Schedule], _: &SelectionGoal) -> GenerationResults<Self::Solution> {
         self.calls += 1;
         let schedules = schedules.iter().enumerate();
         schedules.map(|(i, s)| (self.answer)(generation, i, s).map(|e| (e, Some(Box::new((generation, i)))))).collect()
@@ -51,7 +51,7 @@ fn initial(settings: &CemSettings) -> FreeDistribution {
     FreeDistribution::initial(settings, 4).unwrap()
 }
 
-fn search<F>(settings: &CemSettings, seed: u64, evaluator: &mut Synthetic<F>) -> Outcome<(usize, usize), FreeDistribution>
+fn search<F>(settings: &CemSettings, seed: u64, evaluator: &mut Synthetic<F>) -> CemOutcome<(usize, usize), FreeDistribution>
 where
     F: FnMut(usize, usize, &Schedule) -> Option<Evaluation>,
 {

@@ -134,7 +134,7 @@ impl CemSettings {
     }
 
     /// Objective `J` of an evaluated schedule.
-    pub(in crate::search) fn worth(&self, schedule: &Schedule, evaluation: &Evaluation) -> f64 {
+    pub(in crate::search) fn objective_of(&self, schedule: &Schedule, evaluation: &Evaluation) -> f64 {
         self.objective.value(&stances(schedule), evaluation, self.penalty)
     }
 
