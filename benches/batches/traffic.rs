@@ -92,6 +92,7 @@ impl Sizes<'_> {
         if shader.table().is_some_and(|table| self.table(table) == 0) {
             return 0;
         }
+        let cost = |f: Family| self.jacobian(|o| o == f) + equalities(f);
         sees + match shader {
             Shader::Ground => t(&[Buffer::Footholds]) + x + under,
             Shader::Dynamics => {
@@ -110,6 +111,14 @@ impl Sizes<'_> {
             Shader::Acceleration => family(Family::Acceleration, Buffer::Accelerations),
             Shader::Cone => family(Family::Cone, Buffer::Cones),
             Shader::Footing => family(Family::Footing, Buffer::Footings),
+            Shader::Effort => walk(&[Buffer::Efforts]) + cost(Family::Effort),
+            // Each point reads the start of its interval: the rate and the blocks.
+            Shader::StancePower => {
+                walk(&[Buffer::StancePowers]) + four(10 * layout.stance_powers.len()) + deviations + cost(Family::StancePower)
+            }
+            Shader::SwingPower => {
+                walk(&[Buffer::SwingPowers]) + four(10 * layout.swing_powers.len()) + deviations + cost(Family::SwingPower)
+            }
             // Jacobian and tables, x twice, scaling, slacks and multipliers.
             Shader::Start => whole + elements + gathered + 2 * x + v + 3 * g,
             // Residuals, slacks, multipliers, weight, value, scaling, smoothing, x, initial values, diagonal, gradient.

@@ -104,7 +104,7 @@ mod tests {
     #[test]
     fn hermite_interpolates_values_and_slopes() {
         assert_eq!(hermite(0., 0.3), [1., 0., 0., 0.]);
-        let end = hermite(0.3, 0.3);
+        let end: [f64; 4] = hermite(0.3, 0.3);
         assert!(end[0].abs() < 1e-15 && (end[2] - 1.).abs() < 1e-15);
         let d = 1e-6;
         let slope: Vec<f64> = (0..4).map(|i| (hermite(d, 0.3)[i] - hermite(-d, 0.3)[i]) / (2. * d)).collect();

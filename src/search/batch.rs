@@ -42,7 +42,7 @@ pub trait ScheduleSolver {
 
     /// Solves schedules again that were solved before. An entry is `None` if that fails.
     fn solve_again(&self, schedules: &[Schedule], certify: Certify) -> Vec<Option<(Evaluation, Self::Solution)>> {
-        let results: Vec<Mutex<Option<(Evaluation, Self::Solution)>>> = schedules.iter().map(|_| Mutex::new(None)).collect();
+        let results: Vec<_> = schedules.iter().map(|_| Mutex::new(None)).collect();
         let done = self.solve(schedules, certify, &|_| false, &|index, evaluation, solution| {
             *locked(&results[index]) = Some((evaluation, solution));
         });

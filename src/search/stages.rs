@@ -3,7 +3,7 @@
 use super::batch::{BatchSolver, ScheduleSolver};
 use super::cem::{
     self, Candidate, CemSettings, Distribution, FreeDistribution, Generation, GenerationEvaluator, GenerationRecord, PeriodicDistribution,
-    PerturbDistribution, Sampler, SelectionGoal, StopReason, Stopping,
+    PerturbDistribution, RankedCandidate, Sampler, SelectionGoal, StopReason, Stopping,
 };
 use super::evaluate::Evaluated;
 use super::on_demand::best_certified;
@@ -204,7 +204,7 @@ impl<'a, 's> SearchState<'a, 's> {
         let results = evaluator.evaluate(generation, &schedules, &goal);
         evaluator.take_error()?;
         let candidates = schedules.into_iter().zip(results).zip(families).enumerate();
-        let ranked: Vec<(Option<GaitFamily>, Candidate<Option<Box<Evaluated>>>)> = candidates
+        let ranked: Vec<RankedCandidate<Evaluated>> = candidates
             .filter_map(|(index, ((schedule, result), family))| {
                 let (evaluation, solution) = result?;
                 Some((family, Candidate::new(&settings, generation, index, schedule, evaluation, solution)))

@@ -17,7 +17,7 @@ pub const SCALING_FLOOR: f64 = 1e-2;
 pub fn column_scaling<T: Real>(layout: &Layout<T>, jacobian: &[T], counts: &mut [T], local: &mut [T], diagonal: &mut [T]) {
     counts.fill(T::one());
     counts[layout.rows.of(RowKind::Cost)].fill(T::zero());
-    for element in layout.all_elements().filter(|e| e.kind() == RowKind::Inequality) {
+    for element in layout.all_elements().filter(|e| layout.rows.kind(e.place.row) == RowKind::Inequality) {
         // A two-sided row stands for two inequalities, so only one-sided rows get the factor 1/2.
         let row = element.place.row as usize;
         counts[row + element.pairs as usize..row + element.rows as usize].fill(T::of(0.5));

@@ -21,7 +21,7 @@ fn per_row<T: Real>(layout: &Layout<T>, weight: &mut [T], value: &mut [T], make:
     for element in layout.all_elements() {
         let (rows, pairs) = (element.rows as usize, element.pairs as usize);
         let (row, at) = (element.place.row as usize, element.place.inequality as usize);
-        if element.kind() != RowKind::Inequality {
+        if layout.rows.kind(element.place.row) != RowKind::Inequality {
             continue;
         }
         if at < made.start || at + rows + pairs > made.end {

@@ -141,6 +141,17 @@ fn moving_and_yawing_the_scene_moves_the_rows_with_it() {
                 Family::Reach | Family::Swing | Family::Stride | Family::Acceleration => {
                     assert_close(&moved.g[at..at + sides], &rows.g[at..at + sides], MOVED_TOLERANCE, &name)
                 }
+                Family::StancePower | Family::SwingPower => {
+                    let rows_of = row..row + element.rows as usize;
+                    assert_close(&moved.c[rows_of.clone()], &rows.c[rows_of], MOVED_TOLERANCE, &name)
+                }
+                // Both rows of x, of y, of z.
+                Family::Effort => {
+                    for r in 0..2 {
+                        let axes = |c: &[f64]| [0, 2, 4].map(|d| c[row + d + r]);
+                        assert_close(&axes(&moved.c), &turned(&axes(&rows.c)), MOVED_TOLERANCE, &name)
+                    }
+                }
                 // The pyramid stays aligned with the world axes: its sides only map to each other after a quarter turn.
                 Family::Force if quarter => {
                     let expected = [0, 4, 3, 1, 2, 5].map(|r| rows.g[at + r]);

@@ -1,7 +1,7 @@
 //! Small whole problems with known answers, every status that a solve can end with, and independence of threads and order.
 
 use crate::common::{
-    Random, ReferenceCandidate, free_legs, gait, layout, layout_with, momentum, reference_candidates, task, towr, transcriptions,
+    Random, ReferenceCandidate, free_legs, gait, layout, layout_with, momentum, reference_candidates, rows, task, towr, transcriptions,
 };
 use cregopt::backend::{Backend, Cpu, Job, Precision, Solution};
 use cregopt::gait::Schedule;

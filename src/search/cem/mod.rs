@@ -26,7 +26,7 @@ pub use objective::Objective;
 pub use periodic::{PeriodicDistribution, PeriodicSettings};
 pub use perturb::{PerturbDistribution, PerturbSettings};
 pub(in crate::search) use run::summarise;
-pub use run::{Generation, run, run_observed};
+pub use run::{Generation, RankedCandidate, run, run_observed};
 pub use settings::{CemSettings, PRESETS, Sampler, Stopping};
 
 use crate::error::Result;

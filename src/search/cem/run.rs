@@ -30,13 +30,16 @@ pub fn run<D: Distribution, E: GenerationEvaluator>(
     run_observed(settings, distribution, seed, first, evaluator, &mut |generation| progress(generation.record))
 }
 
+/// Candidate of a generation, with its family if the distribution has families. Its solution may have been dropped.
+pub type RankedCandidate<S> = (Option<GaitFamily>, Candidate<Option<Box<S>>>);
+
 /// A completed generation.
 #[derive(Debug)]
 pub struct Generation<'a, S> {
     /// Statistics of the generation.
     pub record: &'a GenerationRecord,
     /// Candidates, best first, each with its family if the distribution has families.
-    pub ranked: &'a [(Option<GaitFamily>, Candidate<Option<Box<S>>>)],
+    pub ranked: &'a [RankedCandidate<S>],
 }
 
 /// Runs the search as [`run`] does and shows the candidates of every generation to `observe`.

@@ -29,7 +29,7 @@ fn prepare(lab: &Lab, s: usize, before: &mut State, random: &mut Random) {
     before.progress[s] = Progress {
         current: s as u32 % 2,
         early_termination_limit: [20., f32::MAX][s % 2],
-        ..Progress::first(&limits(lab, s), BARRIER, if s % 3 == 0 { 0. } else { EDGE_RADIUS as f32 })
+        ..Progress::first(&limits(lab, s), BARRIER, if s.is_multiple_of(3) { 0. } else { EDGE_RADIUS as f32 })
     };
 }
 

@@ -6,8 +6,10 @@ use super::{ARITHMETIC, SUM};
 use crate::common::{self, Random};
 use cregopt::backend::gpu::Prepared;
 use cregopt::backend::gpu::shaders::Shader;
+use cregopt::nlp::Layout;
 use cregopt::rows::RowKind;
 use cregopt::solver::control::{self, CLOSE, EXACT, Limits, Progress, SHORTER, SOLVED, STEP};
+use cregopt::solver::objective::Objective;
 use cregopt::solver::slacks::{
     BARRIER_FLOOR, BarrierTarget, FRACTION_TO_THE_BOUNDARY, Lengths, Slacks, largest, mean_product, slack_steps,
 };
@@ -62,7 +64,7 @@ pub fn residuals(lab: &Lab, s: usize, half: u32, state: &mut State, random: &mut
 ///
 /// * `prepare` - writes its inputs
 /// * `twin` - computes the expected results from the shader's own earlier ones, so that each stage is compared on the numbers of the
-/// stages before it
+///   stages before it
 pub fn solver_step(
     shader: Shader,
     of_states: &[u32],
@@ -177,7 +179,7 @@ fn prepare_weights(lab: &Lab, s: usize, state: &mut State, random: &mut Random) 
         progress.attempts = 0;
     }
     // A few are near the end: most of their rows hold.
-    let near = s % 5 == 0;
+    let near = s.is_multiple_of(5);
     residuals(lab, s, half, state, random, if near { 1e-6 } else { 1. });
     if near {
         let quiet = lab.g(s, half);
@@ -227,10 +229,12 @@ fn weights_of_twin(lab: &Lab, s: usize, expected: &mut Expected) {
     } else {
         weights::barrier_rows(layout, &c, &g, &slacks, aim, &mut weight, &mut value);
     }
+    Objective::none().rows(layout, &c, &mut weight, &mut value);
     let of = |array| state.values[lab.of_variables(s, array)].to_vec();
     let (scaling, smoothing, x, initial) = (of(batch.scaling), of(batch.smoothing), of(batch.x + half * batch.x_half), of(batch.initial));
     let (mut diagonal, mut gradient) = (vec![f32::NAN; layout.variables], vec![f32::NAN; layout.variables]);
-    weights::variable_terms(&scaling, progress.proximal(), &smoothing, progress.smoothing, &x, &initial, &mut diagonal, &mut gradient);
+    let filled = Layout { smoothing, initial, ..layout.clone() };
+    weights::variable_terms(&filled, &scaling, progress.proximal(), progress.smoothing, &x, &mut diagonal, &mut gradient);
     state.values[lab.of_rows(s, batch.weight)].copy_from_slice(&weight);
     state.values[lab.of_rows(s, batch.value)].copy_from_slice(&value);
     state.values[lab.of_variables(s, batch.diagonal)].copy_from_slice(&diagonal);
@@ -291,6 +295,7 @@ fn correct_agrees_with_its_twin() {
             let aim = BarrierTarget::corrector(got.progress[s].mu);
             let (mut weight, mut value) = (vec![f32::NAN; layout.rows.all()], vec![f32::NAN; layout.rows.all()]);
             weights::barrier_rows(layout, &c, &g, &own, aim, &mut weight, &mut value);
+            Objective::none().rows(layout, &c, &mut weight, &mut value);
             state.values[lab.of_rows(s, batch.weight)].copy_from_slice(&weight);
             state.values[lab.of_rows(s, batch.value)].copy_from_slice(&value);
             row_sizes(lab, s, expected, &g, &own, aim);

@@ -53,7 +53,8 @@ fn terms_of_single_variables_are_their_plain_formulas() {
         let positive = |seed| random_vector(seed, n).iter().map(|v| v + 1.5).collect::<Vec<f64>>();
         let (scaling, smoothing) = (positive(15), positive(16));
         let (mut diagonal, mut gradient) = (vec![f64::NAN; n], vec![f64::NAN; n]);
-        variable_terms(&scaling, proximal, &smoothing, weight, &x, &layout.initial, &mut diagonal, &mut gradient);
+        let smoothed = Layout { smoothing: smoothing.clone(), ..layout.clone() };
+        variable_terms(&smoothed, &scaling, proximal, weight, &x, &mut diagonal, &mut gradient);
         let of_each = |term: &dyn Fn(usize) -> f64| (0..n).map(term).collect::<Vec<f64>>();
         let expected = of_each(&|i| proximal * scaling[i] + weight * smoothing[i]);
         assert_close(&diagonal, &expected, ELEMENTWISE_TOLERANCE, "diagonal");
