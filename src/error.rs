@@ -1,73 +1,73 @@
-//! Callers' mistakes and broken surroundings. How a solve ended is not an error: see [`crate::solver::Status`].
+//! Errors: invalid input and failures of the environment. The outcome of a solve is not an error, see [`crate::solver::Status`].
 
 use std::path::{Path, PathBuf};
 
-/// What can go wrong outside the numerical methods.
+/// Error outside the numerical methods.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A value breaks a limit. `place` says where it stands, `limit` what would be accepted.
+    /// A value breaks a limit.
     #[error("{place}: {value}, but it must be {limit}")]
     Invalid {
-        /// Where the value stands, e.g. `foot 2, phase 3, duration`.
+        /// Place of the value, for example `foot 2, phase 3, duration`.
         place: String,
-        /// The value found.
+        /// Value found.
         value: String,
-        /// What is accepted.
+        /// Accepted values.
         limit: String,
     },
-    /// A name that is not in a list.
+    /// A name is not in a list.
     #[error("unknown {what} `{}`{}; known: {known}", name.escape_debug(), meant(name, known))]
     Unknown {
-        /// What kind of thing was named.
+        /// Kind of thing that was named.
         what: &'static str,
-        /// The name given.
+        /// Name given.
         name: String,
-        /// Every accepted name.
+        /// Accepted names, separated by commas.
         known: String,
     },
-    /// Text that is not what a format asks for.
+    /// Text does not have the expected format.
     #[error("{message}")]
     Format {
-        /// What the parser found, with line and column where it knows them.
+        /// Message of the parser, with line and column if it knows them.
         message: String,
     },
-    /// An error inside a file.
+    /// Error inside a file.
     #[error("{}{}: {source}", path.display(), line.map(|l| format!(", line {l}")).unwrap_or_default())]
     InFile {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// One-based line, for formats with one object a line.
+        /// Line, counted from 1, for formats with one object per line.
         line: Option<usize>,
-        /// What is wrong there.
+        /// Error at that place.
         source: Box<Error>,
     },
-    /// A GPU was asked for that is not there or not fit.
+    /// The requested GPU does not exist or cannot be used.
     #[error("{message}")]
     Device {
-        /// What was asked for, and what was found instead.
+        /// Requested device, and what was found instead.
         message: String,
     },
-    /// A part was asked for that this build does not have.
+    /// The request needs a part that this build does not have.
     #[error("{message}")]
     Missing {
-        /// Which, and how to get it.
+        /// Name of the part, and how to get it.
         message: String,
     },
-    /// A search was ended before it had anything to return.
+    /// A search ended before it had a result.
     #[error("{message}")]
     Ended {
-        /// Why.
+        /// Reason.
         message: String,
     },
-    /// The operating system refused.
+    /// The operating system refused an operation.
     #[error("cannot {action} {}: {source}", path.display())]
     Io {
-        /// What was tried, e.g. `read`.
+        /// Operation, for example `read`.
         action: &'static str,
-        /// On which path.
+        /// Path of the file.
         path: PathBuf,
-        /// Its answer.
+        /// Answer of the operating system.
         source: std::io::Error,
     },
 }
@@ -76,17 +76,17 @@ pub enum Error {
 pub type Result<T> = std::result::Result<T, Error>;
 
 impl Error {
-    /// A value that breaks a limit.
+    /// Error for a value that breaks a limit.
     pub fn invalid(place: impl Into<String>, value: impl std::fmt::Display, limit: impl Into<String>) -> Self {
         Error::Invalid { place: place.into(), value: value.to_string(), limit: limit.into() }
     }
 
-    /// Says in which file, and on which line of it, this error is.
+    /// Adds the file and the line in it.
     pub fn in_file(self, path: &Path, line: Option<usize>) -> Self {
         Error::InFile { path: path.to_owned(), line, source: Box::new(self) }
     }
 
-    /// Says inside what this error is: prefixes the place of an [`Error::Invalid`].
+    /// Adds the enclosing place to the error.
     pub fn within(self, outer: impl std::fmt::Display) -> Self {
         match self {
             Error::Invalid { place, value, limit } => Error::Invalid { place: format!("{outer}: {place}"), value, limit },
@@ -103,14 +103,14 @@ impl From<serde_json::Error> for Error {
     }
 }
 
-/// `; did you mean ...?` when one of a list of names is near.
+/// Suggestion `; did you mean ...?` if a known name is similar.
 fn meant(name: &str, known: &str) -> String {
     let near = |other: &&str| strsim::damerau_levenshtein(name, other) <= (name.chars().count() / 3).max(1);
     let nearest = known.split(", ").filter(near).min_by_key(|other| strsim::damerau_levenshtein(name, other));
     nearest.map(|other| format!("; did you mean `{other}`?")).unwrap_or_default()
 }
 
-/// What serde says of a document, with the name that was perhaps meant.
+/// Error for a message of serde, with a suggestion for a misspelled name.
 fn described(path: String, message: String) -> Error {
     // "." is the whole document. A path may end in the unknown key itself.
     let message = match message.strip_prefix("unknown field `").and_then(|rest| rest.split_once('`')) {
@@ -124,7 +124,7 @@ fn described(path: String, message: String) -> Error {
     Error::Format { message: if path == "." { message } else { format!("{path}: {message}") } }
 }
 
-/// Reads a value from JSON text; errors name the field.
+/// Reads a value from JSON text. Errors name the field.
 ///
 /// # Errors
 /// [`Error::Format`] for malformed JSON, wrong types, unknown or missing keys.
@@ -135,7 +135,7 @@ pub fn from_json<T: serde::de::DeserializeOwned>(text: &str) -> Result<T> {
     Ok(value)
 }
 
-/// Reads a value from a tree; errors name the field.
+/// Reads a value from a JSON tree. Errors name the field.
 ///
 /// # Errors
 /// [`Error::Format`] for wrong types, unknown or missing keys.
@@ -144,7 +144,7 @@ pub fn from_value<T: serde::de::DeserializeOwned>(tree: serde_json::Value) -> Re
     serde_path_to_error::deserialize(tree).map_err(|e| described(e.path().to_string(), e.into_inner().to_string()))
 }
 
-/// Reads a value from TOML text; errors name line, column and field.
+/// Reads a value from TOML text. Errors name line, column and field.
 ///
 /// # Errors
 /// [`Error::Format`] for malformed TOML, wrong types, unknown or missing keys.
@@ -154,15 +154,15 @@ pub fn from_toml<T: serde::de::DeserializeOwned>(text: &str) -> Result<T> {
         let (line, column) = (before.matches('\n').count() + 1, before.chars().rev().take_while(|&c| c != '\n').count() + 1);
         Some(format!(" at line {line} column {column}"))
     };
-    let told = |e: &toml::de::Error| format!("{}{}", e.message(), place(e).unwrap_or_default());
-    let document = toml::Deserializer::parse(text).map_err(|e| Error::Format { message: told(&e) })?;
-    serde_path_to_error::deserialize(document).map_err(|e| described(e.path().to_string(), told(e.inner())))
+    let with_place = |e: &toml::de::Error| format!("{}{}", e.message(), place(e).unwrap_or_default());
+    let document = toml::Deserializer::parse(text).map_err(|e| Error::Format { message: with_place(&e) })?;
+    serde_path_to_error::deserialize(document).map_err(|e| described(e.path().to_string(), with_place(e.inner())))
 }
 
-/// TOML text of a value.
+/// Writes a value as TOML text.
 ///
 /// # Errors
-/// [`Error::Format`] for what TOML cannot hold.
+/// [`Error::Format`] for values that TOML cannot represent.
 pub fn to_toml<T: serde::Serialize>(value: &T) -> Result<String> {
     toml::to_string(value).map_err(|e| Error::Format { message: e.to_string() })
 }
@@ -176,7 +176,7 @@ pub fn check_range(place: &str, value: f64, low: f64, high: f64) -> Result<()> {
     }
 }
 
-/// Checks a name that is printed: not empty, of at most 64 characters, none of which moves a cursor or hides text.
+/// Checks a name that is printed: 1 to 64 characters, none of which moves the cursor or hides text.
 pub fn check_name(place: &str, name: &str) -> Result<()> {
     let plain = |c: char| !c.is_control() && (c == '\'' || c == '"' || c == '\\' || c.escape_debug().count() == 1);
     if !name.is_empty() && name.chars().count() <= 64 && name.chars().all(plain) {

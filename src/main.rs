@@ -1,4 +1,4 @@
-//! The command line program: parse, call the library, print, choose the exit code.
+//! Command line program: parses, calls the library, prints, and sets the exit code.
 
 use std::process::ExitCode;
 

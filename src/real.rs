@@ -1,10 +1,10 @@
-//! The scalar of the solver.
+//! Scalar type of the solver.
 
-/// Scalar of the solver: `f32` for speed, `f64` for certification.
+/// Scalar of the solver: `f32` for speed, `f64` for certified motions.
 pub trait Real: num_traits::Float + num_traits::NumAssign + std::iter::Sum + Default + std::fmt::Debug + Send + Sync + 'static {
-    /// Nearest value to an `f64`.
+    /// Converts from `f64` to the nearest value.
     fn of(value: f64) -> Self;
-    /// This value as an `f64`.
+    /// Converts to `f64`.
     fn as_f64(self) -> f64;
 }
 

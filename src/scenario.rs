@@ -1,4 +1,4 @@
-//! The scenarios of the paper \[1\]: a robot, a terrain and twenty targets on an arc.
+//! Scenarios of the paper \[1\]: a robot, a terrain and twenty targets on an arc.
 
 use crate::error::{Error, Result};
 use crate::robot::Robot;
@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 /// Distance of every target from the origin, m.
 pub const TARGET_DISTANCE: f64 = 6.;
 
-/// Number of targets of a scenario.
+/// Number of targets per scenario.
 pub const TARGETS: usize = 20;
 
 /// A named scenario.
@@ -17,7 +17,7 @@ pub const TARGETS: usize = 20;
 pub struct Scenario {
     /// Name on the command line and in files.
     pub name: &'static str,
-    /// What it asks for.
+    /// Description.
     pub about: &'static str,
     /// Built-in robot.
     pub robot: &'static str,
@@ -27,7 +27,7 @@ pub struct Scenario {
     pub yaw_target: f64,
 }
 
-/// Every scenario.
+/// All scenarios.
 pub const SCENARIOS: [Scenario; 5] = [
     Scenario { name: "s1", about: "quadruped, 6 m on flat ground", robot: "anymal", terrain: "flat", yaw_target: 0. },
     Scenario { name: "s2", about: "quadruped, 6 m on flat ground while turning round", robot: "anymal", terrain: "flat", yaw_target: PI },
@@ -37,7 +37,7 @@ pub const SCENARIOS: [Scenario; 5] = [
 ];
 
 impl Scenario {
-    /// A scenario by name.
+    /// Finds a scenario by name.
     ///
     /// # Errors
     /// [`Error::Unknown`] lists [`SCENARIOS`].
@@ -49,10 +49,10 @@ impl Scenario {
         })
     }
 
-    /// Goal of target `1..=20` (x, y), m: `6 (cos a, sin a)`, `a = -pi/4 + (target - 1)/19 pi/2`.
+    /// Position (x, y) of target `1..=20`, m: `6 (cos a, sin a)`, `a = -pi/4 + (target - 1)/19 pi/2`.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for another target.
+    /// [`Error::Invalid`] if there is no such target.
     pub fn goal(target: usize) -> Result<[f64; 2]> {
         if !(1..=TARGETS).contains(&target) {
             return Err(Error::invalid("target", target, format!("1 to {TARGETS}")));
@@ -61,18 +61,18 @@ impl Scenario {
         Ok([TARGET_DISTANCE * angle.cos(), TARGET_DISTANCE * angle.sin()])
     }
 
-    /// The scenario as a task.
+    /// Task of the scenario for a target.
     ///
     /// # Errors
-    /// As [`Scenario::goal`].
+    /// [`Error::Invalid`] if there is no such target.
     pub fn task(&self, target: usize) -> Result<Task> {
         self.task_to(Scenario::goal(target)?)
     }
 
-    /// The scenario with a goal of one's own (x, y), m.
+    /// Task of the scenario for another goal (x, y), m.
     ///
     /// # Errors
-    /// As [`Task::new`].
+    /// The errors of [`Task::new`].
     pub fn task_to(&self, [x, y]: [f64; 2]) -> Result<Task> {
         Task::new(Robot::named(self.robot)?, Terrain::named(self.terrain)?, Goal::at(x, y).yaw(self.yaw_target))
     }

@@ -1,24 +1,35 @@
-//! Every tunable value of the transcription and the solver, with unit, default and limits.
+//! Settings of the transcription and the solver, with units, defaults and limits.
 //!
-//! # Settings that matter
+//! # Settings that matter most
 //! | setting | default | effect |
 //! |---|---|---|
-//! | `transcription.interval` | by the robot: half of `sqrt(l / g)`, 0.025 to 0.1 s | between base knots; longer is faster, until the attitude drifts |
-//! | `transcription.goal_velocity` | `zero` | `free`: arrives at any speed |
-//! | `transcription.clearance`, `swing_height` | 0.03 m, 0.2 m | height of a foot in mid-swing: above the ground at least, above lift-off and landing at most |
-//! | `transcription.legs` | `limited` | `free`, the paper's: feet up to 20 m/s, any acceleration, three weights on a foot |
-//! | `transcription.foot_speed` | 1.9 sqrt(g l) | of a swinging foot, horizontal; 4.2 m/s for a robot half a metre high |
-//! | `transcription.foot_acceleration` | 20 g | of a swinging foot |
-//! | `--force-limit`, `force_limit` in a robot's file | 3, 2.5 or 1.2 weights with one, two or more feet | normal force of a foot. Free legs have 3; certified of the reference candidates, all with pyramids, with 2, 3, 10 weights: 58, 77, 78 of 240 |
-//! | `leg_mass` in a robot's file | 3 % of the mass | a leg's mass as if it were at the foot: what swinging costs |
-//! | `--smooth` | off | 20 more iterations on a cost of forces, their slopes, tilt and rates: rms forces fall by 2 to 3 %, a fifth slower; 51 of 55 reference candidates stay certified, with pyramids 28 of 41 (free legs) |
-//! | `solver.smoothing` | 0.1 | pull to smooth forces while the barrier is large; with 0 f32 solves 26 of the 240 reference candidates instead of 56 |
-//! | `solver.max_iterations` | 200 | median of the solved ones, closing included: 12 (biped), 19 to 24 (quadrupeds) |
-//! | `solver.stall.budget` | 200 | further iterations a candidate may seem to need before it is given up |
-//! | `solver.edge_radius` | 0.04 m | rounding of terrain edges; 0 loses gaits that step over one |
-//! | `search.population`, `search.generations` | 16, 3 | candidates a generation, generations over families; more is slower and cheaper gaits |
-//! | `search.cost.*` | 1; `joint_excess` 50 | weights of leg work, swing work and effort, and of what joints do beyond their limits |
-//! | `search.free.*` | the paper's | `list` shows the presets |
+//! | `transcription.interval` | 0.025 to 0.1 s | time between base knots; longer is faster, until the attitude drifts |
+//! | `transcription.goal_velocity` | `zero` | `free`: the robot may arrive at any speed |
+//! | `transcription.clearance` | 0.03 m | smallest height of a foot above the ground in mid-swing |
+//! | `transcription.swing_height` | 0.2 m | largest height of a foot above lift-off and touchdown in mid-swing |
+//! | `transcription.legs` | `limited` | `free` as in the paper: feet up to 20 m/s, any acceleration, 3 body weights per foot |
+//! | `transcription.foot_speed` | 1.9 sqrt(g l) | horizontal speed of a swinging foot; 4.2 m/s for a robot half a metre high |
+//! | `transcription.foot_acceleration` | 20 g | acceleration of a swinging foot |
+//! | `--force-limit`, `force_limit` in a robot's file | 1.2 body weights (1) | largest normal force of a foot |
+//! | `leg_mass` in a robot's file | 3 % of the mass | equivalent mass of a leg at its foot, which determines the cost of swinging |
+//! | `--smooth` | off | 20 more iterations that lower forces, their slopes, tilt and rates (2) |
+//! | `solver.smoothing` | 0.1 | pull to smooth forces while the barrier is large (3) |
+//! | `solver.max_iterations` | 200 | iteration limit (4) |
+//! | `solver.stall.budget` | 200 | predicted number of further iterations above which a candidate is terminated early |
+//! | `solver.edge_radius` | 0.04 m | rounding of terrain edges; with 0, gaits that step over an edge are lost |
+//! | `search.population` | 16 | candidates per generation; more is slower and finds cheaper gaits |
+//! | `search.generations` | 3 | generations over gait families; more is slower and finds cheaper gaits |
+//! | `search.cost.*` | 1; `joint_excess` 50 | weights of leg work, swing work and effort, and of joint motion beyond the joint limits |
+//! | `search.free.*` | the paper's | settings of the free distribution; `list` shows the presets |
+//!
+//! 1. For robots with more than two feet; 2.5 with two feet, 3 with one. Free legs have 3. With pyramids and limits of 2, 3 and 10 body
+//!    weights, 58, 77 and 78 of the 240 reference candidates are certified.
+//! 2. The rms forces fall by 2 to 3 %, and a solve takes a fifth longer. 51 of 55 reference candidates stay certified; with pyramids, 28 of
+//!    41 (free legs).
+//! 3. With 0 the f32 solver solves 26 of the 240 reference candidates instead of 56.
+//! 4. Median of the solved candidates, closing steps included: 12 (biped), 19 to 24 (quadrupeds).
+//!
+//! The default of `transcription.interval` is half of `sqrt(l / g)`, with the nominal leg height `l`.
 
 use crate::error::{Error, Result, check_range};
 use crate::gait::trajectory::GoalVelocity;
@@ -26,13 +37,13 @@ use crate::solver::control::{NEVER_HOPELESS, hopeless_of_a_row};
 use crate::terrain::Terrain;
 use serde::{Deserialize, Serialize};
 
-/// Which rows stand for the motion.
+/// Rows that describe the motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Transcription {
-    /// Impulses over intervals: motions that hold between the instants.
+    /// Impulses over intervals: the motion also holds between the instants.
     Momentum,
     /// TOWR's rows, for comparisons: dynamics at instants 0.1 s apart, forces at nodes.
     Towr,
@@ -48,59 +59,67 @@ impl Transcription {
     }
 }
 
-/// How friction limits forces.
+/// Friction model of the force rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Friction {
     /// TOWR's pyramid, which circumscribes the cone: a foot that pushes diagonally may slip.
     Pyramid,
-    /// The cone.
+    /// Exact friction cone.
     Cone,
 }
 
-/// What is asked of legs and motors, besides TOWR's rows.
+/// Limits of legs and motors beyond TOWR's rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Legs {
-    /// What the legs of a robot of its size can do: speed and acceleration of its feet, and about one weight on each foot.
+    /// Limits of typical legs of the robot's size: speed and acceleration of the feet, and about one body weight per foot.
     Limited,
-    /// Nothing, as in the paper \[1\].
+    /// No limits, as in the paper \[1\].
     Free,
 }
 
-/// How the motion is turned into variables and rows.
+/// Settings of the transcription, which turns a motion into variables and rows.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct TranscriptionSettings {
-    /// Which rows.
+    /// Kind of rows.
     pub rows: Transcription,
-    /// Interval of base knots and dynamics rows, s; see [`crate::nlp::transcription::interval`] when absent. Longer: fewer variables, motions
-    /// that hold less between instants.
+    /// Time between base knots, which is also that between dynamics rows, s. Too short: many variables, slow solves. Too long: the attitude
+    /// drifts between the instants. If absent, [`crate::nlp::transcription::interval`] chooses it.
     pub interval: Option<f64>,
-    /// `towr`: interval of reach rows, s.
+    /// `towr` only: time between reach rows, s. Too short: many rows, slow solves. Too long: feet may leave their reach between the rows.
     pub reach_interval: f64,
-    /// Cubic pieces of the force in a stance, at least 2.
+    /// Number of cubic pieces of the force in a stance, at least 2. Too few: the force cannot follow what the motion needs. Too many: many
+    /// variables, slow solves.
     pub force_pieces: usize,
-    /// Tightening of reach and swing rows, m. Too small: rows that the f32 solution touches fail the f64 check; too large: fewer gaits.
+    /// Tightening of reach, swing and footing rows, m. Too small: rows that the f32 solution touches fail the f64 check. Too large: fewer
+    /// gaits are feasible.
     pub length_margin: f64,
-    /// Tightening of force rows, in body weights.
+    /// Tightening of force rows, in body weights. Too small: rows that the f32 solution touches fail the f64 check. Too large: less force
+    /// and friction can be used. The cone needs at least 1e-6.
     pub force_margin: f64,
-    /// How friction limits forces; see [`TranscriptionSettings::friction`] when absent.
+    /// Friction model. If absent, [`TranscriptionSettings::friction`] chooses it.
     pub friction: Option<Friction>,
-    /// `momentum`: velocity of the base at the goal.
+    /// `momentum` only: velocity of the base at the goal.
     pub goal_velocity: GoalVelocity,
-    /// `momentum`: height of a foot above the terrain in mid-swing, m, at least.
+    /// `momentum` only: smallest height of a foot above the terrain in mid-swing, m. Too small: a foot may scuff the ground. Too large:
+    /// swings need more reach and acceleration, and fewer gaits are feasible.
     pub clearance: f64,
-    /// `momentum`: height of a swinging foot above the highest of lift-off, landing and the terrain in mid-swing, m, at most.
+    /// `momentum` only: largest height of a swinging foot above the highest of lift-off, touchdown and the terrain in mid-swing, m. It must
+    /// exceed the clearance and both margins by 1 mm. Too small: feet have little room to swing. Too large: feet may swing higher than
+    /// necessary.
     pub swing_height: f64,
-    /// `momentum`: what legs can do, where nothing else is said.
+    /// `momentum` only: limits of the legs, where the settings below and the robot's force limit give none.
     pub legs: Legs,
-    /// `momentum`: horizontal speed of a swinging foot, m/s, at most; see [`crate::nlp::transcription::legs::foot_speed`] when absent.
+    /// `momentum` only: largest horizontal speed of a swinging foot, m/s. Too small: fast gaits are infeasible. Too large: motors cannot
+    /// follow. If absent, [`crate::nlp::transcription::legs::foot_speed`] chooses it.
     pub foot_speed: Option<f64>,
-    /// `momentum`: acceleration of a swinging foot, m/s², at most; see [`crate::nlp::transcription::legs::foot_acceleration`] when absent.
+    /// `momentum` only: largest acceleration of a swinging foot, m/s². Too small: gaits with short swings are infeasible. Too large: motors
+    /// cannot follow. If absent, [`crate::nlp::transcription::legs::foot_acceleration`] chooses it.
     pub foot_acceleration: Option<f64>,
 }
 
@@ -125,17 +144,17 @@ impl Default for TranscriptionSettings {
 }
 
 impl TranscriptionSettings {
-    /// The defaults of a transcription.
+    /// Default settings of a kind of rows.
     pub fn of(rows: Transcription) -> Self {
         TranscriptionSettings { rows, ..TranscriptionSettings::default() }
     }
 
-    /// Those of the paper \[1\], which asks nothing of legs and motors.
+    /// Settings of the paper \[1\], which does not limit legs and motors.
     pub fn paper(rows: Transcription) -> Self {
         TranscriptionSettings { legs: Legs::Free, ..TranscriptionSettings::of(rows) }
     }
 
-    /// How friction limits forces: `momentum` motions are certified with the cone and use it, TOWR has its pyramid.
+    /// Friction model: by default the cone for `momentum`, whose motions are certified with it, and the pyramid for `towr`.
     pub fn friction(&self) -> Friction {
         self.friction.unwrap_or(match self.rows {
             Transcription::Momentum => Friction::Cone,
@@ -144,37 +163,44 @@ impl TranscriptionSettings {
     }
 }
 
-/// How the solver iterates. Symbols as in [`crate::solver`].
+/// Settings of the solver. [`crate::solver`] defines the symbols.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct SolverSettings {
-    /// Iteration limit.
+    /// Iteration limit. Too small: slow candidates end unsolved. Too large: failing candidates that the stall rule misses take long.
     pub max_iterations: usize,
-    /// Scaled infeasibility `F` below which the f32 solve ends; the f64 closing steps do the rest.
+    /// Scaled infeasibility `F` at which the f32 solve ends; f64 closing steps do the rest. Too small: f32 rounding prevents solves from
+    /// reaching it. Too large: closing steps start too far from a solution.
     pub tolerance: f64,
-    /// Row violation below which an f64 solve ends, in the row's own unit (N, N m, m). What a certificate tolerates: [`verify`](mod@crate::verify).
+    /// Row violation at which an f64 solve ends, in the row's own unit (N, N m, m). Too small: solves do not end. Too large: motions fail
+    /// the certificate, see [`verify`](mod@crate::verify).
     pub row_tolerance: f64,
-    /// First barrier parameter `mu`; see [`SolverSettings::barrier`] when absent. Smaller: more is solved where
-    /// friction is scarce, less where it is not, in more iterations.
+    /// First barrier parameter `mu`. Smaller: more candidates are solved where friction is scarce and fewer where it is not, in more
+    /// iterations. If absent, [`SolverSettings::barrier`] chooses it.
     pub barrier: Option<f64>,
-    /// First proximal weight `eps`. Larger: shorter, safer steps.
+    /// First proximal weight `eps`. Too small: first steps are long and often rejected. Too large: steps are short, and more iterations are
+    /// needed.
     pub proximal: f64,
-    /// Weight, at the first barrier parameter, of what draws a motion to its smooth initial guess. It vanishes with the barrier: it leads
-    /// to gentler forces, and takes none away. Only `momentum` has it.
+    /// Weight, at the first barrier parameter, of the pull to the smooth initial guess; `momentum` only. It leads to gentler forces and
+    /// vanishes with the barrier, so it excludes no solution. Too small: fewer candidates are solved. Too large: more iterations are
+    /// needed.
     pub smoothing: f64,
-    /// Smallest proximal weight.
+    /// Smallest proximal weight. Too small: a rejected direction needs more attempts, each with a factorisation, until the weight matters.
+    /// Too large: steps stay short, and more iterations are needed.
     pub proximal_floor: f64,
-    /// Rounding of terrain edges until closing steps start, m. 0: feet cannot cross an edge; large: feet may end on the wrong side of it.
+    /// Rounding of terrain edges until closing steps start, m. Too small: feet cannot cross an edge. Too large: feet may end on the wrong
+    /// side of it.
     pub edge_radius: f64,
-    /// `F` below which closing steps are tried. Smaller: iterations that they would save, with 0 edges that stay rounded; larger: they close on
-    /// the wrong rows, and candidates that are hard are lost.
+    /// Infeasibility `F` below which closing steps are tried. Too small: iterations that closing steps would save; with 0 edges stay
+    /// rounded. Too large: closing steps act on the wrong rows, and hard candidates are lost.
     pub closing: f64,
-    /// Closing steps in f64 after an f32 solve, before other ways are tried.
+    /// Largest number of f64 closing steps after an f32 solve, before costlier methods are tried. Too small: those methods are used
+    /// needlessly. Too large: time is lost on candidates that do not converge.
     pub closing_steps: usize,
-    /// Make what is feasible pleasant, too.
+    /// Smoothing of motions that are already feasible.
     pub smooth: SmoothSettings,
-    /// End candidates that make no progress.
+    /// Early termination of candidates that make no progress.
     pub stall: StallSettings,
 }
 
@@ -197,15 +223,16 @@ impl Default for SolverSettings {
     }
 }
 
-/// Iterations on a solved motion that lower its cost: forces against equal shares of the weight, their slopes, attitude and rates of the base
-/// against the initial guess. Only `momentum` has a cost.
+/// Settings of the iterations that lower the cost of a solved motion. The cost measures forces against equal shares of the weight, their
+/// slopes, and attitude and rates of the base against the initial guess. Only `momentum` has it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct SmoothSettings {
-    /// How many; 0: none.
+    /// Number of iterations; 0 disables smoothing. More: smoother motions, slower solves.
     pub iterations: usize,
-    /// Weight of the cost against the rows. Larger: faster, until multipliers of the rows cannot follow.
+    /// Weight of the cost relative to the rows. Too small: many iterations have little effect. Too large: the multipliers of the rows
+    /// cannot follow.
     pub weight: f64,
 }
 
@@ -215,22 +242,27 @@ impl Default for SmoothSettings {
     }
 }
 
-/// When a candidate counts as stalled: at the rate of the last `window` iterations, `F` would need more than `budget` further
-/// iterations to fall to 1e-6. Calibrated in `benches/README.md`.
+/// Settings of early termination.
+///
+/// A candidate counts as stalled if `F`, at the rate of the last `window` iterations, would need more than `budget` further iterations to
+/// fall to 1e-6. Calibrated in `benches/README.md`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct StallSettings {
-    /// Whether the rule is in force.
+    /// True if candidates may be terminated early.
     pub enabled: bool,
-    /// First iteration at which it may end a candidate.
+    /// First iteration at which the stall rule may end a candidate. Too small: candidates with a slow start are lost. Too large: failing
+    /// ones cost more.
     pub start: usize,
-    /// Iterations over which the rate is taken. Too short: a slow patch ends a candidate that would have gone on.
+    /// Number of iterations over which the rate is measured. Too small: a slow stretch ends a candidate that would have recovered. Too
+    /// large: failing ones cost more.
     pub window: usize,
-    /// Iterations that a candidate may still need. Too small: candidates are lost; too large: failing ones cost more.
+    /// Largest predicted number of further iterations. Too small: candidates are lost. Too large: failing ones cost more.
     pub budget: f64,
-    /// A candidate is given up in its first iterations when it lacks this many times what it may after as many: see
-    /// [`Progress::hopeless`](crate::solver::control::Progress::hopeless). Too small: candidates are lost; 0: none is given up for it.
+    /// Factor of early termination in the first iterations: a candidate ends if its infeasibility measure exceeds this multiple of the
+    /// limit for its iteration, see [`Progress::hopeless`](crate::solver::control::Progress::hopeless). Too small: candidates are lost. Too
+    /// large: failing ones cost more. 0 disables this rule.
     pub hopeless_above: f64,
 }
 
@@ -244,7 +276,7 @@ impl TranscriptionSettings {
     /// Checks every field.
     ///
     /// # Errors
-    /// [`crate::Error::Invalid`] names the first field that is out of its limits.
+    /// [`crate::Error::Invalid`] names the first field that is outside its limits.
     pub fn validate(&self) -> Result<()> {
         if let Some(interval) = self.interval {
             check_range("transcription.interval", interval, 0.01, 1.)?;
@@ -254,14 +286,14 @@ impl TranscriptionSettings {
         check_range("transcription.length_margin", self.length_margin, 0., 0.1)?;
         check_range("transcription.force_margin", self.force_margin, 0., 0.1)?;
         if self.friction() == Friction::Cone {
-            // The margin rounds the tip of the cone, where a force of nothing has no direction.
+            // The margin rounds the tip of the cone, where the zero force has no direction.
             check_range("transcription.force_margin with cones", self.force_margin, 1e-6, 0.1)?;
             if self.rows == Transcription::Towr {
                 return Err(Error::invalid("transcription.friction", "cone", "`pyramid` with the rows `towr`"));
             }
         }
         check_range("transcription.clearance", self.clearance, 0., 10.)?;
-        // Both rows of a swing hold with their margins.
+        // Both rows of a swing must hold with their margins.
         let margins = if self.rows == Transcription::Momentum { 2. * self.length_margin } else { 0. };
         check_range("transcription.swing_height", self.swing_height, self.clearance + margins + 1e-3, 100.)?;
         if let Some(speed) = self.foot_speed {
@@ -272,7 +304,7 @@ impl TranscriptionSettings {
 }
 
 impl SolverSettings {
-    /// First barrier parameter: 0.02 with the rows `momentum`, 0.2 with `towr`, whose violations are larger at first.
+    /// First barrier parameter: by default 0.02 for `momentum`, and 0.2 for `towr`, whose violations are larger at first.
     pub fn barrier(&self, transcription: Transcription) -> f64 {
         self.barrier.unwrap_or(match transcription {
             Transcription::Momentum => 0.02,
@@ -280,10 +312,10 @@ impl SolverSettings {
         })
     }
 
-    /// What a candidate may lack after [`HOPELESS_FROM`](crate::solver::control::HOPELESS_FROM) iterations, see
+    /// Early termination limit after [`HOPELESS_FROM`](crate::solver::control::HOPELESS_FROM) iterations, see
     /// [`Progress::hopeless`](crate::solver::control::Progress::hopeless).
     ///
-    /// * `rows` - how many it has
+    /// * `rows` - number of rows of the candidate
     pub fn hopeless(&self, transcription: Transcription, rows: usize) -> f64 {
         if !self.stall.enabled || self.stall.hopeless_above == 0. {
             return NEVER_HOPELESS;
@@ -291,7 +323,7 @@ impl SolverSettings {
         self.stall.hopeless_above * hopeless_of_a_row(transcription) * rows as f64
     }
 
-    /// Rounding of the edges of a terrain until closing steps start, m; 0 where it has none.
+    /// Rounding of the edges of a terrain until closing steps start, m; 0 for terrain without edges.
     pub fn edge_radius_on(&self, terrain: &Terrain) -> f64 {
         if terrain.has_edges() { self.edge_radius } else { 0. }
     }
@@ -299,7 +331,7 @@ impl SolverSettings {
     /// Checks every field.
     ///
     /// # Errors
-    /// [`crate::Error::Invalid`] names the first field that is out of its limits.
+    /// [`crate::Error::Invalid`] names the first field that is outside its limits.
     pub fn validate(&self) -> Result<()> {
         check_range("solver.max_iterations", self.max_iterations as f64, 0., 1e6)?;
         check_range("solver.tolerance", self.tolerance, 1e-12, 1.)?;

@@ -1155,7 +1155,7 @@ fn without_an_adapter_everything_else_works() {
     run_without_drivers(dir.path(), "solve --scenario biped --device gpu").ends_with(5).says(&["a GPU was asked for", "no adapter"]);
     // A batch that is large enough to look for one.
     let ran = run_without_drivers(dir.path(), "solve --scenario biped --population 256 --first --json -v");
-    ran.ends_with(0).says(&["on the CPU: no adapter is a GPU"]);
+    ran.ends_with(0).says(&["using the CPU: no hardware GPU found"]);
     let result: Value = serde_json::from_str(&ran.stdout).unwrap();
     assert!(result["device"].as_str().unwrap().starts_with("cpu, "), "{}", result["device"]);
     assert_eq!(result["fallback"], Value::Null);

@@ -1,11 +1,11 @@
 // needs: shared/pivots
 // binds: factor front_steps rests
-// Forward substitution with the factor, for the right-hand side of the corrector. One workgroup a candidate.
+// Forward substitution with the factor, for the right-hand side of the corrector. One workgroup per candidate.
 //   in out  values  right_hand_side [variables]
 //   in out  factor  pivot rows; the right-hand side in column `size` is replaced
 // Twin: src/linear/forward.rs. Its sums have another order.
 
-// Value of the pivot row `i`, column `j`; that of the unit matrix beyond the last pivot.
+// Element (i, j) of the pivot rows; of the identity matrix beyond the last pivot.
 fn pivot_row(rows: u32, at: FrontStep, i: u32, j: u32) -> f32 {
     if (i >= at.pivots) {
         return select(0.0, 1.0, i == j);
@@ -24,7 +24,7 @@ fn forward(slot: u32, at: FrontStep, lane: u32) {
         }
     }
     workgroupBarrier();
-    // Four pivots at a time, which every invocation solves for itself.
+    // Four pivots at a time; every invocation solves for them redundantly.
     for (var p = 0u; p < at.pivots; p += 4u) {
         let y0 = left(at, p) / pivot_row(rows, at, p, p);
         let y1 = (left(at, p + 1u) - pivot_row(rows, at, p, p + 1u) * y0) / pivot_row(rows, at, p + 1u, p + 1u);
@@ -37,7 +37,7 @@ fn forward(slot: u32, at: FrontStep, lane: u32) {
             local[j] -= pivot_row(rows, at, p, j) * y0 + pivot_row(rows, at, p + 1u, j) * y1
                 + pivot_row(rows, at, p + 2u, j) * y2 + pivot_row(rows, at, p + 3u, j) * y3;
         }
-        // Where the last four reach beyond the pivots, the columns there, too.
+        // If the last four rows extend beyond the pivots, the columns there must be updated as well.
         for (var j = at.pivots + lane; j < min(p + 4u, at.size); j += WORKGROUP) {
             local[j] -= pivot_row(rows, at, p, j) * y0
                 + select(0.0, pivot_row(rows, at, p + 1u, j) * y1, p + 1u < at.pivots)

@@ -1,26 +1,26 @@
 // needs: shared/triangle shared/reach
 // binds: jacobian factor tables part
 // reads: elements runs front_steps rests base_blocks reach_instants reach_feet reach_legs
-// The frontal Cholesky factorisation in time order: assemble, eliminate, slide on. One workgroup a candidate, steps `part.first` to
+// Frontal Cholesky factorisation in time order: assemble, eliminate, move on. One workgroup per candidate; steps `part.first` to
 // `part.last`.
 //   in      values    weight, value [rows]; diagonal, gradient [variables]
 //   in      jacobian  at the point
-//   in out  values    carry: what stays of the front between two steps, `[rest][rest]` and its right-hand side
-//   out     factor    pivot rows, [pivots][stride] at each step; the right-hand side stands in column `size`
-//   out     values    flags: 1 when a pivot is not positive
+//   in out  values    carry: what remains of the front between two steps, `[rest][rest]` and its right-hand side
+//   out     factor    pivot rows, [pivots][stride] at each step; the right-hand side is in column `size`
+//   out     values    flags: 1 if a pivot is not positive
 // Solves `(E + J' W J) d = -(u + J' v)` together with substitute.wgsl.
-// Twins: src/linear/front.rs, src/linear/reach.rs. Their sums have another order: pivots are eliminated one by one.
+// Twins: src/linear/front.rs, src/linear/reach.rs. Their sums have another order: they eliminate pivots one by one.
 
-// Indices in the front of the columns of an element, those of the next one beside them.
+// Front indices of the columns of an element. Two buffers alternate, so that the next element can be prepared.
 var<workgroup> columns: array<u32, 2 * COLUMNS>;
-// Four rows of the factor, column by column.
+// Four rows of the factor, by column.
 var<workgroup> panel: array<vec4<f32>, SIDE>;
 
 fn add_front(slot: u32, i: u32, v: f32) {
     put_front(slot, i, front_at(slot, i) + v);
 }
 
-// Puts the columns of an element in their place. Returns how many they are: none where all that it touches is fixed.
+// Writes the front indices of the columns of an element. Returns the number of columns; 0 if all variables of the element are fixed.
 fn spread(slot: u32, element: Element, side: u32, lane: u32) -> u32 {
     if (element.runs.start == element.runs.end) {
         return 0u;
@@ -35,9 +35,9 @@ fn spread(slot: u32, element: Element, side: u32, lane: u32) -> u32 {
     return last.column + last.len;
 }
 
-// Rows of an element that are added together, at most six, over every `step`-th of its columns from `offset` on.
+// Up to six rows of an element that are added together, restricted to every `step`-th column from `offset` on.
 struct Rows {
-    // First Jacobian value, and those of the rows from there.
+    // Index of the first Jacobian value, and the offsets of the rows relative to it.
     first: u32,
     at: vec3<u32>,
     at2: vec3<u32>,
@@ -50,7 +50,7 @@ struct Rows {
     offset: u32,
 }
 
-// Up to three of the values from an index on, 0 for the others.
+// Up to three consecutive values, starting at an index; 0 for the others.
 fn values_from(at: u32, count: u32) -> vec3<f32> {
     var v = vec3<f32>(values[at], 0.0, 0.0);
     if (count > 1u) {
@@ -62,7 +62,7 @@ fn values_from(at: u32, count: u32) -> vec3<f32> {
     return v;
 }
 
-// Up to six rows of an element from row `top` on.
+// Up to six rows of an element, starting at row `top`.
 fn six_rows(slot: u32, half: u32, element: Element, top: u32) -> Rows {
     let w = slot * batch.values + batch.weight + element.place.row + top;
     let v = slot * batch.values + batch.value + element.place.row + top;
@@ -82,7 +82,7 @@ fn six_rows(slot: u32, half: u32, element: Element, top: u32) -> Rows {
     return rows;
 }
 
-// The two rows of linear momentum along one axis, which touch the columns of that axis alone.
+// The two rows of linear momentum along one axis. They touch only the columns of that axis.
 fn rows_along(rows: Rows, axis: u32) -> Rows {
     var along: Rows;
     along.first = rows.first;
@@ -95,7 +95,7 @@ fn rows_along(rows: Rows, axis: u32) -> Rows {
     return along;
 }
 
-// Values of up to three rows in one column, 0 for the others.
+// Values of up to three rows in one column; 0 for the others.
 fn column_of(first: u32, at: vec3<u32>, count: u32) -> vec3<f32> {
     var v = vec3<f32>(jacobian[first + at.x], 0.0, 0.0);
     if (count > 1u) {
@@ -107,12 +107,12 @@ fn column_of(first: u32, at: vec3<u32>, count: u32) -> vec3<f32> {
     return v;
 }
 
-// Adds `J' W J` and `-J' v` of rows over `count` columns to the front.
+// Adds `J' W J` and `-J' v` of the given rows over `count` columns to the front.
 fn add_rows(slot: u32, rows: Rows, side: u32, count: u32, size: u32, lane: u32) {
     if (all(rows.w == vec3<f32>()) && all(rows.w2 == vec3<f32>())) {
         return;
     }
-    // Two columns by two.
+    // Tiles of two by two columns.
     let pairs = (count + 1u) / 2u;
     for (var e = lane; e < cells(pairs); e += WORKGROUP) {
         let at = 2u * cell(pairs, e);
@@ -138,7 +138,7 @@ fn add_rows(slot: u32, rows: Rows, side: u32, count: u32, size: u32, lane: u32) 
         let from_next = ix_front(size, columns[side + next_a], 0u);
         let to_b = columns[side + b];
         let to_next = columns[side + next_b];
-        // On the diagonal (a + 1, b) lies below it; behind the last column there is none.
+        // On the diagonal, (a + 1, b) is below the diagonal. Beyond the last column there is nothing to add.
         let two_rows = at.x < at.y;
         let two_columns = at.y + 1u < count;
         add_front(slot, from_a + to_b, sums[0].x);
@@ -160,7 +160,7 @@ fn add_rows(slot: u32, rows: Rows, side: u32, count: u32, size: u32, lane: u32) 
     }
 }
 
-// Adds one element.
+// Adds one element to the front.
 fn assemble(slot: u32, half: u32, element: Element, side: u32, count: u32, size: u32, lane: u32) {
     if (element.family == LINEAR_MOMENTUM) {
         let rows = six_rows(slot, half, element, 0u);
@@ -177,7 +177,7 @@ fn assemble(slot: u32, half: u32, element: Element, side: u32, count: u32, size:
     }
 }
 
-// What the feet at one reach instant make of its pose, `P' W P` and `P' v` with `P` the rows by the pose.
+// Sums over the feet at one reach instant, by its pose: `P' W P` and `P' v`, with `P` the derivatives of the rows by the pose.
 var<workgroup> by_pose: array<f32, 42>;
 
 // One of the 42 values of `by_pose`: `P' W P` row by row, then `P' v`.
@@ -200,7 +200,8 @@ fn pose_sum(slot: u32, half: u32, feet: Span, e: u32) -> f32 {
     return sum;
 }
 
-// Index in the front and Jacobian column of one of the five columns that a leg has for itself: two a foothold, one a swing height. NONE: it is fixed.
+// Front index and Jacobian column of own column `f` of a leg: two per foothold, one for the swing height, five in all. NONE if the variable
+// is fixed.
 fn own_column(slot: u32, leg: u32, f: u32) -> vec2<u32> {
     let block = reach_legs_front(slot, leg, f / 2u);
     if (block == NONE) {
@@ -212,7 +213,7 @@ fn own_column(slot: u32, leg: u32, f: u32) -> vec2<u32> {
     return vec2<u32>(block, reach_legs_foothold_column(slot, leg, f / 2u)) + f % 2u;
 }
 
-// Adds the products of a foot's own columns with another one: of the 24 base columns, its own ones, and the values, 30 in all.
+// Adds the products of a foot's own columns with column `other`: one of the 24 base columns, an own column or the values; 30 in all.
 fn add_foot(slot: u32, half: u32, instant: u32, blocks: u32, number: u32, size: u32, other: u32) {
     let foot = reach_feet_at(slot, number);
     let place = reach_place(slot, number, foot.jacobian, foot.stride);
@@ -242,28 +243,29 @@ fn add_foot(slot: u32, half: u32, instant: u32, blocks: u32, number: u32, size: 
     }
     for (var f = 0u; f < 5u; f++) {
         let own = own_column(slot, foot.leg, f);
-        // Of two own columns only what lies right of the diagonal.
+        // For two own columns, only the upper triangle.
         if (own.x != NONE && (other < 24u || own.x <= at)) {
             add_front(slot, ix_front(size, min(own.x, at), max(own.x, at)), dot(column_of(first + own.y, rows, 3u), right));
         }
     }
 }
 
-// Pair of base blocks, of the ten that there are.
+// One of the ten pairs of base blocks.
 fn block_pair(pair: u32) -> vec2<u32> {
     let i = select(select(select(0u, 1u, pair > 3u), 2u, pair > 6u), 3u, pair > 8u);
     let before = i * 4u - (i * (i - min(i, 1u))) / 2u;
     return vec2<u32>(i, i + pair - before);
 }
 
-// Adds one of the 360 products of the base columns at an instant, 36 of each pair of blocks.
+// Adds one of the 360 products of the base columns at an instant: 36 per pair of blocks.
 fn add_pose(slot: u32, instant: u32, blocks: u32, size: u32, e: u32) {
     let pair = block_pair(e / 36u);
     let rows = base_blocks_front(slot, blocks, pair.x);
     let columns = base_blocks_front(slot, blocks, pair.y);
     let c = (e % 36u) / 6u;
     let d = e % 6u;
-    // On the diagonal only what lies right of it; else the block above it, whichever of the two comes first. The sums are symmetric.
+    // Upper triangle of a diagonal block; otherwise the block above the diagonal, whichever of the two blocks comes first. The sums are
+    // symmetric.
     if (rows != NONE && columns != NONE && (pair.x != pair.y || c <= d)) {
         let weight = reach_instants_base_weights(slot, instant, pair.x) * reach_instants_base_weights(slot, instant, pair.y);
         add_front(slot, ix_front(size, min(rows, columns) + c, max(rows, columns) + d), weight * by_pose[e % 36u]);
@@ -272,8 +274,9 @@ fn add_pose(slot: u32, instant: u32, blocks: u32, size: u32, e: u32) {
 
 // Adds `J' W J` and `-J' v` of the reach rows of all feet at the instants of a step, which share their base blocks.
 //
-// All rows touch the base through its pose alone, with weights `w` that an instant's feet share: with `P` the rows by the pose, `A` by the
-// foot's own columns, the base block of coefficients `i` and `j` is `w_i w_j sum P' W P`, that of coefficient and foot `w_i P' W A`.
+// All rows touch the base only through its pose, with weights `w` that all feet of an instant share. With `P` the derivatives by the pose
+// and `A` those by the foot's own columns, the block of base coefficients `i` and `j` is `w_i w_j sum P' W P`, and that of coefficient `i`
+// and a foot `w_i P' W A`.
 fn assemble_reach(slot: u32, half: u32, at: FrontStep, lane: u32) {
     for (var instant = at.reach.start; instant < at.reach.end; instant++) {
         let feet = reach_instants_at(slot, instant).feet;
@@ -300,7 +303,7 @@ fn assemble_reach(slot: u32, half: u32, at: FrontStep, lane: u32) {
     front_barrier();
 }
 
-// The front of a step before its rows: zero, and what stays of the previous one.
+// Initialises the front of a step: zero, plus what remains of the previous front.
 fn begin_front(slot: u32, k: u32, size: u32, lane: u32) {
     for (var i = lane; i < ix_front(size, size, size); i += WORKGROUP) {
         put_front(slot, i, 0.0);
@@ -325,7 +328,7 @@ fn begin_front(slot: u32, k: u32, size: u32, lane: u32) {
     front_barrier();
 }
 
-// Keeps what stays of a front after its pivots.
+// Saves what remains of a front after its pivots are eliminated.
 fn carry_over(slot: u32, size: u32, pivots: u32, lane: u32) {
     let count = size - pivots;
     let carry = slot * batch.values + batch.carry;
@@ -342,9 +345,9 @@ fn carry_over(slot: u32, size: u32, pivots: u32, lane: u32) {
     workgroupBarrier();
 }
 
-// Value of the front in row `p + k`, column `j`, 0 left of the diagonal and from row `count` of the panel on.
+// Element (p + k, j) of the front; 0 left of the diagonal and for rows `count` and later of the panel.
 fn panel_value(slot: u32, size: u32, p: u32, k: u32, j: u32, count: u32) -> f32 {
-    // One way out: with two, and 14 calls, SwiftShader compiles for minutes.
+    // A single return statement: with two of them and 14 calls, SwiftShader compiles for minutes.
     var value = 0.0;
     if (k < count && j >= p + k) {
         value = front_at(slot, ix_front(size, p + k, j));
@@ -352,17 +355,17 @@ fn panel_value(slot: u32, size: u32, p: u32, k: u32, j: u32, count: u32) -> f32 
     return value;
 }
 
-// Reciprocal pivot, 0 beyond the last row of the panel.
+// Reciprocal of the pivot's square root; 0 beyond the last row of the panel.
 fn reciprocal(pivot: f32, k: u32, count: u32) -> f32 {
     return select(0.0, 1.0 / sqrt(pivot), k < count);
 }
 
-// Eliminates up to four pivots from `p` on: `A = U' U` row by row, the rest becomes the Schur complement. Returns false when a pivot is not
-// positive.
+// Eliminates up to four pivots, starting at `p`: `A = U' U` row by row; the rest becomes the Schur complement. Returns false if a pivot is
+// not positive.
 fn eliminate(slot: u32, at: FrontStep, p: u32, lane: u32) -> bool {
     let size = at.size;
     let count = min(4u, at.pivots - p);
-    // Every invocation factorises the block on the diagonal for itself.
+    // Every invocation factorises the diagonal block redundantly.
     let d0 = panel_value(slot, size, p, 0u, p, count);
     let r0 = reciprocal(d0, 0u, count);
     let u01 = panel_value(slot, size, p, 0u, p + 1u, count) * r0;
@@ -391,7 +394,7 @@ fn eliminate(slot: u32, at: FrontStep, p: u32, lane: u32) -> bool {
         }
     }
     workgroupBarrier();
-    // The rest, with the right-hand side as its last column, four rows by four columns.
+    // The remaining rows, with the right-hand side as their last column, in tiles of four by four.
     let first = p + count;
     let tiles = (size - first + 4u) / 4u;
     for (var e = lane; e < cells(tiles); e += WORKGROUP) {
@@ -409,7 +412,7 @@ fn eliminate(slot: u32, at: FrontStep, p: u32, lane: u32) -> bool {
         );
         for (var j = at.y; j < min(at.y + 4u, size + 1u); j++) {
             let sums = panel[j] * rows;
-            // Rows of the front, down to the diagonal.
+            // Number of rows down to the diagonal.
             let depth = min(j + 1u, size) - i;
             add_front(slot, starts.x + j, -sums.x);
             if (depth > 1u) {

@@ -1,13 +1,14 @@
 // needs: shared/kind shared/reach
 // binds: jacobian tables footholds
 // reads: elements runs base_blocks reach_instants reach_feet reach_legs
-// Products of the Jacobian with the direction. One thread an element; of reach rows one an instant, whose feet share the change of its pose.
+// Products of the Jacobian with the direction. One thread per element; for reach rows one per instant, whose feet share the change of its
+// pose.
 //   in   values    direction
 //   in   jacobian  at the point
 //   out  values    c_change [equalities]; g_change [inequalities], with the sign of their side
 // Twin: src/linear/product.rs
 
-// Products of up to three Jacobian rows, the first of which begins at `first`, with the direction; 0 for the others.
+// Products of up to three Jacobian rows with the direction; 0 for the others. `first` is the index of the first value of the first row.
 fn rows_times(slot: u32, element: Element, first: u32, count: u32) -> vec3<f32> {
     let direction = slot * batch.values + batch.direction;
     let stride = element.place.stride;
@@ -51,7 +52,7 @@ fn jacobian_times(slot: u32, half: u32, element: Element) {
     }
 }
 
-// Values of three Jacobian rows `stride` apart, in the column at `at`.
+// Values of three Jacobian rows, `stride` apart, in the column at index `at`.
 fn column_at(at: u32, stride: u32) -> vec3<f32> {
     return vec3<f32>(jacobian[at], jacobian[at + stride], jacobian[at + 2u * stride]);
 }

@@ -1,11 +1,11 @@
 // needs: shared/pivots
 // binds: factor front_steps rests
-// Back substitution with the factor: from its right-hand side to the direction. One workgroup a candidate.
+// Back substitution with the factor: from its right-hand side to the direction. One workgroup per candidate.
 //   in   factor  pivot rows and right-hand side
 //   out  values  direction [variables]
 // Twin: src/linear/substitute.rs. Its sums have another order.
 
-// Value of the pivot row `i`, column `j`; that of the unit matrix beyond the last pivot.
+// Element (i, j) of the pivot rows; of the identity matrix beyond the last pivot.
 fn pivot_row(rows: u32, at: FrontStep, i: u32, j: u32) -> f32 {
     if (i >= at.pivots || j >= at.pivots) {
         return select(0.0, 1.0, i == j);
@@ -29,7 +29,7 @@ fn back(slot: u32, at: FrontStep, lane: u32) {
         local[i] = sum;
     }
     workgroupBarrier();
-    // Four pivots at a time, which every invocation solves for itself.
+    // Four pivots at a time; every invocation solves for them redundantly.
     for (var left_over = (at.pivots + 3u) / 4u; left_over > 0u; left_over--) {
         let p = 4u * (left_over - 1u);
         let y3 = left(at, p + 3u) / pivot_row(rows, at, p + 3u, p + 3u);
@@ -55,7 +55,7 @@ fn back(slot: u32, at: FrontStep, lane: u32) {
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let slot = running[group.x];
-    // In a closing step the substitution after the corrector repeats that of the predictor.
+    // In a closing step the substitution after the corrector repeats that of the predictor, with the same result.
     if (progress[slot].state > CLOSE) {
         return;
     }

@@ -1,14 +1,14 @@
 // needs: shared/reach shared/gather
 // binds: jacobian tables
 // reads: elements reach_instants reach_feet gather_of gathers touches reach_touches
-// Right-hand side of the corrector: the transposed Jacobian times the values of the rows, and what falls on single variables. One thread a
-// variable, which gathers from the rows that touch it, in their order.
+// Right-hand side of the corrector: the transposed Jacobian times the values of the rows, plus the gradient of the terms in single
+// variables. One thread per variable, which gathers from the rows that touch it, in row order.
 //   in   values           value [rows], gradient [variables]
 //   in   jacobian         at the point
 //   out  values           right_hand_side [variables]
 // Twin: src/linear/transposed.rs, which scatters in the same order
 
-// Product of one column with the values, of the reach rows of a foot at an instant.
+// Product of one column with the values, over the reach rows of a foot at an instant.
 fn of_foot(slot: u32, half: u32, number: u32, column: u32) -> f32 {
     let foot = reach_feet_at(slot, number);
     let place = reach_place(slot, number, foot.jacobian, foot.stride);
@@ -17,7 +17,7 @@ fn of_foot(slot: u32, half: u32, number: u32, column: u32) -> f32 {
     return values[v] * jacobian[first] + values[v + 1u] * jacobian[first + place.stride] + values[v + 2u] * jacobian[first + 2u * place.stride];
 }
 
-// The same of the rows of an element.
+// Product of one column with the values, over the rows of an element.
 fn of_element(slot: u32, half: u32, element: Element, column: u32) -> f32 {
     let first = (2u * slot + half) * batch.jacobian + element.place.jacobian + column;
     let v = slot * batch.values + batch.value + element.place.row;
@@ -28,7 +28,7 @@ fn of_element(slot: u32, half: u32, element: Element, column: u32) -> f32 {
     return sum;
 }
 
-// The weight itself.
+// Factor of rows that touch the base through its pose: the weight itself.
 fn of_weight(weight: f32) -> f32 {
     return weight;
 }

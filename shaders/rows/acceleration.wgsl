@@ -1,12 +1,12 @@
 // needs: shared/values shared/jacobian shared/entries
 // binds: jacobian footholds accelerations
-// Swinging feet: how hard they are accelerated where they leave the ground and where they land. One thread per swing.
+// Acceleration limit of swinging feet at lift-off and at touchdown. One thread per swing.
 //   in   values    x of the trial point, ground
-//   out  values    g at each swing's place: lift-off, touch-down; dimensionless, feasible when <= 0
+//   out  values    g at each swing's place: lift-off, touchdown; dimensionless, feasible when <= 0
 //   out  jacobian  two rows at each place
 // Twin: src/rows/acceleration.rs
 
-// Rows of one swing.
+// Acceleration rows of one swing.
 fn entry(slot: u32, half: u32, k: u32) {
     let swing = &accelerations[slot * batch.accelerations + k];
     let limit = slots[slot].constants.foot_acceleration;
@@ -29,7 +29,7 @@ fn entry(slot: u32, half: u32, k: u32) {
             }
             var value = select(by_step * step, -by_step * step, i == 0u);
             if (i == r) {
-                // The height is over the foothold of the row.
+                // The rise is measured from the foothold of this row.
                 value -= by_height * rise * ground_slope(slot, swing.foothold[i]);
             }
             put(rows, r, swing.foothold_column[i], value.x);

@@ -1,7 +1,7 @@
 // needs: shared/values shared/jacobian shared/math shared/terrain shared/contact shared/entries
 // binds: jacobian footholds cones heights
-// Contact forces that push, not too hard, inside the exact friction cone of the ground under the foothold, at force nodes or at the Bezier
-// points beside them. One thread per row group of a node.
+// Force limit and exact friction cone of the ground under the foothold, at force nodes or at the Bezier points next to them. One thread per
+// row group of a node.
 //   in   values    x of the trial point
 //   out  values    g at each node's place: normal limit, cone, push; dimensionless, feasible when <= 0
 //   out  jacobian  2 rows at each node's place
@@ -36,7 +36,7 @@ fn entry(slot: u32, half: u32, i: u32) {
     for (var d = 0u; d < 2u; d++) {
         let by_n = dot(n.by[d], force);
         put(rows, 0u, node.foothold_column + d, by_n);
-        // d|t|^2 / 2 = -(n.f) (dn.f), for t stands on n and n on dn.
+        // d|t|^2 / 2 = -(n.f) (dn.f), because t is orthogonal to n, and n to dn.
         put(rows, 1u, node.foothold_column + d, -(normal / size + friction) * by_n);
     }
 }

@@ -10,15 +10,15 @@
 struct Spin {
     // `I_w omega' + omega x I_w omega`, N m.
     moment: vec3<f32>,
-    // Its derivative with respect to each Euler angle, `[angle]`.
+    // Derivative of the moment with respect to each Euler angle, `[angle]`.
     by_angle: Mat3,
-    // With respect to each rate.
+    // Derivative of the moment with respect to each rate of an Euler angle.
     by_rate: Mat3,
-    // With respect to each acceleration.
+    // Derivative of the moment with respect to each acceleration of an Euler angle.
     by_acceleration: Mat3,
 }
 
-// A rotating body: its attitude and motion, and what follows from them.
+// Rotating body: attitude, motion, and quantities that follow from them.
 struct Body {
     rot_wb: Mat3,
     inertia: Mat3,
@@ -35,12 +35,12 @@ fn inertia_times(body: Body, v: vec3<f32>) -> vec3<f32> {
     return mul(body.rot_wb, mul(body.inertia, mul_transposed(body.rot_wb, v)));
 }
 
-// Change of the moment when `omega` and `omega'` change by `w` and `a` while the body keeps its attitude.
+// Change of the moment if `omega` and `omega'` change by `w` and `a` at constant attitude.
 fn by_motion(body: Body, w: vec3<f32>, a: vec3<f32>) -> vec3<f32> {
     return inertia_times(body, a) + (cross(w, body.momentum) + cross(body.omega, inertia_times(body, w)));
 }
 
-// Change of the moment when the body turns about an axis: `d(I_w v) = axis x I_w v - I_w (axis x v)`.
+// Change of the moment if the body turns about an axis: `d(I_w v) = axis x I_w v - I_w (axis x v)`.
 fn by_turn(body: Body, axis: vec3<f32>) -> vec3<f32> {
     let turned = cross(axis, body.inertial) - inertia_times(body, cross(axis, body.omega_dot));
     let momentum_turned = cross(axis, body.momentum) - inertia_times(body, cross(axis, body.omega));
@@ -51,13 +51,13 @@ fn by_turn(body: Body, axis: vec3<f32>) -> vec3<f32> {
 //
 // With axes `E = (e_r, e_p, e_z)`: `omega = E angles'` and
 // `omega' = E angles'' + (pitch' e_p + yaw' e_z) x roll' e_r + yaw' e_z x pitch' e_p`.
-// Turning the yaw turns everything; the pitch axis carries `e_r` along; the roll moves no axis.
+// A change of yaw rotates everything, a change of pitch rotates `e_r`, and a change of roll rotates no axis.
 fn spin(inertia: Mat3, angles: vec3<f32>, rates: vec3<f32>, accelerations: vec3<f32>) -> Spin {
     let turned = euler(angles);
     let e_r = turned.axes[0];
     let e_p = turned.axes[1];
     let e_z = turned.axes[2];
-    // What carries the roll axis, and the rates that are carried.
+    // Angular velocity that rotates the roll axis, and the contribution of each rate to omega.
     let carrier = rates[1] * e_p + rates[2] * e_z;
     let roll = rates[0] * e_r;
     let pitch = rates[1] * e_p;
@@ -85,7 +85,7 @@ fn spin(inertia: Mat3, angles: vec3<f32>, rates: vec3<f32>, accelerations: vec3<
     );
 }
 
-// Dynamics rows of one instant: `dynamics_instant` of the twin.
+// Dynamics rows of one instant. Twin: `dynamics_instant`.
 fn entry(slot: u32, half: u32, k: u32) {
     let instant = &dynamics_instants[slot * batch.dynamics_instants + k];
     let constants = &slots[slot].constants;
@@ -133,7 +133,7 @@ fn entry(slot: u32, half: u32, k: u32) {
                 put_diagonal(rows, 3u, c, -w * balance_scale);
             }
         }
-        // d(-arm x f)/d arm = [f]x; the height follows the slope.
+        // d(-arm x f)/d arm = [f]x; the height of a foothold follows the slope.
         if (stance.foothold_column != NONE) {
             let c = stance.foothold_column;
             let f = moment_scale * force_w;

@@ -1,12 +1,12 @@
 // needs: shared/values shared/jacobian shared/entries
 // binds: jacobian footholds footings
-// Footholds on ground with edges: each within a box in which all of the foot has room. One thread per foothold.
+// Boxes of footholds on ground with edges: within its box the whole foot has room. One thread per foothold.
 //   in   values    x of the trial point
 //   out  values    g at each foothold's place: 2 upper sides, 2 lower sides; dimensionless, feasible when <= 0
 //   out  jacobian  2 rows at each place
 // Twin: src/rows/footing.rs
 
-// Rows of one foothold.
+// Footing rows of one foothold.
 fn entry(slot: u32, half: u32, k: u32) {
     let footing = &footings[slot * batch.footings + k];
     let unit = slots[slot].constants.length_scale;

@@ -1,7 +1,7 @@
 // needs: shared/values shared/jacobian shared/math shared/terrain shared/contact shared/entries
 // binds: jacobian footholds force_nodes heights
-// Contact forces at their nodes, or at the Bezier points beside them: they push, not too hard, inside the friction pyramid of the ground
-// under the foothold. One thread per row group of a node.
+// Force limit and friction pyramid of the ground under the foothold, at force nodes or at the Bezier points next to them. One thread per
+// row group of a node.
 //   in   values    x of the trial point
 //   out  values    g at each node's place: normal limit, 4 friction rows, push; dimensionless, feasible when <= 0
 //   out  jacobian  5 rows at each node's place

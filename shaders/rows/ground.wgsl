@@ -1,6 +1,6 @@
 // needs: shared/values shared/terrain shared/entries
 // binds: footholds heights
-// Ground under every foothold, shared by the other kernels. One thread per foothold.
+// Ground under every foothold, which other kernels use. One thread per foothold.
 //   in   values    x of the trial point
 //   out  values    ground: height, slope x, slope y
 // Twin: src/rows/ground.rs

@@ -1,8 +1,8 @@
 // needs: shared/values shared/jacobian shared/math
 // binds: jacobian footholds momentum_intervals impulses
-// Momentum rows of the single rigid body over the intervals between base knots. Eight threads an interval: one for each of its points, the
-// last of which is its end, and one for its start. What one of them finds out and others need goes through workgroup memory: kept by one
-// thread it would take more registers than there are.
+// Momentum rows of the single rigid body over the intervals between base knots. Eight threads per interval: one per point, the last of
+// which is the end, and one for the start. Results that other threads need are exchanged through workgroup memory: a single thread per
+// interval would need more registers than there are.
 //   in   values    x of the trial point, ground
 //   out  values    c at each interval's places: velocity, position; angular momentum at the end, its mean; dimensionless
 //   out  values    deviations of the pose at the inner points
@@ -10,15 +10,15 @@
 // Twin: src/rows/momentum.rs
 
 const END: u32 = INNER_POINTS;
-// Threads of an interval, and that of its start.
+// Threads per interval. The last one handles the start.
 const LANES: u32 = MOMENTUM_POINTS + 1u;
 const START: u32 = MOMENTUM_POINTS;
 const_assert WORKGROUP % LANES == 0u;
 
-// By thread. Motion of the base from the start of the interval to the point, and its velocity there.
+// Displacement of the base from the start of the interval to the point, and velocity there; by thread.
 var<workgroup> moved: array<vec3<f32>, WORKGROUP>;
 var<workgroup> velocity: array<vec3<f32>, WORKGROUP>;
-// Two vectors that are handed over next.
+// Exchange buffers of two vectors per thread, see `share`.
 var<workgroup> one: array<vec3<f32>, WORKGROUP>;
 var<workgroup> other: array<vec3<f32>, WORKGROUP>;
 
@@ -26,11 +26,11 @@ var<workgroup> other: array<vec3<f32>, WORKGROUP>;
 struct AngularMomentum {
     // Rotation from base to world.
     rot_wb: Mat3,
-    // Its value, N m s.
+    // Angular momentum, N m s.
     value: vec3<f32>,
-    // With respect to each Euler angle, `[angle]`.
+    // Derivative with respect to each Euler angle, `[angle]`.
     by_angle: Mat3,
-    // With respect to each rate.
+    // Derivative with respect to each rate of an Euler angle.
     by_rate: Mat3,
 }
 
@@ -59,22 +59,22 @@ fn inertia_times(rot_wb: Mat3, inertia: Mat3, v: vec3<f32>) -> vec3<f32> {
     return mul(rot_wb, mul(inertia, mul_transposed(rot_wb, v)));
 }
 
-// What the threads of an interval have in common.
+// Indices and scales of one thread's interval.
 struct At {
     slot: u32,
     half: u32,
-    // The interval among those of its candidate, and in its table.
+    // Index of the interval among those of its candidate, and in the table.
     k: u32,
     entry: u32,
-    // First of its threads, and which of them this one is: a point, or the start.
+    // First thread of the interval, and the index of this thread within it: a point, or the start.
     first: u32,
     q: u32,
-    // Impulses in their table.
+    // Range of the interval in the table of impulses.
     impulses: u32,
     impulses_end: u32,
-    // Rows of the angular element.
+    // Jacobian rows of the angular element.
     angular: Rows,
-    // Scales of its rows: at the end, of the mean.
+    // Scales of the angular rows: at the end, and of the mean.
     end_scale: f32,
     mean_scale: f32,
 }
@@ -90,7 +90,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     }
 }
 
-// Momentum rows of one interval: `momentum_interval` of the twin. Every thread of the workgroup must come here, those without an interval, too.
+// Momentum rows of one interval. Twin: `momentum_interval`. Every thread of the workgroup must call this function, even one without an
+// interval.
 fn interval_rows(slot: u32, k: u32, lane: u32) {
     let present = k < entries(slot);
     var at: At;
@@ -101,7 +102,7 @@ fn interval_rows(slot: u32, k: u32, lane: u32) {
         angles = angles_at(at);
         momentum = angular_momentum(mat3(slots[slot].constants.inertia), angles, rates_at(at));
     }
-    // Rows by attitude and its rates, one angle after the other.
+    // Derivatives by attitude and its rates, one Euler angle at a time.
     share(lane, momentum.by_angle[0], momentum.by_rate[0]);
     if (present) {
         put_by_attitude(at, 0u);
@@ -131,7 +132,7 @@ fn interval_rows(slot: u32, k: u32, lane: u32) {
     }
     deviate(at, present, lane, angles, momentum.rot_wb, momentum.value, missing);
 
-    // Last, when the attitude needs no registers any more.
+    // Last, because the attitude then needs no registers any more.
     share(lane, forces.first, slots[slot].points[min(lane % LANES, END)].time * forces.first - forces.second);
     if (present) {
         put_by_start(at);
@@ -140,7 +141,7 @@ fn interval_rows(slot: u32, k: u32, lane: u32) {
     }
 }
 
-// Hands two vectors of each thread over to the others, once those before have been read.
+// Publishes two vectors of each thread to the other threads, after the previous ones have been read.
 fn share(lane: u32, a: vec3<f32>, b: vec3<f32>) {
     workgroupBarrier();
     one[lane] = a;
@@ -168,7 +169,7 @@ fn place(slot: u32, k: u32, lane: u32) -> At {
     );
 }
 
-// Deviation of a block from the reference line, three values: pose and rates at the start, pose and rates at the end.
+// Linear part of a block's deviation from the reference line. Blocks: pose and rates at the start, pose and rates at the end.
 fn linear_state(at: At, block: u32) -> vec3<f32> {
     return three(ix_x(at.slot, at.half) + momentum_intervals[at.entry].variable[block]);
 }
@@ -177,7 +178,7 @@ fn angular_state(at: At, block: u32) -> vec3<f32> {
     return three(ix_x(at.slot, at.half) + momentum_intervals[at.entry].variable[block] + 3u);
 }
 
-// Euler angles at a thread's point of the planned motion.
+// Euler angles of the planned motion at this thread's point.
 fn angles_at(at: At) -> vec3<f32> {
     let interval = &momentum_intervals[at.entry];
     if (at.q >= END) {
@@ -192,7 +193,7 @@ fn angles_at(at: At) -> vec3<f32> {
     return angles;
 }
 
-// Their rates.
+// Rates of the Euler angles of the planned motion at this thread's point.
 fn rates_at(at: At) -> vec3<f32> {
     var rates = motion(momentum_intervals[at.entry].rate).angular;
     if (at.q >= END) {
@@ -204,8 +205,8 @@ fn rates_at(at: At) -> vec3<f32> {
     return rates;
 }
 
-// Angular rows by one Euler angle and its rate, at the start and at the end. `one` and `other` hold the angular momentum's derivatives by them.
-// Two threads a block: rows at the end, rows of the mean.
+// Derivatives of the angular rows by one Euler angle and its rate, at the start and at the end. `one` and `other` hold the derivatives of
+// the angular momentum by them. Two threads per block: one writes the rows at the end, the other the rows of the mean.
 fn put_by_attitude(at: At, angle: u32) {
     let block = at.q / 2u;
     let column = momentum_intervals[at.entry].angular_column[block];
@@ -229,8 +230,8 @@ fn put_by_attitude(at: At, angle: u32) {
     put_column(at.angular, 3u, column + 3u + angle, by_mean * at.mean_scale);
 }
 
-// First to third integral of the forces of all feet from the start of an interval to a point, and the first one's moment about the base at
-// the start.
+// First to third integral of the forces of all feet from the start of an interval to a point, and the moment of the first integral about
+// the base at the start.
 struct Impulses {
     first: vec3<f32>,
     second: vec3<f32>,
@@ -246,7 +247,7 @@ fn velocity_at_start(at: At) -> vec3<f32> {
     return motion(momentum_intervals[at.entry].rate).linear + linear_state(at, 1u);
 }
 
-// From the base at the start to a foothold.
+// Vector from the base at the start of the interval to a foothold.
 fn arm_to(at: At, base_w: vec3<f32>, foothold: u32) -> vec3<f32> {
     let under = ix_x(at.slot, at.half) + footholds[at.slot * batch.footholds + foothold];
     return vec3<f32>(values[under], values[under + 1u], ground_height(at.slot, foothold)) - base_w;
@@ -275,7 +276,7 @@ fn impulses_until(at: At) -> Impulses {
     return sum;
 }
 
-// The linear motion that follows until a point. Returns the angular momentum gained.
+// Computes the linear motion from the start to this thread's point. Returns the angular momentum gained.
 fn follow(at: At, forces: Impulses, lane: u32) -> vec3<f32> {
     let mass = slots[at.slot].constants.mass;
     let t = slots[at.slot].points[at.q].time;
@@ -291,7 +292,7 @@ fn follow(at: At, forces: Impulses, lane: u32) -> vec3<f32> {
     return forces.moment + carried;
 }
 
-// Residuals of the linear rows, by the thread of the end.
+// Residuals of the linear rows. Called by the thread of the end.
 fn put_linear(at: At, forces: Impulses) {
     let constants = &slots[at.slot].constants;
     let mass = constants.mass;
@@ -306,8 +307,8 @@ fn put_linear(at: At, forces: Impulses) {
     put_three(to + 3u, moved_on * (2.0 * linear_scale / h));
 }
 
-// Rows by pose and velocity at the start and at the end. `one` holds the first integrals `J`, `other` `tau J - P`.
-// Velocity and position rows take a thread a block; angular rows, -[J]x and -[tau J - P]x at the start, one more each.
+// Derivatives by pose and velocity at the start and at the end. `one` holds the first integrals `J`, `other` holds `tau J - P`. One thread
+// per block writes the velocity and position rows; two more write the angular rows, -[J]x and -[tau J - P]x at the start.
 fn put_by_start(at: At) {
     let interval = &momentum_intervals[at.entry];
     let constants = &slots[at.slot].constants;
@@ -319,7 +320,7 @@ fn put_by_start(at: At) {
         let h = constants.interval;
         let linear_scale = constants.balance_scale / h;
         let rows = rows_at(at.slot, at.half, interval.linear);
-        // Pose moves the position, rates both; at the end, rates the velocity alone.
+        // The pose changes the position rows. The rates at the start change both kinds of rows, those at the end only the velocity rows.
         let by_velocity = select(0.0, select(mass, -mass, at.q == 1u), at.q % 2u == 1u);
         let by_position = select(select(select(0.0, mass, at.q == 2u), -mass * h, at.q == 1u), -mass, at.q == 0u);
         for (var d = 0u; d < 3u; d++) {
@@ -341,7 +342,8 @@ fn put_by_start(at: At) {
     put_cross(at.angular, 3u, interval.angular_column[block], -at.mean_scale * mean);
 }
 
-// Angular rows by the footholds: -d(arm x J)/d arm = [J]x; the height follows the slope. A thread a foothold, that of its first force node.
+// Derivatives of the angular rows by the footholds: -d(arm x J)/d arm = [J]x; the height of a foothold follows the slope. One thread per
+// foothold: that of its first force node.
 fn put_by_footholds(at: At) {
     let x = ix_x(at.slot, at.half);
     for (var impulse = at.impulses + at.q; impulse < at.impulses_end; impulse += LANES) {
@@ -358,7 +360,7 @@ fn put_by_footholds(at: At) {
             let slope = three(node + 3u);
             let w = &impulses[i].weights[END][0];
             first += w[0] * value + w[1] * slope;
-            // The mean of the weights instead of that of what they weigh: the same, rounded elsewhere.
+            // Mean of the weights instead of the mean of the weighted values: equal up to rounding.
             var mean_weights = vec2<f32>();
             for (var q = 0u; q < END; q++) {
                 let w = &impulses[i].weights[q][0];
@@ -379,8 +381,8 @@ fn put_by_foothold(rows: Rows, row: u32, column: u32, j: vec3<f32>, slope: vec2<
     put_column(rows, row, column + 1u, vec3<f32>(-j.z, 0.0, j.x) + slope.y * along_z);
 }
 
-// Rows by the forces, a thread the value or the slope of a force node. Angular: `-[a]x` with `a = w_1 (x_i - p_k - d) + w_2 v - w_3 g`, `w` the
-// integrals of the node's basis function.
+// Derivatives by the forces; one thread per value or slope of a force node. Angular rows: `-[a]x` with `a = w_1 (x_i - p_k - d) + w_2 v -
+// w_3 g`, where `w` are the integrals of the node's basis function.
 fn put_by_forces(at: At) {
     let constants = &slots[at.slot].constants;
     let linear_scale = constants.balance_scale / constants.interval;
@@ -407,7 +409,7 @@ fn put_by_forces(at: At) {
     }
 }
 
-// `a` at one point.
+// Vector `a` of `put_by_forces` at one point.
 fn lever(impulse: u32, q: u32, part: u32, arm: vec3<f32>, velocity: vec3<f32>) -> vec3<f32> {
     let w = &impulses[impulse].weights[q];
     var a = w[0][part] * arm + w[1][part] * velocity;
@@ -415,15 +417,16 @@ fn lever(impulse: u32, q: u32, part: u32, arm: vec3<f32>, velocity: vec3<f32>) -
     return a;
 }
 
-// Angular momentum that the planned motion does not have, or has too much.
+// Difference between the angular momentum that the forces give and that of the planned motion.
 struct Missing {
-    // What the forces give at a point beyond the planned one, less a quadratic that takes what is missing in the rows.
+    // Excess of the angular momentum from the forces over the planned one at a point, minus a quadratic that absorbs the residuals of the
+    // rows.
     beyond: vec3<f32>,
     // Residual of the mean, without its deviation and its scale.
     mean: vec3<f32>,
 }
 
-// Residuals of the angular rows at the end. `one` holds the angular momenta gained, `other` those planned.
+// Residuals of the angular rows at the end. `one` holds the angular momenta gained, `other` the planned ones.
 fn put_angular(at: At, value: vec3<f32>) -> Missing {
     let points = &slots[at.slot].points;
     var gained_mean = vec3<f32>();
@@ -448,16 +451,16 @@ fn put_angular(at: At, value: vec3<f32>) -> Missing {
     return Missing(start + one[at.first + min(at.q, END)] - value - quadratic, planned - start - gained_mean);
 }
 
-// How the motion inside an interval deviates from the cubic through its knots, and the residuals of the mean of the angular momentum.
+// Deviation of the motion inside an interval from the cubic through its knots, and the residuals of the mean angular momentum.
 //
-// In position by the difference to the cubic through the end that the forces lead to. In attitude by the rotation vector
-// `eps' = I_w^-1 (e - eps x L)`, where `e` is the angular momentum that the forces give beyond the planned one, less a quadratic
-// that takes what is missing in the rows, so that rows that do not hold yet bend nothing.
+// Position: the difference from the cubic through the end state that the forces lead to. Attitude: the rotation vector with `eps' = I_w^-1
+// (e - eps x L)`, where `e` is the excess of the angular momentum from the forces over the planned one, minus a quadratic that absorbs the
+// residuals of the rows. Thus rows that do not hold yet bend nothing.
 fn deviate(at: At, present: bool, lane: u32, angles: vec3<f32>, rot_wb: Mat3, momentum: vec3<f32>, missing: Missing) {
     let inner = present && at.q < END;
     let constants = &slots[at.slot].constants;
     let points = &slots[at.slot].points;
-    // Twice: the second time with the turning of what has been gained.
+    // Two passes: the second one includes the rotation found by the first.
     var turned = vec3<f32>();
     for (var turn = 0u; turn < 2u; turn++) {
         var rate = vec3<f32>();
@@ -479,7 +482,7 @@ fn deviate(at: At, present: bool, lane: u32, angles: vec3<f32>, rot_wb: Mat3, mo
     let cubic = w[1] * velocity_at_start(at) + w[2] * moved[at.first + END] + w[3] * velocity[at.first + END];
     let to = ix_deviation(at.slot, at.k, at.q);
     put_three(to, moved[lane] - cubic);
-    // From a rotation vector to Euler angles: the inverse of the axes, kept finite where the pitch is steep.
+    // Converts the rotation vector to Euler angles by the inverse of the axes, which is kept finite at steep pitch.
     let turns = sin_cos(angles);
     let sz = turns.sin.z;
     let cz = turns.cos.z;

@@ -4,7 +4,7 @@
 // Reach boxes: each foot stays within a box in the base frame. One thread per reach instant.
 //   in   values    x of the trial point, ground, deviations
 //   out  values    g at each foot's place: 3 upper sides, 3 lower sides; dimensionless, feasible when <= 0
-//   out  jacobian  3 rows at each foot's place: 6 columns by the base pose, which the base blocks share by their weights, then its own
+//   out  jacobian  3 rows at each foot's place: 6 columns by the base pose, which the base blocks share by weight, then the foot's own
 // Twin: src/rows/reach.rs          Source: [3]
 
 // Reach rows of all feet at one instant.

@@ -1,6 +1,6 @@
 // needs: shared/values shared/jacobian shared/entries
 // binds: jacobian footholds strides
-// Steps: how far a foot goes in one swing, which bounds its speed. One thread per step.
+// Step length limit: the distance that a foot covers in one swing, which bounds its speed. One thread per step.
 //   in   values    x of the trial point
 //   out  values    g at each step's place; dimensionless, feasible when <= 0
 //   out  jacobian  one row at each place

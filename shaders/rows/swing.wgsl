@@ -1,12 +1,12 @@
 // needs: shared/values shared/jacobian shared/terrain shared/entries
 // binds: jacobian footholds swing_nodes heights
-// Swinging feet: how high above the terrain, and above lift-off and landing. One thread per point of a swing.
+// Height of swinging feet above the terrain, and above lift-off and touchdown. One thread per point of a swing.
 //   in   values    x of the trial point, ground
-//   out  values    g at each row's place: low, then high where it is two-sided, or high alone; dimensionless, feasible when <= 0
+//   out  values    g at each row's place: low, then high if it is two-sided, or high alone; dimensionless, feasible when <= 0
 //   out  jacobian  one row at each place
 // Twin: src/rows/swing.rs
 
-// Offset of place `k` around a foot, to both sides along both axes, and the lift of the ball there, in radii.
+// Offset of place `k` around a foot, to both sides along both axes, and the height of the ball's lower side there; in radii.
 fn around(k: u32) -> vec3<f32> {
     let ring = select(vec2<f32>(0.96, 0.72), vec2<f32>(0.6, 0.2), k < 4u);
     let distance = select(-ring.x, ring.x, k / 2u % 2u == 0u);
@@ -28,7 +28,7 @@ fn entry(slot: u32, half: u32, k: u32) {
         height += swing.z_weights[i] * ground_height(slot, swing.foothold[i]);
     }
     let under = ground(slots[slot].shape, at.x, at.y);
-    // What the height is above, and how each foothold moves it.
+    // Reference height, and its derivative by each foothold.
     var above = under.height;
     var weights = swing.xy_weights;
     var slopes = array<vec2<f32>, 2>(under.slope, under.slope);
@@ -47,7 +47,7 @@ fn entry(slot: u32, half: u32, k: u32) {
         }
         values[place] = (height - above - swing.high + constants.length_margin) * unit;
     } else {
-        // The clearance is that above the ground under the foot; around it none is asked for.
+        // The clearance counts above the ground under the foot only; the ground around it must just not be penetrated.
         var least = above;
         if (constants.foot_radius > 0.0) {
             var bends: array<array<vec2<f32>, 2>, 2>;

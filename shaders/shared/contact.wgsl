@@ -1,14 +1,15 @@
 // needs: shared/jacobian
-// Forces on the ground under a foothold: its normal and tangents with their derivatives, and rows by the force of a node.
+// Contact forces under a foothold: normal and tangents of the ground with their derivatives, and the derivatives of a row by the force of a
+// node.
 // Twins: `basis` and `ForceNode` of src/rows/force.rs
 
-// Writes the derivatives of a row by the force of a node: by the node's value and by its weighted slope.
+// Writes the derivatives of a row by the force of a node: by its value and by its weighted slope.
 fn put_by_force(rows: Rows, row: u32, column: u32, slope_weight: f32, by_force: vec3<f32>) {
     put_row(rows, row, column, by_force);
     put_row(rows, row, column + 3u, slope_weight * by_force);
 }
 
-// A unit vector and its derivatives with respect to x and y.
+// Unit vector and its derivatives with respect to x and y.
 struct Direction {
     unit: vec3<f32>,
     by: array<vec3<f32>, 2>,
@@ -24,7 +25,7 @@ fn normalised(v: vec3<f32>, by_x: vec3<f32>, by_y: vec3<f32>) -> Direction {
     );
 }
 
-// Normal and tangents of the ground.
+// Normal and both tangents of the ground.
 fn basis(ground: Ground) -> array<Direction, 3> {
     let h = ground.slope;
     let hx = ground.curvature[0];

@@ -1,17 +1,17 @@
-// How the solve of a candidate goes on: barrier steps, closing steps, proximal weight, and when it ends.
+// Control of a candidate's solve: barrier steps, closing steps, the proximal weight and termination.
 // Twin: src/solver/control.rs
 
-// By its bits: comparisons may assume that there are none.
+// True if `v` is finite. Tests the bits, because a compiler may assume that comparisons never see a NaN or an infinity.
 fn is_finite(v: f32) -> bool {
     return (bitcast<u32>(v) & 0x7f800000u) != 0x7f800000u;
 }
 
-// Proximal weight in force.
+// Proximal weight of the current kind of step.
 fn proximal(progress: Progress) -> f32 {
     return select(progress.eps, progress.closing_eps, progress.state == CLOSE);
 }
 
-// Gives the proximal weight in force another value.
+// Sets the proximal weight of the current kind of step.
 fn with_proximal(before: Progress, eps: f32) -> Progress {
     var progress = before;
     if (progress.state == CLOSE) {
@@ -22,10 +22,10 @@ fn with_proximal(before: Progress, eps: f32) -> Progress {
     return progress;
 }
 
-// Decides what the round is for, or ends the solve.
+// Chooses the kind of step of this round, or ends the solve.
 //   f        infeasibility at the point
-//   earlier  that `stall_window` records ago; any value where there are not as many
-//   largest  multiplier of an inequality
+//   earlier  infeasibility `stall_window` records ago; any value if there are fewer records
+//   largest  largest multiplier of an inequality
 fn begin(slot: u32, before: Progress, f: f32, earlier: f32, largest: f32) -> Progress {
     var progress = before;
     progress.infeasibility = f;
@@ -33,7 +33,7 @@ fn begin(slot: u32, before: Progress, f: f32, earlier: f32, largest: f32) -> Pro
     if (!is_finite(f)) {
         progress.state = NON_FINITE;
     } else if (f < batch.closing && progress.edge_radius > 0.0) {
-        // Near enough: from here on the exact rows.
+        // Close to a solution: use the exact rows from now on.
         progress.edge_radius = 0.0;
         progress.recorded -= 1u;
         progress.stall_from = progress.recorded;
@@ -47,7 +47,7 @@ fn begin(slot: u32, before: Progress, f: f32, earlier: f32, largest: f32) -> Pro
     } else {
         var closing = progress.state == CLOSE;
         if (closing && f > CLOSING_RATE * progress.closing_from) {
-            // It closes on the wrong rows: back to the barrier until they are better known.
+            // The closing steps act on the wrong rows: return to the barrier until the violated rows are better known.
             closing = false;
             progress.closing_below = min(progress.closing_below, 0.1 * f);
         }
@@ -67,42 +67,42 @@ fn begin(slot: u32, before: Progress, f: f32, earlier: f32, largest: f32) -> Pro
     return progress;
 }
 
-// Whether it lacks more than it may after as many iterations.
+// True if the infeasibility exceeds the early termination limit of this iteration.
 fn is_hopeless(progress: Progress, f: f32, largest: f32) -> bool {
     return may_be_given_up(progress) && f * largest > progress.hopeless * progress.length;
 }
 
-// Whether what is lacking may end the solve now.
+// True if early termination may end the solve in this iteration.
 fn may_be_given_up(progress: Progress) -> bool {
     return progress.recorded > HOPELESS_FROM && progress.recorded <= HOPELESS_TO + 1u;
 }
 
-// The stall rule. Closing steps are never cut short.
+// True if the stall rule ends the solve. It never acts during closing steps.
 fn stalled(progress: Progress, f: f32, earlier: f32) -> bool {
     let done = progress.recorded - 1u;
     if (batch.stall_start == NONE || done < max(batch.stall_start, progress.stall_from + batch.stall_window)) {
         return false;
     }
-    // Logarithmic distance left against that covered in the window, in windows.
+    // Compares the logarithmic distance to the target with the distance covered in the window; both in windows.
     let window = f32(batch.stall_window);
     return f > STALL_ABOVE && log(f / STALL_TARGET) * window > batch.stall_budget * log(earlier / f);
 }
 
-// Whether a trial point is taken: the merit falls, or the residuals are close to their linear model.
-//   fall       of the merit
-//   predicted  fall of the merit by the linear model
-//   gap        squared distance of the residuals from that model
+// True if the trial point is accepted: the merit falls, or the residuals are close to their linear model.
+//   fall       decrease of the merit
+//   predicted  decrease of the merit by the linear model
+//   gap        squared distance of the residuals from the linear model
 fn acceptable(progress: Progress, fall: f32, predicted: f32, gap: f32) -> bool {
     let near_linear = gap < 0.3 * max(predicted, 0.05 * progress.infeasibility);
     return is_finite(fall) && is_finite(gap) && (fall > 0.0 || (progress.state != CLOSE && near_linear));
 }
 
-// The trial point becomes the point.
-//   ratio  fall of the merit by the predicted one
+// Accepts the trial point.
+//   ratio  actual decrease of the merit divided by the predicted one
 fn accept(before: Progress, ratio: f32) -> Progress {
     var progress = before;
     let eps = proximal(progress);
-    // A shorter step leaves the weight as it is: its direction was good.
+    // After a shortened step the weight stays: the direction was good.
     let whole = progress.state != SHORTER;
     if (whole && ratio > 0.7) {
         progress = with_proximal(progress, max(eps / 4.0, batch.proximal_floor));
@@ -113,7 +113,7 @@ fn accept(before: Progress, ratio: f32) -> Progress {
     return renew(progress);
 }
 
-// The trial point, which is the point with other rows, takes its place.
+// Makes the trial point the current point. The caller uses it also for the same point with other rows.
 fn renew(before: Progress) -> Progress {
     var progress = before;
     progress.attempts = 0u;
@@ -121,7 +121,7 @@ fn renew(before: Progress) -> Progress {
     return progress;
 }
 
-// The trial point is dropped: another one along its direction, nearer, is tried, or another direction.
+// Rejects the trial point: tries a shorter step along the same direction, or a new direction.
 fn refuse(before: Progress) -> Progress {
     if (before.state == CLOSE || before.attempts >= SHORTENINGS) {
         return damp(before);
@@ -134,11 +134,11 @@ fn refuse(before: Progress) -> Progress {
     return progress;
 }
 
-// The direction is dropped: another one is made with a larger proximal weight, or with the barrier, or the solve ends.
+// Rejects the direction: the next one has a larger proximal weight, or is a barrier step; after the last attempt the solve ends.
 fn damp(before: Progress) -> Progress {
     var progress = before;
     if (progress.state == CLOSE) {
-        // Back to the barrier until the violated rows are better known.
+        // Return to the barrier until the violated rows are better known.
         progress.state = STEP;
         progress.attempts = 0u;
         progress.closing_below = 0.1 * min(progress.closing_below, progress.infeasibility);

@@ -1,6 +1,6 @@
-// The walk over the table of a shader, whose entries are done by its `entry`. One thread per entry.
+// Entry point of a shader that has an `entry` function: one thread per entry of the shader's table.
 //
-// `entries` is written in front: how many a candidate has in the table that the shader walks.
+// The function `entries` is generated: it returns the number of entries that a candidate has in that table.
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {

@@ -1,4 +1,4 @@
-// The front in storage, where it is too large for workgroup memory.
+// Front in storage, for fronts that are too large for workgroup memory.
 
 fn front_at(slot: u32, i: u32) -> f32 {
     return values[slot * batch.values + batch.front + i];

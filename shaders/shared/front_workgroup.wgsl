@@ -1,4 +1,4 @@
-// The front in workgroup memory, where it fits.
+// Front in workgroup memory.
 
 var<workgroup> front: array<f32, FRONT>;
 

@@ -1,7 +1,8 @@
-// Sums over the rows that touch a variable, in their order. The shader says what they add: `of_foot` of the reach rows of a foot at an instant,
-// `of_element` of the rows of an element, both in one column, and `of_weight`, by what rows count that touch the base through its pose.
+// Sums over the rows that touch a variable, in row order. The including shader defines the summands: `of_foot` for the reach rows of a foot
+// at an instant and `of_element` for the rows of an element, both in one column, and `of_weight`, the factor of the rows that touch the
+// base through its pose.
 
-// What reach rows at consecutive instants add.
+// Sum over the reach rows at consecutive instants.
 fn of_reach(slot: u32, half: u32, touch: ReachTouch, column: u32) -> f32 {
     var sum = 0.0;
     for (var instant = touch.instants.start; instant < touch.instants.end; instant++) {
@@ -20,7 +21,7 @@ fn of_reach(slot: u32, half: u32, touch: ReachTouch, column: u32) -> f32 {
     return sum;
 }
 
-// What all rows add that touch variable `i`.
+// Sum over all rows that touch variable `i`.
 fn gathered(slot: u32, half: u32, i: u32) -> f32 {
     let gather = gathers_at(slot, gather_of_at(slot, i));
     let offset = i - gather.variable;

@@ -1,8 +1,9 @@
-// What both substitutions keep of the front of one step: what is left of the right-hand side, and for variables that are known their values.
+// State that both substitutions keep for the front of one step: the remaining right-hand side, and the values of the variables that are
+// already known.
 
 var<workgroup> local: array<f32, SIDE>;
 
-// What is left for pivot `i`, 0 beyond the last.
+// Remaining right-hand side of pivot `i`; 0 beyond the last pivot.
 fn left(at: FrontStep, i: u32) -> f32 {
     if (i >= at.pivots) {
         return 0.0;

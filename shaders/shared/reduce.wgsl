@@ -1,8 +1,8 @@
-// Reductions over a workgroup, in a fixed order. Every invocation of the workgroup must come here, and all get the result.
+// Reductions over a workgroup, in a fixed order. Every invocation of the workgroup must call them, and every invocation gets the result.
 
 var<workgroup> partial: array<f32, WORKGROUP>;
 
-// Sum of what the invocations bring.
+// Sum of `v` over the workgroup.
 fn sum_over(lane: u32, v: f32) -> f32 {
     partial[lane] = v;
     for (var width = WORKGROUP / 2u; width > 0u; width /= 2u) {
@@ -17,7 +17,7 @@ fn sum_over(lane: u32, v: f32) -> f32 {
     return sum;
 }
 
-// The largest of what they bring.
+// Maximum of `v` over the workgroup.
 fn max_over(lane: u32, v: f32) -> f32 {
     partial[lane] = v;
     for (var width = WORKGROUP / 2u; width > 0u; width /= 2u) {

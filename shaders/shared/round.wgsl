@@ -1,8 +1,8 @@
-// The progress of a candidate as all invocations of its workgroup see it, whichever of them writes it later.
+// Snapshot of a candidate's progress that is the same for all invocations of its workgroup, even if one of them writes it later.
 
 var<workgroup> at_start: Progress;
 
-// The progress before anything of this shader is done. Every invocation of the workgroup must come here.
+// Progress before this shader changes it. Every invocation of the workgroup must call this function.
 fn progress_at_start(slot: u32, lane: u32) -> Progress {
     if (lane == 0u) {
         at_start = progress[slot];

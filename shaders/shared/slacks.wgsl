@@ -1,23 +1,23 @@
 // needs: shared/reduce shared/kind
-// Slacks and multipliers of the inequalities: their steps, and where a barrier step aims.
+// Slacks and multipliers of the inequalities: their steps, and the target of a barrier step.
 // Twin: src/solver/slacks.rs
 
-// Where a barrier step aims: at products `s z = mu - correction ds dz`, with the steps of the predictor.
+// Target of a barrier step: products `s z = mu - correction ds dz`, with `ds` and `dz` of the predictor.
 struct Aim {
     mu: f32,
     correction: f32,
 }
 
-// Steps of slack and multiplier of inequality `i`, into their place.
+// Computes and stores the steps of slack and multiplier of inequality `i`.
 //   g, g_change   residual, and its change along the direction
-// Returns the reciprocals of the steps at which slack and multiplier reach zero.
+// Returns the reciprocals of the step lengths at which slack and multiplier reach zero.
 fn slack_step(base: u32, i: u32, g: f32, g_change: f32, aim: Aim) -> vec2<f32> {
     let s = values[base + batch.slack + i];
     let z = values[base + batch.multiplier + i];
     let ds_at = base + batch.slack_step + i;
     let dz_at = base + batch.multiplier_step + i;
     let ratio = s / z;
-    // Without a correction the old steps are not looked at: they may be anything.
+    // Without a correction the old steps must not be read: they may hold any value.
     var second = 0.0;
     if (aim.correction != 0.0) {
         second = aim.correction * values[ds_at] * values[dz_at];
@@ -31,14 +31,15 @@ fn slack_step(base: u32, i: u32, g: f32, g_change: f32, aim: Aim) -> vec2<f32> {
     return vec2<f32>(-ds / s, -dz / z);
 }
 
-// The longest step in (0, 1], by the reciprocal of that at which the first slack or multiplier reaches zero.
+// Fraction-to-boundary rule: longest step in (0, 1]. `steepest` is the reciprocal of the step length at which the first slack or multiplier
+// reaches zero.
 fn up_to_the_boundary(steepest: f32) -> f32 {
     return select(1.0, TO_THE_BOUNDARY / steepest, steepest > TO_THE_BOUNDARY);
 }
 
-// Steps of all slacks and multipliers, each invocation for its share. Every invocation of the workgroup must come here.
-//   half  of the point
-// Returns how far slacks and multipliers may go.
+// Steps of all slacks and multipliers; each invocation handles its share. Every invocation of the workgroup must call this function.
+//   half  half of the buffers that holds the point
+// Returns the longest steps of the slacks and of the multipliers.
 fn slack_steps(slot: u32, half: u32, lane: u32, aim: Aim) -> vec2<f32> {
     let base = slot * batch.values;
     let g = base + batch.g + half * batch.g_half;
@@ -50,14 +51,14 @@ fn slack_steps(slot: u32, half: u32, lane: u32, aim: Aim) -> vec2<f32> {
     return vec2<f32>(primal, up_to_the_boundary(max_over(lane, steepest.y)));
 }
 
-// Product of slack and multiplier `i`, `lengths` along their steps.
+// Product of slack and multiplier `i` after a step of `lengths`.
 fn product_after(base: u32, i: u32, lengths: vec2<f32>) -> f32 {
     let s = values[base + batch.slack + i] + lengths.x * values[base + batch.slack_step + i];
     let z = values[base + batch.multiplier + i] + lengths.y * values[base + batch.multiplier_step + i];
     return s * z;
 }
 
-// Barrier parameter to aim for, Mehrotra's way, from the mean product before and after the predictor.
+// Target of the barrier parameter by Mehrotra's rule, from the mean product before and after the predictor.
 fn target_barrier(before: f32, after: f32) -> f32 {
     let share = clamp(after / before, 0.0, 1.0);
     return max(before * share * share, BARRIER_FLOOR);
@@ -75,7 +76,7 @@ fn barrier_row(base: u32, i: u32, g: f32, aim: Aim) -> vec2<f32> {
     return vec2<f32>(w, z + w * (g - z + (aim.mu - second) / z));
 }
 
-// Weights and values of the rows of one element in a barrier step; those of equalities are 1 and the residual.
+// Weights and values of the rows of one element in a barrier step. An equality has weight 1, and its value is its residual.
 fn barrier_rows(slot: u32, half: u32, element: Element, aim: Aim) {
     let base = slot * batch.values;
     let g = base + batch.g + half * batch.g_half;

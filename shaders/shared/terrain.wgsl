@@ -8,12 +8,12 @@ struct Ground {
     curvature: array<vec2<f32>, 2>,
 }
 
-// Level ground at a height.
+// Level ground at `height`, m.
 fn level(height: f32) -> Ground {
     return Ground(height, vec2<f32>(), array<vec2<f32>, 2>());
 }
 
-// Height, slope and curvature at (x, y), m. Beyond the edge of a grid its edge goes on.
+// Height, slope and curvature at (x, y), m. Outside a grid the height of its edge continues.
 fn ground(shape: Shape, x: f32, y: f32) -> Ground {
     if (shape.kind == FLAT) {
         return level(0.0);
@@ -24,12 +24,12 @@ fn ground(shape: Shape, x: f32, y: f32) -> Ground {
     return profile_ground(shape.kind, x, y);
 }
 
-// The ground at (x, y) with the direction of its surface averaged over `radius` to either side along each axis, m.
+// Ground at (x, y), m, whose slope is averaged over `radius` to both sides along each axis, m.
 //
-// Height stays exact. Radius 0 is `ground`.
+// The height stays exact. With radius 0 it equals `ground`.
 fn rounded_ground(shape: Shape, x: f32, y: f32, radius: f32) -> Ground {
     let exact = ground(shape, x, y);
-    // Stairs are level where they are not vertical: nothing to average.
+    // The treads of stairs are level and the risers vertical: there is no slope to average.
     if (radius == 0.0 || shape.kind == FLAT || shape.kind == STAIRS) {
         return exact;
     }
@@ -49,7 +49,7 @@ fn within(x: f32, low: f32, high: f32) -> bool {
     return x >= low && x <= high;
 }
 
-// Height, slope and curvature of an analytic profile. Its constants are worked out in f64 and rounded once, as in the twin.
+// Height, slope and curvature of an analytic profile. As in the twin, its constants are computed in f64 and rounded once.
 fn profile_ground(kind: u32, x: f32, y: f32) -> Ground {
     var ground = level(0.0);
     switch (kind) {
@@ -105,7 +105,7 @@ fn profile_ground(kind: u32, x: f32, y: f32) -> Ground {
             }
         }
         case CHIMNEY_LR: {
-            // At the common edge the second wall wins.
+            // On the common edge of both walls the second one counts.
             if (within(x, 1.5, 2.5)) {
                 ground.height = -2.0 * (y + 0.5);
                 ground.slope.y = -2.0;
@@ -119,7 +119,7 @@ fn profile_ground(kind: u32, x: f32, y: f32) -> Ground {
     return ground;
 }
 
-// Cell, fraction in it, samples per metre (0 where clamped).
+// Cell, fraction within the cell, and samples per metre (0 where `v` is clamped).
 struct Located {
     cell: u32,
     fraction: f32,
@@ -130,13 +130,13 @@ fn locate(v: f32, low: f32, per_metre: f32, samples: u32) -> Located {
     let u = (v - low) * per_metre;
     let last = f32(samples - 1u);
     let inside = u >= 0.0 && u <= last;
-    // 0 where u is not a number, too.
+    // Also 0 if u is NaN.
     let clamped = select(0.0, min(u, last), u >= 0.0);
     let cell = min(u32(floor(clamped)), samples - 2u);
     return Located(cell, clamped - f32(cell), select(0.0, per_metre, inside));
 }
 
-// Height, slope and curvature of a grid; beyond the last sample the edge height goes on.
+// Height, slope and curvature of a grid. Beyond the last sample the height of the edge continues.
 fn grid_ground(shape: Shape, x: f32, y: f32) -> Ground {
     let i = locate(x, shape.low[0], shape.per_metre[0], shape.rows);
     let j = locate(y, shape.low[1], shape.per_metre[1], shape.columns);

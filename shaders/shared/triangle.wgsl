@@ -1,18 +1,18 @@
 // Packed upper triangles.
 
-// Values of a front of `size` variables and its right-hand side, row by row from the diagonal on.
+// Index of (i, j) in a packed front of `size` variables with its right-hand side: row by row, each from its diagonal.
 fn ix_front(size: u32, i: u32, j: u32) -> u32 {
     return i * (size + 1u) - (i * (i + 1u)) / 2u + j;
 }
 
-// Number of cells to walk for the upper triangle of `count` columns, see `cell`.
+// Number of cells to visit for the upper triangle of `count` columns, see `cell`.
 fn cells(count: u32) -> u32 {
     let even = count + (count & 1u);
     return (even / 2u) * (even + 1u);
 }
 
-// Row and column of a cell: the triangle folded into a rectangle, whose row `r` holds rows `r` and `even - 1 - r` of the triangle. Where the
-// count is odd the last column is too large, which the caller leaves out.
+// Row and column of cell `e`. The triangle is folded into a rectangle whose row `r` holds rows `r` and `even - 1 - r` of the triangle. If
+// `count` is odd, some cells have a column of `count`; the caller must skip them.
 fn cell(count: u32, e: u32) -> vec2<u32> {
     let even = count + (count & 1u);
     let r = e / (even + 1u);

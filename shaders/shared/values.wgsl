@@ -1,38 +1,38 @@
-// Where things stand in `values`, one function an array, and how to read them. Innermost indices are contiguous.
+// Index functions of the arrays in `values`, one per array, and functions that read and write them. Innermost indices are contiguous.
 //
-// `half` is that of the trial point.
+// `half` is the half that holds the trial point.
 
-// First value of x.
+// Index of the first value of x.
 fn ix_x(slot: u32, half: u32) -> u32 {
     return slot * batch.values + batch.x + half * batch.x_half;
 }
 
-// Residual of an equality.
+// Index of the residual of an equality.
 fn ix_equality(slot: u32, half: u32, equality: u32) -> u32 {
     return slot * batch.values + batch.c + half * batch.c_half + equality;
 }
 
-// Residual of an inequality.
+// Index of the residual of an inequality.
 fn ix_inequality(slot: u32, half: u32, inequality: u32) -> u32 {
     return slot * batch.values + batch.g + half * batch.g_half + inequality;
 }
 
-// Height under a foothold, before the two slopes.
+// Index of the height under a foothold; the two slopes follow it.
 fn ix_ground(slot: u32, foothold: u32) -> u32 {
     return slot * batch.values + batch.ground + 3u * foothold;
 }
 
-// Deviation of the pose at an inner point of an interval.
+// Index of the deviation of the pose at an inner point of an interval.
 fn ix_deviation(slot: u32, interval: u32, q: u32) -> u32 {
     return slot * batch.values + batch.deviations + 6u * (INNER_POINTS * interval + q);
 }
 
-// Three values from an index on.
+// Three consecutive values, starting at an index.
 fn three(at: u32) -> vec3<f32> {
     return vec3<f32>(values[at], values[at + 1u], values[at + 2u]);
 }
 
-// Writes three values from an index on.
+// Writes three consecutive values, starting at an index.
 fn put_three(at: u32, v: vec3<f32>) {
     values[at] = v.x;
     values[at + 1u] = v.y;
@@ -50,18 +50,18 @@ fn ground_slope(slot: u32, foothold: u32) -> vec2<f32> {
     return vec2<f32>(values[at + 1u], values[at + 2u]);
 }
 
-// A pose, its rate or its acceleration.
+// Pose, its rate, or its acceleration.
 struct Motion {
     linear: vec3<f32>,
     angular: vec3<f32>,
 }
 
-// From a table.
+// Motion from its table entry.
 fn motion(v: array<f32, 6>) -> Motion {
     return Motion(vec3<f32>(v[0], v[1], v[2]), vec3<f32>(v[3], v[4], v[5]));
 }
 
-// `a + w b`, where `b` stands in the six values from an index on.
+// `a + w b`, where `b` is the motion in the six values that start at `at`.
 fn add_weighted(a: Motion, w: f32, at: u32) -> Motion {
     return Motion(a.linear + w * three(at), a.angular + w * three(at + 3u));
 }

@@ -1,7 +1,7 @@
 // needs: shared/slacks shared/round
-// The length of the step, and the trial point. One workgroup a candidate.
+// Step length and trial point. One workgroup per candidate.
 //   in      values    x, c and g at the point, direction, c_change, g_change, slacks and multipliers
-//   in      progress  mu, in shorter steps length and dual_length
+//   in      progress  mu; length and dual_length of a shortened step
 //   out     progress  length, dual_length
 //   out     values    x of the trial point; slack_step, multiplier_step of a barrier step
 // Twins: src/solver/advance.rs, src/solver/slacks.rs

@@ -1,6 +1,7 @@
 // needs: shared/reduce shared/slacks shared/round shared/reach
 // binds: elements
-// How far the predictor could go, the barrier parameter to aim for, and the values of the rows for the corrector. One workgroup a candidate.
+// Mehrotra's corrector: longest step of the predictor, target of the barrier parameter, and values of the rows. One workgroup per
+// candidate.
 //   in      values    g at the point, g_change, slacks and multipliers
 //   in out  progress  mu
 //   out     values    slack_step, multiplier_step [inequalities]; weight, value [rows]
@@ -11,7 +12,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let slot = running[group.x];
     let base = slot * batch.values;
     let now = progress_at_start(slot, lane);
-    // After a factorisation that failed there is nothing to correct, and the barrier parameter must stay.
+    // If the factorisation failed there is nothing to correct, and the barrier parameter must stay.
     if (now.state != STEP || values[base + batch.flags] != 0.0) {
         return;
     }
@@ -26,7 +27,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     before = sum_over(lane, before) / f32(max(count, 1u));
     after = sum_over(lane, after) / f32(max(count, 1u));
     let aim = Aim(target_barrier(before, after), 1.0);
-    // What other invocations wrote of the steps is read now.
+    // The steps that other invocations wrote are read below.
     storageBarrier();
     for (var i = lane; i < slots[slot].elements; i += WORKGROUP) {
         barrier_rows(slot, now.current, elements[slot * batch.elements + i], aim);

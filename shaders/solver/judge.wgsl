@@ -1,37 +1,37 @@
 // needs: shared/reduce shared/control shared/round
-// The verdict on the trial point, and the update of slacks and multipliers where it is taken. One workgroup a candidate.
-//   in      values    x, c and g at both points, c_change, g_change, steps of slacks and multipliers, whether the factorisation failed
+// Acceptance test of the trial point, and the update of slacks and multipliers if it is accepted. One workgroup per candidate.
+//   in      values    x, c and g at both points, c_change, g_change, steps of slacks and multipliers, flag of a failed factorisation
 //   in out  progress
 //   in out  values    slack, multiplier
 // Twins: src/solver/judge.rs, src/solver/control.rs
 
-// What is violated, `max(g, 0)`, but no number stays none.
+// Violation `max(g, 0)`. A NaN stays NaN.
 fn over(g: f32) -> f32 {
     return select(g, 0.0, g <= 0.0);
 }
 
-// Smoothed `max(g, 0)` and the slack that goes with it: `(q + g) / 2` and `(q - g) / 2`, `q = sqrt(g^2 + 4 mu)`.
+// Smoothed `max(g, 0)` and the corresponding slack: `(q + g) / 2` and `(q - g) / 2` with `q = sqrt(g^2 + 4 mu)`.
 fn smoothed(g: f32, mu: f32) -> vec2<f32> {
     let q = sqrt(g * g + 4.0 * mu);
-    // The smaller of the two is mu / larger: no cancellation.
+    // The smaller of the two is mu / larger, which avoids cancellation.
     let larger = 0.5 * (q + abs(g));
     let smaller = mu / larger;
     return select(vec2<f32>(smaller, larger), vec2<f32>(larger, smaller), g > 0.0);
 }
 
-// Fall of the infeasibility of an inequality from `a` to `b`, twice.
+// Twice the decrease of the infeasibility of an inequality from `a` to `b`.
 fn infeasibility_fall(a: f32, b: f32) -> f32 {
     return (over(a) - over(b)) * (over(a) + over(b));
 }
 
-// Fall of the smoothed merit of an inequality from `a` to `b`, twice.
+// Twice the decrease of the smoothed merit of an inequality from `a` to `b`.
 fn merit_fall(a: f32, b: f32, mu: f32) -> f32 {
     let here = smoothed(a, mu);
     let there = smoothed(b, mu);
     return (here.x - there.x) * (here.x + there.x) + 2.0 * mu * log(there.y / here.y);
 }
 
-// Fall of the cost of being away from the initial values, twice.
+// Twice the decrease of the cost of the distance from the initial values.
 fn smoothing_fall(smoothing: f32, away: f32, away_to: f32) -> f32 {
     return smoothing * (away - away_to) * (away + away_to);
 }
@@ -56,7 +56,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         return;
     }
     let trial = 1u - now.current;
-    // Read once: what two loops read, SwiftShader reads in the first alone, and who leaves that before others then has 0.
+    // Read once: SwiftShader reads a value that two loops use only in the first loop, and an invocation that leaves that loop before others
+    // then has 0.
     let inequalities = slots[slot].inequalities;
     var fall = 0.0;
     var predicted = 0.0;
@@ -103,7 +104,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         }
     }
     if (lane == 0u) {
-        // Read once more: what is kept all the way costs registers.
+        // Read again: keeping the progress in registers for the whole shader is costly.
         if (taken) {
             progress[slot] = accept(progress[slot], select(0.0, fall / predicted, predicted > 0.0));
         } else {

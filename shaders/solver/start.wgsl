@@ -1,14 +1,14 @@
 // needs: shared/kind shared/reach shared/gather
 // binds: jacobian tables
 // reads: elements reach_instants reach_feet gather_of gathers touches reach_touches
-// The start of a solve, after the rows have been evaluated at the initial point: column scaling, first slacks and multipliers. One workgroup
-// a candidate.
+// Start of a solve, after the rows have been evaluated at the initial point: column scaling, first slacks and multipliers. One workgroup
+// per candidate.
 //   in      jacobian  at the initial point
 //   in out  values    x, whose half of the trial point is filled; scaling [variables]; slack, multiplier [inequalities]
 //   in out  progress
 // Twin: src/solver/start.rs
 
-// Squares in one column of the reach rows of a foot at an instant. They are two-sided: each counts twice.
+// Sum of squares in one column of the reach rows of a foot at an instant. These rows are two-sided: each counts twice, at half weight.
 fn of_foot(slot: u32, half: u32, number: u32, column: u32) -> f32 {
     let foot = reach_feet_at(slot, number);
     let place = reach_place(slot, number, foot.jacobian, foot.stride);
@@ -17,7 +17,7 @@ fn of_foot(slot: u32, half: u32, number: u32, column: u32) -> f32 {
     return dot(v, v);
 }
 
-// The same of the rows of an element; those that are two-sided, or equalities, count twice.
+// Weighted sum of squares in one column of the rows of an element: weight 1 for equalities and two-sided rows, 1/2 for one-sided rows.
 fn of_element(slot: u32, half: u32, element: Element, column: u32) -> f32 {
     let first = (2u * slot + half) * batch.jacobian + element.place.jacobian + column;
     let twice = select(element.pairs, element.rows, row_kind(slots[slot].rows, element.place.row) == EQUALITY);
@@ -29,17 +29,17 @@ fn of_element(slot: u32, half: u32, element: Element, column: u32) -> f32 {
     return sum;
 }
 
-// Its square.
+// Factor of rows that touch the base through its pose: the square of the weight.
 fn of_weight(weight: f32) -> f32 {
     return weight * weight;
 }
 
-// Scaling of a column, `D_j = sum_eq J_ij^2 + 1/2 sum_ineq J_ij^2`, at least 1e-2.
+// Scaling of a column: `D_j = sum_eq J_ij^2 + 1/2 sum_ineq J_ij^2`, at least 1e-2.
 fn column_scaling(slot: u32, half: u32, i: u32) -> f32 {
     return max(gathered(slot, half, i), 1e-2);
 }
 
-// First slack of an inequality, `max(|g|, sqrt(mu))`, and the multiplier that goes with the barrier parameter.
+// Sets the first slack of an inequality, `max(|g|, sqrt(mu))`, and its multiplier `mu / s`.
 fn start_slacks(base: u32, i: u32, g: f32, mu: f32) {
     let s = max(abs(g), sqrt(mu));
     values[base + batch.slack + i] = s;

@@ -1,13 +1,13 @@
 // needs: shared/reduce shared/slacks shared/control shared/round shared/reach
 // binds: elements
-// The start of a round: what it is for, then weights and values of the rows in the normal equations, and what falls on single variables.
-// One workgroup a candidate.
+// Start of a round: kind of step or termination, then weights and values of the rows in the normal equations, and the terms in single
+// variables. One workgroup per candidate.
 //   in      values    x, c and g at the point, slacks and multipliers
 //   in out  progress
 //   out     values    history; weight, value [rows]; diagonal, gradient [variables]; x of the trial point when the rows become exact
 // Twins: src/solver/weights.rs, `begin` in src/solver/control.rs, `infeasibility` in src/solver/judge.rs, `largest` in src/solver/slacks.rs
 
-// Part of the infeasibility `F = (|c|^2 + |max(g, 0)|^2) / 2` that one invocation sums.
+// One invocation's share of the infeasibility `F = (|c|^2 + |max(g, 0)|^2) / 2`.
 fn infeasibility(slot: u32, half: u32, lane: u32) -> f32 {
     let c = slot * batch.values + batch.c + half * batch.c_half;
     let g = slot * batch.values + batch.g + half * batch.g_half;
@@ -16,14 +16,14 @@ fn infeasibility(slot: u32, half: u32, lane: u32) -> f32 {
         sum += values[c + i] * values[c + i];
     }
     for (var i = lane; i < slots[slot].inequalities; i += WORKGROUP) {
-        // Not `max`, which would drop what is no number.
+        // `max` would drop a NaN.
         let over = select(values[g + i], 0.0, values[g + i] <= 0.0);
         sum += over * over;
     }
     return 0.5 * sum;
 }
 
-// The largest multiplier of those that one invocation looks at.
+// Largest multiplier in one invocation's share.
 fn largest_multiplier(slot: u32, lane: u32) -> f32 {
     let z = slot * batch.values + batch.multiplier;
     var largest = 0.0;
@@ -33,7 +33,7 @@ fn largest_multiplier(slot: u32, lane: u32) -> f32 {
     return largest;
 }
 
-// Row weights of a closing step: the equalities and the violated inequalities.
+// Weights and values of the rows of one element in a closing step: the equalities and the violated inequalities.
 fn closing_rows(slot: u32, half: u32, element: Element) {
     let base = slot * batch.values;
     let g = base + batch.g + half * batch.g_half;
@@ -53,7 +53,7 @@ fn closing_rows(slot: u32, half: u32, element: Element) {
     }
 }
 
-// Row weights of the step that the round is for.
+// Weights and values of the rows of one element in the current kind of step.
 fn row_weights(slot: u32, now: Progress, element: Element) {
     if (now.state == CLOSE) {
         closing_rows(slot, now.current, element);
@@ -62,7 +62,7 @@ fn row_weights(slot: u32, now: Progress, element: Element) {
     }
 }
 
-// What falls on a variable: `eps D + weight smoothing` and `weight smoothing (x - initial)`.
+// Terms in a single variable: `eps D + weight smoothing` on the diagonal, `weight smoothing (x - initial)` in the gradient.
 fn variable_terms(base: u32, half: u32, i: u32, eps: f32, weight: f32) {
     let smoothing = weight * values[base + batch.smoothing + i];
     values[base + batch.diagonal + i] = eps * values[base + batch.scaling + i] + smoothing;
@@ -80,7 +80,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     if (now.attempts == 0u) {
         let f = sum_over(lane, infeasibility(slot, now.current, lane));
         let largest = max_over(lane, largest_multiplier(slot, lane));
-        // The window is a ring: what is in the place of this record is as old as the rule wants.
+        // The history is a ring buffer: this record replaces the one from `stall_window` records ago.
         let record = base + batch.history + now.recorded % batch.stall_window;
         now = begin(slot, now, f, values[record], largest);
         workgroupBarrier();

@@ -1,4 +1,4 @@
-//! The CPU backend: candidates in order of their index, one a thread.
+//! CPU backend: solves candidates in index order, one per thread.
 
 use super::{Backend, Job, Precision, Solution};
 use crate::error::{Error, Result};
@@ -7,24 +7,24 @@ use crate::real::Real;
 use crate::solver::{Finish, Solver, Status};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Threads of this machine.
+/// CPU of this machine with a pool of threads.
 #[derive(Debug)]
 pub struct Cpu {
     pool: rayon::ThreadPool,
 }
 
 impl Cpu {
-    /// A pool of `threads` threads, or one a processor when that is 0.
+    /// Starts a pool of `threads` threads; 0 means one per processor.
     ///
     /// # Errors
-    /// [`Error::Invalid`] when the system does not start the threads.
+    /// [`Error::Invalid`] if the system does not start the threads.
     pub fn new(threads: usize) -> Result<Cpu> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         pool.map(|pool| Cpu { pool })
             .map_err(|e| Error::invalid("threads", format!("{threads}: {e}"), "a number of threads that the system starts"))
     }
 
-    /// Takes candidates in order: with an early exit the first ones matter most.
+    /// Takes candidates in index order: with an early exit the first ones matter most.
     fn work<T: Real>(
         &self,
         job: &Job,

@@ -1,4 +1,4 @@
-//! Where a population is solved.
+//! Backends that solve a population: CPU and GPU.
 
 mod cpu;
 #[cfg(feature = "gpu")]
@@ -15,7 +15,7 @@ use crate::solver::Outcome;
 use crate::task::Task;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// One candidate.
+/// One candidate: a task and a contact schedule.
 #[derive(Debug, Clone)]
 pub struct Problem<'a> {
     /// The task.
@@ -24,33 +24,34 @@ pub struct Problem<'a> {
     pub schedule: AlignedSchedule,
 }
 
-/// What a backend is to do.
+/// Work for a backend.
 #[derive(Debug, Clone, Copy)]
 pub struct Job<'a> {
     /// Candidates.
     pub problems: &'a [Problem<'a>],
-    /// Variables and rows.
+    /// Settings of the variables and rows.
     pub transcription: &'a TranscriptionSettings,
-    /// Iterations.
+    /// Settings of the iteration.
     pub settings: &'a SolverSettings,
-    /// Scalar.
+    /// Scalar of the main solve.
     pub precision: Precision,
-    /// Whether each candidate is certified: what f32 leaves near a solution then goes on in f64, and a backend may do that where it has the time.
+    /// True if each candidate will be certified. What f32 leaves near a solution then continues in f64, and a backend may do that on idle
+    /// threads.
     pub certified: bool,
 }
 
-/// What a backend returns for a candidate.
+/// Solution of one candidate.
 #[derive(Debug, Clone)]
 pub struct Solution {
-    /// How the solve ended.
+    /// Outcome of the solve.
     pub outcome: Outcome,
     /// Values of the variables, as in [`crate::nlp::Layout::initial`].
     pub x: Vec<f64>,
     /// Number of variables; fixed values follow them in `x`.
     pub variables: usize,
-    /// What makes a motion of `x`.
+    /// Curves that turn `x` into a motion.
     pub curves: Curves,
-    /// Whether [`close`](crate::solver::close) was tried on it where it was solved; else whoever certifies it does.
+    /// True if the backend already tried [`close`](crate::solver::close) on it. Otherwise the caller that certifies it must do so.
     pub closed: bool,
 }
 
@@ -60,24 +61,24 @@ pub struct Solution {
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Precision {
-    /// f32, closed in f64.
+    /// f32, then closing steps in f64.
     F32,
     /// f64 throughout.
     F64,
 }
 
-/// Candidates that a device left to the CPU.
+/// Candidates that a device left to the CPU, with the reason.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Fallback {
-    /// How many.
+    /// Number of candidates.
     pub candidates: usize,
-    /// Why, the last time.
+    /// Most recent reason.
     pub reason: String,
 }
 
 impl Fallback {
-    /// Adds candidates to those that were left before.
+    /// Adds candidates to those recorded before.
     pub fn add(to: &Mutex<Option<Fallback>>, candidates: usize, reason: String) {
         let mut known = locked(to);
         let before = known.as_ref().map_or(0, |f| f.candidates);
@@ -87,40 +88,41 @@ impl Fallback {
 
 impl std::fmt::Display for Fallback {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{} candidates on the cpu, for {}", self.candidates, self.reason)
+        write!(f, "{} candidates solved on the CPU: {}", self.candidates, self.reason)
     }
 }
 
-/// Solves batches of candidates.
+/// Solver of batches of candidates.
 pub trait Backend: Send + Sync {
     /// Name of the device, for results.
     fn device(&self) -> String;
 
-    /// What it could not do itself so far.
+    /// Candidates that the CPU had to solve instead of the device so far, or `None`.
     fn fallback(&self) -> Option<Fallback> {
         None
     }
 
-    /// Threads of the CPU that it uses, for what is done on the CPU before and after its solves, too.
+    /// CPU threads of this backend. The work before and after its solves uses them as well.
     fn pool(&self) -> &rayon::ThreadPool;
 
-    /// How many those are.
+    /// Number of CPU threads.
     fn threads(&self) -> usize {
         self.pool().current_num_threads()
     }
 
-    /// Problems that are worth handing over at once: with more nothing is faster.
+    /// Largest useful batch: more problems per call are not faster.
     fn batch(&self) -> usize {
         8192
     }
 
-    /// Solves every problem and hands each solution to `finish`, in any order and from any thread.
+    /// Solves every problem and passes each solution to `finish`, in any order and from any thread.
     ///
-    /// `skip(index)` is asked before and during each solve; when it says so, that candidate is dropped (`finish` is not called).
+    /// The backend calls `skip(index)` before and during each solve. If it returns true, the backend drops that candidate and does not call
+    /// `finish`.
     fn solve(&self, job: &Job, skip: &(dyn Fn(usize) -> bool + Sync), finish: &(dyn Fn(usize, Solution) + Sync));
 }
 
-/// What a mutex holds, whatever became of the thread that held it before.
+/// Locks a mutex, even if a thread panicked while it held it.
 pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

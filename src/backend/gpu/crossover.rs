@@ -1,5 +1,4 @@
-//! From how many candidates at once on a GPU is done sooner than the CPU: measured once for an adapter with its driver, this program and a number
-//! of threads, and kept.
+//! Batch size above which a GPU is faster than the CPU. Measured once per adapter, driver, program version and thread count, then cached.
 
 use super::kept::Folder;
 use super::{AdapterReport, Device, Found, Gpu};
@@ -13,48 +12,49 @@ use serde::{Deserialize, Serialize};
 use std::time::Instant;
 use tracing::{debug, info};
 
-/// The file that holds all that were measured.
+/// File of all measurements.
 const FILE: &str = "crossovers.json";
 
-/// Batches that are timed on the device, one after the other until one takes [`LONG`].
+/// Batch sizes to time on the device, in this order, until one takes [`LONG`].
 const BATCHES: [usize; 5] = [16, 64, 256, 1024, 4096];
 
-/// What is long enough to be measured well, and the last of the batches, s.
+/// Time that can be measured well, s. The first batch that takes longer is the last one.
 const LONG: f64 = 0.3;
 
-/// No batch is larger than this.
+/// Largest batch size that counts.
 const MOST: usize = 1 << 16;
 
-/// What an adapter and the CPU of this machine take for candidates of a quadruped's trot, and from how many on the adapter is sooner done.
+/// Measured times of an adapter and of this machine's CPU for trots of a quadruped, and the batch size above which the adapter is faster.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Crossover {
     /// Name of the adapter.
     pub adapter: String,
-    /// Its driver and version.
+    /// Driver of the adapter and its version.
     pub driver: String,
     /// Version of this program.
     pub version: String,
-    /// Threads of the CPU.
+    /// Number of CPU threads.
     pub threads: usize,
-    /// Time of the CPU a candidate, s.
+    /// Time of the CPU per candidate, s.
     pub cpu: f64,
-    /// Time until the adapter is open and tested, s.
+    /// Time to open and test the adapter, s.
     pub opening: f64,
-    /// Batches, and the time that each took on the adapter, s.
+    /// Batch sizes and the time of each on the adapter, s.
     pub gpu: Vec<(usize, f64)>,
-    /// Candidates at once from which it is sooner done, opening included; `None`: the CPU is, always.
+    /// Smallest batch for which the adapter is faster, including the time to open it; `None` if the CPU is always faster.
     pub from: Option<usize>,
 }
 
-/// The smallest batch from which on a device is sooner done than the CPU, by straight lines between the batches that were timed and beyond them.
+/// Smallest batch size above which a device is always faster than the CPU. Times are interpolated linearly between the measured batches and
+/// extrapolated beyond them.
 ///
-/// * `cpu` - time of the CPU a candidate, s
-/// * `opening` - time until the device is open, s
-/// * `gpu` - growing batches and their times, s
+/// * `cpu` - time of the CPU per candidate, s
+/// * `opening` - time to open the device, s
+/// * `gpu` - increasing batch sizes and their times, s
 pub fn crossover(cpu: f64, opening: f64, gpu: &[(usize, f64)]) -> Option<usize> {
     let points: Vec<(f64, f64)> = [(0., opening)].into_iter().chain(gpu.iter().map(|(n, t)| (*n as f64, opening + t))).collect();
     let last_slower = points.iter().rposition(|(n, t)| cpu * n <= *t)?;
-    // The line on which it overtakes; behind the last point the one before it goes on.
+    // Segment on which the device overtakes the CPU; beyond the last point the last segment continues.
     let right = (last_slower + 1).min(points.len() - 1);
     let [(n0, t0), (n1, t1)] = [*points.get(right.checked_sub(1)?)?, points[right]];
     let slope = (t1 - t0) / (n1 - n0);
@@ -63,21 +63,21 @@ pub fn crossover(cpu: f64, opening: f64, gpu: &[(usize, f64)]) -> Option<usize> 
 }
 
 impl Crossover {
-    /// What is kept of an adapter.
+    /// Cached measurement of an adapter, or `None`.
     pub fn known(folder: &Folder, adapter: &AdapterReport, threads: usize) -> Option<Crossover> {
         all(folder).into_iter().find(|c| c.is_of(adapter, threads))
     }
 
-    /// Measures, in about a second on a GPU that is worth it.
+    /// Measures an adapter. Takes about a second on a GPU that is worth using.
     ///
     /// # Errors
-    /// [`Error::Device`] when the device gives up.
+    /// [`Error::Device`] if the device fails.
     pub fn measure(gpu: &Gpu) -> Result<Crossover> {
         let report = &gpu.open_device().report;
         let start = Instant::now();
         drop(Gpu::open(Some(&report.name), gpu.threads())?);
         let opening = start.elapsed().as_secs_f64();
-        // Compiles what the batches need.
+        // Compiles the pipelines of the batches.
         time(gpu, 1)?;
         let mut times = Vec::new();
         for batch in BATCHES {
@@ -103,7 +103,7 @@ impl Crossover {
         })
     }
 
-    /// Keeps it, in the place of an earlier one of the same adapter.
+    /// Saves the measurement, which replaces an earlier one of the same adapter and thread count.
     pub fn keep(&self, folder: &Folder) {
         let of = |c: &Crossover| c.adapter == self.adapter && c.threads == self.threads;
         let mut kept: Vec<Crossover> = all(folder).into_iter().filter(|c| !of(c)).collect();
@@ -113,12 +113,12 @@ impl Crossover {
         }
     }
 
-    /// Whether a batch is sooner done on the adapter.
+    /// True if the adapter is faster for a batch of this size.
     pub fn pays(&self, batch: usize) -> bool {
         self.from.is_some_and(|from| batch >= from)
     }
 
-    /// Whether it is of an adapter as it is now, of this program, and of a number of threads.
+    /// True if the measurement belongs to this adapter with its current driver, to this program version and to this number of threads.
     pub fn is_of(&self, adapter: &AdapterReport, threads: usize) -> bool {
         let known = (&self.adapter, &self.driver, &self.version[..], self.threads);
         known == (&adapter.name, &adapter.driver, env!("CARGO_PKG_VERSION"), threads)
@@ -128,18 +128,18 @@ impl Crossover {
 impl std::fmt::Display for Crossover {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self.from {
-            Some(from) => write!(f, "faster than {} threads from {from} candidates at once on", self.threads)?,
+            Some(from) => write!(f, "faster than {} threads for batches of {from} or more", self.threads)?,
             None => write!(f, "slower than {} threads at any size", self.threads)?,
         }
         let batches: Vec<String> = self.gpu.iter().map(|(n, t)| format!("{n} in {t:.2} s")).collect();
-        write!(f, " (opened in {:.2} s, {}; the CPU {:.1} ms a candidate)", self.opening, batches.join(", "), 1e3 * self.cpu)
+        write!(f, " (opened in {:.2} s, {}; CPU: {:.1} ms per candidate)", self.opening, batches.join(", "), 1e3 * self.cpu)
     }
 }
 
-/// All that were kept; none where the file is not what it should be.
+/// All cached measurements; empty if the file cannot be used.
 fn all(folder: &Folder) -> Vec<Crossover> {
     let Some(bytes) = folder.read(FILE) else { return Vec::new() };
-    serde_json::from_slice(&bytes).inspect_err(|e| debug!("measured anew: {FILE}: {e}")).unwrap_or_default()
+    serde_json::from_slice(&bytes).inspect_err(|e| debug!("measuring again, {FILE} is not usable: {e}")).unwrap_or_default()
 }
 
 /// Time in which a backend solves a batch of trots, s.
@@ -155,13 +155,13 @@ fn time(backend: &dyn Backend, batch: usize) -> Result<f64> {
     Ok(start.elapsed().as_secs_f64())
 }
 
-/// The first GPU that is none in software where a batch is sooner done on it, otherwise the CPU that was given; measured where that is not known yet.
+/// First hardware GPU if it is faster for a batch of this size, otherwise the given CPU. Measures the GPU if no measurement is cached.
 ///
 /// # Errors
-/// [`Error::Device`] when it is not fit.
+/// [`Error::Device`] if the GPU cannot be used.
 pub fn choose(batch: usize, cpu: Cpu, folder: &Folder) -> Result<Box<dyn Backend>> {
     let Some(adapter) = Found::gpu()? else {
-        debug!("on the CPU: no adapter is a GPU");
+        debug!("using the CPU: no hardware GPU found");
         return Ok(Box::new(cpu));
     };
     let known = Crossover::known(folder, &adapter.report, cpu.threads());
@@ -188,31 +188,31 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_device_pays_from_where_its_line_crosses_that_of_the_cpu() {
+    fn the_crossover_is_where_the_lines_of_device_and_cpu_intersect() {
         let ms = 1. / 1024.;
-        // 0.5 s to open and 1 ms a candidate against 11 ms.
+        // 0.5 s to open and 1 ms per candidate, against 11 ms.
         assert_eq!(crossover(11. * ms, 0.5, &[(16, 16. * ms), (64, 64. * ms), (256, 256. * ms)]), Some(52));
-        // Beyond what was timed the last line goes on: 0.5 s and 128 ms and 1 ms a candidate against 2 ms.
+        // Beyond the measured batches the last segment continues: 0.5 s, 128 ms and 1 ms per candidate, against 2 ms.
         assert_eq!(crossover(2. * ms, 0.5, &[(16, 144. * ms), (64, 192. * ms)]), Some(640));
-        // Fuller batches cost no more: 1 s for any.
+        // Constant time: 1 s for any batch.
         assert_eq!(crossover(8. * ms, 0., &[(16, 1.), (1024, 1.)]), Some(128));
-        // With one batch alone, from the time of opening on.
+        // A single batch: the line starts at the opening time.
         assert_eq!(crossover(32. * ms, 1., &[(16, 256. * ms)]), Some(64));
     }
 
     #[test]
-    fn a_device_that_never_pays_is_left() {
+    fn a_device_that_is_never_faster_has_no_crossover() {
         assert_eq!(crossover(0.02, 0.3, &[(16, 5.6)]), None);
-        // As fast as the CPU, but to be opened.
+        // As fast as the CPU per candidate, but it must be opened first.
         assert_eq!(crossover(0.25, 1., &[(16, 4.), (64, 16.)]), None);
-        // So late that no batch is as large.
+        // The crossover is above the largest batch.
         assert_eq!(crossover(0.001, 100., &[(16, 0.008), (64, 0.032)]), None);
         assert_eq!(crossover(0.001, 1., &[]), None);
     }
 
     #[test]
-    fn a_time_that_is_off_does_not_make_it_pay_too_early() {
-        // The second batch took long: what came before does not count.
+    fn an_outlier_does_not_place_the_crossover_too_low() {
+        // The second batch took long: the batch before it does not count.
         assert_eq!(crossover(0.01, 0.1, &[(16, 0.01), (64, 2.), (256, 0.5)]).map(|n| (64..256).contains(&n)), Some(true));
     }
 
@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_measured_is_known_of_that_adapter_driver_and_number_of_threads() {
+    fn a_measurement_is_found_by_adapter_driver_version_and_number_of_threads() {
         let folder = tempfile::tempdir().unwrap();
         let kept = Folder::at(folder.path());
         let of = |adapter: &str, from| Crossover {
@@ -257,7 +257,7 @@ mod tests {
         assert_eq!(Crossover::known(&kept, &report("first", "1.1"), 2), None);
         let older = Crossover { version: "0.0.1".into(), ..known };
         older.keep(&kept);
-        assert_eq!(Crossover::known(&kept, &first, 2), None, "another version's");
+        assert_eq!(Crossover::known(&kept, &first, 2), None, "measured by another version");
         std::fs::write(folder.path().join(FILE), "{").unwrap();
         assert_eq!(Crossover::known(&kept, &second, 2), None);
     }

@@ -1,4 +1,4 @@
-//! Adapters of this machine, and one of them opened: device, limits and pipelines.
+//! Adapters of this machine, and an opened one: device, limits and pipelines.
 
 use super::kept::{Folder, Pipelines};
 use super::shaders::{Binding, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP};
@@ -8,13 +8,13 @@ use crate::error::{Error, Result};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, mpsc};
 
-/// Loop iterations of one invocation after which some software adapters leave every loop.
+/// Number of loop iterations per invocation after which some software adapters leave every loop.
 const LOOP_LIMIT: u32 = 65_535;
 
-/// What a device is asked to hold at least in one binding, bytes.
+/// Smallest binding that a device must support, bytes.
 const LEAST_BINDING: u64 = 64 << 20;
 
-/// Storage buffers of the shader that binds most.
+/// Number of storage buffers of the shader that binds most.
 fn most_buffers() -> u32 {
     Shader::ALL.iter().map(|s| s.buffers().count() as u32).max().unwrap_or(0)
 }
@@ -22,30 +22,30 @@ fn most_buffers() -> u32 {
 /// An adapter of this machine.
 #[derive(Debug, Clone, serde::Serialize)]
 pub struct AdapterReport {
-    /// Its name.
+    /// Name of the adapter.
     pub name: String,
-    /// Discrete, integrated, virtual or software.
+    /// Kind: discrete, integrated, virtual, other or software.
     pub kind: String,
-    /// Interface it is reached by.
+    /// Graphics interface, for example Vulkan.
     pub interface: String,
     /// Driver and its version.
     pub driver: String,
-    /// Whether it computes on a processor.
+    /// True if it computes on a CPU.
     pub software: bool,
     /// Workgroup memory, bytes.
     pub workgroup_memory: u32,
     /// Largest storage binding, bytes.
     pub storage_binding: u64,
-    /// Storage buffers a shader may bind.
+    /// Storage buffers that a shader may bind.
     pub storage_buffers: u32,
-    /// Why it cannot be used, if so.
+    /// Reason why it cannot be used; `None` if it can.
     pub unusable: Option<String>,
 }
 
 fn instance() -> wgpu::Instance {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
-    // Nothing that depends on how this program was built.
+    // No flags that depend on how this program was built.
     descriptor.flags = wgpu::InstanceFlags::empty();
     wgpu::Instance::new(descriptor)
 }
@@ -61,9 +61,9 @@ fn report(adapter: &wgpu::Adapter) -> AdapterReport {
     };
     let buffers = limits.max_storage_buffers_per_shader_stage;
     let unusable = if buffers < most_buffers() {
-        Some(format!("{buffers} storage buffers a shader, {} are needed", most_buffers()))
+        Some(format!("{buffers} storage buffers per shader, but {} are needed", most_buffers()))
     } else if limits.max_storage_buffer_binding_size < LEAST_BINDING {
-        Some(format!("storage bindings of {} MiB, 64 are needed", limits.max_storage_buffer_binding_size >> 20))
+        Some(format!("storage bindings of {} MiB, but 64 MiB are needed", limits.max_storage_buffer_binding_size >> 20))
     } else {
         None
     };
@@ -80,15 +80,15 @@ fn report(adapter: &wgpu::Adapter) -> AdapterReport {
     }
 }
 
-/// An adapter, not yet open.
+/// Adapter that is not opened yet.
 pub struct Found {
-    /// What it is.
+    /// Description of the adapter.
     pub report: AdapterReport,
     adapter: wgpu::Adapter,
 }
 
 impl Found {
-    /// Adapters of this machine, in the order in which they are tried.
+    /// Adapters of this machine, in the order of preference.
     pub fn all() -> Vec<Found> {
         let instance = instance();
         let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
@@ -98,10 +98,10 @@ impl Found {
         all
     }
 
-    /// The adapter that [`Device::open`] takes.
+    /// Finds the adapter that [`Device::open`] takes.
     ///
     /// # Errors
-    /// [`Error::Device`] says what was found instead, or why it cannot be used.
+    /// [`Error::Device`] lists the adapters found, or says why the adapter cannot be used.
     pub fn find(name: Option<&str>) -> Result<Found> {
         let wanted = name.map(str::to_lowercase);
         let all = Found::all();
@@ -115,15 +115,15 @@ impl Found {
         found.fit()
     }
 
-    /// The first GPU that is none in software; none where there is none.
+    /// First hardware GPU, or `None`.
     ///
     /// # Errors
-    /// [`Error::Device`] says why it cannot be used.
+    /// [`Error::Device`] says why the GPU cannot be used.
     pub fn gpu() -> Result<Option<Found>> {
         Found::all().into_iter().find(|found| !found.report.software).map(Found::fit).transpose()
     }
 
-    /// Itself.
+    /// Returns the adapter if it can be used.
     ///
     /// # Errors
     /// [`Error::Device`] says why it cannot be used.
@@ -135,14 +135,14 @@ impl Found {
     }
 }
 
-/// Why work on a device could not go on.
+/// Reason why a device could not continue.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Fault {
-    /// It has not enough memory.
+    /// Not enough device memory.
     OutOfMemory,
-    /// A candidate needs more loop iterations than the driver does.
+    /// A candidate needs more loop iterations than the driver executes.
     LoopLimit,
-    /// It is lost, or refused something.
+    /// The device is lost, or it refused an operation.
     Lost(String),
 }
 
@@ -156,40 +156,40 @@ impl std::fmt::Display for Fault {
     }
 }
 
-/// A shader, compiled.
+/// Compiled shader.
 pub struct Pipeline {
-    /// Which.
+    /// Shader that was compiled.
     pub shader: Shader,
-    /// What it binds.
+    /// Bindings of the shader.
     pub bindings: Vec<Binding>,
-    /// Layout of its bindings.
+    /// Layout of the bindings.
     pub layout: wgpu::BindGroupLayout,
-    /// For dispatches.
+    /// Pipeline for dispatches.
     pub pipeline: wgpu::ComputePipeline,
 }
 
-/// An open device.
+/// Opened device.
 pub struct Device {
-    /// Its adapter.
+    /// Description of its adapter.
     pub report: AdapterReport,
-    /// The device.
+    /// Device of wgpu.
     pub device: wgpu::Device,
-    /// Its queue.
+    /// Queue of the device.
     pub queue: wgpu::Queue,
-    /// Its limits.
+    /// Limits of the device.
     pub limits: wgpu::Limits,
-    /// Whether passes can be timed.
+    /// True if passes can be timed.
     pub timestamps: bool,
-    /// Invocations of a workgroup.
+    /// Invocations per workgroup.
     pub workgroup: u32,
-    /// Bytes that the buffers of all slots may take.
+    /// Limit on the bytes of the buffers of all slots.
     pub memory: u64,
-    /// Loop iterations after which an invocation is cut short, where the driver does that.
+    /// Number of loop iterations after which the driver cuts an invocation short; `None` if it does not.
     pub loop_limit: Option<u32>,
     pipelines: Mutex<BTreeMap<Variant, Arc<Vec<Pipeline>>>>,
-    /// Those of earlier runs.
+    /// Pipelines of earlier runs.
     kept: Option<Pipelines>,
-    /// The first error nobody waited for.
+    /// First error that occurred outside of an error scope.
     fault: Arc<Mutex<Option<Fault>>>,
 }
 
@@ -203,7 +203,7 @@ fn keep(fault: &Mutex<Option<Fault>>, new: Fault) {
     locked(fault).get_or_insert(new);
 }
 
-/// What a call of wgpu returns, which panics where the driver loses its device meanwhile.
+/// Calls wgpu, which panics if the driver loses its device during the call, and turns such a panic into a fault.
 fn outlived<T>(call: impl FnOnce() -> T) -> std::result::Result<T, Fault> {
     std::panic::catch_unwind(std::panic::AssertUnwindSafe(call)).map_err(|panic| {
         let why = panic.downcast_ref::<String>().map(String::as_str).or_else(|| panic.downcast_ref::<&str>().copied());
@@ -212,18 +212,18 @@ fn outlived<T>(call: impl FnOnce() -> T) -> std::result::Result<T, Fault> {
 }
 
 impl Device {
-    /// Opens the first usable adapter, those that compute on a processor behind all others, or the first whose name contains `name` (in any case).
+    /// Opens the first usable adapter whose name contains `name` (in any case). Without a name, software adapters come last.
     ///
     /// # Errors
-    /// [`Error::Device`] says what was found instead, or why it could not be opened.
+    /// [`Error::Device`] lists the adapters found, or says why the adapter could not be opened.
     pub fn open(name: Option<&str>) -> Result<Device> {
         Device::open_with(name, Folder::of_user())
     }
 
-    /// As [`Device::open`], with a folder in which compiled pipelines are kept.
+    /// Opens an adapter like [`Device::open`], with another folder for compiled pipelines.
     ///
     /// # Errors
-    /// As [`Device::open`].
+    /// The errors of [`Device::open`].
     pub fn open_with(name: Option<&str>, folder: Folder) -> Result<Device> {
         Device::of(Found::find(name)?, folder)
     }
@@ -272,29 +272,29 @@ impl Device {
         Ok(device)
     }
 
-    /// Compiles workgroups of another size.
+    /// Uses workgroups of another size.
     pub fn with_workgroup(mut self, workgroup: u32) -> Device {
         self.workgroup = workgroup;
         self
     }
 
-    /// The variant of the shaders for fronts of a size and elements of a number of columns.
+    /// Variant of the shaders for fronts of a size and elements of a number of columns.
     pub fn variant(&self, front: usize, columns: usize) -> Variant {
         Variant::new(front, columns, self.workgroup, self.limits.max_compute_workgroup_storage_size)
     }
 
-    /// The first error since the last call, or that of the device that is no more.
+    /// Returns the first error since the last call. After the loss of the device it always returns that error.
     pub fn check(&self) -> std::result::Result<(), Fault> {
         let mut fault = locked(&self.fault);
         match &*fault {
             None => Ok(()),
-            // Memory may be found elsewhere, a lost device stays lost.
+            // Memory may become available again; a lost device stays lost.
             Some(Fault::OutOfMemory) => Err(fault.take().unwrap_or(Fault::OutOfMemory)),
             Some(lost) => Err(lost.clone()),
         }
     }
 
-    /// Waits until everything submitted is done.
+    /// Waits until all submitted work is done.
     pub fn wait(&self) -> std::result::Result<(), Fault> {
         let polled = outlived(|| self.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|e| Fault::Lost(e.to_string())));
         if let Err(fault) = polled.and_then(|polled| polled) {
@@ -303,7 +303,7 @@ impl Device {
         self.check()
     }
 
-    /// Makes a buffer.
+    /// Creates a buffer.
     pub fn buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> std::result::Result<wgpu::Buffer, Fault> {
         let memory = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let buffer = self.device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false });
@@ -314,13 +314,13 @@ impl Device {
         Ok(buffer)
     }
 
-    /// Reads what was copied into a buffer made for that.
+    /// Reads the first `len` bytes of a buffer that can be mapped.
     pub fn read(&self, buffer: &wgpu::Buffer, len: u64) -> std::result::Result<Vec<u8>, Fault> {
         let slice = buffer.slice(..len);
         let (answer, answered) = mpsc::channel();
         slice.map_async(wgpu::MapMode::Read, move |result| answer.send(result).unwrap_or(()));
         self.wait()?;
-        // Whoever polls or submits answers for all: another thread may be about to.
+        // Any thread that polls or submits runs the callbacks of all: another thread may be about to run this one.
         match answered.recv() {
             Ok(Ok(())) => {}
             other => return Err(Fault::Lost(format!("a read-back failed: {other:?}"))),
@@ -348,7 +348,8 @@ impl Device {
         let entries: Vec<_> = (0..).zip(&bindings).map(entry).collect();
         let layout = self.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries: &entries });
         let text = wgpu::ShaderModuleDescriptor { label, source: wgpu::ShaderSource::Wgsl(shader.text(variant).into()) };
-        // SAFETY: every index comes from tables that this crate builds, and counts that go with them; the parity tests run these shaders.
+        // SAFETY: every index comes from tables that this crate builds and from counts that belong to them; the parity tests run these
+        // shaders.
         let module = unsafe { self.device.create_shader_module_trusted(text, wgpu::ShaderRuntimeChecks::unchecked()) };
         let pipeline_layout = self.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label,
@@ -367,7 +368,7 @@ impl Device {
         Ok(Pipeline { shader, bindings, layout, pipeline })
     }
 
-    /// Pipelines of a variant, in the order of [`Shader::ALL`]; compiled when first asked for.
+    /// Pipelines of a variant, in the order of [`Shader::ALL`]. They are compiled on first use.
     pub fn pipelines(&self, variant: Variant) -> std::result::Result<Arc<Vec<Pipeline>>, Fault> {
         let mut cached = locked(&self.pipelines);
         if let Some(pipelines) = cached.get(&variant) {
@@ -383,7 +384,7 @@ impl Device {
         Ok(pipelines)
     }
 
-    /// Has one invocation count in two loops, and returns how far it came: some drivers leave loops early.
+    /// Lets one invocation count in two loops and returns its count: some drivers leave loops early.
     fn count_to(&self, count: u32) -> std::result::Result<u32, Fault> {
         const TEXT: &str = "
             @group(0) @binding(0) var<storage, read_write> counted: array<u32>;

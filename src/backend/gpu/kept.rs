@@ -1,5 +1,5 @@
-//! What is kept of adapters between runs, pipelines and measurements, in a folder of the user's caches. Nothing there is needed: what cannot be read, or is not what
-//! it should be, is made anew, and what cannot be written is left.
+//! Cache of compiled pipelines and measurements of adapters, in a folder of the user's caches. The cache is optional: files that cannot be
+//! read or are corrupt are recreated, and write errors are ignored.
 
 use crate::backend::locked;
 use crate::report::files;
@@ -9,18 +9,18 @@ use std::path::PathBuf;
 use std::sync::Mutex;
 use tracing::debug;
 
-/// The environment variable that names the folder; where it is empty nothing is kept.
+/// Environment variable that names the cache folder. If it is empty, nothing is cached.
 pub const VARIABLE: &str = "CREGOPT_CACHE";
 
-/// Largest file that is read, bytes. Pipelines of earlier versions stay in theirs; what has grown larger begins anew.
+/// Largest file that is read, bytes. The file keeps pipelines of earlier versions; one that has grown larger is started again.
 const MOST: u64 = 64 << 20;
 
-/// A folder of files that can be made again at any time, or none.
+/// Folder of files that can be recreated at any time; `None` disables the cache.
 #[derive(Debug, Clone, Default)]
 pub struct Folder(Option<PathBuf>);
 
 impl Folder {
-    /// The one that `CREGOPT_CACHE` names, else `cregopt` among the user's caches.
+    /// Folder that `CREGOPT_CACHE` names, or `cregopt` in the user's cache folder.
     pub fn of_user() -> Folder {
         match std::env::var_os(VARIABLE) {
             Some(named) if named.is_empty() => Folder::default(),
@@ -29,61 +29,61 @@ impl Folder {
         }
     }
 
-    /// A folder by its path, which need not exist.
+    /// Folder at a path, which need not exist.
     pub fn at(path: impl Into<PathBuf>) -> Folder {
         Folder(Some(path.into()))
     }
 
-    /// What a file holds.
+    /// Content of a file; `None` if it cannot be read.
     pub(super) fn read(&self, name: &str) -> Option<Vec<u8>> {
         let path = self.0.as_ref()?.join(name);
         let bytes = path.is_file().then(|| files::read_bytes(&path, MOST))?;
-        bytes.inspect_err(|e| debug!("made anew: {e}")).ok()
+        bytes.inspect_err(|e| debug!("cache file not used: {e}")).ok()
     }
 
-    /// Writes a whole file or leaves it as it is.
+    /// Writes a whole file, or leaves the old one unchanged.
     pub(super) fn write(&self, name: &str, bytes: &[u8]) {
         let Some(folder) = &self.0 else { return };
         let made = std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()));
         let written = made.and_then(|()| files::write_bytes(&folder.join(name), bytes).map_err(|e| e.to_string()));
         if let Err(why) = written {
-            debug!("not kept: {why}");
+            debug!("not cached: {why}");
         }
     }
 }
 
-/// Compiled pipelines of one adapter and driver, where the interface hands them out (Vulkan).
+/// Compiled pipelines of one adapter and driver. Only Vulkan makes them available.
 #[derive(Debug)]
 pub struct Pipelines {
     folder: Folder,
     name: String,
     cache: wgpu::PipelineCache,
-    /// The sum of what the file holds.
+    /// Checksum of the file's content.
     written: Mutex<u64>,
 }
 
-/// Tells bytes that were written whole from others. Another version of the standard library may sum otherwise: then they are made anew.
+/// Checksum that detects incomplete files. Another version of the standard library may compute another one: then the file is recreated.
 fn sum(bytes: &[u8]) -> u64 {
     let mut hasher = DefaultHasher::new();
     bytes.hash(&mut hasher);
     hasher.finish()
 }
 
-/// Bytes behind their sum.
+/// Bytes preceded by their checksum.
 fn sealed(bytes: &[u8]) -> Vec<u8> {
     [&sum(bytes).to_le_bytes(), bytes].concat()
 }
 
-/// What was [`sealed`].
+/// Bytes that [`sealed`] protected; `None` if the checksum differs.
 fn unsealed(bytes: &[u8]) -> Option<&[u8]> {
     let (first, rest) = bytes.split_first_chunk()?;
     (u64::from_le_bytes(*first) == sum(rest)).then_some(rest)
 }
 
 impl Pipelines {
-    /// What is kept for an adapter; `None` where nothing can be.
+    /// Opens the cache of an adapter; `None` if its pipelines cannot be cached.
     ///
-    /// * `device` - a device of it, with [`wgpu::Features::PIPELINE_CACHE`] where the adapter offers that
+    /// * `device` - device of the adapter, with [`wgpu::Features::PIPELINE_CACHE`] if the adapter offers it
     pub fn open(folder: Folder, device: &wgpu::Device, adapter: &wgpu::AdapterInfo) -> Option<Pipelines> {
         folder.0.as_ref()?;
         if !device.features().contains(wgpu::Features::PIPELINE_CACHE) {
@@ -93,33 +93,34 @@ impl Pipelines {
         let file = folder.read(&name);
         let data = file.as_deref().and_then(unsealed);
         if file.is_some() && data.is_none() {
-            debug!("made anew: {name} is not what was written");
+            debug!("pipeline cache {name} is corrupt and is not used");
         }
         let made = |data| {
             let refused = device.push_error_scope(wgpu::ErrorFilter::Validation);
             let descriptor = wgpu::PipelineCacheDescriptor { label: Some("cregopt"), data, fallback: true };
-            // SAFETY: the data has the sum that `save` wrote with it, in a folder of the user's; it came from `get_data` on an adapter of this key.
+            // SAFETY: the data has the checksum that `save` wrote with it, in a folder of the user, and came from `get_data` on an adapter
+            // with this key.
             let cache = unsafe { device.create_pipeline_cache(&descriptor) };
             match pollster::block_on(refused.pop()) {
                 None => Some(cache),
                 Some(why) => {
-                    debug!("pipelines in {name}: {why}");
+                    debug!("pipeline cache {name} was refused: {why}");
                     None
                 }
             }
         };
-        // What is another adapter's is refused, whatever `fallback` says.
+        // Data of another adapter is refused, regardless of `fallback`.
         let cache = made(data).or_else(|| made(None))?;
         let written = Mutex::new(data.map_or(0, sum));
         Some(Pipelines { folder, name, cache, written })
     }
 
-    /// For the creation of pipelines.
+    /// Cache for the creation of pipelines.
     pub fn cache(&self) -> &wgpu::PipelineCache {
         &self.cache
     }
 
-    /// Keeps what was compiled, if anything was that is not in the file.
+    /// Writes the compiled pipelines, if they differ from the file.
     pub fn save(&self) {
         let Some(data) = self.cache.get_data() else { return };
         let mut written = locked(&self.written);
@@ -134,7 +135,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_what_was_sealed_whole_is_unsealed() {
+    fn only_complete_unchanged_bytes_are_unsealed() {
         let bytes = sealed(b"pipelines");
         assert_eq!(unsealed(&bytes), Some(&b"pipelines"[..]));
         assert_eq!(unsealed(&sealed(b"")), Some(&b""[..]));
@@ -142,13 +143,13 @@ mod tests {
             assert_eq!(unsealed(&bytes[..at]), None, "cut off at {at}");
             let mut other = bytes.clone();
             other[at] ^= 1;
-            assert_eq!(unsealed(&other), None, "another byte {at}");
+            assert_eq!(unsealed(&other), None, "byte {at} changed");
         }
         assert_eq!(unsealed(&[bytes, vec![0]].concat()), None);
     }
 
     #[test]
-    fn a_folder_that_cannot_be_is_no_error() {
+    fn a_folder_that_cannot_exist_is_not_an_error() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("file");
         std::fs::write(&file, "").unwrap();

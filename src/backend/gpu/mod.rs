@@ -1,8 +1,8 @@
-//! The GPU backend: the same rounds as the CPU's, for as many candidates at once as the device holds.
+//! GPU backend: runs the rounds of the CPU for as many candidates at once as the device holds.
 //!
-//! Candidates stand in slots. A submission holds a few rounds of all running slots; after it the progress of each is read, finished
-//! candidates leave, and their slots are filled again once half of them are free. Meanwhile the CPU prepares the tables of those that
-//! come next and certifies those that are done.
+//! Each candidate occupies a slot. A submission runs a few rounds of all occupied slots. Then the host reads the progress of each slot and
+//! takes out the candidates that have ended. Once half of the slots are free it fills them again. Meanwhile the CPU prepares the tables of
+//! the next candidates and certifies those that have ended.
 
 pub mod crossover;
 mod device;
@@ -37,54 +37,54 @@ use tables::{Buffer, Sizes};
 use timer::Timer;
 use tracing::warn;
 
-/// Slots of a device with memory of its own.
+/// Number of slots on a device with its own memory.
 const SLOTS: usize = 2048;
-/// Slots of a software adapter, at least: more than its threads need makes it slower, for they share a cache.
+/// Smallest number of slots on a software adapter. More than its threads need make it slower, because they share a cache.
 const SOFTWARE_SLOTS: usize = 16;
-/// Candidates whose tables are made before the sizes of the slots are chosen.
+/// Number of candidates whose tables are built before the sizes of the slots are chosen.
 const SAMPLE: usize = 256;
-/// Room for larger candidates that come later.
+/// Factor by which slots are larger than the sampled candidates need, to hold larger ones that come later.
 const SPARE: f64 = 1.1;
-/// A submission is kept between these times.
+/// Shortest and longest duration of a submission; the number of rounds is adapted to it.
 const SUBMISSION: [Duration; 2] = [Duration::from_millis(25), Duration::from_millis(80)];
-/// Most rounds of a submission.
+/// Largest number of rounds per submission.
 const MOST_ROUNDS: usize = 8;
 
 /// Shaders to dispatch, each over the first so many slots of a list.
 type Plan = Vec<(Shader, List, usize)>;
 
-/// Where the time of a backend's solves went.
+/// Time and memory that a backend's solves used.
 #[derive(Debug, Clone, Default)]
 pub struct Profile {
-    /// By shader, when the device can time them and was asked to.
+    /// Times by shader, if [`Gpu::timed`] was called and the device can time them.
     pub shaders: BTreeMap<&'static str, Timing>,
-    /// Waiting for the device, s.
+    /// Time spent waiting for the device, s.
     pub device: f64,
-    /// Making tables, s.
+    /// Time spent on building tables, s.
     pub tables: f64,
-    /// Sending them, s.
+    /// Time spent on sending tables, s.
     pub sending: f64,
-    /// Bytes sent.
+    /// Bytes sent to the device.
     pub sent: u64,
     /// Bytes read back.
     pub received: u64,
     /// Bytes of the buffers.
     pub memory: u64,
-    /// Slots.
+    /// Number of slots.
     pub slots: usize,
-    /// Submissions.
+    /// Number of submissions.
     pub submissions: usize,
-    /// Rounds.
+    /// Number of rounds.
     pub rounds: usize,
 }
 
-/// A GPU, and the CPU that stands in for it.
+/// GPU, and the CPU that takes over if it fails.
 #[derive(Debug)]
 pub struct Gpu {
     device: Arc<Device>,
     cpu: Cpu,
     slots: Mutex<Option<Slots>>,
-    /// What the CPU had to do instead, and why.
+    /// Candidates that the CPU had to solve instead, with the reason.
     fallback: Mutex<Option<Fallback>>,
     profile: Mutex<Profile>,
     timed: bool,
@@ -101,23 +101,23 @@ impl Gpu {
     /// Opens the first usable adapter (see [`Device::open`]) and tests it.
     ///
     /// # Errors
-    /// [`Error::Device`] when there is none, it cannot be opened, or it computes wrong numbers.
+    /// [`Error::Device`] if there is no adapter, it cannot be opened, or it computes wrong numbers.
     pub fn open(name: Option<&str>, threads: usize) -> Result<Gpu> {
         Gpu::new(Device::open(name)?, threads)
     }
 
-    /// Tests an open device and works on it.
+    /// Tests an opened device and uses it.
     ///
     /// # Errors
-    /// [`Error::Device`] when it computes wrong numbers.
+    /// [`Error::Device`] if it computes wrong numbers.
     pub fn new(device: Device, threads: usize) -> Result<Gpu> {
         Gpu::beside(Cpu::new(threads)?, device)
     }
 
-    /// As [`Gpu::new`], with the CPU that stands in for it.
+    /// Tests an opened device and uses it, with a given CPU that takes over if the device fails.
     ///
     /// # Errors
-    /// As [`Gpu::new`].
+    /// [`Error::Device`] if it computes wrong numbers.
     pub fn beside(cpu: Cpu, device: Device) -> Result<Gpu> {
         let device = Arc::new(device);
         let most_slots = if device.report.software { SOFTWARE_SLOTS.max(2 * cpu.threads()) } else { SLOTS };
@@ -127,29 +127,29 @@ impl Gpu {
         Ok(gpu)
     }
 
-    /// Holds at most this many candidates at once.
+    /// Limits the number of candidates that are on the device at once.
     pub fn with_slots(mut self, slots: usize) -> Gpu {
         self.most_slots = slots.max(1);
         self
     }
 
-    /// Times every shader. Each then runs in a pass of its own.
+    /// Times every shader. Each one then runs in its own pass.
     pub fn timed(mut self) -> Gpu {
         self.timed = self.device.timestamps;
         self
     }
 
-    /// The device.
+    /// Opened device.
     pub fn open_device(&self) -> &Arc<Device> {
         &self.device
     }
 
-    /// Where the time went since the last call.
+    /// Profile since the last call.
     pub fn take_profile(&self) -> Profile {
         std::mem::take(&mut *locked(&self.profile))
     }
 
-    /// Solves a small problem with a known end: drivers that cut loops short or miscompile are found here, not in results.
+    /// Solves a small problem whose result is known. It detects drivers that cut loops short or miscompile, before they spoil results.
     fn self_test(&self) -> Result<()> {
         let failed = |what: String| Error::Device { message: format!("{}: failed its self-test: {what}", self.device.report.name) };
         let (task, schedule) = self_test_problem()?;
@@ -163,7 +163,7 @@ impl Gpu {
         self.work(&job, &|_| false, &|_, solution| *locked(&answer) = Some(solution), &mut [false]).map_err(|f| failed(f.to_string()))?;
         let answer = locked(&answer).take();
         let Some(Solution { outcome, x, .. }) = answer else { return Err(failed("no answer".into())) };
-        // The rows at its solution, on the CPU.
+        // Evaluate the rows at its solution on the CPU.
         let (mut c, mut g) = (vec![0.; layout.rows.one_sided()], vec![0.; layout.inequalities]);
         let mut shared = Shared::default();
         shared.resize(&layout);
@@ -172,14 +172,14 @@ impl Gpu {
         let f = f64::from(judge::infeasibility(&c, &g));
         if outcome.status != Status::Solved || f > 10. * settings.tolerance {
             let expected = Solver::default().solve(&layout, &settings, Finish::Infeasibility(settings.tolerance), None, &|| false);
-            let limit = self.device.loop_limit.map_or(String::new(), |n| format!(", loops end after {n} iterations"));
+            let limit = self.device.loop_limit.map_or(String::new(), |n| format!(", the driver ends loops after {n} iterations"));
             return Err(failed(format!("{} at infeasibility {f:.1e}, the CPU: {}{limit}", outcome.status, expected.status)));
         }
         self.take_profile();
         Ok(())
     }
 
-    /// Solves what can be solved on the device. `done` says which candidates need nothing any more.
+    /// Solves the candidates that the device can solve, and sets `done` for those that need no further work.
     fn work(
         &self,
         job: &Job,
@@ -201,14 +201,14 @@ impl Gpu {
             profile.slots = profile.slots.max(slots.capacity);
         }
         if result.is_err() {
-            // Its buffers may be gone.
+            // The buffers may be lost.
             *slots = None;
         }
         result
     }
 }
 
-/// A biped that makes two steps.
+/// Self-test problem: a biped that makes two steps.
 fn self_test_problem() -> Result<(Task, Schedule)> {
     let scenario = crate::scenario::Scenario::named("biped")?;
     let mut task = scenario.task(1)?;
@@ -217,28 +217,28 @@ fn self_test_problem() -> Result<(Task, Schedule)> {
     Ok((task, schedule))
 }
 
-/// A slot in use.
+/// Occupied slot.
 #[derive(Debug)]
 struct Running {
     slot: u32,
-    /// Number of its candidate in the population.
+    /// Index of its candidate in the population.
     index: usize,
-    /// Values of `x`, the fixed ones included.
+    /// Number of values of `x`, including the fixed ones.
     len: usize,
     variables: usize,
     curves: Curves,
 }
 
-/// One call of [`Gpu::work`].
+/// State of one call of [`Gpu::work`].
 struct Work<'a> {
     gpu: &'a Gpu,
     job: &'a Job<'a>,
     skip: &'a (dyn Fn(usize) -> bool + Sync),
     done: &'a mut [bool],
-    /// Samples of all grids, and where those of each terrain begin.
+    /// Samples of all grids, and the offset of those of each terrain.
     heights: Vec<f32>,
     terrains: Vec<(Arc<Terrain>, u32)>,
-    /// Candidates that have no tables yet.
+    /// Index of the first candidate that has no tables yet.
     next: usize,
     prepared: VecDeque<Prepared>,
     running: Vec<Running>,
@@ -275,9 +275,9 @@ impl<'a> Work<'a> {
 
     /// Solves all candidates.
     fn all(&mut self, slots: &mut Option<Slots>, finish: &mut dyn FnMut(usize, Solution)) -> std::result::Result<(), Fault> {
-        // What was lost in an earlier call needs no tables.
+        // A device that was lost in an earlier call makes tables pointless.
         self.gpu.device.check()?;
-        // Slots of an earlier call have other heights, maybe other settings.
+        // Slots of an earlier call have other heights, and possibly other settings.
         loop {
             self.prepare(SAMPLE);
             let Some(sizes) = self.prepared.iter().map(|p| p.sizes).reduce(|a, b| a.max(b)) else { return Ok(()) };
@@ -289,7 +289,7 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// Makes tables until `count` candidates have theirs or none is left.
+    /// Builds tables until `count` candidates have theirs, or no candidate is left.
     fn prepare(&mut self, count: usize) {
         let start = Instant::now();
         while self.prepared.len() < count && self.next < self.job.problems.len() {
@@ -301,7 +301,8 @@ impl<'a> Work<'a> {
             for (index, prepared) in (self.next - wanted..).zip(made) {
                 match prepared {
                     None => self.done[index] = true,
-                    // Left for the CPU. Loops are counted from the texts; a twentieth more of them was seen. Those of a factorisation are a bound.
+                    // Left for the CPU. The number of loop iterations is estimated from the shader texts; drivers took up to a twentieth
+                    // more. The number for a factorisation is an upper bound.
                     Some(Prepared { walk, loops, .. })
                         if self.gpu.device.loop_limit.is_some_and(|limit| walk > limit - limit / 8 || loops > limit) => {}
                     Some(prepared) => self.prepared.push_back(prepared),
@@ -321,7 +322,7 @@ impl<'a> Work<'a> {
         Some(Prepared::new(index, layout, first, self.gpu.device.workgroup))
     }
 
-    /// Makes slots for candidates of these sizes: as many as are left, as the device allows, and as it has memory for.
+    /// Makes slots for candidates of these sizes: as many as there are candidates left, as the device allows, and as fit into its memory.
     fn make_slots(&mut self, slots: &mut Option<Slots>, sizes: Sizes) -> std::result::Result<(), Fault> {
         let (device, settings) = (&self.gpu.device, self.job.settings);
         let left = self.prepared.len() + self.job.problems.len() - self.next;
@@ -352,7 +353,7 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// One submission, and what goes with it. Returns false when nothing runs any more and nothing fits in.
+    /// Runs one submission and the host work around it. Returns false if no candidate is running and none fits in.
     fn step(&mut self, slots: &mut Slots, finish: &mut dyn FnMut(usize, Solution)) -> std::result::Result<bool, Fault> {
         let start = Instant::now();
         let (skip, done, free) = (self.skip, &mut *self.done, &mut self.free);
@@ -383,7 +384,7 @@ impl<'a> Work<'a> {
         }
         self.gpu.device.queue.submit([encoder.finish()]);
         let sent = Instant::now();
-        // While it works: the tables of those that come next.
+        // While the device works: build the tables of the next candidates.
         self.prepare(slots.capacity.div_ceil(2));
         let waiting = Instant::now();
         let progress = slots.read_progress()?;
@@ -407,13 +408,13 @@ impl<'a> Work<'a> {
         Ok(true)
     }
 
-    /// Fills free slots once half of them are free. Returns how many were filled; they are listed as starting.
+    /// Fills free slots, once half of them are free. Returns the number of filled slots; they are in the list of starting slots.
     fn fill(&mut self, slots: &mut Slots) -> usize {
         if !(self.running.is_empty() || 2 * self.free.len() >= slots.capacity) {
             return 0;
         }
         self.prepare(self.free.len());
-        // Slots in their order, so that neighbours are sent together.
+        // In slot order, so that adjacent slots are sent together.
         self.free.sort_unstable();
         let fits = self.prepared.iter().take(self.free.len()).take_while(|p| slots.takes(p)).count();
         let filled: Vec<u32> = self.free.drain(..fits).collect();
@@ -436,7 +437,7 @@ impl<'a> Work<'a> {
         filled.len()
     }
 
-    /// Hands over what has ended.
+    /// Passes on the solutions of candidates that have ended, and frees their slots.
     fn collect(
         &mut self,
         slots: &mut Slots,
@@ -467,7 +468,7 @@ impl<'a> Work<'a> {
     }
 }
 
-/// The shaders of a submission: the start of the slots that were just filled, then rounds of all.
+/// Shaders of a submission: the start of the slots that were just filled, then rounds of all slots.
 fn plan(starting: usize, running: usize, rounds: usize) -> Plan {
     let of = |stages: &mut dyn Iterator<Item = crate::solver::round::Stage>, list: List, count: usize| -> Plan {
         stages.flat_map(Shader::of).map(|shader| (*shader, list, count)).collect()
@@ -479,7 +480,7 @@ fn plan(starting: usize, running: usize, rounds: usize) -> Plan {
     plan
 }
 
-/// Encodes shaders in their order, in one pass or, when they are timed, in one each.
+/// Encodes shaders in order: all in one pass, or, if they are timed, each in its own pass.
 fn encode(slots: &Slots, encoder: &mut wgpu::CommandEncoder, plan: &Plan, timer: Option<&mut Timer>) {
     match timer {
         None => {
@@ -515,7 +516,7 @@ impl Backend for Gpu {
     }
 
     fn solve(&self, job: &Job, skip: &(dyn Fn(usize) -> bool + Sync), finish: &(dyn Fn(usize, Solution) + Sync)) {
-        // Only f32 exists there.
+        // The shaders exist in f32 only.
         if job.precision == Precision::F64 {
             return self.cpu.solve(job, skip, finish);
         }
@@ -529,7 +530,7 @@ impl Backend for Gpu {
             let wanted = left.iter().filter(|i| !skip(**i)).count();
             if wanted > 0 {
                 if self.fallback().is_none() {
-                    warn!("warning: {fault}; the CPU goes on");
+                    warn!("warning: {fault}; the CPU takes over");
                 }
                 Fallback::add(&self.fallback, wanted, fault.to_string());
             }
@@ -538,7 +539,7 @@ impl Backend for Gpu {
     }
 }
 
-/// Lowers the cost of a solved motion, on the CPU: few are solved, and only those that are wanted.
+/// Lowers the cost of a solved motion on the CPU: only few candidates are solved, and only requested ones are smoothed.
 fn smooth(job: &Job, index: usize, solution: Solution, cancel: &dyn Fn() -> bool) -> Solution {
     if solution.outcome.status != Status::Solved {
         return solution;
@@ -559,12 +560,12 @@ fn smooth(job: &Job, index: usize, solution: Solution, cancel: &dyn Fn() -> bool
     Solution { outcome, x: solver.solution(), ..solution }
 }
 
-/// Slots and their device, for tests of single shaders.
+/// Access to slots for tests of single shaders.
 impl Slots {
     /// Dispatches shaders over a list of slots and waits.
     ///
     /// # Errors
-    /// [`Fault`] when the device does not do it.
+    /// [`Fault`] if the device fails.
     pub fn run(&mut self, device: &Device, shaders: &[Shader], slots: &[u32]) -> std::result::Result<(), Fault> {
         self.list(List::Running, slots);
         let mut encoder = device.device.create_command_encoder(&Default::default());
@@ -574,7 +575,7 @@ impl Slots {
         device.wait()
     }
 
-    /// Writes a whole buffer of four-byte values.
+    /// Overwrites a whole buffer of four-byte values.
     pub fn write_buffer(&mut self, device: &Device, buffer: Buffer, bytes: &[u8]) {
         device.queue.write_buffer(self.buffer(buffer), 0, bytes);
     }

@@ -1,32 +1,33 @@
-//! The shaders: their texts, which stage each belongs to, and the buffers that they bind.
+//! Shaders: their texts, the stage that each belongs to, and the buffers that they bind.
 //!
-//! A shader stands in `shaders/<path>.wgsl`, its twin in `src/<path>.rs`. The comment that it begins with says what is put in front of it:
+//! A shader is in `shaders/<path>.wgsl`, its twin in `src/<path>.rs`. The comment at its beginning states what its text needs:
 //!
 //! ```text
 //! // needs: shared/values shared/jacobian        shared files
-//! // binds: jacobian footholds cones heights     buffers, in the order of their bindings, behind those of every shader
-//! //   in   values    x of the trial point       what it reads
-//! //   out  jacobian  2 rows at each place       what it writes: bound to be written, all others to be read alone
+//! // binds: jacobian footholds cones heights     buffers, in the order of their bindings, after those of every shader
+//! //   in   values    x of the trial point       buffer that it reads
+//! //   out  jacobian  2 rows at each place       buffer that it writes; all others are bound read-only
 //! ```
 //!
 //! ```text
-//! // binds: jacobian tables                   `tables` are those of `Buffer::JOINED`, as words
-//! // reads: elements reach_feet               whose entries `elements_at(slot, i)`, and what arrays in them hold
-//! //                                          `reach_legs_front(slot, i, k)` reads: functions written in front of the text
+//! // binds: jacobian tables                   `tables` holds the tables of `Buffer::JOINED` as words
+//! // reads: elements reach_feet               tables in it that have generated functions: `elements_at(slot, i)` reads
+//! //                                          an entry, `reach_legs_front(slot, i, k)` an element of an array in an entry
 //! ```
 //!
-//! Every shader binds `batch`, `running`, `slots`, `progress` and `values` ([`COMMON`]). Types of buffers, their structs and the constants that
-//! it has in common with Rust are written in front of it, too ([`prelude`]).
+//! Every shader binds `batch`, `running`, `slots`, `progress` and `values` ([`COMMON`]). Its text is preceded by the types of buffers,
+//! their structs and the constants that it shares with Rust ([`prelude`]).
 //!
-//! A shader of rows has no entry point of its own: that of `shared/entries` calls its function `entry` for each entry of the table that it
-//! walks ([`Shader::walks`]). `rows/momentum` alone walks its table itself, for several threads have an entry there.
+//! A shader of rows has no entry point: the one of `shared/entries` calls its function `entry` for each entry of its table
+//! ([`Shader::walks`]). The exception is `rows/momentum`, which has its own entry point because several threads share an entry.
 //!
 //! # What drivers may round
-//! Vulkan asks of sums and products, each alone or a product and a sum in one, that they are rounded, of a quotient 2.5 units in the last place, of
-//! `1 / sqrt` 2 and of `sqrt` what follows from both; `round`, `floor`, `min` and `max` are exact. Numbers below 2^-126 may become 0, and NaNs and
-//! infinities may be taken for numbers. The 2^-11 of sine and cosine are too little for a solver in `f32`: `shared/math` has its own. Of `log`, in the
-//! merit and in the stall rule, it asks 3 units, but 2^-21 absolute between 0.5 and 2, where slacks that hardly change have their ratios: times
-//! the barrier parameter, 2.4e-8 a row at its default. Adapters tested are within 1.9e-7, that is 1e-8 a row.
+//! Vulkan requires sums and products to be correctly rounded (a product and a sum may be fused), a quotient to be within 2.5 units in the
+//! last place, `1 / sqrt` within 2, and `sqrt` within what follows from both. `round`, `floor`, `min` and `max` are exact. Numbers below
+//! 2^-126 may become 0, and a compiler may assume that there are no NaNs and infinities. The allowed error of 2^-11 of sine and cosine is
+//! too large for a solver in `f32`: `shared/math` has its own functions. `log`, which occurs in the merit and in the stall rule, must be
+//! within 3 units, but only within 2^-21 absolute between 0.5 and 2, where the ratios of slacks that hardly change are. Times the barrier
+//! parameter this is 2.4e-8 per row at its default. Tested adapters are within 1.9e-7, which is 1e-8 per row.
 
 use super::tables::{Batch, Buffer, Part, kind};
 use crate::robot::GRAVITY;
@@ -37,9 +38,9 @@ use crate::solver::control;
 use crate::solver::round::Stage;
 use crate::solver::slacks::{BARRIER_FLOOR, MULTIPLIER_FLOOR, SLACK_FLOOR, TO_THE_BOUNDARY};
 
-/// Invocations of a workgroup, in every shader.
+/// Invocations per workgroup, in every shader.
 pub const WORKGROUP: u32 = 64;
-/// The same on software adapters: as many as their vectors have lanes, so that nothing is done twice for one candidate.
+/// Invocations per workgroup on software adapters: as many as their vectors have lanes, so that no work for a candidate is repeated.
 pub const SOFTWARE_WORKGROUP: u32 = 8;
 
 macro_rules! text {
@@ -70,7 +71,7 @@ macro_rules! all_shaders {
 
 macro_rules! shaders {
     (rows { $($row:ident $row_path:literal $table:ident,)* } solver { $($shader:ident $path:literal,)* }) => {
-        /// A shader.
+        /// Shader.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
         #[allow(missing_docs, reason = "named as their files")]
         pub enum Shader {
@@ -79,12 +80,12 @@ macro_rules! shaders {
         }
 
         impl Shader {
-            /// All of them, in the order of their numbers.
+            /// All shaders, in the order of their numbers.
             pub const ALL: &[Shader] = &[$(Shader::$row,)* $(Shader::$shader,)*];
-            /// Those that evaluate the rows at the trial point, in their order.
+            /// Shaders that evaluate the rows at the trial point, in their order.
             pub const ROWS: &[Shader] = &[$(Shader::$row,)*];
 
-            /// File of shader and twin, without ending.
+            /// Path of shader and twin, without suffix.
             pub fn path(self) -> &'static str {
                 match self {
                     $(Shader::$row => $row_path,)*
@@ -92,7 +93,7 @@ macro_rules! shaders {
                 }
             }
 
-            /// Its own text.
+            /// Text of the shader's own file.
             pub fn source(self) -> &'static str {
                 match self {
                     $(Shader::$row => text!($row_path),)*
@@ -100,7 +101,7 @@ macro_rules! shaders {
                 }
             }
 
-            /// Name of the table whose entries it walks, of those that evaluate rows.
+            /// Name of the table whose entries the shader visits; `None` if it does not evaluate rows.
             pub fn walks(self) -> Option<&'static str> {
                 match self {
                     $(Shader::$row => Some(stringify!($table)),)*
@@ -112,7 +113,7 @@ macro_rules! shaders {
 }
 row_shaders!(all_shaders);
 
-/// Files that shaders share, by their names.
+/// Shared files by name.
 pub const SHARED: &[(&str, &str)] = &[
     ("shared/entries", text!("shared/entries")),
     ("shared/values", text!("shared/values")),
@@ -133,22 +134,22 @@ pub const SHARED: &[(&str, &str)] = &[
     ("shared/front_storage", text!("shared/front_storage")),
 ];
 
-/// What a shader binds.
+/// Binding of a shader.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Binding {
     /// Sizes of the batch, a uniform.
     Batch,
-    /// Which steps of the factorisation to take, a uniform.
+    /// Range of factorisation steps, a uniform.
     Part,
-    /// A buffer, and whether it is written.
+    /// Storage buffer; true if the shader writes it.
     Storage(Buffer, bool),
 }
 
-/// What every shader binds, in this order, before all else.
+/// Names that every shader binds, in this order, before all others.
 pub const COMMON: [&str; 5] = ["batch", "running", "slots", "progress", "values"];
 
 impl Binding {
-    /// What stands for a name in the lines `// binds:`.
+    /// Binding for a name in a `// binds:` line.
     fn named(name: &str, written: bool) -> Option<Binding> {
         match name {
             "batch" => Some(Binding::Batch),
@@ -157,7 +158,7 @@ impl Binding {
         }
     }
 
-    /// Its declaration as the binding of a number.
+    /// Declaration as the binding of a number.
     fn declaration(self, number: u32) -> String {
         let variable = match self {
             Binding::Batch => format!("var<uniform> batch: {}", Batch::name()),
@@ -171,13 +172,13 @@ impl Binding {
     }
 }
 
-/// What the lines of the comment that a text begins with name behind a word.
+/// Names that the header of a text lists after a keyword.
 fn stated<'a>(text: &'a str, word: &str) -> impl Iterator<Item = &'a str> {
     let header = text.lines().map_while(|line| line.strip_prefix("//"));
     header.filter_map(move |line| line.trim_start().strip_prefix(word)).flat_map(str::split_whitespace)
 }
 
-/// The tables that a text reads out of `tables`; what is wrong with its words otherwise.
+/// Tables that a text reads from `tables`, or a message about what is wrong with the statement.
 pub fn reads(text: &str) -> Result<Vec<Buffer>, String> {
     let bound = stated(text, "binds:").any(|name| name == Buffer::Tables.name());
     let joined = |name: &str| {
@@ -204,7 +205,7 @@ fn readers(table: Buffer) -> String {
     text
 }
 
-/// The bindings of a shader in their order, as the comment that its text begins with states them; what is wrong with it otherwise.
+/// Bindings of a shader in order, as the header of its text states them, or a message about what is wrong with the header.
 pub fn bindings(text: &str) -> Result<Vec<Binding>, String> {
     reads(text)?;
     let header = || text.lines().map_while(|line| line.strip_prefix("//"));
@@ -247,17 +248,17 @@ impl Shader {
         }
     }
 
-    /// The table that it walks; without entries there it has nothing to do.
+    /// Table that the shader visits. If it has no entries, the shader has nothing to do.
     pub fn table(self) -> Option<Buffer> {
         Buffer::TABLES.iter().find(|b| Some(b.name()) == self.walks()).copied()
     }
 
-    /// Its bindings, see [`bindings`].
+    /// Bindings of the shader, see [`bindings`].
     pub fn bindings(self) -> Result<Vec<Binding>, String> {
         bindings(self.source())
     }
 
-    /// Buffers that it binds, and whether they are written.
+    /// Storage buffers that the shader binds; true for those that it writes.
     pub fn buffers(self) -> impl Iterator<Item = (Buffer, bool)> {
         self.bindings().unwrap_or_default().into_iter().filter_map(|binding| match binding {
             Binding::Storage(buffer, written) => Some((buffer, written)),
@@ -265,7 +266,7 @@ impl Shader {
         })
     }
 
-    /// Whole text; without bindings where they cannot be made out.
+    /// Complete text. It has no bindings if the header is invalid.
     pub fn text(self, variant: &Variant) -> String {
         let Variant { workgroup, front, side, columns } = variant;
         let mut text = prelude();
@@ -294,7 +295,7 @@ impl Shader {
     }
 }
 
-/// Shared files that a text needs, each once and behind those that it needs itself: lines `// needs: a b` say so.
+/// Collects the shared files that a text needs, each once and after those that it needs itself. Lines `// needs: a b` state them.
 fn needs<'a>(text: &'a str, into: &mut Vec<&'a str>) {
     for name in text.lines().filter_map(|line| line.strip_prefix("// needs:")).flat_map(str::split_whitespace) {
         if !into.contains(&name) {
@@ -309,7 +310,7 @@ fn needs<'a>(text: &'a str, into: &mut Vec<&'a str>) {
 /// Values with their names in shaders.
 type Named<T> = Vec<(&'static str, T)>;
 
-/// Constants that shaders and twins have in common: name and value, in `u32` and in `f32`.
+/// Constants that shaders and twins share: names and values, in `u32` and in `f32`.
 pub fn constants() -> (Named<u32>, Named<f32>) {
     let whole = vec![
         ("NONE", NONE),
@@ -360,7 +361,7 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
     (whole, real)
 }
 
-/// What stands in front of every shader: [`constants`] and the structs of all buffers.
+/// Text in front of every shader: [`constants`] and the structs of all buffers.
 pub fn prelude() -> String {
     let (whole, real) = constants();
     let mut text = String::new();
@@ -379,23 +380,24 @@ pub fn prelude() -> String {
     structs.into_iter().fold(text + "\n", |text, (_, declaration)| text + &declaration + "\n")
 }
 
-/// What the text of shaders depends on: how large the front is, and where it is kept.
+/// Parameters of the shader texts: size and location of the front, and sizes of the workgroup memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Variant {
     /// Invocations of a workgroup.
     pub workgroup: u32,
-    /// Values of the front in workgroup memory; 0: it is kept in storage.
+    /// Values of the front in workgroup memory; 0 if the front is in storage.
     pub front: u32,
-    /// Largest size of a front with its right-hand side.
+    /// Length of a row of the front with its right-hand side, rounded up.
     pub side: u32,
-    /// Most columns of an element.
+    /// Largest number of columns of an element, rounded up.
     pub columns: u32,
 }
 
 impl Variant {
-    /// The variant for fronts of a size and elements of a number of columns, within a limit of workgroup memory, bytes.
+    /// Variant for fronts of a size and elements of a number of columns, within a limit of workgroup memory, bytes.
     ///
-    /// The front has the portable 16 KiB where that is enough, else as many times 8 KiB as it needs, else storage.
+    /// The workgroup memory is the portable 16 KiB if that is enough, otherwise the required multiple of 8 KiB. If this exceeds the limit,
+    /// the front is in storage.
     pub fn new(front: usize, columns: usize, workgroup: u32, limit: u32) -> Variant {
         let side = (front as u32 + 1).next_multiple_of(16);
         let columns = (columns as u32).max(1).next_multiple_of(16);
@@ -406,7 +408,7 @@ impl Variant {
         Variant { front: if needed <= memory { (memory - others) / 4 } else { 0 }, ..without }
     }
 
-    /// Workgroup memory that a factorisation takes, bytes: the front, and `panel`, `columns` and `by_pose` of front.wgsl, in the multiples of 16
+    /// Workgroup memory of a factorisation, bytes: the front, and `panel`, `columns` and `by_pose` of front.wgsl, in the multiples of 16
     /// that adapters count.
     pub fn workgroup_memory(&self) -> u32 {
         4 * (self.front + 4 * self.side + 2 * self.columns + 44)

@@ -1,4 +1,4 @@
-//! Buffers for a number of candidates at once, and what is done with them: filling slots, dispatches, read-back.
+//! Buffers for a number of candidates, and their operations: filling slots, dispatches, reading results.
 
 use super::device::{Device, Fault, Pipeline};
 use super::shaders::{Binding, Shader, Variant};
@@ -11,26 +11,26 @@ use rayon::prelude::*;
 use std::sync::Arc;
 use wgpu::BufferUsages as Use;
 
-/// A candidate, ready to be sent.
+/// Candidate whose tables are ready to be sent.
 pub struct Prepared {
-    /// Its number in the population.
+    /// Index in the population.
     pub index: usize,
-    /// Its tables.
+    /// Tables that CPU and GPU share.
     pub layout: Layout<f32>,
-    /// Those for shaders alone.
+    /// Tables that only shaders use.
     pub own: ShaderTables,
-    /// Its sizes.
+    /// Sizes of the tables and arrays.
     pub sizes: Sizes,
-    /// Its slot.
+    /// Entry of the buffer `slots`.
     pub slot: Slot,
-    /// Loop iterations of an invocation in the costliest step of its factorisation, at most.
+    /// Upper bound on the loop iterations of an invocation in the costliest step of the factorisation.
     pub loops: u32,
-    /// The same in the costliest of all other shaders.
+    /// Estimate of the loop iterations of an invocation in the costliest other shader.
     pub walk: u32,
 }
 
 impl Prepared {
-    /// Tables of a candidate whose terrain's heights begin at `first_height`, for workgroups of a size.
+    /// Builds the tables of a candidate for workgroups of a given size. `first_height` is the offset of its terrain's heights.
     pub fn new(index: usize, layout: Layout<f32>, first_height: u32, workgroup: u32) -> Prepared {
         let own = ShaderTables::of(&layout);
         let sizes = Sizes::of(&layout, &own);
@@ -41,7 +41,7 @@ impl Prepared {
     }
 }
 
-/// Loop iterations of an invocation of the shader `front` in one step of the sweep, at most.
+/// Upper bound on the loop iterations of an invocation of the shader `front` in one elimination step.
 fn loops(layout: &Layout<f32>, step: &Step, workgroup: u32) -> u32 {
     let shares = |n: u32| n / workgroup + 2;
     let triangle = |n: u32| shares(n * (n + 3) / 2);
@@ -53,15 +53,14 @@ fn loops(layout: &Layout<f32>, step: &Step, workgroup: u32) -> u32 {
         })
         .sum();
     let feet: u32 = layout.reach_instants[step.reach.range()].iter().map(|instant| instant.feet.end - instant.feet.start).sum();
-    // A foot, and what is done once an instant.
+    // Per foot, including the work per instant.
     let reach = feet * (5 * shares(30) + 3 * shares(42) + shares(24) + shares(360));
     let panels = step.pivots.div_ceil(4) * (triangle(step.size) + 6 * shares(step.size));
     elements + reach + panels + 4 * triangle(step.size) + 4 * shares(step.size)
 }
 
-/// Loop iterations of an invocation of the shader that goes over all elements row by row, or of those that gather them by variable. An
-/// invocation takes every `workgroup`-th; those beside it go through each loop together, as often as the one that goes through it longest, and
-/// once more to leave it.
+/// Loop iterations of an invocation of the shader that visits all elements row by row, or of those that gather them by variable; the larger
+/// number. Invocations stride by the workgroup size and run in lockstep, so each loop costs its longest trip count plus one exit test.
 fn walk(layout: &Layout<f32>, own: &ShaderTables, workgroup: usize) -> u32 {
     let by_element = layout.elements.chunks(workgroup).map(|together| {
         let rows = together.iter().map(|e| e.rows).max().unwrap_or(0);
@@ -71,10 +70,10 @@ fn walk(layout: &Layout<f32>, own: &ShaderTables, workgroup: usize) -> u32 {
     });
     let by_instant = layout.reach_instants.chunks(workgroup).map(|together| {
         let feet = together.iter().map(|instant| instant.feet.end - instant.feet.start).max().unwrap_or(0);
-        // Blocks of the base; of each foot axes, footholds and rows.
+        // Blocks of the base; per foot the axes, footholds and rows.
         1 + (4 + 1) + (feet + 1) + feet * ((3 + 1) + (2 + 1) + (3 + 1))
     });
-    // Of an instant its feet, and the step to the next one.
+    // Per instant: its feet, and the step to the next instant.
     let of_instants = |touch: &ReachTouch| -> u32 {
         layout.reach_instants[touch.instants.range()].iter().map(|instant| 2 + instant.feet.end - instant.feet.start).sum()
     };
@@ -84,12 +83,12 @@ fn walk(layout: &Layout<f32>, own: &ShaderTables, workgroup: usize) -> u32 {
         let reach = longest(gathers().map(|g| own.reach_touches[g.reach.range()].iter().map(of_instants)));
         1 + rows.iter().chain(&reach).map(|count| 1 + (count + 1)).sum::<u32>() + 2
     });
-    // The start goes over inequalities and values besides.
-    let besides = [layout.inequalities, layout.initial.len()].map(|n| n.div_ceil(workgroup) as u32 + 1);
-    (by_element.sum::<u32>() + by_instant.sum::<u32>()).max(by_variable.sum::<u32>() + besides.iter().sum::<u32>()) + 2
+    // The shader `start` also visits inequalities and values.
+    let extra = [layout.inequalities, layout.initial.len()].map(|n| n.div_ceil(workgroup) as u32 + 1);
+    (by_element.sum::<u32>() + by_instant.sum::<u32>()).max(by_variable.sum::<u32>() + extra.iter().sum::<u32>()) + 2
 }
 
-/// The largest of the first items of some lists, of the second ones, and so on.
+/// Element-wise maximum of lists of different lengths.
 fn longest(lists: impl Iterator<Item = impl Iterator<Item = u32>>) -> Vec<u32> {
     let mut largest: Vec<u32> = Vec::new();
     for list in lists {
@@ -103,12 +102,12 @@ fn longest(lists: impl Iterator<Item = impl Iterator<Item = u32>>) -> Vec<u32> {
     largest
 }
 
-/// Which list of slots a dispatch works on.
+/// List of slots that a dispatch works on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum List {
-    /// Those that iterate.
+    /// Slots whose candidates iterate.
     Running,
-    /// Those that were just filled.
+    /// Slots that were just filled.
     Starting,
 }
 
@@ -119,21 +118,21 @@ pub struct Slots {
     pipelines: Arc<Vec<Pipeline>>,
     groups: Vec<wgpu::BindGroup>,
     buffers: Vec<wgpu::Buffer>,
-    /// Progress of all slots, to be read.
+    /// Copy of the progress of all slots that the host can read.
     progress: wgpu::Buffer,
-    /// Solutions, to be read.
+    /// Copy of solutions that the host can read.
     solutions: wgpu::Buffer,
-    /// Slots.
+    /// Number of slots.
     pub capacity: usize,
-    /// Candidates that fit.
+    /// Sizes of the largest candidate that fits into a slot.
     pub sizes: Sizes,
-    /// Sizes and offsets.
+    /// Sizes and offsets that shaders read.
     pub batch: Batch,
     /// Bytes of all buffers.
     pub bytes: u64,
-    /// Steps of the factorisation a dispatch.
+    /// Number of factorisation steps per dispatch.
     steps_at_once: u32,
-    /// Loop iterations that a step may take.
+    /// Largest number of loop iterations per factorisation step.
     loops: u32,
     heights: Vec<f32>,
     /// Bytes sent to the device so far.
@@ -142,7 +141,7 @@ pub struct Slots {
     pub received: u64,
 }
 
-/// Bytes that a slot takes in a buffer; of heights all.
+/// Bytes per slot in a buffer. For heights, which all slots share, the bytes of the whole buffer.
 fn bytes_of(buffer: Buffer, sizes: &Sizes, batch: &Batch, heights: usize) -> u64 {
     let entries = |n: u32, size: usize| u64::from(n) * size as u64;
     match buffer {
@@ -157,19 +156,19 @@ fn bytes_of(buffer: Buffer, sizes: &Sizes, batch: &Batch, heights: usize) -> u64
     }
 }
 
-/// How many slots of these sizes the limits of a device allow.
+/// Number of slots of these sizes that the limits of a device allow.
 pub fn most_slots(device: &Device, sizes: &Sizes, settings: &SolverSettings, heights: usize) -> usize {
     let variant = device.variant(sizes.front, sizes.columns);
     let batch = Batch::new(sizes, settings, variant.front == 0, 1);
     // Shaders count words in 32 bits.
     let limit = device.limits.max_storage_buffer_binding_size.min(device.limits.max_buffer_size).min(4 * u64::from(u32::MAX));
-    // Neither of these depends on their number.
+    // Workgroup memory and heights do not depend on the number of slots.
     if variant.workgroup_memory() > device.limits.max_compute_workgroup_storage_size
         || bytes_of(Buffer::Heights, sizes, &batch, heights) > limit
     {
         return 0;
     }
-    // Tables that are joined begin at multiples.
+    // Joined tables begin at multiples of the alignment.
     let limit = limit - ALIGNMENT * Buffer::JOINED.len() as u64;
     let slots = |buffer: Buffer| if buffer == Buffer::Heights { u64::MAX } else { limit / bytes_of(buffer, sizes, &batch, heights) };
     let most = Buffer::ALL.iter().map(|b| slots(*b)).min().unwrap_or(0);
@@ -177,7 +176,7 @@ pub fn most_slots(device: &Device, sizes: &Sizes, settings: &SolverSettings, hei
 }
 
 impl Slots {
-    /// Buffers for `capacity` candidates of these sizes.
+    /// Creates buffers for `capacity` candidates of these sizes.
     ///
     /// * `heights` - samples of all grids
     /// * `loops` - loop iterations of an invocation in the costliest step of a factorisation
@@ -220,7 +219,7 @@ impl Slots {
         if !heights.is_empty() {
             device.queue.write_buffer(&buffers[Buffer::Heights as usize], 0, bytemuck::cast_slice(heights));
         }
-        // A driver that cuts loops short gets as many steps at once as it certainly does.
+        // If the driver cuts loops short, a dispatch takes only as many steps as the driver certainly completes.
         let steps_at_once = device.loop_limit.map_or(batch.front_steps, |limit| (limit / loops.max(1)).clamp(1, batch.front_steps));
         let count = batch.front_steps.div_ceil(steps_at_once);
         let parts = device.buffer("part", ALIGNMENT * u64::from(count), Use::UNIFORM | Use::COPY_DST)?;
@@ -274,23 +273,23 @@ impl Slots {
         })
     }
 
-    /// Whether it can be used again for candidates of these sizes with these settings.
+    /// True if these slots can be reused for candidates of these sizes with these settings.
     pub fn serves(&self, sizes: Sizes, settings: &SolverSettings, heights: &[f32], loops: u32) -> bool {
         let batch = Batch::new(&self.sizes, settings, self.variant.front == 0, self.capacity);
         self.sizes.hold(sizes) && self.batch == batch && self.heights == heights && self.loops >= loops
     }
 
-    /// Whether a candidate fits into a slot.
+    /// True if a candidate fits into a slot.
     pub fn takes(&self, candidate: &Prepared) -> bool {
         self.sizes.hold(candidate.sizes) && self.loops >= candidate.loops
     }
 
-    /// A buffer; of tables that are joined the one they stand in.
+    /// Buffer by name. Joined tables share one buffer.
     pub fn buffer(&self, buffer: Buffer) -> &wgpu::Buffer {
         &self.buffers[buffer as usize]
     }
 
-    /// Sends the tables of one kind for candidates in consecutive slots from `first` on. They are packed by all threads.
+    /// Sends the tables of one kind for candidates in consecutive slots, starting at `first`. All threads pack them.
     fn send(&mut self, buffer: Buffer, first: usize, candidates: &[Prepared]) {
         let stride = bytes_of(buffer, &self.sizes, &self.batch, 0) as usize;
         let of = |candidate: &Prepared| -> usize { buffer.table(&candidate.layout, &candidate.own).map_or(0, |t| t.bytes.len()) };
@@ -304,7 +303,7 @@ impl Slots {
         self.write(buffer, (first * stride) as u64, &bytes);
     }
 
-    /// Writes bytes of a buffer.
+    /// Writes bytes to a buffer.
     fn write(&mut self, buffer: Buffer, at: u64, bytes: &[u8]) {
         if !bytes.is_empty() {
             self.sent += bytes.len() as u64;
@@ -313,9 +312,9 @@ impl Slots {
         }
     }
 
-    /// Fills slots: groups of candidates, each for consecutive slots from a first one on.
+    /// Fills slots. Each group of candidates goes to consecutive slots, starting at the given one.
     pub fn fill(&mut self, groups: &[(usize, &[Prepared])], settings: &SolverSettings) {
-        // Shaders write what is not always zero; padding and the rest must be zero.
+        // Shaders write only Jacobian values that can be nonzero; the others and the padding must be zero.
         let mut encoder = self.device.device.create_command_encoder(&Default::default());
         let jacobian = bytes_of(Buffer::Jacobian, &self.sizes, &self.batch, 0);
         for (first, candidates) in groups {
@@ -342,7 +341,7 @@ impl Slots {
         }
     }
 
-    /// Writes values of a slot from an offset in [`Batch`] on.
+    /// Writes values of a slot, starting at an offset of [`Batch`].
     pub fn write_values(&mut self, slot: usize, section: u32, values: &[f32]) {
         let at = 4 * (slot as u64 * u64::from(self.batch.values) + u64::from(section));
         self.write(Buffer::Values, at, bytemuck::cast_slice(values));
@@ -360,7 +359,7 @@ impl Slots {
         }
     }
 
-    /// Dispatches one shader over the first `count` slots of a list; not at all when no candidate has what it walks.
+    /// Dispatches one shader over the first `count` slots of a list. Does nothing if no candidate has entries in the shader's table.
     pub fn dispatch(&self, pass: &mut wgpu::ComputePass, shader: Shader, list: List, count: usize) {
         if shader.table().is_some_and(|table| self.sizes.entries(table) == 0) {
             return;
@@ -375,18 +374,18 @@ impl Slots {
         }
     }
 
-    /// Has the progress of all slots copied to where it can be read.
+    /// Encodes the copy of the progress of all slots to a buffer that can be read.
     pub fn copy_progress(&self, encoder: &mut wgpu::CommandEncoder) {
         encoder.copy_buffer_to_buffer(self.buffer(Buffer::Progress), 0, &self.progress, 0, self.progress.size());
     }
 
-    /// Reads what [`Slots::copy_progress`] copied.
+    /// Reads the progress that [`Slots::copy_progress`] copied.
     pub fn read_progress(&mut self) -> Result<Vec<Progress<f32>>, Fault> {
         self.received += self.progress.size();
         Ok(bytemuck::pod_collect_to_vec(&self.device.read(&self.progress, self.progress.size())?))
     }
 
-    /// Reads `x` of slots, each from its current half.
+    /// Reads `x` of slots. Each item is a slot and its current half.
     pub fn read_solutions(&mut self, slots: &[(u32, u32)]) -> Result<Vec<Vec<f32>>, Fault> {
         let len = 4 * self.sizes.all as u64;
         let mut encoder = self.device.device.create_command_encoder(&Default::default());
@@ -401,7 +400,7 @@ impl Slots {
         Ok(values.chunks(self.sizes.all).map(<[f32]>::to_vec).collect())
     }
 
-    /// Reads a whole buffer, of tables that are joined all. For tests.
+    /// Reads a whole buffer; for a joined table, all joined tables. For tests.
     pub fn read_buffer(&self, buffer: Buffer) -> Result<Vec<u8>, Fault> {
         let from = self.buffer(buffer);
         let to = self.device.buffer("read", from.size(), Use::MAP_READ | Use::COPY_DST)?;

@@ -1,11 +1,12 @@
-//! What every shader sees: sizes of the batch, the candidate of each slot, and the tables that only shaders use.
+//! Data that shaders read: sizes of the batch, the candidate of each slot, and the tables that only shaders use.
 //!
-//! One workgroup works on one slot. Every table and array holds the same number of entries a slot, enough for the largest candidate. The list
-//! of tables stands once: that of [`crate::rows`] with those of the solver behind it. Buffers, sizes, uploads and the declarations in WGSL are
-//! made from it.
+//! One workgroup works on one slot. Every table and array has the same number of entries per slot, enough for the largest candidate. There
+//! is a single list of tables: that of [`crate::rows`], followed by those of the solver. Buffers, sizes, uploads and the declarations in
+//! WGSL are generated from it.
 //!
-//! A shader may bind eight storage buffers on every device. The factorisation needs more tables than that leaves, so those ([`Buffer::JOINED`])
-//! stand one behind the other in one buffer, `tables`. A shader binds each as an array of its entries, or all of them as words.
+//! Every device supports eight storage buffers per shader. The factorisation needs more tables than that leaves, so these
+//! ([`Buffer::JOINED`]) are joined in one buffer, `tables`. A shader binds each of them as an array of its entries, or all of them as
+//! words.
 
 use crate::nlp::Layout;
 use crate::rows::momentum::{MOMENTUM_POINTS, MomentumPoint};
@@ -16,15 +17,15 @@ use crate::settings::{SolverSettings, Transcription};
 use crate::solver::control::{Limits, Progress, hopeless_rates};
 use crate::terrain::{Profile, Shape as TerrainShape, Terrain};
 
-/// Offsets of bindings are multiples of this, the most that any device asks for, bytes.
+/// Alignment of the offsets of bindings, bytes: the largest that any device requires.
 pub const ALIGNMENT: u64 = 256;
 
-/// A table as it is sent.
+/// Table in the form in which it is sent.
 #[derive(Debug, Clone, Copy)]
 pub struct Sent<'a> {
-    /// Its entries.
+    /// Bytes of its entries.
     pub bytes: &'a [u8],
-    /// How many there are.
+    /// Number of entries.
     pub count: usize,
 }
 
@@ -35,15 +36,15 @@ fn sent<E: bytemuck::NoUninit>(entries: &[E]) -> Sent<'_> {
 /// Type of the entries of a buffer.
 #[derive(Debug, Clone, Copy)]
 pub struct Entry {
-    /// Bytes of one.
+    /// Bytes per entry.
     pub size: usize,
-    /// Its name in shaders.
+    /// Name in shaders.
     pub name: fn() -> String,
-    /// How it is declared there, see [`Wgsl::declare`].
+    /// Declaration in shaders, see [`Wgsl::declare`].
     pub declare: fn(&mut Vec<(String, String)>),
-    /// How it is made of words there, see [`Wgsl::read`].
+    /// Construction from words in shaders, see [`Wgsl::read`].
     pub read: fn(u32) -> String,
-    /// The arrays in it, see [`Wgsl::arrays`].
+    /// Arrays in the type, see [`Wgsl::arrays`].
     pub arrays: fn(&str, u32, &mut Vec<MemberArray>),
 }
 
@@ -52,7 +53,7 @@ impl Entry {
         Entry { size: size_of::<E>(), name: E::name, declare: E::declare, read: E::read, arrays: E::arrays }
     }
 
-    /// The type of what a function returns.
+    /// Type of the entries that a function returns.
     fn returned<E: Wgsl>(_: for<'a> fn(&'a Layout<f32>, &'a ShaderTables) -> &'a [E]) -> Entry {
         Entry::of::<E>()
     }
@@ -94,7 +95,7 @@ macro_rules! gpu_tables {
         joined { $($first:ident $joined:ident,)* }
         $($table:ident $buffer:ident ($entries:expr),)*
     ) => {
-        /// Buffers that shaders bind, by their names there.
+        /// Buffers that shaders bind, named as there.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
         #[allow(missing_docs, reason = "named as in the shaders")]
         pub enum Buffer {
@@ -110,14 +111,14 @@ macro_rules! gpu_tables {
         }
 
         impl Buffer {
-            /// All of them, in the order of their numbers.
+            /// All buffers, in the order of their numbers.
             pub const ALL: &[Buffer] = &[
                 Buffer::Running, Buffer::Slots, Buffer::Progress, Buffer::Values, Buffer::Jacobian, Buffer::Factor, Buffer::Heights,
                 Buffer::Tables, $(Buffer::$buffer,)*
             ];
-            /// Those that hold the tables of candidates.
+            /// Buffers that hold tables of candidates.
             pub const TABLES: &[Buffer] = &[$(Buffer::$buffer,)*];
-            /// Those of them that stand in [`Buffer::Tables`], in their order there.
+            /// Tables that are joined in [`Buffer::Tables`], in their order there.
             pub const JOINED: &[Buffer] = &[$(Buffer::$joined,)*];
 
             /// Name in the shaders.
@@ -135,7 +136,7 @@ macro_rules! gpu_tables {
                 }
             }
 
-            /// Type of its entries.
+            /// Type of the entries.
             pub fn entry(self) -> Entry {
                 match self {
                     Buffer::Running | Buffer::Tables => Entry::of::<u32>(),
@@ -149,7 +150,7 @@ macro_rules! gpu_tables {
                 }
             }
 
-            /// Entries of a table of a candidate; none of other buffers.
+            /// Entries of a candidate's table; `None` for buffers that are not tables.
             pub fn table<'a>(self, $layout: &'a Layout<f32>, $own: &'a ShaderTables) -> Option<Sent<'a>> {
                 match self {
                     $(Buffer::$buffer => Some(sent($entries)),)*
@@ -163,92 +164,92 @@ macro_rules! gpu_tables {
             #[derive(Default, PartialEq)]
             pub struct Batch {
                 $(
-                    #[doc = concat!("Entries a slot in `", stringify!($table), "`.")]
+                    #[doc = concat!("Entries per slot in `", stringify!($table), "`.")]
                     pub $table: u32,
                 )*
                 $(
-                    #[doc = concat!("Where the table of `", stringify!($joined), "` begins in `tables`, words.")]
+                    #[doc = concat!("Offset of the table `", stringify!($joined), "` in `tables`, words.")]
                     pub $first: u32,
                 )*
-                /// Values a slot.
+                /// Values per slot.
                 pub values: u32,
-                /// Values of the Jacobian a slot, in each of its two halves.
+                /// Jacobian values per slot, in each of its two halves.
                 pub jacobian: u32,
-                /// Values of the factor a slot.
+                /// Values of the factor per slot.
                 pub factor: u32,
-                /// Where each array begins in the values of a slot, from here on; `x` has two halves, at the point and at the trial point, `[all]`.
+                /// Offset of `x` in the values of a slot: two halves of `[all]`, at the point and at the trial point.
                 pub x: u32,
-                /// Length of a half.
+                /// Length of a half of `x`.
                 pub x_half: u32,
-                /// `[all]`
+                /// Offset of the initial values, `[all]`.
                 pub initial: u32,
-                /// `[variables]`
+                /// Offset of the smoothing weights, `[variables]`.
                 pub smoothing: u32,
-                /// `[variables]`
+                /// Offset of the direction, `[variables]`.
                 pub direction: u32,
-                /// `[variables]`
+                /// Offset of the column scaling, `[variables]`.
                 pub scaling: u32,
-                /// `[variables]`
+                /// Offset of the diagonal terms in single variables, `[variables]`.
                 pub diagonal: u32,
-                /// `[variables]`
+                /// Offset of the gradient of the terms in single variables, `[variables]`.
                 pub gradient: u32,
-                /// `[variables]`
+                /// Offset of the right-hand side of the corrector, `[variables]`.
                 pub right_hand_side: u32,
-                /// `[footholds][3]`
+                /// Offset of height and slopes under the footholds, `[footholds][3]`.
                 pub ground: u32,
-                /// `[intervals][6][6]`
+                /// Offset of the deviations of the pose at the inner points, `[intervals][6][6]`.
                 pub deviations: u32,
-                /// Two halves of `[equalities]`.
+                /// Offset of the equality residuals: two halves of `[equalities]`.
                 pub c: u32,
-                /// Length of a half.
+                /// Length of a half of the equality residuals.
                 pub c_half: u32,
-                /// `[equalities]`
+                /// Offset of the change of the equality residuals along the direction, `[equalities]`.
                 pub c_change: u32,
-                /// Two halves of `[inequalities]`.
+                /// Offset of the inequality residuals: two halves of `[inequalities]`.
                 pub g: u32,
-                /// Length of a half.
+                /// Length of a half of the inequality residuals.
                 pub g_half: u32,
-                /// `[inequalities]`
+                /// Offset of the change of the inequality residuals along the direction, `[inequalities]`.
                 pub g_change: u32,
-                /// `[rows]`
+                /// Offset of the weights of the rows, `[rows]`.
                 pub weight: u32,
-                /// `[rows]`
+                /// Offset of the values of the rows, `[rows]`.
                 pub value: u32,
-                /// `[inequalities]`
+                /// Offset of the slacks, `[inequalities]`.
                 pub slack: u32,
-                /// `[inequalities]`
+                /// Offset of the multipliers, `[inequalities]`.
                 pub multiplier: u32,
-                /// `[inequalities]`
+                /// Offset of the steps of the slacks, `[inequalities]`.
                 pub slack_step: u32,
-                /// `[inequalities]`
+                /// Offset of the steps of the multipliers, `[inequalities]`.
                 pub multiplier_step: u32,
-                /// `[window]`
+                /// Offset of the recorded infeasibilities, `[window]`.
                 pub history: u32,
-                /// `[rest][rest]` and `[rest]`
+                /// Offset of what remains of a front between two steps, `[rest][rest]` and `[rest]`.
                 pub carry: u32,
-                /// The front where workgroup memory does not hold it.
+                /// Offset of the front, if workgroup memory does not hold it.
                 pub front: u32,
-                /// `[1]`: 1 when the last factorisation failed.
+                /// Offset of the flag, `[1]`: 1 if the last factorisation failed.
                 pub flags: u32,
-                /// Settings of the solver, from here on.
+                /// Iteration limit, see [`Limits`].
                 pub max_iterations: u32,
-                /// `NONE`: no stall rule.
+                /// First record at which the stall rule may act; `NONE` disables it.
                 pub stall_start: u32,
-                /// See [`Limits`], as all that follow.
+                /// Window of the stall rule, see [`Limits`].
                 pub stall_window: u32,
-                /// Likewise.
+                /// Iteration budget of the stall rule, see [`Limits`].
                 pub stall_budget: f32,
-                /// Likewise.
+                /// Infeasibility below which a solve has succeeded.
                 pub tolerance: f32,
-                /// Likewise.
+                /// Smallest proximal weight.
                 pub proximal_floor: f32,
-                /// Likewise.
+                /// Weight of the smoothing at the first barrier parameter.
                 pub smoothing_weight: f32,
-                /// Likewise.
+                /// Infeasibility below which closing steps are tried.
                 pub closing: f32,
             }
 
-            /// The candidate of a slot: how many entries of each table it has, and its constants.
+            /// Candidate of a slot: numbers of entries in its tables, and its constants.
             pub struct Slot {
                 /// Number of variables.
                 pub variables: u32,
@@ -256,25 +257,25 @@ macro_rules! gpu_tables {
                 pub rows: RowCounts,
                 /// Number of inequalities.
                 pub inequalities: u32,
-                /// Where reach rows begin.
+                /// First reach row.
                 pub reach_rows: ReachRows,
-                /// See [`hopeless_rates`].
+                /// Decay of the early termination limit, see [`hopeless_rates`].
                 pub hopeless_rates: [f32; 3],
                 $(
-                    #[doc = concat!("Entries in `", stringify!($table), "`.")]
+                    #[doc = concat!("Number of entries in `", stringify!($table), "`.")]
                     pub $table: u32,
                 )*
-                /// Its ground.
+                /// Terrain.
                 pub shape: Shape,
-                /// Its constants.
+                /// Constants.
                 pub constants: Constants<f32>,
-                /// Points of its momentum intervals.
+                /// Points of the momentum intervals.
                 pub points: [MomentumPoint<f32>; MOMENTUM_POINTS],
             }
         }
 
         impl Slot {
-            /// The slot of a candidate whose terrain's heights, when it is a grid, stand from `first_height` on.
+            /// Slot of a candidate. `first_height` is the offset of its terrain's heights, if that is a grid.
             pub fn of(layout: &Layout<f32>, own: &ShaderTables, first_height: u32) -> Slot {
                 let count = |buffer: Buffer| buffer.table(layout, own).map_or(0, |t| t.count as u32);
                 Slot {
@@ -294,8 +295,8 @@ macro_rules! gpu_tables {
         impl Batch {
             /// Sizes and offsets of a batch of candidates.
             ///
-            /// * `front_in_storage` - whether workgroup memory does not hold the front
-            /// * `slots` - how many stand in the buffers
+            /// * `front_in_storage` - true if workgroup memory does not hold the front
+            /// * `slots` - number of slots in the buffers
             pub fn new(sizes: &Sizes, settings: &SolverSettings, front_in_storage: bool, slots: usize) -> Batch {
                 let mut values = 0u32;
                 let mut array = |len: usize| {
@@ -303,7 +304,7 @@ macro_rules! gpu_tables {
                     values += len as u32;
                     at
                 };
-                // What depends on the rows stands in the slots.
+                // Limits that depend on the transcription are in the slots.
                 let limits = Limits::<f32>::new(settings, Transcription::Momentum);
                 let size = |n: usize| n.max(1) as u32;
                 let mut words = 0;
@@ -356,7 +357,7 @@ macro_rules! gpu_tables {
                 }
             }
 
-            /// Where a table begins in [`Buffer::Tables`], words; `None`: it has a buffer of its own.
+            /// Offset of a table in [`Buffer::Tables`], words; `None` if it has its own buffer.
             pub fn first(&self, buffer: Buffer) -> Option<u32> {
                 match buffer {
                     $(Buffer::$joined => Some(self.$first),)*
@@ -385,25 +386,25 @@ crate::table! {
     /// Terrain of a candidate.
     #[derive(Default, PartialEq)]
     pub struct Shape {
-        /// Which one, see [`kind`].
+        /// Kind of terrain, see [`kind`].
         pub kind: u32,
-        /// Samples of a grid along x.
+        /// Number of samples of a grid along x.
         pub rows: u32,
-        /// Along y.
+        /// Number of samples of a grid along y.
         pub columns: u32,
-        /// Its first height among those of all grids.
+        /// Index of the grid's first height among those of all grids.
         pub first: u32,
-        /// Its lower corner, m.
+        /// Lower corner of a grid, m.
         pub low: [f32; 2],
-        /// Its samples per metre.
+        /// Samples per metre along x and y.
         pub per_metre: [f32; 2],
     }
 
-    /// Which steps of the factorisation to take.
+    /// Range of factorisation steps.
     pub struct Part {
         /// First step.
         pub first: u32,
-        /// One past the last.
+        /// One past the last step.
         pub last: u32,
     }
 
@@ -412,59 +413,60 @@ crate::table! {
     pub struct FrontStep {
         /// Size of the front.
         pub size: u32,
-        /// How many of its variables, the first, are eliminated here.
+        /// Number of pivots: the first variables of the front, which this step eliminates.
         pub pivots: u32,
         /// First pivot.
         pub variable: u32,
         /// Offset of its rows in the factor.
         pub factor: u32,
-        /// Distance of two of them.
+        /// Distance between two rows of the factor.
         pub stride: u32,
-        /// Elements assembled here.
+        /// Elements assembled in this step.
         pub elements: Span,
-        /// Reach instants.
+        /// Reach instants assembled in this step.
         pub reach: Span,
-        /// What stays after its pivots, in the table of [`Rest`].
+        /// Variables that remain after the pivots, in the table of [`Rest`].
         pub rest: Span,
     }
 
-    /// A variable that stays in the front of a step.
+    /// Variable that remains in the front after a step.
     #[derive(Default, PartialEq)]
     pub struct Rest {
-        /// Its number.
+        /// Number of the variable.
         pub variable: u32,
-        /// Its index in the next front.
+        /// Index in the next front.
         pub next: u32,
     }
 
-    /// What touches a block of variables.
+    /// Rows that touch a block of variables.
     #[derive(Default, PartialEq)]
     pub struct Gather {
-        /// Its first variable.
+        /// First variable of the block.
         pub variable: u32,
-        /// In the table of [`Touch`], in the order of the elements.
+        /// Elements, in the table of [`Touch`], in element order.
         pub touches: Span,
-        /// In the table of [`ReachTouch`], in the order of the instants.
+        /// Reach rows, in the table of [`ReachTouch`], in the order of the instants.
         pub reach: Span,
     }
 
-    /// An element that touches a block of variables.
+    /// Element that touches a block of variables.
     #[derive(Default, PartialEq)]
     pub struct Touch {
-        /// The element.
+        /// Number of the element.
         pub element: u32,
         /// Column of the first variable of the block.
         pub column: u32,
     }
 
-    /// Reach rows at consecutive instants that touch a block of variables by the same columns: those of a leg, or of all feet by the pose.
+    /// Reach rows at consecutive instants that touch a block of variables in the same columns: those of a leg, or those of all feet through
+    /// the pose.
     #[derive(Default, PartialEq)]
     pub struct ReachTouch {
-        /// The instants.
+        /// Reach instants.
         pub instants: Span,
-        /// The leg; [`NONE`]: all feet, by the pose.
+        /// Leg; [`NONE`] for the rows of all feet through the pose.
         pub leg: u32,
-        /// By the pose: which of the four blocks of the base it is, whose weights count.
+        /// Index among the four blocks of the base, whose weights count. For rows through the pose only.
         pub block: u32,
         /// Column of the first variable of the block.
         pub column: u32,
@@ -472,7 +474,7 @@ crate::table! {
 }
 
 impl Shape {
-    /// Shape of a terrain whose heights, when it is a grid, stand from `first` on.
+    /// Shape of a terrain. `first` is the offset of its heights, if it is a grid.
     pub fn of(terrain: &Terrain, first: u32) -> Shape {
         let profile = |kind| Shape { kind, ..Shape::default() };
         match &terrain.shape {
@@ -503,11 +505,11 @@ impl Shape {
 pub struct ShaderTables {
     /// Steps of the factorisation.
     pub front_steps: Vec<FrontStep>,
-    /// What stays of their fronts.
+    /// Variables that remain in their fronts.
     pub rests: Vec<Rest>,
-    /// Block of each variable, in `gathers`, `[variables]`.
+    /// Block of each variable, an index into `gathers`, `[variables]`.
     pub gather_of: Vec<u32>,
-    /// What touches each block.
+    /// Rows that touch each block.
     pub gathers: Vec<Gather>,
     /// Elements by block.
     pub touches: Vec<Touch>,
@@ -546,10 +548,10 @@ impl ShaderTables {
         tables
     }
 
-    /// Blocks are the longest runs of variables that the same rows touch.
+    /// Finds the blocks: the longest runs of variables that the same rows touch.
     fn gather(&mut self, layout: &Layout<f32>) {
         let (by_elements, by_reach) = (touched(layout), reach_touched(layout));
-        // Where runs begin or end, blocks do.
+        // A block begins where a run begins or ends.
         let mut begins = vec![false; layout.variables + 1];
         for run in by_elements.iter().map(|(run, _)| run).chain(by_reach.iter().map(|(run, _)| run)) {
             begins[run.variable as usize] = true;
@@ -569,9 +571,9 @@ impl ShaderTables {
         }
     }
 
-    /// What touches runs of variables, sorted by the blocks in these: the entries of each block, and all entries.
+    /// Sorts entries that touch runs of variables by block. Returns the range of each block, and all entries.
     ///
-    /// * `from` - the entry of a block that begins so many columns behind the run
+    /// * `from` - entry of a block that begins the given number of columns after the run
     fn by_block<E: Copy + Default>(&self, touched: &[(Run, E)], from: impl Fn(E, u32) -> E) -> (Vec<Span>, Vec<E>) {
         let blocks_of = |run: &Run| {
             let [first, last] = [run.variable, run.variable + run.len - 1].map(|variable| self.gather_of[variable as usize] as usize);
@@ -596,14 +598,14 @@ impl ShaderTables {
     }
 }
 
-/// Which variables are touched by which elements.
+/// Runs of variables that elements touch.
 fn touched(layout: &Layout<f32>) -> Vec<(Run, Touch)> {
     let of_run = |element: usize, run: &Run| (*run, Touch { element: element as u32, column: run.column });
     let elements = layout.elements.iter().enumerate();
     elements.flat_map(|(i, element)| layout.runs[element.runs.range()].iter().map(move |run| of_run(i, run))).collect()
 }
 
-/// Which variables are touched by which reach rows.
+/// Runs of variables that reach rows touch.
 fn reach_touched(layout: &Layout<f32>) -> Vec<(Run, ReachTouch)> {
     let mut of_legs = vec![Span::default(); layout.reach_legs.len()];
     let mut of_blocks = vec![Span::default(); layout.base_blocks.len()];
@@ -630,7 +632,7 @@ fn reach_touched(layout: &Layout<f32>) -> Vec<(Run, ReachTouch)> {
     touched
 }
 
-/// What the largest candidate of a batch needs.
+/// Sizes of the largest candidate of a batch.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[allow(missing_docs, reason = "largest of the numbers in `Layout`")]
 pub struct Sizes {
@@ -643,11 +645,11 @@ pub struct Sizes {
     pub factor: usize,
     /// Entries of each table, in the order of [`Buffer::TABLES`].
     tables: [usize; Buffer::TABLES.len()],
-    /// Largest front, without its right-hand side.
+    /// Size of the largest front, without its right-hand side.
     pub front: usize,
-    /// Most that stays of a front.
+    /// Largest number of variables that remain in a front.
     pub rest: usize,
-    /// Most columns of an element.
+    /// Largest number of columns of an element.
     pub columns: usize,
 }
 
@@ -670,12 +672,12 @@ impl Sizes {
         }
     }
 
-    /// Entries of a table; 0 of other buffers.
+    /// Number of entries of a table; 0 for other buffers.
     pub fn entries(&self, buffer: Buffer) -> usize {
         Buffer::TABLES.iter().position(|b| *b == buffer).map_or(0, |i| self.tables[i])
     }
 
-    /// Bytes of a table, which has room for one entry where there is none; for [`Buffer::Tables`] those of all in it. 0 of other buffers.
+    /// Bytes of a table, at least those of one entry; for [`Buffer::Tables`] those of all joined tables; 0 for other buffers.
     pub fn bytes(&self, buffer: Buffer) -> u64 {
         if buffer == Buffer::Tables {
             return Buffer::JOINED.iter().map(|b| self.bytes(*b)).sum();
@@ -683,7 +685,7 @@ impl Sizes {
         if Buffer::TABLES.contains(&buffer) { (self.entries(buffer).max(1) * buffer.entry().size) as u64 } else { 0 }
     }
 
-    /// Enough for both.
+    /// Sizes that hold both candidates.
     pub fn max(self, other: Sizes) -> Sizes {
         Sizes {
             tables: std::array::from_fn(|i| self.tables[i].max(other.tables[i])),
@@ -694,13 +696,13 @@ impl Sizes {
         }
     }
 
-    /// Sizes by a factor larger; what decides on workgroup memory stays.
+    /// Sizes enlarged by a factor, except those that determine the workgroup memory.
     pub fn enlarged(self, factor: f64) -> Sizes {
         let larger = |n: usize| (n as f64 * factor).ceil() as usize;
         Sizes { tables: self.tables.map(larger), ..self.with_lengths(|own, _| larger(own), &self) }
     }
 
-    /// The lengths of arrays, each from its own and another one.
+    /// Combines the lengths of arrays of two sizes.
     fn with_lengths(self, of: impl Fn(usize, usize) -> usize, other: &Sizes) -> Sizes {
         Sizes {
             all: of(self.all, other.all),
@@ -714,23 +716,23 @@ impl Sizes {
         }
     }
 
-    /// Values of the largest front, packed, with its right-hand side.
+    /// Number of values of the largest front, packed, with its right-hand side.
     pub fn front_values(&self) -> usize {
         self.front * (self.front + 3) / 2
     }
 
-    /// Whether other sizes fit into these.
+    /// True if a candidate of other sizes fits into these.
     pub fn hold(&self, other: Sizes) -> bool {
         self.max(other) == *self
     }
 }
 
-/// Progress of a candidate whose initial values stand in the first half: they are evaluated as a trial point.
+/// Progress of a candidate before its first round. Its initial values are in the first half and are evaluated as a trial point.
 pub fn first_progress(layout: &Layout<f32>, settings: &SolverSettings) -> Progress<f32> {
     Progress { current: 1, ..Limits::new(settings, layout.curves.transcription).first_progress(settings, layout) }
 }
 
-// SAFETY: `#[repr(C)]`, with members of four bytes alone, whose bits are all values.
+// SAFETY: `#[repr(C)]`, all members have four bytes, and every bit pattern is valid.
 unsafe impl bytemuck::Zeroable for Progress<f32> {}
-// SAFETY: likewise.
+// SAFETY: `#[repr(C)]`, all members have four bytes, and every bit pattern is valid.
 unsafe impl bytemuck::AnyBitPattern for Progress<f32> {}

@@ -1,11 +1,11 @@
-//! Times of shaders on the device.
+//! Execution times of shaders on the device.
 
 use super::device::{Device, Fault};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use wgpu::BufferUsages as Use;
 
-/// What a profile knows of one shader.
+/// Number of dispatches and total time of one shader.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Timing {
     /// Dispatches.
@@ -14,7 +14,7 @@ pub struct Timing {
     pub seconds: f64,
 }
 
-/// Times of the passes of one submission.
+/// Timestamps of the passes of one submission.
 pub(super) struct Timer {
     device: Arc<Device>,
     queries: wgpu::QuerySet,
@@ -24,7 +24,7 @@ pub(super) struct Timer {
 }
 
 impl Timer {
-    /// For so many passes.
+    /// Timer for a number of passes.
     pub fn new(device: &Arc<Device>, passes: usize) -> Timer {
         let count = 2 * passes as u32;
         let buffer = |label, usage| {
@@ -40,7 +40,7 @@ impl Timer {
         }
     }
 
-    /// Where a pass writes when it begins and ends.
+    /// Timestamp queries of the begin and the end of a pass.
     pub fn writes(&self, pass: u32) -> wgpu::ComputePassTimestampWrites<'_> {
         wgpu::ComputePassTimestampWrites {
             query_set: &self.queries,
@@ -49,13 +49,13 @@ impl Timer {
         }
     }
 
-    /// Has the times copied to where they can be read.
+    /// Encodes the copy of the timestamps to a buffer that can be read.
     pub fn resolve(&self, encoder: &mut wgpu::CommandEncoder) {
         encoder.resolve_query_set(&self.queries, 0..self.count, &self.resolved, 0);
         encoder.copy_buffer_to_buffer(&self.resolved, 0, &self.answer, 0, self.answer.size());
     }
 
-    /// Adds the times to those of the shaders of the passes.
+    /// Adds the times of the passes to those of their shaders.
     pub fn add_to(&self, shaders: &mut BTreeMap<&'static str, Timing>, passes: impl Iterator<Item = &'static str>) -> Result<(), Fault> {
         let times: Vec<u64> = bytemuck::pod_collect_to_vec(&self.device.read(&self.answer, self.answer.size())?);
         let period = f64::from(self.device.queue.get_timestamp_period()) * 1e-9;
