@@ -5,8 +5,11 @@
 //! same for every transcription.
 
 mod builder;
-mod feet;
+mod columns;
+mod factored;
+mod foot_blocks;
 mod footing;
+mod ground_path;
 pub mod layout;
 pub mod sweep;
 mod trajectory;
@@ -14,3 +17,23 @@ pub mod transcription;
 
 pub use layout::{Curves, Layout};
 pub use trajectory::trajectory;
+
+use crate::gait::AlignedSchedule;
+use crate::real::Real;
+use crate::settings::TranscriptionSettings;
+use crate::task::Task;
+use builder::Builder;
+
+impl<T: Real> Layout<T> {
+    /// Builds the problem of a schedule.
+    pub fn new(task: &Task, schedule: &AlignedSchedule, settings: &TranscriptionSettings) -> Self {
+        let own = transcription::of(settings.rows);
+        let (force_limit, limits) = (transcription::force_limit(settings, task), own.limits(settings, &task.robot));
+        let mut builder = Builder::new(task, schedule, settings, force_limit, limits, own.steps(schedule.count()));
+        own.base_blocks(&mut builder);
+        foot_blocks::blocks(own, &mut builder);
+        own.dynamics(&mut builder);
+        foot_blocks::rows(own, &mut builder);
+        builder.finish()
+    }
+}

@@ -2,7 +2,7 @@
 
 use crate::common::{Random, Rows, dense_inequalities, dense_jacobian, gait, layout_with, point, rows, transcriptions};
 use crate::{ELEMENTWISE_TOLERANCE, F32_FALL_ERROR, SUM_TOLERANCE, assert_close, cases, in_scalar, random_vector};
-use cregopt::linear::lanes::BLOCK;
+use cregopt::linear::simd::BLOCK;
 use cregopt::nlp::Layout;
 use cregopt::real::Real;
 use cregopt::rows::table::NONE;

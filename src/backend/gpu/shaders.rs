@@ -11,8 +11,8 @@
 //!
 //! ```text
 //! // binds: jacobian tables                   `tables` holds the tables of `Buffer::JOINED` as words
-//! // reads: elements reach_feet               tables in it that have generated functions: `elements_at(slot, i)` reads
-//! //                                          an entry, `reach_legs_front(slot, i, k)` an element of an array in an entry
+//! // reads: elements base_blocks              tables in it that have generated functions: `elements_at(slot, i)` reads
+//! //                                          an entry, `base_blocks_front(slot, i, k)` an element of an array in an entry
 //! ```
 //!
 //! Every shader binds `batch`, `running`, `slots`, `progress` and `values` ([`COMMON`]). Its text is preceded by the types of buffers,
@@ -31,9 +31,10 @@
 
 use super::tables::{Batch, Buffer, Part, kind};
 use crate::robot::GRAVITY;
+use crate::rows::factored::{BASE_BLOCKS, OWN_BLOCKS, POSE};
 use crate::rows::momentum::{INNER_POINTS, MOMENTUM_POINTS};
 use crate::rows::table::{NONE, Wgsl};
-use crate::rows::{Family, RowKind, acceleration, row_shaders};
+use crate::rows::{Family, RowKind, acceleration, reach, row_shaders};
 use crate::solver::control;
 use crate::solver::round::Stage;
 use crate::solver::slacks::{BARRIER_FLOOR, MULTIPLIER_FLOOR, SLACK_FLOOR, TO_THE_BOUNDARY};
@@ -119,7 +120,11 @@ pub const SHARED: &[(&str, &str)] = &[
     ("shared/values", text!("shared/values")),
     ("shared/kind", text!("shared/kind")),
     ("shared/jacobian", text!("shared/jacobian")),
-    ("shared/reach", text!("shared/reach")),
+    ("shared/factored", text!("shared/factored")),
+    ("shared/all_elements", text!("shared/all_elements")),
+    ("shared/factored_place", text!("shared/factored_place")),
+    ("shared/factored_product", text!("shared/factored_product")),
+    ("shared/factored_front", text!("shared/factored_front")),
     ("shared/gather", text!("shared/gather")),
     ("shared/math", text!("shared/math")),
     ("shared/terrain", text!("shared/terrain")),
@@ -340,7 +345,12 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("HOPELESS_KNEE", control::HOPELESS_KNEES[0]),
         ("HOPELESS_LATE_KNEE", control::HOPELESS_KNEES[1]),
         ("LINEAR_MOMENTUM", Family::LinearMomentum as u32),
-        ("REACH", Family::Reach as u32),
+        ("FACTORED", Family::Reach as u32),
+        ("FACTORED_ROWS", reach::SPEC.rows as u32),
+        ("FACTORED_PAIRS", reach::SPEC.pairs as u32),
+        ("POSE", POSE as u32),
+        ("BASE_BLOCKS", BASE_BLOCKS as u32),
+        ("OWN_BLOCKS", OWN_BLOCKS as u32),
         ("EQUALITY", RowKind::Equality as u32),
         ("COST", RowKind::Cost as u32),
         ("INEQUALITY", RowKind::Inequality as u32),
@@ -408,7 +418,7 @@ impl Variant {
         Variant { front: if needed <= memory { (memory - others) / 4 } else { 0 }, ..without }
     }
 
-    /// Workgroup memory of a factorisation, bytes: the front, and `panel`, `columns` and `by_pose` of front.wgsl, in the multiples of 16
+    /// Workgroup memory of a factorisation, bytes: the front, and `panel` and `columns` of front.wgsl, `by_pose` of factored_front.wgsl, in the multiples of 16
     /// that adapters count.
     pub fn workgroup_memory(&self) -> u32 {
         4 * (self.front + 4 * self.side + 2 * self.columns + 44)
