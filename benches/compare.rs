@@ -1,8 +1,8 @@
-//! This solver beside Ipopt on the very same problems, candidate by candidate, both on one core: candidates a second, and their ratio.
+//! Comparison of this solver and Ipopt on the same problems, candidate by candidate, on one core each: rates and their ratio, as Markdown.
 //!
-//! `cargo bench --features ipopt --bench compare -- [CANDIDATES] [--seed N]`: so many (default 16) of each scenario, spread over its targets and
-//! drawn as the first generation of a search draws them, with the horizon rounded as this solver rounds it. TOWR's rows; Ipopt gets TOWR's whole
-//! program with the paper's options. Failing candidates and the count of violated rows are included in both times. Prints Markdown.
+//! `cargo bench --features ipopt --bench compare -- [CANDIDATES] [--seed N]`: CANDIDATES (default 16) per scenario, spread over its targets
+//! and drawn as in the first generation of a search. Horizons are rounded as this solver needs it. This solver uses TOWR's rows, Ipopt
+//! TOWR's complete program with the paper's options. Both times include failing candidates and the count of violated rows.
 
 use cregopt::backend::Cpu;
 use cregopt::experiment::summary::Spread;
@@ -24,11 +24,11 @@ struct Pair {
     seconds: [f64; 2],
     feasible: [bool; 2],
     iterations: [usize; 2],
-    /// Of Ipopt's time in rows and Jacobians.
+    /// Part of Ipopt's time that rows and Jacobians take, s.
     evaluation_seconds: f64,
 }
 
-/// Candidates a scenario, and the seed; cargo adds `--bench`.
+/// Parses the number of candidates per scenario and the seed. Skips `--bench`, which cargo adds.
 fn arguments() -> Result<(usize, u64)> {
     let (mut count, mut seed) = (16, 101);
     let mut arguments = std::env::args().skip(1).filter(|a| a != "--bench");
@@ -60,7 +60,7 @@ fn pair(task: &Task, schedule: &Schedule, settings: &LowerSettings, backend: &Cp
         let answer = Job::fixed(task, &schedule.aligned(interval), Options::LOWER_LEVEL).run()?;
         Ok::<_, Error>((start.elapsed().as_secs_f64(), answer))
     };
-    // In turns: what warms up, or a neighbour on the machine, meets both.
+    // They take turns, so that warming up and other load on the machine affect both.
     let (own, (seconds, answer)) = if own_first {
         (own()?, other()?)
     } else {
@@ -86,7 +86,7 @@ fn main() -> Result<()> {
         env!("CARGO_PKG_VERSION"),
         ipopt::VERSION.unwrap_or("-")
     );
-    println!("{count} candidates a scenario over targets 1 to {TARGETS}, seed {seed}; TOWR's rows\n");
+    println!("{count} candidates per scenario over targets 1 to {TARGETS}, seed {seed}; TOWR's rows\n");
     println!(
         "| scenario | feasible, own / Ipopt / both | iterations, own / Ipopt | own, candidates/s | Ipopt, candidates/s | ratio | median ratio of pairs | Ipopt's time in rows and Jacobians |"
     );

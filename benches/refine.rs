@@ -1,4 +1,5 @@
-//! Refined gaits beside smoothed ones: cost, time, durations moved. `cargo bench --bench refine -- [--fixed] [--horizon-fixed] [NAME]...`
+//! Comparison of refined and smoothed gaits: cost, time, changed durations.
+//! `cargo bench --bench refine -- [--fixed] [--horizon-fixed] [NAME]...`
 
 use cregopt::backend::Cpu;
 use cregopt::gait::cost::{CostWeights, cost};
@@ -49,10 +50,10 @@ fn found(task: &Task, gait: &str, smooth: usize) -> cregopt::Result<Option<(Eval
     Ok(results.pop().flatten().filter(|r| r.feasible).map(|r| (r, start.elapsed().as_secs_f64())))
 }
 
-/// CPU time of this process so far, all threads, s; Linux alone tells.
+/// CPU time of all threads of this process so far, s; 0 on systems other than Linux.
 fn cpu_seconds() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    // Behind the name in parentheses; user and system time are fields 14 and 15, in ticks of 10 ms.
+    // After the name in parentheses: user and system time are fields 14 and 15, in ticks of 10 ms.
     let fields: Vec<&str> = stat.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
     [11, 12].iter().filter_map(|&i| fields.get(i)?.parse::<f64>().ok()).sum::<f64>() / 100.
 }

@@ -1,4 +1,4 @@
-//! What the search is worth: the best cost that the cross-entropy method, random sampling and a grid find with as many evaluations.
+//! Comparison of searches: best cost that the cross-entropy method, random sampling and a grid reach with the same number of evaluations.
 //!
 //!     cargo bench --bench search -- [--seeds 10] [--evaluations 64,256,1024] [ROBOT:X,Y ...]
 
@@ -9,10 +9,10 @@ use cregopt::search::{Gaits, Search, SearchSettings};
 use cregopt::{Cpu, Error, Evaluate, Goal, Result, Robot, Task, Terrain};
 use std::time::Instant;
 
-/// Generations of the cross-entropy method, the one around the best included.
+/// Number of generations of the cross-entropy method, including the one in the neighbourhood of the best gait.
 const GENERATIONS: usize = 7;
 
-/// Swing, stance and speed of a grid, in the scales of the robot.
+/// Ranges of swing, stance and speed of the grid, in the scales of the robot.
 const GRID: [[f64; 2]; 3] = [[0.8, 2.], [0.8, 5.], [0.3, 1.2]];
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,7 +32,7 @@ const METHODS: [(&str, Method); 5] = [
     ("free, random", Method::FreeRandom),
 ];
 
-/// The best cost, if anything was found.
+/// Best cost that a method finds, or `None` if it finds no gait.
 fn best(method: Method, task: &Task, evaluations: usize, seed: u64, cpu: &Cpu) -> Result<Option<f64>> {
     if method == Method::Grid {
         let solved = Evaluate::new(task).run(&grid(task, evaluations)?, cpu)?;
@@ -52,7 +52,7 @@ fn best(method: Method, task: &Task, evaluations: usize, seed: u64, cpu: &Cpu) -
     Ok(found.best.candidate.solution.cost.filter(|_| found.best.feasible()).map(|c| c.total))
 }
 
-/// All families at a grid of swings, stances and speeds, as many as evaluations at most.
+/// Schedules of all families on a grid of swings, stances and speeds, at most `evaluations` of them.
 fn grid(task: &Task, evaluations: usize) -> Result<Vec<Schedule>> {
     let robot = &task.robot;
     let families: Vec<GaitFamily> = families(robot);
@@ -77,7 +77,7 @@ fn grid(task: &Task, evaluations: usize) -> Result<Vec<Schedule>> {
     Ok(schedules)
 }
 
-/// The quartiles of sorted numbers.
+/// Lower quartile, median and upper quartile of sorted numbers.
 fn quartiles(sorted: &[f64]) -> [f64; 3] {
     [1, 2, 3].map(|q| sorted[(q * (sorted.len() - 1) + 2) / 4])
 }
@@ -105,7 +105,7 @@ fn main() -> Result<()> {
         tasks = ["anymal:2,0", "biped:2,0", "pexod:0.5,0"].map(String::from).to_vec();
     }
     let cpu = Cpu::new(0)?;
-    println!("| task | evaluations | method | found of {seeds} | cost, median (quartiles) | s a search |\n|---|---|---|---|---|---|");
+    println!("| task | evaluations | method | found of {seeds} | cost, median (quartiles) | s per search |\n|---|---|---|---|---|---|");
     for name in &tasks {
         let task = task(name)?;
         for &count in &evaluations {

@@ -1,8 +1,8 @@
-//! One thread, the 16 reference candidates of target 10 of each scenario, in `momentum` with free legs.
+//! Criterion benchmarks of the 16 reference candidates of target 10 of each scenario, on one thread, in `momentum` with free legs.
 //!
-//! * `solve/<scenario>/<precision>` - layout, solve and certification of all 16, whether they are solved or not
-//! * `layout/<scenario>` - their tables alone
-//! * `factorise/<scenario>` - one factorisation of each with every row in force, in f32
+//! * `solve/<scenario>/<precision>` - layout, solve and certification of all 16, solved or not
+//! * `layout/<scenario>` - only the tables of all 16
+//! * `factorise/<scenario>` - one factorisation of each with all rows active, in f32
 
 use cregopt::backend::{Cpu, Precision};
 use cregopt::gait::{AlignedSchedule, Schedule};
@@ -25,7 +25,7 @@ fn transcription() -> TranscriptionSettings {
     TranscriptionSettings::paper(Transcription::Momentum)
 }
 
-/// A line of the reference data.
+/// Line of the reference data.
 #[derive(serde::Deserialize)]
 struct Line {
     scenario: String,
@@ -51,7 +51,7 @@ fn solve(c: &mut Criterion, scenario: &Scenario, task: &Task, schedules: &[Sched
         let settings = LowerSettings { precision, transcription: transcription(), ..LowerSettings::default() };
         let run = || evaluate(&candidates, &settings, None, &backend, false, &|| false).expect("valid candidates");
         let results = run();
-        // What was measured: a fast solve that fails is no fast solve.
+        // Feasible candidates are counted, because a solver that fails quickly is not fast.
         let feasible = results.iter().flatten().filter(|r| r.feasible).count();
         let iterations: usize = results.iter().flatten().map(|r| r.outcome.iterations).sum();
         println!("solve/{}/{name}: {feasible} of {} feasible, {iterations} iterations", scenario.name, candidates.len());
@@ -74,7 +74,7 @@ fn layout(c: &mut Criterion, scenario: &Scenario, task: &Task, schedules: &[Sche
     });
 }
 
-/// A candidate at its initial values, ready to factorise.
+/// Candidate at its initial values, ready for a factorisation.
 struct Linearised {
     layout: Layout<f32>,
     jacobian: Vec<f32>,

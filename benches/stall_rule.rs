@@ -1,7 +1,7 @@
-//! What the stall rule saves, and what it loses: every candidate is solved with and without it, in f32.
+//! Iterations that the stall rule saves and candidates that it loses: every candidate is solved with and without it, in f32.
 //!
-//! `cargo bench --bench stall_rule -- [CANDIDATES]`: candidates a target (default 32), drawn as the first generation of experiment 1
-//! draws them, with seeds of their own. Prints a Markdown table.
+//! `cargo bench --bench stall_rule -- [CANDIDATES]`: number of candidates per target (default 32), drawn as in the first generation of
+//! experiment 1, with different seeds. Prints a Markdown table.
 
 use cregopt::gait::Schedule;
 use cregopt::nlp::Layout;
@@ -18,7 +18,7 @@ use rayon::prelude::*;
 const TARGETS: [usize; 4] = [3, 8, 13, 18];
 const SEED: u64 = 20_251;
 
-/// A candidate solved both ways.
+/// Outcomes of a candidate with and without the rule.
 struct Pair {
     target: usize,
     index: usize,
@@ -65,10 +65,10 @@ impl Row {
     }
 }
 
-/// The candidates a target; cargo adds `--bench`.
+/// Parses the number of candidates per target. Skips `--bench`, which cargo adds.
 fn candidates() -> Result<usize> {
     match std::env::args().skip(1).find(|a| a != "--bench") {
-        Some(text) => text.parse().map_err(|_| Error::invalid("argument", text, "a number of candidates a target")),
+        Some(text) => text.parse().map_err(|_| Error::invalid("argument", text, "a number of candidates per target")),
         None => Ok(32),
     }
 }

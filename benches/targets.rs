@@ -1,7 +1,7 @@
-//! The search of experiment 1 over every scenario, target and some seeds, stopping at the first feasible gait and with whole generations.
+//! Search of experiment 1 for every scenario, target and seed. One search stops at the first feasible gait, one after a whole generation.
 //!
-//! `cargo bench --bench targets -- [SEEDS] [--threads N] [--towr]`: seeds 1 to SEEDS (default 1); threads 0 (default) is one a processor;
-//! `--towr` for TOWR's rows and force limit. Prints Markdown.
+//! `cargo bench --bench targets -- [SEEDS] [--threads N] [--towr]`: seeds 1 to SEEDS (default 1); 0 threads (default) is one per processor;
+//! `--towr` selects TOWR's rows and force limit. Prints Markdown.
 
 use cregopt::backend::{Backend, Cpu};
 use cregopt::experiment::summary::Spread;
@@ -14,7 +14,7 @@ use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::{Error, Result};
 use std::sync::atomic::AtomicBool;
 
-/// What is kept of a search.
+/// Summary of a search.
 struct Run {
     /// Time to the first feasible gait, s.
     first: Option<f64>,
@@ -24,7 +24,7 @@ struct Run {
     candidates: usize,
 }
 
-/// `SEEDS`, `--threads N` and the rows; cargo adds `--bench`.
+/// Parses `SEEDS`, `--threads N` and the rows. Skips `--bench`, which cargo adds.
 fn arguments() -> Result<(u64, usize, Transcription)> {
     let (mut seeds, mut threads, mut rows) = (1, 0, Transcription::Momentum);
     let mut arguments = std::env::args().skip(1).filter(|a| a != "--bench");
@@ -65,7 +65,7 @@ fn run(scenario: &Scenario, rows: Transcription, whole_generation: bool, seeds: 
     Ok(runs)
 }
 
-/// Median and worst, as two cells.
+/// Median and largest value as two cells of the table.
 fn median_and_worst(values: impl Iterator<Item = f64>, decimals: usize) -> String {
     Spread::of(values).map_or("- | -".into(), |s| format!("{:.decimals$} | {:.decimals$}", s.median, s.max))
 }

@@ -159,6 +159,14 @@ pub fn from_toml<T: serde::de::DeserializeOwned>(text: &str) -> Result<T> {
     serde_path_to_error::deserialize(document).map_err(|e| described(e.path().to_string(), with_place(e.inner())))
 }
 
+/// Indented JSON text of a value, ending in a newline.
+///
+/// # Errors
+/// [`Error::Format`] for values that JSON cannot hold.
+pub fn to_json<T: serde::Serialize>(value: &T) -> Result<String> {
+    Ok(serde_json::to_string_pretty(value)? + "\n")
+}
+
 /// Writes a value as TOML text.
 ///
 /// # Errors

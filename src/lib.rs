@@ -17,6 +17,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
+//! A [`Mission`] adds waypoints, checks before a search and a diagnosis after one that found no gait; see [`app`] for an example.
 //! [`Evaluate`] solves gaits that the caller provides. [`verify()`] checks a motion independently of the solver.
 //!
 //! # Optimisation problem
@@ -68,6 +69,7 @@
 //! | independent check between the instants, rollout | `verify/` |
 //! | TOWR's complete problem and the contact-implicit one, for Ipopt | `reference/` |
 //! | experiments of the paper, tables, plots | `experiment/` |
+//! | missions with waypoints, scenario files, terms of verification, explanations of failures | `app/` |
 //!
 //! # Method
 //! Forces are cubic splines, so their impulses are exact weighted sums of the force nodes. Angular momentum is taken about the base
@@ -93,7 +95,7 @@
 //! names (empty: no cache).
 //!
 //! # Features
-//! All but the last two are on by default. Without any, this is a library that needs no GPU driver and no argument parser.
+//! All but the last three are on by default. Without any, this is a library that needs no GPU driver and no argument parser.
 //!
 //! | feature | adds |
 //! |---|---|
@@ -101,11 +103,11 @@
 //! | `gpu` | the GPU backend |
 //! | `experiment` | the experiments of the paper |
 //! | `view` | results as a page for a browser |
-//! | `pictures` | PNG in addition to SVG |
 //! | `import` | height maps |
 //! | `urdf` | robots from URDF files |
 //! | `mcap` | motions for robotics viewers |
 //! | `schema` | JSON Schemas of the files |
+//! | `pictures` | PNG in addition to SVG |
 //! | `ipopt` | Ipopt, for comparisons |
 //! | `python` | the native part of the Python package |
 //!
@@ -119,6 +121,7 @@
 //! 5. M. Posa, C. Cantu, R. Tedrake, "A Direct Method for Trajectory Optimization of Rigid Bodies Through Contact", IJRR 33(1), 2014: the
 //!    contact-implicit baseline.
 
+pub mod app;
 #[doc(hidden)]
 pub mod backend;
 #[cfg(feature = "cli")]
@@ -129,8 +132,9 @@ pub mod error;
 #[cfg(feature = "experiment")]
 #[doc(hidden)]
 pub mod experiment;
-#[cfg(feature = "cli")]
 pub mod export;
+#[doc(hidden)]
+pub mod files;
 pub mod gait;
 #[doc(hidden)]
 pub mod linear;
@@ -138,6 +142,7 @@ pub mod linear;
 pub mod nlp;
 #[cfg(feature = "python")]
 mod python;
+mod quadrature;
 #[doc(hidden)]
 pub mod real;
 #[doc(hidden)]
@@ -161,9 +166,10 @@ pub mod verify;
 #[doc(hidden)]
 pub mod view;
 
+pub use app::{Mission, ProgressEvent, Request, Stage, Waypoint};
 #[cfg(feature = "gpu")]
 pub use backend::Gpu;
-pub use backend::{Backend, Cpu};
+pub use backend::{Backend, Cpu, DeviceChoice};
 pub use error::{Error, Result};
 pub use gait::{Schedule, Trajectory};
 pub use robot::Robot;

@@ -1,5 +1,7 @@
 //! Scalar type of the solver.
 
+use num_dual::DualNum;
+
 /// Scalar of the solver: `f32` for speed, `f64` for certified motions.
 pub trait Real: num_traits::Float + num_traits::NumAssign + std::iter::Sum + Default + std::fmt::Debug + Send + Sync + 'static {
     /// Converts from `f64` to the nearest value.
@@ -29,3 +31,7 @@ impl Real for f64 {
         self
     }
 }
+
+/// Double-precision scalars with or without derivatives.
+pub trait Number: DualNum<Primitive = f64> + Copy {}
+impl<D: DualNum<Primitive = f64> + Copy> Number for D {}

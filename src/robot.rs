@@ -11,7 +11,7 @@ pub(crate) use built_in::ROUNDED;
 pub use reach::{Reach, ReachBox};
 
 use crate::error::{Error, Result, check_name, check_range};
-use crate::report::files;
+use crate::files;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

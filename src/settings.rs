@@ -33,7 +33,7 @@
 
 use crate::error::{Error, Result, check_range};
 use crate::gait::trajectory::GoalVelocity;
-use crate::solver::control::{NEVER_HOPELESS, hopeless_of_a_row};
+use crate::solver::control::{NO_EARLY_TERMINATION, early_termination_per_row};
 use crate::terrain::Terrain;
 use serde::{Deserialize, Serialize};
 
@@ -93,8 +93,8 @@ pub struct TranscriptionSettings {
     pub interval: Option<f64>,
     /// `towr` only: time between reach rows, s. Too short: many rows, slow solves. Too long: feet may leave their reach between the rows.
     pub reach_interval: f64,
-    /// Number of cubic pieces of the force in a stance, at least 2. Too few: the force cannot follow what the motion needs. Too many: many
-    /// variables, slow solves.
+    /// Number of cubic pieces of the force in a stance, at least 2. Too few: the force cannot follow what the motion needs; with two pieces
+    /// 52 of the 240 reference candidates were solved, with three 82. Too many: many variables, slow solves.
     pub force_pieces: usize,
     /// Tightening of reach, swing and footing rows, m. Too small: rows that the f32 solution touches fail the f64 check. Too large: fewer
     /// gaits are feasible.
@@ -184,7 +184,7 @@ pub struct SolverSettings {
     pub proximal: f64,
     /// Weight, at the first barrier parameter, of the pull to the smooth initial guess; `momentum` only. It leads to gentler forces and
     /// vanishes with the barrier, so it excludes no solution. Too small: fewer candidates are solved. Too large: more iterations are
-    /// needed.
+    /// needed. With 0, 0.05, 0.1 and 0.2 f32 solved 428, 588, 587 and 582 of 976 candidates.
     pub smoothing: f64,
     /// Smallest proximal weight. Too small: a rejected direction needs more attempts, each with a factorisation, until the weight matters.
     /// Too large: steps stay short, and more iterations are needed.
@@ -193,7 +193,8 @@ pub struct SolverSettings {
     /// side of it.
     pub edge_radius: f64,
     /// Infeasibility `F` below which closing steps are tried. Too small: iterations that closing steps would save; with 0 edges stay
-    /// rounded. Too large: closing steps act on the wrong rows, and hard candidates are lost.
+    /// rounded. Too large: closing steps act on the wrong rows, and hard candidates are lost. With 1e-6, 1e-3 and 1e-2 128 periodic gaits
+    /// of s1 took 817, 759 and 693 iterations, but of 96 free draws 12, 12 and 10 were solved.
     pub closing: f64,
     /// Largest number of f64 closing steps after an f32 solve, before costlier methods are tried. Too small: those methods are used
     /// needlessly. Too large: time is lost on candidates that do not converge.
@@ -242,10 +243,18 @@ impl Default for SmoothSettings {
     }
 }
 
+/// Former names of settings and their present ones. Files and options that use a former name are still read.
+pub const RENAMED: [(&str, &str); 1] = [("hopeless_above", "early_termination")];
+
+/// Present name of a setting.
+pub fn present_name(key: &str) -> &str {
+    RENAMED.iter().find(|(former, _)| *former == key).map_or(key, |(_, present)| present)
+}
+
 /// Settings of early termination.
 ///
 /// A candidate counts as stalled if `F`, at the rate of the last `window` iterations, would need more than `budget` further iterations to
-/// fall to 1e-6. Calibrated in `benches/README.md`.
+/// fall to 1e-6. `benches/README.md` shows how many candidates early termination loses, and how many iterations it saves.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
@@ -255,20 +264,22 @@ pub struct StallSettings {
     /// First iteration at which the stall rule may end a candidate. Too small: candidates with a slow start are lost. Too large: failing
     /// ones cost more.
     pub start: usize,
-    /// Number of iterations over which the rate is measured. Too small: a slow stretch ends a candidate that would have recovered. Too
-    /// large: failing ones cost more.
+    /// Number of iterations over which the rate is measured. Too small: a slow stretch ends a candidate that would have recovered; a window
+    /// of 3 instead of 4 lost 19 instead of 13 of 7,794 solvable candidates. Too large: failing ones cost more.
     pub window: usize,
-    /// Largest predicted number of further iterations. Too small: candidates are lost. Too large: failing ones cost more.
+    /// Largest predicted number of further iterations. Too small: candidates are lost. Too large: failing ones cost more. With 120, 200, 400
+    /// and 800 the rule lost 5, 3, 2 and none of 1,505 solvable candidates and saved 79, 78, 76 and 74 % of the iterations (`towr`).
     pub budget: f64,
     /// Factor of early termination in the first iterations: a candidate ends if its infeasibility measure exceeds this multiple of the
-    /// limit for its iteration, see [`Progress::hopeless`](crate::solver::control::Progress::hopeless). Too small: candidates are lost. Too
-    /// large: failing ones cost more. 0 disables this rule.
-    pub hopeless_above: f64,
+    /// limit for its iteration, see [`Progress`](crate::solver::control::Progress). Too small: candidates are lost. Too large: failing
+    /// ones cost more. 0 disables this rule.
+    #[serde(alias = "hopeless_above")]
+    pub early_termination: f64,
 }
 
 impl Default for StallSettings {
     fn default() -> Self {
-        StallSettings { enabled: true, start: 10, window: 4, budget: 200., hopeless_above: 1. }
+        StallSettings { enabled: true, start: 10, window: 4, budget: 200., early_termination: 1. }
     }
 }
 
@@ -304,7 +315,8 @@ impl TranscriptionSettings {
 }
 
 impl SolverSettings {
-    /// First barrier parameter: by default 0.02 for `momentum`, and 0.2 for `towr`, whose violations are larger at first.
+    /// First barrier parameter: by default 0.02 for `momentum`, and 0.2 for `towr`, whose violations are larger at first. With 0.005, 0.02,
+    /// 0.05 and 0.1 f32 solved 571, 587, 587 and 569 of 976 `momentum` candidates, with 9,907, 10,264, 10,548 and 11,426 factorisations.
     pub fn barrier(&self, transcription: Transcription) -> f64 {
         self.barrier.unwrap_or(match transcription {
             Transcription::Momentum => 0.02,
@@ -312,15 +324,15 @@ impl SolverSettings {
         })
     }
 
-    /// Early termination limit after [`HOPELESS_FROM`](crate::solver::control::HOPELESS_FROM) iterations, see
-    /// [`Progress::hopeless`](crate::solver::control::Progress::hopeless).
+    /// Early termination limit after [`EARLY_TERMINATION_FROM`](crate::solver::control::EARLY_TERMINATION_FROM) iterations, see
+    /// [`Progress::early_termination_limit`](crate::solver::control::Progress::early_termination_limit).
     ///
     /// * `rows` - number of rows of the candidate
-    pub fn hopeless(&self, transcription: Transcription, rows: usize) -> f64 {
-        if !self.stall.enabled || self.stall.hopeless_above == 0. {
-            return NEVER_HOPELESS;
+    pub fn early_termination_limit(&self, transcription: Transcription, rows: usize) -> f64 {
+        if !self.stall.enabled || self.stall.early_termination == 0. {
+            return NO_EARLY_TERMINATION;
         }
-        self.stall.hopeless_above * hopeless_of_a_row(transcription) * rows as f64
+        self.stall.early_termination * early_termination_per_row(transcription) * rows as f64
     }
 
     /// Rounding of the edges of a terrain until closing steps start, m; 0 for terrain without edges.
@@ -350,6 +362,6 @@ impl SolverSettings {
         check_range("solver.stall.start", self.stall.start as f64, 1., 1e6)?;
         check_range("solver.stall.window", self.stall.window as f64, 1., 1e3)?;
         check_range("solver.stall.budget", self.stall.budget, 1., 1e6)?;
-        check_range("solver.stall.hopeless_above", self.stall.hopeless_above, 0., 1e6)
+        check_range("solver.stall.early_termination", self.stall.early_termination, 0., 1e6)
     }
 }

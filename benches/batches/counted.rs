@@ -1,4 +1,4 @@
-//! A scalar that counts what is done with it: kernels are generic over theirs, so a run of one with this counts its operations exactly.
+//! Scalar that counts its operations. Kernels are generic over their scalar, so running one with this type counts its operations exactly.
 
 use cregopt::real::Real;
 use num_traits::{Float, Num, NumCast, One, ToPrimitive, Zero};
@@ -6,10 +6,10 @@ use std::cell::Cell;
 use std::num::FpCategory;
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Rem, RemAssign, Sub, SubAssign};
 
-/// Operations on floating-point numbers. Comparisons, signs and rounding are not counted.
+/// Numbers of floating-point operations. Comparisons, signs and rounding are not counted.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Operations {
-    /// Sums, differences and products; fused ones are two.
+    /// Sums, differences and products; a fused operation counts as two.
     pub simple: u64,
     /// Quotients, roots and functions.
     pub special: u64,
@@ -34,14 +34,14 @@ fn count(simple: u64, special: u64) {
     });
 }
 
-/// The operations on this thread that a call does.
+/// Number of operations of a call on this thread.
 pub fn counted(call: impl FnOnce()) -> Operations {
     COUNT.set(Operations::default());
     call();
     COUNT.get()
 }
 
-/// A value of `f32` whose operations are counted.
+/// `f32` value whose operations are counted.
 #[derive(Debug, Clone, Copy, Default, PartialEq, PartialOrd)]
 pub struct Counted(f32);
 
@@ -131,7 +131,7 @@ impl NumCast for Counted {
     }
 }
 
-/// Methods of `Float`: how many operations each is, and what it is called.
+/// Implements the methods of `Float` from their numbers of operations and their names.
 macro_rules! float {
     (
         values { $($value:ident)* } asks { $($ask:ident)* }

@@ -1,6 +1,6 @@
-//! What a candidate costs the host, by part, on one thread and with no device: what remains when a device solves in no time.
+//! Cost of a candidate on the host, by part, on one thread without a device: the part that a faster device cannot reduce.
 
-use cregopt::backend::gpu::tables::ShaderTables;
+use cregopt::backend::tables::ShaderTables;
 use cregopt::gait::cost::{CostWeights, cost};
 use cregopt::gait::{AlignedSchedule, Schedule};
 use cregopt::nlp::transcription::{force_limit, interval};
@@ -16,7 +16,7 @@ use std::time::Instant;
 #[derive(Default)]
 struct Parts {
     tables_f32: f64,
-    /// Those that only shaders use.
+    /// Tables that only shaders use.
     of_shaders: f64,
     solve: f64,
     tables_f64: f64,
@@ -25,21 +25,21 @@ struct Parts {
     cost: f64,
 }
 
-/// Times, and what the times bought.
+/// Sums of times and results over candidates.
 #[derive(Default)]
 struct Sum {
     parts: Parts,
     solved: usize,
     closed: usize,
     went_on: usize,
-    /// Solved only by going on, or by a second solve.
+    /// Number of candidates that only further f64 iterations or a second solve solved.
     saved: usize,
     certified: usize,
     iterations: usize,
     closing_iterations: usize,
 }
 
-/// Runs a part and adds its time.
+/// Runs a part and adds its time to `seconds`.
 fn timed<T>(seconds: &mut f64, part: impl FnOnce() -> T) -> T {
     let start = Instant::now();
     let result = part();
@@ -79,7 +79,7 @@ impl Sum {
     }
 }
 
-/// Prints a line of the table for a population.
+/// Prints the row of the table for a population.
 pub fn print(name: &str, task: &Task, schedules: &[Schedule], settings: &LowerSettings) {
     let mut sum = Sum::default();
     let mut solver = Solver::default();
@@ -106,7 +106,7 @@ pub fn print(name: &str, task: &Task, schedules: &[Schedule], settings: &LowerSe
 /// Prints the head of the table.
 pub fn print_head(count: usize) {
     println!(
-        "One thread, {count} candidates a line, microseconds a candidate; went on: closing that took a second solve or more barrier steps (how many it solved)\n"
+        "One thread, {count} candidates per line, microseconds per candidate; went on: closing that took a second solve or more barrier steps (number solved)\n"
     );
     println!(
         "| candidates | rows | tables f32 | those of shaders | solve f32 | tables f64 | closing | certificate's rows | cost | all but the solve |\

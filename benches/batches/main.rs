@@ -1,13 +1,13 @@
-//! Populations of growing size on a device: candidates a second, time by shader, transfers, the CPU's share, memory; and the CPU beside it.
+//! Batches of growing size on a device and on the CPU: candidates per second, time per shader, transfers, host time and memory.
 //!
-//! `cargo bench --bench batches -- [--device NAME] [--scenario NAME] [--from N] [--to N] [--towr] [--slots N]`. Batches double four times over
-//! from 16 to 256 unless told otherwise; the first is run twice, so that compilation is apart. Candidates are drawn as the first generation
-//! of a search draws them. Prints Markdown.
+//! `cargo bench --bench batches -- [--device NAME] [--scenario NAME] [--from N] [--to N] [--towr] [--slots N]`. Batch sizes double, by
+//! default from 16 to 256. Each is solved once before it is timed, which excludes compilation. Candidates are drawn as in the first
+//! generation of a search. Prints Markdown.
 //!
-//! `cargo bench --bench batches -- --host [--scenario NAME] [--from N]`: what a candidate costs the host, device left out.
+//! `cargo bench --bench batches -- --host [--scenario NAME] [--from N]`: cost of a candidate on the host, without a device.
 //!
-//! `cargo bench --bench batches -- --traffic [--scenario NAME] [--from N] [--towr]`: bytes and operations a round, by shader, and what they let GPUs
-//! do at best. Nothing is run on a device.
+//! `cargo bench --bench batches -- --traffic [--scenario NAME] [--from N] [--towr]`: bytes and operations per round and shader, and the
+//! resulting bounds of GPUs. Nothing runs on a device.
 
 mod counted;
 mod host;
@@ -20,7 +20,8 @@ use cregopt::gait::family::families;
 use cregopt::nlp::transcription;
 use cregopt::scenario::Scenario;
 use cregopt::search::cem::{
-    self, Aim, Answer, CemSettings, Distribution, Evaluation, Evaluator, FreeDistribution, PeriodicDistribution, PeriodicSettings,
+    self, CemSettings, Distribution, Evaluation, FreeDistribution, GenerationEvaluator, GenerationResults, PeriodicDistribution,
+    PeriodicSettings, SelectionGoal,
 };
 use cregopt::search::evaluate::{LowerSettings, evaluate};
 use cregopt::settings::{Transcription, TranscriptionSettings};
@@ -64,19 +65,19 @@ fn arguments() -> Result<Arguments> {
             "--host" => parsed.host = true,
             "--traffic" => parsed.traffic = true,
             "--towr" => parsed.rows = Transcription::Towr,
-            _ => return Err(Error::invalid("argument", argument, "one of those in benches/batches.rs")),
+            _ => return Err(Error::invalid("argument", argument, "one of those in benches/batches/main.rs")),
         }
     }
     Ok(parsed)
 }
 
-/// Keeps the first generation of a search.
+/// Evaluator that only keeps the first generation of a search: its schedules, the time of drawing them in s, and the start.
 struct Keep(Vec<Schedule>, f64, Instant);
 
-impl Evaluator for Keep {
+impl GenerationEvaluator for Keep {
     type Solution = ();
 
-    fn evaluate(&mut self, _: usize, schedules: &[Schedule], _: &Aim) -> Vec<Option<Answer<()>>> {
+    fn evaluate(&mut self, _: usize, schedules: &[Schedule], _: &SelectionGoal) -> GenerationResults<()> {
         self.1 = self.2.elapsed().as_secs_f64();
         self.0 = schedules.to_vec();
         let evaluation = Evaluation { n_violated: 1, feasible: false, certified: true, mean_normal_force: 0., cost: None };
@@ -84,12 +85,12 @@ impl Evaluator for Keep {
     }
 }
 
-/// The paper's settings with another population.
+/// Settings of the paper with another population.
 fn settings(count: usize) -> Result<CemSettings> {
     Ok(CemSettings { population: count, elites: (count / 4).max(1), generations: 1, ..CemSettings::preset("experiment1")? })
 }
 
-/// A generation of candidates, and the times of drawing it and of the update after it, s.
+/// Generation of candidates, with the times of drawing it and of the update after it, s.
 fn population(distribution: impl Distribution, settings: &CemSettings) -> Result<(Vec<Schedule>, f64, f64)> {
     let mut keep = Keep(Vec::new(), 0., Instant::now());
     cem::run(settings, distribution, 1, 0, &mut keep, &mut |_| ())?;
@@ -112,7 +113,7 @@ fn solve(backend: &dyn Backend, task: &Task, schedules: &[Schedule], lower: &Low
     (start.elapsed().as_secs_f64(), solved.into_inner())
 }
 
-/// The table of what the host does, for the paper's draws and those of a default search.
+/// Prints the table of the host's work, for draws of the paper and of a default search.
 fn host(task: &Task, count: usize) -> Result<()> {
     let settings = settings(count)?;
     let paper = population(FreeDistribution::initial(&settings, task.robot.feet())?, &settings)?.0;
@@ -155,7 +156,7 @@ fn main() -> Result<()> {
     println!("a second time {:.2} s; {}, {} rows\n", start.elapsed().as_secs_f64(), arguments.scenario, arguments.rows.name());
     let cpu = Cpu::new(0)?;
     println!(
-        "| batch | gpu, candidates/s | cpu, candidates/s | solved, gpu / cpu | certified as well, candidates/s | drawing + update, us a candidate |\
+        "| batch | gpu, candidates/s | cpu, candidates/s | solved, gpu / cpu | certified as well, candidates/s | drawing + update, us per candidate |\
  tables, us | sending, us | sent, KiB | read, KiB | waiting for the device | buffers, MiB | slots | submissions | rounds |"
     );
     println!("|{}", "---|".repeat(15));
@@ -164,7 +165,7 @@ fn main() -> Result<()> {
     while count <= arguments.to {
         let free = FreeDistribution::initial(&settings(count)?, task.robot.feet())?;
         let (schedules, draw, update) = population(free, &settings(count)?)?;
-        // Buffers are made, and shaders compiled, by the first call of a size.
+        // The first call with a size allocates buffers and compiles shaders.
         solve(&gpu, &task, &schedules, &lower);
         gpu.take_profile();
         let (seconds, solved) = solve(&gpu, &task, &schedules, &lower);

@@ -1,9 +1,9 @@
-//! What each shader computes in a round, for one candidate: counted in a run of its twin with a scalar that counts. The factorisation's twin goes
-//! another way, so that its operations are those of the loops of `front.wgsl`.
+//! Operations of each shader per round and candidate, counted by running its twin with a counting scalar. The twin of the factorisation
+//! uses a different algorithm, so that shader's operations are computed from the loops of `front.wgsl`.
 
 use crate::counted::{Counted, Operations, counted};
 use cregopt::backend::gpu::shaders::{Shader, WORKGROUP};
-use cregopt::backend::gpu::tables::ShaderTables;
+use cregopt::backend::tables::ShaderTables;
 use cregopt::gait::AlignedSchedule;
 use cregopt::linear::forward::forward;
 use cregopt::linear::front::{Factor, NormalEquations, factorise};
@@ -11,7 +11,6 @@ use cregopt::linear::product::jacobian_times;
 use cregopt::linear::substitute::substitute;
 use cregopt::linear::transposed::transposed_times;
 use cregopt::nlp::Layout;
-use cregopt::rows::table::NONE;
 use cregopt::rows::{
     self, Family, Shared, acceleration::acceleration, cone::cone, dynamics::dynamics, footing::footing, force::force, ground::ground,
     momentum::momentum, reach::reach, stride::stride, swing::swing,
@@ -28,8 +27,8 @@ use cregopt::task::Task;
 
 type Values = Vec<Counted>;
 
-/// Operations of the shaders of the first round of a solve, a barrier step, in the order of [`Shader::ALL`]; substitution and product, which a round
-/// has twice, once.
+/// Operations of the shaders in the first round of a solve, a barrier step, in the order of [`Shader::ALL`]. Substitution and product,
+/// which a round dispatches twice, are counted once.
 pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSettings) -> Vec<Operations> {
     let layout = Layout::<Counted>::new(task, schedule, &settings.transcription);
     let limits = Limits::<Counted>::new(&settings.solver, settings.transcription.rows);
@@ -63,7 +62,7 @@ pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSetting
     shader(Shader::Weights, &mut || barrier_rows(&layout, &c, &g, &slacks, Aim::predictor(), &mut weight, &mut value));
     shader(Shader::Weights, &mut || {
         let eps = progress.proximal();
-        variable_terms(&scaling, eps, &layout.smoothing, limits.smoothing, &x, &layout.initial, &mut diagonal, &mut gradient);
+        variable_terms(&layout, &scaling, eps, limits.smoothing, &x, &mut diagonal, &mut gradient);
     });
 
     let mut factor = Factor::default();
@@ -103,7 +102,7 @@ pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSetting
     shader(Shader::Footing, &mut || footing(&layout, to, &mut g_to, Some(&mut into)));
 
     shader(Shader::Judge, &mut || {
-        // Here the shader extrapolates the residuals.
+        // The shader extrapolates the residuals at this point.
         advance(&c, lengths.primal, &c_change, &mut c_linear);
         advance(&g, lengths.primal, &g_change, &mut g_linear);
         merit_falls(&c, &g, [(&c_to, &g_to), (&c_linear, &g_linear)], mu);
@@ -116,18 +115,19 @@ pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSetting
     of
 }
 
-/// `add_rows` of front.wgsl for some rows over some columns: two columns by two, three rows at a time, whether they are there or not.
+/// Operations of `add_rows` in `front.wgsl`: blocks of two by two columns and three rows at a time, padding included.
 fn add_rows(rows: u64, columns: u64) -> u64 {
     let pairs = columns.div_ceil(2);
     let cells = pairs * (pairs + 1) / 2;
     let threes = if rows > 3 { 2 } else { 1 };
-    // Two products by the weights and four dot products; the sums of both threes; into the front.
+    // Two products with the weights and four dot products, the sums of both groups of three, the addition to the front.
     cells * (26 * threes + 4 * (threes - 1) + 4) + columns * (5 * threes + threes)
 }
 
-/// Operations of `front.wgsl`, all pivots positive and no row of weight 0.
+/// Operations of `front.wgsl` if all pivots are positive and no row has weight 0.
 fn front(layout: &Layout<f32>, own: &ShaderTables) -> Operations {
     let mut of = Operations::default();
+    let factored = &layout.reach_rows;
     for step in &own.front_steps {
         for element in &layout.elements[step.elements.range()] {
             let columns: u64 = layout.runs[element.runs.range()].iter().map(|r| u64::from(r.len)).sum();
@@ -136,18 +136,12 @@ fn front(layout: &Layout<f32>, own: &ShaderTables) -> Operations {
                 _ => (0..element.rows).step_by(6).map(|top| add_rows(u64::from(element.rows - top).min(6), columns)).sum(),
             };
         }
-        for instant in &layout.reach_instants[step.reach.range()] {
-            let blocks = layout.base_blocks[instant.base.blocks as usize].front.iter().filter(|at| **at != NONE).count() as u64;
-            // The products by pose into the front, of the diagonal blocks half, and the values.
+        for instant in &factored.instants[step.factored.range()] {
+            let blocks = factored.blocks_of(instant).present().count() as u64;
+            // Products of the pose, added to the front; half of them for diagonal blocks; and the values.
             of.simple += 3 * (36 * blocks * (blocks.saturating_sub(1)) / 2 + 21 * blocks) + 12 * blocks;
-            for foot in &layout.reach_feet[instant.feet.range()] {
-                let own: u64 = layout.reach_legs[foot.leg as usize]
-                    .front
-                    .iter()
-                    .zip([2, 2, 1])
-                    .map(|(at, columns)| if *at == NONE { 0 } else { columns })
-                    .sum();
-                // Sums by pose; then each other column and the values with the foot's own ones.
+            for element in &factored.elements[instant.elements.range()] {
+                let own: u64 = factored.own[element.own as usize].present().map(|run| u64::from(run.len)).sum();
                 of.simple += 3 * (36 * 3 + 6 * 2) + 6 * blocks * (6 + 6 * own) + own * (3 + 3 * (own + 1)) + 6 * own;
             }
         }
@@ -155,11 +149,11 @@ fn front(layout: &Layout<f32>, own: &ShaderTables) -> Operations {
         of.simple += 2 * pivots;
         for p in (0..pivots).step_by(4) {
             let count = (pivots - p).min(4);
-            // Each invocation has the four by four block on the diagonal, then a column of the panel.
+            // Each invocation factorises the four by four block on the diagonal, then computes one column of the panel.
             of.simple += u64::from(WORKGROUP) * 26 + (size + 1 - p) * 16;
             of.special += u64::from(WORKGROUP) * 2 * count;
             let tiles = (size - p - count).div_ceil(4);
-            // Four columns of 28 operations and four differences a tile; the last column of tiles is that of the right-hand side.
+            // Four columns of 28 operations and four differences per tile; the last column of tiles belongs to the right-hand side.
             of.simple += (tiles * (tiles + 1) / 2) * 4 * 32 + tiles * 32;
         }
     }

@@ -1,28 +1,28 @@
-//! Bytes that each shader moves in a round, beside the operations, and what both let GPUs do at best.
+//! Bytes and operations of each shader per round, and the bounds on the speed of GPUs that follow from them.
 
 use crate::counted::Operations;
 use crate::operations::of_round;
 use cregopt::Result;
 use cregopt::backend::gpu::shaders::Shader;
-use cregopt::backend::gpu::tables::{Buffer, ShaderTables, Slot};
+use cregopt::backend::tables::{Buffer, ShaderTables, Slot};
 use cregopt::gait::Schedule;
 use cregopt::nlp::layout::Element;
 use cregopt::nlp::{Layout, transcription};
 use cregopt::rows::Family;
-use cregopt::rows::table::NONE;
+use cregopt::rows::factored::FactoredElement;
 use cregopt::search::evaluate::LowerSettings;
 use cregopt::solver::control::Progress;
 use cregopt::solver::round::{ROUND, Stage};
 use cregopt::solver::{Finish, Solver};
 use cregopt::task::Task;
 
-/// A GPU by its data sheet: name, memory bandwidth in bytes a second, f32 operations a second with a fused one as two.
+/// GPUs by their data sheets: name, memory bandwidth in bytes/s, f32 operations/s with a fused one counted as two.
 ///
-/// Sources: NVIDIA H200 SXM and GeForce RTX 4090 data sheets; Radeon 780M: AMD's 8.29 (12 units of 64 lanes that do two a cycle at 2.7 GHz), and
-/// two channels of DDR5-5600, 89.6 GB/s.
+/// Sources: NVIDIA H200 SXM and GeForce RTX 4090 data sheets; Radeon 780M: AMD's 8.29 TFLOP/s (12 units of 64 lanes with two operations per
+/// cycle at 2.7 GHz), and two channels of DDR5-5600, 89.6 GB/s.
 const GPUS: [(&str, f64, f64); 3] = [("H200", 4.8e12, 67e12), ("RTX 4090", 1.008e12, 82.6e12), ("Radeon 780M", 0.0896e12, 8.29e12)];
 
-/// Bytes of a candidate's arrays and tables.
+/// Sizes of a candidate's arrays and tables, bytes.
 struct Sizes<'a> {
     layout: &'a Layout<f32>,
     own: &'a ShaderTables,
@@ -33,7 +33,7 @@ impl Sizes<'_> {
         buffer.table(self.layout, self.own).map_or(0, |t| t.bytes.len() as u64)
     }
 
-    /// The Jacobian values of some families, padding left out.
+    /// Bytes of the Jacobian values of some families, without padding.
     fn jacobian(&self, of: impl Fn(Family) -> bool) -> u64 {
         let reach = if of(Family::Reach) { self.by_pose() + self.by_feet() } else { 0 };
         let columns = |e: &Element| self.layout.runs[e.runs.range()].iter().map(|r| r.len).sum::<u32>();
@@ -41,30 +41,31 @@ impl Sizes<'_> {
         reach + others.sum::<u64>()
     }
 
-    /// The rows of reach by the pose.
+    /// Bytes of the pose columns of the reach rows.
     fn by_pose(&self) -> u64 {
-        4 * 18 * self.layout.reach_feet.len() as u64
+        4 * 18 * self.layout.reach_rows.elements.len() as u64
     }
 
-    /// The rows of reach by the feet's own columns.
+    /// Bytes of the feet's own columns of the reach rows.
     fn by_feet(&self) -> u64 {
-        let own = |at: &[u32; 3]| -> u64 { at.iter().zip([2, 2, 1]).map(|(at, n)| if *at == NONE { 0 } else { n }).sum() };
-        4 * 3 * self.layout.reach_feet.iter().map(|f| own(&self.layout.reach_legs[f.leg as usize].front)).sum::<u64>()
+        let rows = &self.layout.reach_rows;
+        let columns = |e: &FactoredElement| rows.own[e.own as usize].present().map(|run| u64::from(run.len)).sum::<u64>();
+        4 * 3 * rows.elements.iter().map(columns).sum::<u64>()
     }
 
-    /// Pivot rows with their right-hand side.
+    /// Bytes of the pivot rows with their right-hand side.
     fn factor(&self) -> u64 {
         let of = |size: u64, pivots: u64| (0..pivots).map(|i| size + 1 - i).sum::<u64>();
         4 * self.own.front_steps.iter().map(|s| of(s.size.into(), s.pivots.into())).sum::<u64>()
     }
 
-    /// What stays of fronts from one step to the next.
+    /// Bytes of the parts of fronts that are carried from one step to the next.
     fn carry(&self) -> u64 {
         4 * self.own.front_steps.iter().map(|s| u64::from(s.size - s.pivots)).map(|n| n * (n + 1) / 2 + n).sum::<u64>()
     }
 
-    /// Bytes that a shader reads and writes in a barrier step, each word of a buffer once for reading and once for writing: what it reads again
-    /// comes from a cache. Of `x` and of the ground all shaders of rows are said to read all.
+    /// Bytes that a shader reads and writes in a barrier step. Each word of a buffer counts once for reading and once for writing, because
+    /// repeated reads come from a cache. Shaders of rows are assumed to read all of `x` and of the ground.
     fn bytes(&self, shader: Shader) -> u64 {
         let layout = self.layout;
         let four = |n: usize| 4 * n as u64;
@@ -74,7 +75,7 @@ impl Sizes<'_> {
         let under = 3 * four(layout.footholds.len());
         let deviations = 36 * four(layout.momentum_intervals.len());
         let sees = (4 + size_of::<Slot>() + size_of::<Progress<f32>>()) as u64;
-        // Rows: their tables, x, the ground; Jacobian and residuals.
+        // Rows read their tables, x and the ground, and write Jacobian and residuals.
         let of = |family: Family| layout.all_elements().filter(move |e| e.family == family);
         let equalities = |f: Family| 4 * of(f).map(|e| u64::from(e.rows)).sum::<u64>();
         let inequalities = |f: Family| 4 * of(f).map(|e| u64::from(e.rows + e.pairs)).sum::<u64>();
@@ -83,12 +84,10 @@ impl Sizes<'_> {
         let whole = self.jacobian(|_| true);
         let elements = t(&[Buffer::Elements]);
         let sweep = t(&[Buffer::FrontSteps, Buffer::Rests]);
-        let legs = t(&[Buffer::BaseBlocks, Buffer::ReachLegs]);
-        // Weights, blocks and feet of an instant; leg and place of a foot.
-        let reach = four(7 * layout.reach_instants.len() + 3 * layout.reach_feet.len()) + legs;
-        // By variable; of an instant one weight and its feet.
-        let gathers = t(&[Buffer::GatherOf, Buffer::Gathers, Buffer::Touches, Buffer::ReachTouches]);
-        let gathered = gathers + four(3 * layout.reach_instants.len() + 3 * layout.reach_feet.len());
+        let reach = t(&[Buffer::FactoredInstants, Buffer::FactoredElements, Buffer::FactoredOwn, Buffer::BaseBlocks]);
+        // Gathering goes by variable; an instant contributes one weight and its feet.
+        let gathers = t(&[Buffer::GatherOf, Buffer::Gathers, Buffer::Touches, Buffer::FactoredTouches]);
+        let gathered = gathers + four(3 * layout.reach_rows.instants.len() + 3 * layout.reach_rows.elements.len());
         if shader.table().is_some_and(|table| self.table(table) == 0) {
             return 0;
         }
@@ -103,45 +102,45 @@ impl Sizes<'_> {
                 let written = self.jacobian(|o| o == linear || o == angular) + equalities(linear) + equalities(angular);
                 walk(&[Buffer::MomentumIntervals, Buffer::Impulses]) + written + deviations
             }
-            Shader::Reach => family(Family::Reach, Buffer::ReachInstants) + t(&[Buffer::ReachFeet]) + legs + deviations,
+            Shader::Reach => family(Family::Reach, Buffer::ReachInstants) + t(&[Buffer::ReachFeet, Buffer::ReachLegs]) + reach + deviations,
             Shader::Force => family(Family::Force, Buffer::ForceNodes),
             Shader::Swing => family(Family::Swing, Buffer::SwingNodes),
             Shader::Stride => family(Family::Stride, Buffer::Strides),
             Shader::Acceleration => family(Family::Acceleration, Buffer::Accelerations),
             Shader::Cone => family(Family::Cone, Buffer::Cones),
             Shader::Footing => family(Family::Footing, Buffer::Footings),
-            // Jacobian and tables; x twice, scaling, slack and multiplier.
+            // Jacobian and tables, x twice, scaling, slacks and multipliers.
             Shader::Start => whole + elements + gathered + 2 * x + v + 3 * g,
-            // Residuals, slacks, multipliers; weight and value; scaling, smoothing, x, initial; diagonal, gradient.
+            // Residuals, slacks, multipliers, weight, value, scaling, smoothing, x, initial values, diagonal, gradient.
             Shader::Weights => c + 3 * g + elements + 2 * rows + 6 * v,
-            // Of reach rows the feet's own columns and those of the pose; of their tables indices, weights, spans and places.
+            // Reach rows contribute the feet's own columns and those of the pose; their tables indices, weights, spans and places.
             Shader::Front => {
                 let read = self.jacobian(|f| f != Family::Reach) + self.by_feet() + self.by_pose();
                 read + 2 * rows + 2 * v + elements + t(&[Buffer::Runs]) + sweep + reach + 2 * self.carry() + self.factor()
             }
-            // The direction, which is read again behind the pivots.
+            // The direction is read again after the pivots.
             Shader::Substitute => self.factor() + sweep + 2 * v,
             Shader::Product => whole + elements + t(&[Buffer::Runs]) + reach + v + c + g,
-            // Residuals, their change, slacks, multipliers; both steps; weight and value.
+            // Residuals, their changes, slacks, multipliers, both steps, weight and value.
             Shader::Correct => c + 6 * g + elements + 2 * rows,
             Shader::Transposed => whole + rows + elements + gathered + 2 * v,
-            // The right-hand side is written into the factor, and to what stays.
+            // The right-hand side is written to the factor and to the carried part.
             Shader::Forward => self.factor() + 4 * v + sweep,
-            // Residuals, their change, slacks, multipliers, both steps, twice; direction, x, trial point.
+            // Twice: residuals, their changes, slacks, multipliers, both steps. Once: direction, x, trial point.
             Shader::Advance => 8 * g + 3 * v,
-            // Both points, the change; slacks and multipliers, twice, and their steps; x twice, initial, smoothing.
+            // Both points, the change, slacks and multipliers twice, their steps, x twice, initial values, smoothing.
             Shader::Judge => 3 * c + 9 * g + 4 * v,
         }
     }
 }
 
-/// How often a round dispatches a shader.
+/// Number of dispatches of a shader per round.
 fn dispatches(shader: Shader) -> u64 {
     let has = |stage: &Stage| Shader::of(*stage).contains(&shader);
     ROUND.iter().filter(|(stage, _)| has(stage)).count() as u64
 }
 
-/// Prints what the shaders move and compute in a round, a candidate of these on average, and what that lets GPUs do.
+/// Prints bytes and operations per round and shader, averaged over candidates, and the resulting bounds of GPUs.
 pub fn print(task: &Task, schedules: &[Schedule], settings: &LowerSettings) -> Result<()> {
     let transcription = &settings.transcription;
     let interval = transcription::interval(transcription, &task.robot);
@@ -170,7 +169,7 @@ pub fn print(task: &Task, schedules: &[Schedule], settings: &LowerSettings) -> R
     let mut all = Operations::default();
     operations.iter().for_each(|of| all += *of);
     println!(
-        "| shader | times | KiB a round | % | thousand operations a round | % | of them quotients, roots, functions | operations a byte |"
+        "| shader | times | KiB per round | % | thousand operations per round | % | quotients, roots and functions | operations per byte |"
     );
     println!("|{}", "---|".repeat(8));
     let share = |part: u64, all: u64| 100. * part as f64 / all as f64;
@@ -193,7 +192,7 @@ pub fn print(task: &Task, schedules: &[Schedule], settings: &LowerSettings) -> R
     let rounds = rounds as f64 / count;
     let (moved, done) = (rounds * all_bytes as f64 / count, rounds * (all.simple + all.special) as f64 / count);
     println!(
-        "\n{rounds:.1} rounds a candidate: {:.1} MB and {:.1} million operations a solve; tables of {:.0} KiB are sent before.\n",
+        "\n{rounds:.1} rounds per candidate: {:.1} MB and {:.1} million operations per solve; tables of {:.0} KiB are sent before.\n",
         moved / 1e6,
         done / 1e6,
         sent as f64 / 1024. / count

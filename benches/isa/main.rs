@@ -1,6 +1,6 @@
-//! What a GPU's compiler makes of every shader: registers, spills, scratch, workgroup memory, waves, instructions and its guess of the latency.
+//! Result of a GPU's compiler for every shader: registers, spills, scratch, workgroup memory, waves, instructions and estimated latency.
 //!
-//! `cargo bench --bench isa`. Needs no GPU: Mesa's driver for AMD cards compiles for chips that are not there. Prints Markdown.
+//! `cargo bench --bench isa`. It needs no GPU, because Mesa's driver for AMD cards compiles for chips that are absent. Prints Markdown.
 
 #[path = "../../tests/common/mod.rs"]
 mod common;
@@ -17,7 +17,7 @@ fn table() -> Result<(), String> {
             let variant = rows.variant(radv.workgroup_memory);
             println!("\n`{}` rows (front {}), {chip}:\n", rows.name, rows.front);
             println!(
-                "| shader | VGPRs | SGPRs | spilled | scratch, B | workgroup memory, B | waves a SIMD | instructions | latency, cycles |"
+                "| shader | VGPRs | SGPRs | spilled | scratch, B | workgroup memory, B | waves per SIMD | instructions | latency, cycles |"
             );
             println!("|---|---|---|---|---|---|---|---|---|");
             for &shader in Shader::ALL {
@@ -42,7 +42,7 @@ fn table() -> Result<(), String> {
 
 fn main() {
     if let Err(why) = Radv::open(CHIPS[0].family) {
-        println!("Nothing is compiled: Mesa's driver for AMD cards cannot be had ({why}).");
+        println!("Nothing is compiled: Mesa's driver for AMD cards is not available ({why}).");
         return;
     }
     if let Err(why) = table() {

@@ -19,7 +19,7 @@ fn entry(slot: u32, half: u32, i: u32) {
     let t1 = directions[1];
     let t2 = directions[2];
     let minus_mu_n = -constants.friction * n.unit;
-    var normals = array<vec3<f32>, 5>(
+    var normals = array<vec3<f32>, FORCE_ROWS>(
         n.unit,
         t1.unit + minus_mu_n,
         minus_mu_n - t1.unit,
@@ -27,14 +27,14 @@ fn entry(slot: u32, half: u32, i: u32) {
         minus_mu_n - t2.unit,
     );
     let at = ix_inequality(slot, half, node.place.inequality);
-    for (var r = 0u; r < 5u; r++) {
+    for (var r = 0u; r < FORCE_ROWS; r++) {
         let bound = select(0.0, constants.force_limit, r == 0u);
         values[at + r] = dot(normals[r], force) - bound + constants.force_margin;
     }
-    values[at + 5u] = -dot(n.unit, force) + constants.force_margin;
+    values[at + FORCE_ROWS] = -dot(n.unit, force) + constants.force_margin;
 
     let rows = rows_at(slot, half, node.place);
-    for (var r = 0u; r < 5u; r++) {
+    for (var r = 0u; r < FORCE_ROWS; r++) {
         put_by_force(rows, r, node.node_column, node.slope_weight, normals[r]);
     }
     if (node.foothold_column == NONE) {

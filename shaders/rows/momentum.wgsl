@@ -488,7 +488,7 @@ fn deviate(at: At, present: bool, lane: u32, angles: vec3<f32>, rot_wb: Mat3, mo
     let cz = turns.cos.z;
     let sy = turns.sin.y;
     let cos_pitch = turns.cos.y;
-    let cy = select(cos_pitch, 0.1, abs(cos_pitch) < 0.1);
+    let cy = select(cos_pitch, STEEP_COSINE, abs(cos_pitch) < STEEP_COSINE);
     let forward = cz * turned.x + sz * turned.y;
     put_three(to + 3u, vec3<f32>(forward / cy, cz * turned.y - sz * turned.x, turned.z + forward * sy / cy));
     if (at.q == END / 2u) {

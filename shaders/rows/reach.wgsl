@@ -13,7 +13,7 @@ fn entry(slot: u32, half: u32, k: u32) {
     let blocks = at.blocks;
     let x = ix_x(slot, half);
     var pose = motion(reach_instants_at(slot, k).reference);
-    for (var i = 0u; i < BASE_BLOCKS; i++) {
+    for (var i = 0u; i < POSE_BLOCKS; i++) {
         pose = add_weighted(pose, factored_instants_weights(slot, k, i), x + base_blocks_variable(slot, blocks, i));
     }
     let interval = base_blocks_at(slot, blocks).interval;

@@ -8,7 +8,7 @@
 
 // Offset of place `k` around a foot, to both sides along both axes, and the height of the ball's lower side there; in radii.
 fn around(k: u32) -> vec3<f32> {
-    let ring = select(vec2<f32>(0.96, 0.72), vec2<f32>(0.6, 0.2), k < 4u);
+    let ring = select(vec2<f32>(OUTER_RING, OUTER_LIFT), vec2<f32>(INNER_RING, INNER_LIFT), k < 4u);
     let distance = select(-ring.x, ring.x, k / 2u % 2u == 0u);
     return select(vec3<f32>(0.0, distance, ring.y), vec3<f32>(distance, 0.0, ring.y), k % 2u == 0u);
 }
@@ -56,7 +56,7 @@ fn entry(slot: u32, half: u32, k: u32) {
                 bends[i] = ground(slots[slot].shape, values[foothold], values[foothold + 1u]).curvature;
             }
             let level_slope = swing.xy_weights[0] * ground_slope(slot, swing.foothold[0]) + swing.xy_weights[1] * ground_slope(slot, swing.foothold[1]);
-            for (var k = 0u; k < 8u; k++) {
+            for (var k = 0u; k < RING_POINTS; k++) {
                 let place_around = around(k);
                 let offset = place_around.xy * constants.foot_radius;
                 let beside = ground(slots[slot].shape, at.x + offset.x, at.y + offset.y);

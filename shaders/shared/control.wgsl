@@ -26,7 +26,8 @@ fn with_proximal(before: Progress, eps: f32) -> Progress {
 //   f        infeasibility at the point
 //   earlier  infeasibility `stall_window` records ago; any value if there are fewer records
 //   largest  largest multiplier of an inequality
-fn begin(slot: u32, before: Progress, f: f32, earlier: f32, largest: f32) -> Progress {
+//   feasible true if all rows are satisfied
+fn begin(slot: u32, before: Progress, f: f32, earlier: f32, largest: f32, feasible: bool) -> Progress {
     var progress = before;
     progress.infeasibility = f;
     progress.recorded += 1u;
@@ -38,18 +39,18 @@ fn begin(slot: u32, before: Progress, f: f32, earlier: f32, largest: f32) -> Pro
         progress.recorded -= 1u;
         progress.stall_from = progress.recorded;
         progress.state = EXACT;
-    } else if (f < batch.tolerance) {
+    } else if (feasible) {
         progress.state = SOLVED;
     } else if (progress.iterations >= batch.max_iterations) {
         progress.state = MAX_ITERATIONS;
-    } else if (stalled(progress, f, earlier) || is_hopeless(progress, f, largest)) {
+    } else if (stalled(progress, f, earlier) || ends_early(progress, f, largest)) {
         progress.state = STALLED;
     } else {
         var closing = progress.state == CLOSE;
-        if (closing && f > CLOSING_RATE * progress.closing_from) {
+        if (closing && f > CLOSING_RATE * progress.closing_from && is_finite(batch.closing)) {
             // The closing steps act on the wrong rows: return to the barrier until the violated rows are better known.
             closing = false;
-            progress.closing_below = min(progress.closing_below, 0.1 * f);
+            progress.closing_below = min(progress.closing_below, CLOSING_AGAIN * f);
         }
         closing = closing || f < progress.closing_below;
         progress.closing_from = f;
@@ -59,22 +60,22 @@ fn begin(slot: u32, before: Progress, f: f32, earlier: f32, largest: f32) -> Pro
             progress.closing_eps = batch.proximal_floor;
         }
     }
-    if (may_be_given_up(progress) && progress.state != EXACT) {
-        let rates = slots[slot].hopeless_rates;
-        let later = select(rates[1], rates[2], progress.recorded > HOPELESS_LATE_KNEE);
-        progress.hopeless *= select(rates[0], later, progress.recorded > HOPELESS_KNEE);
+    if (may_end_early(progress) && progress.state != EXACT) {
+        let rates = slots[slot].early_termination_rates;
+        let later = select(rates[1], rates[2], progress.recorded > EARLY_TERMINATION_LATE_KNEE);
+        progress.early_termination_limit *= select(rates[0], later, progress.recorded > EARLY_TERMINATION_KNEE);
     }
     return progress;
 }
 
 // True if the infeasibility exceeds the early termination limit of this iteration.
-fn is_hopeless(progress: Progress, f: f32, largest: f32) -> bool {
-    return may_be_given_up(progress) && f * largest > progress.hopeless * progress.length;
+fn ends_early(progress: Progress, f: f32, largest: f32) -> bool {
+    return may_end_early(progress) && f * largest > progress.early_termination_limit * progress.length;
 }
 
 // True if early termination may end the solve in this iteration.
-fn may_be_given_up(progress: Progress) -> bool {
-    return progress.recorded > HOPELESS_FROM && progress.recorded <= HOPELESS_TO + 1u;
+fn may_end_early(progress: Progress) -> bool {
+    return progress.recorded > EARLY_TERMINATION_FROM && progress.recorded <= EARLY_TERMINATION_TO + 1u;
 }
 
 // True if the stall rule ends the solve. It never acts during closing steps.
@@ -93,7 +94,7 @@ fn stalled(progress: Progress, f: f32, earlier: f32) -> bool {
 //   predicted  decrease of the merit by the linear model
 //   gap        squared distance of the residuals from the linear model
 fn acceptable(progress: Progress, fall: f32, predicted: f32, gap: f32) -> bool {
-    let near_linear = gap < 0.3 * max(predicted, 0.05 * progress.infeasibility);
+    let near_linear = gap < NEAR_LINEAR * max(predicted, NEAR_LINEAR_FLOOR * progress.infeasibility);
     return is_finite(fall) && is_finite(gap) && (fall > 0.0 || (progress.state != CLOSE && near_linear));
 }
 
@@ -104,10 +105,10 @@ fn accept(before: Progress, ratio: f32) -> Progress {
     let eps = proximal(progress);
     // After a shortened step the weight stays: the direction was good.
     let whole = progress.state != SHORTER;
-    if (whole && ratio > 0.7) {
-        progress = with_proximal(progress, max(eps / 4.0, batch.proximal_floor));
-    } else if (whole && ratio < 0.25) {
-        progress = with_proximal(progress, eps * 2.0);
+    if (whole && ratio > GOOD_RATIO) {
+        progress = with_proximal(progress, max(eps / GOOD_DIVISOR, batch.proximal_floor));
+    } else if (whole && ratio < POOR_RATIO) {
+        progress = with_proximal(progress, eps * POOR_FACTOR);
     }
     progress.iterations += 1u;
     return renew(progress);
@@ -135,18 +136,21 @@ fn refuse(before: Progress) -> Progress {
 }
 
 // Rejects the direction: the next one has a larger proximal weight, or is a barrier step; after the last attempt the solve ends.
+// An infinite `batch.closing` allows closing steps only; such solves run on the CPU only, see src/solver/close.rs.
 fn damp(before: Progress) -> Progress {
     var progress = before;
-    if (progress.state == CLOSE) {
+    if (progress.state == CLOSE && is_finite(progress.closing_below)) {
         // Return to the barrier until the violated rows are better known.
         progress.state = STEP;
         progress.attempts = 0u;
-        progress.closing_below = 0.1 * min(progress.closing_below, progress.infeasibility);
+        progress.closing_below = CLOSING_AGAIN * min(progress.closing_below, progress.infeasibility);
         return progress;
     }
-    progress.eps *= PROXIMAL_GROWTH;
+    progress = with_proximal(progress, proximal(progress) * PROXIMAL_GROWTH);
     progress.attempts = max(progress.attempts, SHORTENINGS) + 1u;
-    progress.state = STEP;
+    if (progress.state == SHORTER) {
+        progress.state = STEP;
+    }
     if (progress.attempts == ATTEMPTS) {
         progress.attempts = 0u;
         progress.state = STALLED;

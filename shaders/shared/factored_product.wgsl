@@ -12,7 +12,7 @@ fn factored_times(slot: u32, half: u32, instant: u32) {
     var position = vec3<f32>();
     var angles = vec3<f32>();
     let blocks = factored_instants_at(slot, instant).blocks;
-    for (var i = 0u; i < BASE_BLOCKS; i++) {
+    for (var i = 0u; i < POSE_BLOCKS; i++) {
         if (base_blocks_front(slot, blocks, i) == NONE) {
             continue;
         }

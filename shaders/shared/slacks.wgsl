@@ -33,8 +33,8 @@ fn slack_step(base: u32, i: u32, g: f32, g_change: f32, aim: Aim) -> vec2<f32> {
 
 // Fraction-to-boundary rule: longest step in (0, 1]. `steepest` is the reciprocal of the step length at which the first slack or multiplier
 // reaches zero.
-fn up_to_the_boundary(steepest: f32) -> f32 {
-    return select(1.0, TO_THE_BOUNDARY / steepest, steepest > TO_THE_BOUNDARY);
+fn fraction_to_the_boundary(steepest: f32) -> f32 {
+    return select(1.0, FRACTION_TO_THE_BOUNDARY / steepest, steepest > FRACTION_TO_THE_BOUNDARY);
 }
 
 // Steps of all slacks and multipliers; each invocation handles its share. Every invocation of the workgroup must call this function.
@@ -47,8 +47,8 @@ fn slack_steps(slot: u32, half: u32, lane: u32, aim: Aim) -> vec2<f32> {
     for (var i = lane; i < slots[slot].inequalities; i += WORKGROUP) {
         steepest = max(steepest, slack_step(base, i, values[g + i], values[base + batch.g_change + i], aim));
     }
-    let primal = up_to_the_boundary(max_over(lane, steepest.x));
-    return vec2<f32>(primal, up_to_the_boundary(max_over(lane, steepest.y)));
+    let primal = fraction_to_the_boundary(max_over(lane, steepest.x));
+    return vec2<f32>(primal, fraction_to_the_boundary(max_over(lane, steepest.y)));
 }
 
 // Product of slack and multiplier `i` after a step of `lengths`.

@@ -49,69 +49,57 @@ fn within(x: f32, low: f32, high: f32) -> bool {
     return x >= low && x <= high;
 }
 
-// Height, slope and curvature of an analytic profile. As in the twin, its constants are computed in f64 and rounded once.
+// Height, slope and curvature of an analytic profile. Its constants are computed in f64 and rounded once.
 fn profile_ground(kind: u32, x: f32, y: f32) -> Ground {
     var ground = level(0.0);
     switch (kind) {
         case BLOCK: {
-            const start = 0.7;
-            const ramp = 0.03;
-            const length = 3.5;
-            const height = 0.5;
-            if (within(x, start + ramp, start + length)) {
-                ground.height = height;
-            } else if (within(x, start, start + ramp)) {
-                ground.height = height / ramp * (x - start);
-                ground.slope.x = height / ramp;
+            if (within(x, BLOCK_TOP, BLOCK_END)) {
+                ground.height = BLOCK_HEIGHT;
+            } else if (within(x, BLOCK_START, BLOCK_TOP)) {
+                ground.height = BLOCK_SLOPE * (x - BLOCK_START);
+                ground.slope.x = BLOCK_SLOPE;
             }
         }
         case STAIRS: {
-            if (x >= 1.0 && x < 1.4) {
-                ground.height = 0.2;
-            } else if (x >= 1.4 && x < 2.4) {
-                ground.height = 0.4;
+            if (x >= STAIRS_START && x < STAIRS_TOP) {
+                ground.height = STAIRS_FIRST_HEIGHT;
+            } else if (x >= STAIRS_TOP && x < STAIRS_END) {
+                ground.height = STAIRS_HEIGHT;
             }
         }
         case GAP: {
             // Zero at both edges and -depth in the middle.
-            const start = 1.0;
-            const width = 0.6;
-            const depth = 1.5;
-            if (within(x, start, start + width)) {
-                const a = 4.0 * depth / (width * width);
-                let u = x - (start + width / 2.0);
-                ground.height = a * u * u - depth;
-                ground.slope.x = 2.0 * a * u;
-                ground.curvature[0].x = 2.0 * a;
+            if (within(x, GAP_START, GAP_END)) {
+                let u = x - GAP_MIDDLE;
+                ground.height = GAP_BEND * u * u - GAP_DEPTH;
+                ground.slope.x = 2.0 * GAP_BEND * u;
+                ground.curvature[0].x = 2.0 * GAP_BEND;
             }
         }
         case SLOPE: {
-            const start = 1.0;
-            const top = 2.0;
-            const end = 3.0;
-            const height = 0.7;
-            if (x >= start && x < top) {
-                ground.height = height * (x - start);
-                ground.slope.x = height;
-            } else if (x >= top && x < end) {
-                ground.height = height - height * (x - top);
-                ground.slope.x = -height;
+            if (x >= SLOPE_START && x < SLOPE_TOP) {
+                ground.height = SLOPE_RISE * (x - SLOPE_START);
+                ground.slope.x = SLOPE_RISE;
+            } else if (x >= SLOPE_TOP && x < SLOPE_END) {
+                ground.height = SLOPE_RISE - SLOPE_RISE * (x - SLOPE_TOP);
+                ground.slope.x = -SLOPE_RISE;
             }
         }
         case CHIMNEY: {
-            if (within(x, 1.0, 2.5)) {
-                ground.height = 3.0 * (y - 0.5);
-                ground.slope.y = 3.0;
+            if (within(x, CHIMNEY_START, CHIMNEY_END)) {
+                ground.height = CHIMNEY_SLOPE * (y - CHIMNEY_Y);
+                ground.slope.y = CHIMNEY_SLOPE;
             }
         }
         case CHIMNEY_LR: {
             // On the common edge of both walls the second one counts.
-            if (within(x, 1.5, 2.5)) {
-                ground.height = -2.0 * (y + 0.5);
-                ground.slope.y = -2.0;
-            } else if (within(x, 0.5, 1.5)) {
-                ground.height = 2.0 * (y - 0.5);
-                ground.slope.y = 2.0;
+            if (within(x, CHIMNEY_LR_MIDDLE, CHIMNEY_LR_END)) {
+                ground.height = -CHIMNEY_LR_SLOPE * (y + CHIMNEY_LR_Y);
+                ground.slope.y = -CHIMNEY_LR_SLOPE;
+            } else if (within(x, CHIMNEY_LR_START, CHIMNEY_LR_MIDDLE)) {
+                ground.height = CHIMNEY_LR_SLOPE * (y - CHIMNEY_LR_Y);
+                ground.slope.y = CHIMNEY_LR_SLOPE;
             }
         }
         default: {}

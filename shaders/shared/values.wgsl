@@ -24,7 +24,7 @@ fn ix_ground(slot: u32, foothold: u32) -> u32 {
 
 // Index of the deviation of the pose at an inner point of an interval.
 fn ix_deviation(slot: u32, interval: u32, q: u32) -> u32 {
-    return slot * batch.values + batch.deviations + 6u * (INNER_POINTS * interval + q);
+    return slot * batch.values + batch.deviations + POSE * (INNER_POINTS * interval + q);
 }
 
 // Three consecutive values, starting at an index.

@@ -32,9 +32,9 @@ fn of_weight(weight: f32) -> f32 {
     return weight * weight;
 }
 
-// Scaling of a column: `D_j = sum_eq J_ij^2 + 1/2 sum_ineq J_ij^2`, at least 1e-2.
+// Scaling of a column: `D_j = sum_eq J_ij^2 + 1/2 sum_ineq J_ij^2`, at least SCALING_FLOOR.
 fn column_scaling(slot: u32, half: u32, i: u32) -> f32 {
-    return max(gathered(slot, half, i), 1e-2);
+    return max(gathered(slot, half, i), SCALING_FLOOR);
 }
 
 // Sets the first slack of an inequality, `max(|g|, sqrt(mu))`, and its multiplier `mu / s`.

@@ -82,7 +82,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         let largest = max_over(lane, largest_multiplier(slot, lane));
         // The history is a ring buffer: this record replaces the one from `stall_window` records ago.
         let record = base + batch.history + now.recorded % batch.stall_window;
-        now = begin(slot, now, f, values[record], largest);
+        now = begin(slot, now, f, values[record], largest, f < batch.tolerance);
         workgroupBarrier();
         if (lane == 0u && now.state != EXACT) {
             values[record] = f;

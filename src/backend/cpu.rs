@@ -1,6 +1,6 @@
 //! CPU backend: solves candidates in index order, one per thread.
 
-use super::{Backend, Job, Precision, Solution};
+use super::{Backend, DeviceChoice, Job, Precision, Solution};
 use crate::error::{Error, Result};
 use crate::nlp::Layout;
 use crate::real::Real;
@@ -59,6 +59,10 @@ impl Cpu {
 impl Backend for Cpu {
     fn device(&self) -> String {
         format!("cpu, {} threads", self.threads())
+    }
+
+    fn choice(&self) -> DeviceChoice {
+        DeviceChoice::Cpu
     }
 
     fn pool(&self) -> &rayon::ThreadPool {

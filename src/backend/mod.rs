@@ -1,9 +1,13 @@
 //! Backends that solve a population: CPU and GPU.
 
+pub mod choose;
 mod cpu;
 #[cfg(feature = "gpu")]
 pub mod gpu;
+#[cfg(feature = "gpu")]
+pub mod tables;
 
+pub use choose::DeviceChoice;
 pub use cpu::Cpu;
 #[cfg(feature = "gpu")]
 pub use gpu::Gpu;
@@ -96,6 +100,11 @@ impl std::fmt::Display for Fallback {
 pub trait Backend: Send + Sync {
     /// Name of the device, for results.
     fn device(&self) -> String;
+
+    /// Choice that opens this device again; `auto` if no choice does.
+    fn choice(&self) -> DeviceChoice {
+        DeviceChoice::Auto
+    }
 
     /// Candidates that the CPU had to solve instead of the device so far, or `None`.
     fn fallback(&self) -> Option<Fallback> {

@@ -1,26 +1,28 @@
-//! `atlas`: every regular gait of a robot at every speed.
+//! `atlas`: solves every regular gait of a robot at every speed.
 
-use super::args::{DeviceArgs, apply, robot};
+use super::args::DeviceArgs;
 use super::{CANCELLED, Failure, Verdict, print, to_json};
-use crate::backend::Precision;
+use crate::app::named::robot;
+use crate::app::options::apply;
+use crate::backend::{DeviceChoice, Precision};
 use crate::error::Result;
+use crate::files;
 use crate::gait::family::GaitFamily;
 use crate::report::atlas::{AtlasResult, csv};
 use crate::report::atlas_plot::svg;
-use crate::report::files;
 use crate::report::result::SolvedOn;
-use crate::search::atlas::{Plan, atlas_settings};
+use crate::search::atlas::{AtlasPlan, atlas_settings};
 use crate::search::evaluate::LowerSettings;
 use clap::Args;
 use std::path::PathBuf;
 use tracing::{info, warn};
 
-/// Problems solved at once on the CPU: few, to say how far it is.
+/// Number of problems solved at once on the CPU: few, so that progress is reported often.
 const CHUNK: usize = 256;
-/// Problems solved at once on a GPU; bounds memory.
+/// Number of problems solved at once on a GPU; bounds memory.
 const CHUNK_GPU: usize = 8192;
 
-/// Settings that begin so are weights of the cost; the others belong to the lower level.
+/// Prefix of settings that are weights of the cost; the others belong to the lower level.
 const COST: &str = "cost.";
 
 #[derive(Debug, Args)]
@@ -28,22 +30,22 @@ pub struct Atlas {
     /// Robot: a name from `list`, or a JSON or TOML file
     #[arg(long, value_name = "NAME|FILE")]
     robot: String,
-    /// Only these gaits; default all that the robot can have
+    /// Gaits [default: all that the robot can have]
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     gait: Vec<String>,
-    /// Travel speeds, m/s, from slow to fast; default 0.1 to 1.6 sqrt(g l), with l the height of the base
+    /// Travel speeds, ascending, m/s [default: 0.1 to 1.6 sqrt(g l), l: height of the base]
     #[arg(long, value_name = "M/S,...", value_delimiter = ',')]
     speeds: Vec<f64>,
-    /// Periods of a stride, s; default 1 to 5 sqrt(l / g)
+    /// Stride periods, s [default: 1 to 5 sqrt(l / g)]
     #[arg(long, value_name = "S,...", value_delimiter = ',')]
     periods: Vec<f64>,
-    /// Shares of a stride that a foot stands; default 0.25 to 0.85
+    /// Duty factors: share of a stride that a foot is in stance [default: 0.25 to 0.85]
     #[arg(long, value_name = "SHARE,...", value_delimiter = ',')]
     duties: Vec<f64>,
-    /// Slopes of the ground, rise over run; default level
+    /// Slopes of the ground, rise over run [default: 0]
     #[arg(long, value_name = "SLOPE,...", value_delimiter = ',', allow_hyphen_values = true)]
     slopes: Vec<f64>,
-    /// Time at even speed that costs are taken from, s; default 8 sqrt(l / g)
+    /// Time at constant speed over which the cost is taken, s [default: 8 sqrt(l / g)]
     #[arg(long, value_name = "S")]
     seconds: Option<f64>,
     /// Folder for atlas.csv, atlas.json and atlas.svg
@@ -62,7 +64,7 @@ impl Atlas {
         let settings = self.settings()?;
         files::make_folder(&self.out)?;
         let backend = self.place.backend(plan.count()?, Precision::F32)?;
-        let chunk = if backend.device().starts_with("cpu") { CHUNK } else { CHUNK_GPU };
+        let chunk = if backend.choice() == DeviceChoice::Cpu { CHUNK } else { CHUNK_GPU };
         let progress = &mut |done, all| info!("{}: {done} of {all} problems solved", self.robot);
         let atlas = plan.run(&settings, &*backend, chunk, &CANCELLED, progress)?;
         let result = AtlasResult::new(&atlas, &settings, SolvedOn::new(&*backend, settings.precision));
@@ -79,7 +81,7 @@ impl Atlas {
         Ok(if result.certified > 0 { Verdict::Feasible } else { Verdict::Infeasible })
     }
 
-    /// Settings of the lower level, those of the command line over those that suit an atlas.
+    /// Settings of the lower level: those of an atlas with the assignments of the command line.
     fn settings(&self) -> Result<LowerSettings> {
         let own = atlas_settings();
         let sets = self.set.iter().map(String::as_str).filter(|s| !s.starts_with(COST));
@@ -88,8 +90,8 @@ impl Atlas {
         Ok(settings)
     }
 
-    fn plan(&self) -> Result<Plan> {
-        let mut plan = Plan::new(robot(&self.robot)?);
+    fn plan(&self) -> Result<AtlasPlan> {
+        let mut plan = AtlasPlan::new(robot(&self.robot)?);
         if !self.gait.is_empty() {
             plan.families = self.gait.iter().map(|name| GaitFamily::named(name)).collect::<Result<_>>()?;
         }

@@ -1,22 +1,22 @@
-//! `devices`: adapters of this machine.
+//! `devices`: lists the GPU adapters of this machine.
 
-use super::args::{AUTO_BATCH, check_threads};
 use super::{Failure, Verdict, print, to_json};
+use crate::backend::choose::{AUTO_BATCH, check_threads};
 use crate::backend::gpu::crossover::Crossover;
 use crate::backend::gpu::{AdapterReport, Device, Folder, Found, Gpu};
-use crate::backend::{Backend, Cpu};
+use crate::backend::{Backend, Cpu, DeviceChoice};
 use clap::Args;
 use serde::Serialize;
 
 #[derive(Debug, Args)]
 pub struct Devices {
-    /// Open each adapter and have it solve a small problem with a known end
+    /// Open each adapter and test it on a small problem with a known solution
     #[arg(long)]
     test: bool,
-    /// Measure again from how many candidates on the adapter of this name is done sooner than the CPU
+    /// Re-measure the batch size above which this adapter is faster than the CPU
     #[arg(long, value_name = "NAME")]
     measure: Option<String>,
-    /// Threads of the CPU in that; 0 is one a processor
+    /// Threads of the CPU in that measurement; 0: one per processor
     #[arg(long, default_value_t = 0)]
     threads: usize,
     /// Print JSON
@@ -24,13 +24,13 @@ pub struct Devices {
     json: bool,
 }
 
-/// What is printed.
+/// Output of the command.
 #[derive(Serialize)]
 struct Report {
     adapters: Vec<Tested>,
-    /// What `--device auto` takes for large batches.
+    /// Device that `--device auto` uses for large batches.
     auto: String,
-    /// Size from which a batch is large enough to look for a GPU.
+    /// Batch size from which `--device auto` looks for a GPU.
     auto_batch: usize,
 }
 
@@ -38,10 +38,10 @@ struct Report {
 struct Tested {
     #[serde(flatten)]
     adapter: AdapterReport,
-    /// `passed`, or why not.
+    /// `passed`, or the reason of the failure.
     #[serde(skip_serializing_if = "Option::is_none")]
     self_test: Option<String>,
-    /// What was measured, if it was.
+    /// Measurement against the CPU, if there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     crossover: Option<Crossover>,
 }
@@ -50,14 +50,14 @@ impl Devices {
     pub fn run(&self) -> std::result::Result<Verdict, Failure> {
         let folder = Folder::of_user();
         let threads = Cpu::new(check_threads(self.threads)?)?.threads();
-        // Known below even where nothing is kept.
+        // Held here, because there may be no cache.
         let measured = self.measure.as_ref().map(|name| Crossover::measure(&Gpu::open(Some(name), threads)?)).transpose()?;
         if let Some(measured) = &measured {
             measured.keep(&folder);
         }
         let tested = |found: Found| {
             let adapter = found.report.clone();
-            // Itself: two may have one name.
+            // The adapter itself, because two adapters may have the same name.
             let test = || found.fit().and_then(|fit| Gpu::new(Device::of(fit, folder.clone())?, 1));
             let self_test = self.test.then(|| test().map_or_else(|e| e.to_string(), |_| "passed".into()));
             let own = measured.clone().filter(|m| m.is_of(&adapter, threads));
@@ -66,7 +66,7 @@ impl Devices {
         };
         let adapters: Vec<Tested> = Found::all().into_iter().map(tested).collect();
         let taken = adapters.iter().find(|a| !a.adapter.software && a.adapter.unusable.is_none());
-        let auto = taken.map_or("cpu".into(), |a| format!("gpu:{}", a.adapter.name));
+        let auto = taken.map_or(DeviceChoice::Cpu, |a| DeviceChoice::Gpu(Some(a.adapter.name.clone()))).to_string();
         let report = Report { adapters, auto, auto_batch: AUTO_BATCH };
         print(&if self.json { to_json(&report)? } else { report.text() })?;
         Ok(Verdict::Feasible)
@@ -79,7 +79,7 @@ impl Report {
         for Tested { adapter: a, self_test, crossover } in &self.adapters {
             text += &format!("{} ({}, {}, {})\n", a.name, a.kind, a.interface, a.driver);
             text += &format!(
-                "    {} KiB workgroup memory, storage bindings of {} MiB, {} a shader\n",
+                "    {} KiB of workgroup memory, storage bindings of {} MiB, {} per shader\n",
                 a.workgroup_memory >> 10,
                 a.storage_binding >> 20,
                 a.storage_buffers
@@ -98,15 +98,15 @@ impl Report {
             text += "no adapter: a Vulkan, Metal or DX12 driver is needed\n";
         }
         text + &match self.auto.as_str() {
-            "cpu" => "--device auto takes the CPU; a software adapter has to be asked for: --device gpu\n".to_string(),
+            "cpu" => "--device auto takes the CPU; --device gpu selects a software adapter\n".to_string(),
             gpu => {
                 let name = gpu.strip_prefix("gpu:").unwrap_or(gpu);
                 let crossover = self.adapters.iter().find(|a| a.adapter.name == name).and_then(|a| a.crossover.as_ref());
                 match crossover.map(|c| c.from) {
-                    None => format!("--device auto measures {gpu} when it meets {} candidates at once or more\n", self.auto_batch),
+                    None => format!("--device auto measures {gpu} at the first batch of {} candidates or more\n", self.auto_batch),
                     Some(None) => "--device auto takes the CPU\n".into(),
                     Some(Some(from)) => {
-                        format!("--device auto takes {gpu} from {} candidates at once on, else the CPU\n", from.max(self.auto_batch))
+                        format!("--device auto takes {gpu} for batches of {} candidates or more, else the CPU\n", from.max(self.auto_batch))
                     }
                 }
             }

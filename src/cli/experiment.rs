@@ -1,4 +1,4 @@
-//! `experiment`: the paper's experiments, with baselines.
+//! `experiment`: repeats the experiments of the paper, with baselines.
 
 use super::args::{DeviceArgs, workers};
 use super::{CANCELLED, Failure, Verdict, print};
@@ -6,9 +6,9 @@ use crate::backend::Precision;
 use crate::error::{Error, Result};
 use crate::experiment::plan::{EXPERIMENTS, Extent};
 use crate::experiment::{Devices, Log, Method, plan, plot, run, summary};
+use crate::files;
 use crate::reference::ipopt;
 use crate::reference::workers::{Workers, threads_or_all};
-use crate::report::files;
 use clap::Args;
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -18,18 +18,20 @@ use tracing::{info, warn};
 
 #[derive(Debug, Args)]
 pub struct Experiment {
-    /// 1: three quadruped scenarios, 20 targets, all methods; 2: biped, quadruped, hexapod; 3: fewest steps and least force; or all
+    /// 1: three quadruped scenarios, 20 targets, all methods; 2: biped, quadruped, hexapod; 3: fewest steps and least force; or `all`
     experiment: ExperimentArg,
-    /// Folder for raw runs, tables and plots; runs that are there already are not made again
+    /// Folder for raw runs, tables and plots. Runs that it has already are not repeated
     #[arg(long, value_name = "DIR", default_value = "experiments")]
     out: PathBuf,
-    /// A representative part in minutes: 5 of 20 targets or replicates; in experiment 3 2 of 10, 10 of 50 generations, populations to 1024
+    /// Representative part, in minutes: 5 of 20 targets or replicates; experiment 3: 2 of 10 replicates, 10 of 50 generations, populations
+    /// up to 1024
     #[arg(long)]
     quick: bool,
-    /// Only these methods: cregopt, cregopt-towr, ipopt, towr, contact-implicit, random, random-towr, random-ipopt, no-stall, no-stall-towr
+    /// Methods [default: all of the experiment]: cregopt, cregopt-towr, ipopt, towr, contact-implicit, random, random-towr, random-ipopt,
+    /// no-stall, no-stall-towr
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     methods: Vec<String>,
-    /// Most targets (experiment 1) or replicates
+    /// Largest number of targets (experiment 1) or replicates
     #[arg(long)]
     replicates: Option<u64>,
     /// Generations of experiment 3
@@ -38,14 +40,14 @@ pub struct Experiment {
     /// Populations of experiment 3
     #[arg(long, value_name = "N,...", value_delimiter = ',')]
     populations: Vec<usize>,
-    /// Seed of the first replicate; the next ones follow
+    /// Seed of the first replicate; later ones count up
     #[arg(long, default_value_t = 1)]
     seed: u64,
     #[command(flatten)]
     place: DeviceArgs,
 }
 
-/// A number, or all.
+/// Number of an experiment, or all of them.
 #[derive(Debug, Clone, Copy)]
 struct ExperimentArg(Option<u8>);
 
@@ -81,7 +83,7 @@ impl Experiment {
         files::make_folder(&self.out)?;
         let workers = ipopt::check().ok().map(|()| workers(self.place.threads.unwrap_or(0))).transpose()?;
         if workers.is_none() {
-            warn!("without Ipopt: its methods are left out (build with `--features ipopt`)");
+            warn!("without Ipopt: its methods are skipped (build with `--features ipopt`)");
         }
         let numbers = self.experiment.0.map_or(EXPERIMENTS.collect(), |number| vec![number]);
         let mut found = false;
@@ -99,7 +101,7 @@ impl Experiment {
         Ok(if found { Verdict::Feasible } else { Verdict::Infeasible })
     }
 
-    /// Makes what is missing and writes tables and plots of all that is there.
+    /// Runs the missing cases, and writes tables and plots of all runs.
     fn experiment(&self, number: u8, extent: &Extent, workers: Option<&Workers>) -> std::result::Result<Vec<run::Run>, Failure> {
         let cases = plan(number, extent)?;
         if cases.is_empty() && self.experiment.0.is_some() {
@@ -110,7 +112,7 @@ impl Experiment {
             case.search()?.validate()?;
         }
         let mut log = Log::open(&self.out.join(format!("experiment{number}.jsonl")), threads_or_all(self.place.threads.unwrap_or(0)))?;
-        // Which device is sooner done depends on the population.
+        // The faster device depends on the population.
         let mut backends = BTreeMap::new();
         let count = cases.len();
         for (i, case) in cases.into_iter().enumerate() {

@@ -1,17 +1,15 @@
-//! `init`: a scenario file with every key explained.
+//! `init`: writes a template of a scenario file, with every key explained.
 
 use super::{Failure, Verdict, complain, print};
+use crate::app::scenario_file::TEMPLATE;
 use crate::error::Error;
-use crate::report::files;
+use crate::files;
 use clap::Args;
 use std::path::{Path, PathBuf};
 
-/// What is written.
-pub const TEMPLATE: &str = include_str!("scenario.toml");
-
 #[derive(Debug, Args)]
 pub struct Init {
-    /// Where to write it; `-` prints it
+    /// File to write; `-` prints it
     #[arg(default_value = "scenario.toml")]
     file: PathBuf,
 }

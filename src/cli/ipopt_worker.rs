@@ -1,4 +1,4 @@
-//! `ipopt-worker`: solves problems that come on stdin, for the other commands.
+//! `ipopt-worker`: solves problems from stdin with Ipopt, for the other commands.
 
 use super::{Failure, Verdict};
 use crate::reference::workers::serve;

@@ -1,4 +1,4 @@
-//! `list`: what can be named.
+//! `list`: lists robots, terrains, scenarios and presets.
 
 use super::{Failure, Verdict, print, to_json};
 use crate::robot::{ROBOTS, Robot};

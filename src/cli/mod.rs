@@ -1,6 +1,6 @@
-//! The command line: one file a command.
+//! Command line: one file per command. It parses arguments, shows progress and prints; the rest is in [`crate::app`].
 
-pub(crate) mod args;
+mod args;
 mod atlas;
 #[cfg(feature = "gpu")]
 mod devices;
@@ -8,51 +8,44 @@ mod evaluate;
 #[cfg(feature = "experiment")]
 mod experiment;
 mod export;
-pub(crate) mod held;
 mod init;
 mod ipopt_worker;
-pub(crate) mod label;
-pub(crate) mod leg;
 mod list;
-pub(crate) mod robot;
-pub(crate) mod scenario_file;
+mod robot;
 #[cfg(feature = "schema")]
 mod schema;
-mod search_args;
 mod shell;
-pub(crate) mod solve;
+mod solve;
 #[cfg(feature = "import")]
 mod terrain;
 mod verify;
 #[cfg(feature = "view")]
-pub(crate) mod view;
+mod view;
 
-use crate::error::Error;
-use crate::report::files::{STREAM, stdout};
+use crate::error::{Error, to_json};
+use crate::files::{STREAM, stdout};
 use clap::{Parser, Subcommand};
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Set by Ctrl-C: searches end with the best so far.
+/// Flag that Ctrl-C sets: searches then end with the best gait so far.
 static CANCELLED: AtomicBool = AtomicBool::new(false);
 
-/// Finds gaits for legged robots: which foot steps when, with a motion and forces that are physically valid.
+/// Optimises gaits of legged robots: contact schedules, with physically valid motions and contact forces.
 ///
-/// Exit codes: 0 feasible, 2 usage, 3 nothing feasible within the budget, 4 bad input file or unusable output, 5 no such
-/// device.
+/// Exit codes: 0 feasible, 2 usage, 3 nothing feasible within the budget, 4 bad input file or unusable output, 5 no such device.
 ///
-/// `CREGOPT_CACHE` names the folder for what is kept of GPUs between runs; where it is empty nothing is kept. Without it that is `cregopt` among
-/// the user's caches.
+/// `CREGOPT_CACHE`: folder for cached GPU measurements and pipelines (default: `cregopt` in the user cache folder; empty: no cache).
 #[derive(Debug, Parser)]
 #[command(version)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
-    /// Say more on stderr; twice: everything. `RUST_LOG` says of what
+    /// More log output on stderr; `-vv`: all. `RUST_LOG` selects modules
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     verbose: u8,
-    /// Say nothing on stderr but errors
+    /// Only errors on stderr
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     quiet: bool,
 }
@@ -61,71 +54,62 @@ struct Cli {
 enum Command {
     /// Search for a gait
     Solve(Box<solve::Solve>),
-    /// Write a scenario file with every key explained
+    /// Write a template of a scenario file, with every key explained
     Init(init::Init),
-    /// Solve given contact schedules, one JSON object a line
+    /// Solve given contact schedules, one JSON object per line
     Evaluate(evaluate::Evaluate),
-    /// Solve every regular gait of a robot at every speed: costs, the best ones, transitions
+    /// Solve every regular gait of a robot at every speed: costs, best gaits, transitions
     Atlas(atlas::Atlas),
     #[cfg(feature = "experiment")]
-    /// Repeat the paper's experiments, with its method and its baselines beside this program's
+    /// Repeat the experiments of the paper, with its method, its baselines and this program's method
     Experiment(experiment::Experiment),
-    /// Solve problems that come on stdin, for the other commands
+    /// Solve problems from stdin, for the other commands
     #[command(hide = true, name = crate::reference::workers::COMMAND)]
     IpoptWorker(ipopt_worker::IpoptWorker),
     #[cfg(feature = "import")]
-    /// Make terrain files of height maps
+    /// Convert height maps to terrain files
     Terrain(terrain::TerrainCommand),
-    /// Check a trajectory file, this program's or TOWR's
+    /// Verify a trajectory file of this program or of TOWR
     Verify(verify::Verify),
     #[cfg(feature = "view")]
-    /// Make a page for a browser: the robot moving, its forces, its certificate
+    /// Write a web page with the moving robot, its forces and its certificate
     View(view::View),
-    /// Write a motion for other programs: CSV or MCAP
+    /// Convert a motion to CSV or MCAP
     Export(export::Export),
     #[cfg(feature = "gpu")]
-    /// List adapters, and which one `--device auto` takes
+    /// List GPU adapters, and the device that `--device auto` uses
     Devices(devices::Devices),
     #[cfg(feature = "schema")]
-    /// Print the JSON Schema of a file that is read or written
+    /// Print the JSON Schema of a file format
     Schema(schema::Schema),
-    /// Robot files from robots' models, and joints along motions
+    /// Import robots from URDF files, and compute joints along motions
     #[command(subcommand)]
     Robot(robot::Robot),
     /// List robots, terrains, scenarios and presets
     List(list::List),
-    /// Print completions for a shell
+    /// Print shell completions
     Completions(shell::Completions),
     /// Print the manual page
     Man(shell::Man),
 }
 
-/// How a command that ran to its end found things.
+/// Outcome of a command that ran to its end.
 #[derive(PartialEq, Eq)]
-pub(crate) enum Verdict {
+enum Verdict {
     Feasible,
     Infeasible,
 }
 
-/// Why a command did not run to its end.
-pub(crate) enum Failure {
-    /// The command line asks for something that cannot be.
+/// Reason why a command did not run to its end.
+enum Failure {
+    /// Invalid value on the command line.
     Usage(Error),
-    /// A file or folder is unusable.
+    /// Unusable file or folder.
     Input(Error),
-    /// A device is not there, or not fit.
+    /// Missing or unfit device.
     Device(Error),
-    /// It was ended before there was anything to show.
+    /// Cancelled before there was a result.
     Ended(Error),
-}
-
-#[cfg(feature = "python")]
-impl From<Failure> for Error {
-    fn from(failure: Failure) -> Self {
-        match failure {
-            Failure::Usage(error) | Failure::Input(error) | Failure::Device(error) | Failure::Ended(error) => error,
-        }
-    }
 }
 
 impl From<Error> for Failure {
@@ -141,11 +125,11 @@ impl From<Error> for Failure {
 
 /// Parses the command line, runs the command and returns the exit code.
 pub fn main() -> ExitCode {
-    // SAFETY: no other thread runs yet. It keeps a layer of Mesa from looking for a screen, and from complaining that there is none.
+    // SAFETY: no other thread runs yet. The variable keeps a layer of Mesa from looking for a screen and complaining about a missing one.
     unsafe { std::env::set_var("NODEVICE_SELECT", "1") };
     let cli = Cli::parse();
     log(cli.verbose, cli.quiet);
-    // Without a handler Ctrl-C just ends the program: nothing to do about it.
+    // Without a handler, Ctrl-C ends the program.
     let _ = ctrlc::set_handler(|| {
         if CANCELLED.swap(true, Ordering::Relaxed) {
             std::process::exit(130);
@@ -186,7 +170,7 @@ pub fn main() -> ExitCode {
     ExitCode::from(code)
 }
 
-/// What of the program's doings is told on stderr: `RUST_LOG`, else by how much was asked for.
+/// Initialises logging to stderr from `RUST_LOG` or the -v/-q flags.
 fn log(verbose: u8, quiet: bool) {
     use tracing_subscriber::EnvFilter;
     let level = match (quiet, verbose) {
@@ -196,9 +180,9 @@ fn log(verbose: u8, quiet: bool) {
         _ => "trace",
     };
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
-    let told = tracing_subscriber::fmt().with_writer(std::io::stderr).with_env_filter(filter).without_time().with_ansi(false);
-    // Lines for people say what they say; those who ask for more see where it comes from.
-    let _ = if verbose == 0 { told.with_target(false).with_level(false).try_init() } else { told.try_init() };
+    let log = tracing_subscriber::fmt().with_writer(std::io::stderr).with_env_filter(filter).without_time().with_ansi(false);
+    // Module and level are shown only with -v.
+    let _ = if verbose == 0 { log.with_target(false).with_level(false).try_init() } else { log.try_init() };
 }
 
 /// Prints to stdout.
@@ -206,8 +190,8 @@ fn print(text: &str) -> Result<(), Error> {
     stdout(text.as_bytes()).map_err(|source| Error::Io { action: "write", path: "stdout".into(), source })
 }
 
-/// Prints what is said of a file that was written: to stderr when that is stdout.
-fn print_beside(path: &Path, text: &str) -> Result<(), Error> {
+/// Prints a message about a file that was written: to stderr if the file is stdout.
+fn print_about(path: &Path, text: &str) -> Result<(), Error> {
     if path != Path::new(STREAM) {
         return print(text);
     }
@@ -215,13 +199,8 @@ fn print_beside(path: &Path, text: &str) -> Result<(), Error> {
     Ok(())
 }
 
-/// Prints a line to stderr. Nobody listening is no error.
+/// Prints a line to stderr. A closed stderr is not an error.
 fn complain(error: &dyn std::fmt::Display) {
     use std::io::Write;
     let _ = writeln!(std::io::stderr(), "{error}");
-}
-
-/// Text of a JSON document for people and programs, ending in a newline.
-pub(crate) fn to_json(value: &impl serde::Serialize) -> Result<String, Error> {
-    Ok(serde_json::to_string_pretty(value)? + "\n")
 }

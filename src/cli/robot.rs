@@ -1,12 +1,13 @@
-//! `robot`: robot files from robots' models, and joints along motions.
+//! `robot`: imports robots from URDF files, and computes joints along motions.
 
-use super::args::{self, World};
-use super::held::robot_of;
-use super::{Failure, Verdict, print, print_beside, to_json};
+use super::{Failure, Verdict, print, print_about, to_json};
+use crate::app::named;
+use crate::app::terms::robot_of;
+use crate::app::world::World;
 use crate::error::{Error, Result, check_range};
+use crate::files;
 use crate::gait::Trajectory;
-use crate::report::files;
-use crate::report::joints::{JointMotion, RATE, RATES, follow};
+use crate::gait::joints::{JointMotion, RATE, RATES, follow};
 #[cfg(feature = "urdf")]
 use crate::robot::import::{Import, Imported, configuration};
 use clap::{Args, Subcommand};
@@ -14,10 +15,10 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, Subcommand)]
 pub enum Robot {
-    /// Make a robot file of a URDF: mass, inertia, feet, reach and forces in one configuration of its joints
+    /// Convert a URDF to a robot file: mass, inertia, feet, reach and forces in one configuration of its joints
     #[cfg(feature = "urdf")]
     Import(ImportUrdf),
-    /// Follow a motion with the joints of an imported robot: positions, velocities and torques, and how near they come to their limits
+    /// Compute the joints of an imported robot along a motion: positions, velocities, torques, and use of their limits
     Joints(Joints),
 }
 
@@ -36,17 +37,17 @@ impl Robot {
 pub struct ImportUrdf {
     /// URDF file; meshes are not needed
     file: PathBuf,
-    /// Links of the feet; else those that stand on the ground in the configuration
+    /// Links of the feet [default: those on the ground in the configuration]
     #[arg(long, value_name = "LINK,...", value_delimiter = ',')]
     feet: Vec<String>,
-    /// Joint values in which it stands, rad or m; the others are at zero, or in the middle of their limits when zero is outside. Without any
-    /// the legs are bent so that it stands
+    /// Joint values in which the robot stands, rad or m. Other joints are at zero, or in the middle of their limits if zero is outside.
+    /// Without values, the legs are bent so that the robot stands
     #[arg(long, value_name = "JOINT=VALUE,...", allow_hyphen_values = true)]
     configuration: Vec<String>,
-    /// Name of the robot; the file's by default, with `-imported` behind it where a built-in robot has that
+    /// Name of the robot [default: the name in the file, with `-imported` appended if a built-in robot has it]
     #[arg(long)]
     name: Option<String>,
-    /// Where to write the robot, .json or .toml; else it is printed as JSON
+    /// Robot file to write, .json or .toml [default: print JSON]
     #[arg(short, long, value_name = "FILE")]
     out: Option<PathBuf>,
 }
@@ -64,7 +65,7 @@ impl ImportUrdf {
         match &self.out {
             Some(out) => {
                 files::write(out, &imported.robot.file_text(out)?)?;
-                print_beside(out, &summary(&imported))?;
+                print_about(out, &summary(&imported))?;
             }
             None => {
                 super::complain(&summary(&imported).trim_end());
@@ -75,7 +76,7 @@ impl ImportUrdf {
     }
 }
 
-/// What was computed, for people.
+/// Text about an imported robot.
 #[cfg(feature = "urdf")]
 fn summary(imported: &Imported) -> String {
     let robot = &imported.robot;
@@ -100,13 +101,13 @@ fn summary(imported: &Imported) -> String {
 pub struct Joints {
     /// Trajectory file of `solve`
     file: PathBuf,
-    /// Robot with joints: a JSON or TOML file; the trajectory's own by default
+    /// Robot with joints: a JSON or TOML file [default: the robot in the trajectory]
     #[arg(long, value_name = "FILE")]
     robot: Option<String>,
-    /// Times a second
+    /// Sampling rate
     #[arg(long, value_name = "HZ", default_value_t = RATE)]
     rate: f64,
-    /// Where to write the joints as CSV: a row a time, three columns a joint
+    /// CSV file for the joints: one row per sample, three columns per joint
     #[arg(short, long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Print the limits as JSON instead of text
@@ -118,24 +119,24 @@ impl Joints {
     fn run(&self) -> std::result::Result<Verdict, Failure> {
         check_range("--rate", self.rate, RATES[0], RATES[1])?;
         self.out.as_deref().map_or(Ok(()), files::check_writable)?;
-        let world = World::of(self.robot.as_deref().map(args::robot).transpose()?, None, None);
+        let world = World::of(self.robot.as_deref().map(named::robot).transpose()?, None, None);
         let trajectory = Trajectory::from_json(&files::read(&self.file)?).map_err(|e| e.in_file(&self.file, None))?;
         let motion = robot_of(&world, &trajectory).and_then(|(robot, _)| follow(&trajectory, &robot, self.rate));
         let motion = motion.map_err(|e| e.in_file(&self.file, None))?;
         if let Some(out) = &self.out {
             files::write(out, &csv_text(&motion, out)?)?;
         }
-        let said = if self.json {
+        let text = if self.json {
             to_json(&motion.limits)?
         } else {
             format!("{} joints at {} times\n{}", motion.joints.len(), motion.samples.len(), motion.limits)
         };
-        self.out.as_deref().map_or_else(|| print(&said), |out| print_beside(out, &said))?;
+        self.out.as_deref().map_or_else(|| print(&text), |out| print_about(out, &text))?;
         Ok(if motion.limits.kept { Verdict::Feasible } else { Verdict::Infeasible })
     }
 }
 
-/// A row a time: `time_s`, then position, velocity and torque of each joint.
+/// CSV text with one row per sample: `time_s`, then position, velocity and torque of each joint.
 fn csv_text(motion: &JointMotion, out: &Path) -> Result<String> {
     let units =
         |turns: bool| if turns { ["position_rad", "velocity_rad/s", "torque_Nm"] } else { ["position_m", "velocity_m/s", "force_N"] };

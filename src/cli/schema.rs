@@ -1,4 +1,4 @@
-//! `schema`: what files look like, for other programs.
+//! `schema`: prints the JSON Schema of a file format.
 
 use super::{Failure, Verdict, print, to_json};
 use crate::report::schema::{Document, schema};
@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 
 #[derive(Debug, Args)]
 pub struct Schema {
-    /// Which file
+    /// File format
     #[arg(value_enum)]
     file: File,
 }
@@ -17,9 +17,9 @@ enum File {
     Result,
     /// trajectory.json
     Trajectory,
-    /// A robot of your own
+    /// Robot file
     Robot,
-    /// A terrain of your own
+    /// Terrain file
     Terrain,
 }
 

@@ -1,4 +1,4 @@
-//! `completions` and `man`: what shells and readers of manuals want to know.
+//! `completions` and `man`: prints shell completions and manual pages.
 
 use super::{Cli, Failure, Verdict, print};
 use crate::error::Error;
@@ -7,7 +7,7 @@ use clap_complete::Shell;
 
 #[derive(Debug, Args)]
 pub struct Completions {
-    /// For which shell, e.g. `cregopt completions bash > /etc/bash_completion.d/cregopt`
+    /// Shell, e.g. `cregopt completions bash > /etc/bash_completion.d/cregopt`
     #[arg(value_enum)]
     shell: Shell,
 }
@@ -23,7 +23,7 @@ impl Completions {
 
 #[derive(Debug, Args)]
 pub struct Man {
-    /// A command; the program itself by default
+    /// Command [default: the program itself]
     command: Option<String>,
 }
 

@@ -1,8 +1,8 @@
-//! `terrain`: height maps as terrain files.
+//! `terrain`: converts height maps to terrain files.
 
-use super::{Failure, Verdict, print_beside};
+use super::{Failure, Verdict, print_about};
 use crate::error::{Error, Result};
-use crate::report::files;
+use crate::files;
 use crate::terrain::import::{Imported, Placement, terrain_of};
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
@@ -15,30 +15,30 @@ pub struct TerrainCommand {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Make a terrain file of a height map: CSV, NPY (`z[i][j]` at x and y) or grey PNG (x to the right, y up)
+    /// Convert a height map to a terrain file: CSV, NPY (`z[i][j]` at x and y) or grey PNG (x to the right, y up)
     Import(Import),
 }
 
 #[derive(Debug, Args)]
 struct Import {
-    /// Height map: .csv, .npy or .png. What is not a number, or transparent, is ground on which nothing can stand
+    /// Height map: .csv, .npy or .png. NaN and transparent pixels are holes, which admit no foothold
     file: PathBuf,
-    /// Distance of samples, m
+    /// Distance between samples, m
     #[arg(long, value_name = "M")]
     cell: f64,
-    /// Where the first sample stands, m; the robot starts at the origin by default
+    /// Position of the first sample, m; robots start at the origin by default
     #[arg(long, value_name = "X,Y", default_value = "0,0", allow_hyphen_values = true)]
     origin: Origin,
-    /// Factor on heights; of a picture the height of white, m
+    /// Factor on heights; for a picture the height of white, m
     #[arg(long, default_value_t = 1., allow_hyphen_values = true)]
     height_scale: f64,
     /// Friction coefficient
     #[arg(long, default_value_t = 0.8)]
     friction: f64,
-    /// Name of the terrain; that of the file by default, with `-imported` behind it where a built-in terrain has that
+    /// Name of the terrain [default: the name of the file, with `-imported` appended if a built-in terrain has it]
     #[arg(long)]
     name: Option<String>,
-    /// Terrain file, .json or .toml
+    /// Terrain file to write, .json or .toml
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
 }
@@ -64,8 +64,8 @@ impl TerrainCommand {
         files::check_writable(&import.out)?;
         let imported = import.read()?;
         files::write(&import.out, &imported.terrain.file_text(&import.out)?)?;
-        print_beside(&import.out, &imported.about())?;
-        print_beside(&import.out, &format!("written to {}\n", import.out.display()))?;
+        print_about(&import.out, &imported.about())?;
+        print_about(&import.out, &format!("written to {}\n", import.out.display()))?;
         Ok(Verdict::Feasible)
     }
 }
@@ -75,7 +75,7 @@ impl Import {
         let placement = Placement { cell: self.cell, origin: self.origin.0, height_scale: self.height_scale, friction: self.friction };
         let bytes = files::read_bytes(&self.file, files::MAX_FILE)?;
         terrain_of(&self.file, &bytes, &placement, self.name.as_deref()).map_err(|e| match e {
-            // Flags are not in the file.
+            // Options of the command line are not in the file.
             Error::Invalid { ref place, .. } if place.starts_with("--") => e,
             e => e.in_file(&self.file, None),
         })

@@ -1,11 +1,13 @@
-//! `verify`: count what a trajectory file violates.
+//! `verify`: checks trajectory files with the independent certificate.
 
-use super::args::WorldArgs;
-use super::held::{Asked, Held, read_world, shown};
+use super::args::{TermArgs, WorldArgs};
 use super::{Failure, Verdict, print, to_json};
-use crate::error::Error;
+use crate::app::VerificationTerms;
+use crate::app::terms::shown;
+use crate::app::world::World;
+use crate::error::{Error, Result};
+use crate::files;
 use crate::gait::Trajectory;
-use crate::report::files;
 use crate::report::motion_plot::{self, MotionPlot};
 use crate::report::verdict::verdict;
 use crate::verify::Report;
@@ -14,28 +16,28 @@ use std::path::PathBuf;
 
 #[derive(Debug, Args)]
 pub struct Verify {
-    /// A trajectory (.json), or one a line (.jsonl)
+    /// Trajectory (.json), or one per line (.jsonl)
     file: PathBuf,
     #[command(flatten)]
     world: WorldArgs,
     #[command(flatten)]
-    asked: Asked,
-    /// Draw the motion, its forces and its way: .svg or .png; of a file with one trajectory
+    terms: TermArgs,
+    /// Draw the motion, its forces and its path: .svg, or .png with the feature `pictures`; for a file with one trajectory
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
-    /// Print JSON: an array with one report a trajectory
+    /// Print JSON: an array with one report per trajectory
     #[arg(long)]
     json: bool,
 }
 
-/// A report with what it is about.
+/// Report on one trajectory, with its subject.
 #[derive(serde::Serialize)]
 struct Line {
     line: usize,
     scenario: Option<String>,
     robot: String,
     terrain: String,
-    /// What it was held to, and whose word that is.
+    /// Terms of the verification, each with its source.
     terms: Vec<String>,
     #[serde(flatten)]
     report: Report,
@@ -43,19 +45,9 @@ struct Line {
 
 impl Verify {
     pub fn run(&self) -> std::result::Result<Verdict, Failure> {
-        let world = read_world(&self.world)?;
+        let world = self.world.read_checked()?;
         let text = files::read(&self.file)?;
-        // A pretty-printed document is one trajectory; otherwise each line is one.
-        let documents: Vec<(usize, &str)> = match serde_json::from_str::<serde::de::IgnoredAny>(&text) {
-            Ok(_) => vec![(1, &text)],
-            Err(e) if self.file.extension().is_some_and(|x| x == "json") => {
-                return Err(Error::from(e).in_file(&self.file, None).into());
-            }
-            Err(_) => files::lines(&text).collect(),
-        };
-        if documents.is_empty() {
-            return Err(Error::invalid("trajectories", "none", "at least one").in_file(&self.file, None).into());
-        }
+        let documents = self.documents(&text)?;
         if let Some(path) = &self.plot {
             if documents.len() > 1 {
                 return Err(Error::invalid("--plot", format!("{} trajectories", documents.len()), "of a file with one trajectory").into());
@@ -65,18 +57,7 @@ impl Verify {
         let mut reports = Vec::new();
         let mut failure = None;
         for (line, document) in documents {
-            let report = Trajectory::from_json(document).and_then(|trajectory| {
-                let Held { robot, terrain, force_limit, terms, report } = Held::new(&world, &trajectory, &self.asked)?;
-                if let Some(path) = &self.plot {
-                    let title = format!("{:.2} s, {}", trajectory.horizon, verdict(&trajectory, &report));
-                    motion_plot::write(
-                        &MotionPlot { title, trajectory: &trajectory, robot: &robot, terrain: &terrain, force_limit },
-                        path,
-                    )?;
-                }
-                Ok(Line { line, scenario: trajectory.scenario, robot: robot.name.clone(), terrain: terrain.name.clone(), terms, report })
-            });
-            match report {
+            match self.line(line, document, &world) {
                 Ok(report) => reports.push(report),
                 Err(e) => {
                     failure = Some(e.in_file(&self.file, Some(line)));
@@ -84,24 +65,53 @@ impl Verify {
                 }
             }
         }
-        if self.json {
-            print(&to_json(&reports)?)?;
-        } else {
-            for r in &reports {
-                let scenario = r.scenario.as_deref().map(|s| format!("scenario {}, ", shown(s))).unwrap_or_default();
-                let terms: String = r.terms.iter().map(|term| format!("  {term}\n")).collect();
-                let (robot, terrain) = (shown(&r.robot), shown(&r.terrain));
-                print(&format!("line {}: {scenario}robot {robot}, terrain {terrain}\n{terms}{}\n\n", r.line, r.report))?;
-            }
-            if reports.len() > 1 {
-                let feasible = reports.iter().filter(|r| r.report.feasible).count();
-                print(&format!("{feasible} of {} trajectories feasible\n", reports.len()))?;
-            }
-        }
+        print(&if self.json { to_json(&reports)? } else { text_of(&reports) })?;
         match failure {
             Some(error) => Err(error.into()),
             None if reports.iter().all(|r| r.report.feasible) => Ok(Verdict::Feasible),
             None => Ok(Verdict::Infeasible),
         }
     }
+
+    /// Trajectories of the file with their line numbers. A pretty-printed document is one trajectory; otherwise each line is one.
+    fn documents<'a>(&self, text: &'a str) -> Result<Vec<(usize, &'a str)>> {
+        let documents: Vec<(usize, &str)> = match serde_json::from_str::<serde::de::IgnoredAny>(text) {
+            Ok(_) => vec![(1, text)],
+            Err(e) if self.file.extension().is_some_and(|x| x == "json") => return Err(Error::from(e).in_file(&self.file, None)),
+            Err(_) => files::lines(text).collect(),
+        };
+        if documents.is_empty() {
+            return Err(Error::invalid("trajectories", "none", "at least one").in_file(&self.file, None));
+        }
+        Ok(documents)
+    }
+
+    /// Verifies and draws one trajectory.
+    fn line(&self, line: usize, document: &str, world: &World) -> Result<Line> {
+        let trajectory = Trajectory::from_json(document)?;
+        let terms = VerificationTerms::new(world, &trajectory, &self.terms.overrides())?;
+        let report = terms.verify()?;
+        let VerificationTerms { robot, terrain, force_limit, lines, .. } = terms;
+        if let Some(path) = &self.plot {
+            let title = format!("{:.2} s, {}", trajectory.horizon, verdict(&trajectory, &report));
+            motion_plot::write(&MotionPlot { title, trajectory: &trajectory, robot: &robot, terrain: &terrain, force_limit }, path)?;
+        }
+        let (robot, terrain) = (robot.name.clone(), terrain.name.clone());
+        Ok(Line { line, scenario: trajectory.scenario, robot, terrain, terms: lines, report })
+    }
+}
+
+fn text_of(reports: &[Line]) -> String {
+    let mut text = String::new();
+    for r in reports {
+        let scenario = r.scenario.as_deref().map(|s| format!("scenario {}, ", shown(s))).unwrap_or_default();
+        let terms: String = r.terms.iter().map(|term| format!("  {term}\n")).collect();
+        let (robot, terrain) = (shown(&r.robot), shown(&r.terrain));
+        text += &format!("line {}: {scenario}robot {robot}, terrain {terrain}\n{terms}{}\n\n", r.line, r.report);
+    }
+    if reports.len() > 1 {
+        let feasible = reports.iter().filter(|r| r.report.feasible).count();
+        text += &format!("{feasible} of {} trajectories feasible\n", reports.len());
+    }
+    text
 }

@@ -3,7 +3,7 @@
 use super::plan::Case;
 use super::run::{Run, machine};
 use crate::error::{Error, Result, from_json};
-use crate::report::files;
+use crate::files;
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};

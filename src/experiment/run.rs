@@ -11,7 +11,7 @@ use crate::reference::workers::{IpoptLevel, Workers, threads_or_all};
 use crate::search::cem::Candidate;
 use crate::search::cem::FreeDistribution;
 use crate::search::evaluate::LowerSettings;
-use crate::search::{BatchSolver, Found, LowerLevel, search_with};
+use crate::search::{BatchSolver, CemSearchResult, ScheduleSolver, search_with};
 use crate::settings::TranscriptionSettings;
 use crate::task::Task;
 use crate::verify::{Report, verify};
@@ -185,7 +185,7 @@ pub fn run(case: &Case, devices: &Devices, cancelled: &AtomicBool) -> Result<Opt
 }
 
 /// Runs a search over schedules.
-fn searched<L: LowerLevel>(
+fn searched<L: ScheduleSolver>(
     level: &L,
     case: &Case,
     task: &Task,
@@ -195,7 +195,7 @@ fn searched<L: LowerLevel>(
 ) -> Result<Outcome> {
     let settings = case.search()?;
     let distribution = FreeDistribution::initial(&settings, task.robot.feet())?;
-    let found: Found<L::Solution> = search_with(level, distribution, &settings, case.seed, cancelled, &mut |_| ())?;
+    let found: CemSearchResult<L::Solution> = search_with(level, distribution, &settings, case.seed, cancelled, &mut |_| ())?;
     let best = found.best.as_ref();
     Ok(Outcome {
         success: best.is_some_and(|b| b.evaluation.feasible),

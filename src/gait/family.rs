@@ -10,6 +10,7 @@
 use super::Schedule;
 use super::schedule::MAX_PHASES;
 use crate::error::{Error, Result, check_range};
+use crate::nlp::transcription::momentum::TOP_SPEED;
 use crate::robot::{GRAVITY, Robot};
 use crate::task::Task;
 use serde::{Deserialize, Serialize};
@@ -20,9 +21,6 @@ pub const MIN_PHASE: f64 = 0.75;
 /// Highest speed of a swinging foot for which strides are planned, in [`speed_scale`]s.
 pub const FOOT_SPEED: f64 = 1.9;
 
-/// Ratio of the peak speed of a swinging foot to its mean speed.
-const TOP_SPEED: f64 = 1.35;
-
 /// Share of the reach box that the base may use along an axis in one stance at travel speed. The optimised motion may be more even than
 /// planned and need less. Too large: the faster families are not found over short distances (measured: from 1.15 on); too small: short
 /// strides.
@@ -32,8 +30,11 @@ pub const REACH_SHARE: f64 = 1.;
 /// friction. Too large: short distances are requested in less time than a body needs to lean into them.
 pub const ACCELERATION: f64 = 0.15;
 
-/// Mean speed of a motion from rest to rest, in travel speeds: it accelerates over 30 % of the horizon and decelerates over 30 %.
-pub const MEAN_SPEED: f64 = 0.7;
+/// Fraction of the horizon over which a planned motion accelerates from rest, and again over which it decelerates to rest.
+pub const RAMP: f64 = 0.3;
+
+/// Mean speed of a motion from rest to rest, in travel speeds.
+pub const MEAN_SPEED: f64 = 1. - RAMP;
 
 /// Distance, m, and turn, rad, below which the goal counts as the start.
 const STILL: f64 = 1e-9;

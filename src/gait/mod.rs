@@ -2,6 +2,7 @@
 
 pub mod cost;
 pub mod family;
+pub mod joints;
 pub mod schedule;
 pub mod spline;
 pub mod trajectory;

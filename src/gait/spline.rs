@@ -1,19 +1,29 @@
 //! Curves: cubic Hermite pieces between nodes, and the clamped uniform cubic B-spline of the base.
 
+use crate::real::Number;
+
 /// Weights of (value, slope, next value, next slope) of a cubic Hermite piece of length `duration`, `t` s after its start.
 ///
 /// `h00 = 2u^3 - 3u^2 + 1`, `h10 = (u^3 - 2u^2 + u) d`, `h01 = -2u^3 + 3u^2`, `h11 = (u^3 - u^2) d`, `u = t/d`.
-pub fn hermite(t: f64, duration: f64) -> [f64; 4] {
+pub fn hermite<D: Number>(t: D, duration: D) -> [D; 4] {
     let u = t / duration;
     let (u2, u3) = (u * u, u * u * u);
-    [2. * u3 - 3. * u2 + 1., (u3 - 2. * u2 + u) * duration, -2. * u3 + 3. * u2, (u3 - u2) * duration]
+    let far = u2 * 3. - u3 * 2.;
+    [-far + 1., (u3 - u2 * 2. + u) * duration, far, (u3 - u2) * duration]
 }
 
 /// Weights of the time derivative of [`hermite`].
-pub fn hermite_rate(t: f64, duration: f64) -> [f64; 4] {
+pub fn hermite_rate<D: Number>(t: D, duration: D) -> [D; 4] {
     let u = t / duration;
     let u2 = u * u;
-    [6. * (u2 - u) / duration, 3. * u2 - 4. * u + 1., 6. * (u - u2) / duration, 3. * u2 - 2. * u]
+    [(u2 - u) * 6. / duration, u2 * 3. - u * 4. + 1., (u - u2) * 6. / duration, u2 * 3. - u * 2.]
+}
+
+/// Weights of the second time derivative of [`hermite`].
+pub fn hermite_acceleration<D: Number>(t: D, duration: D) -> [D; 4] {
+    let u = t / duration;
+    let far = (-u * 12. + 6.) / (duration * duration);
+    [-far, (u * 6. - 4.) / duration, far, (u * 6. - 2.) / duration]
 }
 
 /// Clamped uniform cubic B-spline over `intervals` intervals of length `interval`: `intervals + 3` coefficients.

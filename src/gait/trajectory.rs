@@ -254,6 +254,18 @@ impl Trajectory {
         self.ee.iter().map(end).collect()
     }
 
+    /// Checks that a robot has as many feet as the motion.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] names both numbers.
+    pub fn check_feet(&self, robot: &Robot) -> Result<()> {
+        if self.ee.len() == robot.feet() {
+            return Ok(());
+        }
+        let limit = format!("{} feet, as the robot `{}` has", robot.feet(), robot.name);
+        Err(Error::invalid("ee", format!("{} feet", self.ee.len()), limit))
+    }
+
     /// Checks that repeated statements about start and goal agree.
     fn validate_ends(&self) -> Result<()> {
         let differs = |end: &str, what: String, other: String| Err(Error::invalid(end, what, format!("as elsewhere in the file, {other}")));

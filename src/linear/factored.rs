@@ -4,18 +4,14 @@
 //! distributes the sum to the base blocks. In the normal equations, the contributions of all elements in a step to the base blocks and to
 //! their own columns are summed before they are added to the front.
 
-use super::NormalEquations;
 use super::product::put;
 use super::simd::{LANES, dot, tile_of};
 use super::transposed::add_row;
+use super::{NormalEquations, Shape};
 use crate::real::Real;
-use crate::rows::factored::{BASE_BLOCKS, FactoredInstant, FactoredRows, OwnColumns, POSE};
+use crate::rows::factored::{FactoredInstant, FactoredRows, OWN_COLUMNS, OwnColumns, POSE, POSE_BLOCKS};
 use crate::rows::table::{NONE, Place};
 use multiversion::multiversion;
-
-/// Largest number of own columns of an element that [`FactoredRows::assemble`] supports: of the reach rows, two per foothold and one for the
-/// swing height.
-const OWN: usize = 5;
 
 impl<T: Real, const R: usize> FactoredRows<T, R> {
     /// Products of the rows with a direction `d`, as [`jacobian_times`](super::product::jacobian_times).
@@ -117,18 +113,10 @@ impl<T: Real, const R: usize> FactoredRows<T, R> {
     }
 
     /// Adds `J' W J` and `-J' v` of the rows of one step of the sweep to the front.
-    pub(super) fn assemble(
-        &self,
-        step: usize,
-        system: &NormalEquations<T>,
-        front: &mut [T],
-        size: usize,
-        stride: usize,
-        own: &mut OwnSums<T>,
-    ) {
+    pub(super) fn assemble(&self, step: usize, system: &NormalEquations<T>, front: &mut [T], shape: Shape, own: &mut OwnSums<T>) {
         let instants = &self.instants[self.steps[step].range()];
         if !instants.is_empty() {
-            assemble(self, instants, system, front, size, stride, own);
+            assemble(self, instants, system, front, shape, own);
         }
     }
 }
@@ -150,16 +138,16 @@ struct ByOwn<T> {
     /// Index of the own columns.
     own: u32,
     /// Index in the front and column in the rows of each variable.
-    at: [(usize, usize); OWN],
+    at: [(usize, usize); OWN_COLUMNS],
     count: usize,
-    columns: [OwnColumn<T>; OWN],
+    columns: [OwnColumn<T>; OWN_COLUMNS],
 }
 
 /// Sums for one own column `a`.
 #[derive(Debug, Clone, Copy)]
 struct OwnColumn<T> {
     /// `w_i P' W a` for each base block; the last two values are unused.
-    by_base: [[T; LANES]; BASE_BLOCKS],
+    by_base: [[T; LANES]; POSE_BLOCKS],
     /// Products with all columns of the rows; those with the pose columns are unused.
     by_own: [T; 2 * LANES],
     /// `a' v`.
@@ -169,8 +157,8 @@ struct OwnColumn<T> {
 impl<T: Real> ByOwn<T> {
     fn none() -> Self {
         let zero = T::zero();
-        let nothing = OwnColumn { by_base: [[zero; LANES]; BASE_BLOCKS], by_own: [zero; 2 * LANES], value: zero };
-        ByOwn { own: NONE, at: [(0, 0); OWN], count: 0, columns: [nothing; OWN] }
+        let nothing = OwnColumn { by_base: [[zero; LANES]; POSE_BLOCKS], by_own: [zero; 2 * LANES], value: zero };
+        ByOwn { own: NONE, at: [(0, 0); OWN_COLUMNS], count: 0, columns: [nothing; OWN_COLUMNS] }
     }
 
     /// Resets the sums for own columns.
@@ -186,7 +174,7 @@ impl<T: Real> ByOwn<T> {
 
     /// Adds the sums to the front.
     #[inline(always)]
-    fn add(&self, blocks: &[u32; BASE_BLOCKS], front: &mut [T], size: usize, stride: usize) {
+    fn add(&self, blocks: &[u32; POSE_BLOCKS], front: &mut [T], Shape { size, stride }: Shape) {
         let at = &self.at[..self.count];
         for (column, &(own, _)) in self.columns.iter().zip(at) {
             front[own * stride + size] -= column.value;
@@ -252,13 +240,13 @@ fn assemble<T: Real, const R: usize>(
     instants: &[FactoredInstant<T>],
     system: &NormalEquations<T>,
     front: &mut [T],
-    size: usize,
-    stride: usize,
+    shape: Shape,
     own: &mut OwnSums<T>,
 ) {
-    let mut at = [NONE; BASE_BLOCKS];
+    let Shape { size, stride } = shape;
+    let mut at = [NONE; POSE_BLOCKS];
     let mut sums = [[[T::zero(); LANES]; POSE]; PAIRS.len()];
-    let mut values = [[T::zero(); LANES]; BASE_BLOCKS];
+    let mut values = [[T::zero(); LANES]; POSE_BLOCKS];
     own.used = 0;
     for instant in instants {
         let weights = instant.weights;
@@ -285,16 +273,16 @@ fn assemble<T: Real, const R: usize>(
                 }
             }
         }
-        for i in 0..BASE_BLOCKS {
+        for i in 0..POSE_BLOCKS {
             for l in 0..LANES {
                 values[i][l] = weights[i].mul_add(by_pose.values[l], values[i][l]);
             }
         }
     }
     for own in &own.all[..own.used] {
-        own.add(&at, front, size, stride);
+        own.add(&at, front, shape);
     }
-    for i in (0..BASE_BLOCKS).filter(|&i| at[i] != NONE) {
+    for i in (0..POSE_BLOCKS).filter(|&i| at[i] != NONE) {
         for c in 0..POSE {
             front[(at[i] as usize + c) * stride + size] -= values[i][c];
         }
@@ -318,7 +306,7 @@ fn assemble<T: Real, const R: usize>(
 fn add_element<T: Real, const R: usize, const W: usize>(
     place: Place,
     (number, all): (u32, &[OwnColumns]),
-    weights: &[T; BASE_BLOCKS],
+    weights: &[T; POSE_BLOCKS],
     system: &NormalEquations<T>,
     by_pose: &mut ByPose<T>,
     own: &mut OwnSums<T>,

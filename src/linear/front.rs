@@ -4,9 +4,9 @@
 //! Solves `(E + J' W J) d = -(u + J' v)` with `W` and `v` given per Jacobian row, `E` and `u` per variable. The front stores the upper
 //! triangle by rows. The right-hand side is in the column after the last variable, so that the elimination includes forward substitution.
 
-use super::NormalEquations;
 use super::factored::OwnSums;
 use super::simd::{LANES, tile_of};
+use super::{NormalEquations, Shape};
 use crate::nlp::Layout;
 use crate::nlp::layout::Element;
 use crate::real::Real;
@@ -67,13 +67,14 @@ fn factorise_by<T: Real, const W: usize>(layout: &Layout<T>, system: &NormalEqua
     let mut previous_size = 0;
     for (k, step) in layout.steps.iter().enumerate() {
         let (size, pivots) = (step.size as usize, step.pivots as usize);
+        let shape = Shape { size, stride };
         std::mem::swap(&mut front, &mut next);
         front[..size * stride].fill(T::zero());
         move_front(layout, step.moves, next, previous_size, front, size, stride);
         for element in &layout.elements[step.elements.range()] {
-            assemble::<T, W>(layout, element, system, front, size, stride, &mut factor.spread);
+            assemble::<T, W>(layout, element, system, front, shape, &mut factor.spread);
         }
-        layout.reach_rows.assemble(k, system, front, size, stride, &mut factor.own);
+        layout.reach_rows.assemble(k, system, front, shape, &mut factor.own);
         for i in 0..pivots {
             front[i * stride + i] += system.diagonal[step.variable as usize + i];
             front[i * stride + size] -= system.gradient[step.variable as usize + i];
@@ -117,37 +118,29 @@ fn assemble<T: Real, const W: usize>(
     element: &Element,
     system: &NormalEquations<T>,
     front: &mut [T],
-    size: usize,
-    stride: usize,
+    shape: Shape,
     spread: &mut [T],
 ) {
     if element.place.stride as usize == LANES {
-        return assemble_narrow(layout, element, system, front, size, stride);
+        return assemble_narrow(layout, element, system, front, shape);
     }
     let rows = element.rows as usize;
     for first in (0..rows).step_by(AT_ONCE) {
         match rows - first {
-            1 => assemble_rows::<T, 1, W>(layout, element, first, system, front, size, stride, spread),
-            2 => assemble_rows::<T, 2, W>(layout, element, first, system, front, size, stride, spread),
-            3 => assemble_rows::<T, 3, W>(layout, element, first, system, front, size, stride, spread),
-            4 => assemble_rows::<T, 4, W>(layout, element, first, system, front, size, stride, spread),
-            5 => assemble_rows::<T, 5, W>(layout, element, first, system, front, size, stride, spread),
-            _ => assemble_rows::<T, AT_ONCE, W>(layout, element, first, system, front, size, stride, spread),
+            1 => assemble_rows::<T, 1, W>(layout, element, first, system, front, shape, spread),
+            2 => assemble_rows::<T, 2, W>(layout, element, first, system, front, shape, spread),
+            3 => assemble_rows::<T, 3, W>(layout, element, first, system, front, shape, spread),
+            4 => assemble_rows::<T, 4, W>(layout, element, first, system, front, shape, spread),
+            5 => assemble_rows::<T, 5, W>(layout, element, first, system, front, shape, spread),
+            _ => assemble_rows::<T, AT_ONCE, W>(layout, element, first, system, front, shape, spread),
         }
     }
 }
 
 /// Adds rows with at most eight columns directly, without scattering them to the front first.
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
-fn assemble_narrow<T: Real>(
-    layout: &Layout<T>,
-    element: &Element,
-    system: &NormalEquations<T>,
-    front: &mut [T],
-    size: usize,
-    stride: usize,
-) {
-    let (place, count) = (&element.place, element.rows as usize);
+fn assemble_narrow<T: Real>(layout: &Layout<T>, element: &Element, system: &NormalEquations<T>, front: &mut [T], shape: Shape) {
+    let (place, count, Shape { size, stride }) = (&element.place, element.rows as usize, shape);
     let weights = &system.weight[place.row as usize..][..count];
     let values = &system.value[place.row as usize..][..count];
     if weights.iter().all(|w| *w == T::zero()) {
@@ -185,18 +178,16 @@ const AT_ONCE: usize = 6;
 
 /// Adds `M` rows of an element, starting at row `first`, in tiles of four by `W`.
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
-#[allow(clippy::too_many_arguments, reason = "separate slices: the compiler knows that they do not overlap")]
 fn assemble_rows<T: Real, const M: usize, const W: usize>(
     layout: &Layout<T>,
     element: &Element,
     first: usize,
     system: &NormalEquations<T>,
     front: &mut [T],
-    size: usize,
-    stride: usize,
+    shape: Shape,
     spread: &mut [T],
 ) {
-    let place = &element.place;
+    let (place, Shape { size, stride }) = (&element.place, shape);
     let row = place.row as usize + first;
     let weights: [T; M] = tile_of(&system.weight[row..]);
     let values: [T; M] = tile_of(&system.value[row..]);

@@ -25,3 +25,10 @@ pub struct NormalEquations<'a, T> {
     /// `u`, `[variables]`.
     pub gradient: &'a [T],
 }
+
+/// Shape of a front: `size` variables, then the right-hand side, in rows of length `stride`.
+#[derive(Clone, Copy)]
+pub(crate) struct Shape {
+    pub size: usize,
+    pub stride: usize,
+}

@@ -12,7 +12,7 @@ use crate::gait::{AlignedSchedule, Phase};
 use crate::real::Real;
 use crate::robot::GRAVITY;
 use crate::rows::blocks::{BlockId, Foothold, Placed, Use};
-use crate::rows::factored::{BASE_BLOCKS, OWN_BLOCKS};
+use crate::rows::factored::{OWN_BLOCKS, POSE_BLOCKS};
 use crate::rows::reach::{ReachFoot, ReachInstant, ReachLeg};
 use crate::rows::table::{NONE, Span};
 use crate::rows::{Constants, Family, RowCounts, Tables};
@@ -197,8 +197,8 @@ impl<'a, T: Real> Builder<'a, T> {
         entry: ReachInstant<T>,
         step: usize,
         interval: u32,
-        weights: [T; BASE_BLOCKS],
-        base: [BlockId; BASE_BLOCKS],
+        weights: [T; POSE_BLOCKS],
+        base: [BlockId; POSE_BLOCKS],
     ) {
         self.reach.instant(&mut self.tables.reach_rows, &mut self.blocks, step, interval, weights, base);
         self.tables.reach_instants.push(entry);
@@ -227,7 +227,6 @@ impl<'a, T: Real> Builder<'a, T> {
 
     /// Orders the variables and assigns rows and columns to every element and positions in `x` to every table entry.
     pub fn finish(mut self) -> Layout<T> {
-        let force_unit = self.force_unit();
         let positions = sweep::order(&self.blocks);
         let variables: usize = self.blocks.iter().filter(|b| !b.fixed).map(|b| b.len).sum();
         let total: usize = self.blocks.iter().map(|b| b.len).sum();
@@ -262,18 +261,11 @@ impl<'a, T: Real> Builder<'a, T> {
             steps[draft.step].elements.end = elements.len() as u32;
         }
         sweep::close(steps.iter_mut().map(|step| &mut step.elements));
-        self.reach.place(&mut self.tables.reach_rows, &mut columns, self.steps);
+        std::mem::take(&mut self.reach).place(&mut self.tables.reach_rows, &mut columns, self.steps);
         let next = columns.next;
 
-        let at = |id: BlockId| positions[id.0 as usize];
-        self.tables.footholds = self.footholds.iter().map(|&id| at(id)).collect();
-        let feet = self.feet.into_iter().map(|foot| FootBlocks {
-            phases: foot.phases,
-            footholds: foot.footholds.iter().map(|f| at(f.block)).collect(),
-            heights: foot.heights.into_iter().map(at).collect(),
-            force_nodes: foot.force_nodes.into_iter().map(|nodes| nodes.into_iter().map(|n| n.map_or(NONE, at)).collect()).collect(),
-        });
-        let base = self.base.into_iter().map(at).collect();
+        self.tables.footholds = self.footholds.iter().map(|&id| positions[id.0 as usize]).collect();
+        let curves = self.curves(&positions);
         Layout {
             variables,
             rows: counts,
@@ -289,16 +281,37 @@ impl<'a, T: Real> Builder<'a, T> {
             widest: next.widest,
             front_stride: fronts.stride,
             factor_len: fronts.factor_len,
-            curves: Curves {
-                transcription: self.settings.rows,
-                limits: self.limits,
-                force_limit: self.force_limit,
-                force_unit,
-                intervals: self.intervals,
-                interval: self.interval,
-                base,
-                feet: feet.collect(),
-            },
+            curves,
+        }
+    }
+
+    /// Orders the variables and returns the positions of the blocks in `x`, without rows and columns.
+    pub fn finish_curves(mut self) -> Curves {
+        let positions = sweep::order(&self.blocks);
+        self.curves(&positions)
+    }
+
+    /// Positions in `x` of the blocks of each curve. Takes the blocks of the base and the feet.
+    ///
+    /// * `positions` - position of each block
+    fn curves(&mut self, positions: &[u32]) -> Curves {
+        let at = |id: BlockId| positions[id.0 as usize];
+        let feet = std::mem::take(&mut self.feet).into_iter().map(|foot| FootBlocks {
+            phases: foot.phases,
+            footholds: foot.footholds.iter().map(|f| at(f.block)).collect(),
+            heights: foot.heights.into_iter().map(at).collect(),
+            force_nodes: foot.force_nodes.into_iter().map(|nodes| nodes.into_iter().map(|n| n.map_or(NONE, at)).collect()).collect(),
+        });
+        Curves {
+            transcription: self.settings.rows,
+            limits: self.limits,
+            force_limit: self.force_limit,
+            force_unit: self.force_unit(),
+            intervals: self.intervals,
+            interval: self.interval,
+            variables: self.blocks.iter().filter(|b| !b.fixed).map(|b| b.len).sum(),
+            base: std::mem::take(&mut self.base).into_iter().map(at).collect(),
+            feet: feet.collect(),
         }
     }
 }

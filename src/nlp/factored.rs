@@ -7,7 +7,7 @@ use crate::real::Real;
 use crate::rows::Spec;
 use crate::rows::blocks::{BlockId, Use};
 use crate::rows::factored::{
-    BASE_BLOCKS, BaseBlocks, FactoredElement, FactoredInstant, FactoredRows, FirstRows, OWN_BLOCKS, OwnColumns, POSE,
+    BaseBlocks, FactoredElement, FactoredInstant, FactoredRows, FirstRows, OWN_BLOCKS, OwnColumns, POSE, POSE_BLOCKS,
 };
 use crate::rows::table::Span;
 
@@ -26,7 +26,7 @@ struct InstantDraft {
     /// See [`BaseBlocks::interval`].
     interval: u32,
     /// Base blocks.
-    base: [Use; BASE_BLOCKS],
+    base: [Use; POSE_BLOCKS],
 }
 
 /// Own columns that are not known yet.
@@ -52,8 +52,8 @@ impl FactoredDrafts {
         blocks: &mut [Block],
         step: usize,
         interval: u32,
-        weights: [T; BASE_BLOCKS],
-        base: [BlockId; BASE_BLOCKS],
+        weights: [T; POSE_BLOCKS],
+        base: [BlockId; POSE_BLOCKS],
     ) {
         let base = std::array::from_fn(|i| if weights[i] == T::zero() { Use::Reads(base[i]) } else { Use::Touches(base[i]) });
         sweep::touch(blocks, step, &base);

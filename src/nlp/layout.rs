@@ -121,6 +121,8 @@ pub struct Curves {
     pub intervals: usize,
     /// Length of an interval, s.
     pub interval: f64,
+    /// Number of variables; the fixed values follow them in `x`.
+    pub variables: usize,
     /// Blocks of the base. `towr`: spline coefficients; `momentum`: pose and rates, alternating, of each knot.
     pub base: Vec<u32>,
     /// Blocks of each foot.

@@ -1,9 +1,9 @@
-//! Long calls: other threads of Python go on meanwhile, Ctrl-C ends them, and their news are told.
+//! Long calls: they release the interpreter lock, report progress, and end on Ctrl-C.
 
 use super::convert::{raised, to_python};
-use crate::cli::leg::News;
+use crate::app::ProgressEvent;
 use crate::error::{Error, Result};
-use crate::search::Progress;
+use crate::search::SearchEvent;
 use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 use std::ffi::CString;
@@ -11,30 +11,34 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
-/// How often signals are looked for.
+/// Interval at which signals are checked.
 const SIGNALS: Duration = Duration::from_millis(20);
 
-/// Stack of the working thread, bytes: as that of a main thread.
+/// Stack of the working thread, bytes: that of a main thread.
 const STACK: usize = 8 << 20;
 
-/// What is told, in a form that can wait for Python.
+/// Progress event in a form that can wait for the interpreter lock.
 enum Event {
     Warning(String),
     Progress(&'static str, serde_json::Value),
 }
 
 impl Event {
-    fn of(news: News) -> Option<Event> {
-        match news {
-            News::Begun | News::Ended => None,
-            News::Warning(finding) => Some(Event::Warning(finding.to_string())),
-            News::Progress(Progress::Generation(record)) => Some(Event::Progress("generation", serde_json::to_value(record).ok()?)),
-            News::Progress(Progress::Improvement(better)) => Some(Event::Progress("improvement", serde_json::to_value(better).ok()?)),
+    fn of(event: ProgressEvent) -> Option<Event> {
+        match event {
+            ProgressEvent::Started | ProgressEvent::Ended => None,
+            ProgressEvent::Warning(finding) => Some(Event::Warning(finding.to_string())),
+            ProgressEvent::Progress(SearchEvent::Generation(record)) => {
+                Some(Event::Progress("generation", serde_json::to_value(record).ok()?))
+            }
+            ProgressEvent::Progress(SearchEvent::Improvement(better)) => {
+                Some(Event::Progress("improvement", serde_json::to_value(better).ok()?))
+            }
         }
     }
 
-    /// Warns, or calls back.
-    fn tell(self, py: Python<'_>, callback: Option<&Py<PyAny>>) -> PyResult<()> {
+    /// Warns, or calls the callback.
+    fn report(self, py: Python<'_>, callback: Option<&Py<PyAny>>) -> PyResult<()> {
         match (self, callback) {
             (Event::Warning(text), _) => {
                 let text = CString::new(text).unwrap_or_default();
@@ -50,25 +54,26 @@ impl Event {
     }
 }
 
-/// Works on a thread of its own without the lock of the interpreter. An exception of a signal or of the callback ends the work and is raised.
+/// Runs work on a thread of its own without the interpreter lock. An exception from a signal or from the callback ends the work and is
+/// raised.
 ///
-/// * `progress` - is called with a dictionary now and then, on the caller's thread
-/// * `work` - is told when to end, and tells its news
+/// * `progress` - callback that receives a dictionary per event, on the thread of the caller
+/// * `work` - receives the flag that cancels it, and a function that takes its events
 pub fn working<T: Send>(
     py: Python<'_>,
     progress: Option<&Py<PyAny>>,
-    work: impl FnOnce(&AtomicBool, &mut (dyn FnMut(News) + Send)) -> Result<T> + Send,
+    work: impl FnOnce(&AtomicBool, &mut (dyn FnMut(ProgressEvent) + Send)) -> Result<T> + Send,
 ) -> PyResult<T> {
     let cancelled = &AtomicBool::new(false);
     let (sender, receiver) = channel();
-    let told = progress.is_some();
+    let listens = progress.is_some();
     py.detach(move || {
         std::thread::scope(|scope| {
             let worker = std::thread::Builder::new().stack_size(STACK).spawn_scoped(scope, move || {
-                work(cancelled, &mut |news| {
-                    if told || matches!(news, News::Warning(_)) {
-                        // Who listens waits for the end of this thread.
-                        let _ = Event::of(news).map(|event| sender.send(event));
+                work(cancelled, &mut |event| {
+                    if listens || matches!(event, ProgressEvent::Warning(_)) {
+                        // The receiver lives until this thread ends.
+                        let _ = Event::of(event).map(|event| sender.send(event));
                     }
                 })
             });
@@ -78,7 +83,7 @@ pub fn working<T: Send>(
                 let heard = match receiver.recv_timeout(SIGNALS) {
                     Err(RecvTimeoutError::Disconnected) => break,
                     _ if exception.is_some() => continue,
-                    Ok(event) => Python::attach(|py| event.tell(py, progress).and_then(|()| py.check_signals())),
+                    Ok(event) => Python::attach(|py| event.report(py, progress).and_then(|()| py.check_signals())),
                     Err(RecvTimeoutError::Timeout) => Python::attach(|py| py.check_signals()),
                 };
                 if let Err(raised) = heard {

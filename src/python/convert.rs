@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-/// The exception of an error: the program's own sentence, as `OSError` where the operating system refused.
+/// Exception of an error, with the same text; an `OSError` if the operating system refused.
 pub fn raised(error: impl Into<Error>) -> PyErr {
     let error = error.into();
     let sentence = error.to_string();
@@ -17,7 +17,7 @@ pub fn raised(error: impl Into<Error>) -> PyErr {
     }
     match inner {
         Error::Io { source, .. } => match source.raw_os_error() {
-            // Of two arguments Python makes the class that goes with the number, e.g. FileNotFoundError.
+            // From two arguments, Python makes the class of the number, e.g. FileNotFoundError.
             Some(number) => PyOSError::new_err((number, sentence)),
             None => PyOSError::new_err(sentence),
         },
@@ -25,21 +25,21 @@ pub fn raised(error: impl Into<Error>) -> PyErr {
     }
 }
 
-/// Dictionaries and lists of what is written to files.
+/// Python value (dictionaries, lists, numbers, texts) of a value, as files have it.
 pub fn to_python<'py>(py: Python<'py>, value: &impl Serialize) -> PyResult<Bound<'py, PyAny>> {
     let text = serde_json::to_string(value).map_err(raised)?;
     py.import("json")?.call_method1("loads", (text,))
 }
 
-/// What dictionaries, lists and arrays describe.
+/// Value that dictionaries, lists and arrays describe.
 ///
-/// * `place` - what they are, for errors
+/// * `place` - name of the value, for errors
 pub fn from_python<T: DeserializeOwned>(value: &Bound<'_, PyAny>, place: &str) -> PyResult<T> {
     let py = value.py();
     let kind = value.get_type().name()?;
     let options = pyo3::types::PyDict::new(py);
     options.set_item("allow_nan", false)?;
-    // Arrays and scalars of numpy say what they are as lists and numbers.
+    // Arrays and scalars of numpy become lists and numbers.
     options.set_item("default", py.import("operator")?.call_method1("methodcaller", ("tolist",))?)?;
     let text = py.import("json")?.call_method("dumps", (value,), Some(&options)).map_err(|e| {
         raised(Error::invalid(place, format!("{kind} ({})", e.value(py)), "finite numbers, texts, lists and dictionaries of them"))
@@ -48,11 +48,11 @@ pub fn from_python<T: DeserializeOwned>(value: &Bound<'_, PyAny>, place: &str) -
     from_json(&text).and_then(from_value).map_err(|e| raised(e.within(place)))
 }
 
-/// A place (x, y), and its height where there is a third number, m.
+/// Place (x, y), and its height if there is a third number, m.
 pub fn place(value: &Bound<'_, PyAny>, name: &str) -> PyResult<([f64; 2], Option<f64>)> {
     let limit = "2 or 3 numbers: x, y, z in m";
     let numbers: Vec<f64> = value.extract().map_err(|_| {
-        let shown = value.repr().map_or_else(|_| "no numbers".into(), |text| text.to_string());
+        let shown = value.repr().map_or_else(|_| "not numbers".into(), |text| text.to_string());
         raised(Error::invalid(name, shown, limit))
     })?;
     match *numbers {
@@ -62,9 +62,9 @@ pub fn place(value: &Bound<'_, PyAny>, name: &str) -> PyResult<([f64; 2], Option
     }
 }
 
-/// Errors of this crate as exceptions.
+/// Conversion of errors of this crate to exceptions.
 pub trait Raise<T> {
-    /// The value, or the exception of its error.
+    /// Value, or the exception of its error.
     fn raise(self) -> PyResult<T>;
 }
 

@@ -1,12 +1,12 @@
-//! Given schedules, solved and certified as one batch.
+//! Evaluation of given schedules as one batch.
 
 use super::call::working;
 use super::convert::raised;
 use super::motion::Trajectory;
-use super::search::asked;
+use super::search::setup;
 use super::world::Task;
-use crate::cli::label::label;
-use crate::cli::leg::Way;
+use crate::app::Mission;
+use crate::app::label::label;
 use crate::error::Error;
 use crate::gait::Schedule;
 use crate::search::evaluate::{Evaluated, check_candidate, evaluate as solved};
@@ -16,25 +16,25 @@ use pyo3::types::PyDict;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-/// Schedules of an evaluation that a notebook shows.
+/// Number of schedules of an evaluation that a notebook shows.
 const SHOWN: usize = 10;
 
-/// What became of ``n`` schedules; arrays in their order.
+/// Results of ``n`` schedules, as arrays in their order.
 #[pyclass(frozen, get_all, module = "cregopt")]
 pub struct Evaluation {
-    /// Whether the certificate holds, bool, shape (n,).
+    /// True if the certificate is satisfied, bool, shape (n,).
     feasible: Py<PyArray1<bool>>,
-    /// Number of rows of the certificate that are violated, int64, shape (n,).
+    /// Number of violated rows of the certificate, int64, shape (n,).
     n_violated: Py<PyArray1<i64>>,
-    /// Largest violation of a row, each in its own unit (N, N m, m, rad, ...), float64, shape (n,).
+    /// Largest violation of a row, in the unit of the row (N, N m, m, rad, ...), float64, shape (n,).
     max_violation: Py<PyArray1<f64>>,
-    /// Cost a weight and distance, so without unit, float64, shape (n,): ``total`` of ``Gait.cost``; nan where it is not feasible.
+    /// Cost per weight and distance, so without unit, float64, shape (n,): ``total`` of ``Gait.cost``; nan if the schedule is not feasible.
     cost: Py<PyArray1<f64>>,
-    /// Iterations of the solver, int64, shape (n,).
+    /// Number of solver iterations, int64, shape (n,).
     iterations: Py<PyArray1<i64>>,
     /// Time from the start to the end, s, float64, shape (n,).
     horizon: Py<PyArray1<f64>>,
-    /// The motions, feasible or not, where they were asked for.
+    /// Motions, feasible or not, if they were requested.
     trajectories: Option<Vec<Py<Trajectory>>>,
 }
 
@@ -42,10 +42,8 @@ pub struct Evaluation {
 impl Evaluation {
     #[new]
     #[pyo3(signature = (feasible, n_violated, max_violation, cost, iterations, horizon, trajectories = None))]
-    #[expect(clippy::too_many_arguments, reason = "its columns")]
     fn new(
-        py: Python<'_>,
-        feasible: Py<PyArray1<bool>>,
+        feasible: Bound<'_, PyArray1<bool>>,
         n_violated: Py<PyArray1<i64>>,
         max_violation: Py<PyArray1<f64>>,
         cost: Py<PyArray1<f64>>,
@@ -53,7 +51,8 @@ impl Evaluation {
         horizon: Py<PyArray1<f64>>,
         trajectories: Option<Vec<Py<Trajectory>>>,
     ) -> PyResult<Self> {
-        let n = feasible.bind(py).len()?;
+        let py = feasible.py();
+        let n = feasible.len()?;
         let lengths = [
             ("n_violated", n_violated.bind(py).len()?),
             ("max_violation", max_violation.bind(py).len()?),
@@ -65,7 +64,7 @@ impl Evaluation {
         if let Some((name, length)) = lengths.into_iter().find(|&(_, length)| length != n) {
             return Err(raised(Error::invalid(name, format!("{length} values"), format!("{n}, as many as in `feasible`"))));
         }
-        Ok(Evaluation { feasible, n_violated, max_violation, cost, iterations, horizon, trajectories })
+        Ok(Evaluation { feasible: feasible.unbind(), n_violated, max_violation, cost, iterations, horizon, trajectories })
     }
 
     fn __len__(&self, py: Python<'_>) -> PyResult<usize> {
@@ -77,14 +76,14 @@ impl Evaluation {
         Ok(format!("Evaluation({feasible} of {} feasible)", self.__len__(py)?))
     }
 
-    /// A table of the best, for notebooks: the cheapest, then those that violate least.
+    /// Table of the best schedules, for notebooks: the cheapest, then those that violate least.
     fn _repr_html_(&self, py: Python<'_>) -> PyResult<String> {
         let feasible = self.feasible.bind(py).to_vec()?;
         let (violated, iterations) = (self.n_violated.bind(py).to_vec()?, self.iterations.bind(py).to_vec()?);
         let (worst, cost) = (self.max_violation.bind(py).to_vec()?, self.cost.bind(py).to_vec()?);
         let horizon = self.horizon.bind(py).to_vec()?;
         let mut order: Vec<usize> = (0..feasible.len()).collect();
-        // Where there is no cost it is nan, which comes after all numbers.
+        // A missing cost is nan, which sorts after all numbers.
         order.sort_by(|&a, &b| {
             (!feasible[a], violated[a])
                 .cmp(&(!feasible[b], violated[b]))
@@ -110,7 +109,7 @@ impl Evaluation {
     }
 }
 
-/// Solves schedules of a task; `options` have the keys of a scenario file.
+/// Solves schedules of a task; `options` has the keys of a scenario file.
 #[pyfunction]
 pub fn evaluate(
     py: Python<'_>,
@@ -119,28 +118,28 @@ pub fn evaluate(
     options: &Bound<'_, PyDict>,
     trajectories: bool,
 ) -> PyResult<Evaluation> {
-    let solve = asked(options)?;
-    let Way { task, places, named: (scenario, target) } = &*task.0;
-    if !places.is_empty() {
-        return Err(raised(Error::invalid("task.via", format!("{} places", places.len()), "none: schedules are for one motion")));
+    let setup = setup(options)?;
+    let Mission { task, waypoints, provenance } = &*task.0;
+    if !waypoints.is_empty() {
+        return Err(raised(Error::invalid("task.via", format!("{} places", waypoints.len()), "none: schedules are for one motion")));
     }
     let (results, motions) = working(py, None, |cancelled, _| {
-        let asking = solve.asking()?;
+        let request = setup.request()?;
         let fitting = |durations| {
             let schedule = Schedule::new(durations)?;
-            check_candidate(task, &schedule, &asking.lower).map(|()| schedule)
+            check_candidate(task, &schedule, &request.lower).map(|()| schedule)
         };
         let numbered = schedules.into_iter().enumerate();
         let schedule = |(i, durations)| fitting(durations).map_err(|e| e.within(format_args!("schedules[{i}]")));
         let schedules: Vec<Schedule> = numbered.map(schedule).collect::<crate::Result<_>>()?;
-        let backend = solve.lower.place.backend(schedules.len(), asking.lower.precision).map_err(Error::from)?;
+        let backend = setup.backend(schedules.len(), request.lower.precision)?;
         let candidates: Vec<(&crate::Task, &Schedule)> = schedules.iter().map(|schedule| (task, schedule)).collect();
-        let called_off = || cancelled.load(Ordering::Relaxed);
-        let results = solved(&candidates, &asking.lower, Some(&asking.search.cost), &*backend, false, &called_off)?;
+        let is_cancelled = || cancelled.load(Ordering::Relaxed);
+        let results = solved(&candidates, &request.lower, Some(&request.search.cost), &*backend, false, &is_cancelled)?;
         let Some(results) = results.into_iter().collect::<Option<Vec<Evaluated>>>() else {
             return Err(Error::Ended { message: "stopped before every schedule was solved".into() });
         };
-        let motion = |result: &Evaluated| label(result.trajectory(task, &asking.lower.transcription), task, *scenario, *target, None);
+        let motion = |result: &Evaluated| label(result.trajectory(task, &request.lower.transcription), task, *provenance, None);
         let motions: Option<Vec<_>> = trajectories.then(|| results.iter().map(motion).collect());
         Ok((results, motions))
     })?;

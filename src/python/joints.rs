@@ -1,17 +1,17 @@
-//! Joints along motions of robots that have them.
+//! Joints along motions, for robots with joints.
 
 use super::convert::{Raise, to_python};
 use super::motion::{Trajectory, table};
 use super::world::Robot;
-use crate::cli::args::World;
-use crate::cli::held::robot_of;
-use crate::report::joints::{JointMotion, JointSample, follow};
+use crate::app::terms::robot_of;
+use crate::app::world::World;
+use crate::gait::joints::{JointMotion, JointSample, follow};
 use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::prelude::*;
 
-/// What the ``m`` joints of a robot do at ``n`` instants of a motion, foot after foot in the robot's order, each from the base to the foot.
+/// The ``m`` joints of a robot at ``n`` instants of a motion, foot after foot in the robot's order, each chain from the base to the foot.
 ///
-/// Joints turn (rad, rad/s, N m) or slide (m, m/s, N); ``turns`` says which. Legs have no mass here: efforts are those of the contact forces alone.
+/// A joint turns (rad, rad/s, N m) or slides (m, m/s, N), see ``turns``. Legs have no mass here: efforts balance the contact forces alone.
 #[pyclass(frozen, get_all, module = "cregopt")]
 pub struct Joints {
     /// Time, s, shape (n,).
@@ -20,17 +20,17 @@ pub struct Joints {
     positions: Py<PyArray2<f64>>,
     /// Velocities, rad/s or m/s, shape (n, m).
     velocities: Py<PyArray2<f64>>,
-    /// Torques or forces of joints on what they move, N m or N, shape (n, m).
+    /// Torques or forces of the joints on the links that they move, N m or N, shape (n, m).
     efforts: Py<PyArray2<f64>>,
     /// Names of the joints in the robot's URDF.
     names: Vec<String>,
-    /// Whether a joint turns; it slides otherwise. bool, shape (m,).
+    /// True for a joint that turns, False for one that slides, bool, shape (m,).
     turns: Py<PyArray1<bool>>,
-    /// How near the motion comes to the limits of the joints, and where, with the keys of ``cregopt robot joints --json``: ``position_margin``,
-    /// ``velocity``, ``effort`` (each ``name``, ``unit``, ``time``, ``value`` and ``limit``, or None without limits), ``miss`` (how far a foot stays from its
-    /// place, m) and ``kept``.
+    /// Use of the joint limits, with the keys of ``cregopt robot joints --json``: ``position_margin``, ``velocity``, ``effort`` (each with
+    /// ``name``, ``unit``, ``time``, ``value`` and ``limit``, or None without limits), ``miss`` (largest distance of a foot from its place,
+    /// m) and ``kept``.
     limits: Py<PyAny>,
-    /// Whether no limit is exceeded and every foot is where the motion has it.
+    /// True if no limit is exceeded and every foot reaches its place in the motion.
     kept: bool,
 }
 
@@ -47,7 +47,7 @@ impl Joints {
 }
 
 impl Joints {
-    /// Of a motion, with the joints of a robot or of that which the motion names.
+    /// Joints along a motion, of the given robot or of the one in the motion.
     pub fn along(py: Python<'_>, trajectory: &Trajectory, rate: f64, robot: Option<&Robot>) -> PyResult<Joints> {
         let given = robot.map(|robot| robot.robot.clone());
         let followed = py.detach(|| {

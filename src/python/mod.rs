@@ -1,7 +1,7 @@
-//! The Python package: what the program does, for notebooks and other programs.
+//! Python package: the functions of the program, for notebooks and other programs.
 //!
-//! Robots, terrains, tasks, motions and gaits are classes of this module; `cregopt/*.py` beside it has the functions with their options. Options
-//! are those of a scenario file and go through the same checks. What describes something goes over as JSON, what is sampled as arrays.
+//! Robots, terrains, tasks, motions and gaits are classes of this module; `cregopt/*.py` has the functions with their options. Options are
+//! the keys of a scenario file and pass the same checks. Descriptions cross the boundary as JSON, samples as arrays.
 
 mod call;
 mod convert;
@@ -18,10 +18,10 @@ pyo3::create_exception!(
     cregopt,
     Error,
     pyo3::exceptions::PyValueError,
-    "A value that cannot be, or something asked for that is not there; says where it stands, what it is and what it must be."
+    "Invalid value, or a missing device or file. The text names the place, the value and the limit."
 );
 
-/// The compiled part of the package `cregopt`.
+/// Compiled part of the package `cregopt`.
 #[pymodule]
 fn _cregopt(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;

@@ -4,11 +4,12 @@ use super::convert::{Raise, from_python, to_python};
 use super::joints::Joints;
 use super::search::Gait;
 use super::world::{Robot, Terrain};
-use crate::cli::args::World;
-use crate::cli::held::{Asked, Held, robot_of, terrain_of};
+use crate::app::terms::{robot_of, terrain_of};
+use crate::app::world::World;
+use crate::app::{TermOverrides, VerificationTerms};
 use crate::error::Result;
 use crate::export::Sampled;
-use crate::report::files;
+use crate::files;
 use crate::report::samples::{FootSample, Sample};
 use crate::verify::Report;
 use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods};
@@ -17,13 +18,13 @@ use pyo3::types::PyDict;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// A motion with its contact schedule and forces, as piecewise cubic curves.
+/// Motion with its contact schedule and contact forces, as piecewise cubic curves.
 #[pyclass(frozen, eq, module = "cregopt")]
 #[derive(PartialEq)]
 pub struct Trajectory {
-    /// The curves, with the robot and the ground that they are for.
+    /// Curves, with robot and ground.
     pub motion: Arc<crate::Trajectory>,
-    /// Largest normal force of a foot that was allowed, N, if that was said apart from the motion.
+    /// Largest normal force of a foot, N, if it was given apart from the motion.
     pub force_limit: Option<f64>,
 }
 
@@ -35,7 +36,7 @@ impl Trajectory {
         read(&path).map(Trajectory::of).raise()
     }
 
-    /// A trajectory from a dictionary with the keys of a trajectory file.
+    /// Makes a trajectory from a dictionary with the keys of a trajectory file.
     #[staticmethod]
     fn from_dict(description: &Bound<'_, PyDict>) -> PyResult<Self> {
         let motion: crate::Trajectory = from_python(description, "trajectory")?;
@@ -43,12 +44,12 @@ impl Trajectory {
         Ok(Trajectory::of(motion))
     }
 
-    /// The curves, with the keys of a trajectory file.
+    /// Dictionary with the keys of a trajectory file.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         to_python(py, &*self.motion)
     }
 
-    /// As the text of a trajectory file.
+    /// Text of a trajectory file.
     fn to_json(&self) -> PyResult<String> {
         self.text().raise()
     }
@@ -58,18 +59,18 @@ impl Trajectory {
         self.text().and_then(|text| files::write(&path, &format!("{text}\n"))).raise()
     }
 
-    /// What its file does not say: the largest normal force of a foot that was allowed, N, if that was said apart.
+    /// Largest normal force of a foot, N, if it was given apart from the motion; for copies in other processes.
     #[getter]
     fn _force_limit(&self) -> Option<f64> {
         self.force_limit
     }
 
-    /// With that.
+    /// Copy with another such force limit.
     fn _limited(&self, force_limit: Option<f64>) -> Self {
         Trajectory { motion: self.motion.clone(), force_limit }
     }
 
-    /// Phase durations, stance first, s: a list for each foot.
+    /// Phase durations, stance first, s: one list per foot.
     #[getter]
     fn schedule(&self) -> Vec<Vec<f64>> {
         self.motion.durations.clone()
@@ -81,12 +82,12 @@ impl Trajectory {
         self.motion.horizon
     }
 
-    /// The motion at instants.
+    /// Samples the motion.
     ///
     /// Parameters
     /// ----------
     /// rate : float, default 100
-    ///     Samples a second, from 0 on; the end of the motion is the last.
+    ///     Sampling rate, Hz, from time 0; the last sample is the end of the motion.
     ///
     /// Returns
     /// -------
@@ -95,7 +96,7 @@ impl Trajectory {
     /// Raises
     /// ------
     /// Error
-    ///     For a rate that is not positive, or too high.
+    ///     For a rate that is not positive or too high.
     #[pyo3(signature = (rate = 100.))]
     pub fn sample(&self, py: Python<'_>, rate: f64) -> PyResult<Samples> {
         let sampled = py.detach(|| {
@@ -106,14 +107,14 @@ impl Trajectory {
         Samples::new(py, &sampled.raise()?)
     }
 
-    /// The joints along the motion, of a robot that came with them from a URDF.
+    /// Computes the joints along the motion, for a robot imported from a URDF.
     ///
     /// Parameters
     /// ----------
     /// rate : float, default 100
-    ///     Samples a second, from 0 on; the end of the motion is the last.
+    ///     Sampling rate, Hz, from time 0; the last sample is the end of the motion.
     /// robot : Robot, optional
-    ///     Instead of the one that the motion names.
+    ///     Robot that replaces the one in the motion.
     ///
     /// Returns
     /// -------
@@ -122,7 +123,7 @@ impl Trajectory {
     /// Raises
     /// ------
     /// Error
-    ///     For a robot without joints or with other feet.
+    ///     For a robot without joints or with another number of feet.
     #[pyo3(signature = (rate = 100., robot = None))]
     pub fn joints(&self, py: Python<'_>, rate: f64, robot: Option<&Robot>) -> PyResult<Joints> {
         Joints::along(py, self, rate, robot)
@@ -147,14 +148,14 @@ fn read(path: &Path) -> Result<crate::Trajectory> {
     crate::Trajectory::from_json(&files::read(path)?).map_err(|e| e.in_file(path, None))
 }
 
-/// A motion at ``n`` instants, world frame (z up), SI units; arrays of float64 but for ``contacts``.
+/// Motion at ``n`` instants: world frame (z up), SI units, arrays of float64 except ``contacts``.
 #[pyclass(frozen, get_all, module = "cregopt")]
 pub struct Samples {
     /// Time, s, shape (n,).
     time: Py<PyArray1<f64>>,
     /// Position of the base, which is the centre of mass, m, shape (n, 3).
     base_position: Py<PyArray2<f64>>,
-    /// Attitude of the base as a unit quaternion w, x, y, z that turns base to world, shape (n, 4). Signs do not jump.
+    /// Unit quaternion w, x, y, z from base to world, shape (n, 4); its sign is continuous.
     base_quaternion: Py<PyArray2<f64>>,
     /// Roll, pitch, yaw, rad, shape (n, 3); base to world is ``Rz(yaw) Ry(pitch) Rx(roll)``.
     base_angles: Py<PyArray2<f64>>,
@@ -168,7 +169,7 @@ pub struct Samples {
     feet_velocity: Py<PyArray3<f64>>,
     /// Forces of the ground on the feet, N, shape (n, feet, 3).
     forces: Py<PyArray3<f64>>,
-    /// Whether feet stand, bool, shape (n, feet). At a change that which begins counts.
+    /// True while a foot is in stance, bool, shape (n, feet). At a change of contact, the phase that begins counts.
     contacts: Py<PyArray2<bool>>,
     /// Names of the feet.
     feet_names: Vec<String>,
@@ -210,31 +211,31 @@ impl Samples {
     }
 }
 
-/// Numbers in rows.
+/// Array with two dimensions.
 pub fn table<T: Element>(py: Python<'_>, numbers: impl Iterator<Item = T>, shape: [usize; 2]) -> PyResult<Py<PyArray2<T>>> {
     numbers.collect::<Vec<_>>().into_pyarray(py).reshape(shape).map(Bound::unbind)
 }
 
-/// What the independent check says of a motion: the rows that it counts, and how far the motion strays between them.
+/// Result of the independent verification of a motion: violated rows, and the largest deviations between the instants of the rows.
 ///
-/// ``str()`` of it is for people, ``dict()`` of it for programs.
+/// ``str()`` gives a text, ``dict()`` the values.
 #[pyclass(frozen, module = "cregopt")]
 pub struct Certificate {
     report: Report,
-    /// What the motion was held to, and whose word that is; empty for a gait that was searched for.
+    /// Terms of the verification, each with its source; empty for a gait of a search.
     #[pyo3(get)]
     terms: Vec<String>,
 }
 
 #[pymethods]
 impl Certificate {
-    /// Whether every row holds.
+    /// True if every row is satisfied.
     #[getter]
     fn feasible(&self) -> bool {
         self.report.feasible
     }
 
-    /// Number of rows that are violated.
+    /// Number of violated rows.
     #[getter]
     fn n_violated(&self) -> usize {
         self.report.n_violated
@@ -246,12 +247,12 @@ impl Certificate {
         self.report.max_violation
     }
 
-    /// Everything, with the keys of ``certificate`` in result.json.
+    /// Dictionary with the keys of ``certificate`` in result.json.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         to_python(py, &self.report)
     }
 
-    /// Names of what is in it.
+    /// Keys of :meth:`to_dict`.
     fn keys<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         self.to_dict(py)?.call_method0("keys")
     }
@@ -270,33 +271,33 @@ impl Certificate {
 }
 
 impl Certificate {
-    /// With what it is held to.
+    /// Certificate with the terms of the verification.
     pub fn new(report: Report, terms: Vec<String>) -> Certificate {
         Certificate { report, terms }
     }
 }
 
-/// Checks a motion: counts the rows that it violates on whole curves, and integrates its forces.
+/// Verifies a motion: counts the rows that it violates on whole curves, and integrates its forces.
 ///
 /// Parameters
 /// ----------
 /// trajectory : Trajectory, Gait, dict or path
 /// robot : Robot, optional
-///     Instead of the one that the motion names.
+///     Robot that replaces the one in the motion.
 /// terrain : Terrain, optional
-///     Instead of the one that the motion names.
+///     Terrain that replaces the one in the motion.
 /// force_limit : float, optional
-///     Largest normal force of a foot, N, instead of that of the motion.
+///     Largest normal force of a foot, N, that replaces the limit in the motion.
 ///
 /// Returns
 /// -------
 /// Certificate
-///     Its ``terms`` say what the motion was held to.
+///     ``terms`` lists the robot, ground, ends and limits that were used.
 ///
 /// Raises
 /// ------
 /// Error
-///     For a motion that is malformed or for other feet than the robot's, and where robot or terrain are neither given nor known by name.
+///     For a malformed motion, a robot with another number of feet, and a robot or terrain that is neither given nor known.
 #[pyfunction]
 #[pyo3(signature = (trajectory, robot = None, terrain = None, force_limit = None))]
 pub fn verify(
@@ -307,7 +308,7 @@ pub fn verify(
     force_limit: Option<f64>,
 ) -> PyResult<Certificate> {
     let (motion, own_limit) = if let Ok(gait) = trajectory.cast::<Gait>() {
-        (gait.get().motion(), gait.get().leg.task.force_limit)
+        (gait.get().motion(), gait.get().stage.task.force_limit)
     } else if let Ok(own) = trajectory.cast::<Trajectory>() {
         (own.get().motion.clone(), own.get().force_limit)
     } else if trajectory.is_instance_of::<PyDict>() {
@@ -316,11 +317,12 @@ pub fn verify(
         (Arc::new(read(&trajectory.extract::<PathBuf>()?).raise()?), None)
     };
     let world = World::of(robot.map(|r| r.robot.clone()), terrain.map(|t| t.0.clone()), force_limit.or(own_limit));
-    let held = py.detach(|| {
+    let verified = py.detach(|| {
         motion.validate()?;
         world.check_force_limit()?;
-        Held::new(&world, &motion, &Asked::default())
+        let terms = VerificationTerms::new(&world, &motion, &TermOverrides::default())?;
+        Ok((terms.verify()?, terms.lines))
     });
-    let Held { report, terms, .. } = held.raise()?;
-    Ok(Certificate::new(report, terms))
+    let (report, lines) = verified.raise()?;
+    Ok(Certificate::new(report, lines))
 }

@@ -1,15 +1,14 @@
-//! Candidates of a search, solved by other processes: the search itself stays here.
+//! Backend that solves the candidates of a search in other processes, while the search itself runs in this one.
 
 use super::call::working;
 use super::convert::{from_python, raised, to_python};
 use super::world::Task;
-use crate::backend::{Backend, Cpu, Fallback, Job, Precision, Problem, Solution, locked};
-use crate::cli::args::{DeviceArg, DeviceArgs};
-use crate::cli::leg::Way;
+use crate::app::Mission;
+use crate::backend::{Backend, Cpu, DeviceChoice, Fallback, Job, Precision, Problem, Solution, locked};
 use crate::error::{Error, from_json};
 use crate::gait::{AlignedSchedule, Schedule};
-use crate::nlp::Layout;
 use crate::nlp::transcription::interval;
+use crate::nlp::{Curves, Layout};
 use crate::search::evaluate::{LowerSettings, check_candidate};
 use crate::solver::{Outcome, Status, close};
 use numpy::{IntoPyArray, PyArray1, PyArrayMethods};
@@ -19,14 +18,14 @@ use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
-/// What a worker tells of a candidate, as a tuple: status, iterations, factorisations, infeasibility, whether it was closed, and `x`.
+/// Answer of a worker for one candidate, as a tuple: status, iterations, factorisations, infeasibility, closed in f64 or not, and `x`.
 #[derive(FromPyObject, IntoPyObject)]
 pub struct Answer(String, usize, usize, f64, bool, Py<PyArray1<f64>>);
 
-/// What a worker's device left to the CPU: how many candidates, and why.
+/// Number of candidates that a worker's device left to the CPU, and the reason.
 type Left = Option<(usize, String)>;
 
-/// An answer, away from Python.
+/// Answer in Rust types.
 struct Solved {
     outcome: Outcome,
     closed: bool,
@@ -47,32 +46,37 @@ impl Answer {
     }
 }
 
-/// What workers are told of a [`Job`] besides its schedules, as JSON.
+/// Part of a [`Job`] that workers receive as JSON, apart from the schedules.
 #[derive(Serialize, Deserialize)]
-struct Told {
+struct JobPart {
     lower: LowerSettings,
     certified: bool,
 }
 
-/// Workers as a device.
+/// Backend that consists of workers.
 pub struct Workers<'a> {
-    /// What results call them.
+    /// Choice of the device that each worker solves on.
+    pub choice: DeviceChoice,
+    /// Name in results.
     pub device: String,
-    /// ``solve(task, told, schedules)``, `told` being JSON, is an iterator over pairs of an index and what [`solve_chunk`] returns for the schedules
-    /// from there on, in any order, and over None now and then, that it may be asked whether to go on.
+    /// Function ``solve(task, part, schedules)``; ``part`` is JSON. It returns an iterator over pairs: an index, and the value of
+    /// [`solve_chunk`] for the schedules from that index on. Pairs come in any order. The iterator also yields None from time to time, so
+    /// that it can be cancelled.
     pub solve: Py<PyAny>,
-    /// Threads of this process, for what is done with their answers.
+    /// Threads of this process, which handle the answers.
     pub cpu: Cpu,
-    /// What they left to their CPUs.
+    /// Work that the devices of the workers left to their CPUs.
     pub fallback: Mutex<Option<Fallback>>,
-    /// Is set when they cannot: nobody else would end the search.
+    /// Flag that is set when the workers fail, because nothing else would end the search.
     pub cancelled: &'a AtomicBool,
-    /// The exception of why.
+    /// Exception of the failure.
     pub exception: &'a Mutex<Option<PyErr>>,
 }
 
 impl Workers<'_> {
-    /// Problems of one task, of which the first has this index in its job.
+    /// Solves problems of one task.
+    ///
+    /// * `first` - index of the first problem in the job
     fn solve_task(
         &self,
         (first, problems): (usize, &[Problem]),
@@ -82,11 +86,11 @@ impl Workers<'_> {
     ) -> PyResult<()> {
         let Some(Problem { task, .. }) = problems.first() else { return Ok(()) };
         let lower = LowerSettings { transcription: job.transcription.clone(), solver: job.settings.clone(), precision: job.precision };
-        let told = serde_json::to_string(&Told { lower, certified: job.certified }).map_err(raised)?;
+        let part = serde_json::to_string(&JobPart { lower, certified: job.certified }).map_err(raised)?;
         let schedules: Vec<&[Vec<f64>]> = problems.iter().map(|problem| problem.schedule.durations()).collect();
         let answers = Python::attach(|py| {
-            let way = Way { task: (*task).clone(), places: Vec::new(), named: (None, None) };
-            self.solve.call1(py, (Task(Arc::new(way)), told, schedules))?.bind(py).try_iter().map(|answers| answers.unbind().into_any())
+            let mission = Mission::new((*task).clone());
+            self.solve.call1(py, (Task(Arc::new(mission)), part, schedules))?.bind(py).try_iter().map(|answers| answers.unbind().into_any())
         })?;
         let mut open = vec![true; problems.len()];
         self.pool().in_place_scope(|scope| {
@@ -105,13 +109,13 @@ impl Workers<'_> {
                 for (index, solved) in next.into_iter().flat_map(|(at, solved)| (at..).zip(solved)) {
                     let Some(problem) = problems.get(index).filter(|_| std::mem::take(&mut open[index])) else { continue };
                     scope.spawn(move |_| {
-                        let Layout { variables, curves, .. } = Layout::<f64>::new(problem.task, &problem.schedule, job.transcription);
+                        let curves = Curves::new(problem.task, &problem.schedule, job.transcription);
                         let Solved { outcome, closed, x } = solved;
-                        finish(first + index, Solution { outcome, x, variables, curves, closed });
+                        finish(first + index, Solution { outcome, x, variables: curves.variables, curves, closed });
                     });
                 }
             }
-            // What still is solved is of no use.
+            // Cancels the chunks that are still running.
             Python::attach(|py| answers.call_method0(py, "close")).map(|_| ())
         })
     }
@@ -120,6 +124,10 @@ impl Workers<'_> {
 impl Backend for Workers<'_> {
     fn device(&self) -> String {
         self.device.clone()
+    }
+
+    fn choice(&self) -> DeviceChoice {
+        self.choice.clone()
     }
 
     fn fallback(&self) -> Option<Fallback> {
@@ -142,45 +150,45 @@ impl Backend for Workers<'_> {
     }
 }
 
-/// A device, and what it was opened for.
+/// Open device, with the key that it was opened for.
 struct Opened {
-    asked: (String, usize, Precision),
+    key: (String, usize, Precision),
     device: Arc<dyn Backend>,
 }
 
-/// The device of a process for what it is given piece by piece: a GPU takes longer to open than to solve a piece.
+/// Device of this process, which stays open between chunks: a GPU takes longer to open than to solve a chunk.
 static OPENED: Mutex<Option<Opened>> = Mutex::new(None);
 
 fn device(name: &str, threads: usize, lower: &LowerSettings) -> crate::Result<Arc<dyn Backend>> {
     let mut opened = locked(&OPENED);
-    let asked = (name.to_owned(), threads, lower.precision);
-    if let Some(Opened { device, .. }) = opened.as_ref().filter(|opened| opened.asked == asked) {
+    let key = (name.to_owned(), threads, lower.precision);
+    if let Some(Opened { device, .. }) = opened.as_ref().filter(|opened| opened.key == key) {
         return Ok(device.clone());
     }
-    let known = |e: String| Error::invalid("device", format!("`{}`", name.escape_debug()), e);
-    let place = DeviceArgs { device: Some(name.parse::<DeviceArg>().map_err(known)?), threads: Some(threads) };
-    let device: Arc<dyn Backend> = place.backend(1, lower.precision).map_err(Error::from)?.into();
-    *opened = Some(Opened { asked, device: device.clone() });
+    let device: Arc<dyn Backend> = name.parse::<DeviceChoice>()?.open(1, threads, lower.precision)?.into();
+    *opened = Some(Opened { key, device: device.clone() });
     Ok(device)
 }
 
-/// Solves schedules as [`Workers`] gave them. What is not solved but is to be certified is closed in f64: that can take as long as the solve.
+/// Solves a chunk of schedules from [`Workers`]. Candidates that will be certified but are not solved are closed in f64, which can take as
+/// long as the solve.
 ///
-/// * `told` - what they were told besides
+/// * `part` - JSON from [`Workers`]
+/// * `on` - device
 ///
-/// Returns an [`Answer`] for each, in their order, and what the device [`Left`] to the CPU.
+/// Returns an [`Answer`] per schedule, in order, and the work [`Left`] to the CPU.
 #[pyfunction]
 pub fn solve_chunk(
     py: Python<'_>,
     task: &Task,
-    told: &str,
+    part: &str,
     schedules: Vec<Vec<Vec<f64>>>,
     on: &str,
     threads: usize,
 ) -> PyResult<(Vec<Answer>, Left)> {
     let task = &task.0.task;
     let (solved, left) = working(py, None, |cancelled, _| {
-        let Told { lower, certified } = from_json(told)?;
+        let JobPart { lower, certified } = from_json(part)?;
         lower.validate()?;
         let interval = interval(&lower.transcription, &task.robot);
         let aligned = |durations| -> crate::Result<AlignedSchedule> {
@@ -191,14 +199,14 @@ pub fn solve_chunk(
         let problem = |durations| aligned(durations).map(|schedule| Problem { task, schedule });
         let problems: Vec<Problem> = schedules.into_iter().map(problem).collect::<crate::Result<_>>()?;
         let results: Vec<Mutex<Option<Solved>>> = problems.iter().map(|_| Mutex::new(None)).collect();
-        let called_off = || cancelled.load(Ordering::Relaxed);
+        let is_cancelled = || cancelled.load(Ordering::Relaxed);
         let finish = |index: usize, Solution { outcome, x, closed, .. }: Solution| {
             let leave = !certified || closed || outcome.status == Status::Solved || lower.precision == Precision::F64;
             let solved = if leave {
                 Solved { outcome, closed, x }
             } else {
                 let layout = Layout::<f64>::new(task, &problems[index].schedule, &lower.transcription);
-                let (outcome, x) = close(&layout, outcome, x, &lower.solver, &called_off);
+                let (outcome, x) = close(&layout, outcome, x, &lower.solver, &is_cancelled);
                 Solved { outcome, closed: true, x }
             };
             *locked(&results[index]) = Some(solved);
@@ -207,9 +215,9 @@ pub fn solve_chunk(
         let job = Job { problems: &problems, transcription, settings: solver, precision: *precision, certified };
         let device = device(on, threads, &lower)?;
         let left_before = device.fallback().map_or(0, |f| f.candidates);
-        device.solve(&job, &|_| called_off(), &finish);
+        device.solve(&job, &|_| is_cancelled(), &finish);
         let left = device.fallback().filter(|f| f.candidates > left_before).map(|f| (f.candidates - left_before, f.reason));
-        let all: Option<Vec<Solved>> = results.iter().map(|slot| locked(slot).take()).collect();
+        let all: Option<Vec<Solved>> = results.iter().map(|result| locked(result).take()).collect();
         all.map(|all| (all, left)).ok_or_else(|| Error::Ended { message: "stopped before every schedule was solved".into() })
     })?;
     Ok((solved.into_iter().map(|solved| Answer::of(py, solved)).collect::<PyResult<_>>()?, left))

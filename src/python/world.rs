@@ -3,18 +3,18 @@
 use super::convert::{Raise, from_python, place, raised, to_python};
 use super::motion::Trajectory;
 use super::search::Gait;
-use crate::cli::args;
-use crate::cli::leg::Way;
-use crate::cli::scenario_file::{ScenarioFile, Start, of_state};
-use crate::cli::solve::Solve;
+use crate::app::label::Provenance;
+use crate::app::scenario_file::{ScenarioFile, Start, of_state};
+use crate::app::world::yaw_warning;
+use crate::app::{Mission, Overrides, Setup, Waypoint, named};
 use crate::error::Error;
-use crate::report::files;
+use crate::files;
 use crate::robot::import::{Import, Imported};
 use crate::scenario::Scenario;
 use crate::task::Goal;
 use crate::terrain::import::{Placement, terrain_of_heights};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
-use pyo3::exceptions::PyUserWarning;
+use pyo3::exceptions::{PyTypeError, PyUserWarning};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde_json::json;
@@ -22,21 +22,21 @@ use std::ffi::CString;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// A legged robot as the solver sees it: a rigid body with feet that reach inside boxes.
+/// Legged robot as the solver models it: a rigid body with feet that reach inside boxes.
 ///
 /// Parameters
 /// ----------
 /// name : str
-///     A built-in robot (``cregopt.ROBOTS``), or the path of a JSON or TOML file.
+///     Built-in robot (``cregopt.ROBOTS``), or path of a JSON or TOML file.
 ///
 /// Notes
 /// -----
-/// The base frame sits in the centre of mass: x forward, y left, z up. Units are SI.
+/// The origin of the base frame is the centre of mass: x forward, y left, z up. Units are SI.
 #[pyclass(frozen, eq, module = "cregopt")]
 pub struct Robot {
-    /// As the solver sees it.
+    /// Model of the solver.
     pub robot: Arc<crate::Robot>,
-    /// What its URDF says besides, where it came from one.
+    /// Further data from its URDF, if it was imported.
     import: Option<Box<Imported>>,
 }
 
@@ -50,7 +50,7 @@ impl PartialEq for Robot {
 impl Robot {
     #[new]
     fn new(name: &str) -> PyResult<Self> {
-        args::robot(name).map(Robot::of).raise()
+        named::robot(name).map(Robot::of).raise()
     }
 
     /// Reads a robot from a JSON or TOML file.
@@ -59,26 +59,27 @@ impl Robot {
         crate::Robot::read(&path).map(Robot::of).raise()
     }
 
-    /// A robot from a URDF, as ``cregopt robot import`` makes it: mass, inertia, feet, their reach, what the joints bear, and the joints.
+    /// Imports a robot from a URDF, as ``cregopt robot import`` does: mass, inertia, feet, their reach, forces that the joints bear, and
+    /// the joints.
     ///
-    /// All of it holds in one configuration of the joints. ``imported`` of the robot says what was computed and guessed.
+    /// All values hold in one configuration of the joints. ``imported`` lists computed and guessed values.
     ///
     /// Parameters
     /// ----------
     /// source : path or str
-    ///     A URDF file, or the text of one, which begins with ``<``; meshes are not needed.
+    ///     URDF file, or its text, which begins with ``<``; meshes are not needed.
     /// feet : list of str, optional
-    ///     Links of the feet; else those that stand on the ground in the configuration.
+    ///     Links of the feet; by default those on the ground in the configuration.
     /// configuration : dict of str to float, optional
-    ///     Joint values in which it stands, rad or m; the others are at zero, or in the middle of their limits when zero is outside. Without any, legs
-    ///     are bent so that the robot stands.
+    ///     Joint values in which the robot stands, rad or m. Other joints are at zero, or in the middle of their limits if zero is outside.
+    ///     Without values, the legs are bent so that the robot stands.
     /// name : str, optional
-    ///     Name of the robot; the file's by default, with ``-imported`` behind it where a built-in robot has that.
+    ///     Name of the robot; by default the name in the file, with ``-imported`` appended if a built-in robot has it.
     ///
     /// Raises
     /// ------
     /// Error
-    ///     For text that is no XML, and a model that is no legged robot: names the file and the place in it.
+    ///     For text that is not XML, and a model that is not a legged robot. The error names the file and the place in it.
     #[staticmethod]
     #[pyo3(signature = (source, feet = None, configuration = None, name = None))]
     fn from_urdf(
@@ -106,7 +107,7 @@ impl Robot {
         Ok(Robot { robot: Arc::new(imported.robot.clone()), import: Some(Box::new(imported)) })
     }
 
-    /// A robot from a dictionary with the keys of a robot file.
+    /// Makes a robot from a dictionary with the keys of a robot file.
     #[staticmethod]
     fn from_dict(description: &Bound<'_, PyDict>) -> PyResult<Self> {
         let robot: crate::Robot = from_python(description, "robot")?;
@@ -114,7 +115,8 @@ impl Robot {
         Ok(Robot::of(robot))
     }
 
-    /// A robot that there is already, for copies in other processes: where the reason of a failure is looked for, a built-in robot reaches farther.
+    /// Copy of an existing robot in another process. Unlike in ``from_dict``, it may have the name of a built-in robot with a larger reach,
+    /// which the diagnosis of a failure uses.
     #[staticmethod]
     fn _again(description: &Bound<'_, PyDict>) -> PyResult<Self> {
         let robot: crate::Robot = from_python(description, "robot")?;
@@ -122,7 +124,7 @@ impl Robot {
         Ok(Robot::of(robot))
     }
 
-    /// The description, with the keys of a robot file.
+    /// Dictionary with the keys of a robot file.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         to_python(py, &*self.robot)
     }
@@ -132,11 +134,12 @@ impl Robot {
         self.robot.file_text(&path).and_then(|text| files::write(&path, &text)).raise()
     }
 
-    /// What the import from a URDF found besides; None for other robots.
+    /// Further results of the import from a URDF; None for other robots.
     ///
-    /// Keys: ``center_of_mass`` (x, y, z in the root link, m), ``feet`` (of each the name of its ``link`` and where that has its origin from the centre
-    /// of mass, ``frame``, m), ``foot_speed`` (which every foot has along x and y at the limits of its joints, m/s, or None), ``configuration`` (value
-    /// of every joint that moves, rad or m) and ``notes`` (what was guessed, left out or looks odd, as sentences).
+    /// Keys: ``center_of_mass`` (x, y, z in the root link, m), ``feet`` (for each the name of its ``link`` and ``frame``, the origin of
+    /// that link relative to the centre of mass, m), ``foot_speed`` (speed that every foot reaches along x and y at the limits of its
+    /// joints, m/s, or None), ``configuration`` (value of every joint that moves, rad or m) and ``notes`` (sentences on guesses, omissions
+    /// and oddities).
     #[getter]
     fn imported<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         let Some(import) = &self.import else { return Ok(None) };
@@ -185,14 +188,14 @@ impl Robot {
     }
 }
 
-/// The ground: heights over (x, y), and its friction.
+/// Ground: heights over (x, y), and friction.
 ///
 /// Parameters
 /// ----------
 /// name : str, default "flat"
-///     A built-in terrain (``cregopt.TERRAINS``), or the path of a JSON or TOML file.
+///     Built-in terrain (``cregopt.TERRAINS``), or path of a JSON or TOML file.
 /// friction : float, optional
-///     Friction coefficient instead of its own.
+///     Friction coefficient that replaces the terrain's.
 #[pyclass(frozen, eq, module = "cregopt")]
 #[derive(PartialEq)]
 pub struct Terrain(pub Arc<crate::Terrain>);
@@ -202,7 +205,7 @@ impl Terrain {
     #[new]
     #[pyo3(signature = (name = "flat", friction = None))]
     fn new(name: &str, friction: Option<f64>) -> PyResult<Self> {
-        let terrain = args::terrain(name).raise()?;
+        let terrain = named::terrain(name).raise()?;
         let Some(friction) = friction else { return Ok(Terrain(terrain)) };
         Terrain::of(crate::Terrain { friction, ..(*terrain).clone() })
     }
@@ -213,23 +216,23 @@ impl Terrain {
         crate::Terrain::read(&path).map(|terrain| Terrain(Arc::new(terrain))).raise()
     }
 
-    /// A terrain from a dictionary with the keys of a terrain file.
+    /// Makes a terrain from a dictionary with the keys of a terrain file.
     #[staticmethod]
     fn from_dict(description: &Bound<'_, PyDict>) -> PyResult<Self> {
         Terrain::of(from_python(description, "terrain")?)
     }
 
-    /// A terrain from a height map.
+    /// Makes a terrain from a height map.
     ///
     /// Parameters
     /// ----------
     /// z : array_like, shape (n, m)
-    ///     Heights, m: ``z[i, j]`` stands at ``x = origin[0] + i * cell``, ``y = origin[1] + j * cell``. What is not a finite number is a hole,
-    ///     in which nothing can stand.
+    ///     Heights, m: ``z[i, j]`` is at ``x = origin[0] + i * cell``, ``y = origin[1] + j * cell``. Values that are not finite are holes,
+    ///     which admit no foothold.
     /// cell : float
-    ///     Distance of samples, m.
+    ///     Distance between samples, m.
     /// origin : tuple of float, default (0, 0)
-    ///     Where the first sample stands (x, y), m. Robots start at (0, 0) unless told otherwise.
+    ///     Position of the first sample (x, y), m. Robots start at (0, 0) by default.
     /// friction : float, default 0.8
     ///     Friction coefficient.
     /// name : str, default "heights"
@@ -249,7 +252,7 @@ impl Terrain {
         terrain_of_heights(name.into(), heights, &placement).raise().and_then(|imported| Terrain::of(imported.terrain))
     }
 
-    /// The description, with the keys of a terrain file.
+    /// Dictionary with the keys of a terrain file.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         to_python(py, &*self.0)
     }
@@ -266,7 +269,7 @@ impl Terrain {
         self.0.friction
     }
 
-    /// Height at (x, y) of the world frame, m; holes of a height map are deep.
+    /// Height at (x, y) in the world frame, m; holes of a height map are deep.
     fn height(&self, x: f64, y: f64) -> f64 {
         self.0.height(x, y)
     }
@@ -283,183 +286,211 @@ impl Terrain {
     }
 }
 
-/// What is to be done: how the robot stands at first, and where its base is to be at the end.
+/// Task: start of the robot, goal of its base, and waypoints.
 ///
 /// Parameters
 /// ----------
 /// robot : Robot
 /// terrain : Terrain
 /// goal : (x, y), (x, y, z) or dict
-///     Where the base is to end, world frame, m. Without z as high above the ground as the robot's ``base_height``, or as its feet reach. A
-///     dictionary has the keys of ``[goal]`` in a scenario file: ``xy``, ``z``, ``yaw``, ``tilt``, ``velocity``, ``rates``.
+///     Goal of the base, world frame, m. Without z, the base ends at the robot's ``base_height`` above the ground, or at a height from
+///     which all feet reach it. A dictionary has the keys of ``[goal]`` in a scenario file: ``xy``, ``z``, ``yaw``, ``tilt``, ``velocity``,
+///     ``rates``.
 /// yaw : float, optional
-///     Yaw at the end, rad; 0, or that of the dictionary.
+///     Yaw at the goal, rad; by default that of the dictionary, or 0.
 /// start : (x, y), (x, y, z), dict, Trajectory or Gait, optional
-///     Where the base starts, above the origin by default, with the feet at their nominal places. A dictionary has the keys of ``[start]`` in
-///     a scenario file, ``feet`` among them. After a motion: where that ends, with base and feet as they are then.
+///     Start of the base, by default above the origin, with the feet at their nominal places. A dictionary has the keys of ``[start]`` in a
+///     scenario file, including ``feet``. A motion stands for its end, with base and feet.
 /// start_yaw : float, optional
-///     Yaw at the start, rad; 0, or that of the dictionary.
+///     Yaw at the start, rad; by default that of the dictionary, or 0.
 /// force_limit : float, optional
 ///     Largest normal force of a foot, N; the robot's by default.
 /// via : list of (x, y), (x, y, z) or dict, optional
-///     Places on the way at which the base is to stop, in order, as ``goal`` has them. The yaw of a dictionary is its own; without one it is on the
-///     way from the start's to the goal's. Each place is the end of a leg, which has a gait of its own: see ``Gait.legs``.
+///     Waypoints at which the base stops, in order, in the form of ``goal``. Without a yaw in a dictionary, the yaw is interpolated between
+///     start and goal. Each waypoint ends a stage, which has a gait of its own: see ``Gait.legs``.
 ///
 /// Raises
 /// ------
 /// Error
-///     For a value that cannot be. Whether a gait can get there is asked by ``cregopt.search``.
+///     For an invalid value. ``cregopt.search`` checks whether a gait can reach the goal.
 #[pyclass(frozen, module = "cregopt")]
-pub struct Task(pub Arc<Way>);
+pub struct Task(pub Arc<Mission>);
 
 #[pymethods]
 impl Task {
     #[new]
-    #[pyo3(signature = (robot, terrain, goal, yaw = None, start = None, start_yaw = None, force_limit = None, via = None))]
-    #[expect(clippy::too_many_arguments, reason = "keywords of Python")]
+    #[pyo3(
+        signature = (robot, terrain, goal, yaw = None, start = None, start_yaw = None, **more),
+        text_signature = "(robot, terrain, goal, yaw=None, start=None, start_yaw=None, *, force_limit=None, via=None)"
+    )]
     fn new(
-        py: Python<'_>,
         robot: &Robot,
         terrain: &Terrain,
         goal: &Bound<'_, PyAny>,
         yaw: Option<f64>,
         start: Option<&Bound<'_, PyAny>>,
         start_yaw: Option<f64>,
-        force_limit: Option<f64>,
-        via: Option<Vec<Bound<'_, PyAny>>>,
+        more: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
-        let (goal, _) = end(goal, "goal")?;
+        let py = goal.py();
+        let More { force_limit, via } = More::of(more)?;
+        let goal = waypoint(goal, "goal")?.goal;
         let goal = goal.yaw(yaw.unwrap_or(goal.yaw));
-        if let Some(doubt) = args::in_degrees(goal.yaw) {
-            PyErr::warn(py, &py.get_type::<PyUserWarning>(), &CString::new(doubt)?, 1)?;
+        if let Some(warning) = yaw_warning(goal.yaw) {
+            PyErr::warn(py, &py.get_type::<PyUserWarning>(), &CString::new(warning)?, 1)?;
         }
-        let places = via.unwrap_or_default().into_iter().enumerate().map(|(i, place)| end(&place, &format!("via[{i}]")));
-        let places: Vec<(Goal, bool)> = places.collect::<PyResult<_>>()?;
-        let task = from(start, start_yaw, robot.robot.clone(), terrain.0.clone(), goal, force_limit)?;
+        let waypoints = via.iter().enumerate().map(|(i, place)| waypoint(place, &format!("via[{i}]")));
+        let waypoints: Vec<Waypoint> = waypoints.collect::<PyResult<_>>()?;
+        let place = Place { robot: robot.robot.clone(), terrain: terrain.0.clone(), goal, force_limit };
+        let task = place.from(start, start_yaw)?;
         task.validate().raise()?;
-        for (i, &(place, _)) in places.iter().enumerate() {
-            task.to(place).map_err(|e| e.within(format_args!("via[{i}]"))).raise()?;
+        for (i, waypoint) in waypoints.iter().enumerate() {
+            task.to(waypoint.goal).map_err(|e| e.within(format_args!("via[{i}]"))).raise()?;
         }
-        Ok(Task(Arc::new(Way { task, places, named: (None, None) })))
+        Ok(Task(Arc::new(Mission { waypoints, ..Mission::new(task) })))
     }
 
-    /// The task of a scenario; what else its file asks, such as seed and gaits, is for ``cregopt.solve``.
+    /// Task of a scenario. Other keys of its file, such as seed and gaits, are used by ``cregopt.solve``.
     ///
     /// Parameters
     /// ----------
     /// scenario : path or str
-    ///     A scenario file (.toml), as ``cregopt init`` writes one, or a built-in scenario (``cregopt.SCENARIOS``).
+    ///     Scenario file (.toml), as ``cregopt init`` writes one, or a built-in scenario (``cregopt.SCENARIOS``).
     /// target : int, optional
-    ///     Target of a built-in scenario, 1 to 20; else the file's, or 10.
+    ///     Target of a built-in scenario, 1 to 20; by default the file's, or 10.
     #[staticmethod]
     #[pyo3(signature = (scenario, target = None))]
     fn from_scenario(scenario: PathBuf, target: Option<usize>) -> PyResult<Self> {
-        let way = |file: ScenarioFile| Solve::default().at_target(target).over(file)?.way();
+        let mission = |file: ScenarioFile| Setup::new(file, Overrides { target, ..Overrides::default() })?.mission();
         let is_file = scenario.extension().is_some() || scenario.components().count() != 1 || scenario.exists();
-        // A built-in name is one, whatever files there are.
-        let way = match Scenario::named(&scenario.to_string_lossy()) {
-            Ok(built_in) => way(ScenarioFile { scenario: Some(built_in.name.into()), ..ScenarioFile::default() }),
-            Err(_) if is_file => ScenarioFile::read(&scenario).and_then(|file| way(file).map_err(|e| e.in_file(&scenario, None))),
+        // Built-in names take precedence over files of the same name.
+        let mission = match Scenario::named(&scenario.to_string_lossy()) {
+            Ok(built_in) => mission(ScenarioFile { scenario: Some(built_in.name.into()), ..ScenarioFile::default() }),
+            Err(_) if is_file => ScenarioFile::read(&scenario).and_then(|file| mission(file).map_err(|e| e.in_file(&scenario, None))),
             Err(unknown) => Err(unknown),
         };
-        way.map(|way| Task(Arc::new(way))).raise()
+        mission.map(|mission| Task(Arc::new(mission))).raise()
     }
 
-    /// The robot.
+    /// Robot.
     #[getter]
     fn robot(&self) -> Robot {
         Robot::of(self.0.task.robot.clone())
     }
 
-    /// The ground.
+    /// Ground.
     #[getter]
     fn terrain(&self) -> Terrain {
         Terrain(self.0.task.terrain.clone())
     }
 
-    /// State at the start, with the keys of ``[start]`` in a scenario file.
+    /// Start, with the keys of ``[start]`` in a scenario file.
     #[getter]
     fn start<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         to_python(py, &Start::in_state(&self.0.task.start, &self.0.task.start_feet))
     }
 
-    /// State that is asked for at the end, with the keys of ``[goal]`` in a scenario file.
+    /// Goal, with the keys of ``[goal]`` in a scenario file.
     #[getter]
     fn goal<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         to_python(py, &of_state(&self.0.task.goal))
     }
 
-    /// Places on the way, with the keys of ``[[waypoints]]`` in a scenario file; those without a ``yaw`` have it on the way.
+    /// Waypoints, with the keys of ``[[waypoints]]`` in a scenario file; those without ``yaw`` have an interpolated yaw.
     #[getter]
     fn via<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        let place = |(goal, turns_evenly): &(Goal, bool)| {
+        let place = |Waypoint { goal, turns_evenly }: &Waypoint| {
             let place = to_python(py, goal)?;
             if *turns_evenly {
                 place.del_item("yaw")?;
             }
             Ok(place)
         };
-        self.0.places.iter().map(place).collect()
+        self.0.waypoints.iter().map(place).collect()
     }
 
-    /// Largest normal force of a foot, N, if it was given.
+    /// Largest normal force of a foot, N, or None if it was not given.
     #[getter]
     fn force_limit(&self) -> Option<f64> {
         self.0.task.force_limit
     }
 
-    /// Built-in scenario and its target (1 to 20) that it was named by, each None where it was not.
+    /// Built-in scenario and its target (1 to 20) that the task was named by, each None otherwise.
     #[getter]
     fn scenario(&self) -> (Option<&str>, Option<usize>) {
-        self.0.named
+        (self.0.provenance.scenario, self.0.provenance.target)
     }
 
-    /// The same with a name, for copies in other processes.
+    /// Copy with a scenario and target, for other processes.
     fn _named(&self, scenario: &str, target: Option<usize>) -> PyResult<Task> {
-        let name = Scenario::named(scenario).raise()?.name;
-        Ok(Task(Arc::new(Way { named: (Some(name), target), ..(*self.0).clone() })))
+        let scenario = Some(Scenario::named(scenario).raise()?.name);
+        Ok(Task(Arc::new(Mission { provenance: Provenance { scenario, target }, ..(*self.0).clone() })))
     }
 
     fn __repr__(&self) -> String {
         let task = &self.0.task;
         let [from, to] = [&task.start, &task.goal].map(|state| state.position);
-        let via = if self.0.places.is_empty() { String::new() } else { format!(" over {} places", self.0.places.len()) };
+        let via = if self.0.waypoints.is_empty() { String::new() } else { format!(" by {} waypoints", self.0.waypoints.len()) };
         format!("Task({:?} on {:?}, from {from:?} to {to:?} m{via})", task.robot.name, task.terrain.name)
     }
 }
 
-/// The task of going to a goal from a start of any kind.
-fn from(
-    start: Option<&Bound<'_, PyAny>>,
-    start_yaw: Option<f64>,
+/// Keywords of ``Task`` after the common ones.
+struct More<'py> {
+    force_limit: Option<f64>,
+    via: Vec<Bound<'py, PyAny>>,
+}
+
+impl<'py> More<'py> {
+    fn of(keywords: Option<&Bound<'py, PyDict>>) -> PyResult<More<'py>> {
+        let mut more = More { force_limit: None, via: Vec::new() };
+        for (name, value) in keywords.into_iter().flatten() {
+            match name.extract::<String>()?.as_str() {
+                "force_limit" => more.force_limit = value.extract()?,
+                "via" => more.via = value.extract::<Option<_>>()?.unwrap_or_default(),
+                other => return Err(PyTypeError::new_err(format!("Task() got an unexpected keyword argument '{other}'"))),
+            }
+        }
+        Ok(more)
+    }
+}
+
+/// Parts of a task apart from its start.
+struct Place {
     robot: Arc<crate::Robot>,
     terrain: Arc<crate::Terrain>,
     goal: Goal,
     force_limit: Option<f64>,
-) -> PyResult<crate::Task> {
-    let start = match start {
-        None => Start::default(),
-        Some(start) => {
-            let motion = start.cast::<Gait>().map(|gait| gait.get().motion()).ok();
-            let motion = motion.or_else(|| start.cast::<Trajectory>().map(|motion| motion.get().motion.clone()).ok());
-            if let Some(motion) = motion {
-                if let Some(yaw) = start_yaw {
-                    return Err(raised(Start::turned_after(yaw)));
-                }
-                let task = crate::Task::between(robot, terrain, goal, goal).and_then(|task| task.after(&motion));
-                return Ok(crate::Task { force_limit, ..task.raise()? });
-            }
-            if start.is_instance_of::<PyDict>() { from_python(start, "start")? } else { Start::at(end(start, "start")?.0) }
-        }
-    };
-    start.turned(start_yaw).and_then(|start| start.task(robot, terrain, goal, force_limit)).raise()
 }
 
-/// An end or a place on the way, as a dictionary or two or three numbers say it, and whether it leaves its yaw open.
-fn end(value: &Bound<'_, PyAny>, name: &str) -> PyResult<(Goal, bool)> {
+impl Place {
+    /// Task from a start of any kind.
+    fn from(self, start: Option<&Bound<'_, PyAny>>, start_yaw: Option<f64>) -> PyResult<crate::Task> {
+        let Place { robot, terrain, goal, force_limit } = self;
+        let start = match start {
+            None => Start::default(),
+            Some(start) => {
+                let motion = start.cast::<Gait>().map(|gait| gait.get().motion()).ok();
+                let motion = motion.or_else(|| start.cast::<Trajectory>().map(|motion| motion.get().motion.clone()).ok());
+                if let Some(motion) = motion {
+                    if let Some(yaw) = start_yaw {
+                        return Err(raised(Start::turned_after(yaw)));
+                    }
+                    let task = crate::Task::between(robot, terrain, goal, goal).and_then(|task| task.after(&motion));
+                    return Ok(crate::Task { force_limit, ..task.raise()? });
+                }
+                if start.is_instance_of::<PyDict>() { from_python(start, "start")? } else { Start::at(waypoint(start, "start")?.goal) }
+            }
+        };
+        start.turned(start_yaw).and_then(|start| start.task(robot, terrain, goal, force_limit)).raise()
+    }
+}
+
+/// Goal or waypoint from a dictionary, or from two or three numbers. Without a yaw, it turns evenly.
+fn waypoint(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Waypoint> {
     if let Ok(keys) = value.cast::<PyDict>() {
-        return Ok((from_python(value, name)?, !keys.contains("yaw")?));
+        return Ok(Waypoint { goal: from_python(value, name)?, turns_evenly: !keys.contains("yaw")? });
     }
     let ([x, y], z) = place(value, name)?;
-    Ok((Goal { z, ..Goal::at(x, y) }, true))
+    Ok(Waypoint { goal: Goal { z, ..Goal::at(x, y) }, turns_evenly: true })
 }

@@ -13,9 +13,9 @@
 //! phase-based programs.
 
 use super::curve::{Curve, Point, Timing};
-use super::nlp::{INFINITY, Nlp, Rows};
+use super::nlp::{INFINITY, Nlp, Rows, Variables};
 use super::rigid_body::{ZERO, contact_force, dynamics, height};
-use super::towr::{self, BaseCurves, Variables, nodes_at};
+use super::towr::{self, BaseCurves, nodes_at};
 use crate::gait::{FootCurves, Trajectory};
 use crate::task::Task;
 
@@ -61,8 +61,7 @@ pub struct ContactImplicit<'a> {
     base: BaseCurves,
     feet: Vec<Foot>,
     timing: Timing,
-    initial: Vec<f64>,
-    bounds: Vec<[f64; 2]>,
+    variables: Variables,
 }
 
 #[derive(Debug)]
@@ -113,7 +112,7 @@ impl<'a> ContactImplicit<'a> {
             feet.push(Foot { motion, force });
         }
         let timing = Timing::fixed(vec![STEP; steps]);
-        ContactImplicit { task, steps, contacts, base, feet, timing, initial: variables.initial, bounds: variables.bounds }
+        ContactImplicit { task, steps, contacts, base, feet, timing, variables }
     }
 
     /// Contacts `[feet][intervals]`, as given or as they are at `x`. There a foot stands if it carries a force at either end of the
@@ -203,12 +202,8 @@ fn phases(stands: &[bool]) -> Vec<f64> {
 }
 
 impl Nlp for ContactImplicit<'_> {
-    fn initial(&self) -> &[f64] {
-        &self.initial
-    }
-
-    fn bounds(&self) -> &[[f64; 2]] {
-        &self.bounds
+    fn variables(&self) -> &Variables {
+        &self.variables
     }
 
     fn rows(&self, x: &[f64], rows: &mut Rows) {

@@ -183,13 +183,14 @@ pub fn solve(nlp: &dyn Nlp, start: Option<&[f64]>, options: &Options) -> (Vec<f6
     static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
     let _turn = locked(&ONE_AT_A_TIME);
     let began = Instant::now();
-    let mut x = start.unwrap_or(nlp.initial()).to_vec();
+    let mut x = start.unwrap_or(&nlp.variables().initial).to_vec();
     let mut rows = Rows::default();
     nlp.rows(&x, &mut rows);
     let pattern = Pattern::new(&rows);
     let (n, m, entries) = (x.len(), rows.values.len(), pattern.entries.len());
     let side = |limits: &[[f64; 2]], side: usize| limits.iter().map(|l| l[side]).collect::<Vec<f64>>();
-    let (x_l, x_u, g_l, g_u) = (side(nlp.bounds(), 0), side(nlp.bounds(), 1), side(&rows.limits, 0), side(&rows.limits, 1));
+    let bounds = &nlp.variables().bounds;
+    let (x_l, x_u, g_l, g_u) = (side(bounds, 0), side(bounds, 1), side(&rows.limits, 0), side(&rows.limits, 1));
     let mut session = Session { nlp, rows, pattern, x: x.clone(), iterations: 0, evaluation_seconds: 0. };
     let text = |problem, keyword: &CStr, value: &CStr| {
         // SAFETY: a problem created by Ipopt and two C strings, which it copies.

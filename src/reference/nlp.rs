@@ -7,11 +7,8 @@ pub const INFINITY: f64 = 1e20;
 
 /// Nonlinear program: `lower <= x <= upper`, `lower_i <= row_i(x) <= upper_i`, and optionally a smooth function to minimise.
 pub trait Nlp {
-    /// Initial point.
-    fn initial(&self) -> &[f64];
-
-    /// Lower and upper bound of each variable.
-    fn bounds(&self) -> &[[f64; 2]];
+    /// Initial point and bounds.
+    fn variables(&self) -> &Variables;
 
     /// Pushes every row, in the same order and with the same entries at any `x`.
     fn rows(&self, x: &[f64], rows: &mut Rows);
@@ -23,6 +20,34 @@ pub trait Nlp {
             g.fill(0.);
             0.
         })
+    }
+}
+
+/// Initial point and bounds of a program.
+#[derive(Debug, Default)]
+pub struct Variables {
+    /// Initial point.
+    pub initial: Vec<f64>,
+    /// Lower and upper bound of each variable.
+    pub bounds: Vec<[f64; 2]>,
+}
+
+impl Variables {
+    /// Adds a free variable and returns its index.
+    pub fn free(&mut self, initial: f64) -> usize {
+        self.bounded(initial, [-INFINITY, INFINITY])
+    }
+
+    /// Adds a variable with bounds and returns its index.
+    pub fn bounded(&mut self, initial: f64, bounds: [f64; 2]) -> usize {
+        self.initial.push(initial);
+        self.bounds.push(bounds);
+        self.initial.len() - 1
+    }
+
+    /// Fixes a variable.
+    pub fn fix(&mut self, variable: usize, value: f64) {
+        self.bounds[variable] = [value, value];
     }
 }
 

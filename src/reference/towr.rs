@@ -4,7 +4,7 @@
 //! their solver. Formulas that occur in both are repeated deliberately.
 
 use super::curve::{Curve, Point, Timing};
-use super::nlp::{INFINITY, Nlp, Rows};
+use super::nlp::{INFINITY, Nlp, Rows, Variables};
 use super::rigid_body::{Base, ZERO, contact_force, continuous_acceleration, dynamics, height, reach};
 use crate::error::{Error, Result};
 use crate::gait::{FootCurves, Schedule, Trajectory};
@@ -36,8 +36,7 @@ pub struct Towr<'a> {
     horizon: f64,
     base: BaseCurves,
     feet: Vec<Foot>,
-    initial: Vec<f64>,
-    bounds: Vec<[f64; 2]>,
+    variables: Variables,
 }
 
 /// Curves of the position and the Euler angles of the base.
@@ -53,32 +52,6 @@ struct Foot {
     motion: Curve,
     force: Curve,
     timing: Timing,
-}
-
-/// Variables during their construction.
-#[derive(Debug, Default)]
-pub(super) struct Variables {
-    pub initial: Vec<f64>,
-    pub bounds: Vec<[f64; 2]>,
-}
-
-impl Variables {
-    /// Adds a free variable and returns its index.
-    pub fn free(&mut self, initial: f64) -> usize {
-        self.bounded(initial, [-INFINITY, INFINITY])
-    }
-
-    /// Adds a variable with bounds and returns its index.
-    pub fn bounded(&mut self, initial: f64, bounds: [f64; 2]) -> usize {
-        self.initial.push(initial);
-        self.bounds.push(bounds);
-        self.initial.len() - 1
-    }
-
-    /// Fixes a variable.
-    pub fn fix(&mut self, variable: usize, value: f64) {
-        self.bounds[variable] = [value, value];
-    }
 }
 
 impl BaseCurves {
@@ -195,7 +168,7 @@ impl<'a> Towr<'a> {
             }
             feet.push(Foot { motion, force, timing });
         }
-        Towr { task, horizon, base, feet, initial: variables.initial, bounds: variables.bounds }
+        Towr { task, horizon, base, feet, variables }
     }
 
     /// Point of the program that represents the curves of a trajectory, as an initial point or to check it.
@@ -203,7 +176,7 @@ impl<'a> Towr<'a> {
     /// # Errors
     /// [`Error::Invalid`] if a curve has a different number of nodes.
     pub fn point(&self, trajectory: &Trajectory) -> Result<Vec<f64>> {
-        let mut x = self.initial.clone();
+        let mut x = self.variables.initial.clone();
         let mut take = |name: &str, curve: &Curve, nodes: &[[f64; 6]]| {
             if curve.nodes.len() != nodes.len() {
                 return Err(Error::invalid(
@@ -303,12 +276,8 @@ fn force(task: &Task, phases: usize, variables: &mut Variables) -> Curve {
 }
 
 impl Nlp for Towr<'_> {
-    fn initial(&self) -> &[f64] {
-        &self.initial
-    }
-
-    fn bounds(&self) -> &[[f64; 2]] {
-        &self.bounds
+    fn variables(&self) -> &Variables {
+        &self.variables
     }
 
     fn rows(&self, x: &[f64], rows: &mut Rows) {

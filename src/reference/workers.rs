@@ -9,14 +9,14 @@ use crate::backend::locked;
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
 use crate::search::cem::Evaluation;
-use crate::search::{Certify, LowerLevel, Solved};
+use crate::search::{Certify, ScheduleSolver};
 use crate::task::Task;
 use std::io::{BufRead, BufReader, Write};
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Hidden command of this program that runs [`serve`].
 pub const COMMAND: &str = "ipopt-worker";
@@ -201,7 +201,7 @@ pub struct IpoptLevel<'a> {
     pub options: Options,
 }
 
-impl LowerLevel for IpoptLevel<'_> {
+impl ScheduleSolver for IpoptLevel<'_> {
     type Solution = Answer;
 
     fn solve(
@@ -209,14 +209,13 @@ impl LowerLevel for IpoptLevel<'_> {
         schedules: &[Schedule],
         _: Certify,
         skip: &(dyn Fn(usize) -> bool + Sync),
-        finish: &(dyn Fn(usize, Solved<Answer>) + Sync),
+        finish: &(dyn Fn(usize, Evaluation, Answer) + Sync),
     ) -> Result<()> {
-        let start = Instant::now();
         let jobs: Vec<Job> = schedules.iter().map(|schedule| Job::fixed(self.task, schedule, self.options)).collect();
         self.workers.solve(&jobs, skip, &|index, answer: Answer| {
             let Answer { n_violated, feasible, mean_normal_force, .. } = answer;
             let evaluation = Evaluation { n_violated, feasible, certified: true, mean_normal_force, cost: None };
-            finish(index, Solved { evaluation, finished_after: start.elapsed().as_secs_f64(), solution: answer });
+            finish(index, evaluation, answer);
         })
     }
 }

@@ -112,92 +112,9 @@ fn reach(by: &Gradient, step: &[f64], trust: f64) -> f64 {
 ///
 /// * `length` - trust length of each variable
 pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, length: &[f64], trust: f64) -> Option<Step> {
-    let n = length.len();
-    let cost = model.value();
-    let scaled = |by: &Gradient| by.iter().map(|&(i, d)| (i, d * length[i])).collect::<Gradient>();
-    let (open, settled): (Vec<&Term>, Vec<&Term>) =
-        model.terms.iter().partition(|t| reach(&t.by, length, trust) >= t.value.abs() - model.rounding);
-    // Costs are relative to the gait's cost, so that tolerances mean the same for every gait.
-    let mut q: Vec<f64> = model.effort_by.iter().zip(length).map(|(d, l)| d * l / cost).collect();
-    for term in &settled {
-        term.by.iter().for_each(|&(i, d)| q[i] += term.weight * term.value.signum() * d * length[i] / cost);
-    }
-    q.extend(open.iter().flat_map(|t| [t.weight / cost; 2]));
-    let (mut rows, mut columns, mut values): (Vec<_>, Vec<_>, Vec<_>) = (0..n).map(|i| (i, i, curvature.least)).collect();
-    for &(a, b, second) in &model.effort_by_forces {
-        rows.push(a);
-        columns.push(b);
-        values.push(second * length[a] * length[b] / cost);
-    }
-    // Squared parts of rounded terms.
-    let squares = n + 2 * open.len();
-    let n_squares = if model.rounding > 0. { open.len() } else { 0 };
-    for (i, term) in open[..n_squares].iter().enumerate() {
-        rows.push(squares + i);
-        columns.push(squares + i);
-        values.push(term.weight / (cost * model.rounding));
-        q.push(0.);
-    }
-    // Components of the step along the curved directions, last.
-    let bends = squares + n_squares;
-    for (i, (bend, _)) in curvature.directions.iter().enumerate() {
-        rows.push(bends + i);
-        columns.push(bends + i);
-        values.push(*bend);
-        q.push(0.);
-    }
-    let p = CscMatrix::new_from_triplets(q.len(), q.len(), rows, columns, values);
-
-    let mut constraints = Constraints::default();
-    for row in &linear.equalities {
-        constraints.slack(-row.value, scaled(&row.by));
-    }
-    for (i, (_, direction)) in curvature.directions.iter().enumerate() {
-        constraints.slack(0., direction.iter().copied().enumerate().filter(|(_, d)| *d != 0.).chain([(bends + i, -1.)]));
-    }
-    let of_terms = constraints.b.len();
-    for (i, term) in open.iter().enumerate() {
-        let square = (n_squares > 0).then_some((squares + i, -1.));
-        constraints.slack(-term.value, scaled(&term.by).into_iter().chain([(n + 2 * i, -1.), (n + 2 * i + 1, 1.)]).chain(square));
-    }
-    constraints.cone(0, SupportedConeT::ZeroConeT);
-    let first = constraints.b.len();
-    let near = |(_, row): &(usize, &Row)| {
-        let change = reach(&row.by, length, trust);
-        row.value + change > 0. || row.lower.is_some_and(|lower| lower + change > 0.)
-    };
-    let inequalities: Vec<(usize, &Row)> = linear.inequalities.iter().enumerate().filter(near).collect();
-    for (_, row) in &inequalities {
-        // A violated row is repaired as far as half the trust region allows.
-        let most = -0.5 * reach(&row.by, length, trust);
-        constraints.slack((-row.value).max(most), scaled(&row.by));
-        if let Some(lower) = row.lower {
-            constraints.slack((-lower).max(most), scaled(&row.by).into_iter().map(|(i, d)| (i, -d)));
-        }
-    }
-    let of_parts = constraints.b.len();
-    for i in 0..2 * open.len() {
-        constraints.slack(0., [(n + i, -1.)]);
-    }
-    let of_trust = constraints.b.len();
-    for i in 0..n {
-        constraints.slack(trust, [(i, 1.)]);
-        constraints.slack(trust, [(i, -1.)]);
-    }
-    constraints.cone(first, SupportedConeT::NonnegativeConeT);
-    let of_cones = constraints.b.len();
-    for cone in &linear.cones {
-        let at = constraints.b.len();
-        // A force outside its cone may stay as far outside.
-        let [room, t @ ..] = cone.value;
-        let size = (t.iter().map(|t| t * t).sum::<f64>() + cone.margin * cone.margin).sqrt();
-        constraints.slack(room.max(size), scaled(&cone.by[0]).into_iter().map(|(i, d)| (i, -d)));
-        for (value, by) in t.iter().zip(&cone.by[1..]) {
-            constraints.slack(*value, scaled(by).into_iter().map(|(i, d)| (i, -d)));
-        }
-        constraints.slack(cone.margin, []);
-        constraints.cone(at, SupportedConeT::SecondOrderConeT);
-    }
+    let problem = Problem::new(linear, model, curvature, length, trust);
+    let (p, q) = problem.objective();
+    let (constraints, starts) = problem.constraints();
     let Constraints { rows, columns, values, b, cones } = constraints;
     let a = CscMatrix::new_from_triplets(b.len(), q.len(), rows, columns, values);
     let settings = DefaultSettings {
@@ -217,50 +134,215 @@ pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, lengt
     if !matches!(solution.status, SolverStatus::Solved | SolverStatus::AlmostSolved | SolverStatus::InsufficientProgress) {
         return None;
     }
-    let d: Vec<f64> = solution.x[..n].iter().zip(length).map(|(d, l)| d * l).collect();
+    let scaled = &solution.x[..length.len()];
+    let d: Vec<f64> = scaled.iter().zip(length).map(|(d, l)| d * l).collect();
     if d.iter().any(|d| !d.is_finite()) {
         return None;
     }
+    let after = predict(model, &d) + 0.5 * problem.cost * curvature.along(scaled);
+    Some(Step {
+        by: d,
+        predicted: problem.cost - after,
+        stationarity: problem.stationarity(scaled, &solution.z, &starts),
+        complementarity: problem.complementarity(&b, &solution.z, &starts),
+        multipliers: problem.multipliers(&solution.z, &starts),
+    })
+}
 
-    // Stationarity at the point: the part that trust region and curvature had to balance.
-    let mut bend = curvature.times(&solution.x[..n]);
-    for &(i, j, second) in &model.effort_by_forces {
-        let second = second * length[i] * length[j] / cost;
-        bend[i] += second * solution.x[j];
-        if i != j {
-            bend[j] += second * solution.x[i];
+/// The convex problem. Its unknowns are the step, the parts of the open terms, their squared parts, and the components of the step along
+/// the curved directions, in this order.
+struct Problem<'a> {
+    linear: &'a Linear,
+    model: &'a Model,
+    curvature: &'a Curvature,
+    /// Trust length of each variable.
+    length: &'a [f64],
+    trust: f64,
+    /// Cost at the point. Costs in the problem are relative to it, so that tolerances mean the same for every gait.
+    cost: f64,
+    /// Terms whose sign may change within the trust region.
+    open: Vec<&'a Term>,
+    /// All other terms.
+    settled: Vec<&'a Term>,
+    /// Inequalities that may become active within the trust region, with their indices.
+    near: Vec<(usize, &'a Row)>,
+}
+
+/// First constraint of each kind.
+struct Starts {
+    terms: usize,
+    inequalities: usize,
+    parts: usize,
+    trust: usize,
+    cones: usize,
+}
+
+impl<'a> Problem<'a> {
+    fn new(linear: &'a Linear, model: &'a Model, curvature: &'a Curvature, length: &'a [f64], trust: f64) -> Problem<'a> {
+        let (open, settled) = model.terms.iter().partition(|t| reach(&t.by, length, trust) >= t.value.abs() - model.rounding);
+        let near = |(_, row): &(usize, &Row)| {
+            let change = reach(&row.by, length, trust);
+            row.value + change > 0. || row.lower.is_some_and(|lower| lower + change > 0.)
+        };
+        let near = linear.inequalities.iter().enumerate().filter(near).collect();
+        Problem { linear, model, curvature, length, trust, cost: model.value(), open, settled, near }
+    }
+
+    /// Index of the first squared part of an open term.
+    fn squares(&self) -> usize {
+        self.length.len() + 2 * self.open.len()
+    }
+
+    /// Number of squared parts.
+    fn n_squares(&self) -> usize {
+        if self.model.rounding > 0. { self.open.len() } else { 0 }
+    }
+
+    /// Index of the first component along a curved direction.
+    fn bends(&self) -> usize {
+        self.squares() + self.n_squares()
+    }
+
+    /// Derivatives with respect to the step in trust lengths.
+    fn scaled(&self, by: &Gradient) -> Gradient {
+        by.iter().map(|&(i, d)| (i, d * self.length[i])).collect()
+    }
+
+    /// Quadratic and linear part of the objective.
+    fn objective(&self) -> (CscMatrix<f64>, Vec<f64>) {
+        let Problem { model, curvature, length, cost, .. } = self;
+        let mut q: Vec<f64> = model.effort_by.iter().zip(*length).map(|(d, l)| d * l / cost).collect();
+        for term in &self.settled {
+            term.by.iter().for_each(|&(i, d)| q[i] += term.weight * term.value.signum() * d * length[i] / cost);
         }
+        q.extend(self.open.iter().flat_map(|t| [t.weight / cost; 2]));
+        let (mut rows, mut columns, mut values): (Vec<_>, Vec<_>, Vec<_>) = (0..length.len()).map(|i| (i, i, curvature.least)).collect();
+        for &(a, b, second) in &model.effort_by_forces {
+            rows.push(a);
+            columns.push(b);
+            values.push(second * length[a] * length[b] / cost);
+        }
+        for (i, term) in self.open[..self.n_squares()].iter().enumerate() {
+            rows.push(self.squares() + i);
+            columns.push(self.squares() + i);
+            values.push(term.weight / (cost * model.rounding));
+            q.push(0.);
+        }
+        for (i, (bend, _)) in curvature.directions.iter().enumerate() {
+            rows.push(self.bends() + i);
+            columns.push(self.bends() + i);
+            values.push(*bend);
+            q.push(0.);
+        }
+        (CscMatrix::new_from_triplets(q.len(), q.len(), rows, columns, values), q)
     }
-    let held = |i: usize| solution.z[of_trust + 2 * i] - solution.z[of_trust + 2 * i + 1];
-    let stationarity = (0..n).map(|i| (held(i) + bend[i]).abs()).fold(0., f64::max);
-    let complementarity = (first..of_parts).map(|i| solution.z[i] * b[i]);
-    let of_cones = linear.cones.iter().enumerate().map(|(i, cone)| {
-        let z = &solution.z[of_cones + 5 * i..][..5];
-        let [room, t @ ..] = cone.value;
-        (room * z[0] + t.iter().zip(&z[1..]).map(|(t, z)| t * z).sum::<f64>() + cone.margin * z[4]).abs()
-    });
-    let complementarity = complementarity.chain(of_cones).fold(0., f64::max);
 
-    let mut multipliers = Multipliers {
-        equalities: solution.z[..linear.equalities.len()].iter().map(|z| z * cost).collect(),
-        inequalities: vec![0.; linear.inequalities.len()],
-        cells: model.cells.iter().map(|c| (c.key, [0.; 3])).collect(),
-    };
-    let mut at = first;
-    for (i, row) in inequalities {
-        multipliers.inequalities[i] = cost * (solution.z[at] - if row.lower.is_some() { solution.z[at + 1] } else { 0. });
-        at += 1 + usize::from(row.lower.is_some());
+    fn constraints(&self) -> (Constraints, Starts) {
+        let (n, length, trust) = (self.length.len(), self.length, self.trust);
+        let mut constraints = Constraints::default();
+        for row in &self.linear.equalities {
+            constraints.slack(-row.value, self.scaled(&row.by));
+        }
+        for (i, (_, direction)) in self.curvature.directions.iter().enumerate() {
+            let by = direction.iter().copied().enumerate().filter(|(_, d)| *d != 0.);
+            constraints.slack(0., by.chain([(self.bends() + i, -1.)]));
+        }
+        let terms = constraints.b.len();
+        for (i, term) in self.open.iter().enumerate() {
+            let square = (self.n_squares() > 0).then_some((self.squares() + i, -1.));
+            let parts = [(n + 2 * i, -1.), (n + 2 * i + 1, 1.)];
+            constraints.slack(-term.value, self.scaled(&term.by).into_iter().chain(parts).chain(square));
+        }
+        constraints.cone(0, SupportedConeT::ZeroConeT);
+        let inequalities = constraints.b.len();
+        for (_, row) in &self.near {
+            // A violated row is repaired as far as half the trust region allows.
+            let most = -0.5 * reach(&row.by, length, trust);
+            constraints.slack((-row.value).max(most), self.scaled(&row.by));
+            if let Some(lower) = row.lower {
+                constraints.slack((-lower).max(most), self.scaled(&row.by).into_iter().map(|(i, d)| (i, -d)));
+            }
+        }
+        let parts = constraints.b.len();
+        for i in 0..2 * self.open.len() {
+            constraints.slack(0., [(n + i, -1.)]);
+        }
+        let of_trust = constraints.b.len();
+        for i in 0..n {
+            constraints.slack(trust, [(i, 1.)]);
+            constraints.slack(trust, [(i, -1.)]);
+        }
+        constraints.cone(inequalities, SupportedConeT::NonnegativeConeT);
+        let cones = constraints.b.len();
+        for cone in &self.linear.cones {
+            let at = constraints.b.len();
+            // A force outside its cone may stay as far outside.
+            let [room, t @ ..] = cone.value;
+            let size = (t.iter().map(|t| t * t).sum::<f64>() + cone.margin * cone.margin).sqrt();
+            constraints.slack(room.max(size), self.scaled(&cone.by[0]).into_iter().map(|(i, d)| (i, -d)));
+            for (value, by) in t.iter().zip(&cone.by[1..]) {
+                constraints.slack(*value, self.scaled(by).into_iter().map(|(i, d)| (i, -d)));
+            }
+            constraints.slack(cone.margin, []);
+            constraints.cone(at, SupportedConeT::SecondOrderConeT);
+        }
+        (constraints, Starts { terms, inequalities, parts, trust: of_trust, cones })
     }
-    let mut add = |term: &Term, multiplier: f64| {
-        let (_, cell) = &mut multipliers.cells[term.cell];
-        cell[term.point] = multiplier;
-    };
-    settled.iter().for_each(|term| add(term, term.weight * term.value.signum()));
-    for (i, term) in open.iter().enumerate() {
-        add(term, cost * solution.z[of_terms + i]);
+
+    /// Stationarity at the point, see [`Step::stationarity`]: the part that trust region and curvature had to balance.
+    ///
+    /// * `d` - step in trust lengths
+    /// * `z` - multipliers of the constraints
+    fn stationarity(&self, d: &[f64], z: &[f64], starts: &Starts) -> f64 {
+        let mut bend = self.curvature.times(d);
+        for &(i, j, second) in &self.model.effort_by_forces {
+            let second = second * self.length[i] * self.length[j] / self.cost;
+            bend[i] += second * d[j];
+            if i != j {
+                bend[j] += second * d[i];
+            }
+        }
+        let held = |i: usize| z[starts.trust + 2 * i] - z[starts.trust + 2 * i + 1];
+        (0..d.len()).map(|i| (held(i) + bend[i]).abs()).fold(0., f64::max)
     }
-    let after = predict(model, &d) + 0.5 * cost * curvature.along(&solution.x[..n]);
-    Some(Step { by: d, predicted: cost - after, stationarity, complementarity, multipliers })
+
+    /// Complementarity at the point, see [`Step::complementarity`].
+    ///
+    /// * `b` - slacks of the constraints at the point
+    /// * `z` - multipliers of the constraints
+    fn complementarity(&self, b: &[f64], z: &[f64], starts: &Starts) -> f64 {
+        let of_inequalities = (starts.inequalities..starts.parts).map(|i| z[i] * b[i]);
+        let of_cones = self.linear.cones.iter().enumerate().map(|(i, cone)| {
+            let z = &z[starts.cones + 5 * i..][..5];
+            let [room, t @ ..] = cone.value;
+            (room * z[0] + t.iter().zip(&z[1..]).map(|(t, z)| t * z).sum::<f64>() + cone.margin * z[4]).abs()
+        });
+        of_inequalities.chain(of_cones).fold(0., f64::max)
+    }
+
+    /// Multipliers of rows and powers from those of the constraints.
+    fn multipliers(&self, z: &[f64], starts: &Starts) -> Multipliers {
+        let Problem { linear, model, cost, .. } = self;
+        let mut multipliers = Multipliers {
+            equalities: z[..linear.equalities.len()].iter().map(|z| z * cost).collect(),
+            inequalities: vec![0.; linear.inequalities.len()],
+            cells: model.cells.iter().map(|c| (c.key, [0.; 3])).collect(),
+        };
+        let mut at = starts.inequalities;
+        for &(i, row) in &self.near {
+            multipliers.inequalities[i] = cost * (z[at] - if row.lower.is_some() { z[at + 1] } else { 0. });
+            at += 1 + usize::from(row.lower.is_some());
+        }
+        let mut add = |term: &Term, multiplier: f64| {
+            let (_, cell) = &mut multipliers.cells[term.cell];
+            cell[term.point] = multiplier;
+        };
+        self.settled.iter().for_each(|term| add(term, term.weight * term.value.signum()));
+        for (i, term) in self.open.iter().enumerate() {
+            add(term, cost * z[starts.terms + i]);
+        }
+        multipliers
+    }
 }
 
 /// Cost after a step according to the model.

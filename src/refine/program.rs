@@ -8,7 +8,7 @@
 use super::convex_cost::Price;
 use super::rows::{self, Residuals};
 use super::variables::{Point, Space};
-use crate::reference::nlp::{INFINITY, Nlp, Rows};
+use crate::reference::nlp::{INFINITY, Nlp, Rows, Variables};
 
 /// Largest displacement of a phase boundary, in intervals.
 const FARTHEST: f64 = 0.9;
@@ -20,8 +20,7 @@ pub(super) struct Program<'a> {
     price: &'a Price<'a>,
     /// Rounding of powers, J per point of a cell.
     pub rounding: f64,
-    start: Vec<f64>,
-    bounds: Vec<[f64; 2]>,
+    variables: Variables,
     /// Variables of each row.
     entries: Vec<Vec<usize>>,
 }
@@ -29,10 +28,10 @@ pub(super) struct Program<'a> {
 impl<'a> Program<'a> {
     pub fn new(space: &'a Space<'a>, price: &'a Price<'a>, point: &Point, rounding: f64) -> crate::Result<Self> {
         let length = &space.variables.step;
-        let start: Vec<f64> = point.v.iter().zip(length).map(|(v, l)| v / l).collect();
-        let mut bounds = vec![[-INFINITY, INFINITY]; start.len()];
+        let initial: Vec<f64> = point.v.iter().zip(length).map(|(v, l)| v / l).collect();
+        let mut bounds = vec![[-INFINITY, INFINITY]; initial.len()];
         for at in space.variables.feet.iter().flat_map(|f| &f.boundaries).flatten() {
-            bounds[*at] = [start[*at] - FARTHEST / length[*at], start[*at] + FARTHEST / length[*at]];
+            bounds[*at] = [initial[*at] - FARTHEST / length[*at], initial[*at] + FARTHEST / length[*at]];
         }
         if let Some(at) = space.variables.interval {
             bounds[at] = space.interval_limits().map(|h| h / length[at]);
@@ -57,7 +56,7 @@ impl<'a> Program<'a> {
                 own
             }
         });
-        Ok(Program { space, price, rounding, bounds, entries: entries.collect(), start })
+        Ok(Program { space, price, rounding, variables: Variables { initial, bounds }, entries: entries.collect() })
     }
 
     fn point(&self, x: &[f64]) -> Option<Point> {
@@ -72,12 +71,8 @@ impl<'a> Program<'a> {
 }
 
 impl Nlp for Program<'_> {
-    fn initial(&self) -> &[f64] {
-        &self.start
-    }
-
-    fn bounds(&self) -> &[[f64; 2]] {
-        &self.bounds
+    fn variables(&self) -> &Variables {
+        &self.variables
     }
 
     fn rows(&self, x: &[f64], rows: &mut Rows) {

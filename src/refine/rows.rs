@@ -183,7 +183,8 @@ pub(super) fn linear(space: &Space, point: &Point) -> Result<Linear> {
             rows.push(Row { value: 0., lower: None, by });
         }
     }
-    add_deviations(layout, &point.x, &here, &known, &element_of, &columns, &mut rows);
+    let bends = bends(layout, &point.x, &here, &element_of);
+    add_deviations(layout, &here, &known, &bends, &columns, &mut rows);
     let values = here.values(&known);
     for (row, value) in rows.iter_mut().zip(&values) {
         (row.value, row.lower) = *value;
@@ -266,16 +267,7 @@ pub(super) fn intervals(space: &Space, layout: &Layout<f64>) -> Vec<Option<usize
 }
 
 /// Adds the derivatives of the deviations to the rows of the mean angular momentum and of reach.
-fn add_deviations(
-    layout: &Layout<f64>,
-    x: &[f64],
-    here: &Residuals,
-    known: &[Known],
-    element_of: &[u32],
-    columns: &[(usize, f64)],
-    rows: &mut [Row],
-) {
-    let bends = bends(layout, x, here, element_of);
+fn add_deviations(layout: &Layout<f64>, here: &Residuals, known: &[Known], bends: &[Bends], columns: &[(usize, f64)], rows: &mut [Row]) {
     let mut first = HashMap::new();
     let mut row = 0;
     for element in known {
@@ -291,7 +283,7 @@ fn add_deviations(
         }
     };
     let mean_scale = 2. * layout.constants.moment_scale / layout.constants.interval;
-    for (interval, bends) in layout.momentum_intervals.iter().zip(&bends) {
+    for (interval, bends) in layout.momentum_intervals.iter().zip(bends) {
         for (at, bend) in bends {
             (0..3).for_each(|d| put(&interval.angular, 3 + d, *at, bend.mean[d] * mean_scale));
         }

@@ -66,92 +66,81 @@ impl View {
 pub fn animation(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain) -> Result<String> {
     let sampler = Sampler::new(trajectory, robot, terrain)?;
     let samples = sampler.samples(RATE);
-    let leg = robot.leg_height();
-    let (from, to) = (samples[0].base.position, samples[samples.len() - 1].base.position);
-    let way = [to[0] - from[0], to[1] - from[1]];
-    let length = way[0].hypot(way[1]);
-    let ahead = if length > 0.1 * leg { way.map(|v| v / length) } else { [1., 0.] };
-    let mut view = View { ahead, corner: [0.; 2], scale: 1. };
-
-    // The ground on both sides of the path.
-    let side = robot.nominal_feet.iter().map(|foot| foot[0].hypot(foot[1])).fold(0., f64::max) + AROUND[1] * leg * 0.5;
-    let ends = [view.along(from)[0] - side - AROUND[0] * leg, view.along(to)[0] + side + AROUND[0] * leg];
-    let middle = view.along(from)[1];
-    let ground = |u: f64, left: f64| {
-        let [c, s] = ahead;
-        let (x, y) = (c * u - s * (middle + left), s * u + c * (middle + left));
-        [x, y, terrain.height(x, y)]
-    };
-    const PARTS: usize = 240;
-    let edge = |left: f64| -> Vec<[f64; 3]> {
-        (0..=PARTS).map(|i| ground(ends[0] + (ends[1] - ends[0]) * i as f64 / PARTS as f64, left)).collect()
-    };
-    let (near, far) = (edge(-side), edge(side));
-    let flat = near.iter().chain(&far).map(|&p| view.flat(p)).chain(samples.iter().map(|s| {
-        let [x, y, z] = s.base.position;
-        view.flat([x, y, z + 0.8 * leg])
-    }));
-    let bounds = flat.fold([[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]], |[low, high], [u, v]| {
-        [[low[0].min(u), low[1].min(v)], [high[0].max(u), high[1].max(v)]]
-    });
-    view.scale = (WIDTH - 2. * MARGIN) / (bounds[1][0] - bounds[0][0]);
-    view.corner = [bounds[0][0], bounds[1][1]];
-    let scene = (bounds[1][1] - bounds[0][1]) * view.scale + 2. * MARGIN;
-
-    let feet = robot.feet();
-    let mut picture = Picture::new(WIDTH, scene + LINE * feet as f64 + MARGIN);
-    let outline: Vec<[f64; 2]> = near.iter().chain(far.iter().rev()).map(|&p| view.pixel(p)).collect();
+    let scene = Scene::new(&samples, robot, terrain);
+    let view = &scene.view;
+    let mut picture = Picture::new(WIDTH, scene.height + LINE * robot.feet() as f64 + MARGIN);
+    let outline: Vec<[f64; 2]> = scene.outline.iter().map(|&p| view.pixel(p)).collect();
     picture.polygon(&outline, r##"fill="#eef3f7" stroke="#b8c4cf" stroke-width="1""##);
-    for (foot, color) in FOOT_COLORS.iter().enumerate().take(feet) {
+    for (foot, color) in FOOT_COLORS.iter().enumerate().take(robot.feet()) {
         for stance in sampler.stances(foot) {
             let [x, y] = view.pixel(stance.foothold);
             let style = format!(r#"fill="none" stroke="{color}" stroke-width="1" opacity="0.45""#);
-            picture.circle([x, y], 0.035 * leg * view.scale, &style);
+            picture.circle([x, y], 0.035 * robot.leg_height() * view.scale, &style);
         }
     }
-    let moving = Moving { samples: &samples, duration: trajectory.horizon, view: &view };
+    let moving = Moving { samples: &samples, duration: trajectory.horizon, view };
     // Legs of the far side first, then the body, then legs of the near side.
-    let left = |foot: usize| robot.nominal_feet[foot][1] > 0.;
-    let hips = hips(robot);
-    let weight = robot.weight();
-    for far_side in [true, false] {
-        for foot in (0..feet).filter(|&foot| left(foot) == far_side) {
-            let color = FOOT_COLORS[foot];
-            let width = 0.06 * leg * view.scale;
-            let at = move |s: &Sample| s.feet[foot].position;
-            let tip = move |s: &Sample| {
-                let (p, f) = (s.feet[foot].position, s.feet[foot].force);
-                std::array::from_fn(|i| p[i] + FORCE * leg * f[i] / weight)
-            };
-            moving.line(&mut picture, at, tip, &format!(r#"stroke="{color}" stroke-width="{:.1}" opacity="0.5""#, 0.5 * width));
-            moving.line(
-                &mut picture,
-                at,
-                |s| to_world(s, hips[foot]),
-                &format!(r#"stroke="{color}" stroke-width="{width:.1}" stroke-linecap="round""#),
-            );
-            moving.circle(&mut picture, at, 0.075 * leg * view.scale, &format!(r#"fill="{color}""#));
-        }
-        if far_side {
-            let half = body_size(robot).map(|v| v / 2.);
-            let corner = |sx: f64, sy: f64, sz: f64| move |s: &Sample| to_world(s, [sx * half[0], sy * half[1], sz * half[2]]);
-            let face = r##"stroke="#33414d" stroke-width="1" stroke-linejoin="round""##;
-            moving.polygon(
-                &mut picture,
-                &[&corner(1., 1., 1.), &corner(-1., 1., 1.), &corner(-1., -1., 1.), &corner(1., -1., 1.)],
-                &format!(r##"fill="#9aa9b5" {face}"##),
-            );
-            moving.polygon(
-                &mut picture,
-                &[&corner(1., -1., 1.), &corner(-1., -1., 1.), &corner(-1., -1., -1.), &corner(1., -1., -1.)],
-                &format!(r##"fill="#7d8d9a" {face}"##),
-            );
-        }
-    }
+    let legs = |picture: &mut Picture, far_side: bool| {
+        let side = (0..robot.feet()).filter(|&foot| (robot.nominal_feet[foot][1] > 0.) == far_side);
+        side.for_each(|foot| moving.leg(picture, robot, foot));
+    };
+    legs(&mut picture, true);
+    moving.body(&mut picture, robot);
+    legs(&mut picture, false);
+    draw_gait(&mut picture, &sampler, robot, trajectory.horizon, scene.height);
+    Ok(picture.finish())
+}
 
-    // The gait, and a cursor at the current time.
-    let (x0, x1, top) = (MARGIN + 30., WIDTH - MARGIN, scene);
-    let time = |t: f64| x0 + (x1 - x0) * t / trajectory.horizon;
+/// Layout of the scene: projection, ground and size.
+struct Scene {
+    view: View,
+    /// Edges of the ground on both sides of the path, as a closed polygon, world frame.
+    outline: Vec<[f64; 3]>,
+    /// Height of the scene in the picture, pixels.
+    height: f64,
+}
+
+impl Scene {
+    /// Fits the ground and all base positions into the width of the picture.
+    fn new(samples: &[Sample], robot: &Robot, terrain: &Terrain) -> Scene {
+        let leg = robot.leg_height();
+        let (from, to) = (samples[0].base.position, samples[samples.len() - 1].base.position);
+        let way = [to[0] - from[0], to[1] - from[1]];
+        let length = way[0].hypot(way[1]);
+        let ahead = if length > 0.1 * leg { way.map(|v| v / length) } else { [1., 0.] };
+        let mut view = View { ahead, corner: [0.; 2], scale: 1. };
+
+        let side = robot.nominal_feet.iter().map(|foot| foot[0].hypot(foot[1])).fold(0., f64::max) + AROUND[1] * leg * 0.5;
+        let ends = [view.along(from)[0] - side - AROUND[0] * leg, view.along(to)[0] + side + AROUND[0] * leg];
+        let middle = view.along(from)[1];
+        let ground = |u: f64, left: f64| {
+            let [c, s] = ahead;
+            let (x, y) = (c * u - s * (middle + left), s * u + c * (middle + left));
+            [x, y, terrain.height(x, y)]
+        };
+        const PARTS: usize = 240;
+        let edge = |left: f64| -> Vec<[f64; 3]> {
+            (0..=PARTS).map(|i| ground(ends[0] + (ends[1] - ends[0]) * i as f64 / PARTS as f64, left)).collect()
+        };
+        let (near, far) = (edge(-side), edge(side));
+        let flat = near.iter().chain(&far).map(|&p| view.flat(p)).chain(samples.iter().map(|s| {
+            let [x, y, z] = s.base.position;
+            view.flat([x, y, z + 0.8 * leg])
+        }));
+        let bounds = flat.fold([[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]], |[low, high], [u, v]| {
+            [[low[0].min(u), low[1].min(v)], [high[0].max(u), high[1].max(v)]]
+        });
+        view.scale = (WIDTH - 2. * MARGIN) / (bounds[1][0] - bounds[0][0]);
+        view.corner = [bounds[0][0], bounds[1][1]];
+        let height = (bounds[1][1] - bounds[0][1]) * view.scale + 2. * MARGIN;
+        Scene { view, outline: near.into_iter().chain(far.into_iter().rev()).collect(), height }
+    }
+}
+
+/// Draws the gait below `top`, with a cursor at the current time.
+fn draw_gait(picture: &mut Picture, sampler: &Sampler, robot: &Robot, horizon: f64, top: f64) {
+    let (x0, x1) = (MARGIN + 30., WIDTH - MARGIN);
+    let time = |t: f64| x0 + (x1 - x0) * t / horizon;
     for (foot, name) in foot_names(robot).into_iter().enumerate() {
         let y = top + LINE * foot as f64;
         picture.text(MARGIN, y + BAR, "start", r##"font-size="10" fill="#333""##, &name);
@@ -161,15 +150,13 @@ pub fn animation(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain) -> R
             picture.box_of([start, y], [end, y + BAR], &format!(r#"fill="{}""#, FOOT_COLORS[foot]));
         }
     }
-    let bottom = top + LINE * feet as f64;
+    let bottom = top + LINE * robot.feet() as f64;
     let cursor = format!(
-        r##"<line x1="{x0:.1}" y1="{top:.1}" x2="{x0:.1}" y2="{bottom:.1}" stroke="#111" stroke-width="1.5"><animateTransform attributeName="transform" type="translate" values="0;{:.1}" dur="{:.2}s" repeatCount="indefinite"/></line>"##,
-        x1 - x0,
-        trajectory.horizon
+        r##"<line x1="{x0:.1}" y1="{top:.1}" x2="{x0:.1}" y2="{bottom:.1}" stroke="#111" stroke-width="1.5"><animateTransform attributeName="transform" type="translate" values="0;{:.1}" dur="{horizon:.2}s" repeatCount="indefinite"/></line>"##,
+        x1 - x0
     );
     picture.element(&cursor);
-    picture.text(x1, bottom + 14., "end", r##"font-size="10" fill="#333""##, &format!("{:.2} s, at real speed", trajectory.horizon));
-    Ok(picture.finish())
+    picture.text(x1, bottom + 14., "end", r##"font-size="10" fill="#333""##, &format!("{horizon:.2} s, at real speed"));
 }
 
 /// World position of a point given in the base frame, m.
@@ -191,6 +178,33 @@ struct Moving<'a> {
 }
 
 impl Moving<'_> {
+    /// Draws a leg, with the force of its foot.
+    fn leg(&self, picture: &mut Picture, robot: &Robot, foot: usize) {
+        let (leg, weight, hip) = (robot.leg_height(), robot.weight(), hips(robot)[foot]);
+        let color = FOOT_COLORS[foot];
+        let width = 0.06 * leg * self.view.scale;
+        let at = |s: &Sample| s.feet[foot].position;
+        let tip = |s: &Sample| {
+            let (p, f) = (s.feet[foot].position, s.feet[foot].force);
+            std::array::from_fn(|i| p[i] + FORCE * leg * f[i] / weight)
+        };
+        self.line(picture, at, tip, &format!(r#"stroke="{color}" stroke-width="{:.1}" opacity="0.5""#, 0.5 * width));
+        let style = format!(r#"stroke="{color}" stroke-width="{width:.1}" stroke-linecap="round""#);
+        self.line(picture, at, |s| to_world(s, hip), &style);
+        self.circle(picture, at, 0.075 * leg * self.view.scale, &format!(r#"fill="{color}""#));
+    }
+
+    /// Draws the upper and the near face of the body.
+    fn body(&self, picture: &mut Picture, robot: &Robot) {
+        let half = body_size(robot).map(|v| v / 2.);
+        let corner = |sx: f64, sy: f64, sz: f64| move |s: &Sample| to_world(s, [sx * half[0], sy * half[1], sz * half[2]]);
+        let face = r##"stroke="#33414d" stroke-width="1" stroke-linejoin="round""##;
+        let upper: [Place; 4] = [&corner(1., 1., 1.), &corner(-1., 1., 1.), &corner(-1., -1., 1.), &corner(1., -1., 1.)];
+        self.polygon(picture, &upper, &format!(r##"fill="#9aa9b5" {face}"##));
+        let near: [Place; 4] = [&corner(1., -1., 1.), &corner(-1., -1., 1.), &corner(-1., -1., -1.), &corner(1., -1., -1.)];
+        self.polygon(picture, &near, &format!(r##"fill="#7d8d9a" {face}"##));
+    }
+
     /// Animation of an attribute over all samples.
     fn animate(&self, attribute: &str, value: impl Fn(&Sample) -> String) -> String {
         let mut text = format!(r#"<animate attributeName="{attribute}" dur="{:.2}s" repeatCount="indefinite" keyTimes=""#, self.duration);

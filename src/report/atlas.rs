@@ -4,12 +4,12 @@ use super::result::SolvedOn;
 use crate::error::{Error, Result};
 use crate::gait::cost::CostWeights;
 use crate::gait::family::{GaitFamily, froude, speed_scale, time_scale};
-use crate::search::atlas::{Atlas, Point, Transition};
+use crate::search::atlas::{Atlas, AtlasPoint, Transition};
 use crate::search::evaluate::LowerSettings;
 use serde::Serialize;
 
 /// Names and values of the columns in output order. Numbers keep four to five significant digits so that thousands of lines stay small.
-fn columns(point: &Point) -> [(&'static str, String); 25] {
+fn columns(point: &AtlasPoint) -> [(&'static str, String); 25] {
     let digits = |value: f64| match value.abs() {
         v if v >= 100. => format!("{value:.1}"),
         v if v >= 1. => format!("{value:.3}"),
@@ -125,7 +125,7 @@ pub struct AtSpeed {
     /// Froude number.
     pub froude: f64,
     /// Best certified gait; null if no gait was certified.
-    pub best: Option<Point>,
+    pub best: Option<AtlasPoint>,
     /// Next best family and its relative extra cost (0.1: 10 % more).
     pub next: Option<(GaitFamily, f64)>,
 }
@@ -207,14 +207,14 @@ impl OnSlope {
             .iter()
             .map(|&family| {
                 let solved = || atlas.points.iter().filter(|p| p.family == family && p.slope == slope);
-                let cost = atlas.curve(family, slope).into_iter().map(|p| p.and_then(Point::total)).collect();
+                let cost = atlas.curve(family, slope).into_iter().map(|p| p.and_then(AtlasPoint::total)).collect();
                 OfFamily { family, solved: solved().count(), certified: solved().filter(|p| p.certified).count(), cost }
             })
             .collect();
-        let at = |(i, best): (usize, Option<&Point>)| {
+        let at = |(i, best): (usize, Option<&AtlasPoint>)| {
             let others = families.iter().filter(|f| best.is_some_and(|b| b.family != f.family));
             let next = others.filter_map(|f| Some((f.family, f.cost[i]?))).min_by(|a, b| a.1.total_cmp(&b.1));
-            let more = |cost: f64| best.and_then(Point::total).map(|least| cost / least - 1.);
+            let more = |cost: f64| best.and_then(AtlasPoint::total).map(|least| cost / least - 1.);
             let next = next.and_then(|(family, cost)| Some((family, more(cost)?)));
             AtSpeed { speed: plan.speeds[i], froude: froude(&plan.robot, plan.speeds[i]), best: best.cloned(), next }
         };

@@ -3,7 +3,7 @@
 use super::atlas::name;
 use super::svg::{AXIS, GRID, Picture, SMALL, Scale, short};
 use crate::gait::family::{FAMILIES, GaitFamily, speed_scale, time_scale};
-use crate::search::atlas::{Atlas, Point};
+use crate::search::atlas::{Atlas, AtlasPoint, Transition};
 
 /// Horizontal edges of the plots, pixels.
 const LEFT: f64 = 78.;
@@ -40,22 +40,50 @@ fn color(family: GaitFamily) -> &'static str {
 /// Froude numbers on the second axis.
 const FROUDE: [f64; 13] = [0.01, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1., 1.5, 2., 3., 4., 6.];
 
+/// Style of the lines at the transitions.
+const TRANSITION: &str = r##"stroke="#777" stroke-width="1" stroke-dasharray="4 3""##;
+
 /// Picture of the atlas on one slope. It has no curves if nothing was certified.
 pub fn svg(atlas: &Atlas, slope: f64) -> String {
-    let plan = &atlas.plan;
-    let robot = &plan.robot;
-    let speeds = &plan.speeds;
-    let (fastest, slowest) = (speeds.iter().copied().fold(0., f64::max), speeds.iter().copied().fold(f64::MAX, f64::min));
-    let pad = 0.04 * (fastest - slowest).max(0.2 * fastest);
-    let x = Scale { low: (slowest - pad).max(0.), high: fastest + pad, pixels: [LEFT, RIGHT], log: false };
+    let plot = Plot::new(atlas, slope);
+    let mut p = Picture::new(WIDTH, plot.bottom() + 46.);
+    plot.draw_title(&mut p);
+    plot.draw_speed_axes(&mut p);
+    plot.draw_costs(&mut p);
+    plot.draw_legend(&mut p);
+    plot.draw_notes(&mut p);
+    plot.draw_band(&mut p);
+    plot.draw_strips(&mut p);
+    p.finish()
+}
 
-    let best = atlas.best(slope);
-    let transitions = atlas.transitions(slope);
-    // Notes on transitions, distributed over lines so that they do not overlap.
-    let mut ends: Vec<f64> = Vec::new();
-    let notes: Vec<(usize, f64, String)> = transitions
-        .iter()
-        .map(|t| {
+/// Contents and layout of the picture on one slope.
+struct Plot<'a> {
+    atlas: &'a Atlas,
+    slope: f64,
+    /// Curve of each family, with one point per speed.
+    curves: Vec<(GaitFamily, Vec<Option<&'a AtlasPoint>>)>,
+    /// Best gait at each speed.
+    best: Vec<Option<&'a AtlasPoint>>,
+    transitions: Vec<Transition>,
+    /// Notes on the transitions, distributed over lines so that they do not overlap: line, centre in pixels, text.
+    notes: Vec<(usize, f64, String)>,
+    /// Number of lines of notes.
+    note_lines: usize,
+    /// Speed axis.
+    x: Scale,
+}
+
+impl<'a> Plot<'a> {
+    fn new(atlas: &'a Atlas, slope: f64) -> Plot<'a> {
+        let speeds = &atlas.plan.speeds;
+        let (fastest, slowest) = (speeds.iter().copied().fold(0., f64::max), speeds.iter().copied().fold(f64::MAX, f64::min));
+        let pad = 0.04 * (fastest - slowest).max(0.2 * fastest);
+        let x = Scale { low: (slowest - pad).max(0.), high: fastest + pad, pixels: [LEFT, RIGHT], log: false };
+        let transitions = atlas.transitions(slope);
+        // End of the last note on each line.
+        let mut ends: Vec<f64> = Vec::new();
+        let note = |t: &Transition| {
             let text = format!("{} \u{2192} {}: {:.2} m/s, Fr {:.2}", words(t.from), words(t.to), t.speed, t.froude);
             let half = 3.1 * text.chars().count() as f64;
             let at = x.at(t.speed).clamp(LEFT + half, RIGHT - half);
@@ -65,128 +93,154 @@ pub fn svg(atlas: &Atlas, slope: f64) -> String {
             }
             ends[line] = at + half;
             (line, at, text)
-        })
-        .collect();
-    let band = TOP + CURVES + 10. + NOTE * ends.len() as f64;
-    let strips = [band + BAND + GAP, band + BAND + 2. * GAP + STRIP];
-    let bottom = strips[1] + STRIP;
-    let height = bottom + 46.;
-    let mut p = Picture::new(WIDTH, height);
-
-    let ground = if slope == 0. { "level ground".into() } else { format!("slope {}", short(slope)) };
-    p.text(LEFT, 24., "start", r#"font-size="17" font-weight="bold""#, &format!("{}: what gaits cost, {ground}", robot.name));
-    let about = format!(
-        "{} motions of {} problems certified; every curve through the best member of its family",
-        atlas.certified(),
-        atlas.points.len()
-    );
-    p.text(LEFT, 42., "start", SMALL, &about);
-
-    // Speed axes: m/s at the bottom, Froude numbers at the top.
-    for v in x.ticks(10) {
-        for [top, end] in [[TOP, TOP + CURVES], [strips[0], strips[0] + STRIP], [strips[1], bottom]] {
-            p.line([x.at(v), top], [x.at(v), end], GRID);
-        }
-        p.line([x.at(v), bottom], [x.at(v), bottom + 5.], AXIS);
-        p.text(x.at(v), bottom + 19., "middle", SMALL, &short(v));
-    }
-    p.text((LEFT + RIGHT) / 2., bottom + 38., "middle", r#"font-size="13""#, "travel speed, m/s");
-    let mut last = 0.;
-    for froude in FROUDE {
-        let at = x.at(speed_scale(robot) * froude.sqrt());
-        if !(LEFT..=RIGHT - 14.).contains(&at) || at - last < 32. {
-            continue;
-        }
-        last = at;
-        p.line([at, TOP - 5.], [at, TOP], AXIS);
-        p.text(at, TOP - 9., "middle", SMALL, &short(froude));
-    }
-    p.text(RIGHT + 10., TOP - 9., "start", SMALL, "Froude number v\u{b2} / g l");
-
-    // Costs.
-    let curves: Vec<(GaitFamily, Vec<Option<&Point>>)> =
-        FAMILIES.into_iter().filter(|f| plan.families.contains(f)).map(|f| (f, atlas.curve(f, slope))).collect();
-    let totals = || curves.iter().flat_map(|(_, c)| c.iter().flatten()).filter_map(|p| p.total());
-    let least = totals().fold(f64::MAX, f64::min);
-    let most = totals().fold(0., f64::max).min(LARGEST_COST * least);
-    if most > 0. {
-        let y = Scale { low: least / 1.12, high: (most * 1.08).max(1.5 * least), pixels: [TOP + CURVES, TOP], log: true };
-        for v in y.ticks(0) {
-            p.line([LEFT, y.at(v)], [RIGHT, y.at(v)], GRID);
-            p.text(LEFT - 8., y.at(v) + 4., "end", SMALL, &short(v));
-        }
-        p.begin_clip("curves", [LEFT, TOP], [RIGHT, TOP + CURVES]);
-        for t in &transitions {
-            p.line([x.at(t.speed), TOP], [x.at(t.speed), TOP + CURVES], r##"stroke="#777" stroke-width="1" stroke-dasharray="4 3""##);
-        }
-        for (family, curve) in &curves {
-            let at = |point: &Option<&Point>| point.and_then(|q| Some([x.at(q.speed), y.at(q.total()?)]));
-            p.points(&curve.iter().map(at).collect::<Vec<_>>(), color(*family), 2.);
-        }
-        p.end_clip();
-    }
-    frame(&mut p, TOP, TOP + CURVES);
-    p.turned(22., TOP + CURVES / 2., 13, "cost of transport");
-
-    // Legend, cheapest family first.
-    let cheapest = |c: &[Option<&Point>]| c.iter().flatten().filter_map(|q| q.total()).fold(f64::INFINITY, f64::min);
-    let mut legend: Vec<&(GaitFamily, Vec<Option<&Point>>)> = curves.iter().collect();
-    legend.sort_by(|a, b| cheapest(&a.1).total_cmp(&cheapest(&b.1)));
-    for (i, (family, _)) in legend.into_iter().enumerate() {
-        let at = TOP + 14. + 34. * i as f64;
-        let of = || atlas.points.iter().filter(|q| q.family == *family && q.slope == slope);
-        p.points(&[Some([RIGHT + 14., at - 4.]), Some([RIGHT + 40., at - 4.])], color(*family), 2.);
-        p.text(RIGHT + 50., at, "start", r#"font-size="13""#, &words(Some(*family)));
-        let share = format!("{} of {} certified", of().filter(|q| q.certified).count(), of().count());
-        p.text(RIGHT + 50., at + 14., "start", r##"font-size="11" fill="#666""##, &share);
+        };
+        let notes = transitions.iter().map(note).collect();
+        let families = FAMILIES.into_iter().filter(|f| atlas.plan.families.contains(f));
+        let curves = families.map(|f| (f, atlas.curve(f, slope))).collect();
+        Plot { atlas, slope, curves, best: atlas.best(slope), transitions, notes, note_lines: ends.len(), x }
     }
 
-    // Notes, and the band of best gaits.
-    for ((line, at, text), t) in notes.iter().zip(&transitions) {
-        let y = band - 6. - NOTE * (ends.len() - 1 - line) as f64;
-        p.line([x.at(t.speed), TOP + CURVES], [x.at(t.speed), y - 11.], r##"stroke="#777" stroke-width="1" stroke-dasharray="4 3""##);
-        p.text(*at, y, "middle", r##"font-size="11.5" fill="#222""##, text);
+    /// Top of the band of best gaits.
+    fn band(&self) -> f64 {
+        TOP + CURVES + 10. + NOTE * self.note_lines as f64
     }
-    let mut edges = vec![LEFT];
-    edges.extend(transitions.iter().map(|t| x.at(t.speed)));
-    edges.push(RIGHT);
-    let families: Vec<Option<GaitFamily>> = {
-        let mut all: Vec<_> = best.iter().map(|b| b.map(|q| q.family)).collect();
-        all.dedup();
-        all
-    };
-    for (edge, family) in edges.windows(2).zip(families) {
-        let fill = family.map_or("#dddddd", color);
-        p.box_of([edge[0], band], [edge[1], band + BAND], &format!(r#"fill="{fill}" stroke="white" stroke-width="1""#));
-        let text = words(family);
-        if edge[1] - edge[0] > 7.5 * text.len() as f64 {
-            let ink = if family.is_some() { "white" } else { "#333" };
-            let style = format!(r#"font-size="13" font-weight="bold" fill="{ink}""#);
-            p.text((edge[0] + edge[1]) / 2., band + 17., "middle", &style, &text);
-        }
-    }
-    p.text(RIGHT + 10., band + 17., "start", SMALL, "cheapest gait");
 
-    // Duty factor and period of the best gait.
-    let duty = Scale { low: 0., high: 1., pixels: [strips[0] + STRIP, strips[0]], log: false };
-    let time = time_scale(robot);
-    let longest = best.iter().flatten().map(|q| q.period / time).fold(1., f64::max);
-    let period = Scale { low: 0., high: 1.15 * longest, pixels: [bottom, strips[1]], log: false };
-    let of_duty: fn(&Point, f64) -> f64 = |q, _| q.duty;
-    let of_period: fn(&Point, f64) -> f64 = |q, time| q.period / time;
-    for (scale, top, title, value) in
-        [(duty, strips[0], "its duty factor", of_duty), (period, strips[1], "its period, \u{221a}(l / g)", of_period)]
-    {
-        for v in scale.ticks(3) {
-            p.line([LEFT, scale.at(v)], [RIGHT, scale.at(v)], GRID);
-            p.text(LEFT - 8., scale.at(v) + 4., "end", SMALL, &short(v));
-        }
-        let points: Vec<_> = best.iter().map(|q| q.map(|q| [x.at(q.speed), scale.at(value(q, time))])).collect();
-        p.points(&points, "#444", 1.4);
-        frame(&mut p, top, top + STRIP);
-        p.text(RIGHT + 10., top + STRIP / 2. + 4., "start", SMALL, title);
+    /// Tops of the strips of duty factor and period.
+    fn strips(&self) -> [f64; 2] {
+        [self.band() + BAND + GAP, self.band() + BAND + 2. * GAP + STRIP]
     }
-    p.finish()
+
+    /// Bottom of the lower strip.
+    fn bottom(&self) -> f64 {
+        self.strips()[1] + STRIP
+    }
+
+    fn draw_title(&self, p: &mut Picture) {
+        let ground = if self.slope == 0. { "level ground".into() } else { format!("slope {}", short(self.slope)) };
+        let title = format!("{}: what gaits cost, {ground}", self.atlas.plan.robot.name);
+        p.text(LEFT, 24., "start", r#"font-size="17" font-weight="bold""#, &title);
+        let about = format!(
+            "{} motions of {} problems certified; every curve through the best member of its family",
+            self.atlas.certified(),
+            self.atlas.points.len()
+        );
+        p.text(LEFT, 42., "start", SMALL, &about);
+    }
+
+    /// Draws the speed axes: m/s at the bottom, Froude numbers at the top.
+    fn draw_speed_axes(&self, p: &mut Picture) {
+        let (x, strips, bottom) = (&self.x, self.strips(), self.bottom());
+        for v in x.ticks(10) {
+            for [top, end] in [[TOP, TOP + CURVES], [strips[0], strips[0] + STRIP], [strips[1], bottom]] {
+                p.line([x.at(v), top], [x.at(v), end], GRID);
+            }
+            p.line([x.at(v), bottom], [x.at(v), bottom + 5.], AXIS);
+            p.text(x.at(v), bottom + 19., "middle", SMALL, &short(v));
+        }
+        p.text((LEFT + RIGHT) / 2., bottom + 38., "middle", r#"font-size="13""#, "travel speed, m/s");
+        let mut last = 0.;
+        for froude in FROUDE {
+            let at = x.at(speed_scale(&self.atlas.plan.robot) * froude.sqrt());
+            if !(LEFT..=RIGHT - 14.).contains(&at) || at - last < 32. {
+                continue;
+            }
+            last = at;
+            p.line([at, TOP - 5.], [at, TOP], AXIS);
+            p.text(at, TOP - 9., "middle", SMALL, &short(froude));
+        }
+        p.text(RIGHT + 10., TOP - 9., "start", SMALL, "Froude number v\u{b2} / g l");
+    }
+
+    /// Draws the panel of costs over speed.
+    fn draw_costs(&self, p: &mut Picture) {
+        let x = &self.x;
+        let totals = || self.curves.iter().flat_map(|(_, c)| c.iter().flatten()).filter_map(|p| p.total());
+        let least = totals().fold(f64::MAX, f64::min);
+        let most = totals().fold(0., f64::max).min(LARGEST_COST * least);
+        if most > 0. {
+            let y = Scale { low: least / 1.12, high: (most * 1.08).max(1.5 * least), pixels: [TOP + CURVES, TOP], log: true };
+            for v in y.ticks(0) {
+                p.line([LEFT, y.at(v)], [RIGHT, y.at(v)], GRID);
+                p.text(LEFT - 8., y.at(v) + 4., "end", SMALL, &short(v));
+            }
+            p.begin_clip("curves", [LEFT, TOP], [RIGHT, TOP + CURVES]);
+            for t in &self.transitions {
+                p.line([x.at(t.speed), TOP], [x.at(t.speed), TOP + CURVES], TRANSITION);
+            }
+            for (family, curve) in &self.curves {
+                let at = |point: &Option<&AtlasPoint>| point.and_then(|q| Some([x.at(q.speed), y.at(q.total()?)]));
+                p.points(&curve.iter().map(at).collect::<Vec<_>>(), color(*family), 2.);
+            }
+            p.end_clip();
+        }
+        frame(p, TOP, TOP + CURVES);
+        p.turned(22., TOP + CURVES / 2., 13, "cost of transport");
+    }
+
+    /// Draws the legend, cheapest family first.
+    fn draw_legend(&self, p: &mut Picture) {
+        let cheapest = |c: &[Option<&AtlasPoint>]| c.iter().flatten().filter_map(|q| q.total()).fold(f64::INFINITY, f64::min);
+        let mut legend: Vec<&(GaitFamily, Vec<Option<&AtlasPoint>>)> = self.curves.iter().collect();
+        legend.sort_by(|a, b| cheapest(&a.1).total_cmp(&cheapest(&b.1)));
+        for (i, (family, _)) in legend.into_iter().enumerate() {
+            let at = TOP + 14. + 34. * i as f64;
+            let of = || self.atlas.points.iter().filter(|q| q.family == *family && q.slope == self.slope);
+            p.points(&[Some([RIGHT + 14., at - 4.]), Some([RIGHT + 40., at - 4.])], color(*family), 2.);
+            p.text(RIGHT + 50., at, "start", r#"font-size="13""#, &words(Some(*family)));
+            let share = format!("{} of {} certified", of().filter(|q| q.certified).count(), of().count());
+            p.text(RIGHT + 50., at + 14., "start", r##"font-size="11" fill="#666""##, &share);
+        }
+    }
+
+    /// Draws the notes on the transitions.
+    fn draw_notes(&self, p: &mut Picture) {
+        for ((line, at, text), t) in self.notes.iter().zip(&self.transitions) {
+            let y = self.band() - 6. - NOTE * (self.note_lines - 1 - line) as f64;
+            p.line([self.x.at(t.speed), TOP + CURVES], [self.x.at(t.speed), y - 11.], TRANSITION);
+            p.text(*at, y, "middle", r##"font-size="11.5" fill="#222""##, text);
+        }
+    }
+
+    /// Draws the band of best gaits.
+    fn draw_band(&self, p: &mut Picture) {
+        let band = self.band();
+        let mut edges = vec![LEFT];
+        edges.extend(self.transitions.iter().map(|t| self.x.at(t.speed)));
+        edges.push(RIGHT);
+        let mut families: Vec<Option<GaitFamily>> = self.best.iter().map(|b| b.map(|q| q.family)).collect();
+        families.dedup();
+        for (edge, family) in edges.windows(2).zip(families) {
+            let fill = family.map_or("#dddddd", color);
+            p.box_of([edge[0], band], [edge[1], band + BAND], &format!(r#"fill="{fill}" stroke="white" stroke-width="1""#));
+            let text = words(family);
+            if edge[1] - edge[0] > 7.5 * text.len() as f64 {
+                let ink = if family.is_some() { "white" } else { "#333" };
+                let style = format!(r#"font-size="13" font-weight="bold" fill="{ink}""#);
+                p.text((edge[0] + edge[1]) / 2., band + 17., "middle", &style, &text);
+            }
+        }
+        p.text(RIGHT + 10., band + 17., "start", SMALL, "cheapest gait");
+    }
+
+    /// Draws the strips of duty factor and period of the best gait.
+    fn draw_strips(&self, p: &mut Picture) {
+        let time = time_scale(&self.atlas.plan.robot);
+        let longest = self.best.iter().flatten().map(|q| q.period / time).fold(1., f64::max);
+        let of_duty: fn(&AtlasPoint, f64) -> f64 = |q, _| q.duty;
+        let of_period: fn(&AtlasPoint, f64) -> f64 = |q, time| q.period / time;
+        let contents = [(1., "its duty factor", of_duty), (1.15 * longest, "its period, \u{221a}(l / g)", of_period)];
+        for (top, (high, title, value)) in self.strips().into_iter().zip(contents) {
+            let scale = Scale { low: 0., high, pixels: [top + STRIP, top], log: false };
+            for v in scale.ticks(3) {
+                p.line([LEFT, scale.at(v)], [RIGHT, scale.at(v)], GRID);
+                p.text(LEFT - 8., scale.at(v) + 4., "end", SMALL, &short(v));
+            }
+            let points: Vec<_> = self.best.iter().map(|q| q.map(|q| [self.x.at(q.speed), scale.at(value(q, time))])).collect();
+            p.points(&points, "#444", 1.4);
+            frame(p, top, top + STRIP);
+            p.text(RIGHT + 10., top + STRIP / 2. + 4., "start", SMALL, title);
+        }
+    }
 }
 
 /// Name of a gait with spaces.

@@ -5,10 +5,8 @@ pub mod animation;
 pub mod atlas;
 #[cfg(feature = "cli")]
 pub mod atlas_plot;
-pub mod files;
 pub mod gait_diagram;
 pub mod ground_mesh;
-pub mod joints;
 pub mod motion_plot;
 #[cfg(feature = "pictures")]
 mod png;

@@ -1,9 +1,9 @@
 //! A motion as a picture for a paper: its gait, forces, base over time, and a view from above.
 
-use super::files;
 use super::samples::{FOOT_COLORS, Sample, Sampler, Stance, foot_names};
 use super::svg::{AXIS, GRID, Picture, SMALL, Scale, TITLE, short, with_room};
 use crate::error::{Error, Result};
+use crate::files;
 use crate::gait::Trajectory;
 use crate::robot::Robot;
 use crate::terrain::Terrain;
@@ -85,7 +85,9 @@ fn format_of(path: &Path) -> Result<Format> {
     match ending.as_str() {
         "svg" => Ok(Format::Svg),
         "png" if cfg!(feature = "pictures") => Ok(Format::Png),
-        "png" => Err(Error::Missing { message: format!("{}: this program was built without the feature `pictures`", path.display()) }),
+        "png" => Err(Error::Missing {
+            message: format!("{}: this program was built without the feature `pictures` (cargo build --features pictures)", path.display()),
+        }),
         _ => Err(Error::invalid("name of the picture", path.display(), "one that ends in .svg or .png")),
     }
 }

@@ -1,8 +1,8 @@
 //! Result formats that other tools rely on: `result.json`, and the `result` of each line of `evaluate`.
 
-use super::joints::JointLimits;
-use crate::backend::{Backend, Fallback, Precision};
+use crate::backend::{Backend, DeviceChoice, Fallback, Precision};
 use crate::gait::family::GaitFamily;
+use crate::gait::joints::JointLimits;
 use crate::reference::ipopt::Statistics;
 use crate::reference::job::Answer;
 use crate::refine::{RefineSettings, Refined};
@@ -25,6 +25,9 @@ pub struct SolvedOn {
     /// Work that the device left to the CPU.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fallback: Option<Fallback>,
+    /// Choice that opens the device again.
+    #[serde(skip)]
+    pub choice: DeviceChoice,
 }
 
 impl SolvedOn {
@@ -34,7 +37,7 @@ impl SolvedOn {
             Precision::F32 => "f32 closed in f64",
             Precision::F64 => "f64",
         };
-        SolvedOn { device: format!("{}, {precision}", backend.device()), fallback: backend.fallback() }
+        SolvedOn { device: format!("{}, {precision}", backend.device()), fallback: backend.fallback(), choice: backend.choice() }
     }
 }
 

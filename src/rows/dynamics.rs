@@ -170,16 +170,7 @@ fn dynamics_instant<T: Real>(
     jacobian: Option<&mut [T]>,
 ) {
     let constants = &tables.constants;
-    let zero = T::zero();
-    let (mut pose, mut rate, mut acceleration) = (instant.reference, instant.rate, [zero; 6]);
-    for i in 0..3 {
-        let at = instant.variable[i] as usize;
-        for d in 0..6 {
-            pose[d] += instant.weights[0][i] * x[at + d];
-            rate[d] += instant.weights[1][i] * x[at + d];
-            acceleration[d] += instant.weights[2][i] * x[at + d];
-        }
-    }
+    let [pose, rate, acceleration] = base_motion(instant, x);
     let base_w = [pose[0], pose[1], pose[2]];
     let spin = spin(
         &constants.inertia,
@@ -188,69 +179,104 @@ fn dynamics_instant<T: Real>(
         [acceleration[3], acceleration[4], acceleration[5]],
     );
 
-    let (moment_scale, balance_scale) = (constants.moment_scale, constants.balance_scale);
-    let mut force_sum = [zero; 3];
-    let mut moment_sum = [zero; 3];
+    let mut force_sum = [T::zero(); 3];
+    let mut moment_sum = [T::zero(); 3];
     let mut rows = jacobian.map(|j| Rows::new(j, &instant.place));
     for stance in &tables.stance_forces[instant.forces.range()] {
-        let mut force_w = [zero; 3];
-        for i in 0..2 {
-            if stance.node[i] != NONE {
-                let at = stance.node[i] as usize;
-                for d in 0..3 {
-                    force_w[d] += stance.weights[i][0] * x[at + d] + stance.weights[i][1] * x[at + 3 + d];
-                }
-            }
-        }
+        let force_w = stance_force(stance, x);
         let at = tables.footholds[stance.foothold as usize] as usize;
         let under = &ground[stance.foothold as usize];
         let arm = sub([x[at], x[at + 1], under.height], base_w);
         force_sum = add(force_sum, force_w);
         moment_sum = add(moment_sum, cross(arm, force_w));
-        let Some(rows) = rows.as_mut() else { continue };
-        // d(-arm x f)/df = -[arm]x, d(-f)/df = -1.
-        let minus_arm = scale(-moment_scale, arm);
-        for i in 0..2 {
-            if stance.node[i] == NONE {
-                continue;
-            }
-            let column = stance.node_column[i] as usize;
-            for part in 0..2 {
-                let w = stance.weights[i][part];
-                let c = column + 3 * part;
-                rows.put_cross(0, c, scale(w, minus_arm));
-                for r in 0..3 {
-                    for d in 0..3 {
-                        rows.put(3 + r, c + d, if r == d { -w * balance_scale } else { zero });
-                    }
-                }
-            }
-        }
-        // d(-arm x f)/d arm = [f]x; the height of the foothold changes with the slope.
-        if stance.foothold_column != NONE {
-            let c = stance.foothold_column as usize;
-            let f = scale(moment_scale, force_w);
-            // [f]x e_x = (0, f_z, -f_y), [f]x e_y = (-f_z, 0, f_x), [f]x e_z = (f_y, -f_x, 0).
-            let along_x = add([zero, f[2], -f[1]], scale(under.slope[0], [f[1], -f[0], zero]));
-            let along_y = add([-f[2], zero, f[0]], scale(under.slope[1], [f[1], -f[0], zero]));
-            for r in 0..3 {
-                rows.put(r, c, along_x[r]);
-                rows.put(r, c + 1, along_y[r]);
-                rows.put(3 + r, c, zero);
-                rows.put(3 + r, c + 1, zero);
-            }
+        if let Some(rows) = rows.as_mut() {
+            put_by_force(constants, stance, arm, rows);
+            put_by_foothold(constants, stance, force_w, under.slope, rows);
         }
     }
 
     let at = instant.place.row as usize;
     for d in 0..3 {
-        residual[at + d] = (spin.moment[d] - moment_sum[d]) * moment_scale;
-        let gravity = if d == 2 { constants.weight } else { zero };
-        residual[at + 3 + d] = (constants.mass * acceleration[d] - force_sum[d] + gravity) * balance_scale;
+        residual[at + d] = (spin.moment[d] - moment_sum[d]) * constants.moment_scale;
+        let gravity = if d == 2 { constants.weight } else { T::zero() };
+        residual[at + 3 + d] = (constants.mass * acceleration[d] - force_sum[d] + gravity) * constants.balance_scale;
     }
-    let Some(rows) = rows.as_mut() else { return };
-    // d(-(x - p) x f)/dp = -[sum f]x.
-    let minus_force = scale(-moment_scale, force_sum);
+    if let Some(rows) = rows.as_mut() {
+        put_by_base(constants, instant, &spin, force_sum, rows);
+    }
+}
+
+/// Pose, rate and acceleration of the base at an instant.
+#[inline(always)]
+fn base_motion<T: Real>(instant: &DynamicsInstant<T>, x: &[T]) -> [[T; 6]; 3] {
+    let (mut pose, mut rate, mut acceleration) = (instant.reference, instant.rate, [T::zero(); 6]);
+    for i in 0..3 {
+        let at = instant.variable[i] as usize;
+        for d in 0..6 {
+            pose[d] += instant.weights[0][i] * x[at + d];
+            rate[d] += instant.weights[1][i] * x[at + d];
+            acceleration[d] += instant.weights[2][i] * x[at + d];
+        }
+    }
+    [pose, rate, acceleration]
+}
+
+/// Force of a foot in contact, world frame, N.
+#[inline(always)]
+fn stance_force<T: Real>(stance: &StanceForce<T>, x: &[T]) -> Vec3<T> {
+    let mut force_w = [T::zero(); 3];
+    for i in 0..2 {
+        if stance.node[i] != NONE {
+            let at = stance.node[i] as usize;
+            for d in 0..3 {
+                force_w[d] += stance.weights[i][0] * x[at + d] + stance.weights[i][1] * x[at + 3 + d];
+            }
+        }
+    }
+    force_w
+}
+
+/// Writes the derivatives with respect to the force nodes of a foot: `d(-arm x f)/df = -[arm]x`, `d(-f)/df = -1`.
+#[inline(always)]
+fn put_by_force<T: Real>(constants: &Constants<T>, stance: &StanceForce<T>, arm: Vec3<T>, rows: &mut Rows<T>) {
+    let minus_arm = scale(-constants.moment_scale, arm);
+    for i in 0..2 {
+        if stance.node[i] == NONE {
+            continue;
+        }
+        let column = stance.node_column[i] as usize;
+        for part in 0..2 {
+            let w = stance.weights[i][part];
+            let c = column + 3 * part;
+            rows.put_cross(0, c, scale(w, minus_arm));
+            for r in 0..3 {
+                for d in 0..3 {
+                    rows.put(3 + r, c + d, if r == d { -w * constants.balance_scale } else { T::zero() });
+                }
+            }
+        }
+    }
+}
+
+/// Writes the derivatives with respect to the foothold of a foot: `d(-arm x f)/d arm = [f]x`.
+#[inline(always)]
+fn put_by_foothold<T: Real>(constants: &Constants<T>, stance: &StanceForce<T>, force_w: Vec3<T>, slope: [T; 2], rows: &mut Rows<T>) {
+    if stance.foothold_column == NONE {
+        return;
+    }
+    let c = stance.foothold_column as usize;
+    rows.put_by_foothold(0, c, scale(constants.moment_scale, force_w), slope);
+    for r in 0..3 {
+        rows.put(3 + r, c, T::zero());
+        rows.put(3 + r, c + 1, T::zero());
+    }
+}
+
+/// Writes the derivatives with respect to the base coefficients: `d(-(x - p) x f)/dp = -[sum f]x`.
+#[inline(always)]
+fn put_by_base<T: Real>(constants: &Constants<T>, instant: &DynamicsInstant<T>, spin: &Spin<T>, force_sum: Vec3<T>, rows: &mut Rows<T>) {
+    let zero = T::zero();
+    let minus_force = scale(-constants.moment_scale, force_sum);
     for i in 0..3 {
         if instant.column[i] == NONE {
             continue;
@@ -260,10 +286,10 @@ fn dynamics_instant<T: Real>(
         rows.put_cross(0, c, scale(w0, minus_force));
         for r in 0..3 {
             for d in 0..3 {
-                rows.put(3 + r, c + d, if r == d { constants.mass * w2 * balance_scale } else { zero });
+                rows.put(3 + r, c + d, if r == d { constants.mass * w2 * constants.balance_scale } else { zero });
                 rows.put(3 + r, c + 3 + d, zero);
                 let turn = w0 * spin.by_angle[d][r] + w1 * spin.by_rate[d][r] + w2 * spin.by_acceleration[d][r];
-                rows.put(r, c + 3 + d, turn * moment_scale);
+                rows.put(r, c + 3 + d, turn * constants.moment_scale);
             }
         }
     }

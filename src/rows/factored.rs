@@ -18,16 +18,19 @@ use crate::real::Real;
 pub const POSE: usize = 6;
 
 /// Number of blocks from which the pose is interpolated.
-pub const BASE_BLOCKS: usize = 4;
+pub const POSE_BLOCKS: usize = 4;
 
 /// Largest number of other blocks on which an element depends.
 pub const OWN_BLOCKS: usize = 3;
+
+/// Largest number of columns of these blocks: two per block, but one of the last.
+pub const OWN_COLUMNS: usize = 2 * OWN_BLOCKS - 1;
 
 crate::table! {
     /// Elements at one instant.
     pub struct FactoredInstant<T> {
         /// Interpolation weights of the base blocks.
-        pub weights: [T; BASE_BLOCKS],
+        pub weights: [T; POSE_BLOCKS],
         /// Index in [`FactoredRows::base_blocks`].
         pub blocks: u32,
         /// Elements, in [`FactoredRows::elements`].
@@ -48,9 +51,9 @@ crate::table! {
     #[derive(PartialEq, Eq)]
     pub struct BaseBlocks {
         /// Positions of the blocks in `x`.
-        pub variable: [u32; BASE_BLOCKS],
+        pub variable: [u32; POSE_BLOCKS],
         /// Indices of the blocks in the front; [`NONE`] for blocks that are fixed or have no weight.
-        pub front: [u32; BASE_BLOCKS],
+        pub front: [u32; POSE_BLOCKS],
         /// `momentum`: interval of the base that contains the instants.
         pub interval: u32,
     }
@@ -120,7 +123,7 @@ impl BaseBlocks {
     pub fn present(&self) -> impl Iterator<Item = (usize, Run)> {
         let BaseBlocks { variable, front, .. } = *self;
         let run = move |i: usize| Run { variable: variable[i], front: front[i], column: 0, len: POSE as u32 };
-        (0..BASE_BLOCKS).filter(move |&i| front[i] != NONE).map(move |i| (i, run(i)))
+        (0..POSE_BLOCKS).filter(move |&i| front[i] != NONE).map(move |i| (i, run(i)))
     }
 }
 

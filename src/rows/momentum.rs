@@ -12,11 +12,11 @@ use super::table::{NONE, Place, Span};
 use super::write::Rows;
 use super::{Constants, RowKind, Spec, Tables};
 use crate::gait::spline::{hermite, hermite_rate};
+use crate::quadrature::{GAUSS_6, lagrange};
 use crate::real::Real;
 use crate::robot::GRAVITY;
 use crate::terrain::Ground;
 use multiversion::multiversion;
-use std::sync::LazyLock;
 
 /// Six equalities: change of velocity, then of position.
 pub const LINEAR: Spec = Spec { rows: 6, pairs: 0, kind: RowKind::Equality, unit: "N" };
@@ -34,10 +34,13 @@ pub fn angular_allowed<T: Real>(constants: &Constants<T>, _: usize, tolerance: T
     tolerance * constants.moment_scale
 }
 
-/// Number of nodes of the Gauss-Legendre rule at which the motion inside an interval is evaluated.
+/// Number of nodes of the Gauss-Legendre rule at which the motion inside an interval is evaluated. With the mean of the angular
+/// momentum alone, attitudes were up to 3.6 degrees off a rollout with knots every 0.1 s; with these points they are 0.3 degrees off.
 pub const INNER_POINTS: usize = 6;
 /// Number of points of an interval at which its momentum is evaluated: the inner points, then the end.
 pub const MOMENTUM_POINTS: usize = INNER_POINTS + 1;
+/// Smallest cosine of the pitch by which the rates of the Euler angles are divided.
+pub const STEEP_COSINE: f64 = 0.1;
 
 crate::table! {
     /// One of the [`MOMENTUM_POINTS`] points of every interval.
@@ -130,32 +133,9 @@ pub(super) fn place_angular<T: Real>(tables: &mut Tables<T>, entry: usize, at: &
     }
 }
 
-/// Nodes and weights of the Gauss-Legendre rule with [`INNER_POINTS`] nodes on (0, 1), by Newton's method on the Legendre polynomial.
-pub static INNER_RULE: LazyLock<[[f64; 2]; INNER_POINTS]> = LazyLock::new(|| {
-    let n = INNER_POINTS;
-    std::array::from_fn(|i| {
-        let mut x = -(std::f64::consts::PI * (i as f64 + 0.75) / (n as f64 + 0.5)).cos();
-        let mut slope = 1.;
-        for _ in 0..20 {
-            let (mut before, mut now) = (1., x);
-            for k in 2..=n {
-                (before, now) = (now, ((2 * k - 1) as f64 * x * now - (k - 1) as f64 * before) / k as f64);
-            }
-            slope = n as f64 * (x * now - before) / (x * x - 1.);
-            x -= now / slope;
-        }
-        [(1. + x) / 2., 1. / ((1. - x * x) * slope * slope)]
-    })
-});
-
-/// Value at `u` of the Lagrange polynomial that is 1 at node `i` and 0 at the other nodes.
-pub fn lagrange(nodes: &[f64], i: usize, u: f64) -> f64 {
-    (0..nodes.len()).filter(|&j| j != i).map(|j| (u - nodes[j]) / (nodes[i] - nodes[j])).product()
-}
-
 /// Points of an interval of length `h`, s.
 pub fn points<T: Real>(h: f64) -> [MomentumPoint<T>; MOMENTUM_POINTS] {
-    let rule = *INNER_RULE;
+    let rule = *GAUSS_6;
     let nodes = rule.map(|[u, _]| u);
     std::array::from_fn(|q| {
         let [part, mean] = rule.get(q).copied().unwrap_or([1., 0.]);
@@ -223,314 +203,445 @@ pub fn momentum<T: Real>(
     mut jacobian: Option<&mut [T]>,
 ) {
     for (interval, deviation) in tables.momentum_intervals.iter().zip(deviations) {
-        momentum_interval(tables, interval, x, ground, deviation, frozen, residual, jacobian.as_deref_mut());
+        momentum_interval(&Inputs::new(tables, interval, x, ground), deviation, frozen, residual, jacobian.as_deref_mut());
     }
 }
 
 /// One vector per momentum point.
 type Points<T> = [Vec3<T>; MOMENTUM_POINTS];
 
+/// Index of the end of an interval among its momentum points.
+const END: usize = INNER_POINTS;
+
+/// Angular half of a pose or of its rate.
+#[inline(always)]
+fn angular<T: Copy>(v: &[T; 6]) -> Vec3<T> {
+    [v[3], v[4], v[5]]
+}
+
 /// Momentum rows of one interval.
 #[inline(always)]
-#[allow(clippy::too_many_arguments, reason = "separate slices: the compiler knows that they do not overlap")]
 fn momentum_interval<T: Real>(
-    tables: &Tables<T>,
-    interval: &MomentumInterval<T>,
-    x: &[T],
-    ground: &[Ground<T>],
+    at: &Inputs<T>,
     deviation: &mut Deviation<T>,
     frozen: bool,
     residual: &mut [T],
     mut jacobian: Option<&mut [T]>,
 ) {
-    const END: usize = INNER_POINTS;
-    let constants = &tables.constants;
-    let (zero, half, two) = (T::zero(), T::of(0.5), T::of(2.));
-    let (mass, h, gravity) = (constants.mass, constants.interval, T::of(-GRAVITY));
-    let points = &tables.momentum_points;
-    // Deviations from the reference line: pose and rates at the start, pose and rates at the end.
-    let state: [[T; 6]; 4] = interval.variable.map(|at| std::array::from_fn(|d| x[at as usize + d]));
-    let angular = |v: &[T; 6]| [v[3], v[4], v[5]];
-    let pose: [[T; 6]; 2] = std::array::from_fn(|i| std::array::from_fn(|d| interval.reference[i][d] + state[2 * i][d]));
-    let rate: [[T; 6]; 2] = std::array::from_fn(|i| std::array::from_fn(|d| interval.rate[d] + state[2 * i + 1][d]));
-    let base_w = [pose[0][0], pose[0][1], pose[0][2]];
-    let velocity_w = [rate[0][0], rate[0][1], rate[0][2]];
-
-    let linear_scale = constants.balance_scale / h;
-    let position_scale = two * linear_scale / h;
-    let end_scale = constants.moment_scale / h;
-    let mean_scale = two * end_scale;
-
-    // Impulses of all feet, and their moments about the base position at the start of the interval.
-    let (mut first, mut second, mut third, mut moment): (Points<T>, Points<T>, Points<T>, Points<T>) = Default::default();
-    let impulses = &tables.impulses[interval.impulses.range()];
-    for of_foothold in impulses.chunk_by(|a, b| a.foothold == b.foothold) {
-        let mut foot_first: Points<T> = Default::default();
-        for impulse in of_foothold {
-            let node: [T; 6] = std::array::from_fn(|d| x[impulse.node as usize + d]);
-            for (q, w) in impulse.weights.iter().enumerate() {
-                for d in 0..3 {
-                    foot_first[q][d] += w[0][0] * node[d] + w[0][1] * node[3 + d];
-                    second[q][d] += w[1][0] * node[d] + w[1][1] * node[3 + d];
-                    third[q][d] += w[2][0] * node[d] + w[2][1] * node[3 + d];
-                }
-            }
-        }
-        let foothold = of_foothold[0].foothold as usize;
-        let at = tables.footholds[foothold] as usize;
-        let under = &ground[foothold];
-        let arm = sub([x[at], x[at + 1], under.height], base_w);
-        let mut mean = [zero; 3];
-        for q in 0..MOMENTUM_POINTS {
-            first[q] = add(first[q], foot_first[q]);
-            moment[q] = add(moment[q], cross(arm, foot_first[q]));
-            mean = add(mean, scale(points[q].mean, foot_first[q]));
-        }
-        let Some(jacobian) = jacobian.as_deref_mut() else { continue };
-        // -d(arm x J)/d arm = [J]x; the height of the foothold changes with the slope.
-        let column = of_foothold[0].foothold_column;
-        if column != NONE {
-            let mut rows = Rows::new(jacobian, &interval.angular);
-            for (row, j) in [(0, scale(end_scale, foot_first[END])), (3, scale(mean_scale, mean))] {
-                let along_z = [j[1], -j[0], zero];
-                let along_x = add([zero, j[2], -j[1]], scale(under.slope[0], along_z));
-                let along_y = add([-j[2], zero, j[0]], scale(under.slope[1], along_z));
-                for r in 0..3 {
-                    rows.put(row + r, column as usize, along_x[r]);
-                    rows.put(row + r, column as usize + 1, along_y[r]);
-                }
-            }
-        }
-    }
-
-    // Linear motion under these impulses, and the change of angular momentum.
-    let gravity_w = [zero, zero, gravity];
-    let (mut moved, mut velocity, mut gained): (Points<T>, Points<T>, Points<T>) = Default::default();
-    let mut gained_mean = [zero; 3];
-    for q in 0..MOMENTUM_POINTS {
-        let t = points[q].time;
-        let fallen = half * gravity * t * t;
-        for d in 0..3 {
-            velocity[q][d] = velocity_w[d] + first[q][d] / mass;
-            moved[q][d] = t * velocity_w[d] + second[q][d] / mass;
-        }
-        velocity[q][2] += gravity * t;
-        moved[q][2] += fallen;
-        let lever = add(scale(half * mass * t * t, velocity_w), third[q]);
-        let carried = sub(cross(lever, gravity_w), scale(mass, cross(moved[q], velocity[q])));
-        gained[q] = add(moment[q], carried);
-        gained_mean = add(gained_mean, scale(points[q].mean, gained[q]));
-    }
-
-    let start = angular_momentum(&constants.inertia, angular(&pose[0]), angular(&rate[0]));
-    let end = angular_momentum(&constants.inertia, angular(&pose[1]), angular(&rate[1]));
-    // Mean of the planned angular momentum, and its derivatives with respect to angles and rates at the start and at the end.
-    let mut planned = [zero; 3];
-    let mut planned_by = [[[zero; 3]; 3]; 4];
-    let line: Vec3<T> = std::array::from_fn(|d| interval.rate[3 + d]);
-    let mut inside: [(Vec3<T>, Mat3<T>, Vec3<T>); END] = [([zero; 3], [[zero; 3]; 3], [zero; 3]); END];
-    for (q, point) in points[..END].iter().enumerate() {
-        let (mut angles, mut rates) = (add(angular(&interval.reference[0]), scale(point.time, line)), line);
-        for i in 0..4 {
-            angles = add(angles, scale(point.value[i], angular(&state[i])));
-            rates = add(rates, scale(point.rate[i], angular(&state[i])));
-        }
-        let here = angular_momentum(&constants.inertia, angles, rates);
-        planned = add(planned, scale(point.mean, here.value));
-        inside[q] = (angles, here.rot_wb, here.value);
-        if jacobian.is_some() {
-            for i in 0..4 {
-                let (value, slope) = (point.mean * point.value[i], point.mean * point.rate[i]);
-                for d in 0..3 {
-                    planned_by[i][d] = add(planned_by[i][d], add(scale(value, here.by_angle[d]), scale(slope, here.by_rate[d])));
-                }
-            }
-        }
-    }
-
+    let forces = at.impulses(jacobian.as_deref_mut());
+    let motion = at.follow(&forces);
+    let planned = at.plan(jacobian.is_some());
     if !frozen {
-        let gained_end = sub(add(start.value, gained[END]), end.value);
-        let gained_mean = sub(add(start.value, gained_mean), planned);
-        *deviation = deviate(tables, interval, &state, &start.value, &gained, &inside, gained_end, gained_mean, &moved, &velocity);
+        *deviation = at.deviate(&motion, &planned);
     }
-    let at = interval.linear.row as usize;
-    for d in 0..3 {
-        let weight = if d == 2 { gravity } else { zero };
-        let sped_up = mass * (state[3][d] - state[1][d] - h * weight) - first[END][d];
-        let moved_on = mass * (state[2][d] - state[0][d] - h * state[1][d] - half * h * h * weight) - second[END][d];
-        residual[at + d] = sped_up * linear_scale;
-        residual[at + 3 + d] = moved_on * position_scale;
-    }
-    let at = interval.angular.row as usize;
-    for d in 0..3 {
-        residual[at + d] = (end.value[d] - start.value[d] - gained[END][d]) * end_scale;
-        residual[at + 3 + d] = (planned[d] - start.value[d] - gained_mean[d] + deviation.mean[d]) * mean_scale;
-    }
-
+    at.put_linear(&forces, residual);
+    at.put_angular(&motion, &planned, deviation, residual);
     let Some(jacobian) = jacobian else { return };
-    let mut rows = Rows::new(jacobian, &interval.linear);
-    for impulse in impulses {
-        let w = &impulse.weights[END];
-        for part in 0..2 {
-            for d in 0..3 {
-                let column = impulse.linear_column as usize + 3 * part + d;
-                rows.put(d, column, -w[0][part] * linear_scale);
-                rows.put(3 + d, column, -w[1][part] * position_scale);
-            }
-        }
-    }
-    // Derivatives of the velocity and position rows with respect to pose and rates at the start, pose and rates at the end.
-    for (i, by) in [[zero, -mass], [-mass, -mass * h], [zero, mass], [mass, zero]].into_iter().enumerate() {
-        if interval.linear_column[i] != NONE {
-            for d in 0..3 {
-                let column = interval.linear_column[i] as usize + d;
-                rows.put(d, column, by[0] * linear_scale);
-                rows.put(3 + d, column, by[1] * position_scale);
-            }
-        }
-    }
-
-    let mut rows = Rows::new(jacobian, &interval.angular);
-    angular_by_forces(tables, impulses, x, ground, base_w, &moved, &velocity, [end_scale, mean_scale], &mut rows);
-    // Derivatives with respect to position and velocity at the start: -[J]x and -[tau J - P]x.
-    let mut by_start = [[first[END], [zero; 3]], [sub(scale(h, first[END]), second[END]), [zero; 3]]];
-    for q in 0..END {
-        let (t, mean) = (points[q].time, points[q].mean);
-        by_start[0][1] = add(by_start[0][1], scale(mean, first[q]));
-        by_start[1][1] = add(by_start[1][1], scale(mean, sub(scale(t, first[q]), second[q])));
-    }
-    for i in 0..2 {
-        if interval.angular_column[i] != NONE {
-            let column = interval.angular_column[i] as usize;
-            rows.put_cross(0, column, scale(-end_scale, by_start[i][0]));
-            rows.put_cross(3, column, scale(-mean_scale, by_start[i][1]));
-        }
-    }
-    let ends = [&start.by_angle, &start.by_rate, &end.by_angle, &end.by_rate];
-    for i in 0..4 {
-        if interval.angular_column[i] == NONE {
-            continue;
-        }
-        let column = interval.angular_column[i] as usize + 3;
-        for r in 0..3 {
-            let sign = if i < 2 { -end_scale } else { end_scale };
-            rows.put_three(r, column, std::array::from_fn(|d| sign * ends[i][d][r]));
-            let start = |d: usize| if i < 2 { ends[i][d][r] } else { zero };
-            rows.put_three(3 + r, column, std::array::from_fn(|d| (planned_by[i][d][r] - start(d)) * mean_scale));
-        }
-    }
+    at.put_by_start(&forces, jacobian);
+    at.put_by_attitude(&planned, jacobian);
+    at.put_by_forces(&motion, jacobian);
 }
 
-/// Deviation of the motion inside an interval from the cubic through its knots.
-///
-/// The position deviates by its difference to the cubic that ends where the forces lead. The attitude deviates by the rotation vector
-/// `eps' = I_w^-1 (e - eps x L)`, where `e` is the difference between the angular momentum under the forces and the planned one, minus a
-/// quadratic that absorbs the residuals of the rows. Unsatisfied rows therefore cause no deviation.
-#[inline(always)]
-#[allow(clippy::too_many_arguments, reason = "intermediate results of its only caller")]
-fn deviate<T: Real>(
-    tables: &Tables<T>,
-    interval: &MomentumInterval<T>,
-    state: &[[T; 6]; 4],
-    momentum_start: &Vec3<T>,
-    gained: &Points<T>,
-    inside: &[(Vec3<T>, Mat3<T>, Vec3<T>); INNER_POINTS],
-    beyond_end: Vec3<T>,
-    beyond_mean: Vec3<T>,
-    moved: &Points<T>,
-    velocity: &Points<T>,
-) -> Deviation<T> {
-    const END: usize = INNER_POINTS;
-    let zero = T::zero();
-    let (constants, points) = (&tables.constants, &tables.momentum_points);
-    let mut deviation = Deviation::default();
-    let velocity_w: Vec3<T> = std::array::from_fn(|d| interval.rate[d] + state[1][d]);
-    for q in 0..END {
-        let w = &points[q].value;
-        for d in 0..3 {
-            deviation.pose[q][d] = moved[q][d] - (w[1] * velocity_w[d] + w[2] * moved[END][d] + w[3] * velocity[END][d]);
-        }
-    }
-    // Two fixed-point iterations: the second includes the rotation found by the first.
-    let (two, three, six) = (T::of(2.), T::of(3.), T::of(6.));
-    let mut beyond = [[zero; 3]; END];
-    for q in 0..END {
-        let u = points[q].time / constants.interval;
-        for d in 0..3 {
-            let quadratic = u * (six * beyond_mean[d] - two * beyond_end[d]) + u * u * (three * beyond_end[d] - six * beyond_mean[d]);
-            beyond[q][d] = momentum_start[d] + gained[q][d] - inside[q].2[d] - quadratic;
-        }
-    }
-    let mut turned = [[zero; 3]; END];
-    let mut rate = [[zero; 3]; END];
-    for _ in 0..2 {
-        for q in 0..END {
-            let (_, rot_wb, momentum) = &inside[q];
-            let change = sub(beyond[q], cross(turned[q], *momentum));
-            rate[q] = mul(rot_wb, mul(&constants.inverse_inertia, mul_transposed(rot_wb, change)));
-        }
-        for q in 0..END {
-            turned[q] = [zero; 3];
-            for r in 0..END {
-                turned[q] = add(turned[q], scale(points[q].integral[r], rate[r]));
-            }
-        }
-    }
-    let mut mean_rate = [zero; 3];
-    for q in 0..END {
-        mean_rate = add(mean_rate, scale(points[q].mean, rate[q]));
-        // Conversion of a rotation vector to Euler angles with the inverse of the axes, bounded where the pitch is steep.
-        let angles = inside[q].0;
-        let (sz, cz) = angles[2].sin_cos();
-        let (sy, cy) = angles[1].sin_cos();
-        let cy = if cy.abs() < T::of(0.1) { T::of(0.1) } else { cy };
-        let forward = cz * turned[q][0] + sz * turned[q][1];
-        deviation.pose[q][3] = forward / cy;
-        deviation.pose[q][4] = cz * turned[q][1] - sz * turned[q][0];
-        deviation.pose[q][5] = turned[q][2] + forward * sy / cy;
-    }
-    let rot_wb = &inside[END / 2].1;
-    deviation.mean = scale(-T::one(), mul(rot_wb, mul(&constants.inertia, mul_transposed(rot_wb, mean_rate))));
-    deviation
-}
-
-/// Derivatives of the angular rows with respect to the forces: `-[a]x` with `a = w_1 (x_i - p_k - d) + w_2 v - w_3 g`, where `w` are the
-/// integrals of the node's basis function.
-#[inline(always)]
-#[allow(clippy::too_many_arguments, reason = "separate slices: the compiler knows that they do not overlap")]
-fn angular_by_forces<T: Real>(
-    tables: &Tables<T>,
-    impulses: &[Impulse<T>],
-    x: &[T],
-    ground: &[Ground<T>],
+/// Inputs of the momentum rows of one interval.
+struct Inputs<'a, T> {
+    tables: &'a Tables<T>,
+    interval: &'a MomentumInterval<T>,
+    x: &'a [T],
+    ground: &'a [Ground<T>],
+    /// Deviations from the reference line: pose and rates at the start, pose and rates at the end.
+    state: [[T; 6]; 4],
+    /// Base position at the start.
     base_w: Vec3<T>,
-    moved: &Points<T>,
-    velocity: &Points<T>,
-    [end_scale, mean_scale]: [T; 2],
-    rows: &mut Rows<T>,
-) {
-    const END: usize = INNER_POINTS;
-    let zero = T::zero();
-    for of_foothold in impulses.chunk_by(|a, b| a.foothold == b.foothold) {
-        let foothold = of_foothold[0].foothold as usize;
-        let at = tables.footholds[foothold] as usize;
-        let arm = sub([x[at], x[at + 1], ground[foothold].height], base_w);
-        let arms: Points<T> = std::array::from_fn(|q| sub(arm, moved[q]));
-        for impulse in of_foothold {
-            for part in 0..2 {
-                let lever = |q: usize| {
-                    let w = &impulse.weights[q];
-                    let mut a = add(scale(w[0][part], arms[q]), scale(w[1][part], velocity[q]));
-                    a[2] += w[2][part] * T::of(GRAVITY);
-                    a
-                };
-                let mut mean = [zero; 3];
-                for (q, point) in tables.momentum_points[..END].iter().enumerate() {
-                    mean = add(mean, scale(point.mean, lever(q)));
+    /// Base velocity at the start.
+    velocity_w: Vec3<T>,
+    /// Scales of the linear rows: velocity, position.
+    linear_scales: [T; 2],
+    /// Scales of the angular rows: at the end, mean.
+    angular_scales: [T; 2],
+}
+
+/// Integrals of the forces of all feet from the start of the interval to each point.
+#[derive(Default)]
+struct Impulses<T> {
+    first: Points<T>,
+    second: Points<T>,
+    third: Points<T>,
+    /// Moment of the first integral about the base position at the start.
+    moment: Points<T>,
+}
+
+/// Linear motion of the base under the forces, at each point.
+#[derive(Default)]
+struct Motion<T> {
+    /// Displacement since the start of the interval.
+    moved: Points<T>,
+    velocity: Points<T>,
+    /// Change of the angular momentum since the start of the interval.
+    gained: Points<T>,
+    /// Mean of the change over the interval.
+    gained_mean: Vec3<T>,
+}
+
+/// Planned motion of the attitude.
+struct Planned<T> {
+    start: AngularMomentum<T>,
+    end: AngularMomentum<T>,
+    inside: [Inside<T>; INNER_POINTS],
+    /// Mean angular momentum over the interval.
+    mean: Vec3<T>,
+    /// Derivatives of the mean with respect to angles and rates at the start, angles and rates at the end, `[block][angle]`; 0 if the
+    /// Jacobian is not computed.
+    mean_by: [[Vec3<T>; 3]; 4],
+}
+
+/// Planned attitude at an inner point.
+#[derive(Clone, Copy)]
+struct Inside<T> {
+    angles: Vec3<T>,
+    rot_wb: Mat3<T>,
+    momentum: Vec3<T>,
+}
+
+impl<'a, T: Real> Inputs<'a, T> {
+    #[inline(always)]
+    fn new(tables: &'a Tables<T>, interval: &'a MomentumInterval<T>, x: &'a [T], ground: &'a [Ground<T>]) -> Self {
+        let (constants, two) = (&tables.constants, T::of(2.));
+        let state: [[T; 6]; 4] = interval.variable.map(|at| std::array::from_fn(|d| x[at as usize + d]));
+        let (linear_scale, end_scale) = (constants.balance_scale / constants.interval, constants.moment_scale / constants.interval);
+        Inputs {
+            tables,
+            interval,
+            x,
+            ground,
+            state,
+            base_w: std::array::from_fn(|d| interval.reference[0][d] + state[0][d]),
+            velocity_w: std::array::from_fn(|d| interval.rate[d] + state[1][d]),
+            linear_scales: [linear_scale, two * linear_scale / constants.interval],
+            angular_scales: [end_scale, two * end_scale],
+        }
+    }
+
+    /// Force nodes that act in the interval.
+    #[inline(always)]
+    fn nodes(&self) -> &'a [Impulse<T>] {
+        &self.tables.impulses[self.interval.impulses.range()]
+    }
+
+    /// Vector from the base at the start to a foothold.
+    #[inline(always)]
+    fn arm(&self, foothold: usize) -> Vec3<T> {
+        let at = self.tables.footholds[foothold] as usize;
+        sub([self.x[at], self.x[at + 1], self.ground[foothold].height], self.base_w)
+    }
+
+    /// Integrals of the forces. Writes the derivatives with respect to the footholds into the Jacobian.
+    #[inline(always)]
+    fn impulses(&self, mut jacobian: Option<&mut [T]>) -> Impulses<T> {
+        let mut sum = Impulses::default();
+        for of_foothold in self.nodes().chunk_by(|a, b| a.foothold == b.foothold) {
+            let mut first: Points<T> = Default::default();
+            for impulse in of_foothold {
+                let node: [T; 6] = std::array::from_fn(|d| self.x[impulse.node as usize + d]);
+                for (q, w) in impulse.weights.iter().enumerate() {
+                    for d in 0..3 {
+                        first[q][d] += w[0][0] * node[d] + w[0][1] * node[3 + d];
+                        sum.second[q][d] += w[1][0] * node[d] + w[1][1] * node[3 + d];
+                        sum.third[q][d] += w[2][0] * node[d] + w[2][1] * node[3 + d];
+                    }
                 }
-                let column = impulse.angular_column as usize + 3 * part;
-                rows.put_cross(0, column, scale(-end_scale, lever(END)));
-                rows.put_cross(3, column, scale(-mean_scale, mean));
+            }
+            let arm = self.arm(of_foothold[0].foothold as usize);
+            let mut mean = [T::zero(); 3];
+            for q in 0..MOMENTUM_POINTS {
+                sum.first[q] = add(sum.first[q], first[q]);
+                sum.moment[q] = add(sum.moment[q], cross(arm, first[q]));
+                mean = add(mean, scale(self.tables.momentum_points[q].mean, first[q]));
+            }
+            if let Some(jacobian) = jacobian.as_deref_mut() {
+                self.put_by_foothold(&of_foothold[0], [first[END], mean], jacobian);
+            }
+        }
+        sum
+    }
+
+    /// Writes the derivatives of the angular rows with respect to a foothold: `-d(arm x J)/d arm = [J]x`.
+    ///
+    /// * `of` - an impulse of the foothold
+    /// * `impulses` - integral of the foothold's force to the end, and the mean of the integrals to the inner points
+    #[inline(always)]
+    fn put_by_foothold(&self, of: &Impulse<T>, impulses: [Vec3<T>; 2], jacobian: &mut [T]) {
+        if of.foothold_column == NONE {
+            return;
+        }
+        let (column, slope) = (of.foothold_column as usize, self.ground[of.foothold as usize].slope);
+        let mut rows = Rows::new(jacobian, &self.interval.angular);
+        for i in 0..2 {
+            rows.put_by_foothold(3 * i, column, scale(self.angular_scales[i], impulses[i]), slope);
+        }
+    }
+
+    /// Linear motion under the forces, and the change of angular momentum.
+    #[inline(always)]
+    fn follow(&self, forces: &Impulses<T>) -> Motion<T> {
+        let (zero, half, gravity, mass) = (T::zero(), T::of(0.5), T::of(-GRAVITY), self.tables.constants.mass);
+        let gravity_w = [zero, zero, gravity];
+        let mut motion = Motion::default();
+        let Motion { moved, velocity, gained, gained_mean } = &mut motion;
+        for q in 0..MOMENTUM_POINTS {
+            let t = self.tables.momentum_points[q].time;
+            let fallen = half * gravity * t * t;
+            for d in 0..3 {
+                velocity[q][d] = self.velocity_w[d] + forces.first[q][d] / mass;
+                moved[q][d] = t * self.velocity_w[d] + forces.second[q][d] / mass;
+            }
+            velocity[q][2] += gravity * t;
+            moved[q][2] += fallen;
+            let lever = add(scale(half * mass * t * t, self.velocity_w), forces.third[q]);
+            let carried = sub(cross(lever, gravity_w), scale(mass, cross(moved[q], velocity[q])));
+            gained[q] = add(forces.moment[q], carried);
+            *gained_mean = add(*gained_mean, scale(self.tables.momentum_points[q].mean, gained[q]));
+        }
+        motion
+    }
+
+    /// Planned motion of the attitude, and its angular momentum.
+    ///
+    /// * `derivatives` - true if the Jacobian is computed
+    #[inline(always)]
+    fn plan(&self, derivatives: bool) -> Planned<T> {
+        let (zero, interval, inertia) = (T::zero(), self.interval, &self.tables.constants.inertia);
+        let line = angular(&interval.rate);
+        // At the start (0) or at the end (1).
+        let at_knot = |i: usize| {
+            let (pose, rate) = (angular(&self.state[2 * i]), angular(&self.state[2 * i + 1]));
+            angular_momentum(inertia, add(angular(&interval.reference[i]), pose), add(line, rate))
+        };
+        let mut planned = Planned {
+            start: at_knot(0),
+            end: at_knot(1),
+            inside: [Inside { angles: [zero; 3], rot_wb: [[zero; 3]; 3], momentum: [zero; 3] }; END],
+            mean: [zero; 3],
+            mean_by: [[[zero; 3]; 3]; 4],
+        };
+        for (q, point) in self.tables.momentum_points[..END].iter().enumerate() {
+            let (mut angles, mut rates) = (add(angular(&interval.reference[0]), scale(point.time, line)), line);
+            for i in 0..4 {
+                angles = add(angles, scale(point.value[i], angular(&self.state[i])));
+                rates = add(rates, scale(point.rate[i], angular(&self.state[i])));
+            }
+            let here = angular_momentum(inertia, angles, rates);
+            planned.mean = add(planned.mean, scale(point.mean, here.value));
+            planned.inside[q] = Inside { angles, rot_wb: here.rot_wb, momentum: here.value };
+            if derivatives {
+                for i in 0..4 {
+                    let (value, slope) = (point.mean * point.value[i], point.mean * point.rate[i]);
+                    for d in 0..3 {
+                        let by = add(scale(value, here.by_angle[d]), scale(slope, here.by_rate[d]));
+                        planned.mean_by[i][d] = add(planned.mean_by[i][d], by);
+                    }
+                }
+            }
+        }
+        planned
+    }
+
+    /// Deviation of the motion inside the interval from the cubic through its knots.
+    ///
+    /// The position deviates by its difference to the cubic that ends where the forces lead. The attitude deviates by the rotation vector
+    /// `eps' = I_w^-1 (e - eps x L)`, where `e` is the difference between the angular momentum under the forces and the planned one,
+    /// minus a quadratic that absorbs the residuals of the rows. Unsatisfied rows therefore cause no deviation.
+    #[inline(always)]
+    fn deviate(&self, motion: &Motion<T>, planned: &Planned<T>) -> Deviation<T> {
+        let points = &self.tables.momentum_points;
+        let Motion { moved, velocity, .. } = motion;
+        let mut deviation = Deviation::default();
+        for q in 0..END {
+            let w = &points[q].value;
+            for d in 0..3 {
+                deviation.pose[q][d] = moved[q][d] - (w[1] * self.velocity_w[d] + w[2] * moved[END][d] + w[3] * velocity[END][d]);
+            }
+        }
+        let [turned, rate] = self.turn(&self.beyond(motion, planned), planned);
+        let mut mean_rate = [T::zero(); 3];
+        for q in 0..END {
+            mean_rate = add(mean_rate, scale(points[q].mean, rate[q]));
+            // Conversion of a rotation vector to Euler angles with the inverse of the axes, bounded where the pitch is steep.
+            let angles = planned.inside[q].angles;
+            let (sz, cz) = angles[2].sin_cos();
+            let (sy, cy) = angles[1].sin_cos();
+            let cy = if cy.abs() < T::of(STEEP_COSINE) { T::of(STEEP_COSINE) } else { cy };
+            let forward = cz * turned[q][0] + sz * turned[q][1];
+            deviation.pose[q][3] = forward / cy;
+            deviation.pose[q][4] = cz * turned[q][1] - sz * turned[q][0];
+            deviation.pose[q][5] = turned[q][2] + forward * sy / cy;
+        }
+        let rot_wb = &planned.inside[END / 2].rot_wb;
+        deviation.mean = scale(-T::one(), mul(rot_wb, mul(&self.tables.constants.inertia, mul_transposed(rot_wb, mean_rate))));
+        deviation
+    }
+
+    /// Difference `e` at the inner points between the angular momentum under the forces and the planned one, without the residuals of the
+    /// rows: see [`Inputs::deviate`].
+    #[inline(always)]
+    fn beyond(&self, motion: &Motion<T>, planned: &Planned<T>) -> [Vec3<T>; INNER_POINTS] {
+        let (two, three, six) = (T::of(2.), T::of(3.), T::of(6.));
+        let start = planned.start.value;
+        let end = sub(add(start, motion.gained[END]), planned.end.value);
+        let mean = sub(add(start, motion.gained_mean), planned.mean);
+        let mut beyond = [[T::zero(); 3]; END];
+        for q in 0..END {
+            let u = self.tables.momentum_points[q].time / self.tables.constants.interval;
+            for d in 0..3 {
+                let quadratic = u * (six * mean[d] - two * end[d]) + u * u * (three * end[d] - six * mean[d]);
+                beyond[q][d] = start[d] + motion.gained[q][d] - planned.inside[q].momentum[d] - quadratic;
+            }
+        }
+        beyond
+    }
+
+    /// Rotation vectors `eps` at the inner points for the differences [`Inputs::beyond`], and their rates.
+    #[inline(always)]
+    fn turn(&self, beyond: &[Vec3<T>; INNER_POINTS], planned: &Planned<T>) -> [[Vec3<T>; INNER_POINTS]; 2] {
+        let zero = T::zero();
+        let mut turned = [[zero; 3]; END];
+        let mut rate = [[zero; 3]; END];
+        // Two fixed-point iterations: the second includes the rotation found by the first.
+        for _ in 0..2 {
+            for q in 0..END {
+                let Inside { rot_wb, momentum, .. } = &planned.inside[q];
+                let change = sub(beyond[q], cross(turned[q], *momentum));
+                rate[q] = mul(rot_wb, mul(&self.tables.constants.inverse_inertia, mul_transposed(rot_wb, change)));
+            }
+            for q in 0..END {
+                turned[q] = [zero; 3];
+                for r in 0..END {
+                    turned[q] = add(turned[q], scale(self.tables.momentum_points[q].integral[r], rate[r]));
+                }
+            }
+        }
+        [turned, rate]
+    }
+
+    /// Writes the residuals of the linear rows.
+    #[inline(always)]
+    fn put_linear(&self, forces: &Impulses<T>, residual: &mut [T]) {
+        let (zero, half, gravity) = (T::zero(), T::of(0.5), T::of(-GRAVITY));
+        let (mass, h, state) = (self.tables.constants.mass, self.tables.constants.interval, &self.state);
+        let at = self.interval.linear.row as usize;
+        for d in 0..3 {
+            let weight = if d == 2 { gravity } else { zero };
+            let sped_up = mass * (state[3][d] - state[1][d] - h * weight) - forces.first[END][d];
+            let moved_on = mass * (state[2][d] - state[0][d] - h * state[1][d] - half * h * h * weight) - forces.second[END][d];
+            residual[at + d] = sped_up * self.linear_scales[0];
+            residual[at + 3 + d] = moved_on * self.linear_scales[1];
+        }
+    }
+
+    /// Writes the residuals of the angular rows.
+    #[inline(always)]
+    fn put_angular(&self, motion: &Motion<T>, planned: &Planned<T>, deviation: &Deviation<T>, residual: &mut [T]) {
+        let (start, end) = (&planned.start.value, &planned.end.value);
+        let at = self.interval.angular.row as usize;
+        for d in 0..3 {
+            residual[at + d] = (end[d] - start[d] - motion.gained[END][d]) * self.angular_scales[0];
+            residual[at + 3 + d] = (planned.mean[d] - start[d] - motion.gained_mean[d] + deviation.mean[d]) * self.angular_scales[1];
+        }
+    }
+
+    /// Writes the derivatives with respect to the linear part of pose and rates: linear rows at the start and at the end, angular rows at
+    /// the start.
+    #[inline(always)]
+    fn put_by_start(&self, forces: &Impulses<T>, jacobian: &mut [T]) {
+        let (zero, mass, h) = (T::zero(), self.tables.constants.mass, self.tables.constants.interval);
+        let mut rows = Rows::new(jacobian, &self.interval.linear);
+        // Derivatives of the velocity and position rows with respect to pose and rates at the start, pose and rates at the end.
+        for (i, by) in [[zero, -mass], [-mass, -mass * h], [zero, mass], [mass, zero]].into_iter().enumerate() {
+            if self.interval.linear_column[i] != NONE {
+                for d in 0..3 {
+                    let column = self.interval.linear_column[i] as usize + d;
+                    rows.put(d, column, by[0] * self.linear_scales[0]);
+                    rows.put(3 + d, column, by[1] * self.linear_scales[1]);
+                }
+            }
+        }
+        // Derivatives of the angular rows with respect to position and velocity at the start: -[J]x and -[tau J - P]x.
+        let Impulses { first, second, .. } = forces;
+        let mut by_start = [[first[END], [zero; 3]], [sub(scale(h, first[END]), second[END]), [zero; 3]]];
+        for q in 0..END {
+            let MomentumPoint { time, mean, .. } = self.tables.momentum_points[q];
+            by_start[0][1] = add(by_start[0][1], scale(mean, first[q]));
+            by_start[1][1] = add(by_start[1][1], scale(mean, sub(scale(time, first[q]), second[q])));
+        }
+        let mut rows = Rows::new(jacobian, &self.interval.angular);
+        let [end_scale, mean_scale] = self.angular_scales;
+        for i in 0..2 {
+            if self.interval.angular_column[i] != NONE {
+                let column = self.interval.angular_column[i] as usize;
+                rows.put_cross(0, column, scale(-end_scale, by_start[i][0]));
+                rows.put_cross(3, column, scale(-mean_scale, by_start[i][1]));
+            }
+        }
+    }
+
+    /// Writes the derivatives of the angular rows with respect to the Euler angles and their rates at the start and at the end.
+    #[inline(always)]
+    fn put_by_attitude(&self, planned: &Planned<T>, jacobian: &mut [T]) {
+        let [end_scale, mean_scale] = self.angular_scales;
+        let (start, end) = (&planned.start, &planned.end);
+        let ends = [&start.by_angle, &start.by_rate, &end.by_angle, &end.by_rate];
+        let mut rows = Rows::new(jacobian, &self.interval.angular);
+        for i in 0..4 {
+            if self.interval.angular_column[i] == NONE {
+                continue;
+            }
+            let column = self.interval.angular_column[i] as usize + 3;
+            for r in 0..3 {
+                let sign = if i < 2 { -end_scale } else { end_scale };
+                rows.put_three(r, column, std::array::from_fn(|d| sign * ends[i][d][r]));
+                let start = |d: usize| if i < 2 { ends[i][d][r] } else { T::zero() };
+                rows.put_three(3 + r, column, std::array::from_fn(|d| (planned.mean_by[i][d][r] - start(d)) * mean_scale));
+            }
+        }
+    }
+
+    /// Writes the derivatives with respect to the force nodes.
+    ///
+    /// The derivatives of the angular rows are `-[a]x` with `a = w_1 (x_i - p_k - d) + w_2 v - w_3 g`, where `w` are the integrals of the
+    /// node's basis function.
+    #[inline(always)]
+    fn put_by_forces(&self, motion: &Motion<T>, jacobian: &mut [T]) {
+        let mut rows = Rows::new(jacobian, &self.interval.linear);
+        for impulse in self.nodes() {
+            let w = &impulse.weights[END];
+            for part in 0..2 {
+                for d in 0..3 {
+                    let column = impulse.linear_column as usize + 3 * part + d;
+                    rows.put(d, column, -w[0][part] * self.linear_scales[0]);
+                    rows.put(3 + d, column, -w[1][part] * self.linear_scales[1]);
+                }
+            }
+        }
+        let mut rows = Rows::new(jacobian, &self.interval.angular);
+        let [end_scale, mean_scale] = self.angular_scales;
+        for of_foothold in self.nodes().chunk_by(|a, b| a.foothold == b.foothold) {
+            let arm = self.arm(of_foothold[0].foothold as usize);
+            let arms: Points<T> = std::array::from_fn(|q| sub(arm, motion.moved[q]));
+            for impulse in of_foothold {
+                for part in 0..2 {
+                    let lever = |q: usize| {
+                        let w = &impulse.weights[q];
+                        let mut a = add(scale(w[0][part], arms[q]), scale(w[1][part], motion.velocity[q]));
+                        a[2] += w[2][part] * T::of(GRAVITY);
+                        a
+                    };
+                    let mut mean = [T::zero(); 3];
+                    for (q, point) in self.tables.momentum_points[..END].iter().enumerate() {
+                        mean = add(mean, scale(point.mean, lever(q)));
+                    }
+                    let column = impulse.angular_column as usize + 3 * part;
+                    rows.put_cross(0, column, scale(-end_scale, lever(END)));
+                    rows.put_cross(3, column, scale(-mean_scale, mean));
+                }
             }
         }
     }

@@ -3,8 +3,8 @@
 //! `v = R' (foot - p) - center`, rows `v - half_width + margin <= 0` and `-v - half_width + margin <= 0`, times the length scale.
 //! Source: \[3\].
 
-use super::factored::POSE;
-use super::math::{cross, euler, mul_transposed, scale, sub};
+use super::factored::{FactoredInstant, OwnColumns, POSE, POSE_BLOCKS};
+use super::math::{Mat3, Vec3, cross, euler, mul_transposed, scale, sub};
 use super::momentum::{Deviation, INNER_POINTS};
 use super::table::NONE;
 use super::write::Rows;
@@ -74,44 +74,16 @@ pub fn reach<T: Real>(
     mut jacobian: Option<&mut [T]>,
 ) {
     let (constants, all) = (&tables.constants, &tables.reach_rows);
-    let zero = T::zero();
     let unit = constants.length_scale;
-    for (instant, at) in tables.reach_instants.iter().zip(&all.instants) {
-        let mut pose = instant.reference;
-        let blocks = all.blocks_of(at);
-        for i in 0..4 {
-            let block = blocks.variable[i] as usize;
-            for d in 0..6 {
-                pose[d] += at.weights[i] * x[block + d];
-            }
-        }
-        if let Some(deviation) = deviations.get(blocks.interval as usize) {
-            for (w, deviation) in instant.deviation_weights.iter().zip(&deviation.pose) {
-                for d in 0..6 {
-                    pose[d] += *w * deviation[d];
-                }
-            }
-        }
+    for (instant, factored) in tables.reach_instants.iter().zip(&all.instants) {
+        let pose = base_pose(tables, instant, factored, x, deviations);
         let base_w = [pose[0], pose[1], pose[2]];
         let (rot_wb, axes) = euler([pose[3], pose[4], pose[5]]);
-        for number in at.elements.range() {
+        for number in factored.elements.range() {
             let foot = &tables.reach_feet[number];
             let (leg, place) = (&tables.reach_legs[foot.leg as usize], all.place(number));
-            let [before, after, height] = all.own[all.elements[number].own as usize].runs;
-            let mut foot_w = [zero; 3];
-            for i in 0..2 {
-                if leg.foothold[i] == NONE {
-                    continue;
-                }
-                let at = tables.footholds[leg.foothold[i] as usize] as usize;
-                foot_w[0] += foot.xy_weights[i] * x[at];
-                foot_w[1] += foot.xy_weights[i] * x[at + 1];
-                foot_w[2] += foot.z_weights[i] * ground[leg.foothold[i] as usize].height;
-            }
-            if height.len > 0 {
-                foot_w[2] += foot.z_weights[2] * x[height.variable as usize];
-            }
-            let leg_w = sub(foot_w, base_w);
+            let own = &all.own[all.elements[number].own as usize];
+            let leg_w = sub(foot_position(tables, foot, own, x, ground), base_w);
             let offset_b = sub(mul_transposed(&rot_wb, leg_w), leg.center);
             let at = place.inequality as usize;
             for d in 0..3 {
@@ -121,35 +93,105 @@ pub fn reach<T: Real>(
             }
             let Some(jacobian) = jacobian.as_deref_mut() else { continue };
             let mut rows = Rows::new(jacobian, &place);
-            // d(R' leg)/d angle_i = R' (leg x axis_i).
-            let mut turns = axes;
-            for turn in &mut turns {
-                *turn = scale(unit, mul_transposed(&rot_wb, cross(leg_w, *turn)));
+            put_by_pose(unit, &rot_wb, &axes, leg_w, &mut rows);
+            put_by_foot(tables, foot, own, ground, &rot_wb, &mut rows);
+        }
+    }
+}
+
+/// Base pose at an instant, with the deviation from the cubic between the knots if there is one.
+#[inline(always)]
+fn base_pose<T: Real>(
+    tables: &Tables<T>,
+    instant: &ReachInstant<T>,
+    factored: &FactoredInstant<T>,
+    x: &[T],
+    deviations: &[Deviation<T>],
+) -> [T; POSE] {
+    let mut pose = instant.reference;
+    let blocks = tables.reach_rows.blocks_of(factored);
+    for i in 0..POSE_BLOCKS {
+        let at = blocks.variable[i] as usize;
+        for d in 0..6 {
+            pose[d] += factored.weights[i] * x[at + d];
+        }
+    }
+    if let Some(deviation) = deviations.get(blocks.interval as usize) {
+        for (w, deviation) in instant.deviation_weights.iter().zip(&deviation.pose) {
+            for d in 0..6 {
+                pose[d] += *w * deviation[d];
             }
-            let mut pose = [[zero; POSE]; 3];
-            for r in 0..3 {
-                for d in 0..3 {
-                    pose[r][d] = -rot_wb[d][r] * unit;
-                    pose[r][3 + d] = turns[d][r];
-                }
+        }
+    }
+    pose
+}
+
+/// Position of a foot, world frame.
+#[inline(always)]
+fn foot_position<T: Real>(tables: &Tables<T>, foot: &ReachFoot<T>, own: &OwnColumns, x: &[T], ground: &[Ground<T>]) -> Vec3<T> {
+    let leg = &tables.reach_legs[foot.leg as usize];
+    let mut foot_w = [T::zero(); 3];
+    for i in 0..2 {
+        if leg.foothold[i] == NONE {
+            continue;
+        }
+        let at = tables.footholds[leg.foothold[i] as usize] as usize;
+        foot_w[0] += foot.xy_weights[i] * x[at];
+        foot_w[1] += foot.xy_weights[i] * x[at + 1];
+        foot_w[2] += foot.z_weights[i] * ground[leg.foothold[i] as usize].height;
+    }
+    let height = own.runs[2];
+    if height.len > 0 {
+        foot_w[2] += foot.z_weights[2] * x[height.variable as usize];
+    }
+    foot_w
+}
+
+/// Writes the derivatives with respect to the base pose: `-R'` and `d(R' leg)/d angle_i = R' (leg x axis_i)`.
+///
+/// * `leg_w` - vector from the base to the foot
+#[inline(always)]
+fn put_by_pose<T: Real>(unit: T, rot_wb: &Mat3<T>, axes: &[Vec3<T>; 3], leg_w: Vec3<T>, rows: &mut Rows<T>) {
+    let mut turns = *axes;
+    for turn in &mut turns {
+        *turn = scale(unit, mul_transposed(rot_wb, cross(leg_w, *turn)));
+    }
+    let mut pose = [[T::zero(); POSE]; 3];
+    for r in 0..3 {
+        for d in 0..3 {
+            pose[r][d] = -rot_wb[d][r] * unit;
+            pose[r][3 + d] = turns[d][r];
+        }
+    }
+    for r in 0..3 {
+        rows.put_first(r, &pose[r]);
+    }
+}
+
+/// Writes the derivatives with respect to the footholds and the swing height of a foot.
+#[inline(always)]
+fn put_by_foot<T: Real>(
+    tables: &Tables<T>,
+    foot: &ReachFoot<T>,
+    own: &OwnColumns,
+    ground: &[Ground<T>],
+    rot_wb: &Mat3<T>,
+    rows: &mut Rows<T>,
+) {
+    let (leg, unit) = (&tables.reach_legs[foot.leg as usize], tables.constants.length_scale);
+    let [before, after, height] = own.runs;
+    for (i, run) in [before, after].iter().enumerate().filter(|(_, run)| run.len > 0) {
+        let c = run.column as usize;
+        let slope = ground[leg.foothold[i] as usize].slope;
+        for r in 0..3 {
+            for d in 0..2 {
+                rows.put(r, c + d, (foot.xy_weights[i] * rot_wb[d][r] + foot.z_weights[i] * slope[d] * rot_wb[2][r]) * unit);
             }
-            for r in 0..3 {
-                rows.put_first(r, &pose[r]);
-            }
-            for (i, run) in [before, after].iter().enumerate().filter(|(_, run)| run.len > 0) {
-                let c = run.column as usize;
-                let slope = ground[leg.foothold[i] as usize].slope;
-                for r in 0..3 {
-                    for d in 0..2 {
-                        rows.put(r, c + d, (foot.xy_weights[i] * rot_wb[d][r] + foot.z_weights[i] * slope[d] * rot_wb[2][r]) * unit);
-                    }
-                }
-            }
-            if height.len > 0 {
-                for r in 0..3 {
-                    rows.put(r, height.column as usize, foot.z_weights[2] * rot_wb[2][r] * unit);
-                }
-            }
+        }
+    }
+    if height.len > 0 {
+        for r in 0..3 {
+            rows.put(r, height.column as usize, foot.z_weights[2] * rot_wb[2][r] * unit);
         }
     }
 }

@@ -51,9 +51,10 @@ crate::table! {
     }
 }
 
-/// Rings around the foot on which the ground is sampled: distance, and height of the lower side of the ball there, in radii. Twin:
-/// `around`.
-const RINGS: [[f64; 2]; 2] = [[0.6, 0.2], [0.96, 0.72]];
+/// Rings around the foot on which the ground is sampled: distance, and height of the lower side of the ball there, in radii.
+pub const RINGS: [[f64; 2]; 2] = [[0.6, 0.2], [0.96, 0.72]];
+/// Number of samples on the rings.
+pub const RING_POINTS: usize = 4 * RINGS.len();
 
 /// Half of the smallest lift on the rings, in radii: lower ground around the foot, relative to the ground under it, cannot make the row
 /// active, whatever the rounding.

@@ -138,11 +138,11 @@ macro_rules! table {
         $crate::table!(@sent $name $(<$scalar>)?);
     )*};
     (@sent $name:ident) => {
-        // SAFETY: `#[repr(C)]` with members of four bytes only, so there is no padding; `tests/shader_layout.rs` compares sizes.
+        // SAFETY: `#[repr(C)]` with members of four bytes only, so there is no padding; `tests/library/shader_layout.rs` compares sizes.
         unsafe impl bytemuck::NoUninit for $name {}
     };
     (@sent $name:ident <$scalar:ident>) => {
-        // SAFETY: `#[repr(C)]` with members of four bytes only, so there is no padding; `tests/shader_layout.rs` compares sizes.
+        // SAFETY: `#[repr(C)]` with members of four bytes only, so there is no padding; `tests/library/shader_layout.rs` compares sizes.
         unsafe impl bytemuck::NoUninit for $name<f32> {}
     };
 }

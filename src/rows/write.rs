@@ -1,6 +1,6 @@
 //! Writer for Jacobian rows.
 
-use super::math::Vec3;
+use super::math::{Vec3, add, scale};
 use super::table::Place;
 use crate::real::Real;
 
@@ -41,6 +41,21 @@ impl<T: Real> Rows<'_, T> {
         let matrix = [[zero, -a[2], a[1]], [a[2], zero, -a[0]], [-a[1], a[0], zero]];
         for r in 0..3 {
             self.put_three(row + r, column, matrix[r]);
+        }
+    }
+
+    /// Writes the derivatives of `-x cross a` with respect to (x, y) of a foothold into three rows and two columns: `[a]x` times the
+    /// derivatives of the foothold's position, whose height changes with the slope of the ground.
+    #[inline(always)]
+    pub fn put_by_foothold(&mut self, row: usize, column: usize, a: Vec3<T>, slope: [T; 2]) {
+        let zero = T::zero();
+        // [a]x e_x = (0, a_z, -a_y), [a]x e_y = (-a_z, 0, a_x), [a]x e_z = (a_y, -a_x, 0).
+        let along_z = [a[1], -a[0], zero];
+        let along_x = add([zero, a[2], -a[1]], scale(slope[0], along_z));
+        let along_y = add([-a[2], zero, a[0]], scale(slope[1], along_z));
+        for r in 0..3 {
+            self.put(row + r, column, along_x[r]);
+            self.put(row + r, column + 1, along_y[r]);
         }
     }
 

@@ -1,4 +1,4 @@
-//! Why a search found nothing: which rows stay violated in the best candidate, and which single change would make a gait hold.
+//! Diagnosis of a search that found no gait: rows that the best candidate violates, and single changes that make a gait feasible.
 
 use super::evaluate::{Cancelled, Evaluated, LowerSettings, evaluate};
 use super::{Gait, Gaits};
@@ -17,66 +17,66 @@ use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Families whose typical gaits are tried beside the best candidate.
+/// Number of families whose typical gaits are tried in addition to the best candidate.
 const TYPICAL_GAITS: usize = 1;
 
-/// Rows of one kind that stay violated.
+/// Violated rows of one family.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Broken {
-    /// Which kind.
+    /// Family of the rows.
     pub family: Family,
-    /// How many of them.
+    /// Number of violated rows.
     pub violated: usize,
-    /// Of so many.
+    /// Total number of rows of the family.
     pub rows: usize,
-    /// The worst.
+    /// Name of the worst row.
     pub row: String,
-    /// By how much, in its unit.
+    /// Violation of the worst row, in its unit.
     #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub violation: f64,
-    /// Units of the kind.
+    /// Unit of the family.
     pub unit: &'static str,
-    /// Its foot; none for the base.
+    /// Foot of the worst row; `None` for the base.
     pub foot: Option<usize>,
-    /// Its time, s.
+    /// Time of the worst row, s.
     pub time: f64,
-    /// What mends such rows.
+    /// Advice to satisfy such rows.
     pub remedy: &'static str,
 }
 
-/// A change of the task or its limits, and whether it is enough.
+/// Change of the task or its limits, with the result of trying it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Relaxation {
-    /// What was changed, e.g. `reach + 10 %`.
+    /// Description of the change, e.g. `10 % more reach`.
     pub change: String,
-    /// The setting that does it, with its value.
+    /// Setting that makes the change, with its value.
     pub setting: String,
-    /// Whether there is a gait then.
+    /// True if a gait was found with this change.
     pub feasible: bool,
-    /// Fewest violated rows.
+    /// Smallest number of violated rows with this change.
     pub n_violated: usize,
 }
 
-/// Why a search found nothing.
+/// Diagnosis of a search that found no gait.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Diagnosis {
-    /// What the best candidate violates, by kind.
+    /// Rows that the best candidate violates, by family.
     pub broken: Vec<Broken>,
-    /// Changes that were tried, one at a time.
+    /// Changes that were tried, each alone.
     pub relaxations: Vec<Relaxation>,
 }
 
 impl std::fmt::Display for Diagnosis {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        writeln!(f, "what stays violated in the nearest candidate")?;
+        writeln!(f, "rows that the nearest candidate violates")?;
         for b in &self.broken {
             let foot = b.foot.map(|foot| format!(", foot {foot}")).unwrap_or_default();
             writeln!(
                 f,
-                "- {}: {} of {} rows, worst {} by {:.3e} ({}){foot} at {:.3} s; {}",
+                "- {}: {} of {} rows, worst: {} by {:.3e} ({}){foot} at {:.3} s; {}",
                 b.family, b.violated, b.rows, b.row, b.violation, b.unit, b.time, b.remedy
             )?;
         }
@@ -86,13 +86,15 @@ impl std::fmt::Display for Diagnosis {
         }
         if !short.is_empty() {
             let names: Vec<String> = short.iter().map(|r| format!("{} ({} rows violated)", r.change, r.n_violated)).collect();
-            writeln!(f, "not enough by itself: {}", names.join(", "))?;
+            writeln!(f, "not sufficient alone: {}", names.join(", "))?;
         }
         Ok(())
     }
 }
 
-/// What mends rows of a kind.
+/// Advice to satisfy the rows of a family.
+///
+/// * `row` - name of the worst row
 fn remedy(family: Family, row: &str) -> &'static str {
     let has = |part: &str| row.contains(part);
     match family {
@@ -102,7 +104,7 @@ fn remedy(family: Family, row: &str) -> &'static str {
         Family::Reach => "a larger `reach`, more and shorter steps in more time, or a nearer goal",
         Family::Terrain => "more `transcription.clearance`, or other phases",
         Family::Force if has("limit") => "a larger force limit, or phases with more feet on the ground",
-        Family::Force if has("friction") => "more `friction` of the terrain, more time, or another way",
+        Family::Force if has("friction") => "more `friction` of the terrain, more time, or another path",
         Family::Force => "more time, or other phases",
         Family::Swing if has("too low") => "a smaller `transcription.clearance`, or a longer swing",
         Family::Swing if has("too high") => "a larger `transcription.swing_height`",
@@ -119,7 +121,7 @@ fn remedy(family: Family, row: &str) -> &'static str {
     }
 }
 
-/// What a certificate says is violated, the most violated kinds first.
+/// Violated rows of a certificate by family, the family with the largest violated share first.
 pub fn broken(report: &RowReport) -> Vec<Broken> {
     let violated = report.families.iter().filter(|f| f.violated > 0);
     let mut all: Vec<Broken> = violated
@@ -142,7 +144,7 @@ pub fn broken(report: &RowReport) -> Vec<Broken> {
     all
 }
 
-/// A relaxed problem.
+/// Task and settings with one change that makes a gait easier to find.
 struct Relaxed {
     change: &'static str,
     setting: String,
@@ -152,13 +154,14 @@ struct Relaxed {
     longer: f64,
 }
 
+/// Changes that are tried.
 fn relaxed(task: &Task, lower: &LowerSettings) -> Vec<Relaxed> {
     let limit = force_limit(&lower.transcription, task);
     let same = |change, setting: String| Relaxed { change, setting, task: task.clone(), lower: lower.clone(), longer: 1. };
     let reach = |percent: f64, change| {
         let reach = task.robot.reach.scaled(1. + percent / 100.);
         let mut relaxed = same(change, format!("robot `reach` {reach}"));
-        // The limits of the legs stay what they are.
+        // The limits of the legs stay the same.
         relaxed.task.robot = Arc::new(Robot { reach, ..Robot::clone(&task.robot) });
         relaxed
     };
@@ -192,8 +195,8 @@ fn relaxed(task: &Task, lower: &LowerSettings) -> Vec<Relaxed> {
     all
 }
 
-/// Schedules that a relaxed problem is tried with: that of the best candidate and, where gaits of all families are looked at, some that are
-/// typical for it.
+/// Schedules that are tried with a change: that of the best candidate and, if the search is over families, typical gaits of
+/// [`TYPICAL_GAITS`] families.
 fn schedules(gait: &Gait, gaits: &Gaits, relaxed: &Relaxed) -> Vec<Schedule> {
     let longer = |schedule: &Schedule| {
         let durations = schedule.durations().iter().map(|foot| foot.iter().map(|d| d * relaxed.longer).collect()).collect();
@@ -209,13 +212,14 @@ fn schedules(gait: &Gait, gaits: &Gaits, relaxed: &Relaxed) -> Vec<Schedule> {
     std::iter::once(Schedule::clone(gait.schedule())).chain(typical).filter_map(|schedule| longer(&schedule)).collect()
 }
 
-/// Why a search found nothing: what its best candidate violates, and which single changes would be enough.
+/// Diagnoses a search that found no gait: the rows that its best candidate violates and the single changes that give a gait.
 ///
-/// * `gaits`, `lower` - those of the search
+/// * `gait` - best candidate of the search
+/// * `gaits`, `lower` - settings of the search
 /// * `limit` - time after which no further change is tried
 ///
 /// # Errors
-/// As [`evaluate`].
+/// Errors of [`evaluate`].
 pub fn diagnose(
     task: &Task,
     gait: &Gait,
@@ -250,8 +254,8 @@ mod tests {
     use crate::search::Search;
 
     #[test]
-    fn feet_that_carry_too_little_are_told_apart_from_other_faults() {
-        // Standing with 0.24 weights a foot: 0.36 are enough.
+    fn a_force_limit_that_is_too_small_is_distinguished_from_other_causes() {
+        // The force limit of 0.24 weights per foot is too small for standing; 0.36 is enough.
         let robot = Robot::named("anymal").unwrap();
         let limit = 0.24 * robot.weight();
         let task = Task { force_limit: Some(limit), ..Task::new(robot, Terrain::flat(), Goal::position([0., 0., 0.5])).unwrap() };
@@ -266,7 +270,7 @@ mod tests {
         let enough: Vec<&str> = diagnosis.relaxations.iter().filter(|r| r.feasible).map(|r| &r.change[..]).collect();
         assert_eq!(enough, ["a 50 % larger force limit"], "{diagnosis}");
         assert!(diagnosis.to_string().contains("a gait is found with a 50 % larger force limit (`--force-limit 104.1`)"), "{diagnosis}");
-        // Nothing is tried that is called off.
+        // A cancelled diagnosis tries no changes.
         let none = diagnose(&task, &found.best, &Gaits::All, &lower, &backend, limit, &|| true).unwrap();
         assert_eq!(none, Diagnosis { relaxations: Vec::new(), ..diagnosis });
     }

@@ -1,6 +1,7 @@
-//! From schedules to certified trajectories: solve the batch, close each solution in f64, count what it violates.
+//! Evaluation of schedules: solves a batch, refines each solution in f64 (closing), and certifies and costs it.
 
-use super::cem::{Evaluation, rank_order};
+use super::cem::Evaluation;
+use super::needed::NeededCandidates;
 use crate::backend::{Backend, Job, Precision, Problem, Solution, locked};
 use crate::error::{Error, Result};
 use crate::gait::cost::{Cost, CostWeights, cost};
@@ -17,10 +18,10 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// Asked now and then whether the work is to end.
+/// Function that returns true if the work is to end. Called regularly.
 pub type Cancelled<'a> = &'a (dyn Fn() -> bool + Sync);
 
-/// Largest memory of one candidate's tables and buffers, bytes.
+/// Largest memory of the tables and buffers of one candidate, bytes.
 pub const MAX_CANDIDATE_MEMORY: usize = 1 << 28;
 
 /// Settings of the lower level.
@@ -28,11 +29,11 @@ pub const MAX_CANDIDATE_MEMORY: usize = 1 << 28;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct LowerSettings {
-    /// Variables and rows.
+    /// Settings of the variables and rows.
     pub transcription: TranscriptionSettings,
-    /// Iterations.
+    /// Settings of the solver.
     pub solver: SolverSettings,
-    /// Scalar of the main solve.
+    /// Floating-point type of the main solve.
     pub precision: Precision,
 }
 
@@ -46,28 +47,28 @@ impl LowerSettings {
     /// Checks every field.
     ///
     /// # Errors
-    /// [`Error::Invalid`] names the first field that is out of its limits.
+    /// [`Error::Invalid`] names the first field that is outside its limits.
     pub fn validate(&self) -> Result<()> {
         self.transcription.validate()?;
         self.solver.validate()
     }
 }
 
-/// Result of one candidate.
+/// Result of one schedule: status, certificate in numbers, cost and solution.
 #[derive(Debug, Clone, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Evaluated {
-    /// How the solve ended and what it took, f64 closing included.
+    /// Status and effort of the solve, including the closing in f64.
     #[serde(flatten)]
     pub outcome: Outcome,
-    /// Whether every row of the certificate holds; of what is not yet certified, whether the solver says that its rows do.
+    /// True if every row of the certificate holds. Without a certificate: true if the solver solved the problem.
     pub feasible: bool,
-    /// Whether it was certified, which is left out where nobody wants to know.
+    /// True if the motion was certified. With [`Certify::Unsolved`], solved motions are not.
     #[serde(skip)]
     pub certified: bool,
-    /// Rows and bounds of the certificate that are violated beyond their tolerance: see [`verify`](mod@crate::verify).
+    /// Number of rows and bounds of the certificate that are violated by more than their tolerance: see [`verify`](mod@crate::verify).
     pub n_violated: usize,
-    /// Worst violation, in the row's own unit.
+    /// Worst violation, in the unit of its row.
     #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub max_violation: f64,
     /// Horizon, s.
@@ -77,15 +78,15 @@ pub struct Evaluated {
     /// Time from the start of its batch to the end of its certification, s.
     #[serde(rename = "seconds")]
     pub finished_after: f64,
-    /// Rows it was solved for.
+    /// Transcription that was solved.
     pub transcription: Transcription,
-    /// What the motion costs, when its certificate holds and the cost was asked for.
+    /// Cost of the motion; `None` if it is infeasible or no cost was requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cost: Option<Cost>,
-    /// Mean over all force nodes of the size of the normal force, N.
+    /// Mean over all force nodes of the magnitude of the normal force, N.
     #[serde(skip)]
     pub mean_normal_force: f64,
-    /// Phase durations after the horizon is rounded.
+    /// Schedule after its horizon was rounded up to whole intervals.
     #[serde(skip)]
     pub schedule: AlignedSchedule,
     /// Values of the variables, as in [`Layout::initial`].
@@ -94,41 +95,42 @@ pub struct Evaluated {
 }
 
 impl Evaluated {
-    /// Phase durations as the trajectory has them, s, `[feet][phases]`.
+    /// Phase durations of the trajectory, s, `[feet][phases]`.
     pub fn durations(&self) -> Vec<Vec<f64>> {
         let phases = (0..self.schedule.feet()).map(|foot| self.schedule.phases(foot));
         phases.map(|phases| phases.iter().map(|p| p.duration()).collect()).collect()
     }
 
-    /// What the upper level looks at.
+    /// Values for the upper level.
     pub fn evaluation(&self) -> Evaluation {
         let Evaluated { n_violated, feasible, certified, mean_normal_force, cost, .. } = *self;
         Evaluation { n_violated, feasible, certified, mean_normal_force, cost }
     }
 
-    /// With its certificate, if it has none yet: closed in f64, its violations counted, its cost worked out.
+    /// Certifies the result if it has no certificate yet: closes the solution in f64, counts its violations and computes its cost.
     ///
-    /// * `task`, `settings` - those it was evaluated with
+    /// * `task`, `settings` - task and settings of the evaluation
     pub(super) fn certify(self, task: &Task, settings: &LowerSettings, weights: Option<&CostWeights>) -> Evaluated {
         if self.certified {
             return self;
         }
         let Evaluated { outcome, schedule, x, finished_after, .. } = self;
-        Evaluated { finished_after, ..closed(task, &schedule, (outcome, x), settings, weights, &|| false) }
+        let context = EvaluationContext { task, schedule: &schedule, settings, weights };
+        Evaluated { finished_after, ..context.examined(context.closed(outcome, x, &|| false)) }
     }
 
-    /// The motion, feasible or not. It is made when asked for: a population of them would take gigabytes.
+    /// Motion, feasible or not. It is computed on demand, because the motions of a population would take gigabytes.
     ///
-    /// * `task`, `settings` - those it was evaluated with
+    /// * `task`, `settings` - task and settings of the evaluation
     pub fn trajectory(&self, task: &Task, settings: &TranscriptionSettings) -> Trajectory {
-        trajectory(task, &Layout::<f64>::new(task, &self.schedule, settings).curves, &self.x)
+        trajectory(task, &Curves::new(task, &self.schedule, settings), &self.x)
     }
 }
 
 /// Checks that a schedule fits a task and can be solved within [`MAX_CANDIDATE_MEMORY`].
 ///
 /// # Errors
-/// [`Error::Invalid`] when the feet differ or the problem is too large.
+/// [`Error::Invalid`] if the numbers of feet differ or the problem is too large.
 pub fn check_candidate(task: &Task, schedule: &Schedule, settings: &LowerSettings) -> Result<()> {
     let (feet, expected) = (schedule.feet(), task.robot.feet());
     if feet != expected {
@@ -146,7 +148,7 @@ pub fn check_candidate(task: &Task, schedule: &Schedule, settings: &LowerSetting
     let phases: usize = schedule.durations().iter().map(Vec::len).sum();
     let a_phase = 6 * settings.transcription.force_pieces + 4;
     let variables = 12 * (schedule.intervals(interval) + 1) + phases * a_phase;
-    // A front holds what is alive in one interval, twice; what it leaves behind has as many rows as there are variables.
+    // A front contains the variables of one interval, twice. The factor that it produces has as many rows as there are variables.
     let front = 24 + a_phase * most_phases(schedule, interval);
     let estimate = 8 * (2 * front * front).max(400 * variables);
     if estimate > MAX_CANDIDATE_MEMORY {
@@ -159,7 +161,7 @@ pub fn check_candidate(task: &Task, schedule: &Schedule, settings: &LowerSetting
     Ok(())
 }
 
-/// Most phases of all feet together that touch one interval.
+/// Largest number of phases of all feet together that overlap one interval.
 fn most_phases(schedule: &Schedule, interval: f64) -> usize {
     let mut touched = vec![0; schedule.intervals(interval) + 1];
     for phases in schedule.durations() {
@@ -176,12 +178,12 @@ fn most_phases(schedule: &Schedule, interval: f64) -> usize {
 
 /// Solves and certifies a batch.
 ///
-/// With `first_feasible`, candidates after the lowest feasible index are dropped (`None`); which one that is does not depend on the
-/// number of threads. `cancelled` ends everything; candidates that were not finished are `None`. With weights of a cost every certified
-/// motion gets one.
+/// * `cost` - weights of the cost that every feasible motion gets; `None`: no cost
+/// * `first_feasible` - drops candidates after the lowest feasible index (`None`); that index does not depend on the number of threads
+/// * `cancelled` - ends the evaluation; unfinished candidates are `None`
 ///
 /// # Errors
-/// As [`check_candidate`], for the first candidate that does not fit.
+/// Errors of [`check_candidate`] for the first candidate that does not fit.
 pub fn evaluate(
     candidates: &[(&Task, &Schedule)],
     settings: &LowerSettings,
@@ -190,92 +192,34 @@ pub fn evaluate(
     first_feasible: bool,
     cancelled: Cancelled,
 ) -> Result<Vec<Option<Evaluated>>> {
-    // All feasible ones are worth the same: then the first is the best.
-    let needed = Needed::new(vec![0.; candidates.len()], if first_feasible { 1 } else { usize::MAX });
+    // All feasible candidates have the same value, so the first one is the best.
+    let needed = NeededCandidates::new(vec![0.; candidates.len()], if first_feasible { 1 } else { usize::MAX });
     let results: Vec<Mutex<Option<Evaluated>>> = candidates.iter().map(|_| Mutex::default()).collect();
-    let skip = |index: usize| cancelled() || !needed.has(index);
+    let skip = |index: usize| cancelled() || !needed.contains(index);
     batch(candidates, settings, cost, backend, Certify::All, &skip, &|index, evaluated| {
         if evaluated.feasible {
-            needed.note(index, 0.);
+            needed.record(index, 0.);
         }
         *locked(&results[index]) = Some(evaluated);
     })?;
     let results = results.iter().enumerate();
-    Ok(results.map(|(index, result)| locked(result).take().filter(|_| needed.has(index))).collect())
+    Ok(results.map(|(index, result)| locked(result).take().filter(|_| needed.contains(index))).collect())
 }
 
-/// Which candidates of a batch are needed: those that may still come before the last of enough feasible ones.
-///
-/// What is needed in the end depends on no order in which candidates are noted: the best are always among it.
-pub(super) struct Needed {
-    most: Vec<f64>,
-    enough: usize,
-    /// Worth and index of the best feasible ones, in the order of ranks.
-    best: Mutex<Vec<(f64, usize)>>,
-}
-
-impl Needed {
-    /// All, as long as none is known to be feasible.
-    ///
-    /// * `most` - what each candidate is worth at most
-    /// * `enough` - how many feasible ones are, the best of all
-    pub fn new(most: Vec<f64>, enough: usize) -> Needed {
-        Needed { most, enough, best: Mutex::default() }
-    }
-
-    /// Whether all are needed, whatever is found.
-    fn all(&self) -> bool {
-        self.enough >= self.most.len()
-    }
-
-    /// The candidates, those that may be worth most first where others may not be needed then.
-    pub fn order(&self) -> Vec<usize> {
-        let mut order: Vec<usize> = (0..self.most.len()).collect();
-        if !self.all() {
-            order.sort_by(|&i, &j| rank_order((self.most[i], i), (self.most[j], j)));
-        }
-        order
-    }
-
-    /// Takes note of a feasible candidate.
-    ///
-    /// * `worth` - what is more than it was thought to be worth at most does not count
-    pub fn note(&self, index: usize, worth: f64) {
-        if self.all() {
-            return;
-        }
-        let worth = worth.min(self.most[index]);
-        let mut best = locked(&self.best);
-        let place = best.partition_point(|&other| rank_order(other, (worth, index)).is_lt());
-        if place < self.enough {
-            best.insert(place, (worth, index));
-            best.truncate(self.enough);
-        }
-    }
-
-    /// Whether a candidate is needed.
-    pub fn has(&self, index: usize) -> bool {
-        if self.all() {
-            return true;
-        }
-        let best = locked(&self.best);
-        best.len() < self.enough || best.last().is_some_and(|&last| rank_order((self.most[index], index), last).is_le())
-    }
-}
-
-/// Which candidates of a batch are certified.
+/// Selection of the candidates of a batch that are certified at once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Certify {
-    /// All.
+    /// Certify every candidate.
     All,
-    /// Those that the solver did not solve, as they are, for what they violate. The others have a cost; whether they hold is asked of those that
-    /// are wanted.
+    /// Certify unsolved candidates at once, without closing, to report what they violate. Solved candidates are costed now and certified
+    /// only if they are selected.
     Unsolved,
 }
 
-/// As [`evaluate`], with a choice of what is certified. Each result is handed over when it is there, in any order and from any thread.
+/// Solves a batch like [`evaluate`] and passes each result to `finish`, in any order and from any thread.
 ///
-/// * `skip` - asked before and during the solve of a candidate whether to drop it
+/// * `certify` - candidates to certify
+/// * `skip` - returns true if a candidate is to be dropped; called before and during its solve
 pub(super) fn batch(
     candidates: &[(&Task, &Schedule)],
     settings: &LowerSettings,
@@ -293,11 +237,12 @@ pub(super) fn batch(
     let problems: Vec<Problem> = candidates.iter().map(|(task, schedule)| Problem { task, schedule: aligned(task, schedule) }).collect();
     let finish = |index: usize, solution: Solution| {
         let Problem { task, schedule } = &problems[index];
+        let context = EvaluationContext { task, schedule, settings, weights: cost };
         let mut evaluated = match certify {
-            Certify::All => certified(task, schedule, solution, settings, cost, &|| skip(index)),
-            Certify::Unsolved if solution.outcome.status == Status::Solved => solved(task, schedule, solution, settings, cost),
-            // What f32 left near f64 brings home once in eight times, for the price of four fresh candidates each.
-            Certify::Unsolved => as_it_is(task, schedule, solution, settings, cost),
+            Certify::All => context.certified(solution, &|| skip(index)),
+            Certify::Unsolved if solution.outcome.status == Status::Solved => context.uncertified(solution),
+            // Closing in f64 would make one of eight such candidates feasible, and each attempt costs as much as four new candidates.
+            Certify::Unsolved => context.examined(solution),
         };
         if evaluated.outcome.status == Status::Cancelled && !evaluated.feasible {
             return;
@@ -311,7 +256,7 @@ pub(super) fn batch(
     Ok(())
 }
 
-/// Given schedules of a task, solved and certified as one batch.
+/// Solves and certifies given schedules of a task as one batch.
 ///
 /// ```
 /// use cregopt::{Cpu, Evaluate, Goal, Robot, Schedule, Task, Terrain};
@@ -320,7 +265,7 @@ pub(super) fn batch(
 /// // Stance, swing, stance, ... of each foot, s.
 /// let walk = Schedule::new(vec![vec![0.2, 0.3, 0.5, 0.3, 0.5, 0.3, 0.2], vec![0.6, 0.3, 0.5, 0.3, 0.6]])?;
 /// let evaluate = Evaluate::new(&task);
-/// let solved = evaluate.run(&[walk], &Cpu::new(0)?)?.remove(0).expect("nobody ended it");
+/// let solved = evaluate.run(&[walk], &Cpu::new(0)?)?.remove(0).expect("not cancelled");
 /// assert!(solved.feasible);
 /// let trajectory = evaluate.trajectory(&solved);
 /// println!("{} s, {} feet", trajectory.horizon, trajectory.ee.len());
@@ -335,30 +280,30 @@ pub struct Evaluate<'a> {
 }
 
 impl<'a> Evaluate<'a> {
-    /// With the default settings.
+    /// An evaluation with the default settings.
     pub fn new(task: &'a Task) -> Self {
         Evaluate { task, settings: LowerSettings::default(), cost: CostWeights::default(), cancelled: None }
     }
 
-    /// Variables, rows, iterations.
+    /// Sets the settings of the lower level.
     pub fn settings(self, settings: LowerSettings) -> Self {
         Evaluate { settings, ..self }
     }
 
-    /// Weights of the cost of transport.
+    /// Sets the weights of the cost of transport.
     pub fn cost(self, cost: CostWeights) -> Self {
         Evaluate { cost, ..self }
     }
 
-    /// Ends when this is set.
+    /// Sets a flag that ends the evaluation.
     pub fn cancelled_by(self, flag: &'a AtomicBool) -> Self {
         Evaluate { cancelled: Some(flag), ..self }
     }
 
-    /// Solves and certifies; the result has the order of the schedules, and nothing where it was ended before.
+    /// Solves and certifies schedules. The result has their order; entries are `None` if the evaluation was cancelled before.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for settings or a task out of their limits, or a schedule that does not fit the robot.
+    /// [`Error::Invalid`] for settings or a task outside their limits, or a schedule that does not fit the robot.
     pub fn run(&self, schedules: &[Schedule], backend: &dyn Backend) -> Result<Vec<Option<Evaluated>>> {
         self.settings.validate()?;
         self.cost.validate()?;
@@ -368,137 +313,103 @@ impl<'a> Evaluate<'a> {
         evaluate(&candidates, &self.settings, Some(&self.cost), backend, false, &cancelled)
     }
 
-    /// The motion of a result, feasible or not.
+    /// Motion of a result, feasible or not.
     pub fn trajectory(&self, evaluated: &Evaluated) -> Trajectory {
         evaluated.trajectory(self.task, &self.settings.transcription)
     }
 
-    /// Largest normal force of a foot that motions keep to, N: what [`verify`](crate::verify()) asks for.
+    /// Largest normal force of a foot, N: the limit to pass to [`verify`](crate::verify()).
     pub fn force_limit(&self) -> f64 {
         force_limit(&self.settings.transcription, self.task)
     }
 }
 
-/// A solution that is not certified, with its cost.
-fn solved(
-    task: &Task,
-    schedule: &AlignedSchedule,
-    solution: Solution,
-    settings: &LowerSettings,
-    weights: Option<&CostWeights>,
-) -> Evaluated {
-    let Solution { outcome, x, variables, curves, .. } = solution;
-    let motion = trajectory(task, &curves, &x);
-    let verdict = Verdict { certified: false, feasible: true, n_violated: 0, max_violation: f64::NAN };
-    evaluated(task, schedule, motion, verdict, (outcome, x, variables), settings, weights)
+/// Schedule and settings of one evaluation. Turns the solution of the solver into an [`Evaluated`].
+#[derive(Clone, Copy)]
+pub(super) struct EvaluationContext<'a> {
+    pub task: &'a Task,
+    /// Schedule that was solved.
+    pub schedule: &'a AlignedSchedule,
+    pub settings: &'a LowerSettings,
+    /// Weights of the cost; `None`: no cost is computed.
+    pub weights: Option<&'a CostWeights>,
 }
 
-/// A solution with its violations and its cost, closed in f64 where it is not yet.
-fn certified(
-    task: &Task,
-    schedule: &AlignedSchedule,
-    solution: Solution,
-    settings: &LowerSettings,
-    weights: Option<&CostWeights>,
-    cancel: &dyn Fn() -> bool,
-) -> Evaluated {
-    let Solution { outcome, closed: is_closed, .. } = solution;
-    if is_closed || settings.precision == Precision::F64 || !can_close(&outcome) {
-        as_it_is(task, schedule, solution, settings, weights)
-    } else {
-        closed(task, schedule, (outcome, solution.x), settings, weights, cancel)
+impl EvaluationContext<'_> {
+    /// Result of a solved candidate without a certificate, with its cost.
+    fn uncertified(self, solution: Solution) -> Evaluated {
+        let motion = trajectory(self.task, &solution.curves, &solution.x);
+        self.evaluated(&motion, RowCheck { certified: false, feasible: true, n_violated: 0, max_violation: f64::NAN }, solution)
+    }
+
+    /// Certified result of a candidate, closed in f64 unless it already is or cannot be.
+    fn certified(self, solution: Solution, cancel: &dyn Fn() -> bool) -> Evaluated {
+        let final_already = solution.closed || self.settings.precision == Precision::F64 || !can_close(&solution.outcome);
+        self.examined(if final_already { solution } else { self.closed(solution.outcome, solution.x, cancel) })
+    }
+
+    /// Closes a solution in f64. A solution of an f64 solve stays unchanged.
+    fn closed(self, outcome: Outcome, x: Vec<f64>, cancel: &dyn Fn() -> bool) -> Solution {
+        let EvaluationContext { task, schedule, settings, .. } = self;
+        let (outcome, x, curves) = match settings.precision {
+            Precision::F32 => {
+                let layout = Layout::<f64>::new(task, schedule, &settings.transcription);
+                let (outcome, x) = close(&layout, outcome, x, &settings.solver, cancel);
+                (outcome, x, layout.curves)
+            }
+            Precision::F64 => (outcome, x, Curves::new(task, schedule, &settings.transcription)),
+        };
+        Solution { outcome, x, variables: curves.variables, curves, closed: true }
+    }
+
+    /// Certified result of a candidate, with its cost. The solution is not closed before.
+    pub fn examined(self, solution: Solution) -> Evaluated {
+        let EvaluationContext { task, settings, .. } = self;
+        let motion = trajectory(task, &solution.curves, &solution.x);
+        let report = verify_rows(&motion, &task.robot, &task.terrain, force_limit(&settings.transcription, task));
+        let (n_violated, max_violation, feasible) =
+            report.map_or((usize::MAX, f64::NAN, false), |r| (r.n_violated, r.max_violation, r.feasible));
+        self.evaluated(&motion, RowCheck { certified: true, feasible, n_violated, max_violation }, solution)
+    }
+
+    /// Result of a candidate from its motion and the check of its rows, with its cost.
+    fn evaluated(self, motion: &Trajectory, rows: RowCheck, solution: Solution) -> Evaluated {
+        let RowCheck { certified, feasible, n_violated, max_violation } = rows;
+        let robot = &self.task.robot;
+        let cost = self.weights.filter(|_| feasible).and_then(|weights| cost(motion, robot, robot.leg_mass(), weights).ok());
+        Evaluated {
+            outcome: solution.outcome,
+            feasible,
+            certified,
+            n_violated,
+            max_violation,
+            horizon: motion.horizon,
+            n_variables: solution.variables,
+            finished_after: 0.,
+            transcription: self.settings.transcription.rows,
+            cost,
+            mean_normal_force: mean_normal_force(self.task, motion),
+            schedule: self.schedule.clone(),
+            x: solution.x,
+        }
     }
 }
 
-/// A solution with its violations and its cost, as the solver left it.
-fn as_it_is(
-    task: &Task,
-    schedule: &AlignedSchedule,
-    Solution { outcome, x, variables, curves, .. }: Solution,
-    settings: &LowerSettings,
-    weights: Option<&CostWeights>,
-) -> Evaluated {
-    examined(task, schedule, (&curves, variables), (outcome, x), settings, weights)
-}
-
-/// A solution closed in f64, with its violations and its cost.
-fn closed(
-    task: &Task,
-    schedule: &AlignedSchedule,
-    (outcome, x): (Outcome, Vec<f64>),
-    settings: &LowerSettings,
-    weights: Option<&CostWeights>,
-    cancel: &dyn Fn() -> bool,
-) -> Evaluated {
-    let layout = Layout::<f64>::new(task, schedule, &settings.transcription);
-    let closed = match settings.precision {
-        Precision::F32 => close(&layout, outcome, x, &settings.solver, cancel),
-        Precision::F64 => (outcome, x),
-    };
-    examined(task, schedule, (&layout.curves, layout.variables), closed, settings, weights)
-}
-
-/// A solution with its violations, its cost and its sizes.
-///
-/// * `curves`, `n_variables` - those of its layout
-pub(super) fn examined(
-    task: &Task,
-    schedule: &AlignedSchedule,
-    (curves, n_variables): (&Curves, usize),
-    (outcome, x): (Outcome, Vec<f64>),
-    settings: &LowerSettings,
-    weights: Option<&CostWeights>,
-) -> Evaluated {
-    let trajectory = trajectory(task, curves, &x);
-    let rows = verify_rows(&trajectory, &task.robot, &task.terrain, force_limit(&settings.transcription, task));
-    let (n_violated, max_violation, feasible) = rows.map_or((usize::MAX, f64::NAN, false), |r| (r.n_violated, r.max_violation, r.feasible));
-    let verdict = Verdict { certified: true, feasible, n_violated, max_violation };
-    evaluated(task, schedule, trajectory, verdict, (outcome, x, n_variables), settings, weights)
-}
-
-/// What is known of whether a motion holds.
-struct Verdict {
+/// Check of the rows of a motion: by its certificate, or by the solver if `certified` is false.
+struct RowCheck {
     certified: bool,
     feasible: bool,
     n_violated: usize,
     max_violation: f64,
 }
 
-/// A motion with what is known of it, its cost and its sizes.
-fn evaluated(
-    task: &Task,
-    schedule: &AlignedSchedule,
-    trajectory: Trajectory,
-    verdict: Verdict,
-    (outcome, x, n_variables): (Outcome, Vec<f64>, usize),
-    settings: &LowerSettings,
-    weights: Option<&CostWeights>,
-) -> Evaluated {
-    let Verdict { certified, feasible, n_violated, max_violation } = verdict;
-    let cost = weights.filter(|_| feasible).and_then(|weights| cost(&trajectory, &task.robot, task.robot.leg_mass(), weights).ok());
-    Evaluated {
-        outcome,
-        feasible,
-        certified,
-        n_violated,
-        max_violation,
-        horizon: trajectory.horizon,
-        n_variables,
-        finished_after: 0.,
-        transcription: settings.transcription.rows,
-        cost,
-        mean_normal_force: mean_normal_force(task, &trajectory),
-        schedule: schedule.clone(),
-        x,
-    }
-}
-
-/// Mean over all force nodes, the zero ones of swings included, of `|n . f|`, N, with the normal under the foot at that node.
+/// Mean over all force nodes, including the zero ones of swings, of `|n . f|`, N, where `n` is the terrain normal under the foot at that
+/// node.
 pub(crate) fn mean_normal_force(task: &Task, trajectory: &Trajectory) -> f64 {
     let (mut sum, mut count) = (0., 0);
     for (foot, durations) in trajectory.ee.iter().zip(&trajectory.durations) {
         let force_pieces = (foot.force.poly_durations.len() - durations.len() / 2) / durations.len().div_ceil(2);
-        // Force nodes come stance by stance, `force_pieces + 1` each; motion nodes two a stance and one a swing.
+        // Force nodes are stored stance by stance, `force_pieces + 1` each; motion nodes two per stance and one per swing.
         for (i, node) in foot.force.nodes.iter().enumerate() {
             let stance = i / (force_pieces + 1);
             let at = foot.motion.nodes[(3 * stance).min(foot.motion.nodes.len() - 1)];

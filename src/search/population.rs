@@ -1,57 +1,58 @@
-//! What is kept of a population while it is solved: of all candidates what is said of them, of the best their solutions, too. A solution takes some
-//! ten kilobytes, and nobody wants to know those of candidates far behind; of one that is wanted after all it is made again.
+//! Results of a population while it is solved: the evaluations of all candidates and the solutions of the best ones. A solution takes some
+//! ten kilobytes, and those of poor candidates are rarely needed. If one is needed after all, it is recomputed.
 
-use super::batch::Solved;
-use super::cem::{Answer, Evaluation, rank_order};
+use super::cem::{Evaluation, GenerationResults, rank_order};
 
-/// Solutions that are kept of a population. Too few: solutions are made again that were there before; too many: memory.
-pub(super) const KEPT: usize = 256;
+/// Number of solutions kept per population. Too small: solutions are recomputed; too large: memory.
+pub(super) const MAX_SOLUTIONS: usize = 256;
 
-/// Candidates of a generation as they come in, in any order.
+/// Results of the candidates of a generation, added in any order.
 pub(super) struct Population<S> {
-    /// With the time from the start of the batch, s.
+    /// Evaluation of each candidate, with the time at which it was added, s.
     evaluations: Vec<Option<(Evaluation, f64)>>,
-    /// Objective, index and solution, in the order of ranks.
+    /// Objective, index and solution of the best candidates, best first.
     best: Vec<(f64, usize, Box<S>)>,
-    /// Solutions to keep.
-    most: usize,
+    /// Largest number of solutions to keep.
+    max_solutions: usize,
 }
 
 impl<S> Population<S> {
-    /// Nothing yet.
-    pub fn new(candidates: usize, most: usize) -> Self {
-        Population { evaluations: vec![None; candidates], best: Vec::new(), most }
+    /// An empty population.
+    pub fn new(candidates: usize, max_solutions: usize) -> Self {
+        Population { evaluations: vec![None; candidates], best: Vec::new(), max_solutions }
     }
 
-    /// Takes in a candidate, and lets go of the solution that is behind all others when there are too many.
-    pub fn add(&mut self, index: usize, objective: f64, Solved { evaluation, finished_after, solution }: Solved<S>) {
-        self.evaluations[index] = Some((evaluation, finished_after));
+    /// Adds a candidate, and drops the solution of the worst one if there are too many.
+    ///
+    /// * `seconds` - present time, s
+    pub fn add(&mut self, index: usize, objective: f64, seconds: f64, evaluation: Evaluation, solution: S) {
+        self.evaluations[index] = Some((evaluation, seconds));
         let place = self.best.partition_point(|(other, at, _)| rank_order((*other, *at), (objective, index)).is_lt());
-        if place < self.most {
+        if place < self.max_solutions {
             self.best.insert(place, (objective, index, Box::new(solution)));
-            self.best.truncate(self.most);
+            self.best.truncate(self.max_solutions);
         }
     }
 
-    /// Forgets candidates that are not needed.
+    /// Drops the candidates that are not needed.
     pub fn retain(&mut self, needed: impl Fn(usize) -> bool) {
         self.evaluations.iter_mut().enumerate().filter(|(index, _)| !needed(*index)).for_each(|(_, evaluation)| *evaluation = None);
     }
 
-    /// Time from the start of the batch to the first feasible candidate, s.
+    /// Time at which the first feasible candidate was added, s.
     pub fn first_feasible_after(&self) -> Option<f64> {
-        self.evaluations.iter().flatten().filter(|(evaluation, _)| evaluation.feasible).map(|(_, after)| *after).reduce(f64::min)
+        self.evaluations.iter().flatten().filter(|(evaluation, _)| evaluation.feasible).map(|(_, seconds)| *seconds).reduce(f64::min)
     }
 
-    /// What is known of each candidate.
-    pub fn answers(self) -> Vec<Option<Answer<S>>> {
-        let mut answers: Vec<_> = self.evaluations.into_iter().map(|said| said.map(|(evaluation, _)| (evaluation, None))).collect();
+    /// Evaluation of each candidate, with its solution if it was kept.
+    pub fn results(self) -> GenerationResults<S> {
+        let mut results: Vec<_> = self.evaluations.into_iter().map(|result| result.map(|(evaluation, _)| (evaluation, None))).collect();
         for (_, index, solution) in self.best {
-            if let Some((_, place)) = &mut answers[index] {
-                *place = Some(solution);
+            if let Some((_, kept)) = &mut results[index] {
+                *kept = Some(solution);
             }
         }
-        answers
+        results
     }
 }
 
@@ -59,25 +60,25 @@ impl<S> Population<S> {
 mod tests {
     use super::*;
 
-    /// Takes in candidates of these objectives, in this order of their indices, and says whose solutions are kept.
-    fn kept(objectives: &[f64], order: &[usize], most: usize) -> Vec<usize> {
-        let mut population = Population::new(objectives.len(), most);
+    /// Adds candidates with these objectives in this order of indices. Returns the indices whose solutions are kept.
+    fn kept(objectives: &[f64], order: &[usize], max_solutions: usize) -> Vec<usize> {
+        let mut population = Population::new(objectives.len(), max_solutions);
         for &index in order {
             let evaluation = Evaluation { n_violated: index, feasible: true, certified: true, mean_normal_force: 0., cost: None };
-            population.add(index, objectives[index], Solved { evaluation, finished_after: 0., solution: index });
-            assert!(population.best.len() <= most);
+            population.add(index, objectives[index], 0., evaluation, index);
+            assert!(population.best.len() <= max_solutions);
         }
-        let answers = population.answers();
-        assert!(answers.iter().enumerate().all(|(i, answer)| answer.as_ref().is_some_and(|(e, _)| e.n_violated == i)));
-        let solutions = answers.into_iter().flatten().filter_map(|(_, solution)| solution.map(|s| *s));
+        let results = population.results();
+        assert!(results.iter().enumerate().all(|(i, result)| result.as_ref().is_some_and(|(e, _)| e.n_violated == i)));
+        let solutions = results.into_iter().flatten().filter_map(|(_, solution)| solution.map(|s| *s));
         solutions.collect()
     }
 
     #[test]
-    fn the_best_keep_their_solutions_in_whatever_order_they_come() {
+    fn the_best_candidates_keep_their_solutions_in_any_order_of_arrival() {
         let objectives = [3., 1., f64::NEG_INFINITY, 3., 2., 3.];
         for order in [[0, 1, 2, 3, 4, 5], [5, 4, 3, 2, 1, 0], [2, 5, 0, 1, 3, 4]] {
-            // Of equals the first.
+            // The first one wins a tie.
             assert_eq!(kept(&objectives, &order, 2), [0, 3]);
             assert_eq!(kept(&objectives, &order, 4), [0, 3, 4, 5]);
             assert_eq!(kept(&objectives, &order, 9), [0, 1, 2, 3, 4, 5]);
@@ -86,17 +87,17 @@ mod tests {
     }
 
     #[test]
-    fn candidates_that_are_not_needed_have_no_answer() {
+    fn candidates_that_are_not_needed_have_no_result() {
         let mut population = Population::new(3, 3);
-        for (index, finished_after) in [(0, 2.), (2, 1.)] {
+        for (index, seconds) in [(0, 2.), (2, 1.)] {
             let evaluation = Evaluation { n_violated: 0, feasible: true, certified: true, mean_normal_force: 0., cost: None };
-            population.add(index, 0., Solved { evaluation, finished_after, solution: () });
+            population.add(index, 0., seconds, evaluation, ());
         }
         assert_eq!(population.first_feasible_after(), Some(1.));
         population.retain(|index| index < 2);
         assert_eq!(population.first_feasible_after(), Some(2.));
-        let answers = population.answers();
-        assert!(answers[0].as_ref().is_some_and(|(_, solution)| solution.is_some()));
-        assert!(answers[1].is_none() && answers[2].is_none());
+        let results = population.results();
+        assert!(results[0].as_ref().is_some_and(|(_, solution)| solution.is_some()));
+        assert!(results[1].is_none() && results[2].is_none());
     }
 }

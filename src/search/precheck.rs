@@ -1,5 +1,5 @@
-//! What can be said of a task before any search, in milliseconds: can the robot stand where it starts and where it is to end, is there ground
-//! under its feet, and are the gaits that are looked at long enough for the way?
+//! Checks of a task before the search, in milliseconds: can the robot stand at the start and at the goal, is there terrain under its feet,
+//! and are the requested gaits long enough for the distance?
 
 use super::{Gaits, SearchSettings};
 use crate::error::Error;
@@ -13,17 +13,17 @@ use crate::verify::TOLERANCE;
 use crate::verify::report::DENSE_REACH;
 use serde::Serialize;
 
-/// Something that stands in the way of a gait.
+/// Obstacle to a gait that the check found.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Finding {
-    /// Whether no gait at all can be found; otherwise it is unlikely.
+    /// True if no gait can exist; otherwise a gait is unlikely.
     pub certain: bool,
-    /// What it is about, e.g. `goal, foot 2`.
+    /// Subject of the finding, e.g. `goal, foot 2`.
     pub place: String,
-    /// What was found, with numbers.
+    /// Observation, with numbers.
     pub found: String,
-    /// What would mend it.
+    /// Advice to remove the obstacle.
     pub remedy: String,
 }
 
@@ -39,34 +39,34 @@ impl From<Finding> for Error {
     }
 }
 
-/// What stands in the way of a gait for a task; nothing when it may well have one. The certain come first.
+/// Obstacles to a gait for a task, certain ones first. Empty if the task may well have a gait.
 pub fn precheck(task: &Task, search: &SearchSettings, settings: &TranscriptionSettings) -> Vec<Finding> {
     let mut findings = Vec::new();
-    findings.extend(feet_in_reach(task));
-    findings.extend(standing(task, settings, End::Start));
-    findings.extend(standing(task, settings, End::Goal));
-    findings.extend(on_terrain(task));
-    findings.extend(odd_body(&task.robot));
-    findings.extend(carried(task, settings));
+    findings.extend(feet_out_of_reach(task));
+    findings.extend(ground_out_of_reach(task, settings, End::Start));
+    findings.extend(ground_out_of_reach(task, settings, End::Goal));
+    findings.extend(outside_terrain(task));
+    findings.extend(implausible_body(&task.robot));
+    findings.extend(weight_not_carried(task, settings));
     match &search.gaits {
-        Gaits::Around(schedule) => findings.extend(long_enough(task, settings, schedule)),
-        Gaits::Free => findings.extend(free_long_enough(task, search, settings)),
+        Gaits::Around(schedule) => findings.extend(schedule_too_short(task, settings, schedule)),
+        Gaits::Free => findings.extend(free_schedules_too_short(task, search, settings)),
         Gaits::All | Gaits::Families(_) => {}
     }
     findings.sort_by_key(|finding| !finding.certain);
     findings
 }
 
-/// Where the robot has to stand.
+/// End of the motion at which the robot stands.
 #[derive(Clone, Copy, PartialEq)]
 enum End {
-    /// With its feet at their nominal places.
+    /// Start, with the feet at the footholds of the task.
     Start,
-    /// With its feet anywhere within reach.
+    /// Goal, with the feet anywhere within reach.
     Goal,
 }
 
-/// Lowest and highest ground that a foot can get under itself at one end, m.
+/// Lowest and highest ground that a foot can stand on at one end, m.
 fn ground_under(task: &Task, end: End, foot: usize) -> [f64; 2] {
     match end {
         End::Start => [task.ground_at_start(foot); 2],
@@ -74,8 +74,8 @@ fn ground_under(task: &Task, end: End, foot: usize) -> [f64; 2] {
     }
 }
 
-/// Whether the feet stand within reach of the base at the start, but for their height.
-fn feet_in_reach(task: &Task) -> Option<Finding> {
+/// Finding if a foot at the start is outside its reach along x or y of the base frame.
+fn feet_out_of_reach(task: &Task) -> Option<Finding> {
     let robot = &task.robot;
     let excess = |foot: usize| {
         let [x, y] = task.foothold_start(foot);
@@ -94,23 +94,23 @@ fn feet_in_reach(task: &Task) -> Option<Finding> {
     (excess > TOLERANCE).then(|| Finding {
         certain: excess > DENSE_REACH + TOLERANCE,
         place: format!("start, foot {foot}"),
-        found: format!("it stands at {} = {place:.3} m in the base frame, {excess:.3} m outside of its reach", ["x", "y"][axis]),
+        found: format!("it is at {} = {place:.3} m in the base frame, {excess:.3} m outside its reach", ["x", "y"][axis]),
         remedy: format!("within reach, from {low:.3} to {high:.3} m: move the foot or the base at the start"),
     })
 }
 
-/// Whether all feet find ground within reach.
-fn standing(task: &Task, settings: &TranscriptionSettings, end: End) -> Option<Finding> {
+/// Finding if the ground at one end is too high or too low for the vertical reach of a foot.
+fn ground_out_of_reach(task: &Task, settings: &TranscriptionSettings, end: End) -> Option<Finding> {
     let robot = &task.robot;
     let state = if end == End::Start { &task.start } else { &task.goal };
     let base = state.position;
-    // Lowest and highest that a foot reaches: along the vertical of a tilted base it is farther.
+    // Lowest and highest points within reach along the world vertical, which are farther if the base is tilted.
     let levels = |foot: usize| {
         let (nominal, reach) = (robot.nominal_feet[foot][2], robot.reach.of(foot));
         [reach.low[2], reach.high[2]].map(|to| (nominal + to) / state.rotation()[2][2])
     };
     let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
-    // By how much each foot fails, and the ground that is nearest.
+    // Largest excess over the reach, its foot and the nearest ground.
     let mut worst = (0., 0, 0.);
     for foot in 0..robot.feet() {
         let ([bottom, top], [lowest, highest]) = (levels(foot), ground_under(task, end, foot));
@@ -133,8 +133,21 @@ fn standing(task: &Task, settings: &TranscriptionSettings, end: End) -> Option<F
         End::Start => ("start", "the ground under it"),
         End::Goal => ("goal", "the nearest ground within its reach along x and y"),
     };
-    let remedy = if low > high {
-        let spread = "level enough for all feet: no height of the base would do";
+    Some(Finding {
+        certain: excess > allowed + TOLERANCE,
+        place: format!("{name}, foot {foot}"),
+        found: format!("{what} is {under:.3} m below the base, {excess:.3} m outside its reach from {:.3} to {:.3} m below", -top, -bottom),
+        remedy: height_remedy(task, end, base, [low, high]),
+    })
+}
+
+/// Advice for a base from which not all feet reach the ground.
+///
+/// * `base` - position of the base, world frame, m
+/// * `low`, `high` - lowest and highest base from which all feet reach the ground, m; contradictory if `low > high`
+fn height_remedy(task: &Task, end: End, base: [f64; 3], [low, high]: [f64; 2]) -> String {
+    if low > high {
+        let spread = "level enough for all feet: no height of the base is within reach of all";
         match end {
             End::Start => format!("{spread}; use a larger `reach` of the robot, or move the terrain under it"),
             End::Goal => format!("{spread}; choose another goal, or a larger `reach` of the robot"),
@@ -156,20 +169,11 @@ fn standing(task: &Task, settings: &TranscriptionSettings, end: End) -> Option<F
                 )
             }
         }
-    };
-    Some(Finding {
-        certain: excess > allowed + TOLERANCE,
-        place: format!("{name}, foot {foot}"),
-        found: format!(
-            "{what} is {under:.3} m below the base, {excess:.3} m outside of its reach from {:.3} to {:.3} m below",
-            -top, -bottom
-        ),
-        remedy,
-    })
+    }
 }
 
-/// Whether there is ground of its own under the robot: beyond the edge of a grid its edge goes on.
-fn on_terrain(task: &Task) -> Option<Finding> {
+/// Finding if the base at the start or a foot at either end is outside the terrain, where the height map is extrapolated from its edge.
+fn outside_terrain(task: &Task) -> Option<Finding> {
     let feet = 0..task.robot.feet();
     let starts = feet.clone().map(|foot| (format!("start, foot {foot}"), task.foothold_start(foot)));
     let goals = feet.map(|foot| (format!("goal, foot {foot}"), task.foothold_goal(foot)));
@@ -178,20 +182,21 @@ fn on_terrain(task: &Task) -> Option<Finding> {
         Err(Error::Invalid { place, value, limit }) => Some(Finding {
             certain: false,
             place,
-            found: format!("{value} m is beyond the edge, where the ground is taken to go on as it is there"),
+            found: format!("{value} m is outside the height map; the terrain is extrapolated from its edge"),
             remedy: limit,
         }),
         _ => None,
     })
 }
 
-/// Gyration radii of a body in its size, `sqrt(tr I / 2 m)` by the distance to its farthest foot: 0.35 (a flat hexapod) to 0.97 (a monoped).
+/// Plausible gyration radii `sqrt(tr I / 2 m)` relative to the distance of the farthest foot. Known robots: 0.35 (flat hexapod) to 0.97
+/// (monoped).
 const GYRATION: [f64; 2] = [0.1, 1.5];
-/// Masses by the cube of that distance, kg/m³: 60 (a hexapod) to 270 (a small quadruped).
+/// Plausible masses relative to the cube of the distance of the farthest foot, kg/m³. Known robots: 60 (hexapod) to 270 (small quadruped).
 const DENSITY: [f64; 2] = [3., 3000.];
 
-/// Whether mass, inertia and size go together: units that were mixed up do not.
-fn odd_body(robot: &Robot) -> Option<Finding> {
+/// Finding if mass, inertia and size do not fit together, e.g. because of mixed-up units.
+fn implausible_body(robot: &Robot) -> Option<Finding> {
     let size = robot.nominal_feet.iter().map(|[x, y, z]| (x * x + y * y + z * z).sqrt()).fold(0., f64::max);
     let trace: f64 = (0..3).map(|i| robot.inertia[i][i]).sum();
     let gyration = (trace.max(0.) / (2. * robot.mass)).sqrt();
@@ -199,11 +204,15 @@ fn odd_body(robot: &Robot) -> Option<Finding> {
     let square = 2. * robot.mass * size * size;
     if !(GYRATION[0] * size..=GYRATION[1] * size).contains(&gyration) {
         let found = format!(
-            "{} kg whose inertia has the trace {trace:.4} kg m² are {gyration:.3} m from their centre in the mean, with feet within {size:.3} m",
+            "a mass of {} kg with an inertia of trace {trace:.4} kg m² has a gyration radius of {gyration:.3} m, with feet within {size:.3} m",
             robot.mass
         );
         let limits = GYRATION.map(|part| part * part * square);
-        odd("robot.inertia", found, format!("of a trace from {:.4} to {:.4} kg m² for a body of this mass and size", limits[0], limits[1]))
+        odd(
+            "robot.inertia",
+            found,
+            format!("an inertia of trace {:.4} to {:.4} kg m² for a body of this mass and size", limits[0], limits[1]),
+        )
     } else {
         let cube = size.powi(3);
         let found = format!("{} kg with feet within {size:.3} m", robot.mass);
@@ -212,45 +221,46 @@ fn odd_body(robot: &Robot) -> Option<Finding> {
     }
 }
 
-/// Whether the feet together can carry the weight.
-fn carried(task: &Task, settings: &TranscriptionSettings) -> Option<Finding> {
+/// Finding if all feet together cannot carry the weight.
+fn weight_not_carried(task: &Task, settings: &TranscriptionSettings) -> Option<Finding> {
     let (feet, limit, weight) = (task.robot.feet(), force_limit(settings, task), task.robot.weight());
     (feet as f64 * limit < weight).then(|| Finding {
         certain: false,
         place: "force limit".into(),
-        found: format!("{feet} feet with at most {limit:.1} N each carry {:.1} N of a weight of {weight:.1} N", feet as f64 * limit),
+        found: format!("{feet} feet with at most {limit:.1} N each carry {:.1} N of the weight of {weight:.1} N", feet as f64 * limit),
         remedy: format!("above {:.1} N (`--force-limit`, or `force_limit` of the robot)", weight / feet as f64),
     })
 }
 
-/// Half the way that a base can go over a standing foot at most, m.
-fn half_way(task: &Task) -> f64 {
+/// Half of the largest distance that the base can travel over a foot in stance, m.
+fn half_travel(task: &Task) -> f64 {
     task.robot.reach_boxes().map(|reach| reach.farthest()).fold(0., f64::max)
 }
 
-/// How far a foot has to be carried at least, m: from its start until it is within reach of the goal.
-fn way_of_foot(task: &Task, foot: usize) -> f64 {
+/// Smallest distance that a foot has to travel, from its start until it is within reach of its place at the goal, m.
+fn travel_of_foot(task: &Task, foot: usize) -> f64 {
     let (from, to) = (task.foothold_start(foot), task.foothold_goal(foot));
     ((to[0] - from[0]).hypot(to[1] - from[1]) - task.robot.reach.of(foot).farthest()).max(0.)
 }
 
-/// The foot with the farthest way, and that.
+/// Foot with the largest distance to travel, and that distance, m.
 fn farthest_foot(task: &Task) -> (usize, f64) {
-    (0..task.robot.feet()).map(|foot| (foot, way_of_foot(task, foot))).fold((0, 0.), |a, b| if b.1 > a.1 { b } else { a })
+    (0..task.robot.feet()).map(|foot| (foot, travel_of_foot(task, foot))).fold((0, 0.), |a, b| if b.1 > a.1 { b } else { a })
 }
 
+/// Distance from start to goal in the horizontal plane, m.
 fn distance(task: &Task) -> f64 {
     let [x, y] = task.way();
     x.hypot(y)
 }
 
-/// Mean speed of a swinging foot at most, m/s; any where rows do not limit it.
+/// Largest mean speed of a foot in swing, m/s; `None` if no row limits it.
 fn step_speed(task: &Task, settings: &TranscriptionSettings) -> Option<f64> {
     (settings.rows == Transcription::Momentum).then(|| legs::foot_speed(settings, &task.robot) / TOP_SPEED)
 }
 
-/// Whether a schedule is long enough for the way.
-fn long_enough(task: &Task, settings: &TranscriptionSettings, schedule: &Schedule) -> Option<Finding> {
+/// Finding if a schedule is too short for the distance.
+fn schedule_too_short(task: &Task, settings: &TranscriptionSettings, schedule: &Schedule) -> Option<Finding> {
     if schedule.feet() != task.robot.feet() {
         return None;
     }
@@ -259,28 +269,28 @@ fn long_enough(task: &Task, settings: &TranscriptionSettings, schedule: &Schedul
             let swings: f64 = schedule.phases(foot).iter().filter(|p| !p.stance).map(|p| p.duration()).sum();
             let by = format!("{swings:.3} s in swing at {speed:.2} m/s");
             let how = "more swings, longer ones, a nearer goal or a larger `transcription.foot_speed`";
-            too_little_swing(format!("gait, foot {foot}"), &by, speed, swings, way_of_foot(task, foot), how)
+            too_little_swing(format!("gait, foot {foot}"), &by, speed, swings, travel_of_foot(task, foot), how)
         };
         let finding = (0..schedule.feet()).find_map(short);
         if finding.is_some() {
             return finding;
         }
     }
-    let stances = stances_one_after_another(schedule)?;
-    let (way, most) = (distance(task), half_way(task) * (2 * stances - 1) as f64);
-    (way > most).then(|| Finding {
+    let stances = consecutive_stances(schedule)?;
+    let (distance, most) = (distance(task), half_travel(task) * (2 * stances - 1) as f64);
+    (distance > most).then(|| Finding {
         certain: false,
         place: "gait".into(),
-        found: format!("{stances} stances one after another take the base {most:.3} m of {way:.3} m, as far as the feet reach"),
+        found: format!("{stances} consecutive stances carry the base {most:.3} m of {distance:.3} m, limited by the reach of the feet"),
         remedy: format!(
             "{} or more: more stances in more time, a nearer goal, or a larger `reach` of the robot",
-            ((way / half_way(task) + 1.) / 2.).ceil()
+            ((distance / half_travel(task) + 1.) / 2.).ceil()
         ),
     })
 }
 
-/// Fewest stances that hold the robot from start to end; none when it flies in between.
-fn stances_one_after_another(schedule: &Schedule) -> Option<usize> {
+/// Smallest number of stances that together cover the horizon; `None` if there is a flight phase.
+fn consecutive_stances(schedule: &Schedule) -> Option<usize> {
     let stances: Vec<_> = (0..schedule.feet()).flat_map(|foot| schedule.phases(foot)).filter(|p| p.stance).collect();
     let (mut until, mut count) = (0., 0);
     while until < schedule.horizon() - 1e-9 {
@@ -293,28 +303,28 @@ fn stances_one_after_another(schedule: &Schedule) -> Option<usize> {
     Some(count)
 }
 
-/// Whether the longest schedules of the free distribution are.
-fn free_long_enough(task: &Task, search: &SearchSettings, settings: &TranscriptionSettings) -> Option<Finding> {
+/// Finding if the longest schedule of the free distribution is too short for the distance.
+fn free_schedules_too_short(task: &Task, search: &SearchSettings, settings: &TranscriptionSettings) -> Option<Finding> {
     let speed = step_speed(task, settings)?;
     let (free, (foot, needed)) = (&search.free, farthest_foot(task));
     let swings = free.max_stances - 1;
     let longest = swings as f64 * free.log_duration[1].exp();
-    let by = format!("{swings} swings, {longest:.3} s in all at {speed:.2} m/s,");
+    let by = format!("{swings} swings, {longest:.3} s in total at {speed:.2} m/s");
     let how = "a larger `search.free.max_stances` or `search.free.log_duration`, or a nearer goal";
     too_little_swing(format!("gaits, foot {foot}"), &by, speed, longest, needed, how)
 }
 
-/// That a foot does not get far enough.
+/// Finding if a foot cannot travel far enough in its swings.
 ///
-/// * `by` - what takes it there
-/// * `speed`, `seconds` - of it, m/s and s
-/// * `needed` - the way, m
-/// * `how` - what would mend it
+/// * `by` - description of the swings
+/// * `speed`, `seconds` - largest mean speed, m/s, and total duration of the swings, s
+/// * `needed` - distance to travel, m
+/// * `how` - advice
 fn too_little_swing(place: String, by: &str, speed: f64, seconds: f64, needed: f64, how: &str) -> Option<Finding> {
     (needed > speed * seconds).then(|| Finding {
         certain: false,
         place,
-        found: format!("{by} take it {:.3} m of {needed:.3} m", speed * seconds),
+        found: format!("{by}, so the foot travels {:.3} m of {needed:.3} m", speed * seconds),
         remedy: format!("at least {:.3} s in swing: {how}", needed / speed),
     })
 }
@@ -336,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_said_of_the_scenarios_and_of_flat_ground() {
+    fn the_scenarios_and_flat_ground_give_no_findings() {
         for scenario in SCENARIOS {
             for target in 1..=TARGETS {
                 assert_eq!(check(&scenario.task(target).unwrap()), [], "{} {target}", scenario.name);
@@ -348,21 +358,21 @@ mod tests {
     }
 
     #[test]
-    fn a_goal_astride_a_step_is_refused_with_its_numbers() {
-        // Ground rises by 0.15 m from x = 3.6 to 4: the hind feet stand at 3.66 m, and reach to 3.81 m.
+    fn a_goal_across_a_step_is_rejected_with_its_numbers() {
+        // The ground rises by 0.15 m from x = 3.6 to 4. The hind feet are at 3.66 m and reach to 3.81 m.
         let found = check(&task("anymal", "step", Goal::position([4., 0., 0.65])));
         let ground = 0.15 * (3.81 - 3.6) / 0.4;
         let excess = 0.65 - ground - 0.52;
         assert!(found[0].certain && found[0].place == "goal, foot 2", "{}", found[0]);
         assert!(found[0].found.contains(&format!("{excess:.3} m outside")), "{}", found[0]);
-        // Fore feet on 0.15 m, hind feet no lower than that ground.
+        // The fore feet are on 0.15 m, the hind feet on `ground` at most.
         let heights = format!("from {:.3} to {:.3} m", 0.15 + 0.42 - 0.1, ground + 0.42 + 0.1);
         assert!(found[0].remedy.contains(&heights), "{}", found[0]);
         let [low, high] = [0.15 + 0.42 - 0.1, ground + 0.42 + 0.1];
         for z in [low + 1e-3, high - 1e-3] {
             assert_eq!(check(&task("anymal", "step", Goal::position([4., 0., z]))), []);
         }
-        // Without a height the base stands along the ground, from 3.66 to 4.34 m.
+        // Without a given height the base is parallel to the ground from 3.66 to 4.34 m.
         let own = task("anymal", "step", Goal::at(4., 0.));
         let slope = (0.15 - 0.15 * 0.06 / 0.4) / 0.68f64;
         assert!((own.goal.angles[1] + slope.atan()).abs() < 1e-9, "{:?}", own.goal);
@@ -370,31 +380,31 @@ mod tests {
     }
 
     #[test]
-    fn a_base_too_high_is_refused_at_the_start_and_at_the_goal() {
+    fn a_base_that_is_too_high_is_rejected_at_the_start_and_at_the_goal() {
         let robot = Robot { base_height: 0.6, ..Robot::named("anymal").unwrap() };
         let found = check(&Task::new(robot, Terrain::flat(), Goal::position([1., 0., 0.5])).unwrap());
         assert_eq!((found.len(), found[0].certain, &found[0].place[..]), (1, true, "start, foot 0"));
         assert!(found[0].found.contains("0.080 m outside") && found[0].remedy.contains("0.320 to 0.520 m"), "{}", found[0]);
         let found = check(&task("anymal", "flat", Goal::position([1., 0., 0.53])));
         assert!(found[0].certain && found[0].found.contains("0.010 m outside"), "{}", found[0]);
-        // The certificate lets a foot be 5 mm outside.
+        // The certificate accepts a foot that is 5 mm outside.
         assert!(!check(&task("anymal", "flat", Goal::position([1., 0., 0.523])))[0].certain);
     }
 
     #[test]
-    fn bodies_whose_mass_inertia_and_size_do_not_go_together_are_pointed_out() {
+    fn a_mass_inertia_and_size_that_do_not_fit_together_are_reported() {
         let anymal = Robot::named("anymal").unwrap();
         let look = |robot: Robot| check(&Task::new(robot, Terrain::flat(), Goal::at(1., 0.)).unwrap());
         let heavy = look(Robot { inertia: anymal.inertia.map(|row| row.map(|v| 100. * v)), ..anymal.clone() });
         assert!(!heavy[0].certain && heavy[0].place == "robot.inertia" && heavy[0].found.contains("2.8"), "{}", heavy[0]);
-        // Tonnes for kilograms, of everything.
+        // Mass and inertia in units that are 1000 times too large.
         let scaled = Robot { mass: 29_500., inertia: anymal.inertia.map(|row| row.map(|v| 1000. * v)), ..anymal.clone() };
         assert!(look(scaled).iter().any(|f| f.place == "robot.mass" && f.found.contains("29500 kg")));
         assert_eq!(look(anymal), []);
     }
 
     #[test]
-    fn starts_are_the_users_and_feet_out_of_reach_are_refused() {
+    fn feet_outside_their_reach_at_a_given_start_are_rejected() {
         let robot = Robot::named("anymal").unwrap();
         let level = BaseState::level([1., 2., 0.5], 0.7);
         let task = |feet| Task::of_states(robot.clone(), Terrain::flat(), level, feet, BaseState::level([2., 2., 0.5], 0.)).unwrap();
@@ -402,32 +412,33 @@ mod tests {
         let mut feet = task(None).start_feet;
         feet[3][0] -= 0.4;
         let found = check(&task(Some(feet)));
-        assert!(found[0].certain && found[0].place == "start, foot 3" && found[0].found.contains("outside of its reach"), "{}", found[0]);
+        assert!(found[0].certain && found[0].place == "start, foot 3" && found[0].found.contains("outside its reach"), "{}", found[0]);
     }
 
     #[test]
-    fn a_schedule_too_short_for_the_way_is_pointed_out() {
+    fn a_schedule_too_short_for_the_distance_is_reported() {
         let trot = vec![vec![0.4, 0.2, 0.4], vec![0.2, 0.2, 0.6], vec![0.2, 0.2, 0.6], vec![0.4, 0.2, 0.4]];
         let search = SearchSettings { gaits: Gaits::Around(Schedule::new(trot).unwrap()), ..SearchSettings::default() };
         let look = |x: f64| precheck(&task("anymal", "flat", Goal::at(x, 0.)), &search, &TranscriptionSettings::default());
         assert_eq!(look(0.3), []);
         let found = look(3.);
         assert!(found.len() == 1 && !found[0].certain && found[0].found.contains("0.200 s in swing"), "{}", found[0]);
-        // The stance that lasts from 0 to 0.4 s, and one that lasts to the end: half a way and a whole one.
+        // One stance lasts from 0 to 0.4 s and one to the end: half and one whole travel over a foot.
         let free = TranscriptionSettings { foot_speed: Some(100.), ..TranscriptionSettings::default() };
         let found = precheck(&task("anymal", "flat", Goal::at(1., 0.)), &search, &free);
         assert!(
-            found[0].found.contains("2 stances") && found[0].found.contains(&format!("{:.3} m of 1.000 m", 3. * 0.15f64.hypot(0.1))),
+            found[0].found.contains("2 consecutive stances")
+                && found[0].found.contains(&format!("{:.3} m of 1.000 m", 3. * 0.15f64.hypot(0.1))),
             "{}",
             found[0]
         );
     }
 
     #[test]
-    fn feet_that_cannot_carry_the_weight_and_feet_beyond_the_edge_are_pointed_out() {
+    fn feet_that_cannot_carry_the_weight_and_feet_outside_the_terrain_are_reported() {
         let weak = Task { force_limit: Some(20.), ..task("biped", "flat", Goal::at(0.3, 0.)) };
         let found = check(&weak);
-        assert!(!found[0].certain && found[0].found.contains("40.0 N of a weight of 196.1 N"), "{}", found[0]);
+        assert!(!found[0].certain && found[0].found.contains("40.0 N of the weight of 196.1 N"), "{}", found[0]);
         let found = check(&task("anymal", "step", Goal::at(9.9, 0.)));
         assert!(!found[0].certain && found[0].place == "goal, foot 0" && found[0].remedy.contains("-10 to 10"), "{}", found[0]);
     }

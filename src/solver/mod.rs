@@ -273,9 +273,8 @@ impl<T: Real> Solver<T> {
         } else {
             barrier_rows(layout, &now.c, &now.g, &self.slacks, Aim::predictor(), &mut self.weight, &mut self.value);
         }
-        let (diagonal, gradient) = (&mut self.diagonal, &mut self.gradient);
-        let proximal = progress.proximal();
-        variable_terms(&self.scaling, proximal, &layout.smoothing, progress.smoothing, &self.x, &layout.initial, diagonal, gradient);
+        let (proximal, weight) = (progress.proximal(), progress.smoothing);
+        variable_terms(layout, &self.scaling, proximal, weight, &self.x, &mut self.diagonal, &mut self.gradient);
     }
 
     /// Computes the step length, the trial point, and the linear model of the residuals there.
@@ -347,13 +346,13 @@ impl<T: Real> Solver<T> {
         }
         let (solved, infeasibility) = (self.x.clone(), progress.infeasibility);
         let barrier = progress.barrier.min(T::of(SMOOTH_BARRIER));
-        let onwards = SolverSettings {
+        let continued = SolverSettings {
             proximal: settings.proximal_floor,
             smoothing: 0.,
             max_iterations: progress.iterations as usize + settings.smooth.iterations + settings.max_iterations,
             ..settings.clone()
         };
-        let solve = Solve { limits: Limits::new(&onwards, layout.curves.transcription), ..*solve };
+        let solve = Solve { limits: Limits::new(&continued, layout.curves.transcription), ..*solve };
         let renewed = |progress: &Progress<T>, recorded: usize| Progress {
             iterations: progress.iterations,
             factorisations: progress.factorisations,

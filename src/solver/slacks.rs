@@ -24,7 +24,9 @@ pub const BARRIER_FLOOR: f64 = 1e-9;
 /// Smallest multiplier.
 pub const MULTIPLIER_FLOOR: f64 = 1e-8;
 /// Fraction to the boundary: largest part of the distance to zero that a slack or multiplier may move in one step.
-pub const TO_THE_BOUNDARY: f64 = 0.99;
+/// With 0.95 and a smallest proximal weight of 1e-5, 655 of the test draws were solved in 11,631 iterations; with 0.99 and 1e-6, 666 in
+/// 10,873.
+pub const FRACTION_TO_THE_BOUNDARY: f64 = 0.99;
 
 /// Step lengths, from 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,9 +50,9 @@ impl<T: Real> Lengths<T> {
 
     /// Longest step within the fraction to the boundary, from the reciprocals of the lengths at which the first slack and the first
     /// multiplier reach zero.
-    fn up_to_the_boundary(steepest: [T; 2]) -> Self {
+    fn fraction_to_the_boundary(steepest: [T; 2]) -> Self {
         let [primal, dual] = steepest.map(|steepest| {
-            let most = T::of(TO_THE_BOUNDARY);
+            let most = T::of(FRACTION_TO_THE_BOUNDARY);
             if steepest > most { most / steepest } else { T::one() }
         });
         Lengths { primal, dual }
@@ -116,7 +118,7 @@ pub fn slack_steps<T: Real>(g: &[T], g_change: &[T], aim: Aim<T>, slacks: &mut S
             }
         }
     }
-    Lengths::up_to_the_boundary(steepest.map(|lanes| lanes.into_iter().fold(T::zero(), larger)))
+    Lengths::fraction_to_the_boundary(steepest.map(|lanes| lanes.into_iter().fold(T::zero(), larger)))
 }
 
 /// Larger of two values; `a` if `b` is NaN.

@@ -7,7 +7,10 @@ use crate::real::Real;
 use crate::rows::RowKind;
 use multiversion::multiversion;
 
-/// Column scaling `D_j = sum_eq J_ij^2 + 1/2 sum_ineq J_ij^2`, at least 1e-2.
+/// Smallest column scaling.
+pub const SCALING_FLOOR: f64 = 1e-2;
+
+/// Column scaling `D_j = sum_eq J_ij^2 + 1/2 sum_ineq J_ij^2`, at least [`SCALING_FLOOR`].
 ///
 /// * `counts` - scratch, `[rows]`
 /// * `local` - scratch, `[widest]`
@@ -21,7 +24,7 @@ pub fn column_scaling<T: Real>(layout: &Layout<T>, jacobian: &[T], counts: &mut 
     }
     transposed_squares_times(layout, jacobian, counts, local, diagonal);
     for d in diagonal {
-        *d = d.max(T::of(1e-2));
+        *d = d.max(T::of(SCALING_FLOOR));
     }
 }
 

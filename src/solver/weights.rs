@@ -77,17 +77,8 @@ pub fn closing_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], weight: &mut 
 
 /// Terms on single variables: diagonal `eps D + weight smoothing` and gradient `weight smoothing (x - initial)`.
 #[multiversion(targets("x86_64+avx2+fma"))]
-#[allow(clippy::too_many_arguments, reason = "separate slices: the compiler knows that they do not overlap")]
-pub fn variable_terms<T: Real>(
-    scaling: &[T],
-    proximal: T,
-    smoothing: &[T],
-    weight: T,
-    x: &[T],
-    initial: &[T],
-    diagonal: &mut [T],
-    gradient: &mut [T],
-) {
+pub fn variable_terms<T: Real>(layout: &Layout<T>, scaling: &[T], proximal: T, weight: T, x: &[T], diagonal: &mut [T], gradient: &mut [T]) {
+    let (smoothing, initial) = (&layout.smoothing[..], &layout.initial[..]);
     for i in 0..diagonal.len() {
         let smoothing = weight * smoothing[i];
         diagonal[i] = proximal * scaling[i] + smoothing;

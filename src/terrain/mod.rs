@@ -9,7 +9,7 @@ pub use grid::Grid;
 pub use profile::Profile;
 
 use crate::error::{Error, Result, check_name, check_range};
-use crate::report::files;
+use crate::files;
 use num_traits::Float;
 use serde::{Deserialize, Serialize};
 use std::path::Path;

@@ -23,16 +23,89 @@ pub enum Profile {
     ChimneyLr,
 }
 
+/// Declares the dimensions of the profiles, and their list for shaders.
+macro_rules! dimensions {
+    ($($(#[$about:meta])* $name:ident = $value:expr;)*) => {
+        $($(#[$about])* const $name: f64 = $value;)*
+        /// Dimensions of the profiles with their names in shaders.
+        pub const DIMENSIONS: &[(&str, f64)] = &[$((stringify!($name), $name),)*];
+    };
+}
+
+/// Width of the ramp up to the block, m.
+const BLOCK_RAMP: f64 = 0.03;
+/// Width of the gap, m.
+const GAP_WIDTH: f64 = 0.6;
+
+dimensions! {
+    /// Beginning of the ramp, m.
+    BLOCK_START = 0.7;
+    /// End of the ramp, m.
+    BLOCK_TOP = BLOCK_START + BLOCK_RAMP;
+    /// End of the block, m.
+    BLOCK_END = BLOCK_START + 3.5;
+    /// Height of the block, m.
+    BLOCK_HEIGHT = 0.5;
+    /// Slope of the ramp.
+    BLOCK_SLOPE = BLOCK_HEIGHT / BLOCK_RAMP;
+    /// Beginning of the first stair, m.
+    STAIRS_START = 1.0;
+    /// Beginning of the second stair, m.
+    STAIRS_TOP = 1.4;
+    /// End of the second stair, m.
+    STAIRS_END = 2.4;
+    /// Height of the first stair, m.
+    STAIRS_FIRST_HEIGHT = 0.2;
+    /// Height of the second stair, m.
+    STAIRS_HEIGHT = 0.4;
+    /// First edge of the gap, m.
+    GAP_START = 1.0;
+    /// Second edge of the gap, m.
+    GAP_END = GAP_START + GAP_WIDTH;
+    /// Middle of the gap, m.
+    GAP_MIDDLE = GAP_START + GAP_WIDTH / 2.;
+    /// Depth in the middle of the gap, m.
+    GAP_DEPTH = 1.5;
+    /// Half the curvature of the gap, 1/m: the height is zero at both edges.
+    GAP_BEND = 4. * GAP_DEPTH / (GAP_WIDTH * GAP_WIDTH);
+    /// Beginning of the ramp up, m.
+    SLOPE_START = 1.0;
+    /// Top of the ramps, m.
+    SLOPE_TOP = 2.0;
+    /// End of the ramp down, m.
+    SLOPE_END = 3.0;
+    /// Slope of the ramps, and their height over 1 m.
+    SLOPE_RISE = 0.7;
+    /// Beginning of the wall, m.
+    CHIMNEY_START = 1.0;
+    /// End of the wall, m.
+    CHIMNEY_END = 2.5;
+    /// Slope of the wall along y.
+    CHIMNEY_SLOPE = 3.;
+    /// y at which the wall has height 0, m.
+    CHIMNEY_Y = 0.5;
+    /// Beginning of the left wall, m.
+    CHIMNEY_LR_START = 0.5;
+    /// End of the left wall and beginning of the right one, m.
+    CHIMNEY_LR_MIDDLE = 1.5;
+    /// End of the right wall, m.
+    CHIMNEY_LR_END = 2.5;
+    /// Slope of both walls along y; the right one rises to the right.
+    CHIMNEY_LR_SLOPE = 2.;
+    /// Distance from the x axis at which each wall has height 0, m.
+    CHIMNEY_LR_Y = 0.5;
+}
+
 impl Profile {
     /// Boundaries between patches along x, m; the height may jump there.
     pub fn edges(self) -> &'static [f64] {
         match self {
-            Profile::Block => &[0.7, 0.7 + 0.03, 0.7 + 3.5],
-            Profile::Stairs => &[1.0, 1.4, 2.4],
-            Profile::Gap => &[1.0, 1.0 + 0.6],
-            Profile::Slope => &[1.0, 2.0, 3.0],
-            Profile::Chimney => &[1.0, 2.5],
-            Profile::ChimneyLr => &[0.5, 1.5, 2.5],
+            Profile::Block => &[BLOCK_START, BLOCK_TOP, BLOCK_END],
+            Profile::Stairs => &[STAIRS_START, STAIRS_TOP, STAIRS_END],
+            Profile::Gap => &[GAP_START, GAP_END],
+            Profile::Slope => &[SLOPE_START, SLOPE_TOP, SLOPE_END],
+            Profile::Chimney => &[CHIMNEY_START, CHIMNEY_END],
+            Profile::ChimneyLr => &[CHIMNEY_LR_START, CHIMNEY_LR_MIDDLE, CHIMNEY_LR_END],
         }
     }
 
@@ -50,56 +123,52 @@ impl Profile {
         let mut ground = Ground::level(zero);
         match self {
             Profile::Block => {
-                let (start, ramp, length, height) = (0.7, 0.03, 3.5, 0.5);
-                if within(start + ramp, start + length) {
-                    ground.height = c(height);
-                } else if within(start, start + ramp) {
-                    ground.height = c(height / ramp) * (x - c(start));
-                    ground.slope[0] = c(height / ramp);
+                if within(BLOCK_TOP, BLOCK_END) {
+                    ground.height = c(BLOCK_HEIGHT);
+                } else if within(BLOCK_START, BLOCK_TOP) {
+                    ground.height = c(BLOCK_SLOPE) * (x - c(BLOCK_START));
+                    ground.slope[0] = c(BLOCK_SLOPE);
                 }
             }
             Profile::Stairs => {
-                if x >= c(1.0) && x < c(1.4) {
-                    ground.height = c(0.2);
-                } else if x >= c(1.4) && x < c(2.4) {
-                    ground.height = c(0.4);
+                if x >= c(STAIRS_START) && x < c(STAIRS_TOP) {
+                    ground.height = c(STAIRS_FIRST_HEIGHT);
+                } else if x >= c(STAIRS_TOP) && x < c(STAIRS_END) {
+                    ground.height = c(STAIRS_HEIGHT);
                 }
             }
             Profile::Gap => {
                 // Zero at both edges, -depth in the middle.
-                let (start, width, depth) = (1.0, 0.6, 1.5);
-                if within(start, start + width) {
-                    let a = 4. * depth / (width * width);
-                    let u = x - c(start + width / 2.);
-                    ground.height = c(a) * u * u - c(depth);
-                    ground.slope[0] = c(2. * a) * u;
-                    ground.curvature[0][0] = c(2. * a);
+                if within(GAP_START, GAP_END) {
+                    let u = x - c(GAP_MIDDLE);
+                    ground.height = c(GAP_BEND) * u * u - c(GAP_DEPTH);
+                    ground.slope[0] = c(2. * GAP_BEND) * u;
+                    ground.curvature[0][0] = c(2. * GAP_BEND);
                 }
             }
             Profile::Slope => {
-                let (start, top, end, height) = (1.0, 2.0, 3.0, 0.7);
-                if x >= c(start) && x < c(top) {
-                    ground.height = c(height) * (x - c(start));
-                    ground.slope[0] = c(height);
-                } else if x >= c(top) && x < c(end) {
-                    ground.height = c(height) - c(height) * (x - c(top));
-                    ground.slope[0] = c(-height);
+                if x >= c(SLOPE_START) && x < c(SLOPE_TOP) {
+                    ground.height = c(SLOPE_RISE) * (x - c(SLOPE_START));
+                    ground.slope[0] = c(SLOPE_RISE);
+                } else if x >= c(SLOPE_TOP) && x < c(SLOPE_END) {
+                    ground.height = c(SLOPE_RISE) - c(SLOPE_RISE) * (x - c(SLOPE_TOP));
+                    ground.slope[0] = c(-SLOPE_RISE);
                 }
             }
             Profile::Chimney => {
-                if within(1.0, 2.5) {
-                    ground.height = c(3.) * (y - c(0.5));
-                    ground.slope[1] = c(3.);
+                if within(CHIMNEY_START, CHIMNEY_END) {
+                    ground.height = c(CHIMNEY_SLOPE) * (y - c(CHIMNEY_Y));
+                    ground.slope[1] = c(CHIMNEY_SLOPE);
                 }
             }
             Profile::ChimneyLr => {
                 // The second wall applies at the common edge.
-                if within(1.5, 2.5) {
-                    ground.height = c(-2.) * (y + c(0.5));
-                    ground.slope[1] = c(-2.);
-                } else if within(0.5, 1.5) {
-                    ground.height = c(2.) * (y - c(0.5));
-                    ground.slope[1] = c(2.);
+                if within(CHIMNEY_LR_MIDDLE, CHIMNEY_LR_END) {
+                    ground.height = c(-CHIMNEY_LR_SLOPE) * (y + c(CHIMNEY_LR_Y));
+                    ground.slope[1] = c(-CHIMNEY_LR_SLOPE);
+                } else if within(CHIMNEY_LR_START, CHIMNEY_LR_MIDDLE) {
+                    ground.height = c(CHIMNEY_LR_SLOPE) * (y - c(CHIMNEY_LR_Y));
+                    ground.slope[1] = c(CHIMNEY_LR_SLOPE);
                 }
             }
         }

@@ -10,8 +10,8 @@ mod certificate;
 
 use crate::error::{Error, Result};
 use crate::gait::Trajectory;
+use crate::gait::joints::follow;
 use crate::report::ground_mesh::GroundMesh;
-use crate::report::joints::follow;
 use crate::report::samples::{FOOT_COLORS, Sample, Sampler, body_size, foot_names, hips};
 use crate::robot::Robot;
 use crate::terrain::Terrain;

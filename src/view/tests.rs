@@ -65,7 +65,7 @@ fn a_page_holds_the_curves_of_its_trajectory() {
 #[cfg(feature = "urdf")]
 #[test]
 fn legs_of_an_imported_robot_are_rods_from_joint_to_joint_and_end_at_the_foot() {
-    use crate::report::joints::tests::{motion, quadruped};
+    use crate::gait::joints::tests::{motion, quadruped};
     use nalgebra::{Rotation3, Vector3};
     let robot = quadruped();
     let trajectory = motion(&robot);

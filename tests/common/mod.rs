@@ -1,4 +1,4 @@
-//! What the test binaries share: seeded gaits and points, reference data, and rows as dense matrices.
+//! Helpers of the test binaries: seeded gaits and points, reference data, and rows as dense matrices.
 #![allow(dead_code, reason = "each test binary uses a part of this")]
 
 use cregopt::gait::Schedule;
@@ -17,7 +17,7 @@ use std::ops::RangeInclusive;
 use std::path::Path;
 use std::sync::Arc;
 
-/// SplitMix64.
+/// Seeded random numbers (SplitMix64).
 pub struct Random(u64);
 
 impl Random {
@@ -48,7 +48,7 @@ impl Random {
     }
 }
 
-/// A gait as the reference draws it: log durations N(-1.75, 1) clamped to [-2.5, -1].
+/// Random gait with the distribution of the reference: log durations N(-1.75, 1), clamped to [-2.5, -1].
 pub fn gait(random: &mut Random, feet: usize, stances: RangeInclusive<usize>) -> Schedule {
     let mut foot = || {
         let phases = 2 * random.index(stances.clone()) - 1;
@@ -57,17 +57,17 @@ pub fn gait(random: &mut Random, feet: usize, stances: RangeInclusive<usize>) ->
     Schedule::new((0..feet).map(|_| foot()).collect()).unwrap()
 }
 
-/// A task for a built-in robot on a built-in terrain.
+/// Task for a built-in robot on a built-in terrain.
 pub fn task(robot: &str, terrain: &str, goal: [f64; 2], yaw: f64) -> Task {
     task_for(Robot::named(robot).unwrap(), Terrain::named(terrain).unwrap(), goal, yaw)
 }
 
-/// A task that ends at the base height of the robot above the terrain.
+/// Task whose goal is at the robot's base height above the terrain.
 pub fn task_for(robot: Robot, terrain: Terrain, [x, y]: [f64; 2], yaw: f64) -> Task {
     Task::new(robot, terrain, Goal::at(x, y).yaw(yaw)).unwrap()
 }
 
-/// A made-up robot with `feet` feet on an ellipse and a full inertia tensor.
+/// Made-up robot with `feet` feet on an ellipse and a full inertia tensor.
 pub fn spider(feet: usize) -> Robot {
     let nominal_feet = (0..feet).map(|foot| {
         let angle = std::f64::consts::TAU * (foot as f64 + 0.3) / feet as f64;
@@ -89,7 +89,7 @@ pub fn spider(feet: usize) -> Robot {
     robot
 }
 
-/// A robot whose feet reach less far back, inward and down, each pair of feet less than the one before.
+/// Robot whose feet reach less far back, inward and down; each pair of feet reaches less than the previous one.
 pub fn lopsided(robot: Robot) -> Robot {
     let sides = |foot: usize| {
         let ([x, y, z], less) = (robot.reach.of(foot).half_widths(), 0.01 * (foot / 2 + 1) as f64);
@@ -98,7 +98,7 @@ pub fn lopsided(robot: Robot) -> Robot {
     Robot { reach: Reach::PerFoot((0..robot.feet()).map(sides).collect()), ..robot }
 }
 
-/// Grid cells of 0.7 m by 0.5 m whose heights differ along both axes, so that every cell is twisted.
+/// Terrain of grid cells of 0.7 m by 0.5 m. Heights differ along both axes, so that every cell is twisted.
 pub fn hills() -> Terrain {
     let height = |i: usize, j: usize| 0.05 * ((3 * i + 5 * j + i * j) % 7) as f64;
     let heights = (0..20).map(|i| (0..16).map(|j| height(i, j)).collect()).collect();
@@ -107,22 +107,23 @@ pub fn hills() -> Terrain {
     terrain
 }
 
-/// Settings of the `momentum` transcription for legs that can do anything, as random gaits need them.
+/// Settings of the `momentum` transcription without limits on the legs, which random gaits would exceed.
 pub fn momentum() -> TranscriptionSettings {
     TranscriptionSettings::paper(Transcription::Momentum)
 }
 
-/// Settings of the `towr` transcription, at TOWR's own interval.
+/// Settings of the `towr` transcription with TOWR's own interval.
 pub fn towr() -> TranscriptionSettings {
     TranscriptionSettings::paper(Transcription::Towr)
 }
 
-/// Settings of both transcriptions for legs that can do anything.
+/// Settings of both transcriptions without limits on the legs.
 pub fn free_legs() -> [TranscriptionSettings; 2] {
     [momentum(), towr()]
 }
 
-/// Settings of all kinds: limited legs, which is the default and has all families of rows of `momentum`, then both transcriptions without.
+/// Settings of all kinds: limited legs (the default, with every family of `momentum` rows), then both transcriptions without limits on the
+/// legs.
 pub fn transcriptions() -> [TranscriptionSettings; 3] {
     [TranscriptionSettings::default(), momentum(), towr()]
 }
@@ -139,7 +140,7 @@ pub fn families() -> [TranscriptionSettings; 4] {
     [limited, free, towr, cones()]
 }
 
-/// Layout in `momentum`, for free legs, of a schedule that is not aligned yet.
+/// Layout of a schedule that is not aligned yet, in `momentum` without limits on the legs.
 pub fn layout<T: Real>(task: &Task, schedule: &Schedule) -> Layout<T> {
     layout_with(task, schedule, &momentum())
 }
@@ -149,10 +150,10 @@ pub fn layout_with<T: Real>(task: &Task, schedule: &Schedule, settings: &Transcr
     Layout::new(task, &schedule.aligned(interval(settings, &task.robot)), settings)
 }
 
-/// Distance from terrain edges that random points keep, m: more than a central difference or f32 rounding moves them.
+/// Distance between random points and terrain edges, m. Larger than a central difference or f32 rounding moves a point.
 const CLEARANCE: f64 = 1e-4;
 
-/// Whether the ground around a point is smooth: its slope changes as its curvature says.
+/// True if the ground around a point is smooth: its slope changes as its curvature predicts.
 fn smooth(terrain: &Terrain, x: f64, y: f64) -> bool {
     let here = terrain.ground(x, y);
     let [[xx, xy], [_, yy]] = here.curvature;
@@ -164,8 +165,8 @@ fn smooth(terrain: &Terrain, x: f64, y: f64) -> bool {
     })
 }
 
-/// A random point near the initial guess. Footholds, the points `edge_radius` around them, and those of swings at which rows hold stay
-/// clear of edges of the terrain. Forces are near the weight per foot.
+/// Random point near the initial guess. Footholds, the points `edge_radius` around them, and the points of swings that have rows are clear
+/// of terrain edges. Forces are near the weight per foot.
 pub fn point(layout: &Layout<f64>, random: &mut Random, edge_radius: f64) -> Vec<f64> {
     let mut x = layout.initial.clone();
     let free = |at: usize| at < layout.variables;
@@ -194,7 +195,7 @@ pub fn point(layout: &Layout<f64>, random: &mut Random, edge_radius: f64) -> Vec
             let mut foothold = guess;
             while free(at) {
                 foothold = guess.map(|v| v + random.between(-0.15, 0.15));
-                // Points of the swing that ends here at which its height is held.
+                // Points of the swing that ends at this foothold at which rows limit the height.
                 let swings = layout.swing_nodes.iter().filter(|s| s.foothold[1] == number);
                 let on_the_way = |p: [f64; 2], [a, b]: [f64; 2]| [a * p[0] + b * foothold[0], a * p[1] + b * foothold[1]];
                 let mut passes = swings.filter_map(|s| previous.map(|p| on_the_way(p, s.xy_weights)));
@@ -210,8 +211,8 @@ pub fn point(layout: &Layout<f64>, random: &mut Random, edge_radius: f64) -> Vec
     x
 }
 
-/// Gives elements any number of rows, 1 to 13 in turns. Their rows and Jacobian values stand behind those that there were. What the
-/// factorisation knows by its family (reach, linear momentum) stays as it is.
+/// Gives each element a number of rows from 1 to 13 in turn. The new rows and Jacobian values come after the existing ones. Elements that
+/// the factorisation handles by family (reach, linear momentum) do not change.
 pub fn with_any_rows<T: Real>(layout: &mut Layout<T>) {
     let any = layout.elements.iter_mut().filter(|e| e.family != Family::LinearMomentum);
     for (element, rows) in any.zip((1..=13).cycle()) {
@@ -223,7 +224,7 @@ pub fn with_any_rows<T: Real>(layout: &mut Layout<T>) {
     }
 }
 
-/// Jacobian values of such a layout at a point: of rows that there were those that they have, of the others any, a third of them zero.
+/// Jacobian values of such a layout at a point: the true values for existing rows, random ones for new rows, of which a third are zero.
 pub fn any_jacobian<T: Real>(layout: &Layout<T>, x: &[T], random: &mut Random) -> Vec<T> {
     let mut values = rows(layout, x, 0.).jacobian;
     for element in layout.elements.iter().filter(|e| e.family != Family::LinearMomentum) {
@@ -239,19 +240,19 @@ pub fn any_jacobian<T: Real>(layout: &Layout<T>, x: &[T], random: &mut Random) -
     values
 }
 
-/// Residuals and Jacobian values at one point.
+/// Residuals and Jacobian values at a point.
 pub struct Rows<T> {
     pub c: Vec<T>,
     pub g: Vec<T>,
     pub jacobian: Vec<T>,
 }
 
-/// Runs the kernels at a point.
+/// Evaluates the rows at a point.
 pub fn rows<T: Real>(layout: &Layout<T>, x: &[T], edge_radius: f64) -> Rows<T> {
     rows_with(layout, x, edge_radius, &mut shared(layout))
 }
 
-/// Runs the kernels. Residuals are filled with NaN before, so that one that is not written shows.
+/// Evaluates the rows. Residuals are filled with NaN before, so that a residual that is not written is noticed.
 pub fn rows_with<T: Real>(layout: &Layout<T>, x: &[T], edge_radius: f64, shared: &mut Shared<T>) -> Rows<T> {
     let mut rows = Rows {
         c: vec![T::nan(); layout.rows.one_sided()],
@@ -262,7 +263,7 @@ pub fn rows_with<T: Real>(layout: &Layout<T>, x: &[T], edge_radius: f64, shared:
     rows
 }
 
-/// What rows share at a point, the deviations of the base from its cubics frozen there.
+/// Shared quantities of the rows at a point, with the deviations of the base from its cubics frozen there.
 pub fn frozen_at<T: Real>(layout: &Layout<T>, x: &[T], edge_radius: f64) -> Shared<T> {
     let mut shared = shared(layout);
     rows_with(layout, x, edge_radius, &mut shared);
@@ -270,12 +271,12 @@ pub fn frozen_at<T: Real>(layout: &Layout<T>, x: &[T], edge_radius: f64) -> Shar
     shared
 }
 
-/// What rows share when the base follows its cubics.
+/// Shared quantities of the rows when the base follows its cubics.
 pub fn straight<T: Real>(layout: &Layout<T>) -> Shared<T> {
     Shared { frozen: true, ..shared(layout) }
 }
 
-/// What rows share, not evaluated yet.
+/// Shared quantities of the rows, not evaluated yet.
 pub fn shared<T: Real>(layout: &Layout<T>) -> Shared<T> {
     let mut shared = Shared::default();
     shared.resize(layout);
@@ -283,7 +284,7 @@ pub fn shared<T: Real>(layout: &Layout<T>) -> Shared<T> {
     shared
 }
 
-/// The Jacobian as a matrix, `[rows][variables]`, from the tables of the layout.
+/// Dense Jacobian, `[rows][variables]`, from the tables of the layout.
 pub fn dense_jacobian<T: Real>(layout: &Layout<T>, values: &[T]) -> DMatrix<f64> {
     let mut dense = DMatrix::zeros(layout.rows.all(), layout.variables);
     for (element, runs) in layout.all_elements().zip(layout.columns()) {
@@ -300,7 +301,7 @@ pub fn dense_jacobian<T: Real>(layout: &Layout<T>, values: &[T]) -> DMatrix<f64>
     dense
 }
 
-/// The Jacobian of all inequalities, both sides, `[inequalities][variables]`.
+/// Dense Jacobian of all inequalities, both sides, `[inequalities][variables]`.
 pub fn dense_inequalities<T: Real>(layout: &Layout<T>, values: &[T]) -> DMatrix<f64> {
     let by_row = dense_jacobian(layout, values);
     let mut dense = DMatrix::zeros(layout.inequalities, layout.variables);
@@ -316,7 +317,7 @@ pub fn dense_inequalities<T: Real>(layout: &Layout<T>, values: &[T]) -> DMatrix<
     dense
 }
 
-/// One residual for each Jacobian row: equalities, and the upper sides of inequalities.
+/// One residual per Jacobian row: equalities, and the upper sides of inequalities.
 pub fn one_sided<T: Real>(layout: &Layout<T>, c: &[T], g: &[T]) -> Vec<f64> {
     let mut residuals = vec![f64::NAN; layout.rows.all()];
     for element in layout.all_elements() {
@@ -340,11 +341,11 @@ pub struct ReferenceCandidate {
     pub index: u64,
     pub task: Task,
     pub schedule: Schedule,
-    /// Whether Ipopt solved TOWR's problem, in 50 or in 500 iterations.
+    /// True if Ipopt solved TOWR's problem in 50 or in 500 iterations.
     pub solved_by_ipopt: bool,
-    /// Whether it did in 50.
+    /// True if Ipopt solved it in 50 iterations.
     pub solved_at_once: bool,
-    /// Its status after those.
+    /// Status of Ipopt after 50 iterations.
     pub status: i32,
     /// Sizes of TOWR's problem.
     pub n_variables: usize,
@@ -363,7 +364,7 @@ fn reference_candidate(line: &str) -> ReferenceCandidate {
     let target = value["target"].as_u64().unwrap();
     let mut task = scenario.task(target as usize).unwrap();
     if scenario.name == "hex" {
-        // The reference was made with the inertia as published.
+        // The reference was computed with the inertia as published.
         task.robot = Arc::new(Robot::named("pexod-as-published").unwrap());
     }
     task.force_limit = Some(FORCE_LIMIT);

@@ -1,7 +1,7 @@
-//! What a real GPU's compiler makes of the shaders, without the GPU: nothing spills, nothing lives in scratch memory, and waves enough are
-//! there to hide each other's loads. No software adapter shows any of that.
+//! Results of a real GPU's compiler for the shaders, without the GPU: no register spills, no scratch memory, and enough waves to hide each
+//! other's memory latency. No software adapter shows any of that.
 //!
-//! Without Mesa's driver for AMD cards the test says that it is skipped; with `GPU_TESTS=require` it fails instead, on Linux.
+//! Without Mesa's driver for AMD cards the test reports that it is skipped; with `GPU_TESTS=require` it fails instead, on Linux.
 
 #[path = "../common/mod.rs"]
 mod common;
@@ -12,9 +12,9 @@ use radv::{CHIPS, Chip, Radv, Rows};
 use std::collections::BTreeSet;
 use std::io::Write;
 
-/// Waves that a SIMD is to hold at least, in the order of [`CHIPS`], of shaders that do not fill it: as many as Mesa 22.3 gives them.
+/// Least number of waves per SIMD, in the order of [`CHIPS`], of the shaders that do not fill it: as many as Mesa 22.3 gives them.
 ///
-/// The rows and their products have more at hand than registers for all waves; `front` keeps its front in workgroup memory.
+/// Rows and their products need more registers than all waves together have; `front` keeps its front in workgroup memory.
 const LEAST_WAVES: &[(Shader, [u64; 3])] = &[
     (Shader::Dynamics, [12, 12, 3]),
     (Shader::Momentum, [12, 12, 3]),
@@ -26,16 +26,16 @@ const LEAST_WAVES: &[(Shader, [u64; 3])] = &[
     (Shader::Product, [21, 24, 7]),
     (Shader::Judge, [32, 32, 8]),
 ];
-/// What fills a SIMD.
+/// Number of waves that fill a SIMD.
 const ALL_WAVES: [u64; 3] = [32, 32, 10];
 
-/// Says so even where the output of tests that pass is not shown.
+/// Prints the reason even where the output of passing tests is hidden.
 #[expect(clippy::explicit_write, reason = "the harness keeps what eprintln prints")]
 fn skipped(why: &str) {
-    writeln!(std::io::stderr(), "`no_shader_spills_and_each_leaves_room_for_others` skipped: {why}").unwrap();
+    writeln!(std::io::stderr(), "`no_shader_spills_and_each_has_enough_waves` skipped: {why}").unwrap();
 }
 
-/// What is wrong with a shader on a chip.
+/// Faults of a shader on a chip.
 fn faults(radv: &Radv, rows: &Rows, shader: Shader, chip: Chip, least: u64) -> Vec<String> {
     let of = radv.compile(shader, &rows.variant(radv.workgroup_memory), chip.lanes).unwrap();
     let what = format!("{} ({} rows, {chip})", shader.path(), rows.name);
@@ -53,7 +53,7 @@ fn faults(radv: &Radv, rows: &Rows, shader: Shader, chip: Chip, least: u64) -> V
 }
 
 #[test]
-fn no_shader_spills_and_each_leaves_room_for_others() {
+fn no_shader_spills_and_each_has_enough_waves() {
     if let Err(why) = Radv::open(CHIPS[0].family) {
         let required = cfg!(target_os = "linux") && std::env::var("GPU_TESTS").as_deref() == Ok("require");
         assert!(!required, "Mesa's driver for AMD cards is needed: {why}");

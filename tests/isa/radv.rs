@@ -1,10 +1,10 @@
-//! Shaders compiled for the instruction set of a GPU that need not be there: Mesa's driver for AMD cards, RADV, compiles for any of its chips
-//! and says what its compiler made of a shader. Nothing runs.
+//! Shaders compiled for the instruction set of a GPU that is not in this machine. Mesa's driver for AMD cards, RADV, compiles for any of
+//! its chips and reports the compiler's statistics of a shader. No shader runs.
 
 use crate::common::{layout_with, reference_candidates, towr};
 use ash::{Entry, khr, vk};
 use cregopt::backend::gpu::shaders::{Binding, Shader, Variant, WORKGROUP};
-use cregopt::backend::gpu::tables::{ShaderTables, Sizes};
+use cregopt::backend::tables::{ShaderTables, Sizes};
 use cregopt::settings::TranscriptionSettings;
 use naga::back::spv;
 use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
@@ -12,12 +12,12 @@ use naga::valid::{Capabilities, ValidationFlags, Validator};
 use std::ffi::CStr;
 use std::path::PathBuf;
 
-/// A GPU, and how many lanes its waves have.
+/// A GPU and the width of its waves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Chip {
-    /// As RADV names it.
+    /// RADV's name of the chip.
     pub family: &'static str,
-    /// 32 or 64.
+    /// Lanes per wave: 32 or 64.
     pub lanes: u32,
 }
 
@@ -31,13 +31,13 @@ impl std::fmt::Display for Chip {
     }
 }
 
-/// A variant of the shaders, as the program chooses it for the scenario s1.
+/// Variant of the shaders, as the program chooses it for the scenario s1.
 pub struct Rows {
-    /// The transcription's name.
+    /// Name of the transcription.
     pub name: &'static str,
-    /// Its largest front.
+    /// Size of its largest front.
     pub front: usize,
-    /// Most columns of an element.
+    /// Largest number of columns of an element.
     columns: usize,
 }
 
@@ -55,40 +55,40 @@ impl Rows {
         })
     }
 
-    /// On a GPU with so much workgroup memory, bytes.
+    /// Variant for a GPU with this workgroup memory, bytes.
     pub fn variant(&self, workgroup_memory: u32) -> Variant {
         Variant::new(self.front, self.columns, WORKGROUP, workgroup_memory)
     }
 }
 
-/// What became of a shader.
+/// Statistics of a compiled shader.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Compiled {
-    /// Vector registers of a lane.
+    /// Vector registers per lane.
     pub vector_registers: u64,
-    /// Scalar registers of a wave.
+    /// Scalar registers per wave.
     pub scalar_registers: u64,
-    /// Registers of both kinds that did not suffice.
+    /// Registers of both kinds that were spilled.
     pub spilled: u64,
-    /// Scratch memory, bytes a wave.
+    /// Scratch memory, bytes per wave.
     pub scratch: u64,
     /// Workgroup memory, bytes.
     pub workgroup_memory: u64,
     /// Waves that a SIMD holds at once.
     pub waves: u64,
-    /// Its instructions.
+    /// Number of instructions.
     pub instructions: u64,
-    /// Cycles from its begin to its end as the compiler guesses, each loop as often as it guesses.
+    /// Cycles from begin to end by the compiler's estimate, which also estimates the trip count of each loop.
     pub latency: u64,
 }
 
-/// Where drivers are listed.
+/// Folders that list drivers.
 const FOLDERS: [&str; 3] = ["/usr/share/vulkan/icd.d", "/usr/local/share/vulkan/icd.d", "/etc/vulkan/icd.d"];
 
-/// The file that names RADV to the loader of Vulkan, of this machine's architecture where there are several.
+/// The file that names RADV to the Vulkan loader; where there are several, that of this machine's architecture.
 ///
 /// # Errors
-/// Says where none was found.
+/// The folders that were searched, if there is no such file.
 fn driver() -> Result<PathBuf, String> {
     let files = FOLDERS.iter().filter_map(|folder| std::fs::read_dir(folder).ok()).flatten().filter_map(|file| Some(file.ok()?.path()));
     let named = |path: &PathBuf| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("radeon_icd"));
@@ -104,15 +104,15 @@ pub struct Radv {
     executables: khr::pipeline_executable_properties::Device,
     /// Workgroup memory of the chip, bytes.
     pub workgroup_memory: u32,
-    // Everything above was loaded by it.
+    // Owns everything above.
     _entry: Entry,
 }
 
 impl Radv {
-    /// Has RADV compile for a chip. Calls must follow each other: environment variables say which.
+    /// Opens RADV for a chip. Calls must not overlap, because environment variables select the chip.
     ///
     /// # Errors
-    /// Why it cannot be had: no driver, no loader, or a driver that does not know the chip.
+    /// The reason: no driver, no loader, or a driver that does not know the chip.
     pub fn open(family: &str) -> Result<Radv, String> {
         let driver = driver()?;
         // SAFETY: Rust's own reads of the environment are behind a lock; the driver reads it below, in this thread.
@@ -122,11 +122,11 @@ impl Radv {
             std::env::set_var("RADV_FORCE_FAMILY", family);
             std::env::set_var("RADV_DEBUG", "nocache");
         }
-        // SAFETY: the library is the loader of Vulkan, by its name.
+        // SAFETY: the library is the Vulkan loader, by its name.
         let entry = unsafe { Entry::load() }.map_err(|e| format!("no loader of Vulkan: {e}"))?;
         let refused = |what: &str, e: vk::Result| format!("{what} for {family}: {e}");
         let application = vk::ApplicationInfo::default().api_version(vk::API_VERSION_1_3);
-        // SAFETY: what is created refers to nothing that dies before it, here and in the rest of this file.
+        // SAFETY: no object refers to one that is destroyed before it, here and in the rest of this file.
         unsafe {
             let instance = entry
                 .create_instance(&vk::InstanceCreateInfo::default().application_info(&application), None)
@@ -138,7 +138,7 @@ impl Radv {
         }
     }
 
-    /// The first device, with what it is asked for here, and its workgroup memory.
+    /// The first device, with the features that are needed here, and its workgroup memory.
     ///
     /// # Safety
     /// The instance must be alive.
@@ -154,7 +154,7 @@ impl Radv {
             .push_next(&mut executables)
             .push_next(&mut memory_model)
             .push_next(&mut widths);
-        // SAFETY: the pointers are those of the values above.
+        // SAFETY: the pointers are to the values above.
         unsafe {
             let physical = instance.enumerate_physical_devices()?.into_iter().next().ok_or(vk::Result::ERROR_DEVICE_LOST)?;
             let memory = instance.get_physical_device_properties(physical).limits.max_compute_shared_memory_size;
@@ -165,7 +165,7 @@ impl Radv {
     /// Compiles a shader as the program does.
     ///
     /// # Errors
-    /// What is wrong with the shader, or what the driver refuses.
+    /// The fault of the shader, or the driver's refusal.
     pub fn compile(&self, shader: Shader, variant: &Variant, lanes: u32) -> Result<Compiled, String> {
         let refused = |e: vk::Result| format!("{}: {e}", shader.path());
         let words = words(&shader.text(variant)).map_err(|why| format!("{}: {why}", shader.path()))?;
@@ -180,7 +180,7 @@ impl Radv {
         };
         let bindings: Vec<_> = (0..).zip(kinds).map(binding).collect();
         let device = &self.device;
-        // SAFETY: handles are those created here; what is left when one is refused dies with the device.
+        // SAFETY: the handles are those created here; after a refusal the rest is destroyed with the device.
         unsafe {
             let sets = [device
                 .create_descriptor_set_layout(&vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings), None)
@@ -211,7 +211,7 @@ impl Radv {
 
 impl Drop for Radv {
     fn drop(&mut self) {
-        // SAFETY: nothing that was created with them is in use.
+        // SAFETY: no object that was created with them is in use.
         unsafe {
             self.device.destroy_device(None);
             self.instance.destroy_instance(None);
@@ -219,11 +219,11 @@ impl Drop for Radv {
     }
 }
 
-/// What the driver's statistics say.
+/// Values of the driver's statistics.
 fn compiled(statistics: &[vk::PipelineExecutableStatisticKHR]) -> Result<Compiled, String> {
     let of = |wanted: &CStr| {
         let found = statistics.iter().find(|s| s.name_as_c_str().is_ok_and(|name| name == wanted));
-        // SAFETY: RADV has integers of 64 bits alone, which the format says.
+        // SAFETY: RADV has 64-bit integers only, as the format says.
         found
             .filter(|s| s.format == vk::PipelineExecutableStatisticFormatKHR::UINT64)
             .map(|s| unsafe { s.value.u64 })
@@ -241,7 +241,8 @@ fn compiled(statistics: &[vk::PipelineExecutableStatisticKHR]) -> Result<Compile
     })
 }
 
-/// SPIR-V of a text as wgpu makes it for Vulkan 1.3 of a module without run-time checks (`Device::compile` in src/backend/gpu/device.rs).
+/// SPIR-V of a text, as wgpu makes it for Vulkan 1.3 from a module without run-time checks (`Device::compile` in
+/// src/backend/gpu/device.rs).
 fn words(text: &str) -> Result<Vec<u32>, String> {
     let module = naga::front::wgsl::parse_str(text).map_err(|e| e.emit_to_string(text))?;
     let info = Validator::new(ValidationFlags::all(), Capabilities::empty()).validate(&module).map_err(|e| e.emit_to_string(text))?;

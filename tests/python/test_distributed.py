@@ -286,7 +286,7 @@ def test_the_work_of_workers_yields_the_search_of_one_process(task: cregopt.Task
         for first in range(0, len(schedules), 5):
             yield first, _cregopt.solve_chunk(task, job, schedules[first : first + 5], "cpu", 1)
 
-    found = _cregopt.search(task, _search.scenario_options(**BROAD), None, ("workers", solve))
+    found = _cregopt.search(task, _search.scenario_options(**BROAD), None, ("cpu", "workers", solve))
     assert_same_search(found, searched)
     assert found.to_dict().get("fallback") is None
 
@@ -294,7 +294,7 @@ def test_the_work_of_workers_yields_the_search_of_one_process(task: cregopt.Task
         for first, (answers, _) in solve(task, job, schedules):
             yield first, (answers, (len(answers), "the device was lost"))
 
-    found = _cregopt.search(task, _search.scenario_options(**BROAD), None, ("workers", without_gpu))
+    found = _cregopt.search(task, _search.scenario_options(**BROAD), None, ("cpu", "workers", without_gpu))
     assert found.trajectory.to_json() == searched.trajectory.to_json()
     fallback = found.to_dict()["fallback"]
     assert fallback["candidates"] >= 24 and fallback["reason"] == "the device was lost"

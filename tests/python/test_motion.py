@@ -75,7 +75,7 @@ def test_a_motion_is_verified_independently_of_its_search(gait: cregopt.Gait, tm
     icy = cregopt.verify(path, terrain=cregopt.Terrain("flat", friction=0.01))
     assert not icy.feasible and icy.n_violated > 0 and icy.max_violation > 0
     assert not cregopt.verify(gait, force_limit=10.0).feasible
-    with pytest.raises(cregopt.Error, match="force-limit: -1"):
+    with pytest.raises(cregopt.Error, match="force_limit: -1"):
         cregopt.verify(gait, force_limit=-1.0)
     with pytest.raises(TypeError):
         cregopt.verify(3)  # type: ignore[arg-type]

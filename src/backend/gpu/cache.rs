@@ -2,7 +2,7 @@
 //! read or are corrupt are recreated, and write errors are ignored.
 
 use crate::backend::locked;
-use crate::report::files;
+use crate::files;
 use etcetera::BaseStrategy;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::PathBuf;

@@ -2,8 +2,8 @@
 
 use super::cache::{Folder, Pipelines};
 use super::shaders::{Binding, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP};
-use super::tables::Buffer;
 use crate::backend::locked;
+use crate::backend::tables::Buffer;
 use crate::error::{Error, Result};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, mpsc};

@@ -9,7 +9,6 @@ pub mod crossover;
 mod device;
 pub mod shaders;
 mod slots;
-pub mod tables;
 mod timer;
 
 pub use cache::Folder;
@@ -17,7 +16,8 @@ pub use device::{AdapterReport, Device, Fault, Found};
 pub use slots::{List, Prepared, Slots, most_slots};
 pub use timer::Timing;
 
-use super::{Backend, Cpu, Fallback, Job, Precision, Problem, Solution, locked};
+use super::tables::{Buffer, Sizes};
+use super::{Backend, Cpu, DeviceChoice, Fallback, Job, Precision, Problem, Solution, locked};
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
 use crate::nlp::{Curves, Layout, transcription};
@@ -33,13 +33,13 @@ use shaders::Shader;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
-use tables::{Buffer, Sizes};
 use timer::Timer;
 use tracing::warn;
 
 /// Number of slots on a device with its own memory.
 const SLOTS: usize = 2048;
-/// Smallest number of slots on a software adapter. More than its threads need make it slower, because they share a cache.
+/// Smallest number of slots on a software adapter. More than its threads need make it slower, because they share a cache:
+/// on llvmpipe with two threads, 16 slots solve 2.5 candidates/s, 64 slots 1.8.
 const SOFTWARE_SLOTS: usize = 16;
 /// Number of candidates whose tables are built before the sizes of the slots are chosen.
 const SAMPLE: usize = 256;
@@ -505,6 +505,10 @@ impl Backend for Gpu {
     fn device(&self) -> String {
         let report = &self.device.report;
         format!("gpu: {} ({}, {})", report.name, report.interface, report.driver)
+    }
+
+    fn choice(&self) -> DeviceChoice {
+        DeviceChoice::adapter(&self.device.report.name)
     }
 
     fn fallback(&self) -> Option<Fallback> {

@@ -15,6 +15,8 @@
 //! //                                          an entry, `base_blocks_front(slot, i, k)` an element of an array in an entry
 //! ```
 //!
+//! `shaders/generated.wgsl` shows these functions.
+//!
 //! Every shader binds `batch`, `running`, `slots`, `progress` and `values` ([`COMMON`]). Its text is preceded by the types of buffers,
 //! their structs and the constants that it shares with Rust ([`prelude`]).
 //!
@@ -29,15 +31,18 @@
 //! within 3 units, but only within 2^-21 absolute between 0.5 and 2, where the ratios of slacks that hardly change are. Times the barrier
 //! parameter this is 2.4e-8 per row at its default. Tested adapters are within 1.9e-7, which is 1e-8 per row.
 
-use super::tables::{Batch, Buffer, Part, kind};
+use crate::backend::tables::{Batch, Buffer, Part, kind};
 use crate::robot::GRAVITY;
-use crate::rows::factored::{BASE_BLOCKS, OWN_BLOCKS, POSE};
-use crate::rows::momentum::{INNER_POINTS, MOMENTUM_POINTS};
+use crate::rows::factored::{OWN_BLOCKS, OWN_COLUMNS, POSE, POSE_BLOCKS};
+use crate::rows::momentum::{INNER_POINTS, MOMENTUM_POINTS, STEEP_COSINE};
+use crate::rows::swing::{RING_POINTS, RINGS};
 use crate::rows::table::{NONE, Wgsl};
-use crate::rows::{Family, RowKind, acceleration, reach, row_shaders};
+use crate::rows::{Family, RowKind, acceleration, force, reach, row_shaders};
 use crate::solver::control;
 use crate::solver::round::Stage;
-use crate::solver::slacks::{BARRIER_FLOOR, MULTIPLIER_FLOOR, SLACK_FLOOR, TO_THE_BOUNDARY};
+use crate::solver::slacks::{BARRIER_FLOOR, FRACTION_TO_THE_BOUNDARY, MULTIPLIER_FLOOR, SLACK_FLOOR};
+use crate::solver::start::SCALING_FLOOR;
+use crate::terrain::profile::DIMENSIONS;
 
 /// Invocations per workgroup, in every shader.
 pub const WORKGROUP: u32 = 64;
@@ -193,6 +198,16 @@ pub fn reads(text: &str) -> Result<Vec<Buffer>, String> {
     stated(text, "reads:").map(joined).collect()
 }
 
+/// Text of everything that is generated for shaders: [`prelude`], and the functions that read each table of [`Buffer::JOINED`].
+///
+/// A shader gets the functions of those tables that it reads. `shaders/generated.wgsl` is a copy of this text, for readers.
+pub fn generated() -> String {
+    let readers: String = Buffer::JOINED.iter().map(|table| readers(*table)).collect();
+    (prelude() + &readers).trim_end().to_string()
+        + "
+"
+}
+
 /// Functions that read the entries of a table, and the arrays in them, from `tables`.
 fn readers(table: Buffer) -> String {
     let (name, entry) = (table.name(), table.entry());
@@ -321,6 +336,14 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("NONE", NONE),
         ("INNER_POINTS", INNER_POINTS as u32),
         ("MOMENTUM_POINTS", MOMENTUM_POINTS as u32),
+        ("POSE", POSE as u32),
+        ("POSE_BLOCKS", POSE_BLOCKS as u32),
+        ("OWN_BLOCKS", OWN_BLOCKS as u32),
+        ("OWN_COLUMNS", OWN_COLUMNS as u32),
+        ("FACTORED_ROWS", reach::SPEC.rows as u32),
+        ("FACTORED_PAIRS", reach::SPEC.pairs as u32),
+        ("FORCE_ROWS", force::SPEC.rows as u32),
+        ("RING_POINTS", RING_POINTS as u32),
         ("FLAT", kind::FLAT),
         ("BLOCK", kind::BLOCK),
         ("STAIRS", kind::STAIRS),
@@ -340,34 +363,44 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("NON_FINITE", control::NON_FINITE),
         ("SHORTENINGS", control::SHORTENINGS),
         ("ATTEMPTS", control::ATTEMPTS),
-        ("HOPELESS_FROM", control::HOPELESS_FROM),
-        ("HOPELESS_TO", control::HOPELESS_TO),
-        ("HOPELESS_KNEE", control::HOPELESS_KNEES[0]),
-        ("HOPELESS_LATE_KNEE", control::HOPELESS_KNEES[1]),
+        ("EARLY_TERMINATION_FROM", control::EARLY_TERMINATION_FROM),
+        ("EARLY_TERMINATION_TO", control::EARLY_TERMINATION_TO),
+        ("EARLY_TERMINATION_KNEE", control::EARLY_TERMINATION_KNEES[0]),
+        ("EARLY_TERMINATION_LATE_KNEE", control::EARLY_TERMINATION_KNEES[1]),
         ("LINEAR_MOMENTUM", Family::LinearMomentum as u32),
         ("FACTORED", Family::Reach as u32),
-        ("FACTORED_ROWS", reach::SPEC.rows as u32),
-        ("FACTORED_PAIRS", reach::SPEC.pairs as u32),
-        ("POSE", POSE as u32),
-        ("BASE_BLOCKS", BASE_BLOCKS as u32),
-        ("OWN_BLOCKS", OWN_BLOCKS as u32),
         ("EQUALITY", RowKind::Equality as u32),
         ("COST", RowKind::Cost as u32),
         ("INEQUALITY", RowKind::Inequality as u32),
     ];
-    let real = vec![
+    let [[inner_ring, inner_lift], [outer_ring, outer_lift]] = RINGS;
+    let mut real = vec![
         ("ACCELERATION_MARGIN", acceleration::MARGIN as f32),
         ("GRAVITY", GRAVITY as f32),
+        ("STEEP_COSINE", STEEP_COSINE as f32),
+        ("INNER_RING", inner_ring as f32),
+        ("INNER_LIFT", inner_lift as f32),
+        ("OUTER_RING", outer_ring as f32),
+        ("OUTER_LIFT", outer_lift as f32),
         ("CLOSING_RATE", control::CLOSING_RATE as f32),
+        ("CLOSING_AGAIN", control::CLOSING_AGAIN as f32),
+        ("NEAR_LINEAR", control::NEAR_LINEAR as f32),
+        ("NEAR_LINEAR_FLOOR", control::NEAR_LINEAR_FLOOR as f32),
+        ("GOOD_RATIO", control::GOOD_RATIO as f32),
+        ("POOR_RATIO", control::POOR_RATIO as f32),
+        ("GOOD_DIVISOR", control::GOOD_DIVISOR as f32),
+        ("POOR_FACTOR", control::POOR_FACTOR as f32),
         ("SHORTENING", control::SHORTENING as f32),
         ("STALL_TARGET", control::STALL_TARGET as f32),
         ("STALL_ABOVE", control::STALL_ABOVE as f32),
         ("PROXIMAL_GROWTH", control::PROXIMAL_GROWTH as f32),
         ("BARRIER_FLOOR", BARRIER_FLOOR as f32),
         ("SLACK_FLOOR", SLACK_FLOOR as f32),
-        ("TO_THE_BOUNDARY", TO_THE_BOUNDARY as f32),
+        ("FRACTION_TO_THE_BOUNDARY", FRACTION_TO_THE_BOUNDARY as f32),
         ("MULTIPLIER_FLOOR", MULTIPLIER_FLOOR as f32),
+        ("SCALING_FLOOR", SCALING_FLOOR as f32),
     ];
+    real.extend(DIMENSIONS.iter().map(|&(name, value)| (name, value as f32)));
     (whole, real)
 }
 
@@ -418,9 +451,10 @@ impl Variant {
         Variant { front: if needed <= memory { (memory - others) / 4 } else { 0 }, ..without }
     }
 
-    /// Workgroup memory of a factorisation, bytes: the front, and `panel` and `columns` of front.wgsl, `by_pose` of factored_front.wgsl, in the multiples of 16
-    /// that adapters count.
+    /// Workgroup memory of a factorisation, bytes: the front, `panel` and `columns` of linear/front.wgsl, and `by_pose` of
+    /// shared/factored_front.wgsl, in the multiples of 16 that adapters count.
     pub fn workgroup_memory(&self) -> u32 {
-        4 * (self.front + 4 * self.side + 2 * self.columns + 44)
+        let by_pose = (POSE * POSE + POSE).next_multiple_of(4) as u32;
+        4 * (self.front + 4 * self.side + 2 * self.columns + by_pose)
     }
 }

@@ -2,7 +2,7 @@
 
 use super::device::{Device, Fault, Pipeline};
 use super::shaders::{Binding, Shader, Variant};
-use super::tables::{ALIGNMENT, Batch, Buffer, Part, ShaderTables, Sizes, Slot, first_progress};
+use crate::backend::tables::{ALIGNMENT, Batch, Buffer, Part, ShaderTables, Sizes, Slot, first_progress};
 use crate::nlp::Layout;
 use crate::rows::factored::FactoredTouch;
 use crate::settings::SolverSettings;
@@ -176,6 +176,86 @@ pub fn most_slots(device: &Device, sizes: &Sizes, settings: &SolverSettings, hei
     most.min(u64::from(device.limits.max_compute_workgroups_per_dimension)) as usize
 }
 
+/// Creates the storage buffers for `capacity` candidates, in the order of [`Buffer::ALL`]. Returns them and their size in bytes.
+///
+/// * `heights` - number of samples of all grids
+fn storage(device: &Device, sizes: &Sizes, batch: &Batch, capacity: usize, heights: usize) -> Result<(Vec<wgpu::Buffer>, u64), Fault> {
+    let mut bytes = 0;
+    let mut buffers: Vec<wgpu::Buffer> = Vec::new();
+    for &buffer in Buffer::ALL {
+        if batch.first(buffer).is_some() {
+            buffers.push(buffers[Buffer::Tables as usize].clone());
+            continue;
+        }
+        let size = match buffer {
+            Buffer::Running => 2 * running_bytes(capacity),
+            Buffer::Heights => bytes_of(buffer, sizes, batch, heights),
+            Buffer::Tables => {
+                let joined = |b: &Buffer| (capacity as u64 * sizes.bytes(*b)).next_multiple_of(ALIGNMENT);
+                Buffer::JOINED.iter().map(joined).sum()
+            }
+            _ => capacity as u64 * bytes_of(buffer, sizes, batch, 0),
+        };
+        bytes += size;
+        if bytes > device.memory {
+            return Err(Fault::OutOfMemory);
+        }
+        buffers.push(device.buffer(buffer.name(), size, Use::STORAGE | Use::COPY_DST | Use::COPY_SRC)?);
+    }
+    Ok((buffers, bytes))
+}
+
+/// Size of one list of running slots, bytes.
+fn running_bytes(capacity: usize) -> u64 {
+    (4 * capacity as u64).next_multiple_of(ALIGNMENT)
+}
+
+/// Uniform buffers of a batch.
+struct Uniforms {
+    batch: wgpu::Buffer,
+    /// Parts of the factorisation, one per dispatch.
+    parts: wgpu::Buffer,
+}
+
+impl Uniforms {
+    /// Creates and fills the buffers.
+    ///
+    /// * `steps_at_once` - steps of the factorisation per dispatch
+    fn new(device: &Device, batch: &Batch, steps_at_once: u32) -> Result<Uniforms, Fault> {
+        let uniform = device.buffer("batch", size_of::<Batch>() as u64, Use::UNIFORM | Use::COPY_DST)?;
+        device.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(batch));
+        let count = batch.front_steps.div_ceil(steps_at_once);
+        let parts = device.buffer("part", ALIGNMENT * u64::from(count), Use::UNIFORM | Use::COPY_DST)?;
+        for part in 0..count {
+            let steps = Part { first: part * steps_at_once, last: (part + 1) * steps_at_once };
+            device.queue.write_buffer(&parts, ALIGNMENT * u64::from(part), bytemuck::bytes_of(&steps));
+        }
+        Ok(Uniforms { batch: uniform, parts })
+    }
+
+    /// Part of a buffer that a shader's binding refers to.
+    fn bound<'a>(
+        &'a self,
+        binding: &Binding,
+        buffers: &'a [wgpu::Buffer],
+        sizes: &Sizes,
+        batch: &Batch,
+        capacity: usize,
+    ) -> wgpu::BufferBinding<'a> {
+        let whole = |buffer| wgpu::BufferBinding { buffer, offset: 0, size: None };
+        let sized = |buffer, offset, size| wgpu::BufferBinding { buffer, offset, size: std::num::NonZeroU64::new(size) };
+        match binding {
+            Binding::Batch => whole(&self.batch),
+            Binding::Part => sized(&self.parts, 0, size_of::<Part>() as u64),
+            Binding::Storage(Buffer::Running, _) => sized(&buffers[Buffer::Running as usize], 0, running_bytes(capacity)),
+            Binding::Storage(buffer, _) => match batch.first(*buffer) {
+                None => whole(&buffers[*buffer as usize]),
+                Some(first) => sized(&buffers[*buffer as usize], 4 * u64::from(first), capacity as u64 * sizes.bytes(*buffer)),
+            },
+        }
+    }
+}
+
 impl Slots {
     /// Creates buffers for `capacity` candidates of these sizes.
     ///
@@ -192,57 +272,14 @@ impl Slots {
         let variant = device.variant(sizes.front, sizes.columns);
         let batch = Batch::new(&sizes, settings, variant.front == 0, capacity);
         let pipelines = device.pipelines(variant)?;
-        let list = 4 * capacity as u64;
-        let mut bytes = 0;
-        let mut buffers: Vec<wgpu::Buffer> = Vec::new();
-        for &buffer in Buffer::ALL {
-            if batch.first(buffer).is_some() {
-                buffers.push(buffers[Buffer::Tables as usize].clone());
-                continue;
-            }
-            let size = match buffer {
-                Buffer::Running => 2 * list.next_multiple_of(ALIGNMENT),
-                Buffer::Heights => bytes_of(buffer, &sizes, &batch, heights.len()),
-                Buffer::Tables => {
-                    let joined = |b: &Buffer| (capacity as u64 * sizes.bytes(*b)).next_multiple_of(ALIGNMENT);
-                    Buffer::JOINED.iter().map(joined).sum()
-                }
-                _ => capacity as u64 * bytes_of(buffer, &sizes, &batch, 0),
-            };
-            bytes += size;
-            if bytes > device.memory {
-                return Err(Fault::OutOfMemory);
-            }
-            buffers.push(device.buffer(buffer.name(), size, Use::STORAGE | Use::COPY_DST | Use::COPY_SRC)?);
-        }
-        let uniform = device.buffer("batch", size_of::<Batch>() as u64, Use::UNIFORM | Use::COPY_DST)?;
-        device.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(&batch));
+        let (buffers, bytes) = storage(device, &sizes, &batch, capacity, heights.len())?;
         if !heights.is_empty() {
             device.queue.write_buffer(&buffers[Buffer::Heights as usize], 0, bytemuck::cast_slice(heights));
         }
         // If the driver cuts loops short, a dispatch takes only as many steps as the driver certainly completes.
         let steps_at_once = device.loop_limit.map_or(batch.front_steps, |limit| (limit / loops.max(1)).clamp(1, batch.front_steps));
-        let count = batch.front_steps.div_ceil(steps_at_once);
-        let parts = device.buffer("part", ALIGNMENT * u64::from(count), Use::UNIFORM | Use::COPY_DST)?;
-        for part in 0..count {
-            let steps = Part { first: part * steps_at_once, last: (part + 1) * steps_at_once };
-            device.queue.write_buffer(&parts, ALIGNMENT * u64::from(part), bytemuck::bytes_of(&steps));
-        }
-        let whole = |buffer| wgpu::BufferBinding { buffer, offset: 0, size: None };
-        let sized = |buffer, size| wgpu::BufferBinding { buffer, offset: 0, size: std::num::NonZeroU64::new(size) };
-        let bound = |binding: &Binding| match binding {
-            Binding::Batch => whole(&uniform),
-            Binding::Part => sized(&parts, size_of::<Part>() as u64),
-            Binding::Storage(Buffer::Running, _) => sized(&buffers[Buffer::Running as usize], list.next_multiple_of(ALIGNMENT)),
-            Binding::Storage(buffer, _) => match batch.first(*buffer) {
-                None => whole(&buffers[*buffer as usize]),
-                Some(first) => wgpu::BufferBinding {
-                    buffer: &buffers[*buffer as usize],
-                    offset: 4 * u64::from(first),
-                    size: std::num::NonZeroU64::new(capacity as u64 * sizes.bytes(*buffer)),
-                },
-            },
-        };
+        let uniforms = Uniforms::new(device, &batch, steps_at_once)?;
+        let bound = |binding: &Binding| uniforms.bound(binding, &buffers, &sizes, &batch, capacity);
         let group = |p: &Pipeline| {
             let resources = p.bindings.iter().map(|b| wgpu::BindingResource::Buffer(bound(b)));
             let entries: Vec<_> = (0..).zip(resources).map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource }).collect();

@@ -12,7 +12,7 @@ use crate::gait::{Curve, Phase};
 use crate::real::Real;
 use crate::robot::{FORCE_LIMIT, Robot};
 use crate::rows::blocks::BlockId;
-use crate::rows::factored::BASE_BLOCKS;
+use crate::rows::factored::POSE_BLOCKS;
 use crate::rows::reach::ReachInstant;
 use crate::settings::{Legs, Transcription, TranscriptionSettings};
 use crate::task::Task;
@@ -44,9 +44,9 @@ pub(super) struct ReachTime<T> {
     /// See [`BaseBlocks`](crate::rows::factored::BaseBlocks).
     pub interval: u32,
     /// Interpolation weights of the base blocks.
-    pub weights: [T; BASE_BLOCKS],
+    pub weights: [T; POSE_BLOCKS],
     /// Base blocks.
-    pub blocks: [BlockId; BASE_BLOCKS],
+    pub blocks: [BlockId; POSE_BLOCKS],
     /// Entry in the table of reach instants.
     pub entry: ReachInstant<T>,
 }

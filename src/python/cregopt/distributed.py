@@ -174,7 +174,7 @@ def search(
 
     name = f"{cluster.device}, Ray's workers of {cpus} threads"
     with watched(progress) as callback:
-        return _cregopt.search(task, _search.scenario_options(seed=seed, **options), callback, (name, solve))
+        return _cregopt.search(task, _search.scenario_options(seed=seed, **options), callback, (cluster.device, name, solve))
 
 
 def sweep(

@@ -17,7 +17,7 @@ pub use urdf::MAX_URDF;
 use super::leg::Leg;
 use super::{FORCE_LIMIT, MAX_FEET, Reach, Robot};
 use crate::error::{Error, Result, check_range};
-use crate::report::files;
+use crate::files;
 use feet::Contact;
 use nalgebra::Vector3;
 use std::path::Path;

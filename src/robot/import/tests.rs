@@ -5,7 +5,6 @@ use crate::robot::leg::PRECISION;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
-use std::time::{Duration, Instant};
 
 /// Inertia of a uniform box of mass in kg and full side lengths in m.
 fn box_inertia(mass: f64, [x, y, z]: [f64; 3]) -> [f64; 3] {
@@ -393,8 +392,7 @@ fn too_many_feet_or_no_feet_are_refused() {
 }
 
 #[test]
-fn deep_and_long_files_neither_overflow_the_stack_nor_take_long() {
-    let start = Instant::now();
+fn deep_and_long_files_do_not_exhaust_the_stack() {
     let deep = format!("<robot name=\"x\">{}{}</robot>", "<a>".repeat(100_000), "</a>".repeat(100_000));
     assert!(import(&deep).unwrap_err().to_string().contains("links: none"));
     // A chain of joints as long as a file of some megabytes can hold.
@@ -410,7 +408,6 @@ fn deep_and_long_files_neither_overflow_the_stack_nor_take_long() {
     assert!(error.contains("19999 joints") && error.contains("at most"), "{error}");
     let long = " ".repeat(MAX_URDF + 1);
     assert!(import(&long).unwrap_err().to_string().contains("size of the URDF"));
-    assert!(start.elapsed() < Duration::from_secs(20), "{:?}", start.elapsed());
 }
 
 #[test]
@@ -421,7 +418,6 @@ fn mutated_files_are_read_or_refused() {
         "\u{e9}",
     ];
     let mut random = ChaCha8Rng::seed_from_u64(7);
-    let start = Instant::now();
     let (mut read, mut refused) = (0, 0);
     for i in 0..2000 {
         let mut text: Vec<char> = good.chars().collect();
@@ -446,5 +442,4 @@ fn mutated_files_are_read_or_refused() {
         }
     }
     assert!(read > 20 && refused > 500, "{read} read, {refused} refused");
-    assert!(start.elapsed() < Duration::from_secs(30), "{:?}", start.elapsed());
 }

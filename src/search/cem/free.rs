@@ -1,4 +1,4 @@
-//! The distribution of \[1\]: how many stance phases each foot has, and how long each phase lasts.
+//! The distribution of \[1\] over the stance count of each foot and the duration of each phase.
 
 use super::marginals::{Categorical, Gaussian};
 use super::random::Draws;
@@ -8,7 +8,7 @@ use crate::gait::Schedule;
 use crate::robot::MAX_FEET;
 use serde::Serialize;
 
-/// One draw: a category for each discrete dimension and every log duration, used or not.
+/// One draw: a category per discrete dimension and all log durations, including unused ones.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sample {
     /// Categories, in the order of [`heuristic::categories`].
@@ -23,10 +23,10 @@ pub fn ix_duration(feet: usize, phase: usize, foot: usize) -> usize {
 }
 
 impl Sample {
-    /// The schedule it describes: each foot uses the first `2 stances - 1` of its durations.
+    /// Schedule that the sample describes: each foot uses the first `2 stances - 1` of its durations.
     ///
     /// # Errors
-    /// Those of [`Schedule::new`]; none with settings that are valid.
+    /// Errors of [`Schedule::new`]. Valid settings cause none.
     fn schedule(&self, settings: &CemSettings) -> Result<Schedule> {
         let stances = heuristic::stances(settings, &self.picks);
         let feet = stances.len();
@@ -35,7 +35,7 @@ impl Sample {
     }
 }
 
-/// Numbers of stance phases and logarithms of all phase durations: the distribution of \[1\].
+/// Distribution of \[1\]: categoricals over the stance counts and Gaussians over the logarithms of all phase durations.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct FreeDistribution {
@@ -48,12 +48,12 @@ pub struct FreeDistribution {
 }
 
 impl FreeDistribution {
-    /// The distribution of the first generation.
+    /// Distribution of the first generation.
     ///
-    /// * `feet` - feet of the robot, at most [`MAX_FEET`]
+    /// * `feet` - number of feet of the robot, at most [`MAX_FEET`]
     ///
     /// # Errors
-    /// [`Error::Invalid`] names the setting that is out of its limits.
+    /// [`Error::Invalid`] names the setting that is outside its limits.
     pub fn initial(settings: &CemSettings, feet: usize) -> Result<FreeDistribution> {
         settings.validate()?;
         if feet == 0 || feet > MAX_FEET {
@@ -71,7 +71,7 @@ impl FreeDistribution {
 impl Distribution for FreeDistribution {
     type Sample = Sample;
 
-    /// Dimension `d` of the random numbers belongs to categorical `d`, then come the Gaussians.
+    /// Random dimension `d` belongs to categorical `d`; the dimensions of the Gaussians follow.
     fn sample(&self, mut draws: Draws) -> Sample {
         let picks: Vec<usize> = self.categoricals.iter().enumerate().map(|(d, c)| c.pick(draws.uniform(d))).collect();
         let gaussians = self.gaussians.iter().enumerate();
@@ -83,7 +83,7 @@ impl Distribution for FreeDistribution {
         sample.schedule(&self.settings)
     }
 
-    /// Every dimension, also those that no elite uses.
+    /// Fits every dimension, including those that no elite uses.
     fn update(&mut self, elites: &[&Sample]) {
         for (d, categorical) in self.categoricals.iter_mut().enumerate() {
             categorical.update(&elites.iter().map(|e| e.picks[d]).collect::<Vec<_>>(), self.settings.floor);
@@ -97,7 +97,7 @@ impl Distribution for FreeDistribution {
         self.categoricals.iter().map(Categorical::entropy).sum::<f64>() / self.categoricals.len() as f64
     }
 
-    /// Among the log durations that the likeliest stance counts use.
+    /// Largest standard deviation of the log durations that the likeliest stance counts use.
     fn largest_std(&self) -> f64 {
         let modes: Vec<usize> = self.categoricals.iter().map(Categorical::mode).collect();
         let stances = heuristic::stances(&self.settings, &modes);
@@ -106,10 +106,10 @@ impl Distribution for FreeDistribution {
         used.map(|i| self.gaussians[i].std).fold(0., f64::max)
     }
 
-    /// All elites agreed on every category, and [`Distribution::largest_std`] is below [`CemSettings::converged_std`].
+    /// True if all elites agreed on every category and [`Distribution::largest_std`] is below [`CemSettings::converged_std`].
     ///
-    /// The floor still lets other stance counts be drawn after that, so a better one may be missed. The paper \[1\] always runs all
-    /// generations: a `converged_std` of 0 does the same.
+    /// The probability floor would still let other stance counts be drawn, so a better one may be missed. The paper \[1\] always runs all
+    /// generations; a `converged_std` of 0 does the same.
     fn converged(&self) -> bool {
         self.categoricals.iter().all(|c| c.settled(self.settings.floor)) && self.largest_std() < self.settings.converged_std
     }
@@ -129,7 +129,7 @@ mod tests {
 
     #[test]
     fn a_sample_uses_the_durations_of_its_own_phases() {
-        // Two feet with 1 and 2 stances; duration of (phase, foot) at phase * 2 + foot.
+        // Two feet with 1 and 2 stances. The duration of (phase, foot) is at phase * 2 + foot.
         let settings = CemSettings { min_stances: 1, max_stances: 2, heuristic: false, ..Default::default() };
         let sample = Sample { picks: vec![0, 1], log_durations: vec![-1., -2., -1.1, -2.1, -1.2, -2.2] };
         let want = [vec![(-1f64).exp()], vec![(-2f64).exp(), (-2.1f64).exp(), (-2.2f64).exp()]];

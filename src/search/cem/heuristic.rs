@@ -1,18 +1,18 @@
-//! From categories to stance counts, with and without the triplet heuristic of \[1\].
+//! Mapping from categories to stance counts, with and without the triplet heuristic of \[1\].
 //!
-//! The heuristic keeps the feet close to each other: one categorical picks a triplet of neighbouring stance counts, and every foot
-//! picks one of the three. `stances = min_stances + TRIPLETS[t] + pick`.
+//! The heuristic keeps the stance counts of the feet close to each other: one categorical picks a triplet of neighbouring counts, and each
+//! foot picks one of the three. `stances = min_stances + TRIPLETS[t] + pick`.
 
 use super::CemSettings;
 
-/// Start of each triplet above `min_stances`.
+/// First stance count of each triplet, above `min_stances`.
 pub const TRIPLETS: [usize; 3] = [2, 4, 6];
-/// Stance counts in a triplet.
+/// Number of stance counts in a triplet.
 pub const PICKS: usize = 3;
-/// Largest stance count of the heuristic above `min_stances`.
+/// Largest stance count with the heuristic, above `min_stances`.
 pub const LARGEST: usize = TRIPLETS[TRIPLETS.len() - 1] + PICKS - 1;
 
-/// Numbers of categories of the discrete dimensions: with the heuristic the triplet first, then one a foot.
+/// Number of categories of each discrete dimension: one dimension per foot; with the heuristic, the triplet comes first.
 pub fn categories(settings: &CemSettings, feet: usize) -> Vec<usize> {
     if settings.heuristic {
         let mut sizes = vec![PICKS; feet + 1];
@@ -23,7 +23,9 @@ pub fn categories(settings: &CemSettings, feet: usize) -> Vec<usize> {
     }
 }
 
-/// Stance count of each foot from the categories picked, in the order of [`categories`].
+/// Stance count of each foot.
+///
+/// * `picks` - category of each discrete dimension, in the order of [`categories`]
 pub fn stances(settings: &CemSettings, picks: &[usize]) -> Vec<usize> {
     match picks {
         [triplet, picks @ ..] if settings.heuristic => picks.iter().map(|pick| settings.min_stances + TRIPLETS[*triplet] + pick).collect(),

@@ -1,8 +1,8 @@
-//! Distributions of single dimensions, fitted to elites: categoricals and Gaussians. Source: \[1\].
+//! Distributions of single dimensions that are fitted to elites: categoricals and Gaussians. Source: \[1\].
 
 use serde::Serialize;
 
-/// A distribution over the categories 0, 1, ...
+/// Discrete distribution over the categories 0, 1, ...
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Categorical {
@@ -11,12 +11,12 @@ pub struct Categorical {
 }
 
 impl Categorical {
-    /// All categories alike.
+    /// Uniform distribution.
     pub fn uniform(categories: usize) -> Categorical {
         Categorical { probabilities: vec![1. / categories as f64; categories] }
     }
 
-    /// The category at `u` in [0, 1) of the cumulative probabilities.
+    /// Category whose interval of the cumulative probabilities contains `u` in [0, 1).
     pub fn pick(&self, u: f64) -> usize {
         let (mut sum, mut last) = (0., 0);
         for (category, &p) in self.probabilities.iter().enumerate() {
@@ -28,11 +28,11 @@ impl Categorical {
                 return category;
             }
         }
-        // The sum may be rounded to less than 1.
+        // Rounding can leave the sum below 1.
         last
     }
 
-    /// `p_k = (share of elites with k + floor) / (1 + floor * categories)`. Without elites nothing changes.
+    /// Fits the probabilities: `p_k = (share of elites with k + floor) / (1 + floor * categories)`. Changes nothing without elites.
     pub fn update(&mut self, elites: &[usize], floor: f64) {
         if elites.is_empty() {
             return;
@@ -44,24 +44,24 @@ impl Categorical {
         }
     }
 
-    /// The likeliest category, the lowest of equals.
+    /// Likeliest category; the lowest one in a tie.
     pub fn mode(&self) -> usize {
         (1..self.probabilities.len()).fold(0, |best, k| if self.probabilities[k] > self.probabilities[best] { k } else { best })
     }
 
-    /// Whether its largest probability is the largest that the floor allows: all elites agreed.
+    /// True if the largest probability is the largest that the floor allows, i.e. all elites agreed.
     pub fn settled(&self, floor: f64) -> bool {
         let largest = (1. + floor) / (1. + floor * self.probabilities.len() as f64);
         self.probabilities[self.mode()] > largest - 1e-9
     }
 
-    /// `-sum p ln p`, nats.
+    /// Entropy `-sum p ln p`, nats.
     pub fn entropy(&self) -> f64 {
         -self.probabilities.iter().filter(|&&p| p > 0.).map(|p| p * p.ln()).sum::<f64>()
     }
 }
 
-/// A normal distribution of one log duration.
+/// Normal distribution of one dimension.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Gaussian {
@@ -72,12 +72,13 @@ pub struct Gaussian {
 }
 
 impl Gaussian {
-    /// `mean + std z`, moved into `[low, high]`.
+    /// Sample `mean + std z`, clamped to `[low, high]`.
     pub fn sample(&self, z: f64, [low, high]: [f64; 2]) -> f64 {
         (self.mean + self.std * z).max(low).min(high)
     }
 
-    /// `std = max(min_std, sqrt(mean over elites of (x - old mean)^2))`, then `mean` = mean of the elites. Without elites nothing changes.
+    /// Fits the Gaussian: `std = max(min_std, sqrt(mean over elites of (x - old mean)^2))`, then `mean` = mean of the elites. Changes
+    /// nothing without elites.
     pub fn update(&mut self, elites: &[f64], min_std: f64) {
         if elites.is_empty() {
             return;
@@ -88,10 +89,10 @@ impl Gaussian {
     }
 }
 
-/// Fits a Gaussian to elites, of which the old one counts as `memory`; without elites nothing changes.
+/// Fits a Gaussian to elites, where the old Gaussian counts as `memory` elites. Changes nothing without elites.
 ///
 /// With `n` elites and `k` = `memory`: `std^2 = (sum (x - old mean)^2 + k old std^2) / (n + k)`, at least `min_std`, then
-/// `mean = (sum x + k old mean) / (n + k)`. With `k = 0` that is \[1\].
+/// `mean = (sum x + k old mean) / (n + k)`. `k = 0` gives the update of \[1\].
 pub fn fit(gaussian: &mut Gaussian, elites: &[f64], memory: f64, min_std: f64) {
     if elites.is_empty() {
         return;
@@ -123,8 +124,8 @@ mod tests {
     }
 
     #[test]
-    fn the_std_is_about_the_old_mean() {
-        // Elites -1 and -2, old mean -1: sqrt((0 + 1) / 2); about the new mean it would be 0.5.
+    fn the_std_is_measured_about_the_old_mean() {
+        // Elites -1 and -2, old mean -1: sqrt((0 + 1) / 2). About the new mean it would be 0.5.
         let mut g = Gaussian { mean: -1., std: 3. };
         g.update(&[-1., -2.], 1e-3);
         assert_eq!((g.mean, g.std), (-1.5, 0.5f64.sqrt()));
@@ -133,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_are_moved_into_the_limits() {
+    fn samples_are_clamped_to_the_limits() {
         let g = Gaussian { mean: -1.75, std: 1. };
         assert_eq!([-3., 0.25, 3.].map(|z| g.sample(z, [-2.5, -1.])), [-2.5, -1.5, -1.]);
     }
@@ -147,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn without_memory_the_fit_is_the_papers() {
+    fn without_memory_the_fit_equals_that_of_the_paper() {
         let (mut ours, mut theirs) = (Gaussian { mean: -1., std: 3. }, Gaussian { mean: -1., std: 3. });
         fit(&mut ours, &[-1., -2.], 0., 1e-3);
         theirs.update(&[-1., -2.], 1e-3);

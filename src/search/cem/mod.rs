@@ -1,11 +1,15 @@
 //! The upper level: mixed-distribution cross-entropy search (CEM-MD) over contact schedules. Source: \[1\].
 //!
-//! Each generation draws `N` candidates from a [`Distribution`], lets the lower level evaluate them, and fits the distribution to the `M` best.
-//! There are three: the paper's ([`free`]), whose discrete variables are the numbers of stance phases of the feet and whose continuous ones are
-//! the logarithms of all phase durations; [`periodic`] gaits of several families; and the neighbourhood of a schedule ([`perturb`]). The
-//! objective, maximised, is `J = f - alpha N_vc`: see [`Objective`].
+//! Each generation draws `N` candidates from a [`Distribution`], evaluates them with the lower level and fits the distribution to the `M`
+//! best, the elites. There are three distributions:
+//! * [`free`]: the paper's. Its discrete variables are the stance counts of the feet, its continuous ones the logarithms of all phase
+//!   durations.
+//! * [`periodic`]: periodic gaits of several families.
+//! * [`perturb`]: the neighbourhood of one schedule.
 //!
-//! This module sees only "evaluate these schedules" ([`Evaluator`]); it draws all random numbers of the crate.
+//! The objective, maximised, is `J = f - alpha N_vc`: see [`Objective`].
+//!
+//! This module knows the lower level only as a [`GenerationEvaluator`]. It draws all random numbers of the crate.
 
 pub mod free;
 pub mod heuristic;
@@ -33,21 +37,21 @@ use random::Draws;
 use serde::Serialize;
 use std::cmp::Ordering;
 
-/// What candidates are drawn from, and fitted to elites.
+/// Distribution that candidates are drawn from and that is fitted to the elites.
 pub trait Distribution {
     /// One draw.
     type Sample: Clone;
 
-    /// Draws a candidate. Every number comes from a dimension of its own, whatever else is drawn.
+    /// Draws a candidate. Each number has its own random dimension and does not depend on other draws.
     fn sample(&self, draws: Draws) -> Self::Sample;
 
     /// The schedule of a sample. Feet may end at different times.
     ///
     /// # Errors
-    /// [`crate::Error::Invalid`] when there is no such schedule, e.g. one of too many strides.
+    /// [`crate::Error::Invalid`] if the sample describes no valid schedule, e.g. because it has too many strides.
     fn schedule(&self, sample: &Self::Sample) -> Result<Schedule>;
 
-    /// Fits the distribution to the elites. Without elites nothing changes.
+    /// Fits the distribution to the elites. Changes nothing without elites.
     fn update(&mut self, elites: &[&Self::Sample]);
 
     /// Mean entropy of the discrete dimensions, nats; 0 without any.
@@ -56,192 +60,197 @@ pub trait Distribution {
     /// Largest standard deviation of the continuous dimensions that the likeliest categories use.
     fn largest_std(&self) -> f64;
 
-    /// Whether the search has settled.
+    /// True if the distribution has converged.
     fn converged(&self) -> bool;
 
-    /// Family of a sample, where there are families.
+    /// Gait family of a sample; `None` if the distribution has no families.
     fn family(&self, _sample: &Self::Sample) -> Option<GaitFamily> {
         None
     }
 }
 
-/// What the lower level says about one schedule.
+/// Numbers by which the cross-entropy loop ranks a schedule. The lower level makes them from its result, for
+/// [`BatchSolver`](super::BatchSolver) an [`Evaluated`](super::evaluate::Evaluated), which may be dropped.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Evaluation {
-    /// Violated constraints `N_vc`.
+    /// Number of violated constraints, `N_vc`.
     pub n_violated: usize,
-    /// Whether the motion counts as found.
+    /// True if the motion counts as feasible.
     pub feasible: bool,
-    /// Whether that was certified; otherwise it is the solver's word.
+    /// True if the certificate decided [`Evaluation::feasible`]; otherwise the solver did.
     pub certified: bool,
     /// Mean of |normal force| over all force nodes of all feet, N.
     pub mean_normal_force: f64,
-    /// What the motion costs, when it counts as found and anybody asks.
+    /// Cost of the motion. `None` if it is infeasible or no cost was requested.
     pub cost: Option<Cost>,
 }
 
-/// What a search wants to know of the schedules of a generation.
+/// Goal of a generation: objective values of its schedules, and the candidates that selection needs.
 #[derive(Debug, Clone, Copy)]
-pub struct Aim<'a> {
+pub struct SelectionGoal<'a> {
     settings: &'a CemSettings,
     schedules: &'a [Schedule],
-    /// Whether the first feasible candidate ends the search, whatever comes behind it.
+    /// True if the first feasible candidate ends the search, so that later candidates are irrelevant.
     pub first_feasible: bool,
-    /// How many feasible candidates, the best of all, are enough.
+    /// Number of best feasible candidates that the search needs.
     pub enough: usize,
 }
 
-impl<'a> Aim<'a> {
-    /// All is to be known of these schedules.
+impl<'a> SelectionGoal<'a> {
+    /// Requires the evaluation of every schedule.
     pub(in crate::search) fn all(settings: &'a CemSettings, schedules: &'a [Schedule]) -> Self {
-        Aim { settings, schedules, first_feasible: false, enough: usize::MAX }
+        SelectionGoal { settings, schedules, first_feasible: false, enough: usize::MAX }
     }
 
-    /// The first feasible one is enough, if so it is wanted.
+    /// Requires only the candidates up to the first feasible one if `first` is set.
     pub(in crate::search) fn or_first(self, first: bool) -> Self {
-        if first { Aim { first_feasible: true, enough: 1, ..self } } else { self }
+        if first { SelectionGoal { first_feasible: true, enough: 1, ..self } } else { self }
     }
 
-    /// What a schedule is worth, by its index and what the lower level says of it: the objective.
-    pub fn worth(&self, index: usize, evaluation: &Evaluation) -> f64 {
-        self.settings.worth(&self.schedules[index], evaluation)
+    /// Objective of the schedule with this index, given its evaluation.
+    pub fn objective(&self, index: usize, evaluation: &Evaluation) -> f64 {
+        self.settings.objective_of(&self.schedules[index], evaluation)
     }
 
-    /// What a feasible schedule counts for among those that are [`Aim::enough`]: what it is worth, or as much as any other where the first one
-    /// ends the search.
-    pub fn counts(&self, index: usize, evaluation: &Evaluation) -> f64 {
-        if self.first_feasible { 0. } else { self.worth(index, evaluation) }
+    /// Value by which feasible schedules compete for the [`SelectionGoal::enough`] places: their objective, or 0 for all if the first
+    /// feasible one ends the search.
+    pub fn competing_value(&self, index: usize, evaluation: &Evaluation) -> f64 {
+        if self.first_feasible { 0. } else { self.objective(index, evaluation) }
     }
 
-    /// What a schedule counts for at most, whatever the lower level says of it.
-    pub fn most(&self, index: usize) -> f64 {
-        if self.first_feasible { 0. } else { self.settings.objective.most(&self.schedules[index], self.settings.penalty) }
+    /// Upper bound of [`SelectionGoal::competing_value`], known before the schedule is evaluated.
+    pub fn upper_bound(&self, index: usize) -> f64 {
+        if self.first_feasible { 0. } else { self.settings.objective.upper_bound(&self.schedules[index], self.settings.penalty) }
     }
 }
 
-/// What an evaluator says of a schedule; of most schedules of a large generation without the solution, of which nobody will want to know.
-pub type Answer<S> = (Evaluation, Option<Box<S>>);
+/// Evaluation of each schedule of a generation, with its solution. An entry is `None` if the schedule was not evaluated. The solution is
+/// `None` for most schedules of a large generation, because it was dropped.
+pub type GenerationResults<S> = Vec<Option<(Evaluation, Option<Box<S>>)>>;
 
-/// The lower level.
-pub trait Evaluator {
-    /// What is kept of an evaluated schedule, e.g. a trajectory.
+/// Lower level as the cross-entropy loop sees it: evaluates the schedules of one generation.
+///
+/// The search implements it on top of a [`ScheduleSolver`](super::ScheduleSolver).
+pub trait GenerationEvaluator {
+    /// Solution of an evaluated schedule, e.g. a trajectory.
     type Solution;
 
-    /// Evaluates the schedules of one generation; the result has their order and number.
+    /// Evaluates the schedules of one generation. The results have their order and number.
     ///
-    /// With [`Aim::first_feasible`], candidates after a feasible one may be left out (`None`): the result must be `Some` for every index up to
-    /// the lowest feasible one. So may those that could only come behind [`Aim::enough`] feasible ones. Once [`Evaluator::cancelled`] holds,
-    /// any candidate may be `None`.
-    fn evaluate(&mut self, generation: usize, schedules: &[Schedule], aim: &Aim) -> Vec<Option<Answer<Self::Solution>>>;
+    /// An entry may be `None` in three cases:
+    /// * with [`SelectionGoal::first_feasible`], for an index above the lowest feasible one;
+    /// * for a candidate that could only rank after [`SelectionGoal::enough`] feasible ones;
+    /// * for any candidate once [`GenerationEvaluator::cancelled`] returns true.
+    fn evaluate(&mut self, generation: usize, schedules: &[Schedule], goal: &SelectionGoal) -> GenerationResults<Self::Solution>;
 
-    /// Checks that a schedule can be evaluated at all; others are drawn instead of one that cannot.
+    /// Checks that a schedule can be evaluated. The search draws a replacement for one that cannot.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// Describes why the schedule cannot be evaluated.
     fn check(&self, _schedule: &Schedule) -> Result<()> {
         Ok(())
     }
 
-    /// The solution of a schedule that was evaluated, made again; `None` when it cannot be. An evaluator that keeps all solutions is never asked.
-    fn again(&mut self, _schedule: &Schedule) -> Option<Self::Solution> {
+    /// Recomputes the solution of a schedule that was evaluated before; `None` if that fails. Never called for an evaluator that keeps all
+    /// solutions.
+    fn solve_again(&mut self, _schedule: &Schedule) -> Option<Self::Solution> {
         None
     }
 
-    /// Whether the user asked for the end. Read before and after every generation; the best candidate so far is returned.
+    /// True if the search must end. Read before and after every generation; the search then returns its best candidate so far.
     fn cancelled(&self) -> bool {
         false
     }
 }
 
-/// One evaluated schedule.
+/// One evaluated schedule of a generation.
+///
+/// `S` is its solution. While a generation is ranked it is `Option<Box<_>>`, because the solutions of most candidates are dropped.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Candidate<S> {
     /// Generation, from 0.
     pub generation: usize,
-    /// Index in its generation, from 0.
+    /// Index in the generation, from 0.
     pub index: usize,
-    /// Stance phases of each foot.
+    /// Number of stance phases of each foot.
     pub stances: Vec<usize>,
-    /// The schedule, as drawn: feet end at different times.
+    /// Schedule as drawn: feet may end at different times.
     pub schedule: Schedule,
-    /// Objective `J`; negative infinity when it was no number.
+    /// Objective `J`; negative infinity if it was NaN.
     pub objective: f64,
-    /// What the lower level said.
+    /// Evaluation by the lower level.
     pub evaluation: Evaluation,
-    /// What the lower level found.
+    /// Solution of the lower level.
     pub solution: S,
 }
 
 impl<S> Candidate<S> {
-    /// A schedule with what the lower level said of it.
+    /// Combines a schedule with its evaluation and solution, and computes the objective.
     pub fn new(settings: &CemSettings, generation: usize, index: usize, schedule: Schedule, evaluation: Evaluation, solution: S) -> Self {
-        let objective = settings.worth(&schedule, &evaluation);
+        let objective = settings.objective_of(&schedule, &evaluation);
         Candidate { generation, index, stances: stances(&schedule), schedule, objective, evaluation, solution }
     }
 }
 
-/// A candidate of a generation, whose solution may have been let go of.
-pub type Member<S> = Candidate<Option<Box<S>>>;
-
-impl<S> Member<S> {
-    /// With its solution, which is made again where it was let go of; `None` when it cannot be.
-    pub fn solved(self, again: impl FnOnce(&Schedule) -> Option<S>) -> Option<Candidate<S>> {
+impl<S> Candidate<Option<Box<S>>> {
+    /// The candidate with its solution, which `solve_again` recomputes if it was dropped; `None` if that fails.
+    pub fn with_solution(self, solve_again: impl FnOnce(&Schedule) -> Option<S>) -> Option<Candidate<S>> {
         let Candidate { generation, index, stances, schedule, objective, evaluation, solution } = self;
-        let solution = solution.map(|solution| *solution).or_else(|| again(&schedule))?;
+        let solution = solution.map(|solution| *solution).or_else(|| solve_again(&schedule))?;
         Some(Candidate { generation, index, stances, schedule, objective, evaluation, solution })
     }
 }
 
-/// The order of candidates in a generation, each by its objective and its index: by falling objective, ties by index.
+/// Order of candidates in a generation, given as (objective, index): by decreasing objective, ties by index.
 pub(in crate::search) fn rank_order((a, i): (f64, usize), (b, j): (f64, usize)) -> Ordering {
     b.total_cmp(&a).then(i.cmp(&j))
 }
 
-/// Stance phases of each foot.
+/// Number of stance phases of each foot.
 fn stances(schedule: &Schedule) -> Vec<usize> {
     (0..schedule.feet()).map(|foot| schedule.stances(foot)).collect()
 }
 
-/// One generation in numbers. Objectives are `None` when no candidate has a finite one.
+/// Statistics of one generation. Objectives are `None` if no candidate has a finite one.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct GenerationRecord {
     /// Generation, from 0.
     pub generation: usize,
-    /// Candidates that count: evaluated, not after the first feasible one when the search ends there, and none that could only come behind
-    /// the elites.
+    /// Number of candidates that count: those evaluated, without candidates after a first feasible one that ends the search and without
+    /// those that could only rank after the elites.
     pub evaluated: usize,
-    /// Feasible ones among them; where not all were certified, solved ones.
+    /// Number of feasible candidates among them. A candidate without a certificate counts if the solver solved it.
     pub feasible: usize,
-    /// Largest `J` of the generation.
+    /// Largest objective of the generation.
     pub best_objective: Option<f64>,
-    /// Mean of the finite `J`.
+    /// Mean of the finite objectives.
     pub mean_objective: Option<f64>,
-    /// Largest `J` so far.
+    /// Largest objective so far.
     pub best_ever_objective: Option<f64>,
-    /// Fewest violated constraints of a candidate; `None` when none was evaluated.
+    /// Smallest number of violated constraints of a candidate; `None` if no candidate was evaluated.
     pub lowest_n_violated: Option<usize>,
-    /// Mean entropy of the categoricals after the generation, nats.
+    /// Mean entropy of the categorical distributions after the generation, nats.
     pub entropy: f64,
-    /// Largest standard deviation of a log duration that the likeliest stance counts use, after the generation.
+    /// Largest standard deviation, after the generation, of a log duration that the likeliest stance counts use.
     pub largest_std: f64,
 }
 
-/// Why a search ended.
+/// Reason for the end of a search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum StopReason {
-    /// A feasible candidate was found and no more was asked for.
+    /// A feasible candidate was found, and the search was set to stop at the first one.
     FirstFeasible,
     /// The distribution has converged: see [`Distribution::converged`].
     Converged,
     /// All generations were run.
     GenerationLimit,
-    /// [`Evaluator::cancelled`].
+    /// [`GenerationEvaluator::cancelled`] returned true.
     Cancelled,
-    /// The time was up.
+    /// The time limit was reached.
     TimeLimit,
 }
 
@@ -257,16 +266,16 @@ impl std::fmt::Display for StopReason {
     }
 }
 
-/// How a search ended.
+/// Result of the cross-entropy loop.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Outcome<S, D> {
-    /// The candidate that ended the search ([`StopReason::FirstFeasible`]), otherwise the first one with the largest `J`.
-    /// `None` only when nothing was evaluated.
+pub struct CemOutcome<S, D> {
+    /// Candidate that ended the search ([`StopReason::FirstFeasible`]), otherwise the first one with the largest objective.
+    /// `None` only if no candidate was evaluated.
     pub best: Option<Candidate<S>>,
-    /// One record a generation.
+    /// Statistics of each generation.
     pub generations: Vec<GenerationRecord>,
-    /// Why it ended.
+    /// Reason for the end.
     pub stop: StopReason,
-    /// The last distribution. A generation that ends the search as first feasible or cancelled has not changed it.
+    /// Last distribution. A generation that ends the search as first feasible or cancelled does not change it.
     pub distribution: D,
 }

@@ -1,4 +1,4 @@
-//! What the search maximises.
+//! Objective that the search maximises.
 
 use super::{Evaluation, stances};
 use crate::error::{Error, Result};
@@ -6,12 +6,12 @@ use crate::gait::Schedule;
 use crate::gait::cost::Cost;
 use serde::{Deserialize, Serialize};
 
-/// The term `f` of the objective `J = f - alpha N_vc`, maximised.
+/// Term `f` of the objective `J = f - alpha N_vc`, which the search maximises.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Objective {
-    /// `f = 0`: any feasible gait.
+    /// `f = 0`: any feasible gait is equally good.
     Feasibility,
     /// `f = -(sum of the stance counts)`.
     FewestStances,
@@ -19,13 +19,13 @@ pub enum Objective {
     LeastForce,
     /// `f = -(cost of transport)`, see [`crate::gait::cost`].
     Transport,
-    /// `f = -horizon`, s, less the joint cost.
+    /// `f = -(horizon + joint cost)`, horizon in s.
     Time,
-    /// `f = -(mean over time of sum |f|^2)`, squared weights, less the joint cost.
+    /// `f = -(mean over time of sum |force|^2 + joint cost)`, forces in units of the robot's weight.
     Effort,
 }
 
-/// Objectives by name, each with what it seeks.
+/// Objectives by name.
 pub const OBJECTIVES: [(&str, Objective); 6] = [
     ("transport", Objective::Transport),
     ("feasibility", Objective::Feasibility),
@@ -35,11 +35,11 @@ pub const OBJECTIVES: [(&str, Objective); 6] = [
     ("effort", Objective::Effort),
 ];
 
-/// A horizon hardly above whole intervals is rounded down, by less than this, s.
+/// Largest amount by which a horizon just above a whole number of intervals is rounded down, s.
 const ROUNDING: f64 = 1e-6;
 
 impl Objective {
-    /// An objective by name.
+    /// Returns the objective with this name.
     ///
     /// # Errors
     /// [`Error::Unknown`] lists [`OBJECTIVES`].
@@ -49,17 +49,17 @@ impl Objective {
         found.map(|(_, objective)| *objective).ok_or_else(|| Error::Unknown { what: "objective", name: name.into(), known: known() })
     }
 
-    /// Whether the joint cost is in `f`.
+    /// True if `f` includes the joint cost.
     pub fn counts_joints(self) -> bool {
         matches!(self, Objective::Transport | Objective::Time | Objective::Effort)
     }
 
-    /// `J = f - alpha N_vc`; negative infinity, behind every finite value, when that is no number.
+    /// Objective `J = f - alpha N_vc`. A NaN becomes negative infinity, which ranks after every finite value.
     ///
-    /// * `stances` - stance phases of each foot
+    /// * `stances` - number of stance phases of each foot
     /// * `penalty` - `alpha`, in the unit of `f` per violated constraint
     ///
-    /// Costs of motions that were not found are no costs: they count as one penalty more.
+    /// An infeasible motion has no cost; one further penalty takes its place.
     pub fn value(self, stances: &[usize], evaluation: &Evaluation, penalty: f64) -> f64 {
         let of_cost = |part: fn(&Cost) -> f64| evaluation.cost.as_ref().map_or(-penalty, |cost| -part(cost));
         let f = match self {
@@ -74,11 +74,11 @@ impl Objective {
         if j.is_nan() { f64::NEG_INFINITY } else { j }
     }
 
-    /// The most that [`Objective::value`] can be, before anything is solved. What is a matter of the schedule alone is known then; no cost is
-    /// below zero.
-    pub fn most(self, schedule: &Schedule, penalty: f64) -> f64 {
+    /// Upper bound of [`Objective::value`] before anything is solved. Terms that depend on the schedule alone are exact; no cost is below
+    /// zero.
+    pub fn upper_bound(self, schedule: &Schedule, penalty: f64) -> f64 {
         match self {
-            // A horizon is rounded up; not found at all can be better than long.
+            // Horizons are rounded up. The penalty of an infeasible motion can be smaller than a long horizon.
             Objective::Time => (ROUNDING - schedule.horizon()).max(-penalty),
             Objective::FewestStances => -(stances(schedule).iter().sum::<usize>() as f64),
             Objective::Feasibility | Objective::LeastForce | Objective::Transport | Objective::Effort => 0.,
@@ -91,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn objectives_are_penalised_by_violations() {
+    fn violations_reduce_every_objective() {
         let evaluation = Evaluation { n_violated: 3, feasible: false, certified: true, mean_normal_force: 80., cost: None };
         assert_eq!(Objective::Feasibility.value(&[7, 8], &evaluation, 100.), -300.);
         assert_eq!(Objective::FewestStances.value(&[7, 8], &evaluation, 100.), -315.);
@@ -99,30 +99,30 @@ mod tests {
     }
 
     #[test]
-    fn no_schedule_is_worth_more_than_it_can_be() {
+    fn no_objective_exceeds_its_upper_bound() {
         let schedule = Schedule::new(vec![vec![0.3, 0.2, 0.4], vec![0.1, 0.2, 0.3, 0.2, 0.12]]).unwrap();
         let horizon = schedule.aligned(0.1).horizon();
         let cost = Cost { total: 0.4, effort: 0.3, horizon, ..Cost::default() };
         for (_, objective) in OBJECTIVES {
             for penalty in [0., 0.5, 100.] {
-                let most = objective.most(&schedule, penalty);
+                let bound = objective.upper_bound(&schedule, penalty);
                 let value = |n_violated: usize, cost: Option<Cost>| {
                     let evaluation = Evaluation { n_violated, feasible: n_violated == 0, certified: true, mean_normal_force: 80., cost };
                     objective.value(&stances(&schedule), &evaluation, penalty)
                 };
                 for value in [value(0, Some(cost)), value(0, None), value(3, None)] {
-                    assert!(value <= most, "{objective:?}, penalty {penalty}: {value} > {most}");
+                    assert!(value <= bound, "{objective:?}, penalty {penalty}: {value} > {bound}");
                 }
-                // A bound that says something: what is known of a schedule is all there is to its objective.
+                // The bound is tight for objectives that depend on the schedule alone.
                 let known = matches!(objective, Objective::FewestStances | Objective::Feasibility);
-                assert!(!known || value(0, Some(cost)) == most);
+                assert!(!known || value(0, Some(cost)) == bound);
             }
         }
-        assert!((Objective::Time.most(&schedule, 100.) + 0.92).abs() < 1e-5);
+        assert!((Objective::Time.upper_bound(&schedule, 100.) + 0.92).abs() < 1e-5);
     }
 
     #[test]
-    fn an_objective_that_is_no_number_is_behind_all_others() {
+    fn a_nan_objective_ranks_after_all_others() {
         let evaluation = Evaluation { n_violated: 0, feasible: true, certified: true, mean_normal_force: f64::NAN, cost: None };
         assert_eq!(Objective::LeastForce.value(&[7], &evaluation, 100.), f64::NEG_INFINITY);
         assert_eq!(Objective::Feasibility.value(&[7], &evaluation, 100.), 0.);

@@ -1,8 +1,8 @@
-//! Periodic gaits of several families.
+//! Distribution over periodic gaits of several families.
 //!
-//! They are fitted to elites as in \[1\], with independent categoricals and Gaussians, but for this: a family has Gaussians of its own,
-//! since a good walk and a good gallop have different durations, and they are fitted to its own elites alone. These may be few, so the
-//! old Gaussian counts like [`PeriodicSettings::memory`] further elites.
+//! It is fitted to elites as in \[1\], with independent categoricals and Gaussians, with one difference: each family has its own Gaussians,
+//! because a good walk and a good gallop have different durations. They are fitted only to the elites of their family. These may be few, so
+//! the old Gaussian counts as [`PeriodicSettings::memory`] further elites.
 
 use super::Distribution;
 use super::marginals::{Categorical, Gaussian, fit};
@@ -15,28 +15,31 @@ use crate::gait::family::{
 use crate::task::Task;
 use serde::{Deserialize, Serialize};
 
-/// How periodic gaits are drawn. Durations, in [`time_scale`]s, and speeds, in [`speed_scale`]s, are drawn by their logarithms.
+/// Settings of the distribution over periodic gaits. Logarithms of durations (unit [`time_scale`]) and speeds (unit [`speed_scale`]) are
+/// drawn.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct PeriodicSettings {
-    /// First standard deviation of the log durations of swing and stance. Too small: the typical gait only; too large: most draws fail.
+    /// Initial standard deviation of the log durations of swing and stance. Too small: only the typical gait is tried; too large: most
+    /// draws fail.
     pub duration_std: f64,
-    /// First standard deviation of the log travel speed.
+    /// Initial standard deviation of the log travel speed. Too small: only the typical speed is tried; too large: most draws fail.
     pub speed_std: f64,
-    /// First standard deviation of the log durations of lead-in and tail.
+    /// Initial standard deviation of the log durations of lead-in and tail, the stances before the first and after the last stride.
     pub rest_std: f64,
-    /// First standard deviation of the phase offsets, strides. Too large: families run into each other.
+    /// Initial standard deviation of the phase offsets, strides. Too small: only the offsets of the family are tried; too large: families
+    /// overlap.
     pub offset_std: f64,
-    /// How far a phase offset may go from the family's, strides.
+    /// Largest deviation of a phase offset from that of the family, strides. Too small: no variation; too large: families overlap.
     pub offset_reach: f64,
-    /// Smallest standard deviation. Too small: the search freezes.
+    /// Smallest standard deviation. Too small: the search freezes; too large: it never converges.
     pub min_std: f64,
-    /// Added to every family's frequency among the elites, before normalising. 0: a family can be lost for good.
+    /// Added to the share of each family among the elites before normalising. 0: a family can be lost for good; too large: no learning.
     pub floor: f64,
-    /// Elites that the old Gaussian of a family counts as. 0: one elite takes its family over; too large: no learning.
+    /// Number of elites that the old Gaussian of a family counts as. 0: a single elite redefines its family; too large: no learning.
     pub memory: f64,
-    /// Largest standard deviation of the likeliest family at which the distribution counts as converged; 0: never.
+    /// The distribution counts as converged if the largest standard deviation of the likeliest family is below this. 0: never.
     pub converged_std: f64,
 }
 
@@ -60,7 +63,7 @@ impl PeriodicSettings {
     /// Checks every field.
     ///
     /// # Errors
-    /// [`Error::Invalid`] names the first field that is out of its limits.
+    /// [`Error::Invalid`] names the first field that is outside its limits.
     pub fn validate(&self) -> Result<()> {
         let stds =
             [("duration_std", self.duration_std), ("speed_std", self.speed_std), ("rest_std", self.rest_std), ("min_std", self.min_std)];
@@ -75,7 +78,7 @@ impl PeriodicSettings {
     }
 }
 
-/// Continuous dimensions of a [`PeriodicSample`]: logarithms of four durations and a speed, then one offset a foot.
+// Indices into `PeriodicSample::values`: logarithms of four durations and a speed, then one offset per foot.
 const SWING: usize = 0;
 const STANCE: usize = 1;
 const SPEED: usize = 2;
@@ -83,16 +86,17 @@ const LEAD_IN: usize = 3;
 const TAIL: usize = 4;
 const OFFSETS: usize = 5;
 
-/// Limits of the first [`OFFSETS`] dimensions before the logarithm; the lowest phases are those that a leg can be asked for.
+/// Limits of the first [`OFFSETS`] dimensions before the logarithm. The lower limits of the phases are those that a leg can follow.
 const LIMITS: [[f64; 2]; OFFSETS] = [[MIN_PHASE, 4.], [MIN_PHASE, 20.], [0.02, FOOT_SPEED], [MIN_PHASE, 5.], [0.1, 5.]];
 
-/// One periodic gait.
+/// One draw of [`PeriodicDistribution`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PeriodicSample {
     /// Index of the family among [`PeriodicDistribution::families`].
     pub family: usize,
-    /// Logarithms of swing, stance, travel speed, lead-in and tail, in the robot's scales, then the phase offset of each foot, strides.
+    /// Logarithms of swing, stance, travel speed, lead-in and tail in the robot's scales, followed by the phase offset of each foot,
+    /// strides.
     pub values: Vec<f64>,
 }
 
@@ -101,23 +105,23 @@ pub struct PeriodicSample {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PeriodicDistribution {
     settings: PeriodicSettings,
-    /// The families that are drawn from.
+    /// Families that are drawn from.
     pub families: Vec<GaitFamily>,
     /// Probability of each family.
     pub categorical: Categorical,
-    /// Of each family, in the order of [`PeriodicSample::values`].
+    /// Gaussians of each family, in the order of [`PeriodicSample::values`].
     pub gaussians: Vec<Vec<Gaussian>>,
-    /// Offsets of each family, between which drawn ones are held.
+    /// Nominal phase offsets of each family; drawn ones stay within [`PeriodicSettings::offset_reach`] of them.
     offsets: Vec<Vec<f64>>,
     #[serde(skip)]
     task: Task,
 }
 
 impl PeriodicDistribution {
-    /// The distribution of the first generation: all families alike, around their typical values.
+    /// Distribution of the first generation: uniform over the families, around their typical values.
     ///
     /// # Errors
-    /// [`Error::Unknown`] for a family that the robot cannot have, [`Error::Invalid`] for none or for bad settings.
+    /// [`Error::Unknown`] for a family that the robot cannot have, [`Error::Invalid`] for an empty list or bad settings.
     pub fn initial(task: &Task, families: &[GaitFamily], settings: &PeriodicSettings) -> Result<PeriodicDistribution> {
         settings.validate()?;
         let robot = &task.robot;
@@ -143,16 +147,17 @@ impl PeriodicDistribution {
         })
     }
 
-    /// The mean gait of each family, in their order: in the first generation the typical ones, which are worth trying before any draw.
+    /// Mean gait of each family, in the order of `families`. Those of the first generation are the typical gaits, worth trying before any
+    /// draw.
     pub fn means(&self) -> Vec<PeriodicSample> {
         let means = self.gaussians.iter().enumerate();
         means.map(|(family, gaussians)| PeriodicSample { family, values: gaussians.iter().map(|g| g.mean).collect() }).collect()
     }
 
-    /// The gait of a sample, with the strides that the task takes.
+    /// Gait of a sample, with the number of strides that the task takes.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for a sample of another distribution, or a robot with another number of feet.
+    /// [`Error::Invalid`] for a sample of another distribution or of a robot with another number of feet.
     pub fn gait(&self, sample: &PeriodicSample) -> Result<PeriodicGait> {
         let family = *self.families.get(sample.family).ok_or_else(|| {
             Error::invalid("sample.family", sample.family, format!("below {}, the number of families", self.families.len()))
@@ -164,7 +169,7 @@ impl PeriodicDistribution {
         }
         let (time, speed) = (time_scale(&task.robot), speed_scale(&task.robot));
         let offsets = &sample.values[OFFSETS..];
-        // The first foot to leave the ground ends the lead-in.
+        // The lead-in ends with the first lift-off.
         let first = offsets.iter().copied().fold(f64::INFINITY, f64::min);
         let gait = PeriodicGait {
             family,
@@ -178,11 +183,12 @@ impl PeriodicDistribution {
         Ok(gait.for_travel(task, speed * sample.values[SPEED].exp()))
     }
 
-    /// Fits the probabilities of the families alone to elites.
+    /// Fits only the probabilities of the families to the elites.
     pub fn update_families(&mut self, elites: &[&PeriodicSample]) {
         self.categorical.update(&elites.iter().map(|e| e.family).collect::<Vec<_>>(), self.settings.floor);
     }
 
+    /// Limits of a dimension of [`PeriodicSample::values`].
     fn limits(&self, family: usize, dimension: usize) -> [f64; 2] {
         match LIMITS.get(dimension) {
             Some(limits) => limits.map(f64::ln),
@@ -194,7 +200,7 @@ impl PeriodicDistribution {
 impl Distribution for PeriodicDistribution {
     type Sample = PeriodicSample;
 
-    /// Dimension 0 of the random numbers picks the family, the others belong to the values.
+    /// Random dimension 0 picks the family; the others belong to the values.
     fn sample(&self, mut draws: Draws) -> PeriodicSample {
         let family = self.categorical.pick(draws.uniform(0));
         let gaussians = self.gaussians[family].iter().enumerate();
@@ -259,7 +265,7 @@ mod tests {
     #[test]
     fn every_draw_is_a_schedule_without_short_phases() {
         let (task, mut distribution) = quadruped();
-        // Far wider than any search: the limits hold it.
+        // Far wider than in any search, so that the limits take effect.
         distribution.gaussians.iter_mut().flatten().for_each(|g| g.std = 1.);
         let shortest = MIN_PHASE * time_scale(&task.robot);
         for candidate in 0..200 {
@@ -275,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_of_a_dimension_do_not_depend_on_the_family() {
+    fn the_random_number_of_a_dimension_does_not_depend_on_the_family() {
         let (_, mut distribution) = quadruped();
         let z = |d: &PeriodicDistribution| {
             let s = d.sample(Draws::new(1, 2, 3));
@@ -289,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn elites_of_a_family_move_its_gaussians_alone() {
+    fn elites_of_a_family_change_only_its_gaussians() {
         let (_, mut distribution) = quadruped();
         let before = distribution.clone();
         let mut elite = before.means()[2].clone();
@@ -298,11 +304,11 @@ mod tests {
         for family in [0, 1, 3, 7] {
             assert_eq!(distribution.gaussians[family], before.gaussians[family]);
         }
-        // One elite 0.3 off, and two that sit on the mean with the old spread of 0.25.
+        // One elite that is 0.3 off, and two at the mean with the old spread of 0.25.
         let (old, new) = (before.gaussians[2][SWING], distribution.gaussians[2][SWING]);
         assert!((new.mean - old.mean - 0.1).abs() < 1e-12);
         assert!((new.std - ((0.09 + 2. * 0.0625) / 3f64).sqrt()).abs() < 1e-12);
-        // (1 + 0.02) / (1 + 8 * 0.02), the others 0.02 / 1.16.
+        // (1 + 0.02) / (1 + 8 * 0.02); the other families get 0.02 / 1.16.
         assert_eq!(distribution.categorical.mode(), 2);
         assert!((distribution.categorical.probabilities[2] - 1.02 / 1.16).abs() < 1e-12);
         let same = distribution.clone();
@@ -311,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn elites_that_agree_make_it_converge() {
+    fn the_distribution_converges_if_the_elites_agree() {
         let (_, mut distribution) = quadruped();
         assert!((distribution.entropy() - 8f64.ln()).abs() < 1e-12 && (distribution.largest_std() - 0.25).abs() < 1e-12);
         let elite = distribution.means()[1].clone();
@@ -326,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_are_refused() {
+    fn invalid_arguments_are_rejected() {
         let (task, distribution) = quadruped();
         let initial = |families: &[GaitFamily]| PeriodicDistribution::initial(&task, families, &PeriodicSettings::default());
         assert!(initial(&[]).unwrap_err().to_string().contains("no family"));

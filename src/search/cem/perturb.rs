@@ -1,7 +1,7 @@
-//! The neighbourhood of a schedule: the same phases, with other times at which feet leave and touch the ground.
+//! Distribution over the neighbourhood of a schedule: the phases stay, the times of lift-off and touchdown change.
 //!
-//! Times are moved, not durations: a foot whose first phase gets longer would otherwise be late in all that follow, and feet that should swing
-//! together would drift apart.
+//! The times are perturbed instead of the durations. With perturbed durations a longer first phase would delay all later phases of its
+//! foot, and feet that should swing together would drift apart.
 
 use super::Distribution;
 use super::marginals::{Gaussian, fit};
@@ -12,21 +12,22 @@ use crate::gait::{Phase, Schedule};
 use crate::robot::Robot;
 use serde::{Deserialize, Serialize};
 
-/// How the neighbourhood of a schedule is drawn.
+/// Settings of the distribution over the neighbourhood of a schedule.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct PerturbSettings {
-    /// First standard deviation of every switch, in the shorter of the phases beside it. Too small: nothing new; too large: feet that belong
-    /// together lose each other.
+    /// Initial standard deviation of each switch time, as a fraction of the shorter adjacent phase. Too small: nothing new is tried; too
+    /// large: feet that should move together lose their synchrony.
     pub std: f64,
-    /// First standard deviation of the logarithm of the pace of all.
+    /// Initial standard deviation of the logarithm of the time scale that all times share. Too small: one pace only; too large: most draws
+    /// fail.
     pub pace_std: f64,
-    /// Smallest standard deviation. Too small: the search freezes.
+    /// Smallest standard deviation. Too small: the search freezes; too large: it never converges.
     pub min_std: f64,
-    /// Elites that the old Gaussian counts as.
+    /// Number of elites that the old Gaussian counts as. 0: the elites alone decide; too large: no learning.
     pub memory: f64,
-    /// Largest standard deviation at which the distribution counts as converged; 0: never.
+    /// The distribution counts as converged if its largest standard deviation is below this. 0: never.
     pub converged_std: f64,
 }
 
@@ -40,7 +41,7 @@ impl PerturbSettings {
     /// Checks every field.
     ///
     /// # Errors
-    /// [`crate::Error::Invalid`] names the first field that is out of its limits.
+    /// [`crate::Error::Invalid`] names the first field that is outside its limits.
     pub fn validate(&self) -> Result<()> {
         check_range("search.perturb.std", self.std, 1e-9, 1.)?;
         check_range("search.perturb.pace_std", self.pace_std, 1e-9, 1.)?;
@@ -50,22 +51,22 @@ impl PerturbSettings {
     }
 }
 
-/// Distribution over schedules with the phases of a given one.
+/// Distribution over schedules that have the phases of a given one.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PerturbDistribution {
     settings: PerturbSettings,
-    /// Logarithm of the pace: all times are multiplied by its exponential.
+    /// Logarithm of the time scale: all times are multiplied by its exponential.
     pub pace: Gaussian,
-    /// By how much each switch is moved, in the shorter of the phases beside it, `[feet][phases - 1]`.
+    /// Shift of each switch time, as a fraction of the shorter adjacent phase, `[feet][phases - 1]`.
     pub switches: Vec<Vec<Gaussian>>,
     #[serde(skip)]
     around: Vec<Vec<Phase>>,
-    /// Shortest phase, s, where the given one is not shorter.
+    /// Shortest phase, s. A shorter phase of the given schedule may stay as short as it is.
     shortest: f64,
 }
 
-/// One draw of [`PerturbDistribution`]: the logarithm of the pace, then the moves.
+/// One draw of [`PerturbDistribution`]: the logarithm of the time scale and the shifts of the switch times.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PerturbSample {
     pace: f64,
@@ -73,9 +74,9 @@ pub struct PerturbSample {
 }
 
 impl PerturbDistribution {
-    /// The distribution of the first generation: around a schedule of the robot.
+    /// Distribution of the first generation, around a schedule of the robot.
     ///
-    /// Phases are not made shorter than [`MIN_PHASE`], but where the given one is.
+    /// No phase becomes shorter than [`MIN_PHASE`], unless the given one is shorter.
     ///
     /// # Errors
     /// [`crate::Error::Invalid`] for bad settings.
@@ -93,7 +94,7 @@ impl PerturbDistribution {
         })
     }
 
-    /// Durations of a foot whose switches are moved.
+    /// Phase durations of a foot after its switch times are shifted, s.
     fn durations(&self, phases: &[Phase], moves: &[f64], pace: f64) -> Vec<f64> {
         let mut start = 0.;
         let mut durations = Vec::with_capacity(phases.len());
@@ -111,7 +112,7 @@ impl PerturbDistribution {
 impl Distribution for PerturbDistribution {
     type Sample = PerturbSample;
 
-    /// Dimension 0 is the pace.
+    /// Random dimension 0 is the time scale; those of the switch times follow.
     fn sample(&self, mut draws: Draws) -> PerturbSample {
         let pace = self.pace.sample(draws.normal(0), [-1., 1.]);
         let mut dimension = 0;
@@ -122,7 +123,7 @@ impl Distribution for PerturbDistribution {
         PerturbSample { pace, moves: self.switches.iter().map(|foot| foot.iter().map(&mut draw).collect()).collect() }
     }
 
-    /// Feet may end at different times: the last stances are stretched later.
+    /// Feet may end at different times; the last stances are stretched later.
     fn schedule(&self, sample: &PerturbSample) -> Result<Schedule> {
         let feet = self.around.iter().zip(&sample.moves);
         Schedule::new(feet.map(|(phases, moves)| self.durations(phases, moves, sample.pace.exp())).collect())
@@ -171,7 +172,7 @@ mod tests {
                 assert_eq!(schedule.stances(foot), around.stances(foot));
                 for (moved, was) in schedule.phases(foot).iter().zip(around.phases(foot)) {
                     assert!(moved.duration() >= shortest - 1e-12);
-                    // Neighbours do not add up: each switch is near its own time.
+                    // Shifts do not accumulate: each switch stays near its own time.
                     assert!((moved.end / was.end).ln().abs() < 0.35, "{moved:?} for {was:?}");
                 }
             }
@@ -179,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn without_moves_it_is_the_schedule_itself() {
+    fn without_shifts_the_schedule_is_unchanged() {
         let (robot, around) = trot();
         let distribution = PerturbDistribution::initial(&robot, &around, &PerturbSettings::default()).unwrap();
         let same = distribution.schedule(&PerturbSample { pace: 0., moves: vec![vec![0.; 4]; 2] }).unwrap();
@@ -189,11 +190,11 @@ mod tests {
     }
 
     #[test]
-    fn a_switch_is_moved_by_part_of_the_shorter_phase() {
+    fn a_switch_is_shifted_by_a_fraction_of_the_shorter_adjacent_phase() {
         let (robot, around) = trot();
         let distribution = PerturbDistribution::initial(&robot, &around, &PerturbSettings::default()).unwrap();
         let mut moves = vec![vec![0.; 4]; 2];
-        // Foot 0, the first touch-down: phases of 0.25 and 0.3 s beside it.
+        // First touchdown of foot 0, between phases of 0.25 and 0.3 s.
         moves[0][1] = 0.2;
         let moved = distribution.schedule(&PerturbSample { pace: 0., moves }).unwrap();
         for (got, want) in moved.durations()[0].iter().zip([0.3, 0.3, 0.25, 0.25, 0.6]) {
@@ -202,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn elites_move_and_narrow_it() {
+    fn elites_move_and_narrow_the_distribution() {
         let (robot, around) = trot();
         let mut distribution = PerturbDistribution::initial(&robot, &around, &PerturbSettings::default()).unwrap();
         let elite = PerturbSample { pace: -0.1, moves: vec![vec![0.1; 4]; 2] };

@@ -1,45 +1,45 @@
-//! Counter-based random numbers: any dimension of any candidate can be drawn alone, in any order, on any thread.
+//! Counter-based random numbers: each dimension of each candidate can be drawn alone, in any order and on any thread.
 //!
-//! The ChaCha8 key comes from the seed, its stream from (generation, candidate), its position from the dimension.
+//! The seed gives the ChaCha8 key, (generation, candidate) the stream and the dimension the position in it.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// 32-bit words of the stream that each dimension owns: two 64-bit numbers, whether it needs them or not.
+/// Number of 32-bit words of the stream per dimension: two 64-bit numbers, even if only one is used.
 const WORDS: u128 = 4;
 
-/// The random numbers of one candidate.
+/// Random numbers of one candidate.
 ///
-/// Uniform numbers are the same on every platform; normal ones may differ in the last bit where `ln` and `cos` do.
+/// Uniform numbers are identical on every platform. Normal ones may differ in the last bit if `ln` and `cos` do.
 #[derive(Debug, Clone)]
 pub struct Draws {
     rng: ChaCha8Rng,
 }
 
 impl Draws {
-    /// The numbers of a candidate. Generation and candidate index must be below 2^32, as [`super::CemSettings::validate`] ensures.
+    /// Random numbers of a candidate. Generation and candidate index must be below 2^32, as [`super::CemSettings::validate`] ensures.
     pub fn new(seed: u64, generation: usize, candidate: usize) -> Draws {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream((generation as u64) << 32 | candidate as u64);
         Draws { rng }
     }
 
-    /// A uniform number in [0, 1), a multiple of 2^-53.
+    /// Uniform number in [0, 1), a multiple of 2^-53.
     pub fn uniform(&mut self, dimension: usize) -> f64 {
         unit(self.words(dimension)[0])
     }
 
-    /// A standard normal number, by Box and Muller: `sqrt(-2 ln u) cos(2 pi v)`, u in (0, 1], v in [0, 1).
+    /// Standard normal number by the Box-Muller transform: `sqrt(-2 ln u) cos(2 pi v)`, u in (0, 1], v in [0, 1).
     pub fn normal(&mut self, dimension: usize) -> f64 {
         let [a, b] = self.words(dimension);
         let (u, v) = (1. - unit(a), unit(b));
         (-2. * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
     }
 
-    /// The two numbers of a dimension.
+    /// The two 64-bit numbers of a dimension.
     fn words(&mut self, dimension: usize) -> [u64; 2] {
         let position = dimension as u128 * WORDS;
-        // Seeking refills the generator's buffer: not needed when dimensions are drawn in order.
+        // Seeking refills the generator's buffer, which is unnecessary if dimensions are drawn in order.
         if self.rng.get_word_pos() != position {
             self.rng.set_word_pos(position);
         }
@@ -47,7 +47,7 @@ impl Draws {
     }
 }
 
-/// The upper 53 bits as a number in [0, 1).
+/// Number in [0, 1) from the upper 53 bits.
 fn unit(bits: u64) -> f64 {
     (bits >> 11) as f64 / (1u64 << 53) as f64
 }
@@ -81,8 +81,8 @@ mod tests {
     }
 
     #[test]
-    fn moments_are_those_of_the_distributions() {
-        // 100,000 numbers; each moment is allowed 5 standard errors.
+    fn moments_match_those_of_the_distributions() {
+        // 100,000 numbers. Each moment may deviate by 5 standard errors.
         let n = 100_000;
         let (mut uniform, mut normal) = ([0.; 2], [0.; 4]);
         for candidate in 0..n / 100 {
@@ -95,7 +95,7 @@ mod tests {
             }
         }
         let error = 5. / (n as f64).sqrt();
-        // Variances of u, u^2: 1/12, 4/45; of z, z^2, z^3, z^4: 1, 2, 15, 96.
+        // The variances of u and u^2 are 1/12 and 4/45, those of z, z^2, z^3, z^4 are 1, 2, 15, 96.
         for (got, want, variance) in [(uniform[0], 0.5, 1. / 12.), (uniform[1], 1. / 3., 4. / 45.)].into_iter().chain([
             (normal[0], 0., 1.),
             (normal[1], 1., 2.),
@@ -108,7 +108,8 @@ mod tests {
 
     #[test]
     fn the_numbers_of_seed_1_never_change() {
-        // From an independent implementation of ChaCha8, of rand's expansion of a 64-bit seed (PCG32) and of the formulas above.
+        // Expected values from an independent implementation of ChaCha8, of rand's expansion of a 64-bit seed (PCG32) and of the formulas
+        // above.
         let mut draws = Draws::new(1, 0, 0);
         assert_eq!(
             [draws.uniform(0), draws.uniform(1), Draws::new(1, 5, 7).uniform(200)],

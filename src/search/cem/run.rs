@@ -1,9 +1,9 @@
-//! Algorithm 1 of \[1\]: the search itself.
+//! Algorithm 1 of \[1\]: the cross-entropy loop.
 
 use super::random::Draws;
 use super::{
-    Aim, Answer, Candidate, CemSettings, Distribution, Evaluator, GenerationRecord, Member, Outcome, Sampler, StopReason, Stopping,
-    rank_order,
+    Candidate, CemOutcome, CemSettings, Distribution, GenerationEvaluator, GenerationRecord, GenerationResults, Sampler, SelectionGoal,
+    StopReason, Stopping, rank_order,
 };
 use crate::error::Result;
 use crate::gait::Schedule;
@@ -11,46 +11,46 @@ use crate::gait::family::GaitFamily;
 
 /// Searches for the schedule with the largest objective.
 ///
-/// The same settings, distribution, seed and answers of the evaluator give the same outcome.
+/// The outcome is a function of settings, distribution, seed and the evaluator's answers.
 ///
-/// * `distribution` - of the first generation
-/// * `first` - number of the first generation, by which its random numbers differ from those of other runs with the seed
+/// * `distribution` - distribution of the first generation
+/// * `first` - number of the first generation; runs with the same seed and different numbers draw different candidates
 /// * `progress` - called after every generation
 ///
 /// # Errors
-/// [`crate::Error::Invalid`] names the setting that is out of its limits.
-pub fn run<D: Distribution, E: Evaluator>(
+/// [`crate::Error::Invalid`] names the setting that is outside its limits.
+pub fn run<D: Distribution, E: GenerationEvaluator>(
     settings: &CemSettings,
     distribution: D,
     seed: u64,
     first: usize,
     evaluator: &mut E,
     progress: &mut dyn FnMut(&GenerationRecord),
-) -> Result<Outcome<E::Solution, D>> {
+) -> Result<CemOutcome<E::Solution, D>> {
     run_observed(settings, distribution, seed, first, evaluator, &mut |generation| progress(generation.record))
 }
 
-/// A generation that has ended.
+/// A completed generation.
 #[derive(Debug)]
 pub struct Generation<'a, S> {
-    /// In numbers.
+    /// Statistics of the generation.
     pub record: &'a GenerationRecord,
-    /// Its candidates, best first, each with its family where there are families.
-    pub ranked: &'a [(Option<GaitFamily>, Member<S>)],
+    /// Candidates, best first, each with its family if the distribution has families.
+    pub ranked: &'a [(Option<GaitFamily>, Candidate<Option<Box<S>>>)],
 }
 
-/// As [`run`], showing the candidates of every generation.
+/// Runs the search as [`run`] does and shows the candidates of every generation to `observe`.
 ///
 /// # Errors
 /// As [`run`].
-pub fn run_observed<D: Distribution, E: Evaluator>(
+pub fn run_observed<D: Distribution, E: GenerationEvaluator>(
     settings: &CemSettings,
     mut distribution: D,
     seed: u64,
     first: usize,
     evaluator: &mut E,
     observe: &mut dyn FnMut(&Generation<E::Solution>),
-) -> Result<Outcome<E::Solution, D>> {
+) -> Result<CemOutcome<E::Solution, D>> {
     settings.validate()?;
     let until_feasible = settings.stopping == Stopping::FirstFeasible;
     let first_only = until_feasible && !settings.whole_generation;
@@ -66,10 +66,10 @@ pub fn run_observed<D: Distribution, E: Evaluator>(
         // Sample N candidates and evaluate them.
         let (samples, schedules) = draw(&distribution, settings.population, (seed, generation), evaluator)?;
         let enough = if until_feasible { usize::MAX } else { settings.elites };
-        let aim = Aim { enough, ..Aim::all(settings, &schedules) }.or_first(first_only);
-        let results = evaluator.evaluate(generation, &schedules, &aim);
+        let goal = SelectionGoal { enough, ..SelectionGoal::all(settings, &schedules) }.or_first(first_only);
+        let results = evaluator.evaluate(generation, &schedules, &goal);
 
-        // Sort by J, best first; the M first are the elites.
+        // Sort by J, best first. The first M are the elites.
         let ranked = rank(settings, generation, schedules, results, first_only);
         let elites: Vec<&D::Sample> = ranked.iter().take(settings.elites).map(|c| &samples[c.index]).collect();
         let families: Vec<Option<GaitFamily>> = ranked.iter().map(|c| distribution.family(&samples[c.index])).collect();
@@ -98,23 +98,23 @@ pub fn run_observed<D: Distribution, E: Evaluator>(
         } else {
             ranked.next().filter(|c| best.is_none() || c.objective > former)
         };
-        best = better.and_then(|c| c.solved(|schedule| evaluator.again(schedule))).or(best);
+        best = better.and_then(|c| c.with_solution(|schedule| evaluator.solve_again(schedule))).or(best);
         generations.push(record);
         if stop.is_some() {
             break;
         }
     }
-    Ok(Outcome { best, generations, stop: stop.unwrap_or(StopReason::GenerationLimit), distribution })
+    Ok(CemOutcome { best, generations, stop: stop.unwrap_or(StopReason::GenerationLimit), distribution })
 }
 
-/// How often a candidate is drawn when its draws are no schedules that can be evaluated.
+/// Largest number of draws for one candidate, if draws give schedules that cannot be evaluated.
 const DRAWS: usize = 8;
 
-/// The candidates of a generation and their schedules. One that cannot be drawn is left out.
+/// Draws the candidates of a generation. Leaves out a candidate if none of its [`DRAWS`] draws can be evaluated.
 ///
 /// # Errors
-/// What is wrong with the last draw where there is no candidate at all.
-fn draw<D: Distribution, E: Evaluator>(
+/// The reason why the last draw was refused, if no candidate remains.
+fn draw<D: Distribution, E: GenerationEvaluator>(
     distribution: &D,
     population: usize,
     (seed, generation): (u64, usize),
@@ -135,16 +135,16 @@ fn draw<D: Distribution, E: Evaluator>(
     }
 }
 
-/// The evaluated candidates of a generation by falling objective, ties by index.
+/// Evaluated candidates of a generation by decreasing objective, ties by index.
 ///
-/// With `first_only`, candidates after the first feasible one are dropped: which of them were evaluated depends on timing.
+/// `first_only` drops candidates after the first feasible one, because timing decides which of them were evaluated.
 fn rank<S>(
     settings: &CemSettings,
     generation: usize,
     schedules: Vec<Schedule>,
-    results: Vec<Option<Answer<S>>>,
+    results: GenerationResults<S>,
     first_only: bool,
-) -> Vec<Member<S>> {
+) -> Vec<Candidate<Option<Box<S>>>> {
     let mut ranked = Vec::new();
     for (index, (schedule, result)) in schedules.into_iter().zip(results).enumerate() {
         let Some((evaluation, solution)) = result else { continue };
@@ -157,7 +157,7 @@ fn rank<S>(
     ranked
 }
 
-/// The record of a generation, in any order, the best ever still without the generations before.
+/// Statistics of one generation from its candidates in any order. `best_ever_objective` does not include former generations yet.
 pub(in crate::search) fn summarise<'a, S: 'a>(
     generation: usize,
     candidates: impl ExactSizeIterator<Item = &'a Candidate<S>> + Clone,
@@ -179,7 +179,7 @@ pub(in crate::search) fn summarise<'a, S: 'a>(
     }
 }
 
-/// A number, unless it is infinite or none.
+/// The number, or `None` if it is infinite or NaN.
 fn finite(x: f64) -> Option<f64> {
     x.is_finite().then_some(x)
 }

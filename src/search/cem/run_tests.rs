@@ -1,15 +1,15 @@
-//! Tests of the search on evaluators without a solver.
+//! Tests of the cross-entropy loop with evaluators that need no solver.
 
 use super::*;
 use crate::error::check_range;
 use crate::search::cem::{Evaluation, FreeDistribution, Objective};
 
-/// An evaluator from a function of (generation, index, schedule); the solution is (generation, index).
+/// Evaluator made from a function of (generation, index, schedule). Its solution is (generation, index).
 struct Synthetic<F> {
     answer: F,
     calls: usize,
     cancel_after: usize,
-    /// Longest horizon that it can evaluate, s.
+    /// Longest horizon that the evaluator accepts, s.
     longest: f64,
 }
 
@@ -17,14 +17,14 @@ fn synthetic<F: FnMut(usize, usize, &Schedule) -> Option<Evaluation>>(answer: F)
     Synthetic { answer, calls: 0, cancel_after: usize::MAX, longest: f64::INFINITY }
 }
 
-impl<F: FnMut(usize, usize, &Schedule) -> Option<Evaluation>> Evaluator for Synthetic<F> {
+impl<F: FnMut(usize, usize, &Schedule) -> Option<Evaluation>> GenerationEvaluator for Synthetic<F> {
     type Solution = (usize, usize);
 
     fn check(&self, schedule: &Schedule) -> Result<()> {
         check_range("horizon", schedule.horizon(), 0., self.longest)
     }
 
-    fn evaluate(&mut self, generation: usize, schedules: &[Schedule], _: &Aim) -> Vec<Option<Answer<Self::Solution>>> {
+    fn evaluate(&mut self, generation: usize, schedules: &[Schedule], _: &SelectionGoal) -> GenerationResults<Self::Solution> {
         self.calls += 1;
         let schedules = schedules.iter().enumerate();
         schedules.map(|(i, s)| (self.answer)(generation, i, s).map(|e| (e, Some(Box::new((generation, i)))))).collect()
@@ -39,7 +39,8 @@ fn violating(n_violated: usize) -> Evaluation {
     Evaluation { n_violated, feasible: n_violated == 0, certified: true, mean_normal_force: 10., cost: None }
 }
 
-/// Distance of the stance counts from a hidden pattern, and of the used log durations from -1.3, in tenths.
+/// Number of violated constraints: 5 times the distance of the stance counts from a hidden pattern plus 10 times that of the log durations
+/// from -1.3.
 fn hidden_pattern(_: usize, _: usize, schedule: &Schedule) -> Option<Evaluation> {
     let wrong: usize = [9usize, 10, 10, 11].iter().enumerate().map(|(foot, &n)| schedule.stances(foot).abs_diff(n)).sum();
     let late: f64 = schedule.durations().iter().flatten().map(|d| (d.ln() + 1.3).abs()).sum();
@@ -50,7 +51,7 @@ fn initial(settings: &CemSettings) -> FreeDistribution {
     FreeDistribution::initial(settings, 4).unwrap()
 }
 
-fn search<F>(settings: &CemSettings, seed: u64, evaluator: &mut Synthetic<F>) -> Outcome<(usize, usize), FreeDistribution>
+fn search<F>(settings: &CemSettings, seed: u64, evaluator: &mut Synthetic<F>) -> CemOutcome<(usize, usize), FreeDistribution>
 where
     F: FnMut(usize, usize, &Schedule) -> Option<Evaluation>,
 {
@@ -117,7 +118,7 @@ fn a_whole_generation_gives_its_best_feasible_candidate() {
 }
 
 #[test]
-fn convergence_is_not_ended_by_a_feasible_candidate_and_keeps_the_first_of_equals() {
+fn with_convergence_a_feasible_candidate_does_not_end_the_search_and_ties_go_to_the_first() {
     let settings = CemSettings { generations: 4, stopping: Stopping::Convergence, ..Default::default() };
     let outcome = search(&settings, 1, &mut synthetic(|g, i, _| Some(violating(usize::from(g == 0 || i < 2)))));
     let best = outcome.best.unwrap();
@@ -164,7 +165,7 @@ fn candidates_that_were_not_evaluated_are_no_elites() {
 }
 
 #[test]
-fn an_objective_that_is_no_number_is_no_elite_over_a_finite_one() {
+fn a_candidate_with_a_nan_objective_ranks_after_every_finite_one() {
     let force = |i: usize| if i < 13 { f64::NAN } else { i as f64 };
     let answer =
         |_, i, _: &Schedule| Some(Evaluation { n_violated: 9, feasible: false, certified: true, mean_normal_force: force(i), cost: None });
@@ -180,7 +181,7 @@ fn an_objective_that_is_no_number_is_no_elite_over_a_finite_one() {
 }
 
 #[test]
-fn callers_mistakes_are_refused() {
+fn invalid_arguments_are_rejected() {
     for feet in [0, 9] {
         assert!(FreeDistribution::initial(&CemSettings::default(), feet).unwrap_err().to_string().starts_with("feet"));
     }
@@ -191,7 +192,7 @@ fn callers_mistakes_are_refused() {
 }
 
 #[test]
-fn generations_of_another_number_draw_other_candidates() {
+fn generations_with_different_numbers_draw_different_candidates() {
     let settings = CemSettings { generations: 1, ..Default::default() };
     let best = |first| run(&settings, initial(&settings), 1, first, &mut synthetic(hidden_pattern), &mut |_| ()).unwrap().best.unwrap();
     assert_eq!((best(3).generation, best(0).generation), (3, 0));
@@ -215,7 +216,7 @@ fn a_record_does_not_depend_on_the_order_of_candidates() {
 }
 
 #[test]
-fn what_cannot_be_evaluated_is_drawn_again_or_left_out_and_an_error_only_where_nothing_is_left() {
+fn candidates_that_cannot_be_evaluated_are_redrawn_or_left_out_and_it_is_an_error_if_none_remains() {
     let settings = CemSettings { population: 32, elites: 4, generations: 3, ..CemSettings::default() };
     let horizons = |longest: f64| {
         let mut horizons = Vec::new();
@@ -230,7 +231,7 @@ fn what_cannot_be_evaluated_is_drawn_again_or_left_out_and_an_error_only_where_n
     };
     let mut first: Vec<f64> = horizons(f64::INFINITY).unwrap().iter().filter(|(generation, _)| *generation == 0).map(|(_, h)| *h).collect();
     first.sort_by(f64::total_cmp);
-    // Half of the draws are too long: others come instead. Nearly all: some are left out.
+    // If half of the draws are too long, all are replaced. If nearly all are, some candidates are left out.
     for (longest, all) in [(first[16], true), (first[1], false)] {
         let horizons = horizons(longest).unwrap();
         assert!(horizons.iter().all(|(_, horizon)| *horizon <= longest));

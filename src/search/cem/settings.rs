@@ -1,4 +1,4 @@
-//! Every tunable value of the search, with default and limits.
+//! Settings of the cross-entropy loop and of the distribution of \[1\], with defaults and limits.
 
 use super::{Evaluation, Objective, heuristic, stances};
 use crate::error::{Error, Result, check_range};
@@ -6,79 +6,80 @@ use crate::gait::Schedule;
 use crate::gait::schedule::{MAX_HORIZON, MIN_PHASE};
 use serde::{Deserialize, Serialize};
 
-/// Names of the presets, each with what it is for. Numbers: \[1\], section of the same name.
+/// Presets by name with their purpose. Their values are those of the section of \[1\] with the same name.
 pub const PRESETS: [(&str, &str); 3] = [
-    ("experiment1", "find any feasible gait, 16 candidates a generation"),
-    ("experiment2", "the numbers of experiment1, to compare robots"),
-    ("experiment3", "find the gait with the fewest stances, 64 candidates a generation, 50 generations"),
+    ("experiment1", "find any feasible gait, 16 candidates per generation"),
+    ("experiment2", "the settings of experiment1, to compare robots"),
+    ("experiment3", "find the gait with the fewest stances, 64 candidates per generation, 50 generations"),
 ];
 
-/// When a search ends before its last generation.
+/// Condition that ends a search before its last generation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Stopping {
-    /// At the generation that has a feasible candidate.
+    /// End with the first generation that has a feasible candidate.
     FirstFeasible,
-    /// When the distribution has converged: see [`super::FreeDistribution`].
+    /// End when the distribution has converged: see [`super::Distribution::converged`].
     Convergence,
 }
 
-/// Where the candidates come from.
+/// Source of the candidates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Sampler {
-    /// The distribution, fitted to the elites after each generation.
+    /// Distribution that is fitted to the elites after each generation.
     Cem,
-    /// The initial distribution throughout: plain random search, for comparisons.
+    /// Initial distribution throughout: plain random search, for comparisons.
     Random,
 }
 
-/// How the search runs. Symbols as in \[1\].
+/// Settings of the cross-entropy loop and of the distribution of \[1\], with its symbols.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct CemSettings {
-    /// Candidates a generation, `N`. Too small: the elites say little about the distribution; too large: few generations in the same time.
+    /// Candidates per generation, `N`. Too small: the elites say little about the distribution; too large: few generations in the same
+    /// time.
     pub population: usize,
-    /// Elites, `M`. Too small: early convergence anywhere; close to `population`: no selection.
+    /// Number of elites, `M`. Too small: premature convergence; close to `population`: no selection.
     pub elites: usize,
-    /// Most generations, `K`.
+    /// Largest number of generations, `K`. Too small: the search ends before it converges; too large: only time is lost.
     pub generations: usize,
-    /// Fewest stance phases of a foot; with the heuristic two more are the fewest that are drawn.
+    /// Smallest number of stance phases of a foot. The heuristic draws at least two more.
     pub min_stances: usize,
-    /// Most stance phases of a foot. The heuristic ends at `min_stances + 8` and needs at least that.
+    /// Largest number of stance phases of a foot. The heuristic draws at most `min_stances + 8` and requires at least that here.
     pub max_stances: usize,
-    /// Whether the feet pick their stance counts from a common triplet: see [`heuristic`].
+    /// True if the feet pick their stance counts from a common triplet: see [`heuristic`].
     pub heuristic: bool,
-    /// Limits of the log durations (durations in s); samples outside are moved to the nearer one.
+    /// Limits of the log durations (durations in s). Samples are clamped to them.
     pub log_duration: [f64; 2],
     /// Mean of every log duration in the first generation.
     pub initial_mean: f64,
     /// Standard deviation of every log duration in the first generation.
     pub initial_std: f64,
-    /// Smallest standard deviation of a log duration. Too small: the search freezes.
+    /// Smallest standard deviation of a log duration. Too small: the search freezes; too large: it never converges.
     pub min_std: f64,
-    /// Added to every category's frequency among the elites, before normalising. 0: a category can be lost for good; too large: no learning.
+    /// Added to the share of each category among the elites before normalising. 0: a category can be lost for good; too large: no learning.
     pub floor: f64,
-    /// Penalty `alpha` of a violated constraint, in the unit of the objective. Too small: infeasible gaits win.
+    /// Penalty `alpha` per violated constraint, in the unit of the objective. Too small: infeasible gaits win.
     pub penalty: f64,
-    /// What is sought among feasible gaits.
+    /// Objective among feasible gaits.
     pub objective: Objective,
-    /// When to end early.
+    /// Condition for an early end.
     pub stopping: Stopping,
-    /// Whether the rest of a generation is evaluated after its first feasible candidate, so that its best feasible candidate is returned
-    /// and not the one with the lowest index. Only with [`Stopping::FirstFeasible`].
+    /// True if a generation is evaluated beyond its first feasible candidate, so that the search returns the best feasible candidate
+    /// instead of the one with the lowest index. Only with [`Stopping::FirstFeasible`].
     pub whole_generation: bool,
-    /// Largest standard deviation of the used log durations at which the distribution counts as converged; 0: never.
+    /// The distribution counts as converged if the largest standard deviation of the used log durations is below this. 0: never.
     pub converged_std: f64,
-    /// Where the candidates come from.
+    /// Source of the candidates.
     pub sampler: Sampler,
 }
 
 impl Default for CemSettings {
-    /// Preset `experiment1`.
+    /// Returns the preset `experiment1`.
     fn default() -> Self {
         CemSettings {
             population: 16,
@@ -103,7 +104,7 @@ impl Default for CemSettings {
 }
 
 impl CemSettings {
-    /// A preset by name.
+    /// Returns the preset with this name.
     ///
     /// # Errors
     /// [`Error::Unknown`] lists [`PRESETS`].
@@ -125,22 +126,22 @@ impl CemSettings {
         }
     }
 
-    /// With another population; elites keep their share.
+    /// Changes the population; the elites keep their share of it.
     pub fn with_population(self, population: usize) -> CemSettings {
-        // A product that overflows is out of the limits anyway.
+        // A product that overflows is outside the limits anyway.
         let elites = (population.saturating_mul(self.elites) / self.population.max(1)).max(1);
         CemSettings { population, elites, ..self }
     }
 
-    /// The objective `J` of a schedule.
-    pub(in crate::search) fn worth(&self, schedule: &Schedule, evaluation: &Evaluation) -> f64 {
+    /// Objective `J` of an evaluated schedule.
+    pub(in crate::search) fn objective_of(&self, schedule: &Schedule, evaluation: &Evaluation) -> f64 {
         self.objective.value(&stances(schedule), evaluation, self.penalty)
     }
 
     /// Checks every field.
     ///
     /// # Errors
-    /// [`Error::Invalid`] names the first field that is out of its limits.
+    /// [`Error::Invalid`] names the first field that is outside its limits.
     pub fn validate(&self) -> Result<()> {
         check_count("search.free.population", self.population, 1, 65_536)?;
         check_count("search.free.elites", self.elites, 1, self.population)?;
@@ -163,7 +164,7 @@ impl CemSettings {
         if low.exp() < MIN_PHASE {
             return Err(Error::invalid("search.free.log_duration[0]", low, format!("at least ln {MIN_PHASE} s = {:.4}", MIN_PHASE.ln())));
         }
-        // Every schedule that can be drawn is a valid one.
+        // Ensures that every schedule that can be drawn is valid.
         let longest = MAX_HORIZON / self.phases() as f64;
         if high.exp() > longest {
             let limit = format!("at most {:.4}, so that {} phases last at most {MAX_HORIZON} s", longest.ln(), self.phases());
@@ -182,7 +183,7 @@ impl CemSettings {
         if self.heuristic { self.min_stances + heuristic::LARGEST } else { self.max_stances }
     }
 
-    /// Phases of a foot with the largest stance count.
+    /// Number of phases of a foot with the largest stance count.
     pub fn phases(&self) -> usize {
         2 * self.largest_stances() - 1
     }

@@ -1,0 +1,258 @@
+//! Evaluation of the rows.
+
+use super::candidates::{candidates, long_candidates};
+use super::lab::{CAPACITY, Expected, Lab, SMALL, State, gpu, states, stem};
+use super::{ARITHMETIC, CURVED, DEVIATION, TRIGONOMETRY};
+use crate::common;
+use cregopt::backend::gpu::Prepared;
+use cregopt::backend::gpu::shaders::Shader;
+use cregopt::backend::tables::Slot as Counts;
+use cregopt::rows::momentum::Deviation;
+use cregopt::rows::{Shared, acceleration, cone, dynamics, footing, force, ground, momentum, reach, stride, swing};
+use cregopt::solver::control::{CLOSE, ENDED, EXACT, SHORTER, SOLVED, STEP};
+use cregopt::terrain::Ground;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Number of long candidates.
+const LONG: usize = 3;
+
+/// Truncates tables so that their numbers of entries lie around the workgroup size.
+fn around_the_workgroup(s: usize, prepared: &mut Prepared) {
+    let count = [63, 64, 65, usize::MAX][s / LONG % 4];
+    let (layout, slot) = (&mut prepared.layout, &mut prepared.slot);
+    layout.dynamics_instants.truncate(count);
+    layout.momentum_intervals.truncate(count);
+    layout.reach_instants.truncate(count);
+    layout.force_nodes.truncate(count);
+    layout.swing_nodes.truncate(count);
+    layout.strides.truncate(count);
+    layout.accelerations.truncate(count);
+    layout.cones.truncate(count);
+    layout.footings.truncate(count);
+    slot.dynamics_instants = layout.dynamics_instants.len() as u32;
+    slot.momentum_intervals = layout.momentum_intervals.len() as u32;
+    slot.reach_instants = layout.reach_instants.len() as u32;
+    slot.force_nodes = layout.force_nodes.len() as u32;
+    slot.swing_nodes = layout.swing_nodes.len() as u32;
+    slot.strides = layout.strides.len() as u32;
+    slot.accelerations = layout.accelerations.len() as u32;
+    slot.cones = layout.cones.len() as u32;
+    slot.footings = layout.footings.len() as u32;
+    slot.footholds = slot.footholds.min(count as u32);
+}
+
+/// Runs an evaluation shader on short candidates and on long ones, and its twin.
+///
+/// * `counted` - entries that the shader processes
+/// * `twin` - writes the expected results at the trial point: slot, its layout, x, ground and deviations there, output
+fn evaluation(
+    shader: Shader,
+    counted: fn(&Counts) -> u32,
+    tolerance: f32,
+    twin: impl Fn(&Lab, usize, &[f32], &Shared<f32>, &mut Expected),
+) {
+    let test = format!("{}_agrees_with_its_twin", stem(shader));
+    let Some(device) = gpu(&test) else { return };
+    let (small, long) = (candidates(), long_candidates());
+    let labs = [Lab::new(&device, &small, CAPACITY, SMALL, |_, _| {}), Lab::new(&device, &long, 4 * LONG, SMALL, around_the_workgroup)];
+    let long_counts: BTreeSet<u32> = labs[1].slots.iter().map(|s| counted(&s.counts)).collect();
+    assert!([63, 64, 65].iter().all(|n| long_counts.contains(n)), "entries of the long candidates: {long_counts:?}");
+    // All long candidates are evaluated.
+    for (mut lab, of_states) in labs.into_iter().zip([&[STEP, CLOSE, EXACT, SOLVED, SHORTER][..], &[STEP, CLOSE, EXACT, SHORTER]]) {
+        let mut before = lab.poisoned();
+        states(&lab, &mut before, of_states);
+        // Shared by all lists: x, ground and deviations at the trial point.
+        let mut shared = Vec::new();
+        for (s, slot) in lab.slots.iter().enumerate() {
+            let (layout, x) = (&slot.layout, &slot.candidate.x);
+            let at = common::shared(layout);
+            let mut at =
+                Shared { ground: at.ground, deviations: vec![Deviation::default(); layout.momentum_intervals.len()], frozen: false };
+            ground::ground(layout, x, &mut at.ground);
+            let mut c = vec![0.; layout.rows.one_sided()];
+            momentum::momentum(layout, x, &at.ground, &mut at.deviations, false, &mut c, None);
+            let trial = 1 - before.progress[s].current;
+            before.values[lab.x(s, trial)].copy_from_slice(x);
+            if shader != Shader::Ground {
+                let to = lab.range(s, lab.batch.ground, 3 * at.ground.len());
+                before.values[to].copy_from_slice(&flat(&at.ground));
+            }
+            if shader == Shader::Reach {
+                let to = lab.range(s, lab.batch.deviations, 36 * at.deviations.len());
+                before.values[to].copy_from_slice(&poses(&at.deviations));
+            }
+            shared.push(at);
+        }
+        for list in lab.lists() {
+            let mut expected = Expected { state: before.clone(), sizes: BTreeMap::new() };
+            for &s in &list {
+                let s = s as usize;
+                if before.progress[s].state < ENDED {
+                    twin(&lab, s, &lab.slots[s].candidate.x, &shared[s], &mut expected);
+                }
+            }
+            let got = lab.run(shader, &list, &before);
+            lab.check(shader, &got, &expected, |name| match name {
+                "deviations" => DEVIATION,
+                "c" | "g" | "jacobian" | "ground" => tolerance,
+                _ => 0.,
+            });
+        }
+    }
+}
+
+fn flat(ground: &[Ground<f32>]) -> Vec<f32> {
+    ground.iter().flat_map(|g| [g.height, g.slope[0], g.slope[1]]).collect()
+}
+
+fn poses(deviations: &[Deviation<f32>]) -> Vec<f32> {
+    deviations.iter().flat_map(|d| d.pose.into_iter().flatten()).collect()
+}
+
+/// Residuals and Jacobian of the trial point, in the state.
+fn trial<'s>(lab: &Lab, s: usize, equality: bool, state: &'s mut State) -> (&'s mut [f32], &'s mut [f32]) {
+    let half = 1 - state.progress[s].current;
+    let residual = if equality { lab.c(s, half) } else { lab.g(s, half) };
+    (&mut state.values[residual], &mut state.jacobian[lab.jacobian(s, half)])
+}
+
+#[test]
+fn ground_agrees_with_its_twin() {
+    evaluation(
+        Shader::Ground,
+        |slot| slot.footholds,
+        ARITHMETIC,
+        |lab, s, _, shared, expected| {
+            let count = lab.slots[s].counts.footholds as usize;
+            let ground = flat(&shared.ground[..count]);
+            // The slopes of the terrains reach 17.
+            let to = lab.range(s, lab.batch.ground, ground.len());
+            expected.state.values[to].copy_from_slice(&ground);
+        },
+    );
+}
+
+#[test]
+fn dynamics_agrees_with_its_twin() {
+    evaluation(
+        Shader::Dynamics,
+        |slot| slot.dynamics_instants,
+        TRIGONOMETRY,
+        |lab, s, x, shared, expected| {
+            let (c, jacobian) = trial(lab, s, true, &mut expected.state);
+            dynamics::dynamics(&lab.slots[s].layout, x, &shared.ground, c, Some(jacobian));
+        },
+    );
+}
+
+#[test]
+fn momentum_agrees_with_its_twin() {
+    evaluation(
+        Shader::Momentum,
+        |slot| slot.momentum_intervals,
+        TRIGONOMETRY,
+        |lab, s, x, shared, expected| {
+            let layout = &lab.slots[s].layout;
+            let mut deviations = vec![Deviation::default(); layout.momentum_intervals.len()];
+            let (c, jacobian) = trial(lab, s, true, &mut expected.state);
+            momentum::momentum(layout, x, &shared.ground, &mut deviations, false, c, Some(jacobian));
+            let to = lab.range(s, lab.batch.deviations, 36 * deviations.len());
+            expected.state.values[to].copy_from_slice(&poses(&deviations));
+        },
+    );
+}
+
+#[test]
+fn reach_agrees_with_its_twin() {
+    evaluation(
+        Shader::Reach,
+        |slot| slot.reach_instants,
+        TRIGONOMETRY,
+        |lab, s, x, shared, expected| {
+            let (g, jacobian) = trial(lab, s, false, &mut expected.state);
+            reach::reach(&lab.slots[s].layout, x, &shared.ground, &shared.deviations, g, Some(jacobian));
+        },
+    );
+}
+
+#[test]
+fn force_agrees_with_its_twin() {
+    evaluation(
+        Shader::Force,
+        |slot| slot.force_nodes,
+        CURVED,
+        |lab, s, x, _, expected| {
+            let edge_radius = expected.state.progress[s].edge_radius;
+            let (g, jacobian) = trial(lab, s, false, &mut expected.state);
+            force::force(&lab.slots[s].layout, x, edge_radius, g, Some(jacobian));
+        },
+    );
+}
+
+#[test]
+fn cone_agrees_with_its_twin() {
+    evaluation(
+        Shader::Cone,
+        |slot| slot.cones,
+        // The tangential force has a root of its own, whose parts cancel: the same error again.
+        2. * CURVED,
+        |lab, s, x, _, expected| {
+            let edge_radius = expected.state.progress[s].edge_radius;
+            let (g, jacobian) = trial(lab, s, false, &mut expected.state);
+            cone::cone(&lab.slots[s].layout, x, edge_radius, g, Some(jacobian));
+        },
+    );
+}
+
+#[test]
+fn swing_agrees_with_its_twin() {
+    // The rows are in units of 0.1 m.
+    evaluation(
+        Shader::Swing,
+        |slot| slot.swing_nodes,
+        8. * ARITHMETIC,
+        |lab, s, x, shared, expected| {
+            let (g, jacobian) = trial(lab, s, false, &mut expected.state);
+            swing::swing(&lab.slots[s].layout, x, &shared.ground, g, Some(jacobian));
+        },
+    );
+}
+
+#[test]
+fn stride_agrees_with_its_twin() {
+    evaluation(
+        Shader::Stride,
+        |slot| slot.strides,
+        8. * ARITHMETIC,
+        |lab, s, x, _, expected| {
+            let (g, jacobian) = trial(lab, s, false, &mut expected.state);
+            stride::stride(&lab.slots[s].layout, x, g, Some(jacobian));
+        },
+    );
+}
+
+#[test]
+fn footing_agrees_with_its_twin() {
+    evaluation(
+        Shader::Footing,
+        |slot| slot.footings,
+        8. * ARITHMETIC,
+        |lab, s, x, _, expected| {
+            let (g, jacobian) = trial(lab, s, false, &mut expected.state);
+            footing::footing(&lab.slots[s].layout, x, g, Some(jacobian));
+        },
+    );
+}
+
+#[test]
+fn acceleration_agrees_with_its_twin() {
+    evaluation(
+        Shader::Acceleration,
+        |slot| slot.accelerations,
+        8. * ARITHMETIC,
+        |lab, s, x, shared, expected| {
+            let (g, jacobian) = trial(lab, s, false, &mut expected.state);
+            acceleration::acceleration(&lab.slots[s].layout, x, &shared.ground, g, Some(jacobian));
+        },
+    );
+}

@@ -1,0 +1,14 @@
+//! Tests of the library: the rows and the solver, whole searches, and the independent verification.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod momentum;
+mod perturbations;
+mod properties;
+mod reference;
+mod search;
+#[cfg(feature = "gpu")]
+mod shader_layout;
+mod solve;
+mod verify;

@@ -1,0 +1,28 @@
+//! Tests of the program as its users meet it, and of the processes that it starts for Ipopt.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod atlas;
+#[cfg(feature = "gpu")]
+mod devices;
+mod evaluate;
+#[cfg(all(feature = "gpu", feature = "experiment"))]
+mod exit_codes;
+#[cfg(feature = "experiment")]
+mod experiment;
+mod export;
+mod harness;
+mod input_files;
+mod ipopt;
+mod pictures;
+mod processes;
+#[cfg(feature = "urdf")]
+mod robot_files;
+mod scenario_file;
+#[cfg(feature = "schema")]
+mod schema;
+mod solve;
+mod verify;
+#[cfg(feature = "view")]
+mod view;
