@@ -166,7 +166,7 @@ pub mod verify;
 #[doc(hidden)]
 pub mod view;
 
-pub use app::{Mission, ProgressEvent, Request, Stage, Waypoint};
+pub use app::{Mission, MissionStage, ProgressEvent, Request, Waypoint};
 #[cfg(feature = "gpu")]
 pub use backend::Gpu;
 pub use backend::{Backend, Cpu, DeviceChoice};

@@ -63,7 +63,7 @@ pub const LEG_MASS: f64 = 0.03;
 pub const FOOT_RADIUS: f64 = 0.06;
 
 /// Largest normal force of a foot if the leg's own strength is not limited, in weights: the load on a runner's leg.
-pub const FORCE_LIMIT: f64 = 3.;
+pub const FORCE_LIMIT_WEIGHTS: f64 = 3.;
 
 impl Robot {
     /// Reads a robot from JSON text and validates it.
@@ -174,7 +174,7 @@ impl Robot {
     /// weights for a flight phase; a quadruped hardly needs one.
     pub fn default_force_limit(&self) -> f64 {
         let weights = match self.feet() {
-            1 => FORCE_LIMIT,
+            1 => FORCE_LIMIT_WEIGHTS,
             2 => 2.5,
             _ => 1.2,
         };

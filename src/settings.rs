@@ -32,6 +32,7 @@
 //! The default of `transcription.interval` is half of `sqrt(l / g)`, with the nominal leg height `l`.
 
 use crate::error::{Error, Result, check_range};
+use crate::gait::cost::CostWeights;
 use crate::gait::trajectory::GoalVelocity;
 use crate::solver::control::{NO_EARLY_TERMINATION, early_termination_per_row};
 use crate::terrain::Terrain;
@@ -201,6 +202,8 @@ pub struct SolverSettings {
     pub closing_steps: usize,
     /// Smoothing of motions that are already feasible.
     pub smooth: SmoothSettings,
+    /// Minimisation of the cost of motions that are already feasible.
+    pub optimise: OptimiseSettings,
     /// Early termination of candidates that make no progress.
     pub stall: StallSettings,
 }
@@ -219,6 +222,7 @@ impl Default for SolverSettings {
             closing: 1e-3,
             closing_steps: 8,
             smooth: SmoothSettings::default(),
+            optimise: OptimiseSettings::default(),
             stall: StallSettings::default(),
         }
     }
@@ -240,6 +244,45 @@ pub struct SmoothSettings {
 impl Default for SmoothSettings {
     fn default() -> Self {
         SmoothSettings { iterations: 0, weight: 0.01 }
+    }
+}
+
+/// Settings of the iterations that minimise the cost of a solved motion: the cost that the search ranks gaits by, without the joints. Only
+/// `momentum` has it. Durations stay as they are.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(default, deny_unknown_fields)]
+pub struct OptimiseSettings {
+    /// Largest number of iterations; 0 disables the minimisation. Too small: the cost is above its minimum.
+    pub iterations: usize,
+    /// Weight of the cost relative to the constraints. Too small: rounding hides the cost in f32. Too large: the multipliers of the
+    /// constraints cannot follow.
+    pub weight: f64,
+    /// Barrier parameter at the start. Too small: steps are short, because constraints are close. Too large: more iterations are needed.
+    pub barrier: f64,
+    /// Rounding of the absolute values of powers at the start, m/s. Too small: powers that are zero hold the motion where it is.
+    pub rounding: f64,
+    /// Rounding of the absolute values of powers at the end, m/s. Too small: more iterations are needed. Too large: another cost is
+    /// minimised.
+    pub rounding_floor: f64,
+    /// Predicted relative fall of the cost at which the minimisation ends. Too small: iterations that gain nothing. Too large: the cost is
+    /// above its minimum.
+    pub tolerance: f64,
+    /// Weights of the terms of the cost; a search sets its own (`search.cost`). The joints have no part in it.
+    pub cost: CostWeights,
+}
+
+impl Default for OptimiseSettings {
+    fn default() -> Self {
+        let cost = CostWeights::default();
+        OptimiseSettings { iterations: 0, weight: 0.02, barrier: 1e-4, rounding: 1e-2, rounding_floor: 3e-4, tolerance: 1e-3, cost }
+    }
+}
+
+impl OptimiseSettings {
+    /// Weights of the cost that is minimised, if one is.
+    pub fn objective(&self) -> Option<&CostWeights> {
+        (self.iterations > 0).then_some(&self.cost)
     }
 }
 
@@ -359,6 +402,13 @@ impl SolverSettings {
         check_range("solver.closing_steps", self.closing_steps as f64, 0., 100.)?;
         check_range("solver.smooth.iterations", self.smooth.iterations as f64, 0., 1e4)?;
         check_range("solver.smooth.weight", self.smooth.weight, 1e-9, 1e3)?;
+        check_range("solver.optimise.iterations", self.optimise.iterations as f64, 0., 1e4)?;
+        check_range("solver.optimise.weight", self.optimise.weight, 1e-9, 1e3)?;
+        check_range("solver.optimise.barrier", self.optimise.barrier, 1e-9, 1.)?;
+        check_range("solver.optimise.rounding", self.optimise.rounding, 1e-9, 1e3)?;
+        check_range("solver.optimise.rounding_floor", self.optimise.rounding_floor, 1e-9, self.optimise.rounding)?;
+        check_range("solver.optimise.tolerance", self.optimise.tolerance, 0., 1.)?;
+        self.optimise.cost.validate()?;
         check_range("solver.stall.start", self.stall.start as f64, 1., 1e6)?;
         check_range("solver.stall.window", self.stall.window as f64, 1., 1e3)?;
         check_range("solver.stall.budget", self.stall.budget, 1., 1e6)?;

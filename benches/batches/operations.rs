@@ -20,7 +20,7 @@ use cregopt::solver::advance::{add, advance};
 use cregopt::solver::control::Limits;
 use cregopt::solver::correct::correct;
 use cregopt::solver::judge::{infeasibility, merit_falls, nonlinearity, smoothing_fall, update_slacks};
-use cregopt::solver::slacks::{Aim, Lengths, Slacks, slack_steps};
+use cregopt::solver::slacks::{BarrierTarget, Lengths, Slacks, slack_steps};
 use cregopt::solver::start::{column_scaling, start_slacks};
 use cregopt::solver::weights::{barrier_rows, variable_terms};
 use cregopt::task::Task;
@@ -59,7 +59,7 @@ pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSetting
     shader(Shader::Weights, &mut || {
         infeasibility(&c, &g);
     });
-    shader(Shader::Weights, &mut || barrier_rows(&layout, &c, &g, &slacks, Aim::predictor(), &mut weight, &mut value));
+    shader(Shader::Weights, &mut || barrier_rows(&layout, &c, &g, &slacks, BarrierTarget::predictor(), &mut weight, &mut value));
     shader(Shader::Weights, &mut || {
         let eps = progress.proximal();
         variable_terms(&layout, &scaling, eps, limits.smoothing, &x, &mut diagonal, &mut gradient);
@@ -84,7 +84,7 @@ pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSetting
     let (mut trial, mut c_linear, mut g_linear) = (x.clone(), zeros(equalities), zeros(inequalities));
     let mut lengths = Lengths::whole();
     shader(Shader::Advance, &mut || {
-        lengths = slack_steps(&g, &g_change, Aim::corrector(mu), &mut slacks);
+        lengths = slack_steps(&g, &g_change, BarrierTarget::corrector(mu), &mut slacks);
         advance(&x[..variables], lengths.primal, &direction, &mut trial[..variables]);
     });
 

@@ -47,7 +47,7 @@ fn entry(slot: u32, half: u32, k: u32) {
         }
         values[place] = (height - above - swing.high + constants.length_margin) * unit;
     } else {
-        // The clearance counts above the ground under the foot only; the ground around it must just not be penetrated.
+        // The clearance applies to the ground under the foot only; the ground around the foot requires no clearance.
         var least = above;
         if (constants.foot_radius > 0.0) {
             var bends: array<array<vec2<f32>, 2>, 2>;

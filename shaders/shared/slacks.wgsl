@@ -3,7 +3,7 @@
 // Twin: src/solver/slacks.rs
 
 // Target of a barrier step: products `s z = mu - correction ds dz`, with `ds` and `dz` of the predictor.
-struct Aim {
+struct BarrierTarget {
     mu: f32,
     correction: f32,
 }
@@ -11,7 +11,7 @@ struct Aim {
 // Computes and stores the steps of slack and multiplier of inequality `i`.
 //   g, g_change   residual, and its change along the direction
 // Returns the reciprocals of the step lengths at which slack and multiplier reach zero.
-fn slack_step(base: u32, i: u32, g: f32, g_change: f32, aim: Aim) -> vec2<f32> {
+fn slack_step(base: u32, i: u32, g: f32, g_change: f32, aim: BarrierTarget) -> vec2<f32> {
     let s = values[base + batch.slack + i];
     let z = values[base + batch.multiplier + i];
     let ds_at = base + batch.slack_step + i;
@@ -40,7 +40,7 @@ fn fraction_to_the_boundary(steepest: f32) -> f32 {
 // Steps of all slacks and multipliers; each invocation handles its share. Every invocation of the workgroup must call this function.
 //   half  half of the buffers that holds the point
 // Returns the longest steps of the slacks and of the multipliers.
-fn slack_steps(slot: u32, half: u32, lane: u32, aim: Aim) -> vec2<f32> {
+fn slack_steps(slot: u32, half: u32, lane: u32, aim: BarrierTarget) -> vec2<f32> {
     let base = slot * batch.values;
     let g = base + batch.g + half * batch.g_half;
     var steepest = vec2<f32>();
@@ -65,7 +65,7 @@ fn target_barrier(before: f32, after: f32) -> f32 {
 }
 
 // Weight of inequality `i` in a barrier step, and its value: `w = 1 / (s/z + 1/rho)`, `z + w (g - z/rho + mu/z)`, with `rho = 1`.
-fn barrier_row(base: u32, i: u32, g: f32, aim: Aim) -> vec2<f32> {
+fn barrier_row(base: u32, i: u32, g: f32, aim: BarrierTarget) -> vec2<f32> {
     let s = values[base + batch.slack + i];
     let z = values[base + batch.multiplier + i];
     var second = 0.0;
@@ -77,14 +77,17 @@ fn barrier_row(base: u32, i: u32, g: f32, aim: Aim) -> vec2<f32> {
 }
 
 // Weights and values of the rows of one element in a barrier step. An equality has weight 1, and its value is its residual.
-fn barrier_rows(slot: u32, half: u32, element: Element, aim: Aim) {
+fn barrier_rows(slot: u32, half: u32, element: Element, aim: BarrierTarget) {
     let base = slot * batch.values;
     let g = base + batch.g + half * batch.g_half;
     for (var r = 0u; r < element.rows; r++) {
         let row = element.place.row + r;
-        if (row_kind(slots[slot].rows, row) != INEQUALITY) {
-            values[base + batch.weight + row] = 1.0;
-            values[base + batch.value + row] = values[base + batch.c + half * batch.c_half + row];
+        let kind = row_kind(slots[slot].rows, row);
+        if (kind != INEQUALITY) {
+            // Shaders minimise no cost.
+            let weight = select(0.0, 1.0, kind == EQUALITY);
+            values[base + batch.weight + row] = weight;
+            values[base + batch.value + row] = weight * values[base + batch.c + half * batch.c_half + row];
             continue;
         }
         let upper = element.place.inequality + r;

@@ -18,7 +18,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     if (now.state == SHORTER) {
         lengths = vec2<f32>(now.length, now.dual_length);
     } else if (now.state == STEP) {
-        lengths = slack_steps(slot, now.current, lane, Aim(now.mu, 1.0));
+        lengths = slack_steps(slot, now.current, lane, BarrierTarget(now.mu, 1.0));
     }
     let x = base + batch.x;
     for (var i = lane; i < slots[slot].variables; i += WORKGROUP) {

@@ -17,7 +17,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         return;
     }
     let count = slots[slot].inequalities;
-    let reach = slack_steps(slot, now.current, lane, Aim(0.0, 0.0));
+    let reach = slack_steps(slot, now.current, lane, BarrierTarget(0.0, 0.0));
     var before = 0.0;
     var after = 0.0;
     for (var i = lane; i < count; i += WORKGROUP) {
@@ -26,7 +26,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     }
     before = sum_over(lane, before) / f32(max(count, 1u));
     after = sum_over(lane, after) / f32(max(count, 1u));
-    let aim = Aim(target_barrier(before, after), 1.0);
+    let aim = BarrierTarget(target_barrier(before, after), 1.0);
     // The steps that other invocations wrote are read below.
     storageBarrier();
     for (var i = lane; i < all_elements(slot); i += WORKGROUP) {

@@ -39,8 +39,11 @@ fn closing_rows(slot: u32, half: u32, element: Element) {
     let g = base + batch.g + half * batch.g_half;
     for (var r = 0u; r < element.rows; r++) {
         let row = element.place.row + r;
+        let kind = row_kind(slots[slot].rows, row);
         var sum = vec2<f32>(1.0, values[base + batch.c + half * batch.c_half + min(row, slots[slot].rows.equalities - 1u)]);
-        if (row_kind(slots[slot].rows, row) == INEQUALITY) {
+        if (kind == COST) {
+            sum = vec2<f32>();
+        } else if (kind == INEQUALITY) {
             let upper = values[g + element.place.inequality + r];
             sum = select(vec2<f32>(0.0, 0.0), vec2<f32>(1.0, upper), upper > 0.0);
             if (r < element.pairs) {
@@ -58,7 +61,7 @@ fn row_weights(slot: u32, now: Progress, element: Element) {
     if (now.state == CLOSE) {
         closing_rows(slot, now.current, element);
     } else {
-        barrier_rows(slot, now.current, element, Aim(0.0, 0.0));
+        barrier_rows(slot, now.current, element, BarrierTarget(0.0, 0.0));
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::label::Provenance;
 use super::save::{left_over, stage_folder};
-use super::stage::Stage;
+use super::stage::MissionStage;
 use crate::backend::Backend;
 use crate::error::Result;
 use crate::gait::Trajectory;
@@ -77,7 +77,7 @@ impl From<Goal> for Waypoint {
     }
 }
 
-/// Task with waypoints. Each waypoint and the goal end a [`Stage`], which has a search and a gait of its own.
+/// Task with waypoints. Each waypoint and the goal end a [`MissionStage`], which has a search and a gait of its own.
 #[derive(Debug, Clone)]
 pub struct Mission {
     /// Task from the start to the goal.
@@ -120,8 +120,8 @@ impl Mission {
     /// Searches stage by stage, and ends after the first stage without a gait. Returns the stages that were searched.
     ///
     /// # Errors
-    /// Errors of [`Stage::search`], and of a waypoint that the base cannot take.
-    pub fn search(&self, request: &Request, backend: &dyn Backend) -> Result<Vec<Stage>> {
+    /// Errors of [`MissionStage::search`], and of a waypoint that the base cannot take.
+    pub fn search(&self, request: &Request, backend: &dyn Backend) -> Result<Vec<MissionStage>> {
         self.search_with(request, backend, None, &AtomicBool::new(false), &mut |_| (), &mut |_, _| Ok(()))
     }
 
@@ -141,11 +141,11 @@ impl Mission {
         out: Option<&Path>,
         cancelled: &AtomicBool,
         on_event: &mut (dyn FnMut(ProgressEvent) + Send),
-        on_stage: &mut dyn FnMut(&Stage, Option<&Path>) -> Result<()>,
-    ) -> Result<Vec<Stage>> {
+        on_stage: &mut dyn FnMut(&MissionStage, Option<&Path>) -> Result<()>,
+    ) -> Result<Vec<MissionStage>> {
         let mut request = request.clone();
         request.at_robot(&self.task.robot);
-        let mut stages: Vec<Stage> = Vec::new();
+        let mut stages: Vec<MissionStage> = Vec::new();
         while stages.len() < self.stages()
             && stages.last().is_none_or(|before| before.found.best.feasible() && !cancelled.load(Ordering::Relaxed))
         {
@@ -156,7 +156,7 @@ impl Mission {
                 provenance: if number == self.stages() { self.provenance } else { Provenance::default() },
             };
             let folder = out.map(|out| stage_folder(out, number, self.stages()));
-            let stage = Stage::search(part, &request, folder.as_deref(), backend, cancelled, on_event)?;
+            let stage = MissionStage::search(part, &request, folder.as_deref(), backend, cancelled, on_event)?;
             folder.as_deref().map_or(Ok(()), |folder| stage.write(folder))?;
             on_stage(&stage, folder.as_deref())?;
             stages.push(stage);
@@ -190,7 +190,7 @@ mod tests {
         let search = SearchSettings { first: true, ..SearchSettings::default() };
         let request = Request { search, ..Request::default() };
         let (folder, cancelled) = (tempfile::tempdir().unwrap(), AtomicBool::new(false));
-        let mut on_stage = |_: &Stage, _: Option<&Path>| {
+        let mut on_stage = |_: &MissionStage, _: Option<&Path>| {
             cancelled.store(true, Ordering::Relaxed);
             Ok(())
         };

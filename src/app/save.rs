@@ -3,7 +3,7 @@
 use super::label::{Provenance, world_of};
 use super::mission::Request;
 use super::scenario_file::{ScenarioFile, Start, of_state, table_of};
-use super::stage::Stage;
+use super::stage::MissionStage;
 use crate::error::{Error, Result, to_json};
 use crate::files;
 use crate::scenario::Scenario;
@@ -40,7 +40,7 @@ pub fn left_over(out: &Path, searched: usize, count: usize) -> Vec<PathBuf> {
     whole.into_iter().chain(stages).collect()
 }
 
-impl Stage {
+impl MissionStage {
     /// Writes `result.json`, `scenario.toml`, and a trajectory file for each gait. Trajectory files of an earlier run beyond these are
     /// removed.
     ///

@@ -22,7 +22,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 /// Search of one stage, after its end.
-pub struct Stage {
+pub struct MissionStage {
     /// Task of the stage.
     pub task: Task,
     /// Scenario that the task was named by.
@@ -43,7 +43,7 @@ pub struct Stage {
     pub solved_on: SolvedOn,
 }
 
-impl Stage {
+impl MissionStage {
     /// Checks and searches a mission as one stage; its waypoints are ignored.
     ///
     /// * `folder` - folder for the results; created and tried before the search
@@ -59,7 +59,7 @@ impl Stage {
         backend: &dyn Backend,
         cancelled: &AtomicBool,
         on_event: &mut (dyn FnMut(ProgressEvent) + Send),
-    ) -> Result<Stage> {
+    ) -> Result<MissionStage> {
         let Request { seed, search, lower, refines, refine } = request;
         let warnings = check(&task, request)?;
         warnings.iter().for_each(|finding| on_event(ProgressEvent::Warning(finding)));
@@ -80,10 +80,10 @@ impl Stage {
         let joints = joints::limits(found.best.trajectory(), &task.robot)?.filter(|_| found.best.feasible());
         let solved_on = SolvedOn::new(backend, lower.precision);
         let diagnosis = explain(&task, request, &found, backend, &is_cancelled)?;
-        Ok(Stage { task, provenance, request: request.clone(), found, refinement, joints, diagnosis, warnings, solved_on })
+        Ok(MissionStage { task, provenance, request: request.clone(), found, refinement, joints, diagnosis, warnings, solved_on })
     }
 
-    /// Inputs of the search, for [`Stage::result`].
+    /// Inputs of the search, for [`MissionStage::result`].
     pub fn run(&self) -> Run<'_> {
         let Request { seed, search, lower, .. } = &self.request;
         let Provenance { scenario, target } = self.provenance;

@@ -43,7 +43,8 @@ impl Cpu {
                         if skip(index) {
                             continue;
                         }
-                        let layout = Layout::<T>::new(problem.task, &problem.schedule, job.transcription);
+                        let layout =
+                            Layout::<T>::with_cost(problem.task, &problem.schedule, job.transcription, job.settings.optimise.objective());
                         let outcome = solver.solve(&layout, job.settings, finish_at, None, &|| skip(index));
                         if outcome.status != Status::Cancelled {
                             let Layout { variables, curves, .. } = layout;

@@ -97,8 +97,8 @@ impl Run {
     }
 }
 
-/// Outcome common to all methods.
-struct Outcome {
+/// RunOutcome common to all methods.
+struct RunOutcome {
     success: bool,
     first_feasible: Option<f64>,
     seconds: f64,
@@ -192,12 +192,12 @@ fn searched<L: ScheduleSolver>(
     cancelled: &AtomicBool,
     trajectory: impl Fn(&Candidate<L::Solution>) -> Trajectory,
     (device, threads): (String, usize),
-) -> Result<Outcome> {
+) -> Result<RunOutcome> {
     let settings = case.search()?;
     let distribution = FreeDistribution::initial(&settings, task.robot.feet())?;
     let found: CemSearchResult<L::Solution> = search_with(level, distribution, &settings, case.seed, cancelled, &mut |_| ())?;
     let best = found.best.as_ref();
-    Ok(Outcome {
+    Ok(RunOutcome {
         success: best.is_some_and(|b| b.evaluation.feasible),
         first_feasible: found.first_feasible_after,
         seconds: found.seconds,
@@ -212,12 +212,12 @@ fn searched<L: ScheduleSolver>(
 }
 
 /// Solves one program once in one process.
-fn baseline(task: &Task, program: Program, workers: &Workers, cancelled: &AtomicBool) -> Result<Outcome> {
+fn baseline(task: &Task, program: Program, workers: &Workers, cancelled: &AtomicBool) -> Result<RunOutcome> {
     let start = Instant::now();
     let answer = workers.answers(&[Job::new(task, program, Options::BASELINE)], cancelled)?.pop().flatten();
     let seconds = start.elapsed().as_secs_f64();
     let feasible = answer.as_ref().is_some_and(|a| a.feasible);
-    Ok(Outcome {
+    Ok(RunOutcome {
         success: feasible,
         first_feasible: feasible.then_some(seconds),
         seconds,

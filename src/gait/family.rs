@@ -16,10 +16,10 @@ use crate::task::Task;
 use serde::{Deserialize, Serialize};
 
 /// Shortest phase in requested gaits, in [`time_scale`]s. Too small: feet so fast that motors and controllers cannot follow.
-pub const MIN_PHASE: f64 = 0.75;
+pub const MIN_PHASE_SCALED: f64 = 0.75;
 
 /// Highest speed of a swinging foot for which strides are planned, in [`speed_scale`]s.
-pub const FOOT_SPEED: f64 = 1.9;
+pub const FOOT_SPEED_SCALED: f64 = 1.9;
 
 /// Share of the reach box that the base may use along an axis in one stance at travel speed. The optimised motion may be more even than
 /// planned and need less. Too large: the faster families are not found over short distances (measured: from 1.15 on); too small: short
@@ -355,13 +355,13 @@ impl PeriodicGait {
     /// On the line from start to goal with an even turn, a nominal foothold moves by `w = R' (x, y) + yaw e_z x foot` in the base frame per
     /// unit of the path. The highest speed is 1 / [`MEAN_SPEED`] of the mean speed. At that speed, `w` must not be faster than `speed`,
     /// must not leave [`REACH_SHARE`] of the reach box within a stance, and must not make the foot, which catches up during the swing only,
-    /// faster than [`FOOT_SPEED`]. The base must not accelerate faster than [`ACCELERATION`], where a rad of yaw counts as `l`.
+    /// faster than [`FOOT_SPEED_SCALED`]. The base must not accelerate faster than [`ACCELERATION`], where a rad of yaw counts as `l`.
     pub fn least_horizon(&self, task: &Task, speed: f64) -> f64 {
         /// Number of parts of the path that are examined.
         const PARTS: usize = 32;
         let (robot, yaw) = (&task.robot, task.turn());
         let [x, y] = task.way();
-        let fastest = FOOT_SPEED * speed_scale(robot) * self.swing / (TOP_SPEED * self.period());
+        let fastest = FOOT_SPEED_SCALED * speed_scale(robot) * self.swing / (TOP_SPEED * self.period());
         let speed = speed.min(fastest);
         let mut least: f64 = 0.;
         for part in 0..=PARTS {
@@ -581,7 +581,7 @@ mod tests {
                     assert!(gait.strides >= 1 && schedule.feet() == task.robot.feet());
                     assert!((schedule.horizon() - gait.horizon()).abs() < 1e-9);
                     // No phase is shorter than the shortest requested one.
-                    let floor = MIN_PHASE * time_scale(&task.robot);
+                    let floor = MIN_PHASE_SCALED * time_scale(&task.robot);
                     assert!(schedule.durations().iter().flatten().all(|&d| d >= floor - 1e-9), "{name} {}", family.name());
                 }
             }

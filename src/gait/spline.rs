@@ -26,6 +26,14 @@ pub fn hermite_acceleration<D: Number>(t: D, duration: D) -> [D; 4] {
     [-far, (u * 6. - 4.) / duration, far, (u * 6. - 2.) / duration]
 }
 
+/// Gram matrix of the Hermite basis (value, slope, next value, next slope): integrals of products over a piece of length 1.
+pub const HERMITE_GRAM: [[f64; 4]; 4] = [
+    [13. / 35., 11. / 210., 9. / 70., -13. / 420.],
+    [11. / 210., 1. / 105., 13. / 420., -1. / 140.],
+    [9. / 70., 13. / 420., 13. / 35., -11. / 210.],
+    [-13. / 420., -1. / 140., -11. / 210., 1. / 105.],
+];
+
 /// Clamped uniform cubic B-spline over `intervals` intervals of length `interval`: `intervals + 3` coefficients.
 #[derive(Debug, Clone, Copy)]
 pub struct BSpline {

@@ -3,7 +3,7 @@
 use super::Layout;
 use super::columns::Columns;
 use super::factored::FactoredDrafts;
-use super::footing::{self, Footing};
+use super::footing::{self, FootholdRegion};
 use super::ground_path::GroundPath;
 use super::layout::{Curves, Element, FootBlocks};
 use super::sweep::{self, Block};
@@ -15,7 +15,7 @@ use crate::rows::blocks::{BlockId, Foothold, Placed, Use};
 use crate::rows::factored::{OWN_BLOCKS, POSE_BLOCKS};
 use crate::rows::reach::{ReachFoot, ReachInstant, ReachLeg};
 use crate::rows::table::{NONE, Span};
-use crate::rows::{Constants, Family, RowCounts, Tables};
+use crate::rows::{Constants, Family, RowCounts, RowKind, Tables};
 use crate::settings::{Transcription, TranscriptionSettings};
 use crate::task::Task;
 use nalgebra::Matrix3;
@@ -28,6 +28,8 @@ struct Draft {
     entry: usize,
     step: usize,
     pairs: usize,
+    /// Weight of the absolute values of cost rows; 0 for quadratic ones.
+    weight: f64,
     /// Range in [`Builder::uses`].
     uses: Range<usize>,
 }
@@ -39,7 +41,7 @@ pub(super) struct FootDraft {
     /// Foothold of each stance.
     pub footholds: Vec<Foothold>,
     /// Box of each foothold but the first; empty if feet keep no distance from edges.
-    pub footings: Vec<Footing>,
+    pub footings: Vec<FootholdRegion>,
     /// Swing height of each swing.
     pub heights: Vec<BlockId>,
     /// Force nodes of each stance; `None` where the force is zero.
@@ -175,10 +177,30 @@ impl<'a, T: Real> Builder<'a, T> {
 
     /// Adds an element like [`Builder::element`], but with its own number of two-sided rows.
     pub fn element_of(&mut self, family: Family, entry: usize, step: usize, pairs: usize, uses: &[Use]) {
-        sweep::touch(&mut self.blocks, step, uses);
+        self.draft(Draft { family, entry, step, pairs, weight: 0., uses: 0..0 }, uses);
+    }
+
+    /// Adds an element of cost rows. Cost rows do not change the elimination order: a block that no constraint touches at this step is read
+    /// only.
+    ///
+    /// * `weight` - of the absolute values of the rows in the objective; 0 if half of their squares count instead
+    pub fn cost_element(&mut self, family: Family, entry: usize, step: usize, weight: f64, uses: &[Use]) {
+        let alive = |id: BlockId| (self.blocks[id.0 as usize].first..=self.blocks[id.0 as usize].last).contains(&step);
+        let uses: Vec<Use> = uses
+            .iter()
+            .map(|used| match *used {
+                Use::Touches(id) if !alive(id) => Use::Reads(id),
+                used => used,
+            })
+            .collect();
+        self.draft(Draft { family, entry, step, pairs: 0, weight, uses: 0..0 }, &uses);
+    }
+
+    fn draft(&mut self, draft: Draft, uses: &[Use]) {
+        sweep::touch(&mut self.blocks, draft.step, uses);
         let first = self.uses.len();
         self.uses.extend_from_slice(uses);
-        self.drafts.push(Draft { family, entry, step, pairs, uses: first..self.uses.len() });
+        self.drafts.push(Draft { uses: first..self.uses.len(), ..draft });
     }
 
     /// Reserves capacity for reach rows.
@@ -248,6 +270,8 @@ impl<'a, T: Real> Builder<'a, T> {
         let counts = RowCounts::of_specs(drafts.iter().map(|d| d.family.spec()).chain(self.tables.reach_rows.specs()));
         let mut columns = Columns::new(&self.blocks, &positions, &fronts, counts);
         let mut elements = Vec::with_capacity(drafts.len());
+        let costs = counts.of(RowKind::Cost);
+        let mut cost_weights = vec![T::zero(); costs.len()];
         let mut runs = Vec::with_capacity(3 * drafts.len());
         for draft in &drafts {
             let spec = draft.family.spec();
@@ -255,6 +279,9 @@ impl<'a, T: Real> Builder<'a, T> {
             columns.assign(draft.step, &self.uses[draft.uses.clone()], 0);
             columns.add_runs(&mut runs);
             let place = columns.place(spec, draft.pairs, columns.count);
+            if spec.kind == RowKind::Cost {
+                cost_weights[place.row as usize - costs.start..][..spec.rows].fill(T::of(draft.weight));
+            }
             draft.family.place(&mut self.tables, draft.entry, &Placed { place, seats: &columns.seats });
             let (rows, pairs) = (spec.rows as u32, draft.pairs as u32);
             elements.push(Element { family: draft.family, rows, pairs, place, runs: Span::added(first_run, &runs) });
@@ -273,6 +300,7 @@ impl<'a, T: Real> Builder<'a, T> {
             jacobian_len: next.jacobian,
             initial,
             smoothing,
+            cost_weights,
             tables: self.tables,
             elements,
             runs,

@@ -67,18 +67,18 @@ pub(super) fn blocks<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
 }
 
 /// Weights of a foot's position at time `t` in the swing `span`: of the footholds in x and y, and of their heights and the mid node's
-/// height in z.
+/// height in z. With the derivatives of [`hermite`] as `basis` they are those of its velocity or acceleration.
 ///
 /// The mid node of a swing is halfway between the footholds in x and y. Its velocity is their distance divided by `mid_time`, which the
 /// transcription defines. Both pieces start and end at rest in z; at the footholds the foot is at rest in all directions.
-fn swing_weights(span: Phase, t: f64, mid_time: f64) -> ([f64; 2], [f64; 3]) {
+pub(super) fn swing_weights(span: Phase, t: f64, mid_time: f64, basis: fn(f64, f64) -> [f64; 4]) -> ([f64; 2], [f64; 3]) {
     let half = span.duration() / 2.;
     let u = t - span.start;
     if u < half {
-        let w = hermite(u, half);
+        let w = basis(u, half);
         ([w[0] + 0.5 * w[2] - w[3] / mid_time, 0.5 * w[2] + w[3] / mid_time], [w[0], 0., w[2]])
     } else {
-        let w = hermite(u - half, half);
+        let w = basis(u - half, half);
         ([0.5 * w[0] - w[1] / mid_time, w[2] + 0.5 * w[0] + w[1] / mid_time], [0., w[2], w[0]])
     }
 }
@@ -99,7 +99,7 @@ fn reach_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
                 legs[foot] = (phase, b.reach_leg(leg, uses));
             }
             let span = b.feet[foot].phases[phase];
-            let (xy, z) = if span.stance { ([1., 0.], [1., 0., 0.]) } else { swing_weights(span, t, own.mid_time(span)) };
+            let (xy, z) = if span.stance { ([1., 0.], [1., 0., 0.]) } else { swing_weights(span, t, own.mid_time(span), hermite) };
             let (xy_weights, z_weights) = (xy.map(T::of), z.map(T::of));
             b.reach_foot(ReachFoot { xy_weights, z_weights, leg: legs[foot].1 });
         }
@@ -181,7 +181,7 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
             for (&part, upper) in lows.chain((law.limited && !level).then_some((&0.5, true))) {
                 let t = span.start + part * span.duration();
                 let step = b.step_within(t, height);
-                let (xy, z) = swing_weights(span, t, own.mid_time(span));
+                let (xy, z) = swing_weights(span, t, own.mid_time(span), hermite);
                 b.tables.swing_nodes.push(SwingNode {
                     xy_weights: xy.map(T::of),
                     z_weights: z.map(T::of),

@@ -32,7 +32,7 @@ const HALVINGS: usize = 6;
 
 /// Room for a foothold, world frame, m.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Footing {
+pub struct FootholdRegion {
     /// Nearest place to the requested one with room for the foot, preferably one whose slope friction can hold; the requested place if none
     /// is found.
     pub at: [f64; 2],
@@ -75,7 +75,7 @@ impl Search<'_> {
     /// Footing near a place.
     ///
     /// * `level` - height of the ground for which the base has its planned height, m
-    pub fn footing(&self, at: [f64; 2], level: f64) -> Footing {
+    pub fn footing(&self, at: [f64; 2], level: f64) -> FootholdRegion {
         let good = |place| self.has_room(place) && self.is_gentle(place);
         let room = |place| self.has_room(place);
         if let Some(found) = self.nearest(at, level, good) {
@@ -83,7 +83,7 @@ impl Search<'_> {
         }
         match self.nearest(at, level, room) {
             Some(found) => self.boxed(found, room),
-            None => Footing { at, low: at.map(|v| v - self.around), high: at.map(|v| v + self.around) },
+            None => FootholdRegion { at, low: at.map(|v| v - self.around), high: at.map(|v| v + self.around) },
         }
     }
 
@@ -112,11 +112,11 @@ impl Search<'_> {
     }
 
     /// Footing at a place, with the box around it.
-    fn boxed(&self, at: [f64; 2], will_do: impl Fn([f64; 2]) -> bool) -> Footing {
+    fn boxed(&self, at: [f64; 2], will_do: impl Fn([f64; 2]) -> bool) -> FootholdRegion {
         let [low, high] = [-1., 1.].map(|sign| at.map(|v| v + sign * self.around));
         let reached = CIRCLES[1] * self.radius;
         if self.terrain.is_plane(low.map(|v| v - reached), high.map(|v| v + reached)) {
-            return Footing { at, low, high };
+            return FootholdRegion { at, low, high };
         }
         let step = self.step();
         let side = |axis: usize, sign: f64| {
@@ -140,7 +140,7 @@ impl Search<'_> {
             }
             moved(inside)[axis]
         };
-        Footing { at, low: [side(0, -1.), side(1, -1.)], high: [side(0, 1.), side(1, 1.)] }
+        FootholdRegion { at, low: [side(0, -1.), side(1, -1.)], high: [side(0, 1.), side(1, 1.)] }
     }
 
     /// True if the whole foot ball at a place is supported by the tangent plane of the ground.
@@ -193,7 +193,7 @@ mod tests {
     }
 
     /// Footing of ANYmal's first foot near (x, 0.1).
-    fn near(task: &Task, x: f64) -> Footing {
+    fn near(task: &Task, x: f64) -> FootholdRegion {
         Search::of(task, 0, radius(task, &TranscriptionSettings::default())).footing([x, 0.1], 0.)
     }
 
@@ -202,7 +202,7 @@ mod tests {
         // The gap is from 1.0 to 1.6 m; its walls have a slope of 10.
         let task = named("gap");
         let radius = task.robot.foot_radius();
-        let rim = |room: &Footing| if room.at[0] < 1.3 { room.high[0] - 1. } else { 1.6 - room.low[0] };
+        let rim = |room: &FootholdRegion| if room.at[0] < 1.3 { room.high[0] - 1. } else { 1.6 - room.low[0] };
         for x in [1.05, 1.2, 1.29, 1.31, 1.5, 0.9, 1.7] {
             let room = near(&task, x);
             assert!(room.at[0] < 1. - 0.9 * radius || room.at[0] > 1.6 + 0.9 * radius, "{x}: {room:?}");

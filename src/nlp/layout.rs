@@ -55,6 +55,8 @@ pub struct Layout<T> {
     pub smoothing: Vec<T>,
     /// Tables that define the rows.
     pub tables: Tables<T>,
+    /// Weight of the absolute value of each cost row in the objective; 0 if half of its square counts instead, `[costs]`.
+    pub cost_weights: Vec<T>,
     /// Elements in the order of the sweep, except those of factored rows, which follow all others: see [`Layout::all_elements`].
     pub elements: Vec<Element>,
     /// Columns of the elements.

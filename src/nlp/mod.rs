@@ -6,6 +6,7 @@
 
 mod builder;
 mod columns;
+mod cost;
 mod factored;
 mod foot_blocks;
 mod footing;
@@ -19,15 +20,25 @@ pub use layout::{Curves, Layout};
 pub use trajectory::trajectory;
 
 use crate::gait::AlignedSchedule;
+use crate::gait::cost::CostWeights;
 use crate::real::Real;
-use crate::settings::TranscriptionSettings;
+use crate::settings::{Transcription, TranscriptionSettings};
 use crate::task::Task;
 use builder::Builder;
 
 impl<T: Real> Layout<T> {
     /// Builds the problem of a schedule.
     pub fn new(task: &Task, schedule: &AlignedSchedule, settings: &TranscriptionSettings) -> Self {
-        builder(task, schedule, settings).finish()
+        Layout::with_cost(task, schedule, settings, None)
+    }
+
+    /// Builds the problem of a schedule, with the rows of an objective if one is given. Only `momentum` has these rows.
+    pub fn with_cost(task: &Task, schedule: &AlignedSchedule, settings: &TranscriptionSettings, cost: Option<&CostWeights>) -> Self {
+        let mut builder = builder(task, schedule, settings);
+        if let Some(weights) = cost.filter(|_| settings.rows == Transcription::Momentum) {
+            cost::cost_elements(transcription::of(settings.rows), &mut builder, weights);
+        }
+        builder.finish()
     }
 }
 
@@ -55,7 +66,6 @@ mod tests {
     use super::*;
     use crate::gait::family::{PeriodicGait, families};
     use crate::scenario::SCENARIOS;
-    use crate::settings::Transcription;
 
     #[test]
     fn curves_without_a_layout_equal_those_of_the_layout() {

@@ -11,7 +11,7 @@ use crate::app::page::{Exhibit, description};
 use crate::app::save::{left_over, stage_folder};
 use crate::app::summary::text;
 use crate::app::world::World;
-use crate::app::{Overrides, ScenarioFile, Setup, Stage, TermOverrides, VerificationTerms};
+use crate::app::{MissionStage, Overrides, ScenarioFile, Setup, TermOverrides, VerificationTerms};
 use crate::backend::{Cpu, locked};
 use crate::error::{Error, Result, from_value, to_json};
 use crate::files;
@@ -27,10 +27,10 @@ use std::sync::{Arc, Mutex};
 /// Gait that a search returned, with its motion and its search.
 #[pyclass(frozen, module = "cregopt")]
 pub struct Gait {
-    /// Stage that found the gait.
-    pub stage: Arc<Stage>,
+    /// MissionStage that found the gait.
+    pub stage: Arc<MissionStage>,
     /// Earlier stages of the mission.
-    before: Arc<[Arc<Stage>]>,
+    before: Arc<[Arc<MissionStage>]>,
     /// Index among the gaits of the stage; 0: the best.
     index: usize,
 }
@@ -136,8 +136,8 @@ impl Gait {
     /// Writes result.json, trajectory.json and scenario.toml to a folder, as ``cregopt solve --out`` does; with several stages, to one
     /// folder per stage: leg-1, leg-2, ... Warns about motions of an earlier gait that remain in the folder.
     fn save(&self, py: Python<'_>, folder: PathBuf) -> PyResult<()> {
-        let stages: Vec<&Stage> = self.before.iter().chain([&self.stage]).map(|stage| &**stage).collect();
-        let write = |(number, stage): (usize, &&Stage)| {
+        let stages: Vec<&MissionStage> = self.before.iter().chain([&self.stage]).map(|stage| &**stage).collect();
+        let write = |(number, stage): (usize, &&MissionStage)| {
             let own = stage_folder(&folder, number, stages.len());
             files::make_folder(&own).and_then(|()| stage.write(&own))
         };
@@ -204,9 +204,9 @@ impl Gait {
 
 impl Gait {
     /// Best gait of each stage.
-    fn of(stages: Vec<Stage>) -> Vec<Gait> {
-        let stages: Vec<Arc<Stage>> = stages.into_iter().map(Arc::new).collect();
-        let gait = |(number, stage): (usize, &Arc<Stage>)| Gait { stage: stage.clone(), before: stages[..number].into(), index: 0 };
+    fn of(stages: Vec<MissionStage>) -> Vec<Gait> {
+        let stages: Vec<Arc<MissionStage>> = stages.into_iter().map(Arc::new).collect();
+        let gait = |(number, stage): (usize, &Arc<MissionStage>)| Gait { stage: stage.clone(), before: stages[..number].into(), index: 0 };
         stages.iter().enumerate().map(gait).collect()
     }
 

@@ -22,7 +22,7 @@ use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
 
 /// Accuracy of the convex problem. Too large: inaccurate multipliers; too small: rounding prevents Clarabel from reaching it.
-const TOLERANCE: f64 = 1e-8;
+const CLARABEL_TOLERANCE: f64 = 1e-8;
 
 /// Solution of the convex problem.
 #[derive(Debug, Clone)]
@@ -120,9 +120,9 @@ pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, lengt
     let settings = DefaultSettings {
         verbose: false,
         max_iter: 100,
-        tol_gap_abs: TOLERANCE,
-        tol_gap_rel: TOLERANCE,
-        tol_feas: TOLERANCE,
+        tol_gap_abs: CLARABEL_TOLERANCE,
+        tol_gap_rel: CLARABEL_TOLERANCE,
+        tol_feas: CLARABEL_TOLERANCE,
         presolve_enable: false,
         direct_solve_method: "qdldl".into(),
         max_threads: 1,

@@ -15,7 +15,7 @@
 
 use super::variables::{Point, Space};
 use crate::gait::cost::{CostWeights, distance};
-use crate::gait::spline::{hermite, hermite_acceleration, hermite_rate};
+use crate::gait::spline::{HERMITE_GRAM, hermite, hermite_acceleration, hermite_rate};
 use crate::nlp::transcription::momentum::{MID_SPEED, PIECE};
 use crate::quadrature::{GAUSS_3, GAUSS_3_NODE, GAUSS_3_WEIGHTS};
 use crate::real::Number;
@@ -103,14 +103,6 @@ impl Model {
 /// Number of variables whose derivatives are computed in one pass.
 const LANES: usize = 16;
 type Dual = DualSVec64<LANES>;
-
-/// Gram matrix of the Hermite basis (value, slope, next value, next slope) of a piece of length 1.
-const GRAM: [[f64; 4]; 4] = [
-    [13. / 35., 11. / 210., 9. / 70., -13. / 420.],
-    [11. / 210., 1. / 105., 13. / 420., -1. / 140.],
-    [9. / 70., 13. / 420., 13. / 35., -11. / 210.],
-    [-13. / 420., -1. / 140., -11. / 210., 1. / 105.],
-];
 
 /// Evaluation of the cost of motions in a space.
 #[derive(Debug)]
@@ -224,9 +216,9 @@ impl<'a> Price<'a> {
                     for (i, a) in places.iter().enumerate() {
                         for (j, b) in places.iter().enumerate() {
                             let (Some(a), Some(b)) = (*a, *b) else { continue };
-                            let second = 2. * GRAM[i][j] * price * phase.duration();
+                            let second = 2. * HERMITE_GRAM[i][j] * price * phase.duration();
                             for d in 0..3 {
-                                mean += GRAM[i][j] * point.v[a + d] * point.v[b + d];
+                                mean += HERMITE_GRAM[i][j] * point.v[a + d] * point.v[b + d];
                                 model.effort_by[a + d] += second * point.v[b + d];
                                 if a <= b {
                                     model.effort_by_forces.push((a + d, b + d, second));

@@ -27,7 +27,7 @@ mod variables;
 
 use crate::error::{Error, Result, check_range};
 use crate::gait::cost::{self, Cost, CostWeights};
-use crate::gait::family::MIN_PHASE;
+use crate::gait::family::MIN_PHASE_SCALED;
 use crate::gait::{AlignedSchedule, Trajectory};
 use crate::nlp::{Curves, Layout, trajectory};
 use crate::settings::{Friction, SolverSettings, StallSettings, Transcription, TranscriptionSettings};
@@ -76,7 +76,7 @@ impl Default for RefineSettings {
             durations: true,
             horizon: true,
             trust: 0.5,
-            shortest_phase: MIN_PHASE,
+            shortest_phase: MIN_PHASE_SCALED,
             leg_mass: None,
         }
     }

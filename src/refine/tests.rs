@@ -149,7 +149,7 @@ fn free_durations_reduce_the_cost_further_without_too_short_phases() {
     let (_, given) = refined(&RefineSettings { durations: false, horizon: false, iterations: 8, ..RefineSettings::default() });
     let (task, free) = refined(&RefineSettings { iterations: 8, ..RefineSettings::default() });
     assert!(free.after.total < given.after.total && free.changed > 0);
-    let shortest = MIN_PHASE * crate::gait::family::time_scale(&task.robot);
+    let shortest = MIN_PHASE_SCALED * crate::gait::family::time_scale(&task.robot);
     assert!(free.schedule.durations().iter().flatten().all(|d| *d > shortest * (1. - SHORT)));
 }
 

@@ -11,15 +11,19 @@ pub mod acceleration;
 pub mod blocks;
 pub mod cone;
 pub mod dynamics;
+pub mod effort;
 pub mod factored;
 pub mod footing;
 pub mod force;
 pub mod ground;
+pub mod hip;
 pub mod math;
 pub mod momentum;
 pub mod reach;
+pub mod stance_power;
 pub mod stride;
 pub mod swing;
+pub mod swing_power;
 pub mod table;
 pub mod write;
 
@@ -168,6 +172,12 @@ families! {
     Cone { cone::SPEC, cone::allowed, cone::place }
     /// Box of a foothold on ground with edges.
     Footing { footing::SPEC, footing::allowed, footing::place }
+    /// Effort of the force at a node.
+    Effort { effort::SPEC, effort::allowed, effort::place }
+    /// Powers of a standing leg along and across itself.
+    StancePower { stance_power::SPEC, stance_power::allowed, stance_power::place }
+    /// Power of a swinging leg.
+    SwingPower { swing_power::SPEC, swing_power::allowed, swing_power::place }
 }
 
 impl Wgsl for Family {
@@ -200,6 +210,9 @@ macro_rules! row_tables {
             accelerations Accelerations [$crate::rows::acceleration::Acceleration<T>],
             cones Cones [$crate::rows::cone::Cone<T>],
             footings Footings [$crate::rows::footing::Footing<T>],
+            efforts Efforts [$crate::rows::effort::Effort<T>],
+            stance_powers StancePowers [$crate::rows::stance_power::StancePower<T>],
+            swing_powers SwingPowers [$crate::rows::swing_power::SwingPower<T>],
         }
     };
 }
@@ -221,6 +234,9 @@ macro_rules! row_shaders {
             Acceleration "rows/acceleration" accelerations,
             Cone "rows/cone" cones,
             Footing "rows/footing" footings,
+            Effort "rows/effort" efforts,
+            StancePower "rows/stance_power" stance_powers,
+            SwingPower "rows/swing_power" swing_powers,
         }
     };
 }
@@ -329,7 +345,7 @@ impl<T: Real> Shared<T> {
 ///
 /// * `edge_radius` - radius with which terrain edges are rounded for the force rows, m; 0 for the exact rows
 /// * `shared` - quantities that rows share; overwritten, except frozen deviations
-/// * `equality` - out, `c`, `[equalities]`, dimensionless; satisfied when zero
+/// * `equality` - out, `c`, `[equalities]`, dimensionless; satisfied when zero; then the residuals of the cost rows, `[costs]`
 /// * `inequality` - out, `g`, `[inequalities]`, dimensionless; satisfied when `g <= 0`
 /// * `jacobian` - out, values of every element, `[rows][stride]`
 #[inline(always)]
@@ -352,12 +368,20 @@ pub fn residuals<T: Real>(
     stride::stride(tables, x, inequality, jacobian.as_deref_mut());
     acceleration::acceleration(tables, x, ground, inequality, jacobian.as_deref_mut());
     cone::cone(tables, x, edge_radius, inequality, jacobian.as_deref_mut());
-    footing::footing(tables, x, inequality, jacobian);
+    footing::footing(tables, x, inequality, jacobian.as_deref_mut());
+    effort::effort(tables, x, equality, jacobian.as_deref_mut());
+    stance_power::stance_power(tables, x, ground, deviations, equality, jacobian.as_deref_mut());
+    swing_power::swing_power(tables, x, ground, deviations, equality, jacobian);
 }
 
 /// Largest residual of a force row for a tolerance in N.
 fn force_allowed<T: Real>(constants: &Constants<T>, _: usize, tolerance: T) -> T {
     tolerance / constants.force_unit + constants.force_margin
+}
+
+/// Cost rows have no tolerance.
+fn any_residual<T: Real>(_: &Constants<T>, _: usize, _: T) -> T {
+    T::infinity()
 }
 
 /// Largest residual of a length row for a tolerance in m.

@@ -7,8 +7,7 @@
 //!
 //! On ground with edges a foot is a ball whose lower side must also clear the ground around it:
 //! `z >= height(x + o, y + o') - s.o - lift(o)` at offsets `o` within the radius. `s` is a slope interpolated from that of the lift-off
-//! foothold to that of the touchdown foothold, and `lift` is the height of the ball's lower side at the offset. The ground around is not
-//! sampled if no point of it is high enough to matter.
+//! foothold to that of the touchdown foothold, and `lift` is the height of the ball's lower side at the offset.
 
 use super::blocks::Placed;
 use super::table::{NONE, Place};
@@ -55,10 +54,6 @@ crate::table! {
 pub const RINGS: [[f64; 2]; 2] = [[0.6, 0.2], [0.96, 0.72]];
 /// Number of samples on the rings.
 pub const RING_POINTS: usize = 4 * RINGS.len();
-
-/// Half of the smallest lift on the rings, in radii: lower ground around the foot, relative to the ground under it, cannot make the row
-/// active, whatever the rounding.
-const OF_NO_MATTER: f64 = 0.1;
 
 /// Offset of sample `k` around a foot, on both sides along both axes, and the lift of the ball there, in radii.
 fn around<T: Real>(k: usize) -> ([T; 2], T) {
@@ -120,16 +115,7 @@ pub fn swing<T: Real>(tables: &Tables<T>, x: &[T], ground: &[Ground<T>], residua
                 let grounds = swing.foothold.map(|f| &ground[f as usize]);
                 let level: [T; 2] =
                     std::array::from_fn(|d| swing.xy_weights[0] * grounds[0].slope[d] + swing.xy_weights[1] * grounds[1].slope[d]);
-                let reached = RINGS[1][0] * constants.foot_radius.as_f64();
-                let corner = |by: f64| at.map(|v| v.as_f64() + by);
-                let highest = tables.terrain.highest(corner(-reached), corner(reached));
-                let tilt = level[0].abs().max(level[1].abs()).as_f64();
-                let places = if highest + (tilt * RINGS[1][0] - OF_NO_MATTER) * constants.foot_radius.as_f64() <= above.as_f64() {
-                    0
-                } else {
-                    4 * RINGS.len()
-                };
-                for k in 0..places {
+                for k in 0..RING_POINTS {
                     let (offset, lift) = around::<T>(k);
                     let offset = offset.map(|o| o * constants.foot_radius);
                     let beside = tables.terrain.ground(at[0] + offset[0], at[1] + offset[1]);

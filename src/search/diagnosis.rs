@@ -12,7 +12,7 @@ use crate::settings::Transcription;
 use crate::task::{Goal, Task};
 use crate::terrain::Terrain;
 use crate::verify::RowReport;
-use crate::verify::report::Family;
+use crate::verify::report::CheckFamily;
 use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -24,8 +24,8 @@ const TYPICAL_GAITS: usize = 1;
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Broken {
-    /// Family of the rows.
-    pub family: Family,
+    /// CheckFamily of the rows.
+    pub family: CheckFamily,
     /// Number of violated rows.
     pub violated: usize,
     /// Total number of rows of the family.
@@ -95,29 +95,29 @@ impl std::fmt::Display for Diagnosis {
 /// Advice to satisfy the rows of a family.
 ///
 /// * `row` - name of the worst row
-fn remedy(family: Family, row: &str) -> &'static str {
+fn remedy(family: CheckFamily, row: &str) -> &'static str {
     let has = |part: &str| row.contains(part);
     match family {
-        Family::Dynamics | Family::Momentum | Family::BaseAcceleration => {
+        CheckFamily::Dynamics | CheckFamily::Momentum | CheckFamily::BaseAcceleration => {
             "the forces cannot move the base like this: more time, phases with more feet on the ground, a larger force limit or more friction"
         }
-        Family::Reach => "a larger `reach`, more and shorter steps in more time, or a nearer goal",
-        Family::Terrain => "more `transcription.clearance`, or other phases",
-        Family::Force if has("limit") => "a larger force limit, or phases with more feet on the ground",
-        Family::Force if has("friction") => "more `friction` of the terrain, more time, or another path",
-        Family::Force => "more time, or other phases",
-        Family::Swing if has("too low") => "a smaller `transcription.clearance`, or a longer swing",
-        Family::Swing if has("too high") => "a larger `transcription.swing_height`",
-        Family::Swing if has("too fast") => "a larger `transcription.foot_speed`, more time, or a nearer goal",
-        Family::Swing => "a larger `transcription.foot_acceleration`, longer swings, or a smaller `transcription.clearance`",
-        Family::Bounds => "another start or goal",
-        Family::Structure => "other phases",
-        Family::Possible => "more time, longer phases, or a goal above the ground",
-        Family::Motion if has("terrain") => {
+        CheckFamily::Reach => "a larger `reach`, more and shorter steps in more time, or a nearer goal",
+        CheckFamily::Terrain => "more `transcription.clearance`, or other phases",
+        CheckFamily::Force if has("limit") => "a larger force limit, or phases with more feet on the ground",
+        CheckFamily::Force if has("friction") => "more `friction` of the terrain, more time, or another path",
+        CheckFamily::Force => "more time, or other phases",
+        CheckFamily::Swing if has("too low") => "a smaller `transcription.clearance`, or a longer swing",
+        CheckFamily::Swing if has("too high") => "a larger `transcription.swing_height`",
+        CheckFamily::Swing if has("too fast") => "a larger `transcription.foot_speed`, more time, or a nearer goal",
+        CheckFamily::Swing => "a larger `transcription.foot_acceleration`, longer swings, or a smaller `transcription.clearance`",
+        CheckFamily::Bounds => "another start or goal",
+        CheckFamily::Structure => "other phases",
+        CheckFamily::Possible => "more time, longer phases, or a goal above the ground",
+        CheckFamily::Motion if has("terrain") => {
             "more `transcription.swing_height` or `transcription.clearance`, so that feet pass over the edge"
         }
-        Family::Motion => "a shorter `transcription.interval`",
-        Family::Footing => "more `transcription.clearance`, a smaller `foot_radius` of the robot, or other phases",
+        CheckFamily::Motion => "a shorter `transcription.interval`",
+        CheckFamily::Footing => "more `transcription.clearance`, a smaller `foot_radius` of the robot, or other phases",
     }
 }
 

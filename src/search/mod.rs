@@ -255,10 +255,11 @@ impl<'a> Search<'a> {
     /// [`Invalid`](crate::Error::Invalid) for settings or a task outside their limits, [`Unknown`](crate::Error::Unknown) for a family that the
     /// robot cannot have, [`Ended`](crate::Error::Ended) if no candidate was solved before the end.
     pub fn run(self, backend: &dyn Backend) -> Result<SearchResult> {
-        let Search { task, settings, lower, seed, cancelled, mut on_event, max_solutions } = self;
+        let Search { task, settings, mut lower, seed, cancelled, mut on_event, max_solutions } = self;
         settings.validate()?;
         lower.validate()?;
         task.validate()?;
+        lower.solver.optimise.cost = settings.cost;
         let solver = BatchSolver { task, settings: &lower, backend, cost: Some(&settings.cost) };
         let clock = Clock::new(cancelled, settings.seconds.map(Duration::from_secs_f64));
         let mut on_event = |event: &SearchEvent| {

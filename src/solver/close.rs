@@ -2,7 +2,7 @@
 
 use super::{Finish, Outcome, Solver, Status};
 use crate::nlp::Layout;
-use crate::settings::{SmoothSettings, SolverSettings, StallSettings};
+use crate::settings::{OptimiseSettings, SmoothSettings, SolverSettings, StallSettings};
 use std::cell::RefCell;
 
 thread_local! {
@@ -75,9 +75,10 @@ impl Closing<'_> {
                 return;
             }
         }
-        // The smoothing iterations have already run on this point, so they are not repeated from here.
+        // Smoothing and optimisation have already run on this point, so they are not repeated from here.
         let smooth = SmoothSettings { iterations: 0, ..settings.smooth.clone() };
-        let once = SolverSettings { smooth, ..settings.clone() };
+        let optimise = OptimiseSettings { iterations: 0, ..settings.optimise.clone() };
+        let once = SolverSettings { smooth, optimise, ..settings.clone() };
         let steps = SolverSettings {
             max_iterations: settings.closing_steps,
             closing: f64::INFINITY,

@@ -1,7 +1,7 @@
 //! Mehrotra's corrector: chooses the barrier parameter from the step lengths of the predictor and adds the second-order term of the
 //! predictor's steps.
 
-use super::slacks::{Aim, Slacks, slack_steps, target};
+use super::slacks::{BarrierTarget, Slacks, slack_steps, target};
 use super::weights::barrier_rows;
 use crate::nlp::Layout;
 use crate::real::Real;
@@ -21,8 +21,8 @@ pub fn correct<T: Real>(
     weight: &mut [T],
     value: &mut [T],
 ) -> T {
-    let lengths = slack_steps(g, g_change, Aim::predictor(), slacks);
+    let lengths = slack_steps(g, g_change, BarrierTarget::predictor(), slacks);
     let mu = target(slacks, lengths);
-    barrier_rows(layout, c, g, slacks, Aim::corrector(mu), weight, value);
+    barrier_rows(layout, c, g, slacks, BarrierTarget::corrector(mu), weight, value);
     mu
 }

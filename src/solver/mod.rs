@@ -17,6 +17,8 @@ mod close;
 pub mod control;
 pub mod correct;
 pub mod judge;
+pub mod objective;
+mod optimise;
 pub mod round;
 pub mod slacks;
 pub mod start;
@@ -41,8 +43,9 @@ use aligned_vec::{AVec, CACHELINE_ALIGN};
 use control::{CLOSE, EXACT, Limits, Progress, SHORTER, STEP};
 use correct::correct;
 use judge::{infeasibility, infeasibility_fall, merit_falls, nonlinearity, smoothing_fall, update_slacks};
+use objective::Objective;
 use round::{ROUND, START, Stage, When};
-use slacks::{Aim, Lengths, Slacks, largest, slack_steps};
+use slacks::{BarrierTarget, Lengths, Slacks, largest, slack_steps};
 use start::{column_scaling, start_slacks};
 use weights::{barrier_rows, closing_rows, variable_terms};
 
@@ -97,6 +100,10 @@ pub struct Solver<T> {
     weight: Vec<T>,
     value: Vec<T>,
     slacks: Slacks<T>,
+    /// Objective of the cost rows.
+    objective: Objective<T>,
+    /// Fall of the merit that the last step predicted.
+    predicted: T,
     factor: Factor<T>,
     /// True if the last factorisation met a pivot that is not positive.
     failed: bool,
@@ -125,6 +132,8 @@ impl<T: Real> Default for Solver<T> {
             weight: Vec::new(),
             value: Vec::new(),
             slacks: Slacks::default(),
+            objective: Objective::none(),
+            predicted: T::zero(),
             factor: Factor::default(),
             failed: false,
             history: Vec::new(),
@@ -141,9 +150,6 @@ struct Solve<'a, T> {
 }
 
 /// Largest barrier parameter with which cost minimisation begins; with a larger one, inequalities that are nearly active would affect the
-/// motion too early.
-const SMOOTH_BARRIER: f64 = 2e-4;
-
 impl<T: Real> Solver<T> {
     /// Solves one candidate from `start`, or from the initial values of the layout.
     ///
@@ -165,6 +171,7 @@ impl<T: Real> Solver<T> {
         let status = self.iterate(&solve, &mut progress, cancel);
         if status == Status::Solved {
             self.smooth(&solve, settings, &mut progress, cancel);
+            self.optimise(&solve, settings, &mut progress, cancel);
         }
         Outcome {
             status,
@@ -249,7 +256,7 @@ impl<T: Real> Solver<T> {
         if progress.attempts > 0 || progress.ended() {
             return;
         }
-        let f = infeasibility(&self.now.c, &self.now.g);
+        let f = infeasibility(&self.now.c[solve.layout.rows.of(RowKind::Equality)], &self.now.g);
         let before = self.history.len().checked_sub(solve.limits.stall_window as usize).map_or(f, |at| self.history[at]);
         let largest = largest(&self.slacks.multiplier);
         control::begin(progress, &solve.limits, f, before, largest, self.finished(solve, f));
@@ -271,8 +278,10 @@ impl<T: Real> Solver<T> {
         if progress.state == CLOSE {
             closing_rows(layout, &now.c, &now.g, &mut self.weight, &mut self.value);
         } else {
-            barrier_rows(layout, &now.c, &now.g, &self.slacks, Aim::predictor(), &mut self.weight, &mut self.value);
+            barrier_rows(layout, &now.c, &now.g, &self.slacks, BarrierTarget::predictor(), &mut self.weight, &mut self.value);
         }
+        let objective = if progress.state == CLOSE { Objective::none() } else { self.objective };
+        objective.rows(layout, &now.c, &mut self.weight, &mut self.value);
         let (proximal, weight) = (progress.proximal(), progress.smoothing);
         variable_terms(layout, &self.scaling, proximal, weight, &self.x, &mut self.diagonal, &mut self.gradient);
     }
@@ -282,7 +291,7 @@ impl<T: Real> Solver<T> {
         let lengths = match progress.state {
             CLOSE => Lengths::whole(),
             SHORTER => Lengths { primal: progress.length, dual: progress.dual_length },
-            _ => slack_steps(&self.now.g, &self.change.g, Aim::corrector(progress.mu), &mut self.slacks),
+            _ => slack_steps(&self.now.g, &self.change.g, BarrierTarget::corrector(progress.mu), &mut self.slacks),
         };
         (progress.length, progress.dual_length) = (lengths.primal, lengths.dual);
         let (variables, length) = (layout.variables, progress.length);
@@ -309,15 +318,19 @@ impl<T: Real> Solver<T> {
             return control::damp(progress);
         }
         let (layout, now, next, linear) = (solve.layout, &self.now, &self.next, &self.linear);
+        let equalities = layout.rows.of(RowKind::Equality);
+        let [c, next_c, linear_c] = [now, next, linear].map(|at| &at.c[equalities.clone()]);
         let closing = progress.state == CLOSE;
         let [fall, predicted] = if closing {
-            [next, linear].map(|to| infeasibility_fall(&now.c, &now.g, &to.c, &to.g))
+            [(next, next_c), (linear, linear_c)].map(|(to, to_c)| infeasibility_fall(c, &now.g, to_c, &to.g))
         } else {
-            merit_falls(&now.c, &now.g, [next, linear].map(|to| (&to.c[..], &to.g[..])), progress.mu)
+            merit_falls(c, &now.g, [(next_c, &next.g[..]), (linear_c, &linear.g[..])], progress.mu)
         };
         let smoothed = progress.smoothing * smoothing_fall(&layout.smoothing, &self.x, &self.trial, &layout.initial);
-        let (fall, predicted) = (fall + smoothed, predicted + smoothed);
-        let gap = nonlinearity(&next.c, &linear.c, &next.g, &linear.g);
+        let costs = [next, linear].map(|to| self.cost_fall(layout, &now.c, &to.c));
+        let (fall, predicted) = (fall + smoothed + costs[0], predicted + smoothed + costs[1]);
+        let gap = nonlinearity(next_c, linear_c, &next.g, &linear.g);
+        self.predicted = predicted;
         if control::acceptable(progress, fall, predicted, gap) {
             if !closing {
                 update_slacks(&mut self.slacks, Lengths { primal: progress.length, dual: progress.dual_length });
@@ -330,79 +343,19 @@ impl<T: Real> Solver<T> {
         }
     }
 
+    /// Fall of the weighted objective between two points.
+    fn cost_fall(&self, layout: &Layout<T>, from: &[T], to: &[T]) -> T {
+        if self.objective.weight == T::zero() {
+            return T::zero();
+        }
+        self.objective.weight * (self.objective.cost(layout, from) - self.objective.cost(layout, to))
+    }
+
     /// Makes the trial point the current point.
     fn take_trial(&mut self) {
         std::mem::swap(&mut self.x, &mut self.trial);
         std::mem::swap(&mut self.now, &mut self.next);
         std::mem::swap(&mut self.jacobian, &mut self.next_jacobian);
-    }
-
-    /// Minimises the cost of a solved motion by the method of multipliers, with one barrier step between two multiplier updates, and then
-    /// solves the rows again without the cost. Restores the original motion if that last solve fails.
-    fn smooth(&mut self, solve: &Solve<T>, settings: &SolverSettings, progress: &mut Progress<T>, cancel: &dyn Fn() -> bool) {
-        let layout = solve.layout;
-        if settings.smooth.iterations == 0 || layout.smoothing.iter().all(|p| *p == T::zero()) {
-            return;
-        }
-        let (solved, infeasibility) = (self.x.clone(), progress.infeasibility);
-        let barrier = progress.barrier.min(T::of(SMOOTH_BARRIER));
-        let continued = SolverSettings {
-            proximal: settings.proximal_floor,
-            smoothing: 0.,
-            max_iterations: progress.iterations as usize + settings.smooth.iterations + settings.max_iterations,
-            ..settings.clone()
-        };
-        let solve = Solve { limits: Limits::new(&continued, layout.curves.transcription), ..*solve };
-        let renewed = |progress: &Progress<T>, recorded: usize| Progress {
-            iterations: progress.iterations,
-            factorisations: progress.factorisations,
-            recorded: recorded as u32,
-            stall_from: recorded as u32,
-            infeasibility: progress.infeasibility,
-            ..Progress::first(&solve.limits, barrier, T::zero())
-        };
-        *progress = renewed(progress, self.history.len());
-        progress.smoothing = T::of(settings.smooth.weight);
-        self.shift.resize(layout);
-        start_slacks(&self.now.g, barrier, &mut self.slacks);
-        let end = progress.iterations + settings.smooth.iterations as u32;
-        while progress.iterations < end && !progress.ended() && !cancel() {
-            let before = progress.iterations;
-            self.weigh(layout, progress);
-            for (stage, when) in ROUND.into_iter().filter(|(stage, _)| *stage != Stage::Weights) {
-                self.turn(stage, when, &solve, progress);
-            }
-            if progress.iterations > before && !progress.ended() {
-                // No stage begins a round in this loop: the next step needs a new direction, even if this one was shortened.
-                progress.state = control::STEP;
-                self.shift_residuals();
-            }
-        }
-        self.shift = Residuals::default();
-        *progress = renewed(progress, self.history.len());
-        self.trial.clone_from(&self.x);
-        self.evaluate(layout, progress);
-        self.take_trial();
-        start_slacks(&self.now.g, barrier, &mut self.slacks);
-        self.stage(Stage::Weights, &solve, progress);
-        if self.iterate(&solve, progress, cancel) != Status::Solved {
-            self.x = solved;
-            progress.infeasibility = infeasibility;
-        }
-    }
-
-    /// Updates the multipliers by which residuals are shifted.
-    fn shift_residuals(&mut self) {
-        // Equalities: the new multiplier is the sum of multiplier and residual. Inequalities take their multipliers from the barrier.
-        for (c, shift) in self.now.c.iter_mut().zip(&mut self.shift.c) {
-            let residual = *c - *shift;
-            *shift = *c;
-            *c += residual;
-        }
-        for ((g, shift), z) in self.now.g.iter_mut().zip(&mut self.shift.g).zip(&self.slacks.multiplier) {
-            *g += *z - *shift;
-            *shift = *z;
-        }
     }
 
     /// The last point `x` in `f64`, fixed values included.
@@ -434,6 +387,7 @@ impl<T: Real> Solver<T> {
         }
         self.local.resize(layout.widest, T::zero());
         self.shift = Residuals::default();
+        self.objective = Objective::none();
         self.weight.resize(layout.rows.all(), T::zero());
         self.value.resize(layout.rows.all(), T::zero());
         for v in [&mut self.slacks.slack, &mut self.slacks.multiplier, &mut self.slacks.slack_step, &mut self.slacks.multiplier_step] {

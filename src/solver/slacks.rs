@@ -61,22 +61,22 @@ impl<T: Real> Lengths<T> {
 
 /// Complementarity target of a barrier step: `s z = mu - correction ds dz`, with the steps `ds`, `dz` of the predictor.
 #[derive(Debug, Clone, Copy)]
-pub struct Aim<T> {
+pub struct BarrierTarget<T> {
     /// Barrier parameter.
     pub mu: T,
     /// Share of the second-order term that is included: 0 in the predictor, 1 in the corrector.
     pub correction: T,
 }
 
-impl<T: Real> Aim<T> {
+impl<T: Real> BarrierTarget<T> {
     /// Target of the predictor: zero complementarity.
     pub fn predictor() -> Self {
-        Aim { mu: T::zero(), correction: T::zero() }
+        BarrierTarget { mu: T::zero(), correction: T::zero() }
     }
 
     /// Target of the corrector for a barrier parameter.
     pub fn corrector(mu: T) -> Self {
-        Aim { mu, correction: T::one() }
+        BarrierTarget { mu, correction: T::one() }
     }
 
     #[inline(always)]
@@ -89,7 +89,7 @@ impl<T: Real> Aim<T> {
 ///
 /// Returns the longest step lengths within the fraction to the boundary.
 #[multiversion(targets("x86_64+avx2+fma"))]
-pub fn slack_steps<T: Real>(g: &[T], g_change: &[T], aim: Aim<T>, slacks: &mut Slacks<T>) -> Lengths<T> {
+pub fn slack_steps<T: Real>(g: &[T], g_change: &[T], aim: BarrierTarget<T>, slacks: &mut Slacks<T>) -> Lengths<T> {
     let one = T::one();
     // Largest relative rates of decrease: the reciprocals of the lengths at which the first slack and the first multiplier reach zero.
     let mut steepest = [[T::zero(); LANES]; 2];

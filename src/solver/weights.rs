@@ -1,6 +1,6 @@
 //! Weights and values of the rows in the normal equations, and the terms on single variables.
 
-use super::slacks::{Aim, Slacks};
+use super::slacks::{BarrierTarget, Slacks};
 use crate::nlp::Layout;
 use crate::real::Real;
 use crate::rows::RowKind;
@@ -43,7 +43,15 @@ fn per_row<T: Real>(layout: &Layout<T>, weight: &mut [T], value: &mut [T], make:
 /// Row weights and values of a barrier step: `W = rho` and `w = 1 / (s/z + 1/rho)`, `v = rho c` and `z + w (g - z/rho + mu/z)`, with
 /// `rho = 1`.
 #[multiversion(targets("x86_64+avx2+fma"))]
-pub fn barrier_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], slacks: &Slacks<T>, aim: Aim<T>, weight: &mut [T], value: &mut [T]) {
+pub fn barrier_rows<T: Real>(
+    layout: &Layout<T>,
+    c: &[T],
+    g: &[T],
+    slacks: &Slacks<T>,
+    aim: BarrierTarget<T>,
+    weight: &mut [T],
+    value: &mut [T],
+) {
     let one = T::one();
     let equalities = layout.rows.of(RowKind::Equality);
     weight[equalities.clone()].fill(one);

@@ -77,17 +77,6 @@ impl Grid {
         })
     }
 
-    /// Highest sample of the cells between two corners (x, y), m: an upper bound of the ground there.
-    pub fn highest(&self, low: [f64; 2], high: [f64; 2]) -> f64 {
-        let samples = |axis: usize, count: usize| {
-            let at = |v: f64| ((v - self.low[axis]) * count as f64 / (self.high[axis] - self.low[axis])) as usize;
-            at(low[axis]).min(count - 1)..at(high[axis]).saturating_add(2).min(count)
-        };
-        let (rows, columns) = (samples(0, self.heights.len()), samples(1, self.heights[0].len()));
-        let rows = self.heights[rows].iter().map(|row| row[columns.clone()].iter().copied().fold(f64::NEG_INFINITY, f64::max));
-        rows.fold(f64::NEG_INFINITY, f64::max)
-    }
-
     /// Height, slope and curvature at (x, y); beyond the last sample the height at the edge continues.
     pub fn ground<T: Float>(&self, x: T, y: T) -> Ground<T> {
         let c = |v: f64| T::from(v).unwrap_or_else(T::nan);
@@ -141,27 +130,6 @@ mod tests {
             assert!(((grid.ground(x, y + d).height - grid.ground(x, y - d).height) / (2. * d) - g.slope[1]).abs() < 1e-7);
             assert!(((grid.ground(x, y + d).slope[0] - grid.ground(x, y - d).slope[0]) / (2. * d) - g.curvature[0][1]).abs() < 1e-7);
         }
-    }
-
-    #[test]
-    fn no_ground_is_above_the_highest_sample() {
-        let heights = (0..20).map(|i| (0..30).map(|j| f64::from((i * 7 + j * 13) % 11)).collect()).collect();
-        let grid = Grid { low: [-1., 2.], high: [3., 8.], heights };
-        for n in 0..200 {
-            let (x, y) = (-2. + 0.03 * f64::from(n), 1. + 0.04 * f64::from((n * 37) % 200));
-            let (low, high) = ([x - 0.05, y - 0.02], [x + 0.03, y + 0.3]);
-            let highest = grid.highest(low, high);
-            let inside = (0..=10).flat_map(|i| (0..=30).map(move |j| [f64::from(i) / 10., f64::from(j) / 30.]));
-            for [a, b] in inside {
-                let height = grid.ground(low[0] + a * (high[0] - low[0]), low[1] + b * (high[1] - low[1])).height;
-                assert!(height <= highest + 1e-9, "({x}, {y}): {height} above {highest}");
-            }
-        }
-        // Samples every 0.4 m; the ramp lies between those at 3.6 and 4 m.
-        assert_eq!(Grid::step().highest([3., 0.], [3.5, 0.]), 0.);
-        assert_eq!(Grid::step().highest([3., 0.], [3.7, 0.]), 0.15);
-        // Corners arbitrarily far away.
-        assert_eq!(Grid::step().highest([1e30, -1e30], [f64::INFINITY, 1e30]), 0.15);
     }
 
     #[test]

@@ -197,15 +197,6 @@ impl Terrain {
         }
     }
 
-    /// Upper bound of the heights between two corners (x, y), m; infinite if no bound is known.
-    pub fn highest(&self, low: [f64; 2], high: [f64; 2]) -> f64 {
-        match &self.shape {
-            Shape::Flat => 0.,
-            Shape::Profile(_) => f64::INFINITY,
-            Shape::Grid(grid) => grid.highest(low, high),
-        }
-    }
-
     /// Checks that a point lies on the terrain.
     ///
     /// # Errors

@@ -6,8 +6,8 @@
 use super::dense::{ContactAxes, Extreme, FootMotion, Motion, SAME_TIME, nearest, sample};
 use super::labels::{check_labels, of_momentum};
 use super::report::{
-    BALL_DEPTH, BASE_RATE, DENSE_REACH, FOOT_SPEED, FOOTHOLD_PLANE, Family, FamilyReport, PENETRATION, ROLLOUT_ATTITUDE, ROLLOUT_POSITION,
-    Report, RowReport, SHORTEST_PIECE, Tolerances, Worst,
+    BALL_DEPTH, BASE_RATE, CheckFamily, DENSE_REACH, FOOTHOLD_PLANE, FamilyReport, MAX_FOOT_SPEED, PENETRATION, ROLLOUT_ATTITUDE,
+    ROLLOUT_POSITION, Report, RowReport, SHORTEST_PIECE, Tolerances, Worst,
 };
 use super::rollout::Rollout;
 use super::stretch::Body;
@@ -49,7 +49,7 @@ struct Tally {
 }
 
 impl Tally {
-    fn new(family: Family, tolerances: Tolerances) -> Self {
+    fn new(family: CheckFamily, tolerances: Tolerances) -> Self {
         let report = FamilyReport { family, unit: family.unit(), rows: 0, violated: 0, max_violation: 0., worst: None };
         Tally { report, tolerances, worst: 0. }
     }
@@ -108,28 +108,28 @@ pub fn verify_rows(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain, fo
     let of_towr = name.is_none_or(|name| name == Transcription::Towr.name());
     let mut broken = 0;
     let tolerances = if impulsive { Tolerances::of(robot) } else { Tolerances::TOWR };
-    let families = Family::ALL.map(|family| {
+    let families = CheckFamily::ALL.map(|family| {
         let mut tally = Tally::new(family, tolerances);
         match family {
-            Family::Dynamics if impulsive => {}
-            Family::Dynamics => dynamics(&mut tally, &motion),
-            Family::Momentum if impulsive => momentum(&mut tally, &motion),
-            Family::Momentum => {}
-            Family::BaseAcceleration if of_towr => base_acceleration(&mut tally, &motion),
-            Family::BaseAcceleration => {}
-            Family::Reach => reach(&mut tally, &motion, if impulsive { DENSE_REACH } else { 0. }),
-            Family::Terrain => on_terrain(&mut tally, &motion, terrain),
-            Family::Force => force(&mut tally, &motion, terrain, force_limit, impulsive),
-            Family::Swing if impulsive => swing_heights(&mut tally, &motion, terrain, trajectory.limits),
-            Family::Swing if of_towr => swing(&mut tally, &motion),
-            Family::Swing => {}
-            Family::Bounds => bounds(&mut tally, &motion, trajectory, terrain, impulsive),
-            Family::Structure => structure(&mut tally, &motion, of_towr || impulsive),
-            Family::Possible => possible(&mut tally, &motion, trajectory, terrain, of_towr),
-            Family::Motion if impulsive && broken == 0 => between(&mut tally, &motion, terrain, force_limit),
-            Family::Motion => {}
-            Family::Footing if impulsive && broken == 0 => footing(&mut tally, &motion, terrain),
-            Family::Footing => {}
+            CheckFamily::Dynamics if impulsive => {}
+            CheckFamily::Dynamics => dynamics(&mut tally, &motion),
+            CheckFamily::Momentum if impulsive => momentum(&mut tally, &motion),
+            CheckFamily::Momentum => {}
+            CheckFamily::BaseAcceleration if of_towr => base_acceleration(&mut tally, &motion),
+            CheckFamily::BaseAcceleration => {}
+            CheckFamily::Reach => reach(&mut tally, &motion, if impulsive { DENSE_REACH } else { 0. }),
+            CheckFamily::Terrain => on_terrain(&mut tally, &motion, terrain),
+            CheckFamily::Force => force(&mut tally, &motion, terrain, force_limit, impulsive),
+            CheckFamily::Swing if impulsive => swing_heights(&mut tally, &motion, terrain, trajectory.limits),
+            CheckFamily::Swing if of_towr => swing(&mut tally, &motion),
+            CheckFamily::Swing => {}
+            CheckFamily::Bounds => bounds(&mut tally, &motion, trajectory, terrain, impulsive),
+            CheckFamily::Structure => structure(&mut tally, &motion, of_towr || impulsive),
+            CheckFamily::Possible => possible(&mut tally, &motion, trajectory, terrain, of_towr),
+            CheckFamily::Motion if impulsive && broken == 0 => between(&mut tally, &motion, terrain, force_limit),
+            CheckFamily::Motion => {}
+            CheckFamily::Footing if impulsive && broken == 0 => footing(&mut tally, &motion, terrain),
+            CheckFamily::Footing => {}
         }
         broken += tally.report.violated;
         tally.report
@@ -246,8 +246,8 @@ fn possible(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain
     }
     // TOWR's rows do not limit feet during a swing: its published solutions reach foot speeds of 150 m/s.
     for (foot, curves) in motion.feet.iter().enumerate().filter(|_| !of_towr) {
-        let speed = exact::foot_speed(curves, 0..curves.motion.pieces(), false, FOOT_SPEED);
-        row(speed.value - FOOT_SPEED, "foot faster than possible", Some(foot), speed.time);
+        let speed = exact::foot_speed(curves, 0..curves.motion.pieces(), false, MAX_FOOT_SPEED);
+        row(speed.value - MAX_FOOT_SPEED, "foot faster than possible", Some(foot), speed.time);
     }
     let limit = BASE_RATE * (GRAVITY / robot.leg_height()).sqrt();
     let rate = exact::base_rate(&motion.base_ang, limit);
@@ -476,7 +476,7 @@ mod tests {
 
     #[test]
     fn a_tally_counts_nan_and_rows_beyond_the_tolerance() {
-        let mut tally = Tally::new(Family::Force, Tolerances::TOWR);
+        let mut tally = Tally::new(CheckFamily::Force, Tolerances::TOWR);
         tally.not_positive(-5., TOLERANCE, format_args!("a"), None, 0.);
         tally.row(TOLERANCE, TOLERANCE, format_args!("b"), None, 1.);
         tally.not_positive(1.01 * TOLERANCE, TOLERANCE, format_args!("c"), Some(2), 2.);
@@ -488,7 +488,7 @@ mod tests {
 
     #[test]
     fn a_family_is_the_index_into_the_list_of_families() {
-        for (place, family) in Family::ALL.into_iter().enumerate() {
+        for (place, family) in CheckFamily::ALL.into_iter().enumerate() {
             assert_eq!(family as usize, place);
             assert_eq!(serde_json::to_value(family).unwrap(), family.name());
         }

@@ -332,7 +332,7 @@ impl ContactAxes {
 }
 
 /// State of the base at one time, world frame.
-pub(crate) struct BaseState {
+pub(crate) struct DenseState {
     pub position: Vector3<f64>,
     pub velocity: Vector3<f64>,
     pub acceleration: Vector3<f64>,
@@ -376,7 +376,7 @@ impl<'a> Motion<'a> {
     ///
     /// The Euler angles turn about the axes `a_yaw = e_z`, `a_pitch = Rz e_y`, `a_roll = Rz Ry e_x`:
     /// `w = roll' a_roll + pitch' a_pitch + yaw' a_yaw`. Each axis is rotated by the angles before it.
-    pub fn base(&self, time: f64) -> BaseState {
+    pub fn base(&self, time: f64) -> DenseState {
         let lin = self.base_lin.at(time);
         let ang = self.base_ang.at(time);
         let (angle, rate, rate_dot) = (ang.value, ang.first, ang.second);
@@ -387,7 +387,7 @@ impl<'a> Motion<'a> {
         let a_roll = rotation.matrix().column(0).into_owned();
         let a_pitch_dot = (a_yaw * rate.z).cross(&a_pitch);
         let a_roll_dot = (a_yaw * rate.z + a_pitch * rate.y).cross(&a_roll);
-        BaseState {
+        DenseState {
             position: lin.value,
             velocity: lin.first,
             acceleration: lin.second,
@@ -404,7 +404,7 @@ impl<'a> Motion<'a> {
 
     /// Residuals of the rigid body, world frame: moment `I_w wdot + w x I_w w - sum (x_i - p) x f_i`, N m, and force `m pddot - sum f_i + m
     /// g e_z`, N.
-    pub fn defect(&self, base: &BaseState, time: f64) -> (Vector3<f64>, Vector3<f64>) {
+    pub fn defect(&self, base: &DenseState, time: f64) -> (Vector3<f64>, Vector3<f64>) {
         let rotation = base.rotation.matrix();
         let inertia = rotation * self.inertia() * rotation.transpose();
         let mut moment = inertia * base.omega_dot + base.omega.cross(&(inertia * base.omega));
@@ -418,7 +418,7 @@ impl<'a> Motion<'a> {
     }
 
     /// Distance of a foot outside its reach box along each axis of the base, m; negative inside.
-    pub fn reach_excess(&self, base: &BaseState, foot: usize, position: Vector3<f64>) -> Vector3<f64> {
+    pub fn reach_excess(&self, base: &DenseState, foot: usize, position: Vector3<f64>) -> Vector3<f64> {
         let in_base = base.rotation.inverse() * (position - base.position);
         let (from_nominal, reach) = (in_base - Vector3::from(self.robot.nominal_feet[foot]), self.robot.reach.of(foot));
         let outside = |value: f64, low: f64, high: f64| if value.is_nan() { value } else { (low - value).max(value - high) };

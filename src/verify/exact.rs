@@ -1,7 +1,7 @@
 //! Maxima over whole curves, in closed form or bounded on every piece, without sampling.
 
 use super::bernstein::{Peak, acceleration, convex, depth, position, velocity};
-use super::dense::{BaseState, ContactAxes, Extreme, FootMotion, Motion, TimedCurve};
+use super::dense::{ContactAxes, DenseState, Extreme, FootMotion, Motion, TimedCurve};
 use crate::terrain::Terrain;
 use nalgebra::Vector3;
 
@@ -154,7 +154,7 @@ pub(super) fn reach(motion: &Motion, floor: f64) -> Extreme {
     let mut extreme = Extreme::default();
     let mut before = motion.base(times[0]);
     let mut parts = Vec::new();
-    let excess = |base: &BaseState, foot: usize, at: Vector3<f64>| {
+    let excess = |base: &DenseState, foot: usize, at: Vector3<f64>| {
         let [x, y, z] = motion.reach_excess(base, foot, at).into();
         if x.is_nan() || y.is_nan() || z.is_nan() { f64::NAN } else { x.max(y).max(z) }
     };
@@ -168,7 +168,7 @@ pub(super) fn reach(motion: &Motion, floor: f64) -> Extreme {
             let path = curves.motion.on(middle, acceleration);
             // All accelerations are linear on their pieces, so the difference is largest at some pair of ends.
             let apart = path.iter().flat_map(|a| bend.base.iter().map(move |b| (a - b).norm())).fold(0., f64::max);
-            let at = |time: f64, base: &BaseState| {
+            let at = |time: f64, base: &DenseState| {
                 let p = curves.motion.at(time);
                 (excess(base, foot, p.value), (p.value - base.position).norm(), (p.first - base.velocity).norm())
             };

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result, check_range};
 use crate::gait::Trajectory;
 use crate::gait::trajectory::{MotionLimits, NamedOr};
-use crate::robot::{FORCE_LIMIT, ROUNDED, Robot};
+use crate::robot::{FORCE_LIMIT_WEIGHTS, ROUNDED, Robot};
 use crate::scenario::{Scenario, TARGETS};
 use crate::settings::Transcription;
 use crate::terrain::Terrain;
@@ -45,7 +45,7 @@ pub fn check_labels(trajectory: &Trajectory) -> Result<()> {
 /// [`Error::Invalid`] if the file allows more than any leg of its robot can take: such a limit must be requested explicitly.
 pub fn own_force_limit(trajectory: &Trajectory, robot: &Robot) -> Result<(f64, &'static str)> {
     let of_momentum = of_momentum(trajectory);
-    let most = FORCE_LIMIT * robot.weight();
+    let most = FORCE_LIMIT_WEIGHTS * robot.weight();
     let most = if of_momentum { most } else { most.max(TOWR_FORCE_LIMIT) };
     match (trajectory.force_limit, robot.force_limit) {
         (Some(file), Some(robot)) if robot < file => Ok((robot, "the robot's")),

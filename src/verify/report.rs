@@ -87,7 +87,7 @@ pub const BALL_DEPTH: f64 = 0.125;
 /// Shortest piece of a curve, s. No motion of a robot needs a shorter one.
 pub const SHORTEST_PIECE: f64 = 1e-3;
 /// Highest speed of a foot in any motion except TOWR's, m/s.
-pub const FOOT_SPEED: f64 = 30.;
+pub const MAX_FOOT_SPEED: f64 = 30.;
 /// Largest sum of the absolute Euler rates of the base, in `sqrt(g / l)` with the leg length `l`.
 pub const BASE_RATE: f64 = 10.;
 
@@ -95,7 +95,7 @@ pub const BASE_RATE: f64 = 10.;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
-pub enum Family {
+pub enum CheckFamily {
     /// Newton-Euler equations of the base, every 0.1 s and at the end.
     Dynamics,
     /// Momentum, position and attitude at the end of every base piece match the integrated forces. Only for `momentum` motions.
@@ -118,7 +118,7 @@ pub enum Family {
     /// boundaries.
     Structure,
     /// Limits that no robot can exceed, for every transcription and on whole curves: pieces shorter than [`SHORTEST_PIECE`], feet faster
-    /// than [`FOOT_SPEED`], a base that turns faster than [`BASE_RATE`], accelerates more than its feet can push plus one weight, or is
+    /// than [`MAX_FOOT_SPEED`], a base that turns faster than [`BASE_RATE`], accelerates more than its feet can push plus one weight, or is
     /// below the terrain; a goal below the terrain.
     Possible,
     /// Excess over the limits that must hold between the instants, on whole curves. Only for `momentum` motions whose other rows hold.
@@ -128,59 +128,59 @@ pub enum Family {
     Footing,
 }
 
-impl Family {
+impl CheckFamily {
     /// Every family, in the order of [`RowReport::families`].
-    pub const ALL: [Family; 12] = [
-        Family::Dynamics,
-        Family::Momentum,
-        Family::BaseAcceleration,
-        Family::Reach,
-        Family::Terrain,
-        Family::Force,
-        Family::Swing,
-        Family::Bounds,
-        Family::Structure,
-        Family::Possible,
-        Family::Motion,
-        Family::Footing,
+    pub const ALL: [CheckFamily; 12] = [
+        CheckFamily::Dynamics,
+        CheckFamily::Momentum,
+        CheckFamily::BaseAcceleration,
+        CheckFamily::Reach,
+        CheckFamily::Terrain,
+        CheckFamily::Force,
+        CheckFamily::Swing,
+        CheckFamily::Bounds,
+        CheckFamily::Structure,
+        CheckFamily::Possible,
+        CheckFamily::Motion,
+        CheckFamily::Footing,
     ];
 
     /// Name, as in JSON.
     pub fn name(self) -> &'static str {
         match self {
-            Family::Dynamics => "dynamics",
-            Family::Momentum => "momentum",
-            Family::BaseAcceleration => "base-acceleration",
-            Family::Reach => "reach",
-            Family::Terrain => "terrain",
-            Family::Force => "force",
-            Family::Swing => "swing",
-            Family::Bounds => "bounds",
-            Family::Structure => "structure",
-            Family::Possible => "possible",
-            Family::Motion => "motion",
-            Family::Footing => "footing",
+            CheckFamily::Dynamics => "dynamics",
+            CheckFamily::Momentum => "momentum",
+            CheckFamily::BaseAcceleration => "base-acceleration",
+            CheckFamily::Reach => "reach",
+            CheckFamily::Terrain => "terrain",
+            CheckFamily::Force => "force",
+            CheckFamily::Swing => "swing",
+            CheckFamily::Bounds => "bounds",
+            CheckFamily::Structure => "structure",
+            CheckFamily::Possible => "possible",
+            CheckFamily::Motion => "motion",
+            CheckFamily::Footing => "footing",
         }
     }
 
     /// Units of its rows. If there are several, the name of a row identifies its unit.
     pub fn unit(self) -> &'static str {
         match self {
-            Family::Dynamics => "N, N m",
-            Family::Momentum => "N, N m, rad",
-            Family::BaseAcceleration => "m/s2, rad/s2",
-            Family::Reach | Family::Terrain | Family::Footing => "m",
-            Family::Force => "N",
-            Family::Swing => "m, m/s",
-            Family::Bounds => "m, rad, 1/s",
-            Family::Structure => "m, m/s, N, N/s, s",
-            Family::Possible => "s, m, m/s, rad/s, m g",
-            Family::Motion => "m, deg, m g",
+            CheckFamily::Dynamics => "N, N m",
+            CheckFamily::Momentum => "N, N m, rad",
+            CheckFamily::BaseAcceleration => "m/s2, rad/s2",
+            CheckFamily::Reach | CheckFamily::Terrain | CheckFamily::Footing => "m",
+            CheckFamily::Force => "N",
+            CheckFamily::Swing => "m, m/s",
+            CheckFamily::Bounds => "m, rad, 1/s",
+            CheckFamily::Structure => "m, m/s, N, N/s, s",
+            CheckFamily::Possible => "s, m, m/s, rad/s, m g",
+            CheckFamily::Motion => "m, deg, m g",
         }
     }
 }
 
-impl fmt::Display for Family {
+impl fmt::Display for CheckFamily {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.pad(self.name())
     }
@@ -205,8 +205,8 @@ pub struct Worst {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct FamilyReport {
-    /// Family that is counted.
-    pub family: Family,
+    /// CheckFamily that is counted.
+    pub family: CheckFamily,
     /// Units of its rows.
     pub unit: &'static str,
     /// Number of rows.
@@ -235,7 +235,7 @@ pub struct RowReport {
     pub feasible: bool,
     /// Largest violations that do not count.
     pub tolerances: Tolerances,
-    /// Counts per family, in the order of [`Family::ALL`].
+    /// Counts per family, in the order of [`CheckFamily::ALL`].
     pub families: Vec<FamilyReport>,
 }
 
@@ -262,8 +262,8 @@ impl std::ops::Deref for Report {
 
 impl RowReport {
     /// Count of the rows of one family.
-    pub fn family(&self, family: Family) -> &FamilyReport {
-        // `families` is `Family::ALL` mapped in order.
+    pub fn family(&self, family: CheckFamily) -> &FamilyReport {
+        // `families` is `CheckFamily::ALL` mapped in order.
         &self.families[family as usize]
     }
 }

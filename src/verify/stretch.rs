@@ -8,7 +8,7 @@
 //!
 //! Only the attitude is integrated numerically: `q' = q w / 2`, `w = I^-1 R' L` in the base frame.
 
-use super::dense::{BaseState, Motion, TimedCurve};
+use super::dense::{DenseState, Motion, TimedCurve};
 use crate::robot::GRAVITY;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
@@ -27,7 +27,7 @@ pub(super) struct Body {
 
 impl Body {
     /// State that the plan prescribes.
-    pub fn planned(motion: &Motion, base: &BaseState) -> Body {
+    pub fn planned(motion: &Motion, base: &DenseState) -> Body {
         let rotation = base.rotation.matrix();
         Body {
             position: base.position,

@@ -5,7 +5,7 @@ use crate::report::samples::Sample;
 use crate::report::verdict::verdict;
 use crate::verify::dense::Extreme;
 use crate::verify::labels::of_momentum;
-use crate::verify::report::{DENSE_REACH, Family, PENETRATION, ROLLOUT_ATTITUDE, ROLLOUT_POSITION};
+use crate::verify::report::{CheckFamily, DENSE_REACH, PENETRATION, ROLLOUT_ATTITUDE, ROLLOUT_POSITION};
 use serde::Serialize;
 
 /// Certificate as text and tables.
@@ -54,20 +54,20 @@ pub struct FamilyRow {
 }
 
 /// Condition that the rows of a family express.
-fn about(family: Family) -> &'static str {
+fn about(family: CheckFamily) -> &'static str {
     match family {
-        Family::Dynamics => "Newton-Euler equations at instants",
-        Family::Momentum => "Base motion from the forces, per interval",
-        Family::BaseAcceleration => "Continuous base acceleration",
-        Family::Reach => "Feet within reach",
-        Family::Terrain => "Stance feet on the ground",
-        Family::Force => "Normal forces and friction",
-        Family::Swing => "Swing height and speed",
-        Family::Bounds => "Start and goal",
-        Family::Structure => "Stance feet at rest, swing feet unloaded",
-        Family::Possible => "Physical plausibility",
-        Family::Motion => "Limits between the instants",
-        Family::Footing => "Foot balls clear of edges",
+        CheckFamily::Dynamics => "Newton-Euler equations at instants",
+        CheckFamily::Momentum => "Base motion from the forces, per interval",
+        CheckFamily::BaseAcceleration => "Continuous base acceleration",
+        CheckFamily::Reach => "Feet within reach",
+        CheckFamily::Terrain => "Stance feet on the ground",
+        CheckFamily::Force => "Normal forces and friction",
+        CheckFamily::Swing => "Swing height and speed",
+        CheckFamily::Bounds => "Start and goal",
+        CheckFamily::Structure => "Stance feet at rest, swing feet unloaded",
+        CheckFamily::Possible => "Physical plausibility",
+        CheckFamily::Motion => "Limits between the instants",
+        CheckFamily::Footing => "Foot balls clear of edges",
     }
 }
 

@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "each test binary uses a part of this")]
 
 use cregopt::gait::Schedule;
+use cregopt::gait::cost::CostWeights;
 use cregopt::nlp::Layout;
 use cregopt::nlp::transcription::{interval, towr::FORCE_LIMIT};
 use cregopt::real::Real;
@@ -148,6 +149,11 @@ pub fn layout<T: Real>(task: &Task, schedule: &Schedule) -> Layout<T> {
 /// Layout of a schedule that is not aligned yet.
 pub fn layout_with<T: Real>(task: &Task, schedule: &Schedule, settings: &TranscriptionSettings) -> Layout<T> {
     Layout::new(task, &schedule.aligned(interval(settings, &task.robot)), settings)
+}
+
+/// Layout of a schedule that is not aligned yet, with the rows of the default cost where the transcription has them.
+pub fn layout_with_cost<T: Real>(task: &Task, schedule: &Schedule, settings: &TranscriptionSettings) -> Layout<T> {
+    Layout::with_cost(task, &schedule.aligned(interval(settings, &task.robot)), settings, Some(&CostWeights::default()))
 }
 
 /// Distance between random points and terrain edges, m. Larger than a central difference or f32 rounding moves a point.

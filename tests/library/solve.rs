@@ -5,14 +5,17 @@ use crate::common::{
 };
 use cregopt::backend::{Backend, Cpu, Job, Precision, Solution};
 use cregopt::gait::Schedule;
+use cregopt::gait::cost::CostWeights;
+use cregopt::nlp::Layout;
 use cregopt::nlp::transcription::force_limit;
 use cregopt::real::Real;
 use cregopt::scenario::Scenario;
 use cregopt::search::cem::{CemSettings, FreeDistribution, StopReason};
 use cregopt::search::evaluate::{Evaluated, LowerSettings, evaluate};
 use cregopt::search::{BatchSolver, CemSearchResult, search_with};
-use cregopt::settings::{Friction, SmoothSettings, SolverSettings, StallSettings, TranscriptionSettings};
+use cregopt::settings::{Friction, OptimiseSettings, SmoothSettings, SolverSettings, StallSettings, TranscriptionSettings};
 use cregopt::solver::judge::smoothing_fall;
+use cregopt::solver::objective::Objective;
 use cregopt::solver::{Finish, Outcome, Solver, Status, can_close, close};
 use cregopt::task::Task;
 use cregopt::terrain::Terrain;
@@ -418,6 +421,43 @@ fn smoothing_lowers_the_cost_of_a_motion_that_stays_solved() {
     let (some, many) = (smooth(10), smooth(40));
     assert!(some < 0.99 * plain, "{some} after, {plain} before");
     assert!(many < 1.01 * some, "{many} after more of it, {some} before");
+}
+
+#[test]
+fn optimisation_lowers_the_cost_of_a_motion_that_stays_certified() {
+    let (task, schedule) = walking();
+    let weights = CostWeights::default();
+    let solved = |optimise: OptimiseSettings, precision| {
+        let solver = SolverSettings { optimise, ..SolverSettings::default() };
+        let settings = LowerSettings { solver, precision, ..LowerSettings::default() };
+        let results = evaluate(&[(&task, &schedule)], &settings, Some(&weights), &Cpu::new(1).unwrap(), false, &|| false).unwrap();
+        let result = results.into_iter().next().unwrap().unwrap();
+        assert!(result.feasible && result.certified);
+        result.cost.unwrap()
+    };
+    for precision in [Precision::F32, Precision::F64] {
+        let plain = solved(OptimiseSettings::default(), precision);
+        let optimised = |iterations| solved(OptimiseSettings { iterations, ..OptimiseSettings::default() }, precision);
+        let (some, many) = (optimised(8), optimised(40));
+        assert!(some.total < 0.97 * plain.total, "{} after, {} before", some.total, plain.total);
+        assert!(many.total < 1.002 * some.total, "{} after more iterations, {} before", many.total, some.total);
+    }
+}
+
+#[test]
+fn cost_rows_add_up_to_the_cost_of_the_motion() {
+    let (task, schedule) = walking();
+    let settings = LowerSettings::default();
+    let weights = CostWeights::default();
+    let results = evaluate(&[(&task, &schedule)], &settings, Some(&weights), &Cpu::new(1).unwrap(), false, &|| false).unwrap();
+    let result = results.into_iter().next().unwrap().unwrap();
+    let cost = result.cost.unwrap();
+    let layout = Layout::<f64>::with_cost(&task, &result.schedule, &settings.transcription, Some(&weights));
+    let c = rows(&layout, &result.x, 0.).c;
+    let objective = Objective { weight: 1., rounding: 1e-9 };
+    let got = objective.cost(&layout, &c);
+    // Two quadratures of absolute values.
+    assert!((got - cost.total).abs() < 0.01 * cost.total, "{got} by rows, {} by the motion", cost.total);
 }
 
 #[test]

@@ -6,7 +6,7 @@ use cregopt::nlp::transcription::towr::FORCE_LIMIT;
 use cregopt::robot::{GRAVITY, ROBOTS, Reach, Robot};
 use cregopt::scenario::Scenario;
 use cregopt::terrain::{Grid, Shape, Terrain};
-use cregopt::verify::report::{DENSE_REACH, Family, PENETRATION, ROLLOUT_ATTITUDE, ROLLOUT_POSITION, Tolerances};
+use cregopt::verify::report::{CheckFamily, DENSE_REACH, PENETRATION, ROLLOUT_ATTITUDE, ROLLOUT_POSITION, Tolerances};
 use cregopt::verify::{Report, RolloutReport, TOLERANCE, verify, verify_rows};
 use nalgebra::{Matrix3, Vector3};
 
@@ -87,7 +87,7 @@ fn towrs_reference_solutions_violate_no_row() {
         println!("line {}, {}, T = {}\n{report}", line + 1, scenario.name, trajectory.horizon);
         assert!(report.feasible && report.n_violated == 0, "line {}\n{report}", line + 1);
         // All families except those of the other transcription.
-        let asked = |family| ![Family::Momentum, Family::Motion, Family::Footing].contains(&family);
+        let asked = |family| ![CheckFamily::Momentum, CheckFamily::Motion, CheckFamily::Footing].contains(&family);
         assert!(report.families.iter().all(|f| asked(f.family) == (f.rows > 0 && f.worst.is_some())), "line {}\n{report}", line + 1);
     }
 }
@@ -116,18 +116,18 @@ fn a_step_violates_no_row_and_its_rows_are_those_of_towr() {
     let report = check(&step());
     assert!(report.feasible && report.max_violation < 1e-12, "{report}");
     let rows = |family| report.family(family).rows;
-    assert_eq!(rows(Family::Dynamics), 6 * 11);
-    assert_eq!(rows(Family::BaseAcceleration), 2 * 3 * 29);
+    assert_eq!(rows(CheckFamily::Dynamics), 6 * 11);
+    assert_eq!(rows(CheckFamily::BaseAcceleration), 2 * 3 * 29);
     // t = 0, 0.08, ..., 0.96 and 1.
-    assert_eq!(rows(Family::Reach), 14 * 4 * 3);
-    assert_eq!(rows(Family::Terrain), 4 + 3 * 3);
+    assert_eq!(rows(CheckFamily::Reach), 14 * 4 * 3);
+    assert_eq!(rows(CheckFamily::Terrain), 4 + 3 * 3);
     // Foot 0 has free nodes at 0, 0.1, 0.2 and 0.8, 0.9, 1; the others at all eight.
-    assert_eq!(rows(Family::Force), 6 * (6 + 3 * 8));
-    assert_eq!(rows(Family::Swing), 4);
-    assert_eq!(rows(Family::Bounds), 6 + 6 + 3 + 3 + 4 * 3);
+    assert_eq!(rows(CheckFamily::Force), 6 * (6 + 3 * 8));
+    assert_eq!(rows(CheckFamily::Swing), 4);
+    assert_eq!(rows(CheckFamily::Bounds), 6 + 6 + 3 + 3 + 4 * 3);
     // Two switches on two curves; stance nodes, mid node; swing force at both switches.
-    assert_eq!(rows(Family::Structure), 2 * 2 + 6 * (4 + 3 * 4) + 1 + 6 * 2);
-    assert_eq!(report.n_rows, Family::ALL.map(rows).iter().sum::<usize>());
+    assert_eq!(rows(CheckFamily::Structure), 2 * 2 + 6 * (4 + 3 * 4) + 1 + 6 * 2);
+    assert_eq!(report.n_rows, CheckFamily::ALL.map(rows).iter().sum::<usize>());
     // Between the instants: the apex of the foot, and its highest speed in the middle of the ascent, 1.5 x 0.05 m / 0.2 s.
     let (height, speed) = (report.dense.foot_height, report.dense.foot_speed);
     assert!((height.value - 0.05).abs() < 1e-12 && (height.time - 0.5).abs() < 1e-9 && height.foot == Some(0));
@@ -139,7 +139,7 @@ fn a_step_violates_no_row_and_its_rows_are_those_of_towr() {
 struct Fault {
     name: &'static str,
     plant: fn(&mut Trajectory, f64),
-    family: Family,
+    family: CheckFamily,
     /// Number of rows that it violates when it is just beyond the tolerance.
     rows: usize,
     row: &'static str,
@@ -168,48 +168,48 @@ impl Fault {
 #[rustfmt::skip]
 const FAULTS: [Fault; 19] = [
     Fault { name: "one foot pushes more", plant: |t, s| t.ee[1].force.nodes[1][2] += s,
-        family: Family::Dynamics, rows: 1, row: "force z", foot: None, time: 0.1 },
+        family: CheckFamily::Dynamics, rows: 1, row: "force z", foot: None, time: 0.1 },
     // Front feet push, hind feet pull: a moment about y of 4 x 0.34 m times the force.
     Fault { name: "the load is too far in front", plant: |t, s| for (foot, sign) in [1., 1., -1., -1.].iter().enumerate() { t.ee[foot].force.nodes[1][2] += sign * s / 1.36 },
-        family: Family::Dynamics, rows: 1, row: "moment y", foot: None, time: 0.1 },
+        family: CheckFamily::Dynamics, rows: 1, row: "moment y", foot: None, time: 0.1 },
     // A slope s at the end of a piece of length L accelerates by 4 s / L there, and by -4 s / L at the start of the next.
     Fault { name: "base speed jumps", plant: |t, s| t.base_lin.nodes[4][4] += s * BASE_PIECE / 8.,
-        family: Family::BaseAcceleration, rows: 1, row: "acceleration y", foot: None, time: 4. * BASE_PIECE },
+        family: CheckFamily::BaseAcceleration, rows: 1, row: "acceleration y", foot: None, time: 4. * BASE_PIECE },
     Fault { name: "base rate jumps", plant: |t, s| t.base_ang.nodes[4][5] += s * BASE_PIECE / 8.,
-        family: Family::BaseAcceleration, rows: 1, row: "angular acceleration yaw", foot: None, time: 4. * BASE_PIECE },
+        family: CheckFamily::BaseAcceleration, rows: 1, row: "angular acceleration yaw", foot: None, time: 4. * BASE_PIECE },
     // Box top at 0.5 - 0.42 + 0.1 = 0.18 m; at 0.48 s, 0.9 of the way up, the foot is at 0.972 of the apex.
     Fault { name: "the foot leaves its box", plant: |t, s| t.ee[0].motion.nodes[2][2] = (0.18 + s) / 0.972,
-        family: Family::Reach, rows: 1, row: "z", foot: Some(0), time: 0.48 },
+        family: CheckFamily::Reach, rows: 1, row: "z", foot: Some(0), time: 0.48 },
     Fault { name: "a lifted stance foot", plant: |t, s| { t.ee[0].motion.nodes[3][2] += s; t.ee[0].motion.nodes[4][2] += s },
-        family: Family::Terrain, rows: 2, row: "stance z", foot: Some(0), time: 0.7 },
+        family: CheckFamily::Terrain, rows: 2, row: "stance z", foot: Some(0), time: 0.7 },
     Fault { name: "a buried mid node", plant: |t, s| t.ee[0].motion.nodes[2][2] = -s,
-        family: Family::Terrain, rows: 1, row: "swing z", foot: Some(0), time: 0.5 },
+        family: CheckFamily::Terrain, rows: 1, row: "swing z", foot: Some(0), time: 0.5 },
     // Two feet pull; none of the four sides of the pyramid holds then.
     Fault { name: "a foot pulls", plant: |t, s| { let now = t.ee[0].force.nodes[1][2]; shift_load(t, 1, -now - s) },
-        family: Family::Force, rows: 10, row: "normal force, pull", foot: Some(0), time: 0.1 },
+        family: CheckFamily::Force, rows: 10, row: "normal force, pull", foot: Some(0), time: 0.1 },
     // The feet of one side push in opposite directions: no moment, because they share y and z.
     Fault { name: "a foot slips", plant: |t, s| { let load = t.ee[0].force.nodes[1][2] + s; t.ee[0].force.nodes[1][0] += load; t.ee[2].force.nodes[1][0] -= load },
-        family: Family::Force, rows: 2, row: "friction +t1", foot: Some(0), time: 0.1 },
+        family: CheckFamily::Force, rows: 2, row: "friction +t1", foot: Some(0), time: 0.1 },
     Fault { name: "a force at the first node", plant: |t, s| { let now = t.ee[0].force.nodes[0][2]; shift_load(t, 0, -now - s) },
-        family: Family::Force, rows: 10, row: "normal force, pull", foot: Some(0), time: 0. },
+        family: CheckFamily::Force, rows: 10, row: "normal force, pull", foot: Some(0), time: 0. },
     Fault { name: "a shifted mid node", plant: |t, s| t.ee[0].motion.nodes[2][0] += s,
-        family: Family::Swing, rows: 1, row: "mid node x", foot: Some(0), time: 0.5 },
+        family: CheckFamily::Swing, rows: 1, row: "mid node x", foot: Some(0), time: 0.5 },
     Fault { name: "a mid node too fast", plant: |t, s| t.ee[0].motion.nodes[2][4] += s,
-        family: Family::Swing, rows: 1, row: "mid node velocity y", foot: Some(0), time: 0.5 },
+        family: CheckFamily::Swing, rows: 1, row: "mid node velocity y", foot: Some(0), time: 0.5 },
     Fault { name: "the goal is missed", plant: |t, s| t.base_target[1] += s,
-        family: Family::Bounds, rows: 1, row: "final position y", foot: None, time: 1. },
+        family: CheckFamily::Bounds, rows: 1, row: "final position y", foot: None, time: 1. },
     Fault { name: "the final yaw is missed", plant: |t, s| t.yaw_target -= s,
-        family: Family::Bounds, rows: 1, row: "final angle yaw", foot: None, time: 1. },
+        family: CheckFamily::Bounds, rows: 1, row: "final angle yaw", foot: None, time: 1. },
     Fault { name: "a sliding stance foot", plant: |t, s| t.ee[0].motion.nodes[4][0] += s,
-        family: Family::Structure, rows: 1, row: "standing foot moved, x", foot: Some(0), time: 1. },
+        family: CheckFamily::Structure, rows: 1, row: "standing foot moved, x", foot: Some(0), time: 1. },
     Fault { name: "a foot that touches down with speed", plant: |t, s| t.ee[0].motion.nodes[3][3] += s,
-        family: Family::Structure, rows: 1, row: "velocity of standing foot, x", foot: Some(0), time: 0.7 },
+        family: CheckFamily::Structure, rows: 1, row: "velocity of standing foot, x", foot: Some(0), time: 0.7 },
     Fault { name: "a mid node that rises", plant: |t, s| t.ee[0].motion.nodes[2][5] += s,
-        family: Family::Structure, rows: 1, row: "mid node velocity z", foot: Some(0), time: 0.5 },
+        family: CheckFamily::Structure, rows: 1, row: "mid node velocity z", foot: Some(0), time: 0.5 },
     Fault { name: "a force at lift-off", plant: |t, s| shift_load(t, 3, s),
-        family: Family::Structure, rows: 1, row: "force in swing, z", foot: Some(0), time: 0.3 },
+        family: CheckFamily::Structure, rows: 1, row: "force in swing, z", foot: Some(0), time: 0.3 },
     Fault { name: "a force slope at touch-down", plant: |t, s| for (foot, sign) in [1., -1., -1., 1.].iter().enumerate() { t.ee[foot].force.nodes[4][5] += sign * s },
-        family: Family::Structure, rows: 1, row: "force slope in swing, z", foot: Some(0), time: 0.7 },
+        family: CheckFamily::Structure, rows: 1, row: "force slope in swing, z", foot: Some(0), time: 0.7 },
 ];
 
 /// Plants every fault just below the tolerance, just above it and well above it.
@@ -250,9 +250,9 @@ fn acceleration_may_jump_in_another_transcription() {
         let report = check(&trajectory);
         assert_eq!(report.feasible, feasible, "{report}");
         let of_towr = [None, Some("towr")].contains(&transcription);
-        assert_eq!(report.family(Family::BaseAcceleration).rows > 0, of_towr);
+        assert_eq!(report.family(CheckFamily::BaseAcceleration).rows > 0, of_towr);
         // No force makes the base jump.
-        let momentum = report.family(Family::Momentum);
+        let momentum = report.family(CheckFamily::Momentum);
         assert_eq!(momentum.violated, if transcription == Some("momentum") { report.n_violated } else { 0 }, "{report}");
         // Not at an instant, but reported: 4 x 0.01 m/s in a thirtieth of 0.1 s.
         let defect = report.dense.force_defect;
@@ -275,10 +275,10 @@ fn normal_forces_are_counted_against_the_given_limit() {
     assert!(with_limit(half - 0.99 * TOLERANCE).feasible);
     let report = with_limit(half - 1.01 * TOLERANCE);
     // Feet 1 and 2 carry half the weight at the nodes 3 to 7.
-    assert_eq!((report.n_violated, report.family(Family::Force).violated), (10, 10), "{report}");
-    let worst = report.family(Family::Force).worst.as_ref().unwrap();
+    assert_eq!((report.n_violated, report.family(CheckFamily::Force).violated), (10, 10), "{report}");
+    let worst = report.family(CheckFamily::Force).worst.as_ref().unwrap();
     assert_eq!((worst.row.as_str(), worst.foot), ("normal force, limit", Some(1)));
-    assert!(with_limit(f64::NAN).family(Family::Force).violated > 0);
+    assert!(with_limit(f64::NAN).family(CheckFamily::Force).violated > 0);
 }
 
 /// ANYmal in stance around x = 1.5 m, with one force on each foot.
@@ -301,8 +301,8 @@ fn friction_is_that_of_the_slope_under_the_foothold() {
     for (friction, violated) in [(0.701, 0), (0.699, 4 * 4)] {
         let terrain = Terrain { friction, ..Terrain::named("slope").unwrap() };
         let report = verify(&standing_on(&terrain, [0., 0., load]), &anymal(), &terrain, FORCE_LIMIT).unwrap();
-        assert_eq!(report.family(Family::Force).violated, violated, "{report}");
-        assert_eq!(report.family(Family::Terrain).violated, 0, "{report}");
+        assert_eq!(report.family(CheckFamily::Force).violated, violated, "{report}");
+        assert_eq!(report.family(CheckFamily::Terrain).violated, 0, "{report}");
         // Divided by the length of (1, 0, 0.7).
         let excess = (0.7 - friction).max(0.) / 4. / 1.49_f64.sqrt();
         assert!((report.dense.friction_excess.value - excess).abs() < 1e-12, "{report}");
@@ -312,7 +312,7 @@ fn friction_is_that_of_the_slope_under_the_foothold() {
         let terrain = Terrain { friction: 1e-3, ..Terrain::named(name).unwrap() };
         let violated = |force, limit| {
             let report = verify(&standing_on(&terrain, force), &anymal(), &terrain, limit).unwrap();
-            report.family(Family::Force).violated
+            report.family(CheckFamily::Force).violated
         };
         let whole = across.iter().map(|f| f * f).sum::<f64>().sqrt();
         assert_eq!(violated(across, whole + 0.99 * TOLERANCE), 0, "{name}");
@@ -347,14 +347,14 @@ fn one_moved_phase_boundary_is_one_violated_row_per_curve() {
     let mut trajectory = step();
     trajectory.durations[0] = vec![0.31, 0.39, 0.3];
     let report = check(&trajectory);
-    let structure = report.family(Family::Structure);
+    let structure = report.family(CheckFamily::Structure);
     assert_eq!((report.n_violated, structure.violated), (2, 2), "{report}");
     let worst = structure.worst.as_ref().unwrap();
     assert_eq!((worst.row.as_str(), worst.foot, worst.time), ("motion node at phase boundary", Some(0), 0.31));
     assert!((worst.violation - 0.01).abs() < 1e-12);
     // Below 1e-4, but not the same time any more.
     trajectory.durations[0] = vec![0.3 + 1e-5, 0.4 - 1e-5, 0.3];
-    assert_eq!(check(&trajectory).family(Family::Structure).violated, 2);
+    assert_eq!(check(&trajectory).family(CheckFamily::Structure).violated, 2);
     trajectory.durations[0] = vec![0.3 + 1e-7, 0.4 - 1e-7, 0.3];
     assert!(check(&trajectory).feasible);
 }
@@ -414,19 +414,19 @@ fn a_step_violates_no_row_of_momentum() {
     let report = check(&momentum_step());
     assert!(report.feasible && report.max_violation < 1e-9, "{report}");
     let rows = |family| report.family(family).rows;
-    assert_eq!((rows(Family::Dynamics), rows(Family::BaseAcceleration)), (0, 0));
+    assert_eq!((rows(CheckFamily::Dynamics), rows(CheckFamily::BaseAcceleration)), (0, 0));
     // Velocity, position, angular momentum and the angle at the end of each base piece.
-    assert_eq!(rows(Family::Momentum), 30 * (3 * 3 + 1));
-    assert_eq!((rows(Family::Swing), rows(Family::Motion)), (3, 8));
-    assert_eq!(rows(Family::Bounds), 6 + 6 + 3 + 3 + 4 * 3 + 3 + 3);
-    for family in [Family::Reach, Family::Terrain, Family::Structure] {
+    assert_eq!(rows(CheckFamily::Momentum), 30 * (3 * 3 + 1));
+    assert_eq!((rows(CheckFamily::Swing), rows(CheckFamily::Motion)), (3, 8));
+    assert_eq!(rows(CheckFamily::Bounds), 6 + 6 + 3 + 3 + 4 * 3 + 3 + 3);
+    for family in [CheckFamily::Reach, CheckFamily::Terrain, CheckFamily::Structure] {
         assert_eq!(rows(family), check(&step()).family(family).rows);
     }
     // One cone instead of the four sides of a pyramid.
-    assert_eq!(rows(Family::Force) * 2, check(&step()).family(Family::Force).rows);
+    assert_eq!(rows(CheckFamily::Force) * 2, check(&step()).family(CheckFamily::Force).rows);
     // A trajectory without limits is verified against the defaults.
     let report = check(&Trajectory { limits: None, ..momentum_step() });
-    assert_eq!((report.family(Family::Swing).rows, report.family(Family::Bounds).rows), (3, rows(Family::Bounds)));
+    assert_eq!((report.family(CheckFamily::Swing).rows, report.family(CheckFamily::Bounds).rows), (3, rows(CheckFamily::Bounds)));
 }
 
 /// The base rises from rest by `acceleration` and turns about the vertical by `turn`, as the forces of feet 1 and 2 require.
@@ -456,28 +456,28 @@ const EARLY_MEAN: f64 = 257. / 270.;
 #[rustfmt::skip]
 const MOMENTUM_FAULTS: [Fault; 10] = [
     Fault { name: "one foot pushes more at the start", plant: |t, s| t.ee[1].force.nodes[0][2] += s / EARLY_MEAN,
-        family: Family::Momentum, rows: 1, row: "mean force for the displacement z", foot: None, time: BASE_PIECE },
+        family: CheckFamily::Momentum, rows: 1, row: "mean force for the displacement z", foot: None, time: BASE_PIECE },
     // Late forces have less effect on the position.
     Fault { name: "one foot pushes more at the end", plant: |t, s| t.ee[1].force.nodes[7][2] += s / MEAN,
-        family: Family::Momentum, rows: 1, row: "mean force z", foot: None, time: 1. },
+        family: CheckFamily::Momentum, rows: 1, row: "mean force z", foot: None, time: 1. },
     Fault { name: "the load is too far in front", plant: |t, s| for (foot, sign) in [1., 1., -1., -1.].iter().enumerate() { t.ee[foot].force.nodes[0][2] += sign * s / 1.36 / MEAN },
-        family: Family::Momentum, rows: 1, row: "mean moment y", foot: None, time: BASE_PIECE },
+        family: CheckFamily::Momentum, rows: 1, row: "mean moment y", foot: None, time: BASE_PIECE },
     // The piece after the jump goes s L too far; correcting the position takes twice the force that corrects the velocity.
     Fault { name: "base speed jumps", plant: |t, s| t.base_lin.nodes[4][4] += s * BASE_PIECE / (2. * anymal().mass),
-        family: Family::Momentum, rows: 1, row: "mean force for the displacement y", foot: None, time: 5. * BASE_PIECE },
+        family: CheckFamily::Momentum, rows: 1, row: "mean force for the displacement y", foot: None, time: 5. * BASE_PIECE },
     Fault { name: "a mid node too low", plant: |t, s| t.ee[0].motion.nodes[2][2] = 0.03 - s,
-        family: Family::Swing, rows: 1, row: "mid node too low", foot: Some(0), time: 0.5 },
+        family: CheckFamily::Swing, rows: 1, row: "mid node too low", foot: Some(0), time: 0.5 },
     Fault { name: "a mid node too high", plant: |t, s| { t.limits = Some(MotionLimits { swing_height: 0.1, ..LIMITS }); t.ee[0].motion.nodes[2][2] = 0.1 + s },
-        family: Family::Swing, rows: 1, row: "mid node too high", foot: Some(0), time: 0.5 },
+        family: CheckFamily::Swing, rows: 1, row: "mid node too high", foot: Some(0), time: 0.5 },
     Fault { name: "a foot too fast", plant: |t, s| { t.ee[0].motion.nodes[2][3] = 0.3; t.ee[0].motion.nodes[2][4] = ((0.5 + s).powi(2) - 0.09).sqrt() },
-        family: Family::Swing, rows: 1, row: "foot too fast", foot: Some(0), time: 0.5 },
+        family: CheckFamily::Swing, rows: 1, row: "foot too fast", foot: Some(0), time: 0.5 },
     // Ascent to the height h from rest to rest in 0.2 s: 6 h / 0.04 s^2.
     Fault { name: "a foot accelerated too hard", plant: |t, s| { t.limits = Some(MotionLimits { foot_acceleration: Some(7.5), ..LIMITS }); t.ee[0].motion.nodes[2][2] = (7.5 + s) / 150. },
-        family: Family::Swing, rows: 1, row: "foot accelerated too hard", foot: Some(0), time: 0.5 },
+        family: CheckFamily::Swing, rows: 1, row: "foot accelerated too hard", foot: Some(0), time: 0.5 },
     Fault { name: "the base arrives with speed", plant: |t, s| accelerate(t, s, 0.),
-        family: Family::Bounds, rows: 1, row: "final velocity z", foot: None, time: 1. },
+        family: CheckFamily::Bounds, rows: 1, row: "final velocity z", foot: None, time: 1. },
     Fault { name: "the base arrives turning", plant: |t, s| accelerate(t, 0., s),
-        family: Family::Bounds, rows: 1, row: "final rate yaw", foot: None, time: 1. },
+        family: CheckFamily::Bounds, rows: 1, row: "final rate yaw", foot: None, time: 1. },
 ];
 
 #[test]
@@ -494,7 +494,7 @@ fn a_foot_that_is_accelerated_too_hard_is_refused_where_there_is_a_limit() {
     for (limit, rows, violated) in [(None, 3, 0), (Some(9.61), 4, 0), (Some(9.59), 4, 1)] {
         trajectory.limits = Some(MotionLimits { foot_acceleration: limit, ..LIMITS });
         let report = check(&trajectory);
-        let swing = report.family(Family::Swing);
+        let swing = report.family(CheckFamily::Swing);
         assert_eq!((report.feasible, swing.rows, swing.violated), (violated == 0, rows, violated), "{limit:?}\n{report}");
         // Stance feet have no acceleration: the same limit holds for a robot that stands.
         let standing = momentum(standing(&anymal()));
@@ -507,7 +507,7 @@ fn the_base_may_arrive_with_speed_where_its_goal_is_free() {
     let mut trajectory = momentum_step();
     accelerate(&mut trajectory, 0.02, 1e-3);
     let report = check(&trajectory);
-    assert_eq!((report.n_violated, report.family(Family::Bounds).violated), (2, 2), "{report}");
+    assert_eq!((report.n_violated, report.family(CheckFamily::Bounds).violated), (2, 2), "{report}");
     assert!((report.dense.final_base_speed - 0.02).abs() < 1e-12);
     trajectory.limits = Some(MotionLimits { goal_velocity: GoalVelocity::Free, ..LIMITS });
     assert!(check(&trajectory).feasible);
@@ -520,8 +520,8 @@ fn the_attitude_of_a_base_piece_has_its_own_limit() {
         let mut trajectory = momentum_step();
         trajectory.base_ang.nodes[4][2] = angle;
         let report = check(&trajectory);
-        assert_eq!((report.n_violated, report.family(Family::Momentum).violated), (violated, violated), "{report}");
-        let worst = report.family(Family::Momentum).worst.as_ref().unwrap();
+        assert_eq!((report.n_violated, report.family(CheckFamily::Momentum).violated), (violated, violated), "{report}");
+        let worst = report.family(CheckFamily::Momentum).worst.as_ref().unwrap();
         assert!(worst.row == "attitude" && (worst.violation - angle).abs() < 1e-9, "{report}");
     }
 }
@@ -534,10 +534,10 @@ fn a_foot_may_be_a_little_outside_its_box() {
         trajectory.ee[0].motion.poly_durations = vec![0.3, 0.18, 0.22, 0.3];
         trajectory.ee[0].motion.nodes[2][2] = 0.18 + outside;
         let report = check(&trajectory);
-        assert_eq!((report.family(Family::Reach).violated, report.family(Family::Motion).violated), (reach, motion), "{report}");
+        assert_eq!((report.family(CheckFamily::Reach).violated, report.family(CheckFamily::Motion).violated), (reach, motion), "{report}");
         assert_eq!(report.n_violated, reach + motion, "{report}");
         trajectory.transcription = Some("towr".into());
-        assert_eq!(check(&trajectory).family(Family::Reach).violated, 1);
+        assert_eq!(check(&trajectory).family(CheckFamily::Reach).violated, 1);
     }
 }
 
@@ -561,13 +561,13 @@ fn a_foot_is_verified_against_its_own_box() {
     assert!(check(&swung(0.03), &with_reach(|_| {})).feasible);
     assert!(check(&swung(-0.03), &narrow).feasible);
     let report = check(&swung(0.03), &narrow);
-    let worst = report.family(Family::Reach).worst.clone().unwrap();
+    let worst = report.family(CheckFamily::Reach).worst.clone().unwrap();
     assert!(!report.feasible && worst.row == "x" && worst.foot == Some(0), "{report}");
     assert!((report.dense.reach_excess.value - 0.01).abs() < 1e-9 && report.dense.reach_excess.foot == Some(0), "{report}");
     // The sides of the other feet do not apply to foot 0.
     assert!(check(&swung(0.03), &with_reach(|boxes| boxes[1][0] = [-0.15, 0.02])).feasible);
     let report = check(&swung(0.), &with_reach(|boxes| boxes[2][2] = [-0.07, 0.1]));
-    assert!(!report.feasible && report.family(Family::Reach).worst.as_ref().unwrap().foot == Some(2), "{report}");
+    assert!(!report.feasible && report.family(CheckFamily::Reach).worst.as_ref().unwrap().foot == Some(2), "{report}");
     assert!(check(&swung(0.), &with_reach(|boxes| boxes[2][2] = [-0.08, 0.])).feasible);
 }
 
@@ -590,7 +590,7 @@ fn a_ball_keeps_from_a_riser_and_a_foothold_from_an_edge() {
     let with = |radius| Robot { foot_radius: Some(radius), ..anymal() };
     let check = |trajectory: &Trajectory, radius: f64, x: f64| verify(trajectory, &with(radius), &riser(x), FORCE_LIMIT).unwrap();
     let worst = |report: &Report| {
-        let footing = report.family(Family::Footing);
+        let footing = report.family(CheckFamily::Footing);
         assert_eq!((report.n_violated, footing.violated), (1, 1), "{report}");
         let worst = footing.worst.clone().unwrap();
         assert_eq!(worst.foot, Some(0));
@@ -610,10 +610,10 @@ fn a_ball_keeps_from_a_riser_and_a_foothold_from_an_edge() {
     assert!((report.dense.foothold_off_plane.value - 0.2).abs() < 1e-9, "{report}");
     assert!(check(&swung(0., 0.), 0.009, 0.352).feasible);
     // Flat ground has no edges to keep from, and TOWR's own rows have no such limit.
-    assert_eq!(verify(&swung(0.02, 0.), &with(0.03), &flat(), FORCE_LIMIT).unwrap().family(Family::Footing).rows, 0);
+    assert_eq!(verify(&swung(0.02, 0.), &with(0.03), &flat(), FORCE_LIMIT).unwrap().family(CheckFamily::Footing).rows, 0);
     let towr = Trajectory { transcription: None, limits: None, ..swung(0., 0.) };
     let report = check(&towr, 0.03, 0.352);
-    assert!(report.family(Family::Footing).rows == 0 && report.dense.foothold_off_plane.value > 0.1, "{report}");
+    assert!(report.family(CheckFamily::Footing).rows == 0 && report.dense.foothold_off_plane.value > 0.1, "{report}");
 }
 
 /// A fault between the instants; its size is in the unit of the row.
@@ -683,7 +683,7 @@ fn planted_faults_between_the_instants_are_counted_beyond_their_limit_only() {
             (fault.plant)(&mut trajectory, part * fault.limit);
             let report = verify(&trajectory, &anymal(), &smooth(), FORCE_LIMIT).unwrap();
             let context = format!("{}, {part} of its limit\n{report}", fault.name);
-            let (motion, violated) = (report.family(Family::Motion), usize::from(part > 1.));
+            let (motion, violated) = (report.family(CheckFamily::Motion), usize::from(part > 1.));
             assert_eq!((motion.rows, motion.violated, report.n_violated), (8, violated, violated), "{context}");
             assert_eq!(report.feasible, part < 1., "{context}");
             if part > 1. {
@@ -706,7 +706,7 @@ fn a_stance_foot_that_moves_between_its_nodes_is_refused() {
         let report = check(&trajectory);
         assert_eq!((report.feasible, report.n_violated), (part < 1., usize::from(part > 1.)), "{report}");
         if part > 1. {
-            let worst = report.family(Family::Motion).worst.as_ref().unwrap();
+            let worst = report.family(CheckFamily::Motion).worst.as_ref().unwrap();
             assert_eq!((worst.row.as_str(), worst.foot), ("standing foot off its foothold", Some(1)), "{report}");
             assert!((worst.time - (0.3 + 0.4 / 3.) * LONG).abs() < 0.1, "{report}");
         }
@@ -723,7 +723,7 @@ fn long_pieces_accumulate_as_much_drift_as_short_ones() {
             foot.force.nodes[3][2] += 1.5e-3 * anymal().mass / 0.3 / 4.;
         }
         let report = check(&trajectory);
-        assert!(report.family(Family::Momentum).violated > 0, "{report}");
+        assert!(report.family(CheckFamily::Momentum).violated > 0, "{report}");
     }
 }
 
@@ -737,12 +737,16 @@ fn rows_between_the_instants_count_only_in_momentum_and_if_all_others_hold() {
             let report = verify(&trajectory, &anymal(), &smooth(), FORCE_LIMIT).unwrap();
             let asked = transcription == Some("momentum");
             let rows = |family| report.family(family).rows;
-            assert_eq!((rows(Family::Momentum) > 0, rows(Family::Motion) > 0, report.feasible), (asked, asked, !asked), "{report}");
+            assert_eq!(
+                (rows(CheckFamily::Momentum) > 0, rows(CheckFamily::Motion) > 0, report.feasible),
+                (asked, asked, !asked),
+                "{report}"
+            );
             assert!(report.rollout.is_some());
         }
         trajectory.base_target[0] += 0.01;
         let report = verify(&trajectory, &anymal(), &smooth(), FORCE_LIMIT).unwrap();
-        assert_eq!((report.family(Family::Motion).rows, report.n_violated), (0, 1), "{report}");
+        assert_eq!((report.family(CheckFamily::Motion).rows, report.n_violated), (0, 1), "{report}");
     }
     // Nor do the limits of a swing and the rest at the goal.
     let mut trajectory = step();
@@ -871,7 +875,7 @@ fn a_tumbling_body_keeps_its_angular_momentum() {
     let RolloutReport { position, attitude } = report.rollout.unwrap();
     assert!(position.value < 1e-9 && attitude.value < 1e-4, "{report}");
     // From node to node only gravity changes the velocity, and nothing changes the angular momentum.
-    let kept = report.family(Family::Momentum);
+    let kept = report.family(CheckFamily::Momentum);
     assert!(kept.rows == 400 && kept.max_violation < 1e-6, "{report}");
     assert!(report.dense.moment_defect.value < 1e-3, "{report}");
 
@@ -882,7 +886,7 @@ fn a_tumbling_body_keeps_its_angular_momentum() {
         (0..3).for_each(|d| angles[d] += 0.02 * node as f64 * first[d + 3]);
     }
     let rows = verify_rows(&trajectory, &robot, &flat(), FORCE_LIMIT).unwrap();
-    assert!(rollout(&trajectory, &robot).attitude.value > 5. && rows.family(Family::Momentum).violated > 100, "{rows}");
+    assert!(rollout(&trajectory, &robot).attitude.value > 5. && rows.family(CheckFamily::Momentum).violated > 100, "{rows}");
 }
 
 // ---------------------------------------------------------------- forgeries
@@ -928,7 +932,7 @@ fn physically_impossible_motions_are_refused_in_every_transcription() {
             forge(&mut trajectory);
             let report = check(&trajectory);
             let worst: Vec<_> = report.families.iter().filter_map(|f| f.worst.as_ref().filter(|w| w.violation > 0.)).collect();
-            assert!(!report.feasible && report.family(Family::Possible).violated > 0, "{row} in {transcription:?}\n{report}");
+            assert!(!report.feasible && report.family(CheckFamily::Possible).violated > 0, "{row} in {transcription:?}\n{report}");
             if !["base below the terrain", "piece too short"].contains(&row) {
                 assert!(worst.iter().any(|w| w.row == row), "{row} in {transcription:?}\n{report}");
             }

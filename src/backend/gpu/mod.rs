@@ -525,8 +525,9 @@ impl Backend for Gpu {
             return self.cpu.solve(job, skip, finish);
         }
         let mut done = vec![false; job.problems.len()];
-        let smoothed = |index: usize, solution: Solution| finish(index, smooth(job, index, solution, &|| skip(index)));
-        let result = self.work(job, skip, if job.settings.smooth.iterations == 0 { finish } else { &smoothed }, &mut done);
+        let improved = |index: usize, solution: Solution| finish(index, improve(job, index, solution, &|| skip(index)));
+        let improves = job.settings.smooth.iterations > 0 || job.settings.optimise.iterations > 0;
+        let result = self.work(job, skip, if improves { &improved } else { finish }, &mut done);
         let left: Vec<usize> = (0..done.len()).filter(|i| !done[*i]).collect();
         if !left.is_empty() {
             let fault = result.err().unwrap_or(Fault::LoopLimit);
@@ -543,13 +544,13 @@ impl Backend for Gpu {
     }
 }
 
-/// Lowers the cost of a solved motion on the CPU: only few candidates are solved, and only requested ones are smoothed.
-fn smooth(job: &Job, index: usize, solution: Solution, cancel: &dyn Fn() -> bool) -> Solution {
+/// Smooths or optimises a solved motion on the CPU. The shaders only solve for feasibility.
+fn improve(job: &Job, index: usize, solution: Solution, cancel: &dyn Fn() -> bool) -> Solution {
     if solution.outcome.status != Status::Solved {
         return solution;
     }
     let problem = &job.problems[index];
-    let layout = Layout::<f32>::new(problem.task, &problem.schedule, job.transcription);
+    let layout = Layout::<f32>::with_cost(problem.task, &problem.schedule, job.transcription, job.settings.optimise.objective());
     let mut solver = Solver::<f32>::default();
     let finish = Finish::Infeasibility(job.settings.tolerance);
     let outcome = solver.solve(&layout, job.settings, finish, Some(&solution.x), cancel);

@@ -1,6 +1,6 @@
 //! Default limits of the legs, used if the settings specify none.
 
-use crate::gait::family::{FOOT_SPEED, speed_scale};
+use crate::gait::family::{FOOT_SPEED_SCALED, speed_scale};
 use crate::robot::{GRAVITY, Robot};
 use crate::settings::{Legs, TranscriptionSettings};
 
@@ -8,7 +8,7 @@ use crate::settings::{Legs, TranscriptionSettings};
 /// legs.
 pub fn foot_speed(settings: &TranscriptionSettings, robot: &Robot) -> f64 {
     settings.foot_speed.unwrap_or_else(|| match settings.legs {
-        Legs::Limited => FOOT_SPEED * speed_scale(robot),
+        Legs::Limited => FOOT_SPEED_SCALED * speed_scale(robot),
         Legs::Free => 20.,
     })
 }

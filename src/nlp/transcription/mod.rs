@@ -10,7 +10,7 @@ use super::layout::Curves;
 use crate::gait::trajectory::MotionLimits;
 use crate::gait::{Curve, Phase};
 use crate::real::Real;
-use crate::robot::{FORCE_LIMIT, Robot};
+use crate::robot::{FORCE_LIMIT_WEIGHTS, Robot};
 use crate::rows::blocks::BlockId;
 use crate::rows::factored::POSE_BLOCKS;
 use crate::rows::reach::ReachInstant;
@@ -105,7 +105,7 @@ pub fn interval(settings: &TranscriptionSettings, robot: &Robot) -> f64 {
 pub fn force_limit(settings: &TranscriptionSettings, task: &Task) -> f64 {
     let own = || match (settings.rows, settings.legs) {
         (Transcription::Momentum, Legs::Limited) => task.robot.default_force_limit(),
-        (Transcription::Momentum, Legs::Free) => FORCE_LIMIT * task.robot.weight(),
+        (Transcription::Momentum, Legs::Free) => FORCE_LIMIT_WEIGHTS * task.robot.weight(),
         (Transcription::Towr, _) => towr::FORCE_LIMIT,
     };
     task.force_limit.or(task.robot.force_limit).unwrap_or_else(own)

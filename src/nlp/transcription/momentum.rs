@@ -57,9 +57,21 @@ const POSE_SMOOTHING: [f64; 6] = [0., 0., 0., 1., 1., 1.];
 const RATE_SMOOTHING: [f64; 6] = [0.1; 6];
 
 /// Weights of the deviations at the inner points for fraction `u` of an interval: a polynomial that vanishes at both ends.
-fn deviation_weights(u: f64) -> [f64; INNER_POINTS] {
+pub(crate) fn deviation_weights(u: f64) -> [f64; INNER_POINTS] {
     let nodes = GAUSS_6.map(|[u, _]| u);
     std::array::from_fn(|i| lagrange(&nodes, i, u) * u * (1. - u) / (nodes[i] * (1. - nodes[i])))
+}
+
+/// Derivatives of [`deviation_weights`] with respect to `u`.
+pub(crate) fn deviation_rates(u: f64) -> [f64; INNER_POINTS] {
+    // The Lagrange polynomials of the inner points and both ends.
+    let nodes: [f64; INNER_POINTS + 2] = std::array::from_fn(|i| match i {
+        i if i < INNER_POINTS => GAUSS_6[i][0],
+        i => (i - INNER_POINTS) as f64,
+    });
+    let others = |i: usize, without: usize| (0..nodes.len()).filter(move |&j| j != i && j != without);
+    let product = |i: usize, without: usize| others(i, without).map(|j| (u - nodes[j]) / (nodes[i] - nodes[j])).product::<f64>();
+    std::array::from_fn(|i| others(i, i).map(|j| product(i, j) / (nodes[i] - nodes[j])).sum())
 }
 
 /// Pose and rate of the base in the initial guess at time `t`.

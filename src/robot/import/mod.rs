@@ -15,7 +15,7 @@ pub mod urdf;
 pub use urdf::MAX_URDF;
 
 use super::leg::Leg;
-use super::{FORCE_LIMIT, MAX_FEET, Reach, Robot};
+use super::{FORCE_LIMIT_WEIGHTS, MAX_FEET, Reach, Robot};
 use crate::error::{Error, Result, check_range};
 use crate::files;
 use feet::Contact;
@@ -68,7 +68,7 @@ impl Import {
     /// * nominal feet: the lowest point of the collision shapes of each foot's link, spheres before other shapes; the origin of the link's
     ///   frame if it has only meshes
     /// * reach: for each foot the largest box that its joints reach within their limits, see `import/reach.rs`
-    /// * force limit: vertical force that the joint efforts can bear at the weakest foot, at most [`FORCE_LIMIT`] weights
+    /// * force limit: vertical force that the joint efforts can bear at the weakest foot, at most [`FORCE_LIMIT_WEIGHTS`] weights
     /// * joints: the joints of each foot's leg
     /// * name: the given one, or the file's. `-imported` is appended if a different built-in robot has that name
     /// * leg mass: `sum m_i (d_i / l)^2` over the links that a leg moves, with the distances `d_i` of their centres of mass and `l` of the
@@ -113,7 +113,7 @@ impl Import {
             foot_radius: contacts.iter().map(|c| (c.radius > 0.).then_some(c.radius)).reduce(least).flatten(),
         };
         let vertical = legs.iter().map(|leg| leg.vertical_force(&leg.posture(&leg.nominal()))).fold(f64::INFINITY, f64::min);
-        robot.force_limit = vertical.is_finite().then(|| vertical.min(FORCE_LIMIT * robot.weight()));
+        robot.force_limit = vertical.is_finite().then(|| vertical.min(FORCE_LIMIT_WEIGHTS * robot.weight()));
         if robot.name.is_empty() {
             robot.name = "robot".into();
         }
@@ -211,8 +211,8 @@ impl Import {
         }
         if vertical.is_infinite() {
             notes.push("no joint's effort limits the forces of feet; the robot's weight and number of feet do".into());
-        } else if vertical > FORCE_LIMIT * robot.weight() {
-            notes.push(format!("the joints bear {vertical:.0} N at a foot; the force limit is {FORCE_LIMIT} weights"));
+        } else if vertical > FORCE_LIMIT_WEIGHTS * robot.weight() {
+            notes.push(format!("the joints bear {vertical:.0} N at a foot; the force limit is {FORCE_LIMIT_WEIGHTS} weights"));
         }
         let ground = robot.nominal_feet.iter().map(|foot| foot[2]);
         let uneven = ground.clone().fold(f64::NEG_INFINITY, f64::max) - ground.fold(f64::INFINITY, f64::min);

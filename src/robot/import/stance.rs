@@ -24,12 +24,12 @@ fn bending(leg: &Leg, axes: &[Vector3<f64>]) -> Option<Vec<usize>> {
 }
 
 /// Desired foot position of a leg, whose height is a lower bound, and the joints that bend the leg.
-struct Aim {
+struct StanceTarget {
     place: Vector3<f64>,
     joints: Vec<usize>,
 }
 
-fn aim(leg: &Leg, bent: f64) -> Option<Aim> {
+fn aim(leg: &Leg, bent: f64) -> Option<StanceTarget> {
     let at = leg.posture(&leg.nominal());
     let joints = bending(leg, &at.axes)?;
     let (first, axis) = (at.anchors[joints[0]], at.axes[joints[0]]);
@@ -44,7 +44,7 @@ fn aim(leg: &Leg, bent: f64) -> Option<Aim> {
     } else {
         first + aside - Vector3::z() * (bent * length)
     };
-    Some(Aim { place, joints })
+    Some(StanceTarget { place, joints })
 }
 
 /// Joint values of each leg with which the robot stands on level ground; `None` if a leg cannot reach such a pose.
@@ -52,9 +52,9 @@ pub fn standing(legs: &[Leg]) -> Option<Vec<Vec<f64>>> {
     let bent = BENT[usize::from(legs.len() > 2)];
     // Angle of the first bending joint that shortens two equal links to this length.
     let angle = bent.acos();
-    let aims: Vec<Aim> = legs.iter().map(|leg| aim(leg, bent)).collect::<Option<_>>()?;
+    let aims: Vec<StanceTarget> = legs.iter().map(|leg| aim(leg, bent)).collect::<Option<_>>()?;
     let ground = aims.iter().map(|aim| aim.place.z).fold(f64::NEG_INFINITY, f64::max);
-    let of_leg = |(leg, aim): (&Leg, &Aim)| {
+    let of_leg = |(leg, aim): (&Leg, &StanceTarget)| {
         let target = Vector3::new(aim.place.x, aim.place.y, ground);
         let folded = |sign: f64| {
             let mut q = leg.nominal();

@@ -10,7 +10,7 @@ use super::random::Draws;
 use crate::error::{Error, Result, check_range};
 use crate::gait::Schedule;
 use crate::gait::family::{
-    FOOT_SPEED, GaitFamily, MIN_PHASE, PeriodicGait, TYPICAL_LEAD_IN, TYPICAL_TAIL, offsets, speed_scale, time_scale,
+    FOOT_SPEED_SCALED, GaitFamily, MIN_PHASE_SCALED, PeriodicGait, TYPICAL_LEAD_IN, TYPICAL_TAIL, offsets, speed_scale, time_scale,
 };
 use crate::task::Task;
 use serde::{Deserialize, Serialize};
@@ -87,7 +87,8 @@ const TAIL: usize = 4;
 const OFFSETS: usize = 5;
 
 /// Limits of the first [`OFFSETS`] dimensions before the logarithm. The lower limits of the phases are those that a leg can follow.
-const LIMITS: [[f64; 2]; OFFSETS] = [[MIN_PHASE, 4.], [MIN_PHASE, 20.], [0.02, FOOT_SPEED], [MIN_PHASE, 5.], [0.1, 5.]];
+const LIMITS: [[f64; 2]; OFFSETS] =
+    [[MIN_PHASE_SCALED, 4.], [MIN_PHASE_SCALED, 20.], [0.02, FOOT_SPEED_SCALED], [MIN_PHASE_SCALED, 5.], [0.1, 5.]];
 
 /// One draw of [`PeriodicDistribution`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -267,7 +268,7 @@ mod tests {
         let (task, mut distribution) = quadruped();
         // Far wider than in any search, so that the limits take effect.
         distribution.gaussians.iter_mut().flatten().for_each(|g| g.std = 1.);
-        let shortest = MIN_PHASE * time_scale(&task.robot);
+        let shortest = MIN_PHASE_SCALED * time_scale(&task.robot);
         for candidate in 0..200 {
             let sample = distribution.sample(Draws::new(5, 0, candidate));
             let gait = distribution.gait(&sample).unwrap();

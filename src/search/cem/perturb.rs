@@ -7,7 +7,7 @@ use super::Distribution;
 use super::marginals::{Gaussian, fit};
 use super::random::Draws;
 use crate::error::{Result, check_range};
-use crate::gait::family::{MIN_PHASE, time_scale};
+use crate::gait::family::{MIN_PHASE_SCALED, time_scale};
 use crate::gait::{Phase, Schedule};
 use crate::robot::Robot;
 use serde::{Deserialize, Serialize};
@@ -76,7 +76,7 @@ pub struct PerturbSample {
 impl PerturbDistribution {
     /// Distribution of the first generation, around a schedule of the robot.
     ///
-    /// No phase becomes shorter than [`MIN_PHASE`], unless the given one is shorter.
+    /// No phase becomes shorter than [`MIN_PHASE_SCALED`], unless the given one is shorter.
     ///
     /// # Errors
     /// [`crate::Error::Invalid`] for bad settings.
@@ -90,7 +90,7 @@ impl PerturbDistribution {
             switches: around.iter().map(|phases| vec![still; phases.len() - 1]).collect(),
             around,
             settings: settings.clone(),
-            shortest: MIN_PHASE * time_scale(robot),
+            shortest: MIN_PHASE_SCALED * time_scale(robot),
         })
     }
 
@@ -165,7 +165,7 @@ mod tests {
     fn perturbed_schedules_keep_their_phases_and_stay_near() {
         let (robot, around) = trot();
         let distribution = PerturbDistribution::initial(&robot, &around, &PerturbSettings::default()).unwrap();
-        let shortest = MIN_PHASE * time_scale(&robot);
+        let shortest = MIN_PHASE_SCALED * time_scale(&robot);
         for candidate in 0..50 {
             let schedule = distribution.schedule(&distribution.sample(Draws::new(1, 0, candidate))).unwrap();
             for foot in 0..2 {

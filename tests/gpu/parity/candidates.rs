@@ -1,7 +1,9 @@
 //! Candidates, short and long ones, and a point of each.
 
 use super::lab::POISON;
-use crate::common::{Random, cones, gait, hills, layout_with, lopsided, point, spider, task, task_for, towr, transcriptions};
+use crate::common::{
+    Random, cones, gait, hills, layout_with, layout_with_cost, lopsided, point, spider, task, task_for, towr, transcriptions,
+};
 use cregopt::gait::Schedule;
 use cregopt::nlp::Layout;
 use cregopt::settings::TranscriptionSettings;
@@ -19,7 +21,7 @@ pub struct Candidate {
 
 impl Candidate {
     pub fn new(task: Task, schedule: Schedule, settings: &TranscriptionSettings, random: &mut Random) -> Candidate {
-        let layout = layout_with::<f32>(&task, &schedule, settings);
+        let layout = layout_with_cost::<f32>(&task, &schedule, settings);
         let exact = layout_with::<f64>(&task, &schedule, settings);
         let x = point(&exact, random, EDGE_RADIUS).into_iter().map(|v| v as f32).collect();
         let first_height = grids().1.iter().find(|g| g.0 == task.terrain.name).map_or(0, |g| g.1);

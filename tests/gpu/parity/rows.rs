@@ -8,7 +8,9 @@ use cregopt::backend::gpu::Prepared;
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::backend::tables::Slot as Counts;
 use cregopt::rows::momentum::Deviation;
-use cregopt::rows::{Shared, acceleration, cone, dynamics, footing, force, ground, momentum, reach, stride, swing};
+use cregopt::rows::{
+    Shared, acceleration, cone, dynamics, effort, footing, force, ground, momentum, reach, stance_power, stride, swing, swing_power,
+};
 use cregopt::solver::control::{CLOSE, ENDED, EXACT, SHORTER, SOLVED, STEP};
 use cregopt::terrain::Ground;
 use std::collections::{BTreeMap, BTreeSet};
@@ -29,6 +31,9 @@ fn around_the_workgroup(s: usize, prepared: &mut Prepared) {
     layout.accelerations.truncate(count);
     layout.cones.truncate(count);
     layout.footings.truncate(count);
+    layout.efforts.truncate(count);
+    layout.stance_powers.truncate(count);
+    layout.swing_powers.truncate(count);
     slot.dynamics_instants = layout.dynamics_instants.len() as u32;
     slot.momentum_intervals = layout.momentum_intervals.len() as u32;
     slot.reach_instants = layout.reach_instants.len() as u32;
@@ -38,6 +43,9 @@ fn around_the_workgroup(s: usize, prepared: &mut Prepared) {
     slot.accelerations = layout.accelerations.len() as u32;
     slot.cones = layout.cones.len() as u32;
     slot.footings = layout.footings.len() as u32;
+    slot.efforts = layout.efforts.len() as u32;
+    slot.stance_powers = layout.stance_powers.len() as u32;
+    slot.swing_powers = layout.swing_powers.len() as u32;
     slot.footholds = slot.footholds.min(count as u32);
 }
 
@@ -77,7 +85,7 @@ fn evaluation(
                 let to = lab.range(s, lab.batch.ground, 3 * at.ground.len());
                 before.values[to].copy_from_slice(&flat(&at.ground));
             }
-            if shader == Shader::Reach {
+            if matches!(shader, Shader::Reach | Shader::StancePower | Shader::SwingPower) {
                 let to = lab.range(s, lab.batch.deviations, 36 * at.deviations.len());
                 before.values[to].copy_from_slice(&poses(&at.deviations));
             }
@@ -253,6 +261,45 @@ fn acceleration_agrees_with_its_twin() {
         |lab, s, x, shared, expected| {
             let (g, jacobian) = trial(lab, s, false, &mut expected.state);
             acceleration::acceleration(&lab.slots[s].layout, x, &shared.ground, g, Some(jacobian));
+        },
+    );
+}
+
+#[test]
+fn effort_agrees_with_its_twin() {
+    evaluation(
+        Shader::Effort,
+        |slot| slot.efforts,
+        ARITHMETIC,
+        |lab, s, x, _, expected| {
+            let (c, jacobian) = trial(lab, s, true, &mut expected.state);
+            effort::effort(&lab.slots[s].layout, x, c, Some(jacobian));
+        },
+    );
+}
+
+#[test]
+fn stance_power_agrees_with_its_twin() {
+    evaluation(
+        Shader::StancePower,
+        |slot| slot.stance_powers,
+        8. * TRIGONOMETRY,
+        |lab, s, x, shared, expected| {
+            let (c, jacobian) = trial(lab, s, true, &mut expected.state);
+            stance_power::stance_power(&lab.slots[s].layout, x, &shared.ground, &shared.deviations, c, Some(jacobian));
+        },
+    );
+}
+
+#[test]
+fn swing_power_agrees_with_its_twin() {
+    evaluation(
+        Shader::SwingPower,
+        |slot| slot.swing_powers,
+        8. * TRIGONOMETRY,
+        |lab, s, x, shared, expected| {
+            let (c, jacobian) = trial(lab, s, true, &mut expected.state);
+            swing_power::swing_power(&lab.slots[s].layout, x, &shared.ground, &shared.deviations, c, Some(jacobian));
         },
     );
 }

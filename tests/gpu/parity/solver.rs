@@ -8,7 +8,9 @@ use cregopt::backend::gpu::Prepared;
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::rows::RowKind;
 use cregopt::solver::control::{self, CLOSE, EXACT, Limits, Progress, SHORTER, SOLVED, STEP};
-use cregopt::solver::slacks::{Aim, BARRIER_FLOOR, FRACTION_TO_THE_BOUNDARY, Lengths, Slacks, largest, mean_product, slack_steps};
+use cregopt::solver::slacks::{
+    BARRIER_FLOOR, BarrierTarget, FRACTION_TO_THE_BOUNDARY, Lengths, Slacks, largest, mean_product, slack_steps,
+};
 use cregopt::solver::{advance, judge, start, weights};
 use std::collections::BTreeMap;
 
@@ -130,7 +132,7 @@ fn start_agrees_with_its_twin() {
 }
 
 /// Sizes of the terms of a row's value in a barrier step.
-pub fn row_sizes(lab: &Lab, s: usize, expected: &mut Expected, g: &[f32], slacks: &Slacks<f32>, aim: Aim<f32>) {
+pub fn row_sizes(lab: &Lab, s: usize, expected: &mut Expected, g: &[f32], slacks: &Slacks<f32>, aim: BarrierTarget<f32>) {
     let layout = &lab.slots[s].layout;
     let size = |i: usize| {
         let (s, z) = (slacks.slack[i], slacks.multiplier[i]);
@@ -218,7 +220,7 @@ fn weights_of_twin(lab: &Lab, s: usize, expected: &mut Expected) {
         return;
     }
     let slacks = slacks(lab, s, state);
-    let aim = Aim::predictor();
+    let aim = BarrierTarget::predictor();
     let (mut weight, mut value) = (vec![f32::NAN; layout.rows.all()], vec![f32::NAN; layout.rows.all()]);
     if progress.state == CLOSE {
         weights::closing_rows(layout, &c, &g, &mut weight, &mut value);
@@ -279,14 +281,14 @@ fn correct_agrees_with_its_twin() {
                 return;
             }
             let (c, g) = (state.values[lab.c(s, half)].to_vec(), state.values[lab.g(s, half)].to_vec());
-            steps_of_slacks(lab, s, expected, Aim::predictor());
+            steps_of_slacks(lab, s, expected, BarrierTarget::predictor());
             // From its own steps on.
             let own = slacks(lab, s, got);
             let all = mean_product(&own, Lengths::none());
             let share = mean_product(&own, lengths_of(&own)) / all;
             let state = &mut expected.state;
             state.progress[s].mu = (all * share.clamp(0., 1.) * share.clamp(0., 1.)).max(BARRIER_FLOOR as f32);
-            let aim = Aim::corrector(got.progress[s].mu);
+            let aim = BarrierTarget::corrector(got.progress[s].mu);
             let (mut weight, mut value) = (vec![f32::NAN; layout.rows.all()], vec![f32::NAN; layout.rows.all()]);
             weights::barrier_rows(layout, &c, &g, &own, aim, &mut weight, &mut value);
             state.values[lab.of_rows(s, batch.weight)].copy_from_slice(&weight);
@@ -302,7 +304,7 @@ fn correct_agrees_with_its_twin() {
 }
 
 /// Places of the steps of slacks and multipliers, with the sizes of their terms.
-pub fn steps_of_slacks(lab: &Lab, s: usize, expected: &mut Expected, aim: Aim<f32>) {
+pub fn steps_of_slacks(lab: &Lab, s: usize, expected: &mut Expected, aim: BarrierTarget<f32>) {
     let (batch, state) = (&lab.batch, &mut expected.state);
     let mut steps = slacks(lab, s, state);
     let g = state.values[lab.g(s, state.progress[s].current)].to_vec();
@@ -374,7 +376,7 @@ fn advance_agrees_with_its_twin() {
             if progress.state == SHORTER {
                 lengths = Lengths { primal: progress.length, dual: progress.dual_length };
             } else if progress.state == STEP {
-                steps_of_slacks(lab, s, expected, Aim::corrector(progress.mu));
+                steps_of_slacks(lab, s, expected, BarrierTarget::corrector(progress.mu));
                 lengths = lengths_of(&slacks(lab, s, got));
             }
             let (batch, state) = (&lab.batch, &mut expected.state);

@@ -6,8 +6,8 @@ use super::{
     in_scalar,
 };
 use crate::common::{
-    Random, Rows, cones, dense_jacobian, families, frozen_at, gait, layout_with, momentum, one_sided, point, rows, rows_with, straight,
-    towr, transcriptions,
+    Random, Rows, cones, dense_jacobian, families, frozen_at, gait, layout_with, layout_with_cost, momentum, one_sided, point, rows,
+    rows_with, straight, towr, transcriptions,
 };
 use cregopt::gait::Trajectory;
 use cregopt::nlp::layout::Element;
@@ -16,7 +16,7 @@ use cregopt::nlp::{Layout, trajectory};
 use cregopt::robot::GRAVITY;
 use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::terrain::Shape;
-use cregopt::verify::report::Family;
+use cregopt::verify::report::CheckFamily;
 use cregopt::verify::verify_rows;
 use nalgebra::{DMatrix, DVector};
 
@@ -92,19 +92,19 @@ fn eliminated_rows_hold_at_any_point() {
         let limit = |settings: &TranscriptionSettings| force_limit(settings, &case.task);
         let nodes = trajectory(&case.task, &layout.curves, &x);
         let report = verify_rows(&nodes, &case.task.robot, &case.task.terrain, limit(&towr())).unwrap();
-        for family in [Family::BaseAcceleration, Family::Swing, Family::Bounds, Family::Structure] {
+        for family in [CheckFamily::BaseAcceleration, CheckFamily::Swing, CheckFamily::Bounds, CheckFamily::Structure] {
             assert_eq!(report.family(family).violated, 0, "{}\n{report}", case.name);
         }
-        assert!(report.family(Family::Dynamics).violated > 0, "a random point does not move like a rigid body");
+        assert!(report.family(CheckFamily::Dynamics).violated > 0, "a random point does not move like a rigid body");
 
         let layout = layout_with::<f64>(&case.task, &case.schedule, &TranscriptionSettings::default());
         let x = point(&layout, &mut Random::new(seed as u64), 0.);
         let nodes = trajectory(&case.task, &layout.curves, &x);
         let report = verify_rows(&nodes, &case.task.robot, &case.task.terrain, limit(&TranscriptionSettings::default())).unwrap();
-        for family in [Family::Bounds, Family::Structure] {
+        for family in [CheckFamily::Bounds, CheckFamily::Structure] {
             assert_eq!(report.family(family).violated, 0, "{}\n{report}", case.name);
         }
-        assert!(report.family(Family::Momentum).violated > 0, "nor does this one");
+        assert!(report.family(CheckFamily::Momentum).violated > 0, "nor does this one");
     }
 }
 
@@ -134,7 +134,7 @@ fn jacobians_match_central_differences() {
         for settings in families() {
             // Fewer stances than in the search, because every variable takes two evaluations.
             let schedule = gait(&mut Random::new(seed as u64), case.task.robot.feet(), 3..=6);
-            let layout = layout_with::<f64>(&case.task, &schedule, &settings);
+            let layout = layout_with_cost::<f64>(&case.task, &schedule, &settings);
             for edge_radius in [0., 0.04] {
                 let x = point(&layout, &mut Random::new(seed as u64), edge_radius);
                 let analytic = dense_jacobian(&layout, &rows(&layout, &x, edge_radius).jacobian);
@@ -147,6 +147,20 @@ fn jacobians_match_central_differences() {
                     panic!("{}, edge radius {edge_radius}, {family:?} row {row}, variable {variable}: {a:e} against {b:e}", case.name);
                 }
             }
+        }
+    }
+}
+
+#[test]
+fn cost_rows_do_not_change_the_order_of_the_variables() {
+    for case in &cases() {
+        for settings in families() {
+            let without = layout_with::<f64>(&case.task, &case.schedule, &settings);
+            let with = layout_with_cost::<f64>(&case.task, &case.schedule, &settings);
+            assert_eq!(with.rows.costs > 0, settings.rows == Transcription::Momentum);
+            assert_eq!((with.variables, &with.initial), (without.variables, &without.initial), "{}", case.name);
+            assert_eq!((with.factor_len, with.front_stride), (without.factor_len, without.front_stride), "{}", case.name);
+            assert_eq!(with.curves.base, without.curves.base, "{}", case.name);
         }
     }
 }

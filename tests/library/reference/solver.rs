@@ -8,7 +8,7 @@ use cregopt::real::Real;
 use cregopt::rows::table::NONE;
 use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::solver::judge::{infeasibility, infeasibility_fall, merit_falls, nonlinearity, smoothing_fall, update_slacks};
-use cregopt::solver::slacks::{Aim, Lengths, Slacks, mean_product, slack_steps, target};
+use cregopt::solver::slacks::{BarrierTarget, Lengths, Slacks, mean_product, slack_steps, target};
 use cregopt::solver::start::{column_scaling, start_slacks};
 use cregopt::solver::weights::{barrier_rows, closing_rows, variable_terms};
 use nalgebra::DVector;
@@ -42,7 +42,8 @@ pub fn states() -> [State; 3] {
 const MU: f64 = 0.03;
 
 /// Aims of a predictor, of a plain barrier step, and of a corrected step.
-const AIMS: [Aim<f64>; 3] = [Aim { mu: 0., correction: 0. }, Aim { mu: MU, correction: 0. }, Aim { mu: MU, correction: 0.7 }];
+const AIMS: [BarrierTarget<f64>; 3] =
+    [BarrierTarget { mu: 0., correction: 0. }, BarrierTarget { mu: MU, correction: 0. }, BarrierTarget { mu: MU, correction: 0.7 }];
 
 #[test]
 fn terms_of_single_variables_are_their_plain_formulas() {
@@ -83,7 +84,7 @@ fn row_weights_are_those_of_the_full_system() {
         );
         let j = dense_jacobian(&layout, &rows.jacobian);
         let (c, g) = (DVector::from_column_slice(&rows.c), &rows.g);
-        let inequality = |i: usize, aim: Option<Aim<f64>>| {
+        let inequality = |i: usize, aim: Option<BarrierTarget<f64>>| {
             let (s, z) = (slacks.slack[i], slacks.multiplier[i]);
             let w = 1. / (s / z + 1.);
             match aim {

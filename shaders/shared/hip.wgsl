@@ -1,0 +1,56 @@
+// needs: shared/values shared/jacobian shared/math
+// Position and velocity of a hip and their derivatives, for the powers of legs. Shaders that need this bind momentum_intervals.
+// Twin: src/rows/hip.rs
+
+// Position and velocity of a hip, world frame. Derivatives of the position with respect to each Euler angle are those of the velocity with
+// respect to each rate.
+struct Hip {
+    position: vec3<f32>,
+    velocity: vec3<f32>,
+    position_by: Mat3,
+    velocity_by: Mat3,
+}
+
+// The hip at a point.
+fn hip(slot: u32, half: u32, point: HipPoint) -> Hip {
+    var at = point;
+    let x = ix_x(slot, half);
+    let interval = &momentum_intervals[slot * batch.momentum_intervals + at.interval];
+    var pose = motion(at.reference);
+    var rate = motion(interval.rate);
+    for (var i = 0u; i < 4u; i++) {
+        pose = add_weighted(pose, at.value[i], x + interval.variable[i]);
+        rate = add_weighted(rate, at.rate[i], x + interval.variable[i]);
+    }
+    for (var q = 0u; q < INNER_POINTS; q++) {
+        let deviation = ix_deviation(slot, at.interval, q);
+        pose = add_weighted(pose, at.deviation[q], deviation);
+        rate = add_weighted(rate, at.deviation_rate[q], deviation);
+    }
+    let turned = euler(pose.angular);
+    let axes = turned.axes;
+    let omega = along(axes, rate.angular);
+    let arm = mul(turned.rot_wb, vec3<f32>(at.hip[0], at.hip[1], 0.0));
+    let position_by = Mat3(cross(axes[0], arm), cross(axes[1], arm), cross(axes[2], arm));
+    // The pitch moves the roll axis, the yaw moves both.
+    let velocity_by = Mat3(
+        cross(omega, position_by[0]),
+        cross(rate.angular.x * cross(axes[1], axes[0]), arm) + cross(omega, position_by[1]),
+        cross(cross(axes[2], omega), arm) + cross(omega, position_by[2]),
+    );
+    return Hip(pose.linear + arm, rate.linear + cross(omega, arm), position_by, velocity_by);
+}
+
+// Writes the base columns of a row.
+//   by_position, by_velocity   derivatives of the row with respect to the hip
+fn put_base(rows: Rows, row: u32, point: HipPoint, hip: Hip, by_position: vec3<f32>, by_velocity: vec3<f32>) {
+    var at = point;
+    let by_angle = mul(hip.position_by, by_position) + mul(hip.velocity_by, by_velocity);
+    let by_rate = mul(hip.position_by, by_velocity);
+    for (var i = 0u; i < 4u; i++) {
+        if (at.column[i] != NONE) {
+            put_row(rows, row, at.column[i], at.value[i] * by_position + at.rate[i] * by_velocity);
+            put_row(rows, row, at.column[i] + 3u, at.value[i] * by_angle + at.rate[i] * by_rate);
+        }
+    }
+}

@@ -1,0 +1,194 @@
+//! Cost rows of a candidate: effort of the forces, powers of standing and of swinging legs.
+//!
+//! The objective is that of [`crate::gait::cost`] without the joints. Effort is exact. Powers are integrated by Gauss-Legendre rules: of
+//! standing legs at the inner points of every interval, since forces start and end smoothly at zero; of swinging legs between knots and the
+//! middle of the swing, where accelerations jump.
+
+use super::builder::Builder;
+use super::foot_blocks::swing_weights;
+use super::transcription::Transcribe;
+use super::transcription::momentum::{deviation_rates, deviation_weights};
+use crate::gait::Phase;
+use crate::gait::cost::{CostWeights, distance};
+use crate::gait::spline::{HERMITE_GRAM, hermite, hermite_acceleration, hermite_rate};
+use crate::quadrature::{GAUSS_3, GAUSS_6};
+use crate::real::Real;
+use crate::robot::GRAVITY;
+use crate::rows::Family;
+use crate::rows::blocks::Use;
+use crate::rows::effort::Effort;
+use crate::rows::hip::HipPoint;
+use crate::rows::stance_power::StancePower;
+use crate::rows::swing_power::SwingPower;
+use crate::rows::table::{NONE, Place};
+
+/// Shortest part of a quadrature, s.
+const SHORTEST: f64 = 1e-6;
+
+/// Adds the cost rows.
+pub(super) fn cost_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>, weights: &CostWeights) {
+    let (task, robot) = (b.task, &b.task.robot);
+    let displacement = std::array::from_fn(|i| task.goal.position[i] - task.start.position[i]);
+    let distance = distance(robot, displacement, task.turn());
+    let weight = robot.weight();
+    effort_elements(b, weights.effort * (GRAVITY * robot.base_height).sqrt() / (weight * weight * distance));
+    stance_elements(b, weights.leg_work / distance);
+    swing_elements(own, b, weights.swing_work / distance);
+}
+
+/// Adds the effort rows.
+///
+/// * `price` - cost of the integral of `|f|^2`, 1/(N² s)
+fn effort_elements<T: Real>(b: &mut Builder<T>, price: f64) {
+    let unit = b.force_unit();
+    for foot in 0..b.feet.len() {
+        for stance in 0..b.feet[foot].force_nodes.len() {
+            let span = b.feet[foot].phases[2 * stance];
+            let nodes = b.feet[foot].force_nodes[stance].clone();
+            let pieces = nodes.len() - 1;
+            let piece = span.duration() / pieces as f64;
+            let free: Vec<usize> = (0..=pieces).filter(|&i| nodes[i].is_some()).collect();
+            let factor = effort_factor(&free, pieces, 2. * price * unit * unit * piece);
+            for (at, &i) in free.iter().enumerate() {
+                let next = free.get(at + 1).and_then(|&i| nodes[i]);
+                let Some(node) = nodes[i] else { continue };
+                b.tables.efforts.push(Effort {
+                    factor: factor[at].map(|row| row.map(T::of)),
+                    node: [NONE; 2],
+                    column: [NONE; 2],
+                    place: Place::default(),
+                });
+                let step = b.step_within(span.start + piece * (i as f64 + 0.5), node);
+                let uses = [Use::Touches(node), next.map_or(Use::Nothing, Use::Touches)];
+                b.cost_element(Family::Effort, b.tables.efforts.len() - 1, step, 0., &uses);
+            }
+        }
+    }
+}
+
+/// Two rows per free node of the Cholesky factor of a stance's Gram matrix.
+///
+/// * `free` - nodes whose force is not fixed at zero
+/// * `scale` - of the Gram matrix of one piece
+fn effort_factor(free: &[usize], pieces: usize, scale: f64) -> Vec<[[f64; 4]; 2]> {
+    let n = 2 * free.len();
+    let mut gram = vec![vec![0.; n]; n];
+    for piece in 0..pieces {
+        let at = |i: usize| free.iter().position(|&node| node == piece + i / 2).map(|node| 2 * node + i % 2);
+        for (i, row) in HERMITE_GRAM.iter().enumerate() {
+            for (j, value) in row.iter().enumerate() {
+                if let (Some(r), Some(c)) = (at(i), at(j)) {
+                    gram[r][c] += scale * value;
+                }
+            }
+        }
+    }
+    let mut factor = vec![vec![0.; n + 2]; n];
+    for i in 0..n {
+        for j in i..n {
+            let rest = gram[i][j] - (0..i).map(|k| factor[k][i] * factor[k][j]).sum::<f64>();
+            factor[i][j] = if i == j { rest.sqrt() } else { rest / factor[i][i] };
+        }
+    }
+    (0..free.len()).map(|node| [0, 1].map(|r| std::array::from_fn(|c| factor[2 * node + r][2 * node + c]))).collect()
+}
+
+/// Base and hip of a foot at fraction `u` of interval `k`.
+fn hip_point<T: Real>(b: &Builder<T>, foot: usize, k: usize, u: f64) -> HipPoint<T> {
+    let h = b.interval;
+    let [x, y, _] = b.task.robot.nominal_feet[foot];
+    HipPoint {
+        reference: b.reference((k as f64 + u) * h).map(T::of),
+        value: hermite(u * h, h).map(T::of),
+        rate: hermite_rate(u * h, h).map(T::of),
+        deviation: deviation_weights(u).map(T::of),
+        deviation_rate: deviation_rates(u).map(|rate| T::of(rate / h)),
+        interval: k as u32,
+        column: [NONE; 4],
+        hip: [x, y].map(T::of),
+    }
+}
+
+/// Use of the base blocks of interval `k`.
+fn base_uses<T: Real>(b: &Builder<T>, k: usize) -> [Use; 4] {
+    std::array::from_fn(|i| Use::Touches(b.base[2 * k + i]))
+}
+
+/// Adds the powers of standing legs.
+///
+/// * `price` - cost of a power of 1 m/s over 1 s
+fn stance_elements<T: Real>(b: &mut Builder<T>, price: f64) {
+    let h = b.interval;
+    let unit = b.force_unit() / b.task.robot.weight();
+    for foot in 0..b.feet.len() {
+        for stance in 0..b.feet[foot].force_nodes.len() {
+            let (span, foothold) = (b.feet[foot].phases[2 * stance], b.feet[foot].footholds[stance]);
+            let pieces = b.feet[foot].force_nodes[stance].len() - 1;
+            let piece = span.duration() / pieces as f64;
+            let points = (0..b.intervals).flat_map(|k| GAUSS_6.map(|[u, share]| (k, u, share)));
+            let inside = |t: f64| t > span.start && t < span.end;
+            for (k, u, share) in points.filter(|(k, u, _)| inside((*k as f64 + u) * h)) {
+                let since = (k as f64 + u) * h - span.start;
+                let first = ((since / piece) as usize).min(pieces - 1);
+                let [value, slope, next, next_slope] = hermite(since - first as f64 * piece, piece);
+                b.tables.stance_powers.push(StancePower {
+                    base: hip_point(b, foot, k, u),
+                    force: [value * unit, slope / piece * unit, next * unit, next_slope / piece * unit].map(T::of),
+                    node: [NONE; 2],
+                    node_column: [NONE; 2],
+                    foothold: foothold.index,
+                    foothold_column: NONE,
+                    place: Place::default(),
+                });
+                let [pose, rate, next_pose, next_rate] = base_uses(b, k);
+                let [node, next] = [first, first + 1].map(|i| b.feet[foot].force_nodes[stance][i].map_or(Use::Nothing, Use::Touches));
+                let uses = [pose, rate, next_pose, next_rate, node, next, Use::Touches(foothold.block)];
+                b.cost_element(Family::StancePower, b.tables.stance_powers.len() - 1, k, price * share * h, &uses);
+            }
+        }
+    }
+}
+
+/// Adds the powers of swinging legs.
+///
+/// * `price` - cost of a power of 1 m/s over 1 s
+fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>, price: f64) {
+    let h = b.interval;
+    let share_of_leg = b.task.robot.leg_mass() / b.task.robot.weight();
+    for foot in 0..b.feet.len() {
+        for swing in 0..b.feet[foot].heights.len() {
+            let (span, height) = (b.feet[foot].phases[2 * swing + 1], b.feet[foot].heights[swing]);
+            let around = [b.feet[foot].footholds[swing], b.feet[foot].footholds[swing + 1]];
+            let cuts = swing_cuts(span, h, b.intervals);
+            let parts = cuts.windows(2).flat_map(|w| GAUSS_3.map(|[at, share]| (w[0] + at * (w[1] - w[0]), share * (w[1] - w[0]))));
+            for (t, duration) in parts {
+                let k = ((t / h) as usize).min(b.intervals - 1);
+                let weights = |basis| swing_weights(span, t, own.mid_time(span), basis);
+                let ((xy, z), (xy_second, z_second)) = (weights(hermite_rate), weights(hermite_acceleration));
+                b.tables.swing_powers.push(SwingPower {
+                    base: hip_point(b, foot, k, t / h - k as f64),
+                    xy_weights: [xy.map(T::of), xy_second.map(|w| T::of(w * share_of_leg))],
+                    z_weights: [z.map(T::of), z_second.map(|w| T::of(w * share_of_leg))],
+                    height: NONE,
+                    height_column: NONE,
+                    foothold: around.map(|foothold| foothold.index),
+                    foothold_column: [NONE; 2],
+                    place: Place::default(),
+                });
+                let [pose, rate, next_pose, next_rate] = base_uses(b, k);
+                let [before, after] = around.map(|foothold| Use::Touches(foothold.block));
+                let uses = [pose, rate, next_pose, next_rate, Use::Touches(height), before, after];
+                b.cost_element(Family::SwingPower, b.tables.swing_powers.len() - 1, k, price * duration, &uses);
+            }
+        }
+    }
+}
+
+/// Ends of the parts of a swing between which its power is smooth: its ends, its middle and the knots inside it, s.
+fn swing_cuts(span: Phase, interval: f64, intervals: usize) -> Vec<f64> {
+    let knots = (0..=intervals).map(|k| k as f64 * interval).filter(|t| *t > span.start + SHORTEST && *t < span.end - SHORTEST);
+    let mut cuts: Vec<f64> = [span.start, (span.start + span.end) / 2., span.end].into_iter().chain(knots).collect();
+    cuts.sort_by(f64::total_cmp);
+    cuts.dedup_by(|b, a| *b - *a < SHORTEST);
+    cuts
+}

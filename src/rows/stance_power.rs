@@ -1,0 +1,119 @@
+//! Powers of standing legs as cost rows, along the leg and across it.
+//!
+//! With the force `f` in weights, the direction `e` of the leg from hip to foot and the velocity `v = -v_hip` of the foot relative to the
+//! hip, the powers are `(f . e)(e . v)` and `f . v - (f . e)(e . v)`, in m/s. [`crate::gait::cost`] explains them.
+
+use super::Tables;
+use super::blocks::Placed;
+use super::hip::{Hip, HipPoint, hip, put_base};
+use super::math::{Vec3, add, dot, scale, sub};
+use super::momentum::Deviation;
+use super::table::{NONE, Place};
+use super::write::Rows;
+use super::{RowKind, Spec};
+use crate::real::Real;
+use crate::terrain::Ground;
+
+/// Along the leg, across it.
+pub const SPEC: Spec = Spec { rows: 2, pairs: 0, kind: RowKind::Cost, unit: "m/s" };
+
+/// See [`super::Family::allowed`].
+pub(super) use super::any_residual as allowed;
+
+/// Shortest leg that has a direction, m.
+pub const LEAST_LEG: f64 = 1e-6;
+
+crate::table! {
+    /// Powers of one standing leg at one point of the quadrature.
+    pub struct StancePower<T> {
+        /// Base and hip.
+        pub base: HipPoint<T>,
+        /// Hermite weights of value and slope of two force nodes for the force, in weights.
+        pub force: [T; 4],
+        /// Positions of the nodes in `x`; [`NONE`] where the force is zero.
+        pub node: [u32; 2],
+        /// First columns of the nodes.
+        pub node_column: [u32; 2],
+        /// Foothold in [`Tables::footholds`].
+        pub foothold: u32,
+        /// First column of the foothold.
+        pub foothold_column: u32,
+        /// Place of the rows.
+        pub place: Place,
+    }
+}
+
+/// Roles: the four blocks of the base, the two nodes, the foothold.
+pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) {
+    let power = &mut tables.stance_powers[entry];
+    power.place = at.place;
+    power.base.column = at.columns(0);
+    power.node = at.positions(4);
+    power.node_column = at.columns(4);
+    power.foothold_column = at.seats[6].column;
+}
+
+/// Powers of all standing legs at all points.
+///
+/// * `residual` - out, by row: along, across, m/s
+/// * `jacobian` - out, two rows at each place
+#[inline(always)]
+pub fn stance_power<T: Real>(
+    tables: &Tables<T>,
+    x: &[T],
+    ground: &[Ground<T>],
+    deviations: &[Deviation<T>],
+    residual: &mut [T],
+    mut jacobian: Option<&mut [T]>,
+) {
+    for power in &tables.stance_powers {
+        let hip = hip(tables, x, deviations, &power.base);
+        let foothold = tables.footholds[power.foothold as usize] as usize;
+        let under = &ground[power.foothold as usize];
+        let mut force = [T::zero(); 3];
+        for i in 0..2 {
+            if power.node[i] != NONE {
+                let node = power.node[i] as usize;
+                for d in 0..3 {
+                    force[d] += power.force[2 * i] * x[node + d] + power.force[2 * i + 1] * x[node + 3 + d];
+                }
+            }
+        }
+        let leg = sub([x[foothold], x[foothold + 1], under.height], hip.position);
+        let inverse = T::one() / dot(leg, leg).sqrt().max(T::of(LEAST_LEG));
+        let e = scale(inverse, leg);
+        let v = scale(-T::one(), hip.velocity);
+        let (pushed, stretched) = (dot(force, e), dot(e, v));
+        let at = power.place.row as usize;
+        residual[at] = pushed * stretched;
+        residual[at + 1] = dot(force, v) - pushed * stretched;
+        let Some(jacobian) = jacobian.as_deref_mut() else { continue };
+        let mut rows = Rows::new(jacobian, &power.place);
+        // Derivatives with respect to e, then to the leg: those of a unit vector.
+        let by_e = add(scale(stretched, force), scale(pushed, v));
+        let by_leg = scale(inverse, sub(by_e, scale(dot(e, by_e), e)));
+        let along = [scale(stretched, e), scale(pushed, e), by_leg];
+        let across = [sub(v, along[0]), sub(force, along[1]), scale(-T::one(), by_leg)];
+        put_row(&mut rows, 0, power, &hip, under, along);
+        put_row(&mut rows, 1, power, &hip, under, across);
+    }
+}
+
+/// Writes one row from its derivatives with respect to force, velocity and leg.
+#[inline(always)]
+fn put_row<T: Real>(rows: &mut Rows<T>, row: usize, power: &StancePower<T>, hip: &Hip<T>, under: &Ground<T>, by: [Vec3<T>; 3]) {
+    let [by_force, by_velocity, by_leg] = by;
+    put_base(rows, row, &power.base, hip, scale(-T::one(), by_leg), scale(-T::one(), by_velocity));
+    for i in 0..2 {
+        if power.node_column[i] != NONE {
+            let column = power.node_column[i] as usize;
+            rows.put_three(row, column, scale(power.force[2 * i], by_force));
+            rows.put_three(row, column + 3, scale(power.force[2 * i + 1], by_force));
+        }
+    }
+    if power.foothold_column != NONE {
+        for d in 0..2 {
+            rows.put(row, power.foothold_column as usize + d, by_leg[d] + under.slope[d] * by_leg[2]);
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! Objective of the cost rows, and their part in the normal equations.
+//!
+//! A quadratic row counts half of its square. Any other row counts its absolute value, rounded to `sqrt(r^2 + rounding^2) - rounding`
+//! (pseudo-Huber); its weight in the normal equations is that of the parabola that touches this function at the current point and is above
+//! it everywhere (iteratively reweighted least squares).
+
+use crate::nlp::Layout;
+use crate::real::Real;
+use crate::rows::RowKind;
+
+/// Objective of one iteration.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Objective<T> {
+    /// Weight of the cost relative to the constraints; 0 if no cost is minimised.
+    pub weight: T,
+    /// Rounding of absolute values, m/s.
+    pub rounding: T,
+}
+
+impl<T: Real> Objective<T> {
+    /// No cost.
+    pub fn none() -> Self {
+        Objective { weight: T::zero(), rounding: T::one() }
+    }
+
+    /// Cost of residuals, without the weight.
+    ///
+    /// * `c` - residuals of equalities and cost rows
+    pub fn cost(&self, layout: &Layout<T>, c: &[T]) -> T {
+        let rows = c[layout.rows.of(RowKind::Cost)].iter().zip(&layout.cost_weights);
+        rows.map(|(&r, &weight)| if weight == T::zero() { T::of(0.5) * r * r } else { weight * (self.rounded(r) - self.rounding) }).sum()
+    }
+
+    /// Weights and values of the cost rows in the normal equations.
+    ///
+    /// * `c` - residuals of equalities and cost rows
+    /// * `weight`, `value` - out, `[rows]`
+    pub fn rows(&self, layout: &Layout<T>, c: &[T], weight: &mut [T], value: &mut [T]) {
+        let costs = layout.rows.of(RowKind::Cost);
+        let out = weight[costs.clone()].iter_mut().zip(&mut value[costs.clone()]);
+        for ((weight, value), (&r, &of_row)) in out.zip(c[costs].iter().zip(&layout.cost_weights)) {
+            *weight = if of_row == T::zero() { self.weight } else { self.weight * of_row / self.rounded(r) };
+            *value = *weight * r;
+        }
+    }
+
+    fn rounded(&self, r: T) -> T {
+        (r * r + self.rounding * self.rounding).sqrt()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gait::Schedule;
+    use crate::gait::cost::CostWeights;
+    use crate::robot::Robot;
+    use crate::settings::TranscriptionSettings;
+    use crate::task::{Goal, Task};
+    use crate::terrain::Terrain;
+
+    #[test]
+    fn values_are_the_gradient_of_the_cost() {
+        let task = Task::new(Robot::named("biped").unwrap(), Terrain::flat(), Goal::at(0.5, 0.)).unwrap();
+        let schedule = Schedule::new(vec![vec![0.3, 0.2, 0.3], vec![0.4, 0.2, 0.2]]).unwrap().aligned(0.1);
+        let settings = TranscriptionSettings::default();
+        let layout = Layout::<f64>::with_cost(&task, &schedule, &settings, Some(&CostWeights::default()));
+        let objective = Objective { weight: 0.5, rounding: 0.01 };
+        let costs = layout.rows.of(RowKind::Cost);
+        let mut c: Vec<f64> = (0..costs.end).map(|i| 0.03 * (i as f64).sin()).collect();
+        let (mut weight, mut value) = (vec![0.; layout.rows.all()], vec![0.; layout.rows.all()]);
+        objective.rows(&layout, &c, &mut weight, &mut value);
+        assert!(layout.cost_weights.contains(&0.) && layout.cost_weights.iter().any(|w| *w > 0.));
+        for row in costs.step_by(7) {
+            let before = c[row];
+            let side = |c: &mut Vec<f64>, step: f64| {
+                c[row] = before + step;
+                0.5 * objective.cost(&layout, c)
+            };
+            let slope = (side(&mut c, 1e-6) - side(&mut c, -1e-6)) / 2e-6;
+            c[row] = before;
+            assert!((slope - value[row]).abs() < 1e-8, "row {row}: {} against {slope}", value[row]);
+            assert!((value[row] - weight[row] * before).abs() < 1e-15);
+        }
+    }
+}
