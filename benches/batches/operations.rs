@@ -11,7 +11,6 @@ use cregopt::linear::product::jacobian_times;
 use cregopt::linear::substitute::substitute;
 use cregopt::linear::transposed::transposed_times;
 use cregopt::nlp::Layout;
-use cregopt::rows::table::NONE;
 use cregopt::rows::{
     self, Family, Shared, acceleration::acceleration, cone::cone, dynamics::dynamics, footing::footing, force::force, ground::ground,
     momentum::momentum, reach::reach, stride::stride, swing::swing,
@@ -128,6 +127,7 @@ fn add_rows(rows: u64, columns: u64) -> u64 {
 /// Operations of `front.wgsl` if all pivots are positive and no row has weight 0.
 fn front(layout: &Layout<f32>, own: &ShaderTables) -> Operations {
     let mut of = Operations::default();
+    let factored = &layout.reach_rows;
     for step in &own.front_steps {
         for element in &layout.elements[step.elements.range()] {
             let columns: u64 = layout.runs[element.runs.range()].iter().map(|r| u64::from(r.len)).sum();
@@ -136,18 +136,12 @@ fn front(layout: &Layout<f32>, own: &ShaderTables) -> Operations {
                 _ => (0..element.rows).step_by(6).map(|top| add_rows(u64::from(element.rows - top).min(6), columns)).sum(),
             };
         }
-        for instant in &layout.reach_instants[step.reach.range()] {
-            let blocks = layout.base_blocks[instant.base.blocks as usize].front.iter().filter(|at| **at != NONE).count() as u64;
+        for instant in &factored.instants[step.factored.range()] {
+            let blocks = factored.blocks_of(instant).present().count() as u64;
             // Products of the pose, added to the front; half of them for diagonal blocks; and the values.
             of.simple += 3 * (36 * blocks * (blocks.saturating_sub(1)) / 2 + 21 * blocks) + 12 * blocks;
-            for foot in &layout.reach_feet[instant.feet.range()] {
-                let own: u64 = layout.reach_legs[foot.leg as usize]
-                    .front
-                    .iter()
-                    .zip([2, 2, 1])
-                    .map(|(at, columns)| if *at == NONE { 0 } else { columns })
-                    .sum();
-                // Sums over the pose, then the other columns and the values with the foot's own columns.
+            for element in &factored.elements[instant.elements.range()] {
+                let own: u64 = factored.own[element.own as usize].present().map(|run| u64::from(run.len)).sum();
                 of.simple += 3 * (36 * 3 + 6 * 2) + 6 * blocks * (6 + 6 * own) + own * (3 + 3 * (own + 1)) + 6 * own;
             }
         }

@@ -9,7 +9,7 @@ use cregopt::gait::Schedule;
 use cregopt::nlp::layout::Element;
 use cregopt::nlp::{Layout, transcription};
 use cregopt::rows::Family;
-use cregopt::rows::table::NONE;
+use cregopt::rows::factored::FactoredElement;
 use cregopt::search::evaluate::LowerSettings;
 use cregopt::solver::control::Progress;
 use cregopt::solver::round::{ROUND, Stage};
@@ -43,13 +43,14 @@ impl Sizes<'_> {
 
     /// Bytes of the pose columns of the reach rows.
     fn by_pose(&self) -> u64 {
-        4 * 18 * self.layout.reach_feet.len() as u64
+        4 * 18 * self.layout.reach_rows.elements.len() as u64
     }
 
     /// Bytes of the feet's own columns of the reach rows.
     fn by_feet(&self) -> u64 {
-        let own = |at: &[u32; 3]| -> u64 { at.iter().zip([2, 2, 1]).map(|(at, n)| if *at == NONE { 0 } else { n }).sum() };
-        4 * 3 * self.layout.reach_feet.iter().map(|f| own(&self.layout.reach_legs[f.leg as usize].front)).sum::<u64>()
+        let rows = &self.layout.reach_rows;
+        let columns = |e: &FactoredElement| rows.own[e.own as usize].present().map(|run| u64::from(run.len)).sum::<u64>();
+        4 * 3 * rows.elements.iter().map(columns).sum::<u64>()
     }
 
     /// Bytes of the pivot rows with their right-hand side.
@@ -83,12 +84,10 @@ impl Sizes<'_> {
         let whole = self.jacobian(|_| true);
         let elements = t(&[Buffer::Elements]);
         let sweep = t(&[Buffer::FrontSteps, Buffer::Rests]);
-        let legs = t(&[Buffer::BaseBlocks, Buffer::ReachLegs]);
-        // An instant has weights, blocks and feet; a foot has a leg and a place.
-        let reach = four(7 * layout.reach_instants.len() + 3 * layout.reach_feet.len()) + legs;
+        let reach = t(&[Buffer::FactoredInstants, Buffer::FactoredElements, Buffer::FactoredOwn, Buffer::BaseBlocks]);
         // Gathering goes by variable; an instant contributes one weight and its feet.
-        let gathers = t(&[Buffer::GatherOf, Buffer::Gathers, Buffer::Touches, Buffer::ReachTouches]);
-        let gathered = gathers + four(3 * layout.reach_instants.len() + 3 * layout.reach_feet.len());
+        let gathers = t(&[Buffer::GatherOf, Buffer::Gathers, Buffer::Touches, Buffer::FactoredTouches]);
+        let gathered = gathers + four(3 * layout.reach_rows.instants.len() + 3 * layout.reach_rows.elements.len());
         if shader.table().is_some_and(|table| self.table(table) == 0) {
             return 0;
         }
@@ -104,7 +103,7 @@ impl Sizes<'_> {
                 let written = self.jacobian(|o| o == linear || o == angular) + equalities(linear) + equalities(angular);
                 walk(&[Buffer::MomentumIntervals, Buffer::Impulses]) + written + deviations
             }
-            Shader::Reach => family(Family::Reach, Buffer::ReachInstants) + t(&[Buffer::ReachFeet]) + legs + deviations,
+            Shader::Reach => family(Family::Reach, Buffer::ReachInstants) + t(&[Buffer::ReachFeet, Buffer::ReachLegs]) + reach + deviations,
             Shader::Force => family(Family::Force, Buffer::ForceNodes),
             Shader::Swing => family(Family::Swing, Buffer::SwingNodes),
             Shader::Stride => family(Family::Stride, Buffer::Strides),

@@ -1,6 +1,6 @@
-// needs: shared/triangle shared/reach
+// needs: shared/triangle shared/factored_front
 // binds: jacobian factor tables part
-// reads: elements runs front_steps rests base_blocks reach_instants reach_feet reach_legs
+// reads: elements runs front_steps rests base_blocks factored_instants factored_elements factored_own
 // Frontal Cholesky factorisation in time order: assemble, eliminate, move on. One workgroup per candidate; steps `part.first` to
 // `part.last`.
 //   in      values    weight, value [rows]; diagonal, gradient [variables]
@@ -9,7 +9,7 @@
 //   out     factor    pivot rows, [pivots][stride] at each step; the right-hand side is in column `size`
 //   out     values    flags: 1 if a pivot is not positive
 // Solves `(E + J' W J) d = -(u + J' v)` together with substitute.wgsl.
-// Twins: src/linear/front.rs, src/linear/reach.rs. Their sums have another order: they eliminate pivots one by one.
+// Twins: src/linear/front.rs, src/linear/factored.rs. Their sums have another order: they eliminate pivots one by one.
 
 // Front indices of the columns of an element. Two buffers alternate, so that the next element can be prepared.
 var<workgroup> columns: array<u32, 2 * COLUMNS>;
@@ -177,141 +177,6 @@ fn assemble(slot: u32, half: u32, element: Element, side: u32, count: u32, size:
     }
 }
 
-// Number of products of two columns of the base pose, and of the values of `by_pose`.
-const POSE_PRODUCTS: u32 = POSE * POSE;
-const POSE_SUMS: u32 = POSE_PRODUCTS + POSE;
-// Number of columns of the base blocks, and of the columns by which the own columns of a foot are multiplied, values included.
-const BASE_COLUMNS: u32 = POSE_BLOCKS * POSE;
-const OTHER_COLUMNS: u32 = BASE_COLUMNS + OWN_COLUMNS + 1u;
-// Number of pairs of base blocks.
-const BLOCK_PAIRS: u32 = POSE_BLOCKS * (POSE_BLOCKS + 1u) / 2u;
-
-// Sums over the feet at one reach instant, by its pose: `P' W P` and `P' v`, with `P` the derivatives of the rows by the pose.
-var<workgroup> by_pose: array<f32, POSE_SUMS>;
-
-// One of the values of `by_pose`: `P' W P` row by row, then `P' v`.
-fn pose_sum(slot: u32, half: u32, feet: Span, e: u32) -> f32 {
-    let base = slot * batch.values;
-    var sum = 0.0;
-    for (var f = feet.start; f < feet.end; f++) {
-        let foot = reach_feet_at(slot, f);
-        let place = reach_place(slot, f, foot.jacobian, foot.stride);
-        let pose = (2u * slot + half) * batch.jacobian + place.jacobian;
-        for (var r = 0u; r < 3u; r++) {
-            if (e < POSE_PRODUCTS) {
-                let left = values[base + batch.weight + place.row + r] * jacobian[pose + r * place.stride + e / POSE];
-                sum += left * jacobian[pose + r * place.stride + e % POSE];
-            } else {
-                sum += values[base + batch.value + place.row + r] * jacobian[pose + r * place.stride + e - POSE_PRODUCTS];
-            }
-        }
-    }
-    return sum;
-}
-
-// Front index and Jacobian column of own column `f` of a leg: two per foothold, one for the swing height. NONE if the variable
-// is fixed.
-fn own_column(slot: u32, leg: u32, f: u32) -> vec2<u32> {
-    let block = reach_legs_front(slot, leg, f / 2u);
-    if (block == NONE) {
-        return vec2<u32>(NONE, NONE);
-    }
-    if (f == OWN_COLUMNS - 1u) {
-        return vec2<u32>(block, reach_legs_at(slot, leg).height_column);
-    }
-    return vec2<u32>(block, reach_legs_foothold_column(slot, leg, f / 2u)) + f % 2u;
-}
-
-// Adds the products of a foot's own columns with column `other`: a base column, an own column or the values.
-fn add_foot(slot: u32, half: u32, instant: u32, blocks: u32, number: u32, size: u32, other: u32) {
-    let foot = reach_feet_at(slot, number);
-    let place = reach_place(slot, number, foot.jacobian, foot.stride);
-    let first = (2u * slot + half) * batch.jacobian + place.jacobian;
-    let rows = place.stride * vec3<u32>(0u, 1u, 2u);
-    let row = slot * batch.values + place.row;
-    var right = vec3<f32>(values[row + batch.weight], values[row + batch.weight + 1u], values[row + batch.weight + 2u]);
-    var at = size;
-    if (other < BASE_COLUMNS) {
-        let block = other / POSE;
-        at = base_blocks_front(slot, blocks, block);
-        if (at == NONE) {
-            return;
-        }
-        at += other % POSE;
-        right *= column_of(first + other % POSE, rows, 3u);
-        right *= reach_instants_base_weights(slot, instant, block);
-    } else if (other < BASE_COLUMNS + OWN_COLUMNS) {
-        let second = own_column(slot, foot.leg, other - BASE_COLUMNS);
-        if (second.x == NONE) {
-            return;
-        }
-        at = second.x;
-        right *= column_of(first + second.y, rows, 3u);
-    } else {
-        right = -vec3<f32>(values[row + batch.value], values[row + batch.value + 1u], values[row + batch.value + 2u]);
-    }
-    for (var f = 0u; f < OWN_COLUMNS; f++) {
-        let own = own_column(slot, foot.leg, f);
-        // For two own columns, only the upper triangle.
-        if (own.x != NONE && (other < BASE_COLUMNS || own.x <= at)) {
-            add_front(slot, ix_front(size, min(own.x, at), max(own.x, at)), dot(column_of(first + own.y, rows, 3u), right));
-        }
-    }
-}
-
-// One of the pairs of base blocks.
-fn block_pair(pair: u32) -> vec2<u32> {
-    let i = select(select(select(0u, 1u, pair > 3u), 2u, pair > 6u), 3u, pair > 8u);
-    let before = i * POSE_BLOCKS - (i * (i - min(i, 1u))) / 2u;
-    return vec2<u32>(i, i + pair - before);
-}
-
-// Adds one of the products of the base columns at an instant: POSE_PRODUCTS per pair of blocks.
-fn add_pose(slot: u32, instant: u32, blocks: u32, size: u32, e: u32) {
-    let pair = block_pair(e / POSE_PRODUCTS);
-    let rows = base_blocks_front(slot, blocks, pair.x);
-    let columns = base_blocks_front(slot, blocks, pair.y);
-    let c = (e % POSE_PRODUCTS) / POSE;
-    let d = e % POSE;
-    // Upper triangle of a diagonal block; otherwise the block above the diagonal, whichever of the two blocks comes first. The sums are
-    // symmetric.
-    if (rows != NONE && columns != NONE && (pair.x != pair.y || c <= d)) {
-        let weight = reach_instants_base_weights(slot, instant, pair.x) * reach_instants_base_weights(slot, instant, pair.y);
-        add_front(slot, ix_front(size, min(rows, columns) + c, max(rows, columns) + d), weight * by_pose[e % POSE_PRODUCTS]);
-    }
-}
-
-// Adds `J' W J` and `-J' v` of the reach rows of all feet at the instants of a step, which share their base blocks.
-//
-// All rows touch the base only through its pose, with weights `w` that all feet of an instant share. With `P` the derivatives by the pose
-// and `A` those by the foot's own columns, the block of base coefficients `i` and `j` is `w_i w_j sum P' W P`, and that of coefficient `i`
-// and a foot `w_i P' W A`.
-fn assemble_reach(slot: u32, half: u32, at: FrontStep, lane: u32) {
-    for (var instant = at.reach.start; instant < at.reach.end; instant++) {
-        let feet = reach_instants_at(slot, instant).feet;
-        let blocks = reach_instants_at(slot, instant).base.blocks;
-        front_barrier();
-        for (var e = lane; e < POSE_SUMS; e += WORKGROUP) {
-            by_pose[e] = pose_sum(slot, half, feet, e);
-        }
-        workgroupBarrier();
-        for (var e = lane; e < BLOCK_PAIRS * POSE_PRODUCTS; e += WORKGROUP) {
-            add_pose(slot, instant, blocks, at.size, e);
-        }
-        for (var e = lane; e < BASE_COLUMNS; e += WORKGROUP) {
-            let block = base_blocks_front(slot, blocks, e / POSE);
-            if (block != NONE) {
-                let sum = reach_instants_base_weights(slot, instant, e / POSE) * by_pose[POSE_PRODUCTS + e % POSE];
-                add_front(slot, ix_front(at.size, block + e % POSE, at.size), -sum);
-            }
-        }
-        for (var e = lane; e < OTHER_COLUMNS * (feet.end - feet.start); e += WORKGROUP) {
-            add_foot(slot, half, instant, blocks, feet.start + e / OTHER_COLUMNS, at.size, e % OTHER_COLUMNS);
-        }
-    }
-    front_barrier();
-}
-
 // Initialises the front of a step: zero, plus what remains of the previous front.
 fn begin_front(slot: u32, k: u32, size: u32, lane: u32) {
     for (var i = lane; i < ix_front(size, size, size); i += WORKGROUP) {
@@ -459,7 +324,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
             assemble(slot, half, element, side, count, at.size, lane);
             side = COLUMNS - side;
         }
-        assemble_reach(slot, half, at, lane);
+        assemble_factored(slot, half, at, lane);
         for (var i = lane; i < at.pivots; i += WORKGROUP) {
             add_front(slot, ix_front(at.size, i, i), values[base + batch.diagonal + at.variable + i]);
             add_front(slot, ix_front(at.size, i, at.size), -values[base + batch.gradient + at.variable + i]);

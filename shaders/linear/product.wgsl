@@ -1,8 +1,8 @@
-// needs: shared/kind shared/reach
-// binds: jacobian tables footholds
-// reads: elements runs base_blocks reach_instants reach_feet reach_legs
-// Products of the Jacobian with the direction. One thread per element; for reach rows one per instant, whose feet share the change of its
-// pose.
+// needs: shared/kind shared/factored_product
+// binds: jacobian tables
+// reads: elements runs base_blocks factored_instants factored_elements factored_own
+// Products of the Jacobian with the direction. One thread per element; for factored rows one per instant, whose elements share the change of
+// the pose.
 //   in   values    direction
 //   in   jacobian  at the point
 //   out  values    c_change [equalities]; g_change [inequalities], with the sign of their side
@@ -30,9 +30,22 @@ fn rows_times(slot: u32, element: Element, first: u32, count: u32) -> vec3<f32> 
     return sums;
 }
 
+// Writes the product of row `r` of an element of `rows` rows.
+fn put_product(slot: u32, place: Place, rows: u32, pairs: u32, r: u32, product: f32) {
+    let base = slot * batch.values;
+    if (row_kind(slots[slot].rows, place.row) != INEQUALITY) {
+        values[base + batch.c_change + place.row + r] = product;
+    } else {
+        let at = base + batch.g_change + place.inequality + r;
+        values[at] = product;
+        if (r < pairs) {
+            values[at + rows] = -product;
+        }
+    }
+}
+
 // Products of the rows of one element.
 fn jacobian_times(slot: u32, half: u32, element: Element) {
-    let base = slot * batch.values;
     let place = element.place;
     var products = vec3<f32>();
     for (var r = 0u; r < element.rows; r++) {
@@ -40,64 +53,7 @@ fn jacobian_times(slot: u32, half: u32, element: Element) {
             let first = (2u * slot + half) * batch.jacobian + place.jacobian + r * place.stride;
             products = rows_times(slot, element, first, element.rows - r);
         }
-        let product = products[r % 3u];
-        if (row_kind(slots[slot].rows, place.row) != INEQUALITY) {
-            values[base + batch.c_change + place.row + r] = product;
-        } else {
-            values[base + batch.g_change + place.inequality + r] = product;
-            if (r < element.pairs) {
-                values[base + batch.g_change + place.inequality + element.rows + r] = -product;
-            }
-        }
-    }
-}
-
-// Values of three Jacobian rows, `stride` apart, in the column at index `at`.
-fn column_at(at: u32, stride: u32) -> vec3<f32> {
-    return vec3<f32>(jacobian[at], jacobian[at + stride], jacobian[at + 2u * stride]);
-}
-
-// Products of the reach rows of all feet at one instant.
-fn reach_times(slot: u32, half: u32, instant: u32) {
-    let direction = slot * batch.values + batch.direction;
-    var position = vec3<f32>();
-    var angles = vec3<f32>();
-    let blocks = reach_instants_at(slot, instant).base.blocks;
-    for (var i = 0u; i < POSE_BLOCKS; i++) {
-        if (base_blocks_front(slot, blocks, i) == NONE) {
-            continue;
-        }
-        let weight = reach_instants_base_weights(slot, instant, i);
-        let at = direction + base_blocks_variable(slot, blocks, i);
-        position += weight * vec3<f32>(values[at], values[at + 1u], values[at + 2u]);
-        angles += weight * vec3<f32>(values[at + 3u], values[at + 4u], values[at + 5u]);
-    }
-    let feet = reach_instants_at(slot, instant).feet;
-    for (var f = feet.start; f < feet.end; f++) {
-        let foot = reach_feet_at(slot, f);
-        let place = reach_place(slot, f, foot.jacobian, foot.stride);
-        let stride = place.stride;
-        let first = (2u * slot + half) * batch.jacobian + place.jacobian;
-        var products = vec3<f32>();
-        for (var c = 0u; c < 3u; c++) {
-            products += column_at(first + c, stride) * position[c] + column_at(first + 3u + c, stride) * angles[c];
-        }
-        for (var i = 0u; i < 2u; i++) {
-            if (reach_legs_front(slot, foot.leg, i) != NONE) {
-                let at = direction + footholds[slot * batch.footholds + reach_legs_foothold(slot, foot.leg, i)];
-                let column = first + reach_legs_foothold_column(slot, foot.leg, i);
-                products += column_at(column, stride) * values[at] + column_at(column + 1u, stride) * values[at + 1u];
-            }
-        }
-        if (reach_legs_front(slot, foot.leg, 2u) != NONE) {
-            let leg = reach_legs_at(slot, foot.leg);
-            products += column_at(first + leg.height_column, stride) * values[direction + leg.height];
-        }
-        let to = slot * batch.values + batch.g_change + place.inequality;
-        for (var r = 0u; r < 3u; r++) {
-            values[to + r] = products[r];
-            values[to + 3u + r] = -products[r];
-        }
+        put_product(slot, place, element.rows, element.pairs, r, products[r % 3u]);
     }
 }
 
@@ -111,7 +67,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     for (var i = lane; i < slots[slot].elements; i += WORKGROUP) {
         jacobian_times(slot, half, elements_at(slot, i));
     }
-    for (var i = lane; i < slots[slot].reach_instants; i += WORKGROUP) {
-        reach_times(slot, half, i);
+    for (var i = lane; i < slots[slot].factored_instants; i += WORKGROUP) {
+        factored_times(slot, half, i);
     }
 }

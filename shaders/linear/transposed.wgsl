@@ -1,6 +1,6 @@
-// needs: shared/reach shared/gather
+// needs: shared/gather
 // binds: jacobian tables
-// reads: elements reach_instants reach_feet gather_of gathers touches reach_touches
+// reads: elements factored_instants factored_elements gather_of gathers touches factored_touches
 // Right-hand side of the corrector: the transposed Jacobian times the values of the rows, plus the gradient of the terms in single
 // variables. One thread per variable, which gathers from the rows that touch it, in row order.
 //   in   values           value [rows], gradient [variables]
@@ -8,17 +8,15 @@
 //   out  values           right_hand_side [variables]
 // Twin: src/linear/transposed.rs, which scatters in the same order
 
-// Product of one column with the values, over the reach rows of a foot at an instant.
-fn of_foot(slot: u32, half: u32, number: u32, column: u32) -> f32 {
-    let foot = reach_feet_at(slot, number);
-    let place = reach_place(slot, number, foot.jacobian, foot.stride);
+// Product of one column with the values, over the rows of a factored element.
+fn of_factored(slot: u32, half: u32, place: Place, column: u32) -> f32 {
     let first = (2u * slot + half) * batch.jacobian + place.jacobian + column;
     let v = slot * batch.values + batch.value + place.row;
     return values[v] * jacobian[first] + values[v + 1u] * jacobian[first + place.stride] + values[v + 2u] * jacobian[first + 2u * place.stride];
 }
 
 // Product of one column with the values, over the rows of an element.
-fn of_element(slot: u32, half: u32, element: Element, column: u32) -> f32 {
+fn of_rows(slot: u32, half: u32, element: Element, column: u32) -> f32 {
     let first = (2u * slot + half) * batch.jacobian + element.place.jacobian + column;
     let v = slot * batch.values + batch.value + element.place.row;
     var sum = 0.0;
@@ -28,7 +26,7 @@ fn of_element(slot: u32, half: u32, element: Element, column: u32) -> f32 {
     return sum;
 }
 
-// Factor of rows that touch the base through its pose: the weight itself.
+// Factor by which an interpolation weight counts: the weight itself.
 fn of_weight(weight: f32) -> f32 {
     return weight;
 }

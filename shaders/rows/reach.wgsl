@@ -1,6 +1,6 @@
-// needs: shared/values shared/jacobian shared/math shared/reach shared/entries
+// needs: shared/values shared/jacobian shared/math shared/factored_place shared/entries
 // binds: jacobian footholds tables
-// reads: base_blocks reach_instants reach_feet reach_legs
+// reads: base_blocks factored_instants factored_elements factored_own reach_instants reach_feet reach_legs
 // Reach boxes: each foot stays within a box in the base frame. One thread per reach instant.
 //   in   values    x of the trial point, ground, deviations
 //   out  values    g at each foot's place: 3 upper sides, 3 lower sides; dimensionless, feasible when <= 0
@@ -9,22 +9,22 @@
 
 // Reach rows of all feet at one instant.
 fn entry(slot: u32, half: u32, k: u32) {
-    let instant = reach_instants_at(slot, k);
-    let blocks = instant.base.blocks;
+    let at = factored_instants_at(slot, k);
+    let blocks = at.blocks;
     let x = ix_x(slot, half);
-    var pose = motion(instant.base.reference);
+    var pose = motion(reach_instants_at(slot, k).reference);
     for (var i = 0u; i < POSE_BLOCKS; i++) {
-        pose = add_weighted(pose, reach_instants_base_weights(slot, k, i), x + base_blocks_variable(slot, blocks, i));
+        pose = add_weighted(pose, factored_instants_weights(slot, k, i), x + base_blocks_variable(slot, blocks, i));
     }
     let interval = base_blocks_at(slot, blocks).interval;
     if (interval < slots[slot].momentum_intervals) {
         for (var q = 0u; q < INNER_POINTS; q++) {
-            pose = add_weighted(pose, reach_instants_base_deviation_weights(slot, k, q), ix_deviation(slot, interval, q));
+            pose = add_weighted(pose, reach_instants_deviation_weights(slot, k, q), ix_deviation(slot, interval, q));
         }
     }
     let base_w = pose.linear;
     let turned = euler(pose.angular);
-    for (var i = instant.feet.start; i < instant.feet.end; i++) {
+    for (var i = at.elements.start; i < at.elements.end; i++) {
         reach_foot(slot, half, i, base_w, turned.rot_wb, turned.axes);
     }
 }
@@ -33,7 +33,9 @@ fn entry(slot: u32, half: u32, k: u32) {
 fn reach_foot(slot: u32, half: u32, number: u32, base_w: vec3<f32>, rot_wb: Mat3, axes: Mat3) {
     let foot = reach_feet_at(slot, number);
     let leg = reach_legs_at(slot, foot.leg);
-    let place = reach_place(slot, number, foot.jacobian, foot.stride);
+    let place = factored_place_at(slot, number);
+    let own = factored_elements_at(slot, number).own;
+    let height = factored_own_runs(slot, own, 2u);
     let constants = &slots[slot].constants;
     let unit = constants.length_scale;
     let x = ix_x(slot, half);
@@ -47,8 +49,8 @@ fn reach_foot(slot: u32, half: u32, number: u32, base_w: vec3<f32>, rot_wb: Mat3
         foot_w.y += foot.xy_weights[i] * values[at + 1u];
         foot_w.z += foot.z_weights[i] * ground_height(slot, leg.foothold[i]);
     }
-    if (leg.height != NONE) {
-        foot_w.z += foot.z_weights[2] * values[x + leg.height];
+    if (height.len > 0u) {
+        foot_w.z += foot.z_weights[2] * values[x + height.variable];
     }
     let leg_w = foot_w - base_w;
     let center = vec3<f32>(leg.center[0], leg.center[1], leg.center[2]);
@@ -65,16 +67,17 @@ fn reach_foot(slot: u32, half: u32, number: u32, base_w: vec3<f32>, rot_wb: Mat3
         put_column(rows, 0u, 3u + d, unit * mul_transposed(rot_wb, cross(leg_w, axes[d])));
     }
     for (var i = 0u; i < 2u; i++) {
-        if (leg.foothold[i] == NONE || leg.foothold_column[i] == NONE) {
+        let run = factored_own_runs(slot, own, i);
+        if (run.len == 0u) {
             continue;
         }
-        let c = leg.foothold_column[i];
+        let c = run.column;
         let slope = ground_slope(slot, leg.foothold[i]);
         for (var d = 0u; d < 2u; d++) {
             put_column(rows, 0u, c + d, (foot.xy_weights[i] * rot_wb[d] + foot.z_weights[i] * slope[d] * rot_wb[2]) * unit);
         }
     }
-    if (leg.height != NONE) {
-        put_column(rows, 0u, leg.height_column, foot.z_weights[2] * rot_wb[2] * unit);
+    if (height.len > 0u) {
+        put_column(rows, 0u, height.column, foot.z_weights[2] * rot_wb[2] * unit);
     }
 }

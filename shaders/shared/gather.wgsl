@@ -1,22 +1,22 @@
-// Sums over the rows that touch a variable, in row order. The including shader defines the summands: `of_foot` for the reach rows of a foot
-// at an instant and `of_element` for the rows of an element, both in one column, and `of_weight`, the factor of the rows that touch the
-// base through its pose.
+// needs: shared/factored_place
+// Sums over the rows that touch a variable, in row order. The including shader defines the summands: `of_rows` for the rows of an element and
+// `of_factored` for those of a factored one, both in one column, and `of_weight`, the factor by which an interpolation weight counts.
 
-// Sum over the reach rows at consecutive instants.
-fn of_reach(slot: u32, half: u32, touch: ReachTouch, column: u32) -> f32 {
+// Sum over the factored rows at consecutive instants.
+fn of_instants(slot: u32, half: u32, touch: FactoredTouch, column: u32) -> f32 {
     var sum = 0.0;
     for (var instant = touch.instants.start; instant < touch.instants.end; instant++) {
-        let feet = reach_instants_at(slot, instant).feet;
-        var of_feet = 0.0;
-        for (var f = feet.start; f < feet.end; f++) {
-            if (touch.leg == NONE || touch.leg == reach_feet_at(slot, f).leg) {
-                of_feet += of_foot(slot, half, f, column);
+        let elements = factored_instants_at(slot, instant).elements;
+        var of_elements = 0.0;
+        for (var number = elements.start; number < elements.end; number++) {
+            if (touch.own == NONE || touch.own == factored_elements_at(slot, number).own) {
+                of_elements += of_factored(slot, half, factored_place_at(slot, number), column);
             }
         }
-        if (touch.leg == NONE) {
-            of_feet *= of_weight(reach_instants_base_weights(slot, instant, touch.block));
+        if (touch.own == NONE) {
+            of_elements *= of_weight(factored_instants_weights(slot, instant, touch.block));
         }
-        sum += of_feet;
+        sum += of_elements;
     }
     return sum;
 }
@@ -28,11 +28,11 @@ fn gathered(slot: u32, half: u32, i: u32) -> f32 {
     var sum = 0.0;
     for (var k = gather.touches.start; k < gather.touches.end; k++) {
         let touch = touches_at(slot, k);
-        sum += of_element(slot, half, elements_at(slot, touch.element), touch.column + offset);
+        sum += of_rows(slot, half, elements_at(slot, touch.element), touch.column + offset);
     }
-    for (var k = gather.reach.start; k < gather.reach.end; k++) {
-        let touch = reach_touches_at(slot, k);
-        sum += of_reach(slot, half, touch, touch.column + offset);
+    for (var k = gather.factored.start; k < gather.factored.end; k++) {
+        let touch = factored_touches_at(slot, k);
+        sum += of_instants(slot, half, touch, touch.column + offset);
     }
     return sum;
 }

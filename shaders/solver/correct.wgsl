@@ -1,4 +1,4 @@
-// needs: shared/reduce shared/slacks shared/round shared/reach
+// needs: shared/reduce shared/slacks shared/round shared/all_elements
 // binds: elements
 // Mehrotra's corrector: longest step of the predictor, target of the barrier parameter, and values of the rows. One workgroup per
 // candidate.
@@ -29,11 +29,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let aim = BarrierTarget(target_barrier(before, after), 1.0);
     // The steps that other invocations wrote are read below.
     storageBarrier();
-    for (var i = lane; i < slots[slot].elements; i += WORKGROUP) {
-        barrier_rows(slot, now.current, elements[slot * batch.elements + i], aim);
-    }
-    for (var i = lane; i < slots[slot].reach_feet; i += WORKGROUP) {
-        barrier_rows(slot, now.current, reach_element(slot, i), aim);
+    for (var i = lane; i < all_elements(slot); i += WORKGROUP) {
+        barrier_rows(slot, now.current, any_element(slot, i), aim);
     }
     if (lane == 0u) {
         progress[slot].mu = aim.mu;

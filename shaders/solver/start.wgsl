@@ -1,6 +1,6 @@
-// needs: shared/kind shared/reach shared/gather
+// needs: shared/kind shared/gather
 // binds: jacobian tables
-// reads: elements reach_instants reach_feet gather_of gathers touches reach_touches
+// reads: elements factored_instants factored_elements gather_of gathers touches factored_touches
 // Start of a solve, after the rows have been evaluated at the initial point: column scaling, first slacks and multipliers. One workgroup
 // per candidate.
 //   in      jacobian  at the initial point
@@ -8,17 +8,15 @@
 //   in out  progress
 // Twin: src/solver/start.rs
 
-// Sum of squares in one column of the reach rows of a foot at an instant. These rows are two-sided: each counts twice, at half weight.
-fn of_foot(slot: u32, half: u32, number: u32, column: u32) -> f32 {
-    let foot = reach_feet_at(slot, number);
-    let place = reach_place(slot, number, foot.jacobian, foot.stride);
+// Sum of squares in one column of the rows of a factored element. These rows are two-sided: each counts twice, at half weight.
+fn of_factored(slot: u32, half: u32, place: Place, column: u32) -> f32 {
     let first = (2u * slot + half) * batch.jacobian + place.jacobian + column;
     let v = vec3<f32>(jacobian[first], jacobian[first + place.stride], jacobian[first + 2u * place.stride]);
     return dot(v, v);
 }
 
 // Weighted sum of squares in one column of the rows of an element: weight 1 for equalities and two-sided rows, 1/2 for one-sided rows.
-fn of_element(slot: u32, half: u32, element: Element, column: u32) -> f32 {
+fn of_rows(slot: u32, half: u32, element: Element, column: u32) -> f32 {
     let first = (2u * slot + half) * batch.jacobian + element.place.jacobian + column;
     let twice = select(element.pairs, element.rows, row_kind(slots[slot].rows, element.place.row) == EQUALITY);
     var sum = 0.0;
@@ -29,7 +27,7 @@ fn of_element(slot: u32, half: u32, element: Element, column: u32) -> f32 {
     return sum;
 }
 
-// Factor of rows that touch the base through its pose: the square of the weight.
+// Factor by which an interpolation weight counts: its square.
 fn of_weight(weight: f32) -> f32 {
     return weight * weight;
 }

@@ -1,4 +1,4 @@
-// needs: shared/reduce shared/slacks shared/control shared/round shared/reach
+// needs: shared/reduce shared/slacks shared/control shared/round shared/all_elements
 // binds: elements
 // Start of a round: kind of step or termination, then weights and values of the rows in the normal equations, and the terms in single
 // variables. One workgroup per candidate.
@@ -104,11 +104,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     if (now.state > CLOSE) {
         return;
     }
-    for (var i = lane; i < slots[slot].elements; i += WORKGROUP) {
-        row_weights(slot, now, elements[slot * batch.elements + i]);
-    }
-    for (var i = lane; i < slots[slot].reach_feet; i += WORKGROUP) {
-        row_weights(slot, now, reach_element(slot, i));
+    for (var i = lane; i < all_elements(slot); i += WORKGROUP) {
+        row_weights(slot, now, any_element(slot, i));
     }
     for (var i = lane; i < slots[slot].variables; i += WORKGROUP) {
         variable_terms(base, now.current, i, proximal(now), now.smoothing);

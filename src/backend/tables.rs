@@ -9,9 +9,9 @@
 //! words.
 
 use crate::nlp::Layout;
+use crate::rows::factored::{FactoredTouch, FirstRows, POSE};
 use crate::rows::momentum::{INNER_POINTS, MOMENTUM_POINTS, MomentumPoint};
-use crate::rows::reach::{POSE, ReachInstant, ReachRows};
-use crate::rows::table::{MemberArray, NONE, Run, Span, Wgsl};
+use crate::rows::table::{MemberArray, Run, Span, Wgsl};
 use crate::rows::{Constants, RowCounts, row_tables};
 use crate::settings::{SolverSettings, Transcription};
 use crate::solver::control::{Limits, Progress, early_termination_rates};
@@ -68,15 +68,22 @@ macro_rules! all_tables {
                 first_front_steps FrontSteps,
                 first_rests Rests,
                 first_base_blocks BaseBlocks,
+                first_factored_instants FactoredInstants,
+                first_factored_elements FactoredElements,
+                first_factored_own FactoredOwn,
                 first_reach_instants ReachInstants,
                 first_reach_feet ReachFeet,
                 first_reach_legs ReachLegs,
                 first_gather_of GatherOf,
                 first_gathers Gathers,
                 first_touches Touches,
-                first_reach_touches ReachTouches,
+                first_factored_touches FactoredTouches,
             }
             $($table $buffer (&layout.tables.$table),)*
+            base_blocks BaseBlocks (&layout.reach_rows.base_blocks),
+            factored_instants FactoredInstants (&layout.reach_rows.instants),
+            factored_elements FactoredElements (&layout.reach_rows.elements),
+            factored_own FactoredOwn (&layout.reach_rows.own),
             elements Elements (&layout.elements),
             runs Runs (&layout.runs),
             front_steps FrontSteps (&own.front_steps),
@@ -84,7 +91,7 @@ macro_rules! all_tables {
             gather_of GatherOf (&own.gather_of),
             gathers Gathers (&own.gathers),
             touches Touches (&own.touches),
-            reach_touches ReachTouches (&own.reach_touches),
+            factored_touches FactoredTouches (&own.factored_touches),
         }
     };
 }
@@ -257,8 +264,8 @@ macro_rules! gpu_tables {
                 pub rows: RowCounts,
                 /// Number of inequalities.
                 pub inequalities: u32,
-                /// First reach row.
-                pub reach_rows: ReachRows,
+                /// First indices of the factored rows.
+                pub first_factored: FirstRows,
                 /// Decay of the early termination limit, see [`early_termination_rates`].
                 pub early_termination_rates: [f32; 3],
                 $(
@@ -282,7 +289,7 @@ macro_rules! gpu_tables {
                     variables: layout.variables as u32,
                     rows: layout.rows,
                     inequalities: layout.inequalities as u32,
-                    reach_rows: layout.reach_rows,
+                    first_factored: layout.reach_rows.first,
                     early_termination_rates: early_termination_rates(layout.curves.transcription).map(|rate| rate as f32),
                     $($table: count(Buffer::$buffer),)*
                     shape: Shape::of(&layout.terrain, first_height),
@@ -423,8 +430,8 @@ crate::table! {
         pub stride: u32,
         /// Elements assembled in this step.
         pub elements: Span,
-        /// Reach instants assembled in this step.
-        pub reach: Span,
+        /// Instants of factored rows assembled in this step.
+        pub factored: Span,
         /// Variables that remain after the pivots, in the table of [`Rest`].
         pub rest: Span,
     }
@@ -445,8 +452,8 @@ crate::table! {
         pub variable: u32,
         /// Elements, in the table of [`Touch`], in element order.
         pub touches: Span,
-        /// Reach rows, in the table of [`ReachTouch`], in the order of the instants.
-        pub reach: Span,
+        /// Factored rows, in the table of [`FactoredTouch`], in the order of the instants.
+        pub factored: Span,
     }
 
     /// Element that touches a block of variables.
@@ -454,20 +461,6 @@ crate::table! {
     pub struct Touch {
         /// Number of the element.
         pub element: u32,
-        /// Column of the first variable of the block.
-        pub column: u32,
-    }
-
-    /// Reach rows at consecutive instants that touch a block of variables in the same columns: those of a leg, or those of all feet through
-    /// the pose.
-    #[derive(Default, PartialEq)]
-    pub struct ReachTouch {
-        /// Reach instants.
-        pub instants: Span,
-        /// Leg; [`NONE`] for the rows of all feet through the pose.
-        pub leg: u32,
-        /// Index among the four blocks of the base, whose weights count. For rows through the pose only.
-        pub block: u32,
         /// Column of the first variable of the block.
         pub column: u32,
     }
@@ -513,8 +506,8 @@ pub struct ShaderTables {
     pub gathers: Vec<Gather>,
     /// Elements by block.
     pub touches: Vec<Touch>,
-    /// Reach rows by block.
-    pub reach_touches: Vec<ReachTouch>,
+    /// Factored rows by block.
+    pub factored_touches: Vec<FactoredTouch>,
 }
 
 impl ShaderTables {
@@ -540,7 +533,7 @@ impl ShaderTables {
                 factor: step.factor,
                 stride: step.stride,
                 elements: step.elements,
-                reach: step.reach,
+                factored: layout.reach_rows.steps[k],
                 rest: Span::added(first_rest, &tables.rests),
             });
         }
@@ -550,10 +543,10 @@ impl ShaderTables {
 
     /// Finds the blocks: the longest runs of variables that the same rows touch.
     fn gather(&mut self, layout: &Layout<f32>) {
-        let (by_elements, by_reach) = (touched(layout), reach_touched(layout));
+        let (by_elements, factored) = (touched(layout), layout.reach_rows.touched());
         // A block begins where a run begins or ends.
         let mut begins = vec![false; layout.variables + 1];
-        for run in by_elements.iter().map(|(run, _)| run).chain(by_reach.iter().map(|(run, _)| run)) {
+        for run in by_elements.iter().map(|(run, _)| run).chain(factored.iter().map(|(run, _)| run)) {
             begins[run.variable as usize] = true;
             begins[(run.variable + run.len) as usize] = true;
         }
@@ -564,10 +557,10 @@ impl ShaderTables {
             self.gather_of.push(self.gathers.len() as u32 - 1);
         }
         let (spans, touches) = self.by_block(&by_elements, |touch, by| Touch { column: touch.column + by, ..touch });
-        let (reach_spans, reach_touches) = self.by_block(&by_reach, |touch, by| ReachTouch { column: touch.column + by, ..touch });
-        (self.touches, self.reach_touches) = (touches, reach_touches);
-        for (gather, (touches, reach)) in self.gathers.iter_mut().zip(spans.into_iter().zip(reach_spans)) {
-            (gather.touches, gather.reach) = (touches, reach);
+        let (factored_spans, factored) = self.by_block(&factored, |touch, by| FactoredTouch { column: touch.column + by, ..touch });
+        (self.touches, self.factored_touches) = (touches, factored);
+        for (gather, (touches, factored)) in self.gathers.iter_mut().zip(spans.into_iter().zip(factored_spans)) {
+            (gather.touches, gather.factored) = (touches, factored);
         }
     }
 
@@ -603,33 +596,6 @@ fn touched(layout: &Layout<f32>) -> Vec<(Run, Touch)> {
     let of_run = |element: usize, run: &Run| (*run, Touch { element: element as u32, column: run.column });
     let elements = layout.elements.iter().enumerate();
     elements.flat_map(|(i, element)| layout.runs[element.runs.range()].iter().map(move |run| of_run(i, run))).collect()
-}
-
-/// Runs of variables that reach rows touch.
-fn reach_touched(layout: &Layout<f32>) -> Vec<(Run, ReachTouch)> {
-    let mut of_legs = vec![Span::default(); layout.reach_legs.len()];
-    let mut of_blocks = vec![Span::default(); layout.base_blocks.len()];
-    for (i, ReachInstant { base, feet }) in (0..).zip(&layout.reach_instants) {
-        let with = |span: Span| Span { start: if span.end == 0 { i } else { span.start }, end: i + 1 };
-        let of_block = &mut of_blocks[base.blocks as usize];
-        *of_block = with(*of_block);
-        for foot in &layout.reach_feet[feet.range()] {
-            let of_leg = &mut of_legs[foot.leg as usize];
-            *of_leg = with(*of_leg);
-        }
-    }
-    let mut touched = Vec::new();
-    for (blocks, &instants) in layout.base_blocks.iter().zip(&of_blocks) {
-        for i in (0..4).filter(|&i| blocks.front[i] != NONE) {
-            let run = Run { variable: blocks.variable[i], front: blocks.front[i], column: 0, len: 6 };
-            touched.push((run, ReachTouch { instants, leg: NONE, block: i as u32, column: 0 }));
-        }
-    }
-    for (number, (leg, &instants)) in (0..).zip(layout.reach_legs.iter().zip(&of_legs)) {
-        let of_run = |run: Run| (run, ReachTouch { instants, leg: number, block: NONE, column: run.column });
-        touched.extend(leg.own_runs(&layout.footholds).map(of_run));
-    }
-    touched
 }
 
 /// Sizes of the largest candidate of a batch.

@@ -4,8 +4,9 @@
 //! Solves `(E + J' W J) d = -(u + J' v)` with `W` and `v` given per Jacobian row, `E` and `u` per variable. The front stores the upper
 //! triangle by rows. The right-hand side is in the column after the last variable, so that the elimination includes forward substitution.
 
-use super::lanes::LANES;
-use super::reach::{OwnSums, assemble_reach};
+use super::factored::OwnSums;
+use super::simd::{LANES, tile_of};
+use super::{NormalEquations, Shape};
 use crate::nlp::Layout;
 use crate::nlp::layout::Element;
 use crate::real::Real;
@@ -22,7 +23,7 @@ pub struct Factor<T> {
     pub pivot_rows: AVec<T>,
     /// Jacobian rows of one element, scattered to the columns of the front.
     spread: AVec<T>,
-    /// Contributions of the reach rows to the columns of footholds and swing heights.
+    /// Contributions of the factored rows to their own columns.
     own: OwnSums<T>,
     /// Solution for the front of one step.
     pub(super) local: AVec<T>,
@@ -49,21 +50,6 @@ impl<T: Real> Factor<T> {
     }
 }
 
-/// Normal equations: terms per Jacobian row and per variable.
-#[derive(Debug, Clone, Copy)]
-pub struct NormalEquations<'a, T> {
-    /// Jacobian values of every element.
-    pub jacobian: &'a [T],
-    /// `W`, `[rows]`, not negative; elements whose weights are all 0 are skipped, and `v` of a row of weight 0 must be 0.
-    pub weight: &'a [T],
-    /// `v`, `[rows]`.
-    pub value: &'a [T],
-    /// `E`, `[variables]`.
-    pub diagonal: &'a [T],
-    /// `u`, `[variables]`.
-    pub gradient: &'a [T],
-}
-
 /// Factorises the normal equations. Returns false if a pivot is not positive or not finite.
 pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, factor: &mut Factor<T>) -> bool {
     // Columns per tile: two vector registers in either precision.
@@ -79,17 +65,16 @@ fn factorise_by<T: Real, const W: usize>(layout: &Layout<T>, system: &NormalEqua
     let stride = layout.front_stride;
     let [mut front, mut next] = factor.fronts.each_mut().map(|f| &mut f[..]);
     let mut previous_size = 0;
-    for step in &layout.steps {
+    for (k, step) in layout.steps.iter().enumerate() {
         let (size, pivots) = (step.size as usize, step.pivots as usize);
+        let shape = Shape { size, stride };
         std::mem::swap(&mut front, &mut next);
         front[..size * stride].fill(T::zero());
         move_front(layout, step.moves, next, previous_size, front, size, stride);
         for element in &layout.elements[step.elements.range()] {
-            assemble::<T, W>(layout, element, system, front, Shape { size, stride }, &mut factor.spread);
+            assemble::<T, W>(layout, element, system, front, shape, &mut factor.spread);
         }
-        if !step.reach.range().is_empty() {
-            assemble_reach(layout, &layout.reach_instants[step.reach.range()], system, front, size, stride, &mut factor.own);
-        }
+        layout.reach_rows.assemble(k, system, front, shape, &mut factor.own);
         for i in 0..pivots {
             front[i * stride + i] += system.diagonal[step.variable as usize + i];
             front[i * stride + size] -= system.gradient[step.variable as usize + i];
@@ -124,13 +109,6 @@ fn move_front<T: Real>(layout: &Layout<T>, moves: Span, old: &[T], old_size: usi
             new[to + new_size] = old[from + old_size];
         }
     }
-}
-
-/// Shape of a front: `size` variables, then the right-hand side, in rows of length `stride`.
-#[derive(Clone, Copy)]
-struct Shape {
-    size: usize,
-    stride: usize,
 }
 
 /// Adds `J' W J` and `-J' v` of one element to the front.
@@ -351,11 +329,4 @@ fn eliminate_rows<T: Real, const W: usize, const R: usize>(
         }
     }
     true
-}
-
-#[inline(always)]
-pub(super) fn tile_of<T: Real, const W: usize>(values: &[T]) -> [T; W] {
-    let mut tile = [T::zero(); W];
-    tile.copy_from_slice(&values[..W]);
-    tile
 }

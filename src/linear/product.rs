@@ -1,12 +1,11 @@
 //! Products of the Jacobian with a direction.
 
-use super::lanes::{LANES, dot};
+use super::simd::dot;
 use crate::nlp::Layout;
 use crate::nlp::layout::Element;
 use crate::real::Real;
 use crate::rows::RowKind;
-use crate::rows::reach::ReachInstant;
-use crate::rows::table::NONE;
+use crate::rows::table::Place;
 use multiversion::multiversion;
 
 /// Product `J d`: equalities in `c_change`, inequalities in `g_change`. The lower side of a two-sided row has the opposite sign.
@@ -17,9 +16,7 @@ pub fn jacobian_times<T: Real>(layout: &Layout<T>, jacobian: &[T], d: &[T], loca
     for element in &layout.elements {
         element_times(layout, element, jacobian, d, local, c_change, g_change);
     }
-    for instant in &layout.reach_instants {
-        reach_times(layout, instant, jacobian, d, g_change);
-    }
+    layout.reach_rows.times(jacobian, d, c_change, g_change);
 }
 
 /// Products of the rows of one element with the direction.
@@ -35,7 +32,7 @@ fn element_times<T: Real>(
 ) {
     let place = &element.place;
     let (rows, pairs) = (element.rows as usize, element.pairs as usize);
-    let (row, at, stride) = (place.row as usize, place.inequality as usize, place.stride as usize);
+    let stride = place.stride as usize;
     let kind = layout.rows.kind(place.row);
     // Values of `d` for the columns of the element; the padding of Jacobian rows is zero.
     local[..stride].fill(T::zero());
@@ -45,57 +42,30 @@ fn element_times<T: Real>(
     }
     for r in 0..rows {
         let product = dot(&jacobian[place.jacobian as usize + r * stride..][..stride], &local[..stride]);
-        if kind != RowKind::Inequality {
-            c_change[row + r] = product;
-        } else {
-            g_change[at + r] = product;
-            if r < pairs {
-                g_change[at + rows + r] = -product;
-            }
-        }
+        put(kind, place, rows, pairs, r, product, c_change, g_change);
     }
 }
 
-/// Products of the reach rows of all feet at one instant, for which the change of the base pose is computed once.
+/// Writes the product of row `r` of an element of `rows` rows.
 #[inline(always)]
-fn reach_times<T: Real>(layout: &Layout<T>, instant: &ReachInstant<T>, jacobian: &[T], d: &[T], g_change: &mut [T]) {
-    let (weights, blocks) = (&instant.base.weights, &layout.base_blocks[instant.base.blocks as usize]);
-    let mut pose = [T::zero(); 6];
-    for i in (0..4).filter(|&i| blocks.front[i] != NONE) {
-        let block = &d[blocks.variable[i] as usize..][..6];
-        for c in 0..6 {
-            pose[c] = weights[i].mul_add(block[c], pose[c]);
+#[allow(clippy::too_many_arguments, reason = "both slices and the shape of the element")]
+pub(super) fn put<T: Real>(
+    kind: RowKind,
+    place: &Place,
+    rows: usize,
+    pairs: usize,
+    r: usize,
+    product: T,
+    c_change: &mut [T],
+    g_change: &mut [T],
+) {
+    if kind != RowKind::Inequality {
+        c_change[place.row as usize + r] = product;
+    } else {
+        let at = place.inequality as usize + r;
+        g_change[at] = product;
+        if r < pairs {
+            g_change[at + rows] = -product;
         }
-    }
-    for foot in instant.feet.range() {
-        if layout.reach_feet[foot].stride as usize == LANES {
-            foot_times::<T, 1>(layout, foot, &pose, jacobian, d, g_change);
-        } else {
-            foot_times::<T, 2>(layout, foot, &pose, jacobian, d, g_change);
-        }
-    }
-}
-
-/// Products of the reach rows of one foot, which have `GROUPS` times eight columns.
-///
-/// * `number` - index in the table of feet
-#[inline(always)]
-fn foot_times<T: Real, const GROUPS: usize>(layout: &Layout<T>, number: usize, pose: &[T; 6], jacobian: &[T], d: &[T], g_change: &mut [T]) {
-    let foot = &layout.reach_feet[number];
-    let (leg, place) = (&layout.reach_legs[foot.leg as usize], layout.reach_place(number));
-    let mut local = [[T::zero(); LANES]; GROUPS];
-    let columns = local.as_flattened_mut();
-    columns[..6].copy_from_slice(pose);
-    for own in 0..3 {
-        let Some(run) = leg.own_run(own, &layout.footholds) else { continue };
-        for i in 0..run.len as usize {
-            columns[run.column as usize + i] = d[run.variable as usize + i];
-        }
-    }
-    let (first, at) = (place.jacobian as usize, place.inequality as usize);
-    for r in 0..3 {
-        let product = dot(&jacobian[first + r * GROUPS * LANES..][..GROUPS * LANES], local.as_flattened());
-        g_change[at + r] = product;
-        g_change[at + 3 + r] = -product;
     }
 }

@@ -1,7 +1,7 @@
 //! Back substitution with a factor: computes the direction from the substituted right-hand side.
 
 use super::front::Factor;
-use super::lanes::dot;
+use super::simd::dot;
 use crate::nlp::Layout;
 use crate::real::Real;
 use multiversion::multiversion;

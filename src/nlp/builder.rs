@@ -1,19 +1,21 @@
 //! Builder of a [`Layout`]: collects blocks of variables and elements over them, then assigns places and columns.
 
 use super::Layout;
+use super::columns::Columns;
+use super::factored::FactoredDrafts;
 use super::footing::{self, FootholdRegion};
+use super::ground_path::GroundPath;
 use super::layout::{Curves, Element, FootBlocks};
 use super::sweep::{self, Block};
-use super::transcription::ground_path::GroundPath;
-use super::transcription::{self, legs};
 use crate::gait::trajectory::MotionLimits;
 use crate::gait::{AlignedSchedule, Phase};
 use crate::real::Real;
 use crate::robot::GRAVITY;
-use crate::rows::blocks::{BlockId, Foothold, Placed, Seat, Use};
-use crate::rows::reach::{self, BaseBlocks, BasePoint, ReachFoot, ReachInstant, ReachLeg, ReachRows};
-use crate::rows::table::{NONE, Place, Run, Span};
-use crate::rows::{Constants, Family, RowCounts, RowKind, Spec, Tables};
+use crate::rows::blocks::{BlockId, Foothold, Placed, Use};
+use crate::rows::factored::{OWN_BLOCKS, POSE_BLOCKS};
+use crate::rows::reach::{ReachFoot, ReachInstant, ReachLeg};
+use crate::rows::table::{NONE, Span};
+use crate::rows::{Constants, Family, RowCounts, RowKind, Tables};
 use crate::settings::{Transcription, TranscriptionSettings};
 use crate::task::Task;
 use nalgebra::Matrix3;
@@ -30,25 +32,6 @@ struct Draft {
     weight: f64,
     /// Range in [`Builder::uses`].
     uses: Range<usize>,
-}
-
-/// Instant of reach rows whose columns are not known yet.
-struct ReachDraft {
-    step: usize,
-    /// Interval whose deviation applies.
-    interval: u32,
-    /// Blocks of its base pose.
-    base: [Use; 4],
-}
-
-/// Leg whose columns are not known yet.
-struct LegDraft<T> {
-    leg: ReachLeg<T>,
-    /// Blocks that its rows use in addition to the base pose.
-    uses: [Use; 3],
-    /// Last step for which the leg was placed, its index in [`Tables::reach_legs`] for that step, and its number of columns including those
-    /// of the pose.
-    placed: (usize, usize, u32),
 }
 
 /// Blocks of one foot.
@@ -107,10 +90,8 @@ pub(super) struct Builder<'a, T> {
     blocks: Vec<Block>,
     drafts: Vec<Draft>,
     uses: Vec<Use>,
-    /// Instants of reach rows, in the order of their table.
-    reach: Vec<ReachDraft>,
-    /// Legs of the reach rows. Until [`Builder::finish`], feet refer to these indices.
-    legs: Vec<LegDraft<T>>,
+    /// Factored rows of the reach family.
+    reach: FactoredDrafts,
     footholds: Vec<BlockId>,
     /// Largest normal force of a foot, N.
     force_limit: f64,
@@ -122,9 +103,18 @@ impl<'a, T: Real> Builder<'a, T> {
     /// Creates a builder without blocks and elements.
     ///
     /// * `force_limit` - largest normal force of a foot, N
+    /// * `limits` - limits that motions satisfy in addition to their rows
     /// * `steps` - number of steps of the sweep
-    pub fn new(task: &'a Task, schedule: &AlignedSchedule, settings: &'a TranscriptionSettings, force_limit: f64, steps: usize) -> Self {
+    pub fn new(
+        task: &'a Task,
+        schedule: &AlignedSchedule,
+        settings: &'a TranscriptionSettings,
+        force_limit: f64,
+        limits: Option<MotionLimits>,
+        steps: usize,
+    ) -> Self {
         let (interval, intervals) = (schedule.interval(), schedule.count());
+        let constants = constants(task, settings, interval, force_limit, limits.and_then(|limits| limits.foot_acceleration));
         let feet = (0..schedule.feet()).map(|foot| FootDraft { phases: schedule.phases(foot), ..FootDraft::default() }).collect();
         Builder {
             task,
@@ -134,17 +124,16 @@ impl<'a, T: Real> Builder<'a, T> {
             horizon: schedule.end(),
             intervals,
             steps,
-            tables: Tables::new(constants(task, settings, interval, force_limit), task.terrain.clone(), interval),
+            tables: Tables::new(constants, task.terrain.clone(), interval),
             base: Vec::new(),
             feet,
             blocks: Vec::new(),
             drafts: Vec::new(),
             uses: Vec::new(),
-            reach: Vec::new(),
-            legs: Vec::new(),
+            reach: FactoredDrafts::default(),
             footholds: Vec::new(),
             force_limit,
-            limits: transcription::of::<T>(settings.rows).limits(settings, &task.robot),
+            limits,
         }
     }
 
@@ -208,7 +197,7 @@ impl<'a, T: Real> Builder<'a, T> {
     }
 
     fn draft(&mut self, draft: Draft, uses: &[Use]) {
-        self.touch(draft.step, uses);
+        sweep::touch(&mut self.blocks, draft.step, uses);
         let first = self.uses.len();
         self.uses.extend_from_slice(uses);
         self.drafts.push(Draft { uses: first..self.uses.len(), ..draft });
@@ -217,47 +206,38 @@ impl<'a, T: Real> Builder<'a, T> {
     /// Reserves capacity for reach rows.
     pub fn reserve_reach(&mut self, instants: usize, feet: usize) {
         self.tables.reach_instants.reserve_exact(instants);
-        self.reach.reserve_exact(instants);
         self.tables.reach_feet.reserve_exact(feet);
+        self.reach.reserve(&mut self.tables.reach_rows, instants, feet);
     }
 
-    /// Adds an instant of reach rows. Its step must not be before that of the previous instant.
+    /// Adds an instant of reach rows without feet. Its step must not be before that of the previous instant.
     ///
-    /// * `interval` - see [`BaseBlocks`]
-    pub fn reach_instant(&mut self, base: BasePoint<T>, interval: u32, step: usize, uses: [Use; 4]) {
-        self.touch(step, &uses);
-        let end = self.tables.reach_feet.len() as u32;
-        self.tables.reach_instants.push(ReachInstant { base, feet: Span { start: end, end } });
-        self.reach.push(ReachDraft { step, interval, base: uses });
+    /// * `weights` - interpolation weights of the base blocks
+    /// * `interval` - see [`BaseBlocks`](crate::rows::factored::BaseBlocks)
+    pub fn reach_instant(
+        &mut self,
+        entry: ReachInstant<T>,
+        step: usize,
+        interval: u32,
+        weights: [T; POSE_BLOCKS],
+        base: [BlockId; POSE_BLOCKS],
+    ) {
+        self.reach.instant(&mut self.tables.reach_rows, &mut self.blocks, step, interval, weights, base);
+        self.tables.reach_instants.push(entry);
     }
 
-    /// Adds the data that reach rows of one foot share in a phase. Returns the index by which feet refer to it.
-    pub fn reach_leg(&mut self, leg: ReachLeg<T>, uses: [Use; 3]) -> u32 {
-        self.legs.push(LegDraft { leg, uses, placed: (usize::MAX, 0, 0) });
-        self.legs.len() as u32 - 1
+    /// Adds the data that the reach rows of one foot share in a phase. Returns the index by which feet refer to it.
+    ///
+    /// * `uses` - blocks of the footholds before and after the swing, and of the swing height
+    pub fn reach_leg(&mut self, entry: ReachLeg<T>, uses: [Use; OWN_BLOCKS]) -> u32 {
+        self.tables.reach_legs.push(entry);
+        self.reach.own(uses)
     }
 
     /// Adds a foot to the last instant of reach rows.
-    pub fn reach_foot(&mut self, foot: ReachFoot<T>) {
-        if let (Some(instant), Some(draft)) = (self.tables.reach_instants.last_mut(), self.reach.last()) {
-            instant.feet.end += 1;
-            let uses = self.legs[foot.leg as usize].uses;
-            self.touch(draft.step, &uses);
-            self.tables.reach_feet.push(foot);
-        }
-    }
-
-    /// Extends the lives of the free blocks that rows touch to the step of the rows.
-    fn touch(&mut self, step: usize, uses: &[Use]) {
-        for used in uses {
-            if let Use::Touches(id) = used
-                && let block = &mut self.blocks[id.0 as usize]
-                && !block.fixed
-            {
-                block.first = block.first.min(step);
-                block.last = block.last.max(step);
-            }
-        }
+    pub fn reach_foot(&mut self, entry: ReachFoot<T>) {
+        self.reach.element(&mut self.tables.reach_rows, &mut self.blocks, entry.leg);
+        self.tables.reach_feet.push(entry);
     }
 
     /// Step for a row at time `t` that does not extend the life of a block.
@@ -287,79 +267,35 @@ impl<'a, T: Real> Builder<'a, T> {
 
         let mut drafts = std::mem::take(&mut self.drafts);
         drafts.sort_by_key(|d| d.step);
-        let mut next = Next::after(drafts.iter().map(|d| d.family.spec()), self.tables.reach_feet.len());
+        let counts = RowCounts::of_specs(drafts.iter().map(|d| d.family.spec()).chain(self.tables.reach_rows.specs()));
+        let mut columns = Columns::new(&self.blocks, &positions, &fronts, counts);
         let mut elements = Vec::with_capacity(drafts.len());
-        let costs = next.counts.of(RowKind::Cost);
+        let costs = counts.of(RowKind::Cost);
         let mut cost_weights = vec![T::zero(); costs.len()];
         let mut runs = Vec::with_capacity(3 * drafts.len());
-        let mut columns = Columns::default();
-        // Index of each variable in the front of the current step.
-        let mut in_front = vec![NONE; variables];
-        let mut step = usize::MAX;
         for draft in &drafts {
-            if draft.step != step {
-                step = draft.step;
-                fronts.write(step, &mut in_front);
-            }
             let spec = draft.family.spec();
             let first_run = runs.len();
-            columns.assign(&self.blocks, &positions, &self.uses[draft.uses.clone()], &in_front, 0);
+            columns.assign(draft.step, &self.uses[draft.uses.clone()], 0);
             columns.add_runs(&mut runs);
-            let place = next.place(spec, draft.pairs, columns.count);
+            let place = columns.place(spec, draft.pairs, columns.count);
             if spec.kind == RowKind::Cost {
                 cost_weights[place.row as usize - costs.start..][..spec.rows].fill(T::of(draft.weight));
             }
             draft.family.place(&mut self.tables, draft.entry, &Placed { place, seats: &columns.seats });
             let (rows, pairs) = (spec.rows as u32, draft.pairs as u32);
             elements.push(Element { family: draft.family, rows, pairs, place, runs: Span::added(first_run, &runs) });
-            steps[step].elements.end = elements.len() as u32;
+            steps[draft.step].elements.end = elements.len() as u32;
         }
-        self.tables.reach_rows = ReachRows { row: next.row[RowKind::Inequality as usize] as u32, inequality: next.inequality as u32 };
-        let spec = Family::Reach.spec();
-        // Step, interval and blocks of the previous instant.
-        let mut last = None;
-        for (instant, draft) in self.reach.iter().enumerate() {
-            if draft.step != step {
-                step = draft.step;
-                fronts.write(step, &mut in_front);
-            }
-            let base = (step, draft.interval, &draft.base);
-            if last != Some(base) {
-                last = Some(base);
-                columns.assign(&self.blocks, &positions, &draft.base, &in_front, 0);
-                self.tables.base_blocks.push(BaseBlocks::placed(&columns.seats, draft.interval));
-            }
-            let ReachInstant { base, feet } = &mut self.tables.reach_instants[instant];
-            base.blocks = self.tables.base_blocks.len() as u32 - 1;
-            for foot in feet.range() {
-                let draft = &mut self.legs[self.tables.reach_feet[foot].leg as usize];
-                if draft.placed.0 != step {
-                    columns.assign(&self.blocks, &positions, &draft.uses, &in_front, reach::POSE as u32);
-                    draft.placed = (step, self.tables.reach_legs.len(), columns.count);
-                    self.tables.reach_legs.push(draft.leg);
-                    let at = Placed { place: Place::default(), seats: &columns.seats };
-                    Family::Reach.place(&mut self.tables, draft.placed.1, &at);
-                }
-                let (_, leg, count) = draft.placed;
-                let Place { jacobian, stride, .. } = next.place(spec, spec.pairs, count);
-                let foot = &mut self.tables.reach_feet[foot];
-                (foot.leg, foot.jacobian, foot.stride) = (leg as u32, jacobian, stride);
-            }
-            steps[step].reach.end = instant as u32 + 1;
-        }
-        // Steps without elements get empty ranges that keep the order.
-        let (mut end, mut reach_end) = (0, 0);
-        for step in &mut steps {
-            step.elements = Span { start: end, end: step.elements.end.max(end) };
-            step.reach = Span { start: reach_end, end: step.reach.end.max(reach_end) };
-            (end, reach_end) = (step.elements.end, step.reach.end);
-        }
+        sweep::close(steps.iter_mut().map(|step| &mut step.elements));
+        std::mem::take(&mut self.reach).place(&mut self.tables.reach_rows, &mut columns, self.steps);
+        let next = columns.next;
 
         self.tables.footholds = self.footholds.iter().map(|&id| positions[id.0 as usize]).collect();
         let curves = self.curves(&positions);
         Layout {
             variables,
-            rows: next.counts,
+            rows: counts,
             inequalities: next.inequality,
             jacobian_len: next.jacobian,
             initial,
@@ -408,116 +344,13 @@ impl<'a, T: Real> Builder<'a, T> {
     }
 }
 
-/// Place of the next rows.
-#[derive(Default)]
-struct Next {
-    /// Of all rows.
-    counts: RowCounts,
-    /// Next row of each kind.
-    row: [usize; 3],
-    inequality: usize,
-    jacobian: usize,
-    /// Largest number of columns so far, padding included.
-    widest: usize,
-}
-
-impl Next {
-    /// Before the first element.
-    ///
-    /// * `specs` - of all elements but those of reach rows
-    /// * `reach` - number of elements of reach rows
-    fn after(specs: impl Iterator<Item = Spec>, reach: usize) -> Next {
-        let mut rows = [0, 0, reach * reach::SPEC.rows];
-        specs.for_each(|spec| rows[spec.kind as usize] += spec.rows);
-        let [equalities, costs, inequalities] = rows.map(|count| count as u32);
-        let counts = RowCounts { equalities, costs, inequalities };
-        let row = [RowKind::Equality, RowKind::Cost, RowKind::Inequality].map(|kind| counts.of(kind).start);
-        Next { counts, row, ..Next::default() }
-    }
-
-    /// Place of the rows of one element.
-    fn place(&mut self, spec: Spec, pairs: usize, columns: u32) -> Place {
-        let stride = columns.next_multiple_of(8);
-        let row = &mut self.row[spec.kind as usize];
-        let place = Place { row: *row as u32, inequality: self.inequality as u32, jacobian: self.jacobian as u32, stride };
-        *row += spec.rows;
-        if spec.kind == RowKind::Inequality {
-            self.inequality += spec.rows + pairs;
-        }
-        self.jacobian += spec.rows * stride as usize;
-        self.widest = self.widest.max(stride as usize);
-        place
-    }
-}
-
-/// Columns of one element, and the seats of the blocks that it uses.
-#[derive(Default)]
-struct Columns {
-    /// Blocks that have columns, by position in `x`.
-    blocks: Vec<BlockColumns>,
-    count: u32,
-    /// First column of each block that has one, by its id; stale for the other blocks.
-    of_block: Vec<u32>,
-    seats: Vec<Seat>,
-}
-
-/// Columns of one block.
-struct BlockColumns {
-    id: BlockId,
-    position: u32,
-    len: u32,
-    column: u32,
-    front: u32,
-}
-
-impl Columns {
-    /// Assigns columns, after the first `others`, to the free blocks that the rows touch: each block once, in the order of `x`.
-    fn assign(&mut self, blocks: &[Block], positions: &[u32], uses: &[Use], in_front: &[u32], others: u32) {
-        let position = |id: BlockId| positions[id.0 as usize];
-        self.blocks.clear();
-        for used in uses {
-            if let Use::Touches(id) = *used
-                && let block = &blocks[id.0 as usize]
-                && !block.fixed
-            {
-                let (position, len) = (position(id), block.len as u32);
-                self.blocks.push(BlockColumns { id, position, len, column: 0, front: in_front[position as usize] });
-            }
-        }
-        self.blocks.sort_unstable_by_key(|b| b.position);
-        self.blocks.dedup_by_key(|b| b.id);
-        self.count = others;
-        self.of_block.resize(blocks.len(), NONE);
-        for block in &mut self.blocks {
-            block.column = self.count;
-            self.of_block[block.id.0 as usize] = self.count;
-            self.count += block.len;
-        }
-        let seat = |used: &Use| match used {
-            Use::Nothing => Seat::NOTHING,
-            Use::Touches(id) if !blocks[id.0 as usize].fixed => {
-                let position = position(*id);
-                Seat { position, column: self.of_block[id.0 as usize], front: in_front[position as usize] }
-            }
-            Use::Reads(id) | Use::Touches(id) => Seat { position: position(*id), ..Seat::NOTHING },
-        };
-        self.seats.clear();
-        self.seats.extend(uses.iter().map(seat));
-    }
-
-    /// Appends the columns as runs, each as long as possible.
-    fn add_runs(&self, runs: &mut Vec<Run>) {
-        let first = runs.len();
-        for &BlockColumns { position, len, column, front, .. } in &self.blocks {
-            match runs[first..].last_mut() {
-                Some(last) if last.variable + last.len == position => last.len += len,
-                _ => runs.push(Run { variable: position, front, column, len }),
-            }
-        }
-    }
-}
-
-fn constants<T: Real>(task: &Task, settings: &TranscriptionSettings, interval: f64, force_limit: f64) -> Constants<T> {
+fn constants<T: Real>(
+    task: &Task,
+    settings: &TranscriptionSettings,
+    interval: f64,
+    force_limit: f64,
+    foot_acceleration: Option<f64>,
+) -> Constants<T> {
     let robot = &task.robot;
     let unit = robot.weight() / robot.feet() as f64;
     let inverse = Matrix3::from_fn(|r, c| robot.inertia[r][c]).try_inverse().unwrap_or_else(Matrix3::zeros);
@@ -536,6 +369,6 @@ fn constants<T: Real>(task: &Task, settings: &TranscriptionSettings, interval: f
         length_margin: T::of(settings.length_margin),
         force_margin: T::of(settings.force_margin * robot.feet() as f64),
         foot_radius: T::of(footing::radius(task, settings)),
-        foot_acceleration: T::of(legs::foot_acceleration(settings).unwrap_or(f64::INFINITY)),
+        foot_acceleration: T::of(foot_acceleration.unwrap_or(f64::INFINITY)),
     }
 }

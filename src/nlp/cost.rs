@@ -5,7 +5,7 @@
 //! middle of the swing, where accelerations jump.
 
 use super::builder::Builder;
-use super::feet::swing_weights;
+use super::foot_blocks::swing_weights;
 use super::transcription::Transcribe;
 use super::transcription::momentum::{deviation_rates, deviation_weights};
 use crate::gait::Phase;

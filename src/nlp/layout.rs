@@ -9,9 +9,8 @@ use super::sweep::Step;
 use crate::gait::Phase;
 use crate::gait::trajectory::MotionLimits;
 use crate::real::Real;
-use crate::rows::reach::{self, ReachInstant};
-use crate::rows::table::{NONE, Place, Run, Span};
-use crate::rows::{Family, RowCounts, RowKind, Spec, Tables};
+use crate::rows::table::{Place, Run, Span};
+use crate::rows::{Family, RowCounts, RowKind, Tables};
 use crate::settings::Transcription;
 use std::ops::{Deref, DerefMut};
 
@@ -26,8 +25,7 @@ crate::table! {
         pub pairs: u32,
         /// Place of the rows in the buffers.
         pub place: Place,
-        /// Columns as runs of variables, in [`Layout::runs`]; empty for reach rows, whose columns are in their own tables
-        /// ([`Layout::columns`]).
+        /// Columns as runs of variables, in [`Layout::runs`]; empty for factored rows, which know their columns themselves.
         pub runs: Span,
     }
 }
@@ -59,7 +57,7 @@ pub struct Layout<T> {
     pub tables: Tables<T>,
     /// Weight of the absolute value of each cost row in the objective; 0 if half of its square counts instead, `[costs]`.
     pub cost_weights: Vec<T>,
-    /// Elements in the order of the sweep, except those of reach rows, which follow all others: see [`Layout::reach_elements`].
+    /// Elements in the order of the sweep, except those of factored rows, which follow all others: see [`Layout::all_elements`].
     pub elements: Vec<Element>,
     /// Columns of the elements.
     pub runs: Vec<Run>,
@@ -97,39 +95,16 @@ impl<T: Real> Layout<T> {
         self.curves.force_limit
     }
 
-    /// Elements of reach rows, one per foot and instant.
-    pub fn reach_elements(&self) -> impl Iterator<Item = Element> {
-        let Spec { rows, pairs, .. } = reach::SPEC;
-        (0..self.reach_feet.len()).map(move |number| Element {
-            family: Family::Reach,
-            rows: rows as u32,
-            pairs: pairs as u32,
-            place: self.reach_place(number),
-            runs: Span::default(),
-        })
-    }
-
-    /// All elements, those of reach rows last.
+    /// All elements, those of factored rows last.
     pub fn all_elements(&self) -> impl Iterator<Item = Element> {
-        self.elements.iter().copied().chain(self.reach_elements())
+        self.elements.iter().copied().chain(self.reach_rows.as_elements())
     }
 
     /// Dependencies of the rows of each of [`Layout::all_elements`]: columns as runs of variables, with the weight by which the Jacobian
-    /// values apply to these variables. Reach rows depend on the blocks of the base through the six columns of their pose, with one weight
-    /// per block.
+    /// values apply to these variables, which is 1 except in factored rows.
     pub fn columns(&self) -> Vec<Vec<(Run, T)>> {
-        let of_instant = |instant: &ReachInstant<T>| {
-            let (weights, blocks) = (instant.base.weights, self.base_blocks[instant.base.blocks as usize]);
-            self.reach_feet[instant.feet.range()].iter().map(move |foot| {
-                let pose = (0..4).map(|i| (Run { variable: blocks.variable[i], front: blocks.front[i], column: 0, len: 6 }, weights[i]));
-                let own = self.reach_legs[foot.leg as usize].own_runs(&self.footholds).map(|run| (run, T::one()));
-                let mut all: Vec<(Run, T)> = pose.filter(|(run, _)| run.front != NONE).chain(own).collect();
-                all.sort_by_key(|(run, _)| run.column);
-                all
-            })
-        };
         let own = |element: &Element| self.runs[element.runs.range()].iter().map(|run| (*run, T::one())).collect();
-        self.elements.iter().map(own).chain(self.reach_instants.iter().flat_map(of_instant)).collect()
+        self.elements.iter().map(own).chain(self.reach_rows.columns()).collect()
     }
 }
 

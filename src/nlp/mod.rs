@@ -5,9 +5,12 @@
 //! same for every transcription.
 
 mod builder;
+mod columns;
 mod cost;
-mod feet;
+mod factored;
+mod foot_blocks;
 mod footing;
+mod ground_path;
 pub mod layout;
 pub mod sweep;
 mod trajectory;
@@ -15,3 +18,68 @@ pub mod transcription;
 
 pub use layout::{Curves, Layout};
 pub use trajectory::trajectory;
+
+use crate::gait::AlignedSchedule;
+use crate::gait::cost::CostWeights;
+use crate::real::Real;
+use crate::settings::{Transcription, TranscriptionSettings};
+use crate::task::Task;
+use builder::Builder;
+
+impl<T: Real> Layout<T> {
+    /// Builds the problem of a schedule.
+    pub fn new(task: &Task, schedule: &AlignedSchedule, settings: &TranscriptionSettings) -> Self {
+        Layout::with_cost(task, schedule, settings, None)
+    }
+
+    /// Builds the problem of a schedule, with the rows of an objective if one is given. Only `momentum` has these rows.
+    pub fn with_cost(task: &Task, schedule: &AlignedSchedule, settings: &TranscriptionSettings, cost: Option<&CostWeights>) -> Self {
+        let mut builder = builder(task, schedule, settings);
+        if let Some(weights) = cost.filter(|_| settings.rows == Transcription::Momentum) {
+            cost::cost_elements(transcription::of(settings.rows), &mut builder, weights);
+        }
+        builder.finish()
+    }
+}
+
+impl Curves {
+    /// Positions of the blocks in `x`, equal to [`Layout::curves`]. Faster than building a whole layout, because rows get no columns.
+    pub fn new(task: &Task, schedule: &AlignedSchedule, settings: &TranscriptionSettings) -> Curves {
+        builder::<f64>(task, schedule, settings).finish_curves()
+    }
+}
+
+/// Builder with all blocks and elements of the problem of a schedule.
+fn builder<'a, T: Real>(task: &'a Task, schedule: &AlignedSchedule, settings: &'a TranscriptionSettings) -> Builder<'a, T> {
+    let own = transcription::of(settings.rows);
+    let (force_limit, limits) = (transcription::force_limit(settings, task), own.limits(settings, &task.robot));
+    let mut builder = Builder::new(task, schedule, settings, force_limit, limits, own.steps(schedule.count()));
+    own.base_blocks(&mut builder);
+    foot_blocks::blocks(own, &mut builder);
+    own.dynamics(&mut builder);
+    foot_blocks::rows(own, &mut builder);
+    builder
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gait::family::{PeriodicGait, families};
+    use crate::scenario::SCENARIOS;
+
+    #[test]
+    fn curves_without_a_layout_equal_those_of_the_layout() {
+        for scenario in SCENARIOS {
+            let task = scenario.task(1).unwrap();
+            let schedule = PeriodicGait::typical(families(&task.robot)[0], &task).unwrap().schedule().unwrap();
+            for rows in [Transcription::Momentum, Transcription::Towr] {
+                let settings = TranscriptionSettings::of(rows);
+                let schedule = schedule.aligned(transcription::interval(&settings, &task.robot));
+                let layout = Layout::<f64>::new(&task, &schedule, &settings);
+                let curves = Curves::new(&task, &schedule, &settings);
+                assert_eq!(format!("{curves:?}"), format!("{:?}", layout.curves), "{}", scenario.name);
+                assert_eq!(curves.variables, layout.variables);
+            }
+        }
+    }
+}

@@ -4,6 +4,7 @@
 //! after it; its pivots are the variables whose last row is at the step. Variables are numbered in that order, so the pivots of a step are
 //! consecutive and come first in a front sorted by variable.
 
+use crate::rows::blocks::Use;
 use crate::rows::table::{Run, Span};
 
 /// One step of the sweep.
@@ -20,10 +21,8 @@ pub struct Step {
     pub factor: u32,
     /// Distance between two pivot rows in the factor.
     pub stride: u32,
-    /// Elements assembled in this step, except those of reach rows.
+    /// Elements assembled in this step, except factored ones, see [`FactoredRows::steps`](crate::rows::factored::FactoredRows::steps).
     pub elements: Span,
-    /// Reach instants whose rows are assembled in this step.
-    pub reach: Span,
     /// Part of the previous front that is carried over: runs from index `column` there to index `front` here.
     pub moves: Span,
     /// Variables that remain in the front after its pivots, as runs.
@@ -62,6 +61,28 @@ impl Fronts {
                 in_front[(run.variable + i) as usize] = run.front + i;
             }
         }
+    }
+}
+
+/// Extends the lives of the free blocks that rows touch to the step of the rows.
+pub(super) fn touch(blocks: &mut [Block], step: usize, uses: &[Use]) {
+    for used in uses {
+        if let Use::Touches(id) = used
+            && let block = &mut blocks[id.0 as usize]
+            && !block.fixed
+        {
+            block.first = block.first.min(step);
+            block.last = block.last.max(step);
+        }
+    }
+}
+
+/// Completes the spans of consecutive steps, of which only the ends of those with entries are known: the others become empty, in order.
+pub(super) fn close<'a>(spans: impl Iterator<Item = &'a mut Span>) {
+    let mut end = 0;
+    for span in spans {
+        *span = Span { start: end, end: span.end.max(end) };
+        end = span.end;
     }
 }
 
@@ -148,7 +169,6 @@ pub(super) fn fronts(blocks: &[Block], positions: &[u32], steps: usize) -> Front
             factor: result.factor_len as u32,
             stride,
             elements: Span::default(),
-            reach: Span::default(),
             moves: Span { start: first_move as u32, end: first_rest as u32 },
             rest: Span { start: first_rest as u32, end: result.runs.len() as u32 },
         });

@@ -15,6 +15,7 @@ use crate::nlp::Layout;
 use crate::nlp::transcription::momentum::reach_timings;
 use crate::rows::math::{Vec3, add, dot, scale, sub};
 use crate::rows::momentum::{Deviation, MomentumInterval};
+use crate::rows::reach::ReachInstant;
 use crate::rows::table::{NONE, Place, Span};
 use crate::rows::{RowKind, Shared, Spec, Tables, acceleration, cone, footing, momentum, reach, residuals, stride, swing};
 use crate::terrain::Ground;
@@ -83,12 +84,12 @@ fn known(space: &Space, layout: &Layout<f64>) -> Vec<Known> {
     }
     let phases: Vec<_> = curves.feet.iter().map(|f| &f.phases[..]).collect();
     let timings = reach_timings(&phases, curves.interval, curves.intervals);
-    let mut numbered: Vec<_> = timings.iter().zip(&layout.reach_instants).collect();
+    let mut numbered: Vec<_> = timings.iter().zip(&layout.reach_rows.instants).collect();
     numbered.sort_by_key(|(timing, _)| timing.number);
     for (_, instant) in numbered {
-        let k = f64::from(layout.base_blocks[instant.base.blocks as usize].interval);
-        for foot in instant.feet.range() {
-            let place = layout.reach_place(foot);
+        let k = f64::from(layout.reach_rows.blocks_of(instant).interval);
+        for element in instant.elements.range() {
+            let place = layout.reach_rows.place(element);
             all.push(Known { place, spec: reach::SPEC, rows: 3, pairs: 3, window: k..k + 1. });
         }
     }
@@ -287,15 +288,14 @@ fn add_deviations(layout: &Layout<f64>, here: &Residuals, known: &[Known], bends
             (0..3).for_each(|d| put(&interval.angular, 3 + d, *at, bend.mean[d] * mean_scale));
         }
     }
-    for instant in &layout.reach_instants {
-        let weights = &instant.base.deviation_weights;
-        for (at, bend) in &bends[layout.base_blocks[instant.base.blocks as usize].interval as usize] {
+    for (ReachInstant { deviation_weights: weights, .. }, instant) in layout.reach_instants.iter().zip(&layout.reach_rows.instants) {
+        for (at, bend) in &bends[layout.reach_rows.blocks_of(instant).interval as usize] {
             let pose: [f64; 6] = std::array::from_fn(|d| weights.iter().zip(&bend.pose).map(|(w, pose)| w * pose[d]).sum());
             if pose.iter().all(|p| p.abs() < 0.01 * SMALL) {
                 continue;
             }
-            for foot in instant.feet.range() {
-                let place = layout.reach_place(foot);
+            for element in instant.elements.range() {
+                let place = layout.reach_rows.place(element);
                 // The first columns are those of the pose.
                 let (by_pose, stride) = (&here.jacobian[place.jacobian as usize..], place.stride as usize);
                 for r in 0..3 {

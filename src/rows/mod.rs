@@ -12,6 +12,7 @@ pub mod blocks;
 pub mod cone;
 pub mod dynamics;
 pub mod effort;
+pub mod factored;
 pub mod footing;
 pub mod force;
 pub mod ground;
@@ -29,8 +30,8 @@ pub mod write;
 use crate::real::Real;
 use crate::terrain::{Ground, Terrain};
 use blocks::Placed;
+use factored::FactoredRows;
 use momentum::{Deviation, MOMENTUM_POINTS, MomentumPoint};
-use reach::ReachRows;
 use std::sync::Arc;
 use table::Wgsl;
 
@@ -60,6 +61,14 @@ crate::table! {
 }
 
 impl RowCounts {
+    /// Numbers of the rows of elements.
+    pub fn of_specs(specs: impl Iterator<Item = Spec>) -> RowCounts {
+        let mut rows = [0; 3];
+        specs.for_each(|spec| rows[spec.kind as usize] += spec.rows as u32);
+        let [equalities, costs, inequalities] = rows;
+        RowCounts { equalities, costs, inequalities }
+    }
+
     /// Number of all rows.
     pub fn all(self) -> usize {
         self.of(RowKind::Inequality).end
@@ -192,7 +201,6 @@ macro_rules! row_tables {
             stance_forces StanceForces [$crate::rows::dynamics::StanceForce<T>],
             momentum_intervals MomentumIntervals [$crate::rows::momentum::MomentumInterval<T>],
             impulses Impulses [$crate::rows::momentum::Impulse<T>],
-            base_blocks BaseBlocks [$crate::rows::reach::BaseBlocks],
             reach_instants ReachInstants [$crate::rows::reach::ReachInstant<T>],
             reach_feet ReachFeet [$crate::rows::reach::ReachFoot<T>],
             reach_legs ReachLegs [$crate::rows::reach::ReachLeg<T>],
@@ -246,8 +254,8 @@ macro_rules! tables {
             pub terrain: Arc<Terrain>,
             /// Points at which the momentum of every interval is evaluated.
             pub momentum_points: [MomentumPoint<T>; MOMENTUM_POINTS],
-            /// First reach row and first reach inequality.
-            pub reach_rows: ReachRows,
+            /// Factors of the reach rows.
+            pub reach_rows: FactoredRows<T, { reach::ROWS }>,
             $(
                 #[doc = concat!("Table `", stringify!($table), "`.")]
                 pub $table: Vec<$entry>,
@@ -259,7 +267,13 @@ macro_rules! tables {
             ///
             /// * `interval` - between base knots, s, in f64
             pub fn new(constants: Constants<T>, terrain: Arc<Terrain>, interval: f64) -> Self {
-                Tables { constants, terrain, momentum_points: momentum::points(interval), reach_rows: ReachRows::default(), $($table: Vec::new()),* }
+                Tables {
+                    constants,
+                    terrain,
+                    momentum_points: momentum::points(interval),
+                    reach_rows: FactoredRows::new(Family::Reach),
+                    $($table: Vec::new(),)*
+                }
             }
         }
     };

@@ -3,65 +3,41 @@
 //! `v = R' (foot - p) - center`, rows `v - half_width + margin <= 0` and `-v - half_width + margin <= 0`, times the length scale.
 //! Source: \[3\].
 
-use super::blocks::{Placed, Seat};
+use super::factored::{FactoredInstant, OwnColumns, POSE, POSE_BLOCKS};
 use super::math::{Mat3, Vec3, cross, euler, mul_transposed, scale, sub};
 use super::momentum::{Deviation, INNER_POINTS};
-use super::table::{NONE, Place, Run, Span};
+use super::table::NONE;
 use super::write::Rows;
 use super::{RowKind, Spec, Tables};
 use crate::real::Real;
 use crate::terrain::Ground;
 use multiversion::multiversion;
 
-/// Three two-sided rows per foot and instant.
-pub const SPEC: Spec = Spec { rows: 3, pairs: 3, kind: RowKind::Inequality, unit: "m" };
+/// Number of rows per foot and instant.
+pub const ROWS: usize = 3;
 
-/// Number of columns for the base pose; they are the first columns of every foot.
-pub(crate) const POSE: usize = 6;
-/// Number of base blocks that determine the pose at an instant.
-pub(crate) const POSE_BLOCKS: usize = 4;
-/// Number of a foot's own columns: two per foothold, one of the swing height.
-pub(crate) const OWN_COLUMNS: usize = 5;
+/// Two-sided rows.
+pub const SPEC: Spec = Spec { rows: ROWS, pairs: ROWS, kind: RowKind::Inequality, unit: "m" };
 
 /// See [`super::Family::allowed`].
 pub(super) use super::length_allowed as allowed;
 
+/// Factored rows do not place entries of their own.
+pub(super) use super::factored::place;
+
 crate::table! {
-    /// Base pose at one time: `reference + sum_i weights[i] x[variable[i]..][..6]`, with the variables of its [`BaseBlocks`].
-    pub struct BasePoint<T> {
+    /// Base pose at one instant: the interpolated pose of [`FactoredInstant`](super::factored::FactoredInstant) relative to this one.
+    pub struct ReachInstant<T> {
         /// Pose on the straight line from start to goal, m and rad.
         pub reference: [T; 6],
-        /// Hermite or spline weights of the blocks.
-        pub weights: [T; 4],
-        /// Index in [`Tables::base_blocks`].
-        pub blocks: u32,
-        /// Weights of [`Deviation::pose`].
+        /// Weights of [`Deviation::pose`] in the interval of the instant.
         pub deviation_weights: [T; INNER_POINTS],
-    }
-
-    /// Blocks that determine the base pose, shared by consecutive instants.
-    #[derive(PartialEq, Eq)]
-    pub struct BaseBlocks {
-        /// Positions of the blocks in `x`.
-        pub variable: [u32; 4],
-        /// Indices of the blocks in the front; [`NONE`] for blocks that are fixed or have no weight.
-        pub front: [u32; 4],
-        /// `momentum`: interval whose deviation applies.
-        pub interval: u32,
-    }
-
-    /// Reach rows at one instant.
-    pub struct ReachInstant<T> {
-        /// Base pose.
-        pub base: BasePoint<T>,
-        /// Feet, in `reach_feet`.
-        pub feet: Span,
     }
 
     /// Reach rows of one foot.
     ///
     /// Its position is `xy = sum_i xy_weights[i] foothold_i`, `z = sum_i z_weights[i] height(foothold_i) + z_weights[2] swing_height`, with
-    /// the footholds and the swing height of its [`ReachLeg`].
+    /// the footholds of its [`ReachLeg`] and the swing height of its own columns.
     pub struct ReachFoot<T> {
         /// Weights of the footholds before and after the swing.
         pub xy_weights: [T; 2],
@@ -69,13 +45,9 @@ crate::table! {
         pub z_weights: [T; 3],
         /// Index in [`Tables::reach_legs`].
         pub leg: u32,
-        /// Offset in the Jacobian values, see [`Place::jacobian`]; [`Tables::reach_place`] computes the rest of the place.
-        pub jacobian: u32,
-        /// Distance between two rows in the Jacobian values, see [`Place::stride`].
-        pub stride: u32,
     }
 
-    /// Data that the reach rows of one foot share within a phase and a step of the sweep.
+    /// Data that the reach rows of one foot share within a phase.
     pub struct ReachLeg<T> {
         /// Centre of the box in the base frame, m.
         pub center: [T; 3],
@@ -83,84 +55,15 @@ crate::table! {
         pub half_widths: [T; 3],
         /// Indices of the footholds before and after the swing; the second is [`NONE`] in stance.
         pub foothold: [u32; 2],
-        /// Position of the swing height in `x`, or [`NONE`] in stance.
-        pub height: u32,
-        /// Columns of the footholds.
-        pub foothold_column: [u32; 2],
-        /// Column of the swing height.
-        pub height_column: u32,
-        /// Indices of the footholds and of the swing height in the front.
-        pub front: [u32; 3],
     }
-
-    /// First indices of the reach rows. Each foot at each instant follows the one before.
-    #[derive(Default, PartialEq, Eq)]
-    pub struct ReachRows {
-        /// First Jacobian row.
-        pub row: u32,
-        /// First inequality.
-        pub inequality: u32,
-    }
-}
-
-impl<T> Tables<T> {
-    /// Place of the reach rows of a foot at an instant.
-    ///
-    /// * `number` - index in [`Tables::reach_feet`]
-    #[inline(always)]
-    pub fn reach_place(&self, number: usize) -> Place {
-        let ReachFoot { jacobian, stride, .. } = self.reach_feet[number];
-        let ReachRows { row, inequality } = self.reach_rows;
-        let (rows, sides) = (SPEC.rows as u32, (SPEC.rows + SPEC.pairs) as u32);
-        Place { row: row + rows * number as u32, inequality: inequality + sides * number as u32, jacobian, stride }
-    }
-}
-
-impl<T> ReachLeg<T> {
-    /// Columns of the free footholds and of the swing height.
-    ///
-    /// * `footholds` - see [`Tables::footholds`]
-    pub fn own_runs(&self, footholds: &[u32]) -> impl Iterator<Item = Run> {
-        (0..3).filter_map(|i| self.own_run(i, footholds))
-    }
-
-    /// One of these runs: of the foothold before (0) or after (1) the swing, or of the swing height (2). `None` if the block is absent or
-    /// fixed.
-    #[inline(always)]
-    pub fn own_run(&self, i: usize, footholds: &[u32]) -> Option<Run> {
-        let front = self.front[i];
-        if front == NONE {
-            None
-        } else if i < 2 {
-            Some(Run { variable: footholds[self.foothold[i] as usize], front, column: self.foothold_column[i], len: 2 })
-        } else {
-            Some(Run { variable: self.height, front, column: self.height_column, len: 1 })
-        }
-    }
-}
-
-impl BaseBlocks {
-    /// Blocks at known seats.
-    pub(crate) fn placed(seats: &[Seat], interval: u32) -> BaseBlocks {
-        BaseBlocks { variable: std::array::from_fn(|i| seats[i].position), front: std::array::from_fn(|i| seats[i].front), interval }
-    }
-}
-
-/// Writes positions and columns into a leg, whose index is `entry`. Roles: foothold before, foothold after, swing height. The base has
-/// separate seats.
-pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) {
-    let leg = &mut tables.reach_legs[entry];
-    leg.foothold_column = at.columns(0);
-    leg.height_column = at.seats[2].column;
-    leg.height = at.seats[2].position;
-    leg.front = at.fronts(0);
 }
 
 /// Reach rows of all feet at all reach instants.
 ///
-/// * `residual` - out, at each foot's place ([`Tables::reach_place`]): 3 upper sides, 3 lower sides
-/// * `jacobian` - out, 3 rows at each foot's place: 6 columns for the base pose, from which those of the base blocks follow by their
-///   weights, then the columns of footholds and swing height
+/// The own columns of an element are those of the footholds before and after the swing, and of the swing height.
+///
+/// * `residual` - out, at each element's place: 3 upper sides, 3 lower sides
+/// * `jacobian` - out, 3 rows at each element's place: the derivatives by the pose, then the own columns
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn reach<T: Real>(
     tables: &Tables<T>,
@@ -170,16 +73,17 @@ pub fn reach<T: Real>(
     residual: &mut [T],
     mut jacobian: Option<&mut [T]>,
 ) {
-    let constants = &tables.constants;
+    let (constants, all) = (&tables.constants, &tables.reach_rows);
     let unit = constants.length_scale;
-    for instant in &tables.reach_instants {
-        let pose = base_pose(tables, instant, x, deviations);
+    for (instant, factored) in tables.reach_instants.iter().zip(&all.instants) {
+        let pose = base_pose(tables, instant, factored, x, deviations);
         let base_w = [pose[0], pose[1], pose[2]];
         let (rot_wb, axes) = euler([pose[3], pose[4], pose[5]]);
-        for number in instant.feet.range() {
+        for number in factored.elements.range() {
             let foot = &tables.reach_feet[number];
-            let (leg, place) = (&tables.reach_legs[foot.leg as usize], tables.reach_place(number));
-            let leg_w = sub(foot_position(tables, foot, x, ground), base_w);
+            let (leg, place) = (&tables.reach_legs[foot.leg as usize], all.place(number));
+            let own = &all.own[all.elements[number].own as usize];
+            let leg_w = sub(foot_position(tables, foot, own, x, ground), base_w);
             let offset_b = sub(mul_transposed(&rot_wb, leg_w), leg.center);
             let at = place.inequality as usize;
             for d in 0..3 {
@@ -190,24 +94,30 @@ pub fn reach<T: Real>(
             let Some(jacobian) = jacobian.as_deref_mut() else { continue };
             let mut rows = Rows::new(jacobian, &place);
             put_by_pose(unit, &rot_wb, &axes, leg_w, &mut rows);
-            put_by_foot(tables, foot, ground, &rot_wb, &mut rows);
+            put_by_foot(tables, foot, own, ground, &rot_wb, &mut rows);
         }
     }
 }
 
 /// Base pose at an instant, with the deviation from the cubic between the knots if there is one.
 #[inline(always)]
-fn base_pose<T: Real>(tables: &Tables<T>, instant: &ReachInstant<T>, x: &[T], deviations: &[Deviation<T>]) -> [T; 6] {
-    let mut pose = instant.base.reference;
-    let blocks = &tables.base_blocks[instant.base.blocks as usize];
-    for i in 0..4 {
+fn base_pose<T: Real>(
+    tables: &Tables<T>,
+    instant: &ReachInstant<T>,
+    factored: &FactoredInstant<T>,
+    x: &[T],
+    deviations: &[Deviation<T>],
+) -> [T; POSE] {
+    let mut pose = instant.reference;
+    let blocks = tables.reach_rows.blocks_of(factored);
+    for i in 0..POSE_BLOCKS {
         let at = blocks.variable[i] as usize;
         for d in 0..6 {
-            pose[d] += instant.base.weights[i] * x[at + d];
+            pose[d] += factored.weights[i] * x[at + d];
         }
     }
     if let Some(deviation) = deviations.get(blocks.interval as usize) {
-        for (w, deviation) in instant.base.deviation_weights.iter().zip(&deviation.pose) {
+        for (w, deviation) in instant.deviation_weights.iter().zip(&deviation.pose) {
             for d in 0..6 {
                 pose[d] += *w * deviation[d];
             }
@@ -218,7 +128,7 @@ fn base_pose<T: Real>(tables: &Tables<T>, instant: &ReachInstant<T>, x: &[T], de
 
 /// Position of a foot, world frame.
 #[inline(always)]
-fn foot_position<T: Real>(tables: &Tables<T>, foot: &ReachFoot<T>, x: &[T], ground: &[Ground<T>]) -> Vec3<T> {
+fn foot_position<T: Real>(tables: &Tables<T>, foot: &ReachFoot<T>, own: &OwnColumns, x: &[T], ground: &[Ground<T>]) -> Vec3<T> {
     let leg = &tables.reach_legs[foot.leg as usize];
     let mut foot_w = [T::zero(); 3];
     for i in 0..2 {
@@ -230,8 +140,9 @@ fn foot_position<T: Real>(tables: &Tables<T>, foot: &ReachFoot<T>, x: &[T], grou
         foot_w[1] += foot.xy_weights[i] * x[at + 1];
         foot_w[2] += foot.z_weights[i] * ground[leg.foothold[i] as usize].height;
     }
-    if leg.height != NONE {
-        foot_w[2] += foot.z_weights[2] * x[leg.height as usize];
+    let height = own.runs[2];
+    if height.len > 0 {
+        foot_w[2] += foot.z_weights[2] * x[height.variable as usize];
     }
     foot_w
 }
@@ -259,13 +170,18 @@ fn put_by_pose<T: Real>(unit: T, rot_wb: &Mat3<T>, axes: &[Vec3<T>; 3], leg_w: V
 
 /// Writes the derivatives with respect to the footholds and the swing height of a foot.
 #[inline(always)]
-fn put_by_foot<T: Real>(tables: &Tables<T>, foot: &ReachFoot<T>, ground: &[Ground<T>], rot_wb: &Mat3<T>, rows: &mut Rows<T>) {
+fn put_by_foot<T: Real>(
+    tables: &Tables<T>,
+    foot: &ReachFoot<T>,
+    own: &OwnColumns,
+    ground: &[Ground<T>],
+    rot_wb: &Mat3<T>,
+    rows: &mut Rows<T>,
+) {
     let (leg, unit) = (&tables.reach_legs[foot.leg as usize], tables.constants.length_scale);
-    for i in 0..2 {
-        if leg.foothold[i] == NONE || leg.foothold_column[i] == NONE {
-            continue;
-        }
-        let c = leg.foothold_column[i] as usize;
+    let [before, after, height] = own.runs;
+    for (i, run) in [before, after].iter().enumerate().filter(|(_, run)| run.len > 0) {
+        let c = run.column as usize;
         let slope = ground[leg.foothold[i] as usize].slope;
         for r in 0..3 {
             for d in 0..2 {
@@ -273,9 +189,9 @@ fn put_by_foot<T: Real>(tables: &Tables<T>, foot: &ReachFoot<T>, ground: &[Groun
             }
         }
     }
-    if leg.height != NONE {
+    if height.len > 0 {
         for r in 0..3 {
-            rows.put(r, leg.height_column as usize, foot.z_weights[2] * rot_wb[2][r] * unit);
+            rows.put(r, height.column as usize, foot.z_weights[2] * rot_wb[2][r] * unit);
         }
     }
 }

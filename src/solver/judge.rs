@@ -1,7 +1,7 @@
 //! Merit of a trial point, and the update of slacks and multipliers after it was accepted.
 
 use super::slacks::{Lengths, MULTIPLIER_FLOOR, SLACK_FLOOR, Slacks};
-use crate::linear::lanes::{BLOCK, LANES, dot, sum_over};
+use crate::linear::simd::{BLOCK, LANES, dot, sum_over};
 use crate::real::Real;
 use multiversion::multiversion;
 

@@ -28,8 +28,9 @@ pub mod weights;
 pub use close::{CONTINUE_BELOW, can_close, close};
 pub use status::{Outcome, Status};
 
+use crate::linear::NormalEquations;
 use crate::linear::forward::forward;
-use crate::linear::front::{Factor, NormalEquations, factorise};
+use crate::linear::front::{Factor, factorise};
 use crate::linear::product::jacobian_times;
 use crate::linear::substitute::substitute;
 use crate::linear::transposed::transposed_times;

@@ -1,6 +1,6 @@
 //! Slacks and multipliers of the inequalities, their steps, and the complementarity target of a barrier step.
 
-use crate::linear::lanes::{BLOCK, LANES, sum_over};
+use crate::linear::simd::{BLOCK, LANES, sum_over};
 use crate::real::Real;
 use multiversion::multiversion;
 

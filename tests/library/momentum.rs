@@ -215,17 +215,17 @@ fn between_knots(task: &Task, schedule: &Schedule) -> [[f64; 2]; 2] {
     let nodes = trajectory(task, &layout.curves, &x);
     // Rows that contain all feet are at the times of the nodes.
     let feet = task.robot.feet();
-    let instants: Vec<_> =
-        layout.reach_instants.iter().filter(|instant| instant.feet.range().len() == feet).map(|instant| &instant.base).collect();
+    let instants = layout.reach_instants.iter().zip(&layout.reach_rows.instants);
+    let instants: Vec<_> = instants.filter(|(_, factored)| factored.elements.range().len() == feet).collect();
     assert_eq!(instants.len(), nodes.base_lin.nodes.len());
     assert!(instants.len() > 2 * layout.curves.intervals);
     let mut farthest = [[0_f64; 2]; 2];
-    for (base, (lin, ang)) in instants.iter().zip(nodes.base_lin.nodes.iter().zip(&nodes.base_ang.nodes)) {
-        let blocks = &layout.base_blocks[base.blocks as usize];
+    for ((instant, factored), (lin, ang)) in instants.iter().zip(nodes.base_lin.nodes.iter().zip(&nodes.base_ang.nodes)) {
+        let blocks = layout.reach_rows.blocks_of(factored);
         let deviation = &shared.deviations[blocks.interval as usize];
         for d in 0..6 {
-            let cubic = base.reference[d] + (0..4).map(|i| base.weights[i] * x[blocks.variable[i] as usize + d]).sum::<f64>();
-            let bent = cubic + (0..INNER_POINTS).map(|q| base.deviation_weights[q] * deviation.pose[q][d]).sum::<f64>();
+            let cubic = instant.reference[d] + (0..4).map(|i| factored.weights[i] * x[blocks.variable[i] as usize + d]).sum::<f64>();
+            let bent = cubic + (0..INNER_POINTS).map(|q| instant.deviation_weights[q] * deviation.pose[q][d]).sum::<f64>();
             let node = [&lin[..3], &ang[..3]][d / 3][d % 3];
             for (farthest, pose) in farthest.iter_mut().zip([bent, cubic]) {
                 farthest[d / 3] = farthest[d / 3].max((pose - node).abs());

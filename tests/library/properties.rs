@@ -221,11 +221,12 @@ fn check_sweep(layout: &Layout<f32>) -> Result<(), TestCaseError> {
             front.extend(run.variable..run.variable + run.len);
         }
         prop_assert_eq!(front.len(), step.size as usize);
-        prop_assert_eq!(step.reach.start, next_instant);
-        next_instant = step.reach.end;
-        let instants = &layout.reach_instants[step.reach.range()];
-        let feet = instants.iter().flat_map(|instant| instant.feet.range()).map(|foot| layout.elements.len() + foot);
-        for element in step.elements.range().chain(feet) {
+        let of_step = layout.reach_rows.steps[k];
+        prop_assert_eq!(of_step.start, next_instant);
+        next_instant = of_step.end;
+        let instants = &layout.reach_rows.instants[of_step.range()];
+        let factored = instants.iter().flat_map(|instant| instant.elements.range()).map(|number| layout.elements.len() + number);
+        for element in step.elements.range().chain(factored) {
             for (run, _) in &columns[element] {
                 for i in 0..run.len {
                     prop_assert_eq!(front[(run.front + i) as usize], run.variable + i);
@@ -237,21 +238,22 @@ fn check_sweep(layout: &Layout<f32>) -> Result<(), TestCaseError> {
         prop_assert!(pivots.iter().all(|&last| last == k), "eliminated where they are last touched");
     }
     prop_assert_eq!(next_element as usize, layout.elements.len());
-    prop_assert_eq!(next_instant as usize, layout.reach_instants.len());
-    let mut next_foot = 0;
-    for instant in &layout.reach_instants {
-        prop_assert!(instant.feet.start == next_foot && instant.feet.end > next_foot);
-        next_foot = instant.feet.end;
+    let factored = &layout.reach_rows;
+    prop_assert_eq!([next_instant as usize, factored.instants.len()], [layout.reach_instants.len(); 2]);
+    let mut next = 0;
+    for instant in &factored.instants {
+        prop_assert!(instant.elements.start == next && instant.elements.end > next);
+        next = instant.elements.end;
     }
     prop_assert!(layout.elements.iter().all(|e| e.family != Family::Reach));
-    prop_assert_eq!(layout.reach_elements().count(), next_foot as usize);
-    prop_assert!(layout.reach_elements().is_sorted_by(|a, b| a.place.jacobian < b.place.jacobian), "in the order of the feet");
-    // The blocks of a leg and of the base are in one step, because their places in its front are valid only there.
-    let mut step_of = [vec![usize::MAX; layout.reach_legs.len()], vec![usize::MAX; layout.base_blocks.len()]];
-    for (k, step) in layout.steps.iter().enumerate() {
-        for instant in &layout.reach_instants[step.reach.range()] {
-            let legs = layout.reach_feet[instant.feet.range()].iter().map(|foot| (0, foot.leg));
-            for (table, entry) in legs.chain([(1, instant.base.blocks)]) {
+    prop_assert_eq!([factored.as_elements().count(), layout.reach_feet.len()], [next as usize; 2]);
+    prop_assert!(factored.as_elements().is_sorted_by(|a, b| a.place.jacobian < b.place.jacobian), "in the order of the feet");
+    // Own columns and base blocks are in one step, because their places in its front are valid only there.
+    let mut step_of = [vec![usize::MAX; factored.own.len()], vec![usize::MAX; factored.base_blocks.len()]];
+    for (k, of_step) in factored.steps.iter().enumerate() {
+        for instant in &factored.instants[of_step.range()] {
+            let own = factored.elements[instant.elements.range()].iter().map(|element| (0, element.own));
+            for (table, entry) in own.chain([(1, instant.blocks)]) {
                 let of = &mut step_of[table][entry as usize];
                 prop_assert!(*of == usize::MAX || *of == k);
                 *of = k;
@@ -335,7 +337,7 @@ fn mirrored_rows(robot: &Robot, layout: &Layout<f64>, other: &Layout<f64>, rows:
             let center = std::array::from_fn(|axis| nominal[axis] + middle[axis]);
             {
                 let of_foot = |element: &usize| layout.reach_legs[layout.reach_feet[*element].leg as usize].center == center;
-                let place = |element: usize| layout.reach_place(element).inequality;
+                let place = |element: usize| layout.reach_rows.place(element).inequality;
                 (0..layout.reach_feet.len()).filter(of_foot).map(place).collect()
             }
         };

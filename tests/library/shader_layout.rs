@@ -12,10 +12,11 @@ use cregopt::nlp::Layout;
 use cregopt::nlp::layout::Element;
 use cregopt::rows::Constants;
 use cregopt::rows::dynamics::{DynamicsInstant, StanceForce};
+use cregopt::rows::factored::{BaseBlocks, FactoredElement, FactoredInstant, FactoredTouch, FirstRows, OwnColumns};
 use cregopt::rows::footing::Footing;
 use cregopt::rows::force::ForceNode;
 use cregopt::rows::momentum::MomentumInterval;
-use cregopt::rows::reach::{BaseBlocks, BasePoint, ReachFoot, ReachInstant, ReachLeg, ReachRows};
+use cregopt::rows::reach::{ReachFoot, ReachInstant, ReachLeg};
 use cregopt::rows::swing::SwingNode;
 use cregopt::rows::table::{NONE, Place};
 use cregopt::solver::control::Progress;
@@ -241,19 +242,22 @@ fn structs_differ(module: &Module) -> Result<(), String> {
     }
     let offsets = offsets! {
         Batch: Batch { values x flags stall_budget closing }
-        Slot: Slot { reach_rows footholds shape constants points }
+        Slot: Slot { first_factored footholds shape constants points }
         Progress: Progress<f32> { infeasibility mu eps edge_radius length }
         Shape: Shape { low per_metre }
         Constants: Constants<f32> { inertia moment_scale friction force_margin }
         DynamicsInstant: DynamicsInstant<f32> { weights forces place }
         StanceForce: StanceForce<f32> { weights foothold_column }
         MomentumInterval: MomentumInterval<f32> { rate impulses angular }
-        BasePoint: BasePoint<f32> { weights deviation_weights }
-        ReachInstant: ReachInstant<f32> { base feet }
+        FactoredInstant: FactoredInstant<f32> { weights blocks elements }
+        FactoredElement: FactoredElement { own stride }
+        OwnColumns: OwnColumns { runs }
         BaseBlocks: BaseBlocks { variable front interval }
-        ReachFoot: ReachFoot<f32> { z_weights leg stride }
-        ReachLeg: ReachLeg<f32> { half_widths foothold height front }
-        ReachRows: ReachRows { row inequality }
+        FactoredTouch: FactoredTouch { own column }
+        FirstRows: FirstRows { row inequality }
+        ReachInstant: ReachInstant<f32> { reference deviation_weights }
+        ReachFoot: ReachFoot<f32> { z_weights leg }
+        ReachLeg: ReachLeg<f32> { half_widths foothold }
         ForceNode: ForceNode<f32> { slope_weight place }
         SwingNode: SwingNode<f32> { low two_sided upper place }
         Footing: Footing<f32> { high foothold_column place }
@@ -291,18 +295,18 @@ fn entries_of_joined_tables_are_made_of_all_their_words_in_order() {
         assert_eq!(words_read(&(entry.read)(0)), (0..entry.size / 4).collect::<Vec<_>>(), "{}", table.name());
     }
     let mut arrays = Vec::new();
-    for table in [Buffer::BaseBlocks, Buffer::ReachInstants, Buffer::ReachLegs, Buffer::Elements] {
+    for table in [Buffer::BaseBlocks, Buffer::FactoredInstants, Buffer::FactoredOwn, Buffer::ReachLegs, Buffer::Elements] {
         (table.entry().arrays)(table.name(), 0, &mut arrays);
     }
-    let base = offset_of!(ReachInstant<f32>, base);
     for (name, offset, of) in [
-        ("reach_instants_base_weights", base + offset_of!(BasePoint<f32>, weights), "f32"),
+        ("factored_instants_weights", offset_of!(FactoredInstant<f32>, weights), "f32"),
         ("base_blocks_front", offset_of!(BaseBlocks, front), "u32"),
-        ("reach_legs_center", offset_of!(ReachLeg<f32>, center), "f32"),
-        ("reach_legs_front", offset_of!(ReachLeg<f32>, front), "u32"),
+        ("factored_own_runs", offset_of!(OwnColumns, runs), "Run"),
+        ("reach_legs_half_widths", offset_of!(ReachLeg<f32>, half_widths), "f32"),
     ] {
         let array = arrays.iter().find(|a| a.name == name).unwrap();
-        assert_eq!((words_read(&(array.read)(array.first)), &array.of[..]), (vec![offset / 4], of), "{name}");
+        let words = (offset / 4..offset / 4 + array.words as usize).collect();
+        assert_eq!((words_read(&(array.read)(array.first)), &array.of[..]), (words, of), "{name}");
     }
     assert!(arrays.iter().all(|a| !a.name.starts_with("elements")), "an element has no arrays");
 }
@@ -538,10 +542,11 @@ fn every_shader_has_a_twin_file_and_names_it() {
     let shared: BTreeSet<String> = SHARED.iter().map(|(name, _)| name.to_string()).collect();
     assert_eq!(files("shaders", "shared"), shared);
     // Twins of code that several shaders share, parts of a twin, and files that are not kernels.
-    let others = ["rows/blocks", "rows/math", "rows/mod", "rows/table", "rows/write", "linear/lanes", "linear/mod", "linear/reach"];
+    let others = ["rows/blocks", "rows/factored", "rows/math", "rows/mod", "rows/table", "rows/write"];
+    let others = others.into_iter().chain(["linear/factored", "linear/mod", "linear/simd"]);
     let more = ["solver/close", "solver/control", "solver/mod", "solver/round", "solver/slacks", "solver/status"];
     let twins: BTreeSet<String> = folders.map(|folder| files("src", folder)).into_iter().flatten().collect();
-    assert_eq!(twins, all.iter().cloned().chain(others.into_iter().chain(more).map(String::from)).collect());
+    assert_eq!(twins, all.iter().cloned().chain(others.chain(more).map(String::from)).collect());
     for shader in Shader::ALL {
         let named = shader.source().lines().find(|line| line.starts_with("// Twin")).unwrap_or_default();
         assert!(named.contains(&format!("src/{}.rs", shader.path())), "{} does not name its twin", shader.path());
@@ -621,32 +626,32 @@ fn gathering_over_touches_gives_the_transposed_product() {
             let at = |r: usize| (place.jacobian + column) as usize + r * place.stride as usize;
             (0..rows as usize).fold(0f32, |sum, r| v[place.row as usize + r].mul_add(jacobian[at(r)], sum))
         };
-        let foot = |number: usize, column: u32| of_rows(layout.reach_place(number), 3, column);
+        let foot = |number: usize, column: u32| of_rows(layout.reach_rows.place(number), 3, column);
         for (variable, &gather) in own.gather_of.iter().enumerate() {
             let gather = &own.gathers[gather as usize];
             let offset = variable as u32 - gather.variable;
             let touches = &own.touches[gather.touches.range()];
             assert!(touches.is_sorted_by(|a, b| a.element < b.element), "in the order of the elements");
-            let reach = &own.reach_touches[gather.reach.range()];
-            assert!(reach.is_sorted_by(|a, b| a.instants.end <= b.instants.start), "in the order of the instants");
+            let factored = &own.factored_touches[gather.factored.range()];
+            assert!(factored.is_sorted_by(|a, b| a.instants.end <= b.instants.start), "in the order of the instants");
             let mut sum = 0f32;
             for touch in touches {
                 let element = &layout.elements[touch.element as usize];
                 sum += of_rows(element.place, element.rows, touch.column + offset);
             }
-            for touch in reach {
-                for instant in &layout.reach_instants[touch.instants.range()] {
-                    let of_leg = |f: &usize| touch.leg == NONE || touch.leg == layout.reach_feet[*f].leg;
-                    let of_feet = instant.feet.range().filter(of_leg).fold(0., |sum, f| sum + foot(f, touch.column + offset));
-                    let weight = if touch.leg == NONE { instant.base.weights[touch.block as usize] } else { 1. };
-                    sum = weight.mul_add(of_feet, sum);
+            for touch in factored {
+                for instant in &layout.reach_rows.instants[touch.instants.range()] {
+                    let touches = |f: &usize| touch.own == NONE || touch.own == layout.reach_rows.elements[*f].own;
+                    let of_elements = instant.elements.range().filter(touches).fold(0., |sum, f| sum + foot(f, touch.column + offset));
+                    let weight = if touch.own == NONE { instant.weights[touch.block as usize] } else { 1. };
+                    sum = weight.mul_add(of_elements, sum);
                 }
             }
             assert_eq!(sum.to_bits(), expected[variable].to_bits(), "variable {variable}");
         }
         // The touches of each block occur once.
         assert_eq!(own.gathers.iter().map(|g| g.touches.range().len()).sum::<usize>(), own.touches.len());
-        assert_eq!(own.gathers.iter().map(|g| g.reach.range().len()).sum::<usize>(), own.reach_touches.len());
+        assert_eq!(own.gathers.iter().map(|g| g.factored.range().len()).sum::<usize>(), own.factored_touches.len());
     }
 }
 

@@ -1,6 +1,6 @@
 //! Batch size above which a GPU is faster than the CPU. Measured once per adapter, driver, program version and thread count, then cached.
 
-use super::kept::Folder;
+use super::cache::Folder;
 use super::{AdapterReport, Device, Found, Gpu};
 use crate::backend::{Backend, Cpu, Job, Precision, Problem};
 use crate::error::{Error, Result};

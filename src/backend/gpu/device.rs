@@ -1,6 +1,6 @@
 //! Adapters of this machine, and an opened one: device, limits and pipelines.
 
-use super::kept::{Folder, Pipelines};
+use super::cache::{Folder, Pipelines};
 use super::shaders::{Binding, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP};
 use crate::backend::locked;
 use crate::backend::tables::Buffer;

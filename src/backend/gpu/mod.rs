@@ -4,15 +4,15 @@
 //! takes out the candidates that have ended. Once half of the slots are free it fills them again. Meanwhile the CPU prepares the tables of
 //! the next candidates and certifies those that have ended.
 
+mod cache;
 pub mod crossover;
 mod device;
-mod kept;
 pub mod shaders;
 mod slots;
 mod timer;
 
+pub use cache::Folder;
 pub use device::{AdapterReport, Device, Fault, Found};
-pub use kept::Folder;
 pub use slots::{List, Prepared, Slots, most_slots};
 pub use timer::Timing;
 

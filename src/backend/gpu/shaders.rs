@@ -11,8 +11,8 @@
 //!
 //! ```text
 //! // binds: jacobian tables                   `tables` holds the tables of `Buffer::JOINED` as words
-//! // reads: elements reach_feet               tables in it that have generated functions: `elements_at(slot, i)` reads
-//! //                                          an entry, `reach_legs_front(slot, i, k)` an element of an array in an entry
+//! // reads: elements base_blocks              tables in it that have generated functions: `elements_at(slot, i)` reads
+//! //                                          an entry, `base_blocks_front(slot, i, k)` an element of an array in an entry
 //! ```
 //!
 //! `shaders/generated.wgsl` shows these functions.
@@ -33,8 +33,8 @@
 
 use crate::backend::tables::{Batch, Buffer, Part, kind};
 use crate::robot::GRAVITY;
+use crate::rows::factored::{OWN_BLOCKS, OWN_COLUMNS, POSE, POSE_BLOCKS};
 use crate::rows::momentum::{INNER_POINTS, MOMENTUM_POINTS, STEEP_COSINE};
-use crate::rows::reach::{OWN_COLUMNS, POSE, POSE_BLOCKS};
 use crate::rows::swing::{RING_POINTS, RINGS};
 use crate::rows::table::{NONE, Wgsl};
 use crate::rows::{Family, RowKind, acceleration, force, reach, row_shaders};
@@ -125,7 +125,11 @@ pub const SHARED: &[(&str, &str)] = &[
     ("shared/values", text!("shared/values")),
     ("shared/kind", text!("shared/kind")),
     ("shared/jacobian", text!("shared/jacobian")),
-    ("shared/reach", text!("shared/reach")),
+    ("shared/factored", text!("shared/factored")),
+    ("shared/all_elements", text!("shared/all_elements")),
+    ("shared/factored_place", text!("shared/factored_place")),
+    ("shared/factored_product", text!("shared/factored_product")),
+    ("shared/factored_front", text!("shared/factored_front")),
     ("shared/gather", text!("shared/gather")),
     ("shared/math", text!("shared/math")),
     ("shared/terrain", text!("shared/terrain")),
@@ -334,9 +338,10 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("MOMENTUM_POINTS", MOMENTUM_POINTS as u32),
         ("POSE", POSE as u32),
         ("POSE_BLOCKS", POSE_BLOCKS as u32),
+        ("OWN_BLOCKS", OWN_BLOCKS as u32),
         ("OWN_COLUMNS", OWN_COLUMNS as u32),
-        ("REACH_ROWS", reach::SPEC.rows as u32),
-        ("REACH_SIDES", (reach::SPEC.rows + reach::SPEC.pairs) as u32),
+        ("FACTORED_ROWS", reach::SPEC.rows as u32),
+        ("FACTORED_PAIRS", reach::SPEC.pairs as u32),
         ("FORCE_ROWS", force::SPEC.rows as u32),
         ("RING_POINTS", RING_POINTS as u32),
         ("FLAT", kind::FLAT),
@@ -363,7 +368,7 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("EARLY_TERMINATION_KNEE", control::EARLY_TERMINATION_KNEES[0]),
         ("EARLY_TERMINATION_LATE_KNEE", control::EARLY_TERMINATION_KNEES[1]),
         ("LINEAR_MOMENTUM", Family::LinearMomentum as u32),
-        ("REACH", Family::Reach as u32),
+        ("FACTORED", Family::Reach as u32),
         ("EQUALITY", RowKind::Equality as u32),
         ("COST", RowKind::Cost as u32),
         ("INEQUALITY", RowKind::Inequality as u32),
@@ -446,8 +451,8 @@ impl Variant {
         Variant { front: if needed <= memory { (memory - others) / 4 } else { 0 }, ..without }
     }
 
-    /// Workgroup memory of a factorisation, bytes: the front, and `panel`, `columns` and `by_pose` of front.wgsl, in the multiples of 16
-    /// that adapters count.
+    /// Workgroup memory of a factorisation, bytes: the front, `panel` and `columns` of linear/front.wgsl, and `by_pose` of
+    /// shared/factored_front.wgsl, in the multiples of 16 that adapters count.
     pub fn workgroup_memory(&self) -> u32 {
         let by_pose = (POSE * POSE + POSE).next_multiple_of(4) as u32;
         4 * (self.front + 4 * self.side + 2 * self.columns + by_pose)

@@ -2,9 +2,9 @@
 
 use super::device::{Device, Fault, Pipeline};
 use super::shaders::{Binding, Shader, Variant};
-use crate::backend::tables::{ALIGNMENT, Batch, Buffer, Part, ReachTouch, ShaderTables, Sizes, Slot, first_progress};
+use crate::backend::tables::{ALIGNMENT, Batch, Buffer, Part, ShaderTables, Sizes, Slot, first_progress};
 use crate::nlp::Layout;
-use crate::nlp::sweep::Step;
+use crate::rows::factored::FactoredTouch;
 use crate::settings::SolverSettings;
 use crate::solver::control::Progress;
 use rayon::prelude::*;
@@ -35,14 +35,17 @@ impl Prepared {
         let own = ShaderTables::of(&layout);
         let sizes = Sizes::of(&layout, &own);
         let slot = Slot::of(&layout, &own, first_height);
-        let loops = layout.steps.iter().map(|step| loops(&layout, step, workgroup)).max().unwrap_or(0);
+        let loops = (0..layout.steps.len()).map(|step| loops(&layout, step, workgroup)).max().unwrap_or(0);
         let walk = walk(&layout, &own, workgroup as usize);
         Prepared { index, layout, own, sizes, slot, loops, walk }
     }
 }
 
 /// Upper bound on the loop iterations of an invocation of the shader `front` in one elimination step.
-fn loops(layout: &Layout<f32>, step: &Step, workgroup: u32) -> u32 {
+fn loops(layout: &Layout<f32>, step: usize, workgroup: u32) -> u32 {
+    // Per factored element, including the work per instant.
+    let factored = layout.reach_rows.counts(step).sum::<u32>();
+    let step = &layout.steps[step];
     let shares = |n: u32| n / workgroup + 2;
     let triangle = |n: u32| shares(n * (n + 3) / 2);
     let elements: u32 = layout.elements[step.elements.range()]
@@ -52,11 +55,9 @@ fn loops(layout: &Layout<f32>, step: &Step, workgroup: u32) -> u32 {
             element.rows.div_ceil(6) * (triangle(columns) + shares(columns) + columns + 8)
         })
         .sum();
-    let feet: u32 = layout.reach_instants[step.reach.range()].iter().map(|instant| instant.feet.end - instant.feet.start).sum();
-    // Per foot, including the work per instant.
-    let reach = feet * (5 * shares(30) + 3 * shares(42) + shares(24) + shares(360));
+    let factored = factored * (5 * shares(30) + 3 * shares(42) + shares(24) + shares(360));
     let panels = step.pivots.div_ceil(4) * (triangle(step.size) + 6 * shares(step.size));
-    elements + reach + panels + 4 * triangle(step.size) + 4 * shares(step.size)
+    elements + factored + panels + 4 * triangle(step.size) + 4 * shares(step.size)
 }
 
 /// Loop iterations of an invocation of the shader that visits all elements row by row, or of those that gather them by variable; the larger
@@ -68,20 +69,20 @@ fn walk(layout: &Layout<f32>, own: &ShaderTables, workgroup: usize) -> u32 {
         // Three rows at once.
         1 + (rows + 1) + rows.div_ceil(3) * (columns.iter().map(|len| 1 + (len + 1)).sum::<u32>() + 1)
     });
-    let by_instant = layout.reach_instants.chunks(workgroup).map(|together| {
-        let feet = together.iter().map(|instant| instant.feet.end - instant.feet.start).max().unwrap_or(0);
-        // Blocks of the base; per foot the axes, footholds and rows.
-        1 + (4 + 1) + (feet + 1) + feet * ((3 + 1) + (2 + 1) + (3 + 1))
+    let by_instant = layout.reach_rows.instants.chunks(workgroup).map(|together| {
+        let elements = together.iter().map(|instant| instant.elements.range().len() as u32).max().unwrap_or(0);
+        // Blocks of the base; per element the axes, its own columns and rows.
+        1 + (4 + 1) + (elements + 1) + elements * ((3 + 1) + (3 + 1 + 3 * 2) + (3 + 1))
     });
-    // Per instant: its feet, and the step to the next instant.
-    let of_instants = |touch: &ReachTouch| -> u32 {
-        layout.reach_instants[touch.instants.range()].iter().map(|instant| 2 + instant.feet.end - instant.feet.start).sum()
+    // Per instant: its elements, and the step to the next instant.
+    let of_instants = |touch: &FactoredTouch| -> u32 {
+        layout.reach_rows.instants[touch.instants.range()].iter().map(|instant| 2 + instant.elements.range().len() as u32).sum()
     };
     let by_variable = own.gather_of.chunks(workgroup).map(|together| {
         let gathers = || together.iter().map(|&gather| &own.gathers[gather as usize]);
         let rows = longest(gathers().map(|g| own.touches[g.touches.range()].iter().map(|t| layout.elements[t.element as usize].rows)));
-        let reach = longest(gathers().map(|g| own.reach_touches[g.reach.range()].iter().map(of_instants)));
-        1 + rows.iter().chain(&reach).map(|count| 1 + (count + 1)).sum::<u32>() + 2
+        let factored = longest(gathers().map(|g| own.factored_touches[g.factored.range()].iter().map(of_instants)));
+        1 + rows.iter().chain(&factored).map(|count| 1 + (count + 1)).sum::<u32>() + 2
     });
     // The shader `start` also visits inequalities and values.
     let extra = [layout.inequalities, layout.initial.len()].map(|n| n.div_ceil(workgroup) as u32 + 1);

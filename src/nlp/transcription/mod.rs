@@ -1,6 +1,5 @@
 //! Transcriptions: conversions of a motion into variables and rows. Each has a file and implements the trait `Transcribe`.
 
-pub mod ground_path;
 pub mod initial_guess;
 pub mod legs;
 pub mod momentum;
@@ -13,7 +12,8 @@ use crate::gait::{Curve, Phase};
 use crate::real::Real;
 use crate::robot::{FORCE_LIMIT_WEIGHTS, Robot};
 use crate::rows::blocks::BlockId;
-use crate::rows::reach::BasePoint;
+use crate::rows::factored::POSE_BLOCKS;
+use crate::rows::reach::ReachInstant;
 use crate::settings::{Legs, Transcription, TranscriptionSettings};
 use crate::task::Task;
 
@@ -41,12 +41,14 @@ pub(super) struct ReachTime<T> {
     pub feet: std::ops::Range<usize>,
     /// Step of the sweep.
     pub step: usize,
-    /// Base pose, whose blocks are assigned later.
-    pub base: BasePoint<T>,
-    /// Interval whose deviation applies, see [`BaseBlocks`](crate::rows::reach::BaseBlocks).
+    /// See [`BaseBlocks`](crate::rows::factored::BaseBlocks).
     pub interval: u32,
-    /// Blocks of the base pose.
-    pub blocks: [BlockId; 4],
+    /// Interpolation weights of the base blocks.
+    pub weights: [T; POSE_BLOCKS],
+    /// Base blocks.
+    pub blocks: [BlockId; POSE_BLOCKS],
+    /// Entry in the table of reach instants.
+    pub entry: ReachInstant<T>,
 }
 
 /// Initial values of a block, and the weights that attract its variables to them.

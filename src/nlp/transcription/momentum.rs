@@ -26,7 +26,7 @@ use crate::rows::Family;
 use crate::rows::blocks::Use;
 use crate::rows::math::euler;
 use crate::rows::momentum::{INNER_POINTS, Impulse, MOMENTUM_POINTS, MomentumInterval};
-use crate::rows::reach::BasePoint;
+use crate::rows::reach::ReachInstant;
 use crate::rows::table::{NONE, Place, Span};
 use crate::settings::TranscriptionSettings;
 use crate::task::Task;
@@ -183,13 +183,16 @@ impl<T: Real> Transcribe<T> for Momentum {
                 u if u > h - 1e-9 => h,
                 u => u,
             };
-            let base = BasePoint {
-                reference: b.reference(t).map(T::of),
+            let deviation_weights = deviation_weights(in_interval / h).map(T::of);
+            ReachTime {
+                t,
+                feet,
+                step: k,
+                interval: k as u32,
                 weights: hermite(in_interval, h).map(T::of),
-                blocks: NONE,
-                deviation_weights: deviation_weights(in_interval / h).map(T::of),
-            };
-            ReachTime { t, feet, step: k, base, interval: k as u32, blocks: std::array::from_fn(|i| b.base[2 * k + i]) }
+                blocks: std::array::from_fn(|i| b.base[2 * k + i]),
+                entry: ReachInstant { reference: b.reference(t).map(T::of), deviation_weights },
+            }
         };
         reach_timings(&phases, h, b.intervals).into_iter().map(time).collect()
     }

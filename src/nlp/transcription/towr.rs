@@ -14,7 +14,7 @@ use crate::rows::Family;
 use crate::rows::blocks::Use;
 use crate::rows::dynamics::{DynamicsInstant, StanceForce};
 use crate::rows::momentum::INNER_POINTS;
-use crate::rows::reach::BasePoint;
+use crate::rows::reach::ReachInstant;
 use crate::rows::table::{NONE, Place, Span};
 use crate::settings::TranscriptionSettings;
 use crate::task::Task;
@@ -104,13 +104,15 @@ impl<T: Real> Transcribe<T> for Towr {
             let interval = ((t / b.interval + 1e-9) as usize).min(b.intervals - 1);
             // The instant at the end of the horizon belongs to the step of the last dynamics rows.
             let step = if t >= b.horizon - 1e-9 { b.intervals } else { interval };
-            let base = BasePoint {
-                reference: b.reference(t).map(T::of),
+            ReachTime {
+                t,
+                feet: 0..b.feet.len(),
+                step,
+                interval: NONE,
                 weights: spline.basis(interval, t, 0).map(T::of),
-                blocks: NONE,
-                deviation_weights: [T::zero(); INNER_POINTS],
-            };
-            ReachTime { t, feet: 0..b.feet.len(), step, base, interval: NONE, blocks: std::array::from_fn(|i| b.base[interval + i]) }
+                blocks: std::array::from_fn(|i| b.base[interval + i]),
+                entry: ReachInstant { reference: b.reference(t).map(T::of), deviation_weights: [T::zero(); INNER_POINTS] },
+            }
         };
         times.into_iter().map(time).collect()
     }

@@ -21,8 +21,8 @@ fn size(v: &[f32]) -> Vec<f32> {
 /// A layout whose sizes of products are sums of the sizes of their terms: negative weights of base blocks would make them cancel.
 fn with_weights_as_sizes(layout: &Layout<f32>) -> Layout<f32> {
     let mut layout = layout.clone();
-    for instant in &mut layout.reach_instants {
-        instant.base.weights = instant.base.weights.map(f32::abs);
+    for instant in &mut layout.reach_rows.instants {
+        instant.weights = instant.weights.map(f32::abs);
     }
     layout
 }
@@ -36,7 +36,7 @@ fn product_agrees_with_its_twin() {
             // Elements and instants beyond the counts have no product.
             let most = [63, 64, 65, u32::MAX][s / 4 % 4];
             prepared.slot.elements = prepared.slot.elements.min(most);
-            prepared.slot.reach_instants = prepared.slot.reach_instants.min(most);
+            prepared.slot.factored_instants = prepared.slot.factored_instants.min(most);
         },
         |lab, s, state, random| {
             let to = lab.jacobian(s, state.progress[s].current);
@@ -50,7 +50,7 @@ fn product_agrees_with_its_twin() {
             }
             let mut layout = lab.slots[s].layout.clone();
             layout.elements.truncate(lab.slots[s].counts.elements as usize);
-            layout.reach_instants.truncate(lab.slots[s].counts.reach_instants as usize);
+            layout.reach_rows.instants.truncate(lab.slots[s].counts.factored_instants as usize);
             let jacobian = state.jacobian[lab.jacobian(s, state.progress[s].current)].to_vec();
             let d = state.values[lab.of_variables(s, batch.direction)].to_vec();
             let times = |layout: &Layout<f32>, jacobian: &[f32], d: &[f32]| {

@@ -87,14 +87,14 @@ pub fn expected(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> (Vec<f
     let mut times: Vec<f64> = (0..).map(|i| i as f64 * 0.08).take_while(|&t| t < nodes.horizon - 1e-9).collect();
     times.push(nodes.horizon);
     assert_eq!(layout.reach_instants.len(), times.len());
-    for (instant, t) in layout.reach_instants.iter().zip(times) {
+    for (instant, t) in layout.reach_rows.instants.iter().zip(times) {
         let base = at(&nodes.base_lin, t)[0];
         let to_base = rotation(at(&nodes.base_ang, t))[0].transpose();
-        for (foot, number) in instant.feet.range().enumerate() {
+        for (foot, number) in instant.elements.range().enumerate() {
             let offset = to_base * (at(&nodes.ee[foot].motion, t)[0] - base) - Vector3::from(robot.nominal_feet[foot]);
             let reach = robot.reach.of(foot);
             for d in 0..3 {
-                let row = layout.reach_place(number).inequality as usize + d;
+                let row = layout.reach_rows.place(number).inequality as usize + d;
                 // In units of 0.1 m.
                 g[row] = (offset[d] - reach.high[d] + settings.length_margin) / 0.1;
                 g[row + 3] = (reach.low[d] - offset[d] + settings.length_margin) / 0.1;

@@ -2,7 +2,7 @@
 
 use super::{ELEMENTWISE_TOLERANCE, F32_FALL_ERROR, SUM_TOLERANCE, assert_close, cases, in_scalar, random_vector};
 use crate::common::{Random, Rows, dense_inequalities, dense_jacobian, gait, layout_with, point, rows, transcriptions};
-use cregopt::linear::lanes::BLOCK;
+use cregopt::linear::simd::BLOCK;
 use cregopt::nlp::Layout;
 use cregopt::real::Real;
 use cregopt::rows::table::NONE;

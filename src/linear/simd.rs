@@ -42,3 +42,11 @@ pub fn dot<T: Real>(a: &[T], b: &[T]) -> T {
     }
     ((lanes[0] + lanes[4]) + (lanes[2] + lanes[6])) + ((lanes[1] + lanes[5]) + (lanes[3] + lanes[7]))
 }
+
+/// First `W` values of a slice.
+#[inline(always)]
+pub(super) fn tile_of<T: Real, const W: usize>(values: &[T]) -> [T; W] {
+    let mut tile = [T::zero(); W];
+    tile.copy_from_slice(&values[..W]);
+    tile
+}

@@ -1,13 +1,10 @@
 //! Parts that all transcriptions share: footholds, swings and forces of the feet, and their rows.
 
 use super::builder::Builder;
-use super::cost::cost_elements;
 use super::footing;
-use super::transcription::{self, ReachTime, Transcribe};
-use super::{Curves, Layout, layout};
-use crate::gait::cost::CostWeights;
+use super::transcription::{ReachTime, Transcribe};
+use crate::gait::Phase;
 use crate::gait::spline::hermite;
-use crate::gait::{AlignedSchedule, Phase};
 use crate::real::Real;
 use crate::rows::Family;
 use crate::rows::acceleration::Acceleration;
@@ -18,54 +15,18 @@ use crate::rows::reach::{ReachFoot, ReachLeg};
 use crate::rows::stride::Stride;
 use crate::rows::swing::SwingNode;
 use crate::rows::table::{NONE, Place};
-use crate::settings::{Friction, Transcription, TranscriptionSettings};
-use crate::task::Task;
+use crate::settings::Friction;
 
-impl<T: Real> Layout<T> {
-    /// Builds the tables of the problem for a schedule.
-    pub fn new(task: &Task, schedule: &AlignedSchedule, settings: &TranscriptionSettings) -> layout::Layout<T> {
-        Layout::with_cost(task, schedule, settings, None)
-    }
-
-    /// Tables of the problem that a schedule defines, with the rows of an objective if one is given. Only `momentum` has these rows.
-    pub fn with_cost(
-        task: &Task,
-        schedule: &AlignedSchedule,
-        settings: &TranscriptionSettings,
-        cost: Option<&CostWeights>,
-    ) -> layout::Layout<T> {
-        let mut builder = builder(task, schedule, settings);
-        if let Some(weights) = cost.filter(|_| settings.rows == Transcription::Momentum) {
-            cost_elements(transcription::of(settings.rows), &mut builder, weights);
-        }
-        builder.finish()
-    }
-}
-
-impl Curves {
-    /// Positions of the blocks in `x`, equal to [`Layout::curves`]. Faster than building a whole layout, because rows get no columns.
-    pub fn new(task: &Task, schedule: &AlignedSchedule, settings: &TranscriptionSettings) -> Curves {
-        builder::<f64>(task, schedule, settings).finish_curves()
-    }
-}
-
-/// Builder with all blocks and elements of the problem for a schedule.
-fn builder<'a, T: Real>(task: &'a Task, schedule: &AlignedSchedule, settings: &'a TranscriptionSettings) -> Builder<'a, T> {
-    let own = transcription::of(settings.rows);
-    let force_limit = transcription::force_limit(settings, task);
-    let mut builder = Builder::new(task, schedule, settings, force_limit, own.steps(schedule.count()));
-    own.base_blocks(&mut builder);
-    foot_blocks(own, &mut builder);
-    own.dynamics(&mut builder);
-    reach_elements(own, &mut builder);
-    force_elements(own, &mut builder);
-    swing_elements(own, &mut builder);
-    footing_elements(&mut builder);
-    builder
+/// Adds the rows of the feet: reach boxes, forces, swings and the boxes of footholds.
+pub(super) fn rows<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
+    reach_elements(own, b);
+    force_elements(own, b);
+    swing_elements(own, b);
+    footing_elements(b);
 }
 
 /// Adds the blocks of footholds, swing heights and force nodes. Value and slope of the force are zero where a stance meets a swing.
-fn foot_blocks<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
+pub(super) fn blocks<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
     let radius = footing::radius(b.task, b.settings);
     for foot in 0..b.feet.len() {
         let stances = b.feet[foot].phases.len().div_ceil(2);
@@ -129,12 +90,8 @@ fn reach_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
     let mut phases = vec![0; b.feet.len()];
     // Phase of each foot at its previous instant, and its leg in that phase.
     let mut legs = vec![(usize::MAX, NONE); b.feet.len()];
-    for ReachTime { t, feet, step, base, interval, blocks } in times {
-        let uses = std::array::from_fn(|i| match base.weights[i].as_f64() {
-            0. => Use::Reads(blocks[i]),
-            _ => Use::Touches(blocks[i]),
-        });
-        b.reach_instant(base, interval, step, uses);
+    for ReachTime { t, feet, step, interval, weights, blocks, entry } in times {
+        b.reach_instant(entry, step, interval, weights, blocks);
         for foot in feet {
             let phase = b.feet[foot].phase_from(&mut phases[foot], t);
             if legs[foot].0 != phase {
@@ -144,7 +101,7 @@ fn reach_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
             let span = b.feet[foot].phases[phase];
             let (xy, z) = if span.stance { ([1., 0.], [1., 0., 0.]) } else { swing_weights(span, t, own.mid_time(span), hermite) };
             let (xy_weights, z_weights) = (xy.map(T::of), z.map(T::of));
-            b.reach_foot(ReachFoot { xy_weights, z_weights, leg: legs[foot].1, jacobian: 0, stride: 0 });
+            b.reach_foot(ReachFoot { xy_weights, z_weights, leg: legs[foot].1 });
         }
     }
 }
@@ -165,10 +122,6 @@ fn reach_leg<T: Real>(b: &Builder<T>, foot: usize, phase: usize) -> (ReachLeg<T>
         center: std::array::from_fn(|axis| T::of(nominal[axis] + center[axis])),
         half_widths: reach.half_widths().map(T::of),
         foothold: [before.index, after],
-        height: NONE,
-        foothold_column: [NONE; 2],
-        height_column: NONE,
-        front: [NONE; 3],
     };
     (leg, uses)
 }
@@ -255,30 +208,6 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
                 b.tables.accelerations.push(Acceleration::new(by.map(T::of), foothold));
                 let entry = b.tables.accelerations.len() - 1;
                 b.element(Family::Acceleration, entry, step, &[Use::Touches(height), touched[0], touched[1]]);
-            }
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::gait::family::{PeriodicGait, families};
-    use crate::scenario::SCENARIOS;
-    use crate::settings::Transcription;
-
-    #[test]
-    fn curves_without_a_layout_equal_those_of_the_layout() {
-        for scenario in SCENARIOS {
-            let task = scenario.task(1).unwrap();
-            let schedule = PeriodicGait::typical(families(&task.robot)[0], &task).unwrap().schedule().unwrap();
-            for rows in [Transcription::Momentum, Transcription::Towr] {
-                let settings = TranscriptionSettings::of(rows);
-                let schedule = schedule.aligned(transcription::interval(&settings, &task.robot));
-                let layout = Layout::<f64>::new(&task, &schedule, &settings);
-                let curves = Curves::new(&task, &schedule, &settings);
-                assert_eq!(format!("{curves:?}"), format!("{:?}", layout.curves), "{}", scenario.name);
-                assert_eq!(curves.variables, layout.variables);
             }
         }
     }
