@@ -1,6 +1,6 @@
 //! Explanations of failures: checks before a search, and the diagnosis after one that found no gait.
 
-use super::mission::Request;
+use super::request::Request;
 use crate::backend::Backend;
 use crate::error::Result;
 use crate::search::SearchResult;

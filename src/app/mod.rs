@@ -43,6 +43,7 @@ pub mod named;
 pub mod options;
 #[cfg(feature = "view")]
 pub mod page;
+pub mod request;
 pub mod save;
 pub mod scenario_file;
 pub mod setup;
@@ -52,7 +53,7 @@ pub mod terms;
 pub mod world;
 
 pub use label::Provenance;
-pub use mission::{Mission, ProgressEvent, Request, Waypoint};
+pub use request::{Mission, ProgressEvent, Request, Waypoint};
 pub use scenario_file::ScenarioFile;
 pub use setup::{Overrides, Setup};
 pub use stage::MissionStage;

@@ -1,7 +1,7 @@
 //! Files of a stage: results, motions, and a scenario file that repeats the search.
 
 use super::label::{Provenance, world_of};
-use super::mission::Request;
+use super::request::Request;
 use super::scenario_file::{ScenarioFile, Start, of_state, table_of};
 use super::stage::MissionStage;
 use crate::error::{Error, Result, to_json};

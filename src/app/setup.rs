@@ -1,8 +1,8 @@
 //! Scenario file with overrides: the mission, the request and the device that they describe.
 
 use super::label::Provenance;
-use super::mission::{Mission, Request, Waypoint};
 use super::options::{LowerOptions, SearchOptions, apply, merge};
+use super::request::{Mission, Request, Waypoint};
 use super::scenario_file::{ScenarioFile, Start};
 use super::world::{GoalSource, WorldNames};
 use crate::backend::{Backend, DeviceChoice, Precision};

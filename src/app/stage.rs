@@ -2,7 +2,7 @@
 
 use super::explain::{check, explain};
 use super::label::{Provenance, label};
-use super::mission::{Mission, ProgressEvent, Request};
+use super::request::{Mission, ProgressEvent, Request};
 use crate::backend::Backend;
 use crate::error::Result;
 use crate::files;

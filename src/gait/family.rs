@@ -9,8 +9,8 @@
 
 use super::Schedule;
 use super::schedule::MAX_PHASES;
+use super::swing::TOP_SPEED;
 use crate::error::{Error, Result, check_range};
-use crate::nlp::transcription::momentum::TOP_SPEED;
 use crate::robot::{GRAVITY, Robot};
 use crate::task::Task;
 use serde::{Deserialize, Serialize};

@@ -4,7 +4,7 @@
 //! accelerate and carry the legs themselves are left out. The centre of a foot's ball is straight above its contact point.
 
 use super::Trajectory;
-use super::cost::{Piece, SAME_TIME, pieces};
+use super::piece::{Piece, SAME_TIME, pieces};
 use crate::error::{Error, Result, check_range};
 use crate::robot::Robot;
 use crate::robot::leg::{Leg, LegJoint, PRECISION};
@@ -292,7 +292,7 @@ pub(crate) mod tests {
     use super::*;
     use crate::gait::{Curve, FootCurves};
     use crate::robot::import::{Import, configuration};
-    use crate::verify::dense::Motion;
+    use crate::verify::curves::Motion;
 
     /// The quadruped of the import tests, standing.
     pub fn quadruped() -> Robot {

@@ -3,8 +3,10 @@
 pub mod cost;
 pub mod family;
 pub mod joints;
+mod piece;
 pub mod schedule;
 pub mod spline;
+pub mod swing;
 pub mod trajectory;
 
 pub use schedule::{AlignedSchedule, Phase, Schedule};

@@ -16,7 +16,8 @@
 use super::variables::{Point, Space};
 use crate::gait::cost::{CostWeights, distance};
 use crate::gait::spline::{HERMITE_GRAM, hermite, hermite_acceleration, hermite_rate};
-use crate::nlp::transcription::momentum::{MID_SPEED, PIECE};
+use crate::gait::swing::MID_SPEED;
+use crate::nlp::transcription::momentum::PIECE;
 use crate::quadrature::{GAUSS_3, GAUSS_3_NODE, GAUSS_3_WEIGHTS};
 use crate::real::Number;
 use crate::robot::{GRAVITY, MAX_FEET};

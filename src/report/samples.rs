@@ -4,7 +4,7 @@ use crate::error::Result;
 use crate::gait::{Schedule, Trajectory};
 use crate::robot::Robot;
 use crate::terrain::Terrain;
-use crate::verify::dense::{ContactAxes, Motion};
+use crate::verify::curves::{ContactAxes, Motion};
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// One colour per foot, distinguishable with most colour vision deficiencies (after Okabe and Ito), the same in every picture.

@@ -40,7 +40,7 @@ pub fn schema(document: Document) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::verify::dense::Extreme;
+    use crate::verify::curves::Extreme;
 
     #[test]
     fn values_that_may_be_infinite_may_be_null() {

@@ -4,7 +4,7 @@
 use super::{Gaits, SearchSettings};
 use crate::error::Error;
 use crate::gait::Schedule;
-use crate::nlp::transcription::momentum::TOP_SPEED;
+use crate::gait::swing::TOP_SPEED;
 use crate::nlp::transcription::{force_limit, legs};
 use crate::robot::Robot;
 use crate::settings::{Transcription, TranscriptionSettings};

@@ -10,7 +10,7 @@
 //! vertical risers and obstacles between samples count.
 
 use super::bernstein::{Control, breaks, halves, position};
-use super::dense::{ContactAxes, Extreme, FootMotion, nearest};
+use super::curves::{ContactAxes, Extreme, FootMotion, nearest};
 use crate::terrain::{Shape, Terrain};
 use nalgebra::{Vector2, Vector3};
 use std::collections::VecDeque;

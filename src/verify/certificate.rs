@@ -3,7 +3,8 @@
 //! The rows of TOWR \[3\] hold only at instants and nodes; [`super::dense`] reports what happens in between. Rows of `momentum` motions are
 //! bounded over whole curves.
 
-use super::dense::{ContactAxes, Extreme, FootMotion, Motion, SAME_TIME, nearest, sample};
+use super::curves::{ContactAxes, Extreme, FootMotion, Motion, SAME_TIME, nearest};
+use super::dense::sample;
 use super::labels::{check_labels, of_momentum};
 use super::report::{
     BALL_DEPTH, BASE_RATE, CheckFamily, DENSE_REACH, FOOTHOLD_PLANE, FamilyReport, MAX_FOOT_SPEED, PENETRATION, ROLLOUT_ATTITUDE,

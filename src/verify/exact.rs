@@ -1,7 +1,7 @@
 //! Maxima over whole curves, in closed form or bounded on every piece, without sampling.
 
 use super::bernstein::{Peak, acceleration, convex, depth, position, velocity};
-use super::dense::{ContactAxes, DenseState, Extreme, FootMotion, Motion, TimedCurve};
+use super::curves::{ContactAxes, DenseState, Extreme, FootMotion, Motion, TimedCurve};
 use crate::terrain::Terrain;
 use nalgebra::Vector3;
 

@@ -26,6 +26,7 @@
 mod ball;
 mod bernstein;
 mod certificate;
+pub(crate) mod curves;
 pub mod dense;
 mod exact;
 pub mod labels;

@@ -1,6 +1,7 @@
 //! Content of a certificate: families of rows, their tolerances and limits, and the number of violated rows.
 
-use super::dense::{DenseReport, readable};
+use super::curves::readable;
+use super::dense::DenseReport;
 use super::rollout::RolloutReport;
 use crate::robot::{GRAVITY, Robot};
 use serde::Serialize;

@@ -1,7 +1,7 @@
 //! Rollout: integrates the rigid body in f64 under the planned forces and footholds, without any correction, and compares it with the
 //! planned base. Between two successive nodes or contact changes everything except the attitude is known in closed form.
 
-use super::dense::{Extreme, Motion, readable};
+use super::curves::{Extreme, Motion, readable};
 use super::exact::turning;
 use super::stretch::{Body, Stretch, greatest_of_cubic};
 use crate::robot::GRAVITY;

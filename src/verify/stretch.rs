@@ -8,7 +8,7 @@
 //!
 //! Only the attitude is integrated numerically: `q' = q w / 2`, `w = I^-1 R' L` in the base frame.
 
-use super::dense::{DenseState, Motion, TimedCurve};
+use super::curves::{DenseState, Motion, TimedCurve};
 use crate::robot::GRAVITY;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 

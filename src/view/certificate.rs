@@ -3,7 +3,7 @@
 use super::Scene;
 use crate::report::samples::Sample;
 use crate::report::verdict::verdict;
-use crate::verify::dense::Extreme;
+use crate::verify::curves::Extreme;
 use crate::verify::labels::of_momentum;
 use crate::verify::report::{CheckFamily, DENSE_REACH, PENETRATION, ROLLOUT_ATTITUDE, ROLLOUT_POSITION};
 use serde::Serialize;

@@ -15,6 +15,7 @@ use super::legs::{foot_acceleration, foot_speed};
 use super::{Guess, ReachTime, SwingLaw, Transcribe, initial_guess};
 use crate::gait::family::RAMP;
 use crate::gait::spline::{hermite, hermite_rate};
+use crate::gait::swing::{MID_SPEED, TOP_ACCELERATION, TOP_SPEED};
 use crate::gait::trajectory::{GoalVelocity, MotionLimits};
 use crate::gait::{Curve, Phase};
 use crate::nlp::builder::Builder;
@@ -31,21 +32,6 @@ use crate::rows::table::{NONE, Place, Span};
 use crate::settings::TranscriptionSettings;
 use crate::task::Task;
 use nalgebra::{Matrix3, Vector3};
-
-/// Horizontal speed of a foot in mid-swing, relative to its mean speed.
-///
-/// One cubic from rest to rest has 1.5. The slower the foot is in mid-swing, the faster it leaves the ground, and the less the moving base
-/// drags it out of reach at first. With 1.5, 1, 0.75, 0.5 and 0.25, 3, 5, 9, 9 and 9 of 16 reference candidates were solved on s1, and 2,
-/// 3, 5, 5 and 4 on s3. The smaller the value, the higher the top speed, which is lowest near 1.
-pub const MID_SPEED: f64 = 0.75;
-
-/// Largest horizontal speed in a swing, relative to the mean speed: maximum of `v(u) = (6 - 2 c) u - (6 - 3 c) u^2` in each half, with `c`
-/// = [`MID_SPEED`].
-pub const TOP_SPEED: f64 = (6. - 2. * MID_SPEED) * (6. - 2. * MID_SPEED) / (4. * (6. - 3. * MID_SPEED));
-
-/// Acceleration at lift-off and touchdown, in step lengths per squared swing duration: derivative of the `v(u)` of [`TOP_SPEED`] at its
-/// ends, `4 (3 - c)`.
-pub const TOP_ACCELERATION: f64 = 4. * (3. - MID_SPEED);
 
 /// Weight that attracts footholds to the initial guess, relative to 1 for a force of the weight per foot, 1/m². It would not slow the feet:
 /// with 0, 1, 10 and 100 the fastest foot of ANYmal's smoothed trot reaches 3.47, 3.51, 3.42 and 3.70 m/s.

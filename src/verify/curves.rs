@@ -1,0 +1,311 @@
+//! Curves of a trajectory as the check evaluates them: base, feet and forces at any time.
+
+use crate::error::Result;
+use crate::gait::{Curve, Trajectory};
+use crate::robot::{GRAVITY, Robot};
+use crate::terrain::Terrain;
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use serde::Serialize;
+
+/// Times closer than this count as equal, s. Sums of durations differ in their last digits between programs.
+pub(crate) const SAME_TIME: f64 = 1e-6;
+
+/// Maximum of a quantity over the trajectory, never negative; infinite if the quantity was NaN at some time.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Extreme {
+    /// The value, in the unit of the field.
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
+    pub value: f64,
+    /// First time at which it occurs, s.
+    pub time: f64,
+    /// Foot at which it occurs; `None` for the base, or if the value is zero.
+    pub foot: Option<usize>,
+}
+
+impl Extreme {
+    pub(super) fn update(&mut self, value: f64, foot: Option<usize>, time: f64) {
+        let value = if value.is_nan() { f64::INFINITY } else { value };
+        if value > self.value {
+            *self = Extreme { value, time, foot };
+        }
+    }
+}
+
+/// Formats a number with few digits, with an exponent only if it is very small or very large.
+pub(crate) fn readable(value: f64) -> String {
+    if value == 0. || (1e-3..1e6).contains(&value) { format!("{value:.3}") } else { format!("{value:.2e}") }
+}
+
+/// Value and derivatives of a curve at one time.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Point {
+    /// Value.
+    pub value: Vector3<f64>,
+    /// First derivative.
+    pub first: Vector3<f64>,
+    /// Second derivative.
+    pub second: Vector3<f64>,
+}
+
+/// Hermite curve with the times of its nodes.
+pub(crate) struct TimedCurve<'a> {
+    /// The curve.
+    pub curve: &'a Curve,
+    /// Times of the nodes, s.
+    pub times: Vec<f64>,
+    /// Coefficients of each piece, see [`TimedCurve::cubic`].
+    cubics: Vec<[Vector3<f64>; 4]>,
+}
+
+impl<'a> TimedCurve<'a> {
+    fn new(curve: &'a Curve) -> Self {
+        let mut times = vec![0.];
+        let mut end = 0.;
+        for duration in &curve.poly_durations {
+            end += duration;
+            times.push(end);
+        }
+        let pieces = curve.nodes.windows(2).zip(&curve.poly_durations);
+        let cubics = pieces.map(|(nodes, &length)| cubic(&nodes[0], &nodes[1], length)).collect();
+        TimedCurve { curve, times, cubics }
+    }
+
+    /// Value of a node.
+    pub fn value(&self, node: usize) -> Vector3<f64> {
+        value(&self.curve.nodes[node])
+    }
+
+    /// Slope of a node.
+    pub fn slope(&self, node: usize) -> Vector3<f64> {
+        slope(&self.curve.nodes[node])
+    }
+
+    /// Point at a time, which is clamped to the curve. At a node the piece that ends there counts, as in TOWR.
+    pub fn at(&self, time: f64) -> Point {
+        // The slack selects the same side of a node if its time is a sum of other durations.
+        let after = self.times[1..].partition_point(|&end| end < time - 1e-9);
+        let piece = after.min(self.curve.poly_durations.len() - 1);
+        self.on_piece(piece, time - self.times[piece])
+    }
+
+    /// Point of a piece at `t` s after its start, clamped to the piece.
+    pub fn on_piece(&self, piece: usize, t: f64) -> Point {
+        let t = t.clamp(0., self.length(piece));
+        let [a, b, c, d] = self.cubic(piece);
+        Point { value: a + (b + (c + d * t) * t) * t, first: b + (c * 2. + d * (3. * t)) * t, second: c * 2. + d * (6. * t) }
+    }
+
+    /// `[a, b, c, d]` of a piece, `a + b t + c t^2 + d t^3` at `t` s after its start: the cubic through both nodes with their slopes.
+    pub fn cubic(&self, piece: usize) -> [Vector3<f64>; 4] {
+        self.cubics[piece]
+    }
+
+    /// Index of the piece that contains a time.
+    pub fn piece_around(&self, time: f64) -> usize {
+        self.times[1..].partition_point(|&end| end < time).min(self.pieces() - 1)
+    }
+
+    /// Number of pieces.
+    pub fn pieces(&self) -> usize {
+        self.curve.poly_durations.len()
+    }
+
+    /// Applies a function to the piece that contains a time.
+    pub fn on<T>(&self, time: f64, f: impl Fn(&Curve, usize) -> T) -> T {
+        f(self.curve, self.piece_around(time))
+    }
+
+    /// Length of a piece, s.
+    pub fn length(&self, piece: usize) -> f64 {
+        self.curve.poly_durations[piece]
+    }
+}
+
+fn value(node: &[f64; 6]) -> Vector3<f64> {
+    Vector3::new(node[0], node[1], node[2])
+}
+
+fn slope(node: &[f64; 6]) -> Vector3<f64> {
+    Vector3::new(node[3], node[4], node[5])
+}
+
+/// The cubic through two nodes, see [`TimedCurve::cubic`].
+fn cubic(from: &[f64; 6], to: &[f64; 6], length: f64) -> [Vector3<f64>; 4] {
+    let (a, b, next) = (value(from), slope(from), slope(to));
+    // Differences first, so that a standing foot has exactly zero velocity.
+    let mean = (value(to) - a) / length;
+    let c = (mean * 3. - b * 2. - next) / length;
+    let d = (b + next - mean * 2.) / (length * length);
+    [a, b, c, d]
+}
+
+/// Curves of a foot and its phases.
+pub(crate) struct FootMotion<'a> {
+    /// Position, m.
+    pub motion: TimedCurve<'a>,
+    /// Force, N.
+    pub force: TimedCurve<'a>,
+    /// Times at which the contact changes, s; the first phase is a stance.
+    pub switches: Vec<f64>,
+    /// Position in each stance phase, m.
+    footholds: Vec<Vector3<f64>>,
+}
+
+impl<'a> FootMotion<'a> {
+    fn new(motion: TimedCurve<'a>, force: TimedCurve<'a>, durations: &[f64]) -> Self {
+        let mut starts = vec![0.];
+        let mut end = 0.;
+        for duration in durations {
+            end += duration;
+            starts.push(end);
+        }
+        starts.pop();
+        // Taken from the node, not the curve: a node on an edge of the terrain must stay on its side of the edge.
+        let footholds = starts.iter().step_by(2).map(|&start| motion.value(nearest(&motion.times, start))).collect();
+        starts.remove(0);
+        FootMotion { motion, force, switches: starts, footholds }
+    }
+
+    /// First and last phase that a time belongs to: two neighbours at a switch, otherwise twice the same phase. Stance phases are even.
+    pub fn phases(&self, time: f64) -> (usize, usize) {
+        let first = self.switches.partition_point(|&s| s < time - SAME_TIME);
+        (first, self.switches.partition_point(|&s| s <= time + SAME_TIME))
+    }
+
+    /// Times of lift-off and touchdown of every swing, s.
+    pub fn swings(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
+        self.switches.chunks_exact(2).map(|swing| [swing[0], swing[1]])
+    }
+
+    /// Position of the node at a time, m. At an edge of the terrain the curve may lie on the other side of the edge.
+    pub fn place(&self, time: f64) -> Vector3<f64> {
+        self.motion.value(nearest(&self.motion.times, time))
+    }
+
+    /// Foothold of the stance phase at a time, m; `None` during a swing.
+    pub fn foothold(&self, time: f64) -> Option<Vector3<f64>> {
+        let (first, last) = self.phases(time);
+        [first, last].into_iter().find(|phase| phase % 2 == 0).map(|stance| self.footholds[stance / 2])
+    }
+}
+
+/// Index of the time nearest to another, in an ascending list.
+pub(super) fn nearest(times: &[f64], time: f64) -> usize {
+    let after = times.partition_point(|&t| t < time).min(times.len() - 1);
+    let before = after.saturating_sub(1);
+    if (times[before] - time).abs() < (times[after] - time).abs() { before } else { after }
+}
+
+/// Normal and tangents of the terrain under a foothold, unit vectors.
+///
+/// `n ~ (-h_x, -h_y, 1)`, `t1 ~ (1, 0, h_x)`, `t2 ~ (0, 1, h_y)`; on a slope along both axes t1 and t2 are not orthogonal, as in TOWR.
+pub(crate) struct ContactAxes {
+    pub normal: Vector3<f64>,
+    pub tangents: [Vector3<f64>; 2],
+}
+
+impl ContactAxes {
+    pub fn new(terrain: &Terrain, foothold: Vector3<f64>) -> Self {
+        let [hx, hy] = terrain.ground(foothold.x, foothold.y).slope;
+        ContactAxes {
+            normal: Vector3::new(-hx, -hy, 1.).normalize(),
+            tangents: [Vector3::new(1., 0., hx).normalize(), Vector3::new(0., 1., hy).normalize()],
+        }
+    }
+}
+
+/// State of the base at one time, world frame.
+pub(crate) struct DenseState {
+    pub position: Vector3<f64>,
+    pub velocity: Vector3<f64>,
+    pub acceleration: Vector3<f64>,
+    /// Base to world.
+    pub rotation: Rotation3<f64>,
+    pub omega: Vector3<f64>,
+    omega_dot: Vector3<f64>,
+}
+
+/// Trajectory laid out in time, with a robot that has its number of feet.
+pub(crate) struct Motion<'a> {
+    pub robot: &'a Robot,
+    pub horizon: f64,
+    pub base_lin: TimedCurve<'a>,
+    pub base_ang: TimedCurve<'a>,
+    pub feet: Vec<FootMotion<'a>>,
+}
+
+impl<'a> Motion<'a> {
+    pub fn new(trajectory: &'a Trajectory, robot: &'a Robot) -> Result<Self> {
+        trajectory.validate()?;
+        if trajectory.ee.len() != robot.feet() {
+            let limit = format!("{} feet, as the robot `{}` has", robot.feet(), robot.name);
+            return Err(crate::error::Error::invalid("ee", format!("{} feet", trajectory.ee.len()), limit));
+        }
+        let curves = trajectory.ee.iter().zip(&trajectory.durations);
+        let feet = curves.map(|(e, d)| FootMotion::new(TimedCurve::new(&e.motion), TimedCurve::new(&e.force), d)).collect();
+        let (base_lin, base_ang) = (TimedCurve::new(&trajectory.base_lin), TimedCurve::new(&trajectory.base_ang));
+        Ok(Motion { robot, horizon: trajectory.horizon, base_lin, base_ang, feet })
+    }
+
+    /// Times 0, `1 / rate`, `2 / rate`, ... and the horizon, s.
+    ///
+    /// * `rate` - Hz, positive
+    pub fn times(&self, rate: f64) -> Vec<f64> {
+        let before = |&time: &f64| time < self.horizon - SAME_TIME;
+        (0u32..).map(|i| f64::from(i) / rate).take_while(before).chain([self.horizon]).collect()
+    }
+
+    /// State of the base at a time.
+    ///
+    /// The Euler angles turn about the axes `a_yaw = e_z`, `a_pitch = Rz e_y`, `a_roll = Rz Ry e_x`:
+    /// `w = roll' a_roll + pitch' a_pitch + yaw' a_yaw`. Each axis is rotated by the angles before it.
+    pub fn base(&self, time: f64) -> DenseState {
+        let lin = self.base_lin.at(time);
+        let ang = self.base_ang.at(time);
+        let (angle, rate, rate_dot) = (ang.value, ang.first, ang.second);
+        let rotation = Rotation3::from_euler_angles(angle.x, angle.y, angle.z);
+        let (sin, cos) = angle.z.sin_cos();
+        let a_yaw = Vector3::z();
+        let a_pitch = Vector3::new(-sin, cos, 0.);
+        let a_roll = rotation.matrix().column(0).into_owned();
+        let a_pitch_dot = (a_yaw * rate.z).cross(&a_pitch);
+        let a_roll_dot = (a_yaw * rate.z + a_pitch * rate.y).cross(&a_roll);
+        DenseState {
+            position: lin.value,
+            velocity: lin.first,
+            acceleration: lin.second,
+            rotation,
+            omega: a_roll * rate.x + a_pitch * rate.y + a_yaw * rate.z,
+            omega_dot: a_roll * rate_dot.x + a_pitch * rate_dot.y + a_yaw * rate_dot.z + a_pitch_dot * rate.y + a_roll_dot * rate.x,
+        }
+    }
+
+    /// Inertia in the base frame, kg m².
+    pub fn inertia(&self) -> Matrix3<f64> {
+        Matrix3::from_fn(|r, c| self.robot.inertia[r][c])
+    }
+
+    /// Residuals of the rigid body, world frame: moment `I_w wdot + w x I_w w - sum (x_i - p) x f_i`, N m, and force `m pddot - sum f_i + m
+    /// g e_z`, N.
+    pub fn defect(&self, base: &DenseState, time: f64) -> (Vector3<f64>, Vector3<f64>) {
+        let rotation = base.rotation.matrix();
+        let inertia = rotation * self.inertia() * rotation.transpose();
+        let mut moment = inertia * base.omega_dot + base.omega.cross(&(inertia * base.omega));
+        let mut force = (base.acceleration + Vector3::z() * GRAVITY) * self.robot.mass;
+        for foot in &self.feet {
+            let f = foot.force.at(time).value;
+            moment -= (foot.motion.at(time).value - base.position).cross(&f);
+            force -= f;
+        }
+        (moment, force)
+    }
+
+    /// Distance of a foot outside its reach box along each axis of the base, m; negative inside.
+    pub fn reach_excess(&self, base: &DenseState, foot: usize, position: Vector3<f64>) -> Vector3<f64> {
+        let in_base = base.rotation.inverse() * (position - base.position);
+        let (from_nominal, reach) = (in_base - Vector3::from(self.robot.nominal_feet[foot]), self.robot.reach.of(foot));
+        let outside = |value: f64, low: f64, high: f64| if value.is_nan() { value } else { (low - value).max(value - high) };
+        Vector3::from_fn(|axis, _| outside(from_nominal[axis], reach.low[axis], reach.high[axis]))
+    }
+}
