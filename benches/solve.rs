@@ -6,7 +6,8 @@
 
 use cregopt::backend::{Cpu, Precision};
 use cregopt::gait::{AlignedSchedule, Schedule};
-use cregopt::linear::front::{Factor, NormalEquations, factorise};
+use cregopt::linear::NormalEquations;
+use cregopt::linear::front::{Factor, factorise};
 use cregopt::nlp::Layout;
 use cregopt::nlp::transcription::interval;
 use cregopt::rows;

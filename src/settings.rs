@@ -34,7 +34,6 @@
 use crate::error::{Error, Result, check_range};
 use crate::gait::cost::CostWeights;
 use crate::gait::trajectory::GoalVelocity;
-use crate::solver::control::{NO_EARLY_TERMINATION, early_termination_per_row};
 use crate::terrain::Terrain;
 use serde::{Deserialize, Serialize};
 
@@ -283,6 +282,17 @@ impl OptimiseSettings {
     /// Weights of the cost that is minimised, if one is.
     pub fn objective(&self) -> Option<&CostWeights> {
         (self.iterations > 0).then_some(&self.cost)
+    }
+}
+
+/// Limit that disables early termination. Finite, because WGSL has no portable infinity.
+pub const NO_EARLY_TERMINATION: f64 = f32::MAX as f64;
+
+/// Early-termination limit after the first iterations, per row; see [`crate::solver::control::Progress::early_termination_limit`].
+fn early_termination_per_row(transcription: Transcription) -> f64 {
+    match transcription {
+        Transcription::Momentum => 8.,
+        Transcription::Towr => 30.,
     }
 }
 

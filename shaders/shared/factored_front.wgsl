@@ -90,7 +90,7 @@ fn add_pose(slot: u32, instant: u32, blocks: u32, size: u32, e: u32) {
     let pair = block_pair(e / POSE_PRODUCTS);
     let rows = base_blocks_front(slot, blocks, pair.x);
     let columns = base_blocks_front(slot, blocks, pair.y);
-    let c = (e % POSE_PRODUCTS) / 6u;
+    let c = (e % POSE_PRODUCTS) / POSE;
     let d = e % POSE;
     // Upper triangle of a diagonal block; otherwise the block above the diagonal, whichever of the two blocks comes first. The sums are
     // symmetric.

@@ -77,6 +77,9 @@ impl Mission {
 mod tests {
     use super::*;
     use crate::backend::Cpu;
+    use crate::robot::Robot;
+    use crate::search::SearchSettings;
+    use crate::task::Goal;
     use crate::terrain::Terrain;
 
     #[test]

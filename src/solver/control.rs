@@ -7,7 +7,7 @@
 use crate::nlp::Layout;
 use crate::real::Real;
 use crate::rows::table::NONE;
-use crate::settings::{SolverSettings, Transcription};
+use crate::settings::{NO_EARLY_TERMINATION, SolverSettings, Transcription};
 
 /// The next trial point is a barrier step.
 pub const STEP: u32 = 0;
@@ -48,8 +48,6 @@ pub const POOR_FACTOR: f64 = 2.;
 pub const STALL_TARGET: f64 = 1e-6;
 /// Infeasibility above which the stall rule applies. Below it, rounding errors can stop the progress for a few iterations.
 pub const STALL_ABOVE: f64 = 1e-5;
-/// Limit that disables early termination. Finite, because WGSL has no portable infinity.
-pub const NO_EARLY_TERMINATION: f64 = f32::MAX as f64;
 /// First iteration after which early termination applies. When it was 5 instead of 2, failing candidates ended after 8.4 instead of 7.3
 /// iterations, and as many solvable ones were lost.
 pub const EARLY_TERMINATION_FROM: u32 = 2;
@@ -135,14 +133,6 @@ pub struct Limits<T> {
     pub closing: T,
     /// See [`early_termination_rates`].
     pub early_termination_rates: [T; 3],
-}
-
-/// Early-termination limit ([`Progress::early_termination_limit`]) after [`EARLY_TERMINATION_FROM`] iterations, per row.
-pub fn early_termination_per_row(transcription: Transcription) -> f64 {
-    match transcription {
-        Transcription::Momentum => 8.,
-        Transcription::Towr => 30.,
-    }
 }
 
 /// Factors by which [`Progress::early_termination_limit`] shrinks per iteration: up to the first of [`EARLY_TERMINATION_KNEES`], up to the

@@ -309,3 +309,65 @@ impl<'a> Motion<'a> {
         Vector3::from_fn(|axis, _| outside(from_nominal[axis], reach.low[axis], reach.high[axis]))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_piece_is_the_cubic_through_its_nodes() {
+        // p = 1 - 2 t + 3 t^2 - 4 t^3 over 0.5 s; the z component is constant.
+        let (p, v) = (|t: f64| 1. - 2. * t + 3. * t * t - 4. * t * t * t, |t: f64| -2. + 6. * t - 12. * t * t);
+        let node = |t: f64| [p(t), 0., 7., v(t), 0., 0.];
+        let curve = Curve { poly_durations: vec![0.2, 0.3], nodes: vec![node(0.), node(0.2), node(0.5)] };
+        let timed = TimedCurve::new(&curve);
+        for t in [0., 0.1, 0.2, 0.37, 0.5] {
+            let at = timed.at(t);
+            assert!((at.value.x - p(t)).abs() < 1e-14 && (at.first.x - v(t)).abs() < 1e-13, "t = {t}");
+            assert!((at.second.x - (6. - 24. * t)).abs() < 1e-12, "t = {t}");
+            assert_eq!((at.value.z, at.first.z, at.second.z), (7., 0., 0.));
+        }
+        assert_eq!(timed.at(-1.).value, timed.at(0.).value);
+        assert_eq!(timed.at(9.).value, timed.at(0.5).value);
+    }
+
+    #[test]
+    fn at_a_node_the_earlier_piece_gives_the_acceleration() {
+        let curve = Curve { poly_durations: vec![0.1; 2], nodes: vec![[0.; 6], [1., 0., 0., 0., 0., 0.], [0.; 6]] };
+        let timed = TimedCurve::new(&curve);
+        assert!(timed.at(0.1).second.x < 0. && timed.at(0.1 + 1e-12).second.x < 0.);
+        assert_eq!(timed.at(0.1).second, timed.on_piece(0, 0.1).second);
+        assert_eq!([-1., 0.04, 0.06, 0.2, 3.].map(|t| nearest(&timed.times, t)), [0, 0, 1, 2, 2]);
+    }
+
+    #[test]
+    fn angular_velocity_and_acceleration_match_the_rotation() {
+        let robot = Robot::named("monoped").unwrap();
+        let still = Curve { poly_durations: vec![1.], nodes: vec![[0.; 6]; 2] };
+        let turning = Curve { poly_durations: vec![1.], nodes: vec![[0.3, -0.4, 2., 1., 2., -3.], [0.9, 0.6, -1., -2., 1., 0.5]] };
+        let motion =
+            Motion { robot: &robot, horizon: 1., base_lin: TimedCurve::new(&still), base_ang: TimedCurve::new(&turning), feet: vec![] };
+        let d = 1e-5;
+        for t in [0.2, 0.5, 0.9] {
+            let (before, now, after) = (motion.base(t - d), motion.base(t), motion.base(t + d));
+            let angles = motion.base_ang.at(t).value;
+            assert!((now.rotation.matrix() - Rotation3::from_euler_angles(angles.x, angles.y, angles.z).matrix()).norm() < 1e-14);
+            // R' = [w]x R
+            let spin = (after.rotation.matrix() - before.rotation.matrix()) / (2. * d) * now.rotation.matrix().transpose();
+            assert!((Vector3::new(spin[(2, 1)], spin[(0, 2)], spin[(1, 0)]) - now.omega).norm() < 1e-8);
+            assert!(((after.omega - before.omega) / (2. * d) - now.omega_dot).norm() < 1e-7);
+        }
+    }
+
+    #[test]
+    fn an_extreme_keeps_the_first_maximum_and_turns_nan_into_infinity() {
+        let mut e = Extreme::default();
+        e.update(-1., Some(1), 0.1);
+        assert_eq!(e, Extreme::default());
+        e.update(2., Some(1), 0.2);
+        e.update(2., Some(3), 0.3);
+        assert_eq!((e.value, e.time, e.foot), (2., 0.2, Some(1)));
+        e.update(f64::NAN, None, 0.4);
+        assert_eq!((e.value, e.time), (f64::INFINITY, 0.4));
+    }
+}

@@ -398,8 +398,8 @@ const ALLOWED: [(&str, &[&str], &str); 7] = [
     ("shared/control", &["0x7f800000u"], "bits of the exponent of f32"),
     ("shared/math", &["4.0", "0.25", "3.0"], "quarters of a turn"),
     ("linear/front", &["5u", "6u"], "two vectors of three rows"),
-    ("linear/front", &["8u"], "last pairs of the first three of four rows of blocks: 3, 6, 8"),
-    ("linear/product", &["5u"], "index of the last of six values"),
+    ("shared/factored_front", &["6u", "8u"], "last pairs of the first three of four rows of blocks: 3, 6, 8"),
+    ("shared/factored_product", &["5u"], "index of the last of six values"),
     ("rows/momentum", &["3.0", "6.0"], "quadratic with a given mean and end"),
     ("solver/judge", &["4.0"], "root of a quadratic equation"),
 ];

@@ -35,6 +35,7 @@ use crate::backend::tables::{Batch, Buffer, Part, kind};
 use crate::robot::GRAVITY;
 use crate::rows::factored::{OWN_BLOCKS, OWN_COLUMNS, POSE, POSE_BLOCKS};
 use crate::rows::momentum::{INNER_POINTS, MOMENTUM_POINTS, STEEP_COSINE};
+use crate::rows::stance_power::LEAST_LEG;
 use crate::rows::swing::{RING_POINTS, RINGS};
 use crate::rows::table::{NONE, Wgsl};
 use crate::rows::{Family, RowKind, acceleration, force, reach, row_shaders};
@@ -124,6 +125,7 @@ pub const SHARED: &[(&str, &str)] = &[
     ("shared/entries", text!("shared/entries")),
     ("shared/values", text!("shared/values")),
     ("shared/kind", text!("shared/kind")),
+    ("shared/hip", text!("shared/hip")),
     ("shared/jacobian", text!("shared/jacobian")),
     ("shared/factored", text!("shared/factored")),
     ("shared/all_elements", text!("shared/all_elements")),
@@ -378,6 +380,7 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("ACCELERATION_MARGIN", acceleration::MARGIN as f32),
         ("GRAVITY", GRAVITY as f32),
         ("STEEP_COSINE", STEEP_COSINE as f32),
+        ("LEAST_LEG", LEAST_LEG as f32),
         ("INNER_RING", inner_ring as f32),
         ("INNER_LIFT", inner_lift as f32),
         ("OUTER_RING", outer_ring as f32),

@@ -10,8 +10,9 @@ use crate::common::{
     with_any_rows,
 };
 use cregopt::gait::Schedule;
+use cregopt::linear::NormalEquations;
 use cregopt::linear::forward::forward;
-use cregopt::linear::front::{Factor, NormalEquations, factorise};
+use cregopt::linear::front::{Factor, factorise};
 use cregopt::linear::product::jacobian_times;
 use cregopt::linear::substitute::substitute;
 use cregopt::linear::transposed::transposed_times;
