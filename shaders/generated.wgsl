@@ -6,9 +6,10 @@ const INNER_POINTS: u32 = 6u;
 const MOMENTUM_POINTS: u32 = 7u;
 const POSE: u32 = 6u;
 const POSE_BLOCKS: u32 = 4u;
+const OWN_BLOCKS: u32 = 3u;
 const OWN_COLUMNS: u32 = 5u;
-const REACH_ROWS: u32 = 3u;
-const REACH_SIDES: u32 = 6u;
+const FACTORED_ROWS: u32 = 3u;
+const FACTORED_PAIRS: u32 = 3u;
 const FORCE_ROWS: u32 = 5u;
 const RING_POINTS: u32 = 8u;
 const FLAT: u32 = 0u;
@@ -35,13 +36,14 @@ const EARLY_TERMINATION_TO: u32 = 15u;
 const EARLY_TERMINATION_KNEE: u32 = 4u;
 const EARLY_TERMINATION_LATE_KNEE: u32 = 7u;
 const LINEAR_MOMENTUM: u32 = 1u;
-const REACH: u32 = 3u;
+const FACTORED: u32 = 3u;
 const EQUALITY: u32 = 0u;
 const COST: u32 = 1u;
 const INEQUALITY: u32 = 2u;
 const ACCELERATION_MARGIN: f32 = 0.002f;
 const GRAVITY: f32 = 9.80665f;
 const STEEP_COSINE: f32 = 0.1f;
+const LEAST_LEG: f32 = 1e-6f;
 const INNER_RING: f32 = 0.6f;
 const INNER_LIFT: f32 = 0.2f;
 const OUTER_RING: f32 = 0.96f;
@@ -98,7 +100,6 @@ struct Batch {
     stance_forces: u32,
     momentum_intervals: u32,
     impulses: u32,
-    base_blocks: u32,
     reach_instants: u32,
     reach_feet: u32,
     reach_legs: u32,
@@ -108,6 +109,13 @@ struct Batch {
     accelerations: u32,
     cones: u32,
     footings: u32,
+    efforts: u32,
+    stance_powers: u32,
+    swing_powers: u32,
+    base_blocks: u32,
+    factored_instants: u32,
+    factored_elements: u32,
+    factored_own: u32,
     elements: u32,
     runs: u32,
     front_steps: u32,
@@ -115,19 +123,22 @@ struct Batch {
     gather_of: u32,
     gathers: u32,
     touches: u32,
-    reach_touches: u32,
+    factored_touches: u32,
     first_elements: u32,
     first_runs: u32,
     first_front_steps: u32,
     first_rests: u32,
     first_base_blocks: u32,
+    first_factored_instants: u32,
+    first_factored_elements: u32,
+    first_factored_own: u32,
     first_reach_instants: u32,
     first_reach_feet: u32,
     first_reach_legs: u32,
     first_gather_of: u32,
     first_gathers: u32,
     first_touches: u32,
-    first_reach_touches: u32,
+    first_factored_touches: u32,
     values: u32,
     jacobian: u32,
     factor: u32,
@@ -179,7 +190,7 @@ struct RowCounts {
     inequalities: u32,
 }
 
-struct ReachRows {
+struct FirstRows {
     row: u32,
     inequality: u32,
 }
@@ -223,14 +234,13 @@ struct Slot {
     variables: u32,
     rows: RowCounts,
     inequalities: u32,
-    reach_rows: ReachRows,
+    first_factored: FirstRows,
     early_termination_rates: array<f32, 3>,
     footholds: u32,
     dynamics_instants: u32,
     stance_forces: u32,
     momentum_intervals: u32,
     impulses: u32,
-    base_blocks: u32,
     reach_instants: u32,
     reach_feet: u32,
     reach_legs: u32,
@@ -240,6 +250,13 @@ struct Slot {
     accelerations: u32,
     cones: u32,
     footings: u32,
+    efforts: u32,
+    stance_powers: u32,
+    swing_powers: u32,
+    base_blocks: u32,
+    factored_instants: u32,
+    factored_elements: u32,
+    factored_own: u32,
     elements: u32,
     runs: u32,
     front_steps: u32,
@@ -247,7 +264,7 @@ struct Slot {
     gather_of: u32,
     gathers: u32,
     touches: u32,
-    reach_touches: u32,
+    factored_touches: u32,
     shape: Shape,
     constants: Constants,
     points: array<MomentumPoint, 7>,
@@ -325,40 +342,21 @@ struct Impulse {
     foothold_column: u32,
 }
 
-struct BaseBlocks {
-    variable: array<u32, 4>,
-    front: array<u32, 4>,
-    interval: u32,
-}
-
-struct BasePoint {
-    reference: array<f32, 6>,
-    weights: array<f32, 4>,
-    blocks: u32,
-    deviation_weights: array<f32, 6>,
-}
-
 struct ReachInstant {
-    base: BasePoint,
-    feet: Span,
+    reference: array<f32, 6>,
+    deviation_weights: array<f32, 6>,
 }
 
 struct ReachFoot {
     xy_weights: array<f32, 2>,
     z_weights: array<f32, 3>,
     leg: u32,
-    jacobian: u32,
-    stride: u32,
 }
 
 struct ReachLeg {
     center: array<f32, 3>,
     half_widths: array<f32, 3>,
     foothold: array<u32, 2>,
-    height: u32,
-    foothold_column: array<u32, 2>,
-    height_column: u32,
-    front: array<u32, 3>,
 }
 
 struct ForceNode {
@@ -409,12 +407,61 @@ struct Footing {
     place: Place,
 }
 
-struct Element {
-    family: u32,
-    rows: u32,
-    pairs: u32,
+struct Effort {
+    factor: array<array<f32, 4>, 2>,
+    node: array<u32, 2>,
+    column: array<u32, 2>,
     place: Place,
-    runs: Span,
+}
+
+struct HipPoint {
+    reference: array<f32, 6>,
+    value: array<f32, 4>,
+    rate: array<f32, 4>,
+    deviation: array<f32, 6>,
+    deviation_rate: array<f32, 6>,
+    interval: u32,
+    column: array<u32, 4>,
+    hip: array<f32, 2>,
+}
+
+struct StancePower {
+    base: HipPoint,
+    force: array<f32, 4>,
+    node: array<u32, 2>,
+    node_column: array<u32, 2>,
+    foothold: u32,
+    foothold_column: u32,
+    place: Place,
+}
+
+struct SwingPower {
+    base: HipPoint,
+    xy_weights: array<array<f32, 2>, 2>,
+    z_weights: array<array<f32, 3>, 2>,
+    height: u32,
+    height_column: u32,
+    foothold: array<u32, 2>,
+    foothold_column: array<u32, 2>,
+    place: Place,
+}
+
+struct BaseBlocks {
+    variable: array<u32, 4>,
+    front: array<u32, 4>,
+    interval: u32,
+}
+
+struct FactoredInstant {
+    weights: array<f32, 4>,
+    blocks: u32,
+    elements: Span,
+}
+
+struct FactoredElement {
+    own: u32,
+    jacobian: u32,
+    stride: u32,
 }
 
 struct Run {
@@ -424,6 +471,18 @@ struct Run {
     len: u32,
 }
 
+struct OwnColumns {
+    runs: array<Run, 3>,
+}
+
+struct Element {
+    family: u32,
+    rows: u32,
+    pairs: u32,
+    place: Place,
+    runs: Span,
+}
+
 struct FrontStep {
     size: u32,
     pivots: u32,
@@ -431,7 +490,7 @@ struct FrontStep {
     factor: u32,
     stride: u32,
     elements: Span,
-    reach: Span,
+    factored: Span,
     rest: Span,
 }
 
@@ -443,7 +502,7 @@ struct Rest {
 struct Gather {
     variable: u32,
     touches: Span,
-    reach: Span,
+    factored: Span,
 }
 
 struct Touch {
@@ -451,9 +510,9 @@ struct Touch {
     column: u32,
 }
 
-struct ReachTouch {
+struct FactoredTouch {
     instants: Span,
-    leg: u32,
+    own: u32,
     block: u32,
     column: u32,
 }
@@ -493,69 +552,79 @@ fn base_blocks_front(slot: u32, i: u32, k: u32) -> u32 {
     return tables[at + 4u];
 }
 
-fn reach_instants_at(slot: u32, i: u32) -> ReachInstant {
-    let at = batch.first_reach_instants + (slot * batch.reach_instants + i) * 19u;
-    return ReachInstant(BasePoint(array<f32, 6>(bitcast<f32>(tables[at + 0u]), bitcast<f32>(tables[at + 1u]), bitcast<f32>(tables[at + 2u]), bitcast<f32>(tables[at + 3u]), bitcast<f32>(tables[at + 4u]), bitcast<f32>(tables[at + 5u])), array<f32, 4>(bitcast<f32>(tables[at + 6u]), bitcast<f32>(tables[at + 7u]), bitcast<f32>(tables[at + 8u]), bitcast<f32>(tables[at + 9u])), tables[at + 10u], array<f32, 6>(bitcast<f32>(tables[at + 11u]), bitcast<f32>(tables[at + 12u]), bitcast<f32>(tables[at + 13u]), bitcast<f32>(tables[at + 14u]), bitcast<f32>(tables[at + 15u]), bitcast<f32>(tables[at + 16u]))), Span(tables[at + 17u], tables[at + 18u]));
+fn factored_instants_at(slot: u32, i: u32) -> FactoredInstant {
+    let at = batch.first_factored_instants + (slot * batch.factored_instants + i) * 7u;
+    return FactoredInstant(array<f32, 4>(bitcast<f32>(tables[at + 0u]), bitcast<f32>(tables[at + 1u]), bitcast<f32>(tables[at + 2u]), bitcast<f32>(tables[at + 3u])), tables[at + 4u], Span(tables[at + 5u], tables[at + 6u]));
 }
 
-fn reach_instants_base_reference(slot: u32, i: u32, k: u32) -> f32 {
-    let at = batch.first_reach_instants + (slot * batch.reach_instants + i) * 19u + 1u * k;
+fn factored_instants_weights(slot: u32, i: u32, k: u32) -> f32 {
+    let at = batch.first_factored_instants + (slot * batch.factored_instants + i) * 7u + 1u * k;
     return bitcast<f32>(tables[at + 0u]);
 }
 
-fn reach_instants_base_weights(slot: u32, i: u32, k: u32) -> f32 {
-    let at = batch.first_reach_instants + (slot * batch.reach_instants + i) * 19u + 1u * k;
+fn factored_elements_at(slot: u32, i: u32) -> FactoredElement {
+    let at = batch.first_factored_elements + (slot * batch.factored_elements + i) * 3u;
+    return FactoredElement(tables[at + 0u], tables[at + 1u], tables[at + 2u]);
+}
+
+fn factored_own_at(slot: u32, i: u32) -> OwnColumns {
+    let at = batch.first_factored_own + (slot * batch.factored_own + i) * 12u;
+    return OwnColumns(array<Run, 3>(Run(tables[at + 0u], tables[at + 1u], tables[at + 2u], tables[at + 3u]), Run(tables[at + 4u], tables[at + 5u], tables[at + 6u], tables[at + 7u]), Run(tables[at + 8u], tables[at + 9u], tables[at + 10u], tables[at + 11u])));
+}
+
+fn factored_own_runs(slot: u32, i: u32, k: u32) -> Run {
+    let at = batch.first_factored_own + (slot * batch.factored_own + i) * 12u + 4u * k;
+    return Run(tables[at + 0u], tables[at + 1u], tables[at + 2u], tables[at + 3u]);
+}
+
+fn reach_instants_at(slot: u32, i: u32) -> ReachInstant {
+    let at = batch.first_reach_instants + (slot * batch.reach_instants + i) * 12u;
+    return ReachInstant(array<f32, 6>(bitcast<f32>(tables[at + 0u]), bitcast<f32>(tables[at + 1u]), bitcast<f32>(tables[at + 2u]), bitcast<f32>(tables[at + 3u]), bitcast<f32>(tables[at + 4u]), bitcast<f32>(tables[at + 5u])), array<f32, 6>(bitcast<f32>(tables[at + 6u]), bitcast<f32>(tables[at + 7u]), bitcast<f32>(tables[at + 8u]), bitcast<f32>(tables[at + 9u]), bitcast<f32>(tables[at + 10u]), bitcast<f32>(tables[at + 11u])));
+}
+
+fn reach_instants_reference(slot: u32, i: u32, k: u32) -> f32 {
+    let at = batch.first_reach_instants + (slot * batch.reach_instants + i) * 12u + 1u * k;
+    return bitcast<f32>(tables[at + 0u]);
+}
+
+fn reach_instants_deviation_weights(slot: u32, i: u32, k: u32) -> f32 {
+    let at = batch.first_reach_instants + (slot * batch.reach_instants + i) * 12u + 1u * k;
     return bitcast<f32>(tables[at + 6u]);
 }
 
-fn reach_instants_base_deviation_weights(slot: u32, i: u32, k: u32) -> f32 {
-    let at = batch.first_reach_instants + (slot * batch.reach_instants + i) * 19u + 1u * k;
-    return bitcast<f32>(tables[at + 11u]);
-}
-
 fn reach_feet_at(slot: u32, i: u32) -> ReachFoot {
-    let at = batch.first_reach_feet + (slot * batch.reach_feet + i) * 8u;
-    return ReachFoot(array<f32, 2>(bitcast<f32>(tables[at + 0u]), bitcast<f32>(tables[at + 1u])), array<f32, 3>(bitcast<f32>(tables[at + 2u]), bitcast<f32>(tables[at + 3u]), bitcast<f32>(tables[at + 4u])), tables[at + 5u], tables[at + 6u], tables[at + 7u]);
+    let at = batch.first_reach_feet + (slot * batch.reach_feet + i) * 6u;
+    return ReachFoot(array<f32, 2>(bitcast<f32>(tables[at + 0u]), bitcast<f32>(tables[at + 1u])), array<f32, 3>(bitcast<f32>(tables[at + 2u]), bitcast<f32>(tables[at + 3u]), bitcast<f32>(tables[at + 4u])), tables[at + 5u]);
 }
 
 fn reach_feet_xy_weights(slot: u32, i: u32, k: u32) -> f32 {
-    let at = batch.first_reach_feet + (slot * batch.reach_feet + i) * 8u + 1u * k;
+    let at = batch.first_reach_feet + (slot * batch.reach_feet + i) * 6u + 1u * k;
     return bitcast<f32>(tables[at + 0u]);
 }
 
 fn reach_feet_z_weights(slot: u32, i: u32, k: u32) -> f32 {
-    let at = batch.first_reach_feet + (slot * batch.reach_feet + i) * 8u + 1u * k;
+    let at = batch.first_reach_feet + (slot * batch.reach_feet + i) * 6u + 1u * k;
     return bitcast<f32>(tables[at + 2u]);
 }
 
 fn reach_legs_at(slot: u32, i: u32) -> ReachLeg {
-    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 15u;
-    return ReachLeg(array<f32, 3>(bitcast<f32>(tables[at + 0u]), bitcast<f32>(tables[at + 1u]), bitcast<f32>(tables[at + 2u])), array<f32, 3>(bitcast<f32>(tables[at + 3u]), bitcast<f32>(tables[at + 4u]), bitcast<f32>(tables[at + 5u])), array<u32, 2>(tables[at + 6u], tables[at + 7u]), tables[at + 8u], array<u32, 2>(tables[at + 9u], tables[at + 10u]), tables[at + 11u], array<u32, 3>(tables[at + 12u], tables[at + 13u], tables[at + 14u]));
+    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 8u;
+    return ReachLeg(array<f32, 3>(bitcast<f32>(tables[at + 0u]), bitcast<f32>(tables[at + 1u]), bitcast<f32>(tables[at + 2u])), array<f32, 3>(bitcast<f32>(tables[at + 3u]), bitcast<f32>(tables[at + 4u]), bitcast<f32>(tables[at + 5u])), array<u32, 2>(tables[at + 6u], tables[at + 7u]));
 }
 
 fn reach_legs_center(slot: u32, i: u32, k: u32) -> f32 {
-    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 15u + 1u * k;
+    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 8u + 1u * k;
     return bitcast<f32>(tables[at + 0u]);
 }
 
 fn reach_legs_half_widths(slot: u32, i: u32, k: u32) -> f32 {
-    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 15u + 1u * k;
+    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 8u + 1u * k;
     return bitcast<f32>(tables[at + 3u]);
 }
 
 fn reach_legs_foothold(slot: u32, i: u32, k: u32) -> u32 {
-    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 15u + 1u * k;
+    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 8u + 1u * k;
     return tables[at + 6u];
-}
-
-fn reach_legs_foothold_column(slot: u32, i: u32, k: u32) -> u32 {
-    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 15u + 1u * k;
-    return tables[at + 9u];
-}
-
-fn reach_legs_front(slot: u32, i: u32, k: u32) -> u32 {
-    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 15u + 1u * k;
-    return tables[at + 12u];
 }
 
 fn gather_of_at(slot: u32, i: u32) -> u32 {
@@ -573,7 +642,7 @@ fn touches_at(slot: u32, i: u32) -> Touch {
     return Touch(tables[at + 0u], tables[at + 1u]);
 }
 
-fn reach_touches_at(slot: u32, i: u32) -> ReachTouch {
-    let at = batch.first_reach_touches + (slot * batch.reach_touches + i) * 5u;
-    return ReachTouch(Span(tables[at + 0u], tables[at + 1u]), tables[at + 2u], tables[at + 3u], tables[at + 4u]);
+fn factored_touches_at(slot: u32, i: u32) -> FactoredTouch {
+    let at = batch.first_factored_touches + (slot * batch.factored_touches + i) * 5u;
+    return FactoredTouch(Span(tables[at + 0u], tables[at + 1u]), tables[at + 2u], tables[at + 3u], tables[at + 4u]);
 }

@@ -15,10 +15,15 @@ fn of_factored(slot: u32, half: u32, place: Place, column: u32) -> f32 {
     return dot(v, v);
 }
 
-// Weighted sum of squares in one column of the rows of an element: weight 1 for equalities and two-sided rows, 1/2 for one-sided rows.
+// Weighted sum of squares in one column of the rows of an element: weight 1 for equalities and two-sided rows, 1/2 for one-sided rows, 0
+// for costs.
 fn of_rows(slot: u32, half: u32, element: Element, column: u32) -> f32 {
     let first = (2u * slot + half) * batch.jacobian + element.place.jacobian + column;
-    let twice = select(element.pairs, element.rows, row_kind(slots[slot].rows, element.place.row) == EQUALITY);
+    let kind = row_kind(slots[slot].rows, element.place.row);
+    if (kind == COST) {
+        return 0.0;
+    }
+    let twice = select(element.pairs, element.rows, kind == EQUALITY);
     var sum = 0.0;
     for (var r = 0u; r < element.rows; r++) {
         let v = jacobian[first + r * element.place.stride];

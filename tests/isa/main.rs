@@ -22,6 +22,8 @@ const LEAST_WAVES: &[(Shader, [u64; 3])] = &[
     (Shader::Force, [16, 20, 5]),
     (Shader::Swing, [21, 24, 6]),
     (Shader::Cone, [21, 32, 8]),
+    (Shader::StancePower, [16, 16, 4]),
+    (Shader::SwingPower, [16, 16, 4]),
     (Shader::Front, [3, 4, 1]),
     (Shader::Product, [21, 24, 7]),
     (Shader::Judge, [32, 32, 8]),

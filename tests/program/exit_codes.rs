@@ -41,7 +41,7 @@ fn an_infeasible_budget_exits_3_and_still_writes_the_best_candidate() {
     assert!(ran.ends_with(3).stdout.contains("no feasible gait"));
     assert_eq!(read(dir.path().join("weak/result.json"))["alternatives"], json!([]));
     // A warning before the search; afterwards the violated rows and the limits that would not suffice.
-    ran.says(&["warning", "40.0 N of a weight of 196.1 N"]);
+    ran.says(&["warning", "40.0 N of the weight of 196.1 N"]);
     assert!(ran.stdout.contains("rows that the nearest candidate violates"));
     let result = read(dir.path().join("weak/result.json"));
     assert_eq!(result["warnings"][0]["certain"], json!(false));

@@ -64,7 +64,7 @@ fn gaits_within_the_limits_of_joints_are_preferred() {
     slower("velocity = 2.0");
     let (kept, joint_cost) = solve(&[]);
     assert!(!kept && joint_cost > 1., "{joint_cost}");
-    for (more, said) in [(&[][..], "one family alone (`--gait`)"), (&["--first"], "without `--first`")] {
+    for (more, said) in [(&[][..], "a single family (`--gait`)"), (&["--first"], "without `--first`")] {
         let [text, _] = ran(dir.path(), &[&["solve", "--robot", "robot.toml", "--goal", "1,0"], more].concat(), 0);
         assert!(text.contains("beyond the limits") && text.contains(said), "{text}");
     }

@@ -6,6 +6,7 @@ use super::lab::{CAPACITY, Expected, Lab, SMALL, State, fill, gpu, states};
 use super::solver::{barrier_state, residuals, slacks, truncated_counts};
 use crate::common::Random;
 use cregopt::backend::gpu::shaders::Shader;
+use cregopt::rows::RowKind;
 use cregopt::settings::Transcription;
 use cregopt::solver::control::{self, ATTEMPTS, CLOSE, ENDED, EXACT, Limits, Progress, SHORTENINGS, SHORTER, SOLVED, STEP};
 use cregopt::solver::judge;
@@ -101,7 +102,10 @@ fn falls(lab: &Lab, s: usize, state: &State) -> [f64; 4] {
     let (batch, progress) = (&lab.batch, state.progress[s]);
     let (half, to) = (progress.current, 1 - progress.current);
     let of = |range: Range<usize>| state.values[range].iter().map(|v| f64::from(*v)).collect::<Vec<f64>>();
-    let (c, g, c_to, g_to) = (of(lab.c(s, half)), of(lab.g(s, half)), of(lab.c(s, to)), of(lab.g(s, to)));
+    // Cost rows, which follow the equalities, have no part in the verdict.
+    let equalities = lab.slots[s].layout.rows.of(RowKind::Equality);
+    let [c, c_to] = [half, to].map(|half| of(lab.c(s, half))[equalities.clone()].to_vec());
+    let (g, g_to) = (of(lab.g(s, half)), of(lab.g(s, to)));
     let length = f64::from(progress.length);
     let linear = |at: &[f64], by: &[f64]| at.iter().zip(by).map(|(at, by)| at + length * by).collect::<Vec<f64>>();
     let c_linear = linear(&c, &of(lab.of_equalities(s, batch.c_change)));

@@ -204,7 +204,7 @@ fn weights_of_twin(lab: &Lab, s: usize, expected: &mut Expected) {
     let half = progress.current;
     let (c, g) = (state.values[lab.c(s, half)].to_vec(), state.values[lab.g(s, half)].to_vec());
     if progress.attempts == 0 {
-        let f = judge::infeasibility(&c, &g);
+        let f = judge::infeasibility(&c[layout.rows.of(RowKind::Equality)], &g);
         let ring = lab.range(s, batch.history, 0).start + progress.recorded as usize % lab.settings.stall.window;
         let largest = largest(&slacks(lab, s, state).multiplier);
         control::begin(&mut progress, &limits(lab, s), f, POISON, largest, f < lab.settings.tolerance as f32);
