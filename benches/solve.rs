@@ -1,14 +1,14 @@
 //! Criterion benchmarks of the 16 reference candidates of target 10 of each scenario, on one thread, in `momentum` with free legs.
 //!
-//! * `solve/<scenario>/<precision>` - layout, solve and certification of all 16, solved or not
-//! * `layout/<scenario>` - only the tables of all 16
+//! * `solve/<scenario>/<precision>` - problem, solve and certification of all 16, solved or not
+//! * `problem/<scenario>` - only the tables of all 16
 //! * `factorise/<scenario>` - one factorisation of each with all rows active, in f32
 
 use cregopt::backend::{Cpu, Precision};
 use cregopt::gait::{AlignedSchedule, Schedule};
 use cregopt::linear::NormalEquations;
 use cregopt::linear::front::{Factor, factorise};
-use cregopt::nlp::Layout;
+use cregopt::nlp::Problem;
 use cregopt::nlp::transcription::interval;
 use cregopt::rows;
 use cregopt::scenario::{SCENARIOS, Scenario};
@@ -60,7 +60,7 @@ fn solve(c: &mut Criterion, scenario: &Scenario, task: &Task, schedules: &[Sched
     }
 }
 
-fn layout(c: &mut Criterion, scenario: &Scenario, task: &Task, schedules: &[Schedule]) {
+fn problem(c: &mut Criterion, scenario: &Scenario, task: &Task, schedules: &[Schedule]) {
     let settings = transcription();
     let aligned: Vec<AlignedSchedule> = schedules.iter().map(|s| s.aligned(interval(&settings, &task.robot))).collect();
     let mut group = c.benchmark_group("layout");
@@ -69,7 +69,7 @@ fn layout(c: &mut Criterion, scenario: &Scenario, task: &Task, schedules: &[Sche
     group.bench_function(scenario.name, |b| {
         b.iter(|| {
             for schedule in &aligned {
-                black_box(Layout::<f32>::new(task, schedule, &settings));
+                black_box(Problem::<f32>::new(task, schedule, &settings));
             }
         });
     });
@@ -77,7 +77,7 @@ fn layout(c: &mut Criterion, scenario: &Scenario, task: &Task, schedules: &[Sche
 
 /// Candidate at its initial values, ready for a factorisation.
 struct Linearised {
-    layout: Layout<f32>,
+    problem: Problem<f32>,
     jacobian: Vec<f32>,
     weight: Vec<f32>,
     value: Vec<f32>,
@@ -88,18 +88,18 @@ struct Linearised {
 impl Linearised {
     fn new(task: &Task, schedule: &Schedule) -> Linearised {
         let settings = transcription();
-        let layout = Layout::<f32>::new(task, &schedule.aligned(interval(&settings, &task.robot)), &settings);
+        let problem = Problem::<f32>::new(task, &schedule.aligned(interval(&settings, &task.robot)), &settings);
         let mut shared = rows::Shared::default();
-        shared.resize(&layout);
-        let (mut c, mut g) = (vec![0.; layout.rows.one_sided()], vec![0.; layout.inequalities]);
-        let mut jacobian = vec![0.; layout.jacobian_len];
-        rows::residuals(&layout, &layout.initial, 0., &mut shared, &mut c, &mut g, Some(&mut jacobian));
-        let mut diagonal = vec![0.; layout.variables];
-        let (mut counts, mut local) = (vec![0.; layout.rows.all()], vec![0.; layout.widest]);
-        column_scaling(&layout, &jacobian, &mut counts, &mut local, &mut diagonal);
+        shared.resize(&problem);
+        let (mut c, mut g) = (vec![0.; problem.rows.one_sided()], vec![0.; problem.inequalities]);
+        let mut jacobian = vec![0.; problem.jacobian_len];
+        rows::residuals(&problem, &problem.initial, 0., &mut shared, &mut c, &mut g, Some(&mut jacobian));
+        let mut diagonal = vec![0.; problem.variables];
+        let (mut counts, mut local) = (vec![0.; problem.rows.all()], vec![0.; problem.widest]);
+        column_scaling(&problem, &jacobian, &mut counts, &mut local, &mut diagonal);
         diagonal.iter_mut().for_each(|d| *d *= 1e-3);
-        let (weight, value, gradient) = (vec![1.; layout.rows.all()], vec![0.1; layout.rows.all()], vec![0.; layout.variables]);
-        Linearised { layout, jacobian, weight, value, diagonal, gradient }
+        let (weight, value, gradient) = (vec![1.; problem.rows.all()], vec![0.1; problem.rows.all()], vec![0.; problem.variables]);
+        Linearised { problem, jacobian, weight, value, diagonal, gradient }
     }
 }
 
@@ -112,10 +112,10 @@ fn factorisation(c: &mut Criterion, scenario: &Scenario, task: &Task, schedules:
     group.bench_function(scenario.name, |b| {
         b.iter(|| {
             for candidate in &candidates {
-                let Linearised { layout, jacobian, weight, value, diagonal, gradient } = candidate;
-                factor.resize(layout);
+                let Linearised { problem, jacobian, weight, value, diagonal, gradient } = candidate;
+                factor.resize(problem);
                 let system = NormalEquations { jacobian, weight, value, diagonal, gradient };
-                assert!(factorise(layout, &system, &mut factor), "a positive pivot");
+                assert!(factorise(problem, &system, &mut factor), "a positive pivot");
             }
         });
     });
@@ -128,7 +128,7 @@ fn main() {
         let task = scenario.task(TARGET).expect("a target of the scenario");
         let schedules = schedules(reference, scenario.name);
         solve(&mut c, scenario, &task, &schedules);
-        layout(&mut c, scenario, &task, &schedules);
+        problem(&mut c, scenario, &task, &schedules);
         factorisation(&mut c, scenario, &task, &schedules);
     }
     c.final_summary();

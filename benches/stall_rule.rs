@@ -4,7 +4,7 @@
 //! experiment 1, with different seeds. Prints a Markdown table.
 
 use cregopt::gait::Schedule;
-use cregopt::nlp::Layout;
+use cregopt::nlp::Problem;
 use cregopt::nlp::transcription::interval;
 use cregopt::scenario::{SCENARIOS, Scenario};
 use cregopt::search::cem::random::Draws;
@@ -81,11 +81,11 @@ fn draw(task: &Task, target: usize, index: usize) -> Result<Schedule> {
 
 fn solve(task: &Task, target: usize, index: usize) -> Result<Pair> {
     let transcription = TranscriptionSettings::paper(Transcription::Momentum);
-    let layout = Layout::<f32>::new(task, &draw(task, target, index)?.aligned(interval(&transcription, &task.robot)), &transcription);
+    let problem = Problem::<f32>::new(task, &draw(task, target, index)?.aligned(interval(&transcription, &task.robot)), &transcription);
     let outcome = |enabled| {
         let stall = StallSettings { enabled, ..StallSettings::default() };
         let settings = SolverSettings { stall, ..SolverSettings::default() };
-        Solver::<f32>::default().solve(&layout, &settings, Finish::Infeasibility(settings.tolerance), None, &|| false)
+        Solver::<f32>::default().solve(&problem, &settings, Finish::Infeasibility(settings.tolerance), None, &|| false)
     };
     Ok(Pair { target, index, without: outcome(false), with: outcome(true) })
 }

@@ -58,7 +58,7 @@
 //! |---|---|
 //! | schedules, gait families, cost of a motion | `gait/` |
 //! | search: stages, settings, cross-entropy method and its distributions | `search/` |
-//! | variables, elements of rows, index tables | `nlp/layout.rs`, built by `nlp/builder.rs` and `nlp/foot_blocks.rs` |
+//! | variables, elements of rows, index tables | `nlp/problem.rs`, built by `nlp/builder.rs` and `nlp/foot_blocks.rs` |
 //! | elimination order | `nlp/sweep.rs` |
 //! | transcriptions `momentum` and `towr` | `nlp/transcription/` |
 //! | rows: one file per family with its table, residual, Jacobian and tolerance; list of all families in `mod.rs` | `rows/` |

@@ -4,7 +4,7 @@ use cregopt::backend::tables::ShaderTables;
 use cregopt::gait::cost::{CostWeights, cost};
 use cregopt::gait::{AlignedSchedule, Schedule};
 use cregopt::nlp::transcription::{force_limit, interval};
-use cregopt::nlp::{Layout, trajectory};
+use cregopt::nlp::{Problem, trajectory};
 use cregopt::search::evaluate::LowerSettings;
 use cregopt::settings::TranscriptionSettings;
 use cregopt::solver::{Finish, Outcome, Solver, Status, close};
@@ -51,15 +51,15 @@ impl Sum {
     fn add(&mut self, task: &Task, schedule: &AlignedSchedule, settings: &LowerSettings, solver: &mut Solver<f32>) {
         let transcription: &TranscriptionSettings = &settings.transcription;
         let p = &mut self.parts;
-        let layout = timed(&mut p.tables_f32, || Layout::<f32>::new(task, schedule, transcription));
-        let _ = timed(&mut p.of_shaders, || ShaderTables::of(&layout));
+        let problem = timed(&mut p.tables_f32, || Problem::<f32>::new(task, schedule, transcription));
+        let _ = timed(&mut p.of_shaders, || ShaderTables::of(&problem));
         let finish = Finish::Infeasibility(settings.solver.tolerance);
-        let first: Outcome = timed(&mut p.solve, || solver.solve(&layout, &settings.solver, finish, None, &|| false));
+        let first: Outcome = timed(&mut p.solve, || solver.solve(&problem, &settings.solver, finish, None, &|| false));
         let x = solver.solution();
-        let layout = timed(&mut p.tables_f64, || Layout::<f64>::new(task, schedule, transcription));
-        let (outcome, x) = timed(&mut p.closing, || close(&layout, first, x, &settings.solver, &|| false));
+        let problem = timed(&mut p.tables_f64, || Problem::<f64>::new(task, schedule, transcription));
+        let (outcome, x) = timed(&mut p.closing, || close(&problem, first, x, &settings.solver, &|| false));
         let rows = timed(&mut p.rows, || {
-            let motion = trajectory(task, &layout.curves, &x);
+            let motion = trajectory(task, &problem.curves, &x);
             let limit = force_limit(transcription, task);
             let feasible = verify_rows(&motion, &task.robot, &task.terrain, limit).is_ok_and(|rows| rows.feasible);
             (motion, feasible)

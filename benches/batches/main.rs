@@ -14,7 +14,7 @@ mod host;
 mod operations;
 mod traffic;
 
-use cregopt::backend::{Backend, Cpu, Gpu, Job, Precision, Problem, Solution};
+use cregopt::backend::{Backend, Cpu, Gpu, Instance, Job, Precision, Solution};
 use cregopt::gait::Schedule;
 use cregopt::gait::family::families;
 use cregopt::nlp::transcription;
@@ -101,9 +101,9 @@ fn population(distribution: impl Distribution, settings: &CemSettings) -> Result
 /// Time of solving a batch on a backend without certification, s, and how many were solved.
 fn solve(backend: &dyn Backend, task: &Task, schedules: &[Schedule], lower: &LowerSettings) -> (f64, usize) {
     let interval = transcription::interval(&lower.transcription, &task.robot);
-    let problems: Vec<Problem> = schedules.iter().map(|s| Problem { task, schedule: s.aligned(interval) }).collect();
+    let instances: Vec<Instance> = schedules.iter().map(|s| Instance { task, schedule: s.aligned(interval) }).collect();
     let LowerSettings { transcription, solver, .. } = lower;
-    let job = Job { problems: &problems, transcription, settings: solver, precision: Precision::F32, certified: false };
+    let job = Job { instances: &instances, transcription, settings: solver, precision: Precision::F32, certified: false };
     let solved = AtomicUsize::new(0);
     let count = |_: usize, s: Solution| {
         solved.fetch_add(usize::from(s.outcome.status == cregopt::solver::Status::Solved), Ordering::Relaxed);

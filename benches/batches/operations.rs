@@ -11,7 +11,7 @@ use cregopt::linear::front::{Factor, factorise};
 use cregopt::linear::product::jacobian_times;
 use cregopt::linear::substitute::substitute;
 use cregopt::linear::transposed::transposed_times;
-use cregopt::nlp::Layout;
+use cregopt::nlp::Problem;
 use cregopt::rows::{
     self, Family, Shared, acceleration::acceleration, cone::cone, dynamics::dynamics, footing::footing, force::force, ground::ground,
     momentum::momentum, reach::reach, stride::stride, swing::swing,
@@ -31,57 +31,57 @@ type Values = Vec<Counted>;
 /// Operations of the shaders in the first round of a solve, a barrier step, in the order of [`Shader::ALL`]. Substitution and product,
 /// which a round dispatches twice, are counted once.
 pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSettings) -> Vec<Operations> {
-    let layout = Layout::<Counted>::new(task, schedule, &settings.transcription);
+    let problem = Problem::<Counted>::new(task, schedule, &settings.transcription);
     let limits = Limits::<Counted>::new(&settings.solver, settings.transcription.rows);
-    let progress = limits.first_progress(&settings.solver, &layout);
+    let progress = limits.first_progress(&settings.solver, &problem);
     let radius = progress.edge_radius;
     let zeros = |n: usize| -> Values { vec![Counted::default(); n] };
-    let (variables, [equalities, inequalities]) = (layout.variables, [layout.rows.one_sided(), layout.inequalities]);
+    let (variables, [equalities, inequalities]) = (problem.variables, [problem.rows.one_sided(), problem.inequalities]);
     let mut of = vec![Operations::default(); Shader::ALL.len()];
     let mut shader = |shader: Shader, call: &mut dyn FnMut()| of[shader as usize] += counted(call);
 
-    let x = layout.initial.clone();
-    let (mut c, mut g, mut jacobian) = (zeros(equalities), zeros(inequalities), zeros(layout.jacobian_len));
+    let x = problem.initial.clone();
+    let (mut c, mut g, mut jacobian) = (zeros(equalities), zeros(inequalities), zeros(problem.jacobian_len));
     let mut shared = Shared::default();
-    shared.resize(&layout);
-    rows::residuals(&layout, &x, radius, &mut shared, &mut c, &mut g, Some(&mut jacobian));
+    shared.resize(&problem);
+    rows::residuals(&problem, &x, radius, &mut shared, &mut c, &mut g, Some(&mut jacobian));
     let Shared { ground: under, deviations, .. } = &mut shared;
     let (mut scaling, mut slacks) = (zeros(variables), Slacks::default());
     slacks.slack = zeros(inequalities);
     slacks.multiplier = zeros(inequalities);
     slacks.slack_step = zeros(inequalities);
     slacks.multiplier_step = zeros(inequalities);
-    let (mut counts, mut local) = (zeros(layout.rows.all()), zeros(layout.widest));
-    shader(Shader::Start, &mut || column_scaling(&layout, &jacobian, &mut counts, &mut local, &mut scaling));
+    let (mut counts, mut local) = (zeros(problem.rows.all()), zeros(problem.widest));
+    shader(Shader::Start, &mut || column_scaling(&problem, &jacobian, &mut counts, &mut local, &mut scaling));
     shader(Shader::Start, &mut || start_slacks(&g, progress.mu, &mut slacks));
 
-    let (mut weight, mut value) = (zeros(layout.rows.all()), zeros(layout.rows.all()));
+    let (mut weight, mut value) = (zeros(problem.rows.all()), zeros(problem.rows.all()));
     let (mut diagonal, mut gradient) = (zeros(variables), zeros(variables));
     shader(Shader::Weights, &mut || {
         infeasibility(&c, &g);
     });
-    shader(Shader::Weights, &mut || barrier_rows(&layout, &c, &g, &slacks, BarrierTarget::predictor(), &mut weight, &mut value));
+    shader(Shader::Weights, &mut || barrier_rows(&problem, &c, &g, &slacks, BarrierTarget::predictor(), &mut weight, &mut value));
     shader(Shader::Weights, &mut || {
         let eps = progress.proximal();
-        variable_terms(&layout, &scaling, eps, limits.smoothing, &x, &mut diagonal, &mut gradient);
+        variable_terms(&problem, &scaling, eps, limits.smoothing, &x, &mut diagonal, &mut gradient);
     });
 
     let mut factor = Factor::default();
-    factor.resize(&layout);
+    factor.resize(&problem);
     let system = NormalEquations { jacobian: &jacobian, weight: &weight, value: &value, diagonal: &diagonal, gradient: &gradient };
-    assert!(factorise(&layout, &system, &mut factor), "the first factorisation of a solve");
+    assert!(factorise(&problem, &system, &mut factor), "the first factorisation of a solve");
     let mut direction = zeros(variables);
     let (mut c_change, mut g_change) = (zeros(equalities), zeros(inequalities));
-    shader(Shader::Substitute, &mut || substitute(&layout, &mut factor, &mut direction));
-    shader(Shader::Product, &mut || jacobian_times(&layout, &jacobian, &direction, &mut local, &mut c_change, &mut g_change));
+    shader(Shader::Substitute, &mut || substitute(&problem, &mut factor, &mut direction));
+    shader(Shader::Product, &mut || jacobian_times(&problem, &jacobian, &direction, &mut local, &mut c_change, &mut g_change));
     let mut mu = Counted::default();
-    shader(Shader::Correct, &mut || mu = correct(&layout, &c, &g, &g_change, &mut slacks, &mut weight, &mut value));
+    shader(Shader::Correct, &mut || mu = correct(&problem, &c, &g, &g_change, &mut slacks, &mut weight, &mut value));
     let mut right = zeros(variables);
     shader(Shader::Transposed, &mut || {
-        transposed_times(&layout, &jacobian, &value, &mut local, &mut right);
+        transposed_times(&problem, &jacobian, &value, &mut local, &mut right);
         add(&mut right, &gradient);
     });
-    shader(Shader::Forward, &mut || forward(&layout, &mut factor, &mut right));
+    shader(Shader::Forward, &mut || forward(&problem, &mut factor, &mut right));
     let (mut trial, mut c_linear, mut g_linear) = (x.clone(), zeros(equalities), zeros(inequalities));
     let mut lengths = Lengths::whole();
     shader(Shader::Advance, &mut || {
@@ -91,16 +91,16 @@ pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSetting
 
     let (mut c_to, mut g_to) = (zeros(equalities), zeros(inequalities));
     let (to, mut into) = (&trial, jacobian.clone());
-    shader(Shader::Ground, &mut || ground(&layout, to, under));
-    shader(Shader::Dynamics, &mut || dynamics(&layout, to, under, &mut c_to, Some(&mut into)));
-    shader(Shader::Momentum, &mut || momentum(&layout, to, under, deviations, false, &mut c_to, Some(&mut into)));
-    shader(Shader::Reach, &mut || reach(&layout, to, under, deviations, &mut g_to, Some(&mut into)));
-    shader(Shader::Force, &mut || force(&layout, to, radius, &mut g_to, Some(&mut into)));
-    shader(Shader::Swing, &mut || swing(&layout, to, under, &mut g_to, Some(&mut into)));
-    shader(Shader::Stride, &mut || stride(&layout, to, &mut g_to, Some(&mut into)));
-    shader(Shader::Acceleration, &mut || acceleration(&layout, to, under, &mut g_to, Some(&mut into)));
-    shader(Shader::Cone, &mut || cone(&layout, to, radius, &mut g_to, Some(&mut into)));
-    shader(Shader::Footing, &mut || footing(&layout, to, &mut g_to, Some(&mut into)));
+    shader(Shader::Ground, &mut || ground(&problem, to, under));
+    shader(Shader::Dynamics, &mut || dynamics(&problem, to, under, &mut c_to, Some(&mut into)));
+    shader(Shader::Momentum, &mut || momentum(&problem, to, under, deviations, false, &mut c_to, Some(&mut into)));
+    shader(Shader::Reach, &mut || reach(&problem, to, under, deviations, &mut g_to, Some(&mut into)));
+    shader(Shader::Force, &mut || force(&problem, to, radius, &mut g_to, Some(&mut into)));
+    shader(Shader::Swing, &mut || swing(&problem, to, under, &mut g_to, Some(&mut into)));
+    shader(Shader::Stride, &mut || stride(&problem, to, &mut g_to, Some(&mut into)));
+    shader(Shader::Acceleration, &mut || acceleration(&problem, to, under, &mut g_to, Some(&mut into)));
+    shader(Shader::Cone, &mut || cone(&problem, to, radius, &mut g_to, Some(&mut into)));
+    shader(Shader::Footing, &mut || footing(&problem, to, &mut g_to, Some(&mut into)));
 
     shader(Shader::Judge, &mut || {
         // The shader extrapolates the residuals at this point.
@@ -108,11 +108,11 @@ pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSetting
         advance(&g, lengths.primal, &g_change, &mut g_linear);
         merit_falls(&c, &g, [(&c_to, &g_to), (&c_linear, &g_linear)], mu);
         nonlinearity(&c_to, &c_linear, &g_to, &g_linear);
-        smoothing_fall(&layout.smoothing, &x, &trial, &layout.initial);
+        smoothing_fall(&problem.smoothing, &x, &trial, &problem.initial);
         update_slacks(&mut slacks, lengths);
     });
-    let layout = Layout::<f32>::new(task, schedule, &settings.transcription);
-    of[Shader::Front as usize] = front(&layout, &ShaderTables::of(&layout));
+    let problem = Problem::<f32>::new(task, schedule, &settings.transcription);
+    of[Shader::Front as usize] = front(&problem, &ShaderTables::of(&problem));
     of
 }
 
@@ -126,12 +126,12 @@ fn add_rows(rows: u64, columns: u64) -> u64 {
 }
 
 /// Operations of `front.wgsl` if all pivots are positive and no row has weight 0.
-fn front(layout: &Layout<f32>, own: &ShaderTables) -> Operations {
+fn front(problem: &Problem<f32>, own: &ShaderTables) -> Operations {
     let mut of = Operations::default();
-    let factored = &layout.reach_rows;
+    let factored = &problem.reach_rows;
     for step in &own.front_steps {
-        for element in &layout.elements[step.elements.range()] {
-            let columns: u64 = layout.runs[element.runs.range()].iter().map(|r| u64::from(r.len)).sum();
+        for element in &problem.elements[step.elements.range()] {
+            let columns: u64 = problem.runs[element.runs.range()].iter().map(|r| u64::from(r.len)).sum();
             of.simple += match element.family {
                 Family::LinearMomentum => 3 * add_rows(2, columns / 3),
                 _ => (0..element.rows).step_by(6).map(|top| add_rows(u64::from(element.rows - top).min(6), columns)).sum(),

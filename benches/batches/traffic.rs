@@ -6,8 +6,8 @@ use cregopt::Result;
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::backend::tables::{Buffer, ShaderTables, Slot};
 use cregopt::gait::Schedule;
-use cregopt::nlp::layout::Element;
-use cregopt::nlp::{Layout, transcription};
+use cregopt::nlp::problem::Element;
+use cregopt::nlp::{Problem, transcription};
 use cregopt::rows::Family;
 use cregopt::rows::factored::FactoredElement;
 use cregopt::search::evaluate::LowerSettings;
@@ -24,31 +24,31 @@ const GPUS: [(&str, f64, f64); 3] = [("H200", 4.8e12, 67e12), ("RTX 4090", 1.008
 
 /// Sizes of a candidate's arrays and tables, bytes.
 struct Sizes<'a> {
-    layout: &'a Layout<f32>,
+    problem: &'a Problem<f32>,
     own: &'a ShaderTables,
 }
 
 impl Sizes<'_> {
     fn table(&self, buffer: Buffer) -> u64 {
-        buffer.table(self.layout, self.own).map_or(0, |t| t.bytes.len() as u64)
+        buffer.table(self.problem, self.own).map_or(0, |t| t.bytes.len() as u64)
     }
 
     /// Bytes of the Jacobian values of some families, without padding.
     fn jacobian(&self, of: impl Fn(Family) -> bool) -> u64 {
         let reach = if of(Family::Reach) { self.by_pose() + self.by_feet() } else { 0 };
-        let columns = |e: &Element| self.layout.runs[e.runs.range()].iter().map(|r| r.len).sum::<u32>();
-        let others = self.layout.elements.iter().filter(|e| of(e.family)).map(|e| 4 * u64::from(e.rows * columns(e)));
+        let columns = |e: &Element| self.problem.runs[e.runs.range()].iter().map(|r| r.len).sum::<u32>();
+        let others = self.problem.elements.iter().filter(|e| of(e.family)).map(|e| 4 * u64::from(e.rows * columns(e)));
         reach + others.sum::<u64>()
     }
 
     /// Bytes of the pose columns of the reach rows.
     fn by_pose(&self) -> u64 {
-        4 * 18 * self.layout.reach_rows.elements.len() as u64
+        4 * 18 * self.problem.reach_rows.elements.len() as u64
     }
 
     /// Bytes of the feet's own columns of the reach rows.
     fn by_feet(&self) -> u64 {
-        let rows = &self.layout.reach_rows;
+        let rows = &self.problem.reach_rows;
         let columns = |e: &FactoredElement| rows.own[e.own as usize].present().map(|run| u64::from(run.len)).sum::<u64>();
         4 * 3 * rows.elements.iter().map(columns).sum::<u64>()
     }
@@ -67,16 +67,16 @@ impl Sizes<'_> {
     /// Bytes that a shader reads and writes in a barrier step. Each word of a buffer counts once for reading and once for writing, because
     /// repeated reads come from a cache. Shaders of rows are assumed to read all of `x` and of the ground.
     fn bytes(&self, shader: Shader) -> u64 {
-        let layout = self.layout;
+        let problem = self.problem;
         let four = |n: usize| 4 * n as u64;
-        let (x, v) = (four(layout.initial.len()), four(layout.variables));
-        let (c, g, rows) = (four(layout.rows.one_sided()), four(layout.inequalities), four(layout.rows.all()));
+        let (x, v) = (four(problem.initial.len()), four(problem.variables));
+        let (c, g, rows) = (four(problem.rows.one_sided()), four(problem.inequalities), four(problem.rows.all()));
         let t = |buffers: &[Buffer]| -> u64 { buffers.iter().map(|b| self.table(*b)).sum() };
-        let under = 3 * four(layout.footholds.len());
-        let deviations = 36 * four(layout.momentum_intervals.len());
+        let under = 3 * four(problem.footholds.len());
+        let deviations = 36 * four(problem.momentum_intervals.len());
         let sees = (4 + size_of::<Slot>() + size_of::<Progress<f32>>()) as u64;
         // Rows read their tables, x and the ground, and write Jacobian and residuals.
-        let of = |family: Family| layout.all_elements().filter(move |e| e.family == family);
+        let of = |family: Family| problem.all_elements().filter(move |e| e.family == family);
         let equalities = |f: Family| 4 * of(f).map(|e| u64::from(e.rows)).sum::<u64>();
         let inequalities = |f: Family| 4 * of(f).map(|e| u64::from(e.rows + e.pairs)).sum::<u64>();
         let walk = |tables: &[Buffer]| t(tables) + t(&[Buffer::Footholds]) + x + under;
@@ -87,7 +87,7 @@ impl Sizes<'_> {
         let reach = t(&[Buffer::FactoredInstants, Buffer::FactoredElements, Buffer::FactoredOwn, Buffer::BaseBlocks]);
         // Gathering goes by variable; an instant contributes one weight and its feet.
         let gathers = t(&[Buffer::GatherOf, Buffer::Gathers, Buffer::Touches, Buffer::FactoredTouches]);
-        let gathered = gathers + four(3 * layout.reach_rows.instants.len() + 3 * layout.reach_rows.elements.len());
+        let gathered = gathers + four(3 * problem.reach_rows.instants.len() + 3 * problem.reach_rows.elements.len());
         if shader.table().is_some_and(|table| self.table(table) == 0) {
             return 0;
         }
@@ -113,10 +113,10 @@ impl Sizes<'_> {
             Shader::Effort => walk(&[Buffer::Efforts]) + cost(Family::Effort),
             // Each point reads the start of its interval: the rate and the blocks.
             Shader::StancePower => {
-                walk(&[Buffer::StancePowers]) + four(10 * layout.stance_powers.len()) + deviations + cost(Family::StancePower)
+                walk(&[Buffer::StancePowers]) + four(10 * problem.stance_powers.len()) + deviations + cost(Family::StancePower)
             }
             Shader::SwingPower => {
-                walk(&[Buffer::SwingPowers]) + four(10 * layout.swing_powers.len()) + deviations + cost(Family::SwingPower)
+                walk(&[Buffer::SwingPowers]) + four(10 * problem.swing_powers.len()) + deviations + cost(Family::SwingPower)
             }
             // Jacobian and tables, x twice, scaling, slacks and multipliers.
             Shader::Start => whole + elements + gathered + 2 * x + v + 3 * g,
@@ -160,9 +160,9 @@ pub fn print(task: &Task, schedules: &[Schedule], settings: &LowerSettings) -> R
     let mut solver = Solver::<f32>::default();
     for schedule in schedules {
         let schedule = schedule.aligned(interval);
-        let layout = Layout::<f32>::new(task, &schedule, transcription);
-        let own = ShaderTables::of(&layout);
-        let sizes = Sizes { layout: &layout, own: &own };
+        let problem = Problem::<f32>::new(task, &schedule, transcription);
+        let own = ShaderTables::of(&problem);
+        let sizes = Sizes { problem: &problem, own: &own };
         let of = of_round(task, &schedule, settings);
         for &shader in Shader::ALL {
             bytes[shader as usize] += dispatches(shader) * sizes.bytes(shader);
@@ -172,7 +172,7 @@ pub fn print(task: &Task, schedules: &[Schedule], settings: &LowerSettings) -> R
         }
         sent += Buffer::TABLES.iter().map(|b| sizes.table(*b)).sum::<u64>();
         let finish = Finish::Infeasibility(settings.solver.tolerance);
-        rounds += solver.solve(&layout, &settings.solver, finish, None, &|| false).factorisations;
+        rounds += solver.solve(&problem, &settings.solver, finish, None, &|| false).factorisations;
     }
     let all_bytes: u64 = bytes.iter().sum();
     let mut all = Operations::default();

@@ -1,5 +1,5 @@
 // needs: shared/factored
-// All elements, in the order of `Layout::all_elements` of src/nlp/layout.rs: those of the table `elements`, then the factored ones.
+// All elements, in the order of `Problem::all_elements` of src/nlp/problem.rs: those of the table `elements`, then the factored ones.
 
 // Number of all elements of a candidate.
 fn all_elements(slot: u32) -> u32 {

@@ -2,7 +2,7 @@
 
 use super::{Backend, DeviceChoice, Job, Precision, Solution};
 use crate::error::{Error, Result};
-use crate::nlp::Layout;
+use crate::nlp::Problem;
 use crate::real::Real;
 use crate::solver::{Finish, Solver, Status};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -34,20 +34,24 @@ impl Cpu {
     ) {
         let next = AtomicUsize::new(0);
         self.pool.scope(|scope| {
-            for _ in 0..self.threads().min(job.problems.len()) {
+            for _ in 0..self.threads().min(job.instances.len()) {
                 scope.spawn(|_| {
                     let mut solver = Solver::<T>::default();
                     loop {
                         let index = next.fetch_add(1, Ordering::Relaxed);
-                        let Some(problem) = job.problems.get(index) else { break };
+                        let Some(instance) = job.instances.get(index) else { break };
                         if skip(index) {
                             continue;
                         }
-                        let layout =
-                            Layout::<T>::with_cost(problem.task, &problem.schedule, job.transcription, job.settings.optimise.objective());
-                        let outcome = solver.solve(&layout, job.settings, finish_at, None, &|| skip(index));
+                        let problem = Problem::<T>::with_cost(
+                            instance.task,
+                            &instance.schedule,
+                            job.transcription,
+                            job.settings.optimise.objective(),
+                        );
+                        let outcome = solver.solve(&problem, job.settings, finish_at, None, &|| skip(index));
                         if outcome.status != Status::Cancelled {
-                            let Layout { variables, curves, .. } = layout;
+                            let Problem { variables, curves, .. } = problem;
                             finish(index, Solution { outcome, x: solver.solution(), variables, curves, closed: false });
                         }
                     }

@@ -21,7 +21,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// One candidate: a task and a contact schedule.
 #[derive(Debug, Clone)]
-pub struct Problem<'a> {
+pub struct Instance<'a> {
     /// The task.
     pub task: &'a Task,
     /// Its schedule.
@@ -32,7 +32,7 @@ pub struct Problem<'a> {
 #[derive(Debug, Clone, Copy)]
 pub struct Job<'a> {
     /// Candidates.
-    pub problems: &'a [Problem<'a>],
+    pub instances: &'a [Instance<'a>],
     /// Settings of the variables and rows.
     pub transcription: &'a TranscriptionSettings,
     /// Settings of the iteration.
@@ -49,7 +49,7 @@ pub struct Job<'a> {
 pub struct Solution {
     /// Outcome of the solve.
     pub outcome: Outcome,
-    /// Values of the variables, as in [`crate::nlp::Layout::initial`].
+    /// Values of the variables, as in [`crate::nlp::Problem::initial`].
     pub x: Vec<f64>,
     /// Number of variables; fixed values follow them in `x`.
     pub variables: usize,

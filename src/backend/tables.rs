@@ -8,7 +8,7 @@
 //! ([`Buffer::JOINED`]) are joined in one buffer, `tables`. A shader binds each of them as an array of its entries, or all of them as
 //! words.
 
-use crate::nlp::Layout;
+use crate::nlp::Problem;
 use crate::rows::factored::{FactoredTouch, FirstRows, POSE};
 use crate::rows::momentum::{INNER_POINTS, MOMENTUM_POINTS, MomentumPoint};
 use crate::rows::table::{MemberArray, Run, Span, Wgsl};
@@ -54,14 +54,14 @@ impl Entry {
     }
 
     /// Type of the entries that a function returns.
-    fn returned<E: Wgsl>(_: for<'a> fn(&'a Layout<f32>, &'a ShaderTables) -> &'a [E]) -> Entry {
+    fn returned<E: Wgsl>(_: for<'a> fn(&'a Problem<f32>, &'a ShaderTables) -> &'a [E]) -> Entry {
         Entry::of::<E>()
     }
 }
 
 macro_rules! all_tables {
     ($($table:ident $buffer:ident [$entry:ty],)*) => {
-        gpu_tables! { layout, own,
+        gpu_tables! { problem, own,
             joined {
                 first_elements Elements,
                 first_runs Runs,
@@ -79,13 +79,13 @@ macro_rules! all_tables {
                 first_touches Touches,
                 first_factored_touches FactoredTouches,
             }
-            $($table $buffer (&layout.tables.$table),)*
-            base_blocks BaseBlocks (&layout.reach_rows.base_blocks),
-            factored_instants FactoredInstants (&layout.reach_rows.instants),
-            factored_elements FactoredElements (&layout.reach_rows.elements),
-            factored_own FactoredOwn (&layout.reach_rows.own),
-            elements Elements (&layout.elements),
-            runs Runs (&layout.runs),
+            $($table $buffer (&problem.tables.$table),)*
+            base_blocks BaseBlocks (&problem.reach_rows.base_blocks),
+            factored_instants FactoredInstants (&problem.reach_rows.instants),
+            factored_elements FactoredElements (&problem.reach_rows.elements),
+            factored_own FactoredOwn (&problem.reach_rows.own),
+            elements Elements (&problem.elements),
+            runs Runs (&problem.runs),
             front_steps FrontSteps (&own.front_steps),
             rests Rests (&own.rests),
             gather_of GatherOf (&own.gather_of),
@@ -98,7 +98,7 @@ macro_rules! all_tables {
 
 macro_rules! gpu_tables {
     (
-        $layout:ident, $own:ident,
+        $problem:ident, $own:ident,
         joined { $($first:ident $joined:ident,)* }
         $($table:ident $buffer:ident ($entries:expr),)*
     ) => {
@@ -150,15 +150,15 @@ macro_rules! gpu_tables {
                     Buffer::Slots => Entry::of::<Slot>(),
                     Buffer::Progress => Entry::of::<Progress<f32>>(),
                     Buffer::Values | Buffer::Jacobian | Buffer::Factor | Buffer::Heights => Entry::of::<f32>(),
-                    $(Buffer::$buffer => Entry::returned(|$layout, $own| {
-                        let _ = ($layout, $own);
+                    $(Buffer::$buffer => Entry::returned(|$problem, $own| {
+                        let _ = ($problem, $own);
                         &$entries[..]
                     }),)*
                 }
             }
 
             /// Entries of a candidate's table; `None` for buffers that are not tables.
-            pub fn table<'a>(self, $layout: &'a Layout<f32>, $own: &'a ShaderTables) -> Option<Sent<'a>> {
+            pub fn table<'a>(self, $problem: &'a Problem<f32>, $own: &'a ShaderTables) -> Option<Sent<'a>> {
                 match self {
                     $(Buffer::$buffer => Some(sent($entries)),)*
                     _ => None,
@@ -283,18 +283,18 @@ macro_rules! gpu_tables {
 
         impl Slot {
             /// Slot of a candidate. `first_height` is the offset of its terrain's heights, if that is a grid.
-            pub fn of(layout: &Layout<f32>, own: &ShaderTables, first_height: u32) -> Slot {
-                let count = |buffer: Buffer| buffer.table(layout, own).map_or(0, |t| t.count as u32);
+            pub fn of(problem: &Problem<f32>, own: &ShaderTables, first_height: u32) -> Slot {
+                let count = |buffer: Buffer| buffer.table(problem, own).map_or(0, |t| t.count as u32);
                 Slot {
-                    variables: layout.variables as u32,
-                    rows: layout.rows,
-                    inequalities: layout.inequalities as u32,
-                    first_factored: layout.reach_rows.first,
-                    early_termination_rates: early_termination_rates(layout.curves.transcription).map(|rate| rate as f32),
+                    variables: problem.variables as u32,
+                    rows: problem.rows,
+                    inequalities: problem.inequalities as u32,
+                    first_factored: problem.reach_rows.first,
+                    early_termination_rates: early_termination_rates(problem.curves.transcription).map(|rate| rate as f32),
                     $($table: count(Buffer::$buffer),)*
-                    shape: Shape::of(&layout.terrain, first_height),
-                    constants: layout.constants,
-                    points: layout.momentum_points,
+                    shape: Shape::of(&problem.terrain, first_height),
+                    constants: problem.constants,
+                    points: problem.momentum_points,
                 }
             }
         }
@@ -511,16 +511,16 @@ pub struct ShaderTables {
 }
 
 impl ShaderTables {
-    /// Tables of a layout.
-    pub fn of(layout: &Layout<f32>) -> ShaderTables {
+    /// Tables of a problem.
+    pub fn of(problem: &Problem<f32>) -> ShaderTables {
         let mut tables = ShaderTables::default();
-        for (k, step) in layout.steps.iter().enumerate() {
+        for (k, step) in problem.steps.iter().enumerate() {
             let first_rest = tables.rests.len();
-            for run in &layout.front_runs[step.rest.range()] {
+            for run in &problem.front_runs[step.rest.range()] {
                 tables.rests.extend((0..run.len).map(|i| Rest { variable: run.variable + i, next: 0 }));
             }
-            if let Some(next) = layout.steps.get(k + 1) {
-                for run in &layout.front_runs[next.moves.range()] {
+            if let Some(next) = problem.steps.get(k + 1) {
+                for run in &problem.front_runs[next.moves.range()] {
                     for i in 0..run.len {
                         tables.rests[first_rest + (run.column + i - step.pivots) as usize].next = run.front + i;
                     }
@@ -533,24 +533,24 @@ impl ShaderTables {
                 factor: step.factor,
                 stride: step.stride,
                 elements: step.elements,
-                factored: layout.reach_rows.steps[k],
+                factored: problem.reach_rows.steps[k],
                 rest: Span::added(first_rest, &tables.rests),
             });
         }
-        tables.gather(layout);
+        tables.gather(problem);
         tables
     }
 
     /// Finds the blocks: the longest runs of variables that the same rows touch.
-    fn gather(&mut self, layout: &Layout<f32>) {
-        let (by_elements, factored) = (touched(layout), layout.reach_rows.touched());
+    fn gather(&mut self, problem: &Problem<f32>) {
+        let (by_elements, factored) = (touched(problem), problem.reach_rows.touched());
         // A block begins where a run begins or ends.
-        let mut begins = vec![false; layout.variables + 1];
+        let mut begins = vec![false; problem.variables + 1];
         for run in by_elements.iter().map(|(run, _)| run).chain(factored.iter().map(|(run, _)| run)) {
             begins[run.variable as usize] = true;
             begins[(run.variable + run.len) as usize] = true;
         }
-        for variable in 0..layout.variables {
+        for variable in 0..problem.variables {
             if begins[variable] || variable == 0 {
                 self.gathers.push(Gather { variable: variable as u32, ..Gather::default() });
             }
@@ -592,15 +592,15 @@ impl ShaderTables {
 }
 
 /// Runs of variables that elements touch.
-fn touched(layout: &Layout<f32>) -> Vec<(Run, Touch)> {
+fn touched(problem: &Problem<f32>) -> Vec<(Run, Touch)> {
     let of_run = |element: usize, run: &Run| (*run, Touch { element: element as u32, column: run.column });
-    let elements = layout.elements.iter().enumerate();
-    elements.flat_map(|(i, element)| layout.runs[element.runs.range()].iter().map(move |run| of_run(i, run))).collect()
+    let elements = problem.elements.iter().enumerate();
+    elements.flat_map(|(i, element)| problem.runs[element.runs.range()].iter().map(move |run| of_run(i, run))).collect()
 }
 
 /// Sizes of the largest candidate of a batch.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[allow(missing_docs, reason = "largest of the numbers in `Layout`")]
+#[allow(missing_docs, reason = "largest of the numbers in `Problem`")]
 pub struct Sizes {
     pub all: usize,
     pub variables: usize,
@@ -621,20 +621,20 @@ pub struct Sizes {
 
 impl Sizes {
     /// Sizes of one candidate.
-    pub fn of(layout: &Layout<f32>, own: &ShaderTables) -> Sizes {
+    pub fn of(problem: &Problem<f32>, own: &ShaderTables) -> Sizes {
         let largest = |of: fn(&FrontStep) -> u32| own.front_steps.iter().map(of).max().unwrap_or(0) as usize;
         Sizes {
-            all: layout.initial.len(),
-            variables: layout.variables,
-            one_sided: layout.rows.one_sided(),
-            rows: layout.rows.all(),
-            inequalities: layout.inequalities,
-            jacobian: layout.jacobian_len,
-            factor: layout.factor_len,
-            tables: std::array::from_fn(|i| Buffer::TABLES[i].table(layout, own).map_or(0, |t| t.count)),
+            all: problem.initial.len(),
+            variables: problem.variables,
+            one_sided: problem.rows.one_sided(),
+            rows: problem.rows.all(),
+            inequalities: problem.inequalities,
+            jacobian: problem.jacobian_len,
+            factor: problem.factor_len,
+            tables: std::array::from_fn(|i| Buffer::TABLES[i].table(problem, own).map_or(0, |t| t.count)),
             front: largest(|s| s.size),
             rest: largest(|s| s.size - s.pivots),
-            columns: layout.widest,
+            columns: problem.widest,
         }
     }
 
@@ -694,8 +694,8 @@ impl Sizes {
 }
 
 /// Progress of a candidate before its first round. Its initial values are in the first half and are evaluated as a trial point.
-pub fn first_progress(layout: &Layout<f32>, settings: &SolverSettings) -> Progress<f32> {
-    Progress { current: 1, ..Limits::new(settings, layout.curves.transcription).first_progress(settings, layout) }
+pub fn first_progress(problem: &Problem<f32>, settings: &SolverSettings) -> Progress<f32> {
+    Progress { current: 1, ..Limits::new(settings, problem.curves.transcription).first_progress(settings, problem) }
 }
 
 // SAFETY: `#[repr(C)]`, all members have four bytes, and every bit pattern is valid.

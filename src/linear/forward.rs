@@ -1,7 +1,7 @@
 //! Forward substitution with an existing factor for a new right-hand side.
 
 use super::front::Factor;
-use crate::nlp::Layout;
+use crate::nlp::Problem;
 use crate::real::Real;
 use multiversion::multiversion;
 
@@ -9,9 +9,9 @@ use multiversion::multiversion;
 ///
 /// * `gradient` - `u + J' v`, `[variables]`; overwritten
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
-pub fn forward<T: Real>(layout: &Layout<T>, factor: &mut Factor<T>, gradient: &mut [T]) {
+pub fn forward<T: Real>(problem: &Problem<T>, factor: &mut Factor<T>, gradient: &mut [T]) {
     let local = &mut factor.local;
-    for step in &layout.steps {
+    for step in &problem.steps {
         let (size, pivots, first) = (step.size as usize, step.pivots as usize, step.variable as usize);
         // Contributions of the pivots to the variables that remain in the front.
         local[..size].fill(T::zero());
@@ -23,7 +23,7 @@ pub fn forward<T: Real>(layout: &Layout<T>, factor: &mut Factor<T>, gradient: &m
                 *sum = left.mul_add(value, *sum);
             }
         }
-        for run in &layout.front_runs[step.rest.range()] {
+        for run in &problem.front_runs[step.rest.range()] {
             let (at, variable, len) = (run.front as usize, run.variable as usize, run.len as usize);
             for i in 0..len {
                 gradient[variable + i] += local[at + i];

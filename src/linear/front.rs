@@ -7,8 +7,8 @@
 use super::factored::OwnSums;
 use super::simd::{LANES, tile_of};
 use super::{NormalEquations, Shape};
-use crate::nlp::Layout;
-use crate::nlp::layout::Element;
+use crate::nlp::Problem;
+use crate::nlp::problem::Element;
 use crate::real::Real;
 use crate::rows::table::Span;
 use aligned_vec::{AVec, CACHELINE_ALIGN};
@@ -38,43 +38,43 @@ impl<T> Default for Factor<T> {
 }
 
 impl<T: Real> Factor<T> {
-    /// Resizes the buffers for a layout.
-    pub fn resize(&mut self, layout: &Layout<T>) {
-        let stride = layout.front_stride;
+    /// Resizes the buffers for a problem.
+    pub fn resize(&mut self, problem: &Problem<T>) {
+        let stride = problem.front_stride;
         for front in &mut self.fronts {
             front.resize(stride * stride, T::zero());
         }
-        self.pivot_rows.resize(layout.factor_len, T::zero());
+        self.pivot_rows.resize(problem.factor_len, T::zero());
         self.spread.resize((2 * AT_ONCE + 1) * stride, T::zero());
         self.local.resize(stride, T::zero());
     }
 }
 
 /// Factorises the normal equations. Returns false if a pivot is not positive or not finite.
-pub fn factorise<T: Real>(layout: &Layout<T>, system: &NormalEquations<T>, factor: &mut Factor<T>) -> bool {
+pub fn factorise<T: Real>(problem: &Problem<T>, system: &NormalEquations<T>, factor: &mut Factor<T>) -> bool {
     // Columns per tile: two vector registers in either precision.
     if size_of::<T>() == size_of::<f32>() {
-        factorise_by::<T, 16>(layout, system, factor)
+        factorise_by::<T, 16>(problem, system, factor)
     } else {
-        factorise_by::<T, 8>(layout, system, factor)
+        factorise_by::<T, 8>(problem, system, factor)
     }
 }
 
 /// Implementation of [`factorise`] with tiles of `W` columns.
-fn factorise_by<T: Real, const W: usize>(layout: &Layout<T>, system: &NormalEquations<T>, factor: &mut Factor<T>) -> bool {
-    let stride = layout.front_stride;
+fn factorise_by<T: Real, const W: usize>(problem: &Problem<T>, system: &NormalEquations<T>, factor: &mut Factor<T>) -> bool {
+    let stride = problem.front_stride;
     let [mut front, mut next] = factor.fronts.each_mut().map(|f| &mut f[..]);
     let mut previous_size = 0;
-    for (k, step) in layout.steps.iter().enumerate() {
+    for (k, step) in problem.steps.iter().enumerate() {
         let (size, pivots) = (step.size as usize, step.pivots as usize);
         let shape = Shape { size, stride };
         std::mem::swap(&mut front, &mut next);
         front[..size * stride].fill(T::zero());
-        move_front(layout, step.moves, next, previous_size, front, size, stride);
-        for element in &layout.elements[step.elements.range()] {
-            assemble::<T, W>(layout, element, system, front, shape, &mut factor.spread);
+        move_front(problem, step.moves, next, previous_size, front, size, stride);
+        for element in &problem.elements[step.elements.range()] {
+            assemble::<T, W>(problem, element, system, front, shape, &mut factor.spread);
         }
-        layout.reach_rows.assemble(k, system, front, shape, &mut factor.own);
+        problem.reach_rows.assemble(k, system, front, shape, &mut factor.own);
         for i in 0..pivots {
             front[i * stride + i] += system.diagonal[step.variable as usize + i];
             front[i * stride + size] -= system.gradient[step.variable as usize + i];
@@ -94,8 +94,8 @@ fn factorise_by<T: Real, const W: usize>(layout: &Layout<T>, system: &NormalEqua
 /// Adds the remaining part of the old front to the new front, which is zero. It adds instead of copying because runs are short, and a call
 /// of a copy routine takes longer.
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
-fn move_front<T: Real>(layout: &Layout<T>, moves: Span, old: &[T], old_size: usize, new: &mut [T], new_size: usize, stride: usize) {
-    let runs = &layout.front_runs[moves.range()];
+fn move_front<T: Real>(problem: &Problem<T>, moves: Span, old: &[T], old_size: usize, new: &mut [T], new_size: usize, stride: usize) {
+    let runs = &problem.front_runs[moves.range()];
     for (first, rows) in runs.iter().enumerate() {
         for i in 0..rows.len as usize {
             let (from, to) = ((rows.column as usize + i) * stride, (rows.front as usize + i) * stride);
@@ -114,7 +114,7 @@ fn move_front<T: Real>(layout: &Layout<T>, moves: Span, old: &[T], old_size: usi
 /// Adds `J' W J` and `-J' v` of one element to the front.
 #[inline(always)]
 fn assemble<T: Real, const W: usize>(
-    layout: &Layout<T>,
+    problem: &Problem<T>,
     element: &Element,
     system: &NormalEquations<T>,
     front: &mut [T],
@@ -122,24 +122,24 @@ fn assemble<T: Real, const W: usize>(
     spread: &mut [T],
 ) {
     if element.place.stride as usize == LANES {
-        return assemble_narrow(layout, element, system, front, shape);
+        return assemble_narrow(problem, element, system, front, shape);
     }
     let rows = element.rows as usize;
     for first in (0..rows).step_by(AT_ONCE) {
         match rows - first {
-            1 => assemble_rows::<T, 1, W>(layout, element, first, system, front, shape, spread),
-            2 => assemble_rows::<T, 2, W>(layout, element, first, system, front, shape, spread),
-            3 => assemble_rows::<T, 3, W>(layout, element, first, system, front, shape, spread),
-            4 => assemble_rows::<T, 4, W>(layout, element, first, system, front, shape, spread),
-            5 => assemble_rows::<T, 5, W>(layout, element, first, system, front, shape, spread),
-            _ => assemble_rows::<T, AT_ONCE, W>(layout, element, first, system, front, shape, spread),
+            1 => assemble_rows::<T, 1, W>(problem, element, first, system, front, shape, spread),
+            2 => assemble_rows::<T, 2, W>(problem, element, first, system, front, shape, spread),
+            3 => assemble_rows::<T, 3, W>(problem, element, first, system, front, shape, spread),
+            4 => assemble_rows::<T, 4, W>(problem, element, first, system, front, shape, spread),
+            5 => assemble_rows::<T, 5, W>(problem, element, first, system, front, shape, spread),
+            _ => assemble_rows::<T, AT_ONCE, W>(problem, element, first, system, front, shape, spread),
         }
     }
 }
 
 /// Adds rows with at most eight columns directly, without scattering them to the front first.
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
-fn assemble_narrow<T: Real>(layout: &Layout<T>, element: &Element, system: &NormalEquations<T>, front: &mut [T], shape: Shape) {
+fn assemble_narrow<T: Real>(problem: &Problem<T>, element: &Element, system: &NormalEquations<T>, front: &mut [T], shape: Shape) {
     let (place, count, Shape { size, stride }) = (&element.place, element.rows as usize, shape);
     let weights = &system.weight[place.row as usize..][..count];
     let values = &system.value[place.row as usize..][..count];
@@ -147,7 +147,7 @@ fn assemble_narrow<T: Real>(layout: &Layout<T>, element: &Element, system: &Norm
         return;
     }
     let rows = &system.jacobian[place.jacobian as usize..][..count * LANES];
-    let runs = &layout.runs[element.runs.range()];
+    let runs = &problem.runs[element.runs.range()];
     for (first, run) in runs.iter().enumerate() {
         for i in 0..run.len as usize {
             let mut products = [T::zero(); LANES];
@@ -179,7 +179,7 @@ const AT_ONCE: usize = 6;
 /// Adds `M` rows of an element, starting at row `first`, in tiles of four by `W`.
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
 fn assemble_rows<T: Real, const M: usize, const W: usize>(
-    layout: &Layout<T>,
+    problem: &Problem<T>,
     element: &Element,
     first: usize,
     system: &NormalEquations<T>,
@@ -194,7 +194,7 @@ fn assemble_rows<T: Real, const M: usize, const W: usize>(
     if weights.iter().all(|w| *w == T::zero()) {
         return;
     }
-    let runs = &layout.runs[element.runs.range()];
+    let runs = &problem.runs[element.runs.range()];
     let Some(end) = runs.last().map(|r| ((r.front + r.len) as usize).next_multiple_of(W)) else { return };
     let begin = runs[0].front as usize / W * W;
     let width = end - begin;

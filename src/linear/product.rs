@@ -1,8 +1,8 @@
 //! Products of the Jacobian with a direction.
 
 use super::simd::dot;
-use crate::nlp::Layout;
-use crate::nlp::layout::Element;
+use crate::nlp::Problem;
+use crate::nlp::problem::Element;
 use crate::real::Real;
 use crate::rows::RowKind;
 use crate::rows::table::Place;
@@ -12,17 +12,17 @@ use multiversion::multiversion;
 ///
 /// * `local` - scratch, `[widest]`
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
-pub fn jacobian_times<T: Real>(layout: &Layout<T>, jacobian: &[T], d: &[T], local: &mut [T], c_change: &mut [T], g_change: &mut [T]) {
-    for element in &layout.elements {
-        element_times(layout, element, jacobian, d, local, c_change, g_change);
+pub fn jacobian_times<T: Real>(problem: &Problem<T>, jacobian: &[T], d: &[T], local: &mut [T], c_change: &mut [T], g_change: &mut [T]) {
+    for element in &problem.elements {
+        element_times(problem, element, jacobian, d, local, c_change, g_change);
     }
-    layout.reach_rows.times(jacobian, d, c_change, g_change);
+    problem.reach_rows.times(jacobian, d, c_change, g_change);
 }
 
 /// Products of the rows of one element with the direction.
 #[inline(always)]
 fn element_times<T: Real>(
-    layout: &Layout<T>,
+    problem: &Problem<T>,
     element: &Element,
     jacobian: &[T],
     d: &[T],
@@ -33,10 +33,10 @@ fn element_times<T: Real>(
     let place = &element.place;
     let (rows, pairs) = (element.rows as usize, element.pairs as usize);
     let stride = place.stride as usize;
-    let kind = layout.rows.kind(place.row);
+    let kind = problem.rows.kind(place.row);
     // Values of `d` for the columns of the element; the padding of Jacobian rows is zero.
     local[..stride].fill(T::zero());
-    for run in &layout.runs[element.runs.range()] {
+    for run in &problem.runs[element.runs.range()] {
         local[run.column as usize..(run.column + run.len) as usize]
             .copy_from_slice(&d[run.variable as usize..(run.variable + run.len) as usize]);
     }

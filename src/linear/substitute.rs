@@ -2,7 +2,7 @@
 
 use super::front::Factor;
 use super::simd::dot;
-use crate::nlp::Layout;
+use crate::nlp::Problem;
 use crate::real::Real;
 use multiversion::multiversion;
 
@@ -10,11 +10,11 @@ use multiversion::multiversion;
 ///
 /// * `direction` - out, `d`, `[variables]`
 #[multiversion(targets("x86_64+avx2+fma+avx512f+avx512vl", "x86_64+avx2+fma"))]
-pub fn substitute<T: Real>(layout: &Layout<T>, factor: &mut Factor<T>, direction: &mut [T]) {
+pub fn substitute<T: Real>(problem: &Problem<T>, factor: &mut Factor<T>, direction: &mut [T]) {
     let local = &mut factor.local;
-    for step in layout.steps.iter().rev() {
+    for step in problem.steps.iter().rev() {
         let (size, pivots) = (step.size as usize, step.pivots as usize);
-        for run in &layout.front_runs[step.rest.range()] {
+        for run in &problem.front_runs[step.rest.range()] {
             let (at, variable, len) = (run.front as usize, run.variable as usize, run.len as usize);
             local[at..at + len].copy_from_slice(&direction[variable..variable + len]);
         }

@@ -1,11 +1,11 @@
-//! Builder of a [`Layout`]: collects blocks of variables and elements over them, then assigns places and columns.
+//! Builder of a [`Problem`]: collects blocks of variables and elements over them, then assigns places and columns.
 
-use super::Layout;
+use super::Problem;
 use super::columns::Columns;
 use super::factored::FactoredDrafts;
 use super::footing::{self, FootholdRegion};
 use super::ground_path::GroundPath;
-use super::layout::{Curves, Element, FootBlocks};
+use super::problem::{Curves, Element, FootBlocks};
 use super::sweep::{self, Block};
 use crate::gait::trajectory::MotionLimits;
 use crate::gait::{AlignedSchedule, Phase};
@@ -248,7 +248,7 @@ impl<'a, T: Real> Builder<'a, T> {
     }
 
     /// Orders the variables and assigns rows and columns to every element and positions in `x` to every table entry.
-    pub fn finish(mut self) -> Layout<T> {
+    pub fn finish(mut self) -> Problem<T> {
         let positions = sweep::order(&self.blocks);
         let variables: usize = self.blocks.iter().filter(|b| !b.fixed).map(|b| b.len).sum();
         let total: usize = self.blocks.iter().map(|b| b.len).sum();
@@ -293,7 +293,7 @@ impl<'a, T: Real> Builder<'a, T> {
 
         self.tables.footholds = self.footholds.iter().map(|&id| positions[id.0 as usize]).collect();
         let curves = self.curves(&positions);
-        Layout {
+        Problem {
             variables,
             rows: counts,
             inequalities: next.inequality,

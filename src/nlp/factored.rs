@@ -1,7 +1,7 @@
 //! Builder of factored rows: collects instants and elements, then assigns columns to them. See [`crate::rows::factored`].
 
 use super::columns::Columns;
-use super::layout::Element;
+use super::problem::Element;
 use super::sweep::{self, Block};
 use crate::real::Real;
 use crate::rows::Spec;

@@ -11,12 +11,12 @@ mod factored;
 mod foot_blocks;
 mod footing;
 mod ground_path;
-pub mod layout;
+pub mod problem;
 pub mod sweep;
 mod trajectory;
 pub mod transcription;
 
-pub use layout::{Curves, Layout};
+pub use problem::{Curves, Problem};
 pub use trajectory::trajectory;
 
 use crate::gait::AlignedSchedule;
@@ -26,10 +26,10 @@ use crate::settings::{Transcription, TranscriptionSettings};
 use crate::task::Task;
 use builder::Builder;
 
-impl<T: Real> Layout<T> {
+impl<T: Real> Problem<T> {
     /// Builds the problem of a schedule.
     pub fn new(task: &Task, schedule: &AlignedSchedule, settings: &TranscriptionSettings) -> Self {
-        Layout::with_cost(task, schedule, settings, None)
+        Problem::with_cost(task, schedule, settings, None)
     }
 
     /// Builds the problem of a schedule, with the rows of an objective if one is given. Only `momentum` has these rows.
@@ -43,7 +43,7 @@ impl<T: Real> Layout<T> {
 }
 
 impl Curves {
-    /// Positions of the blocks in `x`, equal to [`Layout::curves`]. Faster than building a whole layout, because rows get no columns.
+    /// Positions of the blocks in `x`, equal to [`Problem::curves`]. Faster than building a whole problem, because rows get no columns.
     pub fn new(task: &Task, schedule: &AlignedSchedule, settings: &TranscriptionSettings) -> Curves {
         builder::<f64>(task, schedule, settings).finish_curves()
     }
@@ -75,10 +75,10 @@ mod tests {
             for rows in [Transcription::Momentum, Transcription::Towr] {
                 let settings = TranscriptionSettings::of(rows);
                 let schedule = schedule.aligned(transcription::interval(&settings, &task.robot));
-                let layout = Layout::<f64>::new(&task, &schedule, &settings);
+                let problem = Problem::<f64>::new(&task, &schedule, &settings);
                 let curves = Curves::new(&task, &schedule, &settings);
-                assert_eq!(format!("{curves:?}"), format!("{:?}", layout.curves), "{}", scenario.name);
-                assert_eq!(curves.variables, layout.variables);
+                assert_eq!(format!("{curves:?}"), format!("{:?}", problem.curves), "{}", scenario.name);
+                assert_eq!(curves.variables, problem.variables);
             }
         }
     }

@@ -7,7 +7,7 @@ use crate::task::Task;
 
 /// Converts a solution to a motion of Hermite pieces.
 ///
-/// * `x` - as [`Layout::initial`](super::Layout::initial), fixed values included
+/// * `x` - as [`Problem::initial`](super::Problem::initial), fixed values included
 pub fn trajectory(task: &Task, curves: &Curves, x: &[f64]) -> Trajectory {
     let horizon = curves.intervals as f64 * curves.interval;
     let base = transcription::of::<f64>(curves.transcription).base_curves(task, curves, x);

@@ -4,11 +4,11 @@ use super::call::working;
 use super::convert::{from_python, raised, to_python};
 use super::world::Task;
 use crate::app::Mission;
-use crate::backend::{Backend, Cpu, DeviceChoice, Fallback, Job, Precision, Problem, Solution, locked};
+use crate::backend::{Backend, Cpu, DeviceChoice, Fallback, Instance, Job, Precision, Solution, locked};
 use crate::error::{Error, from_json};
 use crate::gait::{AlignedSchedule, Schedule};
 use crate::nlp::transcription::interval;
-use crate::nlp::{Curves, Layout};
+use crate::nlp::{Curves, Problem};
 use crate::search::evaluate::{LowerSettings, check_candidate};
 use crate::solver::{Outcome, Status, close};
 use numpy::{IntoPyArray, PyArray1, PyArrayMethods};
@@ -79,20 +79,20 @@ impl Workers<'_> {
     /// * `first` - index of the first problem in the job
     fn solve_task(
         &self,
-        (first, problems): (usize, &[Problem]),
+        (first, instances): (usize, &[Instance]),
         job: &Job,
         skip: &(dyn Fn(usize) -> bool + Sync),
         finish: &(dyn Fn(usize, Solution) + Sync),
     ) -> PyResult<()> {
-        let Some(Problem { task, .. }) = problems.first() else { return Ok(()) };
+        let Some(Instance { task, .. }) = instances.first() else { return Ok(()) };
         let lower = LowerSettings { transcription: job.transcription.clone(), solver: job.settings.clone(), precision: job.precision };
         let part = serde_json::to_string(&JobPart { lower, certified: job.certified }).map_err(raised)?;
-        let schedules: Vec<&[Vec<f64>]> = problems.iter().map(|problem| problem.schedule.durations()).collect();
+        let schedules: Vec<&[Vec<f64>]> = instances.iter().map(|instance| instance.schedule.durations()).collect();
         let answers = Python::attach(|py| {
             let mission = Mission::new((*task).clone());
             self.solve.call1(py, (Task(Arc::new(mission)), part, schedules))?.bind(py).try_iter().map(|answers| answers.unbind().into_any())
         })?;
-        let mut open = vec![true; problems.len()];
+        let mut open = vec![true; instances.len()];
         self.pool().in_place_scope(|scope| {
             while (0..open.len()).any(|i| open[i] && !skip(first + i)) {
                 let next = Python::attach(|py| -> PyResult<_> {
@@ -107,9 +107,9 @@ impl Workers<'_> {
                     Ok(Some((at, solved)))
                 })?;
                 for (index, solved) in next.into_iter().flat_map(|(at, solved)| (at..).zip(solved)) {
-                    let Some(problem) = problems.get(index).filter(|_| std::mem::take(&mut open[index])) else { continue };
+                    let Some(instance) = instances.get(index).filter(|_| std::mem::take(&mut open[index])) else { continue };
                     scope.spawn(move |_| {
-                        let curves = Curves::new(problem.task, &problem.schedule, job.transcription);
+                        let curves = Curves::new(instance.task, &instance.schedule, job.transcription);
                         let Solved { outcome, closed, x } = solved;
                         finish(first + index, Solution { outcome, x, variables: curves.variables, curves, closed });
                     });
@@ -140,12 +140,12 @@ impl Backend for Workers<'_> {
 
     fn solve(&self, job: &Job, skip: &(dyn Fn(usize) -> bool + Sync), finish: &(dyn Fn(usize, Solution) + Sync)) {
         let mut first = 0;
-        for problems in job.problems.chunk_by(|a, b| std::ptr::eq(a.task, b.task)) {
-            if let Err(exception) = self.solve_task((first, problems), job, skip, finish) {
+        for instances in job.instances.chunk_by(|a, b| std::ptr::eq(a.task, b.task)) {
+            if let Err(exception) = self.solve_task((first, instances), job, skip, finish) {
                 locked(self.exception).get_or_insert(exception);
                 self.cancelled.store(true, Ordering::Relaxed);
             }
-            first += problems.len();
+            first += instances.len();
         }
     }
 }
@@ -196,23 +196,23 @@ pub fn solve_chunk(
             check_candidate(task, &schedule, &lower)?;
             schedule.aligned_before(interval)
         };
-        let problem = |durations| aligned(durations).map(|schedule| Problem { task, schedule });
-        let problems: Vec<Problem> = schedules.into_iter().map(problem).collect::<crate::Result<_>>()?;
-        let results: Vec<Mutex<Option<Solved>>> = problems.iter().map(|_| Mutex::new(None)).collect();
+        let instance = |durations| aligned(durations).map(|schedule| Instance { task, schedule });
+        let instances: Vec<Instance> = schedules.into_iter().map(instance).collect::<crate::Result<_>>()?;
+        let results: Vec<Mutex<Option<Solved>>> = instances.iter().map(|_| Mutex::new(None)).collect();
         let is_cancelled = || cancelled.load(Ordering::Relaxed);
         let finish = |index: usize, Solution { outcome, x, closed, .. }: Solution| {
             let leave = !certified || closed || outcome.status == Status::Solved || lower.precision == Precision::F64;
             let solved = if leave {
                 Solved { outcome, closed, x }
             } else {
-                let layout = Layout::<f64>::new(task, &problems[index].schedule, &lower.transcription);
-                let (outcome, x) = close(&layout, outcome, x, &lower.solver, &is_cancelled);
+                let problem = Problem::<f64>::new(task, &instances[index].schedule, &lower.transcription);
+                let (outcome, x) = close(&problem, outcome, x, &lower.solver, &is_cancelled);
                 Solved { outcome, closed: true, x }
             };
             *locked(&results[index]) = Some(solved);
         };
         let LowerSettings { transcription, solver, precision } = &lower;
-        let job = Job { problems: &problems, transcription, settings: solver, precision: *precision, certified };
+        let job = Job { instances: &instances, transcription, settings: solver, precision: *precision, certified };
         let device = device(on, threads, &lower)?;
         let left_before = device.fallback().map_or(0, |f| f.candidates);
         device.solve(&job, &|_| is_cancelled(), &finish);

@@ -112,9 +112,9 @@ fn reach(by: &Gradient, step: &[f64], trust: f64) -> f64 {
 ///
 /// * `length` - trust length of each variable
 pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, length: &[f64], trust: f64) -> Option<Step> {
-    let problem = Problem::new(linear, model, curvature, length, trust);
-    let (p, q) = problem.objective();
-    let (constraints, starts) = problem.constraints();
+    let subproblem = Subproblem::new(linear, model, curvature, length, trust);
+    let (p, q) = subproblem.objective();
+    let (constraints, starts) = subproblem.constraints();
     let Constraints { rows, columns, values, b, cones } = constraints;
     let a = CscMatrix::new_from_triplets(b.len(), q.len(), rows, columns, values);
     let settings = DefaultSettings {
@@ -139,19 +139,19 @@ pub(super) fn solve(linear: &Linear, model: &Model, curvature: &Curvature, lengt
     if d.iter().any(|d| !d.is_finite()) {
         return None;
     }
-    let after = predict(model, &d) + 0.5 * problem.cost * curvature.along(scaled);
+    let after = predict(model, &d) + 0.5 * subproblem.cost * curvature.along(scaled);
     Some(Step {
         by: d,
-        predicted: problem.cost - after,
-        stationarity: problem.stationarity(scaled, &solution.z, &starts),
-        complementarity: problem.complementarity(&b, &solution.z, &starts),
-        multipliers: problem.multipliers(&solution.z, &starts),
+        predicted: subproblem.cost - after,
+        stationarity: subproblem.stationarity(scaled, &solution.z, &starts),
+        complementarity: subproblem.complementarity(&b, &solution.z, &starts),
+        multipliers: subproblem.multipliers(&solution.z, &starts),
     })
 }
 
 /// The convex problem. Its unknowns are the step, the parts of the open terms, their squared parts, and the components of the step along
 /// the curved directions, in this order.
-struct Problem<'a> {
+struct Subproblem<'a> {
     linear: &'a Linear,
     model: &'a Model,
     curvature: &'a Curvature,
@@ -177,15 +177,15 @@ struct Starts {
     cones: usize,
 }
 
-impl<'a> Problem<'a> {
-    fn new(linear: &'a Linear, model: &'a Model, curvature: &'a Curvature, length: &'a [f64], trust: f64) -> Problem<'a> {
+impl<'a> Subproblem<'a> {
+    fn new(linear: &'a Linear, model: &'a Model, curvature: &'a Curvature, length: &'a [f64], trust: f64) -> Subproblem<'a> {
         let (open, settled) = model.terms.iter().partition(|t| reach(&t.by, length, trust) >= t.value.abs() - model.rounding);
         let near = |(_, row): &(usize, &Row)| {
             let change = reach(&row.by, length, trust);
             row.value + change > 0. || row.lower.is_some_and(|lower| lower + change > 0.)
         };
         let near = linear.inequalities.iter().enumerate().filter(near).collect();
-        Problem { linear, model, curvature, length, trust, cost: model.value(), open, settled, near }
+        Subproblem { linear, model, curvature, length, trust, cost: model.value(), open, settled, near }
     }
 
     /// Index of the first squared part of an open term.
@@ -210,7 +210,7 @@ impl<'a> Problem<'a> {
 
     /// Quadratic and linear part of the objective.
     fn objective(&self) -> (CscMatrix<f64>, Vec<f64>) {
-        let Problem { model, curvature, length, cost, .. } = self;
+        let Subproblem { model, curvature, length, cost, .. } = self;
         let mut q: Vec<f64> = model.effort_by.iter().zip(*length).map(|(d, l)| d * l / cost).collect();
         for term in &self.settled {
             term.by.iter().for_each(|&(i, d)| q[i] += term.weight * term.value.signum() * d * length[i] / cost);
@@ -322,7 +322,7 @@ impl<'a> Problem<'a> {
 
     /// Multipliers of rows and powers from those of the constraints.
     fn multipliers(&self, z: &[f64], starts: &Starts) -> Multipliers {
-        let Problem { linear, model, cost, .. } = self;
+        let Subproblem { linear, model, cost, .. } = self;
         let mut multipliers = Multipliers {
             equalities: z[..linear.equalities.len()].iter().map(|z| z * cost).collect(),
             inequalities: vec![0.; linear.inequalities.len()],

@@ -203,12 +203,12 @@ impl<'a> Price<'a> {
     /// Effort and its derivatives.
     fn effort(&self, point: &Point, model: &mut Model) {
         let variables = &self.space.variables;
-        let unit = point.layout.constants.force_unit;
+        let unit = point.problem.constants.force_unit;
         let interval = point.schedule.interval();
         model.effort_by = vec![0.; variables.count];
         for (foot, of_foot) in variables.feet.iter().enumerate() {
             for (stance, nodes) in of_foot.force_nodes.iter().enumerate() {
-                let phase = point.layout.curves.feet[foot].phases[2 * stance];
+                let phase = point.problem.curves.feet[foot].phases[2 * stance];
                 let pieces = (nodes.len() - 1) as f64;
                 let price = self.effort * unit * unit / pieces;
                 let mut mean = 0.;
@@ -283,7 +283,7 @@ impl<'a> Price<'a> {
         let mut block = |at: Option<usize>, len: usize| local.extend(at.into_iter().flat_map(|at| at..at + len));
         variables.base[2 * k..2 * k + 4].iter().for_each(|&at| block(at, 6));
         for (foot, of_foot) in variables.feet.iter().enumerate() {
-            for (i, phase) in point.layout.curves.feet[foot].phases.iter().enumerate() {
+            for (i, phase) in point.problem.curves.feet[foot].phases.iter().enumerate() {
                 if phase.end <= t || phase.start >= t + h {
                     continue;
                 }
@@ -353,9 +353,9 @@ impl<'a> Price<'a> {
 
     /// Position, attitude and their rates at a knot.
     fn knot<D: Number>(&self, point: &Point, k: usize, h: D, get: &impl Fn(usize) -> D) -> State<D> {
-        let (space, layout) = (self.space, &point.layout);
+        let (space, problem) = (self.space, &point.problem);
         let line = space.task.line(k as f64 / space.intervals as f64);
-        let at = layout.curves.base[2 * k] as usize;
+        let at = problem.curves.base[2 * k] as usize;
         let pose = |d: usize| space.variables.base[2 * k].map_or(D::from(point.x[at + d]), |v| get(v + d)) + line[d];
         // A fixed rate is the rate at an end of the motion.
         let end = if k == 0 { space.task.start.rate() } else { space.task.goal.rate() };
@@ -367,7 +367,7 @@ impl<'a> Price<'a> {
 
     /// Curves of a foot in the interval that starts at `from`.
     fn foot<D: Number>(&self, point: &Point, foot: usize, from: D, h: D, get: &impl Fn(usize) -> D) -> Foot<D> {
-        let (space, blocks) = (self.space, &point.layout.curves.feet[foot]);
+        let (space, blocks) = (self.space, &point.problem.curves.feet[foot]);
         let variables = &space.variables.feet[foot];
         let (low, high) = (from.re(), from.re() + h.re());
         let last = blocks.phases.len() - 1;
@@ -392,7 +392,7 @@ impl<'a> Price<'a> {
                 let (nodes, under) = (&blocks.force_nodes[i / 2], foothold(i / 2));
                 let pieces = nodes.len() - 1;
                 let length = (end - start) / pieces as f64;
-                let unit = point.layout.constants.force_unit;
+                let unit = point.problem.constants.force_unit;
                 for piece in 0..pieces {
                     let begin = start + length * piece as f64;
                     result.joints.push(begin);

@@ -1,6 +1,6 @@
 //! Refinement of a found gait to a local optimum of its cost, by sequential convex programming.
 //!
-//! The variables are those of the `momentum` layout, the boundaries between phases and, if the horizon is free, the interval of base knots
+//! The variables are those of the `momentum` problem, the boundaries between phases and, if the horizon is free, the interval of base knots
 //! (`variables`). At every point the rows are linearised, friction cones are kept as cones (`rows`), and the cost is approximated by a
 //! convex model (`convex_cost`) whose curvature is learned from the iterations (`curvature`). Clarabel solves this problem within a trust
 //! region (`convex`). Gauss-Newton steps in f64 then bring the point back onto the rows, as they close every solution of this program.
@@ -29,7 +29,7 @@ use crate::error::{Error, Result, check_range};
 use crate::gait::cost::{self, Cost, CostWeights};
 use crate::gait::family::MIN_PHASE_SCALED;
 use crate::gait::{AlignedSchedule, Trajectory};
-use crate::nlp::{Curves, Layout, trajectory};
+use crate::nlp::{Curves, Problem, trajectory};
 use crate::settings::{Friction, SolverSettings, StallSettings, Transcription, TranscriptionSettings};
 use crate::solver::{Finish, Solver, Status};
 use crate::task::Task;
@@ -168,7 +168,7 @@ pub struct Refined {
     /// Phase durations.
     #[serde(skip)]
     pub schedule: AlignedSchedule,
-    /// Values of the variables, ordered as in [`Layout::initial`] for this schedule.
+    /// Values of the variables, ordered as in [`Problem::initial`] for this schedule.
     #[serde(skip)]
     pub x: Vec<f64>,
     /// Cost of the given gait.
@@ -329,7 +329,7 @@ impl Descent<'_> {
         loop {
             let linear = rows::linear(space, &self.now)?;
             let model = price.model(&self.now, rounding);
-            let feasibility = rows::Residuals::new(&self.now.layout, &self.now.x, false).violation();
+            let feasibility = rows::Residuals::new(&self.now.problem, &self.now.x, false).violation();
             if let Some(taken) = last.take() {
                 self.history.push(taken.step, taken.multipliers.lagrangian(&linear, &model, length), &taken.before, value);
             }
@@ -391,7 +391,7 @@ fn check(task: &Task, schedule: &AlignedSchedule, x: &[f64], transcription: &Tra
         let limit = format!("{} feet, as robot `{}` has", task.robot.feet(), task.robot.name);
         return Err(Error::invalid("durations", format!("{} feet", schedule.feet()), limit));
     }
-    let expected = Layout::<f64>::new(task, schedule, transcription).initial.len();
+    let expected = Problem::<f64>::new(task, schedule, transcription).initial.len();
     if x.len() != expected || x.iter().any(|v| !v.is_finite()) {
         return Err(Error::invalid("x", format!("{} values", x.len()), format!("{expected} finite values, for this schedule")));
     }
@@ -413,14 +413,14 @@ fn closing_settings() -> SolverSettings {
 
 /// Brings a point onto its rows; `None` if that fails.
 fn close(space: &Space, solver: &mut Solver<f64>, point: Point, settings: &SolverSettings, cancel: &dyn Fn() -> bool) -> Option<Point> {
-    let outcome = solver.solve(&point.layout, settings, Finish::Infeasibility(CLOSED), Some(&point.x), cancel);
+    let outcome = solver.solve(&point.problem, settings, Finish::Infeasibility(CLOSED), Some(&point.x), cancel);
     (outcome.status == Status::Solved).then(|| space.moved(point, solver.solution()))
 }
 
 /// True if the motion of a point passes the independent check.
 fn certified(task: &Task, point: &Point) -> bool {
-    let motion = trajectory(task, &point.layout.curves, &point.x);
-    verify_rows(&motion, &task.robot, &task.terrain, point.layout.force_limit()).is_ok_and(|r| r.feasible)
+    let motion = trajectory(task, &point.problem.curves, &point.x);
+    verify_rows(&motion, &task.robot, &task.terrain, point.problem.force_limit()).is_ok_and(|r| r.feasible)
 }
 
 /// Brings the given gait onto its rows; `None` if that fails.
@@ -441,7 +441,7 @@ struct Pricing<'a> {
 
 impl Pricing<'_> {
     fn cost(&self, point: &Point) -> Result<Cost> {
-        cost::cost(&trajectory(self.task, &point.layout.curves, &point.x), &self.task.robot, self.leg_mass, self.weights)
+        cost::cost(&trajectory(self.task, &point.problem.curves, &point.x), &self.task.robot, self.leg_mass, self.weights)
     }
 
     /// Result: the last point, or the given one if that costs less.

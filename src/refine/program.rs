@@ -39,7 +39,7 @@ impl<'a> Program<'a> {
         // Variables that affect the neighbouring intervals.
         let linear = rows::linear(space, point)?;
         let locals: Vec<Vec<usize>> = (0..space.intervals).map(|k| price.locals(point, k)).collect();
-        let interval_of = rows::intervals(space, &point.layout);
+        let interval_of = rows::intervals(space, &point.problem);
         let around = |k: usize| {
             let mut all: Vec<usize> = locals[k.saturating_sub(2)..(k + 3).min(locals.len())].iter().flatten().copied().collect();
             all.sort_unstable();
@@ -66,7 +66,7 @@ impl<'a> Program<'a> {
     /// Largest violation of a row, and the cost without rounding.
     pub fn judged(&self, x: &[f64]) -> Option<(f64, f64, Point)> {
         let point = self.point(x)?;
-        Some((Residuals::new(&point.layout, &point.x, false).violation(), self.price.value(&point, 0.), point))
+        Some((Residuals::new(&point.problem, &point.x, false).violation(), self.price.value(&point, 0.), point))
     }
 }
 

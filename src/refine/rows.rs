@@ -1,7 +1,7 @@
 //! Rows of a point to first order in all variables, including durations.
 //!
-//! Derivatives with respect to the layout's variables are the Jacobians of the elements. Those with respect to phase boundaries and the
-//! interval are central differences of rebuilt layouts; rows are matched by their meaning, not by their position. A boundary affects only
+//! Derivatives with respect to the problem's variables are the Jacobians of the elements. Those with respect to phase boundaries and the
+//! interval are central differences of rebuilt problems; rows are matched by their meaning, not by their position. A boundary affects only
 //! nearby rows, so boundaries far apart share one difference.
 //!
 //! The Jacobian of the elements treats the deviation of the base from its cubic inside intervals as constant. This is good enough to find a
@@ -11,7 +11,7 @@
 use super::convex_cost::Gradient;
 use super::variables::{Point, Space};
 use crate::error::Result;
-use crate::nlp::Layout;
+use crate::nlp::Problem;
 use crate::nlp::transcription::momentum::reach_timings;
 use crate::rows::math::{Vec3, add, dot, scale, sub};
 use crate::rows::momentum::{Deviation, MomentumInterval};
@@ -74,40 +74,40 @@ struct Known {
 type Values = Vec<(f64, Option<f64>)>;
 
 /// All elements in an order that does not depend on durations.
-fn known(space: &Space, layout: &Layout<f64>) -> Vec<Known> {
-    let curves = &layout.curves;
+fn known(space: &Space, problem: &Problem<f64>) -> Vec<Known> {
+    let curves = &problem.curves;
     let mut all = Vec::new();
-    for (k, interval) in layout.momentum_intervals.iter().enumerate() {
+    for (k, interval) in problem.momentum_intervals.iter().enumerate() {
         for (place, spec) in [(interval.linear, momentum::LINEAR), (interval.angular, momentum::ANGULAR)] {
             all.push(Known { place, spec, rows: spec.rows, pairs: 0, window: k as f64..k as f64 + 1. });
         }
     }
     let phases: Vec<_> = curves.feet.iter().map(|f| &f.phases[..]).collect();
     let timings = reach_timings(&phases, curves.interval, curves.intervals);
-    let mut numbered: Vec<_> = timings.iter().zip(&layout.reach_rows.instants).collect();
+    let mut numbered: Vec<_> = timings.iter().zip(&problem.reach_rows.instants).collect();
     numbered.sort_by_key(|(timing, _)| timing.number);
     for (_, instant) in numbered {
-        let k = f64::from(layout.reach_rows.blocks_of(instant).interval);
+        let k = f64::from(problem.reach_rows.blocks_of(instant).interval);
         for element in instant.elements.range() {
-            let place = layout.reach_rows.place(element);
+            let place = problem.reach_rows.place(element);
             all.push(Known { place, spec: reach::SPEC, rows: 3, pairs: 3, window: k..k + 1. });
         }
     }
-    for node in &layout.cones {
+    for node in &problem.cones {
         all.push(Known { place: node.place, spec: cone::SPEC, rows: 1, pairs: 1, window: 0.0..0. });
     }
-    for node in &layout.swing_nodes {
+    for node in &problem.swing_nodes {
         all.push(Known { place: node.place, spec: swing::SPEC, rows: 1, pairs: node.two_sided as usize, window: 0.0..0. });
     }
-    for footing in &layout.footings {
+    for footing in &problem.footings {
         all.push(Known { place: footing.place, spec: footing::SPEC, rows: 2, pairs: 2, window: 0.0..0. });
     }
     let swings = (0..curves.feet.len()).flat_map(|foot| curves.feet[foot].phases.iter().filter(|p| !p.stance));
     let windows: Vec<Range<f64>> = swings.map(|swing| swing.start / curves.interval..swing.end / curves.interval).collect();
-    for (stride, window) in layout.strides.iter().zip(&windows) {
+    for (stride, window) in problem.strides.iter().zip(&windows) {
         all.push(Known { place: stride.place, spec: stride::SPEC, rows: 1, pairs: 0, window: window.clone() });
     }
-    for (acceleration, window) in layout.accelerations.iter().zip(&windows) {
+    for (acceleration, window) in problem.accelerations.iter().zip(&windows) {
         all.push(Known { place: acceleration.place, spec: acceleration::SPEC, rows: 2, pairs: 0, window: window.clone() });
     }
     debug_assert_eq!(space.intervals, curves.intervals);
@@ -123,13 +123,13 @@ pub(super) struct Residuals {
 }
 
 impl Residuals {
-    /// Residuals of a layout at `x`, with or without the Jacobian.
-    pub fn new(layout: &Layout<f64>, x: &[f64], derivatives: bool) -> Residuals {
+    /// Residuals of a problem at `x`, with or without the Jacobian.
+    pub fn new(problem: &Problem<f64>, x: &[f64], derivatives: bool) -> Residuals {
         let mut shared = Shared::default();
-        shared.resize(layout);
-        let (mut c, mut g) = (vec![0.; layout.rows.one_sided()], vec![0.; layout.inequalities]);
-        let mut jacobian = vec![0.; if derivatives { layout.jacobian_len } else { 0 }];
-        residuals(layout, x, 0., &mut shared, &mut c, &mut g, derivatives.then_some(&mut jacobian[..]));
+        shared.resize(problem);
+        let (mut c, mut g) = (vec![0.; problem.rows.one_sided()], vec![0.; problem.inequalities]);
+        let mut jacobian = vec![0.; if derivatives { problem.jacobian_len } else { 0 }];
+        residuals(problem, x, 0., &mut shared, &mut c, &mut g, derivatives.then_some(&mut jacobian[..]));
         Residuals { c, g, jacobian, shared }
     }
 
@@ -157,15 +157,15 @@ impl Residuals {
 
 /// Linearised rows around a point.
 pub(super) fn linear(space: &Space, point: &Point) -> Result<Linear> {
-    let layout = &point.layout;
-    let here = Residuals::new(layout, &point.x, true);
-    let known = known(space, layout);
-    let columns = space.columns(layout);
-    let mut element_of = vec![NONE; layout.rows.all()];
-    for (i, element) in layout.all_elements().enumerate() {
+    let problem = &point.problem;
+    let here = Residuals::new(problem, &point.x, true);
+    let known = known(space, problem);
+    let columns = space.columns(problem);
+    let mut element_of = vec![NONE; problem.rows.all()];
+    for (i, element) in problem.all_elements().enumerate() {
         element_of[element.place.row as usize] = i as u32;
     }
-    let runs = layout.columns();
+    let runs = problem.columns();
     let mut rows: Vec<Row> = Vec::new();
     for (element, at) in known.iter().map(|e| (e, element_of[e.place.row as usize] as usize)) {
         for r in 0..element.rows {
@@ -183,14 +183,14 @@ pub(super) fn linear(space: &Space, point: &Point) -> Result<Linear> {
             rows.push(Row { value: 0., lower: None, by });
         }
     }
-    let bends = bends(layout, &point.x, &here, &element_of);
-    add_deviations(layout, &here, &known, &bends, &columns, &mut rows);
+    let bends = bends(problem, &point.x, &here, &element_of);
+    add_deviations(problem, &here, &known, &bends, &columns, &mut rows);
     let values = here.values(&known);
     for (row, value) in rows.iter_mut().zip(&values) {
         (row.value, row.lower) = *value;
     }
     by_times(space, point, &known, &values, &mut rows)?;
-    let mut linear = Linear { cones: cones(layout, &point.x, &here.shared.ground, &columns), ..Linear::default() };
+    let mut linear = Linear { cones: cones(problem, &point.x, &here.shared.ground, &columns), ..Linear::default() };
     let mut rows = rows.into_iter();
     for element in &known {
         let into = match element.spec.kind {
@@ -213,14 +213,14 @@ pub(super) fn linear(space: &Space, point: &Point) -> Result<Linear> {
 type Bends = Vec<(usize, Deviation<f64>)>;
 
 /// Derivatives of the deviations of all intervals.
-fn bends(layout: &Layout<f64>, x: &[f64], here: &Residuals, element_of: &[u32]) -> Vec<Bends> {
+fn bends(problem: &Problem<f64>, x: &[f64], here: &Residuals, element_of: &[u32]) -> Vec<Bends> {
     let of_interval = |interval: &MomentumInterval<f64>| {
-        let element = &layout.elements[element_of[interval.angular.row as usize] as usize];
-        let positions = layout.runs[element.runs.range()].iter().flat_map(|run| run.variable as usize..(run.variable + run.len) as usize);
+        let element = &problem.elements[element_of[interval.angular.row as usize] as usize];
+        let positions = problem.runs[element.runs.range()].iter().flat_map(|run| run.variable as usize..(run.variable + run.len) as usize);
         // Tables with a single interval.
-        let mut tables = Tables::new(layout.constants, layout.terrain.clone(), layout.curves.interval);
-        tables.footholds.clone_from(&layout.footholds);
-        tables.impulses = layout.impulses[interval.impulses.range()].to_vec();
+        let mut tables = Tables::new(problem.constants, problem.terrain.clone(), problem.curves.interval);
+        tables.footholds.clone_from(&problem.footholds);
+        tables.impulses = problem.impulses[interval.impulses.range()].to_vec();
         let alone = MomentumInterval {
             impulses: Span::added(0, &tables.impulses),
             linear: Place::default(),
@@ -231,13 +231,13 @@ fn bends(layout: &Layout<f64>, x: &[f64], here: &Residuals, element_of: &[u32]) 
         let (mut x, mut ground) = (x.to_vec(), here.shared.ground.clone());
         let mut rows = [0.; momentum::LINEAR.rows + momentum::ANGULAR.rows];
         let bend = |at: usize| {
-            let foothold = layout.footholds.iter().position(|&f| f as usize == at || f as usize + 1 == at);
+            let foothold = problem.footholds.iter().position(|&f| f as usize == at || f as usize + 1 == at);
             let before = x[at];
             let mut moved = |to: f64| {
                 x[at] = to;
                 if let Some(f) = foothold {
-                    let at = layout.footholds[f] as usize;
-                    ground[f] = layout.terrain.ground(x[at], x[at + 1]);
+                    let at = problem.footholds[f] as usize;
+                    ground[f] = problem.terrain.ground(x[at], x[at + 1]);
                 }
                 let mut deviation = [Deviation::default()];
                 momentum::momentum(&tables, &x, &ground, &mut deviation, false, &mut rows, None);
@@ -251,13 +251,13 @@ fn bends(layout: &Layout<f64>, x: &[f64], here: &Residuals, element_of: &[u32]) 
         };
         positions.map(bend).collect()
     };
-    layout.momentum_intervals.par_iter().map(of_interval).collect()
+    problem.momentum_intervals.par_iter().map(of_interval).collect()
 }
 
 /// Interval of each momentum and reach row; `None` for other rows. In the order of [`linear`].
 #[cfg(all(test, feature = "ipopt"))]
-pub(super) fn intervals(space: &Space, layout: &Layout<f64>) -> Vec<Option<usize>> {
-    let known = known(space, layout);
+pub(super) fn intervals(space: &Space, problem: &Problem<f64>) -> Vec<Option<usize>> {
+    let known = known(space, problem);
     let of = |kind: RowKind| {
         let elements = known.iter().filter(move |e| e.spec.kind == kind);
         elements.flat_map(|e| vec![(e.window.end == e.window.start + 1.).then_some(e.window.start as usize); e.rows])
@@ -267,7 +267,7 @@ pub(super) fn intervals(space: &Space, layout: &Layout<f64>) -> Vec<Option<usize
 }
 
 /// Adds the derivatives of the deviations to the rows of the mean angular momentum and of reach.
-fn add_deviations(layout: &Layout<f64>, here: &Residuals, known: &[Known], bends: &[Bends], columns: &[(usize, f64)], rows: &mut [Row]) {
+fn add_deviations(problem: &Problem<f64>, here: &Residuals, known: &[Known], bends: &[Bends], columns: &[(usize, f64)], rows: &mut [Row]) {
     let mut first = HashMap::new();
     let mut row = 0;
     for element in known {
@@ -282,20 +282,20 @@ fn add_deviations(layout: &Layout<f64>, here: &Residuals, known: &[Known], bends
             rows[row + r].by.push((variable, value * scale));
         }
     };
-    let mean_scale = 2. * layout.constants.moment_scale / layout.constants.interval;
-    for (interval, bends) in layout.momentum_intervals.iter().zip(bends) {
+    let mean_scale = 2. * problem.constants.moment_scale / problem.constants.interval;
+    for (interval, bends) in problem.momentum_intervals.iter().zip(bends) {
         for (at, bend) in bends {
             (0..3).for_each(|d| put(&interval.angular, 3 + d, *at, bend.mean[d] * mean_scale));
         }
     }
-    for (ReachInstant { deviation_weights: weights, .. }, instant) in layout.reach_instants.iter().zip(&layout.reach_rows.instants) {
-        for (at, bend) in &bends[layout.reach_rows.blocks_of(instant).interval as usize] {
+    for (ReachInstant { deviation_weights: weights, .. }, instant) in problem.reach_instants.iter().zip(&problem.reach_rows.instants) {
+        for (at, bend) in &bends[problem.reach_rows.blocks_of(instant).interval as usize] {
             let pose: [f64; 6] = std::array::from_fn(|d| weights.iter().zip(&bend.pose).map(|(w, pose)| w * pose[d]).sum());
             if pose.iter().all(|p| p.abs() < 0.01 * SMALL) {
                 continue;
             }
             for element in instant.elements.range() {
-                let place = layout.reach_rows.place(element);
+                let place = problem.reach_rows.place(element);
                 // The first columns are those of the pose.
                 let (by_pose, stride) = (&here.jacobian[place.jacobian as usize..], place.stride as usize);
                 for r in 0..3 {
@@ -314,7 +314,7 @@ fn colours(space: &Space, point: &Point) -> Vec<Colour> {
     let h = point.schedule.interval();
     let mut all: Colour = Vec::new();
     for (foot, of_foot) in space.variables.feet.iter().enumerate() {
-        let phases = &point.layout.curves.feet[foot].phases;
+        let phases = &point.problem.curves.feet[foot].phases;
         for (i, variable) in of_foot.boundaries.iter().enumerate() {
             if let Some(at) = variable {
                 all.push((*at, (phases[i].start / h - 1e-3).floor()..(phases[i + 1].end / h + 1e-3).ceil()));
@@ -342,7 +342,7 @@ fn by_times(space: &Space, point: &Point, known_here: &[Known], here: &Values, r
         let step = if group.first().is_some_and(|(at, _)| Some(*at) == space.variables.interval) { v[group[0].0] } else { 1. };
         group.iter().for_each(|(at, _)| v[*at] += sign * DIFFERENCE * step);
         let there = space.point(v)?;
-        Ok((DIFFERENCE * step, Residuals::new(&there.layout, &there.x, false).values(&known(space, &there.layout))))
+        Ok((DIFFERENCE * step, Residuals::new(&there.problem, &there.x, false).values(&known(space, &there.problem))))
     };
     let differences = groups.par_iter().map(|group| {
         let ((step, up), (_, down)) = (moved(group, 1.)?, moved(group, -1.)?);
@@ -375,8 +375,8 @@ fn by_times(space: &Space, point: &Point, known_here: &[Known], here: &Values, r
 }
 
 /// Friction cones at force nodes and beside them, as in [`cone`].
-fn cones(layout: &Layout<f64>, x: &[f64], ground: &[Ground<f64>], columns: &[(usize, f64)]) -> Vec<Cone> {
-    let constants = &layout.constants;
+fn cones(problem: &Problem<f64>, x: &[f64], ground: &[Ground<f64>], columns: &[(usize, f64)]) -> Vec<Cone> {
+    let constants = &problem.constants;
     let (friction, margin) = (constants.friction, constants.force_margin);
     let of = |node: &cone::Cone<f64>| {
         let at = node.node as usize;
@@ -400,15 +400,15 @@ fn cones(layout: &Layout<f64>, x: &[f64], ground: &[Ground<f64>], columns: &[(us
                 put(columns[at + 3 * part + d].0, [friction * weight * n.unit[d], t[0], t[1], t[2]]);
             }
         }
-        let under = layout.footholds[node.foothold as usize] as usize;
-        for d in (0..2).filter(|d| under + d < layout.variables) {
+        let under = problem.footholds[node.foothold as usize] as usize;
+        for d in (0..2).filter(|d| under + d < problem.variables) {
             let by_n = dot(n.by[d], force);
             let t = scale(-1., add(scale(by_n, n.unit), scale(normal, n.by[d])));
             put(columns[under + d].0, [friction * by_n, t[0], t[1], t[2]]);
         }
         Cone { value, by, margin }
     };
-    layout.cones.iter().map(of).collect()
+    problem.cones.iter().map(of).collect()
 }
 
 /// Rows for the shortest phases: `shortest - (end - start) h <= 0`, in initial intervals.
@@ -416,7 +416,7 @@ fn shortest_phases<'a>(space: &'a Space, point: &'a Point) -> impl Iterator<Item
     let h = point.schedule.interval();
     let feet = space.variables.feet.iter().enumerate();
     feet.flat_map(move |(foot, of_foot)| {
-        let phases = &point.layout.curves.feet[foot].phases;
+        let phases = &point.problem.curves.feet[foot].phases;
         (0..phases.len()).filter_map(move |i| {
             let (start, end) = (i.checked_sub(1).and_then(|b| of_foot.boundaries[b]), of_foot.boundaries.get(i).copied().flatten());
             let mut by = Gradient::new();

@@ -52,7 +52,7 @@ fn a_point_can_be_rebuilt_from_its_variables() {
 #[test]
 fn the_model_of_the_cost_agrees_with_the_cost() {
     with_walk(|task, _, price, point| {
-        let motion = trajectory(task, &point.layout.curves, &point.x);
+        let motion = trajectory(task, &point.problem.curves, &point.x);
         let cost = price_of(&motion, &task.robot, task.robot.leg_mass(), &CostWeights::default()).unwrap();
         let value = price.value(point, 0.);
         // The two quadratures differ where powers change sign.

@@ -1,7 +1,7 @@
-//! Variables of a refinement: those of the layout in an order independent of the durations, and the phase boundaries.
+//! Variables of a refinement: those of the problem in an order independent of the durations, and the phase boundaries.
 //!
-//! A [`Layout`] orders its variables by time, so other durations give another order. Here blocks are ordered by curve: base knots, then for
-//! each foot its footholds, swing heights and force nodes. The values are those of the layout except for the rates of the base. These are
+//! A [`Problem`] orders its variables by time, so other durations give another order. Here blocks are ordered by curve: base knots, then for
+//! each foot its footholds, swing heights and force nodes. The values are those of the problem except for the rates of the base. These are
 //! absolute and multiplied by `h / h_0`, where `h` is the interval of base knots and `h_0` its initial value. Slopes of forces are already
 //! per piece. A motion in which only the interval grows therefore follows the same path more slowly.
 //!
@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::gait::family::time_scale;
 use crate::gait::schedule::MIN_PHASE;
 use crate::gait::{AlignedSchedule, Schedule};
-use crate::nlp::Layout;
+use crate::nlp::Problem;
 use crate::nlp::transcription::momentum::PIECE;
 use crate::rows::footing::Footing;
 use crate::rows::table::NONE;
@@ -65,16 +65,16 @@ pub(super) struct FootVariables {
     pub boundaries: Vec<Option<usize>>,
 }
 
-/// A point in the space of the variables, with its schedule and layout.
+/// A point in the space of the variables, with its schedule and problem.
 #[derive(Debug, Clone)]
 pub(super) struct Point {
     /// Values of the variables.
     pub v: Vec<f64>,
     /// Phase durations.
     pub schedule: AlignedSchedule,
-    /// Layout of the schedule.
-    pub layout: Layout<f64>,
-    /// Values of the layout's variables, including fixed ones.
+    /// Problem of the schedule.
+    pub problem: Problem<f64>,
+    /// Values of the problem's variables, including fixed ones.
     pub x: Vec<f64>,
 }
 
@@ -97,27 +97,27 @@ pub(super) struct Space<'a> {
 }
 
 impl<'a> Space<'a> {
-    /// Layout of a schedule, with the initial boxes of the footholds.
-    fn layout(&self, schedule: &AlignedSchedule) -> Layout<f64> {
-        let mut layout = Layout::<f64>::new(self.task, schedule, self.settings);
-        for (footing, start) in layout.tables.footings.iter_mut().zip(&self.footings) {
+    /// Problem of a schedule, with the initial boxes of the footholds.
+    fn problem(&self, schedule: &AlignedSchedule) -> Problem<f64> {
+        let mut problem = Problem::<f64>::new(self.task, schedule, self.settings);
+        for (footing, start) in problem.tables.footings.iter_mut().zip(&self.footings) {
             (footing.low, footing.high) = (start.low, start.high);
         }
-        layout
+        problem
     }
 
     /// Space of the variables around a gait.
     pub fn new(task: &'a Task, schedule: &AlignedSchedule, transcription: &'a TranscriptionSettings, settings: &RefineSettings) -> Self {
-        let layout = Layout::<f64>::new(task, schedule, transcription);
+        let problem = Problem::<f64>::new(task, schedule, transcription);
         let (interval, intervals) = (schedule.interval(), schedule.count());
-        let mut space = Allot { layout: &layout, step: Vec::new() };
-        let base = layout.curves.base.iter().enumerate().map(|(i, &at)| {
+        let mut space = Allot { problem: &problem, step: Vec::new() };
+        let base = problem.curves.base.iter().enumerate().map(|(i, &at)| {
             let steps = if i % 2 == 0 { [POSITION_STEP, ANGLE_STEP] } else { [RATE_STEP; 2] };
             space.block(at, &[[steps[0]; 3], [steps[1]; 3]].concat())
         });
         let base = base.collect();
         let time = time_scale(&task.robot);
-        let feet = layout.curves.feet.iter().map(|foot| FootVariables {
+        let feet = problem.curves.feet.iter().map(|foot| FootVariables {
             footholds: foot.footholds.iter().map(|&at| space.block(at, &[FOOTHOLD_STEP; 2])).collect(),
             heights: foot.heights.iter().map(|&at| space.block(at, &[HEIGHT_STEP])).collect(),
             force_nodes: foot.force_nodes.iter().map(|nodes| nodes.iter().map(|&at| space.block(at, &[FORCE_STEP; 6])).collect()).collect(),
@@ -145,7 +145,7 @@ impl<'a> Space<'a> {
             task,
             settings: transcription,
             variables,
-            footings: layout.tables.footings.clone(),
+            footings: problem.tables.footings.clone(),
             interval,
             intervals,
             boundaries: (0..schedule.feet()).map(ends).collect(),
@@ -191,16 +191,16 @@ impl<'a> Space<'a> {
         if schedule.count() != self.intervals {
             return Err(Error::invalid("durations", format!("{} intervals", schedule.count()), format!("{} intervals", self.intervals)));
         }
-        let layout = self.layout(&schedule);
-        let mut x = layout.initial.clone();
-        self.pairs(&layout, |at, variable, of_rate| x[at] = of_rate.map_or(v[variable], |(scale, line)| v[variable] * scale - line));
-        Ok(Point { v, schedule, layout, x })
+        let problem = self.problem(&schedule);
+        let mut x = problem.initial.clone();
+        self.pairs(&problem, |at, variable, of_rate| x[at] = of_rate.map_or(v[variable], |(scale, line)| v[variable] * scale - line));
+        Ok(Point { v, schedule, problem, x })
     }
 
-    /// Point with the schedule of another one and new values of its layout.
+    /// Point with the schedule of another one and new values of its problem.
     pub fn moved(&self, point: Point, x: Vec<f64>) -> Point {
         let mut v = point.v;
-        self.pairs(&point.layout, |at, variable, of_rate| v[variable] = of_rate.map_or(x[at], |(scale, line)| (x[at] + line) / scale));
+        self.pairs(&point.problem, |at, variable, of_rate| v[variable] = of_rate.map_or(x[at], |(scale, line)| (x[at] + line) / scale));
         Point { v, x, ..point }
     }
 
@@ -217,8 +217,8 @@ impl<'a> Space<'a> {
         if let Some(at) = self.variables.interval {
             v[at] = self.interval;
         }
-        let layout = self.layout(schedule);
-        self.moved(Point { v, schedule: schedule.clone(), layout, x: x.to_vec() }, x.to_vec())
+        let problem = self.problem(schedule);
+        self.moved(Point { v, schedule: schedule.clone(), problem, x: x.to_vec() }, x.to_vec())
     }
 
     /// Point of a gait that was refined from the initial one.
@@ -235,24 +235,24 @@ impl<'a> Space<'a> {
         if let Some(at) = self.variables.interval {
             v[at] = schedule.interval();
         }
-        let layout = self.layout(schedule);
-        self.moved(Point { v, schedule: schedule.clone(), layout, x: x.to_vec() }, x.to_vec())
+        let problem = self.problem(schedule);
+        self.moved(Point { v, schedule: schedule.clone(), problem, x: x.to_vec() }, x.to_vec())
     }
 
-    /// Visits every free value of a layout: its position in `x`, its variable, and for a rate its scale and the rate of the reference line,
+    /// Visits every free value of a problem: its position in `x`, its variable, and for a rate its scale and the rate of the reference line,
     /// `x = v scale - line`.
-    fn pairs(&self, layout: &Layout<f64>, mut visit: impl FnMut(usize, usize, Option<(f64, f64)>)) {
+    fn pairs(&self, problem: &Problem<f64>, mut visit: impl FnMut(usize, usize, Option<(f64, f64)>)) {
         let mut block = |at: u32, variable: Option<usize>, len: usize, line: Option<&[f64; 6]>| {
             if let Some(first) = variable {
-                let scale = self.interval / layout.curves.interval;
+                let scale = self.interval / problem.curves.interval;
                 (0..len).for_each(|d| visit(at as usize + d, first + d, line.map(|l| (scale, l[d]))));
             }
         };
-        let line = layout.momentum_intervals.first().map(|i| i.rate).unwrap_or_default();
-        for (i, (&at, &variable)) in layout.curves.base.iter().zip(&self.variables.base).enumerate() {
+        let line = problem.momentum_intervals.first().map(|i| i.rate).unwrap_or_default();
+        for (i, (&at, &variable)) in problem.curves.base.iter().zip(&self.variables.base).enumerate() {
             block(at, variable, 6, (i % 2 == 1).then_some(&line));
         }
-        for (blocks, variables) in layout.curves.feet.iter().zip(&self.variables.feet) {
+        for (blocks, variables) in problem.curves.feet.iter().zip(&self.variables.feet) {
             blocks.footholds.iter().zip(&variables.footholds).for_each(|(&at, &v)| block(at, v, 2, None));
             blocks.heights.iter().zip(&variables.heights).for_each(|(&at, &v)| block(at, v, 1, None));
             let nodes = blocks.force_nodes.iter().flatten().zip(variables.force_nodes.iter().flatten());
@@ -261,22 +261,22 @@ impl<'a> Space<'a> {
     }
 
     /// Variable of each position in `x`, and the derivative of that value with respect to it.
-    pub fn columns(&self, layout: &Layout<f64>) -> Vec<(usize, f64)> {
-        let mut columns = vec![(usize::MAX, 0.); layout.variables];
-        self.pairs(layout, |at, variable, of_rate| columns[at] = (variable, of_rate.map_or(1., |(scale, _)| scale)));
+    pub fn columns(&self, problem: &Problem<f64>) -> Vec<(usize, f64)> {
+        let mut columns = vec![(usize::MAX, 0.); problem.variables];
+        self.pairs(problem, |at, variable, of_rate| columns[at] = (variable, of_rate.map_or(1., |(scale, _)| scale)));
         columns
     }
 }
 
 /// Assigns variables to blocks.
 struct Allot<'a> {
-    layout: &'a Layout<f64>,
+    problem: &'a Problem<f64>,
     step: Vec<f64>,
 }
 
 impl Allot<'_> {
     fn block(&mut self, at: u32, steps: &[f64]) -> Option<usize> {
-        if at == NONE || at as usize >= self.layout.variables {
+        if at == NONE || at as usize >= self.problem.variables {
             return None;
         }
         self.step.extend_from_slice(steps);

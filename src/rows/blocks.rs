@@ -1,6 +1,6 @@
 //! Blocks of variables by their ids, and their positions once all blocks are known.
 //!
-//! While a layout is built, blocks have ids, and tables hold [`NONE`] instead of positions and columns. An element lists the blocks that
+//! While a problem is built, blocks have ids, and tables hold [`NONE`] instead of positions and columns. An element lists the blocks that
 //! its rows use, in the order of its family's roles. Once the variables are ordered, the family's `place` function receives the same roles
 //! as [`Seat`]s and writes positions and columns into its tables.
 

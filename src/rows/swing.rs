@@ -152,18 +152,18 @@ pub fn swing<T: Real>(tables: &Tables<T>, x: &[T], ground: &[Ground<T>], residua
 mod tests {
     use super::super::{Shared, residuals};
     use crate::gait::Schedule;
-    use crate::nlp::Layout;
+    use crate::nlp::Problem;
     use crate::robot::Robot;
     use crate::settings::TranscriptionSettings;
     use crate::task::{Goal, Task};
     use crate::terrain::Terrain;
 
-    fn rows(layout: &Layout<f64>, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
+    fn rows(problem: &Problem<f64>, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let mut shared = Shared::default();
-        shared.resize(layout);
-        let (mut c, mut g) = (vec![0.; layout.rows.one_sided()], vec![0.; layout.inequalities]);
-        let mut jacobian = vec![0.; layout.jacobian_len];
-        residuals(layout, x, 0., &mut shared, &mut c, &mut g, Some(&mut jacobian[..]));
+        shared.resize(problem);
+        let (mut c, mut g) = (vec![0.; problem.rows.one_sided()], vec![0.; problem.inequalities]);
+        let mut jacobian = vec![0.; problem.jacobian_len];
+        residuals(problem, x, 0., &mut shared, &mut c, &mut g, Some(&mut jacobian[..]));
         (g, jacobian)
     }
 
@@ -174,13 +174,13 @@ mod tests {
         let settings = TranscriptionSettings::default();
         for (terrain, x, both) in [("gap", 1.9, 1), ("slope", 3.1, 1), ("flat", 1.9, 0)] {
             let task = Task::new(Robot::named("anymal").unwrap(), Terrain::named(terrain).unwrap(), Goal::at(x, 0.)).unwrap();
-            let layout = Layout::<f64>::new(&task, &schedule.aligned(0.1), &settings);
-            let uppers: Vec<_> = layout.swing_nodes.iter().filter(|s| s.upper == 1).collect();
+            let problem = Problem::<f64>::new(&task, &schedule.aligned(0.1), &settings);
+            let uppers: Vec<_> = problem.swing_nodes.iter().filter(|s| s.upper == 1).collect();
             assert_eq!(uppers.len(), 8 * both);
-            assert_eq!(layout.swing_nodes.iter().any(|s| s.two_sided == 1), both == 0);
-            let (g, jacobian) = rows(&layout, &layout.initial);
+            assert_eq!(problem.swing_nodes.iter().any(|s| s.two_sided == 1), both == 0);
+            let (g, jacobian) = rows(&problem, &problem.initial);
             // A two-sided row measures both limits from the ground under the foot.
-            for both in layout.swing_nodes.iter().filter(|s| s.two_sided == 1) {
+            for both in problem.swing_nodes.iter().filter(|s| s.two_sided == 1) {
                 let expected = 10. * (settings.clearance - settings.swing_height + settings.length_margin);
                 assert!((g[both.place.inequality as usize + 1] - expected).abs() < 1e-9, "{terrain}");
             }
@@ -189,16 +189,16 @@ mod tests {
                 // Initially a mid node has the required clearance above the highest of the three heights.
                 let expected = 10. * (settings.clearance - settings.swing_height + settings.length_margin);
                 assert!((g[upper.place.inequality as usize] - expected).abs() < 1e-9, "{terrain}: {}", g[upper.place.inequality as usize]);
-                let at = upper.foothold.map(|f| layout.footholds[f as usize] as usize);
-                let mid = [0, 1].map(|d| (layout.initial[at[0] + d] + layout.initial[at[1] + d]) / 2.);
+                let at = upper.foothold.map(|f| problem.footholds[f as usize] as usize);
+                let mid = [0, 1].map(|d| (problem.initial[at[0] + d] + problem.initial[at[1] + d]) / 2.);
                 deep += usize::from(task.terrain.height(mid[0], mid[1]) < -0.2);
                 let columns = (0..2).flat_map(|i| (0..2).map(move |d| (at[i] + d, upper.foothold_column[i], d as u32)));
                 let height = (upper.height as usize, upper.height_column, 0);
                 for (variable, column, d) in columns.chain([height]).filter(|c| c.1 != crate::rows::table::NONE) {
                     let side = |step: f64| {
-                        let mut x = layout.initial.clone();
+                        let mut x = problem.initial.clone();
                         x[variable] += step;
-                        rows(&layout, &x).0[upper.place.inequality as usize]
+                        rows(&problem, &x).0[upper.place.inequality as usize]
                     };
                     let slope = (side(1e-6) - side(-1e-6)) / 2e-6;
                     let exact = jacobian[upper.place.jacobian as usize + (column + d) as usize];

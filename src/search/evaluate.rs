@@ -2,13 +2,13 @@
 
 use super::cem::Evaluation;
 use super::needed::NeededCandidates;
-use crate::backend::{Backend, Job, Precision, Problem, Solution, locked};
+use crate::backend::{Backend, Instance, Job, Precision, Solution, locked};
 use crate::error::{Error, Result};
 use crate::gait::cost::{Cost, CostWeights, cost};
 use crate::gait::schedule::MAX_HORIZON;
 use crate::gait::{AlignedSchedule, Schedule, Trajectory};
 use crate::nlp::transcription::{force_limit, interval};
-use crate::nlp::{Curves, Layout, trajectory};
+use crate::nlp::{Curves, Problem, trajectory};
 use crate::settings::{SolverSettings, Transcription, TranscriptionSettings};
 use crate::solver::{Outcome, Status, can_close, close};
 use crate::task::Task;
@@ -89,7 +89,7 @@ pub struct Evaluated {
     /// Schedule after its horizon was rounded up to whole intervals.
     #[serde(skip)]
     pub schedule: AlignedSchedule,
-    /// Values of the variables, as in [`Layout::initial`].
+    /// Values of the variables, as in [`Problem::initial`].
     #[serde(skip)]
     pub x: Vec<f64>,
 }
@@ -234,9 +234,9 @@ pub(super) fn batch(
     }
     let start = Instant::now();
     let aligned = |task: &Task, schedule: &Schedule| schedule.aligned(interval(&settings.transcription, &task.robot));
-    let problems: Vec<Problem> = candidates.iter().map(|(task, schedule)| Problem { task, schedule: aligned(task, schedule) }).collect();
+    let instances: Vec<Instance> = candidates.iter().map(|(task, schedule)| Instance { task, schedule: aligned(task, schedule) }).collect();
     let finish = |index: usize, solution: Solution| {
-        let Problem { task, schedule } = &problems[index];
+        let Instance { task, schedule } = &instances[index];
         let context = EvaluationContext { task, schedule, settings, weights: cost };
         let mut evaluated = match certify {
             Certify::All => context.certified(solution, &|| skip(index)),
@@ -251,7 +251,7 @@ pub(super) fn batch(
         finish(index, evaluated);
     };
     let LowerSettings { transcription, solver, precision } = settings;
-    let job = Job { problems: &problems, transcription, settings: solver, precision: *precision, certified: certify == Certify::All };
+    let job = Job { instances: &instances, transcription, settings: solver, precision: *precision, certified: certify == Certify::All };
     backend.solve(&job, skip, &finish);
     Ok(())
 }
@@ -353,9 +353,9 @@ impl EvaluationContext<'_> {
         let EvaluationContext { task, schedule, settings, .. } = self;
         let (outcome, x, curves) = match settings.precision {
             Precision::F32 => {
-                let layout = Layout::<f64>::new(task, schedule, &settings.transcription);
-                let (outcome, x) = close(&layout, outcome, x, &settings.solver, cancel);
-                (outcome, x, layout.curves)
+                let problem = Problem::<f64>::new(task, schedule, &settings.transcription);
+                let (outcome, x) = close(&problem, outcome, x, &settings.solver, cancel);
+                (outcome, x, problem.curves)
             }
             Precision::F64 => (outcome, x, Curves::new(task, schedule, &settings.transcription)),
         };

@@ -1,7 +1,7 @@
 //! Closing in f64: brings an f32 solution to f64 accuracy.
 
 use super::{Finish, Outcome, Solver, Status};
-use crate::nlp::Layout;
+use crate::nlp::Problem;
 use crate::settings::{OptimiseSettings, SmoothSettings, SolverSettings, StallSettings};
 use std::cell::RefCell;
 
@@ -39,7 +39,7 @@ pub fn can_close(outcome: &Outcome) -> bool {
 ///
 /// Returns the outcome, with the iterations and factorisations of all attempts added, and the point.
 pub fn close(
-    layout: &Layout<f64>,
+    problem: &Problem<f64>,
     f32_outcome: Outcome,
     x: Vec<f64>,
     settings: &SolverSettings,
@@ -49,7 +49,7 @@ pub fn close(
         return (f32_outcome, x);
     }
     SOLVER.with_borrow_mut(|solver| {
-        let mut so_far = Closing { layout, solver, cancel, outcome: f32_outcome, x };
+        let mut so_far = Closing { problem, solver, cancel, outcome: f32_outcome, x };
         so_far.run(settings);
         (so_far.outcome, so_far.x)
     })
@@ -57,7 +57,7 @@ pub fn close(
 
 /// State of a closing: the current point, its outcome, and the iterations and factorisations spent so far.
 struct Closing<'a> {
-    layout: &'a Layout<f64>,
+    problem: &'a Problem<f64>,
     solver: &'a mut Solver<f64>,
     cancel: &'a dyn Fn() -> bool,
     outcome: Outcome,
@@ -68,7 +68,7 @@ impl Closing<'_> {
     fn run(&mut self, settings: &SolverSettings) {
         let solved_before = self.outcome.status == Status::Solved;
         if !solved_before {
-            let barrier = settings.barrier(self.layout.curves.transcription).min(CONTINUE_BARRIER);
+            let barrier = settings.barrier(self.problem.curves.transcription).min(CONTINUE_BARRIER);
             let continued = SolverSettings { barrier: Some(barrier), ..at_most(CONTINUE_ITERATIONS, settings) };
             self.attempt(&continued, Finish::Infeasibility(settings.tolerance), true);
             if self.outcome.status != Status::Solved {
@@ -99,7 +99,7 @@ impl Closing<'_> {
     }
 
     fn attempt(&mut self, settings: &SolverSettings, finish: Finish, from_here: bool) {
-        let outcome = self.solver.solve(self.layout, settings, finish, from_here.then_some(&self.x), self.cancel);
+        let outcome = self.solver.solve(self.problem, settings, finish, from_here.then_some(&self.x), self.cancel);
         self.outcome = Outcome {
             iterations: self.outcome.iterations + outcome.iterations,
             factorisations: self.outcome.factorisations + outcome.factorisations,

@@ -4,7 +4,7 @@
 //! ends by accepting ([`accept`]) or refusing it ([`refuse`]). A refused step is first shortened along the same direction, which costs no
 //! factorisation. If that fails too, the next direction is computed with a larger proximal weight ([`damp`]).
 
-use crate::nlp::Layout;
+use crate::nlp::Problem;
 use crate::real::Real;
 use crate::rows::table::NONE;
 use crate::settings::{NO_EARLY_TERMINATION, SolverSettings, Transcription};
@@ -162,10 +162,10 @@ impl<T: Real> Limits<T> {
     }
 
     /// Initial state of the solve of one candidate.
-    pub fn first_progress(&self, settings: &SolverSettings, layout: &Layout<T>) -> Progress<T> {
-        let (transcription, rows) = (layout.curves.transcription, layout.rows.all());
+    pub fn first_progress(&self, settings: &SolverSettings, problem: &Problem<T>) -> Progress<T> {
+        let (transcription, rows) = (problem.curves.transcription, problem.rows.all());
         let (barrier, early_termination_limit) = (settings.barrier(transcription), settings.early_termination_limit(transcription, rows));
-        let first = Progress::first(self, T::of(barrier), T::of(settings.edge_radius_on(&layout.terrain)));
+        let first = Progress::first(self, T::of(barrier), T::of(settings.edge_radius_on(&problem.terrain)));
         Progress { early_termination_limit: T::of(early_termination_limit), ..first }
     }
 }

@@ -3,7 +3,7 @@
 
 use super::slacks::{BarrierTarget, Slacks, slack_steps, target};
 use super::weights::barrier_rows;
-use crate::nlp::Layout;
+use crate::nlp::Problem;
 use crate::real::Real;
 use multiversion::multiversion;
 
@@ -13,7 +13,7 @@ use multiversion::multiversion;
 /// * `weight`, `value` - out, per row
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn correct<T: Real>(
-    layout: &Layout<T>,
+    problem: &Problem<T>,
     c: &[T],
     g: &[T],
     g_change: &[T],
@@ -23,6 +23,6 @@ pub fn correct<T: Real>(
 ) -> T {
     let lengths = slack_steps(g, g_change, BarrierTarget::predictor(), slacks);
     let mu = target(slacks, lengths);
-    barrier_rows(layout, c, g, slacks, BarrierTarget::corrector(mu), weight, value);
+    barrier_rows(problem, c, g, slacks, BarrierTarget::corrector(mu), weight, value);
     mu
 }

@@ -34,7 +34,7 @@ use crate::linear::front::{Factor, factorise};
 use crate::linear::product::jacobian_times;
 use crate::linear::substitute::substitute;
 use crate::linear::transposed::transposed_times;
-use crate::nlp::Layout;
+use crate::nlp::Problem;
 use crate::real::Real;
 use crate::rows::{self, RowKind, Shared};
 use crate::settings::SolverSettings;
@@ -66,9 +66,9 @@ struct Residuals<T> {
 }
 
 impl<T: Real> Residuals<T> {
-    fn resize(&mut self, layout: &Layout<T>) {
-        self.c.resize(layout.rows.one_sided(), T::zero());
-        self.g.resize(layout.inequalities, T::zero());
+    fn resize(&mut self, problem: &Problem<T>) {
+        self.c.resize(problem.rows.one_sided(), T::zero());
+        self.g.resize(problem.inequalities, T::zero());
     }
 }
 
@@ -144,27 +144,27 @@ impl<T: Real> Default for Solver<T> {
 /// Data of one solve that stay constant.
 #[derive(Clone, Copy)]
 struct Solve<'a, T> {
-    layout: &'a Layout<T>,
+    problem: &'a Problem<T>,
     limits: Limits<T>,
     finish: Finish,
 }
 
 /// Largest barrier parameter with which cost minimisation begins; with a larger one, inequalities that are nearly active would affect the
 impl<T: Real> Solver<T> {
-    /// Solves one candidate from `start`, or from the initial values of the layout.
+    /// Solves one candidate from `start`, or from the initial values of the problem.
     ///
     /// The result does not depend on earlier solves. `cancel` ends the solve at the next iteration.
     pub fn solve(
         &mut self,
-        layout: &Layout<T>,
+        problem: &Problem<T>,
         settings: &SolverSettings,
         finish: Finish,
         start: Option<&[f64]>,
         cancel: &dyn Fn() -> bool,
     ) -> Outcome {
-        self.prepare(layout, start);
-        let solve = Solve { layout, limits: Limits::new(settings, layout.curves.transcription), finish };
-        let mut progress = solve.limits.first_progress(settings, layout);
+        self.prepare(problem, start);
+        let solve = Solve { problem, limits: Limits::new(settings, problem.curves.transcription), finish };
+        let mut progress = solve.limits.first_progress(settings, problem);
         for stage in START {
             self.stage(stage, &solve, &mut progress);
         }
@@ -208,12 +208,12 @@ impl<T: Real> Solver<T> {
     }
 
     fn stage(&mut self, stage: Stage, solve: &Solve<T>, progress: &mut Progress<T>) {
-        let layout = solve.layout;
+        let problem = solve.problem;
         match stage {
             Stage::Start => self.start(solve, progress),
             Stage::Weights => {
                 self.begin(solve, progress);
-                self.weigh(layout, progress);
+                self.weigh(problem, progress);
             }
             Stage::Factorise => {
                 let system = NormalEquations {
@@ -223,23 +223,23 @@ impl<T: Real> Solver<T> {
                     diagonal: &self.diagonal,
                     gradient: &self.gradient,
                 };
-                self.failed = !factorise(layout, &system, &mut self.factor);
+                self.failed = !factorise(problem, &system, &mut self.factor);
             }
-            Stage::Substitute => substitute(layout, &mut self.factor, &mut self.direction),
+            Stage::Substitute => substitute(problem, &mut self.factor, &mut self.direction),
             Stage::Product => {
-                jacobian_times(layout, &self.jacobian, &self.direction, &mut self.local, &mut self.change.c, &mut self.change.g);
+                jacobian_times(problem, &self.jacobian, &self.direction, &mut self.local, &mut self.change.c, &mut self.change.g);
             }
             Stage::Correct => {
                 let (now, rows) = (&self.now, (&mut self.weight, &mut self.value));
-                progress.mu = correct(layout, &now.c, &now.g, &self.change.g, &mut self.slacks, rows.0, rows.1);
+                progress.mu = correct(problem, &now.c, &now.g, &self.change.g, &mut self.slacks, rows.0, rows.1);
             }
             Stage::Transposed => {
-                transposed_times(layout, &self.jacobian, &self.value, &mut self.local, &mut self.right_hand_side);
+                transposed_times(problem, &self.jacobian, &self.value, &mut self.local, &mut self.right_hand_side);
                 add(&mut self.right_hand_side, &self.gradient);
             }
-            Stage::Forward => forward(layout, &mut self.factor, &mut self.right_hand_side),
-            Stage::Advance => self.advance(layout, progress),
-            Stage::Rows => self.evaluate(layout, progress),
+            Stage::Forward => forward(problem, &mut self.factor, &mut self.right_hand_side),
+            Stage::Advance => self.advance(problem, progress),
+            Stage::Rows => self.evaluate(problem, progress),
             Stage::Judge => self.judge(solve, progress),
         }
     }
@@ -247,7 +247,7 @@ impl<T: Real> Solver<T> {
     /// Makes the initial point, which was evaluated as a trial point, the current point; initialises scaling, slacks and multipliers.
     fn start(&mut self, solve: &Solve<T>, progress: &Progress<T>) {
         self.take_trial();
-        column_scaling(solve.layout, &self.jacobian, &mut self.value, &mut self.local, &mut self.scaling);
+        column_scaling(solve.problem, &self.jacobian, &mut self.value, &mut self.local, &mut self.scaling);
         start_slacks(&self.now.g, progress.mu, &mut self.slacks);
     }
 
@@ -256,7 +256,7 @@ impl<T: Real> Solver<T> {
         if progress.attempts > 0 || progress.ended() {
             return;
         }
-        let f = infeasibility(&self.now.c[solve.layout.rows.of(RowKind::Equality)], &self.now.g);
+        let f = infeasibility(&self.now.c[solve.problem.rows.of(RowKind::Equality)], &self.now.g);
         let before = self.history.len().checked_sub(solve.limits.stall_window as usize).map_or(f, |at| self.history[at]);
         let largest = largest(&self.slacks.multiplier);
         control::begin(progress, &solve.limits, f, before, largest, self.finished(solve, f));
@@ -268,7 +268,7 @@ impl<T: Real> Solver<T> {
     }
 
     /// Computes the weights and values of the rows and the terms on single variables.
-    fn weigh(&mut self, layout: &Layout<T>, progress: &mut Progress<T>) {
+    fn weigh(&mut self, problem: &Problem<T>, progress: &mut Progress<T>) {
         if progress.state > CLOSE {
             return;
         }
@@ -276,34 +276,34 @@ impl<T: Real> Solver<T> {
         self.failed = false;
         let now = &self.now;
         if progress.state == CLOSE {
-            closing_rows(layout, &now.c, &now.g, &mut self.weight, &mut self.value);
+            closing_rows(problem, &now.c, &now.g, &mut self.weight, &mut self.value);
         } else {
-            barrier_rows(layout, &now.c, &now.g, &self.slacks, BarrierTarget::predictor(), &mut self.weight, &mut self.value);
+            barrier_rows(problem, &now.c, &now.g, &self.slacks, BarrierTarget::predictor(), &mut self.weight, &mut self.value);
         }
         let objective = if progress.state == CLOSE { Objective::none() } else { self.objective };
-        objective.rows(layout, &now.c, &mut self.weight, &mut self.value);
+        objective.rows(problem, &now.c, &mut self.weight, &mut self.value);
         let (proximal, weight) = (progress.proximal(), progress.smoothing);
-        variable_terms(layout, &self.scaling, proximal, weight, &self.x, &mut self.diagonal, &mut self.gradient);
+        variable_terms(problem, &self.scaling, proximal, weight, &self.x, &mut self.diagonal, &mut self.gradient);
     }
 
     /// Computes the step length, the trial point, and the linear model of the residuals there.
-    fn advance(&mut self, layout: &Layout<T>, progress: &mut Progress<T>) {
+    fn advance(&mut self, problem: &Problem<T>, progress: &mut Progress<T>) {
         let lengths = match progress.state {
             CLOSE => Lengths::whole(),
             SHORTER => Lengths { primal: progress.length, dual: progress.dual_length },
             _ => slack_steps(&self.now.g, &self.change.g, BarrierTarget::corrector(progress.mu), &mut self.slacks),
         };
         (progress.length, progress.dual_length) = (lengths.primal, lengths.dual);
-        let (variables, length) = (layout.variables, progress.length);
+        let (variables, length) = (problem.variables, progress.length);
         advance(&self.x[..variables], length, &self.direction, &mut self.trial[..variables]);
         advance(&self.now.c, length, &self.change.c, &mut self.linear.c);
         advance(&self.now.g, length, &self.change.g, &mut self.linear.g);
     }
 
     /// Evaluates residuals and Jacobian at the trial point. The Jacobian is always computed, because nearly every trial point is accepted.
-    fn evaluate(&mut self, layout: &Layout<T>, progress: &Progress<T>) {
+    fn evaluate(&mut self, problem: &Problem<T>, progress: &Progress<T>) {
         let (c, g) = (&mut self.next.c, &mut self.next.g);
-        rows::residuals(layout, &self.trial, progress.edge_radius, &mut self.shared, c, g, Some(&mut self.next_jacobian));
+        rows::residuals(problem, &self.trial, progress.edge_radius, &mut self.shared, c, g, Some(&mut self.next_jacobian));
         add(c, &self.shift.c);
         add(g, &self.shift.g);
     }
@@ -317,8 +317,8 @@ impl<T: Real> Solver<T> {
         if self.failed {
             return control::damp(progress);
         }
-        let (layout, now, next, linear) = (solve.layout, &self.now, &self.next, &self.linear);
-        let equalities = layout.rows.of(RowKind::Equality);
+        let (problem, now, next, linear) = (solve.problem, &self.now, &self.next, &self.linear);
+        let equalities = problem.rows.of(RowKind::Equality);
         let [c, next_c, linear_c] = [now, next, linear].map(|at| &at.c[equalities.clone()]);
         let closing = progress.state == CLOSE;
         let [fall, predicted] = if closing {
@@ -326,8 +326,8 @@ impl<T: Real> Solver<T> {
         } else {
             merit_falls(c, &now.g, [(next_c, &next.g[..]), (linear_c, &linear.g[..])], progress.mu)
         };
-        let smoothed = progress.smoothing * smoothing_fall(&layout.smoothing, &self.x, &self.trial, &layout.initial);
-        let costs = [next, linear].map(|to| self.cost_fall(layout, &now.c, &to.c));
+        let smoothed = progress.smoothing * smoothing_fall(&problem.smoothing, &self.x, &self.trial, &problem.initial);
+        let costs = [next, linear].map(|to| self.cost_fall(problem, &now.c, &to.c));
         let (fall, predicted) = (fall + smoothed + costs[0], predicted + smoothed + costs[1]);
         let gap = nonlinearity(next_c, linear_c, &next.g, &linear.g);
         self.predicted = predicted;
@@ -344,11 +344,11 @@ impl<T: Real> Solver<T> {
     }
 
     /// Fall of the weighted objective between two points.
-    fn cost_fall(&self, layout: &Layout<T>, from: &[T], to: &[T]) -> T {
+    fn cost_fall(&self, problem: &Problem<T>, from: &[T], to: &[T]) -> T {
         if self.objective.weight == T::zero() {
             return T::zero();
         }
-        self.objective.weight * (self.objective.cost(layout, from) - self.objective.cost(layout, to))
+        self.objective.weight * (self.objective.cost(problem, from) - self.objective.cost(problem, to))
     }
 
     /// Makes the trial point the current point.
@@ -363,44 +363,44 @@ impl<T: Real> Solver<T> {
         self.x.iter().map(|v| v.as_f64()).collect()
     }
 
-    fn prepare(&mut self, layout: &Layout<T>, start: Option<&[f64]>) {
+    fn prepare(&mut self, problem: &Problem<T>, start: Option<&[f64]>) {
         self.x.clear();
-        self.x.extend_from_slice(&layout.initial);
+        self.x.extend_from_slice(&problem.initial);
         if let Some(start) = start {
-            for (x, &v) in self.x[..layout.variables].iter_mut().zip(start) {
+            for (x, &v) in self.x[..problem.variables].iter_mut().zip(start) {
                 *x = T::of(v);
             }
         }
         self.trial.clone_from(&self.x);
-        self.direction.resize(layout.variables, T::zero());
+        self.direction.resize(problem.variables, T::zero());
         for v in [&mut self.scaling, &mut self.diagonal, &mut self.gradient, &mut self.right_hand_side] {
-            v.resize(layout.variables, T::zero());
+            v.resize(problem.variables, T::zero());
         }
-        self.shared.resize(layout);
+        self.shared.resize(problem);
         for residuals in [&mut self.now, &mut self.next, &mut self.change, &mut self.linear] {
-            residuals.resize(layout);
+            residuals.resize(problem);
         }
         // The padding of Jacobian rows must be zero, because no kernel writes it.
         for jacobian in [&mut self.jacobian, &mut self.next_jacobian] {
             jacobian.clear();
-            jacobian.resize(layout.jacobian_len, T::zero());
+            jacobian.resize(problem.jacobian_len, T::zero());
         }
-        self.local.resize(layout.widest, T::zero());
+        self.local.resize(problem.widest, T::zero());
         self.shift = Residuals::default();
         self.objective = Objective::none();
-        self.weight.resize(layout.rows.all(), T::zero());
-        self.value.resize(layout.rows.all(), T::zero());
+        self.weight.resize(problem.rows.all(), T::zero());
+        self.value.resize(problem.rows.all(), T::zero());
         for v in [&mut self.slacks.slack, &mut self.slacks.multiplier, &mut self.slacks.slack_step, &mut self.slacks.multiplier_step] {
-            v.resize(layout.inequalities, T::zero());
+            v.resize(problem.inequalities, T::zero());
         }
-        self.factor.resize(layout);
+        self.factor.resize(problem);
         self.history.clear();
     }
 
     fn finished(&self, solve: &Solve<T>, f: T) -> bool {
         match solve.finish {
             Finish::Infeasibility(tolerance) => f < T::of(tolerance),
-            Finish::Rows(tolerance) => rows_hold(solve.layout, &self.now.c, &self.now.g, tolerance),
+            Finish::Rows(tolerance) => rows_hold(solve.problem, &self.now.c, &self.now.g, tolerance),
         }
     }
 
@@ -411,11 +411,11 @@ impl<T: Real> Solver<T> {
 }
 
 /// True if no row is violated by more than `tolerance` in its own unit, margins excluded.
-fn rows_hold<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], tolerance: f64) -> bool {
+fn rows_hold<T: Real>(problem: &Problem<T>, c: &[T], g: &[T], tolerance: f64) -> bool {
     let tolerance = T::of(tolerance);
-    layout.all_elements().all(|element| {
+    problem.all_elements().all(|element| {
         let (row, at, rows) = (element.place.row as usize, element.place.inequality as usize, element.rows as usize);
-        let allowed = |r: usize| element.family.allowed(&layout.constants, r, tolerance);
+        let allowed = |r: usize| element.family.allowed(&problem.constants, r, tolerance);
         match element.kind() {
             RowKind::Equality => (0..rows).all(|r| c[row + r].abs() <= allowed(r)),
             RowKind::Cost => true,

@@ -4,7 +4,7 @@
 //! (pseudo-Huber); its weight in the normal equations is that of the parabola that touches this function at the current point and is above
 //! it everywhere (iteratively reweighted least squares).
 
-use crate::nlp::Layout;
+use crate::nlp::Problem;
 use crate::real::Real;
 use crate::rows::RowKind;
 
@@ -26,8 +26,8 @@ impl<T: Real> Objective<T> {
     /// Cost of residuals, without the weight.
     ///
     /// * `c` - residuals of equalities and cost rows
-    pub fn cost(&self, layout: &Layout<T>, c: &[T]) -> T {
-        let rows = c[layout.rows.of(RowKind::Cost)].iter().zip(&layout.cost_weights);
+    pub fn cost(&self, problem: &Problem<T>, c: &[T]) -> T {
+        let rows = c[problem.rows.of(RowKind::Cost)].iter().zip(&problem.cost_weights);
         rows.map(|(&r, &weight)| if weight == T::zero() { T::of(0.5) * r * r } else { weight * (self.rounded(r) - self.rounding) }).sum()
     }
 
@@ -35,10 +35,10 @@ impl<T: Real> Objective<T> {
     ///
     /// * `c` - residuals of equalities and cost rows
     /// * `weight`, `value` - out, `[rows]`
-    pub fn rows(&self, layout: &Layout<T>, c: &[T], weight: &mut [T], value: &mut [T]) {
-        let costs = layout.rows.of(RowKind::Cost);
+    pub fn rows(&self, problem: &Problem<T>, c: &[T], weight: &mut [T], value: &mut [T]) {
+        let costs = problem.rows.of(RowKind::Cost);
         let out = weight[costs.clone()].iter_mut().zip(&mut value[costs.clone()]);
-        for ((weight, value), (&r, &of_row)) in out.zip(c[costs].iter().zip(&layout.cost_weights)) {
+        for ((weight, value), (&r, &of_row)) in out.zip(c[costs].iter().zip(&problem.cost_weights)) {
             *weight = if of_row == T::zero() { self.weight } else { self.weight * of_row / self.rounded(r) };
             *value = *weight * r;
         }
@@ -64,18 +64,18 @@ mod tests {
         let task = Task::new(Robot::named("biped").unwrap(), Terrain::flat(), Goal::at(0.5, 0.)).unwrap();
         let schedule = Schedule::new(vec![vec![0.3, 0.2, 0.3], vec![0.4, 0.2, 0.2]]).unwrap().aligned(0.1);
         let settings = TranscriptionSettings::default();
-        let layout = Layout::<f64>::with_cost(&task, &schedule, &settings, Some(&CostWeights::default()));
+        let problem = Problem::<f64>::with_cost(&task, &schedule, &settings, Some(&CostWeights::default()));
         let objective = Objective { weight: 0.5, rounding: 0.01 };
-        let costs = layout.rows.of(RowKind::Cost);
+        let costs = problem.rows.of(RowKind::Cost);
         let mut c: Vec<f64> = (0..costs.end).map(|i| 0.03 * (i as f64).sin()).collect();
-        let (mut weight, mut value) = (vec![0.; layout.rows.all()], vec![0.; layout.rows.all()]);
-        objective.rows(&layout, &c, &mut weight, &mut value);
-        assert!(layout.cost_weights.contains(&0.) && layout.cost_weights.iter().any(|w| *w > 0.));
+        let (mut weight, mut value) = (vec![0.; problem.rows.all()], vec![0.; problem.rows.all()]);
+        objective.rows(&problem, &c, &mut weight, &mut value);
+        assert!(problem.cost_weights.contains(&0.) && problem.cost_weights.iter().any(|w| *w > 0.));
         for row in costs.step_by(7) {
             let before = c[row];
             let side = |c: &mut Vec<f64>, step: f64| {
                 c[row] = before + step;
-                0.5 * objective.cost(&layout, c)
+                0.5 * objective.cost(&problem, c)
             };
             let slope = (side(&mut c, 1e-6) - side(&mut c, -1e-6)) / 2e-6;
             c[row] = before;

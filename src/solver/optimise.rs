@@ -41,8 +41,8 @@ struct Minimisation<T> {
 impl<T: Real> Solver<T> {
     /// Smooths a solved motion: forces towards equal shares of the weight, attitude and rates towards the initial guess.
     pub(super) fn smooth(&mut self, solve: &Solve<T>, settings: &SolverSettings, progress: &mut Progress<T>, cancel: &dyn Fn() -> bool) {
-        let layout = solve.layout;
-        if settings.smooth.iterations == 0 || layout.smoothing.iter().all(|p| *p == T::zero()) {
+        let problem = solve.problem;
+        if settings.smooth.iterations == 0 || problem.smoothing.iter().all(|p| *p == T::zero()) {
             return;
         }
         let barrier = progress.barrier.min(T::of(SMOOTH_BARRIER));
@@ -61,7 +61,7 @@ impl<T: Real> Solver<T> {
     /// Minimises the objective of the cost rows from a solved motion.
     pub(super) fn optimise(&mut self, solve: &Solve<T>, settings: &SolverSettings, progress: &mut Progress<T>, cancel: &dyn Fn() -> bool) {
         let OptimiseSettings { iterations, weight, barrier, rounding, rounding_floor, tolerance, .. } = settings.optimise;
-        if iterations == 0 || solve.layout.cost_weights.is_empty() {
+        if iterations == 0 || solve.problem.cost_weights.is_empty() {
             return;
         }
         let optimisation = Minimisation {
@@ -85,7 +85,7 @@ impl<T: Real> Solver<T> {
         progress: &mut Progress<T>,
         cancel: &dyn Fn() -> bool,
     ) {
-        let layout = solve.layout;
+        let problem = solve.problem;
         let (solved, infeasibility) = (self.x.clone(), progress.infeasibility);
         let onwards = SolverSettings {
             proximal: settings.proximal_floor,
@@ -93,7 +93,7 @@ impl<T: Real> Solver<T> {
             max_iterations: progress.iterations as usize + cost.iterations + settings.max_iterations,
             ..settings.clone()
         };
-        let solve = Solve { limits: Limits::new(&onwards, layout.curves.transcription), ..*solve };
+        let solve = Solve { limits: Limits::new(&onwards, problem.curves.transcription), ..*solve };
         let renewed = |progress: &Progress<T>, recorded: usize, barrier: T| Progress {
             iterations: progress.iterations,
             factorisations: progress.factorisations,
@@ -105,20 +105,20 @@ impl<T: Real> Solver<T> {
         *progress = renewed(progress, self.history.len(), cost.barrier);
         progress.smoothing = cost.smoothing;
         self.objective = cost.objective;
-        self.shift.resize(layout);
+        self.shift.resize(problem);
         start_slacks(&self.now.g, cost.barrier, &mut self.slacks);
         let end = progress.iterations + cost.iterations as u32;
         while progress.iterations < end && !progress.ended() && !cancel() {
             let before = progress.iterations;
-            self.weigh(layout, progress);
+            self.weigh(problem, progress);
             for (stage, when) in ROUND.into_iter().filter(|(stage, _)| *stage != Stage::Weights) {
                 self.turn(stage, when, &solve, progress);
             }
             if progress.iterations > before && !progress.ended() {
                 // No stage begins a round in this loop: the next step needs a new direction, even if this one was shortened.
                 progress.state = control::STEP;
-                self.shift_residuals(layout);
-                if self.is_optimal(layout, &cost, progress) {
+                self.shift_residuals(problem);
+                if self.is_optimal(problem, &cost, progress) {
                     break;
                 }
                 // Absolute values are rounded less as the barrier falls.
@@ -130,7 +130,7 @@ impl<T: Real> Solver<T> {
         self.shift = Residuals::default();
         *progress = renewed(progress, self.history.len(), cost.restore);
         self.trial.clone_from(&self.x);
-        self.evaluate(layout, progress);
+        self.evaluate(problem, progress);
         self.take_trial();
         start_slacks(&self.now.g, cost.restore, &mut self.slacks);
         self.stage(Stage::Weights, &solve, progress);
@@ -141,16 +141,16 @@ impl<T: Real> Solver<T> {
     }
 
     /// True if the last step, long enough to be trusted, predicted hardly any fall of the cost at the smallest rounding.
-    fn is_optimal(&self, layout: &crate::nlp::Layout<T>, cost: &Minimisation<T>, progress: &Progress<T>) -> bool {
+    fn is_optimal(&self, problem: &crate::nlp::Problem<T>, cost: &Minimisation<T>, progress: &Progress<T>) -> bool {
         let sharp = self.objective.rounding <= cost.rounding_floor;
-        let allowed = cost.tolerance * self.objective.weight * self.objective.cost(layout, &self.now.c);
+        let allowed = cost.tolerance * self.objective.weight * self.objective.cost(problem, &self.now.c);
         self.objective.weight > T::zero() && sharp && progress.length > T::of(TRUSTED_LENGTH) && self.predicted < allowed
     }
 
     /// Updates the multipliers by which residuals are shifted.
-    fn shift_residuals(&mut self, layout: &crate::nlp::Layout<T>) {
+    fn shift_residuals(&mut self, problem: &crate::nlp::Problem<T>) {
         // Equalities: the new multiplier is the sum of multiplier and residual. Inequalities take their multipliers from the barrier.
-        let equalities = layout.rows.equalities as usize;
+        let equalities = problem.rows.equalities as usize;
         for (c, shift) in self.now.c[..equalities].iter_mut().zip(&mut self.shift.c) {
             let residual = *c - *shift;
             *shift = *c;

@@ -2,7 +2,7 @@
 
 use super::slacks::Slacks;
 use crate::linear::transposed::transposed_squares_times;
-use crate::nlp::Layout;
+use crate::nlp::Problem;
 use crate::real::Real;
 use crate::rows::RowKind;
 use multiversion::multiversion;
@@ -14,15 +14,15 @@ pub const SCALING_FLOOR: f64 = 1e-2;
 ///
 /// * `counts` - scratch, `[rows]`
 /// * `local` - scratch, `[widest]`
-pub fn column_scaling<T: Real>(layout: &Layout<T>, jacobian: &[T], counts: &mut [T], local: &mut [T], diagonal: &mut [T]) {
+pub fn column_scaling<T: Real>(problem: &Problem<T>, jacobian: &[T], counts: &mut [T], local: &mut [T], diagonal: &mut [T]) {
     counts.fill(T::one());
-    counts[layout.rows.of(RowKind::Cost)].fill(T::zero());
-    for element in layout.all_elements().filter(|e| layout.rows.kind(e.place.row) == RowKind::Inequality) {
+    counts[problem.rows.of(RowKind::Cost)].fill(T::zero());
+    for element in problem.all_elements().filter(|e| problem.rows.kind(e.place.row) == RowKind::Inequality) {
         // A two-sided row stands for two inequalities, so only one-sided rows get the factor 1/2.
         let row = element.place.row as usize;
         counts[row + element.pairs as usize..row + element.rows as usize].fill(T::of(0.5));
     }
-    transposed_squares_times(layout, jacobian, counts, local, diagonal);
+    transposed_squares_times(problem, jacobian, counts, local, diagonal);
     for d in diagonal {
         *d = d.max(T::of(SCALING_FLOOR));
     }

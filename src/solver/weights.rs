@@ -1,7 +1,7 @@
 //! Weights and values of the rows in the normal equations, and the terms on single variables.
 
 use super::slacks::{BarrierTarget, Slacks};
-use crate::nlp::Layout;
+use crate::nlp::Problem;
 use crate::real::Real;
 use crate::rows::RowKind;
 use multiversion::multiversion;
@@ -14,18 +14,18 @@ const AT_ONCE: usize = 256;
 ///
 /// * `make` - writes weights and values of consecutive inequalities, starting at an index
 #[inline(always)]
-fn per_row<T: Real>(layout: &Layout<T>, weight: &mut [T], value: &mut [T], make: impl Fn(usize, &mut [T], &mut [T])) {
+fn per_row<T: Real>(problem: &Problem<T>, weight: &mut [T], value: &mut [T], make: impl Fn(usize, &mut [T], &mut [T])) {
     let (mut weights, mut values) = ([T::zero(); AT_ONCE], [T::zero(); AT_ONCE]);
     // Range of the inequalities in the current block.
     let mut made = 0..0;
-    for element in layout.all_elements() {
+    for element in problem.all_elements() {
         let (rows, pairs) = (element.rows as usize, element.pairs as usize);
         let (row, at) = (element.place.row as usize, element.place.inequality as usize);
-        if layout.rows.kind(element.place.row) != RowKind::Inequality {
+        if problem.rows.kind(element.place.row) != RowKind::Inequality {
             continue;
         }
         if at < made.start || at + rows + pairs > made.end {
-            made = at..layout.inequalities.min(at + AT_ONCE);
+            made = at..problem.inequalities.min(at + AT_ONCE);
             make(at, &mut weights[..made.len()], &mut values[..made.len()]);
         }
         let (weights, values) = (&weights[at - made.start..][..rows + pairs], &values[at - made.start..][..rows + pairs]);
@@ -44,7 +44,7 @@ fn per_row<T: Real>(layout: &Layout<T>, weight: &mut [T], value: &mut [T], make:
 /// `rho = 1`.
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn barrier_rows<T: Real>(
-    layout: &Layout<T>,
+    problem: &Problem<T>,
     c: &[T],
     g: &[T],
     slacks: &Slacks<T>,
@@ -53,10 +53,10 @@ pub fn barrier_rows<T: Real>(
     value: &mut [T],
 ) {
     let one = T::one();
-    let equalities = layout.rows.of(RowKind::Equality);
+    let equalities = problem.rows.of(RowKind::Equality);
     weight[equalities.clone()].fill(one);
     value[equalities.clone()].copy_from_slice(&c[equalities]);
-    per_row(layout, weight, value, |first, weights, values| {
+    per_row(problem, weight, value, |first, weights, values| {
         let count = weights.len();
         let (values, g) = (&mut values[..count], &g[first..][..count]);
         let (s, z) = (&slacks.slack[first..][..count], &slacks.multiplier[first..][..count]);
@@ -71,12 +71,12 @@ pub fn barrier_rows<T: Real>(
 
 /// Row weights and values of a closing step: the equalities and the violated inequalities.
 #[multiversion(targets("x86_64+avx2+fma"))]
-pub fn closing_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], weight: &mut [T], value: &mut [T]) {
+pub fn closing_rows<T: Real>(problem: &Problem<T>, c: &[T], g: &[T], weight: &mut [T], value: &mut [T]) {
     let (zero, one) = (T::zero(), T::one());
-    let equalities = layout.rows.of(RowKind::Equality);
+    let equalities = problem.rows.of(RowKind::Equality);
     weight[equalities.clone()].fill(one);
     value[equalities.clone()].copy_from_slice(&c[equalities]);
-    per_row(layout, weight, value, |first, weights, values| {
+    per_row(problem, weight, value, |first, weights, values| {
         for ((weight, value), &g) in weights.iter_mut().zip(values).zip(&g[first..]) {
             (*weight, *value) = if g > zero { (one, g) } else { (zero, zero) };
         }
@@ -85,8 +85,16 @@ pub fn closing_rows<T: Real>(layout: &Layout<T>, c: &[T], g: &[T], weight: &mut 
 
 /// Terms on single variables: diagonal `eps D + weight smoothing` and gradient `weight smoothing (x - initial)`.
 #[multiversion(targets("x86_64+avx2+fma"))]
-pub fn variable_terms<T: Real>(layout: &Layout<T>, scaling: &[T], proximal: T, weight: T, x: &[T], diagonal: &mut [T], gradient: &mut [T]) {
-    let (smoothing, initial) = (&layout.smoothing[..], &layout.initial[..]);
+pub fn variable_terms<T: Real>(
+    problem: &Problem<T>,
+    scaling: &[T],
+    proximal: T,
+    weight: T,
+    x: &[T],
+    diagonal: &mut [T],
+    gradient: &mut [T],
+) {
+    let (smoothing, initial) = (&problem.smoothing[..], &problem.initial[..]);
     for i in 0..diagonal.len() {
         let smoothing = weight * smoothing[i];
         diagonal[i] = proximal * scaling[i] + smoothing;

@@ -3,7 +3,7 @@
 
 use cregopt::gait::Schedule;
 use cregopt::gait::cost::CostWeights;
-use cregopt::nlp::Layout;
+use cregopt::nlp::Problem;
 use cregopt::nlp::transcription::{interval, towr::FORCE_LIMIT};
 use cregopt::real::Real;
 use cregopt::robot::{Reach, Robot};
@@ -141,19 +141,19 @@ pub fn families() -> [TranscriptionSettings; 4] {
     [limited, free, towr, cones()]
 }
 
-/// Layout of a schedule that is not aligned yet, in `momentum` without limits on the legs.
-pub fn layout<T: Real>(task: &Task, schedule: &Schedule) -> Layout<T> {
-    layout_with(task, schedule, &momentum())
+/// Problem of a schedule that is not aligned yet, in `momentum` without limits on the legs.
+pub fn problem<T: Real>(task: &Task, schedule: &Schedule) -> Problem<T> {
+    problem_with(task, schedule, &momentum())
 }
 
-/// Layout of a schedule that is not aligned yet.
-pub fn layout_with<T: Real>(task: &Task, schedule: &Schedule, settings: &TranscriptionSettings) -> Layout<T> {
-    Layout::new(task, &schedule.aligned(interval(settings, &task.robot)), settings)
+/// Problem of a schedule that is not aligned yet.
+pub fn problem_with<T: Real>(task: &Task, schedule: &Schedule, settings: &TranscriptionSettings) -> Problem<T> {
+    Problem::new(task, &schedule.aligned(interval(settings, &task.robot)), settings)
 }
 
-/// Layout of a schedule that is not aligned yet, with the rows of the default cost where the transcription has them.
-pub fn layout_with_cost<T: Real>(task: &Task, schedule: &Schedule, settings: &TranscriptionSettings) -> Layout<T> {
-    Layout::with_cost(task, &schedule.aligned(interval(settings, &task.robot)), settings, Some(&CostWeights::default()))
+/// Problem of a schedule that is not aligned yet, with the rows of the default cost where the transcription has them.
+pub fn problem_with_cost<T: Real>(task: &Task, schedule: &Schedule, settings: &TranscriptionSettings) -> Problem<T> {
+    Problem::with_cost(task, &schedule.aligned(interval(settings, &task.robot)), settings, Some(&CostWeights::default()))
 }
 
 /// Distance between random points and terrain edges, m. Larger than a central difference or f32 rounding moves a point.
@@ -173,20 +173,20 @@ fn smooth(terrain: &Terrain, x: f64, y: f64) -> bool {
 
 /// Random point near the initial guess. Footholds, the points `edge_radius` around them, and the points of swings that have rows are clear
 /// of terrain edges. Forces are near the weight per foot.
-pub fn point(layout: &Layout<f64>, random: &mut Random, edge_radius: f64) -> Vec<f64> {
-    let mut x = layout.initial.clone();
-    let free = |at: usize| at < layout.variables;
-    for block in layout.curves.base.iter().map(|&b| b as usize).filter(|&b| free(b)) {
+pub fn point(problem: &Problem<f64>, random: &mut Random, edge_radius: f64) -> Vec<f64> {
+    let mut x = problem.initial.clone();
+    let free = |at: usize| at < problem.variables;
+    for block in problem.curves.base.iter().map(|&b| b as usize).filter(|&b| free(b)) {
         for d in 0..6 {
             x[block + d] += if d < 3 { random.between(-0.1, 0.1) } else { random.between(-0.4, 0.4) };
         }
     }
     let clear = |[x, y]: [f64; 2], radius: f64| {
         let around = [[0., 0.], [-radius, 0.], [radius, 0.], [0., -radius], [0., radius]];
-        around.iter().all(|[dx, dy]| smooth(&layout.terrain, x + dx, y + dy))
+        around.iter().all(|[dx, dy]| smooth(&problem.terrain, x + dx, y + dy))
     };
     let mut number = 0;
-    for foot in &layout.curves.feet {
+    for foot in &problem.curves.feet {
         for &node in foot.force_nodes.iter().flatten().filter(|&&n| n != NONE) {
             for d in 0..6 {
                 x[node as usize + d] = if d == 2 { 1. } else { 0. } + random.between(-0.6, 0.6);
@@ -202,7 +202,7 @@ pub fn point(layout: &Layout<f64>, random: &mut Random, edge_radius: f64) -> Vec
             while free(at) {
                 foothold = guess.map(|v| v + random.between(-0.15, 0.15));
                 // Points of the swing that ends at this foothold at which rows limit the height.
-                let swings = layout.swing_nodes.iter().filter(|s| s.foothold[1] == number);
+                let swings = problem.swing_nodes.iter().filter(|s| s.foothold[1] == number);
                 let on_the_way = |p: [f64; 2], [a, b]: [f64; 2]| [a * p[0] + b * foothold[0], a * p[1] + b * foothold[1]];
                 let mut passes = swings.filter_map(|s| previous.map(|p| on_the_way(p, s.xy_weights)));
                 if clear(foothold, edge_radius) && passes.all(|p| clear(p, 0.)) {
@@ -219,23 +219,23 @@ pub fn point(layout: &Layout<f64>, random: &mut Random, edge_radius: f64) -> Vec
 
 /// Gives each element a number of rows from 1 to 13 in turn. The new rows and Jacobian values come after the existing ones. Elements that
 /// the factorisation handles by family (reach, linear momentum) do not change.
-pub fn with_any_rows<T: Real>(layout: &mut Layout<T>) {
-    let any = layout.elements.iter_mut().filter(|e| e.family != Family::LinearMomentum);
+pub fn with_any_rows<T: Real>(problem: &mut Problem<T>) {
+    let any = problem.elements.iter_mut().filter(|e| e.family != Family::LinearMomentum);
     for (element, rows) in any.zip((1..=13).cycle()) {
         element.rows = rows;
-        element.place.row = layout.rows.all() as u32;
-        element.place.jacobian = layout.jacobian_len as u32;
-        layout.rows.inequalities += rows;
-        layout.jacobian_len += (rows * element.place.stride) as usize;
+        element.place.row = problem.rows.all() as u32;
+        element.place.jacobian = problem.jacobian_len as u32;
+        problem.rows.inequalities += rows;
+        problem.jacobian_len += (rows * element.place.stride) as usize;
     }
 }
 
-/// Jacobian values of such a layout at a point: the true values for existing rows, random ones for new rows, of which a third are zero.
-pub fn any_jacobian<T: Real>(layout: &Layout<T>, x: &[T], random: &mut Random) -> Vec<T> {
-    let mut values = rows(layout, x, 0.).jacobian;
-    for element in layout.elements.iter().filter(|e| e.family != Family::LinearMomentum) {
+/// Jacobian values of such a problem at a point: the true values for existing rows, random ones for new rows, of which a third are zero.
+pub fn any_jacobian<T: Real>(problem: &Problem<T>, x: &[T], random: &mut Random) -> Vec<T> {
+    let mut values = rows(problem, x, 0.).jacobian;
+    for element in problem.elements.iter().filter(|e| e.family != Family::LinearMomentum) {
         let place = &element.place;
-        for run in &layout.runs[element.runs.range()] {
+        for run in &problem.runs[element.runs.range()] {
             for (r, i) in (0..element.rows).flat_map(|r| (0..run.len).map(move |i| (r, i))) {
                 let value = random.between(-2., 2.);
                 let at = (place.jacobian + r * place.stride + run.column + i) as usize;
@@ -254,46 +254,46 @@ pub struct Rows<T> {
 }
 
 /// Evaluates the rows at a point.
-pub fn rows<T: Real>(layout: &Layout<T>, x: &[T], edge_radius: f64) -> Rows<T> {
-    rows_with(layout, x, edge_radius, &mut shared(layout))
+pub fn rows<T: Real>(problem: &Problem<T>, x: &[T], edge_radius: f64) -> Rows<T> {
+    rows_with(problem, x, edge_radius, &mut shared(problem))
 }
 
 /// Evaluates the rows. Residuals are filled with NaN before, so that a residual that is not written is noticed.
-pub fn rows_with<T: Real>(layout: &Layout<T>, x: &[T], edge_radius: f64, shared: &mut Shared<T>) -> Rows<T> {
+pub fn rows_with<T: Real>(problem: &Problem<T>, x: &[T], edge_radius: f64, shared: &mut Shared<T>) -> Rows<T> {
     let mut rows = Rows {
-        c: vec![T::nan(); layout.rows.one_sided()],
-        g: vec![T::nan(); layout.inequalities],
-        jacobian: vec![T::zero(); layout.jacobian_len],
+        c: vec![T::nan(); problem.rows.one_sided()],
+        g: vec![T::nan(); problem.inequalities],
+        jacobian: vec![T::zero(); problem.jacobian_len],
     };
-    cregopt::rows::residuals(layout, x, T::of(edge_radius), shared, &mut rows.c, &mut rows.g, Some(&mut rows.jacobian));
+    cregopt::rows::residuals(problem, x, T::of(edge_radius), shared, &mut rows.c, &mut rows.g, Some(&mut rows.jacobian));
     rows
 }
 
 /// Shared quantities of the rows at a point, with the deviations of the base from its cubics frozen there.
-pub fn frozen_at<T: Real>(layout: &Layout<T>, x: &[T], edge_radius: f64) -> Shared<T> {
-    let mut shared = shared(layout);
-    rows_with(layout, x, edge_radius, &mut shared);
+pub fn frozen_at<T: Real>(problem: &Problem<T>, x: &[T], edge_radius: f64) -> Shared<T> {
+    let mut shared = shared(problem);
+    rows_with(problem, x, edge_radius, &mut shared);
     shared.frozen = true;
     shared
 }
 
 /// Shared quantities of the rows when the base follows its cubics.
-pub fn straight<T: Real>(layout: &Layout<T>) -> Shared<T> {
-    Shared { frozen: true, ..shared(layout) }
+pub fn straight<T: Real>(problem: &Problem<T>) -> Shared<T> {
+    Shared { frozen: true, ..shared(problem) }
 }
 
 /// Shared quantities of the rows, not evaluated yet.
-pub fn shared<T: Real>(layout: &Layout<T>) -> Shared<T> {
+pub fn shared<T: Real>(problem: &Problem<T>) -> Shared<T> {
     let mut shared = Shared::default();
-    shared.resize(layout);
+    shared.resize(problem);
     shared.ground.fill(Ground::level(T::nan()));
     shared
 }
 
-/// Dense Jacobian, `[rows][variables]`, from the tables of the layout.
-pub fn dense_jacobian<T: Real>(layout: &Layout<T>, values: &[T]) -> DMatrix<f64> {
-    let mut dense = DMatrix::zeros(layout.rows.all(), layout.variables);
-    for (element, runs) in layout.all_elements().zip(layout.columns()) {
+/// Dense Jacobian, `[rows][variables]`, from the tables of the problem.
+pub fn dense_jacobian<T: Real>(problem: &Problem<T>, values: &[T]) -> DMatrix<f64> {
+    let mut dense = DMatrix::zeros(problem.rows.all(), problem.variables);
+    for (element, runs) in problem.all_elements().zip(problem.columns()) {
         let place = &element.place;
         for r in 0..element.rows as usize {
             for (run, weight) in &runs {
@@ -308,10 +308,10 @@ pub fn dense_jacobian<T: Real>(layout: &Layout<T>, values: &[T]) -> DMatrix<f64>
 }
 
 /// Dense Jacobian of all inequalities, both sides, `[inequalities][variables]`.
-pub fn dense_inequalities<T: Real>(layout: &Layout<T>, values: &[T]) -> DMatrix<f64> {
-    let by_row = dense_jacobian(layout, values);
-    let mut dense = DMatrix::zeros(layout.inequalities, layout.variables);
-    for element in layout.all_elements().filter(|e| e.kind() == RowKind::Inequality) {
+pub fn dense_inequalities<T: Real>(problem: &Problem<T>, values: &[T]) -> DMatrix<f64> {
+    let by_row = dense_jacobian(problem, values);
+    let mut dense = DMatrix::zeros(problem.inequalities, problem.variables);
+    for element in problem.all_elements().filter(|e| e.kind() == RowKind::Inequality) {
         let (row, at) = (element.place.row as usize, element.place.inequality as usize);
         for r in 0..element.rows as usize {
             dense.set_row(at + r, &by_row.row(row + r));
@@ -324,9 +324,9 @@ pub fn dense_inequalities<T: Real>(layout: &Layout<T>, values: &[T]) -> DMatrix<
 }
 
 /// One residual per Jacobian row: equalities, and the upper sides of inequalities.
-pub fn one_sided<T: Real>(layout: &Layout<T>, c: &[T], g: &[T]) -> Vec<f64> {
-    let mut residuals = vec![f64::NAN; layout.rows.all()];
-    for element in layout.all_elements() {
+pub fn one_sided<T: Real>(problem: &Problem<T>, c: &[T], g: &[T]) -> Vec<f64> {
+    let mut residuals = vec![f64::NAN; problem.rows.all()];
+    for element in problem.all_elements() {
         let (row, at) = (element.place.row as usize, element.place.inequality as usize);
         for r in 0..element.rows as usize {
             residuals[row + r] = if element.kind() != RowKind::Inequality { c[row + r] } else { g[at + r] }.as_f64();

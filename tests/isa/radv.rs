@@ -1,7 +1,7 @@
 //! Shaders compiled for the instruction set of a GPU that is not in this machine. Mesa's driver for AMD cards, RADV, compiles for any of
 //! its chips and reports the compiler's statistics of a shader. No shader runs.
 
-use crate::common::{layout_with, reference_candidates, towr};
+use crate::common::{problem_with, reference_candidates, towr};
 use ash::{Entry, khr, vk};
 use cregopt::backend::gpu::shaders::{Binding, Shader, Variant, WORKGROUP};
 use cregopt::backend::tables::{ShaderTables, Sizes};
@@ -47,7 +47,7 @@ impl Rows {
         [TranscriptionSettings::default(), towr()].map(|settings| {
             let of_s1 = reference_candidates().into_iter().filter(|c| c.scenario == "s1");
             let sizes = of_s1.map(|c| {
-                let layout = layout_with::<f32>(&c.task, &c.schedule, &settings);
+                let layout = problem_with::<f32>(&c.task, &c.schedule, &settings);
                 Sizes::of(&layout, &ShaderTables::of(&layout))
             });
             let largest = sizes.reduce(Sizes::max).unwrap_or_default();

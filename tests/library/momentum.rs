@@ -1,9 +1,9 @@
 //! The `momentum` transcription: invariance to the position of the scene, motion between knots, exact integrals.
 
-use crate::common::{Random, gait, layout, layout_with, point, rows_with, shared, task};
+use crate::common::{Random, gait, point, problem, problem_with, rows_with, shared, task};
 use cregopt::gait::spline::hermite;
 use cregopt::gait::{Schedule, Trajectory};
-use cregopt::nlp::{Layout, trajectory};
+use cregopt::nlp::{Problem, trajectory};
 use cregopt::robot::Robot;
 use cregopt::rows::Family;
 use cregopt::rows::momentum::{INNER_POINTS, MOMENTUM_POINTS};
@@ -62,13 +62,13 @@ impl Move {
     }
 
     /// The point after the transformation, fixed values included.
-    fn point(&self, layout: &Layout<f64>, x: &[f64]) -> Vec<f64> {
+    fn point(&self, problem: &Problem<f64>, x: &[f64]) -> Vec<f64> {
         let mut moved = vec![f64::NAN; x.len()];
         let knots =
-            layout.momentum_intervals.iter().map(|i| i.reference[0]).chain(layout.momentum_intervals.last().map(|i| i.reference[1]));
-        for (knot, line) in layout.curves.base.chunks(2).zip(knots) {
+            problem.momentum_intervals.iter().map(|i| i.reference[0]).chain(problem.momentum_intervals.last().map(|i| i.reference[1]));
+        for (knot, line) in problem.curves.base.chunks(2).zip(knots) {
             // Deviations from the pose and the rate of the reference line.
-            for (&at, line, rate) in [(&knot[0], line, false), (&knot[1], layout.momentum_intervals[0].rate, true)] {
+            for (&at, line, rate) in [(&knot[0], line, false), (&knot[1], problem.momentum_intervals[0].rate, true)] {
                 let at = at as usize;
                 let mut value: [f64; 6] = std::array::from_fn(|d| line[d] + x[at + d]);
                 let xy = [value[0], value[1]];
@@ -77,7 +77,7 @@ impl Move {
                 (0..6).for_each(|d| moved[at + d] = value[d] - line[d]);
             }
         }
-        for foot in &layout.curves.feet {
+        for foot in &problem.curves.feet {
             for at in foot.footholds.iter().map(|&at| at as usize) {
                 moved[at..at + 2].copy_from_slice(&self.shifted([x[at], x[at + 1]]));
             }
@@ -116,20 +116,20 @@ fn moving_and_yawing_the_scene_moves_the_rows_with_it() {
     for (robot, round) in ["anymal", "biped", "pexod"].into_iter().flat_map(|robot| (0..4).map(move |round| (robot, round))) {
         let (task, schedule) = scene(robot, &mut random, 2..=6);
         let friction = Some(if round < 2 { Friction::Pyramid } else { Friction::Cone });
-        let layout = layout_with::<f64>(&task, &schedule, &TranscriptionSettings { friction, ..TranscriptionSettings::default() });
-        let x = point(&layout, &mut random, 0.);
+        let problem = problem_with::<f64>(&task, &schedule, &TranscriptionSettings { friction, ..TranscriptionSettings::default() });
+        let x = point(&problem, &mut random, 0.);
         let quarter = round % 2 == 0;
         let yaw = if quarter { FRAC_PI_2 } else { random.between(-3., 3.) };
         let scene = Move { yaw, by: [random.between(-3., 3.), random.between(-3., 3.)] };
-        let (mut here, mut there) = (shared(&layout), shared(&layout));
-        let rows = rows_with(&layout, &x, 0., &mut here);
-        let moved = rows_with(&layout, &scene.point(&layout, &x), 0., &mut there);
+        let (mut here, mut there) = (shared(&problem), shared(&problem));
+        let rows = rows_with(&problem, &x, 0., &mut here);
+        let moved = rows_with(&problem, &scene.point(&problem, &x), 0., &mut there);
         assert!(!there.frozen);
         let turned = |v: &[f64]| {
             let [x, y] = scene.turned([v[0], v[1]]);
             [x, y, v[2]]
         };
-        for element in layout.all_elements() {
+        for element in problem.all_elements() {
             let (row, at) = (element.place.row as usize, element.place.inequality as usize);
             let sides = (element.rows + element.pairs) as usize;
             let name = format!("{robot} {scene:?} {:?}", element.family);
@@ -179,9 +179,9 @@ fn moving_and_yawing_the_scene_moves_the_rows_with_it() {
     }
 }
 
-fn solve(layout: &Layout<f64>, settings: &SolverSettings) -> (Outcome, Vec<f64>) {
+fn solve(problem: &Problem<f64>, settings: &SolverSettings) -> (Outcome, Vec<f64>) {
     let mut solver = Solver::<f64>::default();
-    let outcome = solver.solve(layout, settings, Finish::Rows(settings.row_tolerance), None, &|| false);
+    let outcome = solver.solve(problem, settings, Finish::Rows(settings.row_tolerance), None, &|| false);
     (outcome, solver.solution())
 }
 
@@ -193,35 +193,35 @@ fn the_whole_solve_moves_with_the_scene() {
     let settings = SolverSettings { closing: 1e-6, ..SolverSettings::default() };
     for seed in 0..4 {
         let task = task("biped", "flat", [0.5, 0.1], 0.2);
-        let mut layout = layout::<f64>(&task, &gait(&mut Random::new(seed), 2, 4..=6));
-        let (here, solution) = solve(&layout, &settings);
-        layout.initial = scene.point(&layout, &layout.initial);
-        let (there, moved) = solve(&layout, &settings);
+        let mut problem = problem::<f64>(&task, &gait(&mut Random::new(seed), 2, 4..=6));
+        let (here, solution) = solve(&problem, &settings);
+        problem.initial = scene.point(&problem, &problem.initial);
+        let (there, moved) = solve(&problem, &settings);
         assert_eq!([here.status, there.status], [Status::Solved; 2]);
         assert!(here.iterations > 4);
         assert_eq!((here.iterations, here.factorisations), (there.iterations, there.factorisations));
-        assert_close(&moved, &scene.point(&layout, &solution), SOLUTION_TOLERANCE, &format!("gait {seed}"));
+        assert_close(&moved, &scene.point(&problem, &solution), SOLUTION_TOLERANCE, &format!("gait {seed}"));
     }
 }
 
 /// Largest distance of the base from its nodes between knots, m and rad: as the reach rows evaluate it, and by its plain cubics.
 fn between_knots(task: &Task, schedule: &Schedule) -> [[f64; 2]; 2] {
-    let layout =
-        layout_with::<f64>(task, schedule, &TranscriptionSettings { friction: Some(Friction::Pyramid), ..crate::common::momentum() });
-    let (outcome, x) = solve(&layout, &SolverSettings::default());
+    let problem =
+        problem_with::<f64>(task, schedule, &TranscriptionSettings { friction: Some(Friction::Pyramid), ..crate::common::momentum() });
+    let (outcome, x) = solve(&problem, &SolverSettings::default());
     assert_eq!(outcome.status, Status::Solved);
-    let mut shared = shared(&layout);
-    rows_with(&layout, &x, 0., &mut shared);
-    let nodes = trajectory(task, &layout.curves, &x);
+    let mut shared = shared(&problem);
+    rows_with(&problem, &x, 0., &mut shared);
+    let nodes = trajectory(task, &problem.curves, &x);
     // Rows that contain all feet are at the times of the nodes.
     let feet = task.robot.feet();
-    let instants = layout.reach_instants.iter().zip(&layout.reach_rows.instants);
+    let instants = problem.reach_instants.iter().zip(&problem.reach_rows.instants);
     let instants: Vec<_> = instants.filter(|(_, factored)| factored.elements.range().len() == feet).collect();
     assert_eq!(instants.len(), nodes.base_lin.nodes.len());
-    assert!(instants.len() > 2 * layout.curves.intervals);
+    assert!(instants.len() > 2 * problem.curves.intervals);
     let mut farthest = [[0_f64; 2]; 2];
     for ((instant, factored), (lin, ang)) in instants.iter().zip(nodes.base_lin.nodes.iter().zip(&nodes.base_ang.nodes)) {
-        let blocks = layout.reach_rows.blocks_of(factored);
+        let blocks = problem.reach_rows.blocks_of(factored);
         let deviation = &shared.deviations[blocks.interval as usize];
         for d in 0..6 {
             let cubic = instant.reference[d] + (0..4).map(|i| factored.weights[i] * x[blocks.variable[i] as usize + d]).sum::<f64>();
@@ -261,13 +261,13 @@ fn integral(low: f64, high: f64, f: impl Fn(f64) -> f64) -> f64 {
 fn integrals_of_force_nodes_are_exact() {
     let mut random = Random::new(23);
     let (task, schedule) = scene("biped", &mut random, 3..=4);
-    let layout = layout::<f64>(&task, &schedule);
-    let h = layout.curves.interval;
-    for (k, interval) in layout.momentum_intervals.iter().enumerate() {
+    let problem = problem::<f64>(&task, &schedule);
+    let h = problem.curves.interval;
+    for (k, interval) in problem.momentum_intervals.iter().enumerate() {
         let start = k as f64 * h;
-        let impulses = &layout.impulses[interval.impulses.range()];
+        let impulses = &problem.impulses[interval.impulses.range()];
         let mut at_work = 0;
-        let stances = layout.curves.feet.iter().flat_map(|f| f.force_nodes.iter().zip(f.phases.iter().step_by(2)).zip(&f.footholds));
+        let stances = problem.curves.feet.iter().flat_map(|f| f.force_nodes.iter().zip(f.phases.iter().step_by(2)).zip(&f.footholds));
         for ((nodes, span), foothold) in stances {
             let piece = span.duration() / (nodes.len() - 1) as f64;
             for (i, &node) in nodes.iter().enumerate().filter(|n| *n.1 != NONE) {
@@ -278,12 +278,12 @@ fn integrals_of_force_nodes_are_exact() {
                     continue;
                 };
                 at_work += 1;
-                assert_eq!(layout.footholds[impulse.foothold as usize], *foothold);
+                assert_eq!(problem.footholds[impulse.foothold as usize], *foothold);
                 // Value 1 and slope 0 at its own time, or value 0 and slope 1 (slopes per piece); 0 at the neighbouring nodes.
                 let basis: [&dyn Fn(f64) -> f64; 2] =
                     [&|u: f64| (1. - u.abs()).powi(2) * (1. + 2. * u.abs()), &|u: f64| u * (1. - u.abs()).powi(2)];
                 for q in 0..MOMENTUM_POINTS {
-                    let time = layout.momentum_points[q].time;
+                    let time = problem.momentum_points[q].time;
                     let end = start + time;
                     for order in 0..3 {
                         let kernel = |s: f64| [1., end - s, (end - s).powi(2) / 2.][order];
@@ -293,7 +293,7 @@ fn integrals_of_force_nodes_are_exact() {
                                 |a: f64, b: f64| if a < b { integral(a, b, |s| kernel(s) * basis((s - middle) / piece)) } else { 0. };
                             let (low, high) = (low.max(start), high.min(end));
                             let expected = (half(low, middle.min(high)) + half(middle.max(low), high)) / unit;
-                            let got = impulse.weights[q][order][part] / (layout.constants.force_unit * unit);
+                            let got = impulse.weights[q][order][part] / (problem.constants.force_unit * unit);
                             let what = format!("interval {k}, node {i}, point {q}, order {order}, part {part}");
                             assert_close(&[got], &[expected], INTEGRAL_TOLERANCE, &what);
                         }
@@ -308,8 +308,8 @@ fn integrals_of_force_nodes_are_exact() {
 #[test]
 fn the_rule_inside_intervals_is_exact_for_polynomials() {
     let (task, schedule) = scene("anymal", &mut Random::new(24), 2..=3);
-    let layout = layout::<f64>(&task, &schedule);
-    let (h, points) = (layout.curves.interval, &layout.momentum_points);
+    let problem = problem::<f64>(&task, &schedule);
+    let (h, points) = (problem.curves.interval, &problem.momentum_points);
     let inner = points[..INNER_POINTS].iter();
     assert_eq!((points[INNER_POINTS].time, points[INNER_POINTS].mean), (h, 0.));
     for degree in 0..=11 {
@@ -369,10 +369,10 @@ fn with_cones_no_foot_slips_at_any_time() {
         for seed in 0..3 {
             let schedule = gait(&mut Random::new(seed), task.robot.feet(), 5..=7);
             let [pyramid, cone] = [Friction::Pyramid, Friction::Cone].map(Some).map(|friction| {
-                let layout = layout_with(&task, &schedule, &TranscriptionSettings { friction, ..TranscriptionSettings::default() });
-                let (outcome, x) = solve(&layout, &SolverSettings::default());
+                let problem = problem_with(&task, &schedule, &TranscriptionSettings { friction, ..TranscriptionSettings::default() });
+                let (outcome, x) = solve(&problem, &SolverSettings::default());
                 assert_eq!(outcome.status, Status::Solved, "{robot}, gait {seed}, {friction:?}");
-                out_of_the_cone(&task, &trajectory(&task, &layout.curves, &x))
+                out_of_the_cone(&task, &trajectory(&task, &problem.curves, &x))
             });
             assert!(cone <= SLIP_TOLERANCE, "{robot}, gait {seed}: {cone} N beyond the cone");
             assert!(pyramid > 5e-3 * task.robot.weight(), "{robot}, gait {seed}: no foot slips anyhow");

@@ -1,11 +1,11 @@
 //! Properties of any gait, robot and goal.
 
-use crate::common::{Random, Rows, gait, layout_with, lopsided, point, rows, task, task_for, transcriptions};
+use crate::common::{Random, Rows, gait, lopsided, point, problem_with, rows, task, task_for, transcriptions};
 use cregopt::backend::Cpu;
 use cregopt::gait::Schedule;
 use cregopt::gait::spline::hermite;
 use cregopt::gait::trajectory::GoalVelocity;
-use cregopt::nlp::Layout;
+use cregopt::nlp::Problem;
 use cregopt::nlp::transcription::interval;
 
 use cregopt::robot::{GRAVITY, Robot};
@@ -26,7 +26,7 @@ use proptest::test_runner::RngSeed;
 /// Error of sums of up to 45 durations, s.
 const TIME_TOLERANCE: f64 = 1e-12;
 
-/// Error of rows of two layouts with different orders of variables: sums in another order, of terms up to 100.
+/// Error of rows of two problems with different orders of variables: sums in another order, of terms up to 100.
 const MIRROR_TOLERANCE: f64 = 1e-11;
 
 /// Imbalance of a certified trajectory, N: the residual that the solver leaves, less than what the certificate counts.
@@ -97,19 +97,19 @@ proptest! {
     fn any_schedule_has_a_consistent_layout(schedule in schedule(1..=8), settings in transcription(), edges in any::<bool>()) {
         let terrain = Terrain::named(if edges { "slope" } else { "flat" }).unwrap();
         let task = task_for(crate::common::spider(schedule.feet()), terrain, [2., 0.5], 1.);
-        let layout = Layout::<f32>::new(&task, &schedule.aligned(interval(&settings, &task.robot)), &settings);
-        check_sizes(&layout, &schedule, &settings)?;
-        check_places(&layout)?;
-        check_sweep(&layout)?;
-        prop_assert!(layout.initial.iter().all(|v| v.is_finite()));
-        let evaluated = rows(&layout, &layout.initial, 0.);
+        let problem = Problem::<f32>::new(&task, &schedule.aligned(interval(&settings, &task.robot)), &settings);
+        check_sizes(&problem, &schedule, &settings)?;
+        check_places(&problem)?;
+        check_sweep(&problem)?;
+        prop_assert!(problem.initial.iter().all(|v| v.is_finite()));
+        let evaluated = rows(&problem, &problem.initial, 0.);
         prop_assert!(evaluated.c.iter().chain(&evaluated.g).all(|v| v.is_finite()), "every row is written");
     }
 }
 
 /// Numbers of variables and rows, derived from the schedule alone.
-fn check_sizes(layout: &Layout<f32>, schedule: &Schedule, settings: &TranscriptionSettings) -> Result<(), TestCaseError> {
-    let (pieces, knots) = (settings.force_pieces, layout.curves.intervals);
+fn check_sizes(problem: &Problem<f32>, schedule: &Schedule, settings: &TranscriptionSettings) -> Result<(), TestCaseError> {
+    let (pieces, knots) = (settings.force_pieces, problem.curves.intervals);
     let stances: usize = (0..schedule.feet()).map(|foot| schedule.stances(foot)).sum();
     let swings = stances - schedule.feet();
     let momentum = settings.rows == Transcription::Momentum;
@@ -121,38 +121,38 @@ fn check_sizes(layout: &Layout<f32>, schedule: &Schedule, settings: &Transcripti
     };
     // Two coordinates of each foothold but the first; heights; force nodes but two per swing.
     let nodes = stances * (pieces + 1) - 2 * swings;
-    prop_assert_eq!(layout.variables, base + 2 * swings + swings + 6 * nodes);
-    prop_assert_eq!(layout.initial.len(), layout.variables + fixed + 2 * schedule.feet());
+    prop_assert_eq!(problem.variables, base + 2 * swings + swings + 6 * nodes);
+    prop_assert_eq!(problem.initial.len(), problem.variables + fixed + 2 * schedule.feet());
     // Rows of a force: at its nodes, or at two Bezier points per node; the end nodes of a stance are such a point themselves.
     let (forces, per_swing, sides) = match momentum {
         false => (nodes, 1, 1),
         // The height has nine points where there are edges, and its upper limit is a row of its own.
-        true if layout.terrain.has_edges() => (2 * nodes, 9 + 1, 1),
+        true if problem.terrain.has_edges() => (2 * nodes, 9 + 1, 1),
         true => (2 * nodes, 1, 2),
     };
     let balance = if momentum { [0, knots, knots] } else { [knots + 1, 0, 0] };
-    prop_assert_eq!(layout.rows.of(RowKind::Equality).len(), 6 * balance.iter().sum::<usize>());
+    prop_assert_eq!(problem.rows.of(RowKind::Equality).len(), 6 * balance.iter().sum::<usize>());
     let reach = match momentum {
         // At most 0.026 s apart, and five per swing.
-        true => ((layout.curves.interval / 0.026).ceil() as usize * knots + 1) * schedule.feet() + 5 * swings,
-        false => layout.reach_instants.len() * schedule.feet(),
+        true => ((problem.curves.interval / 0.026).ceil() as usize * knots + 1) * schedule.feet() + 5 * swings,
+        false => problem.reach_instants.len() * schedule.feet(),
     };
     let strides = if momentum { swings } else { 0 };
     // At lift-off and at touchdown, where legs are limited.
     let accelerations = if momentum && settings.legs == Legs::Limited { swings } else { 0 };
     // All footholds but the first have a box where there are edges.
-    let boxes = if momentum && layout.terrain.has_edges() { swings } else { 0 };
+    let boxes = if momentum && problem.terrain.has_edges() { swings } else { 0 };
     // The normal force has two sides; in addition the pyramid has four rows, the cone one.
     let (friction, pyramids, cones) = if settings.friction() == Friction::Cone { (1, 0, forces) } else { (4, forces, 0) };
     prop_assert_eq!(
-        layout.rows.of(RowKind::Inequality).len(),
+        problem.rows.of(RowKind::Inequality).len(),
         3 * reach + (1 + friction) * forces + per_swing * swings + strides + 2 * accelerations + 2 * boxes
     );
     prop_assert_eq!(
-        layout.inequalities,
+        problem.inequalities,
         6 * reach + (2 + friction) * forces + sides * per_swing * swings + strides + 2 * accelerations + 4 * boxes
     );
-    let count = |family| layout.all_elements().filter(|e| e.family == family).count();
+    let count = |family| problem.all_elements().filter(|e| e.family == family).count();
     prop_assert_eq!([Family::Dynamics, Family::LinearMomentum, Family::AngularMomentum].map(count), balance);
     let counts =
         [Family::Reach, Family::Force, Family::Cone, Family::Swing, Family::Stride, Family::Acceleration, Family::Footing].map(count);
@@ -161,17 +161,18 @@ fn check_sizes(layout: &Layout<f32>, schedule: &Schedule, settings: &Transcripti
 }
 
 /// Checks that the rows, inequalities and Jacobian values of the elements cover their buffers once.
-fn check_places(layout: &Layout<f32>) -> Result<(), TestCaseError> {
-    let (mut row, mut inequality, mut jacobian) = (vec![0; layout.rows.all()], vec![0; layout.inequalities], vec![0; layout.jacobian_len]);
+fn check_places(problem: &Problem<f32>) -> Result<(), TestCaseError> {
+    let (mut row, mut inequality, mut jacobian) =
+        (vec![0; problem.rows.all()], vec![0; problem.inequalities], vec![0; problem.jacobian_len]);
     let mut cover = |buffer: usize, from: u32, len: u32| {
         let buffer = [&mut row, &mut inequality, &mut jacobian][buffer].iter_mut();
         buffer.skip(from as usize).take(len as usize).for_each(|used| *used += 1);
     };
-    for (element, runs) in layout.all_elements().zip(layout.columns()) {
+    for (element, runs) in problem.all_elements().zip(problem.columns()) {
         let place = &element.place;
         cover(0, place.row, element.rows);
         cover(2, place.jacobian, element.rows * place.stride);
-        prop_assert_eq!(layout.rows.kind(place.row), element.kind());
+        prop_assert_eq!(problem.rows.kind(place.row), element.kind());
         if element.kind() == RowKind::Inequality {
             cover(1, place.inequality, element.rows + element.pairs);
         }
@@ -179,7 +180,7 @@ fn check_places(layout: &Layout<f32>) -> Result<(), TestCaseError> {
         let shared = if element.family == Family::Reach { 6 } else { 0 };
         let mut column = shared;
         for (run, weight) in &runs {
-            prop_assert!((run.variable + run.len) as usize <= layout.variables);
+            prop_assert!((run.variable + run.len) as usize <= problem.variables);
             if run.column < shared {
                 prop_assert!((run.column, run.len) == (0, shared) && *weight != 0.);
                 continue;
@@ -202,30 +203,30 @@ fn check_places(layout: &Layout<f32>) -> Result<(), TestCaseError> {
 }
 
 /// Checks that every variable is eliminated once, at the last step that touches it, and that fronts contain what they need.
-fn check_sweep(layout: &Layout<f32>) -> Result<(), TestCaseError> {
-    prop_assert_eq!(layout.steps.iter().map(|s| s.pivots as usize).sum::<usize>(), layout.variables);
-    prop_assert_eq!(layout.steps.iter().map(|s| (s.pivots * s.stride) as usize).sum::<usize>(), layout.factor_len);
-    let mut last_step = vec![usize::MAX; layout.variables];
+fn check_sweep(problem: &Problem<f32>) -> Result<(), TestCaseError> {
+    prop_assert_eq!(problem.steps.iter().map(|s| s.pivots as usize).sum::<usize>(), problem.variables);
+    prop_assert_eq!(problem.steps.iter().map(|s| (s.pivots * s.stride) as usize).sum::<usize>(), problem.factor_len);
+    let mut last_step = vec![usize::MAX; problem.variables];
     let (mut next_element, mut next_pivot, mut next_instant) = (0, 0, 0);
-    let columns = layout.columns();
-    for (k, step) in layout.steps.iter().enumerate() {
+    let columns = problem.columns();
+    for (k, step) in problem.steps.iter().enumerate() {
         prop_assert_eq!(step.elements.start, next_element);
         next_element = step.elements.end;
         prop_assert!(step.pivots == 0 || step.variable == next_pivot);
         next_pivot += step.pivots;
-        prop_assert!(step.pivots <= step.size && step.size < step.stride && (step.size as usize) < layout.front_stride);
+        prop_assert!(step.pivots <= step.size && step.size < step.stride && (step.size as usize) < problem.front_stride);
         // Variables of the front in order: pivots, then the rest.
         let mut front: Vec<u32> = (step.variable..step.variable + step.pivots).collect();
-        for run in &layout.front_runs[step.rest.range()] {
+        for run in &problem.front_runs[step.rest.range()] {
             prop_assert_eq!(run.front as usize, front.len());
             front.extend(run.variable..run.variable + run.len);
         }
         prop_assert_eq!(front.len(), step.size as usize);
-        let of_step = layout.reach_rows.steps[k];
+        let of_step = problem.reach_rows.steps[k];
         prop_assert_eq!(of_step.start, next_instant);
         next_instant = of_step.end;
-        let instants = &layout.reach_rows.instants[of_step.range()];
-        let factored = instants.iter().flat_map(|instant| instant.elements.range()).map(|number| layout.elements.len() + number);
+        let instants = &problem.reach_rows.instants[of_step.range()];
+        let factored = instants.iter().flat_map(|instant| instant.elements.range()).map(|number| problem.elements.len() + number);
         for element in step.elements.range().chain(factored) {
             for (run, _) in &columns[element] {
                 for i in 0..run.len {
@@ -237,16 +238,16 @@ fn check_sweep(layout: &Layout<f32>) -> Result<(), TestCaseError> {
         let pivots = &last_step[step.variable as usize..(step.variable + step.pivots) as usize];
         prop_assert!(pivots.iter().all(|&last| last == k), "eliminated where they are last touched");
     }
-    prop_assert_eq!(next_element as usize, layout.elements.len());
-    let factored = &layout.reach_rows;
-    prop_assert_eq!([next_instant as usize, factored.instants.len()], [layout.reach_instants.len(); 2]);
+    prop_assert_eq!(next_element as usize, problem.elements.len());
+    let factored = &problem.reach_rows;
+    prop_assert_eq!([next_instant as usize, factored.instants.len()], [problem.reach_instants.len(); 2]);
     let mut next = 0;
     for instant in &factored.instants {
         prop_assert!(instant.elements.start == next && instant.elements.end > next);
         next = instant.elements.end;
     }
-    prop_assert!(layout.elements.iter().all(|e| e.family != Family::Reach));
-    prop_assert_eq!([factored.as_elements().count(), layout.reach_feet.len()], [next as usize; 2]);
+    prop_assert!(problem.elements.iter().all(|e| e.family != Family::Reach));
+    prop_assert_eq!([factored.as_elements().count(), problem.reach_feet.len()], [next as usize; 2]);
     prop_assert!(factored.as_elements().is_sorted_by(|a, b| a.place.jacobian < b.place.jacobian), "in the order of the feet");
     // Own columns and base blocks are in one step, because their places in its front are valid only there.
     let mut step_of = [vec![usize::MAX; factored.own.len()], vec![usize::MAX; factored.base_blocks.len()]];
@@ -280,19 +281,19 @@ fn mirrored_foot(foot: usize) -> usize {
     foot ^ 1
 }
 
-/// The mirrored point: each block of `x` with the signs of its components, at its place in the other layout.
-fn mirrored_point(layout: &Layout<f64>, other: &Layout<f64>, x: &[f64]) -> Vec<f64> {
+/// The mirrored point: each block of `x` with the signs of its components, at its place in the other problem.
+fn mirrored_point(problem: &Problem<f64>, other: &Problem<f64>, x: &[f64]) -> Vec<f64> {
     let mut mirrored = vec![f64::NAN; x.len()];
     let mut copy = |from: u32, to: u32, signs: &[f64]| {
         for (i, sign) in signs.iter().enumerate() {
             mirrored[to as usize + i] = sign * x[from as usize + i];
         }
     };
-    for (&from, &to) in layout.curves.base.iter().zip(&other.curves.base) {
+    for (&from, &to) in problem.curves.base.iter().zip(&other.curves.base) {
         // Position, or its rate; roll and yaw change sign.
         copy(from, to, &[1., -1., 1., -1., 1., -1.]);
     }
-    for (foot, blocks) in layout.curves.feet.iter().enumerate() {
+    for (foot, blocks) in problem.curves.feet.iter().enumerate() {
         let there = &other.curves.feet[mirrored_foot(foot)];
         blocks.footholds.iter().zip(&there.footholds).for_each(|(&from, &to)| copy(from, to, &[1., -1.]));
         blocks.heights.iter().zip(&there.heights).for_each(|(&from, &to)| copy(from, to, &[1.]));
@@ -307,16 +308,16 @@ fn mirrored_point(layout: &Layout<f64>, other: &Layout<f64>, x: &[f64]) -> Vec<f
     mirrored
 }
 
-/// Residuals at the mirrored point, computed from those at the point: `[c, g]` in the order of the other layout.
-fn mirrored_rows(robot: &Robot, layout: &Layout<f64>, other: &Layout<f64>, rows: &Rows<f64>) -> [Vec<f64>; 2] {
+/// Residuals at the mirrored point, computed from those at the point: `[c, g]` in the order of the other problem.
+fn mirrored_rows(robot: &Robot, problem: &Problem<f64>, other: &Problem<f64>, rows: &Rows<f64>) -> [Vec<f64>; 2] {
     let (mut c, mut g) = (vec![f64::NAN; other.rows.one_sided()], vec![f64::NAN; other.inequalities]);
-    for (from, to) in layout.dynamics_instants.iter().zip(&other.dynamics_instants) {
+    for (from, to) in problem.dynamics_instants.iter().zip(&other.dynamics_instants) {
         // Moments about x and z change sign, and the force along y.
         for (i, sign) in [-1., 1., -1., 1., -1., 1.].into_iter().enumerate() {
             c[to.place.row as usize + i] = sign * rows.c[from.place.row as usize + i];
         }
     }
-    for (from, to) in layout.momentum_intervals.iter().zip(&other.momentum_intervals) {
+    for (from, to) in problem.momentum_intervals.iter().zip(&other.momentum_intervals) {
         // Velocity and position along y; angular momenta about x and z.
         for (from, to, sign) in [(&from.linear, &to.linear, 1.), (&from.angular, &to.angular, -1.)] {
             for (i, side) in [1., -1., 1., 1., -1., 1.].into_iter().enumerate() {
@@ -329,40 +330,40 @@ fn mirrored_rows(robot: &Robot, layout: &Layout<f64>, other: &Layout<f64>, rows:
             g[to as usize + i] = rows.g[from as usize + j];
         }
     };
-    let feet = layout.curves.feet.len();
+    let feet = problem.curves.feet.len();
     for foot in 0..feet {
         // A foot is identified by the centre of its box; its entries are in order of time.
-        let of = |layout: &Layout<f64>, foot: usize| -> Vec<u32> {
+        let of = |problem: &Problem<f64>, foot: usize| -> Vec<u32> {
             let (nominal, middle) = (robot.nominal_feet[foot], robot.reach.of(foot).center());
             let center = std::array::from_fn(|axis| nominal[axis] + middle[axis]);
             {
-                let of_foot = |element: &usize| layout.reach_legs[layout.reach_feet[*element].leg as usize].center == center;
-                let place = |element: usize| layout.reach_rows.place(element).inequality;
-                (0..layout.reach_feet.len()).filter(of_foot).map(place).collect()
+                let of_foot = |element: &usize| problem.reach_legs[problem.reach_feet[*element].leg as usize].center == center;
+                let place = |element: usize| problem.reach_rows.place(element).inequality;
+                (0..problem.reach_feet.len()).filter(of_foot).map(place).collect()
             }
         };
-        let (here, there) = (of(layout, foot), of(other, mirrored_foot(foot)));
+        let (here, there) = (of(problem, foot), of(other, mirrored_foot(foot)));
         assert!(!here.is_empty() && here.len() == there.len());
         // The upper and lower sides of y are exchanged.
         here.iter().zip(&there).for_each(|(&from, &to)| copy(from, to, &[0, 4, 2, 3, 1, 5]));
     }
     // Force nodes and swings are ordered by foot.
     for foot in 0..feet {
-        let of = |layout: &Layout<f64>, foot: usize| {
-            let blocks = &layout.curves.feet[foot];
-            let forces = |&node: &u32| layout.force_nodes.iter().filter(move |n| n.node == node).map(|n| n.place.inequality);
-            let swings = |&height: &u32| layout.swing_nodes.iter().filter(move |s| s.height == height).map(|s| s.place.inequality);
+        let of = |problem: &Problem<f64>, foot: usize| {
+            let blocks = &problem.curves.feet[foot];
+            let forces = |&node: &u32| problem.force_nodes.iter().filter(move |n| n.node == node).map(|n| n.place.inequality);
+            let swings = |&height: &u32| problem.swing_nodes.iter().filter(move |s| s.height == height).map(|s| s.place.inequality);
             let strides = |&foothold: &u32| {
-                let ends_there = move |s: &&Stride<f64>| layout.footholds[s.foothold[1] as usize] == foothold;
-                layout.strides.iter().filter(ends_there).map(|s| s.place.inequality)
+                let ends_there = move |s: &&Stride<f64>| problem.footholds[s.foothold[1] as usize] == foothold;
+                problem.strides.iter().filter(ends_there).map(|s| s.place.inequality)
             };
             let boxes = |&foothold: &u32| {
-                let of_it = move |f: &&Footing<f64>| layout.footholds[f.foothold as usize] == foothold;
-                layout.footings.iter().filter(of_it).map(|f| f.place.inequality)
+                let of_it = move |f: &&Footing<f64>| problem.footholds[f.foothold as usize] == foothold;
+                problem.footings.iter().filter(of_it).map(|f| f.place.inequality)
             };
             let accelerations = |&foothold: &u32| {
-                let ends_there = move |a: &&Acceleration<f64>| layout.footholds[a.foothold[1] as usize] == foothold;
-                layout.accelerations.iter().filter(ends_there).map(|a| a.place.inequality)
+                let ends_there = move |a: &&Acceleration<f64>| problem.footholds[a.foothold[1] as usize] == foothold;
+                problem.accelerations.iter().filter(ends_there).map(|a| a.place.inequality)
             };
             [
                 blocks.force_nodes.iter().flatten().filter(|&&n| n != NONE).flat_map(forces).collect::<Vec<u32>>(),
@@ -372,10 +373,10 @@ fn mirrored_rows(robot: &Robot, layout: &Layout<f64>, other: &Layout<f64>, rows:
                 blocks.footholds.iter().flat_map(boxes).collect(),
             ]
         };
-        let (here, there) = (of(layout, foot), of(other, mirrored_foot(foot)));
+        let (here, there) = (of(problem, foot), of(other, mirrored_foot(foot)));
         assert_eq!(here.each_ref().map(Vec::len), there.each_ref().map(Vec::len));
         // The sides of the pyramid along y are exchanged, too. A swing's height is two-sided in `momentum` on level ground.
-        let two_sided = layout.curves.transcription == Transcription::Momentum && !layout.terrain.has_edges();
+        let two_sided = problem.curves.transcription == Transcription::Momentum && !problem.terrain.has_edges();
         let heights: &[usize] = if two_sided { &[0, 1] } else { &[0] };
         for (i, order) in [&[0, 1, 2, 4, 3, 5], heights, &[0], &[0, 1], &[0, 3, 2, 1]].into_iter().enumerate() {
             here[i].iter().zip(&there[i]).for_each(|(&from, &to)| copy(from, to, order));
@@ -402,11 +403,11 @@ proptest! {
         let mirrored = Schedule::new((0..durations.len()).map(|foot| durations[mirrored_foot(foot)].clone()).collect()).unwrap();
         // The test follows the places of the pyramid's rows.
         for settings in transcriptions().map(|s| TranscriptionSettings { friction: Some(Friction::Pyramid), ..s }) {
-            let (layout, other) = (layout_with::<f64>(&here, &schedule, &settings), layout_with::<f64>(&there, &mirrored, &settings));
-            let point = point(&layout, &mut random, 0.04);
+            let (problem, other) = (problem_with::<f64>(&here, &schedule, &settings), problem_with::<f64>(&there, &mirrored, &settings));
+            let point = point(&problem, &mut random, 0.04);
             for edge_radius in [0., 0.04] {
-                let [c, g] = mirrored_rows(&here.robot, &layout, &other, &rows(&layout, &point, edge_radius));
-                let got = rows(&other, &mirrored_point(&layout, &other, &point), edge_radius);
+                let [c, g] = mirrored_rows(&here.robot, &problem, &other, &rows(&problem, &point, edge_radius));
+                let got = rows(&other, &mirrored_point(&problem, &other, &point), edge_radius);
                 for (name, got, expected) in [("equality", got.c, c), ("inequality", got.g, g)] {
                     for (i, (a, b)) in got.iter().zip(&expected).enumerate() {
                         prop_assert!((a - b).abs() <= MIRROR_TOLERANCE * b.abs().max(1.), "{} {}: {} against {}", name, i, a, b);
@@ -487,17 +488,17 @@ proptest! {
 /// Force balance of a standing robot, at the initial guess and at the solution.
 fn check_balance(task: &Task, schedule: &Schedule, transcription: TranscriptionSettings) -> Result<(), TestCaseError> {
     // Equal shares on all feet and a base at rest: no defect. A foot that pushes a tenth more adds a fortieth of the weight.
-    let layout = layout_with::<f64>(task, schedule, &transcription);
-    let residual = |x: &[f64]| rows(&layout, x, 0.).c;
-    prop_assert!(residual(&layout.initial).iter().all(|c| c.abs() < 1e-12));
-    let mut pushed = layout.initial.clone();
-    for &node in layout.curves.feet[1].force_nodes.iter().flatten() {
+    let problem = problem_with::<f64>(task, schedule, &transcription);
+    let residual = |x: &[f64]| rows(&problem, x, 0.).c;
+    prop_assert!(residual(&problem.initial).iter().all(|c| c.abs() < 1e-12));
+    let mut pushed = problem.initial.clone();
+    for &node in problem.curves.feet[1].force_nodes.iter().flatten() {
         pushed[node as usize + 2] *= 1.1;
     }
     let residual = residual(&pushed);
     let upward: Vec<u32> = match transcription.rows {
-        Transcription::Towr => layout.dynamics_instants.iter().map(|instant| instant.place.row + 5).collect(),
-        Transcription::Momentum => layout.momentum_intervals.iter().flat_map(|i| [i.linear.row + 2, i.linear.row + 5]).collect(),
+        Transcription::Towr => problem.dynamics_instants.iter().map(|instant| instant.place.row + 5).collect(),
+        Transcription::Momentum => problem.momentum_intervals.iter().flat_map(|i| [i.linear.row + 2, i.linear.row + 5]).collect(),
     };
     for row in upward {
         let lift = residual[row as usize];
@@ -543,10 +544,10 @@ fn a_robot_that_is_not_symmetric_is_not_mirrored() {
     let durations = schedule.durations();
     let mirrored = Schedule::new((0..4).map(|foot| durations[mirrored_foot(foot)].clone()).collect()).unwrap();
     for settings in transcriptions() {
-        let (layout, other) = (layout_with::<f64>(&here, &schedule, &settings), layout_with::<f64>(&there, &mirrored, &settings));
-        let point = point(&layout, &mut random, 0.);
-        let [c, _] = mirrored_rows(&here.robot, &layout, &other, &rows(&layout, &point, 0.));
-        let got = rows(&other, &mirrored_point(&layout, &other, &point), 0.).c;
+        let (problem, other) = (problem_with::<f64>(&here, &schedule, &settings), problem_with::<f64>(&there, &mirrored, &settings));
+        let point = point(&problem, &mut random, 0.);
+        let [c, _] = mirrored_rows(&here.robot, &problem, &other, &rows(&problem, &point, 0.));
+        let got = rows(&other, &mirrored_point(&problem, &other, &point), 0.).c;
         assert!(got.iter().zip(&c).any(|(a, b)| (a - b).abs() > 1e6 * MIRROR_TOLERANCE));
     }
 }

@@ -2,14 +2,14 @@
 //! contents are compared with the types from which their declarations were written; tables that only shaders read are compared with those
 //! of the twins.
 
-use crate::common::{Random, cones, gait, hills, layout_with, spider, task, task_for, transcriptions};
+use crate::common::{Random, cones, gait, hills, problem_with, spider, task, task_for, transcriptions};
 use cregopt::backend::gpu::shaders::{
     Binding, SHARED, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP, bindings, constants, generated, prelude, reads,
 };
 use cregopt::backend::tables::{Batch, Buffer, FrontStep, Part, ShaderTables, Shape, Slot};
 use cregopt::linear::transposed::transposed_times;
-use cregopt::nlp::Layout;
-use cregopt::nlp::layout::Element;
+use cregopt::nlp::Problem;
+use cregopt::nlp::problem::Element;
 use cregopt::rows::Constants;
 use cregopt::rows::dynamics::{DynamicsInstant, StanceForce};
 use cregopt::rows::factored::{BaseBlocks, FactoredElement, FactoredInstant, FactoredTouch, FirstRows, OwnColumns};
@@ -598,9 +598,9 @@ fn workgroup_memory_is_within_the_limit_of_the_variant() {
 }
 
 /// Layouts with one to eight feet, short and long, some with an odd interval.
-fn layouts() -> Vec<Layout<f32>> {
+fn problems() -> Vec<Problem<f32>> {
     let mut random = Random::new(5);
-    let mut layouts = Vec::new();
+    let mut problems = Vec::new();
     for own in transcriptions().into_iter().chain([cones()]) {
         let tasks = [
             task("monoped", "slope", [1.5, 0.], 0.),
@@ -615,27 +615,27 @@ fn layouts() -> Vec<Layout<f32>> {
                 settings.interval = Some(0.17);
                 settings.reach_interval = 0.05;
             }
-            layouts.push(layout_with(task, &gait(&mut random, task.robot.feet(), 1..=6), &settings));
+            problems.push(problem_with(task, &gait(&mut random, task.robot.feet(), 1..=6), &settings));
         }
     }
-    layouts
+    problems
 }
 
 #[test]
 fn gathering_over_touches_gives_the_transposed_product() {
     let mut random = Random::new(6);
-    for layout in layouts() {
-        let own = ShaderTables::of(&layout);
+    for problem in problems() {
+        let own = ShaderTables::of(&problem);
         let mut fill = |len: usize| -> Vec<f32> { (0..len).map(|_| random.between(-1., 1.) as f32).collect() };
-        let (jacobian, v) = (fill(layout.jacobian_len), fill(layout.rows.all()));
-        let mut expected = vec![f32::NAN; layout.variables];
-        transposed_times(&layout, &jacobian, &v, &mut vec![0.; layout.widest], &mut expected);
-        assert_eq!(own.gather_of.len(), layout.variables);
+        let (jacobian, v) = (fill(problem.jacobian_len), fill(problem.rows.all()));
+        let mut expected = vec![f32::NAN; problem.variables];
+        transposed_times(&problem, &jacobian, &v, &mut vec![0.; problem.widest], &mut expected);
+        assert_eq!(own.gather_of.len(), problem.variables);
         let of_rows = |place: Place, rows: u32, column: u32| {
             let at = |r: usize| (place.jacobian + column) as usize + r * place.stride as usize;
             (0..rows as usize).fold(0f32, |sum, r| v[place.row as usize + r].mul_add(jacobian[at(r)], sum))
         };
-        let foot = |number: usize, column: u32| of_rows(layout.reach_rows.place(number), 3, column);
+        let foot = |number: usize, column: u32| of_rows(problem.reach_rows.place(number), 3, column);
         for (variable, &gather) in own.gather_of.iter().enumerate() {
             let gather = &own.gathers[gather as usize];
             let offset = variable as u32 - gather.variable;
@@ -645,12 +645,12 @@ fn gathering_over_touches_gives_the_transposed_product() {
             assert!(factored.is_sorted_by(|a, b| a.instants.end <= b.instants.start), "in the order of the instants");
             let mut sum = 0f32;
             for touch in touches {
-                let element = &layout.elements[touch.element as usize];
+                let element = &problem.elements[touch.element as usize];
                 sum += of_rows(element.place, element.rows, touch.column + offset);
             }
             for touch in factored {
-                for instant in &layout.reach_rows.instants[touch.instants.range()] {
-                    let touches = |f: &usize| touch.own == NONE || touch.own == layout.reach_rows.elements[*f].own;
+                for instant in &problem.reach_rows.instants[touch.instants.range()] {
+                    let touches = |f: &usize| touch.own == NONE || touch.own == problem.reach_rows.elements[*f].own;
                     let of_elements = instant.elements.range().filter(touches).fold(0., |sum, f| sum + foot(f, touch.column + offset));
                     let weight = if touch.own == NONE { instant.weights[touch.block as usize] } else { 1. };
                     sum = weight.mul_add(of_elements, sum);
@@ -666,11 +666,11 @@ fn gathering_over_touches_gives_the_transposed_product() {
 
 #[test]
 fn rests_name_the_remainder_of_a_front_and_its_place_in_the_next() {
-    for layout in layouts() {
-        let own = ShaderTables::of(&layout);
-        assert_eq!(own.front_steps.len(), layout.steps.len());
+    for problem in problems() {
+        let own = ShaderTables::of(&problem);
+        assert_eq!(own.front_steps.len(), problem.steps.len());
         let mut moved = 0;
-        for (k, (step, of)) in own.front_steps.iter().zip(&layout.steps).enumerate() {
+        for (k, (step, of)) in own.front_steps.iter().zip(&problem.steps).enumerate() {
             let same = [step.size, step.pivots, step.variable, step.factor, step.stride];
             assert_eq!(same, [of.size, of.pivots, of.variable, of.factor, of.stride]);
             assert_eq!(step.elements, of.elements);
@@ -678,21 +678,21 @@ fn rests_name_the_remainder_of_a_front_and_its_place_in_the_next() {
             assert_eq!(rests.len() as u32, step.size - step.pivots);
             // From the contents of the front.
             let mut stays: Vec<u32> = vec![NONE; rests.len()];
-            for run in &layout.front_runs[of.rest.range()] {
+            for run in &problem.front_runs[of.rest.range()] {
                 for i in 0..run.len {
                     stays[(run.front + i - of.pivots) as usize] = run.variable + i;
                 }
             }
             assert_eq!(rests.iter().map(|r| r.variable).collect::<Vec<_>>(), stays);
             // From the moves into the next front.
-            let Some(next) = layout.steps.get(k + 1) else {
+            let Some(next) = problem.steps.get(k + 1) else {
                 assert!(rests.is_empty(), "something is left at the end");
                 continue;
             };
-            let of_next = layout.front_runs[next.rest.range()].iter().flat_map(|run| (0..run.len).map(|i| run.variable + i));
+            let of_next = problem.front_runs[next.rest.range()].iter().flat_map(|run| (0..run.len).map(|i| run.variable + i));
             let contents: Vec<u32> = (next.variable..next.variable + next.pivots).chain(of_next).collect();
             let mut nexts = vec![NONE; rests.len()];
-            for run in &layout.front_runs[next.moves.range()] {
+            for run in &problem.front_runs[next.moves.range()] {
                 for i in 0..run.len {
                     let rest = (run.column + i - of.pivots) as usize;
                     assert_eq!(rests[rest].variable, contents[(run.front + i) as usize]);
@@ -703,6 +703,6 @@ fn rests_name_the_remainder_of_a_front_and_its_place_in_the_next() {
             assert!(nexts.iter().all(|at| *at < next.size));
             moved += nexts.len();
         }
-        assert!(moved > 0 || layout.steps.len() == 1);
+        assert!(moved > 0 || problem.steps.len() == 1);
     }
 }

@@ -1,12 +1,12 @@
 //! Small whole problems with known answers, every status that a solve can end with, and independence of threads and order.
 
 use crate::common::{
-    Random, ReferenceCandidate, free_legs, gait, layout, layout_with, momentum, reference_candidates, rows, task, towr, transcriptions,
+    Random, ReferenceCandidate, free_legs, gait, momentum, problem, problem_with, reference_candidates, rows, task, towr, transcriptions,
 };
 use cregopt::backend::{Backend, Cpu, Job, Precision, Solution};
 use cregopt::gait::Schedule;
 use cregopt::gait::cost::CostWeights;
-use cregopt::nlp::Layout;
+use cregopt::nlp::Problem;
 use cregopt::nlp::transcription::force_limit;
 use cregopt::real::Real;
 use cregopt::scenario::Scenario;
@@ -72,20 +72,20 @@ fn walking() -> (Task, Schedule) {
 }
 
 fn solve<T: Real>(
-    problem: &(Task, Schedule),
+    walk: &(Task, Schedule),
     transcription: &TranscriptionSettings,
     settings: &SolverSettings,
     start: Option<&[f64]>,
     cancel: bool,
 ) -> Outcome {
     let finish = if size_of::<T>() == 4 { Finish::Infeasibility(settings.tolerance) } else { Finish::Rows(settings.row_tolerance) };
-    Solver::<T>::default().solve(&layout_with(&problem.0, &problem.1, transcription), settings, finish, start, &|| cancel)
+    Solver::<T>::default().solve(&problem_with(&walk.0, &walk.1, transcription), settings, finish, start, &|| cancel)
 }
 
 /// Runs a check in f32 and in f64, with both transcriptions and without limits on the legs.
-fn solve_all(problem: &(Task, Schedule), settings: &SolverSettings) -> impl Iterator<Item = Outcome> {
+fn solve_all(walk: &(Task, Schedule), settings: &SolverSettings) -> impl Iterator<Item = Outcome> {
     free_legs().into_iter().flat_map(|t| {
-        let (narrow, wide) = (solve::<f32>(problem, &t, settings, None, false), solve::<f64>(problem, &t, settings, None, false));
+        let (narrow, wide) = (solve::<f32>(walk, &t, settings, None, false), solve::<f64>(walk, &t, settings, None, false));
         [narrow, wide]
     })
 }
@@ -120,8 +120,8 @@ impl Backend for Backwards {
     }
 
     fn solve(&self, job: &Job, skip: &(dyn Fn(usize) -> bool + Sync), finish: &(dyn Fn(usize, Solution) + Sync)) {
-        for (index, problem) in job.problems.iter().enumerate().rev() {
-            let job = Job { problems: std::slice::from_ref(problem), ..*job };
+        for (index, walk) in job.instances.iter().enumerate().rev() {
+            let job = Job { instances: std::slice::from_ref(walk), ..*job };
             self.0.solve(&job, &|_| skip(index), &|_, solution| finish(index, solution));
         }
     }
@@ -178,18 +178,18 @@ fn six_metres_in_four_tenths_of_a_second_end_as_stalled() {
 
 #[test]
 fn a_start_without_finite_residuals_ends_as_non_finite() {
-    let problem = walking();
+    let walk = walking();
     for transcription in transcriptions() {
-        let layout = layout_with::<f64>(&problem.0, &problem.1, &transcription);
+        let problem = problem_with::<f64>(&walk.0, &walk.1, &transcription);
         // Every quantity that the balance depends on: a pose, a force, a foothold.
-        let foot = &layout.curves.feet[1];
-        let places = [layout.curves.base[4], foot.force_nodes[1][1], foot.footholds[1]];
-        assert!(places.iter().all(|&at| (at as usize) < layout.variables));
+        let foot = &problem.curves.feet[1];
+        let places = [problem.curves.base[4], foot.force_nodes[1][1], foot.footholds[1]];
+        assert!(places.iter().all(|&at| (at as usize) < problem.variables));
         for bad in [f64::NAN, f64::INFINITY, 1e30] {
             for at in places.map(|at| at as usize) {
-                let mut start = layout.initial.clone();
+                let mut start = problem.initial.clone();
                 start[at] = bad;
-                let outcome = solve::<f32>(&problem, &transcription, &SolverSettings::default(), Some(&start), false);
+                let outcome = solve::<f32>(&walk, &transcription, &SolverSettings::default(), Some(&start), false);
                 assert_eq!((outcome.status, outcome.iterations), (Status::NonFinite, 0), "x[{at}] = {bad}");
             }
         }
@@ -201,22 +201,17 @@ fn a_cancelled_solve_ends_as_cancelled() {
     let outcome = solve::<f32>(&walking(), &momentum(), &SolverSettings::default(), None, true);
     assert_eq!((outcome.status, outcome.iterations), (Status::Cancelled, 0));
     // Also in the middle.
-    let problem = walking();
+    let walk = walking();
     let asked = Cell::new(0);
     let cancel = || {
         asked.set(asked.get() + 1);
         asked.get() > 3
     };
-    let outcome = Solver::<f32>::default().solve(
-        &layout(&problem.0, &problem.1),
-        &SolverSettings::default(),
-        Finish::Infeasibility(1e-7),
-        None,
-        &cancel,
-    );
+    let outcome =
+        Solver::<f32>::default().solve(&problem(&walk.0, &walk.1), &SolverSettings::default(), Finish::Infeasibility(1e-7), None, &cancel);
     assert_eq!((outcome.status, outcome.iterations), (Status::Cancelled, 3));
     // A cancelled batch has no results.
-    let results = evaluate(&[(&problem.0, &problem.1)], &LowerSettings::default(), None, &Cpu::new(1).unwrap(), false, &|| true).unwrap();
+    let results = evaluate(&[(&walk.0, &walk.1)], &LowerSettings::default(), None, &Cpu::new(1).unwrap(), false, &|| true).unwrap();
     assert!(matches!(results[..], [None]));
 }
 
@@ -224,7 +219,7 @@ fn a_cancelled_solve_ends_as_cancelled() {
 fn what_f32_left_near_is_closed_in_f64_and_what_it_left_afar_is_not_touched() {
     let ((task, schedule), settings) = (walking(), SolverSettings::default());
     for transcription in free_legs() {
-        let (narrow, wide) = (layout_with::<f32>(&task, &schedule, &transcription), layout_with::<f64>(&task, &schedule, &transcription));
+        let (narrow, wide) = (problem_with::<f32>(&task, &schedule, &transcription), problem_with::<f64>(&task, &schedule, &transcription));
         let mut solver = Solver::<f32>::default();
         let (mut afar, mut near) = (0, 0);
         // Terminates after one iteration, after two, and so on, until the solve succeeds.
@@ -254,16 +249,16 @@ fn what_f32_left_near_is_closed_in_f64_and_what_it_left_afar_is_not_touched() {
 fn closing_on_the_wrong_rows_restarts_from_the_same_point() {
     let ((task, schedule), settings) = (walking(), SolverSettings::default());
     let transcription = TranscriptionSettings::default();
-    let layout = layout_with::<f64>(&task, &schedule, &transcription);
+    let problem = problem_with::<f64>(&task, &schedule, &transcription);
     let mut solver = Solver::<f64>::default();
-    let outcome = solver.solve(&layout, &settings, Finish::Rows(settings.row_tolerance), None, &|| false);
+    let outcome = solver.solve(&problem, &settings, Finish::Rows(settings.row_tolerance), None, &|| false);
     assert_eq!(outcome.status, Status::Solved);
     let (solution, mut restarted) = (solver.solution(), 0);
     for seed in 0..8 {
         let mut random = Random::new(seed);
         let mut x = solution.clone();
-        x[..layout.variables].iter_mut().for_each(|v| *v += random.between(-0.1, 0.1));
-        let closed = close(&layout, outcome, x, &settings, &|| false).0;
+        x[..problem.variables].iter_mut().for_each(|v| *v += random.between(-0.1, 0.1));
+        let closed = close(&problem, outcome, x, &settings, &|| false).0;
         let steps = closed.iterations - outcome.iterations;
         assert_eq!(closed.status, Status::Solved, "seed {seed}");
         assert!(steps < settings.closing_steps + 20, "seed {seed}: {steps} steps, as many as a solve from the start");
@@ -407,14 +402,14 @@ fn momentum_gaits_of_the_biped_hold_between_the_instants() {
 #[test]
 fn smoothing_lowers_the_cost_of_a_motion_that_stays_solved() {
     let (task, schedule) = walking();
-    let layout = layout_with::<f64>(&task, &schedule, &TranscriptionSettings { friction: Some(Friction::Pyramid), ..momentum() });
+    let problem = problem_with::<f64>(&task, &schedule, &TranscriptionSettings { friction: Some(Friction::Pyramid), ..momentum() });
     let cost = |smooth: SmoothSettings| {
         let settings = SolverSettings { smooth, ..SolverSettings::default() };
         let mut solver = Solver::<f64>::default();
-        let outcome = solver.solve(&layout, &settings, Finish::Rows(settings.row_tolerance), None, &|| false);
+        let outcome = solver.solve(&problem, &settings, Finish::Rows(settings.row_tolerance), None, &|| false);
         assert_eq!(outcome.status, Status::Solved);
         // Deviations from the initial values are not costed.
-        smoothing_fall(&layout.smoothing, &solver.solution(), &layout.initial, &layout.initial)
+        smoothing_fall(&problem.smoothing, &solver.solution(), &problem.initial, &problem.initial)
     };
     let plain = cost(SmoothSettings::default());
     let smooth = |iterations| cost(SmoothSettings { iterations, ..SmoothSettings::default() });
@@ -452,10 +447,10 @@ fn cost_rows_add_up_to_the_cost_of_the_motion() {
     let results = evaluate(&[(&task, &schedule)], &settings, Some(&weights), &Cpu::new(1).unwrap(), false, &|| false).unwrap();
     let result = results.into_iter().next().unwrap().unwrap();
     let cost = result.cost.unwrap();
-    let layout = Layout::<f64>::with_cost(&task, &result.schedule, &settings.transcription, Some(&weights));
-    let c = rows(&layout, &result.x, 0.).c;
+    let problem = Problem::<f64>::with_cost(&task, &result.schedule, &settings.transcription, Some(&weights));
+    let c = rows(&problem, &result.x, 0.).c;
     let objective = Objective { weight: 1., rounding: 1e-9 };
-    let got = objective.cost(&layout, &c);
+    let got = objective.cost(&problem, &c);
     // Two quadratures of absolute values.
     assert!((got - cost.total).abs() < 0.01 * cost.total, "{got} by rows, {} by the motion", cost.total);
 }
@@ -464,7 +459,7 @@ fn cost_rows_add_up_to_the_cost_of_the_motion() {
 fn a_warm_solver_does_not_allocate() {
     fn check<T: Real>(transcription: &TranscriptionSettings) {
         let (task, _) = walking();
-        let layout = layout_with::<T>(&task, &walking().1, transcription);
+        let problem = problem_with::<T>(&task, &walking().1, transcription);
         let settings = |max_iterations| SolverSettings {
             max_iterations,
             // Only the iteration limit ends the solve.
@@ -475,7 +470,7 @@ fn a_warm_solver_does_not_allocate() {
         let mut solver = Solver::<T>::default();
         let mut solve = |iterations| {
             let before = ALLOCATIONS.get();
-            let outcome = solver.solve(&layout, &settings(iterations), Finish::Infeasibility(0.), None, &|| false);
+            let outcome = solver.solve(&problem, &settings(iterations), Finish::Infeasibility(0.), None, &|| false);
             (outcome.iterations, ALLOCATIONS.get() - before)
         };
         let (iterations, cold) = solve(40);

@@ -2,7 +2,7 @@
 
 use super::cache::Folder;
 use super::{AdapterReport, Device, Found, Gpu};
-use crate::backend::{Backend, Cpu, Job, Precision, Problem};
+use crate::backend::{Backend, Cpu, Instance, Job, Precision};
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
 use crate::nlp::transcription;
@@ -148,8 +148,8 @@ fn time(backend: &dyn Backend, batch: usize) -> Result<f64> {
     let task = Scenario::named("s1")?.task_to([1., 0.])?;
     let [early, late] = [vec![0.3, 0.3, 0.3, 0.3, 0.6], vec![0.6, 0.3, 0.3, 0.3, 0.3]];
     let trot = Schedule::new(vec![early.clone(), late.clone(), late, early])?.aligned(transcription::interval(&rows, &task.robot));
-    let problems = vec![Problem { task: &task, schedule: trot }; batch];
-    let job = Job { problems: &problems, transcription: &rows, settings: &settings, precision: Precision::F32, certified: false };
+    let instances = vec![Instance { task: &task, schedule: trot }; batch];
+    let job = Job { instances: &instances, transcription: &rows, settings: &settings, precision: Precision::F32, certified: false };
     let start = Instant::now();
     backend.solve(&job, &|_| false, &|_, _| ());
     Ok(start.elapsed().as_secs_f64())

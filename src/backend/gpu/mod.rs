@@ -17,10 +17,10 @@ pub use slots::{List, Prepared, Slots, most_slots};
 pub use timer::Timing;
 
 use super::tables::{Buffer, Sizes};
-use super::{Backend, Cpu, DeviceChoice, Fallback, Job, Precision, Problem, Solution, locked};
+use super::{Backend, Cpu, DeviceChoice, Fallback, Instance, Job, Precision, Solution, locked};
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
-use crate::nlp::{Curves, Layout, transcription};
+use crate::nlp::{Curves, Problem, transcription};
 use crate::rows::{self, Shared};
 use crate::settings::{SolverSettings, TranscriptionSettings};
 use crate::solver::control::Progress;
@@ -156,22 +156,22 @@ impl Gpu {
         let lower = TranscriptionSettings::default();
         let settings = SolverSettings::default();
         let schedule = schedule.aligned(transcription::interval(&lower, &task.robot));
-        let layout = Layout::<f32>::new(&task, &schedule, &lower);
-        let problems = [Problem { task: &task, schedule }];
+        let problem = Problem::<f32>::new(&task, &schedule, &lower);
+        let instances = [Instance { task: &task, schedule }];
         let answer = Mutex::new(None);
-        let job = Job { problems: &problems, transcription: &lower, settings: &settings, precision: Precision::F32, certified: false };
+        let job = Job { instances: &instances, transcription: &lower, settings: &settings, precision: Precision::F32, certified: false };
         self.work(&job, &|_| false, &|_, solution| *locked(&answer) = Some(solution), &mut [false]).map_err(|f| failed(f.to_string()))?;
         let answer = locked(&answer).take();
         let Some(Solution { outcome, x, .. }) = answer else { return Err(failed("no answer".into())) };
         // Evaluate the rows at its solution on the CPU.
-        let (mut c, mut g) = (vec![0.; layout.rows.one_sided()], vec![0.; layout.inequalities]);
+        let (mut c, mut g) = (vec![0.; problem.rows.one_sided()], vec![0.; problem.inequalities]);
         let mut shared = Shared::default();
-        shared.resize(&layout);
+        shared.resize(&problem);
         let x: Vec<f32> = x.iter().map(|v| *v as f32).collect();
-        rows::residuals(&layout, &x, 0., &mut shared, &mut c, &mut g, None);
+        rows::residuals(&problem, &x, 0., &mut shared, &mut c, &mut g, None);
         let f = f64::from(judge::infeasibility(&c, &g));
         if outcome.status != Status::Solved || f > 10. * settings.tolerance {
-            let expected = Solver::default().solve(&layout, &settings, Finish::Infeasibility(settings.tolerance), None, &|| false);
+            let expected = Solver::default().solve(&problem, &settings, Finish::Infeasibility(settings.tolerance), None, &|| false);
             let limit = self.device.loop_limit.map_or(String::new(), |n| format!(", the driver ends loops after {n} iterations"));
             return Err(failed(format!("{} at infeasibility {f:.1e}, the CPU: {}{limit}", outcome.status, expected.status)));
         }
@@ -249,8 +249,8 @@ struct Work<'a> {
 impl<'a> Work<'a> {
     fn new(gpu: &'a Gpu, job: &'a Job<'a>, skip: &'a (dyn Fn(usize) -> bool + Sync), done: &'a mut [bool]) -> Self {
         let (mut heights, mut terrains): (Vec<f32>, Vec<(Arc<Terrain>, u32)>) = Default::default();
-        for problem in job.problems {
-            let terrain = &problem.task.terrain;
+        for instance in job.instances {
+            let terrain = &instance.task.terrain;
             if terrains.iter().all(|(known, _)| !Arc::ptr_eq(known, terrain)) {
                 terrains.push((terrain.clone(), heights.len() as u32));
                 if let Shape::Grid(grid) = &terrain.shape {
@@ -292,8 +292,8 @@ impl<'a> Work<'a> {
     /// Builds tables until `count` candidates have theirs, or no candidate is left.
     fn prepare(&mut self, count: usize) {
         let start = Instant::now();
-        while self.prepared.len() < count && self.next < self.job.problems.len() {
-            let wanted = (count - self.prepared.len()).min(self.job.problems.len() - self.next);
+        while self.prepared.len() < count && self.next < self.job.instances.len() {
+            let wanted = (count - self.prepared.len()).min(self.job.instances.len() - self.next);
             let indices = self.next..self.next + wanted;
             self.next += wanted;
             let this = &*self;
@@ -316,16 +316,16 @@ impl<'a> Work<'a> {
         if (self.skip)(index) {
             return None;
         }
-        let problem = &self.job.problems[index];
-        let layout = Layout::<f32>::new(problem.task, &problem.schedule, self.job.transcription);
-        let first = self.terrains.iter().find(|(t, _)| Arc::ptr_eq(t, &problem.task.terrain)).map_or(0, |t| t.1);
-        Some(Prepared::new(index, layout, first, self.gpu.device.workgroup))
+        let instance = &self.job.instances[index];
+        let problem = Problem::<f32>::new(instance.task, &instance.schedule, self.job.transcription);
+        let first = self.terrains.iter().find(|(t, _)| Arc::ptr_eq(t, &instance.task.terrain)).map_or(0, |t| t.1);
+        Some(Prepared::new(index, problem, first, self.gpu.device.workgroup))
     }
 
     /// Makes slots for candidates of these sizes: as many as there are candidates left, as the device allows, and as fit into its memory.
     fn make_slots(&mut self, slots: &mut Option<Slots>, sizes: Sizes) -> std::result::Result<(), Fault> {
         let (device, settings) = (&self.gpu.device, self.job.settings);
-        let left = self.prepared.len() + self.job.problems.len() - self.next;
+        let left = self.prepared.len() + self.job.instances.len() - self.next;
         let loops = self.prepared.iter().map(|p| p.loops).max().unwrap_or(0);
         let wanted = self.gpu.most_slots.min(left);
         if let Some(slots) = slots.as_ref()
@@ -420,7 +420,7 @@ impl<'a> Work<'a> {
         let filled: Vec<u32> = self.free.drain(..fits).collect();
         let candidates: Vec<Prepared> = self.prepared.drain(..fits).collect();
         self.running.extend(filled.iter().zip(&candidates).map(|(&slot, c)| {
-            let Layout { variables, ref curves, .. } = c.layout;
+            let Problem { variables, ref curves, .. } = c.problem;
             Running { slot, index: c.index, len: c.sizes.all, variables, curves: curves.clone() }
         }));
         let mut rest = &candidates[..];
@@ -524,14 +524,14 @@ impl Backend for Gpu {
         if job.precision == Precision::F64 {
             return self.cpu.solve(job, skip, finish);
         }
-        let mut done = vec![false; job.problems.len()];
+        let mut done = vec![false; job.instances.len()];
         let improved = |index: usize, solution: Solution| finish(index, improve(job, index, solution, &|| skip(index)));
         let improves = job.settings.smooth.iterations > 0 || job.settings.optimise.iterations > 0;
         let result = self.work(job, skip, if improves { &improved } else { finish }, &mut done);
         let left: Vec<usize> = (0..done.len()).filter(|i| !done[*i]).collect();
         if !left.is_empty() {
             let fault = result.err().unwrap_or(Fault::LoopLimit);
-            let problems: Vec<Problem> = left.iter().map(|i| job.problems[*i].clone()).collect();
+            let instances: Vec<Instance> = left.iter().map(|i| job.instances[*i].clone()).collect();
             let wanted = left.iter().filter(|i| !skip(**i)).count();
             if wanted > 0 {
                 if self.fallback().is_none() {
@@ -539,7 +539,7 @@ impl Backend for Gpu {
                 }
                 Fallback::add(&self.fallback, wanted, fault.to_string());
             }
-            self.cpu.solve(&Job { problems: &problems, ..*job }, &|i| skip(left[i]), &|i, solution| finish(left[i], solution));
+            self.cpu.solve(&Job { instances: &instances, ..*job }, &|i| skip(left[i]), &|i, solution| finish(left[i], solution));
         }
     }
 }
@@ -549,11 +549,11 @@ fn improve(job: &Job, index: usize, solution: Solution, cancel: &dyn Fn() -> boo
     if solution.outcome.status != Status::Solved {
         return solution;
     }
-    let problem = &job.problems[index];
-    let layout = Layout::<f32>::with_cost(problem.task, &problem.schedule, job.transcription, job.settings.optimise.objective());
+    let instance = &job.instances[index];
+    let problem = Problem::<f32>::with_cost(instance.task, &instance.schedule, job.transcription, job.settings.optimise.objective());
     let mut solver = Solver::<f32>::default();
     let finish = Finish::Infeasibility(job.settings.tolerance);
-    let outcome = solver.solve(&layout, job.settings, finish, Some(&solution.x), cancel);
+    let outcome = solver.solve(&problem, job.settings, finish, Some(&solution.x), cancel);
     if outcome.status != Status::Solved {
         return solution;
     }

@@ -3,7 +3,7 @@
 use super::device::{Device, Fault, Pipeline};
 use super::shaders::{Binding, Shader, Variant};
 use crate::backend::tables::{ALIGNMENT, Batch, Buffer, Part, ShaderTables, Sizes, Slot, first_progress};
-use crate::nlp::Layout;
+use crate::nlp::Problem;
 use crate::rows::factored::FactoredTouch;
 use crate::settings::SolverSettings;
 use crate::solver::control::Progress;
@@ -16,7 +16,7 @@ pub struct Prepared {
     /// Index in the population.
     pub index: usize,
     /// Tables that CPU and GPU share.
-    pub layout: Layout<f32>,
+    pub problem: Problem<f32>,
     /// Tables that only shaders use.
     pub own: ShaderTables,
     /// Sizes of the tables and arrays.
@@ -31,27 +31,27 @@ pub struct Prepared {
 
 impl Prepared {
     /// Builds the tables of a candidate for workgroups of a given size. `first_height` is the offset of its terrain's heights.
-    pub fn new(index: usize, layout: Layout<f32>, first_height: u32, workgroup: u32) -> Prepared {
-        let own = ShaderTables::of(&layout);
-        let sizes = Sizes::of(&layout, &own);
-        let slot = Slot::of(&layout, &own, first_height);
-        let loops = (0..layout.steps.len()).map(|step| loops(&layout, step, workgroup)).max().unwrap_or(0);
-        let walk = walk(&layout, &own, workgroup as usize);
-        Prepared { index, layout, own, sizes, slot, loops, walk }
+    pub fn new(index: usize, problem: Problem<f32>, first_height: u32, workgroup: u32) -> Prepared {
+        let own = ShaderTables::of(&problem);
+        let sizes = Sizes::of(&problem, &own);
+        let slot = Slot::of(&problem, &own, first_height);
+        let loops = (0..problem.steps.len()).map(|step| loops(&problem, step, workgroup)).max().unwrap_or(0);
+        let walk = walk(&problem, &own, workgroup as usize);
+        Prepared { index, problem, own, sizes, slot, loops, walk }
     }
 }
 
 /// Upper bound on the loop iterations of an invocation of the shader `front` in one elimination step.
-fn loops(layout: &Layout<f32>, step: usize, workgroup: u32) -> u32 {
+fn loops(problem: &Problem<f32>, step: usize, workgroup: u32) -> u32 {
     // Per factored element, including the work per instant.
-    let factored = layout.reach_rows.counts(step).sum::<u32>();
-    let step = &layout.steps[step];
+    let factored = problem.reach_rows.counts(step).sum::<u32>();
+    let step = &problem.steps[step];
     let shares = |n: u32| n / workgroup + 2;
     let triangle = |n: u32| shares(n * (n + 3) / 2);
-    let elements: u32 = layout.elements[step.elements.range()]
+    let elements: u32 = problem.elements[step.elements.range()]
         .iter()
         .map(|element| {
-            let columns: u32 = layout.runs[element.runs.range()].iter().map(|r| r.len).sum();
+            let columns: u32 = problem.runs[element.runs.range()].iter().map(|r| r.len).sum();
             element.rows.div_ceil(6) * (triangle(columns) + shares(columns) + columns + 8)
         })
         .sum();
@@ -62,30 +62,30 @@ fn loops(layout: &Layout<f32>, step: usize, workgroup: u32) -> u32 {
 
 /// Loop iterations of an invocation of the shader that visits all elements row by row, or of those that gather them by variable; the larger
 /// number. Invocations stride by the workgroup size and run in lockstep, so each loop costs its longest trip count plus one exit test.
-fn walk(layout: &Layout<f32>, own: &ShaderTables, workgroup: usize) -> u32 {
-    let by_element = layout.elements.chunks(workgroup).map(|together| {
+fn walk(problem: &Problem<f32>, own: &ShaderTables, workgroup: usize) -> u32 {
+    let by_element = problem.elements.chunks(workgroup).map(|together| {
         let rows = together.iter().map(|e| e.rows).max().unwrap_or(0);
-        let columns = longest(together.iter().map(|e| layout.runs[e.runs.range()].iter().map(|run| run.len)));
+        let columns = longest(together.iter().map(|e| problem.runs[e.runs.range()].iter().map(|run| run.len)));
         // Three rows at once.
         1 + (rows + 1) + rows.div_ceil(3) * (columns.iter().map(|len| 1 + (len + 1)).sum::<u32>() + 1)
     });
-    let by_instant = layout.reach_rows.instants.chunks(workgroup).map(|together| {
+    let by_instant = problem.reach_rows.instants.chunks(workgroup).map(|together| {
         let elements = together.iter().map(|instant| instant.elements.range().len() as u32).max().unwrap_or(0);
         // Blocks of the base; per element the axes, its own columns and rows.
         1 + (4 + 1) + (elements + 1) + elements * ((3 + 1) + (3 + 1 + 3 * 2) + (3 + 1))
     });
     // Per instant: its elements, and the step to the next instant.
     let of_instants = |touch: &FactoredTouch| -> u32 {
-        layout.reach_rows.instants[touch.instants.range()].iter().map(|instant| 2 + instant.elements.range().len() as u32).sum()
+        problem.reach_rows.instants[touch.instants.range()].iter().map(|instant| 2 + instant.elements.range().len() as u32).sum()
     };
     let by_variable = own.gather_of.chunks(workgroup).map(|together| {
         let gathers = || together.iter().map(|&gather| &own.gathers[gather as usize]);
-        let rows = longest(gathers().map(|g| own.touches[g.touches.range()].iter().map(|t| layout.elements[t.element as usize].rows)));
+        let rows = longest(gathers().map(|g| own.touches[g.touches.range()].iter().map(|t| problem.elements[t.element as usize].rows)));
         let factored = longest(gathers().map(|g| own.factored_touches[g.factored.range()].iter().map(of_instants)));
         1 + rows.iter().chain(&factored).map(|count| 1 + (count + 1)).sum::<u32>() + 2
     });
     // The shader `start` also visits inequalities and values.
-    let extra = [layout.inequalities, layout.initial.len()].map(|n| n.div_ceil(workgroup) as u32 + 1);
+    let extra = [problem.inequalities, problem.initial.len()].map(|n| n.div_ceil(workgroup) as u32 + 1);
     (by_element.sum::<u32>() + by_instant.sum::<u32>()).max(by_variable.sum::<u32>() + extra.iter().sum::<u32>()) + 2
 }
 
@@ -330,11 +330,11 @@ impl Slots {
     /// Sends the tables of one kind for candidates in consecutive slots, starting at `first`. All threads pack them.
     fn send(&mut self, buffer: Buffer, first: usize, candidates: &[Prepared]) {
         let stride = bytes_of(buffer, &self.sizes, &self.batch, 0) as usize;
-        let of = |candidate: &Prepared| -> usize { buffer.table(&candidate.layout, &candidate.own).map_or(0, |t| t.bytes.len()) };
+        let of = |candidate: &Prepared| -> usize { buffer.table(&candidate.problem, &candidate.own).map_or(0, |t| t.bytes.len()) };
         let Some(last) = candidates.last() else { return };
         let mut bytes = vec![0u8; stride * (candidates.len() - 1) + of(last)];
         bytes.par_chunks_mut(stride).zip(candidates).for_each(|(to, candidate)| {
-            if let Some(table) = buffer.table(&candidate.layout, &candidate.own) {
+            if let Some(table) = buffer.table(&candidate.problem, &candidate.own) {
                 to[..table.bytes.len()].copy_from_slice(table.bytes);
             }
         });
@@ -366,12 +366,12 @@ impl Slots {
             for &table in Buffer::TABLES {
                 self.send(table, first, candidates);
             }
-            let progress: Vec<Progress<f32>> = candidates.iter().map(|c| first_progress(&c.layout, settings)).collect();
+            let progress: Vec<Progress<f32>> = candidates.iter().map(|c| first_progress(&c.problem, settings)).collect();
             self.write(Buffer::Progress, (first * size_of::<Progress<f32>>()) as u64, bytemuck::cast_slice(&progress));
             for (i, candidate) in candidates.iter().enumerate() {
-                let (batch, layout) = (self.batch, &candidate.layout);
+                let (batch, problem) = (self.batch, &candidate.problem);
                 for (section, values) in
-                    [(batch.x, &layout.initial), (batch.initial, &layout.initial), (batch.smoothing, &layout.smoothing)]
+                    [(batch.x, &problem.initial), (batch.initial, &problem.initial), (batch.smoothing, &problem.smoothing)]
                 {
                     self.write_values(first + i, section, values);
                 }

@@ -6,7 +6,7 @@ pub mod momentum;
 pub mod towr;
 
 use super::builder::Builder;
-use super::layout::Curves;
+use super::problem::Curves;
 use crate::gait::trajectory::MotionLimits;
 use crate::gait::{Curve, Phase};
 use crate::real::Real;

@@ -19,7 +19,7 @@ use crate::gait::swing::{MID_SPEED, TOP_ACCELERATION, TOP_SPEED};
 use crate::gait::trajectory::{GoalVelocity, MotionLimits};
 use crate::gait::{Curve, Phase};
 use crate::nlp::builder::Builder;
-use crate::nlp::layout::Curves;
+use crate::nlp::problem::Curves;
 use crate::quadrature::{GAUSS_3, GAUSS_6, lagrange};
 use crate::real::Real;
 use crate::robot::{GRAVITY, Robot};

@@ -7,7 +7,7 @@ use crate::gait::spline::{BSpline, hermite};
 use crate::gait::trajectory::MotionLimits;
 use crate::gait::{Curve, Phase};
 use crate::nlp::builder::Builder;
-use crate::nlp::layout::Curves;
+use crate::nlp::problem::Curves;
 use crate::real::Real;
 use crate::robot::Robot;
 use crate::rows::Family;

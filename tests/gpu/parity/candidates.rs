@@ -2,10 +2,10 @@
 
 use super::lab::POISON;
 use crate::common::{
-    Random, cones, gait, hills, layout_with, layout_with_cost, lopsided, point, spider, task, task_for, towr, transcriptions,
+    Random, cones, gait, hills, lopsided, point, problem_with, problem_with_cost, spider, task, task_for, towr, transcriptions,
 };
 use cregopt::gait::Schedule;
-use cregopt::nlp::Layout;
+use cregopt::nlp::Problem;
 use cregopt::settings::TranscriptionSettings;
 use cregopt::task::Task;
 use cregopt::terrain::{Shape, Terrain};
@@ -14,19 +14,19 @@ use cregopt::terrain::{Shape, Terrain};
 pub struct Candidate {
     pub name: String,
     pub feet: usize,
-    pub layout: Layout<f32>,
+    pub problem: Problem<f32>,
     pub x: Vec<f32>,
     pub first_height: u32,
 }
 
 impl Candidate {
     pub fn new(task: Task, schedule: Schedule, settings: &TranscriptionSettings, random: &mut Random) -> Candidate {
-        let layout = layout_with_cost::<f32>(&task, &schedule, settings);
-        let exact = layout_with::<f64>(&task, &schedule, settings);
+        let problem = problem_with_cost::<f32>(&task, &schedule, settings);
+        let exact = problem_with::<f64>(&task, &schedule, settings);
         let x = point(&exact, random, EDGE_RADIUS).into_iter().map(|v| v as f32).collect();
         let first_height = grids().1.iter().find(|g| g.0 == task.terrain.name).map_or(0, |g| g.1);
         let name = format!("{} on {}, {}", task.robot.name, task.terrain.name, settings.rows.name());
-        Candidate { name, feet: task.robot.feet(), layout, x, first_height }
+        Candidate { name, feet: task.robot.feet(), problem, x, first_height }
     }
 }
 

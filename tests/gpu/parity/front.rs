@@ -9,7 +9,7 @@ use cregopt::backend::gpu::Prepared;
 use cregopt::backend::gpu::shaders::{Shader, Variant, WORKGROUP};
 use cregopt::linear::NormalEquations;
 use cregopt::linear::front::{Factor, factorise};
-use cregopt::nlp::Layout;
+use cregopt::nlp::Problem;
 use cregopt::nlp::sweep::Step;
 use cregopt::solver::control::{CLOSE, EXACT, SHORTER, SOLVED, STEP};
 use nalgebra::{DMatrix, DVector};
@@ -24,12 +24,12 @@ pub struct System {
 }
 
 impl System {
-    pub fn new(layout: &Layout<f32>, random: &mut Random, zeros: f64) -> System {
+    pub fn new(problem: &Problem<f32>, random: &mut Random, zeros: f64) -> System {
         let weight: Vec<f32> =
-            (0..layout.rows.all()).map(|_| if random.between(0., 1.) < zeros { 0. } else { random.between(0.01, 1.) as f32 }).collect();
+            (0..problem.rows.all()).map(|_| if random.between(0., 1.) < zeros { 0. } else { random.between(0.01, 1.) as f32 }).collect();
         let value = weight.iter().map(|&w| if w == 0. { 0. } else { random.between(-1., 1.) as f32 }).collect();
-        let diagonal = (0..layout.variables).map(|_| 1e-3 * random.between(0.01, 10.) as f32).collect();
-        let gradient = (0..layout.variables).map(|_| random.between(-1., 1.) as f32).collect();
+        let diagonal = (0..problem.variables).map(|_| 1e-3 * random.between(0.01, 10.) as f32).collect();
+        let gradient = (0..problem.variables).map(|_| random.between(-1., 1.) as f32).collect();
         System { weight, value, diagonal, gradient }
     }
 
@@ -38,12 +38,12 @@ impl System {
     }
 
     /// `E + J' W J`, `-(u + J' v)`, and the sizes of the terms of the latter, in f64.
-    pub fn dense(&self, layout: &Layout<f32>, jacobian: &[f32]) -> (DMatrix<f64>, DVector<f64>, DVector<f64>) {
+    pub fn dense(&self, problem: &Problem<f32>, jacobian: &[f32]) -> (DMatrix<f64>, DVector<f64>, DVector<f64>) {
         let wide = |v: &[f32]| DVector::from_iterator(v.len(), v.iter().map(|v| f64::from(*v)));
         let mut matrix = DMatrix::from_diagonal(&wide(&self.diagonal));
         let mut rhs = -wide(&self.gradient);
         let mut size = rhs.abs();
-        for (element, runs) in layout.all_elements().zip(layout.columns()) {
+        for (element, runs) in problem.all_elements().zip(problem.columns()) {
             let place = &element.place;
             for r in 0..element.rows as usize {
                 let row = &jacobian[place.jacobian as usize + r * place.stride as usize..];
@@ -70,27 +70,27 @@ impl System {
 }
 
 /// Entries of the factor that have values: each pivot row from the diagonal to the right-hand side.
-fn factor_entries(layout: &Layout<f32>) -> Vec<usize> {
+fn factor_entries(problem: &Problem<f32>) -> Vec<usize> {
     let of_row = |step: &Step, i: u32| {
         let row = step.factor + i * step.stride;
         (row + i) as usize..=(row + step.size) as usize
     };
-    layout.steps.iter().flat_map(|step| (0..step.pivots).flat_map(move |i| of_row(step, i))).collect()
+    problem.steps.iter().flat_map(|step| (0..step.pivots).flat_map(move |i| of_row(step, i))).collect()
 }
 
 /// Entries left of the diagonal in the diagonal block of four pivots: the shader writes whole blocks, with zeros there.
-fn left_of_diagonal(layout: &Layout<f32>) -> Vec<usize> {
+fn left_of_diagonal(problem: &Problem<f32>) -> Vec<usize> {
     let of_row = |step: &Step, i: u32| {
         let row = step.factor + i * step.stride;
         (row + i / 4 * 4) as usize..(row + i) as usize
     };
-    layout.steps.iter().flat_map(|step| (0..step.pivots).flat_map(move |i| of_row(step, i))).collect()
+    problem.steps.iter().flat_map(|step| (0..step.pivots).flat_map(move |i| of_row(step, i))).collect()
 }
 
 /// Variables of the front of a step, in order.
-pub fn front_of(layout: &Layout<f32>, step: &Step) -> Vec<usize> {
+pub fn front_of(problem: &Problem<f32>, step: &Step) -> Vec<usize> {
     let pivots = step.variable..step.variable + step.pivots;
-    let rest = layout.front_runs[step.rest.range()].iter().flat_map(|run| run.variable..run.variable + run.len);
+    let rest = problem.front_runs[step.rest.range()].iter().flat_map(|run| run.variable..run.variable + run.len);
     pivots.chain(rest).map(|v| v as usize).collect()
 }
 
@@ -102,10 +102,10 @@ pub fn backward(residual: f64, size: f64, worst: f64) -> f64 {
 
 /// Backward error of a factor and its right-hand side in the normal equations `A d = b`: the largest of `|A - U'U|` relative to the
 /// geometric mean of its two diagonal entries, and of `|b - U'y|` relative to the sizes of its terms.
-fn misses(layout: &Layout<f32>, factor: &[f32], (matrix, rhs, size): &(DMatrix<f64>, DVector<f64>, DVector<f64>)) -> f64 {
+fn misses(problem: &Problem<f32>, factor: &[f32], (matrix, rhs, size): &(DMatrix<f64>, DVector<f64>, DVector<f64>)) -> f64 {
     let (mut matrix_left, mut left, mut size) = (matrix.clone(), rhs.clone(), size.clone());
-    for step in &layout.steps {
-        let front = front_of(layout, step);
+    for step in &problem.steps {
+        let front = front_of(problem, step);
         for i in 0..step.pivots as usize {
             let row = &factor[step.factor as usize + i * step.stride as usize..][..=step.size as usize];
             let y = f64::from(row[step.size as usize]);
@@ -120,9 +120,9 @@ fn misses(layout: &Layout<f32>, factor: &[f32], (matrix, rhs, size): &(DMatrix<f
         }
     }
     let mut worst = 0.;
-    for i in 0..layout.variables {
+    for i in 0..problem.variables {
         worst = backward(left[i], size[i], worst);
-        for j in 0..layout.variables {
+        for j in 0..problem.variables {
             worst = backward(matrix_left[(i, j)], (matrix[(i, i)] * matrix[(j, j)]).sqrt(), worst);
         }
     }
@@ -156,11 +156,11 @@ fn check_front_at(lab: &mut Lab, lists: &[Vec<u32>], what: &str, mut jacobian_of
     states(lab, &mut before, &[STEP, CLOSE, STEP, SHORTER, EXACT, CLOSE, SOLVED]);
     let mut systems = Vec::new();
     for s in 0..lab.slots.len() {
-        let layout = &lab.slots[s].layout;
-        let mut system = System::new(layout, &mut random, [0., 0.4, 0.9][s % 3]);
+        let problem = &lab.slots[s].problem;
+        let mut system = System::new(problem, &mut random, [0., 0.4, 0.9][s % 3]);
         // Some are not positive definite, at different pivots.
         if s % 8 == 5 {
-            let at = [0, layout.variables / 2, layout.variables - 1][s / 8 % 3];
+            let at = [0, problem.variables / 2, problem.variables - 1][s / 8 % 3];
             system.diagonal[at] = -1e3;
         }
         let jacobian = jacobian_of(&lab.slots[s]);
@@ -178,21 +178,21 @@ fn check_front_at(lab: &mut Lab, lists: &[Vec<u32>], what: &str, mut jacobian_of
             if before.progress[s].state > CLOSE {
                 continue;
             }
-            let layout = &lab.slots[s].layout;
+            let problem = &lab.slots[s].problem;
             let (system, jacobian) = &systems[s];
             let mut twin = Factor::default();
-            twin.resize(layout);
-            let positive = factorise(layout, &system.equations(jacobian), &mut twin);
+            twin.resize(problem);
+            let positive = factorise(problem, &system.equations(jacobian), &mut twin);
             expected.state.values[lab.flags(s)] = f32::from(!positive);
             let scratch = lab.range(s, lab.batch.carry, (lab.batch.flags - lab.batch.carry) as usize);
             expected.state.values[scratch.clone()].copy_from_slice(&got.values[scratch]);
             let first = lab.factor(s).start;
-            for at in left_of_diagonal(layout) {
+            for at in left_of_diagonal(problem) {
                 if got.factor[first + at] == 0. {
                     expected.state.factor[first + at] = 0.;
                 }
             }
-            for at in factor_entries(layout) {
+            for at in factor_entries(problem) {
                 let v = got.factor[first + at];
                 assert!(!positive || v.is_finite(), "{what}, slot {s}, {}: factor[{at}] is {v}", lab.slots[s].candidate.name);
                 expected.state.factor[first + at] = v;
@@ -209,7 +209,7 @@ fn check_front_at(lab: &mut Lab, lists: &[Vec<u32>], what: &str, mut jacobian_of
                     "{what}, slot {s}: another factor in another list"
                 );
             } else {
-                let error = misses(layout, factor, &system.dense(layout, jacobian));
+                let error = misses(problem, factor, &system.dense(problem, jacobian));
                 assert!(error <= FRONT, "{what}, slot {s}, {}: backward error {error:e}", lab.slots[s].candidate.name);
                 worst = worst.max(error);
             }
@@ -223,7 +223,7 @@ fn check_front_at(lab: &mut Lab, lists: &[Vec<u32>], what: &str, mut jacobian_of
 /// Candidates whose front fits into the smallest workgroup memory.
 pub fn with_small_fronts(workgroup: u32) -> Vec<Candidate> {
     let fits = |c: &Candidate| {
-        let sizes = Prepared::new(0, c.layout.clone(), 0, workgroup).sizes;
+        let sizes = Prepared::new(0, c.problem.clone(), 0, workgroup).sizes;
         sizes.front <= SMALL[0] && sizes.columns <= SMALL[1]
     };
     let candidates: Vec<Candidate> = candidates().into_iter().filter(fits).collect();
@@ -247,11 +247,11 @@ fn front_in_workgroup_memory_solves_the_normal_equations() {
 fn front_takes_elements_of_any_number_of_rows() {
     let Some(device) = gpu("front_takes_elements_of_any_number_of_rows") else { return };
     let mut candidates = with_small_fronts(device.workgroup);
-    candidates.iter_mut().for_each(|candidate| with_any_rows(&mut candidate.layout));
+    candidates.iter_mut().for_each(|candidate| with_any_rows(&mut candidate.problem));
     let mut random = Random::new(52);
     let mut lab = Lab::new(&device, &candidates, candidates.len(), SMALL, |_, _| {});
     let lists = lab.lists();
-    check_front_at(&mut lab, &lists, "any number of rows", |slot| any_jacobian(&slot.layout, &slot.candidate.x, &mut random));
+    check_front_at(&mut lab, &lists, "any number of rows", |slot| any_jacobian(&slot.problem, &slot.candidate.x, &mut random));
 }
 
 #[test]
@@ -260,7 +260,7 @@ fn front_in_storage_solves_the_normal_equations() {
     assert_eq!(device.variant(LARGE[0], LARGE[1]).front, 0, "this adapter would keep the front in workgroup memory");
     let candidates = candidates();
     let mut lab = Lab::new(&device, &candidates, candidates.len(), LARGE, |_, _| {});
-    let largest = lab.slots.iter().map(|s| s.layout.steps.iter().map(|step| step.size).max().unwrap()).max().unwrap();
+    let largest = lab.slots.iter().map(|s| s.problem.steps.iter().map(|step| step.size).max().unwrap()).max().unwrap();
     assert!(largest as usize <= LARGE[0] && largest as usize > SMALL[0], "the largest front has {largest} variables");
     let lists = lab.lists();
     check_front(&mut lab, &lists, "front in storage");
@@ -295,10 +295,10 @@ fn a_sweep_in_several_dispatches_gives_the_same_factor() {
         let mut before = lab.poisoned();
         states(&lab, &mut before, &[STEP, CLOSE]);
         for s in 0..n {
-            let layout = &lab.slots[s].layout;
-            assert!(layout.steps.len() > 3);
+            let problem = &lab.slots[s].problem;
+            assert!(problem.steps.len() > 3);
             assert!(lab.slots[s].loops < limit, "one dispatch is too long for this adapter: {}", lab.slots[s].loops);
-            let mut system = System::new(layout, &mut random, 0.2);
+            let mut system = System::new(problem, &mut random, 0.2);
             if s % 4 == 1 {
                 // The failure of the first step must not be forgotten.
                 system.diagonal[0] = -1e3;

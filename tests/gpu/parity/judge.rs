@@ -58,8 +58,8 @@ impl Trial {
         fill(&mut state.values, lab.of_variables(s, batch.initial), random, -1., 1.);
         fill(&mut state.values, lab.of_variables(s, batch.smoothing), random, 0., 1.);
         barrier_state(lab, s, state, random, true);
-        let layout = &lab.slots[s].layout;
-        let trial = Trial { noise: (0..layout.rows.one_sided() + layout.inequalities).map(|_| random.between(-1., 1.)).collect() };
+        let problem = &lab.slots[s].problem;
+        let trial = Trial { noise: (0..problem.rows.one_sided() + problem.inequalities).map(|_| random.between(-1., 1.)).collect() };
         trial.put(lab, s, state, 10f64.powf(random.between(-3., 0.3)));
         trial
     }
@@ -103,7 +103,7 @@ fn falls(lab: &Lab, s: usize, state: &State) -> [f64; 4] {
     let (half, to) = (progress.current, 1 - progress.current);
     let of = |range: Range<usize>| state.values[range].iter().map(|v| f64::from(*v)).collect::<Vec<f64>>();
     // Cost rows, which follow the equalities, have no part in the verdict.
-    let equalities = lab.slots[s].layout.rows.of(RowKind::Equality);
+    let equalities = lab.slots[s].problem.rows.of(RowKind::Equality);
     let [c, c_to] = [half, to].map(|half| of(lab.c(s, half))[equalities.clone()].to_vec());
     let (g, g_to) = (of(lab.g(s, half)), of(lab.g(s, to)));
     let length = f64::from(progress.length);

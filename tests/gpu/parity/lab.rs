@@ -5,7 +5,7 @@ use crate::common::Random;
 use cregopt::backend::gpu::shaders::{Shader, WORKGROUP};
 use cregopt::backend::gpu::{Device, Folder, List, Prepared, Slots};
 use cregopt::backend::tables::{Batch, Buffer, Sizes, Slot as Counts};
-use cregopt::nlp::Layout;
+use cregopt::nlp::Problem;
 use cregopt::settings::{SolverSettings, StallSettings};
 use cregopt::solver::control::Progress;
 use std::collections::BTreeMap;
@@ -88,7 +88,7 @@ pub struct Lab<'a> {
 /// Candidate of a slot, and the number of its entries in this test.
 pub struct Slot<'a> {
     pub candidate: &'a Candidate,
-    pub layout: Layout<f32>,
+    pub problem: Problem<f32>,
     pub counts: Counts,
     pub loops: u32,
 }
@@ -175,7 +175,7 @@ impl<'a> Lab<'a> {
         };
         let prepare = |s: usize| {
             let candidate = &candidates[s % candidates.len()];
-            let mut prepared = Prepared::new(s, candidate.layout.clone(), candidate.first_height, device.workgroup);
+            let mut prepared = Prepared::new(s, candidate.problem.clone(), candidate.first_height, device.workgroup);
             tweak(s, &mut prepared);
             prepared
         };
@@ -188,7 +188,7 @@ impl<'a> Lab<'a> {
             candidate: &candidates[p.index % candidates.len()],
             counts: p.slot,
             loops: p.loops * p.own.front_steps.len() as u32,
-            layout: p.layout,
+            problem: p.problem,
         };
         Lab { device: device.clone(), batch: buffers.batch, buffers, slots: prepared.into_iter().map(of).collect(), settings }
     }
@@ -226,31 +226,31 @@ impl<'a> Lab<'a> {
     }
 
     pub fn x(&self, slot: usize, half: u32) -> Range<usize> {
-        self.range(slot, self.batch.x + half * self.batch.x_half, self.slots[slot].layout.initial.len())
+        self.range(slot, self.batch.x + half * self.batch.x_half, self.slots[slot].problem.initial.len())
     }
 
     pub fn c(&self, slot: usize, half: u32) -> Range<usize> {
-        self.range(slot, self.batch.c + half * self.batch.c_half, self.slots[slot].layout.rows.one_sided())
+        self.range(slot, self.batch.c + half * self.batch.c_half, self.slots[slot].problem.rows.one_sided())
     }
 
     pub fn g(&self, slot: usize, half: u32) -> Range<usize> {
-        self.range(slot, self.batch.g + half * self.batch.g_half, self.slots[slot].layout.inequalities)
+        self.range(slot, self.batch.g + half * self.batch.g_half, self.slots[slot].problem.inequalities)
     }
 
     pub fn of_variables(&self, slot: usize, array: u32) -> Range<usize> {
-        self.range(slot, array, self.slots[slot].layout.variables)
+        self.range(slot, array, self.slots[slot].problem.variables)
     }
 
     pub fn of_rows(&self, slot: usize, array: u32) -> Range<usize> {
-        self.range(slot, array, self.slots[slot].layout.rows.all())
+        self.range(slot, array, self.slots[slot].problem.rows.all())
     }
 
     pub fn of_inequalities(&self, slot: usize, array: u32) -> Range<usize> {
-        self.range(slot, array, self.slots[slot].layout.inequalities)
+        self.range(slot, array, self.slots[slot].problem.inequalities)
     }
 
     pub fn of_equalities(&self, slot: usize, array: u32) -> Range<usize> {
-        self.range(slot, array, self.slots[slot].layout.rows.one_sided())
+        self.range(slot, array, self.slots[slot].problem.rows.one_sided())
     }
 
     /// Ranges of the residuals of one half and of their changes: equalities, inequalities.
@@ -265,12 +265,12 @@ impl<'a> Lab<'a> {
 
     pub fn jacobian(&self, slot: usize, half: u32) -> Range<usize> {
         let at = (2 * slot + half as usize) * self.batch.jacobian as usize;
-        at..at + self.slots[slot].layout.jacobian_len
+        at..at + self.slots[slot].problem.jacobian_len
     }
 
     pub fn factor(&self, slot: usize) -> Range<usize> {
         let at = slot * self.batch.factor as usize;
-        at..at + self.slots[slot].layout.factor_len
+        at..at + self.slots[slot].problem.factor_len
     }
 
     /// Writes a state, runs a shader over a list of slots, and reads the state.

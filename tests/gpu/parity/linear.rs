@@ -9,7 +9,7 @@ use crate::common::Random;
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::linear::front::{Factor, factorise};
 use cregopt::linear::{forward, product, transposed};
-use cregopt::nlp::Layout;
+use cregopt::nlp::Problem;
 use cregopt::solver::advance;
 use cregopt::solver::control::{CLOSE, EXACT, SHORTER, SOLVED, STEP};
 use std::collections::BTreeMap;
@@ -18,13 +18,13 @@ fn size(v: &[f32]) -> Vec<f32> {
     v.iter().map(|v| v.abs()).collect()
 }
 
-/// A layout whose sizes of products are sums of the sizes of their terms: negative weights of base blocks would make them cancel.
-fn with_weights_as_sizes(layout: &Layout<f32>) -> Layout<f32> {
-    let mut layout = layout.clone();
-    for instant in &mut layout.reach_rows.instants {
+/// A problem whose sizes of products are sums of the sizes of their terms: negative weights of base blocks would make them cancel.
+fn with_weights_as_sizes(problem: &Problem<f32>) -> Problem<f32> {
+    let mut problem = problem.clone();
+    for instant in &mut problem.reach_rows.instants {
         instant.weights = instant.weights.map(f32::abs);
     }
-    layout
+    problem
 }
 
 #[test]
@@ -48,18 +48,18 @@ fn product_agrees_with_its_twin() {
             if state.progress[s].state > CLOSE {
                 return;
             }
-            let mut layout = lab.slots[s].layout.clone();
-            layout.elements.truncate(lab.slots[s].counts.elements as usize);
-            layout.reach_rows.instants.truncate(lab.slots[s].counts.factored_instants as usize);
+            let mut problem = lab.slots[s].problem.clone();
+            problem.elements.truncate(lab.slots[s].counts.elements as usize);
+            problem.reach_rows.instants.truncate(lab.slots[s].counts.factored_instants as usize);
             let jacobian = state.jacobian[lab.jacobian(s, state.progress[s].current)].to_vec();
             let d = state.values[lab.of_variables(s, batch.direction)].to_vec();
-            let times = |layout: &Layout<f32>, jacobian: &[f32], d: &[f32]| {
-                let (mut c, mut g) = (vec![POISON; layout.rows.one_sided()], vec![POISON; layout.inequalities]);
-                product::jacobian_times(layout, jacobian, d, &mut vec![0.; layout.widest], &mut c, &mut g);
+            let times = |problem: &Problem<f32>, jacobian: &[f32], d: &[f32]| {
+                let (mut c, mut g) = (vec![POISON; problem.rows.one_sided()], vec![POISON; problem.inequalities]);
+                product::jacobian_times(problem, jacobian, d, &mut vec![0.; problem.widest], &mut c, &mut g);
                 (c, g)
             };
-            let (c, g) = times(&layout, &jacobian, &d);
-            let (c_size, g_size) = times(&with_weights_as_sizes(&layout), &size(&jacobian), &size(&d));
+            let (c, g) = times(&problem, &jacobian, &d);
+            let (c_size, g_size) = times(&with_weights_as_sizes(&problem), &size(&jacobian), &size(&d));
             let [c_at, g_at] = [lab.of_equalities(s, batch.c_change), lab.of_inequalities(s, batch.g_change)];
             expected.sizes.extend(c_at.clone().zip(c_size));
             expected.sizes.extend(g_at.clone().zip(g_size.iter().map(|v| v.abs())));
@@ -83,20 +83,20 @@ fn transposed_agrees_with_its_twin() {
             fill(&mut state.values, lab.of_variables(s, lab.batch.gradient), random, -1., 1.);
         },
         |lab, s, _, expected| {
-            let (batch, layout, state) = (&lab.batch, &lab.slots[s].layout, &mut expected.state);
+            let (batch, problem, state) = (&lab.batch, &lab.slots[s].problem, &mut expected.state);
             if state.progress[s].state != STEP {
                 return;
             }
             let jacobian = state.jacobian[lab.jacobian(s, state.progress[s].current)].to_vec();
             let (v, u) = (&state.values[lab.of_rows(s, batch.value)], &state.values[lab.of_variables(s, batch.gradient)]);
-            let times = |layout: &Layout<f32>, jacobian: &[f32], v: &[f32], u: &[f32]| {
-                let mut out = vec![f32::NAN; layout.variables];
-                transposed::transposed_times(layout, jacobian, v, &mut vec![0.; layout.widest], &mut out);
+            let times = |problem: &Problem<f32>, jacobian: &[f32], v: &[f32], u: &[f32]| {
+                let mut out = vec![f32::NAN; problem.variables];
+                transposed::transposed_times(problem, jacobian, v, &mut vec![0.; problem.widest], &mut out);
                 advance::add(&mut out, u);
                 out
             };
-            let sums = times(layout, &jacobian, v, u);
-            let sizes = times(&with_weights_as_sizes(layout), &size(&jacobian), &size(v), &size(u));
+            let sums = times(problem, &jacobian, v, u);
+            let sizes = times(&with_weights_as_sizes(problem), &size(&jacobian), &size(v), &size(u));
             let at = lab.of_variables(s, batch.right_hand_side);
             expected.sizes.extend(at.clone().zip(sizes));
             state.values[at].copy_from_slice(&sums);
@@ -107,12 +107,12 @@ fn transposed_agrees_with_its_twin() {
 
 /// Factor of a slot by the twin, with its right-hand side.
 fn twin_factor(slot: &Slot, random: &mut Random) -> Vec<f32> {
-    let system = System::new(&slot.layout, random, 0.2);
+    let system = System::new(&slot.problem, random, 0.2);
     let mut factor = Factor::default();
-    factor.resize(&slot.layout);
+    factor.resize(&slot.problem);
     // Entries that the twin does not write are not read.
     factor.pivot_rows.fill(POISON);
-    assert!(factorise(&slot.layout, &system.equations(&jacobian_at(slot)), &mut factor));
+    assert!(factorise(&slot.problem, &system.equations(&jacobian_at(slot)), &mut factor));
     factor.pivot_rows.to_vec()
 }
 
@@ -169,13 +169,13 @@ fn substitute_solves_its_triangle() {
             if before.progress[s].state > CLOSE {
                 return 0.;
             }
-            let (layout, factor) = (&lab.slots[s].layout, &before.factor[lab.factor(s)]);
+            let (problem, factor) = (&lab.slots[s].problem, &before.factor[lab.factor(s)]);
             let at = lab.of_variables(s, lab.batch.direction);
             let d = &got.values[at.clone()];
             expected.state.values[at].copy_from_slice(d);
             let mut worst = 0.;
-            for step in &layout.steps {
-                let front = front_of(layout, step);
+            for step in &problem.steps {
+                let front = front_of(problem, step);
                 for i in 0..step.pivots as usize {
                     let row = &factor[step.factor as usize + i * step.stride as usize..];
                     let y = f64::from(row[step.size as usize]);
@@ -206,7 +206,7 @@ fn forward_solves_its_triangle() {
             if before.progress[s].state != STEP {
                 return 0.;
             }
-            let layout = &lab.slots[s].layout;
+            let problem = &lab.slots[s].problem;
             let at = lab.of_variables(s, lab.batch.right_hand_side);
             let (given, left) = (&before.values[at.clone()], &got.values[at.clone()]);
             let first = lab.factor(s).start;
@@ -214,8 +214,8 @@ fn forward_solves_its_triangle() {
             let mut sums: Vec<f64> = given.iter().map(|v| f64::from(*v)).collect();
             let mut sizes: Vec<f64> = sums.iter().map(|v| v.abs()).collect();
             let mut worst = 0.;
-            for step in &layout.steps {
-                let front = front_of(layout, step);
+            for step in &problem.steps {
+                let front = front_of(problem, step);
                 for i in 0..step.pivots as usize {
                     let row = first + step.factor as usize + i * step.stride as usize;
                     let column = row + step.size as usize;
@@ -233,10 +233,10 @@ fn forward_solves_its_triangle() {
             }
             // The twin leaves the same right-hand side on the same numbers, except for rounding.
             let mut twin = Factor::default();
-            twin.resize(layout);
+            twin.resize(problem);
             twin.pivot_rows.copy_from_slice(&before.factor[lab.factor(s)]);
             let mut gradient = given.to_vec();
-            forward::forward(layout, &mut twin, &mut gradient);
+            forward::forward(problem, &mut twin, &mut gradient);
             assert!(left.iter().all(|v| v.is_finite()) && gradient.iter().all(|v| v.is_finite()));
             expected.state.values[at].copy_from_slice(left);
             worst

@@ -21,38 +21,38 @@ const LONG: usize = 3;
 /// Truncates tables so that their numbers of entries lie around the workgroup size.
 fn around_the_workgroup(s: usize, prepared: &mut Prepared) {
     let count = [63, 64, 65, usize::MAX][s / LONG % 4];
-    let (layout, slot) = (&mut prepared.layout, &mut prepared.slot);
-    layout.dynamics_instants.truncate(count);
-    layout.momentum_intervals.truncate(count);
-    layout.reach_instants.truncate(count);
-    layout.force_nodes.truncate(count);
-    layout.swing_nodes.truncate(count);
-    layout.strides.truncate(count);
-    layout.accelerations.truncate(count);
-    layout.cones.truncate(count);
-    layout.footings.truncate(count);
-    layout.efforts.truncate(count);
-    layout.stance_powers.truncate(count);
-    layout.swing_powers.truncate(count);
-    slot.dynamics_instants = layout.dynamics_instants.len() as u32;
-    slot.momentum_intervals = layout.momentum_intervals.len() as u32;
-    slot.reach_instants = layout.reach_instants.len() as u32;
-    slot.force_nodes = layout.force_nodes.len() as u32;
-    slot.swing_nodes = layout.swing_nodes.len() as u32;
-    slot.strides = layout.strides.len() as u32;
-    slot.accelerations = layout.accelerations.len() as u32;
-    slot.cones = layout.cones.len() as u32;
-    slot.footings = layout.footings.len() as u32;
-    slot.efforts = layout.efforts.len() as u32;
-    slot.stance_powers = layout.stance_powers.len() as u32;
-    slot.swing_powers = layout.swing_powers.len() as u32;
+    let (problem, slot) = (&mut prepared.problem, &mut prepared.slot);
+    problem.dynamics_instants.truncate(count);
+    problem.momentum_intervals.truncate(count);
+    problem.reach_instants.truncate(count);
+    problem.force_nodes.truncate(count);
+    problem.swing_nodes.truncate(count);
+    problem.strides.truncate(count);
+    problem.accelerations.truncate(count);
+    problem.cones.truncate(count);
+    problem.footings.truncate(count);
+    problem.efforts.truncate(count);
+    problem.stance_powers.truncate(count);
+    problem.swing_powers.truncate(count);
+    slot.dynamics_instants = problem.dynamics_instants.len() as u32;
+    slot.momentum_intervals = problem.momentum_intervals.len() as u32;
+    slot.reach_instants = problem.reach_instants.len() as u32;
+    slot.force_nodes = problem.force_nodes.len() as u32;
+    slot.swing_nodes = problem.swing_nodes.len() as u32;
+    slot.strides = problem.strides.len() as u32;
+    slot.accelerations = problem.accelerations.len() as u32;
+    slot.cones = problem.cones.len() as u32;
+    slot.footings = problem.footings.len() as u32;
+    slot.efforts = problem.efforts.len() as u32;
+    slot.stance_powers = problem.stance_powers.len() as u32;
+    slot.swing_powers = problem.swing_powers.len() as u32;
     slot.footholds = slot.footholds.min(count as u32);
 }
 
 /// Runs an evaluation shader on short candidates and on long ones, and its twin.
 ///
 /// * `counted` - entries that the shader processes
-/// * `twin` - writes the expected results at the trial point: slot, its layout, x, ground and deviations there, output
+/// * `twin` - writes the expected results at the trial point: slot, its problem, x, ground and deviations there, output
 fn evaluation(
     shader: Shader,
     counted: fn(&Counts) -> u32,
@@ -72,13 +72,13 @@ fn evaluation(
         // Shared by all lists: x, ground and deviations at the trial point.
         let mut shared = Vec::new();
         for (s, slot) in lab.slots.iter().enumerate() {
-            let (layout, x) = (&slot.layout, &slot.candidate.x);
-            let at = common::shared(layout);
+            let (problem, x) = (&slot.problem, &slot.candidate.x);
+            let at = common::shared(problem);
             let mut at =
-                Shared { ground: at.ground, deviations: vec![Deviation::default(); layout.momentum_intervals.len()], frozen: false };
-            ground::ground(layout, x, &mut at.ground);
-            let mut c = vec![0.; layout.rows.one_sided()];
-            momentum::momentum(layout, x, &at.ground, &mut at.deviations, false, &mut c, None);
+                Shared { ground: at.ground, deviations: vec![Deviation::default(); problem.momentum_intervals.len()], frozen: false };
+            ground::ground(problem, x, &mut at.ground);
+            let mut c = vec![0.; problem.rows.one_sided()];
+            momentum::momentum(problem, x, &at.ground, &mut at.deviations, false, &mut c, None);
             let trial = 1 - before.progress[s].current;
             before.values[lab.x(s, trial)].copy_from_slice(x);
             if shader != Shader::Ground {
@@ -148,7 +148,7 @@ fn dynamics_agrees_with_its_twin() {
         TRIGONOMETRY,
         |lab, s, x, shared, expected| {
             let (c, jacobian) = trial(lab, s, true, &mut expected.state);
-            dynamics::dynamics(&lab.slots[s].layout, x, &shared.ground, c, Some(jacobian));
+            dynamics::dynamics(&lab.slots[s].problem, x, &shared.ground, c, Some(jacobian));
         },
     );
 }
@@ -160,10 +160,10 @@ fn momentum_agrees_with_its_twin() {
         |slot| slot.momentum_intervals,
         TRIGONOMETRY,
         |lab, s, x, shared, expected| {
-            let layout = &lab.slots[s].layout;
-            let mut deviations = vec![Deviation::default(); layout.momentum_intervals.len()];
+            let problem = &lab.slots[s].problem;
+            let mut deviations = vec![Deviation::default(); problem.momentum_intervals.len()];
             let (c, jacobian) = trial(lab, s, true, &mut expected.state);
-            momentum::momentum(layout, x, &shared.ground, &mut deviations, false, c, Some(jacobian));
+            momentum::momentum(problem, x, &shared.ground, &mut deviations, false, c, Some(jacobian));
             let to = lab.range(s, lab.batch.deviations, 36 * deviations.len());
             expected.state.values[to].copy_from_slice(&poses(&deviations));
         },
@@ -178,7 +178,7 @@ fn reach_agrees_with_its_twin() {
         TRIGONOMETRY,
         |lab, s, x, shared, expected| {
             let (g, jacobian) = trial(lab, s, false, &mut expected.state);
-            reach::reach(&lab.slots[s].layout, x, &shared.ground, &shared.deviations, g, Some(jacobian));
+            reach::reach(&lab.slots[s].problem, x, &shared.ground, &shared.deviations, g, Some(jacobian));
         },
     );
 }
@@ -192,7 +192,7 @@ fn force_agrees_with_its_twin() {
         |lab, s, x, _, expected| {
             let edge_radius = expected.state.progress[s].edge_radius;
             let (g, jacobian) = trial(lab, s, false, &mut expected.state);
-            force::force(&lab.slots[s].layout, x, edge_radius, g, Some(jacobian));
+            force::force(&lab.slots[s].problem, x, edge_radius, g, Some(jacobian));
         },
     );
 }
@@ -207,7 +207,7 @@ fn cone_agrees_with_its_twin() {
         |lab, s, x, _, expected| {
             let edge_radius = expected.state.progress[s].edge_radius;
             let (g, jacobian) = trial(lab, s, false, &mut expected.state);
-            cone::cone(&lab.slots[s].layout, x, edge_radius, g, Some(jacobian));
+            cone::cone(&lab.slots[s].problem, x, edge_radius, g, Some(jacobian));
         },
     );
 }
@@ -221,7 +221,7 @@ fn swing_agrees_with_its_twin() {
         8. * ARITHMETIC,
         |lab, s, x, shared, expected| {
             let (g, jacobian) = trial(lab, s, false, &mut expected.state);
-            swing::swing(&lab.slots[s].layout, x, &shared.ground, g, Some(jacobian));
+            swing::swing(&lab.slots[s].problem, x, &shared.ground, g, Some(jacobian));
         },
     );
 }
@@ -234,7 +234,7 @@ fn stride_agrees_with_its_twin() {
         8. * ARITHMETIC,
         |lab, s, x, _, expected| {
             let (g, jacobian) = trial(lab, s, false, &mut expected.state);
-            stride::stride(&lab.slots[s].layout, x, g, Some(jacobian));
+            stride::stride(&lab.slots[s].problem, x, g, Some(jacobian));
         },
     );
 }
@@ -247,7 +247,7 @@ fn footing_agrees_with_its_twin() {
         8. * ARITHMETIC,
         |lab, s, x, _, expected| {
             let (g, jacobian) = trial(lab, s, false, &mut expected.state);
-            footing::footing(&lab.slots[s].layout, x, g, Some(jacobian));
+            footing::footing(&lab.slots[s].problem, x, g, Some(jacobian));
         },
     );
 }
@@ -260,7 +260,7 @@ fn acceleration_agrees_with_its_twin() {
         8. * ARITHMETIC,
         |lab, s, x, shared, expected| {
             let (g, jacobian) = trial(lab, s, false, &mut expected.state);
-            acceleration::acceleration(&lab.slots[s].layout, x, &shared.ground, g, Some(jacobian));
+            acceleration::acceleration(&lab.slots[s].problem, x, &shared.ground, g, Some(jacobian));
         },
     );
 }
@@ -273,7 +273,7 @@ fn effort_agrees_with_its_twin() {
         ARITHMETIC,
         |lab, s, x, _, expected| {
             let (c, jacobian) = trial(lab, s, true, &mut expected.state);
-            effort::effort(&lab.slots[s].layout, x, c, Some(jacobian));
+            effort::effort(&lab.slots[s].problem, x, c, Some(jacobian));
         },
     );
 }
@@ -286,7 +286,7 @@ fn stance_power_agrees_with_its_twin() {
         8. * TRIGONOMETRY,
         |lab, s, x, shared, expected| {
             let (c, jacobian) = trial(lab, s, true, &mut expected.state);
-            stance_power::stance_power(&lab.slots[s].layout, x, &shared.ground, &shared.deviations, c, Some(jacobian));
+            stance_power::stance_power(&lab.slots[s].problem, x, &shared.ground, &shared.deviations, c, Some(jacobian));
         },
     );
 }
@@ -299,7 +299,7 @@ fn swing_power_agrees_with_its_twin() {
         8. * TRIGONOMETRY,
         |lab, s, x, shared, expected| {
             let (c, jacobian) = trial(lab, s, true, &mut expected.state);
-            swing_power::swing_power(&lab.slots[s].layout, x, &shared.ground, &shared.deviations, c, Some(jacobian));
+            swing_power::swing_power(&lab.slots[s].problem, x, &shared.ground, &shared.deviations, c, Some(jacobian));
         },
     );
 }

@@ -6,7 +6,7 @@ use super::{ARITHMETIC, SUM};
 use crate::common::{self, Random};
 use cregopt::backend::gpu::Prepared;
 use cregopt::backend::gpu::shaders::Shader;
-use cregopt::nlp::Layout;
+use cregopt::nlp::Problem;
 use cregopt::rows::RowKind;
 use cregopt::solver::control::{self, CLOSE, EXACT, Limits, Progress, SHORTER, SOLVED, STEP};
 use cregopt::solver::objective::Objective;
@@ -33,7 +33,7 @@ pub fn barrier_state(lab: &Lab, s: usize, state: &mut State, random: &mut Random
 
 /// Limits of the solve of a slot's candidate.
 pub fn limits(lab: &Lab, s: usize) -> Limits<f32> {
-    Limits::new(&lab.settings, lab.slots[s].layout.curves.transcription)
+    Limits::new(&lab.settings, lab.slots[s].problem.curves.transcription)
 }
 
 /// Slacks of a slot in the form of the twin. Steps that are poison become zero, because the twin multiplies them by zero.
@@ -51,7 +51,7 @@ pub fn slacks(lab: &Lab, s: usize, state: &State) -> Slacks<f32> {
 
 /// A Jacobian of the right structure: the one at the point.
 pub fn jacobian_at(slot: &Slot) -> Vec<f32> {
-    common::rows(&slot.layout, &slot.candidate.x, 0.).jacobian
+    common::rows(&slot.problem, &slot.candidate.x, 0.).jacobian
 }
 
 /// Random residuals of one half, of a given size.
@@ -110,11 +110,11 @@ fn start_agrees_with_its_twin() {
             state.jacobian[to].copy_from_slice(&jacobian_at(&lab.slots[s]));
         },
         |lab, s, _, expected| {
-            let (layout, state) = (&lab.slots[s].layout, &mut expected.state);
+            let (problem, state) = (&lab.slots[s].problem, &mut expected.state);
             let half = 1 - state.progress[s].current;
-            let mut scaling = vec![f32::NAN; layout.variables];
-            let (mut counts, mut local) = (vec![0.; layout.rows.all()], vec![0.; layout.widest]);
-            start::column_scaling(layout, &state.jacobian[lab.jacobian(s, half)], &mut counts, &mut local, &mut scaling);
+            let mut scaling = vec![f32::NAN; problem.variables];
+            let (mut counts, mut local) = (vec![0.; problem.rows.all()], vec![0.; problem.widest]);
+            start::column_scaling(problem, &state.jacobian[lab.jacobian(s, half)], &mut counts, &mut local, &mut scaling);
             state.values[lab.of_variables(s, lab.batch.scaling)].copy_from_slice(&scaling);
             let mut slacks = slacks(lab, s, state);
             start::start_slacks(&state.values[lab.g(s, half)], state.progress[s].mu, &mut slacks);
@@ -135,13 +135,13 @@ fn start_agrees_with_its_twin() {
 
 /// Sizes of the terms of a row's value in a barrier step.
 pub fn row_sizes(lab: &Lab, s: usize, expected: &mut Expected, g: &[f32], slacks: &Slacks<f32>, aim: BarrierTarget<f32>) {
-    let layout = &lab.slots[s].layout;
+    let problem = &lab.slots[s].problem;
     let size = |i: usize| {
         let (s, z) = (slacks.slack[i], slacks.multiplier[i]);
         let product = aim.mu + (aim.correction * slacks.slack_step[i] * slacks.multiplier_step[i]).abs();
         z + (g[i].abs() + z + product / z) / (s / z + 1.)
     };
-    for element in layout.all_elements().filter(|e| e.kind() == RowKind::Inequality) {
+    for element in problem.all_elements().filter(|e| e.kind() == RowKind::Inequality) {
         for r in 0..element.rows {
             let upper = (element.place.inequality + r) as usize;
             let lower = if r < element.pairs { size(upper + element.rows as usize) } else { 0. };
@@ -195,7 +195,7 @@ fn prepare_weights(lab: &Lab, s: usize, state: &mut State, random: &mut Random) 
 
 /// Expected results of `weights`: progress, and the weights and gradients of rows and variables.
 fn weights_of_twin(lab: &Lab, s: usize, expected: &mut Expected) {
-    let (batch, layout) = (&lab.batch, &lab.slots[s].layout);
+    let (batch, problem) = (&lab.batch, &lab.slots[s].problem);
     let state = &mut expected.state;
     let mut progress = state.progress[s];
     if progress.ended() {
@@ -204,7 +204,7 @@ fn weights_of_twin(lab: &Lab, s: usize, expected: &mut Expected) {
     let half = progress.current;
     let (c, g) = (state.values[lab.c(s, half)].to_vec(), state.values[lab.g(s, half)].to_vec());
     if progress.attempts == 0 {
-        let f = judge::infeasibility(&c[layout.rows.of(RowKind::Equality)], &g);
+        let f = judge::infeasibility(&c[problem.rows.of(RowKind::Equality)], &g);
         let ring = lab.range(s, batch.history, 0).start + progress.recorded as usize % lab.settings.stall.window;
         let largest = largest(&slacks(lab, s, state).multiplier);
         control::begin(&mut progress, &limits(lab, s), f, POISON, largest, f < lab.settings.tolerance as f32);
@@ -223,17 +223,17 @@ fn weights_of_twin(lab: &Lab, s: usize, expected: &mut Expected) {
     }
     let slacks = slacks(lab, s, state);
     let aim = BarrierTarget::predictor();
-    let (mut weight, mut value) = (vec![f32::NAN; layout.rows.all()], vec![f32::NAN; layout.rows.all()]);
+    let (mut weight, mut value) = (vec![f32::NAN; problem.rows.all()], vec![f32::NAN; problem.rows.all()]);
     if progress.state == CLOSE {
-        weights::closing_rows(layout, &c, &g, &mut weight, &mut value);
+        weights::closing_rows(problem, &c, &g, &mut weight, &mut value);
     } else {
-        weights::barrier_rows(layout, &c, &g, &slacks, aim, &mut weight, &mut value);
+        weights::barrier_rows(problem, &c, &g, &slacks, aim, &mut weight, &mut value);
     }
-    Objective::none().rows(layout, &c, &mut weight, &mut value);
+    Objective::none().rows(problem, &c, &mut weight, &mut value);
     let of = |array| state.values[lab.of_variables(s, array)].to_vec();
     let (scaling, smoothing, x, initial) = (of(batch.scaling), of(batch.smoothing), of(batch.x + half * batch.x_half), of(batch.initial));
-    let (mut diagonal, mut gradient) = (vec![f32::NAN; layout.variables], vec![f32::NAN; layout.variables]);
-    let filled = Layout { smoothing, initial, ..layout.clone() };
+    let (mut diagonal, mut gradient) = (vec![f32::NAN; problem.variables], vec![f32::NAN; problem.variables]);
+    let filled = Problem { smoothing, initial, ..problem.clone() };
     weights::variable_terms(&filled, &scaling, progress.proximal(), progress.smoothing, &x, &mut diagonal, &mut gradient);
     state.values[lab.of_rows(s, batch.weight)].copy_from_slice(&weight);
     state.values[lab.of_rows(s, batch.value)].copy_from_slice(&value);
@@ -278,7 +278,7 @@ fn correct_agrees_with_its_twin() {
             state.values[flag] = f32::from(s % 7 == 3);
         },
         |lab, s, got, expected| {
-            let (batch, layout) = (&lab.batch, &lab.slots[s].layout);
+            let (batch, problem) = (&lab.batch, &lab.slots[s].problem);
             let state = &mut expected.state;
             let half = state.progress[s].current;
             if state.progress[s].state != STEP || state.values[lab.flags(s)] != 0. {
@@ -293,9 +293,9 @@ fn correct_agrees_with_its_twin() {
             let state = &mut expected.state;
             state.progress[s].mu = (all * share.clamp(0., 1.) * share.clamp(0., 1.)).max(BARRIER_FLOOR as f32);
             let aim = BarrierTarget::corrector(got.progress[s].mu);
-            let (mut weight, mut value) = (vec![f32::NAN; layout.rows.all()], vec![f32::NAN; layout.rows.all()]);
-            weights::barrier_rows(layout, &c, &g, &own, aim, &mut weight, &mut value);
-            Objective::none().rows(layout, &c, &mut weight, &mut value);
+            let (mut weight, mut value) = (vec![f32::NAN; problem.rows.all()], vec![f32::NAN; problem.rows.all()]);
+            weights::barrier_rows(problem, &c, &g, &own, aim, &mut weight, &mut value);
+            Objective::none().rows(problem, &c, &mut weight, &mut value);
             state.values[lab.of_rows(s, batch.weight)].copy_from_slice(&weight);
             state.values[lab.of_rows(s, batch.value)].copy_from_slice(&value);
             row_sizes(lab, s, expected, &g, &own, aim);
@@ -344,14 +344,14 @@ pub fn lengths_of(slacks: &Slacks<f32>) -> Lengths<f32> {
 
 /// Numbers of variables and rows around the workgroup size. Only loops over them may depend on that.
 pub fn truncated_counts(s: usize, prepared: &mut Prepared) {
-    let (layout, slot) = (&mut prepared.layout, &mut prepared.slot);
+    let (problem, slot) = (&mut prepared.problem, &mut prepared.slot);
     let cut = |n: u32, k: usize| n.min([63, 64, 65, 1, u32::MAX][(s + k) % 5]);
     slot.variables = cut(slot.variables, 0);
     slot.inequalities = cut(slot.inequalities, 1);
     slot.rows.equalities = cut(slot.rows.equalities, 2);
-    layout.variables = slot.variables as usize;
-    layout.inequalities = slot.inequalities as usize;
-    layout.rows = slot.rows;
+    problem.variables = slot.variables as usize;
+    problem.inequalities = slot.inequalities as usize;
+    problem.rows = slot.rows;
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use crate::common::{cones, towr};
 use cregopt::gait::{Curve, FootCurves, Trajectory};
-use cregopt::nlp::Layout;
+use cregopt::nlp::Problem;
 use cregopt::nlp::transcription::force_limit;
 use cregopt::robot::GRAVITY;
 use cregopt::task::Task;
@@ -66,17 +66,17 @@ fn defect(task: &Task, nodes: &Trajectory, t: f64) -> [Vector3<f64>; 2] {
     [moment, force]
 }
 
-/// Scaled residuals of the reduced problem from TOWR's node values, in the order of the layout.
-pub fn expected(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> (Vec<f64>, Vec<f64>) {
+/// Scaled residuals of the reduced problem from TOWR's node values, in the order of the problem.
+pub fn expected(task: &Task, nodes: &Trajectory, problem: &Problem<f64>) -> (Vec<f64>, Vec<f64>) {
     let (robot, settings) = (&task.robot, towr());
     let (weight, feet) = (robot.mass * GRAVITY, robot.feet());
     let leg = robot.nominal_feet[0][2].abs();
-    let mut c = vec![f64::NAN; layout.rows.one_sided()];
-    let mut g = vec![f64::NAN; layout.inequalities];
+    let mut c = vec![f64::NAN; problem.rows.one_sided()];
+    let mut g = vec![f64::NAN; problem.inequalities];
 
     let instants = (nodes.horizon / 0.1).round() as usize + 1;
-    assert_eq!(layout.dynamics_instants.len(), instants);
-    for (k, instant) in layout.dynamics_instants.iter().enumerate() {
+    assert_eq!(problem.dynamics_instants.len(), instants);
+    for (k, instant) in problem.dynamics_instants.iter().enumerate() {
         let [moment, force] = defect(task, nodes, k as f64 * 0.1);
         for d in 0..3 {
             c[instant.place.row as usize + d] = moment[d] / (weight * leg);
@@ -86,15 +86,15 @@ pub fn expected(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> (Vec<f
 
     let mut times: Vec<f64> = (0..).map(|i| i as f64 * 0.08).take_while(|&t| t < nodes.horizon - 1e-9).collect();
     times.push(nodes.horizon);
-    assert_eq!(layout.reach_instants.len(), times.len());
-    for (instant, t) in layout.reach_rows.instants.iter().zip(times) {
+    assert_eq!(problem.reach_instants.len(), times.len());
+    for (instant, t) in problem.reach_rows.instants.iter().zip(times) {
         let base = at(&nodes.base_lin, t)[0];
         let to_base = rotation(at(&nodes.base_ang, t))[0].transpose();
         for (foot, number) in instant.elements.range().enumerate() {
             let offset = to_base * (at(&nodes.ee[foot].motion, t)[0] - base) - Vector3::from(robot.nominal_feet[foot]);
             let reach = robot.reach.of(foot);
             for d in 0..3 {
-                let row = layout.reach_rows.place(number).inequality as usize + d;
+                let row = problem.reach_rows.place(number).inequality as usize + d;
                 // In units of 0.1 m.
                 g[row] = (offset[d] - reach.high[d] + settings.length_margin) / 0.1;
                 g[row + 3] = (reach.low[d] - offset[d] + settings.length_margin) / 0.1;
@@ -102,7 +102,7 @@ pub fn expected(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> (Vec<f
         }
     }
 
-    let (mut force_nodes, mut swing_nodes) = (layout.force_nodes.iter(), layout.swing_nodes.iter());
+    let (mut force_nodes, mut swing_nodes) = (problem.force_nodes.iter(), problem.swing_nodes.iter());
     let unit = weight / feet as f64;
     let margin = settings.force_margin * weight;
     for (foot, durations) in nodes.ee.iter().zip(&nodes.durations) {
@@ -150,12 +150,12 @@ pub fn accelerations(curve: &Curve, piece: usize) -> [Vector3<f64>; 2] {
 }
 
 /// Cone rows from node values: at the Bezier points of the pieces of every stance, each once, except those next to its ends in the air.
-pub fn expected_cones(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> Vec<f64> {
+pub fn expected_cones(task: &Task, nodes: &Trajectory, problem: &Problem<f64>) -> Vec<f64> {
     let settings = cones();
     let weight = task.robot.mass * GRAVITY;
     let (unit, margin, limit) = (weight / task.robot.feet() as f64, settings.force_margin * weight, force_limit(&settings, task));
-    let mut g = vec![f64::NAN; layout.inequalities];
-    let mut rows = layout.cones.iter();
+    let mut g = vec![f64::NAN; problem.inequalities];
+    let mut rows = problem.cones.iter();
     for (foot, durations) in nodes.ee.iter().zip(&nodes.durations) {
         let stances = durations.len().div_ceil(2);
         for stance in 0..stances {
@@ -242,8 +242,8 @@ impl Body {
     }
 }
 
-/// Scaled momentum residuals of the intervals from node values, in the order of the layout.
-pub fn expected_momentum(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) -> Vec<f64> {
+/// Scaled momentum residuals of the intervals from node values, in the order of the problem.
+pub fn expected_momentum(task: &Task, nodes: &Trajectory, problem: &Problem<f64>) -> Vec<f64> {
     // Gauss-Legendre rule with six points: abscissae on (-1, 1), and weights that add up to 1.
     let half = [(0.238_619_186_083_196_9, 0.467_913_934_572_691), (0.661_209_386_466_264_5, 0.360_761_573_048_138_6)];
     let outer = [(0.932_469_514_203_152, 0.171_324_492_379_170_4)];
@@ -257,18 +257,18 @@ pub fn expected_momentum(task: &Task, nodes: &Trajectory, layout: &Layout<f64>) 
         }));
     }
     times.sort_by(f64::total_cmp);
-    let (mass, h) = (task.robot.mass, layout.curves.interval);
+    let (mass, h) = (task.robot.mass, problem.curves.interval);
     let weight = mass * GRAVITY;
     let leg = task.robot.nominal_feet[0][2].abs();
     // The attitude between two knots is the cubic through both; nodes in between serve the trajectory only.
-    let pieces = nodes.base_lin.poly_durations.len() / layout.curves.intervals;
+    let pieces = nodes.base_lin.poly_durations.len() / problem.curves.intervals;
     let at_knots = |curve: &Curve| Curve {
-        poly_durations: vec![h; layout.curves.intervals],
+        poly_durations: vec![h; problem.curves.intervals],
         nodes: curve.nodes.iter().copied().step_by(pieces).collect(),
     };
     let knots = Trajectory { base_lin: at_knots(&nodes.base_lin), base_ang: at_knots(&nodes.base_ang), ..nodes.clone() };
-    let mut c = vec![f64::NAN; layout.rows.one_sided()];
-    for (k, interval) in layout.momentum_intervals.iter().enumerate() {
+    let mut c = vec![f64::NAN; problem.rows.one_sided()];
+    for (k, interval) in problem.momentum_intervals.iter().enumerate() {
         let (start, end) = (k as f64 * h, (k + 1) as f64 * h);
         let (before, after) = (Body::planned(task, &knots, start), Body::planned(task, &knots, end));
         let carried = before.carried(task, nodes, &times, start, end);

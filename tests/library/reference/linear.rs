@@ -6,7 +6,7 @@ use super::{
     random_vector,
 };
 use crate::common::{
-    Random, any_jacobian, dense_jacobian, families, frozen_at, gait, layout_with, point, rows, rows_with, task, transcriptions,
+    Random, any_jacobian, dense_jacobian, families, frozen_at, gait, point, problem_with, rows, rows_with, task, transcriptions,
     with_any_rows,
 };
 use cregopt::gait::Schedule;
@@ -16,7 +16,7 @@ use cregopt::linear::front::{Factor, factorise};
 use cregopt::linear::product::jacobian_times;
 use cregopt::linear::substitute::substitute;
 use cregopt::linear::transposed::transposed_times;
-use cregopt::nlp::Layout;
+use cregopt::nlp::Problem;
 use cregopt::real::Real;
 use cregopt::settings::TranscriptionSettings;
 use cregopt::solver::advance::advance;
@@ -31,18 +31,18 @@ struct RandomSystem {
 }
 
 impl RandomSystem {
-    fn new<T: Real>(layout: &Layout<T>, random: &mut Random, zeros: f64, proximal: f64) -> RandomSystem {
+    fn new<T: Real>(problem: &Problem<T>, random: &mut Random, zeros: f64, proximal: f64) -> RandomSystem {
         let weight: Vec<f64> =
-            (0..layout.rows.all()).map(|_| if random.between(0., 1.) < zeros { 0. } else { random.between(0.01, 1.) }).collect();
+            (0..problem.rows.all()).map(|_| if random.between(0., 1.) < zeros { 0. } else { random.between(0.01, 1.) }).collect();
         let value = weight.iter().map(|&w| if w == 0. { 0. } else { random.between(-1., 1.) }).collect();
-        let diagonal = (0..layout.variables).map(|_| proximal * random.between(0.01, 10.)).collect();
-        let gradient = (0..layout.variables).map(|_| random.between(-1., 1.)).collect();
+        let diagonal = (0..problem.variables).map(|_| proximal * random.between(0.01, 10.)).collect();
+        let gradient = (0..problem.variables).map(|_| random.between(-1., 1.)).collect();
         RandomSystem { weight, value, diagonal, gradient }
     }
 
     /// `E + J' W J` and `-(u + J' v)`.
-    fn dense<T: Real>(&self, layout: &Layout<T>, jacobian: &[T]) -> (DMatrix<f64>, DVector<f64>) {
-        let j = dense_jacobian(layout, jacobian);
+    fn dense<T: Real>(&self, problem: &Problem<T>, jacobian: &[T]) -> (DMatrix<f64>, DVector<f64>) {
+        let j = dense_jacobian(problem, jacobian);
         let mut matrix = DMatrix::from_diagonal(&DVector::from_vec(self.diagonal.clone()));
         for (row, &w) in j.row_iter().zip(&self.weight) {
             let entries: Vec<(usize, f64)> = row.iter().copied().enumerate().filter(|entry| entry.1 != 0.).collect();
@@ -56,25 +56,25 @@ impl RandomSystem {
     }
 
     /// The direction computed with the front; `None` if the matrix was not positive definite.
-    fn solve<T: Real>(&self, layout: &Layout<T>, jacobian: &[T], factor: &mut Factor<T>) -> Option<DVector<f64>> {
-        factor.resize(layout);
+    fn solve<T: Real>(&self, problem: &Problem<T>, jacobian: &[T], factor: &mut Factor<T>) -> Option<DVector<f64>> {
+        factor.resize(problem);
         let [weight, value, diagonal, gradient] =
             [&self.weight, &self.value, &self.diagonal, &self.gradient].map(|values| in_scalar::<T>(values));
         let (weight, value, diagonal, gradient) = (&weight, &value, &diagonal, &gradient);
-        factorise(layout, &NormalEquations { jacobian, weight, value, diagonal, gradient }, factor).then(|| back(layout, factor))
+        factorise(problem, &NormalEquations { jacobian, weight, value, diagonal, gradient }, factor).then(|| back(problem, factor))
     }
 }
 
 /// Back substitution.
-fn back<T: Real>(layout: &Layout<T>, factor: &mut Factor<T>) -> DVector<f64> {
-    let mut direction = vec![T::nan(); layout.variables];
-    substitute(layout, factor, &mut direction);
-    DVector::from_iterator(layout.variables, direction.iter().map(|d| d.as_f64()))
+fn back<T: Real>(problem: &Problem<T>, factor: &mut Factor<T>) -> DVector<f64> {
+    let mut direction = vec![T::nan(); problem.variables];
+    substitute(problem, factor, &mut direction);
+    DVector::from_iterator(problem.variables, direction.iter().map(|d| d.as_f64()))
 }
 
 #[test]
 fn the_front_solves_what_a_dense_cholesky_solves() {
-    // One factor for all systems, so that leftovers of another layout are noticed.
+    // One factor for all systems, so that leftovers of another problem are noticed.
     let (mut factor, mut factor_f32) = (Factor::default(), Factor::default());
     let mut problems: Vec<(Case, TranscriptionSettings)> = Vec::new();
     for own in families() {
@@ -93,23 +93,23 @@ fn the_front_solves_what_a_dense_cholesky_solves() {
     }
     for (seed, (case, settings)) in problems.iter().enumerate() {
         let mut random = Random::new(seed as u64);
-        let layout = layout_with::<f64>(&case.task, &case.schedule, settings);
-        let layout_f32 = layout_with::<f32>(&case.task, &case.schedule, settings);
-        let x = point(&layout, &mut random, 0.);
-        let jacobian = rows(&layout, &x, 0.).jacobian;
+        let problem = problem_with::<f64>(&case.task, &case.schedule, settings);
+        let layout_f32 = problem_with::<f32>(&case.task, &case.schedule, settings);
+        let x = point(&problem, &mut random, 0.);
+        let jacobian = rows(&problem, &x, 0.).jacobian;
         let jacobian_f32 = rows(&layout_f32, &in_scalar(&x), 0.).jacobian;
         for (zeros, proximal) in [(0., 1e-3), (0.4, 1e-3), (1., 1.)] {
             let what = format!("{}, {}, {zeros} of the weights zero", case.name, settings.rows.name());
-            let system = RandomSystem::new(&layout, &mut random, zeros, proximal);
+            let system = RandomSystem::new(&problem, &mut random, zeros, proximal);
             // A second right-hand side for the same matrix.
-            let other: Vec<f64> = (0..layout.variables).map(|_| random.between(-1., 1.)).collect();
+            let other: Vec<f64> = (0..problem.variables).map(|_| random.between(-1., 1.)).collect();
             let other_rhs = -DVector::from_vec(other.clone());
 
-            let (matrix, rhs) = system.dense(&layout, &jacobian);
+            let (matrix, rhs) = system.dense(&problem, &jacobian);
             let dense = matrix.clone().cholesky().unwrap();
-            let direction = system.solve(&layout, &jacobian, &mut factor).unwrap();
-            forward(&layout, &mut factor, &mut other.clone());
-            let replaced = back(&layout, &mut factor);
+            let direction = system.solve(&problem, &jacobian, &mut factor).unwrap();
+            forward(&problem, &mut factor, &mut other.clone());
+            let replaced = back(&problem, &mut factor);
             for (direction, rhs) in [(&direction, &rhs), (&replaced, &other_rhs)] {
                 let exact = dense.solve(rhs);
                 let error = (direction - &exact).norm();
@@ -135,14 +135,14 @@ fn the_front_takes_elements_of_any_number_of_rows() {
         let mut factor = Factor::default();
         for (case, settings) in cases().iter().flat_map(|case| families().map(|settings| (case, settings))) {
             let schedule = gait(random, case.task.robot.feet(), 2..=4);
-            let mut layout = layout_with::<T>(&case.task, &schedule, &settings);
-            with_any_rows(&mut layout);
-            let x: Vec<T> = in_scalar(&point(&layout_with(&case.task, &schedule, &settings), random, 0.));
-            let jacobian = any_jacobian(&layout, &x, random);
+            let mut problem = problem_with::<T>(&case.task, &schedule, &settings);
+            with_any_rows(&mut problem);
+            let x: Vec<T> = in_scalar(&point(&problem_with(&case.task, &schedule, &settings), random, 0.));
+            let jacobian = any_jacobian(&problem, &x, random);
             for zeros in [0., 0.4] {
-                let system = RandomSystem::new(&layout, random, zeros, 1e-3);
-                let (matrix, rhs) = system.dense(&layout, &jacobian);
-                let direction = system.solve(&layout, &jacobian, &mut factor).unwrap();
+                let system = RandomSystem::new(&problem, random, zeros, 1e-3);
+                let (matrix, rhs) = system.dense(&problem, &jacobian);
+                let direction = system.solve(&problem, &jacobian, &mut factor).unwrap();
                 assert!(holds(&matrix, &rhs, &direction), "{}, {}, {zeros} of the weights zero", case.name, settings.rows.name());
             }
         }
@@ -160,17 +160,17 @@ fn the_front_takes_elements_of_any_number_of_rows() {
 fn a_system_that_is_not_positive_definite_is_refused() {
     let case = &cases()[0];
     for settings in transcriptions() {
-        let layout = layout_with::<f64>(&case.task, &case.schedule, &settings);
+        let problem = problem_with::<f64>(&case.task, &case.schedule, &settings);
         let mut random = Random::new(3);
-        let x = point(&layout, &mut random, 0.);
-        let jacobian = rows(&layout, &x, 0.).jacobian;
+        let x = point(&problem, &mut random, 0.);
+        let jacobian = rows(&problem, &x, 0.).jacobian;
         let mut factor = Factor::default();
-        let mut solves = |system: &RandomSystem| system.solve(&layout, &jacobian, &mut factor).is_some();
-        let system = |random: &mut Random, zeros, proximal| RandomSystem::new(&layout, random, zeros, proximal);
+        let mut solves = |system: &RandomSystem| system.solve(&problem, &jacobian, &mut factor).is_some();
+        let system = |random: &mut Random, zeros, proximal| RandomSystem::new(&problem, random, zeros, proximal);
         assert!(solves(&system(&mut random, 0., 1e-3)));
         assert!(!solves(&system(&mut random, 1., 0.)), "a zero matrix");
         assert!(!solves(&system(&mut random, 0., -10.)), "a negative diagonal");
-        for (at, bad) in [(0, -1e3), (layout.variables / 2, -1e3), (layout.variables - 1, -1e3), (layout.variables - 1, f64::NAN)] {
+        for (at, bad) in [(0, -1e3), (problem.variables / 2, -1e3), (problem.variables - 1, -1e3), (problem.variables - 1, f64::NAN)] {
             let mut spoilt = system(&mut random, 0., 1e-3);
             spoilt.diagonal[at] = bad;
             assert!(!solves(&spoilt), "diagonal {at} is {bad}");
@@ -181,15 +181,15 @@ fn a_system_that_is_not_positive_definite_is_refused() {
 
 #[test]
 fn jacobian_products_are_derivatives_along_the_direction() {
-    for State { layout, rows, x, .. } in states() {
-        let direction = random_vector(12, layout.variables);
-        let (mut by_c, mut by_g) = (vec![f64::NAN; layout.rows.one_sided()], vec![f64::NAN; layout.inequalities]);
-        jacobian_times(&layout, &rows.jacobian, &direction, &mut vec![0.; layout.widest], &mut by_c, &mut by_g);
+    for State { problem, rows, x, .. } in states() {
+        let direction = random_vector(12, problem.variables);
+        let (mut by_c, mut by_g) = (vec![f64::NAN; problem.rows.one_sided()], vec![f64::NAN; problem.inequalities]);
+        jacobian_times(&problem, &rows.jacobian, &direction, &mut vec![0.; problem.widest], &mut by_c, &mut by_g);
         // Along a straight line, both sides of every inequality.
         let moved = |by: f64| {
             let mut moved = x.clone();
-            advance(&x[..layout.variables], by, &direction, &mut moved[..layout.variables]);
-            rows_with(&layout, &moved, 0., &mut frozen_at(&layout, &x, 0.))
+            advance(&x[..problem.variables], by, &direction, &mut moved[..problem.variables]);
+            rows_with(&problem, &moved, 0., &mut frozen_at(&problem, &x, 0.))
         };
         let (ahead, behind) = (moved(DIFFERENCE_STEP), moved(-DIFFERENCE_STEP));
         let quotient = |a: &[f64], b: &[f64]| -> Vec<f64> { a.iter().zip(b).map(|(a, b)| (a - b) / (2. * DIFFERENCE_STEP)).collect() };
@@ -200,12 +200,12 @@ fn jacobian_products_are_derivatives_along_the_direction() {
 
 #[test]
 fn transposed_products_are_those_of_the_dense_jacobian() {
-    for State { layout, rows, .. } in states() {
-        let v = random_vector(14, layout.rows.all());
+    for State { problem, rows, .. } in states() {
+        let v = random_vector(14, problem.rows.all());
         // Leftovers in either buffer must not affect the result.
-        let (mut product, mut local) = (vec![f64::NAN; layout.variables], vec![f64::NAN; layout.widest]);
-        transposed_times(&layout, &rows.jacobian, &v, &mut local, &mut product);
-        let expected = dense_jacobian(&layout, &rows.jacobian).tr_mul(&DVector::from_vec(v));
+        let (mut product, mut local) = (vec![f64::NAN; problem.variables], vec![f64::NAN; problem.widest]);
+        transposed_times(&problem, &rows.jacobian, &v, &mut local, &mut product);
+        let expected = dense_jacobian(&problem, &rows.jacobian).tr_mul(&DVector::from_vec(v));
         assert_close(&product, expected.as_slice(), SUM_TOLERANCE, "product");
     }
 }

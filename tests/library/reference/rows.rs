@@ -6,13 +6,13 @@ use super::{
     in_scalar,
 };
 use crate::common::{
-    Random, Rows, cones, dense_jacobian, families, frozen_at, gait, layout_with, layout_with_cost, momentum, one_sided, point, rows,
+    Random, Rows, cones, dense_jacobian, families, frozen_at, gait, momentum, one_sided, point, problem_with, problem_with_cost, rows,
     rows_with, straight, towr, transcriptions,
 };
 use cregopt::gait::Trajectory;
-use cregopt::nlp::layout::Element;
+use cregopt::nlp::problem::Element;
 use cregopt::nlp::transcription::force_limit;
-use cregopt::nlp::{Layout, trajectory};
+use cregopt::nlp::{Problem, trajectory};
 use cregopt::robot::GRAVITY;
 use cregopt::rows::RowKind;
 use cregopt::settings::{Transcription, TranscriptionSettings};
@@ -24,10 +24,10 @@ use nalgebra::{DMatrix, DVector};
 #[test]
 fn node_values_give_towrs_rows_the_residuals_of_the_reduced_problem() {
     for (seed, case) in cases().iter().enumerate() {
-        let layout = layout_with::<f64>(&case.task, &case.schedule, &towr());
-        let x = point(&layout, &mut Random::new(seed as u64), 0.);
-        let rows = rows(&layout, &x, 0.);
-        let (c, g) = expected(&case.task, &trajectory(&case.task, &layout.curves, &x), &layout);
+        let problem = problem_with::<f64>(&case.task, &case.schedule, &towr());
+        let x = point(&problem, &mut Random::new(seed as u64), 0.);
+        let rows = rows(&problem, &x, 0.);
+        let (c, g) = expected(&case.task, &trajectory(&case.task, &problem.curves, &x), &problem);
         assert_close(&rows.c, &c, RESIDUAL_TOLERANCE, &format!("{}, equalities", case.name));
         assert_close(&rows.g, &g, RESIDUAL_TOLERANCE, &format!("{}, inequalities", case.name));
     }
@@ -36,26 +36,26 @@ fn node_values_give_towrs_rows_the_residuals_of_the_reduced_problem() {
 #[test]
 fn node_values_give_the_momentum_residuals() {
     for (seed, case) in cases().iter().enumerate() {
-        let layout = layout_with::<f64>(&case.task, &case.schedule, &TranscriptionSettings::default());
-        let x = point(&layout, &mut Random::new(seed as u64), 0.);
-        let c = expected_momentum(&case.task, &trajectory(&case.task, &layout.curves, &x), &layout);
-        assert_close(&rows_with(&layout, &x, 0., &mut straight(&layout)).c, &c, RESIDUAL_TOLERANCE, &case.name);
+        let problem = problem_with::<f64>(&case.task, &case.schedule, &TranscriptionSettings::default());
+        let x = point(&problem, &mut Random::new(seed as u64), 0.);
+        let c = expected_momentum(&case.task, &trajectory(&case.task, &problem.curves, &x), &problem);
+        assert_close(&rows_with(&problem, &x, 0., &mut straight(&problem)).c, &c, RESIDUAL_TOLERANCE, &case.name);
     }
 }
 
 #[test]
 fn node_values_give_the_cone_residuals() {
     for (seed, case) in cases().iter().enumerate() {
-        let layout = layout_with::<f64>(&case.task, &case.schedule, &cones());
-        assert!(layout.force_nodes.is_empty() && layout.cones.len() > layout.footholds.len());
-        let x = point(&layout, &mut Random::new(seed as u64), 0.);
-        let g = expected_cones(&case.task, &trajectory(&case.task, &layout.curves, &x), &layout);
+        let problem = problem_with::<f64>(&case.task, &case.schedule, &cones());
+        assert!(problem.force_nodes.is_empty() && problem.cones.len() > problem.footholds.len());
+        let x = point(&problem, &mut Random::new(seed as u64), 0.);
+        let g = expected_cones(&case.task, &trajectory(&case.task, &problem.curves, &x), &problem);
         let own: Vec<usize> = (0..g.len()).filter(|&i| !g[i].is_nan()).collect();
-        assert_eq!(own.len(), 3 * layout.cones.len());
+        assert_eq!(own.len(), 3 * problem.cones.len());
         let of = |values: &[f64]| own.iter().map(|&i| values[i]).collect::<Vec<f64>>();
-        assert_close(&of(&rows(&layout, &x, 0.).g), &of(&g), RESIDUAL_TOLERANCE, &case.name);
+        assert_close(&of(&rows(&problem, &x, 0.).g), &of(&g), RESIDUAL_TOLERANCE, &case.name);
         // Some forces lie inside their cones, some outside.
-        let cone = |inside: bool| layout.cones.iter().any(|c| (g[c.place.inequality as usize + 1] < 0.) == inside);
+        let cone = |inside: bool| problem.cones.iter().any(|c| (g[c.place.inequality as usize + 1] < 0.) == inside);
         assert!(cone(true) && cone(false), "{}", case.name);
     }
 }
@@ -63,11 +63,11 @@ fn node_values_give_the_cone_residuals() {
 #[test]
 fn node_values_give_the_accelerations_of_swinging_feet() {
     for (seed, case) in cases().iter().enumerate() {
-        let layout = layout_with::<f64>(&case.task, &case.schedule, &TranscriptionSettings::default());
-        let x = point(&layout, &mut Random::new(seed as u64), 0.);
-        let rows = rows(&layout, &x, 0.);
-        let nodes = trajectory(&case.task, &layout.curves, &x);
-        let mut entries = layout.accelerations.iter();
+        let problem = problem_with::<f64>(&case.task, &case.schedule, &TranscriptionSettings::default());
+        let x = point(&problem, &mut Random::new(seed as u64), 0.);
+        let rows = rows(&problem, &x, 0.);
+        let nodes = trajectory(&case.task, &problem.curves, &x);
+        let mut entries = problem.accelerations.iter();
         for (foot, durations) in nodes.ee.iter().zip(&nodes.durations) {
             for swing in 0..durations.len() / 2 {
                 // The motion of a foot has one piece per stance and two per swing.
@@ -79,28 +79,28 @@ fn node_values_give_the_accelerations_of_swinging_feet() {
                 assert!(up[1].max(down[0]) <= (1. + 1e-9) * up[0].max(down[1]), "{}: {up:?}, {down:?}", case.name);
             }
         }
-        assert!(entries.next().is_none() && layout.accelerations.len() > 4);
+        assert!(entries.next().is_none() && problem.accelerations.len() > 4);
     }
     let case = &cases()[0];
-    assert!(layout_with::<f64>(&case.task, &case.schedule, &momentum()).accelerations.is_empty(), "free legs have no limit");
+    assert!(problem_with::<f64>(&case.task, &case.schedule, &momentum()).accelerations.is_empty(), "free legs have no limit");
 }
 
 #[test]
 fn eliminated_rows_hold_at_any_point() {
     for (seed, case) in cases().iter().enumerate() {
-        let layout = layout_with::<f64>(&case.task, &case.schedule, &towr());
-        let x = point(&layout, &mut Random::new(seed as u64), 0.);
+        let problem = problem_with::<f64>(&case.task, &case.schedule, &towr());
+        let x = point(&problem, &mut Random::new(seed as u64), 0.);
         let limit = |settings: &TranscriptionSettings| force_limit(settings, &case.task);
-        let nodes = trajectory(&case.task, &layout.curves, &x);
+        let nodes = trajectory(&case.task, &problem.curves, &x);
         let report = verify_rows(&nodes, &case.task.robot, &case.task.terrain, limit(&towr())).unwrap();
         for family in [CheckFamily::BaseAcceleration, CheckFamily::Swing, CheckFamily::Bounds, CheckFamily::Structure] {
             assert_eq!(report.family(family).violated, 0, "{}\n{report}", case.name);
         }
         assert!(report.family(CheckFamily::Dynamics).violated > 0, "a random point does not move like a rigid body");
 
-        let layout = layout_with::<f64>(&case.task, &case.schedule, &TranscriptionSettings::default());
-        let x = point(&layout, &mut Random::new(seed as u64), 0.);
-        let nodes = trajectory(&case.task, &layout.curves, &x);
+        let problem = problem_with::<f64>(&case.task, &case.schedule, &TranscriptionSettings::default());
+        let x = point(&problem, &mut Random::new(seed as u64), 0.);
+        let nodes = trajectory(&case.task, &problem.curves, &x);
         let report = verify_rows(&nodes, &case.task.robot, &case.task.terrain, limit(&TranscriptionSettings::default())).unwrap();
         for family in [CheckFamily::Bounds, CheckFamily::Structure] {
             assert_eq!(report.family(family).violated, 0, "{}\n{report}", case.name);
@@ -110,28 +110,28 @@ fn eliminated_rows_hold_at_any_point() {
 }
 
 /// Sets derivatives of cost rows with respect to variables without a column to zero: such blocks are read only.
-fn without_read_only(layout: &Layout<f64>, jacobian: &mut DMatrix<f64>) {
-    for (element, runs) in layout.all_elements().zip(layout.columns()).filter(|(element, _)| element.kind() == RowKind::Cost) {
+fn without_read_only(problem: &Problem<f64>, jacobian: &mut DMatrix<f64>) {
+    for (element, runs) in problem.all_elements().zip(problem.columns()).filter(|(element, _)| element.kind() == RowKind::Cost) {
         let has = |variable: usize| runs.iter().any(|(run, _)| (run.variable..run.variable + run.len).contains(&(variable as u32)));
-        for variable in (0..layout.variables).filter(|&variable| !has(variable)) {
+        for variable in (0..problem.variables).filter(|&variable| !has(variable)) {
             (0..element.rows).for_each(|r| jacobian[((element.place.row + r) as usize, variable)] = 0.);
         }
     }
 }
 
 /// Jacobian of one-sided residuals by central differences, `[rows][variables]`.
-fn differences(layout: &Layout<f64>, x: &[f64], edge_radius: f64) -> DMatrix<f64> {
-    let mut result = DMatrix::zeros(layout.rows.all(), layout.variables);
+fn differences(problem: &Problem<f64>, x: &[f64], edge_radius: f64) -> DMatrix<f64> {
+    let mut result = DMatrix::zeros(problem.rows.all(), problem.variables);
     // Derivatives treat the deviations from the cubics between knots as constants.
-    let mut given = frozen_at(layout, x, edge_radius);
+    let mut given = frozen_at(problem, x, edge_radius);
     let mut x = x.to_vec();
-    for column in 0..layout.variables {
+    for column in 0..problem.variables {
         let mut moved = |by: f64| {
             let before = x[column];
             x[column] += by;
-            let Rows { c, g, .. } = rows_with(layout, &x, edge_radius, &mut given);
+            let Rows { c, g, .. } = rows_with(problem, &x, edge_radius, &mut given);
             x[column] = before;
-            DVector::from_vec(one_sided(layout, &c, &g))
+            DVector::from_vec(one_sided(problem, &c, &g))
         };
         let difference = moved(DIFFERENCE_STEP) - moved(-DIFFERENCE_STEP);
         result.set_column(column, &(difference / (2. * DIFFERENCE_STEP)));
@@ -145,16 +145,16 @@ fn jacobians_match_central_differences() {
         for settings in families() {
             // Fewer stances than in the search, because every variable takes two evaluations.
             let schedule = gait(&mut Random::new(seed as u64), case.task.robot.feet(), 3..=6);
-            let layout = layout_with_cost::<f64>(&case.task, &schedule, &settings);
+            let problem = problem_with_cost::<f64>(&case.task, &schedule, &settings);
             for edge_radius in [0., 0.04] {
-                let x = point(&layout, &mut Random::new(seed as u64), edge_radius);
-                let analytic = dense_jacobian(&layout, &rows(&layout, &x, edge_radius).jacobian);
-                let mut numeric = differences(&layout, &x, edge_radius);
-                without_read_only(&layout, &mut numeric);
+                let x = point(&problem, &mut Random::new(seed as u64), edge_radius);
+                let analytic = dense_jacobian(&problem, &rows(&problem, &x, edge_radius).jacobian);
+                let mut numeric = differences(&problem, &x, edge_radius);
+                without_read_only(&problem, &mut numeric);
                 let difference = first_difference(analytic.as_slice(), numeric.as_slice(), JACOBIAN_TOLERANCE);
-                if let Some((row, variable)) = difference.map(|i| (i % layout.rows.all(), i / layout.rows.all())) {
+                if let Some((row, variable)) = difference.map(|i| (i % problem.rows.all(), i / problem.rows.all())) {
                     let of_row = |e: &Element| (e.place.row..e.place.row + e.rows).contains(&(row as u32));
-                    let family = layout.all_elements().find(of_row).unwrap().family;
+                    let family = problem.all_elements().find(of_row).unwrap().family;
                     let (a, b) = (analytic[(row, variable)], numeric[(row, variable)]);
                     panic!("{}, edge radius {edge_radius}, {family:?} row {row}, variable {variable}: {a:e} against {b:e}", case.name);
                 }
@@ -167,8 +167,8 @@ fn jacobians_match_central_differences() {
 fn cost_rows_do_not_change_the_order_of_the_variables() {
     for case in &cases() {
         for settings in families() {
-            let without = layout_with::<f64>(&case.task, &case.schedule, &settings);
-            let with = layout_with_cost::<f64>(&case.task, &case.schedule, &settings);
+            let without = problem_with::<f64>(&case.task, &case.schedule, &settings);
+            let with = problem_with_cost::<f64>(&case.task, &case.schedule, &settings);
             assert_eq!(with.rows.costs > 0, settings.rows == Transcription::Momentum);
             assert_eq!((with.variables, &with.initial), (without.variables, &without.initial), "{}", case.name);
             assert_eq!((with.factor_len, with.front_stride), (without.factor_len, without.front_stride), "{}", case.name);
@@ -181,14 +181,14 @@ fn cost_rows_do_not_change_the_order_of_the_variables() {
 fn the_cases_have_footholds_on_slopes_where_there_are_any() {
     for (seed, case) in cases().iter().enumerate().filter(|(_, case)| case.task.terrain.shape != Shape::Flat) {
         for settings in transcriptions() {
-            let layout = layout_with::<f64>(&case.task, &case.schedule, &settings);
-            let x = point(&layout, &mut Random::new(seed as u64), 0.);
+            let problem = problem_with::<f64>(&case.task, &case.schedule, &settings);
+            let x = point(&problem, &mut Random::new(seed as u64), 0.);
             let slope = |at: usize| case.task.terrain.ground(x[at], x[at + 1]).slope;
-            let on_slope = layout.footholds.iter().filter(|&&f| slope(f as usize) != [0.; 2]);
+            let on_slope = problem.footholds.iter().filter(|&&f| slope(f as usize) != [0.; 2]);
             let count = on_slope.count();
             // Footholds that keep clear of edges begin next to a gap; those that `point` has moved are in it.
-            let least = if layout.footings.is_empty() || case.task.terrain.name != "gap" { 3 } else { 1 };
-            assert!(count >= least, "{}: {count} of {}", case.name, layout.footholds.len());
+            let least = if problem.footings.is_empty() || case.task.terrain.name != "gap" { 3 } else { 1 };
+            assert!(count >= least, "{}: {count} of {}", case.name, problem.footholds.len());
         }
     }
 }
@@ -197,11 +197,11 @@ fn the_cases_have_footholds_on_slopes_where_there_are_any() {
 fn a_wrong_entry_is_seen() {
     let case = &cases()[0];
     for settings in transcriptions() {
-        let layout = layout_with::<f64>(&case.task, &gait(&mut Random::new(0), 4, 3..=3), &settings);
-        let x = point(&layout, &mut Random::new(0), 0.);
-        let Rows { jacobian, .. } = rows(&layout, &x, 0.);
-        let numeric = differences(&layout, &x, 0.);
-        let mut analytic = dense_jacobian(&layout, &jacobian);
+        let problem = problem_with::<f64>(&case.task, &gait(&mut Random::new(0), 4, 3..=3), &settings);
+        let x = point(&problem, &mut Random::new(0), 0.);
+        let Rows { jacobian, .. } = rows(&problem, &x, 0.);
+        let numeric = differences(&problem, &x, 0.);
+        let mut analytic = dense_jacobian(&problem, &jacobian);
         assert_eq!(first_difference(analytic.as_slice(), numeric.as_slice(), JACOBIAN_TOLERANCE), None);
         let middle = analytic.len() / 2;
         let small = 3. * JACOBIAN_TOLERANCE * numeric.as_slice()[middle].abs().max(1.);
@@ -213,14 +213,14 @@ fn a_wrong_entry_is_seen() {
     }
     // A foot that is 1 um off changes a moment.
     for settings in transcriptions() {
-        let layout = layout_with::<f64>(&case.task, &gait(&mut Random::new(0), 4, 3..=3), &settings);
-        let x = point(&layout, &mut Random::new(0), 0.);
-        let c = rows_with(&layout, &x, 0., &mut straight(&layout)).c;
+        let problem = problem_with::<f64>(&case.task, &gait(&mut Random::new(0), 4, 3..=3), &settings);
+        let x = point(&problem, &mut Random::new(0), 0.);
+        let c = rows_with(&problem, &x, 0., &mut straight(&problem)).c;
         let formula = |nodes: &Trajectory| match settings.rows {
-            Transcription::Towr => expected(&case.task, nodes, &layout).0,
-            Transcription::Momentum => expected_momentum(&case.task, nodes, &layout),
+            Transcription::Towr => expected(&case.task, nodes, &problem).0,
+            Transcription::Momentum => expected_momentum(&case.task, nodes, &problem),
         };
-        let nodes = trajectory(&case.task, &layout.curves, &x);
+        let nodes = trajectory(&case.task, &problem.curves, &x);
         let mut moved = nodes.clone();
         moved.ee[0].motion.nodes.iter_mut().for_each(|node| node[0] += 1e-6);
         assert_eq!(first_difference(&c, &formula(&nodes), RESIDUAL_TOLERANCE), None);
@@ -232,13 +232,13 @@ fn a_wrong_entry_is_seen() {
 fn f32_kernels_agree_with_f64_kernels() {
     for (seed, case) in cases().iter().enumerate() {
         for settings in families() {
-            let layout = layout_with::<f64>(&case.task, &case.schedule, &settings);
-            let layout_f32 = layout_with::<f32>(&case.task, &case.schedule, &settings);
-            let x_f32: Vec<f32> = in_scalar(&point(&layout, &mut Random::new(100 + seed as u64), 0.04));
+            let problem = problem_with::<f64>(&case.task, &case.schedule, &settings);
+            let layout_f32 = problem_with::<f32>(&case.task, &case.schedule, &settings);
+            let x_f32: Vec<f32> = in_scalar(&point(&problem, &mut Random::new(100 + seed as u64), 0.04));
             let x: Vec<f64> = x_f32.iter().map(|&v| v.into()).collect();
             for edge_radius in [0., 0.04] {
                 // Both with the same deviations, which have a tolerance of their own.
-                let mut shared = frozen_at(&layout, &x, edge_radius);
+                let mut shared = frozen_at(&problem, &x, edge_radius);
                 let mut shared_f32 = frozen_at(&layout_f32, &x_f32, edge_radius);
                 for (narrow, wide) in shared_f32.deviations.iter_mut().zip(&mut shared.deviations) {
                     let pairs = narrow.pose.iter_mut().flatten().zip(wide.pose.iter_mut().flatten());
@@ -248,7 +248,7 @@ fn f32_kernels_agree_with_f64_kernels() {
                         *wide = f64::from(*narrow);
                     }
                 }
-                let wide = rows_with(&layout, &x, edge_radius, &mut shared);
+                let wide = rows_with(&problem, &x, edge_radius, &mut shared);
                 let narrow = rows_with(&layout_f32, &x_f32, edge_radius, &mut shared_f32);
                 let widened = |values: &[f32]| values.iter().map(|&v| v.into()).collect::<Vec<f64>>();
                 let close = |got: &[f32], expected: &[f64], tolerance: f64, what: &str| {
@@ -260,13 +260,13 @@ fn f32_kernels_agree_with_f64_kernels() {
                 // The tangential force is the remainder of the force without its normal part, so its error is that of the normal part. The
                 // cone's gradient has the direction of the tangential force, and the error of its dependence on the normal grows with the
                 // square of the ratio of both.
-                let constants = &layout.constants;
+                let constants = &problem.constants;
                 let direction = |inequality: usize| {
                     let normal = wide.g[inequality] + constants.force_limit - constants.force_margin;
                     let tangential = wide.g[inequality + 1] + constants.friction * normal - constants.force_margin;
                     4. * f64::from(f32::EPSILON) * (normal / tangential).powi(2)
                 };
-                for element in layout.all_elements() {
+                for element in problem.all_elements() {
                     let start = element.place.jacobian as usize;
                     let part = start..start + element.rows as usize * element.place.stride as usize;
                     let own = if element.family == cregopt::rows::Family::Cone { direction(element.place.inequality as usize) } else { 0. };

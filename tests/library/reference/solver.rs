@@ -1,9 +1,9 @@
 //! Steps of the solver against their plain formulas.
 
 use super::{ELEMENTWISE_TOLERANCE, F32_FALL_ERROR, SUM_TOLERANCE, assert_close, cases, in_scalar, random_vector};
-use crate::common::{Random, Rows, dense_inequalities, dense_jacobian, gait, layout_with, point, rows, transcriptions};
+use crate::common::{Random, Rows, dense_inequalities, dense_jacobian, gait, point, problem_with, rows, transcriptions};
 use cregopt::linear::simd::BLOCK;
-use cregopt::nlp::Layout;
+use cregopt::nlp::Problem;
 use cregopt::real::Real;
 use cregopt::rows::table::NONE;
 use cregopt::settings::{Transcription, TranscriptionSettings};
@@ -15,7 +15,7 @@ use nalgebra::DVector;
 
 /// Random solver state on the second case: rows, slacks and multipliers around 1, some small; steps of a predictor.
 pub struct State {
-    pub layout: Layout<f64>,
+    pub problem: Problem<f64>,
     pub rows: Rows<f64>,
     pub slacks: Slacks<f64>,
     pub x: Vec<f64>,
@@ -24,14 +24,14 @@ pub struct State {
 fn state(settings: &TranscriptionSettings) -> State {
     let case = &cases()[1];
     let mut random = Random::new(11);
-    let layout = layout_with::<f64>(&case.task, &gait(&mut random, 4, 3..=5), settings);
-    let x = point(&layout, &mut random, 0.);
-    let rows = rows(&layout, &x, 0.);
-    let mut positive = || (0..layout.inequalities).map(|_| random.between(-6., 1.).exp()).collect::<Vec<f64>>();
+    let problem = problem_with::<f64>(&case.task, &gait(&mut random, 4, 3..=5), settings);
+    let x = point(&problem, &mut random, 0.);
+    let rows = rows(&problem, &x, 0.);
+    let mut positive = || (0..problem.inequalities).map(|_| random.between(-6., 1.).exp()).collect::<Vec<f64>>();
     let (slack, multiplier) = (positive(), positive());
     let mut part_of = |values: &[f64]| values.iter().map(|v| v * random.between(-1., 1.)).collect::<Vec<f64>>();
     let (slack_step, multiplier_step) = (part_of(&slack), part_of(&multiplier));
-    State { rows, slacks: Slacks { slack, multiplier, slack_step, multiplier_step }, layout, x }
+    State { rows, slacks: Slacks { slack, multiplier, slack_step, multiplier_step }, problem, x }
 }
 
 pub fn states() -> [State; 3] {
@@ -48,42 +48,42 @@ const AIMS: [BarrierTarget<f64>; 3] =
 #[test]
 fn terms_of_single_variables_are_their_plain_formulas() {
     let (proximal, weight) = (0.02, 0.3);
-    for State { layout, x, .. } in states() {
-        let n = layout.variables;
+    for State { problem, x, .. } in states() {
+        let n = problem.variables;
         let positive = |seed| random_vector(seed, n).iter().map(|v| v + 1.5).collect::<Vec<f64>>();
         let (scaling, smoothing) = (positive(15), positive(16));
         let (mut diagonal, mut gradient) = (vec![f64::NAN; n], vec![f64::NAN; n]);
-        let smoothed = Layout { smoothing: smoothing.clone(), ..layout.clone() };
+        let smoothed = Problem { smoothing: smoothing.clone(), ..problem.clone() };
         variable_terms(&smoothed, &scaling, proximal, weight, &x, &mut diagonal, &mut gradient);
         let of_each = |term: &dyn Fn(usize) -> f64| (0..n).map(term).collect::<Vec<f64>>();
         let expected = of_each(&|i| proximal * scaling[i] + weight * smoothing[i]);
         assert_close(&diagonal, &expected, ELEMENTWISE_TOLERANCE, "diagonal");
-        let expected = of_each(&|i| weight * smoothing[i] * (x[i] - layout.initial[i]));
+        let expected = of_each(&|i| weight * smoothing[i] * (x[i] - problem.initial[i]));
         assert_close(&gradient, &expected, ELEMENTWISE_TOLERANCE, "gradient");
 
         // Forces, attitudes and rates are smoothed in `momentum` only.
         let mut expected = vec![0.; n];
-        if layout.curves.transcription == Transcription::Momentum {
-            for &node in layout.curves.feet.iter().flat_map(|f| &f.force_nodes).flatten().filter(|&&node| node != NONE) {
+        if problem.curves.transcription == Transcription::Momentum {
+            for &node in problem.curves.feet.iter().flat_map(|f| &f.force_nodes).flatten().filter(|&&node| node != NONE) {
                 expected[node as usize..node as usize + 6].fill(1.);
             }
-            for (i, &block) in layout.curves.base.iter().enumerate().filter(|(_, block)| (**block as usize) < n) {
+            for (i, &block) in problem.curves.base.iter().enumerate().filter(|(_, block)| (**block as usize) < n) {
                 let smoothing = if i % 2 == 0 { [0., 0., 0., 1., 1., 1.] } else { [0.1; 6] };
                 expected[block as usize..block as usize + 6].copy_from_slice(&smoothing);
             }
         }
-        assert_eq!(layout.smoothing, expected);
+        assert_eq!(problem.smoothing, expected);
     }
 }
 
 #[test]
 fn row_weights_are_those_of_the_full_system() {
-    for State { layout, rows, slacks, .. } in states() {
+    for State { problem, rows, slacks, .. } in states() {
         let (jc, jg) = (
-            dense_jacobian(&layout, &rows.jacobian).rows(0, layout.rows.equalities as usize).into_owned(),
-            dense_inequalities(&layout, &rows.jacobian),
+            dense_jacobian(&problem, &rows.jacobian).rows(0, problem.rows.equalities as usize).into_owned(),
+            dense_inequalities(&problem, &rows.jacobian),
         );
-        let j = dense_jacobian(&layout, &rows.jacobian);
+        let j = dense_jacobian(&problem, &rows.jacobian);
         let (c, g) = (DVector::from_column_slice(&rows.c), &rows.g);
         let inequality = |i: usize, aim: Option<BarrierTarget<f64>>| {
             let (s, z) = (slacks.slack[i], slacks.multiplier[i]);
@@ -98,16 +98,16 @@ fn row_weights_are_those_of_the_full_system() {
             }
         };
         for aim in AIMS.map(Some).into_iter().chain([None]) {
-            let (mut weight, mut value) = (vec![f64::NAN; layout.rows.all()], vec![f64::NAN; layout.rows.all()]);
+            let (mut weight, mut value) = (vec![f64::NAN; problem.rows.all()], vec![f64::NAN; problem.rows.all()]);
             match aim {
-                Some(aim) => barrier_rows(&layout, &rows.c, g, &slacks, aim, &mut weight, &mut value),
-                None => closing_rows(&layout, &rows.c, g, &mut weight, &mut value),
+                Some(aim) => barrier_rows(&problem, &rows.c, g, &slacks, aim, &mut weight, &mut value),
+                None => closing_rows(&problem, &rows.c, g, &mut weight, &mut value),
             }
             // J' W J e and J' v over all rows, against one weight for both sides of a row.
-            let probe = DVector::from_fn(layout.variables, |i, _| ((i * 7919) % 13) as f64 / 13. - 0.4);
+            let probe = DVector::from_fn(problem.variables, |i, _| ((i * 7919) % 13) as f64 / 13. - 0.4);
             let (by_c, mut by_g) = (&jc * &probe, &jg * &probe);
-            let mut v = DVector::zeros(layout.inequalities);
-            for i in 0..layout.inequalities {
+            let mut v = DVector::zeros(problem.inequalities);
+            for i in 0..problem.inequalities {
                 let (w, value) = inequality(i, aim);
                 by_g[i] *= w;
                 v[i] = value;
@@ -123,16 +123,16 @@ fn row_weights_are_those_of_the_full_system() {
 
 #[test]
 fn columns_are_scaled_by_their_squares() {
-    for State { layout, rows, .. } in states() {
-        let (j, jg) = (dense_jacobian(&layout, &rows.jacobian), dense_inequalities(&layout, &rows.jacobian));
-        let mut diagonal = vec![f64::NAN; layout.variables];
-        let (mut counts, mut local) = (vec![0.; layout.rows.all()], vec![0.; layout.widest]);
-        column_scaling(&layout, &rows.jacobian, &mut counts, &mut local, &mut diagonal);
+    for State { problem, rows, .. } in states() {
+        let (j, jg) = (dense_jacobian(&problem, &rows.jacobian), dense_inequalities(&problem, &rows.jacobian));
+        let mut diagonal = vec![f64::NAN; problem.variables];
+        let (mut counts, mut local) = (vec![0.; problem.rows.all()], vec![0.; problem.widest]);
+        column_scaling(&problem, &rows.jacobian, &mut counts, &mut local, &mut diagonal);
         let formula = |i: usize| {
-            let equalities = j.column(i).rows(0, layout.rows.equalities as usize).norm_squared();
+            let equalities = j.column(i).rows(0, problem.rows.equalities as usize).norm_squared();
             (equalities + 0.5 * jg.column(i).norm_squared()).max(1e-2)
         };
-        let expected: Vec<f64> = (0..layout.variables).map(formula).collect();
+        let expected: Vec<f64> = (0..problem.variables).map(formula).collect();
         assert_close(&diagonal, &expected, SUM_TOLERANCE, "diagonal");
     }
 }
@@ -296,10 +296,10 @@ fn falls_to_a_point_nearby_are_good_in_f32() {
 
 #[test]
 fn the_cost_of_the_smoothing_falls_by_its_plain_formula() {
-    for State { layout, x, .. } in states() {
-        let n = layout.variables;
+    for State { problem, x, .. } in states() {
+        let n = problem.variables;
         let smoothing: Vec<f64> = random_vector(16, n).iter().map(|v| v + 1.5).collect();
-        let (initial, x) = (&layout.initial[..n], &x[..n]);
+        let (initial, x) = (&problem.initial[..n], &x[..n]);
         let x_to: Vec<f64> = x.iter().zip(random_vector(20, n)).map(|(x, by)| x + 0.3 * by).collect();
         let (from, to) = (smoothing_terms(&smoothing, x, initial), smoothing_terms(&smoothing, &x_to, initial));
         assert!(from.iter().sum::<f64>() > 1.);
@@ -390,13 +390,13 @@ fn the_target_is_the_square_of_what_the_predictor_leaves() {
 fn slack_steps_solve_the_linearised_conditions_and_keep_a_hundredth() {
     for settings in transcriptions() {
         for (aim, size) in AIMS.into_iter().flat_map(|aim| [1., 1e-3].map(|size| (aim, size))) {
-            let State { layout, rows: Rows { g, .. }, mut slacks, .. } = state(&settings);
+            let State { problem, rows: Rows { g, .. }, mut slacks, .. } = state(&settings);
             let mut random = Random::new(13);
-            let change: Vec<f64> = (0..layout.inequalities).map(|_| size * random.between(-1., 1.)).collect();
+            let change: Vec<f64> = (0..problem.inequalities).map(|_| size * random.between(-1., 1.)).collect();
             let predicted = (slacks.slack_step.clone(), slacks.multiplier_step.clone());
             let lengths = slack_steps(&g, &change, aim, &mut slacks);
             let mut largest = [f64::INFINITY; 2];
-            for i in 0..layout.inequalities {
+            for i in 0..problem.inequalities {
                 let (s, z, ds, dz) = (slacks.slack[i], slacks.multiplier[i], slacks.slack_step[i], slacks.multiplier_step[i]);
                 let second_order = aim.correction * predicted.0[i] * predicted.1[i];
                 // z = g + s with penalty 1, to first order; s z = mu, corrected by the predictor's steps.
@@ -419,13 +419,13 @@ fn slack_steps_solve_the_linearised_conditions_and_keep_a_hundredth() {
                 (before.0[i] + step.primal * slacks.slack_step[i], before.1[i] + step.dual * slacks.multiplier_step[i])
             };
             let mean = |step: Lengths<f64>| {
-                let products = (0..layout.inequalities).map(|i| after(step, i)).map(|(s, z)| s * z);
-                products.sum::<f64>() / layout.inequalities as f64
+                let products = (0..problem.inequalities).map(|i| after(step, i)).map(|(s, z)| s * z);
+                products.sum::<f64>() / problem.inequalities as f64
             };
             for ahead in [Lengths::none(), Lengths { primal: 0.3 * lengths.primal, ..lengths }, lengths] {
                 assert_close(&[mean_product(&slacks, ahead)], &[mean(ahead)], SUM_TOLERANCE, "mean product ahead");
             }
-            let expected: Vec<(f64, f64)> = (0..layout.inequalities).map(|i| after(lengths, i)).collect();
+            let expected: Vec<(f64, f64)> = (0..problem.inequalities).map(|i| after(lengths, i)).collect();
             update_slacks(&mut slacks, lengths);
             for (i, (s, z)) in expected.into_iter().enumerate() {
                 assert_eq!((slacks.slack[i], slacks.multiplier[i]), (s.max(1e-6), z.max(1e-8)));

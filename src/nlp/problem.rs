@@ -25,7 +25,7 @@ crate::table! {
         pub pairs: u32,
         /// Place of the rows in the buffers.
         pub place: Place,
-        /// Columns as runs of variables, in [`Layout::runs`]; empty for factored rows, which know their columns themselves.
+        /// Columns as runs of variables, in [`Problem::runs`]; empty for factored rows, which know their columns themselves.
         pub runs: Span,
     }
 }
@@ -40,7 +40,7 @@ impl Element {
 
 /// Problem of one candidate as flat tables.
 #[derive(Debug, Clone)]
-pub struct Layout<T> {
+pub struct Problem<T> {
     /// Number of variables.
     pub variables: usize,
     /// Numbers of Jacobian rows by kind.
@@ -57,7 +57,7 @@ pub struct Layout<T> {
     pub tables: Tables<T>,
     /// Weight of the absolute value of each cost row in the objective; 0 if half of its square counts instead, `[costs]`.
     pub cost_weights: Vec<T>,
-    /// Elements in the order of the sweep, except those of factored rows, which follow all others: see [`Layout::all_elements`].
+    /// Elements in the order of the sweep, except those of factored rows, which follow all others: see [`Problem::all_elements`].
     pub elements: Vec<Element>,
     /// Columns of the elements.
     pub runs: Vec<Run>,
@@ -75,7 +75,7 @@ pub struct Layout<T> {
     pub curves: Curves,
 }
 
-impl<T> Deref for Layout<T> {
+impl<T> Deref for Problem<T> {
     type Target = Tables<T>;
 
     fn deref(&self) -> &Tables<T> {
@@ -83,13 +83,13 @@ impl<T> Deref for Layout<T> {
     }
 }
 
-impl<T> DerefMut for Layout<T> {
+impl<T> DerefMut for Problem<T> {
     fn deref_mut(&mut self) -> &mut Tables<T> {
         &mut self.tables
     }
 }
 
-impl<T: Real> Layout<T> {
+impl<T: Real> Problem<T> {
     /// Largest normal force of a foot, N.
     pub fn force_limit(&self) -> f64 {
         self.curves.force_limit
@@ -100,7 +100,7 @@ impl<T: Real> Layout<T> {
         self.elements.iter().copied().chain(self.reach_rows.as_elements())
     }
 
-    /// Dependencies of the rows of each of [`Layout::all_elements`]: columns as runs of variables, with the weight by which the Jacobian
+    /// Dependencies of the rows of each of [`Problem::all_elements`]: columns as runs of variables, with the weight by which the Jacobian
     /// values apply to these variables, which is 1 except in factored rows.
     pub fn columns(&self) -> Vec<Vec<(Run, T)>> {
         let own = |element: &Element| self.runs[element.runs.range()].iter().map(|run| (*run, T::one())).collect();
