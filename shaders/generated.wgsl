@@ -1,5 +1,6 @@
 // Generated: constants, structs and table readers that precede the shaders, see `generated` of src/backend/gpu/shaders.rs. The
-// program does not read this file. To write it: WRITE_GENERATED=1 cargo test --test library the_file_of_generated_declarations_is_up_to_date
+// program does not read this file. To write it:
+// WRITE_GENERATED=1 cargo test --test library the_file_of_generated_declarations_is_up_to_date
 
 const NONE: u32 = 4294967295u;
 const INNER_POINTS: u32 = 6u;

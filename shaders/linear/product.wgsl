@@ -1,8 +1,8 @@
 // needs: shared/kind shared/factored_product
 // binds: jacobian tables
 // reads: elements runs base_blocks factored_instants factored_elements factored_own
-// Products of the Jacobian with the direction. One thread per element; for factored rows one per instant, whose elements share the change of
-// the pose.
+// Products of the Jacobian with the direction. One thread per element; for factored rows one per instant, whose elements share the change
+// of the pose.
 //   in   values    direction
 //   in   jacobian  at the point
 //   out  values    c_change [equalities]; g_change [inequalities], with the sign of their side

@@ -1,6 +1,7 @@
 // needs: shared/factored_place
-// Sums over the rows that touch a variable, in row order. The including shader defines the summands: `of_rows` for the rows of an element and
-// `of_factored` for those of a factored one, both in one column, and `of_weight`, the factor by which an interpolation weight counts.
+// Sums over the rows that touch a variable, in row order. The including shader defines the summands: `of_rows` for the rows of an
+// element and `of_factored` for those of a factored one, both in one column, and `of_weight`, the factor by
+// which an interpolation weight counts.
 
 // Sum over the factored rows at consecutive instants.
 fn of_instants(slot: u32, half: u32, touch: FactoredTouch, column: u32) -> f32 {

@@ -1,7 +1,8 @@
 //! Application layer: what the program, the Python package and a library user all do with a task. It knows files and texts, but neither a
 //! command line nor a terminal.
 //!
-//! A [`Mission`] is a [`Task`](crate::Task) with waypoints. It is searched in [`MissionStage`]s, one per waypoint and one to the goal, each from
+//! A [`Mission`] is a [`Task`](crate::Task) with waypoints. It is searched in [`MissionStage`]s, one per waypoint and one to the goal,
+//! each from
 //! where the stage before ends. A [`Request`] has the settings. Each stage is checked before its search: an impossible task is an error,
 //! and obstacles that make a gait unlikely are warnings. A stage has the gait, the use of the robot's joint limits, and a diagnosis if no
 //! gait was found:

@@ -1,4 +1,4 @@
-//! What a search is to do: a task with waypoints, and settings.
+//! Input of a search: a task with waypoints, and settings.
 
 use super::label::Provenance;
 use crate::nlp::transcription;

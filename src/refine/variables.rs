@@ -1,9 +1,9 @@
 //! Variables of a refinement: those of the problem in an order independent of the durations, and the phase boundaries.
 //!
-//! A [`Problem`] orders its variables by time, so other durations give another order. Here blocks are ordered by curve: base knots, then for
-//! each foot its footholds, swing heights and force nodes. The values are those of the problem except for the rates of the base. These are
-//! absolute and multiplied by `h / h_0`, where `h` is the interval of base knots and `h_0` its initial value. Slopes of forces are already
-//! per piece. A motion in which only the interval grows therefore follows the same path more slowly.
+//! A [`Problem`] orders its variables by time, so other durations give another order. Here blocks are ordered by curve: base knots, then
+//! for each foot its footholds, swing heights and force nodes. The values are those of the problem except for the rates of the base.
+//! These are absolute and multiplied by `h / h_0`, where `h` is the interval of base knots and `h_0` its initial value. Slopes of forces
+//! are already per piece. A motion in which only the interval grows therefore follows the same path more slowly.
 //!
 //! Phase boundaries follow, in intervals. A boundary affects two phases only, whereas a change of a duration would shift everything after
 //! it. The last variable, if the horizon is free, is the interval: the number of intervals is fixed, so it determines the horizon.

@@ -1,9 +1,9 @@
 //! Factored rows: rows that depend on the base only through its pose at an instant.
 //!
 //! The pose at an instant is interpolated from four blocks of six variables, `pose = reference + sum_i w_i x_i`. The Jacobian of such rows
-//! with respect to block `i` is therefore `w_i P`: an interpolation weight times a small dense factor `P`, the derivatives of the rows by the
-//! pose. Only `P` is stored, six columns instead of 24, and all elements at an instant share its weights. The other columns of an element,
-//! those of at most [`OWN_BLOCKS`] other blocks, are stored as they are, after `P`.
+//! with respect to block `i` is therefore `w_i P`: an interpolation weight times a small dense factor `P`, the derivatives of the rows by
+//! the pose. Only `P` is stored, six columns instead of 24, and all elements at an instant share its weights. The other columns of an
+//! element, those of at most [`OWN_BLOCKS`] other blocks, are stored as they are, after `P`.
 //!
 //! [`FactoredRows`] holds these tables for one family and knows everything about their columns. The family's own tables have an entry per
 //! instant and per element, with the same indices, and contain the data of its residuals. `nlp/factored.rs` fills the tables,

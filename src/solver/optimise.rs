@@ -1,8 +1,8 @@
 //! Minimisation of a cost from a solved motion: the smoothing of forces, or the objective of the cost rows.
 //!
 //! The method of multipliers with one barrier step between two updates of the multipliers: residuals are shifted by the multipliers of
-//! their rows, those of inequalities come from the barrier. The multipliers are small because the weight of the cost is, so that a penalty of
-//! 1 is enough. At the end the rows are solved again without the cost.
+//! their rows, those of inequalities come from the barrier. The multipliers are small because the weight of the cost is, so that a
+//! penalty of 1 is enough. At the end the rows are solved again without the cost.
 
 use super::control::{self, Limits, Progress};
 use super::objective::Objective;

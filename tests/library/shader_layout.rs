@@ -451,7 +451,8 @@ fn the_file_of_generated_declarations_is_up_to_date() {
     let test = "the_file_of_generated_declarations_is_up_to_date";
     let header = format!(
         "// Generated: constants, structs and table readers that precede the shaders, see `generated` of src/backend/gpu/shaders.rs. The\n\
-         // program does not read this file. To write it: {WRITE}=1 cargo test --test library {test}\n\n"
+         // program does not read this file. To write it:\n\
+         // {WRITE}=1 cargo test --test library {test}\n\n"
     );
     let text = header + &generated();
     if std::env::var_os(WRITE).is_some() {
