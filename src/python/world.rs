@@ -430,7 +430,11 @@ impl Task {
     fn __repr__(&self) -> String {
         let task = &self.0.task;
         let [from, to] = [&task.start, &task.goal].map(|state| state.position);
-        let via = if self.0.waypoints.is_empty() { String::new() } else { format!(" by {} waypoints", self.0.waypoints.len()) };
+        let via = match self.0.waypoints.len() {
+            0 => String::new(),
+            1 => " by 1 waypoint".into(),
+            several => format!(" by {several} waypoints"),
+        };
         format!("Task({:?} on {:?}, from {from:?} to {to:?} m{via})", task.robot.name, task.terrain.name)
     }
 }

@@ -80,7 +80,7 @@ impl Robot {
     pub fn validate_own(&self) -> Result<()> {
         self.validate()?;
         let Some(what) = self.differs_from_named() else { return Ok(()) };
-        let limit = format!("another one: the built-in robot of that name has another {what}");
+        let limit = format!("a different name: the built-in robot of this name has another {what}");
         Err(Error::invalid("robot.name", format!("`{}`", self.name), limit))
     }
 

@@ -68,7 +68,7 @@ FLAT = cregopt.Terrain("flat")
     [
         (lambda: cregopt.Robot("anymall"), "unknown robot `anymall`; did you mean `anymal`"),
         (lambda: cregopt.Robot.from_dict({**ROBOT.to_dict(), "mass": -1}), "robot.mass: -1, but it must be"),
-        (lambda: cregopt.Robot.from_dict({**ROBOT.to_dict(), "mass": 40.0}), "robot.name: `anymal`, but it must be another one"),
+        (lambda: cregopt.Robot.from_dict({**ROBOT.to_dict(), "mass": 40.0}), "robot.name: `anymal`, but it must be a different name"),
         (lambda: cregopt.Robot.from_dict({**ROBOT.to_dict(), "mas": 1}), "robot: mas: unknown field `mas`; did you mean `mass`"),
         (lambda: cregopt.Robot.from_dict({"name": object()}), "robot: dict .*, but it must be finite numbers"),
         (lambda: cregopt.Robot.from_dict({**ROBOT.to_dict(), "mass": float("nan")}), "robot: dict .*, but it must be finite numbers"),
@@ -77,7 +77,7 @@ FLAT = cregopt.Terrain("flat")
         (lambda: cregopt.Terrain.heights(np.zeros((3, 3, 3)), 0.1), "height map: 3 dimensions, but it must be 2"),
         (lambda: cregopt.Terrain.heights(np.zeros((3, 0)), 0.1), "height map: 0 x 0 samples"),
         (lambda: cregopt.Terrain.heights(np.full((3, 3), np.nan), 0.1), "height map: only holes"),
-        (lambda: cregopt.Terrain.heights(np.zeros((3, 3)), 0.1, name="stairs"), "terrain.name: `stairs`, but it must be another one"),
+        (lambda: cregopt.Terrain.heights(np.zeros((3, 3)), 0.1, name="stairs"), "terrain.name: `stairs`, but it must be a different name"),
         (lambda: cregopt.Terrain.heights(np.zeros((3, 3)), -0.1), "cell: -0.1, but it must be"),
         (lambda: cregopt.Task(ROBOT, FLAT, goal=(1.0,)), "goal: 1 numbers, but it must be 2 or 3"),
         (lambda: cregopt.Task(ROBOT, FLAT, goal="far"), "goal: 'far', but it must be 2 or 3 numbers"),  # type: ignore[arg-type]
@@ -123,7 +123,7 @@ def test_a_task_can_be_read_from_a_scenario(tmp_path: pathlib.Path, monkeypatch:
         assert task.robot == cregopt.Robot.from_dict(own) and task.terrain == FLAT and task.force_limit == 400.0
         assert (task.start["xy"], task.start["yaw"], task.start["velocity"]) == ([1.0, 2.0], 0.3, [0.1, 0.0, 0.0])
         assert (task.goal["xy"], task.goal["yaw"], task.goal["z"]) == ([2.0, 2.5], 0.7, 0.5)
-        assert [(place["xy"], place["yaw"]) for place in task.via] == [([1.5, 2.2], 0.4)] and "over 1 places" in repr(task)
+        assert [(place["xy"], place["yaw"]) for place in task.via] == [([1.5, 2.2], 0.4)] and "by 1 waypoint" in repr(task)
     # A target replaces the file's goal and waypoints. A folder with the name of a scenario does not hide it.
     path.write_text('scenario = "s1"\n[goal]\nxy = [2.0, 2.5]\n[[waypoints]]\nxy = [1.5, 2.2]\n')
     to_target = cregopt.Task.from_scenario(path, target=4)
