@@ -69,7 +69,7 @@ impl From<Goal> for Waypoint {
     }
 }
 
-/// Task with waypoints. Each waypoint and the goal end a [`MissionStage`], which has a search and a gait of its own.
+/// Task with waypoints. Each waypoint and the goal end a [`MissionStage`](super::MissionStage), which has a search and a gait of its own.
 #[derive(Debug, Clone)]
 pub struct Mission {
     /// Task from the start to the goal.

@@ -84,7 +84,7 @@ impl CostWeights {
     /// Checks every field.
     ///
     /// # Errors
-    /// [`Error::Invalid`] names the first field that is out of its limits.
+    /// [`Invalid`](crate::Error::Invalid) names the first field that is out of its limits.
     pub fn validate(&self) -> Result<()> {
         check_range("cost.leg_work", self.leg_work, 0., 1e6)?;
         check_range("cost.swing_work", self.swing_work, 0., 1e6)?;
@@ -133,7 +133,8 @@ pub struct Cost {
 /// * `leg_mass` - mass of a leg, concentrated at the foot, kg
 ///
 /// # Errors
-/// [`Error::Invalid`] if the trajectory is malformed, robot and trajectory disagree on the number of feet, or the robot's joint model is
+/// [`Invalid`](crate::Error::Invalid) if the trajectory is malformed, robot and trajectory disagree on the number of feet, or the robot's
+/// joint model is
 /// invalid.
 pub fn cost(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weights: &CostWeights) -> Result<Cost> {
     trajectory.validate()?;
@@ -149,7 +150,7 @@ pub fn cost(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weights: &Cos
 /// duration of the part, [`Cost::distance`] the distance that the base covers in it.
 ///
 /// # Errors
-/// The errors of [`cost`], and [`Error::Invalid`] if the part is empty or outside the motion.
+/// The errors of [`cost`], and [`Invalid`](crate::Error::Invalid) if the part is empty or outside the motion.
 pub fn cost_between(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weights: &CostWeights, part: [f64; 2]) -> Result<Cost> {
     trajectory.validate()?;
     let [start, end] = part;

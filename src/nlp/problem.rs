@@ -140,6 +140,6 @@ pub struct FootBlocks {
     pub footholds: Vec<u32>,
     /// Swing height of each swing.
     pub heights: Vec<u32>,
-    /// Force nodes of each stance; [`NONE`] where the force is zero.
+    /// Force nodes of each stance; [`NONE`](crate::rows::table::NONE) where the force is zero.
     pub force_nodes: Vec<Vec<u32>>,
 }
