@@ -134,8 +134,7 @@ pub struct Cost {
 ///
 /// # Errors
 /// [`Invalid`](crate::Error::Invalid) if the trajectory is malformed, robot and trajectory disagree on the number of feet, or the robot's
-/// joint model is
-/// invalid.
+/// joint model is invalid.
 pub fn cost(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weights: &CostWeights) -> Result<Cost> {
     trajectory.validate()?;
     let (lin, ang) = (&trajectory.base_lin.nodes[0], &trajectory.base_ang.nodes[0]);
