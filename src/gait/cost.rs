@@ -55,7 +55,7 @@ pub const LEAST_DISTANCE: f64 = 0.1;
 pub const STEP: f64 = 0.04;
 
 /// Shortest leg that has a direction, m.
-const LEAST_LEG: f64 = 1e-6;
+pub(crate) const LEAST_LEG: f64 = 1e-6;
 
 /// Weights of the terms of the total cost.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

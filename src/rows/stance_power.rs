@@ -11,6 +11,7 @@ use super::momentum::Deviation;
 use super::table::{NONE, Place};
 use super::write::Rows;
 use super::{RowKind, Spec};
+use crate::gait::cost::LEAST_LEG;
 use crate::real::Real;
 use crate::terrain::Ground;
 
@@ -19,9 +20,6 @@ pub const SPEC: Spec = Spec { rows: 2, pairs: 0, kind: RowKind::Cost, unit: "m/s
 
 /// See [`super::Family::allowed`].
 pub(super) use super::any_residual as allowed;
-
-/// Shortest leg that has a direction, m.
-pub const LEAST_LEG: f64 = 1e-6;
 
 crate::table! {
     /// Powers of one standing leg at one point of the quadrature.

@@ -9,6 +9,7 @@ use super::objective::Objective;
 use super::round::{ROUND, Stage};
 use super::start::start_slacks;
 use super::{Residuals, Solve, Solver, Status};
+use crate::nlp::Problem;
 use crate::real::Real;
 use crate::settings::{OptimiseSettings, SolverSettings};
 
@@ -141,14 +142,14 @@ impl<T: Real> Solver<T> {
     }
 
     /// True if the last step, long enough to be trusted, predicted hardly any fall of the cost at the smallest rounding.
-    fn is_optimal(&self, problem: &crate::nlp::Problem<T>, cost: &Minimisation<T>, progress: &Progress<T>) -> bool {
+    fn is_optimal(&self, problem: &Problem<T>, cost: &Minimisation<T>, progress: &Progress<T>) -> bool {
         let sharp = self.objective.rounding <= cost.rounding_floor;
         let allowed = cost.tolerance * self.objective.weight * self.objective.cost(problem, &self.now.c);
         self.objective.weight > T::zero() && sharp && progress.length > T::of(TRUSTED_LENGTH) && self.predicted < allowed
     }
 
     /// Updates the multipliers by which residuals are shifted.
-    fn shift_residuals(&mut self, problem: &crate::nlp::Problem<T>) {
+    fn shift_residuals(&mut self, problem: &Problem<T>) {
         // Equalities: the new multiplier is the sum of multiplier and residual. Inequalities take their multipliers from the barrier.
         let equalities = problem.rows.equalities as usize;
         for (c, shift) in self.now.c[..equalities].iter_mut().zip(&mut self.shift.c) {

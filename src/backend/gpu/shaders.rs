@@ -32,10 +32,10 @@
 //! parameter this is 2.4e-8 per row at its default. Tested adapters are within 1.9e-7, which is 1e-8 per row.
 
 use crate::backend::tables::{Batch, Buffer, Part, kind};
+use crate::gait::cost::LEAST_LEG;
 use crate::robot::GRAVITY;
 use crate::rows::factored::{OWN_BLOCKS, OWN_COLUMNS, POSE, POSE_BLOCKS};
 use crate::rows::momentum::{INNER_POINTS, MOMENTUM_POINTS, STEEP_COSINE};
-use crate::rows::stance_power::LEAST_LEG;
 use crate::rows::swing::{RING_POINTS, RINGS};
 use crate::rows::table::{NONE, Wgsl};
 use crate::rows::{Family, RowKind, acceleration, force, reach, row_shaders};
