@@ -30,7 +30,7 @@ pub struct Solve {
     /// reach it
     #[arg(long, value_name = "X,Y[,Z]", allow_hyphen_values = true)]
     goal: Option<GoalArg>,
-    /// Waypoint at which the base stops, m; repeatable. Each stage of the mission has a folder of its own: leg-1, leg-2, ...
+    /// Waypoint at which the base stops, m; repeatable. Each stage of the mission has a folder of its own: stage-1, stage-2, ...
     #[arg(long, value_name = "X,Y[,Z]", allow_hyphen_values = true)]
     via: Vec<GoalArg>,
     /// Start, m, with the feet at their nominal places on the ground [default: above the origin]
@@ -63,7 +63,7 @@ pub struct Solve {
     /// Folder for result.json, trajectory.json and scenario.toml; alternatives are trajectory-2.json, ...
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Draw the gait, its forces and its path: .svg, or .png with the feature `pictures`; with waypoints FILE-leg-1, FILE-leg-2, ...
+    /// Draw the gait, its forces and its path: .svg, or .png with the feature `pictures`; with waypoints FILE-stage-1, FILE-stage-2, ...
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     /// Print result.json instead of text

@@ -87,7 +87,7 @@ impl Gait {
 
     /// Gaits of all stages of the mission up to this one, which is the last: more than one if the task has waypoints.
     #[getter]
-    fn legs(&self) -> Vec<Gait> {
+    fn stages(&self) -> Vec<Gait> {
         let earlier = |number: usize| Gait { stage: self.before[number].clone(), before: self.before[..number].into(), index: 0 };
         let last = Gait { stage: self.stage.clone(), before: self.before.clone(), index: self.index };
         (0..self.before.len()).map(earlier).chain([last]).collect()
@@ -134,7 +134,7 @@ impl Gait {
     }
 
     /// Writes result.json, trajectory.json and scenario.toml to a folder, as ``cregopt solve --out`` does; with several stages, to one
-    /// folder per stage: leg-1, leg-2, ... Warns about motions of an earlier gait that remain in the folder.
+    /// folder per stage: stage-1, stage-2, ... Warns about motions of an earlier gait that remain in the folder.
     fn save(&self, py: Python<'_>, folder: PathBuf) -> PyResult<()> {
         let stages: Vec<&MissionStage> = self.before.iter().chain([&self.stage]).map(|stage| &**stage).collect();
         let write = |(number, stage): (usize, &&MissionStage)| {
