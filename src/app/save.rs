@@ -50,7 +50,7 @@ impl MissionStage {
         let text = |gait: &Gait| serde_json::to_string(&self.trajectory(gait));
         let trajectories: Vec<String> = self.gaits().map(text).collect::<std::result::Result<_, _>>()?;
         write_trajectories(folder, &trajectories)?;
-        files::write(&folder.join("result.json"), &to_json(&self.result(&self.run()))?)?;
+        files::write(&folder.join("result.json"), &to_json(&self.result())?)?;
         files::write(&folder.join("scenario.toml"), &self.scenario_file()?.text()?)
     }
 

@@ -93,8 +93,7 @@ impl Solve {
                 number += 1;
                 let plot = self.plot.as_deref().map(|plot| stage_file(plot, number, whole));
                 plot.map_or(Ok(()), |path| motion_plot::write(&stage.plot(&stage.found.best), &path))?;
-                let run = stage.run();
-                let result = stage.result(&run);
+                let result = stage.result();
                 print(&if self.json { to_json(&result)? } else { text(&result, folder)? })
             },
         )?;

@@ -125,12 +125,12 @@ impl Gait {
 
     /// Result of the search as a dictionary with the keys of result.json.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        to_python(py, &self.stage.result(&self.stage.run()))
+        to_python(py, &self.stage.result())
     }
 
     /// Result of the search as the text of result.json.
     fn to_json(&self) -> PyResult<String> {
-        to_json(&self.stage.result(&self.stage.run())).raise()
+        to_json(&self.stage.result()).raise()
     }
 
     /// Writes result.json, trajectory.json and scenario.toml to a folder, as ``cregopt solve --out`` does; with several stages, to one
@@ -191,7 +191,7 @@ impl Gait {
     }
 
     fn __str__(&self) -> PyResult<String> {
-        text(&self.stage.result(&self.stage.run()), None).raise()
+        text(&self.stage.result(), None).raise()
     }
 
     fn __repr__(&self) -> String {
