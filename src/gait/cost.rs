@@ -163,9 +163,7 @@ pub fn cost_between(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weigh
     };
     let displacement = at(&trajectory.base_lin, end) - at(&trajectory.base_lin, start);
     let turn = at(&trajectory.base_ang, end).z - at(&trajectory.base_ang, start).z;
-    let l = robot.base_height;
-    let distance = (displacement.norm() + l * turn.abs()).max(LEAST_DISTANCE * l);
-    priced(trajectory, robot, leg_mass, weights, part, distance)
+    priced(trajectory, robot, leg_mass, weights, part, distance(robot, displacement.into(), turn))
 }
 
 /// Costs of a part of a valid trajectory, per `distance`.
