@@ -96,6 +96,6 @@ mod tests {
         let cpu = Cpu::new(1).unwrap();
         let stages = mission.search_with(&request, &cpu, Some(folder.path()), &cancelled, &mut |_| (), &mut on_stage).unwrap();
         assert!(stages.len() == 1 && stages[0].found.best.feasible());
-        assert!(folder.path().join("leg-1/trajectory.json").is_file() && !folder.path().join("leg-2").exists());
+        assert!(folder.path().join("stage-1/trajectory.json").is_file() && !folder.path().join("stage-2").exists());
     }
 }

@@ -10,21 +10,21 @@ use crate::scenario::Scenario;
 use crate::search::Gait;
 use std::path::{Path, PathBuf};
 
-/// Folder of a stage: `out` itself if it is the only one, else `leg-NUMBER` in it.
+/// Folder of a stage: `out` itself if it is the only one, else `stage-NUMBER` in it.
 ///
 /// * `number` - from 1
 /// * `count` - stages of the mission
 pub fn stage_folder(out: &Path, number: usize, count: usize) -> PathBuf {
-    if count == 1 { out.to_owned() } else { out.join(format!("leg-{number}")) }
+    if count == 1 { out.to_owned() } else { out.join(format!("stage-{number}")) }
 }
 
-/// File of a stage: `path` itself if it is the only one, else with `-leg-NUMBER` before the extension.
+/// File of a stage: `path` itself if it is the only one, else with `-stage-NUMBER` before the extension.
 ///
 /// * `number` - from 1
 /// * `count` - stages of the mission
 pub fn stage_file(path: &Path, number: usize, count: usize) -> PathBuf {
     let (stem, extension) = (path.file_stem().unwrap_or_default(), path.extension().unwrap_or_default());
-    let numbered = || path.with_file_name(format!("{}-leg-{number}.{}", stem.to_string_lossy(), extension.to_string_lossy()));
+    let numbered = || path.with_file_name(format!("{}-stage-{number}.{}", stem.to_string_lossy(), extension.to_string_lossy()));
     if count == 1 { path.to_owned() } else { numbered() }
 }
 
@@ -35,7 +35,7 @@ pub fn stage_file(path: &Path, number: usize, count: usize) -> PathBuf {
 pub fn left_over(out: &Path, searched: usize, count: usize) -> Vec<PathBuf> {
     let has_motion = |folder: &PathBuf| folder.join("trajectory.json").is_file();
     let first = if count == 1 { 1 } else { searched + 1 };
-    let stages = (first..).map(|number| out.join(format!("leg-{number}"))).take_while(has_motion);
+    let stages = (first..).map(|number| out.join(format!("stage-{number}"))).take_while(has_motion);
     let whole = Some(out.to_owned()).filter(|out| count > 1 && has_motion(out));
     whole.into_iter().chain(stages).collect()
 }
@@ -50,7 +50,7 @@ impl MissionStage {
         let text = |gait: &Gait| serde_json::to_string(&self.trajectory(gait));
         let trajectories: Vec<String> = self.gaits().map(text).collect::<std::result::Result<_, _>>()?;
         write_trajectories(folder, &trajectories)?;
-        files::write(&folder.join("result.json"), &to_json(&self.result(&self.run()))?)?;
+        files::write(&folder.join("result.json"), &to_json(&self.result())?)?;
         files::write(&folder.join("scenario.toml"), &self.scenario_file()?.text()?)
     }
 
@@ -106,7 +106,7 @@ mod tests {
     #[test]
     fn the_picture_of_a_stage_has_its_number_before_the_extension() {
         let named = |file: &str, count: usize| stage_file(Path::new(file), 2, count).to_string_lossy().into_owned();
-        assert_eq!(named("to/run1.5.svg", 3), "to/run1.5-leg-2.svg");
+        assert_eq!(named("to/run1.5.svg", 3), "to/run1.5-stage-2.svg");
         assert_eq!(named("to/run1.5.svg", 1), "to/run1.5.svg");
     }
 }

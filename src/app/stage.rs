@@ -11,7 +11,7 @@ use crate::gait::joints::{self, JointLimits};
 use crate::nlp::transcription;
 use crate::report::SolveResult;
 use crate::report::motion_plot::MotionPlot;
-use crate::report::result::{Refinement, Run, SolvedOn};
+use crate::report::result::{GaitResult, Refinement, SolvedOn};
 use crate::report::verdict::verdict;
 use crate::search::diagnosis::Diagnosis;
 use crate::search::precheck::Finding;
@@ -83,25 +83,44 @@ impl MissionStage {
         Ok(MissionStage { task, provenance, request: request.clone(), found, refinement, joints, diagnosis, warnings, solved_on })
     }
 
-    /// Inputs of the search, for [`MissionStage::result`].
-    pub fn run(&self) -> Run<'_> {
-        let Request { seed, search, lower, .. } = &self.request;
-        let Provenance { scenario, target } = self.provenance;
-        Run { scenario, target, task: &self.task, seed: *seed, force_limit: self.force_limit(), search, lower }
-    }
-
     /// Mission that consists of this stage.
     pub fn mission(&self) -> Mission {
         Mission { task: self.task.clone(), waypoints: Vec::new(), provenance: self.provenance }
     }
 
     /// Result as `result.json` has it.
-    pub fn result<'a>(&'a self, run: &'a Run<'a>) -> SolveResult<'a> {
+    pub fn result(&self) -> SolveResult<'_> {
+        let Request { seed, search, lower, .. } = &self.request;
+        let (task, found, best) = (&self.task, &self.found, &self.found.best);
         SolveResult {
+            version: env!("CARGO_PKG_VERSION"),
+            scenario: self.provenance.scenario,
+            target: self.provenance.target,
+            seed: *seed,
+            force_limit: self.force_limit(),
+            search,
+            lower,
+            robot: &task.robot.name,
+            terrain: &task.terrain.name,
+            base_target: task.goal.position,
+            yaw_target: task.goal.yaw(),
+            transcription: lower.transcription.rows,
+            solved_on: self.solved_on.clone(),
+            feasible: best.feasible(),
+            stop: found.stop,
+            n_violated: best.candidate.solution.n_violated,
+            max_violation: best.candidate.solution.max_violation,
+            first_feasible_seconds: found.first_feasible_after,
+            seconds: found.seconds,
             warnings: self.warnings.clone(),
             joints: self.joints.clone(),
             diagnosis: self.diagnosis.clone(),
-            ..SolveResult::new(run, &self.found, self.refinement.as_ref(), self.solved_on.clone())
+            gait: GaitResult::new(best),
+            refinement: self.refinement.as_ref(),
+            certificate: best.certificate(),
+            alternatives: found.alternatives.iter().map(GaitResult::new).collect(),
+            improvements: &found.improvements,
+            generations: &found.generations,
         }
     }
 

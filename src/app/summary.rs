@@ -24,7 +24,7 @@ pub fn text(result: &SolveResult, folder: Option<&Path>) -> Result<String> {
     if let Some(joints) = &result.joints {
         text += &format!("\njoints\n{joints}");
         if !joints.kept {
-            let advice = if result.run.search.prefers_joint_limits() {
+            let advice = if result.search.prefers_joint_limits() {
                 "a single family (`--gait`) or a larger `--population` may have a gait within them"
             } else {
                 "this search ignored joint limits: without `--first`, the objectives transport, time and effort count them by \
@@ -45,13 +45,13 @@ pub fn text(result: &SolveResult, folder: Option<&Path>) -> Result<String> {
 /// Task, device, and course of the search.
 fn search_text(result: &SolveResult) -> String {
     let [x, y, z] = result.base_target;
-    let scenario = result.run.scenario.map(|s| format!("{s}: ")).unwrap_or_default();
+    let scenario = result.scenario.map(|s| format!("{s}: ")).unwrap_or_default();
     let mut text = format!(
         "{scenario}{} on {}, to ({x:.3}, {y:.3}, {z:.3}) m, yaw {:.3} rad\nseed {}, {}, {} rows\n",
         result.robot,
         result.terrain,
         result.yaw_target,
-        result.run.seed,
+        result.seed,
         result.solved_on.device,
         result.transcription.name()
     );

@@ -30,7 +30,7 @@ pub struct Solve {
     /// reach it
     #[arg(long, value_name = "X,Y[,Z]", allow_hyphen_values = true)]
     goal: Option<GoalArg>,
-    /// Waypoint at which the base stops, m; repeatable. Each stage of the mission has a folder of its own: leg-1, leg-2, ...
+    /// Waypoint at which the base stops, m; repeatable. Each stage of the mission has a folder of its own: stage-1, stage-2, ...
     #[arg(long, value_name = "X,Y[,Z]", allow_hyphen_values = true)]
     via: Vec<GoalArg>,
     /// Start, m, with the feet at their nominal places on the ground [default: above the origin]
@@ -63,7 +63,7 @@ pub struct Solve {
     /// Folder for result.json, trajectory.json and scenario.toml; alternatives are trajectory-2.json, ...
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Draw the gait, its forces and its path: .svg, or .png with the feature `pictures`; with waypoints FILE-leg-1, FILE-leg-2, ...
+    /// Draw the gait, its forces and its path: .svg, or .png with the feature `pictures`; with waypoints FILE-stage-1, FILE-stage-2, ...
     #[arg(long, value_name = "FILE")]
     plot: Option<PathBuf>,
     /// Print result.json instead of text
@@ -93,8 +93,7 @@ impl Solve {
                 number += 1;
                 let plot = self.plot.as_deref().map(|plot| stage_file(plot, number, whole));
                 plot.map_or(Ok(()), |path| motion_plot::write(&stage.plot(&stage.found.best), &path))?;
-                let run = stage.run();
-                let result = stage.result(&run);
+                let result = stage.result();
                 print(&if self.json { to_json(&result)? } else { text(&result, folder)? })
             },
         )?;

@@ -138,8 +138,8 @@ pub struct Cost {
 pub fn cost(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weights: &CostWeights) -> Result<Cost> {
     trajectory.validate()?;
     let (lin, ang) = (&trajectory.base_lin.nodes[0], &trajectory.base_ang.nodes[0]);
-    let way = std::array::from_fn(|i| trajectory.base_target[i] - lin[i]);
-    let distance = distance(robot, way, trajectory.yaw_target - ang[2]);
+    let displacement = std::array::from_fn(|i| trajectory.base_target[i] - lin[i]);
+    let distance = distance(robot, displacement, trajectory.yaw_target - ang[2]);
     priced(trajectory, robot, leg_mass, weights, [0., trajectory.horizon], distance)
 }
 
@@ -161,11 +161,9 @@ pub fn cost_between(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weigh
         advance(&mut piece, &pieces, time, Piece::end);
         pieces[piece].value(time)
     };
-    let way = at(&trajectory.base_lin, end) - at(&trajectory.base_lin, start);
+    let displacement = at(&trajectory.base_lin, end) - at(&trajectory.base_lin, start);
     let turn = at(&trajectory.base_ang, end).z - at(&trajectory.base_ang, start).z;
-    let l = robot.base_height;
-    let distance = (way.norm() + l * turn.abs()).max(LEAST_DISTANCE * l);
-    priced(trajectory, robot, leg_mass, weights, part, distance)
+    priced(trajectory, robot, leg_mass, weights, part, distance(robot, displacement.into(), turn))
 }
 
 /// Costs of a part of a valid trajectory, per `distance`.
@@ -191,9 +189,9 @@ fn priced(trajectory: &Trajectory, robot: &Robot, leg_mass: f64, weights: &CostW
 }
 
 /// [`Cost::distance`] of a displacement in m and a turn in rad.
-pub(crate) fn distance(robot: &Robot, way: [f64; 3], turn: f64) -> f64 {
+pub(crate) fn distance(robot: &Robot, displacement: [f64; 3], turn: f64) -> f64 {
     let l = robot.base_height;
-    (way.iter().map(|w| w * w).sum::<f64>().sqrt() + l * turn.abs()).max(LEAST_DISTANCE * l)
+    (displacement.iter().map(|d| d * d).sum::<f64>().sqrt() + l * turn.abs()).max(LEAST_DISTANCE * l)
 }
 
 /// Curves and phases of a foot.
@@ -618,9 +616,9 @@ mod tests {
         t.base_ang = curve(0.05, &(0..=40).map(piece).collect::<Vec<_>>());
         let c = cost(&t, &robot, 0.5, &CostWeights::default()).unwrap();
         let y = |t: f64| 0.3 * t.sin() + 0.2 * t.cos();
-        let way = 2. * y(1.5f64.atan()) - y(0.) - y(2.);
+        let travel = 2. * y(1.5f64.atan()) - y(0.) - y(2.);
         near(c.distance, 1.16);
-        assert!((c.leg_work * robot.weight() * 1.16 / 10. - way).abs() < 1e-7, "{}", c.leg_work * robot.weight() * 1.16 / 10. - way);
+        assert!((c.leg_work * robot.weight() * 1.16 / 10. - travel).abs() < 1e-7, "{}", c.leg_work * robot.weight() * 1.16 / 10. - travel);
     }
 
     #[test]

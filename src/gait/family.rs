@@ -367,17 +367,17 @@ impl PeriodicGait {
         for part in 0..=PARTS {
             let (sin, cos) = (yaw * part as f64 / PARTS as f64).sin_cos();
             for (foot, reach) in robot.nominal_feet.iter().zip(robot.reach_boxes()) {
-                let way = [cos * x + sin * y - yaw * foot[1], cos * y - sin * x + yaw * foot[0]];
-                least = least.max(way[0].hypot(way[1]) / speed);
+                let rate = [cos * x + sin * y - yaw * foot[1], cos * y - sin * x + yaw * foot[0]];
+                least = least.max(rate[0].hypot(rate[1]) / speed);
                 for axis in 0..2 {
-                    least = least.max(way[axis].abs() * self.stance / (REACH_SHARE * reach.widths()[axis]));
+                    least = least.max(rate[axis].abs() * self.stance / (REACH_SHARE * reach.widths()[axis]));
                 }
             }
         }
         let acceleration = ACCELERATION * GRAVITY * task.terrain.friction.min(1.);
-        let way = x.hypot(y) + robot.base_height * yaw.abs();
-        // From rest to way / (MEAN_SPEED T) in a ramp of (1 - MEAN_SPEED) T.
-        let ramps = (way / (MEAN_SPEED * (1. - MEAN_SPEED) * acceleration)).sqrt();
+        let distance = x.hypot(y) + robot.base_height * yaw.abs();
+        // From rest to distance / (MEAN_SPEED T) in a ramp of (1 - MEAN_SPEED) T.
+        let ramps = (distance / (MEAN_SPEED * (1. - MEAN_SPEED) * acceleration)).sqrt();
         ramps.max(least / MEAN_SPEED)
     }
 

@@ -87,7 +87,7 @@ impl Gait {
 
     /// Gaits of all stages of the mission up to this one, which is the last: more than one if the task has waypoints.
     #[getter]
-    fn legs(&self) -> Vec<Gait> {
+    fn stages(&self) -> Vec<Gait> {
         let earlier = |number: usize| Gait { stage: self.before[number].clone(), before: self.before[..number].into(), index: 0 };
         let last = Gait { stage: self.stage.clone(), before: self.before.clone(), index: self.index };
         (0..self.before.len()).map(earlier).chain([last]).collect()
@@ -125,16 +125,16 @@ impl Gait {
 
     /// Result of the search as a dictionary with the keys of result.json.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        to_python(py, &self.stage.result(&self.stage.run()))
+        to_python(py, &self.stage.result())
     }
 
     /// Result of the search as the text of result.json.
     fn to_json(&self) -> PyResult<String> {
-        to_json(&self.stage.result(&self.stage.run())).raise()
+        to_json(&self.stage.result()).raise()
     }
 
     /// Writes result.json, trajectory.json and scenario.toml to a folder, as ``cregopt solve --out`` does; with several stages, to one
-    /// folder per stage: leg-1, leg-2, ... Warns about motions of an earlier gait that remain in the folder.
+    /// folder per stage: stage-1, stage-2, ... Warns about motions of an earlier gait that remain in the folder.
     fn save(&self, py: Python<'_>, folder: PathBuf) -> PyResult<()> {
         let stages: Vec<&MissionStage> = self.before.iter().chain([&self.stage]).map(|stage| &**stage).collect();
         let write = |(number, stage): (usize, &&MissionStage)| {
@@ -191,7 +191,7 @@ impl Gait {
     }
 
     fn __str__(&self) -> PyResult<String> {
-        text(&self.stage.result(&self.stage.run()), None).raise()
+        text(&self.stage.result(), None).raise()
     }
 
     fn __repr__(&self) -> String {

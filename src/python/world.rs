@@ -307,7 +307,7 @@ impl Terrain {
 ///     Largest normal force of a foot, N; the robot's by default.
 /// via : list of (x, y), (x, y, z) or dict, optional
 ///     Waypoints at which the base stops, in order, in the form of ``goal``. Without a yaw in a dictionary, the yaw is interpolated between
-///     start and goal. Each waypoint ends a stage, which has a gait of its own: see ``Gait.legs``.
+///     start and goal. Each waypoint ends a stage, which has a gait of its own: see ``Gait.stages``.
 ///
 /// Raises
 /// ------

@@ -105,9 +105,9 @@ impl Scene {
     fn new(samples: &[Sample], robot: &Robot, terrain: &Terrain) -> Scene {
         let leg = robot.leg_height();
         let (from, to) = (samples[0].base.position, samples[samples.len() - 1].base.position);
-        let way = [to[0] - from[0], to[1] - from[1]];
-        let length = way[0].hypot(way[1]);
-        let ahead = if length > 0.1 * leg { way.map(|v| v / length) } else { [1., 0.] };
+        let displacement = [to[0] - from[0], to[1] - from[1]];
+        let length = displacement[0].hypot(displacement[1]);
+        let ahead = if length > 0.1 * leg { displacement.map(|v| v / length) } else { [1., 0.] };
         let mut view = View { ahead, corner: [0.; 2], scale: 1. };
 
         let side = robot.nominal_feet.iter().map(|foot| foot[0].hypot(foot[1])).fold(0., f64::max) + AROUND[1] * leg * 0.5;

@@ -10,9 +10,8 @@ use crate::search::cem::{GenerationRecord, StopReason};
 use crate::search::diagnosis::Diagnosis;
 use crate::search::evaluate::{Evaluated, LowerSettings};
 use crate::search::precheck::Finding;
-use crate::search::{Gait, Improvement, SearchResult, SearchSettings};
+use crate::search::{Gait, Improvement, SearchSettings};
 use crate::settings::Transcription;
-use crate::task::Task;
 use crate::verify::Report;
 use serde::Serialize;
 
@@ -125,7 +124,8 @@ pub struct GaitResult {
 }
 
 impl GaitResult {
-    fn new(gait: &Gait) -> GaitResult {
+    /// The result of one gait.
+    pub fn new(gait: &Gait) -> GaitResult {
         let candidate = &gait.candidate;
         GaitResult {
             family: gait.family,
@@ -146,9 +146,18 @@ impl GaitResult {
 pub struct SolveResult<'a> {
     /// Version of this program.
     pub version: &'static str,
-    /// Request.
-    #[serde(flatten)]
-    pub run: &'a Run<'a>,
+    /// Scenario, if the request named one.
+    pub scenario: Option<&'a str>,
+    /// Target number in the scenario.
+    pub target: Option<usize>,
+    /// Seed.
+    pub seed: u64,
+    /// Largest normal force of a foot, N.
+    pub force_limit: f64,
+    /// Settings of the upper level.
+    pub search: &'a SearchSettings,
+    /// Settings of the lower level.
+    pub lower: &'a LowerSettings,
     /// Name of the robot.
     pub robot: &'a str,
     /// Name of the terrain.
@@ -210,57 +219,4 @@ pub struct Refinement {
     pub settings: RefineSettings,
     /// Time, s.
     pub seconds: f64,
-}
-
-/// Request of a run, for its result.
-#[derive(Debug, Clone, Serialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct Run<'a> {
-    /// Scenario, if the request named one.
-    pub scenario: Option<&'a str>,
-    /// Target number in the scenario.
-    pub target: Option<usize>,
-    /// Task.
-    #[serde(skip)]
-    pub task: &'a Task,
-    /// Seed.
-    pub seed: u64,
-    /// Largest normal force of a foot, N.
-    pub force_limit: f64,
-    /// Settings of the upper level.
-    pub search: &'a SearchSettings,
-    /// Settings of the lower level.
-    pub lower: &'a LowerSettings,
-}
-
-impl<'a> SolveResult<'a> {
-    /// Result of a search, without warnings and diagnosis.
-    pub fn new(run: &'a Run<'a>, found: &'a SearchResult, refinement: Option<&'a Refinement>, solved_on: SolvedOn) -> SolveResult<'a> {
-        let best = &found.best;
-        SolveResult {
-            version: env!("CARGO_PKG_VERSION"),
-            run,
-            robot: &run.task.robot.name,
-            terrain: &run.task.terrain.name,
-            base_target: run.task.goal.position,
-            yaw_target: run.task.goal.yaw(),
-            transcription: run.lower.transcription.rows,
-            solved_on,
-            feasible: best.feasible(),
-            stop: found.stop,
-            n_violated: best.candidate.solution.n_violated,
-            max_violation: best.candidate.solution.max_violation,
-            first_feasible_seconds: found.first_feasible_after,
-            seconds: found.seconds,
-            warnings: Vec::new(),
-            joints: None,
-            diagnosis: None,
-            gait: GaitResult::new(best),
-            refinement,
-            certificate: best.certificate(),
-            alternatives: found.alternatives.iter().map(GaitResult::new).collect(),
-            improvements: &found.improvements,
-            generations: &found.generations,
-        }
-    }
 }

@@ -23,8 +23,8 @@ const TYPICAL_GAITS: usize = 1;
 /// Violated rows of one family.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct Broken {
-    /// CheckFamily of the rows.
+pub struct ViolatedFamily {
+    /// Family of the rows.
     pub family: CheckFamily,
     /// Number of violated rows.
     pub violated: usize,
@@ -64,7 +64,7 @@ pub struct Relaxation {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Diagnosis {
     /// Rows that the best candidate violates, by family.
-    pub broken: Vec<Broken>,
+    pub broken: Vec<ViolatedFamily>,
     /// Changes that were tried, each alone.
     pub relaxations: Vec<Relaxation>,
 }
@@ -122,12 +122,12 @@ fn remedy(family: CheckFamily, row: &str) -> &'static str {
 }
 
 /// Violated rows of a certificate by family, the family with the largest violated share first.
-pub fn broken(report: &RowReport) -> Vec<Broken> {
+pub fn violated_families(report: &RowReport) -> Vec<ViolatedFamily> {
     let violated = report.families.iter().filter(|f| f.violated > 0);
-    let mut all: Vec<Broken> = violated
+    let mut all: Vec<ViolatedFamily> = violated
         .filter_map(|f| {
             let worst = f.worst.as_ref()?;
-            Some(Broken {
+            Some(ViolatedFamily {
                 family: f.family,
                 violated: f.violated,
                 rows: f.rows,
@@ -244,7 +244,7 @@ pub fn diagnose(
         let feasible = solved.iter().any(|s| s.feasible);
         relaxations.push(Relaxation { change: relaxed.change.into(), setting: relaxed.setting, feasible, n_violated });
     }
-    Ok(Diagnosis { broken: broken(gait.certificate()), relaxations })
+    Ok(Diagnosis { broken: violated_families(gait.certificate()), relaxations })
 }
 
 #[cfg(test)]

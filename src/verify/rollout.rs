@@ -178,8 +178,8 @@ impl<'a> Rollout<'a> {
         let [rates, alpha] = turning(&motion.base_ang, middle);
         let push = greatest_of_cubic(*since, *length, |time| stretch.force(time).norm());
         // Displacement of the base within the step: from its speed and the speed that it gains.
-        let way = length * (before.velocity.norm().max(after.velocity.norm()) + length * (push / mass + GRAVITY));
-        let moment = stretch.moment_bound(*since, *length, push, way);
+        let displacement = length * (before.velocity.norm().max(after.velocity.norm()) + length * (push / mass + GRAVITY));
+        let moment = stretch.moment_bound(*since, *length, push, displacement);
         let momentum = before.momentum.norm().max(after.momentum.norm()) + moment * length / 2.;
         let omega = momentum / least;
         let curvature = alpha + (moment + omega * momentum) / least + (rates + omega).powi(2);

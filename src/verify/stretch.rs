@@ -70,7 +70,7 @@ pub(super) struct Stretch {
     /// Velocity, m/s.
     velocity: Polynomial<5>,
     /// Displacement from the position at the start, m.
-    way: Polynomial<6>,
+    displacement: Polynomial<6>,
     /// Angular momentum about the position at the start, N m s.
     spin: Polynomial<8>,
 }
@@ -93,19 +93,19 @@ impl Stretch {
                 }
             }
         }
-        let (mut velocity, mut way, mut spin) = ([body.velocity; 5], [Vector3::zeros(); 6], [body.momentum; 8]);
+        let (mut velocity, mut displacement, mut spin) = ([body.velocity; 5], [Vector3::zeros(); 6], [body.momentum; 8]);
         for i in 0..4 {
             velocity[i + 1] = force[i] / (mass * (i + 1) as f64);
         }
         velocity[1].z -= GRAVITY;
         for i in 0..5 {
-            way[i + 1] = velocity[i] / (i + 1) as f64;
+            displacement[i + 1] = velocity[i] / (i + 1) as f64;
         }
         for i in 0..7 {
-            let weight = way.get(i).map_or(Vector3::zeros(), |way| way.cross(&Vector3::z()) * (mass * GRAVITY));
+            let weight = displacement.get(i).map_or(Vector3::zeros(), |d| d.cross(&Vector3::z()) * (mass * GRAVITY));
             spin[i + 1] = (moment[i] - weight) / (i + 1) as f64;
         }
-        Stretch { mass, inverse_inertia, first: *body, force, moment, velocity, way, spin }
+        Stretch { mass, inverse_inertia, first: *body, force, moment, velocity, displacement, spin }
     }
 
     /// Sum of the forces, N.
@@ -123,12 +123,12 @@ impl Stretch {
     /// * `time` - start of the step since the start of the stretch, s
     /// * `step` - length of the step, s
     /// * `push` - upper bound of the force, N
-    /// * `way` - upper bound of the displacement of the body within the step, m
-    pub fn moment_bound(&self, time: f64, step: f64, push: f64, way: f64) -> f64 {
-        let (here, [a, b, c, d, ..]) = (at(&self.way, time), self.moment);
+    /// * `displacement` - upper bound of the displacement of the body within the step, m
+    pub fn moment_bound(&self, time: f64, step: f64, push: f64, displacement: f64) -> f64 {
+        let (here, [a, b, c, d, ..]) = (at(&self.displacement, time), self.moment);
         let about_here = |time: f64| at(&[a, b, c, d], time) - here.cross(&self.force(time));
         let moving: f64 = (4..7).map(|i| self.moment[i].norm() * (time + step).powi(i as i32)).sum();
-        greatest_of_cubic(time, step, |time| about_here(time).norm()) + moving + push * way
+        greatest_of_cubic(time, step, |time| about_here(time).norm()) + moving + push * displacement
     }
 
     /// State of the body at a time after the start.
@@ -138,7 +138,7 @@ impl Stretch {
     pub fn after(&self, before: &Body, time: f64, step: f64) -> Body {
         let momentum = self.momentum(time);
         Body {
-            position: self.first.position + at(&self.way, time),
+            position: self.first.position + at(&self.displacement, time),
             velocity: at(&self.velocity, time),
             rotation: self.turned(before, time - step, step, momentum),
             momentum,
@@ -147,7 +147,7 @@ impl Stretch {
 
     /// Angular momentum about the centre of mass, N m s.
     fn momentum(&self, time: f64) -> Vector3<f64> {
-        at(&self.spin, time) - at(&self.way, time).cross(&at(&self.velocity, time)) * self.mass
+        at(&self.spin, time) - at(&self.displacement, time).cross(&at(&self.velocity, time)) * self.mass
     }
 
     /// Attitude after a step. The derivative preserves the norm of any quaternion, so one normalisation at the end suffices.
@@ -301,9 +301,10 @@ pub(super) mod tests {
                 let rate = |t: f64| (stretch.momentum(t + d) - stretch.momentum(t - d)) / (2. * d);
                 let most = parts.clone().map(|t| rate(t).norm()).fold(0., f64::max);
                 let push = parts.clone().map(|t| stretch.force(t).norm()).fold(0., f64::max);
-                let way = parts.map(|t| (at(&stretch.way, t) - at(&stretch.way, time)).norm()).fold(0., f64::max);
-                let bound = stretch.moment_bound(time, step, push, way);
-                let close = size == 1. || bound < 4. * most + push * way;
+                let displacement =
+                    parts.map(|t| (at(&stretch.displacement, t) - at(&stretch.displacement, time)).norm()).fold(0., f64::max);
+                let bound = stretch.moment_bound(time, step, push, displacement);
+                let close = size == 1. || bound < 4. * most + push * displacement;
                 assert!(bound > most - 1e-6 && close, "seed {seed}, size {size}, {time} s: {bound} for {most}");
             }
         }

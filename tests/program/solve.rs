@@ -117,10 +117,10 @@ fn each_stage_begins_where_the_previous_one_ends() {
     let dir = folder();
     run(
         dir.path(),
-        "solve --robot anymal --start 0.2,0.1 --start-yaw 0.3 --goal 0.8,0.1 --via 0.5,0.3 --yaw 0.5 --first --out out --plot way.svg",
+        "solve --robot anymal --start 0.2,0.1 --start-yaw 0.3 --goal 0.8,0.1 --via 0.5,0.3 --yaw 0.5 --first --out out --plot path.svg",
     )
     .ends_with(0);
-    let [first, second] = [1, 2].map(|leg| read(dir.path().join(format!("out/leg-{leg}/trajectory.json"))));
+    let [first, second] = [1, 2].map(|stage| read(dir.path().join(format!("out/stage-{stage}/trajectory.json"))));
     assert_eq!(first["start"]["position"], json!([0.2, 0.1, 0.5]));
     // The yaw changes evenly over the stages.
     assert_eq!((&first["start"]["angles"][2], &first["yaw_target"], &second["yaw_target"]), (&json!(0.3), &json!(0.4), &json!(0.5)));
@@ -134,26 +134,26 @@ fn each_stage_begins_where_the_previous_one_ends() {
         assert_eq!(last[last.len() - 1], next[0]);
     }
     // Goal and start can be given: the first stage ends at the waypoint, not at the goal.
-    let verified = run(dir.path(), "verify out/leg-1/trajectory.json --start 0.2,0.1 --goal 0.5,0.3 --yaw 0.4 --default-limits");
+    let verified = run(dir.path(), "verify out/stage-1/trajectory.json --start 0.2,0.1 --goal 0.5,0.3 --yaw 0.4 --default-limits");
     let report = &verified.ends_with(3).stdout;
     assert!(report.contains("yaw 0.4000 rad, given") && report.contains("start angle yaw"), "{report}");
-    let asked = "verify out/leg-1/trajectory.json --start 0.2,0.1 --start-yaw 0.3 --goal 0.5,0.3 --yaw 0.4 --default-limits";
+    let asked = "verify out/stage-1/trajectory.json --start 0.2,0.1 --start-yaw 0.3 --goal 0.5,0.3 --yaw 0.4 --default-limits";
     run(dir.path(), asked).ends_with(0);
-    run(dir.path(), "verify out/leg-2/trajectory.json").ends_with(0);
-    run(dir.path(), "verify out/leg-2/trajectory.json --goal 0.9,0.1").ends_with(3);
-    for leg in [1, 2] {
-        assert!(dir.path().join(format!("way-leg-{leg}.svg")).is_file());
+    run(dir.path(), "verify out/stage-2/trajectory.json").ends_with(0);
+    run(dir.path(), "verify out/stage-2/trajectory.json --goal 0.9,0.1").ends_with(3);
+    for stage in [1, 2] {
+        assert!(dir.path().join(format!("path-stage-{stage}.svg")).is_file());
     }
     // Continues from a file.
-    run(dir.path(), "solve --robot anymal --from out/leg-2/trajectory.json --goal 0.9,0.1 --yaw 0.5 --first --out on").ends_with(0);
+    run(dir.path(), "solve --robot anymal --from out/stage-2/trajectory.json --goal 0.9,0.1 --yaw 0.5 --first --out on").ends_with(0);
     assert_eq!(read(dir.path().join("on/trajectory.json"))["start"]["position"], json!([0.8, 0.1, 0.5]));
     fs::write(
         dir.path().join("on.toml"),
-        "robot = 'anymal'\ngoal = { xy = [0.9, 0.1] }\nstart = { after = 'out/leg-2/trajectory.json' }\n",
+        "robot = 'anymal'\ngoal = { xy = [0.9, 0.1] }\nstart = { after = 'out/stage-2/trajectory.json' }\n",
     )
     .unwrap();
     run(dir.path(), "solve on.toml --start-yaw 0.2").ends_with(2).says(&["yaw at the start", "0.2", "end of a motion"]);
-    run(dir.path(), "solve --robot biped --from out/leg-2/trajectory.json --goal 0.9,0.1").ends_with(2).says(&[
+    run(dir.path(), "solve --robot biped --from out/stage-2/trajectory.json --goal 0.9,0.1").ends_with(2).says(&[
         "start_feet",
         "4 feet",
         "2",
@@ -162,11 +162,11 @@ fn each_stage_begins_where_the_previous_one_ends() {
     // Files of another run in the folder are reported. `--gait trot` means the name even if there is a folder of that name.
     fs::create_dir(dir.path().join("trot")).unwrap();
     let once = run(dir.path(), "solve --robot anymal --goal 0.5,0 --gait trot --first --out out");
-    once.ends_with(0).says(&["out/leg-1 has the motion of an earlier run", "out/leg-2 has"]);
+    once.ends_with(0).says(&["out/stage-1 has the motion of an earlier run", "out/stage-2 has"]);
     assert_eq!(read(dir.path().join("out/result.json"))["gait"]["family"], "trot");
     let again = run(dir.path(), "solve --robot anymal --goal 0.5,0 --via 0.2,0 --first --out out");
     again.ends_with(0).says(&["out has the motion of an earlier run"]);
-    assert!(!again.stderr.contains("leg-"), "{}", again.stderr);
+    assert!(!again.stderr.contains("stage-"), "{}", again.stderr);
 }
 
 /// Solves with flags. Returns the result, the trajectory and the report of `verify`.

@@ -251,10 +251,10 @@ def test_errors_name_invalid_options(machines: Machines, task: cregopt.Task, tmp
 
 def assert_same_search(found: cregopt.Gait, alone: cregopt.Gait) -> None:
     """Asserts that two searches are equal except for times and device."""
-    assert len(found.legs) == len(alone.legs)
-    for leg, expected in zip(found.legs, alone.legs):
-        assert leg.trajectory.to_json() == expected.trajectory.to_json()
-        assert plain(leg.to_dict()) == plain(expected.to_dict())
+    assert len(found.stages) == len(alone.stages)
+    for stage, expected in zip(found.stages, alone.stages):
+        assert stage.trajectory.to_json() == expected.trajectory.to_json()
+        assert plain(stage.to_dict()) == plain(expected.to_dict())
 
 
 def plain(result: Any) -> Any:
@@ -320,7 +320,7 @@ def test_a_search_on_two_workers_equals_that_of_one_process(machines: Machines, 
 def test_stages_and_diagnoses_equal_those_of_one_process(machines: Machines, two: Any, task: cregopt.Task, nowhere: cregopt.Task) -> None:
     route = cregopt.Task(task.robot, task.terrain, goal=(1.0, 0.1), yaw=0.3, start=(0.1, 0.0), start_yaw=0.1, via=[(0.5, 0.1)])
     found = distributed.search(route, **QUICK)
-    assert len(found.legs) == 2
+    assert len(found.stages) == 2
     assert_same_search(found, cregopt.search(route, device="cpu", **QUICK))
     # A diagnosis searches with modified tasks and settings.
     none = {**QUICK, "settings": {"search": {"further_generations": 0, "perturbed_generations": 0}}}

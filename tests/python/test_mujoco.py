@@ -220,6 +220,8 @@ def test_an_animation_has_the_expected_number_of_frames(
     try:
         report = cregopt.mujoco.play(trot, model, video=film)
     except cregopt.Error as error:
+        if os.environ.get("MUJOCO_TESTS") == "require":
+            raise
         pytest.skip(str(error))
     assert list(tmp_path.iterdir()) == [film]
     with image.open(film) as shown:

@@ -70,8 +70,8 @@ def test_progress_is_shown_as_a_bar(task: cregopt.Task, tmp_path: pathlib.Path, 
     evaluated, feasible = (sum(generation[key] for generation in generations) for key in ("evaluated", "feasible"))
     assert gait.cost is not None
     assert re.search(rf"best trot, {gait.cost['total']:.3f} after [0-9.]* s: {evaluated} candidates .*{feasible} gaits\]", line), line
-    (tmp_path / "way.toml").write_text('robot = "anymal"\nfirst = true\ngoal = { xy = [1.0, 0.0] }\n')
-    cregopt.solve(tmp_path / "way.toml", progress=True)
+    (tmp_path / "walk.toml").write_text('robot = "anymal"\nfirst = true\ngoal = { xy = [1.0, 0.0] }\n')
+    cregopt.solve(tmp_path / "walk.toml", progress=True)
     assert " after " in capsys.readouterr().err
     cregopt.search(task, first=True, progress=False)
     assert capsys.readouterr().err == ""
@@ -166,12 +166,12 @@ def test_a_saved_scenario_file_reproduces_its_gait(gait: cregopt.Gait, tmp_path:
 
 
 def test_a_scenario_with_waypoints_has_a_gait_per_stage(tmp_path: pathlib.Path) -> None:
-    (tmp_path / "way.toml").write_text(
+    (tmp_path / "walk.toml").write_text(
         'robot = "anymal"\nfirst = true\ngoal = { xy = [1.0, 0.0] }\n[[waypoints]]\nxy = [0.5, 0.1]\n'
     )
-    legs = cregopt.solve(str(tmp_path / "way.toml"))
-    assert len(legs) == 2 and all(stage.feasible for stage in legs)
-    assert legs[1].task.start["xy"] == pytest.approx([0.5, 0.1], abs=1e-3)
+    stages = cregopt.solve(str(tmp_path / "walk.toml"))
+    assert len(stages) == 2 and all(stage.feasible for stage in stages)
+    assert stages[1].task.start["xy"] == pytest.approx([0.5, 0.1], abs=1e-3)
     (tmp_path / "bad.toml").write_text('robt = "anymal"\n')
     with pytest.raises(cregopt.Error, match="bad.toml: .*unknown field `robt`"):
         cregopt.solve(tmp_path / "bad.toml")
@@ -180,35 +180,35 @@ def test_a_scenario_with_waypoints_has_a_gait_per_stage(tmp_path: pathlib.Path) 
 def test_a_task_with_waypoints_has_a_gait_per_stage(task: cregopt.Task, program: str, tmp_path: pathlib.Path) -> None:
     route = cregopt.Task(task.robot, task.terrain, goal=(1.0, 0.0), yaw=0.4, start=(0.1, 0.0), start_yaw=0.1, via=[(0.4, 0.1), (0.7, 0.0)])
     gait = cregopt.search(route, first=True, device="cpu")
-    legs = gait.legs
-    assert len(legs) == 3 and all(stage.feasible for stage in legs) and [len(stage.legs) for stage in legs] == [1, 2, 3]
-    assert [stage.task.goal["xy"] for stage in legs] == [[0.4, 0.1], [0.7, 0.0], [1.0, 0.0]] and gait.task.via == []
-    assert [stage.task.goal["yaw"] for stage in legs] == pytest.approx([0.2, 0.3, 0.4])
-    for before, after in zip(legs, legs[1:]):
+    stages = gait.stages
+    assert len(stages) == 3 and all(stage.feasible for stage in stages) and [len(stage.stages) for stage in stages] == [1, 2, 3]
+    assert [stage.task.goal["xy"] for stage in stages] == [[0.4, 0.1], [0.7, 0.0], [1.0, 0.0]] and gait.task.via == []
+    assert [stage.task.goal["yaw"] for stage in stages] == pytest.approx([0.2, 0.3, 0.4])
+    for before, after in zip(stages, stages[1:]):
         assert after.sample().feet_position[0] == pytest.approx(before.sample().feet_position[-1], abs=1e-9)
-    assert gait.to_dict() == legs[2].to_dict() and len(gait.alternatives) == 0
+    assert gait.to_dict() == stages[2].to_dict() and len(gait.alternatives) == 0
     command = "solve --robot anymal --goal 1,0 --yaw 0.4 --start 0.1,0 --start-yaw 0.1 --via 0.4,0.1 --via 0.7,0 --first --device cpu --out out"
     subprocess.run([program, *command.split()], cwd=tmp_path, check=True, capture_output=True, timeout=300)
     gait.save(tmp_path / "own")
-    for leg in ("leg-1", "leg-2", "leg-3"):
-        assert sorted(path.name for path in (tmp_path / "own" / leg).iterdir()) == ["result.json", "scenario.toml", "trajectory.json"]
+    for stage in ("stage-1", "stage-2", "stage-3"):
+        assert sorted(path.name for path in (tmp_path / "own" / stage).iterdir()) == ["result.json", "scenario.toml", "trajectory.json"]
         for name in ("trajectory.json", "scenario.toml"):
-            assert (tmp_path / "own" / leg / name).read_text() == (tmp_path / "out" / leg / name).read_text()
+            assert (tmp_path / "own" / stage / name).read_text() == (tmp_path / "out" / stage / name).read_text()
 
 
 def test_a_search_ends_at_the_first_stage_without_a_gait(nowhere: cregopt.Task) -> None:
     route = cregopt.Task(nowhere.robot, nowhere.terrain, goal=(2.0, 0.0), via=[(1.0, 0.0)], force_limit=nowhere.force_limit)
     settings = {"search": {"further_generations": 0, "perturbed_generations": 0}}
     gait = cregopt.search(route, gaits="trot", population=2, generations=0, settings=settings)
-    assert not gait.feasible and len(gait.legs) == 1 and gait.task.goal["xy"] == [1.0, 0.0]
+    assert not gait.feasible and len(gait.stages) == 1 and gait.task.goal["xy"] == [1.0, 0.0]
 
 
 def test_saving_into_the_folder_of_an_earlier_gait_warns(gait: cregopt.Gait, tmp_path: pathlib.Path) -> None:
-    (tmp_path / "leg-1").mkdir()
-    (tmp_path / "leg-1" / "trajectory.json").write_text("{}")
-    with pytest.warns(UserWarning, match="leg-1 has the motion of an earlier gait"):
+    (tmp_path / "stage-1").mkdir()
+    (tmp_path / "stage-1" / "trajectory.json").write_text("{}")
+    with pytest.warns(UserWarning, match="stage-1 has the motion of an earlier gait"):
         gait.save(tmp_path)
-    assert (tmp_path / "leg-1" / "trajectory.json").read_text() == "{}"
+    assert (tmp_path / "stage-1" / "trajectory.json").read_text() == "{}"
 
 
 def test_the_result_names_its_built_in_scenario(program: str, tmp_path: pathlib.Path) -> None:

@@ -23,10 +23,10 @@ again = cregopt.Task(task.robot, terrain, (2.0, 0.0), start=gait)
 robot = cregopt.Robot.from_urdf("go2.urdf", feet=["FL", "FR"], configuration={"knee": -1.5})
 scenario = cregopt.Task.from_scenario("walk.toml")
 route = cregopt.Task(robot, terrain, (2.0, 0.0), start={"xy": [0.5, 0.0]}, start_yaw=0.1, via=[(1.0, 0.0), {"xy": [1.5, 0.0], "yaw": 0.2}])
-torque: float = float(cregopt.search(route).legs[0].joints(rate=50).efforts.max())
+torque: float = float(cregopt.search(route).stages[0].joints(rate=50).efforts.max())
 wide = distributed.search(task, population=256, cpus=4, gpus=0.5, progress=True).alternatives
-for leg in cregopt.solve("walk.toml", progress=True):
-    print(str(cregopt.verify(leg)), leg.certificate["n_rows"])
+for stage in cregopt.solve("walk.toml", progress=True):
+    print(str(cregopt.verify(stage)), stage.certificate["n_rows"])
 """
 
 

@@ -113,7 +113,7 @@ def test_a_task_can_be_read_from_a_scenario(tmp_path: pathlib.Path, monkeypatch:
     assert cregopt.Task.from_scenario("s1").goal == cregopt.Task.from_scenario("s1", 10).goal
     own = {**ROBOT.to_dict(), "name": "own", "mass": 31.0}
     (tmp_path / "own.json").write_text(json.dumps(own))
-    path = tmp_path / "way.toml"
+    path = tmp_path / "walk.toml"
     path.write_text(
         'robot = "own.json"\nterrain = "flat"\nforce_limit = 400.0\nseed = 3\n'
         "[start]\nxy = [1.0, 2.0]\nyaw = 0.3\nvelocity = [0.1, 0.0, 0.0]\n[goal]\nxy = [2.0, 2.5]\nyaw = 0.7\n"
@@ -136,7 +136,7 @@ def test_a_task_can_be_read_from_a_scenario(tmp_path: pathlib.Path, monkeypatch:
     with pytest.raises(cregopt.Error, match="target: 21, but it must be 1 to 20"):
         cregopt.Task.from_scenario("s1", target=21)
     path.write_text("[goal]\nxy = [1.0, 0.0]\n")
-    with pytest.raises(cregopt.Error, match="way.toml: robot: none"):
+    with pytest.raises(cregopt.Error, match="walk.toml: robot: none"):
         cregopt.Task.from_scenario(path)
     with pytest.raises(FileNotFoundError, match="missing.toml"):
         cregopt.Task.from_scenario(tmp_path / "missing.toml")

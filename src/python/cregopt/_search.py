@@ -93,7 +93,7 @@ def search(
     -------
     Gait
         The best gait. If no gait is feasible, the candidate with the smallest violation: ``feasible`` is False, and ``diagnosis`` gives the reason.
-        For a task with waypoints, the gait of the last stage, or of the first stage without a feasible gait; ``legs`` has the gaits of all stages.
+        For a task with waypoints, the gait of the last stage, or of the first stage without a feasible gait; ``stages`` has the gaits of all stages.
 
     Raises
     ------

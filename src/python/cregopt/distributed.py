@@ -332,7 +332,7 @@ def _search_row(shared: tuple[str, dict[str, Any], bool], task: Task, seed: int)
             "cost": gait.cost["total"] if gait.cost else None,
             "objective": gait.to_dict()["search"]["objective"],
             "horizon": gait.trajectory.horizon,
-            "seconds": sum(stage.seconds for stage in gait.legs),
+            "seconds": sum(stage.seconds for stage in gait.stages),
             "durations": json.dumps(gait.schedule),
             "trajectory": gait.trajectory.to_json() if trajectories else None,
         }

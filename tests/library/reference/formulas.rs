@@ -145,8 +145,8 @@ pub fn expected(task: &Task, nodes: &Trajectory, problem: &Problem<f64>) -> (Vec
 pub fn accelerations(curve: &Curve, piece: usize) -> [Vector3<f64>; 2] {
     let d = curve.poly_durations[piece];
     let part = |node: usize, from: usize| Vector3::from_column_slice(&curve.nodes[node][from..from + 3]);
-    let (way, v, w) = (part(piece + 1, 0) - part(piece, 0), part(piece, 3), part(piece + 1, 3));
-    [(6. * way - d * (4. * v + 2. * w)) / (d * d), (d * (2. * v + 4. * w) - 6. * way) / (d * d)]
+    let (displacement, v, w) = (part(piece + 1, 0) - part(piece, 0), part(piece, 3), part(piece + 1, 3));
+    [(6. * displacement - d * (4. * v + 2. * w)) / (d * d), (d * (2. * v + 4. * w) - 6. * displacement) / (d * d)]
 }
 
 /// Cone rows from node values: at the Bezier points of the pieces of every stance, each once, except those next to its ends in the air.
@@ -223,16 +223,16 @@ impl Body {
         let gravity = Vector3::new(0., 0., -GRAVITY);
         let of_foot = |foot: &FootCurves, t: f64| (at(&foot.motion, t)[0], at(&foot.force, t)[0]);
         let force = |t: f64| nodes.ee.iter().map(|foot| of_foot(foot, t).1).sum::<Vector3<f64>>();
-        // Position after `u`: v u + g u^2 / 2 + int (u - s) f ds / m.
-        let way = |u: f64| {
+        // Displacement after `u`: v u + g u^2 / 2 + int (u - s) f ds / m.
+        let displacement = |u: f64| {
             let pushed: Vector3<f64> = rule.iter().map(|(x, w)| force(start + x * u) * (w * u * (1. - x) * u)).sum();
             self.velocity * u + gravity * (u * u / 2.) + pushed / task.robot.mass
         };
-        let mut next = Body { position: self.position + way(step), velocity: self.velocity + gravity * step, ..self };
+        let mut next = Body { position: self.position + displacement(step), velocity: self.velocity + gravity * step, ..self };
         for (x, w) in rule {
             let t = start + x * step;
             next.velocity += force(t) * (w * step / task.robot.mass);
-            let position = self.position + way(x * step);
+            let position = self.position + displacement(x * step);
             for foot in &nodes.ee {
                 let (place, f) = of_foot(foot, t);
                 next.momentum += (place - position).cross(&f) * (w * step);
