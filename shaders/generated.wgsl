@@ -279,6 +279,9 @@ struct Progress {
     attempts: u32,
     recorded: u32,
     stall_from: u32,
+    phase: u32,
+    minimise_iterations: u32,
+    minimise_until: u32,
     infeasibility: f32,
     mu: f32,
     barrier: f32,
@@ -291,6 +294,8 @@ struct Progress {
     early_termination_limit: f32,
     length: f32,
     dual_length: f32,
+    rounding: f32,
+    solved_infeasibility: f32,
 }
 
 struct Span {

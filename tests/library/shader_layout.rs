@@ -548,9 +548,9 @@ fn every_shader_has_a_twin_file_and_names_it() {
     let more = [
         "solver/close",
         "solver/control",
+        "solver/minimise",
         "solver/mod",
         "solver/objective",
-        "solver/optimise",
         "solver/round",
         "solver/slacks",
         "solver/status",

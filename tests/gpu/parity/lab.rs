@@ -123,8 +123,8 @@ pub fn arrays(batch: &Batch) -> Vec<(u32, &'static str)> {
     ]
 }
 
-/// Names of the members of `Progress`; the first seven are integers.
-pub const PROGRESS: [&str; 19] = [
+/// Names of the members of `Progress`, integers first.
+pub const PROGRESS: [&str; 24] = [
     "state",
     "current",
     "iterations",
@@ -132,6 +132,9 @@ pub const PROGRESS: [&str; 19] = [
     "attempts",
     "recorded",
     "stall_from",
+    "phase",
+    "minimise_iterations",
+    "minimise_until",
     "infeasibility",
     "mu",
     "barrier",
@@ -144,7 +147,12 @@ pub const PROGRESS: [&str; 19] = [
     "early_termination_limit",
     "length",
     "dual_length",
+    "rounding",
+    "solved_infeasibility",
 ];
+
+/// Number of integers among them.
+const INTEGERS: usize = 10;
 const _: () = assert!(size_of::<Progress<f32>>() == 4 * PROGRESS.len());
 
 impl<'a> Lab<'a> {
@@ -209,6 +217,8 @@ impl<'a> Lab<'a> {
             length: float,
             dual_length: float,
             barrier: float,
+            rounding: float,
+            solved_infeasibility: float,
             ..Progress::default()
         };
         State {
@@ -339,7 +349,7 @@ impl<'a> Lab<'a> {
         for (slot, (a, b)) in got.progress.iter().zip(&expected.state.progress).enumerate() {
             let (a, b): (&[u32], &[u32]) = (bytemuck::cast_slice(bytemuck::bytes_of(a)), bytemuck::cast_slice(bytemuck::bytes_of(b)));
             for (k, name) in PROGRESS.into_iter().enumerate() {
-                if k < 7 && a[k] != b[k] {
+                if k < INTEGERS && a[k] != b[k] {
                     return Err(format!("slot {slot}, {}: {name} is {}, its twin has {}", self.slots[slot].candidate.name, a[k], b[k]));
                 }
                 if a[k] != b[k] {
