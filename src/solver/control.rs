@@ -332,8 +332,8 @@ pub fn begin<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>, f: T, befo
         closing = closing || f < progress.closing_below;
         progress.closing_from = f;
         progress.state = if closing { CLOSE } else { STEP };
-        let smooth = !closing && progress.phase == SOLVE;
-        progress.smoothing = if smooth { limits.smoothing * progress.mu / progress.barrier } else { T::zero() };
+        let smooths = !closing && progress.phase == SOLVE;
+        progress.smoothing = if smooths { limits.smoothing * progress.mu / progress.barrier } else { T::zero() };
         if !closing {
             progress.closing_eps = limits.proximal_floor;
         }
@@ -495,9 +495,11 @@ pub fn damp<T: Real>(progress: &mut Progress<T>) {
     if progress.attempts == ATTEMPTS {
         progress.attempts = 0;
         match progress.phase {
-            MINIMISE => (progress.phase, progress.state) = (RESTORE_NEXT, STEP),
-            RESTORE => (progress.phase, progress.state) = (REVERT, STEP),
-            _ => progress.state = STALLED,
+            SOLVE => progress.state = STALLED,
+            phase => {
+                progress.state = STEP;
+                progress.phase = if phase == MINIMISE { RESTORE_NEXT } else { REVERT };
+            }
         }
     }
 }

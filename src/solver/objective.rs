@@ -26,7 +26,11 @@ impl<T: Real> Objective<T> {
 
     /// Objective of the current phase: that of the cost rows while the cost is minimised.
     pub fn of(limits: &Limits<T>, progress: &Progress<T>) -> Self {
-        if progress.phase == MINIMISE { Objective { weight: limits.minimise.weight, rounding: progress.rounding } } else { Objective::none() }
+        if progress.phase == MINIMISE {
+            Objective { weight: limits.minimise.weight, rounding: progress.rounding }
+        } else {
+            Objective::none()
+        }
     }
 
     /// Weighted cost of residuals.
@@ -73,7 +77,8 @@ impl<T: Real> Objective<T> {
         let costs = problem.rows.of(RowKind::Cost);
         let out = weight[costs.clone()].iter_mut().zip(&mut value[costs.clone()]);
         for ((weight, value), (&r, &of_row)) in out.zip(c[costs].iter().zip(&problem.cost_weights)) {
-            *weight = if of_row == T::zero() { self.weight } else { self.weight * of_row / self.rounded(r) };
+            let quadratic = self.weight == T::zero() || of_row == T::zero();
+            *weight = if quadratic { self.weight } else { self.weight * of_row / self.rounded(r) };
             *value = *weight * r;
         }
     }

@@ -6,7 +6,7 @@ use cregopt::backend::gpu::shaders::{Shader, WORKGROUP};
 use cregopt::backend::gpu::{Device, Folder, List, Prepared, Slots};
 use cregopt::backend::tables::{Batch, Buffer, Sizes, Slot as Counts};
 use cregopt::nlp::Problem;
-use cregopt::settings::{SolverSettings, StallSettings};
+use cregopt::settings::{OptimiseSettings, SmoothSettings, SolverSettings, StallSettings};
 use cregopt::solver::control::Progress;
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -116,6 +116,10 @@ pub fn arrays(batch: &Batch) -> Vec<(u32, &'static str)> {
         (batch.multiplier, "multiplier"),
         (batch.slack_step, "slack_step"),
         (batch.multiplier_step, "multiplier_step"),
+        (batch.cost_weights, "cost_weights"),
+        (batch.shift_c, "shift_c"),
+        (batch.shift_g, "shift_g"),
+        (batch.solved, "solved"),
         (batch.history, "history"),
         (batch.carry, "carry"),
         (batch.front, "front"),
@@ -179,6 +183,9 @@ impl<'a> Lab<'a> {
             edge_radius: EDGE_RADIUS,
             max_iterations: 25,
             stall: StallSettings { start: 12, window: 7, ..StallSettings::default() },
+            // Only solves with `minimise_iterations` minimise a cost.
+            smooth: SmoothSettings { iterations: 12, ..SmoothSettings::default() },
+            optimise: OptimiseSettings { iterations: 12, tolerance: 0.5, ..OptimiseSettings::default() },
             ..SolverSettings::default()
         };
         let prepare = |s: usize| {
