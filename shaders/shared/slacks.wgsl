@@ -76,8 +76,8 @@ fn barrier_row(base: u32, i: u32, g: f32, aim: BarrierTarget) -> vec2<f32> {
     return vec2<f32>(w, z + w * (g - z + (aim.mu - second) / z));
 }
 
-// Weights and values of the rows of one element in a barrier step. An equality has weight 1, and its value is its residual. Cost rows keep
-// theirs.
+// Weights and values of the rows of one element in a barrier step. An equality has weight 1, and its value is its residual. Cost rows
+// keep their weights and values.
 fn barrier_rows(slot: u32, half: u32, element: Element, aim: BarrierTarget) {
     let base = slot * batch.values;
     let g = base + batch.g + half * batch.g_half;

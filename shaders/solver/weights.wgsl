@@ -1,7 +1,7 @@
 // needs: shared/reduce shared/slacks shared/control shared/round shared/all_elements shared/shifts shared/start_slacks shared/objective
 // binds: elements
-// Start of a round: kind of step, another phase or termination, then weights and values of the rows in the normal equations, and the terms
-// in single variables. One workgroup per candidate.
+// Start of a round: kind of step, another phase or termination, then weights and values of the rows in the normal equations, and the
+// terms in single variables. One workgroup per candidate.
 //   in      values    x at the point, cost_weights
 //   in out  progress
 //   in out  values    c and g at the point, slacks and multipliers; shift_c, shift_g, solved
@@ -42,7 +42,8 @@ fn copy_variables(slot: u32, lane: u32, from_first: u32, to_first: u32) {
     }
 }
 
-// Chooses the purpose of the round, starts the minimisation, or ends the solve. Every invocation of the workgroup must call this function.
+// Chooses the purpose of the round, starts the minimisation, or ends the solve. Every invocation of the workgroup must call this
+// function.
 fn choose(slot: u32, lane: u32, before: Progress, counts: Counts) -> Progress {
     let f = sum_over(lane, infeasibility(slot, before.current, lane, counts));
     let largest = max_over(lane, largest_multiplier(slot, lane, counts));

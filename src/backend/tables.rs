@@ -230,13 +230,13 @@ macro_rules! gpu_tables {
                 pub slack_step: u32,
                 /// Offset of the steps of the multipliers, `[inequalities]`.
                 pub multiplier_step: u32,
-                /// Offset of the weights of the absolute values of cost rows, `[costs]`; empty, as the next three, if no cost is minimised.
+                /// Offset of the weights of the absolute values of cost rows, `[costs]`; empty if the batch minimises no cost.
                 pub cost_weights: u32,
-                /// Offset of the shifts of the equality residuals, `[equalities]`.
+                /// Offset of the shifts of the equality residuals, `[equalities]`; empty if the batch minimises no cost.
                 pub shift_c: u32,
-                /// Offset of the shifts of the inequality residuals, `[inequalities]`.
+                /// Offset of the shifts of the inequality residuals, `[inequalities]`; empty if the batch minimises no cost.
                 pub shift_g: u32,
-                /// Offset of the solved point from which the minimisation started, `[variables]`.
+                /// Offset of the solved point from which the minimisation started, `[variables]`; empty if the batch minimises no cost.
                 pub solved: u32,
                 /// Offset of the recorded infeasibilities, `[window]`.
                 pub history: u32,

@@ -10,8 +10,9 @@
 //! how far the barrier parameter can be reduced, and Mehrotra's corrector computes the step for that parameter. The multipliers have a step
 //! length of their own. A step is refused if the merit does not decrease and the residuals are far from their linear model. It is then
 //! shortened to a quarter and to a sixteenth, which costs no factorisation, and after that recomputed with larger `eps`. Near a solution,
-//! closing steps (Gauss-Newton on the equalities and the violated rows) converge quadratically. The cost of a solved candidate can then be
-//! minimised, see [`minimise`].
+//! closing steps (Gauss-Newton on the equalities and the violated rows) converge quadratically.
+//!
+//! The cost of a solved candidate can then be minimised, see [`minimise`].
 
 pub mod advance;
 mod close;
@@ -181,8 +182,8 @@ impl<T: Real> Solver<T> {
         }
     }
 
-    /// Runs rounds until the solve ends. Returns the status; `x` holds the last point. A solve that is cancelled after it was solved returns
-    /// to the solved point.
+    /// Runs rounds until the solve ends. Returns the status; `x` holds the last point. If a minimisation is cancelled, `x` returns to the
+    /// solved point.
     fn iterate(&mut self, solve: &Solve<T>, progress: &mut Progress<T>, cancel: &dyn Fn() -> bool) -> Status {
         loop {
             if let Some(status) = Status::of(progress.state) {
