@@ -30,6 +30,11 @@ const SOLVED: u32 = 4u;
 const MAX_ITERATIONS: u32 = 5u;
 const STALLED: u32 = 6u;
 const NON_FINITE: u32 = 7u;
+const SOLVE: u32 = 0u;
+const MINIMISE: u32 = 1u;
+const RESTORE_NEXT: u32 = 2u;
+const RESTORE: u32 = 3u;
+const REVERT: u32 = 4u;
 const SHORTENINGS: u32 = 2u;
 const ATTEMPTS: u32 = 8u;
 const EARLY_TERMINATION_FROM: u32 = 2u;
@@ -60,6 +65,7 @@ const POOR_FACTOR: f32 = 2.0f;
 const SHORTENING: f32 = 0.25f;
 const STALL_TARGET: f32 = 1e-6f;
 const STALL_ABOVE: f32 = 1e-5f;
+const TRUSTED_LENGTH: f32 = 0.5f;
 const PROXIMAL_GROWTH: f32 = 6.0f;
 const BARRIER_FLOOR: f32 = 1e-9f;
 const SLACK_FLOOR: f32 = 1e-6f;
@@ -166,6 +172,10 @@ struct Batch {
     multiplier: u32,
     slack_step: u32,
     multiplier_step: u32,
+    cost_weights: u32,
+    shift_c: u32,
+    shift_g: u32,
+    solved: u32,
     history: u32,
     carry: u32,
     front: u32,
@@ -178,6 +188,13 @@ struct Batch {
     proximal_floor: f32,
     smoothing_weight: f32,
     closing: f32,
+    minimise_barrier: f32,
+    restore_barrier: f32,
+    minimise_smoothing: f32,
+    cost_weight: f32,
+    rounding: f32,
+    rounding_floor: f32,
+    minimise_tolerance: f32,
 }
 
 struct Part {
@@ -279,6 +296,9 @@ struct Progress {
     attempts: u32,
     recorded: u32,
     stall_from: u32,
+    phase: u32,
+    minimise_iterations: u32,
+    minimise_until: u32,
     infeasibility: f32,
     mu: f32,
     barrier: f32,
@@ -291,6 +311,8 @@ struct Progress {
     early_termination_limit: f32,
     length: f32,
     dual_length: f32,
+    rounding: f32,
+    solved_infeasibility: f32,
 }
 
 struct Span {

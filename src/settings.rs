@@ -13,7 +13,7 @@
 //! | `--force-limit`, `force_limit` in a robot's file | 1.2 body weights (1) | largest normal force of a foot |
 //! | `leg_mass` in a robot's file | 3 % of the mass | equivalent mass of a leg at its foot, which determines the cost of swinging |
 //! | `--smooth` | off | 20 more iterations that lower forces, their slopes, tilt and rates (2) |
-//! | `solver.optimise.iterations` | 0 | iterations on the CPU that minimise the cost of a solved motion; see [`OptimiseSettings`] |
+//! | `solver.optimise.iterations` | 0 | iterations that minimise the cost of a solved motion; see [`OptimiseSettings`] |
 //! | `solver.smoothing` | 0.1 | pull to smooth forces while the barrier is large (3) |
 //! | `solver.max_iterations` | 200 | iteration limit (4) |
 //! | `solver.stall.budget` | 200 | predicted number of further iterations above which a candidate is terminated early |
@@ -230,6 +230,8 @@ impl Default for SolverSettings {
 
 /// Settings of the iterations that lower the cost of a solved motion. The cost measures forces against equal shares of the weight, their
 /// slopes, and attitude and rates of the base against the initial guess. Only `momentum` has it.
+///
+/// With [`OptimiseSettings`] as well, the sum of both costs is minimised, in the larger number of iterations.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]

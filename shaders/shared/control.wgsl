@@ -22,7 +22,7 @@ fn with_proximal(before: Progress, eps: f32) -> Progress {
     return progress;
 }
 
-// Chooses the kind of step of this round, or ends the solve.
+// Chooses the kind of step of this round, starts the minimisation, or ends the solve. Not for the phases MINIMISE and REVERT.
 //   f        infeasibility at the point
 //   earlier  infeasibility `stall_window` records ago; any value if there are fewer records
 //   largest  largest multiplier of an inequality
@@ -41,7 +41,7 @@ fn begin(slot: u32, before: Progress, f: f32, earlier: f32, largest: f32, feasib
         progress.state = EXACT;
     } else if (feasible) {
         progress.state = SOLVED;
-    } else if (progress.iterations >= batch.max_iterations) {
+    } else if (progress.iterations >= last_iteration(progress)) {
         progress.state = MAX_ITERATIONS;
     } else if (stalled(progress, f, earlier) || ends_early(progress, f, largest)) {
         progress.state = STALLED;
@@ -55,7 +55,8 @@ fn begin(slot: u32, before: Progress, f: f32, earlier: f32, largest: f32, feasib
         closing = closing || f < progress.closing_below;
         progress.closing_from = f;
         progress.state = select(STEP, CLOSE, closing);
-        progress.smoothing = select(batch.smoothing_weight * progress.mu / progress.barrier, 0.0, closing);
+        let smooths = !closing && progress.phase == SOLVE;
+        progress.smoothing = select(0.0, batch.smoothing_weight * progress.mu / progress.barrier, smooths);
         if (!closing) {
             progress.closing_eps = batch.proximal_floor;
         }
@@ -65,6 +66,79 @@ fn begin(slot: u32, before: Progress, f: f32, earlier: f32, largest: f32, feasib
         let later = select(rates[1], rates[2], progress.recorded > EARLY_TERMINATION_LATE_KNEE);
         progress.early_termination_limit *= select(rates[0], later, progress.recorded > EARLY_TERMINATION_KNEE);
     }
+    if (progress.phase == RESTORE && progress.state > SOLVED) {
+        progress.phase = REVERT;
+    } else if (progress.phase == SOLVE && progress.state == SOLVED && progress.minimise_iterations > 0u) {
+        progress = minimise(progress);
+    }
+    return progress;
+}
+
+// Iteration limit of the phase.
+fn last_iteration(progress: Progress) -> u32 {
+    return batch.max_iterations + select(0u, progress.minimise_until, progress.phase == RESTORE);
+}
+
+// Begins a phase with barrier steps, whose proximal weight is the smallest.
+fn enter(before: Progress, phase: u32, barrier: f32) -> Progress {
+    var progress = before;
+    progress.phase = phase;
+    progress.state = STEP;
+    progress.stall_from = progress.recorded;
+    progress.mu = barrier;
+    progress.barrier = barrier;
+    progress.smoothing = 0.0;
+    progress.eps = batch.proximal_floor;
+    progress.closing_eps = batch.proximal_floor;
+    progress.closing_below = batch.closing;
+    progress.edge_radius = 0.0;
+    progress.length = 1.0;
+    progress.dual_length = 1.0;
+    return progress;
+}
+
+// Begins the minimisation at a solved point.
+fn minimise(before: Progress) -> Progress {
+    var progress = enter(before, MINIMISE, batch.minimise_barrier);
+    progress.minimise_until = progress.iterations + progress.minimise_iterations;
+    progress.smoothing = batch.minimise_smoothing;
+    progress.rounding = batch.rounding;
+    progress.solved_infeasibility = progress.infeasibility;
+    return progress;
+}
+
+// True if the minimisation is over and the rows must be restored.
+fn is_minimised(progress: Progress) -> bool {
+    return progress.phase == RESTORE_NEXT || (progress.phase == MINIMISE && progress.iterations >= progress.minimise_until);
+}
+
+// Begins to solve the rows again.
+fn restore(before: Progress) -> Progress {
+    return enter(before, RESTORE, batch.restore_barrier);
+}
+
+// Ends the solve at the solved point from which the minimisation started.
+fn revert(before: Progress) -> Progress {
+    var progress = before;
+    progress.phase = REVERT;
+    progress.state = SOLVED;
+    progress.infeasibility = progress.solved_infeasibility;
+    return progress;
+}
+
+// Updates the minimisation after an accepted step: ends it near the optimum, or else rounds absolute values less as the barrier falls.
+//   predicted  decrease of merit and cost by the linear model
+//   cost       weighted cost at the new point
+fn minimised(before: Progress, predicted: f32, cost: f32) -> Progress {
+    var progress = before;
+    let sharp = progress.rounding <= batch.rounding_floor;
+    // Only a long step says how far the optimum is.
+    let trusted = batch.cost_weight > 0.0 && sharp && progress.length > TRUSTED_LENGTH;
+    if (trusted && predicted < batch.minimise_tolerance * cost) {
+        progress.phase = RESTORE_NEXT;
+    }
+    let part = min(sqrt(progress.mu / batch.minimise_barrier), 1.0);
+    progress.rounding = max(batch.rounding * part, batch.rounding_floor);
     return progress;
 }
 
@@ -75,7 +149,7 @@ fn ends_early(progress: Progress, f: f32, largest: f32) -> bool {
 
 // True if early termination may end the solve in this iteration.
 fn may_end_early(progress: Progress) -> bool {
-    return progress.recorded > EARLY_TERMINATION_FROM && progress.recorded <= EARLY_TERMINATION_TO + 1u;
+    return progress.phase == SOLVE && progress.recorded > EARLY_TERMINATION_FROM && progress.recorded <= EARLY_TERMINATION_TO + 1u;
 }
 
 // True if the stall rule ends the solve. It never acts during closing steps.
@@ -135,7 +209,8 @@ fn refuse(before: Progress) -> Progress {
     return progress;
 }
 
-// Rejects the direction: the next one has a larger proximal weight, or is a barrier step; after the last attempt the solve ends.
+// Rejects the direction: the next one has a larger proximal weight, or is a barrier step; after the last attempt the solve ends. A
+// minimisation that stalls is over; rows that cannot be restored revert to the solved point.
 // An infinite `batch.closing` allows closing steps only; such solves run on the CPU only, see src/solver/close.rs.
 fn damp(before: Progress) -> Progress {
     var progress = before;
@@ -153,7 +228,12 @@ fn damp(before: Progress) -> Progress {
     }
     if (progress.attempts == ATTEMPTS) {
         progress.attempts = 0u;
-        progress.state = STALLED;
+        if (progress.phase == SOLVE) {
+            progress.state = STALLED;
+        } else {
+            progress.state = STEP;
+            progress.phase = select(REVERT, RESTORE_NEXT, progress.phase == MINIMISE);
+        }
     }
     return progress;
 }

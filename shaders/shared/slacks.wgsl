@@ -76,18 +76,20 @@ fn barrier_row(base: u32, i: u32, g: f32, aim: BarrierTarget) -> vec2<f32> {
     return vec2<f32>(w, z + w * (g - z + (aim.mu - second) / z));
 }
 
-// Weights and values of the rows of one element in a barrier step. An equality has weight 1, and its value is its residual.
+// Weights and values of the rows of one element in a barrier step. An equality has weight 1, and its value is its residual. Cost rows
+// keep their weights and values.
 fn barrier_rows(slot: u32, half: u32, element: Element, aim: BarrierTarget) {
     let base = slot * batch.values;
     let g = base + batch.g + half * batch.g_half;
     for (var r = 0u; r < element.rows; r++) {
         let row = element.place.row + r;
         let kind = row_kind(slots[slot].rows, row);
-        if (kind != INEQUALITY) {
-            // Shaders minimise no cost.
-            let weight = select(0.0, 1.0, kind == EQUALITY);
-            values[base + batch.weight + row] = weight;
-            values[base + batch.value + row] = weight * values[base + batch.c + half * batch.c_half + row];
+        if (kind == COST) {
+            continue;
+        }
+        if (kind == EQUALITY) {
+            values[base + batch.weight + row] = 1.0;
+            values[base + batch.value + row] = values[base + batch.c + half * batch.c_half + row];
             continue;
         }
         let upper = element.place.inequality + r;

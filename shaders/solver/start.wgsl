@@ -1,4 +1,4 @@
-// needs: shared/kind shared/gather
+// needs: shared/kind shared/gather shared/start_slacks
 // binds: jacobian tables
 // reads: elements factored_instants factored_elements gather_of gathers touches factored_touches
 // Start of a solve, after the rows have been evaluated at the initial point: column scaling, first slacks and multipliers. One workgroup
@@ -42,13 +42,6 @@ fn column_scaling(slot: u32, half: u32, i: u32) -> f32 {
     return max(gathered(slot, half, i), SCALING_FLOOR);
 }
 
-// Sets the first slack of an inequality, `max(|g|, sqrt(mu))`, and its multiplier `mu / s`.
-fn start_slacks(base: u32, i: u32, g: f32, mu: f32) {
-    let s = max(abs(g), sqrt(mu));
-    values[base + batch.slack + i] = s;
-    values[base + batch.multiplier + i] = mu / s;
-}
-
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let slot = running[group.x];
@@ -60,9 +53,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     for (var i = lane; i < slots[slot].variables; i += WORKGROUP) {
         values[base + batch.scaling + i] = column_scaling(slot, half, i);
     }
-    for (var i = lane; i < slots[slot].inequalities; i += WORKGROUP) {
-        start_slacks(base, i, values[base + batch.g + half * batch.g_half + i], mu);
-    }
+    start_slacks(slot, half, lane, slots[slot].inequalities, mu);
     for (var i = lane; i < batch.x_half; i += WORKGROUP) {
         values[base + batch.x + (1u - half) * batch.x_half + i] = values[base + batch.x + half * batch.x_half + i];
     }

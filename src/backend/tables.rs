@@ -230,6 +230,14 @@ macro_rules! gpu_tables {
                 pub slack_step: u32,
                 /// Offset of the steps of the multipliers, `[inequalities]`.
                 pub multiplier_step: u32,
+                /// Offset of the weights of the absolute values of cost rows, `[costs]`; empty if the batch minimises no cost.
+                pub cost_weights: u32,
+                /// Offset of the shifts of the equality residuals, `[equalities]`; empty if the batch minimises no cost.
+                pub shift_c: u32,
+                /// Offset of the shifts of the inequality residuals, `[inequalities]`; empty if the batch minimises no cost.
+                pub shift_g: u32,
+                /// Offset of the solved point from which the minimisation started, `[variables]`; empty if the batch minimises no cost.
+                pub solved: u32,
                 /// Offset of the recorded infeasibilities, `[window]`.
                 pub history: u32,
                 /// Offset of what remains of a front between two steps, `[rest][rest]` and `[rest]`.
@@ -254,6 +262,20 @@ macro_rules! gpu_tables {
                 pub smoothing_weight: f32,
                 /// Infeasibility below which closing steps are tried.
                 pub closing: f32,
+                /// Barrier parameter at the start of the minimisation, see [`crate::solver::control::Minimisation`].
+                pub minimise_barrier: f32,
+                /// Barrier parameter with which the rows are solved again.
+                pub restore_barrier: f32,
+                /// Weight of the smoothing in the minimisation.
+                pub minimise_smoothing: f32,
+                /// Weight of the cost rows.
+                pub cost_weight: f32,
+                /// Rounding of the absolute values of cost rows at the start, m/s.
+                pub rounding: f32,
+                /// Smallest rounding, m/s.
+                pub rounding_floor: f32,
+                /// Predicted relative fall of the cost at which the minimisation ends.
+                pub minimise_tolerance: f32,
             }
 
             /// Candidate of a slot: numbers of entries in its tables, and its constants.
@@ -313,6 +335,8 @@ macro_rules! gpu_tables {
                 };
                 // Limits that depend on the transcription are in the slots.
                 let limits = Limits::<f32>::new(settings, Transcription::Momentum);
+                let minimise = limits.minimise;
+                let minimised = |len: usize| if minimise.iterations > 0 { len } else { 0 };
                 let size = |n: usize| n.max(1) as u32;
                 let mut words = 0;
                 let mut joined = |buffer: Buffer| {
@@ -348,6 +372,10 @@ macro_rules! gpu_tables {
                     multiplier: array(sizes.inequalities),
                     slack_step: array(sizes.inequalities),
                     multiplier_step: array(sizes.inequalities),
+                    cost_weights: array(minimised(sizes.costs)),
+                    shift_c: array(minimised(sizes.one_sided)),
+                    shift_g: array(minimised(sizes.inequalities)),
+                    solved: array(minimised(sizes.variables)),
                     history: array(settings.stall.window),
                     carry: array(sizes.rest * (sizes.rest + 1)),
                     front: array(if front_in_storage { sizes.front_values() } else { 0 }),
@@ -361,6 +389,13 @@ macro_rules! gpu_tables {
                     proximal_floor: limits.proximal_floor,
                     smoothing_weight: limits.smoothing,
                     closing: limits.closing,
+                    minimise_barrier: minimise.barrier,
+                    restore_barrier: minimise.restore_barrier,
+                    minimise_smoothing: minimise.smoothing,
+                    cost_weight: minimise.weight,
+                    rounding: minimise.rounding,
+                    rounding_floor: minimise.rounding_floor,
+                    minimise_tolerance: minimise.tolerance,
                 }
             }
 
@@ -605,6 +640,7 @@ pub struct Sizes {
     pub all: usize,
     pub variables: usize,
     pub one_sided: usize,
+    pub costs: usize,
     pub rows: usize,
     pub inequalities: usize,
     pub jacobian: usize,
@@ -627,6 +663,7 @@ impl Sizes {
             all: problem.initial.len(),
             variables: problem.variables,
             one_sided: problem.rows.one_sided(),
+            costs: problem.rows.costs as usize,
             rows: problem.rows.all(),
             inequalities: problem.inequalities,
             jacobian: problem.jacobian_len,
@@ -674,6 +711,7 @@ impl Sizes {
             all: of(self.all, other.all),
             variables: of(self.variables, other.variables),
             one_sided: of(self.one_sided, other.one_sided),
+            costs: of(self.costs, other.costs),
             rows: of(self.rows, other.rows),
             inequalities: of(self.inequalities, other.inequalities),
             jacobian: of(self.jacobian, other.jacobian),

@@ -3,11 +3,14 @@
 //! A solve is a sequence of rounds. A round begins with the infeasibility at the current point ([`begin`]), computes a trial point, and
 //! ends by accepting ([`accept`]) or refusing it ([`refuse`]). A refused step is first shortened along the same direction, which costs no
 //! factorisation. If that fails too, the next direction is computed with a larger proximal weight ([`damp`]).
+//!
+//! If the settings ask for it, a solved candidate goes through two more phases: barrier steps minimise its cost ([`MINIMISE`]), then the
+//! rows are solved again ([`RESTORE`]). If that fails, the solve returns to the solved point ([`REVERT`]).
 
 use crate::nlp::Problem;
 use crate::real::Real;
 use crate::rows::table::NONE;
-use crate::settings::{NO_EARLY_TERMINATION, SolverSettings, Transcription};
+use crate::settings::{NO_EARLY_TERMINATION, OptimiseSettings, SmoothSettings, SolverSettings, Transcription};
 
 /// The next trial point is a barrier step.
 pub const STEP: u32 = 0;
@@ -27,6 +30,24 @@ pub const MAX_ITERATIONS: u32 = 5;
 pub const STALLED: u32 = 6;
 /// See [`Status::NonFinite`](crate::solver::Status::NonFinite).
 pub const NON_FINITE: u32 = 7;
+
+/// Phase of a solve: the rows are solved.
+pub const SOLVE: u32 = 0;
+/// Phase of a solve: the cost of the solved point is minimised.
+pub const MINIMISE: u32 = 1;
+/// Phase of a solve: the minimisation is over, and the next round begins to restore the rows.
+pub const RESTORE_NEXT: u32 = 2;
+/// Phase of a solve: the rows are solved again, without the cost.
+pub const RESTORE: u32 = 3;
+/// Phase of a solve: restoring failed, and the next round returns to the solved point.
+pub const REVERT: u32 = 4;
+
+/// Largest barrier parameter with which smoothing starts: near rows bend the cost early.
+pub const SMOOTH_BARRIER: f64 = 2e-4;
+/// Barrier parameter with which the rows are solved again after the cost rows were minimised: the active rows are known.
+pub const RESTORE_BARRIER: f64 = 1e-6;
+/// Length of a step from which its predicted fall of the cost says how far the optimum is.
+pub const TRUSTED_LENGTH: f64 = 0.5;
 
 /// Largest ratio of the infeasibilities after and before a closing step for which closing steps continue.
 pub const CLOSING_RATE: f64 = 0.1;
@@ -81,8 +102,14 @@ crate::table! {
         pub attempts: u32,
         /// Number of infeasibilities recorded.
         pub recorded: u32,
-        /// First record that the stall rule may use; earlier records belong to rounded rows.
+        /// First record that the stall rule may use; earlier records belong to rounded rows or to another phase.
         pub stall_from: u32,
+        /// Phase of the solve, from [`SOLVE`] to [`REVERT`].
+        pub phase: u32,
+        /// Largest number of iterations of the minimisation; 0 if the candidate has no cost to minimise.
+        pub minimise_iterations: u32,
+        /// Number of accepted steps at which the minimisation ends.
+        pub minimise_until: u32,
         /// Infeasibility `F` at the current point.
         pub infeasibility: T,
         /// Barrier parameter.
@@ -109,6 +136,10 @@ crate::table! {
         pub length: T,
         /// Length of the step of the multipliers, 0 to 1.
         pub dual_length: T,
+        /// Rounding of the absolute values of cost rows, m/s.
+        pub rounding: T,
+        /// Infeasibility at the solved point from which the minimisation started.
+        pub solved_infeasibility: T,
     }
 }
 
@@ -133,6 +164,62 @@ pub struct Limits<T> {
     pub closing: T,
     /// See [`early_termination_rates`].
     pub early_termination_rates: [T; 3],
+    /// Minimisation of the cost of a solved candidate.
+    pub minimise: Minimisation<T>,
+}
+
+/// [`SmoothSettings`] and [`OptimiseSettings`] as scalars of the solver.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Minimisation<T> {
+    /// Largest number of iterations; 0 disables the minimisation.
+    pub iterations: u32,
+    /// Barrier parameter at the start.
+    pub barrier: T,
+    /// Barrier parameter with which the rows are solved again.
+    pub restore_barrier: T,
+    /// Weight of the smoothing term; 0 without smoothing.
+    pub smoothing: T,
+    /// Weight of the cost rows; 0 if they are not minimised.
+    pub weight: T,
+    /// Rounding of the absolute values of cost rows at the start, m/s.
+    pub rounding: T,
+    /// Smallest rounding, m/s.
+    pub rounding_floor: T,
+    /// Predicted relative fall of the cost at which the minimisation ends.
+    pub tolerance: T,
+}
+
+impl<T: Real> Minimisation<T> {
+    /// Minimisation with these settings: of the smoothing term, of the cost rows, or of their sum.
+    pub fn new(settings: &SolverSettings, transcription: Transcription) -> Self {
+        let SolverSettings { smooth, optimise, .. } = settings;
+        let (smooths, optimises) = (smooth.iterations > 0, optimise.iterations > 0);
+        let part = |on: bool, value: f64| if on { T::of(value) } else { T::zero() };
+        let least = |smoothing: f64, objective: f64| match (smooths, optimises) {
+            (true, true) => smoothing.min(objective),
+            (true, false) => smoothing,
+            (false, _) => objective,
+        };
+        let SmoothSettings { weight: smoothing, .. } = *smooth;
+        let OptimiseSettings { weight, barrier, rounding, rounding_floor, tolerance, .. } = *optimise;
+        let smooth_barrier = settings.barrier(transcription).min(SMOOTH_BARRIER);
+        Minimisation {
+            iterations: smooth.iterations.max(optimise.iterations) as u32,
+            barrier: T::of(least(smooth_barrier, barrier)),
+            restore_barrier: T::of(least(smooth_barrier, RESTORE_BARRIER)),
+            smoothing: part(smooths, smoothing),
+            weight: part(optimises, weight),
+            rounding: T::of(rounding),
+            rounding_floor: T::of(rounding_floor),
+            tolerance: T::of(tolerance),
+        }
+    }
+
+    /// True if a candidate has a cost with these weights.
+    fn applies_to(&self, problem: &Problem<T>) -> bool {
+        let smooths = self.smoothing > T::zero() && problem.smoothing.iter().any(|weight| *weight != T::zero());
+        smooths || (self.weight > T::zero() && !problem.cost_weights.is_empty())
+    }
 }
 
 /// Factors by which [`Progress::early_termination_limit`] shrinks per iteration: up to the first of [`EARLY_TERMINATION_KNEES`], up to the
@@ -158,6 +245,7 @@ impl<T: Real> Limits<T> {
             smoothing: T::of(settings.smoothing),
             closing: T::of(settings.closing),
             early_termination_rates: early_termination_rates(transcription).map(T::of),
+            minimise: Minimisation::new(settings, transcription),
         }
     }
 
@@ -166,7 +254,8 @@ impl<T: Real> Limits<T> {
         let (transcription, rows) = (problem.curves.transcription, problem.rows.all());
         let (barrier, early_termination_limit) = (settings.barrier(transcription), settings.early_termination_limit(transcription, rows));
         let first = Progress::first(self, T::of(barrier), T::of(settings.edge_radius_on(&problem.terrain)));
-        Progress { early_termination_limit: T::of(early_termination_limit), ..first }
+        let minimise_iterations = if self.minimise.applies_to(problem) { self.minimise.iterations } else { 0 };
+        Progress { early_termination_limit: T::of(early_termination_limit), minimise_iterations, ..first }
     }
 }
 
@@ -210,7 +299,7 @@ impl<T: Real> Progress<T> {
     }
 }
 
-/// Chooses the purpose of the round, or ends the solve.
+/// Chooses the purpose of the round, starts the minimisation, or ends the solve. Not for the phases [`MINIMISE`] and [`REVERT`].
 ///
 /// * `f` - infeasibility at the current point
 /// * `before` - infeasibility `stall_window` records ago; arbitrary if there are fewer records
@@ -229,7 +318,7 @@ pub fn begin<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>, f: T, befo
         progress.state = EXACT;
     } else if feasible {
         progress.state = SOLVED;
-    } else if progress.iterations >= limits.max_iterations {
+    } else if progress.iterations >= last_iteration(progress, limits) {
         progress.state = MAX_ITERATIONS;
     } else if stalled(progress, limits, f, before) || ends_early(progress, f, largest) {
         progress.state = STALLED;
@@ -243,7 +332,8 @@ pub fn begin<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>, f: T, befo
         closing = closing || f < progress.closing_below;
         progress.closing_from = f;
         progress.state = if closing { CLOSE } else { STEP };
-        progress.smoothing = if closing { T::zero() } else { limits.smoothing * progress.mu / progress.barrier };
+        let smooths = !closing && progress.phase == SOLVE;
+        progress.smoothing = if smooths { limits.smoothing * progress.mu / progress.barrier } else { T::zero() };
         if !closing {
             progress.closing_eps = limits.proximal_floor;
         }
@@ -252,6 +342,73 @@ pub fn begin<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>, f: T, befo
         let knees = EARLY_TERMINATION_KNEES.iter().filter(|&&knee| progress.recorded > knee).count();
         progress.early_termination_limit *= limits.early_termination_rates[knees];
     }
+    if progress.phase == RESTORE && progress.ended() && progress.state != SOLVED {
+        progress.phase = REVERT;
+    } else if progress.phase == SOLVE && progress.state == SOLVED && progress.minimise_iterations > 0 {
+        minimise(progress, limits);
+    }
+}
+
+/// Iteration limit of the phase.
+fn last_iteration<T: Real>(progress: &Progress<T>, limits: &Limits<T>) -> u32 {
+    if progress.phase == RESTORE { progress.minimise_until + limits.max_iterations } else { limits.max_iterations }
+}
+
+/// Begins a phase with barrier steps, whose proximal weight is the smallest.
+fn enter<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>, phase: u32, barrier: T) {
+    progress.phase = phase;
+    progress.state = STEP;
+    progress.stall_from = progress.recorded;
+    progress.mu = barrier;
+    progress.barrier = barrier;
+    progress.smoothing = T::zero();
+    progress.eps = limits.proximal_floor;
+    progress.closing_eps = limits.proximal_floor;
+    progress.closing_below = limits.closing;
+    progress.edge_radius = T::zero();
+    progress.length = T::one();
+    progress.dual_length = T::one();
+}
+
+/// Begins the minimisation at a solved point.
+fn minimise<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>) {
+    enter(progress, limits, MINIMISE, limits.minimise.barrier);
+    progress.minimise_until = progress.iterations + progress.minimise_iterations;
+    progress.smoothing = limits.minimise.smoothing;
+    progress.rounding = limits.minimise.rounding;
+    progress.solved_infeasibility = progress.infeasibility;
+}
+
+/// True if the minimisation is over and the rows must be restored.
+pub fn is_minimised<T: Real>(progress: &Progress<T>) -> bool {
+    progress.phase == RESTORE_NEXT || (progress.phase == MINIMISE && progress.iterations >= progress.minimise_until)
+}
+
+/// Begins to solve the rows again.
+pub fn restore<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>) {
+    enter(progress, limits, RESTORE, limits.minimise.restore_barrier);
+}
+
+/// Ends the solve at the solved point from which the minimisation started.
+pub fn revert<T: Real>(progress: &mut Progress<T>) {
+    progress.phase = REVERT;
+    progress.state = SOLVED;
+    progress.infeasibility = progress.solved_infeasibility;
+}
+
+/// Updates the minimisation after an accepted step: ends it near the optimum, or else rounds absolute values less as the barrier falls.
+///
+/// * `predicted` - decrease of merit and cost that the linear model predicted for the step
+/// * `cost` - weighted cost at the new point
+pub fn minimised<T: Real>(progress: &mut Progress<T>, minimise: &Minimisation<T>, predicted: T, cost: T) {
+    let sharp = progress.rounding <= minimise.rounding_floor;
+    // Only a long step says how far the optimum is.
+    let trusted = minimise.weight > T::zero() && sharp && progress.length > T::of(TRUSTED_LENGTH);
+    if trusted && predicted < minimise.tolerance * cost {
+        progress.phase = RESTORE_NEXT;
+    }
+    let part = (progress.mu / minimise.barrier).sqrt().min(T::one());
+    progress.rounding = (minimise.rounding * part).max(minimise.rounding_floor);
 }
 
 /// Stall rule, see [`crate::settings::StallSettings`]. It never interrupts closing steps.
@@ -272,7 +429,7 @@ fn ends_early<T: Real>(progress: &Progress<T>, f: T, largest: T) -> bool {
 
 /// True if early termination applies after this number of iterations.
 fn may_end_early<T: Real>(progress: &Progress<T>) -> bool {
-    progress.recorded > EARLY_TERMINATION_FROM && progress.recorded <= EARLY_TERMINATION_TO + 1
+    progress.phase == SOLVE && progress.recorded > EARLY_TERMINATION_FROM && progress.recorded <= EARLY_TERMINATION_TO + 1
 }
 
 /// True if the trial point is acceptable: the merit decreases, or the residuals are close to their linear model.
@@ -319,6 +476,7 @@ pub fn refuse<T: Real>(progress: &mut Progress<T>) {
 }
 
 /// Rejects the direction: requests one with a larger proximal weight, returns from closing to barrier steps, or ends the solve as stalled.
+/// A minimisation that stalls is over; rows that cannot be restored revert to the solved point.
 ///
 /// An infinite [`SolverSettings::closing`] allows closing steps only. Such solves run on the CPU only, see `src/solver/close.rs`.
 pub fn damp<T: Real>(progress: &mut Progress<T>) {
@@ -336,7 +494,13 @@ pub fn damp<T: Real>(progress: &mut Progress<T>) {
     }
     if progress.attempts == ATTEMPTS {
         progress.attempts = 0;
-        progress.state = STALLED;
+        match progress.phase {
+            SOLVE => progress.state = STALLED,
+            phase => {
+                progress.state = STEP;
+                progress.phase = if phase == MINIMISE { RESTORE_NEXT } else { REVERT };
+            }
+        }
     }
 }
 
@@ -357,6 +521,16 @@ mod tests {
         smoothing: 0.1,
         closing: 1e-6,
         early_termination_rates: [1.; 3],
+        minimise: Minimisation {
+            iterations: 12,
+            barrier: 4e-4,
+            restore_barrier: 1e-5,
+            smoothing: 0.01,
+            weight: 0.02,
+            rounding: 1e-2,
+            rounding_floor: 1e-3,
+            tolerance: 0.1,
+        },
     };
 
     fn first() -> Progress<f64> {
@@ -704,6 +878,134 @@ mod tests {
         assert_eq!((next.state, next.attempts, next.eps), (CLOSE, SHORTENINGS + 1, LIMITS.proximal));
         assert_close(next.closing_eps, 6. * LIMITS.proximal_floor);
         assert_eq!(refused(start, 6).state, STALLED);
+    }
+
+    /// State after the rows of a candidate with a cost were solved in 5 iterations.
+    fn minimising() -> Progress<f64> {
+        let mut progress = Progress { minimise_iterations: 12, iterations: 5, recorded: 6, edge_radius: 0.04, ..first() };
+        begin(&mut progress, &LIMITS, 1e-5, f64::INFINITY, 1., true);
+        progress
+    }
+
+    /// State in which the rows are solved again after 9 of 12 iterations.
+    fn restoring() -> Progress<f64> {
+        let mut progress = Progress { phase: RESTORE_NEXT, iterations: 14, ..minimising() };
+        assert!(is_minimised(&progress));
+        restore(&mut progress, &LIMITS);
+        progress
+    }
+
+    #[test]
+    fn the_minimisation_has_the_settings_of_its_costs() {
+        let settings = |smooth, optimise| SolverSettings {
+            smooth: SmoothSettings { iterations: smooth, weight: 0.5 },
+            optimise: OptimiseSettings { iterations: optimise, weight: 0.25, barrier: 1e-4, ..OptimiseSettings::default() },
+            ..SolverSettings::default()
+        };
+        let of = |smooth, optimise| {
+            let all = Minimisation::<f64>::new(&settings(smooth, optimise), Transcription::Momentum);
+            (all.iterations, all.barrier, all.restore_barrier, all.smoothing, all.weight)
+        };
+        assert_eq!(of(20, 0), (20, SMOOTH_BARRIER, SMOOTH_BARRIER, 0.5, 0.));
+        assert_eq!(of(0, 12), (12, 1e-4, RESTORE_BARRIER, 0., 0.25));
+        assert_eq!(of(20, 12), (20, 1e-4, RESTORE_BARRIER, 0.5, 0.25));
+        assert_eq!(of(0, 0).0, 0);
+        let narrow = SolverSettings { barrier: Some(1e-5), ..settings(20, 0) };
+        assert_eq!(Minimisation::<f64>::new(&narrow, Transcription::Towr).barrier, 1e-5);
+    }
+
+    #[test]
+    fn a_solved_candidate_with_a_cost_begins_to_minimise_it() {
+        let progress = minimising();
+        let expected = Progress {
+            state: STEP,
+            phase: MINIMISE,
+            iterations: 5,
+            recorded: 7,
+            stall_from: 7,
+            minimise_iterations: 12,
+            minimise_until: 17,
+            infeasibility: 1e-5,
+            solved_infeasibility: 1e-5,
+            mu: 4e-4,
+            barrier: 4e-4,
+            smoothing: 0.01,
+            eps: LIMITS.proximal_floor,
+            rounding: 1e-2,
+            ..first()
+        };
+        assert_eq!(progress, expected);
+        let mut without = Progress { minimise_iterations: 0, ..first() };
+        begin(&mut without, &LIMITS, 1e-5, f64::INFINITY, 1., true);
+        assert_eq!((without.state, without.phase), (SOLVED, SOLVE));
+    }
+
+    #[test]
+    fn the_minimisation_ends_at_its_iteration_limit_or_near_the_optimum() {
+        let progress = minimising();
+        assert!(!is_minimised(&Progress { iterations: 16, ..progress }) && is_minimised(&Progress { iterations: 17, ..progress }));
+        assert!(!is_minimised(&Progress { iterations: 17, phase: RESTORE, ..progress }));
+        let phase = |rounding, length, predicted: f64| {
+            let mut progress = Progress { rounding, length, ..progress };
+            minimised(&mut progress, &LIMITS.minimise, predicted, 1.);
+            progress.phase
+        };
+        assert_eq!(phase(1e-3, 0.6, 0.09), RESTORE_NEXT);
+        assert_eq!([phase(2e-3, 0.6, 0.09), phase(1e-3, 0.4, 0.09), phase(1e-3, 0.6, 0.11)], [MINIMISE; 3]);
+        // Smoothing alone has no optimality test.
+        let mut smooth = Progress { rounding: 1e-3, ..progress };
+        minimised(&mut smooth, &Minimisation { weight: 0., ..LIMITS.minimise }, -1., 0.);
+        assert_eq!(smooth.phase, MINIMISE);
+    }
+
+    #[test]
+    fn the_rounding_follows_the_root_of_the_barrier_down_to_its_floor() {
+        let rounding = |mu| {
+            let mut progress = Progress { mu, ..minimising() };
+            minimised(&mut progress, &LIMITS.minimise, 1., 1.);
+            progress.rounding
+        };
+        assert_close(rounding(1e-4), 5e-3);
+        assert_eq!([rounding(1e-9), rounding(1.)], [1e-3, 1e-2]);
+    }
+
+    #[test]
+    fn a_minimisation_that_stalls_is_restored() {
+        let progress = refused(Progress { length: 0., dual_length: 0., ..minimising() }, ATTEMPTS);
+        assert_eq!((progress.state, progress.phase, progress.attempts), (STEP, RESTORE_NEXT, 0));
+        assert!(is_minimised(&progress));
+    }
+
+    #[test]
+    fn the_rows_are_solved_again_without_a_cost() {
+        let progress = restoring();
+        let expected = Progress { phase: RESTORE, iterations: 14, mu: 1e-5, barrier: 1e-5, smoothing: 0., ..minimising() };
+        assert_eq!(progress, expected);
+        let next = begun(progress, &LIMITS, 1.);
+        assert_eq!((next.state, next.smoothing, next.recorded), (STEP, 0., 8));
+        assert_eq!(begun(progress, &LIMITS, 0.5 * LIMITS.closing).state, CLOSE);
+        // The limit counts from the end of the minimisation, and a solved candidate is not minimised again.
+        let mut last = Progress { iterations: 66, ..progress };
+        begin(&mut last, &LIMITS, 1., 2., 1., false);
+        assert_eq!((last.state, last.phase), (STEP, RESTORE));
+        begin(&mut last, &LIMITS, 1e-7, 2., 1., true);
+        assert_eq!((last.state, last.phase, last.infeasibility), (SOLVED, RESTORE, 1e-7));
+    }
+
+    #[test]
+    fn rows_that_cannot_be_restored_revert_to_the_solved_point() {
+        let phase = |progress: Progress<f64>, f: f64| begun(progress, &LIMITS, f).phase;
+        assert_eq!(phase(Progress { iterations: 67, ..restoring() }, 1.), REVERT);
+        assert_eq!(phase(restoring(), f64::NAN), REVERT);
+        let mut stalled = Progress { recorded: 20, ..restoring() };
+        begin(&mut stalled, &LIMITS, 1., 1., 1., false);
+        assert_eq!(stalled.phase, REVERT);
+        let refused = refused(Progress { length: 0., dual_length: 0., ..restoring() }, ATTEMPTS);
+        assert_eq!((refused.state, refused.phase, refused.attempts), (STEP, REVERT, 0));
+        for mut progress in [refused, stalled] {
+            revert(&mut progress);
+            assert_eq!((progress.state, progress.phase, progress.infeasibility), (SOLVED, REVERT, 1e-5));
+        }
     }
 
     #[test]

@@ -11,14 +11,16 @@
 //! length of their own. A step is refused if the merit does not decrease and the residuals are far from their linear model. It is then
 //! shortened to a quarter and to a sixteenth, which costs no factorisation, and after that recomputed with larger `eps`. Near a solution,
 //! closing steps (Gauss-Newton on the equalities and the violated rows) converge quadratically.
+//!
+//! The cost of a solved candidate can then be minimised, see [`minimise`].
 
 pub mod advance;
 mod close;
 pub mod control;
 pub mod correct;
 pub mod judge;
+pub mod minimise;
 pub mod objective;
-mod optimise;
 pub mod round;
 pub mod slacks;
 pub mod start;
@@ -40,9 +42,10 @@ use crate::rows::{self, RowKind, Shared};
 use crate::settings::SolverSettings;
 use advance::{add, advance};
 use aligned_vec::{AVec, CACHELINE_ALIGN};
-use control::{CLOSE, EXACT, Limits, Progress, SHORTER, STEP};
+use control::{CLOSE, EXACT, Limits, MINIMISE, Progress, REVERT, SHORTER, SOLVE, STEP};
 use correct::correct;
 use judge::{infeasibility, infeasibility_fall, merit_falls, nonlinearity, smoothing_fall, update_slacks};
+use minimise::{add_shifts, subtract_shifts, update_shifts};
 use objective::Objective;
 use round::{ROUND, START, Stage, When};
 use slacks::{BarrierTarget, Lengths, Slacks, largest, slack_steps};
@@ -59,16 +62,23 @@ pub enum Finish {
 }
 
 /// Residuals at one point.
-#[derive(Debug, Default)]
-struct Residuals<T> {
-    c: Vec<T>,
-    g: Vec<T>,
+#[derive(Debug, Default, Clone)]
+pub struct Residuals<T> {
+    /// Residuals of equalities and cost rows.
+    pub c: Vec<T>,
+    /// Residuals of inequalities.
+    pub g: Vec<T>,
 }
 
 impl<T: Real> Residuals<T> {
     fn resize(&mut self, problem: &Problem<T>) {
         self.c.resize(problem.rows.one_sided(), T::zero());
         self.g.resize(problem.inequalities, T::zero());
+    }
+
+    /// Arrays of these residuals, each with that of others.
+    fn pairs<'a>(&'a mut self, others: &'a Residuals<T>) -> [(&'a mut [T], &'a [T]); 2] {
+        [(&mut self.c, &others.c), (&mut self.g, &others.g)]
     }
 }
 
@@ -94,16 +104,13 @@ pub struct Solver<T> {
     jacobian: AVec<T>,
     /// Jacobian at the trial point, aligned to cache lines.
     next_jacobian: AVec<T>,
-    /// Augmented-Lagrangian multipliers by which the residuals of equalities and inequalities are shifted. Zero unless a cost is being
-    /// minimised.
+    /// Augmented-Lagrangian multipliers by which the residuals of equalities and inequalities are shifted while a cost is minimised.
     shift: Residuals<T>,
+    /// Solved point from which the minimisation started.
+    solved: Vec<T>,
     weight: Vec<T>,
     value: Vec<T>,
     slacks: Slacks<T>,
-    /// Objective of the cost rows.
-    objective: Objective<T>,
-    /// Fall of the merit that the last step predicted.
-    predicted: T,
     factor: Factor<T>,
     /// True if the last factorisation met a pivot that is not positive.
     failed: bool,
@@ -129,11 +136,10 @@ impl<T: Real> Default for Solver<T> {
             jacobian: AVec::new(CACHELINE_ALIGN),
             next_jacobian: AVec::new(CACHELINE_ALIGN),
             shift: Residuals::default(),
+            solved: Vec::new(),
             weight: Vec::new(),
             value: Vec::new(),
             slacks: Slacks::default(),
-            objective: Objective::none(),
-            predicted: T::zero(),
             factor: Factor::default(),
             failed: false,
             history: Vec::new(),
@@ -149,7 +155,6 @@ struct Solve<'a, T> {
     finish: Finish,
 }
 
-/// Largest barrier parameter with which cost minimisation begins; with a larger one, inequalities that are nearly active would affect the
 impl<T: Real> Solver<T> {
     /// Solves one candidate from `start`, or from the initial values of the problem.
     ///
@@ -169,10 +174,6 @@ impl<T: Real> Solver<T> {
             self.stage(stage, &solve, &mut progress);
         }
         let status = self.iterate(&solve, &mut progress, cancel);
-        if status == Status::Solved {
-            self.smooth(&solve, settings, &mut progress, cancel);
-            self.optimise(&solve, settings, &mut progress, cancel);
-        }
         Outcome {
             status,
             iterations: progress.iterations as usize,
@@ -181,14 +182,19 @@ impl<T: Real> Solver<T> {
         }
     }
 
-    /// Runs rounds until the solve ends. Returns the status; `x` holds the last point.
+    /// Runs rounds until the solve ends. Returns the status; `x` holds the last point. If a minimisation is cancelled, `x` returns to the
+    /// solved point.
     fn iterate(&mut self, solve: &Solve<T>, progress: &mut Progress<T>, cancel: &dyn Fn() -> bool) -> Status {
         loop {
             if let Some(status) = Status::of(progress.state) {
                 return status;
             }
             if progress.attempts == 0 && cancel() {
-                return Status::Cancelled;
+                if progress.phase == SOLVE {
+                    return Status::Cancelled;
+                }
+                self.revert(progress);
+                return Status::Solved;
             }
             for (stage, when) in ROUND {
                 self.turn(stage, when, solve, progress);
@@ -213,7 +219,7 @@ impl<T: Real> Solver<T> {
             Stage::Start => self.start(solve, progress),
             Stage::Weights => {
                 self.begin(solve, progress);
-                self.weigh(problem, progress);
+                self.weigh(solve, progress);
             }
             Stage::Factorise => {
                 let system = NormalEquations {
@@ -251,11 +257,29 @@ impl<T: Real> Solver<T> {
         start_slacks(&self.now.g, progress.mu, &mut self.slacks);
     }
 
-    /// Chooses the purpose of the round, or ends the solve.
+    /// Begins a round in the phase of the solve, or ends the solve.
     fn begin(&mut self, solve: &Solve<T>, progress: &mut Progress<T>) {
         if progress.attempts > 0 || progress.ended() {
             return;
         }
+        if control::is_minimised(progress) {
+            subtract_shifts(&mut self.now, &self.shift);
+            control::restore(progress, &solve.limits);
+            start_slacks(&self.now.g, progress.mu, &mut self.slacks);
+        }
+        match progress.phase {
+            // Barrier steps only, also after a shortened one.
+            MINIMISE => progress.state = STEP,
+            REVERT => {}
+            _ => self.choose(solve, progress),
+        }
+        if progress.phase == REVERT {
+            self.revert(progress);
+        }
+    }
+
+    /// Chooses the purpose of the round, starts the minimisation, or ends the solve.
+    fn choose(&mut self, solve: &Solve<T>, progress: &mut Progress<T>) {
         let f = infeasibility(&self.now.c[solve.problem.rows.of(RowKind::Equality)], &self.now.g);
         let before = self.history.len().checked_sub(solve.limits.stall_window as usize).map_or(f, |at| self.history[at]);
         let largest = largest(&self.slacks.multiplier);
@@ -265,10 +289,25 @@ impl<T: Real> Solver<T> {
         } else {
             self.history.push(f);
         }
+        if progress.phase == MINIMISE {
+            self.solved.clone_from(&self.x);
+            for shift in [&mut self.shift.c, &mut self.shift.g] {
+                shift.clear();
+            }
+            self.shift.resize(solve.problem);
+            start_slacks(&self.now.g, progress.mu, &mut self.slacks);
+        }
+    }
+
+    /// Returns to the solved point from which the minimisation started.
+    fn revert(&mut self, progress: &mut Progress<T>) {
+        self.x.clone_from(&self.solved);
+        control::revert(progress);
     }
 
     /// Computes the weights and values of the rows and the terms on single variables.
-    fn weigh(&mut self, problem: &Problem<T>, progress: &mut Progress<T>) {
+    fn weigh(&mut self, solve: &Solve<T>, progress: &mut Progress<T>) {
+        let problem = solve.problem;
         if progress.state > CLOSE {
             return;
         }
@@ -280,8 +319,7 @@ impl<T: Real> Solver<T> {
         } else {
             barrier_rows(problem, &now.c, &now.g, &self.slacks, BarrierTarget::predictor(), &mut self.weight, &mut self.value);
         }
-        let objective = if progress.state == CLOSE { Objective::none() } else { self.objective };
-        objective.rows(problem, &now.c, &mut self.weight, &mut self.value);
+        Objective::of(&solve.limits, progress).rows(problem, &now.c, &mut self.weight, &mut self.value);
         let (proximal, weight) = (progress.proximal(), progress.smoothing);
         variable_terms(problem, &self.scaling, proximal, weight, &self.x, &mut self.diagonal, &mut self.gradient);
     }
@@ -304,8 +342,6 @@ impl<T: Real> Solver<T> {
     fn evaluate(&mut self, problem: &Problem<T>, progress: &Progress<T>) {
         let (c, g) = (&mut self.next.c, &mut self.next.g);
         rows::residuals(problem, &self.trial, progress.edge_radius, &mut self.shared, c, g, Some(&mut self.next_jacobian));
-        add(c, &self.shift.c);
-        add(g, &self.shift.g);
     }
 
     /// Accepts or refuses the trial point.
@@ -317,6 +353,10 @@ impl<T: Real> Solver<T> {
         if self.failed {
             return control::damp(progress);
         }
+        let minimises = progress.phase == MINIMISE;
+        if minimises {
+            add_shifts(&mut self.next, &self.shift);
+        }
         let (problem, now, next, linear) = (solve.problem, &self.now, &self.next, &self.linear);
         let equalities = problem.rows.of(RowKind::Equality);
         let [c, next_c, linear_c] = [now, next, linear].map(|at| &at.c[equalities.clone()]);
@@ -327,10 +367,10 @@ impl<T: Real> Solver<T> {
             merit_falls(c, &now.g, [(next_c, &next.g[..]), (linear_c, &linear.g[..])], progress.mu)
         };
         let smoothed = progress.smoothing * smoothing_fall(&problem.smoothing, &self.x, &self.trial, &problem.initial);
-        let costs = [next, linear].map(|to| self.cost_fall(problem, &now.c, &to.c));
+        let objective = Objective::of(&solve.limits, progress);
+        let costs = [next, linear].map(|to| objective.fall(problem, &now.c, &to.c));
         let (fall, predicted) = (fall + smoothed + costs[0], predicted + smoothed + costs[1]);
         let gap = nonlinearity(next_c, linear_c, &next.g, &linear.g);
-        self.predicted = predicted;
         if control::acceptable(progress, fall, predicted, gap) {
             if !closing {
                 update_slacks(&mut self.slacks, Lengths { primal: progress.length, dual: progress.dual_length });
@@ -338,17 +378,13 @@ impl<T: Real> Solver<T> {
             let ratio = if predicted > T::zero() { fall / predicted } else { T::zero() };
             control::accept(progress, &solve.limits, ratio);
             self.take_trial();
+            if minimises {
+                update_shifts(problem, &mut self.now, &mut self.shift, &self.slacks);
+                control::minimised(progress, &solve.limits.minimise, predicted, objective.cost(problem, &self.now.c));
+            }
         } else {
             control::refuse(progress);
         }
-    }
-
-    /// Fall of the weighted objective between two points.
-    fn cost_fall(&self, problem: &Problem<T>, from: &[T], to: &[T]) -> T {
-        if self.objective.weight == T::zero() {
-            return T::zero();
-        }
-        self.objective.weight * (self.objective.cost(problem, from) - self.objective.cost(problem, to))
     }
 
     /// Makes the trial point the current point.
@@ -386,8 +422,6 @@ impl<T: Real> Solver<T> {
             jacobian.resize(problem.jacobian_len, T::zero());
         }
         self.local.resize(problem.widest, T::zero());
-        self.shift = Residuals::default();
-        self.objective = Objective::none();
         self.weight.resize(problem.rows.all(), T::zero());
         self.value.resize(problem.rows.all(), T::zero());
         for v in [&mut self.slacks.slack, &mut self.slacks.multiplier, &mut self.slacks.slack_step, &mut self.slacks.multiplier_step] {

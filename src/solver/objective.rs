@@ -4,6 +4,7 @@
 //! (pseudo-Huber); its weight in the normal equations is that of the parabola that touches this function at the current point and is above
 //! it everywhere (iteratively reweighted least squares).
 
+use super::control::{Limits, MINIMISE, Progress};
 use crate::nlp::Problem;
 use crate::real::Real;
 use crate::rows::RowKind;
@@ -11,7 +12,7 @@ use crate::rows::RowKind;
 /// Objective of one iteration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Objective<T> {
-    /// Weight of the cost relative to the constraints; 0 if no cost is minimised.
+    /// Weight of the cost relative to the constraints; 0 if the cost rows are not minimised.
     pub weight: T,
     /// Rounding of absolute values, m/s.
     pub rounding: T,
@@ -23,12 +24,49 @@ impl<T: Real> Objective<T> {
         Objective { weight: T::zero(), rounding: T::one() }
     }
 
-    /// Cost of residuals, without the weight.
+    /// Objective of the current phase: that of the cost rows while the cost is minimised.
+    pub fn of(limits: &Limits<T>, progress: &Progress<T>) -> Self {
+        if progress.phase == MINIMISE {
+            Objective { weight: limits.minimise.weight, rounding: progress.rounding }
+        } else {
+            Objective::none()
+        }
+    }
+
+    /// Weighted cost of residuals.
     ///
     /// * `c` - residuals of equalities and cost rows
     pub fn cost(&self, problem: &Problem<T>, c: &[T]) -> T {
+        if self.weight == T::zero() {
+            return T::zero();
+        }
         let rows = c[problem.rows.of(RowKind::Cost)].iter().zip(&problem.cost_weights);
-        rows.map(|(&r, &weight)| if weight == T::zero() { T::of(0.5) * r * r } else { weight * (self.rounded(r) - self.rounding) }).sum()
+        self.weight * rows.map(|(&r, &of_row)| self.of_row(r, of_row)).sum()
+    }
+
+    /// Decrease of the weighted cost between two points, row by row: near an optimum the two costs differ only in their last digits.
+    ///
+    /// * `from`, `to` - residuals of equalities and cost rows
+    pub fn fall(&self, problem: &Problem<T>, from: &[T], to: &[T]) -> T {
+        if self.weight == T::zero() {
+            return T::zero();
+        }
+        let costs = problem.rows.of(RowKind::Cost);
+        let rows = from[costs.clone()].iter().zip(&to[costs]).zip(&problem.cost_weights);
+        self.weight * rows.map(|((&r, &to), &of_row)| self.fall_of_row(r, to, of_row)).sum()
+    }
+
+    /// Cost of a row.
+    ///
+    /// * `of_row` - weight of its absolute value; 0 if half of its square counts
+    fn of_row(&self, r: T, of_row: T) -> T {
+        if of_row == T::zero() { T::of(0.5) * r * r } else { of_row * (self.rounded(r) - self.rounding) }
+    }
+
+    /// Decrease of the cost of a row.
+    fn fall_of_row(&self, r: T, to: T, of_row: T) -> T {
+        let squares = (r - to) * (r + to);
+        if of_row == T::zero() { T::of(0.5) * squares } else { of_row * squares / (self.rounded(r) + self.rounded(to)) }
     }
 
     /// Weights and values of the cost rows in the normal equations.
@@ -39,7 +77,8 @@ impl<T: Real> Objective<T> {
         let costs = problem.rows.of(RowKind::Cost);
         let out = weight[costs.clone()].iter_mut().zip(&mut value[costs.clone()]);
         for ((weight, value), (&r, &of_row)) in out.zip(c[costs].iter().zip(&problem.cost_weights)) {
-            *weight = if of_row == T::zero() { self.weight } else { self.weight * of_row / self.rounded(r) };
+            let quadratic = self.weight == T::zero() || of_row == T::zero();
+            *weight = if quadratic { self.weight } else { self.weight * of_row / self.rounded(r) };
             *value = *weight * r;
         }
     }
@@ -75,7 +114,7 @@ mod tests {
             let before = c[row];
             let side = |c: &mut Vec<f64>, step: f64| {
                 c[row] = before + step;
-                0.5 * objective.cost(&problem, c)
+                objective.cost(&problem, c)
             };
             let slope = (side(&mut c, 1e-6) - side(&mut c, -1e-6)) / 2e-6;
             c[row] = before;

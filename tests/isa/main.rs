@@ -14,7 +14,8 @@ use std::io::Write;
 
 /// Least number of waves per SIMD, in the order of [`CHIPS`], of the shaders that do not fill it: as many as Mesa 22.3 gives them.
 ///
-/// Rows and their products need more registers than all waves together have; `front` keeps its front in workgroup memory.
+/// Rows and their products need more registers than all waves together have; `front` keeps its front in workgroup memory. The stages of the
+/// solver copy the progress of their candidate, 24 words.
 const LEAST_WAVES: &[(Shader, [u64; 3])] = &[
     (Shader::Dynamics, [12, 12, 3]),
     (Shader::Momentum, [12, 12, 3]),
@@ -27,6 +28,9 @@ const LEAST_WAVES: &[(Shader, [u64; 3])] = &[
     (Shader::Front, [3, 4, 1]),
     (Shader::Product, [21, 24, 7]),
     (Shader::Judge, [32, 32, 8]),
+    (Shader::Weights, [32, 32, 9]),
+    (Shader::Correct, [32, 32, 9]),
+    (Shader::Advance, [32, 32, 9]),
 ];
 /// Number of waves that fill a SIMD.
 const ALL_WAVES: [u64; 3] = [32, 32, 10];

@@ -241,9 +241,9 @@ fn structs_differ(module: &Module) -> Result<(), String> {
         }
     }
     let offsets = offsets! {
-        Batch: Batch { values x flags stall_budget closing }
+        Batch: Batch { values x cost_weights flags stall_budget closing minimise_tolerance }
         Slot: Slot { first_factored footholds shape constants points }
-        Progress: Progress<f32> { infeasibility mu eps edge_radius length }
+        Progress: Progress<f32> { phase infeasibility mu eps edge_radius length solved_infeasibility }
         Shape: Shape { low per_metre }
         Constants: Constants<f32> { inertia moment_scale friction force_margin }
         DynamicsInstant: DynamicsInstant<f32> { weights forces place }
@@ -325,7 +325,7 @@ fn a_struct_that_differs_is_seen() {
         ("    mu: f32,\n    barrier: f32,\n", "    barrier: f32,\n    mu: f32,\n", "Progress.mu"),
         ("    mu: f32,\n    barrier: f32,\n", "    mu: f32,\n", "progress"),
         ("    mu: f32,\n    barrier: f32,\n", "    mu: f32,\n    barrier: vec3<f32>,\n", "progress"),
-        ("    closing: f32,\n}", "    closing: f32,\n    more: u32,\n}", "batch"),
+        ("    minimise_tolerance: f32,\n}", "    minimise_tolerance: f32,\n    more: u32,\n}", "batch"),
         ("    center: array<f32, 3>,\n", "    center: vec3<f32>,\n", "reach_legs"),
         ("    per_metre: array<f32, 2>,\n", "", "slots"),
         ("    angular: Place,\n", "    angle: Place,\n", "MomentumInterval has no angular"),
@@ -548,9 +548,9 @@ fn every_shader_has_a_twin_file_and_names_it() {
     let more = [
         "solver/close",
         "solver/control",
+        "solver/minimise",
         "solver/mod",
         "solver/objective",
-        "solver/optimise",
         "solver/round",
         "solver/slacks",
         "solver/status",

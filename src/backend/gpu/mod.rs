@@ -317,7 +317,8 @@ impl<'a> Work<'a> {
             return None;
         }
         let instance = &self.job.instances[index];
-        let problem = Problem::<f32>::new(instance.task, &instance.schedule, self.job.transcription);
+        let Job { transcription, settings, .. } = self.job;
+        let problem = Problem::<f32>::with_cost(instance.task, &instance.schedule, transcription, settings.optimise.objective());
         let first = self.terrains.iter().find(|(t, _)| Arc::ptr_eq(t, &instance.task.terrain)).map_or(0, |t| t.1);
         Some(Prepared::new(index, problem, first, self.gpu.device.workgroup))
     }
@@ -525,9 +526,7 @@ impl Backend for Gpu {
             return self.cpu.solve(job, skip, finish);
         }
         let mut done = vec![false; job.instances.len()];
-        let improved = |index: usize, solution: Solution| finish(index, improve(job, index, solution, &|| skip(index)));
-        let improves = job.settings.smooth.iterations > 0 || job.settings.optimise.iterations > 0;
-        let result = self.work(job, skip, if improves { &improved } else { finish }, &mut done);
+        let result = self.work(job, skip, finish, &mut done);
         let left: Vec<usize> = (0..done.len()).filter(|i| !done[*i]).collect();
         if !left.is_empty() {
             let fault = result.err().unwrap_or(Fault::LoopLimit);
@@ -542,27 +541,6 @@ impl Backend for Gpu {
             self.cpu.solve(&Job { instances: &instances, ..*job }, &|i| skip(left[i]), &|i, solution| finish(left[i], solution));
         }
     }
-}
-
-/// Smooths or optimises a solved motion on the CPU. The shaders only solve for feasibility.
-fn improve(job: &Job, index: usize, solution: Solution, cancel: &dyn Fn() -> bool) -> Solution {
-    if solution.outcome.status != Status::Solved {
-        return solution;
-    }
-    let instance = &job.instances[index];
-    let problem = Problem::<f32>::with_cost(instance.task, &instance.schedule, job.transcription, job.settings.optimise.objective());
-    let mut solver = Solver::<f32>::default();
-    let finish = Finish::Infeasibility(job.settings.tolerance);
-    let outcome = solver.solve(&problem, job.settings, finish, Some(&solution.x), cancel);
-    if outcome.status != Status::Solved {
-        return solution;
-    }
-    let outcome = Outcome {
-        iterations: solution.outcome.iterations + outcome.iterations,
-        factorisations: solution.outcome.factorisations + outcome.factorisations,
-        ..outcome
-    };
-    Solution { outcome, x: solver.solution(), ..solution }
 }
 
 /// Access to slots for tests of single shaders.

@@ -375,6 +375,10 @@ impl Slots {
                 {
                     self.write_values(first + i, section, values);
                 }
+                // Slots of a batch without a minimisation have no room for them.
+                if batch.cost_weight > 0. {
+                    self.write_values(first + i, batch.cost_weights, &problem.cost_weights);
+                }
             }
         }
     }

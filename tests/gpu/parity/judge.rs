@@ -3,13 +3,19 @@
 use super::ARITHMETIC;
 use super::candidates::candidates;
 use super::lab::{CAPACITY, Expected, Lab, SMALL, State, fill, gpu, states};
-use super::solver::{barrier_state, residuals, slacks, truncated_counts};
+use super::minimise::{draw_shifts, minimised, problem_of, put_residuals, put_shifts, residuals_of, shifts};
+use super::solver::{barrier_state, limits, residuals, slacks, truncated_counts};
 use crate::common::Random;
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::rows::RowKind;
 use cregopt::settings::Transcription;
-use cregopt::solver::control::{self, ATTEMPTS, CLOSE, ENDED, EXACT, Limits, Progress, SHORTENINGS, SHORTER, SOLVED, STEP};
+use cregopt::solver::Residuals;
+use cregopt::solver::control::{
+    self, ATTEMPTS, CLOSE, ENDED, EXACT, Limits, MINIMISE, Progress, RESTORE_NEXT, SHORTENINGS, SHORTER, SOLVE, SOLVED, STEP,
+};
 use cregopt::solver::judge;
+use cregopt::solver::minimise::{add_shifts, subtract_shifts, update_shifts};
+use cregopt::solver::objective::Objective;
 use cregopt::solver::slacks::Lengths;
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -58,13 +64,17 @@ impl Trial {
         fill(&mut state.values, lab.of_variables(s, batch.initial), random, -1., 1.);
         fill(&mut state.values, lab.of_variables(s, batch.smoothing), random, 0., 1.);
         barrier_state(lab, s, state, random, true);
+        if progress.phase == MINIMISE {
+            let size = 10f64.powf(random.between(0., 4.));
+            draw_shifts(lab, s, state, random, size);
+        }
         let problem = &lab.slots[s].problem;
         let trial = Trial { noise: (0..problem.rows.one_sided() + problem.inequalities).map(|_| random.between(-1., 1.)).collect() };
         trial.put(lab, s, state, 10f64.powf(random.between(-3., 0.3)));
         trial
     }
 
-    /// Writes the trial point whose distance from the linear model is `miss` times the noise.
+    /// Writes the trial point whose distance from the linear model is `miss` times the noise, without the shifts.
     fn put(&self, lab: &Lab, s: usize, state: &mut State, miss: f64) {
         let progress = state.progress[s];
         let mut noise = self.noise.iter();
@@ -75,13 +85,18 @@ impl Trial {
                 state.values[to] = (linear + miss * noise.next().unwrap()) as f32;
             }
         }
+        if progress.phase == MINIMISE {
+            let mut trial = residuals_of(lab, s, 1 - progress.current, state);
+            subtract_shifts(&mut trial, &shifts(lab, s, state));
+            put_residuals(lab, s, 1 - progress.current, state, &trial);
+        }
     }
 
     /// Scales the noise so that the merit falls by a share of the predicted fall. Leaves the point as it is if no scale does.
     fn aim(&self, lab: &Lab, s: usize, state: &mut State, share: f64) {
         let mut beyond = |miss: f64| {
             self.put(lab, s, state, miss);
-            let [fall, predicted, ..] = falls(lab, s, state);
+            let Falls { fall, predicted, .. } = falls(lab, s, state);
             fall > share * predicted.abs()
         };
         let [mut low, mut high] = [0., 4.];
@@ -96,19 +111,45 @@ impl Trial {
     }
 }
 
-/// Falls as in `Solver::judge`: of the merit and of its linear model, the distance between both, and the smoothing's part in them. In f64,
-/// to determine the margin of a verdict.
-fn falls(lab: &Lab, s: usize, state: &State) -> [f64; 4] {
+/// Falls as in `Solver::judge`. In f64, to determine the margin of a verdict.
+struct Falls {
+    /// Fall of the merit.
+    fall: f64,
+    /// Fall of its linear model.
+    predicted: f64,
+    /// Distance between both.
+    gap: f64,
+    /// Sum of the sizes of these numbers and of their parts.
+    size: f64,
+    /// Weighted cost at the trial point.
+    cost: f64,
+}
+
+/// Residuals of the trial point, with the shifts.
+fn trial_residuals(lab: &Lab, s: usize, state: &State) -> Residuals<f32> {
+    let progress = state.progress[s];
+    let mut trial = residuals_of(lab, s, 1 - progress.current, state);
+    if progress.phase == MINIMISE {
+        add_shifts(&mut trial, &shifts(lab, s, state));
+    }
+    trial
+}
+
+fn falls(lab: &Lab, s: usize, state: &State) -> Falls {
     let (batch, progress) = (&lab.batch, state.progress[s]);
     let (half, to) = (progress.current, 1 - progress.current);
-    let of = |range: Range<usize>| state.values[range].iter().map(|v| f64::from(*v)).collect::<Vec<f64>>();
-    // Cost rows, which follow the equalities, have no part in the verdict.
+    let wide = |values: &[f32]| values.iter().map(|v| f64::from(*v)).collect::<Vec<f64>>();
+    let of = |range: Range<usize>| wide(&state.values[range]);
+    let trial = trial_residuals(lab, s, state);
+    // Cost rows follow the equalities.
     let equalities = lab.slots[s].problem.rows.of(RowKind::Equality);
-    let [c, c_to] = [half, to].map(|half| of(lab.c(s, half))[equalities.clone()].to_vec());
-    let (g, g_to) = (of(lab.g(s, half)), of(lab.g(s, to)));
+    let all = [of(lab.c(s, half)), wide(&trial.c)];
+    let [c, c_to] = [0, 1].map(|i| all[i][equalities.clone()].to_vec());
+    let (g, g_to) = (of(lab.g(s, half)), wide(&trial.g));
     let length = f64::from(progress.length);
     let linear = |at: &[f64], by: &[f64]| at.iter().zip(by).map(|(at, by)| at + length * by).collect::<Vec<f64>>();
-    let c_linear = linear(&c, &of(lab.of_equalities(s, batch.c_change)));
+    let all_linear = linear(&all[0], &of(lab.of_equalities(s, batch.c_change)));
+    let c_linear = all_linear[equalities.clone()].to_vec();
     let g_linear = linear(&g, &of(lab.of_inequalities(s, batch.g_change)));
     let [fall, predicted] = if progress.state == CLOSE {
         [(&c_to, &g_to), (&c_linear, &g_linear)].map(|(c_to, g_to)| judge::infeasibility_fall(&c, &g, c_to, g_to))
@@ -119,37 +160,48 @@ fn falls(lab: &Lab, s: usize, state: &State) -> [f64; 4] {
     let (smoothing, initial) = (of(lab.of_variables(s, batch.smoothing)), of(lab.of_variables(s, batch.initial)));
     let smoothed = f64::from(progress.smoothing) * judge::smoothing_fall(&smoothing, &x(half), &x(to), &initial);
     let gap = judge::nonlinearity(&c_to, &c_linear, &g_to, &g_linear);
-    [fall + smoothed, predicted + smoothed, gap, smoothed]
+    let (objective, problem) = (Objective::of(&limits(lab, s), &progress), problem_of(lab, s, state));
+    let narrow = |values: &[f64]| values.iter().map(|v| *v as f32).collect::<Vec<f32>>();
+    let fall_to = |to: &[f64]| f64::from(objective.fall(&problem, &narrow(&all[0]), &narrow(to)));
+    let [of_costs, of_linear] = [fall_to(&all[1]), fall_to(&all_linear)];
+    let size = fall.abs() + predicted.abs() + gap + smoothed.abs() + of_costs.abs() + of_linear.abs();
+    let cost = f64::from(objective.cost(&problem, &trial.c));
+    Falls { fall: fall + smoothed + of_costs, predicted: predicted + smoothed + of_linear, gap, size, cost }
 }
 
 /// Least distance of a fall from a limit, relative to the sizes of the falls. Falls and their prediction are sums in another order: a
 /// decision that depends on their last digits cannot be compared.
 const CLEAR: f64 = 1e-3;
 
-/// Names of the verdicts, each of which must occur.
-const OUTCOMES: [&str; 10] = [
-    "failed",
-    "exact",
-    "taken at ratios below 0.25",
-    "between",
-    "above 0.7",
-    "taken near the linear model",
-    "shortened",
-    "back to the barrier",
-    "refused",
-    "stalled",
+/// Names of the verdicts, and whether they occur while the rows are solved and while a cost is minimised.
+const OUTCOMES: [(&str, [bool; 2]); 12] = [
+    ("failed", [true, true]),
+    ("exact", [true, false]),
+    ("taken at ratios below 0.25", [true, true]),
+    ("between", [true, true]),
+    ("above 0.7", [true, true]),
+    ("taken near the linear model", [true, true]),
+    ("shortened", [true, true]),
+    ("back to the barrier", [true, false]),
+    ("refused", [true, true]),
+    ("stalled", [true, true]),
+    ("optimal", [false, true]),
+    ("not optimal", [false, true]),
 ];
 
 /// Verdict of the twin on the trial point of a slot, with its names in [`OUTCOMES`]; `None` if a limit is too close.
 fn verdict_of_twin(lab: &Lab, limits: &Limits<f32>, s: usize, before: &State) -> Option<(Progress<f32>, Vec<&'static str>)> {
     let mut verdict = before.progress[s];
     let state = verdict.state;
-    let [fall, predicted, gap, smoothed] = falls(lab, s, before);
+    let Falls { fall, predicted, gap, size, cost } = falls(lab, s, before);
     let wide = Progress { state, infeasibility: f64::from(verdict.infeasibility), ..Progress::<f64>::default() };
     let model = 0.3 * predicted.max(0.05 * wide.infeasibility);
-    let size = fall.abs() + predicted.abs() + gap + smoothed.abs();
     let near = |a: f64, b: f64| (a - b).abs() <= CLEAR * size;
     if [0., 0.25, 0.7].iter().any(|limit| near(fall, limit * predicted)) || near(predicted, 0.) || near(gap, model) {
+        return None;
+    }
+    let phase = verdict.phase;
+    if phase == MINIMISE && near(predicted, lab.settings.optimise.tolerance * cost) {
         return None;
     }
     let mut names = Vec::new();
@@ -160,11 +212,16 @@ fn verdict_of_twin(lab: &Lab, limits: &Limits<f32>, s: usize, before: &State) ->
         if fall < 0. {
             names.push("taken near the linear model");
         }
+        if phase == MINIMISE {
+            minimised(lab, s, &mut verdict, predicted, cost);
+            names.push(if verdict.phase == RESTORE_NEXT { "optimal" } else { "not optimal" });
+        }
     } else {
         control::refuse(&mut verdict);
         names.push(match verdict.state {
             SHORTER => "shortened",
             control::STALLED => "stalled",
+            _ if verdict.phase != phase => "stalled",
             STEP if state == CLOSE => "back to the barrier",
             _ => "refused",
         });
@@ -191,6 +248,12 @@ fn draw_verdict(
             // Large enough for the logarithms of slacks to decide.
             before.progress[s].mu *= 30.;
         }
+        if rounds.phase == MINIMISE {
+            let progress = &mut before.progress[s];
+            let floor = lab.settings.optimise.rounding_floor as f32;
+            progress.mu = 10f64.powf(random.between(-7., -1.)) as f32;
+            progress.rounding = if random.index(0..=3) == 0 { 2. * floor } else { floor };
+        }
         let flag = lab.flags(s);
         before.values[flag] = f32::from(failed(s));
         let trial = Trial::draw(lab, s, before, random);
@@ -211,7 +274,7 @@ fn draw_verdict(
             2 => trial.aim(lab, s, before, 0.05 * (side - 1.)),
             3 => {
                 trial.aim(lab, s, before, -0.1);
-                let gap = falls(lab, s, before)[2];
+                let gap = falls(lab, s, before).gap;
                 before.progress[s].infeasibility = (gap / (0.3 * 0.05) * side) as f32;
             }
             _ => {}
@@ -236,6 +299,13 @@ fn judged(lab: &Lab, before: &State, list: &[u32], verdicts: &[Progress<f32>]) -
         let progress = state.progress[s];
         let stepped = matches!(progress.state, STEP | SHORTER) && !(failed(s) && progress.state == STEP);
         state.progress[s] = verdict;
+        let minimises = progress.phase == MINIMISE && stepped;
+        if minimises {
+            state.progress[s] = progress;
+            let trial = trial_residuals(lab, s, state);
+            put_residuals(lab, s, 1 - progress.current, state, &trial);
+            state.progress[s] = verdict;
+        }
         if stepped && verdict.current != progress.current {
             let mut slacks = slacks(lab, s, state);
             judge::update_slacks(&mut slacks, Lengths { primal: progress.length, dual: progress.dual_length });
@@ -243,14 +313,20 @@ fn judged(lab: &Lab, before: &State, list: &[u32], verdicts: &[Progress<f32>]) -
                 let at = lab.of_inequalities(s, array);
                 state.values[at].copy_from_slice(values);
             }
+            if minimises {
+                let (mut now, mut shift) = (residuals_of(lab, s, verdict.current, state), shifts(lab, s, state));
+                update_shifts(&lab.slots[s].problem, &mut now, &mut shift, &slacks);
+                put_residuals(lab, s, verdict.current, state, &now);
+                put_shifts(lab, s, state, &shift);
+            }
         }
     }
     expected
 }
 
-#[test]
-fn judge_agrees_with_its_twin() {
-    let Some(device) = gpu("judge_agrees_with_its_twin") else { return };
+/// Compares the verdicts in a phase, in which the candidates have these states in turn.
+fn agrees(test: &str, phase: u32, of_states: &[u32]) {
+    let Some(device) = gpu(test) else { return };
     let candidates = candidates();
     let mut lab = Lab::new(&device, &candidates, CAPACITY, SMALL, truncated_counts);
     let limits = Limits::<f32>::new(&lab.settings, Transcription::Momentum);
@@ -258,7 +334,8 @@ fn judge_agrees_with_its_twin() {
     for seed in 0..6 {
         let mut random = Random::new(31 + seed as u64);
         let mut before = lab.poisoned();
-        states(&lab, &mut before, &[STEP, CLOSE, SHORTER, EXACT, CLOSE, STEP, SHORTER, SOLVED]);
+        states(&lab, &mut before, of_states);
+        before.progress.iter_mut().for_each(|progress| progress.phase = phase);
         let mut verdicts = Vec::new();
         for s in 0..lab.slots.len() {
             let (verdict, names) = draw_verdict(&lab, &limits, s, seed, &mut before, &mut random);
@@ -269,12 +346,24 @@ fn judge_agrees_with_its_twin() {
             let got = lab.run(Shader::Judge, &list, &before);
             lab.check(Shader::Judge, &got, &judged(&lab, &before, &list, &verdicts), |name| match name {
                 "slack" | "multiplier" | "eps" | "closing_eps" | "closing_below" | "length" | "dual_length" => ARITHMETIC,
+                "c" | "g" | "shift_c" | "shift_g" | "rounding" => ARITHMETIC,
                 _ => 0.,
             });
         }
     }
     eprintln!("verdicts: {outcomes:?}");
-    for what in OUTCOMES {
-        assert!(outcomes.get(what).is_some_and(|n| *n > 2), "no verdict {what:?} among {outcomes:?}");
+    for (what, [in_solve, in_minimise]) in OUTCOMES {
+        let expected = if phase == SOLVE { in_solve } else { in_minimise };
+        assert_eq!(outcomes.get(what).is_some_and(|n| *n > 2), expected, "verdict {what:?} among {outcomes:?}");
     }
+}
+
+#[test]
+fn judge_agrees_with_its_twin() {
+    agrees("judge_agrees_with_its_twin", SOLVE, &[STEP, CLOSE, SHORTER, EXACT, CLOSE, STEP, SHORTER, SOLVED]);
+}
+
+#[test]
+fn judge_agrees_with_its_twin_while_a_cost_is_minimised() {
+    agrees("judge_agrees_with_its_twin_while_a_cost_is_minimised", MINIMISE, &[STEP, SHORTER, STEP, SHORTER, STEP, SOLVED]);
 }

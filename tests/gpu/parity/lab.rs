@@ -6,7 +6,7 @@ use cregopt::backend::gpu::shaders::{Shader, WORKGROUP};
 use cregopt::backend::gpu::{Device, Folder, List, Prepared, Slots};
 use cregopt::backend::tables::{Batch, Buffer, Sizes, Slot as Counts};
 use cregopt::nlp::Problem;
-use cregopt::settings::{SolverSettings, StallSettings};
+use cregopt::settings::{OptimiseSettings, SmoothSettings, SolverSettings, StallSettings};
 use cregopt::solver::control::Progress;
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -116,6 +116,10 @@ pub fn arrays(batch: &Batch) -> Vec<(u32, &'static str)> {
         (batch.multiplier, "multiplier"),
         (batch.slack_step, "slack_step"),
         (batch.multiplier_step, "multiplier_step"),
+        (batch.cost_weights, "cost_weights"),
+        (batch.shift_c, "shift_c"),
+        (batch.shift_g, "shift_g"),
+        (batch.solved, "solved"),
         (batch.history, "history"),
         (batch.carry, "carry"),
         (batch.front, "front"),
@@ -123,8 +127,8 @@ pub fn arrays(batch: &Batch) -> Vec<(u32, &'static str)> {
     ]
 }
 
-/// Names of the members of `Progress`; the first seven are integers.
-pub const PROGRESS: [&str; 19] = [
+/// Names of the members of `Progress`, integers first.
+pub const PROGRESS: [&str; 24] = [
     "state",
     "current",
     "iterations",
@@ -132,6 +136,9 @@ pub const PROGRESS: [&str; 19] = [
     "attempts",
     "recorded",
     "stall_from",
+    "phase",
+    "minimise_iterations",
+    "minimise_until",
     "infeasibility",
     "mu",
     "barrier",
@@ -144,7 +151,12 @@ pub const PROGRESS: [&str; 19] = [
     "early_termination_limit",
     "length",
     "dual_length",
+    "rounding",
+    "solved_infeasibility",
 ];
+
+/// Number of integers among them.
+const INTEGERS: usize = 10;
 const _: () = assert!(size_of::<Progress<f32>>() == 4 * PROGRESS.len());
 
 impl<'a> Lab<'a> {
@@ -171,6 +183,9 @@ impl<'a> Lab<'a> {
             edge_radius: EDGE_RADIUS,
             max_iterations: 25,
             stall: StallSettings { start: 12, window: 7, ..StallSettings::default() },
+            // Only solves with `minimise_iterations` minimise a cost.
+            smooth: SmoothSettings { iterations: 12, ..SmoothSettings::default() },
+            optimise: OptimiseSettings { iterations: 12, tolerance: 0.5, ..OptimiseSettings::default() },
             ..SolverSettings::default()
         };
         let prepare = |s: usize| {
@@ -209,6 +224,8 @@ impl<'a> Lab<'a> {
             length: float,
             dual_length: float,
             barrier: float,
+            rounding: float,
+            solved_infeasibility: float,
             ..Progress::default()
         };
         State {
@@ -339,7 +356,7 @@ impl<'a> Lab<'a> {
         for (slot, (a, b)) in got.progress.iter().zip(&expected.state.progress).enumerate() {
             let (a, b): (&[u32], &[u32]) = (bytemuck::cast_slice(bytemuck::bytes_of(a)), bytemuck::cast_slice(bytemuck::bytes_of(b)));
             for (k, name) in PROGRESS.into_iter().enumerate() {
-                if k < 7 && a[k] != b[k] {
+                if k < INTEGERS && a[k] != b[k] {
                     return Err(format!("slot {slot}, {}: {name} is {}, its twin has {}", self.slots[slot].candidate.name, a[k], b[k]));
                 }
                 if a[k] != b[k] {

@@ -10,6 +10,7 @@ mod front;
 mod judge;
 mod lab;
 mod linear;
+mod minimise;
 mod rounds;
 mod rows;
 mod solver;

@@ -2,13 +2,16 @@
 
 use super::candidates::candidates;
 use super::lab::{CAPACITY, Expected, Lab, POISON, SMALL, Slot, State, fill, gpu, states, stem};
+use super::minimise::{problem_of, put_residuals, put_shifts, residuals_of, shifts};
 use super::{ARITHMETIC, SUM};
 use crate::common::{self, Random};
 use cregopt::backend::gpu::Prepared;
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::nlp::Problem;
 use cregopt::rows::RowKind;
-use cregopt::solver::control::{self, CLOSE, EXACT, Limits, Progress, SHORTER, SOLVED, STEP};
+use cregopt::solver::Residuals;
+use cregopt::solver::control::{self, CLOSE, EXACT, Limits, MINIMISE, Progress, REVERT, SHORTER, SOLVED, STEP};
+use cregopt::solver::minimise::subtract_shifts;
 use cregopt::solver::objective::Objective;
 use cregopt::solver::slacks::{
     BARRIER_FLOOR, BarrierTarget, FRACTION_TO_THE_BOUNDARY, Lengths, Slacks, largest, mean_product, slack_steps,
@@ -152,7 +155,7 @@ pub fn row_sizes(lab: &Lab, s: usize, expected: &mut Expected, g: &[f32], slacks
 }
 
 /// Random inputs of `weights`: a state at the begin of a round, residuals, slacks and variables.
-fn prepare_weights(lab: &Lab, s: usize, state: &mut State, random: &mut Random) {
+pub fn prepare_weights(lab: &Lab, s: usize, state: &mut State, random: &mut Random) {
     let progress = &mut state.progress[s];
     let half = progress.current;
     let attempts = progress.attempts;
@@ -193,25 +196,69 @@ fn prepare_weights(lab: &Lab, s: usize, state: &mut State, random: &mut Random) 
     fill(&mut state.values, lab.x(s, half), random, -2., 2.);
 }
 
+/// Starts the slacks at the current point.
+fn restart_slacks(lab: &Lab, s: usize, state: &mut State, progress: &Progress<f32>) {
+    let mut slacks = slacks(lab, s, state);
+    start::start_slacks(&state.values[lab.g(s, progress.current)], progress.mu, &mut slacks);
+    state.values[lab.of_inequalities(s, lab.batch.slack)].copy_from_slice(&slacks.slack);
+    state.values[lab.of_inequalities(s, lab.batch.multiplier)].copy_from_slice(&slacks.multiplier);
+}
+
+/// `Solver::choose`.
+fn choose(lab: &Lab, s: usize, state: &mut State, progress: &mut Progress<f32>) {
+    let (problem, now) = (&lab.slots[s].problem, residuals_of(lab, s, progress.current, state));
+    let f = judge::infeasibility(&now.c[problem.rows.of(RowKind::Equality)], &now.g);
+    let ring = lab.range(s, lab.batch.history, 0).start + progress.recorded as usize % lab.settings.stall.window;
+    let largest = largest(&slacks(lab, s, state).multiplier);
+    control::begin(progress, &limits(lab, s), f, POISON, largest, f < lab.settings.tolerance as f32);
+    if progress.state != EXACT {
+        state.values[ring] = f;
+    }
+    if progress.phase == MINIMISE {
+        let x = lab.of_variables(s, lab.batch.x + progress.current * lab.batch.x_half);
+        state.values.copy_within(x, lab.of_variables(s, lab.batch.solved).start);
+        let equalities = problem.rows.of(RowKind::Equality).len();
+        put_shifts(lab, s, state, &Residuals { c: vec![0.; equalities], g: vec![0.; problem.inequalities] });
+        restart_slacks(lab, s, state, progress);
+    }
+}
+
+/// `Solver::begin`.
+fn begin(lab: &Lab, s: usize, state: &mut State, progress: &mut Progress<f32>) {
+    let half = progress.current;
+    if control::is_minimised(progress) {
+        let mut now = residuals_of(lab, s, half, state);
+        subtract_shifts(&mut now, &shifts(lab, s, state));
+        put_residuals(lab, s, half, state, &now);
+        control::restore(progress, &limits(lab, s));
+        restart_slacks(lab, s, state, progress);
+    }
+    match progress.phase {
+        MINIMISE => progress.state = STEP,
+        REVERT => {}
+        _ => choose(lab, s, state, progress),
+    }
+    if progress.phase == REVERT {
+        let x = lab.of_variables(s, lab.batch.x + half * lab.batch.x_half);
+        state.values.copy_within(lab.of_variables(s, lab.batch.solved), x.start);
+        control::revert(progress);
+    }
+}
+
 /// Expected results of `weights`: progress, and the weights and gradients of rows and variables.
-fn weights_of_twin(lab: &Lab, s: usize, expected: &mut Expected) {
-    let (batch, problem) = (&lab.batch, &lab.slots[s].problem);
+pub fn weights_of_twin(lab: &Lab, s: usize, expected: &mut Expected) {
+    let batch = &lab.batch;
     let state = &mut expected.state;
     let mut progress = state.progress[s];
     if progress.ended() {
         return;
     }
     let half = progress.current;
-    let (c, g) = (state.values[lab.c(s, half)].to_vec(), state.values[lab.g(s, half)].to_vec());
     if progress.attempts == 0 {
-        let f = judge::infeasibility(&c[problem.rows.of(RowKind::Equality)], &g);
-        let ring = lab.range(s, batch.history, 0).start + progress.recorded as usize % lab.settings.stall.window;
-        let largest = largest(&slacks(lab, s, state).multiplier);
-        control::begin(&mut progress, &limits(lab, s), f, POISON, largest, f < lab.settings.tolerance as f32);
-        if progress.state != EXACT {
-            state.values[ring] = f;
-        }
+        begin(lab, s, state, &mut progress);
     }
+    let Residuals { c, g } = residuals_of(lab, s, half, state);
+    let problem = &problem_of(lab, s, state);
     progress.factorisations += u32::from(progress.state <= CLOSE);
     state.progress[s] = progress;
     if progress.state == EXACT {
@@ -229,7 +276,7 @@ fn weights_of_twin(lab: &Lab, s: usize, expected: &mut Expected) {
     } else {
         weights::barrier_rows(problem, &c, &g, &slacks, aim, &mut weight, &mut value);
     }
-    Objective::none().rows(problem, &c, &mut weight, &mut value);
+    Objective::of(&limits(lab, s), &progress).rows(problem, &c, &mut weight, &mut value);
     let of = |array| state.values[lab.of_variables(s, array)].to_vec();
     let (scaling, smoothing, x, initial) = (of(batch.scaling), of(batch.smoothing), of(batch.x + half * batch.x_half), of(batch.initial));
     let (mut diagonal, mut gradient) = (vec![f32::NAN; problem.variables], vec![f32::NAN; problem.variables]);
@@ -293,9 +340,9 @@ fn correct_agrees_with_its_twin() {
             let state = &mut expected.state;
             state.progress[s].mu = (all * share.clamp(0., 1.) * share.clamp(0., 1.)).max(BARRIER_FLOOR as f32);
             let aim = BarrierTarget::corrector(got.progress[s].mu);
-            let (mut weight, mut value) = (vec![f32::NAN; problem.rows.all()], vec![f32::NAN; problem.rows.all()]);
+            // Cost rows keep their weights and values.
+            let [mut weight, mut value] = [batch.weight, batch.value].map(|array| state.values[lab.of_rows(s, array)].to_vec());
             weights::barrier_rows(problem, &c, &g, &own, aim, &mut weight, &mut value);
-            Objective::none().rows(problem, &c, &mut weight, &mut value);
             state.values[lab.of_rows(s, batch.weight)].copy_from_slice(&weight);
             state.values[lab.of_rows(s, batch.value)].copy_from_slice(&value);
             row_sizes(lab, s, expected, &g, &own, aim);
