@@ -340,7 +340,7 @@ impl PeriodicGait {
     /// The travel speed is the highest speed at which a nominal foothold moves with the base, including turns. It is reduced to a speed
     /// that the feet can follow, see [`PeriodicGait::least_horizon`]. The number of strides is rounded up.
     pub fn for_travel(self, task: &Task, speed: f64) -> PeriodicGait {
-        let [x, y] = task.way();
+        let [x, y] = task.displacement();
         if x.hypot(y) < STILL && task.turn().abs() < STILL {
             return PeriodicGait { strides: 0, ..self };
         }
@@ -360,7 +360,7 @@ impl PeriodicGait {
         /// Number of parts of the path that are examined.
         const PARTS: usize = 32;
         let (robot, yaw) = (&task.robot, task.turn());
-        let [x, y] = task.way();
+        let [x, y] = task.displacement();
         let fastest = FOOT_SPEED_SCALED * speed_scale(robot) * self.swing / (TOP_SPEED * self.period());
         let speed = speed.min(fastest);
         let mut least: f64 = 0.;

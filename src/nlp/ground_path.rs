@@ -16,7 +16,7 @@ impl GroundPath {
         let robot = &task.robot;
         // Half the length of the robot, which bridges a pit as long as itself.
         let half = robot.nominal_feet.iter().map(|foot| foot[0].hypot(foot[1])).fold(0., f64::max);
-        let [x, y] = task.way();
+        let [x, y] = task.displacement();
         // If the base turns, its feet move on arcs.
         let length = x.hypot(y).max(half * task.turn().abs());
         if !task.terrain.has_edges() || length == 0. {

@@ -186,7 +186,7 @@ fn relaxed(task: &Task, lower: &LowerSettings) -> Vec<Relaxed> {
         all.extend([quick, high]);
     }
     let [x, y, _, _, _, yaw] = task.line(0.5);
-    if task.way() != [0.; 2]
+    if task.displacement() != [0.; 2]
         && let Ok(half) = task.to(Goal::at(x, y).yaw(yaw))
     {
         let near = same("a goal half as far", format!("`--goal {x:.3},{y:.3} --yaw {yaw:.3}`"));

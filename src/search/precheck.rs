@@ -250,7 +250,7 @@ fn farthest_foot(task: &Task) -> (usize, f64) {
 
 /// Distance from start to goal in the horizontal plane, m.
 fn distance(task: &Task) -> f64 {
-    let [x, y] = task.way();
+    let [x, y] = task.displacement();
     x.hypot(y)
 }
 

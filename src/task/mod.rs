@@ -219,7 +219,7 @@ impl Task {
     }
 
     /// Displacement from start to goal (x, y), in the axes of the base at the start, m.
-    pub fn way(&self) -> [f64; 2] {
+    pub fn displacement(&self) -> [f64; 2] {
         let [x, y] = [0, 1].map(|i| self.goal.position[i] - self.start.position[i]);
         let (sin, cos) = self.start.yaw().sin_cos();
         [cos * x + sin * y, cos * y - sin * x]
@@ -320,7 +320,7 @@ mod tests {
         let [x, y] = task.foothold_start(1);
         assert!((x - (1. + cos * 0.34 + sin * 0.19)).abs() < 1e-12 && (y - (-2. + sin * 0.34 - cos * 0.19)).abs() < 1e-12);
         // 2 m along x and along y, in the axes of a rotated base.
-        let [along, across] = task.way();
+        let [along, across] = task.displacement();
         assert!((along - (2. * cos + 2. * sin)).abs() < 1e-12 && (across - (2. * cos - 2. * sin)).abs() < 1e-12);
         assert!((task.turn() - 0.6).abs() < 1e-12);
     }
