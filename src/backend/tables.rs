@@ -232,7 +232,7 @@ macro_rules! gpu_tables {
                 pub multiplier_step: u32,
                 /// Offset of the weights of the absolute values of cost rows, `[costs]`; empty if the batch minimises no cost.
                 pub cost_weights: u32,
-                /// Offset of the shifts of the equality residuals, `[equalities]`; empty if the batch minimises no cost.
+                /// Offset of the shifts of the equality residuals, as long as a half of `c`; empty if the batch minimises no cost.
                 pub shift_c: u32,
                 /// Offset of the shifts of the inequality residuals, `[inequalities]`; empty if the batch minimises no cost.
                 pub shift_g: u32,

@@ -370,14 +370,14 @@ impl Slots {
             self.write(Buffer::Progress, (first * size_of::<Progress<f32>>()) as u64, bytemuck::cast_slice(&progress));
             for (i, candidate) in candidates.iter().enumerate() {
                 let (batch, problem) = (self.batch, &candidate.problem);
-                for (section, values) in
-                    [(batch.x, &problem.initial), (batch.initial, &problem.initial), (batch.smoothing, &problem.smoothing)]
-                {
+                // Without a cost to minimise there are no cost weights, and no room for them.
+                for (section, values) in [
+                    (batch.x, &problem.initial),
+                    (batch.initial, &problem.initial),
+                    (batch.smoothing, &problem.smoothing),
+                    (batch.cost_weights, &problem.cost_weights),
+                ] {
                     self.write_values(first + i, section, values);
-                }
-                // Slots of a batch without a minimisation have no room for them.
-                if batch.cost_weight > 0. {
-                    self.write_values(first + i, batch.cost_weights, &problem.cost_weights);
                 }
             }
         }
