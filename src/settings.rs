@@ -277,7 +277,7 @@ pub struct OptimiseSettings {
 impl Default for OptimiseSettings {
     fn default() -> Self {
         let cost = CostWeights::default();
-        OptimiseSettings { iterations: 0, weight: 0.02, barrier: 1e-4, rounding: 1e-2, rounding_floor: 3e-4, tolerance: 1e-3, cost }
+        OptimiseSettings { iterations: 0, weight: 0.02, barrier: 1e-4, rounding: 1e-2, rounding_floor: 3e-4, tolerance: 1e-4, cost }
     }
 }
 

@@ -1,5 +1,6 @@
 // Objective of the cost rows. A row with a weight of its own counts its absolute value, rounded to `sqrt(r^2 + rounding^2) - rounding`; a
-// row without one counts half of its square.
+// row without one counts half of its square. A row whose weight is negative, `-1 - i`, has the multiplier of the inequality `i` as its
+// weight and is no part of the cost.
 // Twin: src/solver/objective.rs
 
 struct Objective {
@@ -30,6 +31,9 @@ fn cost_of_row(objective: Objective, r: f32, of_row: f32) -> f32 {
 
 // Decrease of the cost of a row from `r` to `to`, without the weight of the objective.
 fn fall_of_row(objective: Objective, r: f32, to: f32, of_row: f32) -> f32 {
+    if (of_row < 0.0) {
+        return 0.0;
+    }
     let squares = (r - to) * (r + to);
     if (of_row == 0.0) {
         return 0.5 * squares;
@@ -48,7 +52,9 @@ fn objective_rows(slot: u32, half: u32, lane: u32, objective: Objective) {
         // Without an objective there may be no weights to read.
         if (weight != 0.0) {
             let of_row = values[base + batch.cost_weights + i];
-            if (of_row != 0.0) {
+            if (of_row < 0.0) {
+                weight = values[base + batch.multiplier + u32(-1.0 - of_row)];
+            } else if (of_row > 0.0) {
                 weight = weight * of_row / rounded(objective, r);
             }
         }

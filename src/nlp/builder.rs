@@ -12,6 +12,7 @@ use crate::gait::{AlignedSchedule, Phase};
 use crate::real::Real;
 use crate::robot::GRAVITY;
 use crate::rows::blocks::{BlockId, Foothold, Placed, Use};
+use crate::rows::cone_curvature;
 use crate::rows::factored::{OWN_BLOCKS, POSE_BLOCKS};
 use crate::rows::reach::{ReachFoot, ReachInstant, ReachLeg};
 use crate::rows::table::{NONE, Span};
@@ -290,6 +291,10 @@ impl<'a, T: Real> Builder<'a, T> {
         sweep::close(steps.iter_mut().map(|step| &mut step.elements));
         std::mem::take(&mut self.reach).place(&mut self.tables.reach_rows, &mut columns, self.steps);
         let next = columns.next;
+        for (curvature, cone) in self.tables.cone_curvatures.iter().zip(&self.tables.cones) {
+            let multiplier = (cone.place.inequality + 1) as f64;
+            cost_weights[curvature.place.row as usize - costs.start..][..cone_curvature::SPEC.rows].fill(T::of(-1. - multiplier));
+        }
 
         self.tables.footholds = self.footholds.iter().map(|&id| positions[id.0 as usize]).collect();
         let curves = self.curves(&positions);

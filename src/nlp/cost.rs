@@ -1,8 +1,8 @@
 //! Cost rows of a candidate: effort of the forces, powers of standing and of swinging legs.
 //!
-//! The objective is that of [`crate::gait::cost`] without the joints. Effort is exact. Powers are integrated by Gauss-Legendre rules: of
-//! standing legs at the inner points of every interval, since forces start and end smoothly at zero; of swinging legs between knots and the
-//! middle of the swing, where accelerations jump.
+//! The objective is that of [`crate::gait::cost`] without the joints. Effort is exact. Powers are integrated by Gauss-Legendre rules between
+//! the nodes of the curves that they are made of: the knots of the base, and the force nodes of a stance or the middle of a swing, where
+//! accelerations jump.
 
 use super::builder::Builder;
 use super::foot_blocks::swing_weights;
@@ -11,16 +11,18 @@ use super::transcription::momentum::{deviation_rates, deviation_weights};
 use crate::gait::Phase;
 use crate::gait::cost::{CostWeights, distance};
 use crate::gait::spline::{HERMITE_GRAM, hermite, hermite_acceleration, hermite_rate};
-use crate::quadrature::{GAUSS_3, GAUSS_6};
+use crate::quadrature::GAUSS_3;
 use crate::real::Real;
 use crate::robot::GRAVITY;
 use crate::rows::Family;
 use crate::rows::blocks::Use;
 use crate::rows::effort::Effort;
+use crate::rows::force::ForceNode;
 use crate::rows::hip::HipPoint;
 use crate::rows::stance_power::StancePower;
 use crate::rows::swing_power::SwingPower;
 use crate::rows::table::{NONE, Place};
+use crate::settings::Friction;
 
 /// Shortest part of a quadrature, s.
 const SHORTEST: f64 = 1e-6;
@@ -31,9 +33,32 @@ pub(super) fn cost_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>
     let displacement = std::array::from_fn(|i| task.goal.position[i] - task.start.position[i]);
     let distance = distance(robot, displacement, task.turn());
     let weight = robot.weight();
+    curvature_elements(own, b);
     effort_elements(b, weights.effort * (GRAVITY * robot.base_height).sqrt() / (weight * weight * distance));
     stance_elements(b, weights.leg_work / distance);
     swing_elements(own, b, weights.swing_work / distance);
+}
+
+/// Adds the curvatures of the friction cones, in the order of the cones.
+fn curvature_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
+    if b.settings.friction() != Friction::Cone {
+        return;
+    }
+    for foot in 0..b.feet.len() {
+        for stance in 0..b.feet[foot].force_nodes.len() {
+            let (span, foothold) = (b.feet[foot].phases[2 * stance], b.feet[foot].footholds[stance]);
+            let pieces = b.feet[foot].force_nodes[stance].len() - 1;
+            for i in 0..=pieces {
+                let Some(node) = b.feet[foot].force_nodes[stance][i] else { continue };
+                let step = b.step_within(span.start + span.duration() * i as f64 / pieces as f64, node);
+                for &slope in own.slopes(i, pieces) {
+                    b.tables.cone_curvatures.push(ForceNode::new(T::of(slope), foothold.index));
+                    let at = b.tables.cone_curvatures.len() - 1;
+                    b.cost_element(Family::ConeCurvature, at, step, 0., &[Use::Touches(node), Use::Reads(foothold.block)]);
+                }
+            }
+        }
+    }
 }
 
 /// Adds the effort rows.
@@ -125,14 +150,14 @@ fn stance_elements<T: Real>(b: &mut Builder<T>, price: f64) {
             let (span, foothold) = (b.feet[foot].phases[2 * stance], b.feet[foot].footholds[stance]);
             let pieces = b.feet[foot].force_nodes[stance].len() - 1;
             let piece = span.duration() / pieces as f64;
-            let points = (0..b.intervals).flat_map(|k| GAUSS_6.map(|[u, share]| (k, u, share)));
-            let inside = |t: f64| t > span.start && t < span.end;
-            for (k, u, share) in points.filter(|(k, u, _)| inside((*k as f64 + u) * h)) {
-                let since = (k as f64 + u) * h - span.start;
+            let nodes = (0..=pieces).map(|i| span.start + piece * i as f64);
+            for (t, duration) in points(span, nodes, h, b.intervals) {
+                let k = ((t / h) as usize).min(b.intervals - 1);
+                let since = t - span.start;
                 let first = ((since / piece) as usize).min(pieces - 1);
                 let [value, slope, next, next_slope] = hermite(since - first as f64 * piece, piece);
                 b.tables.stance_powers.push(StancePower {
-                    base: hip_point(b, foot, k, u),
+                    base: hip_point(b, foot, k, t / h - k as f64),
                     force: [value * unit, slope / piece * unit, next * unit, next_slope / piece * unit].map(T::of),
                     node: [NONE; 2],
                     node_column: [NONE; 2],
@@ -143,7 +168,7 @@ fn stance_elements<T: Real>(b: &mut Builder<T>, price: f64) {
                 let [pose, rate, next_pose, next_rate] = base_uses(b, k);
                 let [node, next] = [first, first + 1].map(|i| b.feet[foot].force_nodes[stance][i].map_or(Use::Nothing, Use::Touches));
                 let uses = [pose, rate, next_pose, next_rate, node, next, Use::Touches(foothold.block)];
-                b.cost_element(Family::StancePower, b.tables.stance_powers.len() - 1, k, price * share * h, &uses);
+                b.cost_element(Family::StancePower, b.tables.stance_powers.len() - 1, k, price * duration, &uses);
             }
         }
     }
@@ -159,9 +184,8 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>, price: f
         for swing in 0..b.feet[foot].heights.len() {
             let (span, height) = (b.feet[foot].phases[2 * swing + 1], b.feet[foot].heights[swing]);
             let around = [b.feet[foot].footholds[swing], b.feet[foot].footholds[swing + 1]];
-            let cuts = swing_cuts(span, h, b.intervals);
-            let parts = cuts.windows(2).flat_map(|w| GAUSS_3.map(|[at, share]| (w[0] + at * (w[1] - w[0]), share * (w[1] - w[0]))));
-            for (t, duration) in parts {
+            let nodes = [span.start, (span.start + span.end) / 2., span.end];
+            for (t, duration) in points(span, nodes.into_iter(), h, b.intervals) {
                 let k = ((t / h) as usize).min(b.intervals - 1);
                 let weights = |basis| swing_weights(span, t, own.mid_time(span), basis);
                 let ((xy, z), (xy_second, z_second)) = (weights(hermite_rate), weights(hermite_acceleration));
@@ -184,11 +208,13 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>, price: f
     }
 }
 
-/// Ends of the parts of a swing between which its power is smooth: its ends, its middle and the knots inside it, s.
-fn swing_cuts(span: Phase, interval: f64, intervals: usize) -> Vec<f64> {
-    let knots = (0..=intervals).map(|k| k as f64 * interval).filter(|t| *t > span.start + SHORTEST && *t < span.end - SHORTEST);
-    let mut cuts: Vec<f64> = [span.start, (span.start + span.end) / 2., span.end].into_iter().chain(knots).collect();
+/// Points of the quadrature of a phase between knots and other nodes, where its power is not smooth: times and weights, s.
+///
+/// * `nodes` - start and end of the phase, and nodes between them
+fn points(phase: Phase, nodes: impl Iterator<Item = f64>, interval: f64, intervals: usize) -> Vec<(f64, f64)> {
+    let knots = (0..=intervals).map(|k| k as f64 * interval).filter(|t| *t > phase.start + SHORTEST && *t < phase.end - SHORTEST);
+    let mut cuts: Vec<f64> = nodes.chain(knots).collect();
     cuts.sort_by(f64::total_cmp);
     cuts.dedup_by(|b, a| *b - *a < SHORTEST);
-    cuts
+    cuts.windows(2).flat_map(|w| GAUSS_3.map(|[at, share]| (w[0] + at * (w[1] - w[0]), share * (w[1] - w[0])))).collect()
 }

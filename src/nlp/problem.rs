@@ -55,7 +55,8 @@ pub struct Problem<T> {
     pub smoothing: Vec<T>,
     /// Tables that define the rows.
     pub tables: Tables<T>,
-    /// Weight of the absolute value of each cost row in the objective; 0 if half of its square counts instead, `[costs]`.
+    /// Weight of the absolute value of each cost row in the objective; 0 if half of its square counts instead. `-1 - i` for a row that is
+    /// no part of the cost: its weight is the multiplier of the inequality `i`. `[costs]`
     pub cost_weights: Vec<T>,
     /// Elements in the order of the sweep, except those of factored rows, which follow all others: see [`Problem::all_elements`].
     pub elements: Vec<Element>,

@@ -20,6 +20,7 @@
 mod convex;
 mod convex_cost;
 mod curvature;
+pub mod durations;
 #[cfg(all(test, feature = "ipopt"))]
 mod program;
 mod rows;

@@ -17,7 +17,9 @@ use crate::rows::math::{Vec3, add, dot, scale, sub};
 use crate::rows::momentum::{Deviation, MomentumInterval};
 use crate::rows::reach::ReachInstant;
 use crate::rows::table::{NONE, Place, Span};
-use crate::rows::{RowKind, Shared, Spec, Tables, acceleration, cone, footing, momentum, reach, residuals, stride, swing};
+use crate::rows::{RowKind, Shared, Spec, Tables};
+use crate::rows::{acceleration, cone, effort, footing, force, momentum, reach, residuals, stance_power, stride, swing, swing_power};
+use crate::solver::objective::Objective;
 use crate::terrain::Ground;
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -60,21 +62,34 @@ pub(super) struct Linear {
 }
 
 /// Rows of an element, with their meaning.
-struct Known {
-    place: Place,
-    spec: Spec,
+pub(super) struct Known {
+    pub place: Place,
+    pub spec: Spec,
     /// Number of linearised rows.
-    rows: usize,
+    pub rows: usize,
     pairs: usize,
     /// Times at which phase boundaries can affect the rows, in intervals.
-    window: Range<f64>,
+    pub window: Range<f64>,
+}
+
+impl Known {
+    /// Values of the rows, and of their lower sides, from arrays of all rows.
+    ///
+    /// * `c`, `g` - as in [`crate::solver::Residuals`]
+    pub fn values<'a>(&'a self, c: &'a [f64], g: &'a [f64]) -> impl Iterator<Item = (f64, Option<f64>)> + 'a {
+        let (row, at) = (self.place.row as usize, self.place.inequality as usize);
+        (0..self.rows).map(move |r| match self.spec.kind {
+            RowKind::Inequality => (g[at + r], (r < self.pairs).then(|| g[at + self.spec.rows + r])),
+            RowKind::Equality | RowKind::Cost => (c[row + r], None),
+        })
+    }
 }
 
 /// Values of rows and of their lower sides.
-type Values = Vec<(f64, Option<f64>)>;
+pub(super) type Values = Vec<(f64, Option<f64>)>;
 
-/// All elements in an order that does not depend on durations.
-fn known(space: &Space, problem: &Problem<f64>) -> Vec<Known> {
+/// All constraints in an order that does not depend on durations.
+pub(super) fn known(space: &Space, problem: &Problem<f64>) -> Vec<Known> {
     let curves = &problem.curves;
     let mut all = Vec::new();
     for (k, interval) in problem.momentum_intervals.iter().enumerate() {
@@ -110,8 +125,40 @@ fn known(space: &Space, problem: &Problem<f64>) -> Vec<Known> {
     for (acceleration, window) in problem.accelerations.iter().zip(&windows) {
         all.push(Known { place: acceleration.place, spec: acceleration::SPEC, rows: 2, pairs: 0, window: window.clone() });
     }
+    for node in &problem.force_nodes {
+        all.push(Known { place: node.place, spec: force::SPEC, rows: force::SPEC.rows, pairs: force::SPEC.pairs, window: 0.0..0. });
+    }
     debug_assert_eq!(space.intervals, curves.intervals);
     all
+}
+
+/// Parts of the cost, each with the times at which phase boundaries can affect it, in intervals: the powers in every interval, then the
+/// effort of every stance. Their number does not depend on the durations, as that of the cost rows does.
+///
+/// * `c` - residuals of the problem
+pub(super) fn cost_parts(problem: &Problem<f64>, c: &[f64], objective: &Objective<f64>) -> Vec<(Range<f64>, f64)> {
+    let curves = &problem.curves;
+    let first = problem.rows.of(RowKind::Cost).start;
+    let cost = |place: &Place, spec: Spec| {
+        let rows = place.row as usize..place.row as usize + spec.rows;
+        rows.map(|row| objective.of_row(c[row], problem.cost_weights[row - first])).sum::<f64>()
+    };
+    let mut parts: Vec<(Range<f64>, f64)> = (0..curves.intervals).map(|k| (k as f64..k as f64 + 1., 0.)).collect();
+    for power in &problem.stance_powers {
+        parts[power.base.interval as usize].1 += cost(&power.place, stance_power::SPEC);
+    }
+    for power in &problem.swing_powers {
+        parts[power.base.interval as usize].1 += cost(&power.place, swing_power::SPEC);
+    }
+    let mut efforts = problem.efforts.iter();
+    for foot in &curves.feet {
+        for (stance, nodes) in foot.phases.iter().step_by(2).zip(&foot.force_nodes) {
+            let of_stance = efforts.by_ref().take(nodes.iter().filter(|node| **node != NONE).count());
+            let window = stance.start / curves.interval..stance.end / curves.interval;
+            parts.push((window, of_stance.map(|effort| cost(&effort.place, effort::SPEC)).sum()));
+        }
+    }
+    parts
 }
 
 /// Residuals at a point.
@@ -139,19 +186,8 @@ impl Residuals {
         c.chain(self.g.iter().map(|g| g.max(0.))).fold(0., f64::max)
     }
 
-    fn values(&self, known: &[Known]) -> Values {
-        let mut values = Values::new();
-        for element in known {
-            for r in 0..element.rows {
-                let (row, at) = (element.place.row as usize + r, element.place.inequality as usize);
-                values.push(if element.spec.kind == RowKind::Equality {
-                    (self.c[row], None)
-                } else {
-                    (self.g[at + r], (r < element.pairs).then(|| self.g[at + element.spec.rows + r]))
-                });
-            }
-        }
-        values
+    pub fn values(&self, known: &[Known]) -> Values {
+        known.iter().flat_map(|element| element.values(&self.c, &self.g)).collect()
     }
 }
 
@@ -201,10 +237,7 @@ pub(super) fn linear(space: &Space, point: &Point) -> Result<Linear> {
         into.extend(rows.by_ref().take(element.rows));
     }
     linear.inequalities.extend(shortest_phases(space, point));
-    linear.inequalities.extend(space.variables.interval.map(|at| {
-        let ([low, high], h) = (space.interval_limits(), point.schedule.interval());
-        Row { value: (h - high) / space.interval, lower: Some((low - h) / space.interval), by: vec![(at, 1. / space.interval)] }
-    }));
+    linear.inequalities.extend(interval_limits(space, point));
     Ok(linear)
 }
 
@@ -334,40 +367,58 @@ fn colours(space: &Space, point: &Point) -> Vec<Colour> {
 
 /// Adds the derivatives with respect to phase boundaries and the interval.
 fn by_times(space: &Space, point: &Point, known_here: &[Known], here: &Values, rows: &mut [Row]) -> Result<()> {
+    let values = |problem: &Problem<f64>, x: &[f64]| -> Vec<f64> {
+        Residuals::new(problem, x, false).values(&known(space, problem)).iter().map(|(value, _)| *value).collect()
+    };
+    let windows: Vec<Range<f64>> = known_here.iter().flat_map(|e| std::iter::repeat_n(e.window.clone(), e.rows)).collect();
+    let here: Vec<f64> = here.iter().map(|(value, _)| *value).collect();
+    by_group(space, point, &windows, &here, &values, &mut |row, variable, value| rows[row].by.push((variable, value)))
+}
+
+/// Derivatives of values with respect to phase boundaries and the interval.
+///
+/// * `windows` - times at which phase boundaries can affect each value, in intervals
+/// * `here` - values at the point
+/// * `values` - values of a problem at `x`
+/// * `put` - takes each derivative: index of the value, variable, derivative
+pub(super) fn by_group(
+    space: &Space,
+    point: &Point,
+    windows: &[Range<f64>],
+    here: &[f64],
+    values: &(dyn Fn(&Problem<f64>, &[f64]) -> Vec<f64> + Sync),
+    put: &mut dyn FnMut(usize, usize, f64),
+) -> Result<()> {
     let everywhere = f64::NEG_INFINITY..f64::INFINITY;
     let interval = space.variables.interval.map(|at| vec![(at, everywhere)]);
     let groups: Vec<Colour> = colours(space, point).into_iter().chain(interval).collect();
-    let moved = |group: &Colour, sign: f64| -> Result<(f64, Values)> {
+    let moved = |group: &Colour, sign: f64| -> Result<(f64, Vec<f64>)> {
         let mut v = point.v.clone();
         let step = if group.first().is_some_and(|(at, _)| Some(*at) == space.variables.interval) { v[group[0].0] } else { 1. };
         group.iter().for_each(|(at, _)| v[*at] += sign * DIFFERENCE * step);
         let there = space.point(v)?;
-        Ok((DIFFERENCE * step, Residuals::new(&there.problem, &there.x, false).values(&known(space, &there.problem))))
+        Ok((DIFFERENCE * step, values(&there.problem, &there.x)))
     };
     let differences = groups.par_iter().map(|group| {
         let ((step, up), (_, down)) = (moved(group, 1.)?, moved(group, -1.)?);
-        // A one-sided difference is used if the number of rows changes on the other side.
+        // A one-sided difference is used if the number of values changes on the other side.
         let (up, down, width) = match (up.len() == here.len(), down.len() == here.len()) {
-            (true, true) => (up, down, 2. * step),
-            (true, false) => (up, here.clone(), step),
-            _ => (here.clone(), down, step),
+            (true, true) => (&up[..], &down[..], 2. * step),
+            (true, false) => (&up[..], here, step),
+            (false, true) => (here, &down[..], step),
+            (false, false) => (here, here, step),
         };
-        Ok(up.iter().zip(&down).map(|(up, down)| (up.0 - down.0) / width).collect())
+        Ok(up.iter().zip(down).map(|(up, down)| (up - down) / width).collect())
     });
     let differences: Vec<Vec<f64>> = differences.collect::<Result<_>>()?;
     for (group, difference) in groups.iter().zip(&differences) {
-        let mut row = 0;
-        for element in known_here {
-            let touches = |window: &Range<f64>| window.start < element.window.end && element.window.start < window.end;
+        for (i, (element, value)) in windows.iter().zip(difference).enumerate() {
+            let touches = |window: &Range<f64>| window.start < element.end && element.start < window.end;
             let everywhere = |window: &Range<f64>| window.start == f64::NEG_INFINITY;
-            let mover = group.iter().find(|(_, window)| everywhere(window) || touches(window));
-            for _ in 0..element.rows {
-                if let (Some((at, _)), Some(value)) = (mover, difference.get(row))
-                    && value.abs() > NOTHING
-                {
-                    rows[row].by.push((*at, *value));
-                }
-                row += 1;
+            if let Some((at, _)) = group.iter().find(|(_, window)| everywhere(window) || touches(window))
+                && value.abs() > NOTHING
+            {
+                put(i, *at, *value);
             }
         }
     }
@@ -411,8 +462,15 @@ fn cones(problem: &Problem<f64>, x: &[f64], ground: &[Ground<f64>], columns: &[(
     problem.cones.iter().map(of).collect()
 }
 
+/// Row for the range of the interval, if it is a variable.
+pub(super) fn interval_limits(space: &Space, point: &Point) -> Option<Row> {
+    let ([low, high], h) = (space.interval_limits(), point.schedule.interval());
+    let row = |at| Row { value: (h - high) / space.interval, lower: Some((low - h) / space.interval), by: vec![(at, 1. / space.interval)] };
+    space.variables.interval.map(row)
+}
+
 /// Rows for the shortest phases: `shortest - (end - start) h <= 0`, in initial intervals.
-fn shortest_phases<'a>(space: &'a Space, point: &'a Point) -> impl Iterator<Item = Row> + 'a {
+pub(super) fn shortest_phases<'a>(space: &'a Space, point: &'a Point) -> impl Iterator<Item = Row> + 'a {
     let h = point.schedule.interval();
     let feet = space.variables.feet.iter().enumerate();
     feet.flat_map(move |(foot, of_foot)| {

@@ -10,6 +10,7 @@
 
 use super::RefineSettings;
 use crate::error::{Error, Result};
+use crate::gait::cost::CostWeights;
 use crate::gait::family::time_scale;
 use crate::gait::schedule::MIN_PHASE;
 use crate::gait::{AlignedSchedule, Schedule};
@@ -78,11 +79,22 @@ pub(super) struct Point {
     pub x: Vec<f64>,
 }
 
+/// A move of the durations.
+#[derive(Debug, Clone)]
+pub(super) struct Move {
+    /// Variables that it changes, and their changes per unit.
+    pub by: Vec<(usize, f64)>,
+    /// Step at trust 1.
+    pub length: f64,
+}
+
 /// Data shared by all points.
 #[derive(Debug)]
 pub(super) struct Space<'a> {
     pub task: &'a Task,
     pub settings: &'a TranscriptionSettings,
+    /// Weights of the cost rows of its problems; `None`: no cost rows.
+    cost: Option<&'a CostWeights>,
     pub variables: Variables,
     /// Initial boxes of the footholds. Other durations do not move them.
     footings: Vec<Footing<f64>>,
@@ -99,7 +111,7 @@ pub(super) struct Space<'a> {
 impl<'a> Space<'a> {
     /// Problem of a schedule, with the initial boxes of the footholds.
     fn problem(&self, schedule: &AlignedSchedule) -> Problem<f64> {
-        let mut problem = Problem::<f64>::new(self.task, schedule, self.settings);
+        let mut problem = Problem::<f64>::with_cost(self.task, schedule, self.settings, self.cost);
         for (footing, start) in problem.tables.footings.iter_mut().zip(&self.footings) {
             (footing.low, footing.high) = (start.low, start.high);
         }
@@ -144,6 +156,7 @@ impl<'a> Space<'a> {
         Space {
             task,
             settings: transcription,
+            cost: None,
             variables,
             footings: problem.tables.footings.clone(),
             interval,
@@ -151,6 +164,24 @@ impl<'a> Space<'a> {
             boundaries: (0..schedule.feet()).map(ends).collect(),
             shortest: (0..schedule.feet()).map(shortest).collect(),
         }
+    }
+
+    /// The space with problems that have cost rows.
+    pub fn with_cost(self, weights: &'a CostWeights) -> Self {
+        Space { cost: Some(weights), ..self }
+    }
+
+    /// Moves of the durations: every phase boundary, the interval, and two common moves of all boundaries, by the same time and in
+    /// proportion to their times.
+    pub fn moves(&self, point: &Point) -> Vec<Move> {
+        let alone = |at: usize| Move { by: vec![(at, 1.)], length: self.variables.step[at] };
+        let boundaries: Vec<usize> = self.variables.feet.iter().flat_map(|foot| &foot.boundaries).copied().flatten().collect();
+        let mut moves: Vec<Move> = boundaries.iter().copied().chain(self.variables.interval).map(alone).collect();
+        if let Some(first) = boundaries.first() {
+            moves.push(Move { by: boundaries.iter().map(|at| (*at, 1.)).collect(), length: self.variables.step[*first] });
+            moves.push(Move { by: boundaries.iter().map(|at| (*at, point.v[*at])).collect(), length: INTERVAL_STEP });
+        }
+        moves
     }
 
     /// Smallest and largest interval, s. Within them, base curves and reach rows divide an interval into as many pieces as initially, so
@@ -195,6 +226,26 @@ impl<'a> Space<'a> {
         let mut x = problem.initial.clone();
         self.pairs(&problem, |at, variable, of_rate| x[at] = of_rate.map_or(v[variable], |(scale, line)| v[variable] * scale - line));
         Ok(Point { v, schedule, problem, x })
+    }
+
+    /// Scales the forces of every stance so that their impulses stay the same when the durations change.
+    ///
+    /// * `before`, `v` - values of the variables before and after the change
+    pub fn keep_impulses(&self, before: &[f64], v: &mut [f64]) {
+        for (foot, of_foot) in self.variables.feet.iter().enumerate() {
+            let last = self.boundaries[foot].len();
+            for (stance, nodes) in of_foot.force_nodes.iter().enumerate() {
+                let duration = |v: &[f64]| {
+                    let start = if stance == 0 { 0. } else { self.boundary(v, foot, 2 * stance - 1) };
+                    let end = if 2 * stance == last { self.intervals as f64 } else { self.boundary(v, foot, 2 * stance) };
+                    (end - start) * self.interval_at(v)
+                };
+                let ratio = duration(before) / duration(v);
+                for node in nodes.iter().flatten() {
+                    v[*node..node + 6].iter_mut().for_each(|f| *f *= ratio);
+                }
+            }
+        }
     }
 
     /// Point with the schedule of another one and new values of its problem.

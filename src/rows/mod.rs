@@ -10,6 +10,7 @@
 pub mod acceleration;
 pub mod blocks;
 pub mod cone;
+pub mod cone_curvature;
 pub mod dynamics;
 pub mod effort;
 pub mod factored;
@@ -172,6 +173,8 @@ families! {
     Cone { cone::SPEC, cone::allowed, cone::place }
     /// Box of a foothold on ground with edges.
     Footing { footing::SPEC, footing::allowed, footing::place }
+    /// Curvature of a friction cone.
+    ConeCurvature { cone_curvature::SPEC, cone_curvature::allowed, cone_curvature::place }
     /// Effort of the force at a node.
     Effort { effort::SPEC, effort::allowed, effort::place }
     /// Powers of a standing leg along and across itself.
@@ -210,6 +213,7 @@ macro_rules! row_tables {
             accelerations Accelerations [$crate::rows::acceleration::Acceleration<T>],
             cones Cones [$crate::rows::cone::Cone<T>],
             footings Footings [$crate::rows::footing::Footing<T>],
+            cone_curvatures ConeCurvatures [$crate::rows::cone_curvature::ConeCurvature<T>],
             efforts Efforts [$crate::rows::effort::Effort<T>],
             stance_powers StancePowers [$crate::rows::stance_power::StancePower<T>],
             swing_powers SwingPowers [$crate::rows::swing_power::SwingPower<T>],
@@ -234,6 +238,7 @@ macro_rules! row_shaders {
             Acceleration "rows/acceleration" accelerations,
             Cone "rows/cone" cones,
             Footing "rows/footing" footings,
+            ConeCurvature "rows/cone_curvature" cone_curvatures,
             Effort "rows/effort" efforts,
             StancePower "rows/stance_power" stance_powers,
             SwingPower "rows/swing_power" swing_powers,
@@ -369,6 +374,7 @@ pub fn residuals<T: Real>(
     acceleration::acceleration(tables, x, ground, inequality, jacobian.as_deref_mut());
     cone::cone(tables, x, edge_radius, inequality, jacobian.as_deref_mut());
     footing::footing(tables, x, inequality, jacobian.as_deref_mut());
+    cone_curvature::cone_curvature(tables, x, equality, jacobian.as_deref_mut());
     effort::effort(tables, x, equality, jacobian.as_deref_mut());
     stance_power::stance_power(tables, x, ground, deviations, equality, jacobian.as_deref_mut());
     swing_power::swing_power(tables, x, ground, deviations, equality, jacobian);

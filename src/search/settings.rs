@@ -47,6 +47,12 @@ pub struct SearchSettings {
     /// Largest number of generations in the neighbourhood of the best gait. Too small: phase times are not tuned; too large: only time is
     /// lost.
     pub perturbed_generations: usize,
+    /// Number of gaits whose durations are optimised at the end: the best one, then the best ones of other families. Too small: another
+    /// family may be better with its best durations; too large: only time is lost.
+    pub timed_gaits: usize,
+    /// Largest number of steps along the gradient of the cost with respect to the durations, for each of these gaits; 0: durations stay as
+    /// they were drawn. Too small: durations are not the best; too large: only time is lost.
+    pub duration_steps: usize,
     /// Time limit, s; `None`: only the numbers of generations limit the search. After this time no generation begins, and a generation
     /// that is still running does not count, except the first.
     pub seconds: Option<f64>,
@@ -73,6 +79,8 @@ impl Default for SearchSettings {
             generations: 3,
             further_generations: 12,
             perturbed_generations: 1,
+            timed_gaits: 3,
+            duration_steps: 0,
             seconds: None,
             first: false,
             alternatives: 1,
@@ -145,6 +153,8 @@ impl SearchSettings {
         count("search.generations", self.generations, 0, 100_000)?;
         count("search.further_generations", self.further_generations, 0, 100_000)?;
         count("search.perturbed_generations", self.perturbed_generations, 0, 100_000)?;
+        count("search.timed_gaits", self.timed_gaits, 1, 100)?;
+        count("search.duration_steps", self.duration_steps, 0, 100_000)?;
         count("search.alternatives", self.alternatives, 1, 100)?;
         if let Some(seconds) = self.seconds {
             check_range("search.seconds", seconds, 0., 1e7)?;

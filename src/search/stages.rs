@@ -5,15 +5,19 @@ use super::cem::{
     self, Candidate, CemSettings, Distribution, FreeDistribution, Generation, GenerationEvaluator, GenerationRecord, PeriodicDistribution,
     PerturbDistribution, RankedCandidate, Sampler, SelectionGoal, StopReason, Stopping,
 };
-use super::evaluate::Evaluated;
+use super::evaluate::{Evaluated, EvaluationContext};
 use super::on_demand::best_certified;
 use super::timed::{Clock, TimedEvaluator};
 use super::{Gait, Gaits, Improvement, SearchEvent, SearchResult, SearchSettings};
+use crate::backend::Solution;
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
 use crate::gait::family::{GaitFamily, families};
 use crate::gait::joints;
+use crate::nlp::Curves;
+use crate::refine::durations::optimise_durations;
 use crate::task::Task;
+use rayon::prelude::*;
 use tracing::{debug, info};
 
 /// Schedule with its family, if it has one.
@@ -83,7 +87,43 @@ impl<'a, 's> SearchState<'a, 's> {
             Gaits::Families(families) => self.periodic(evaluator, families)?,
         };
         let refinable = matches!(stop, StopReason::GenerationLimit | StopReason::Converged) && self.learns() && self.moves();
-        if refinable && settings.perturbed_generations > 0 { self.perturbed(evaluator).map(|s| s.unwrap_or(stop)) } else { Ok(stop) }
+        let stop = if refinable && settings.perturbed_generations > 0 { self.perturbed(evaluator)?.unwrap_or(stop) } else { stop };
+        if refinable && settings.duration_steps > 0 {
+            self.optimise_durations();
+        }
+        Ok(stop)
+    }
+
+    /// Optimises the durations of the best gait and of the best gaits of other families.
+    fn optimise_durations(&mut self) {
+        let BatchSolver { task, settings: lower, backend, cost } = *self.solver;
+        let Some(weights) = cost else { return };
+        let mut gaits: Vec<(Option<GaitFamily>, Candidate<Evaluated>)> = self.best.iter().cloned().collect();
+        let mut others: Vec<_> = self.by_family.iter().filter(|(family, _)| gaits.iter().all(|(best, _)| *best != Some(*family))).collect();
+        others.sort_by(|a, b| b.1.objective.total_cmp(&a.1.objective));
+        gaits.extend(others.into_iter().map(|(family, candidate)| (Some(*family), candidate.clone())));
+        gaits.truncate(self.settings.timed_gaits);
+        let settings = self.settings.cem(1);
+        let cancelled = || self.clock.cancelled() || self.clock.expired();
+        let timed = |(family, old): &(Option<GaitFamily>, Candidate<Evaluated>)| {
+            let Evaluated { schedule, x, .. } = &old.solution;
+            let steps = self.settings.duration_steps;
+            let timed = optimise_durations(task, (schedule, x), &lower.transcription, weights, &lower.solver, steps, &cancelled)?;
+            let curves = Curves::new(task, &timed.schedule, &lower.transcription);
+            let solution = Solution { outcome: timed.outcome, x: timed.x, variables: curves.variables, curves, closed: true };
+            let context = EvaluationContext { task, schedule: &timed.schedule, settings: lower, weights: cost };
+            let solution = context.examined(solution);
+            let candidate =
+                Candidate::new(&settings, old.generation, old.index, old.schedule.clone(), solution.evaluation(), Some(Box::new(solution)));
+            Some((*family, candidate))
+        };
+        let timed: Vec<_> = backend.pool().install(|| gaits.par_iter().filter_map(timed).collect());
+        for (family, candidate) in timed {
+            if candidate.evaluation.feasible {
+                self.keep(family, &candidate);
+            }
+        }
+        self.report_improvement();
     }
 
     /// True if the distribution is fitted to the elites.

@@ -215,6 +215,12 @@ impl<T: Real> Minimisation<T> {
         }
     }
 
+    /// Rounding of absolute values at a barrier parameter, m/s: it follows the root of the parameter down to its floor.
+    fn rounding_at(&self, mu: T) -> T {
+        let part = (mu / self.barrier).sqrt().min(T::one());
+        (self.rounding * part).max(self.rounding_floor)
+    }
+
     /// True if a candidate has a cost with these weights.
     fn applies_to(&self, problem: &Problem<T>) -> bool {
         let smooths = self.smoothing > T::zero() && problem.smoothing.iter().any(|weight| *weight != T::zero());
@@ -277,6 +283,19 @@ impl<T: Real> Progress<T> {
             dual_length: T::one(),
             ..Progress::default()
         }
+    }
+
+    /// Initial state of a solve that begins with the minimisation, from a point near a minimum.
+    ///
+    /// * `barrier` - barrier parameter at the start
+    /// * `iterations` - largest number of iterations of the minimisation
+    pub fn resumed(limits: &Limits<T>, barrier: T, iterations: u32) -> Self {
+        let mut progress = Progress::first(limits, barrier, T::zero());
+        enter(&mut progress, limits, MINIMISE, barrier);
+        progress.minimise_until = iterations;
+        progress.smoothing = limits.minimise.smoothing;
+        progress.rounding = limits.minimise.rounding_at(barrier);
+        progress
     }
 
     /// True if the solve has ended.
@@ -342,11 +361,16 @@ pub fn begin<T: Real>(progress: &mut Progress<T>, limits: &Limits<T>, f: T, befo
         let knees = EARLY_TERMINATION_KNEES.iter().filter(|&&knee| progress.recorded > knee).count();
         progress.early_termination_limit *= limits.early_termination_rates[knees];
     }
-    if progress.phase == RESTORE && progress.ended() && progress.state != SOLVED {
+    if progress.phase == RESTORE && progress.ended() && progress.state != SOLVED && can_revert(progress) {
         progress.phase = REVERT;
     } else if progress.phase == SOLVE && progress.state == SOLVED && progress.minimise_iterations > 0 {
         minimise(progress, limits);
     }
+}
+
+/// True if the minimisation started from a solved point of this solve. A resumed one did not, see [`Progress::resumed`].
+fn can_revert<T: Real>(progress: &Progress<T>) -> bool {
+    progress.minimise_iterations > 0
 }
 
 /// Iteration limit of the phase.
@@ -407,8 +431,7 @@ pub fn minimised<T: Real>(progress: &mut Progress<T>, minimise: &Minimisation<T>
     if trusted && predicted < minimise.tolerance * cost {
         progress.phase = RESTORE_NEXT;
     }
-    let part = (progress.mu / minimise.barrier).sqrt().min(T::one());
-    progress.rounding = (minimise.rounding * part).max(minimise.rounding_floor);
+    progress.rounding = minimise.rounding_at(progress.mu);
 }
 
 /// Stall rule, see [`crate::settings::StallSettings`]. It never interrupts closing steps.
@@ -495,11 +518,9 @@ pub fn damp<T: Real>(progress: &mut Progress<T>) {
     if progress.attempts == ATTEMPTS {
         progress.attempts = 0;
         match progress.phase {
-            SOLVE => progress.state = STALLED,
-            phase => {
-                progress.state = STEP;
-                progress.phase = if phase == MINIMISE { RESTORE_NEXT } else { REVERT };
-            }
+            MINIMISE => (progress.state, progress.phase) = (STEP, RESTORE_NEXT),
+            RESTORE if can_revert(progress) => (progress.state, progress.phase) = (STEP, REVERT),
+            _ => progress.state = STALLED,
         }
     }
 }

@@ -49,7 +49,7 @@ use minimise::{add_shifts, subtract_shifts, update_shifts};
 use objective::Objective;
 use round::{ROUND, START, Stage, When};
 use slacks::{BarrierTarget, Lengths, Slacks, largest, slack_steps};
-use start::{column_scaling, start_slacks};
+use start::{column_scaling, resume_slacks, start_slacks};
 use weights::{barrier_rows, closing_rows, variable_terms};
 
 /// Termination criterion of a solve.
@@ -59,6 +59,19 @@ pub enum Finish {
     Infeasibility(f64),
     /// No row is violated by more than this value in its own unit (N, N m, m); margins do not count.
     Rows(f64),
+}
+
+/// Point near a minimum of the cost from which a solve is resumed, e.g. that of slightly different durations.
+#[derive(Debug, Clone, Copy)]
+pub struct Resume<'a> {
+    /// Values of the variables, as in [`Problem::initial`].
+    pub x: &'a [f64],
+    /// Multipliers of the rows.
+    pub multipliers: &'a Residuals<f64>,
+    /// Barrier parameter at the start.
+    pub barrier: f64,
+    /// Largest number of iterations of the minimisation.
+    pub iterations: usize,
 }
 
 /// Residuals at one point.
@@ -169,11 +182,38 @@ impl<T: Real> Solver<T> {
     ) -> Outcome {
         self.prepare(problem, start);
         let solve = Solve { problem, limits: Limits::new(settings, problem.curves.transcription), finish };
-        let mut progress = solve.limits.first_progress(settings, problem);
-        for stage in START {
-            self.stage(stage, &solve, &mut progress);
+        let progress = solve.limits.first_progress(settings, problem);
+        self.run(&solve, progress, cancel)
+    }
+
+    /// Minimises the cost of one candidate from a point near the minimum, then solves its rows.
+    ///
+    /// The outcome is not [`Status::Solved`] if the rows could not be solved again.
+    pub fn resume(
+        &mut self,
+        problem: &Problem<T>,
+        settings: &SolverSettings,
+        finish: Finish,
+        from: &Resume,
+        cancel: &dyn Fn() -> bool,
+    ) -> Outcome {
+        self.prepare(problem, Some(from.x));
+        let solve = Solve { problem, limits: Limits::new(settings, problem.curves.transcription), finish };
+        for (shift, of) in [(&mut self.shift.c, &from.multipliers.c), (&mut self.shift.g, &from.multipliers.g)] {
+            shift.clear();
+            shift.extend(of.iter().map(|v| T::of(*v)));
         }
-        let status = self.iterate(&solve, &mut progress, cancel);
+        self.shift.resize(problem);
+        let progress = Progress::resumed(&solve.limits, T::of(from.barrier), from.iterations as u32);
+        self.run(&solve, progress, cancel)
+    }
+
+    /// Runs a solve from its initial state.
+    fn run(&mut self, solve: &Solve<T>, mut progress: Progress<T>, cancel: &dyn Fn() -> bool) -> Outcome {
+        for stage in START {
+            self.stage(stage, solve, &mut progress);
+        }
+        let status = self.iterate(solve, &mut progress, cancel);
         Outcome {
             status,
             iterations: progress.iterations as usize,
@@ -190,7 +230,7 @@ impl<T: Real> Solver<T> {
                 return status;
             }
             if progress.attempts == 0 && cancel() {
-                if progress.phase == SOLVE {
+                if progress.phase == SOLVE || progress.minimise_iterations == 0 {
                     return Status::Cancelled;
                 }
                 self.revert(progress);
@@ -254,7 +294,12 @@ impl<T: Real> Solver<T> {
     fn start(&mut self, solve: &Solve<T>, progress: &Progress<T>) {
         self.take_trial();
         column_scaling(solve.problem, &self.jacobian, &mut self.value, &mut self.local, &mut self.scaling);
-        start_slacks(&self.now.g, progress.mu, &mut self.slacks);
+        if progress.phase == MINIMISE {
+            add_shifts(&mut self.now, &self.shift);
+            resume_slacks(&self.now.g, progress.mu, &mut self.slacks);
+        } else {
+            start_slacks(&self.now.g, progress.mu, &mut self.slacks);
+        }
     }
 
     /// Begins a round in the phase of the solve, or ends the solve.
@@ -319,7 +364,7 @@ impl<T: Real> Solver<T> {
         } else {
             barrier_rows(problem, &now.c, &now.g, &self.slacks, BarrierTarget::predictor(), &mut self.weight, &mut self.value);
         }
-        Objective::of(&solve.limits, progress).rows(problem, &now.c, &mut self.weight, &mut self.value);
+        Objective::of(&solve.limits, progress).rows(problem, &now.c, &self.slacks.multiplier, &mut self.weight, &mut self.value);
         let (proximal, weight) = (progress.proximal(), progress.smoothing);
         variable_terms(problem, &self.scaling, proximal, weight, &self.x, &mut self.diagonal, &mut self.gradient);
     }
@@ -436,6 +481,12 @@ impl<T: Real> Solver<T> {
             Finish::Infeasibility(tolerance) => f < T::of(tolerance),
             Finish::Rows(tolerance) => rows_hold(solve.problem, &self.now.c, &self.now.g, tolerance),
         }
+    }
+
+    /// Multipliers of the rows at the end of the last minimisation, relative to the weight of the cost.
+    pub fn multipliers(&self) -> Residuals<f64> {
+        let values = |v: &[T]| v.iter().map(|v| v.as_f64()).collect();
+        Residuals { c: values(&self.shift.c), g: values(&self.shift.g) }
     }
 
     /// Infeasibility `F` at the start and after each iteration of the last solve.

@@ -59,12 +59,15 @@ impl<T: Real> Objective<T> {
     /// Cost of a row.
     ///
     /// * `of_row` - weight of its absolute value; 0 if half of its square counts
-    fn of_row(&self, r: T, of_row: T) -> T {
+    pub fn of_row(&self, r: T, of_row: T) -> T {
         if of_row == T::zero() { T::of(0.5) * r * r } else { of_row * (self.rounded(r) - self.rounding) }
     }
 
     /// Decrease of the cost of a row.
     fn fall_of_row(&self, r: T, to: T, of_row: T) -> T {
+        if of_row < T::zero() {
+            return T::zero();
+        }
         let squares = (r - to) * (r + to);
         if of_row == T::zero() { T::of(0.5) * squares } else { of_row * squares / (self.rounded(r) + self.rounded(to)) }
     }
@@ -72,13 +75,19 @@ impl<T: Real> Objective<T> {
     /// Weights and values of the cost rows in the normal equations.
     ///
     /// * `c` - residuals of equalities and cost rows
+    /// * `multiplier` - multipliers of the inequalities
     /// * `weight`, `value` - out, `[rows]`
-    pub fn rows(&self, problem: &Problem<T>, c: &[T], weight: &mut [T], value: &mut [T]) {
+    pub fn rows(&self, problem: &Problem<T>, c: &[T], multiplier: &[T], weight: &mut [T], value: &mut [T]) {
         let costs = problem.rows.of(RowKind::Cost);
         let out = weight[costs.clone()].iter_mut().zip(&mut value[costs.clone()]);
         for ((weight, value), (&r, &of_row)) in out.zip(c[costs].iter().zip(&problem.cost_weights)) {
-            let quadratic = self.weight == T::zero() || of_row == T::zero();
-            *weight = if quadratic { self.weight } else { self.weight * of_row / self.rounded(r) };
+            *weight = if self.weight == T::zero() || of_row == T::zero() {
+                self.weight
+            } else if of_row < T::zero() {
+                multiplier[(-T::one() - of_row).as_f64() as usize]
+            } else {
+                self.weight * of_row / self.rounded(r)
+            };
             *value = *weight * r;
         }
     }
@@ -108,7 +117,7 @@ mod tests {
         let costs = problem.rows.of(RowKind::Cost);
         let mut c: Vec<f64> = (0..costs.end).map(|i| 0.03 * (i as f64).sin()).collect();
         let (mut weight, mut value) = (vec![0.; problem.rows.all()], vec![0.; problem.rows.all()]);
-        objective.rows(&problem, &c, &mut weight, &mut value);
+        objective.rows(&problem, &c, &vec![0.; problem.inequalities], &mut weight, &mut value);
         assert!(problem.cost_weights.contains(&0.) && problem.cost_weights.iter().any(|w| *w > 0.));
         for row in costs.step_by(7) {
             let before = c[row];

@@ -1,6 +1,6 @@
 //! Initialisation of a solve: column scaling, slacks and multipliers.
 
-use super::slacks::Slacks;
+use super::slacks::{MULTIPLIER_FLOOR, SLACK_FLOOR, Slacks};
 use crate::linear::transposed::transposed_squares_times;
 use crate::nlp::Problem;
 use crate::real::Real;
@@ -36,5 +36,16 @@ pub fn start_slacks<T: Real>(g: &[T], mu: T, slacks: &mut Slacks<T>) {
         let s = g[i].abs().max(least);
         slacks.slack[i] = s;
         slacks.multiplier[i] = mu / s;
+    }
+}
+
+/// Slacks and multipliers of a solve that is resumed, from residuals that are shifted by the multipliers of the point before: the
+/// smoothed `max(-g, 0)` and `max(g, 0)`, whose product is `mu`.
+pub fn resume_slacks<T: Real>(g: &[T], mu: T, slacks: &mut Slacks<T>) {
+    for ((g, slack), multiplier) in g.iter().zip(&mut slacks.slack).zip(&mut slacks.multiplier) {
+        let larger = T::of(0.5) * ((*g * *g + T::of(4.) * mu).sqrt() + g.abs());
+        let smaller = mu / larger;
+        let [s, z] = if *g > T::zero() { [smaller, larger] } else { [larger, smaller] };
+        (*slack, *multiplier) = (s.max(T::of(SLACK_FLOOR)), z.max(T::of(MULTIPLIER_FLOOR)));
     }
 }
