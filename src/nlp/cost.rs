@@ -34,9 +34,16 @@ pub(super) fn cost_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>
     let distance = distance(robot, displacement, task.turn());
     let weight = robot.weight();
     curvature_elements(own, b);
-    effort_elements(b, weights.effort * (GRAVITY * robot.base_height).sqrt() / (weight * weight * distance));
-    stance_elements(b, weights.leg_work / distance);
-    swing_elements(own, b, weights.swing_work / distance);
+    // Without a price there is no row: a row without a weight would count half of its square.
+    if weights.effort > 0. {
+        effort_elements(b, weights.effort * (GRAVITY * robot.base_height).sqrt() / (weight * weight * distance));
+    }
+    if weights.leg_work > 0. {
+        stance_elements(b, weights.leg_work / distance);
+    }
+    if weights.swing_work > 0. {
+        swing_elements(own, b, weights.swing_work / distance);
+    }
 }
 
 /// Adds the curvatures of the friction cones, in the order of the cones.

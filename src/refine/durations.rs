@@ -78,9 +78,12 @@ pub fn optimise_durations(
     cancel: &dyn Fn() -> bool,
 ) -> Option<Timed> {
     let refine = RefineSettings::default();
+    let mut settings = settings.clone();
+    settings.optimise.cost = *weights;
+    settings.optimise.iterations = settings.optimise.iterations.max(FIRST_ITERATIONS);
     let space = Space::new(task, schedule, transcription, &refine).with_cost(weights);
     let outcome = Outcome { status: Status::Solved, iterations: 0, factorisations: 0, infeasibility: 0. };
-    let mut descent = Descent { task, space: &space, weights, settings, cancel, solver: Solver::default(), outcome };
+    let mut descent = Descent { task, space: &space, weights, settings: &settings, cancel, solver: Solver::default(), outcome };
     let first = descent.optimum(space.start(schedule, x), None)?;
     let best = descent.run(first, steps);
     Some(Timed { schedule: best.point.schedule, x: best.point.x, outcome: descent.outcome })

@@ -47,11 +47,17 @@ pub struct SearchSettings {
     /// Largest number of generations in the neighbourhood of the best gait. Too small: phase times are not tuned; too large: only time is
     /// lost.
     pub perturbed_generations: usize,
+    /// Iterations that minimise the cost of each candidate, unless `solver.optimise.iterations` is set; 0: each candidate keeps the first
+    /// motion that satisfies its rows. Too small: gaits are compared by chance; too large: only time is lost. With 0, 4, 6 and 12 ANYmal's
+    /// trot of 2 m costs 2.217, 1.967, 1.964 and 1.957, and the search takes 0.09, 0.22, 0.27 and 0.39 s. Only for the objectives
+    /// `transport` and `effort`, and not if the first gait ends the search.
+    pub optimise_iterations: usize,
     /// Number of gaits whose durations are optimised at the end: the best one, then the best ones of other families. Too small: another
     /// family may be better with its best durations; too large: only time is lost.
     pub timed_gaits: usize,
     /// Largest number of steps along the gradient of the cost with respect to the durations, for each of these gaits; 0: durations stay as
-    /// they were drawn. Too small: durations are not the best; too large: only time is lost.
+    /// they were drawn. Too small: durations are not the best; too large: only time is lost. After 8 and 15 steps the trot costs 1.847 and
+    /// 1.827. Only for the objective `transport`.
     pub duration_steps: usize,
     /// Time limit, s; `None`: only the numbers of generations limit the search. After this time no generation begins, and a generation
     /// that is still running does not count, except the first.
@@ -79,8 +85,9 @@ impl Default for SearchSettings {
             generations: 3,
             further_generations: 12,
             perturbed_generations: 1,
+            optimise_iterations: 6,
             timed_gaits: 3,
-            duration_steps: 0,
+            duration_steps: 20,
             seconds: None,
             first: false,
             alternatives: 1,
@@ -106,6 +113,8 @@ impl SearchSettings {
             generations: free.generations,
             further_generations: 0,
             perturbed_generations: 0,
+            optimise_iterations: 0,
+            duration_steps: 0,
             first: free.stopping == Stopping::FirstFeasible,
             free,
             ..SearchSettings::default()
@@ -128,6 +137,20 @@ impl SearchSettings {
     /// include the joint cost.
     pub fn prefers_joint_limits(&self) -> bool {
         !self.first && self.cost.joint_excess > 0. && self.objective.counts_joints()
+    }
+
+    /// Weights of the cost that is minimised for every candidate; `None` if the objective is no cost or the first gait ends the search.
+    pub(super) fn minimised_cost(&self) -> Option<CostWeights> {
+        match self.objective {
+            Objective::Transport if !self.first => Some(self.cost),
+            Objective::Effort if !self.first => Some(CostWeights { leg_work: 0., swing_work: 0., ..self.cost }),
+            _ => None,
+        }
+    }
+
+    /// True if durations are optimised at the end.
+    pub(super) fn optimises_durations(&self) -> bool {
+        self.duration_steps > 0 && self.objective == Objective::Transport && !self.first
     }
 
     /// Settings of the cross-entropy loop with the population and objective of this search.
@@ -153,6 +176,7 @@ impl SearchSettings {
         count("search.generations", self.generations, 0, 100_000)?;
         count("search.further_generations", self.further_generations, 0, 100_000)?;
         count("search.perturbed_generations", self.perturbed_generations, 0, 100_000)?;
+        count("search.optimise_iterations", self.optimise_iterations, 0, 10_000)?;
         count("search.timed_gaits", self.timed_gaits, 1, 100)?;
         count("search.duration_steps", self.duration_steps, 0, 100_000)?;
         count("search.alternatives", self.alternatives, 1, 100)?;

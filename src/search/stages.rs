@@ -16,6 +16,7 @@ use crate::gait::family::{GaitFamily, families};
 use crate::gait::joints;
 use crate::nlp::Curves;
 use crate::refine::durations::optimise_durations;
+use crate::settings::Transcription;
 use crate::task::Task;
 use rayon::prelude::*;
 use tracing::{debug, info};
@@ -88,7 +89,7 @@ impl<'a, 's> SearchState<'a, 's> {
         };
         let refinable = matches!(stop, StopReason::GenerationLimit | StopReason::Converged) && self.learns() && self.moves();
         let stop = if refinable && settings.perturbed_generations > 0 { self.perturbed(evaluator)?.unwrap_or(stop) } else { stop };
-        if refinable && settings.duration_steps > 0 {
+        if refinable && settings.optimises_durations() && self.solver.settings.transcription.rows == Transcription::Momentum {
             self.optimise_durations();
         }
         Ok(stop)
