@@ -116,6 +116,8 @@ impl Descent<'_> {
         let length: Vec<f64> = moves.iter().map(|m| m.length).collect();
         let mut history = History::default();
         let (mut now, mut trust, mut tried) = (first, TRUST[0], 0);
+        // True if the current motion was minimised once only.
+        let mut again = true;
         // Last step and the derivatives before it, in trust lengths.
         let mut last: Option<(Vec<f64>, Vec<f64>)> = None;
         while let Ok(slope) = self.slope(&now, &moves) {
@@ -143,8 +145,16 @@ impl Descent<'_> {
                     trust = (2. * trust).min(TRUST[1]);
                 }
                 if let Some(next) = next.filter(|_| fall > 0.) {
+                    again = true;
                     last = Some((step.by.iter().zip(&length).map(|(d, l)| d / l).collect(), scaled));
                     now = next;
+                    break;
+                }
+                // Where no step helps, the motion here may not be optimal yet.
+                if std::mem::take(&mut again)
+                    && let Some(better) = self.optimum(now.point.clone(), Some(&now.multipliers)).filter(|better| better.cost < now.cost)
+                {
+                    now = better;
                     break;
                 }
             }

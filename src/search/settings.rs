@@ -52,8 +52,8 @@ pub struct SearchSettings {
     /// trot of 2 m costs 2.217, 1.967, 1.964 and 1.957, and the search takes 0.09, 0.22, 0.27 and 0.39 s. Only for the objectives
     /// `transport` and `effort`, and not if the first gait ends the search.
     pub optimise_iterations: usize,
-    /// Number of gaits whose durations are optimised at the end: the best one, then the best ones of other families. Too small: another
-    /// family may be better with its best durations; too large: only time is lost.
+    /// Number of gaits whose durations are optimised at the end: the best ones of different families. After a third of the steps half of
+    /// them go on. Too small: another family may be better with its best durations; too large: only time is lost.
     pub timed_gaits: usize,
     /// Largest number of steps along the gradient of the cost with respect to the durations, for each of these gaits; 0: durations stay as
     /// they were drawn. Too small: durations are not the best; too large: only time is lost. After 8 and 15 steps the trot costs 1.847 and
@@ -86,8 +86,8 @@ impl Default for SearchSettings {
             further_generations: 12,
             perturbed_generations: 1,
             optimise_iterations: 6,
-            timed_gaits: 3,
-            duration_steps: 20,
+            timed_gaits: 4,
+            duration_steps: 21,
             seconds: None,
             first: false,
             alternatives: 1,

@@ -17,12 +17,19 @@ use crate::gait::joints;
 use crate::nlp::Curves;
 use crate::refine::durations::optimise_durations;
 use crate::settings::Transcription;
+use crate::solver::Outcome;
 use crate::task::Task;
 use rayon::prelude::*;
 use tracing::{debug, info};
 
 /// Schedule with its family, if it has one.
 type FamilySchedule = (Option<GaitFamily>, Schedule);
+
+/// Certified candidate with its family, if it has one.
+type FamilyCandidate = (Option<GaitFamily>, Candidate<Evaluated>);
+
+/// Number of rounds in which durations are optimised.
+const DURATION_ROUNDS: usize = 3;
 
 /// Evaluator of the generations of a search.
 type BatchEvaluator<'a> = TimedEvaluator<'a, BatchSolver<'a>>;
@@ -95,36 +102,33 @@ impl<'a, 's> SearchState<'a, 's> {
         Ok(stop)
     }
 
-    /// Optimises the durations of the best gait and of the best gaits of other families.
+    /// Optimises the durations of the best gaits of all families. Each round goes on with the better half.
     fn optimise_durations(&mut self) {
-        let BatchSolver { task, settings: lower, backend, cost } = *self.solver;
-        let Some(weights) = cost else { return };
-        let mut gaits: Vec<(Option<GaitFamily>, Candidate<Evaluated>)> = self.best.iter().cloned().collect();
-        let mut others: Vec<_> = self.by_family.iter().filter(|(family, _)| gaits.iter().all(|(best, _)| *best != Some(*family))).collect();
-        others.sort_by(|a, b| b.1.objective.total_cmp(&a.1.objective));
-        gaits.extend(others.into_iter().map(|(family, candidate)| (Some(*family), candidate.clone())));
-        gaits.truncate(self.settings.timed_gaits);
-        let settings = self.settings.cem(1);
-        let cancelled = || self.clock.cancelled() || self.clock.expired();
-        let timed = |(family, old): &(Option<GaitFamily>, Candidate<Evaluated>)| {
-            let Evaluated { schedule, x, .. } = &old.solution;
-            let steps = self.settings.duration_steps;
-            let timed = optimise_durations(task, (schedule, x), &lower.transcription, weights, &lower.solver, steps, &cancelled)?;
-            let curves = Curves::new(task, &timed.schedule, &lower.transcription);
-            let solution = Solution { outcome: timed.outcome, x: timed.x, variables: curves.variables, curves, closed: true };
-            let context = EvaluationContext { task, schedule: &timed.schedule, settings: lower, weights: cost };
-            let solution = context.examined(solution);
-            let candidate =
-                Candidate::new(&settings, old.generation, old.index, old.schedule.clone(), solution.evaluation(), Some(Box::new(solution)));
-            Some((*family, candidate))
-        };
-        let timed: Vec<_> = backend.pool().install(|| gaits.par_iter().filter_map(timed).collect());
-        for (family, candidate) in timed {
-            if candidate.evaluation.feasible {
-                self.keep(family, &candidate);
+        let (solver, clock, settings) = (self.solver, self.clock, self.settings.cem(1));
+        let cancelled = || clock.cancelled() || clock.expired();
+        let steps = self.settings.duration_steps.div_ceil(DURATION_ROUNDS);
+        for round in 0..DURATION_ROUNDS {
+            let gaits = self.best_of_families((self.settings.timed_gaits >> round).max(1));
+            let timed =
+                |(family, old): &FamilyCandidate| Some((*family, with_better_durations(solver, &settings, old, steps, &cancelled)?));
+            let timed: Vec<_> = solver.backend.pool().install(|| gaits.par_iter().filter_map(timed).collect());
+            for (family, candidate) in timed {
+                if candidate.evaluation.feasible {
+                    self.keep(family, &candidate);
+                }
             }
+            self.report_improvement();
         }
-        self.report_improvement();
+    }
+
+    /// The best certified candidates of different families, best first.
+    fn best_of_families(&self, count: usize) -> Vec<FamilyCandidate> {
+        let best = self.best.iter().map(|(family, candidate)| (*family, candidate));
+        let others = self.by_family.iter().map(|(family, candidate)| (Some(*family), candidate));
+        let mut gaits: Vec<_> = best.chain(others).collect();
+        gaits.sort_by(|a, b| b.1.objective.total_cmp(&a.1.objective));
+        gaits.dedup_by(|b, a| b.0 == a.0);
+        gaits.into_iter().take(count).map(|(family, candidate)| (family, candidate.clone())).collect()
     }
 
     /// True if the distribution is fitted to the elites.
@@ -373,4 +377,23 @@ impl<'a, 's> SearchState<'a, 's> {
             seconds: self.clock.seconds(),
         })
     }
+}
+
+/// Candidate with durations that lower its cost; `None` if its motion cannot be minimised.
+fn with_better_durations(
+    solver: &BatchSolver,
+    settings: &CemSettings,
+    old: &Candidate<Evaluated>,
+    steps: usize,
+    cancelled: &dyn Fn() -> bool,
+) -> Option<Candidate<Option<Box<Evaluated>>>> {
+    let BatchSolver { task, settings: lower, cost, .. } = *solver;
+    let Evaluated { outcome, schedule, x, .. } = &old.solution;
+    let timed = optimise_durations(task, (schedule, x), &lower.transcription, cost?, &lower.solver, steps, cancelled)?;
+    let curves = Curves::new(task, &timed.schedule, &lower.transcription);
+    let outcome = Outcome { iterations: outcome.iterations + timed.outcome.iterations, ..timed.outcome };
+    let solution = Solution { outcome, x: timed.x, variables: curves.variables, curves, closed: true };
+    let solution = EvaluationContext { task, schedule: &timed.schedule, settings: lower, weights: cost }.examined(solution);
+    let (evaluation, as_drawn) = (solution.evaluation(), old.schedule.clone());
+    Some(Candidate::new(settings, old.generation, old.index, as_drawn, evaluation, Some(Box::new(solution))))
 }
