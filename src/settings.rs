@@ -13,13 +13,15 @@
 //! | `--force-limit`, `force_limit` in a robot's file | 1.2 body weights (1) | largest normal force of a foot |
 //! | `leg_mass` in a robot's file | 3 % of the mass | equivalent mass of a leg at its foot, which determines the cost of swinging |
 //! | `--smooth` | off | 20 more iterations that lower forces, their slopes, tilt and rates (2) |
-//! | `solver.optimise.iterations` | 0 | iterations that minimise the cost of a solved motion; see [`OptimiseSettings`] |
+//! | `solver.optimise.iterations` | 0 | iterations that minimise the cost of a solved motion; a search has its own; see [`OptimiseSettings`] |
 //! | `solver.smoothing` | 0.1 | pull to smooth forces while the barrier is large (3) |
 //! | `solver.max_iterations` | 200 | iteration limit (4) |
 //! | `solver.stall.budget` | 200 | predicted number of further iterations above which a candidate is terminated early |
 //! | `solver.edge_radius` | 0.04 m | rounding of terrain edges; with 0, gaits that step over an edge are lost |
 //! | `search.population` | 16 | candidates per generation; more is slower and finds cheaper gaits |
 //! | `search.generations` | 3 | generations over gait families; more is slower and finds cheaper gaits |
+//! | `search.optimise_iterations` | 6 | iterations that minimise the cost of each candidate; 0 is fast, and gaits cost a tenth more |
+//! | `search.duration_steps` | 21 | steps that optimise the durations of the best gaits; 0 is fast, and gaits cost a twentieth more |
 //! | `search.cost.*` | 1; `joint_excess` 50 | weights of leg work, swing work and effort, and of joint motion beyond the joint limits |
 //! | `search.free.*` | the paper's | settings of the free distribution; `list` shows the presets |
 //!

@@ -59,10 +59,14 @@ pub const MAX_PROBLEMS: usize = 1_000_000;
 /// with 3 pieces and 0.41, 0.40 and 0.34 with 4, 6 and 8 (effort weight 0.07); eight take 1.2 to 1.6 times the time of four.
 pub const FORCE_PIECES: usize = 8;
 
+/// Iterations that minimise the cost of every gait, so that the atlas compares gaits at their best motions.
+const OPTIMISE_ITERATIONS: usize = 12;
+
 /// Settings of the lower level for an atlas.
 pub fn atlas_settings() -> LowerSettings {
     let mut settings = LowerSettings::default();
     settings.transcription.force_pieces = FORCE_PIECES;
+    settings.solver.optimise.iterations = OPTIMISE_ITERATIONS;
     settings
 }
 
@@ -265,14 +269,16 @@ impl AtlasPlan {
     ) -> Result<Atlas> {
         self.validate()?;
         let start = Instant::now();
+        let mut settings = settings.clone();
+        settings.solver.optimise.cost = self.weights;
         let (problems, left_out) = self.problems()?;
         let mut points = Vec::with_capacity(problems.len());
         for chunk in problems.chunks(chunk.max(1)) {
             let candidates: Vec<(&Task, &Schedule)> = chunk.iter().map(|p| (&p.task, &p.schedule)).collect();
-            let evaluated = evaluate(&candidates, settings, None, backend, false, &|| cancelled.load(Ordering::Relaxed))?;
+            let evaluated = evaluate(&candidates, &settings, None, backend, false, &|| cancelled.load(Ordering::Relaxed))?;
             for (problem, evaluated) in chunk.iter().zip(evaluated) {
                 if let Some(evaluated) = evaluated {
-                    points.push(point(problem, &evaluated, settings, &self.weights)?);
+                    points.push(point(problem, &evaluated, &settings, &self.weights)?);
                 }
             }
             progress(points.len(), problems.len());
