@@ -21,8 +21,11 @@ fn rounded(objective: Objective, r: f32) -> f32 {
 }
 
 // Cost of a row, without the weight of the objective.
-//   of_row  weight of its absolute value; 0 if half of its square counts
+//   of_row  weight of its absolute value; 0 if half of its square counts, negative if the row is no part of the cost
 fn cost_of_row(objective: Objective, r: f32, of_row: f32) -> f32 {
+    if (of_row < 0.0) {
+        return 0.0;
+    }
     if (of_row == 0.0) {
         return 0.5 * r * r;
     }

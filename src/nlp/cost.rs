@@ -1,8 +1,8 @@
 //! Cost rows of a candidate: effort of the forces, powers of standing and of swinging legs.
 //!
-//! The objective is that of [`crate::gait::cost`] without the joints. Effort is exact. Powers are integrated by Gauss-Legendre rules between
-//! the nodes of the curves that they are made of: the knots of the base, and the force nodes of a stance or the middle of a swing, where
-//! accelerations jump.
+//! The objective is that of [`crate::gait::cost`] without the joints. Effort is exact. Powers are integrated by Gauss-Legendre rules
+//! between the nodes of the curves that they are made of: the knots of the base, and the force nodes of a stance or the middle of a swing,
+//! where accelerations jump.
 
 use super::builder::Builder;
 use super::foot_blocks::swing_weights;

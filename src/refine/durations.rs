@@ -11,7 +11,8 @@
 //! multipliers before ([`Solver::resume`]). A step is taken if the cost falls.
 //!
 //! The steps are along [`Move`]s. With single boundaries alone, the trust region would hold back changes of the lead-in or the tail, which
-//! move all boundaries relative to the horizon: ANYmal's trot of 2 m ends at a cost of 1.856 without the common moves and at 1.823 with them.
+//! move all boundaries relative to the horizon: ANYmal's trot of 2 m ends at a cost of 1.856 without the common moves and at 1.823 with
+//! them.
 
 use super::convex_cost::Model;
 use super::curvature::History;
@@ -23,7 +24,7 @@ use crate::gait::AlignedSchedule;
 use crate::gait::cost::{CostWeights, cost};
 use crate::nlp::{Problem, trajectory};
 use crate::rows::RowKind;
-use crate::settings::{SolverSettings, TranscriptionSettings};
+use crate::settings::{OptimiseSettings, SolverSettings, TranscriptionSettings};
 use crate::solver::objective::Objective;
 use crate::solver::{self, Finish, Outcome, Resume, Solver, Status};
 use crate::task::Task;
@@ -82,6 +83,9 @@ pub fn optimise_durations(
     settings.optimise.cost = *weights;
     settings.optimise.iterations = settings.optimise.iterations.max(FIRST_ITERATIONS);
     let space = Space::new(task, schedule, transcription, &refine).with_cost(weights);
+    // Without iterations of its own a minimisation has no weight for the cost.
+    let optimise = OptimiseSettings { iterations: settings.optimise.iterations.max(1), ..settings.optimise.clone() };
+    let settings = &SolverSettings { optimise, ..settings.clone() };
     let outcome = Outcome { status: Status::Solved, iterations: 0, factorisations: 0, infeasibility: 0. };
     let mut descent = Descent { task, space: &space, weights, settings: &settings, cancel, solver: Solver::default(), outcome };
     let first = descent.optimum(space.start(schedule, x), None)?;
@@ -268,3 +272,7 @@ fn scatter(rows: &[Known], values: &Values, to: &mut solver::Residuals<f64>) {
         }
     }
 }
+
+#[cfg(test)]
+#[path = "durations_tests.rs"]
+mod tests;

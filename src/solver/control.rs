@@ -1030,6 +1030,47 @@ mod tests {
     }
 
     #[test]
+    fn a_resumed_solve_begins_with_the_minimisation() {
+        let progress = Progress::resumed(&LIMITS, 1e-4, 3);
+        let expected = Progress {
+            phase: MINIMISE,
+            minimise_until: 3,
+            mu: 1e-4,
+            barrier: 1e-4,
+            smoothing: 0.01,
+            eps: LIMITS.proximal_floor,
+            rounding: 5e-3,
+            ..first()
+        };
+        assert_eq!((progress.state, progress.edge_radius, progress.minimise_iterations), (STEP, 0., 0));
+        assert_eq!(progress, expected);
+        assert_eq!([1e-9, 1.].map(|barrier| Progress::resumed(&LIMITS, barrier, 3).rounding), [1e-3, 1e-2]);
+        assert!(!is_minimised(&Progress { iterations: 2, ..progress }) && is_minimised(&Progress { iterations: 3, ..progress }));
+        assert!(is_minimised(&Progress::resumed(&LIMITS, 1e-4, 0)));
+    }
+
+    #[test]
+    fn a_resumed_solve_whose_rows_cannot_be_restored_ends_with_the_failure() {
+        let mut progress = Progress { iterations: 3, ..Progress::resumed(&LIMITS, 1e-4, 3) };
+        restore(&mut progress, &LIMITS);
+        let ended = |progress: Progress<f64>, f: f64| {
+            let progress = begun(progress, &LIMITS, f);
+            (progress.state, progress.phase)
+        };
+        assert_eq!(ended(Progress { iterations: 52, ..progress }, 1.), (STEP, RESTORE));
+        assert_eq!(ended(Progress { iterations: 53, ..progress }, 1.), (MAX_ITERATIONS, RESTORE));
+        assert_eq!(ended(progress, f64::NAN), (NON_FINITE, RESTORE));
+        let mut stalled = Progress { recorded: 20, ..progress };
+        begin(&mut stalled, &LIMITS, 1., 1., 1., false);
+        assert_eq!((stalled.state, stalled.phase), (STALLED, RESTORE));
+        let refused = refused(Progress { length: 0., dual_length: 0., ..progress }, ATTEMPTS);
+        assert_eq!((refused.state, refused.phase), (STALLED, RESTORE));
+        // It is not minimised again once it is solved.
+        begin(&mut progress, &LIMITS, 1e-7, 2., 1., true);
+        assert_eq!((progress.state, progress.phase), (SOLVED, RESTORE));
+    }
+
+    #[test]
     fn a_trial_point_is_accepted_if_the_merit_decreases() {
         let (step, close) = (begun(first(), &LIMITS, 1.), closing(1e-7));
         let shorter = Progress { state: SHORTER, ..step };

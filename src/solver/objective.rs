@@ -58,8 +58,11 @@ impl<T: Real> Objective<T> {
 
     /// Cost of a row.
     ///
-    /// * `of_row` - weight of its absolute value; 0 if half of its square counts
+    /// * `of_row` - weight of its absolute value; 0 if half of its square counts, negative if the row is no part of the cost
     pub fn of_row(&self, r: T, of_row: T) -> T {
+        if of_row < T::zero() {
+            return T::zero();
+        }
         if of_row == T::zero() { T::of(0.5) * r * r } else { of_row * (self.rounded(r) - self.rounding) }
     }
 
@@ -107,12 +110,16 @@ mod tests {
     use crate::task::{Goal, Task};
     use crate::terrain::Terrain;
 
-    #[test]
-    fn values_are_the_gradient_of_the_cost() {
+    /// Problem of a biped's step with cost rows.
+    fn problem() -> Problem<f64> {
         let task = Task::new(Robot::named("biped").unwrap(), Terrain::flat(), Goal::at(0.5, 0.)).unwrap();
         let schedule = Schedule::new(vec![vec![0.3, 0.2, 0.3], vec![0.4, 0.2, 0.2]]).unwrap().aligned(0.1);
-        let settings = TranscriptionSettings::default();
-        let problem = Problem::<f64>::with_cost(&task, &schedule, &settings, Some(&CostWeights::default()));
+        Problem::with_cost(&task, &schedule, &TranscriptionSettings::default(), Some(&CostWeights::default()))
+    }
+
+    #[test]
+    fn values_are_the_gradient_of_the_cost() {
+        let problem = problem();
         let objective = Objective { weight: 0.5, rounding: 0.01 };
         let costs = problem.rows.of(RowKind::Cost);
         let mut c: Vec<f64> = (0..costs.end).map(|i| 0.03 * (i as f64).sin()).collect();
@@ -130,5 +137,23 @@ mod tests {
             assert!((slope - value[row]).abs() < 1e-8, "row {row}: {} against {slope}", value[row]);
             assert!((value[row] - weight[row] * before).abs() < 1e-15);
         }
+    }
+
+    #[test]
+    fn curvature_rows_are_no_part_of_the_cost() {
+        let problem = problem();
+        let objective = Objective { weight: 0.5, rounding: 0.01 };
+        let costs = problem.rows.of(RowKind::Cost);
+        let without: Vec<f64> = (0..costs.end).map(|i| 0.03 * (i as f64).sin()).collect();
+        let mut with = without.clone();
+        for node in &problem.cone_curvatures {
+            with[node.place.row as usize..][..2].fill(0.7);
+        }
+        assert!(with != without && objective.cost(&problem, &without) > 0.);
+        assert_eq!(objective.cost(&problem, &with), objective.cost(&problem, &without));
+        assert_eq!(objective.fall(&problem, &with, &without), 0.);
+        // All other rows have their part.
+        let others = costs.len() - 2 * problem.cone_curvatures.len();
+        assert_eq!(problem.cost_weights.iter().filter(|w| **w >= 0.).count(), others);
     }
 }

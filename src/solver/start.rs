@@ -49,3 +49,32 @@ pub fn resume_slacks<T: Real>(g: &[T], mu: T, slacks: &mut Slacks<T>) {
         (*slack, *multiplier) = (s.max(T::of(SLACK_FLOOR)), z.max(T::of(MULTIPLIER_FLOOR)));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn resumed_slacks_and_multipliers_differ_by_the_residual_and_have_the_product_mu() {
+        fn check<T: Real>() {
+            let g: Vec<T> = [-3., -0.02, -1e-4, 0., 1e-4, 0.02, 3.].map(T::of).into();
+            let zeros = vec![T::zero(); g.len()];
+            let of = |mu: f64| {
+                let mut slacks = Slacks { slack: zeros.clone(), multiplier: zeros.clone(), ..Slacks::default() };
+                resume_slacks(&g, T::of(mu), &mut slacks);
+                slacks.slack.into_iter().zip(slacks.multiplier)
+            };
+            let mu = 1e-5;
+            for ((s, z), g) in of(mu).zip(&g) {
+                assert!((s * z - T::of(mu)).abs() < T::of(4. * mu) * T::epsilon(), "{g:?}: {s:?} times {z:?}");
+                assert!((z - s - *g).abs() < T::of(4.) * T::epsilon() * (s + z), "{g:?}: {z:?} less {s:?}");
+            }
+            // Floors act where the product would make one of them too small.
+            let floors = [SLACK_FLOOR, MULTIPLIER_FLOOR].map(T::of);
+            let narrow: Vec<_> = of(1e-12).collect();
+            assert!(narrow[0].1 == floors[1] && narrow[6].0 == floors[0]);
+        }
+        check::<f32>();
+        check::<f64>();
+    }
+}

@@ -50,13 +50,18 @@ fn cost_weights_range(lab: &Lab, s: usize) -> Range<usize> {
     lab.range(s, lab.batch.cost_weights, lab.slots[s].problem.rows.of(RowKind::Cost).len())
 }
 
-/// Random shifts, and random weights of the cost rows of a given size; every third row is quadratic.
+/// Random shifts, and random weights of the cost rows of a given size. Every third row is quadratic, and every seventh has the multiplier
+/// of an inequality as its weight.
 pub fn draw_shifts(lab: &Lab, s: usize, state: &mut State, random: &mut Random, size: f64) {
     for range in shift_ranges(lab, s) {
         fill(&mut state.values, range, random, -0.1, 0.1);
     }
     for (i, at) in cost_weights_range(lab, s).enumerate() {
-        state.values[at] = if i % 3 == 0 { 0. } else { random.between(0.1, 1.) as f32 * size as f32 };
+        state.values[at] = match i {
+            _ if i % 7 == 1 => -1. - random.index(0..=lab.slots[s].problem.inequalities - 1) as f32,
+            _ if i % 3 == 0 => 0.,
+            _ => random.between(0.1, 1.) as f32 * size as f32,
+        };
     }
 }
 

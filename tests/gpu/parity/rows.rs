@@ -9,7 +9,7 @@ use cregopt::backend::gpu::shaders::Shader;
 use cregopt::backend::tables::Slot as Counts;
 use cregopt::rows::momentum::Deviation;
 use cregopt::rows::{
-    Shared, acceleration, cone, dynamics, effort, footing, force, ground, momentum, reach, stance_power, stride, swing, swing_power,
+    Shared, acceleration, cone, cone_curvature, dynamics, effort, footing, force, ground, momentum, reach, stance_power, stride, swing, swing_power,
 };
 use cregopt::solver::control::{CLOSE, ENDED, EXACT, SHORTER, SOLVED, STEP};
 use cregopt::terrain::Ground;
@@ -31,6 +31,7 @@ fn around_the_workgroup(s: usize, prepared: &mut Prepared) {
     problem.accelerations.truncate(count);
     problem.cones.truncate(count);
     problem.footings.truncate(count);
+    problem.cone_curvatures.truncate(count);
     problem.efforts.truncate(count);
     problem.stance_powers.truncate(count);
     problem.swing_powers.truncate(count);
@@ -43,6 +44,7 @@ fn around_the_workgroup(s: usize, prepared: &mut Prepared) {
     slot.accelerations = problem.accelerations.len() as u32;
     slot.cones = problem.cones.len() as u32;
     slot.footings = problem.footings.len() as u32;
+    slot.cone_curvatures = problem.cone_curvatures.len() as u32;
     slot.efforts = problem.efforts.len() as u32;
     slot.stance_powers = problem.stance_powers.len() as u32;
     slot.swing_powers = problem.swing_powers.len() as u32;
@@ -208,6 +210,20 @@ fn cone_agrees_with_its_twin() {
             let edge_radius = expected.state.progress[s].edge_radius;
             let (g, jacobian) = trial(lab, s, false, &mut expected.state);
             cone::cone(&lab.slots[s].problem, x, edge_radius, g, Some(jacobian));
+        },
+    );
+}
+
+#[test]
+fn cone_curvature_agrees_with_its_twin() {
+    evaluation(
+        Shader::ConeCurvature,
+        |slot| slot.cone_curvatures,
+        // As above.
+        2. * CURVED,
+        |lab, s, x, _, expected| {
+            let (c, jacobian) = trial(lab, s, true, &mut expected.state);
+            cone_curvature::cone_curvature(&lab.slots[s].problem, x, c, Some(jacobian));
         },
     );
 }

@@ -276,7 +276,7 @@ pub fn weights_of_twin(lab: &Lab, s: usize, expected: &mut Expected) {
     } else {
         weights::barrier_rows(problem, &c, &g, &slacks, aim, &mut weight, &mut value);
     }
-    Objective::of(&limits(lab, s), &progress).rows(problem, &c, &mut weight, &mut value);
+    Objective::of(&limits(lab, s), &progress).rows(problem, &c, &slacks.multiplier, &mut weight, &mut value);
     let of = |array| state.values[lab.of_variables(s, array)].to_vec();
     let (scaling, smoothing, x, initial) = (of(batch.scaling), of(batch.smoothing), of(batch.x + half * batch.x_half), of(batch.initial));
     let (mut diagonal, mut gradient) = (vec![f32::NAN; problem.variables], vec![f32::NAN; problem.variables]);
