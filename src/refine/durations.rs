@@ -79,15 +79,13 @@ pub fn optimise_durations(
     cancel: &dyn Fn() -> bool,
 ) -> Option<Timed> {
     let refine = RefineSettings::default();
-    let mut settings = settings.clone();
-    settings.optimise.cost = *weights;
-    settings.optimise.iterations = settings.optimise.iterations.max(FIRST_ITERATIONS);
-    let space = Space::new(task, schedule, transcription, &refine).with_cost(weights);
     // Without iterations of its own a minimisation has no weight for the cost.
-    let optimise = OptimiseSettings { iterations: settings.optimise.iterations.max(1), ..settings.optimise.clone() };
+    let iterations = settings.optimise.iterations.max(FIRST_ITERATIONS);
+    let optimise = OptimiseSettings { iterations, cost: *weights, ..settings.optimise.clone() };
     let settings = &SolverSettings { optimise, ..settings.clone() };
+    let space = Space::new(task, schedule, transcription, &refine).with_cost(weights);
     let outcome = Outcome { status: Status::Solved, iterations: 0, factorisations: 0, infeasibility: 0. };
-    let mut descent = Descent { task, space: &space, weights, settings: &settings, cancel, solver: Solver::default(), outcome };
+    let mut descent = Descent { task, space: &space, weights, settings, cancel, solver: Solver::default(), outcome };
     let first = descent.optimum(space.start(schedule, x), None)?;
     let best = descent.run(first, steps);
     Some(Timed { schedule: best.point.schedule, x: best.point.x, outcome: descent.outcome })

@@ -9,7 +9,8 @@ use cregopt::backend::gpu::shaders::Shader;
 use cregopt::backend::tables::Slot as Counts;
 use cregopt::rows::momentum::Deviation;
 use cregopt::rows::{
-    Shared, acceleration, cone, cone_curvature, dynamics, effort, footing, force, ground, momentum, reach, stance_power, stride, swing, swing_power,
+    Shared, acceleration, cone, cone_curvature, dynamics, effort, footing, force, ground, momentum, reach, stance_power, stride, swing,
+    swing_power,
 };
 use cregopt::solver::control::{CLOSE, ENDED, EXACT, SHORTER, SOLVED, STEP};
 use cregopt::terrain::Ground;
