@@ -56,7 +56,7 @@ impl WorldArgs {
 /// Upper level of a search.
 #[derive(Debug, Clone, Default, Args)]
 pub struct SearchArgs {
-    /// Gaits to search: all families that the robot can have, some of them, any contact schedule (`free`, as in the paper), or the
+    /// Gaits to search: all families that the robot can have but the pace, some of them, any contact schedule (`free`, as in the paper), or the
     /// neighbourhood of the `durations` in a JSON file [default: all]
     #[arg(long, value_name = "all|FAMILY,...|free|FILE")]
     gait: Option<String>,

@@ -5,7 +5,7 @@ use super::{Gait, Gaits};
 use crate::backend::Backend;
 use crate::error::Result;
 use crate::gait::Schedule;
-use crate::gait::family::{PeriodicGait, families};
+use crate::gait::family::{PeriodicGait, default_families};
 use crate::nlp::transcription::{force_limit, legs};
 use crate::robot::Robot;
 use crate::settings::Transcription;
@@ -203,7 +203,7 @@ fn schedules(gait: &Gait, gaits: &Gaits, relaxed: &Relaxed) -> Vec<Schedule> {
         Schedule::new(durations).ok()
     };
     let families = match gaits {
-        Gaits::All => families(&relaxed.task.robot),
+        Gaits::All => default_families(&relaxed.task.robot),
         Gaits::Families(own) => own.clone(),
         Gaits::Free | Gaits::Around(_) => Vec::new(),
     };

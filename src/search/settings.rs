@@ -5,6 +5,8 @@ use crate::error::{Error, Result, check_range};
 use crate::gait::Schedule;
 use crate::gait::cost::CostWeights;
 use crate::gait::family::GaitFamily;
+#[cfg(doc)]
+use crate::gait::family::default_families;
 use serde::{Deserialize, Serialize};
 
 /// Gaits that are searched.
@@ -12,7 +14,7 @@ use serde::{Deserialize, Serialize};
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Gaits {
-    /// Periodic gaits of all families that are possible for the robot.
+    /// Periodic gaits of all families that are possible for the robot, except the pace, see [`default_families`].
     #[default]
     All,
     /// Periodic gaits of these families.

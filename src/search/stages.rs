@@ -12,7 +12,7 @@ use super::{Gait, Gaits, Improvement, SearchEvent, SearchResult, SearchSettings}
 use crate::backend::Solution;
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
-use crate::gait::family::{GaitFamily, families};
+use crate::gait::family::{GaitFamily, default_families};
 use crate::gait::joints;
 use crate::nlp::Curves;
 use crate::refine::durations::optimise_durations;
@@ -91,7 +91,7 @@ impl<'a, 's> SearchState<'a, 's> {
                     self.generations_until_found(evaluator, distribution)?
                 }
             },
-            Gaits::All => self.periodic(evaluator, &families(&self.task.robot))?,
+            Gaits::All => self.periodic(evaluator, &default_families(&self.task.robot))?,
             Gaits::Families(families) => self.periodic(evaluator, families)?,
         };
         let refinable = matches!(stop, StopReason::GenerationLimit | StopReason::Converged) && self.learns() && self.moves();
