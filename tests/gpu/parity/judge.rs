@@ -331,7 +331,7 @@ fn agrees(test: &str, phase: u32, of_states: &[u32]) {
     let mut lab = Lab::new(&device, &candidates, CAPACITY, SMALL, truncated_counts);
     let limits = Limits::<f32>::new(&lab.settings, Transcription::Momentum);
     let mut outcomes: BTreeMap<&str, usize> = BTreeMap::new();
-    for seed in 0..6 {
+    for seed in 0..8 {
         let mut random = Random::new(31 + seed as u64);
         let mut before = lab.poisoned();
         states(&lab, &mut before, of_states);
