@@ -1,7 +1,8 @@
 //! Small whole problems with known answers, every status that a solve can end with, and independence of threads and order.
 
 use crate::common::{
-    Random, ReferenceCandidate, free_legs, gait, momentum, problem, problem_with, reference_candidates, rows, task, towr, transcriptions,
+    Random, ReferenceCandidate, free_legs, gait, momentum, problem, problem_with, problem_with_cost, reference_candidates, rows, task,
+    towr, transcriptions,
 };
 use cregopt::backend::{Backend, Cpu, Job, Precision, Solution};
 use cregopt::gait::Schedule;
@@ -16,7 +17,7 @@ use cregopt::search::{BatchSolver, CemSearchResult, search_with};
 use cregopt::settings::{Friction, OptimiseSettings, SmoothSettings, SolverSettings, StallSettings, TranscriptionSettings};
 use cregopt::solver::judge::smoothing_fall;
 use cregopt::solver::objective::Objective;
-use cregopt::solver::{Finish, Outcome, Solver, Status, can_close, close};
+use cregopt::solver::{Finish, Outcome, Residuals, Resume, Solver, Status, can_close, close};
 use cregopt::task::Task;
 use cregopt::terrain::Terrain;
 use cregopt::verify::{verify, verify_rows};
@@ -453,6 +454,47 @@ fn cost_rows_add_up_to_the_cost_of_the_motion() {
     let got = objective.cost(&problem, &c);
     // Two quadratures of absolute values.
     assert!((got - cost.total).abs() < 0.01 * cost.total, "{got} by rows, {} by the motion", cost.total);
+}
+
+#[test]
+fn a_minimisation_resumed_near_its_result_returns_to_it_in_a_few_iterations() {
+    let task = task("biped", "flat", [0.5, 0.1], 0.2);
+    let problem = problem_with_cost::<f64>(&task, &gait(&mut Random::new(3), 2, 4..=6), &TranscriptionSettings::default());
+    let optimise = OptimiseSettings { iterations: 100, tolerance: 1e-6, ..OptimiseSettings::default() };
+    let settings = SolverSettings { optimise, ..SolverSettings::default() };
+    let finish = Finish::Rows(settings.row_tolerance);
+    let objective = Objective { weight: 1., rounding: settings.optimise.rounding_floor };
+    let cost = |x: &[f64]| objective.cost(&problem, &rows(&problem, x, 0.).c);
+    let mut solver = Solver::<f64>::default();
+    let plain = SolverSettings::default();
+    assert_eq!(solver.solve(&problem, &plain, finish, None, &|| false).status, Status::Solved);
+    let given = cost(&solver.solution());
+    let first = solver.solve(&problem, &settings, finish, None, &|| false);
+    assert_eq!(first.status, Status::Solved);
+    let (x, multipliers) = (solver.solution(), solver.multipliers());
+    let least = cost(&x);
+    assert!(least < 0.9 * given, "{least} after, {given} before");
+    let zero = Residuals { c: vec![0.; multipliers.c.len()], g: vec![0.; multipliers.g.len()] };
+    // Outcome, and the excess of its cost, of a solve that is resumed from a point beside the result.
+    let mut resumed = |by: f64, multipliers: &Residuals<f64>, iterations: usize, cancel: bool| {
+        let mut random = Random::new(7);
+        let x: Vec<f64> = x.iter().map(|x| x + by * random.between(-1., 1.)).collect();
+        let resume = Resume { x: &x, multipliers, barrier: 1e-5, iterations };
+        let outcome = solver.resume(&problem, &settings, finish, &resume, &|| cancel);
+        (outcome, (cost(&solver.solution()) - least) / least)
+    };
+    let (outcome, excess) = resumed(0., &multipliers, 4, false);
+    assert!(outcome.status == Status::Solved && outcome.iterations <= 6, "{outcome:?}");
+    assert!(excess.abs() < 1e-4, "{excess}");
+    // A barrier of 1e-5 and no multipliers push the motion away from its active rows.
+    let [with, without] = [&multipliers, &zero].map(|multipliers| resumed(0., multipliers, 2, false).1);
+    assert!(without > 5. * with, "{without} without multipliers, {with} with them");
+    for (by, close) in [(1e-3, 1e-4), (1e-2, 1e-3)] {
+        let [restored, minimised] = [0, 20].map(|iterations| resumed(by, &multipliers, iterations, false));
+        assert_eq!([restored.0.status, minimised.0.status], [Status::Solved; 2]);
+        assert!(minimised.1.abs() < close && restored.1 > 10. * close, "{by}: {} after, {} before", minimised.1, restored.1);
+    }
+    assert_eq!(resumed(0., &multipliers, 4, true).0.status, Status::Cancelled);
 }
 
 #[test]
