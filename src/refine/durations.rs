@@ -259,3 +259,7 @@ fn scatter(rows: &[Known], values: &Values, to: &mut solver::Residuals<f64>) {
         }
     }
 }
+
+#[cfg(test)]
+#[path = "durations_tests.rs"]
+mod tests;
