@@ -59,14 +59,10 @@ pub const MAX_PROBLEMS: usize = 1_000_000;
 /// with 3 pieces and 0.41, 0.40 and 0.34 with 4, 6 and 8 (effort weight 0.07); eight take 1.2 to 1.6 times the time of four.
 pub const FORCE_PIECES: usize = 8;
 
-/// Iterations that minimise the cost of every gait, so that the atlas compares gaits at their best motions.
-const OPTIMISE_ITERATIONS: usize = 12;
-
 /// Settings of the lower level for an atlas.
 pub fn atlas_settings() -> LowerSettings {
     let mut settings = LowerSettings::default();
     settings.transcription.force_pieces = FORCE_PIECES;
-    settings.solver.optimise.iterations = OPTIMISE_ITERATIONS;
     settings
 }
 

@@ -259,14 +259,7 @@ impl<'a> Search<'a> {
         settings.validate()?;
         lower.validate()?;
         task.validate()?;
-        let optimise = &mut lower.solver.optimise;
-        match settings.minimised_cost() {
-            Some(cost) => {
-                optimise.cost = cost;
-                optimise.iterations = if optimise.iterations > 0 { optimise.iterations } else { settings.optimise_iterations };
-            }
-            None => optimise.iterations = 0,
-        }
+        settings.minimise(&task.robot, &mut lower);
         let solver = BatchSolver { task, settings: &lower, backend, cost: Some(&settings.cost) };
         let clock = Clock::new(cancelled, settings.seconds.map(Duration::from_secs_f64));
         let mut on_event = |event: &SearchEvent| {

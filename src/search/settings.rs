@@ -7,7 +7,12 @@ use crate::gait::cost::CostWeights;
 use crate::gait::family::GaitFamily;
 #[cfg(doc)]
 use crate::gait::family::default_families;
+use crate::robot::Robot;
+use crate::search::evaluate::LowerSettings;
 use serde::{Deserialize, Serialize};
+
+/// Largest margin of a minimised motion, m.
+const LARGEST_MARGIN: f64 = 0.1;
 
 /// Gaits that are searched.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default)]
@@ -54,6 +59,10 @@ pub struct SearchSettings {
     /// trot of 2 m costs 2.217, 1.967, 1.964 and 1.957, and the search takes 0.09, 0.22, 0.27 and 0.39 s. Only for the objectives
     /// `transport` and `effort`, and not if the first gait ends the search.
     pub optimise_iterations: usize,
+    /// Distance that a minimised motion keeps from the limits of reach and clearance, in base heights. An optimal motion lies on its limits,
+    /// and a leg at the end of its reach cannot correct an error. Too small: gaits that a robot cannot follow; too large: gaits are lost.
+    /// Without it Spot's trot of 3 m fell in MuJoCo in two of three plays; with it, it stays within 3 cm of the plan.
+    pub margin: f64,
     /// Number of gaits whose durations are optimised at the end: the best ones of different families. After a third of the steps half of
     /// them go on. Too small: another family may be better with its best durations; too large: only time is lost.
     pub timed_gaits: usize,
@@ -88,6 +97,7 @@ impl Default for SearchSettings {
             further_generations: 12,
             perturbed_generations: 1,
             optimise_iterations: 6,
+            margin: 0.03,
             timed_gaits: 4,
             duration_steps: 21,
             seconds: None,
@@ -141,12 +151,24 @@ impl SearchSettings {
         !self.first && self.cost.joint_excess > 0. && self.objective.counts_joints()
     }
 
-    /// Weights of the cost that is minimised for every candidate; `None` if the objective is no cost or the first gait ends the search.
-    pub(super) fn minimised_cost(&self) -> Option<CostWeights> {
-        match self.objective {
-            Objective::Transport if !self.first => Some(self.cost),
-            Objective::Effort if !self.first => Some(CostWeights { leg_work: 0., swing_work: 0., ..self.cost }),
-            _ => None,
+    /// Makes the lower level minimise the cost of every candidate, unless the objective is no cost or the first gait ends the search.
+    pub(super) fn minimise(&self, robot: &Robot, lower: &mut LowerSettings) {
+        let optimise = &mut lower.solver.optimise;
+        let cost = match self.objective {
+            Objective::Transport if !self.first => self.cost,
+            Objective::Effort if !self.first => CostWeights { leg_work: 0., swing_work: 0., ..self.cost },
+            _ => {
+                optimise.iterations = 0;
+                return;
+            }
+        };
+        optimise.cost = cost;
+        if optimise.iterations == 0 {
+            optimise.iterations = self.optimise_iterations;
+        }
+        if optimise.iterations > 0 {
+            let margin = &mut lower.transcription.length_margin;
+            *margin = margin.max((self.margin * robot.base_height).min(LARGEST_MARGIN));
         }
     }
 
@@ -179,6 +201,7 @@ impl SearchSettings {
         count("search.further_generations", self.further_generations, 0, 100_000)?;
         count("search.perturbed_generations", self.perturbed_generations, 0, 100_000)?;
         count("search.optimise_iterations", self.optimise_iterations, 0, 10_000)?;
+        check_range("search.margin", self.margin, 0., 0.1)?;
         count("search.timed_gaits", self.timed_gaits, 1, 100)?;
         count("search.duration_steps", self.duration_steps, 0, 100_000)?;
         count("search.alternatives", self.alternatives, 1, 100)?;

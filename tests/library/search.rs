@@ -90,7 +90,7 @@ fn every_improvement_is_better_and_the_last_is_the_best() {
         SearchEvent::Generation(record) => generations.push((*record).clone()),
     }));
     assert_eq!((&improvements, &generations), (&found.improvements, &found.generations));
-    assert!(improvements.is_sorted_by(|a, b| a.objective < b.objective && a.candidates < b.candidates && a.seconds <= b.seconds));
+    assert!(improvements.is_sorted_by(|a, b| a.objective < b.objective && a.candidates <= b.candidates && a.seconds <= b.seconds));
     let last = improvements.last().unwrap();
     assert_eq!((last.objective, last.generation, last.family), {
         let best = &found.best.candidate;
@@ -113,7 +113,7 @@ fn the_neighbourhood_of_a_schedule_has_a_gait_that_costs_no_more() {
     let found = run(Search::new(&task).gaits(Gaits::Around(own.clone())).population(8));
     assert!(found.best.feasible() && cost(&found.best) <= evaluated.cost.unwrap().total);
     // The schedule itself comes first, then its neighbours: as many strides, or one less.
-    assert_eq!(found.improvements[0].objective, -evaluated.cost.unwrap().total);
+    assert!(found.improvements[0].objective > -evaluated.cost.unwrap().total, "its motion is the cheapest, not the first that holds");
     assert_eq!((found.improvements[0].generation, found.improvements[0].family), (0, None));
     assert!((0..2).all(|foot| found.best.candidate.stances[foot] <= own.stances(foot)));
 }

@@ -270,7 +270,7 @@ fn a_search_can_start_from_the_gait_of_an_earlier_run() {
         assert_eq!(result["search"]["gaits"]["around"], first["durations"]);
         // The given gait is evaluated first, and the result does not cost more.
         let objective = |of: &Value| of["objective"].as_f64().unwrap();
-        assert!((objective(&result["improvements"][0]) - objective(&first)).abs() < 1e-6, "{}", result["improvements"]);
+        assert!(objective(&result["improvements"][0]) >= objective(&first) - 1e-6, "{}", result["improvements"]);
         assert!(objective(&result["gait"]) >= objective(&result["improvements"][0]));
         results.push(result["gait"]["durations"].clone());
     }
