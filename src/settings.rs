@@ -102,6 +102,10 @@ pub struct TranscriptionSettings {
     /// Tightening of reach, swing and footing rows, m. Too small: rows that the f32 solution touches fail the f64 check. Too large: fewer
     /// gaits are feasible.
     pub length_margin: f64,
+    /// Height by which the reach of a foot shrinks at its top and at its bottom, m, at most a quarter of it. At the bottom a leg is stretched.
+    /// Too small: optimal motions stretch legs until they cannot correct an error. Too large: fewer gaits are feasible. A search that
+    /// minimises a cost has its own, see `search.reach_margin`.
+    pub reach_margin: f64,
     /// Tightening of force rows, in body weights. Too small: rows that the f32 solution touches fail the f64 check. Too large: less force
     /// and friction can be used. The cone needs at least 1e-6.
     pub force_margin: f64,
@@ -134,6 +138,7 @@ impl Default for TranscriptionSettings {
             reach_interval: 0.08,
             force_pieces: 3,
             length_margin: 1e-3,
+            reach_margin: 0.,
             force_margin: 1e-3,
             friction: None,
             goal_velocity: GoalVelocity::Zero,
@@ -353,6 +358,7 @@ impl TranscriptionSettings {
         check_range("transcription.reach_interval", self.reach_interval, 0.005, 1.)?;
         check_range("transcription.force_pieces", self.force_pieces as f64, 2., 16.)?;
         check_range("transcription.length_margin", self.length_margin, 0., 0.1)?;
+        check_range("transcription.reach_margin", self.reach_margin, 0., 10.)?;
         check_range("transcription.force_margin", self.force_margin, 0., 0.1)?;
         if self.friction() == Friction::Cone {
             // The margin rounds the tip of the cone, where the zero force has no direction.

@@ -118,9 +118,11 @@ fn reach_leg<T: Real>(b: &Builder<T>, foot: usize, phase: usize) -> (ReachLeg<T>
     };
     let (nominal, reach) = (b.task.robot.nominal_feet[foot], b.task.robot.reach.of(foot));
     let center = reach.center();
+    let mut half_widths = reach.half_widths();
+    half_widths[2] -= b.settings.reach_margin.min(half_widths[2] / 2.);
     let leg = ReachLeg {
         center: std::array::from_fn(|axis| T::of(nominal[axis] + center[axis])),
-        half_widths: reach.half_widths().map(T::of),
+        half_widths: half_widths.map(T::of),
         foothold: [before.index, after],
     };
     (leg, uses)

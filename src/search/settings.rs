@@ -11,9 +11,6 @@ use crate::robot::Robot;
 use crate::search::evaluate::LowerSettings;
 use serde::{Deserialize, Serialize};
 
-/// Largest margin of a minimised motion, m.
-const LARGEST_MARGIN: f64 = 0.1;
-
 /// Gaits that are searched.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Default)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -59,10 +56,10 @@ pub struct SearchSettings {
     /// trot of 2 m costs 2.217, 1.967, 1.964 and 1.957, and the search takes 0.09, 0.22, 0.27 and 0.39 s. Only for the objectives
     /// `transport` and `effort`, and not if the first gait ends the search.
     pub optimise_iterations: usize,
-    /// Distance that a minimised motion keeps from the limits of reach and clearance, in base heights. An optimal motion lies on its limits,
-    /// and a leg at the end of its reach cannot correct an error. Too small: gaits that a robot cannot follow; too large: gaits are lost.
-    /// Without it Spot's trot of 3 m fell in MuJoCo in two of three plays; with it, it stays within 3 cm of the plan.
-    pub margin: f64,
+    /// `transcription.reach_margin` of motions whose cost is minimised, in base heights. An optimal motion lies on its limits, and a
+    /// stretched leg cannot correct an error. Too small: gaits that a robot cannot follow; too large: costly gaits. Without it Spot's trot
+    /// of 3 m fell in MuJoCo in two of three plays.
+    pub reach_margin: f64,
     /// Number of gaits whose durations are optimised at the end: the best ones of different families. After a third of the steps half of
     /// them go on. Too small: another family may be better with its best durations; too large: only time is lost.
     pub timed_gaits: usize,
@@ -97,7 +94,7 @@ impl Default for SearchSettings {
             further_generations: 12,
             perturbed_generations: 1,
             optimise_iterations: 6,
-            margin: 0.03,
+            reach_margin: 0.03,
             timed_gaits: 4,
             duration_steps: 21,
             seconds: None,
@@ -167,8 +164,8 @@ impl SearchSettings {
             optimise.iterations = self.optimise_iterations;
         }
         if optimise.iterations > 0 {
-            let margin = &mut lower.transcription.length_margin;
-            *margin = margin.max((self.margin * robot.base_height).min(LARGEST_MARGIN));
+            let margin = &mut lower.transcription.reach_margin;
+            *margin = margin.max(self.reach_margin * robot.base_height);
         }
     }
 
@@ -201,7 +198,7 @@ impl SearchSettings {
         count("search.further_generations", self.further_generations, 0, 100_000)?;
         count("search.perturbed_generations", self.perturbed_generations, 0, 100_000)?;
         count("search.optimise_iterations", self.optimise_iterations, 0, 10_000)?;
-        check_range("search.margin", self.margin, 0., 0.1)?;
+        check_range("search.reach_margin", self.reach_margin, 0., 1.)?;
         count("search.timed_gaits", self.timed_gaits, 1, 100)?;
         count("search.duration_steps", self.duration_steps, 0, 100_000)?;
         count("search.alternatives", self.alternatives, 1, 100)?;
