@@ -225,8 +225,8 @@ pub fn families(robot: &Robot) -> Vec<GaitFamily> {
 
 /// Families that a search of all gaits draws from: those of [`families`] without the pace.
 ///
-/// With its best motion and durations a pace is often a quadruped's cheapest gait, but it stands on the legs of one side, and nothing in the
-/// cost keeps it from tipping over: of nine paces played in MuJoCo five fell, of 39 other gaits none.
+/// With its best motion and durations a pace is often a quadruped's cheapest gait. But it stands on the legs of one side, and nothing in
+/// the cost keeps it from tipping over: of nine paces played in MuJoCo five fell, of 39 other gaits none.
 pub fn default_families(robot: &Robot) -> Vec<GaitFamily> {
     families(robot).into_iter().filter(|family| *family != GaitFamily::Pace).collect()
 }
