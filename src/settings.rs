@@ -13,7 +13,7 @@
 //! | `--force-limit`, `force_limit` in a robot's file | 1.2 body weights (1) | largest normal force of a foot |
 //! | `leg_mass` in a robot's file | 3 % of the mass | equivalent mass of a leg at its foot, which determines the cost of swinging |
 //! | `--smooth` | off | 20 more iterations that lower forces, their slopes, tilt and rates (2) |
-//! | `solver.optimise.iterations` | 0 | iterations that minimise the cost of a solved motion, see [`OptimiseSettings`]; searches have their own |
+//! | `solver.optimise.iterations` | 0 | iterations that minimise the cost of a motion, see [`OptimiseSettings`]; searches have their own |
 //! | `solver.smoothing` | 0.1 | pull to smooth forces while the barrier is large (3) |
 //! | `solver.max_iterations` | 200 | iteration limit (4) |
 //! | `solver.stall.budget` | 200 | predicted number of further iterations above which a candidate is terminated early |
