@@ -152,7 +152,7 @@ impl Descent<'_> {
                     now = next;
                     break;
                 }
-                // Where no step helps, the motion here may not be optimal yet.
+                // If a step does not help, the current motion may not be optimal yet.
                 if std::mem::take(&mut again)
                     && let Some(better) = self.optimum(now.point.clone(), Some(&now.multipliers)).filter(|better| better.cost < now.cost)
                 {

@@ -153,7 +153,7 @@ pub(super) fn cost_parts(problem: &Problem<f64>, c: &[f64], objective: &Objectiv
     let mut efforts = problem.efforts.iter();
     for foot in &curves.feet {
         for (stance, nodes) in foot.phases.iter().step_by(2).zip(&foot.force_nodes) {
-            // Without a weight of the effort there are none.
+            // Problems without a weight of the effort have none of these rows.
             let of_stance = efforts.by_ref().take(nodes.iter().filter(|node| **node != NONE).count());
             let window = stance.start / curves.interval..stance.end / curves.interval;
             parts.push((window, of_stance.map(|effort| cost(&effort.place, effort::SPEC)).sum()));
