@@ -387,7 +387,7 @@ pub(super) fn by_group(
     point: &Point,
     windows: &[Range<f64>],
     here: &[f64],
-    values: &(dyn Fn(&Problem<f64>, &[f64]) -> Vec<f64> + Sync),
+    values: &(impl Fn(&Problem<f64>, &[f64]) -> Vec<f64> + Sync),
     put: &mut dyn FnMut(usize, usize, f64),
 ) -> Result<()> {
     let everywhere = f64::NEG_INFINITY..f64::INFINITY;
