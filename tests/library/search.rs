@@ -97,9 +97,9 @@ fn every_improvement_is_better_and_the_last_is_the_best() {
         (best.objective, best.generation, found.best.family)
     });
     assert_eq!(last.objective, -cost(&found.best));
-    // The records agree.
+    // The records agree. The durations are optimised after the last generation.
     let best_ever: Vec<f64> = generations.iter().filter_map(|g| g.best_ever_objective).collect();
-    assert!(best_ever.is_sorted() && best_ever.last() == Some(&last.objective), "{best_ever:?}");
+    assert!(best_ever.is_sorted() && *best_ever.last().unwrap() <= last.objective, "{best_ever:?}");
     assert!(found.first_feasible_after.unwrap() <= found.seconds);
     assert!(improvements.len() > 1, "the search does better than typical gaits");
 }
