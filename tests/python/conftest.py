@@ -20,6 +20,13 @@ def gait(task: cregopt.Task) -> cregopt.Gait:
 
 
 @pytest.fixture(scope="session")
+def drawn(task: cregopt.Task) -> cregopt.Gait:
+    """Feasible gait with durations as drawn and the first motion that holds, as an evaluation finds it."""
+    plain = {"search": {"optimise_iterations": 0, "duration_steps": 0}}
+    return cregopt.search(task, population=4, generations=1, device="cpu", settings=plain)
+
+
+@pytest.fixture(scope="session")
 def nowhere() -> cregopt.Task:
     """Task without a feasible gait: three feet cannot carry the weight, and the goal can only be reached by steps."""
     robot = cregopt.Robot("anymal")

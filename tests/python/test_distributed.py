@@ -329,17 +329,17 @@ def test_stages_and_diagnoses_equal_those_of_one_process(machines: Machines, two
     assert_same_search(found, cregopt.search(nowhere, device="cpu", **none))
 
 
-def test_workers_reject_invalid_schedules(task: cregopt.Task, gait: cregopt.Gait) -> None:
+def test_workers_reject_invalid_schedules(task: cregopt.Task, drawn: cregopt.Gait) -> None:
     from cregopt import _cregopt
 
-    job = json.dumps({"lower": gait.to_dict()["lower"], "certified": False})
-    (answer,), left = _cregopt.solve_chunk(task, job, [gait.schedule], "cpu", 1)
+    job = json.dumps({"lower": drawn.to_dict()["lower"], "certified": False})
+    (answer,), left = _cregopt.solve_chunk(task, job, [drawn.schedule], "cpu", 1)
     assert answer[0] == "solved" and len(answer[5]) > 500 and left is None
-    uneven = [[*gait.schedule[0][:-1], gait.schedule[0][-1] - 0.01], *gait.schedule[1:]]
+    uneven = [[*drawn.schedule[0][:-1], drawn.schedule[0][-1] - 0.01], *drawn.schedule[1:]]
     with pytest.raises(cregopt.Error, match="durations, foot 0: .* s in all, but it must be"):
         _cregopt.solve_chunk(task, job, [uneven], "cpu", 1)
     with pytest.raises(cregopt.Error, match="2 feet, but it must be 4 feet"):
-        _cregopt.solve_chunk(task, job, [gait.schedule[:2]], "cpu", 1)
+        _cregopt.solve_chunk(task, job, [drawn.schedule[:2]], "cpu", 1)
 
 
 def test_a_search_loses_no_result_when_a_worker_is_killed(

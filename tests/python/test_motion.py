@@ -96,9 +96,9 @@ def test_a_gait_on_a_height_map_is_found_and_certified() -> None:
     assert gait.sample().feet_position[-1, :2, 2] == pytest.approx(0.05, abs=1e-3)
 
 
-def test_an_evaluation_has_one_row_per_schedule(task: cregopt.Task, gait: cregopt.Gait) -> None:
+def test_an_evaluation_has_one_row_per_schedule(task: cregopt.Task, drawn: cregopt.Gait) -> None:
     standing = [[0.5]] * 4
-    found = cregopt.evaluate(task, [gait.schedule, standing, np.array(standing)], trajectories=True, device="cpu")  # type: ignore[list-item]
+    found = cregopt.evaluate(task, [drawn.schedule, standing, np.array(standing)], trajectories=True, device="cpu")  # type: ignore[list-item]
     assert len(found) == 3 and found.feasible.tolist() == [True, False, False]
     for name, dtype in {
         "feasible": np.bool_,
@@ -110,15 +110,15 @@ def test_an_evaluation_has_one_row_per_schedule(task: cregopt.Task, gait: cregop
     }.items():
         assert getattr(found, name).shape == (3,) and getattr(found, name).dtype == dtype
     assert found.n_violated[0] == 0 < found.n_violated[1] == found.n_violated[2]
-    assert gait.cost is not None and found.cost[0] == gait.cost["total"] and np.isnan(found.cost[1])
-    assert found.horizon == pytest.approx([gait.trajectory.horizon, 0.5, 0.5])
+    assert drawn.cost is not None and found.cost[0] == drawn.cost["total"] and np.isnan(found.cost[1])
+    assert found.horizon == pytest.approx([drawn.trajectory.horizon, 0.5, 0.5])
     assert found.trajectories is not None
     assert [cregopt.verify(t).feasible for t in found.trajectories] == [True, False, False]
-    assert found.trajectories[0].schedule == gait.schedule
+    assert found.trajectories[0].schedule == drawn.schedule
     assert cregopt.evaluate(task, [standing]).trajectories is None
     none = cregopt.evaluate(task, [], settings={"solver": {"max_iterations": 3}})
     assert len(none) == 0 and none.feasible.shape == (0,)
-    few = cregopt.evaluate(task, [gait.schedule], settings={"solver": {"max_iterations": 1}})
+    few = cregopt.evaluate(task, [drawn.schedule], settings={"solver": {"max_iterations": 1}})
     assert few.iterations[0] < found.iterations[0]
 
 
