@@ -5,12 +5,12 @@
 //!
 //! `V' = d/dt (C + l' c + z' g)`.
 //!
-//! It is a difference of rebuilt problems, in which boundaries that share no row are moved at once ([`super::rows`]). A quadratic model of
-//! `V`, whose curvature is learned from the steps ([`super::curvature`]), gives the next durations within a trust region and above the
+//! It is a difference of rebuilt problems, in which boundaries that share no row are moved at once (`rows`). A quadratic model of
+//! `V`, whose curvature is learned from the steps (`curvature`), gives the next durations within a trust region and above the
 //! shortest phases. Closing steps bring the motion onto the rows of these durations, and a few iterations minimise its cost from the
 //! multipliers before ([`Solver::resume`]). A step is taken if the cost falls.
 //!
-//! The steps are along [`Move`]s. With single boundaries alone, the trust region would hold back changes of the lead-in or the tail, which
+//! The steps are along `Move`s. With single boundaries alone, the trust region would hold back changes of the lead-in or the tail, which
 //! move all boundaries relative to the horizon: ANYmal's trot of 2 m ends at a cost of 1.856 without the common moves and at 1.823 with
 //! them.
 
