@@ -5,7 +5,7 @@
 //! where accelerations jump.
 
 use super::builder::Builder;
-use super::foot_blocks::swing_weights;
+use super::foot_blocks::{ForcePoint, force_points, swing_weights};
 use super::transcription::Transcribe;
 use super::transcription::momentum::{deviation_rates, deviation_weights};
 use crate::gait::Phase;
@@ -51,20 +51,10 @@ fn curvature_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
     if b.settings.friction() != Friction::Cone {
         return;
     }
-    for foot in 0..b.feet.len() {
-        for stance in 0..b.feet[foot].force_nodes.len() {
-            let (span, foothold) = (b.feet[foot].phases[2 * stance], b.feet[foot].footholds[stance]);
-            let pieces = b.feet[foot].force_nodes[stance].len() - 1;
-            for i in 0..=pieces {
-                let Some(node) = b.feet[foot].force_nodes[stance][i] else { continue };
-                let step = b.step_within(span.start + span.duration() * i as f64 / pieces as f64, node);
-                for &slope in own.slopes(i, pieces) {
-                    b.tables.cone_curvatures.push(ForceNode::new(T::of(slope), foothold.index));
-                    let at = b.tables.cone_curvatures.len() - 1;
-                    b.cost_element(Family::ConeCurvature, at, step, 0., &[Use::Touches(node), Use::Reads(foothold.block)]);
-                }
-            }
-        }
+    for ForcePoint { node, foothold, step, slope } in force_points(own, b) {
+        b.tables.cone_curvatures.push(ForceNode::new(T::of(slope), foothold.index));
+        let at = b.tables.cone_curvatures.len() - 1;
+        b.cost_element(Family::ConeCurvature, at, step, 0., &[Use::Touches(node), Use::Reads(foothold.block)]);
     }
 }
 

@@ -8,7 +8,7 @@ use crate::gait::spline::hermite;
 use crate::real::Real;
 use crate::rows::Family;
 use crate::rows::acceleration::Acceleration;
-use crate::rows::blocks::Use;
+use crate::rows::blocks::{BlockId, Foothold, Use};
 use crate::rows::footing::Footing;
 use crate::rows::force::ForceNode;
 use crate::rows::reach::{ReachFoot, ReachLeg};
@@ -144,27 +144,42 @@ fn footing_elements<T: Real>(b: &mut Builder<T>) {
     }
 }
 
-fn force_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
+/// A force that is limited: at a free force node or at a Bezier point next to it.
+pub(super) struct ForcePoint {
+    pub node: BlockId,
+    pub foothold: Foothold,
+    /// Step of its rows in the sweep.
+    pub step: usize,
+    /// Weight of the slope of the node.
+    pub slope: f64,
+}
+
+/// All limited forces.
+pub(super) fn force_points<T: Real>(own: &dyn Transcribe<T>, b: &Builder<T>) -> Vec<ForcePoint> {
     let pieces = b.settings.force_pieces;
-    for foot in 0..b.feet.len() {
-        for stance in 0..b.feet[foot].force_nodes.len() {
-            let span = b.feet[foot].phases[2 * stance];
-            let foothold = b.feet[foot].footholds[stance];
-            for i in 0..=pieces {
-                let Some(node) = b.feet[foot].force_nodes[stance][i] else { continue };
+    let mut points = Vec::new();
+    for foot in &b.feet {
+        for (stance, nodes) in foot.force_nodes.iter().enumerate() {
+            let (span, foothold) = (foot.phases[2 * stance], foot.footholds[stance]);
+            for (i, node) in nodes.iter().enumerate() {
+                let Some(node) = *node else { continue };
                 let step = b.step_within(span.start + span.duration() * i as f64 / pieces as f64, node);
-                for &slope in own.slopes(i, pieces) {
-                    let entry = ForceNode::new(T::of(slope), foothold.index);
-                    let (family, table) = match b.settings.friction() {
-                        Friction::Pyramid => (Family::Force, &mut b.tables.force_nodes),
-                        Friction::Cone => (Family::Cone, &mut b.tables.cones),
-                    };
-                    table.push(entry);
-                    let at = table.len() - 1;
-                    b.element(family, at, step, &[Use::Touches(node), Use::Touches(foothold.block)]);
-                }
+                points.extend(own.slopes(i, pieces).iter().map(|&slope| ForcePoint { node, foothold, step, slope }));
             }
         }
+    }
+    points
+}
+
+fn force_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
+    for ForcePoint { node, foothold, step, slope } in force_points(own, b) {
+        let (family, table) = match b.settings.friction() {
+            Friction::Pyramid => (Family::Force, &mut b.tables.force_nodes),
+            Friction::Cone => (Family::Cone, &mut b.tables.cones),
+        };
+        table.push(ForceNode::new(T::of(slope), foothold.index));
+        let at = table.len() - 1;
+        b.element(family, at, step, &[Use::Touches(node), Use::Touches(foothold.block)]);
     }
 }
 
