@@ -39,7 +39,7 @@ fn reach_foot(slot: u32, half: u32, number: u32, base_w: vec3<f32>, rot_wb: Mat3
     let constants = &slots[slot].constants;
     let unit = constants.length_scale;
     let x = ix_x(slot, half);
-    var foot_w = vec3<f32>();
+    var foot_w = vec3<f32>(leg.offset[0], leg.offset[1], leg.offset[2]);
     for (var i = 0u; i < 2u; i++) {
         if (leg.foothold[i] == NONE) {
             continue;

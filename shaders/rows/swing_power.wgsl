@@ -15,6 +15,7 @@ fn entry(slot: u32, half: u32, k: u32) {
     // Velocity and acceleration of the foot.
     var motion = array<vec3<f32>, 2>();
     for (var order = 0u; order < 2u; order++) {
+        motion[order] = vec3<f32>(power.offset[order][0], power.offset[order][1], power.offset[order][2]);
         for (var i = 0u; i < 2u; i++) {
             let foothold = x + footholds[slot * batch.footholds + power.foothold[i]];
             motion[order].x += power.xy_weights[order][i] * values[foothold];

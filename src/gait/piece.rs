@@ -4,7 +4,7 @@ use super::Curve;
 use nalgebra::Vector3;
 
 /// Times closer than this count as equal, s.
-pub(super) const SAME_TIME: f64 = 1e-6;
+pub(crate) const SAME_TIME: f64 = 1e-6;
 
 /// Piece of a curve: `p = p0 + p1 t + p2 t^2 + p3 t^3`.
 pub(super) struct Piece {

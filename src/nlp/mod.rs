@@ -13,6 +13,7 @@ mod footing;
 mod ground_path;
 pub mod problem;
 pub mod sweep;
+mod swing_curve;
 mod trajectory;
 pub mod transcription;
 

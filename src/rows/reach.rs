@@ -37,7 +37,7 @@ crate::table! {
     /// Reach rows of one foot.
     ///
     /// Its position is `xy = sum_i xy_weights[i] foothold_i`, `z = sum_i z_weights[i] height(foothold_i) + z_weights[2] swing_height`, with
-    /// the footholds of its [`ReachLeg`] and the swing height of its own columns.
+    /// the footholds and the offset of its [`ReachLeg`] and the swing height of its own columns.
     pub struct ReachFoot<T> {
         /// Weights of the footholds before and after the swing.
         pub xy_weights: [T; 2],
@@ -55,6 +55,8 @@ crate::table! {
         pub half_widths: [T; 3],
         /// Indices of the footholds before and after the swing; the second is [`NONE`] in stance.
         pub foothold: [u32; 2],
+        /// Constant part of the position, m; zero unless the swing had begun before the motion.
+        pub offset: [T; 3],
     }
 }
 
@@ -130,7 +132,7 @@ fn base_pose<T: Real>(
 #[inline(always)]
 fn foot_position<T: Real>(tables: &Tables<T>, foot: &ReachFoot<T>, own: &OwnColumns, x: &[T], ground: &[Ground<T>]) -> Vec3<T> {
     let leg = &tables.reach_legs[foot.leg as usize];
-    let mut foot_w = [T::zero(); 3];
+    let mut foot_w = leg.offset;
     for i in 0..2 {
         if leg.foothold[i] == NONE {
             continue;

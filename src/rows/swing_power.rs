@@ -27,6 +27,8 @@ crate::table! {
         pub xy_weights: [[T; 2]; 2],
         /// Weights of the heights of the footholds and of the mid node for the vertical velocity and the vertical acceleration.
         pub z_weights: [[T; 3]; 2],
+        /// Constant parts of velocity and acceleration; zero unless the swing had begun before the motion.
+        pub offset: [[T; 3]; 2],
         /// Position of the swing height in `x`.
         pub height: u32,
         /// Column of the swing height.
@@ -66,7 +68,7 @@ pub fn swing_power<T: Real>(
     for power in &tables.swing_powers {
         let hip = hip(tables, x, deviations, &power.base);
         // Velocity and acceleration of the foot.
-        let mut motion = [[T::zero(); 3]; 2];
+        let mut motion = power.offset;
         for order in 0..2 {
             for i in 0..2 {
                 let foothold = tables.footholds[power.foothold[i] as usize] as usize;

@@ -22,6 +22,36 @@ pub struct BaseState {
     pub rates: [f64; 3],
 }
 
+/// State of a foot that is in the air at the start of a motion.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct SwingState {
+    /// Position, world frame, m.
+    pub position: [f64; 3],
+    /// Velocity, world frame, m/s.
+    #[serde(default)]
+    pub velocity: [f64; 3],
+    /// Time since lift-off, s. The foot still rises to the middle of the whole swing, and only descends after that.
+    #[serde(default)]
+    pub since: f64,
+}
+
+impl SwingState {
+    /// Checks that all numbers are in range.
+    ///
+    /// # Errors
+    /// [`crate::Error::Invalid`] names the first number out of range, for example `start_swings[2].velocity[0]`.
+    pub fn validate(&self, foot: usize) -> Result<()> {
+        for (what, values, limit) in [("position", self.position, 1100.), ("velocity", self.velocity, 100.)] {
+            for axis in 0..3 {
+                check_range(&format!("start_swings[{foot}].{what}[{axis}]"), values[axis], -limit, limit)?;
+            }
+        }
+        check_range(&format!("start_swings[{foot}].since"), self.since, 0., crate::gait::schedule::MAX_HORIZON)
+    }
+}
+
 /// Largest roll and pitch, rad. Euler angles are singular at a pitch of 90 degrees.
 pub const LARGEST_TILT: f64 = 1.4;
 

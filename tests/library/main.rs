@@ -4,6 +4,7 @@
 mod common;
 
 mod momentum;
+mod online;
 mod perturbations;
 mod properties;
 mod reference;

@@ -118,6 +118,7 @@ fn check_sizes(problem: &Problem<f32>, schedule: &Schedule, settings: &Transcrip
         (false, _) => (6 * knots, 18),
         (true, GoalVelocity::Zero) => (12 * (knots - 1), 24),
         (true, GoalVelocity::Free) => (12 * (knots - 1) + 6, 18),
+        (true, GoalVelocity::Near) => (12 * knots, 12),
     };
     // Two coordinates of each foothold but the first; heights; force nodes but two per swing.
     let nodes = stances * (pieces + 1) - 2 * swings;
