@@ -140,6 +140,7 @@ pub mod gait;
 pub mod linear;
 #[doc(hidden)]
 pub mod nlp;
+pub mod planner;
 #[cfg(feature = "python")]
 mod python;
 mod quadrature;
@@ -172,6 +173,7 @@ pub use backend::Gpu;
 pub use backend::{Backend, Cpu, DeviceChoice};
 pub use error::{Error, Result};
 pub use gait::{Schedule, Trajectory};
+pub use planner::Planner;
 pub use robot::Robot;
 pub use search::evaluate::Evaluate;
 pub use search::{Gait, Search, SearchResult};
