@@ -1,6 +1,6 @@
 // needs: shared/values shared/jacobian shared/entries
 // binds: jacobian goals
-// Distance of the base from the goal at the end of the horizon, as cost rows. One thread for the pose, one for the rates.
+// Distance of a pose or of rates at a knot from those of the goal, as cost rows. One thread per pose or rates.
 //   in   values    x of the trial point
 //   out  values    c at each row's place
 //   out  jacobian  six rows at each place

@@ -15,7 +15,7 @@ use crate::gait::spline::{HERMITE_GRAM, hermite, hermite_acceleration, hermite_r
 use crate::gait::trajectory::GoalVelocity;
 use crate::quadrature::GAUSS_3;
 use crate::real::Real;
-use crate::robot::{GRAVITY, Robot};
+use crate::robot::GRAVITY;
 use crate::rows::Family;
 use crate::rows::blocks::Use;
 use crate::rows::effort::Effort;
@@ -29,8 +29,12 @@ use crate::settings::Friction;
 
 /// Speed by which the cost of a motion with a free end is divided, in `sqrt(g l)`, instead of by its distance over time.
 pub(crate) const PLANNING_SPEED: f64 = 0.3;
-/// Price of the distance from the goal at a free end, see [`goal_weights`].
-pub(crate) const GOAL_PRICE: f64 = 10.;
+/// Price of the distance of a free end from the goal, for one base height or rad.
+const GOAL_PRICE: f64 = 40.;
+/// Price of the distance of the velocity from its approach to that of the goal, for one `sqrt(g l)` or `sqrt(g / l)` at all times.
+const RATE_PRICE: f64 = 200.;
+/// Time in which the velocity of the goal is approached, s.
+pub(crate) const RESPONSE: f64 = 0.25;
 
 /// Shortest part of a quadrature, s.
 const SHORTEST: f64 = 1e-6;
@@ -59,30 +63,30 @@ pub(super) fn cost_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>
     }
 }
 
-/// Adds the distances of pose and rates from the goal.
-fn goal_elements<T: Real>(b: &mut Builder<T>) {
-    let (goal, line, line_rate) = (&b.task.goal, b.reference(b.horizon), b.reference_rate());
-    let targets = [(goal.pose(), line), (goal.rate(), line_rate)];
-    for ((target, line), weight) in targets.into_iter().zip(goal_weights(&b.task.robot)) {
-        let block = b.base[b.base.len() - 2 + b.tables.goals.len()];
-        b.tables.goals.push(Goal {
-            weight: weight.map(T::of),
-            target: std::array::from_fn(|d| T::of(target[d] - line[d])),
-            variable: NONE,
-            column: NONE,
-            place: Place::default(),
-        });
-        b.cost_element(Family::Goal, b.tables.goals.len() - 1, b.intervals - 1, 0., &[Use::Touches(block)]);
-    }
-}
-
-/// Weights of the distance from the goal: of position and angles, 1/m and 1/rad, and of their rates, s/m and s/rad.
+/// Adds the distance of the last pose from the goal, and those of the rates at all knots from an exponential approach to the goal's.
 ///
-/// Half of their square is the cost of a distance: [`GOAL_PRICE`] for one base height, one rad, one `sqrt(g l)`, or one `sqrt(g / l)`.
-pub(crate) fn goal_weights(robot: &Robot) -> [[f64; 6]; 2] {
-    let (length, speed, weight) = (robot.base_height, speed_scale(robot), (2. * GOAL_PRICE).sqrt());
-    let of = |linear: f64, angular: f64| std::array::from_fn(|i| if i < 3 { linear } else { angular });
-    [of(weight / length, weight), of(weight / speed, weight * length / speed)]
+/// With the rates at the end alone a plan would put off every change of velocity, and so would the next.
+fn goal_elements<T: Real>(b: &mut Builder<T>) {
+    let (start, goal, line_rate) = (&b.task.start, &b.task.goal, b.reference_rate());
+    let (length, speed) = (b.task.robot.base_height, speed_scale(&b.task.robot));
+    // Half of the square of a row with this weight is `price` for one base height or rad, one `sqrt(g l)` or `sqrt(g / l)`.
+    let weights = |price: f64, linear: f64, angular: f64| -> [f64; 6] {
+        std::array::from_fn(|i| (2. * price).sqrt() / if i < 3 { linear } else { angular })
+    };
+    let per_knot = RATE_PRICE / b.intervals as f64;
+    let line = b.reference(b.horizon);
+    let mut rows = vec![(2 * b.intervals, std::array::from_fn(|i| goal.pose()[i] - line[i]), weights(GOAL_PRICE, length, 1.))];
+    for knot in 1..=b.intervals {
+        let left = (-(knot as f64) * b.interval / RESPONSE).exp();
+        let rate: [f64; 6] = std::array::from_fn(|i| goal.rate()[i] + left * (start.rate()[i] - goal.rate()[i]) - line_rate[i]);
+        rows.push((2 * knot + 1, rate, weights(per_knot, speed, speed / length)));
+    }
+    for (block, target, weight) in rows {
+        let (variable, column, place) = (NONE, NONE, Place::default());
+        b.tables.goals.push(Goal { weight: weight.map(T::of), target: target.map(T::of), variable, column, place });
+        let step = (block / 2).min(b.intervals - 1);
+        b.cost_element(Family::Goal, b.tables.goals.len() - 1, step, 0., &[Use::Touches(b.base[block])]);
+    }
 }
 
 /// Adds the curvatures of the friction cones, in the order of the cones.

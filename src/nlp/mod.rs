@@ -17,6 +17,7 @@ mod swing_curve;
 mod trajectory;
 pub mod transcription;
 
+pub(crate) use cost::RESPONSE;
 pub use problem::{Curves, Problem};
 pub use trajectory::trajectory;
 

@@ -21,7 +21,7 @@ use crate::gait::family::{GaitFamily, default_families, offsets, time_scale};
 use crate::gait::trajectory::GoalVelocity;
 use crate::gait::{AlignedSchedule, Trajectory};
 use crate::nlp::transcription::interval;
-use crate::nlp::{Problem, trajectory};
+use crate::nlp::{Problem, RESPONSE, trajectory};
 use crate::robot::Robot;
 use crate::search::cem::random::Draws;
 use crate::settings::{SolverSettings, TranscriptionSettings};
@@ -39,8 +39,9 @@ use warm::Before;
 const LIFTED: f64 = 0.01;
 /// Part of a swing after which a contact ends it.
 const LATE_SWING: f64 = 0.5;
-/// Time in which the commanded velocity is approached, s.
-const RESPONSE: f64 = 0.25;
+/// Range of the durations of swings and stances, relative to the typical ones of the family.
+const SWINGS: [f64; 2] = [0.75, 1.4];
+const STANCES: [f64; 2] = [0.6, 1.8];
 /// Number of phases at which a family can be entered.
 const ENTRIES: usize = 24;
 
@@ -257,6 +258,9 @@ impl Planner {
         let mut solver = SolverSettings { max_iterations: settings.iterations, ..SolverSettings::default() };
         solver.optimise.iterations = settings.optimise_iterations;
         solver.optimise.cost = settings.cost;
+        if let Some(b) = std::env::var("PB").ok().and_then(|v| v.parse().ok()) { solver.barrier = Some(b); }
+        if let Some(b) = std::env::var("PO").ok().and_then(|v| v.parse().ok()) { solver.optimise.barrier = b; }
+        if let Some(b) = std::env::var("PW").ok().and_then(|v| v.parse().ok()) { solver.optimise.weight = b; }
         let solvers = (0..cpu.threads()).map(|_| Mutex::default()).collect();
         let contacts = vec![Contact { in_air: false, since: 1. }; task.robot.feet()];
         Ok(Planner { task, settings, transcription, solver, families, cpu, solvers, plan: None, contacts, updates: 0, now: 0. })
@@ -409,10 +413,7 @@ impl Planner {
         let current = self.plan.as_ref().map(|plan| plan.gait.after(start - plan.start));
         gaits.extend(current);
         let entered = self.families.iter().map(|(family, offsets)| {
-            let typical = family.typical(self.task.robot.feet());
-            let (swing, duty) = (typical.swing * time, typical.duty);
-            let at =
-                |i: usize| Cycle { family: Some(*family), swing, stance: swing * duty / (1. - duty), phase: i as f64 / ENTRIES as f64 };
+            let at = |i: usize| Cycle { phase: i as f64 / ENTRIES as f64, ..self.typical(*family) };
             let mismatch = |cycle: &Cycle| cycle.mismatch(offsets, &self.contacts);
             (0..ENTRIES).map(at).min_by(|a, b| mismatch(a).total_cmp(&mismatch(b)))
         });
@@ -428,9 +429,11 @@ impl Planner {
             let gait = gaits[of];
             let mut draws = Draws::new(self.settings.seed, (self.updates % (1 << 32)) as usize, gaits.len());
             let mut change = |dimension: usize, part: f64| part * self.settings.spread * draws.normal(dimension);
+            let typical = gait.family.map_or(gait, |family| self.typical(family));
+            let within = |value: f64, typical: f64, [low, high]: [f64; 2]| value.clamp(low * typical, high * typical);
             gaits.push(Cycle {
-                swing: gait.swing * change(0, 1.).exp(),
-                stance: gait.stance * change(1, 1.5).exp(),
+                swing: within(gait.swing * change(0, 1.).exp(), typical.swing, SWINGS),
+                stance: within(gait.stance * change(1, 1.5).exp(), typical.stance, STANCES),
                 phase: (gait.phase + change(2, 0.5)).rem_euclid(1.),
                 ..gait
             });
@@ -443,6 +446,13 @@ impl Planner {
                 Ok(Candidate { gait, schedule: schedule.aligned(interval) })
             })
             .collect()
+    }
+
+    /// A family with its typical durations.
+    fn typical(&self, family: GaitFamily) -> Cycle {
+        let (typical, time) = (family.typical(self.task.robot.feet()), time_scale(&self.task.robot));
+        let swing = typical.swing * time;
+        Cycle { family: Some(family), swing, stance: swing * typical.duty / (1. - typical.duty), phase: 0. }
     }
 
     fn offsets(&self, gait: &Cycle) -> &[f64] {

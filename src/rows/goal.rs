@@ -1,4 +1,4 @@
-//! Distance of the base from the goal at the end of the horizon, as cost rows: pose and rates of the last knot, each times a weight.
+//! Distance of a pose or of rates at a knot from those of the goal, as cost rows: each component times a weight.
 
 use super::blocks::Placed;
 use super::table::{NONE, Place};
@@ -17,7 +17,7 @@ crate::table! {
     pub struct Goal<T> {
         /// Weight of each component, 1/m and 1/rad, or s/m and s/rad.
         pub weight: [T; 6],
-        /// Value of each component at the goal.
+        /// Value at which the cost of each component is 0.
         pub target: [T; 6],
         /// Position of the block in `x`.
         pub variable: u32,

@@ -182,7 +182,7 @@ families! {
     StancePower { stance_power::SPEC, stance_power::allowed, stance_power::place }
     /// Power of a swinging leg.
     SwingPower { swing_power::SPEC, swing_power::allowed, swing_power::place }
-    /// Distance of the base from the goal at the end.
+    /// Distance of the base from the goal.
     Goal { goal::SPEC, goal::allowed, goal::place }
 }
 
