@@ -32,9 +32,9 @@ pub(crate) const PLANNING_SPEED: f64 = 0.3;
 /// Price of the distance of a free end from the goal, for one base height or rad.
 const GOAL_PRICE: f64 = 40.;
 /// Price of the distance of the velocity from its approach to that of the goal, for one `sqrt(g l)` or `sqrt(g / l)` at all times.
-const RATE_PRICE: f64 = 200.;
+const RATE_PRICE: f64 = 400.;
 /// Time in which the velocity of the goal is approached, s.
-pub(crate) const RESPONSE: f64 = 0.25;
+pub(crate) const RESPONSE: f64 = 0.15;
 
 /// Shortest part of a quadrature, s.
 const SHORTEST: f64 = 1e-6;

@@ -258,9 +258,15 @@ impl Planner {
         let mut solver = SolverSettings { max_iterations: settings.iterations, ..SolverSettings::default() };
         solver.optimise.iterations = settings.optimise_iterations;
         solver.optimise.cost = settings.cost;
-        if let Some(b) = std::env::var("PB").ok().and_then(|v| v.parse().ok()) { solver.barrier = Some(b); }
-        if let Some(b) = std::env::var("PO").ok().and_then(|v| v.parse().ok()) { solver.optimise.barrier = b; }
-        if let Some(b) = std::env::var("PW").ok().and_then(|v| v.parse().ok()) { solver.optimise.weight = b; }
+        if let Some(b) = std::env::var("PB").ok().and_then(|v| v.parse().ok()) {
+            solver.barrier = Some(b);
+        }
+        if let Some(b) = std::env::var("PO").ok().and_then(|v| v.parse().ok()) {
+            solver.optimise.barrier = b;
+        }
+        if let Some(b) = std::env::var("PW").ok().and_then(|v| v.parse().ok()) {
+            solver.optimise.weight = b;
+        }
         let solvers = (0..cpu.threads()).map(|_| Mutex::default()).collect();
         let contacts = vec![Contact { in_air: false, since: 1. }; task.robot.feet()];
         Ok(Planner { task, settings, transcription, solver, families, cpu, solvers, plan: None, contacts, updates: 0, now: 0. })
@@ -274,6 +280,11 @@ impl Planner {
     /// Robot.
     pub fn robot(&self) -> &Arc<Robot> {
         &self.task.robot
+    }
+
+    /// Terrain.
+    pub fn terrain(&self) -> &Arc<Terrain> {
+        &self.task.terrain
     }
 
     /// Replaces the terrain, for example by a map as the robot sees it now.
@@ -297,7 +308,7 @@ impl Planner {
         let clock = Instant::now();
         self.check(state, command, now)?;
         let start = now + self.settings.latency;
-        let before = self.plan.as_ref().map(|plan| Before::new(&plan.motion, start - plan.start));
+        let before = self.plan.as_ref().map(|plan| Before::new(&plan.motion, start - plan.start).turned_to(state.base.yaw()));
         let state = self.ahead(state, before.as_ref());
         self.update_contacts(&state, start);
         self.task = self.task_of(&state, command)?;

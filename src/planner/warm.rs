@@ -6,6 +6,7 @@ use crate::nlp::Problem;
 use crate::rows::table::NONE;
 use crate::task::Task;
 use nalgebra::Vector3;
+use std::f64::consts::TAU;
 
 /// Time in which the first guess returns from the measured state to the motion planned before, s.
 const RETURN: f64 = 0.3;
@@ -17,6 +18,8 @@ pub(super) struct Before {
     /// Time that has passed since its start, s.
     pub passed: f64,
     horizon: f64,
+    /// Whole turns that are added to the yaw, rad.
+    turns: f64,
 }
 
 impl Before {
@@ -27,13 +30,21 @@ impl Before {
             feet: motion.ee.iter().map(|foot| [&foot.motion, &foot.force].map(pieces)).collect(),
             passed,
             horizon: motion.horizon,
+            turns: 0.,
         }
+    }
+
+    /// The motion with its yaw within half a turn of a measured one, rad.
+    pub fn turned_to(self, yaw: f64) -> Before {
+        let [pose, _] = self.base(0.);
+        let turns = ((yaw - pose[5]) / TAU).round() * TAU;
+        Before { turns: self.turns + turns, ..self }
     }
 
     /// Pose and rates of the base, `time` s after now.
     pub fn base(&self, time: f64) -> [[f64; 6]; 2] {
         let [[p, v], [a, w]] = self.base.each_ref().map(|curve| Piece::at(curve, self.passed + time));
-        [[p.x, p.y, p.z, a.x, a.y, a.z], [v.x, v.y, v.z, w.x, w.y, w.z]]
+        [[p.x, p.y, p.z, a.x, a.y, a.z + self.turns], [v.x, v.y, v.z, w.x, w.y, w.z]]
     }
 
     /// Position and velocity of a foot, `time` s after now.

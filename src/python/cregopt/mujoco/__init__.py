@@ -12,8 +12,9 @@ forces of the plan by whole-body inverse dynamics within the motors' torque limi
 """
 
 from ._controller import Gains
+from ._drive import drive, random_drive
 from ._play import play
-from ._report import Report
+from ._report import DriveReport, Report
 from ._robot import robot
 
-__all__ = ["Gains", "Report", "play", "robot"]
+__all__ = ["DriveReport", "Gains", "Report", "drive", "play", "random_drive", "robot"]
