@@ -19,13 +19,13 @@ use crate::error::{Error, Result, check_range};
 use crate::gait::cost::CostWeights;
 use crate::gait::family::{GaitFamily, default_families, offsets, time_scale};
 use crate::gait::trajectory::GoalVelocity;
-use crate::gait::{AlignedSchedule, Trajectory};
+use crate::gait::{AlignedSchedule, Schedule, Trajectory};
 use crate::nlp::transcription::interval;
 use crate::nlp::{Problem, RESPONSE, trajectory};
 use crate::robot::Robot;
 use crate::search::cem::random::Draws;
 use crate::settings::{SolverSettings, TranscriptionSettings};
-use crate::solver::{Finish, Solver, Status};
+use crate::solver::{Finish, Residuals, Resume, Solver, Status};
 use crate::task::{BaseState, Goal, SwingState, Task};
 use crate::terrain::Terrain;
 use crate::verify::verify_rows;
@@ -42,6 +42,10 @@ const LATE_SWING: f64 = 0.5;
 /// Range of the durations of swings and stances, relative to the typical ones of the family.
 const SWINGS: [f64; 2] = [0.75, 1.4];
 const STANCES: [f64; 2] = [0.6, 1.8];
+/// Barrier parameter with which a motion near the one before is minimised.
+const WARM_BARRIER: f64 = 3e-4;
+/// Time in which the error of the velocity is compensated, s, and largest compensation, as a share of the command.
+const COMPENSATION: (f64, f64) = (1., 0.3);
 /// Number of phases at which a family can be entered.
 const ENTRIES: usize = 24;
 
@@ -213,6 +217,7 @@ pub struct Update {
 /// Candidate of an update.
 struct Candidate {
     gait: Cycle,
+    task: Task,
     schedule: AlignedSchedule,
 }
 
@@ -237,6 +242,8 @@ pub struct Planner {
     updates: u64,
     /// Time of the last update, s.
     now: f64,
+    /// Compensation of the error of the velocity, in the horizontal axes of the base, and of the yaw rate.
+    compensation: [f64; 3],
 }
 
 impl Planner {
@@ -258,18 +265,22 @@ impl Planner {
         let mut solver = SolverSettings { max_iterations: settings.iterations, ..SolverSettings::default() };
         solver.optimise.iterations = settings.optimise_iterations;
         solver.optimise.cost = settings.cost;
-        if let Some(b) = std::env::var("PB").ok().and_then(|v| v.parse().ok()) {
-            solver.barrier = Some(b);
-        }
-        if let Some(b) = std::env::var("PO").ok().and_then(|v| v.parse().ok()) {
-            solver.optimise.barrier = b;
-        }
-        if let Some(b) = std::env::var("PW").ok().and_then(|v| v.parse().ok()) {
-            solver.optimise.weight = b;
-        }
         let solvers = (0..cpu.threads()).map(|_| Mutex::default()).collect();
         let contacts = vec![Contact { in_air: false, since: 1. }; task.robot.feet()];
-        Ok(Planner { task, settings, transcription, solver, families, cpu, solvers, plan: None, contacts, updates: 0, now: 0. })
+        Ok(Planner {
+            task,
+            settings,
+            transcription,
+            solver,
+            families,
+            cpu,
+            solvers,
+            plan: None,
+            contacts,
+            updates: 0,
+            now: 0.,
+            compensation: [0.; 3],
+        })
     }
 
     /// The plan in force; `None` before the first update that found one.
@@ -311,7 +322,8 @@ impl Planner {
         let before = self.plan.as_ref().map(|plan| Before::new(&plan.motion, start - plan.start).turned_to(state.base.yaw()));
         let state = self.ahead(state, before.as_ref());
         self.update_contacts(&state, start);
-        self.task = self.task_of(&state, command)?;
+        let command = self.compensated(&state.base, command, now);
+        self.task = self.task_of(&state, &command)?;
         let candidates = self.candidates(start)?;
         let until = self.settings.deadline.map(|seconds| clock + Duration::from_secs_f64(seconds));
         let (mut solved, iterations) = self.solve(&candidates, before.as_ref(), until);
@@ -389,6 +401,21 @@ impl Planner {
         }
     }
 
+    /// The command with the compensation of the mean error so far: the cost of effort holds the velocity below the command.
+    fn compensated(&mut self, base: &BaseState, command: &Command, now: f64) -> Command {
+        let (sin, cos) = base.yaw().sin_cos();
+        let [x, y, _] = base.velocity;
+        let actual = [cos * x + sin * y, cos * y - sin * x, base.rates[2]];
+        let asked = [command.velocity[0], command.velocity[1], command.yaw_rate];
+        let passed = if self.updates > 0 { (now - self.now).min(COMPENSATION.0) } else { 0. };
+        for i in 0..3 {
+            let most = COMPENSATION.1 * asked[i].abs();
+            self.compensation[i] = (self.compensation[i] + passed / COMPENSATION.0 * (asked[i] - actual[i])).clamp(-most, most);
+        }
+        let [x, y, turn] = std::array::from_fn(|i| asked[i] + self.compensation[i]);
+        Command { velocity: [x, y], yaw_rate: turn }
+    }
+
     /// The task from a state to where the command leads.
     fn task_of(&self, state: &RobotState, command: &Command) -> Result<Task> {
         let (base, horizon) = (&state.base, self.horizon());
@@ -454,9 +481,27 @@ impl Planner {
             .into_iter()
             .map(|gait| {
                 let schedule = gait.schedule(self.offsets(&gait), &self.contacts, horizon)?;
-                Ok(Candidate { gait, schedule: schedule.aligned(interval) })
+                Ok(Candidate { gait, task: self.descending(&schedule), schedule: schedule.aligned(interval) })
             })
             .collect()
+    }
+
+    /// The task with feet in the air that descend no faster than a cubic to the ground can, in the time that a schedule gives them.
+    ///
+    /// A cubic from height `h` with the velocity `-v` to rest on the ground after `t` stays above the ground if `v t <= 3 h`.
+    fn descending(&self, schedule: &Schedule) -> Task {
+        let mut task = self.task.clone();
+        for (state, durations) in task.start_swings.iter_mut().zip(schedule.durations()) {
+            let Some(state) = state else { continue };
+            let [x, y, z] = state.position;
+            let ground = self.task.terrain.height(x, y);
+            let (left, rise) = (durations[1], (durations[1] - state.since) / 2.);
+            let time = if rise >= left / 4. { rise } else { left };
+            let height = (z - ground).max(0.);
+            state.position[2] = ground + height;
+            state.velocity[2] = state.velocity[2].max(-3. * height / time);
+        }
+        task
     }
 
     /// A family with its typical durations.
@@ -502,16 +547,30 @@ impl Planner {
         solver: &mut Solver<f64>,
         late: &dyn Fn() -> bool,
     ) -> (Option<Solved>, usize) {
-        let problem = Problem::<f64>::with_cost(&self.task, &candidate.schedule, &self.transcription, self.solver.optimise.objective());
-        let guess = before.map(|before| before.guess(&self.task, &problem));
+        let task = &candidate.task;
+        let problem = Problem::<f64>::with_cost(task, &candidate.schedule, &self.transcription, self.solver.optimise.objective());
         let finish = Finish::Rows(self.solver.row_tolerance);
-        let outcome = solver.solve(&problem, &self.solver, finish, guess.as_deref(), late);
-        if outcome.status != Status::Solved {
-            return (None, outcome.iterations);
+        let mut iterations = 0;
+        let mut solved = false;
+        if let Some(before) = before {
+            // Near the motion before, the rows need no solve of their own before the minimisation.
+            let multipliers = Residuals { c: vec![0.; problem.rows.one_sided()], g: vec![0.; problem.inequalities] };
+            let x = before.guess(task, &problem);
+            let from = Resume { x: &x, multipliers: &multipliers, barrier: WARM_BARRIER, iterations: self.settings.optimise_iterations };
+            let outcome = solver.resume(&problem, &self.solver, finish, &from, late);
+            iterations += outcome.iterations;
+            solved = outcome.status == Status::Solved;
         }
-        let cost = solver.cost(&problem, &self.solver);
-        let motion = trajectory(&self.task, &problem.curves, &solver.solution());
-        (Some(Solved { motion, cost }), outcome.iterations)
+        if before.is_none() {
+            let outcome = solver.solve(&problem, &self.solver, finish, None, late);
+            iterations += outcome.iterations;
+            solved = outcome.status == Status::Solved;
+        }
+        let result = solved.then(|| {
+            let cost = solver.cost(&problem, &self.solver);
+            Solved { motion: trajectory(task, &problem.curves, &solver.solution()), cost }
+        });
+        (result, iterations)
     }
 
     /// The cheapest candidate whose motion the certificate accepts; another gait than that in force must be cheaper by the hysteresis.

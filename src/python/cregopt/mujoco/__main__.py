@@ -101,7 +101,7 @@ def run_drive(given: Sequence[str]) -> int:
         of_pushes = [numbers(part, (1, 3, 1), "--push") for part in options.push.split(";") if part]
         pushes = [(time, (f[0], f[1], f[2]), seconds) for (time,), f, (seconds,) in of_pushes]
         if options.random is not None:
-            commands, more = random_drive(options.random, options.seed or 0, made.mass, made.base_height)
+            commands, more = random_drive(options.random, options.seed or 0, made.mass, float(made.to_dict()["base_height"]))
             pushes += more
         settings = dict(setting(text) for text in options.set)
         if options.gait is not None:

@@ -169,11 +169,12 @@ class _Online(Simulation[DriveReport]):
         seed: Optional[int],
     ) -> None:
         self.planner, self.robot, self.terrain = planner, robot, terrain
+        self.height = float(robot.to_dict()["base_height"])
         self.commands, self.pushes = commands, pushes
         self.ends = np.cumsum([time for _, time in commands])
-        standing = robot.nominal_feet + [0, 0, robot.base_height]
+        standing = robot.nominal_feet + [0, 0, self.height]
         standing[:, 2] = [terrain.height(x, y) for x, y, _ in standing]
-        nominal = RobotState([0, 0, robot.base_height + terrain.height(0, 0)], np.eye(3), np.zeros(3), np.zeros(3), standing, 0 * standing, [True] * len(standing))
+        nominal = RobotState([0, 0, self.height + terrain.height(0, 0)], np.eye(3), np.zeros(3), np.zeros(3), standing, 0 * standing, [True] * len(standing))
         self.update = planner.update(nominal, commands[0][0], 0.0)
         plan = self._reference(self.update)
         friction = terrain.friction if friction is None else friction
@@ -294,7 +295,7 @@ class _Online(Simulation[DriveReport]):
             return "the trunk touches the ground"
         if lean > LEAN:
             return f"it leans by {np.degrees(lean):.0f} deg"
-        if state.com[2] - float(state.feet[:, 2].min()) < LOW * self.robot.base_height:
+        if state.com[2] - float(state.feet[:, 2].min()) < LOW * self.height:
             return "the base is too low"
         return None
 
