@@ -452,11 +452,7 @@ struct HipPoint {
 
 struct StancePower {
     base: HipPoint,
-    force: array<f32, 4>,
-    node: array<u32, 2>,
-    node_column: array<u32, 2>,
-    foothold: u32,
-    foothold_column: u32,
+    stance: StanceForce,
     place: Place,
 }
 

@@ -1,4 +1,4 @@
-// needs: shared/values shared/jacobian shared/math shared/factored_place shared/entries
+// needs: shared/values shared/jacobian shared/math shared/foot shared/factored_place shared/entries
 // binds: jacobian footholds tables
 // reads: base_blocks factored_instants factored_elements factored_own reach_instants reach_feet reach_legs
 // Reach boxes: each foot stays within a box in the base frame. One thread per reach instant.
@@ -39,20 +39,9 @@ fn reach_foot(slot: u32, half: u32, number: u32, base_w: vec3<f32>, rot_wb: Mat3
     let constants = &slots[slot].constants;
     let unit = constants.length_scale;
     let x = ix_x(slot, half);
-    var foot_w = vec3<f32>(leg.offset[0], leg.offset[1], leg.offset[2]);
-    for (var i = 0u; i < 2u; i++) {
-        if (leg.foothold[i] == NONE) {
-            continue;
-        }
-        let at = x + footholds[slot * batch.footholds + leg.foothold[i]];
-        foot_w.x += foot.xy_weights[i] * values[at];
-        foot_w.y += foot.xy_weights[i] * values[at + 1u];
-        foot_w.z += foot.z_weights[i] * ground_height(slot, leg.foothold[i]);
-    }
-    if (height.len > 0u) {
-        foot_w.z += foot.z_weights[2] * values[x + height.variable];
-    }
-    let leg_w = foot_w - base_w;
+    let swing_height = select(NONE, height.variable, height.len > 0u);
+    let offset = vec3<f32>(leg.offset[0], leg.offset[1], leg.offset[2]);
+    let leg_w = foot_motion(slot, x, leg.foothold, swing_height, foot.xy_weights, foot.z_weights) + offset - base_w;
     let center = vec3<f32>(leg.center[0], leg.center[1], leg.center[2]);
     let offset_b = mul_transposed(rot_wb, leg_w) - center;
     let at = ix_inequality(slot, half, place.inequality);

@@ -1,4 +1,4 @@
-// needs: shared/values shared/jacobian shared/math shared/hip shared/entries
+// needs: shared/values shared/jacobian shared/math shared/foot shared/hip shared/entries
 // binds: jacobian footholds momentum_intervals swing_powers
 // Powers of swinging legs as cost rows. One thread per point of the quadrature.
 //   in   values    x of the trial point, ground, deviations
@@ -13,19 +13,12 @@ fn entry(slot: u32, half: u32, k: u32) {
     let here = hip(slot, half, base);
     let x = ix_x(slot, half);
     // Velocity and acceleration of the foot.
-    var motion = array<vec3<f32>, 2>();
-    for (var order = 0u; order < 2u; order++) {
-        motion[order] = vec3<f32>(power.offset[order][0], power.offset[order][1], power.offset[order][2]);
-        for (var i = 0u; i < 2u; i++) {
-            let foothold = x + footholds[slot * batch.footholds + power.foothold[i]];
-            motion[order].x += power.xy_weights[order][i] * values[foothold];
-            motion[order].y += power.xy_weights[order][i] * values[foothold + 1u];
-            motion[order].z += power.z_weights[order][i] * ground_height(slot, power.foothold[i]);
-        }
-        motion[order].z += power.z_weights[order][2] * values[x + power.height];
-    }
-    let acceleration = motion[1];
-    let v = motion[0] - here.velocity;
+    let offset = power.offset;
+    let velocity = foot_motion(slot, x, power.foothold, power.height, power.xy_weights[0], power.z_weights[0])
+        + vec3<f32>(offset[0][0], offset[0][1], offset[0][2]);
+    let acceleration = foot_motion(slot, x, power.foothold, power.height, power.xy_weights[1], power.z_weights[1])
+        + vec3<f32>(offset[1][0], offset[1][1], offset[1][2]);
+    let v = velocity - here.velocity;
     values[ix_equality(slot, half, power.place.row)] = dot(acceleration, v);
 
     let rows = rows_at(slot, half, power.place);

@@ -23,14 +23,14 @@ impl Exhibit {
     /// Scene of the page.
     pub fn scene(&self) -> Scene<'_> {
         Scene {
-            name: self.name.clone(),
+            name: &self.name,
             trajectory: &self.trajectory,
             robot: &self.terms.robot,
             terrain: &self.terms.terrain,
             force_limit: self.terms.force_limit,
-            terms: self.terms.lines.clone(),
-            report: self.report.clone(),
-            about: self.about.clone(),
+            terms: &self.terms.lines,
+            report: &self.report,
+            about: &self.about,
         }
     }
 }

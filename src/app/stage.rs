@@ -141,7 +141,7 @@ impl MissionStage {
 
     /// Picture of one of the gaits.
     pub fn plot<'a>(&'a self, gait: &'a Gait) -> MotionPlot<'a> {
-        let family = gait.family.map(|f| format!("{f}, ")).unwrap_or_default();
+        let family = gait.candidate.family.map(|f| format!("{f}, ")).unwrap_or_default();
         let evaluated = &gait.candidate.solution;
         let cost = evaluated.cost.as_ref().map(|c| format!(", cost {:.3}", c.total)).unwrap_or_default();
         let trajectory = gait.trajectory();

@@ -19,6 +19,7 @@ use crate::robot::GRAVITY;
 use crate::rows::Family;
 use crate::rows::blocks::Use;
 use crate::rows::effort::Effort;
+use crate::rows::foot::StanceForce;
 use crate::rows::force::ForceNode;
 use crate::rows::goal::Goal;
 use crate::rows::hip::HipPoint;
@@ -201,11 +202,13 @@ fn stance_elements<T: Real>(b: &mut Builder<T>, price: f64) {
                 let [value, slope, next, next_slope] = hermite(since - first as f64 * piece, piece);
                 b.tables.stance_powers.push(StancePower {
                     base: hip_point(b, foot, k, t / h - k as f64),
-                    force: [value * unit, slope / piece * unit, next * unit, next_slope / piece * unit].map(T::of),
-                    node: [NONE; 2],
-                    node_column: [NONE; 2],
-                    foothold: foothold.index,
-                    foothold_column: NONE,
+                    stance: StanceForce {
+                        weights: [[value, slope / piece], [next, next_slope / piece]].map(|weights| weights.map(|w| T::of(w * unit))),
+                        node: [NONE; 2],
+                        node_column: [NONE; 2],
+                        foothold: foothold.index,
+                        foothold_column: NONE,
+                    },
                     place: Place::default(),
                 });
                 let [pose, rate, next_pose, next_rate] = base_uses(b, k);

@@ -42,6 +42,8 @@ const LATE_SWING: f64 = 0.5;
 /// Range of the durations of swings and stances, relative to the typical ones of the family.
 const SWINGS: [f64; 2] = [0.75, 1.4];
 const STANCES: [f64; 2] = [0.6, 1.8];
+/// Longest time between the knots of the base by default, s.
+const LONGEST_INTERVAL: f64 = 0.1;
 /// Barrier parameter with which a motion near the one before is minimised.
 const WARM_BARRIER: f64 = 3e-4;
 /// Time in which the error of the velocity is compensated, s, and largest compensation, as a share of the command.
@@ -55,6 +57,11 @@ const ENTRIES: usize = 24;
 pub struct PlannerSettings {
     /// Horizon, s. Too short: the robot cannot catch itself. Too long: updates are slow.
     pub horizon: f64,
+    /// Time between the knots of the base, s. By default twice that of [`interval`], at most 0.1 s. Too short: updates are slow. Too long:
+    /// motions are inexact.
+    pub interval: Option<f64>,
+    /// Number of cubics of the force of a stance, at least 2. See [`TranscriptionSettings::force_pieces`].
+    pub force_pieces: usize,
     /// Number of candidates of an update.
     pub candidates: usize,
     /// Families to choose from; all of the robot if `None`. One family is performed with its typical durations as they are.
@@ -87,6 +94,8 @@ impl Default for PlannerSettings {
     fn default() -> Self {
         PlannerSettings {
             horizon: 0.8,
+            interval: None,
+            force_pieces: 2,
             candidates: 16,
             families: None,
             change_durations: true,
@@ -111,6 +120,10 @@ impl PlannerSettings {
     /// [`Error::Invalid`] names the first field that is out of its limits.
     pub fn validate(&self) -> Result<()> {
         check_range("planner.horizon", self.horizon, 0.2, 10.)?;
+        if let Some(interval) = self.interval {
+            check_range("planner.interval", interval, 0.01, 0.2)?;
+        }
+        check_range("planner.force_pieces", self.force_pieces as f64, 2., 16.)?;
         check_range("planner.candidates", self.candidates as f64, 1., 4096.)?;
         check_range("planner.iterations", self.iterations as f64, 1., 1e4)?;
         check_range("planner.optimise_iterations", self.optimise_iterations as f64, 1., 1e4)?;
@@ -257,8 +270,11 @@ impl Planner {
         let names = settings.families.clone().unwrap_or_else(|| default_families(&task.robot));
         let families = names.into_iter().map(|family| Ok((family, offsets(family, &task.robot)?))).collect::<Result<Vec<_>>>()?;
         let cpu = Cpu::new(settings.threads)?;
+        let usual = interval(&TranscriptionSettings::default(), &task.robot);
         let transcription = TranscriptionSettings {
             goal_velocity: GoalVelocity::Near,
+            interval: Some(settings.interval.unwrap_or((2. * usual).min(LONGEST_INTERVAL))),
+            force_pieces: settings.force_pieces,
             reach_margin: settings.reach_margin * task.robot.base_height,
             ..TranscriptionSettings::default()
         };

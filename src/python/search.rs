@@ -57,7 +57,7 @@ impl Gait {
     /// Family of the gait, if it belongs to one or is near one.
     #[getter]
     fn family(&self) -> Option<String> {
-        self.gait().family.map(|family| family.to_string())
+        self.gait().candidate.family.map(|family| family.to_string())
     }
 
     /// Result of the independent verification.
@@ -196,7 +196,7 @@ impl Gait {
 
     fn __repr__(&self) -> String {
         let (gait, solution) = (self.gait(), &self.gait().candidate.solution);
-        let family = gait.family.map(|f| format!("{f}, ")).unwrap_or_default();
+        let family = gait.candidate.family.map(|f| format!("{f}, ")).unwrap_or_default();
         let cost = solution.cost.as_ref().map(|c| format!(", cost {:.3}", c.total)).unwrap_or_default();
         format!("Gait({family}{:.2} s{cost}, {}feasible)", solution.horizon, if gait.feasible() { "" } else { "not " })
     }
@@ -223,7 +223,7 @@ impl Gait {
         let (gait, trajectory) = (self.gait(), self.stage.trajectory(self.gait()));
         let terms = VerificationTerms::new(&World::of(None, None, self.stage.task.force_limit), &trajectory, &TermOverrides::default())?;
         let report = terms.verify()?;
-        let about = description(gait.family.map(|f| f.to_string()), gait.candidate.solution.cost.as_ref().map(|cost| cost.total));
+        let about = description(gait.candidate.family.map(|f| f.to_string()), gait.candidate.solution.cost.as_ref().map(|cost| cost.total));
         let name = format!("{} on {}", terms.robot.name, terms.terrain.name);
         crate::view::page(&[Exhibit { name, trajectory, terms, report, about }.scene()])
     }

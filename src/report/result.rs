@@ -115,9 +115,6 @@ pub struct GaitResult {
     /// Objective `J`, maximised.
     #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub objective: f64,
-    /// Mean normal force over all force nodes, N.
-    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
-    pub mean_normal_force: f64,
     /// Outcome of the solve, and the cost.
     #[serde(flatten)]
     pub evaluated: Evaluated,
@@ -128,13 +125,12 @@ impl GaitResult {
     pub fn new(gait: &Gait) -> GaitResult {
         let candidate = &gait.candidate;
         GaitResult {
-            family: gait.family,
+            family: candidate.family,
             generation: candidate.generation,
             index: candidate.index,
             n_stance: candidate.stances.clone(),
             durations: candidate.solution.durations(),
             objective: candidate.objective,
-            mean_normal_force: candidate.solution.mean_normal_force,
             evaluated: candidate.solution.clone(),
         }
     }

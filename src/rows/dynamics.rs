@@ -4,7 +4,8 @@
 //! `balance = m p'' - sum f_i + m g e_z`, divided by `m g`. World frame, `I_w = R I R'`. Source: \[3\].
 
 use super::blocks::Placed;
-use super::math::{Mat3, Vec3, add, along, cross, euler, mul, mul_transposed, scale, sub};
+use super::foot::{StanceForce, stance_force};
+use super::math::{Mat3, Vec3, add, add_weighted, along, cross, euler, mul, mul_transposed, scale, sub};
 use super::table::{NONE, Place, Span};
 use super::write::Rows;
 use super::{Constants, RowKind, Spec, Tables};
@@ -37,20 +38,6 @@ crate::table! {
         pub forces: Span,
         /// Place of the rows in the buffers.
         pub place: Place,
-    }
-
-    /// Force of a foot in contact at one instant: `sum_i (weights[i][0] value_i + weights[i][1] slope_i)`, N.
-    pub struct StanceForce<T> {
-        /// Hermite weights of value and slope of two nodes, times the scale of the variables.
-        pub weights: [[T; 2]; 2],
-        /// Positions of the nodes in `x`, or [`NONE`].
-        pub node: [u32; 2],
-        /// Columns of the nodes.
-        pub node_column: [u32; 2],
-        /// Index of the foothold.
-        pub foothold: u32,
-        /// Column of the foothold.
-        pub foothold_column: u32,
     }
 }
 
@@ -212,28 +199,11 @@ fn base_motion<T: Real>(instant: &DynamicsInstant<T>, x: &[T]) -> [[T; 6]; 3] {
     let (mut pose, mut rate, mut acceleration) = (instant.reference, instant.rate, [T::zero(); 6]);
     for i in 0..3 {
         let at = instant.variable[i] as usize;
-        for d in 0..6 {
-            pose[d] += instant.weights[0][i] * x[at + d];
-            rate[d] += instant.weights[1][i] * x[at + d];
-            acceleration[d] += instant.weights[2][i] * x[at + d];
-        }
+        add_weighted(&mut pose, instant.weights[0][i], &x[at..]);
+        add_weighted(&mut rate, instant.weights[1][i], &x[at..]);
+        add_weighted(&mut acceleration, instant.weights[2][i], &x[at..]);
     }
     [pose, rate, acceleration]
-}
-
-/// Force of a foot in contact, world frame, N.
-#[inline(always)]
-fn stance_force<T: Real>(stance: &StanceForce<T>, x: &[T]) -> Vec3<T> {
-    let mut force_w = [T::zero(); 3];
-    for i in 0..2 {
-        if stance.node[i] != NONE {
-            let at = stance.node[i] as usize;
-            for d in 0..3 {
-                force_w[d] += stance.weights[i][0] * x[at + d] + stance.weights[i][1] * x[at + 3 + d];
-            }
-        }
-    }
-    force_w
 }
 
 /// Writes the derivatives with respect to the force nodes of a foot: `d(-arm x f)/df = -[arm]x`, `d(-f)/df = -1`.

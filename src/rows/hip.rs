@@ -5,7 +5,7 @@
 //! leave the deviation out.
 
 use super::Tables;
-use super::math::{Vec3, add, along, cross, dot, euler, mul, scale};
+use super::math::{Vec3, add, add_weighted, along, cross, dot, euler, mul, scale};
 use super::momentum::{Deviation, INNER_POINTS};
 use super::table::NONE;
 use super::write::Rows;
@@ -52,17 +52,13 @@ pub fn hip<T: Real>(tables: &Tables<T>, x: &[T], deviations: &[Deviation<T>], at
     let (mut pose, mut rate) = (at.reference, interval.rate);
     for i in 0..4 {
         let block = interval.variable[i] as usize;
-        for d in 0..6 {
-            pose[d] += at.value[i] * x[block + d];
-            rate[d] += at.rate[i] * x[block + d];
-        }
+        add_weighted(&mut pose, at.value[i], &x[block..]);
+        add_weighted(&mut rate, at.rate[i], &x[block..]);
     }
     for q in 0..INNER_POINTS {
         let deviation = &deviations[at.interval as usize].pose[q];
-        for d in 0..6 {
-            pose[d] += at.deviation[q] * deviation[d];
-            rate[d] += at.deviation_rate[q] * deviation[d];
-        }
+        add_weighted(&mut pose, at.deviation[q], deviation);
+        add_weighted(&mut rate, at.deviation_rate[q], deviation);
     }
     let (rot_wb, axes) = euler([pose[3], pose[4], pose[5]]);
     let omega = along(&axes, [rate[3], rate[4], rate[5]]);

@@ -66,6 +66,14 @@ pub fn euler<T: Real>(angles: Vec3<T>) -> (Mat3<T>, [Vec3<T>; 3]) {
     (rot_wb, [[cy * cz, cy * sz, -sy], [-sz, cz, zero], [zero, zero, T::one()]])
 }
 
+/// Adds `w` times the first six values to a motion.
+#[inline(always)]
+pub fn add_weighted<T: Real>(sum: &mut [T; 6], w: T, values: &[T]) {
+    for d in 0..6 {
+        sum[d] += w * values[d];
+    }
+}
+
 /// `sum_i v[i] axes[i]`.
 #[inline(always)]
 pub fn along<T: Real>(axes: &[Vec3<T>; 3], v: Vec3<T>) -> Vec3<T> {

@@ -14,6 +14,7 @@ pub mod cone_curvature;
 pub mod dynamics;
 pub mod effort;
 pub mod factored;
+pub mod foot;
 pub mod footing;
 pub mod force;
 pub mod goal;
@@ -204,7 +205,7 @@ macro_rules! row_tables {
         $then! { $($more)*
             footholds Footholds [u32],
             dynamics_instants DynamicsInstants [$crate::rows::dynamics::DynamicsInstant<T>],
-            stance_forces StanceForces [$crate::rows::dynamics::StanceForce<T>],
+            stance_forces StanceForces [$crate::rows::foot::StanceForce<T>],
             momentum_intervals MomentumIntervals [$crate::rows::momentum::MomentumInterval<T>],
             impulses Impulses [$crate::rows::momentum::Impulse<T>],
             reach_instants ReachInstants [$crate::rows::reach::ReachInstant<T>],

@@ -4,7 +4,8 @@
 //! Source: \[3\].
 
 use super::factored::{FactoredInstant, OwnColumns, POSE, POSE_BLOCKS};
-use super::math::{Mat3, Vec3, cross, euler, mul_transposed, scale, sub};
+use super::foot::foot_motion;
+use super::math::{Mat3, Vec3, add, add_weighted, cross, euler, mul_transposed, scale, sub};
 use super::momentum::{Deviation, INNER_POINTS};
 use super::table::NONE;
 use super::write::Rows;
@@ -85,7 +86,9 @@ pub fn reach<T: Real>(
             let foot = &tables.reach_feet[number];
             let (leg, place) = (&tables.reach_legs[foot.leg as usize], all.place(number));
             let own = &all.own[all.elements[number].own as usize];
-            let leg_w = sub(foot_position(tables, foot, own, x, ground), base_w);
+            let height = if own.runs[2].len > 0 { own.runs[2].variable } else { NONE };
+            let foot_w = foot_motion(tables, x, ground, leg.foothold, height, foot.xy_weights, foot.z_weights);
+            let leg_w = sub(add(foot_w, leg.offset), base_w);
             let offset_b = sub(mul_transposed(&rot_wb, leg_w), leg.center);
             let at = place.inequality as usize;
             for d in 0..3 {
@@ -113,40 +116,14 @@ fn base_pose<T: Real>(
     let mut pose = instant.reference;
     let blocks = tables.reach_rows.blocks_of(factored);
     for i in 0..POSE_BLOCKS {
-        let at = blocks.variable[i] as usize;
-        for d in 0..6 {
-            pose[d] += factored.weights[i] * x[at + d];
-        }
+        add_weighted(&mut pose, factored.weights[i], &x[blocks.variable[i] as usize..]);
     }
     if let Some(deviation) = deviations.get(blocks.interval as usize) {
         for (w, deviation) in instant.deviation_weights.iter().zip(&deviation.pose) {
-            for d in 0..6 {
-                pose[d] += *w * deviation[d];
-            }
+            add_weighted(&mut pose, *w, deviation);
         }
     }
     pose
-}
-
-/// Position of a foot, world frame.
-#[inline(always)]
-fn foot_position<T: Real>(tables: &Tables<T>, foot: &ReachFoot<T>, own: &OwnColumns, x: &[T], ground: &[Ground<T>]) -> Vec3<T> {
-    let leg = &tables.reach_legs[foot.leg as usize];
-    let mut foot_w = leg.offset;
-    for i in 0..2 {
-        if leg.foothold[i] == NONE {
-            continue;
-        }
-        let at = tables.footholds[leg.foothold[i] as usize] as usize;
-        foot_w[0] += foot.xy_weights[i] * x[at];
-        foot_w[1] += foot.xy_weights[i] * x[at + 1];
-        foot_w[2] += foot.z_weights[i] * ground[leg.foothold[i] as usize].height;
-    }
-    let height = own.runs[2];
-    if height.len > 0 {
-        foot_w[2] += foot.z_weights[2] * x[height.variable as usize];
-    }
-    foot_w
 }
 
 /// Writes the derivatives with respect to the base pose: `-R'` and `d(R' leg)/d angle_i = R' (leg x axis_i)`.

@@ -5,6 +5,7 @@
 
 use super::Tables;
 use super::blocks::Placed;
+use super::foot::{StanceForce, stance_force};
 use super::hip::{Hip, HipPoint, hip, put_base};
 use super::math::{Vec3, add, dot, scale, sub};
 use super::momentum::Deviation;
@@ -26,16 +27,8 @@ crate::table! {
     pub struct StancePower<T> {
         /// Base and hip.
         pub base: HipPoint<T>,
-        /// Hermite weights of value and slope of two force nodes for the force, in weights.
-        pub force: [T; 4],
-        /// Positions of the nodes in `x`; [`NONE`] where the force is zero.
-        pub node: [u32; 2],
-        /// First columns of the nodes.
-        pub node_column: [u32; 2],
-        /// Foothold in [`Tables::footholds`].
-        pub foothold: u32,
-        /// First column of the foothold.
-        pub foothold_column: u32,
+        /// Force of the foot, in weights.
+        pub stance: StanceForce<T>,
         /// Place of the rows.
         pub place: Place,
     }
@@ -46,9 +39,9 @@ pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) 
     let power = &mut tables.stance_powers[entry];
     power.place = at.place;
     power.base.column = at.columns(0);
-    power.node = at.positions(4);
-    power.node_column = at.columns(4);
-    power.foothold_column = at.seats[6].column;
+    power.stance.node = at.positions(4);
+    power.stance.node_column = at.columns(4);
+    power.stance.foothold_column = at.seats[6].column;
 }
 
 /// Powers of all standing legs at all points.
@@ -66,17 +59,9 @@ pub fn stance_power<T: Real>(
 ) {
     for power in &tables.stance_powers {
         let hip = hip(tables, x, deviations, &power.base);
-        let foothold = tables.footholds[power.foothold as usize] as usize;
-        let under = &ground[power.foothold as usize];
-        let mut force = [T::zero(); 3];
-        for i in 0..2 {
-            if power.node[i] != NONE {
-                let node = power.node[i] as usize;
-                for d in 0..3 {
-                    force[d] += power.force[2 * i] * x[node + d] + power.force[2 * i + 1] * x[node + 3 + d];
-                }
-            }
-        }
+        let foothold = tables.footholds[power.stance.foothold as usize] as usize;
+        let under = &ground[power.stance.foothold as usize];
+        let force = stance_force(&power.stance, x);
         let leg = sub([x[foothold], x[foothold + 1], under.height], hip.position);
         let inverse = T::one() / dot(leg, leg).sqrt().max(T::of(LEAST_LEG));
         let e = scale(inverse, leg);
@@ -100,18 +85,18 @@ pub fn stance_power<T: Real>(
 /// Writes one row from its derivatives with respect to force, velocity and leg.
 #[inline(always)]
 fn put_row<T: Real>(rows: &mut Rows<T>, row: usize, power: &StancePower<T>, hip: &Hip<T>, under: &Ground<T>, by: [Vec3<T>; 3]) {
-    let [by_force, by_velocity, by_leg] = by;
+    let ([by_force, by_velocity, by_leg], stance) = (by, &power.stance);
     put_base(rows, row, &power.base, hip, scale(-T::one(), by_leg), scale(-T::one(), by_velocity));
     for i in 0..2 {
-        if power.node_column[i] != NONE {
-            let column = power.node_column[i] as usize;
-            rows.put_three(row, column, scale(power.force[2 * i], by_force));
-            rows.put_three(row, column + 3, scale(power.force[2 * i + 1], by_force));
+        if stance.node_column[i] != NONE {
+            let column = stance.node_column[i] as usize;
+            rows.put_three(row, column, scale(stance.weights[i][0], by_force));
+            rows.put_three(row, column + 3, scale(stance.weights[i][1], by_force));
         }
     }
-    if power.foothold_column != NONE {
+    if stance.foothold_column != NONE {
         for d in 0..2 {
-            rows.put(row, power.foothold_column as usize + d, by_leg[d] + under.slope[d] * by_leg[2]);
+            rows.put(row, stance.foothold_column as usize + d, by_leg[d] + under.slope[d] * by_leg[2]);
         }
     }
 }

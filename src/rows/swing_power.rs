@@ -3,8 +3,9 @@
 
 use super::Tables;
 use super::blocks::Placed;
+use super::foot::foot_motion;
 use super::hip::{HipPoint, hip, put_base};
-use super::math::{dot, scale, sub};
+use super::math::{add, dot, scale, sub};
 use super::momentum::Deviation;
 use super::table::{NONE, Place};
 use super::write::Rows;
@@ -68,17 +69,11 @@ pub fn swing_power<T: Real>(
     for power in &tables.swing_powers {
         let hip = hip(tables, x, deviations, &power.base);
         // Velocity and acceleration of the foot.
-        let mut motion = power.offset;
-        for order in 0..2 {
-            for i in 0..2 {
-                let foothold = tables.footholds[power.foothold[i] as usize] as usize;
-                motion[order][0] += power.xy_weights[order][i] * x[foothold];
-                motion[order][1] += power.xy_weights[order][i] * x[foothold + 1];
-                motion[order][2] += power.z_weights[order][i] * ground[power.foothold[i] as usize].height;
-            }
-            motion[order][2] += power.z_weights[order][2] * x[power.height as usize];
-        }
-        let [velocity, acceleration] = motion;
+        let motion = |order: usize| {
+            let (xy_weights, z_weights) = (power.xy_weights[order], power.z_weights[order]);
+            add(foot_motion(tables, x, ground, power.foothold, power.height, xy_weights, z_weights), power.offset[order])
+        };
+        let [velocity, acceleration] = [motion(0), motion(1)];
         let v = sub(velocity, hip.velocity);
         residual[power.place.row as usize] = dot(acceleration, v);
         let Some(jacobian) = jacobian.as_deref_mut() else { continue };

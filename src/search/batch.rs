@@ -84,7 +84,7 @@ impl ScheduleSolver for BatchSolver<'_> {
     ) -> Result<()> {
         let candidates: Vec<(&Task, &Schedule)> = schedules.iter().map(|s| (self.task, s)).collect();
         batch(&candidates, self.settings, self.cost, self.backend, certify, skip, &|index, result| {
-            finish(index, result.evaluation(), result);
+            finish(index, result.evaluation, result);
         })
     }
 }

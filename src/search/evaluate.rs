@@ -4,7 +4,7 @@ use super::cem::Evaluation;
 use super::needed::NeededCandidates;
 use crate::backend::{Backend, Instance, Job, Precision, Solution, locked};
 use crate::error::{Error, Result};
-use crate::gait::cost::{Cost, CostWeights, cost};
+use crate::gait::cost::{CostWeights, cost};
 use crate::gait::schedule::MAX_HORIZON;
 use crate::gait::{AlignedSchedule, Schedule, Trajectory};
 use crate::nlp::transcription::{force_limit, interval};
@@ -14,6 +14,7 @@ use crate::solver::{Outcome, Status, can_close, close};
 use crate::task::Task;
 use crate::verify::verify_rows;
 use serde::{Deserialize, Serialize};
+use std::ops::Deref;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -54,20 +55,16 @@ impl LowerSettings {
     }
 }
 
-/// Result of one schedule: status, certificate in numbers, cost and solution.
+/// Result of one schedule: evaluation, status and solution.
 #[derive(Debug, Clone, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Evaluated {
     /// Status and effort of the solve, including the closing in f64.
     #[serde(flatten)]
     pub outcome: Outcome,
-    /// True if every row of the certificate holds. Without a certificate: true if the solver solved the problem.
-    pub feasible: bool,
-    /// True if the motion was certified. With [`Certify::Unsolved`], solved motions are not.
-    #[serde(skip)]
-    pub certified: bool,
-    /// Number of rows and bounds of the certificate that are violated by more than their tolerance: see [`verify`](mod@crate::verify).
-    pub n_violated: usize,
+    /// Numbers by which the upper level ranks the schedule.
+    #[serde(flatten)]
+    pub evaluation: Evaluation,
     /// Worst violation, in the unit of its row.
     #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub max_violation: f64,
@@ -80,12 +77,6 @@ pub struct Evaluated {
     pub finished_after: f64,
     /// Transcription that was solved.
     pub transcription: Transcription,
-    /// Cost of the motion; `None` if it is infeasible or no cost was requested.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub cost: Option<Cost>,
-    /// Mean over all force nodes of the magnitude of the normal force, N.
-    #[serde(skip)]
-    pub mean_normal_force: f64,
     /// Schedule after its horizon was rounded up to whole intervals.
     #[serde(skip)]
     pub schedule: AlignedSchedule,
@@ -99,12 +90,6 @@ impl Evaluated {
     pub fn durations(&self) -> Vec<Vec<f64>> {
         let phases = (0..self.schedule.feet()).map(|foot| self.schedule.phases(foot));
         phases.map(|phases| phases.iter().map(|p| p.duration()).collect()).collect()
-    }
-
-    /// Values for the upper level.
-    pub fn evaluation(&self) -> Evaluation {
-        let Evaluated { n_violated, feasible, certified, mean_normal_force, cost, .. } = *self;
-        Evaluation { n_violated, feasible, certified, mean_normal_force, cost }
     }
 
     /// Certifies the result if it has no certificate yet: closes the solution in f64, counts its violations and computes its cost.
@@ -124,6 +109,14 @@ impl Evaluated {
     /// * `task`, `settings` - task and settings of the evaluation
     pub fn trajectory(&self, task: &Task, settings: &TranscriptionSettings) -> Trajectory {
         trajectory(task, &Curves::new(task, &self.schedule, settings), &self.x)
+    }
+}
+
+impl Deref for Evaluated {
+    type Target = Evaluation;
+
+    fn deref(&self) -> &Evaluation {
+        &self.evaluation
     }
 }
 
@@ -240,7 +233,7 @@ pub(super) fn batch(
         let context = EvaluationContext { task, schedule, settings, weights: cost };
         let mut evaluated = match certify {
             Certify::All => context.certified(solution, &|| skip(index)),
-            Certify::Unsolved if solution.outcome.status == Status::Solved => context.uncertified(solution),
+            Certify::Unsolved if solution.outcome.status == Status::Solved => context.evaluated(solution, false),
             // Closing in f64 would make one of eight such candidates feasible, and each attempt costs as much as four new candidates.
             Certify::Unsolved => context.examined(solution),
         };
@@ -336,12 +329,6 @@ pub(super) struct EvaluationContext<'a> {
 }
 
 impl EvaluationContext<'_> {
-    /// Result of a solved candidate without a certificate, with its cost.
-    fn uncertified(self, solution: Solution) -> Evaluated {
-        let motion = trajectory(self.task, &solution.curves, &solution.x);
-        self.evaluated(&motion, RowCheck { certified: false, feasible: true, n_violated: 0, max_violation: f64::NAN }, solution)
-    }
-
     /// Certified result of a candidate, closed in f64 unless it already is or cannot be.
     fn certified(self, solution: Solution, cancel: &dyn Fn() -> bool) -> Evaluated {
         let final_already = solution.closed || self.settings.precision == Precision::F64 || !can_close(&solution.outcome);
@@ -364,43 +351,35 @@ impl EvaluationContext<'_> {
 
     /// Certified result of a candidate, with its cost. The solution is not closed before.
     pub fn examined(self, solution: Solution) -> Evaluated {
-        let EvaluationContext { task, settings, .. } = self;
-        let motion = trajectory(task, &solution.curves, &solution.x);
-        let report = verify_rows(&motion, &task.robot, &task.terrain, force_limit(&settings.transcription, task));
-        let (n_violated, max_violation, feasible) =
-            report.map_or((usize::MAX, f64::NAN, false), |r| (r.n_violated, r.max_violation, r.feasible));
-        self.evaluated(&motion, RowCheck { certified: true, feasible, n_violated, max_violation }, solution)
+        self.evaluated(solution, true)
     }
 
-    /// Result of a candidate from its motion and the check of its rows, with its cost.
-    fn evaluated(self, motion: &Trajectory, rows: RowCheck, solution: Solution) -> Evaluated {
-        let RowCheck { certified, feasible, n_violated, max_violation } = rows;
-        let robot = &self.task.robot;
-        let cost = self.weights.filter(|_| feasible).and_then(|weights| cost(motion, robot, robot.leg_mass(), weights).ok());
+    /// Result of a candidate, with its cost.
+    ///
+    /// * `certified` - false: the solver solved the problem, and the motion gets no certificate
+    fn evaluated(self, solution: Solution, certified: bool) -> Evaluated {
+        let EvaluationContext { task, settings, weights, .. } = self;
+        let motion = trajectory(task, &solution.curves, &solution.x);
+        let (n_violated, max_violation, feasible) = if certified {
+            let report = verify_rows(&motion, &task.robot, &task.terrain, force_limit(&settings.transcription, task));
+            report.map_or((usize::MAX, f64::NAN, false), |r| (r.n_violated, r.max_violation, r.feasible))
+        } else {
+            (0, f64::NAN, true)
+        };
+        let robot = &task.robot;
+        let cost = weights.filter(|_| feasible).and_then(|weights| cost(&motion, robot, robot.leg_mass(), weights).ok());
         Evaluated {
             outcome: solution.outcome,
-            feasible,
-            certified,
-            n_violated,
+            evaluation: Evaluation { feasible, certified, n_violated, mean_normal_force: mean_normal_force(task, &motion), cost },
             max_violation,
             horizon: motion.horizon,
             n_variables: solution.variables,
             finished_after: 0.,
-            transcription: self.settings.transcription.rows,
-            cost,
-            mean_normal_force: mean_normal_force(self.task, motion),
+            transcription: settings.transcription.rows,
             schedule: self.schedule.clone(),
             x: solution.x,
         }
     }
-}
-
-/// Check of the rows of a motion: by its certificate, or by the solver if `certified` is false.
-struct RowCheck {
-    certified: bool,
-    feasible: bool,
-    n_violated: usize,
-    max_violation: f64,
 }
 
 /// Mean over all force nodes, including the zero ones of swings, of `|n . f|`, N, where `n` is the terrain normal under the foot at that

@@ -51,9 +51,7 @@ use timed::{Clock, TimedEvaluator};
 /// Gait that a search returns, with its motion and certificate.
 #[derive(Debug, Clone)]
 pub struct Gait {
-    /// Gait family, if the gait was drawn from one or from the neighbourhood of one.
-    pub family: Option<GaitFamily>,
-    /// Candidate that the gait was: generation, index, schedule as drawn, objective and solution.
+    /// Candidate that the gait was: family, generation, index, schedule as drawn, objective and solution.
     pub candidate: Candidate<Evaluated>,
     trajectory: Trajectory,
     certificate: Report,
@@ -81,10 +79,10 @@ impl Gait {
     }
 
     /// Computes the motion and the certificate of a candidate.
-    fn new(family: Option<GaitFamily>, candidate: Candidate<Evaluated>, task: &Task, lower: &LowerSettings) -> Result<Gait> {
+    fn new(candidate: Candidate<Evaluated>, task: &Task, lower: &LowerSettings) -> Result<Gait> {
         let trajectory = candidate.solution.trajectory(task, &lower.transcription);
         let certificate = verify(&trajectory, &task.robot, &task.terrain, force_limit(&lower.transcription, task))?;
-        Ok(Gait { family, candidate, trajectory, certificate })
+        Ok(Gait { candidate, trajectory, certificate })
     }
 
     /// Refines the gait to a local optimum of its cost, with the phase durations among the variables; see [`refine`]. A gait without a
@@ -112,9 +110,8 @@ impl Gait {
         let solution = Solution { outcome: *outcome, x: refined.x.clone(), variables: curves.variables, curves, closed: true };
         let context = EvaluationContext { task, schedule: &refined.schedule, settings: lower, weights: Some(&search.cost) };
         let solution = context.examined(solution);
-        let (old, as_drawn) = (&self.candidate, self.candidate.schedule.clone());
-        let candidate = Candidate::new(&search.cem(1), old.generation, old.index, as_drawn, solution.evaluation(), solution);
-        Ok((Gait::new(self.family, candidate, task, lower)?, refined))
+        let candidate = self.candidate.evaluated_again(&search.cem(1), solution.evaluation, solution);
+        Ok((Gait::new(candidate, task, lower)?, refined))
     }
 }
 

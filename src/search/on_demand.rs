@@ -2,7 +2,7 @@
 //! cost.
 
 use super::batch::{BatchSolver, ScheduleSolver};
-use super::cem::{Candidate, CemSettings};
+use super::cem::{CemSettings, RankedCandidate};
 use super::evaluate::{Certify, Evaluated};
 use crate::gait::Schedule;
 use crate::gait::family::GaitFamily;
@@ -10,25 +10,22 @@ use rayon::prelude::*;
 use std::collections::{BTreeMap, VecDeque};
 use tracing::debug;
 
-/// Candidate of a generation, whose solution may have been dropped.
-type Drawn = Candidate<Option<Box<Evaluated>>>;
-
 /// Solved candidates of a family, best first. The first one whose certificate is valid is wanted.
 struct FamilyCandidates<'a> {
     family: Option<GaitFamily>,
     /// Objective that a candidate has to exceed.
     threshold: f64,
     /// Candidates without a certificate yet.
-    open: VecDeque<&'a Drawn>,
+    open: VecDeque<&'a RankedCandidate<Evaluated>>,
     /// First candidate whose certificate is valid.
-    certified: Option<Drawn>,
+    certified: Option<RankedCandidate<Evaluated>>,
 }
 
 impl FamilyCandidates<'_> {
     /// Certifies one candidate after the other until a certificate is valid or `certify` returns `None`.
     ///
     /// * `certify` - certifies a candidate; `None` if its solution was dropped
-    fn certify(&mut self, certify: impl Fn(&Drawn) -> Option<Drawn>) {
+    fn certify(&mut self, certify: impl Fn(&RankedCandidate<Evaluated>) -> Option<RankedCandidate<Evaluated>>) {
         while self.certified.is_none()
             && let Some(candidate) = self.open.front().and_then(|next| certify(next))
         {
@@ -46,32 +43,31 @@ const SOLVED_AGAIN: usize = 32;
 /// * `open` - solved candidates without a certificate, best first
 /// * `best` - objective of the best gait of a family so far
 pub(super) fn best_certified(
-    open: &[(Option<GaitFamily>, &Drawn)],
+    open: &[&RankedCandidate<Evaluated>],
     best: impl Fn(Option<GaitFamily>) -> Option<f64>,
     settings: &CemSettings,
     solver: &BatchSolver,
-) -> Vec<(Option<GaitFamily>, Drawn)> {
+) -> Vec<RankedCandidate<Evaluated>> {
     let mut groups = by_family(open, best);
     let BatchSolver { task, settings: lower, backend, cost } = *solver;
     // Candidates that were solved again, by index.
     let mut solved_again: BTreeMap<usize, Evaluated> = BTreeMap::new();
     loop {
-        let certify = |c: &Drawn| {
+        let certify = |c: &RankedCandidate<Evaluated>| {
             let solution = c.solution.as_deref().or_else(|| solved_again.get(&c.index))?.clone().certify(task, lower, cost);
-            let evaluation = solution.evaluation();
-            Some(Candidate::new(settings, c.generation, c.index, c.schedule.clone(), evaluation, Some(Box::new(solution))))
+            Some(c.evaluated_again(settings, solution.evaluation, Some(Box::new(solution))))
         };
         backend.pool().install(|| groups.par_iter_mut().for_each(|group| group.certify(certify)));
         // Solved again outside the parallel loop, because a device takes one batch at a time.
         let missing = |group: &FamilyCandidates| group.certified.is_none() && !group.open.is_empty();
-        let next: Vec<&Drawn> = groups
+        let next: Vec<&RankedCandidate<Evaluated>> = groups
             .iter()
             .filter(|group| missing(group))
             .flat_map(|group| group.open.iter().copied().take(SOLVED_AGAIN))
             .filter(|c| c.solution.is_none())
             .collect();
         if next.is_empty() {
-            return groups.into_iter().filter_map(|group| Some((group.family, group.certified?))).collect();
+            return groups.into_iter().filter_map(|group| group.certified).collect();
         }
         debug!(candidates = next.len(), "solved again");
         let schedules: Vec<Schedule> = next.iter().map(|c| c.schedule.clone()).collect();
@@ -85,14 +81,14 @@ pub(super) fn best_certified(
 }
 
 /// Groups candidates by family, without those that are no better than the best of their family.
-fn by_family<'a>(open: &[(Option<GaitFamily>, &'a Drawn)], best: impl Fn(Option<GaitFamily>) -> Option<f64>) -> Vec<FamilyCandidates<'a>> {
+fn by_family<'a>(open: &[&'a RankedCandidate<Evaluated>], best: impl Fn(Option<GaitFamily>) -> Option<f64>) -> Vec<FamilyCandidates<'a>> {
     let mut groups: Vec<FamilyCandidates> = Vec::new();
-    for &(family, candidate) in open {
-        match groups.iter_mut().find(|group| group.family == family) {
+    for &candidate in open {
+        match groups.iter_mut().find(|group| group.family == candidate.family) {
             Some(group) => group.open.push_back(candidate),
             None => {
-                let threshold = best(family).unwrap_or(f64::NEG_INFINITY);
-                groups.push(FamilyCandidates { family, threshold, open: VecDeque::from([candidate]), certified: None });
+                let threshold = best(candidate.family).unwrap_or(f64::NEG_INFINITY);
+                groups.push(FamilyCandidates { family: candidate.family, threshold, open: VecDeque::from([candidate]), certified: None });
             }
         }
     }

@@ -22,12 +22,6 @@ use crate::task::Task;
 use rayon::prelude::*;
 use tracing::{debug, info};
 
-/// Schedule with its family, if it has one.
-type FamilySchedule = (Option<GaitFamily>, Schedule);
-
-/// Certified candidate with its family, if it has one.
-type FamilyCandidate = (Option<GaitFamily>, Candidate<Evaluated>);
-
 /// Number of rounds in which durations are optimised.
 const DURATION_ROUNDS: usize = 3;
 
@@ -42,12 +36,12 @@ pub(super) struct SearchState<'a, 's> {
     seed: u64,
     clock: Clock<'a>,
     on_event: &'s mut dyn FnMut(&SearchEvent),
-    /// Best certified candidate, with its family.
-    best: Option<(Option<GaitFamily>, Candidate<Evaluated>)>,
-    /// Candidate with the fewest violations while no candidate is certified, with its family.
-    nearest: Option<(Option<GaitFamily>, Candidate<Evaluated>)>,
+    /// Best certified candidate.
+    best: Option<Candidate<Evaluated>>,
+    /// Candidate with the fewest violations while no candidate is certified.
+    nearest: Option<Candidate<Evaluated>>,
     /// Best certified candidate of each family.
-    by_family: Vec<(GaitFamily, Candidate<Evaluated>)>,
+    by_family: Vec<Candidate<Evaluated>>,
     generations: Vec<GenerationRecord>,
     improvements: Vec<Improvement>,
 }
@@ -109,26 +103,24 @@ impl<'a, 's> SearchState<'a, 's> {
         let steps = self.settings.duration_steps.div_ceil(DURATION_ROUNDS);
         for round in 0..DURATION_ROUNDS {
             let gaits = self.best_of_families((self.settings.timed_gaits >> round).max(1));
-            let timed =
-                |(family, old): &FamilyCandidate| Some((*family, with_better_durations(solver, &settings, old, steps, &cancelled)?));
+            let timed = |old: &Candidate<Evaluated>| with_better_durations(solver, &settings, old, steps, &cancelled);
             let timed: Vec<_> = solver.backend.pool().install(|| gaits.par_iter().filter_map(timed).collect());
-            for (family, candidate) in timed {
-                if candidate.evaluation.feasible {
-                    self.keep(family, &candidate);
-                }
-            }
+            timed.iter().filter(|candidate| candidate.evaluation.feasible).for_each(|candidate| self.keep(candidate));
             self.report_improvement();
         }
     }
 
     /// The best certified candidates of different families, best first.
-    fn best_of_families(&self, count: usize) -> Vec<FamilyCandidate> {
-        let best = self.best.iter().map(|(family, candidate)| (*family, candidate));
-        let others = self.by_family.iter().map(|(family, candidate)| (Some(*family), candidate));
-        let mut gaits: Vec<_> = best.chain(others).collect();
-        gaits.sort_by(|a, b| b.1.objective.total_cmp(&a.1.objective));
-        gaits.dedup_by(|b, a| b.0 == a.0);
-        gaits.into_iter().take(count).map(|(family, candidate)| (family, candidate.clone())).collect()
+    fn best_of_families(&self, count: usize) -> Vec<Candidate<Evaluated>> {
+        let mut gaits: Vec<_> = self.best.iter().chain(&self.by_family).collect();
+        gaits.sort_by(|a, b| b.objective.total_cmp(&a.objective));
+        gaits.dedup_by_key(|gait| gait.family);
+        gaits.into_iter().take(count).cloned().collect()
+    }
+
+    /// The best certified candidate of a family.
+    fn best_of(&self, family: GaitFamily) -> Option<&Candidate<Evaluated>> {
+        self.by_family.iter().find(|candidate| candidate.family == Some(family))
     }
 
     /// True if the distribution is fitted to the elites.
@@ -138,14 +130,14 @@ impl<'a, 's> SearchState<'a, 's> {
 
     /// True if the best gait has a swing. Other phase times cannot improve standing still.
     fn moves(&self) -> bool {
-        self.best.as_ref().is_some_and(|(_, b)| b.stances.iter().any(|n| *n > 1))
+        self.best.as_ref().is_some_and(|best| best.stances.iter().any(|n| *n > 1))
     }
 
     /// Evaluates the typical gaits of the families, then runs generations over them.
     fn periodic(&mut self, evaluator: &mut BatchEvaluator, families: &[GaitFamily]) -> Result<StopReason> {
         let settings = self.settings;
         let mut distribution = PeriodicDistribution::initial(self.task, families, &settings.periodic)?;
-        let (mut typical, mut refused): (Vec<FamilySchedule>, Vec<(GaitFamily, Error)>) = (Vec::new(), Vec::new());
+        let (mut typical, mut refused) = (Vec::new(), Vec::new());
         for (sample, family) in distribution.means().iter().zip(families) {
             match distribution.schedule(sample).and_then(|schedule| self.solver.check(&schedule).map(|()| schedule)) {
                 Ok(schedule) => typical.push((Some(*family), schedule)),
@@ -178,11 +170,8 @@ impl<'a, 's> SearchState<'a, 's> {
             return Ok(stop);
         }
         // Families that did well are drawn more often.
-        let mut ranked: Vec<(usize, f64)> = families
-            .iter()
-            .enumerate()
-            .filter_map(|(i, family)| self.by_family.iter().find(|(f, _)| f == family).map(|(_, c)| (i, c.objective)))
-            .collect();
+        let mut ranked: Vec<(usize, f64)> =
+            families.iter().enumerate().filter_map(|(i, family)| Some((i, self.best_of(*family)?.objective))).collect();
         ranked.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
         let means = distribution.means();
         let elites: Vec<_> = ranked.iter().take(settings.elites).map(|(i, _)| &means[*i]).collect();
@@ -197,7 +186,7 @@ impl<'a, 's> SearchState<'a, 's> {
         let settings = self.settings;
         let (mut stop, mut distribution) = match settings.generations {
             0 => (StopReason::GenerationLimit, distribution),
-            planned => self.cem(evaluator, &settings.cem(planned), distribution, None)?,
+            planned => self.cem(evaluator, &settings.cem(planned), distribution)?,
         };
         for _ in 0..settings.further_generations {
             if stop != StopReason::GenerationLimit || self.within_joint_limits()? {
@@ -207,7 +196,7 @@ impl<'a, 's> SearchState<'a, 's> {
             if self.best.is_none() {
                 further.stopping = Stopping::FirstFeasible;
             }
-            (stop, distribution) = self.cem(evaluator, &further, distribution, None)?;
+            (stop, distribution) = self.cem(evaluator, &further, distribution)?;
             if stop == StopReason::FirstFeasible && !settings.first {
                 stop = StopReason::GenerationLimit;
             }
@@ -217,7 +206,7 @@ impl<'a, 's> SearchState<'a, 's> {
 
     /// True if a gait exists and, where that is preferred, its joints stay within their limits.
     fn within_joint_limits(&self) -> Result<bool> {
-        let Some((_, best)) = &self.best else { return Ok(false) };
+        let Some(best) = &self.best else { return Ok(false) };
         let exceeded = best.evaluation.cost.is_some_and(|cost| cost.joint_cost > 0.);
         if !exceeded || !self.settings.prefers_joint_limits() {
             return Ok(true);
@@ -228,16 +217,20 @@ impl<'a, 's> SearchState<'a, 's> {
 
     /// Runs generations in the neighbourhood of the best gait.
     fn perturbed(&mut self, evaluator: &mut BatchEvaluator) -> Result<Option<StopReason>> {
-        let Some((family, best)) = &self.best else { return Ok(None) };
-        let family = *family;
+        let Some(best) = &self.best else { return Ok(None) };
         let settings = self.settings;
-        let distribution = PerturbDistribution::initial(&self.task.robot, &best.solution.schedule, &settings.perturb)?;
-        let (stop, _) = self.cem(evaluator, &settings.cem(settings.perturbed_generations), distribution, family)?;
+        let mut distribution = PerturbDistribution::initial(&self.task.robot, &best.solution.schedule, &settings.perturb)?;
+        distribution.family = best.family;
+        let (stop, _) = self.cem(evaluator, &settings.cem(settings.perturbed_generations), distribution)?;
         Ok(Some(stop))
     }
 
     /// Runs one generation of given schedules. Returns the reason if the search ends with it.
-    fn generation(&mut self, evaluator: &mut BatchEvaluator, mut schedules: Vec<FamilySchedule>) -> Result<Option<StopReason>> {
+    fn generation(
+        &mut self,
+        evaluator: &mut BatchEvaluator,
+        mut schedules: Vec<(Option<GaitFamily>, Schedule)>,
+    ) -> Result<Option<StopReason>> {
         let generation = self.generations.len();
         if !self.settings.first {
             // Short schedules are solved fastest.
@@ -248,56 +241,33 @@ impl<'a, 's> SearchState<'a, 's> {
         let goal = SelectionGoal::all(&settings, &schedules).or_first(self.settings.first);
         let results = evaluator.evaluate(generation, &schedules, &goal);
         evaluator.take_error()?;
-        let candidates = schedules.into_iter().zip(results).zip(families).enumerate();
-        let ranked: Vec<RankedCandidate<Evaluated>> = candidates
-            .filter_map(|(index, ((schedule, result), family))| {
-                let (evaluation, solution) = result?;
-                Some((family, Candidate::new(&settings, generation, index, schedule, evaluation, solution)))
-            })
-            .collect();
-        let record = cem::summarise(generation, ranked.iter().map(|(_, candidate)| candidate), 0., 0.);
-        self.process(&Generation { record: &record, ranked: &ranked }, None);
+        let ranked = cem::candidates(&settings, generation, families.into_iter().zip(schedules), results);
+        let record = cem::summarise(generation, ranked.iter(), 0., 0.);
+        self.process(&Generation { record: &record, ranked: &ranked });
         let found = self.best.is_some() && self.settings.first;
         Ok(if found { Some(StopReason::FirstFeasible) } else { evaluator.cancelled().then(|| self.clock.stop_reason()) })
     }
 
     /// Runs generations of the cross-entropy method over a distribution.
-    ///
-    /// * `family` - family of all samples of a distribution without families
-    fn cem<D: Distribution>(
-        &mut self,
-        evaluator: &mut BatchEvaluator,
-        settings: &CemSettings,
-        distribution: D,
-        family: Option<GaitFamily>,
-    ) -> Result<(StopReason, D)> {
+    fn cem<D: Distribution>(&mut self, evaluator: &mut BatchEvaluator, settings: &CemSettings, distribution: D) -> Result<(StopReason, D)> {
         let first = self.generations.len();
-        let outcome =
-            cem::run_observed(settings, distribution, self.seed, first, evaluator, &mut |generation| self.process(generation, family))?;
+        let outcome = cem::run_observed(settings, distribution, self.seed, first, evaluator, &mut |generation| self.process(generation))?;
         evaluator.take_error()?;
         let stop = if outcome.stop == StopReason::Cancelled { self.clock.stop_reason() } else { outcome.stop };
         Ok((stop, outcome.distribution))
     }
 
     /// Processes a completed generation: keeps better candidates and reports progress.
-    fn process(&mut self, generation: &Generation<Evaluated>, family: Option<GaitFamily>) {
-        let mut open = Vec::new();
-        for (own, candidate) in generation.ranked {
-            let family = own.or(family);
-            if candidate.evaluation.feasible && !candidate.evaluation.certified {
-                open.push((family, candidate));
-            } else {
-                self.keep(family, candidate);
-            }
-        }
+    fn process(&mut self, generation: &Generation<Evaluated>) {
+        let (open, others): (Vec<_>, Vec<_>) = generation.ranked.iter().partition(|c| c.evaluation.feasible && !c.evaluation.certified);
+        others.into_iter().for_each(|candidate| self.keep(candidate));
         let best = |family: Option<GaitFamily>| match family {
-            Some(family) => self.by_family.iter().find(|(f, _)| *f == family).map(|(_, c)| c.objective),
-            None => self.best.as_ref().map(|(_, c)| c.objective),
+            Some(family) => self.best_of(family).map(|c| c.objective),
+            None => self.best.as_ref().map(|c| c.objective),
         };
-        for (family, candidate) in best_certified(&open, best, &self.settings.cem(1), self.solver) {
-            self.keep(family, &candidate);
-        }
-        let best_ever_objective = self.best.as_ref().or(self.nearest.as_ref()).map(|(_, best)| best.objective);
+        let certified = best_certified(&open, best, &self.settings.cem(1), self.solver);
+        certified.iter().for_each(|candidate| self.keep(candidate));
+        let best_ever_objective = self.best.as_ref().or(self.nearest.as_ref()).map(|best| best.objective);
         let record = GenerationRecord { best_ever_objective, ..generation.record.clone() };
         debug!(
             generation = record.generation,
@@ -312,43 +282,43 @@ impl<'a, 's> SearchState<'a, 's> {
     }
 
     /// Keeps a candidate if it is better than those before.
-    fn keep(&mut self, family: Option<GaitFamily>, candidate: &Candidate<Option<Box<Evaluated>>>) {
+    fn keep(&mut self, candidate: &RankedCandidate<Evaluated>) {
         let better = |old: &Candidate<Evaluated>| candidate.objective > old.objective;
         let with_solution = || candidate.clone().with_solution(|schedule| Some(self.solver.certify_again(schedule)?.1));
         if !candidate.evaluation.feasible {
             if self.best.is_none()
-                && self.nearest.as_ref().is_none_or(|(_, old)| candidate.evaluation.n_violated < old.evaluation.n_violated)
+                && self.nearest.as_ref().is_none_or(|old| candidate.evaluation.n_violated < old.evaluation.n_violated)
                 && let Some(candidate) = with_solution()
             {
-                self.nearest = Some((family, candidate));
+                self.nearest = Some(candidate);
             }
             return;
         }
-        let of_family = family.map(|family| (family, self.by_family.iter().position(|(f, _)| *f == family)));
-        let best_of_family = of_family.filter(|(_, at)| at.is_none_or(|at| better(&self.by_family[at].1)));
-        let best = self.best.as_ref().is_none_or(|(_, old)| better(old));
-        if !best && best_of_family.is_none() {
+        let of_family = self.by_family.iter().position(|old| old.family == candidate.family);
+        let best_of_family = candidate.family.is_some() && of_family.is_none_or(|at| better(&self.by_family[at]));
+        let best = self.best.as_ref().is_none_or(better);
+        if !best && !best_of_family {
             return;
         }
         let Some(candidate) = with_solution() else { return };
-        match best_of_family {
-            Some((_, Some(at))) => self.by_family[at].1 = candidate.clone(),
-            Some((family, None)) => self.by_family.push((family, candidate.clone())),
-            None => {}
+        match of_family {
+            Some(at) if best_of_family => self.by_family[at] = candidate.clone(),
+            None if best_of_family => self.by_family.push(candidate.clone()),
+            _ => {}
         }
         if best {
-            self.best = Some((family, candidate));
+            self.best = Some(candidate);
         }
     }
 
     /// Reports the best gait if it is new.
     fn report_improvement(&mut self) {
-        let Some((family, best)) = &self.best else { return };
+        let Some(best) = &self.best else { return };
         if self.improvements.last().is_some_and(|last| last.objective >= best.objective) {
             return;
         }
         let improvement = Improvement {
-            family: *family,
+            family: best.family,
             generation: best.generation,
             candidates: self.generations.iter().map(|g| g.evaluated).sum(),
             seconds: self.clock.seconds(),
@@ -360,16 +330,14 @@ impl<'a, 's> SearchState<'a, 's> {
 
     /// Result of the search, with the motions and certificates of the gaits in it.
     pub fn finish(self, stop: StopReason, first_feasible_after: Option<f64>) -> Result<SearchResult> {
-        let gait =
-            |(family, candidate): (Option<GaitFamily>, Candidate<Evaluated>)| Gait::new(family, candidate, self.task, self.solver.settings);
+        let gait = |candidate| Gait::new(candidate, self.task, self.solver.settings);
         let best = self.best.or(self.nearest).ok_or_else(|| Error::Ended { message: format!("no candidate was solved ({stop})") })?;
-        let mut others: Vec<(GaitFamily, Candidate<Evaluated>)> =
-            self.by_family.into_iter().filter(|(family, _)| Some(*family) != best.0).collect();
-        others.sort_by(|a, b| b.1.objective.total_cmp(&a.1.objective));
+        let mut others: Vec<_> = self.by_family.into_iter().filter(|other| other.family != best.family).collect();
+        others.sort_by(|a, b| b.objective.total_cmp(&a.objective));
         others.truncate(self.settings.alternatives.saturating_sub(1));
         Ok(SearchResult {
             best: gait(best)?,
-            alternatives: others.into_iter().map(|(family, candidate)| gait((Some(family), candidate))).collect::<Result<_>>()?,
+            alternatives: others.into_iter().map(gait).collect::<Result<_>>()?,
             generations: self.generations,
             improvements: self.improvements,
             stop,
@@ -386,7 +354,7 @@ fn with_better_durations(
     old: &Candidate<Evaluated>,
     steps: usize,
     cancelled: &dyn Fn() -> bool,
-) -> Option<Candidate<Option<Box<Evaluated>>>> {
+) -> Option<RankedCandidate<Evaluated>> {
     let BatchSolver { task, settings: lower, cost, .. } = *solver;
     let Evaluated { outcome, schedule, x, .. } = &old.solution;
     let timed = optimise_durations(task, (schedule, x), &lower.transcription, cost?, &lower.solver, steps, cancelled)?;
@@ -394,6 +362,5 @@ fn with_better_durations(
     let outcome = Outcome { iterations: outcome.iterations + timed.outcome.iterations, ..timed.outcome };
     let solution = Solution { outcome, x: timed.x, variables: curves.variables, curves, closed: true };
     let solution = EvaluationContext { task, schedule: &timed.schedule, settings: lower, weights: cost }.examined(solution);
-    let (evaluation, as_drawn) = (solution.evaluation(), old.schedule.clone());
-    Some(Candidate::new(settings, old.generation, old.index, as_drawn, evaluation, Some(Box::new(solution))))
+    Some(old.evaluated_again(settings, solution.evaluation, Some(Box::new(solution))))
 }

@@ -16,9 +16,9 @@ fn walk() -> Task {
 /// Parts of a result that do not depend on time.
 fn parts(found: &SearchResult) -> impl PartialEq + std::fmt::Debug {
     let gait = |gait: &Gait| {
-        let Candidate { generation, index, stances, schedule, objective, evaluation, solution } = gait.candidate.clone();
-        let solved = (solution.outcome, solution.schedule, solution.x, solution.cost);
-        (gait.family, (generation, index, stances, schedule, objective, evaluation), solved, gait.trajectory.clone())
+        let Candidate { family, generation, index, stances, schedule, objective, evaluation, solution } = gait.candidate.clone();
+        let solved = (solution.outcome, solution.cost, solution.schedule, solution.x);
+        (family, (generation, index, stances, schedule, objective, evaluation), solved, gait.trajectory.clone())
     };
     let gaits: Vec<_> = std::iter::once(&found.best).chain(&found.alternatives).map(gait).collect();
     let improvements: Vec<_> = found.improvements.iter().map(|i| (i.family, i.generation, i.candidates, i.objective)).collect();

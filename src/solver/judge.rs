@@ -37,20 +37,14 @@ pub fn infeasibility_fall<T: Real>(c: &[T], g: &[T], c_to: &[T], g_to: &[T]) -> 
     squares_fall(c, c_to) + T::of(0.5) * violated
 }
 
-/// Smoothed `max(g, 0)` and the matching slacks: `(q + g) / 2` and `(q - g) / 2`, `q = sqrt(g^2 + 4 mu)`.
+/// Smoothed `max(g, 0)` and the corresponding slack: `(q + g) / 2` and `(q - g) / 2` with `q = sqrt(g^2 + 4 mu)`.
 #[inline(always)]
-fn smoothed<T: Real>(g: &[T; BLOCK], mu: T) -> [[T; BLOCK]; 2] {
-    let [mut over, mut slack] = [[T::zero(); BLOCK]; 2];
-    for i in 0..BLOCK {
-        let q = (g[i] * g[i] + T::of(4.) * mu).sqrt();
-        // Their product is mu, so the smaller is mu / larger: no cancellation.
-        let larger = T::of(0.5) * (q + g[i].abs());
-        let smaller = mu / larger;
-        let positive = g[i] > T::zero();
-        over[i] = if positive { larger } else { smaller };
-        slack[i] = if positive { smaller } else { larger };
-    }
-    [over, slack]
+pub fn smoothed<T: Real>(g: T, mu: T) -> [T; 2] {
+    let q = (g * g + T::of(4.) * mu).sqrt();
+    // The smaller of the two is mu / larger, which avoids cancellation.
+    let larger = T::of(0.5) * (q + g.abs());
+    let smaller = mu / larger;
+    if g > T::zero() { [larger, smaller] } else { [smaller, larger] }
 }
 
 /// Accumulated decrease of the smoothed merit of the inequalities, used by [`merit_falls`].
@@ -110,10 +104,13 @@ pub fn merit_falls<T: Real>(c: &[T], g: &[T], to: [(&[T], &[T]); 2], mu: T) -> [
     for first in (0..g.len()).step_by(BLOCK) {
         // Padding beyond the last inequality is the same at all points and adds nothing.
         let values = |g: &[T]| {
-            let mut values = [T::zero(); BLOCK];
+            let [mut values, mut over, mut slack] = [[T::zero(); BLOCK]; 3];
             let count = BLOCK.min(g.len() - first);
             values[..count].copy_from_slice(&g[first..][..count]);
-            smoothed(&values, mu)
+            for i in 0..BLOCK {
+                [over[i], slack[i]] = smoothed(values[i], mu);
+            }
+            [over, slack]
         };
         let from = values(g);
         for (falls, (_, g_to)) in falls.iter_mut().zip(to) {

@@ -1,5 +1,6 @@
 //! Initialisation of a solve: column scaling, slacks and multipliers.
 
+use super::judge::smoothed;
 use super::slacks::{MULTIPLIER_FLOOR, SLACK_FLOOR, Slacks};
 use crate::linear::transposed::transposed_squares_times;
 use crate::nlp::Problem;
@@ -43,9 +44,7 @@ pub fn start_slacks<T: Real>(g: &[T], mu: T, slacks: &mut Slacks<T>) {
 /// smoothed `max(-g, 0)` and `max(g, 0)`, whose product is `mu`.
 pub fn resume_slacks<T: Real>(g: &[T], mu: T, slacks: &mut Slacks<T>) {
     for ((g, slack), multiplier) in g.iter().zip(&mut slacks.slack).zip(&mut slacks.multiplier) {
-        let larger = T::of(0.5) * ((*g * *g + T::of(4.) * mu).sqrt() + g.abs());
-        let smaller = mu / larger;
-        let [s, z] = if *g > T::zero() { [smaller, larger] } else { [larger, smaller] };
+        let [z, s] = smoothed(*g, mu);
         (*slack, *multiplier) = (s.max(T::of(SLACK_FLOOR)), z.max(T::of(MULTIPLIER_FLOOR)));
     }
 }

@@ -74,7 +74,7 @@ fn about(family: CheckFamily) -> &'static str {
 impl Certificate {
     /// Builds the tables from the report of a scene and the samples of its motion.
     pub fn new(scene: &Scene, samples: &[Sample]) -> Certificate {
-        let report = &scene.report;
+        let report = scene.report;
         let dense = &report.dense;
         let checked = |limit: f64| of_momentum(scene.trajectory).then_some(limit);
         let of = |what, extreme: Extreme, scale: f64, unit, limit: Option<f64>| WorstRow {
@@ -119,7 +119,7 @@ impl Certificate {
         Certificate {
             feasible: report.feasible,
             verdict: verdict(scene.trajectory, report),
-            terms: scene.terms.clone(),
+            terms: scene.terms.to_vec(),
             worst,
             families: families
                 .map(|family| FamilyRow {

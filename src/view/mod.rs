@@ -28,7 +28,7 @@ pub const MOST_SCENES: usize = 8;
 /// Result to show.
 pub struct Scene<'a> {
     /// Name of the result.
-    pub name: String,
+    pub name: &'a str,
     /// Motion of the robot.
     pub trajectory: &'a Trajectory,
     /// Robot of the motion.
@@ -38,11 +38,11 @@ pub struct Scene<'a> {
     /// Limit on the normal force of a foot used for verification, N.
     pub force_limit: f64,
     /// Limits used for verification and where each came from.
-    pub terms: Vec<String>,
+    pub terms: &'a [String],
     /// Certificate of the motion.
-    pub report: Report,
+    pub report: &'a Report,
     /// Gait and cost, as far as they are known.
-    pub about: Vec<String>,
+    pub about: &'a [String],
 }
 
 /// Data of the page.
@@ -151,11 +151,11 @@ impl<'a> ResultData<'a> {
             }
         });
         Ok(ResultData {
-            name: &scene.name,
+            name: scene.name,
             robot: &robot.name,
             terrain: &terrain.name,
             friction: terrain.friction,
-            about: &scene.about,
+            about: scene.about,
             horizon: trajectory.horizon,
             goal: trajectory.base_target,
             goal_yaw: trajectory.yaw_target,
@@ -182,7 +182,7 @@ pub fn page(scenes: &[Scene]) -> Result<String> {
     if scenes.is_empty() || scenes.len() > MOST_SCENES {
         return Err(Error::invalid("results", scenes.len(), format!("1 to {MOST_SCENES}")));
     }
-    let results = scenes.iter().map(|scene| ResultData::new(scene).map_err(|e| e.within(&scene.name))).collect::<Result<_>>()?;
+    let results = scenes.iter().map(|scene| ResultData::new(scene).map_err(|e| e.within(scene.name))).collect::<Result<_>>()?;
     let data = Data { version: env!("CARGO_PKG_VERSION"), rate: RATE, colors: FOOT_COLORS, results };
     // The marks occur once and in this order. Inserted text is not searched for marks.
     let parts: [(&str, &str); 6] = [

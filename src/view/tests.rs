@@ -12,20 +12,10 @@ fn trajectory() -> Trajectory {
 }
 
 fn page_of(names: &[&str], robot: &Robot, terrain: &Terrain, trajectory: &Trajectory) -> Result<String> {
-    let scenes: Vec<Scene> = names
-        .iter()
-        .map(|name| Scene {
-            name: (*name).into(),
-            trajectory,
-            robot,
-            terrain,
-            force_limit: 600.,
-            terms: vec!["a term".into()],
-            report: verify(trajectory, robot, terrain, 600.).unwrap(),
-            about: vec!["hop".into()],
-        })
-        .collect();
-    page(&scenes)
+    let (force_limit, terms, about) = (600., ["a term".into()], ["hop".into()]);
+    let report = verify(trajectory, robot, terrain, force_limit).unwrap();
+    let scene = |&name: &_| Scene { name, trajectory, robot, terrain, force_limit, terms: &terms, report: &report, about: &about };
+    page(&names.iter().map(scene).collect::<Vec<_>>())
 }
 
 /// Data of a page as a browser reads it, up to the first end of a script.

@@ -38,7 +38,7 @@ fn the_same_seed_gives_the_same_gait_at_any_number_of_threads() {
     let [one, two] = [1, 2].map(|threads| Search::new(&task).seed(3).run(&Cpu::new(threads).unwrap()).unwrap());
     let parts = |found: &SearchResult| {
         let best = &found.best.candidate;
-        (best.generation, best.index, best.schedule.clone(), best.solution.x.clone(), best.solution.cost, found.best.family, found.stop)
+        (best.generation, best.index, best.schedule.clone(), best.solution.x.clone(), best.solution.cost, best.family, found.stop)
     };
     assert_eq!(parts(&one), parts(&two));
     assert_eq!(one.best.trajectory(), two.best.trajectory());
@@ -68,7 +68,7 @@ fn alternatives_are_of_other_families_and_none_is_cheaper_than_the_best() {
     let found = run(Search::new(&task).settings(SearchSettings { alternatives: 3, ..SearchSettings::default() }));
     let gaits: Vec<_> = std::iter::once(&found.best).chain(&found.alternatives).collect();
     assert!((2..=3).contains(&gaits.len()), "{} gaits", gaits.len());
-    let mut families: Vec<GaitFamily> = gaits.iter().map(|gait| gait.family.unwrap()).collect();
+    let mut families: Vec<GaitFamily> = gaits.iter().map(|gait| gait.candidate.family.unwrap()).collect();
     assert!(gaits.is_sorted_by(|a, b| cost(a) <= cost(b)), "{:?}", gaits.iter().map(|g| cost(g)).collect::<Vec<_>>());
     families.dedup();
     families.sort_by_key(|family| family.name());
@@ -81,41 +81,65 @@ fn alternatives_are_of_other_families_and_none_is_cheaper_than_the_best() {
     assert!(run(Search::new(&task).first()).alternatives.is_empty(), "none were requested");
 }
 
+/// Settings of a search that takes the first motion that holds and keeps the durations as they were drawn.
+fn plain() -> SearchSettings {
+    SearchSettings { optimise_iterations: 0, duration_steps: 0, ..SearchSettings::default() }
+}
+
 #[test]
 fn every_improvement_is_better_and_the_last_is_the_best() {
     let task = walk();
-    let (mut improvements, mut generations) = (Vec::new(), Vec::new());
-    let found = run(Search::new(&task).seed(2).on_progress(|progress| match progress {
-        SearchEvent::Improvement(improvement) => improvements.push((*improvement).clone()),
-        SearchEvent::Generation(record) => generations.push((*record).clone()),
-    }));
-    assert_eq!((&improvements, &generations), (&found.improvements, &found.generations));
-    assert!(improvements.is_sorted_by(|a, b| a.objective < b.objective && a.candidates <= b.candidates && a.seconds <= b.seconds));
-    let last = improvements.last().unwrap();
-    assert_eq!((last.objective, last.generation, last.family), {
-        let best = &found.best.candidate;
-        (best.objective, best.generation, found.best.family)
-    });
-    assert_eq!(last.objective, -cost(&found.best));
-    // The records agree. The durations are optimised after the last generation.
-    let best_ever: Vec<f64> = generations.iter().filter_map(|g| g.best_ever_objective).collect();
-    assert!(best_ever.is_sorted() && *best_ever.last().unwrap() <= last.objective, "{best_ever:?}");
-    assert!(found.first_feasible_after.unwrap() <= found.seconds);
-    assert!(improvements.len() > 1, "the search does better than typical gaits");
+    for settings in [plain(), SearchSettings::default()] {
+        let durations_are_optimised = settings.duration_steps > 0;
+        let (mut improvements, mut generations) = (Vec::new(), Vec::new());
+        let found = run(Search::new(&task).settings(settings).seed(2).on_progress(|progress| match progress {
+            SearchEvent::Improvement(improvement) => improvements.push((*improvement).clone()),
+            SearchEvent::Generation(record) => generations.push((*record).clone()),
+        }));
+        assert_eq!((&improvements, &generations), (&found.improvements, &found.generations));
+        assert!(improvements.is_sorted_by(|a, b| a.objective < b.objective && a.seconds <= b.seconds));
+        let last = improvements.last().unwrap();
+        assert_eq!((last.objective, last.generation, last.family), {
+            let best = &found.best.candidate;
+            (best.objective, best.generation, best.family)
+        });
+        assert_eq!(last.objective, -cost(&found.best));
+        // The records agree. The durations are optimised after the last generation, without further candidates.
+        let best_ever: Vec<f64> = generations.iter().filter_map(|g| g.best_ever_objective).collect();
+        let drawn = improvements.iter().position(|i| Some(&i.objective) == best_ever.last()).unwrap();
+        let (drawn, optimised) = improvements.split_at(drawn + 1);
+        assert!(best_ever.is_sorted() && drawn.is_sorted_by(|a, b| a.candidates < b.candidates), "{best_ever:?}");
+        let candidates: usize = generations.iter().map(|g| g.evaluated).sum();
+        assert!(optimised.is_empty() != durations_are_optimised && optimised.iter().all(|i| i.candidates == candidates), "{optimised:?}");
+        assert!(found.first_feasible_after.unwrap() <= found.seconds);
+        assert!(drawn.len() > 1, "the search does better than typical gaits");
+    }
 }
 
 #[test]
 fn the_neighbourhood_of_a_schedule_has_a_gait_that_costs_no_more() {
     let task = task("biped", "flat", [0.5, 0.], 0.);
     let own = Schedule::new(vec![vec![0.2, 0.3, 0.5, 0.3, 0.5, 0.3, 0.2], vec![0.6, 0.3, 0.5, 0.3, 0.6]]).unwrap();
-    let evaluated = Evaluate::new(&task).run(std::slice::from_ref(&own), &Cpu::new(1).unwrap()).unwrap().remove(0).unwrap();
-    assert!(evaluated.feasible);
-    let found = run(Search::new(&task).gaits(Gaits::Around(own.clone())).population(8));
-    assert!(found.best.feasible() && cost(&found.best) <= evaluated.cost.unwrap().total);
-    // The schedule itself comes first, then its neighbours: as many strides, or one less.
-    assert!(found.improvements[0].objective > -evaluated.cost.unwrap().total, "its motion is the cheapest, not the first that holds");
-    assert_eq!((found.improvements[0].generation, found.improvements[0].family), (0, None));
-    assert!((0..2).all(|foot| found.best.candidate.stances[foot] <= own.stances(foot)));
+    // By default the search takes the cheapest motion of a schedule, not the first that holds.
+    let default = SearchSettings::default();
+    let mut cheapest = LowerSettings::default();
+    cheapest.solver.optimise.iterations = default.optimise_iterations;
+    cheapest.solver.optimise.cost = default.cost;
+    cheapest.transcription.reach_margin = default.reach_margin * task.robot.base_height;
+    let costs = [(plain(), LowerSettings::default()), (default, cheapest)].map(|(settings, lower)| {
+        let evaluate = Evaluate::new(&task).settings(lower);
+        let evaluated = evaluate.run(std::slice::from_ref(&own), &Cpu::new(1).unwrap()).unwrap().remove(0).unwrap();
+        assert!(evaluated.feasible);
+        let own_cost = evaluated.cost.unwrap().total;
+        let found = run(Search::new(&task).settings(settings).gaits(Gaits::Around(own.clone())).population(8));
+        assert!(found.best.feasible() && cost(&found.best) <= own_cost);
+        // The schedule itself comes first, then its neighbours: as many strides, or one less.
+        assert_eq!(found.improvements[0].objective, -own_cost);
+        assert_eq!((found.improvements[0].generation, found.improvements[0].family), (0, None));
+        assert!((0..2).all(|foot| found.best.candidate.stances[foot] <= own.stances(foot)));
+        own_cost
+    });
+    assert!(costs[1] < costs[0], "{costs:?}");
 }
 
 #[test]
@@ -174,7 +198,7 @@ fn a_distance_too_long_for_one_family_is_left_to_the_others() {
     };
     assert!(search(&[GaitFamily::Wave]).unwrap_err().to_string().contains("at most 120 s"));
     let found = search(&[GaitFamily::Wave, GaitFamily::Tripod]).unwrap();
-    assert_eq!((found.generations[0].evaluated, found.best.family), (1, Some(GaitFamily::Tripod)));
+    assert_eq!((found.generations[0].evaluated, found.best.candidate.family), (1, Some(GaitFamily::Tripod)));
 }
 
 #[test]

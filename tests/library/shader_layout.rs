@@ -11,8 +11,9 @@ use cregopt::linear::transposed::transposed_times;
 use cregopt::nlp::Problem;
 use cregopt::nlp::problem::Element;
 use cregopt::rows::Constants;
-use cregopt::rows::dynamics::{DynamicsInstant, StanceForce};
+use cregopt::rows::dynamics::DynamicsInstant;
 use cregopt::rows::factored::{BaseBlocks, FactoredElement, FactoredInstant, FactoredTouch, FirstRows, OwnColumns};
+use cregopt::rows::foot::StanceForce;
 use cregopt::rows::footing::Footing;
 use cregopt::rows::force::ForceNode;
 use cregopt::rows::momentum::MomentumInterval;
@@ -543,7 +544,7 @@ fn every_shader_has_a_twin_file_and_names_it() {
     let shared: BTreeSet<String> = SHARED.iter().map(|(name, _)| name.to_string()).collect();
     assert_eq!(files("shaders", "shared"), shared);
     // Twins of code that several shaders share, parts of a twin, and files that are not kernels.
-    let others = ["rows/blocks", "rows/factored", "rows/hip", "rows/math", "rows/mod", "rows/table", "rows/write"];
+    let others = ["rows/blocks", "rows/factored", "rows/foot", "rows/hip", "rows/math", "rows/mod", "rows/table", "rows/write"];
     let others = others.into_iter().chain(["linear/factored", "linear/mod", "linear/simd"]);
     let more = [
         "solver/close",

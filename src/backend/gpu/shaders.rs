@@ -125,6 +125,7 @@ pub const SHARED: &[(&str, &str)] = &[
     ("shared/entries", text!("shared/entries")),
     ("shared/values", text!("shared/values")),
     ("shared/kind", text!("shared/kind")),
+    ("shared/foot", text!("shared/foot")),
     ("shared/hip", text!("shared/hip")),
     ("shared/jacobian", text!("shared/jacobian")),
     ("shared/factored", text!("shared/factored")),

@@ -25,8 +25,8 @@ pub use free::FreeDistribution;
 pub use objective::Objective;
 pub use periodic::{PeriodicDistribution, PeriodicSettings};
 pub use perturb::{PerturbDistribution, PerturbSettings};
-pub(in crate::search) use run::summarise;
-pub use run::{Generation, RankedCandidate, run, run_observed};
+pub use run::{Generation, run, run_observed};
+pub(in crate::search) use run::{candidates, summarise};
 pub use settings::{CemSettings, PRESETS, Sampler, Stopping};
 
 use crate::error::Result;
@@ -69,20 +69,24 @@ pub trait Distribution {
     }
 }
 
-/// Numbers by which the cross-entropy loop ranks a schedule. The lower level makes them from its result, for
-/// [`BatchSolver`](super::BatchSolver) an [`Evaluated`](super::evaluate::Evaluated), which may be dropped.
+/// Numbers by which the cross-entropy loop ranks a schedule. The rest of the lower level's result may be dropped; for
+/// [`BatchSolver`](super::BatchSolver) it is an [`Evaluated`](super::evaluate::Evaluated).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Evaluation {
-    /// Number of violated constraints, `N_vc`.
-    pub n_violated: usize,
-    /// True if the motion counts as feasible.
+    /// True if every row of the certificate holds. Without a certificate: true if the solver solved the problem.
     pub feasible: bool,
-    /// True if the certificate decided [`Evaluation::feasible`]; otherwise the solver did.
+    /// True if the motion was certified. With [`Certify::Unsolved`](super::Certify::Unsolved), solved motions are not.
+    #[serde(skip)]
     pub certified: bool,
-    /// Mean of |normal force| over all force nodes of all feet, N.
+    /// Number of rows and bounds of the certificate that are violated by more than their tolerance, `N_vc`: see
+    /// [`verify`](mod@crate::verify).
+    pub n_violated: usize,
+    /// Mean over all force nodes of the magnitude of the normal force, N.
+    #[cfg_attr(feature = "schema", schemars(with = "Option<f64>"))]
     pub mean_normal_force: f64,
-    /// Cost of the motion. `None` if it is infeasible or no cost was requested.
+    /// Cost of the motion; `None` if it is infeasible or no cost was requested.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub cost: Option<Cost>,
 }
 
@@ -164,11 +168,11 @@ pub trait GenerationEvaluator {
     }
 }
 
-/// One evaluated schedule of a generation.
-///
-/// `S` is its solution. While a generation is ranked it is `Option<Box<_>>`, because the solutions of most candidates are dropped.
+/// One evaluated schedule of a generation. `S` is its solution.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Candidate<S> {
+    /// Gait family, if the schedule was drawn from one or from the neighbourhood of one.
+    pub family: Option<GaitFamily>,
     /// Generation, from 0.
     pub generation: usize,
     /// Index in the generation, from 0.
@@ -187,18 +191,34 @@ pub struct Candidate<S> {
 
 impl<S> Candidate<S> {
     /// Combines a schedule with its evaluation and solution, and computes the objective.
-    pub fn new(settings: &CemSettings, generation: usize, index: usize, schedule: Schedule, evaluation: Evaluation, solution: S) -> Self {
+    pub fn new(
+        settings: &CemSettings,
+        family: Option<GaitFamily>,
+        generation: usize,
+        index: usize,
+        schedule: Schedule,
+        evaluation: Evaluation,
+        solution: S,
+    ) -> Self {
         let objective = settings.objective_of(&schedule, &evaluation);
-        Candidate { generation, index, stances: stances(&schedule), schedule, objective, evaluation, solution }
+        Candidate { family, generation, index, stances: stances(&schedule), schedule, objective, evaluation, solution }
+    }
+
+    /// Copy of the candidate with another evaluation and solution.
+    pub fn evaluated_again<R>(&self, settings: &CemSettings, evaluation: Evaluation, solution: R) -> Candidate<R> {
+        Candidate::new(settings, self.family, self.generation, self.index, self.schedule.clone(), evaluation, solution)
     }
 }
 
-impl<S> Candidate<Option<Box<S>>> {
+/// Candidate of a ranked generation. The solutions of most candidates of a large generation are dropped.
+pub type RankedCandidate<S> = Candidate<Option<Box<S>>>;
+
+impl<S> RankedCandidate<S> {
     /// The candidate with its solution, which `solve_again` recomputes if it was dropped; `None` if that fails.
     pub fn with_solution(self, solve_again: impl FnOnce(&Schedule) -> Option<S>) -> Option<Candidate<S>> {
-        let Candidate { generation, index, stances, schedule, objective, evaluation, solution } = self;
+        let Candidate { family, generation, index, stances, schedule, objective, evaluation, solution } = self;
         let solution = solution.map(|solution| *solution).or_else(|| solve_again(&schedule))?;
-        Some(Candidate { generation, index, stances, schedule, objective, evaluation, solution })
+        Some(Candidate { family, generation, index, stances, schedule, objective, evaluation, solution })
     }
 }
 

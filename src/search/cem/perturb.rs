@@ -7,7 +7,7 @@ use super::Distribution;
 use super::marginals::{Gaussian, fit};
 use super::random::Draws;
 use crate::error::{Result, check_range};
-use crate::gait::family::{MIN_PHASE_SCALED, time_scale};
+use crate::gait::family::{GaitFamily, MIN_PHASE_SCALED, time_scale};
 use crate::gait::{Phase, Schedule};
 use crate::robot::Robot;
 use serde::{Deserialize, Serialize};
@@ -56,6 +56,9 @@ impl PerturbSettings {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PerturbDistribution {
     settings: PerturbSettings,
+    /// Gait family of the given schedule, if it has one.
+    #[serde(skip)]
+    pub family: Option<GaitFamily>,
     /// Logarithm of the time scale: all times are multiplied by its exponential.
     pub pace: Gaussian,
     /// Shift of each switch time, as a fraction of the shorter adjacent phase, `[feet][phases - 1]`.
@@ -90,6 +93,7 @@ impl PerturbDistribution {
             switches: around.iter().map(|phases| vec![still; phases.len() - 1]).collect(),
             around,
             settings: settings.clone(),
+            family: None,
             shortest: MIN_PHASE_SCALED * time_scale(robot),
         })
     }
@@ -149,6 +153,10 @@ impl Distribution for PerturbDistribution {
 
     fn converged(&self) -> bool {
         self.largest_std() < self.settings.converged_std
+    }
+
+    fn family(&self, _sample: &PerturbSample) -> Option<GaitFamily> {
+        self.family
     }
 }
 

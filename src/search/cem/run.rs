@@ -2,8 +2,8 @@
 
 use super::random::Draws;
 use super::{
-    Candidate, CemOutcome, CemSettings, Distribution, GenerationEvaluator, GenerationRecord, GenerationResults, Sampler, SelectionGoal,
-    StopReason, Stopping, rank_order,
+    Candidate, CemOutcome, CemSettings, Distribution, GenerationEvaluator, GenerationRecord, GenerationResults, RankedCandidate, Sampler,
+    SelectionGoal, StopReason, Stopping, rank_order,
 };
 use crate::error::Result;
 use crate::gait::Schedule;
@@ -30,15 +30,12 @@ pub fn run<D: Distribution, E: GenerationEvaluator>(
     run_observed(settings, distribution, seed, first, evaluator, &mut |generation| progress(generation.record))
 }
 
-/// Candidate of a generation, with its family if the distribution has families. Its solution may have been dropped.
-pub type RankedCandidate<S> = (Option<GaitFamily>, Candidate<Option<Box<S>>>);
-
 /// A completed generation.
 #[derive(Debug)]
 pub struct Generation<'a, S> {
     /// Statistics of the generation.
     pub record: &'a GenerationRecord,
-    /// Candidates, best first, each with its family if the distribution has families.
+    /// Candidates, best first.
     pub ranked: &'a [RankedCandidate<S>],
 }
 
@@ -73,9 +70,13 @@ pub fn run_observed<D: Distribution, E: GenerationEvaluator>(
         let results = evaluator.evaluate(generation, &schedules, &goal);
 
         // Sort by J, best first. The first M are the elites.
-        let ranked = rank(settings, generation, schedules, results, first_only);
+        let families = samples.iter().map(|sample| distribution.family(sample));
+        let mut ranked = candidates(settings, generation, families.zip(schedules), results);
+        // Timing decides which candidates after the first feasible one were evaluated.
+        let first_feasible = ranked.iter().position(|c| c.evaluation.feasible).filter(|_| first_only);
+        ranked.truncate(first_feasible.map_or(usize::MAX, |first| first + 1));
+        ranked.sort_by(|a, b| rank_order((a.objective, a.index), (b.objective, b.index)));
         let elites: Vec<&D::Sample> = ranked.iter().take(settings.elites).map(|c| &samples[c.index]).collect();
-        let families: Vec<Option<GaitFamily>> = ranked.iter().map(|c| distribution.family(&samples[c.index])).collect();
 
         // Stop, or update the distribution.
         if until_feasible && ranked.iter().any(|c| c.evaluation.feasible) {
@@ -93,9 +94,8 @@ pub fn run_observed<D: Distribution, E: GenerationEvaluator>(
         let mut record = summarise(generation, ranked.iter(), distribution.entropy(), distribution.largest_std());
         let former = best.as_ref().map_or(f64::NEG_INFINITY, |b| b.objective);
         record.best_ever_objective = record.best_objective.into_iter().chain(finite(former)).reduce(f64::max);
-        let ranked: Vec<_> = families.into_iter().zip(ranked).collect();
         observe(&Generation { record: &record, ranked: &ranked });
-        let mut ranked = ranked.into_iter().map(|(_, candidate)| candidate);
+        let mut ranked = ranked.into_iter();
         let better = if stop == Some(StopReason::FirstFeasible) {
             ranked.find(|c| c.evaluation.feasible)
         } else {
@@ -138,26 +138,20 @@ fn draw<D: Distribution, E: GenerationEvaluator>(
     }
 }
 
-/// Evaluated candidates of a generation by decreasing objective, ties by index.
+/// Evaluated candidates of a generation, in the order of their draws.
 ///
-/// `first_only` drops candidates after the first feasible one, because timing decides which of them were evaluated.
-fn rank<S>(
+/// * `draws` - family and schedule of each draw
+pub(in crate::search) fn candidates<S>(
     settings: &CemSettings,
     generation: usize,
-    schedules: Vec<Schedule>,
+    draws: impl Iterator<Item = (Option<GaitFamily>, Schedule)>,
     results: GenerationResults<S>,
-    first_only: bool,
-) -> Vec<Candidate<Option<Box<S>>>> {
-    let mut ranked = Vec::new();
-    for (index, (schedule, result)) in schedules.into_iter().zip(results).enumerate() {
-        let Some((evaluation, solution)) = result else { continue };
-        ranked.push(Candidate::new(settings, generation, index, schedule, evaluation, solution));
-        if first_only && evaluation.feasible {
-            break;
-        }
-    }
-    ranked.sort_by(|a, b| rank_order((a.objective, a.index), (b.objective, b.index)));
-    ranked
+) -> Vec<RankedCandidate<S>> {
+    let evaluated = draws.zip(results).enumerate().filter_map(|(index, ((family, schedule), result))| {
+        let (evaluation, solution) = result?;
+        Some(Candidate::new(settings, family, generation, index, schedule, evaluation, solution))
+    });
+    evaluated.collect()
 }
 
 /// Statistics of one generation from its candidates in any order. `best_ever_objective` does not include former generations yet.

@@ -205,7 +205,7 @@ fn a_record_does_not_depend_on_the_order_of_candidates() {
     let mut seen = 0;
     let mut evaluator = synthetic(|_, i, _| Some(violating([3, 1, 2][i % 3])));
     run_observed(&settings, initial(&settings), 1, 0, &mut evaluator, &mut |generation| {
-        let candidates = || generation.ranked.iter().map(|(_, candidate)| candidate);
+        let candidates = || generation.ranked.iter();
         let of = |record: GenerationRecord| (record.best_objective, record.lowest_n_violated, record.evaluated);
         assert_eq!(of(summarise(0, candidates(), 0., 0.)), of(summarise(0, candidates().rev(), 0., 0.)));
         assert_eq!(generation.record.best_objective, Some(-100.));
