@@ -25,7 +25,7 @@ use crate::nlp::{Problem, RESPONSE, trajectory};
 use crate::robot::Robot;
 use crate::search::cem::random::Draws;
 use crate::settings::{SolverSettings, TranscriptionSettings};
-use crate::solver::{Finish, Residuals, Resume, Solver, Status};
+use crate::solver::{Finish, Outcome, Residuals, Resume, Solver, Status, close};
 use crate::task::{BaseState, Goal, SwingState, Task};
 use crate::terrain::Terrain;
 use crate::verify::verify_rows;
@@ -48,6 +48,8 @@ const LONGEST_INTERVAL: f64 = 0.1;
 const WARM_BARRIER: f64 = 3e-4;
 /// Time in which the error of the velocity is compensated, s, and largest compensation, as a share of the command.
 const COMPENSATION: (f64, f64) = (1., 0.3);
+/// Part of the cost by which changed durations must be cheaper.
+const CHANGE: f64 = 0.02;
 /// Number of phases at which a family can be entered.
 const ENTRIES: usize = 24;
 
@@ -234,9 +236,10 @@ struct Candidate {
     schedule: AlignedSchedule,
 }
 
-/// A solved candidate.
+/// A candidate that was solved in f32.
 struct Solved {
-    motion: Trajectory,
+    x: Vec<f64>,
+    outcome: Outcome,
     cost: f64,
 }
 
@@ -249,7 +252,7 @@ pub struct Planner {
     solver: SolverSettings,
     families: Vec<(GaitFamily, Vec<f64>)>,
     cpu: Cpu,
-    solvers: Vec<Mutex<Solver<f64>>>,
+    solvers: Vec<Mutex<Solver<f32>>>,
     plan: Option<Arc<Plan>>,
     contacts: Vec<Contact>,
     updates: u64,
@@ -346,7 +349,7 @@ impl Planner {
         let count = solved.iter().flatten().count();
         let best = self.choose(&candidates, &mut solved);
         let renewed = best.is_some();
-        if let Some((index, Solved { motion, cost })) = best {
+        if let Some((index, motion, cost)) = best {
             self.plan = Some(Arc::new(Plan { start, motion, gait: candidates[index].gait, cost, contacts: self.contacts.clone() }));
         }
         self.updates += 1;
@@ -560,50 +563,55 @@ impl Planner {
         &self,
         candidate: &Candidate,
         before: Option<&Before>,
-        solver: &mut Solver<f64>,
+        solver: &mut Solver<f32>,
         late: &dyn Fn() -> bool,
     ) -> (Option<Solved>, usize) {
         let task = &candidate.task;
-        let problem = Problem::<f64>::with_cost(task, &candidate.schedule, &self.transcription, self.solver.optimise.objective());
-        let finish = Finish::Rows(self.solver.row_tolerance);
-        let mut iterations = 0;
-        let mut solved = false;
-        if let Some(before) = before {
+        let problem = Problem::<f32>::with_cost(task, &candidate.schedule, &self.transcription, self.solver.optimise.objective());
+        let finish = Finish::Infeasibility(self.solver.tolerance);
+        let outcome = match before {
             // Near the motion before, the rows need no solve of their own before the minimisation.
-            let multipliers = Residuals { c: vec![0.; problem.rows.one_sided()], g: vec![0.; problem.inequalities] };
-            let x = before.guess(task, &problem);
-            let from = Resume { x: &x, multipliers: &multipliers, barrier: WARM_BARRIER, iterations: self.settings.optimise_iterations };
-            let outcome = solver.resume(&problem, &self.solver, finish, &from, late);
-            iterations += outcome.iterations;
-            solved = outcome.status == Status::Solved;
+            Some(before) => {
+                let multipliers = Residuals { c: vec![0.; problem.rows.one_sided()], g: vec![0.; problem.inequalities] };
+                let (x, iterations) = (before.guess(task, &problem), self.settings.optimise_iterations);
+                let from = Resume { x: &x, multipliers: &multipliers, barrier: WARM_BARRIER, iterations };
+                solver.resume(&problem, &self.solver, finish, &from, late)
+            }
+            None => solver.solve(&problem, &self.solver, finish, None, late),
+        };
+        let solved = outcome.status == Status::Solved;
+        let result = solved.then(|| Solved { cost: solver.cost(&problem, &self.solver), x: solver.solution(), outcome });
+        (result, outcome.iterations)
+    }
+
+    /// Motion of a solved candidate, closed in f64; `None` if its certificate is not valid.
+    fn certified(&self, candidate: &Candidate, solved: Solved) -> Option<Trajectory> {
+        let (task, robot) = (&candidate.task, &self.task.robot);
+        let problem = Problem::<f64>::new(task, &candidate.schedule, &self.transcription);
+        let (outcome, x) = close(&problem, solved.outcome, solved.x, &self.solver, &|| false);
+        if outcome.status != Status::Solved {
+            return None;
         }
-        if before.is_none() {
-            let outcome = solver.solve(&problem, &self.solver, finish, None, late);
-            iterations += outcome.iterations;
-            solved = outcome.status == Status::Solved;
-        }
-        let result = solved.then(|| {
-            let cost = solver.cost(&problem, &self.solver);
-            Solved { motion: trajectory(task, &problem.curves, &solver.solution()), cost }
-        });
-        (result, iterations)
+        let motion = trajectory(task, &problem.curves, &x);
+        let report = verify_rows(&motion, robot, &task.terrain, problem.curves.force_limit).ok()?;
+        report.feasible.then_some(motion)
     }
 
     /// The cheapest candidate whose motion the certificate accepts; another gait than that in force must be cheaper by the hysteresis.
-    fn choose(&self, candidates: &[Candidate], solved: &mut [Option<Solved>]) -> Option<(usize, Solved)> {
+    fn choose(&self, candidates: &[Candidate], solved: &mut [Option<Solved>]) -> Option<(usize, Trajectory, f64)> {
         let in_force = self.plan.as_ref().map(|plan| plan.gait.family);
         let value = |index: usize, cost: f64| {
             let stays = in_force == Some(candidates[index].gait.family);
-            if stays { cost * (1. - self.settings.hysteresis) } else { cost }
+            let unchanged = index == 0 && in_force.is_some();
+            cost * if stays { 1. - self.settings.hysteresis } else { 1. } * if unchanged { 1. } else { 1. + CHANGE }
         };
         loop {
             let of = solved.iter().enumerate().filter_map(|(index, s)| s.as_ref().map(|s| (index, value(index, s.cost))));
             let (best, _) = of.min_by(|a, b| a.1.total_cmp(&b.1))?;
             let found = solved[best].take()?;
-            let limit = found.motion.force_limit.unwrap_or(f64::INFINITY);
-            let report = verify_rows(&found.motion, &self.task.robot, &self.task.terrain, limit);
-            if report.is_ok_and(|report| report.feasible) {
-                return Some((best, found));
+            let cost = found.cost;
+            if let Some(motion) = self.certified(&candidates[best], found) {
+                return Some((best, motion, cost));
             }
         }
     }

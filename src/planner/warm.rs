@@ -3,6 +3,7 @@
 use crate::gait::Trajectory;
 use crate::gait::piece::{Piece, pieces};
 use crate::nlp::Problem;
+use crate::real::Real;
 use crate::rows::table::NONE;
 use crate::task::Task;
 use nalgebra::Vector3;
@@ -58,8 +59,8 @@ impl Before {
     }
 
     /// Variables of a problem that starts now: those of this motion where it has them, and the initial values of the problem elsewhere.
-    pub fn guess(&self, task: &Task, problem: &Problem<f64>) -> Vec<f64> {
-        let mut x = problem.initial.clone();
+    pub fn guess<T: Real>(&self, task: &Task, problem: &Problem<T>) -> Vec<f64> {
+        let mut x: Vec<f64> = problem.initial.iter().map(|v| v.as_f64()).collect();
         let curves = &problem.curves;
         let (start, goal) = (task.start.pose(), task.goal.pose());
         let horizon = curves.intervals as f64 * curves.interval;
@@ -107,8 +108,8 @@ impl Before {
                 }
             }
         }
-        // Fixed values follow the variables and are those of the problem.
-        x[problem.variables..].copy_from_slice(&problem.initial[problem.variables..]);
+        // Fixed values follow the variables; a solve takes those of the problem.
+        x.truncate(problem.variables);
         x
     }
 }
