@@ -32,7 +32,7 @@ use crate::settings::Friction;
 pub(crate) const PLANNING_SPEED: f64 = 0.3;
 /// Price of the distance of a free end from the goal, for one base height or rad.
 const GOAL_PRICE: f64 = 40.;
-/// Price of the distance of the velocity from its approach to that of the goal, for one `sqrt(g l)` or `sqrt(g / l)` at all times.
+/// Price of the distance of the velocity from its approach to that of the goal, for one `sqrt(g l)` or half of `sqrt(g / l)` at all times.
 const RATE_PRICE: f64 = 400.;
 /// Time in which the velocity of the goal is approached, s.
 pub(crate) const RESPONSE: f64 = 0.15;
@@ -70,7 +70,7 @@ pub(super) fn cost_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>
 fn goal_elements<T: Real>(b: &mut Builder<T>) {
     let (start, goal, line_rate) = (&b.task.start, &b.task.goal, b.reference_rate());
     let (length, speed) = (b.task.robot.base_height, speed_scale(&b.task.robot));
-    // Half of the square of a row with this weight is `price` for one base height or rad, one `sqrt(g l)` or `sqrt(g / l)`.
+    // Half of the square of a row with this weight is `price` for one base height or rad, one `sqrt(g l)` or half of `sqrt(g / l)`.
     let weights = |price: f64, linear: f64, angular: f64| -> [f64; 6] {
         std::array::from_fn(|i| (2. * price).sqrt() / if i < 3 { linear } else { angular })
     };
@@ -80,7 +80,7 @@ fn goal_elements<T: Real>(b: &mut Builder<T>) {
     for knot in 1..=b.intervals {
         let left = (-(knot as f64) * b.interval / RESPONSE).exp();
         let rate: [f64; 6] = std::array::from_fn(|i| goal.rate()[i] + left * (start.rate()[i] - goal.rate()[i]) - line_rate[i]);
-        rows.push((2 * knot + 1, rate, weights(per_knot, speed, speed / length)));
+        rows.push((2 * knot + 1, rate, weights(per_knot, speed, speed / length / 2.)));
     }
     for (block, target, weight) in rows {
         let (variable, column, place) = (NONE, NONE, Place::default());
