@@ -1,7 +1,7 @@
 //! Planning online: the gait is chosen again many times a second, from any state.
 //!
 //! Each update takes the measured state and a command, and solves a small batch of candidates over a short horizon: the gait that is being
-//! performed, from the point where it is; the same with changed durations; other families, entered at the phase in which the feet are; and
+//! performed, from the point where it is; the same with changed durations; all families, entered at the phase in which the feet are; and
 //! standing. Feet may be in the air at both ends. The pose at the end is free; its distance from that which the command asks for is a cost,
 //! beside that of [`crate::gait::cost`]. First guesses come from the motion planned before. The cheapest candidate wins; a change of the
 //! family must pay for itself. If no candidate holds, the plan before stays.
@@ -104,7 +104,7 @@ impl Default for PlannerSettings {
             iterations: 20,
             optimise_iterations: 4,
             hysteresis: 0.05,
-            spread: 0.1,
+            spread: 0.15,
             latency: 0.,
             deadline: None,
             reach_margin: 0.03,
@@ -474,8 +474,7 @@ impl Planner {
             let mismatch = |cycle: &Cycle| cycle.mismatch(offsets, &self.contacts);
             (0..ENTRIES).map(at).min_by(|a, b| mismatch(a).total_cmp(&mismatch(b)))
         });
-        let is_current = |gait: &Cycle| current.is_some_and(|current| current.family == gait.family);
-        gaits.extend(entered.flatten().filter(|gait| !is_current(gait)));
+        gaits.extend(entered.flatten());
         let swing = current.map_or(time, |gait| gait.swing);
         gaits.push(Cycle { family: None, swing, stance: swing, phase: 0. });
         let originals = gaits.len();
