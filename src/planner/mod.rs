@@ -4,7 +4,8 @@
 //! performed, from the point where it is; the same with changed durations; all families, entered at the phase in which the feet are; and
 //! standing. Feet may be in the air at both ends. The pose at the end is free; its distance from that which the command asks for is a cost,
 //! beside that of [`crate::gait::cost`]. First guesses come from the motion planned before. The cheapest candidate wins; a change of the
-//! family must pay for itself. If no candidate holds, the plan before stays.
+//! family must pay for itself. If no candidate holds, legs may stretch to the end of their reach; if none holds even then, the plan before
+//! stays.
 //!
 //! The result of an update depends on the states, commands and times of all updates so far and on the seed, but not on the number of
 //! threads. With a deadline it also depends on how fast the machine is.
@@ -237,10 +238,11 @@ struct Candidate {
 }
 
 /// A candidate that was solved in f32.
-struct Solved {
+struct Solved<'a> {
     x: Vec<f64>,
     outcome: Outcome,
     cost: f64,
+    transcription: &'a TranscriptionSettings,
 }
 
 /// Chooses gaits online.
@@ -249,6 +251,8 @@ pub struct Planner {
     task: Task,
     settings: PlannerSettings,
     transcription: TranscriptionSettings,
+    /// Without the margin of the reach boxes, for states from which no candidate holds with it.
+    widest: TranscriptionSettings,
     solver: SolverSettings,
     families: Vec<(GaitFamily, Vec<f64>)>,
     cpu: Cpu,
@@ -281,6 +285,7 @@ impl Planner {
             reach_margin: settings.reach_margin * task.robot.base_height,
             ..TranscriptionSettings::default()
         };
+        let widest = TranscriptionSettings { reach_margin: 0., ..transcription.clone() };
         let mut solver = SolverSettings { max_iterations: settings.iterations, ..SolverSettings::default() };
         solver.optimise.iterations = settings.optimise_iterations;
         solver.optimise.cost = settings.cost;
@@ -290,6 +295,7 @@ impl Planner {
             task,
             settings,
             transcription,
+            widest,
             solver,
             families,
             cpu,
@@ -345,9 +351,15 @@ impl Planner {
         self.task = self.task_of(&state, &command)?;
         let candidates = self.candidates(start)?;
         let until = self.settings.deadline.map(|seconds| clock + Duration::from_secs_f64(seconds));
-        let (mut solved, iterations) = self.solve(&candidates, before.as_ref(), until);
-        let count = solved.iter().flatten().count();
-        let best = self.choose(&candidates, &mut solved);
+        let (mut solved, mut iterations) = self.solve(&candidates, before.as_ref(), &self.transcription, until);
+        let mut count = solved.iter().flatten().count();
+        let mut best = self.choose(&candidates, &mut solved);
+        if best.is_none() {
+            let (mut solved, more) = self.solve(&candidates, before.as_ref(), &self.widest, until);
+            iterations += more;
+            count += solved.iter().flatten().count();
+            best = self.choose(&candidates, &mut solved);
+        }
         let renewed = best.is_some();
         if let Some((index, motion, cost)) = best {
             self.plan = Some(Arc::new(Plan { start, motion, gait: candidates[index].gait, cost, contacts: self.contacts.clone() }));
@@ -535,7 +547,13 @@ impl Planner {
     }
 
     /// Solves all candidates. Returns their motions and the number of iterations.
-    fn solve(&self, candidates: &[Candidate], before: Option<&Before>, until: Option<Instant>) -> (Vec<Option<Solved>>, usize) {
+    fn solve<'a>(
+        &'a self,
+        candidates: &[Candidate],
+        before: Option<&Before>,
+        transcription: &'a TranscriptionSettings,
+        until: Option<Instant>,
+    ) -> (Vec<Option<Solved<'a>>>, usize) {
         let late = || until.is_some_and(|until| Instant::now() >= until);
         let (next, iterations) = (AtomicUsize::new(0), AtomicUsize::new(0));
         let results: Vec<Mutex<Option<Solved>>> = candidates.iter().map(|_| Mutex::default()).collect();
@@ -547,7 +565,7 @@ impl Planner {
                     loop {
                         let index = next.fetch_add(1, Ordering::Relaxed);
                         let Some(candidate) = candidates.get(index).filter(|_| !late()) else { break };
-                        let (solved, count) = self.solve_one(candidate, before, &mut solver, late);
+                        let (solved, count) = self.solve_one(candidate, before, transcription, &mut solver, late);
                         iterations.fetch_add(count, Ordering::Relaxed);
                         *crate::backend::locked(&results[index]) = solved;
                     }
@@ -558,35 +576,39 @@ impl Planner {
         (solved.collect(), iterations.into_inner())
     }
 
-    fn solve_one(
+    fn solve_one<'a>(
         &self,
         candidate: &Candidate,
         before: Option<&Before>,
+        transcription: &'a TranscriptionSettings,
         solver: &mut Solver<f32>,
         late: &dyn Fn() -> bool,
-    ) -> (Option<Solved>, usize) {
+    ) -> (Option<Solved<'a>>, usize) {
         let task = &candidate.task;
-        let problem = Problem::<f32>::with_cost(task, &candidate.schedule, &self.transcription, self.solver.optimise.objective());
+        let problem = Problem::<f32>::with_cost(task, &candidate.schedule, transcription, self.solver.optimise.objective());
         let finish = Finish::Infeasibility(self.solver.tolerance);
         let outcome = match before {
             // Near the motion before, the rows need no solve of their own before the minimisation.
-            Some(before) => {
+            Some(before) if std::ptr::eq(transcription, &self.transcription) => {
                 let multipliers = Residuals { c: vec![0.; problem.rows.one_sided()], g: vec![0.; problem.inequalities] };
                 let (x, iterations) = (before.guess(task, &problem), self.settings.optimise_iterations);
                 let from = Resume { x: &x, multipliers: &multipliers, barrier: WARM_BARRIER, iterations };
                 solver.resume(&problem, &self.solver, finish, &from, late)
             }
-            None => solver.solve(&problem, &self.solver, finish, None, late),
+            before => {
+                let guess = before.map(|before| before.guess(task, &problem));
+                solver.solve(&problem, &self.solver, finish, guess.as_deref(), late)
+            }
         };
         let solved = outcome.status == Status::Solved;
-        let result = solved.then(|| Solved { cost: solver.cost(&problem, &self.solver), x: solver.solution(), outcome });
+        let result = solved.then(|| Solved { cost: solver.cost(&problem, &self.solver), x: solver.solution(), outcome, transcription });
         (result, outcome.iterations)
     }
 
     /// Motion of a solved candidate, closed in f64; `None` if its certificate is not valid.
     fn certified(&self, candidate: &Candidate, solved: Solved) -> Option<Trajectory> {
         let (task, robot) = (&candidate.task, &self.task.robot);
-        let problem = Problem::<f64>::new(task, &candidate.schedule, &self.transcription);
+        let problem = Problem::<f64>::new(task, &candidate.schedule, solved.transcription);
         let (outcome, x) = close(&problem, solved.outcome, solved.x, &self.solver, &|| false);
         if outcome.status != Status::Solved {
             return None;
