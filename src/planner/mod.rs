@@ -23,7 +23,7 @@ use crate::gait::trajectory::GoalVelocity;
 use crate::gait::{AlignedSchedule, Schedule, Trajectory};
 use crate::nlp::transcription::interval;
 use crate::nlp::{Problem, RESPONSE, trajectory};
-use crate::robot::Robot;
+use crate::robot::{Reach, ReachBox, Robot};
 use crate::search::cem::random::Draws;
 use crate::settings::{SolverSettings, TranscriptionSettings};
 use crate::solver::{Finish, Outcome, Residuals, Resume, Solver, Status, close};
@@ -51,6 +51,10 @@ const WARM_BARRIER: f64 = 3e-4;
 const COMPENSATION: (f64, f64) = (1., 0.3);
 /// Part of the cost by which changed durations must be cheaper.
 const CHANGE: f64 = 0.02;
+/// Distance from the side of its reach box within which a foot gets a wider box, base heights, and time for which a foot may go on moving
+/// outwards, s.
+const REACH_SLACK: f64 = 0.04;
+const OUTWARD: f64 = 0.1;
 /// Number of phases at which a family can be entered.
 const ENTRIES: usize = 24;
 
@@ -195,6 +199,8 @@ pub struct Plan {
     pub gait: Cycle,
     /// Cost, per weight and a typical distance; includes the distance from the command.
     pub cost: f64,
+    /// Robot for which the motion holds: the planner's, with a wider reach box for a foot that is beyond its box at the start.
+    pub robot: Arc<Robot>,
     /// Contact of each foot at the start.
     contacts: Vec<Contact>,
 }
@@ -247,7 +253,8 @@ struct Solved<'a> {
 
 /// Chooses gaits online.
 pub struct Planner {
-    /// Robot, terrain, and the state and goal of the last update.
+    robot: Arc<Robot>,
+    /// Terrain, state and goal of the last update, and the robot with the reach of that update.
     task: Task,
     settings: PlannerSettings,
     transcription: TranscriptionSettings,
@@ -292,6 +299,7 @@ impl Planner {
         let solvers = (0..cpu.threads()).map(|_| Mutex::default()).collect();
         let contacts = vec![Contact { in_air: false, since: 1. }; task.robot.feet()];
         Ok(Planner {
+            robot: task.robot.clone(),
             task,
             settings,
             transcription,
@@ -315,7 +323,7 @@ impl Planner {
 
     /// Robot.
     pub fn robot(&self) -> &Arc<Robot> {
-        &self.task.robot
+        &self.robot
     }
 
     /// Terrain.
@@ -362,7 +370,8 @@ impl Planner {
         }
         let renewed = best.is_some();
         if let Some((index, motion, cost)) = best {
-            self.plan = Some(Arc::new(Plan { start, motion, gait: candidates[index].gait, cost, contacts: self.contacts.clone() }));
+            let (gait, robot, contacts) = (candidates[index].gait, self.task.robot.clone(), self.contacts.clone());
+            self.plan = Some(Arc::new(Plan { start, motion, gait, cost, robot, contacts }));
         }
         self.updates += 1;
         self.now = now;
@@ -447,6 +456,31 @@ impl Planner {
         Command { velocity: [x, y], yaw_rate: turn }
     }
 
+    /// The robot, with wider reach boxes for feet that are at their side or beyond it. Otherwise no motion could start there.
+    fn reaching(&self, state: &RobotState) -> Arc<Robot> {
+        let (robot, base) = (&self.robot, &state.base);
+        let slack = REACH_SLACK * robot.base_height;
+        let mut widened = false;
+        let boxes = state.feet.iter().enumerate().map(|(foot, at)| {
+            let ReachBox { low, high } = robot.reach.of(foot);
+            let moved = |time: f64| std::array::from_fn(|i| at.position[i] + time * (at.velocity[i] - base.velocity[i]));
+            let [now, soon] = [base.to_base(moved(0.)), base.to_base(moved(OUTWARD))];
+            std::array::from_fn(|axis| {
+                let nominal = robot.nominal_feet[foot][axis];
+                let [now, soon] = [now[axis] - nominal, soon[axis] - nominal];
+                let (below, above) = (now < low[axis] + slack, now > high[axis] - slack);
+                widened |= below || above;
+                let wider = |side: f64, beyond: f64, is: bool| if is { beyond } else { side };
+                [
+                    wider(low[axis], low[axis].min(now.min(soon) - slack), below),
+                    wider(high[axis], high[axis].max(now.max(soon) + slack), above),
+                ]
+            })
+        });
+        let reach = Reach::PerFoot(boxes.collect());
+        if widened { Arc::new(Robot { reach, ..(**robot).clone() }) } else { robot.clone() }
+    }
+
     /// The task from a state to where the command leads.
     fn task_of(&self, state: &RobotState, command: &Command) -> Result<Task> {
         let (base, horizon) = (&state.base, self.horizon());
@@ -455,7 +489,7 @@ impl Planner {
             contact.in_air.then_some(SwingState { position, velocity, since: contact.since })
         });
         let feet = state.feet.iter().map(|foot| [foot.position[0], foot.position[1]]).collect();
-        let (robot, terrain) = (self.task.robot.clone(), self.task.terrain.clone());
+        let (robot, terrain) = (self.reaching(state), self.task.terrain.clone());
         let task = Task::of_states(robot, terrain, *base, Some(feet), *base)?.with_swings(swings.collect())?;
         // The velocity approaches the command exponentially, in the axes of the base, which turn.
         let [vx, vy] = command.velocity;

@@ -58,7 +58,6 @@ impl RobotState {
 #[pyclass(frozen, module = "cregopt")]
 pub struct Plan {
     plan: Arc<crate::planner::Plan>,
-    robot: Arc<crate::Robot>,
     terrain: Arc<crate::Terrain>,
 }
 
@@ -104,7 +103,7 @@ impl Plan {
     #[getter]
     fn trajectory(&self) -> Trajectory {
         let motion = crate::Trajectory {
-            robot: Some(NamedOr::Own((*self.robot).clone())),
+            robot: Some(NamedOr::Own((*self.plan.robot).clone())),
             terrain: Some(NamedOr::Own((*self.terrain).clone())),
             ..self.plan.motion.clone()
         };
@@ -114,7 +113,7 @@ impl Plan {
     /// Samples the motion; see ``Trajectory.sample``. The times of the samples begin at 0.
     #[pyo3(signature = (rate = 100.))]
     fn sample(&self, py: Python<'_>, rate: f64) -> PyResult<Samples> {
-        let sampled = py.detach(|| Sampled::new(&self.plan.motion, &self.robot, &self.terrain, rate));
+        let sampled = py.detach(|| Sampled::new(&self.plan.motion, &self.plan.robot, &self.terrain, rate));
         Samples::new(py, &sampled.raise()?)
     }
 }
@@ -179,13 +178,13 @@ impl Planner {
     fn update(&self, py: Python<'_>, state: &RobotState, command: [f64; 3], now: f64) -> PyResult<Update> {
         let [x, y, yaw_rate] = command;
         let command = Command { velocity: [x, y], yaw_rate };
-        let (update, robot, terrain) = py.detach(|| {
+        let (update, terrain) = py.detach(|| {
             let mut planner = locked(&self.0);
             let update = planner.update(&state.0, &command, now).raise()?;
-            Ok::<_, PyErr>((update, planner.robot().clone(), planner.terrain().clone()))
+            Ok::<_, PyErr>((update, planner.terrain().clone()))
         })?;
         let crate::planner::Update { plan, renewed, solved, candidates, iterations, seconds } = update;
-        Ok(Update { plan: Py::new(py, Plan { plan, robot, terrain })?, renewed, solved, candidates, iterations, seconds })
+        Ok(Update { plan: Py::new(py, Plan { plan, terrain })?, renewed, solved, candidates, iterations, seconds })
     }
 
     /// Replaces the terrain, for example by a map as the robot sees it now.
