@@ -49,6 +49,8 @@ pub(super) struct SearchState<'a, 's> {
     /// Best certified candidate of each family.
     by_family: Vec<(GaitFamily, Candidate<Evaluated>)>,
     generations: Vec<GenerationRecord>,
+    /// Number of minimisations with which durations were optimised.
+    duration_solves: usize,
     improvements: Vec<Improvement>,
 }
 
@@ -72,6 +74,7 @@ impl<'a, 's> SearchState<'a, 's> {
             nearest: None,
             by_family: Vec::new(),
             generations: Vec::new(),
+            duration_solves: 0,
             improvements: Vec::new(),
         }
     }
@@ -112,7 +115,8 @@ impl<'a, 's> SearchState<'a, 's> {
             let timed =
                 |(family, old): &FamilyCandidate| Some((*family, with_better_durations(solver, &settings, old, steps, &cancelled)?));
             let timed: Vec<_> = solver.backend.pool().install(|| gaits.par_iter().filter_map(timed).collect());
-            for (family, candidate) in timed {
+            for (family, (candidate, solves)) in timed {
+                self.duration_solves += solves;
                 if candidate.evaluation.feasible {
                     self.keep(family, &candidate);
                 }
@@ -371,6 +375,7 @@ impl<'a, 's> SearchState<'a, 's> {
             best: gait(best)?,
             alternatives: others.into_iter().map(|(family, candidate)| gait((Some(family), candidate))).collect::<Result<_>>()?,
             generations: self.generations,
+            duration_solves: self.duration_solves,
             improvements: self.improvements,
             stop,
             first_feasible_after,
@@ -379,14 +384,14 @@ impl<'a, 's> SearchState<'a, 's> {
     }
 }
 
-/// Candidate with durations that lower its cost; `None` if its motion cannot be minimised.
+/// Candidate with durations that lower its cost, and the number of minimisations; `None` if its motion cannot be minimised.
 fn with_better_durations(
     solver: &BatchSolver,
     settings: &CemSettings,
     old: &Candidate<Evaluated>,
     steps: usize,
     cancelled: &dyn Fn() -> bool,
-) -> Option<Candidate<Option<Box<Evaluated>>>> {
+) -> Option<(Candidate<Option<Box<Evaluated>>>, usize)> {
     let BatchSolver { task, settings: lower, cost, .. } = *solver;
     let Evaluated { outcome, schedule, x, .. } = &old.solution;
     let timed = optimise_durations(task, (schedule, x), &lower.transcription, cost?, &lower.solver, steps, cancelled)?;
@@ -395,5 +400,6 @@ fn with_better_durations(
     let solution = Solution { outcome, x: timed.x, variables: curves.variables, curves, closed: true };
     let solution = EvaluationContext { task, schedule: &timed.schedule, settings: lower, weights: cost }.examined(solution);
     let (evaluation, as_drawn) = (solution.evaluation(), old.schedule.clone());
-    Some(Candidate::new(settings, old.generation, old.index, as_drawn, evaluation, Some(Box::new(solution))))
+    let candidate = Candidate::new(settings, old.generation, old.index, as_drawn, evaluation, Some(Box::new(solution)));
+    Some((candidate, timed.minimisations))
 }
