@@ -1,6 +1,7 @@
 //! Planning online without a simulator: a robot that follows its plans exactly, except for pushes that change its velocity.
 //!
-//!     cargo bench --bench online -- [--robot FILE|NAME] [--seconds 5] [--candidates 16] [--push VX,VY] [--speed 0.5] [--threads 0] [--verbose]
+//!     cargo bench --bench online -- [--robot FILE|NAME] [--seconds 5] [--candidates 16] \
+//!         [--push VX,VY] [--speed 0.5] [--threads 0] [--verbose]
 
 use cregopt::planner::{Command, Planner, PlannerSettings, RobotState};
 use cregopt::{Goal, Result, Robot, Task, Terrain};

@@ -13,7 +13,7 @@ fn entry(slot: u32, half: u32, k: u32) {
     let at = ix_equality(slot, half, goal.place.row);
     let rows = rows_at(slot, half, goal.place);
     for (var d = 0u; d < 6u; d++) {
-        values[at + d] = goal.weight[d] * (values[x + d] - goal.target[d]);
+        values[at + d] = goal.weight[d] * (values[x + d] - goal.desired[d]);
         if (goal.column != NONE) {
             put(rows, d, goal.column + d, goal.weight[d]);
         }

@@ -82,9 +82,9 @@ fn goal_elements<T: Real>(b: &mut Builder<T>) {
         let rate: [f64; 6] = std::array::from_fn(|i| goal.rate()[i] + left * (start.rate()[i] - goal.rate()[i]) - line_rate[i]);
         rows.push((2 * knot + 1, rate, weights(per_knot, speed, speed / length / 2.)));
     }
-    for (block, target, weight) in rows {
+    for (block, desired, weight) in rows {
         let (variable, column, place) = (NONE, NONE, Place::default());
-        b.tables.goals.push(Goal { weight: weight.map(T::of), target: target.map(T::of), variable, column, place });
+        b.tables.goals.push(Goal { weight: weight.map(T::of), desired: desired.map(T::of), variable, column, place });
         let step = (block / 2).min(b.intervals - 1);
         b.cost_element(Family::Goal, b.tables.goals.len() - 1, step, 0., &[Use::Touches(b.base[block])]);
     }

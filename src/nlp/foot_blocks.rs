@@ -239,9 +239,11 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
     }
 }
 
-/// Adds the limits of speed and touchdown acceleration of a swing that had begun before, as those of a step from a fixed point: with position
-/// `a`, velocity `v` and remaining time `T`, the velocity at `T / 2` is `1.5 / T (x - a - v T / 6)`, and the acceleration at `T` is
-/// `-6 / T^2 (x - a - v T / 3)`.
+/// Adds the limits of speed and touchdown acceleration of a swing that had begun before, as those of a step from a fixed point.
+///
+/// With position `a`, velocity `v` and remaining time `T`, the velocity at `T / 2` is `1.5 / T (x - a - v T / 6)`, and the acceleration at
+/// `T` is `-6 / T^2 (x - a - v T / 3)`. The speed may be higher before `T / 2`, and the acceleration at the start has no row: there the
+/// certificate can refuse a motion whose rows hold.
 fn started_limits<T: Real>(b: &mut Builder<T>, foot: usize, law: &SwingLaw, curve: &SwingCurve) {
     let Some(SwingState { position: [x, y, _], velocity: [vx, vy, _], .. }) = b.task.start_swings[foot] else { return };
     let (duration, after, height) = (b.feet[foot].phases[1].end, b.feet[foot].footholds[1], b.feet[foot].heights[0]);

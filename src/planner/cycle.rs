@@ -123,7 +123,7 @@ impl Cycle {
             let at = self.since_lift(offset) * self.period();
             let (since, expected) = if at < self.swing { (at, true) } else { (at - self.swing, false) };
             if expected == contact.in_air {
-                // How long a foot has stood matters little.
+                // The time for which a foot has stood matters little.
                 return if contact.in_air { (since - contact.since).abs() } else { 0. };
             }
             let left = if expected { self.swing } else { self.stance } - since;

@@ -389,7 +389,11 @@ impl Planner {
         }
         state.base.validate("state.base")?;
         for (foot, at) in state.feet.iter().enumerate() {
-            SwingState { position: at.position, velocity: at.velocity, since: 0. }.validate(foot)?;
+            for (what, values, limit) in [("position", at.position, 1100.), ("velocity", at.velocity, 100.)] {
+                for axis in 0..3 {
+                    check_range(&format!("state.feet[{foot}].{what}[{axis}]"), values[axis], -limit, limit)?;
+                }
+            }
         }
         for (axis, v) in command.velocity.iter().enumerate() {
             check_range(&format!("command.velocity[{axis}]"), *v, -20., 20.)?;

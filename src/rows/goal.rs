@@ -18,7 +18,7 @@ crate::table! {
         /// Weight of each component, 1/m and 1/rad, or s/m and s/rad.
         pub weight: [T; 6],
         /// Value at which the cost of each component is 0.
-        pub target: [T; 6],
+        pub desired: [T; 6],
         /// Position of the block in `x`.
         pub variable: u32,
         /// First column of the block.
@@ -45,7 +45,7 @@ pub fn goal<T: Real>(tables: &Tables<T>, x: &[T], residual: &mut [T], mut jacobi
     for goal in &tables.goals {
         let (at, first) = (goal.place.row as usize, goal.variable as usize);
         for d in 0..6 {
-            residual[at + d] = goal.weight[d] * (x[first + d] - goal.target[d]);
+            residual[at + d] = goal.weight[d] * (x[first + d] - goal.desired[d]);
         }
         let Some(jacobian) = jacobian.as_deref_mut() else { continue };
         let mut rows = Rows::new(jacobian, &goal.place);

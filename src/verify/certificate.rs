@@ -3,7 +3,7 @@
 //! The rows of TOWR \[3\] hold only at instants and nodes; [`super::dense`] reports what happens in between. Rows of `momentum` motions are
 //! bounded over whole curves.
 
-use super::curves::{ContactAxes, Extreme, FootMotion, Motion, SAME_TIME, nearest};
+use super::curves::{ContactAxes, Extreme, FootMotion, Motion, Point, SAME_TIME, nearest};
 use super::dense::sample;
 use super::labels::{check_labels, of_momentum};
 use super::report::{
@@ -40,6 +40,9 @@ pub const MOTION_LIMITS: MotionLimits =
 
 /// Part of the rest of a swing that had begun before the motion which the foot rises at least if it rises at all.
 const DESCENT: f64 = 0.25;
+
+/// Shortest cubic that is continued to a touchdown after the end, s. Rounding errors of a shorter one would exceed the tolerances.
+const CONTINUED: f64 = 1e-3;
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];
@@ -378,8 +381,15 @@ fn swing_heights(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, te
                     time.clamp(start, end),
                 );
             }
+            let started = number == 0 && curves.lifted;
             // A swing that had begun before passes over its middle only if that is far enough ahead.
-            let ahead = began == start || time - start >= (swing[1] - start) * DESCENT;
+            let ahead = !started || time - start >= (swing[1] - start) * DESCENT;
+            let landing = landing(curves, swing[1], if ahead { time } else { start });
+            if let Some(landing) = &landing {
+                let height = landing.value.z - terrain.height(landing.value.x, landing.value.y);
+                tally.row(height.abs(), tolerances.length, format_args!("touchdown z"), Some(foot), end);
+                tally.zero(landing.first, tolerances.speed, "touchdown velocity", AXES, Some(foot), end);
+            }
             if !ahead || time > motion.horizon {
                 continue;
             }
@@ -387,11 +397,35 @@ fn swing_heights(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, te
             let height = place.z - terrain.height(place.x, place.y);
             tally.not_positive(limits.clearance - height, tolerances.length, format_args!("mid node too low"), Some(foot), time);
             // Height above lift-off and touchdown: a foot need not descend into a pit that it crosses.
-            let feet = [start, end].map(|t| curves.motion.at(t).value.z);
-            let height = height.min(place.z - feet[0].max(feet[1]));
+            let on_ground = |t: f64| curves.motion.at(t).value.z;
+            let under = |t: f64| {
+                let place = curves.motion.at(t).value;
+                terrain.height(place.x, place.y)
+            };
+            // A foot in the air at an end of the motion is measured from the ground below it, or from where it lands.
+            let lift_off = if started { under(start) } else { on_ground(start) };
+            let touchdown = match &landing {
+                Some(landing) => landing.value.z,
+                None if swing[1] > motion.horizon + SAME_TIME => under(end),
+                None => on_ground(end),
+            };
+            let height = height.min(place.z - lift_off.max(touchdown));
             tally.not_positive(height - limits.swing_height, tolerances.length, format_args!("mid node too high"), Some(foot), time);
         }
     }
+}
+
+/// Point at a touchdown after the end of the motion, to which the last cubic continues; `None` if the foot lands in the motion, or if the
+/// last cubic is not one from the middle of the swing or too short to be continued.
+fn landing(curves: &FootMotion, touchdown: f64, middle: f64) -> Option<Point> {
+    let last = curves.motion.pieces() - 1;
+    let from = curves.motion.times[last];
+    let follows = from >= middle - SAME_TIME && curves.motion.length(last) >= CONTINUED;
+    if !follows || touchdown <= curves.end() + SAME_TIME {
+        return None;
+    }
+    let ([a, b, c, d], t) = (curves.motion.cubic(last), touchdown - from);
+    Some(Point { value: a + (b + (c + d * t) * t) * t, first: b + (c * 2. + d * (3. * t)) * t, second: c * 2. + d * (6. * t) })
 }
 
 fn bounds(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain: &Terrain, impulsive: bool) {

@@ -6,6 +6,7 @@ mod common;
 mod momentum;
 mod online;
 mod perturbations;
+mod planner;
 mod properties;
 mod reference;
 mod search;

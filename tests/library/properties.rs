@@ -49,7 +49,7 @@ fn schedule(feet: std::ops::RangeInclusive<usize>) -> impl Strategy<Value = Sche
 
 fn transcription() -> impl Strategy<Value = TranscriptionSettings> {
     let rows = prop_oneof![Just(Transcription::Momentum), Just(Transcription::Towr)];
-    let goal_velocity = prop_oneof![Just(GoalVelocity::Zero), Just(GoalVelocity::Free)];
+    let goal_velocity = prop_oneof![Just(GoalVelocity::Zero), Just(GoalVelocity::Free), Just(GoalVelocity::Near)];
     let numbers = (0.04..0.4, 0.03..0.3, 2..6usize);
     let legs = prop_oneof![Just(Legs::Limited), Just(Legs::Free)];
     (rows, legs, goal_velocity, any::<bool>(), numbers).prop_map(
