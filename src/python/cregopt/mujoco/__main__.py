@@ -61,7 +61,7 @@ def drive_arguments() -> argparse.ArgumentParser:
     parser.add_argument("--open-loop", action="store_true", help="plan from the plan instead of the measured state")
     parser.add_argument("--delay", type=float, default=0.0, metavar="S", help="age of the state when its plan comes into force, s [default: 0]")
     parser.add_argument("--noise", action="store_true", help="add noise to the planner's state")
-    parser.add_argument("--seed", type=int, help="seed of small disturbances of start, masses and friction, and of --random [default: none]")
+    parser.add_argument("--seed", type=int, help="seed of small disturbances of start, masses and friction, of --random and of --noise [default: none]")
     add_common(parser)
     return parser
 
