@@ -9,6 +9,36 @@
 //!
 //! The result of an update depends on the states, commands and times of all updates so far and on the seed, but not on the number of
 //! threads. With a deadline it also depends on how fast the machine is.
+//!
+//! # Beside a controller
+//! An update takes longer than a control period. Planner and controller run in two threads with one clock and exchange two messages: the
+//! newest state, and the newest plan.
+//!
+//! ```text
+//! planner:     wait for a state; take the newest one, drop older ones
+//!              update(state, command, time of the state); if renewed: sample the plan, send the samples with its start
+//! controller,  send the measured state with its time
+//! at 500 Hz:   if a plan has arrived and its start has come: follow it from now on
+//!              track the samples at the time since the start of the plan
+//! ```
+//!
+//! * [`Planner::update`] returns when the plan is chosen. The plan is an `Arc`: sending it copies no motion. From Python, other threads run
+//!   during an update. [`PlannerSettings::threads`] should leave a processor to the controller.
+//! * [`crate::export::Sampled`] samples base, feet, forces and contacts of [`Plan::motion`] at the control rate. Time 0 of the
+//!   samples is [`Plan::start`] on the clock of the updates. [`Plan::state`] gives base and feet at one time, without forces.
+//! * [`PlannerSettings::latency`] is the time from the state to the start of the plan: that of an update and of the messages. The planner
+//!   moves the state by it as the plan before moves. Too short: plans arrive late. Too long: disturbances are answered late.
+//! * A plan that arrives late is entered at the time since its start. The robot has followed the plan before until then, so that the
+//!   references may jump.
+//! * [`PlannerSettings::deadline`] drops the candidates that are not solved by then. The best one is still checked afterwards, so that an
+//!   update lasts a little longer.
+//! * If [`Update::renewed`] is false, the plan before stays in force. It ends after [`PlannerSettings::horizon`], possibly in motion: the
+//!   controller then needs a reaction of its own, such as standing.
+//! * An update fails for a state out of range and for a time before that of the last update. Before there is a plan, it also fails if no
+//!   candidate holds.
+//! * Contacts and measured positions correct the planned phases: a contact in the second half of a swing ends it, and a foot that should
+//!   stand is in the air only if it is not loaded and more than 1 cm above the terrain. Slow filters on contacts delay this.
+//! * Positions of the base and the feet must agree with each other and with the terrain: standing feet are on it.
 
 mod cycle;
 mod warm;

@@ -165,16 +165,16 @@ class Trajectory:
 
 @final
 class RobotState:
-    def __init__(
-        self,
-        position: Any,
-        rotation: Any,
-        velocity: Any,
-        angular_velocity: Any,
-        feet: Any,
-        feet_velocity: Any,
-        contacts: Any,
-    ) -> None: ...
+    def __new__(
+        cls,
+        position: ArrayLike,
+        rotation: ArrayLike,
+        velocity: ArrayLike,
+        angular_velocity: ArrayLike,
+        feet: ArrayLike,
+        feet_velocity: ArrayLike,
+        contacts: ArrayLike,
+    ) -> RobotState: ...
 
 @final
 class Plan:
@@ -211,7 +211,7 @@ class Update:
 
 @final
 class Planner:
-    def __init__(self, robot: Robot, terrain: Terrain, settings: Optional[dict[str, Any]] = None) -> None: ...
+    def __new__(cls, robot: Robot, terrain: Terrain, settings: Optional[dict[str, Any]] = None) -> Planner: ...
     def update(self, state: RobotState, command: tuple[float, float, float], now: float) -> Update: ...
     def set_terrain(self, terrain: Terrain) -> None: ...
 

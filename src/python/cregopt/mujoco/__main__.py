@@ -13,6 +13,14 @@ from . import drive, play, random_drive, robot
 UPRIGHT, FALLEN, BAD_INPUT = 0, 3, 4
 
 
+def add_common(parser: argparse.ArgumentParser) -> None:
+    """Adds the options that both command lines share."""
+    parser.add_argument("--speed-limit", type=float, default=30.0, metavar="RAD/S", help="joint speed at which the motors have no torque left [default: 30]")
+    parser.add_argument("--video", metavar="FILE", help="write an animation: .gif, .png or .webp")
+    parser.add_argument("--viewer", action="store_true", help="show the simulation in a window")
+    parser.add_argument("--json", action="store_true", help="print the report as JSON")
+
+
 def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m cregopt.mujoco",
@@ -25,10 +33,7 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--feet", metavar="NAME,...", help="geoms, bodies or sites that are the feet, in the plan's order [default: found]")
     parser.add_argument("--friction", type=float, help="friction coefficient of the ground [default: the plan's]")
     parser.add_argument("--seed", type=int, help="seed of small disturbances of start, masses and friction [default: none]")
-    parser.add_argument("--speed-limit", type=float, default=30.0, metavar="RAD/S", help="joint speed at which the motors have no torque left [default: 30]")
-    parser.add_argument("--video", metavar="FILE", help="write an animation: .gif, .png or .webp")
-    parser.add_argument("--viewer", action="store_true", help="show the simulation in a window")
-    parser.add_argument("--json", action="store_true", help="print the report as JSON")
+    add_common(parser)
     parser.add_argument("--robot", metavar="FILE", help="instead of playing, write the model's robot file for `cregopt solve --robot`: .json or .toml")
     return parser
 
@@ -37,7 +42,7 @@ def drive_arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m cregopt.mujoco drive",
         description="Drives a robot in MuJoCo by commands and reports the result. Gaits are chosen online, many times a second.",
-        epilog="Exit codes: 0 upright to the end, 2 usage, 3 fallen, 4 bad file or MuJoCo missing.",
+        epilog="A value that begins with a minus sign follows an equals sign: --command=-0.2,0,0:5. Exit codes: 0 upright to the end, 2 usage, 3 fallen, 4 bad file or MuJoCo missing.",
     )
     parser.add_argument("--model", required=True, metavar="FILE", help="MuJoCo model of the robot")
     parser.add_argument("--feet", metavar="NAME,...", help="geoms, bodies or sites that are the feet [default: found]")
@@ -46,21 +51,18 @@ def drive_arguments() -> argparse.ArgumentParser:
         "--command", metavar="VX,VY,YAW:S;...", help="velocity forward and to the left, m/s, yaw rate, rad/s, and duration, s [default: 0.5,0,0:5]"
     )
     parser.add_argument("--push", default="", metavar="T:FX,FY,FZ:S;...", help="time, s, force on the base, N, and duration, s")
-    parser.add_argument("--random", type=float, metavar="S", help="random commands and pushes for this time, s, drawn by --seed")
+    parser.add_argument("--random", type=float, metavar="S", help="random commands and pushes for at least this time, s, drawn by --seed")
     parser.add_argument("--terrain", metavar="NAME|FILE", help="terrain that the planner knows [default: flat]")
     parser.add_argument("--ground", metavar="NAME|FILE", help="terrain of the simulation [default: --terrain]")
-    parser.add_argument("--friction", type=float, help="friction coefficient of the simulation [default: the terrain's]")
+    parser.add_argument("--friction", type=float, help="friction coefficient of the simulation [default: that of --terrain]")
     parser.add_argument("--gait", metavar="NAME", help="family whose typical durations are kept [default: the planner chooses]")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="setting of cregopt.Planner, for example horizon=1")
     parser.add_argument("--rate", type=float, default=50.0, help="updates per second [default: 50]")
     parser.add_argument("--open-loop", action="store_true", help="plan from the plan instead of the measured state")
     parser.add_argument("--delay", type=float, default=0.0, metavar="S", help="age of the state when its plan comes into force, s [default: 0]")
     parser.add_argument("--noise", action="store_true", help="add noise to the planner's state")
-    parser.add_argument("--seed", type=int, help="seed of small disturbances of start, masses and friction, and of --random [default: none]")
-    parser.add_argument("--speed-limit", type=float, default=30.0, metavar="RAD/S", help="joint speed at which the motors have no torque left [default: 30]")
-    parser.add_argument("--video", metavar="FILE", help="write an animation: .gif, .png or .webp")
-    parser.add_argument("--viewer", action="store_true", help="show the simulation in a window")
-    parser.add_argument("--json", action="store_true", help="print the report as JSON")
+    parser.add_argument("--seed", type=int, help="seed of small disturbances of start, masses and friction, of --random and of --noise [default: none]")
+    add_common(parser)
     return parser
 
 

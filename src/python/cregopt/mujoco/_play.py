@@ -93,14 +93,7 @@ def play(
     ImportError
         If MuJoCo or DAQP is not installed.
     """
-    if not (np.isfinite(speed_limit) and speed_limit > 0):
-        raise Error(f"speed limit {speed_limit!r}: must be positive, rad/s")
-    if friction is not None and not (np.isfinite(friction) and friction > 0):
-        raise Error(f"friction {friction!r}: must be positive")
-    if video is not None:
-        _video.prepare(video)
-    if viewer and _video.headless():
-        raise Error("no window can be opened: there is no display")
+    check(speed_limit, friction, seed, video, viewer)
     plan = _plan.read(trajectory, 1 / (STEP * STEPS))
     machine = Machine(model, feet, plan.n_feet)
     if abs(machine.mass - plan.robot.mass) > MASS_APART * machine.mass:
@@ -109,8 +102,7 @@ def play(
             f"{100 * MASS_APART:g} % apart; cregopt.mujoco.robot makes a robot from a model"
         )
     if feet is None:
-        order = _plan.order_of_feet(plan.robot.nominal_feet, machine.nominal_feet())
-        machine.feet = [machine.feet[of] for of in order]
+        assign_feet(machine, plan.robot.nominal_feet)
     start = start_pose(machine, plan)
     friction = plan.terrain.friction if friction is None else friction
     report = Report(
@@ -123,8 +115,6 @@ def play(
         horizon=plan.horizon,
         joint_speed_limit=speed_limit,
     )
-    if not np.all(np.isfinite(machine.torque_limits)):
-        report.notes.append("the model has no torque limits for some joints")
     controller = Controller(machine, plan, friction, speed_limit, gains or Gains())
     simulation = _Play(controller, start, report, plan.terrain, plan.feet)
     with ExitStack() as stack:
@@ -135,6 +125,26 @@ def play(
             observers.append(window(stack, simulation))
         simulation.run(observers)
     return report
+
+
+def check(speed_limit: float, friction: Optional[float], seed: Optional[int], video: Optional[Path], viewer: bool) -> None:
+    """Checks arguments of simulations, and prepares the drawing. Raises Error for the first bad one."""
+    if not (np.isfinite(speed_limit) and speed_limit > 0):
+        raise Error(f"speed limit {speed_limit!r}: must be positive, rad/s")
+    if friction is not None and not (np.isfinite(friction) and friction > 0):
+        raise Error(f"friction {friction!r}: must be positive")
+    if seed is not None and seed < 0:
+        raise Error(f"seed {seed!r}: must not be negative")
+    if video is not None:
+        _video.prepare(video)
+    if viewer and _video.headless():
+        raise Error("no window can be opened: there is no display")
+
+
+def assign_feet(machine: Machine, nominal: Floats) -> None:
+    """Puts the feet of the model in the order of the nominal feet of a robot: each is the nearest one."""
+    order = _plan.order_of_feet(nominal, machine.nominal_feet())
+    machine.feet = [machine.feet[of] for of in order]
 
 
 def start_pose(machine: Machine, plan: _plan.Plan) -> Floats:
@@ -169,6 +179,8 @@ class Simulation(Generic[Loads]):
 
     def __init__(self, controller: Controller, start: Floats, report: Loads, ground: Terrain, covered: Floats) -> None:
         self.controller, self.machine, self.plan, self.report = controller, controller.machine, controller.plan, report
+        if not np.all(np.isfinite(self.machine.torque_limits)):
+            report.notes.append("the model has no torque limits for some joints")
         random = None if report.seed is None else np.random.default_rng(report.seed)
         if random is not None:
             report.friction *= float(random.uniform(1 - FRICTION_SPREAD, 1 + FRICTION_SPREAD))
@@ -256,6 +268,13 @@ class Simulation(Generic[Loads]):
             mj.mj_step(self.model, d)
         return at_limit
 
+    def _toppled(self, state: State, trunk_touches: bool) -> Optional[str]:
+        """Description of a fall onto the trunk or the side, or None."""
+        lean = float(np.arccos(np.clip(state.rotation[2, 2], -1, 1)))
+        if trunk_touches:
+            return "the trunk touches the ground"
+        return f"it leans by {np.degrees(lean):.0f} deg" if lean > LEAN else None
+
     def _joint(self, number: int) -> str:
         """Name of the joint with this index, not counting the base."""
         return str(self.model.joint(self.model.dof_jntid[number + 6]).name)
@@ -307,11 +326,9 @@ class _Play(Simulation[Report]):
         """Description of the fall, or None if the robot has not fallen."""
         planned = self.plan.position[k]
         ground = self.plan.terrain.height
-        lean = float(np.arccos(np.clip(state.rotation[2, 2], -1, 1)))
-        if trunk_touches:
-            return "the trunk touches the ground"
-        if lean > LEAN:
-            return f"it leans by {np.degrees(lean):.0f} deg"
+        toppled = self._toppled(state, trunk_touches)
+        if toppled:
+            return toppled
         if state.com[2] - ground(*state.com[:2]) < LOW * (planned[2] - ground(*planned[:2])):
             return "the base is too low"
         if float(np.linalg.norm(away)) > ASTRAY:

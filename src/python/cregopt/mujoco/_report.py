@@ -22,6 +22,7 @@ class MotorLoads(Protocol):
     joint_speed_limit: float
     speed_joint: str
     unsolved: int
+    notes: list[str]
 
 
 @dataclass
@@ -141,9 +142,10 @@ class DriveReport:
         Horizontal distance of the end from the start, m.
     speed_error_rms, turn_error_rms, speed_command_rms : float
         Differences between velocity and command, m/s and rad/s, averaged over 0.4 s, from 1 s after each change of the command and each push on; and
-        the commanded speed in the same time.
+        the commanded speed in the same time. 0 if nothing lasts that long.
     updates, kept, late : int
-        Number of updates, of those that kept the plan before, and of those that took longer than the time between updates.
+        Number of updates, of those that kept the plan before, and of those that took longer than the time between updates. The simulation waits for
+        them: plans come into force after the delay, however long the update took.
     ms_median, ms_99 : float
         Durations of updates, ms: median and 99th percentile.
     gaits : list of [float, str]
