@@ -1,13 +1,21 @@
-//! Comparison of searches: best cost that the cross-entropy method, random sampling and a grid reach with the same number of evaluations.
+//! Comparison of searches: best cost that the cross-entropy method, with and without gradients of the durations, random sampling and a
+//! grid reach with the same number of evaluations on one core.
 //!
-//!     cargo bench --bench search -- [--seeds 10] [--evaluations 64,256,1024] [ROBOT:X,Y ...]
+//!     cargo bench --bench search -- [--seeds 10] [--evaluations 64,256,1024] [--families] [ROBOT:X,Y ...]
+//!
+//! An evaluation is a solve of a schedule with the minimisation of its cost, or one minimisation in the descent along the durations. The
+//! typical gaits of the families, with which every search but the grid begins, are evaluations, too. `--families` leaves out free gaits.
 
+#[path = "common/cpu_time.rs"]
+mod cpu_time;
+
+use cpu_time::cpu_seconds;
 use cregopt::gait::Schedule;
-use cregopt::gait::family::{GaitFamily, PeriodicGait, families, offsets, speed_scale, time_scale};
+use cregopt::gait::family::{GaitFamily, PeriodicGait, default_families, offsets, speed_scale, time_scale};
 use cregopt::search::cem::Sampler;
+use cregopt::search::evaluate::LowerSettings;
 use cregopt::search::{Gaits, Search, SearchSettings};
 use cregopt::{Cpu, Error, Evaluate, Goal, Result, Robot, Task, Terrain};
-use std::time::Instant;
 
 /// Number of generations of the cross-entropy method, including the one in the neighbourhood of the best gait.
 const GENERATIONS: usize = 7;
@@ -15,8 +23,16 @@ const GENERATIONS: usize = 7;
 /// Ranges of swing, stance and speed of the grid, in the scales of the robot.
 const GRID: [[f64; 2]; 3] = [[0.8, 2.], [0.8, 5.], [0.3, 1.2]];
 
+/// Largest share of the evaluations that are steps along the gradient of the durations.
+const GRADIENT_SHARE: f64 = 0.5;
+
+/// Number of descents along the durations in the three rounds of a search with the default number of gaits. Each begins with one
+/// minimisation and may repeat that of one motion.
+const DESCENTS: usize = 4 + 2 + 1;
+
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Method {
+    Gradients,
     Cem,
     Random,
     Grid,
@@ -24,7 +40,8 @@ enum Method {
     FreeRandom,
 }
 
-const METHODS: [(&str, Method); 5] = [
+const METHODS: [(&str, Method); 6] = [
+    ("families, CEM with gradients", Method::Gradients),
     ("families, CEM", Method::Cem),
     ("families, random", Method::Random),
     ("families, grid", Method::Grid),
@@ -32,30 +49,52 @@ const METHODS: [(&str, Method); 5] = [
     ("free, random", Method::FreeRandom),
 ];
 
-/// Best cost that a method finds, or `None` if it finds no gait.
-fn best(method: Method, task: &Task, evaluations: usize, seed: u64, cpu: &Cpu) -> Result<Option<f64>> {
+/// Result of a search.
+struct Found {
+    /// Cost of the best gait; `None` if the search finds no gait.
+    cost: Option<f64>,
+    evaluations: usize,
+}
+
+/// Searches with at most about `evaluations` evaluations.
+fn search(method: Method, task: &Task, evaluations: usize, seed: u64, cpu: &Cpu) -> Result<Found> {
+    let mut settings = SearchSettings { further_generations: 0, duration_steps: 0, ..SearchSettings::default() };
     if method == Method::Grid {
-        let solved = Evaluate::new(task).run(&grid(task, evaluations)?, cpu)?;
-        return Ok(solved.into_iter().flatten().filter_map(|e| e.cost).map(|c| c.total).reduce(f64::min));
+        let mut lower = LowerSettings::default();
+        lower.solver.optimise.iterations = settings.optimise_iterations;
+        lower.transcription.reach_margin = settings.reach_margin * task.robot.base_height;
+        let schedules = grid(task, evaluations)?;
+        let solved = Evaluate::new(task).settings(lower).run(&schedules, cpu)?;
+        let cost = solved.into_iter().flatten().filter_map(|e| e.cost).map(|c| c.total).reduce(f64::min);
+        return Ok(Found { cost, evaluations: schedules.len() });
     }
-    let cem = matches!(method, Method::Cem | Method::FreeCem);
-    let population = if cem { (evaluations / GENERATIONS).max(2) } else { evaluations };
-    let mut settings = SearchSettings { further_generations: 0, ..SearchSettings::default() }.with_population(population);
-    if matches!(method, Method::FreeCem | Method::FreeRandom) {
+    let free = matches!(method, Method::FreeCem | Method::FreeRandom);
+    let cem = matches!(method, Method::Gradients | Method::Cem | Method::FreeCem);
+    let mut drawn = evaluations;
+    if free {
         settings.gaits = Gaits::Free;
+    } else {
+        drawn = drawn.saturating_sub(default_families(&task.robot).len());
     }
+    if method == Method::Gradients {
+        let steps = ((GRADIENT_SHARE * evaluations as f64) as usize / DESCENTS).saturating_sub(1).max(1);
+        settings.duration_steps = (3 * steps).min(SearchSettings::default().duration_steps);
+        drawn = drawn.saturating_sub(DESCENTS * (2 + settings.duration_steps / 3));
+    }
+    settings = settings.with_population(if cem { (drawn / GENERATIONS).max(2) } else { drawn });
     (settings.generations, settings.perturbed_generations) = if cem { (GENERATIONS - 1, 1) } else { (1, 0) };
     if !cem {
         settings.free.sampler = Sampler::Random;
     }
     let found = Search::new(task).settings(settings).seed(seed).run(cpu)?;
-    Ok(found.best.candidate.solution.cost.filter(|_| found.best.feasible()).map(|c| c.total))
+    let cost = found.best.candidate.solution.cost.filter(|_| found.best.feasible()).map(|c| c.total);
+    Ok(Found { cost, evaluations: found.generations.iter().map(|g| g.evaluated).sum::<usize>() + found.duration_solves })
 }
 
-/// Schedules of all families on a grid of swings, stances and speeds, at most `evaluations` of them.
+/// Schedules of the default families on a grid of swings, stances and speeds, at most `evaluations` of them.
 fn grid(task: &Task, evaluations: usize) -> Result<Vec<Schedule>> {
     let robot = &task.robot;
-    let families: Vec<GaitFamily> = families(robot);
+    let families: Vec<GaitFamily> = default_families(robot);
     let points = ((evaluations / families.len()) as f64).cbrt() as usize;
     let value = |[low, high]: [f64; 2], i: usize| low * (high / low).powf((i as f64 + 0.5) / points as f64);
     let mut schedules = Vec::new();
@@ -91,34 +130,42 @@ fn task(text: &str) -> Result<Task> {
 }
 
 fn main() -> Result<()> {
-    let (mut seeds, mut evaluations, mut tasks) = (10, vec![64, 256, 1024], Vec::new());
+    let (mut seeds, mut evaluations, mut tasks, mut free) = (10, vec![64, 256, 1024], Vec::new(), true);
     let mut arguments = std::env::args().skip(1).filter(|a| a != "--bench");
     while let Some(argument) = arguments.next() {
         let mut numbers = || arguments.next().unwrap_or_default().split(',').filter_map(|v| v.parse().ok()).collect::<Vec<usize>>();
         match argument.as_str() {
             "--seeds" => seeds = numbers().first().copied().unwrap_or(seeds),
             "--evaluations" => evaluations = numbers(),
+            "--families" => free = false,
             _ => tasks.push(argument),
         }
     }
     if tasks.is_empty() {
         tasks = ["anymal:2,0", "biped:2,0", "pexod:0.5,0"].map(String::from).to_vec();
     }
-    let cpu = Cpu::new(0)?;
-    println!("| task | evaluations | method | found of {seeds} | cost, median (quartiles) | s per search |\n|---|---|---|---|---|---|");
+    let cpu = Cpu::new(1)?;
+    println!(
+        "| task | limit | method | found of {seeds} | evaluations | cost, median (quartiles) | CPU s per search |\n|---|---|---|---|---|---|---|"
+    );
     for name in &tasks {
         let task = task(name)?;
         for &count in &evaluations {
             for (label, method) in METHODS {
+                if !free && matches!(method, Method::FreeCem | Method::FreeRandom) {
+                    continue;
+                }
                 // A grid has no seed.
                 let seeds = if method == Method::Grid { 1 } else { seeds };
-                let start = Instant::now();
-                let mut costs: Vec<f64> = Vec::new();
+                let start = cpu_seconds();
+                let (mut costs, mut evaluated) = (Vec::<f64>::new(), 0);
                 for seed in 1..=seeds as u64 {
-                    costs.extend(best(method, &task, count, seed, &cpu)?);
+                    let found = search(method, &task, count, seed, &cpu)?;
+                    costs.extend(found.cost);
+                    evaluated += found.evaluations;
                 }
                 costs.sort_by(f64::total_cmp);
-                let seconds = start.elapsed().as_secs_f64() / seeds as f64;
+                let (seconds, evaluated) = ((cpu_seconds() - start) / seeds as f64, evaluated as f64 / seeds as f64);
                 let found = costs.len();
                 let cost = if costs.is_empty() {
                     "-".into()
@@ -126,7 +173,7 @@ fn main() -> Result<()> {
                     let [low, median, high] = quartiles(&costs);
                     format!("{median:.4} ({low:.4}, {high:.4})")
                 };
-                println!("| {name} | {count} | {label} | {found} of {seeds} | {cost} | {seconds:.2} |");
+                println!("| {name} | {count} | {label} | {found} of {seeds} | {evaluated:.0} | {cost} | {seconds:.2} |");
             }
         }
     }

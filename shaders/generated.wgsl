@@ -120,6 +120,7 @@ struct Batch {
     efforts: u32,
     stance_powers: u32,
     swing_powers: u32,
+    goals: u32,
     base_blocks: u32,
     factored_instants: u32,
     factored_elements: u32,
@@ -273,6 +274,7 @@ struct Slot {
     efforts: u32,
     stance_powers: u32,
     swing_powers: u32,
+    goals: u32,
     base_blocks: u32,
     factored_instants: u32,
     factored_elements: u32,
@@ -382,6 +384,7 @@ struct ReachLeg {
     center: array<f32, 3>,
     half_widths: array<f32, 3>,
     foothold: array<u32, 2>,
+    offset: array<f32, 3>,
 }
 
 struct ForceNode {
@@ -396,6 +399,7 @@ struct ForceNode {
 struct SwingNode {
     xy_weights: array<f32, 2>,
     z_weights: array<f32, 3>,
+    offset: array<f32, 3>,
     low: f32,
     high: f32,
     two_sided: u32,
@@ -460,10 +464,19 @@ struct SwingPower {
     base: HipPoint,
     xy_weights: array<array<f32, 2>, 2>,
     z_weights: array<array<f32, 3>, 2>,
+    offset: array<array<f32, 3>, 2>,
     height: u32,
     height_column: u32,
     foothold: array<u32, 2>,
     foothold_column: array<u32, 2>,
+    place: Place,
+}
+
+struct Goal {
+    weight: array<f32, 6>,
+    desired: array<f32, 6>,
+    variable: u32,
+    column: u32,
     place: Place,
 }
 
@@ -629,23 +642,28 @@ fn reach_feet_z_weights(slot: u32, i: u32, k: u32) -> f32 {
 }
 
 fn reach_legs_at(slot: u32, i: u32) -> ReachLeg {
-    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 8u;
-    return ReachLeg(array<f32, 3>(bitcast<f32>(tables[at + 0u]), bitcast<f32>(tables[at + 1u]), bitcast<f32>(tables[at + 2u])), array<f32, 3>(bitcast<f32>(tables[at + 3u]), bitcast<f32>(tables[at + 4u]), bitcast<f32>(tables[at + 5u])), array<u32, 2>(tables[at + 6u], tables[at + 7u]));
+    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 11u;
+    return ReachLeg(array<f32, 3>(bitcast<f32>(tables[at + 0u]), bitcast<f32>(tables[at + 1u]), bitcast<f32>(tables[at + 2u])), array<f32, 3>(bitcast<f32>(tables[at + 3u]), bitcast<f32>(tables[at + 4u]), bitcast<f32>(tables[at + 5u])), array<u32, 2>(tables[at + 6u], tables[at + 7u]), array<f32, 3>(bitcast<f32>(tables[at + 8u]), bitcast<f32>(tables[at + 9u]), bitcast<f32>(tables[at + 10u])));
 }
 
 fn reach_legs_center(slot: u32, i: u32, k: u32) -> f32 {
-    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 8u + 1u * k;
+    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 11u + 1u * k;
     return bitcast<f32>(tables[at + 0u]);
 }
 
 fn reach_legs_half_widths(slot: u32, i: u32, k: u32) -> f32 {
-    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 8u + 1u * k;
+    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 11u + 1u * k;
     return bitcast<f32>(tables[at + 3u]);
 }
 
 fn reach_legs_foothold(slot: u32, i: u32, k: u32) -> u32 {
-    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 8u + 1u * k;
+    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 11u + 1u * k;
     return tables[at + 6u];
+}
+
+fn reach_legs_offset(slot: u32, i: u32, k: u32) -> f32 {
+    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 11u + 1u * k;
+    return bitcast<f32>(tables[at + 8u]);
 }
 
 fn gather_of_at(slot: u32, i: u32) -> u32 {

@@ -68,6 +68,7 @@
 //! | batches on a GPU: slots, submissions, read-back | `backend/gpu/` |
 //! | independent check between the instants, rollout | `verify/` |
 //! | TOWR's complete problem and the contact-implicit one, for Ipopt | `reference/` |
+//! | planning online: a gait and its motion from any state, many times a second | `planner/` |
 //! | experiments of the paper, tables, plots | `experiment/` |
 //! | missions with waypoints, scenario files, terms of verification, explanations of failures | `app/` |
 //!
@@ -83,10 +84,10 @@
 //!
 //! # GPU
 //! One workgroup works on one candidate, whose tables and buffers are in a slot. A round computes and judges a trial point for every
-//! running slot. On flat ground it takes 18 dispatches: eleven stages, and one shader for each of seven row families. The stages compute
-//! row weights, factorisation and predictor, corrector, step, rows and Jacobian at the trial point, and the verdict. The device decides
-//! whether a candidate continues, closes or ends. After every few rounds the host reads 76 bytes per slot, takes out the candidates that
-//! have ended and refills their slots.
+//! running slot. On flat ground it takes 18 dispatches: eleven stages, and one shader for each of seven row families; with a cost, also one
+//! for each family of cost rows. The stages compute row weights, factorisation and predictor, corrector, step, rows and Jacobian at the
+//! trial point, and the verdict. The device decides whether a candidate continues, closes or ends. After every few rounds the host reads
+//! 76 bytes per slot, takes out the candidates that have ended and refills their slots.
 //!
 //! The front of a factorisation is in workgroup memory: 16 KiB if that is enough, more if the adapter has it, storage otherwise. When a
 //! device is opened, it counts loop iterations, because some software adapters leave loops after 65,535 of them; these get the
@@ -140,6 +141,7 @@ pub mod gait;
 pub mod linear;
 #[doc(hidden)]
 pub mod nlp;
+pub mod planner;
 #[cfg(feature = "python")]
 mod python;
 mod quadrature;
@@ -172,6 +174,7 @@ pub use backend::Gpu;
 pub use backend::{Backend, Cpu, DeviceChoice};
 pub use error::{Error, Result};
 pub use gait::{Schedule, Trajectory};
+pub use planner::Planner;
 pub use robot::Robot;
 pub use search::evaluate::Evaluate;
 pub use search::{Gait, Search, SearchResult};

@@ -367,6 +367,9 @@ impl TranscriptionSettings {
                 return Err(Error::invalid("transcription.friction", "cone", "`pyramid` with the rows `towr`"));
             }
         }
+        if self.goal_velocity == GoalVelocity::Near && self.rows == Transcription::Towr {
+            return Err(Error::invalid("transcription.goal_velocity", "near", "`zero` or `free` with the rows `towr`"));
+        }
         check_range("transcription.clearance", self.clearance, 0., 10.)?;
         // Both rows of a swing must hold with their margins.
         let margins = if self.rows == Transcription::Momentum { 2. * self.length_margin } else { 0. };

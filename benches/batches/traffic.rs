@@ -119,6 +119,7 @@ impl Sizes<'_> {
             Shader::SwingPower => {
                 walk(&[Buffer::SwingPowers]) + four(10 * problem.swing_powers.len()) + deviations + cost(Family::SwingPower)
             }
+            Shader::Goal => walk(&[Buffer::Goals]) + cost(Family::Goal),
             // Jacobian and tables, x twice, scaling, slacks and multipliers.
             Shader::Start => whole + elements + gathered + 2 * x + v + 3 * g,
             // Residuals, slacks, multipliers, weight, value, scaling, smoothing, x, initial values, diagonal, gradient.

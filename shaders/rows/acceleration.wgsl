@@ -22,7 +22,9 @@ fn entry(slot: u32, half: u32, k: u32) {
     for (var r = 0u; r < 2u; r++) {
         let rise = by_height * (values[x + swing.height] - ground_height(slot, swing.foothold[r]));
         values[at + r] = 0.5 * (squares + rise * rise - (1.0 - ACCELERATION_MARGIN));
-        put(rows, r, swing.height_column, by_height * rise);
+        if (swing.height_column != NONE) {
+            put(rows, r, swing.height_column, by_height * rise);
+        }
         for (var i = 0u; i < 2u; i++) {
             if (swing.foothold_column[i] == NONE) {
                 continue;

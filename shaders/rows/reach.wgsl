@@ -40,7 +40,8 @@ fn reach_foot(slot: u32, half: u32, number: u32, base_w: vec3<f32>, rot_wb: Mat3
     let unit = constants.length_scale;
     let x = ix_x(slot, half);
     let swing_height = select(NONE, height.variable, height.len > 0u);
-    let leg_w = foot_motion(slot, x, leg.foothold, swing_height, foot.xy_weights, foot.z_weights) - base_w;
+    let offset = vec3<f32>(leg.offset[0], leg.offset[1], leg.offset[2]);
+    let leg_w = foot_motion(slot, x, leg.foothold, swing_height, foot.xy_weights, foot.z_weights) + offset - base_w;
     let center = vec3<f32>(leg.center[0], leg.center[1], leg.center[2]);
     let offset_b = mul_transposed(rot_wb, leg_w) - center;
     let at = ix_inequality(slot, half, place.inequality);

@@ -19,8 +19,8 @@ fn entry(slot: u32, half: u32, k: u32) {
     let constants = &slots[slot].constants;
     let unit = constants.length_scale;
     let x = ix_x(slot, half);
-    var at = vec2<f32>();
-    var height = swing.z_weights[2] * values[x + swing.height];
+    var at = vec2<f32>(swing.offset[0], swing.offset[1]);
+    var height = swing.offset[2] + swing.z_weights[2] * values[x + swing.height];
     for (var i = 0u; i < 2u; i++) {
         let foothold = x + footholds[slot * batch.footholds + swing.foothold[i]];
         at.x += swing.xy_weights[i] * values[foothold];
@@ -76,7 +76,9 @@ fn entry(slot: u32, half: u32, k: u32) {
     }
 
     let rows = rows_at(slot, half, swing.place);
-    put(rows, 0u, swing.height_column, side * swing.z_weights[2] * unit);
+    if (swing.height_column != NONE) {
+        put(rows, 0u, swing.height_column, side * swing.z_weights[2] * unit);
+    }
     for (var i = 0u; i < 2u; i++) {
         if (swing.foothold_column[i] != NONE) {
             let slope = ground_slope(slot, swing.foothold[i]);

@@ -13,8 +13,11 @@ fn entry(slot: u32, half: u32, k: u32) {
     let here = hip(slot, half, base);
     let x = ix_x(slot, half);
     // Velocity and acceleration of the foot.
-    let velocity = foot_motion(slot, x, power.foothold, power.height, power.xy_weights[0], power.z_weights[0]);
-    let acceleration = foot_motion(slot, x, power.foothold, power.height, power.xy_weights[1], power.z_weights[1]);
+    let offset = power.offset;
+    let velocity = foot_motion(slot, x, power.foothold, power.height, power.xy_weights[0], power.z_weights[0])
+        + vec3<f32>(offset[0][0], offset[0][1], offset[0][2]);
+    let acceleration = foot_motion(slot, x, power.foothold, power.height, power.xy_weights[1], power.z_weights[1])
+        + vec3<f32>(offset[1][0], offset[1][1], offset[1][2]);
     let v = velocity - here.velocity;
     values[ix_equality(slot, half, power.place.row)] = dot(acceleration, v);
 

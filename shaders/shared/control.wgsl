@@ -47,7 +47,8 @@ fn begin(slot: u32, before: Progress, f: f32, earlier: f32, largest: f32, feasib
         progress.state = STALLED;
     } else {
         var closing = progress.state == CLOSE;
-        if (closing && f > CLOSING_RATE * progress.closing_from && is_finite(batch.closing)) {
+        let slow = f > CLOSING_RATE * progress.closing_from;
+        if (closing && slow && progress.phase != RESTORE && is_finite(batch.closing)) {
             // The closing steps act on the wrong rows: return to the barrier until the violated rows are better known.
             closing = false;
             progress.closing_below = min(progress.closing_below, CLOSING_AGAIN * f);

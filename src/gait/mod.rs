@@ -3,7 +3,7 @@
 pub mod cost;
 pub mod family;
 pub mod joints;
-mod piece;
+pub(crate) mod piece;
 pub mod schedule;
 pub mod spline;
 pub mod swing;

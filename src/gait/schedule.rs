@@ -30,6 +30,9 @@ impl Phase {
 }
 
 /// Phase durations of all feet, s, alternating stance, swing, ..., stance. In files a list of lists, `[feet][phases]`.
+///
+/// A foot may be in the air at either end. If its first duration is 0, it swings at the start. If its last duration is not positive, it
+/// swings at the end, and lands that long after the end: the sum of its durations is still the time of the end.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(try_from = "Vec<Vec<f64>>", into = "Vec<Vec<f64>>")]
@@ -56,8 +59,8 @@ impl Schedule {
     ///
     /// # Errors
     /// [`Error::Invalid`] names the foot and the phase: no feet or more than [`MAX_FEET`]; an even number of phases (the foot would end in
-    /// swing) or more than [`MAX_PHASES`]; durations that are not finite or shorter than [`MIN_PHASE`]; a total of more than
-    /// [`MAX_HORIZON`].
+    /// swing) or more than [`MAX_PHASES`]; durations that are not finite or shorter than [`MIN_PHASE`], except those of feet in the air at
+    /// an end; a total of more than [`MAX_HORIZON`].
     pub fn new(durations: Vec<Vec<f64>>) -> Result<Schedule> {
         if durations.is_empty() || durations.len() > MAX_FEET {
             return Err(Error::invalid("durations", format!("{} feet", durations.len()), format!("1 to {MAX_FEET} feet")));
@@ -74,9 +77,14 @@ impl Schedule {
                     "an odd number: stance and swing alternate, the first and the last phase are stance",
                 ));
             }
+            let last = phases.len() - 1;
             for (phase, &d) in phases.iter().enumerate() {
                 // The tolerance allows for durations that are differences of rounded times.
-                if !(d.is_finite() && d >= MIN_PHASE * (1. - 1e-9)) {
+                let least = MIN_PHASE * (1. - 1e-9);
+                let lifted = phase == 0 && last > 0 && d == 0.;
+                // The swing must begin before the end.
+                let lands_later = phase == last && last > 0 && d <= 0. && phases[last - 1] + d >= least;
+                if !(d.is_finite() && (d >= least || lifted || lands_later)) {
                     return Err(Error::invalid(format!("{place}, phase {phase}"), format!("{d} s"), format!("at least {MIN_PHASE} s")));
                 }
             }
@@ -148,13 +156,29 @@ impl Schedule {
         for phases in &mut durations {
             let total: f64 = phases.iter().sum();
             if let Some(last) = phases.last_mut() {
+                let lands_later = *last <= 0.;
                 *last += horizon - total;
+                // A foot that lands at the end, up to rounding, or soon before it stands from then on for no time.
+                if lands_later && last.abs() < MIN_PHASE {
+                    *last = 0.;
+                }
             }
         }
         Schedule { durations }
     }
 
-    /// Phases of a foot with their times.
+    /// True if a foot is in the air at the start.
+    pub fn starts_in_swing(&self, foot: usize) -> bool {
+        self.durations[foot].len() > 1 && self.durations[foot][0] == 0.
+    }
+
+    /// Time between the end and the next touchdown of a foot that is in the air at the end, s; `None` for a foot that stands there.
+    pub fn lands_after(&self, foot: usize) -> Option<f64> {
+        self.durations[foot].last().filter(|&&d| self.durations[foot].len() > 1 && d <= 0.).map(|d| -d)
+    }
+
+    /// Phases of a foot with their times. The last swing of a foot that lands later ends after the horizon; its last stance ends before it
+    /// starts. The first stance of a foot that starts in the air has no length.
     pub fn phases(&self, foot: usize) -> Vec<Phase> {
         let mut start = 0.;
         let phases = self.durations[foot].iter().enumerate();
@@ -226,6 +250,25 @@ mod tests {
         const { assert!(1.001 - 1. < MIN_PHASE) };
         Schedule::new(vec![vec![1., 1.001 - 1., 1.]]).unwrap();
         assert!(Schedule::new(vec![vec![1., 0.999_99 * MIN_PHASE, 1.]]).is_err());
+    }
+
+    #[test]
+    fn feet_may_be_in_the_air_at_both_ends() {
+        let s = Schedule::new(vec![vec![0., 0.2, 0.3, 0.25, -0.1], vec![0.65]]).unwrap();
+        assert!(s.starts_in_swing(0) && !s.starts_in_swing(1));
+        assert_eq!((s.lands_after(0), s.lands_after(1)), (Some(0.1), None));
+        assert!((s.horizon() - 0.65).abs() < 1e-12);
+        // The touchdown stays where it is when the horizon is rounded up.
+        let a = s.aligned(0.1);
+        assert!((a.end() - 0.7).abs() < 1e-12 && (a.lands_after(0).unwrap() - 0.05).abs() < 1e-12);
+        assert!((a.phases(0)[3].end - 0.75).abs() < 1e-12);
+        assert_eq!(Schedule::new(vec![vec![0.3, 0.3, -0.1], vec![0.5]]).unwrap().aligned(0.1).lands_after(0), Some(0.1));
+        let lands = Schedule::new(vec![vec![0.3, 0.2, 0.], vec![0.5]]).unwrap();
+        assert_eq!(lands.aligned(0.1).lands_after(0), Some(0.));
+        // The last swing must begin before the end, and only ends may lack a stance.
+        for refused in [vec![0.3, 0.2, -0.2], vec![0.3, 0., 0.3], vec![0.3, 0.2, 0., 0.2, 0.3], vec![0.]] {
+            assert!(Schedule::new(vec![refused]).is_err());
+        }
     }
 
     #[test]

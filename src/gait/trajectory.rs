@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::robot::Robot;
-use crate::task::BaseState;
+use crate::task::{BaseState, SwingState};
 use crate::terrain::Terrain;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{self, MapAccess, Visitor};
@@ -98,7 +98,7 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for NamedOr<T> {
     }
 }
 
-/// Velocity of the base at the goal.
+/// Conditions on the velocity of the base at the goal, and on its pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
@@ -107,6 +107,8 @@ pub enum GoalVelocity {
     Zero,
     /// Any velocity.
     Free,
+    /// Any pose and velocity. Their distance from the goal is a term of the cost.
+    Near,
 }
 
 /// Limits that a motion was computed to satisfy, in addition to its rows.
@@ -161,6 +163,9 @@ pub struct Trajectory {
     /// Position of each foot at the start (x, y), m; its nominal position under the base if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub start_feet: Option<Vec<[f64; 2]>>,
+    /// State of each foot that is in the air at the start, `null` for a foot that stands; all feet stand if absent. `[feet]`
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub start_swings: Option<Vec<Option<SwingState>>>,
     /// Requested base position at the end, m.
     pub base_target: [f64; 3],
     /// Requested yaw at the end, rad.
@@ -205,6 +210,7 @@ impl Trajectory {
             init_base: None,
             start: None,
             start_feet: None,
+            start_swings: None,
             base_target: base_lin.end()[0],
             yaw_target: base_ang.end()[0][2],
             goal: None,
@@ -254,6 +260,21 @@ impl Trajectory {
         self.ee.iter().map(end).collect()
     }
 
+    /// State of each foot that is in the air at the end; `None` for a foot that stands. `[feet]`
+    pub fn end_swings(&self) -> Vec<Option<SwingState>> {
+        let end = |(foot, phases): (&FootCurves, &Vec<f64>)| {
+            let &[.., swing, last] = &phases[..] else { return None };
+            let [position, velocity] = foot.motion.end();
+            (last <= 0.).then_some(SwingState { position, velocity, since: swing + last })
+        };
+        self.ee.iter().zip(&self.durations).map(end).collect()
+    }
+
+    /// State of a foot that is in the air at the start.
+    pub fn start_swing(&self, foot: usize) -> Option<SwingState> {
+        self.start_swings.as_ref().and_then(|swings| swings.get(foot).copied().flatten())
+    }
+
     /// Checks that a robot has as many feet as the motion.
     ///
     /// # Errors
@@ -284,6 +305,26 @@ impl Trajectory {
             if (goal.position, goal.yaw()) != (self.base_target, self.yaw_target) {
                 let other = format!("`base_target` {:?} and `yaw_target` {}", self.base_target, self.yaw_target);
                 return differs("goal", format!("position {:?}, yaw {}", goal.position, goal.yaw()), other);
+            }
+        }
+        if let Some(swings) = &self.start_swings {
+            if swings.len() != self.durations.len() {
+                let limit = format!("{} feet, as in `durations`", self.durations.len());
+                return Err(Error::invalid("start_swings", format!("{} feet", swings.len()), limit));
+            }
+            for (foot, swing) in swings.iter().enumerate() {
+                swing.map_or(Ok(()), |swing| swing.validate(foot))?;
+            }
+        }
+        for (foot, phases) in self.durations.iter().enumerate() {
+            let lifted = phases.len() > 1 && phases[0] == 0.;
+            if lifted != self.start_swing(foot).is_some() {
+                let [have, limit] = if lifted {
+                    ["none", "the state of this foot, whose first stance lasts 0 s"]
+                } else {
+                    ["a state", "`null` for a foot that stands at the start"]
+                };
+                return Err(Error::invalid(format!("start_swings[{foot}]"), have, limit));
             }
         }
         match &self.start_feet {

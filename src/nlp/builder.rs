@@ -61,7 +61,8 @@ impl FootDraft {
     pub fn phase_from(&self, from: &mut usize, t: f64) -> usize {
         let close = 1e-9;
         let last = self.phases.len() - 1;
-        while *from < last && self.phases[*from].end + close < t {
+        // A first stance without length belongs to no time.
+        while *from < last && (self.phases[*from].end + close < t || (*from == 0 && self.phases[0].duration() <= 0.)) {
             *from += 1;
         }
         let phase = &self.phases[*from];

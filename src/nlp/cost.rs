@@ -5,12 +5,14 @@
 //! where accelerations jump.
 
 use super::builder::Builder;
-use super::foot_blocks::{ForcePoint, force_points, swing_weights};
+use super::foot_blocks::{ForcePoint, force_points, swing_curve};
 use super::transcription::Transcribe;
 use super::transcription::momentum::{deviation_rates, deviation_weights};
 use crate::gait::Phase;
 use crate::gait::cost::{CostWeights, distance};
+use crate::gait::family::speed_scale;
 use crate::gait::spline::{HERMITE_GRAM, hermite, hermite_acceleration, hermite_rate};
+use crate::gait::trajectory::GoalVelocity;
 use crate::quadrature::GAUSS_3;
 use crate::real::Real;
 use crate::robot::GRAVITY;
@@ -19,11 +21,21 @@ use crate::rows::blocks::Use;
 use crate::rows::effort::Effort;
 use crate::rows::foot::StanceForce;
 use crate::rows::force::ForceNode;
+use crate::rows::goal::Goal;
 use crate::rows::hip::HipPoint;
 use crate::rows::stance_power::StancePower;
 use crate::rows::swing_power::SwingPower;
 use crate::rows::table::{NONE, Place};
 use crate::settings::Friction;
+
+/// Speed by which the cost of a motion with a free end is divided, in `sqrt(g l)`, instead of by its distance over time.
+pub(crate) const PLANNING_SPEED: f64 = 0.3;
+/// Price of the distance of a free end from the goal, for one base height or rad.
+const GOAL_PRICE: f64 = 40.;
+/// Price of the distance of the velocity from its approach to that of the goal, for one `sqrt(g l)` or half of `sqrt(g / l)` at all times.
+const RATE_PRICE: f64 = 400.;
+/// Time in which the velocity of the goal is approached, s.
+pub(crate) const RESPONSE: f64 = 0.15;
 
 /// Shortest part of a quadrature, s.
 const SHORTEST: f64 = 1e-6;
@@ -32,7 +44,9 @@ const SHORTEST: f64 = 1e-6;
 pub(super) fn cost_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>, weights: &CostWeights) {
     let (task, robot) = (b.task, &b.task.robot);
     let displacement = std::array::from_fn(|i| task.goal.position[i] - task.start.position[i]);
-    let distance = distance(robot, displacement, task.turn());
+    // If the end is free, the price of effort does not depend on where the goal is.
+    let near = b.settings.goal_velocity == GoalVelocity::Near;
+    let distance = if near { PLANNING_SPEED * speed_scale(robot) * b.horizon } else { distance(robot, displacement, task.turn()) };
     let weight = robot.weight();
     curvature_elements(own, b);
     // Without a price there is no row: a row without a weight would count half of its square.
@@ -44,6 +58,35 @@ pub(super) fn cost_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>
     }
     if weights.swing_work > 0. {
         swing_elements(own, b, weights.swing_work / distance);
+    }
+    if near {
+        goal_elements(b);
+    }
+}
+
+/// Adds the distance of the last pose from the goal, and those of the rates at all knots from an exponential approach to the goal's.
+///
+/// With the rates at the end alone a plan would put off every change of velocity, and so would the next.
+fn goal_elements<T: Real>(b: &mut Builder<T>) {
+    let (start, goal, line_rate) = (&b.task.start, &b.task.goal, b.reference_rate());
+    let (length, speed) = (b.task.robot.base_height, speed_scale(&b.task.robot));
+    // Half of the square of a row with this weight is `price` for one base height or rad, one `sqrt(g l)` or half of `sqrt(g / l)`.
+    let weights = |price: f64, linear: f64, angular: f64| -> [f64; 6] {
+        std::array::from_fn(|i| (2. * price).sqrt() / if i < 3 { linear } else { angular })
+    };
+    let per_knot = RATE_PRICE / b.intervals as f64;
+    let line = b.reference(b.horizon);
+    let mut rows = vec![(2 * b.intervals, std::array::from_fn(|i| goal.pose()[i] - line[i]), weights(GOAL_PRICE, length, 1.))];
+    for knot in 1..=b.intervals {
+        let left = (-(knot as f64) * b.interval / RESPONSE).exp();
+        let rate: [f64; 6] = std::array::from_fn(|i| goal.rate()[i] + left * (start.rate()[i] - goal.rate()[i]) - line_rate[i]);
+        rows.push((2 * knot + 1, rate, weights(per_knot, speed, speed / length / 2.)));
+    }
+    for (block, desired, weight) in rows {
+        let (variable, column, place) = (NONE, NONE, Place::default());
+        b.tables.goals.push(Goal { weight: weight.map(T::of), desired: desired.map(T::of), variable, column, place });
+        let step = (block / 2).min(b.intervals - 1);
+        b.cost_element(Family::Goal, b.tables.goals.len() - 1, step, 0., &[Use::Touches(b.base[block])]);
     }
 }
 
@@ -146,6 +189,9 @@ fn stance_elements<T: Real>(b: &mut Builder<T>, price: f64) {
     for foot in 0..b.feet.len() {
         for stance in 0..b.feet[foot].force_nodes.len() {
             let (span, foothold) = (b.feet[foot].phases[2 * stance], b.feet[foot].footholds[stance]);
+            if span.duration() <= 0. {
+                continue;
+            }
             let pieces = b.feet[foot].force_nodes[stance].len() - 1;
             let piece = span.duration() / pieces as f64;
             let nodes = (0..=pieces).map(|i| span.start + piece * i as f64);
@@ -184,15 +230,19 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>, price: f
         for swing in 0..b.feet[foot].heights.len() {
             let (span, height) = (b.feet[foot].phases[2 * swing + 1], b.feet[foot].heights[swing]);
             let around = [b.feet[foot].footholds[swing], b.feet[foot].footholds[swing + 1]];
-            let nodes = [span.start, (span.start + span.end) / 2., span.end];
-            for (t, duration) in points(span, nodes.into_iter(), h, b.intervals) {
+            let curve = swing_curve(own, b, foot, swing);
+            let mid = curve.mid().map_or(span.start, |mid| span.start + mid);
+            for (t, duration) in points(span, [span.start, mid, span.end].into_iter(), h, b.intervals) {
                 let k = ((t / h) as usize).min(b.intervals - 1);
-                let weights = |basis| swing_weights(span, t, own.mid_time(span), basis);
-                let ((xy, z), (xy_second, z_second)) = (weights(hermite_rate), weights(hermite_acceleration));
+                let [velocity, acceleration] = [curve.weights(t, hermite_rate), curve.weights(t, hermite_acceleration)];
+                // The power is that of the force on the leg, in weights.
+                let (xy, z) = (acceleration.xy.map(|w| w * share_of_leg), acceleration.z.map(|w| w * share_of_leg));
+                let offset = acceleration.offset.map(|w| w * share_of_leg);
                 b.tables.swing_powers.push(SwingPower {
                     base: hip_point(b, foot, k, t / h - k as f64),
-                    xy_weights: [xy.map(T::of), xy_second.map(|w| T::of(w * share_of_leg))],
-                    z_weights: [z.map(T::of), z_second.map(|w| T::of(w * share_of_leg))],
+                    xy_weights: [velocity.xy, xy].map(|w| w.map(T::of)),
+                    z_weights: [velocity.z, z].map(|w| w.map(T::of)),
+                    offset: [velocity.offset, offset].map(|w| w.map(T::of)),
                     height: NONE,
                     height_column: NONE,
                     foothold: around.map(|foothold| foothold.index),
@@ -208,12 +258,14 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>, price: f
     }
 }
 
-/// Points of the quadrature of a phase between knots and other nodes, where its power is not smooth: times and weights, s.
+/// Points of the quadrature of a phase between knots and other nodes, where its power is not smooth, up to the horizon: times and weights,
+/// s.
 ///
 /// * `nodes` - start and end of the phase, and nodes between them
 fn points(phase: Phase, nodes: impl Iterator<Item = f64>, interval: f64, intervals: usize) -> Vec<(f64, f64)> {
     let knots = (0..=intervals).map(|k| k as f64 * interval).filter(|t| *t > phase.start + SHORTEST && *t < phase.end - SHORTEST);
-    let mut cuts: Vec<f64> = nodes.chain(knots).collect();
+    let horizon = intervals as f64 * interval;
+    let mut cuts: Vec<f64> = nodes.map(|t| t.min(horizon)).chain(knots).collect();
     cuts.sort_by(f64::total_cmp);
     cuts.dedup_by(|b, a| *b - *a < SHORTEST);
     cuts.windows(2).flat_map(|w| GAUSS_3.map(|[at, share]| (w[0] + at * (w[1] - w[0]), share * (w[1] - w[0])))).collect()

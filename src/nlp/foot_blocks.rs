@@ -2,9 +2,10 @@
 
 use super::builder::Builder;
 use super::footing;
-use super::transcription::{ReachTime, Transcribe};
-use crate::gait::Phase;
+use super::swing_curve::{FootWeights, SwingCurve};
+use super::transcription::{ReachTime, SwingLaw, Transcribe};
 use crate::gait::spline::hermite;
+use crate::gait::swing::TOP_SPEED;
 use crate::real::Real;
 use crate::rows::Family;
 use crate::rows::acceleration::Acceleration;
@@ -16,6 +17,7 @@ use crate::rows::stride::Stride;
 use crate::rows::swing::SwingNode;
 use crate::rows::table::{NONE, Place};
 use crate::settings::Friction;
+use crate::task::SwingState;
 
 /// Adds the rows of the feet: reach boxes, forces, swings and the boxes of footholds.
 pub(super) fn rows<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
@@ -48,14 +50,15 @@ pub(super) fn blocks<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
             if let Some(&next) = places.get(stance + 1) {
                 let law = own.swing(b.settings, b.task, b.feet[foot].phases[2 * stance + 1]);
                 let mid = (law.over)(b.task, here, next) + law.above;
-                let height = b.block(false, [mid], [0.; 6]);
+                let descends = swing_curve(own, b, foot, stance).mid().is_none();
+                let height = b.block(descends, [mid], [0.; 6]);
                 b.feet[foot].heights.push(height);
             }
             let pieces = b.settings.force_pieces;
             let span = b.feet[foot].phases[2 * stance];
             let mut nodes = Vec::with_capacity(pieces + 1);
             for node in 0..=pieces {
-                let zero = (node == 0 && stance > 0) || (node == pieces && stance + 1 < stances);
+                let zero = (node == 0 && stance > 0) || (node == pieces && stance + 1 < stances) || span.duration() <= 0.;
                 nodes.push((!zero).then(|| {
                     let guess = own.force(b, span.start + span.duration() * node as f64 / pieces as f64);
                     b.block(false, guess.initial, guess.smoothing)
@@ -66,21 +69,14 @@ pub(super) fn blocks<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
     }
 }
 
-/// Weights of a foot's position at time `t` in the swing `span`: of the footholds in x and y, and of their heights and the mid node's
-/// height in z. With the derivatives of [`hermite`] as `basis` they are those of its velocity or acceleration.
+/// Curve of a swing.
 ///
-/// The mid node of a swing is halfway between the footholds in x and y. Its velocity is their distance divided by `mid_time`, which the
-/// transcription defines. Both pieces start and end at rest in z; at the footholds the foot is at rest in all directions.
-pub(super) fn swing_weights(span: Phase, t: f64, mid_time: f64, basis: fn(f64, f64) -> [f64; 4]) -> ([f64; 2], [f64; 3]) {
-    let half = span.duration() / 2.;
-    let u = t - span.start;
-    if u < half {
-        let w = basis(u, half);
-        ([w[0] + 0.5 * w[2] - w[3] / mid_time, 0.5 * w[2] + w[3] / mid_time], [w[0], 0., w[2]])
-    } else {
-        let w = basis(u - half, half);
-        ([0.5 * w[0] - w[1] / mid_time, w[2] + 0.5 * w[0] + w[1] / mid_time], [0., w[2], w[0]])
-    }
+/// * `swing` - index among the swings of the foot
+pub(super) fn swing_curve<T: Real>(own: &dyn Transcribe<T>, b: &Builder<T>, foot: usize, swing: usize) -> SwingCurve {
+    let phases = &b.feet[foot].phases;
+    let span = phases[2 * swing + 1];
+    let started = swing == 0 && phases[0].duration() <= 0.;
+    SwingCurve::new(span, own.mid_time(span), b.task.start_swings[foot].filter(|_| started))
 }
 
 /// Adds the reach rows of the feet at every instant.
@@ -94,12 +90,13 @@ fn reach_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
         b.reach_instant(entry, step, interval, weights, blocks);
         for foot in feet {
             let phase = b.feet[foot].phase_from(&mut phases[foot], t);
-            if legs[foot].0 != phase {
-                let (leg, uses) = reach_leg(b, foot, phase);
+            let curve = (phase % 2 == 1).then(|| swing_curve(own, b, foot, phase / 2));
+            let FootWeights { xy, z, offset } = curve.map_or(FootWeights::STANCE, |curve| curve.weights(t, hermite));
+            // The offset of a swing that had begun before changes with time.
+            if legs[foot].0 != phase || curve.is_some_and(|curve| curve.started()) {
+                let (leg, uses) = reach_leg(b, foot, phase, offset);
                 legs[foot] = (phase, b.reach_leg(leg, uses));
             }
-            let span = b.feet[foot].phases[phase];
-            let (xy, z) = if span.stance { ([1., 0.], [1., 0., 0.]) } else { swing_weights(span, t, own.mid_time(span), hermite) };
             let (xy_weights, z_weights) = (xy.map(T::of), z.map(T::of));
             b.reach_foot(ReachFoot { xy_weights, z_weights, leg: legs[foot].1 });
         }
@@ -107,7 +104,7 @@ fn reach_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
 }
 
 /// Data that the reach rows of a foot share in a phase, and the blocks that they use.
-fn reach_leg<T: Real>(b: &Builder<T>, foot: usize, phase: usize) -> (ReachLeg<T>, [Use; 3]) {
+fn reach_leg<T: Real>(b: &Builder<T>, foot: usize, phase: usize, offset: [f64; 3]) -> (ReachLeg<T>, [Use; 3]) {
     let blocks = &b.feet[foot];
     let before = blocks.footholds[phase / 2];
     let (after, uses) = if blocks.phases[phase].stance {
@@ -124,6 +121,7 @@ fn reach_leg<T: Real>(b: &Builder<T>, foot: usize, phase: usize) -> (ReachLeg<T>
         center: std::array::from_fn(|axis| T::of(nominal[axis] + center[axis])),
         half_widths: half_widths.map(T::of),
         foothold: [before.index, after],
+        offset: offset.map(T::of),
     };
     (leg, uses)
 }
@@ -191,17 +189,24 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
             let foothold = around.map(|f| f.index);
             let touched = around.map(|f| Use::Touches(f.block));
             let law = own.swing(b.settings, b.task, span);
+            let curve = swing_curve(own, b, foot, swing);
             // On level ground lower and upper limit are one two-sided row.
             let level = !b.task.terrain.has_edges();
             let two_sided = law.limited && level;
             let lows = law.parts.iter().map(|part| (part, false));
             for (&part, upper) in lows.chain((law.limited && !level).then_some((&0.5, true))) {
-                let t = span.start + part * span.duration();
+                // The middle of a swing is the middle of the whole swing, from its lift-off; a foot that only descends has none.
+                let t = match curve.mid() {
+                    Some(mid) if part == 0.5 => span.start + mid,
+                    None if part == 0.5 => continue,
+                    _ => span.start + part * span.duration(),
+                };
                 let step = b.step_within(t, height);
-                let (xy, z) = swing_weights(span, t, own.mid_time(span), hermite);
+                let FootWeights { xy, z, offset } = curve.weights(t, hermite);
                 b.tables.swing_nodes.push(SwingNode {
                     xy_weights: xy.map(T::of),
                     z_weights: z.map(T::of),
+                    offset: offset.map(T::of),
                     low: T::of(if part == 0.5 { law.clearance } else { 0. }),
                     high: T::of(b.settings.swing_height),
                     two_sided: u32::from(two_sided),
@@ -215,6 +220,10 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
                 let entry = b.tables.swing_nodes.len() - 1;
                 b.element_of(Family::Swing, entry, step, usize::from(two_sided), &[Use::Touches(height), touched[0], touched[1]]);
             }
+            if curve.started() {
+                started_limits(b, foot, &law, &curve);
+                continue;
+            }
             if let Some(longest) = law.longest_step {
                 let step = b.step_within((span.start + span.end) / 2., height);
                 b.tables.strides.push(Stride { limit: T::of(longest), foothold, foothold_column: [NONE; 2], place: Place::default() });
@@ -227,5 +236,32 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
                 b.element(Family::Acceleration, entry, step, &[Use::Touches(height), touched[0], touched[1]]);
             }
         }
+    }
+}
+
+/// Adds the limits of speed and touchdown acceleration of a swing that had begun before, as those of a step from a fixed point.
+///
+/// With position `a`, velocity `v` and remaining time `T`, the velocity at `T / 2` is `1.5 / T (x - a - v T / 6)`, and the acceleration at
+/// `T` is `-6 / T^2 (x - a - v T / 3)`. The speed may be higher before `T / 2`, and the acceleration at the start has no row: there the
+/// certificate can refuse a motion whose rows hold.
+fn started_limits<T: Real>(b: &mut Builder<T>, foot: usize, law: &SwingLaw, curve: &SwingCurve) {
+    let Some(SwingState { position: [x, y, _], velocity: [vx, vy, _], .. }) = b.task.start_swings[foot] else { return };
+    let (duration, after, height) = (b.feet[foot].phases[1].end, b.feet[foot].footholds[1], b.feet[foot].heights[0]);
+    let step = b.step_within(duration / 2., height);
+    let from = |part: f64| [x + vx * duration * part, y + vy * duration * part];
+    if let Some(longest) = law.longest_step {
+        let before = b.foothold(true, from(1. / 6.), 0.);
+        let limit = T::of(longest * TOP_SPEED / 1.5);
+        let foothold = [before.index, after.index];
+        b.tables.strides.push(Stride { limit, foothold, foothold_column: [NONE; 2], place: Place::default() });
+        b.element(Family::Stride, b.tables.strides.len() - 1, step, &[before, after].map(|f| Use::Touches(f.block)));
+    }
+    if law.accelerations.is_some() {
+        let before = b.foothold(true, from(1. / 3.), 0.);
+        let by_height = curve.mid().map_or(0., |mid| 6. / ((duration - mid) * (duration - mid)));
+        let by = [6. / (duration * duration), by_height].map(T::of);
+        b.tables.accelerations.push(Acceleration::new(by, [before.index, after.index]));
+        let uses = [Use::Touches(height), Use::Touches(before.block), Use::Touches(after.block)];
+        b.element(Family::Acceleration, b.tables.accelerations.len() - 1, step, &uses);
     }
 }

@@ -13,9 +13,11 @@ mod footing;
 mod ground_path;
 pub mod problem;
 pub mod sweep;
+mod swing_curve;
 mod trajectory;
 pub mod transcription;
 
+pub(crate) use cost::RESPONSE;
 pub use problem::{Curves, Problem};
 pub use trajectory::trajectory;
 

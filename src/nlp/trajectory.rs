@@ -1,6 +1,9 @@
 //! Conversion of solver variables to curves with Hermite nodes, in the form that TOWR \[3\] uses.
 
+use super::swing_curve::SwingCurve;
 use super::{Curves, transcription};
+use crate::gait::piece::SAME_TIME;
+use crate::gait::spline::{hermite, hermite_rate};
 use crate::gait::{Curve, FootCurves, Trajectory};
 use crate::rows::table::NONE;
 use crate::task::Task;
@@ -18,7 +21,7 @@ pub fn trajectory(task: &Task, curves: &Curves, x: &[f64]) -> Trajectory {
     Trajectory { limits: curves.limits, ..trajectory }
 }
 
-/// Motion of a foot: one piece per stance, two per swing.
+/// Motion of a foot: one piece per stance, two per swing, up to the horizon.
 fn motion_curve(task: &Task, curves: &Curves, x: &[f64], foot: usize) -> Curve {
     let blocks = &curves.feet[foot];
     let foothold = |stance: usize| {
@@ -30,29 +33,64 @@ fn motion_curve(task: &Task, curves: &Curves, x: &[f64], foot: usize) -> Curve {
     for (i, phase) in blocks.phases.iter().enumerate() {
         if phase.stance {
             let [px, py, pz] = foothold(i / 2);
-            curve.nodes.extend([[px, py, pz, 0., 0., 0.]; 2]);
-            curve.poly_durations.push(phase.duration());
-        } else {
-            let (a, b) = (foothold(i / 2), foothold(i / 2 + 1));
-            let z = x[blocks.heights[i / 2] as usize];
-            let mid = |d: usize| (a[d] + b[d]) / 2.;
-            let time = transcription::of::<f64>(curves.transcription).mid_time(*phase);
-            let speed = |d: usize| (b[d] - a[d]) / time;
-            curve.nodes.push([mid(0), mid(1), z, speed(0), speed(1), 0.]);
-            curve.poly_durations.extend([phase.duration() / 2.; 2]);
+            let node = [px, py, pz, 0., 0., 0.];
+            curve.nodes.push(node);
+            // A stance at an end of the horizon has no length if the foot is in the air there.
+            if phase.duration() > 0. {
+                curve.nodes.push(node);
+                curve.poly_durations.push(phase.duration());
+            }
+            continue;
         }
+        let started = task.start_swings[foot].filter(|_| i == 1 && blocks.phases[0].duration() <= 0.);
+        let mid_time = transcription::of::<f64>(curves.transcription).mid_time(*phase);
+        let swing = SwingCurve::new(*phase, mid_time, started);
+        let (nodes, durations) = swing.pieces([foothold(i / 2), foothold(i / 2 + 1)], x[blocks.heights[i / 2] as usize]);
+        if swing.started() {
+            curve.nodes[0] = nodes[0];
+        }
+        curve.nodes.extend(&nodes[1..nodes.len() - 1]);
+        curve.poly_durations.extend(durations);
     }
+    end_at(&mut curve, curves.intervals as f64 * curves.interval);
     curve
 }
 
-/// Force of a foot: the configured number of pieces per stance, one zero piece per swing.
+/// Removes the part of a curve after `horizon`.
+fn end_at(curve: &mut Curve, horizon: f64) {
+    let mut end: f64 = curve.poly_durations.iter().sum();
+    while let (Some(&duration), Some(&next)) = (curve.poly_durations.last(), curve.nodes.last()) {
+        let over = end - horizon;
+        if over < SAME_TIME {
+            return;
+        }
+        curve.poly_durations.pop();
+        curve.nodes.pop();
+        end -= duration;
+        let left = duration - over;
+        if left > SAME_TIME {
+            let before = curve.nodes[curve.nodes.len() - 1];
+            let at = |w: [f64; 4], d: usize| w[0] * before[d] + w[1] * before[d + 3] + w[2] * next[d] + w[3] * next[d + 3];
+            let (value, slope) = (hermite(left, duration), hermite_rate(left, duration));
+            curve.nodes.push(std::array::from_fn(|i| if i < 3 { at(value, i) } else { at(slope, i - 3) }));
+            curve.poly_durations.push(left);
+            return;
+        }
+    }
+}
+
+/// Force of a foot: the configured number of pieces per stance, one zero piece per swing, up to the horizon.
 fn force_curve(curves: &Curves, x: &[f64], foot: usize) -> Curve {
     let blocks = &curves.feet[foot];
-    let unit = curves.force_unit;
+    let (unit, horizon) = (curves.force_unit, curves.intervals as f64 * curves.interval);
     let mut curve = Curve { poly_durations: Vec::new(), nodes: Vec::new() };
     for (i, phase) in blocks.phases.iter().enumerate() {
         if !phase.stance {
-            curve.poly_durations.push(phase.duration());
+            curve.poly_durations.push(phase.end.min(horizon) - phase.start);
+            continue;
+        }
+        if phase.duration() <= 0. {
+            curve.nodes.push([0.; 6]);
             continue;
         }
         let nodes = &blocks.force_nodes[i / 2];

@@ -8,6 +8,7 @@ mod convert;
 mod evaluate;
 mod joints;
 mod motion;
+mod planner;
 mod search;
 mod workers;
 mod world;
@@ -38,6 +39,10 @@ fn _cregopt(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<motion::Certificate>()?;
     module.add_class::<search::Gait>()?;
     module.add_class::<evaluate::Evaluation>()?;
+    module.add_class::<planner::RobotState>()?;
+    module.add_class::<planner::Plan>()?;
+    module.add_class::<planner::Update>()?;
+    module.add_class::<planner::Planner>()?;
     module.add_function(wrap_pyfunction!(motion::verify, module)?)?;
     module.add_function(wrap_pyfunction!(search::search, module)?)?;
     module.add_function(wrap_pyfunction!(search::solve, module)?)?;

@@ -187,7 +187,7 @@ impl Samples {
 }
 
 impl Samples {
-    fn new(py: Python<'_>, sampled: &Sampled) -> PyResult<Samples> {
+    pub fn new(py: Python<'_>, sampled: &Sampled) -> PyResult<Samples> {
         let Sampled { samples, names } = sampled;
         let (times, feet) = (samples.len(), names.len());
         let of_base = |of: fn(&Sample) -> [f64; 3]| table(py, samples.iter().flat_map(of), [times, 3]);

@@ -73,6 +73,14 @@ impl Session<'_> {
             self.evaluation_seconds += start.elapsed().as_secs_f64();
         }
     }
+
+    /// Function to minimise at `x`.
+    fn objective(&mut self, x: &[f64], gradient: Option<&mut [f64]>) -> f64 {
+        let start = Instant::now();
+        let value = self.nlp.objective(x, gradient);
+        self.evaluation_seconds += start.elapsed().as_secs_f64();
+        value
+    }
 }
 
 /// Returns the session and the point of a callback.
@@ -88,14 +96,14 @@ unsafe fn session<'s, 'x>(user: *mut c_void, n: c_int, x: *const f64) -> (&'s mu
 extern "C" fn eval_f(n: c_int, x: *const f64, _: Bool, value: *mut f64, user: *mut c_void) -> Bool {
     // SAFETY: Ipopt's arguments, see `session`; `value` points to one number.
     let ((session, x), value) = unsafe { (session(user, n, x), &mut *value) };
-    *value = session.nlp.objective(x, None);
+    *value = session.objective(x, None);
     value.is_finite() as Bool
 }
 
 extern "C" fn eval_grad_f(n: c_int, x: *const f64, _: Bool, gradient: *mut f64, user: *mut c_void) -> Bool {
     // SAFETY: Ipopt's arguments, see `session`; `gradient` has n numbers.
     let ((session, x), gradient) = unsafe { (session(user, n, x), std::slice::from_raw_parts_mut(gradient, n as usize)) };
-    session.nlp.objective(x, Some(gradient)).is_finite() as Bool
+    session.objective(x, Some(gradient)).is_finite() as Bool
 }
 
 extern "C" fn eval_g(n: c_int, x: *const f64, _: Bool, m: c_int, values: *mut f64, user: *mut c_void) -> Bool {

@@ -142,7 +142,7 @@ pub struct Statistics {
     pub iterations: usize,
     /// Wall time, s.
     pub seconds: f64,
-    /// Part of the wall time spent in rows and Jacobians, s.
+    /// Part of the wall time spent in rows, Jacobians and the objective, s.
     pub evaluation_seconds: f64,
     /// Number of variables, including fixed ones.
     pub n_variables: usize,

@@ -62,10 +62,6 @@ impl Cell {
             Term { cell, point, weight: self.weight * GAUSS_3_WEIGHTS[point], value: self.powers[point], by }
         })
     }
-
-    fn cost(&self, rounding: f64) -> f64 {
-        (0..3).map(|i| self.weight * GAUSS_3_WEIGHTS[i] * rounded(self.powers[i], rounding)).sum()
-    }
 }
 
 /// Huber's function: absolute value, with a parabola around zero.
@@ -176,11 +172,17 @@ impl<'a> Price<'a> {
 
     /// Cost at a point, with powers [`rounded`].
     pub fn value(&self, point: &Point, rounding: f64) -> f64 {
+        self.sum(point, &|power| rounded(power, rounding))
+    }
+
+    /// Cost at a point, with absolute values of powers replaced by another function of the powers.
+    pub fn sum(&self, point: &Point, size: &(impl Fn(f64) -> f64 + Sync)) -> f64 {
         let of_interval = |k: usize| {
             let mut cells = Vec::new();
             self.interval_powers(point, k, &|i| point.v[i], &mut cells);
-            let cell = |(foot, weight, powers): (usize, f64, [f64; 3])| Cell { key: [k, foot, 0], weight, powers, by: Vec::new() };
-            cells.into_iter().map(|c| cell(c).cost(rounding)).sum::<f64>()
+            let cell =
+                |(_, weight, powers): (usize, f64, [f64; 3])| (0..3).map(|i| weight * GAUSS_3_WEIGHTS[i] * size(powers[i])).sum::<f64>();
+            cells.into_iter().map(cell).sum::<f64>()
         };
         // Summed in order, so that the result is bitwise equal for any number of threads.
         let sums: Vec<f64> = (0..self.space.intervals).into_par_iter().map(of_interval).collect();

@@ -59,6 +59,8 @@ pub struct Timed {
     pub x: Vec<f64>,
     /// Effort of all solves.
     pub outcome: Outcome,
+    /// Number of minimisations.
+    pub minimisations: usize,
 }
 
 /// Lowers the cost of a gait along its durations. `None` if the given motion cannot be minimised.
@@ -85,10 +87,11 @@ pub fn optimise_durations(
     let settings = &SolverSettings { optimise, ..settings.clone() };
     let space = Space::new(task, schedule, transcription, &refine).with_cost(weights);
     let outcome = Outcome { status: Status::Solved, iterations: 0, factorisations: 0, infeasibility: 0. };
-    let mut descent = Descent { task, space: &space, weights, settings, cancel, solver: Solver::default(), outcome };
+    let mut descent = Descent { task, space: &space, weights, settings, cancel, solver: Solver::default(), outcome, minimisations: 0 };
     let first = descent.optimum(space.start(schedule, x), None)?;
     let best = descent.run(first, steps);
-    Some(Timed { schedule: best.point.schedule, x: best.point.x, outcome: descent.outcome })
+    let Descent { outcome, minimisations, .. } = descent;
+    Some(Timed { schedule: best.point.schedule, x: best.point.x, outcome, minimisations })
 }
 
 /// A motion of least cost for its durations.
@@ -109,6 +112,8 @@ struct Descent<'a> {
     solver: Solver<f64>,
     /// Effort so far.
     outcome: Outcome,
+    /// Number of minimisations so far.
+    minimisations: usize,
 }
 
 impl Descent<'_> {
@@ -194,6 +199,7 @@ impl Descent<'_> {
                 x = self.solver.solution();
             }
         }
+        self.minimisations += 1;
         let from = Resume { x: &x, multipliers: &given, barrier, iterations };
         let outcome = self.solver.resume(problem, self.settings, Finish::Rows(self.settings.row_tolerance), &from, self.cancel);
         if self.counted(outcome).status != Status::Solved {

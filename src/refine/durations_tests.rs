@@ -34,7 +34,16 @@ fn with_walk(then: impl Fn(&mut Descent, Point)) {
     let space = Space::new(&task, &gait.schedule, &transcription, &RefineSettings::default()).with_cost(&weights);
     let outcome = Outcome { status: Status::Solved, iterations: 0, factorisations: 0, infeasibility: 0. };
     let solver = Solver::default();
-    let mut descent = Descent { task: &task, space: &space, weights: &weights, settings: &settings, cancel: &|| false, solver, outcome };
+    let mut descent = Descent {
+        task: &task,
+        space: &space,
+        weights: &weights,
+        settings: &settings,
+        cancel: &|| false,
+        solver,
+        outcome,
+        minimisations: 0,
+    };
     let point = space.start(&gait.schedule, &gait.x);
     then(&mut descent, point);
 }

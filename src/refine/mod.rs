@@ -21,8 +21,8 @@ mod convex;
 mod convex_cost;
 mod curvature;
 pub mod durations;
-#[cfg(all(test, feature = "ipopt"))]
-mod program;
+#[cfg(feature = "ipopt")]
+pub mod program;
 mod rows;
 mod variables;
 

@@ -1,14 +1,23 @@
-//! The refinement as a smooth nonlinear program, so that Ipopt can check it.
+//! The refinement as a smooth nonlinear program, for comparisons with Ipopt.
 //!
 //! Variables, rows and cost are those of the refinement with two exceptions: absolute values of powers are rounded, `sqrt(power^2 +
 //! rounding^2)`, because Ipopt needs continuous derivatives; and friction cones are formulated as the solver's rows. Phase boundaries move
 //! by less than one base interval, so that the sparsity pattern is fixed: the entries of a row are all variables that can affect it within
 //! that range.
 
+use super::RefineSettings;
 use super::convex_cost::Price;
-use super::rows::{self, Residuals};
+use super::rows;
 use super::variables::{Point, Space};
-use crate::reference::nlp::{INFINITY, Nlp, Rows, Variables};
+use crate::error::Result;
+use crate::gait::AlignedSchedule;
+use crate::gait::cost::CostWeights;
+use crate::nlp::Problem;
+use crate::nlp::transcription::momentum::PIECE;
+use crate::reference::ipopt;
+use crate::reference::nlp::{INFINITY, Nlp, Options, Rows, Statistics, Variables};
+use crate::settings::{Friction, TranscriptionSettings};
+use crate::task::Task;
 
 /// Largest displacement of a phase boundary, in intervals.
 const FARTHEST: f64 = 0.9;
@@ -26,7 +35,7 @@ pub(super) struct Program<'a> {
 }
 
 impl<'a> Program<'a> {
-    pub fn new(space: &'a Space<'a>, price: &'a Price<'a>, point: &Point, rounding: f64) -> crate::Result<Self> {
+    pub fn new(space: &'a Space<'a>, price: &'a Price<'a>, point: &Point, rounding: f64) -> Result<Self> {
         let length = &space.variables.step;
         let initial: Vec<f64> = point.v.iter().zip(length).map(|(v, l)| v / l).collect();
         let mut bounds = vec![[-INFINITY, INFINITY]; initial.len()];
@@ -40,21 +49,18 @@ impl<'a> Program<'a> {
         let linear = rows::linear(space, point)?;
         let locals: Vec<Vec<usize>> = (0..space.intervals).map(|k| price.locals(point, k)).collect();
         let interval_of = rows::intervals(space, &point.problem);
-        let around = |k: usize| {
-            let mut all: Vec<usize> = locals[k.saturating_sub(2)..(k + 3).min(locals.len())].iter().flatten().copied().collect();
+        let held = space.variables.feet.iter().flat_map(|f| &f.boundaries).all(Option::is_none);
+        // Without boundaries that move, a row stays in its interval.
+        let width = if held { 0 } else { 2 };
+        let rows = linear.equalities.iter().chain(&linear.inequalities);
+        let entries = rows.zip(&interval_of).map(|(row, interval)| {
+            let mut all: Vec<usize> = row.by.iter().map(|(i, _)| *i).collect();
+            if let Some(k) = *interval {
+                all.extend(locals[k.saturating_sub(width)..(k + width + 1).min(locals.len())].iter().flatten());
+            }
             all.sort_unstable();
             all.dedup();
             all
-        };
-        let rows = linear.equalities.iter().chain(&linear.inequalities);
-        let entries = rows.zip(&interval_of).map(|(row, interval)| match interval {
-            Some(k) => around(*k),
-            None => {
-                let mut own: Vec<usize> = row.by.iter().map(|(i, _)| *i).collect();
-                own.sort_unstable();
-                own.dedup();
-                own
-            }
         });
         Ok(Program { space, price, rounding, variables: Variables { initial, bounds }, entries: entries.collect() })
     }
@@ -64,9 +70,10 @@ impl<'a> Program<'a> {
     }
 
     /// Largest violation of a row, and the cost without rounding.
+    #[cfg(test)]
     pub fn judged(&self, x: &[f64]) -> Option<(f64, f64, Point)> {
         let point = self.point(x)?;
-        Some((Residuals::new(&point.problem, &point.x, false).violation(), self.price.value(&point, 0.), point))
+        Some((rows::Residuals::new(&point.problem, &point.x, false).violation(), self.price.value(&point, 0.), point))
     }
 }
 
@@ -113,6 +120,9 @@ impl Nlp for Program<'_> {
 
     fn objective(&self, x: &[f64], gradient: Option<&mut [f64]>) -> f64 {
         let Some(point) = self.point(x) else { return f64::NAN };
+        if gradient.is_none() {
+            return self.price.sum(&point, &|power| power.hypot(self.rounding));
+        }
         let model = self.price.model(&point, 0.);
         let value = model.effort + model.terms.iter().map(|t| t.weight * t.value.hypot(self.rounding)).sum::<f64>();
         let Some(gradient) = gradient else { return value };
@@ -125,4 +135,32 @@ impl Nlp for Program<'_> {
         gradient.iter_mut().zip(by).zip(length).for_each(|((g, d), l)| *g = d * l);
         value
     }
+}
+
+/// Minimises the cost of a gait with its durations held by Ipopt. Returns the values of the variables, as in [`Problem::initial`].
+///
+/// * `x` - initial point; `None`: the initial values of the problem
+/// * `transcription` - settings of the problem, with `momentum` rows. Friction is the exact cone whatever the settings say
+/// * `rounding` - rounding of absolute values of powers, m/s times the weight, over a piece of [`PIECE`] seconds
+///
+/// # Errors
+/// [`crate::Error::Invalid`] if the schedule does not fit the task.
+pub fn minimise(
+    task: &Task,
+    (schedule, x): (&AlignedSchedule, Option<&[f64]>),
+    transcription: &TranscriptionSettings,
+    weights: &CostWeights,
+    rounding: f64,
+    options: &Options,
+) -> Result<(Vec<f64>, Statistics)> {
+    let held = RefineSettings { durations: false, horizon: false, ..RefineSettings::default() };
+    let cones = TranscriptionSettings { friction: Some(Friction::Cone), ..transcription.clone() };
+    let space = Space::new(task, schedule, &cones, &held);
+    let price = Price::new(&space, weights, task.robot.leg_mass());
+    let x = x.map_or_else(|| Problem::<f64>::new(task, schedule, &cones).initial, <[f64]>::to_vec);
+    let point = space.start(schedule, &x);
+    let program = Program::new(&space, &price, &point, rounding * task.robot.weight() * 0.5 * PIECE)?;
+    let (end, statistics) = ipopt::solve(&program, None, options)?;
+    let end = space.point(end.iter().zip(&space.variables.step).map(|(x, length)| x * length).collect())?;
+    Ok((end.x, statistics))
 }

@@ -289,7 +289,7 @@ fn bends(problem: &Problem<f64>, x: &[f64], here: &Residuals, element_of: &[u32]
 }
 
 /// Interval of each momentum and reach row; `None` for other rows. In the order of [`linear`].
-#[cfg(all(test, feature = "ipopt"))]
+#[cfg(feature = "ipopt")]
 pub(super) fn intervals(space: &Space, problem: &Problem<f64>) -> Vec<Option<usize>> {
     let known = known(space, problem);
     let of = |kind: RowKind| {

@@ -139,7 +139,7 @@ impl<'a> Sampler<'a> {
 
     /// Stance phases of a foot.
     pub fn stances(&self, foot: usize) -> Vec<Stance> {
-        let stances = self.schedule.phases(foot).into_iter().filter(|phase| phase.stance);
+        let stances = self.schedule.phases(foot).into_iter().filter(|phase| phase.stance && phase.duration() > 0.);
         let place = |time: f64| self.motion.feet[foot].foothold(time).unwrap_or_else(|| self.motion.feet[foot].motion.at(time).value);
         stances
             .map(|phase| {

@@ -81,7 +81,9 @@ pub fn acceleration<T: Real>(tables: &Tables<T>, x: &[T], ground: &[Ground<T>], 
         let Some(jacobian) = jacobian.as_deref_mut() else { continue };
         let mut rows = Rows::new(jacobian, &swing.place);
         for r in 0..2 {
-            rows.put(r, swing.height_column as usize, by_height * rise[r]);
+            if swing.height_column != NONE {
+                rows.put(r, swing.height_column as usize, by_height * rise[r]);
+            }
             for i in 0..2 {
                 if swing.foothold_column[i] == NONE {
                     continue;

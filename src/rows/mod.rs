@@ -17,6 +17,7 @@ pub mod factored;
 pub mod foot;
 pub mod footing;
 pub mod force;
+pub mod goal;
 pub mod ground;
 pub mod hip;
 pub mod math;
@@ -182,6 +183,8 @@ families! {
     StancePower { stance_power::SPEC, stance_power::allowed, stance_power::place }
     /// Power of a swinging leg.
     SwingPower { swing_power::SPEC, swing_power::allowed, swing_power::place }
+    /// Distance of the base from the goal.
+    Goal { goal::SPEC, goal::allowed, goal::place }
 }
 
 impl Wgsl for Family {
@@ -218,6 +221,7 @@ macro_rules! row_tables {
             efforts Efforts [$crate::rows::effort::Effort<T>],
             stance_powers StancePowers [$crate::rows::stance_power::StancePower<T>],
             swing_powers SwingPowers [$crate::rows::swing_power::SwingPower<T>],
+            goals Goals [$crate::rows::goal::Goal<T>],
         }
     };
 }
@@ -243,6 +247,7 @@ macro_rules! row_shaders {
             Effort "rows/effort" efforts,
             StancePower "rows/stance_power" stance_powers,
             SwingPower "rows/swing_power" swing_powers,
+            Goal "rows/goal" goals,
         }
     };
 }
@@ -378,7 +383,8 @@ pub fn residuals<T: Real>(
     cone_curvature::cone_curvature(tables, x, equality, jacobian.as_deref_mut());
     effort::effort(tables, x, equality, jacobian.as_deref_mut());
     stance_power::stance_power(tables, x, ground, deviations, equality, jacobian.as_deref_mut());
-    swing_power::swing_power(tables, x, ground, deviations, equality, jacobian);
+    swing_power::swing_power(tables, x, ground, deviations, equality, jacobian.as_deref_mut());
+    goal::goal(tables, x, equality, jacobian);
 }
 
 /// Largest residual of a force row for a tolerance in N.

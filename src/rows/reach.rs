@@ -5,7 +5,7 @@
 
 use super::factored::{FactoredInstant, OwnColumns, POSE, POSE_BLOCKS};
 use super::foot::foot_motion;
-use super::math::{Mat3, Vec3, add_weighted, cross, euler, mul_transposed, scale, sub};
+use super::math::{Mat3, Vec3, add, add_weighted, cross, euler, mul_transposed, scale, sub};
 use super::momentum::{Deviation, INNER_POINTS};
 use super::table::NONE;
 use super::write::Rows;
@@ -38,7 +38,7 @@ crate::table! {
     /// Reach rows of one foot.
     ///
     /// Its position is `xy = sum_i xy_weights[i] foothold_i`, `z = sum_i z_weights[i] height(foothold_i) + z_weights[2] swing_height`, with
-    /// the footholds of its [`ReachLeg`] and the swing height of its own columns.
+    /// the footholds and the offset of its [`ReachLeg`] and the swing height of its own columns.
     pub struct ReachFoot<T> {
         /// Weights of the footholds before and after the swing.
         pub xy_weights: [T; 2],
@@ -56,6 +56,8 @@ crate::table! {
         pub half_widths: [T; 3],
         /// Indices of the footholds before and after the swing; the second is [`NONE`] in stance.
         pub foothold: [u32; 2],
+        /// Constant part of the position, m; zero unless the swing had begun before the motion.
+        pub offset: [T; 3],
     }
 }
 
@@ -86,7 +88,7 @@ pub fn reach<T: Real>(
             let own = &all.own[all.elements[number].own as usize];
             let height = if own.runs[2].len > 0 { own.runs[2].variable } else { NONE };
             let foot_w = foot_motion(tables, x, ground, leg.foothold, height, foot.xy_weights, foot.z_weights);
-            let leg_w = sub(foot_w, base_w);
+            let leg_w = sub(add(foot_w, leg.offset), base_w);
             let offset_b = sub(mul_transposed(&rot_wb, leg_w), leg.center);
             let at = place.inequality as usize;
             for d in 0..3 {

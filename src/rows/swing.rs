@@ -29,6 +29,8 @@ crate::table! {
         pub xy_weights: [T; 2],
         /// Weights of the heights of these footholds, and of the swing's mid node.
         pub z_weights: [T; 3],
+        /// Constant part of the position, m; zero unless the swing had begun before the motion.
+        pub offset: [T; 3],
         /// Lowest height above the terrain, m.
         pub low: T,
         /// Largest height above lift-off and touchdown, m; used if the row has an upper side.
@@ -82,8 +84,8 @@ pub fn swing<T: Real>(tables: &Tables<T>, x: &[T], ground: &[Ground<T>], residua
     let unit = constants.length_scale;
     for swing in &tables.swing_nodes {
         let footholds = swing.foothold.map(|f| tables.footholds[f as usize] as usize);
-        let mut at = [T::zero(); 2];
-        let mut height = swing.z_weights[2] * x[swing.height as usize];
+        let mut at = [swing.offset[0], swing.offset[1]];
+        let mut height = swing.offset[2] + swing.z_weights[2] * x[swing.height as usize];
         for i in 0..2 {
             at[0] += swing.xy_weights[i] * x[footholds[i]];
             at[1] += swing.xy_weights[i] * x[footholds[i] + 1];
@@ -135,7 +137,9 @@ pub fn swing<T: Real>(tables: &Tables<T>, x: &[T], ground: &[Ground<T>], residua
         }
         let Some(jacobian) = jacobian.as_deref_mut() else { continue };
         let mut rows = Rows::new(jacobian, &swing.place);
-        rows.put(0, swing.height_column as usize, side * swing.z_weights[2] * unit);
+        if swing.height_column != NONE {
+            rows.put(0, swing.height_column as usize, side * swing.z_weights[2] * unit);
+        }
         for i in 0..2 {
             if swing.foothold_column[i] != NONE {
                 let slope = ground[swing.foothold[i] as usize].slope;

@@ -5,7 +5,7 @@ use super::Tables;
 use super::blocks::Placed;
 use super::foot::foot_motion;
 use super::hip::{HipPoint, hip, put_base};
-use super::math::{dot, scale, sub};
+use super::math::{add, dot, scale, sub};
 use super::momentum::Deviation;
 use super::table::{NONE, Place};
 use super::write::Rows;
@@ -28,6 +28,8 @@ crate::table! {
         pub xy_weights: [[T; 2]; 2],
         /// Weights of the heights of the footholds and of the mid node for the vertical velocity and the vertical acceleration.
         pub z_weights: [[T; 3]; 2],
+        /// Constant parts of velocity and acceleration; zero unless the swing had begun before the motion.
+        pub offset: [[T; 3]; 2],
         /// Position of the swing height in `x`.
         pub height: u32,
         /// Column of the swing height.
@@ -69,7 +71,7 @@ pub fn swing_power<T: Real>(
         // Velocity and acceleration of the foot.
         let motion = |order: usize| {
             let (xy_weights, z_weights) = (power.xy_weights[order], power.z_weights[order]);
-            foot_motion(tables, x, ground, power.foothold, power.height, xy_weights, z_weights)
+            add(foot_motion(tables, x, ground, power.foothold, power.height, xy_weights, z_weights), power.offset[order])
         };
         let [velocity, acceleration] = [motion(0), motion(1)];
         let v = sub(velocity, hip.velocity);

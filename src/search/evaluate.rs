@@ -129,6 +129,7 @@ pub fn check_candidate(task: &Task, schedule: &Schedule, settings: &LowerSetting
     if feet != expected {
         return Err(Error::invalid("durations", format!("{feet} feet"), format!("{expected} feet, as robot `{}` has", task.robot.name)));
     }
+    check_ends(task, schedule, settings.transcription.rows)?;
     let interval = interval(&settings.transcription, &task.robot);
     let horizon = schedule.intervals(interval) as f64 * interval;
     if horizon > MAX_HORIZON {
@@ -150,6 +151,26 @@ pub fn check_candidate(task: &Task, schedule: &Schedule, settings: &LowerSetting
             format!("{phases} phases, about {variables} variables and {} MiB", estimate >> 20),
             format!("a problem of at most {} MiB", MAX_CANDIDATE_MEMORY >> 20),
         ));
+    }
+    Ok(())
+}
+
+/// Checks that the feet in the air at the start are those of the task, and that the rows can have feet in the air at the ends.
+fn check_ends(task: &Task, schedule: &Schedule, rows: Transcription) -> Result<()> {
+    for (foot, swing) in task.start_swings.iter().enumerate() {
+        let place = || format!("durations, foot {foot}");
+        let lifted = schedule.starts_in_swing(foot);
+        if lifted != swing.is_some() {
+            let [value, limit] = if lifted {
+                ["a first stance of 0 s", "a longer one: the foot stands at the start of the task"]
+            } else {
+                ["a first stance", "0 s: the foot is in the air at the start of the task"]
+            };
+            return Err(Error::invalid(place(), value, limit));
+        }
+        if rows != Transcription::Momentum && (lifted || schedule.lands_after(foot).is_some()) {
+            return Err(Error::invalid(place(), "in the air at an end", "stances at both ends, for the rows `towr`"));
+        }
     }
     Ok(())
 }

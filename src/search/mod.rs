@@ -149,6 +149,8 @@ pub struct SearchResult {
     pub alternatives: Vec<Gait>,
     /// Statistics of each generation.
     pub generations: Vec<GenerationRecord>,
+    /// Number of minimisations with which durations were optimised at the end.
+    pub duration_solves: usize,
     /// Every gait that was the best so far.
     pub improvements: Vec<Improvement>,
     /// Reason for the end.

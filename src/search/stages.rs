@@ -43,6 +43,8 @@ pub(super) struct SearchState<'a, 's> {
     /// Best certified candidate of each family.
     by_family: Vec<Candidate<Evaluated>>,
     generations: Vec<GenerationRecord>,
+    /// Number of minimisations with which durations were optimised.
+    duration_solves: usize,
     improvements: Vec<Improvement>,
 }
 
@@ -66,6 +68,7 @@ impl<'a, 's> SearchState<'a, 's> {
             nearest: None,
             by_family: Vec::new(),
             generations: Vec::new(),
+            duration_solves: 0,
             improvements: Vec::new(),
         }
     }
@@ -105,7 +108,12 @@ impl<'a, 's> SearchState<'a, 's> {
             let gaits = self.best_of_families((self.settings.timed_gaits >> round).max(1));
             let timed = |old: &Candidate<Evaluated>| with_better_durations(solver, &settings, old, steps, &cancelled);
             let timed: Vec<_> = solver.backend.pool().install(|| gaits.par_iter().filter_map(timed).collect());
-            timed.iter().filter(|candidate| candidate.evaluation.feasible).for_each(|candidate| self.keep(candidate));
+            for (candidate, solves) in timed {
+                self.duration_solves += solves;
+                if candidate.evaluation.feasible {
+                    self.keep(&candidate);
+                }
+            }
             self.report_improvement();
         }
     }
@@ -339,6 +347,7 @@ impl<'a, 's> SearchState<'a, 's> {
             best: gait(best)?,
             alternatives: others.into_iter().map(gait).collect::<Result<_>>()?,
             generations: self.generations,
+            duration_solves: self.duration_solves,
             improvements: self.improvements,
             stop,
             first_feasible_after,
@@ -347,14 +356,14 @@ impl<'a, 's> SearchState<'a, 's> {
     }
 }
 
-/// Candidate with durations that lower its cost; `None` if its motion cannot be minimised.
+/// Candidate with durations that lower its cost, and the number of minimisations; `None` if its motion cannot be minimised.
 fn with_better_durations(
     solver: &BatchSolver,
     settings: &CemSettings,
     old: &Candidate<Evaluated>,
     steps: usize,
     cancelled: &dyn Fn() -> bool,
-) -> Option<RankedCandidate<Evaluated>> {
+) -> Option<(RankedCandidate<Evaluated>, usize)> {
     let BatchSolver { task, settings: lower, cost, .. } = *solver;
     let Evaluated { outcome, schedule, x, .. } = &old.solution;
     let timed = optimise_durations(task, (schedule, x), &lower.transcription, cost?, &lower.solver, steps, cancelled)?;
@@ -362,5 +371,5 @@ fn with_better_durations(
     let outcome = Outcome { iterations: outcome.iterations + timed.outcome.iterations, ..timed.outcome };
     let solution = Solution { outcome, x: timed.x, variables: curves.variables, curves, closed: true };
     let solution = EvaluationContext { task, schedule: &timed.schedule, settings: lower, weights: cost }.examined(solution);
-    Some(old.evaluated_again(settings, solution.evaluation, Some(Box::new(solution))))
+    Some((old.evaluated_again(settings, solution.evaluation, Some(Box::new(solution))), timed.minimisations))
 }

@@ -483,6 +483,12 @@ impl<T: Real> Solver<T> {
         }
     }
 
+    /// Cost of the last point by the cost rows of its problem.
+    pub fn cost(&self, problem: &Problem<T>, settings: &SolverSettings) -> f64 {
+        let objective = Objective { weight: T::one(), rounding: T::of(settings.optimise.rounding_floor) };
+        objective.cost(problem, &self.now.c).as_f64()
+    }
+
     /// Multipliers of the rows at the end of the last minimisation, relative to the weight of the cost.
     pub fn multipliers(&self) -> Residuals<f64> {
         let values = |v: &[T]| v.iter().map(|v| v.as_f64()).collect();

@@ -3,7 +3,7 @@
 mod standing;
 mod state;
 
-pub use state::BaseState;
+pub use state::{BaseState, SwingState};
 
 use crate::error::{Error, Result, check_range};
 use crate::gait::{Curve, FootCurves, Trajectory};
@@ -25,6 +25,8 @@ pub struct Task {
     pub start: BaseState,
     /// Initial foothold of each foot (x, y), world frame, m.
     pub start_feet: Vec<[f64; 2]>,
+    /// State of each foot that is in the air at the start; `None` for a foot that stands. `[feet]`
+    pub start_swings: Vec<Option<SwingState>>,
     /// State of the base at the goal.
     pub goal: BaseState,
     /// Largest normal force of a foot, N. Default: the robot's, or else the transcription's.
@@ -155,7 +157,25 @@ impl Task {
     ) -> Result<Task> {
         let robot = robot.into();
         let start_feet = feet.unwrap_or_else(|| nominal_footholds(&robot, &start));
-        let task = Task { robot, terrain: terrain.into(), start, start_feet, goal, force_limit: None };
+        let start_swings = vec![None; start_feet.len()];
+        let task = Task { robot, terrain: terrain.into(), start, start_feet, start_swings, goal, force_limit: None };
+        task.validate()?;
+        Ok(task)
+    }
+
+    /// Copy of the task with feet that are in the air at the start.
+    ///
+    /// * `swings` - state of each foot that is in the air, `None` for a foot that stands, `[feet]`
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] if the number of feet is not that of the robot, or a number is out of range.
+    pub fn with_swings(&self, swings: Vec<Option<SwingState>>) -> Result<Task> {
+        let mut task = Task { start_swings: swings, ..self.clone() };
+        for (place, swing) in task.start_feet.iter_mut().zip(&task.start_swings) {
+            if let Some(SwingState { position: [x, y, _], .. }) = swing {
+                *place = [*x, *y];
+            }
+        }
         task.validate()?;
         Ok(task)
     }
@@ -179,7 +199,7 @@ impl Task {
         let apart = |a: [f64; 6], b: [f64; 6]| (0..6).any(|i| (a[i] - b[i]).abs() > SAME);
         let from = if apart(end.pose(), asked.pose()) || apart(end.rate(), asked.rate()) { end } else { asked };
         let task = Task::of_states(self.robot.clone(), self.terrain.clone(), from, Some(motion.end_feet()), self.goal)?;
-        Ok(Task { force_limit: self.force_limit, ..task })
+        Task { force_limit: self.force_limit, ..task }.with_swings(motion.end_swings())
     }
 
     /// Checks robot, terrain, both ends and the feet.
@@ -201,6 +221,13 @@ impl Task {
         let feet = self.robot.feet();
         if self.start_feet.len() != feet {
             return Err(Error::invalid("start_feet", format!("{} feet", self.start_feet.len()), format!("{feet} feet, as the robot has")));
+        }
+        if self.start_swings.len() != feet {
+            let limit = format!("{feet} feet, as the robot has");
+            return Err(Error::invalid("start_swings", format!("{} feet", self.start_swings.len()), limit));
+        }
+        for (foot, swing) in self.start_swings.iter().enumerate() {
+            swing.map_or(Ok(()), |swing| swing.validate(foot))?;
         }
         for (foot, place) in self.start_feet.iter().enumerate() {
             for axis in 0..2 {
@@ -260,6 +287,7 @@ impl Task {
             init_base: Some(self.start.position),
             start: (!self.start.is_level() || self.start.yaw() != 0.).then_some(self.start),
             start_feet: (self.start_feet != nominal_footholds(&self.robot, &self.start)).then(|| self.start_feet.clone()),
+            start_swings: self.start_swings.iter().any(Option::is_some).then(|| self.start_swings.clone()),
             base_target: self.goal.position,
             yaw_target: self.goal.yaw(),
             goal: (!self.goal.is_level()).then_some(self.goal),

@@ -22,6 +22,36 @@ pub struct BaseState {
     pub rates: [f64; 3],
 }
 
+/// State of a foot that is in the air at the start of a motion.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct SwingState {
+    /// Position, world frame, m.
+    pub position: [f64; 3],
+    /// Velocity, world frame, m/s.
+    #[serde(default)]
+    pub velocity: [f64; 3],
+    /// Time since lift-off, s. The foot still rises to the middle of the whole swing, and only descends after that.
+    #[serde(default)]
+    pub since: f64,
+}
+
+impl SwingState {
+    /// Checks that all numbers are in range.
+    ///
+    /// # Errors
+    /// [`crate::Error::Invalid`] names the first number out of range, for example `start_swings[2].velocity[0]`.
+    pub fn validate(&self, foot: usize) -> Result<()> {
+        for (what, values, limit) in [("position", self.position, 1100.), ("velocity", self.velocity, 100.)] {
+            for axis in 0..3 {
+                check_range(&format!("start_swings[{foot}].{what}[{axis}]"), values[axis], -limit, limit)?;
+            }
+        }
+        check_range(&format!("start_swings[{foot}].since"), self.since, 0., crate::gait::schedule::MAX_HORIZON)
+    }
+}
+
 /// Largest roll and pitch, rad. Euler angles are singular at a pitch of 90 degrees.
 pub const LARGEST_TILT: f64 = 1.4;
 
@@ -29,6 +59,18 @@ impl BaseState {
     /// State at rest and level.
     pub fn level(position: [f64; 3], yaw: f64) -> BaseState {
         BaseState { position, angles: [0., 0., yaw], velocity: [0.; 3], rates: [0.; 3] }
+    }
+
+    /// State of a base with a rotation matrix, by rows, and an angular velocity in the world frame, rad/s. The yaw is within half a turn.
+    pub fn of_rotation(position: [f64; 3], rotation: [[f64; 3]; 3], velocity: [f64; 3], omega: [f64; 3]) -> BaseState {
+        let r = &rotation;
+        let (roll, pitch, yaw) = (r[2][1].atan2(r[2][2]), (-r[2][0]).clamp(-1., 1.).asin(), r[1][0].atan2(r[0][0]));
+        // omega = roll' R e_x + pitch' Rz e_y + yaw' e_z
+        let (sin, cos) = yaw.sin_cos();
+        let along = cos * omega[0] + sin * omega[1];
+        let roll_rate = along / pitch.cos();
+        let rates = [roll_rate, cos * omega[1] - sin * omega[0], omega[2] + roll_rate * pitch.sin()];
+        BaseState { position, angles: [roll, pitch, yaw], velocity, rates }
     }
 
     /// Yaw, rad.
@@ -119,6 +161,21 @@ mod tests {
         }
         let back = state.to_base(state.to_world([0.1, -0.7, 0.4]));
         assert!(back.iter().zip([0.1, -0.7, 0.4]).all(|(a, b)| (a - b).abs() < 1e-14), "{back:?}");
+    }
+
+    #[test]
+    fn a_rotation_and_an_angular_velocity_give_angles_and_rates() {
+        let (angles, rates) = ([0.3, -0.4, 2.1], [0.7, -1.1, 0.4]);
+        let state = BaseState { angles, rates, ..BaseState::level([1., 2., 3.], 0.) };
+        // R' = [omega]x R, by differences.
+        let moved = |step: f64| {
+            let angles = std::array::from_fn(|i| angles[i] + step * rates[i]);
+            nalgebra::Matrix3::from_fn(|r, c| BaseState { angles, ..state }.rotation()[r][c])
+        };
+        let spin = (moved(1e-6) - moved(-1e-6)) / 2e-6 * moved(0.).transpose();
+        let omega = [spin[(2, 1)], spin[(0, 2)], spin[(1, 0)]];
+        let back = BaseState::of_rotation(state.position, state.rotation(), state.velocity, omega);
+        assert!((0..3).all(|i| (back.angles[i] - angles[i]).abs() < 1e-12 && (back.rates[i] - rates[i]).abs() < 1e-8), "{back:?}");
     }
 
     #[test]

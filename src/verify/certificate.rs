@@ -3,7 +3,7 @@
 //! The rows of TOWR \[3\] hold only at instants and nodes; [`super::dense`] reports what happens in between. Rows of `momentum` motions are
 //! bounded over whole curves.
 
-use super::curves::{ContactAxes, Extreme, FootMotion, Motion, SAME_TIME, nearest};
+use super::curves::{ContactAxes, Extreme, FootMotion, Motion, Point, SAME_TIME, nearest};
 use super::dense::sample;
 use super::labels::{check_labels, of_momentum};
 use super::report::{
@@ -37,6 +37,12 @@ const PIECE_ATTITUDE: f64 = 1e-2;
 /// Limits for a `momentum` motion whose file specifies none.
 pub const MOTION_LIMITS: MotionLimits =
     MotionLimits { clearance: 0.03, swing_height: 0.2, foot_speed: 20., foot_acceleration: None, goal_velocity: GoalVelocity::Zero };
+
+/// Part of the rest of a swing that had begun before the motion which the foot rises at least if it rises at all.
+const DESCENT: f64 = 0.25;
+
+/// Shortest cubic that is continued to a touchdown after the end, s. Rounding errors of a shorter one would exceed the tolerances.
+const CONTINUED: f64 = 1e-3;
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];
@@ -121,7 +127,7 @@ pub fn verify_rows(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain, fo
             CheckFamily::Reach => reach(&mut tally, &motion, if impulsive { DENSE_REACH } else { 0. }),
             CheckFamily::Terrain => on_terrain(&mut tally, &motion, terrain),
             CheckFamily::Force => force(&mut tally, &motion, terrain, force_limit, impulsive),
-            CheckFamily::Swing if impulsive => swing_heights(&mut tally, &motion, terrain, trajectory.limits),
+            CheckFamily::Swing if impulsive => swing_heights(&mut tally, &motion, trajectory, terrain),
             CheckFamily::Swing if of_towr => swing(&mut tally, &motion),
             CheckFamily::Swing => {}
             CheckFamily::Bounds => bounds(&mut tally, &motion, trajectory, terrain, impulsive),
@@ -220,9 +226,13 @@ fn footing(tally: &mut Tally, motion: &Motion, terrain: &Terrain) {
     for (foot, curves) in motion.feet.iter().enumerate() {
         for (number, swing) in curves.swings().enumerate() {
             let start = curves.place(swing[0]);
-            let at_start = if number == 0 { ball::standing_depth(terrain, start, radius, deepest) } else { deepest };
+            let stood = number == 0 && !curves.lifted;
+            let at_start = if stood { ball::standing_depth(terrain, start, radius, deepest) } else { deepest };
             let over = ball::swing_depth(curves, swing, terrain, radius, [at_start, deepest]);
             tally.not_positive(over.value, 0., format_args!("ball in the ground"), Some(foot), over.time);
+            if curves.lands_later() && swing[1] == curves.end() {
+                continue;
+            }
             let off = ball::off_plane(terrain, curves.place(swing[1]), radius, farthest);
             tally.not_positive(off - farthest, 0., format_args!("foothold at an edge"), Some(foot), swing[1]);
         }
@@ -344,19 +354,12 @@ fn swing(tally: &mut Tally, motion: &Motion) {
     }
 }
 
-fn swing_heights(tally: &mut Tally, motion: &Motion, terrain: &Terrain, limits: Option<MotionLimits>) {
-    let (limits, tolerances) = (limits.unwrap_or(MOTION_LIMITS), tally.tolerances);
+/// The limits of height apply in the middle of a whole swing, if the motion contains it.
+fn swing_heights(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain: &Terrain) {
+    let (limits, tolerances) = (trajectory.limits.unwrap_or(MOTION_LIMITS), tally.tolerances);
     for (foot, curves) in motion.feet.iter().enumerate() {
-        for swing in curves.switches.chunks_exact(2) {
-            let (start, end) = (swing[0], swing[1]);
-            let time = (start + end) / 2.;
-            let place = curves.motion.at(time).value;
-            let height = place.z - terrain.height(place.x, place.y);
-            tally.not_positive(limits.clearance - height, tolerances.length, format_args!("mid node too low"), Some(foot), time);
-            // Height above lift-off and touchdown: a foot need not descend into a pit that it crosses.
-            let feet = [start, end].map(|t| curves.motion.at(t).value.z);
-            let height = height.min(place.z - feet[0].max(feet[1]));
-            tally.not_positive(height - limits.swing_height, tolerances.length, format_args!("mid node too high"), Some(foot), time);
+        for (number, swing) in curves.switches.chunks_exact(2).enumerate() {
+            let (start, end) = (swing[0], swing[1].min(motion.horizon));
             let pieces = nearest(&curves.motion.times, start)..nearest(&curves.motion.times, end);
             let fastest = exact::foot_speed(curves, pieces.clone(), true, limits.foot_speed);
             tally.not_positive(
@@ -366,6 +369,8 @@ fn swing_heights(tally: &mut Tally, motion: &Motion, terrain: &Terrain, limits: 
                 Some(foot),
                 fastest.time.max(start),
             );
+            let began = trajectory.start_swing(foot).filter(|_| number == 0).map_or(start, |state| start - state.since);
+            let time = (began + swing[1]) / 2.;
             if let Some(limit) = limits.foot_acceleration {
                 let hardest = exact::foot_acceleration(curves, pieces);
                 tally.not_positive(
@@ -373,11 +378,54 @@ fn swing_heights(tally: &mut Tally, motion: &Motion, terrain: &Terrain, limits: 
                     tolerances.acceleration,
                     format_args!("foot accelerated too hard"),
                     Some(foot),
-                    time,
+                    time.clamp(start, end),
                 );
             }
+            let started = number == 0 && curves.lifted;
+            // A swing that had begun before passes over its middle only if that is far enough ahead.
+            let ahead = !started || time - start >= (swing[1] - start) * DESCENT;
+            let landing = landing(curves, swing[1], if ahead { time } else { start });
+            if let Some(landing) = &landing {
+                let height = landing.value.z - terrain.height(landing.value.x, landing.value.y);
+                tally.row(height.abs(), tolerances.length, format_args!("touchdown z"), Some(foot), end);
+                tally.zero(landing.first, tolerances.speed, "touchdown velocity", AXES, Some(foot), end);
+            }
+            if !ahead || time > motion.horizon {
+                continue;
+            }
+            let place = curves.motion.at(time).value;
+            let height = place.z - terrain.height(place.x, place.y);
+            tally.not_positive(limits.clearance - height, tolerances.length, format_args!("mid node too low"), Some(foot), time);
+            // Height above lift-off and touchdown: a foot need not descend into a pit that it crosses.
+            let on_ground = |t: f64| curves.motion.at(t).value.z;
+            let under = |t: f64| {
+                let place = curves.motion.at(t).value;
+                terrain.height(place.x, place.y)
+            };
+            // A foot in the air at an end of the motion is measured from the ground below it, or from where it lands.
+            let lift_off = if started { under(start) } else { on_ground(start) };
+            let touchdown = match &landing {
+                Some(landing) => landing.value.z,
+                None if swing[1] > motion.horizon + SAME_TIME => under(end),
+                None => on_ground(end),
+            };
+            let height = height.min(place.z - lift_off.max(touchdown));
+            tally.not_positive(height - limits.swing_height, tolerances.length, format_args!("mid node too high"), Some(foot), time);
         }
     }
+}
+
+/// Point at a touchdown after the end of the motion, to which the last cubic continues; `None` if the foot lands in the motion, or if the
+/// last cubic is not one from the middle of the swing or too short to be continued.
+fn landing(curves: &FootMotion, touchdown: f64, middle: f64) -> Option<Point> {
+    let last = curves.motion.pieces() - 1;
+    let from = curves.motion.times[last];
+    let follows = from >= middle - SAME_TIME && curves.motion.length(last) >= CONTINUED;
+    if !follows || touchdown <= curves.end() + SAME_TIME {
+        return None;
+    }
+    let ([a, b, c, d], t) = (curves.motion.cubic(last), touchdown - from);
+    Some(Point { value: a + (b + (c + d * t) * t) * t, first: b + (c * 2. + d * (3. * t)) * t, second: c * 2. + d * (6. * t) })
 }
 
 fn bounds(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain: &Terrain, impulsive: bool) {
@@ -389,9 +437,12 @@ fn bounds(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain: 
     tally.zero(ang.value(0) - Vector3::from(start.angles), tolerances.angle, "start angle", ANGLES, None, 0.);
     tally.zero(ang.slope(0) - Vector3::from(start.rates), tolerances.rate, "start rate", ANGLES, None, 0.);
     let end = [&lin.times, &ang.times].map(|times| times.len() - 1);
-    tally.zero(lin.value(end[0]) - Vector3::from(goal.position), tolerances.length, "final position", AXES, None, motion.horizon);
-    tally.zero(ang.value(end[1]) - Vector3::from(goal.angles), tolerances.angle, "final angle", ANGLES, None, motion.horizon);
-    if impulsive && trajectory.limits.is_none_or(|l| l.goal_velocity == GoalVelocity::Zero) {
+    let bound = trajectory.limits.map_or(GoalVelocity::Zero, |limits| limits.goal_velocity);
+    if bound != GoalVelocity::Near || !impulsive {
+        tally.zero(lin.value(end[0]) - Vector3::from(goal.position), tolerances.length, "final position", AXES, None, motion.horizon);
+        tally.zero(ang.value(end[1]) - Vector3::from(goal.angles), tolerances.angle, "final angle", ANGLES, None, motion.horizon);
+    }
+    if impulsive && bound == GoalVelocity::Zero {
         tally.zero(lin.slope(end[0]) - Vector3::from(goal.velocity), tolerances.speed, "final velocity", AXES, None, motion.horizon);
         tally.zero(ang.slope(end[1]) - Vector3::from(goal.rates), tolerances.rate, "final rate", ANGLES, None, motion.horizon);
     }
@@ -404,7 +455,12 @@ fn bounds(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain: 
                 [start.position[0] + place.x, start.position[1] + place.y]
             }
         };
-        let place = Vector3::new(x, y, terrain.height(x, y));
+        let mut place = Vector3::new(x, y, terrain.height(x, y));
+        if let Some(state) = trajectory.start_swing(foot) {
+            place = state.position.into();
+            let velocity = curves.motion.slope(0) - Vector3::from(state.velocity);
+            tally.zero(velocity, tolerances.speed, "start velocity", AXES, Some(foot), 0.);
+        }
         tally.zero(curves.motion.value(0) - place, tolerances.length, "start position", AXES, Some(foot), 0.);
     }
 }
@@ -415,7 +471,7 @@ fn structure(tally: &mut Tally, motion: &Motion, level: bool) {
     for (foot, curves) in motion.feet.iter().enumerate() {
         let at = Some(foot);
         for (curve, what) in [(&curves.motion, "motion node at phase boundary"), (&curves.force, "force node at phase boundary")] {
-            for &switch in &curves.switches {
+            for &switch in curves.switches.iter().filter(|&&switch| switch <= motion.horizon + SAME_TIME) {
                 let mismatch = (curve.times[nearest(&curve.times, switch)] - switch).abs();
                 tally.row(mismatch, SAME_TIME, format_args!("{what}"), at, switch);
             }

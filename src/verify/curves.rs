@@ -146,8 +146,11 @@ pub(crate) struct FootMotion<'a> {
     pub motion: TimedCurve<'a>,
     /// Force, N.
     pub force: TimedCurve<'a>,
-    /// Times at which the contact changes, s; the first phase is a stance.
+    /// Times at which the contact changes, s; the first phase is a stance, which has no length if the foot is in the air at the start. The
+    /// last time is after the horizon if the foot is in the air there.
     pub switches: Vec<f64>,
+    /// True if the foot is in the air at the start.
+    pub lifted: bool,
     /// Position in each stance phase, m.
     footholds: Vec<Vector3<f64>>,
 }
@@ -164,18 +167,30 @@ impl<'a> FootMotion<'a> {
         // Taken from the node, not the curve: a node on an edge of the terrain must stay on its side of the edge.
         let footholds = starts.iter().step_by(2).map(|&start| motion.value(nearest(&motion.times, start))).collect();
         starts.remove(0);
-        FootMotion { motion, force, switches: starts, footholds }
+        let lifted = durations.len() > 1 && durations[0] == 0.;
+        FootMotion { motion, force, switches: starts, lifted, footholds }
     }
 
     /// First and last phase that a time belongs to: two neighbours at a switch, otherwise twice the same phase. Stance phases are even.
     pub fn phases(&self, time: f64) -> (usize, usize) {
-        let first = self.switches.partition_point(|&s| s < time - SAME_TIME);
+        let first = self.switches.partition_point(|&s| s < time - SAME_TIME).max(usize::from(self.lifted));
         (first, self.switches.partition_point(|&s| s <= time + SAME_TIME))
     }
 
-    /// Times of lift-off and touchdown of every swing, s.
+    /// Times of lift-off and touchdown of every swing, or of the start and the end of the motion in that swing, s.
     pub fn swings(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
-        self.switches.chunks_exact(2).map(|swing| [swing[0], swing[1]])
+        let end = self.end();
+        self.switches.chunks_exact(2).map(move |swing| [swing[0], swing[1].min(end)])
+    }
+
+    /// End of the motion, s.
+    pub fn end(&self) -> f64 {
+        self.motion.times[self.motion.times.len() - 1]
+    }
+
+    /// True if a foot that is in the air until the end of the motion has not landed there.
+    pub fn lands_later(&self) -> bool {
+        self.switches.last().is_some_and(|&last| last > self.end() + SAME_TIME)
     }
 
     /// Position of the node at a time, m. At an edge of the terrain the curve may lie on the other side of the edge.

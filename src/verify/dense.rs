@@ -111,6 +111,9 @@ pub(super) fn sample(motion: &Motion, terrain: &Terrain) -> DenseReport {
             let before = report.ball_depth.value;
             let over = ball::swing_depth(curves, swing, terrain, radius, [before; 2]);
             report.ball_depth.update(before + over.value, Some(foot), over.time);
+            if curves.lands_later() && swing[1] == curves.end() {
+                continue;
+            }
             let off = ball::off_plane(terrain, curves.place(swing[1]), radius, report.foothold_off_plane.value);
             report.foothold_off_plane.update(off, Some(foot), swing[1]);
         }

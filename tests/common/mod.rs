@@ -11,7 +11,7 @@ use cregopt::rows::table::NONE;
 use cregopt::rows::{Family, RowKind, Shared};
 use cregopt::scenario::Scenario;
 use cregopt::settings::{Friction, Transcription, TranscriptionSettings};
-use cregopt::task::{Goal, Task};
+use cregopt::task::{BaseState, Goal, SwingState, Task};
 use cregopt::terrain::{Grid, Ground, Shape, Terrain};
 use nalgebra::DMatrix;
 use std::ops::RangeInclusive;
@@ -66,6 +66,43 @@ pub fn task(robot: &str, terrain: &str, goal: [f64; 2], yaw: f64) -> Task {
 /// Task whose goal is at the robot's base height above the terrain.
 pub fn task_for(robot: Robot, terrain: Terrain, [x, y]: [f64; 2], yaw: f64) -> Task {
     Task::new(robot, terrain, Goal::at(x, y).yaw(yaw)).unwrap()
+}
+
+/// Task in mid-stride, and its schedule over 0.8 s: every other foot is in the air at both ends, the rest step between.
+///
+/// * `since` - time since the lift-off of the feet in the air, whose swing lasts 0.25 s; they rise if it is below 0.08 s
+pub fn mid_stride(task: &Task, since: f64) -> (Task, Schedule) {
+    let swing = |foot: usize| {
+        let [x, y] = task.start_feet[foot];
+        let position = [x - 0.02, y + 0.01, task.terrain.height(x - 0.02, y + 0.01) + 0.05];
+        SwingState { position, velocity: [0.6, 0.1, if since < 0.08 { 0.2 } else { -0.1 }], since }
+    };
+    let feet = 0..task.robot.feet();
+    let swings = feet.clone().map(|foot| (foot % 2 == 1).then(|| swing(foot)));
+    let phases = |foot: usize| match foot % 2 {
+        0 => vec![0.2, 0.25, 0.35],
+        _ => vec![0., 0.25 - since, 0.45 + since, 0.3, -0.2],
+    };
+    (task.with_swings(swings.collect()).unwrap(), Schedule::new(feet.map(phases).collect()).unwrap())
+}
+
+/// A trotting ANYmal: the base moves at 0.5 m/s, and feet 1 and 2 have swung for `since` of 0.25 s.
+pub fn trotting(since: f64) -> Task {
+    let robot = Robot::named("anymal").unwrap();
+    let state = |x: f64| BaseState { velocity: [0.5, 0., 0.], ..BaseState::level([x, 0., 0.5], 0.) };
+    let task = Task::of_states(robot, Terrain::named("flat").unwrap(), state(0.), None, state(0.4)).unwrap();
+    let swings = (0..4).map(|foot| {
+        let [x, y] = task.start_feet[foot];
+        let height = if since < 0.125 { 0.05 } else { 0.06 };
+        (foot == 1 || foot == 2).then_some(SwingState { position: [x - 0.02, y, height], velocity: [1., 0., 0.], since })
+    });
+    task.with_swings(swings.collect()).unwrap()
+}
+
+/// Feet 1 and 2 land after 0.15 s, stand for 0.3 s, and swing beyond the end at 0.8 s; the others swing from 0.2 to 0.45 s.
+pub fn trot() -> Schedule {
+    let (in_air, standing) = (vec![0., 0.15, 0.4, 0.3, -0.05], vec![0.2, 0.25, 0.35]);
+    Schedule::new(vec![standing.clone(), in_air.clone(), in_air, standing]).unwrap()
 }
 
 /// Made-up robot with `feet` feet on an ellipse and a full inertia tensor.
@@ -203,8 +240,8 @@ pub fn point(problem: &Problem<f64>, random: &mut Random, edge_radius: f64) -> V
                 foothold = guess.map(|v| v + random.between(-0.15, 0.15));
                 // Points of the swing that ends at this foothold at which rows limit the height.
                 let swings = problem.swing_nodes.iter().filter(|s| s.foothold[1] == number);
-                let on_the_way = |p: [f64; 2], [a, b]: [f64; 2]| [a * p[0] + b * foothold[0], a * p[1] + b * foothold[1]];
-                let mut passes = swings.filter_map(|s| previous.map(|p| on_the_way(p, s.xy_weights)));
+                let on_the_way = |p: [f64; 2], [a, b]: [f64; 2], offset: [f64; 3]| [0, 1].map(|d| offset[d] + a * p[d] + b * foothold[d]);
+                let mut passes = swings.filter_map(|s| previous.map(|p| on_the_way(p, s.xy_weights, s.offset)));
                 if clear(foothold, edge_radius) && passes.all(|p| clear(p, 0.)) {
                     break;
                 }

@@ -1,10 +1,11 @@
 //! Whole solves on a GPU or a software adapter, compared with solves on the CPU, and recovery from a device that fails.
 
-use crate::common::{Random, gait, momentum, reference_candidates, task, towr};
+use crate::common::{Random, gait, momentum, reference_candidates, task, towr, trot, trotting};
 use cregopt::backend::gpu::{Device, Folder, Prepared, most_slots};
 use cregopt::backend::{Backend, Cpu, Fallback, Gpu, Precision};
 use cregopt::gait::Schedule;
 use cregopt::gait::cost::CostWeights;
+use cregopt::gait::trajectory::GoalVelocity;
 use cregopt::nlp::Problem;
 use cregopt::nlp::transcription::interval;
 use cregopt::scenario::SCENARIOS;
@@ -301,6 +302,30 @@ fn gpu_and_cpu_minimise_the_same_cost() {
         assert!((ours.0 - theirs.0).abs() < SAME_COST * theirs.0, "{index}: {} here, {} on the CPU", ours.0, theirs.0);
         assert!(ours.0 < plain.0, "{index}: {} after, {} before", ours.0, plain.0);
         assert!(ours.1 > plain.1 + 3, "{index}: {} iterations after, {} before", ours.1, plain.1);
+    }
+}
+
+#[test]
+fn motions_in_mid_stride_are_solved_on_the_gpu_as_on_the_cpu() {
+    let test = "motions_in_mid_stride_are_solved_on_the_gpu_as_on_the_cpu";
+    let Some(gpu) = gpu(test) else { return };
+    // Feet in the air that rise, and feet that only descend; at the end two feet are in the air.
+    let (tasks, schedule) = ([0.03, 0.1].map(trotting), trot());
+    let problems: Vec<(&Task, &Schedule)> = tasks.iter().map(|task| (task, &schedule)).collect();
+    let mut settings = lower(TranscriptionSettings { goal_velocity: GoalVelocity::Near, ..TranscriptionSettings::default() });
+    settings.solver.optimise.iterations = 12;
+    let solved = |backend: &dyn Backend| {
+        let results = evaluate(&problems, &settings, Some(&CostWeights::default()), backend, false, &|| false).unwrap();
+        results.into_iter().map(Option::unwrap).collect::<Vec<_>>()
+    };
+    let (ours, theirs) = (solved(&*gpu), solved(&Cpu::new(2).unwrap()));
+    assert_eq!(gpu.fallback(), None);
+    for (ours, theirs) in ours.iter().zip(&theirs) {
+        assert!(ours.feasible && theirs.feasible, "{} here, {} on the CPU", ours.outcome.status, theirs.outcome.status);
+        let [a, b] = [ours, theirs].map(|e| e.cost.unwrap().total);
+        assert!((a - b).abs() < SAME_COST * b, "cost {a} here, {b} on the CPU");
+        let apart = ours.x.iter().zip(&theirs.x).map(|(a, b)| (a - b).abs()).fold(0., f64::max);
+        eprintln!("cost {a} here, {b} on the CPU; values differ by up to {apart}");
     }
 }
 

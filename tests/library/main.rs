@@ -4,7 +4,9 @@
 mod common;
 
 mod momentum;
+mod online;
 mod perturbations;
+mod planner;
 mod properties;
 mod reference;
 mod search;

@@ -49,7 +49,7 @@ fn schedule(feet: std::ops::RangeInclusive<usize>) -> impl Strategy<Value = Sche
 
 fn transcription() -> impl Strategy<Value = TranscriptionSettings> {
     let rows = prop_oneof![Just(Transcription::Momentum), Just(Transcription::Towr)];
-    let goal_velocity = prop_oneof![Just(GoalVelocity::Zero), Just(GoalVelocity::Free)];
+    let goal_velocity = prop_oneof![Just(GoalVelocity::Zero), Just(GoalVelocity::Free), Just(GoalVelocity::Near)];
     let numbers = (0.04..0.4, 0.03..0.3, 2..6usize);
     let legs = prop_oneof![Just(Legs::Limited), Just(Legs::Free)];
     (rows, legs, goal_velocity, any::<bool>(), numbers).prop_map(
@@ -118,6 +118,7 @@ fn check_sizes(problem: &Problem<f32>, schedule: &Schedule, settings: &Transcrip
         (false, _) => (6 * knots, 18),
         (true, GoalVelocity::Zero) => (12 * (knots - 1), 24),
         (true, GoalVelocity::Free) => (12 * (knots - 1) + 6, 18),
+        (true, GoalVelocity::Near) => (12 * knots, 12),
     };
     // Two coordinates of each foothold but the first; heights; force nodes but two per swing.
     let nodes = stances * (pieces + 1) - 2 * swings;

@@ -1,7 +1,9 @@
-"""Plans that a small robot plays in MuJoCo."""
+"""Plans that a small robot plays in MuJoCo, and commands by which it is driven."""
 
+import contextlib
 import copy
 import ctypes.util
+import io
 import json
 import math
 import os
@@ -13,6 +15,7 @@ from typing import Any
 
 import cregopt
 import cregopt.mujoco
+import cregopt.mujoco.__main__
 import numpy as np
 import pytest
 
@@ -239,8 +242,122 @@ def test_feet_can_be_given_by_bodies_and_sites(trot: cregopt.Gait, model: pathli
     assert tips != named and tips.followed and tips.missing_contact < 0.2, str(tips)
 
 
+#: Settings of the planner for short drives.
+TROT = {"families": ["trot"], "change_durations": False}
+FORWARD = [((0.4, 0.0, 0.2), 1.5)]
+
+
+def test_a_driven_robot_stays_upright_and_reports_it(model: pathlib.Path) -> None:
+    commands = [((0.4, 0.0, 0.3), 1.9), ((0.0, 0.1, 0.0), 0.1)]
+    report = cregopt.mujoco.drive(model, commands, pushes=[(0.2, (0.0, 40.0, 0.0), 0.1)], settings=TROT)
+    assert report.upright and report.fall is None and report.fall_time is None, str(report)
+    assert (report.model, report.rate, report.delay) == ("small", 50.0, 0.0) and report.seconds == pytest.approx(2.0)
+    assert report.mass == pytest.approx(12.2) and report.friction == cregopt.Terrain("flat").friction
+    assert report.commands == [[0.4, 0.0, 0.3, 1.9], [0.0, 0.1, 0.0, 0.1]] and report.pushes == [[0.2, 0.0, 40.0, 0.0, 0.1]]
+    assert not report.noise and not report.open_loop and report.seed is None and report.notes == []
+    assert report.updates == 100 and 0 <= report.kept < 80 and 0 <= report.late <= 100
+    assert 0 < report.ms_median <= report.ms_99
+    assert report.gaits[0][0] == 0.0 and {gait for _, gait in report.gaits} <= {"trot", "stand"}
+    # Accelerates to 0.4 m/s and holds it.
+    assert 0.4 < report.distance < 0.9
+    assert report.speed_command_rms == pytest.approx(0.4) and report.speed_error_rms < 0.2 and report.turn_error_rms < 0.3
+    assert 0.1 < report.torque_share <= 1 and 1 < report.joint_speed < report.joint_speed_limit
+    assert report.to_dict()["gaits"] == report.gaits and "upright to the end" in str(report)
+
+
+def without_durations(report: cregopt.mujoco.DriveReport) -> dict[str, Any]:
+    """Report without the values that depend on the speed of the machine."""
+    return {key: value for key, value in report.to_dict().items() if key not in ("ms_median", "ms_99", "late")}
+
+
+def test_drives_with_noise_and_delay_are_reproducible(model: pathlib.Path) -> None:
+    drives = [cregopt.mujoco.drive(model, [((0.3, 0.0, 0.0), 0.6)], settings=TROT, noise=True, delay=0.02, seed=seed) for seed in (None, None, 3)]
+    once, again, other = (without_durations(drive) for drive in drives)
+    assert once["upright"] and other["upright"]
+    assert once == again != other
+    assert once["noise"] and once["delay"] == 0.02 and other["friction"] != 0.8
+
+
+def test_a_robot_in_open_loop_follows_its_plans(model: pathlib.Path) -> None:
+    report = cregopt.mujoco.drive(model, FORWARD, settings=TROT, open_loop=True)
+    assert report.upright and report.open_loop and report.distance > 0.3, str(report)
+
+
+def test_a_strong_push_topples_a_driven_robot(model: pathlib.Path) -> None:
+    report = cregopt.mujoco.drive(model, FORWARD, pushes=[(0.2, (0.0, 900.0, 300.0), 0.2)], settings=TROT)
+    assert not report.upright and report.fall and report.fall_time is not None and 0.2 < report.fall_time < 1.5
+    assert f"falls at {report.fall_time:.2f} s" in str(report)
+
+
+def test_feet_of_a_given_robot_are_assigned_to_those_of_the_model(model: pathlib.Path) -> None:
+    made = cregopt.mujoco.robot(model)
+    described = made.to_dict()
+    described["nominal_feet"] = described["nominal_feet"][::-1]
+    reverse = cregopt.Robot.from_dict(described)
+    assert np.array_equal(reverse.nominal_feet, made.nominal_feet[::-1])
+    report = cregopt.mujoco.drive(model, [((0.3, 0.0, 0.0), 0.5)], robot=reverse, settings=TROT)
+    assert report.upright, str(report)
+    heavy = cregopt.Robot.from_dict({**made.to_dict(), "mass": 13.0})
+    report = cregopt.mujoco.drive(model, [((0.0, 0.0, 0.0), 0.1)], robot=heavy, settings=TROT)
+    assert report.notes == ["the planner's robot weighs 13 kg, the model 12.2 kg"]
+
+
+def test_a_robot_starts_above_ground_that_the_planner_does_not_know(model: pathlib.Path) -> None:
+    raised = cregopt.Terrain.heights(np.full((81, 81), 0.05), cell=0.1, origin=(-4, -4))
+    report = cregopt.mujoco.drive(model, [((0.0, 0.0, 0.0), 0.3)], ground=raised, settings=TROT)
+    assert report.upright and report.joint_speed < 5, str(report)
+
+
+def test_bad_arguments_of_drives_are_rejected(model: pathlib.Path) -> None:
+    nan = float("nan")
+    cases: list[tuple[dict[str, Any], str]] = [
+        ({"commands": []}, "commands: there must be at least one"),
+        ({"commands": [((0.1, 0.0, 0.0), 1.0), ((nan, 0.0, 0.0), 1.0)]}, r"commands\[1\]: "),
+        ({"commands": [((0.1, 0.0, 0.0), 0.0)]}, r"commands\[0\]: .* positive duration"),
+        ({"commands": [((99.0, 0.0, 0.0), 1.0)]}, r"command\.velocity\[0\]: 99"),
+        ({"pushes": [(1.0, (nan, 0.0, 0.0), 0.1)]}, r"pushes\[0\]: "),
+        ({"rate": 0.5}, "rate 0.5: must be between 1 and 500 Hz"),
+        ({"delay": 0.6}, "delay 0.6: must be between 0 and 0.5 s"),
+        ({"settings": {"latency": 0.1}}, "settings: the latency is given by the delay"),
+        ({"settings": {"horizn": 1}}, "settings: horizn: unknown field"),
+        ({"speed_limit": 0.0}, "speed limit 0.0"),
+        ({"friction": -1.0}, "friction -1.0"),
+        ({"seed": -1}, "seed -1"),
+        ({"feet": ["FL", "FR", "RL"], "robot": cregopt.Robot("anymal")}, "the robot has 4 feet, the model small 3"),
+        ({"video": "film.avi"}, r"film\.avi: an animation is one of"),
+    ]
+    for changed, message in cases:
+        with pytest.raises(cregopt.Error, match=message):
+            cregopt.mujoco.drive(model, **{"commands": FORWARD, **changed})
+    for seconds, seed in ((nan, 0), (0.0, 0), (math.inf, 0), (5.0, -1)):
+        with pytest.raises(cregopt.Error):
+            cregopt.mujoco.random_drive(seconds, seed, 12.0, 0.3)
+
+
+def test_random_drives_are_deterministic_and_within_their_limits() -> None:
+    commands, pushes = cregopt.mujoco.random_drive(20.0, 7, 12.0, 0.3)
+    assert (commands, pushes) == cregopt.mujoco.random_drive(20.0, 7, 12.0, 0.3)
+    assert (commands, pushes) != cregopt.mujoco.random_drive(20.0, 8, 12.0, 0.3)
+    assert commands[0] == ((0.0, 0.0, 0.0), 0.5)
+    assert 20 <= sum(seconds for _, seconds in commands) < 25
+    speed = math.sqrt(9.80665 * 0.3)
+    for (forward, left, turn), seconds in commands[1:]:
+        assert -0.09 * speed <= forward <= 0.3 * speed and abs(left) <= 0.15 * speed and abs(turn) <= 0.6 and 2 <= seconds <= 5
+    assert len(pushes) >= 3
+    for time, force, seconds in pushes:
+        assert 2 <= time < 19 and force[2] == 0 and np.linalg.norm(force) * seconds <= 0.35 * 12.0 + 1e-9
+
+
 def run(*arguments: str) -> "subprocess.CompletedProcess[str]":
     return subprocess.run([sys.executable, "-m", "cregopt.mujoco", *arguments], capture_output=True, text=True, timeout=120)
+
+
+def main(arguments: list[str]) -> tuple[int, str]:
+    """Exit code and errors of a command line, without another process."""
+    errors = io.StringIO()
+    with contextlib.redirect_stderr(errors):
+        code = cregopt.mujoco.__main__.main(arguments)
+    return code, errors.getvalue()
 
 
 def test_the_command_line_plays_plans_and_writes_robots(trot: cregopt.Gait, model: pathlib.Path, tmp_path: pathlib.Path) -> None:
@@ -260,6 +377,35 @@ def test_the_command_line_plays_plans_and_writes_robots(trot: cregopt.Gait, mode
     missing = run("nowhere.json", "--model", str(model))
     assert missing.returncode == 4 and missing.stderr.startswith("error: ") and "nowhere.json" in missing.stderr
     assert run("--model", str(model)).returncode == 2
+
+
+def test_the_command_line_drives_robots(model: pathlib.Path) -> None:
+    quick = ["--model", str(model), "--gait", "trot"]
+    driven = run("drive", *quick, "--command", "0.3,0,0:0.5;0,0,0.2:0.3", "--push", "0.2:0,30,0:0.1", "--set", "horizon=0.7", "--json")
+    assert driven.returncode == 0, driven.stderr
+    report: dict[str, Any] = json.loads(driven.stdout)
+    assert report["upright"] and report["seconds"] == pytest.approx(0.8)
+    assert report["commands"] == [[0.3, 0, 0, 0.5], [0, 0, 0.2, 0.3]] and report["pushes"] == [[0.2, 0, 30, 0, 0.1]]
+    fallen = run("drive", *quick, "--command", "0,0,0:1.5", "--push", "0:0,900,300:0.2")
+    assert fallen.returncode == 3 and "falls at" in fallen.stdout, fallen.stdout + fallen.stderr
+    cases = [
+        (["--command", "fast"], "--command 'fast': must be N,N,N:N"),
+        (["--command", "0,0,0:0"], "commands[0]: "),
+        (["--push", "1:0,0:1"], "--push '1:0,0:1': must be N:N,N,N:N"),
+        (["--set", "horizon"], "--set 'horizon': must be KEY=VALUE"),
+        (["--set", "horizon=99"], "planner.horizon: 99"),
+        (["--gait", "stroll"], "settings: families[0]: unknown variant `stroll`"),
+        (["--random", "-1"], "random commands for -1.0 s"),
+        (["--rate", "1000"], "rate 1000.0"),
+        (["--terrain", "nowhere.json"], "nowhere.json"),
+        (["--robot", "nowhere.toml"], "nowhere.toml"),
+        (["--model", "nowhere.xml"], "nowhere.xml: there is no such model file"),
+    ]
+    for arguments, message in cases:
+        bad = main(["drive", *quick, *arguments])
+        assert bad[0] == 4 and bad[1].startswith("error: ") and message in bad[1], (arguments, bad)
+    assert run("drive", *quick, "--random", "1", "--command", "0,0,0:1").returncode == 2
+    assert run("drive").returncode == 2
 
 
 def test_without_mujoco_the_error_names_the_package_to_install(model: pathlib.Path) -> None:

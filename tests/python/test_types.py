@@ -27,6 +27,10 @@ torque: float = float(cregopt.search(route).stages[0].joints(rate=50).efforts.ma
 wide = distributed.search(task, population=256, cpus=4, gpus=0.5, progress=True).alternatives
 for stage in cregopt.solve("walk.toml", progress=True):
     print(str(cregopt.verify(stage)), stage.certificate["n_rows"])
+feet = task.robot.nominal_feet + [0.0, 0.0, 0.5]
+state = cregopt.RobotState([0.0, 0.0, 0.5], np.eye(3), np.zeros(3), np.zeros(3), feet, 0 * feet, [True] * 4)
+update = cregopt.Planner(task.robot, terrain, {"families": ["trot"]}).update(state, (0.5, 0.0, 0.0), now=0.0)
+heights: float = float(update.plan.sample(rate=500).feet_position[..., 2].max()) + update.seconds
 """
 
 

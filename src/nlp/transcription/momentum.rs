@@ -64,8 +64,17 @@ pub(crate) fn deviation_rates(u: f64) -> [f64; INNER_POINTS] {
 ///
 /// The base follows the straight line and the ground path. It accelerates from rest, and decelerates to rest if the goal velocity is to be
 /// zero. The start and goal rates of the task are added as Hermite terms.
+///
+/// If the end is free, it is one cubic from start to goal, and continues at the velocity of the goal.
 fn base_guess<T: Real>(b: &Builder<T>, t: f64) -> ([f64; 6], [f64; 6]) {
     let (start, goal) = (b.reference(0.), b.reference(b.horizon));
+    if b.settings.goal_velocity == GoalVelocity::Near {
+        let (within, beyond) = (t.min(b.horizon), (t - b.horizon).max(0.));
+        let (value, slope) = (hermite(within, b.horizon), hermite_rate(within, b.horizon));
+        let (from, to) = (b.task.start.rate(), b.task.goal.rate());
+        let at = |w: [f64; 4], i: usize| w[0] * start[i] + w[1] * from[i] + w[2] * goal[i] + w[3] * to[i];
+        return (std::array::from_fn(|i| at(value, i) + beyond * to[i]), std::array::from_fn(|i| at(slope, i)));
+    }
     let slows = b.settings.goal_velocity == GoalVelocity::Zero;
     let u = (t / b.horizon).clamp(0., 1.);
     // Trapezoidal speed profile with area 1: linear over the ramp, constant, and linear again if the base decelerates.
@@ -121,8 +130,8 @@ impl<T: Real> Transcribe<T> for Momentum {
             let ((pose, rate), line) = (base_guess(b, t), b.reference(t));
             let pose: [f64; 6] = std::array::from_fn(|i| pose[i] - line[i]);
             let rate: [f64; 6] = std::array::from_fn(|i| rate[i] - line_rate[i]);
-            let stops = b.settings.goal_velocity == GoalVelocity::Zero;
-            let pose = b.block(first || last, pose, POSE_SMOOTHING);
+            let (stops, arrives) = (b.settings.goal_velocity == GoalVelocity::Zero, b.settings.goal_velocity != GoalVelocity::Near);
+            let pose = b.block(first || (last && arrives), pose, POSE_SMOOTHING);
             let rate = b.block(first || (last && stops), rate, RATE_SMOOTHING);
             b.base.extend([pose, rate]);
         }
@@ -187,12 +196,13 @@ impl<T: Real> Transcribe<T> for Momentum {
         FOOTHOLD_SMOOTHING
     }
 
-    /// Middle of the foot's reach under the initial guess of the base in the middle of the stance; nominal footholds at start and goal.
+    /// Middle of the foot's reach under the initial guess of the base in the middle of the stance; nominal footholds at start and goal,
+    /// unless the end is free.
     fn foothold(&self, b: &Builder<T>, foot: usize, stance: usize, stances: usize) -> [f64; 2] {
         if stance == 0 {
             return b.task.foothold_start(foot);
         }
-        if stance + 1 == stances {
+        if stance + 1 == stances && b.settings.goal_velocity != GoalVelocity::Near {
             return b.task.foothold_goal(foot);
         }
         let span = b.feet[foot].phases[2 * stance];
@@ -385,7 +395,9 @@ pub(crate) fn reach_timings(phases: &[&[Phase]], interval: f64, intervals: usize
         (0..=pieces * intervals).map(|i| (i as f64 * h / pieces as f64, 0..feet)).collect();
     for (foot, phases) in phases.iter().enumerate() {
         for swing in phases.iter().filter(|p| !p.stance) {
-            instants.extend(SWING_PARTS.map(|part| (swing.start + part * swing.duration(), foot..foot + 1)));
+            // A swing can last beyond the horizon.
+            let times = SWING_PARTS.map(|part| swing.start + part * swing.duration()).into_iter();
+            instants.extend(times.filter(|t| *t <= intervals as f64 * h).map(|t| (t, foot..foot + 1)));
         }
     }
     let mut timings: Vec<ReachTiming> =

@@ -8,7 +8,7 @@ True
 >>> gait.sample(rate=100).forces.shape[1:]
 (4, 3)
 
-Searches on many machines: ``help("cregopt.distributed")``.
+Searches on many machines: ``help("cregopt.distributed")``. Gaits that are chosen online, beside a controller: ``help(cregopt.Planner)``.
 
 Units are SI, angles are in rad, and forces act on the robot. World frame: z up. Base frame: origin at the centre of mass, x forward, y left.
 A schedule has one list per foot, in the robot's order of feet, of phase durations in s: stance, swing, stance, ..., stance.
@@ -26,11 +26,15 @@ from ._cregopt import (
     Evaluation,
     Gait,
     Joints,
+    Plan,
+    Planner,
     Robot,
+    RobotState,
     Samples,
     Task,
     Terrain,
     Trajectory,
+    Update,
     __version__,
     verify,
 )
@@ -46,11 +50,15 @@ __all__ = [
     "Evaluation",
     "Gait",
     "Joints",
+    "Plan",
+    "Planner",
     "Robot",
+    "RobotState",
     "Samples",
     "Task",
     "Terrain",
     "Trajectory",
+    "Update",
     "__version__",
     "evaluate",
     "search",

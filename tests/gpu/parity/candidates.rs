@@ -2,9 +2,10 @@
 
 use super::lab::POISON;
 use crate::common::{
-    Random, cones, gait, hills, lopsided, point, problem_with, problem_with_cost, spider, task, task_for, towr, transcriptions,
+    Random, cones, gait, hills, lopsided, mid_stride, point, problem_with, problem_with_cost, spider, task, task_for, towr, transcriptions,
 };
 use cregopt::gait::Schedule;
+use cregopt::gait::trajectory::GoalVelocity;
 use cregopt::nlp::Problem;
 use cregopt::settings::TranscriptionSettings;
 use cregopt::task::Task;
@@ -75,6 +76,17 @@ pub fn candidates() -> Vec<Candidate> {
         let schedule = gait(&mut random, task.robot.feet(), 1..=2);
         candidates.push(Candidate::new(task, schedule, &cones(), &mut random));
     }
+    // Feet in the air at both ends; a swing of which little has passed rises, one of which much has passed only descends.
+    let near = TranscriptionSettings { goal_velocity: GoalVelocity::Near, ..TranscriptionSettings::default() };
+    for (task, since) in [
+        (task("anymal", "flat", [0.4, 0.1], 0.2), 0.05),
+        (task("biped", "slope", [0.3, 0.1], 0.2), 0.2),
+        (task_for(spider(6), hills(), [0.3, 0.2], 6.2), 0.05),
+        (task_for(lopsided(spider(5)), hills(), [-0.3, 0.2], 0.4), 0.2),
+    ] {
+        let (task, schedule) = mid_stride(&task, since);
+        candidates.push(Candidate::new(task, schedule, &near, &mut random));
+    }
     candidates
 }
 
@@ -86,5 +98,7 @@ pub fn long_candidates() -> Vec<Candidate> {
         let task = task_for(spider(8), hills(), [2., 1.], 0.4);
         Candidate::new(task, gait(&mut random, 8, 10..=10), &fine(settings), &mut random)
     };
-    [TranscriptionSettings::default(), towr(), cones()].map(candidate).into()
+    // One has a free end: only that has goal rows.
+    let near = TranscriptionSettings { goal_velocity: GoalVelocity::Near, ..cones() };
+    [TranscriptionSettings::default(), towr(), near].map(candidate).into()
 }

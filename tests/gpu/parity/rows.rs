@@ -1,6 +1,6 @@
 //! Evaluation of the rows.
 
-use super::candidates::{candidates, long_candidates};
+use super::candidates::{Candidate, candidates, long_candidates};
 use super::lab::{CAPACITY, Expected, Lab, SMALL, State, gpu, states, stem};
 use super::{ARITHMETIC, CURVED, DEVIATION, TRIGONOMETRY};
 use crate::common;
@@ -8,9 +8,10 @@ use cregopt::backend::gpu::Prepared;
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::backend::tables::Slot as Counts;
 use cregopt::rows::momentum::Deviation;
+use cregopt::rows::table::NONE;
 use cregopt::rows::{
-    Shared, acceleration, cone, cone_curvature, dynamics, effort, footing, force, ground, momentum, reach, stance_power, stride, swing,
-    swing_power,
+    Shared, acceleration, cone, cone_curvature, dynamics, effort, footing, force, goal, ground, momentum, reach, stance_power, stride,
+    swing, swing_power,
 };
 use cregopt::solver::control::{CLOSE, ENDED, EXACT, SHORTER, SOLVED, STEP};
 use cregopt::terrain::Ground;
@@ -36,6 +37,7 @@ fn around_the_workgroup(s: usize, prepared: &mut Prepared) {
     problem.efforts.truncate(count);
     problem.stance_powers.truncate(count);
     problem.swing_powers.truncate(count);
+    problem.goals.truncate(count);
     slot.dynamics_instants = problem.dynamics_instants.len() as u32;
     slot.momentum_intervals = problem.momentum_intervals.len() as u32;
     slot.reach_instants = problem.reach_instants.len() as u32;
@@ -49,6 +51,7 @@ fn around_the_workgroup(s: usize, prepared: &mut Prepared) {
     slot.efforts = problem.efforts.len() as u32;
     slot.stance_powers = problem.stance_powers.len() as u32;
     slot.swing_powers = problem.swing_powers.len() as u32;
+    slot.goals = problem.goals.len() as u32;
     slot.footholds = slot.footholds.min(count as u32);
 }
 
@@ -205,8 +208,8 @@ fn cone_agrees_with_its_twin() {
     evaluation(
         Shader::Cone,
         |slot| slot.cones,
-        // The tangential force has a root of its own, whose parts cancel: the same error again.
-        2. * CURVED,
+        // The tangential force has a root of its own, whose parts cancel: the same error again, and more where that force is small.
+        3. * CURVED,
         |lab, s, x, _, expected| {
             let edge_radius = expected.state.progress[s].edge_radius;
             let (g, jacobian) = trial(lab, s, false, &mut expected.state);
@@ -319,4 +322,36 @@ fn swing_power_agrees_with_its_twin() {
             swing_power::swing_power(&lab.slots[s].problem, x, &shared.ground, &shared.deviations, c, Some(jacobian));
         },
     );
+}
+
+#[test]
+fn goal_agrees_with_its_twin() {
+    evaluation(
+        Shader::Goal,
+        |slot| slot.goals,
+        ARITHMETIC,
+        |lab, s, x, _, expected| {
+            let (c, jacobian) = trial(lab, s, true, &mut expected.state);
+            goal::goal(&lab.slots[s].problem, x, c, Some(jacobian));
+        },
+    );
+}
+
+#[test]
+fn the_candidates_in_mid_stride_cover_swings_that_rise_and_swings_that_only_descend() {
+    let candidates = candidates();
+    let fixed = |column: u32| column == NONE;
+    let of = |count: fn(&Candidate) -> usize| candidates.iter().map(count).sum::<usize>();
+    assert!(of(|c| c.problem.goals.len()) > 20);
+    // Offsets of the position, the velocity and the acceleration.
+    assert!(of(|c| c.problem.reach_legs.iter().filter(|leg| leg.offset != [0.; 3]).count()) > 20);
+    assert!(of(|c| c.problem.swing_powers.iter().filter(|power| power.offset != [[0.; 3]; 2]).count()) > 20);
+    for descends in [false, true] {
+        let swings = candidates.iter().flat_map(|c| &c.problem.swing_nodes).filter(|s| s.offset[..2] != [0.; 2]);
+        assert!(swings.filter(|s| fixed(s.height_column) == descends).count() > 2, "swings, fixed height: {descends}");
+    }
+    // The foothold before a swing that had begun is a fixed point.
+    let accelerations = || candidates.iter().flat_map(|c| &c.problem.accelerations);
+    assert!(accelerations().filter(|a| fixed(a.height_column)).count() > 2);
+    assert!(accelerations().filter(|a| !fixed(a.height_column) && fixed(a.foothold_column[0])).count() > 2);
 }

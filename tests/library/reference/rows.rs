@@ -6,14 +6,17 @@ use super::{
     in_scalar,
 };
 use crate::common::{
-    Random, Rows, cones, dense_jacobian, families, frozen_at, gait, momentum, one_sided, point, problem_with, problem_with_cost, rows,
-    rows_with, straight, towr, transcriptions,
+    Random, Rows, cones, dense_jacobian, families, frozen_at, gait, hills, mid_stride, momentum, one_sided, point, problem_with,
+    problem_with_cost, rows, rows_with, spider, straight, task, task_for, towr, transcriptions,
 };
 use cregopt::gait::Trajectory;
+use cregopt::gait::trajectory::GoalVelocity;
 use cregopt::nlp::problem::Element;
 use cregopt::nlp::transcription::force_limit;
 use cregopt::nlp::{Problem, trajectory};
 use cregopt::robot::GRAVITY;
+use cregopt::rows::swing::SwingNode;
+use cregopt::rows::table::NONE;
 use cregopt::rows::{Family, RowKind};
 use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::terrain::Shape;
@@ -146,6 +149,22 @@ fn differences(problem: &Problem<f64>, x: &[f64], edge_radius: f64) -> DMatrix<f
     result
 }
 
+/// Compares the Jacobian of all rows at a random point with central differences.
+fn check_jacobian(name: &str, problem: &Problem<f64>, seed: u64, edge_radius: f64) {
+    let x = point(problem, &mut Random::new(seed), edge_radius);
+    let mut analytic = dense_jacobian(problem, &rows(problem, &x, edge_radius).jacobian);
+    without_curvature(problem, &mut analytic);
+    let mut numeric = differences(problem, &x, edge_radius);
+    without_read_only(problem, &mut numeric);
+    let difference = first_difference(analytic.as_slice(), numeric.as_slice(), JACOBIAN_TOLERANCE);
+    if let Some((row, variable)) = difference.map(|i| (i % problem.rows.all(), i / problem.rows.all())) {
+        let of_row = |e: &Element| (e.place.row..e.place.row + e.rows).contains(&(row as u32));
+        let family = problem.all_elements().find(of_row).unwrap().family;
+        let (a, b) = (analytic[(row, variable)], numeric[(row, variable)]);
+        panic!("{name}, edge radius {edge_radius}, {family:?} row {row}, variable {variable}: {a:e} against {b:e}");
+    }
+}
+
 #[test]
 fn jacobians_match_central_differences() {
     for (seed, case) in cases().iter().enumerate() {
@@ -154,18 +173,33 @@ fn jacobians_match_central_differences() {
             let schedule = gait(&mut Random::new(seed as u64), case.task.robot.feet(), 3..=6);
             let problem = problem_with_cost::<f64>(&case.task, &schedule, &settings);
             for edge_radius in [0., 0.04] {
-                let x = point(&problem, &mut Random::new(seed as u64), edge_radius);
-                let mut analytic = dense_jacobian(&problem, &rows(&problem, &x, edge_radius).jacobian);
-                without_curvature(&problem, &mut analytic);
-                let mut numeric = differences(&problem, &x, edge_radius);
-                without_read_only(&problem, &mut numeric);
-                let difference = first_difference(analytic.as_slice(), numeric.as_slice(), JACOBIAN_TOLERANCE);
-                if let Some((row, variable)) = difference.map(|i| (i % problem.rows.all(), i / problem.rows.all())) {
-                    let of_row = |e: &Element| (e.place.row..e.place.row + e.rows).contains(&(row as u32));
-                    let family = problem.all_elements().find(of_row).unwrap().family;
-                    let (a, b) = (analytic[(row, variable)], numeric[(row, variable)]);
-                    panic!("{}, edge radius {edge_radius}, {family:?} row {row}, variable {variable}: {a:e} against {b:e}", case.name);
-                }
+                check_jacobian(&case.name, &problem, seed as u64, edge_radius);
+            }
+        }
+    }
+}
+
+#[test]
+fn jacobians_in_mid_stride_match_central_differences() {
+    let tasks =
+        [task("anymal", "flat", [0.4, 0.1], 0.2), task("biped", "slope", [0.3, 0.1], 0.2), task_for(spider(5), hills(), [0.3, 0.2], 0.4)];
+    for (seed, task) in tasks.iter().enumerate() {
+        // Swings that rise, and swings that only descend.
+        for (since, descend) in [(0.05, false), (0.2, true)] {
+            for own in [TranscriptionSettings::default(), cones()] {
+                let settings = TranscriptionSettings { goal_velocity: GoalVelocity::Near, ..own };
+                let (task, schedule) = mid_stride(task, since);
+                let problem = problem_with_cost::<f64>(&task, &schedule, &settings);
+                // The end is free.
+                assert!(problem.curves.base.iter().skip(2).all(|&block| (block as usize) < problem.variables));
+                let started = |s: &SwingNode<f64>| s.offset != [0.; 3];
+                let heights: Vec<bool> = problem.swing_nodes.iter().filter(|s| started(s)).map(|s| s.height_column == NONE).collect();
+                let level = !task.terrain.has_edges();
+                assert!(heights.iter().all(|&fixed| fixed == descend) && (heights.is_empty() == (level && descend)), "{heights:?}");
+                assert!(problem.accelerations.iter().any(|a| (a.height_column == NONE) == descend && a.foothold_column[0] == NONE));
+                assert!(problem.strides.iter().any(|s| s.foothold_column[0] == NONE));
+                assert!(problem.swing_powers.iter().any(|p| p.offset != [[0.; 3]; 2]) && !problem.goals.is_empty());
+                check_jacobian(&format!("{} on {}, {since}", task.robot.name, task.terrain.name), &problem, seed as u64, 0.);
             }
         }
     }

@@ -8,12 +8,14 @@
 True
 
 ``python -m cregopt.mujoco trajectory.json --model go1.xml`` plays a plan from the command line. A controller at 500 Hz tracks the base, feet and
-forces of the plan by whole-body inverse dynamics within the motors' torque limits. It knows the exact state. Units are SI, angles are in rad.
+forces of the plan by whole-body inverse dynamics within the motors' torque limits. It knows the exact state. ``drive`` (on the command line
+``python -m cregopt.mujoco drive``) follows commands instead of a plan, with gaits that are chosen online. Units are SI, angles are in rad.
 """
 
 from ._controller import Gains
+from ._drive import drive, random_drive
 from ._play import play
-from ._report import Report
+from ._report import DriveReport, Report
 from ._robot import robot
 
-__all__ = ["Gains", "Report", "play", "robot"]
+__all__ = ["DriveReport", "Gains", "Report", "drive", "play", "random_drive", "robot"]

@@ -1,22 +1,31 @@
-"""Command line ``python -m cregopt.mujoco``; see ``--help``."""
+"""Command lines ``python -m cregopt.mujoco`` and ``python -m cregopt.mujoco drive``; see ``--help``."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
-from typing import Optional, Sequence
+from typing import Any, Optional, Sequence
 
-from .. import Error
-from . import play, robot
+from .. import Error, Robot, Terrain
+from . import drive, play, random_drive, robot
 
 UPRIGHT, FALLEN, BAD_INPUT = 0, 3, 4
+
+
+def add_common(parser: argparse.ArgumentParser) -> None:
+    """Adds the options that both command lines share."""
+    parser.add_argument("--speed-limit", type=float, default=30.0, metavar="RAD/S", help="joint speed at which the motors have no torque left [default: 30]")
+    parser.add_argument("--video", metavar="FILE", help="write an animation: .gif, .png or .webp")
+    parser.add_argument("--viewer", action="store_true", help="show the simulation in a window")
+    parser.add_argument("--json", action="store_true", help="print the report as JSON")
 
 
 def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m cregopt.mujoco",
-        description="Plays a plan of `cregopt solve` on a robot in MuJoCo and reports the result, or writes the robot file for planning.",
+        description="Plays a plan of `cregopt solve` on a robot in MuJoCo and reports the result, or writes the robot file for planning. "
+        "`python -m cregopt.mujoco drive` drives a robot by commands, with gaits that are chosen online.",
         epilog="Exit codes: 0 upright to the end, 2 usage, 3 fallen, 4 bad file or MuJoCo missing.",
     )
     parser.add_argument("trajectory", nargs="?", help="the plan: trajectory.json")
@@ -24,15 +33,116 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--feet", metavar="NAME,...", help="geoms, bodies or sites that are the feet, in the plan's order [default: found]")
     parser.add_argument("--friction", type=float, help="friction coefficient of the ground [default: the plan's]")
     parser.add_argument("--seed", type=int, help="seed of small disturbances of start, masses and friction [default: none]")
-    parser.add_argument("--speed-limit", type=float, default=30.0, metavar="RAD/S", help="joint speed at which the motors have no torque left [default: 30]")
-    parser.add_argument("--video", metavar="FILE", help="write an animation: .gif, .png or .webp")
-    parser.add_argument("--viewer", action="store_true", help="show the simulation in a window")
-    parser.add_argument("--json", action="store_true", help="print the report as JSON")
+    add_common(parser)
     parser.add_argument("--robot", metavar="FILE", help="instead of playing, write the model's robot file for `cregopt solve --robot`: .json or .toml")
     return parser
 
 
+def drive_arguments() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m cregopt.mujoco drive",
+        description="Drives a robot in MuJoCo by commands and reports the result. Gaits are chosen online, many times a second.",
+        epilog="A value that begins with a minus sign follows an equals sign: --command=-0.2,0,0:5. Exit codes: 0 upright to the end, 2 usage, 3 fallen, 4 bad file or MuJoCo missing.",
+    )
+    parser.add_argument("--model", required=True, metavar="FILE", help="MuJoCo model of the robot")
+    parser.add_argument("--feet", metavar="NAME,...", help="geoms, bodies or sites that are the feet [default: found]")
+    parser.add_argument("--robot", metavar="FILE", help="robot of the planner, .json or .toml [default: made from the model]")
+    parser.add_argument(
+        "--command", metavar="VX,VY,YAW:S;...", help="velocity forward and to the left, m/s, yaw rate, rad/s, and duration, s [default: 0.5,0,0:5]"
+    )
+    parser.add_argument("--push", default="", metavar="T:FX,FY,FZ:S;...", help="time, s, force on the base, N, and duration, s")
+    parser.add_argument("--random", type=float, metavar="S", help="random commands and pushes for at least this time, s, drawn by --seed")
+    parser.add_argument("--terrain", metavar="NAME|FILE", help="terrain that the planner knows [default: flat]")
+    parser.add_argument("--ground", metavar="NAME|FILE", help="terrain of the simulation [default: --terrain]")
+    parser.add_argument("--friction", type=float, help="friction coefficient of the simulation [default: that of --terrain]")
+    parser.add_argument("--gait", metavar="NAME", help="family whose typical durations are kept [default: the planner chooses]")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="setting of cregopt.Planner, for example horizon=1")
+    parser.add_argument("--rate", type=float, default=50.0, help="updates per second [default: 50]")
+    parser.add_argument("--open-loop", action="store_true", help="plan from the plan instead of the measured state")
+    parser.add_argument("--delay", type=float, default=0.0, metavar="S", help="age of the state when its plan comes into force, s [default: 0]")
+    parser.add_argument("--noise", action="store_true", help="add noise to the planner's state")
+    parser.add_argument("--seed", type=int, help="seed of small disturbances of start, masses and friction, of --random and of --noise [default: none]")
+    add_common(parser)
+    return parser
+
+
+def numbers(text: str, counts: Sequence[int], what: str) -> list[list[float]]:
+    """Groups of numbers: ``:`` separates groups, ``,`` their numbers."""
+    try:
+        groups = [[float(number) for number in group.split(",")] for group in text.split(":")]
+    except ValueError:
+        groups = []
+    if [len(group) for group in groups] != list(counts):
+        raise Error(f"{what} {text!r}: must be {':'.join(','.join('N' * count) for count in counts)}")
+    return groups
+
+
+def setting(text: str) -> tuple[str, Any]:
+    """Key and value of ``KEY=VALUE``."""
+    key, equals, value = text.partition("=")
+    if not equals:
+        raise Error(f"--set {text!r}: must be KEY=VALUE")
+    try:
+        return key, json.loads(value)
+    except ValueError:
+        return key, value
+
+
+def run_drive(given: Sequence[str]) -> int:
+    parser = drive_arguments()
+    options = parser.parse_args(given)
+    if options.random is not None and options.command is not None:
+        parser.error("give either --command or --random")
+    feet = options.feet.split(",") if options.feet else None
+    try:
+        known = None if options.robot is None else Robot.from_file(options.robot)
+        made = known or robot(options.model, feet)
+        parts = [part for part in (options.command or "0.5,0,0:5").split(";") if part]
+        of_commands = [numbers(part, (3, 1), "--command") for part in parts]
+        commands = [((c[0], c[1], c[2]), seconds) for c, (seconds,) in of_commands]
+        of_pushes = [numbers(part, (1, 3, 1), "--push") for part in options.push.split(";") if part]
+        pushes = [(time, (f[0], f[1], f[2]), seconds) for (time,), f, (seconds,) in of_pushes]
+        if options.random is not None:
+            commands, more = random_drive(options.random, options.seed or 0, made.mass, float(made.to_dict()["base_height"]))
+            pushes += more
+        settings = dict(setting(text) for text in options.set)
+        if options.gait is not None:
+            settings.update(families=[options.gait], change_durations=False)
+        report = drive(
+            options.model,
+            commands,
+            pushes=pushes,
+            feet=feet,
+            robot=made,
+            terrain=None if options.terrain is None else terrain_of(options.terrain),
+            ground=None if options.ground is None else terrain_of(options.ground),
+            friction=options.friction,
+            seed=options.seed,
+            rate=options.rate,
+            open_loop=options.open_loop,
+            delay=options.delay,
+            noise=options.noise,
+            settings=settings,
+            speed_limit=options.speed_limit,
+            video=options.video,
+            viewer=options.viewer,
+        )
+    except (Error, ImportError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return BAD_INPUT
+    print(json.dumps(report.to_dict(), indent=1, allow_nan=False) if options.json else report)
+    return UPRIGHT if report.upright else FALLEN
+
+
+def terrain_of(name: str) -> Terrain:
+    """Terrain with a name, or of a file."""
+    return Terrain.from_file(name) if name.endswith((".json", ".toml")) else Terrain(name)
+
+
 def main(given: Optional[Sequence[str]] = None) -> int:
+    given = sys.argv[1:] if given is None else given
+    if given and given[0] == "drive":
+        return run_drive(given[1:])
     parser = arguments()
     options = parser.parse_args(given)
     if (options.trajectory is None) == (options.robot is None):

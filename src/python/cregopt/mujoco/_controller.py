@@ -115,6 +115,12 @@ class Controller:
         #: Displacement of the foothold at which each swing ends, m, shape (feet, 3).
         self.displaced = np.zeros((plan.n_feet, 3))
 
+    def follow(self, plan: Plan) -> None:
+        """Follows another plan from now on, which starts at the actual positions of the feet."""
+        self.plan = plan
+        self.off[~plan.stands(0)] = 0
+        self.displaced[:] = 0
+
     def command(self, time: float, state: State, loads: Floats) -> Command:
         """Command at a time of the plan, s. ``loads``: normal force on each foot, N, shape (feet,)."""
         plan, gains, machine = self.plan, self.gains, self.machine

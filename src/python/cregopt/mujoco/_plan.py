@@ -10,7 +10,7 @@ from typing import Any, Union
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import Error, Gait, Robot, Task, Terrain, Trajectory
+from .. import Error, Gait, Robot, Samples, Task, Terrain, Trajectory
 from . import _rotation
 from ._engine import Floats
 
@@ -77,13 +77,17 @@ def read(motion: Motion, rate: float) -> Plan:
     else:
         trajectory = Trajectory.from_file(motion)
     robot, terrain = _world(trajectory)
-    samples = trajectory.sample(rate)
+    return of_samples(trajectory.sample(rate), robot, terrain, trajectory.schedule, trajectory.horizon, rate)
+
+
+def of_samples(samples: Samples, robot: Robot, terrain: Terrain, schedule: list[list[float]], horizon: float, rate: float) -> Plan:
+    """Plan of a motion that was sampled at ``rate``, Hz, with its phase durations and its duration, s."""
     # A last sample at the end of the motion is left out if it is nearer to the one before than the others.
-    inside = slice(0, int(np.floor(trajectory.horizon * rate + 1e-9)) + 1)
+    inside = slice(0, int(np.floor(horizon * rate + 1e-9)) + 1)
     forces, step = samples.forces[inside], 1 / rate
     if len(forces) < 3:
-        raise Error(f"the motion lasts {trajectory.horizon:.3g} s, too short to be played")
-    edges = [np.concatenate([[0.0], np.cumsum(durations)]) for durations in trajectory.schedule]
+        raise Error(f"the motion lasts {horizon:.3g} s, too short to be played")
+    edges = [_edges(durations) for durations in schedule]
     times = samples.time[inside]
     phases = np.stack([np.clip(np.searchsorted(edge, times + 1e-9, side="right") - 1, 0, len(edge) - 2) for edge in edges], axis=1)
     gravity = np.array([0.0, 0.0, -9.80665])
@@ -92,7 +96,7 @@ def read(motion: Motion, rate: float) -> Plan:
     return Plan(
         robot=robot,
         terrain=terrain,
-        horizon=trajectory.horizon,
+        horizon=horizon,
         step=step,
         position=samples.base_position[inside],
         velocity=samples.base_velocity[inside],
@@ -108,6 +112,12 @@ def read(motion: Motion, rate: float) -> Plan:
         phases=phases,
         edges=edges,
     )
+
+
+def _edges(durations: list[float]) -> Floats:
+    """Boundaries of the phases, s. If the foot lands after the end, the last boundary is its landing."""
+    edges = np.concatenate([[0.0], np.cumsum(durations)])
+    return edges[:-1] if durations[-1] <= 0 else edges
 
 
 def _world(trajectory: Trajectory) -> tuple[Robot, Terrain]:

@@ -5,17 +5,17 @@ from __future__ import annotations
 import importlib
 import time as clock
 from contextlib import ExitStack
-from typing import Any, Callable, Optional, Sequence
+from typing import Any, Callable, Generic, Optional, Sequence, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import Error
+from .. import Error, Terrain
 from . import _ground, _plan, _rotation, _video
 from ._controller import Controller, Gains, torque_range
 from ._engine import Floats, mj
 from ._model import Machine, Path, State
-from ._report import Report
+from ._report import MotorLoads, Report
 
 #: Time step of the simulation, s, and number of steps per control period.
 STEP, STEPS = 0.001, 2
@@ -36,6 +36,8 @@ FRICTION_SPREAD, MASS_SPREAD, JOINT_SPREAD, SPEED_SPREAD = 0.1, 0.03, 0.01, 0.05
 #: Share of the torque limit from which a motor counts as saturated.
 SATURATED = 0.99
 
+#: Report to which a simulation adds the loads of the motors.
+Loads = TypeVar("Loads", bound=MotorLoads)
 #: Callback for each control period, with MuJoCo's model and data.
 Observer = Callable[[Any, Any], None]
 
@@ -91,14 +93,7 @@ def play(
     ImportError
         If MuJoCo or DAQP is not installed.
     """
-    if not (np.isfinite(speed_limit) and speed_limit > 0):
-        raise Error(f"speed limit {speed_limit!r}: must be positive, rad/s")
-    if friction is not None and not (np.isfinite(friction) and friction > 0):
-        raise Error(f"friction {friction!r}: must be positive")
-    if video is not None:
-        _video.prepare(video)
-    if viewer and _video.headless():
-        raise Error("no window can be opened: there is no display")
+    check(speed_limit, friction, seed, video, viewer)
     plan = _plan.read(trajectory, 1 / (STEP * STEPS))
     machine = Machine(model, feet, plan.n_feet)
     if abs(machine.mass - plan.robot.mass) > MASS_APART * machine.mass:
@@ -107,9 +102,8 @@ def play(
             f"{100 * MASS_APART:g} % apart; cregopt.mujoco.robot makes a robot from a model"
         )
     if feet is None:
-        order = _plan.order_of_feet(plan.robot.nominal_feet, machine.nominal_feet())
-        machine.feet = [machine.feet[of] for of in order]
-    start = _start(machine, plan)
+        assign_feet(machine, plan.robot.nominal_feet)
+    start = start_pose(machine, plan)
     friction = plan.terrain.friction if friction is None else friction
     report = Report(
         model=machine.name,
@@ -121,21 +115,39 @@ def play(
         horizon=plan.horizon,
         joint_speed_limit=speed_limit,
     )
-    if not np.all(np.isfinite(machine.torque_limits)):
-        report.notes.append("the model has no torque limits for some joints")
     controller = Controller(machine, plan, friction, speed_limit, gains or Gains())
-    simulation = _Simulation(controller, start, report)
+    simulation = _Play(controller, start, report, plan.terrain, plan.feet)
     with ExitStack() as stack:
         observers: list[Observer] = []
         if video is not None:
             observers.append(stack.enter_context(_video.Film(video, simulation.model, machine.base, 5 * float(plan.position[0, 2]), 1 / plan.step)))
         if viewer:
-            observers.append(_window(stack, simulation))
+            observers.append(window(stack, simulation))
         simulation.run(observers)
     return report
 
 
-def _start(machine: Machine, plan: _plan.Plan) -> Floats:
+def check(speed_limit: float, friction: Optional[float], seed: Optional[int], video: Optional[Path], viewer: bool) -> None:
+    """Checks arguments of simulations, and prepares the drawing. Raises Error for the first bad one."""
+    if not (np.isfinite(speed_limit) and speed_limit > 0):
+        raise Error(f"speed limit {speed_limit!r}: must be positive, rad/s")
+    if friction is not None and not (np.isfinite(friction) and friction > 0):
+        raise Error(f"friction {friction!r}: must be positive")
+    if seed is not None and seed < 0:
+        raise Error(f"seed {seed!r}: must not be negative")
+    if video is not None:
+        _video.prepare(video)
+    if viewer and _video.headless():
+        raise Error("no window can be opened: there is no display")
+
+
+def assign_feet(machine: Machine, nominal: Floats) -> None:
+    """Puts the feet of the model in the order of the nominal feet of a robot: each is the nearest one."""
+    order = _plan.order_of_feet(nominal, machine.nominal_feet())
+    machine.feet = [machine.feet[of] for of in order]
+
+
+def start_pose(machine: Machine, plan: _plan.Plan) -> Floats:
     """Pose (``qpos``) at the start of the plan. Raises Error if the legs cannot reach it."""
     balls = plan.feet[0] + [[foot.radius] for foot in machine.feet] * plan.normals[0]
     missed, pose = machine.inverse_kinematics(plan.position[0], plan.rotation[0], balls)
@@ -147,7 +159,7 @@ def _start(machine: Machine, plan: _plan.Plan) -> Floats:
     return pose
 
 
-def _window(stack: ExitStack, simulation: _Simulation) -> Observer:
+def window(stack: ExitStack, simulation: Simulation[Any]) -> Observer:
     """Observer that shows a simulation in a window, in real time."""
     window = stack.enter_context(importlib.import_module("mujoco.viewer").launch_passive(simulation.model, simulation.data))
     begun, shown = clock.monotonic(), -1
@@ -162,15 +174,17 @@ def _window(stack: ExitStack, simulation: _Simulation) -> Observer:
     return show
 
 
-class _Simulation:
-    """Simulation of a robot on the ground of the plan, with its report."""
+class Simulation(Generic[Loads]):
+    """Simulation of a robot under a controller on a ground, with its report."""
 
-    def __init__(self, controller: Controller, start: Floats, report: Report) -> None:
+    def __init__(self, controller: Controller, start: Floats, report: Loads, ground: Terrain, covered: Floats) -> None:
         self.controller, self.machine, self.plan, self.report = controller, controller.machine, controller.plan, report
+        if not np.all(np.isfinite(self.machine.torque_limits)):
+            report.notes.append("the model has no torque limits for some joints")
         random = None if report.seed is None else np.random.default_rng(report.seed)
         if random is not None:
             report.friction *= float(random.uniform(1 - FRICTION_SPREAD, 1 + FRICTION_SPREAD))
-        self.model = self._world(report.friction)
+        self.model = self._world(report.friction, ground, covered)
         self.data = mj.MjData(self.model)
         self.data.qpos[:] = start
         if random is not None:
@@ -187,16 +201,15 @@ class _Simulation:
         self.foot_on = {foot.body: f for f, foot in enumerate(self.machine.feet) if foot.geom is None}
         # The trunk, which may not touch the ground: the base and its direct children.
         self.trunk = {b for b in range(m.nbody) if base in (m.body_weldid[b], m.body_weldid[m.body_parentid[m.body_weldid[b]]])}
-        self.sliding = _Sliding(self.plan.n_feet, report)
 
-    def _world(self, friction: float) -> Any:
-        """Model of the robot on the ground. The model's actuators are off: torques are applied to the joints."""
+    def _world(self, friction: float, ground: Terrain, covered: Floats) -> Any:
+        """Model of the robot on the ground around the positions ``covered``, shape (n, feet, 3). The model's actuators are off: torques are applied to the joints."""
         spec = self.machine.spec
         option = spec.option
         option.timestep, option.integrator = STEP, mj.mjtIntegrator.mjINT_IMPLICITFAST
         # Elliptic cones and a high impedance ratio: otherwise loaded feet creep.
         option.cone, option.impratio = mj.mjtCone.mjCONE_ELLIPTIC, 100
-        _ground.add(spec, self.plan.terrain, friction, self.plan.feet)
+        _ground.add(spec, ground, friction, covered)
         model = spec.compile()
         # Without automatic resets, divergence is detected.
         model.opt.disableflags |= mj.mjtDisableBit.mjDSBL_ACTUATION | mj.mjtDisableBit.mjDSBL_AUTORESET
@@ -215,6 +228,64 @@ class _Simulation:
         ball = [foot.radius * up for foot, up in zip(self.machine.feet, self.plan.normals[0])]
         sunk = [self.plan.terrain.height(*place[:2]) - place[2] for place in state.feet - ball]
         d.qpos[2] += max(sunk)
+
+    def _contacts(self) -> tuple[Floats, bool]:
+        """Normal force on each foot, N, shape (feet,), and True if the trunk touches the ground."""
+        loads, trunk = np.zeros(self.plan.n_feet), False
+        force = np.zeros(6)
+        for number in range(self.data.ncon):
+            contact = self.data.contact[number]
+            if self.ground not in (contact.geom1, contact.geom2):
+                continue
+            other = contact.geom2 if contact.geom1 == self.ground else contact.geom1
+            body = int(self.model.geom_bodyid[other])
+            # A foot that is a site touches the ground with any geom of its body.
+            foot = self.foot_of.get(int(other), self.foot_on.get(body))
+            if foot is not None:
+                mj.mj_contactForce(self.model, self.data, number, force)
+                loads[foot] += force[0]
+            else:
+                trunk |= body in self.trunk
+        return loads, trunk
+
+    def _drive(self, time: float, state: State, loads: Floats) -> bool:
+        """Simulates one control period. Returns True if a motor was saturated."""
+        report, d, machine = self.report, self.data, self.machine
+        command = self.controller.command(time, state, loads)
+        report.unsolved += not command.solved
+        at_limit = False
+        for step in range(STEPS):
+            speed = d.qvel[6:]
+            low, high = torque_range(machine.torque_limits, speed, report.joint_speed_limit)
+            torque = np.clip(command.torque_after(step * STEP, speed), low, high)
+            shares = np.abs(torque) / machine.torque_limits
+            at_limit |= bool(np.any((torque <= SATURATED * low) | (torque >= SATURATED * high)))
+            if shares.max() > report.torque_share:
+                report.torque_share, report.torque_joint = float(shares.max()), self._joint(int(shares.argmax()))
+            if np.abs(speed).max() > report.joint_speed:
+                report.joint_speed, report.speed_joint = float(np.abs(speed).max()), self._joint(int(np.abs(speed).argmax()))
+            d.qfrc_applied[6:] = torque
+            mj.mj_step(self.model, d)
+        return at_limit
+
+    def _toppled(self, state: State, trunk_touches: bool) -> Optional[str]:
+        """Description of a fall onto the trunk or the side, or None."""
+        lean = float(np.arccos(np.clip(state.rotation[2, 2], -1, 1)))
+        if trunk_touches:
+            return "the trunk touches the ground"
+        return f"it leans by {np.degrees(lean):.0f} deg" if lean > LEAN else None
+
+    def _joint(self, number: int) -> str:
+        """Name of the joint with this index, not counting the base."""
+        return str(self.model.joint(self.model.dof_jntid[number + 6]).name)
+
+
+class _Play(Simulation[Report]):
+    """Simulation of a robot that follows one plan."""
+
+    def __init__(self, controller: Controller, start: Floats, report: Report, ground: Terrain, covered: Floats) -> None:
+        super().__init__(controller, start, report, ground, covered)
+        self.sliding = _Sliding(self.plan.n_feet, report)
 
     def run(self, observers: Sequence[Observer]) -> None:
         """Simulates the plan, with standing before and after it, or until the robot falls."""
@@ -251,34 +322,13 @@ class _Simulation:
         report.missing_contact = missing / max(due, 1)
         report.torque_saturated = saturated / max(len(errors), 1)
 
-    def _contacts(self) -> tuple[Floats, bool]:
-        """Normal force on each foot, N, shape (feet,), and True if the trunk touches the ground."""
-        loads, trunk = np.zeros(self.plan.n_feet), False
-        force = np.zeros(6)
-        for number in range(self.data.ncon):
-            contact = self.data.contact[number]
-            if self.ground not in (contact.geom1, contact.geom2):
-                continue
-            other = contact.geom2 if contact.geom1 == self.ground else contact.geom1
-            body = int(self.model.geom_bodyid[other])
-            # A foot that is a site touches the ground with any geom of its body.
-            foot = self.foot_of.get(int(other), self.foot_on.get(body))
-            if foot is not None:
-                mj.mj_contactForce(self.model, self.data, number, force)
-                loads[foot] += force[0]
-            else:
-                trunk |= body in self.trunk
-        return loads, trunk
-
     def _fall(self, state: State, k: int, away: Floats, trunk_touches: bool) -> Optional[str]:
         """Description of the fall, or None if the robot has not fallen."""
         planned = self.plan.position[k]
         ground = self.plan.terrain.height
-        lean = float(np.arccos(np.clip(state.rotation[2, 2], -1, 1)))
-        if trunk_touches:
-            return "the trunk touches the ground"
-        if lean > LEAN:
-            return f"it leans by {np.degrees(lean):.0f} deg"
+        toppled = self._toppled(state, trunk_touches)
+        if toppled:
+            return toppled
         if state.com[2] - ground(*state.com[:2]) < LOW * (planned[2] - ground(*planned[:2])):
             return "the base is too low"
         if float(np.linalg.norm(away)) > ASTRAY:
@@ -294,30 +344,6 @@ class _Simulation:
             velocity = jacobian @ state.velocity
             slides[f] = float(np.linalg.norm(velocity - (velocity @ up) * up)) * self.plan.step
         return slides
-
-    def _drive(self, time: float, state: State, loads: Floats) -> bool:
-        """Simulates one control period. Returns True if a motor was saturated."""
-        report, d, machine = self.report, self.data, self.machine
-        command = self.controller.command(time, state, loads)
-        report.unsolved += not command.solved
-        at_limit = False
-        for step in range(STEPS):
-            speed = d.qvel[6:]
-            low, high = torque_range(machine.torque_limits, speed, report.joint_speed_limit)
-            torque = np.clip(command.torque_after(step * STEP, speed), low, high)
-            shares = np.abs(torque) / machine.torque_limits
-            at_limit |= bool(np.any((torque <= SATURATED * low) | (torque >= SATURATED * high)))
-            if shares.max() > report.torque_share:
-                report.torque_share, report.torque_joint = float(shares.max()), self._joint(int(shares.argmax()))
-            if np.abs(speed).max() > report.joint_speed:
-                report.joint_speed, report.speed_joint = float(np.abs(speed).max()), self._joint(int(np.abs(speed).argmax()))
-            d.qfrc_applied[6:] = torque
-            mj.mj_step(self.model, d)
-        return at_limit
-
-    def _joint(self, number: int) -> str:
-        """Name of the joint with this index, not counting the base."""
-        return str(self.model.joint(self.model.dof_jntid[number + 6]).name)
 
 
 class _Sliding:

@@ -3,12 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
-from typing import Any, Optional
+from typing import Any, Optional, Protocol
 
 import numpy as np
 
 #: Largest position error, m, and attitude error, rad, of the base with which a plan counts as followed.
 FOLLOWED_POSITION, FOLLOWED_ATTITUDE = 0.1, float(np.radians(15.0))
+
+
+class MotorLoads(Protocol):
+    """Part of a report that concerns the motors and the disturbances; attributes as in :class:`Report`."""
+
+    friction: float
+    seed: Optional[int]
+    torque_share: float
+    torque_joint: str
+    joint_speed: float
+    joint_speed_limit: float
+    speed_joint: str
+    unsolved: int
+    notes: list[str]
 
 
 @dataclass
@@ -108,3 +122,87 @@ class Report:
         if self.unsolved:
             lines.append(f"  control   no solution in {self.unsolved} periods")
         return "\n".join(lines + [f"  note      {note}" for note in self.notes])
+
+
+@dataclass
+class DriveReport:
+    """Result of driving a robot.
+
+    World frame, SI units, angles in rad. Attributes that are not listed are those of :class:`Report`.
+
+    Attributes
+    ----------
+    seconds : float
+        Duration of all commands, s.
+    commands, pushes : list of list of float
+        Velocity forward and to the left, yaw rate, duration; time, force, duration.
+    rate, delay, noise, open_loop : float, float, bool, bool
+        Updates per second, delay of the planner, s, and how it gets its state.
+    distance : float
+        Horizontal distance of the end from the start, m.
+    speed_error_rms, turn_error_rms, speed_command_rms : float
+        Differences between velocity and command, m/s and rad/s, averaged over 0.4 s, from 1 s after each change of the command and each push on; and
+        the commanded speed in the same time. 0 if nothing lasts that long.
+    updates, kept, late : int
+        Number of updates, of those that kept the plan before, and of those that took longer than the time between updates. The simulation waits for
+        them: plans come into force after the delay, however long the update took.
+    ms_median, ms_99 : float
+        Durations of updates, ms: median and 99th percentile.
+    gaits : list of [float, str]
+        Times at which the gait changed, s, and its family, or ``stand``.
+    """
+
+    model: str
+    mass: float
+    friction: float
+    seed: Optional[int]
+    seconds: float
+    commands: list[list[float]]
+    pushes: list[list[float]]
+    joint_speed_limit: float
+    rate: float = 0.0
+    delay: float = 0.0
+    noise: bool = False
+    open_loop: bool = False
+    upright: bool = True
+    fall_time: Optional[float] = None
+    fall: Optional[str] = None
+    distance: float = 0.0
+    speed_error_rms: float = 0.0
+    turn_error_rms: float = 0.0
+    speed_command_rms: float = 0.0
+    updates: int = 0
+    kept: int = 0
+    late: int = 0
+    ms_median: float = 0.0
+    ms_99: float = 0.0
+    gaits: list[list[Any]] = field(default_factory=list)
+    torque_share: float = 0.0
+    torque_joint: str = ""
+    torque_saturated: float = 0.0
+    joint_speed: float = 0.0
+    speed_joint: str = ""
+    unsolved: int = 0
+    notes: list[str] = field(default_factory=list)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All attributes, for JSON."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        end = "upright to the end" if self.upright else f"falls at {self.fall_time:.2f} s: {self.fall}"
+        gaits = ", ".join(f"{name} from {time:.2f} s" for time, name in self.gaits[:12]) + (", ..." if len(self.gaits) > 12 else "")
+        lines = [
+            f"{self.model}: {end}",
+            f"  driven    {self.seconds:.2f} s, {len(self.commands)} commands, {len(self.pushes)} pushes, {self.distance:.2f} m from the start",
+            f"  speed     off by {self.speed_error_rms:.3f} m/s rms at {self.speed_command_rms:.2f} m/s, turn by {self.turn_error_rms:.3f} rad/s",
+            f"  plans     {self.updates} updates at {self.rate:g} Hz, median {self.ms_median:.1f} ms, 99th percentile {self.ms_99:.1f} ms, "
+            f"{self.late} late, {self.kept} kept the plan before",
+            f"  gaits     {gaits}",
+            f"  torque    at most {100 * self.torque_share:.0f} % of the limit ({self.torque_joint}), "
+            f"at a limit {100 * self.torque_saturated:.1f} % of the time",
+            f"  joints    at most {self.joint_speed:.1f} of {self.joint_speed_limit:g} rad/s ({self.speed_joint})",
+        ]
+        if self.unsolved:
+            lines.append(f"  control   no solution in {self.unsolved} periods")
+        return "\n".join(lines + [f"  note      {note}" for note in self.notes[:5]])

@@ -36,3 +36,10 @@ def upright(directions: Floats) -> Floats:
     x = np.cross([0.0, 1.0, 0.0], directions)
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(directions, x), directions], axis=1)
+
+
+def of_vector(turn: Floats) -> Floats:
+    """Matrix of a rotation vector, rad."""
+    angle = float(np.linalg.norm(turn))
+    half = 0.5 * np.sinc(angle / (2 * np.pi)) * turn
+    return of_quaternions(np.array([[np.cos(angle / 2), *half]]))[0]  # type: ignore[no-any-return]

@@ -1,8 +1,18 @@
-//! Comparison of this solver and Ipopt on the same problems, candidate by candidate, on one core each: rates and their ratio, as Markdown.
+//! Comparison of this solver and Ipopt on the same problems, candidate by candidate, on one core each, as Markdown.
 //!
-//! `cargo bench --features ipopt --bench compare -- [CANDIDATES] [--seed N]`: CANDIDATES (default 16) per scenario, spread over its targets
-//! and drawn as in the first generation of a search. Horizons are rounded as this solver needs it. This solver uses TOWR's rows, Ipopt
-//! TOWR's complete program with the paper's options. Both times include failing candidates and the count of violated rows.
+//! `cargo bench --features ipopt --bench compare -- [CANDIDATES] [--seed N]`: rates and their ratio. CANDIDATES (default 16) per scenario,
+//! spread over its targets and drawn as in the first generation of a search. Horizons are rounded as this solver needs it. This solver uses
+//! TOWR's rows, Ipopt TOWR's complete program with the paper's options. Both times include failing candidates and the count of violated
+//! rows.
+//!
+//! `cargo bench --features ipopt --bench compare -- --optimise [CANDIDATES] [FILTER]`: cost and time of minimised motions with the
+//! durations held, `momentum` rows, for typical gaits whose label contains FILTER and for CANDIDATES (default 1) feasible reference
+//! candidates per scenario. Ipopt starts once from the initial values of the problem and once from the feasible motion, with exact first
+//! derivatives, a limited-memory Hessian and the cost at the final rounding. Its motions are closed as this solver's are, outside its time.
+
+#[path = "../common/cpu_time.rs"]
+mod cpu_time;
+mod optimise;
 
 use cregopt::backend::Cpu;
 use cregopt::experiment::summary::Spread;
@@ -76,8 +86,12 @@ fn pair(task: &Task, schedule: &Schedule, settings: &LowerSettings, backend: &Cp
 }
 
 fn main() -> Result<()> {
-    let (count, seed) = arguments()?;
     ipopt::check()?;
+    let mut words = std::env::args().skip(1).filter(|a| a != "--bench").peekable();
+    if words.next_if(|word| word == "--optimise").is_some() {
+        return optimise::run(&words.collect::<Vec<_>>());
+    }
+    let (count, seed) = arguments()?;
     let backend = Cpu::new(1)?;
     let settings = LowerSettings { transcription: TranscriptionSettings::paper(Transcription::Towr), ..LowerSettings::default() };
     let search = CemSettings::preset("experiment1")?;

@@ -1,0 +1,725 @@
+//! Planning online: the gait is chosen again many times a second, from any state.
+//!
+//! Each update takes the measured state and a command, and solves a small batch of candidates over a short horizon: the gait that is being
+//! performed, from the point where it is; the same with changed durations; all families, entered at the phase in which the feet are; and
+//! standing. Feet may be in the air at both ends. The pose at the end is free; its distance from that which the command asks for is a cost,
+//! beside that of [`crate::gait::cost`]. First guesses come from the motion planned before. The cheapest candidate wins; a change of the
+//! family must pay for itself. If no candidate holds, legs may stretch to the end of their reach; if none holds even then, the plan before
+//! stays.
+//!
+//! The result of an update depends on the states, commands and times of all updates so far and on the seed, but not on the number of
+//! threads. With a deadline it also depends on how fast the machine is.
+//!
+//! # Beside a controller
+//! An update takes longer than a control period. Planner and controller run in two threads with one clock and exchange two messages: the
+//! newest state, and the newest plan.
+//!
+//! ```text
+//! planner:     wait for a state; take the newest one, drop older ones
+//!              update(state, command, time of the state); if renewed: sample the plan, send the samples with its start
+//! controller,  send the measured state with its time
+//! at 500 Hz:   if a plan has arrived and its start has come: follow it from now on
+//!              track the samples at the time since the start of the plan
+//! ```
+//!
+//! * [`Planner::update`] returns when the plan is chosen. The plan is an `Arc`: sending it copies no motion. From Python, other threads run
+//!   during an update. [`PlannerSettings::threads`] should leave a processor to the controller.
+//! * [`crate::export::Sampled`] samples base, feet, forces and contacts of [`Plan::motion`] at the control rate. Time 0 of the
+//!   samples is [`Plan::start`] on the clock of the updates. [`Plan::state`] gives base and feet at one time, without forces.
+//! * [`PlannerSettings::latency`] is the time from the state to the start of the plan: that of an update and of the messages. The planner
+//!   moves the state by it as the plan before moves. Too short: plans arrive late. Too long: disturbances are answered late.
+//! * A plan that arrives late is entered at the time since its start. The robot has followed the plan before until then, so that the
+//!   references may jump.
+//! * [`PlannerSettings::deadline`] drops the candidates that are not solved by then. The best one is still checked afterwards, so that an
+//!   update lasts a little longer.
+//! * If [`Update::renewed`] is false, the plan before stays in force. It ends after [`PlannerSettings::horizon`], possibly in motion: the
+//!   controller then needs a reaction of its own, such as standing.
+//! * An update fails for a state out of range and for a time before that of the last update. Before there is a plan, it also fails if no
+//!   candidate holds.
+//! * Contacts and measured positions correct the planned phases: a contact in the second half of a swing ends it, and a foot that should
+//!   stand is in the air only if it is not loaded and more than 1 cm above the terrain. Slow filters on contacts delay this.
+//! * Positions of the base and the feet must agree with each other and with the terrain: standing feet are on it.
+
+mod cycle;
+mod warm;
+
+pub use cycle::{Contact, Cycle};
+
+use crate::backend::{Backend, Cpu};
+use crate::error::{Error, Result, check_range};
+use crate::gait::cost::CostWeights;
+use crate::gait::family::{GaitFamily, default_families, offsets, time_scale};
+use crate::gait::trajectory::GoalVelocity;
+use crate::gait::{AlignedSchedule, Schedule, Trajectory};
+use crate::nlp::transcription::interval;
+use crate::nlp::{Problem, RESPONSE, trajectory};
+use crate::robot::{Reach, ReachBox, Robot};
+use crate::search::cem::random::Draws;
+use crate::settings::{SolverSettings, TranscriptionSettings};
+use crate::solver::{Finish, Outcome, Residuals, Resume, Solver, Status, close};
+use crate::task::{BaseState, Goal, SwingState, Task};
+use crate::terrain::Terrain;
+use crate::verify::verify_rows;
+use serde::{Deserialize, Serialize};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+use warm::Before;
+
+/// Height above the ground from which a foot without contact counts as in the air although the plan has it on the ground, m.
+const LIFTED: f64 = 0.01;
+/// Part of a swing after which a contact ends it.
+const LATE_SWING: f64 = 0.5;
+/// Range of the durations of swings and stances, relative to the typical ones of the family.
+const SWINGS: [f64; 2] = [0.75, 1.4];
+const STANCES: [f64; 2] = [0.6, 1.8];
+/// Longest time between the knots of the base by default, s.
+const LONGEST_INTERVAL: f64 = 0.1;
+/// Barrier parameter with which a motion near the one before is minimised.
+const WARM_BARRIER: f64 = 3e-4;
+/// Time in which the error of the velocity is compensated, s, and largest compensation, as a share of the command.
+const COMPENSATION: (f64, f64) = (1., 0.3);
+/// Part of the cost by which changed durations must be cheaper.
+const CHANGE: f64 = 0.02;
+/// Distance from the side of its reach box within which a foot gets a wider box, base heights, and time for which a foot may go on moving
+/// outwards, s.
+const REACH_SLACK: f64 = 0.04;
+const OUTWARD: f64 = 0.1;
+/// Number of phases at which a family can be entered.
+const ENTRIES: usize = 24;
+
+/// Settings of a [`Planner`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PlannerSettings {
+    /// Horizon, s. Too short: the robot cannot catch itself. Too long: updates are slow.
+    pub horizon: f64,
+    /// Time between the knots of the base, s. By default twice that of [`interval`], at most 0.1 s. Too short: updates are slow. Too long:
+    /// motions are inexact.
+    pub interval: Option<f64>,
+    /// Number of cubics of the force of a stance, at least 2. See [`TranscriptionSettings::force_pieces`].
+    pub force_pieces: usize,
+    /// Number of candidates of an update.
+    pub candidates: usize,
+    /// Families to choose from; all of the robot if `None`. One family is performed with its typical durations as they are.
+    pub families: Option<Vec<GaitFamily>>,
+    /// False to keep the typical durations of the family.
+    pub change_durations: bool,
+    /// Largest number of iterations that solve the rows of a candidate.
+    pub iterations: usize,
+    /// Number of iterations that minimise the cost of a candidate.
+    pub optimise_iterations: usize,
+    /// Part of the cost by which another gait must be cheaper to be chosen. Too small: the gait changes back and forth.
+    pub hysteresis: f64,
+    /// Standard deviation of the logarithms of swing and stance durations, and of the phase in strides, of changed candidates.
+    pub spread: f64,
+    /// Time between the measured state and the start of the plan, s.
+    pub latency: f64,
+    /// Longest time of an update, s; `None`: no limit. Candidates that are not solved then are dropped.
+    pub deadline: Option<f64>,
+    /// Margin of the reach boxes along the legs, base heights. See [`TranscriptionSettings::reach_margin`].
+    pub reach_margin: f64,
+    /// Number of threads; 0: one per processor.
+    pub threads: usize,
+    /// Seed of the changes.
+    pub seed: u64,
+    /// Weights of the cost.
+    pub cost: CostWeights,
+}
+
+impl Default for PlannerSettings {
+    fn default() -> Self {
+        PlannerSettings {
+            horizon: 0.8,
+            interval: None,
+            force_pieces: 2,
+            candidates: 16,
+            families: None,
+            change_durations: true,
+            iterations: 20,
+            optimise_iterations: 4,
+            hysteresis: 0.05,
+            spread: 0.15,
+            latency: 0.,
+            deadline: None,
+            reach_margin: 0.03,
+            threads: 0,
+            seed: 1,
+            cost: CostWeights { joint_excess: 0., ..CostWeights::default() },
+        }
+    }
+}
+
+impl PlannerSettings {
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] names the first field that is out of its limits.
+    pub fn validate(&self) -> Result<()> {
+        check_range("planner.horizon", self.horizon, 0.2, 10.)?;
+        if let Some(interval) = self.interval {
+            check_range("planner.interval", interval, 0.01, 0.2)?;
+        }
+        check_range("planner.force_pieces", self.force_pieces as f64, 2., 16.)?;
+        check_range("planner.candidates", self.candidates as f64, 1., 4096.)?;
+        check_range("planner.iterations", self.iterations as f64, 1., 1e4)?;
+        check_range("planner.optimise_iterations", self.optimise_iterations as f64, 1., 1e4)?;
+        check_range("planner.hysteresis", self.hysteresis, 0., 1.)?;
+        check_range("planner.spread", self.spread, 0., 1.)?;
+        check_range("planner.latency", self.latency, 0., 1.)?;
+        check_range("planner.reach_margin", self.reach_margin, 0., 1.)?;
+        if let Some(deadline) = self.deadline {
+            check_range("planner.deadline", deadline, 1e-4, 10.)?;
+        }
+        if self.families.as_ref().is_some_and(Vec::is_empty) {
+            return Err(Error::invalid("planner.families", "none", "at least one family, or no list"));
+        }
+        self.cost.validate()
+    }
+}
+
+/// Measured state of a foot.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FootState {
+    /// Position, world frame, m.
+    pub position: [f64; 3],
+    /// Velocity, world frame, m/s.
+    pub velocity: [f64; 3],
+    /// True if the foot is loaded.
+    pub contact: bool,
+}
+
+/// Measured state of a robot.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RobotState {
+    /// Base.
+    pub base: BaseState,
+    /// Each foot.
+    pub feet: Vec<FootState>,
+}
+
+impl RobotState {
+    /// A robot that stands still on its nominal footholds.
+    pub fn standing(task: &Task) -> RobotState {
+        let foot = |&[x, y]: &[f64; 2]| FootState { position: [x, y, task.terrain.height(x, y)], velocity: [0.; 3], contact: true };
+        RobotState { base: task.start, feet: task.start_feet.iter().map(foot).collect() }
+    }
+}
+
+/// Desired motion of the base.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Command {
+    /// Velocity forward and to the left, in the horizontal axes of the base, m/s.
+    pub velocity: [f64; 2],
+    /// Yaw rate, rad/s.
+    pub yaw_rate: f64,
+}
+
+/// Plan of one update.
+#[derive(Debug, Clone)]
+pub struct Plan {
+    /// Time at which the motion starts, s, on the clock of the updates.
+    pub start: f64,
+    /// The motion. It has no goal of its own: the command is a cost.
+    pub motion: Trajectory,
+    /// Gait at the start of the motion.
+    pub gait: Cycle,
+    /// Cost, per weight and a typical distance; includes the distance from the command.
+    pub cost: f64,
+    /// Robot for which the motion holds: the planner's, with a wider reach box for a foot that is beyond its box at the start.
+    pub robot: Arc<Robot>,
+    /// Contact of each foot at the start.
+    contacts: Vec<Contact>,
+}
+
+impl Plan {
+    /// Planned state at a time on the clock of the updates; after the horizon that at its end.
+    pub fn state(&self, time: f64) -> RobotState {
+        let at = Before::new(&self.motion, time - self.start);
+        let [[x, y, z, roll, pitch, yaw], [vx, vy, vz, droll, dpitch, dyaw]] = at.base(0.);
+        let base = BaseState { position: [x, y, z], angles: [roll, pitch, yaw], velocity: [vx, vy, vz], rates: [droll, dpitch, dyaw] };
+        let foot = |foot: usize| {
+            let [position, velocity] = at.foot(foot, 0.).map(Into::into);
+            FootState { position, velocity, contact: !planned_contact(self, foot, time).0.in_air }
+        };
+        RobotState { base, feet: (0..self.contacts.len()).map(foot).collect() }
+    }
+}
+
+/// Result of one update.
+#[derive(Debug, Clone)]
+pub struct Update {
+    /// The plan in force.
+    pub plan: Arc<Plan>,
+    /// True if this update made it, false if no candidate held and the plan before stays.
+    pub renewed: bool,
+    /// Number of candidates that were solved.
+    pub solved: usize,
+    /// Number of candidates, dropped ones included.
+    pub candidates: usize,
+    /// Iterations of all candidates.
+    pub iterations: usize,
+    /// Duration of the update, s.
+    pub seconds: f64,
+}
+
+/// Candidate of an update.
+struct Candidate {
+    gait: Cycle,
+    task: Task,
+    schedule: AlignedSchedule,
+}
+
+/// A candidate that was solved in f32.
+struct Solved<'a> {
+    x: Vec<f64>,
+    outcome: Outcome,
+    cost: f64,
+    transcription: &'a TranscriptionSettings,
+}
+
+/// Chooses gaits online.
+pub struct Planner {
+    robot: Arc<Robot>,
+    /// Terrain, state and goal of the last update, and the robot with the reach of that update.
+    task: Task,
+    settings: PlannerSettings,
+    transcription: TranscriptionSettings,
+    /// Without the margin of the reach boxes, for states from which no candidate holds with it.
+    widest: TranscriptionSettings,
+    solver: SolverSettings,
+    families: Vec<(GaitFamily, Vec<f64>)>,
+    cpu: Cpu,
+    solvers: Vec<Mutex<Solver<f32>>>,
+    plan: Option<Arc<Plan>>,
+    contacts: Vec<Contact>,
+    updates: u64,
+    /// Time of the last update, s.
+    now: f64,
+    /// Compensation of the error of the velocity, in the horizontal axes of the base, and of the yaw rate.
+    compensation: [f64; 3],
+}
+
+impl Planner {
+    /// Creates a planner for a robot that stands, or is in any other state at the first update.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for settings out of range or a robot without gaits; the errors of [`Task::new`].
+    pub fn new(robot: impl Into<Arc<Robot>>, terrain: impl Into<Arc<Terrain>>, settings: PlannerSettings) -> Result<Planner> {
+        settings.validate()?;
+        let task = Task::new(robot, terrain, Goal::at(0., 0.))?;
+        let names = settings.families.clone().unwrap_or_else(|| default_families(&task.robot));
+        let families = names.into_iter().map(|family| Ok((family, offsets(family, &task.robot)?))).collect::<Result<Vec<_>>>()?;
+        let cpu = Cpu::new(settings.threads)?;
+        let usual = interval(&TranscriptionSettings::default(), &task.robot);
+        let transcription = TranscriptionSettings {
+            goal_velocity: GoalVelocity::Near,
+            interval: Some(settings.interval.unwrap_or((2. * usual).min(LONGEST_INTERVAL))),
+            force_pieces: settings.force_pieces,
+            reach_margin: settings.reach_margin * task.robot.base_height,
+            ..TranscriptionSettings::default()
+        };
+        let widest = TranscriptionSettings { reach_margin: 0., ..transcription.clone() };
+        let mut solver = SolverSettings { max_iterations: settings.iterations, ..SolverSettings::default() };
+        solver.optimise.iterations = settings.optimise_iterations;
+        solver.optimise.cost = settings.cost;
+        let solvers = (0..cpu.threads()).map(|_| Mutex::default()).collect();
+        let contacts = vec![Contact { in_air: false, since: 1. }; task.robot.feet()];
+        Ok(Planner {
+            robot: task.robot.clone(),
+            task,
+            settings,
+            transcription,
+            widest,
+            solver,
+            families,
+            cpu,
+            solvers,
+            plan: None,
+            contacts,
+            updates: 0,
+            now: 0.,
+            compensation: [0.; 3],
+        })
+    }
+
+    /// The plan in force; `None` before the first update that found one.
+    pub fn plan(&self) -> Option<&Arc<Plan>> {
+        self.plan.as_ref()
+    }
+
+    /// Robot.
+    pub fn robot(&self) -> &Arc<Robot> {
+        &self.robot
+    }
+
+    /// Terrain.
+    pub fn terrain(&self) -> &Arc<Terrain> {
+        &self.task.terrain
+    }
+
+    /// Replaces the terrain, for example by a map as the robot sees it now.
+    ///
+    /// # Errors
+    /// The errors of [`Terrain::validate`].
+    pub fn set_terrain(&mut self, terrain: impl Into<Arc<Terrain>>) -> Result<()> {
+        let terrain = terrain.into();
+        terrain.validate()?;
+        self.task.terrain = terrain;
+        Ok(())
+    }
+
+    /// Chooses a gait and plans its motion from a state.
+    ///
+    /// * `now` - time of the state on any clock that does not go back, s
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for a state out of range or another number of feet, and if no candidate holds and there is no plan before.
+    pub fn update(&mut self, state: &RobotState, command: &Command, now: f64) -> Result<Update> {
+        let clock = Instant::now();
+        self.check(state, command, now)?;
+        let start = now + self.settings.latency;
+        let before = self.plan.as_ref().map(|plan| Before::new(&plan.motion, start - plan.start).turned_to(state.base.yaw()));
+        let state = self.ahead(state, before.as_ref());
+        self.update_contacts(&state, start);
+        let command = self.compensated(&state.base, command, now);
+        self.task = self.task_of(&state, &command)?;
+        let candidates = self.candidates(start)?;
+        let until = self.settings.deadline.map(|seconds| clock + Duration::from_secs_f64(seconds));
+        let (mut solved, mut iterations) = self.solve(&candidates, before.as_ref(), &self.transcription, until);
+        let mut count = solved.iter().flatten().count();
+        let mut best = self.choose(&candidates, &mut solved);
+        if best.is_none() {
+            let (mut solved, more) = self.solve(&candidates, before.as_ref(), &self.widest, until);
+            iterations += more;
+            count += solved.iter().flatten().count();
+            best = self.choose(&candidates, &mut solved);
+        }
+        let renewed = best.is_some();
+        if let Some((index, motion, cost)) = best {
+            let (gait, robot, contacts) = (candidates[index].gait, self.task.robot.clone(), self.contacts.clone());
+            self.plan = Some(Arc::new(Plan { start, motion, gait, cost, robot, contacts }));
+        }
+        self.updates += 1;
+        self.now = now;
+        let plan = self.plan.clone().ok_or_else(|| {
+            Error::invalid("state", format!("none of {} candidates holds", candidates.len()), "a state from which the robot can go on")
+        })?;
+        let seconds = clock.elapsed().as_secs_f64();
+        Ok(Update { plan, renewed, solved: count, candidates: candidates.len(), iterations, seconds })
+    }
+
+    fn check(&self, state: &RobotState, command: &Command, now: f64) -> Result<()> {
+        let feet = self.task.robot.feet();
+        if state.feet.len() != feet {
+            return Err(Error::invalid("state.feet", format!("{} feet", state.feet.len()), format!("{feet} feet, as the robot has")));
+        }
+        state.base.validate("state.base")?;
+        for (foot, at) in state.feet.iter().enumerate() {
+            for (what, values, limit) in [("position", at.position, 1100.), ("velocity", at.velocity, 100.)] {
+                for axis in 0..3 {
+                    check_range(&format!("state.feet[{foot}].{what}[{axis}]"), values[axis], -limit, limit)?;
+                }
+            }
+        }
+        for (axis, v) in command.velocity.iter().enumerate() {
+            check_range(&format!("command.velocity[{axis}]"), *v, -20., 20.)?;
+        }
+        check_range("command.yaw_rate", command.yaw_rate, -20., 20.)?;
+        check_range("now", now, if self.updates > 0 { self.now } else { -1e12 }, 1e12)
+    }
+
+    /// The state after the latency: the measured one, moved as the plan moves.
+    fn ahead(&self, state: &RobotState, before: Option<&Before>) -> RobotState {
+        let latency = self.settings.latency;
+        let (Some(before), true) = (before, latency > 0.) else { return state.clone() };
+        let moved = |now: [f64; 3], [from, to]: [[f64; 3]; 2]| std::array::from_fn(|i| now[i] + to[i] - from[i]);
+        let ([pose, rate], [to_pose, to_rate]) = (before.base(-latency), before.base(0.));
+        let part = |v: [f64; 6], first: usize| [v[first], v[first + 1], v[first + 2]];
+        let base = BaseState {
+            position: moved(state.base.position, [part(pose, 0), part(to_pose, 0)]),
+            angles: moved(state.base.angles, [part(pose, 3), part(to_pose, 3)]),
+            velocity: moved(state.base.velocity, [part(rate, 0), part(to_rate, 0)]),
+            rates: moved(state.base.rates, [part(rate, 3), part(to_rate, 3)]),
+        };
+        let foot = |(foot, at): (usize, &FootState)| {
+            let ([place, velocity], [to_place, to_velocity]) = (before.foot(foot, -latency), before.foot(foot, 0.));
+            FootState {
+                position: moved(at.position, [place.into(), to_place.into()]),
+                velocity: moved(at.velocity, [velocity.into(), to_velocity.into()]),
+                contact: at.contact,
+            }
+        };
+        RobotState { base, feet: state.feet.iter().enumerate().map(foot).collect() }
+    }
+
+    /// Contacts at the start of the plan: those of the plan before, corrected by what was measured.
+    fn update_contacts(&mut self, state: &RobotState, start: f64) {
+        for (foot, at) in state.feet.iter().enumerate() {
+            let planned = self.plan.as_ref().map(|plan| planned_contact(plan, foot, start));
+            let [x, y, z] = at.position;
+            let lifted = !at.contact && z > self.task.terrain.height(x, y) + LIFTED;
+            self.contacts[foot] = match planned {
+                None => Contact { in_air: lifted, since: if lifted { 0. } else { 1. } },
+                // Early touchdown.
+                Some((Contact { in_air: true, since }, left)) if at.contact && since > LATE_SWING * (since + left) => {
+                    Contact { in_air: false, since: 0. }
+                }
+                // Late touchdown, or a foot that lost the ground.
+                Some((Contact { in_air: false, since }, _)) if lifted => Contact { in_air: true, since: since.max(0.1) },
+                Some((contact, _)) => contact,
+            };
+        }
+    }
+
+    /// The command with the compensation of the mean error so far: the cost of effort holds the velocity below the command.
+    fn compensated(&mut self, base: &BaseState, command: &Command, now: f64) -> Command {
+        let (sin, cos) = base.yaw().sin_cos();
+        let [x, y, _] = base.velocity;
+        let actual = [cos * x + sin * y, cos * y - sin * x, base.rates[2]];
+        let asked = [command.velocity[0], command.velocity[1], command.yaw_rate];
+        let passed = if self.updates > 0 { (now - self.now).min(COMPENSATION.0) } else { 0. };
+        for i in 0..3 {
+            let most = COMPENSATION.1 * asked[i].abs();
+            self.compensation[i] = (self.compensation[i] + passed / COMPENSATION.0 * (asked[i] - actual[i])).clamp(-most, most);
+        }
+        let [x, y, turn] = std::array::from_fn(|i| asked[i] + self.compensation[i]);
+        Command { velocity: [x, y], yaw_rate: turn }
+    }
+
+    /// The robot, with wider reach boxes for feet that are at their side or beyond it. Otherwise no motion could start there.
+    fn reaching(&self, state: &RobotState) -> Arc<Robot> {
+        let (robot, base) = (&self.robot, &state.base);
+        let slack = REACH_SLACK * robot.base_height;
+        let mut widened = false;
+        let boxes = state.feet.iter().enumerate().map(|(foot, at)| {
+            let ReachBox { low, high } = robot.reach.of(foot);
+            let moved = |time: f64| std::array::from_fn(|i| at.position[i] + time * (at.velocity[i] - base.velocity[i]));
+            let [now, soon] = [base.to_base(moved(0.)), base.to_base(moved(OUTWARD))];
+            std::array::from_fn(|axis| {
+                let nominal = robot.nominal_feet[foot][axis];
+                let [now, soon] = [now[axis] - nominal, soon[axis] - nominal];
+                let (below, above) = (now < low[axis] + slack, now > high[axis] - slack);
+                widened |= below || above;
+                let wider = |side: f64, beyond: f64, is: bool| if is { beyond } else { side };
+                [
+                    wider(low[axis], low[axis].min(now.min(soon) - slack), below),
+                    wider(high[axis], high[axis].max(now.max(soon) + slack), above),
+                ]
+            })
+        });
+        let reach = Reach::PerFoot(boxes.collect());
+        if widened { Arc::new(Robot { reach, ..(**robot).clone() }) } else { robot.clone() }
+    }
+
+    /// The task from a state to where the command leads.
+    fn task_of(&self, state: &RobotState, command: &Command) -> Result<Task> {
+        let (base, horizon) = (&state.base, self.horizon());
+        let swings = state.feet.iter().zip(&self.contacts).map(|(foot, contact)| {
+            let FootState { position, velocity, .. } = *foot;
+            contact.in_air.then_some(SwingState { position, velocity, since: contact.since })
+        });
+        let feet = state.feet.iter().map(|foot| [foot.position[0], foot.position[1]]).collect();
+        let (robot, terrain) = (self.reaching(state), self.task.terrain.clone());
+        let task = Task::of_states(robot, terrain, *base, Some(feet), *base)?.with_swings(swings.collect())?;
+        // The velocity approaches the command exponentially, in the axes of the base, which turn.
+        let [vx, vy] = command.velocity;
+        let turn = command.yaw_rate * horizon;
+        let along = |yaw: f64| [vx * yaw.cos() - vy * yaw.sin(), vx * yaw.sin() + vy * yaw.cos()];
+        let (middle, end) = (along(base.yaw() + turn / 2.), along(base.yaw() + turn));
+        let excess = RESPONSE * (1. - (-horizon / RESPONSE).exp());
+        let start = along(base.yaw());
+        let xy = [0, 1].map(|i| base.position[i] + middle[i] * horizon + (base.velocity[i] - start[i]) * excess);
+        task.to(Goal { xy, z: None, yaw: base.yaw() + turn, tilt: None, velocity: [end[0], end[1], 0.], rates: [0., 0., command.yaw_rate] })
+    }
+
+    /// Horizon in whole intervals, s.
+    fn horizon(&self) -> f64 {
+        let interval = interval(&self.transcription, &self.task.robot);
+        (self.settings.horizon / interval).round().max(2.) * interval
+    }
+
+    /// Candidates of an update: the gait in force first.
+    fn candidates(&self, start: f64) -> Result<Vec<Candidate>> {
+        let (horizon, time) = (self.horizon(), time_scale(&self.task.robot));
+        let interval = interval(&self.transcription, &self.task.robot);
+        let mut gaits = Vec::with_capacity(self.settings.candidates);
+        let current = self.plan.as_ref().map(|plan| plan.gait.after(start - plan.start));
+        gaits.extend(current);
+        let entered = self.families.iter().map(|(family, offsets)| {
+            let at = |i: usize| Cycle { phase: i as f64 / ENTRIES as f64, ..self.typical(*family) };
+            let mismatch = |cycle: &Cycle| cycle.mismatch(offsets, &self.contacts);
+            (0..ENTRIES).map(at).min_by(|a, b| mismatch(a).total_cmp(&mismatch(b)))
+        });
+        gaits.extend(entered.flatten());
+        let swing = current.map_or(time, |gait| gait.swing);
+        gaits.push(Cycle { family: None, swing, stance: swing, phase: 0. });
+        let originals = gaits.len();
+        while self.settings.change_durations && gaits.len() < self.settings.candidates {
+            // Half of the changes are of the gait in force.
+            let number = gaits.len() - originals;
+            let of = if number % 2 == 0 { 0 } else { number / 2 % originals };
+            let gait = gaits[of];
+            let mut draws = Draws::new(self.settings.seed, (self.updates % (1 << 32)) as usize, gaits.len());
+            let mut change = |dimension: usize, part: f64| part * self.settings.spread * draws.normal(dimension);
+            let typical = gait.family.map_or(gait, |family| self.typical(family));
+            let within = |value: f64, typical: f64, [low, high]: [f64; 2]| value.clamp(low * typical, high * typical);
+            gaits.push(Cycle {
+                swing: within(gait.swing * change(0, 1.).exp(), typical.swing, SWINGS),
+                stance: within(gait.stance * change(1, 1.5).exp(), typical.stance, STANCES),
+                phase: (gait.phase + change(2, 0.5)).rem_euclid(1.),
+                ..gait
+            });
+        }
+        gaits.truncate(self.settings.candidates.max(1));
+        gaits
+            .into_iter()
+            .map(|gait| {
+                let schedule = gait.schedule(self.offsets(&gait), &self.contacts, horizon)?;
+                Ok(Candidate { gait, task: self.descending(&schedule), schedule: schedule.aligned(interval) })
+            })
+            .collect()
+    }
+
+    /// The task with feet in the air that descend no faster than a cubic to the ground can, in the time that a schedule gives them.
+    ///
+    /// A cubic from height `h` with the velocity `-v` to rest on the ground after `t` stays above the ground if `v t <= 3 h`.
+    fn descending(&self, schedule: &Schedule) -> Task {
+        let mut task = self.task.clone();
+        for (state, durations) in task.start_swings.iter_mut().zip(schedule.durations()) {
+            let Some(state) = state else { continue };
+            let [x, y, z] = state.position;
+            let ground = self.task.terrain.height(x, y);
+            let (left, rise) = (durations[1], (durations[1] - state.since) / 2.);
+            let time = if rise >= left / 4. { rise } else { left };
+            let height = (z - ground).max(0.);
+            state.position[2] = ground + height;
+            state.velocity[2] = state.velocity[2].max(-3. * height / time);
+        }
+        task
+    }
+
+    /// A family with its typical durations.
+    fn typical(&self, family: GaitFamily) -> Cycle {
+        let (typical, time) = (family.typical(self.task.robot.feet()), time_scale(&self.task.robot));
+        let swing = typical.swing * time;
+        Cycle { family: Some(family), swing, stance: swing * typical.duty / (1. - typical.duty), phase: 0. }
+    }
+
+    fn offsets(&self, gait: &Cycle) -> &[f64] {
+        let of = |family: GaitFamily| self.families.iter().find(|(name, _)| *name == family);
+        gait.family.and_then(of).or(self.families.first()).map_or(&[], |(_, offsets)| offsets)
+    }
+
+    /// Solves all candidates. Returns their motions and the number of iterations.
+    fn solve<'a>(
+        &'a self,
+        candidates: &[Candidate],
+        before: Option<&Before>,
+        transcription: &'a TranscriptionSettings,
+        until: Option<Instant>,
+    ) -> (Vec<Option<Solved<'a>>>, usize) {
+        let late = || until.is_some_and(|until| Instant::now() >= until);
+        let (next, iterations) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        let results: Vec<Mutex<Option<Solved>>> = candidates.iter().map(|_| Mutex::default()).collect();
+        self.cpu.pool().scope(|scope| {
+            for solver in self.solvers.iter().take(candidates.len()) {
+                let (next, iterations, results, late) = (&next, &iterations, &results, &late);
+                scope.spawn(move |_| {
+                    let mut solver = crate::backend::locked(solver);
+                    loop {
+                        let index = next.fetch_add(1, Ordering::Relaxed);
+                        let Some(candidate) = candidates.get(index).filter(|_| !late()) else { break };
+                        let (solved, count) = self.solve_one(candidate, before, transcription, &mut solver, late);
+                        iterations.fetch_add(count, Ordering::Relaxed);
+                        *crate::backend::locked(&results[index]) = solved;
+                    }
+                });
+            }
+        });
+        let solved = results.into_iter().map(|result| result.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner));
+        (solved.collect(), iterations.into_inner())
+    }
+
+    fn solve_one<'a>(
+        &self,
+        candidate: &Candidate,
+        before: Option<&Before>,
+        transcription: &'a TranscriptionSettings,
+        solver: &mut Solver<f32>,
+        late: &dyn Fn() -> bool,
+    ) -> (Option<Solved<'a>>, usize) {
+        let task = &candidate.task;
+        let problem = Problem::<f32>::with_cost(task, &candidate.schedule, transcription, self.solver.optimise.objective());
+        let finish = Finish::Infeasibility(self.solver.tolerance);
+        let outcome = match before {
+            // Near the motion before, the rows need no solve of their own before the minimisation.
+            Some(before) if std::ptr::eq(transcription, &self.transcription) => {
+                let multipliers = Residuals { c: vec![0.; problem.rows.one_sided()], g: vec![0.; problem.inequalities] };
+                let (x, iterations) = (before.guess(task, &problem), self.settings.optimise_iterations);
+                let from = Resume { x: &x, multipliers: &multipliers, barrier: WARM_BARRIER, iterations };
+                solver.resume(&problem, &self.solver, finish, &from, late)
+            }
+            before => {
+                let guess = before.map(|before| before.guess(task, &problem));
+                solver.solve(&problem, &self.solver, finish, guess.as_deref(), late)
+            }
+        };
+        let solved = outcome.status == Status::Solved;
+        let result = solved.then(|| Solved { cost: solver.cost(&problem, &self.solver), x: solver.solution(), outcome, transcription });
+        (result, outcome.iterations)
+    }
+
+    /// Motion of a solved candidate, closed in f64; `None` if its certificate is not valid.
+    fn certified(&self, candidate: &Candidate, solved: Solved) -> Option<Trajectory> {
+        let (task, robot) = (&candidate.task, &self.task.robot);
+        let problem = Problem::<f64>::new(task, &candidate.schedule, solved.transcription);
+        let (outcome, x) = close(&problem, solved.outcome, solved.x, &self.solver, &|| false);
+        if outcome.status != Status::Solved {
+            return None;
+        }
+        let motion = trajectory(task, &problem.curves, &x);
+        let report = verify_rows(&motion, robot, &task.terrain, problem.curves.force_limit).ok()?;
+        report.feasible.then_some(motion)
+    }
+
+    /// The cheapest candidate whose motion the certificate accepts; another gait than that in force must be cheaper by the hysteresis.
+    fn choose(&self, candidates: &[Candidate], solved: &mut [Option<Solved>]) -> Option<(usize, Trajectory, f64)> {
+        let in_force = self.plan.as_ref().map(|plan| plan.gait.family);
+        let value = |index: usize, cost: f64| {
+            let stays = in_force == Some(candidates[index].gait.family);
+            let unchanged = index == 0 && in_force.is_some();
+            cost * if stays { 1. - self.settings.hysteresis } else { 1. } * if unchanged { 1. } else { 1. + CHANGE }
+        };
+        loop {
+            let of = solved.iter().enumerate().filter_map(|(index, s)| s.as_ref().map(|s| (index, value(index, s.cost))));
+            let (best, _) = of.min_by(|a, b| a.1.total_cmp(&b.1))?;
+            let found = solved[best].take()?;
+            let cost = found.cost;
+            if let Some(motion) = self.certified(&candidates[best], found) {
+                return Some((best, motion, cost));
+            }
+        }
+    }
+}
+
+/// Contact of a foot in a plan at a time, and the time until it changes, s.
+fn planned_contact(plan: &Plan, foot: usize, time: f64) -> (Contact, f64) {
+    let (passed, contact) = (time - plan.start, plan.contacts[foot]);
+    let mut start = 0.;
+    let durations = &plan.motion.durations[foot];
+    for (phase, &duration) in durations.iter().enumerate() {
+        let end = start + duration;
+        let first = if durations[0] == 0. { 1 } else { 0 };
+        if phase >= first && (passed < end || phase + 1 == durations.len()) {
+            // The first phase had begun before the plan.
+            let since = if phase == first { passed + contact.since } else { passed - start };
+            return (Contact { in_air: phase % 2 == 1, since: since.max(0.) }, (end - passed).max(0.));
+        }
+        start = end;
+    }
+    (contact, 0.)
+}
