@@ -141,7 +141,7 @@ impl Nlp for Program<'_> {
 ///
 /// * `x` - initial point; `None`: the initial values of the problem
 /// * `transcription` - settings of the problem, with `momentum` rows. Friction is the exact cone whatever the settings say
-/// * `rounding` - rounding of absolute values of powers, m/s times the weight, over a piece of [`PIECE`] seconds
+/// * `rounding` - rounding of absolute values of powers, m/s times the weight, over a piece of `PIECE` seconds
 ///
 /// # Errors
 /// [`crate::Error::Invalid`] if the schedule does not fit the task.
