@@ -82,9 +82,10 @@ const COMPENSATION: (f64, f64) = (1., 0.3);
 /// Part of the cost by which changed durations must be cheaper.
 const CHANGE: f64 = 0.02;
 /// Distance from the side of its reach box within which a foot gets a wider box, base heights, and time for which a foot may go on moving
-/// outwards, s.
+/// outwards, s; and by how much a box is widened at most, base heights: a robot that has fallen has no plan.
 const REACH_SLACK: f64 = 0.04;
 const OUTWARD: f64 = 0.1;
+const WIDENED: f64 = 0.25;
 /// Number of phases at which a family can be entered.
 const ENTRIES: usize = 24;
 
@@ -504,10 +505,11 @@ impl Planner {
                 let [now, soon] = [now[axis] - nominal, soon[axis] - nominal];
                 let (below, above) = (now < low[axis] + slack, now > high[axis] - slack);
                 widened |= below || above;
-                let wider = |side: f64, beyond: f64, is: bool| if is { beyond } else { side };
+                let most = WIDENED * robot.base_height;
+                let side = |side: f64, beyond: f64, is: bool| if is { beyond.clamp(side - most, side + most) } else { side };
                 [
-                    wider(low[axis], low[axis].min(now.min(soon) - slack), below),
-                    wider(high[axis], high[axis].max(now.max(soon) + slack), above),
+                    side(low[axis], low[axis].min(now.min(soon) - slack), below),
+                    side(high[axis], high[axis].max(now.max(soon) + slack), above),
                 ]
             })
         });
@@ -557,11 +559,12 @@ impl Planner {
         gaits.extend(entered.flatten());
         let swing = current.map_or(time, |gait| gait.swing);
         gaits.push(Cycle { family: None, swing, stance: swing, phase: 0. });
-        let originals = gaits.len();
+        let originals: Vec<usize> = (0..gaits.len()).filter(|&i| gaits[i].family.is_some()).collect();
+        let first = gaits.len();
         while self.settings.change_durations && gaits.len() < self.settings.candidates {
-            // Half of the changes are of the gait in force.
-            let number = gaits.len() - originals;
-            let of = if number % 2 == 0 { 0 } else { number / 2 % originals };
+            // Half of the changes are of the gait in force, if it moves.
+            let number = gaits.len() - first;
+            let of = originals[if number % 2 == 0 { 0 } else { number / 2 % originals.len() }];
             let gait = gaits[of];
             let mut draws = Draws::new(self.settings.seed, (self.updates % (1 << 32)) as usize, gaits.len());
             let mut change = |dimension: usize, part: f64| part * self.settings.spread * draws.normal(dimension);
@@ -655,16 +658,18 @@ impl Planner {
         let task = &candidate.task;
         let problem = Problem::<f32>::with_cost(task, &candidate.schedule, transcription, self.solver.optimise.objective());
         let finish = Finish::Infeasibility(self.solver.tolerance);
+        // The forces of another gait are of no use.
+        let continues = self.plan.as_ref().is_some_and(|plan| plan.gait.family == candidate.gait.family);
         let outcome = match before {
             // Near the motion before, the rows need no solve of their own before the minimisation.
-            Some(before) if std::ptr::eq(transcription, &self.transcription) => {
+            Some(before) if continues && std::ptr::eq(transcription, &self.transcription) => {
                 let multipliers = Residuals { c: vec![0.; problem.rows.one_sided()], g: vec![0.; problem.inequalities] };
                 let (x, iterations) = (before.guess(task, &problem), self.settings.optimise_iterations);
                 let from = Resume { x: &x, multipliers: &multipliers, barrier: WARM_BARRIER, iterations };
                 solver.resume(&problem, &self.solver, finish, &from, late)
             }
             before => {
-                let guess = before.map(|before| before.guess(task, &problem));
+                let guess = before.filter(|_| continues).map(|before| before.guess(task, &problem));
                 solver.solve(&problem, &self.solver, finish, guess.as_deref(), late)
             }
         };

@@ -247,7 +247,7 @@ fn cost_rows_in_mid_stride_add_up_to_the_cost_of_the_motion() {
             let t = knot as f64 * interval;
             let rate = rate_at(&motion, t);
             let wanted = std::array::from_fn(|i| to[i] + (-t / 0.15_f64).exp() * (start[i] - to[i]));
-            expected += 400. / knots as f64 * square(rate, wanted, speed, speed / l);
+            expected += 400. / knots as f64 * square(rate, wanted, speed, speed / l / 2.);
         }
         assert!(expected > 1e-4 && (goal - expected).abs() < 1e-9 + 1e-6 * expected, "{since}: {goal} by rows, {expected}");
     }

@@ -154,7 +154,8 @@ fn touchdowns_that_are_measured_change_the_schedule() {
         let usual = walk.step(&ahead(0.4));
         for foot in 0..4 {
             let left = usual.plan.motion.durations[foot][1..].first().copied().unwrap_or(0.);
-            if early == 0 && lifted(&usual, foot) && left > 0.03 && left < 0.4 * usual.plan.gait.swing {
+            let since = usual.plan.motion.start_swing(foot).map_or(0., |swing| swing.since);
+            if early == 0 && since > 1.2 * left && left > 0.03 {
                 let update = plan_of(&|state| {
                     let at = &mut state.feet[foot];
                     (at.contact, at.position[2], at.velocity) = (true, 0., [0.; 3]);
