@@ -167,7 +167,11 @@ impl TermOverrides {
             None => "unlimited legs, because the file specifies no limits",
         };
         let acceleration = l.foot_acceleration.map_or("any".into(), |a| format!("at most {a:.3}"));
-        let arrival = if l.goal_velocity == GoalVelocity::Zero { "at the velocity of the goal" } else { "with any velocity" };
+        let arrival = match l.goal_velocity {
+            GoalVelocity::Zero => "at the velocity of the goal",
+            GoalVelocity::Free => "with any velocity",
+            GoalVelocity::Near => "near the goal, with any velocity",
+        };
         format!(
             "limits, {source}: foot {:.3} to {:.3} m high in mid-swing, at most {:.3} m/s, {acceleration} m/s2; arrives {arrival}",
             l.clearance, l.swing_height, l.foot_speed
