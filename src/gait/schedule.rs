@@ -169,12 +169,12 @@ impl Schedule {
 
     /// True if a foot is in the air at the start.
     pub fn starts_in_swing(&self, foot: usize) -> bool {
-        self.durations[foot].len() > 1 && self.durations[foot][0] == 0.
+        starts_in_swing(&self.durations[foot])
     }
 
     /// Time between the end and the next touchdown of a foot that is in the air at the end, s; `None` for a foot that stands there.
     pub fn lands_after(&self, foot: usize) -> Option<f64> {
-        self.durations[foot].last().filter(|&&d| self.durations[foot].len() > 1 && d <= 0.).map(|d| -d)
+        lands_after(&self.durations[foot])
     }
 
     /// Phases of a foot with their times. The last swing of a foot that lands later ends after the horizon; its last stance ends before it
@@ -190,6 +190,16 @@ impl Schedule {
             })
             .collect()
     }
+}
+
+/// See [`Schedule::starts_in_swing`].
+pub(crate) fn starts_in_swing(durations: &[f64]) -> bool {
+    durations.len() > 1 && durations[0] == 0.
+}
+
+/// See [`Schedule::lands_after`].
+pub(crate) fn lands_after(durations: &[f64]) -> Option<f64> {
+    durations.last().filter(|&&d| durations.len() > 1 && d <= 0.).map(|d| -d)
 }
 
 /// Schedule whose feet all end after the same whole number of intervals, as a problem requires. Only [`Schedule::aligned`] creates it.

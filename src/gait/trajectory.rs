@@ -1,5 +1,6 @@
 //! Trajectories as Hermite nodes, in the form of TOWR's variables \[3\]. `solve` writes them and `verify` reads them.
 
+use super::schedule::{lands_after, starts_in_swing};
 use crate::error::{Error, Result};
 use crate::robot::Robot;
 use crate::task::{BaseState, SwingState};
@@ -262,12 +263,14 @@ impl Trajectory {
 
     /// State of each foot that is in the air at the end; `None` for a foot that stands. `[feet]`
     pub fn end_swings(&self) -> Vec<Option<SwingState>> {
-        let end = |(foot, phases): (&FootCurves, &Vec<f64>)| {
-            let &[.., swing, last] = &phases[..] else { return None };
-            let [position, velocity] = foot.motion.end();
-            (last <= 0.).then_some(SwingState { position, velocity, since: swing + last })
+        let end = |foot: usize| {
+            let (phases, [position, velocity]) = (&self.durations[foot], self.ee[foot].motion.end());
+            let left = lands_after(phases)?;
+            // A swing from the start to the end had begun before.
+            let before = self.start_swing(foot).filter(|_| phases.len() == 3).map_or(0., |state| state.since);
+            Some(SwingState { position, velocity, since: before + phases[phases.len() - 2] - left })
         };
-        self.ee.iter().zip(&self.durations).map(end).collect()
+        (0..self.ee.len()).map(end).collect()
     }
 
     /// State of a foot that is in the air at the start.
@@ -317,7 +320,7 @@ impl Trajectory {
             }
         }
         for (foot, phases) in self.durations.iter().enumerate() {
-            let lifted = phases.len() > 1 && phases[0] == 0.;
+            let lifted = starts_in_swing(phases);
             if lifted != self.start_swing(foot).is_some() {
                 let [have, limit] = if lifted {
                     ["none", "the state of this foot, whose first stance lasts 0 s"]

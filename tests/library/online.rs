@@ -3,7 +3,7 @@
 use crate::common::{rows, trot, trotting};
 use cregopt::gait::cost::{CostWeights, cost};
 use cregopt::gait::trajectory::GoalVelocity;
-use cregopt::gait::{Curve, Schedule};
+use cregopt::gait::{Curve, FootCurves, Schedule};
 use cregopt::nlp::Problem;
 use cregopt::nlp::transcription::interval;
 use cregopt::robot::GRAVITY;
@@ -269,4 +269,16 @@ fn rate_at(motion: &Trajectory, time: f64) -> [f64; 6] {
     };
     let (lin, ang) = (at(&motion.base_lin), at(&motion.base_ang));
     [lin[3], lin[4], lin[5], ang[3], ang[4], ang[5]]
+}
+
+#[test]
+fn a_swing_through_the_whole_motion_keeps_its_lift_off() {
+    let still = |node: [f64; 6]| Curve { poly_durations: vec![0.8], nodes: vec![node; 2] };
+    let foot = || FootCurves { motion: still([0., 0., 0.1, 0., 0., 0.]), force: still([0.; 6]) };
+    let durations = vec![vec![0., 0.9, -0.1], vec![0.8]];
+    let mut motion = Trajectory::new(durations, 0.8, [still([0.; 6]), still([0.; 6])], vec![foot(), foot()]);
+    motion.start_swings = Some(vec![Some(SwingState { position: [0., 0., 0.1], velocity: [0.; 3], since: 0.2 }), None]);
+    motion.validate().unwrap();
+    let end = motion.end_swings();
+    assert!(end[0].is_some_and(|state| (state.since - 1.).abs() < 1e-12) && end[1].is_none(), "{end:?}");
 }
