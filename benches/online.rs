@@ -1,28 +1,29 @@
 //! Planning online without a simulator: a robot that follows its plans exactly, except for pushes that change its velocity.
 //!
-//!     cargo bench --bench online -- [--robot FILE|NAME] [--seconds 5] [--candidates 16] \
-//!         [--push VX,VY] [--speed 0.5] [--threads 0] [--verbose]
+//!     cargo bench --bench online -- [--robot NAME] [--seconds 5] [--speed 0.5] [--push VX,VY] \
+//!         [--candidates 16] [--horizon 0.8] [--optimise 4] [--threads 0] [--verbose]
 
 use cregopt::planner::{Command, Planner, PlannerSettings, RobotState};
 use cregopt::{Goal, Result, Robot, Task, Terrain};
 
+/// Updates per second.
 const RATE: f64 = 50.;
 
 fn option<T: std::str::FromStr>(name: &str, default: T) -> T {
     let arguments: Vec<String> = std::env::args().collect();
     let value = arguments.iter().position(|a| a == name).and_then(|at| arguments.get(at + 1));
-    value.and_then(|v| v.parse().ok()).unwrap_or(default)
+    value.map_or(default, |v| v.parse().unwrap_or_else(|_| panic!("{name} {v}: not a value of this option")))
 }
 
 fn main() -> Result<()> {
     let robot = Robot::named(&option("--robot", "anymal".to_string()))?;
     let push = option("--push", "0,0".to_string());
-    let push: Vec<f64> = push.split(',').map(|v| v.parse().unwrap_or(0.)).collect();
+    let push: Vec<f64> = push.split(',').map(|v| v.parse().expect("--push: two numbers, m/s")).collect();
     let settings = PlannerSettings {
         candidates: option("--candidates", 16),
         threads: option("--threads", 0),
         horizon: option("--horizon", 0.8),
-        optimise_iterations: option("--optimise", PlannerSettings::default().optimise_iterations),
+        optimise_iterations: option("--optimise", 4),
         ..PlannerSettings::default()
     };
     let mut planner = Planner::new(robot.clone(), Terrain::flat(), settings)?;

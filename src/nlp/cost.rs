@@ -29,7 +29,7 @@ use crate::rows::table::{NONE, Place};
 use crate::settings::Friction;
 
 /// Speed by which the cost of a motion with a free end is divided, in `sqrt(g l)`, instead of by its distance over time.
-pub(crate) const PLANNING_SPEED: f64 = 0.3;
+const PLANNING_SPEED: f64 = 0.3;
 /// Price of the distance of a free end from the goal, for one base height or rad.
 const GOAL_PRICE: f64 = 40.;
 /// Price of the distance of the velocity from its approach to that of the goal, for one `sqrt(g l)` or half of `sqrt(g / l)` at all times.

@@ -73,10 +73,7 @@ pub(super) fn blocks<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
 ///
 /// * `swing` - index among the swings of the foot
 pub(super) fn swing_curve<T: Real>(own: &dyn Transcribe<T>, b: &Builder<T>, foot: usize, swing: usize) -> SwingCurve {
-    let phases = &b.feet[foot].phases;
-    let span = phases[2 * swing + 1];
-    let started = swing == 0 && phases[0].duration() <= 0.;
-    SwingCurve::new(span, own.mid_time(span), b.task.start_swings[foot].filter(|_| started))
+    SwingCurve::new(b.task, foot, swing, &b.feet[foot].phases, |span| own.mid_time(span))
 }
 
 /// Adds the reach rows of the feet at every instant.

@@ -9,7 +9,7 @@
 
 use crate::gait::Phase;
 use crate::gait::spline::{hermite, hermite_rate};
-use crate::task::SwingState;
+use crate::task::{SwingState, Task};
 
 /// Linear form of one derivative of a foot's position at one time.
 pub(super) struct FootWeights {
@@ -38,9 +38,15 @@ pub(super) struct SwingCurve {
 }
 
 impl SwingCurve {
-    /// * `from` - state at the start of a swing that had begun before
-    pub fn new(span: Phase, mid_time: f64, from: Option<SwingState>) -> SwingCurve {
-        SwingCurve { span, mid_time, from }
+    /// Curve of a swing of a foot.
+    ///
+    /// * `swing` - index among the swings of the foot
+    /// * `phases` - of the foot
+    /// * `mid_time` - distance between the footholds divided by the speed of the mid node, for a swing phase, s
+    pub fn new(task: &Task, foot: usize, swing: usize, phases: &[Phase], mid_time: impl Fn(Phase) -> f64) -> SwingCurve {
+        let span = phases[2 * swing + 1];
+        let started = swing == 0 && phases[0].duration() <= 0.;
+        SwingCurve { span, mid_time: mid_time(span), from: task.start_swings[foot].filter(|_| started) }
     }
 
     /// True if the swing had begun before the motion.
@@ -53,7 +59,7 @@ impl SwingCurve {
         let duration = self.span.duration();
         match self.from {
             None => Some(duration / 2.),
-            Some(SwingState { since, .. }) => Some((duration - since) / 2.).filter(|mid| *mid >= duration / 4.),
+            Some(state) => state.rise(duration),
         }
     }
 
@@ -130,7 +136,7 @@ mod tests {
         let (span, height) = (Phase { start: 0., end: 0.3, stance: false }, 0.17);
         let state = |since| SwingState { position: [0.1, -0.2, 0.06], velocity: [0.9, 0.1, 0.4], since };
         for from in [None, Some(state(0.05)), Some(state(0.2))] {
-            let curve = SwingCurve::new(span, 0.4, from);
+            let curve = SwingCurve { span, mid_time: 0.4, from };
             // A swing that had begun before starts above its first foothold, whose height does not matter.
             let footholds = [[0.1, -0.2, 0.02], [0.35, -0.15, 0.04]];
             let (nodes, durations) = curve.pieces(footholds, height);

@@ -42,9 +42,8 @@ fn motion_curve(task: &Task, curves: &Curves, x: &[f64], foot: usize) -> Curve {
             }
             continue;
         }
-        let started = task.start_swings[foot].filter(|_| i == 1 && blocks.phases[0].duration() <= 0.);
-        let mid_time = transcription::of::<f64>(curves.transcription).mid_time(*phase);
-        let swing = SwingCurve::new(*phase, mid_time, started);
+        let own = transcription::of::<f64>(curves.transcription);
+        let swing = SwingCurve::new(task, foot, i / 2, &blocks.phases, |span| own.mid_time(span));
         let (nodes, durations) = swing.pieces([foothold(i / 2), foothold(i / 2 + 1)], x[blocks.heights[i / 2] as usize]);
         if swing.started() {
             curve.nodes[0] = nodes[0];

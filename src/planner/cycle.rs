@@ -23,6 +23,11 @@ pub struct Contact {
     pub since: f64,
 }
 
+impl Contact {
+    /// A foot that has stood for long enough to lift off.
+    pub const STANDING: Contact = Contact { in_air: false, since: 1. };
+}
+
 /// Gait that repeats one stride, at a point of the stride.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Cycle {
@@ -52,7 +57,7 @@ impl Cycle {
         (self.phase - offset).rem_euclid(1.)
     }
 
-    /// First times at which a foot changes its contact, s: the next change, and the lift-off after the next stance.
+    /// Times of the next two changes of a foot's contact, s.
     ///
     /// If the foot is where the gait has it, these are the times of the gait. Otherwise a foot in the air lands soon, and a standing foot
     /// still lifts off if most of its swing is left.
@@ -63,7 +68,7 @@ impl Cycle {
         match (contact.in_air, expected) {
             (true, true) => [until_land.max(SHORTEST_FIRST), until_land + self.stance],
             (true, false) => {
-                let land = (self.swing - contact.since).clamp(SHORTEST_FIRST, self.swing);
+                let land = self.landing(contact);
                 [land, if until_lift < land + SHORTEST_STANCE { until_lift + period } else { until_lift }]
             }
             (false, true) => {
@@ -75,6 +80,11 @@ impl Cycle {
                 [lift, lift + self.swing]
             }
         }
+    }
+
+    /// Time after which a foot in the air lands if the gait has it on the ground, s.
+    fn landing(&self, contact: Contact) -> f64 {
+        (self.swing - contact.since).clamp(SHORTEST_FIRST, self.swing)
     }
 
     /// Schedule from now on.
@@ -89,24 +99,22 @@ impl Cycle {
         let foot = |(&offset, &contact): (&f64, &Contact)| {
             let mut durations = if contact.in_air { vec![0.] } else { Vec::new() };
             let (mut time, mut in_air) = (0., contact.in_air);
-            let mut changes = self.first_changes(offset, contact).to_vec();
-            if self.family.is_none() {
-                changes = if in_air { vec![(self.swing - contact.since).clamp(SHORTEST_FIRST, self.swing)] } else { Vec::new() };
-            }
+            let changes = match self.family {
+                Some(_) => self.first_changes(offset, contact).to_vec(),
+                None if in_air => vec![self.landing(contact)],
+                None => Vec::new(),
+            };
             for number in 0.. {
                 let next = match changes.get(number) {
                     Some(&time) => time,
                     None if self.family.is_none() => f64::INFINITY,
                     None => time + if in_air { self.swing } else { self.stance },
                 };
-                if in_air && next > horizon - CLEAR_OF_END {
-                    // The foot lands after the horizon.
-                    let land = next.max(horizon + CLEAR_OF_END);
-                    durations.extend([land - time, horizon - land]);
-                    break;
-                }
-                if !in_air && next > horizon - CLEAR_OF_END {
-                    durations.push(horizon - time);
+                if next > horizon - CLEAR_OF_END {
+                    // A foot in the air lands after the horizon.
+                    let end = if in_air { next.max(horizon + CLEAR_OF_END) } else { horizon };
+                    durations.push(end - time);
+                    durations.extend(in_air.then_some(horizon - end));
                     break;
                 }
                 durations.push(next - time);
@@ -138,7 +146,7 @@ mod tests {
     use super::*;
 
     const TROT: [f64; 4] = [0., 0.5, 0.5, 0.];
-    const STANDS: Contact = Contact { in_air: false, since: 1. };
+    const STANDS: Contact = Contact::STANDING;
 
     fn trot(phase: f64) -> Cycle {
         Cycle { family: Some(GaitFamily::Trot), swing: 0.2, stance: 0.3, phase }

@@ -3,9 +3,9 @@
 //! Each update takes the measured state and a command, and solves a small batch of candidates over a short horizon: the gait that is being
 //! performed, from the point where it is; the same with changed durations; all families, entered at the phase in which the feet are; and
 //! standing. Feet may be in the air at both ends. The pose at the end is free; its distance from that which the command asks for is a cost,
-//! beside that of [`crate::gait::cost`]. First guesses come from the motion planned before. The cheapest candidate wins; a change of the
-//! family must pay for itself. If no candidate holds, legs may stretch to the end of their reach; if none holds even then, the plan before
-//! stays.
+//! beside that of [`crate::gait::cost`]. The gait in force is solved from the motion planned before, any other one from its own first
+//! guess. The cheapest candidate wins; a change of the family must pay for itself. If no candidate holds, legs may stretch to the end of
+//! their reach; if none holds even then, the plan before stays.
 //!
 //! The result of an update depends on the states, commands and times of all updates so far and on the seed, but not on the number of
 //! threads. With a deadline it also depends on how fast the machine is.
@@ -49,6 +49,7 @@ use crate::backend::{Backend, Cpu};
 use crate::error::{Error, Result, check_range};
 use crate::gait::cost::CostWeights;
 use crate::gait::family::{GaitFamily, default_families, offsets, time_scale};
+use crate::gait::schedule::starts_in_swing;
 use crate::gait::trajectory::GoalVelocity;
 use crate::gait::{AlignedSchedule, Schedule, Trajectory};
 use crate::nlp::transcription::interval;
@@ -70,6 +71,8 @@ use warm::Before;
 const LIFTED: f64 = 0.01;
 /// Part of a swing after which a contact ends it.
 const LATE_SWING: f64 = 0.5;
+/// Time since lift-off that is assumed at least for a foot that should stand but is in the air: it only descends, s.
+const FALLING: f64 = 0.1;
 /// Range of the durations of swings and stances, relative to the typical ones of the family.
 const SWINGS: [f64; 2] = [0.75, 1.4];
 const STANCES: [f64; 2] = [0.6, 1.8];
@@ -102,9 +105,9 @@ pub struct PlannerSettings {
     pub force_pieces: usize,
     /// Number of candidates of an update.
     pub candidates: usize,
-    /// Families to choose from; all of the robot if `None`. One family is performed with its typical durations as they are.
+    /// Families to choose from, in addition to standing. `None`: those of [`default_families`].
     pub families: Option<Vec<GaitFamily>>,
-    /// False to keep the typical durations of the family.
+    /// False to keep the typical durations of the families.
     pub change_durations: bool,
     /// Largest number of iterations that solve the rows of a candidate.
     pub iterations: usize,
@@ -112,7 +115,8 @@ pub struct PlannerSettings {
     pub optimise_iterations: usize,
     /// Part of the cost by which another gait must be cheaper to be chosen. Too small: the gait changes back and forth.
     pub hysteresis: f64,
-    /// Standard deviation of the logarithms of swing and stance durations, and of the phase in strides, of changed candidates.
+    /// Spread of changed candidates: standard deviation of the logarithm of the swing duration. That of the stance duration is 1.5 times as
+    /// large, that of the phase, in strides, half as large.
     pub spread: f64,
     /// Time between the measured state and the start of the plan, s.
     pub latency: f64,
@@ -328,7 +332,7 @@ impl Planner {
         solver.optimise.iterations = settings.optimise_iterations;
         solver.optimise.cost = settings.cost;
         let solvers = (0..cpu.threads()).map(|_| Mutex::default()).collect();
-        let contacts = vec![Contact { in_air: false, since: 1. }; task.robot.feet()];
+        let contacts = vec![Contact::STANDING; task.robot.feet()];
         Ok(Planner {
             robot: task.robot.clone(),
             task,
@@ -464,13 +468,14 @@ impl Planner {
             let [x, y, z] = at.position;
             let lifted = !at.contact && z > self.task.terrain.height(x, y) + LIFTED;
             self.contacts[foot] = match planned {
-                None => Contact { in_air: lifted, since: if lifted { 0. } else { 1. } },
+                None if lifted => Contact { in_air: true, since: 0. },
+                None => Contact::STANDING,
                 // Early touchdown.
                 Some((Contact { in_air: true, since }, left)) if at.contact && since > LATE_SWING * (since + left) => {
                     Contact { in_air: false, since: 0. }
                 }
                 // Late touchdown, or a foot that lost the ground.
-                Some((Contact { in_air: false, since }, _)) if lifted => Contact { in_air: true, since: since.max(0.1) },
+                Some((Contact { in_air: false, since }, _)) if lifted => Contact { in_air: true, since: since.max(FALLING) },
                 Some((contact, _)) => contact,
             };
         }
@@ -596,8 +601,7 @@ impl Planner {
             let Some(state) = state else { continue };
             let [x, y, z] = state.position;
             let ground = self.task.terrain.height(x, y);
-            let (left, rise) = (durations[1], (durations[1] - state.since) / 2.);
-            let time = if rise >= left / 4. { rise } else { left };
+            let time = state.rise(durations[1]).unwrap_or(durations[1]);
             let height = (z - ground).max(0.);
             state.position[2] = ground + height;
             state.velocity[2] = state.velocity[2].max(-3. * height / time);
@@ -617,7 +621,7 @@ impl Planner {
         gait.family.and_then(of).or(self.families.first()).map_or(&[], |(_, offsets)| offsets)
     }
 
-    /// Solves all candidates. Returns their motions and the number of iterations.
+    /// Solves all candidates, in their order because a deadline drops the last ones. Returns their solutions and the number of iterations.
     fn solve<'a>(
         &'a self,
         candidates: &[Candidate],
@@ -647,6 +651,7 @@ impl Planner {
         (solved.collect(), iterations.into_inner())
     }
 
+    /// Solves a candidate. Returns its solution, if there is one, and the number of iterations.
     fn solve_one<'a>(
         &self,
         candidate: &Candidate,
@@ -716,9 +721,9 @@ fn planned_contact(plan: &Plan, foot: usize, time: f64) -> (Contact, f64) {
     let (passed, contact) = (time - plan.start, plan.contacts[foot]);
     let mut start = 0.;
     let durations = &plan.motion.durations[foot];
+    let first = usize::from(starts_in_swing(durations));
     for (phase, &duration) in durations.iter().enumerate() {
         let end = start + duration;
-        let first = if durations[0] == 0. { 1 } else { 0 };
         if phase >= first && (passed < end || phase + 1 == durations.len()) {
             // The first phase had begun before the plan.
             let since = if phase == first { passed + contact.since } else { passed - start };

@@ -38,6 +38,12 @@ pub struct SwingState {
 }
 
 impl SwingState {
+    /// Time until the middle of the whole swing, s, for a foot that lands after `left` s; `None` for a foot that only descends, because the
+    /// middle has passed or is less than a quarter of that time ahead.
+    pub(crate) fn rise(&self, left: f64) -> Option<f64> {
+        Some((left - self.since) / 2.).filter(|rise| *rise >= left / 4.)
+    }
+
     /// Checks that all numbers are in range.
     ///
     /// # Errors

@@ -230,7 +230,7 @@ fn footing(tally: &mut Tally, motion: &Motion, terrain: &Terrain) {
             let at_start = if stood { ball::standing_depth(terrain, start, radius, deepest) } else { deepest };
             let over = ball::swing_depth(curves, swing, terrain, radius, [at_start, deepest]);
             tally.not_positive(over.value, 0., format_args!("ball in the ground"), Some(foot), over.time);
-            if curves.lands_later() && swing[1] == curves.end() {
+            if curves.lands_later(swing) {
                 continue;
             }
             let off = ball::off_plane(terrain, curves.place(swing[1]), radius, farthest);
@@ -424,8 +424,7 @@ fn landing(curves: &FootMotion, touchdown: f64, middle: f64) -> Option<Point> {
     if !follows || touchdown <= curves.end() + SAME_TIME {
         return None;
     }
-    let ([a, b, c, d], t) = (curves.motion.cubic(last), touchdown - from);
-    Some(Point { value: a + (b + (c + d * t) * t) * t, first: b + (c * 2. + d * (3. * t)) * t, second: c * 2. + d * (6. * t) })
+    Some(curves.motion.beyond(last, touchdown - from))
 }
 
 fn bounds(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain: &Terrain, impulsive: bool) {

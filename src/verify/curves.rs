@@ -91,7 +91,11 @@ impl<'a> TimedCurve<'a> {
 
     /// Point of a piece at `t` s after its start, clamped to the piece.
     pub fn on_piece(&self, piece: usize, t: f64) -> Point {
-        let t = t.clamp(0., self.length(piece));
+        self.beyond(piece, t.clamp(0., self.length(piece)))
+    }
+
+    /// Point of the cubic of a piece at `t` s after its start, also after its end.
+    pub fn beyond(&self, piece: usize, t: f64) -> Point {
         let [a, b, c, d] = self.cubic(piece);
         Point { value: a + (b + (c + d * t) * t) * t, first: b + (c * 2. + d * (3. * t)) * t, second: c * 2. + d * (6. * t) }
     }
@@ -188,9 +192,9 @@ impl<'a> FootMotion<'a> {
         self.motion.times[self.motion.times.len() - 1]
     }
 
-    /// True if a foot that is in the air until the end of the motion has not landed there.
-    pub fn lands_later(&self) -> bool {
-        self.switches.last().is_some_and(|&last| last > self.end() + SAME_TIME)
+    /// True if one of [`FootMotion::swings`] ends with the foot in the air, because it lands after the end of the motion.
+    pub fn lands_later(&self, swing: [f64; 2]) -> bool {
+        swing[1] == self.end() && self.switches.last().is_some_and(|&last| last > self.end() + SAME_TIME)
     }
 
     /// Position of the node at a time, m. At an edge of the terrain the curve may lie on the other side of the edge.

@@ -111,7 +111,7 @@ pub(super) fn sample(motion: &Motion, terrain: &Terrain) -> DenseReport {
             let before = report.ball_depth.value;
             let over = ball::swing_depth(curves, swing, terrain, radius, [before; 2]);
             report.ball_depth.update(before + over.value, Some(foot), over.time);
-            if curves.lands_later() && swing[1] == curves.end() {
+            if curves.lands_later(swing) {
                 continue;
             }
             let off = ball::off_plane(terrain, curves.place(swing[1]), radius, report.foothold_off_plane.value);

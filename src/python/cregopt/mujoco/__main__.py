@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from typing import Any, Optional, Sequence
+from typing import Any, Optional, Sequence, Union
 
 from .. import Error, Robot, Terrain
-from . import drive, play, random_drive, robot
+from . import DriveReport, Report, drive, play, random_drive, robot
 
 UPRIGHT, FALLEN, BAD_INPUT = 0, 3, 4
 
@@ -128,9 +128,19 @@ def run_drive(given: Sequence[str]) -> int:
             viewer=options.viewer,
         )
     except (Error, ImportError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return BAD_INPUT
-    print(json.dumps(report.to_dict(), indent=1, allow_nan=False) if options.json else report)
+        return refused(error)
+    return printed(report, options.json)
+
+
+def refused(error: Exception) -> int:
+    """Prints an error. Returns the exit code."""
+    print(f"error: {error}", file=sys.stderr)
+    return BAD_INPUT
+
+
+def printed(report: Union[Report, DriveReport], as_json: bool) -> int:
+    """Prints a report. Returns the exit code."""
+    print(json.dumps(report.to_dict(), indent=1, allow_nan=False) if as_json else report)
     return UPRIGHT if report.upright else FALLEN
 
 
@@ -165,10 +175,8 @@ def main(given: Optional[Sequence[str]] = None) -> int:
             viewer=options.viewer,
         )
     except (Error, ImportError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return BAD_INPUT
-    print(json.dumps(report.to_dict(), indent=1, allow_nan=False) if options.json else report)
-    return UPRIGHT if report.upright else FALLEN
+        return refused(error)
+    return printed(report, options.json)
 
 
 if __name__ == "__main__":
