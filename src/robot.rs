@@ -5,10 +5,12 @@ mod built_in;
 pub mod import;
 pub mod leg;
 mod reach;
+mod sole;
 
 pub use built_in::ROBOTS;
 pub(crate) use built_in::ROUNDED;
 pub use reach::{Reach, ReachBox};
+pub use sole::{PRESSURE_SHARE, SOLE_TURN, Sole};
 
 use crate::error::{Error, Result, check_name, check_range};
 use crate::files;
@@ -54,6 +56,9 @@ pub struct Robot {
     /// point where the ball touches the ground.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub foot_radius: Option<f64>,
+    /// Flat sole of every foot. Default: none, the feet are balls or points. A foot with a sole has no ball.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sole: Option<Sole>,
 }
 
 /// Default equivalent mass of a leg at its foot, relative to the mass of the robot.
@@ -127,6 +132,12 @@ impl Robot {
         if let Some(radius) = self.foot_radius {
             check_range("robot.foot_radius", radius, 0., self.leg_height() / 2.)?;
         }
+        if let Some(sole) = &self.sole {
+            sole.validate(self.leg_height())?;
+            if let Some(radius) = self.foot_radius.filter(|radius| *radius != 0.) {
+                return Err(Error::invalid("robot.foot_radius", radius, "0 or absent for feet with a `sole`"));
+            }
+        }
         let i = &self.inertia;
         for r in 0..3 {
             for c in 0..3 {
@@ -186,9 +197,10 @@ impl Robot {
         self.leg_mass.unwrap_or(LEG_MASS * self.mass)
     }
 
-    /// Radius of a foot, m.
+    /// Radius of the foot ball, m; 0 for a point foot and for a sole.
     pub fn foot_radius(&self) -> f64 {
-        self.foot_radius.unwrap_or(FOOT_RADIUS * self.leg_height())
+        let default = || if self.sole.is_some() { 0. } else { FOOT_RADIUS * self.leg_height() };
+        self.foot_radius.unwrap_or_else(default)
     }
 
     /// Weight, N.

@@ -69,6 +69,7 @@ impl Robot {
             leg_mass: None,
             joints: None,
             foot_radius: None,
+            sole: None,
         })
     }
 

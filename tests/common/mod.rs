@@ -122,6 +122,7 @@ pub fn spider(feet: usize) -> Robot {
         leg_mass: None,
         joints: None,
         foot_radius: None,
+        sole: None,
     };
     robot.validate().unwrap();
     robot

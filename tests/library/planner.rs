@@ -31,6 +31,7 @@ fn small() -> Robot {
         leg_mass: None,
         joints: None,
         foot_radius: None,
+        sole: None,
     }
 }
 

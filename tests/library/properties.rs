@@ -435,6 +435,7 @@ fn stander(mass: f64, half_length: f64, half_width: f64, height: f64) -> Robot {
         leg_mass: None,
         joints: None,
         foot_radius: None,
+        sole: None,
     }
 }
 

@@ -111,6 +111,7 @@ impl Import {
             nominal_feet,
             joints: None,
             foot_radius: contacts.iter().map(|c| (c.radius > 0.).then_some(c.radius)).reduce(least).flatten(),
+            sole: None,
         };
         let vertical = legs.iter().map(|leg| leg.vertical_force(&leg.posture(&leg.nominal()))).fold(f64::INFINITY, f64::min);
         robot.force_limit = vertical.is_finite().then(|| vertical.min(FORCE_LIMIT_WEIGHTS * robot.weight()));
