@@ -435,7 +435,7 @@ mod tests {
         );
         let push = curve(&[1.], &[[0., 0., 150., 0., 0., 0.]; 2]);
         let some = curve(&[0.3, 0.4, 0.3], &[[0., 0., 50., 0., 0., 0.], [0.; 6], [0.; 6], [0., 0., 50., 0., 0., 0.]]);
-        let feet = vec![FootCurves { motion: left, force: push }, FootCurves { motion: right, force: some }];
+        let feet = vec![FootCurves::new(left, push), FootCurves::new(right, some)];
         Trajectory::new(vec![vec![1.], vec![0.3, 0.4, 0.3]], 1., [base, angles], feet)
     }
 

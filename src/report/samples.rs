@@ -215,7 +215,7 @@ mod tests {
         let motion = curve(&[0.4, 0.2, 0.4], &[still(from), still(from), still(to), still(to)]);
         let push = [-20., 10., 100., 0., 0., 0.];
         let force = curve(&[0.4, 0.2, 0.4], &[push, [0.; 6], [0.; 6], push]);
-        let trajectory = Trajectory::new(vec![vec![0.4, 0.2, 0.4]], 1., [base, angles], vec![FootCurves { motion, force }]);
+        let trajectory = Trajectory::new(vec![vec![0.4, 0.2, 0.4]], 1., [base, angles], vec![FootCurves::new(motion, force)]);
         let heights = (0..4).map(|i| vec![0.5 * f64::from(i) - 0.5; 4]).collect();
         let shape = crate::terrain::Shape::Grid(crate::terrain::Grid { low: [-1., -2.], high: [3., 2.], heights });
         (trajectory, Robot::named("monoped").unwrap(), Terrain { name: "ramp".into(), friction: 0.8, shape })

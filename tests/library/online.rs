@@ -274,7 +274,7 @@ fn rate_at(motion: &Trajectory, time: f64) -> [f64; 6] {
 #[test]
 fn a_swing_through_the_whole_motion_keeps_its_lift_off() {
     let still = |node: [f64; 6]| Curve { poly_durations: vec![0.8], nodes: vec![node; 2] };
-    let foot = || FootCurves { motion: still([0., 0., 0.1, 0., 0., 0.]), force: still([0.; 6]) };
+    let foot = || FootCurves::new(still([0., 0., 0.1, 0., 0., 0.]), still([0.; 6]));
     let durations = vec![vec![0., 0.9, -0.1], vec![0.8]];
     let mut motion = Trajectory::new(durations, 0.8, [still([0.; 6]), still([0.; 6])], vec![foot(), foot()]);
     motion.start_swings = Some(vec![Some(SwingState { position: [0., 0., 0.1], velocity: [0.; 3], since: 0.2 }), None]);
