@@ -310,7 +310,13 @@ impl Above {
         p.curve(&path, &format!(r#"stroke="{}" stroke-width="2""#, INK[0]));
         for (foot, stances) in stances.iter().enumerate() {
             for stance in stances {
-                p.circle(self.at(stance.foothold), 4.2, &format!(r#"fill="{}" fill-opacity="0.85""#, FOOT_COLORS[foot]));
+                let style = format!(r#"fill="{}" fill-opacity="0.85""#, FOOT_COLORS[foot]);
+                if stance.corners.is_empty() {
+                    p.circle(self.at(stance.foothold), 4.2, &style);
+                } else {
+                    let corners: Vec<[f64; 2]> = stance.corners.iter().map(|&corner| self.at(corner)).collect();
+                    p.polygon(&corners, &style);
+                }
             }
         }
         self.outline(p, plot.robot, &samples[0], r##"stroke="#6b7785" stroke-dasharray="4 3""##);

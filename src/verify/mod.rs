@@ -33,7 +33,7 @@ mod exact;
 pub mod labels;
 pub mod report;
 pub mod rollout;
-mod sole;
+pub(crate) mod sole;
 mod stretch;
 
 pub use certificate::{MOTION_LIMITS, verify, verify_rows};

@@ -19,15 +19,16 @@ const DEPTH: u32 = 14;
 const FASTEST_BLEND: f64 = 1.5;
 
 /// Sole of a foot at one time.
-struct Posture {
-    centre: Vector3<f64>,
+pub(crate) struct Posture {
+    /// Centre of the rectangle, m.
+    pub centre: Vector3<f64>,
     /// Unit vectors from heel to toe, and to the left.
-    axes: [Vector3<f64>; 2],
+    pub axes: [Vector3<f64>; 2],
 }
 
 impl Posture {
     /// Point of the sole at a share of its half extents.
-    fn point(&self, sole: &Sole, share: [f64; 2]) -> Vector3<f64> {
+    pub fn point(&self, sole: &Sole, share: [f64; 2]) -> Vector3<f64> {
         let [x, y] = sole.half_extents();
         self.centre + self.axes[0] * (share[0] * x) + self.axes[1] * (share[1] * y)
     }
@@ -47,7 +48,7 @@ fn slope(terrain: &Terrain, at: Vector3<f64>) -> Vector2<f64> {
 }
 
 /// Posture of a sole at a time. In a swing, yaw and slope change from those of the stance before to those of the stance after.
-fn posture(curves: &FootMotion, terrain: &Terrain, time: f64) -> Posture {
+pub(crate) fn posture(curves: &FootMotion, terrain: &Terrain, time: f64) -> Posture {
     let centre = curves.motion.at(time).value;
     let (_, phase) = curves.phases(time);
     let yaws = curves.yaws.unwrap_or(&[]);

@@ -13,6 +13,7 @@ use cregopt::scenario::Scenario;
 use cregopt::settings::{Friction, Transcription, TranscriptionSettings};
 use cregopt::task::{BaseState, Goal, SwingState, Task};
 use cregopt::terrain::{Grid, Ground, Shape, Terrain};
+use cregopt::{Trajectory, verify};
 use nalgebra::DMatrix;
 use std::ops::RangeInclusive;
 use std::path::Path;
@@ -123,6 +124,38 @@ pub fn spider(feet: usize) -> Robot {
         joints: None,
         foot_radius: None,
         sole: None,
+    };
+    robot.validate().unwrap();
+    robot
+}
+
+/// Rows that the certificate counts as violated, one line per family, or the error.
+pub fn faults(motion: &Trajectory, task: &Task) -> String {
+    match verify(motion, &task.robot, &task.terrain, motion.force_limit.unwrap()) {
+        Err(error) => error.to_string(),
+        Ok(report) if report.feasible => String::new(),
+        Ok(report) => {
+            let worst = report.families.iter().filter(|f| f.violated > 0).filter_map(|f| f.worst.as_ref());
+            worst.map(|w| format!("{} of {:?} at {:.3}\n", w.row, w.foot, w.time)).collect()
+        }
+    }
+}
+
+/// A forgery, and a part of the message that refuses it.
+pub type Forgery = (&'static str, fn(&mut Trajectory), &'static str);
+
+/// Made-up humanoid of 35 kg.
+pub fn humanoid() -> Robot {
+    let side = |left: bool| [[-0.3, 0.3], if left { [-0.04, 0.15] } else { [-0.15, 0.04] }, [-0.06, 0.12]];
+    let robot = Robot {
+        name: "made-up humanoid".into(),
+        mass: 35.,
+        inertia: [[3., 0., 0.1], [0., 2.8, 0.], [0.1, 0., 0.45]],
+        base_height: 0.68,
+        nominal_feet: vec![[0., 0.12, -0.68], [0., -0.12, -0.68]],
+        reach: Reach::PerFoot(vec![side(true), side(false)]),
+        leg_mass: Some(3.),
+        ..soled(Robot::named("biped").unwrap())
     };
     robot.validate().unwrap();
     robot
