@@ -47,13 +47,13 @@ impl Robot {
         let (mass, inertia, base_height, nominal_feet, reach) = match name {
             "monoped" => (20., symmetric(1.2, 5.5, 6.0, 0., 0.2, 0.01), 0.58, vec![[0., 0., -0.58]], [0.25, 0.15, 0.2]),
             "biped" => (20., symmetric(1.209, 5.583, 6.056, -0.005, 0.19, 0.012), 0.65, pairs(&[0.], 0.2, -0.65), [0.25, 0.15, 0.15]),
-            // Height and mass of a small humanoid, soles of 0.2 m by 0.07 m. The inner sides of the boxes keep the feet apart.
+            // Height and mass of a small humanoid on bent knees, soles of 0.2 m by 0.07 m. The inner sides of the boxes keep the feet apart.
             "humanoid" => {
                 return Ok(Robot {
-                    reach: Reach::PerFoot(vec![[[-0.3, 0.3], [-0.04, 0.15], [-0.06, 0.12]], [[-0.3, 0.3], [-0.15, 0.04], [-0.06, 0.12]]]),
+                    reach: Reach::PerFoot(vec![[[-0.3, 0.3], [-0.04, 0.15], [-0.1, 0.12]], [[-0.3, 0.3], [-0.15, 0.04], [-0.1, 0.12]]]),
                     leg_mass: Some(3.),
                     sole: Some(Sole { length: 0.2, width: 0.07, turn: SOLE_TURN }),
-                    ..plain(name, 35., symmetric(3., 2.8, 0.45, 0., 0., 0.), 0.68, pairs(&[0.], 0.12, -0.68))
+                    ..plain(name, 35., symmetric(3., 2.8, 0.45, 0., 0., 0.), 0.66, pairs(&[0.], 0.12, -0.66))
                 });
             }
             "hyq" => {
