@@ -116,6 +116,7 @@ struct Batch {
     accelerations: u32,
     cones: u32,
     footings: u32,
+    periodics: u32,
     cone_curvatures: u32,
     efforts: u32,
     stance_powers: u32,
@@ -270,6 +271,7 @@ struct Slot {
     accelerations: u32,
     cones: u32,
     footings: u32,
+    periodics: u32,
     cone_curvatures: u32,
     efforts: u32,
     stance_powers: u32,
@@ -433,6 +435,14 @@ struct Footing {
     high: array<f32, 2>,
     foothold: u32,
     foothold_column: u32,
+    place: Place,
+}
+
+struct Periodic {
+    difference: f32,
+    component: u32,
+    variable: array<u32, 2>,
+    column: array<u32, 2>,
     place: Place,
 }
 

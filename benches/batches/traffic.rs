@@ -110,6 +110,10 @@ impl Sizes<'_> {
             Shader::Acceleration => family(Family::Acceleration, Buffer::Accelerations),
             Shader::Cone => family(Family::Cone, Buffer::Cones),
             Shader::Footing => family(Family::Footing, Buffer::Footings),
+            Shader::Periodic => {
+                let f = Family::Periodic;
+                walk(&[Buffer::Periodics]) + self.jacobian(|o| o == f) + equalities(f)
+            }
             Shader::ConeCurvature => walk(&[Buffer::ConeCurvatures]) + cost(Family::ConeCurvature),
             Shader::Effort => walk(&[Buffer::Efforts]) + cost(Family::Effort),
             // Each point reads the start of its interval: the rate and the blocks.

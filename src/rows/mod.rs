@@ -22,6 +22,7 @@ pub mod ground;
 pub mod hip;
 pub mod math;
 pub mod momentum;
+pub mod periodic;
 pub mod reach;
 pub mod stance_power;
 pub mod stride;
@@ -175,6 +176,8 @@ families! {
     Cone { cone::SPEC, cone::allowed, cone::place }
     /// Box of a foothold on ground with edges.
     Footing { footing::SPEC, footing::allowed, footing::place }
+    /// Repetition of a periodic stride.
+    Periodic { periodic::SPEC, periodic::allowed, periodic::place }
     /// Curvature of a friction cone.
     ConeCurvature { cone_curvature::SPEC, cone_curvature::allowed, cone_curvature::place }
     /// Effort of the force at a node.
@@ -217,6 +220,7 @@ macro_rules! row_tables {
             accelerations Accelerations [$crate::rows::acceleration::Acceleration<T>],
             cones Cones [$crate::rows::cone::Cone<T>],
             footings Footings [$crate::rows::footing::Footing<T>],
+            periodics Periodics [$crate::rows::periodic::Periodic<T>],
             cone_curvatures ConeCurvatures [$crate::rows::cone_curvature::ConeCurvature<T>],
             efforts Efforts [$crate::rows::effort::Effort<T>],
             stance_powers StancePowers [$crate::rows::stance_power::StancePower<T>],
@@ -243,6 +247,7 @@ macro_rules! row_shaders {
             Acceleration "rows/acceleration" accelerations,
             Cone "rows/cone" cones,
             Footing "rows/footing" footings,
+            Periodic "rows/periodic" periodics,
             ConeCurvature "rows/cone_curvature" cone_curvatures,
             Effort "rows/effort" efforts,
             StancePower "rows/stance_power" stance_powers,
@@ -380,6 +385,7 @@ pub fn residuals<T: Real>(
     acceleration::acceleration(tables, x, ground, inequality, jacobian.as_deref_mut());
     cone::cone(tables, x, edge_radius, inequality, jacobian.as_deref_mut());
     footing::footing(tables, x, inequality, jacobian.as_deref_mut());
+    periodic::periodic(tables, x, equality, jacobian.as_deref_mut());
     cone_curvature::cone_curvature(tables, x, equality, jacobian.as_deref_mut());
     effort::effort(tables, x, equality, jacobian.as_deref_mut());
     stance_power::stance_power(tables, x, ground, deviations, equality, jacobian.as_deref_mut());

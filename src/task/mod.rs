@@ -2,8 +2,10 @@
 
 mod standing;
 mod state;
+mod stride;
 
 pub use state::{BaseState, SwingState};
+pub use stride::PeriodicStride;
 
 use crate::error::{Error, Result, check_range};
 use crate::gait::{Curve, FootCurves, Trajectory};
@@ -31,6 +33,8 @@ pub struct Task {
     pub goal: BaseState,
     /// Largest normal force of a foot, N. Default: the robot's, or else the transcription's.
     pub force_limit: Option<f64>,
+    /// Stride that repeats, if one does.
+    pub stride: Option<PeriodicStride>,
 }
 
 /// Largest difference between two states that is attributed to rounding, m, rad, m/s and rad/s.
@@ -158,7 +162,7 @@ impl Task {
         let robot = robot.into();
         let start_feet = feet.unwrap_or_else(|| nominal_footholds(&robot, &start));
         let start_swings = vec![None; start_feet.len()];
-        let task = Task { robot, terrain: terrain.into(), start, start_feet, start_swings, goal, force_limit: None };
+        let task = Task { robot, terrain: terrain.into(), start, start_feet, start_swings, goal, force_limit: None, stride: None };
         task.validate()?;
         Ok(task)
     }
