@@ -120,6 +120,7 @@ struct Batch {
     footings: u32,
     sole_points: u32,
     turns: u32,
+    periodics: u32,
     cone_curvatures: u32,
     efforts: u32,
     stance_powers: u32,
@@ -279,6 +280,7 @@ struct Slot {
     footings: u32,
     sole_points: u32,
     turns: u32,
+    periodics: u32,
     cone_curvatures: u32,
     efforts: u32,
     stance_powers: u32,
@@ -464,6 +466,11 @@ struct Turn {
     base_column: array<u32, 4>,
     yaw: u32,
     yaw_column: u32,
+struct Periodic {
+    difference: f32,
+    component: u32,
+    variable: array<u32, 2>,
+    column: array<u32, 2>,
     place: Place,
 }
 

@@ -112,6 +112,10 @@ impl Sizes<'_> {
             Shader::Footing => family(Family::Footing, Buffer::Footings),
             Shader::Sole => family(Family::Sole, Buffer::SolePoints),
             Shader::Turn => family(Family::Turn, Buffer::Turns),
+            Shader::Periodic => {
+                let f = Family::Periodic;
+                walk(&[Buffer::Periodics]) + self.jacobian(|o| o == f) + equalities(f)
+            }
             Shader::ConeCurvature => walk(&[Buffer::ConeCurvatures]) + cost(Family::ConeCurvature),
             Shader::Effort => walk(&[Buffer::Efforts]) + cost(Family::Effort),
             // Each point reads the start of its interval: the rate and the blocks.

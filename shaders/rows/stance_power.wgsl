@@ -30,29 +30,38 @@ fn entry(slot: u32, half: u32, k: u32) {
     let stretched = dot(e, v);
     let at = ix_equality(slot, half, power.place.row);
     values[at] = pushed * stretched;
-    values[at + 1u] = dot(force, v) - pushed * stretched;
+    let against_body = v - cross(here.omega, leg);
+    values[at + 1u] = dot(force, against_body) - pushed * stretched;
 
     // Derivatives with respect to e, then to the leg: those of a unit vector.
     let by_e = stretched * force + pushed * v;
     let by_leg = inverse * (by_e - dot(e, by_e) * e);
-    put_power(slot, half, k, 0u, here, stretched * e, pushed * e, by_leg);
-    put_power(slot, half, k, 1u, here, v - stretched * e, force - pushed * e, -by_leg);
+    put_power(slot, k, rows_at(slot, half, power.place), 0u, here, Powers(stretched * e, pushed * e, by_leg, vec3<f32>()));
+    let across = Powers(against_body - stretched * e, force - pushed * e, cross(here.omega, force) - by_leg, cross(force, leg));
+    put_power(slot, k, rows_at(slot, half, power.place), 1u, here, across);
 }
 
-// Writes one row from its derivatives with respect to force, velocity and leg.
-fn put_power(slot: u32, half: u32, k: u32, row: u32, here: Hip, by_force: vec3<f32>, by_velocity: vec3<f32>, by_leg: vec3<f32>) {
+// Derivatives of a row with respect to force, velocity, leg and angular velocity.
+struct Powers {
+    force: vec3<f32>,
+    velocity: vec3<f32>,
+    leg: vec3<f32>,
+    omega: vec3<f32>,
+}
+
+// Writes one row from its derivatives.
+fn put_power(slot: u32, k: u32, rows: Rows, row: u32, here: Hip, by: Powers) {
     let power = &stance_powers[slot * batch.stance_powers + k];
     let stance = &power.stance;
-    let rows = rows_at(slot, half, power.place);
-    put_base(rows, row, power.base, here, -by_leg, -by_velocity);
+    put_base(rows, row, power.base, here, -by.leg, -by.velocity, by.omega);
     for (var i = 0u; i < 2u; i++) {
         if (stance.node_column[i] != NONE) {
-            put_row(rows, row, stance.node_column[i], stance.weights[i][0] * by_force);
-            put_row(rows, row, stance.node_column[i] + 3u, stance.weights[i][1] * by_force);
+            put_row(rows, row, stance.node_column[i], stance.weights[i][0] * by.force);
+            put_row(rows, row, stance.node_column[i] + 3u, stance.weights[i][1] * by.force);
         }
     }
     if (stance.foothold_column != NONE) {
-        let by_foothold = by_leg.xy + by_leg.z * ground_slope(slot, stance.foothold);
+        let by_foothold = by.leg.xy + by.leg.z * ground_slope(slot, stance.foothold);
         put(rows, row, stance.foothold_column, by_foothold.x);
         put(rows, row, stance.foothold_column + 1u, by_foothold.y);
     }

@@ -22,7 +22,7 @@ fn entry(slot: u32, half: u32, k: u32) {
     values[ix_equality(slot, half, power.place.row)] = dot(acceleration, v);
 
     let rows = rows_at(slot, half, power.place);
-    put_base(rows, 0u, base, here, vec3<f32>(), -acceleration);
+    put_base(rows, 0u, base, here, vec3<f32>(), -acceleration, vec3<f32>());
     for (var i = 0u; i < 2u; i++) {
         if (power.foothold_column[i] == NONE) {
             continue;

@@ -9,6 +9,11 @@ struct Hip {
     velocity: vec3<f32>,
     position_by: Mat3,
     velocity_by: Mat3,
+    // Angular velocity of the base, its derivatives with respect to each Euler angle, and the axes of the angles: its derivatives with
+    // respect to their rates.
+    omega: vec3<f32>,
+    omega_by: Mat3,
+    axes: Mat3,
 }
 
 // The hip at a point.
@@ -33,20 +38,29 @@ fn hip(slot: u32, half: u32, point: HipPoint) -> Hip {
     let arm = mul(turned.rot_wb, vec3<f32>(at.hip[0], at.hip[1], 0.0));
     let position_by = Mat3(cross(axes[0], arm), cross(axes[1], arm), cross(axes[2], arm));
     // The pitch moves the roll axis, the yaw moves both.
+    let omega_by = Mat3(vec3<f32>(), rate.angular.x * cross(axes[1], axes[0]), cross(axes[2], omega));
     let velocity_by = Mat3(
         cross(omega, position_by[0]),
-        cross(rate.angular.x * cross(axes[1], axes[0]), arm) + cross(omega, position_by[1]),
-        cross(cross(axes[2], omega), arm) + cross(omega, position_by[2]),
+        cross(omega_by[1], arm) + cross(omega, position_by[1]),
+        cross(omega_by[2], arm) + cross(omega, position_by[2]),
     );
-    return Hip(pose.linear + arm, rate.linear + cross(omega, arm), position_by, velocity_by);
+    return Hip(pose.linear + arm, rate.linear + cross(omega, arm), position_by, velocity_by, omega, omega_by, axes);
 }
 
 // Writes the base columns of a row.
-//   by_position, by_velocity   derivatives of the row with respect to the hip
-fn put_base(rows: Rows, row: u32, point: HipPoint, hip: Hip, by_position: vec3<f32>, by_velocity: vec3<f32>) {
+//   by_position, by_velocity, by_omega   derivatives of the row with respect to the hip and to the angular velocity
+fn put_base(
+    rows: Rows,
+    row: u32,
+    point: HipPoint,
+    hip: Hip,
+    by_position: vec3<f32>,
+    by_velocity: vec3<f32>,
+    by_omega: vec3<f32>,
+) {
     var at = point;
-    let by_angle = mul(hip.position_by, by_position) + mul(hip.velocity_by, by_velocity);
-    let by_rate = mul(hip.position_by, by_velocity);
+    let by_angle = mul(hip.position_by, by_position) + mul(hip.velocity_by, by_velocity) + mul(hip.omega_by, by_omega);
+    let by_rate = mul(hip.position_by, by_velocity) + mul(hip.axes, by_omega);
     for (var i = 0u; i < 4u; i++) {
         if (at.column[i] != NONE) {
             put_row(rows, row, at.column[i], at.value[i] * by_position + at.rate[i] * by_velocity);

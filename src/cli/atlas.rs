@@ -45,7 +45,7 @@ pub struct Atlas {
     /// Slopes of the ground, rise over run [default: 0]
     #[arg(long, value_name = "SLOPE,...", value_delimiter = ',', allow_hyphen_values = true)]
     slopes: Vec<f64>,
-    /// Time at constant speed over which the cost is taken, s [default: 8 sqrt(l / g)]
+    /// Smallest time at constant speed, s; the cost is that of one stride in it [default: 8 sqrt(l / g)]
     #[arg(long, value_name = "S")]
     seconds: Option<f64>,
     /// Folder for atlas.csv, atlas.json and atlas.svg

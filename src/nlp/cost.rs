@@ -1,8 +1,8 @@
 //! Cost rows of a candidate: effort of the forces, powers of standing and of swinging legs.
 //!
-//! The objective is that of [`crate::gait::cost`] without the joints. Effort is exact. Powers are integrated by Gauss-Legendre rules
-//! between the nodes of the curves that they are made of: the knots of the base, and the force nodes of a stance or the middle of a swing,
-//! where accelerations jump.
+//! The objective is that of [`crate::gait::cost`] without the joints, of the whole motion or of its periodic stride. Effort is exact.
+//! Powers are integrated by Gauss-Legendre rules between the nodes of the curves that they are made of: the knots of the base, and the
+//! force nodes of a stance or the middle of a swing, where accelerations jump.
 
 use super::builder::Builder;
 use super::foot_blocks::{ForcePoint, force_points, swing_curve};
@@ -13,7 +13,7 @@ use crate::gait::cost::{CostWeights, distance, trunk_moment};
 use crate::gait::family::speed_scale;
 use crate::gait::spline::{HERMITE_GRAM, hermite, hermite_acceleration, hermite_rate};
 use crate::gait::trajectory::GoalVelocity;
-use crate::quadrature::GAUSS_3;
+use crate::quadrature::{GAUSS_3, GAUSS_6};
 use crate::real::Real;
 use crate::robot::GRAVITY;
 use crate::rows::Family;
@@ -27,6 +27,7 @@ use crate::rows::stance_power::StancePower;
 use crate::rows::swing_power::SwingPower;
 use crate::rows::table::{NONE, Place};
 use crate::settings::Friction;
+use std::ops::Range;
 
 /// Speed by which the cost of a motion with a free end is divided, in `sqrt(g l)`, instead of by its distance over time.
 const PLANNING_SPEED: f64 = 0.3;
@@ -37,6 +38,9 @@ const RATE_PRICE: f64 = 400.;
 /// Time in which the velocity of the goal is approached, s.
 pub(crate) const RESPONSE: f64 = 0.15;
 
+/// Smallest pivot of a Gram matrix, relative to its scale.
+const LEAST_PIVOT: f64 = 1e-12;
+
 /// Shortest part of a quadrature, s.
 const SHORTEST: f64 = 1e-6;
 
@@ -46,7 +50,11 @@ pub(super) fn cost_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>
     let displacement = std::array::from_fn(|i| task.goal.position[i] - task.start.position[i]);
     // If the end is free, the price of effort does not depend on where the goal is.
     let near = b.settings.goal_velocity == GoalVelocity::Near;
-    let distance = if near { PLANNING_SPEED * speed_scale(robot) * b.horizon } else { distance(robot, displacement, task.turn()) };
+    let distance = match task.stride {
+        Some(stride) => distance(robot, stride.displacement, 0.),
+        None if near => PLANNING_SPEED * speed_scale(robot) * b.horizon,
+        None => distance(robot, displacement, task.turn()),
+    };
     let weight = robot.weight();
     curvature_elements(own, b);
     // Without a price there is no row: a row without a weight would count half of its square.
@@ -104,11 +112,16 @@ fn curvature_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
     }
 }
 
+/// Part of the motion that costs, s: the periodic stride if there is one.
+fn costly<T: Real>(b: &Builder<T>) -> Range<f64> {
+    b.task.stride.map_or(0.0..b.horizon, |stride| stride.times(b.interval))
+}
+
 /// Adds the effort rows of forces, and of the moments of soles over their half length.
 ///
 /// * `price` - cost of the integral of `|f|^2`, 1/(N² s)
 fn effort_elements<T: Real>(b: &mut Builder<T>, price: f64) {
-    let unit = b.force_unit();
+    let (unit, part) = (b.force_unit(), costly(b));
     for foot in 0..b.feet.len() {
         let stances = b.feet[foot].force_nodes.iter().enumerate().chain(b.feet[foot].moment_nodes.iter().enumerate());
         let stances: Vec<(usize, Vec<Option<BlockId>>)> = stances.map(|(stance, nodes)| (stance, nodes.clone())).collect();
@@ -117,8 +130,9 @@ fn effort_elements<T: Real>(b: &mut Builder<T>, price: f64) {
             let pieces = nodes.len() - 1;
             let piece = span.duration() / pieces as f64;
             let free: Vec<usize> = (0..=pieces).filter(|&i| nodes[i].is_some()).collect();
-            let factor = effort_factor(&free, pieces, 2. * price * unit * unit * piece);
-            for (at, &i) in free.iter().enumerate() {
+            let within = |t: f64| ((t.clamp(part.start, part.end) - span.start) / piece).clamp(0., pieces as f64);
+            let factor = effort_factor(&free, pieces, within(span.start)..within(span.end), 2. * price * unit * unit * piece);
+            for (at, &i) in free.iter().enumerate().filter(|(at, _)| factor[*at] != [[0.; 4]; 2]) {
                 let next = free.get(at + 1).and_then(|&i| nodes[i]);
                 let Some(node) = nodes[i] else { continue };
                 b.tables.efforts.push(Effort {
@@ -141,15 +155,16 @@ fn effort_elements<T: Real>(b: &mut Builder<T>, price: f64) {
 fn trunk_elements<T: Real>(b: &mut Builder<T>, price: f64) {
     let Some(sole) = b.task.robot.sole else { return };
     let moment = trunk_moment(&b.task.robot) / sole.half_extents()[0];
-    let arrives = b.settings.goal_velocity != GoalVelocity::Near;
-    for knot in 1..=b.intervals {
-        let part = match knot == b.intervals {
-            true if arrives => continue,
-            true => 0.5,
-            false => 1.,
-        };
-        let weight = moment * (2. * price * part * b.interval).sqrt();
-        let line = b.reference(knot as f64 * b.interval);
+    let (arrives, part) = (b.settings.goal_velocity != GoalVelocity::Near, costly(b));
+    for knot in 1..=b.intervals - usize::from(arrives) {
+        let t = knot as f64 * b.interval;
+        // Half of the interval before and half of that after the knot.
+        let [from, to] = [-0.5, 0.5].map(|half| (t + half * b.interval).clamp(part.start, part.end));
+        if to - from < SHORTEST {
+            continue;
+        }
+        let weight = moment * (2. * price * (to - from)).sqrt();
+        let line = b.reference(t);
         let of_tilt = |value: [f64; 2]| [0., 0., 0., value[0], value[1], 0.].map(T::of);
         let (weight, desired) = (of_tilt([weight; 2]), of_tilt([-line[3], -line[4]]));
         b.tables.goals.push(Goal { weight, desired, variable: NONE, column: NONE, place: Place::default() });
@@ -161,13 +176,15 @@ fn trunk_elements<T: Real>(b: &mut Builder<T>, price: f64) {
 /// Two rows per free node of the Cholesky factor of a stance's Gram matrix.
 ///
 /// * `free` - nodes whose force is not fixed at zero
+/// * `part` - part of the stance that costs, in pieces
 /// * `scale` - of the Gram matrix of one piece
-fn effort_factor(free: &[usize], pieces: usize, scale: f64) -> Vec<[[f64; 4]; 2]> {
+fn effort_factor(free: &[usize], pieces: usize, part: Range<f64>, scale: f64) -> Vec<[[f64; 4]; 2]> {
     let n = 2 * free.len();
     let mut gram = vec![vec![0.; n]; n];
     for piece in 0..pieces {
         let at = |i: usize| free.iter().position(|&node| node == piece + i / 2).map(|node| 2 * node + i % 2);
-        for (i, row) in HERMITE_GRAM.iter().enumerate() {
+        let [from, to] = [part.start, part.end].map(|u| (u - piece as f64).clamp(0., 1.));
+        for (i, row) in hermite_gram(from, to).iter().enumerate() {
             for (j, value) in row.iter().enumerate() {
                 if let (Some(r), Some(c)) = (at(i), at(j)) {
                     gram[r][c] += scale * value;
@@ -179,10 +196,33 @@ fn effort_factor(free: &[usize], pieces: usize, scale: f64) -> Vec<[[f64; 4]; 2]
     for i in 0..n {
         for j in i..n {
             let rest = gram[i][j] - (0..i).map(|k| factor[k][i] * factor[k][j]).sum::<f64>();
-            factor[i][j] = if i == j { rest.sqrt() } else { rest / factor[i][i] };
+            // Functions that are zero in the part have no pivot.
+            let pivot = factor[i][i];
+            factor[i][j] = if i == j && rest > LEAST_PIVOT * scale {
+                rest.sqrt()
+            } else if i < j && pivot > 0. {
+                rest / pivot
+            } else {
+                0.
+            };
         }
     }
     (0..free.len()).map(|node| [0, 1].map(|r| std::array::from_fn(|c| factor[2 * node + r][2 * node + c]))).collect()
+}
+
+/// Gram matrix of the cubic Hermite functions of a piece of length 1, over a part of it.
+fn hermite_gram(from: f64, to: f64) -> [[f64; 4]; 4] {
+    if (from, to) == (0., 1.) {
+        return HERMITE_GRAM;
+    }
+    let mut gram = [[0.; 4]; 4];
+    for [at, weight] in *GAUSS_6 {
+        let basis = hermite(from + at * (to - from), 1.);
+        for (row, a) in gram.iter_mut().zip(basis) {
+            row.iter_mut().zip(basis).for_each(|(sum, b)| *sum += weight * (to - from) * a * b);
+        }
+    }
+    gram
 }
 
 /// Base and hip of a foot at fraction `u` of interval `k`.
@@ -221,7 +261,7 @@ fn stance_elements<T: Real>(b: &mut Builder<T>, price: f64) {
             let pieces = b.feet[foot].force_nodes[stance].len() - 1;
             let piece = span.duration() / pieces as f64;
             let nodes = (0..=pieces).map(|i| span.start + piece * i as f64);
-            for (t, duration) in points(span, nodes, h, b.intervals) {
+            for (t, duration) in points(span, nodes, h, costly(b)) {
                 let k = ((t / h) as usize).min(b.intervals - 1);
                 let since = t - span.start;
                 let first = ((since / piece) as usize).min(pieces - 1);
@@ -258,7 +298,7 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>, price: f
             let around = [b.feet[foot].footholds[swing], b.feet[foot].footholds[swing + 1]];
             let curve = swing_curve(own, b, foot, swing);
             let mid = curve.mid().map_or(span.start, |mid| span.start + mid);
-            for (t, duration) in points(span, [span.start, mid, span.end].into_iter(), h, b.intervals) {
+            for (t, duration) in points(span, [span.start, mid, span.end].into_iter(), h, costly(b)) {
                 let k = ((t / h) as usize).min(b.intervals - 1);
                 let [velocity, acceleration] = [curve.weights(t, hermite_rate), curve.weights(t, hermite_acceleration)];
                 // The power is that of the force on the leg, in weights.
@@ -284,14 +324,14 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>, price: f
     }
 }
 
-/// Points of the quadrature of a phase between knots and other nodes, where its power is not smooth, up to the horizon: times and weights,
-/// s.
+/// Points of the quadrature of a phase between knots and other nodes, where its power is not smooth, within a part of the motion: times and
+/// weights, s.
 ///
 /// * `nodes` - start and end of the phase, and nodes between them
-fn points(phase: Phase, nodes: impl Iterator<Item = f64>, interval: f64, intervals: usize) -> Vec<(f64, f64)> {
-    let knots = (0..=intervals).map(|k| k as f64 * interval).filter(|t| *t > phase.start + SHORTEST && *t < phase.end - SHORTEST);
-    let horizon = intervals as f64 * interval;
-    let mut cuts: Vec<f64> = nodes.map(|t| t.min(horizon)).chain(knots).collect();
+fn points(phase: Phase, nodes: impl Iterator<Item = f64>, interval: f64, part: Range<f64>) -> Vec<(f64, f64)> {
+    let low = (phase.start + SHORTEST).max(part.start);
+    let knots = ((low / interval).ceil() as usize..).map(|k| k as f64 * interval).take_while(|t| *t < (phase.end - SHORTEST).min(part.end));
+    let mut cuts: Vec<f64> = nodes.map(|t| t.clamp(part.start, part.end)).chain(knots).collect();
     cuts.sort_by(f64::total_cmp);
     cuts.dedup_by(|b, a| *b - *a < SHORTEST);
     cuts.windows(2).flat_map(|w| GAUSS_3.map(|[at, share]| (w[0] + at * (w[1] - w[0]), share * (w[1] - w[0])))).collect()

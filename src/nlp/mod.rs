@@ -11,6 +11,7 @@ mod factored;
 mod foot_blocks;
 mod footing;
 mod ground_path;
+mod periodic;
 pub mod problem;
 pub mod sweep;
 mod swing_curve;
@@ -60,6 +61,7 @@ fn builder<'a, T: Real>(task: &'a Task, schedule: &AlignedSchedule, settings: &'
     foot_blocks::blocks(own, &mut builder);
     own.dynamics(&mut builder);
     foot_blocks::rows(own, &mut builder);
+    periodic::rows(&mut builder);
     builder
 }
 

@@ -533,19 +533,19 @@ fn inertia_times<D: Number>(matrix: &nalgebra::Matrix3<f64>, angles: &Vec3<D>, v
     axes[0] * row(0) + axes[1] * row(1) + axes[2] * row(2)
 }
 
-/// Position and velocity of a hip at (x, y) in the base frame, from the pieces of position and attitude.
-fn hip<D: Number>([lin, ang]: &[Piece<D>; 2], time: D, [x, y]: [f64; 2]) -> [Vec3<D>; 2] {
+/// Position and velocity of a hip at (x, y) in the base frame, and angular velocity of the base, from the pieces of position and attitude.
+fn hip<D: Number>([lin, ang]: &[Piece<D>; 2], time: D, [x, y]: [f64; 2]) -> [Vec3<D>; 3] {
     let (angles, rates) = (ang.value(time), ang.first(time));
     let [roll, pitch, yaw] = axes(&angles);
     let omega = roll * rates.x + pitch * rates.y + yaw * rates.z;
     let [bx, by, _] = base_axes(&angles);
     let arm = bx * D::from(x) + by * D::from(y);
-    [lin.value(time) + arm, lin.first(time) + omega.cross(&arm)]
+    [lin.value(time) + arm, lin.first(time) + omega.cross(&arm), omega]
 }
 
 /// Powers of a stance leg along the leg and across it.
-fn stance_powers<D: Number>(force: &Vec3<D>, foothold: &Vec3<D>, [hip, velocity]: [Vec3<D>; 2]) -> [D; 2] {
+fn stance_powers<D: Number>(force: &Vec3<D>, foothold: &Vec3<D>, [hip, velocity, omega]: [Vec3<D>; 3]) -> [D; 2] {
     let leg = foothold - hip;
     let along = -force.dot(&leg) * velocity.dot(&leg) / leg.dot(&leg);
-    [along, -force.dot(&velocity) - along]
+    [along, -force.dot(&(velocity + omega.cross(&leg))) - along]
 }

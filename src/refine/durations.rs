@@ -8,7 +8,9 @@
 //! It is a difference of rebuilt problems, in which boundaries that share no row are moved at once (`rows`). A quadratic model of
 //! `V`, whose curvature is learned from the steps (`curvature`), gives the next durations within a trust region and above the
 //! shortest phases. Closing steps bring the motion onto the rows of these durations, and a few iterations minimise its cost from the
-//! multipliers before ([`Solver::resume`]). A step is taken if the cost falls.
+//! multipliers before ([`Solver::resume`]). A step is taken if the cost falls. A step that is refused adds its change of the derivative to
+//! the curvature, too: without that ever shorter steps from the same point are predicted by the same wrong model, and 15 searches of five
+//! tasks end 0.2 % above those with it in the geometric mean, in 7 % less time.
 //!
 //! The steps are along `Move`s. With single boundaries alone, the trust region would hold back changes of the lead-in or the tail, which
 //! move all boundaries relative to the horizon: ANYmal's trot of 2 m ends at a cost of 1.856 without the common moves and at 1.823 with
@@ -80,18 +82,45 @@ pub fn optimise_durations(
     steps: usize,
     cancel: &dyn Fn() -> bool,
 ) -> Option<Timed> {
-    let refine = RefineSettings::default();
+    let space = Space::new(task, schedule, transcription, &RefineSettings::default()).with_cost(weights);
+    let effort = Effort { steps, first: FIRST_ITERATIONS, iterations: ITERATIONS, rounded: false };
+    let (point, outcome, minimisations) = descend(&space, space.start(schedule, x), weights, settings, &effort, cancel)?;
+    Some(Timed { schedule: point.schedule, x: point.x, outcome, minimisations })
+}
+
+/// Effort of a descent.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Effort {
+    /// Largest number of changes of the durations.
+    pub steps: usize,
+    /// Largest number of iterations for the given motion.
+    pub first: usize,
+    /// Largest number of iterations after a change of the durations.
+    pub iterations: usize,
+    /// True if the cost counts as it is rounded in its rows.
+    pub rounded: bool,
+}
+
+/// Lowers the cost of a gait along those durations that are variables of a space with cost rows. Returns the best point, the effort of all
+/// solves and the number of minimisations.
+pub(super) fn descend(
+    space: &Space,
+    from: Point,
+    weights: &CostWeights,
+    settings: &SolverSettings,
+    effort: &Effort,
+    cancel: &dyn Fn() -> bool,
+) -> Option<(Point, Outcome, usize)> {
     // Without iterations of its own a minimisation has no weight for the cost.
-    let iterations = settings.optimise.iterations.max(FIRST_ITERATIONS);
+    let iterations = settings.optimise.iterations.max(effort.first);
     let optimise = OptimiseSettings { iterations, cost: *weights, ..settings.optimise.clone() };
     let settings = &SolverSettings { optimise, ..settings.clone() };
-    let space = Space::new(task, schedule, transcription, &refine).with_cost(weights);
     let outcome = Outcome { status: Status::Solved, iterations: 0, factorisations: 0, infeasibility: 0. };
-    let mut descent = Descent { task, space: &space, weights, settings, cancel, solver: Solver::default(), outcome, minimisations: 0 };
-    let first = descent.optimum(space.start(schedule, x), None)?;
-    let best = descent.run(first, steps);
-    let Descent { outcome, minimisations, .. } = descent;
-    Some(Timed { schedule: best.point.schedule, x: best.point.x, outcome, minimisations })
+    let solver = Solver::default();
+    let mut descent = Descent { task: space.task, space, weights, settings, effort, cancel, solver, outcome, minimisations: 0 };
+    let first = descent.optimum(from, None)?;
+    let best = descent.run(first, effort.steps);
+    Some((best.point, descent.outcome, descent.minimisations))
 }
 
 /// A motion of least cost for its durations.
@@ -108,6 +137,7 @@ struct Descent<'a> {
     space: &'a Space<'a>,
     weights: &'a CostWeights,
     settings: &'a SolverSettings,
+    effort: &'a Effort,
     cancel: &'a dyn Fn() -> bool,
     solver: Solver<f64>,
     /// Effort so far.
@@ -120,6 +150,9 @@ impl Descent<'_> {
     /// Steps along the durations. Returns the best motion.
     fn run(&mut self, first: Optimum, steps: usize) -> Optimum {
         let moves = self.space.moves(&first.point);
+        if moves.is_empty() {
+            return first;
+        }
         let length: Vec<f64> = moves.iter().map(|m| m.length).collect();
         let mut history = History::default();
         let (mut now, mut trust, mut tried) = (first, TRUST[0], 0);
@@ -128,13 +161,13 @@ impl Descent<'_> {
         // Last step and the derivatives before it, in trust lengths.
         let mut last: Option<(Vec<f64>, Vec<f64>)> = None;
         while let Ok(slope) = self.slope(&now, &moves) {
-            let scaled: Vec<f64> = slope.iter().zip(&length).map(|(s, l)| s * l).collect();
+            let scaled = relative(&slope, &length, |s, l| s * l);
             if let Some((step, before)) = last.take() {
                 history.push(step, scaled.clone(), &before, now.cost);
             }
             let model = Model { effort: now.cost, effort_by: slope, ..Model::default() };
             let linear = Linear { inequalities: self.limits(&now.point, &moves), ..Linear::default() };
-            let curvature = history.curvature(LEAST_CURVATURE);
+            let mut curvature = history.curvature(LEAST_CURVATURE);
             // Shorter and shorter steps from one point.
             loop {
                 if tried == steps || trust < LEAST_TRUST || (self.cancel)() {
@@ -145,6 +178,14 @@ impl Descent<'_> {
                 let next = self.moved(&now, &moves, &step.by);
                 let fall = next.as_ref().map_or(f64::NEG_INFINITY, |next| now.cost - next.cost);
                 let ratio = fall / step.predicted;
+                // A refused step says as much about the curvature as one that is taken.
+                if fall <= 0.
+                    && let Some(refused) = &next
+                    && let Ok(there) = self.slope(refused, &moves)
+                {
+                    history.push(relative(&step.by, &length, |d, l| d / l), relative(&there, &length, |s, l| s * l), &scaled, now.cost);
+                    curvature = history.curvature(LEAST_CURVATURE);
+                }
                 let went = step.by.iter().zip(&length).map(|(d, l)| (d / l).abs()).fold(0., f64::max);
                 if ratio < RATIOS[0] {
                     trust = 0.5 * went.min(trust);
@@ -153,7 +194,7 @@ impl Descent<'_> {
                 }
                 if let Some(next) = next.filter(|_| fall > 0.) {
                     again = true;
-                    last = Some((step.by.iter().zip(&length).map(|(d, l)| d / l).collect(), scaled));
+                    last = Some((relative(&step.by, &length, |d, l| d / l), scaled));
                     now = next;
                     break;
                 }
@@ -188,10 +229,10 @@ impl Descent<'_> {
         let multipliers = multipliers.filter(|m| m.len() == rows.iter().map(|row| row.rows).sum::<usize>());
         let mut x = point.x.clone();
         let mut given = solver::Residuals { c: vec![0.; problem.rows.one_sided()], g: vec![0.; problem.inequalities] };
-        let (mut barrier, mut iterations) = (FIRST_BARRIER, FIRST_ITERATIONS);
+        let (mut barrier, mut iterations) = (FIRST_BARRIER, self.effort.first);
         if let Some(values) = multipliers {
             scatter(&rows, values, &mut given);
-            (barrier, iterations) = (BARRIER, ITERATIONS);
+            (barrier, iterations) = (BARRIER, self.effort.iterations);
             let mut closing = closing_settings();
             closing.optimise.iterations = 0;
             let outcome = self.solver.solve(problem, &closing, Finish::Infeasibility(CLOSED), Some(&x), self.cancel);
@@ -210,7 +251,13 @@ impl Descent<'_> {
         let point = self.space.moved(point, self.solver.solution());
         let motion = trajectory(self.task, &point.problem.curves, &point.x);
         let robot = &self.task.robot;
-        let cost = cost(&motion, robot, robot.leg_mass(), self.weights).ok()?.total;
+        let cost = if self.effort.rounded {
+            let objective = Objective { weight: 1., rounding: self.settings.optimise.rounding_floor };
+            let residuals = Residuals::new(&point.problem, &point.x, false);
+            cost_parts(&point.problem, &residuals.c, &objective).into_iter().map(|(_, cost)| cost).sum()
+        } else {
+            cost(&motion, robot, robot.leg_mass(), self.weights).ok()?.total
+        };
         Some(Optimum { point, multipliers, cost })
     }
 
@@ -257,6 +304,11 @@ impl Descent<'_> {
         })
         .collect()
     }
+}
+
+/// Values in the unit of trust lengths.
+fn relative(values: &[f64], length: &[f64], by: impl Fn(f64, f64) -> f64) -> Vec<f64> {
+    values.iter().zip(length).map(|(value, length)| by(*value, *length)).collect()
 }
 
 /// Writes values of the constraints to their places in a problem.

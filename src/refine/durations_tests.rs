@@ -27,6 +27,9 @@ fn walk() -> (Task, Evaluated) {
     (task, gait)
 }
 
+/// Effort of the descents in the tests.
+const EFFORT: Effort = Effort { steps: 0, first: FIRST_ITERATIONS, iterations: ITERATIONS, rounded: false };
+
 /// Calls `then` with a descent from the walk and its initial point.
 fn with_walk(then: impl Fn(&mut Descent, Point)) {
     let (task, gait) = walk();
@@ -39,6 +42,7 @@ fn with_walk(then: impl Fn(&mut Descent, Point)) {
         space: &space,
         weights: &weights,
         settings: &settings,
+        effort: &EFFORT,
         cancel: &|| false,
         solver,
         outcome,

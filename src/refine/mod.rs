@@ -1,4 +1,7 @@
-//! Refinement of a found gait to a local optimum of its cost, by sequential convex programming.
+//! Refinement of a found gait to a local optimum of its cost: a descent along its durations, then sequential convex programming.
+//!
+//! The solver minimises the cost for given durations, and the durations follow their gradient (`durations`), with absolute values of powers
+//! that are rounded less and less. Where that ends, all variables move together in a few convex problems.
 //!
 //! The variables are those of the `momentum` problem, the boundaries between phases and, if the horizon is free, the interval of base knots
 //! (`variables`). At every point the rows are linearised, friction cones are kept as cones (`rows`), and the cost is approximated by a
@@ -9,7 +12,7 @@
 //!
 //! ```text
 //! v        the given gait, closed with exact friction cones
-//! for      a cost whose absolute values are rounded, less rounded, exact:
+//!          v descends along its durations
 //! repeat   d    minimises the convex cost around v, |d| <= trust
 //!          w    v + d, closed
 //!          if w is certified and cost(w) < cost(v) - ACCEPTED * predicted decrease: v becomes w
@@ -32,13 +35,14 @@ use crate::gait::family::MIN_PHASE_SCALED;
 use crate::gait::{AlignedSchedule, Trajectory};
 use crate::nlp::{Curves, Problem, trajectory};
 use crate::robot::Robot;
-use crate::settings::{Friction, SolverSettings, StallSettings, Transcription, TranscriptionSettings};
+use crate::settings::{Friction, OptimiseSettings, SolverSettings, StallSettings, Transcription, TranscriptionSettings};
 use crate::solver::{Finish, Solver, Status};
 use crate::task::Task;
 use crate::verify::verify_rows;
 use convex::Multipliers;
 use convex_cost::Price;
 use curvature::History;
+use durations::{Effort, descend};
 use serde::{Deserialize, Serialize};
 use variables::{Point, Space};
 
@@ -47,7 +51,8 @@ use variables::{Point, Space};
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct RefineSettings {
-    /// Largest number of convex problems. Too small: the refinement ends far from the optimum; too large: only costs time.
+    /// Largest number of convex problems. Too small: the refinement ends above the optimum; too large: costs time. From 6 to 60 problems
+    /// the cost falls by at most 0.2 % on ANYmal, HyQ and the biped.
     pub iterations: usize,
     /// Optimality residual at which the refinement ends with `optimal`. Too small: never reached; too large: the result is not optimal.
     pub tolerance: f64,
@@ -72,9 +77,9 @@ pub struct RefineSettings {
 impl Default for RefineSettings {
     fn default() -> Self {
         RefineSettings {
-            iterations: 60,
+            iterations: 6,
             tolerance: 1e-4,
-            gain: 2e-5,
+            gain: 1e-4,
             durations: true,
             horizon: true,
             trust: 0.5,
@@ -216,9 +221,16 @@ const MOST_TRUST: f64 = 1.;
 /// short steps.
 const LEAST_CURVATURE: [f64; 3] = [1e-3, 1e-5, 1e2];
 /// Huber roundings of the absolute values of powers, applied one after the other, in metres times the weight at each quadrature point: from
-/// a smooth cost to the exact one. Without the first ones gaits end in the nearest of many optima, because where powers are zero, every
-/// direction increases the exact cost at first: a biped's walk of 0.6 m ends at a cost of 5.401 without them and 5.326 with them.
+/// a smooth cost to the exact one. The rounded ones are for gaits from which the descent failed: without them such gaits end in the nearest
+/// of many optima, because where powers are zero, every direction increases the exact cost at first.
 const ROUNDINGS: [f64; 4] = [1., 0.1, 0.01, 0.];
+/// Roundings of the absolute values of powers in the descent along the durations, m/s. Without the first two ANYmal's trot of 2 m ends at
+/// 1.824 instead of 1.821.
+const DESCENT_ROUNDINGS: [f64; 3] = [3e-2, 3e-3, 3e-5];
+/// Predicted relative fall of the cost at which a minimisation of the descent ends.
+const DESCENT_TOLERANCE: f64 = 1e-6;
+/// Effort of the descent.
+const DESCENT: Effort = Effort { steps: 100, first: 30, iterations: 8, rounded: false };
 /// Predicted relative decrease of a rounded cost below which a step is negligible.
 const ROUNDED_GAIN: f64 = 1e-3;
 /// Number of consecutive negligible steps after which a refinement ends.
@@ -282,12 +294,16 @@ pub fn refine(
         return pricing.report(&given, given.clone(), status, None, 0);
     };
     let given = space.start(schedule, x);
+    let descended = descended(&space, schedule, &now, weights, &mut solver, settings, cancel);
     let price = Price::new(&space, weights, leg_mass);
     let history = History::default();
+    // After the descent, which rounds the cost by itself, the exact cost is left.
+    let first = if descended.is_some() { ROUNDINGS.len() - 1 } else { 0 };
+    let now = descended.filter(|point| price.value(point, 0.) < price.value(&now, 0.)).unwrap_or(now);
     let mut descent =
         Descent { task, space: &space, price: &price, settings, cancel, solver, history, now, iterations: 0, optimality: None };
     let mut status = RefineStatus::MaxIterations;
-    for (i, rounding) in ROUNDINGS.iter().enumerate() {
+    for (i, rounding) in ROUNDINGS.iter().enumerate().skip(first) {
         let gain = if *rounding > 0. { settings.gain.max(ROUNDED_GAIN) } else { settings.gain };
         let most = settings.iterations * (i + 1) / ROUNDINGS.len();
         status = descent.run(rounding * task.robot.weight(), gain, most)?;
@@ -394,6 +410,9 @@ fn check(task: &Task, schedule: &AlignedSchedule, x: &[f64], transcription: &Tra
         let limit = format!("{} feet, as robot `{}` has", task.robot.feet(), task.robot.name);
         return Err(Error::invalid("durations", format!("{} feet", schedule.feet()), limit));
     }
+    if task.stride.is_some() {
+        return Err(Error::invalid("task.stride", "a periodic stride", "none for a gait to be refined"));
+    }
     let expected = Problem::<f64>::new(task, schedule, transcription).initial.len();
     if x.len() != expected || x.iter().any(|v| !v.is_finite()) {
         return Err(Error::invalid("x", format!("{} values", x.len()), format!("{expected} finite values, for this schedule")));
@@ -444,6 +463,30 @@ fn close_given(space: &Space, solver: &mut Solver<f64>, schedule: &AlignedSchedu
     let attempts = [closing_settings(), continued, SolverSettings::default()];
     let closed = |settings| close(space, solver, space.start(schedule, x), settings, cancel).filter(|p| certified(space.task, p));
     attempts.iter().find_map(closed)
+}
+
+/// Lowers the cost of a closed gait by minimisations of the solver and along its durations, with absolute values that are rounded less and
+/// less. `None` if its motion cannot be minimised, or does not pass the independent check afterwards.
+fn descended(
+    space: &Space,
+    schedule: &AlignedSchedule,
+    closed: &Point,
+    weights: &CostWeights,
+    solver: &mut Solver<f64>,
+    settings: &RefineSettings,
+    cancel: &dyn Fn() -> bool,
+) -> Option<Point> {
+    let costly = Space::new(space.task, schedule, space.settings, settings).with_cost(weights);
+    let mut point = costly.start(schedule, &closed.x);
+    for rounding_floor in DESCENT_ROUNDINGS {
+        let optimise = OptimiseSettings { tolerance: DESCENT_TOLERANCE, rounding_floor, ..OptimiseSettings::default() };
+        let optimise = OptimiseSettings { rounding: rounding_floor.max(optimise.rounding), ..optimise };
+        let solver = SolverSettings { optimise, ..SolverSettings::default() };
+        let effort = Effort { rounded: rounding_floor > DESCENT_ROUNDINGS[2], ..DESCENT };
+        (point, ..) = descend(&costly, point, weights, &solver, &effort, cancel)?;
+    }
+    let point = close(space, solver, space.point(point.v).ok()?, &closing_settings(), cancel)?;
+    certified(space.task, &point).then_some(point)
 }
 
 /// Task and weights for evaluating the cost of a gait.

@@ -4,7 +4,7 @@ use crate::gait::cost::cost as price_of;
 use crate::gait::family::{GaitFamily, PeriodicGait};
 use crate::robot::Robot;
 use crate::search::evaluate::{Evaluated, LowerSettings, evaluate};
-use crate::task::Goal;
+use crate::task::{Goal, PeriodicStride};
 use crate::terrain::Terrain;
 
 pub(super) fn task(robot: &str, terrain: &str, [x, y]: [f64; 2], yaw: f64) -> Task {
@@ -140,7 +140,7 @@ fn refined(settings: &RefineSettings) -> (Task, Refined) {
 #[test]
 fn a_trot_with_fixed_durations_becomes_cheaper() {
     let (_, r) = refined(&RefineSettings { durations: false, horizon: false, iterations: 8, ..RefineSettings::default() });
-    assert!(r.after.total < 0.9 * r.before.total && r.status == RefineStatus::MaxIterations);
+    assert!(r.after.total < 0.9 * r.before.total && r.iterations <= 8 && r.status != RefineStatus::Stalled);
     assert!(r.changed == 0 && r.largest_change < 1e-12 && (r.after.horizon - r.before.horizon).abs() < 1e-12);
 }
 
@@ -199,7 +199,11 @@ fn invalid_inputs_are_refused() {
     assert!(refused(&gait.x[1..], &transcription, &settings).contains("x: "));
     let towr = TranscriptionSettings { rows: Transcription::Towr, ..transcription.clone() };
     assert!(refused(&gait.x, &towr, &settings).contains("momentum"));
-    assert!(refused(&gait.x, &transcription, &RefineSettings { trust: f64::NAN, ..settings }).contains("refine.trust"));
+    assert!(refused(&gait.x, &transcription, &RefineSettings { trust: f64::NAN, ..settings.clone() }).contains("refine.trust"));
+    let stride = Some(PeriodicStride { start: 0, intervals: 2, displacement: [0.; 3] });
+    let task = Task { stride, ..task.clone() };
+    let periodic = refine(&task, &gait.schedule, &gait.x, &transcription, &CostWeights::default(), &settings, &|| false);
+    assert!(periodic.unwrap_err().to_string().contains("stride"));
 }
 
 #[test]

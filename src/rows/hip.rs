@@ -43,6 +43,12 @@ pub struct Hip<T> {
     position_by: [Vec3<T>; 3],
     /// Derivatives of the velocity with respect to each Euler angle.
     velocity_by: [Vec3<T>; 3],
+    /// Angular velocity of the base, rad/s.
+    pub omega: Vec3<T>,
+    /// Derivatives of the angular velocity with respect to each Euler angle.
+    omega_by: [Vec3<T>; 3],
+    /// Axes of the Euler angles: derivatives of the angular velocity with respect to their rates.
+    axes: [Vec3<T>; 3],
 }
 
 /// The hip at a point.
@@ -71,16 +77,22 @@ pub fn hip<T: Real>(tables: &Tables<T>, x: &[T], deviations: &[Deviation<T>], at
         velocity: add([rate[0], rate[1], rate[2]], cross(omega, arm)),
         position_by,
         velocity_by: std::array::from_fn(|i| add(cross(omega_by[i], arm), cross(omega, position_by[i]))),
+        omega,
+        omega_by,
+        axes,
     }
 }
 
 /// Writes the base columns of a row.
 ///
-/// * `by_position`, `by_velocity` - derivatives of the row with respect to the hip
+/// * `by` - derivatives of the row with respect to position and velocity of the hip and to the angular velocity
 #[inline(always)]
-pub fn put_base<T: Real>(rows: &mut Rows<T>, row: usize, at: &HipPoint<T>, hip: &Hip<T>, by_position: Vec3<T>, by_velocity: Vec3<T>) {
-    let by_angle: Vec3<T> = std::array::from_fn(|i| dot(by_position, hip.position_by[i]) + dot(by_velocity, hip.velocity_by[i]));
-    let by_rate: Vec3<T> = std::array::from_fn(|i| dot(by_velocity, hip.position_by[i]));
+pub fn put_base<T: Real>(rows: &mut Rows<T>, row: usize, at: &HipPoint<T>, hip: &Hip<T>, by: [Vec3<T>; 3]) {
+    let [by_position, by_velocity, by_omega] = by;
+    let by_angle: Vec3<T> = std::array::from_fn(|i| {
+        dot(by_position, hip.position_by[i]) + dot(by_velocity, hip.velocity_by[i]) + dot(by_omega, hip.omega_by[i])
+    });
+    let by_rate: Vec3<T> = std::array::from_fn(|i| dot(by_velocity, hip.position_by[i]) + dot(by_omega, hip.axes[i]));
     for i in 0..4 {
         if at.column[i] == NONE {
             continue;

@@ -22,6 +22,7 @@ pub mod ground;
 pub mod hip;
 pub mod math;
 pub mod momentum;
+pub mod periodic;
 pub mod reach;
 pub mod sole;
 pub mod stance_power;
@@ -181,6 +182,8 @@ families! {
     Sole { sole::SPEC, sole::allowed, sole::place }
     /// Yaw of a standing sole relative to the base.
     Turn { turn::SPEC, turn::allowed, turn::place }
+    /// Repetition of a periodic stride.
+    Periodic { periodic::SPEC, periodic::allowed, periodic::place }
     /// Curvature of a friction cone.
     ConeCurvature { cone_curvature::SPEC, cone_curvature::allowed, cone_curvature::place }
     /// Effort of the force at a node.
@@ -225,6 +228,7 @@ macro_rules! row_tables {
             footings Footings [$crate::rows::footing::Footing<T>],
             sole_points SolePoints [$crate::rows::sole::SolePoint<T>],
             turns Turns [$crate::rows::turn::Turn<T>],
+            periodics Periodics [$crate::rows::periodic::Periodic<T>],
             cone_curvatures ConeCurvatures [$crate::rows::cone_curvature::ConeCurvature<T>],
             efforts Efforts [$crate::rows::effort::Effort<T>],
             stance_powers StancePowers [$crate::rows::stance_power::StancePower<T>],
@@ -253,6 +257,7 @@ macro_rules! row_shaders {
             Footing "rows/footing" footings,
             Sole "rows/sole" sole_points,
             Turn "rows/turn" turns,
+            Periodic "rows/periodic" periodics,
             ConeCurvature "rows/cone_curvature" cone_curvatures,
             Effort "rows/effort" efforts,
             StancePower "rows/stance_power" stance_powers,
@@ -398,6 +403,7 @@ pub fn residuals<T: Real>(
     footing::footing(tables, x, inequality, jacobian.as_deref_mut());
     sole::sole(tables, x, inequality, jacobian.as_deref_mut());
     turn::turn(tables, x, inequality, jacobian.as_deref_mut());
+    periodic::periodic(tables, x, equality, jacobian.as_deref_mut());
     cone_curvature::cone_curvature(tables, x, equality, jacobian.as_deref_mut());
     effort::effort(tables, x, equality, jacobian.as_deref_mut());
     stance_power::stance_power(tables, x, ground, deviations, equality, jacobian.as_deref_mut());

@@ -1,13 +1,14 @@
 //! Powers of standing legs as cost rows, along the leg and across it.
 //!
-//! With the force `f` in weights, the direction `e` of the leg from hip to foot and the velocity `v = -v_hip` of the foot relative to the
-//! hip, the powers are `(f . e)(e . v)` and `f . v - (f . e)(e . v)`, in m/s. [`crate::gait::cost`] explains them.
+//! With the force `f` in weights, the direction `e` of the leg `r` from hip to foot, the velocity `v = -v_hip` of the foot relative to the
+//! hip and the angular velocity `omega` of the base, the powers are `(f . e)(e . v)` and `f . (v - omega x r) - (f . e)(e . v)`, in m/s.
+//! [`crate::gait::cost`] explains them.
 
 use super::Tables;
 use super::blocks::Placed;
 use super::foot::{StanceForce, stance_force};
 use super::hip::{Hip, HipPoint, hip, put_base};
-use super::math::{Vec3, add, dot, scale, sub};
+use super::math::{Vec3, add, cross, dot, scale, sub};
 use super::momentum::Deviation;
 use super::table::{NONE, Place};
 use super::write::Rows;
@@ -69,24 +70,25 @@ pub fn stance_power<T: Real>(
         let (pushed, stretched) = (dot(force, e), dot(e, v));
         let at = power.place.row as usize;
         residual[at] = pushed * stretched;
-        residual[at + 1] = dot(force, v) - pushed * stretched;
+        let against_body = sub(v, cross(hip.omega, leg));
+        residual[at + 1] = dot(force, against_body) - pushed * stretched;
         let Some(jacobian) = jacobian.as_deref_mut() else { continue };
         let mut rows = Rows::new(jacobian, &power.place);
         // Derivatives with respect to e, then to the leg: those of a unit vector.
         let by_e = add(scale(stretched, force), scale(pushed, v));
         let by_leg = scale(inverse, sub(by_e, scale(dot(e, by_e), e)));
-        let along = [scale(stretched, e), scale(pushed, e), by_leg];
-        let across = [sub(v, along[0]), sub(force, along[1]), scale(-T::one(), by_leg)];
+        let along = [scale(stretched, e), scale(pushed, e), by_leg, [T::zero(); 3]];
+        let across = [sub(against_body, along[0]), sub(force, along[1]), sub(cross(hip.omega, force), by_leg), cross(force, leg)];
         put_row(&mut rows, 0, power, &hip, under, along);
         put_row(&mut rows, 1, power, &hip, under, across);
     }
 }
 
-/// Writes one row from its derivatives with respect to force, velocity and leg.
+/// Writes one row from its derivatives with respect to force, velocity, leg and angular velocity.
 #[inline(always)]
-fn put_row<T: Real>(rows: &mut Rows<T>, row: usize, power: &StancePower<T>, hip: &Hip<T>, under: &Ground<T>, by: [Vec3<T>; 3]) {
-    let ([by_force, by_velocity, by_leg], stance) = (by, &power.stance);
-    put_base(rows, row, &power.base, hip, scale(-T::one(), by_leg), scale(-T::one(), by_velocity));
+fn put_row<T: Real>(rows: &mut Rows<T>, row: usize, power: &StancePower<T>, hip: &Hip<T>, under: &Ground<T>, by: [Vec3<T>; 4]) {
+    let ([by_force, by_velocity, by_leg, by_omega], stance) = (by, &power.stance);
+    put_base(rows, row, &power.base, hip, [scale(-T::one(), by_leg), scale(-T::one(), by_velocity), by_omega]);
     for i in 0..2 {
         if stance.node_column[i] != NONE {
             let column = stance.node_column[i] as usize;

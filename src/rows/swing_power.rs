@@ -78,7 +78,8 @@ pub fn swing_power<T: Real>(
         residual[power.place.row as usize] = dot(acceleration, v);
         let Some(jacobian) = jacobian.as_deref_mut() else { continue };
         let mut rows = Rows::new(jacobian, &power.place);
-        put_base(&mut rows, 0, &power.base, &hip, [T::zero(); 3], scale(-T::one(), acceleration));
+        let none = [T::zero(); 3];
+        put_base(&mut rows, 0, &power.base, &hip, [none, scale(-T::one(), acceleration), none]);
         let by = [acceleration, v];
         for i in 0..2 {
             if power.foothold_column[i] == NONE {

@@ -2,28 +2,36 @@
 //!
 //! # Speed
 //! A motion starts and ends at rest. In the initial guess the base accelerates over 30 % of the horizon, moves at constant speed over 40 %
-//! (the even part) and decelerates over 30 %. The cost is that of whole strides in the even part ([`cost_between`]), without starting and
-//! stopping. The horizon is long enough that the even part lasts [`AtlasPlan::even`] and that the acceleration stays within that of
-//! [`ACCELERATION`].
+//! (the even part) and decelerates over 30 %. One stride in the middle is periodic ([`PeriodicStride`]): it covers the distance of the
+//! travel speed, and at its end base and feet are as at its start. The cost is that of this stride ([`cost_between`]), and it is minimised;
+//! what comes before and after costs nothing. The horizon is long enough that the even part lasts [`AtlasPlan::even`] and that the
+//! acceleration stays within that of [`ACCELERATION`]. The interval between base knots divides the period.
+//!
+//! If the stride were not periodic, the minimum would spend kinetic energy that was gained before it, and cost less than the work of
+//! lifting the weight on a slope.
 //!
 //! # Limits of an atlas
-//! A gait without a certificate may exist all the same, because the solver is local. Motions are feasible, not optimal: gaits whose costs
-//! differ by only a few percent are equally good.
+//! A gait without a certificate may exist all the same, because the solver is local, and so are the minima.
 
 use crate::backend::Backend;
 use crate::error::{Error, Result, check_range};
-use crate::gait::Schedule;
 use crate::gait::cost::{Cost, CostWeights, cost_between};
 use crate::gait::family::{
     ACCELERATION, GaitFamily, MEAN_SPEED, PeriodicGait, RAMP, TYPICAL_LEAD_IN, TYPICAL_TAIL, families, froude, offsets, speed_scale,
     time_scale,
 };
+use crate::gait::piece::{Piece, pieces};
+use crate::gait::{Curve, Schedule, Trajectory};
+use crate::nlp::transcription::interval;
 use crate::robot::{GRAVITY, Robot};
 use crate::search::evaluate::{Evaluated, LowerSettings, evaluate};
+use crate::settings::TranscriptionSettings;
 use crate::solver::Status;
-use crate::task::{Goal, Task};
+use crate::task::{Goal, PeriodicStride, Task};
 use crate::terrain::{Grid, Shape, Terrain};
+use nalgebra::Vector3;
 use serde::Serialize;
+use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -45,6 +53,8 @@ const EVEN: f64 = 1. - 2. * RAMP;
 const REACH: f64 = 1.05;
 /// Shortest phase, in units of [`time_scale`]. Grid points with shorter phases are skipped: no leg can follow them.
 const SHORTEST_PHASE: f64 = 0.35;
+/// Largest difference between the states at both ends of a periodic stride, m, rad, m/s and rad/s.
+const REPEATS: f64 = 1e-3;
 /// Friction coefficient of the ground.
 const FRICTION: f64 = 1.;
 /// Length of a slope beyond the goal, m.
@@ -59,10 +69,14 @@ pub const MAX_PROBLEMS: usize = 1_000_000;
 /// with 3 pieces and 0.41, 0.40 and 0.34 with 4, 6 and 8 (effort weight 0.07); eight take 1.2 to 1.6 times the time of four.
 pub const FORCE_PIECES: usize = 8;
 
+/// Largest number of iterations of the minimisation.
+pub const ITERATIONS: usize = 20;
+
 /// Settings of the lower level for an atlas.
 pub fn atlas_settings() -> LowerSettings {
     let mut settings = LowerSettings::default();
     settings.transcription.force_pieces = FORCE_PIECES;
+    settings.solver.optimise.iterations = ITERATIONS;
     settings
 }
 
@@ -96,6 +110,10 @@ struct AtlasProblem {
     slope: f64,
     task: Task,
     schedule: Schedule,
+    /// Periodic stride of the task.
+    stride: PeriodicStride,
+    /// Interval between base knots, s.
+    interval: f64,
 }
 
 /// Result at one grid point.
@@ -207,8 +225,9 @@ impl AtlasPlan {
 
     /// Problems to solve, and the number of combinations that are skipped because a foot would leave its reach box, a phase would be too
     /// short or the duty factor belongs to another family.
-    fn problems(&self) -> Result<(Vec<AtlasProblem>, usize)> {
+    fn problems(&self, transcription: &TranscriptionSettings) -> Result<(Vec<AtlasProblem>, usize)> {
         let robot = &self.robot;
+        let longest = interval(transcription, robot);
         let (time, mut problems, mut left_out) = (time_scale(robot), Vec::new(), 0);
         // The foot with the shortest reach box is the first to leave it.
         let along = robot.reach_boxes().map(|reach| reach.widths()[0]).fold(f64::INFINITY, f64::min);
@@ -228,11 +247,18 @@ impl AtlasPlan {
                     let ramp = speed / (ACCELERATION * GRAVITY * FRICTION);
                     let horizon = (self.even.max(period) / EVEN).max(ramp / ((1. - EVEN) / 2.));
                     gait.strides = ((horizon - gait.horizon()) / period).ceil().max(1.) as usize;
-                    let x = MEAN_SPEED * speed * gait.horizon() / slope.hypot(1.);
+                    let intervals = (period / longest - 1e-9).ceil();
+                    let (schedule, interval) = (gait.schedule()?, period / intervals);
+                    let (count, intervals) = (schedule.intervals(interval), intervals as usize);
+                    let along = |time: f64| speed * time / slope.hypot(1.);
+                    let x = MEAN_SPEED * along(count as f64 * interval);
                     let terrain = Arc::new(sloping(slope, x));
                     // The base is parallel to the slope at the start and at the goal.
                     let task = Task::new(robot.clone(), terrain, Goal::at(x, 0.))?;
-                    problems.push(AtlasProblem { schedule: gait.schedule()?, gait, speed, slope, task });
+                    let displacement = [along(period), 0., along(period) * slope];
+                    let stride = PeriodicStride { start: count.saturating_sub(intervals) / 2, intervals, displacement };
+                    let task = Task { stride: Some(stride), ..task };
+                    problems.push(AtlasProblem { schedule, gait, speed, slope, task, stride, interval });
                 }
             }
         }
@@ -245,7 +271,7 @@ impl AtlasPlan {
     /// Errors of [`AtlasPlan::validate`].
     pub fn count(&self) -> Result<usize> {
         self.validate()?;
-        Ok(self.problems()?.0.len())
+        Ok(self.problems(&TranscriptionSettings::default())?.0.len())
     }
 
     /// Solves every problem of the plan, in batches of `chunk`.
@@ -267,21 +293,29 @@ impl AtlasPlan {
         let start = Instant::now();
         let mut settings = settings.clone();
         settings.solver.optimise.cost = self.weights;
-        let (problems, left_out) = self.problems()?;
-        let mut points = Vec::with_capacity(problems.len());
-        for chunk in problems.chunks(chunk.max(1)) {
-            let candidates: Vec<(&Task, &Schedule)> = chunk.iter().map(|p| (&p.task, &p.schedule)).collect();
+        let (problems, left_out) = self.problems(&settings.transcription)?;
+        let mut points: Vec<Option<AtlasPoint>> = problems.iter().map(|_| None).collect();
+        let mut done = 0;
+        // The candidates of a batch have the same interval.
+        let mut order: Vec<usize> = (0..problems.len()).collect();
+        order.sort_by(|&a, &b| problems[a].interval.total_cmp(&problems[b].interval));
+        let batches = order.chunk_by(|&a, &b| problems[a].interval == problems[b].interval);
+        for batch in batches.flat_map(|batch| batch.chunks(chunk.max(1))) {
+            settings.transcription.interval = Some(problems[batch[0]].interval);
+            let candidates: Vec<(&Task, &Schedule)> = batch.iter().map(|&i| (&problems[i].task, &problems[i].schedule)).collect();
             let evaluated = evaluate(&candidates, &settings, None, backend, false, &|| cancelled.load(Ordering::Relaxed))?;
-            for (problem, evaluated) in chunk.iter().zip(evaluated) {
+            for (&i, evaluated) in batch.iter().zip(evaluated) {
                 if let Some(evaluated) = evaluated {
-                    points.push(point(problem, &evaluated, &settings, &self.weights)?);
+                    points[i] = Some(point(&problems[i], &evaluated, &settings, &self.weights)?);
+                    done += 1;
                 }
             }
-            progress(points.len(), problems.len());
+            progress(done, problems.len());
             if cancelled.load(Ordering::Relaxed) {
                 break;
             }
         }
+        let points = points.into_iter().flatten().collect();
         Ok(Atlas { problems: problems.len(), left_out, points, seconds: start.elapsed().as_secs_f64(), plan: self })
     }
 }
@@ -366,21 +400,31 @@ fn sloping(slope: f64, distance: f64) -> Terrain {
     Terrain { name: if slope == 0. { "flat".into() } else { format!("slope of {slope}") }, friction: FRICTION, shape }
 }
 
-/// Start and end of the whole strides in the middle of the even part, s.
-fn even_part(gait: &PeriodicGait, horizon: f64) -> [f64; 2] {
-    let strides = (EVEN * horizon / gait.period() + 1e-9).floor().max(1.);
-    let half = (strides * gait.period() / 2.).min(horizon / 2.);
-    [horizon / 2. - half, horizon / 2. + half]
+/// Largest difference between the end of a stride and its start, moved by the displacement, m, rad, m/s and rad/s: pose and rates of the
+/// base, positions of the feet. It is read from the curves of the motion.
+fn mismatch(motion: &Trajectory, stride: &PeriodicStride, interval: f64) -> f64 {
+    let Range { start, end } = stride.times(interval);
+    let moved = Vector3::from(stride.displacement);
+    // Largest differences of value and slope.
+    let apart = |curve: &Curve, moved: Vector3<f64>| -> [f64; 2] {
+        let pieces = pieces(curve);
+        let ([from, rate], [to, next_rate]) = (Piece::at(&pieces, start), Piece::at(&pieces, end));
+        [(to - from - moved).amax(), (next_rate - rate).amax()]
+    };
+    let base = [apart(&motion.base_lin, moved), apart(&motion.base_ang, Vector3::zeros())];
+    let feet = motion.ee.iter().map(|foot| apart(&foot.motion, moved)[0]);
+    base.into_iter().flatten().chain(feet).fold(0., f64::max)
 }
 
-/// Result at a grid point, with the cost of its even part.
+/// Result at a grid point, with the cost of its stride.
 fn point(problem: &AtlasProblem, evaluated: &Evaluated, settings: &LowerSettings, weights: &CostWeights) -> Result<AtlasPoint> {
-    let AtlasProblem { gait, speed, slope, task, .. } = problem;
+    let AtlasProblem { gait, speed, slope, task, stride, interval, .. } = problem;
     let robot = &task.robot;
-    let cost = if evaluated.feasible {
-        let trajectory = evaluated.trajectory(task, &settings.transcription);
-        let part = even_part(gait, trajectory.horizon);
-        Some(cost_between(&trajectory, robot, robot.leg_mass(), weights, part)?)
+    let trajectory = evaluated.trajectory(task, &settings.transcription);
+    let certified = evaluated.feasible && mismatch(&trajectory, stride, *interval) < REPEATS;
+    let cost = if certified {
+        let Range { start, end } = stride.times(*interval);
+        Some(cost_between(&trajectory, robot, robot.leg_mass(), weights, [start, end])?)
     } else {
         None
     };
@@ -393,7 +437,7 @@ fn point(problem: &AtlasProblem, evaluated: &Evaluated, settings: &LowerSettings
         slope: *slope,
         strides: gait.strides,
         status: evaluated.outcome.status,
-        certified: evaluated.feasible,
+        certified,
         iterations: evaluated.outcome.iterations,
         even_speed: cost.map(|c| c.distance / c.horizon),
         cost,
@@ -403,6 +447,7 @@ fn point(problem: &AtlasProblem, evaluated: &Evaluated, settings: &LowerSettings
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::nlp::Problem;
 
     fn biped() -> AtlasPlan {
         AtlasPlan::new(Arc::new(Robot::named("biped").unwrap()))
@@ -453,22 +498,71 @@ mod tests {
     #[test]
     fn combinations_that_legs_cannot_follow_are_skipped() {
         let plan = AtlasPlan { speeds: vec![0.5], periods: vec![0.5], duties: vec![0.4, 0.6], ..biped() };
-        let (problems, left_out) = plan.problems().unwrap();
+        let (problems, left_out) = plan.problems(&TranscriptionSettings::default()).unwrap();
         let families: Vec<_> = problems.iter().map(|p| (p.gait.family, p.gait.duty() < 0.5)).collect();
         use GaitFamily::{Hop, Run, Walk};
         assert_eq!((families, left_out), (vec![(Walk, false), (Run, true), (Hop, true), (Hop, false)], 2));
         // A stance of 0.5 s at 2 m/s would take 1 m, but the reach box is 0.5 m long.
         let fast = AtlasPlan { speeds: vec![2.], periods: vec![1.], duties: vec![0.5], families: vec![Walk], ..biped() };
-        assert_eq!(fast.problems().unwrap().1, 1);
+        assert_eq!(fast.problems(&TranscriptionSettings::default()).unwrap().1, 1);
     }
 
     #[test]
-    fn the_even_part_consists_of_whole_strides_in_the_middle() {
-        let plan = AtlasPlan { speeds: vec![0.5], periods: vec![0.5], duties: vec![0.6], families: vec![GaitFamily::Walk], ..biped() };
-        let gait = &plan.problems().unwrap().0[0].gait;
-        let [start, end] = even_part(gait, 6.);
-        // 40 % of 6 s contain four strides of 0.5 s.
-        assert!((start - 2.).abs() < 1e-9 && (end - 4.).abs() < 1e-9, "{start} to {end}");
+    fn the_stride_is_in_the_middle_and_repeats() {
+        for family in [GaitFamily::Walk, GaitFamily::Run] {
+            let duty = if family == GaitFamily::Walk { 0.6 } else { 0.4 };
+            let plan = AtlasPlan { speeds: vec![0.5], periods: vec![0.5], duties: vec![duty], families: vec![family], ..biped() };
+            let problem = &plan.problems(&TranscriptionSettings::default()).unwrap().0[0];
+            let schedule = problem.schedule.aligned(problem.interval);
+            problem.stride.check(&schedule).unwrap();
+            let Range { start, end } = problem.stride.times(problem.interval);
+            assert!(
+                (end - start - 0.5).abs() < 1e-12 && (start + end - schedule.end()).abs() <= problem.interval + 1e-9,
+                "{start} to {end}"
+            );
+            assert_eq!(problem.stride.displacement, [0.25, 0., 0.]);
+            let longer = PeriodicStride { intervals: problem.stride.intervals + 2, ..problem.stride };
+            assert!(longer.check(&schedule).unwrap_err().to_string().contains("phases that do not repeat"));
+        }
+    }
+
+    #[test]
+    fn a_periodic_stride_widens_the_front_by_the_state_of_the_base() {
+        for (robot, family) in [("anymal", GaitFamily::Trot), ("biped", GaitFamily::Walk), ("pexod", GaitFamily::Tripod)] {
+            let plan = AtlasPlan { families: vec![family], ..AtlasPlan::new(Arc::new(Robot::named(robot).unwrap())) };
+            let settings = atlas_settings().transcription;
+            let (problems, _) = plan.problems(&settings).unwrap();
+            let largest = |stride: bool| {
+                let sizes = problems.iter().map(|problem| {
+                    let task = Task { stride: Some(problem.stride).filter(|_| stride), ..problem.task.clone() };
+                    let problem = Problem::<f32>::new(&task, &problem.schedule.aligned(problem.interval), &settings);
+                    problem.steps.iter().map(|step| step.size).max().unwrap()
+                });
+                sizes.max().unwrap()
+            };
+            let [without, with] = [false, true].map(largest);
+            eprintln!("{robot} {without} {with}");
+            // Pose and rates, and footholds that the sweep keeps until a stride later.
+            assert!((12..=12 + 2 * plan.robot.feet() as u32).contains(&(with - without)), "{robot}: {without} without, {with} with");
+        }
+    }
+
+    #[test]
+    fn costs_are_those_of_periodic_strides() {
+        let plan = AtlasPlan { speeds: vec![0.6], periods: vec![0.6], duties: vec![0.6], families: vec![GaitFamily::Walk], ..biped() };
+        let (problems, _) = plan.problems(&TranscriptionSettings::default()).unwrap();
+        let mut settings = atlas_settings();
+        settings.transcription.interval = Some(problems[0].interval);
+        let candidate = (&problems[0].task, &problems[0].schedule);
+        let backend = crate::backend::Cpu::new(1).unwrap();
+        let evaluated = evaluate(&[candidate], &settings, None, &backend, false, &|| false).unwrap().pop().flatten().unwrap();
+        let motion = evaluated.trajectory(&problems[0].task, &settings.transcription);
+        let problem = |by: f64| PeriodicStride { displacement: [0.36 + by, 0., 0.], ..problems[0].stride };
+        let [right, wrong] = [0., 0.01].map(|by| mismatch(&motion, &problem(by), problems[0].interval));
+        assert!(evaluated.feasible && right < 1e-6 && (wrong - 0.01).abs() < 1e-6, "{right:e} {wrong:e}");
+        let found = plan.run(&settings, &backend, 1, &AtomicBool::new(false), &mut |_, _| {}).unwrap();
+        let cost = found.points[0].cost.unwrap();
+        assert!((cost.distance - 0.36).abs() < 1e-5 && (cost.horizon - 0.6).abs() < 1e-9, "{cost:?}");
     }
 
     #[test]

@@ -131,6 +131,12 @@ pub fn check_candidate(task: &Task, schedule: &Schedule, settings: &LowerSetting
     }
     check_ends(task, schedule, settings.transcription.rows)?;
     let interval = interval(&settings.transcription, &task.robot);
+    if let Some(stride) = &task.stride {
+        if settings.transcription.rows != Transcription::Momentum {
+            return Err(Error::invalid("transcription.rows", settings.transcription.rows.name(), "`momentum` for a periodic stride"));
+        }
+        stride.check(&schedule.aligned(interval))?;
+    }
     let horizon = schedule.intervals(interval) as f64 * interval;
     if horizon > MAX_HORIZON {
         return Err(Error::invalid(

@@ -2,8 +2,10 @@
 
 mod standing;
 mod state;
+mod stride;
 
 pub use state::{BaseState, SwingState};
+pub use stride::PeriodicStride;
 
 use crate::error::{Error, Result, check_range};
 use crate::gait::{Curve, FootCurves, Trajectory};
@@ -33,6 +35,8 @@ pub struct Task {
     pub goal: BaseState,
     /// Largest normal force of a foot, N. Default: the robot's, or else the transcription's.
     pub force_limit: Option<f64>,
+    /// Stride that repeats, if one does.
+    pub stride: Option<PeriodicStride>,
 }
 
 /// Largest difference between two states that is attributed to rounding, m, rad, m/s and rad/s.
@@ -161,7 +165,8 @@ impl Task {
         let start_feet = feet.unwrap_or_else(|| nominal_footholds(&robot, &start));
         let start_swings = vec![None; start_feet.len()];
         let start_yaws = vec![start.yaw(); start_feet.len()];
-        let task = Task { robot, terrain: terrain.into(), start, start_feet, start_swings, start_yaws, goal, force_limit: None };
+        let terrain = terrain.into();
+        let task = Task { robot, terrain, start, start_feet, start_swings, start_yaws, goal, force_limit: None, stride: None };
         task.validate()?;
         Ok(task)
     }

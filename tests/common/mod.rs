@@ -11,7 +11,7 @@ use cregopt::rows::table::NONE;
 use cregopt::rows::{Family, RowKind, Shared};
 use cregopt::scenario::Scenario;
 use cregopt::settings::{Friction, Transcription, TranscriptionSettings};
-use cregopt::task::{BaseState, Goal, SwingState, Task};
+use cregopt::task::{BaseState, Goal, PeriodicStride, SwingState, Task};
 use cregopt::terrain::{Grid, Ground, Shape, Terrain};
 use cregopt::{Trajectory, verify};
 use nalgebra::DMatrix;
@@ -85,6 +85,17 @@ pub fn mid_stride(task: &Task, since: f64) -> (Task, Schedule) {
         _ => vec![0., 0.25 - since, 0.45 + since, 0.3, -0.2],
     };
     (task.with_swings(swings.collect()).unwrap(), Schedule::new(feet.map(phases).collect()).unwrap())
+}
+
+/// Task with a periodic stride of 0.6 s, and its schedule: every other foot swings where the stride begins and ends, the rest stand
+/// there. Intervals between knots last 0.1 s.
+pub fn striding(task: &Task) -> (Task, Schedule) {
+    let phases = |foot: usize| match foot % 2 {
+        0 => vec![0.4, 0.25, 0.35, 0.25, 0.35, 0.25, 0.35],
+        _ => vec![0.2, 0.25, 0.35, 0.25, 0.35, 0.25, 0.55],
+    };
+    let stride = PeriodicStride { start: 3, intervals: 6, displacement: [0.1, 0.05, 0.02] };
+    (Task { stride: Some(stride), ..task.clone() }, Schedule::new((0..task.robot.feet()).map(phases).collect()).unwrap())
 }
 
 /// A trotting ANYmal: the base moves at 0.5 m/s, and feet 1 and 2 have swung for `since` of 0.25 s.

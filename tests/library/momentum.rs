@@ -173,7 +173,9 @@ fn moving_and_yawing_the_scene_moves_the_rows_with_it() {
                 }
                 // A cone has no axes.
                 Family::Cone => assert_close(&moved.g[at..at + 3], &rows.g[at..at + 3], MOVED_TOLERANCE, &name),
-                Family::Dynamics | Family::Footing | Family::ConeCurvature | Family::Goal => unreachable!("flat ground, fixed goal"),
+                Family::Dynamics | Family::Footing | Family::Periodic | Family::ConeCurvature | Family::Goal => {
+                    unreachable!("flat ground, fixed goal")
+                }
             }
         }
         let mut largest = 0_f64;

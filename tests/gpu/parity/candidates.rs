@@ -2,8 +2,8 @@
 
 use super::lab::POISON;
 use crate::common::{
-    Random, cones, gait, hills, lopsided, mid_stride, point, problem_with, problem_with_cost, soled, spider, task, task_for, towr,
-    transcriptions,
+    Random, cones, gait, hills, lopsided, mid_stride, point, problem_with, problem_with_cost, soled, spider, striding, task, task_for,
+    towr, transcriptions,
 };
 use cregopt::gait::Schedule;
 use cregopt::gait::trajectory::GoalVelocity;
@@ -96,6 +96,10 @@ pub fn candidates() -> Vec<Candidate> {
         let (task, schedule) = mid_stride(&task, since);
         candidates.push(Candidate::new(task, schedule, &near, &mut random));
     }
+    for task in [task("biped", "slope", [0.3, 0.1], 0.2), task_for(spider(6), hills(), [0.3, 0.2], 6.2)] {
+        let (task, schedule) = striding(&task);
+        candidates.push(Candidate::new(task, schedule, &cones(), &mut random));
+    }
     candidates
 }
 
@@ -110,5 +114,11 @@ pub fn long_candidates() -> Vec<Candidate> {
     };
     // One has a free end and soles: only that has goal rows and rows of soles.
     let near = TranscriptionSettings { goal_velocity: GoalVelocity::Near, ..cones() };
-    [TranscriptionSettings::default(), towr(), near].map(candidate).into()
+    let mut candidates: Vec<Candidate> = [TranscriptionSettings::default(), towr(), near].map(candidate).into();
+    // A stride has fewer periodic rows than a workgroup has invocations. Equal entries write equal values.
+    let (task, schedule) = striding(&task_for(spider(8), hills(), [2., 1.], 0.4));
+    let mut repeated = Candidate::new(task, schedule, &cones(), &mut random);
+    repeated.problem.periodics = repeated.problem.periodics.repeat(3);
+    candidates.push(repeated);
+    candidates
 }

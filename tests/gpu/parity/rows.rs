@@ -10,15 +10,15 @@ use cregopt::backend::tables::Slot as Counts;
 use cregopt::rows::momentum::Deviation;
 use cregopt::rows::table::NONE;
 use cregopt::rows::{
-    Shared, acceleration, cone, cone_curvature, dynamics, effort, footing, force, goal, ground, momentum, reach, sole, stance_power,
-    stride, swing, swing_power, turn,
+    Shared, acceleration, cone, cone_curvature, dynamics, effort, footing, force, goal, ground, momentum, periodic, reach, sole,
+    stance_power, stride, swing, swing_power, turn,
 };
 use cregopt::solver::control::{CLOSE, ENDED, EXACT, SHORTER, SOLVED, STEP};
 use cregopt::terrain::Ground;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Number of long candidates.
-const LONG: usize = 3;
+const LONG: usize = 4;
 
 /// Truncates tables so that their numbers of entries lie around the workgroup size.
 fn around_the_workgroup(s: usize, prepared: &mut Prepared) {
@@ -35,6 +35,7 @@ fn around_the_workgroup(s: usize, prepared: &mut Prepared) {
     problem.footings.truncate(count);
     problem.sole_points.truncate(count);
     problem.turns.truncate(count);
+    problem.periodics.truncate(count);
     problem.cone_curvatures.truncate(count);
     problem.efforts.truncate(count);
     problem.stance_powers.truncate(count);
@@ -51,6 +52,7 @@ fn around_the_workgroup(s: usize, prepared: &mut Prepared) {
     slot.footings = problem.footings.len() as u32;
     slot.sole_points = problem.sole_points.len() as u32;
     slot.turns = problem.turns.len() as u32;
+    slot.periodics = problem.periodics.len() as u32;
     slot.cone_curvatures = problem.cone_curvatures.len() as u32;
     slot.efforts = problem.efforts.len() as u32;
     slot.stance_powers = problem.stance_powers.len() as u32;
@@ -351,6 +353,19 @@ fn swing_power_agrees_with_its_twin() {
         |lab, s, x, shared, expected| {
             let (c, jacobian) = trial(lab, s, true, &mut expected.state);
             swing_power::swing_power(&lab.slots[s].problem, x, &shared.ground, &shared.deviations, c, Some(jacobian));
+        },
+    );
+}
+
+#[test]
+fn periodic_agrees_with_its_twin() {
+    evaluation(
+        Shader::Periodic,
+        |slot| slot.periodics,
+        ARITHMETIC,
+        |lab, s, x, _, expected| {
+            let (c, jacobian) = trial(lab, s, true, &mut expected.state);
+            periodic::periodic(&lab.slots[s].problem, x, c, Some(jacobian));
         },
     );
 }

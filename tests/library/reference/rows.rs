@@ -7,7 +7,7 @@ use super::{
 };
 use crate::common::{
     Random, Rows, cones, dense_jacobian, families, frozen_at, gait, hills, mid_stride, momentum, one_sided, point, problem_with,
-    problem_with_cost, rows, rows_with, soled, spider, straight, task, task_for, tilted, towr, transcriptions,
+    problem_with_cost, rows, rows_with, soled, spider, straight, striding, task, task_for, tilted, towr, transcriptions,
 };
 use cregopt::gait::Trajectory;
 use cregopt::gait::trajectory::GoalVelocity;
@@ -220,6 +220,45 @@ fn jacobians_of_soles_match_central_differences() {
             check_jacobian(&task.robot.name, &problem, seed as u64, 0.);
         }
     }
+}
+
+#[test]
+fn jacobians_of_a_periodic_stride_match_central_differences() {
+    for (seed, task) in [task("anymal", "flat", [0.4, 0.1], 0.2), task_for(spider(5), hills(), [0.3, 0.2], 0.4)].iter().enumerate() {
+        let (task, schedule) = striding(task);
+        let problem = problem_with_cost::<f64>(&task, &schedule, &momentum());
+        check_jacobian(&format!("{} on {}", task.robot.name, task.terrain.name), &problem, seed as u64, 0.);
+    }
+}
+
+#[test]
+fn periodic_rows_are_the_differences_of_states_a_stride_apart() {
+    let (task, schedule) = striding(&task("anymal", "flat", [0.4, 0.1], 0.2));
+    let problem = problem_with::<f64>(&task, &schedule, &momentum());
+    let x = point(&problem, &mut Random::new(3), 0.);
+    let (motion, c) = (trajectory(&task, &problem.curves, &x), rows(&problem, &x, 0.).c);
+    let stride = task.stride.unwrap();
+    // The curves of the base have four pieces in an interval.
+    let [start, end] = [4 * stride.start, 4 * (stride.start + stride.intervals)];
+    let mut differences = Vec::new();
+    for part in 0..2 {
+        for curve in [&motion.base_lin, &motion.base_ang] {
+            let moved = |i: usize| if part == 0 && std::ptr::eq(curve, &motion.base_lin) { stride.displacement[i] } else { 0. };
+            differences.extend((0..3).map(|i| curve.nodes[end][3 * part + i] - curve.nodes[start][3 * part + i] - moved(i)));
+        }
+    }
+    // Nodes of a foot: two of each stance, one in the middle of each swing.
+    for (foot, curves) in motion.ee.iter().enumerate() {
+        let nodes = &curves.motion.nodes;
+        let apart = |node: usize, axis: usize| nodes[node + 3][axis] - nodes[node][axis] - stride.displacement[axis];
+        match foot % 2 {
+            0 => differences.extend([apart(0, 0), apart(0, 1)]),
+            _ => differences.extend([apart(0, 0), apart(0, 1), apart(3, 0), apart(3, 1), apart(2, 2)]),
+        }
+    }
+    let own: Vec<f64> = problem.periodics.iter().map(|p| c[p.place.row as usize] / 10.).collect();
+    assert_close(&own, &differences, RESIDUAL_TOLERANCE, "periodic rows");
+    assert!(own.iter().filter(|d| d.abs() > 1e-3).count() > 15);
 }
 
 #[test]
