@@ -466,6 +466,9 @@ struct Turn {
     base_column: array<u32, 4>,
     yaw: u32,
     yaw_column: u32,
+    place: Place,
+}
+
 struct Periodic {
     difference: f32,
     component: u32,
