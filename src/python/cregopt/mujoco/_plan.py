@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Union
 
 import numpy as np
@@ -42,10 +42,14 @@ class Plan:
     feet: Floats
     feet_velocity: Floats
     feet_acceleration: Floats
-    #: Unit vectors from the contact points to the centres of the foot balls, shape (n, feet, 3).
+    #: Unit vectors from the contact points to the centres of the foot balls, or normals of the soles, shape (n, feet, 3).
     normals: Floats
-    #: Forces of the ground on the feet, shape (n, feet, 3).
+    #: Yaws of the soles and their rates, shape (n, feet); 0 for feet without soles.
+    yaws: Floats
+    yaw_rates: Floats
+    #: Forces of the ground on the feet, and its moments on soles about their centres, shape (n, feet, 3); no moment without soles.
     forces: Floats
+    moments: Floats
     #: Index of the phase of each foot, shape (n, feet): even for stance, odd for swing.
     phases: NDArray[np.int64]
     #: Boundaries of the phases per foot, s, shape (phases + 1,).
@@ -59,6 +63,15 @@ class Plan:
     def index(self, time: float) -> int:
         """Index of the instant nearest to a time, s; the first instant before the motion and the last one after it."""
         return int(np.clip(round(time / self.step), 0, len(self.position) - 1))
+
+    @property
+    def soled(self) -> bool:
+        """True if the feet are soles."""
+        return "sole" in self.robot.to_dict()
+
+    def sole(self, index: int, foot: int) -> Floats:
+        """Attitude of a sole: columns forward, left and up, world frame, shape (3, 3)."""
+        return _rotation.upright(self.normals[index, foot], self.yaws[index, foot])
 
     def stands(self, index: int) -> NDArray[np.bool_]:
         """True for feet in planned stance, shape (feet,)."""
@@ -77,7 +90,8 @@ def read(motion: Motion, rate: float) -> Plan:
     else:
         trajectory = Trajectory.from_file(motion)
     robot, terrain = _world(trajectory)
-    return of_samples(trajectory.sample(rate), robot, terrain, trajectory.schedule, trajectory.horizon, rate)
+    plan = of_samples(trajectory.sample(rate), robot, terrain, trajectory.schedule, trajectory.horizon, rate)
+    return _with_soles(plan, trajectory.to_dict()["ee"]) if plan.soled else plan
 
 
 def of_samples(samples: Samples, robot: Robot, terrain: Terrain, schedule: list[list[float]], horizon: float, rate: float) -> Plan:
@@ -108,10 +122,41 @@ def of_samples(samples: Samples, robot: Robot, terrain: Terrain, schedule: list[
         feet_velocity=feet_velocity,
         feet_acceleration=np.gradient(feet_velocity, step, axis=0),
         normals=_normals(terrain, feet, phases),
+        yaws=np.zeros(forces.shape[:2]),
+        yaw_rates=np.zeros(forces.shape[:2]),
         forces=forces,
+        moments=np.zeros_like(forces),
         phases=phases,
         edges=edges,
     )
+
+
+def _with_soles(plan: Plan, feet: list[dict[str, Any]]) -> Plan:
+    """Plan with the yaws of the soles and the moments on them, from the feet of a motion file. Raises Error if they are missing."""
+    times: Floats = plan.step * np.arange(len(plan.position), dtype=float)
+    yaws, moments = np.zeros_like(plan.yaws), np.zeros_like(plan.moments)
+    for f, foot in enumerate(feet):
+        if foot.get("yaws") is None or foot.get("moment") is None:
+            raise Error(f"ee[{f}] of the motion has no yaws or no moment, although the feet of the robot {plan.robot.name} are soles")
+        phases, edges, of_stances = plan.phases[:, f], plan.edges[f], np.array(foot["yaws"])
+        share = np.clip((times - edges[phases]) / (edges[phases + 1] - edges[phases]), 0, 1)
+        before = of_stances[phases // 2]
+        after = of_stances[np.minimum((phases + 1) // 2, len(of_stances) - 1)]
+        yaws[:, f] = before + (after - before) * share**2 * (3 - 2 * share)
+        moments[:, f] = _curve(foot["moment"], times)
+    return replace(plan, yaws=yaws, yaw_rates=np.gradient(yaws, plan.step, axis=0), moments=moments)
+
+
+def _curve(curve: dict[str, Any], times: Floats) -> Floats:
+    """Values of a curve of cubics at given times, s, shape (n, 3). Its nodes are values and rates."""
+    durations, nodes = np.array(curve["poly_durations"]), np.array(curve["nodes"])
+    starts = np.concatenate([[0.0], np.cumsum(durations)[:-1]])
+    piece = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, len(durations) - 1)
+    duration = durations[piece, None]
+    u = (times[:, None] - starts[piece, None]) / duration
+    (p, v), (q, w) = np.hsplit(nodes[piece], 2), np.hsplit(nodes[piece + 1], 2)
+    values: Floats = p + duration * v * u * (1 - u) ** 2 + (q - p) * u**2 * (3 - 2 * u) - duration * w * u**2 * (1 - u)
+    return values
 
 
 def _edges(durations: list[float]) -> Floats:
