@@ -46,8 +46,9 @@ class Gains:
         Gains on the errors of joints that belong to no leg, such as those of arms, from their positions in the stance: 1/s² and 1/s.
     impedance : float
         Joint damping: torque per velocity error and inertia of the joint, 1/s.
-    weight_base, weight_attitude, weight_feet, weight_soles, weight_forces, weight_posture, weight_rest : float
-        Relative weights of the tasks; ``weight_soles`` for the rotation of soles.
+    weight_base, weight_attitude, weight_feet, weight_soles, weight_forces, weight_rest : float
+        Relative weights of the tasks; ``weight_soles`` for the rotation of soles, ``weight_rest`` for ``rest`` and ``posture``. With a small one
+        the arms take up the angular momentum of swinging legs, which plans of a rigid body leave out.
     capture, displacement : float
         Share of the capture point error by which footholds are displaced, and largest displacement, m.
     decided : float
@@ -70,7 +71,6 @@ class Gains:
     weight_feet: float = 30.0
     weight_soles: float = 3.0
     weight_forces: float = 0.3
-    weight_posture: float = 0.3
     weight_rest: float = 0.01
     capture: float = 0.7
     displacement: float = 0.1
@@ -163,11 +163,11 @@ class Controller:
             push = moving * plan.acceleration[k] + gains.base[0] * away + gains.base[1] * drift + [0, 0, GRAVITY]
             program.forces(np.tile(np.eye(3), sum(map(len, points.values()))) / machine.mass, push, gains.weight_base)
             self._track_forces(program, points, k, state)
-        program.motion(6, np.eye(n_joints), -gains.rest * state.velocity[6:], gains.weight_rest)
+        easing = -gains.rest * state.velocity[6:]
         if machine.limbless:
-            away = machine.stance[7:] - state.joints
-            posture = gains.posture[0] * away - gains.posture[1] * state.velocity[6:]
-            program.motion(6, np.eye(n_joints)[machine.limbless], posture[machine.limbless], gains.weight_posture)
+            posture = gains.posture[0] * (machine.stance[7:] - state.joints) - gains.posture[1] * state.velocity[6:]
+            easing[machine.limbless] = posture[machine.limbless]
+        program.motion(6, np.eye(n_joints), easing, gains.weight_rest)
         low, high = torque_range(machine.torque_limits, state.velocity[6:], self.speed_limit)
         solution = program.solve(np.hstack(dynamics), state.bias, low, high)
         if solution is None:

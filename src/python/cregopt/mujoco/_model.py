@@ -356,6 +356,19 @@ class Machine:
             total += own + self.model.body_mass[body] * (arm @ arm * np.eye(3) - np.outer(arm, arm))
         return (total + total.T) / 2
 
+    def leg_mass(self) -> float:
+        """Point mass at a foot with the moment of inertia of its leg (of the centres of its parts) about the hip, in the stance, kg: mean of the legs."""
+        self._pose(self.stance)
+        m, d, masses = self.model, self.data, []
+        for foot in self.feet:
+            shared = {dof for other in self.feet if other is not foot for dof in other.dofs}
+            own = [dof for dof in foot.dofs if dof not in shared]
+            hip = d.xanchor[m.dof_jntid[own[0]]]
+            parts = [body for body in range(1, m.nbody) if set(own) & set(self._chain(body))]
+            moment = float(m.body_mass[parts] @ ((d.xipos[parts] - hip) ** 2).sum(axis=1))
+            masses.append(moment / float(((self.place(foot) - hip) ** 2).sum()))
+        return float(np.mean(masses))
+
     def inverse_kinematics(self, com: Floats, rotation: Floats, feet: Floats, soles: Floats) -> tuple[float, Floats]:
         """Pose with the given centre of mass ``com``, attitude ``rotation``, centres of the feet and attitudes of the soles, world frame, m.
 

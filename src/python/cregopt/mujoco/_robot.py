@@ -48,7 +48,7 @@ def robot(model: Path, feet: Optional[Sequence[str]] = None) -> Robot:
         keyframe ``home``, another keyframe, or a pose with bent legs.
 
         Legs with six joints or more, whose last body has a flat lower side, stand on soles: rectangles inside the geoms that can be in contact. Then
-        the stance has level soles, bent knees, and the centre of mass above the soles. The box is attained with level soles that are turned by up to
+        the robot has the equivalent mass of a leg, the stance has level soles, bent knees, and the centre of mass above the soles. The box is attained with level soles that are turned by up to
         ``sole.turn`` either way, at the top over half of its length, and it ends where soles would touch each other.
 
     Raises
@@ -86,6 +86,7 @@ def robot(model: Path, feet: Optional[Sequence[str]] = None) -> Robot:
     low, high, turn = _sole_box(machine, nominal, width)
     described["reach"] = np.stack([low, high], axis=2).tolist()
     described["sole"] = {"length": length, "width": width, "turn": turn}
+    described["leg_mass"] = machine.leg_mass()
     return Robot.from_dict(described)
 
 
