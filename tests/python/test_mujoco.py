@@ -334,6 +334,13 @@ def test_soles_are_found_in_the_geometry_of_feet(humanoid: pathlib.Path, tmp_pat
         path.write_text(human(foot))
         sole = cregopt.mujoco.robot(path).to_dict()["sole"]
         assert (sole["length"], sole["width"]) == pytest.approx((0.2, 0.08)), name
+    # Geoms that touch the world by explicit pairs only.
+    paired = human().replace(BOX_FOOT, BOX_FOOT.replace("/>", ' name="right" contype="0" conaffinity="0"/>'), 1)
+    paired = paired.replace(BOX_FOOT, BOX_FOOT.replace("/>", ' name="left" contype="0" conaffinity="0"/>'))
+    pairs = "".join(f'<pair geom1="{one}" geom2="{other}"/>' for one, other in (("floor", "left"), ("right", "floor")))
+    paired = paired.replace("<worldbody>", f'<contact>{pairs}</contact><worldbody><geom name="floor" type="plane" size="1 1 1"/>')
+    (tmp_path / "paired.xml").write_text(paired)
+    assert cregopt.mujoco.robot(tmp_path / "paired.xml").to_dict()["sole"] == described["sole"]
     # Of a narrow heel and a wide toe, the heel counts.
     toes = "".join(f'<geom type="sphere" size="0.01" pos="{x} {y} -0.05" mass="0.1"/>' for x, w in ((-0.07, 0.03), (0.13, 0.04)) for y in (-w, w))
     (tmp_path / "toes.xml").write_text(human(toes))

@@ -469,6 +469,14 @@ def _read(path: Path) -> Any:
         raise Error(f"{os.fspath(path)}: there is no such model file")
     try:
         spec = mj.MjSpec.from_file(os.fspath(path))
+        world = {geom.name for geom in spec.worldbody.geoms}
+        for pair in list(spec.pairs):
+            # A geom that is in contact with the world by a pair is in contact with the ground by itself.
+            for one, other in ((pair.geomname1, pair.geomname2), (pair.geomname2, pair.geomname1)):
+                if one in world and other not in world:
+                    spec.geom(other).contype = 1
+            if world & {pair.geomname1, pair.geomname2}:
+                spec.delete(pair)
         for geom in list(spec.worldbody.geoms):
             spec.delete(geom)
         spec.compile()
