@@ -13,6 +13,7 @@ const FACTORED_ROWS: u32 = 3u;
 const FACTORED_PAIRS: u32 = 3u;
 const FORCE_ROWS: u32 = 5u;
 const RING_POINTS: u32 = 8u;
+const TURN_YAW: u32 = 5u;
 const FLAT: u32 = 0u;
 const BLOCK: u32 = 1u;
 const STAIRS: u32 = 2u;
@@ -49,6 +50,7 @@ const INEQUALITY: u32 = 2u;
 const ACCELERATION_MARGIN: f32 = 0.002f;
 const GRAVITY: f32 = 9.80665f;
 const STEEP_COSINE: f32 = 0.1f;
+const TURN_MARGIN: f32 = 0.001f;
 const LEAST_LEG: f32 = 1e-6f;
 const INNER_RING: f32 = 0.6f;
 const INNER_LIFT: f32 = 0.2f;
@@ -107,6 +109,7 @@ struct Batch {
     stance_forces: u32,
     momentum_intervals: u32,
     impulses: u32,
+    moment_impulses: u32,
     reach_instants: u32,
     reach_feet: u32,
     reach_legs: u32,
@@ -116,6 +119,8 @@ struct Batch {
     accelerations: u32,
     cones: u32,
     footings: u32,
+    sole_points: u32,
+    turns: u32,
     cone_curvatures: u32,
     efforts: u32,
     stance_powers: u32,
@@ -239,7 +244,10 @@ struct Constants {
     length_margin: f32,
     force_margin: f32,
     foot_radius: f32,
+    ball_radius: f32,
     foot_acceleration: f32,
+    pressure: array<f32, 2>,
+    torsion: f32,
 }
 
 struct MomentumPoint {
@@ -261,6 +269,7 @@ struct Slot {
     stance_forces: u32,
     momentum_intervals: u32,
     impulses: u32,
+    moment_impulses: u32,
     reach_instants: u32,
     reach_feet: u32,
     reach_legs: u32,
@@ -270,6 +279,8 @@ struct Slot {
     accelerations: u32,
     cones: u32,
     footings: u32,
+    sole_points: u32,
+    turns: u32,
     cone_curvatures: u32,
     efforts: u32,
     stance_powers: u32,
@@ -356,6 +367,7 @@ struct MomentumInterval {
     linear_column: array<u32, 4>,
     angular_column: array<u32, 4>,
     impulses: Span,
+    moments: Span,
     linear: Place,
     angular: Place,
 }
@@ -367,6 +379,12 @@ struct Impulse {
     angular_column: u32,
     foothold: u32,
     foothold_column: u32,
+}
+
+struct MomentImpulse {
+    weights: array<array<f32, 2>, 7>,
+    node: u32,
+    angular_column: u32,
 }
 
 struct ReachInstant {
@@ -433,6 +451,27 @@ struct Footing {
     high: array<f32, 2>,
     foothold: u32,
     foothold_column: u32,
+    place: Place,
+}
+
+struct SolePoint {
+    slope_weight: f32,
+    node: array<u32, 2>,
+    node_column: array<u32, 2>,
+    yaw: u32,
+    yaw_column: u32,
+    foothold: u32,
+    place: Place,
+}
+
+struct Turn {
+    weights: array<f32, 4>,
+    reference: f32,
+    limit: f32,
+    base: array<u32, 4>,
+    base_column: array<u32, 4>,
+    yaw: u32,
+    yaw_column: u32,
     place: Place,
 }
 

@@ -101,7 +101,7 @@ impl Sizes<'_> {
             Shader::Momentum => {
                 let [linear, angular] = [Family::LinearMomentum, Family::AngularMomentum];
                 let written = self.jacobian(|o| o == linear || o == angular) + equalities(linear) + equalities(angular);
-                walk(&[Buffer::MomentumIntervals, Buffer::Impulses]) + written + deviations
+                walk(&[Buffer::MomentumIntervals, Buffer::Impulses, Buffer::MomentImpulses]) + written + deviations
             }
             Shader::Reach => family(Family::Reach, Buffer::ReachInstants) + t(&[Buffer::ReachFeet, Buffer::ReachLegs]) + reach + deviations,
             Shader::Force => family(Family::Force, Buffer::ForceNodes),
@@ -110,6 +110,8 @@ impl Sizes<'_> {
             Shader::Acceleration => family(Family::Acceleration, Buffer::Accelerations),
             Shader::Cone => family(Family::Cone, Buffer::Cones),
             Shader::Footing => family(Family::Footing, Buffer::Footings),
+            Shader::Sole => family(Family::Sole, Buffer::SolePoints),
+            Shader::Turn => family(Family::Turn, Buffer::Turns),
             Shader::ConeCurvature => walk(&[Buffer::ConeCurvatures]) + cost(Family::ConeCurvature),
             Shader::Effort => walk(&[Buffer::Efforts]) + cost(Family::Effort),
             // Each point reads the start of its interval: the rate and the blocks.

@@ -1,5 +1,5 @@
 // needs: shared/values shared/jacobian shared/math
-// binds: jacobian footholds momentum_intervals impulses
+// binds: jacobian footholds momentum_intervals impulses moment_impulses
 // Momentum rows of the single rigid body over the intervals between base knots. Eight threads per interval: one per point, the last of
 // which is the end, and one for the start. Results that other threads need are exchanged through workgroup memory: a single thread per
 // interval would need more registers than there are.
@@ -138,6 +138,7 @@ fn interval_rows(slot: u32, k: u32, lane: u32) {
         put_by_start(at);
         put_by_footholds(at);
         put_by_forces(at);
+        put_by_moments(at);
     }
 }
 
@@ -253,6 +254,13 @@ fn arm_to(at: At, base_w: vec3<f32>, foothold: u32) -> vec3<f32> {
     return vec3<f32>(values[under], values[under + 1u], ground_height(at.slot, foothold)) - base_w;
 }
 
+// Range of the interval in the table of moment impulses.
+fn moments_of(at: At) -> Span {
+    let moments = momentum_intervals[at.entry].moments;
+    let first = at.slot * batch.moment_impulses;
+    return Span(first + moments.start, first + moments.end);
+}
+
 fn impulses_until(at: At) -> Impulses {
     let x = ix_x(at.slot, at.half);
     let base_w = base_at_start(at);
@@ -272,6 +280,12 @@ fn impulses_until(at: At) -> Impulses {
         }
         sum.first += first;
         sum.moment += cross(arm_to(at, base_w, foothold), first);
+    }
+    let moments = moments_of(at);
+    for (var i = moments.start; i < moments.end; i++) {
+        let node = x + moment_impulses[i].node;
+        let w = &moment_impulses[i].weights[at.q];
+        sum.moment += w[0] * three(node) + w[1] * three(node + 3u);
     }
     return sum;
 }
@@ -406,6 +420,22 @@ fn put_by_forces(at: At) {
         let column = impulses[impulse].angular_column + 3u * part;
         put_cross(at.angular, 0u, column, -at.end_scale * lever(impulse, END, part, arm - moved[at.first + END], velocity[at.first + END]));
         put_cross(at.angular, 3u, column, -at.mean_scale * mean);
+    }
+}
+
+// Derivatives of the angular rows by the moments; one thread per value or slope of a moment node.
+fn put_by_moments(at: At) {
+    let moments = moments_of(at);
+    for (var task = at.q; task < 2u * (moments.end - moments.start); task += LANES) {
+        let impulse = moments.start + task / 2u;
+        let part = task % 2u;
+        var mean = 0.0;
+        for (var q = 0u; q < END; q++) {
+            mean += slots[at.slot].points[q].mean * moment_impulses[impulse].weights[q][part];
+        }
+        let column = moment_impulses[impulse].angular_column + 3u * part;
+        put_diagonal(at.angular, 0u, column, -at.end_scale * moment_impulses[impulse].weights[END][part]);
+        put_diagonal(at.angular, 3u, column, -at.mean_scale * mean);
     }
 }
 

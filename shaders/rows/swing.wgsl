@@ -60,7 +60,7 @@ fn entry(slot: u32, half: u32, k: u32) {
                 let place_around = around(k);
                 let offset = place_around.xy * constants.foot_radius;
                 let beside = ground(slots[slot].shape, at.x + offset.x, at.y + offset.y);
-                let needed = beside.height - level_slope.x * offset.x - level_slope.y * offset.y - place_around.z * constants.foot_radius - swing.low;
+                let needed = beside.height - level_slope.x * offset.x - level_slope.y * offset.y - place_around.z * constants.ball_radius - swing.low;
                 if (needed > least) {
                     least = needed;
                     for (var i = 0u; i < 2u; i++) {

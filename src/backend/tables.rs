@@ -633,6 +633,16 @@ fn touched(problem: &Problem<f32>) -> Vec<(Run, Touch)> {
     elements.flat_map(|(i, element)| problem.runs[element.runs.range()].iter().map(move |run| of_run(i, run))).collect()
 }
 
+/// Number of entries of each table.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct TableCounts([usize; Buffer::TABLES.len()]);
+
+impl Default for TableCounts {
+    fn default() -> Self {
+        TableCounts([0; Buffer::TABLES.len()])
+    }
+}
+
 /// Sizes of the largest candidate of a batch.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[allow(missing_docs, reason = "largest of the numbers in `Problem`")]
@@ -646,7 +656,7 @@ pub struct Sizes {
     pub jacobian: usize,
     pub factor: usize,
     /// Entries of each table, in the order of [`Buffer::TABLES`].
-    tables: [usize; Buffer::TABLES.len()],
+    tables: TableCounts,
     /// Size of the largest front, without its right-hand side.
     pub front: usize,
     /// Largest number of variables that remain in a front.
@@ -668,7 +678,7 @@ impl Sizes {
             inequalities: problem.inequalities,
             jacobian: problem.jacobian_len,
             factor: problem.factor_len,
-            tables: std::array::from_fn(|i| Buffer::TABLES[i].table(problem, own).map_or(0, |t| t.count)),
+            tables: TableCounts(std::array::from_fn(|i| Buffer::TABLES[i].table(problem, own).map_or(0, |t| t.count))),
             front: largest(|s| s.size),
             rest: largest(|s| s.size - s.pivots),
             columns: problem.widest,
@@ -677,7 +687,7 @@ impl Sizes {
 
     /// Number of entries of a table; 0 for other buffers.
     pub fn entries(&self, buffer: Buffer) -> usize {
-        Buffer::TABLES.iter().position(|b| *b == buffer).map_or(0, |i| self.tables[i])
+        Buffer::TABLES.iter().position(|b| *b == buffer).map_or(0, |i| self.tables.0[i])
     }
 
     /// Bytes of a table, at least those of one entry; for [`Buffer::Tables`] those of all joined tables; 0 for other buffers.
@@ -691,7 +701,7 @@ impl Sizes {
     /// Sizes that hold both candidates.
     pub fn max(self, other: Sizes) -> Sizes {
         Sizes {
-            tables: std::array::from_fn(|i| self.tables[i].max(other.tables[i])),
+            tables: TableCounts(std::array::from_fn(|i| self.tables.0[i].max(other.tables.0[i]))),
             front: self.front.max(other.front),
             rest: self.rest.max(other.rest),
             columns: self.columns.max(other.columns),
@@ -702,7 +712,7 @@ impl Sizes {
     /// Sizes enlarged by a factor, except those that determine the workgroup memory.
     pub fn enlarged(self, factor: f64) -> Sizes {
         let larger = |n: usize| (n as f64 * factor).ceil() as usize;
-        Sizes { tables: self.tables.map(larger), ..self.with_lengths(|own, _| larger(own), &self) }
+        Sizes { tables: TableCounts(self.tables.0.map(larger)), ..self.with_lengths(|own, _| larger(own), &self) }
     }
 
     /// Combines the lengths of arrays of two sizes.

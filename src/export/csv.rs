@@ -4,7 +4,9 @@ use super::Sampled;
 use crate::report::samples::Sample;
 
 /// Names of the columns, in order.
-fn header(names: &[String]) -> Vec<String> {
+///
+/// * `soles` - true if the feet have soles
+fn header(names: &[String], soles: bool) -> Vec<String> {
     let axes = ["x", "y", "z"];
     let mut columns = vec!["time_s".to_owned()];
     let mut of = |quantity: &str, parts: &[&str], unit: &str| {
@@ -20,6 +22,10 @@ fn header(names: &[String]) -> Vec<String> {
         of(&format!("{name}_velocity"), &axes, "m/s");
         of(&format!("{name}_force"), &axes, "N");
         of(name, &["contact"], "");
+        if soles {
+            of(&format!("{name}_moment"), &axes, "Nm");
+            of(name, &["yaw"], "rad");
+        }
     }
     columns
 }
@@ -32,6 +38,10 @@ fn row(sample: &Sample) -> Vec<f64> {
     for foot in &sample.feet {
         values.extend(foot.position.iter().chain(&foot.velocity).chain(&foot.force));
         values.push(f64::from(u8::from(foot.stance)));
+        if let Some(sole) = &foot.sole {
+            values.extend(sole.moment);
+            values.push(sole.yaw());
+        }
     }
     values
 }
@@ -39,7 +49,8 @@ fn row(sample: &Sample) -> Vec<f64> {
 /// Text of the file. Numbers have enough digits to be read back exactly.
 pub fn csv(sampled: &Sampled) -> String {
     // Names consist of letters, digits and underscores, so that nothing needs quotes.
-    let mut text = header(&sampled.names).join(",") + "\n";
+    let soles = sampled.samples.iter().flat_map(|sample| &sample.feet).any(|foot| foot.sole.is_some());
+    let mut text = header(&sampled.names, soles).join(",") + "\n";
     for sample in &sampled.samples {
         let whole = |v: &f64| if v.fract() == 0. && v.abs() < 1e15 { format!("{}", *v + 0.) } else { format!("{v:?}") };
         text += &row(sample).iter().map(whole).collect::<Vec<_>>().join(",");

@@ -6,7 +6,7 @@ use super::Sampled;
 use crate::error::{Error, Result};
 use crate::gait::Trajectory;
 use crate::report::ground_mesh::GroundMesh;
-use crate::report::samples::{FOOT_COLORS, Sample, Sampler, body_size, hips};
+use crate::report::samples::{FOOT_COLORS, FootSample, Sample, Sampler, SoleSample, body_size, hips};
 use crate::robot::Robot;
 use crate::terrain::Terrain;
 use mcap::records::MessageHeader;
@@ -123,7 +123,7 @@ impl Drawing<'_> {
                 "translation": xyz(position), "rotation": rotation(turn)
             })
         };
-        let feet = sample.feet.iter().zip(&self.sampled.names).map(|(foot, name)| frame(frame_name(name), foot.position, NO_TURN));
+        let feet = sample.feet.iter().zip(&self.sampled.names).map(|(foot, name)| frame(frame_name(name), foot.position, turn_of(foot)));
         let base = frame("base".into(), sample.base.position, sample.base.quaternion);
         json!({"transforms": std::iter::once(base).chain(feet).collect::<Vec<_>>()})
     }
@@ -134,28 +134,33 @@ impl Drawing<'_> {
         let [w, x, y, z] = sample.base.quaternion;
         let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
         let base = Vector3::from(sample.base.position);
-        let (mut legs, mut balls, mut arrows) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut legs, mut balls, mut arrows, mut cubes) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         for (i, (foot, hip)) in sample.feet.iter().zip(hips(self.robot)).enumerate() {
             let hip = base + turn * Vector3::from(hip);
             legs.push(json!({
                 "type": STRIP, "pose": pose([0.; 3], NO_TURN), "thickness": 0.08 * leg, "scale_invariant": false,
                 "points": [xyz(hip.into()), xyz(foot.position)], "color": color(FOOT_COLORS[i], 1.), "colors": [], "indices": []
             }));
-            let size = [0.15 * leg; 3];
-            balls.push(json!({"pose": pose(foot.position, NO_TURN), "size": xyz(size), "color": color(FOOT_COLORS[i], 1.)}));
+            let shape =
+                |size: [f64; 3]| json!({"pose": pose(foot.position, turn_of(foot)), "size": xyz(size), "color": color(FOOT_COLORS[i], 1.)});
+            match self.robot.sole {
+                Some(sole) => cubes.push(shape([sole.length, sole.width, 0.03 * leg])),
+                None => balls.push(shape([0.15 * leg; 3])),
+            }
             let force = Vector3::from(foot.force);
             // An arrow as long as two legs is the robot's weight.
             let length = 2. * leg * force.norm() / self.robot.weight();
             if foot.stance && length > 0.02 * leg {
                 let head = (0.2 * leg).min(length);
                 arrows.push(json!({
-                    "pose": pose(foot.position, along(force)), "shaft_length": length - head, "shaft_diameter": 0.05 * leg,
+                    "pose": pose(foot.force_origin(), along(force)), "shaft_length": length - head, "shaft_diameter": 0.05 * leg,
                     "head_length": head, "head_diameter": 0.12 * leg, "color": color(FOOT_COLORS[i], 0.9)
                 }));
             }
         }
         let body = json!({"pose": pose(sample.base.position, sample.base.quaternion), "size": xyz(body_size(self.robot)), "color": color("#b9c5d1", 0.9)});
-        entity("robot", sample.time, json!({"cubes": [body], "lines": legs, "spheres": balls, "arrows": arrows}))
+        cubes.insert(0, body);
+        entity("robot", sample.time, json!({"cubes": cubes, "lines": legs, "spheres": balls, "arrows": arrows}))
     }
 
     fn ground(&self, mesh: &GroundMesh) -> Value {
@@ -204,10 +209,13 @@ impl Drawing<'_> {
             .iter()
             .zip(&self.sampled.names)
             .map(|(foot, name)| {
-                let value = json!({
+                let mut value = json!({
                     "position": xyz(foot.position), "velocity": xyz(foot.velocity), "force": xyz(foot.force), "contact": foot.stance,
                     "normal_force": foot.normal_force, "friction_use": foot.friction_use
                 });
+                if let Some(sole) = &foot.sole {
+                    (value["moment"], value["yaw"]) = (xyz(sole.moment), json!(sole.yaw()));
+                }
                 (name.clone(), value)
             })
             .collect();
@@ -220,6 +228,11 @@ impl Drawing<'_> {
             "feet": feet
         })
     }
+}
+
+/// Unit quaternion w, x, y, z from a foot to the world: that of a sole, none for a ball or point.
+fn turn_of(foot: &FootSample) -> [f64; 4] {
+    foot.sole.as_ref().map_or(NO_TURN, SoleSample::quaternion)
 }
 
 /// Name of the frame of a foot.
@@ -240,6 +253,8 @@ fn motion_schema() -> Value {
         "properties": {
             "position": vector("world frame, m"), "velocity": vector("world frame, m/s"),
             "force": vector("of the ground on the foot, world frame, N"),
+            "moment": vector("of the ground on a sole about its centre, world frame, N m; absent for other feet"),
+            "yaw": number("of a sole, world frame, rad; absent for other feet"),
             "contact": {"type": "boolean", "description": "true in stance"},
             "normal_force": number("along the normal of the ground, N"),
             "friction_use": {"type": ["number", "null"], "description": "|t.f| / (mu n.f); null if the foot carries almost no load"}

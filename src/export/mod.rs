@@ -12,6 +12,7 @@
 //! | base angular velocity | world | right-handed: positive about z turns to the left. In the base frame it is `R' w` |
 //! | foot position, velocity | world | of the contact point, not relative to the base |
 //! | foot force | world | force of the ground on the foot: a supporting force has positive z; 0 in swing |
+//! | moment, yaw of a sole | world | moment of the ground on the foot about the centre of the sole; only for feet with soles |
 //! | foot contact | | 1 in stance, 0 in swing; at a phase boundary the value of the phase that begins |
 //!
 //! Base axes: x forward, y left, z up. Feet are named as in pictures: `LF`, `RF`, ... by side and row, or `foot_0`, ... if these names are

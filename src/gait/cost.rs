@@ -5,12 +5,12 @@
 //! ```text
 //! leg work    = int sum over standing feet |f . e  e . v| + |f . v - f . e  e . v| dt / (m g d)
 //! swing work  = int sum over swinging feet |m_leg a_foot . v| dt / (m g d)
-//! effort      = int sum |f|^2 dt / ((m g)^2 T)
+//! effort      = int sum |f|^2 + |m|^2 / x^2 dt / ((m g)^2 T)
 //! effort cost = effort T sqrt(g l) / d
 //! ```
 //!
-//! with `v = v_foot - v_hip` and `e` the direction of the leg from the hip to the foot. The hip is above the nominal foothold, at base
-//! height.
+//! with the moment `m` of a sole of length `2 x` (0 for other feet), `v = v_foot - v_hip` and `e` the direction of the leg from the hip to
+//! the foot. The hip is above the nominal foothold, at base height.
 //!
 //! A leg does work along its direction, when its knee extends and flexes, and across it, when its hip turns it. The absolute value of each
 //! counts: braking costs as much as driving, and the work absorbed by one joint does not drive the other, because muscles and motors
@@ -103,7 +103,7 @@ pub struct Cost {
     pub leg_work: f64,
     /// Work of moving the mass of swinging legs, per weight and distance.
     pub swing_work: f64,
-    /// Mean over time of `sum |f|^2 / (m g)^2`; `1 / n` when standing on `n` feet.
+    /// Mean over time of `sum |f|^2 / (m g)^2`, with the moments of soles over their half length; `1 / n` when standing on `n` feet.
     pub effort: f64,
     /// Effort per distance, `effort T sqrt(g l) / d`.
     pub effort_cost: f64,
@@ -198,6 +198,8 @@ pub(crate) fn distance(robot: &Robot, displacement: [f64; 3], turn: f64) -> f64 
 struct Foot {
     motion: Vec<Piece>,
     force: Vec<Piece>,
+    /// Moment of a sole; empty for other feet.
+    moment: Vec<Piece>,
     phases: Vec<Phase>,
     /// Hip, base frame (x, y), m: above the nominal foothold, at base height.
     hip: [f64; 2],
@@ -209,6 +211,8 @@ struct Motion {
     base_lin: Vec<Piece>,
     base_ang: Vec<Piece>,
     feet: Vec<Foot>,
+    /// Half length of a sole, m.
+    half_length: f64,
 }
 
 /// Integrals and extremes of quantities that combine several curves.
@@ -229,9 +233,12 @@ impl Motion {
         let schedule = Schedule::new(trajectory.durations.clone())?;
         let feet = trajectory.ee.iter().enumerate().map(|(foot, curves)| {
             let [x, y, _] = robot.nominal_feet[foot];
-            Foot { motion: pieces(&curves.motion), force: pieces(&curves.force), phases: schedule.phases(foot), hip: [x, y] }
+            let moment = curves.moment.as_ref().map(pieces).unwrap_or_default();
+            Foot { motion: pieces(&curves.motion), force: pieces(&curves.force), moment, phases: schedule.phases(foot), hip: [x, y] }
         });
-        Ok(Motion { start: part[0], feet: feet.collect(), base_lin: pieces(&trajectory.base_lin), base_ang: pieces(&trajectory.base_ang) })
+        let (base_lin, base_ang) = (pieces(&trajectory.base_lin), pieces(&trajectory.base_ang));
+        let half_length = robot.sole.map_or(1., |sole| sole.half_extents()[0]);
+        Ok(Motion { start: part[0], feet: feet.collect(), base_lin, base_ang, half_length })
     }
 
     /// Quantities of single curves: speeds and accelerations of feet, the largest force in N, the effort in N² s.
@@ -242,6 +249,9 @@ impl Motion {
                 let squares = Squares::new(&piece.control());
                 force = squares.largest(force);
                 effort += squares.mean() * piece.length;
+            }
+            for piece in &foot.moment {
+                effort += Squares::new(&piece.control()).mean() * piece.length / (self.half_length * self.half_length);
             }
             let mut phase = 0;
             for piece in &foot.motion {
@@ -476,7 +486,7 @@ mod tests {
 
     fn trajectory(durations: Vec<f64>, base_lin: Curve, base_ang: Curve, motion: Curve, force: Curve) -> Trajectory {
         let horizon = durations.iter().sum();
-        Trajectory::new(vec![durations], horizon, [base_lin, base_ang], vec![FootCurves { motion, force }])
+        Trajectory::new(vec![durations], horizon, [base_lin, base_ang], vec![FootCurves::new(motion, force)])
     }
 
     fn priced(t: &Trajectory) -> Cost {

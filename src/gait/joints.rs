@@ -312,7 +312,7 @@ pub(crate) mod tests {
             let swings = f == 1 || f == 2;
             let to = if swings { [x + 0.06, y, 0.03, 0.3, 0., 0.] } else { [x, y, 0., 0., 0., 0.] };
             let push = if swings { [0.; 6] } else { [5., -3., robot.weight() / 2., 0., 0., 0.] };
-            FootCurves { motion: curve([x, y, 0., 0., 0., 0.], to), force: curve(push, push) }
+            FootCurves::new(curve([x, y, 0., 0., 0., 0.], to), curve(push, push))
         };
         Trajectory::new(vec![vec![0.5]; 4], 0.5, base, (0..4).map(foot).collect())
     }

@@ -61,8 +61,22 @@ impl Curve {
 pub struct FootCurves {
     /// Position, world frame, m and m/s.
     pub motion: Curve,
-    /// Contact force on the robot, world frame, N and N/s.
+    /// Contact force on the robot, world frame, N and N/s. That of a sole acts at its centre.
     pub force: Curve,
+    /// Contact moment of a sole on the robot about its centre, world frame, N m and N m/s. Absent for a ball or point.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub moment: Option<Curve>,
+    /// Yaw of a sole in each stance, world frame, rad; absent for a ball or point. In a swing from `a` to `b` it is
+    /// `a + (b - a) (3 u^2 - 2 u^3)` at fraction `u` of the swing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub yaws: Option<Vec<f64>>,
+}
+
+impl FootCurves {
+    /// Curves of a ball or point.
+    pub fn new(motion: Curve, force: Curve) -> FootCurves {
+        FootCurves { motion, force, moment: None, yaws: None }
+    }
 }
 
 /// Name of a built-in description, or a complete description of the user's own.
@@ -167,6 +181,9 @@ pub struct Trajectory {
     /// State of each foot that is in the air at the start, `null` for a foot that stands; all feet stand if absent. `[feet]`
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub start_swings: Option<Vec<Option<SwingState>>>,
+    /// Yaw of each sole at the start, world frame, rad; that of the base if absent. `[feet]`
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub start_yaws: Option<Vec<f64>>,
     /// Requested base position at the end, m.
     pub base_target: [f64; 3],
     /// Requested yaw at the end, rad.
@@ -212,6 +229,7 @@ impl Trajectory {
             start: None,
             start_feet: None,
             start_swings: None,
+            start_yaws: None,
             base_target: base_lin.end()[0],
             yaw_target: base_ang.end()[0][2],
             goal: None,
@@ -273,6 +291,11 @@ impl Trajectory {
         (0..self.ee.len()).map(end).collect()
     }
 
+    /// Yaw of each sole at the end, rad; `None` for feet without soles. For a foot in the air it is that of its next stance. `[feet]`
+    pub fn end_yaws(&self) -> Option<Vec<f64>> {
+        self.ee.iter().map(|foot| foot.yaws.as_ref().and_then(|yaws| yaws.last().copied())).collect()
+    }
+
     /// State of a foot that is in the air at the start.
     pub fn start_swing(&self, foot: usize) -> Option<SwingState> {
         self.start_swings.as_ref().and_then(|swings| swings.get(foot).copied().flatten())
@@ -288,6 +311,25 @@ impl Trajectory {
         }
         let limit = format!("{} feet, as the robot `{}` has", robot.feet(), robot.name);
         Err(Error::invalid("ee", format!("{} feet", self.ee.len()), limit))
+    }
+
+    /// Checks moment and yaws of a foot: both or neither.
+    fn validate_sole(&self, foot: usize) -> Result<()> {
+        let FootCurves { moment, yaws, .. } = &self.ee[foot];
+        if moment.is_some() != yaws.is_some() {
+            let [have, limit] =
+                if yaws.is_some() { ["absent", "a curve: the foot has `yaws`"] } else { ["a curve", "absent without `yaws`"] };
+            return Err(Error::invalid(format!("ee[{foot}].moment"), have, limit));
+        }
+        moment.as_ref().map_or(Ok(()), |moment| moment.validate(&format!("ee[{foot}].moment")))?;
+        let (Some(yaws), stances) = (yaws, self.durations[foot].len().div_ceil(2)) else { return Ok(()) };
+        if yaws.len() != stances {
+            return Err(Error::invalid(format!("ee[{foot}].yaws"), format!("{} yaws", yaws.len()), format!("{stances}, one per stance")));
+        }
+        match yaws.iter().position(|yaw| !yaw.is_finite()) {
+            Some(i) => Err(Error::invalid(format!("ee[{foot}].yaws[{i}]"), yaws[i], "a finite number")),
+            None => Ok(()),
+        }
     }
 
     /// Checks that repeated statements about start and goal agree.
@@ -330,6 +372,15 @@ impl Trajectory {
                 return Err(Error::invalid(format!("start_swings[{foot}]"), have, limit));
             }
         }
+        if let Some(yaws) = &self.start_yaws {
+            if yaws.len() != self.durations.len() {
+                let limit = format!("{} feet, as in `durations`", self.durations.len());
+                return Err(Error::invalid("start_yaws", format!("{} feet", yaws.len()), limit));
+            }
+            if let Some(yaw) = yaws.iter().find(|yaw| !yaw.is_finite()) {
+                return Err(Error::invalid("start_yaws", yaw, "finite numbers"));
+            }
+        }
         match &self.start_feet {
             Some(feet) if feet.len() != self.durations.len() => Err(Error::invalid(
                 "start_feet",
@@ -361,6 +412,7 @@ impl Trajectory {
         for (foot, curves) in self.ee.iter().enumerate() {
             curves.motion.validate(&format!("ee[{foot}].motion"))?;
             curves.force.validate(&format!("ee[{foot}].force"))?;
+            self.validate_sole(foot)?;
         }
         self.validate_ends()?;
         let finite = self.base_target.iter().chain(self.init_base.iter().flatten()).chain([&self.yaw_target]).all(|v| v.is_finite());
@@ -368,7 +420,12 @@ impl Trajectory {
             return Err(Error::invalid("base_target, yaw_target or init_base", "not finite", "finite numbers"));
         }
         let totals = self.durations.iter().map(|d| d.iter().sum::<f64>());
-        let curves = self.ee.iter().flat_map(|e| [&e.motion, &e.force]).chain([&self.base_lin, &self.base_ang]);
+        let curves = self
+            .ee
+            .iter()
+            .flat_map(|e| [Some(&e.motion), Some(&e.force), e.moment.as_ref()])
+            .flatten()
+            .chain([&self.base_lin, &self.base_ang]);
         for total in totals.chain(curves.map(|c| c.poly_durations.iter().sum())) {
             if (total - self.horizon).abs() > 1e-6 || !self.horizon.is_finite() {
                 return Err(Error::invalid(

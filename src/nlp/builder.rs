@@ -10,7 +10,7 @@ use super::sweep::{self, Block};
 use crate::gait::trajectory::MotionLimits;
 use crate::gait::{AlignedSchedule, Phase};
 use crate::real::Real;
-use crate::robot::GRAVITY;
+use crate::robot::{GRAVITY, PRESSURE_SHARE};
 use crate::rows::blocks::{BlockId, Foothold, Placed, Use};
 use crate::rows::cone_curvature;
 use crate::rows::factored::{OWN_BLOCKS, POSE_BLOCKS};
@@ -47,6 +47,10 @@ pub(super) struct FootDraft {
     pub heights: Vec<BlockId>,
     /// Force nodes of each stance; `None` where the force is zero.
     pub force_nodes: Vec<Vec<Option<BlockId>>>,
+    /// Moment nodes of each stance of a sole, where there are force nodes; empty for other feet.
+    pub moment_nodes: Vec<Vec<Option<BlockId>>>,
+    /// Yaw of a sole in each stance; empty for other feet.
+    pub yaws: Vec<BlockId>,
 }
 
 impl FootDraft {
@@ -167,6 +171,11 @@ impl<'a, T: Real> Builder<'a, T> {
     /// Force unit of the variables: the weight per foot, N.
     pub fn force_unit(&self) -> f64 {
         self.task.robot.weight() / self.task.robot.feet() as f64
+    }
+
+    /// Unit of the moments of soles: the force unit times the half length of a sole, N m; 0 without soles.
+    pub fn moment_unit(&self) -> f64 {
+        self.task.robot.sole.map_or(0., |sole| self.force_unit() * sole.half_extents()[0])
     }
 
     /// Adds an element and extends the lives of the free blocks that it touches to its step.
@@ -330,17 +339,23 @@ impl<'a, T: Real> Builder<'a, T> {
     /// * `positions` - position of each block
     fn curves(&mut self, positions: &[u32]) -> Curves {
         let at = |id: BlockId| positions[id.0 as usize];
+        let nodes = |stances: Vec<Vec<Option<BlockId>>>| {
+            stances.into_iter().map(|nodes| nodes.into_iter().map(|node| node.map_or(NONE, at)).collect()).collect()
+        };
         let feet = std::mem::take(&mut self.feet).into_iter().map(|foot| FootBlocks {
             phases: foot.phases,
             footholds: foot.footholds.iter().map(|f| at(f.block)).collect(),
             heights: foot.heights.into_iter().map(at).collect(),
-            force_nodes: foot.force_nodes.into_iter().map(|nodes| nodes.into_iter().map(|n| n.map_or(NONE, at)).collect()).collect(),
+            force_nodes: nodes(foot.force_nodes),
+            moment_nodes: nodes(foot.moment_nodes),
+            yaws: foot.yaws.into_iter().map(at).collect(),
         });
         Curves {
             transcription: self.settings.rows,
             limits: self.limits,
             force_limit: self.force_limit,
             force_unit: self.force_unit(),
+            moment_unit: self.moment_unit(),
             intervals: self.intervals,
             interval: self.interval,
             variables: self.blocks.iter().filter(|b| !b.fixed).map(|b| b.len).sum(),
@@ -359,6 +374,7 @@ fn constants<T: Real>(
 ) -> Constants<T> {
     let robot = &task.robot;
     let unit = robot.weight() / robot.feet() as f64;
+    let [along, across] = robot.sole.map_or([0.; 2], |sole| sole.half_extents());
     let inverse = Matrix3::from_fn(|r, c| robot.inertia[r][c]).try_inverse().unwrap_or_else(Matrix3::zeros);
     Constants {
         mass: T::of(robot.mass),
@@ -375,6 +391,9 @@ fn constants<T: Real>(
         length_margin: T::of(settings.length_margin),
         force_margin: T::of(settings.force_margin * robot.feet() as f64),
         foot_radius: T::of(footing::radius(task, settings)),
+        ball_radius: T::of(if robot.sole.is_some() { 0. } else { footing::radius(task, settings) }),
         foot_acceleration: T::of(foot_acceleration.unwrap_or(f64::INFINITY)),
+        pressure: robot.sole.map_or([0.; 2], |_| [PRESSURE_SHARE, PRESSURE_SHARE * across / along]).map(T::of),
+        torsion: T::of(robot.sole.map_or(0., |sole| along / sole.torsion_radius())),
     }
 }

@@ -17,7 +17,7 @@ use crate::quadrature::GAUSS_3;
 use crate::real::Real;
 use crate::robot::GRAVITY;
 use crate::rows::Family;
-use crate::rows::blocks::Use;
+use crate::rows::blocks::{BlockId, Use};
 use crate::rows::effort::Effort;
 use crate::rows::foot::StanceForce;
 use crate::rows::force::ForceNode;
@@ -95,22 +95,23 @@ fn curvature_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
     if b.settings.friction() != Friction::Cone {
         return;
     }
-    for ForcePoint { node, foothold, step, slope } in force_points(own, b) {
+    for ForcePoint { node, foothold, step, slope, .. } in force_points(own, b) {
         b.tables.cone_curvatures.push(ForceNode::new(T::of(slope), foothold.index));
         let at = b.tables.cone_curvatures.len() - 1;
         b.cost_element(Family::ConeCurvature, at, step, 0., &[Use::Touches(node), Use::Reads(foothold.block)]);
     }
 }
 
-/// Adds the effort rows.
+/// Adds the effort rows of forces, and of the moments of soles over their half length.
 ///
 /// * `price` - cost of the integral of `|f|^2`, 1/(N² s)
 fn effort_elements<T: Real>(b: &mut Builder<T>, price: f64) {
     let unit = b.force_unit();
     for foot in 0..b.feet.len() {
-        for stance in 0..b.feet[foot].force_nodes.len() {
+        let stances = b.feet[foot].force_nodes.iter().enumerate().chain(b.feet[foot].moment_nodes.iter().enumerate());
+        let stances: Vec<(usize, Vec<Option<BlockId>>)> = stances.map(|(stance, nodes)| (stance, nodes.clone())).collect();
+        for (stance, nodes) in stances {
             let span = b.feet[foot].phases[2 * stance];
-            let nodes = b.feet[foot].force_nodes[stance].clone();
             let pieces = nodes.len() - 1;
             let piece = span.duration() / pieces as f64;
             let free: Vec<usize> = (0..=pieces).filter(|&i| nodes[i].is_some()).collect();

@@ -13,9 +13,11 @@ use crate::rows::blocks::{BlockId, Foothold, Use};
 use crate::rows::footing::Footing;
 use crate::rows::force::ForceNode;
 use crate::rows::reach::{ReachFoot, ReachLeg};
+use crate::rows::sole::SolePoint;
 use crate::rows::stride::Stride;
 use crate::rows::swing::SwingNode;
 use crate::rows::table::{NONE, Place};
+use crate::rows::turn::{Turn, YAW};
 use crate::settings::Friction;
 use crate::task::SwingState;
 
@@ -25,6 +27,7 @@ pub(super) fn rows<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
     force_elements(own, b);
     swing_elements(own, b);
     footing_elements(b);
+    turn_elements(b);
 }
 
 /// Adds the blocks of footholds, swing heights and force nodes. Value and slope of the force are zero where a stance meets a swing.
@@ -64,10 +67,23 @@ pub(super) fn blocks<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
                     b.block(false, guess.initial, guess.smoothing)
                 }));
             }
+            if b.task.robot.sole.is_some() {
+                let moments = nodes.iter().map(|node| node.map(|_| b.block(false, [0.; 6], [1.; 6]))).collect();
+                b.feet[foot].moment_nodes.push(moments);
+                let yaw = match stance {
+                    0 => b.task.start_yaws[foot],
+                    _ => own.yaw(b, (span.start + span.end) / 2.),
+                };
+                let yaw = b.block(stance == 0, [yaw], [YAW_SMOOTHING; 6]);
+                b.feet[foot].yaws.push(yaw);
+            }
             b.feet[foot].force_nodes.push(nodes);
         }
     }
 }
+
+/// Weight that attracts the yaw of a sole to its initial guess, relative to 1 for a force of the weight per foot, 1/rad².
+const YAW_SMOOTHING: f64 = 1.;
 
 /// Curve of a swing.
 ///
@@ -147,6 +163,8 @@ pub(super) struct ForcePoint {
     pub step: usize,
     /// Weight of the slope of the node.
     pub slope: f64,
+    /// Moment node and yaw of a sole.
+    pub sole: Option<[BlockId; 2]>,
 }
 
 /// All limited forces.
@@ -159,7 +177,8 @@ pub(super) fn force_points<T: Real>(own: &dyn Transcribe<T>, b: &Builder<T>) -> 
             for (i, node) in nodes.iter().enumerate() {
                 let Some(node) = *node else { continue };
                 let step = b.step_within(span.start + span.duration() * i as f64 / pieces as f64, node);
-                points.extend(own.slopes(i, pieces).iter().map(|&slope| ForcePoint { node, foothold, step, slope }));
+                let sole = foot.moment_nodes.get(stance).and_then(|moments| moments[i]).map(|moment| [moment, foot.yaws[stance]]);
+                points.extend(own.slopes(i, pieces).iter().map(|&slope| ForcePoint { node, foothold, step, slope, sole }));
             }
         }
     }
@@ -167,7 +186,7 @@ pub(super) fn force_points<T: Real>(own: &dyn Transcribe<T>, b: &Builder<T>) -> 
 }
 
 fn force_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
-    for ForcePoint { node, foothold, step, slope } in force_points(own, b) {
+    for ForcePoint { node, foothold, step, slope, sole } in force_points(own, b) {
         let (family, table) = match b.settings.friction() {
             Friction::Pyramid => (Family::Force, &mut b.tables.force_nodes),
             Friction::Cone => (Family::Cone, &mut b.tables.cones),
@@ -175,6 +194,40 @@ fn force_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
         table.push(ForceNode::new(T::of(slope), foothold.index));
         let at = table.len() - 1;
         b.element(family, at, step, &[Use::Touches(node), Use::Touches(foothold.block)]);
+        if let Some([moment, yaw]) = sole {
+            b.tables.sole_points.push(SolePoint::new(T::of(slope), foothold.index));
+            b.element(Family::Sole, b.tables.sole_points.len() - 1, step, &[node, moment, yaw].map(Use::Touches));
+        }
+    }
+}
+
+/// Adds the limits of the yaw of standing soles relative to the base, at the start and the end of each stance.
+fn turn_elements<T: Real>(b: &mut Builder<T>) {
+    let Some(sole) = b.task.robot.sole else { return };
+    let h = b.interval;
+    for foot in 0..b.feet.len() {
+        for stance in 0..b.feet[foot].yaws.len() {
+            let (span, yaw) = (b.feet[foot].phases[2 * stance], b.feet[foot].yaws[stance]);
+            for t in [span.start, span.end.min(b.horizon)] {
+                // The state at the start is given.
+                if t <= 0. || span.duration() <= 0. {
+                    continue;
+                }
+                let k = ((t / h - 1e-9) as usize).min(b.intervals - 1);
+                b.tables.turns.push(Turn {
+                    weights: hermite(t - k as f64 * h, h).map(T::of),
+                    reference: T::of(b.reference(t)[YAW]),
+                    limit: T::of(sole.turn),
+                    base: [NONE; 4],
+                    base_column: [NONE; 4],
+                    yaw: NONE,
+                    yaw_column: NONE,
+                    place: Place::default(),
+                });
+                let [pose, rate, next_pose, next_rate] = std::array::from_fn(|i| Use::Touches(b.base[2 * k + i]));
+                b.element(Family::Turn, b.tables.turns.len() - 1, k, &[pose, rate, next_pose, next_rate, Use::Touches(yaw)]);
+            }
+        }
     }
 }
 

@@ -14,6 +14,8 @@ use std::sync::LazyLock;
 const OFF_PLANE: f64 = 0.45;
 /// Largest penetration of the ground into the foot ball, in radii; slightly less than the certificate allows.
 const IN_BALL: f64 = 0.1;
+/// Largest deviation of the ground from the plane of a sole, m; slightly less than the certificate allows.
+const OFF_SOLE: f64 = 4e-3;
 /// Circles on which the ground is sampled, in radii. The outer circle meets any straight edge within one radius.
 const CIRCLES: [f64; 2] = [0.5, 1.03];
 /// Number of samples per circle.
@@ -42,10 +44,11 @@ pub struct FootholdRegion {
     pub high: [f64; 2],
 }
 
-/// Radius by which the feet of a task keep clear of edges, m; 0 for point feet and on ground without edges.
+/// Radius by which the feet of a task keep clear of edges, m; that of a sole is its half diagonal. 0 for point feet and on ground without
+/// edges.
 pub fn radius(task: &Task, settings: &TranscriptionSettings) -> f64 {
     let asked = settings.rows == Transcription::Momentum && task.terrain.has_edges();
-    if asked { task.robot.foot_radius() } else { 0. }
+    if asked { task.robot.sole.map_or(task.robot.foot_radius(), |sole| sole.radius()) } else { 0. }
 }
 
 /// Search for a place with room for a foot.
@@ -53,6 +56,9 @@ pub struct Search<'a> {
     pub terrain: &'a Terrain,
     /// Radius of the foot, m, greater than 0.
     pub radius: f64,
+    /// Largest height of the ground above and below the tangent plane of a place, and largest penetration of a foot ball, in radii.
+    pub off_plane: f64,
+    pub in_ball: f64,
     /// Distance that a foothold may move from its start, m.
     pub around: f64,
     /// Direction along y that is tried first, 1 or -1; it makes the search of left and right feet mirror images.
@@ -64,7 +70,8 @@ impl Search<'_> {
     pub fn of(task: &Task, foot: usize, radius: f64) -> Search<'_> {
         let [along, across, _] = task.robot.reach.of(foot).widths();
         let side = if task.robot.nominal_feet[foot][1] < 0. { -1. } else { 1. };
-        Search { terrain: &task.terrain, radius, around: along.max(across), side }
+        let [off_plane, in_ball] = if task.robot.sole.is_some() { [OFF_SOLE / radius; 2] } else { [OFF_PLANE, IN_BALL] };
+        Search { terrain: &task.terrain, radius, off_plane, in_ball, around: along.max(across), side }
     }
 
     /// Distance between the places that are tried, m.
@@ -153,7 +160,7 @@ impl Search<'_> {
         CIRCLES.iter().all(|part| {
             // Height of the lower side of a ball at rest.
             let ball = 1. - (1. - part * part).max(0.).sqrt();
-            let (highest, lowest) = (OFF_PLANE.min(ball + IN_BALL) * self.radius, -OFF_PLANE * self.radius);
+            let (highest, lowest) = (self.off_plane.min(ball + self.in_ball) * self.radius, -self.off_plane * self.radius);
             (0..SAMPLES).all(|k| {
                 let [x, y] = on_circle(at, part * self.radius, k);
                 let off = self.terrain.height(x, y) - here.height - here.slope[0] * (x - at[0]) - here.slope[1] * (y - at[1]);

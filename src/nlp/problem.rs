@@ -2,7 +2,8 @@
 //!
 //! `x` contains the variables in elimination order, followed by the fixed values (start of the base, first footholds, goal). Variables form
 //! blocks: base coefficient or knot (position and angles, or their rates, 6), force node (value and slope, 6), foothold (2), swing height
-//! (1). All of `x` is scaled: m, rad, s; forces by the weight per foot, force slopes by the weight per foot and piece duration.
+//! (1); for soles also moment node (6) and yaw (1). All of `x` is scaled: m, rad, s; forces by the weight per foot, moments by that and the
+//! half length of a sole, slopes of both also by the piece duration.
 //! `nlp/builder.rs` writes these tables; the ones that define the rows are [`Tables`], listed in [`crate::rows`].
 
 use super::sweep::Step;
@@ -120,6 +121,8 @@ pub struct Curves {
     pub force_limit: f64,
     /// Unit of forces in `x`: the weight per foot, N.
     pub force_unit: f64,
+    /// Unit of the moments of soles in `x`, N m; 0 without soles.
+    pub moment_unit: f64,
     /// Number of intervals.
     pub intervals: usize,
     /// Length of an interval, s.
@@ -143,4 +146,8 @@ pub struct FootBlocks {
     pub heights: Vec<u32>,
     /// Force nodes of each stance; [`NONE`](crate::rows::table::NONE) where the force is zero.
     pub force_nodes: Vec<Vec<u32>>,
+    /// Moment nodes of each stance of a sole, where there are force nodes; empty for other feet.
+    pub moment_nodes: Vec<Vec<u32>>,
+    /// Yaw of a sole in each stance; empty for other feet.
+    pub yaws: Vec<u32>,
 }

@@ -16,7 +16,17 @@ pub fn trajectory(task: &Task, curves: &Curves, x: &[f64]) -> Trajectory {
     let base = transcription::of::<f64>(curves.transcription).base_curves(task, curves, x);
     let durations = curves.feet.iter().map(|f| f.phases.iter().map(|p| p.duration()).collect()).collect();
     let feet = 0..curves.feet.len();
-    let feet = feet.map(|foot| FootCurves { motion: motion_curve(task, curves, x, foot), force: force_curve(curves, x, foot) });
+    let feet = feet.map(|foot| {
+        let blocks = &curves.feet[foot];
+        let wrench = |nodes: &[Vec<u32>], unit: f64| wrench_curve(curves, x, foot, nodes, unit);
+        let sole = !blocks.yaws.is_empty();
+        FootCurves {
+            motion: motion_curve(task, curves, x, foot),
+            force: wrench(&blocks.force_nodes, curves.force_unit),
+            moment: sole.then(|| wrench(&blocks.moment_nodes, curves.moment_unit)),
+            yaws: sole.then(|| blocks.yaws.iter().map(|&at| x[at as usize]).collect()),
+        }
+    });
     let trajectory = task.trajectory(curves.transcription.name(), curves.force_limit, durations, horizon, base, feet.collect());
     Trajectory { limits: curves.limits, ..trajectory }
 }
@@ -78,10 +88,13 @@ fn end_at(curve: &mut Curve, horizon: f64) {
     }
 }
 
-/// Force of a foot: the configured number of pieces per stance, one zero piece per swing, up to the horizon.
-fn force_curve(curves: &Curves, x: &[f64], foot: usize) -> Curve {
+/// Force or moment of a foot: the configured number of pieces per stance, one zero piece per swing, up to the horizon.
+///
+/// * `nodes` - of each stance, positions in `x`
+/// * `unit` - of the values in `x`
+fn wrench_curve(curves: &Curves, x: &[f64], foot: usize, nodes: &[Vec<u32>], unit: f64) -> Curve {
     let blocks = &curves.feet[foot];
-    let (unit, horizon) = (curves.force_unit, curves.intervals as f64 * curves.interval);
+    let horizon = curves.intervals as f64 * curves.interval;
     let mut curve = Curve { poly_durations: Vec::new(), nodes: Vec::new() };
     for (i, phase) in blocks.phases.iter().enumerate() {
         if !phase.stance {
@@ -92,7 +105,7 @@ fn force_curve(curves: &Curves, x: &[f64], foot: usize) -> Curve {
             curve.nodes.push([0.; 6]);
             continue;
         }
-        let nodes = &blocks.force_nodes[i / 2];
+        let nodes = &nodes[i / 2];
         let duration = phase.duration() / (nodes.len() - 1) as f64;
         curve.poly_durations.extend(vec![duration; nodes.len() - 1]);
         curve.nodes.extend(nodes.iter().map(|&node| {

@@ -10,7 +10,7 @@ use crate::app::{TermOverrides, VerificationTerms};
 use crate::error::Result;
 use crate::export::Sampled;
 use crate::files;
-use crate::report::samples::{FootSample, Sample};
+use crate::report::samples::{FootSample, Sample, SoleSample};
 use crate::verify::Report;
 use numpy::{Element, IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
@@ -169,6 +169,10 @@ pub struct Samples {
     feet_velocity: Py<PyArray3<f64>>,
     /// Forces of the ground on the feet, N, shape (n, feet, 3).
     forces: Py<PyArray3<f64>>,
+    /// Moments of the ground on the soles about their centres, N m, shape (n, feet, 3); zero for feet without soles.
+    moments: Py<PyArray3<f64>>,
+    /// Yaws of the soles, rad, shape (n, feet); zero for feet without soles.
+    yaws: Py<PyArray2<f64>>,
     /// True while a foot is in stance, bool, shape (n, feet). At a change of contact, the phase that begins counts.
     contacts: Py<PyArray2<bool>>,
     /// Names of the feet.
@@ -205,6 +209,12 @@ impl Samples {
             feet_position: of_feet(|foot| foot.position)?,
             feet_velocity: of_feet(|foot| foot.velocity)?,
             forces: of_feet(|foot| foot.force)?,
+            moments: of_feet(|foot| foot.sole.as_ref().map_or([0.; 3], |sole| sole.moment))?,
+            yaws: table(
+                py,
+                samples.iter().flat_map(|s| s.feet.iter().map(|f| f.sole.as_ref().map_or(0., SoleSample::yaw))),
+                [times, feet],
+            )?,
             contacts: table(py, samples.iter().flat_map(|s| s.feet.iter().map(|foot| foot.stance)), [times, feet])?,
             feet_names: names.clone(),
         })

@@ -135,8 +135,7 @@ impl<'a> ContactImplicit<'a> {
 
     /// Trajectory at `x` with the contacts found there.
     pub fn trajectory(&self, x: &[f64]) -> Trajectory {
-        let curves =
-            |foot: &Foot| FootCurves { motion: nodes_at(&foot.motion, &self.timing, x), force: nodes_at(&foot.force, &self.timing, x) };
+        let curves = |foot: &Foot| FootCurves::new(nodes_at(&foot.motion, &self.timing, x), nodes_at(&foot.force, &self.timing, x));
         let durations = self.contacts(x).iter().map(|stands| phases(stands)).collect();
         let ee = self.feet.iter().map(curves).collect();
         self.task.trajectory("contact-implicit", towr::force_limit(self.task), durations, self.steps as f64 * STEP, self.base.curves(x), ee)

@@ -215,8 +215,7 @@ impl<'a> Towr<'a> {
     pub fn trajectory(&self, x: &[f64]) -> Trajectory {
         let timings: Vec<Timing> = self.feet.iter().map(|foot| foot.timing.at(x)).collect();
         let feet = self.feet.iter().zip(&timings);
-        let ee =
-            feet.map(|(foot, timing)| FootCurves { motion: nodes_at(&foot.motion, timing, x), force: nodes_at(&foot.force, timing, x) });
+        let ee = feet.map(|(foot, timing)| FootCurves::new(nodes_at(&foot.motion, timing, x), nodes_at(&foot.force, timing, x)));
         let ee = ee.collect();
         let durations = timings.into_iter().map(|timing| timing.durations).collect();
         self.task.trajectory(Transcription::Towr.name(), force_limit(self.task), durations, self.horizon, self.base.curves(x), ee)

@@ -31,6 +31,7 @@ use crate::gait::cost::{self, Cost, CostWeights};
 use crate::gait::family::MIN_PHASE_SCALED;
 use crate::gait::{AlignedSchedule, Trajectory};
 use crate::nlp::{Curves, Problem, trajectory};
+use crate::robot::Robot;
 use crate::settings::{Friction, SolverSettings, StallSettings, Transcription, TranscriptionSettings};
 use crate::solver::{Finish, Solver, Status};
 use crate::task::Task;
@@ -388,6 +389,7 @@ impl Descent<'_> {
 
 /// Checks that a gait fits its task and its transcription.
 fn check(task: &Task, schedule: &AlignedSchedule, x: &[f64], transcription: &TranscriptionSettings) -> Result<()> {
+    check_robot(&task.robot)?;
     if schedule.feet() != task.robot.feet() {
         let limit = format!("{} feet, as robot `{}` has", task.robot.feet(), task.robot.name);
         return Err(Error::invalid("durations", format!("{} feet", schedule.feet()), limit));
@@ -397,6 +399,17 @@ fn check(task: &Task, schedule: &AlignedSchedule, x: &[f64], transcription: &Tra
         return Err(Error::invalid("x", format!("{} values", x.len()), format!("{expected} finite values, for this schedule")));
     }
     Ok(())
+}
+
+/// Checks that gaits of a robot can be refined.
+///
+/// # Errors
+/// [`Error::Invalid`] for a robot with soles.
+pub fn check_robot(robot: &Robot) -> Result<()> {
+    if robot.sole.is_none() {
+        return Ok(());
+    }
+    Err(Error::invalid("robot.sole", "a sole", "none for a gait to be refined"))
 }
 
 /// Solver settings for closing steps only.

@@ -73,9 +73,13 @@ pub fn animation(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain) -> R
     picture.polygon(&outline, r##"fill="#eef3f7" stroke="#b8c4cf" stroke-width="1""##);
     for (foot, color) in FOOT_COLORS.iter().enumerate().take(robot.feet()) {
         for stance in sampler.stances(foot) {
-            let [x, y] = view.pixel(stance.foothold);
             let style = format!(r#"fill="none" stroke="{color}" stroke-width="1" opacity="0.45""#);
-            picture.circle([x, y], 0.035 * robot.leg_height() * view.scale, &style);
+            if stance.corners.is_empty() {
+                picture.circle(view.pixel(stance.foothold), 0.035 * robot.leg_height() * view.scale, &style);
+            } else {
+                let corners: Vec<[f64; 2]> = stance.corners.iter().map(|&corner| view.pixel(corner)).collect();
+                picture.polygon(&corners, &style);
+            }
         }
     }
     let moving = Moving { samples: &samples, duration: trajectory.horizon, view };
@@ -185,13 +189,27 @@ impl Moving<'_> {
         let width = 0.06 * leg * self.view.scale;
         let at = |s: &Sample| s.feet[foot].position;
         let tip = |s: &Sample| {
-            let (p, f) = (s.feet[foot].position, s.feet[foot].force);
+            let (p, f) = (s.feet[foot].force_origin(), s.feet[foot].force);
             std::array::from_fn(|i| p[i] + FORCE * leg * f[i] / weight)
         };
-        self.line(picture, at, tip, &format!(r#"stroke="{color}" stroke-width="{:.1}" opacity="0.5""#, 0.5 * width));
+        self.line(
+            picture,
+            |s| s.feet[foot].force_origin(),
+            tip,
+            &format!(r#"stroke="{color}" stroke-width="{:.1}" opacity="0.5""#, 0.5 * width),
+        );
         let style = format!(r#"stroke="{color}" stroke-width="{width:.1}" stroke-linecap="round""#);
         self.line(picture, at, |s| to_world(s, hip), &style);
-        self.circle(picture, at, 0.075 * leg * self.view.scale, &format!(r#"fill="{color}""#));
+        let Some(sole) = robot.sole else {
+            return self.circle(picture, at, 0.075 * leg * self.view.scale, &format!(r#"fill="{color}""#));
+        };
+        let end = |share: f64| {
+            move |s: &Sample| {
+                let along = s.feet[foot].sole.as_ref().map_or([0.; 3], |sole| sole.axes[0]);
+                std::array::from_fn(|i| s.feet[foot].position[i] + share * sole.length * along[i])
+            }
+        };
+        self.line(picture, end(-0.5), end(0.5), &style);
     }
 
     /// Draws the upper and the near face of the body.

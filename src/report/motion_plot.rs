@@ -310,7 +310,13 @@ impl Above {
         p.curve(&path, &format!(r#"stroke="{}" stroke-width="2""#, INK[0]));
         for (foot, stances) in stances.iter().enumerate() {
             for stance in stances {
-                p.circle(self.at(stance.foothold), 4.2, &format!(r#"fill="{}" fill-opacity="0.85""#, FOOT_COLORS[foot]));
+                let style = format!(r#"fill="{}" fill-opacity="0.85""#, FOOT_COLORS[foot]);
+                if stance.corners.is_empty() {
+                    p.circle(self.at(stance.foothold), 4.2, &style);
+                } else {
+                    let corners: Vec<[f64; 2]> = stance.corners.iter().map(|&corner| self.at(corner)).collect();
+                    p.polygon(&corners, &style);
+                }
             }
         }
         self.outline(p, plot.robot, &samples[0], r##"stroke="#6b7785" stroke-dasharray="4 3""##);
@@ -435,7 +441,7 @@ mod tests {
         );
         let push = curve(&[1.], &[[0., 0., 150., 0., 0., 0.]; 2]);
         let some = curve(&[0.3, 0.4, 0.3], &[[0., 0., 50., 0., 0., 0.], [0.; 6], [0.; 6], [0., 0., 50., 0., 0., 0.]]);
-        let feet = vec![FootCurves { motion: left, force: push }, FootCurves { motion: right, force: some }];
+        let feet = vec![FootCurves::new(left, push), FootCurves::new(right, some)];
         Trajectory::new(vec![vec![1.], vec![0.3, 0.4, 0.3]], 1., [base, angles], feet)
     }
 

@@ -2,10 +2,11 @@
 
 use crate::error::Result;
 use crate::gait::{Schedule, Trajectory};
-use crate::robot::Robot;
+use crate::robot::{Robot, Sole};
 use crate::terrain::Terrain;
 use crate::verify::curves::{ContactAxes, Motion};
-use nalgebra::{UnitQuaternion, Vector3};
+use crate::verify::sole;
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 /// One colour per foot, distinguishable with most colour vision deficiencies (after Okabe and Ito), the same in every picture.
 pub const FOOT_COLORS: [&str; crate::robot::MAX_FEET] =
@@ -63,6 +64,41 @@ pub struct FootSample {
     /// Use of friction, `|t.f| / (mu n.f)`: 1 is the edge of the friction cone. `None` if the normal force is below a hundredth of the
     /// weight.
     pub friction_use: Option<f64>,
+    /// Sole; `None` for a ball or point.
+    pub sole: Option<SoleSample>,
+}
+
+impl FootSample {
+    /// Point at which the force acts, world frame, m: the centre of pressure of a sole, otherwise the position of the foot.
+    pub fn force_origin(&self) -> [f64; 3] {
+        self.sole.as_ref().and_then(|sole| sole.pressure).unwrap_or(self.position)
+    }
+}
+
+/// State of a sole, world frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SoleSample {
+    /// Moment of the ground on the foot about the centre of the sole, N m.
+    pub moment: [f64; 3],
+    /// Unit vectors from heel to toe, and to the left.
+    pub axes: [[f64; 3]; 2],
+    /// Centre of pressure, m; `None` if the normal force is below a hundredth of the weight.
+    pub pressure: Option<[f64; 3]>,
+}
+
+impl SoleSample {
+    /// Yaw of the sole, rad.
+    pub fn yaw(&self) -> f64 {
+        self.axes[0][1].atan2(self.axes[0][0])
+    }
+
+    /// Unit quaternion w, x, y, z from the sole to the world.
+    pub fn quaternion(&self) -> [f64; 4] {
+        let [x, y] = self.axes.map(Vector3::from);
+        let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, y, x.cross(&y)]));
+        let turn = UnitQuaternion::from_rotation_matrix(&rotation);
+        [turn.w, turn.i, turn.j, turn.k]
+    }
 }
 
 /// A stance phase.
@@ -74,6 +110,8 @@ pub struct Stance {
     pub foothold: [f64; 3],
     /// Terrain normal at the foothold, unit.
     pub normal: [f64; 3],
+    /// Corners of a sole in order around it, world frame, m; empty for a ball or point.
+    pub corners: Vec<[f64; 3]>,
 }
 
 impl<'a> Sampler<'a> {
@@ -115,13 +153,21 @@ impl<'a> Sampler<'a> {
             let normal = foothold.map(|foothold| ContactAxes::new(self.terrain, foothold).normal);
             let normal_force = normal.map_or(0., |n| n.dot(&force));
             let sideways = normal.map_or(0., |n| (force - n * normal_force).norm());
+            let loaded = normal_force > LOADED * weight;
+            let sole = foot.moment.as_ref().map(|moment| {
+                let (moment, at) = (moment.at(time).value, sole::posture(foot, self.terrain, time));
+                let [along, aside] = at.axes;
+                let pressure = || at.centre + (aside * moment.dot(&along) - along * moment.dot(&aside)) / normal_force;
+                SoleSample { moment: moment.into(), axes: at.axes.map(Into::into), pressure: loaded.then(|| pressure().into()) }
+            });
             FootSample {
                 position: place.value.into(),
                 velocity: place.first.into(),
                 stance,
                 force: force.into(),
                 normal_force,
-                friction_use: (normal_force > LOADED * weight).then(|| sideways / (self.terrain.friction * normal_force)),
+                sole,
+                friction_use: loaded.then(|| sideways / (self.terrain.friction * normal_force)),
             }
         });
         Sample {
@@ -145,7 +191,12 @@ impl<'a> Sampler<'a> {
             .map(|phase| {
                 let foothold: Vector3<f64> = place((phase.start + phase.end) / 2.);
                 let normal = ContactAxes::new(self.terrain, foothold).normal;
-                Stance { times: [phase.start, phase.end], foothold: foothold.into(), normal: normal.into() }
+                let at = |shape: &Sole| {
+                    let at = sole::posture(&self.motion.feet[foot], self.terrain, (phase.start + phase.end) / 2.);
+                    [[1., 1.], [1., -1.], [-1., -1.], [-1., 1.]].map(|share| at.point(shape, share).into()).to_vec()
+                };
+                let corners = self.motion.robot.sole.as_ref().map(at).unwrap_or_default();
+                Stance { times: [phase.start, phase.end], foothold: foothold.into(), normal: normal.into(), corners }
             })
             .collect()
     }
@@ -215,7 +266,7 @@ mod tests {
         let motion = curve(&[0.4, 0.2, 0.4], &[still(from), still(from), still(to), still(to)]);
         let push = [-20., 10., 100., 0., 0., 0.];
         let force = curve(&[0.4, 0.2, 0.4], &[push, [0.; 6], [0.; 6], push]);
-        let trajectory = Trajectory::new(vec![vec![0.4, 0.2, 0.4]], 1., [base, angles], vec![FootCurves { motion, force }]);
+        let trajectory = Trajectory::new(vec![vec![0.4, 0.2, 0.4]], 1., [base, angles], vec![FootCurves::new(motion, force)]);
         let heights = (0..4).map(|i| vec![0.5 * f64::from(i) - 0.5; 4]).collect();
         let shape = crate::terrain::Shape::Grid(crate::terrain::Grid { low: [-1., -2.], high: [3., 2.], heights });
         (trajectory, Robot::named("monoped").unwrap(), Terrain { name: "ramp".into(), friction: 0.8, shape })

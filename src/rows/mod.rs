@@ -23,11 +23,13 @@ pub mod hip;
 pub mod math;
 pub mod momentum;
 pub mod reach;
+pub mod sole;
 pub mod stance_power;
 pub mod stride;
 pub mod swing;
 pub mod swing_power;
 pub mod table;
+pub mod turn;
 pub mod write;
 
 use crate::real::Real;
@@ -175,6 +177,10 @@ families! {
     Cone { cone::SPEC, cone::allowed, cone::place }
     /// Box of a foothold on ground with edges.
     Footing { footing::SPEC, footing::allowed, footing::place }
+    /// Centre of pressure and torsion of a sole at a force node or at a Bezier point next to it.
+    Sole { sole::SPEC, sole::allowed, sole::place }
+    /// Yaw of a standing sole relative to the base.
+    Turn { turn::SPEC, turn::allowed, turn::place }
     /// Curvature of a friction cone.
     ConeCurvature { cone_curvature::SPEC, cone_curvature::allowed, cone_curvature::place }
     /// Effort of the force at a node.
@@ -208,6 +214,7 @@ macro_rules! row_tables {
             stance_forces StanceForces [$crate::rows::foot::StanceForce<T>],
             momentum_intervals MomentumIntervals [$crate::rows::momentum::MomentumInterval<T>],
             impulses Impulses [$crate::rows::momentum::Impulse<T>],
+            moment_impulses MomentImpulses [$crate::rows::momentum::MomentImpulse<T>],
             reach_instants ReachInstants [$crate::rows::reach::ReachInstant<T>],
             reach_feet ReachFeet [$crate::rows::reach::ReachFoot<T>],
             reach_legs ReachLegs [$crate::rows::reach::ReachLeg<T>],
@@ -217,6 +224,8 @@ macro_rules! row_tables {
             accelerations Accelerations [$crate::rows::acceleration::Acceleration<T>],
             cones Cones [$crate::rows::cone::Cone<T>],
             footings Footings [$crate::rows::footing::Footing<T>],
+            sole_points SolePoints [$crate::rows::sole::SolePoint<T>],
+            turns Turns [$crate::rows::turn::Turn<T>],
             cone_curvatures ConeCurvatures [$crate::rows::cone_curvature::ConeCurvature<T>],
             efforts Efforts [$crate::rows::effort::Effort<T>],
             stance_powers StancePowers [$crate::rows::stance_power::StancePower<T>],
@@ -243,6 +252,8 @@ macro_rules! row_shaders {
             Acceleration "rows/acceleration" accelerations,
             Cone "rows/cone" cones,
             Footing "rows/footing" footings,
+            Sole "rows/sole" sole_points,
+            Turn "rows/turn" turns,
             ConeCurvature "rows/cone_curvature" cone_curvatures,
             Effort "rows/effort" efforts,
             StancePower "rows/stance_power" stance_powers,
@@ -322,8 +333,14 @@ crate::table! {
         pub force_margin: T,
         /// Radius of a foot for clearance from edges, m; 0 if no foot keeps clear of edges.
         pub foot_radius: T,
+        /// Radius of the ball of a foot that keeps clear of edges, m; 0 for a sole.
+        pub ball_radius: T,
         /// Largest acceleration of a foot, m/s².
         pub foot_acceleration: T,
+        /// Largest moment about the y and the x axis of a sole per normal force, in half lengths; 0 without soles.
+        pub pressure: [T; 2],
+        /// Half length of a sole over its torsion radius; 0 without soles.
+        pub torsion: T,
     }
 }
 
@@ -380,6 +397,8 @@ pub fn residuals<T: Real>(
     acceleration::acceleration(tables, x, ground, inequality, jacobian.as_deref_mut());
     cone::cone(tables, x, edge_radius, inequality, jacobian.as_deref_mut());
     footing::footing(tables, x, inequality, jacobian.as_deref_mut());
+    sole::sole(tables, x, inequality, jacobian.as_deref_mut());
+    turn::turn(tables, x, inequality, jacobian.as_deref_mut());
     cone_curvature::cone_curvature(tables, x, equality, jacobian.as_deref_mut());
     effort::effort(tables, x, equality, jacobian.as_deref_mut());
     stance_power::stance_power(tables, x, ground, deviations, equality, jacobian.as_deref_mut());

@@ -1,9 +1,10 @@
 //! Momentum rows of the single rigid body over the intervals between base knots.
 //!
-//! With `J`, `P`, `W` the first to third integral of the forces from the start of an interval (`_k`), `J_i` that of the foot at `x_i`:
+//! With `J`, `P`, `W` the first to third integral of the forces from the start of an interval (`_k`), `J_i` that of the foot at `x_i`,
+//! `M` that of the moments of soles:
 //! `m (v - v_k - h g) - J`, divided by `m g h`; `m (p - p_k - h v_k - h^2 g / 2) - P`, divided by `m g h^2 / 2`;
 //! `L - L(h)` and twice the mean of `L - L(tau)`, divided by `m g l h`, where `L = R I R' omega` of the planned motion and
-//! `L(tau) = L_k + sum (x_i - p_k) x J_i + (m v_k tau^2 / 2 + W) x g - m d x v`, `v = v_k + g tau + J / m`,
+//! `L(tau) = L_k + sum (x_i - p_k) x J_i + M + (m v_k tau^2 / 2 + W) x g - m d x v`, `v = v_k + g tau + J / m`,
 //! `d = v_k tau + g tau^2 / 2 + P / m`. World frame. See [`crate::nlp::transcription::momentum`].
 
 use super::blocks::Placed;
@@ -72,6 +73,8 @@ crate::table! {
         pub angular_column: [u32; 4],
         /// Force nodes that act in the interval, in `impulses`; those of one foothold are adjacent.
         pub impulses: Span,
+        /// Moment nodes that act in the interval, in `moment_impulses`.
+        pub moments: Span,
         /// Place of the linear element's rows in the buffers.
         pub linear: Place,
         /// Place of the angular element's rows in the buffers.
@@ -93,6 +96,17 @@ crate::table! {
         pub foothold: u32,
         /// Column of the foothold in the angular element.
         pub foothold_column: u32,
+    }
+
+    /// Impulse of one moment node in one interval.
+    pub struct MomentImpulse<T> {
+        /// Weights at each point for value and slope of the node: integral of its basis function from the start of the interval, times the
+        /// scale of the variables.
+        pub weights: [[T; 2]; MOMENTUM_POINTS],
+        /// Position of the node in `x`.
+        pub node: u32,
+        /// Column of the node in the angular element.
+        pub angular_column: u32,
     }
 }
 
@@ -120,16 +134,22 @@ pub(super) fn place_linear<T: Real>(tables: &mut Tables<T>, entry: usize, at: &P
     }
 }
 
-/// Writes columns of the angular element. Roles: those of [`place_linear`], then the foothold of each force node.
+/// Writes columns of the angular element. Roles: those of [`place_linear`], then the foothold of each force node, then the moment
+/// nodes that act in the interval.
 pub(super) fn place_angular<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) {
     let interval = &mut tables.momentum_intervals[entry];
     interval.angular = at.place;
     interval.angular_column = at.columns(0);
     let impulses = &mut tables.impulses[interval.impulses.range()];
-    let (nodes, footholds) = at.seats[4..].split_at(impulses.len());
+    let (nodes, others) = at.seats[4..].split_at(impulses.len());
+    let (footholds, moments) = others.split_at(impulses.len());
     for ((impulse, node), foothold) in impulses.iter_mut().zip(nodes).zip(footholds) {
         impulse.angular_column = node.column;
         impulse.foothold_column = foothold.column;
+    }
+    for (impulse, node) in tables.moment_impulses[interval.moments.range()].iter_mut().zip(moments) {
+        impulse.node = node.position;
+        impulse.angular_column = node.column;
     }
 }
 
@@ -266,7 +286,7 @@ struct Impulses<T> {
     first: Points<T>,
     second: Points<T>,
     third: Points<T>,
-    /// Moment of the first integral about the base position at the start.
+    /// Moment of the first integral about the base position at the start, and integral of the moments of soles.
     moment: Points<T>,
 }
 
@@ -327,6 +347,12 @@ impl<'a, T: Real> Inputs<'a, T> {
         &self.tables.impulses[self.interval.impulses.range()]
     }
 
+    /// Moment nodes that act in the interval.
+    #[inline(always)]
+    fn moments(&self) -> &'a [MomentImpulse<T>] {
+        &self.tables.moment_impulses[self.interval.moments.range()]
+    }
+
     /// Vector from the base at the start to a foothold.
     #[inline(always)]
     fn arm(&self, foothold: usize) -> Vec3<T> {
@@ -359,6 +385,14 @@ impl<'a, T: Real> Inputs<'a, T> {
             }
             if let Some(jacobian) = jacobian.as_deref_mut() {
                 self.put_by_foothold(&of_foothold[0], [first[END], mean], jacobian);
+            }
+        }
+        for impulse in self.moments() {
+            let node: [T; 6] = std::array::from_fn(|d| self.x[impulse.node as usize + d]);
+            for (q, w) in impulse.weights.iter().enumerate() {
+                for d in 0..3 {
+                    sum.moment[q][d] += w[0] * node[d] + w[1] * node[3 + d];
+                }
             }
         }
         sum
@@ -641,6 +675,20 @@ impl<'a, T: Real> Inputs<'a, T> {
                     let column = impulse.angular_column as usize + 3 * part;
                     rows.put_cross(0, column, scale(-end_scale, lever(END)));
                     rows.put_cross(3, column, scale(-mean_scale, mean));
+                }
+            }
+        }
+        for impulse in self.moments() {
+            for part in 0..2 {
+                let mut mean = T::zero();
+                for (w, point) in impulse.weights[..END].iter().zip(&self.tables.momentum_points) {
+                    mean += point.mean * w[part];
+                }
+                let column = impulse.angular_column as usize + 3 * part;
+                for r in 0..3 {
+                    let along = |value: T| std::array::from_fn(|d| if d == r { value } else { T::zero() });
+                    rows.put_three(r, column, along(-end_scale * impulse.weights[END][part]));
+                    rows.put_three(3 + r, column, along(-mean_scale * mean));
                 }
             }
         }

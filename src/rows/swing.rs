@@ -7,7 +7,8 @@
 //!
 //! On ground with edges a foot is a ball whose lower side must also clear the ground around it:
 //! `z >= height(x + o, y + o') - s.o - lift(o)` at offsets `o` within the radius. `s` is a slope interpolated from that of the lift-off
-//! foothold to that of the touchdown foothold, and `lift` is the height of the ball's lower side at the offset.
+//! foothold to that of the touchdown foothold, and `lift` is the height of the ball's lower side at the offset. A sole is a disc with its
+//! half diagonal as radius and no lift.
 
 use super::blocks::Placed;
 use super::table::{NONE, Place};
@@ -121,7 +122,7 @@ pub fn swing<T: Real>(tables: &Tables<T>, x: &[T], ground: &[Ground<T>], residua
                     let (offset, lift) = around::<T>(k);
                     let offset = offset.map(|o| o * constants.foot_radius);
                     let beside = tables.terrain.ground(at[0] + offset[0], at[1] + offset[1]);
-                    let needed = beside.height - level[0] * offset[0] - level[1] * offset[1] - lift * constants.foot_radius - swing.low;
+                    let needed = beside.height - level[0] * offset[0] - level[1] * offset[1] - lift * constants.ball_radius - swing.low;
                     if needed > least {
                         least = needed;
                         slopes = grounds.map(|g| {

@@ -117,6 +117,11 @@ fn remedy(family: CheckFamily, row: &str) -> &'static str {
             "more `transcription.swing_height` or `transcription.clearance`, so that feet pass over the edge"
         }
         CheckFamily::Motion => "a shorter `transcription.interval`",
+        CheckFamily::Sole if has("pressure") => "a longer or wider `sole`, more time, or phases with more feet on the ground",
+        CheckFamily::Sole if has("torsion") => "more `friction` of the terrain, or more time",
+        CheckFamily::Sole if has("turned") => "a larger `turn` of the `sole`, more and shorter steps, or more time",
+        CheckFamily::Sole if has("overlap") => "a `reach` that keeps the feet apart, or another goal",
+        CheckFamily::Sole => "more `transcription.clearance`, or flatter ground",
         CheckFamily::Footing => "more `transcription.clearance`, a smaller `foot_radius` of the robot, or other phases",
     }
 }

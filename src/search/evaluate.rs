@@ -157,6 +157,9 @@ pub fn check_candidate(task: &Task, schedule: &Schedule, settings: &LowerSetting
 
 /// Checks that the feet in the air at the start are those of the task, and that the rows can have feet in the air at the ends.
 fn check_ends(task: &Task, schedule: &Schedule, rows: Transcription) -> Result<()> {
+    if rows != Transcription::Momentum && task.robot.sole.is_some() {
+        return Err(Error::invalid("robot.sole", "a sole", format!("none for the rows `{}`", rows.name())));
+    }
     for (foot, swing) in task.start_swings.iter().enumerate() {
         let place = || format!("durations, foot {foot}");
         let lifted = schedule.starts_in_swing(foot);

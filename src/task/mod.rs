@@ -27,6 +27,8 @@ pub struct Task {
     pub start_feet: Vec<[f64; 2]>,
     /// State of each foot that is in the air at the start; `None` for a foot that stands. `[feet]`
     pub start_swings: Vec<Option<SwingState>>,
+    /// Yaw of each sole at the start, world frame, rad; that of the base by default. Without effect for feet without soles. `[feet]`
+    pub start_yaws: Vec<f64>,
     /// State of the base at the goal.
     pub goal: BaseState,
     /// Largest normal force of a foot, N. Default: the robot's, or else the transcription's.
@@ -158,7 +160,8 @@ impl Task {
         let robot = robot.into();
         let start_feet = feet.unwrap_or_else(|| nominal_footholds(&robot, &start));
         let start_swings = vec![None; start_feet.len()];
-        let task = Task { robot, terrain: terrain.into(), start, start_feet, start_swings, goal, force_limit: None };
+        let start_yaws = vec![start.yaw(); start_feet.len()];
+        let task = Task { robot, terrain: terrain.into(), start, start_feet, start_swings, start_yaws, goal, force_limit: None };
         task.validate()?;
         Ok(task)
     }
@@ -199,7 +202,8 @@ impl Task {
         let apart = |a: [f64; 6], b: [f64; 6]| (0..6).any(|i| (a[i] - b[i]).abs() > SAME);
         let from = if apart(end.pose(), asked.pose()) || apart(end.rate(), asked.rate()) { end } else { asked };
         let task = Task::of_states(self.robot.clone(), self.terrain.clone(), from, Some(motion.end_feet()), self.goal)?;
-        Task { force_limit: self.force_limit, ..task }.with_swings(motion.end_swings())
+        let start_yaws = motion.end_yaws().unwrap_or(task.start_yaws.clone());
+        Task { force_limit: self.force_limit, start_yaws, ..task }.with_swings(motion.end_swings())
     }
 
     /// Checks robot, terrain, both ends and the feet.
@@ -228,6 +232,12 @@ impl Task {
         }
         for (foot, swing) in self.start_swings.iter().enumerate() {
             swing.map_or(Ok(()), |swing| swing.validate(foot))?;
+        }
+        if self.start_yaws.len() != feet {
+            return Err(Error::invalid("start_yaws", format!("{} feet", self.start_yaws.len()), format!("{feet} feet, as the robot has")));
+        }
+        for (foot, yaw) in self.start_yaws.iter().enumerate() {
+            check_range(&format!("start_yaws[{foot}]"), *yaw, -1e3, 1e3)?;
         }
         for (foot, place) in self.start_feet.iter().enumerate() {
             for axis in 0..2 {
@@ -287,6 +297,8 @@ impl Task {
             init_base: Some(self.start.position),
             start: (!self.start.is_level() || self.start.yaw() != 0.).then_some(self.start),
             start_feet: (self.start_feet != nominal_footholds(&self.robot, &self.start)).then(|| self.start_feet.clone()),
+            start_yaws: (self.robot.sole.is_some() && self.start_yaws.iter().any(|yaw| *yaw != self.start.yaw()))
+                .then(|| self.start_yaws.clone()),
             start_swings: self.start_swings.iter().any(Option::is_some).then(|| self.start_swings.clone()),
             base_target: self.goal.position,
             yaw_target: self.goal.yaw(),

@@ -128,7 +128,7 @@ pub(super) fn depth<const N: usize>(control: Control<N>, terrain: &Terrain, floo
 ///
 /// If the part stays on one patch of the terrain, a polynomial of second order, the height is expanded about the centre of the part's
 /// bounding box. Otherwise the highest ground within the box is used for the whole part.
-fn depth_bound<const N: usize>(terrain: &Terrain, part: &Control<N>) -> f64 {
+pub(super) fn depth_bound<const N: usize>(terrain: &Terrain, part: &Control<N>) -> f64 {
     let mut low = part[0];
     let mut high = part[0];
     for c in part {

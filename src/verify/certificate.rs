@@ -7,12 +7,12 @@ use super::curves::{ContactAxes, Extreme, FootMotion, Motion, Point, SAME_TIME, 
 use super::dense::sample;
 use super::labels::{check_labels, of_momentum};
 use super::report::{
-    BALL_DEPTH, BASE_RATE, CheckFamily, DENSE_REACH, FOOTHOLD_PLANE, FamilyReport, MAX_FOOT_SPEED, PENETRATION, ROLLOUT_ATTITUDE,
-    ROLLOUT_POSITION, Report, RowReport, SHORTEST_PIECE, Tolerances, Worst,
+    BALL_DEPTH, BASE_RATE, CheckFamily, DENSE_REACH, DENSE_TURN, FOOTHOLD_PLANE, FamilyReport, MAX_FOOT_SPEED, PENETRATION,
+    ROLLOUT_ATTITUDE, ROLLOUT_POSITION, Report, RowReport, SHORTEST_PIECE, SOLE_OFF_GROUND, Tolerances, Worst,
 };
 use super::rollout::Rollout;
 use super::stretch::Body;
-use super::{ball, exact};
+use super::{ball, exact, sole};
 use crate::error::Result;
 use crate::gait::Trajectory;
 use crate::gait::trajectory::{GoalVelocity, MotionLimits};
@@ -137,6 +137,8 @@ pub fn verify_rows(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain, fo
             CheckFamily::Motion => {}
             CheckFamily::Footing if impulsive && broken == 0 => footing(&mut tally, &motion, terrain),
             CheckFamily::Footing => {}
+            CheckFamily::Sole if impulsive => soles(&mut tally, &motion, terrain),
+            CheckFamily::Sole => {}
         }
         broken += tally.report.violated;
         tally.report
@@ -236,6 +238,28 @@ fn footing(tally: &mut Tally, motion: &Motion, terrain: &Terrain) {
             let off = ball::off_plane(terrain, curves.place(swing[1]), radius, farthest);
             tally.not_positive(off - farthest, 0., format_args!("foothold at an edge"), Some(foot), swing[1]);
         }
+    }
+}
+
+/// Checks the soles on whole curves.
+fn soles(tally: &mut Tally, motion: &Motion, terrain: &Terrain) {
+    let Some(sole) = &motion.robot.sole else { return };
+    let (weight, length) = (motion.robot.weight(), tally.tolerances.length);
+    let force = tally.tolerances.force;
+    let [pressure, friction] = sole::wrenches(motion, sole, terrain, force);
+    let in_weights = |e: Extreme| Extreme { value: e.value / weight, ..e };
+    let rate = exact::base_rate(&motion.base_ang, 0.).value;
+    let rows = [
+        ("centre of pressure outside the sole", in_weights(pressure), force / weight),
+        ("friction with torsion", in_weights(friction), force / weight),
+        ("sole off the ground", sole::off_ground(motion, sole, terrain), SOLE_OFF_GROUND),
+        ("sole in the ground", sole::penetration(motion, sole, terrain, PENETRATION), PENETRATION),
+        ("sole turned from the base", sole::turned(motion, sole, rate, DENSE_TURN), DENSE_TURN),
+        ("soles overlap", sole::overlap(motion, sole, terrain, length), length),
+    ];
+    for (what, extreme, limit) in rows {
+        let over = (extreme.value - limit).max(0.);
+        tally.row(over, 0., format_args!("{what}"), extreme.foot, extreme.time);
     }
 }
 
@@ -461,6 +485,10 @@ fn bounds(tally: &mut Tally, motion: &Motion, trajectory: &Trajectory, terrain: 
             tally.zero(velocity, tolerances.speed, "start velocity", AXES, Some(foot), 0.);
         }
         tally.zero(curves.motion.value(0) - place, tolerances.length, "start position", AXES, Some(foot), 0.);
+        if let Some([yaw, ..]) = curves.yaws {
+            let asked = trajectory.start_yaws.as_ref().map_or(start.yaw(), |yaws| yaws[foot]);
+            tally.row((yaw - asked).abs(), tolerances.angle, format_args!("start yaw"), Some(foot), 0.);
+        }
     }
 }
 
@@ -469,10 +497,11 @@ fn structure(tally: &mut Tally, motion: &Motion, level: bool) {
     let tolerances = tally.tolerances;
     for (foot, curves) in motion.feet.iter().enumerate() {
         let at = Some(foot);
-        for (curve, what) in [(&curves.motion, "motion node at phase boundary"), (&curves.force, "force node at phase boundary")] {
+        let wrench = std::iter::once((&curves.force, "force")).chain(curves.moment.iter().map(|moment| (moment, "moment")));
+        for (curve, what) in std::iter::once((&curves.motion, "motion")).chain(wrench.clone()) {
             for &switch in curves.switches.iter().filter(|&&switch| switch <= motion.horizon + SAME_TIME) {
                 let mismatch = (curve.times[nearest(&curve.times, switch)] - switch).abs();
-                tally.row(mismatch, SAME_TIME, format_args!("{what}"), at, switch);
+                tally.row(mismatch, SAME_TIME, format_args!("{what} node at phase boundary"), at, switch);
             }
         }
         for (node, &time) in curves.motion.times.iter().enumerate() {
@@ -491,11 +520,13 @@ fn structure(tally: &mut Tally, motion: &Motion, level: bool) {
                 curves.motion.times[mid],
             );
         }
-        for (node, &time) in curves.force.times.iter().enumerate() {
-            let (first, last) = curves.phases(time);
-            if first != last || first % 2 == 1 {
-                tally.zero(curves.force.value(node), tolerances.force, "force in swing,", AXES, at, time);
-                tally.zero(curves.force.slope(node), tolerances.force, "force slope in swing,", AXES, at, time);
+        for (curve, what) in wrench {
+            for (node, &time) in curve.times.iter().enumerate() {
+                let (first, last) = curves.phases(time);
+                if first != last || first % 2 == 1 {
+                    tally.zero(curve.value(node), tolerances.force, &format!("{what} in swing,"), AXES, at, time);
+                    tally.zero(curve.slope(node), tolerances.force, &format!("{what} slope in swing,"), AXES, at, time);
+                }
             }
         }
     }

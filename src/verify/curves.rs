@@ -1,7 +1,7 @@
 //! Curves of a trajectory as the check evaluates them: base, feet and forces at any time.
 
 use crate::error::Result;
-use crate::gait::{Curve, Trajectory};
+use crate::gait::{Curve, FootCurves, Trajectory};
 use crate::robot::{GRAVITY, Robot};
 use crate::terrain::Terrain;
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -150,6 +150,10 @@ pub(crate) struct FootMotion<'a> {
     pub motion: TimedCurve<'a>,
     /// Force, N.
     pub force: TimedCurve<'a>,
+    /// Moment of a sole, N m.
+    pub moment: Option<TimedCurve<'a>>,
+    /// Yaw of a sole in each stance, rad.
+    pub yaws: Option<&'a [f64]>,
     /// Times at which the contact changes, s; the first phase is a stance, which has no length if the foot is in the air at the start. The
     /// last time is after the horizon if the foot is in the air there.
     pub switches: Vec<f64>,
@@ -160,7 +164,8 @@ pub(crate) struct FootMotion<'a> {
 }
 
 impl<'a> FootMotion<'a> {
-    fn new(motion: TimedCurve<'a>, force: TimedCurve<'a>, durations: &[f64]) -> Self {
+    fn new(curves: &'a FootCurves, durations: &[f64]) -> Self {
+        let (motion, force) = (TimedCurve::new(&curves.motion), TimedCurve::new(&curves.force));
         let mut starts = vec![0.];
         let mut end = 0.;
         for duration in durations {
@@ -172,7 +177,8 @@ impl<'a> FootMotion<'a> {
         let footholds = starts.iter().step_by(2).map(|&start| motion.value(nearest(&motion.times, start))).collect();
         starts.remove(0);
         let lifted = durations.len() > 1 && durations[0] == 0.;
-        FootMotion { motion, force, switches: starts, lifted, footholds }
+        let (moment, yaws) = (curves.moment.as_ref().map(TimedCurve::new), curves.yaws.as_deref());
+        FootMotion { motion, force, moment, yaws, switches: starts, lifted, footholds }
     }
 
     /// First and last phase that a time belongs to: two neighbours at a switch, otherwise twice the same phase. Stance phases are even.
@@ -185,6 +191,26 @@ impl<'a> FootMotion<'a> {
     pub fn swings(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
         let end = self.end();
         self.switches.chunks_exact(2).map(move |swing| [swing[0], swing[1].min(end)])
+    }
+
+    /// Start and end of a phase, s; the end is after the horizon for a swing that lands later.
+    pub fn phase_bounds(&self, phase: usize) -> [f64; 2] {
+        let at = |i: usize| self.switches.get(i).copied().unwrap_or(self.end());
+        [if phase == 0 { 0. } else { at(phase - 1) }, at(phase)]
+    }
+
+    /// Position in a stance, m.
+    ///
+    /// * `stance` - index among the stances; after the last one, that of the last
+    pub fn stance_place(&self, stance: usize) -> Vector3<f64> {
+        self.footholds[stance.min(self.footholds.len() - 1)]
+    }
+
+    /// Yaw of a sole in the stance phase at a time, rad; 0 in a swing and for a foot without a sole.
+    pub fn yaw(&self, time: f64) -> f64 {
+        let (first, last) = self.phases(time);
+        let stance = [first, last].into_iter().find(|phase| phase % 2 == 0);
+        stance.zip(self.yaws).and_then(|(phase, yaws)| yaws.get(phase / 2)).copied().unwrap_or(0.)
     }
 
     /// End of the motion, s.
@@ -262,7 +288,14 @@ impl<'a> Motion<'a> {
             return Err(crate::error::Error::invalid("ee", format!("{} feet", trajectory.ee.len()), limit));
         }
         let curves = trajectory.ee.iter().zip(&trajectory.durations);
-        let feet = curves.map(|(e, d)| FootMotion::new(TimedCurve::new(&e.motion), TimedCurve::new(&e.force), d)).collect();
+        for (foot, curves) in trajectory.ee.iter().enumerate() {
+            if curves.yaws.is_some() != robot.sole.is_some() {
+                let [have, limit] = if robot.sole.is_some() { ["absent", "present"] } else { ["present", "absent"] };
+                let what = format!("{limit}: the robot `{}` has {}", robot.name, if robot.sole.is_some() { "soles" } else { "no soles" });
+                return Err(crate::error::Error::invalid(format!("ee[{foot}].yaws"), have, what));
+            }
+        }
+        let feet = curves.map(|(e, d)| FootMotion::new(e, d)).collect();
         let (base_lin, base_ang) = (TimedCurve::new(&trajectory.base_lin), TimedCurve::new(&trajectory.base_ang));
         Ok(Motion { robot, horizon: trajectory.horizon, base_lin, base_ang, feet })
     }
@@ -315,6 +348,7 @@ impl<'a> Motion<'a> {
         for foot in &self.feet {
             let f = foot.force.at(time).value;
             moment -= (foot.motion.at(time).value - base.position).cross(&f);
+            moment -= foot.moment.as_ref().map_or(Vector3::zeros(), |m| m.at(time).value);
             force -= f;
         }
         (moment, force)

@@ -8,6 +8,7 @@
 //! * Normal force, force limit, friction cone, speed and acceleration of feet, depth of feet and base, and the distance of a standing foot
 //!   from its foothold are bounded on whole pieces. A convex function of a cubic is bounded by its maximum at the control points, and
 //!   halving closes the gap. The terrain is split where its patches meet.
+//! * Wrenches of soles, their distance from the ground and from each other, and their yaw are bounded on parts that are halved: see `sole`.
 //! * Reach and the deviation from the rollout depend on the attitude of the base. They are bounded between the times of their evaluation by
 //!   the second derivative.
 //! * The difference between the integrated forces and the planned momentum is reported as a mean force over at most 0.1 s.
@@ -32,6 +33,7 @@ mod exact;
 pub mod labels;
 pub mod report;
 pub mod rollout;
+pub(crate) mod sole;
 mod stretch;
 
 pub use certificate::{MOTION_LIMITS, verify, verify_rows};

@@ -85,6 +85,11 @@ pub const FOOTHOLD_PLANE: f64 = 0.5;
 /// of 1/4 on both sides `1 - cos(2 atan(1 / 4)) = 0.118`.
 pub const BALL_DEPTH: f64 = 0.125;
 
+/// Largest distance of the ground from the plane of a standing sole, m.
+pub const SOLE_OFF_GROUND: f64 = 5e-3;
+/// Largest yaw of a standing sole relative to the base beyond its limit between the ends of a stance, rad.
+pub const DENSE_TURN: f64 = 0.02;
+
 /// Shortest piece of a curve, s. No motion of a robot needs a shorter one.
 pub const SHORTEST_PIECE: f64 = 1e-3;
 /// Highest speed of a foot in any motion except TOWR's, m/s.
@@ -127,11 +132,15 @@ pub enum CheckFamily {
     /// Foot balls, on whole curves: penetration of the ground during a swing up to [`BALL_DEPTH`], and footholds where the ground within
     /// one radius deviates from a plane by at most [`FOOTHOLD_PLANE`]. Only for `momentum` motions on uneven ground whose other rows hold.
     Footing,
+    /// Soles, on whole curves: wrenches that forces at the corners can produce, flat ground under standing soles up to [`SOLE_OFF_GROUND`],
+    /// soles above the ground in swings up to [`PENETRATION`], yaw relative to the base up to [`DENSE_TURN`] beyond its limit, no overlap.
+    /// Only for `momentum` motions of robots with soles.
+    Sole,
 }
 
 impl CheckFamily {
     /// Every family, in the order of [`RowReport::families`].
-    pub const ALL: [CheckFamily; 12] = [
+    pub const ALL: [CheckFamily; 13] = [
         CheckFamily::Dynamics,
         CheckFamily::Momentum,
         CheckFamily::BaseAcceleration,
@@ -144,6 +153,7 @@ impl CheckFamily {
         CheckFamily::Possible,
         CheckFamily::Motion,
         CheckFamily::Footing,
+        CheckFamily::Sole,
     ];
 
     /// Name, as in JSON.
@@ -161,6 +171,7 @@ impl CheckFamily {
             CheckFamily::Possible => "possible",
             CheckFamily::Motion => "motion",
             CheckFamily::Footing => "footing",
+            CheckFamily::Sole => "sole",
         }
     }
 
@@ -177,6 +188,7 @@ impl CheckFamily {
             CheckFamily::Structure => "m, m/s, N, N/s, s",
             CheckFamily::Possible => "s, m, m/s, rad/s, m g",
             CheckFamily::Motion => "m, deg, m g",
+            CheckFamily::Sole => "m, rad, m g",
         }
     }
 }

@@ -77,7 +77,8 @@ impl<'a> Rollout<'a> {
         for foot in &motion.feet {
             // The position of a swinging foot has no effect.
             let standing = foot.motion.times.iter().filter(|&&time| foot.foothold(time).is_some());
-            nodes.extend(standing.chain(&foot.force.times).chain(&foot.switches));
+            let moments = foot.moment.iter().flat_map(|moment| &moment.times);
+            nodes.extend(standing.chain(&foot.force.times).chain(moments).chain(&foot.switches));
         }
         nodes.sort_by(f64::total_cmp);
         nodes.dedup_by(|a, b| (*a - *b).abs() < 1e-9);

@@ -4,7 +4,7 @@
 //! `r` the displacement from the position `p0` at the start of the stretch, `F` the sum of all forces and `H = L + m r x v` the angular
 //! momentum about `p0`:
 //!
-//! `m v' = F - m g e_z`, `r' = v`, `H' = sum (x_i - p0) x f_i - m g r x e_z`, `L = H - m r x v`.
+//! `m v' = F - m g e_z`, `r' = v`, `H' = sum ((x_i - p0) x f_i + m_i) - m g r x e_z`, `L = H - m r x v`.
 //!
 //! Only the attitude is integrated numerically: `q' = q w / 2`, `w = I^-1 R' L` in the base frame.
 
@@ -91,6 +91,9 @@ impl Stretch {
                 for (j, arm) in arm.iter().enumerate().filter(|(_, arm)| **arm != Vector3::zeros()) {
                     moment[i + j] += arm.cross(push);
                 }
+            }
+            if let Some(curve) = &foot.moment {
+                moment.iter_mut().zip(cubic(curve, around, start)).for_each(|(sum, own)| *sum += own);
             }
         }
         let (mut velocity, mut displacement, mut spin) = ([body.velocity; 5], [Vector3::zeros(); 6], [body.momentum; 8]);
@@ -223,8 +226,7 @@ pub(super) mod tests {
         let robot = Robot { inertia, ..Robot::named("biped").unwrap() };
         let base = [curve([3., -1., 0.6], 0.01, 0.1), curve([0.; 3], 0.2, 0.5)];
         let load = robot.weight() / 2.;
-        let feet =
-            [0.1, -0.1].map(|y| FootCurves { motion: curve([3., y - 1., 0.], 0.02, 0.5), force: curve([0., 0., load], 0.3 * load, load) });
+        let feet = [0.1, -0.1].map(|y| FootCurves::new(curve([3., y - 1., 0.], 0.02, 0.5), curve([0., 0., load], 0.3 * load, load)));
         (robot, Trajectory::new(vec![vec![0.5], vec![0.2, 0.1, 0.2]], 0.5, base, feet.into()))
     }
 

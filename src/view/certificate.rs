@@ -68,6 +68,7 @@ fn about(family: CheckFamily) -> &'static str {
         CheckFamily::Possible => "Physical plausibility",
         CheckFamily::Motion => "Limits between the instants",
         CheckFamily::Footing => "Foot balls clear of edges",
+        CheckFamily::Sole => "Soles: pressure, torsion, flat ground, yaw, distance",
     }
 }
 

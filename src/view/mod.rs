@@ -93,6 +93,12 @@ struct FootData {
     links: Vec<f64>,
     /// Height of the centre of the foot ball above the contact point, m.
     radius: f64,
+    /// Length and width of the sole, m; `null` for a ball or point.
+    sole: Option<[f64; 2]>,
+    /// Vectors from heel to toe and to the left, unit, world frame; empty without a sole.
+    axes: Vec<f64>,
+    /// Point at which the force acts, world frame, m; empty without a sole.
+    pressure: Vec<f64>,
     position: Vec<f64>,
     force: Vec<f64>,
     normal_force: Vec<f64>,
@@ -111,6 +117,11 @@ fn rounded(value: f64) -> f64 {
 /// Values of all samples as a flat array, rounded.
 fn flat<const N: usize>(samples: &[Sample], of: impl Fn(&Sample) -> [f64; N]) -> Vec<f64> {
     samples.iter().flat_map(of).map(rounded).collect()
+}
+
+/// Values of all samples that have them as a flat array, rounded.
+fn of_soles(samples: &[Sample], of: impl Fn(&Sample) -> Option<Vec<f64>>) -> Vec<f64> {
+    samples.iter().filter_map(of).flatten().map(rounded).collect()
 }
 
 impl<'a> ResultData<'a> {
@@ -136,6 +147,9 @@ impl<'a> ResultData<'a> {
                 joints: count,
                 links,
                 radius,
+                sole: robot.sole.map(|sole| [sole.length, sole.width]),
+                axes: of_soles(&samples, |s| s.feet[foot].sole.as_ref().map(|sole| sole.axes.concat())),
+                pressure: of_soles(&samples, |s| s.feet[foot].sole.as_ref().map(|_| s.feet[foot].force_origin().to_vec())),
                 position: flat(&samples, |s| s.feet[foot].position),
                 force: flat(&samples, |s| s.feet[foot].force),
                 normal_force: flat(&samples, |s| [s.feet[foot].normal_force]),

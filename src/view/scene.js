@@ -25,6 +25,22 @@ function stands(foot, time) {
   return foot.stances.some(([start, end]) => time >= start - 1e-9 && time <= end + 1e-9);
 }
 
+/** Unit vectors of a sole: from heel to toe, and to the left. */
+function axesAt(foot, at) {
+  const values = valueAt(foot.axes, 6, at);
+  const along = new THREE.Vector3(...values.slice(0, 3)).normalize();
+  const left = new THREE.Vector3(...values.slice(3));
+  return [along, left.addScaledVector(along, -left.dot(along)).normalize()];
+}
+
+/** Corners of a sole, as arrays. */
+function cornersOf(foot, at) {
+  const [along, left] = axesAt(foot, at);
+  const place = new THREE.Vector3(...valueAt(foot.position, 3, at));
+  const corner = (x, y) => place.clone().addScaledVector(along, (x * foot.sole[0]) / 2).addScaledVector(left, (y * foot.sole[1]) / 2).toArray();
+  return [corner(1, 1), corner(1, -1), corner(-1, -1), corner(-1, 1)];
+}
+
 /** Convex hull of points in the xy plane, counter-clockwise. */
 function hull(points) {
   const sorted = [...points].sort((a, b) => a[0] - b[0] || a[1] - b[1]);
@@ -162,7 +178,9 @@ class RobotModel {
     });
     this.legs.forEach((rod, i) => (rod.visible = this.links[i].length === 0));
     this.balls = colors.map((color, i) => {
-      const ball = new THREE.Mesh(new THREE.SphereGeometry(result.feet[i].radius || 0.075 * leg, 24, 16), new THREE.MeshStandardMaterial({ color, roughness: 0.5 }));
+      const { sole, radius } = result.feet[i];
+      const shape = sole ? new THREE.BoxGeometry(...sole, 0.03 * leg) : new THREE.SphereGeometry(radius || 0.075 * leg, 24, 16);
+      const ball = new THREE.Mesh(shape, new THREE.MeshStandardMaterial({ color, roughness: 0.5 }));
       ball.castShadow = true;
       return ball;
     });
@@ -185,7 +203,7 @@ class RobotModel {
     // The arrow of the largest allowed force is as long as two legs.
     this.metresPerNewton = (2 * leg) / Math.max(result.force_limit, 0.5 * result.weight);
     this.support = new THREE.Group();
-    const corners = result.feet.length;
+    const corners = result.feet.reduce((count, foot) => count + (foot.sole ? 4 : 1), 0);
     this.area = new THREE.BufferGeometry();
     this.area.setAttribute("position", new THREE.BufferAttribute(new Float32Array(9 * Math.max(1, corners - 2)), 3));
     this.outline = new THREE.BufferGeometry();
@@ -218,14 +236,19 @@ class RobotModel {
         chain.forEach((rod, j) => span(rod, points[j + 1], points[j]));
       }
       this.balls[i].position.copy(center);
+      if (foot.sole) {
+        const [along, left] = axesAt(foot, at);
+        this.balls[i].quaternion.setFromRotationMatrix(new THREE.Matrix4().makeBasis(along, left, along.clone().cross(left)));
+      }
       const stance = stands(foot, time);
-      if (stance) standing.push([place.x, place.y, place.z]);
+      if (stance) standing.push(...(foot.sole ? cornersOf(foot, at) : [[place.x, place.y, place.z]]));
       const force = new THREE.Vector3(...valueAt(foot.force, 3, at));
       const { rod, tip } = this.arrows[i];
       rod.visible = tip.visible = stance && force.length() > 1e-3 * result.weight;
       if (rod.visible) {
-        const end = place.clone().addScaledVector(force, this.metresPerNewton);
-        span(rod, place, end);
+        const origin = foot.sole ? new THREE.Vector3(...valueAt(foot.pressure, 3, at)) : place;
+        const end = origin.clone().addScaledVector(force, this.metresPerNewton);
+        span(rod, origin, end);
         tip.position.copy(end);
         tip.quaternion.copy(rod.quaternion);
       }

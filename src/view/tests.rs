@@ -7,7 +7,7 @@ use serde_json::Value;
 fn trajectory() -> Trajectory {
     let curve = |nodes: [[f64; 6]; 2]| Curve { poly_durations: vec![0.5], nodes: nodes.to_vec() };
     let base = curve([[0., 0., 0.58, 0., 0., 0.], [0., 0., 0.63, 0., 0., 0.]]);
-    let feet = vec![FootCurves { motion: curve([[0.; 6]; 2]), force: curve([[0., 0., 196., 0., 0., 0.]; 2]) }];
+    let feet = vec![FootCurves::new(curve([[0.; 6]; 2]), curve([[0., 0., 196., 0., 0., 0.]; 2]))];
     Trajectory::new(vec![vec![0.5]], 0.5, [base, curve([[0.; 6]; 2])], feet)
 }
 

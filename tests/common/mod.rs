@@ -6,13 +6,14 @@ use cregopt::gait::cost::CostWeights;
 use cregopt::nlp::Problem;
 use cregopt::nlp::transcription::{interval, towr::FORCE_LIMIT};
 use cregopt::real::Real;
-use cregopt::robot::{Reach, Robot};
+use cregopt::robot::{Reach, Robot, Sole};
 use cregopt::rows::table::NONE;
 use cregopt::rows::{Family, RowKind, Shared};
 use cregopt::scenario::Scenario;
 use cregopt::settings::{Friction, Transcription, TranscriptionSettings};
 use cregopt::task::{BaseState, Goal, SwingState, Task};
 use cregopt::terrain::{Grid, Ground, Shape, Terrain};
+use cregopt::{Trajectory, verify};
 use nalgebra::DMatrix;
 use std::ops::RangeInclusive;
 use std::path::Path;
@@ -128,6 +129,44 @@ pub fn spider(feet: usize) -> Robot {
     robot
 }
 
+/// Rows that the certificate counts as violated, one line per family, or the error.
+pub fn faults(motion: &Trajectory, task: &Task) -> String {
+    match verify(motion, &task.robot, &task.terrain, motion.force_limit.unwrap()) {
+        Err(error) => error.to_string(),
+        Ok(report) if report.feasible => String::new(),
+        Ok(report) => {
+            let worst = report.families.iter().filter(|f| f.violated > 0).filter_map(|f| f.worst.as_ref());
+            worst.map(|w| format!("{} of {:?} at {:.3}\n", w.row, w.foot, w.time)).collect()
+        }
+    }
+}
+
+/// A forgery, and a part of the message that refuses it.
+pub type Forgery = (&'static str, fn(&mut Trajectory), &'static str);
+
+/// Made-up humanoid of 35 kg.
+pub fn humanoid() -> Robot {
+    let side = |left: bool| [[-0.3, 0.3], if left { [-0.04, 0.15] } else { [-0.15, 0.04] }, [-0.06, 0.12]];
+    let robot = Robot {
+        name: "made-up humanoid".into(),
+        mass: 35.,
+        inertia: [[3., 0., 0.1], [0., 2.8, 0.], [0.1, 0., 0.45]],
+        base_height: 0.68,
+        nominal_feet: vec![[0., 0.12, -0.68], [0., -0.12, -0.68]],
+        reach: Reach::PerFoot(vec![side(true), side(false)]),
+        leg_mass: Some(3.),
+        ..soled(Robot::named("biped").unwrap())
+    };
+    robot.validate().unwrap();
+    robot
+}
+
+/// Robot with a sole on every foot.
+pub fn soled(robot: Robot) -> Robot {
+    let sole = Some(Sole { length: 0.2, width: 0.08, turn: 0.5 });
+    Robot { name: format!("{} with soles", robot.name), sole, foot_radius: None, ..robot }
+}
+
 /// Robot whose feet reach less far back, inward and down; each pair of feet reaches less than the previous one.
 pub fn lopsided(robot: Robot) -> Robot {
     let sides = |foot: usize| {
@@ -142,6 +181,15 @@ pub fn hills() -> Terrain {
     let height = |i: usize, j: usize| 0.05 * ((3 * i + 5 * j + i * j) % 7) as f64;
     let heights = (0..20).map(|i| (0..16).map(|j| height(i, j)).collect()).collect();
     let terrain = Terrain { name: "hills".into(), friction: 0.8, shape: Shape::Grid(Grid { low: [-7., -4.], high: [7., 4.], heights }) };
+    terrain.validate().unwrap();
+    terrain
+}
+
+/// Plane that rises by 0.2 along x and falls by 0.1 along y.
+pub fn tilted() -> Terrain {
+    let height = |x: f64, y: f64| 0.2 * x - 0.1 * y;
+    let heights = [-7., 7.].map(|x| [-4., 4.].map(|y| height(x, y)).to_vec()).to_vec();
+    let terrain = Terrain { name: "tilted".into(), friction: 0.8, shape: Shape::Grid(Grid { low: [-7., -4.], high: [7., 4.], heights }) };
     terrain.validate().unwrap();
     terrain
 }
@@ -229,6 +277,12 @@ pub fn point(problem: &Problem<f64>, random: &mut Random, edge_radius: f64) -> V
             for d in 0..6 {
                 x[node as usize + d] = if d == 2 { 1. } else { 0. } + random.between(-0.6, 0.6);
             }
+        }
+        for &node in foot.moment_nodes.iter().flatten().filter(|&&n| n != NONE) {
+            (0..6).for_each(|d| x[node as usize + d] = random.between(-0.6, 0.6));
+        }
+        for at in foot.yaws.iter().map(|&at| at as usize).filter(|&at| free(at)) {
+            x[at] += random.between(-0.4, 0.4);
         }
         for &height in &foot.heights {
             x[height as usize] += random.between(-0.1, 0.1);

@@ -12,5 +12,6 @@ mod reference;
 mod search;
 #[cfg(feature = "gpu")]
 mod shader_layout;
+mod soles;
 mod solve;
 mod verify;

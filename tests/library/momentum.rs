@@ -1,6 +1,6 @@
 //! The `momentum` transcription: invariance to the position of the scene, motion between knots, exact integrals.
 
-use crate::common::{Random, gait, point, problem, problem_with, rows_with, shared, task};
+use crate::common::{Random, gait, point, problem, problem_with, rows_with, shared, soled, task, task_for};
 use cregopt::gait::spline::hermite;
 use cregopt::gait::{Schedule, Trajectory};
 use cregopt::nlp::{Problem, trajectory};
@@ -84,9 +84,13 @@ impl Move {
             for at in foot.heights.iter().map(|&at| at as usize) {
                 moved[at] = x[at];
             }
-            for at in foot.force_nodes.iter().flatten().filter(|&&at| at != NONE).flat_map(|&at| [at as usize, at as usize + 3]) {
+            let nodes = foot.force_nodes.iter().chain(&foot.moment_nodes).flatten();
+            for at in nodes.filter(|&&at| at != NONE).flat_map(|&at| [at as usize, at as usize + 3]) {
                 moved[at..at + 2].copy_from_slice(&self.turned([x[at], x[at + 1]]));
                 moved[at + 2] = x[at + 2];
+            }
+            for at in foot.yaws.iter().map(|&at| at as usize) {
+                moved[at] = x[at] + self.yaw;
             }
         }
         assert!(moved.iter().all(|v| v.is_finite()), "everything is moved");
@@ -97,7 +101,11 @@ impl Move {
 /// Scene on flat ground with a random gait.
 fn scene(robot: &str, random: &mut Random, stances: std::ops::RangeInclusive<usize>) -> (Task, Schedule) {
     let goal = [random.between(0.3, 2.), random.between(-0.5, 0.5)];
-    let task = task(robot, "flat", goal, random.between(-1., 1.));
+    let robot = match robot.strip_suffix(" with soles") {
+        Some(name) => soled(Robot::named(name).unwrap()),
+        None => Robot::named(robot).unwrap(),
+    };
+    let task = task_for(robot, Terrain::flat(), goal, random.between(-1., 1.));
     let schedule = gait(random, task.robot.feet(), stances);
     (task, schedule)
 }
@@ -113,7 +121,9 @@ fn assert_close(got: &[f64], expected: &[f64], tolerance: f64, what: &str) {
 #[test]
 fn moving_and_yawing_the_scene_moves_the_rows_with_it() {
     let mut random = Random::new(21);
-    for (robot, round) in ["anymal", "biped", "pexod"].into_iter().flat_map(|robot| (0..4).map(move |round| (robot, round))) {
+    for (robot, round) in
+        ["anymal", "biped", "biped with soles", "pexod"].into_iter().flat_map(|robot| (0..4).map(move |round| (robot, round)))
+    {
         let (task, schedule) = scene(robot, &mut random, 2..=6);
         let friction = Some(if round < 2 { Friction::Pyramid } else { Friction::Cone });
         let problem = problem_with::<f64>(&task, &schedule, &TranscriptionSettings { friction, ..TranscriptionSettings::default() });
@@ -138,7 +148,7 @@ fn moving_and_yawing_the_scene_moves_the_rows_with_it() {
                     let expected = [turned(&rows.c[row..]), turned(&rows.c[row + 3..])].concat();
                     assert_close(&moved.c[row..row + 6], &expected, MOVED_TOLERANCE, &name)
                 }
-                Family::Reach | Family::Swing | Family::Stride | Family::Acceleration => {
+                Family::Reach | Family::Swing | Family::Stride | Family::Acceleration | Family::Sole | Family::Turn => {
                     assert_close(&moved.g[at..at + sides], &rows.g[at..at + sides], MOVED_TOLERANCE, &name)
                 }
                 Family::StancePower | Family::SwingPower => {

@@ -1,6 +1,6 @@
 //! Motions that start and end anywhere: in mid-stride, with feet in the air, at any velocity.
 
-use crate::common::{rows, trot, trotting};
+use crate::common::{Forgery, faults, rows, trot, trotting};
 use cregopt::gait::cost::{CostWeights, cost};
 use cregopt::gait::trajectory::GoalVelocity;
 use cregopt::gait::{Curve, FootCurves, Schedule};
@@ -45,21 +45,6 @@ fn a_motion_starts_and_ends_with_feet_in_the_air() {
         assert!((goal.position[0] - 0.4).abs() < 0.03 && (goal.velocity[0] - 0.5).abs() < 0.15, "{goal:?}");
     }
 }
-
-/// Rows that the certificate counts as violated, one line per family, or the error.
-fn faults(motion: &Trajectory, task: &Task) -> String {
-    match verify(motion, &task.robot, &task.terrain, motion.force_limit.unwrap()) {
-        Err(error) => error.to_string(),
-        Ok(report) if report.feasible => String::new(),
-        Ok(report) => {
-            let worst = report.families.iter().filter(|f| f.violated > 0).filter_map(|f| f.worst.as_ref());
-            worst.map(|w| format!("{} of {:?} at {:.3}\n", w.row, w.foot, w.time)).collect()
-        }
-    }
-}
-
-/// A forgery, and a part of the message that refuses it.
-type Forgery = (&'static str, fn(&mut Trajectory), &'static str);
 
 /// Changes the state of foot 1 at the start, in the task and in the curve.
 fn start_of_foot_1(motion: &mut Trajectory, change: fn(&mut SwingState)) {
@@ -274,7 +259,7 @@ fn rate_at(motion: &Trajectory, time: f64) -> [f64; 6] {
 #[test]
 fn a_swing_through_the_whole_motion_keeps_its_lift_off() {
     let still = |node: [f64; 6]| Curve { poly_durations: vec![0.8], nodes: vec![node; 2] };
-    let foot = || FootCurves { motion: still([0., 0., 0.1, 0., 0., 0.]), force: still([0.; 6]) };
+    let foot = || FootCurves::new(still([0., 0., 0.1, 0., 0., 0.]), still([0.; 6]));
     let durations = vec![vec![0., 0.9, -0.1], vec![0.8]];
     let mut motion = Trajectory::new(durations, 0.8, [still([0.; 6]), still([0.; 6])], vec![foot(), foot()]);
     motion.start_swings = Some(vec![Some(SwingState { position: [0., 0., 0.1], velocity: [0.; 3], since: 0.2 }), None]);

@@ -29,7 +29,7 @@ fn standing_for(robot: &Robot, horizon: f64, base_pieces: &[f64]) -> Trajectory 
     let thirds = [0.3 * horizon, 0.4 * horizon, 0.3 * horizon];
     let base = [0., 0., robot.base_height];
     let load = [0., 0., robot.weight() / robot.feet() as f64];
-    let foot = |p: &[f64; 3]| FootCurves { motion: constant([p[0], p[1], 0.], &thirds), force: constant(load, &thirds) };
+    let foot = |p: &[f64; 3]| FootCurves::new(constant([p[0], p[1], 0.], &thirds), constant(load, &thirds));
     let base = [base, [0.; 3]].map(|value| constant(value, base_pieces));
     Trajectory::new(vec![vec![horizon]; robot.feet()], horizon, base, robot.nominal_feet.iter().map(foot).collect())
 }

@@ -38,7 +38,7 @@ use crate::rows::factored::{OWN_BLOCKS, OWN_COLUMNS, POSE, POSE_BLOCKS};
 use crate::rows::momentum::{INNER_POINTS, MOMENTUM_POINTS, STEEP_COSINE};
 use crate::rows::swing::{RING_POINTS, RINGS};
 use crate::rows::table::{NONE, Wgsl};
-use crate::rows::{Family, RowKind, acceleration, force, reach, row_shaders};
+use crate::rows::{Family, RowKind, acceleration, force, reach, row_shaders, turn};
 use crate::solver::control;
 use crate::solver::round::Stage;
 use crate::solver::slacks::{BARRIER_FLOOR, FRACTION_TO_THE_BOUNDARY, MULTIPLIER_FLOOR, SLACK_FLOOR};
@@ -350,6 +350,7 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("FACTORED_PAIRS", reach::SPEC.pairs as u32),
         ("FORCE_ROWS", force::SPEC.rows as u32),
         ("RING_POINTS", RING_POINTS as u32),
+        ("TURN_YAW", turn::YAW as u32),
         ("FLAT", kind::FLAT),
         ("BLOCK", kind::BLOCK),
         ("STAIRS", kind::STAIRS),
@@ -389,6 +390,7 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("ACCELERATION_MARGIN", acceleration::MARGIN as f32),
         ("GRAVITY", GRAVITY as f32),
         ("STEEP_COSINE", STEEP_COSINE as f32),
+        ("TURN_MARGIN", turn::MARGIN as f32),
         ("LEAST_LEG", LEAST_LEG as f32),
         ("INNER_RING", inner_ring as f32),
         ("INNER_LIFT", inner_lift as f32),

@@ -73,6 +73,8 @@ pub(super) trait Transcribe<T: Real> {
     fn foothold(&self, b: &Builder<T>, foot: usize, stance: usize, stances: usize) -> [f64; 2];
     /// Initial force at time `t`.
     fn force(&self, b: &Builder<T>, t: f64) -> Guess;
+    /// Initial yaw of a sole at time `t`, rad.
+    fn yaw(&self, b: &Builder<T>, t: f64) -> f64;
     /// Weights of the slope at which force rows apply around node `node` of a stance with `pieces` pieces.
     fn slopes(&self, node: usize, pieces: usize) -> &'static [f64];
     /// Distance between the footholds divided by the speed of the swing's mid node, s. Shorter means a faster foot in mid-swing.

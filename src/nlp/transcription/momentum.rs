@@ -26,9 +26,10 @@ use crate::robot::{GRAVITY, Robot};
 use crate::rows::Family;
 use crate::rows::blocks::Use;
 use crate::rows::math::euler;
-use crate::rows::momentum::{INNER_POINTS, Impulse, MOMENTUM_POINTS, MomentumInterval};
+use crate::rows::momentum::{INNER_POINTS, Impulse, MOMENTUM_POINTS, MomentImpulse, MomentumInterval};
 use crate::rows::reach::ReachInstant;
 use crate::rows::table::{NONE, Place, Span};
+use crate::rows::turn::YAW;
 use crate::settings::TranscriptionSettings;
 use crate::task::Task;
 use nalgebra::{Matrix3, Vector3};
@@ -139,15 +140,15 @@ impl<T: Real> Transcribe<T> for Momentum {
 
     /// Adds the momentum rows of every interval.
     fn dynamics(&self, b: &mut Builder<T>) {
-        let (mut integrals, mut uses, mut footholds) = (Vec::new(), Vec::new(), Vec::new());
+        let mut uses = ImpulseUses::default();
         for k in 0..b.intervals {
             let t = k as f64 * b.interval;
-            let first = b.tables.impulses.len();
-            uses.clear();
-            uses.extend(b.base[2 * k..2 * k + 4].iter().map(|&id| Use::Touches(id)));
+            let (first, first_moment) = (b.tables.impulses.len(), b.tables.moment_impulses.len());
+            uses.linear.clear();
+            uses.linear.extend(b.base[2 * k..2 * k + 4].iter().map(|&id| Use::Touches(id)));
             for foot in 0..b.feet.len() {
                 for stance in 0..b.feet[foot].force_nodes.len() {
-                    stance_impulses(b, foot, stance, t, &mut integrals, &mut uses, &mut footholds);
+                    stance_impulses(b, foot, stance, t, &mut uses);
                 }
             }
             b.tables.momentum_intervals.push(MomentumInterval {
@@ -157,12 +158,15 @@ impl<T: Real> Transcribe<T> for Momentum {
                 linear_column: [NONE; 4],
                 angular_column: [NONE; 4],
                 impulses: Span::added(first, &b.tables.impulses),
+                moments: Span::added(first_moment, &b.tables.moment_impulses),
                 linear: Place::default(),
                 angular: Place::default(),
             });
-            b.element(Family::LinearMomentum, k, k, &uses);
-            uses.append(&mut footholds);
-            b.element(Family::AngularMomentum, k, k, &uses);
+            let ImpulseUses { linear, footholds, moments, .. } = &mut uses;
+            b.element(Family::LinearMomentum, k, k, linear);
+            linear.append(footholds);
+            linear.append(moments);
+            b.element(Family::AngularMomentum, k, k, linear);
         }
     }
 
@@ -214,6 +218,10 @@ impl<T: Real> Transcribe<T> for Momentum {
     fn force(&self, b: &Builder<T>, t: f64) -> Guess {
         let in_contact = b.feet.iter().filter(|foot| foot.phases[foot.phase_at(t)].stance).count();
         Guess { initial: [0., 0., b.feet.len() as f64 / in_contact as f64, 0., 0., 0.], smoothing: [1.; 6] }
+    }
+
+    fn yaw(&self, b: &Builder<T>, t: f64) -> f64 {
+        base_guess(b, t).0[YAW]
     }
 
     /// A cubic lies in the convex hull of its Bezier points; an inner node lies between the two Bezier points next to it.
@@ -328,35 +336,44 @@ fn impulses(span: Phase, nodes: &[u32], x: &[f64], unit: f64, t: f64, end: f64) 
     sums
 }
 
-/// Adds the impulses of a stance's force nodes in the interval that starts at `t`.
-///
-/// * `integrals` - scratch, overwritten
-/// * `uses`, `footholds` - out, force node and foothold of each impulse
-fn stance_impulses<T: Real>(
-    b: &mut Builder<T>,
-    foot: usize,
-    stance: usize,
-    t: f64,
-    integrals: &mut Vec<[Integrals; MOMENTUM_POINTS]>,
-    uses: &mut Vec<Use>,
-    footholds: &mut Vec<Use>,
-) {
+/// Blocks of the impulses in one interval.
+#[derive(Default)]
+struct ImpulseUses {
+    /// Base blocks, then force nodes.
+    linear: Vec<Use>,
+    /// Foothold of each force node.
+    footholds: Vec<Use>,
+    /// Moment nodes.
+    moments: Vec<Use>,
+    /// Scratch.
+    integrals: Vec<[Integrals; MOMENTUM_POINTS]>,
+}
+
+/// Adds the impulses of a stance's force and moment nodes in the interval that starts at `t`.
+fn stance_impulses<T: Real>(b: &mut Builder<T>, foot: usize, stance: usize, t: f64, uses: &mut ImpulseUses) {
     let h = b.interval;
     let span = b.feet[foot].phases[2 * stance];
     if span.end <= t + 1e-9 || span.start >= t + h - 1e-9 {
         return;
     }
     let nodes = &b.feet[foot].force_nodes[stance];
-    let scale = [b.force_unit(), b.force_unit() * b.settings.force_pieces as f64 / span.duration()];
+    let pieces = b.settings.force_pieces as f64;
+    let [scale, moment_scale] = [b.force_unit(), b.moment_unit()].map(|unit| [unit, unit * pieces / span.duration()]);
     let ends = std::array::from_fn(|q| t + GAUSS_6.get(q).map_or(1., |n| n[0]) * h);
-    basis_integrals(span, nodes.len(), t, ends, integrals);
+    basis_integrals(span, nodes.len(), t, ends, &mut uses.integrals);
     let foothold = b.feet[foot].footholds[stance];
-    for (node, weights) in nodes.iter().zip(integrals) {
-        if let Some(node) = *node
+    let moments = b.feet[foot].moment_nodes.get(stance);
+    for (i, weights) in uses.integrals.iter().enumerate() {
+        if let Some(node) = nodes[i]
             && weights[MOMENTUM_POINTS - 1][0] != [0.; 2]
         {
-            uses.push(Use::Touches(node));
-            footholds.push(Use::Touches(foothold.block));
+            uses.linear.push(Use::Touches(node));
+            uses.footholds.push(Use::Touches(foothold.block));
+            if let Some(moment) = moments.and_then(|moments| moments[i]) {
+                uses.moments.push(Use::Touches(moment));
+                let weights = weights.map(|[once, ..]| std::array::from_fn(|part| T::of(once[part] * moment_scale[part])));
+                b.tables.moment_impulses.push(MomentImpulse { weights, node: NONE, angular_column: NONE });
+            }
             b.tables.impulses.push(Impulse {
                 weights: weights.map(|point| point.map(|order| std::array::from_fn(|part| T::of(order[part] * scale[part])))),
                 node: NONE,
@@ -448,14 +465,18 @@ fn between(task: &Task, curves: &Curves, x: &[f64], t: f64, [pose, rate]: [[f64;
     let vector = |v: &[f64]| Vector3::new(v[0], v[1], v[2]);
     let (p, v) = (vector(&pose), vector(&rate));
     let end = t + curves.interval;
-    let stances = curves.feet.iter().flat_map(|foot| foot.phases.iter().step_by(2).zip(&foot.force_nodes).zip(&foot.footholds));
+    let stances = curves.feet.iter().flat_map(|foot| (0..foot.footholds.len()).map(move |stance| (foot, stance)));
     let place = |at: usize| Vector3::new(x[at], x[at + 1], task.terrain.height(x[at], x[at + 1]));
-    // Stances that act in the interval, with the arm of their foothold from the base position at `t`.
-    let at_work: Vec<(Phase, &[u32], Vector3<f64>)> = stances
-        .filter(|((span, _), _)| span.end > t && span.start < end)
-        .map(|((span, nodes), at)| (*span, &nodes[..], place(*at as usize) - p))
+    // Stances that act in the interval, with force nodes, moment nodes, and the arm of the foothold from the base position at `t`.
+    let at_work: Vec<(Phase, &[u32], &[u32], Vector3<f64>)> = stances
+        .map(|(foot, stance)| (foot.phases[2 * stance], foot, stance))
+        .filter(|(span, ..)| span.end > t && span.start < end)
+        .map(|(span, foot, stance)| {
+            let moments = foot.moment_nodes.get(stance).map_or(&[][..], |nodes| &nodes[..]);
+            (span, &foot.force_nodes[stance][..], moments, place(foot.footholds[stance] as usize) - p)
+        })
         .collect();
-    // First to third integral of the forces since `t`, and the moment of their impulses about the base position at `t`.
+    // First to third integral of the forces since `t`, and the moment of their impulses about the base position at `t`, with that of soles.
     let (mut done, mut integrals, mut moment) = (0., [Vector3::zeros(); 3], Vector3::zeros());
     // Displacement, velocity and gained angular momentum after `tau`, which must not decrease between calls.
     let mut after = |tau: f64| {
@@ -463,9 +484,12 @@ fn between(task: &Task, curves: &Curves, x: &[f64], t: f64, [pose, rate]: [[f64;
         let by = tau - done;
         *third += *second * by + *first * (by * by / 2.);
         *second += *first * by;
-        for &(span, nodes, arm) in &at_work {
+        for &(span, nodes, moments, arm) in &at_work {
             let [one, two, three] = impulses(span, nodes, x, curves.force_unit, t + done, t + tau);
             moment += arm.cross(&one);
+            if !moments.is_empty() {
+                moment += impulses(span, moments, x, curves.moment_unit, t + done, t + tau)[0];
+            }
             *first += one;
             *second += two;
             *third += three;

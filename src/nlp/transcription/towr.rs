@@ -17,6 +17,7 @@ use crate::rows::foot::StanceForce;
 use crate::rows::momentum::INNER_POINTS;
 use crate::rows::reach::ReachInstant;
 use crate::rows::table::{NONE, Place, Span};
+use crate::rows::turn::YAW;
 use crate::settings::TranscriptionSettings;
 use crate::task::Task;
 
@@ -129,6 +130,10 @@ impl<T: Real> Transcribe<T> for Towr {
     /// Equal share of the weight among all feet.
     fn force(&self, _: &Builder<T>, _: f64) -> Guess {
         Guess { initial: [0., 0., 1., 0., 0., 0.], smoothing: [0.; 6] }
+    }
+
+    fn yaw(&self, b: &Builder<T>, t: f64) -> f64 {
+        b.reference(t)[YAW]
     }
 
     fn slopes(&self, _: usize, _: usize) -> &'static [f64] {

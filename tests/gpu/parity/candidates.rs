@@ -2,11 +2,13 @@
 
 use super::lab::POISON;
 use crate::common::{
-    Random, cones, gait, hills, lopsided, mid_stride, point, problem_with, problem_with_cost, spider, task, task_for, towr, transcriptions,
+    Random, cones, gait, hills, lopsided, mid_stride, point, problem_with, problem_with_cost, soled, spider, task, task_for, towr,
+    transcriptions,
 };
 use cregopt::gait::Schedule;
 use cregopt::gait::trajectory::GoalVelocity;
 use cregopt::nlp::Problem;
+use cregopt::robot::Robot;
 use cregopt::settings::TranscriptionSettings;
 use cregopt::task::Task;
 use cregopt::terrain::{Shape, Terrain};
@@ -76,6 +78,13 @@ pub fn candidates() -> Vec<Candidate> {
         let schedule = gait(&mut random, task.robot.feet(), 1..=2);
         candidates.push(Candidate::new(task, schedule, &cones(), &mut random));
     }
+    for (robot, ground, settings) in
+        [(Robot::named("biped").unwrap(), named("slope"), cones()), (lopsided(spider(3)), hills(), TranscriptionSettings::default())]
+    {
+        let task = task_for(soled(robot), ground, [2.2, 0.4], 0.9);
+        let schedule = gait(&mut random, task.robot.feet(), 2..=3);
+        candidates.push(Candidate::new(task, schedule, &settings, &mut random));
+    }
     // Feet in the air at both ends; a swing of which little has passed rises, one of which much has passed only descends.
     let near = TranscriptionSettings { goal_velocity: GoalVelocity::Near, ..TranscriptionSettings::default() };
     for (task, since) in [
@@ -94,11 +103,12 @@ pub fn candidates() -> Vec<Candidate> {
 pub fn long_candidates() -> Vec<Candidate> {
     let mut random = Random::new(12);
     let fine = |own: TranscriptionSettings| TranscriptionSettings { interval: Some(0.05), ..own };
-    let candidate = |settings| {
-        let task = task_for(spider(8), hills(), [2., 1.], 0.4);
+    let candidate = |settings: TranscriptionSettings| {
+        let robot = if settings.goal_velocity == GoalVelocity::Near { soled(spider(8)) } else { spider(8) };
+        let task = task_for(robot, hills(), [2., 1.], 0.4);
         Candidate::new(task, gait(&mut random, 8, 10..=10), &fine(settings), &mut random)
     };
-    // One has a free end: only that has goal rows.
+    // One has a free end and soles: only that has goal rows and rows of soles.
     let near = TranscriptionSettings { goal_velocity: GoalVelocity::Near, ..cones() };
     [TranscriptionSettings::default(), towr(), near].map(candidate).into()
 }

@@ -10,8 +10,8 @@ use cregopt::backend::tables::Slot as Counts;
 use cregopt::rows::momentum::Deviation;
 use cregopt::rows::table::NONE;
 use cregopt::rows::{
-    Shared, acceleration, cone, cone_curvature, dynamics, effort, footing, force, goal, ground, momentum, reach, stance_power, stride,
-    swing, swing_power,
+    Shared, acceleration, cone, cone_curvature, dynamics, effort, footing, force, goal, ground, momentum, reach, sole, stance_power,
+    stride, swing, swing_power, turn,
 };
 use cregopt::solver::control::{CLOSE, ENDED, EXACT, SHORTER, SOLVED, STEP};
 use cregopt::terrain::Ground;
@@ -33,6 +33,8 @@ fn around_the_workgroup(s: usize, prepared: &mut Prepared) {
     problem.accelerations.truncate(count);
     problem.cones.truncate(count);
     problem.footings.truncate(count);
+    problem.sole_points.truncate(count);
+    problem.turns.truncate(count);
     problem.cone_curvatures.truncate(count);
     problem.efforts.truncate(count);
     problem.stance_powers.truncate(count);
@@ -47,6 +49,8 @@ fn around_the_workgroup(s: usize, prepared: &mut Prepared) {
     slot.accelerations = problem.accelerations.len() as u32;
     slot.cones = problem.cones.len() as u32;
     slot.footings = problem.footings.len() as u32;
+    slot.sole_points = problem.sole_points.len() as u32;
+    slot.turns = problem.turns.len() as u32;
     slot.cone_curvatures = problem.cone_curvatures.len() as u32;
     slot.efforts = problem.efforts.len() as u32;
     slot.stance_powers = problem.stance_powers.len() as u32;
@@ -268,6 +272,33 @@ fn footing_agrees_with_its_twin() {
         |lab, s, x, _, expected| {
             let (g, jacobian) = trial(lab, s, false, &mut expected.state);
             footing::footing(&lab.slots[s].problem, x, g, Some(jacobian));
+        },
+    );
+}
+
+#[test]
+fn sole_agrees_with_its_twin() {
+    evaluation(
+        Shader::Sole,
+        |slot| slot.sole_points,
+        // Twice the parts of a cone: the torsion has a root of its own, and is divided by the normal force.
+        6. * CURVED,
+        |lab, s, x, _, expected| {
+            let (g, jacobian) = trial(lab, s, false, &mut expected.state);
+            sole::sole(&lab.slots[s].problem, x, g, Some(jacobian));
+        },
+    );
+}
+
+#[test]
+fn turn_agrees_with_its_twin() {
+    evaluation(
+        Shader::Turn,
+        |slot| slot.turns,
+        8. * ARITHMETIC,
+        |lab, s, x, _, expected| {
+            let (g, jacobian) = trial(lab, s, false, &mut expected.state);
+            turn::turn(&lab.slots[s].problem, x, g, Some(jacobian));
         },
     );
 }

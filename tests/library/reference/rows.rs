@@ -7,19 +7,19 @@ use super::{
 };
 use crate::common::{
     Random, Rows, cones, dense_jacobian, families, frozen_at, gait, hills, mid_stride, momentum, one_sided, point, problem_with,
-    problem_with_cost, rows, rows_with, spider, straight, task, task_for, towr, transcriptions,
+    problem_with_cost, rows, rows_with, soled, spider, straight, task, task_for, tilted, towr, transcriptions,
 };
 use cregopt::gait::Trajectory;
 use cregopt::gait::trajectory::GoalVelocity;
 use cregopt::nlp::problem::Element;
 use cregopt::nlp::transcription::force_limit;
 use cregopt::nlp::{Problem, trajectory};
-use cregopt::robot::GRAVITY;
+use cregopt::robot::{GRAVITY, Robot};
 use cregopt::rows::swing::SwingNode;
 use cregopt::rows::table::NONE;
 use cregopt::rows::{Family, RowKind};
 use cregopt::settings::{Transcription, TranscriptionSettings};
-use cregopt::terrain::Shape;
+use cregopt::terrain::{Shape, Terrain};
 use cregopt::verify::report::CheckFamily;
 use cregopt::verify::verify_rows;
 use nalgebra::{DMatrix, DVector};
@@ -201,6 +201,22 @@ fn jacobians_in_mid_stride_match_central_differences() {
                 assert!(problem.swing_powers.iter().any(|p| p.offset != [[0.; 3]; 2]) && !problem.goals.is_empty());
                 check_jacobian(&format!("{} on {}, {since}", task.robot.name, task.terrain.name), &problem, seed as u64, 0.);
             }
+        }
+    }
+}
+
+#[test]
+fn jacobians_of_soles_match_central_differences() {
+    let biped = || soled(Robot::named("biped").unwrap());
+    let named = |name| Terrain::named(name).unwrap();
+    // The derivatives with respect to a foothold take the ground under a sole as flat: slopes do not vary here.
+    let tasks = [task_for(biped(), named("flat"), [1., 0.2], 0.8), task_for(soled(spider(4)), tilted(), [0.5, 0.2], -0.6)];
+    for (seed, task) in tasks.iter().enumerate() {
+        for own in [TranscriptionSettings::default(), cones()] {
+            let schedule = gait(&mut Random::new(seed as u64), task.robot.feet(), 3..=5);
+            let problem = problem_with_cost::<f64>(task, &schedule, &own);
+            assert!(!problem.sole_points.is_empty() && !problem.turns.is_empty() && !problem.moment_impulses.is_empty());
+            check_jacobian(&task.robot.name, &problem, seed as u64, 0.);
         }
     }
 }
