@@ -31,7 +31,7 @@ ATTAINED = 1e-4
 #: Smallest number of joints of a leg whose foot can be a sole.
 SOLE_JOINTS = 6
 #: Height of the centre of mass below the largest one, as a share of it, in the stance on soles.
-CROUCH = 0.05
+CROUCH = 0.055
 #: Share of the distance to the middle of their ranges by which joints are bent before the stance on soles is searched, and heights of the
 #: centre of mass that are tried, as shares of that in the given pose.
 PREBENT, HEIGHTS = 0.1, np.linspace(0.75, 1.25, 51)

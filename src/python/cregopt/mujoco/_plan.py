@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Union
 
 import numpy as np
@@ -91,7 +91,9 @@ def read(motion: Motion, rate: float) -> Plan:
         trajectory = Trajectory.from_file(motion)
     robot, terrain = _world(trajectory)
     plan = of_samples(trajectory.sample(rate), robot, terrain, trajectory.schedule, trajectory.horizon, rate)
-    return _with_soles(plan, trajectory.to_dict()["ee"]) if plan.soled else plan
+    if plan.soled and not all("yaws" in foot for foot in trajectory.to_dict()["ee"]):
+        raise Error(f"the motion has no yaws and moments of the feet, although the feet of the robot {robot.name} are soles")
+    return plan
 
 
 def of_samples(samples: Samples, robot: Robot, terrain: Terrain, schedule: list[list[float]], horizon: float, rate: float) -> Plan:
@@ -106,7 +108,7 @@ def of_samples(samples: Samples, robot: Robot, terrain: Terrain, schedule: list[
     phases = np.stack([np.clip(np.searchsorted(edge, times + 1e-9, side="right") - 1, 0, len(edge) - 2) for edge in edges], axis=1)
     gravity = np.array([0.0, 0.0, -9.80665])
     angular_velocity = samples.base_angular_velocity[inside]
-    feet, feet_velocity = samples.feet_position[inside], samples.feet_velocity[inside]
+    feet, feet_velocity, yaws = samples.feet_position[inside], samples.feet_velocity[inside], samples.yaws[inside]
     return Plan(
         robot=robot,
         terrain=terrain,
@@ -122,41 +124,13 @@ def of_samples(samples: Samples, robot: Robot, terrain: Terrain, schedule: list[
         feet_velocity=feet_velocity,
         feet_acceleration=np.gradient(feet_velocity, step, axis=0),
         normals=_normals(terrain, feet, phases),
-        yaws=np.zeros(forces.shape[:2]),
-        yaw_rates=np.zeros(forces.shape[:2]),
+        yaws=yaws,
+        yaw_rates=np.gradient(yaws, step, axis=0),
         forces=forces,
-        moments=np.zeros_like(forces),
+        moments=samples.moments[inside],
         phases=phases,
         edges=edges,
     )
-
-
-def _with_soles(plan: Plan, feet: list[dict[str, Any]]) -> Plan:
-    """Plan with the yaws of the soles and the moments on them, from the feet of a motion file. Raises Error if they are missing."""
-    times: Floats = plan.step * np.arange(len(plan.position), dtype=float)
-    yaws, moments = np.zeros_like(plan.yaws), np.zeros_like(plan.moments)
-    for f, foot in enumerate(feet):
-        if foot.get("yaws") is None or foot.get("moment") is None:
-            raise Error(f"ee[{f}] of the motion has no yaws or no moment, although the feet of the robot {plan.robot.name} are soles")
-        phases, edges, of_stances = plan.phases[:, f], plan.edges[f], np.array(foot["yaws"])
-        share = np.clip((times - edges[phases]) / (edges[phases + 1] - edges[phases]), 0, 1)
-        before = of_stances[phases // 2]
-        after = of_stances[np.minimum((phases + 1) // 2, len(of_stances) - 1)]
-        yaws[:, f] = before + (after - before) * share**2 * (3 - 2 * share)
-        moments[:, f] = _curve(foot["moment"], times)
-    return replace(plan, yaws=yaws, yaw_rates=np.gradient(yaws, plan.step, axis=0), moments=moments)
-
-
-def _curve(curve: dict[str, Any], times: Floats) -> Floats:
-    """Values of a curve of cubics at given times, s, shape (n, 3). Its nodes are values and rates."""
-    durations, nodes = np.array(curve["poly_durations"]), np.array(curve["nodes"])
-    starts = np.concatenate([[0.0], np.cumsum(durations)[:-1]])
-    piece = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, len(durations) - 1)
-    duration = durations[piece, None]
-    u = (times[:, None] - starts[piece, None]) / duration
-    (p, v), (q, w) = np.hsplit(nodes[piece], 2), np.hsplit(nodes[piece + 1], 2)
-    values: Floats = p + duration * v * u * (1 - u) ** 2 + (q - p) * u**2 * (3 - 2 * u) - duration * w * u**2 * (1 - u)
-    return values
 
 
 def _edges(durations: list[float]) -> Floats:

@@ -15,10 +15,12 @@ from ._model import ATTAINED, Machine, Path
 #: Half-widths of the largest box around the nominal feet that is tried, as shares of the base height.
 BOX = np.array([0.48, 0.32, 0.32])
 #: The same for feet with soles: to the rear, inwards, down; forwards, outwards, up. Shares of it that a walk needs.
-SOLE_BOX = np.array([[0.3, 0.15, 0.08], [0.3, 0.2, 0.2]])
-NEEDED = np.array([[0.25, 0.3, 0.25], [0.35, 0.3, 0.45]])
-#: Length of the upper side of the box of a sole, as a share of the lower side: a sole that starts or ends a swing is low.
-RAISED = 0.5
+SOLE_BOX = np.array([[0.3, 0.15, 0.08], [0.3, 0.25, 0.2]])
+NEEDED = np.array([[0.57, 0.3, 0.57], [0.57, 0.4, 0.48]])
+#: Points at which a box is checked: the corners; for soles those of a polyhedron inside the box, because a step is long when the foot is
+#: at its middle height, and legs that bend one way attain no large box.
+CORNERS = list(itertools.product((-1, 1), repeat=3))
+SOLE_POINTS = [at for x, y, z in itertools.product((-1, 1), repeat=3) for at in ((x, y / 2, 0), (x / 2, y / 2, z), (0, y, z / 2))]
 #: Directions in which the reach of a sole grows, in this order: indices into SOLE_BOX that grow at once; number of bisections.
 GROWING, HALVINGS = ([(0, 0), (1, 0)], [(0, 0)], [(1, 0)], [(1, 2)], [(1, 1)], [(0, 1)], [(0, 2)]), 5
 #: Largest yaws of a sole relative to the base, rad: the first with which a walk is possible; smallest distance between soles, m.
@@ -48,8 +50,9 @@ def robot(model: Path, feet: Optional[Sequence[str]] = None) -> Robot:
         keyframe ``home``, another keyframe, or a pose with bent legs.
 
         Legs with six joints or more, whose last body has a flat lower side, stand on soles: rectangles inside the geoms that can be in contact. Then
-        the robot has the equivalent mass of a leg, the stance has level soles, bent knees, and the centre of mass above the soles. The box is attained with level soles that are turned by up to
-        ``sole.turn`` either way, at the top over half of its length, and it ends where soles would touch each other.
+        the robot has the equivalent mass of a leg, the stance has level soles, bent knees, and the centre of mass above the soles. The box is
+        attained with level soles that are turned by up to ``sole.turn`` either way, except for its edges: of length, width and height, at most one
+        is used in full at a time. It ends where soles would touch each other.
 
     Raises
     ------
@@ -78,7 +81,7 @@ def robot(model: Path, feet: Optional[Sequence[str]] = None) -> Robot:
         raise Error(f"some feet of the model {machine.name} are soles, others are not: {seen}; name the feet (--feet)")
     if not soles:
         low, high = np.array([-1, 1])[:, None, None] * np.tile(BOX * height, (len(nominal), 1))
-        share = _largest(lambda share: _attains(machine, nominal, share * low, share * high, 1.0, (0.0,)), machine)
+        share = _largest(lambda share: _attains(machine, nominal, share * low, share * high, CORNERS, (0.0,)), machine)
         described["reach"] = (KEPT * share * BOX * height).tolist()
         described["foot_radius"] = min(foot.radius for foot in machine.feet)
         return Robot.from_dict(described)
@@ -127,7 +130,7 @@ def _sole_box(machine: Machine, nominal: Floats, width: float) -> tuple[Floats, 
         return np.minimum(one, other), np.maximum(one, other)
 
     def attains(box: Floats, turn: float) -> bool:
-        return _attains(machine, nominal, *ends(box), RAISED, (-turn, turn))
+        return _attains(machine, nominal, *ends(box), SOLE_POINTS, (-turn, turn))
 
     box, needed = np.zeros((2, 3)), NEEDED * largest
     turn = next((turn for turn in TURNS if attains(needed, turn)), TURNS[-1])
@@ -146,17 +149,16 @@ def _sole_box(machine: Machine, nominal: Floats, width: float) -> tuple[Floats, 
     return (*ends(KEPT * box), turn)
 
 
-def _attains(machine: Machine, nominal: Floats, low: Floats, high: Floats, raised: float, yaws: tuple[float, ...]) -> bool:
-    """True if all feet can be at the same corner of their boxes at once, for each corner and yaw of the soles, with a level base.
+def _attains(machine: Machine, nominal: Floats, low: Floats, high: Floats, points: Sequence[tuple[float, ...]], yaws: tuple[float, ...]) -> bool:
+    """True if all feet can be at the same point of their boxes at once, for each point and yaw of the soles, with a level base.
 
-    ``low`` and ``high``: offsets of the ends of the boxes from the nominal positions, m, shape (feet, 3). ``raised``: length of the upper
-    side of a box, as a share of that of the lower side.
+    ``low`` and ``high``: offsets of the ends of the boxes from the nominal positions, m, shape (feet, 3). ``points``: coordinates along the
+    axes, from -1 at the low ends to 1 at the high ones.
     """
     balls = nominal + [[0, 0, foot.radius] for foot in machine.feet]
-    for *corner, yaw in itertools.product(*3 * [(False, True)], yaws):
-        offset = np.where(corner, high, low) * ([raised, 1, 1] if corner[2] else 1)
+    for point, yaw in itertools.product(np.array(points), yaws):
         soles = np.tile(_rotation.of_vector(np.array([0, 0, yaw])), (len(nominal), 1, 1))
-        left, pose = machine.inverse_kinematics(np.zeros(3), np.eye(3), balls + offset, soles)
+        left, pose = machine.inverse_kinematics(np.zeros(3), np.eye(3), balls + np.where(point > 0, point * high, -point * low), soles)
         if left > ATTAINED or not machine.within_ranges(pose):
             return False
     return True
