@@ -219,7 +219,8 @@ mod tests {
             let robot = Robot::named(name).unwrap();
             robot.validate().unwrap();
             assert_eq!(Robot::from_json(&serde_json::to_string(&robot).unwrap()).unwrap(), robot);
-            assert_eq!(robot.foot_radius(), 0.06 * robot.leg_height());
+            let ball = if robot.sole.is_some() { 0. } else { 0.06 * robot.leg_height() };
+            assert_eq!(robot.foot_radius(), ball);
         }
         assert!(Robot::named("cat").unwrap_err().to_string().contains("anymal"));
     }

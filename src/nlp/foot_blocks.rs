@@ -201,18 +201,19 @@ fn force_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
     }
 }
 
-/// Adds the limits of the yaw of standing soles relative to the base, at the start and the end of each stance.
+/// Parts of a stance at which the yaw of a sole is limited.
+const TURN_PARTS: [f64; 5] = [0., 0.25, 0.5, 0.75, 1.];
+
+/// Adds the limits of the yaw of standing soles relative to the base.
 fn turn_elements<T: Real>(b: &mut Builder<T>) {
     let Some(sole) = b.task.robot.sole else { return };
     let h = b.interval;
     for foot in 0..b.feet.len() {
         for stance in 0..b.feet[foot].yaws.len() {
             let (span, yaw) = (b.feet[foot].phases[2 * stance], b.feet[foot].yaws[stance]);
-            for t in [span.start, span.end.min(b.horizon)] {
-                // The state at the start is given.
-                if t <= 0. || span.duration() <= 0. {
-                    continue;
-                }
+            let end = span.end.min(b.horizon);
+            // The state at the start is given.
+            for t in TURN_PARTS.map(|part| span.start + part * (end - span.start)).into_iter().filter(|t| *t > 0.) {
                 let k = ((t / h - 1e-9) as usize).min(b.intervals - 1);
                 b.tables.turns.push(Turn {
                     weights: hermite(t - k as f64 * h, h).map(T::of),

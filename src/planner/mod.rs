@@ -312,10 +312,13 @@ impl Planner {
     /// Creates a planner for a robot that stands, or is in any other state at the first update.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for settings out of range or a robot without gaits; the errors of [`Task::new`].
+    /// [`Error::Invalid`] for settings out of range, a robot without gaits or with soles; the errors of [`Task::new`].
     pub fn new(robot: impl Into<Arc<Robot>>, terrain: impl Into<Arc<Terrain>>, settings: PlannerSettings) -> Result<Planner> {
         settings.validate()?;
         let task = Task::new(robot, terrain, Goal::at(0., 0.))?;
+        if task.robot.sole.is_some() {
+            return Err(Error::invalid("robot.sole", "a sole", "none for planning online"));
+        }
         let names = settings.families.clone().unwrap_or_else(|| default_families(&task.robot));
         let families = names.into_iter().map(|family| Ok((family, offsets(family, &task.robot)?))).collect::<Result<Vec<_>>>()?;
         let cpu = Cpu::new(settings.threads)?;

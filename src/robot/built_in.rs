@@ -1,10 +1,10 @@
 //! The built-in robots, and the check that a robot with such a name is the built-in one.
 
-use super::Robot;
+use super::{Reach, Robot, SOLE_TURN, Sole};
 use crate::error::{Error, Result};
 
 /// Names of the built-in robots.
-pub const ROBOTS: [&str; 6] = ["monoped", "biped", "hyq", "anymal", "pexod", "pexod-as-published"];
+pub const ROBOTS: [&str; 7] = ["monoped", "biped", "humanoid", "hyq", "anymal", "pexod", "pexod-as-published"];
 
 /// Largest deviation from the built-in robot of the same name, relative to the largest number of its kind. It also applies to a force limit
 /// above the largest that a leg can bear. Leaves room for rounded numbers.
@@ -20,8 +20,26 @@ fn pairs(xs: &[f64], y: f64, z: f64) -> Vec<[f64; 3]> {
     xs.iter().flat_map(|&x| [[x, y, z], [x, -y, z]]).collect()
 }
 
+/// Robot without reach, limits, joints and soles.
+fn plain(name: &str, mass: f64, inertia: [[f64; 3]; 3], base_height: f64, nominal_feet: Vec<[f64; 3]>) -> Robot {
+    Robot {
+        name: name.into(),
+        mass,
+        inertia,
+        base_height,
+        nominal_feet,
+        reach: [0.; 3].into(),
+        force_limit: None,
+        leg_mass: None,
+        joints: None,
+        foot_radius: None,
+        sole: None,
+    }
+}
+
 impl Robot {
-    /// Built-in robot of a name. Sources of the numbers: \[3\] for the first four, \[4\] for the hexapod.
+    /// Built-in robot of a name. Sources of the numbers: \[3\] for monoped, biped, HyQ and ANYmal, \[4\] for the hexapod; the humanoid is
+    /// made up.
     ///
     /// # Errors
     /// [`Error::Unknown`] lists [`ROBOTS`].
@@ -29,6 +47,15 @@ impl Robot {
         let (mass, inertia, base_height, nominal_feet, reach) = match name {
             "monoped" => (20., symmetric(1.2, 5.5, 6.0, 0., 0.2, 0.01), 0.58, vec![[0., 0., -0.58]], [0.25, 0.15, 0.2]),
             "biped" => (20., symmetric(1.209, 5.583, 6.056, -0.005, 0.19, 0.012), 0.65, pairs(&[0.], 0.2, -0.65), [0.25, 0.15, 0.15]),
+            // Height and mass of a small humanoid on bent knees, soles of 0.2 m by 0.07 m. The inner sides of the boxes keep the feet apart.
+            "humanoid" => {
+                return Ok(Robot {
+                    reach: Reach::PerFoot(vec![[[-0.3, 0.3], [-0.04, 0.15], [-0.1, 0.12]], [[-0.3, 0.3], [-0.15, 0.04], [-0.1, 0.12]]]),
+                    leg_mass: Some(3.),
+                    sole: Some(Sole { length: 0.2, width: 0.07, turn: SOLE_TURN }),
+                    ..plain(name, 35., symmetric(3., 2.8, 0.45, 0., 0., 0.), 0.66, pairs(&[0.], 0.12, -0.66))
+                });
+            }
             "hyq" => {
                 (83., symmetric(4.26, 8.97, 9.88, 0.0063, -0.193, -0.0126), 0.58, pairs(&[0.31, -0.31], 0.29, -0.58), [0.25, 0.2, 0.1])
             }
@@ -58,19 +85,7 @@ impl Robot {
             ),
             _ => return Err(Error::Unknown { what: "robot", name: name.into(), known: ROBOTS.join(", ") }),
         };
-        Ok(Robot {
-            name: name.into(),
-            mass,
-            inertia,
-            base_height,
-            nominal_feet,
-            reach: reach.into(),
-            force_limit: None,
-            leg_mass: None,
-            joints: None,
-            foot_radius: None,
-            sole: None,
-        })
+        Ok(Robot { reach: reach.into(), ..plain(name, mass, inertia, base_height, nominal_feet) })
     }
 
     /// Checks like [`Robot::validate`], and that a robot with the name of a built-in one equals it. Otherwise motions of another robot
@@ -100,6 +115,7 @@ impl Robot {
         let feet = |robot: &Robot| robot.nominal_feet.concat();
         let inertia = |robot: &Robot| robot.inertia.concat();
         let force_limit = |robot: &Robot| robot.force_limit.unwrap_or_else(|| robot.default_force_limit());
+        let soles = |robot: &Robot| robot.sole.map(|sole| [sole.length, sole.width, sole.turn]);
         let reach = |robot: &Robot| robot.reach_boxes().flat_map(|r| [r.low, r.high]).collect::<Vec<_>>().concat();
         if !near(&[self.mass], &[named.mass]) {
             Some("mass")
@@ -111,6 +127,8 @@ impl Robot {
             Some("place of its feet")
         } else if !near(&reach(self), &reach(named)) {
             Some("reach")
+        } else if soles(self) != soles(named) {
+            Some("sole")
         } else if self.foot_radius.is_some_and(|radius| radius < (1. - ROUNDED) * named.foot_radius()) {
             Some("radius of its feet")
         } else if self.force_limit.is_some_and(|limit| limit > (1. + ROUNDED) * force_limit(named)) {

@@ -1,4 +1,4 @@
-//! Standing pose on the ground: base parallel to the ground, at a height from which the feet reach it.
+//! Standing pose on the ground: base parallel to the ground, or level on soles, at a height from which the feet reach it.
 
 use super::state::BaseState;
 use crate::robot::Robot;
@@ -45,11 +45,12 @@ pub(super) fn standing(
     state
 }
 
-/// Roll and pitch of the plane closest to the ground under the nominal feet, rad; zero if the ground has equal height there.
+/// Roll and pitch of the plane closest to the ground under the nominal feet, rad; zero if the ground has equal height there, and for a
+/// robot with soles: its few feet must stay under its centre of mass.
 ///
 /// * `heights` - height of the ground under each nominal foot, m
 pub(crate) fn tilt_over(robot: &Robot, heights: &[f64]) -> [f64; 2] {
-    if heights.iter().all(|h| (h - heights[0]).abs() < 1e-9) {
+    if robot.sole.is_some() || heights.iter().all(|h| (h - heights[0]).abs() < 1e-9) {
         return [0.; 2];
     }
     let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / heights.len() as f64;

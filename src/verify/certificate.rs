@@ -137,8 +137,7 @@ pub fn verify_rows(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain, fo
             CheckFamily::Motion => {}
             CheckFamily::Footing if impulsive && broken == 0 => footing(&mut tally, &motion, terrain),
             CheckFamily::Footing => {}
-            CheckFamily::Sole if impulsive => soles(&mut tally, &motion, terrain),
-            CheckFamily::Sole => {}
+            CheckFamily::Sole => soles(&mut tally, &motion, terrain),
         }
         broken += tally.report.violated;
         tally.report

@@ -134,7 +134,7 @@ pub enum CheckFamily {
     Footing,
     /// Soles, on whole curves: wrenches that forces at the corners can produce, flat ground under standing soles up to [`SOLE_OFF_GROUND`],
     /// soles above the ground in swings up to [`PENETRATION`], yaw relative to the base up to [`DENSE_TURN`] beyond its limit, no overlap.
-    /// Only for `momentum` motions of robots with soles.
+    /// Only for robots with soles.
     Sole,
 }
 

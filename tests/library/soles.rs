@@ -53,13 +53,13 @@ fn a_humanoid_stands_walks_steps_aside_turns_and_climbs() {
         ("backwards", flat(), [-0.6, 0.], 0., &[GaitFamily::Walk]),
         ("aside", flat(), [0., 0.4], 0., &[GaitFamily::Walk]),
         ("turn", flat(), [0., 0.], FRAC_PI_2, &[GaitFamily::Walk]),
-        ("uphill", tilted(), [0.8, 0.], 0., &[GaitFamily::Walk]),
+        ("uphill", tilted(), [0.5, 0.], 0., &[GaitFamily::Walk]),
     ] {
         let task = task_for(humanoid(), terrain, goal, yaw);
         for &family in families {
             let (found, motion) = solved(&task, &typical(family, &task), 12);
-            assert!(found.feasible, "{name}, {family}: {:?}", found.outcome.status);
-            assert_eq!(faults(&motion, &task), "", "{name}, {family}");
+            assert_eq!(faults(&motion, &task), "", "{name}, {family}: {:?}", found.outcome.status);
+            assert!(found.feasible, "{name}, {family}");
             let report = verify(&motion, &task.robot, &task.terrain, motion.force_limit.unwrap()).unwrap();
             assert!(report.rollout.unwrap().attitude.value < 0.5, "{name}, {family}");
             for foot in &motion.ee {
@@ -172,7 +172,10 @@ fn forged_soles_are_refused() {
         ("moment at the lift-off", |m| moment_of(m, 0).nodes[3][1] = 2., "moment in swing, y of Some(0)"),
         (
             "moment before the lift-off",
-            |m| (moment_of(m, 0).poly_durations[0], moment_of(m, 0).poly_durations[2]) = (0.01, 0.3),
+            |m| {
+                moment_of(m, 0).poly_durations[2] -= 0.02;
+                moment_of(m, 0).poly_durations[3] += 0.02;
+            },
             "of Some(0)",
         ),
         ("a foot through the other", |m| m.ee[0].motion.nodes.iter_mut().skip(2).take(1).for_each(|node| node[1] -= 0.2), "soles overlap"),

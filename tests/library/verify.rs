@@ -29,7 +29,12 @@ fn standing_for(robot: &Robot, horizon: f64, base_pieces: &[f64]) -> Trajectory 
     let thirds = [0.3 * horizon, 0.4 * horizon, 0.3 * horizon];
     let base = [0., 0., robot.base_height];
     let load = [0., 0., robot.weight() / robot.feet() as f64];
-    let foot = |p: &[f64; 3]| FootCurves::new(constant([p[0], p[1], 0.], &thirds), constant(load, &thirds));
+    let foot = |p: &[f64; 3]| {
+        let plain = FootCurves::new(constant([p[0], p[1], 0.], &thirds), constant(load, &thirds));
+        let sole = robot.sole.map(|_| (constant([0.; 3], &thirds), vec![0.]));
+        let (moment, yaws) = sole.unzip();
+        FootCurves { moment, yaws, ..plain }
+    };
     let base = [base, [0.; 3]].map(|value| constant(value, base_pieces));
     Trajectory::new(vec![vec![horizon]; robot.feet()], horizon, base, robot.nominal_feet.iter().map(foot).collect())
 }
@@ -87,7 +92,7 @@ fn towrs_reference_solutions_violate_no_row() {
         println!("line {}, {}, T = {}\n{report}", line + 1, scenario.name, trajectory.horizon);
         assert!(report.feasible && report.n_violated == 0, "line {}\n{report}", line + 1);
         // All families except those of the other transcription.
-        let asked = |family| ![CheckFamily::Momentum, CheckFamily::Motion, CheckFamily::Footing].contains(&family);
+        let asked = |family| ![CheckFamily::Momentum, CheckFamily::Motion, CheckFamily::Footing, CheckFamily::Sole].contains(&family);
         assert!(report.families.iter().all(|f| asked(f.family) == (f.rows > 0 && f.worst.is_some())), "line {}\n{report}", line + 1);
     }
 }
