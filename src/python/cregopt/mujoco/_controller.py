@@ -81,6 +81,10 @@ class Gains:
     bears: float = 1.0
 
 
+#: Gains for robots on soles. The ankles carry little of the angular momentum of swinging legs: the attitude gives way to it, not the height.
+ON_SOLES = Gains(weight_attitude=0.3)
+
+
 @dataclass(frozen=True)
 class Command:
     """Command to the motors until the next command."""

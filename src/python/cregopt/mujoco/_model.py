@@ -106,9 +106,8 @@ class Machine:
             self.feet = sorted(self._lowest(), key=self._front_left_first)
         if self.soled:
             self.stance = self._crouched()
-        of_legs = {dof for foot in self.feet for dof in foot.dofs}
-        #: Indices of the joints that belong to no leg, not counting the base.
-        self.limbless = [joint for joint in range(self.model.nv - 6) if joint + 6 not in of_legs]
+        #: Indices of the joints that belong to no leg or to several, not counting the base.
+        self.limbless = [joint for joint in range(self.model.nv - 6) if joint + 6 not in self._leg_dofs()]
         if count is not None and len(self.feet) != count:
             seen = ", ".join(foot.name for foot in self.feet) or "none"
             raise Error(f"the model {self.name} has {len(self.feet)} feet ({seen}), the plan {count}: name the feet of the plan (--feet)")
@@ -356,13 +355,17 @@ class Machine:
             total += own + self.model.body_mass[body] * (arm @ arm * np.eye(3) - np.outer(arm, arm))
         return (total + total.T) / 2
 
+    def _leg_dofs(self) -> list[int]:
+        """Indices of the degrees of freedom that belong to one leg."""
+        dofs = [dof for foot in self.feet for dof in foot.dofs]
+        return sorted(dof for dof in dofs if dofs.count(dof) == 1)
+
     def leg_mass(self) -> float:
         """Point mass at a foot with the moment of inertia of its leg (of the centres of its parts) about the hip, in the stance, kg: mean of the legs."""
         self._pose(self.stance)
         m, d, masses = self.model, self.data, []
         for foot in self.feet:
-            shared = {dof for other in self.feet if other is not foot for dof in other.dofs}
-            own = [dof for dof in foot.dofs if dof not in shared]
+            own = [dof for dof in foot.dofs if dof in self._leg_dofs()]
             hip = d.xanchor[m.dof_jntid[own[0]]]
             parts = [body for body in range(1, m.nbody) if set(own) & set(self._chain(body))]
             moment = float(m.body_mass[parts] @ ((d.xipos[parts] - hip) ** 2).sum(axis=1))
@@ -372,7 +375,7 @@ class Machine:
     def inverse_kinematics(self, com: Floats, rotation: Floats, feet: Floats, soles: Floats) -> tuple[float, Floats]:
         """Pose with the given centre of mass ``com``, attitude ``rotation``, centres of the feet and attitudes of the soles, world frame, m.
 
-        Joints that belong to no leg keep their values of the stance. ``soles``: shape (feet, 3, 3), without effect for other feet.
+        Joints that belong to no leg or to several keep their values of the stance. ``soles``: shape (feet, 3, 3), without effect for other feet.
 
         Returns the largest remaining error, m and rad, and the pose as MuJoCo's ``qpos``.
         """
@@ -380,7 +383,7 @@ class Machine:
         d.qpos[:] = self.stance
         d.qpos[:3] = com
         mj.mju_mat2Quat(d.qpos[3:7], rotation.flatten())
-        free = [0, 1, 2, *sorted({dof for foot in self.feet for dof in foot.dofs})]
+        free = [0, 1, 2, *self._leg_dofs()]
         turning = [f for f, foot in enumerate(self.feet) if foot.sole is not None]
         jacobian = np.zeros((len(self.feet) + len(turning) + 1, 3, m.nv))
         turns = jacobian[len(self.feet) : -1]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .. import Error, Terrain
 from . import _ground, _plan, _rotation, _video
-from ._controller import Controller, Gains, torque_range
+from ._controller import ON_SOLES, Controller, Gains, torque_range
 from ._engine import Floats, mj
 from ._model import Machine, Path, State
 from ._report import MotorLoads, Report
@@ -74,7 +74,7 @@ def play(
     speed_limit : float, default 30
         Joint speed at which the motors have no torque left, rad/s; the torque fades from two thirds of it. Model files do not contain it.
     gains : Gains, optional
-        Gains and weights of the controller.
+        Gains and weights of the controller. Default: ``Gains()``, on soles with a ``weight_attitude`` of 0.3.
     video : path, optional
         File for an animation: .gif, .png (APNG) or .webp.
     viewer : bool, default False
@@ -121,7 +121,7 @@ def play(
         horizon=plan.horizon,
         joint_speed_limit=speed_limit,
     )
-    controller = Controller(machine, plan, friction, speed_limit, gains or Gains())
+    controller = Controller(machine, plan, friction, speed_limit, gains or (ON_SOLES if machine.soled else Gains()))
     simulation = _Play(controller, start, report, plan.terrain, plan.feet)
     with ExitStack() as stack:
         observers: list[Observer] = []

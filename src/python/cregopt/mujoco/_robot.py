@@ -24,7 +24,7 @@ SOLE_POINTS = [at for x, y, z in itertools.product((-1, 1), repeat=3) for at in 
 #: Directions in which the reach of a sole grows, in this order: indices into SOLE_BOX that grow at once; number of bisections.
 GROWING, HALVINGS = ([(0, 0), (1, 0)], [(0, 0)], [(1, 0)], [(1, 2)], [(1, 1)], [(0, 1)], [(0, 2)]), 5
 #: Largest yaws of a sole relative to the base, rad: the first with which a walk is possible; smallest distance between soles, m.
-TURNS, APART = (0.3, 0.2, 0.1, 0.05), 0.02
+TURNS, APART = (0.3, 0.25, 0.2, 0.15, 0.1, 0.05), 0.02
 #: Share of the largest attainable box that becomes the reach of the robot.
 KEPT = 0.9
 #: Smallest acceptable box, as a share of the largest.
