@@ -30,7 +30,7 @@ SPARE = 0.05
 ATTAINED = 1e-4
 #: Smallest number of joints of a leg whose foot can be a sole.
 SOLE_JOINTS = 6
-#: Height of the centre of mass below the largest one, as a share of it, in the stance on soles.
+#: Height of the centre of mass below the largest one, as a share of it, in the stance on soles of a model whose reach is not known.
 CROUCH = 0.055
 #: Share of the distance to the middle of their ranges by which joints are bent before the stance on soles is searched, and heights of the
 #: centre of mass that are tried, as shares of that in the given pose.
@@ -105,7 +105,8 @@ class Machine:
             self._pose(self.stance)
             self.feet = sorted(self._lowest(), key=self._front_left_first)
         if self.soled:
-            self.stance = self._crouched()
+            self.stances = self._stances()
+            self.stance = self.crouched(CROUCH)
         #: Indices of the joints that belong to no leg or to several, not counting the base.
         self.limbless = [joint for joint in range(self.model.nv - 6) if joint + 6 not in self._leg_dofs()]
         if count is not None and len(self.feet) != count:
@@ -277,13 +278,13 @@ class Machine:
         # The knees above soles are bent later.
         return bool(drop > DROP * length and abs(ahead) < LEAN * drop and (foot.sole is not None or moves > BEND * length))
 
-    def _crouched(self) -> Floats:
-        """Stance with bent knees, level soles, and the centre of mass above them, lower than with stretched legs by CROUCH."""
+    def _stances(self) -> list[tuple[float, Floats]]:
+        """Heights of the centre of mass, m, and poses with bent knees, level soles, and the centre of mass above them; made from the stance."""
         m = self.model
         self._pose(self.stance)
         places = np.array([self.place(foot) for foot in self.feet])
         feet = (places - places.mean(axis=0)) * [0, 1, 0]
-        height, straight = float(self.center_of_mass()[2] - places[:, 2].mean()), self.stance
+        height = float(self.center_of_mass()[2] - places[:, 2].mean())
         # A stretched knee bends towards the middle of its range.
         joints = np.array([m.dof_jntid[dof] for foot in self.feet for dof in foot.dofs])
         joints = joints[m.jnt_limited[joints] != 0]
@@ -295,10 +296,14 @@ class Machine:
             com = np.array([0, 0, share * height])
             left, pose = self.inverse_kinematics(com, np.eye(3), feet, np.tile(np.eye(3), (len(feet), 1, 1)))
             if left < ATTAINED and self.within_ranges(pose):
-                poses.append((share, pose))
+                poses.append((share * height, pose))
                 self.stance = pose
-        wanted = (1 - CROUCH) * max((share for share, _ in poses), default=0.0)
-        return min(poses, key=lambda of: abs(of[0] - wanted), default=(0.0, straight))[1]
+        return poses or [(height, self.stance)]
+
+    def crouched(self, share: float) -> Floats:
+        """Stance on soles whose centre of mass is lower than with stretched legs by a share of its height."""
+        wanted = (1 - share) * max(height for height, _ in self.stances)
+        return min(self.stances, key=lambda of: abs(of[0] - wanted))[1]
 
     def _lowest(self) -> list[Foot]:
         """Feet that are in the current pose about as low as the lowest foot."""

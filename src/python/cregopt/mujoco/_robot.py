@@ -23,6 +23,8 @@ CORNERS = list(itertools.product((-1, 1), repeat=3))
 SOLE_POINTS = [at for x, y, z in itertools.product((-1, 1), repeat=3) for at in ((x, y / 2, 0), (x / 2, y / 2, z), (0, y, z / 2))]
 #: Directions in which the reach of a sole grows, in this order: indices into SOLE_BOX that grow at once; number of bisections.
 GROWING, HALVINGS = ([(0, 0), (1, 0)], [(0, 0)], [(1, 0)], [(1, 2)], [(1, 1)], [(0, 1)], [(0, 2)]), 5
+#: Heights of the centre of mass below the largest one that are tried, as shares of it.
+CROUCHES = (0.05, 0.06, 0.07, 0.08, 0.1)
 #: Largest yaws of a sole relative to the base, rad: the first with which a walk is possible; smallest distance between soles, m.
 TURNS, APART = (0.3, 0.25, 0.2, 0.15, 0.1, 0.05), 0.02
 #: Share of the largest attainable box that becomes the reach of the robot.
@@ -62,35 +64,36 @@ def robot(model: Path, feet: Optional[Sequence[str]] = None) -> Robot:
         If MuJoCo is not installed.
     """
     machine = Machine(model, feet)
-    nominal = machine.nominal_feet()
-    height = float(-nominal[:, 2].mean())
-    nominal[:, 2] = -height
-    if height <= 0:
-        raise _no_stance(machine)
-    described: dict[str, Any] = {
-        # The names of built-in robots are reserved.
-        "name": f"{machine.name}-imported" if machine.name in ROBOTS else machine.name,
-        "mass": machine.mass,
-        "inertia": machine.composite_inertia().tolist(),
-        "base_height": height,
-        "nominal_feet": nominal.tolist(),
-    }
     soles = [foot.sole for foot in machine.feet if foot.sole is not None]
     if soles and not machine.soled:
         seen = ", ".join(f"{foot.name} ({'ball or point' if foot.sole is None else 'sole'})" for foot in machine.feet)
         raise Error(f"some feet of the model {machine.name} are soles, others are not: {seen}; name the feet (--feet)")
+    if -machine.nominal_feet()[:, 2].mean() <= 0:
+        raise _no_stance(machine)
+    if soles:
+        length, width = (round(min(lengths), 6) for lengths in zip(*((sole.length, sole.width) for sole in soles)))
+        low, high, turn = _sole_box(machine, width)
+        reach = np.stack([low, high], axis=2)
+        own: dict[str, Any] = {"sole": {"length": length, "width": width, "turn": turn}, "leg_mass": machine.leg_mass()}
+    nominal = machine.nominal_feet()
+    height = float(-nominal[:, 2].mean())
+    nominal[:, 2] = -height
     if not soles:
         low, high = np.array([-1, 1])[:, None, None] * np.tile(BOX * height, (len(nominal), 1))
         share = _largest(lambda share: _attains(machine, nominal, share * low, share * high, CORNERS, (0.0,)), machine)
-        described["reach"] = (KEPT * share * BOX * height).tolist()
-        described["foot_radius"] = min(foot.radius for foot in machine.feet)
-        return Robot.from_dict(described)
-    length, width = min(sole.length for sole in soles), min(sole.width for sole in soles)
-    low, high, turn = _sole_box(machine, nominal, width)
-    described["reach"] = np.stack([low, high], axis=2).tolist()
-    described["sole"] = {"length": length, "width": width, "turn": turn}
-    described["leg_mass"] = machine.leg_mass()
-    return Robot.from_dict(described)
+        reach, own = KEPT * share * BOX * height, {"foot_radius": min(foot.radius for foot in machine.feet)}
+    return Robot.from_dict(
+        {
+            # The names of built-in robots are reserved.
+            "name": f"{machine.name}-imported" if machine.name in ROBOTS else machine.name,
+            "mass": machine.mass,
+            "inertia": machine.composite_inertia().tolist(),
+            "base_height": height,
+            "nominal_feet": nominal.tolist(),
+            "reach": reach.tolist(),
+            **own,
+        }
+    )
 
 
 def _no_stance(machine: Machine) -> Error:
@@ -113,40 +116,54 @@ def _largest(attained: Callable[[float], bool], machine: Machine) -> float:
     return smallest
 
 
-def _sole_box(machine: Machine, nominal: Floats, width: float) -> tuple[Floats, Floats, float]:
-    """Reach of feet with soles: lowest and highest offsets from the nominal positions, m, both shape (feet, 3), and largest yaw of a sole, rad.
+class _Soles:
+    """Reach of a model that stands on soles, in its present stance. A box of reach is an array of lengths in the order of SOLE_BOX, m."""
 
-    The box and the yaw that a walk needs come first, then length, then the other directions: a leg that bends one way attains no large box.
-    """
-    height = float(-nominal[0, 2])
-    # Feet on the right mirror those on the left.
-    mirror = np.where(nominal[:, 1:2] < 0, [1.0, -1.0, 1.0], 1.0)
-    gaps = [abs(one[1] - other[1]) for one, other in itertools.combinations(nominal, 2) if abs(one[0] - other[0]) < 2 * SOLE_BOX[0, 0] * height]
-    inwards = max(0.0, (min(gaps, default=np.inf) - width - APART) / 2)
-    largest = np.minimum(SOLE_BOX * height, [[np.inf, inwards, np.inf], [np.inf] * 3])
+    def __init__(self, machine: Machine, width: float) -> None:
+        self.machine, self.nominal = machine, machine.nominal_feet()
+        height = float(-self.nominal[0, 2])
+        sides = self.nominal[:, 1]
+        # Feet on the right mirror those on the left.
+        self.mirror = np.where(sides[:, None] < 0, [1.0, -1.0, 1.0], 1.0)
+        gap = min((abs(one - other) for one, other in itertools.combinations(sides, 2) if one * other < 0), default=np.inf)
+        #: Largest box that is tried, and the box that a walk needs.
+        self.largest = np.minimum(SOLE_BOX * height, [[np.inf, max(0.0, (gap - width - APART) / 2), np.inf], [np.inf] * 3])
+        self.needed = NEEDED * self.largest
 
-    def ends(box: Floats) -> tuple[Floats, Floats]:
-        one, other = -box[0] * mirror, box[1] * mirror
+    def ends(self, box: Floats) -> tuple[Floats, Floats]:
+        """Lowest and highest offsets of the feet from their nominal positions, m, both shape (feet, 3)."""
+        one, other = -box[0] * self.mirror, box[1] * self.mirror
         return np.minimum(one, other), np.maximum(one, other)
 
-    def attains(box: Floats, turn: float) -> bool:
-        return _attains(machine, nominal, *ends(box), SOLE_POINTS, (-turn, turn))
+    def attains(self, box: Floats, turn: float) -> bool:
+        """True if the feet attain the points of a box with soles that are turned by ``turn``, rad, either way."""
+        return _attains(self.machine, self.nominal, *self.ends(box), SOLE_POINTS, (-turn, turn))
 
-    box, needed = np.zeros((2, 3)), NEEDED * largest
-    turn = next((turn for turn in TURNS if attains(needed, turn)), TURNS[-1])
-    box = needed * _largest(lambda share: attains(share * needed, turn), machine)
+
+def _sole_box(machine: Machine, width: float) -> tuple[Floats, Floats, float]:
+    """Reach of feet with soles: lowest and highest offsets from the nominal positions, m, both shape (feet, 3), and largest yaw of a sole, rad.
+
+    The model takes the highest stance in which it attains, with the largest yaw, the box that a walk needs. The box grows from there in one
+    direction after the other: a leg that bends one way attains no large box.
+    """
+    for turn, crouch in itertools.product(TURNS, CROUCHES):
+        machine.stance = machine.crouched(crouch)
+        soles = _Soles(machine, width)
+        if soles.attains(soles.needed, turn):
+            break
+    box = soles.needed * _largest(lambda share: soles.attains(share * soles.needed, turn), machine)
     for growing in GROWING:
         grown = np.zeros((2, 3), dtype=bool)
         grown[tuple(np.transpose(growing))] = True
         low, high = 0.0, 1.0
         for _ in range(HALVINGS):
             middle = (low + high) / 2
-            if attains(np.where(grown, box + middle * (largest - box), box), turn):
+            if soles.attains(np.where(grown, box + middle * (soles.largest - box), box), turn):
                 low = middle
             else:
                 high = middle
-        box = np.where(grown, box + low * (largest - box), box)
-    return (*ends(KEPT * box), turn)
+        box = np.where(grown, box + low * (soles.largest - box), box)
+    return (*soles.ends(KEPT * box), turn)
 
 
 def _attains(machine: Machine, nominal: Floats, low: Floats, high: Floats, points: Sequence[tuple[float, ...]], yaws: tuple[float, ...]) -> bool:
