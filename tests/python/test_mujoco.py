@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from cregopt.mujoco import _plan
 from cregopt.mujoco._controller import Controller
-from cregopt.mujoco._model import Machine
+from cregopt.mujoco._model import Machine, State
 
 # Without a display pictures are rendered off-screen. MuJoCo reads this variable when it is imported.
 if sys.platform == "linux" and not os.environ.get("DISPLAY") and ctypes.util.find_library("EGL"):
@@ -403,6 +403,44 @@ def test_a_humanoid_stands_on_its_soles(humanoid: pathlib.Path) -> None:
     # No pressure on the soles carries a centre of mass ahead of the toes.
     report = cregopt.mujoco.play(standing(robot, 0.13), humanoid)
     assert not report.followed, str(report)
+
+
+@pytest.fixture(scope="module")
+def turning_walk(humanoid: pathlib.Path) -> cregopt.Gait:
+    task = cregopt.Task(cregopt.mujoco.robot(humanoid), cregopt.Terrain("flat", friction=0.8), goal=(0.5, 0.1), yaw=0.5)
+    # Heavy legs cannot swing faster: the ankles do not carry their momentum.
+    gait = cregopt.search(task, gaits="walk", first=True, device="cpu", settings={"transcription": {"foot_acceleration": 40}})
+    assert gait.feasible
+    return gait
+
+
+def test_a_humanoid_walks_and_turns(turning_walk: cregopt.Gait, humanoid: pathlib.Path) -> None:
+    for seed in (None, 1):
+        report = cregopt.mujoco.play(turning_walk, humanoid, seed=seed)
+        assert report.followed and report.position_error_max < 0.05 and report.end_error < 0.02, str(report)
+        assert report.missing_contact < 0.15 and report.slip_max < 0.05 and report.unsolved == 0
+
+
+def test_soles_follow_the_yaws_of_a_plan(turning_walk: cregopt.Gait, humanoid: pathlib.Path) -> None:
+    plan, feet = _plan.read(turning_walk, 500), turning_walk.trajectory.to_dict()["ee"]
+    for f, foot in enumerate(feet):
+        assert plan.yaws[0, f] == foot["yaws"][0] and plan.yaws[-1, f] == pytest.approx(foot["yaws"][-1])
+        # The sole is level and points ahead at its yaw; it turns in swings only.
+        assert np.allclose(plan.sole(-1, f)[:, 0], [math.cos(foot["yaws"][-1]), math.sin(foot["yaws"][-1]), 0])
+        still = plan.phases[:, f] % 2 == 0
+        assert abs(plan.yaw_rates[2:-2, f][still[1:-3] & still[2:-2] & still[3:-1]]).max() < 1e-9 < abs(plan.yaw_rates[:, f]).max()
+    ends: list[float] = []
+
+    class Watched(Controller):
+        def command(self, time: float, state: State, loads: Any) -> Any:
+            if time > plan.horizon:
+                ends[:] = [math.atan2(sole[1, 0], sole[0, 0]) for sole in state.soles] + [float(sole[2, 2]) for sole in state.soles]
+            return super().command(time, state, loads)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("cregopt.mujoco._play.Controller", Watched)
+        assert cregopt.mujoco.play(turning_walk, humanoid).followed
+    assert ends == pytest.approx([feet[0]["yaws"][-1], feet[1]["yaws"][-1], 1, 1], abs=0.05)
 
 
 def test_the_moments_of_a_plan_are_tracked(humanoid: pathlib.Path) -> None:
