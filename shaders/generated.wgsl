@@ -109,7 +109,6 @@ struct Batch {
     stance_forces: u32,
     momentum_intervals: u32,
     impulses: u32,
-    moment_impulses: u32,
     reach_instants: u32,
     reach_feet: u32,
     reach_legs: u32,
@@ -269,7 +268,6 @@ struct Slot {
     stance_forces: u32,
     momentum_intervals: u32,
     impulses: u32,
-    moment_impulses: u32,
     reach_instants: u32,
     reach_feet: u32,
     reach_legs: u32,
@@ -379,12 +377,6 @@ struct Impulse {
     angular_column: u32,
     foothold: u32,
     foothold_column: u32,
-}
-
-struct MomentImpulse {
-    weights: array<array<f32, 2>, 7>,
-    node: u32,
-    angular_column: u32,
 }
 
 struct ReachInstant {

@@ -101,7 +101,7 @@ impl Sizes<'_> {
             Shader::Momentum => {
                 let [linear, angular] = [Family::LinearMomentum, Family::AngularMomentum];
                 let written = self.jacobian(|o| o == linear || o == angular) + equalities(linear) + equalities(angular);
-                walk(&[Buffer::MomentumIntervals, Buffer::Impulses, Buffer::MomentImpulses]) + written + deviations
+                walk(&[Buffer::MomentumIntervals, Buffer::Impulses]) + written + deviations
             }
             Shader::Reach => family(Family::Reach, Buffer::ReachInstants) + t(&[Buffer::ReachFeet, Buffer::ReachLegs]) + reach + deviations,
             Shader::Force => family(Family::Force, Buffer::ForceNodes),

@@ -1,5 +1,5 @@
 // needs: shared/values shared/jacobian shared/math
-// binds: jacobian footholds momentum_intervals impulses moment_impulses
+// binds: jacobian footholds momentum_intervals impulses
 // Momentum rows of the single rigid body over the intervals between base knots. Eight threads per interval: one per point, the last of
 // which is the end, and one for the start. Results that other threads need are exchanged through workgroup memory: a single thread per
 // interval would need more registers than there are.
@@ -254,10 +254,10 @@ fn arm_to(at: At, base_w: vec3<f32>, foothold: u32) -> vec3<f32> {
     return vec3<f32>(values[under], values[under + 1u], ground_height(at.slot, foothold)) - base_w;
 }
 
-// Range of the interval in the table of moment impulses.
+// Range of the interval's moment nodes in the table of impulses.
 fn moments_of(at: At) -> Span {
     let moments = momentum_intervals[at.entry].moments;
-    let first = at.slot * batch.moment_impulses;
+    let first = at.slot * batch.impulses;
     return Span(first + moments.start, first + moments.end);
 }
 
@@ -283,9 +283,9 @@ fn impulses_until(at: At) -> Impulses {
     }
     let moments = moments_of(at);
     for (var i = moments.start; i < moments.end; i++) {
-        let node = x + moment_impulses[i].node;
-        let w = &moment_impulses[i].weights[at.q];
-        sum.moment += w[0] * three(node) + w[1] * three(node + 3u);
+        let node = x + impulses[i].node;
+        let w = &impulses[i].weights[at.q];
+        sum.moment += w[0][0] * three(node) + w[0][1] * three(node + 3u);
     }
     return sum;
 }
@@ -431,10 +431,10 @@ fn put_by_moments(at: At) {
         let part = task % 2u;
         var mean = 0.0;
         for (var q = 0u; q < END; q++) {
-            mean += slots[at.slot].points[q].mean * moment_impulses[impulse].weights[q][part];
+            mean += slots[at.slot].points[q].mean * impulses[impulse].weights[q][0][part];
         }
-        let column = moment_impulses[impulse].angular_column + 3u * part;
-        put_diagonal(at.angular, 0u, column, -at.end_scale * moment_impulses[impulse].weights[END][part]);
+        let column = impulses[impulse].angular_column + 3u * part;
+        put_diagonal(at.angular, 0u, column, -at.end_scale * impulses[impulse].weights[END][0][part]);
         put_diagonal(at.angular, 3u, column, -at.mean_scale * mean);
     }
 }

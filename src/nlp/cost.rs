@@ -9,7 +9,7 @@ use super::foot_blocks::{ForcePoint, force_points, swing_curve};
 use super::transcription::Transcribe;
 use super::transcription::momentum::{deviation_rates, deviation_weights};
 use crate::gait::Phase;
-use crate::gait::cost::{CostWeights, distance};
+use crate::gait::cost::{CostWeights, distance, trunk_moment};
 use crate::gait::family::speed_scale;
 use crate::gait::spline::{HERMITE_GRAM, hermite, hermite_acceleration, hermite_rate};
 use crate::gait::trajectory::GoalVelocity;
@@ -51,7 +51,9 @@ pub(super) fn cost_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>
     curvature_elements(own, b);
     // Without a price there is no row: a row without a weight would count half of its square.
     if weights.effort > 0. {
-        effort_elements(b, weights.effort * (GRAVITY * robot.base_height).sqrt() / (weight * weight * distance));
+        let price = weights.effort * (GRAVITY * robot.base_height).sqrt() / (weight * weight * distance);
+        effort_elements(b, price);
+        trunk_elements(b, price);
     }
     if weights.leg_work > 0. {
         stance_elements(b, weights.leg_work / distance);
@@ -130,6 +132,29 @@ fn effort_elements<T: Real>(b: &mut Builder<T>, price: f64) {
                 b.cost_element(Family::Effort, b.tables.efforts.len() - 1, step, 0., &uses);
             }
         }
+    }
+}
+
+/// Adds the effort of the moment that holds the trunk upright, by the trapezoidal rule over the knots whose pose is free.
+///
+/// * `price` - cost of the integral of `|f|^2`, 1/(N² s)
+fn trunk_elements<T: Real>(b: &mut Builder<T>, price: f64) {
+    let Some(sole) = b.task.robot.sole else { return };
+    let moment = trunk_moment(&b.task.robot) / sole.half_extents()[0];
+    let arrives = b.settings.goal_velocity != GoalVelocity::Near;
+    for knot in 1..=b.intervals {
+        let part = match knot == b.intervals {
+            true if arrives => continue,
+            true => 0.5,
+            false => 1.,
+        };
+        let weight = moment * (2. * price * part * b.interval).sqrt();
+        let line = b.reference(knot as f64 * b.interval);
+        let of_tilt = |value: [f64; 2]| [0., 0., 0., value[0], value[1], 0.].map(T::of);
+        let (weight, desired) = (of_tilt([weight; 2]), of_tilt([-line[3], -line[4]]));
+        b.tables.goals.push(Goal { weight, desired, variable: NONE, column: NONE, place: Place::default() });
+        let step = knot.min(b.intervals - 1);
+        b.cost_element(Family::Goal, b.tables.goals.len() - 1, step, 0., &[Use::Touches(b.base[2 * knot])]);
     }
 }
 

@@ -214,7 +214,6 @@ macro_rules! row_tables {
             stance_forces StanceForces [$crate::rows::foot::StanceForce<T>],
             momentum_intervals MomentumIntervals [$crate::rows::momentum::MomentumInterval<T>],
             impulses Impulses [$crate::rows::momentum::Impulse<T>],
-            moment_impulses MomentImpulses [$crate::rows::momentum::MomentImpulse<T>],
             reach_instants ReachInstants [$crate::rows::reach::ReachInstant<T>],
             reach_feet ReachFeet [$crate::rows::reach::ReachFoot<T>],
             reach_legs ReachLegs [$crate::rows::reach::ReachLeg<T>],

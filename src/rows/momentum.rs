@@ -73,7 +73,7 @@ crate::table! {
         pub angular_column: [u32; 4],
         /// Force nodes that act in the interval, in `impulses`; those of one foothold are adjacent.
         pub impulses: Span,
-        /// Moment nodes that act in the interval, in `moment_impulses`.
+        /// Moment nodes that act in the interval, in `impulses`.
         pub moments: Span,
         /// Place of the linear element's rows in the buffers.
         pub linear: Place,
@@ -81,7 +81,7 @@ crate::table! {
         pub angular: Place,
     }
 
-    /// Impulses of one force node in one interval.
+    /// Impulses of one force or moment node in one interval. Of a moment only the first integral counts, and it has no foothold.
     pub struct Impulse<T> {
         /// Weights at each point `tau`, for value and slope of the node with basis function `b`: `int b`, `int (tau - s) b` and
         /// `int (tau - s)^2 / 2 b ds` from the start of the interval, times the scale of the variables.
@@ -96,17 +96,6 @@ crate::table! {
         pub foothold: u32,
         /// Column of the foothold in the angular element.
         pub foothold_column: u32,
-    }
-
-    /// Impulse of one moment node in one interval.
-    pub struct MomentImpulse<T> {
-        /// Weights at each point for value and slope of the node: integral of its basis function from the start of the interval, times the
-        /// scale of the variables.
-        pub weights: [[T; 2]; MOMENTUM_POINTS],
-        /// Position of the node in `x`.
-        pub node: u32,
-        /// Column of the node in the angular element.
-        pub angular_column: u32,
     }
 }
 
@@ -147,7 +136,7 @@ pub(super) fn place_angular<T: Real>(tables: &mut Tables<T>, entry: usize, at: &
         impulse.angular_column = node.column;
         impulse.foothold_column = foothold.column;
     }
-    for (impulse, node) in tables.moment_impulses[interval.moments.range()].iter_mut().zip(moments) {
+    for (impulse, node) in tables.impulses[interval.moments.range()].iter_mut().zip(moments) {
         impulse.node = node.position;
         impulse.angular_column = node.column;
     }
@@ -349,8 +338,8 @@ impl<'a, T: Real> Inputs<'a, T> {
 
     /// Moment nodes that act in the interval.
     #[inline(always)]
-    fn moments(&self) -> &'a [MomentImpulse<T>] {
-        &self.tables.moment_impulses[self.interval.moments.range()]
+    fn moments(&self) -> &'a [Impulse<T>] {
+        &self.tables.impulses[self.interval.moments.range()]
     }
 
     /// Vector from the base at the start to a foothold.
@@ -391,7 +380,7 @@ impl<'a, T: Real> Inputs<'a, T> {
             let node: [T; 6] = std::array::from_fn(|d| self.x[impulse.node as usize + d]);
             for (q, w) in impulse.weights.iter().enumerate() {
                 for d in 0..3 {
-                    sum.moment[q][d] += w[0] * node[d] + w[1] * node[3 + d];
+                    sum.moment[q][d] += w[0][0] * node[d] + w[0][1] * node[3 + d];
                 }
             }
         }
@@ -682,12 +671,12 @@ impl<'a, T: Real> Inputs<'a, T> {
             for part in 0..2 {
                 let mut mean = T::zero();
                 for (w, point) in impulse.weights[..END].iter().zip(&self.tables.momentum_points) {
-                    mean += point.mean * w[part];
+                    mean += point.mean * w[0][part];
                 }
                 let column = impulse.angular_column as usize + 3 * part;
                 for r in 0..3 {
                     let along = |value: T| std::array::from_fn(|d| if d == r { value } else { T::zero() });
-                    rows.put_three(r, column, along(-end_scale * impulse.weights[END][part]));
+                    rows.put_three(r, column, along(-end_scale * impulse.weights[END][0][part]));
                     rows.put_three(3 + r, column, along(-mean_scale * mean));
                 }
             }

@@ -16,7 +16,7 @@ use cregopt::rows::factored::{BaseBlocks, FactoredElement, FactoredInstant, Fact
 use cregopt::rows::foot::StanceForce;
 use cregopt::rows::footing::Footing;
 use cregopt::rows::force::ForceNode;
-use cregopt::rows::momentum::{MomentImpulse, MomentumInterval};
+use cregopt::rows::momentum::MomentumInterval;
 use cregopt::rows::reach::{ReachFoot, ReachInstant, ReachLeg};
 use cregopt::rows::sole::SolePoint;
 use cregopt::rows::swing::SwingNode;
@@ -266,7 +266,6 @@ fn structs_differ(module: &Module) -> Result<(), String> {
         Footing: Footing<f32> { high foothold_column place }
         SolePoint: SolePoint<f32> { node yaw_column place }
         Turn: Turn<f32> { limit base_column place }
-        MomentImpulse: MomentImpulse<f32> { node angular_column }
         Element: Element { family pairs runs }
         FrontStep: FrontStep { elements rest }
         Part: Part { first last }

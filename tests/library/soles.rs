@@ -1,13 +1,15 @@
 //! Motions of robots with soles: certified, forged, continued, and their cost.
 
-use crate::common::{Forgery, faults, humanoid, task_for, tilted};
+use crate::common::{Forgery, faults, humanoid, rows, task_for, tilted};
 use cregopt::gait::cost::{CostWeights, cost};
 use cregopt::gait::family::{GaitFamily, PeriodicGait};
 use cregopt::gait::{Curve, Schedule};
+use cregopt::nlp::Problem;
 use cregopt::refine::check_robot;
 use cregopt::robot::{Robot, Sole};
 use cregopt::search::evaluate::{Evaluated, LowerSettings};
 use cregopt::settings::Transcription;
+use cregopt::solver::objective::Objective;
 use cregopt::task::Task;
 use cregopt::terrain::{Grid, Shape, Terrain};
 use cregopt::{Cpu, Evaluate, Goal, Trajectory, verify};
@@ -84,8 +86,19 @@ fn the_minimised_objective_is_the_cost_of_the_motion() {
     };
     let (first, best) = (of(0), of(20));
     assert!(best.total < 0.9 * first.total, "{} {}", best.total, first.total);
+    // The rows add up to the cost; that of the trunk is the trapezoidal rule over the knots.
+    let (found, motion) = solved(&task, &typical(GaitFamily::Walk, &task), 0);
+    let effort = CostWeights { leg_work: 0., swing_work: 0., joint_excess: 0., ..weights };
+    let problem = Problem::<f64>::with_cost(&task, &found.schedule, &LowerSettings::default().transcription, Some(&effort));
+    assert!(!problem.goals.is_empty());
+    let of_rows = Objective { weight: 1., rounding: 1e-9 }.cost(&problem, &rows(&problem, &found.x, 0.).c);
+    let of_motion = cost(&motion, &task.robot, task.robot.leg_mass(), &effort).unwrap().total;
+    assert!((of_rows - of_motion).abs() < 2e-3 * of_motion, "{of_rows} by rows, {of_motion}");
+    let upright =
+        Trajectory { base_ang: Curve { nodes: vec![[0.; 6]; motion.base_ang.nodes.len()], ..motion.base_ang.clone() }, ..motion.clone() };
+    let without_trunk = cost(&upright, &task.robot, task.robot.leg_mass(), &effort).unwrap().total;
+    assert!(of_motion - without_trunk > 1e-4 * of_motion, "{without_trunk} without the trunk, {of_motion} with it");
     // Without its moments the motion would have a lower effort.
-    let (_, motion) = solved(&task, &typical(GaitFamily::Walk, &task), 0);
     let mut bare = motion.clone();
     for foot in &mut bare.ee {
         foot.moment.as_mut().unwrap().nodes.iter_mut().for_each(|node| *node = [0.; 6]);

@@ -26,7 +26,7 @@ use crate::robot::{GRAVITY, Robot};
 use crate::rows::Family;
 use crate::rows::blocks::Use;
 use crate::rows::math::euler;
-use crate::rows::momentum::{INNER_POINTS, Impulse, MOMENTUM_POINTS, MomentImpulse, MomentumInterval};
+use crate::rows::momentum::{INNER_POINTS, Impulse, MOMENTUM_POINTS, MomentumInterval};
 use crate::rows::reach::ReachInstant;
 use crate::rows::table::{NONE, Place, Span};
 use crate::rows::turn::YAW;
@@ -140,10 +140,16 @@ impl<T: Real> Transcribe<T> for Momentum {
 
     /// Adds the momentum rows of every interval.
     fn dynamics(&self, b: &mut Builder<T>) {
-        let mut uses = ImpulseUses::default();
+        let mut uses = ImpulseUses {
+            linear: Vec::new(),
+            footholds: Vec::new(),
+            moments: Vec::new(),
+            moment_impulses: Vec::new(),
+            integrals: Vec::new(),
+        };
         for k in 0..b.intervals {
             let t = k as f64 * b.interval;
-            let (first, first_moment) = (b.tables.impulses.len(), b.tables.moment_impulses.len());
+            let first = b.tables.impulses.len();
             uses.linear.clear();
             uses.linear.extend(b.base[2 * k..2 * k + 4].iter().map(|&id| Use::Touches(id)));
             for foot in 0..b.feet.len() {
@@ -151,14 +157,16 @@ impl<T: Real> Transcribe<T> for Momentum {
                     stance_impulses(b, foot, stance, t, &mut uses);
                 }
             }
+            let impulses = Span::added(first, &b.tables.impulses);
+            b.tables.impulses.append(&mut uses.moment_impulses);
             b.tables.momentum_intervals.push(MomentumInterval {
                 reference: [t, t + b.interval].map(|t| b.reference(t).map(T::of)),
                 rate: b.reference_rate().map(T::of),
                 variable: [NONE; 4],
                 linear_column: [NONE; 4],
                 angular_column: [NONE; 4],
-                impulses: Span::added(first, &b.tables.impulses),
-                moments: Span::added(first_moment, &b.tables.moment_impulses),
+                impulses,
+                moments: Span::added(impulses.end as usize, &b.tables.impulses),
                 linear: Place::default(),
                 angular: Place::default(),
             });
@@ -337,20 +345,20 @@ fn impulses(span: Phase, nodes: &[u32], x: &[f64], unit: f64, t: f64, end: f64) 
 }
 
 /// Blocks of the impulses in one interval.
-#[derive(Default)]
-struct ImpulseUses {
+struct ImpulseUses<T> {
     /// Base blocks, then force nodes.
     linear: Vec<Use>,
     /// Foothold of each force node.
     footholds: Vec<Use>,
-    /// Moment nodes.
+    /// Moment nodes, and their impulses.
     moments: Vec<Use>,
+    moment_impulses: Vec<Impulse<T>>,
     /// Scratch.
     integrals: Vec<[Integrals; MOMENTUM_POINTS]>,
 }
 
 /// Adds the impulses of a stance's force and moment nodes in the interval that starts at `t`.
-fn stance_impulses<T: Real>(b: &mut Builder<T>, foot: usize, stance: usize, t: f64, uses: &mut ImpulseUses) {
+fn stance_impulses<T: Real>(b: &mut Builder<T>, foot: usize, stance: usize, t: f64, uses: &mut ImpulseUses<T>) {
     let h = b.interval;
     let span = b.feet[foot].phases[2 * stance];
     if span.end <= t + 1e-9 || span.start >= t + h - 1e-9 {
@@ -363,6 +371,14 @@ fn stance_impulses<T: Real>(b: &mut Builder<T>, foot: usize, stance: usize, t: f
     basis_integrals(span, nodes.len(), t, ends, &mut uses.integrals);
     let foothold = b.feet[foot].footholds[stance];
     let moments = b.feet[foot].moment_nodes.get(stance);
+    let impulse = |weights: &[Integrals; MOMENTUM_POINTS], scale: [f64; 2], foothold: u32| Impulse {
+        weights: weights.map(|point| point.map(|order| std::array::from_fn(|part| T::of(order[part] * scale[part])))),
+        node: NONE,
+        linear_column: NONE,
+        angular_column: NONE,
+        foothold,
+        foothold_column: NONE,
+    };
     for (i, weights) in uses.integrals.iter().enumerate() {
         if let Some(node) = nodes[i]
             && weights[MOMENTUM_POINTS - 1][0] != [0.; 2]
@@ -371,17 +387,9 @@ fn stance_impulses<T: Real>(b: &mut Builder<T>, foot: usize, stance: usize, t: f
             uses.footholds.push(Use::Touches(foothold.block));
             if let Some(moment) = moments.and_then(|moments| moments[i]) {
                 uses.moments.push(Use::Touches(moment));
-                let weights = weights.map(|[once, ..]| std::array::from_fn(|part| T::of(once[part] * moment_scale[part])));
-                b.tables.moment_impulses.push(MomentImpulse { weights, node: NONE, angular_column: NONE });
+                uses.moment_impulses.push(impulse(weights, moment_scale, NONE));
             }
-            b.tables.impulses.push(Impulse {
-                weights: weights.map(|point| point.map(|order| std::array::from_fn(|part| T::of(order[part] * scale[part])))),
-                node: NONE,
-                linear_column: NONE,
-                angular_column: NONE,
-                foothold: foothold.index,
-                foothold_column: NONE,
-            });
+            b.tables.impulses.push(impulse(weights, scale, foothold.index));
         }
     }
 }
