@@ -18,6 +18,9 @@ import cregopt.mujoco
 import cregopt.mujoco.__main__
 import numpy as np
 import pytest
+from cregopt.mujoco import _plan
+from cregopt.mujoco._controller import Controller
+from cregopt.mujoco._model import Machine, State
 
 # Without a display pictures are rendered off-screen. MuJoCo reads this variable when it is imported.
 if sys.platform == "linux" and not os.environ.get("DISPLAY") and ctypes.util.find_library("EGL"):
@@ -240,6 +243,247 @@ def test_feet_can_be_given_by_bodies_and_sites(trot: cregopt.Gait, model: pathli
     # Sites at the lowest points of the balls.
     tips = cregopt.mujoco.play(trot, model, feet=["FL_tip", "FR_tip", "RL_tip", "RR_tip"])
     assert tips != named and tips.followed and tips.missing_contact < 0.2, str(tips)
+
+
+HUMAN_LEG = """
+<body name="{side}_hip" pos="0 {y} -0.1">
+  <joint name="{side}_yaw" axis="0 0 1" range="-1 1"/>
+  <inertial pos="0 0 0" mass="0.3" diaginertia="4e-4 4e-4 4e-4"/>
+  <body>
+    <joint name="{side}_roll" axis="1 0 0" range="-0.8 0.8"/>
+    <inertial pos="0 0 0" mass="0.3" diaginertia="4e-4 4e-4 4e-4"/>
+    <body>
+      <joint name="{side}_pitch" axis="0 1 0" range="-1.8 1.2"/>
+      <geom type="capsule" size="0.03" fromto="0 0 -0.03 0 0 -0.22" mass="1.5" contype="0" conaffinity="0"/>
+      <body pos="0 0 -0.25">
+        <joint name="{side}_knee" axis="0 1 0" range="0 2.4"/>
+        <geom type="capsule" size="0.025" fromto="0 0 -0.03 0 0 -0.22" mass="1" contype="0" conaffinity="0"/>
+        <body pos="0 0 -0.25">
+          <joint name="{side}_ankle" axis="0 1 0" range="-1.2 0.9"/>
+          <inertial pos="0 0 0" mass="0.1" diaginertia="1e-4 1e-4 1e-4"/>
+          <body name="{side}_foot">
+            <joint name="{side}_tilt" axis="1 0 0" range="-0.6 0.6"/>
+            {foot}
+          </body>
+        </body>
+      </body>
+    </body>
+  </body>
+</body>
+"""
+#: Foot geometry: the rectangle of 0.2 m by 0.08 m about (0.03, 0, -0.06) m that touches the ground.
+BOX_FOOT = '<geom type="box" size="0.1 0.04 0.015" pos="0.03 0 -0.045" mass="0.4"/>'
+
+
+def human(foot: str = BOX_FOOT) -> str:
+    """Model of a torso on two legs with six motors each and stretched knees, and an arm that belongs to no leg."""
+    legs = "".join(HUMAN_LEG.format(side=side, y=y, foot=foot) for side, y in (("right", -0.09), ("left", 0.09)))
+    names = [f"{side}_{joint}" for side in ("right", "left") for joint in ("yaw", "roll", "pitch", "knee", "ankle", "tilt")]
+    motors = "".join(f'<motor joint="{name}" ctrlrange="-80 80"/>' for name in [*names, "arm"])
+    return f"""
+<mujoco model="human">
+  <compiler angle="radian"/>
+  <default><joint damping="0.1" armature="0.01"/></default>
+  <worldbody>
+    <body name="torso" pos="0 0 1">
+      <freejoint/>
+      <geom type="box" size="0.08 0.12 0.15" pos="0 0 0.1" mass="10"/>
+      <body pos="0 0.15 0.2">
+        <joint name="arm" axis="0 1 0" range="-1.5 1.5"/>
+        <geom type="capsule" size="0.02" fromto="0 0 0 0 0 -0.25" mass="1"/>
+      </body>
+      {legs}
+    </body>
+  </worldbody>
+  <actuator>{motors}</actuator>
+</mujoco>
+"""
+
+
+@pytest.fixture(scope="module")
+def humanoid(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    path = tmp_path_factory.mktemp("humanoid") / "human.xml"
+    path.write_text(human())
+    return path
+
+
+def test_soles_are_found_in_the_geometry_of_feet(humanoid: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    robot = cregopt.mujoco.robot(humanoid)
+    described = robot.to_dict()
+    assert robot.mass == pytest.approx(10 + 1 + 2 * 3.6)
+    assert described["sole"] == {"length": pytest.approx(0.2), "width": pytest.approx(0.08), "turn": 0.3} and "foot_radius" not in described
+    # Point masses on a straight leg: thigh, shank, ankle and foot.
+    legs = 1.5 * 0.125**2 + 1 * 0.375**2 + 0.1 * 0.5**2 + 0.4 * 0.545**2
+    assert described["leg_mass"] == pytest.approx(legs / 0.56**2, rel=0.05)
+    # Left before right, under the centre of mass, with bent knees: the legs are 0.56 m long, and the centre of mass is not far from the hips.
+    height = described["base_height"]
+    assert np.allclose(robot.nominal_feet, [[0, 0.09, -height], [0, -0.09, -height]], atol=1e-6) and 0.45 < height < 0.6
+    (back, front), (inner, outer), (down, up) = described["reach"][0]
+    assert described["reach"][1] == [[back, front], [-outer, -inner], [down, up]]
+    assert back < -0.05 and front > 0.05 and outer > 0.02 and down < -0.005 and up > 0.03
+    # Soles keep apart.
+    assert inner < 0 and 2 * (0.09 + inner) > 0.08
+    shapes = {
+        "balls": "".join(f'<geom type="sphere" size="0.01" pos="{0.03 + x} {y} -0.05" mass="0.1"/>' for x in (-0.1, 0.1) for y in (-0.04, 0.04)),
+        "bars": "".join(f'<geom type="capsule" size="0.01" fromto="-0.07 {y} -0.05 0.13 {y} -0.05" mass="0.2"/>' for y in (-0.04, 0.04)),
+        "plate": BOX_FOOT + '<geom type="cylinder" size="0.02 0.02" pos="0.03 0 -0.01" mass="0.1"/>',
+        "inclined": BOX_FOOT.replace("/>", ' euler="0 0.05 0"/>'),
+    }
+    for name, foot in shapes.items():
+        path = tmp_path / f"{name}.xml"
+        path.write_text(human(foot))
+        sole = cregopt.mujoco.robot(path).to_dict()["sole"]
+        assert (sole["length"], sole["width"]) == pytest.approx((0.2, 0.08)), name
+    # Geoms that touch the world by explicit pairs only.
+    paired = human().replace(BOX_FOOT, BOX_FOOT.replace("/>", ' name="right" contype="0" conaffinity="0"/>'), 1)
+    paired = paired.replace(BOX_FOOT, BOX_FOOT.replace("/>", ' name="left" contype="0" conaffinity="0"/>'))
+    pairs = "".join(f'<pair geom1="{one}" geom2="{other}"/>' for one, other in (("floor", "left"), ("right", "floor")))
+    paired = paired.replace("<worldbody>", f'<contact>{pairs}</contact><worldbody><geom name="floor" type="plane" size="1 1 1"/>')
+    (tmp_path / "paired.xml").write_text(paired)
+    assert cregopt.mujoco.robot(tmp_path / "paired.xml").to_dict()["sole"] == described["sole"]
+    # Of a narrow heel and a wide toe, the heel counts.
+    toes = "".join(f'<geom type="sphere" size="0.01" pos="{x} {y} -0.05" mass="0.1"/>' for x, w in ((-0.07, 0.03), (0.13, 0.04)) for y in (-w, w))
+    (tmp_path / "toes.xml").write_text(human(toes))
+    sole = cregopt.mujoco.robot(tmp_path / "toes.xml").to_dict()["sole"]
+    assert (sole["length"], sole["width"]) == pytest.approx((0.2, 0.06))
+
+
+def test_inverse_kinematics_attains_turned_soles(humanoid: pathlib.Path) -> None:
+    machine = Machine(humanoid)
+    yaws = (0.3, -0.2)
+    soles = np.array([[[math.cos(yaw), -math.sin(yaw), 0], [math.sin(yaw), math.cos(yaw), 0], [0, 0, 1]] for yaw in yaws])
+    feet = machine.nominal_feet() + [[0.08, 0.02, 0.01], [-0.05, -0.01, 0.03]]
+    missed, pose = machine.inverse_kinematics(np.zeros(3), np.eye(3), feet, soles)
+    assert missed < 1e-6 and machine.within_ranges(pose)
+    mujoco: Any = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_path(str(humanoid))
+    data = mujoco.MjData(model)
+    data.qpos[:] = pose
+    mujoco.mj_forward(model, data)
+    assert np.allclose(data.subtree_com[1], 0, atol=1e-5) and np.allclose(data.body("torso").xmat, np.eye(3).ravel())
+    for f, side in enumerate(("left", "right")):
+        foot = data.body(f"{side}_foot")
+        assert np.allclose(foot.xmat.reshape(3, 3), soles[f], atol=1e-5)
+        assert np.allclose(foot.xpos + soles[f] @ [0.03, 0, -0.06], feet[f], atol=1e-5)
+    assert data.joint("arm").qpos[0] == 0 and data.joint("left_knee").qpos[0] > 0.1
+
+
+def standing(robot: cregopt.Robot, x: float = 0.0, y: float = 0.0) -> dict[str, Any]:
+    """Plan of standing for 2 s with the centre of mass at (x, y), which is the centre of pressure of the robot."""
+    height, weight, left = robot.to_dict()["base_height"], 9.80665 * robot.mass, robot.nominal_feet[0, 1]
+
+    def constant(value: "list[float]") -> dict[str, Any]:
+        return {"poly_durations": [2.0], "nodes": [[*value, 0, 0, 0]] * 2}
+
+    feet = []
+    for side in (1, -1):
+        force = weight * (1 + side * y / left) / 2
+        # The pressure at (x, 0) from the centre of the sole.
+        feet.append({"motion": constant([0, side * left, 0]), "force": constant([0, 0, force]), "moment": constant([0, -x * force, 0]), "yaws": [0.0]})
+    return {
+        "robot": robot.to_dict(),
+        "terrain": "flat",
+        "durations": [[2.0], [2.0]],
+        "T": 2.0,
+        "base_lin": constant([x, y, height]),
+        "base_ang": constant([0, 0, 0]),
+        "ee": feet,
+        "init_base": [x, y, height],
+        "base_target": [x, y, height],
+        "yaw_target": 0,
+    }
+
+
+def test_a_humanoid_stands_on_its_soles(humanoid: pathlib.Path) -> None:
+    robot = cregopt.mujoco.robot(humanoid)
+    for x, y in ((0.0, 0.0), (0.06, 0.0), (-0.05, 0.04)):
+        report = cregopt.mujoco.play(standing(robot, x, y), humanoid, seed=None if y else 2)
+        assert report.followed and report.position_error_max < 0.02 and report.end_error < 0.002, f"{x} {y} {report}"
+        assert report.slip_max < 0.005 and report.missing_contact < 0.02 and report.unsolved == 0
+    # No pressure on the soles carries a centre of mass ahead of the toes.
+    report = cregopt.mujoco.play(standing(robot, 0.13), humanoid)
+    assert not report.followed, str(report)
+
+
+@pytest.fixture(scope="module")
+def turning_walk(humanoid: pathlib.Path) -> cregopt.Gait:
+    task = cregopt.Task(cregopt.mujoco.robot(humanoid), cregopt.Terrain("flat", friction=0.8), goal=(0.5, 0.1), yaw=0.5)
+    # Heavy legs cannot swing faster: the ankles do not carry their momentum.
+    gait = cregopt.search(task, gaits="walk", first=True, device="cpu", settings={"transcription": {"foot_acceleration": 40}})
+    assert gait.feasible
+    return gait
+
+
+def test_a_humanoid_walks_and_turns(turning_walk: cregopt.Gait, humanoid: pathlib.Path) -> None:
+    for seed in (None, 1):
+        report = cregopt.mujoco.play(turning_walk, humanoid, seed=seed)
+        assert report.followed and report.position_error_max < 0.05 and report.end_error < 0.02, str(report)
+        assert report.missing_contact < 0.15 and report.slip_max < 0.05 and report.unsolved == 0
+
+
+def test_soles_follow_the_yaws_of_a_plan(turning_walk: cregopt.Gait, humanoid: pathlib.Path) -> None:
+    plan, feet = _plan.read(turning_walk, 500), turning_walk.trajectory.to_dict()["ee"]
+    for f, foot in enumerate(feet):
+        assert plan.yaws[0, f] == foot["yaws"][0] and plan.yaws[-1, f] == pytest.approx(foot["yaws"][-1])
+        # The sole is level and points ahead at its yaw; it turns in swings only.
+        assert np.allclose(plan.sole(-1, f)[:, 0], [math.cos(foot["yaws"][-1]), math.sin(foot["yaws"][-1]), 0])
+        still = plan.phases[:, f] % 2 == 0
+        assert abs(plan.yaw_rates[2:-2, f][still[1:-3] & still[2:-2] & still[3:-1]]).max() < 1e-9 < abs(plan.yaw_rates[:, f]).max()
+    ends: list[float] = []
+
+    class Watched(Controller):
+        def command(self, time: float, state: State, loads: Any) -> Any:
+            if time > plan.horizon:
+                ends[:] = [math.atan2(sole[1, 0], sole[0, 0]) for sole in state.soles] + [float(sole[2, 2]) for sole in state.soles]
+            return super().command(time, state, loads)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("cregopt.mujoco._play.Controller", Watched)
+        assert cregopt.mujoco.play(turning_walk, humanoid).followed
+    assert ends == pytest.approx([feet[0]["yaws"][-1], feet[1]["yaws"][-1], 1, 1], abs=0.05)
+
+
+def test_the_moments_of_a_plan_are_tracked(humanoid: pathlib.Path) -> None:
+    robot = cregopt.mujoco.robot(humanoid)
+    plan = standing(robot)
+    # Opposite moments of the feet leave the motion as it is: the left foot presses on its toe, the right one on its heel.
+    for foot, moment in zip(plan["ee"], (-4.0, 4.0)):
+        foot["moment"]["nodes"] = [[0, moment, 0, 0, 0, 0]] * 2
+    machine = Machine(humanoid, count=2)
+    reference = _plan.read(plan, 500)
+    assert np.allclose(reference.moments, [[0, -4, 0], [0, 4, 0]]) and not reference.yaws.any()
+    controller = Controller(machine, reference, 0.8, 30.0, cregopt.mujoco.Gains())
+    pose = machine.inverse_kinematics(reference.position[0], np.eye(3), reference.feet[0], np.array([reference.sole(0, f) for f in range(2)]))[1]
+    state = machine.state(pose, np.zeros(machine.model.nv))
+    command = controller.command(1.0, state, np.array([90.0, 90.0]))
+    level = machine.model.joint
+    ankles = [command.torque[level(f"{side}_ankle").dofadr[0] - 6] for side in ("left", "right")]
+    # The joint carries the moment and that of the force, 0.03 m ahead of it.
+    weight = 9.80665 * robot.mass / 2
+    assert command.solved and ankles == pytest.approx([4.0 + 0.03 * weight, -4.0 + 0.03 * weight], abs=0.6)
+    # The arm returns to its position in the stance.
+    arm = level("arm").dofadr[0] - 6
+    pose[arm + 7] = 0.2
+    swung = controller.command(1.0, machine.state(pose, np.zeros(machine.model.nv)), np.array([90.0, 90.0]))
+    assert abs(command.acceleration[arm]) < 0.1 and swung.acceleration[arm] == pytest.approx(-20, rel=0.05)
+
+
+def test_plans_for_other_feet_are_rejected(humanoid: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    robot = cregopt.mujoco.robot(humanoid)
+    plan = standing(robot)
+    for foot in plan["ee"]:
+        del foot["moment"], foot["yaws"]
+    with pytest.raises(cregopt.Error, match=r"the robot `human` has soles|no yaws and moments"):
+        cregopt.mujoco.play(plan, humanoid)
+    del plan["robot"]["sole"]
+    with pytest.raises(cregopt.Error, match="the feet of the plan are balls or points, those of the model human soles"):
+        cregopt.mujoco.play(plan, humanoid)
+    with pytest.raises(cregopt.Error, match="the feet of the model human are soles, which cannot be driven"):
+        cregopt.mujoco.drive(humanoid, [((0.1, 0.0, 0.0), 0.5)])
+    mixed = tmp_path / "mixed.xml"
+    mixed.write_text(human().replace(BOX_FOOT, '<geom type="sphere" size="0.02" pos="0.03 0 -0.04" mass="0.4"/>', 1))
+    with pytest.raises(cregopt.Error, match=r"some feet of the model mixed are soles, others are not: right_foot \(ball or point\), left_foot"):
+        cregopt.mujoco.robot(mixed)
 
 
 #: Settings of the planner for short drives.

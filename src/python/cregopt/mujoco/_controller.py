@@ -21,8 +21,8 @@ from ._model import Machine, State
 from ._plan import Plan
 
 GRAVITY = 9.80665
-#: Share of the friction pyramid inside the cone within which forces stay.
-INSIDE = 0.95
+#: Share of the friction pyramid inside the cone within which forces stay, and of a sole within which its centre of pressure stays.
+INSIDE, PRESSED = 0.95, 0.9
 #: Weight that pulls every unknown to zero, so that the solution is unique.
 TINY = 1e-5
 #: Codes of the kinds of constraints in DAQP.
@@ -42,10 +42,13 @@ class Gains:
         Damping of the velocity of stance feet, 1/s.
     rest : float
         Damping of joint velocities that no other task determines, 1/s.
+    posture : tuple of float
+        Gains on the errors of joints that belong to no leg, such as those of arms, from their positions in the stance: 1/s² and 1/s.
     impedance : float
         Joint damping: torque per velocity error and inertia of the joint, 1/s.
-    weight_base, weight_attitude, weight_feet, weight_forces, weight_rest : float
-        Relative weights of the tasks.
+    weight_base, weight_attitude, weight_feet, weight_soles, weight_forces, weight_rest : float
+        Relative weights of the tasks; ``weight_soles`` for the rotation of soles, ``weight_rest`` for ``rest`` and ``posture``. With a small one
+        the arms take up the angular momentum of swinging legs, which plans of a rigid body leave out.
     capture, displacement : float
         Share of the capture point error by which footholds are displaced, and largest displacement, m.
     decided : float
@@ -61,10 +64,12 @@ class Gains:
     swing: tuple[float, float] = (400.0, 40.0)
     stance: float = 40.0
     rest: float = 10.0
+    posture: tuple[float, float] = (100.0, 20.0)
     impedance: float = 20.0
     weight_base: float = 30.0
     weight_attitude: float = 4.0
     weight_feet: float = 30.0
+    weight_soles: float = 3.0
     weight_forces: float = 0.3
     weight_rest: float = 0.01
     capture: float = 0.7
@@ -74,6 +79,10 @@ class Gains:
     seek: float = 0.1
     near: float = 0.004
     bears: float = 1.0
+
+
+#: Gains for robots on soles. The ankles carry little of the angular momentum of swinging legs: the attitude gives way to it, not the height.
+ON_SOLES = Gains(weight_attitude=0.3)
 
 
 @dataclass(frozen=True)
@@ -129,7 +138,8 @@ class Controller:
         moving = float(0 < time < plan.horizon)
         touching = [f for f, due in enumerate(plan.stands(k)) if due and (loads[f] > gains.bears or self._gap(f, k, state) < gains.near)]
         n_joints = len(state.velocity) - 6
-        program = _Program(n_joints + 6, len(touching))
+        points = {f: self.contact_points(f, k, state) for f in touching}
+        program = _Program(n_joints + 6, sum(map(len, points.values())))
         dynamics = [state.inertia]
         for f, foot in enumerate(machine.feet):
             center, up = state.feet[f], plan.normals[k, f]
@@ -138,12 +148,15 @@ class Controller:
                 jacobian, drift = machine.jacobian(foot, center - foot.radius * up)
                 velocity = jacobian @ state.velocity
                 program.motion(0, jacobian, -drift - gains.stance * velocity, gains.weight_feet)
-                program.friction(dynamics, jacobian, up, INSIDE * self.friction / np.sqrt(2))
+                for point in points[f]:
+                    program.friction(dynamics, machine.jacobian(foot, point)[0], up, INSIDE * self.friction / np.sqrt(2))
             else:
                 jacobian, drift = machine.jacobian(foot, center)
                 place, speed, push = self._swing(f, k, time, state)
                 push = push + gains.swing[0] * (place - center) + gains.swing[1] * (speed - jacobian @ state.velocity)
                 program.motion(0, jacobian, push - drift, gains.weight_feet)
+            if foot.sole is not None:
+                self._turn_sole(program, f, k, state, f in touching)
         turn = _rotation.between(state.rotation, plan.rotation[k])
         spin = moving * plan.angular_velocity[k] - state.angular_velocity
         turning = moving * plan.angular_acceleration[k] + gains.attitude[0] * turn + gains.attitude[1] * spin
@@ -152,10 +165,13 @@ class Controller:
         if touching:
             away, drift = plan.position[k] - state.com, moving * plan.velocity[k] - state.com_velocity
             push = moving * plan.acceleration[k] + gains.base[0] * away + gains.base[1] * drift + [0, 0, GRAVITY]
-            program.forces(np.tile(np.eye(3), len(touching)) / machine.mass, push, gains.weight_base)
-            planned = plan.forces[k, touching].ravel() / machine.mass
-            program.forces(np.eye(3 * len(touching)) / machine.mass, planned, gains.weight_forces)
-        program.motion(6, np.eye(n_joints), -gains.rest * state.velocity[6:], gains.weight_rest)
+            program.forces(np.tile(np.eye(3), sum(map(len, points.values()))) / machine.mass, push, gains.weight_base)
+            self._track_forces(program, points, k, state)
+        easing = -gains.rest * state.velocity[6:]
+        if machine.limbless:
+            posture = gains.posture[0] * (machine.stance[7:] - state.joints) - gains.posture[1] * state.velocity[6:]
+            easing[machine.limbless] = posture[machine.limbless]
+        program.motion(6, np.eye(n_joints), easing, gains.weight_rest)
         low, high = torque_range(machine.torque_limits, state.velocity[6:], self.speed_limit)
         solution = program.solve(np.hstack(dynamics), state.bias, low, high)
         if solution is None:
@@ -164,6 +180,41 @@ class Controller:
             torque, acceleration = solution
         damping = gains.impedance * state.inertia.diagonal()[6:]
         return Command(torque, state.velocity[6:], acceleration, damping, solution is not None)
+
+    def contact_points(self, f: int, k: int, state: State) -> Floats:
+        """Points at which a foot in contact transmits forces, world frame, m, shape (points, 3): for a sole the corners of its inner part."""
+        sole, center = self.machine.feet[f].sole, state.feet[f]
+        if sole is None:
+            return (center - self.machine.feet[f].radius * self.plan.normals[k, f])[None]  # type: ignore[no-any-return]
+        return center + sole.corners(PRESSED) @ state.soles[f].T  # type: ignore[no-any-return]
+
+    def _turn_sole(self, program: _Program, f: int, k: int, state: State, touching: bool) -> None:
+        """Adds the task on the rotation of a sole: at rest in contact, otherwise on the plan."""
+        plan, gains = self.plan, self.gains
+        jacobian, drift = self.machine.turning(self.machine.feet[f])
+        spin = jacobian @ state.velocity
+        if touching:
+            wanted = -gains.stance * spin
+        else:
+            rate = plan.yaw_rates[k, f] * plan.normals[k, f]
+            wanted = gains.swing[0] * _rotation.between(state.soles[f], plan.sole(k, f)) + gains.swing[1] * (rate - spin)
+        program.motion(0, jacobian, wanted - drift, gains.weight_feet if touching else gains.weight_soles)
+
+    def _track_forces(self, program: _Program, points: dict[int, Floats], k: int, state: State) -> None:
+        """Adds the tasks on the forces and moments of the feet in contact; a moment counts as a force on half of the sole's diagonal."""
+        plan, mass, first = self.plan, self.machine.mass, 0
+        n_forces = 3 * sum(map(len, points.values()))
+        for f, at in points.items():
+            columns = slice(first, first + 3 * len(at))
+            first += 3 * len(at)
+            task = np.zeros((3, n_forces))
+            task[:, columns] = np.tile(np.eye(3), len(at)) / mass
+            program.forces(task, plan.forces[k, f] / mass, self.gains.weight_forces)
+            sole = self.machine.feet[f].sole
+            if sole is not None:
+                lever = mass * float(np.hypot(sole.length, sole.width)) / 2
+                task[:, columns] = np.hstack(list(_rotation.crosses(at - state.feet[f]))) / lever
+                program.forces(task, plan.moments[k, f] / lever, self.gains.weight_forces)
 
     def _planned(self, f: int, k: int) -> Floats:
         """Planned position of the centre of a foot, world frame, m."""

@@ -130,6 +130,8 @@ def drive(
         raise Error("settings: the latency is given by the delay")
     check(speed_limit, friction, seed, video, viewer)
     machine = Machine(model, feet)
+    if machine.soled:
+        raise Error(f"the feet of the model {machine.name} are soles, which cannot be driven: name geoms or sites as feet (--feet)")
     robot = robot or robot_of(model, feet)
     if robot.feet != len(machine.feet):
         raise Error(f"the robot has {robot.feet} feet, the model {machine.name} {len(machine.feet)}: name them (--feet)")

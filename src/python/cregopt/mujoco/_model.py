@@ -9,6 +9,7 @@ from typing import Any, Iterator, NamedTuple, Optional, Sequence, Union
 import numpy as np
 
 from .. import Error
+from . import _rotation, _sole
 from ._engine import Floats, mj
 
 Path = Union[str, "os.PathLike[str]"]
@@ -25,29 +26,41 @@ BEND = 0.1
 BENT = (0.0, 0.85, -1.7)
 #: Distance that joints keep from the ends of their ranges, rad or m.
 SPARE = 0.05
+#: Largest remaining error of inverse kinematics, m and rad, with which a pose counts as attained.
+ATTAINED = 1e-4
+#: Smallest number of joints of a leg whose foot can be a sole.
+SOLE_JOINTS = 6
+#: Height of the centre of mass below the largest one, as a share of it, in the stance on soles of a model whose reach is not known.
+CROUCH = 0.055
+#: Share of the distance to the middle of their ranges by which joints are bent before the stance on soles is searched, and heights of the
+#: centre of mass that are tried, as shares of that in the given pose.
+PREBENT, HEIGHTS = 0.1, np.linspace(0.75, 1.25, 51)
 
 
 @dataclass(frozen=True)
 class Foot:
-    """End of a leg: a ball or a point."""
+    """End of a leg: a ball, a point or a sole."""
 
     name: str
     #: Index of the body that carries the foot.
     body: int
-    #: Index of the geom that touches the ground; None for a foot that is a site.
+    #: Index of the geom that touches the ground; None for a sole and for a foot that is a site, which touch it with any geom.
     geom: Optional[int]
-    #: Centre of the ball, frame of the body, m.
+    #: Centre of the ball or of the rectangle of the sole, frame of the body, m.
     center: Floats
-    #: Radius of the ball, m; 0 for a point.
+    #: Radius of the ball, m; 0 for a point and for a sole.
     radius: float
     #: Indices of the degrees of freedom of the leg, from the base outwards.
     dofs: tuple[int, ...]
+    #: Sole, or None for a ball or a point.
+    sole: Optional[_sole.Sole] = None
 
 
 class State(NamedTuple):
     """State of the robot at an instant, as the controller knows it. World frame, SI units, n degrees of freedom."""
 
-    #: Velocities of the degrees of freedom, MuJoCo's ``qvel``, shape (n,).
+    #: Positions of the joints, shape (n - 6,), and velocities of the degrees of freedom, MuJoCo's ``qvel``, shape (n,).
+    joints: Floats
     velocity: Floats
     #: Position and velocity of the centre of mass, shape (3,).
     com: Floats
@@ -55,8 +68,9 @@ class State(NamedTuple):
     #: Rotation matrix from base to world, shape (3, 3), and angular velocity of the base, shape (3,).
     rotation: Floats
     angular_velocity: Floats
-    #: Positions of the centres of the feet, shape (feet, 3).
+    #: Positions of the centres of the feet, shape (feet, 3), and attitudes of the soles (of the bodies of other feet), shape (feet, 3, 3).
     feet: Floats
+    soles: Floats
     #: Inertia matrix, shape (n, n), and generalised forces at which all accelerations are zero, shape (n,).
     inertia: Floats
     bias: Floats
@@ -79,6 +93,8 @@ class Machine:
         self.base = self._free_base()
         self.torque_limits = self._torque_limits()
         self.mass = float(self.model.body_subtreemass[self.base])
+        self.feet: list[Foot] = []
+        self._pose(_level(next(self._poses())))
         ends = list(self._ends())
         if feet is not None:
             self.feet = [self._named_foot(name, ends) for name in feet]
@@ -88,11 +104,16 @@ class Machine:
         if feet is None:
             self._pose(self.stance)
             self.feet = sorted(self._lowest(), key=self._front_left_first)
+        if self.soled:
+            self.stances = self._stances()
+            self.stance = self.crouched(CROUCH)
+        #: Indices of the joints that belong to no leg or to several, not counting the base.
+        self.limbless = [joint for joint in range(self.model.nv - 6) if joint + 6 not in self._leg_dofs()]
         if count is not None and len(self.feet) != count:
             seen = ", ".join(foot.name for foot in self.feet) or "none"
             raise Error(f"the model {self.name} has {len(self.feet)} feet ({seen}), the plan {count}: name the feet of the plan (--feet)")
         if not self.feet:
-            raise Error(f"the model {self.name} has no feet (balls or ends of capsules at the ends of legs): name them (--feet)")
+            raise Error(f"the model {self.name} has no feet (soles, balls or ends of capsules at the ends of legs): name them (--feet)")
 
     # Content of the model.
 
@@ -137,20 +158,43 @@ class Machine:
         return tuple(int(dof) for dof in dofs[::-1])
 
     def _ends(self) -> Iterator[Foot]:
-        """Outermost ball or capsule end of each limb."""
+        """Sole or outermost ball or capsule end of each limb."""
         m = self.model
         welded = [int(w) for w in m.body_weldid]
         inner = {welded[m.body_parentid[body]] for body in range(1, m.nbody) if welded[body] == body}
         for end in sorted({w for w in welded if w not in inner and w != 0}):
-            balls = [foot for geom in range(m.ngeom) if welded[m.geom_bodyid[geom]] == end for foot in self._ball(geom)]
-            if balls:
+            geoms = [geom for geom in range(m.ngeom) if welded[m.geom_bodyid[geom]] == end and self._touches(geom)]
+            sole = self._sole(end, geoms)
+            balls = [foot for geom in geoms for foot in self._ball(geom)]
+            if sole is not None:
+                yield sole
+            elif balls:
                 yield max(balls, key=self._reaches_out)
+
+    def _touches(self, geom: int) -> bool:
+        """True if a geom can be in contact."""
+        return bool(self.model.geom_contype[geom] or self.model.geom_conaffinity[geom])
+
+    def _sole(self, body: int, geoms: list[int]) -> Optional[Foot]:
+        """Sole of a body with these geoms, which is about level in the current pose; None without one, or if the limb cannot orient it."""
+        dofs = self._chain(body)
+        shapes = [_sole.balls(self.model, self.data, geom) for geom in geoms]
+        if len(dofs) < SOLE_JOINTS or not shapes:
+            return None
+        radii = np.concatenate([np.full(len(centers), radius) for centers, radius in shapes])
+        found = _sole.find(np.concatenate([centers for centers, _ in shapes]), radii)
+        if found is None:
+            return None
+        to_body = self.data.xmat[body].reshape(3, 3).T
+        sole = _sole.Sole(to_body @ found.axes, found.length, found.width)
+        name = self.model.body(body).name or f"body {body}"
+        return Foot(name, body, None, to_body @ (found.center - self.data.xpos[body]), 0.0, dofs, sole)
 
     def _ball(self, geom: int) -> Iterator[Foot]:
         """Possible feet of a geom that can be in contact: a ball, or both ends of a capsule."""
         m = self.model
         kind, ball, capsule = int(m.geom_type[geom]), int(mj.mjtGeom.mjGEOM_SPHERE), int(mj.mjtGeom.mjGEOM_CAPSULE)
-        if not (m.geom_contype[geom] or m.geom_conaffinity[geom]) or kind not in (ball, capsule):
+        if not self._touches(geom) or kind not in (ball, capsule):
             return
         radius, half = float(m.geom_size[geom, 0]), float(m.geom_size[geom, 1]) if kind == capsule else 0.0
         axis = np.zeros(9)
@@ -181,7 +225,10 @@ class Machine:
             seen = ", ".join(end.name for end in ends) or "none"
             raise Error(f"the model {self.name} has no geom, body or site {name!r}; at the ends of its legs are: {seen}")
         if not found:
-            raise Error(f"{name!r} of the model {self.name} is not a foot: neither a ball or capsule that can be in contact, nor a site")
+            raise Error(
+                f"{name!r} of the model {self.name} is not a foot: neither a ball or capsule that can be in contact, nor a body with one or with a "
+                "sole, nor a site"
+            )
         return max(found, key=self._reaches_out)
 
     # Stance.
@@ -208,7 +255,7 @@ class Machine:
         low, high = m.jnt_range[limited].T
         spare = np.minimum(2 * SPARE, (high - low) / 4)
         for pose in self._poses():
-            pose[:7] = [0, 0, 0, 1, 0, 0, 0]
+            pose = _level(pose)
             at = m.jnt_qposadr[limited]
             pose[at] = np.clip(pose[at], low + spare, high - spare)
             self._pose(pose)
@@ -228,7 +275,35 @@ class Machine:
         jacobian = np.zeros((3, self.model.nv))
         mj.mj_jac(self.model, self.data, jacobian, None, points[-1], foot.body)
         moves = np.linalg.svd(jacobian[:, list(foot.dofs)], compute_uv=False).min()
-        return bool(drop > DROP * length and abs(ahead) < LEAN * drop and moves > BEND * length)
+        # The knees above soles are bent later.
+        return bool(drop > DROP * length and abs(ahead) < LEAN * drop and (foot.sole is not None or moves > BEND * length))
+
+    def _stances(self) -> list[tuple[float, Floats]]:
+        """Heights of the centre of mass, m, and poses with bent knees, level soles, and the centre of mass above them; made from the stance."""
+        m = self.model
+        self._pose(self.stance)
+        places = np.array([self.place(foot) for foot in self.feet])
+        feet = (places - places.mean(axis=0)) * [0, 1, 0]
+        height = float(self.center_of_mass()[2] - places[:, 2].mean())
+        # A stretched knee bends towards the middle of its range.
+        joints = np.array([m.dof_jntid[dof] for foot in self.feet for dof in foot.dofs])
+        joints = joints[m.jnt_limited[joints] != 0]
+        at = m.jnt_qposadr[joints]
+        self.stance = self.stance.copy()
+        self.stance[at] += PREBENT * (m.jnt_range[joints].mean(axis=1) - self.stance[at])
+        poses: list[tuple[float, Floats]] = []
+        for share in HEIGHTS:
+            com = np.array([0, 0, share * height])
+            left, pose = self.inverse_kinematics(com, np.eye(3), feet, np.tile(np.eye(3), (len(feet), 1, 1)))
+            if left < ATTAINED and self.within_ranges(pose):
+                poses.append((share * height, pose))
+                self.stance = pose
+        return poses or [(height, self.stance)]
+
+    def crouched(self, share: float) -> Floats:
+        """Stance on soles whose centre of mass is lower than with stretched legs by a share of its height."""
+        wanted = (1 - share) * max(height for height, _ in self.stances)
+        return min(self.stances, key=lambda of: abs(of[0] - wanted))[1]
 
     def _lowest(self) -> list[Foot]:
         """Feet that are in the current pose about as low as the lowest foot."""
@@ -246,6 +321,11 @@ class Machine:
 
     # Kinematics.
 
+    @property
+    def soled(self) -> bool:
+        """True if all feet are soles."""
+        return bool(self.feet) and all(foot.sole is not None for foot in self.feet)
+
     def _pose(self, qpos: Floats) -> None:
         self.data.qpos[:] = qpos
         mj.mj_kinematics(self.model, self.data)
@@ -255,6 +335,11 @@ class Machine:
         """Centre of a foot in the current pose, world frame, m."""
         rotation = self.data.xmat[foot.body].reshape(3, 3)
         return self.data.xpos[foot.body] + rotation @ foot.center  # type: ignore[no-any-return]
+
+    def attitude(self, foot: Foot) -> Floats:
+        """Rotation matrix from the axes of a sole to the world in the current pose; from those of the body without a sole."""
+        rotation: Floats = self.data.xmat[foot.body].reshape(3, 3).copy()
+        return rotation if foot.sole is None else rotation @ foot.sole.axes
 
     def center_of_mass(self) -> Floats:
         """Centre of mass in the current pose, world frame, m."""
@@ -275,26 +360,48 @@ class Machine:
             total += own + self.model.body_mass[body] * (arm @ arm * np.eye(3) - np.outer(arm, arm))
         return (total + total.T) / 2
 
-    def inverse_kinematics(self, com: Floats, rotation: Floats, feet: Floats) -> tuple[float, Floats]:
-        """Pose with the given centre of mass ``com``, attitude ``rotation`` and centres of the feet, world frame, m.
+    def _leg_dofs(self) -> list[int]:
+        """Indices of the degrees of freedom that belong to one leg."""
+        dofs = [dof for foot in self.feet for dof in foot.dofs]
+        return sorted(dof for dof in dofs if dofs.count(dof) == 1)
 
-        Joints that belong to no leg keep their values of the stance.
+    def leg_mass(self) -> float:
+        """Point mass at a foot with the moment of inertia of its leg (of the centres of its parts) about the hip, in the stance, kg: mean of the legs."""
+        self._pose(self.stance)
+        m, d, masses = self.model, self.data, []
+        for foot in self.feet:
+            own = [dof for dof in foot.dofs if dof in self._leg_dofs()]
+            hip = d.xanchor[m.dof_jntid[own[0]]]
+            parts = [body for body in range(1, m.nbody) if set(own) & set(self._chain(body))]
+            moment = float(m.body_mass[parts] @ ((d.xipos[parts] - hip) ** 2).sum(axis=1))
+            masses.append(moment / float(((self.place(foot) - hip) ** 2).sum()))
+        return float(np.mean(masses))
 
-        Returns the largest remaining error, m, and the pose as MuJoCo's ``qpos``.
+    def inverse_kinematics(self, com: Floats, rotation: Floats, feet: Floats, soles: Floats) -> tuple[float, Floats]:
+        """Pose with the given centre of mass ``com``, attitude ``rotation``, centres of the feet and attitudes of the soles, world frame, m.
+
+        Joints that belong to no leg or to several keep their values of the stance. ``soles``: shape (feet, 3, 3), without effect for other feet.
+
+        Returns the largest remaining error, m and rad, and the pose as MuJoCo's ``qpos``.
         """
         m, d = self.model, self.data
         d.qpos[:] = self.stance
         d.qpos[:3] = com
         mj.mju_mat2Quat(d.qpos[3:7], rotation.flatten())
-        free = [0, 1, 2, *sorted({dof for foot in self.feet for dof in foot.dofs})]
-        wanted = np.concatenate([feet.ravel(), com])
-        jacobian = np.zeros((len(self.feet) + 1, 3, m.nv))
+        free = [0, 1, 2, *self._leg_dofs()]
+        turning = [f for f, foot in enumerate(self.feet) if foot.sole is not None]
+        jacobian = np.zeros((len(self.feet) + len(turning) + 1, 3, m.nv))
+        turns = jacobian[len(self.feet) : -1]
         for _ in range(60):
             self._pose(d.qpos.copy())
             for foot, rows in zip(self.feet, jacobian):
                 mj.mj_jac(m, d, rows, None, self.place(foot), foot.body)
+            for f, rows in zip(turning, turns):
+                mj.mj_jac(m, d, None, rows, self.place(self.feet[f]), self.feet[f].body)
             mj.mj_jacSubtreeCom(m, d, jacobian[-1], self.base)
-            missing = wanted - np.concatenate([*(self.place(foot) for foot in self.feet), self.center_of_mass()])
+            away = feet - np.array([self.place(foot) for foot in self.feet])
+            turned = [_rotation.between(self.attitude(self.feet[f]), soles[f]) for f in turning]
+            missing = np.concatenate([away.ravel(), *turned, com - self.center_of_mass()])
             if np.abs(missing).max() < 1e-7:
                 break
             active = jacobian.reshape(-1, m.nv)[:, free]
@@ -326,12 +433,14 @@ class Machine:
         mj.mj_jacSubtreeCom(m, d, com, self.base)
         rotation = d.xmat[self.base].reshape(3, 3).copy()
         return State(
+            joints=d.qpos[7:].copy(),
             velocity=d.qvel.copy(),
             com=self.center_of_mass(),
             com_velocity=com @ d.qvel,
             rotation=rotation,
             angular_velocity=rotation @ d.qvel[3:6],
             feet=np.array([self.place(foot) for foot in self.feet]),
+            soles=np.array([self.attitude(foot) for foot in self.feet]),
             inertia=inertia,
             bias=d.qfrc_bias - d.qfrc_passive,
         )
@@ -347,6 +456,20 @@ class Machine:
         mj.mj_jacDot(m, d, rate, None, point, foot.body)
         return jacobian, rate @ d.qvel
 
+    def turning(self, foot: Foot) -> tuple[Floats, Floats]:
+        """Like :meth:`jacobian`, for the rotation of a foot: rad instead of m."""
+        m, d = self.model, self.data
+        jacobian, rate = np.zeros((3, m.nv)), np.zeros((3, m.nv))
+        point = self.place(foot)
+        mj.mj_jac(m, d, None, jacobian, point, foot.body)
+        mj.mj_jacDot(m, d, None, rate, point, foot.body)
+        return jacobian, rate @ d.qvel
+
+
+def _level(pose: Floats) -> Floats:
+    """Pose (``qpos``) with the base at the origin and level."""
+    return np.concatenate([[0.0, 0, 0, 1, 0, 0, 0], pose[7:]])
+
 
 def _read(path: Path) -> Any:
     """Model of a file without the geometry of its world."""
@@ -354,6 +477,14 @@ def _read(path: Path) -> Any:
         raise Error(f"{os.fspath(path)}: there is no such model file")
     try:
         spec = mj.MjSpec.from_file(os.fspath(path))
+        world = {geom.name for geom in spec.worldbody.geoms}
+        for pair in list(spec.pairs):
+            # A geom that is in contact with the world by a pair is in contact with the ground by itself.
+            for one, other in ((pair.geomname1, pair.geomname2), (pair.geomname2, pair.geomname1)):
+                if one in world and other not in world:
+                    spec.geom(other).contype = 1
+            if world & {pair.geomname1, pair.geomname2}:
+                spec.delete(pair)
         for geom in list(spec.worldbody.geoms):
             spec.delete(geom)
         spec.compile()

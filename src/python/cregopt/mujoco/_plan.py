@@ -42,10 +42,14 @@ class Plan:
     feet: Floats
     feet_velocity: Floats
     feet_acceleration: Floats
-    #: Unit vectors from the contact points to the centres of the foot balls, shape (n, feet, 3).
+    #: Unit vectors from the contact points to the centres of the foot balls, or normals of the soles, shape (n, feet, 3).
     normals: Floats
-    #: Forces of the ground on the feet, shape (n, feet, 3).
+    #: Yaws of the soles and their rates, shape (n, feet); 0 for feet without soles.
+    yaws: Floats
+    yaw_rates: Floats
+    #: Forces of the ground on the feet, and its moments on soles about their centres, shape (n, feet, 3); no moment without soles.
     forces: Floats
+    moments: Floats
     #: Index of the phase of each foot, shape (n, feet): even for stance, odd for swing.
     phases: NDArray[np.int64]
     #: Boundaries of the phases per foot, s, shape (phases + 1,).
@@ -59,6 +63,15 @@ class Plan:
     def index(self, time: float) -> int:
         """Index of the instant nearest to a time, s; the first instant before the motion and the last one after it."""
         return int(np.clip(round(time / self.step), 0, len(self.position) - 1))
+
+    @property
+    def soled(self) -> bool:
+        """True if the feet are soles."""
+        return "sole" in self.robot.to_dict()
+
+    def sole(self, index: int, foot: int) -> Floats:
+        """Attitude of a sole: columns forward, left and up, world frame, shape (3, 3)."""
+        return _rotation.upright(self.normals[index, foot], self.yaws[index, foot])
 
     def stands(self, index: int) -> NDArray[np.bool_]:
         """True for feet in planned stance, shape (feet,)."""
@@ -77,7 +90,10 @@ def read(motion: Motion, rate: float) -> Plan:
     else:
         trajectory = Trajectory.from_file(motion)
     robot, terrain = _world(trajectory)
-    return of_samples(trajectory.sample(rate), robot, terrain, trajectory.schedule, trajectory.horizon, rate)
+    plan = of_samples(trajectory.sample(rate), robot, terrain, trajectory.schedule, trajectory.horizon, rate)
+    if plan.soled and not all("yaws" in foot for foot in trajectory.to_dict()["ee"]):
+        raise Error(f"the motion has no yaws and moments of the feet, although the feet of the robot {robot.name} are soles")
+    return plan
 
 
 def of_samples(samples: Samples, robot: Robot, terrain: Terrain, schedule: list[list[float]], horizon: float, rate: float) -> Plan:
@@ -92,7 +108,7 @@ def of_samples(samples: Samples, robot: Robot, terrain: Terrain, schedule: list[
     phases = np.stack([np.clip(np.searchsorted(edge, times + 1e-9, side="right") - 1, 0, len(edge) - 2) for edge in edges], axis=1)
     gravity = np.array([0.0, 0.0, -9.80665])
     angular_velocity = samples.base_angular_velocity[inside]
-    feet, feet_velocity = samples.feet_position[inside], samples.feet_velocity[inside]
+    feet, feet_velocity, yaws = samples.feet_position[inside], samples.feet_velocity[inside], samples.yaws[inside]
     return Plan(
         robot=robot,
         terrain=terrain,
@@ -108,7 +124,10 @@ def of_samples(samples: Samples, robot: Robot, terrain: Terrain, schedule: list[
         feet_velocity=feet_velocity,
         feet_acceleration=np.gradient(feet_velocity, step, axis=0),
         normals=_normals(terrain, feet, phases),
+        yaws=yaws,
+        yaw_rates=np.gradient(yaws, step, axis=0),
         forces=forces,
+        moments=samples.moments[inside],
         phases=phases,
         edges=edges,
     )

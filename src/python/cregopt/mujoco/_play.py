@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .. import Error, Terrain
 from . import _ground, _plan, _rotation, _video
-from ._controller import Controller, Gains, torque_range
+from ._controller import ON_SOLES, Controller, Gains, torque_range
 from ._engine import Floats, mj
 from ._model import Machine, Path, State
 from ._report import MotorLoads, Report
@@ -74,7 +74,7 @@ def play(
     speed_limit : float, default 30
         Joint speed at which the motors have no torque left, rad/s; the torque fades from two thirds of it. Model files do not contain it.
     gains : Gains, optional
-        Gains and weights of the controller.
+        Gains and weights of the controller. Default: ``Gains()``, on soles with a ``weight_attitude`` of 0.3.
     video : path, optional
         File for an animation: .gif, .png (APNG) or .webp.
     viewer : bool, default False
@@ -103,6 +103,12 @@ def play(
         )
     if feet is None:
         assign_feet(machine, plan.robot.nominal_feet)
+    if plan.soled != machine.soled:
+        kinds = ["balls or points", "soles"]
+        raise Error(
+            f"the feet of the plan are {kinds[plan.soled]}, those of the model {machine.name} {kinds[machine.soled]}; "
+            "cregopt.mujoco.robot makes a robot from a model"
+        )
     start = start_pose(machine, plan)
     friction = plan.terrain.friction if friction is None else friction
     report = Report(
@@ -115,7 +121,7 @@ def play(
         horizon=plan.horizon,
         joint_speed_limit=speed_limit,
     )
-    controller = Controller(machine, plan, friction, speed_limit, gains or Gains())
+    controller = Controller(machine, plan, friction, speed_limit, gains or (ON_SOLES if machine.soled else Gains()))
     simulation = _Play(controller, start, report, plan.terrain, plan.feet)
     with ExitStack() as stack:
         observers: list[Observer] = []
@@ -150,7 +156,8 @@ def assign_feet(machine: Machine, nominal: Floats) -> None:
 def start_pose(machine: Machine, plan: _plan.Plan) -> Floats:
     """Pose (``qpos``) at the start of the plan. Raises Error if the legs cannot reach it."""
     balls = plan.feet[0] + [[foot.radius] for foot in machine.feet] * plan.normals[0]
-    missed, pose = machine.inverse_kinematics(plan.position[0], plan.rotation[0], balls)
+    soles = np.array([plan.sole(0, f) for f in range(plan.n_feet)])
+    missed, pose = machine.inverse_kinematics(plan.position[0], plan.rotation[0], balls, soles)
     if missed > START_MISSED:
         raise Error(
             f"the legs of the model {machine.name} cannot reach the start of the plan: they miss it by {missed:.3f} m; "
@@ -198,7 +205,7 @@ class Simulation(Generic[Loads]):
             for f, foot in enumerate(self.machine.feet)
             if foot.geom is not None
         }
-        self.foot_on = {foot.body: f for f, foot in enumerate(self.machine.feet) if foot.geom is None}
+        self.foot_on = {int(m.body_weldid[foot.body]): f for f, foot in enumerate(self.machine.feet) if foot.geom is None}
         # The trunk, which may not touch the ground: the base and its direct children.
         self.trunk = {b for b in range(m.nbody) if base in (m.body_weldid[b], m.body_weldid[m.body_parentid[m.body_weldid[b]]])}
 
@@ -225,9 +232,8 @@ class Simulation(Generic[Loads]):
         d.qpos[7:] += random.uniform(-JOINT_SPREAD, JOINT_SPREAD, m.nq - 7)
         d.qvel[:6] = random.uniform(-SPEED_SPREAD, SPEED_SPREAD, 6)
         state = self.machine.state(d.qpos, d.qvel)
-        ball = [foot.radius * up for foot, up in zip(self.machine.feet, self.plan.normals[0])]
-        sunk = [self.plan.terrain.height(*place[:2]) - place[2] for place in state.feet - ball]
-        d.qpos[2] += max(sunk)
+        places = np.concatenate([self.controller.contact_points(f, 0, state) for f in range(self.plan.n_feet)])
+        d.qpos[2] += max(self.plan.terrain.height(*place[:2]) - place[2] for place in places)
 
     def _contacts(self) -> tuple[Floats, bool]:
         """Normal force on each foot, N, shape (feet,), and True if the trunk touches the ground."""
@@ -239,8 +245,8 @@ class Simulation(Generic[Loads]):
                 continue
             other = contact.geom2 if contact.geom1 == self.ground else contact.geom1
             body = int(self.model.geom_bodyid[other])
-            # A foot that is a site touches the ground with any geom of its body.
-            foot = self.foot_of.get(int(other), self.foot_on.get(body))
+            # A sole and a foot that is a site touch the ground with any geom of their rigid part.
+            foot = self.foot_of.get(int(other), self.foot_on.get(int(self.model.body_weldid[body])))
             if foot is not None:
                 mj.mj_contactForce(self.model, self.data, number, force)
                 loads[foot] += force[0]

@@ -31,9 +31,9 @@ def between(start: Floats, end: Floats) -> Floats:
     return twice_sine * (angle / length if length > 1e-9 else 0.5)
 
 
-def upright(directions: Floats) -> Floats:
-    """Rotation matrix whose third column is the given unit vector, which must point up."""
-    x = np.cross([0.0, 1.0, 0.0], directions)
+def upright(directions: Floats, yaw: float = 0.0) -> Floats:
+    """Rotation matrix whose third column is the given unit vector, which must point up, and whose first column is ahead at a yaw, rad."""
+    x = np.cross([-np.sin(yaw), np.cos(yaw), 0.0], directions)
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(directions, x), directions], axis=1)
 
