@@ -9,7 +9,7 @@
 //! | `transcription.swing_height` | 0.2 m | largest height of a foot above lift-off and touchdown in mid-swing |
 //! | `transcription.legs` | `limited` | `free` as in the paper: feet up to 20 m/s, any acceleration, 3 body weights per foot |
 //! | `transcription.foot_speed` | 1.9 sqrt(g l) | horizontal speed of a swinging foot; 4.2 m/s for a robot half a metre high |
-//! | `transcription.foot_acceleration` | 20 g | acceleration of a swinging foot |
+//! | `transcription.foot_acceleration` | 20 g, less for soles | acceleration of a swinging foot |
 //! | `--force-limit`, `force_limit` in a robot's file | 1.2 body weights (1) | largest normal force of a foot |
 //! | `leg_mass` in a robot's file | 3 % of the mass | equivalent mass of a leg at its foot, which determines the cost of swinging |
 //! | `--smooth` | off | 20 more iterations that lower forces, their slopes, tilt and rates (2) |

@@ -110,7 +110,8 @@ pub struct Cost {
     pub leg_work: f64,
     /// Work of moving the mass of swinging legs, per weight and distance.
     pub swing_work: f64,
-    /// Mean over time of `sum |f|^2 / (m g)^2`, with the moments of soles and trunk over the half length of a sole; `1 / n` when standing on `n` feet.
+    /// Mean over time of `sum |f|^2 / (m g)^2`, with the moments of soles and trunk over the half length of a sole; `1 / n` when standing on
+    /// `n` feet.
     pub effort: f64,
     /// Effort per distance, `effort T sqrt(g l) / d`.
     pub effort_cost: f64,

@@ -180,7 +180,7 @@ fn relaxed(task: &Task, lower: &LowerSettings) -> Vec<Relaxed> {
     if lower.transcription.rows == Transcription::Momentum {
         let settings = &lower.transcription;
         let speed = 1.5 * legs::foot_speed(settings, &task.robot);
-        let acceleration = legs::foot_acceleration(settings).map(|a| 1.5 * a);
+        let acceleration = legs::foot_acceleration(settings, &task.robot).map(|a| 1.5 * a);
         let also = acceleration.map(|a| format!(" --set transcription.foot_acceleration={a:.1}")).unwrap_or_default();
         let mut quick = same("50 % quicker feet", format!("`--set transcription.foot_speed={speed:.2}{also}`"));
         quick.lower.transcription.foot_speed = Some(speed);

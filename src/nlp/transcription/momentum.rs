@@ -255,7 +255,7 @@ impl<T: Real> Transcribe<T> for Momentum {
             clearance: settings.clearance,
             limited: true,
             longest_step: Some(foot_speed(settings, &task.robot) * duration / TOP_SPEED),
-            accelerations: foot_acceleration(settings).map(|_| [TOP_ACCELERATION / square, 24. / square]),
+            accelerations: foot_acceleration(settings, &task.robot).map(|_| [TOP_ACCELERATION / square, 24. / square]),
         }
     }
 
@@ -274,7 +274,7 @@ pub(crate) fn limits(settings: &TranscriptionSettings, robot: &Robot) -> MotionL
         clearance: settings.clearance,
         swing_height: settings.swing_height,
         foot_speed: foot_speed(settings, robot),
-        foot_acceleration: foot_acceleration(settings),
+        foot_acceleration: foot_acceleration(settings, robot),
         goal_velocity: settings.goal_velocity,
     }
 }

@@ -11,8 +11,8 @@ True
 forces of the plan by whole-body inverse dynamics within the motors' torque limits. It knows the exact state. ``drive`` (on the command line
 ``python -m cregopt.mujoco drive``) follows commands instead of a plan, with gaits that are chosen online. Units are SI, angles are in rad.
 
-Legs with six joints stand on soles (humanoids), which cannot be driven yet. Their legs are heavy and their ankles weak: plans with swings of more
-than about 50 m/s² (the setting ``transcription.foot_acceleration``) topple Unitree's G1.
+Legs with six joints stand on soles (humanoids), which cannot be driven yet. Their legs are heavy and their ankles weak: plans with faster swings
+than the default (the setting ``transcription.foot_acceleration``, 48 m/s² for Unitree's G1) can topple them.
 """
 
 from ._controller import Gains
