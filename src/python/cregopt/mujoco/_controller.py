@@ -125,8 +125,8 @@ class Controller:
         """Command at a time of the plan, s. ``loads``: normal force on each foot, N, shape (feet,)."""
         plan, gains, machine = self.plan, self.gains, self.machine
         k = plan.index(time)
-        # Before and after the motion the reference is at rest.
-        moving = float(0 < time < plan.horizon)
+        # Before and after the motion the reference is at rest. A plan made in motion moves from its first instant on.
+        moving = float(-plan.step / 2 < time < plan.horizon)
         touching = [f for f, due in enumerate(plan.stands(k)) if due and (loads[f] > gains.bears or self._gap(f, k, state) < gains.near)]
         n_joints = len(state.velocity) - 6
         program = _Program(n_joints + 6, len(touching))
