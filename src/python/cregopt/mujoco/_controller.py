@@ -134,9 +134,9 @@ class Controller:
         """Command at a time of the plan, s. ``loads``: normal force on each foot, N, shape (feet,)."""
         plan, gains, machine = self.plan, self.gains, self.machine
         k = plan.index(time)
-        # Before and after the motion the reference is at rest.
-        moving = float(0 < time < plan.horizon)
-        touching = [f for f, due in enumerate(plan.stands(k)) if due and (loads[f] > gains.bears or self._gap(f, k, state) < gains.near)]
+        # Before and after the motion the reference is at rest. A plan made in motion moves from its first instant on.
+        moving = float(-plan.step / 2 < time < plan.horizon)
+        touching = [f for f, due in enumerate(plan.stands(k)) if self._touches(f, k, bool(due), state, float(loads[f]))]
         n_joints = len(state.velocity) - 6
         points = {f: self.contact_points(f, k, state) for f in touching}
         program = _Program(n_joints + 6, sum(map(len, points.values())))
@@ -219,6 +219,12 @@ class Controller:
     def _planned(self, f: int, k: int) -> Floats:
         """Planned position of the centre of a foot, world frame, m."""
         return self.plan.feet[k, f] + self.machine.feet[f].radius * self.plan.normals[k, f]  # type: ignore[no-any-return]
+
+    def _touches(self, f: int, k: int, due: bool, state: State, load: float) -> bool:
+        """True if a foot is in contact: on the ground in a planned stance, or loaded before its planned touchdown, on the descent."""
+        if due:
+            return load > self.gains.bears or self._gap(f, k, state) < self.gains.near
+        return load > self.gains.bears and float(self.plan.feet_velocity[k, f, 2]) < 0
 
     def _gap(self, f: int, k: int, state: State) -> float:
         """Distance of a foot from the ground, along the normal, m."""
