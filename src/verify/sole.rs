@@ -307,7 +307,7 @@ mod tests {
         for _ in 0..2_000 {
             let push = 100. * random();
             let c = [x * (2. * random() - 1.), y * (2. * random() - 1.)];
-            let angle = 6.28 * random();
+            let angle = std::f64::consts::TAU * random();
             let (share, sign) = (random(), if random() < 0.5 { -1. } else { 1. });
             let farthest = (x + c[0].abs()).hypot(y + c[1].abs());
             let (mut force, mut moment) = (Vector3::zeros(), Vector3::zeros());

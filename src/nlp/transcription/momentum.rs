@@ -19,7 +19,7 @@ use crate::gait::swing::{MID_SPEED, TOP_ACCELERATION, TOP_SPEED};
 use crate::gait::trajectory::{GoalVelocity, MotionLimits};
 use crate::gait::{Curve, Phase};
 use crate::nlp::builder::Builder;
-use crate::nlp::problem::Curves;
+use crate::nlp::problem::{Curves, FootBlocks};
 use crate::quadrature::{GAUSS_3, GAUSS_6, lagrange};
 use crate::real::Real;
 use crate::robot::{GRAVITY, Robot};
@@ -475,14 +475,10 @@ fn between(task: &Task, curves: &Curves, x: &[f64], t: f64, [pose, rate]: [[f64;
     let end = t + curves.interval;
     let stances = curves.feet.iter().flat_map(|foot| (0..foot.footholds.len()).map(move |stance| (foot, stance)));
     let place = |at: usize| Vector3::new(x[at], x[at + 1], task.terrain.height(x[at], x[at + 1]));
-    // Stances that act in the interval, with force nodes, moment nodes, and the arm of the foothold from the base position at `t`.
-    let at_work: Vec<(Phase, &[u32], &[u32], Vector3<f64>)> = stances
-        .map(|(foot, stance)| (foot.phases[2 * stance], foot, stance))
-        .filter(|(span, ..)| span.end > t && span.start < end)
-        .map(|(span, foot, stance)| {
-            let moments = foot.moment_nodes.get(stance).map_or(&[][..], |nodes| &nodes[..]);
-            (span, &foot.force_nodes[stance][..], moments, place(foot.footholds[stance] as usize) - p)
-        })
+    // Stances that act in the interval, with the arm of their foothold from the base position at `t`.
+    let at_work: Vec<(&FootBlocks, usize, Vector3<f64>)> = stances
+        .filter(|&(foot, stance)| foot.phases[2 * stance].end > t && foot.phases[2 * stance].start < end)
+        .map(|(foot, stance)| (foot, stance, place(foot.footholds[stance] as usize) - p))
         .collect();
     // First to third integral of the forces since `t`, and the moment of their impulses about the base position at `t`, with that of soles.
     let (mut done, mut integrals, mut moment) = (0., [Vector3::zeros(); 3], Vector3::zeros());
@@ -492,10 +488,11 @@ fn between(task: &Task, curves: &Curves, x: &[f64], t: f64, [pose, rate]: [[f64;
         let by = tau - done;
         *third += *second * by + *first * (by * by / 2.);
         *second += *first * by;
-        for &(span, nodes, moments, arm) in &at_work {
-            let [one, two, three] = impulses(span, nodes, x, curves.force_unit, t + done, t + tau);
+        for &(foot, stance, arm) in &at_work {
+            let span = foot.phases[2 * stance];
+            let [one, two, three] = impulses(span, &foot.force_nodes[stance], x, curves.force_unit, t + done, t + tau);
             moment += arm.cross(&one);
-            if !moments.is_empty() {
+            if let Some(moments) = foot.moment_nodes.get(stance) {
                 moment += impulses(span, moments, x, curves.moment_unit, t + done, t + tau)[0];
             }
             *first += one;
