@@ -114,7 +114,7 @@ pub struct PlannerSettings {
     pub candidates: usize,
     /// Families to choose from, in addition to standing. `None`: those of [`default_families`].
     pub families: Option<Vec<GaitFamily>>,
-    /// False to keep the typical durations of the families.
+    /// False to keep the typical durations of the families. Stances are shortened at speeds at which feet would leave their reach.
     pub change_durations: bool,
     /// Largest number of iterations that solve the rows of a candidate.
     pub iterations: usize,
