@@ -238,7 +238,7 @@ class RobotModel {
       this.balls[i].position.copy(center);
       if (foot.sole) {
         const [along, left] = axesAt(foot, at);
-        this.balls[i].quaternion.setFromRotationMatrix(new THREE.Matrix4().makeBasis(along, left, along.clone().cross(left)));
+        this.balls[i].quaternion.setFromRotationMatrix(this.body.matrixWorld.clone().makeBasis(along, left, along.clone().cross(left)));
       }
       const stance = stands(foot, time);
       if (stance) standing.push(...(foot.sole ? cornersOf(foot, at) : [[place.x, place.y, place.z]]));

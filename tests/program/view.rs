@@ -77,7 +77,8 @@ fn a_browser_plays_and_scrubs_the_pages() {
     run_well(folder.path(), "solve --robot pexod --terrain step --goal 0.3,0 --first --out six");
     run_well(folder.path(), "solve --robot anymal --terrain gap --goal 2.6,0 --first --out gap");
     run_well(folder.path(), "view gap");
-    run_well(folder.path(), "view four two six -o several.html");
+    run_well(folder.path(), "solve --robot humanoid --goal 0.4,0.1 --yaw 0.5 --first --out soles");
+    run_well(folder.path(), "view four two six soles -o several.html");
     let required = std::env::var("BROWSER_TESTS").is_ok_and(|value| value == "require");
     for page in ["gap/view.html", "several.html"] {
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/view_page.py");
