@@ -257,6 +257,7 @@ fn bends(problem: &Problem<f64>, x: &[f64], here: &Residuals, element_of: &[u32]
         tables.impulses = problem.impulses[interval.impulses.range()].to_vec();
         let alone = MomentumInterval {
             impulses: Span::added(0, &tables.impulses),
+            moments: Span::default(),
             linear: Place::default(),
             angular: Place { row: momentum::LINEAR.rows as u32, ..Place::default() },
             ..*interval
