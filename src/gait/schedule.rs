@@ -180,21 +180,16 @@ impl Schedule {
     /// Phases of a foot with their times. The last swing of a foot that lands later ends after the horizon; its last stance ends before it
     /// starts. The first stance of a foot that starts in the air has no length.
     pub fn phases(&self, foot: usize) -> Vec<Phase> {
-        phases_of(&self.durations[foot])
+        let mut start = 0.;
+        let phases = self.durations[foot].iter().enumerate();
+        phases
+            .map(|(i, &d)| {
+                let phase = Phase { start, end: start + d, stance: i % 2 == 0 };
+                start = phase.end;
+                phase
+            })
+            .collect()
     }
-}
-
-/// See [`Schedule::phases`].
-pub(crate) fn phases_of(durations: &[f64]) -> Vec<Phase> {
-    let mut start = 0.;
-    let phases = durations.iter().enumerate();
-    phases
-        .map(|(i, &d)| {
-            let phase = Phase { start, end: start + d, stance: i % 2 == 0 };
-            start = phase.end;
-            phase
-        })
-        .collect()
 }
 
 /// See [`Schedule::starts_in_swing`].

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// Shortest time for which a foot stays on the ground or in the air after the start of a schedule, s.
 const SHORTEST_FIRST: f64 = 0.02;
 /// Shortest stance that is planned between two swings, s.
-pub(super) const SHORTEST_STANCE: f64 = 0.06;
+const SHORTEST_STANCE: f64 = 0.06;
 /// Distance of the boundaries of phases from the horizon, s.
 const CLEAR_OF_END: f64 = 0.005;
 /// Part of a swing that may have passed when a standing foot still lifts off for the rest of it.

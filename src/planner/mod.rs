@@ -45,8 +45,6 @@ mod warm;
 
 pub use cycle::{Contact, Cycle};
 
-use cycle::SHORTEST_STANCE;
-
 use crate::backend::{Backend, Cpu};
 use crate::error::{Error, Result, check_range};
 use crate::gait::cost::CostWeights;
@@ -56,7 +54,7 @@ use crate::gait::trajectory::GoalVelocity;
 use crate::gait::{AlignedSchedule, Schedule, Trajectory};
 use crate::nlp::transcription::interval;
 use crate::nlp::{Problem, RESPONSE, trajectory};
-use crate::robot::{GRAVITY, Reach, ReachBox, Robot};
+use crate::robot::{Reach, ReachBox, Robot};
 use crate::search::cem::random::Draws;
 use crate::settings::{SolverSettings, TranscriptionSettings};
 use crate::solver::{Finish, Outcome, Residuals, Resume, Solver, Status, close};
@@ -78,19 +76,14 @@ const FALLING: f64 = 0.1;
 /// Range of the durations of swings and stances, relative to the typical ones of the family.
 const SWINGS: [f64; 2] = [0.75, 1.4];
 const STANCES: [f64; 2] = [0.6, 1.8];
-/// Share of the width of a reach box through which a foot passes during a stance. Too small: hasty steps; too large: a disturbed robot has
-/// feet beyond their reach.
-const STANCE_SHARE: f64 = 0.7;
 /// Longest time between the knots of the base by default, s.
 const LONGEST_INTERVAL: f64 = 0.1;
 /// Barrier parameter with which a motion near the one before is minimised.
 const WARM_BARRIER: f64 = 3e-4;
-/// Time over which the difference between planned and actual acceleration is averaged, s, and largest difference that counts, in `g`: a
-/// push is not a lasting disturbance.
-const DISTURBANCE: (f64, f64) = (3., 0.1);
-/// Part of the cost of a candidate by which the unchanged gait in motion may exceed it. Too small: each plan puts off the next step,
-/// which is cheaper within the horizon, and the robot falls behind the command. Too large: durations do not follow the speed.
-const CHANGE: f64 = 0.3;
+/// Time in which the error of the velocity is compensated, s, and largest compensation, as a share of the command.
+const COMPENSATION: (f64, f64) = (1., 0.3);
+/// Part of the cost by which changed durations must be cheaper.
+const CHANGE: f64 = 0.02;
 /// Distance from the side of its reach box within which a foot gets a wider box, base heights, and time for which a foot may go on moving
 /// outwards, s; and by how much a box is widened at most, base heights: a robot that has fallen has no plan.
 const REACH_SLACK: f64 = 0.04;
@@ -114,7 +107,7 @@ pub struct PlannerSettings {
     pub candidates: usize,
     /// Families to choose from, in addition to standing. `None`: those of [`default_families`].
     pub families: Option<Vec<GaitFamily>>,
-    /// False to keep the typical durations of the families. Stances are shortened at speeds at which feet would leave their reach.
+    /// False to keep the typical durations of the families.
     pub change_durations: bool,
     /// Largest number of iterations that solve the rows of a candidate.
     pub iterations: usize,
@@ -250,7 +243,7 @@ pub struct Plan {
 impl Plan {
     /// Planned state at a time on the clock of the updates; after the horizon that at its end.
     pub fn state(&self, time: f64) -> RobotState {
-        let at = Before::new(&self.motion, self.gait, time - self.start);
+        let at = Before::new(&self.motion, time - self.start);
         let [[x, y, z, roll, pitch, yaw], [vx, vy, vz, droll, dpitch, dyaw]] = at.base(0.);
         let base = BaseState { position: [x, y, z], angles: [roll, pitch, yaw], velocity: [vx, vy, vz], rates: [droll, dpitch, dyaw] };
         let foot = |foot: usize| {
@@ -311,8 +304,8 @@ pub struct Planner {
     updates: u64,
     /// Time of the last update, s.
     now: f64,
-    /// Mean planned less actual acceleration, in the horizontal axes of the base, m/s², and that of the yaw rate, rad/s².
-    disturbance: [f64; 3],
+    /// Compensation of the error of the velocity, in the horizontal axes of the base, and of the yaw rate.
+    compensation: [f64; 3],
 }
 
 impl Planner {
@@ -357,7 +350,7 @@ impl Planner {
             contacts,
             updates: 0,
             now: 0.,
-            disturbance: [0.; 3],
+            compensation: [0.; 3],
         })
     }
 
@@ -397,12 +390,12 @@ impl Planner {
         let clock = Instant::now();
         self.check(state, command, now)?;
         let start = now + self.settings.latency;
-        let before = self.plan.as_ref().map(|plan| Before::new(&plan.motion, plan.gait, start - plan.start).turned_to(state.base.yaw()));
-        let command = self.compensated(&state.base, command, before.as_ref());
+        let before = self.plan.as_ref().map(|plan| Before::new(&plan.motion, start - plan.start).turned_to(state.base.yaw()));
         let state = self.ahead(state, before.as_ref());
         self.update_contacts(&state, start);
+        let command = self.compensated(&state.base, command, now);
         self.task = self.task_of(&state, &command)?;
-        let candidates = self.candidates(start, &command)?;
+        let candidates = self.candidates(start)?;
         let until = self.settings.deadline.map(|seconds| clock + Duration::from_secs_f64(seconds));
         let (mut solved, mut iterations) = self.solve(&candidates, before.as_ref(), &self.transcription, until);
         let mut count = solved.iter().flatten().count();
@@ -491,24 +484,19 @@ impl Planner {
         }
     }
 
-    /// The command with what makes up for the mean difference between planned and actual accelerations.
-    fn compensated(&mut self, base: &BaseState, command: &Command, before: Option<&Before>) -> Command {
+    /// The command with the compensation of the mean error so far: the cost of effort holds the velocity below the command.
+    fn compensated(&mut self, base: &BaseState, command: &Command, now: f64) -> Command {
         let (sin, cos) = base.yaw().sin_cos();
-        let along = |[x, y, turn]: [f64; 3]| [cos * x + sin * y, cos * y - sin * x, turn];
-        let [vx, vy, _] = base.velocity;
-        let actual = along([vx, vy, base.rates[2]]);
-        if let Some(before) = before.filter(|before| before.passed > 0.) {
-            let [_, [vx, vy, _, _, _, turn]] = before.base(-self.settings.latency);
-            let planned = along([vx, vy, turn]);
-            let share = 1. - (-before.passed / DISTURBANCE.0).exp();
-            let most = DISTURBANCE.1 * GRAVITY;
-            for (i, most) in [most, most, most / self.robot.base_height].into_iter().enumerate() {
-                let off = ((planned[i] - actual[i]) / before.passed).clamp(-most, most);
-                self.disturbance[i] += share * (off - self.disturbance[i]);
-            }
+        let [x, y, _] = base.velocity;
+        let actual = [cos * x + sin * y, cos * y - sin * x, base.rates[2]];
+        let asked = [command.velocity[0], command.velocity[1], command.yaw_rate];
+        let passed = if self.updates > 0 { (now - self.now).min(COMPENSATION.0) } else { 0. };
+        for i in 0..3 {
+            let most = COMPENSATION.1 * asked[i].abs();
+            self.compensation[i] = (self.compensation[i] + passed / COMPENSATION.0 * (asked[i] - actual[i])).clamp(-most, most);
         }
-        let [dx, dy, turn] = self.disturbance.map(|acceleration| RESPONSE * acceleration);
-        Command { velocity: [command.velocity[0] + dx, command.velocity[1] + dy], yaw_rate: command.yaw_rate + turn }
+        let [x, y, turn] = std::array::from_fn(|i| asked[i] + self.compensation[i]);
+        Command { velocity: [x, y], yaw_rate: turn }
     }
 
     /// The robot, with wider reach boxes for feet that are at their side or beyond it. Otherwise no motion could start there.
@@ -565,19 +553,14 @@ impl Planner {
     }
 
     /// Candidates of an update: the gait in force first.
-    fn candidates(&self, start: f64, command: &Command) -> Result<Vec<Candidate>> {
+    fn candidates(&self, start: f64) -> Result<Vec<Candidate>> {
         let (horizon, time) = (self.horizon(), time_scale(&self.task.robot));
-        let longest = self.longest_stance(command);
-        let short = |gait: Cycle| {
-            let least = gait.family.map_or(0., |family| STANCES[0] * self.typical(family).stance);
-            Cycle { stance: gait.stance.min(longest.max(least)), ..gait }
-        };
         let interval = interval(&self.transcription, &self.task.robot);
         let mut gaits = Vec::with_capacity(self.settings.candidates);
-        let current = self.plan.as_ref().map(|plan| short(plan.gait.after(start - plan.start)));
+        let current = self.plan.as_ref().map(|plan| plan.gait.after(start - plan.start));
         gaits.extend(current);
         let entered = self.families.iter().map(|(family, offsets)| {
-            let at = |i: usize| Cycle { phase: i as f64 / ENTRIES as f64, ..short(self.typical(*family)) };
+            let at = |i: usize| Cycle { phase: i as f64 / ENTRIES as f64, ..self.typical(*family) };
             let mismatch = |cycle: &Cycle| cycle.mismatch(offsets, &self.contacts);
             (0..ENTRIES).map(at).min_by(|a, b| mismatch(a).total_cmp(&mismatch(b)))
         });
@@ -595,12 +578,12 @@ impl Planner {
             let mut change = |dimension: usize, part: f64| part * self.settings.spread * draws.normal(dimension);
             let typical = gait.family.map_or(gait, |family| self.typical(family));
             let within = |value: f64, typical: f64, [low, high]: [f64; 2]| value.clamp(low * typical, high * typical);
-            gaits.push(short(Cycle {
+            gaits.push(Cycle {
                 swing: within(gait.swing * change(0, 1.).exp(), typical.swing, SWINGS),
                 stance: within(gait.stance * change(1, 1.5).exp(), typical.stance, STANCES),
                 phase: (gait.phase + change(2, 0.5)).rem_euclid(1.),
                 ..gait
-            }));
+            });
         }
         gaits.truncate(self.settings.candidates.max(1));
         gaits
@@ -627,16 +610,6 @@ impl Planner {
             state.velocity[2] = state.velocity[2].max(-3. * height / time);
         }
         task
-    }
-
-    /// Longest stance in which the feet of a robot that moves as commanded pass through a share of their reach boxes, s.
-    fn longest_stance(&self, command: &Command) -> f64 {
-        let (robot, [vx, vy], turn) = (&self.robot, command.velocity, command.yaw_rate);
-        let of_foot = |(foot, at): (usize, &[f64; 3])| {
-            let (widths, rate) = (robot.reach.of(foot).widths(), [vx - turn * at[1], vy + turn * at[0]]);
-            (0..2).map(|axis| STANCE_SHARE * widths[axis] / rate[axis].abs()).fold(f64::INFINITY, f64::min)
-        };
-        robot.nominal_feet.iter().enumerate().map(of_foot).fold(f64::INFINITY, f64::min).max(SHORTEST_STANCE)
     }
 
     /// A family with its typical durations.
@@ -699,12 +672,12 @@ impl Planner {
             // Near the motion before, the rows need no solve of their own before the minimisation.
             Some(before) if continues && std::ptr::eq(transcription, &self.transcription) => {
                 let multipliers = Residuals { c: vec![0.; problem.rows.one_sided()], g: vec![0.; problem.inequalities] };
-                let (x, iterations) = (before.guess(task, &candidate.gait, &problem), self.settings.optimise_iterations);
+                let (x, iterations) = (before.guess(task, &problem), self.settings.optimise_iterations);
                 let from = Resume { x: &x, multipliers: &multipliers, barrier: WARM_BARRIER, iterations };
                 solver.resume(&problem, &self.solver, finish, &from, late)
             }
             before => {
-                let guess = before.filter(|_| continues).map(|before| before.guess(task, &candidate.gait, &problem));
+                let guess = before.filter(|_| continues).map(|before| before.guess(task, &problem));
                 solver.solve(&problem, &self.solver, finish, guess.as_deref(), late)
             }
         };
@@ -729,11 +702,9 @@ impl Planner {
     /// The cheapest candidate whose motion the certificate accepts; another gait than that in force must be cheaper by the hysteresis.
     fn choose(&self, candidates: &[Candidate], solved: &mut [Option<Solved>]) -> Option<(usize, Trajectory, f64)> {
         let in_force = self.plan.as_ref().map(|plan| plan.gait.family);
-        // A robot that stands may begin to move at once.
-        let moves = in_force.flatten().is_some();
         let value = |index: usize, cost: f64| {
             let stays = in_force == Some(candidates[index].gait.family);
-            let unchanged = index == 0 || !moves;
+            let unchanged = index == 0 && in_force.is_some();
             cost * if stays { 1. - self.settings.hysteresis } else { 1. } * if unchanged { 1. } else { 1. + CHANGE }
         };
         loop {
