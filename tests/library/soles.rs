@@ -6,7 +6,7 @@ use cregopt::gait::family::{GaitFamily, PeriodicGait};
 use cregopt::gait::{Curve, Schedule};
 use cregopt::nlp::Problem;
 use cregopt::refine::check_robot;
-use cregopt::robot::{Robot, Sole};
+use cregopt::robot::{GRAVITY, Robot, Sole};
 use cregopt::search::evaluate::{Evaluated, LowerSettings};
 use cregopt::settings::Transcription;
 use cregopt::solver::objective::Objective;
@@ -18,6 +18,8 @@ use std::f64::consts::FRAC_PI_2;
 fn solved(task: &Task, schedule: &Schedule, iterations: usize) -> (Evaluated, Trajectory) {
     let mut settings = LowerSettings::default();
     settings.solver.optimise.iterations = iterations;
+    // Typical gaits swing their feet faster than a sole can bear by default.
+    settings.transcription.foot_acceleration = Some(20. * GRAVITY);
     let evaluate = Evaluate::new(task).settings(settings).cost(CostWeights::default());
     let found = evaluate.run(std::slice::from_ref(schedule), &Cpu::new(1).unwrap()).unwrap().remove(0).unwrap();
     let motion = evaluate.trajectory(&found);
