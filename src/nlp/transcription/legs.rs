@@ -5,7 +5,7 @@ use crate::robot::{GRAVITY, Robot};
 use crate::settings::{Legs, TranscriptionSettings};
 
 /// Moment of a swinging leg relative to the largest moment of the sole on which the robot stands.
-const SWING_MOMENT: f64 = 2.;
+pub const SWING_MOMENT: f64 = 2.;
 
 /// Largest horizontal speed of a foot, m/s. If the settings specify none: `1.9 sqrt(g l)` for legs with base height `l`, or 20 for free
 /// legs.
