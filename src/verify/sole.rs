@@ -165,39 +165,35 @@ const NINE: [[f64; 2]; 9] = [[-1., -1.], [-1., 0.], [-1., 1.], [0., -1.], [0., 0
 pub(super) fn penetration(motion: &Motion, sole: &Sole, terrain: &Terrain, allowed: f64) -> Extreme {
     let mut extreme = Extreme::default();
     for (foot, curves) in motion.feet.iter().enumerate() {
-        for swing in curves.swings() {
-            // On lift-off and touchdown the sole is on the ground.
-            let nodes: Vec<f64> = curves.motion.times.iter().copied().filter(|t| (swing[0]..=swing[1]).contains(t)).collect();
-            for window in nodes.windows(2) {
-                let middle = (window[0] + window[1]) / 2.;
-                let piece = curves.motion.piece_around(middle);
-                let control = position(curves.motion.curve, piece);
-                // Largest rate at which a point moves relative to the centre, along any axis.
-                let rate = blend_rate(curves, terrain, middle) * sole.radius();
-                for share in NINE {
-                    let mut parts = vec![(control, window[0], window[1], 0)];
-                    while let Some((part, start, end, depth)) = parts.pop() {
-                        let middle = (start + end) / 2.;
-                        let at = posture(curves, terrain, middle);
-                        let offset = at.point(sole, share) - at.centre;
-                        let loose = rate * (end - start) / 2.;
-                        let around: [Vector3<f64>; 32] = std::array::from_fn(|i| {
-                            let side = |bit: usize| if i >> bit & 1 == 0 { -loose } else { loose };
-                            part[i >> 3] + offset + Vector3::new(side(0), side(1), side(2))
-                        });
-                        let above = depth_bound(terrain, &around);
-                        if above <= allowed.max(extreme.value) {
-                            continue;
-                        }
-                        let point = at.point(sole, share);
-                        let here = terrain.height(point.x, point.y) - point.z;
-                        if depth >= DEPTH || !above.is_finite() || here > allowed {
-                            extreme.update(if here > allowed { here } else { above }, Some(foot), middle);
-                            continue;
-                        }
-                        let (first, last) = halves(part);
-                        parts.extend([(first, start, middle, depth + 1), (last, middle, end, depth + 1)]);
+        for piece in 0..curves.motion.pieces() {
+            let [from, to] = [curves.motion.times[piece], curves.motion.times[piece + 1]];
+            if curves.foothold((from + to) / 2.).is_some() {
+                continue;
+            }
+            // Largest rate at which a point moves relative to the centre, along any axis.
+            let rate = blend_rate(curves, terrain, (from + to) / 2.) * sole.radius();
+            for share in NINE {
+                let mut parts = vec![(position(curves.motion.curve, piece), from, to, 0)];
+                while let Some((part, start, end, depth)) = parts.pop() {
+                    let middle = (start + end) / 2.;
+                    let at = posture(curves, terrain, middle);
+                    let point = at.point(sole, share);
+                    let (offset, loose) = (point - at.centre, rate * (end - start) / 2.);
+                    let around: [Vector3<f64>; 32] = std::array::from_fn(|i| {
+                        let side = |bit: usize| if i >> bit & 1 == 0 { -loose } else { loose };
+                        part[i >> 3] + offset + Vector3::new(side(0), side(1), side(2))
+                    });
+                    let above = depth_bound(terrain, &around);
+                    if above <= allowed.max(extreme.value) {
+                        continue;
                     }
+                    let here = terrain.height(point.x, point.y) - point.z;
+                    if depth >= DEPTH || !above.is_finite() || here > allowed {
+                        extreme.update(if here > allowed { here } else { above }, Some(foot), middle);
+                        continue;
+                    }
+                    let (first, last) = halves(part);
+                    parts.extend([(first, start, middle, depth + 1), (last, middle, end, depth + 1)]);
                 }
             }
         }
