@@ -3,6 +3,7 @@
 use super::request::Request;
 use crate::backend::Backend;
 use crate::error::Result;
+use crate::refine::check_robot;
 use crate::search::SearchResult;
 use crate::search::diagnosis::{Diagnosis, diagnose};
 use crate::search::precheck::{Finding, precheck};
@@ -17,8 +18,11 @@ const LEAST_DIAGNOSIS: Duration = Duration::from_secs(2);
 /// Checks a task before its search. Returns the findings that make a gait unlikely.
 ///
 /// # Errors
-/// The first finding that rules out every gait.
+/// The first finding that rules out every gait; a refinement that the robot cannot have.
 pub fn check(task: &Task, request: &Request) -> Result<Vec<Finding>> {
+    if request.refines {
+        check_robot(&task.robot)?;
+    }
     let findings = precheck(task, &request.search, &request.lower.transcription);
     match findings.iter().find(|finding| finding.certain) {
         Some(certain) => Err(certain.clone().into()),

@@ -9,7 +9,6 @@ use crate::files;
 use crate::gait::Trajectory;
 use crate::gait::joints::{self, JointLimits};
 use crate::nlp::transcription;
-use crate::refine::check_robot;
 use crate::report::SolveResult;
 use crate::report::motion_plot::MotionPlot;
 use crate::report::result::{GaitResult, Refinement, SolvedOn};
@@ -63,9 +62,6 @@ impl MissionStage {
     ) -> Result<MissionStage> {
         let Request { seed, search, lower, refines, refine } = request;
         let warnings = check(&task, request)?;
-        if *refines {
-            check_robot(&task.robot)?;
-        }
         warnings.iter().for_each(|finding| on_event(ProgressEvent::Warning(finding)));
         folder.map_or(Ok(()), files::make_folder)?;
         let of = Search::new(&task).settings(search.clone()).lower(lower.clone()).seed(*seed).cancelled_by(cancelled);

@@ -202,9 +202,9 @@ pub(crate) fn distance(robot: &Robot, displacement: [f64; 3], turn: f64) -> f64 
     (displacement.iter().map(|d| d * d).sum::<f64>().sqrt() + l * turn.abs()).max(LEAST_DISTANCE * l)
 }
 
-/// Moment that holds the trunk, N m per rad of roll or pitch; 0 without soles.
-pub(crate) fn trunk_moment(robot: &Robot) -> f64 {
-    robot.sole.map_or(0., |_| TRUNK_MOMENT * robot.weight() * robot.base_height)
+/// Moment that holds the trunk over the half length of a sole, N per rad of roll or pitch; 0 without soles.
+pub(crate) fn trunk_force(robot: &Robot) -> f64 {
+    robot.sole.map_or(0., |sole| TRUNK_MOMENT * robot.weight() * robot.base_height / sole.half_extents()[0])
 }
 
 /// Curves and phases of a foot.
@@ -224,9 +224,10 @@ struct Motion {
     base_lin: Vec<Piece>,
     base_ang: Vec<Piece>,
     feet: Vec<Foot>,
-    /// Half length of a sole, m, and moment that holds the trunk, N m per rad.
+    /// Half length of a sole, m.
     half_length: f64,
-    trunk_moment: f64,
+    /// See [`trunk_force`].
+    trunk_force: f64,
 }
 
 /// Integrals and extremes of quantities that combine several curves.
@@ -252,8 +253,7 @@ impl Motion {
         });
         let (base_lin, base_ang) = (pieces(&trajectory.base_lin), pieces(&trajectory.base_ang));
         let half_length = robot.sole.map_or(1., |sole| sole.half_extents()[0]);
-        let trunk_moment = trunk_moment(robot);
-        Ok(Motion { start: part[0], feet: feet.collect(), base_lin, base_ang, half_length, trunk_moment })
+        Ok(Motion { start: part[0], feet: feet.collect(), base_lin, base_ang, half_length, trunk_force: trunk_force(robot) })
     }
 
     /// Quantities of single curves: speeds and accelerations of feet, the largest force in N, the effort in N² s.
@@ -280,8 +280,8 @@ impl Motion {
                 }
             }
         }
-        for piece in self.base_ang.iter().filter(|_| self.trunk_moment > 0.) {
-            let tilt = piece.control().map(|angles| Vector3::new(angles.x, angles.y, 0.) * (self.trunk_moment / self.half_length));
+        for piece in self.base_ang.iter().filter(|_| self.trunk_force > 0.) {
+            let tilt = piece.control().map(|angles| Vector3::new(angles.x, angles.y, 0.) * self.trunk_force);
             effort += Squares::new(&tilt).mean() * piece.length;
         }
         Cost {

@@ -9,7 +9,7 @@ use super::foot_blocks::{ForcePoint, force_points, swing_curve};
 use super::transcription::Transcribe;
 use super::transcription::momentum::{deviation_rates, deviation_weights};
 use crate::gait::Phase;
-use crate::gait::cost::{CostWeights, distance, trunk_moment};
+use crate::gait::cost::{CostWeights, distance, trunk_force};
 use crate::gait::family::speed_scale;
 use crate::gait::spline::{HERMITE_GRAM, hermite, hermite_acceleration, hermite_rate};
 use crate::gait::trajectory::GoalVelocity;
@@ -153,8 +153,10 @@ fn effort_elements<T: Real>(b: &mut Builder<T>, price: f64) {
 ///
 /// * `price` - cost of the integral of `|f|^2`, 1/(N² s)
 fn trunk_elements<T: Real>(b: &mut Builder<T>, price: f64) {
-    let Some(sole) = b.task.robot.sole else { return };
-    let moment = trunk_moment(&b.task.robot) / sole.half_extents()[0];
+    let force = trunk_force(&b.task.robot);
+    if force == 0. {
+        return;
+    }
     let (arrives, part) = (b.settings.goal_velocity != GoalVelocity::Near, costly(b));
     for knot in 1..=b.intervals - usize::from(arrives) {
         let t = knot as f64 * b.interval;
@@ -163,7 +165,7 @@ fn trunk_elements<T: Real>(b: &mut Builder<T>, price: f64) {
         if to - from < SHORTEST {
             continue;
         }
-        let weight = moment * (2. * price * (to - from)).sqrt();
+        let weight = force * (2. * price * (to - from)).sqrt();
         let line = b.reference(t);
         let of_tilt = |value: [f64; 2]| [0., 0., 0., value[0], value[1], 0.].map(T::of);
         let (weight, desired) = (of_tilt([weight; 2]), of_tilt([-line[3], -line[4]]));

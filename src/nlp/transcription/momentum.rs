@@ -140,13 +140,7 @@ impl<T: Real> Transcribe<T> for Momentum {
 
     /// Adds the momentum rows of every interval.
     fn dynamics(&self, b: &mut Builder<T>) {
-        let mut uses = ImpulseUses {
-            linear: Vec::new(),
-            footholds: Vec::new(),
-            moments: Vec::new(),
-            moment_impulses: Vec::new(),
-            integrals: Vec::new(),
-        };
+        let mut uses = ImpulseUses::default();
         for k in 0..b.intervals {
             let t = k as f64 * b.interval;
             let first = b.tables.impulses.len();
@@ -345,6 +339,7 @@ fn impulses(span: Phase, nodes: &[u32], x: &[f64], unit: f64, t: f64, end: f64) 
 }
 
 /// Blocks of the impulses in one interval.
+#[derive(Default)]
 struct ImpulseUses<T> {
     /// Base blocks, then force nodes.
     linear: Vec<Use>,
