@@ -52,6 +52,8 @@ const GRAVITY: f32 = 9.80665f;
 const STEEP_COSINE: f32 = 0.1f;
 const TURN_MARGIN: f32 = 0.001f;
 const LEAST_LEG: f32 = 1e-6f;
+const FREE_SHARE: f32 = 0.93f;
+const LEAST_BEND: f32 = 0.0025f;
 const INNER_RING: f32 = 0.6f;
 const INNER_LIFT: f32 = 0.2f;
 const OUTER_RING: f32 = 0.96f;
@@ -126,6 +128,8 @@ struct Batch {
     stance_powers: u32,
     swing_powers: u32,
     goals: u32,
+    joint_torques: u32,
+    joint_speeds: u32,
     base_blocks: u32,
     factored_instants: u32,
     factored_elements: u32,
@@ -286,6 +290,8 @@ struct Slot {
     stance_powers: u32,
     swing_powers: u32,
     goals: u32,
+    joint_torques: u32,
+    joint_speeds: u32,
     base_blocks: u32,
     factored_instants: u32,
     factored_elements: u32,
@@ -518,6 +524,42 @@ struct Goal {
     desired: array<f32, 6>,
     variable: u32,
     column: u32,
+    place: Place,
+}
+
+struct JointLeg {
+    anchor: array<f32, 3>,
+    axis: array<f32, 3>,
+    across: array<f32, 3>,
+    second: array<f32, 2>,
+    offset: f32,
+    arm: array<f32, 3>,
+    links: array<f32, 2>,
+    sides: array<f32, 2>,
+    radius: f32,
+    per_torque: array<f32, 3>,
+    per_speed: array<f32, 3>,
+}
+
+struct JointTorque {
+    base: HipPoint,
+    stance: StanceForce,
+    leg: JointLeg,
+    weight: f32,
+    place: Place,
+}
+
+struct JointSpeed {
+    base: HipPoint,
+    xy_weights: array<array<f32, 2>, 2>,
+    z_weights: array<array<f32, 3>, 2>,
+    offset: array<array<f32, 3>, 2>,
+    height: u32,
+    height_column: u32,
+    foothold: array<u32, 2>,
+    foothold_column: array<u32, 2>,
+    leg: JointLeg,
+    weight: f32,
     place: Place,
 }
 

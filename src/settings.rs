@@ -256,7 +256,7 @@ impl Default for SmoothSettings {
     }
 }
 
-/// Settings of the iterations that minimise the cost of a solved motion: the cost that the search ranks gaits by, without the joints. Only
+/// Settings of the iterations that minimise the cost of a solved motion: the cost that the search ranks gaits by. Only
 /// `momentum` has it. Durations stay as they are.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -277,7 +277,7 @@ pub struct OptimiseSettings {
     /// Predicted relative fall of the cost at which the minimisation ends. Too small: iterations that gain nothing. Too large: the cost is
     /// above its minimum.
     pub tolerance: f64,
-    /// Weights of the terms of the cost; a search sets its own (`search.cost`). The joints have no part in it.
+    /// Weights of the terms of the cost; a search sets its own (`search.cost`). Joints beyond their limits have a quadratic price in it.
     pub cost: CostWeights,
 }
 

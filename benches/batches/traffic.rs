@@ -125,6 +125,12 @@ impl Sizes<'_> {
             Shader::SwingPower => {
                 walk(&[Buffer::SwingPowers]) + four(10 * problem.swing_powers.len()) + deviations + cost(Family::SwingPower)
             }
+            Shader::JointTorque => {
+                walk(&[Buffer::JointTorques]) + four(10 * problem.joint_torques.len()) + deviations + cost(Family::JointTorque)
+            }
+            Shader::JointSpeed => {
+                walk(&[Buffer::JointSpeeds]) + four(10 * problem.joint_speeds.len()) + deviations + cost(Family::JointSpeed)
+            }
             Shader::Goal => walk(&[Buffer::Goals]) + cost(Family::Goal),
             // Jacobian and tables, x twice, scaling, slacks and multipliers.
             Shader::Start => whole + elements + gathered + 2 * x + v + 3 * g,

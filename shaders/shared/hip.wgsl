@@ -5,6 +5,8 @@
 // Position and velocity of a hip, world frame. Derivatives of the position with respect to each Euler angle are those of the velocity with
 // respect to each rate.
 struct Hip {
+    // Base to world.
+    rot_wb: Mat3,
     position: vec3<f32>,
     velocity: vec3<f32>,
     position_by: Mat3,
@@ -44,7 +46,7 @@ fn hip(slot: u32, half: u32, point: HipPoint) -> Hip {
         cross(omega_by[1], arm) + cross(omega, position_by[1]),
         cross(omega_by[2], arm) + cross(omega, position_by[2]),
     );
-    return Hip(pose.linear + arm, rate.linear + cross(omega, arm), position_by, velocity_by, omega, omega_by, axes);
+    return Hip(turned.rot_wb, pose.linear + arm, rate.linear + cross(omega, arm), position_by, velocity_by, omega, omega_by, axes);
 }
 
 // Writes the base columns of a row.
@@ -58,8 +60,39 @@ fn put_base(
     by_velocity: vec3<f32>,
     by_omega: vec3<f32>,
 ) {
-    var at = point;
     let by_angle = mul(hip.position_by, by_position) + mul(hip.velocity_by, by_velocity) + mul(hip.omega_by, by_omega);
+    put_columns(rows, row, point, hip, by_position, by_velocity, by_omega, by_angle);
+}
+
+// Writes the base columns of a row that also depends on the attitude of the base itself.
+//   by_turn   derivatives with respect to a rotation of the base, about the axes of the world
+fn put_turned(
+    rows: Rows,
+    row: u32,
+    point: HipPoint,
+    hip: Hip,
+    by_position: vec3<f32>,
+    by_velocity: vec3<f32>,
+    by_omega: vec3<f32>,
+    by_turn: vec3<f32>,
+) {
+    let by_angle =
+        mul(hip.position_by, by_position) + mul(hip.velocity_by, by_velocity) + mul(hip.omega_by, by_omega) + mul(hip.axes, by_turn);
+    put_columns(rows, row, point, hip, by_position, by_velocity, by_omega, by_angle);
+}
+
+// Writes the base columns of a row from its derivatives and those with respect to the Euler angles.
+fn put_columns(
+    rows: Rows,
+    row: u32,
+    point: HipPoint,
+    hip: Hip,
+    by_position: vec3<f32>,
+    by_velocity: vec3<f32>,
+    by_omega: vec3<f32>,
+    by_angle: vec3<f32>,
+) {
+    var at = point;
     let by_rate = mul(hip.position_by, by_velocity) + mul(hip.axes, by_omega);
     for (var i = 0u; i < 4u; i++) {
         if (at.column[i] != NONE) {

@@ -23,8 +23,9 @@
 //! Effort is the cost of bearing a force without motion: the heat of a motor is proportional to the square of its torque, and muscles also
 //! consume energy over time. Per distance, effort makes slow gaits costly, as swing work does fast ones.
 //!
-//! For robots with joints the cost also penalises the joint-limit excess. This is a preference, not a constraint: no row enforces joint
-//! limits.
+//! For robots with joints the cost also penalises the joint-limit excess. This is a preference, not a constraint: the minimisation lowers a
+//! quadratic price of it ([`rows::joint_torque`](crate::rows::joint_torque), [`rows::joint_speed`](crate::rows::joint_speed)), and the
+//! search prefers gaits without it.
 //!
 //! # Weights
 //! The weights of the three terms are 1. Among motions that were not minimised, a trot was ANYmal's cheapest gait at every speed with an

@@ -1,11 +1,13 @@
 //! Cost rows of a candidate: effort of the forces, powers of standing and of swinging legs.
 //!
-//! The objective is that of [`crate::gait::cost`] without the joints, of the whole motion or of its periodic stride. Effort is exact.
+//! The objective is that of [`crate::gait::cost`], of the whole motion or of its periodic stride. Effort is exact. The price of joints beyond
+//! their limits is quadratic, see [`joint_torque`](crate::rows::joint_torque), and only legs in [closed form](crate::rows::leg_joints) have it.
 //! Powers are integrated by Gauss-Legendre rules between the nodes of the curves that they are made of: the knots of the base, and the
 //! force nodes of a stance or the middle of a swing, where accelerations jump.
 
 use super::builder::Builder;
 use super::foot_blocks::{ForcePoint, force_points, swing_curve};
+use super::swing_curve::SwingCurve;
 use super::transcription::Transcribe;
 use super::transcription::momentum::{deviation_rates, deviation_weights};
 use crate::gait::Phase;
@@ -17,12 +19,15 @@ use crate::quadrature::{GAUSS_3, GAUSS_6};
 use crate::real::Real;
 use crate::robot::GRAVITY;
 use crate::rows::Family;
-use crate::rows::blocks::{BlockId, Use};
+use crate::rows::blocks::{BlockId, Foothold, Use};
 use crate::rows::effort::Effort;
 use crate::rows::foot::StanceForce;
 use crate::rows::force::ForceNode;
 use crate::rows::goal::Goal;
 use crate::rows::hip::HipPoint;
+use crate::rows::joint_speed::JointSpeed;
+use crate::rows::joint_torque::JointTorque;
+use crate::rows::leg_joints::JointLeg;
 use crate::rows::stance_power::StancePower;
 use crate::rows::swing_power::SwingPower;
 use crate::rows::table::{NONE, Place};
@@ -37,6 +42,10 @@ const GOAL_PRICE: f64 = 40.;
 const RATE_PRICE: f64 = 400.;
 /// Time in which the velocity of the goal is approached, s.
 pub(crate) const RESPONSE: f64 = 0.15;
+
+/// Price of the square of the excess of a joint over its limits, in weights of the joint excess over 1 s. An excess of a twentieth of a limit
+/// that lasts a twentieth of a second costs half of what the excess itself does.
+const EXCESS_RATE: f64 = 200.;
 
 /// Smallest pivot of a Gram matrix, relative to its scale.
 const LEAST_PIVOT: f64 = 1e-12;
@@ -71,6 +80,9 @@ pub(super) fn cost_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>
     }
     if near {
         goal_elements(b);
+    }
+    if weights.joint_excess > 0. {
+        joint_elements(own, b, weights.joint_excess * EXCESS_RATE);
     }
 }
 
@@ -227,10 +239,9 @@ fn hermite_gram(from: f64, to: f64) -> [[f64; 4]; 4] {
     gram
 }
 
-/// Base and hip of a foot at fraction `u` of interval `k`.
-fn hip_point<T: Real>(b: &Builder<T>, foot: usize, k: usize, u: f64) -> HipPoint<T> {
+/// Base at fraction `u` of interval `k`, and a point (x, y) of it at its height.
+fn hip_point<T: Real>(b: &Builder<T>, [x, y]: [f64; 2], (k, u): (usize, f64)) -> HipPoint<T> {
     let h = b.interval;
-    let [x, y, _] = b.task.robot.nominal_feet[foot];
     HipPoint {
         reference: b.reference((k as f64 + u) * h).map(T::of),
         value: hermite(u * h, h).map(T::of),
@@ -243,48 +254,112 @@ fn hip_point<T: Real>(b: &Builder<T>, foot: usize, k: usize, u: f64) -> HipPoint
     }
 }
 
-/// Use of the base blocks of interval `k`.
-fn base_uses<T: Real>(b: &Builder<T>, k: usize) -> [Use; 4] {
-    std::array::from_fn(|i| Use::Touches(b.base[2 * k + i]))
+/// Hip of a foot, base frame: x, y, m.
+fn hip_of<T: Real>(b: &Builder<T>, foot: usize) -> [f64; 2] {
+    let [x, y, _] = b.task.robot.nominal_feet[foot];
+    [x, y]
+}
+
+/// Interval of a time, and the fraction of it that has passed.
+fn interval_at<T: Real>(b: &Builder<T>, t: f64) -> (usize, f64) {
+    let k = ((t / b.interval) as usize).min(b.intervals - 1);
+    (k, t / b.interval - k as f64)
+}
+
+/// Use of the base blocks of interval `k`, and of three others.
+fn uses<T: Real>(b: &Builder<T>, k: usize, others: [Use; 3]) -> [Use; 7] {
+    let base: [Use; 4] = std::array::from_fn(|i| Use::Touches(b.base[2 * k + i]));
+    let ([pose, rate, next_pose, next_rate], [first, second, third]) = (base, others);
+    [pose, rate, next_pose, next_rate, first, second, third]
+}
+
+/// Stance of a foot, and the points of its quadrature: times and weights, s.
+struct StancePoints {
+    foot: usize,
+    stance: usize,
+    points: Vec<(f64, f64)>,
+}
+
+/// All stances that last.
+fn stances<T: Real>(b: &Builder<T>) -> Vec<StancePoints> {
+    let all = (0..b.feet.len()).flat_map(|foot| (0..b.feet[foot].force_nodes.len()).map(move |stance| (foot, stance)));
+    let lasting = all.filter(|&(foot, stance)| b.feet[foot].phases[2 * stance].duration() > 0.);
+    let points = |(foot, stance): (usize, usize)| {
+        let span = b.feet[foot].phases[2 * stance];
+        let pieces = b.feet[foot].force_nodes[stance].len() - 1;
+        let nodes = (0..=pieces).map(|i| span.start + span.duration() / pieces as f64 * i as f64);
+        StancePoints { foot, stance, points: points(span, nodes, b.interval, costly(b)) }
+    };
+    lasting.map(points).collect()
+}
+
+impl StancePoints {
+    /// Force of the foot at a time, and the use of its nodes and its foothold.
+    ///
+    /// * `unit` - by which the variables are multiplied
+    fn force<T: Real>(&self, b: &Builder<T>, t: f64, unit: f64) -> (StanceForce<T>, [Use; 3]) {
+        let feet = &b.feet[self.foot];
+        let (span, foothold, nodes) = (feet.phases[2 * self.stance], feet.footholds[self.stance], &feet.force_nodes[self.stance]);
+        let pieces = nodes.len() - 1;
+        let piece = span.duration() / pieces as f64;
+        let since = t - span.start;
+        let first = ((since / piece) as usize).min(pieces - 1);
+        let [value, slope, next, next_slope] = hermite(since - first as f64 * piece, piece);
+        let force = StanceForce {
+            weights: [[value, slope / piece], [next, next_slope / piece]].map(|weights| weights.map(|w| T::of(w * unit))),
+            node: [NONE; 2],
+            node_column: [NONE; 2],
+            foothold: foothold.index,
+            foothold_column: NONE,
+        };
+        let [node, next] = [first, first + 1].map(|i| nodes[i].map_or(Use::Nothing, Use::Touches));
+        (force, [node, next, Use::Touches(foothold.block)])
+    }
 }
 
 /// Adds the powers of standing legs.
 ///
 /// * `price` - cost of a power of 1 m/s over 1 s
 fn stance_elements<T: Real>(b: &mut Builder<T>, price: f64) {
-    let h = b.interval;
     let unit = b.force_unit() / b.task.robot.weight();
-    for foot in 0..b.feet.len() {
-        for stance in 0..b.feet[foot].force_nodes.len() {
-            let (span, foothold) = (b.feet[foot].phases[2 * stance], b.feet[foot].footholds[stance]);
-            if span.duration() <= 0. {
-                continue;
-            }
-            let pieces = b.feet[foot].force_nodes[stance].len() - 1;
-            let piece = span.duration() / pieces as f64;
-            let nodes = (0..=pieces).map(|i| span.start + piece * i as f64);
-            for (t, duration) in points(span, nodes, h, costly(b)) {
-                let k = ((t / h) as usize).min(b.intervals - 1);
-                let since = t - span.start;
-                let first = ((since / piece) as usize).min(pieces - 1);
-                let [value, slope, next, next_slope] = hermite(since - first as f64 * piece, piece);
-                b.tables.stance_powers.push(StancePower {
-                    base: hip_point(b, foot, k, t / h - k as f64),
-                    stance: StanceForce {
-                        weights: [[value, slope / piece], [next, next_slope / piece]].map(|weights| weights.map(|w| T::of(w * unit))),
-                        node: [NONE; 2],
-                        node_column: [NONE; 2],
-                        foothold: foothold.index,
-                        foothold_column: NONE,
-                    },
-                    place: Place::default(),
-                });
-                let [pose, rate, next_pose, next_rate] = base_uses(b, k);
-                let [node, next] = [first, first + 1].map(|i| b.feet[foot].force_nodes[stance][i].map_or(Use::Nothing, Use::Touches));
-                let uses = [pose, rate, next_pose, next_rate, node, next, Use::Touches(foothold.block)];
-                b.cost_element(Family::StancePower, b.tables.stance_powers.len() - 1, k, price * duration, &uses);
-            }
+    for of in stances(b) {
+        let hip = hip_of(b, of.foot);
+        for &(t, duration) in &of.points {
+            let (k, u) = interval_at(b, t);
+            let (stance, others) = of.force(b, t, unit);
+            b.tables.stance_powers.push(StancePower { base: hip_point(b, hip, (k, u)), stance, place: Place::default() });
+            let uses = uses(b, k, others);
+            b.cost_element(Family::StancePower, b.tables.stance_powers.len() - 1, k, price * duration, &uses);
         }
+    }
+}
+
+/// Swing of a foot, and the points of its quadrature: times and weights, s.
+struct SwingPoints {
+    foot: usize,
+    curve: SwingCurve,
+    height: BlockId,
+    around: [Foothold; 2],
+    points: Vec<(f64, f64)>,
+}
+
+/// All swings.
+fn swings<T: Real>(own: &dyn Transcribe<T>, b: &Builder<T>) -> Vec<SwingPoints> {
+    let all = (0..b.feet.len()).flat_map(|foot| (0..b.feet[foot].heights.len()).map(move |swing| (foot, swing)));
+    let points = |(foot, swing): (usize, usize)| {
+        let (span, height) = (b.feet[foot].phases[2 * swing + 1], b.feet[foot].heights[swing]);
+        let curve = swing_curve(own, b, foot, swing);
+        let mid = curve.mid().map_or(span.start, |mid| span.start + mid);
+        let points = points(span, [span.start, mid, span.end].into_iter(), b.interval, costly(b));
+        SwingPoints { foot, curve, height, around: [b.feet[foot].footholds[swing], b.feet[foot].footholds[swing + 1]], points }
+    };
+    all.map(points).collect()
+}
+
+impl SwingPoints {
+    /// Use of the swing height and of the footholds.
+    fn others(&self) -> [Use; 3] {
+        [Use::Touches(self.height), Use::Touches(self.around[0].block), Use::Touches(self.around[1].block)]
     }
 }
 
@@ -292,38 +367,78 @@ fn stance_elements<T: Real>(b: &mut Builder<T>, price: f64) {
 ///
 /// * `price` - cost of a power of 1 m/s over 1 s
 fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>, price: f64) {
-    let h = b.interval;
     let share_of_leg = b.task.robot.leg_mass() / b.task.robot.weight();
-    for foot in 0..b.feet.len() {
-        for swing in 0..b.feet[foot].heights.len() {
-            let (span, height) = (b.feet[foot].phases[2 * swing + 1], b.feet[foot].heights[swing]);
-            let around = [b.feet[foot].footholds[swing], b.feet[foot].footholds[swing + 1]];
-            let curve = swing_curve(own, b, foot, swing);
-            let mid = curve.mid().map_or(span.start, |mid| span.start + mid);
-            for (t, duration) in points(span, [span.start, mid, span.end].into_iter(), h, costly(b)) {
-                let k = ((t / h) as usize).min(b.intervals - 1);
-                let [velocity, acceleration] = [curve.weights(t, hermite_rate), curve.weights(t, hermite_acceleration)];
-                // The power is that of the force on the leg, in weights.
-                let (xy, z) = (acceleration.xy.map(|w| w * share_of_leg), acceleration.z.map(|w| w * share_of_leg));
-                let offset = acceleration.offset.map(|w| w * share_of_leg);
-                b.tables.swing_powers.push(SwingPower {
-                    base: hip_point(b, foot, k, t / h - k as f64),
-                    xy_weights: [velocity.xy, xy].map(|w| w.map(T::of)),
-                    z_weights: [velocity.z, z].map(|w| w.map(T::of)),
-                    offset: [velocity.offset, offset].map(|w| w.map(T::of)),
-                    height: NONE,
-                    height_column: NONE,
-                    foothold: around.map(|foothold| foothold.index),
-                    foothold_column: [NONE; 2],
-                    place: Place::default(),
-                });
-                let [pose, rate, next_pose, next_rate] = base_uses(b, k);
-                let [before, after] = around.map(|foothold| Use::Touches(foothold.block));
-                let uses = [pose, rate, next_pose, next_rate, Use::Touches(height), before, after];
-                b.cost_element(Family::SwingPower, b.tables.swing_powers.len() - 1, k, price * duration, &uses);
-            }
+    for of in swings(own, b) {
+        let hip = hip_of(b, of.foot);
+        for &(t, duration) in &of.points {
+            let (k, u) = interval_at(b, t);
+            let [velocity, acceleration] = [of.curve.weights(t, hermite_rate), of.curve.weights(t, hermite_acceleration)];
+            // The power is that of the force on the leg, in weights.
+            let (xy, z) = (acceleration.xy.map(|w| w * share_of_leg), acceleration.z.map(|w| w * share_of_leg));
+            let offset = acceleration.offset.map(|w| w * share_of_leg);
+            b.tables.swing_powers.push(SwingPower {
+                base: hip_point(b, hip, (k, u)),
+                xy_weights: [velocity.xy, xy].map(|w| w.map(T::of)),
+                z_weights: [velocity.z, z].map(|w| w.map(T::of)),
+                offset: [velocity.offset, offset].map(|w| w.map(T::of)),
+                height: NONE,
+                height_column: NONE,
+                foothold: of.around.map(|foothold| foothold.index),
+                foothold_column: [NONE; 2],
+                place: Place::default(),
+            });
+            let uses = uses(b, k, of.others());
+            b.cost_element(Family::SwingPower, b.tables.swing_powers.len() - 1, k, price * duration, &uses);
         }
     }
+}
+
+/// Adds the torques of standing legs and the joint speeds of swinging legs beyond their limits, at the middle of each part of the quadrature.
+///
+/// * `price` - cost of the square of an excess over 1 s
+fn joint_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>, price: f64) {
+    let Some(legs) = &b.task.robot.joints else { return };
+    // Legs without a closed form have no rows.
+    let forms: Vec<Option<JointLeg<T>>> = legs.iter().map(JointLeg::of).collect();
+    let weight = |duration: f64| T::of((2. * price * duration).sqrt());
+    for of in stances(b) {
+        let Some(leg) = forms[of.foot] else { continue };
+        for (t, duration) in middles(&of.points) {
+            let (k, u) = interval_at(b, t);
+            let (base, weight) = (hip_point(b, [0.; 2], (k, u)), weight(duration));
+            let (stance, others) = of.force(b, t, b.force_unit());
+            b.tables.joint_torques.push(JointTorque { base, stance, leg, weight, place: Place::default() });
+            let uses = uses(b, k, others);
+            b.cost_element(Family::JointTorque, b.tables.joint_torques.len() - 1, k, 0., &uses);
+        }
+    }
+    for of in swings(own, b) {
+        let Some(leg) = forms[of.foot] else { continue };
+        for (t, duration) in middles(&of.points) {
+            let (k, u) = interval_at(b, t);
+            let motion = [of.curve.weights(t, hermite), of.curve.weights(t, hermite_rate)];
+            b.tables.joint_speeds.push(JointSpeed {
+                base: hip_point(b, [0.; 2], (k, u)),
+                xy_weights: motion.each_ref().map(|of| of.xy.map(T::of)),
+                z_weights: motion.each_ref().map(|of| of.z.map(T::of)),
+                offset: motion.each_ref().map(|of| of.offset.map(T::of)),
+                height: NONE,
+                height_column: NONE,
+                foothold: of.around.map(|foothold| foothold.index),
+                foothold_column: [NONE; 2],
+                leg,
+                weight: weight(duration),
+                place: Place::default(),
+            });
+            let uses = uses(b, k, of.others());
+            b.cost_element(Family::JointSpeed, b.tables.joint_speeds.len() - 1, k, 0., &uses);
+        }
+    }
+}
+
+/// Middle of each part of a quadrature, which has three points: times and durations, s.
+fn middles(points: &[(f64, f64)]) -> impl Iterator<Item = (f64, f64)> {
+    points.chunks_exact(3).map(|part| (part[1].0, part.iter().map(|point| point.1).sum()))
 }
 
 /// Points of the quadrature of a phase between knots and other nodes, where its power is not smooth, within a part of the motion: times and

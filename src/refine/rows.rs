@@ -18,7 +18,10 @@ use crate::rows::momentum::{Deviation, MomentumInterval};
 use crate::rows::reach::ReachInstant;
 use crate::rows::table::{NONE, Place, Span};
 use crate::rows::{RowKind, Shared, Spec, Tables};
-use crate::rows::{acceleration, cone, effort, footing, force, momentum, reach, residuals, stance_power, stride, swing, swing_power};
+use crate::rows::{
+    acceleration, cone, effort, footing, force, joint_speed, joint_torque, momentum, reach, residuals, stance_power, stride, swing,
+    swing_power,
+};
 use crate::solver::objective::Objective;
 use crate::terrain::Ground;
 use rayon::prelude::*;
@@ -149,6 +152,12 @@ pub(super) fn cost_parts(problem: &Problem<f64>, c: &[f64], objective: &Objectiv
     }
     for power in &problem.swing_powers {
         parts[power.base.interval as usize].1 += cost(&power.place, swing_power::SPEC);
+    }
+    for torque in &problem.joint_torques {
+        parts[torque.base.interval as usize].1 += cost(&torque.place, joint_torque::SPEC);
+    }
+    for speed in &problem.joint_speeds {
+        parts[speed.base.interval as usize].1 += cost(&speed.place, joint_speed::SPEC);
     }
     let mut efforts = problem.efforts.iter();
     for foot in &curves.feet {

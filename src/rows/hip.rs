@@ -5,7 +5,7 @@
 //! leave the deviation out.
 
 use super::Tables;
-use super::math::{Vec3, add, add_weighted, along, cross, dot, euler, mul, scale};
+use super::math::{Mat3, Vec3, add, add_weighted, along, cross, dot, euler, mul, scale};
 use super::momentum::{Deviation, INNER_POINTS};
 use super::table::NONE;
 use super::write::Rows;
@@ -35,6 +35,8 @@ crate::table! {
 
 /// Position and velocity of a hip, world frame.
 pub struct Hip<T> {
+    /// Base to world.
+    pub rot_wb: Mat3<T>,
     /// Position, m.
     pub position: Vec3<T>,
     /// Velocity, m/s.
@@ -80,6 +82,7 @@ pub fn hip<T: Real>(tables: &Tables<T>, x: &[T], deviations: &[Deviation<T>], at
         omega,
         omega_by,
         axes,
+        rot_wb,
     }
 }
 
@@ -92,6 +95,29 @@ pub fn put_base<T: Real>(rows: &mut Rows<T>, row: usize, at: &HipPoint<T>, hip: 
     let by_angle: Vec3<T> = std::array::from_fn(|i| {
         dot(by_position, hip.position_by[i]) + dot(by_velocity, hip.velocity_by[i]) + dot(by_omega, hip.omega_by[i])
     });
+    put_columns(rows, row, at, hip, (by, by_angle));
+}
+
+/// Writes the base columns of a row that also depends on the attitude of the base itself.
+///
+/// * `by` - derivatives of the row with respect to position and velocity of the hip, to the angular velocity, and to a rotation of the base,
+///   about the axes of the world
+#[inline(always)]
+pub fn put_turned<T: Real>(rows: &mut Rows<T>, row: usize, at: &HipPoint<T>, hip: &Hip<T>, by: [Vec3<T>; 4]) {
+    let [by_position, by_velocity, by_omega, by_turn] = by;
+    let by_angle: Vec3<T> = std::array::from_fn(|i| {
+        dot(by_position, hip.position_by[i])
+            + dot(by_velocity, hip.velocity_by[i])
+            + dot(by_omega, hip.omega_by[i])
+            + dot(by_turn, hip.axes[i])
+    });
+    put_columns(rows, row, at, hip, ([by_position, by_velocity, by_omega], by_angle));
+}
+
+/// Writes the base columns of a row from its derivatives and those with respect to the Euler angles.
+#[inline(always)]
+fn put_columns<T: Real>(rows: &mut Rows<T>, row: usize, at: &HipPoint<T>, hip: &Hip<T>, (by, by_angle): ([Vec3<T>; 3], Vec3<T>)) {
+    let [by_position, by_velocity, by_omega] = by;
     let by_rate: Vec3<T> = std::array::from_fn(|i| dot(by_velocity, hip.position_by[i]) + dot(by_omega, hip.axes[i]));
     for i in 0..4 {
         if at.column[i] == NONE {

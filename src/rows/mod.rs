@@ -20,6 +20,9 @@ pub mod force;
 pub mod goal;
 pub mod ground;
 pub mod hip;
+pub mod joint_speed;
+pub mod joint_torque;
+pub mod leg_joints;
 pub mod math;
 pub mod momentum;
 pub mod periodic;
@@ -194,6 +197,10 @@ families! {
     SwingPower { swing_power::SPEC, swing_power::allowed, swing_power::place }
     /// Distance of the base from the goal.
     Goal { goal::SPEC, goal::allowed, goal::place }
+    /// Torques of a standing leg beyond the limits of its joints.
+    JointTorque { joint_torque::SPEC, joint_torque::allowed, joint_torque::place }
+    /// Speeds of the joints of a swinging leg beyond their limits.
+    JointSpeed { joint_speed::SPEC, joint_speed::allowed, joint_speed::place }
 }
 
 impl Wgsl for Family {
@@ -234,6 +241,8 @@ macro_rules! row_tables {
             stance_powers StancePowers [$crate::rows::stance_power::StancePower<T>],
             swing_powers SwingPowers [$crate::rows::swing_power::SwingPower<T>],
             goals Goals [$crate::rows::goal::Goal<T>],
+            joint_torques JointTorques [$crate::rows::joint_torque::JointTorque<T>],
+            joint_speeds JointSpeeds [$crate::rows::joint_speed::JointSpeed<T>],
         }
     };
 }
@@ -263,6 +272,8 @@ macro_rules! row_shaders {
             StancePower "rows/stance_power" stance_powers,
             SwingPower "rows/swing_power" swing_powers,
             Goal "rows/goal" goals,
+            JointTorque "rows/joint_torque" joint_torques,
+            JointSpeed "rows/joint_speed" joint_speeds,
         }
     };
 }
@@ -408,7 +419,9 @@ pub fn residuals<T: Real>(
     effort::effort(tables, x, equality, jacobian.as_deref_mut());
     stance_power::stance_power(tables, x, ground, deviations, equality, jacobian.as_deref_mut());
     swing_power::swing_power(tables, x, ground, deviations, equality, jacobian.as_deref_mut());
-    goal::goal(tables, x, equality, jacobian);
+    goal::goal(tables, x, equality, jacobian.as_deref_mut());
+    joint_torque::joint_torque(tables, x, ground, deviations, equality, jacobian.as_deref_mut());
+    joint_speed::joint_speed(tables, x, ground, deviations, equality, jacobian);
 }
 
 /// Largest residual of a force row for a tolerance in N.

@@ -6,6 +6,7 @@ use cregopt::gait::cost::CostWeights;
 use cregopt::nlp::Problem;
 use cregopt::nlp::transcription::{interval, towr::FORCE_LIMIT};
 use cregopt::real::Real;
+use cregopt::robot::leg::{Leg, LegJoint};
 use cregopt::robot::{Reach, Robot, Sole};
 use cregopt::rows::table::NONE;
 use cregopt::rows::{Family, RowKind, Shared};
@@ -176,6 +177,34 @@ pub fn humanoid() -> Robot {
 pub fn soled(robot: Robot) -> Robot {
     let sole = Some(Sole { length: 0.2, width: 0.08, turn: 0.5 });
     Robot { name: format!("{} with soles", robot.name), sole, foot_radius: None, ..robot }
+}
+
+/// Robot whose legs have three joints, and limits of them that a random motion exceeds at some times: a hip that rolls and a knee. The legs
+/// are twice as long as needed, so that they reach the feet of random points and are never nearly stretched.
+pub fn jointed(robot: Robot) -> Robot {
+    let leg = |[x, y, z]: [f64; 3]| {
+        let (link, side) = (2. * z.abs(), 0.05 * y.signum());
+        let bend = (z.abs() / (2. * link)).acos();
+        let joint = |name: &str, axis: nalgebra::Unit<nalgebra::Vector3<f64>>, at: [f64; 3], nominal: f64| LegJoint {
+            name: name.into(),
+            turns: true,
+            origin: nalgebra::Isometry3::translation(at[0], at[1], at[2]),
+            axis,
+            limits: [-3., 3.],
+            velocity: Some(6.),
+            effort: Some(0.05 * robot.weight()),
+            nominal,
+        };
+        let pitch = nalgebra::Vector3::y_axis();
+        let chain = vec![
+            joint("roll", nalgebra::Vector3::x_axis(), [x, y - side, 0.], 0.),
+            joint("pitch", pitch, [0., side, 0.], bend),
+            joint("knee", pitch, [0., 0., -link], -2. * bend),
+        ];
+        Leg { foot: "foot".into(), tip: [0., 0., -link], radius: 0.02, chain }
+    };
+    let joints = Some(robot.nominal_feet.iter().map(|foot| leg(*foot)).collect());
+    Robot { name: format!("{} with joints", robot.name), joints, ..robot }
 }
 
 /// Robot whose feet reach less far back, inward and down; each pair of feet reaches less than the previous one.

@@ -1,6 +1,6 @@
 //! The `momentum` transcription: invariance to the position of the scene, motion between knots, exact integrals.
 
-use crate::common::{Random, gait, point, problem, problem_with, rows_with, shared, soled, task, task_for};
+use crate::common::{Random, gait, jointed, point, problem, problem_with, rows_with, shared, soled, task, task_for};
 use cregopt::gait::spline::hermite;
 use cregopt::gait::{Schedule, Trajectory};
 use cregopt::nlp::{Problem, trajectory};
@@ -101,10 +101,12 @@ impl Move {
 /// Scene on flat ground with a random gait.
 fn scene(robot: &str, random: &mut Random, stances: std::ops::RangeInclusive<usize>) -> (Task, Schedule) {
     let goal = [random.between(0.3, 2.), random.between(-0.5, 0.5)];
-    let robot = match robot.strip_suffix(" with soles") {
-        Some(name) => soled(Robot::named(name).unwrap()),
-        None => Robot::named(robot).unwrap(),
+    let (name, change): (&str, fn(Robot) -> Robot) = match robot.split_once(" with ") {
+        Some((name, "soles")) => (name, soled),
+        Some((name, _)) => (name, jointed),
+        None => (robot, |robot| robot),
     };
+    let robot = change(Robot::named(name).unwrap());
     let task = task_for(robot, Terrain::flat(), goal, random.between(-1., 1.));
     let schedule = gait(random, task.robot.feet(), stances);
     (task, schedule)
@@ -121,8 +123,9 @@ fn assert_close(got: &[f64], expected: &[f64], tolerance: f64, what: &str) {
 #[test]
 fn moving_and_yawing_the_scene_moves_the_rows_with_it() {
     let mut random = Random::new(21);
-    for (robot, round) in
-        ["anymal", "biped", "biped with soles", "pexod"].into_iter().flat_map(|robot| (0..4).map(move |round| (robot, round)))
+    for (robot, round) in ["anymal", "anymal with joints", "biped", "biped with soles", "pexod"]
+        .into_iter()
+        .flat_map(|robot| (0..4).map(move |round| (robot, round)))
     {
         let (task, schedule) = scene(robot, &mut random, 2..=6);
         let friction = Some(if round < 2 { Friction::Pyramid } else { Friction::Cone });
@@ -151,7 +154,7 @@ fn moving_and_yawing_the_scene_moves_the_rows_with_it() {
                 Family::Reach | Family::Swing | Family::Stride | Family::Acceleration | Family::Sole | Family::Turn => {
                     assert_close(&moved.g[at..at + sides], &rows.g[at..at + sides], MOVED_TOLERANCE, &name)
                 }
-                Family::StancePower | Family::SwingPower => {
+                Family::StancePower | Family::SwingPower | Family::JointTorque | Family::JointSpeed => {
                     let rows_of = row..row + element.rows as usize;
                     assert_close(&moved.c[rows_of.clone()], &rows.c[rows_of], MOVED_TOLERANCE, &name)
                 }

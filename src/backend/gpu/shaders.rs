@@ -38,7 +38,7 @@ use crate::rows::factored::{OWN_BLOCKS, OWN_COLUMNS, POSE, POSE_BLOCKS};
 use crate::rows::momentum::{INNER_POINTS, MOMENTUM_POINTS, STEEP_COSINE};
 use crate::rows::swing::{RING_POINTS, RINGS};
 use crate::rows::table::{NONE, Wgsl};
-use crate::rows::{Family, RowKind, acceleration, force, reach, row_shaders, turn};
+use crate::rows::{Family, RowKind, acceleration, force, leg_joints, reach, row_shaders, turn};
 use crate::solver::control;
 use crate::solver::round::Stage;
 use crate::solver::slacks::{BARRIER_FLOOR, FRACTION_TO_THE_BOUNDARY, MULTIPLIER_FLOOR, SLACK_FLOOR};
@@ -127,6 +127,7 @@ pub const SHARED: &[(&str, &str)] = &[
     ("shared/kind", text!("shared/kind")),
     ("shared/foot", text!("shared/foot")),
     ("shared/hip", text!("shared/hip")),
+    ("shared/leg_joints", text!("shared/leg_joints")),
     ("shared/jacobian", text!("shared/jacobian")),
     ("shared/factored", text!("shared/factored")),
     ("shared/all_elements", text!("shared/all_elements")),
@@ -392,6 +393,8 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("STEEP_COSINE", STEEP_COSINE as f32),
         ("TURN_MARGIN", turn::MARGIN as f32),
         ("LEAST_LEG", LEAST_LEG as f32),
+        ("FREE_SHARE", leg_joints::FREE_SHARE as f32),
+        ("LEAST_BEND", leg_joints::LEAST_BEND as f32),
         ("INNER_RING", inner_ring as f32),
         ("INNER_LIFT", inner_lift as f32),
         ("OUTER_RING", outer_ring as f32),

@@ -2,8 +2,8 @@
 
 use super::lab::POISON;
 use crate::common::{
-    Random, cones, gait, hills, lopsided, mid_stride, point, problem_with, problem_with_cost, soled, spider, striding, task, task_for,
-    towr, transcriptions,
+    Random, cones, gait, hills, jointed, lopsided, mid_stride, point, problem_with, problem_with_cost, soled, spider, striding, task,
+    task_for, towr, transcriptions,
 };
 use cregopt::gait::Schedule;
 use cregopt::gait::trajectory::GoalVelocity;
@@ -101,6 +101,9 @@ pub fn candidates() -> Vec<Candidate> {
         let schedule = gait(&mut own, task.robot.feet(), 2..=3);
         candidates.push(Candidate::new(task, schedule, &settings, &mut own));
     }
+    let jointed_task = task_for(jointed(lopsided(spider(5))), hills(), [-0.3, 0.2], 0.4);
+    let (task, schedule) = mid_stride(&jointed_task, 0.05);
+    candidates.push(Candidate::new(task, schedule, &near, &mut own));
     candidates
 }
 
@@ -109,11 +112,11 @@ pub fn long_candidates() -> Vec<Candidate> {
     let mut random = Random::new(12);
     let fine = |own: TranscriptionSettings| TranscriptionSettings { interval: Some(0.05), ..own };
     let candidate = |settings: TranscriptionSettings| {
-        let robot = if settings.goal_velocity == GoalVelocity::Near { soled(spider(8)) } else { spider(8) };
+        let robot = if settings.goal_velocity == GoalVelocity::Near { jointed(soled(spider(8))) } else { spider(8) };
         let task = task_for(robot, hills(), [2., 1.], 0.4);
         Candidate::new(task, gait(&mut random, 8, 10..=10), &fine(settings), &mut random)
     };
-    // One has a free end and soles: only that has goal rows and rows of soles.
+    // One has a free end, soles and joints: only that has goal rows and rows of soles and joints.
     let near = TranscriptionSettings { goal_velocity: GoalVelocity::Near, ..cones() };
     let mut candidates: Vec<Candidate> = [TranscriptionSettings::default(), towr(), near].map(candidate).into();
     // A stride has fewer periodic rows than a workgroup has invocations. Equal entries write equal values.

@@ -10,8 +10,8 @@ use cregopt::backend::tables::Slot as Counts;
 use cregopt::rows::momentum::Deviation;
 use cregopt::rows::table::NONE;
 use cregopt::rows::{
-    Shared, acceleration, cone, cone_curvature, dynamics, effort, footing, force, goal, ground, momentum, periodic, reach, sole,
-    stance_power, stride, swing, swing_power, turn,
+    Shared, acceleration, cone, cone_curvature, dynamics, effort, footing, force, goal, ground, joint_speed, joint_torque, momentum,
+    periodic, reach, sole, stance_power, stride, swing, swing_power, turn,
 };
 use cregopt::solver::control::{CLOSE, ENDED, EXACT, SHORTER, SOLVED, STEP};
 use cregopt::terrain::Ground;
@@ -41,6 +41,12 @@ fn around_the_workgroup(s: usize, prepared: &mut Prepared) {
     problem.stance_powers.truncate(count);
     problem.swing_powers.truncate(count);
     problem.goals.truncate(count);
+    // One entry per part of a stance or a swing: the first ones of a foot already reach the intervals that were cut off.
+    let intervals = problem.momentum_intervals.len() as u32;
+    problem.joint_torques.retain(|torque| torque.base.interval < intervals);
+    problem.joint_speeds.retain(|speed| speed.base.interval < intervals);
+    problem.joint_torques.truncate(count);
+    problem.joint_speeds.truncate(count);
     slot.dynamics_instants = problem.dynamics_instants.len() as u32;
     slot.momentum_intervals = problem.momentum_intervals.len() as u32;
     slot.reach_instants = problem.reach_instants.len() as u32;
@@ -58,6 +64,8 @@ fn around_the_workgroup(s: usize, prepared: &mut Prepared) {
     slot.stance_powers = problem.stance_powers.len() as u32;
     slot.swing_powers = problem.swing_powers.len() as u32;
     slot.goals = problem.goals.len() as u32;
+    slot.joint_torques = problem.joint_torques.len() as u32;
+    slot.joint_speeds = problem.joint_speeds.len() as u32;
     slot.footholds = slot.footholds.min(count as u32);
 }
 
@@ -97,7 +105,7 @@ fn evaluation(
                 let to = lab.range(s, lab.batch.ground, 3 * at.ground.len());
                 before.values[to].copy_from_slice(&flat(&at.ground));
             }
-            if matches!(shader, Shader::Reach | Shader::StancePower | Shader::SwingPower) {
+            if matches!(shader, Shader::Reach | Shader::StancePower | Shader::SwingPower | Shader::JointTorque | Shader::JointSpeed) {
                 let to = lab.range(s, lab.batch.deviations, 36 * at.deviations.len());
                 before.values[to].copy_from_slice(&poses(&at.deviations));
             }
@@ -366,6 +374,33 @@ fn periodic_agrees_with_its_twin() {
         |lab, s, x, _, expected| {
             let (c, jacobian) = trial(lab, s, true, &mut expected.state);
             periodic::periodic(&lab.slots[s].problem, x, c, Some(jacobian));
+        },
+    );
+}
+
+#[test]
+fn joint_torque_agrees_with_its_twin() {
+    evaluation(
+        Shader::JointTorque,
+        |slot| slot.joint_torques,
+        8. * TRIGONOMETRY,
+        |lab, s, x, shared, expected| {
+            let (c, jacobian) = trial(lab, s, true, &mut expected.state);
+            joint_torque::joint_torque(&lab.slots[s].problem, x, &shared.ground, &shared.deviations, c, Some(jacobian));
+        },
+    );
+}
+
+#[test]
+fn joint_speed_agrees_with_its_twin() {
+    evaluation(
+        Shader::JointSpeed,
+        |slot| slot.joint_speeds,
+        // Rates are divided by lever arms of decimetres, and their derivatives once more.
+        32. * TRIGONOMETRY,
+        |lab, s, x, shared, expected| {
+            let (c, jacobian) = trial(lab, s, true, &mut expected.state);
+            joint_speed::joint_speed(&lab.slots[s].problem, x, &shared.ground, &shared.deviations, c, Some(jacobian));
         },
     );
 }

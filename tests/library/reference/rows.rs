@@ -6,7 +6,7 @@ use super::{
     in_scalar,
 };
 use crate::common::{
-    Random, Rows, cones, dense_jacobian, families, frozen_at, gait, hills, mid_stride, momentum, one_sided, point, problem_with,
+    Random, Rows, cones, dense_jacobian, families, frozen_at, gait, hills, jointed, mid_stride, momentum, one_sided, point, problem_with,
     problem_with_cost, rows, rows_with, soled, spider, straight, striding, task, task_for, tilted, towr, transcriptions,
 };
 use cregopt::gait::Trajectory;
@@ -219,6 +219,25 @@ fn jacobians_of_soles_match_central_differences() {
             assert!(problem.momentum_intervals.iter().all(|interval| interval.moments.end > interval.moments.start));
             check_jacobian(&task.robot.name, &problem, seed as u64, 0.);
         }
+    }
+}
+
+#[test]
+fn jacobians_of_joint_limits_match_central_differences() {
+    let standing = || [task_for(jointed(Robot::named("anymal").unwrap()), Terrain::named("flat").unwrap(), [0.4, 0.1], 0.4)];
+    let moving = || [0.05, 0.2].map(|since| mid_stride(&task_for(jointed(spider(5)), hills(), [0.3, 0.2], 0.4), since));
+    let whole = standing().map(|task| (task, gait(&mut Random::new(3), 4, 3..=5)));
+    for (seed, (task, schedule)) in whole.into_iter().chain(moving()).enumerate() {
+        let settings = TranscriptionSettings { goal_velocity: GoalVelocity::Near, ..TranscriptionSettings::default() };
+        let problem = problem_with_cost::<f64>(&task, &schedule, &settings);
+        let c = rows(&problem, &point(&problem, &mut Random::new(seed as u64), 0.), 0.).c;
+        for family in [Family::JointTorque, Family::JointSpeed] {
+            let of_family = problem.all_elements().filter(|element| element.family == family);
+            let values: Vec<f64> = of_family.flat_map(|e| c[e.place.row as usize..][..3].to_vec()).collect();
+            let beyond = values.iter().filter(|value| **value != 0.).count();
+            assert!(20 < beyond && beyond + 20 < values.len(), "{family:?}: {beyond} of {} beyond the limits", values.len());
+        }
+        check_jacobian(&format!("{} on {}", task.robot.name, task.terrain.name), &problem, seed as u64, 0.);
     }
 }
 
