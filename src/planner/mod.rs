@@ -380,7 +380,7 @@ impl Planner {
         &self.map
     }
 
-    /// Replaces the terrain, for example by a map as the robot sees it now.
+    /// Replaces the terrain, for example by a map as the robot sees it now. Contacts until now no longer correct it.
     ///
     /// # Errors
     /// The errors of [`Terrain::validate`].
@@ -388,6 +388,7 @@ impl Planner {
         let terrain = terrain.into();
         terrain.validate()?;
         self.map = terrain;
+        self.touched = Touched::new(self.robot.feet());
         Ok(())
     }
 
