@@ -254,11 +254,17 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
                 };
                 let step = b.step_within(t, height);
                 let FootWeights { xy, z, offset } = curve.weights(t, hermite);
+                // A foot that is about to land, or has just lifted off, has no room for the margin.
+                let low = match part {
+                    0.5 => law.clearance,
+                    _ if curve.started() => -b.settings.length_margin,
+                    _ => 0.,
+                };
                 b.tables.swing_nodes.push(SwingNode {
                     xy_weights: xy.map(T::of),
                     z_weights: z.map(T::of),
                     offset: offset.map(T::of),
-                    low: T::of(if part == 0.5 { law.clearance } else { 0. }),
+                    low: T::of(low),
                     high: T::of(b.settings.swing_height),
                     two_sided: u32::from(two_sided),
                     upper: u32::from(upper),

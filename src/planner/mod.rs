@@ -37,10 +37,12 @@
 //! * An update fails for a state out of range and for a time before that of the last update. Before there is a plan, it also fails if no
 //!   candidate holds.
 //! * Contacts and measured positions correct the planned phases: a contact in the second half of a swing ends it, and a foot that should
-//!   stand is in the air only if it is not loaded and more than 1 cm above the terrain. Slow filters on contacts delay this.
-//! * Positions of the base and the feet must agree with each other and with the terrain: standing feet are on it.
+//!   stand is in the air only if it is not loaded and more than 1 cm off the terrain. Slow filters on contacts delay this.
+//! * Positions of the base and the feet must agree with each other. Where loaded feet are more than 2 cm off the terrain, or a foot is
+//!   below it without contact, the terrain is corrected around them: see [`Plan::terrain`].
 
 mod cycle;
+mod touched;
 mod warm;
 
 pub use cycle::{Contact, Cycle};
@@ -65,14 +67,15 @@ use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
+use touched::{APART, Touched};
 use warm::Before;
 
 /// Height above the ground from which a foot without contact counts as in the air although the plan has it on the ground, m.
 const LIFTED: f64 = 0.01;
 /// Part of a swing after which a contact ends it.
 const LATE_SWING: f64 = 0.5;
-/// Time since lift-off that is assumed at least for a foot that should stand but is in the air: it only descends, s.
-const FALLING: f64 = 0.1;
+/// Part of a swing that is assumed to have passed at least for a foot that should stand but is in the air: it only descends.
+const FALLING: f64 = 0.5;
 /// Range of the durations of swings and stances, relative to the typical ones of the family.
 const SWINGS: [f64; 2] = [0.75, 1.4];
 const STANCES: [f64; 2] = [0.6, 1.8];
@@ -236,6 +239,8 @@ pub struct Plan {
     pub cost: f64,
     /// Robot for which the motion holds: the planner's, with a wider reach box for a foot that is beyond its box at the start.
     pub robot: Arc<Robot>,
+    /// Terrain for which the motion holds: the planner's, or if contacts of the feet were off it, a grid through their last contacts.
+    pub terrain: Arc<Terrain>,
     /// Contact of each foot at the start.
     contacts: Vec<Contact>,
 }
@@ -289,7 +294,11 @@ struct Solved<'a> {
 /// Chooses gaits online.
 pub struct Planner {
     robot: Arc<Robot>,
-    /// Terrain, state and goal of the last update, and the robot with the reach of that update.
+    /// Terrain as it is known.
+    map: Arc<Terrain>,
+    /// Last contacts of the feet.
+    touched: Touched,
+    /// State and goal of the last update, the robot with the reach of that update, and the terrain as corrected by contacts.
     task: Task,
     settings: PlannerSettings,
     transcription: TranscriptionSettings,
@@ -338,6 +347,8 @@ impl Planner {
         let contacts = vec![Contact::STANDING; task.robot.feet()];
         Ok(Planner {
             robot: task.robot.clone(),
+            map: task.terrain.clone(),
+            touched: Touched::new(task.robot.feet()),
             task,
             settings,
             transcription,
@@ -364,19 +375,20 @@ impl Planner {
         &self.robot
     }
 
-    /// Terrain.
+    /// Terrain as it is known, without the corrections by contacts.
     pub fn terrain(&self) -> &Arc<Terrain> {
-        &self.task.terrain
+        &self.map
     }
 
-    /// Replaces the terrain, for example by a map as the robot sees it now.
+    /// Replaces the terrain, for example by a map as the robot sees it now. Contacts until now no longer correct it.
     ///
     /// # Errors
     /// The errors of [`Terrain::validate`].
     pub fn set_terrain(&mut self, terrain: impl Into<Arc<Terrain>>) -> Result<()> {
         let terrain = terrain.into();
         terrain.validate()?;
-        self.task.terrain = terrain;
+        self.map = terrain;
+        self.touched = Touched::new(self.robot.feet());
         Ok(())
     }
 
@@ -390,6 +402,7 @@ impl Planner {
         let clock = Instant::now();
         self.check(state, command, now)?;
         let start = now + self.settings.latency;
+        self.touch(state, now);
         let before = self.plan.as_ref().map(|plan| Before::new(&plan.motion, start - plan.start).turned_to(state.base.yaw()));
         let state = self.ahead(state, before.as_ref());
         self.update_contacts(&state, start);
@@ -408,8 +421,9 @@ impl Planner {
         }
         let renewed = best.is_some();
         if let Some((index, motion, cost)) = best {
-            let (gait, robot, contacts) = (candidates[index].gait, self.task.robot.clone(), self.contacts.clone());
-            self.plan = Some(Arc::new(Plan { start, motion, gait, cost, robot, contacts }));
+            let (gait, contacts) = (candidates[index].gait, self.contacts.clone());
+            let (robot, terrain) = (self.task.robot.clone(), self.task.terrain.clone());
+            self.plan = Some(Arc::new(Plan { start, motion, gait, cost, robot, terrain, contacts }));
         }
         self.updates += 1;
         self.now = now;
@@ -464,6 +478,24 @@ impl Planner {
         RobotState { base, feet: state.feet.iter().enumerate().map(foot).collect() }
     }
 
+    /// Corrects the terrain by the feet that bear load, and by those that are below it without load.
+    fn touch(&mut self, state: &RobotState, now: f64) {
+        for (foot, at) in state.feet.iter().enumerate() {
+            let planned = self.plan.as_ref().map(|plan| planned_contact(plan, foot, now));
+            let swings = planned.is_some_and(|(contact, _)| contact.in_air);
+            let [x, y, z] = at.position;
+            let below = self.task.terrain.height(x, y) - z;
+            if !at.contact {
+                if below > if swings { APART } else { LIFTED } {
+                    self.touched.misses(foot, at.position, self.robot.base_height);
+                }
+            } else if planned.is_none_or(|(contact, left)| !contact.in_air || lands_early(contact, left)) {
+                self.touched.bears(foot, at.position);
+            }
+        }
+        self.task.terrain = self.touched.correct(&self.map, self.robot.base_height);
+    }
+
     /// Contacts at the start of the plan: those of the plan before, corrected by what was measured.
     fn update_contacts(&mut self, state: &RobotState, start: f64) {
         for (foot, at) in state.feet.iter().enumerate() {
@@ -474,11 +506,12 @@ impl Planner {
                 None if lifted => Contact { in_air: true, since: 0. },
                 None => Contact::STANDING,
                 // Early touchdown.
-                Some((Contact { in_air: true, since }, left)) if at.contact && since > LATE_SWING * (since + left) => {
-                    Contact { in_air: false, since: 0. }
-                }
+                Some((contact, left)) if at.contact && lands_early(contact, left) => Contact { in_air: false, since: 0. },
                 // Late touchdown, or a foot that lost the ground.
-                Some((Contact { in_air: false, since }, _)) if lifted => Contact { in_air: true, since: since.max(FALLING) },
+                Some((Contact { in_air: false, since }, _)) if lifted => {
+                    let swing = self.plan.as_ref().map_or(0., |plan| plan.gait.swing);
+                    Contact { in_air: true, since: since.max(FALLING * swing) }
+                }
                 Some((contact, _)) => contact,
             };
         }
@@ -507,11 +540,21 @@ impl Planner {
         let boxes = state.feet.iter().enumerate().map(|(foot, at)| {
             let ReachBox { low, high } = robot.reach.of(foot);
             let moved = |time: f64| std::array::from_fn(|i| at.position[i] + time * (at.velocity[i] - base.velocity[i]));
-            let [now, soon] = [base.to_base(moved(0.)), base.to_base(moved(OUTWARD))];
+            let mut soon = base.to_base(moved(OUTWARD));
+            let late = self.touched.missed[foot].then(|| {
+                let [x, y, _] = at.position;
+                base.to_base([x, y, self.task.terrain.height(x, y)])
+            });
+            if let Some(late) = late {
+                soon[2] = soon[2].min(late[2]);
+            }
+            let now = base.to_base(moved(0.));
             std::array::from_fn(|axis| {
                 let nominal = robot.nominal_feet[foot][axis];
                 let [now, soon] = [now[axis] - nominal, soon[axis] - nominal];
-                let (below, above) = (now < low[axis] + slack, now > high[axis] - slack);
+                // A foot that found no ground reaches for it.
+                let reaches = late.is_some() && axis == 2;
+                let (below, above) = (now < low[axis] + slack || reaches && soon < low[axis] + slack, now > high[axis] - slack);
                 widened |= below || above;
                 let most = WIDENED * robot.base_height;
                 let side = |side: f64, beyond: f64, is: bool| if is { beyond.clamp(side - most, side + most) } else { side };
@@ -717,6 +760,13 @@ impl Planner {
             }
         }
     }
+}
+
+/// True if a foot in the air that bears load ends its swing.
+///
+/// * `left` - time until the swing would end, s
+fn lands_early(planned: Contact, left: f64) -> bool {
+    planned.in_air && planned.since > LATE_SWING * (planned.since + left)
 }
 
 /// Contact of a foot in a plan at a time, and the time until it changes, s.

@@ -56,56 +56,59 @@ impl RobotState {
 
 /// Plan of one update: a motion that starts at a time, and its gait.
 #[pyclass(frozen, module = "cregopt")]
-pub struct Plan {
-    plan: Arc<crate::planner::Plan>,
-    terrain: Arc<crate::Terrain>,
-}
+pub struct Plan(Arc<crate::planner::Plan>);
 
 #[pymethods]
 impl Plan {
     /// Time at which the motion starts, s, on the clock of the updates.
     #[getter]
     fn start(&self) -> f64 {
-        self.plan.start
+        self.0.start
     }
 
     /// Family of the gait; None if all feet land and stand.
     #[getter]
     fn gait(&self) -> Option<&'static str> {
-        self.plan.gait.family.map(|family| family.name())
+        self.0.gait.family.map(|family| family.name())
     }
 
     /// Durations of swing and stance in the gait, s, and the fraction of its stride that has passed at the start.
     #[getter]
     fn cycle(&self) -> (f64, f64, f64) {
-        (self.plan.gait.swing, self.plan.gait.stance, self.plan.gait.phase)
+        (self.0.gait.swing, self.0.gait.stance, self.0.gait.phase)
     }
 
     /// Cost, per weight and a typical distance; it includes the distance from the command.
     #[getter]
     fn cost(&self) -> f64 {
-        self.plan.cost
+        self.0.cost
     }
 
     /// Phase durations, s: one list per foot. A first duration of 0 and a last one that is not positive belong to feet in the air.
     #[getter]
     fn schedule(&self) -> Vec<Vec<f64>> {
-        self.plan.motion.durations.clone()
+        self.0.motion.durations.clone()
     }
 
     /// Duration of the motion, s.
     #[getter]
     fn horizon(&self) -> f64 {
-        self.plan.motion.horizon
+        self.0.motion.horizon
+    }
+
+    /// Terrain for which the motion holds: the planner's, or if contacts of the feet were off it, a grid through their last contacts.
+    #[getter]
+    fn terrain(&self) -> Terrain {
+        Terrain(self.0.terrain.clone())
     }
 
     /// The motion, with robot and terrain.
     #[getter]
     fn trajectory(&self) -> Trajectory {
         let motion = crate::Trajectory {
-            robot: Some(NamedOr::Own((*self.plan.robot).clone())),
-            terrain: Some(NamedOr::Own((*self.terrain).clone())),
-            ..self.plan.motion.clone()
+            robot: Some(NamedOr::Own((*self.0.robot).clone())),
+            terrain: Some(NamedOr::Own((*self.0.terrain).clone())),
+            ..self.0.motion.clone()
         };
         Trajectory { motion: Arc::new(motion), force_limit: None }
     }
@@ -113,7 +116,7 @@ impl Plan {
     /// Samples the motion; see ``Trajectory.sample``. The times of the samples begin at 0.
     #[pyo3(signature = (rate = 100.))]
     fn sample(&self, py: Python<'_>, rate: f64) -> PyResult<Samples> {
-        let sampled = py.detach(|| Sampled::new(&self.plan.motion, &self.plan.robot, &self.terrain, rate));
+        let sampled = py.detach(|| Sampled::new(&self.0.motion, &self.0.robot, &self.0.terrain, rate));
         Samples::new(py, &sampled.raise()?)
     }
 }
@@ -178,13 +181,9 @@ impl Planner {
     fn update(&self, py: Python<'_>, state: &RobotState, command: [f64; 3], now: f64) -> PyResult<Update> {
         let [x, y, yaw_rate] = command;
         let command = Command { velocity: [x, y], yaw_rate };
-        let (update, terrain) = py.detach(|| {
-            let mut planner = locked(&self.0);
-            let update = planner.update(&state.0, &command, now).raise()?;
-            Ok::<_, PyErr>((update, planner.terrain().clone()))
-        })?;
+        let update = py.detach(|| locked(&self.0).update(&state.0, &command, now)).raise()?;
         let crate::planner::Update { plan, renewed, solved, candidates, iterations, seconds } = update;
-        Ok(Update { plan: Py::new(py, Plan { plan, terrain })?, renewed, solved, candidates, iterations, seconds })
+        Ok(Update { plan: Py::new(py, Plan(plan))?, renewed, solved, candidates, iterations, seconds })
     }
 
     /// Replaces the terrain, for example by a map as the robot sees it now.

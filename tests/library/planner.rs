@@ -171,7 +171,8 @@ fn touchdowns_that_are_measured_change_the_schedule() {
                 });
                 assert!(update.renewed && lifted(&update, foot), "foot {foot} stands in the air");
                 let swing = update.plan.motion.start_swing(foot).unwrap();
-                assert!(swing.position[2] > 0.02 && swing.since >= 0.1, "{swing:?}");
+                // It has passed the middle of the swing: it only descends.
+                assert!(swing.position[2] > 0.02 && swing.since >= 0.5 * before.gait.swing - 1e-9, "{swing:?}");
                 late += 1;
             }
         }
@@ -193,11 +194,65 @@ fn the_terrain_can_change_between_updates() {
     assert!(walk.planner.set_terrain(broken).is_err());
     assert!(matches!(walk.planner.terrain().shape, Shape::Flat));
     walk.planner.set_terrain(ramp.clone()).unwrap();
-    let update = walk.step(&ahead(0.3));
+    let mut state = walk.state.clone();
+    for foot in &mut state.feet {
+        let [x, y, z] = &mut foot.position;
+        *z += ramp.height(*x, *y);
+    }
+    let update = walk.step_from(&state, &ahead(0.3));
     let motion = &update.plan.motion;
     assert!(update.renewed);
     let holds = |terrain: &Terrain| verify(motion, walk.planner.robot(), terrain, motion.force_limit.unwrap()).unwrap().feasible;
     assert!(holds(&ramp) && !holds(&Terrain::flat()));
+}
+
+/// Level ground as a grid of heights.
+fn level(height: f64) -> Terrain {
+    Terrain {
+        name: "level".into(),
+        friction: 1.,
+        shape: Shape::Grid(Grid { low: [-4.; 2], high: [4.; 2], heights: vec![vec![height; 9]; 9] }),
+    }
+}
+
+#[test]
+fn on_a_grid_feet_land_as_on_flat_ground() {
+    let mut walk = Walk::new(small(), settings());
+    walk.planner.set_terrain(level(0.)).unwrap();
+    let held = walk.walk(&ahead(0.4), 1.).iter().filter(|update| !update.renewed).count();
+    println!("{held} of 50 updates kept the plan before");
+    assert!(held <= 3 && walk.x() > 0.25, "{held} of 50 updates kept the plan before, x = {}", walk.x());
+}
+
+#[test]
+fn a_robot_finds_ground_that_the_map_lacks() {
+    // The ground is lower than the map by this, m, from a place on that the front feet reach.
+    const DEPTH: f64 = 0.04;
+    let mut walk = Walk::new(small(), settings());
+    // A foot that is planned to stand but does not touch the ground goes on downwards.
+    let (mut held, mut sunk, mut before) = (0, [0.; 4], 0.);
+    for tick in 0..150 {
+        let mut state = walk.state.clone();
+        for (foot, sunk) in state.feet.iter_mut().zip(&mut sunk) {
+            let ground = if foot.position[0] > 0.3 { -DEPTH } else { 0. };
+            let above = foot.position[2] > ground + 1e-3;
+            *sunk = if foot.contact && above { *sunk + 0.3 / RATE } else { 0. };
+            foot.position[2] = (foot.position[2] - *sunk).max(ground);
+            foot.contact &= foot.position[2] < ground + 1e-3;
+        }
+        held += usize::from(!walk.step_from(&state, &ahead(0.4)).renewed);
+        if tick == 20 {
+            before = walk.state.base.position[2];
+        }
+    }
+    let feet: Vec<f64> = walk.state.feet.iter().map(|foot| foot.position[2]).collect();
+    println!("x = {}, feet at {feet:?}, {held} of 150 updates kept the plan before", walk.x());
+    assert!(walk.x() > 0.7 && held <= 15, "x = {}, {held} kept", walk.x());
+    let lowered = before - walk.state.base.position[2];
+    assert!((lowered - DEPTH).abs() < 0.02, "the base is {lowered} m lower");
+    let plan = walk.planner.plan().unwrap();
+    assert!((plan.terrain.height(walk.x(), 0.) + DEPTH).abs() < 0.01);
+    assert!(matches!(walk.planner.terrain().shape, Shape::Flat));
 }
 
 #[test]

@@ -18,7 +18,7 @@ import cregopt.mujoco
 import cregopt.mujoco.__main__
 import numpy as np
 import pytest
-from cregopt.mujoco import _plan
+from cregopt.mujoco import _ground, _plan
 from cregopt.mujoco._controller import Controller
 from cregopt.mujoco._model import Machine, State
 
@@ -552,6 +552,39 @@ def test_a_robot_starts_above_ground_that_the_planner_does_not_know(model: pathl
     assert report.upright and report.joint_speed < 5, str(report)
 
 
+def test_a_driven_robot_goes_down_a_step_that_the_planner_does_not_know(model: pathlib.Path) -> None:
+    rows = -4 + 0.025 * np.arange(321)
+    step = cregopt.Terrain.heights(np.repeat(np.where(rows < 0.35, 0.0, -0.06)[:, None], 321, axis=1), cell=0.025, origin=(-4, -4))
+    report = cregopt.mujoco.drive(model, [((0.4, 0.0, 0.0), 3.0)], ground=step, settings=TROT)
+    # All feet are below: the step is 0.15 m in front of the front feet.
+    assert report.upright and report.distance > 0.8, str(report)
+
+
+def test_a_driven_robot_bears_a_load_that_it_does_not_know(model: pathlib.Path) -> None:
+    stands, load = [((0.0, 0.0, 0.0), 1.5)], (2.4, (0.0, 0.13))
+    learns, ignores = (cregopt.mujoco.drive(model, stands, load=load, settings=TROT, gains=gains) for gains in (None, cregopt.mujoco.Gains(capture=0.0)))
+    assert learns.upright and learns.load == [2.4, 0.0, 0.13], str(learns)
+    assert learns.distance < 0.5 * ignores.distance, f"{learns}\n{ignores}"
+    light = cregopt.mujoco.drive(model, stands, settings=TROT)
+    assert light.load is None and light.torque_share < learns.torque_share
+
+
+def test_patches_have_their_own_friction(model: pathlib.Path) -> None:
+    robot, pushes = cregopt.mujoco.robot(model), [(0.2, (0.0, 60.0, 0.0), 0.2)]
+    stands = [((0.0, 0.0, 0.0), 1.0)]
+    patch = [(0.02, -0.5, 0.5)]
+    rough, smooth = (cregopt.mujoco.drive(model, stands, robot=robot, pushes=pushes, patches=patches, settings=TROT) for patches in ([], patch))
+    assert smooth.patches == [[0.02, -0.5, 0.5]] and rough.patches == []
+    assert rough.upright and not smooth.upright, f"{rough}\n{smooth}"
+    feet = np.array([[[-1.0, -1.0, 0.0], [2.0, 1.0, 0.0]]])
+    for terrain in (cregopt.Terrain("flat"), cregopt.Terrain.heights(np.zeros((9, 9)), cell=1.0, origin=(-4, -4))):
+        spec = Machine(model).spec
+        names = _ground.add(spec, terrain, 0.8, feet, [(0.3, 0.5, 1.0), (0.4, 1.0, 9.0)])
+        geoms = [spec.compile().geom(name) for name in names]
+        assert [float(geom.friction[0]) for geom in geoms] == [0.8, 0.3, 0.4, 0.8][: len(geoms)]
+        assert 0.5 < float(geoms[1].pos[0]) < 1.0
+
+
 def test_bad_arguments_of_drives_are_rejected(model: pathlib.Path) -> None:
     nan = float("nan")
     cases: list[tuple[dict[str, Any], str]] = [
@@ -567,6 +600,11 @@ def test_bad_arguments_of_drives_are_rejected(model: pathlib.Path) -> None:
         ({"speed_limit": 0.0}, "speed limit 0.0"),
         ({"friction": -1.0}, "friction -1.0"),
         ({"seed": -1}, "seed -1"),
+        ({"patches": [(0.3, 1.0, 0.5)]}, r"patches\[0\]: "),
+        ({"patches": [(0.0, 0.5, 1.0)]}, r"patches\[0\]: .* positive friction"),
+        ({"patches": [(0.3, 0.5, 2.0), (0.3, 0.0, 1.0)]}, r"patches\[0\]: it begins at 0.5 m, but another patch ends at 1 m"),
+        ({"load": (-1.0, (0.0, 0.0))}, r"load \(-1.0, "),
+        ({"load": (1.0, (nan, 0.0))}, r"load \(1.0, "),
         ({"feet": ["FL", "FR", "RL"], "robot": cregopt.Robot("anymal")}, "the robot has 4 feet, the model small 3"),
         ({"video": "film.avi"}, r"film\.avi: an animation is one of"),
     ]
@@ -625,17 +663,20 @@ def test_the_command_line_plays_plans_and_writes_robots(trot: cregopt.Gait, mode
 
 def test_the_command_line_drives_robots(model: pathlib.Path) -> None:
     quick = ["--model", str(model), "--gait", "trot"]
-    driven = run("drive", *quick, "--command", "0.3,0,0:0.5;0,0,0.2:0.3", "--push", "0.2:0,30,0:0.1", "--set", "horizon=0.7", "--json")
+    driven = run("drive", *quick, "--command", "0.3,0,0:0.5;0,0,0.2:0.3", "--push", "0.2:0,30,0:0.1", "--set", "horizon=0.7", "--load", "1:0,0.1", "--patch", "0.5:0.2,1;0.4:1,2", "--json")
     assert driven.returncode == 0, driven.stderr
     report: dict[str, Any] = json.loads(driven.stdout)
     assert report["upright"] and report["seconds"] == pytest.approx(0.8)
     assert report["commands"] == [[0.3, 0, 0, 0.5], [0, 0, 0.2, 0.3]] and report["pushes"] == [[0.2, 0, 30, 0, 0.1]]
+    assert report["load"] == [1, 0, 0.1] and report["patches"] == [[0.5, 0.2, 1], [0.4, 1, 2]]
     fallen = run("drive", *quick, "--command", "0,0,0:1.5", "--push", "0:0,900,300:0.2")
     assert fallen.returncode == 3 and "falls at" in fallen.stdout, fallen.stdout + fallen.stderr
     cases = [
         (["--command", "fast"], "--command 'fast': must be N,N,N:N"),
         (["--command", "0,0,0:0"], "commands[0]: "),
         (["--push", "1:0,0:1"], "--push '1:0,0:1': must be N:N,N,N:N"),
+        (["--patch", "0.3:1"], "--patch '0.3:1': must be N:N,N"),
+        (["--load", "3"], "--load '3': must be N:N,N"),
         (["--set", "horizon"], "--set 'horizon': must be KEY=VALUE"),
         (["--set", "horizon=99"], "planner.horizon: 99"),
         (["--gait", "stroll"], "settings: families[0]: unknown variant `stroll`"),

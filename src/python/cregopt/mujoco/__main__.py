@@ -55,6 +55,10 @@ def drive_arguments() -> argparse.ArgumentParser:
     parser.add_argument("--terrain", metavar="NAME|FILE", help="terrain that the planner knows [default: flat]")
     parser.add_argument("--ground", metavar="NAME|FILE", help="terrain of the simulation [default: --terrain]")
     parser.add_argument("--friction", type=float, help="friction coefficient of the simulation [default: that of --terrain]")
+    parser.add_argument(
+        "--patch", default="", metavar="MU:X0,X1;...", help="friction coefficient of the simulation from x = X0 to X1, m, that planner and controller do not know"
+    )
+    parser.add_argument("--load", metavar="KG:X,Y", help="mass on the base that planner and controller do not know, and its place before and left of the centre of mass, m")
     parser.add_argument("--gait", metavar="NAME", help="family whose typical durations are kept [default: the planner chooses]")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="setting of cregopt.Planner, for example horizon=1")
     parser.add_argument("--rate", type=float, default=50.0, help="updates per second [default: 50]")
@@ -105,6 +109,12 @@ def run_drive(given: Sequence[str]) -> int:
         if options.random is not None:
             commands, more = random_drive(options.random, options.seed or 0, made.mass, float(made.to_dict()["base_height"]))
             pushes += more
+        of_patches = [numbers(part, (1, 2), "--patch") for part in options.patch.split(";") if part]
+        patches = [(value, x[0], x[1]) for (value,), x in of_patches]
+        load = None
+        if options.load is not None:
+            (mass,), place = numbers(options.load, (1, 2), "--load")
+            load = (mass, (place[0], place[1]))
         settings = dict(setting(text) for text in options.set)
         if options.gait is not None:
             settings.update(families=[options.gait], change_durations=False)
@@ -117,6 +127,8 @@ def run_drive(given: Sequence[str]) -> int:
             terrain=None if options.terrain is None else terrain_of(options.terrain),
             ground=None if options.ground is None else terrain_of(options.ground),
             friction=options.friction,
+            patches=patches,
+            load=load,
             seed=options.seed,
             rate=options.rate,
             open_loop=options.open_loop,

@@ -23,6 +23,8 @@ from ._plan import Plan
 GRAVITY = 9.80665
 #: Share of the friction pyramid inside the cone within which forces stay, and of a sole within which its centre of pressure stays.
 INSIDE, PRESSED = 0.95, 0.9
+#: Largest force that the controller learns, as a share of the weight; moments: times the height of the base.
+UNKNOWN = 0.3
 #: Weight that pulls every unknown to zero, so that the solution is unique.
 TINY = 1e-5
 #: Codes of the kinds of constraints in DAQP.
@@ -56,7 +58,9 @@ class Gains:
     press, seek : float
         Depth below the ground at which swings end, m, and speed at which late feet move down, m/s.
     near, bears : float
-        Distance from the ground, m, below which a foot in planned stance counts as in contact, and normal force, N, above which it does.
+        Distance from where it bore load, m, below which a foot in planned stance counts as in contact, and normal force, N, above which it does.
+    unknown : float
+        Time in which the controller learns forces and moments on the base that it does not know, such as those of a load, s; 0: never.
     """
 
     base: tuple[float, float] = (120.0, 20.0)
@@ -79,6 +83,7 @@ class Gains:
     seek: float = 0.1
     near: float = 0.004
     bears: float = 1.0
+    unknown: float = 0.0
 
 
 #: Gains for robots on soles. The ankles carry little of the angular momentum of swinging legs: the attitude gives way to it, not the height.
@@ -123,6 +128,12 @@ class Controller:
         self.off = np.zeros((plan.n_feet, 3))
         #: Displacement of the foothold at which each swing ends, m, shape (feet, 3).
         self.displaced = np.zeros((plan.n_feet, 3))
+        #: Position of each foot when it last bore load in this stance, m, shape (feet, 3); NaN before it does.
+        self.ground = np.array([self._planned(f, 0) if stands else np.full(3, np.nan) for f, stands in enumerate(plan.stands(0))])
+        #: Force on the base, N, and moment, base axes, N m, that the dynamics lack.
+        self.unknown = np.zeros(6)
+        #: Velocities and commanded accelerations of the degrees of freedom at the last command.
+        self.last: tuple[Floats, Floats] | None = None
 
     def follow(self, plan: Plan) -> None:
         """Follows another plan from now on, which starts at the actual positions of the feet."""
@@ -138,6 +149,7 @@ class Controller:
         moving = float(-plan.step / 2 < time < plan.horizon)
         touching = [f for f, due in enumerate(plan.stands(k)) if self._touches(f, k, bool(due), state, float(loads[f]))]
         n_joints = len(state.velocity) - 6
+        self._learn(state)
         points = {f: self.contact_points(f, k, state) for f in touching}
         program = _Program(n_joints + 6, sum(map(len, points.values())))
         dynamics = [state.inertia]
@@ -173,13 +185,26 @@ class Controller:
             easing[machine.limbless] = posture[machine.limbless]
         program.motion(6, np.eye(n_joints), easing, gains.weight_rest)
         low, high = torque_range(machine.torque_limits, state.velocity[6:], self.speed_limit)
-        solution = program.solve(np.hstack(dynamics), state.bias, low, high)
+        bias = np.concatenate([state.bias[:6] - self.unknown, state.bias[6:]])
+        solution = program.solve(np.hstack(dynamics), bias, low, high)
         if solution is None:
             torque, acceleration = -gains.rest * state.inertia.diagonal()[6:] * state.velocity[6:], np.zeros(n_joints)
+            self.last = None
         else:
-            torque, acceleration = solution
+            torque, acceleration = solution[0], solution[1][6:]
+            self.last = state.velocity, solution[1]
         damping = gains.impedance * state.inertia.diagonal()[6:]
         return Command(torque, state.velocity[6:], acceleration, damping, solution is not None)
+
+    def _learn(self, state: State) -> None:
+        """Adds a share of what changed the momentum since the last command, beside the commanded accelerations, to the unknown forces."""
+        if self.gains.unknown == 0 or self.last is None:
+            return
+        velocity, acceleration = self.last
+        step, weight = self.plan.step, GRAVITY * self.machine.mass
+        missing = state.inertia[:6] @ ((state.velocity - velocity) / step - acceleration)
+        most = UNKNOWN * weight * np.repeat([1.0, self.plan.position[0, 2]], 3)
+        self.unknown = np.clip(self.unknown + step / self.gains.unknown * missing, -most, most)
 
     def contact_points(self, f: int, k: int, state: State) -> Floats:
         """Points at which a foot in contact transmits forces, world frame, m, shape (points, 3): for a sole the corners of its inner part."""
@@ -221,15 +246,15 @@ class Controller:
         return self.plan.feet[k, f] + self.machine.feet[f].radius * self.plan.normals[k, f]  # type: ignore[no-any-return]
 
     def _touches(self, f: int, k: int, due: bool, state: State, load: float) -> bool:
-        """True if a foot is in contact: on the ground in a planned stance, or loaded before its planned touchdown, on the descent."""
+        """True if a foot is in contact: loaded in a planned stance and not lifted since, or loaded before its planned touchdown, on the descent."""
+        bears = load > self.gains.bears
+        if bears:
+            self.ground[f] = state.feet[f]
+        elif not due:
+            self.ground[f] = np.nan
         if due:
-            return load > self.gains.bears or self._gap(f, k, state) < self.gains.near
-        return load > self.gains.bears and float(self.plan.feet_velocity[k, f, 2]) < 0
-
-    def _gap(self, f: int, k: int, state: State) -> float:
-        """Distance of a foot from the ground, along the normal, m."""
-        x, y, z = state.feet[f]
-        return float((z - self.plan.terrain.height(x, y)) * self.plan.normals[k, f, 2]) - self.machine.feet[f].radius
+            return bears or float((state.feet[f] - self.ground[f]) @ self.plan.normals[k, f]) < self.gains.near
+        return bears and float(self.plan.feet_velocity[k, f, 2]) < 0
 
     def _swing(self, f: int, k: int, time: float, state: State) -> tuple[Floats, Floats, Floats]:
         """Reference position, velocity and acceleration of the centre of a foot without contact, world frame."""
@@ -291,7 +316,7 @@ class _Program:
         dynamics.append(-jacobian.T)
 
     def solve(self, dynamics: Floats, bias: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats] | None:
-        """Torques and accelerations of the joints, shape (joints,), or None without a solution.
+        """Torques of the joints, shape (joints,), and accelerations of all degrees of freedom, or None without a solution.
 
         ``dynamics x + bias`` are the generalised forces of the motors; ``low`` and ``high`` are their limits.
         """
@@ -304,4 +329,4 @@ class _Program:
         if flag < 1 or not np.all(np.isfinite(x)):
             return None
         torque: Floats = np.clip((dynamics @ x + bias)[6:], low, high)
-        return torque, x[6 : self.n_accelerations]
+        return torque, x[: self.n_accelerations]

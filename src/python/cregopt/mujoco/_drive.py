@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import Error, Planner, Robot, RobotState, Terrain, Update
 from .. import Plan as Planned
-from . import _plan, _rotation, _video
+from . import _ground, _plan, _rotation, _video
 from ._controller import Controller, Gains
 from ._engine import Floats
 from ._model import Machine, Path, State
@@ -23,6 +23,8 @@ PERIOD = STEP * STEPS
 SETTLING = 1.0
 #: Time over which velocities are averaged before they are compared with the command, s.
 AVERAGED = 0.4
+#: Gains by default: the planner chooses footholds, and loads are not known.
+GAINS = Gains(capture=0.0, unknown=0.3, seek=0.3)
 #: Standard deviations of the noise on the planner's state: positions, m; velocities, m/s; attitude, rad; angular velocity, rad/s.
 NOISE = (0.005, 0.05, 0.01, 0.05)
 #: Largest delay of the planner, s.
@@ -40,6 +42,8 @@ AROUND = 2.0
 Command = tuple[tuple[float, float, float], float]
 #: Push: time, s, force on the base in the world frame, N, and its duration, s.
 Push = tuple[float, tuple[float, float, float], float]
+#: Mass on the base, kg, and its place in front and to the left of the centre of mass, m.
+Load = tuple[float, tuple[float, float]]
 
 
 def drive(
@@ -52,6 +56,8 @@ def drive(
     terrain: Optional[Terrain] = None,
     ground: Optional[Terrain] = None,
     friction: Optional[float] = None,
+    patches: Sequence[_ground.Patch] = (),
+    load: Optional[Load] = None,
     seed: Optional[int] = None,
     rate: float = 50.0,
     open_loop: bool = False,
@@ -84,6 +90,11 @@ def drive(
         Terrain of the simulation. Default: ``terrain``.
     friction : float, optional
         Friction coefficient of the simulation, which the controller knows. Default: that of ``terrain``, which the planner always assumes.
+    patches : list of (float, float, float), optional
+        Friction coefficient of a part of the ground of the simulation, which neither planner nor controller knows, and the range of x that it covers,
+        m. Patches do not overlap.
+    load : (float, (float, float)), optional
+        Mass on the base, kg, which neither planner nor controller knows, and its place in front and to the left of the centre of mass, m.
     seed : int, optional
         Seed of disturbances of start, masses and friction as in ``play``, and of the noise. Default: no disturbances, and noise of seed 0.
     rate : float, default 50
@@ -98,7 +109,8 @@ def drive(
     settings : dict, optional
         Settings of ``cregopt.Planner``, except for ``latency``, which is the delay.
     gains : Gains, optional
-        Gains and weights of the controller. Default: those of ``play`` without the displacement of footholds, which the planner chooses.
+        Gains and weights of the controller. Default: those of ``play`` without the displacement of footholds, which the planner chooses, and with
+        ``unknown`` of 0.3 s and ``seek`` of 0.3 m/s.
     speed_limit, video, viewer
         As in ``play``.
 
@@ -129,6 +141,7 @@ def drive(
     if settings and "latency" in settings:
         raise Error("settings: the latency is given by the delay")
     check(speed_limit, friction, seed, video, viewer)
+    _check_hidden(patches, load)
     machine = Machine(model, feet)
     if machine.soled:
         raise Error(f"the feet of the model {machine.name} are soles, which cannot be driven: name geoms or sites as feet (--feet)")
@@ -146,6 +159,8 @@ def drive(
         seconds=float(sum(seconds for _, seconds in commands)),
         commands=[[*command, seconds] for command, seconds in commands],
         pushes=[[time, *force, seconds] for time, force, seconds in pushes],
+        patches=[[*patch] for patch in patches],
+        load=None if load is None else [load[0], *load[1]],
         joint_speed_limit=speed_limit,
         rate=rate,
         delay=delay,
@@ -155,7 +170,7 @@ def drive(
     if abs(robot.mass - machine.mass) > MASS_APART * machine.mass:
         report.notes.append(f"the planner's robot weighs {robot.mass:.4g} kg, the model {machine.mass:.4g} kg")
     planner = Planner(robot, terrain, {**(settings or {}), "latency": delay})
-    simulation = _Online(machine, planner, robot, terrain, ground or terrain, gains or Gains(capture=0.0), commands, pushes, report)
+    simulation = _Online(machine, planner, robot, terrain, ground or terrain, gains or GAINS, commands, pushes, patches, load, report)
     with ExitStack() as stack:
         observers: list[Observer] = []
         if video is not None:
@@ -165,6 +180,19 @@ def drive(
             observers.append(window(stack, simulation))
         simulation.run(observers)
     return report
+
+
+def _check_hidden(patches: Sequence[_ground.Patch], load: Optional[Load]) -> None:
+    """Checks what planner and controller do not know. Raises Error for the first bad value."""
+    before = -np.inf
+    for number, (friction, start, end) in sorted(enumerate(patches), key=lambda patch: patch[1][1]):
+        if not (np.all(np.isfinite([friction, start, end])) and friction > 0 and start < end):
+            raise Error(f"patches[{number}]: {(friction, start, end)!r}, but it must be a positive friction coefficient and a range of x, m")
+        if start < before:
+            raise Error(f"patches[{number}]: it begins at {start:g} m, but another patch ends at {before:g} m")
+        before = end
+    if load is not None and not (np.all(np.isfinite([load[0], *load[1]])) and load[0] > 0):
+        raise Error(f"load {load!r}: must be a positive mass, kg, and a place, m")
 
 
 def random_drive(seconds: float, seed: int, mass: float, height: float) -> tuple[list[Command], list[Push]]:
@@ -203,6 +231,8 @@ class _Online(Simulation[DriveReport]):
         gains: Gains,
         commands: Sequence[Command],
         pushes: Sequence[Push],
+        patches: Sequence[_ground.Patch],
+        load: Optional[Load],
         report: DriveReport,
     ) -> None:
         self.planner, self.robot, self.terrain = planner, robot, terrain
@@ -221,11 +251,14 @@ class _Online(Simulation[DriveReport]):
         plan = self._reference(first)
         controller = Controller(machine, plan, report.friction, report.joint_speed_limit, gains)
         pose = start_pose(machine, plan)
+        if load is not None:
+            mass, (forward, left) = load
+            machine.add_load(mass, plan.rotation[0].T @ (plan.position[0] - pose[:3]) + [forward, left, 0])
         # The planner may not know the ground: the robot starts above it.
         pose[2] += max(ground.height(x, y) - terrain.height(x, y) for x, y, _ in plan.feet[0])
         reach = AROUND + sum(float(np.hypot(*command[:2])) * seconds for command, seconds in commands)
         corners = np.array([[[x, y, ground.height(0, 0)]] for x in (-reach, reach) for y in (-reach, reach)])
-        super().__init__(controller, pose, report, ground, corners)
+        super().__init__(controller, pose, report, ground, corners, patches)
         # Other numbers than those of the disturbances.
         self.random = np.random.default_rng([report.seed or 0, 1])
 
@@ -238,7 +271,7 @@ class _Online(Simulation[DriveReport]):
 
     def _reference(self, plan: Planned) -> _plan.Plan:
         """Plan for the controller."""
-        return _plan.of_samples(plan.sample(1 / PERIOD), self.robot, self.terrain, plan.schedule, plan.horizon, 1 / PERIOD)
+        return _plan.of_samples(plan.sample(1 / PERIOD), self.robot, plan.terrain, plan.schedule, plan.horizon, 1 / PERIOD)
 
     def run(self, observers: Sequence[Observer]) -> None:
         """Simulates all commands, or until the robot falls."""

@@ -36,6 +36,9 @@ CROUCH = 0.055
 #: centre of mass that are tried, as shares of that in the given pose.
 PREBENT, HEIGHTS = 0.1, np.linspace(0.75, 1.25, 51)
 
+#: Name of the body of a load, which no model uses, and length of the sides of its cube, m.
+LOAD, LOAD_SIZE = "cregopt load", 0.1
+
 
 @dataclass(frozen=True)
 class Foot:
@@ -114,6 +117,14 @@ class Machine:
             raise Error(f"the model {self.name} has {len(self.feet)} feet ({seen}), the plan {count}: name the feet of the plan (--feet)")
         if not self.feet:
             raise Error(f"the model {self.name} has no feet (soles, balls or ends of capsules at the ends of legs): name them (--feet)")
+
+    def add_load(self, mass: float, place: Floats) -> None:
+        """Adds a mass, kg, at a place of the base, frame of its body, m: to ``spec``, not to the model with which the controller computes."""
+        base = next(body for body in self.spec.bodies if body.id == self.base)
+        # A child: geoms do not change the mass of a body whose inertia is given. Without contact.
+        body = base.add_body(name=LOAD, pos=place)
+        size = [LOAD_SIZE / 2] * 3
+        body.add_geom(type=mj.mjtGeom.mjGEOM_BOX, size=size, mass=mass, contype=0, conaffinity=0, rgba=[0.85, 0.45, 0.1, 1])
 
     # Content of the model.
 

@@ -184,20 +184,22 @@ def window(stack: ExitStack, simulation: Simulation[Any]) -> Observer:
 class Simulation(Generic[Loads]):
     """Simulation of a robot under a controller on a ground, with its report."""
 
-    def __init__(self, controller: Controller, start: Floats, report: Loads, ground: Terrain, covered: Floats) -> None:
+    def __init__(
+        self, controller: Controller, start: Floats, report: Loads, ground: Terrain, covered: Floats, patches: Sequence[_ground.Patch] = ()
+    ) -> None:
         self.controller, self.machine, self.plan, self.report = controller, controller.machine, controller.plan, report
         if not np.all(np.isfinite(self.machine.torque_limits)):
             report.notes.append("the model has no torque limits for some joints")
         random = None if report.seed is None else np.random.default_rng(report.seed)
         if random is not None:
             report.friction *= float(random.uniform(1 - FRICTION_SPREAD, 1 + FRICTION_SPREAD))
-        self.model = self._world(report.friction, ground, covered)
+        self.model, grounds = self._world(report.friction, ground, covered, patches)
         self.data = mj.MjData(self.model)
         self.data.qpos[:] = start
         if random is not None:
             self._disturb(random)
         mj.mj_forward(self.model, self.data)
-        self.ground = self.model.geom(_ground.NAME).id
+        self.grounds = {self.model.geom(name).id for name in grounds}
         m, base, own = self.model, self.machine.base, self.machine.model
         # Adding the ground shifts the indices of geoms, not those of bodies.
         self.foot_of = {
@@ -209,18 +211,21 @@ class Simulation(Generic[Loads]):
         # The trunk, which may not touch the ground: the base and its direct children.
         self.trunk = {b for b in range(m.nbody) if base in (m.body_weldid[b], m.body_weldid[m.body_parentid[m.body_weldid[b]]])}
 
-    def _world(self, friction: float, ground: Terrain, covered: Floats) -> Any:
-        """Model of the robot on the ground around the positions ``covered``, shape (n, feet, 3). The model's actuators are off: torques are applied to the joints."""
+    def _world(self, friction: float, ground: Terrain, covered: Floats, patches: Sequence[_ground.Patch]) -> tuple[Any, list[str]]:
+        """Model of the robot on the ground around the positions ``covered``, shape (n, feet, 3), and names of the ground's geoms.
+
+        The model's actuators are off: torques are applied to the joints.
+        """
         spec = self.machine.spec
         option = spec.option
         option.timestep, option.integrator = STEP, mj.mjtIntegrator.mjINT_IMPLICITFAST
         # Elliptic cones and a high impedance ratio: otherwise loaded feet creep.
         option.cone, option.impratio = mj.mjtCone.mjCONE_ELLIPTIC, 100
-        _ground.add(spec, ground, friction, covered)
+        names = _ground.add(spec, ground, friction, covered, patches)
         model = spec.compile()
         # Without automatic resets, divergence is detected.
         model.opt.disableflags |= mj.mjtDisableBit.mjDSBL_ACTUATION | mj.mjtDisableBit.mjDSBL_AUTORESET
-        return model
+        return model, names
 
     def _disturb(self, random: np.random.Generator) -> None:
         """Disturbs the masses and the initial state. The lowest foot stays on the ground."""
@@ -241,9 +246,9 @@ class Simulation(Generic[Loads]):
         force = np.zeros(6)
         for number in range(self.data.ncon):
             contact = self.data.contact[number]
-            if self.ground not in (contact.geom1, contact.geom2):
+            if self.grounds.isdisjoint((contact.geom1, contact.geom2)):
                 continue
-            other = contact.geom2 if contact.geom1 == self.ground else contact.geom1
+            other = contact.geom2 if contact.geom1 in self.grounds else contact.geom1
             body = int(self.model.geom_bodyid[other])
             # A sole and a foot that is a site touch the ground with any geom of their rigid part.
             foot = self.foot_of.get(int(other), self.foot_on.get(int(self.model.body_weldid[body])))

@@ -136,6 +136,9 @@ class DriveReport:
         Duration of all commands, s.
     commands, pushes : list of list of float
         Velocity forward and to the left, yaw rate, duration; time, force, duration.
+    patches, load : list of list of float, list of float or None
+        What planner and controller do not know: friction coefficient of a part of the ground and the range of x that it covers; a mass on the base and
+        its place in front and to the left of the centre of mass.
     rate, delay, noise, open_loop : float, float, bool, bool
         Updates per second, delay of the planner, s, and how it gets its state.
     distance : float
@@ -160,6 +163,8 @@ class DriveReport:
     commands: list[list[float]]
     pushes: list[list[float]]
     joint_speed_limit: float
+    patches: list[list[float]] = field(default_factory=list)
+    load: Optional[list[float]] = None
     rate: float = 0.0
     delay: float = 0.0
     noise: bool = False

@@ -16,6 +16,8 @@ from ._model import Path
 #: Frames per second. The size of a frame in pixels follows.
 RATE = 25
 WIDTH, HEIGHT = 480, 320
+#: Quality of WebP, 0 to 100, and MuJoCo's scale of the lengths of arrows.
+QUALITY, ARROW = 40, 0.015
 #: Suffixes of the supported animation formats.
 KINDS = (".gif", ".png", ".apng", ".webp")
 
@@ -55,13 +57,17 @@ class Film:
         self.camera = mj.MjvCamera()
         self.camera.type, self.camera.trackbodyid = mj.mjtCamera.mjCAMERA_TRACKING, base
         self.camera.distance, self.camera.azimuth, self.camera.elevation = distance, 120.0, -15.0
+        # Pushes are arrows.
+        model.vis.map.force = ARROW
+        self.options = mj.MjvOption()
+        self.options.flags[mj.mjtVisFlag.mjVIS_PERTFORCE] = True
 
     def __enter__(self) -> Film:
         return self
 
     def __call__(self, _: Any, data: Any) -> None:
         if self.periods % self.every == 0:
-            self.renderer.update_scene(data, self.camera)
+            self.renderer.update_scene(data, self.camera, self.options)
             self.frames.append(_images.fromarray(self.renderer.render()))
         self.periods += 1
 
@@ -71,7 +77,8 @@ class Film:
             # The file appears under its name only when it is complete.
             part = self.path.with_name(f".{self.path.stem}.part{self.path.suffix}")
             try:
-                self.frames[0].save(part, save_all=True, append_images=self.frames[1:], duration=1000 // RATE, loop=0)
+                # Other formats have no quality.
+                self.frames[0].save(part, save_all=True, append_images=self.frames[1:], duration=1000 // RATE, loop=0, quality=QUALITY)
                 part.replace(self.path)
             except OSError as failure:
                 part.unlink(missing_ok=True)
