@@ -73,11 +73,11 @@ impl Robot {
     /// configuration : dict of str to float, optional
     ///     Joint values in which the robot stands, rad or m. Other joints are at zero, or in the middle of their limits if zero is outside.
     ///     Without values, the legs are bent so that the robot stands.
-    /// sole : str or tuple of float
-    ///     Soles of the feet: ``"auto"`` (flat lower sides of the collision shapes, if the legs have six joints), ``"none"`` (points or balls),
-    ///     or length and width, m.
     /// name : str, optional
     ///     Name of the robot; by default the name in the file, with ``-imported`` appended if a built-in robot has it.
+    /// sole : str or tuple of float, optional
+    ///     Soles of the feet: ``"none"`` (points or balls), or length and width, m; by default ``"auto"``, the flat lower sides of the collision
+    ///     shapes if the legs have six joints.
     ///
     /// Raises
     /// ------

@@ -133,6 +133,20 @@ fn center_of_mass(tree: &Tree, frames: &[Isometry3<f64>]) -> Vector3<f64> {
     composite((0..frames.len()).filter_map(|link| Some((&frames[link], tree.model.links[link].inertial.as_ref()?)))).center
 }
 
+/// Values of all joints with those of the legs replaced.
+///
+/// # Errors
+/// See [`Tree::follow`].
+fn with_joints(tree: &Tree, values: &[f64], legs: &[Leg], joints: &[Vec<f64>]) -> Result<Vec<f64>> {
+    let mut all = values.to_vec();
+    for (joint, value) in legs.iter().zip(joints).flat_map(|(leg, q)| leg.chain.iter().zip(q)) {
+        if let Some(j) = tree.model.joints.iter().position(|other| other.name == joint.name) {
+            all[j] = *value;
+        }
+    }
+    tree.follow(&mut all).map(|()| all)
+}
+
 /// Heights of the centre of mass above level soles, m, and values of all joints: stances with bent knees.
 fn stances(tree: &Tree, values: &[f64], soles: Feet) -> Result<Vec<(f64, Vec<f64>)>> {
     let frames = tree.frames(values);
@@ -149,15 +163,7 @@ fn stances(tree: &Tree, values: &[f64], soles: Feet) -> Result<Vec<(f64, Vec<f64
         leg.chain.iter().map(towards).collect::<Vec<f64>>()
     };
     let mut joints: Vec<Vec<f64>> = legs.iter().map(bent).collect();
-    let with = |joints: &[Vec<f64>]| {
-        let mut all = values.to_vec();
-        for (joint, value) in legs.iter().zip(joints).flat_map(|(leg, q)| leg.chain.iter().zip(q)) {
-            if let Some(j) = tree.model.joints.iter().position(|other| other.name == joint.name) {
-                all[j] = *value;
-            }
-        }
-        tree.follow(&mut all).map(|()| all)
-    };
+    let with = |joints: &[Vec<f64>]| with_joints(tree, values, &legs, joints);
     let mut found = Vec::new();
     let (first, last, count) = HEIGHTS;
     for i in 0..count {
@@ -187,16 +193,21 @@ fn stances(tree: &Tree, values: &[f64], soles: Feet) -> Result<Vec<(f64, Vec<f64
     Ok(found)
 }
 
-/// Legs in a stance. Boxes have the form of [`BOX`], in m.
-struct Workspace {
+/// Robot in a stance. Boxes have the form of [`BOX`], in m.
+struct Workspace<'a> {
+    tree: &'a Tree<'a>,
+    values: &'a [f64],
+    /// Legs from the centre of mass.
     legs: Vec<Leg>,
+    /// Centre of mass, frame of the root link, m.
+    center: Vector3<f64>,
     /// True for the feet on the right.
     mirrored: Vec<bool>,
     largest: [[f64; 3]; 2],
 }
 
-impl Workspace {
-    fn new(tree: &Tree, values: &[f64], soles: Feet) -> Result<Workspace> {
+impl<'a> Workspace<'a> {
+    fn new(tree: &'a Tree, values: &'a [f64], soles: Feet) -> Result<Workspace<'a>> {
         let frames = tree.frames(values);
         let (center, contacts) = (center_of_mass(tree, &frames), contacts(&frames, soles));
         let legs = spared(feet::legs(tree, &frames, values, &center, &contacts)?);
@@ -207,7 +218,7 @@ impl Workspace {
         let width = soles.iter().map(|(_, sole)| sole.width).fold(f64::INFINITY, f64::min);
         let mut largest = BOX.map(|end| end.map(|share| share * height));
         largest[0][1] = largest[0][1].min(((gap - width - APART) / 2.).max(0.));
-        Ok(Workspace { legs, mirrored: places.iter().map(|place| place.y < 0.).collect(), largest })
+        Ok(Workspace { tree, values, legs, center, mirrored: places.iter().map(|place| place.y < 0.).collect(), largest })
     }
 
     /// Share of the box that a walk needs.
@@ -215,25 +226,45 @@ impl Workspace {
         std::array::from_fn(|end| std::array::from_fn(|axis| share * NEEDED[end][axis] * self.largest[end][axis]))
     }
 
-    /// True if the feet attain the points of a box with level soles that are turned by `turn`, rad, either way, with a level base.
+    /// True if the feet attain the points of a box with level soles that are turned by `turn`, rad, either way, all feet at once, with a
+    /// level base and the centre of mass at its place.
     ///
     /// The points are corners of a polyhedron inside the box, because a step is long when the foot is at its middle height, and legs that
     /// bend one way attain no large box.
     fn attains(&self, sides: &[[f64; 3]; 2], turn: f64) -> bool {
         let corners = (0..8).map(|number| [0, 1, 2].map(|axis| if number >> axis & 1 == 0 { -1. } else { 1. }));
-        let points: Vec<[f64; 3]> = corners.flat_map(|[x, y, z]| [[x, y / 2., 0.], [x / 2., y / 2., z], [0., y, z / 2.]]).collect();
-        let attained = |leg: &Leg, mirrored: bool, point: &[f64; 3], yaw: f64| {
-            let nominal = leg.nominal();
-            let at = |axis: usize| {
-                let [low, high] = side(sides, axis, mirrored);
-                if point[axis] > 0. { point[axis] * high } else { -point[axis] * low }
-            };
-            let place = leg.posture(&nominal).tip + Vector3::new(at(0), at(1), at(2));
-            let level = UnitQuaternion::from_euler_angles(0., 0., yaw);
-            leg.approach_sole(&Isometry3::from_parts(place.into(), level), &nominal).1 <= PRECISION
-        };
-        let of_leg =
-            |(leg, &mirrored): (&Leg, &bool)| [-turn, turn].iter().all(|&yaw| points.iter().all(|p| attained(leg, mirrored, p, yaw)));
-        self.legs.iter().zip(&self.mirrored).all(of_leg)
+        let mut points = corners.flat_map(|[x, y, z]| [[x, y / 2., 0.], [x / 2., y / 2., z], [0., y, z / 2.]]);
+        points.all(|point| [-turn, turn].iter().all(|&yaw| self.attains_point(sides, &point, yaw)))
+    }
+
+    /// True if the feet attain a point of a box: coordinates along the axes, from -1 at the low sides to 1 at the high ones.
+    fn attains_point(&self, sides: &[[f64; 3]; 2], point: &[f64; 3], yaw: f64) -> bool {
+        let level = UnitQuaternion::from_euler_angles(0., 0., yaw);
+        let mut joints: Vec<Vec<f64>> = self.legs.iter().map(Leg::nominal).collect();
+        let places: Vec<Vector3<f64>> = (self.legs.iter().zip(&self.mirrored))
+            .map(|(leg, &mirrored)| {
+                let at = |axis: usize| {
+                    let [low, high] = side(sides, axis, mirrored);
+                    if point[axis] > 0. { point[axis] * high } else { -point[axis] * low }
+                };
+                leg.posture(&leg.nominal()).tip + Vector3::new(at(0), at(1), at(2))
+            })
+            .collect();
+        // The legs move the centre of mass in the base, and the base gives way.
+        let mut given = Vector3::zeros();
+        for _ in 0..ROUNDS {
+            let mut missed: f64 = 0.;
+            for ((leg, q), place) in self.legs.iter().zip(&mut joints).zip(&places) {
+                let (reached, left) = leg.approach_sole(&Isometry3::from_parts((place - given).into(), level), q);
+                (*q, missed) = (reached, missed.max(left));
+            }
+            let Ok(all) = with_joints(self.tree, self.values, &self.legs, &joints) else { return false };
+            let off = center_of_mass(self.tree, &self.tree.frames(&all)) - self.center + given;
+            if off.norm() < PRECISION {
+                return missed <= PRECISION;
+            }
+            given -= off;
+        }
+        false
     }
 }
