@@ -76,8 +76,8 @@ impl Robot {
     /// name : str, optional
     ///     Name of the robot; by default the name in the file, with ``-imported`` appended if a built-in robot has it.
     /// sole : str or tuple of float, optional
-    ///     Soles of the feet: ``"none"`` (points or balls), or length and width, m; by default ``"auto"``, the flat lower sides of the collision
-    ///     shapes if the legs have six joints.
+    ///     Soles of the feet: ``"none"`` (points or balls), or length and width, m; by default ``"auto"``, the flat lower sides of the
+    ///     collision shapes if the legs have six joints.
     ///
     /// Raises
     /// ------
