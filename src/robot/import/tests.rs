@@ -486,7 +486,7 @@ fn level_soles_reach_their_box_with_any_allowed_yaw() {
     let (boxes, turn) = (robot.reach_boxes().collect::<Vec<_>>(), robot.sole.unwrap().turn);
     close(&[boxes[0].low[1], boxes[0].high[1]], &[-boxes[1].high[1], -boxes[1].low[1]], 1e-12);
     // Soles of 0.1 m, 0.02 m apart, with feet 0.2 m apart.
-    assert!(boxes[0].low[1] >= -0.04 && boxes[0].low[2] < -0.03 && boxes[0].widths()[0] > 0.3 && boxes[0].widths()[2] > 0.1, "{boxes:?}");
+    assert!(boxes[0].low[1] >= -0.04 && boxes[0].low[2] < -0.025 && boxes[0].widths()[0] > 0.3 && boxes[0].widths()[2] > 0.1, "{boxes:?}");
     let mut random = ChaCha8Rng::seed_from_u64(35);
     for _ in 0..300 {
         for (foot, leg) in robot.joints.as_ref().unwrap().iter().enumerate() {
