@@ -53,7 +53,8 @@ impl Joints {
         let followed = py.detach(|| {
             let world = World::of(given, None, None);
             let (robot, _) = robot_of(&world, &trajectory.motion)?;
-            follow(&trajectory.motion, &robot, &ground_of(&world, &trajectory.motion, &robot)?, rate)
+            let terrain = ground_of(&world, &trajectory.motion, &robot)?;
+            follow(&trajectory.motion, &robot, &terrain, rate)
         });
         let JointMotion { joints, samples, limits } = followed.raise()?;
         let shape = [samples.len(), joints.len()];
