@@ -127,7 +127,17 @@ impl Robot {
                 let limit = format!("{} legs, one for each of `nominal_feet`", self.feet());
                 return Err(Error::invalid("robot.joints", format!("{} legs", legs.len()), limit));
             }
-            legs.iter().enumerate().try_for_each(|(foot, leg)| leg.validate(&format!("robot.joints[{foot}]")))?;
+            for (foot, leg) in legs.iter().enumerate() {
+                leg.validate(&format!("robot.joints[{foot}]"))?;
+                if leg.sole.is_some() != self.sole.is_some() {
+                    let [value, limit] = if self.sole.is_some() {
+                        ["absent", "the axes of the sole: the robot has a `sole`"]
+                    } else {
+                        ["the axes of a sole", "absent: the robot has no `sole`"]
+                    };
+                    return Err(Error::invalid(format!("robot.joints[{foot}].sole"), value, limit));
+                }
+            }
         }
         if let Some(radius) = self.foot_radius {
             check_range("robot.foot_radius", radius, 0., self.leg_height() / 2.)?;

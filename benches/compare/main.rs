@@ -9,10 +9,16 @@
 //! durations held, `momentum` rows, for typical gaits whose label contains FILTER and for CANDIDATES (default 1) feasible reference
 //! candidates per scenario. Ipopt starts once from the initial values of the problem and once from the feasible motion, with exact first
 //! derivatives, a limited-memory Hessian and the cost at the final rounding. Its motions are closed as this solver's are, outside its time.
+//!
+//! `cargo bench --features ipopt --bench compare -- --soles [CANDIDATES] [--seed N] [--robot FILE]`: verdicts, times and sizes for
+//! CANDIDATES (default 40) problems of a robot with soles (default `humanoid`), without a cost: walks of the first generation of the
+//! default search ahead, back, aside and on the spot, and standing. Ipopt solves the same `momentum` rows from the same initial values.
+//! This solver also solves them with points in place of the soles.
 
 #[path = "../common/cpu_time.rs"]
 mod cpu_time;
 mod optimise;
+mod soles;
 
 use cregopt::backend::Cpu;
 use cregopt::experiment::summary::Spread;
@@ -90,6 +96,9 @@ fn main() -> Result<()> {
     let mut words = std::env::args().skip(1).filter(|a| a != "--bench").peekable();
     if words.next_if(|word| word == "--optimise").is_some() {
         return optimise::run(&words.collect::<Vec<_>>());
+    }
+    if words.next_if(|word| word == "--soles").is_some() {
+        return soles::run(&words.collect::<Vec<_>>());
     }
     let (count, seed) = arguments()?;
     let backend = Cpu::new(1)?;

@@ -15,7 +15,7 @@ use cregopt::search::evaluate::{Evaluated, LowerSettings, evaluate};
 use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::solver::{Outcome, Status, close};
 use cregopt::verify::verify_rows;
-use cregopt::{Error, Goal, Result, Robot, Task, Terrain};
+use cregopt::{Error, Goal, Result, Robot, Task, Terrain, Trajectory};
 use std::sync::Arc;
 
 /// Iterations of this solver that minimise the cost.
@@ -114,13 +114,20 @@ fn ipopt(gait: &Gait, schedule: &AlignedSchedule, from: Option<&[f64]>) -> Resul
     let (rounding, start) = (settings.solver.optimise.rounding_floor, cpu_seconds());
     let (x, statistics) = minimise(&gait.task, (schedule, from), &settings.transcription, &weights, rounding, options)?;
     let seconds = cpu_seconds() - start;
-    let problem = Problem::<f64>::new(&gait.task, schedule, &settings.transcription);
+    let (motion, feasible) = closed(&gait.task, schedule, x, settings)?;
+    let robot = &gait.task.robot;
+    let cost = cost(&motion, robot, robot.leg_mass(), &weights)?.total;
+    Ok(Run { cost, feasible, seconds, statistics: Some(statistics) })
+}
+
+/// Motion closed as this solver's are, and whether it is certified.
+pub fn closed(task: &Task, schedule: &AlignedSchedule, x: Vec<f64>, settings: &LowerSettings) -> Result<(Trajectory, bool)> {
+    let problem = Problem::<f64>::new(task, schedule, &settings.transcription);
     let outcome = Outcome { status: Status::Solved, iterations: 0, factorisations: 0, infeasibility: 0. };
     let (_, x) = close(&problem, outcome, x, &settings.solver, &|| false);
-    let (robot, motion) = (&gait.task.robot, trajectory(&gait.task, &problem.curves, &x));
-    let report = verify_rows(&motion, robot, &gait.task.terrain, force_limit(&settings.transcription, &gait.task))?;
-    let cost = cost(&motion, robot, robot.leg_mass(), &weights)?.total;
-    Ok(Run { cost, feasible: report.feasible, seconds, statistics: Some(statistics) })
+    let motion = trajectory(task, &problem.curves, &x);
+    let report = verify_rows(&motion, &task.robot, &task.terrain, force_limit(&settings.transcription, task))?;
+    Ok((motion, report.feasible))
 }
 
 /// A gait minimised by both solvers.

@@ -77,7 +77,7 @@ impl MissionStage {
             found.best = best;
             refinement = Some(Refinement { refined, settings: refine.clone(), seconds: start.elapsed().as_secs_f64() });
         }
-        let joints = joints::limits(found.best.trajectory(), &task.robot)?.filter(|_| found.best.feasible());
+        let joints = joints::limits(found.best.trajectory(), &task.robot, &task.terrain)?.filter(|_| found.best.feasible());
         let solved_on = SolvedOn::new(backend, lower.precision);
         let diagnosis = explain(&task, request, &found, backend, &is_cancelled)?;
         Ok(MissionStage { task, provenance, request: request.clone(), found, refinement, joints, diagnosis, warnings, solved_on })

@@ -206,6 +206,15 @@ pub fn robot_of(world: &World, trajectory: &Trajectory) -> Result<(Arc<Robot>, &
     }
 }
 
+/// Ground for the joints of a robot: flat for balls and points, whose joints do not depend on it, and otherwise that of
+/// [`terrain_of`].
+///
+/// # Errors
+/// See [`terrain_of`].
+pub fn ground_of(world: &World, trajectory: &Trajectory, robot: &Robot) -> Result<Arc<Terrain>> {
+    if robot.sole.is_some() { terrain_of(world, trajectory).map(|(terrain, _)| terrain) } else { Ok(Arc::new(Terrain::flat())) }
+}
+
 /// Terrain given by the user, else that of the file, else that of its scenario; and its source.
 ///
 /// # Errors

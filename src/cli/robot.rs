@@ -2,14 +2,14 @@
 
 use super::{Failure, Verdict, print, print_about, to_json};
 use crate::app::named;
-use crate::app::terms::robot_of;
+use crate::app::terms::{ground_of, robot_of};
 use crate::app::world::World;
 use crate::error::{Error, Result, check_range};
 use crate::files;
 use crate::gait::Trajectory;
 use crate::gait::joints::{JointMotion, RATE, RATES, follow};
 #[cfg(feature = "urdf")]
-use crate::robot::import::{Import, Imported, configuration};
+use crate::robot::import::{Import, Imported, Soles, configuration};
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
 
@@ -44,6 +44,10 @@ pub struct ImportUrdf {
     /// Without values, the legs are bent so that the robot stands
     #[arg(long, value_name = "JOINT=VALUE,...", allow_hyphen_values = true)]
     configuration: Vec<String>,
+    /// Soles of the feet: `auto` (flat lower sides of collision shapes, if the legs have six joints), `none` (points or balls), or length and
+    /// width, m
+    #[arg(long, value_name = "LENGTH,WIDTH", default_value = "auto")]
+    sole: Soles,
     /// Name of the robot [default: the name in the file, with `-imported` appended if a built-in robot has it]
     #[arg(long)]
     name: Option<String>,
@@ -59,6 +63,7 @@ impl ImportUrdf {
             feet: self.feet.iter().map(|name| name.trim().to_owned()).collect(),
             configuration: configuration(&self.configuration.join(","))?,
             name: self.name.clone(),
+            soles: self.sole,
         };
         self.out.as_deref().map_or(Ok(()), files::check_writable)?;
         let imported = import.urdf_file(&self.file)?;
@@ -91,8 +96,11 @@ fn summary(imported: &Imported) -> String {
     let force = robot.force_limit.map_or("by weight".into(), |limit| format!("{limit:.1} N, {:.2} weights", limit / robot.weight()));
     let leg = robot.leg_mass();
     let speed = imported.foot_speed.map_or("unlimited".into(), |speed| format!("{speed:.2} m/s"));
-    let radius = imported.robot.foot_radius.map_or("by size".into(), |radius| format!("{radius:.4} m"));
-    text += &format!("  force limit {force}; leg {leg:.3} kg at the foot; foot speed {speed}; radius of the feet {radius}\n");
+    let shape = match (robot.sole, robot.foot_radius) {
+        (Some(sole), _) => format!("soles {:.3} x {:.3} m, turn {:.2} rad", sole.length, sole.width, sole.turn),
+        (None, radius) => radius.map_or("radius of the feet by size".into(), |radius| format!("radius of the feet {radius:.4} m")),
+    };
+    text += &format!("  force limit {force}; leg {leg:.3} kg at the foot; foot speed {speed}; {shape}\n");
     imported.notes.iter().for_each(|note| text += &format!("  note: {note}\n"));
     text
 }
@@ -121,7 +129,10 @@ impl Joints {
         self.out.as_deref().map_or(Ok(()), files::check_writable)?;
         let world = World::of(self.robot.as_deref().map(named::robot).transpose()?, None, None);
         let trajectory = Trajectory::from_json(&files::read(&self.file)?).map_err(|e| e.in_file(&self.file, None))?;
-        let motion = robot_of(&world, &trajectory).and_then(|(robot, _)| follow(&trajectory, &robot, self.rate));
+        let motion = robot_of(&world, &trajectory).and_then(|(robot, _)| {
+            let terrain = ground_of(&world, &trajectory, &robot)?;
+            follow(&trajectory, &robot, &terrain, self.rate)
+        });
         let motion = motion.map_err(|e| e.in_file(&self.file, None))?;
         if let Some(out) = &self.out {
             files::write(out, &csv_text(&motion, out)?)?;

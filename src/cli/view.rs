@@ -41,7 +41,7 @@ impl View {
             let trajectory = Trajectory::from_json(&files::read(path)?).map_err(|e| e.in_file(path, None))?;
             let terms = VerificationTerms::new(&world, &trajectory, &TermOverrides::default()).map_err(|e| e.in_file(path, None))?;
             let report = terms.verify().map_err(|e| e.in_file(path, None))?;
-            let joints = joints::limits(&trajectory, &terms.robot)?;
+            let joints = joints::limits(&trajectory, &terms.robot, &terms.terrain)?;
             let joints = joints.map(|limits| format!("joints {} their limits", if limits.kept { "within" } else { "beyond" }));
             let about = about(path, &trajectory)?.into_iter().chain(joints).collect();
             Ok(Exhibit { name, trajectory, terms, report, about })

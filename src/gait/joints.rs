@@ -1,14 +1,18 @@
 //! Joint trajectories: positions, velocities and torques of the legs of a robot with a joint model.
 //!
-//! The motion is that of a rigid body with massless legs, so the torques are those of the contact forces alone, `-J' f`. The torques that
-//! accelerate and carry the legs themselves are left out. The centre of a foot's ball is straight above its contact point.
+//! The motion is that of a rigid body with massless legs, so the torques are those of the contact forces and moments alone, `-J' f - A' m`
+//! (see [`Leg::efforts`]). The torques that accelerate and carry the legs themselves are left out. The centre of a foot's ball is straight
+//! above its contact point. A sole lies on the ground and turns in swings as the certificate assumes.
 
 use super::Trajectory;
 use super::piece::{Piece, SAME_TIME, pieces};
 use crate::error::{Error, Result, check_range};
 use crate::robot::Robot;
 use crate::robot::leg::{Leg, LegJoint, PRECISION};
-use nalgebra::{Rotation3, Vector3};
+use crate::terrain::Terrain;
+use crate::verify::curves::Motion;
+use crate::verify::sole;
+use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 use serde::Serialize;
 use std::fmt;
 
@@ -18,6 +22,8 @@ pub const RATE: f64 = 100.;
 pub const RATES: [f64; 2] = [1., 10_000.];
 /// Share of its limits that a joint may use before [`excess`] begins. The rest is a reserve for the times between the samples.
 pub const IN_HAND: f64 = 0.95;
+/// Half of the time over which the turning rate of a sole is a difference, s.
+const TURNING: f64 = 1e-5;
 /// Largest distance of a foot from its planned position, m. Equal to the distance by which the certificate lets a foot leave its reach box.
 const ALLOWED_MISS: f64 = 5e-3;
 
@@ -60,8 +66,8 @@ pub struct JointLimits {
     pub velocity: Option<Nearest>,
     /// Largest torque or force relative to its limit.
     pub effort: Option<Nearest>,
-    /// Largest distance of a foot from its planned position, m. It is above 0 where joints within their limits cannot bring the foot
-    /// closer.
+    /// Largest distance of a foot from its planned position, m; for a sole with that of its attitude, at a lever of a fifth of the leg's
+    /// length. It is above 0 where joints within their limits cannot bring the foot closer.
     pub miss: Nearest,
     /// True if no limit is exceeded.
     pub kept: bool,
@@ -130,20 +136,21 @@ fn keep<'a>(worst: &mut Option<Use<'a>>, measure: impl Fn(&Use) -> f64, new: Use
 /// Computes the joint trajectories of a motion.
 ///
 /// Each sample starts its inverse kinematics from the joints of the sample before, the first from the nominal joints, so that legs stay on
-/// one branch. Velocities solve `J q' = v` with the velocity `v` of the foot relative to the base.
+/// one branch. Velocities solve `J q' = v` with the velocity `v` of the foot relative to the base, and of a sole also its turning rate.
 ///
+/// * `terrain` - ground, to which soles are parallel
 /// * `rate` - sampling rate, Hz
 ///
 /// # Errors
 /// [`Error::Invalid`] if the robot has no joints, robot and motion disagree on the number of feet, or the rate is out of range.
-pub fn follow(trajectory: &Trajectory, robot: &Robot, rate: f64) -> Result<JointMotion> {
+pub fn follow(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain, rate: f64) -> Result<JointMotion> {
     check_range("rate", rate, RATES[0], RATES[1])?;
     robot.validate()?;
     let Some(legs) = &robot.joints else {
         let limit = "the joints of its legs in its file, as `robot import` writes them";
         return Err(Error::invalid(format!("robot `{}`", robot.name.escape_debug()), "no `joints`", limit));
     };
-    let motion = Course::new(trajectory, robot)?;
+    let motion = Course::new(trajectory, robot, terrain)?;
     let mut tracker = Tracker::new(legs);
     let samples = motion.times(rate).into_iter().map(|time| tracker.sample(&motion, time)).collect();
     let Tracker { position, velocity, effort, miss, .. } = tracker;
@@ -159,7 +166,7 @@ pub fn follow(trajectory: &Trajectory, robot: &Robot, rate: f64) -> Result<Joint
 
 /// Excess over [`IN_HAND`] of the joint limits in a part of a motion, sampled at [`RATE`]. It is the sum of three terms, each relative to
 /// its limit and clamped to 0 to 1: the largest speed, the largest torque, and the largest distance of a foot from its planned position. 0
-/// for a robot without joints.
+/// for a robot without joints. Soles count as level, whatever the ground.
 ///
 /// * `part` - start and end, s
 ///
@@ -168,7 +175,8 @@ pub fn follow(trajectory: &Trajectory, robot: &Robot, rate: f64) -> Result<Joint
 pub fn excess(trajectory: &Trajectory, robot: &Robot, [start, end]: [f64; 2]) -> Result<f64> {
     let Some(legs) = &robot.joints else { return Ok(0.) };
     robot.validate()?;
-    let motion = Course::new(trajectory, robot)?;
+    let level = Terrain::flat();
+    let motion = Course::new(trajectory, robot, &level)?;
     let mut tracker = Tracker::new(legs);
     for time in motion.times(RATE).into_iter().filter(|time| (start..=end).contains(time)) {
         tracker.sample(&motion, time);
@@ -182,17 +190,28 @@ pub fn excess(trajectory: &Trajectory, robot: &Robot, [start, end]: [f64; 2]) ->
 ///
 /// # Errors
 /// See [`follow`].
-pub fn limits(trajectory: &Trajectory, robot: &Robot) -> Result<Option<JointLimits>> {
-    robot.joints.as_ref().map(|_| Ok(follow(trajectory, robot, RATE)?.limits)).transpose()
+pub fn limits(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain) -> Result<Option<JointLimits>> {
+    robot.joints.as_ref().map(|_| Ok(follow(trajectory, robot, terrain, RATE)?.limits)).transpose()
 }
 
 /// Curves of a trajectory as pieces, for a robot that fits it.
-struct Course {
+struct Course<'a> {
     horizon: f64,
     base_lin: Vec<Piece>,
     base_ang: Vec<Piece>,
     /// Position and force of each foot.
     feet: Vec<[Vec<Piece>; 2]>,
+    /// Moments of each foot, the whole motion and the ground; for soles only.
+    soles: Option<(Vec<Vec<Piece>>, Motion<'a>, &'a Terrain)>,
+}
+
+/// Planned state of a sole at one time, world frame.
+struct SolePlan {
+    attitude: UnitQuaternion<f64>,
+    /// Angular velocity, rad/s.
+    spin: Vector3<f64>,
+    /// Moment of the ground about its centre, N m.
+    moment: Vector3<f64>,
 }
 
 /// State of the base at one time, world frame.
@@ -204,13 +223,27 @@ struct Base {
     omega: Vector3<f64>,
 }
 
-impl Course {
-    fn new(trajectory: &Trajectory, robot: &Robot) -> Result<Course> {
+impl<'a> Course<'a> {
+    fn new(trajectory: &'a Trajectory, robot: &'a Robot, terrain: &'a Terrain) -> Result<Course<'a>> {
         trajectory.validate()?;
         trajectory.check_feet(robot)?;
         let feet = trajectory.ee.iter().map(|curves| [pieces(&curves.motion), pieces(&curves.force)]).collect();
         let (base_lin, base_ang) = (pieces(&trajectory.base_lin), pieces(&trajectory.base_ang));
-        Ok(Course { horizon: trajectory.horizon, base_lin, base_ang, feet })
+        let moments = || trajectory.ee.iter().map(|curves| curves.moment.as_ref().map_or_else(Vec::new, pieces)).collect();
+        let soles = robot.sole.map(|_| Ok::<_, Error>((moments(), Motion::new(trajectory, robot)?, terrain))).transpose()?;
+        Ok(Course { horizon: trajectory.horizon, base_lin, base_ang, feet, soles })
+    }
+
+    /// Planned state of a sole; `None` for a ball or point.
+    fn sole(&self, foot: usize, time: f64) -> Option<SolePlan> {
+        let (moments, motion, terrain) = self.soles.as_ref()?;
+        let attitude = |time: f64| {
+            let [forward, left] = sole::posture(&motion.feet[foot], terrain, time).axes;
+            Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[forward, left, forward.cross(&left)]))
+        };
+        let [before, after] = [(time - TURNING).max(0.), (time + TURNING).min(self.horizon)];
+        let spin = (attitude(after) * attitude(before).inverse()).scaled_axis() / (after - before);
+        Some(SolePlan { attitude: attitude(time).into(), spin, moment: Piece::at(&moments[foot], time)[0] })
     }
 
     /// Sample times from 0 to the horizon, which is always the last, s.
@@ -257,14 +290,23 @@ impl<'a> Tracker<'a> {
             let [place, velocity] = Piece::at(path, time);
             let contact = to_base * (place - base.position);
             let center = to_base * (place + Vector3::z() * leg.radius - base.position);
-            let (joints, missed) = leg.approach(&center, &self.joints[foot]);
+            let sole = motion.sole(foot, time);
+            let attitude = |sole: &SolePlan| UnitQuaternion::from(to_base) * sole.attitude;
+            let (joints, missed) = match &sole {
+                Some(sole) => leg.approach_sole(&Isometry3::from_parts(center.into(), attitude(sole)), &self.joints[foot]),
+                None => leg.approach(&center, &self.joints[foot]),
+            };
             if missed > PRECISION && missed > self.miss.value {
                 self.miss = Nearest { name: leg.foot.clone(), time, value: missed, ..self.miss };
             }
             let at = leg.posture(&joints);
             let against_base = to_base * (velocity - base.velocity) - omega.cross(&center);
-            let rates = leg.rates(&at, &against_base);
-            let efforts = leg.efforts(&at, &contact, &(to_base * Piece::at(force, time)[0]));
+            let rates = match &sole {
+                Some(sole) => leg.sole_rates(&at, &against_base, &(to_base * sole.spin - omega)),
+                None => leg.rates(&at, &against_base),
+            };
+            let moment = sole.map_or(Vector3::zeros(), |sole| to_base * sole.moment);
+            let efforts = leg.efforts(&at, &contact, &(to_base * Piece::at(force, time)[0]), &moment);
             for (j, joint) in leg.chain.iter().enumerate() {
                 self.look(joint, time, [joints[j], rates[j], efforts[j]]);
             }
@@ -292,7 +334,7 @@ pub(crate) mod tests {
     use super::*;
     use crate::gait::{Curve, FootCurves};
     use crate::robot::import::{Import, configuration};
-    use crate::verify::curves::Motion;
+    use crate::terrain::{Grid, Shape};
 
     /// The quadruped of the import tests, standing.
     pub fn quadruped() -> Robot {
@@ -322,7 +364,7 @@ pub(crate) mod tests {
         let robot = quadruped();
         let trajectory = motion(&robot);
         let rate = 2000.;
-        let found = follow(&trajectory, &robot, rate).unwrap();
+        let found = follow(&trajectory, &robot, &Terrain::flat(), rate).unwrap();
         let legs = robot.joints.as_ref().unwrap();
         assert_eq!((found.samples.len(), found.joints.len()), (1001, 12));
         assert!(found.limits.miss.value == 0. && found.limits.kept, "{:?}", found.limits);
@@ -352,7 +394,7 @@ pub(crate) mod tests {
         robot.nominal_feet.iter_mut().for_each(|foot| foot[2] += 0.02);
         robot.base_height -= 0.02;
         let trajectory = motion(&robot);
-        let found = follow(&trajectory, &robot, 20.).unwrap();
+        let found = follow(&trajectory, &robot, &Terrain::flat(), 20.).unwrap();
         let legs = robot.joints.as_ref().unwrap();
         let motion = Motion::new(&trajectory, &robot).unwrap();
         for sample in &found.samples {
@@ -369,11 +411,97 @@ pub(crate) mod tests {
         }
     }
 
+    /// The humanoid of the import tests, and 0.5 s in which its base moves and turns while foot 0 stands and foot 1 swings and turns.
+    fn humanoid() -> (Robot, Trajectory) {
+        let robot = Import::default().urdf(include_str!("../../tests/data/humanoid.urdf")).unwrap().robot;
+        let curve = |durations: &[f64], nodes: &[[f64; 6]]| Curve { poly_durations: durations.to_vec(), nodes: nodes.to_vec() };
+        let h = robot.base_height;
+        let base = [
+            curve(&[0.5], &[[0., 0., h, 0.1, 0., 0.], [0.04, 0.01, h + 0.01, 0.1, 0.05, -0.1]]),
+            curve(&[0.5], &[[0.; 6], [0.03, -0.04, 0.1, 0.1, 0., 0.2]]),
+        ];
+        let [[lx, ly, _], [rx, ry, _]] = [robot.nominal_feet[0], robot.nominal_feet[1]];
+        let (place, load) = ([lx, ly, 0., 0., 0., 0.], [5., -3., robot.weight(), 0., 10., 0.]);
+        let mut left = FootCurves::new(curve(&[0.5], &[place, place]), curve(&[0.5], &[load, load]));
+        left.moment = Some(curve(&[0.5], &[[2., -7., 1., 0., 0., 3.], [-1., 4., 0.5, 0., 0., 0.]]));
+        left.yaws = Some(vec![0.05]);
+        let [from, to] = [[rx, ry, 0., 0., 0., 0.], [rx + 0.06, ry - 0.02, 0., 0., 0., 0.]];
+        let (times, top) = ([0.1, 0.15, 0.15, 0.1], [rx + 0.03, ry - 0.01, 0.04, 0.2, 0., 0.]);
+        let mut right = FootCurves::new(curve(&times, &[from, from, top, to, to]), curve(&times, &[[0.; 6]; 5]));
+        right.moment = Some(curve(&times, &[[0.; 6]; 5]));
+        right.yaws = Some(vec![0., 0.15]);
+        let feet = vec![left, right];
+        let trajectory = Trajectory::new(vec![vec![0.5], vec![0.1, 0.3, 0.1]], 0.5, base, feet);
+        (robot, trajectory)
+    }
+
+    #[test]
+    fn joints_hold_soles_on_the_ground_with_their_yaws_and_velocities_match_the_positions() {
+        let (robot, trajectory) = humanoid();
+        let rate = 2000.;
+        // Samples at x = -1 and 1.
+        let heights = vec![vec![-0.2; 2], vec![0.2; 2]];
+        let uphill = Shape::Grid(Grid { low: [-1., -2.], high: [3., 2.], heights });
+        for terrain in [Terrain::flat(), Terrain { shape: uphill, ..Terrain::flat() }] {
+            let found = follow(&trajectory, &robot, &terrain, rate).unwrap();
+            assert!(found.joints.len() == 12 && found.limits.miss.value == 0., "{:?}", found.limits);
+            let motion = Motion::new(&trajectory, &robot).unwrap();
+            let up = sole::posture(&motion.feet[0], &terrain, 0.2).axes[0].z;
+            assert_eq!(up > 0.19, matches!(terrain.shape, Shape::Grid(_)), "{up}");
+            for sample in found.samples.iter().step_by(50) {
+                let base = motion.base(sample.time);
+                for (foot, leg) in robot.joints.as_ref().unwrap().iter().enumerate() {
+                    let at = leg.posture(&sample.positions[6 * foot..6 * foot + 6]);
+                    assert!(
+                        (base.position + base.rotation * at.tip - motion.feet[foot].motion.at(sample.time).value).norm() < 2. * PRECISION
+                    );
+                    let planned = sole::posture(&motion.feet[foot], &terrain, sample.time).axes;
+                    for (axis, planned) in [Vector3::x(), Vector3::y()].into_iter().zip(planned) {
+                        assert!((base.rotation * (at.attitude * axis) - planned).norm() < 2e-5);
+                    }
+                }
+            }
+            for three in found.samples.windows(3).take(998) {
+                for j in 0..12 {
+                    let difference = (three[2].positions[j] - three[0].positions[j]) * rate / 2.;
+                    assert!((difference - three[1].velocities[j]).abs() < 2e-2, "joint {j}: {difference} and {}", three[1].velocities[j]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn torques_do_the_virtual_work_of_the_force_and_the_moment_on_a_sole() {
+        // Virtual work: effort . dq = -f . dx - m . dr for every joint displacement, x the centre of the sole, dr its rotation.
+        let (robot, trajectory) = humanoid();
+        let found = follow(&trajectory, &robot, &Terrain::flat(), 20.).unwrap();
+        let motion = Motion::new(&trajectory, &robot).unwrap();
+        let mut largest: f64 = 0.;
+        for sample in &found.samples {
+            let to_base = motion.base(sample.time).rotation.inverse();
+            for (foot, leg) in robot.joints.as_ref().unwrap().iter().enumerate() {
+                let curves = &motion.feet[foot];
+                let (force, moment) = (to_base * curves.force.at(sample.time).value, curves.moment.as_ref().unwrap());
+                let moment = to_base * moment.at(sample.time).value;
+                let q = &sample.positions[6 * foot..6 * foot + 6];
+                for j in 0..6 {
+                    let moved = |d: f64| leg.posture(&std::array::from_fn::<f64, 6, _>(|i| q[i] + if i == j { d } else { 0. }));
+                    let (after, before) = (moved(1e-6), moved(-1e-6));
+                    let turned = (after.attitude * before.attitude.inverse()).scaled_axis();
+                    let work = -(force.dot(&(after.tip - before.tip)) + moment.dot(&turned)) / 2e-6;
+                    assert!((work - sample.efforts[6 * foot + j]).abs() < 1e-6 * robot.weight(), "foot {foot}, joint {j}");
+                    largest = largest.max(moment.dot(&turned).abs() / 2e-6);
+                }
+            }
+        }
+        assert!(largest > 5., "the moments act on the joints: {largest}");
+    }
+
     #[test]
     fn an_exceeded_limit_is_reported_with_its_joint() {
         let mut robot = quadruped();
         let trajectory = motion(&robot);
-        let free = follow(&trajectory, &robot, RATE).unwrap();
+        let free = follow(&trajectory, &robot, &Terrain::flat(), RATE).unwrap();
         let worst = free.limits.velocity.clone().unwrap();
         let share = |s: &JointSample| s.velocities.iter().map(|v| v.abs() / 12.).fold(0., f64::max);
         assert_eq!(worst.value.abs() / 12., free.samples.iter().map(share).fold(0., f64::max));
@@ -387,7 +515,7 @@ pub(crate) mod tests {
         {
             let mut weak = robot.clone();
             weak.joints.as_mut().unwrap().iter_mut().flat_map(|leg| &mut leg.chain).for_each(change);
-            let limits = follow(&trajectory, &weak, RATE).unwrap().limits;
+            let limits = follow(&trajectory, &weak, &Terrain::flat(), RATE).unwrap().limits;
             // 1 / 0.9 of the limit, in the part of the motion where it occurs only.
             let from = |start: f64| excess(&trajectory, &weak, [start, 0.5]).unwrap();
             let more = 1. / 0.9 - IN_HAND;
@@ -397,7 +525,7 @@ pub(crate) mod tests {
         }
         let knee = &mut robot.joints.as_mut().unwrap()[1].chain[2];
         knee.limits[0] = knee.nominal;
-        let stiff = follow(&trajectory, &robot, RATE).unwrap().limits;
+        let stiff = follow(&trajectory, &robot, &Terrain::flat(), RATE).unwrap().limits;
         assert!(!stiff.kept && stiff.miss.value > ALLOWED_MISS && stiff.miss.name == "RF_foot", "{stiff:?}");
         assert!(excess(&trajectory, &robot, [0., 0.5]).unwrap() > 0.05);
         assert!(stiff.position_margin.unwrap().name == "RF_knee");
@@ -407,7 +535,7 @@ pub(crate) mod tests {
     fn a_robot_without_joints_or_with_other_feet_is_refused() {
         let robot = quadruped();
         let trajectory = motion(&robot);
-        let refused = |robot: &Robot, rate: f64| follow(&trajectory, robot, rate).unwrap_err().to_string();
+        let refused = |robot: &Robot, rate: f64| follow(&trajectory, robot, &Terrain::flat(), rate).unwrap_err().to_string();
         assert!(refused(&Robot::named("anymal").unwrap(), RATE).contains("no `joints`"));
         assert!(refused(&robot, 0.).contains("rate: 0") && refused(&robot, f64::NAN).contains("rate"));
         let mut odd = robot.clone();

@@ -3,7 +3,7 @@
 use super::convert::{Raise, to_python};
 use super::motion::{Trajectory, table};
 use super::world::Robot;
-use crate::app::terms::robot_of;
+use crate::app::terms::{ground_of, robot_of};
 use crate::app::world::World;
 use crate::gait::joints::{JointMotion, JointSample, follow};
 use numpy::{IntoPyArray, PyArray1, PyArray2};
@@ -51,8 +51,10 @@ impl Joints {
     pub fn along(py: Python<'_>, trajectory: &Trajectory, rate: f64, robot: Option<&Robot>) -> PyResult<Joints> {
         let given = robot.map(|robot| robot.robot.clone());
         let followed = py.detach(|| {
-            let (robot, _) = robot_of(&World::of(given, None, None), &trajectory.motion)?;
-            follow(&trajectory.motion, &robot, rate)
+            let world = World::of(given, None, None);
+            let (robot, _) = robot_of(&world, &trajectory.motion)?;
+            let terrain = ground_of(&world, &trajectory.motion, &robot)?;
+            follow(&trajectory.motion, &robot, &terrain, rate)
         });
         let JointMotion { joints, samples, limits } = followed.raise()?;
         let shape = [samples.len(), joints.len()];

@@ -9,7 +9,7 @@ use crate::app::world::yaw_warning;
 use crate::app::{Mission, Overrides, Setup, Waypoint, named};
 use crate::error::Error;
 use crate::files;
-use crate::robot::import::{Import, Imported};
+use crate::robot::import::{Import, Imported, Soles};
 use crate::scenario::Scenario;
 use crate::task::Goal;
 use crate::terrain::import::{Placement, terrain_of_heights};
@@ -75,26 +75,37 @@ impl Robot {
     ///     Without values, the legs are bent so that the robot stands.
     /// name : str, optional
     ///     Name of the robot; by default the name in the file, with ``-imported`` appended if a built-in robot has it.
+    /// sole : str or tuple of float, optional
+    ///     Soles of the feet: ``"none"`` (points or balls), or length and width, m; by default ``"auto"``, the flat lower sides of the
+    ///     collision shapes if the legs have six joints.
     ///
     /// Raises
     /// ------
     /// Error
     ///     For text that is not XML, and a model that is not a legged robot. The error names the file and the place in it.
     #[staticmethod]
-    #[pyo3(signature = (source, feet = None, configuration = None, name = None))]
+    #[pyo3(signature = (source, feet = None, configuration = None, name = None, sole = None))]
     fn from_urdf(
         py: Python<'_>,
         source: &Bound<'_, PyAny>,
         feet: Option<Vec<String>>,
         configuration: Option<&Bound<'_, PyDict>>,
         name: Option<String>,
+        sole: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
+        let soles = match sole {
+            None => Soles::Found,
+            Some(sole) => match sole.extract::<[f64; 2]>() {
+                Ok(size) => Soles::Size(size),
+                Err(_) => sole.extract::<String>()?.parse().raise()?,
+            },
+        };
         let pairs = configuration.map(|given| given.iter().map(|(joint, value)| Ok((joint.extract()?, value.extract()?))).collect());
         let configuration = pairs.transpose().map_err(|_: PyErr| {
             let shown = configuration.and_then(|given| given.repr().ok()).map_or_else(String::new, |text| text.to_string());
             raised(Error::invalid("configuration", shown, "values of joints by their names, in rad or m"))
         })?;
-        let import = Import { feet: feet.unwrap_or_default(), configuration: configuration.unwrap_or_default(), name };
+        let import = Import { feet: feet.unwrap_or_default(), configuration: configuration.unwrap_or_default(), name, soles };
         let text = source.extract::<String>().ok().filter(|text| text.trim_start_matches('\u{feff}').trim_start().starts_with('<'));
         let imported = match text {
             Some(text) => py.detach(|| import.urdf(text.trim_start_matches('\u{feff}'))),

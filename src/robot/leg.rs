@@ -1,15 +1,20 @@
-//! Legs as chains of joints: forward kinematics, Jacobian, and inverse kinematics of the foot.
+//! Legs as chains of joints: forward kinematics, Jacobian, and inverse kinematics of the foot: of its position, and for a sole also of its
+//! attitude.
 //!
 //! The crate `k` is not used because it depends on another version of nalgebra.
 
 use crate::error::{Error, Result, check_name, check_range};
-use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, Quaternion, Unit, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, DVector, Isometry3, Point3, Quaternion, SMatrix, SVector, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Largest number of joints of a leg.
 pub const MAX_JOINTS: usize = 64;
 /// Accuracy of the inverse kinematics, m.
 pub const PRECISION: f64 = 1e-6;
+/// Smallest number of joints with which a leg places a sole with any attitude.
+pub const SOLE_JOINTS: usize = 6;
+/// Lever with which a rotation of a sole counts as a distance, relative to the length of the leg. It is about half a foot.
+const LEVER: f64 = 0.2;
 /// Most iterations of a solve. From a neighbouring position it needs three to five.
 const STEPS: usize = 100;
 /// Largest step of a joint in one iteration, rad or m. Longer steps leave the range in which the Jacobian predicts the motion of the foot.
@@ -48,6 +53,10 @@ pub struct Leg {
     pub tip: [f64; 3],
     /// Radius of the foot ball, m. The contact point is this far below its centre.
     pub radius: f64,
+    /// Rotation from the axes of the sole (forward, left, up) to the frame of the last joint, unit quaternion w, x, y, z. Absent for a ball
+    /// or point. The tip is then the centre of the sole.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sole: Option<[f64; 4]>,
     /// Joints, 1 to [`MAX_JOINTS`].
     #[cfg_attr(feature = "schema", schemars(with = "Vec<file::Joint>"))]
     pub chain: Vec<LegJoint>,
@@ -56,8 +65,10 @@ pub struct Leg {
 /// Geometry of a leg for given joint values, base frame.
 #[derive(Debug, Clone)]
 pub struct Posture {
-    /// Centre of the foot ball, m.
+    /// Centre of the foot ball or of the sole, m.
     pub tip: Vector3<f64>,
+    /// Rotation from the axes of the sole to the base frame; from the frame of the last joint for a ball or point.
+    pub attitude: UnitQuaternion<f64>,
     /// Position of each joint, m.
     pub anchors: Vec<Vector3<f64>>,
     /// Axis of each joint, unit.
@@ -80,7 +91,13 @@ impl Leg {
             axes.push(frame.rotation * joint.axis.into_inner());
             frame *= joint_motion(joint.turns, &joint.axis, value);
         }
-        Posture { tip: (frame * Point3::from(Vector3::from(self.tip))).coords, anchors, axes }
+        let tip = (frame * Point3::from(Vector3::from(self.tip))).coords;
+        Posture { tip, attitude: frame.rotation * self.sole_axes(), anchors, axes }
+    }
+
+    /// Rotation from the axes of the sole to the frame of the last joint; the identity for a ball or point.
+    fn sole_axes(&self) -> UnitQuaternion<f64> {
+        self.sole.map_or_else(UnitQuaternion::identity, |[w, i, j, k]| UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k)))
     }
 
     /// Jacobian of the tip: its velocity for unit speed of each joint, base frame, `[3][joints]`.
@@ -100,6 +117,18 @@ impl Leg {
         between + Vector3::from(self.tip).norm()
     }
 
+    /// Jacobian of a sole: that of its centre, and its angular velocity times the lever of rotations, base frame, `[6][joints]`.
+    fn sole_jacobian(&self, at: &Posture) -> DMatrix<f64> {
+        let (centre, lever) = (self.jacobian(at), self.lever());
+        let turns = |row: usize, j: usize| if self.chain[j].turns { lever * at.axes[j][row] } else { 0. };
+        DMatrix::from_fn(6, self.chain.len(), |row, j| if row < 3 { centre[(row, j)] } else { turns(row - 3, j) })
+    }
+
+    /// Lever with which a rotation of the sole counts as a distance, m.
+    fn lever(&self) -> f64 {
+        LEVER * self.length()
+    }
+
     /// Joint values within their limits that bring the tip to a position within [`PRECISION`]; `None` if none were found. See
     /// [`Leg::approach`].
     pub fn reach(&self, target: &Vector3<f64>, start: &[f64]) -> Option<Vec<f64>> {
@@ -115,21 +144,43 @@ impl Leg {
     /// * `target` - position of the tip, base frame, m
     /// * `start` - joint values of a nearby position, rad or m
     pub fn approach(&self, target: &Vector3<f64>, start: &[f64]) -> (Vec<f64>, f64) {
+        self.descend(start, |at| target - at.tip, |at| self.jacobian(at))
+    }
+
+    /// Like [`Leg::approach`] for the centre and the attitude of a sole. The remaining distance includes that of the attitude, at a lever
+    /// of a fifth of the leg's length.
+    pub fn approach_sole(&self, target: &Isometry3<f64>, start: &[f64]) -> (Vec<f64>, f64) {
+        let lever = self.lever();
+        let missing = |at: &Posture| {
+            let turn = (target.rotation * at.attitude.inverse()).scaled_axis() * lever;
+            let away = target.translation.vector - at.tip;
+            SVector::<f64, 6>::new(away.x, away.y, away.z, turn.x, turn.y, turn.z)
+        };
+        self.descend(start, missing, |at| self.sole_jacobian(at))
+    }
+
+    /// Levenberg-Marquardt for `R` rows: see [`Leg::approach`].
+    fn descend<const R: usize>(
+        &self,
+        start: &[f64],
+        missing_at: impl Fn(&Posture) -> SVector<f64, R>,
+        jacobian: impl Fn(&Posture) -> DMatrix<f64>,
+    ) -> (Vec<f64>, f64) {
         let mut q = self.within_limits(start);
         let mut at = self.posture(&q);
-        let mut missing = target - at.tip;
+        let mut missing = missing_at(&at);
         let scale = self.length().max(PRECISION);
         let mut damping = 1e-4 * scale * scale;
         for _ in 0..STEPS {
             if missing.norm() <= PRECISION || damping > 1e4 * scale * scale {
                 break;
             }
-            let Some(next) = self.step(&q, &at, &missing, damping) else { break };
+            let Some(next) = self.step(&q, jacobian(&at), &missing, damping) else { break };
             let next = self.within_limits(&next);
             let there = self.posture(&next);
-            if (target - there.tip).norm() < missing.norm() {
-                (q, at) = (next, there);
-                missing = target - at.tip;
+            let left = missing_at(&there);
+            if left.norm() < missing.norm() {
+                (q, at, missing) = (next, there, left);
                 damping *= 0.1;
             } else {
                 damping *= 10.;
@@ -139,11 +190,10 @@ impl Leg {
     }
 
     /// One step towards a target. Joints at a limit that the step would exceed do not take part.
-    fn step(&self, q: &[f64], at: &Posture, missing: &Vector3<f64>, damping: f64) -> Option<Vec<f64>> {
-        let mut jacobian = self.jacobian(at);
+    fn step<const R: usize>(&self, q: &[f64], mut jacobian: DMatrix<f64>, missing: &SVector<f64, R>, damping: f64) -> Option<Vec<f64>> {
         loop {
-            let normal = Matrix3::from_fn(|r, c| jacobian.row(r).dot(&jacobian.row(c)));
-            let solved = (normal + Matrix3::identity() * damping.max(1e-12)).try_inverse()? * missing;
+            let normal = SMatrix::<f64, R, R>::from_fn(|r, c| jacobian.row(r).dot(&jacobian.row(c)));
+            let solved = (normal + SMatrix::identity() * damping.max(1e-12)).try_inverse()? * missing;
             let step = jacobian.transpose() * DVector::from_column_slice(solved.as_slice());
             let blocked = |j: usize| {
                 let [lower, upper] = self.chain[j].limits;
@@ -167,21 +217,33 @@ impl Leg {
     ///
     /// * `velocity` - of the tip relative to the base, base frame, m/s
     pub fn rates(&self, at: &Posture, velocity: &Vector3<f64>) -> Vec<f64> {
-        let jacobian = self.jacobian(at);
-        let normal = Matrix3::from_fn(|r, c| jacobian.row(r).dot(&jacobian.row(c)));
+        self.least_squares(&self.jacobian(at), velocity)
+    }
+
+    /// Like [`Leg::rates`] for the velocity of the centre of a sole and its angular velocity, both relative to the base, rad/s.
+    pub fn sole_rates(&self, at: &Posture, velocity: &Vector3<f64>, spin: &Vector3<f64>) -> Vec<f64> {
+        let turn = spin * self.lever();
+        self.least_squares(&self.sole_jacobian(at), &SVector::<f64, 6>::new(velocity.x, velocity.y, velocity.z, turn.x, turn.y, turn.z))
+    }
+
+    fn least_squares<const R: usize>(&self, jacobian: &DMatrix<f64>, velocity: &SVector<f64, R>) -> Vec<f64> {
+        let normal = SMatrix::<f64, R, R>::from_fn(|r, c| jacobian.row(r).dot(&jacobian.row(c)));
         // Small enough to have no effect where the leg can move, and positive where it cannot.
-        let damped = normal + Matrix3::identity() * (1e-10 * self.length() * self.length()).max(f64::MIN_POSITIVE);
-        let solved = damped.try_inverse().map_or(Vector3::zeros(), |inverse| inverse * velocity);
+        let damped = normal + SMatrix::identity() * (1e-10 * self.length() * self.length()).max(f64::MIN_POSITIVE);
+        let solved = damped.try_inverse().map_or(SVector::zeros(), |inverse| inverse * velocity);
         (jacobian.transpose() * DVector::from_column_slice(solved.as_slice())).as_slice().to_vec()
     }
 
-    /// Torques (forces of prismatic joints) with which massless joints balance a force on the foot: `-J' f`, N m or N.
+    /// Torques (forces of prismatic joints) with which massless joints balance a force and a moment on the foot: `-J' f - A' m`, with the
+    /// axes `A` of revolute joints, N m or N.
     ///
     /// * `contact` - point where the force acts, base frame, m
-    /// * `force` - on the robot, base frame, N
-    pub fn efforts(&self, at: &Posture, contact: &Vector3<f64>, force: &Vector3<f64>) -> Vec<f64> {
-        let at = Posture { tip: *contact, ..at.clone() };
-        (-self.jacobian(&at).transpose() * DVector::from_column_slice(force.as_slice())).as_slice().to_vec()
+    /// * `force`, `moment` - on the robot, base frame, N and N m, the moment about the contact; zero for a ball or point
+    pub fn efforts(&self, at: &Posture, contact: &Vector3<f64>, force: &Vector3<f64>, moment: &Vector3<f64>) -> Vec<f64> {
+        let jacobian = self.jacobian(&Posture { tip: *contact, ..at.clone() });
+        let of_force = -jacobian.transpose() * DVector::from_column_slice(force.as_slice());
+        let of_moment = |j: usize| if self.chain[j].turns { at.axes[j].dot(moment) } else { 0. };
+        of_force.iter().enumerate().map(|(j, effort)| effort - of_moment(j)).collect()
     }
 
     /// Checks that this is a valid leg.
@@ -196,6 +258,14 @@ impl Leg {
         check_name(&format!("{place}.foot"), &self.foot)?;
         check_range(&format!("{place}.radius"), self.radius, 0., 10.)?;
         self.tip.iter().try_for_each(|&v| check_range(&format!("{place}.tip"), v, -100., 100.))?;
+        if let Some(axes) = &self.sole {
+            let length = axes.iter().map(|v| v * v).sum::<f64>().sqrt();
+            check_range(&format!("{place}.sole, length of the quaternion"), length, 1. - 1e-6, 1. + 1e-6)?;
+            if self.chain.len() < SOLE_JOINTS {
+                let value = format!("{} joints", self.chain.len());
+                return Err(Error::invalid(format!("{place}.chain"), value, format!("at least {SOLE_JOINTS} joints above a `sole`")));
+            }
+        }
         for (j, joint) in self.chain.iter().enumerate() {
             let place = format!("{place}.chain[{j}]");
             check_name(&format!("{place}.name"), &joint.name)?;
@@ -220,10 +290,10 @@ impl Leg {
         self.chain.iter().enumerate().map(bears).fold(f64::INFINITY, f64::min)
     }
 
-    /// Largest speed of the tip that the joint speeds allow along x and along y, m/s. Infinite if no joint has a speed limit, `None` if the
-    /// tip cannot move along one of the two axes.
+    /// Largest speed of the tip that the joint speeds allow along x and along y, m/s; a sole keeps its attitude. Infinite if no joint has a
+    /// speed limit, `None` if the tip cannot move along one of the two axes.
     pub fn horizontal_speed(&self, at: &Posture) -> Option<f64> {
-        let jacobian = self.jacobian(at);
+        let jacobian = if self.sole.is_some() { self.sole_jacobian(at) } else { self.jacobian(at) };
         let inverse = jacobian.clone().pseudo_inverse(1e-6).ok()?;
         let moves = |axis: usize| {
             let rates = inverse.column(axis);
@@ -351,6 +421,7 @@ mod tests {
             ],
             tip: [0., 0., -0.2],
             radius: 0.,
+            sole: None,
         }
     }
 

@@ -220,7 +220,7 @@ impl<'a, 's> SearchState<'a, 's> {
             return Ok(true);
         }
         let trajectory = best.solution.trajectory(self.task, &self.solver.settings.transcription);
-        Ok(joints::limits(&trajectory, &self.task.robot)?.is_none_or(|limits| limits.kept))
+        Ok(joints::limits(&trajectory, &self.task.robot, &self.task.terrain)?.is_none_or(|limits| limits.kept))
     }
 
     /// Runs generations in the neighbourhood of the best gait.

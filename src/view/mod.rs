@@ -130,7 +130,7 @@ impl<'a> ResultData<'a> {
         let sampler = Sampler::new(trajectory, robot, terrain)?;
         let samples = sampler.samples(RATE);
         let hips = hips(robot);
-        let joints = robot.joints.as_ref().map(|legs| follow(trajectory, robot, RATE).map(|motion| (legs, motion))).transpose()?;
+        let joints = robot.joints.as_ref().map(|legs| follow(trajectory, robot, terrain, RATE).map(|motion| (legs, motion))).transpose()?;
         let feet = foot_names(robot).into_iter().enumerate().map(|(foot, name)| {
             let (stances, reach) = (sampler.stances(foot), robot.reach.of(foot));
             let (count, radius, links) = joints.as_ref().map_or((0, 0., Vec::new()), |(legs, motion)| {

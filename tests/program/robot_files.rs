@@ -163,3 +163,24 @@ fn joints_follow_the_motion_of_an_imported_robot() {
     let [_, error] = ran(dir.path(), &["robot", "joints", "out/trajectory.json", "--rate", "0"], 2);
     assert!(error.contains("rate: 0"), "{error}");
 }
+
+#[test]
+fn a_humanoid_is_imported_with_soles_walks_on_them_and_its_joints_follow() {
+    let dir = tempfile::tempdir().unwrap();
+    fs::copy(data("humanoid.urdf"), dir.path().join("human.urdf")).unwrap();
+    let import = |sole: &str, name: &str| ran(dir.path(), &["robot", "import", "human.urdf", "--sole", sole, "-o", name], 0)[0].clone();
+    let (found, given, absent) = (import("auto", "robot.json"), import("0.15,0.08", "given.json"), import("none", "points.json"));
+    assert!(found.contains("soles 0.200 x 0.100 m, turn 0.20 rad") && given.contains("soles 0.150 x 0.080 m"), "{found}{given}");
+    assert!(absent.contains("modelled as points") && !absent.contains("soles"), "{absent}");
+    let [_, error] = ran(dir.path(), &["robot", "import", "human.urdf", "--sole", "wide"], 2);
+    assert!(error.contains("LENGTH,WIDTH"), "{error}");
+    ran(dir.path(), &["solve", "--robot", "robot.json", "--goal", "0.5,0", "--first", "--threads", "1", "--out", "out"], 0);
+    let Ran { stdout: text, .. } = run_in(dir.path(), &["robot", "joints", "out/trajectory.json", "-o", "joints.csv"]);
+    assert!(text.starts_with("12 joints at ") && !text.contains("out of reach"), "{text}");
+    let csv = fs::read_to_string(dir.path().join("joints.csv")).unwrap();
+    let rows: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
+    assert_eq!((rows[0].len(), rows[0][18]), (37, "L_ankle_roll_torque_Nm"));
+    // At rest at the start on level soles: the pitches of a leg add up to 0.
+    let pitch: f64 = [7, 10, 13].iter().map(|column| rows[1][*column].parse::<f64>().unwrap()).sum();
+    assert!(rows[0][7] == "L_pitch_position_rad" && pitch.abs() < 1e-4, "{pitch}");
+}

@@ -30,6 +30,7 @@ class Robot:
         feet: Optional[Sequence[str]] = None,
         configuration: Optional[dict[str, float]] = None,
         name: Optional[str] = None,
+        sole: Optional[Union[str, tuple[float, float]]] = None,
     ) -> Robot: ...
     @staticmethod
     def from_dict(description: dict[str, Any]) -> Robot: ...

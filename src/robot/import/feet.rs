@@ -5,7 +5,7 @@ use super::urdf::{Collision, Motion, Shape};
 use crate::error::{Error, Result};
 use crate::robot::MAX_FEET;
 use crate::robot::leg::{Leg, LegJoint, MAX_JOINTS};
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use std::collections::HashSet;
 
 /// Largest height of a foot above the lowest one for both to be on the ground, relative to the height of the centre of mass above the
@@ -25,6 +25,8 @@ pub struct Contact {
     pub radius: f64,
     /// Number of shapes that touch the ground together. A flat foot has several, or a single one that is not a ball.
     pub touching: usize,
+    /// Rotation from the axes of the sole to the frame of the link, whose centre is then the contact point; `None` for a ball or point.
+    pub sole: Option<UnitQuaternion<f64>>,
 }
 
 impl Contact {
@@ -65,10 +67,10 @@ pub fn contact(tree: &Tree, frames: &[Isometry3<f64>], link: usize) -> Contact {
     let lowest = placed.iter().map(|(middle, depth)| middle.z - depth).fold(f64::INFINITY, f64::min);
     let touching: Vec<usize> = (0..placed.len()).filter(|&i| placed[i].0.z - placed[i].1 <= lowest + SAME_SOLE).collect();
     match touching.as_slice() {
-        [] => Contact { link, center: frame.translation.vector, radius: 0., touching: 0 },
+        [] => Contact { link, center: frame.translation.vector, radius: 0., touching: 0, sole: None },
         &[only] => match shapes[only].shape {
-            Shape::Sphere(radius) => Contact { link, center: placed[only].0, radius, touching: 1 },
-            _ => Contact { link, center: placed[only].0 - Vector3::z() * placed[only].1, radius: 0., touching: 1 },
+            Shape::Sphere(radius) => Contact { link, center: placed[only].0, radius, touching: 1, sole: None },
+            _ => Contact { link, center: placed[only].0 - Vector3::z() * placed[only].1, radius: 0., touching: 1, sole: None },
         },
         several => {
             let soles: Vec<Vector3<f64>> = several.iter().map(|&i| placed[i].0 - Vector3::z() * placed[i].1).collect();
@@ -79,7 +81,7 @@ pub fn contact(tree: &Tree, frames: &[Isometry3<f64>], link: usize) -> Contact {
                 frame.translation.vector[axis].max(ends[0]).min(ends[1])
             };
             let sole = Vector3::new(along(0), along(1), mean.z);
-            Contact { link, center: sole, radius: 0., touching: several.len() }
+            Contact { link, center: sole, radius: 0., touching: several.len(), sole: None }
         }
     }
 }
@@ -159,7 +161,9 @@ pub fn legs(tree: &Tree, frames: &[Isometry3<f64>], values: &[f64], center: &Vec
             return Err(Error::invalid(format!("foot `{}`", name.escape_debug()), "no joint of its own", limit));
         }
         let tip = frames[contact.link].inverse_transform_point(&Point3::from(contact.center));
-        Ok(Leg { foot: name.clone(), tip: (pending * tip).coords.into(), radius: contact.radius, chain })
+        let axes = |sole: UnitQuaternion<f64>| pending.rotation * sole;
+        let sole = contact.sole.map(axes).map(|axes| [axes.w, axes.i, axes.j, axes.k]);
+        Ok(Leg { foot: name.clone(), tip: (pending * tip).coords.into(), radius: contact.radius, sole, chain })
     };
     contacts.iter().zip(&paths).map(leg).collect()
 }

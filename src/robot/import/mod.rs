@@ -6,20 +6,24 @@
 mod body;
 mod feet;
 mod reach;
+mod soles;
 mod stance;
 #[cfg(test)]
 mod tests;
 mod tree;
+mod upright;
 pub mod urdf;
 
 pub use urdf::MAX_URDF;
 
-use super::leg::Leg;
-use super::{FORCE_LIMIT_WEIGHTS, MAX_FEET, Reach, Robot};
+use super::leg::{Leg, SOLE_JOINTS};
+use super::{FORCE_LIMIT_WEIGHTS, MAX_FEET, Reach, Robot, Sole};
 use crate::error::{Error, Result, check_range};
 use crate::files;
+use body::Body;
 use feet::Contact;
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
+use soles::FootSole;
 use std::path::Path;
 use tree::Tree;
 
@@ -32,6 +36,38 @@ pub struct Import {
     pub configuration: Vec<(String, f64)>,
     /// Name of the robot. Default: the name in the file.
     pub name: Option<String>,
+    /// Soles of the feet.
+    pub soles: Soles,
+}
+
+/// Soles of the feet of an imported robot.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub enum Soles {
+    /// Flat lower sides of the collision shapes. Feet without them, and legs that cannot hold them level, end in points or balls.
+    #[default]
+    Found,
+    /// Length and width, m. The centre is that of the flat lower side, or else the contact point; the sole is level in the configuration.
+    Size([f64; 2]),
+    /// Feet are points or balls.
+    Absent,
+}
+
+impl std::str::FromStr for Soles {
+    type Err = Error;
+
+    /// Parses `auto`, `none` or `LENGTH,WIDTH`, m.
+    fn from_str(text: &str) -> Result<Soles> {
+        let wrong = || Error::invalid("sole", format!("`{}`", text.escape_debug()), "auto, none or LENGTH,WIDTH in m");
+        match text.trim() {
+            "auto" => Ok(Soles::Found),
+            "none" => Ok(Soles::Absent),
+            size => {
+                let (length, width) = size.split_once(',').ok_or_else(wrong)?;
+                let number = |text: &str| text.trim().parse::<f64>().map_err(|_| wrong());
+                Ok(Soles::Size([number(length)?, number(width)?]))
+            }
+        }
+    }
 }
 
 /// An imported robot, and information for the user.
@@ -61,13 +97,45 @@ pub struct Foot {
     pub frame: [f64; 3],
 }
 
+/// Robot in the configuration in which it stands.
+struct Posed {
+    values: Vec<f64>,
+    frames: Vec<Isometry3<f64>>,
+    body: Body,
+    contacts: Vec<Contact>,
+    legs: Vec<Leg>,
+    /// Box of each foot.
+    reach: Vec<reach::Sides>,
+    sole: Option<Sole>,
+    notes: Vec<String>,
+}
+
+impl Posed {
+    /// Pose without boxes.
+    fn new(tree: &Tree, values: Vec<f64>, contacts: impl FnOnce(&[Isometry3<f64>], &Body) -> Result<Vec<Contact>>) -> Result<Posed> {
+        let frames = tree.frames(&values);
+        let body = whole(tree, &frames);
+        let contacts = contacts(&frames, &body)?;
+        let legs = feet::legs(tree, &frames, &values, &body.center, &contacts)?;
+        Ok(Posed { values, frames, body, contacts, legs, reach: vec![], sole: None, notes: vec![] })
+    }
+}
+
+/// All links of a robot as one body.
+fn whole(tree: &Tree, frames: &[Isometry3<f64>]) -> Body {
+    body::composite((0..frames.len()).filter_map(|link| Some((&frames[link], tree.model.links[link].inertial.as_ref()?))))
+}
+
 impl Import {
     /// Computes a robot from the text of a URDF file.
     ///
     /// * mass, inertia, centre of mass: of all links as one rigid body
-    /// * nominal feet: the lowest point of the collision shapes of each foot's link, spheres before other shapes; the origin of the link's
-    ///   frame if it has only meshes
-    /// * reach: for each foot the largest box that its joints reach within their limits, see `import/reach.rs`
+    /// * soles: the largest rectangle on the lower side of the collision shapes of each foot, for legs with at least six joints, see
+    ///   `import/soles.rs`; its centre is the nominal foot. Without a given configuration the robot stands on bent knees, see
+    ///   `import/upright.rs`
+    /// * nominal feet without soles: the lowest point of the collision shapes of each foot's link, spheres before other shapes; the origin of
+    ///   the link's frame if it has only meshes
+    /// * reach: for each foot the largest box that its joints reach within their limits, see `import/reach.rs`; for soles `import/upright.rs`
     /// * force limit: vertical force that the joint efforts can bear at the weakest foot, at most [`FORCE_LIMIT_WEIGHTS`] weights
     /// * joints: the joints of each foot's leg
     /// * name: the given one, or the file's. `-imported` is appended if a different built-in robot has that name
@@ -79,39 +147,31 @@ impl Import {
     pub fn urdf(&self, text: &str) -> Result<Imported> {
         let model = urdf::parse(text)?;
         let tree = Tree::new(&model)?;
-        let (values, stands) = self.values(&model, &tree)?;
-        let frames = tree.frames(&values);
-        let weighed = |link: usize| model.links[link].inertial.as_ref().map(|inertial| (&frames[link], inertial));
-        let body = body::composite((0..model.links.len()).filter_map(weighed));
-        if body.mass <= 0. {
-            let with = model.links.iter().filter(|link| link.inertial.is_some()).count();
-            let value = format!("0 kg: {with} of {} links have <inertial>", model.links.len());
-            return Err(Error::invalid("mass of all links", value, "positive"));
-        }
+        let values = tree.configuration(&self.configuration)?;
+        self.check_mass(&tree, &values)?;
+        let mut unsoled = Vec::new();
+        let posed = match self.on_soles(&tree, &values, &mut unsoled)? {
+            Some(posed) => posed,
+            None => self.on_points(&tree, values)?,
+        };
+        let Posed { values, frames, body, contacts, legs, reach, sole, notes: mut posed_notes } = posed;
         let center = body.center;
-        let links = if self.feet.is_empty() { feet::find(&tree, &frames, &center)? } else { self.named_feet(&tree)? };
-        let contacts: Vec<Contact> = links.iter().map(|&link| feet::contact(&tree, &frames, link)).collect();
-        let legs = feet::legs(&tree, &frames, &values, &center, &contacts)?;
+        let weighed = |link: usize| model.links[link].inertial.as_ref().map(|inertial| (&frames[link], inertial));
         let nominal_feet: Vec<[f64; 3]> = contacts.iter().map(|contact| (contact.point() - center).into()).collect();
         let base_height = nominal_feet.iter().map(|foot| -foot[2]).fold(f64::NEG_INFINITY, f64::max);
-        if base_height <= 0. {
-            let limit = "above: give a --configuration in which it stands";
-            return Err(Error::invalid("centre of mass above the lowest foot", format!("{base_height:.4} m"), limit));
-        }
-        let reach = legs.iter().enumerate().map(|(foot, leg)| reach::grow(leg, &reach::room(leg, foot, &nominal_feet)));
         let leg_masses = legs.iter().map(|leg| leg_mass(leg, feet::moved_by(&tree, leg).into_iter().filter_map(weighed), &center));
         let mut robot = Robot {
             name: self.name.clone().unwrap_or_else(|| model.name.clone()),
             mass: body.mass,
             inertia: std::array::from_fn(|r| std::array::from_fn(|c| body.inertia[(r, c)])),
             base_height,
-            reach: Reach::PerFoot(reach.collect::<Result<_>>()?),
+            reach: Reach::PerFoot(reach),
             force_limit: None,
             leg_mass: Some(leg_masses.sum::<f64>() / legs.len() as f64),
             nominal_feet,
             joints: None,
             foot_radius: contacts.iter().map(|c| (c.radius > 0.).then_some(c.radius)).reduce(least).flatten(),
-            sole: None,
+            sole,
         };
         let vertical = legs.iter().map(|leg| leg.vertical_force(&leg.posture(&leg.nominal()))).fold(f64::INFINITY, f64::min);
         robot.force_limit = vertical.is_finite().then(|| vertical.min(FORCE_LIMIT_WEIGHTS * robot.weight()));
@@ -121,7 +181,10 @@ impl Import {
         let speeds = legs.iter().map(|leg| leg.horizontal_speed(&leg.posture(&leg.nominal())));
         let slowest = speeds.collect::<Option<Vec<f64>>>().map(|speeds| speeds.into_iter().fold(f64::INFINITY, f64::min));
         robot.joints = Some(legs);
-        let mut notes = self.notes(&tree, &robot, &contacts, vertical, stands);
+        let mut notes = self.notes(&tree, &robot, &contacts, vertical);
+        posed_notes.append(&mut unsoled);
+        posed_notes.append(&mut notes);
+        let mut notes = posed_notes;
         if let Some(what) = robot.differs_from_named().filter(|_| self.name.is_none()) {
             let own = format!("{}-imported", robot.name);
             notes.push(format!("the built-in robot `{}` has another {what}; this one is called `{own}`", robot.name));
@@ -148,33 +211,114 @@ impl Import {
         self.urdf(&text).map_err(|e| e.in_file(path, None))
     }
 
-    /// Values of all joints, and true if they were chosen here: without a given configuration the robot stands on bent legs if it can.
-    fn values(&self, model: &urdf::Model, tree: &Tree) -> Result<(Vec<f64>, bool)> {
-        let mut values = tree.configuration(&self.configuration)?;
-        if !self.configuration.is_empty() {
-            return Ok((values, false));
+    /// Checks that the links have a mass.
+    fn check_mass(&self, tree: &Tree, values: &[f64]) -> Result<()> {
+        if whole(tree, &tree.frames(values)).mass > 0. {
+            return Ok(());
         }
-        let frames = tree.frames(&values);
-        let center =
-            body::composite((0..model.links.len()).filter_map(|link| Some((&frames[link], model.links[link].inertial.as_ref()?)))).center;
-        let links = if self.feet.is_empty() { feet::find(tree, &frames, &center) } else { self.named_feet(tree) };
-        let legs = links.and_then(|links| {
-            let contacts: Vec<Contact> = links.iter().map(|&link| feet::contact(tree, &frames, link)).collect();
-            feet::legs(tree, &frames, &values, &center, &contacts)
-        });
-        // Errors in the legs are reported later, where the legs are required.
-        let Some((legs, standing)) = legs.ok().and_then(|legs| stance::standing(&legs).map(|q| (legs, q))) else {
-            return Ok((values, false));
+        let links = &tree.model.links;
+        let with = links.iter().filter(|link| link.inertial.is_some()).count();
+        Err(Error::invalid("mass of all links", format!("0 kg: {with} of {} links have <inertial>", links.len()), "positive"))
+    }
+
+    /// Links of the feet: the named ones, or those on the ground.
+    fn links(&self, tree: &Tree, frames: &[Isometry3<f64>], center: &Vector3<f64>) -> Result<Vec<usize>> {
+        if self.feet.is_empty() { feet::find(tree, frames, center) } else { self.named_feet(tree) }
+    }
+
+    /// Pose on soles; `None` if the feet are points or balls, with a reason in `notes` if they have flat lower sides.
+    fn on_soles(&self, tree: &Tree, values: &[f64], notes: &mut Vec<String>) -> Result<Option<Posed>> {
+        let frames = tree.frames(values);
+        let links = match (self.soles, self.links(tree, &frames, &whole(tree, &frames).center)) {
+            (Soles::Absent, _) => return Ok(None),
+            // Reported again where points need them.
+            (Soles::Found, Err(_)) => return Ok(None),
+            (_, links) => links?,
         };
-        for (leg, q) in legs.iter().zip(standing) {
-            for (joint, value) in leg.chain.iter().zip(q) {
-                if let Some(j) = model.joints.iter().position(|other| other.name == joint.name) {
-                    values[j] = value;
+        let contacts: Vec<Contact> = links.iter().map(|&link| feet::contact(tree, &frames, link)).collect();
+        let found: Vec<Option<FootSole>> = links.iter().map(|&link| soles::of_foot(tree, &frames, link)).collect();
+        let soles: Option<Vec<(usize, FootSole)>> = match self.soles {
+            Soles::Size([length, width]) => {
+                let placed = contacts.iter().zip(&found).map(|(contact, found)| {
+                    let level = Isometry3::from_parts(contact.point().into(), Default::default());
+                    let frame = found.map_or_else(|| frames[contact.link].inverse() * level, |sole| sole.frame);
+                    (contact.link, FootSole { frame, length, width })
+                });
+                Some(placed.collect())
+            }
+            _ => links.iter().copied().zip(&found).map(|(link, sole)| Some((link, (*sole)?))).collect(),
+        };
+        let Some(soles) = soles else {
+            if found.iter().any(Option::is_some) {
+                notes.push("some feet have flat soles, others have none: all are modelled as points".into());
+            }
+            return Ok(None);
+        };
+        let legs = feet::legs(tree, &frames, values, &Vector3::zeros(), &contacts)?;
+        let refused = |value: String, limit: &str, notes: &mut Vec<String>| match self.soles {
+            Soles::Size(_) => Err(Error::invalid("sole", value, limit)),
+            _ => {
+                notes.push(format!("no soles: {value}, but a sole needs {limit}"));
+                Ok(None)
+            }
+        };
+        if let Some(leg) = legs.iter().find(|leg| leg.chain.len() < SOLE_JOINTS) {
+            let value = format!("the leg of `{}` has {} joints", leg.foot.escape_debug(), leg.chain.len());
+            return refused(value, &format!("at least {SOLE_JOINTS} joints, to be level wherever the foot is"), notes);
+        }
+        let given = !self.configuration.is_empty();
+        let Some(stance) = upright::upright(tree, values, &soles, given)? else {
+            let value = "level soles cannot move".to_owned() + if given { " in the configuration" } else { "" };
+            return refused(value, "bent knees: give another --configuration", notes);
+        };
+        let [length, width] = [|s: &FootSole| s.length, |s: &FootSole| s.width].map(|of| {
+            let least = soles.iter().map(|(_, sole)| of(sole)).fold(f64::INFINITY, f64::min);
+            (least * 1e6).round() / 1e6
+        });
+        let mut posed = Posed::new(tree, stance.values, |frames, _| Ok(upright::contacts(frames, &soles)))?;
+        posed.reach = stance.reach;
+        posed.sole = Some(Sole { length, width, turn: stance.turn });
+        if !given {
+            posed.notes.push(
+                "no configuration was given: knees are bent so that the robot can walk, with its centre of mass above its soles".into(),
+            );
+        }
+        let origin = if self.soles == Soles::Found { "found below the collision shapes" } else { "of the given size" };
+        posed.notes.push(format!("feet have soles of {length} x {width} m, {origin}, that turn by up to {} rad", stance.turn));
+        Ok(Some(posed))
+    }
+
+    /// Pose on points or balls. Without a given configuration the robot stands on bent legs if it can.
+    fn on_points(&self, tree: &Tree, mut values: Vec<f64>) -> Result<Posed> {
+        let contacts = |frames: &[Isometry3<f64>], body: &Body| {
+            let links = self.links(tree, frames, &body.center)?;
+            Ok(links.iter().map(|&link| feet::contact(tree, frames, link)).collect())
+        };
+        let mut notes = Vec::new();
+        if self.configuration.is_empty() {
+            // Errors in the legs are reported below.
+            let legs = Posed::new(tree, values.clone(), contacts).map(|posed| posed.legs);
+            if let Some((legs, standing)) = legs.ok().and_then(|legs| stance::standing(&legs).map(|q| (legs, q))) {
+                for (joint, value) in legs.iter().zip(standing).flat_map(|(leg, q)| leg.chain.iter().zip(q)) {
+                    if let Some(j) = tree.model.joints.iter().position(|other| other.name == joint.name) {
+                        values[j] = value;
+                    }
                 }
+                tree.follow(&mut values)?;
+                notes.push("no configuration was given: legs are bent so that the robot stands".into());
             }
         }
-        tree.follow(&mut values)?;
-        Ok((values, true))
+        let mut posed = Posed::new(tree, values, contacts)?;
+        let nominal: Vec<[f64; 3]> = posed.contacts.iter().map(|contact| (contact.point() - posed.body.center).into()).collect();
+        let height = nominal.iter().map(|foot| -foot[2]).fold(f64::NEG_INFINITY, f64::max);
+        if height <= 0. {
+            let limit = "above: give a --configuration in which it stands";
+            return Err(Error::invalid("centre of mass above the lowest foot", format!("{height:.4} m"), limit));
+        }
+        let boxes = posed.legs.iter().enumerate().map(|(foot, leg)| reach::grow(leg, &reach::room(leg, foot, &nominal)));
+        posed.reach = boxes.collect::<Result<_>>()?;
+        posed.notes = notes;
+        Ok(posed)
     }
 
     fn named_feet(&self, tree: &Tree) -> Result<Vec<usize>> {
@@ -193,17 +337,15 @@ impl Import {
     }
 
     /// Notes for the user: everything guessed, left out or unusual.
-    fn notes(&self, tree: &Tree, robot: &Robot, contacts: &[Contact], vertical: f64, stands: bool) -> Vec<String> {
+    fn notes(&self, tree: &Tree, robot: &Robot, contacts: &[Contact], vertical: f64) -> Vec<String> {
         let mut notes = Vec::new();
-        if stands {
-            notes.push("no configuration was given: legs are bent so that the robot stands".into());
-        }
         let name = |contact: &Contact| format!("`{}`", tree.model.links[contact.link].name.escape_debug());
         let names = |of: &dyn Fn(&&Contact) -> bool| contacts.iter().filter(of).map(name).collect::<Vec<_>>().join(", ");
         if self.feet.is_empty() {
             notes.push(format!("feet were not named; lowest in the configuration are {}", names(&|_| true)));
         }
-        let (flat, bare) = (names(&|c| c.touching > 1 || c.touching == 1 && c.radius == 0.), names(&|c| c.touching == 0));
+        let (flat, bare) =
+            (names(&|c| c.sole.is_none() && (c.touching > 1 || c.touching == 1 && c.radius == 0.)), names(&|c| c.touching == 0));
         if !flat.is_empty() {
             notes.push(format!("flat feet are modelled as points, at the part of the sole below the ankle: {flat}"));
         }

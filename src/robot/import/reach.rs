@@ -153,7 +153,7 @@ mod tests {
             effort: None,
             nominal: 0.,
         };
-        Leg { foot: "foot".into(), tip: [0., 0., -1.], radius: 0.05, chain: (0..3).map(joint).collect() }
+        Leg { foot: "foot".into(), tip: [0., 0., -1.], radius: 0.05, sole: None, chain: (0..3).map(joint).collect() }
     }
 
     #[test]

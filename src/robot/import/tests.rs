@@ -364,7 +364,8 @@ fn errors_name_the_place_the_value_and_the_limit() {
         (&["LF_foot"], "LF_pitch=2.5,LF_knee=-0.5", &["above"]),
     ];
     for (feet, values, parts) in asked {
-        let import = Import { feet: feet.iter().map(|&f| f.into()).collect(), configuration: configuration(values).unwrap(), name: None };
+        let import =
+            Import { feet: feet.iter().map(|&f| f.into()).collect(), configuration: configuration(values).unwrap(), ..Import::default() };
         check(&good, &import, parts);
     }
     for (text, part) in [("LF_knee", "JOINT=VALUE"), ("LF_knee=far", "`LF_knee=far`"), ("LF_knee=NaN", "joint `LF_knee`")] {
@@ -442,4 +443,104 @@ fn mutated_files_are_read_or_refused() {
         }
     }
     assert!(read > 20 && refused > 500, "{read} read, {refused} refused");
+}
+
+/// The humanoid of the tests: thighs and shins of 0.35 m, soles 0.06 m below the ankles with their centres 0.03 m ahead of them.
+const HUMANOID: &str = include_str!("../../../tests/data/humanoid.urdf");
+
+#[test]
+fn a_humanoid_stands_on_level_soles_below_its_centre_of_mass() {
+    let imported = Import::default().urdf(HUMANOID).unwrap();
+    let robot = &imported.robot;
+    let value = |name: &str| imported.configuration.iter().find(|(joint, _)| joint == name).unwrap().1;
+    let (hip, knee, ankle) = (value("L_pitch"), value("L_knee"), value("L_ankle_pitch"));
+    close(&[value("L_yaw"), value("L_roll"), value("L_ankle_roll"), hip + knee + ankle], &[0.; 4], 1e-6);
+    close(&[value("R_pitch"), value("R_knee"), value("L_shoulder")], &[hip, knee, 0.], 1e-6);
+    assert!(knee > 0.3, "{knee}");
+    // A link at angle a about y hangs at (-sin a, -cos a).
+    let (thigh, shin) = ([-hip.sin(), -hip.cos()], [-(hip + knee).sin(), -(hip + knee).cos()]);
+    let leg = [0, 1].map(|i| 0.35 * (thigh[i] + shin[i]));
+    // Trunk 20 kg at 0.2 m, arms 2 kg each at 0.2 m; of each leg 4 kg and 3 kg at the middle of thigh and shin, 1 kg at the ankle.
+    let of_legs = [0, 1].map(|i| 2. * (4. * 0.175 * thigh[i] + 3. * (0.35 * thigh[i] + 0.175 * shin[i]) + leg[i]) / 40.);
+    let center = [of_legs[0], 24. * 0.2 / 40. + of_legs[1]];
+    close(&[robot.mass, imported.center_of_mass[0], imported.center_of_mass[2]], &[40., center[0], center[1]], 1e-9);
+    // The centre of the sole is below the centre of mass.
+    let sole = [leg[0] + 0.03 - center[0], leg[1] - 0.06 - center[1]];
+    close(&robot.nominal_feet[0], &[0., 0.1, sole[1]], 1e-6);
+    close(&robot.nominal_feet[1], &[sole[0], -0.1, -robot.base_height], 1e-9);
+    let found = robot.sole.unwrap();
+    close(&[found.length, found.width], &[0.2, 0.1], 1e-9);
+    // The yaw of the hip ends at 0.26 rad; 0.05 rad are kept in hand. With straight legs the sole is 0.76 m below the hip.
+    assert!(found.turn == 0.2 && robot.base_height > 0.85 * (0.76 + 0.12 - 0.13) && robot.foot_radius.is_none(), "{robot:?}");
+    // Lever arms of a vertical force at the centre of the sole, about hip, knee and ankle.
+    let levers = [(leg[0] + 0.03, 80.), (leg[0] - 0.35 * thigh[0] + 0.03, 120.), (0.03, 60.)];
+    let force = levers.iter().map(|(lever, effort)| effort / lever.abs()).fold(40. / 1e-9, f64::min).min(3. * robot.weight());
+    assert!((robot.force_limit.unwrap() - force).abs() < 1e-6 * force, "{force} and {:?}", robot.force_limit);
+    assert!(imported.notes.iter().any(|note| note.contains("soles of 0.2 x 0.1 m")), "{:?}", imported.notes);
+    assert_eq!(Robot::from_json(&serde_json::to_string(robot).unwrap()).unwrap(), *robot);
+}
+
+#[test]
+fn level_soles_reach_their_box_with_any_allowed_yaw() {
+    let robot = Import::default().urdf(HUMANOID).unwrap().robot;
+    let (boxes, turn) = (robot.reach_boxes().collect::<Vec<_>>(), robot.sole.unwrap().turn);
+    close(&[boxes[0].low[1], boxes[0].high[1]], &[-boxes[1].high[1], -boxes[1].low[1]], 1e-12);
+    // Soles of 0.1 m, 0.02 m apart, with feet 0.2 m apart.
+    assert!(boxes[0].low[1] >= -0.04 && boxes[0].low[2] < -0.025 && boxes[0].widths()[0] > 0.3 && boxes[0].widths()[2] > 0.1, "{boxes:?}");
+    let mut random = ChaCha8Rng::seed_from_u64(35);
+    for _ in 0..300 {
+        for (foot, leg) in robot.joints.as_ref().unwrap().iter().enumerate() {
+            // Points of the polyhedron inside the box: each share of a side is within -1 and 1, and their sum is limited.
+            let share: [f64; 3] = loop {
+                let share = std::array::from_fn(|_| random.random_range(-1.0..1.0));
+                let [x, y, z]: [f64; 3] = share.map(f64::abs);
+                if x + z <= 1. && y + z <= 1. && x + y <= 1. {
+                    break share;
+                }
+            };
+            let side = |axis: usize| {
+                if share[axis] < 0. { -share[axis] * boxes[foot].low[axis] } else { share[axis] * boxes[foot].high[axis] }
+            };
+            let place = Vector3::from(robot.nominal_feet[foot]) + Vector3::new(side(0), side(1), side(2));
+            let level = nalgebra::UnitQuaternion::from_euler_angles(0., 0., random.random_range(-turn..turn));
+            let (q, missed) = leg.approach_sole(&Isometry3::from_parts(place.into(), level), &leg.nominal());
+            let at = leg.posture(&q);
+            assert!(
+                missed <= PRECISION && (at.tip - place).norm() <= PRECISION && at.attitude.angle_to(&level) < 1e-4,
+                "{share:?}: {missed}"
+            );
+            assert!(q.iter().zip(&leg.chain).all(|(v, joint)| (joint.limits[0]..=joint.limits[1]).contains(v)));
+        }
+    }
+}
+
+#[test]
+fn soles_are_given_by_hand_or_refused() {
+    let with = |text: &str, soles: &str| Import { soles: soles.parse().unwrap(), ..Import::default() }.urdf(text);
+    let found = with(HUMANOID, "auto").unwrap().robot;
+    let given = with(HUMANOID, "0.15, 0.08").unwrap().robot;
+    let sole = given.sole.unwrap();
+    assert_eq!((sole.length, sole.width, &given.nominal_feet), (0.15, 0.08, &found.nominal_feet));
+    // A foot without shapes has its sole at the origin of its frame.
+    let bare =
+        HUMANOID.split("<collision>").map(|part| part.split_once("</collision>").map_or(part, |(_, after)| after)).collect::<String>();
+    let placed = with(&bare, "0.2,0.1").unwrap().robot;
+    assert_eq!((placed.sole.unwrap().width, with(&bare, "auto").unwrap().robot.sole), (0.1, None));
+    assert!(placed.joints.unwrap()[0].tip == [0.; 3] && with(HUMANOID, "none").unwrap().robot.sole.is_none());
+    for text in ["0.2", "wide,0.1", "0.2,0.1,0.3", ""] {
+        assert!(text.parse::<Soles>().unwrap_err().to_string().contains("LENGTH,WIDTH"), "{text}");
+    }
+    // Legs of five joints, and straight legs.
+    let five = HUMANOID.replace("ankle_roll\" type=\"revolute\"", "ankle_roll\" type=\"fixed\"");
+    let (points, error) = (with(&five, "auto").unwrap(), with(&five, "0.2,0.1").unwrap_err().to_string());
+    assert!(points.robot.sole.is_none() && points.notes.iter().any(|note| note.contains("5 joints")), "{:?}", points.notes);
+    assert!(error.contains("the leg of `L_foot` has 5 joints") && error.contains("at least 6 joints"), "{error}");
+    let straight = |soles| Import { configuration: configuration("L_knee=0").unwrap(), soles, ..Import::default() }.urdf(HUMANOID);
+    assert!(straight(Soles::Size([0.2, 0.1])).unwrap_err().to_string().contains("bent knees"));
+    assert!(with(HUMANOID, "9,0.1").unwrap_err().to_string().contains("robot.sole.length"));
+    // A configuration with bent knees is kept.
+    let bent = [("L_pitch", -0.5), ("L_knee", 1.), ("L_ankle_pitch", -0.5), ("R_pitch", -0.5), ("R_knee", 1.), ("R_ankle_pitch", -0.5)];
+    let bent = bent.map(|(joint, value)| (joint.to_owned(), value)).to_vec();
+    let kept = Import { configuration: bent.clone(), ..Import::default() }.urdf(HUMANOID).unwrap();
+    assert!(kept.robot.sole.is_some() && bent.iter().all(|pair| kept.configuration.contains(pair)), "{:?}", kept.configuration);
 }
