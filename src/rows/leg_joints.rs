@@ -197,7 +197,7 @@ mod tests {
             effort: Some(20.),
             nominal,
         };
-        let leg = |chain: [LegJoint; 3], tip: [f64; 3]| Leg { foot: "foot".into(), chain: chain.into(), tip, radius: 0.02 };
+        let leg = |chain: [LegJoint; 3], tip: [f64; 3]| Leg { foot: "foot".into(), chain: chain.into(), tip, radius: 0.02, sole: None };
         let y = [0., 1., 0.];
         vec![
             leg(
