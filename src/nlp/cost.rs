@@ -1,9 +1,9 @@
 //! Cost rows of a candidate: effort of the forces, powers of standing and of swinging legs.
 //!
-//! The objective is that of [`crate::gait::cost`], of the whole motion or of its periodic stride. Effort is exact. The price of joints beyond
-//! their limits is quadratic, see [`joint_torque`](crate::rows::joint_torque), and only legs in [closed form](crate::rows::leg_joints) have it.
-//! Powers are integrated by Gauss-Legendre rules between the nodes of the curves that they are made of: the knots of the base, and the
-//! force nodes of a stance or the middle of a swing, where accelerations jump.
+//! The objective is that of [`crate::gait::cost`], of the whole motion or of its periodic stride. Effort is exact. The price of joints
+//! beyond their limits is quadratic, see [`joint_torque`](crate::rows::joint_torque), and only legs in [closed
+//! form](crate::rows::leg_joints) have it. Powers are integrated by Gauss-Legendre rules between the nodes of the curves that they are
+//! made of: the knots of the base, and the force nodes of a stance or the middle of a swing, where accelerations jump.
 
 use super::builder::Builder;
 use super::foot_blocks::{ForcePoint, force_points, swing_curve};
@@ -38,13 +38,14 @@ use std::ops::Range;
 const PLANNING_SPEED: f64 = 0.3;
 /// Price of the distance of a free end from the goal, for one base height or rad.
 const GOAL_PRICE: f64 = 40.;
-/// Price of the distance of the velocity from its approach to that of the goal, for one `sqrt(g l)` or half of `sqrt(g / l)` at all times.
+/// Price of the distance of the velocity from its approach to that of the goal, for one `sqrt(g l)` or half of `sqrt(g / l)` at all
+/// times.
 const RATE_PRICE: f64 = 400.;
 /// Time in which the velocity of the goal is approached, s.
 pub(crate) const RESPONSE: f64 = 0.15;
 
-/// Price of the square of the excess of a joint over its limits, in weights of the joint excess over 1 s. An excess of a twentieth of a limit
-/// that lasts a twentieth of a second costs half of what the excess itself does.
+/// Price of the square of the excess of a joint over its limits, in weights of the joint excess over 1 s. An excess of a twentieth of a
+/// limit that lasts a twentieth of a second costs half of what the excess itself does.
 const EXCESS_RATE: f64 = 200.;
 
 /// Smallest pivot of a Gram matrix, relative to its scale.
@@ -393,7 +394,8 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>, price: f
     }
 }
 
-/// Adds the torques of standing legs and the joint speeds of swinging legs beyond their limits, at the middle of each part of the quadrature.
+/// Adds the torques of standing legs and the joint speeds of swinging legs beyond their limits, at the middle of each part of the
+/// quadrature.
 ///
 /// * `price` - cost of the square of an excess over 1 s
 fn joint_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>, price: f64) {
@@ -441,8 +443,8 @@ fn middles(points: &[(f64, f64)]) -> impl Iterator<Item = (f64, f64)> {
     points.chunks_exact(3).map(|part| (part[1].0, part.iter().map(|point| point.1).sum()))
 }
 
-/// Points of the quadrature of a phase between knots and other nodes, where its power is not smooth, within a part of the motion: times and
-/// weights, s.
+/// Points of the quadrature of a phase between knots and other nodes, where its power is not smooth, within a part of the motion: times
+/// and weights, s.
 ///
 /// * `nodes` - start and end of the phase, and nodes between them
 fn points(phase: Phase, nodes: impl Iterator<Item = f64>, interval: f64, part: Range<f64>) -> Vec<(f64, f64)> {

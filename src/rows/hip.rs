@@ -1,8 +1,8 @@
 //! Position and velocity of a hip and their derivatives, for the powers of legs.
 //!
-//! The hip of a foot is above its nominal position, as high as the base: `p + R h` with `h = (x, y, 0)` in the base frame. Its velocity is
-//! `v + omega x R h`. Pose and rate of the base are Hermite interpolants of the knots plus the deviation that the forces cause; derivatives
-//! leave the deviation out.
+//! The hip of a foot is above its nominal position, as high as the base: `p + R h` with `h = (x, y, 0)` in the base frame. Its velocity
+//! is `v + omega x R h`. Pose and rate of the base are Hermite interpolants of the knots plus the deviation that the forces cause;
+//! derivatives leave the deviation out.
 
 use super::Tables;
 use super::math::{Mat3, Vec3, add, add_weighted, along, cross, dot, euler, mul, scale};
@@ -100,8 +100,8 @@ pub fn put_base<T: Real>(rows: &mut Rows<T>, row: usize, at: &HipPoint<T>, hip: 
 
 /// Writes the base columns of a row that also depends on the attitude of the base itself.
 ///
-/// * `by` - derivatives of the row with respect to position and velocity of the hip, to the angular velocity, and to a rotation of the base,
-///   about the axes of the world
+/// * `by` - derivatives of the row with respect to position and velocity of the hip, to the angular velocity, and to a rotation of the
+///   base, about the axes of the world
 #[inline(always)]
 pub fn put_turned<T: Real>(rows: &mut Rows<T>, row: usize, at: &HipPoint<T>, hip: &Hip<T>, by: [Vec3<T>; 4]) {
     let [by_position, by_velocity, by_omega, by_turn] = by;

@@ -1,8 +1,8 @@
 //! Torques of standing legs beyond the limits of their joints, as cost rows.
 //!
-//! A massless leg balances the force `f` on its foot with the torques `-(a_j x (contact - joint_j)) . f`, see [`crate::gait::joints`]. A row
-//! is a weight times the excess of a torque over [`FREE_SHARE`](super::leg_joints::FREE_SHARE) of its limit, relative to the limit, and zero
-//! below.
+//! A massless leg balances the force `f` on its foot with the torques `-(a_j x (contact - joint_j)) . f`, see [`crate::gait::joints`]. A
+//! row is a weight times the excess of a torque over [`FREE_SHARE`](super::leg_joints::FREE_SHARE) of its limit, relative to the limit,
+//! and zero below.
 
 use super::Tables;
 use super::blocks::Placed;

@@ -1,9 +1,9 @@
 //! Joints of a leg in closed form, for the cost rows of torques and speeds.
 //!
-//! A leg of three revolute joints whose last two axes are parallel, as those of most quadrupeds. With the vector `r` from the first joint to
-//! the foot, the first joint turns the second axis `a` until `a . r` is the sideways offset of the foot. The other two joints are then those
-//! of a planar leg, whose knee lies where two circles intersect. Of the two solutions of each step, that of the nominal posture is taken.
-//! No angle is needed: the columns `a_j x (foot - joint_j)` of the Jacobian consist of axes and positions.
+//! A leg of three revolute joints whose last two axes are parallel, as those of most quadrupeds. With the vector `r` from the first joint
+//! to the foot, the first joint turns the second axis `a` until `a . r` is the sideways offset of the foot. The other two joints are then
+//! those of a planar leg, whose knee lies where two circles intersect. Of the two solutions of each step, that of the nominal posture is
+//! taken. No angle is needed: the columns `a_j x (foot - joint_j)` of the Jacobian consist of axes and positions.
 
 use super::math::{Mat3, Vec3, add, along, cross, dot, mul, mul_transposed, scale, sub};
 use crate::gait::joints::IN_HAND;

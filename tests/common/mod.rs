@@ -201,7 +201,7 @@ pub fn jointed(robot: Robot) -> Robot {
             joint("pitch", pitch, [0., side, 0.], bend),
             joint("knee", pitch, [0., 0., -link], -2. * bend),
         ];
-        Leg { foot: "foot".into(), tip: [0., 0., -link], radius: 0.02, sole: robot.sole.map(|_| [1., 0., 0., 0.]), chain }
+        Leg { foot: "foot".into(), tip: [0., 0., -link], radius: 0.02, sole: None, chain }
     };
     let joints = Some(robot.nominal_feet.iter().map(|foot| leg(*foot)).collect());
     Robot { name: format!("{} with joints", robot.name), joints, ..robot }

@@ -9,7 +9,7 @@ use cregopt::gait::Schedule;
 use cregopt::gait::trajectory::GoalVelocity;
 use cregopt::nlp::Problem;
 use cregopt::robot::Robot;
-use cregopt::settings::TranscriptionSettings;
+use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::task::Task;
 use cregopt::terrain::{Shape, Terrain};
 
@@ -112,11 +112,15 @@ pub fn long_candidates() -> Vec<Candidate> {
     let mut random = Random::new(12);
     let fine = |own: TranscriptionSettings| TranscriptionSettings { interval: Some(0.05), ..own };
     let candidate = |settings: TranscriptionSettings| {
-        let robot = if settings.goal_velocity == GoalVelocity::Near { jointed(soled(spider(8))) } else { spider(8) };
+        let robot = match settings {
+            TranscriptionSettings { goal_velocity: GoalVelocity::Near, .. } => soled(spider(8)),
+            TranscriptionSettings { rows: Transcription::Momentum, .. } => jointed(spider(8)),
+            _ => spider(8),
+        };
         let task = task_for(robot, hills(), [2., 1.], 0.4);
         Candidate::new(task, gait(&mut random, 8, 10..=10), &fine(settings), &mut random)
     };
-    // One has a free end, soles and joints: only that has goal rows and rows of soles and joints.
+    // Only one has joints; another one has a free end and soles, and only that has goal rows and rows of soles.
     let near = TranscriptionSettings { goal_velocity: GoalVelocity::Near, ..cones() };
     let mut candidates: Vec<Candidate> = [TranscriptionSettings::default(), towr(), near].map(candidate).into();
     // A stride has fewer periodic rows than a workgroup has invocations. Equal entries write equal values.
