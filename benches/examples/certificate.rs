@@ -25,7 +25,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let report = verify(&motion, &terms.robot, &ice, terms.force_limit)?;
     assert!(!report.feasible);
     for family in report.families.iter().filter(|family| family.violated > 0) {
-        println!("{}: {} of {} rows violated, worst {:?}", family.family, family.violated, family.rows, family.worst);
+        println!(
+            "{}: {} of {} rows violated by up to {:.3} {}",
+            family.family, family.violated, family.rows, family.max_violation, family.unit
+        );
     }
     Ok(())
 }

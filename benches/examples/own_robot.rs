@@ -10,7 +10,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for note in &imported.notes {
         println!("note: {note}");
     }
-    println!("{} kg, {} feet", imported.robot.mass, imported.robot.feet());
+    println!("{:.1} kg, {} feet", imported.robot.mass, imported.robot.feet());
     let task = Task::new(imported.robot, Terrain::flat(), Goal::at(1., 0.2).yaw(0.3))?;
     let found = Search::new(&task).generations(1).run(&Cpu::new(0)?)?;
     assert!(found.best.feasible());

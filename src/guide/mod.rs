@@ -12,7 +12,8 @@
 //! | [`clusters`] | searches on many machines |
 //! | [`gpus`] | expectations of a GPU, measured and computed |
 //!
-//! Complete programs, one idea each, are in `benches/examples`. `cargo run --release --example first_gait` runs one.
+//! Complete programs, one idea each, are in `benches/examples`: `cargo run --release --example first_gait`, `python
+//! benches/examples/evaluate_many.py`.
 
 #[doc = include_str!("first_gait.md")]
 #[doc = "```python"]
