@@ -6,19 +6,23 @@
 //! the sampling distribution to the cheapest gaits:
 //!
 //! ```
+//! use cregopt::app::label::{Provenance, label};
 //! use cregopt::{Cpu, Goal, Robot, Search, Task, Terrain};
 //!
 //! let task = Task::new(Robot::named("anymal")?, Terrain::flat(), Goal::at(2.0, 0.0))?;
 //! let found = Search::new(&task).seed(1).population(16).run(&Cpu::new(0)?)?;
 //! assert!(found.best.feasible());
 //! println!("{}", found.best.certificate());
-//! std::fs::write("trajectory.json", serde_json::to_string(found.best.trajectory())?)?;
+//! // With robot and terrain, for `cregopt view`.
+//! let motion = label(found.best.trajectory().clone(), &task, Provenance::default(), Some(1));
+//! std::fs::write("trajectory.json", serde_json::to_string(&motion)?)?;
 //! # std::fs::remove_file("trajectory.json")?;
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
 //! A [`Mission`] adds waypoints, checks before a search and a diagnosis after one that found no gait; see [`app`] for an example.
-//! [`Evaluate`] solves gaits that the caller provides. [`verify()`] checks a motion independently of the solver.
+//! [`Evaluate`] solves gaits that the caller provides. [`verify()`] checks a motion independently of the solver. The [`guide`] has a page
+//! per task: own robots and ground, certificates, remedies, tracking, planning online, clusters, GPUs.
 //!
 //! # Optimisation problem
 //! For a given gait (rows `momentum`, the default) with intervals of length `h` between base knots:
@@ -137,6 +141,7 @@ pub mod export;
 #[doc(hidden)]
 pub mod files;
 pub mod gait;
+pub mod guide;
 #[doc(hidden)]
 pub mod linear;
 #[doc(hidden)]

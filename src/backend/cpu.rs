@@ -49,6 +49,7 @@ impl Cpu {
                             job.transcription,
                             job.settings.optimise.objective(),
                         );
+                        let _log = tracing::trace_span!("candidate", index).entered();
                         let outcome = solver.solve(&problem, job.settings, finish_at, None, &|| skip(index));
                         if outcome.status != Status::Cancelled {
                             let Problem { variables, curves, .. } = problem;

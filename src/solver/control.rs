@@ -438,7 +438,7 @@ pub fn minimised<T: Real>(progress: &mut Progress<T>, minimise: &Minimisation<T>
 }
 
 /// Stall rule, see [`crate::settings::StallSettings`]. It never interrupts closing steps.
-fn stalled<T: Real>(progress: &Progress<T>, limits: &Limits<T>, f: T, before: T) -> bool {
+pub fn stalled<T: Real>(progress: &Progress<T>, limits: &Limits<T>, f: T, before: T) -> bool {
     let done = progress.recorded - 1;
     if limits.stall_start == NONE || done < limits.stall_start.max(progress.stall_from + limits.stall_window) {
         return false;

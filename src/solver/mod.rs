@@ -42,7 +42,7 @@ use crate::rows::{self, RowKind, Shared};
 use crate::settings::SolverSettings;
 use advance::{add, advance};
 use aligned_vec::{AVec, CACHELINE_ALIGN};
-use control::{CLOSE, EXACT, Limits, MINIMISE, Progress, REVERT, SHORTER, SOLVE, STEP};
+use control::{CLOSE, EXACT, Limits, MINIMISE, Progress, RESTORE, REVERT, SHORTER, SOLVE, STALLED, STEP};
 use correct::correct;
 use judge::{infeasibility, infeasibility_fall, merit_falls, nonlinearity, smoothing_fall, update_slacks};
 use minimise::{add_shifts, subtract_shifts, update_shifts};
@@ -50,6 +50,7 @@ use objective::Objective;
 use round::{ROUND, START, Stage, When};
 use slacks::{BarrierTarget, Lengths, Slacks, largest, slack_steps};
 use start::{column_scaling, resume_slacks, start_slacks};
+use tracing::{Level, enabled, trace};
 use weights::{barrier_rows, closing_rows, variable_terms};
 
 /// Termination criterion of a solve.
@@ -329,6 +330,10 @@ impl<T: Real> Solver<T> {
         let before = self.history.len().checked_sub(solve.limits.stall_window as usize).map_or(f, |at| self.history[at]);
         let largest = largest(&self.slacks.multiplier);
         control::begin(progress, &solve.limits, f, before, largest, self.finished(solve, f));
+        if progress.state == STALLED && progress.phase != REVERT {
+            let slow = control::stalled(progress, &solve.limits, f, before);
+            trace!("stalled: {} at infeasibility {:.2e}", if slow { "stall rule" } else { "early termination" }, f.as_f64());
+        }
         if progress.state == EXACT {
             self.trial.clone_from(&self.x);
         } else {
@@ -396,7 +401,8 @@ impl<T: Real> Solver<T> {
             return control::renew(progress);
         }
         if self.failed {
-            return control::damp(progress);
+            control::damp(progress);
+            return log_refused(progress);
         }
         let minimises = progress.phase == MINIMISE;
         if minimises {
@@ -427,9 +433,33 @@ impl<T: Real> Solver<T> {
                 update_shifts(problem, &mut self.now, &mut self.shift, &self.slacks);
                 control::minimised(progress, &solve.limits.minimise, predicted, objective.cost(problem, &self.now.c));
             }
+            if enabled!(Level::TRACE) {
+                self.log(solve, progress, minimises);
+            }
         } else {
             control::refuse(progress);
+            log_refused(progress);
         }
+    }
+
+    /// Logs the point after an accepted step.
+    fn log(&self, solve: &Solve<T>, progress: &Progress<T>, minimises: bool) {
+        let (problem, mut now) = (solve.problem, self.now.clone());
+        if minimises {
+            subtract_shifts(&mut now, &self.shift);
+        }
+        let purpose = match (progress.state, progress.phase) {
+            _ if minimises => "minimise",
+            (_, RESTORE) => "restore",
+            (CLOSE, _) => "close",
+            _ => "solve",
+        };
+        let f = infeasibility(&now.c[problem.rows.of(RowKind::Equality)], &now.g).as_f64();
+        let objective = Objective { weight: T::one(), rounding: solve.limits.minimise.rounding_floor };
+        let priced = !problem.cost_weights.is_empty();
+        let cost = if priced { format!("cost {:.4}, ", objective.cost(problem, &now.c).as_f64()) } else { String::new() };
+        let (step, barrier) = (progress.length.as_f64(), progress.mu.as_f64());
+        trace!("iteration {}, {purpose}: infeasibility {f:.2e}, {cost}step {step:.3}, barrier {barrier:.1e}", progress.iterations);
     }
 
     /// Makes the trial point the current point.
@@ -498,6 +528,13 @@ impl<T: Real> Solver<T> {
     /// Infeasibility `F` at the start and after each iteration of the last solve.
     pub fn history(&self) -> Vec<f64> {
         self.history.iter().map(|f| f.as_f64()).collect()
+    }
+}
+
+/// Logs that a solve has ended because every attempted step was refused.
+fn log_refused<T: Real>(progress: &Progress<T>) {
+    if progress.state == STALLED {
+        trace!("stalled: every step refused at infeasibility {:.2e}", progress.infeasibility.as_f64());
     }
 }
 

@@ -12,7 +12,8 @@ pub enum Status {
     Solved,
     /// The iteration limit was reached.
     MaxIterations,
-    /// No progress: the stall rule or early termination ended the solve, or every attempted step was refused.
+    /// No progress: the stall rule or early termination ended the solve, or every attempted step was refused. The log of the CPU says which
+    /// (`-vv`).
     Stalled,
     /// A residual became infinite or NaN.
     NonFinite,

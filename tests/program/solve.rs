@@ -1,6 +1,7 @@
 //! `cregopt solve`: results, seeds, flags and settings.
 
 use crate::harness::{assert_holds_only, folder, own_robot, own_terrain, read, read_lines, run, standing, write_lines};
+use cregopt::settings::SolverSettings;
 use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
@@ -307,4 +308,28 @@ fn alternatives_have_their_own_files_and_a_later_run_deletes_them() {
     let ran = run(dir.path(), &command(1));
     assert!(!ran.ends_with(0).stdout.contains("alternative"), "{}", ran.stdout);
     assert_holds_only(&out, &["result.json", "scenario.toml", "trajectory.json", "trajectory-4.json"]);
+}
+
+/// Log of the solver of one thread, one line per event.
+fn log_of(arguments: &str) -> Vec<String> {
+    let dir = folder();
+    let ran = run(dir.path(), &format!("solve {arguments} --device cpu --threads 1 -vv"));
+    ran.stderr.lines().filter(|line| line.contains("cregopt::solver: ")).map(Into::into).collect()
+}
+
+#[test]
+fn the_log_has_a_line_per_iteration_and_the_reason_of_a_stall() {
+    let number = |line: &str, before: &str| -> f64 { line.split(before).nth(1).unwrap().split(',').next().unwrap().parse().unwrap() };
+    let solved = log_of("--robot biped --goal 0.5,0 --gait walk --population 2 --generations 0");
+    // The first solve: its iterations are counted, and its rows and its cost fall.
+    let end = (1..solved.len()).find(|&i| number(&solved[i], "iteration ") == 1.).unwrap_or(solved.len());
+    let first = &solved[..end];
+    assert!(first.iter().enumerate().all(|(i, line)| number(line, "iteration ") == (i + 1) as f64), "{first:#?}");
+    assert!(first.iter().all(|line| line.contains("candidate{index=0}") && line.contains("barrier ")), "{first:#?}");
+    let minimised: Vec<f64> = first.iter().filter(|line| line.contains("minimise: ")).map(|line| number(line, "cost ")).collect();
+    let solve = first.iter().rfind(|line| line.contains("solve: ") || line.contains("close: ")).unwrap();
+    assert!(number(first.last().unwrap(), "infeasibility ") < SolverSettings::default().tolerance, "{first:#?}");
+    assert!(minimised.last().unwrap() < &number(solve, "cost "), "{first:#?}");
+    let weak = log_of("--robot biped --goal 1,0 --force-limit 120 --gait walk --population 2 --generations 1");
+    assert!(weak.iter().any(|line| line.contains("stalled: early termination at infeasibility ")), "{weak:#?}");
 }

@@ -2,6 +2,9 @@
 
 import os
 import pathlib
+import subprocess
+import sys
+from typing import Callable
 
 import cregopt
 import pytest
@@ -31,6 +34,19 @@ def nowhere() -> cregopt.Task:
     """Task without a feasible gait: three feet cannot carry the weight, and the goal can only be reached by steps."""
     robot = cregopt.Robot("anymal")
     return cregopt.Task(robot, cregopt.Terrain("flat"), goal=(1.0, 0.0), force_limit=0.27 * 9.80665 * robot.mass)
+
+
+@pytest.fixture(scope="session")
+def run_example() -> Callable[..., str]:
+    """Runs an example of `benches/examples` and returns its output. Examples assert their own results, so that a wrong one ends them."""
+
+    def run(name: str, *arguments: str) -> str:
+        example = pathlib.Path(__file__).parents[2] / "benches" / "examples" / f"{name}.py"
+        ran = subprocess.run([sys.executable, str(example), *arguments], capture_output=True, text=True, timeout=120)
+        assert ran.returncode == 0, ran.stdout + ran.stderr
+        return ran.stdout
+
+    return run
 
 
 @pytest.fixture(scope="session")

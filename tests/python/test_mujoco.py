@@ -11,7 +11,7 @@ import pathlib
 import re
 import subprocess
 import sys
-from typing import Any
+from typing import Any, Callable
 
 import cregopt
 import cregopt.mujoco
@@ -699,3 +699,7 @@ def test_without_mujoco_the_error_names_the_package_to_install(model: pathlib.Pa
     run = subprocess.run(arguments, capture_output=True, text=True, timeout=120)
     assert run.returncode == 4 and run.stderr.startswith("error: cregopt.mujoco needs mujoco"), run.stderr
     assert run.stderr.endswith("pip install cregopt[mujoco]\n")
+
+
+def test_the_example_stays_upright(run_example: Callable[..., str], model: pathlib.Path) -> None:
+    assert "upright to the end" in run_example("play_in_mujoco", str(model))
