@@ -37,9 +37,10 @@
 //! * An update fails for a state out of range and for a time before that of the last update. Before there is a plan, it also fails if no
 //!   candidate holds.
 //! * Contacts and measured positions correct the planned phases: a contact in the second half of a swing ends it, and a foot that should
-//!   stand is in the air only if it is not loaded and more than 1 cm off the terrain. Slow filters on contacts delay this.
-//! * Positions of the base and the feet must agree with each other. Where loaded feet are more than 2 cm off the terrain, or a foot is
-//!   below it without contact, the terrain is corrected around them: see [`Plan::terrain`].
+//!   stand is in the air only if it is not loaded and more than 1 cm off the terrain, or has not been loaded since it swung. Slow filters
+//!   on contacts delay this.
+//! * Positions of the base and the feet must agree with each other. Where loaded feet are more than 2 cm off the terrain, or a foot
+//!   finds no ground, the terrain is corrected around them: see [`Plan::terrain`].
 
 mod cycle;
 mod touched;
@@ -72,6 +73,8 @@ use warm::Before;
 
 /// Height above the ground from which a foot without contact counts as in the air although the plan has it on the ground, m.
 const LIFTED: f64 = 0.01;
+/// Time after its planned touchdown at which a foot without contact has found no ground, s.
+const LATE: f64 = 0.01;
 /// Part of a swing after which a contact ends it.
 const LATE_SWING: f64 = 0.5;
 /// Part of a swing that is assumed to have passed at least for a foot that should stand but is in the air: it only descends.
@@ -478,7 +481,7 @@ impl Planner {
         RobotState { base, feet: state.feet.iter().enumerate().map(foot).collect() }
     }
 
-    /// Corrects the terrain by the feet that bear load, and by those that are below it without load.
+    /// Corrects the terrain by the feet that bear load, and by those that found no ground.
     fn touch(&mut self, state: &RobotState, now: f64) {
         for (foot, at) in state.feet.iter().enumerate() {
             let planned = self.plan.as_ref().map(|plan| planned_contact(plan, foot, now));
@@ -486,9 +489,13 @@ impl Planner {
             let [x, y, z] = at.position;
             let below = self.task.terrain.height(x, y) - z;
             if !at.contact {
-                if below > if swings { APART } else { LIFTED } {
+                // A foot that should have landed but bears no load is above the ground, however near to the map it is.
+                let late = self.touched.hangs[foot] && planned.is_some_and(|(contact, _)| contact.since > LATE);
+                let least = if swings { APART } else { LIFTED * if late { -1. } else { 1. } };
+                if below > least {
                     self.touched.misses(foot, at.position, self.robot.base_height);
                 }
+                self.touched.hangs[foot] |= swings;
             } else if planned.is_none_or(|(contact, left)| !contact.in_air || lands_early(contact, left)) {
                 self.touched.bears(foot, at.position);
             }

@@ -18,13 +18,15 @@ const SPACING: f64 = 0.25;
 pub(super) struct Touched {
     /// Point, world frame, m; `None` before the first contact.
     points: Vec<Option<[f64; 3]>>,
-    /// True for a foot that was below the ground in the air.
+    /// True for a foot that found no ground.
     pub missed: Vec<bool>,
+    /// True for a foot that has not borne load since it swung.
+    pub hangs: Vec<bool>,
 }
 
 impl Touched {
     pub fn new(feet: usize) -> Touched {
-        Touched { points: vec![None; feet], missed: vec![false; feet] }
+        Touched { points: vec![None; feet], missed: vec![false; feet], hangs: vec![false; feet] }
     }
 
     /// Takes a foot that is loaded.
@@ -32,10 +34,10 @@ impl Touched {
         let before = self.points[foot].map_or(z, |[_, _, before]| before);
         let height = if (z - before).abs() > APART { z } else { before + SHARE * (z - before) };
         self.points[foot] = Some([x, y, height]);
-        self.missed[foot] = false;
+        (self.missed[foot], self.hangs[foot]) = (false, false);
     }
 
-    /// Takes a foot that is in the air below the ground: the ground is deeper.
+    /// Takes a foot that found no ground: the ground is deeper.
     pub fn misses(&mut self, foot: usize, [x, y, z]: [f64; 3], base_height: f64) {
         self.points[foot] = Some([x, y, z - DEEPER * base_height]);
         self.missed[foot] = true;

@@ -256,6 +256,35 @@ fn a_robot_finds_ground_that_the_map_lacks() {
 }
 
 #[test]
+fn a_foot_that_finds_no_ground_reaches_deeper_at_once() {
+    let mut walk = Walk::new(small(), settings());
+    walk.walk(&ahead(0.4), 0.3);
+    let landing = |walk: &mut Walk| loop {
+        let before = walk.state.clone();
+        walk.step(&ahead(0.4));
+        let lands = |foot: &usize| walk.state.feet[*foot].contact && !before.feet[*foot].contact;
+        if let Some(foot) = (0..4).find(lands) {
+            return foot;
+        }
+    };
+    for touches in [true, false] {
+        let foot = landing(&mut walk);
+        // Only 4 mm above the map at its planned touchdown, and below it afterwards.
+        let mut last = None;
+        for (height, contact) in [(0.004, false), (-0.004, touches)] {
+            let mut state = walk.state.clone();
+            (state.feet[foot].position[2], state.feet[foot].contact) = (height, contact);
+            last = Some((walk.step_from(&state, &ahead(0.4)), state.feet[foot].position));
+        }
+        let (update, [x, y, _]) = last.unwrap();
+        let ground = update.plan.terrain.height(x, y);
+        assert!(update.renewed && lifted(&update, foot) != touches, "touches: {touches}, lifted: {}", lifted(&update, foot));
+        assert!(if touches { ground == 0. } else { ground < -0.03 }, "the ground is expected at {ground} m");
+        walk.walk(&ahead(0.4), 0.3);
+    }
+}
+
+#[test]
 fn if_no_candidate_holds_the_plan_before_stays() {
     let mut walk = Walk::new(anymal(), settings());
     let mut fallen = walk.state.clone();
