@@ -58,7 +58,9 @@ class Gains:
     press, seek : float
         Depth below the ground at which swings end, m, and speed at which late feet move down, m/s.
     near, bears : float
-        Distance from where it bore load, m, below which a foot in planned stance counts as in contact, and normal force, N, above which it does.
+        Distance from the ground, m, below which a foot in planned stance counts as in contact, and normal force, N, above which it does.
+    mapped : bool
+        True if the ground is where the plan has it; else it is only where a foot bore load in this stance.
     unknown : float
         Time in which the controller learns forces and moments on the base that it does not know, such as those of a load, s; 0: never.
     """
@@ -83,6 +85,7 @@ class Gains:
     seek: float = 0.1
     near: float = 0.004
     bears: float = 1.0
+    mapped: bool = True
     unknown: float = 0.0
 
 
@@ -246,15 +249,21 @@ class Controller:
         return self.plan.feet[k, f] + self.machine.feet[f].radius * self.plan.normals[k, f]  # type: ignore[no-any-return]
 
     def _touches(self, f: int, k: int, due: bool, state: State, load: float) -> bool:
-        """True if a foot is in contact: loaded in a planned stance and not lifted since, or loaded before its planned touchdown, on the descent."""
+        """True if a foot is in contact: on the ground in a planned stance, or loaded before its planned touchdown, on the descent."""
         bears = load > self.gains.bears
         if bears:
             self.ground[f] = state.feet[f]
         elif not due:
             self.ground[f] = np.nan
         if due:
-            return bears or float((state.feet[f] - self.ground[f]) @ self.plan.normals[k, f]) < self.gains.near
+            lifted = float((state.feet[f] - self.ground[f]) @ self.plan.normals[k, f])
+            return bears or lifted < self.gains.near or (self.gains.mapped and self._gap(f, k, state) < self.gains.near)
         return bears and float(self.plan.feet_velocity[k, f, 2]) < 0
+
+    def _gap(self, f: int, k: int, state: State) -> float:
+        """Distance of a foot from the ground of the plan, along the normal, m."""
+        x, y, z = state.feet[f]
+        return float((z - self.plan.terrain.height(x, y)) * self.plan.normals[k, f, 2]) - self.machine.feet[f].radius
 
     def _swing(self, f: int, k: int, time: float, state: State) -> tuple[Floats, Floats, Floats]:
         """Reference position, velocity and acceleration of the centre of a foot without contact, world frame."""

@@ -23,8 +23,8 @@ PERIOD = STEP * STEPS
 SETTLING = 1.0
 #: Time over which velocities are averaged before they are compared with the command, s.
 AVERAGED = 0.4
-#: Gains by default: the planner chooses footholds, and loads are not known.
-GAINS = Gains(capture=0.0, unknown=0.3, seek=0.3)
+#: Gains by default: the planner chooses footholds, and loads and steps are not known.
+GAINS = Gains(capture=0.0, unknown=0.3, seek=0.3, mapped=False)
 #: Standard deviations of the noise on the planner's state: positions, m; velocities, m/s; attitude, rad; angular velocity, rad/s.
 NOISE = (0.005, 0.05, 0.01, 0.05)
 #: Largest delay of the planner, s.
