@@ -507,8 +507,7 @@ struct StancePower {
     place: Place,
 }
 
-struct SwingPower {
-    base: HipPoint,
+struct SwingMotion {
     xy_weights: array<array<f32, 2>, 2>,
     z_weights: array<array<f32, 3>, 2>,
     offset: array<array<f32, 3>, 2>,
@@ -516,6 +515,11 @@ struct SwingPower {
     height_column: u32,
     foothold: array<u32, 2>,
     foothold_column: array<u32, 2>,
+}
+
+struct SwingPower {
+    base: HipPoint,
+    foot: SwingMotion,
     place: Place,
 }
 
@@ -551,13 +555,7 @@ struct JointTorque {
 
 struct JointSpeed {
     base: HipPoint,
-    xy_weights: array<array<f32, 2>, 2>,
-    z_weights: array<array<f32, 3>, 2>,
-    offset: array<array<f32, 3>, 2>,
-    height: u32,
-    height_column: u32,
-    foothold: array<u32, 2>,
-    foothold_column: array<u32, 2>,
+    foot: SwingMotion,
     leg: JointLeg,
     weight: f32,
     place: Place,

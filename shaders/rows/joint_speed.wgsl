@@ -11,11 +11,8 @@ fn entry(slot: u32, half: u32, k: u32) {
     let speed = &joint_speeds[slot * batch.joint_speeds + k];
     let here = hip(slot, half, speed.base);
     let x = ix_x(slot, half);
-    let offset = speed.offset;
-    let position = foot_motion(slot, x, speed.foothold, speed.height, speed.xy_weights[0], speed.z_weights[0])
-        + vec3<f32>(offset[0][0], offset[0][1], offset[0][2]);
-    let foot_velocity = foot_motion(slot, x, speed.foothold, speed.height, speed.xy_weights[1], speed.z_weights[1])
-        + vec3<f32>(offset[1][0], offset[1][1], offset[1][2]);
+    let position = swing_motion(slot, x, speed.foot, 0u);
+    let foot_velocity = swing_motion(slot, x, speed.foot, 1u);
     let leg = &speed.leg;
     let center = position + vec3<f32>(0.0, 0.0, leg.radius);
     let foot = center - here.position;
@@ -43,18 +40,6 @@ fn entry(slot: u32, half: u32, k: u32) {
         let by_foot = by_posture + cross(here.omega, by_velocity);
         let turned = cross(foot, by_posture) + cross(velocity, by_velocity);
         put_turned(rows, j, speed.base, here, -by_foot, -by_velocity, cross(by_velocity, foot), -turned);
-        for (var i = 0u; i < 2u; i++) {
-            if (speed.foothold_column[i] == NONE) {
-                continue;
-            }
-            let slope = ground_slope(slot, speed.foothold[i]);
-            let by_position = speed.xy_weights[0][i] * by_foot.xy + speed.z_weights[0][i] * by_foot.z * slope;
-            let by_rate = speed.xy_weights[1][i] * by_velocity.xy + speed.z_weights[1][i] * by_velocity.z * slope;
-            put(rows, j, speed.foothold_column[i], by_position.x + by_rate.x);
-            put(rows, j, speed.foothold_column[i] + 1u, by_position.y + by_rate.y);
-        }
-        if (speed.height_column != NONE) {
-            put(rows, j, speed.height_column, speed.z_weights[0][2] * by_foot.z + speed.z_weights[1][2] * by_velocity.z);
-        }
+        put_swing(slot, rows, j, speed.foot, by_foot, by_velocity);
     }
 }

@@ -12,28 +12,12 @@ fn entry(slot: u32, half: u32, k: u32) {
     let base = power.base;
     let here = hip(slot, half, base);
     let x = ix_x(slot, half);
-    // Velocity and acceleration of the foot.
-    let offset = power.offset;
-    let velocity = foot_motion(slot, x, power.foothold, power.height, power.xy_weights[0], power.z_weights[0])
-        + vec3<f32>(offset[0][0], offset[0][1], offset[0][2]);
-    let acceleration = foot_motion(slot, x, power.foothold, power.height, power.xy_weights[1], power.z_weights[1])
-        + vec3<f32>(offset[1][0], offset[1][1], offset[1][2]);
+    let velocity = swing_motion(slot, x, power.foot, 0u);
+    let acceleration = swing_motion(slot, x, power.foot, 1u);
     let v = velocity - here.velocity;
     values[ix_equality(slot, half, power.place.row)] = dot(acceleration, v);
 
     let rows = rows_at(slot, half, power.place);
     put_base(rows, 0u, base, here, vec3<f32>(), -acceleration, vec3<f32>());
-    for (var i = 0u; i < 2u; i++) {
-        if (power.foothold_column[i] == NONE) {
-            continue;
-        }
-        let slope = ground_slope(slot, power.foothold[i]);
-        let by_velocity = power.xy_weights[0][i] * acceleration.xy + power.z_weights[0][i] * acceleration.z * slope;
-        let by_acceleration = power.xy_weights[1][i] * v.xy + power.z_weights[1][i] * v.z * slope;
-        put(rows, 0u, power.foothold_column[i], by_velocity.x + by_acceleration.x);
-        put(rows, 0u, power.foothold_column[i] + 1u, by_velocity.y + by_acceleration.y);
-    }
-    if (power.height_column != NONE) {
-        put(rows, 0u, power.height_column, power.z_weights[0][2] * acceleration.z + power.z_weights[1][2] * v.z);
-    }
+    put_swing(slot, rows, 0u, power.foot, acceleration, v);
 }

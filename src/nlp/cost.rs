@@ -7,7 +7,7 @@
 
 use super::builder::Builder;
 use super::foot_blocks::{ForcePoint, force_points, swing_curve};
-use super::swing_curve::SwingCurve;
+use super::swing_curve::{FootWeights, SwingCurve};
 use super::transcription::Transcribe;
 use super::transcription::momentum::{deviation_rates, deviation_weights};
 use crate::gait::Phase;
@@ -21,7 +21,7 @@ use crate::robot::GRAVITY;
 use crate::rows::Family;
 use crate::rows::blocks::{BlockId, Foothold, Use};
 use crate::rows::effort::Effort;
-use crate::rows::foot::StanceForce;
+use crate::rows::foot::{StanceForce, SwingMotion};
 use crate::rows::force::ForceNode;
 use crate::rows::goal::Goal;
 use crate::rows::hip::HipPoint;
@@ -358,6 +358,20 @@ fn swings<T: Real>(own: &dyn Transcribe<T>, b: &Builder<T>) -> Vec<SwingPoints> 
 }
 
 impl SwingPoints {
+    /// Entry of two derivatives of the position of the foot.
+    fn motion<T: Real>(&self, derivatives: [FootWeights; 2]) -> SwingMotion<T> {
+        let [first, second] = derivatives;
+        SwingMotion {
+            xy_weights: [first.xy, second.xy].map(|w| w.map(T::of)),
+            z_weights: [first.z, second.z].map(|w| w.map(T::of)),
+            offset: [first.offset, second.offset].map(|w| w.map(T::of)),
+            height: NONE,
+            height_column: NONE,
+            foothold: self.around.map(|foothold| foothold.index),
+            foothold_column: [NONE; 2],
+        }
+    }
+
     /// Use of the swing height and of the footholds.
     fn others(&self) -> [Use; 3] {
         [Use::Touches(self.height), Use::Touches(self.around[0].block), Use::Touches(self.around[1].block)]
@@ -379,13 +393,7 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>, price: f
             let offset = acceleration.offset.map(|w| w * share_of_leg);
             b.tables.swing_powers.push(SwingPower {
                 base: hip_point(b, hip, (k, u)),
-                xy_weights: [velocity.xy, xy].map(|w| w.map(T::of)),
-                z_weights: [velocity.z, z].map(|w| w.map(T::of)),
-                offset: [velocity.offset, offset].map(|w| w.map(T::of)),
-                height: NONE,
-                height_column: NONE,
-                foothold: of.around.map(|foothold| foothold.index),
-                foothold_column: [NONE; 2],
+                foot: of.motion([velocity, FootWeights { xy, z, offset }]),
                 place: Place::default(),
             });
             let uses = uses(b, k, of.others());
@@ -421,13 +429,7 @@ fn joint_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>, price: f
             let motion = [of.curve.weights(t, hermite), of.curve.weights(t, hermite_rate)];
             b.tables.joint_speeds.push(JointSpeed {
                 base: hip_point(b, [0.; 2], (k, u)),
-                xy_weights: motion.each_ref().map(|of| of.xy.map(T::of)),
-                z_weights: motion.each_ref().map(|of| of.z.map(T::of)),
-                offset: motion.each_ref().map(|of| of.offset.map(T::of)),
-                height: NONE,
-                height_column: NONE,
-                foothold: of.around.map(|foothold| foothold.index),
-                foothold_column: [NONE; 2],
+                foot: of.motion(motion),
                 leg,
                 weight: weight(duration),
                 place: Place::default(),

@@ -5,12 +5,12 @@
 
 use super::Tables;
 use super::blocks::Placed;
-use super::foot::foot_motion;
+use super::foot::{SwingMotion, put_swing, swing_motion};
 use super::hip::{HipPoint, hip, put_turned};
 use super::leg_joints::{JointLeg, beyond, leg_joints};
 use super::math::{Vec3, add, cross, dot, scale, sub};
 use super::momentum::Deviation;
-use super::table::{NONE, Place};
+use super::table::Place;
 use super::write::Rows;
 use super::{RowKind, Spec};
 use crate::real::Real;
@@ -27,20 +27,8 @@ crate::table! {
     pub struct JointSpeed<T> {
         /// Base; its hip is at the centre of the base.
         pub base: HipPoint<T>,
-        /// Weights of the footholds before and after for the horizontal position and, 1/s, the horizontal velocity.
-        pub xy_weights: [[T; 2]; 2],
-        /// Weights of the heights of the footholds and of the mid node for the vertical position and the vertical velocity.
-        pub z_weights: [[T; 3]; 2],
-        /// Constant parts of position and velocity; zero unless the swing had begun before the motion.
-        pub offset: [[T; 3]; 2],
-        /// Position of the swing height in `x`.
-        pub height: u32,
-        /// Column of the swing height.
-        pub height_column: u32,
-        /// Footholds before and after.
-        pub foothold: [u32; 2],
-        /// First columns of the footholds.
-        pub foothold_column: [u32; 2],
+        /// Position and velocity of the foot.
+        pub foot: SwingMotion<T>,
         /// Geometry and limits of the leg.
         pub leg: JointLeg<T>,
         /// Weight of the excess.
@@ -55,9 +43,7 @@ pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) 
     let speed = &mut tables.joint_speeds[entry];
     speed.place = at.place;
     speed.base.column = at.columns(0);
-    speed.height = at.seats[4].position;
-    speed.height_column = at.seats[4].column;
-    speed.foothold_column = at.columns(5);
+    speed.foot.place(at, 4);
 }
 
 /// Speeds of the joints of all swinging legs at all points.
@@ -75,14 +61,11 @@ pub fn joint_speed<T: Real>(
 ) {
     for speed in &tables.joint_speeds {
         let base = hip(tables, x, deviations, &speed.base);
-        let motion = |order: usize| {
-            let (xy_weights, z_weights) = (speed.xy_weights[order], speed.z_weights[order]);
-            add(foot_motion(tables, x, ground, speed.foothold, speed.height, xy_weights, z_weights), speed.offset[order])
-        };
+        let [position, foot_velocity] = swing_motion(tables, x, ground, &speed.foot);
         let leg = &speed.leg;
-        let center = add(motion(0), [T::zero(), T::zero(), leg.radius]);
+        let center = add(position, [T::zero(), T::zero(), leg.radius]);
         let foot = sub(center, base.position);
-        let velocity = sub(sub(motion(1), base.velocity), cross(base.omega, foot));
+        let velocity = sub(sub(foot_velocity, base.velocity), cross(base.omega, foot));
         let joints = leg_joints(leg, &base.rot_wb, foot);
         let rates = joints.inverse.map(|row| dot(row, velocity));
         // Changes of `J q'` with each joint at constant `q'`.
@@ -104,24 +87,7 @@ pub fn joint_speed<T: Real>(
             let negative = -T::one();
             let by = [scale(negative, by_foot), scale(negative, by_velocity), cross(by_velocity, foot), scale(negative, turned)];
             put_turned(&mut rows, j, &speed.base, &base, by);
-            let by = [by_foot, by_velocity];
-            for i in 0..2 {
-                if speed.foothold_column[i] == NONE {
-                    continue;
-                }
-                let slope = ground[speed.foothold[i] as usize].slope;
-                for d in 0..2 {
-                    let mut sum = T::zero();
-                    for order in 0..2 {
-                        sum += speed.xy_weights[order][i] * by[order][d] + speed.z_weights[order][i] * slope[d] * by[order][2];
-                    }
-                    rows.put(j, speed.foothold_column[i] as usize + d, sum);
-                }
-            }
-            if speed.height_column != NONE {
-                let rise = speed.z_weights[0][2] * by[0][2] + speed.z_weights[1][2] * by[1][2];
-                rows.put(j, speed.height_column as usize, rise);
-            }
+            put_swing(&mut rows, j, &speed.foot, ground, [by_foot, by_velocity]);
         }
     }
 }

@@ -6,12 +6,12 @@
 
 use super::Tables;
 use super::blocks::Placed;
-use super::foot::{StanceForce, stance_force};
+use super::foot::{StanceForce, put_stance, stance_force};
 use super::hip::{HipPoint, hip, put_turned};
 use super::leg_joints::{JointLeg, beyond, leg_joints};
 use super::math::{Vec3, add, cross, dot, scale, sub};
 use super::momentum::Deviation;
-use super::table::{NONE, Place};
+use super::table::Place;
 use super::write::Rows;
 use super::{RowKind, Spec};
 use crate::real::Real;
@@ -44,9 +44,7 @@ pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) 
     let torque = &mut tables.joint_torques[entry];
     torque.place = at.place;
     torque.base.column = at.columns(0);
-    torque.stance.node = at.positions(4);
-    torque.stance.node_column = at.columns(4);
-    torque.stance.foothold_column = at.seats[6].column;
+    torque.stance.place(at, 4);
 }
 
 /// Torques of all standing legs at all points.
@@ -87,18 +85,7 @@ pub fn joint_torque<T: Real>(
             let mut rows = Rows::new(jacobian, &torque.place);
             let (none, negative) = ([T::zero(); 3], -T::one());
             put_turned(&mut rows, j, &torque.base, &base, [scale(negative, by_foot), none, none, scale(negative, turned)]);
-            for i in 0..2 {
-                if torque.stance.node_column[i] != NONE {
-                    let column = torque.stance.node_column[i] as usize;
-                    rows.put_three(j, column, scale(torque.stance.weights[i][0], by_force));
-                    rows.put_three(j, column + 3, scale(torque.stance.weights[i][1], by_force));
-                }
-            }
-            if torque.stance.foothold_column != NONE {
-                for d in 0..2 {
-                    rows.put(j, torque.stance.foothold_column as usize + d, by_foot[d] + under.slope[d] * by_foot[2]);
-                }
-            }
+            put_stance(&mut rows, j, &torque.stance, under, [by_force, by_foot]);
         }
     }
 }

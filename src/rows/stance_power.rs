@@ -6,11 +6,11 @@
 
 use super::Tables;
 use super::blocks::Placed;
-use super::foot::{StanceForce, stance_force};
+use super::foot::{StanceForce, put_stance, stance_force};
 use super::hip::{Hip, HipPoint, hip, put_base};
 use super::math::{Vec3, add, cross, dot, scale, sub};
 use super::momentum::Deviation;
-use super::table::{NONE, Place};
+use super::table::Place;
 use super::write::Rows;
 use super::{RowKind, Spec};
 use crate::gait::cost::LEAST_LEG;
@@ -40,9 +40,7 @@ pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) 
     let power = &mut tables.stance_powers[entry];
     power.place = at.place;
     power.base.column = at.columns(0);
-    power.stance.node = at.positions(4);
-    power.stance.node_column = at.columns(4);
-    power.stance.foothold_column = at.seats[6].column;
+    power.stance.place(at, 4);
 }
 
 /// Powers of all standing legs at all points.
@@ -87,18 +85,7 @@ pub fn stance_power<T: Real>(
 /// Writes one row from its derivatives with respect to force, velocity, leg and angular velocity.
 #[inline(always)]
 fn put_row<T: Real>(rows: &mut Rows<T>, row: usize, power: &StancePower<T>, hip: &Hip<T>, under: &Ground<T>, by: [Vec3<T>; 4]) {
-    let ([by_force, by_velocity, by_leg, by_omega], stance) = (by, &power.stance);
+    let [by_force, by_velocity, by_leg, by_omega] = by;
     put_base(rows, row, &power.base, hip, [scale(-T::one(), by_leg), scale(-T::one(), by_velocity), by_omega]);
-    for i in 0..2 {
-        if stance.node_column[i] != NONE {
-            let column = stance.node_column[i] as usize;
-            rows.put_three(row, column, scale(stance.weights[i][0], by_force));
-            rows.put_three(row, column + 3, scale(stance.weights[i][1], by_force));
-        }
-    }
-    if stance.foothold_column != NONE {
-        for d in 0..2 {
-            rows.put(row, stance.foothold_column as usize + d, by_leg[d] + under.slope[d] * by_leg[2]);
-        }
-    }
+    put_stance(rows, row, &power.stance, under, [by_force, by_leg]);
 }

@@ -426,7 +426,7 @@ fn the_candidates_in_mid_stride_cover_swings_that_rise_and_swings_that_only_desc
     assert!(of(|c| c.problem.goals.len()) > 20);
     // Offsets of the position, the velocity and the acceleration.
     assert!(of(|c| c.problem.reach_legs.iter().filter(|leg| leg.offset != [0.; 3]).count()) > 20);
-    assert!(of(|c| c.problem.swing_powers.iter().filter(|power| power.offset != [[0.; 3]; 2]).count()) > 20);
+    assert!(of(|c| c.problem.swing_powers.iter().filter(|power| power.foot.offset != [[0.; 3]; 2]).count()) > 20);
     for descends in [false, true] {
         let swings = candidates.iter().flat_map(|c| &c.problem.swing_nodes).filter(|s| s.offset[..2] != [0.; 2]);
         assert!(swings.filter(|s| fixed(s.height_column) == descends).count() > 2, "swings, fixed height: {descends}");

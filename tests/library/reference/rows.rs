@@ -198,7 +198,7 @@ fn jacobians_in_mid_stride_match_central_differences() {
                 assert!(heights.iter().all(|&fixed| fixed == descend) && (heights.is_empty() == (level && descend)), "{heights:?}");
                 assert!(problem.accelerations.iter().any(|a| (a.height_column == NONE) == descend && a.foothold_column[0] == NONE));
                 assert!(problem.strides.iter().any(|s| s.foothold_column[0] == NONE));
-                assert!(problem.swing_powers.iter().any(|p| p.offset != [[0.; 3]; 2]) && !problem.goals.is_empty());
+                assert!(problem.swing_powers.iter().any(|p| p.foot.offset != [[0.; 3]; 2]) && !problem.goals.is_empty());
                 check_jacobian(&format!("{} on {}, {since}", task.robot.name, task.terrain.name), &problem, seed as u64, 0.);
             }
         }
