@@ -59,6 +59,13 @@ impl History {
         self.steps.push_back((DVector::from_vec(step), DVector::from_vec(change)));
     }
 
+    /// Median curvature along the stored steps; 0 without steps.
+    pub fn median(&self) -> f64 {
+        let mut along: Vec<f64> = self.steps.iter().map(|(s, y)| s.dot(y) / s.dot(s)).collect();
+        along.sort_by(f64::total_cmp);
+        along.get(along.len() / 2).copied().unwrap_or(0.)
+    }
+
     /// Curvature estimate that starts from `least` in all directions.
     pub fn curvature(&self, least: f64) -> Curvature {
         let mut basis: Vec<DVector<f64>> = Vec::new();
