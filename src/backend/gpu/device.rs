@@ -5,6 +5,7 @@ use super::shaders::{Binding, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP};
 use crate::backend::locked;
 use crate::backend::tables::Buffer;
 use crate::error::{Error, Result};
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, mpsc};
 
@@ -305,8 +306,17 @@ impl Device {
 
     /// Creates a buffer.
     pub fn buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> std::result::Result<wgpu::Buffer, Fault> {
+        self.new_buffer(label, size, usage, false)
+    }
+
+    /// Creates a buffer that the host can write at once.
+    pub fn mapped_buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> std::result::Result<wgpu::Buffer, Fault> {
+        self.new_buffer(label, size, usage, true)
+    }
+
+    fn new_buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages, mapped: bool) -> std::result::Result<wgpu::Buffer, Fault> {
         let memory = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
-        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false });
+        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: mapped });
         if pollster::block_on(memory.pop()).is_some() {
             return Err(Fault::OutOfMemory);
         }
@@ -374,7 +384,7 @@ impl Device {
         if let Some(pipelines) = cached.get(&variant) {
             return Ok(pipelines.clone());
         }
-        let pipelines = Shader::ALL.iter().map(|shader| self.compile(*shader, &variant));
+        let pipelines = Shader::ALL.par_iter().map(|shader| self.compile(*shader, &variant));
         let pipelines = Arc::new(pipelines.collect::<std::result::Result<Vec<_>, Fault>>()?);
         self.check()?;
         if let Some(kept) = &self.kept {
@@ -382,6 +392,20 @@ impl Device {
         }
         cached.insert(variant, pipelines.clone());
         Ok(pipelines)
+    }
+
+    /// Pipeline of a shader that stands alone, with bindings as in its text.
+    pub fn pipeline(&self, label: &str, text: &str) -> wgpu::ComputePipeline {
+        let source = wgpu::ShaderSource::Wgsl(text.into());
+        let module = self.device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(label), source });
+        self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(label),
+            layout: None,
+            module: &module,
+            entry_point: Some("main"),
+            compilation_options: Default::default(),
+            cache: self.kept.as_ref().map(Pipelines::cache),
+        })
     }
 
     /// Lets one invocation count in two loops and returns its count: some drivers leave loops early.
@@ -396,17 +420,7 @@ impl Device {
                 for (var i = count / 2u; i < count; i++) { n += 1u + (n >> 31u); }
                 counted[lane] = n;
             }";
-        let module = self
-            .device
-            .create_shader_module(wgpu::ShaderModuleDescriptor { label: Some("count"), source: wgpu::ShaderSource::Wgsl(TEXT.into()) });
-        let pipeline = self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some("count"),
-            layout: None,
-            module: &module,
-            entry_point: Some("main"),
-            compilation_options: Default::default(),
-            cache: self.kept.as_ref().map(Pipelines::cache),
-        });
+        let pipeline = self.pipeline("count", TEXT);
         use wgpu::BufferUsages as Use;
         let bytes = 4 * u64::from(WORKGROUP);
         let counted = self.buffer("count", bytes, Use::STORAGE | Use::COPY_DST | Use::COPY_SRC)?;

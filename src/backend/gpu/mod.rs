@@ -1,8 +1,8 @@
 //! GPU backend: runs the rounds of the CPU for as many candidates at once as the device holds.
 //!
 //! Each candidate occupies a slot. A submission runs a few rounds of all occupied slots. Then the host reads the progress of each slot and
-//! takes out the candidates that have ended. Once half of the slots are free it fills them again. Meanwhile the CPU prepares the tables of
-//! the next candidates and certifies those that have ended.
+//! takes out the candidates that have ended. While the device works, the CPU prepares the tables of the next candidates, fills free slots
+//! with them, and certifies the motions of those that have ended.
 
 mod cache;
 pub mod crossover;
@@ -10,6 +10,7 @@ mod device;
 pub mod shaders;
 mod slots;
 mod timer;
+mod upload;
 
 pub use cache::Folder;
 pub use device::{AdapterReport, Device, Fault, Found};
@@ -45,6 +46,8 @@ const SOFTWARE_SLOTS: usize = 16;
 const SAMPLE: usize = 256;
 /// Factor by which slots are larger than the sampled candidates need, to hold larger ones that come later.
 const SPARE: f64 = 1.1;
+/// Part of the slots that must be free before they are filled. Filling fewer at once takes more submissions.
+const REFILL: usize = 8;
 /// Shortest and longest duration of a submission; the number of rounds is adapted to it.
 const SUBMISSION: [Duration; 2] = [Duration::from_millis(25), Duration::from_millis(80)];
 /// Largest number of rounds per submission.
@@ -193,18 +196,23 @@ impl Gpu {
             .cpu
             .pool()
             .in_place_scope(|scope| run.all(&mut slots, &mut |index, solution| scope.spawn(move |_| finish(index, solution))));
-        let mut profile = locked(&self.profile);
         if let Some(slots) = &mut *slots {
-            profile.sent += std::mem::take(&mut slots.sent);
-            profile.received += std::mem::take(&mut slots.received);
-            profile.memory = profile.memory.max(slots.bytes);
-            profile.slots = profile.slots.max(slots.capacity);
+            self.count(slots);
         }
         if result.is_err() {
             // The buffers may be lost.
             *slots = None;
         }
         result
+    }
+
+    /// Adds to the profile what slots have transferred.
+    fn count(&self, slots: &mut Slots) {
+        let mut profile = locked(&self.profile);
+        profile.sent += std::mem::take(&mut slots.sent);
+        profile.received += std::mem::take(&mut slots.received);
+        profile.memory = profile.memory.max(slots.bytes);
+        profile.slots = profile.slots.max(slots.capacity);
     }
 }
 
@@ -242,6 +250,8 @@ struct Work<'a> {
     next: usize,
     prepared: VecDeque<Prepared>,
     running: Vec<Running>,
+    /// Candidates that were filled in and have not started.
+    starting: Vec<Running>,
     free: Vec<u32>,
     rounds: usize,
 }
@@ -268,6 +278,7 @@ impl<'a> Work<'a> {
             next: 0,
             prepared: VecDeque::new(),
             running: Vec::new(),
+            starting: Vec::new(),
             free: Vec::new(),
             rounds: 1,
         }
@@ -335,7 +346,9 @@ impl<'a> Work<'a> {
         {
             return Ok(());
         }
-        *slots = None;
+        if let Some(mut old) = slots.take() {
+            self.gpu.count(&mut old);
+        }
         let sizes = sizes.enlarged(SPARE);
         let mut capacity = wanted.min(most_slots(device, &sizes, settings, self.heights.len()));
         if capacity == 0 {
@@ -356,7 +369,6 @@ impl<'a> Work<'a> {
 
     /// Runs one submission and the host work around it. Returns false if no candidate is running and none fits in.
     fn step(&mut self, slots: &mut Slots, finish: &mut dyn FnMut(usize, Solution)) -> std::result::Result<bool, Fault> {
-        let start = Instant::now();
         let (skip, done, free) = (self.skip, &mut *self.done, &mut self.free);
         self.running.retain(|&Running { slot, index, .. }| {
             let dropped = skip(index);
@@ -366,15 +378,22 @@ impl<'a> Work<'a> {
             }
             !dropped
         });
-        let starting = self.fill(slots);
+        if self.running.is_empty() && self.starting.is_empty() {
+            self.fill(slots)?;
+        }
+        let starting: Vec<u32> = self.starting.iter().map(|r| r.slot).collect();
+        self.running.append(&mut self.starting);
         if self.running.is_empty() {
             return Ok(false);
+        }
+        if !starting.is_empty() {
+            slots.list(List::Starting, &starting);
         }
         let list: Vec<u32> = self.running.iter().map(|r| r.slot).collect();
         slots.list(List::Running, &list);
         let mut timer = None;
         let mut encoder = self.gpu.device.device.create_command_encoder(&Default::default());
-        let plan = plan(starting, list.len(), self.rounds);
+        let plan = plan(starting.len(), list.len(), self.rounds);
         if self.gpu.timed {
             timer = Some(Timer::new(&self.gpu.device, plan.len()));
         }
@@ -385,14 +404,16 @@ impl<'a> Work<'a> {
         }
         self.gpu.device.queue.submit([encoder.finish()]);
         let sent = Instant::now();
-        // While the device works: build the tables of the next candidates.
+        // While the device works: build the tables of the next candidates, and fill free slots. The device fills them after these rounds.
         self.prepare(slots.capacity.div_ceil(2));
+        if REFILL * self.free.len() >= slots.capacity {
+            self.fill(slots)?;
+        }
         let waiting = Instant::now();
         let progress = slots.read_progress()?;
         let elapsed = sent.elapsed();
         {
             let mut profile = locked(&self.gpu.profile);
-            profile.sending += (sent - start).as_secs_f64();
             profile.device += waiting.elapsed().as_secs_f64();
             profile.submissions += 1;
             profile.rounds += self.rounds;
@@ -409,33 +430,20 @@ impl<'a> Work<'a> {
         Ok(true)
     }
 
-    /// Fills free slots, once half of them are free. Returns the number of filled slots; they are in the list of starting slots.
-    fn fill(&mut self, slots: &mut Slots) -> usize {
-        if !(self.running.is_empty() || 2 * self.free.len() >= slots.capacity) {
-            return 0;
-        }
+    /// Fills free slots. Their candidates start with the next submission.
+    fn fill(&mut self, slots: &mut Slots) -> std::result::Result<(), Fault> {
         self.prepare(self.free.len());
-        // In slot order, so that adjacent slots are sent together.
-        self.free.sort_unstable();
+        let start = Instant::now();
         let fits = self.prepared.iter().take(self.free.len()).take_while(|p| slots.takes(p)).count();
         let filled: Vec<u32> = self.free.drain(..fits).collect();
         let candidates: Vec<Prepared> = self.prepared.drain(..fits).collect();
-        self.running.extend(filled.iter().zip(&candidates).map(|(&slot, c)| {
+        self.starting.extend(filled.iter().zip(&candidates).map(|(&slot, c)| {
             let Problem { variables, ref curves, .. } = c.problem;
             Running { slot, index: c.index, len: c.sizes.all, variables, curves: curves.clone() }
         }));
-        let mut rest = &candidates[..];
-        let mut groups = Vec::new();
-        for run in filled.chunk_by(|a, b| a + 1 == *b) {
-            let (group, after) = rest.split_at(run.len());
-            groups.push((run[0] as usize, group));
-            rest = after;
-        }
-        self.gpu.cpu.pool().install(|| slots.fill(&groups, self.job.settings));
-        if !filled.is_empty() {
-            slots.list(List::Starting, &filled);
-        }
-        filled.len()
+        self.gpu.cpu.pool().install(|| slots.fill(&filled, &candidates, self.job.settings))?;
+        locked(&self.gpu.profile).sending += start.elapsed().as_secs_f64();
+        Ok(())
     }
 
     /// Passes on the solutions of candidates that have ended, and frees their slots.

@@ -45,8 +45,9 @@ use crate::solver::slacks::{BARRIER_FLOOR, FRACTION_TO_THE_BOUNDARY, MULTIPLIER_
 use crate::solver::start::SCALING_FLOOR;
 use crate::terrain::profile::DIMENSIONS;
 
-/// Invocations per workgroup, in every shader.
-pub const WORKGROUP: u32 = 64;
+/// Invocations per workgroup, in every shader. Workgroup memory limits the number of workgroups on a GPU, so that small ones leave it idle:
+/// with 64, 128 and 256 an H100 solves 686, 963 and 946 candidates/s of `s1` in batches of 2,048.
+pub const WORKGROUP: u32 = 128;
 /// Invocations per workgroup on software adapters: as many as their vectors have lanes, so that no work for a candidate is repeated.
 pub const SOFTWARE_WORKGROUP: u32 = 8;
 

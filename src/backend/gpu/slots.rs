@@ -2,12 +2,12 @@
 
 use super::device::{Device, Fault, Pipeline};
 use super::shaders::{Binding, Shader, Variant};
-use crate::backend::tables::{ALIGNMENT, Batch, Buffer, Part, ShaderTables, Sizes, Slot, first_progress};
+use super::upload::Upload;
+use crate::backend::tables::{ALIGNMENT, Batch, Buffer, Part, ShaderTables, Sizes, Slot};
 use crate::nlp::Problem;
 use crate::rows::factored::FactoredTouch;
 use crate::settings::SolverSettings;
 use crate::solver::control::Progress;
-use rayon::prelude::*;
 use std::sync::Arc;
 use wgpu::BufferUsages as Use;
 
@@ -118,6 +118,7 @@ pub struct Slots {
     variant: Variant,
     pipelines: Arc<Vec<Pipeline>>,
     groups: Vec<wgpu::BindGroup>,
+    upload: Upload,
     buffers: Vec<wgpu::Buffer>,
     /// Copy of the progress of all slots that the host can read.
     progress: wgpu::Buffer,
@@ -287,6 +288,7 @@ impl Slots {
             device.device.create_bind_group(&wgpu::BindGroupDescriptor { label, layout: &p.layout, entries: &entries })
         };
         let groups = pipelines.iter().map(group).collect();
+        let upload = Upload::new(device, &buffers, &sizes, &batch, capacity)?;
         let progress_bytes = (capacity * size_of::<Progress<f32>>()) as u64;
         let progress = device.buffer("read progress", progress_bytes, Use::MAP_READ | Use::COPY_DST)?;
         let solutions = device.buffer("read solutions", 4 * (capacity * sizes.all).max(1) as u64, Use::MAP_READ | Use::COPY_DST)?;
@@ -296,6 +298,7 @@ impl Slots {
             variant,
             pipelines,
             groups,
+            upload,
             buffers,
             progress,
             solutions,
@@ -327,71 +330,15 @@ impl Slots {
         &self.buffers[buffer as usize]
     }
 
-    /// Sends the tables of one kind for candidates in consecutive slots, starting at `first`. All threads pack them.
-    fn send(&mut self, buffer: Buffer, first: usize, candidates: &[Prepared]) {
-        let stride = bytes_of(buffer, &self.sizes, &self.batch, 0) as usize;
-        let of = |candidate: &Prepared| -> usize { buffer.table(&candidate.problem, &candidate.own).map_or(0, |t| t.bytes.len()) };
-        let Some(last) = candidates.last() else { return };
-        let mut bytes = vec![0u8; stride * (candidates.len() - 1) + of(last)];
-        bytes.par_chunks_mut(stride).zip(candidates).for_each(|(to, candidate)| {
-            if let Some(table) = buffer.table(&candidate.problem, &candidate.own) {
-                to[..table.bytes.len()].copy_from_slice(table.bytes);
-            }
-        });
-        self.write(buffer, (first * stride) as u64, &bytes);
-    }
-
-    /// Writes bytes to a buffer.
-    fn write(&mut self, buffer: Buffer, at: u64, bytes: &[u8]) {
-        if !bytes.is_empty() {
-            self.sent += bytes.len() as u64;
-            let first = self.batch.first(buffer).map_or(0, |words| 4 * u64::from(words));
-            self.device.queue.write_buffer(self.buffer(buffer), first + at, bytes);
-        }
-    }
-
-    /// Fills slots. Each group of candidates goes to consecutive slots, starting at the given one.
-    pub fn fill(&mut self, groups: &[(usize, &[Prepared])], settings: &SolverSettings) {
-        // Shaders write only Jacobian values that can be nonzero; the others and the padding must be zero.
-        let mut encoder = self.device.device.create_command_encoder(&Default::default());
-        let jacobian = bytes_of(Buffer::Jacobian, &self.sizes, &self.batch, 0);
-        for (first, candidates) in groups {
-            let len = candidates.len() as u64 * jacobian;
-            encoder.clear_buffer(self.buffer(Buffer::Jacobian), *first as u64 * jacobian, Some(len));
-        }
-        self.device.queue.submit([encoder.finish()]);
-        for &(first, candidates) in groups {
-            let slots: Vec<Slot> = candidates.iter().map(|c| c.slot).collect();
-            self.write(Buffer::Slots, (first * size_of::<Slot>()) as u64, bytemuck::cast_slice(&slots));
-            for &table in Buffer::TABLES {
-                self.send(table, first, candidates);
-            }
-            let progress: Vec<Progress<f32>> = candidates.iter().map(|c| first_progress(&c.problem, settings)).collect();
-            self.write(Buffer::Progress, (first * size_of::<Progress<f32>>()) as u64, bytemuck::cast_slice(&progress));
-            for (i, candidate) in candidates.iter().enumerate() {
-                let (batch, problem) = (self.batch, &candidate.problem);
-                // Without a cost to minimise there are no cost weights, and no room for them.
-                for (section, values) in [
-                    (batch.x, &problem.initial),
-                    (batch.initial, &problem.initial),
-                    (batch.smoothing, &problem.smoothing),
-                    (batch.cost_weights, &problem.cost_weights),
-                ] {
-                    self.write_values(first + i, section, values);
-                }
-            }
-        }
-    }
-
-    /// Writes values of a slot, starting at an offset of [`Batch`].
-    pub fn write_values(&mut self, slot: usize, section: u32, values: &[f32]) {
-        let at = 4 * (slot as u64 * u64::from(self.batch.values) + u64::from(section));
-        self.write(Buffer::Values, at, bytemuck::cast_slice(values));
+    /// Fills slots with candidates.
+    pub fn fill(&mut self, slots: &[u32], candidates: &[Prepared], settings: &SolverSettings) -> Result<(), Fault> {
+        self.sent += self.upload.fill(&self.device, slots, candidates, &self.batch, settings)?;
+        Ok(())
     }
 
     /// Writes a list of slots.
     pub fn list(&mut self, list: List, slots: &[u32]) {
-        self.write(Buffer::Running, u64::from(self.list_at(list)), bytemuck::cast_slice(slots));
+        self.device.queue.write_buffer(self.buffer(Buffer::Running), u64::from(self.list_at(list)), bytemuck::cast_slice(slots));
     }
 
     fn list_at(&self, list: List) -> u32 {

@@ -2,7 +2,7 @@
 
 use super::ARITHMETIC;
 use super::candidates::{EDGE_RADIUS, candidates};
-use super::lab::{CAPACITY, Expected, Lab, SMALL, State, fill, gpu};
+use super::lab::{CAPACITY, Expected, Lab, POISON, SMALL, State, fill, gpu};
 use super::solver::{barrier_state, limits, slacks};
 use crate::common::Random;
 use cregopt::backend::gpu::shaders::Shader;
@@ -42,7 +42,8 @@ fn infeasibility(lab: &Lab, progress: &Progress<f32>, follows: f32, round: usize
     match random.index(if closing { 0..=5 } else { 0..=11 }) {
         0 => special,
         1 => special * [0.999999, 1.000001, 0.5][random.index(0..=2)],
-        2 if round > 20 => [f32::NAN, f32::INFINITY, 1e-9][random.index(0..=2)],
+        // A NaN that hardware leaves as it is.
+        2 if round > 20 => [POISON, f32::INFINITY, 1e-9][random.index(0..=2)],
         _ => follows,
     }
 }

@@ -195,7 +195,8 @@ fn reach_agrees_with_its_twin() {
     evaluation(
         Shader::Reach,
         |slot| slot.reach_instants,
-        TRIGONOMETRY,
+        // In units of 0.1 m, of feet that are some metres away.
+        2. * TRIGONOMETRY,
         |lab, s, x, shared, expected| {
             let (g, jacobian) = trial(lab, s, false, &mut expected.state);
             reach::reach(&lab.slots[s].problem, x, &shared.ground, &shared.deviations, g, Some(jacobian));
@@ -238,7 +239,7 @@ fn cone_curvature_agrees_with_its_twin() {
         Shader::ConeCurvature,
         |slot| slot.cone_curvatures,
         // As above.
-        2. * CURVED,
+        3. * CURVED,
         |lab, s, x, _, expected| {
             let (c, jacobian) = trial(lab, s, true, &mut expected.state);
             cone_curvature::cone_curvature(&lab.slots[s].problem, x, c, Some(jacobian));
@@ -292,7 +293,7 @@ fn sole_agrees_with_its_twin() {
         Shader::Sole,
         |slot| slot.sole_points,
         // Twice the parts of a cone: the torsion has a root of its own, and is divided by the normal force.
-        6. * CURVED,
+        8. * CURVED,
         |lab, s, x, _, expected| {
             let (g, jacobian) = trial(lab, s, false, &mut expected.state);
             sole::sole(&lab.slots[s].problem, x, g, Some(jacobian));
@@ -397,7 +398,7 @@ fn joint_speed_agrees_with_its_twin() {
         Shader::JointSpeed,
         |slot| slot.joint_speeds,
         // Rates are divided by lever arms of decimetres, and their derivatives once more.
-        32. * TRIGONOMETRY,
+        64. * TRIGONOMETRY,
         |lab, s, x, shared, expected| {
             let (c, jacobian) = trial(lab, s, true, &mut expected.state);
             joint_speed::joint_speed(&lab.slots[s].problem, x, &shared.ground, &shared.deviations, c, Some(jacobian));
