@@ -74,6 +74,7 @@
 //! | TOWR's complete problem and the contact-implicit one, for Ipopt | `reference/` |
 //! | planning online: a gait and its motion from any state, many times a second | `planner/` |
 //! | experiments of the paper, tables, plots | `experiment/` |
+//! | data sets of certified motions: draws, shards, check | `dataset/` |
 //! | missions with waypoints, scenario files, terms of verification, explanations of failures | `app/` |
 //!
 //! # Method
@@ -106,6 +107,7 @@
 //! |---|---|
 //! | `cli` | the command line program |
 //! | `gpu` | the GPU backend |
+//! | `dataset` | data sets of certified motions |
 //! | `experiment` | the experiments of the paper |
 //! | `view` | results as a page for a browser |
 //! | `import` | height maps |
@@ -132,6 +134,8 @@ pub mod backend;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;
+#[cfg(feature = "dataset")]
+pub mod dataset;
 #[doc(hidden)]
 pub mod error;
 #[cfg(feature = "experiment")]

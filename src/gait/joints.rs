@@ -40,6 +40,13 @@ pub struct JointSample {
     pub efforts: Vec<f64>,
 }
 
+impl JointSample {
+    /// Values of a row in the order of [`JointMotion::columns`].
+    pub fn values(&self) -> impl Iterator<Item = f64> {
+        (0..self.positions.len()).flat_map(|joint| [self.positions[joint], self.velocities[joint], self.efforts[joint]])
+    }
+}
+
 /// The value that is closest to its limit, or farthest beyond it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -102,6 +109,13 @@ pub struct JointMotion {
     pub samples: Vec<JointSample>,
     /// Use of the joint limits.
     pub limits: JointLimits,
+}
+
+impl JointMotion {
+    /// Names of the columns of a table, with units: position, velocity and torque of each joint.
+    pub fn columns(&self) -> impl Iterator<Item = String> {
+        self.joints.iter().flat_map(LegJoint::columns)
+    }
 }
 
 /// Value of a joint at one time together with its limit.
