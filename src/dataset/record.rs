@@ -18,7 +18,7 @@ use crate::robot::leg::LegJoint;
 use crate::search::atlas::{REPEATS, mismatch};
 use crate::search::evaluate::{Evaluated, LowerSettings};
 use crate::verify::Report;
-use nalgebra::Rotation3;
+use nalgebra::UnitQuaternion;
 use serde::{Deserialize, Serialize};
 
 /// Number of instants at which motions are compared.
@@ -140,6 +140,9 @@ impl Record {
             repeats: draw.task.stride.map(|stride| stride.times(interval)).map(|times| [times.start, times.end]),
         };
         let record = Record::of(label(motion, &draw.task, Provenance::default(), Some(seed)), origin, rate)?;
+        if record.frames.iter().flatten().any(|value| !value.is_finite()) {
+            return Ok(Err(Dropped::Joints));
+        }
         let beyond = |used: JointUse| !used.attained || joint_limits && used.velocity.max(used.effort) > 1.;
         Ok(if !record.report.feasible {
             Err(Dropped::Infeasible)
@@ -233,7 +236,7 @@ fn fingerprint(sampler: &Sampler, horizon: f64, robot: &Robot) -> Vec<f64> {
     let at = |i: usize| {
         let sample = sampler.at(horizon * i as f64 / (COMPARED - 1) as f64);
         let [roll, pitch, yaw] = sample.base.angles;
-        let turn: [f64; 3] = Rotation3::from_euler_angles(roll, pitch, yaw).scaled_axis().into();
+        let turn: [f64; 3] = UnitQuaternion::from_euler_angles(roll, pitch, yaw).scaled_axis().into();
         let places = std::iter::once(sample.base.position).chain(sample.feet.iter().map(|foot| foot.position));
         places.flatten().map(|v| v / robot.base_height).chain(turn).collect::<Vec<f64>>()
     };

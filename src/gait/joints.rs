@@ -256,7 +256,8 @@ impl<'a> Course<'a> {
             Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[forward, left, forward.cross(&left)]))
         };
         let [before, after] = [(time - TURNING).max(0.), (time + TURNING).min(self.horizon)];
-        let spin = (attitude(after) * attitude(before).inverse()).scaled_axis() / (after - before);
+        // As a quaternion: rounding of a small rotation matrix can raise its trace above 3, for which the angle of the matrix is NaN.
+        let spin = UnitQuaternion::from(attitude(after) * attitude(before).inverse()).scaled_axis() / (after - before);
         Some(SolePlan { attitude: attitude(time).into(), spin, moment: Piece::at(&moments[foot], time)[0] })
     }
 
