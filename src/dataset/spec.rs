@@ -9,6 +9,7 @@ use crate::gait::family::{GaitFamily, default_families, families};
 use crate::gait::joints::RATES;
 use crate::gait::trajectory::NamedOr;
 use crate::robot::Robot;
+use crate::search::atlas::FORCE_PIECES;
 use crate::search::evaluate::LowerSettings;
 use crate::settings::Transcription;
 use crate::terrain::Terrain;
@@ -282,10 +283,11 @@ impl Spec {
         }
     }
 
-    /// Settings of the lower level.
+    /// Settings of the lower level: those of this file over short minimisations with the force pieces of an atlas.
     fn lower_settings(&self) -> Result<LowerSettings> {
         let mut settings = LowerSettings::default();
         settings.solver.optimise.iterations = ITERATIONS;
+        settings.transcription.force_pieces = FORCE_PIECES;
         let table = |name: &str| match self.settings.get(name) {
             None => Ok(toml::Table::new()),
             Some(toml::Value::Table(table)) => Ok(table.clone()),
