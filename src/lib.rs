@@ -22,7 +22,7 @@
 //!
 //! A [`Mission`] adds waypoints, checks before a search and a diagnosis after one that found no gait; see [`app`] for an example.
 //! [`Evaluate`] solves gaits that the caller provides. [`verify()`] checks a motion independently of the solver. The [`guide`] has a page
-//! per task: own robots and ground, certificates, remedies, tracking, planning online, clusters, GPUs.
+//! per task: own robots and ground, certificates, remedies, tracking, planning online, data sets, clusters, GPUs.
 //!
 //! # Optimisation problem
 //! For a given gait (rows `momentum`, the default) with intervals of length `h` between base knots:
