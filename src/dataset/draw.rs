@@ -97,7 +97,7 @@ impl Durations {
         self.swing + self.stance
     }
 
-    /// The same gait with another period, s.
+    /// Scales the gait to another period, s.
     fn with_period(self, period: f64) -> Durations {
         let scale = period / self.period();
         Durations { swing: scale * self.swing, stance: scale * self.stance }

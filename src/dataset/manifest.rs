@@ -117,7 +117,7 @@ impl Origin {
 }
 
 impl Manifest {
-    /// Reads the manifest of a folder; `None` if there is none.
+    /// Reads the manifest of a folder; `None` without a manifest.
     ///
     /// # Errors
     /// [`Error::InFile`] for another file; [`Error::Io`] for one that cannot be read.

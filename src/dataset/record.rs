@@ -6,7 +6,7 @@ use super::table::{Table, Values};
 use crate::app::label::{Provenance, label};
 use crate::app::terms::{TermOverrides, VerificationTerms};
 use crate::app::world::World;
-use crate::error::{Result, from_json};
+use crate::error::{Error, Result, from_json};
 use crate::export::{Sampled, csv};
 use crate::gait::cost::{Cost, CostWeights, cost};
 use crate::gait::family::GaitFamily;
@@ -18,13 +18,17 @@ use crate::robot::leg::LegJoint;
 use crate::search::atlas::{REPEATS, mismatch};
 use crate::search::evaluate::{Evaluated, LowerSettings};
 use crate::verify::Report;
-use nalgebra::UnitQuaternion;
+use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Number of instants at which motions are compared.
 pub(super) const COMPARED: usize = 5;
 /// Largest difference of two motions that count as the same: positions relative to the height of the base, angles in rad.
 pub const SAME_MOTION: f64 = 0.02;
+
+/// Largest difference between both ends of a stride that repeats, m, rad, m/s and rad/s. Rates of Euler angles, which [`REPEATS`] bounds,
+/// differ from angular velocities by a few percent.
+const MOST_APART: f64 = 2. * REPEATS;
 
 /// Origin of a motion: the key `draw` of its line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -175,7 +179,9 @@ impl Record {
             row
         };
         let frames = sampled.samples.iter().enumerate().map(row).collect();
-        let fingerprint = fingerprint(&Sampler::new(&trajectory, &robot, &terrain)?, trajectory.horizon, &robot);
+        let sampler = Sampler::new(&trajectory, &robot, &terrain)?;
+        origin.repeats.map_or(Ok(()), |times| check_loop(&sampler, times))?;
+        let fingerprint = fingerprint(&sampler, trajectory.horizon, &robot);
         let ground = terrain.name.clone();
         Ok(Record { origin, trajectory, ground, cost, report, frames, joints: joints.map(|j| used(&j)), fingerprint })
     }
@@ -203,7 +209,7 @@ impl Record {
     /// Reads a line of a file of gaits: its motion and origin.
     ///
     /// # Errors
-    /// [`crate::Error::Format`] for malformed JSON; [`crate::Error::Invalid`] for impossible numbers.
+    /// [`Error::Format`] for malformed JSON; [`Error::Invalid`] for impossible numbers.
     pub fn read(line: &str) -> Result<(Trajectory, Origin)> {
         Ok((Trajectory::from_json(line)?, from_json::<Line>(line)?.draw))
     }
@@ -211,7 +217,7 @@ impl Record {
     /// Line of the file of gaits: the trajectory as `verify` reads it, and the origin as the key `draw`.
     ///
     /// # Errors
-    /// [`crate::Error::Format`] for numbers that JSON cannot represent.
+    /// [`Error::Format`] for numbers that JSON cannot represent.
     pub fn line(&self) -> Result<String> {
         let mut value = serde_json::to_value(&self.trajectory)?;
         value["draw"] = serde_json::to_value(&self.origin)?;
@@ -229,6 +235,25 @@ fn used(joints: &JointMotion) -> JointUse {
     let share = |worst: &Option<Nearest>| worst.as_ref().map_or(0., |w| w.value.abs() / w.limit);
     let miss = limits.miss.value;
     JointUse { velocity: share(&limits.velocity), effort: share(&limits.effort), miss, attained: miss <= limits.miss.limit }
+}
+
+/// Checks that a motion at the end of a stride is that at its start, moved by the displacement of the base.
+fn check_loop(sampler: &Sampler, [start, end]: [f64; 2]) -> Result<()> {
+    let [from, to] = [start, end].map(|time| sampler.at(time));
+    let moved = |a: &[f64; 3], b: &[f64; 3]| Vector3::from(*b) - Vector3::from(*a);
+    let displacement = moved(&from.base.position, &to.base.position);
+    let (one, other) = (&from.base, &to.base);
+    let rates = [(one.velocity, other.velocity), (one.angles, other.angles), (one.angular_velocity, other.angular_velocity)];
+    let feet = from.feet.iter().zip(&to.feet).map(|(a, b)| (moved(&a.position, &b.position) - displacement).amax());
+    let apart = rates.iter().map(|(a, b)| moved(a, b).amax()).chain(feet).fold(0., f64::max);
+    if apart > MOST_APART {
+        return Err(Error::invalid(
+            format!("loop from {start} s to {end} s"),
+            format!("ends {apart} apart"),
+            format!("at most {MOST_APART}"),
+        ));
+    }
+    Ok(())
 }
 
 /// Position of the base and its feet relative to its height, and its attitude as a rotation vector, at a few instants.

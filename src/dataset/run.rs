@@ -117,6 +117,7 @@ impl DatasetPlan {
             None => Manifest { origin, complete: false, shards: Vec::new() },
         };
         manifest.write(folder)?;
+        self.sweep(folder);
         let mut courses: Vec<Course> = self.subjects.iter().map(|_| Course { known: Known::default(), next: 0, motions: 0 }).collect();
         for shard in &manifest.shards {
             let index = self.subjects.iter().position(|subject| subject.folder == shard.robot);
@@ -143,6 +144,18 @@ impl DatasetPlan {
             manifest.shards.last().into_iter().for_each(|shard| progress(Progress { shard, motions }));
         }
         Ok(manifest)
+    }
+
+    /// Removes the temporary files of a run that was killed. A file that cannot be removed does no harm.
+    fn sweep(&self, folder: &Path) {
+        let parts =
+            self.subjects.iter().flat_map(|subject| ["frames", "motions", "gaits"].map(|part| folder.join(&subject.folder).join(part)));
+        for entry in parts.chain([folder.to_owned()]).filter_map(|path| std::fs::read_dir(path).ok()).flatten().flatten() {
+            let name = entry.file_name();
+            if name.to_string_lossy().ends_with(".part") && entry.path().is_file() {
+                let _ = std::fs::remove_file(entry.path());
+            }
+        }
     }
 
     /// Adds the motions of a finished shard to those that are known.

@@ -18,7 +18,7 @@ pytest.importorskip("daqp")
 
 import cregopt.mujoco
 import mujoco
-from test_mujoco import main, mjcf
+from test_mujoco import LEGS, main, mjcf
 
 RATE = 50
 SPEC = f"""
@@ -41,7 +41,7 @@ yaw = [-0.2, 0.2]
 def model(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
     """Model of a small quadruped."""
     path = tmp_path_factory.mktemp("model") / "small.xml"
-    path.write_text(mjcf({"LF": (0.15, 0.1), "RF": (0.15, -0.1), "LH": (-0.15, 0.1), "RH": (-0.15, -0.1)}))
+    path.write_text(mjcf(LEGS))
     return path
 
 
