@@ -74,7 +74,7 @@ def reference(trajectory: _plan.Motion, model: Path, rate: float = 50.0, feet: O
     trajectory : Trajectory, Gait, dict or path
         The plan. Its base frame is the centre of mass with the axes of the model's first body.
     model : path
-        MuJoCo model (MJCF or URDF) with a free base and legs, all of whose joints have motors.
+        MuJoCo model (MJCF or URDF) with a free base and legs; it needs no motors.
     rate : float, default 50
         Number of instants per second, Hz.
     feet : list of str, optional
@@ -98,7 +98,7 @@ def reference(trajectory: _plan.Motion, model: Path, rate: float = 50.0, feet: O
 
 def _machine(model: Path, plan: _plan.Plan, feet: Optional[Sequence[str]]) -> Machine:
     """Model with its feet in the order of the plan. Raises Error if the plan is for another robot."""
-    machine = Machine(model, feet, plan.n_feet)
+    machine = Machine(model, feet, plan.n_feet, motors=False)
     if abs(machine.mass - plan.robot.mass) > MASS_APART * machine.mass:
         raise Error(f"the plan is for a robot of {plan.robot.mass:.4g} kg, the model {machine.name} weighs {machine.mass:.4g} kg, more than {100 * MASS_APART:g} % apart")
     if plan.soled != machine.soled:
@@ -193,7 +193,7 @@ def export(
     robot : str
         Robot of the data set: name of its folder.
     model : path
-        MuJoCo model of the robot, that of the trainer.
+        MuJoCo model of the robot, that of the trainer. It needs no motors.
     out : path
         With ``form="mjlab"`` a folder for one file per motion, otherwise a file.
     form : "mjlab" or "loco-mujoco"
