@@ -402,6 +402,14 @@ mod tests {
     }
 
     #[test]
+    fn the_example_is_valid() {
+        let plan = from_toml::<Spec>(include_str!("../../benches/examples/dataset.toml")).unwrap().plan().unwrap();
+        assert_eq!((plan.subjects.len(), plan.grounds.len(), plan.spec.licence.as_str()), (2, 3, "CC0-1.0"));
+        // One family of the humanoid, four kinds.
+        assert_eq!(plan.subjects[1].combinations.len(), 3 * 4);
+    }
+
+    #[test]
     fn motions_are_divided_among_robots_and_families_are_those_of_the_robot() {
         let text = "count = 5\nrobots = [\"anymal\", \"biped\"]\nfamilies = [\"trot\", \"walk\"]\nkinds = [\"rest\"]\n\
             [[commands]]\nforward = [0.1, 0.4]\n[[commands]]\nforward = [1, 1]\nrobots = [\"biped\"]\n";

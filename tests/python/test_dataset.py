@@ -13,11 +13,10 @@ import cregopt
 import numpy as np
 import pytest
 
-pytest.importorskip("mujoco")
+mujoco: Any = pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
 
 import cregopt.mujoco
-import mujoco
 from test_mujoco import LEGS, main, mjcf
 
 RATE = 50
