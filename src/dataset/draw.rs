@@ -16,9 +16,10 @@ use crate::search::evaluate::{LowerSettings, check_candidate};
 use crate::task::{Goal, PeriodicStride, Task};
 use std::sync::Arc;
 
-/// Relative standard deviation of the duration of a swing, standard deviation of the duty factor, and largest number of standard
-/// deviations drawn.
+/// Relative standard deviations of the duration of a swing and of rests, standard deviation of the duty factor, and largest number of
+/// standard deviations drawn.
 const SWING_STD: f64 = 0.12;
+const REST_STD: f64 = 0.25;
 const DUTY_STD: f64 = 0.05;
 const MOST_STDS: f64 = 2.;
 /// Smallest and largest duty factor drawn.
@@ -35,6 +36,8 @@ const PLACE: usize = 3;
 const SWING: usize = 6;
 const DUTY: usize = 7;
 const PHASE: usize = 8;
+const LEAD_IN: usize = 9;
+const TAIL: usize = 10;
 
 /// Gait of a motion as a function of time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -153,7 +156,11 @@ impl Request<'_> {
         let offsets = offsets(self.family, self.robot)?;
         let interval = interval(&settings.transcription, self.robot);
         let drawn = self.durations(draws)?;
-        let (schedule, durations, stride) = self.schedule(drawn, &offsets, draws.uniform(PHASE), interval)?;
+        let mut rest = |dimension: usize, typical: f64| {
+            typical * time_scale(self.robot) * (REST_STD * draws.normal(dimension).clamp(-MOST_STDS, MOST_STDS)).exp()
+        };
+        let rests = [rest(LEAD_IN, TYPICAL_LEAD_IN), rest(TAIL, TYPICAL_TAIL)];
+        let (schedule, durations, stride) = self.schedule(drawn, rests, &offsets, draws.uniform(PHASE), interval)?;
         self.check_durations(&durations)?;
         let task = self.task(&schedule, &durations)?;
         let task = if self.kind == Kind::Periodic { self.with_stride(task, &durations, interval) } else { task };
@@ -206,12 +213,19 @@ impl Request<'_> {
     }
 
     /// Schedule of exactly the duration of a motion, with its durations and stride.
-    fn schedule(&self, drawn: Durations, offsets: &[f64], phase: f64, interval: f64) -> Result<(Schedule, Durations, Stride)> {
-        let (time, latest) = (time_scale(self.robot), offsets.iter().copied().fold(0., f64::max));
-        let lead_in = TYPICAL_LEAD_IN * time;
+    ///
+    /// * `rests` - time during which all feet stand at a start and at an end at rest, s
+    fn schedule(
+        &self,
+        drawn: Durations,
+        [lead_in, tail]: [f64; 2],
+        offsets: &[f64],
+        phase: f64,
+        interval: f64,
+    ) -> Result<(Schedule, Durations, Stride)> {
+        let latest = offsets.iter().copied().fold(0., f64::max);
         match self.kind {
             Kind::Rest => {
-                let tail = TYPICAL_TAIL * time;
                 let moving = self.length - lead_in - tail;
                 let strides = (moving / drawn.period() - latest).round().max(1.);
                 let own = drawn.with_period(moving / (strides + latest));
@@ -307,7 +321,7 @@ impl Request<'_> {
         let count = (self.length / interval).round() as usize;
         let part = durations.period() / self.length;
         let displacement = std::array::from_fn(|axis| part * (task.goal.position[axis] - task.start.position[axis]));
-        let stride = PeriodicStride { start: count.saturating_sub(intervals) / 2, intervals, displacement };
+        let stride = PeriodicStride { start: count.saturating_sub(intervals) / 2, intervals, displacement, costs_alone: false };
         Task { stride: Some(stride), ..task }
     }
 }

@@ -22,9 +22,9 @@ use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Number of instants at which motions are compared.
-pub(super) const COMPARED: usize = 5;
+pub(super) const COMPARED: usize = 9;
 /// Largest difference of two motions that count as the same: positions relative to the height of the base, angles in rad.
-pub const SAME_MOTION: f64 = 0.02;
+pub const SAME_MOTION: f32 = 0.02;
 
 /// Largest difference between both ends of a stride that repeats, m, rad, m/s and rad/s. Rates of Euler angles, which [`REPEATS`] bounds,
 /// differ from angular velocities by a few percent.
@@ -81,7 +81,7 @@ pub struct Record {
     /// Use of the joint limits; `None` for a robot without joints.
     pub joints: Option<JointUse>,
     /// Pose and feet at a few instants, for comparisons.
-    pub fingerprint: Vec<f64>,
+    pub fingerprint: Vec<f32>,
 }
 
 /// Largest shares of the limits of joints, and largest distance of a foot from its planned position, m.
@@ -190,7 +190,7 @@ impl Record {
     ///
     /// # Errors
     /// Errors of [`VerificationTerms::new`] and of the export.
-    pub fn print(trajectory: &Trajectory) -> Result<(String, Vec<f64>)> {
+    pub fn print(trajectory: &Trajectory) -> Result<(String, Vec<f32>)> {
         let terms = VerificationTerms::new(&World::of(None, None, None), trajectory, &TermOverrides::default())?;
         let sampler = Sampler::new(trajectory, &terms.robot, &terms.terrain)?;
         Ok((terms.terrain.name.clone(), fingerprint(&sampler, trajectory.horizon, &terms.robot)))
@@ -225,7 +225,7 @@ impl Record {
     }
 
     /// True if another motion of the same robot on the same ground is nearly this one.
-    pub fn is_same(fingerprint: &[f64], other: &[f64]) -> bool {
+    pub fn is_same(fingerprint: &[f32], other: &[f32]) -> bool {
         fingerprint.len() == other.len() && fingerprint.iter().zip(other).all(|(a, b)| (a - b).abs() <= SAME_MOTION)
     }
 }
@@ -257,13 +257,13 @@ fn check_loop(sampler: &Sampler, [start, end]: [f64; 2]) -> Result<()> {
 }
 
 /// Position of the base and its feet relative to its height, and its attitude as a rotation vector, at a few instants.
-fn fingerprint(sampler: &Sampler, horizon: f64, robot: &Robot) -> Vec<f64> {
+fn fingerprint(sampler: &Sampler, horizon: f64, robot: &Robot) -> Vec<f32> {
     let at = |i: usize| {
         let sample = sampler.at(horizon * i as f64 / (COMPARED - 1) as f64);
         let [roll, pitch, yaw] = sample.base.angles;
         let turn: [f64; 3] = UnitQuaternion::from_euler_angles(roll, pitch, yaw).scaled_axis().into();
         let places = std::iter::once(sample.base.position).chain(sample.feet.iter().map(|foot| foot.position));
-        places.flatten().map(|v| v / robot.base_height).chain(turn).collect::<Vec<f64>>()
+        places.flatten().map(|v| v / robot.base_height).chain(turn).map(|v| v as f32).collect::<Vec<f32>>()
     };
     (0..COMPARED).flat_map(at).collect()
 }

@@ -41,18 +41,18 @@ pub struct Progress<'a> {
 #[derive(Default)]
 pub(super) struct Known {
     /// Fingerprints by ground and cell of the position at the end.
-    cells: HashMap<(String, [i64; 2]), Vec<Vec<f64>>>,
+    cells: HashMap<(String, [i64; 2]), Vec<Vec<f32>>>,
 }
 
 impl Known {
-    fn cell(fingerprint: &[f64]) -> [i64; 2] {
+    fn cell(fingerprint: &[f32]) -> [i64; 2] {
         // The last instant begins with the position of the base.
         let part = fingerprint.len() / COMPARED;
         [0, 1].map(|axis| (fingerprint[fingerprint.len() - part + axis] / SAME_MOTION).floor() as i64)
     }
 
     /// Adds a motion; false if it is nearly one that is there.
-    pub fn add(&mut self, ground: &str, fingerprint: Vec<f64>) -> bool {
+    pub fn add(&mut self, ground: &str, fingerprint: Vec<f32>) -> bool {
         let [x, y] = Known::cell(&fingerprint);
         let near = (-1..=1).flat_map(|i| (-1..=1).map(move |j| [x + i, y + j]));
         let same = |cell: [i64; 2]| {
@@ -299,7 +299,7 @@ mod tests {
     #[test]
     fn motions_that_are_nearly_the_same_are_found_across_cells() {
         let mut known = Known::default();
-        let print = |x: f64| vec![x; 5 * 9];
+        let print = |x: f32| vec![x; 9 * COMPARED];
         assert!(known.add("flat", print(0.0199)));
         assert!(!known.add("flat", print(0.0201)));
         assert!(known.add("step", print(0.0201)));

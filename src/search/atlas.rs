@@ -256,7 +256,7 @@ impl AtlasPlan {
                     // The base is parallel to the slope at the start and at the goal.
                     let task = Task::new(robot.clone(), terrain, Goal::at(x, 0.))?;
                     let displacement = [along(period), 0., along(period) * slope];
-                    let stride = PeriodicStride { start: count.saturating_sub(intervals) / 2, intervals, displacement };
+                    let stride = PeriodicStride { start: count.saturating_sub(intervals) / 2, intervals, displacement, costs_alone: true };
                     let task = Task { stride: Some(stride), ..task };
                     problems.push(AtlasProblem { schedule, gait, speed, slope, task, stride, interval });
                 }
