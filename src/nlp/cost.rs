@@ -1,7 +1,7 @@
 //! Cost rows of a candidate: effort of the forces, powers of standing and of swinging legs.
 //!
-//! The objective is that of [`crate::gait::cost`], of the whole motion, or of a periodic stride that costs alone. Effort is exact. The price of joints
-//! beyond their limits is quadratic, see [`joint_torque`](crate::rows::joint_torque), and only legs in [closed
+//! The objective is that of [`crate::gait::cost`], of the whole motion, or of a periodic stride that costs alone. Effort is exact. The
+//! price of joints beyond their limits is quadratic, see [`joint_torque`](crate::rows::joint_torque), and only legs in [closed
 //! form](crate::rows::leg_joints) have it. Powers are integrated by Gauss-Legendre rules between the nodes of the curves that they are
 //! made of: the knots of the base, and the force nodes of a stance or the middle of a swing, where accelerations jump.
 
