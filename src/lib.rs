@@ -22,7 +22,7 @@
 //!
 //! A [`Mission`] adds waypoints, checks before a search and a diagnosis after one that found no gait; see [`app`] for an example.
 //! [`Evaluate`] solves gaits that the caller provides. [`verify()`] checks a motion independently of the solver. The [`guide`] has a page
-//! per task: own robots and ground, certificates, remedies, tracking, planning online, clusters, GPUs.
+//! per task: own robots and ground, certificates, remedies, tracking, planning online, data sets, clusters, GPUs.
 //!
 //! # Optimisation problem
 //! For a given gait (rows `momentum`, the default) with intervals of length `h` between base knots:
@@ -74,6 +74,7 @@
 //! | TOWR's complete problem and the contact-implicit one, for Ipopt | `reference/` |
 //! | planning online: a gait and its motion from any state, many times a second | `planner/` |
 //! | experiments of the paper, tables, plots | `experiment/` |
+//! | data sets of certified motions: draws, shards, check | `dataset/` |
 //! | missions with waypoints, scenario files, terms of verification, explanations of failures | `app/` |
 //!
 //! # Method
@@ -106,6 +107,7 @@
 //! |---|---|
 //! | `cli` | the command line program |
 //! | `gpu` | the GPU backend |
+//! | `dataset` | data sets of certified motions |
 //! | `experiment` | the experiments of the paper |
 //! | `view` | results as a page for a browser |
 //! | `import` | height maps |
@@ -132,6 +134,8 @@ pub mod backend;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;
+#[cfg(feature = "dataset")]
+pub mod dataset;
 #[doc(hidden)]
 pub mod error;
 #[cfg(feature = "experiment")]

@@ -2,6 +2,8 @@
 
 mod args;
 mod atlas;
+#[cfg(feature = "dataset")]
+mod dataset;
 #[cfg(feature = "gpu")]
 mod devices;
 mod evaluate;
@@ -60,6 +62,9 @@ enum Command {
     Evaluate(evaluate::Evaluate),
     /// Solve every regular gait of a robot at every speed: costs, best gaits, transitions
     Atlas(atlas::Atlas),
+    #[cfg(feature = "dataset")]
+    /// Make a data set of certified motions for trainers of policies, or check one
+    Dataset(dataset::Dataset),
     #[cfg(feature = "experiment")]
     /// Repeat the experiments of the paper, with its method, its baselines and this program's method
     Experiment(experiment::Experiment),
@@ -140,6 +145,8 @@ pub fn main() -> ExitCode {
         Command::Init(command) => command.run(),
         Command::Evaluate(command) => command.run(),
         Command::Atlas(command) => command.run(),
+        #[cfg(feature = "dataset")]
+        Command::Dataset(command) => command.run(),
         #[cfg(feature = "experiment")]
         Command::Experiment(command) => command.run(),
         Command::IpoptWorker(command) => command.run(),

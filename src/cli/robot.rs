@@ -149,15 +149,11 @@ impl Joints {
 
 /// CSV text with one row per sample: `time_s`, then position, velocity and torque of each joint.
 fn csv_text(motion: &JointMotion, out: &Path) -> Result<String> {
-    let units =
-        |turns: bool| if turns { ["position_rad", "velocity_rad/s", "torque_Nm"] } else { ["position_m", "velocity_m/s", "force_N"] };
-    let columns = motion.joints.iter().flat_map(|joint| units(joint.turns).map(|unit| format!("{}_{unit}", joint.name)));
     let mut writer = csv::Writer::from_writer(Vec::new());
     let io = |e: csv::Error| Error::Io { action: "write", path: out.to_owned(), source: std::io::Error::other(e) };
-    writer.write_record(std::iter::once("time_s".into()).chain(columns)).map_err(io)?;
+    writer.write_record(std::iter::once("time_s".into()).chain(motion.columns())).map_err(io)?;
     for sample in &motion.samples {
-        let joint = |j: usize| [sample.positions[j], sample.velocities[j], sample.efforts[j]];
-        let numbers = std::iter::once(sample.time).chain((0..motion.joints.len()).flat_map(joint));
+        let numbers = std::iter::once(sample.time).chain(sample.values());
         writer.write_record(numbers.map(|v| v.to_string())).map_err(io)?;
     }
     let bytes = writer.into_inner().map_err(|e| io(e.into_error().into()))?;

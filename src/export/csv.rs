@@ -6,7 +6,7 @@ use crate::report::samples::Sample;
 /// Names of the columns, in order.
 ///
 /// * `soles` - true if the feet have soles
-fn header(names: &[String], soles: bool) -> Vec<String> {
+pub(crate) fn header(names: &[String], soles: bool) -> Vec<String> {
     let axes = ["x", "y", "z"];
     let mut columns = vec!["time_s".to_owned()];
     let mut of = |quantity: &str, parts: &[&str], unit: &str| {
@@ -31,7 +31,7 @@ fn header(names: &[String], soles: bool) -> Vec<String> {
 }
 
 /// Values of a row, in the order of [`header`].
-fn row(sample: &Sample) -> Vec<f64> {
+pub(crate) fn row(sample: &Sample) -> Vec<f64> {
     let base = &sample.base;
     let mut values = vec![sample.time];
     values.extend(base.position.iter().chain(&base.quaternion).chain(&base.angles).chain(&base.velocity).chain(&base.angular_velocity));

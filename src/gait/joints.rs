@@ -40,6 +40,13 @@ pub struct JointSample {
     pub efforts: Vec<f64>,
 }
 
+impl JointSample {
+    /// Values of a row in the order of [`JointMotion::columns`].
+    pub fn values(&self) -> impl Iterator<Item = f64> {
+        (0..self.positions.len()).flat_map(|joint| [self.positions[joint], self.velocities[joint], self.efforts[joint]])
+    }
+}
+
 /// The value that is closest to its limit, or farthest beyond it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -102,6 +109,13 @@ pub struct JointMotion {
     pub samples: Vec<JointSample>,
     /// Use of the joint limits.
     pub limits: JointLimits,
+}
+
+impl JointMotion {
+    /// Names of the columns of a table, with units: position, velocity and torque of each joint.
+    pub fn columns(&self) -> impl Iterator<Item = String> {
+        self.joints.iter().flat_map(LegJoint::columns)
+    }
 }
 
 /// Value of a joint at one time together with its limit.
@@ -242,7 +256,8 @@ impl<'a> Course<'a> {
             Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[forward, left, forward.cross(&left)]))
         };
         let [before, after] = [(time - TURNING).max(0.), (time + TURNING).min(self.horizon)];
-        let spin = (attitude(after) * attitude(before).inverse()).scaled_axis() / (after - before);
+        // As a quaternion: rounding of a small rotation matrix can raise its trace above 3, for which the angle of the matrix is NaN.
+        let spin = UnitQuaternion::from(attitude(after) * attitude(before).inverse()).scaled_axis() / (after - before);
         Some(SolePlan { attitude: attitude(time).into(), spin, moment: Piece::at(&moments[foot], time)[0] })
     }
 

@@ -9,6 +9,7 @@
 //! | [`remedies`] | symptoms, causes and settings |
 //! | [`tracking`] | a plan as the reference of a controller |
 //! | [`online`] | gaits that are chosen while the robot moves |
+//! | [`datasets`] | thousands of certified motions for trainers of policies |
 //! | [`clusters`] | searches on many machines |
 //! | [`gpus`] | expectations of a GPU, measured and computed |
 //!
@@ -44,6 +45,14 @@ pub mod tracking {}
 #[doc = include_str!("../../benches/examples/plan_online.py")]
 #[doc = "```"]
 pub mod online {}
+
+#[doc = include_str!("datasets.md")]
+#[doc = ""]
+#[doc = "# Example of a specification"]
+#[doc = "```toml"]
+#[doc = include_str!("../../benches/examples/dataset.toml")]
+#[doc = "```"]
+pub mod datasets {}
 
 #[doc = include_str!("clusters.md")]
 #[doc = "```python"]

@@ -1,7 +1,7 @@
 //! Cost rows of a candidate: effort of the forces, powers of standing and of swinging legs.
 //!
-//! The objective is that of [`crate::gait::cost`], of the whole motion or of its periodic stride. Effort is exact. The price of joints
-//! beyond their limits is quadratic, see [`joint_torque`](crate::rows::joint_torque), and only legs in [closed
+//! The objective is that of [`crate::gait::cost`], of the whole motion, or of a periodic stride that costs alone. Effort is exact. The
+//! price of joints beyond their limits is quadratic, see [`joint_torque`](crate::rows::joint_torque), and only legs in [closed
 //! form](crate::rows::leg_joints) have it. Powers are integrated by Gauss-Legendre rules between the nodes of the curves that they are
 //! made of: the knots of the base, and the force nodes of a stance or the middle of a swing, where accelerations jump.
 
@@ -60,7 +60,7 @@ pub(super) fn cost_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>
     let displacement = std::array::from_fn(|i| task.goal.position[i] - task.start.position[i]);
     // If the end is free, the price of effort does not depend on where the goal is.
     let near = b.settings.goal_velocity == GoalVelocity::Near;
-    let distance = match task.stride {
+    let distance = match task.stride.filter(|stride| stride.costs_alone) {
         Some(stride) => distance(robot, stride.displacement, 0.),
         None if near => PLANNING_SPEED * speed_scale(robot) * b.horizon,
         None => distance(robot, displacement, task.turn()),
@@ -125,9 +125,9 @@ fn curvature_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
     }
 }
 
-/// Part of the motion that costs, s: the periodic stride if there is one.
+/// Part of the motion that costs, s: the periodic stride if it costs alone.
 fn costly<T: Real>(b: &Builder<T>) -> Range<f64> {
-    b.task.stride.map_or(0.0..b.horizon, |stride| stride.times(b.interval))
+    b.task.stride.filter(|stride| stride.costs_alone).map_or(0.0..b.horizon, |stride| stride.times(b.interval))
 }
 
 /// Adds the effort rows of forces, and of the moments of soles over their half length.

@@ -200,7 +200,7 @@ fn invalid_inputs_are_refused() {
     let towr = TranscriptionSettings { rows: Transcription::Towr, ..transcription.clone() };
     assert!(refused(&gait.x, &towr, &settings).contains("momentum"));
     assert!(refused(&gait.x, &transcription, &RefineSettings { trust: f64::NAN, ..settings.clone() }).contains("refine.trust"));
-    let stride = Some(PeriodicStride { start: 0, intervals: 2, displacement: [0.; 3] });
+    let stride = Some(PeriodicStride { start: 0, intervals: 2, displacement: [0.; 3], costs_alone: true });
     let task = Task { stride, ..task.clone() };
     let periodic = refine(&task, &gait.schedule, &gait.x, &transcription, &CostWeights::default(), &settings, &|| false);
     assert!(periodic.unwrap_err().to_string().contains("stride"));

@@ -42,6 +42,14 @@ pub struct LegJoint {
     pub nominal: f64,
 }
 
+impl LegJoint {
+    /// Names of the columns of a table, with units: position, velocity and torque, or force of a prismatic joint.
+    pub fn columns(&self) -> [String; 3] {
+        let parts = if self.turns { ["position_rad", "velocity_rad/s", "torque_Nm"] } else { ["position_m", "velocity_m/s", "force_N"] };
+        parts.map(|part| format!("{}_{part}", self.name))
+    }
+}
+
 /// A chain of joints from the base to a foot. The first joint is the one at the base.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]

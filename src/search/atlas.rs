@@ -54,7 +54,7 @@ const REACH: f64 = 1.05;
 /// Shortest phase, in units of [`time_scale`]. Grid points with shorter phases are skipped: no leg can follow them.
 const SHORTEST_PHASE: f64 = 0.35;
 /// Largest difference between the states at both ends of a periodic stride, m, rad, m/s and rad/s.
-const REPEATS: f64 = 1e-3;
+pub(crate) const REPEATS: f64 = 1e-3;
 /// Friction coefficient of the ground.
 const FRICTION: f64 = 1.;
 /// Length of a slope beyond the goal, m.
@@ -256,7 +256,7 @@ impl AtlasPlan {
                     // The base is parallel to the slope at the start and at the goal.
                     let task = Task::new(robot.clone(), terrain, Goal::at(x, 0.))?;
                     let displacement = [along(period), 0., along(period) * slope];
-                    let stride = PeriodicStride { start: count.saturating_sub(intervals) / 2, intervals, displacement };
+                    let stride = PeriodicStride { start: count.saturating_sub(intervals) / 2, intervals, displacement, costs_alone: true };
                     let task = Task { stride: Some(stride), ..task };
                     problems.push(AtlasProblem { schedule, gait, speed, slope, task, stride, interval });
                 }
@@ -402,7 +402,7 @@ fn sloping(slope: f64, distance: f64) -> Terrain {
 
 /// Largest difference between the end of a stride and its start, moved by the displacement, m, rad, m/s and rad/s: pose and rates of the
 /// base, positions of the feet. It is read from the curves of the motion.
-fn mismatch(motion: &Trajectory, stride: &PeriodicStride, interval: f64) -> f64 {
+pub(crate) fn mismatch(motion: &Trajectory, stride: &PeriodicStride, interval: f64) -> f64 {
     let Range { start, end } = stride.times(interval);
     let moved = Vector3::from(stride.displacement);
     // Largest differences of value and slope.

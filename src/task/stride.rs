@@ -8,7 +8,7 @@ use std::ops::Range;
 const SAME_PHASES: f64 = 1e-6;
 
 /// Periodic stride within a motion: at its end, pose and rates of the base, footholds and swing heights are those at its start, moved by a
-/// displacement. Every foot steps once. The cost of the motion is that of this stride; what comes before and after only leads to it.
+/// displacement. Every foot steps once.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PeriodicStride {
     /// Index of the base knot at the start.
@@ -17,6 +17,9 @@ pub struct PeriodicStride {
     pub intervals: usize,
     /// Displacement in one stride, world frame, m.
     pub displacement: [f64; 3],
+    /// True if the cost that is minimised is that of this stride, and what comes before and after only leads to it; false for the cost of
+    /// the whole motion.
+    pub costs_alone: bool,
 }
 
 impl PeriodicStride {

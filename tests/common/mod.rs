@@ -95,7 +95,7 @@ pub fn striding(task: &Task) -> (Task, Schedule) {
         0 => vec![0.4, 0.25, 0.35, 0.25, 0.35, 0.25, 0.35],
         _ => vec![0.2, 0.25, 0.35, 0.25, 0.35, 0.25, 0.55],
     };
-    let stride = PeriodicStride { start: 3, intervals: 6, displacement: [0.1, 0.05, 0.02] };
+    let stride = PeriodicStride { start: 3, intervals: 6, displacement: [0.1, 0.05, 0.02], costs_alone: true };
     (Task { stride: Some(stride), ..task.clone() }, Schedule::new((0..task.robot.feet()).map(phases).collect()).unwrap())
 }
 

@@ -4,6 +4,8 @@
 mod common;
 
 mod atlas;
+#[cfg(feature = "dataset")]
+mod dataset;
 #[cfg(feature = "gpu")]
 mod devices;
 mod evaluate;

@@ -1,4 +1,4 @@
-"""Command lines ``python -m cregopt.mujoco`` and ``python -m cregopt.mujoco drive``; see ``--help``."""
+"""Command lines ``python -m cregopt.mujoco``, ``python -m cregopt.mujoco drive`` and ``python -m cregopt.mujoco dataset``; see ``--help``."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import sys
 from typing import Any, Optional, Sequence, Union
 
 from .. import Error, Robot, Terrain
-from . import DriveReport, Report, drive, play, random_drive, robot
+from . import DriveReport, Report, drive, export, play, random_drive, robot
+from ._dataset import FORMS
 
 UPRIGHT, FALLEN, BAD_INPUT = 0, 3, 4
 
@@ -25,7 +26,8 @@ def arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m cregopt.mujoco",
         description="Plays a plan of `cregopt solve` on a robot in MuJoCo and reports the result, or writes the robot file for planning. "
-        "`python -m cregopt.mujoco drive` drives a robot by commands, with gaits that are chosen online.",
+        "`python -m cregopt.mujoco drive` drives a robot by commands, with gaits that are chosen online. `python -m cregopt.mujoco dataset` writes "
+        "the motions of a data set as references for trainers.",
         epilog="Exit codes: 0 upright to the end, 2 usage, 3 fallen, 4 bad file or MuJoCo missing.",
     )
     parser.add_argument("trajectory", nargs="?", help="the plan: trajectory.json")
@@ -68,6 +70,32 @@ def drive_arguments() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, help="seed of small disturbances of start, masses and friction, of --random and of --noise [default: none]")
     add_common(parser)
     return parser
+
+
+def dataset_arguments() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m cregopt.mujoco dataset",
+        description="Writes the motions of `cregopt dataset` as references of a MuJoCo model, in the files that trainers of policies read.",
+        epilog="Exit codes: 0 written, 2 usage, 4 bad file or MuJoCo missing.",
+    )
+    parser.add_argument("folder", help="folder of the data set")
+    parser.add_argument("--robot", required=True, metavar="NAME", help="robot of the data set: name of its folder")
+    parser.add_argument("--model", required=True, metavar="FILE", help="MuJoCo model of the robot, that of the trainer")
+    parser.add_argument("--feet", metavar="NAME,...", help="geoms, bodies or sites that are the feet, in the robot's order [default: found]")
+    parser.add_argument("--format", choices=FORMS, default=FORMS[0], help="mjlab: one file per motion; loco-mujoco: one file [default: mjlab]")
+    parser.add_argument("--out", required=True, metavar="PATH", help="folder for mjlab, file (.npz) for loco-mujoco")
+    parser.add_argument("--most", type=int, metavar="N", help="largest number of motions [default: all]")
+    return parser
+
+
+def run_dataset(given: Sequence[str]) -> int:
+    options = dataset_arguments().parse_args(given)
+    feet = options.feet.split(",") if options.feet else None
+    try:
+        print(export(options.folder, options.robot, options.model, options.out, options.format, feet=feet, most=options.most))
+    except (Error, ImportError, OSError) as error:
+        return refused(error)
+    return UPRIGHT
 
 
 def numbers(text: str, counts: Sequence[int], what: str) -> list[list[float]]:
@@ -165,6 +193,8 @@ def main(given: Optional[Sequence[str]] = None) -> int:
     given = sys.argv[1:] if given is None else given
     if given and given[0] == "drive":
         return run_drive(given[1:])
+    if given and given[0] == "dataset":
+        return run_dataset(given[1:])
     parser = arguments()
     options = parser.parse_args(given)
     if (options.trajectory is None) == (options.robot is None):

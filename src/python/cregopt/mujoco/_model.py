@@ -80,12 +80,12 @@ class State(NamedTuple):
 
 
 class Machine:
-    """Robot with a free base and legs, all of whose joints have motors.
+    """Robot with a free base and legs, all of whose joints have motors, unless ``motors`` is False.
 
     ``spec`` is the model without the geometry of its world, so that a ground can be added.
     """
 
-    def __init__(self, path: Path, feet: Optional[Sequence[str]] = None, count: Optional[int] = None) -> None:
+    def __init__(self, path: Path, feet: Optional[Sequence[str]] = None, count: Optional[int] = None, motors: bool = True) -> None:
         self.name = os.path.splitext(os.path.basename(os.fspath(path)))[0]
         self.spec = _read(path)
         self.model = self.spec.compile()
@@ -94,7 +94,7 @@ class Machine:
         self.model.opt.disableflags |= off.mjDSBL_CONTACT | off.mjDSBL_ACTUATION | off.mjDSBL_CONSTRAINT
         self.data = mj.MjData(self.model)
         self.base = self._free_base()
-        self.torque_limits = self._torque_limits()
+        self.torque_limits = self._torque_limits() if motors else np.full(self.model.nv - 6, np.inf)
         self.mass = float(self.model.body_subtreemass[self.base])
         self.feet: list[Foot] = []
         self._pose(_level(next(self._poses())))
