@@ -165,7 +165,7 @@ pub fn humanoid() -> Robot {
         inertia: [[3., 0., 0.1], [0., 2.8, 0.], [0.1, 0., 0.45]],
         base_height: 0.68,
         nominal_feet: vec![[0., 0.12, -0.68], [0., -0.12, -0.68]],
-        reach: Reach::PerFoot(vec![side(true), side(false)]),
+        reach: Reach::boxes(vec![side(true), side(false)]),
         leg_mass: Some(3.),
         ..soled(Robot::named("biped").unwrap())
     };
@@ -213,7 +213,7 @@ pub fn lopsided(robot: Robot) -> Robot {
         let ([x, y, z], less) = (robot.reach.of(foot).half_widths(), 0.01 * (foot / 2 + 1) as f64);
         [[less - x, x], if robot.nominal_feet[foot][1] > 0. { [less - y, y] } else { [-y, y - less] }, [less - z, z]]
     };
-    Robot { reach: Reach::PerFoot((0..robot.feet()).map(sides).collect()), ..robot }
+    Robot { reach: Reach::boxes((0..robot.feet()).map(sides)), ..robot }
 }
 
 /// Terrain of grid cells of 0.7 m by 0.5 m. Heights differ along both axes, so that every cell is twisted.

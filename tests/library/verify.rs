@@ -550,7 +550,7 @@ fn a_foot_may_be_a_little_outside_its_box() {
 fn with_reach(change: impl FnOnce(&mut Vec<[[f64; 2]; 3]>)) -> Robot {
     let mut boxes = vec![[[-0.15, 0.15], [-0.1, 0.1], [-0.1, 0.1]]; 4];
     change(&mut boxes);
-    Robot { reach: Reach::PerFoot(boxes), ..anymal() }
+    Robot { reach: Reach::boxes(boxes), ..anymal() }
 }
 
 #[test]
@@ -981,7 +981,7 @@ fn labels_that_contradict_the_content_are_errors() {
         ("anymal", |t| robot(t).name = "mine".into()),
         ("mass", |t| robot(t).mass = 31.),
         ("reach", |t| robot(t).reach = [0.15, 0.2, 0.1].into()),
-        ("reach", |t| robot(t).reach = Reach::PerFoot(vec![[[-0.15, 0.12], [-0.1, 0.1], [-0.1, 0.1]]; 4])),
+        ("reach", |t| robot(t).reach = Reach::boxes(vec![[[-0.15, 0.12], [-0.1, 0.1], [-0.1, 0.1]]; 4])),
         ("robot `anymal`", |t| t.robot = Some(NamedOr::Name("hyq".into()))),
         ("another shape", |t| t.terrain = Some(NamedOr::Own(Terrain { name: "flat".into(), ..Terrain::named("slope").unwrap() }))),
         ("terrain `flat`", |t| t.terrain = Some(NamedOr::Own(Terrain { friction: 2., ..flat() }))),

@@ -165,7 +165,7 @@ impl Import {
             mass: body.mass,
             inertia: std::array::from_fn(|r| std::array::from_fn(|c| body.inertia[(r, c)])),
             base_height,
-            reach: Reach::PerFoot(reach),
+            reach: Reach::boxes(reach),
             force_limit: None,
             leg_mass: Some(leg_masses.sum::<f64>() / legs.len() as f64),
             nominal_feet,
