@@ -4,6 +4,7 @@
 //! the root link and its origin in the centre of mass.
 
 mod body;
+mod faces;
 mod feet;
 mod reach;
 mod soles;
@@ -17,7 +18,7 @@ pub mod urdf;
 pub use urdf::MAX_URDF;
 
 use super::leg::{Leg, SOLE_JOINTS};
-use super::{FORCE_LIMIT_WEIGHTS, MAX_FEET, Reach, Robot, Sole};
+use super::{FORCE_LIMIT_WEIGHTS, FootReach, MAX_FEET, Reach, Robot, Sole};
 use crate::error::{Error, Result, check_range};
 use crate::files;
 use body::Body;
@@ -105,7 +106,7 @@ struct Posed {
     contacts: Vec<Contact>,
     legs: Vec<Leg>,
     /// Box of each foot.
-    reach: Vec<reach::Sides>,
+    reach: Vec<FootReach>,
     sole: Option<Sole>,
     notes: Vec<String>,
 }
@@ -165,7 +166,7 @@ impl Import {
             mass: body.mass,
             inertia: std::array::from_fn(|r| std::array::from_fn(|c| body.inertia[(r, c)])),
             base_height,
-            reach: Reach::boxes(reach),
+            reach: Reach::PerFoot(reach),
             force_limit: None,
             leg_mass: Some(leg_masses.sum::<f64>() / legs.len() as f64),
             nominal_feet,
@@ -315,7 +316,8 @@ impl Import {
             let limit = "above: give a --configuration in which it stands";
             return Err(Error::invalid("centre of mass above the lowest foot", format!("{height:.4} m"), limit));
         }
-        let boxes = posed.legs.iter().enumerate().map(|(foot, leg)| reach::grow(leg, &reach::room(leg, foot, &nominal)));
+        let boxes =
+            posed.legs.iter().enumerate().map(|(foot, leg)| reach::grow(leg, &reach::room(leg, foot, &nominal)).map(FootReach::from));
         posed.reach = boxes.collect::<Result<_>>()?;
         posed.notes = notes;
         Ok(posed)
