@@ -2,6 +2,7 @@
 //! corners of a box, which a leg that bends one way does not reach.
 
 use crate::error::{Error, Result, check_range};
+use nalgebra::Vector3;
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{self, Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
 use serde::ser::SerializeStruct;
@@ -142,6 +143,40 @@ impl FootReach {
     /// All slabs.
     pub fn slabs(&self) -> impl Iterator<Item = Slab> {
         (0..self.count()).map(|number| self.slab(number))
+    }
+
+    /// Edges: pairs of corners, m.
+    pub fn edges(&self) -> Vec<[[f64; 3]; 2]> {
+        let sides = |slab: Slab| {
+            let (normal, [low, high]) = (Vector3::from(slab.normal), slab.sides);
+            [(normal, high), (-normal, -low)]
+        };
+        // Outward normals and distances.
+        let faces: Vec<(Vector3<f64>, f64)> = self.slabs().flat_map(sides).collect();
+        let mut edges = Vec::new();
+        for (i, (a, distance_a)) in faces.iter().enumerate() {
+            for (b, distance_b) in &faces[..i] {
+                let line = a.cross(b);
+                if line.norm() < 1e-9 {
+                    continue;
+                }
+                let point = (b.cross(&line) * *distance_a + line.cross(a) * *distance_b) / line.norm_squared();
+                let inside = |[from, to]: [f64; 2], (normal, distance): &(Vector3<f64>, f64)| {
+                    let (along, room) = (normal.dot(&line), distance - normal.dot(&point));
+                    match along.abs() > 1e-9 {
+                        true if along > 0. => [from, to.min(room / along)],
+                        true => [from.max(room / along), to],
+                        false if room < -1e-9 => [from, f64::NEG_INFINITY],
+                        false => [from, to],
+                    }
+                };
+                let [from, to] = faces.iter().fold([f64::NEG_INFINITY, f64::INFINITY], inside);
+                if to > from + 1e-9 {
+                    edges.push([from, to].map(|at| (point + line * at).into()));
+                }
+            }
+        }
+        edges
     }
 
     /// The same reach with other sides of its slabs.
@@ -428,6 +463,19 @@ mod tests {
             text.starts_with("[{\"sides\": [[-0.300, 0.400], ") && text.contains("{\"normal\": [0.600, 0.000, -0.800], \"sides\": [-0.300")
         );
         assert!(serde_json::from_str::<Reach>(&text).is_ok(), "{text}");
+    }
+
+    #[test]
+    fn a_cut_box_has_the_edges_of_a_prism() {
+        let mut foot = FootReach::from([[-1., 1.], [-2., 2.], [-3., 3.]]);
+        let close = |a: f64, b: f64| (a - b).abs() < 1e-12;
+        let length = |edge: &[[f64; 3]; 2]| (Vector3::from(edge[0]) - Vector3::from(edge[1])).norm();
+        let lengths = |foot: &FootReach| foot.edges().iter().map(length).sum::<f64>();
+        assert!(foot.edges().len() == 12 && close(lengths(&foot), 4. * 12.), "{:?}", foot.edges());
+        // Of the corner at x = 1 and z = 3 a triangle is cut, with sides of 1 along x and 0.75 along z.
+        foot.diagonals.push(Slab { normal: [0.6, 0., 0.8], sides: [-9., 0.6 + 2.4 - 0.6] });
+        assert!(foot.edges().len() == 15 && close(lengths(&foot), 48. + 4. + 2. * (1.25 - 1. - 0.75)), "{:?}", foot.edges());
+        assert!(foot.edges().as_flattened().iter().all(|corner| foot.slabs().all(|slab| slab.along(*corner) < slab.sides[1] + 1e-9)));
     }
 
     #[test]

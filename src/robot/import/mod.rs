@@ -136,7 +136,8 @@ impl Import {
     ///   `import/upright.rs`
     /// * nominal feet without soles: the lowest point of the collision shapes of each foot's link, spheres before other shapes; the origin of
     ///   the link's frame if it has only meshes
-    /// * reach: for each foot the largest box that its joints reach within their limits, see `import/reach.rs`; for soles `import/upright.rs`
+    /// * reach: for each foot the largest box that its joints reach within their limits, see `import/reach.rs`; for soles also
+    ///   faces that cut its corners, see `import/faces.rs`
     /// * force limit: vertical force that the joint efforts can bear at the weakest foot, at most [`FORCE_LIMIT_WEIGHTS`] weights
     /// * joints: the joints of each foot's leg
     /// * name: the given one, or the file's. `-imported` is appended if a different built-in robot has that name

@@ -158,9 +158,7 @@ class _Soles:
         faces = start * _largest(lambda share: self.attains_faces(share * start, turn), self.machine)
         halvings = np.zeros(len(FACES), dtype=int)
         while (halvings <= HALVINGS).any():
-            growing = np.flatnonzero(halvings <= HALVINGS)
-            # Steps are longer than wide: the faces along y have what the others leave.
-            for face in growing[growing < 8] if (growing < 8).any() else growing:
+            for face in np.flatnonzero(halvings <= HALVINGS):
                 more = faces.copy()
                 more[face] = min(faces[face] + FIRST_STEP * largest[face] / 2 ** halvings[face], largest[face])
                 # A face that the others cut off would grow without gain.
