@@ -106,13 +106,6 @@ fn base_guess<T: Real>(b: &Builder<T>, t: f64) -> ([f64; 6], [f64; 6]) {
 /// it and falls from it. For the upper limit the mid node always suffices.
 const SWING_HEIGHTS: [f64; 9] = [0.0625, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 0.9375];
 
-/// The same for soles. A toe is far ahead of the middle of its foot, at the edge of a step early in the swing, while the foot still rises
-/// fast: of 0.1 m in 0.1 s.
-const SOLE_HEIGHTS: [f64; 19] = [
-    0.0625, 0.125, 0.1875, 0.21875, 0.25, 0.28125, 0.3125, 0.34375, 0.375, 0.4375, 0.5, 0.5625, 0.625, 0.6875, 0.75, 0.8125, 0.875, 0.9375,
-    0.96875,
-];
-
 /// Interval between base knots for a robot, s, limited by how fast a body on such legs can turn and fall.
 ///
 /// Half of `sqrt(l / g)`, in steps of 0.025 s from 0.025 to 0.1 s. That is 0.1 s for legs of 0.4 m and 0.05 s for those of 0.14 m.
@@ -252,11 +245,7 @@ impl<T: Real> Transcribe<T> for Momentum {
         SwingLaw {
             over: initial_guess::highest,
             above: settings.clearance,
-            parts: match (task.terrain.has_edges(), task.robot.sole.is_some()) {
-                (false, _) => &[0.5],
-                (true, false) => &SWING_HEIGHTS,
-                (true, true) => &SOLE_HEIGHTS,
-            },
+            parts: if task.terrain.has_edges() { &SWING_HEIGHTS } else { &[0.5] },
             clearance: settings.clearance,
             limited: true,
             longest_step: Some(foot_speed(settings, &task.robot) * duration / TOP_SPEED),
