@@ -401,6 +401,7 @@ struct ReachFoot {
 struct ReachLeg {
     center: array<f32, 3>,
     half_widths: array<f32, 3>,
+    normals: array<array<f32, 3>, 3>,
     foothold: array<u32, 2>,
     offset: array<f32, 3>,
 }
@@ -723,28 +724,33 @@ fn reach_feet_z_weights(slot: u32, i: u32, k: u32) -> f32 {
 }
 
 fn reach_legs_at(slot: u32, i: u32) -> ReachLeg {
-    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 11u;
-    return ReachLeg(array<f32, 3>(bitcast<f32>(tables[at + 0u]), bitcast<f32>(tables[at + 1u]), bitcast<f32>(tables[at + 2u])), array<f32, 3>(bitcast<f32>(tables[at + 3u]), bitcast<f32>(tables[at + 4u]), bitcast<f32>(tables[at + 5u])), array<u32, 2>(tables[at + 6u], tables[at + 7u]), array<f32, 3>(bitcast<f32>(tables[at + 8u]), bitcast<f32>(tables[at + 9u]), bitcast<f32>(tables[at + 10u])));
+    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 20u;
+    return ReachLeg(array<f32, 3>(bitcast<f32>(tables[at + 0u]), bitcast<f32>(tables[at + 1u]), bitcast<f32>(tables[at + 2u])), array<f32, 3>(bitcast<f32>(tables[at + 3u]), bitcast<f32>(tables[at + 4u]), bitcast<f32>(tables[at + 5u])), array<array<f32, 3>, 3>(array<f32, 3>(bitcast<f32>(tables[at + 6u]), bitcast<f32>(tables[at + 7u]), bitcast<f32>(tables[at + 8u])), array<f32, 3>(bitcast<f32>(tables[at + 9u]), bitcast<f32>(tables[at + 10u]), bitcast<f32>(tables[at + 11u])), array<f32, 3>(bitcast<f32>(tables[at + 12u]), bitcast<f32>(tables[at + 13u]), bitcast<f32>(tables[at + 14u]))), array<u32, 2>(tables[at + 15u], tables[at + 16u]), array<f32, 3>(bitcast<f32>(tables[at + 17u]), bitcast<f32>(tables[at + 18u]), bitcast<f32>(tables[at + 19u])));
 }
 
 fn reach_legs_center(slot: u32, i: u32, k: u32) -> f32 {
-    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 11u + 1u * k;
+    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 20u + 1u * k;
     return bitcast<f32>(tables[at + 0u]);
 }
 
 fn reach_legs_half_widths(slot: u32, i: u32, k: u32) -> f32 {
-    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 11u + 1u * k;
+    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 20u + 1u * k;
     return bitcast<f32>(tables[at + 3u]);
 }
 
+fn reach_legs_normals(slot: u32, i: u32, k: u32) -> array<f32, 3> {
+    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 20u + 3u * k;
+    return array<f32, 3>(bitcast<f32>(tables[at + 6u]), bitcast<f32>(tables[at + 7u]), bitcast<f32>(tables[at + 8u]));
+}
+
 fn reach_legs_foothold(slot: u32, i: u32, k: u32) -> u32 {
-    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 11u + 1u * k;
-    return tables[at + 6u];
+    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 20u + 1u * k;
+    return tables[at + 15u];
 }
 
 fn reach_legs_offset(slot: u32, i: u32, k: u32) -> f32 {
-    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 11u + 1u * k;
-    return bitcast<f32>(tables[at + 8u]);
+    let at = batch.first_reach_legs + (slot * batch.reach_legs + i) * 20u + 1u * k;
+    return bitcast<f32>(tables[at + 17u]);
 }
 
 fn gather_of_at(slot: u32, i: u32) -> u32 {

@@ -1,4 +1,4 @@
-//! Robot models: a single rigid body whose feet reach inside boxes.
+//! Robot models: a single rigid body whose feet reach inside boxes and slabs.
 
 mod built_in;
 #[cfg(feature = "urdf")]
@@ -9,7 +9,7 @@ mod sole;
 
 pub use built_in::ROBOTS;
 pub(crate) use built_in::ROUNDED;
-pub use reach::{Reach, ReachBox};
+pub use reach::{FootReach, Reach, ReachBox, Slab};
 pub use sole::{PRESSURE_SHARE, SOLE_TURN, Sole};
 
 use crate::error::{Error, Result, check_name, check_range};
@@ -41,7 +41,7 @@ pub struct Robot {
     pub base_height: f64,
     /// Nominal foot positions in the base frame, m, `[feet][3]`.
     pub nominal_feet: Vec<[f64; 3]>,
-    /// Box around its nominal position that each foot can reach.
+    /// Offsets from its nominal position that each foot can reach.
     pub reach: Reach,
     /// Largest normal force of a foot, N. Default: [`Robot::default_force_limit`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -239,7 +239,7 @@ mod tests {
     fn the_file_name_selects_toml_or_json() {
         let folder = tempfile::tempdir().unwrap();
         let mut robot = Robot { name: "own".into(), ..Robot::named("biped").unwrap() };
-        robot.reach = Reach::PerFoot(vec![[[-0.1, 0.2], [0., 0.1], [-0.2, 1. / 3.]]; 2]);
+        robot.reach = Reach::boxes(vec![[[-0.1, 0.2], [0., 0.1], [-0.2, 1. / 3.]]; 2]);
         robot.force_limit = Some(500.);
         for name in ["robot.toml", "robot.TOML", "robot.json", "robot"] {
             let path = folder.path().join(name);

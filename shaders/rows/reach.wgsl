@@ -1,7 +1,7 @@
 // needs: shared/values shared/jacobian shared/math shared/foot shared/factored_place shared/entries
 // binds: jacobian footholds tables
 // reads: base_blocks factored_instants factored_elements factored_own reach_instants reach_feet reach_legs
-// Reach boxes: each foot stays within a box in the base frame. One thread per reach instant.
+// Reach: each foot stays within slabs in the base frame, three at a time. One thread per reach instant.
 //   in   values    x of the trial point, ground, deviations
 //   out  values    g at each foot's place: 3 upper sides, 3 lower sides; dimensionless, feasible when <= 0
 //   out  jacobian  3 rows at each foot's place: 6 columns by the base pose, which the base blocks share by weight, then the foot's own
@@ -29,7 +29,7 @@ fn entry(slot: u32, half: u32, k: u32) {
     }
 }
 
-// Reach rows of one foot.
+// Reach rows of one foot and three slabs.
 fn reach_foot(slot: u32, half: u32, number: u32, base_w: vec3<f32>, rot_wb: Mat3, axes: Mat3) {
     let foot = reach_feet_at(slot, number);
     let leg = reach_legs_at(slot, foot.leg);
@@ -43,17 +43,20 @@ fn reach_foot(slot: u32, half: u32, number: u32, base_w: vec3<f32>, rot_wb: Mat3
     let offset = vec3<f32>(leg.offset[0], leg.offset[1], leg.offset[2]);
     let leg_w = foot_motion(slot, x, leg.foothold, swing_height, foot.xy_weights, foot.z_weights) + offset - base_w;
     let center = vec3<f32>(leg.center[0], leg.center[1], leg.center[2]);
-    let offset_b = mul_transposed(rot_wb, leg_w) - center;
+    let n = leg.normals;
+    let normals = Mat3(vec3<f32>(n[0][0], n[0][1], n[0][2]), vec3<f32>(n[1][0], n[1][1], n[1][2]), vec3<f32>(n[2][0], n[2][1], n[2][2]));
+    let normals_w = Mat3(mul(normals, rot_wb[0]), mul(normals, rot_wb[1]), mul(normals, rot_wb[2]));
+    let away = mul_transposed(normals_w, leg_w) - center;
     let at = ix_inequality(slot, half, place.inequality);
     let room = vec3<f32>(leg.half_widths[0], leg.half_widths[1], leg.half_widths[2]) - constants.length_margin;
-    put_three(at, (offset_b - room) * unit);
-    put_three(at + 3u, (-offset_b - room) * unit);
+    put_three(at, (away - room) * unit);
+    put_three(at + 3u, (-away - room) * unit);
 
     let rows = rows_at(slot, half, place);
-    // Columns of the rows by the pose: d(R' leg)/d angle_i = R' (leg x axis_i).
+    // Columns of the rows by the pose: d(N R' leg)/d angle_i = N R' (leg x axis_i).
     for (var d = 0u; d < 3u; d++) {
-        put_column(rows, 0u, d, -rot_wb[d] * unit);
-        put_column(rows, 0u, 3u + d, unit * mul_transposed(rot_wb, cross(leg_w, axes[d])));
+        put_column(rows, 0u, d, -normals_w[d] * unit);
+        put_column(rows, 0u, 3u + d, unit * mul_transposed(normals_w, cross(leg_w, axes[d])));
     }
     for (var i = 0u; i < 2u; i++) {
         let run = factored_own_runs(slot, own, i);
@@ -63,10 +66,10 @@ fn reach_foot(slot: u32, half: u32, number: u32, base_w: vec3<f32>, rot_wb: Mat3
         let c = run.column;
         let slope = ground_slope(slot, leg.foothold[i]);
         for (var d = 0u; d < 2u; d++) {
-            put_column(rows, 0u, c + d, (foot.xy_weights[i] * rot_wb[d] + foot.z_weights[i] * slope[d] * rot_wb[2]) * unit);
+            put_column(rows, 0u, c + d, (foot.xy_weights[i] * normals_w[d] + foot.z_weights[i] * slope[d] * normals_w[2]) * unit);
         }
     }
     if (height.len > 0u) {
-        put_column(rows, 0u, height.column, foot.z_weights[2] * rot_wb[2] * unit);
+        put_column(rows, 0u, height.column, foot.z_weights[2] * normals_w[2] * unit);
     }
 }

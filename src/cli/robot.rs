@@ -88,10 +88,11 @@ fn summary(imported: &Imported) -> String {
     let [x, y, z] = imported.center_of_mass;
     let mut text = format!("{}: {:.3} kg, centre of mass ({x:.4}, {y:.4}, {z:.4}) m in the root link", robot.name, robot.mass);
     text += &format!(", {:.4} m above the ground\n", robot.base_height);
-    for (foot, (at, reach)) in imported.feet.iter().zip(robot.nominal_feet.iter().zip(robot.reach_boxes())) {
-        let [x, y, z] = at;
+    for (number, (foot, [x, y, z])) in imported.feet.iter().zip(&robot.nominal_feet).enumerate() {
+        let (reach, diagonals) = (robot.reach.of(number), robot.reach.foot(number).diagonals.len());
+        let cut = if diagonals == 0 { String::new() } else { format!(", cut by {} diagonal faces", 2 * diagonals) };
         let side = |axis: usize| format!("{:.3} to {:.3}", reach.low[axis], reach.high[axis]);
-        text += &format!("  foot {}: ({x:.4}, {y:.4}, {z:.4}) m, reach {}, {}, {} m\n", foot.link, side(0), side(1), side(2));
+        text += &format!("  foot {}: ({x:.4}, {y:.4}, {z:.4}) m, reach {}, {}, {} m{cut}\n", foot.link, side(0), side(1), side(2));
     }
     let force = robot.force_limit.map_or("by weight".into(), |limit| format!("{limit:.1} N, {:.2} weights", limit / robot.weight()));
     let leg = robot.leg_mass();

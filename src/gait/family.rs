@@ -367,7 +367,7 @@ impl PeriodicGait {
     ///
     /// On the line from start to goal with an even turn, a nominal foothold moves by `w = R' (x, y) + yaw e_z x foot` in the base frame per
     /// unit of the path. The highest speed is 1 / [`MEAN_SPEED`] of the mean speed. At that speed, `w` must not be faster than `speed`,
-    /// must not leave [`REACH_SHARE`] of the reach box within a stance, and must not make the foot, which catches up during the swing only,
+    /// must not leave [`REACH_SHARE`] of the reach within a stance, and must not make the foot, which catches up during the swing only,
     /// faster than [`FOOT_SPEED_SCALED`]. The base must not accelerate faster than [`ACCELERATION`], where a rad of yaw counts as `l`.
     pub fn least_horizon(&self, task: &Task, speed: f64) -> f64 {
         /// Number of parts of the path that are examined.
@@ -379,11 +379,11 @@ impl PeriodicGait {
         let mut least: f64 = 0.;
         for part in 0..=PARTS {
             let (sin, cos) = (yaw * part as f64 / PARTS as f64).sin_cos();
-            for (foot, reach) in robot.nominal_feet.iter().zip(robot.reach_boxes()) {
+            for (number, foot) in robot.nominal_feet.iter().enumerate() {
                 let rate = [cos * x + sin * y - yaw * foot[1], cos * y - sin * x + yaw * foot[0]];
                 least = least.max(rate[0].hypot(rate[1]) / speed);
                 for axis in 0..2 {
-                    least = least.max(rate[axis].abs() * self.stance / (REACH_SHARE * reach.widths()[axis]));
+                    least = least.max(rate[axis].abs() * self.stance / (REACH_SHARE * robot.reach.width(number, axis)));
                 }
             }
         }
@@ -622,7 +622,7 @@ mod tests {
         assert!((gait(0.6).least_horizon(&sideways, 1.) - 30.).abs() < 1e-9);
         // A hind foot that reaches only 0.05 m ahead has two thirds of the range: 30 s.
         let side = |ahead: f64| [[-0.15, ahead], [-0.1, 0.1], [-0.1, 0.1]];
-        let reach = crate::robot::Reach::PerFoot(vec![side(0.15), side(0.15), side(0.15), side(0.05)]);
+        let reach = crate::robot::Reach::boxes(vec![side(0.15), side(0.15), side(0.15), side(0.05)]);
         let mut shorter = straight.clone();
         shorter.robot = std::sync::Arc::new(crate::robot::Robot { reach, ..(*straight.robot).clone() });
         assert!((gait(0.6).least_horizon(&shorter, 1.) - 30.).abs() < 1e-9);

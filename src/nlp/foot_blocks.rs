@@ -7,12 +7,13 @@ use super::transcription::{ReachTime, SwingLaw, Transcribe};
 use crate::gait::spline::hermite;
 use crate::gait::swing::TOP_SPEED;
 use crate::real::Real;
+use crate::robot::{FootReach, Slab};
 use crate::rows::Family;
 use crate::rows::acceleration::Acceleration;
 use crate::rows::blocks::{BlockId, Foothold, Use};
 use crate::rows::footing::Footing;
 use crate::rows::force::ForceNode;
-use crate::rows::reach::{ReachFoot, ReachLeg};
+use crate::rows::reach::{self, ReachFoot, ReachLeg};
 use crate::rows::sole::SolePoint;
 use crate::rows::stride::Stride;
 use crate::rows::swing::SwingNode;
@@ -95,10 +96,11 @@ pub(super) fn swing_curve<T: Real>(own: &dyn Transcribe<T>, b: &Builder<T>, foot
 /// Adds the reach rows of the feet at every instant.
 fn reach_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
     let times = own.reach_times(b);
-    b.reserve_reach(times.len(), times.iter().map(|time| time.feet.len()).sum());
+    let groups: Vec<Vec<[Slab; reach::ROWS]>> = (0..b.feet.len()).map(|foot| groups(&b.task.robot.reach.foot(foot))).collect();
+    b.reserve_reach(times.len(), times.iter().flat_map(|time| &groups[time.feet.clone()]).map(Vec::len).sum());
     let mut phases = vec![0; b.feet.len()];
-    // Phase of each foot at its previous instant, and its leg in that phase.
-    let mut legs = vec![(usize::MAX, NONE); b.feet.len()];
+    // Phase of each foot at its previous instant, and its legs in that phase, one per group of slabs.
+    let mut legs = vec![(usize::MAX, Vec::new()); b.feet.len()];
     for ReachTime { t, feet, step, interval, weights, blocks, entry } in times {
         b.reach_instant(entry, step, interval, weights, blocks);
         for foot in feet {
@@ -107,17 +109,26 @@ fn reach_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
             let FootWeights { xy, z, offset } = curve.map_or(FootWeights::STANCE, |curve| curve.weights(t, hermite));
             // The offset of a swing that had begun before changes with time.
             if legs[foot].0 != phase || curve.is_some_and(|curve| curve.started()) {
-                let (leg, uses) = reach_leg(b, foot, phase, offset);
-                legs[foot] = (phase, b.reach_leg(leg, uses));
+                let of_group = |slabs| {
+                    let (leg, uses) = reach_leg(b, foot, slabs, phase, offset);
+                    b.reach_leg(leg, uses)
+                };
+                legs[foot] = (phase, groups[foot].iter().map(of_group).collect());
             }
             let (xy_weights, z_weights) = (xy.map(T::of), z.map(T::of));
-            b.reach_foot(ReachFoot { xy_weights, z_weights, leg: legs[foot].1 });
+            legs[foot].1.iter().for_each(|&leg| b.reach_foot(ReachFoot { xy_weights, z_weights, leg }));
         }
     }
 }
 
+/// Slabs of a foot in groups, each of which has an element at every instant. A last group that is not full repeats its first slab.
+fn groups(reach: &FootReach) -> Vec<[Slab; reach::ROWS]> {
+    let slabs: Vec<Slab> = reach.slabs().collect();
+    slabs.chunks(reach::ROWS).map(|group| std::array::from_fn(|i| *group.get(i).unwrap_or(&group[0]))).collect()
+}
+
 /// Data that the reach rows of a foot share in a phase, and the blocks that they use.
-fn reach_leg<T: Real>(b: &Builder<T>, foot: usize, phase: usize, offset: [f64; 3]) -> (ReachLeg<T>, [Use; 3]) {
+fn reach_leg<T: Real>(b: &Builder<T>, foot: usize, slabs: &[Slab; reach::ROWS], phase: usize, offset: [f64; 3]) -> (ReachLeg<T>, [Use; 3]) {
     let blocks = &b.feet[foot];
     let before = blocks.footholds[phase / 2];
     let (after, uses) = if blocks.phases[phase].stance {
@@ -126,13 +137,15 @@ fn reach_leg<T: Real>(b: &Builder<T>, foot: usize, phase: usize, offset: [f64; 3
         let after = blocks.footholds[phase / 2 + 1];
         (after.index, [before.block, after.block, blocks.heights[phase / 2]].map(Use::Touches))
     };
-    let (nominal, reach) = (b.task.robot.nominal_feet[foot], b.task.robot.reach.of(foot));
-    let center = reach.center();
-    let mut half_widths = reach.half_widths();
-    half_widths[2] -= b.settings.reach_margin.min(half_widths[2] / 2.);
+    let nominal = b.task.robot.nominal_feet[foot];
+    let half_width = |slab: Slab| {
+        let half = (slab.sides[1] - slab.sides[0]) / 2.;
+        half - (slab.normal[2].abs() * b.settings.reach_margin).min(half / 2.)
+    };
     let leg = ReachLeg {
-        center: std::array::from_fn(|axis| T::of(nominal[axis] + center[axis])),
-        half_widths: half_widths.map(T::of),
+        center: slabs.map(|slab| T::of(slab.along(nominal) + (slab.sides[0] + slab.sides[1]) / 2.)),
+        half_widths: slabs.map(|slab| T::of(half_width(slab))),
+        normals: slabs.map(|slab| slab.normal.map(T::of)),
         foothold: [before.index, after],
         offset: offset.map(T::of),
     };

@@ -57,7 +57,7 @@ use crate::gait::trajectory::GoalVelocity;
 use crate::gait::{AlignedSchedule, Schedule, Trajectory};
 use crate::nlp::transcription::interval;
 use crate::nlp::{Problem, RESPONSE, trajectory};
-use crate::robot::{Reach, ReachBox, Robot};
+use crate::robot::{Reach, Robot};
 use crate::search::cem::random::Draws;
 use crate::settings::{SolverSettings, TranscriptionSettings};
 use crate::solver::{Finish, Outcome, Residuals, Resume, Solver, Status, close};
@@ -544,8 +544,7 @@ impl Planner {
         let (robot, base) = (&self.robot, &state.base);
         let slack = REACH_SLACK * robot.base_height;
         let mut widened = false;
-        let boxes = state.feet.iter().enumerate().map(|(foot, at)| {
-            let ReachBox { low, high } = robot.reach.of(foot);
+        let reaching = state.feet.iter().enumerate().map(|(foot, at)| {
             let moved = |time: f64| std::array::from_fn(|i| at.position[i] + time * (at.velocity[i] - base.velocity[i]));
             let mut soon = base.to_base(moved(OUTWARD));
             let late = self.touched.missed[foot].then(|| {
@@ -556,22 +555,21 @@ impl Planner {
                 soon[2] = soon[2].min(late[2]);
             }
             let now = base.to_base(moved(0.));
-            std::array::from_fn(|axis| {
-                let nominal = robot.nominal_feet[foot][axis];
-                let [now, soon] = [now[axis] - nominal, soon[axis] - nominal];
+            robot.reach.foot(foot).with_sides(|slab| {
+                let [low, high] = slab.sides;
+                let nominal = slab.along(robot.nominal_feet[foot]);
+                let [now, soon] = [now, soon].map(|place| slab.along(place) - nominal);
                 // A foot that found no ground reaches for it.
-                let reaches = late.is_some() && axis == 2;
-                let (below, above) = (now < low[axis] + slack || reaches && soon < low[axis] + slack, now > high[axis] - slack);
+                let down = if late.is_some() { -slab.normal[2] } else { 0. };
+                let below = now < low + slack || down < 0. && soon < low + slack;
+                let above = now > high - slack || down > 0. && soon > high - slack;
                 widened |= below || above;
                 let most = WIDENED * robot.base_height;
                 let side = |side: f64, beyond: f64, is: bool| if is { beyond.clamp(side - most, side + most) } else { side };
-                [
-                    side(low[axis], low[axis].min(now.min(soon) - slack), below),
-                    side(high[axis], high[axis].max(now.max(soon) + slack), above),
-                ]
+                [side(low, low.min(now.min(soon) - slack), below), side(high, high.max(now.max(soon) + slack), above)]
             })
         });
-        let reach = Reach::PerFoot(boxes.collect());
+        let reach = Reach::PerFoot(reaching.collect());
         if widened { Arc::new(Robot { reach, ..(**robot).clone() }) } else { robot.clone() }
     }
 

@@ -22,7 +22,7 @@ use std::ffi::CString;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Legged robot as the solver models it: a rigid body with feet that reach inside boxes.
+/// Legged robot as the solver models it: a rigid body with feet that reach inside boxes and slabs.
 ///
 /// Parameters
 /// ----------

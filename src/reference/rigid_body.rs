@@ -95,18 +95,19 @@ pub fn dynamics(robot: &Robot, base: &Base, feet: &[(Point, Point)], rows: &mut 
     }
 }
 
-/// Pushes three rows: a foot inside its reach box, base frame, m.
+/// Pushes a row per slab: a foot inside its reach, base frame, m.
 pub fn reach(robot: &Robot, foot: usize, base: &Point, angles: &Point, at: &Point, rows: &mut Rows) {
     let given = variables::<3>(angles.value);
     let r = at.value - base.value;
     let to_base = rotation(given).transpose();
     let in_base = to_base * r.map(DualSVec64::from);
-    let reach = robot.reach.of(foot);
-    for axis in 0..3 {
-        let nominal = robot.nominal_feet[foot][axis];
-        rows.row(in_base[axis].re, [nominal + reach.low[axis], nominal + reach.high[axis]]);
-        let by_position = Vector3::from_fn(|d, _| to_base[(axis, d)].re);
-        angles.push(gradient(&in_base[axis]), rows);
+    for slab in robot.reach.foot(foot).slabs() {
+        let normal = Vector3::from(slab.normal);
+        let along = in_base.dot(&normal.map(DualSVec64::from));
+        let nominal = slab.along(robot.nominal_feet[foot]);
+        rows.row(along.re, slab.sides.map(|side| nominal + side));
+        let by_position = to_base.map(|v| v.re).tr_mul(&normal);
+        angles.push(gradient(&along), rows);
         at.push(by_position, rows);
         base.push(-by_position, rows);
     }

@@ -50,7 +50,7 @@ impl Robot {
             // Height and mass of a small humanoid on bent knees, soles of 0.2 m by 0.07 m. The inner sides of the boxes keep the feet apart.
             "humanoid" => {
                 return Ok(Robot {
-                    reach: Reach::PerFoot(vec![[[-0.3, 0.3], [-0.04, 0.15], [-0.1, 0.12]], [[-0.3, 0.3], [-0.15, 0.04], [-0.1, 0.12]]]),
+                    reach: Reach::boxes(vec![[[-0.3, 0.3], [-0.04, 0.15], [-0.1, 0.12]], [[-0.3, 0.3], [-0.15, 0.04], [-0.1, 0.12]]]),
                     leg_mass: Some(3.),
                     sole: Some(Sole { length: 0.2, width: 0.07, turn: SOLE_TURN }),
                     ..plain(name, 35., symmetric(3., 2.8, 0.45, 0., 0., 0.), 0.66, pairs(&[0.], 0.12, -0.66))
@@ -116,7 +116,9 @@ impl Robot {
         let inertia = |robot: &Robot| robot.inertia.concat();
         let force_limit = |robot: &Robot| robot.force_limit.unwrap_or_else(|| robot.default_force_limit());
         let soles = |robot: &Robot| robot.sole.map(|sole| [sole.length, sole.width, sole.turn]);
-        let reach = |robot: &Robot| robot.reach_boxes().flat_map(|r| [r.low, r.high]).collect::<Vec<_>>().concat();
+        let slabs =
+            |robot: &Robot| (0..robot.feet()).flat_map(|foot| robot.reach.foot(foot).slabs().collect::<Vec<_>>()).collect::<Vec<_>>();
+        let reach = |robot: &Robot| slabs(robot).iter().flat_map(|slab| slab.normal.into_iter().chain(slab.sides)).collect::<Vec<_>>();
         if !near(&[self.mass], &[named.mass]) {
             Some("mass")
         } else if !near(&[self.base_height], &[named.base_height]) {

@@ -1,11 +1,11 @@
-//! Reach boxes: each foot stays within a box in the base frame.
+//! Reach: each foot stays within slabs in the base frame, three at a time. The first three are a box.
 //!
-//! `v = R' (foot - p) - center`, rows `v - half_width + margin <= 0` and `-v - half_width + margin <= 0`, times the length scale.
-//! Source: \[3\].
+//! `v = N R' (foot - p) - center` with a normal per row of `N`, rows `v - half_width + margin <= 0` and `-v - half_width + margin <= 0`,
+//! times the length scale. Source: \[3\].
 
 use super::factored::{FactoredInstant, OwnColumns, POSE, POSE_BLOCKS};
 use super::foot::foot_motion;
-use super::math::{Mat3, Vec3, add, add_weighted, cross, euler, mul_transposed, scale, sub};
+use super::math::{Mat3, Vec3, add, add_weighted, cross, euler, mul, mul_transposed, scale, sub};
 use super::momentum::{Deviation, INNER_POINTS};
 use super::table::NONE;
 use super::write::Rows;
@@ -14,7 +14,7 @@ use crate::real::Real;
 use crate::terrain::Ground;
 use multiversion::multiversion;
 
-/// Number of rows per foot and instant.
+/// Number of rows per foot, instant and group of slabs.
 pub const ROWS: usize = 3;
 
 /// Two-sided rows.
@@ -35,7 +35,7 @@ crate::table! {
         pub deviation_weights: [T; INNER_POINTS],
     }
 
-    /// Reach rows of one foot.
+    /// Reach rows of one foot and three slabs.
     ///
     /// Its position is `xy = sum_i xy_weights[i] foothold_i`, `z = sum_i z_weights[i] height(foothold_i) + z_weights[2] swing_height`, with
     /// the footholds and the offset of its [`ReachLeg`] and the swing height of its own columns.
@@ -48,12 +48,14 @@ crate::table! {
         pub leg: u32,
     }
 
-    /// Data that the reach rows of one foot share within a phase.
+    /// Data that the reach rows of one foot and three slabs share within a phase.
     pub struct ReachLeg<T> {
-        /// Centre of the box in the base frame, m.
+        /// Middles of the slabs along their normals from the base, m.
         pub center: [T; 3],
-        /// Half widths of the box, m.
+        /// Half widths of the slabs, m.
         pub half_widths: [T; 3],
+        /// Unit normals of the slabs, base frame.
+        pub normals: [[T; 3]; 3],
         /// Indices of the footholds before and after the swing; the second is [`NONE`] in stance.
         pub foothold: [u32; 2],
         /// Constant part of the position, m; zero unless the swing had begun before the motion.
@@ -89,17 +91,18 @@ pub fn reach<T: Real>(
             let height = if own.runs[2].len > 0 { own.runs[2].variable } else { NONE };
             let foot_w = foot_motion(tables, x, ground, leg.foothold, height, foot.xy_weights, foot.z_weights);
             let leg_w = sub(add(foot_w, leg.offset), base_w);
-            let offset_b = sub(mul_transposed(&rot_wb, leg_w), leg.center);
+            let normals_w = rot_wb.map(|row| mul(&leg.normals, row));
+            let away = sub(mul_transposed(&normals_w, leg_w), leg.center);
             let at = place.inequality as usize;
             for d in 0..3 {
                 let room = leg.half_widths[d] - constants.length_margin;
-                residual[at + d] = (offset_b[d] - room) * unit;
-                residual[at + 3 + d] = (-offset_b[d] - room) * unit;
+                residual[at + d] = (away[d] - room) * unit;
+                residual[at + 3 + d] = (-away[d] - room) * unit;
             }
             let Some(jacobian) = jacobian.as_deref_mut() else { continue };
             let mut rows = Rows::new(jacobian, &place);
-            put_by_pose(unit, &rot_wb, &axes, leg_w, &mut rows);
-            put_by_foot(tables, foot, own, ground, &rot_wb, &mut rows);
+            put_by_pose(unit, &normals_w, &axes, leg_w, &mut rows);
+            put_by_foot(tables, foot, own, ground, &normals_w, &mut rows);
         }
     }
 }
@@ -126,19 +129,20 @@ fn base_pose<T: Real>(
     pose
 }
 
-/// Writes the derivatives with respect to the base pose: `-R'` and `d(R' leg)/d angle_i = R' (leg x axis_i)`.
+/// Writes the derivatives with respect to the base pose: `-N R'` and `d(N R' leg)/d angle_i = N R' (leg x axis_i)`.
 ///
+/// * `normals_w` - `R N'`: the normals in the world are its columns
 /// * `leg_w` - vector from the base to the foot
 #[inline(always)]
-fn put_by_pose<T: Real>(unit: T, rot_wb: &Mat3<T>, axes: &[Vec3<T>; 3], leg_w: Vec3<T>, rows: &mut Rows<T>) {
+fn put_by_pose<T: Real>(unit: T, normals_w: &Mat3<T>, axes: &[Vec3<T>; 3], leg_w: Vec3<T>, rows: &mut Rows<T>) {
     let mut turns = *axes;
     for turn in &mut turns {
-        *turn = scale(unit, mul_transposed(rot_wb, cross(leg_w, *turn)));
+        *turn = scale(unit, mul_transposed(normals_w, cross(leg_w, *turn)));
     }
     let mut pose = [[T::zero(); POSE]; 3];
     for r in 0..3 {
         for d in 0..3 {
-            pose[r][d] = -rot_wb[d][r] * unit;
+            pose[r][d] = -normals_w[d][r] * unit;
             pose[r][3 + d] = turns[d][r];
         }
     }
@@ -154,7 +158,7 @@ fn put_by_foot<T: Real>(
     foot: &ReachFoot<T>,
     own: &OwnColumns,
     ground: &[Ground<T>],
-    rot_wb: &Mat3<T>,
+    normals_w: &Mat3<T>,
     rows: &mut Rows<T>,
 ) {
     let (leg, unit) = (&tables.reach_legs[foot.leg as usize], tables.constants.length_scale);
@@ -164,13 +168,13 @@ fn put_by_foot<T: Real>(
         let slope = ground[leg.foothold[i] as usize].slope;
         for r in 0..3 {
             for d in 0..2 {
-                rows.put(r, c + d, (foot.xy_weights[i] * rot_wb[d][r] + foot.z_weights[i] * slope[d] * rot_wb[2][r]) * unit);
+                rows.put(r, c + d, (foot.xy_weights[i] * normals_w[d][r] + foot.z_weights[i] * slope[d] * normals_w[2][r]) * unit);
             }
         }
     }
     if height.len > 0 {
         for r in 0..3 {
-            rows.put(r, height.column as usize, foot.z_weights[2] * rot_wb[2][r] * unit);
+            rows.put(r, height.column as usize, foot.z_weights[2] * normals_w[2][r] * unit);
         }
     }
 }

@@ -229,8 +229,8 @@ impl AtlasPlan {
         let robot = &self.robot;
         let longest = interval(transcription, robot);
         let (time, mut problems, mut left_out) = (time_scale(robot), Vec::new(), 0);
-        // The foot with the shortest reach box is the first to leave it.
-        let along = robot.reach_boxes().map(|reach| reach.widths()[0]).fold(f64::INFINITY, f64::min);
+        // The foot with the shortest reach is the first to leave it.
+        let along = (0..robot.feet()).map(|foot| robot.reach.width(foot, 0)).fold(f64::INFINITY, f64::min);
         for &slope in &self.slopes {
             for &family in &self.families {
                 let offsets = offsets(family, robot)?;

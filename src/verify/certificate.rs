@@ -45,6 +45,7 @@ const DESCENT: f64 = 0.25;
 const CONTINUED: f64 = 1e-3;
 
 const AXES: [&str; 3] = ["x", "y", "z"];
+const SLABS: [&str; 4] = ["x", "y", "z", "diagonal"];
 const ANGLES: [&str; 3] = ["roll", "pitch", "yaw"];
 
 /// Counter of the rows of one family.
@@ -312,8 +313,9 @@ fn reach(tally: &mut Tally, motion: &Motion, allowed: f64) {
         let base = motion.base(time);
         for (foot, curves) in motion.feet.iter().enumerate() {
             let excess = motion.reach_excess(&base, foot, curves.motion.at(time).value);
-            for (axis, &value) in AXES.iter().zip(excess.iter()) {
-                tally.not_positive(value - allowed, tally.tolerances.length, format_args!("{axis}"), Some(foot), time);
+            for (slab, value) in excess.enumerate() {
+                let name = format_args!("{}", SLABS[slab.min(3)]);
+                tally.not_positive(value - allowed, tally.tolerances.length, name, Some(foot), time);
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::gait::{Curve, FootCurves, Trajectory};
-use crate::robot::{GRAVITY, Robot};
+use crate::robot::{GRAVITY, Robot, Slab};
 use crate::terrain::Terrain;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde::Serialize;
@@ -354,12 +354,16 @@ impl<'a> Motion<'a> {
         (moment, force)
     }
 
-    /// Distance of a foot outside its reach box along each axis of the base, m; negative inside.
-    pub fn reach_excess(&self, base: &DenseState, foot: usize, position: Vector3<f64>) -> Vector3<f64> {
+    /// Distances of a foot outside each slab of its reach, m; negative inside. The first three are along the axes of the base.
+    pub fn reach_excess(&self, base: &DenseState, foot: usize, position: Vector3<f64>) -> impl Iterator<Item = f64> {
         let in_base = base.rotation.inverse() * (position - base.position);
-        let (from_nominal, reach) = (in_base - Vector3::from(self.robot.nominal_feet[foot]), self.robot.reach.of(foot));
-        let outside = |value: f64, low: f64, high: f64| if value.is_nan() { value } else { (low - value).max(value - high) };
-        Vector3::from_fn(|axis, _| outside(from_nominal[axis], reach.low[axis], reach.high[axis]))
+        let from_nominal = in_base - Vector3::from(self.robot.nominal_feet[foot]);
+        let outside = move |slab: Slab| {
+            let (value, [low, high]) = (Vector3::from(slab.normal).dot(&from_nominal), slab.sides);
+            if value.is_nan() { value } else { (low - value).max(value - high) }
+        };
+        let reach = self.robot.reach.foot(foot).into_owned();
+        (0..reach.count()).map(move |number| outside(reach.slab(number)))
     }
 }
 

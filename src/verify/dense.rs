@@ -95,8 +95,8 @@ pub(super) fn sample(motion: &Motion, terrain: &Terrain) -> DenseReport {
         for foot in 0..motion.feet.len() {
             let at = Some(foot);
             let place = motion.feet[foot].motion.at(time);
-            for excess in motion.reach_excess(&base, foot, place.value).iter() {
-                report.reach_excess.update(*excess, at, time);
+            for excess in motion.reach_excess(&base, foot, place.value) {
+                report.reach_excess.update(excess, at, time);
             }
             report.foot_height.update(place.value.z - terrain.height(place.value.x, place.value.y), at, time);
         }

@@ -139,7 +139,7 @@ struct Bend {
     base: [Vector3<f64>; 2],
 }
 
-/// Largest distance of a foot outside its reach box along the worst axis of the base, m.
+/// Largest distance of a foot outside the worst slab of its reach, m.
 ///
 /// Over an interval of length `h` a twice differentiable function exceeds the larger of its end values by at most `h^2 / 8 max |f''|`. With
 /// `r` the foot relative to the base: `|(R' r)''| <= |r''| + 2 |w| |r'| + (|w'| + |w|^2) |r|`. An interval is halved until the bound is
@@ -155,8 +155,8 @@ pub(super) fn reach(motion: &Motion, floor: f64) -> Extreme {
     let mut before = motion.base(times[0]);
     let mut parts = Vec::new();
     let excess = |base: &DenseState, foot: usize, at: Vector3<f64>| {
-        let [x, y, z] = motion.reach_excess(base, foot, at).into();
-        if x.is_nan() || y.is_nan() || z.is_nan() { f64::NAN } else { x.max(y).max(z) }
+        let worse = |a: f64, b: f64| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) };
+        motion.reach_excess(base, foot, at).fold(f64::NEG_INFINITY, worse)
     };
     for interval in times.windows(2) {
         let (start, end) = (interval[0], interval[1]);

@@ -83,8 +83,8 @@ struct ResultData<'a> {
 struct FootData {
     name: String,
     nominal: [f64; 3],
-    /// Centre and side lengths of the reach box, base frame, m.
-    reach: [[f64; 3]; 2],
+    /// Edges of the reach, base frame, m, `[edges][2][axes]`.
+    reach: Vec<f64>,
     /// Point at which the drawn leg meets the body, base frame, m.
     hip: [f64; 3],
     /// Number of joints of the leg; 0 if the robot has no joint model.
@@ -132,7 +132,8 @@ impl<'a> ResultData<'a> {
         let hips = hips(robot);
         let joints = robot.joints.as_ref().map(|legs| follow(trajectory, robot, terrain, RATE).map(|motion| (legs, motion))).transpose()?;
         let feet = foot_names(robot).into_iter().enumerate().map(|(foot, name)| {
-            let (stances, reach) = (sampler.stances(foot), robot.reach.of(foot));
+            let stances = sampler.stances(foot);
+            let edges = robot.reach.foot(foot).edges().into_iter().flatten();
             let (count, radius, links) = joints.as_ref().map_or((0, 0., Vec::new()), |(legs, motion)| {
                 let (leg, first) = (&legs[foot], legs[..foot].iter().map(|leg| leg.chain.len()).sum::<usize>());
                 let count = leg.chain.len();
@@ -142,7 +143,7 @@ impl<'a> ResultData<'a> {
             FootData {
                 name,
                 nominal: robot.nominal_feet[foot],
-                reach: [std::array::from_fn(|i| robot.nominal_feet[foot][i] + reach.center()[i]), reach.widths()],
+                reach: edges.flat_map(|at| [0, 1, 2].map(|i| rounded(robot.nominal_feet[foot][i] + at[i]))).collect(),
                 hip: hips[foot],
                 joints: count,
                 links,

@@ -186,9 +186,9 @@ class RobotModel {
     });
     this.boxes = new THREE.Group();
     result.feet.forEach((foot, i) => {
-      const edges = new THREE.EdgesGeometry(new THREE.BoxGeometry(...foot.reach[1]));
+      const edges = new THREE.BufferGeometry();
+      edges.setAttribute("position", new THREE.BufferAttribute(new Float32Array(foot.reach), 3));
       const wire = new THREE.LineSegments(edges, new THREE.LineBasicMaterial({ color: colors[i], transparent: true, opacity: 0.7 }));
-      wire.position.set(...foot.reach[0]);
       this.boxes.add(wire);
     });
     this.body.add(this.boxes);

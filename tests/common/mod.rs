@@ -7,7 +7,7 @@ use cregopt::nlp::Problem;
 use cregopt::nlp::transcription::{interval, towr::FORCE_LIMIT};
 use cregopt::real::Real;
 use cregopt::robot::leg::{Leg, LegJoint};
-use cregopt::robot::{Reach, Robot, Sole};
+use cregopt::robot::{FootReach, Reach, Robot, Slab, Sole};
 use cregopt::rows::table::NONE;
 use cregopt::rows::{Family, RowKind, Shared};
 use cregopt::scenario::Scenario;
@@ -165,7 +165,7 @@ pub fn humanoid() -> Robot {
         inertia: [[3., 0., 0.1], [0., 2.8, 0.], [0.1, 0., 0.45]],
         base_height: 0.68,
         nominal_feet: vec![[0., 0.12, -0.68], [0., -0.12, -0.68]],
-        reach: Reach::PerFoot(vec![side(true), side(false)]),
+        reach: Reach::boxes(vec![side(true), side(false)]),
         leg_mass: Some(3.),
         ..soled(Robot::named("biped").unwrap())
     };
@@ -213,7 +213,21 @@ pub fn lopsided(robot: Robot) -> Robot {
         let ([x, y, z], less) = (robot.reach.of(foot).half_widths(), 0.01 * (foot / 2 + 1) as f64);
         [[less - x, x], if robot.nominal_feet[foot][1] > 0. { [less - y, y] } else { [-y, y - less] }, [less - z, z]]
     };
-    Robot { reach: Reach::PerFoot((0..robot.feet()).map(sides).collect()), ..robot }
+    Robot { reach: Reach::boxes((0..robot.feet()).map(sides)), ..robot }
+}
+
+/// Robot whose reach is cut by slabs: by two at even feet, by four at odd ones.
+pub fn cut(robot: Robot) -> Robot {
+    let diagonals = |foot: usize| {
+        let normals = [[0.6, 0., -0.8], [0.48, 0.64, 0.6], [-0.28, 0.96, 0.], [0., 0.8, 0.6]];
+        let slab = |(i, normal): (usize, [f64; 3])| Slab { normal, sides: [-0.05 - 0.01 * i as f64, 0.06 + 0.01 * foot as f64] };
+        normals.into_iter().take(if foot % 2 == 0 { 2 } else { 4 }).enumerate().map(slab).collect()
+    };
+    let reach = |foot: usize| FootReach { diagonals: diagonals(foot), ..robot.reach.foot(foot).into_owned() };
+    let robot =
+        Robot { name: format!("{} with diagonals", robot.name), reach: Reach::PerFoot((0..robot.feet()).map(reach).collect()), ..robot };
+    robot.validate().unwrap();
+    robot
 }
 
 /// Terrain of grid cells of 0.7 m by 0.5 m. Heights differ along both axes, so that every cell is twisted.

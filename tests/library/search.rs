@@ -319,7 +319,7 @@ fn hind_feet_stay_within_a_shorter_reach_ahead() {
     };
     let side = |ahead| [[-0.15, ahead], [-0.1, 0.1], [-0.1, 0.1]];
     let whole = with([0.15, 0.1, 0.1].into());
-    let less = with(Reach::PerFoot(vec![side(0.15), side(0.15), side(0.15 - LESS), side(0.15 - LESS)]));
+    let less = with(Reach::boxes(vec![side(0.15), side(0.15), side(0.15 - LESS), side(0.15 - LESS)]));
     let schedule = PeriodicGait::typical(GaitFamily::Trot, &less).unwrap().schedule().unwrap();
     let [free, kept] = [&whole, &less].map(|task| {
         let evaluate = Evaluate::new(task);

@@ -3,7 +3,7 @@
 use cregopt::gait::trajectory::{GoalVelocity, MotionLimits, NamedOr};
 use cregopt::gait::{Curve, FootCurves, Trajectory};
 use cregopt::nlp::transcription::towr::FORCE_LIMIT;
-use cregopt::robot::{GRAVITY, ROBOTS, Reach, Robot};
+use cregopt::robot::{FootReach, GRAVITY, ROBOTS, Reach, Robot, Slab};
 use cregopt::scenario::Scenario;
 use cregopt::terrain::{Grid, Shape, Terrain};
 use cregopt::verify::report::{CheckFamily, DENSE_REACH, PENETRATION, ROLLOUT_ATTITUDE, ROLLOUT_POSITION, Tolerances};
@@ -550,7 +550,7 @@ fn a_foot_may_be_a_little_outside_its_box() {
 fn with_reach(change: impl FnOnce(&mut Vec<[[f64; 2]; 3]>)) -> Robot {
     let mut boxes = vec![[[-0.15, 0.15], [-0.1, 0.1], [-0.1, 0.1]]; 4];
     change(&mut boxes);
-    Robot { reach: Reach::PerFoot(boxes), ..anymal() }
+    Robot { reach: Reach::boxes(boxes), ..anymal() }
 }
 
 #[test]
@@ -574,6 +574,40 @@ fn a_foot_is_verified_against_its_own_box() {
     let report = check(&swung(0.), &with_reach(|boxes| boxes[2][2] = [-0.07, 0.1]));
     assert!(!report.feasible && report.family(CheckFamily::Reach).worst.as_ref().unwrap().foot == Some(2), "{report}");
     assert!(check(&swung(0.), &with_reach(|boxes| boxes[2][2] = [-0.08, 0.])).feasible);
+}
+
+#[test]
+fn a_foot_beyond_a_diagonal_face_is_refused() {
+    // Foot 0 swings 5 cm ahead and back. Its place is 8 cm below the nominal position: 0.8 x - 0.6 z is 0.048 m there.
+    let swung = |x: f64| {
+        let mut trajectory = momentum_step();
+        trajectory.ee[0].motion.nodes[2][0] += x;
+        trajectory
+    };
+    let check = |x: f64, foot: usize, normal: [f64; 3], sides: [f64; 2]| {
+        let mut feet: Vec<FootReach> = vec![[[-0.15, 0.15], [-0.1, 0.1], [-0.1, 0.1]].into(); 4];
+        feet[foot].diagonals.push(Slab { normal, sides });
+        let robot = Robot { reach: Reach::PerFoot(feet), ..anymal() };
+        robot.validate().unwrap();
+        verify(&swung(x), &robot, &flat(), FORCE_LIMIT).unwrap()
+    };
+    let lean = [0.8, 0., -0.6];
+    for (x, foot, normal, sides, feasible) in [
+        (0., 0, lean, [-0.1, 0.05], true),
+        (0.05, 0, lean, [-0.1, 0.1], true),
+        (0.05, 1, lean, [-0.1, 0.05], true),
+        (0.05, 0, lean, [-0.1, 0.05], false),
+        (0.05, 0, lean.map(|v| -v), [-0.05, 0.1], false),
+        (0., 2, lean, [-0.1, 0.04], false),
+    ] {
+        let report = check(x, foot, normal, sides);
+        assert_eq!(report.feasible, feasible, "{x} {sides:?}: {report}");
+        if !feasible {
+            let worst = report.family(CheckFamily::Reach).worst.clone().unwrap();
+            assert!(worst.row == "diagonal" && worst.foot == Some(foot), "{report}");
+            assert!(report.dense.reach_excess.value > 5e-3 && report.dense.reach_excess.foot == Some(foot), "{report}");
+        }
+    }
 }
 
 /// Level ground that rises to 0.2 m within 2 mm before `x`.
@@ -981,7 +1015,7 @@ fn labels_that_contradict_the_content_are_errors() {
         ("anymal", |t| robot(t).name = "mine".into()),
         ("mass", |t| robot(t).mass = 31.),
         ("reach", |t| robot(t).reach = [0.15, 0.2, 0.1].into()),
-        ("reach", |t| robot(t).reach = Reach::PerFoot(vec![[[-0.15, 0.12], [-0.1, 0.1], [-0.1, 0.1]]; 4])),
+        ("reach", |t| robot(t).reach = Reach::boxes(vec![[[-0.15, 0.12], [-0.1, 0.1], [-0.1, 0.1]]; 4])),
         ("robot `anymal`", |t| t.robot = Some(NamedOr::Name("hyq".into()))),
         ("another shape", |t| t.terrain = Some(NamedOr::Own(Terrain { name: "flat".into(), ..Terrain::named("slope").unwrap() }))),
         ("terrain `flat`", |t| t.terrain = Some(NamedOr::Own(Terrain { friction: 2., ..flat() }))),

@@ -318,8 +318,12 @@ def test_soles_are_found_in_the_geometry_of_feet(humanoid: pathlib.Path, tmp_pat
     # Left before right, under the centre of mass, with bent knees: the legs are 0.56 m long, and the centre of mass is not far from the hips.
     height = described["base_height"]
     assert np.allclose(robot.nominal_feet, [[0, 0.09, -height], [0, -0.09, -height]], atol=1e-6) and 0.45 < height < 0.6
-    (back, front), (inner, outer), (down, up) = described["reach"][0]
-    assert described["reach"][1] == [[back, front], [-outer, -inner], [down, up]]
+    left, right = described["reach"]
+    (back, front), (inner, outer), (down, up) = left["sides"]
+    assert right == {"sides": [[back, front], [-outer, -inner], [down, up]], "diagonals": left["diagonals"]}
+    # A low foot is not far ahead, a high one not far behind.
+    lean = left["diagonals"][1]
+    assert lean["normal"] == [-0.6, 0, 0.8] and -lean["sides"][0] < 0.6 * front - 0.8 * down and lean["sides"][1] < -0.6 * back + 0.8 * up
     assert back < -0.05 and front > 0.05 and outer > 0.02 and down < -0.005 and up > 0.03
     # Soles keep apart.
     assert inner < 0 and 2 * (0.09 + inner) > 0.08

@@ -4,6 +4,7 @@
 //! the root link and its origin in the centre of mass.
 
 mod body;
+mod faces;
 mod feet;
 mod reach;
 mod soles;
@@ -17,7 +18,7 @@ pub mod urdf;
 pub use urdf::MAX_URDF;
 
 use super::leg::{Leg, SOLE_JOINTS};
-use super::{FORCE_LIMIT_WEIGHTS, MAX_FEET, Reach, Robot, Sole};
+use super::{FORCE_LIMIT_WEIGHTS, FootReach, MAX_FEET, Reach, Robot, Sole};
 use crate::error::{Error, Result, check_range};
 use crate::files;
 use body::Body;
@@ -105,7 +106,7 @@ struct Posed {
     contacts: Vec<Contact>,
     legs: Vec<Leg>,
     /// Box of each foot.
-    reach: Vec<reach::Sides>,
+    reach: Vec<FootReach>,
     sole: Option<Sole>,
     notes: Vec<String>,
 }
@@ -135,7 +136,8 @@ impl Import {
     ///   `import/upright.rs`
     /// * nominal feet without soles: the lowest point of the collision shapes of each foot's link, spheres before other shapes; the origin of
     ///   the link's frame if it has only meshes
-    /// * reach: for each foot the largest box that its joints reach within their limits, see `import/reach.rs`; for soles `import/upright.rs`
+    /// * reach: for each foot the largest box that its joints reach within their limits, see `import/reach.rs`; for soles also
+    ///   faces that cut its corners, see `import/faces.rs`
     /// * force limit: vertical force that the joint efforts can bear at the weakest foot, at most [`FORCE_LIMIT_WEIGHTS`] weights
     /// * joints: the joints of each foot's leg
     /// * name: the given one, or the file's. `-imported` is appended if a different built-in robot has that name
@@ -315,7 +317,8 @@ impl Import {
             let limit = "above: give a --configuration in which it stands";
             return Err(Error::invalid("centre of mass above the lowest foot", format!("{height:.4} m"), limit));
         }
-        let boxes = posed.legs.iter().enumerate().map(|(foot, leg)| reach::grow(leg, &reach::room(leg, foot, &nominal)));
+        let boxes =
+            posed.legs.iter().enumerate().map(|(foot, leg)| reach::grow(leg, &reach::room(leg, foot, &nominal)).map(FootReach::from));
         posed.reach = boxes.collect::<Result<_>>()?;
         posed.notes = notes;
         Ok(posed)

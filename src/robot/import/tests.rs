@@ -490,24 +490,22 @@ fn level_soles_reach_their_box_with_any_allowed_yaw() {
     let mut random = ChaCha8Rng::seed_from_u64(35);
     for _ in 0..300 {
         for (foot, leg) in robot.joints.as_ref().unwrap().iter().enumerate() {
-            // Points of the polyhedron inside the box: each share of a side is within -1 and 1, and their sum is limited.
-            let share: [f64; 3] = loop {
-                let share = std::array::from_fn(|_| random.random_range(-1.0..1.0));
-                let [x, y, z]: [f64; 3] = share.map(f64::abs);
-                if x + z <= 1. && y + z <= 1. && x + y <= 1. {
-                    break share;
+            // Points inside the slabs. Length and height are attained at half of the width.
+            let reach = robot.reach.foot(foot);
+            let offset = loop {
+                let mut within = |axis: usize, share: f64| share * random.random_range(reach.sides[axis][0]..reach.sides[axis][1]);
+                let offset = [(0, 1.), (1, 0.5), (2, 1.)].map(|(axis, share)| within(axis, share));
+                if reach.slabs().all(|slab| (slab.sides[0]..slab.sides[1]).contains(&slab.along(offset))) {
+                    break offset;
                 }
             };
-            let side = |axis: usize| {
-                if share[axis] < 0. { -share[axis] * boxes[foot].low[axis] } else { share[axis] * boxes[foot].high[axis] }
-            };
-            let place = Vector3::from(robot.nominal_feet[foot]) + Vector3::new(side(0), side(1), side(2));
+            let place = Vector3::from(robot.nominal_feet[foot]) + Vector3::from(offset);
             let level = nalgebra::UnitQuaternion::from_euler_angles(0., 0., random.random_range(-turn..turn));
             let (q, missed) = leg.approach_sole(&Isometry3::from_parts(place.into(), level), &leg.nominal());
             let at = leg.posture(&q);
             assert!(
                 missed <= PRECISION && (at.tip - place).norm() <= PRECISION && at.attitude.angle_to(&level) < 1e-4,
-                "{share:?}: {missed}"
+                "{offset:?}: {missed}"
             );
             assert!(q.iter().zip(&leg.chain).all(|(v, joint)| (joint.limits[0]..=joint.limits[1]).contains(v)));
         }

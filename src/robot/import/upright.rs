@@ -1,11 +1,12 @@
 //! Stance and reach of robots that stand on soles. `cregopt.mujoco` uses the same rules and numbers for MuJoCo's models.
 
 use super::body::composite;
+use super::faces::{self, Faces, Sides};
 use super::feet::{self, Contact};
-use super::reach::Sides;
 use super::soles::FootSole;
 use super::tree::Tree;
 use crate::error::Result;
+use crate::robot::FootReach;
 use crate::robot::leg::{Leg, PRECISION};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
@@ -22,14 +23,14 @@ const TURNS: [f64; 6] = [0.3, 0.25, 0.2, 0.15, 0.1, 0.05];
 /// Smallest distance between soles, m.
 const APART: f64 = 0.02;
 /// Largest box that is tried, as shares of the height of the centre of mass: rear, inner, lower side; front, outer, upper side.
-const BOX: [[f64; 3]; 2] = [[0.3, 0.15, 0.08], [0.3, 0.25, 0.2]];
-/// Shares of the largest box that a walk needs.
-const NEEDED: [[f64; 3]; 2] = [[0.57, 0.3, 0.57], [0.57, 0.4, 0.48]];
-/// Sides that grow together, in this order: indices into [`BOX`].
-const GROWING: [&[[usize; 2]]; 7] = [&[[0, 0], [1, 0]], &[[0, 0]], &[[1, 0]], &[[1, 2]], &[[1, 1]], &[[0, 1]], &[[0, 2]]];
-/// Number of bisections per side.
-const HALVINGS: usize = 5;
-/// Share of the attained box that becomes the reach.
+const BOX: Sides = [[0.3, 0.15, 0.08], [0.3, 0.25, 0.25]];
+/// Shares of the largest box that a walk needs, and its points that it needs, as shares of the sides: a step is long when the foot is at its
+/// middle height, and legs that bend one way attain no large box.
+const NEEDED: Sides = [[0.57, 0.3, 0.57], [0.57, 0.4, 0.384]];
+const POINTS: [[f64; 3]; 3] = [[1., 0.5, 0.], [0.5, 0.5, 1.], [0., 1., 0.5]];
+/// Number of bisections of a share.
+const HALVINGS: usize = 7;
+/// Share of the attained distances that becomes the reach.
 const KEPT: f64 = 0.9;
 /// Smallest acceptable box, as a share of the needed one.
 const SMALLEST: f64 = 0.05;
@@ -43,7 +44,7 @@ pub struct Upright {
     /// Values of all joints, rad or m.
     pub values: Vec<f64>,
     /// Reach of each foot.
-    pub reach: Vec<Sides>,
+    pub reach: Vec<FootReach>,
     /// Largest yaw of a sole relative to the base, rad.
     pub turn: f64,
 }
@@ -63,8 +64,7 @@ pub fn contacts(frames: &[Isometry3<f64>], soles: Feet) -> Vec<Contact> {
 /// Stance on bent legs, or the given configuration, and the reach in it. `None` if the soles cannot move there.
 ///
 /// The stance has level soles with yaw 0, side by side below the centre of mass. It is the highest in which the feet attain the box that a
-/// walk needs with the largest yaw. The box grows from there in one direction after the other: a leg that bends one way does not attain a
-/// large box.
+/// walk needs with the largest yaw. The faces of the reach grow from there.
 ///
 /// * `given` - true if the stance is `values`
 ///
@@ -79,42 +79,35 @@ pub fn upright(tree: &Tree, values: &[f64], soles: Feet, given: bool) -> Result<
             let away = |stance: &&(f64, Vec<f64>)| (stance.0 - (1. - crouch) * tallest).abs();
             let Some((_, values)) = stances.iter().min_by(|a, b| away(a).total_cmp(&away(b))) else { return Ok(None) };
             let space = Workspace::new(tree, values, soles)?;
-            let whole = space.attains(&space.needed(1.), turn);
-            let share = if whole { 1. } else { bisect(0., |share| space.attains(&space.needed(share), turn), 7) };
+            let share = share(|share| space.attains_needed(share, turn));
             if best.as_ref().is_none_or(|(_, _, most, _)| share > *most) {
                 best = Some((space, turn, share, values));
             }
-            if whole {
+            if share == 1. {
                 break 'all;
             }
         }
     }
     let Some((space, turn, share, values)) = best.filter(|(_, _, share, _)| *share >= SMALLEST) else { return Ok(None) };
-    let mut sides = space.needed(share);
-    for growing in GROWING {
-        let grown = |share: f64| {
-            let mut grown = sides;
-            growing.iter().for_each(|&[end, axis]| grown[end][axis] += share * (space.largest[end][axis] - sides[end][axis]));
-            grown
-        };
-        sides = grown(bisect(0., |share| space.attains(&grown(share), turn), HALVINGS));
-    }
-    let kept = sides.map(|end| end.map(|v| (KEPT * v * 1e4).trunc() / 1e4));
-    let reach = space.mirrored.iter().map(|&mirrored| std::array::from_fn(|axis| side(&kept, axis, mirrored))).collect();
+    let start = faces::around(&space.needed(share), &POINTS);
+    let scaled = |share: f64| start.map(|distance| share * distance);
+    let attained = |faces: &Faces| space.attains_faces(faces, turn);
+    let grown = faces::grow(&faces::around(&space.largest, &[[1.; 3]]), scaled(self::share(|share| attained(&scaled(share)))), attained);
+    let reach = space.mirrored.iter().map(|&mirrored| faces::reach(&grown, KEPT, mirrored)).collect();
     Ok(Some(Upright { values: values.to_vec(), reach, turn }))
 }
 
-/// Largest share, from `low` to 1, that bisection finds attained.
-fn bisect(low: f64, attained: impl Fn(f64) -> bool, halvings: usize) -> f64 {
+/// Largest share, at most 1, that bisection finds attained.
+fn share(attained: impl Fn(f64) -> bool) -> f64 {
     let halve = |[low, high]: [f64; 2], _| {
         let middle = (low + high) / 2.;
         if attained(middle) { [middle, high] } else { [low, middle] }
     };
-    (0..halvings).fold([low, 1.], halve)[0]
+    if attained(1.) { 1. } else { (0..HALVINGS).fold([0., 1.], halve)[0] }
 }
 
 /// Lower and upper side along an axis of a box in the form of [`BOX`], for a foot on the left or, mirrored, on the right.
-fn side(sides: &[[f64; 3]; 2], axis: usize, mirrored: bool) -> [f64; 2] {
+fn side(sides: &Sides, axis: usize, mirrored: bool) -> [f64; 2] {
     if axis == 1 && mirrored { [-sides[1][axis], sides[0][axis]] } else { [-sides[0][axis], sides[1][axis]] }
 }
 
@@ -203,7 +196,7 @@ struct Workspace<'a> {
     center: Vector3<f64>,
     /// True for the feet on the right.
     mirrored: Vec<bool>,
-    largest: [[f64; 3]; 2],
+    largest: Sides,
 }
 
 impl<'a> Workspace<'a> {
@@ -222,23 +215,32 @@ impl<'a> Workspace<'a> {
     }
 
     /// Share of the box that a walk needs.
-    fn needed(&self, share: f64) -> [[f64; 3]; 2] {
+    fn needed(&self, share: f64) -> Sides {
         std::array::from_fn(|end| std::array::from_fn(|axis| share * NEEDED[end][axis] * self.largest[end][axis]))
     }
 
-    /// True if the feet attain the points of a box with level soles that are turned by `turn`, rad, either way, all feet at once, with a
-    /// level base and the centre of mass at its place.
-    ///
-    /// The points are corners of a polyhedron inside the box, because a step is long when the foot is at its middle height, and legs that
-    /// bend one way attain no large box.
-    fn attains(&self, sides: &[[f64; 3]; 2], turn: f64) -> bool {
-        let corners = (0..8).map(|number| [0, 1, 2].map(|axis| if number >> axis & 1 == 0 { -1. } else { 1. }));
-        let mut points = corners.flat_map(|[x, y, z]| [[x, y / 2., 0.], [x / 2., y / 2., z], [0., y, z / 2.]]);
+    /// True if the feet attain the points of a share of the box that a walk needs.
+    fn attains_needed(&self, share: f64, turn: f64) -> bool {
+        let signs = (0..8).map(|number| [0, 1, 2].map(|axis| if number >> axis & 1 == 0 { -1. } else { 1. }));
+        let points = signs.flat_map(|signs| POINTS.map(|point| std::array::from_fn(|axis| signs[axis] * point[axis])));
+        self.attains(&self.needed(share), points, turn)
+    }
+
+    /// True if the feet attain the points of faces.
+    fn attains_faces(&self, faces: &Faces, turn: f64) -> bool {
+        // The points are in m, but for y.
+        let sides = [[1., faces[9], 1.], [1., faces[8], 1.]];
+        self.attains(&sides, faces::points(faces).into_iter(), turn)
+    }
+
+    /// True if the feet attain points of a box with level soles that are turned by `turn`, rad, either way, all feet at once, with a level
+    /// base and the centre of mass at its place.
+    fn attains(&self, sides: &Sides, mut points: impl Iterator<Item = [f64; 3]>, turn: f64) -> bool {
         points.all(|point| [-turn, turn].iter().all(|&yaw| self.attains_point(sides, &point, yaw)))
     }
 
     /// True if the feet attain a point of a box: coordinates along the axes, from -1 at the low sides to 1 at the high ones.
-    fn attains_point(&self, sides: &[[f64; 3]; 2], point: &[f64; 3], yaw: f64) -> bool {
+    fn attains_point(&self, sides: &Sides, point: &[f64; 3], yaw: f64) -> bool {
         let level = UnitQuaternion::from_euler_angles(0., 0., yaw);
         let mut joints: Vec<Vec<f64>> = self.legs.iter().map(Leg::nominal).collect();
         let places: Vec<Vector3<f64>> = (self.legs.iter().zip(&self.mirrored))

@@ -2,7 +2,7 @@
 
 use super::lab::POISON;
 use crate::common::{
-    Random, cones, gait, hills, jointed, lopsided, mid_stride, point, problem_with, problem_with_cost, soled, spider, striding, task,
+    Random, cones, cut, gait, hills, jointed, lopsided, mid_stride, point, problem_with, problem_with_cost, soled, spider, striding, task,
     task_for, towr, transcriptions,
 };
 use cregopt::gait::Schedule;
@@ -104,6 +104,9 @@ pub fn candidates() -> Vec<Candidate> {
     let jointed_task = task_for(jointed(lopsided(spider(5))), hills(), [-0.3, 0.2], 0.4);
     let (task, schedule) = mid_stride(&jointed_task, 0.05);
     candidates.push(Candidate::new(task, schedule, &near, &mut own));
+    let task = task_for(cut(lopsided(spider(3))), hills(), [1.2, -0.7], 0.6);
+    let schedule = gait(&mut own, 3, 2..=3);
+    candidates.push(Candidate::new(task, schedule, &TranscriptionSettings::default(), &mut own));
     candidates
 }
 

@@ -4,7 +4,7 @@ use crate::common::{cones, towr};
 use cregopt::gait::{Curve, FootCurves, Trajectory};
 use cregopt::nlp::Problem;
 use cregopt::nlp::transcription::force_limit;
-use cregopt::robot::GRAVITY;
+use cregopt::robot::{GRAVITY, Slab};
 use cregopt::task::Task;
 use nalgebra::{Matrix3, Vector3};
 
@@ -90,16 +90,24 @@ pub fn expected(task: &Task, nodes: &Trajectory, problem: &Problem<f64>) -> (Vec
     for (instant, t) in problem.reach_rows.instants.iter().zip(times) {
         let base = at(&nodes.base_lin, t)[0];
         let to_base = rotation(at(&nodes.base_ang, t))[0].transpose();
-        for (foot, number) in instant.elements.range().enumerate() {
+        let mut numbers = instant.elements.range();
+        for foot in 0..feet {
             let offset = to_base * (at(&nodes.ee[foot].motion, t)[0] - base) - Vector3::from(robot.nominal_feet[foot]);
-            let reach = robot.reach.of(foot);
-            for d in 0..3 {
-                let row = problem.reach_rows.place(number).inequality as usize + d;
-                // In units of 0.1 m.
-                g[row] = (offset[d] - reach.high[d] + settings.length_margin) / 0.1;
-                g[row + 3] = (reach.low[d] - offset[d] + settings.length_margin) / 0.1;
+            let slabs: Vec<Slab> = robot.reach.foot(foot).slabs().collect();
+            for group in slabs.chunks(3) {
+                let number = numbers.next().unwrap();
+                for d in 0..3 {
+                    // A group that is not full repeats its first slab.
+                    let Slab { normal, sides: [low, high] } = group[if d < group.len() { d } else { 0 }];
+                    let along = Vector3::from(normal).dot(&offset);
+                    let row = problem.reach_rows.place(number).inequality as usize + d;
+                    // In units of 0.1 m.
+                    g[row] = (along - high + settings.length_margin) / 0.1;
+                    g[row + 3] = (low - along + settings.length_margin) / 0.1;
+                }
             }
         }
+        assert_eq!(numbers.next(), None);
     }
 
     let (mut force_nodes, mut swing_nodes) = (problem.force_nodes.iter(), problem.swing_nodes.iter());

@@ -5,7 +5,7 @@ mod linear;
 mod rows;
 mod solver;
 
-use crate::common::{Random, gait, hills, lopsided, spider, task, task_for};
+use crate::common::{Random, cut, gait, hills, lopsided, spider, task, task_for};
 use cregopt::gait::Schedule;
 use cregopt::real::Real;
 use cregopt::task::Task;
@@ -76,6 +76,8 @@ fn cases() -> Vec<Case> {
     let round =
         Schedule::new(vec![vec![0.4, 0.4, 0.2], vec![0.1, 0.3, 0.16, 0.24, 0.2], vec![1.], vec![0.08, 0.16, 0.56, 0.1, 0.1]]).unwrap();
     cases.push(Case { name: "round durations".into(), task: task("anymal", "flat", [0.3, 0.1], 0.2), schedule: round });
+    let diagonals = task_for(cut(lopsided(spider(4))), hills(), [1.5, -0.6], 0.3);
+    cases.push(Case { name: "diagonals".into(), schedule: gait(&mut random, 4, 3..=7), task: diagonals });
     cases
 }
 
