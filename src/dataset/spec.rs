@@ -264,10 +264,9 @@ impl Spec {
             for (name, values) in [("forward", ranges.forward), ("sideways", ranges.sideways), ("yaw", ranges.yaw)] {
                 range(format!("commands[{i}].{name}"), values, 100.)?;
             }
-            for name in ranges.robots.iter().flatten().filter(|name| !self.robots.contains(name)) {
-                return Err(
-                    Error::Unknown { what: "robot", name: name.clone(), known: self.robots.join(", ") }.within(format!("commands[{i}]"))
-                );
+            if let Some(name) = ranges.robots.iter().flatten().find(|name| !self.robots.contains(name)) {
+                let unknown = Error::Unknown { what: "robot", name: name.clone(), known: self.robots.join(", ") };
+                return Err(unknown.within(format!("commands[{i}]")));
             }
         }
         for (i, ground) in self.grounds.iter().enumerate() {
