@@ -140,14 +140,12 @@ mod tests {
         };
         // The largest box in it has 0.1 m by 0.1 m, an area of 0.01 m^2.
         let found = area(&outline(&faces));
-        assert!(found > 0.02, "{found} m^2: {faces:?}");
+        assert!(found > 0.018, "{found} m^2: {faces:?}");
         let [left, right] = [false, true].map(|mirrored| reach(&faces, 0.9, mirrored));
-        assert_eq!(
-            (left.sides[0], left.sides[1]),
-            (right.sides[0], right.sides[1].map(|v| -v).into_iter().rev().collect::<Vec<_>>().try_into().unwrap())
-        );
+        let [inner, outer] = left.sides[1];
+        assert_eq!([right.sides[0], right.sides[1]], [left.sides[0], [-outer, -inner]]);
         // Diagonals cut two corners, and no side lies beyond the outline.
-        assert!(left.sides[0][1] + left.sides[2][1] > 0.15 && left.diagonals[1].sides[1] < 0.05, "{left:?}");
+        assert!(left.sides[0][1] + left.sides[2][1] > 0.13 && left.diagonals[1].sides[1] < 0.07, "{left:?}");
     }
 
     #[test]
