@@ -99,9 +99,11 @@ fn check_shard(manifest: &Manifest, robot: &RobotEntry, shard: &Shard, folder: &
         return Err(Error::invalid("motions", lines.len(), limit).in_file(&gaits_path, None));
     }
     let records = lines.par_iter().map(|(line, text)| {
-        let record = Record::read(text).and_then(|(trajectory, origin)| {
+        let record = Record::read(text).and_then(|(trajectory, drawn)| {
             check_content(&trajectory, &robot.robot, &manifest.origin.grounds)?;
-            Record::of(trajectory, origin, spec.rate)
+            let record = Record::of(trajectory, drawn, spec.rate)?;
+            record.check_loop()?;
+            Ok(record)
         });
         let record = record.map_err(|e| e.in_file(&gaits_path, Some(*line)))?;
         if !record.report.feasible {

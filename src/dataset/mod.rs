@@ -6,6 +6,23 @@
 //! with their hashes. A run that was interrupted repeats at most one shard, and the files do not depend on interruptions or the number of
 //! threads. [`check`] reads everything again, certifies every motion and computes its frames.
 //!
+//! ```
+//! use cregopt::Cpu;
+//! use cregopt::dataset::{Spec, check};
+//! use std::sync::atomic::AtomicBool;
+//!
+//! # let folder = std::env::temp_dir().join(format!("cregopt-dataset-{}", std::process::id()));
+//! # std::fs::create_dir_all(&folder)?;
+//! let spec = "count = 2\nshard = 8\nrobots = [\"biped\"]\n[[commands]]\nforward = [0.1, 0.3]\n";
+//! std::fs::write(folder.join("spec.toml"), spec)?;
+//! let plan = Spec::read(&folder.join("spec.toml"))?.plan()?;
+//! let never = AtomicBool::new(false);
+//! let made = plan.make(&folder.join("data"), &Cpu::new(0)?, &never, &mut |_| {})?;
+//! assert!(made.complete && check(&folder.join("data"), 0, &never)?.rows == 202);
+//! # std::fs::remove_dir_all(&folder)?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! ```text
 //! DIR/dataset.json                 manifest: specification, settings, robots, grounds, licence, device, shards with hashes
 //! DIR/ROBOT/frames/00000.parquet   one row per instant: base, feet, forces, contacts, phase, command, joints

@@ -30,9 +30,9 @@ pub const SAME_MOTION: f32 = 0.02;
 /// differ from angular velocities by a few percent.
 const MOST_APART: f64 = 2. * REPEATS;
 
-/// Origin of a motion: the key `draw` of its line.
+/// Draw that a motion came from: the key `draw` of its line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Origin {
+pub struct Drawn {
     /// Number of the draw of its robot.
     pub number: usize,
     /// Gait family.
@@ -60,14 +60,14 @@ pub struct Origin {
 /// Part of a line beside the trajectory.
 #[derive(Deserialize)]
 struct Line {
-    draw: Origin,
+    draw: Drawn,
 }
 
 /// A motion with everything that a data set states about it.
 #[derive(Debug, Clone)]
 pub struct Record {
-    /// Origin.
-    pub origin: Origin,
+    /// Draw that it came from.
+    pub drawn: Drawn,
     /// Motion with its robot and ground.
     pub trajectory: Trajectory,
     /// Name of the ground.
@@ -131,7 +131,7 @@ impl Record {
             return Ok(Err(Dropped::Infeasible));
         }
         let Stride { period, phase, lead_in, most } = draw.stride;
-        let origin = Origin {
+        let drawn = Drawn {
             number: draw.number,
             family: draw.family,
             kind: draw.kind,
@@ -143,12 +143,12 @@ impl Record {
             strides: most.is_finite().then_some(most),
             repeats: draw.task.stride.map(|stride| stride.times(interval)).map(|times| [times.start, times.end]),
         };
-        let record = Record::of(label(motion, &draw.task, Provenance::default(), Some(seed)), origin, rate)?;
+        let record = Record::of(label(motion, &draw.task, Provenance::default(), Some(seed)), drawn, rate)?;
         if record.frames.iter().flatten().any(|value| !value.is_finite()) {
             return Ok(Err(Dropped::Joints));
         }
         let beyond = |used: JointUse| !used.attained || joint_limits && used.velocity.max(used.effort) > 1.;
-        Ok(if !record.report.feasible {
+        Ok(if !record.report.feasible || record.check_loop().is_err() {
             Err(Dropped::Infeasible)
         } else if record.joints.is_some_and(beyond) {
             Err(Dropped::Joints)
@@ -161,7 +161,7 @@ impl Record {
     ///
     /// # Errors
     /// Errors of the certificate, of the export and of the joints.
-    pub fn of(trajectory: Trajectory, origin: Origin, rate: f64) -> Result<Record> {
+    pub fn of(trajectory: Trajectory, drawn: Drawn, rate: f64) -> Result<Record> {
         let world = World::of(None, None, None);
         let terms = VerificationTerms::new(&world, &trajectory, &TermOverrides::default())?;
         let report = terms.verify()?;
@@ -170,20 +170,41 @@ impl Record {
         let sampled = Sampled::new(&trajectory, &robot, &terrain, rate)?;
         let joints = robot.joints.as_ref().map(|_| follow(&trajectory, &robot, &terrain, rate)).transpose()?;
         let stride =
-            Stride { period: origin.period, phase: origin.phase, lead_in: origin.lead_in, most: origin.strides.unwrap_or(f64::INFINITY) };
+            Stride { period: drawn.period, phase: drawn.phase, lead_in: drawn.lead_in, most: drawn.strides.unwrap_or(f64::INFINITY) };
         let row = |(i, sample): (usize, &Sample)| {
             let mut row = csv::row(sample);
             row.push(stride.at(sample.time));
-            row.extend(origin.command);
+            row.extend(drawn.command);
             row.extend(joints.iter().flat_map(|joints| joints.samples[i].values()));
             row
         };
         let frames = sampled.samples.iter().enumerate().map(row).collect();
         let sampler = Sampler::new(&trajectory, &robot, &terrain)?;
-        origin.repeats.map_or(Ok(()), |times| check_loop(&sampler, times))?;
         let fingerprint = fingerprint(&sampler, trajectory.horizon, &robot);
         let ground = terrain.name.clone();
-        Ok(Record { origin, trajectory, ground, cost, report, frames, joints: joints.map(|j| used(&j)), fingerprint })
+        Ok(Record { drawn, trajectory, ground, cost, report, frames, joints: joints.map(|j| used(&j)), fingerprint })
+    }
+
+    /// Checks that the motion at the end of its stride that repeats is that at the start, moved by the displacement of the base.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] with the largest difference; errors of [`VerificationTerms::new`].
+    pub fn check_loop(&self) -> Result<()> {
+        let Some([start, end]) = self.drawn.repeats else { return Ok(()) };
+        let terms = VerificationTerms::new(&World::of(None, None, None), &self.trajectory, &TermOverrides::default())?;
+        let sampler = Sampler::new(&self.trajectory, &terms.robot, &terms.terrain)?;
+        let [from, to] = [start, end].map(|time| sampler.at(time));
+        let moved = |a: &[f64; 3], b: &[f64; 3]| Vector3::from(*b) - Vector3::from(*a);
+        let displacement = moved(&from.base.position, &to.base.position);
+        let (one, other) = (&from.base, &to.base);
+        let rates = [(one.velocity, other.velocity), (one.angles, other.angles), (one.angular_velocity, other.angular_velocity)];
+        let feet = from.feet.iter().zip(&to.feet).map(|(a, b)| (moved(&a.position, &b.position) - displacement).amax());
+        let apart = rates.iter().map(|(a, b)| moved(a, b).amax()).chain(feet).fold(0., f64::max);
+        if apart > MOST_APART {
+            let place = format!("stride from {start} s to {end} s");
+            return Err(Error::invalid(place, format!("ends that are {apart} apart"), format!("at most {MOST_APART} apart")));
+        }
+        Ok(())
     }
 
     /// Name of the ground and fingerprint of a motion.
@@ -206,21 +227,21 @@ impl Record {
         columns
     }
 
-    /// Reads a line of a file of gaits: its motion and origin.
+    /// Reads a line of a file of gaits: its motion and draw.
     ///
     /// # Errors
     /// [`Error::Format`] for malformed JSON; [`Error::Invalid`] for impossible numbers.
-    pub fn read(line: &str) -> Result<(Trajectory, Origin)> {
+    pub fn read(line: &str) -> Result<(Trajectory, Drawn)> {
         Ok((Trajectory::from_json(line)?, from_json::<Line>(line)?.draw))
     }
 
-    /// Line of the file of gaits: the trajectory as `verify` reads it, and the origin as the key `draw`.
+    /// Line of the file of gaits: the trajectory as `verify` reads it, and the draw as the key `draw`.
     ///
     /// # Errors
     /// [`Error::Format`] for numbers that JSON cannot represent.
     pub fn line(&self) -> Result<String> {
         let mut value = serde_json::to_value(&self.trajectory)?;
-        value["draw"] = serde_json::to_value(&self.origin)?;
+        value["draw"] = serde_json::to_value(&self.drawn)?;
         Ok(value.to_string() + "\n")
     }
 
@@ -235,25 +256,6 @@ fn used(joints: &JointMotion) -> JointUse {
     let share = |worst: &Option<Nearest>| worst.as_ref().map_or(0., |w| w.value.abs() / w.limit);
     let miss = limits.miss.value;
     JointUse { velocity: share(&limits.velocity), effort: share(&limits.effort), miss, attained: miss <= limits.miss.limit }
-}
-
-/// Checks that a motion at the end of a stride is that at its start, moved by the displacement of the base.
-fn check_loop(sampler: &Sampler, [start, end]: [f64; 2]) -> Result<()> {
-    let [from, to] = [start, end].map(|time| sampler.at(time));
-    let moved = |a: &[f64; 3], b: &[f64; 3]| Vector3::from(*b) - Vector3::from(*a);
-    let displacement = moved(&from.base.position, &to.base.position);
-    let (one, other) = (&from.base, &to.base);
-    let rates = [(one.velocity, other.velocity), (one.angles, other.angles), (one.angular_velocity, other.angular_velocity)];
-    let feet = from.feet.iter().zip(&to.feet).map(|(a, b)| (moved(&a.position, &b.position) - displacement).amax());
-    let apart = rates.iter().map(|(a, b)| moved(a, b).amax()).chain(feet).fold(0., f64::max);
-    if apart > MOST_APART {
-        return Err(Error::invalid(
-            format!("loop from {start} s to {end} s"),
-            format!("ends {apart} apart"),
-            format!("at most {MOST_APART}"),
-        ));
-    }
-    Ok(())
 }
 
 /// Position of the base and its feet relative to its height, and its attitude as a rotation vector, at a few instants.
@@ -298,20 +300,20 @@ pub fn motions(records: &[Record]) -> Table {
     let number = |of: &dyn Fn(&Record) -> f64| Values::Double(records.iter().map(of).collect());
     let used = |of: fn(&JointUse) -> f64| number(&|r| r.joints.as_ref().map_or(0., of));
     table.add("motion", int(&|i, _| i));
-    table.add("draw", int(&|_, r| r.origin.number));
+    table.add("draw", int(&|_, r| r.drawn.number));
     table.add("ground", text(&|r| r.ground.clone()));
-    table.add("family", text(&|r| r.origin.family.name().into()));
-    table.add("kind", text(&|r| r.origin.kind.name().into()));
+    table.add("family", text(&|r| r.drawn.family.name().into()));
+    table.add("kind", text(&|r| r.drawn.kind.name().into()));
     for (i, name) in ["command_forward_m/s", "command_sideways_m/s", "command_yaw_rad/s"].into_iter().enumerate() {
-        table.add(name, number(&|r| r.origin.command[i]));
+        table.add(name, number(&|r| r.drawn.command[i]));
     }
     for (i, name) in ["start_x_m", "start_y_m", "start_yaw_rad"].into_iter().enumerate() {
-        table.add(name, number(&|r| r.origin.start[i]));
+        table.add(name, number(&|r| r.drawn.start[i]));
     }
-    table.add("period_s", number(&|r| r.origin.period));
+    table.add("period_s", number(&|r| r.drawn.period));
     // The whole motion if no stride repeats.
-    table.add("loop_start_s", number(&|r| r.origin.repeats.map_or(0., |times| times[0])));
-    table.add("loop_end_s", number(&|r| r.origin.repeats.map_or(r.trajectory.horizon, |times| times[1])));
+    table.add("loop_start_s", number(&|r| r.drawn.repeats.map_or(0., |times| times[0])));
+    table.add("loop_end_s", number(&|r| r.drawn.repeats.map_or(r.trajectory.horizon, |times| times[1])));
     table.add("cost", number(&|r| r.cost.total));
     table.add("cost_leg_work", number(&|r| r.cost.leg_work));
     table.add("cost_swing_work", number(&|r| r.cost.swing_work));
