@@ -179,7 +179,7 @@ impl FootReach {
         edges
     }
 
-    /// The same reach with other sides of its slabs.
+    /// Reach with the same normals and other sides of its slabs.
     ///
     /// * `sides` - new sides of a slab, which is one of [`FootReach::slabs`]
     pub fn with_sides(&self, mut sides: impl FnMut(Slab) -> [f64; 2]) -> FootReach {

@@ -221,7 +221,7 @@ pub fn cut(robot: Robot) -> Robot {
     let diagonals = |foot: usize| {
         let normals = [[0.6, 0., -0.8], [0.48, 0.64, 0.6], [-0.28, 0.96, 0.], [0., 0.8, 0.6]];
         let slab = |(i, normal): (usize, [f64; 3])| Slab { normal, sides: [-0.05 - 0.01 * i as f64, 0.06 + 0.01 * foot as f64] };
-        normals.into_iter().take(if foot % 2 == 0 { 2 } else { 4 }).enumerate().map(slab).collect()
+        normals.into_iter().take(if foot.is_multiple_of(2) { 2 } else { 4 }).enumerate().map(slab).collect()
     };
     let reach = |foot: usize| FootReach { diagonals: diagonals(foot), ..robot.reach.foot(foot).into_owned() };
     let robot =

@@ -24,8 +24,8 @@ const TURNS: [f64; 6] = [0.3, 0.25, 0.2, 0.15, 0.1, 0.05];
 const APART: f64 = 0.02;
 /// Largest box that is tried, as shares of the height of the centre of mass: rear, inner, lower side; front, outer, upper side.
 const BOX: Sides = [[0.3, 0.15, 0.08], [0.3, 0.25, 0.25]];
-/// Shares of the largest box that a walk needs, and its points that it needs, as shares of the sides: a step is long when the foot is at its
-/// middle height, and legs that bend one way attain no large box.
+/// Shares of the largest box that a walk needs, and its points that it needs, as shares of the sides: a step is long when the foot is at
+/// its middle height, and legs that bend one way attain no large box.
 const NEEDED: Sides = [[0.57, 0.3, 0.57], [0.57, 0.4, 0.384]];
 const POINTS: [[f64; 3]; 3] = [[1., 0.5, 0.], [0.5, 0.5, 1.], [0., 1., 0.5]];
 /// Number of bisections of a share.

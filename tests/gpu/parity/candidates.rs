@@ -104,8 +104,9 @@ pub fn candidates() -> Vec<Candidate> {
     let jointed_task = task_for(jointed(lopsided(spider(5))), hills(), [-0.3, 0.2], 0.4);
     let (task, schedule) = mid_stride(&jointed_task, 0.05);
     candidates.push(Candidate::new(task, schedule, &near, &mut own));
-    let task = task_for(cut(lopsided(spider(3))), hills(), [1.2, -0.7], 0.6);
-    let schedule = gait(&mut own, 3, 2..=3);
+    // Few stances: its sweep must fit in one dispatch.
+    let task = task_for(cut(lopsided(spider(2))), hills(), [0.5, -0.3], 0.6);
+    let schedule = gait(&mut own, 2, 1..=2);
     candidates.push(Candidate::new(task, schedule, &TranscriptionSettings::default(), &mut own));
     candidates
 }
