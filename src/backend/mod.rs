@@ -71,6 +71,16 @@ pub enum Precision {
     F64,
 }
 
+impl Precision {
+    /// Text for results.
+    pub fn described(self) -> &'static str {
+        match self {
+            Precision::F32 => "f32 closed in f64",
+            Precision::F64 => "f64",
+        }
+    }
+}
+
 /// Candidates that a device left to the CPU, with the reason.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]

@@ -7,12 +7,12 @@ use crate::app::label::{Provenance, label};
 use crate::app::terms::{TermOverrides, VerificationTerms};
 use crate::app::world::World;
 use crate::error::{Error, Result, from_json};
-use crate::export::{Sampled, csv};
+use crate::export::{Sampled, column_names, csv};
 use crate::gait::cost::{Cost, CostWeights, cost};
 use crate::gait::family::GaitFamily;
 use crate::gait::joints::{JointMotion, Nearest, follow};
 use crate::gait::trajectory::Trajectory;
-use crate::report::samples::{Sample, Sampler, foot_names};
+use crate::report::samples::{Sample, Sampler};
 use crate::robot::Robot;
 use crate::robot::leg::LegJoint;
 use crate::search::atlas::{REPEATS, mismatch};
@@ -219,9 +219,8 @@ impl Record {
 
     /// Names of the columns of a robot's frames.
     pub fn columns_of(robot: &Robot) -> Vec<String> {
-        let names: Vec<String> = foot_names(robot).iter().map(|name| name.replace(' ', "_")).collect();
         let joints = robot.joints.iter().flatten().flat_map(|leg| &leg.chain);
-        let mut columns = csv::header(&names, robot.sole.is_some());
+        let mut columns = csv::header(&column_names(robot), robot.sole.is_some());
         columns.extend(["phase", "command_forward_m/s", "command_sideways_m/s", "command_yaw_rad/s"].map(String::from));
         columns.extend(joints.flat_map(LegJoint::columns));
         columns

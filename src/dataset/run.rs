@@ -5,7 +5,7 @@ use super::manifest::{FileHash, Manifest, Origin, Shard};
 use super::record::{COMPARED, Dropped, Record, SAME_MOTION, frames, motions};
 use super::spec::{DatasetPlan, Subject};
 use super::table::Table;
-use crate::backend::{Backend, Precision};
+use crate::backend::Backend;
 use crate::error::{Error, Result, to_json};
 use crate::files;
 use crate::gait::Schedule;
@@ -106,11 +106,8 @@ impl DatasetPlan {
     ) -> Result<Manifest> {
         std::fs::create_dir_all(folder).map_err(|source| Error::Io { action: "make the folder", path: folder.to_owned(), source })?;
         let _lock = files::open_alone(&folder.join(LOCK))?;
-        let precision = match self.settings.precision {
-            Precision::F32 => "f32 closed in f64",
-            Precision::F64 => "f64",
-        };
-        let origin = Origin::new(self, format!("{}, {precision}", backend.choice()));
+        // Without the number of threads, on which nothing depends.
+        let origin = Origin::new(self, format!("{}, {}", backend.choice(), self.settings.precision.described()));
         let mut manifest = match Manifest::read(folder)? {
             Some(manifest) => {
                 manifest.check_origin(&origin, folder)?;

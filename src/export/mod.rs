@@ -59,6 +59,11 @@ impl Sampled {
     pub fn new(trajectory: &Trajectory, robot: &Robot, terrain: &Terrain, rate: f64) -> Result<Sampled> {
         check_range("rate, Hz", rate, 1e-3, MOST_RATE)?;
         let samples = Sampler::new(trajectory, robot, terrain)?.samples(rate);
-        Ok(Sampled { samples, names: foot_names(robot).iter().map(|name| name.replace(' ', "_")).collect() })
+        Ok(Sampled { samples, names: column_names(robot) })
     }
+}
+
+/// Names of the feet in names of columns.
+pub fn column_names(robot: &Robot) -> Vec<String> {
+    foot_names(robot).iter().map(|name| name.replace(' ', "_")).collect()
 }

@@ -32,11 +32,11 @@ pub struct SolvedOn {
 impl SolvedOn {
     /// Describes a backend. To be called after its work, when the fallback to the CPU is known.
     pub fn new(backend: &dyn Backend, precision: Precision) -> SolvedOn {
-        let precision = match precision {
-            Precision::F32 => "f32 closed in f64",
-            Precision::F64 => "f64",
-        };
-        SolvedOn { device: format!("{}, {precision}", backend.device()), fallback: backend.fallback(), choice: backend.choice() }
+        SolvedOn {
+            device: format!("{}, {}", backend.device(), precision.described()),
+            fallback: backend.fallback(),
+            choice: backend.choice(),
+        }
     }
 }
 
