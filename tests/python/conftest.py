@@ -1,5 +1,6 @@
 """Fixtures of the tests."""
 
+import ctypes.util
 import os
 import pathlib
 import subprocess
@@ -8,6 +9,10 @@ from typing import Callable
 
 import cregopt
 import pytest
+
+# Without a display pictures are rendered off-screen. MuJoCo reads this variable when it is imported.
+if sys.platform == "linux" and not os.environ.get("DISPLAY") and ctypes.util.find_library("EGL"):
+    os.environ.setdefault("MUJOCO_GL", "egl")
 
 
 @pytest.fixture(scope="session")

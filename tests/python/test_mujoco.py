@@ -22,9 +22,6 @@ from cregopt.mujoco import _ground, _plan
 from cregopt.mujoco._controller import Controller
 from cregopt.mujoco._model import Machine, State
 
-# Without a display pictures are rendered off-screen. MuJoCo reads this variable when it is imported.
-if sys.platform == "linux" and not os.environ.get("DISPLAY") and ctypes.util.find_library("EGL"):
-    os.environ.setdefault("MUJOCO_GL", "egl")
 pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
 
