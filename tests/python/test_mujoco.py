@@ -2,7 +2,6 @@
 
 import contextlib
 import copy
-import ctypes.util
 import io
 import json
 import math
