@@ -14,6 +14,7 @@ use crate::robot::{ReachBox, Robot};
 use crate::search::cem::random::Draws;
 use crate::search::evaluate::{LowerSettings, check_candidate};
 use crate::task::{Goal, PeriodicStride, Task};
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// Relative standard deviations of the duration of a swing and of rests, standard deviation of the duty factor, and largest number of
@@ -40,7 +41,7 @@ const LEAD_IN: usize = 9;
 const TAIL: usize = 10;
 
 /// Gait of a motion as a function of time.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Stride {
     /// Period of a stride, s.
     pub period: f64,
@@ -48,35 +49,47 @@ pub struct Stride {
     pub phase: f64,
     /// Time during which all feet stand at the start, s.
     pub lead_in: f64,
-    /// Largest number of strides since the first lift-off.
-    pub most: f64,
+    /// Largest number of strides since the first lift-off; unlimited if absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub strides: Option<f64>,
 }
 
 impl Stride {
     /// Fraction of the stride that has passed, in \[0, 1\).
     pub fn at(&self, time: f64) -> f64 {
-        let passed = ((time - self.lead_in) / self.period).clamp(0., self.most);
+        let passed = ((time - self.lead_in) / self.period).clamp(0., self.strides.unwrap_or(f64::INFINITY));
         // The remainder of a tiny negative number rounds to 1.
         let phase = (self.phase + passed).rem_euclid(1.);
         if phase < 1. { phase } else { 0. }
     }
 }
 
-/// A motion to solve.
-#[derive(Debug, Clone)]
-pub struct Draw {
+/// Draw that a motion comes from: the key `draw` of its line.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Drawn {
     /// Number of the draw of its robot.
     pub number: usize,
     /// Gait family.
     pub family: GaitFamily,
     /// Ends of the motion.
     pub kind: Kind,
-    /// Commanded speeds forward and to the left, m/s, and yaw rate, rad/s.
+    /// Commanded speeds forward and to the left, m/s, and yaw rate, rad/s, in the frame of the base.
     pub command: [f64; 3],
     /// Start: x, y, m, and yaw, rad.
     pub start: [f64; 3],
     /// Gait as a function of time.
+    #[serde(flatten)]
     pub stride: Stride,
+    /// Start and end of the stride that repeats, s, for a periodic motion.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub repeats: Option<[f64; 2]>,
+}
+
+/// A motion to solve.
+#[derive(Debug, Clone)]
+pub struct Draw {
+    /// Draw.
+    pub drawn: Drawn,
     /// Task.
     pub task: Task,
     /// Contact schedule.
@@ -131,7 +144,9 @@ pub fn draw(plan: &DatasetPlan, subject: usize, number: usize, settings: &LowerS
     let start: [f64; 3] = std::array::from_fn(|i| within(PLACE + i, plan.grounds[ground].start[i]));
     let request = Request { robot: &of.robot, ground: &plan.grounds[ground], family, kind, command, start, even, length: spec.length };
     let (task, schedule, stride) = request.solved_for(&mut draws, settings).ok()?;
-    Some(Draw { number, family, kind, command, start, stride, task, schedule })
+    let times = task.stride.map(|repeats| repeats.times(interval(&settings.transcription, &of.robot)));
+    let repeats = times.map(|times| [times.start, times.end]);
+    Some(Draw { drawn: Drawn { number, family, kind, command, start, stride, repeats }, task, schedule })
 }
 
 /// Command with its robot and ground.
@@ -232,15 +247,15 @@ impl Request<'_> {
                 let Durations { swing, stance } = own;
                 let strides = strides as usize;
                 let gait = PeriodicGait { family: self.family, offsets: offsets.to_vec(), swing, stance, strides, lead_in, tail };
-                let most = strides as f64 + latest;
-                Ok((gait.schedule()?, own, Stride { period: own.period(), phase: 0., lead_in, most }))
+                let strides = Some(strides as f64 + latest);
+                Ok((gait.schedule()?, own, Stride { period: own.period(), phase: 0., lead_in, strides }))
             }
             Kind::Start => {
                 let cycle = Cycle { family: Some(self.family), swing: drawn.swing, stance: drawn.stance, phase };
                 let moving = cycle.schedule(offsets, &vec![Contact::STANDING; offsets.len()], self.length - lead_in)?;
                 let mut durations = moving.durations().to_vec();
                 durations.iter_mut().for_each(|phases| phases[0] += lead_in);
-                let stride = Stride { period: drawn.period(), phase, lead_in, most: f64::INFINITY };
+                let stride = Stride { period: drawn.period(), phase, lead_in, strides: None };
                 Ok((Schedule::new(durations)?, drawn, stride))
             }
             Kind::Steady | Kind::Periodic => {
@@ -252,7 +267,7 @@ impl Request<'_> {
                 };
                 let cycle = Cycle { family: Some(self.family), swing: own.swing, stance: own.stance, phase };
                 let schedule = cycle.schedule(offsets, &vec![Contact::STANDING; offsets.len()], self.length)?;
-                Ok((schedule, own, Stride { period: own.period(), phase, lead_in: 0., most: f64::INFINITY }))
+                Ok((schedule, own, Stride { period: own.period(), phase, lead_in: 0., strides: None }))
             }
         }
     }
@@ -357,8 +372,8 @@ mod tests {
         for draw in (0..200).filter_map(|number| draw(&plan, 0, number, &settings)) {
             let aligned = draw.schedule.aligned(interval(&settings.transcription, &draw.task.robot));
             assert!((aligned.end() - 2.).abs() < 1e-9, "{} s", aligned.end());
-            let [forward, _, yaw] = draw.command;
-            let even = match draw.kind {
+            let [forward, _, yaw] = draw.drawn.command;
+            let even = match draw.drawn.kind {
                 Kind::Rest => 1.4,
                 Kind::Start => 1.7,
                 _ => 2.,
@@ -366,10 +381,10 @@ mod tests {
             assert!((draw.task.turn() - yaw * even).abs() < 1e-9);
             assert!(draw.task.displacement()[0] * forward >= 0. || forward.abs() < 0.1);
             let moving = |velocity: [f64; 3]| velocity[0].hypot(velocity[1]) > 0.;
-            assert_eq!(moving(draw.task.start.velocity), matches!(draw.kind, Kind::Steady | Kind::Periodic));
-            assert_eq!(moving(draw.task.goal.velocity), draw.kind != Kind::Rest);
-            assert_eq!(draw.task.stride.is_some(), draw.kind == Kind::Periodic);
-            assert!((0..200).all(|i| (0. ..1.).contains(&draw.stride.at(0.01 * f64::from(i)))));
+            assert_eq!(moving(draw.task.start.velocity), matches!(draw.drawn.kind, Kind::Steady | Kind::Periodic));
+            assert_eq!(moving(draw.task.goal.velocity), draw.drawn.kind != Kind::Rest);
+            assert_eq!(draw.task.stride.is_some(), draw.drawn.kind == Kind::Periodic);
+            assert!((0..200).all(|i| (0. ..1.).contains(&draw.drawn.stride.at(0.01 * f64::from(i)))));
         }
     }
 

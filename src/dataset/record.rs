@@ -1,7 +1,6 @@
 //! Certified motions of a data set: their lines in a file of gaits, and their rows in both tables.
 
-use super::draw::{Draw, Stride};
-use super::spec::Kind;
+use super::draw::{Draw, Drawn};
 use super::table::{Table, Values};
 use crate::app::label::{Provenance, label};
 use crate::app::terms::{TermOverrides, VerificationTerms};
@@ -9,7 +8,6 @@ use crate::app::world::World;
 use crate::error::{Error, Result, from_json};
 use crate::export::{Sampled, column_names, csv};
 use crate::gait::cost::{Cost, CostWeights, cost};
-use crate::gait::family::GaitFamily;
 use crate::gait::joints::{JointMotion, Nearest, follow};
 use crate::gait::trajectory::Trajectory;
 use crate::report::samples::{Sample, Sampler};
@@ -19,7 +17,7 @@ use crate::search::atlas::{REPEATS, mismatch};
 use crate::search::evaluate::{Evaluated, LowerSettings};
 use crate::verify::Report;
 use nalgebra::{UnitQuaternion, Vector3};
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
 /// Number of instants at which motions are compared.
 pub(super) const COMPARED: usize = 9;
@@ -30,32 +28,8 @@ pub const SAME_MOTION: f32 = 0.02;
 /// differ from angular velocities by a few percent.
 const MOST_APART: f64 = 2. * REPEATS;
 
-/// Draw that a motion came from: the key `draw` of its line.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Drawn {
-    /// Number of the draw of its robot.
-    pub number: usize,
-    /// Gait family.
-    pub family: GaitFamily,
-    /// Ends of the motion.
-    pub kind: Kind,
-    /// Commanded speeds forward and to the left, m/s, and yaw rate, rad/s, in the frame of the base.
-    pub command: [f64; 3],
-    /// Start: x, y, m, and yaw, rad.
-    pub start: [f64; 3],
-    /// Period of a stride, s.
-    pub period: f64,
-    /// Phase at the start, in strides.
-    pub phase: f64,
-    /// Time during which all feet stand at the start, s.
-    pub lead_in: f64,
-    /// Largest number of strides since the first lift-off; unlimited if absent.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub strides: Option<f64>,
-    /// Start and end of the stride that repeats, s, for a periodic motion.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub repeats: Option<[f64; 2]>,
-}
+/// Columns of the command.
+const COMMAND: [&str; 3] = ["command_forward_m/s", "command_sideways_m/s", "command_yaw_rad/s"];
 
 /// Part of a line beside the trajectory.
 #[derive(Deserialize)]
@@ -80,6 +54,8 @@ pub struct Record {
     pub frames: Vec<Vec<f64>>,
     /// Use of the joint limits; `None` for a robot without joints.
     pub joints: Option<JointUse>,
+    /// Largest difference between both ends of its stride that repeats, see [`MOST_APART`]; 0 without one.
+    apart: f64,
     /// Pose and feet at a few instants, for comparisons.
     pub fingerprint: Vec<f32>,
 }
@@ -130,20 +106,7 @@ impl Record {
         {
             return Ok(Err(Dropped::Infeasible));
         }
-        let Stride { period, phase, lead_in, most } = draw.stride;
-        let drawn = Drawn {
-            number: draw.number,
-            family: draw.family,
-            kind: draw.kind,
-            command: draw.command,
-            start: draw.start,
-            period,
-            phase,
-            lead_in,
-            strides: most.is_finite().then_some(most),
-            repeats: draw.task.stride.map(|stride| stride.times(interval)).map(|times| [times.start, times.end]),
-        };
-        let record = Record::of(label(motion, &draw.task, Provenance::default(), Some(seed)), drawn, rate)?;
+        let record = Record::of(label(motion, &draw.task, Provenance::default(), Some(seed)), draw.drawn.clone(), rate)?;
         if record.frames.iter().flatten().any(|value| !value.is_finite()) {
             return Ok(Err(Dropped::Joints));
         }
@@ -169,11 +132,9 @@ impl Record {
         let cost = cost(&trajectory, &robot, robot.leg_mass(), &CostWeights::default())?;
         let sampled = Sampled::new(&trajectory, &robot, &terrain, rate)?;
         let joints = robot.joints.as_ref().map(|_| follow(&trajectory, &robot, &terrain, rate)).transpose()?;
-        let stride =
-            Stride { period: drawn.period, phase: drawn.phase, lead_in: drawn.lead_in, most: drawn.strides.unwrap_or(f64::INFINITY) };
         let row = |(i, sample): (usize, &Sample)| {
             let mut row = csv::row(sample);
-            row.push(stride.at(sample.time));
+            row.push(drawn.stride.at(sample.time));
             row.extend(drawn.command);
             row.extend(joints.iter().flat_map(|joints| joints.samples[i].values()));
             row
@@ -181,30 +142,19 @@ impl Record {
         let frames = sampled.samples.iter().enumerate().map(row).collect();
         let sampler = Sampler::new(&trajectory, &robot, &terrain)?;
         let fingerprint = fingerprint(&sampler, trajectory.horizon, &robot);
+        let apart = drawn.repeats.map_or(0., |times| apart(&sampler, times));
         let ground = terrain.name.clone();
-        Ok(Record { drawn, trajectory, ground, cost, report, frames, joints: joints.map(|j| used(&j)), fingerprint })
+        Ok(Record { drawn, trajectory, ground, cost, report, frames, joints: joints.map(|j| used(&j)), apart, fingerprint })
     }
 
     /// Checks that the motion at the end of its stride that repeats is that at the start, moved by the displacement of the base.
     ///
     /// # Errors
-    /// [`Error::Invalid`] with the largest difference; errors of [`VerificationTerms::new`].
+    /// [`Error::Invalid`] with the largest difference.
     pub fn check_loop(&self) -> Result<()> {
-        let Some([start, end]) = self.drawn.repeats else { return Ok(()) };
-        let terms = VerificationTerms::new(&World::of(None, None, None), &self.trajectory, &TermOverrides::default())?;
-        let sampler = Sampler::new(&self.trajectory, &terms.robot, &terms.terrain)?;
-        let [from, to] = [start, end].map(|time| sampler.at(time));
-        let moved = |a: &[f64; 3], b: &[f64; 3]| Vector3::from(*b) - Vector3::from(*a);
-        let displacement = moved(&from.base.position, &to.base.position);
-        let (one, other) = (&from.base, &to.base);
-        let rates = [(one.velocity, other.velocity), (one.angles, other.angles), (one.angular_velocity, other.angular_velocity)];
-        let feet = from.feet.iter().zip(&to.feet).map(|(a, b)| (moved(&a.position, &b.position) - displacement).amax());
-        let apart = rates.iter().map(|(a, b)| moved(a, b).amax()).chain(feet).fold(0., f64::max);
-        if apart > MOST_APART {
-            let place = format!("stride from {start} s to {end} s");
-            return Err(Error::invalid(place, format!("ends that are {apart} apart"), format!("at most {MOST_APART} apart")));
-        }
-        Ok(())
+        let Some([start, end]) = self.drawn.repeats.filter(|_| self.apart > MOST_APART) else { return Ok(()) };
+        let place = format!("stride from {start} s to {end} s");
+        Err(Error::invalid(place, format!("ends that are {} apart", self.apart), format!("at most {MOST_APART} apart")))
     }
 
     /// Name of the ground and fingerprint of a motion.
@@ -221,7 +171,7 @@ impl Record {
     pub fn columns_of(robot: &Robot) -> Vec<String> {
         let joints = robot.joints.iter().flatten().flat_map(|leg| &leg.chain);
         let mut columns = csv::header(&column_names(robot), robot.sole.is_some());
-        columns.extend(["phase", "command_forward_m/s", "command_sideways_m/s", "command_yaw_rad/s"].map(String::from));
+        columns.extend(std::iter::once("phase").chain(COMMAND).map(String::from));
         columns.extend(joints.flat_map(LegJoint::columns));
         columns
     }
@@ -248,6 +198,17 @@ impl Record {
     pub fn is_same(fingerprint: &[f32], other: &[f32]) -> bool {
         fingerprint.len() == other.len() && fingerprint.iter().zip(other).all(|(a, b)| (a - b).abs() <= SAME_MOTION)
     }
+}
+
+/// Largest difference of the motion between two times, m, rad, m/s and rad/s; positions of feet relative to the base.
+fn apart(sampler: &Sampler, times: [f64; 2]) -> f64 {
+    let [from, to] = times.map(|time| sampler.at(time));
+    let moved = |a: &[f64; 3], b: &[f64; 3]| Vector3::from(*b) - Vector3::from(*a);
+    let (one, other) = (&from.base, &to.base);
+    let displacement = moved(&one.position, &other.position);
+    let rates = [(one.velocity, other.velocity), (one.angles, other.angles), (one.angular_velocity, other.angular_velocity)];
+    let feet = from.feet.iter().zip(&to.feet).map(|(a, b)| (moved(&a.position, &b.position) - displacement).amax());
+    rates.iter().map(|(a, b)| moved(a, b).amax()).chain(feet).fold(0., f64::max)
 }
 
 fn used(joints: &JointMotion) -> JointUse {
@@ -303,13 +264,13 @@ pub fn motions(records: &[Record]) -> Table {
     table.add("ground", text(&|r| r.ground.clone()));
     table.add("family", text(&|r| r.drawn.family.name().into()));
     table.add("kind", text(&|r| r.drawn.kind.name().into()));
-    for (i, name) in ["command_forward_m/s", "command_sideways_m/s", "command_yaw_rad/s"].into_iter().enumerate() {
+    for (i, name) in COMMAND.into_iter().enumerate() {
         table.add(name, number(&|r| r.drawn.command[i]));
     }
     for (i, name) in ["start_x_m", "start_y_m", "start_yaw_rad"].into_iter().enumerate() {
         table.add(name, number(&|r| r.drawn.start[i]));
     }
-    table.add("period_s", number(&|r| r.drawn.period));
+    table.add("period_s", number(&|r| r.drawn.stride.period));
     // The whole motion if no stride repeats.
     table.add("loop_start_s", number(&|r| r.drawn.repeats.map_or(0., |times| times[0])));
     table.add("loop_end_s", number(&|r| r.drawn.repeats.map_or(r.trajectory.horizon, |times| times[1])));

@@ -17,7 +17,7 @@ mujoco: Any = pytest.importorskip("mujoco")
 pytest.importorskip("daqp")
 
 import cregopt.mujoco
-from test_mujoco import LEGS, main, mjcf
+from test_mujoco import main, model as model
 
 RATE = 50
 SPEC = f"""
@@ -34,14 +34,6 @@ forward = [0.1, 0.3]
 sideways = [-0.05, 0.05]
 yaw = [-0.2, 0.2]
 """
-
-
-@pytest.fixture(scope="module")
-def model(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
-    """Model of a small quadruped."""
-    path = tmp_path_factory.mktemp("model") / "small.xml"
-    path.write_text(mjcf(LEGS))
-    return path
 
 
 @pytest.fixture(scope="module")

@@ -144,7 +144,7 @@ pub struct Slots {
 }
 
 /// Bytes per slot in a buffer. For heights, which all slots share, the bytes of the whole buffer.
-fn bytes_of(buffer: Buffer, sizes: &Sizes, batch: &Batch, heights: usize) -> u64 {
+pub(super) fn bytes_of(buffer: Buffer, sizes: &Sizes, batch: &Batch, heights: usize) -> u64 {
     let entries = |n: u32, size: usize| u64::from(n) * size as u64;
     match buffer {
         Buffer::Running => 4,

@@ -5,11 +5,10 @@
 //! kept, because memory that a device can read is slow to allocate.
 
 use super::device::{Device, Fault};
-use super::slots::Prepared;
-use crate::backend::tables::{ALIGNMENT, Batch, Buffer, Sizes, Slot, first_progress};
+use super::slots::{Prepared, bytes_of};
+use crate::backend::tables::{ALIGNMENT, Batch, Buffer, Sizes, first_progress};
 use crate::rows::table::Wgsl;
 use crate::settings::SolverSettings;
-use crate::solver::control::Progress;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
@@ -66,19 +65,22 @@ impl Section {
 
     /// Sections of a batch with their places. The places in the records follow each other.
     fn all(sizes: &Sizes, batch: &Batch) -> Vec<(Section, Move)> {
-        let whole = |bytes: usize| Move { stride: bytes as u32 / 4, words: bytes as u32 / 4, ..Move::default() };
-        let of_values = |words: Range<u32>| Move { first: words.start, stride: batch.values, words: words.len() as u32, ..Move::default() };
-        let mut sections = vec![
-            (Section::Slot, whole(size_of::<Slot>())),
-            (Section::Progress, whole(size_of::<Progress<f32>>())),
-            (Section::FirstValues, of_values(batch.x..batch.direction)),
-            (Section::CostWeights, of_values(batch.cost_weights..batch.shift_c)),
-            (Section::Jacobian, Move { clear: 1, ..whole(8 * batch.jacobian as usize) }),
-        ];
-        for &table in Buffer::TABLES.iter().filter(|table| sizes.entries(**table) > 0) {
-            let first = batch.first(table).unwrap_or(0);
-            sections.push((Section::Table(table), Move { first, ..whole(sizes.bytes(table) as usize) }));
-        }
+        let whole = |section: Section| {
+            let (buffer, clear) = (section.buffer(), u32::from(section == Section::Jacobian));
+            let (first, words) = (batch.first(buffer).unwrap_or(0), (bytes_of(buffer, sizes, batch, 0) / 4) as u32);
+            (section, Move { first, stride: words, words, clear, ..Move::default() })
+        };
+        let of_values = |section: Section, words: Range<u32>| {
+            (section, Move { first: words.start, stride: batch.values, words: words.len() as u32, ..Move::default() })
+        };
+        let tables = Buffer::TABLES.iter().filter(|table| sizes.entries(**table) > 0);
+        let mut sections: Vec<(Section, Move)> = [Section::Slot, Section::Progress, Section::Jacobian]
+            .into_iter()
+            .chain(tables.map(|t| Section::Table(*t)))
+            .map(whole)
+            .collect();
+        sections.push(of_values(Section::FirstValues, batch.x..batch.direction));
+        sections.push(of_values(Section::CostWeights, batch.cost_weights..batch.shift_c));
         sections.retain(|(_, place)| place.words > 0);
         let mut record = HEAD;
         for (_, place) in sections.iter_mut().filter(|(_, place)| place.clear == 0) {
