@@ -3,7 +3,7 @@
 
 use crate::counted::{Counted, Operations, counted};
 use cregopt::backend::gpu::shaders::{Shader, WORKGROUP};
-use cregopt::backend::tables::ShaderTables;
+use cregopt::backend::tables::{ShaderTables, TILE};
 use cregopt::gait::AlignedSchedule;
 use cregopt::linear::NormalEquations;
 use cregopt::linear::forward::forward;
@@ -13,7 +13,7 @@ use cregopt::linear::substitute::substitute;
 use cregopt::linear::transposed::transposed_times;
 use cregopt::nlp::Problem;
 use cregopt::rows::{
-    self, Family, Shared, acceleration::acceleration, cone::cone, dynamics::dynamics, footing::footing, force::force, ground::ground,
+    self, Shared, acceleration::acceleration, cone::cone, dynamics::dynamics, footing::footing, force::force, ground::ground,
     momentum::momentum, reach::reach, stride::stride, swing::swing,
 };
 use cregopt::search::evaluate::LowerSettings;
@@ -27,6 +27,9 @@ use cregopt::solver::weights::{barrier_rows, variable_terms};
 use cregopt::task::Task;
 
 type Values = Vec<Counted>;
+
+/// Rows that `front.wgsl` adds together if workgroup memory suffices.
+const WIDEST_PANEL: usize = 16;
 
 /// Operations of the shaders in the first round of a solve, a barrier step, in the order of [`Shader::ALL`]. Substitution and product,
 /// which a round dispatches twice, are counted once.
@@ -112,50 +115,35 @@ pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSetting
         update_slacks(&mut slacks, lengths);
     });
     let problem = Problem::<f32>::new(task, schedule, &settings.transcription);
-    of[Shader::Front as usize] = front(&problem, &ShaderTables::of(&problem));
+    of[Shader::Front as usize] = front(&ShaderTables::of(&problem));
     of
 }
 
-/// Operations of `add_rows` in `front.wgsl`: blocks of two by two columns and three rows at a time, padding included.
-fn add_rows(rows: u64, columns: u64) -> u64 {
-    let pairs = columns.div_ceil(2);
-    let cells = pairs * (pairs + 1) / 2;
-    let threes = if rows > 3 { 2 } else { 1 };
-    // Two products with the weights and four dot products, the sums of both groups of three, the addition to the front.
-    cells * (26 * threes + 4 * (threes - 1) + 4) + columns * (5 * threes + threes)
+/// Operations of `add_products` in `front.wgsl` on all tiles of a front: sixteen products and sums per row, one addition per value.
+fn products(tiles: u64, rows: u64) -> u64 {
+    tiles * (tiles + 1) / 2 * (32 * rows + 32)
 }
 
-/// Operations of `front.wgsl` if all pivots are positive and no row has weight 0.
-fn front(problem: &Problem<f32>, own: &ShaderTables) -> Operations {
+/// Operations of `front.wgsl` if all pivots are positive, no row has weight 0, and rows touch all columns.
+fn front(own: &ShaderTables) -> Operations {
     let mut of = Operations::default();
-    let factored = &problem.reach_rows;
+    let tile = TILE as u64;
     for step in &own.front_steps {
-        for element in &problem.elements[step.elements.range()] {
-            let columns: u64 = problem.runs[element.runs.range()].iter().map(|r| u64::from(r.len)).sum();
-            of.simple += match element.family {
-                Family::LinearMomentum => 3 * add_rows(2, columns / 3),
-                _ => (0..element.rows).step_by(6).map(|top| add_rows(u64::from(element.rows - top).min(6), columns)).sum(),
-            };
-        }
-        for instant in &factored.instants[step.factored.range()] {
-            let blocks = factored.blocks_of(instant).present().count() as u64;
-            // Products of the pose, added to the front; half of them for diagonal blocks; and the values.
-            of.simple += 3 * (36 * blocks * (blocks.saturating_sub(1)) / 2 + 21 * blocks) + 12 * blocks;
-            for element in &factored.elements[instant.elements.range()] {
-                let own: u64 = factored.own[element.own as usize].present().map(|run| u64::from(run.len)).sum();
-                of.simple += 3 * (36 * 3 + 6 * 2) + 6 * blocks * (6 + 6 * own) + own * (3 + 3 * (own + 1)) + 6 * own;
-            }
-        }
         let (size, pivots) = (u64::from(step.size), u64::from(step.pivots));
+        let tiles = size / tile + 1;
+        let rows = &own.front_rows[step.rows.range()];
+        for together in rows.chunks(WIDEST_PANEL) {
+            of.simple += together.iter().map(|row| 2 * u64::from(row.columns.end - row.columns.start) + 1).sum::<u64>();
+            of.special += 2 * together.len() as u64;
+            of.simple += products(tiles, together.len() as u64);
+        }
         of.simple += 2 * pivots;
-        for p in (0..pivots).step_by(4) {
-            let count = (pivots - p).min(4);
+        for p in (0..pivots).step_by(TILE) {
+            let count = (pivots - p).min(tile);
             // Each invocation factorises the four by four block on the diagonal, then computes one column of the panel.
             of.simple += u64::from(WORKGROUP) * 26 + (size + 1 - p) * 16;
             of.special += u64::from(WORKGROUP) * 2 * count;
-            let tiles = (size - p - count).div_ceil(4);
-            // Four columns of 28 operations and four differences per tile; the last column of tiles belongs to the right-hand side.
-            of.simple += (tiles * (tiles + 1) / 2) * 4 * 32 + tiles * 32;
+            of.simple += products(tiles - (p + count) / tile, tile);
         }
     }
     of

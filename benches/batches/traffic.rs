@@ -136,10 +136,9 @@ impl Sizes<'_> {
             Shader::Start => whole + elements + gathered + 2 * x + v + 3 * g,
             // Residuals, slacks, multipliers, weight, value, scaling, smoothing, x, initial values, diagonal, gradient.
             Shader::Weights => c + 3 * g + elements + 2 * rows + 6 * v,
-            // Reach rows contribute the feet's own columns and those of the pose; their tables indices, weights, spans and places.
             Shader::Front => {
-                let read = self.jacobian(|f| f != Family::Reach) + self.by_feet() + self.by_pose();
-                read + 2 * rows + 2 * v + elements + t(&[Buffer::Runs]) + sweep + reach + 2 * self.carry() + self.factor()
+                let tables = t(&[Buffer::FrontRows, Buffer::FrontColumns]);
+                whole + 2 * rows + 2 * v + tables + sweep + 2 * self.carry() + self.factor()
             }
             // The direction is read again after the pivots.
             Shader::Substitute => self.factor() + sweep + 2 * v,

@@ -1,303 +1,239 @@
-// needs: shared/triangle shared/factored_front
+// needs: shared/triangle
 // binds: jacobian factor tables part
-// reads: elements runs front_steps rests base_blocks factored_instants factored_elements factored_own
+// reads: front_steps rests front_rows front_columns factored_instants
 // Frontal Cholesky factorisation in time order: assemble, eliminate, move on. One workgroup per candidate; steps `part.first` to
 // `part.last`.
 //   in      values    weight, value [rows]; diagonal, gradient [variables]
 //   in      jacobian  at the point
-//   in out  values    carry: what remains of the front between two steps, `[rest][rest]` and its right-hand side
+//   in out  values    carry: what remains of the front between two steps, `[rest][rest + 1]` with its right-hand side
 //   out     factor    pivot rows, [pivots][stride] at each step; the right-hand side is in column `size`
 //   out     values    flags: 1 if a pivot is not positive
 // Solves `(E + J' W J) d = -(u + J' v)` together with substitute.wgsl.
-// Twins: src/linear/front.rs, src/linear/factored.rs. Their sums have another order: they eliminate pivots one by one.
+// Twins: src/linear/front.rs, src/linear/factored.rs. Their sums have another order: they add element by element, and eliminate pivots one
+// by one.
+//
+// The front consists of tiles of four by four values, those on and above the diagonal; its last column is the right-hand side. Both the
+// assembly and the elimination write rows to `panel` and then add the products of their columns to all tiles.
 
-// Front indices of the columns of an element. Two buffers alternate, so that the next element can be prepared.
-var<workgroup> columns: array<u32, 2 * COLUMNS>;
-// Four rows of the factor, by column.
-var<workgroup> panel: array<vec4<f32>, SIDE>;
+// Invocations that spread one row, and rows that are spread together.
+const TEAM: u32 = max(WORKGROUP / PANEL_ROWS, 1u);
+const TEAMS: u32 = WORKGROUP / TEAM;
 
-fn add_front(slot: u32, i: u32, v: f32) {
-    put_front(slot, i, front_at(slot, i) + v);
+// Rows by column.
+var<workgroup> panel: array<vec4<f32>, PANEL_ROWS * SIDE / 4u>;
+// By four columns: 1 if a row of the panel touches them.
+var<workgroup> touched: array<atomic<u32>, SIDE / 4u>;
+// By index in the front: index in what remains of the front before. NONE if the variable is new.
+var<workgroup> before: array<u32, SIDE>;
+
+fn put_panel(row: u32, column: u32, v: f32) {
+    panel[row * (SIDE / 4u) + column / 4u][column % 4u] = v;
 }
 
-// Writes the front indices of the columns of an element. Returns the number of columns; 0 if all variables of the element are fixed.
-fn spread(slot: u32, element: Element, side: u32, lane: u32) -> u32 {
-    if (element.runs.start == element.runs.end) {
-        return 0u;
+// Number of tiles on the diagonal of a front with its right-hand side.
+fn diagonal_tiles(size: u32) -> u32 {
+    return size / 4u + 1u;
+}
+
+// Adds to element (i, j) of the front.
+fn add_front(slot: u32, tiles: u32, i: u32, j: u32, v: f32) {
+    let t = number_of(tiles, i / 4u, j / 4u);
+    put_front_value(slot, t, i % 4u, j % 4u, front_value(slot, t, i % 4u, j % 4u) + v);
+}
+
+// Sets the panel to zero.
+fn clear_panel(lane: u32) {
+    for (var i = lane; i < PANEL_ROWS * SIDE / 4u; i += WORKGROUP) {
+        panel[i] = vec4<f32>();
     }
-    let last = runs_at(slot, element.runs.end - 1u);
-    for (var k = element.runs.start + lane; k < element.runs.end; k += WORKGROUP) {
-        let run = runs_at(slot, k);
-        for (var i = 0u; i < run.len; i++) {
-            columns[side + run.column + i] = run.front + i;
+    for (var i = lane; i < SIDE / 4u; i += WORKGROUP) {
+        atomicStore(&touched[i], 0u);
+    }
+}
+
+// Spreads the Jacobian rows `rows` to the columns of the front, each times the root of its weight.
+fn spread(slot: u32, half: u32, rows: Span, size: u32, lane: u32) {
+    let base = slot * batch.values;
+    for (var n = rows.start + lane / TEAM; n < rows.end; n += TEAMS) {
+        let row = front_rows_at(slot, n);
+        let weight = values[base + batch.weight + row.row];
+        let root = sqrt(weight);
+        let jacobian_row = (2u * slot + half) * batch.jacobian + row.jacobian;
+        for (var c = row.columns.start + lane % TEAM; c < row.columns.end; c += TEAM) {
+            // As `front_column` of src/backend/tables.rs packs them.
+            let packed = front_columns_at(slot, c);
+            let variable = extractBits(packed, 0u, FRONT_COLUMN_BITS);
+            let column = extractBits(packed, FRONT_COLUMN_BITS, FRONT_COLUMN_BITS);
+            let block = packed >> (2u * FRONT_COLUMN_BITS);
+            var v = root * jacobian[jacobian_row + column];
+            if (block > 0u) {
+                v *= factored_instants_weights(slot, row.instant, block - 1u);
+            }
+            put_panel(n - rows.start, variable, v);
+            atomicStore(&touched[variable / 4u], 1u);
+        }
+        if (lane % TEAM == 0u && weight > 0.0) {
+            put_panel(n - rows.start, size, -values[base + batch.value + row.row] / root);
+            atomicStore(&touched[size / 4u], 1u);
         }
     }
-    return last.column + last.len;
 }
 
-// Up to six rows of an element that are added together, restricted to every `step`-th column from `offset` on.
-struct Rows {
-    // Index of the first Jacobian value, and the offsets of the rows relative to it.
-    first: u32,
-    at: vec3<u32>,
-    at2: vec3<u32>,
-    count: u32,
-    w: vec3<f32>,
-    v: vec3<f32>,
-    w2: vec3<f32>,
-    v2: vec3<f32>,
-    step: u32,
-    offset: u32,
+// Adds `sign` times the products of two sets of four columns of the panel to a tile.
+fn add_products(slot: u32, tile: u32, at: vec2<u32>, rows: u32, sign: f32) {
+    var sums = mat4x4<f32>();
+    for (var row = 0u; row < rows; row++) {
+        let left = panel[row * (SIDE / 4u) + at.x];
+        let right = panel[row * (SIDE / 4u) + at.y];
+        sums[0] += left.x * right;
+        sums[1] += left.y * right;
+        sums[2] += left.z * right;
+        sums[3] += left.w * right;
+    }
+    put_front_row(slot, tile, 0u, front_row(slot, tile, 0u) + sign * sums[0]);
+    put_front_row(slot, tile, 1u, front_row(slot, tile, 1u) + sign * sums[1]);
+    put_front_row(slot, tile, 2u, front_row(slot, tile, 2u) + sign * sums[2]);
+    put_front_row(slot, tile, 3u, front_row(slot, tile, 3u) + sign * sums[3]);
 }
 
-// Up to three consecutive values, starting at an index; 0 for the others.
-fn values_from(at: u32, count: u32) -> vec3<f32> {
-    var v = vec3<f32>(values[at], 0.0, 0.0);
-    if (count > 1u) {
-        v.y = values[at + 1u];
-    }
-    if (count > 2u) {
-        v.z = values[at + 2u];
-    }
-    return v;
-}
-
-// Up to six rows of an element, starting at row `top`.
-fn six_rows(slot: u32, half: u32, element: Element, top: u32) -> Rows {
-    let w = slot * batch.values + batch.weight + element.place.row + top;
-    let v = slot * batch.values + batch.value + element.place.row + top;
-    let count = min(element.rows - top, 6u);
-    var rows: Rows;
-    rows.first = (2u * slot + half) * batch.jacobian + element.place.jacobian + top * element.place.stride;
-    rows.at = element.place.stride * vec3<u32>(0u, 1u, 2u);
-    rows.at2 = element.place.stride * vec3<u32>(3u, 4u, 5u);
-    rows.count = count;
-    rows.w = values_from(w, count);
-    rows.v = values_from(v, count);
-    if (count > 3u) {
-        rows.w2 = values_from(w + 3u, count - 3u);
-        rows.v2 = values_from(v + 3u, count - 3u);
-    }
-    rows.step = 1u;
-    return rows;
-}
-
-// The two rows of linear momentum along one axis. They touch only the columns of that axis.
-fn rows_along(rows: Rows, axis: u32) -> Rows {
-    var along: Rows;
-    along.first = rows.first;
-    along.at = vec3<u32>(rows.at[axis], rows.at2[axis], 0u);
-    along.count = 2u;
-    along.w = vec3<f32>(rows.w[axis], rows.w2[axis], 0.0);
-    along.v = vec3<f32>(rows.v[axis], rows.v2[axis], 0.0);
-    along.step = 3u;
-    along.offset = axis;
-    return along;
-}
-
-// Values of up to three rows in one column; 0 for the others.
-fn column_of(first: u32, at: vec3<u32>, count: u32) -> vec3<f32> {
-    var v = vec3<f32>(jacobian[first + at.x], 0.0, 0.0);
-    if (count > 1u) {
-        v.y = jacobian[first + at.y];
-    }
-    if (count > 2u) {
-        v.z = jacobian[first + at.z];
-    }
-    return v;
-}
-
-// Adds `J' W J` and `-J' v` of the given rows over `count` columns to the front.
-fn add_rows(slot: u32, rows: Rows, side: u32, count: u32, size: u32, lane: u32) {
-    if (all(rows.w == vec3<f32>()) && all(rows.w2 == vec3<f32>())) {
-        return;
-    }
-    // Tiles of two by two columns.
-    let pairs = (count + 1u) / 2u;
-    for (var e = lane; e < cells(pairs); e += WORKGROUP) {
-        let at = 2u * cell(pairs, e);
-        if (at.y >= count) {
-            continue;
+// Adds the spread rows to the tiles that they touch.
+fn add_rows(slot: u32, tiles: u32, rows: u32, lane: u32) {
+    for (var e = lane; e < cells(tiles); e += WORKGROUP) {
+        let at = cell(tiles, e);
+        if (at.y < tiles && atomicLoad(&touched[at.x]) + atomicLoad(&touched[at.y]) == 2u) {
+            add_products(slot, number_of(tiles, at.x, at.y), at, rows, 1.0);
         }
-        let a = rows.step * at.x + rows.offset;
-        let b = rows.step * at.y + rows.offset;
-        let next_a = rows.step * min(at.x + 1u, count - 1u) + rows.offset;
-        let next_b = rows.step * min(at.y + 1u, count - 1u) + rows.offset;
-        let first = rows.first;
-        let n = rows.count;
-        let left = mat2x3<f32>(rows.w * column_of(first + a, rows.at, n), rows.w * column_of(first + next_a, rows.at, n));
-        let right = mat2x3<f32>(column_of(first + b, rows.at, n), column_of(first + next_b, rows.at, n));
-        var sums = transpose(left) * right;
-        if (n > 3u) {
-            let m = n - 3u;
-            let left2 = mat2x3<f32>(rows.w2 * column_of(first + a, rows.at2, m), rows.w2 * column_of(first + next_a, rows.at2, m));
-            let right2 = mat2x3<f32>(column_of(first + b, rows.at2, m), column_of(first + next_b, rows.at2, m));
-            sums += transpose(left2) * right2;
-        }
-        let from_a = ix_front(size, columns[side + a], 0u);
-        let from_next = ix_front(size, columns[side + next_a], 0u);
-        let to_b = columns[side + b];
-        let to_next = columns[side + next_b];
-        // On the diagonal, (a + 1, b) is below the diagonal. Beyond the last column there is nothing to add.
-        let two_rows = at.x < at.y;
-        let two_columns = at.y + 1u < count;
-        add_front(slot, from_a + to_b, sums[0].x);
-        if (two_rows) {
-            add_front(slot, from_next + to_b, sums[0].y);
-        }
-        if (two_columns) {
-            add_front(slot, from_a + to_next, sums[1].x);
-            add_front(slot, from_next + to_next, sums[1].y);
-        }
-    }
-    for (var i = lane; i < count; i += WORKGROUP) {
-        let a = rows.step * i + rows.offset;
-        var sum = dot(rows.v, column_of(rows.first + a, rows.at, rows.count));
-        if (rows.count > 3u) {
-            sum += dot(rows.v2, column_of(rows.first + a, rows.at2, rows.count - 3u));
-        }
-        add_front(slot, ix_front(size, columns[side + a], size), -sum);
-    }
-}
-
-// Adds one element to the front.
-fn assemble(slot: u32, half: u32, element: Element, side: u32, count: u32, size: u32, lane: u32) {
-    if (element.family == LINEAR_MOMENTUM) {
-        let rows = six_rows(slot, half, element, 0u);
-        for (var axis = 0u; axis < 3u; axis++) {
-            add_rows(slot, rows_along(rows, axis), side, count / 3u, size, lane);
-        }
-        return;
-    }
-    for (var top = 0u; top < element.rows; top += 6u) {
-        if (top > 0u) {
-            front_barrier();
-        }
-        add_rows(slot, six_rows(slot, half, element, top), side, count, size, lane);
-    }
-}
-
-// Initialises the front of a step: zero, plus what remains of the previous front.
-fn begin_front(slot: u32, k: u32, size: u32, lane: u32) {
-    for (var i = lane; i < ix_front(size, size, size); i += WORKGROUP) {
-        put_front(slot, i, 0.0);
     }
     front_barrier();
-    if (k == 0u) {
-        return;
+}
+
+// Elements of what remains of the front before, in a row and four columns of `count` and the right-hand side; 0 for new variables. All are
+// read at once, some of them in vain.
+fn carried(slot: u32, row: u32, columns: vec4<u32>, count: u32) -> vec4<f32> {
+    // NONE is larger than any index.
+    let low = min(vec4<u32>(row), columns);
+    let high = max(vec4<u32>(row), columns);
+    let last = vec4<u32>(count);
+    let at = slot * batch.values + batch.carry + min(low, last - min(last, vec4<u32>(1u))) * (count + 1u) + min(high, last);
+    let v = vec4<f32>(values[at.x], values[at.y], values[at.z], values[at.w]);
+    return select(vec4<f32>(), v, (low < last) & (high <= last));
+}
+
+// Initialises the front of a step: what remains of the previous front, otherwise zero.
+fn begin_front(slot: u32, k: u32, size: u32, lane: u32) {
+    let tiles = diagonal_tiles(size);
+    for (var i = lane; i < 4u * tiles; i += WORKGROUP) {
+        before[i] = NONE;
     }
-    let before = front_steps_at(slot, k - 1u);
-    let count = before.size - before.pivots;
-    let rest = before.rest.start;
-    let carry = slot * batch.values + batch.carry;
-    for (var e = lane; e < cells(count); e += WORKGROUP) {
-        let at = cell(count, e);
-        if (at.y < count) {
-            put_front(slot, ix_front(size, rests_at(slot, rest + at.x).next, rests_at(slot, rest + at.y).next), values[carry + at.x * count + at.y]);
+    workgroupBarrier();
+    var count = 0u;
+    if (k > 0u) {
+        let previous = front_steps_at(slot, k - 1u);
+        count = previous.size - previous.pivots;
+        for (var a = lane; a <= count; a += WORKGROUP) {
+            if (a < count) {
+                before[rests_at(slot, previous.rest.start + a).next] = a;
+            } else {
+                before[size] = count;
+            }
         }
     }
-    for (var a = lane; a < count; a += WORKGROUP) {
-        put_front(slot, ix_front(size, rests_at(slot, rest + a).next, size), values[carry + count * count + a]);
+    workgroupBarrier();
+    for (var e = lane; e < cells(tiles); e += WORKGROUP) {
+        let at = cell(tiles, e);
+        if (at.y >= tiles) {
+            continue;
+        }
+        let j = 4u * at.y;
+        let columns = vec4<u32>(before[j], before[j + 1u], before[j + 2u], before[j + 3u]);
+        let t = number_of(tiles, at.x, at.y);
+        let i = 4u * at.x;
+        put_front_row(slot, t, 0u, carried(slot, before[i], columns, count));
+        put_front_row(slot, t, 1u, carried(slot, before[i + 1u], columns, count));
+        put_front_row(slot, t, 2u, carried(slot, before[i + 2u], columns, count));
+        put_front_row(slot, t, 3u, carried(slot, before[i + 3u], columns, count));
     }
     front_barrier();
 }
 
 // Saves what remains of a front after its pivots are eliminated.
 fn carry_over(slot: u32, size: u32, pivots: u32, lane: u32) {
-    let count = size - pivots;
+    let tiles = diagonal_tiles(size);
+    let first = pivots / 4u;
     let carry = slot * batch.values + batch.carry;
-    for (var e = lane; e < cells(count); e += WORKGROUP) {
-        let at = cell(count, e);
-        if (at.y < count) {
-            values[carry + at.x * count + at.y] = front_at(slot, ix_front(size, pivots + at.x, pivots + at.y));
+    for (var e = lane; e < cells(tiles - first); e += WORKGROUP) {
+        let at = first + cell(tiles - first, e);
+        if (at.y >= tiles) {
+            continue;
         }
-    }
-    for (var a = lane; a < count; a += WORKGROUP) {
-        values[carry + count * count + a] = front_at(slot, ix_front(size, pivots + a, size));
+        for (var i = 0u; i < 4u; i++) {
+            let row = 4u * at.x + i;
+            let v = front_row(slot, number_of(tiles, at.x, at.y), i);
+            for (var j = 0u; j < 4u; j++) {
+                let column = 4u * at.y + j;
+                if (row >= pivots && row < size && row <= column && column <= size) {
+                    values[carry + (row - pivots) * (size - pivots + 1u) + column - pivots] = v[j];
+                }
+            }
+        }
     }
     storageBarrier();
     workgroupBarrier();
 }
 
-// Element (p + k, j) of the front; 0 left of the diagonal and for rows `count` and later of the panel.
-fn panel_value(slot: u32, size: u32, p: u32, k: u32, j: u32, count: u32) -> f32 {
-    // A single return statement: with two of them and 14 calls, SwiftShader compiles for minutes.
-    var value = 0.0;
-    if (k < count && j >= p + k) {
-        value = front_at(slot, ix_front(size, p + k, j));
-    }
-    return value;
-}
-
 // Reciprocal of the pivot's square root; 0 beyond the last row of the panel.
 fn reciprocal(pivot: f32, k: u32, count: u32) -> f32 {
-    return select(0.0, 1.0 / sqrt(pivot), k < count);
+    return select(0.0, inverseSqrt(pivot), k < count);
 }
 
-// Eliminates up to four pivots, starting at `p`: `A = U' U` row by row; the rest becomes the Schur complement. Returns false if a pivot is
-// not positive.
+// Eliminates up to four pivots, starting at `p`, a multiple of four: `A = U' U` row by row; the rest becomes the Schur complement. Returns
+// false if a pivot is not positive.
 fn eliminate(slot: u32, at: FrontStep, p: u32, lane: u32) -> bool {
     let size = at.size;
+    let tiles = diagonal_tiles(size);
     let count = min(4u, at.pivots - p);
-    // Every invocation factorises the diagonal block redundantly.
-    let d0 = panel_value(slot, size, p, 0u, p, count);
+    // Every invocation factorises the block on the diagonal redundantly.
+    let block = number_of(tiles, p / 4u, p / 4u);
+    let a0 = front_row(slot, block, 0u);
+    let a1 = front_row(slot, block, 1u);
+    let a2 = front_row(slot, block, 2u);
+    let d0 = a0.x;
     let r0 = reciprocal(d0, 0u, count);
-    let u01 = panel_value(slot, size, p, 0u, p + 1u, count) * r0;
-    let u02 = panel_value(slot, size, p, 0u, p + 2u, select(0u, count, count > 2u)) * r0;
-    let u03 = panel_value(slot, size, p, 0u, p + 3u, select(0u, count, count > 3u)) * r0;
-    let d1 = panel_value(slot, size, p, 1u, p + 1u, count) - u01 * u01;
+    let u01 = a0.y * r0;
+    let u02 = a0.z * r0;
+    let u03 = a0.w * r0;
+    let d1 = a1.y - u01 * u01;
     let r1 = reciprocal(d1, 1u, count);
-    let u12 = (panel_value(slot, size, p, 1u, p + 2u, select(0u, count, count > 2u)) - u01 * u02) * r1;
-    let u13 = (panel_value(slot, size, p, 1u, p + 3u, select(0u, count, count > 3u)) - u01 * u03) * r1;
-    let d2 = panel_value(slot, size, p, 2u, p + 2u, count) - u02 * u02 - u12 * u12;
+    let u12 = (a1.z - u01 * u02) * r1;
+    let u13 = (a1.w - u01 * u03) * r1;
+    let d2 = a2.z - u02 * u02 - u12 * u12;
     let r2 = reciprocal(d2, 2u, count);
-    let u23 = (panel_value(slot, size, p, 2u, p + 3u, select(0u, count, count > 3u)) - u02 * u03 - u12 * u13) * r2;
-    let d3 = panel_value(slot, size, p, 3u, p + 3u, count) - u03 * u03 - u13 * u13 - u23 * u23;
+    let u23 = (a2.w - u02 * u03 - u12 * u13) * r2;
+    let d3 = front_row(slot, block, 3u).w - u03 * u03 - u13 * u13 - u23 * u23;
     let r3 = reciprocal(d3, 3u, count);
     let positive = d0 > 0.0 && (count < 2u || d1 > 0.0) && (count < 3u || d2 > 0.0) && (count < 4u || d3 > 0.0);
     for (var j = p + lane; j <= size; j += WORKGROUP) {
-        let y0 = panel_value(slot, size, p, 0u, j, count) * r0;
-        let y1 = select(0.0, (panel_value(slot, size, p, 1u, j, count) - u01 * y0) * r1, j > p);
-        let y2 = select(0.0, (panel_value(slot, size, p, 2u, j, count) - u02 * y0 - u12 * y1) * r2, j > p + 1u);
-        let y3 = select(0.0, (panel_value(slot, size, p, 3u, j, count) - u03 * y0 - u13 * y1 - u23 * y2) * r3, j > p + 2u);
+        let t = number_of(tiles, p / 4u, j / 4u);
+        let c = j % 4u;
+        let y0 = front_value(slot, t, 0u, c) * r0;
+        let y1 = select(0.0, (front_value(slot, t, 1u, c) - u01 * y0) * r1, j > p);
+        let y2 = select(0.0, (front_value(slot, t, 2u, c) - u02 * y0 - u12 * y1) * r2, j > p + 1u);
+        let y3 = select(0.0, (front_value(slot, t, 3u, c) - u03 * y0 - u13 * y1 - u23 * y2) * r3, j > p + 2u);
         let y = vec4<f32>(y0, y1, y2, y3);
-        panel[j] = y;
         let row = slot * batch.factor + at.factor + p * at.stride + j;
-        for (var k = 0u; k < count; k++) {
-            factor[row + k * at.stride] = y[k];
+        for (var k = 0u; k < 4u; k++) {
+            put_panel(k, j, y[k]);
+            if (k < count) {
+                factor[row + k * at.stride] = y[k];
+            }
         }
     }
     workgroupBarrier();
-    // The remaining rows, with the right-hand side as their last column, in tiles of four by four.
-    let first = p + count;
-    let tiles = (size - first + 4u) / 4u;
-    for (var e = lane; e < cells(tiles); e += WORKGROUP) {
-        let at = first + 4u * cell(tiles, e);
-        let i = at.x;
-        if (i >= size || at.y > size) {
-            continue;
-        }
-        let rows = mat4x4<f32>(panel[i], panel[min(i + 1u, size)], panel[min(i + 2u, size)], panel[min(i + 3u, size)]);
-        let starts = vec4<u32>(
-            ix_front(size, i, 0u),
-            ix_front(size, i + 1u, 0u),
-            ix_front(size, i + 2u, 0u),
-            ix_front(size, i + 3u, 0u),
-        );
-        for (var j = at.y; j < min(at.y + 4u, size + 1u); j++) {
-            let sums = panel[j] * rows;
-            // Number of rows down to the diagonal.
-            let depth = min(j + 1u, size) - i;
-            add_front(slot, starts.x + j, -sums.x);
-            if (depth > 1u) {
-                add_front(slot, starts.y + j, -sums.y);
-            }
-            if (depth > 2u) {
-                add_front(slot, starts.z + j, -sums.z);
-            }
-            if (depth > 3u) {
-                add_front(slot, starts.w + j, -sums.w);
-            }
+    let first = (p + count) / 4u;
+    for (var e = lane; e < cells(tiles - first); e += WORKGROUP) {
+        let tile = first + cell(tiles - first, e);
+        if (tile.y < tiles) {
+            add_products(slot, number_of(tiles, tile.x, tile.y), tile, 4u, -1.0);
         }
     }
     front_barrier();
@@ -315,19 +251,22 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     var positive = true;
     for (var k = part.first; k < min(part.last, slots[slot].front_steps); k++) {
         let at = front_steps_at(slot, k);
+        let tiles = diagonal_tiles(at.size);
         begin_front(slot, k, at.size, lane);
-        var side = 0u;
-        for (var i = at.elements.start; i < at.elements.end; i++) {
-            let element = elements_at(slot, i);
-            let count = spread(slot, element, side, lane);
-            front_barrier();
-            assemble(slot, half, element, side, count, at.size, lane);
-            side = COLUMNS - side;
-        }
-        assemble_factored(slot, half, at, lane);
         for (var i = lane; i < at.pivots; i += WORKGROUP) {
-            add_front(slot, ix_front(at.size, i, i), values[base + batch.diagonal + at.variable + i]);
-            add_front(slot, ix_front(at.size, i, at.size), -values[base + batch.gradient + at.variable + i]);
+            add_front(slot, tiles, i, i, values[base + batch.diagonal + at.variable + i]);
+        }
+        front_barrier();
+        for (var i = lane; i < at.pivots; i += WORKGROUP) {
+            add_front(slot, tiles, i, at.size, -values[base + batch.gradient + at.variable + i]);
+        }
+        for (var top = at.rows.start; top < at.rows.end; top += PANEL_ROWS) {
+            clear_panel(lane);
+            workgroupBarrier();
+            let rows = Span(top, min(top + PANEL_ROWS, at.rows.end));
+            spread(slot, half, rows, at.size, lane);
+            front_barrier();
+            add_rows(slot, tiles, rows.end - rows.start, lane);
         }
         front_barrier();
         for (var p = 0u; p < at.pivots; p += 4u) {

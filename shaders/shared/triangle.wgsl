@@ -1,9 +1,4 @@
-// Packed upper triangles.
-
-// Index of (i, j) in a packed front of `size` variables with its right-hand side: row by row, each from its diagonal.
-fn ix_front(size: u32, i: u32, j: u32) -> u32 {
-    return i * (size + 1u) - (i * (i + 1u)) / 2u + j;
-}
+// Cells of an upper triangle, as work for many invocations.
 
 // Number of cells to visit for the upper triangle of `count` columns, see `cell`.
 fn cells(count: u32) -> u32 {
@@ -21,4 +16,9 @@ fn cell(count: u32, e: u32) -> vec2<u32> {
         return vec2<u32>(r, r + at);
     }
     return vec2<u32>(even - 1u - r, at - 1u);
+}
+
+// Number of cell (i, j), `i <= j`, of the upper triangle of `count` columns: row by row, each from its diagonal.
+fn number_of(count: u32, i: u32, j: u32) -> u32 {
+    return i * count - (i * (i + 1u)) / 2u + j;
 }

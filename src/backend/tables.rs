@@ -9,10 +9,10 @@
 //! words.
 
 use crate::nlp::Problem;
-use crate::rows::factored::{FactoredTouch, FirstRows, POSE};
+use crate::rows::factored::{FactoredInstant, FactoredRows, FactoredTouch, FirstRows, POSE};
 use crate::rows::momentum::{INNER_POINTS, MOMENTUM_POINTS, MomentumPoint};
-use crate::rows::table::{MemberArray, Run, Span, Wgsl};
-use crate::rows::{Constants, RowCounts, row_tables};
+use crate::rows::table::{MemberArray, Place, Run, Span, Wgsl};
+use crate::rows::{Constants, Family, RowCounts, row_tables};
 use crate::settings::{SolverSettings, Transcription};
 use crate::solver::control::{Limits, Progress, early_termination_rates};
 use crate::terrain::{Profile, Shape as TerrainShape, Terrain};
@@ -67,6 +67,8 @@ macro_rules! all_tables {
                 first_runs Runs,
                 first_front_steps FrontSteps,
                 first_rests Rests,
+                first_front_rows FrontRows,
+                first_front_columns FrontColumns,
                 first_base_blocks BaseBlocks,
                 first_factored_instants FactoredInstants,
                 first_factored_elements FactoredElements,
@@ -88,6 +90,8 @@ macro_rules! all_tables {
             runs Runs (&problem.runs),
             front_steps FrontSteps (&own.front_steps),
             rests Rests (&own.rests),
+            front_rows FrontRows (&own.front_rows),
+            front_columns FrontColumns (&own.front_columns),
             gather_of GatherOf (&own.gather_of),
             gathers Gathers (&own.gathers),
             touches Touches (&own.touches),
@@ -240,10 +244,12 @@ macro_rules! gpu_tables {
                 pub solved: u32,
                 /// Offset of the recorded infeasibilities, `[window]`.
                 pub history: u32,
-                /// Offset of what remains of a front between two steps, `[rest][rest]` and `[rest]`.
+                /// Offset of what remains of a front between two steps, `[rest][rest + 1]` with its right-hand side.
                 pub carry: u32,
-                /// Offset of the front, if workgroup memory does not hold it.
+                /// Offset of the front, if workgroup memory does not hold it: each value of all tiles in turn, `[4][4][tiles]`.
                 pub front: u32,
+                /// Number of tiles of the largest front.
+                pub tiles: u32,
                 /// Offset of the flag, `[1]`: 1 if the last factorisation failed.
                 pub flags: u32,
                 /// Iteration limit, see [`Limits`].
@@ -378,7 +384,8 @@ macro_rules! gpu_tables {
                     solved: array(minimised(sizes.variables)),
                     history: array(settings.stall.window),
                     carry: array(sizes.rest * (sizes.rest + 1)),
-                    front: array(if front_in_storage { sizes.front_values() } else { 0 }),
+                    front: array(if front_in_storage { front_values(sizes.front) } else { 0 }),
+                    tiles: (front_values(sizes.front) / (TILE * TILE)) as u32,
                     flags: array(1),
                     values,
                     max_iterations: limits.max_iterations,
@@ -463,12 +470,23 @@ crate::table! {
         pub factor: u32,
         /// Distance between two rows of the factor.
         pub stride: u32,
-        /// Elements assembled in this step.
-        pub elements: Span,
-        /// Instants of factored rows assembled in this step.
-        pub factored: Span,
+        /// Rows added to the front in this step, in the table of [`FrontRow`].
+        pub rows: Span,
         /// Variables that remain after the pivots, in the table of [`Rest`].
         pub rest: Span,
+    }
+
+    /// Jacobian row in the order in which the factorisation adds rows to fronts.
+    #[derive(Default)]
+    pub struct FrontRow {
+        /// Number of the row.
+        pub row: u32,
+        /// Offset of its values in the Jacobian values.
+        pub jacobian: u32,
+        /// Columns that are not zero, in the table of [`front_column`].
+        pub columns: Span,
+        /// Instant with the interpolation weights of a factored row.
+        pub instant: u32,
     }
 
     /// Variable that remains in the front after a step.
@@ -528,6 +546,27 @@ impl Shape {
     }
 }
 
+/// Rows and columns of the tiles of a front.
+pub const TILE: usize = 4;
+
+/// Values of all tiles of a front with its right-hand side: those on and above the diagonal.
+pub fn front_values(size: usize) -> usize {
+    let tiles = size / TILE + 1;
+    tiles * (tiles + 1) / 2 * TILE * TILE
+}
+
+/// Bits of an index in [`front_column`].
+pub const FRONT_COLUMN_BITS: u32 = 12;
+
+/// Column of a row in a front, packed in a word.
+///
+/// * `front` - index of the variable in the front
+/// * `column` - column among the Jacobian values of the row
+/// * `block` - base block whose interpolation weight multiplies the value, plus one; 0 for values that are stored as they are
+fn front_column(front: u32, column: u32, block: u32) -> u32 {
+    front | column << FRONT_COLUMN_BITS | block << (2 * FRONT_COLUMN_BITS)
+}
+
 /// Tables that only shaders use.
 #[derive(Debug, Clone, Default)]
 pub struct ShaderTables {
@@ -535,6 +574,10 @@ pub struct ShaderTables {
     pub front_steps: Vec<FrontStep>,
     /// Variables that remain in their fronts.
     pub rests: Vec<Rest>,
+    /// Rows that the factorisation adds to its fronts, by step.
+    pub front_rows: Vec<FrontRow>,
+    /// Their columns, see [`front_column`]. Rows with the same columns share them.
+    pub front_columns: Vec<u32>,
     /// Block of each variable, an index into `gathers`, `[variables]`.
     pub gather_of: Vec<u32>,
     /// Rows that touch each block.
@@ -561,19 +604,75 @@ impl ShaderTables {
                     }
                 }
             }
+            let rows = tables.add_front_rows(problem, k);
             tables.front_steps.push(FrontStep {
                 size: step.size,
                 pivots: step.pivots,
                 variable: step.variable,
                 factor: step.factor,
                 stride: step.stride,
-                elements: step.elements,
-                factored: problem.reach_rows.steps[k],
+                rows,
                 rest: Span::added(first_rest, &tables.rests),
             });
         }
         tables.gather(problem);
         tables
+    }
+
+    /// Adds the rows of a step of the factorisation with their columns.
+    fn add_front_rows(&mut self, problem: &Problem<f32>, step: usize) -> Span {
+        let first = self.front_rows.len();
+        for element in &problem.elements[problem.steps[step].elements.range()] {
+            // Rows of linear momentum touch only the columns of their axis.
+            let axes = if element.family == Family::LinearMomentum { 3 } else { 1 };
+            let runs = &problem.runs[element.runs.range()];
+            let columns = || runs.iter().flat_map(|run| (0..run.len).map(move |i| front_column(run.front + i, run.column + i, 0)));
+            let of_axis: [Span; 3] = std::array::from_fn(|axis| match axis < axes {
+                true => self.add_front_columns(columns().skip(axis).step_by(axes)),
+                false => Span::default(),
+            });
+            let Place { row, jacobian, stride, .. } = element.place;
+            self.front_rows.extend((0..element.rows).map(|r| FrontRow {
+                row: row + r,
+                jacobian: jacobian + r * stride,
+                columns: of_axis[r as usize % axes],
+                instant: 0,
+            }));
+        }
+        self.add_factored_rows(&problem.reach_rows, step);
+        Span::added(first, &self.front_rows)
+    }
+
+    /// Adds the factored rows of a step.
+    fn add_factored_rows<const R: usize>(&mut self, rows: &FactoredRows<f32, R>, step: usize) {
+        let mut shared: Vec<([u32; 2], Span)> = Vec::new();
+        for instant in rows.steps[step].range() {
+            let FactoredInstant { blocks, elements, .. } = rows.instants[instant];
+            for number in elements.range() {
+                let own = rows.elements[number].own;
+                let known = shared.iter().rev().find(|(of, _)| *of == [own, blocks]);
+                let columns = known.map(|(_, columns)| *columns).unwrap_or_else(|| {
+                    let base = rows.base_blocks[blocks as usize].present();
+                    let base = base.flat_map(|(block, run)| (0..run.len).map(move |i| front_column(run.front + i, i, block as u32 + 1)));
+                    let own = rows.own[own as usize].present();
+                    let own = own.flat_map(|run| (0..run.len).map(move |i| front_column(run.front + i, run.column + i, 0)));
+                    self.add_front_columns(base.chain(own))
+                });
+                if known.is_none() {
+                    shared.push(([own, blocks], columns));
+                }
+                let Place { row, jacobian, stride, .. } = rows.place(number);
+                let of_row = |r| FrontRow { row: row + r, jacobian: jacobian + r * stride, columns, instant: instant as u32 };
+                self.front_rows.extend((0..R as u32).map(of_row));
+            }
+        }
+    }
+
+    /// Adds the columns of rows.
+    fn add_front_columns(&mut self, columns: impl Iterator<Item = u32>) -> Span {
+        let first = self.front_columns.len();
+        self.front_columns.extend(columns);
+        Span::added(first, &self.front_columns)
     }
 
     /// Finds the blocks: the longest runs of variables that the same rows touch.
@@ -661,8 +760,6 @@ pub struct Sizes {
     pub front: usize,
     /// Largest number of variables that remain in a front.
     pub rest: usize,
-    /// Largest number of columns of an element.
-    pub columns: usize,
 }
 
 impl Sizes {
@@ -681,7 +778,6 @@ impl Sizes {
             tables: TableCounts(std::array::from_fn(|i| Buffer::TABLES[i].table(problem, own).map_or(0, |t| t.count))),
             front: largest(|s| s.size),
             rest: largest(|s| s.size - s.pivots),
-            columns: problem.widest,
         }
     }
 
@@ -704,7 +800,6 @@ impl Sizes {
             tables: TableCounts(std::array::from_fn(|i| self.tables.0[i].max(other.tables.0[i]))),
             front: self.front.max(other.front),
             rest: self.rest.max(other.rest),
-            columns: self.columns.max(other.columns),
             ..self.with_lengths(|own, other| own.max(other), &other)
         }
     }
@@ -728,11 +823,6 @@ impl Sizes {
             factor: of(self.factor, other.factor),
             ..self
         }
-    }
-
-    /// Number of values of the largest front, packed, with its right-hand side.
-    pub fn front_values(&self) -> usize {
-        self.front * (self.front + 3) / 2
     }
 
     /// True if a candidate of other sizes fits into these.

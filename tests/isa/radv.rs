@@ -37,8 +37,6 @@ pub struct Rows {
     pub name: &'static str,
     /// Size of its largest front.
     pub front: usize,
-    /// Largest number of columns of an element.
-    columns: usize,
 }
 
 impl Rows {
@@ -51,13 +49,13 @@ impl Rows {
                 Sizes::of(&layout, &ShaderTables::of(&layout))
             });
             let largest = sizes.reduce(Sizes::max).unwrap_or_default();
-            Rows { name: settings.rows.name(), front: largest.front, columns: largest.columns }
+            Rows { name: settings.rows.name(), front: largest.front }
         })
     }
 
     /// Variant for a GPU with this workgroup memory, bytes.
     pub fn variant(&self, workgroup_memory: u32) -> Variant {
-        Variant::new(self.front, self.columns, WORKGROUP, workgroup_memory)
+        Variant::new(self.front, WORKGROUP, workgroup_memory)
     }
 }
 

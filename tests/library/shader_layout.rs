@@ -6,7 +6,7 @@ use crate::common::{Random, cones, gait, hills, problem_with, spider, task, task
 use cregopt::backend::gpu::shaders::{
     Binding, SHARED, SOFTWARE_WORKGROUP, Shader, Variant, WORKGROUP, bindings, constants, generated, prelude, reads,
 };
-use cregopt::backend::tables::{Batch, Buffer, FrontStep, Part, ShaderTables, Shape, Slot};
+use cregopt::backend::tables::{Batch, Buffer, FrontRow, FrontStep, Part, ShaderTables, Shape, Slot, front_values};
 use cregopt::linear::transposed::transposed_times;
 use cregopt::nlp::Problem;
 use cregopt::nlp::problem::Element;
@@ -44,7 +44,7 @@ const LARGE_FRONT: usize = 400;
 
 /// Variants with the front in workgroup memory and in storage.
 fn variants() -> [Variant; 2] {
-    let variants = [Variant::new(60, 100, WORKGROUP, PORTABLE_MEMORY), Variant::new(LARGE_FRONT, 100, SOFTWARE_WORKGROUP, PORTABLE_MEMORY)];
+    let variants = [Variant::new(60, WORKGROUP, PORTABLE_MEMORY), Variant::new(LARGE_FRONT, SOFTWARE_WORKGROUP, PORTABLE_MEMORY)];
     assert!(variants[0].front > 0 && variants[1].front == 0);
     variants
 }
@@ -267,7 +267,8 @@ fn structs_differ(module: &Module) -> Result<(), String> {
         SolePoint: SolePoint<f32> { node yaw_column place }
         Turn: Turn<f32> { limit base_column place }
         Element: Element { family pairs runs }
-        FrontStep: FrontStep { elements rest }
+        FrontStep: FrontStep { rows rest }
+        FrontRow: FrontRow { row columns instant }
         Part: Part { first last }
     };
     for (of, member, expected) in offsets {
@@ -357,12 +358,12 @@ fn constants_arrive_with_all_their_bits_and_are_used() {
     twins.extend([("QUARTERS_PER_RADIAN", std::f32::consts::FRAC_2_PI.to_bits()), ("END", twins["INNER_POINTS"])]);
     // Threads of an interval: one per point, and one for the start.
     twins.extend([("START", twins["MOMENTUM_POINTS"]), ("LANES", twins["MOMENTUM_POINTS"] + 1)]);
-    let (pose, blocks, own) = (twins["POSE"], twins["POSE_BLOCKS"], twins["OWN_COLUMNS"]);
-    twins.extend([("POSE_PRODUCTS", pose * pose), ("POSE_SUMS", pose * pose + pose), ("BASE_COLUMNS", blocks * pose)]);
-    twins.extend([("OTHER_COLUMNS", blocks * pose + own + 1), ("BLOCK_PAIRS", blocks * (blocks + 1) / 2)]);
     for (shader, variant, module) in modules() {
-        let Variant { workgroup, front, side, columns } = variant;
-        let of_variant = BTreeMap::from([("WORKGROUP", workgroup), ("FRONT", front), ("SIDE", side), ("COLUMNS", columns)]);
+        let Variant { workgroup, front, side, rows } = variant;
+        let mut of_variant = BTreeMap::from([("WORKGROUP", workgroup), ("FRONT", front), ("SIDE", side), ("PANEL_ROWS", rows)]);
+        // Invocations that work on one row of a panel.
+        let team = (workgroup / rows).max(1);
+        of_variant.extend([("TEAM", team), ("TEAMS", workgroup / team)]);
         let mut quarter = [0f32; 3];
         for (_, constant) in module.constants.iter() {
             let Some(name) = constant.name.as_deref() else { continue };
@@ -399,11 +400,9 @@ fn constants_arrive_with_all_their_bits_and_are_used() {
 const STRUCTURAL: [&str; 16] = ["0.0", "0.5", "1.0", "2.0", "0u", "1u", "2u", "3u", "4u", "0", "1", "2", "3", "4", "5", "6"];
 
 /// Other literals in shaders, by file, with the reason why they are not shared with a twin as constants.
-const ALLOWED: [(&str, &[&str], &str); 8] = [
+const ALLOWED: [(&str, &[&str], &str); 6] = [
     ("shared/control", &["0x7f800000u"], "bits of the exponent of f32"),
     ("shared/math", &["4.0", "0.25", "3.0"], "quarters of a turn"),
-    ("linear/front", &["5u", "6u"], "two vectors of three rows"),
-    ("shared/factored_front", &["6u", "8u"], "last pairs of the first three of four rows of blocks: 3, 6, 8"),
     ("shared/factored_product", &["5u"], "index of the last of six values"),
     ("rows/momentum", &["3.0", "6.0"], "quadratic with a given mean and end"),
     ("rows/goal", &["6u"], "components of a pose or of rates"),
@@ -583,9 +582,9 @@ fn workgroup_memory_is_within_the_limit_of_the_variant() {
         let fronts =
             [1, 40, 60, 65, 70, 72, 74, 76, 78, 80, 90, 100, 110, 115, 118, 120, 122, 140, 150, 155, 160, 165, 170, 175, LARGE_FRONT];
         for front in fronts {
-            let variant = Variant::new(front, 190, WORKGROUP, limit);
-            assert!(variant.front == 0 || variant.front as usize >= front * (front + 3) / 2, "it does not hold its front");
-            assert!(variant.side as usize > front && variant.columns >= 190);
+            let variant = Variant::new(front, WORKGROUP, limit);
+            assert!(variant.front == 0 || variant.front as usize >= front_values(front), "it does not hold its front");
+            assert!(variant.side as usize > front && (4..=16).contains(&variant.rows));
             in_storage += usize::from(variant.front == 0);
             for &shader in Shader::ALL {
                 let module = parse(shader, &variant);
@@ -597,7 +596,7 @@ fn workgroup_memory_is_within_the_limit_of_the_variant() {
                     .sum();
                 let what = format!("{} for a front of {front} of {limit} bytes", shader.path());
                 assert!(used <= limit, "{what}: {used} bytes of workgroup memory");
-                let portable = front * (front + 3) / 2 * 4 < 12 << 10;
+                let portable = front < 80;
                 assert!(!portable || used <= PORTABLE_MEMORY, "{what}: {used} bytes, more than the portable 16 KiB");
             }
         }
@@ -681,7 +680,6 @@ fn rests_name_the_remainder_of_a_front_and_its_place_in_the_next() {
         for (k, (step, of)) in own.front_steps.iter().zip(&problem.steps).enumerate() {
             let same = [step.size, step.pivots, step.variable, step.factor, step.stride];
             assert_eq!(same, [of.size, of.pivots, of.variable, of.factor, of.stride]);
-            assert_eq!(step.elements, of.elements);
             let rests = &own.rests[step.rest.range()];
             assert_eq!(rests.len() as u32, step.size - step.pivots);
             // From the contents of the front.

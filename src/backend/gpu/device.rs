@@ -252,7 +252,7 @@ impl Device {
         let to = fault.clone();
         device.set_device_lost_callback(move |reason, message| keep(&to, Fault::Lost(format!("{reason:?} {message}").trim().into())));
         let kept = Pipelines::open(folder, &device, &adapter.get_info());
-        let workgroup = if report.software { SOFTWARE_WORKGROUP } else { WORKGROUP };
+        let workgroup = if report.software { SOFTWARE_WORKGROUP } else { WORKGROUP.min(limits.max_compute_invocations_per_workgroup) };
         let mut device = Device {
             report,
             workgroup,
@@ -279,9 +279,9 @@ impl Device {
         self
     }
 
-    /// Variant of the shaders for fronts of a size and elements of a number of columns.
-    pub fn variant(&self, front: usize, columns: usize) -> Variant {
-        Variant::new(front, columns, self.workgroup, self.limits.max_compute_workgroup_storage_size)
+    /// Variant of the shaders for fronts of a size.
+    pub fn variant(&self, front: usize) -> Variant {
+        Variant::new(front, self.workgroup, self.limits.max_compute_workgroup_storage_size)
     }
 
     /// Returns the first error since the last call. After the loss of the device it always returns that error.

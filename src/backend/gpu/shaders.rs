@@ -31,7 +31,7 @@
 //! within 3 units, but only within 2^-21 absolute between 0.5 and 2, where the ratios of slacks that hardly change are. Times the barrier
 //! parameter this is 2.4e-8 per row at its default. Tested adapters are within 1.9e-7, which is 1e-8 per row.
 
-use crate::backend::tables::{Batch, Buffer, Part, kind};
+use crate::backend::tables::{Batch, Buffer, FRONT_COLUMN_BITS, Part, TILE, front_values, kind};
 use crate::gait::cost::LEAST_LEG;
 use crate::robot::GRAVITY;
 use crate::rows::factored::{OWN_BLOCKS, OWN_COLUMNS, POSE, POSE_BLOCKS};
@@ -45,9 +45,9 @@ use crate::solver::slacks::{BARRIER_FLOOR, FRACTION_TO_THE_BOUNDARY, MULTIPLIER_
 use crate::solver::start::SCALING_FLOOR;
 use crate::terrain::profile::DIMENSIONS;
 
-/// Invocations per workgroup, in every shader. Workgroup memory limits the number of workgroups on a GPU, so that small ones leave it idle:
-/// with 64, 128 and 256 an H100 solves 686, 963 and 946 candidates/s of `s1` in batches of 2,048.
-pub const WORKGROUP: u32 = 128;
+/// Invocations per workgroup, in every shader, where an adapter allows as many. Workgroup memory limits the number of workgroups on a GPU, so
+/// that small ones leave it idle: with 128 and 256 an H200 solves 3,327 and 3,781 candidates/s of `s1` in batches of 16,384.
+pub const WORKGROUP: u32 = 256;
 /// Invocations per workgroup on software adapters: as many as their vectors have lanes, so that no work for a candidate is repeated.
 pub const SOFTWARE_WORKGROUP: u32 = 8;
 
@@ -134,7 +134,6 @@ pub const SHARED: &[(&str, &str)] = &[
     ("shared/all_elements", text!("shared/all_elements")),
     ("shared/factored_place", text!("shared/factored_place")),
     ("shared/factored_product", text!("shared/factored_product")),
-    ("shared/factored_front", text!("shared/factored_front")),
     ("shared/gather", text!("shared/gather")),
     ("shared/math", text!("shared/math")),
     ("shared/terrain", text!("shared/terrain")),
@@ -296,10 +295,10 @@ impl Shader {
 
     /// Complete text. It has no bindings if the header is invalid.
     pub fn text(self, variant: &Variant) -> String {
-        let Variant { workgroup, front, side, columns } = variant;
+        let Variant { workgroup, front, side, rows } = variant;
         let mut text = prelude();
         text += &format!("const WORKGROUP: u32 = {workgroup}u;\nconst FRONT: u32 = {front}u;\n");
-        text += &format!("const SIDE: u32 = {side}u;\nconst COLUMNS: u32 = {columns}u;\n\n");
+        text += &format!("const SIDE: u32 = {side}u;\nconst PANEL_ROWS: u32 = {rows}u;\n\n");
         for (number, binding) in (0..).zip(self.bindings().unwrap_or_default()) {
             text += &binding.declaration(number);
         }
@@ -381,7 +380,7 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("EARLY_TERMINATION_TO", control::EARLY_TERMINATION_TO),
         ("EARLY_TERMINATION_KNEE", control::EARLY_TERMINATION_KNEES[0]),
         ("EARLY_TERMINATION_LATE_KNEE", control::EARLY_TERMINATION_KNEES[1]),
-        ("LINEAR_MOMENTUM", Family::LinearMomentum as u32),
+        ("FRONT_COLUMN_BITS", FRONT_COLUMN_BITS),
         ("FACTORED", Family::Reach as u32),
         ("EQUALITY", RowKind::Equality as u32),
         ("COST", RowKind::Cost as u32),
@@ -442,38 +441,48 @@ pub fn prelude() -> String {
     structs.into_iter().fold(text + "\n", |text, (_, declaration)| text + &declaration + "\n")
 }
 
+/// Numbers of rows that `linear/front` may add to a front together, the best first: many save passes over the front, few leave workgroup
+/// memory to it. As many as an elimination step has pivots are needed.
+const PANEL_ROWS: [u32; 3] = [16, 8, LEAST_PANEL_ROWS];
+/// Smallest of these numbers.
+pub(super) const LEAST_PANEL_ROWS: u32 = TILE as u32;
+
 /// Parameters of the shader texts: size and location of the front, and sizes of the workgroup memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Variant {
     /// Invocations of a workgroup.
     pub workgroup: u32,
-    /// Values of the front in workgroup memory; 0 if the front is in storage.
+    /// Values of the front in workgroup memory, in whole tiles; 0 if the front is in storage.
     pub front: u32,
     /// Length of a row of the front with its right-hand side, rounded up.
     pub side: u32,
-    /// Largest number of columns of an element, rounded up.
-    pub columns: u32,
+    /// Rows that are added to the front together.
+    pub rows: u32,
 }
 
 impl Variant {
-    /// Variant for fronts of a size and elements of a number of columns, within a limit of workgroup memory, bytes.
+    /// Variant for fronts of a size, within a limit of workgroup memory, bytes.
     ///
     /// The workgroup memory is the portable 16 KiB if that is enough, otherwise the required multiple of 8 KiB. If this exceeds the limit,
     /// the front is in storage.
-    pub fn new(front: usize, columns: usize, workgroup: u32, limit: u32) -> Variant {
+    pub fn new(front: usize, workgroup: u32, limit: u32) -> Variant {
         let side = (front as u32 + 1).next_multiple_of(16);
-        let columns = (columns as u32).max(1).next_multiple_of(16);
-        let without = Variant { workgroup, front: 0, side, columns };
-        let others = without.workgroup_memory();
-        let needed = 4 * (front * (front + 3) / 2) as u32 + others;
-        let memory = needed.next_multiple_of(8 << 10).max(16 << 10).min(limit);
-        Variant { front: if needed <= memory { (memory - others) / 4 } else { 0 }, ..without }
+        let values = front_values(front) as u32;
+        let of_rows = PANEL_ROWS.map(|rows| Variant { workgroup, front: 0, side, rows });
+        for without in of_rows {
+            let others = without.workgroup_memory();
+            if others + 4 * values <= limit {
+                let memory = (others + 4 * values).next_multiple_of(8 << 10).max(16 << 10).min(limit);
+                let tile = (TILE * TILE) as u32;
+                return Variant { front: (memory - others) / (4 * tile) * tile, ..without };
+            }
+        }
+        let [.., least] = of_rows;
+        of_rows.into_iter().find(|without| without.workgroup_memory() <= limit).unwrap_or(least)
     }
 
-    /// Workgroup memory of a factorisation, bytes: the front, `panel` and `columns` of linear/front.wgsl, and `by_pose` of
-    /// shared/factored_front.wgsl, in the multiples of 16 that adapters count.
+    /// Workgroup memory of a factorisation, bytes: the front, and `panel`, `before` and `touched` of linear/front.wgsl.
     pub fn workgroup_memory(&self) -> u32 {
-        let by_pose = (POSE * POSE + POSE).next_multiple_of(4) as u32;
-        4 * (self.front + 4 * self.side + 2 * self.columns + by_pose)
+        4 * (self.front + self.rows * self.side + self.side + self.side / 4)
     }
 }

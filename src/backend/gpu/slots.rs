@@ -1,9 +1,9 @@
 //! Buffers for a number of candidates, and their operations: filling slots, dispatches, reading results.
 
 use super::device::{Device, Fault, Pipeline};
-use super::shaders::{Binding, Shader, Variant};
+use super::shaders::{Binding, LEAST_PANEL_ROWS, Shader, Variant};
 use super::upload::Upload;
-use crate::backend::tables::{ALIGNMENT, Batch, Buffer, Part, ShaderTables, Sizes, Slot};
+use crate::backend::tables::{ALIGNMENT, Batch, Buffer, FrontRow, Part, ShaderTables, Sizes, Slot, TILE};
 use crate::nlp::Problem;
 use crate::rows::factored::FactoredTouch;
 use crate::settings::SolverSettings;
@@ -35,29 +35,29 @@ impl Prepared {
         let own = ShaderTables::of(&problem);
         let sizes = Sizes::of(&problem, &own);
         let slot = Slot::of(&problem, &own, first_height);
-        let loops = (0..problem.steps.len()).map(|step| loops(&problem, step, workgroup)).max().unwrap_or(0);
+        let loops = (0..own.front_steps.len()).map(|step| loops(&own, step, workgroup)).max().unwrap_or(0);
         let walk = walk(&problem, &own, workgroup as usize);
         Prepared { index, problem, own, sizes, slot, loops, walk }
     }
 }
 
 /// Upper bound on the loop iterations of an invocation of the shader `front` in one elimination step.
-fn loops(problem: &Problem<f32>, step: usize, workgroup: u32) -> u32 {
-    // Per factored element, including the work per instant.
-    let factored = problem.reach_rows.counts(step).sum::<u32>();
-    let step = &problem.steps[step];
+fn loops(own: &ShaderTables, step: usize, workgroup: u32) -> u32 {
+    let step = &own.front_steps[step];
     let shares = |n: u32| n / workgroup + 2;
-    let triangle = |n: u32| shares(n * (n + 3) / 2);
-    let elements: u32 = problem.elements[step.elements.range()]
-        .iter()
-        .map(|element| {
-            let columns: u32 = problem.runs[element.runs.range()].iter().map(|r| r.len).sum();
-            element.rows.div_ceil(6) * (triangle(columns) + shares(columns) + columns + 8)
-        })
-        .sum();
-    let factored = factored * (5 * shares(30) + 3 * shares(42) + shares(24) + shares(360));
-    let panels = step.pivots.div_ceil(4) * (triangle(step.size) + 6 * shares(step.size));
-    elements + factored + panels + 4 * triangle(step.size) + 4 * shares(step.size)
+    let tiles = step.size / TILE as u32 + 1;
+    let triangle = shares((tiles + 1) * (tiles + 2) / 2);
+    let rows = &own.front_rows[step.rows.range()];
+    // Any other number of rows needs fewer.
+    let team = (workgroup / LEAST_PANEL_ROWS).max(1);
+    let panel = |rows: &[FrontRow]| {
+        let columns = rows.iter().map(|row| row.columns.end - row.columns.start).max().unwrap_or(0);
+        let spread = (rows.len() as u32 * team).div_ceil(workgroup) * (columns / team + 3);
+        shares(tiles) * (LEAST_PANEL_ROWS + 2) + spread + triangle * (rows.len() as u32 + 2)
+    };
+    let panels = rows.chunks(LEAST_PANEL_ROWS as usize).map(panel).sum::<u32>();
+    let eliminations = step.pivots.div_ceil(TILE as u32) * (6 * shares(step.size) + 6 * triangle);
+    panels + eliminations + 2 * 21 * triangle + 6 * shares(step.size + 4)
 }
 
 /// Loop iterations of an invocation of the shader that visits all elements row by row, or of those that gather them by variable; the larger
@@ -160,7 +160,7 @@ pub(super) fn bytes_of(buffer: Buffer, sizes: &Sizes, batch: &Batch, heights: us
 
 /// Number of slots of these sizes that the limits of a device allow.
 pub fn most_slots(device: &Device, sizes: &Sizes, settings: &SolverSettings, heights: usize) -> usize {
-    let variant = device.variant(sizes.front, sizes.columns);
+    let variant = device.variant(sizes.front);
     let batch = Batch::new(sizes, settings, variant.front == 0, 1);
     // Shaders count words in 32 bits.
     let limit = device.limits.max_storage_buffer_binding_size.min(device.limits.max_buffer_size).min(4 * u64::from(u32::MAX));
@@ -270,7 +270,7 @@ impl Slots {
         heights: &[f32],
         loops: u32,
     ) -> Result<Slots, Fault> {
-        let variant = device.variant(sizes.front, sizes.columns);
+        let variant = device.variant(sizes.front);
         let batch = Batch::new(&sizes, settings, variant.front == 0, capacity);
         let pipelines = device.pipelines(variant)?;
         let (buffers, bytes) = storage(device, &sizes, &batch, capacity, heights.len())?;

@@ -224,7 +224,7 @@ fn check_front_at(lab: &mut Lab, lists: &[Vec<u32>], what: &str, mut jacobian_of
 pub fn with_small_fronts(workgroup: u32) -> Vec<Candidate> {
     let fits = |c: &Candidate| {
         let sizes = Prepared::new(0, c.problem.clone(), 0, workgroup).sizes;
-        sizes.front <= SMALL[0] && sizes.columns <= SMALL[1]
+        sizes.front <= SMALL
     };
     let candidates: Vec<Candidate> = candidates().into_iter().filter(fits).collect();
     let feet: BTreeSet<usize> = candidates.iter().map(|c| c.feet).collect();
@@ -236,8 +236,8 @@ pub fn with_small_fronts(workgroup: u32) -> Vec<Candidate> {
 fn front_in_workgroup_memory_solves_the_normal_equations() {
     let Some(device) = gpu("front_in_workgroup_memory_solves_the_normal_equations") else { return };
     let candidates = with_small_fronts(device.workgroup);
-    assert!(Variant::new(SMALL[0], SMALL[1], device.workgroup, 16 << 10).front > 0);
-    assert!(device.variant(SMALL[0], SMALL[1]).front > 0);
+    assert!(Variant::new(SMALL, device.workgroup, 16 << 10).front > 0);
+    assert!(device.variant(SMALL).front > 0);
     let mut lab = Lab::new(&device, &candidates, CAPACITY, SMALL, |_, _| {});
     let lists = lab.lists();
     check_front(&mut lab, &lists, "front in workgroup memory");
@@ -257,11 +257,11 @@ fn front_takes_elements_of_any_number_of_rows() {
 #[test]
 fn front_in_storage_solves_the_normal_equations() {
     let Some(device) = gpu("front_in_storage_solves_the_normal_equations") else { return };
-    assert_eq!(device.variant(LARGE[0], LARGE[1]).front, 0, "this adapter would keep the front in workgroup memory");
+    assert_eq!(device.variant(LARGE).front, 0, "this adapter would keep the front in workgroup memory");
     let candidates = candidates();
     let mut lab = Lab::new(&device, &candidates, candidates.len(), LARGE, |_, _| {});
     let largest = lab.slots.iter().map(|s| s.problem.steps.iter().map(|step| step.size).max().unwrap()).max().unwrap();
-    assert!(largest as usize <= LARGE[0] && largest as usize > SMALL[0], "the largest front has {largest} variables");
+    assert!(largest as usize <= LARGE && largest as usize > SMALL, "the largest front has {largest} variables");
     let lists = lab.lists();
     check_front(&mut lab, &lists, "front in storage");
 }

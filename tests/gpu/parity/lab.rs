@@ -22,11 +22,11 @@ pub const CAPACITY: usize = 70;
 /// Sizes of the list of running slots: one, and around the size of a workgroup or a warp.
 pub const COUNTS: [usize; 4] = [1, 63, 64, 65];
 
-/// Largest front, and largest number of columns of an element, with which the front fits into the portable 16 KiB of workgroup memory.
-pub const SMALL: [usize; 2] = [80, 160];
+/// Largest front that fits into the portable 16 KiB of workgroup memory.
+pub const SMALL: usize = 79;
 
-/// Largest front and columns with which the front does not fit into the workgroup memory of common adapters: 81 KiB.
-pub const LARGE: [usize; 2] = [200, 256];
+/// Front that does not fit into the workgroup memory of common adapters: 83 KiB.
+pub const LARGE: usize = 200;
 
 /// Prints the reason even where the output of passing tests is hidden.
 #[expect(clippy::explicit_write, reason = "the harness keeps what eprintln prints")]
@@ -165,7 +165,7 @@ impl<'a> Lab<'a> {
         device: &Arc<Device>,
         candidates: &'a [Candidate],
         slots: usize,
-        front: [usize; 2],
+        front: usize,
         tweak: impl Fn(usize, &mut Prepared),
     ) -> Self {
         Lab::with_loops(device, candidates, slots, front, 1, tweak)
@@ -175,7 +175,7 @@ impl<'a> Lab<'a> {
         device: &Arc<Device>,
         candidates: &'a [Candidate],
         slots: usize,
-        [front, columns]: [usize; 2],
+        front: usize,
         loops: u32,
         tweak: impl Fn(usize, &mut Prepared),
     ) -> Self {
@@ -196,7 +196,7 @@ impl<'a> Lab<'a> {
         };
         let prepared: Vec<Prepared> = (0..slots).map(prepare).collect();
         let mut sizes = prepared.iter().map(|p| p.sizes).reduce(Sizes::max).unwrap();
-        (sizes.front, sizes.columns) = (front, columns);
+        sizes.front = front;
         let mut buffers = Slots::new(device, sizes, &settings, slots, &grids().0, loops).unwrap();
         buffers.fill(&(0..slots as u32).collect::<Vec<_>>(), &prepared, &settings).unwrap();
         let of = |p: Prepared| Slot {
