@@ -45,8 +45,8 @@ use crate::solver::slacks::{BARRIER_FLOOR, FRACTION_TO_THE_BOUNDARY, MULTIPLIER_
 use crate::solver::start::SCALING_FLOOR;
 use crate::terrain::profile::DIMENSIONS;
 
-/// Invocations per workgroup, in every shader, where an adapter allows as many. Workgroup memory limits the number of workgroups on a GPU, so
-/// that small ones leave it idle: with 128 and 256 an H200 solves 3,327 and 3,781 candidates/s of `s1` in batches of 16,384.
+/// Invocations per workgroup, in every shader, if an adapter allows as many. Workgroup memory limits the number of workgroups on a GPU,
+/// so that small ones leave it idle: with 128 and 256 an H200 solves 3,327 and 3,781 candidates/s of `s1` in batches of 16,384.
 pub const WORKGROUP: u32 = 256;
 /// Invocations per workgroup on software adapters: as many as their vectors have lanes, so that no work for a candidate is repeated.
 pub const SOFTWARE_WORKGROUP: u32 = 8;
