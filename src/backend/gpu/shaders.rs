@@ -34,7 +34,7 @@
 use crate::backend::tables::{Batch, Buffer, FRONT_COLUMN_BITS, Part, TILE, front_values, kind};
 use crate::gait::cost::LEAST_LEG;
 use crate::robot::GRAVITY;
-use crate::rows::factored::{OWN_BLOCKS, OWN_COLUMNS, POSE, POSE_BLOCKS};
+use crate::rows::factored::{OWN_BLOCKS, POSE, POSE_BLOCKS};
 use crate::rows::momentum::{INNER_POINTS, MOMENTUM_POINTS, STEEP_COSINE};
 use crate::rows::swing::{RING_POINTS, RINGS};
 use crate::rows::table::{NONE, Wgsl};
@@ -346,7 +346,6 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("POSE", POSE as u32),
         ("POSE_BLOCKS", POSE_BLOCKS as u32),
         ("OWN_BLOCKS", OWN_BLOCKS as u32),
-        ("OWN_COLUMNS", OWN_COLUMNS as u32),
         ("FACTORED_ROWS", reach::SPEC.rows as u32),
         ("FACTORED_PAIRS", reach::SPEC.pairs as u32),
         ("FORCE_ROWS", force::SPEC.rows as u32),
