@@ -20,7 +20,8 @@ pub struct WorldArgs {
     /// Robot: a name from `list`, or a JSON or TOML file [default: the scenario's]. `SCENARIO=NAME|FILE` sets it for one scenario only
     #[arg(long, value_name = "NAME|FILE")]
     robot: Vec<String>,
-    /// Terrain: a name from `list`, or a JSON or TOML file [default: the scenario's]. `SCENARIO=NAME|FILE` sets it for one scenario only
+    /// Terrain: a name from `list`, a JSON or TOML file, a mesh (.obj, .ply) or a grid map (.mcap) [default: the scenario's].
+    /// `SCENARIO=NAME|FILE` sets it for one scenario only
     #[arg(long, value_name = "NAME|FILE")]
     terrain: Vec<String>,
     /// Largest normal force of a foot, N [default: by the robot; 1000 with the rows of TOWR]
