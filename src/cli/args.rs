@@ -222,3 +222,29 @@ impl std::str::FromStr for GoalArg {
         }
     }
 }
+
+/// Place on the command line with its time of arrival: `X,Y`, `X,Y,Z`, `X,Y@T` or `X,Y,Z@T`, m and s.
+#[derive(Debug, Clone, Copy)]
+pub struct TimedGoalArg {
+    place: GoalArg,
+    /// Time of arrival, if given, s.
+    time: Option<f64>,
+}
+
+impl TimedGoalArg {
+    /// Goal at rest with yaw 0.
+    pub fn goal(self) -> Goal {
+        Goal { time: self.time, ..self.place.goal() }
+    }
+}
+
+impl std::str::FromStr for TimedGoalArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let (place, time) = text.split_once('@').map_or((text, None), |(place, time)| (place, Some(time)));
+        let seconds = |time: &str| time.trim().parse::<f64>().ok().filter(|time| time.is_finite());
+        let time = time.map(|time| seconds(time).ok_or("expected a time in seconds after @")).transpose()?;
+        Ok(TimedGoalArg { place: place.parse()?, time })
+    }
+}

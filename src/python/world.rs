@@ -338,7 +338,7 @@ impl Terrain {
 /// goal : (x, y), (x, y, z) or dict
 ///     Goal of the base, world frame, m. Without z, the base ends at the robot's ``base_height`` above the ground, or at a height from
 ///     which all feet reach it. A dictionary has the keys of ``[goal]`` in a scenario file: ``xy``, ``z``, ``yaw``, ``tilt``, ``velocity``,
-///     ``rates``.
+///     ``rates``, and ``time``, the time of arrival in s from the start of the task.
 /// yaw : float, optional
 ///     Yaw at the goal, rad; by default that of the dictionary, or 0.
 /// start : (x, y), (x, y, z), dict, Trajectory or Gait, optional
@@ -390,7 +390,9 @@ impl Task {
         for (i, waypoint) in waypoints.iter().enumerate() {
             task.to(waypoint.goal).map_err(|e| e.within(format_args!("via[{i}]"))).raise()?;
         }
-        Ok(Task(Arc::new(Mission { waypoints, ..Mission::new(task) })))
+        let mission = Mission { waypoints, ..Mission::new(task) };
+        mission.check_times().raise()?;
+        Ok(Task(Arc::new(mission)))
     }
 
     /// Task of a scenario. Other keys of its file, such as seed and gaits, are used by ``cregopt.solve``.
@@ -436,7 +438,7 @@ impl Task {
     /// Goal, with the keys of ``[goal]`` in a scenario file.
     #[getter]
     fn goal<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        to_python(py, &of_state(&self.0.task.goal))
+        to_python(py, &Goal { time: self.0.task.duration, ..of_state(&self.0.task.goal) })
     }
 
     /// Waypoints, with the keys of ``[[waypoints]]`` in a scenario file; those without ``yaw`` have an interpolated yaw.

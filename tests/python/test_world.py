@@ -142,6 +142,18 @@ def test_a_task_can_be_read_from_a_scenario(tmp_path: pathlib.Path, monkeypatch:
         cregopt.Task.from_scenario(tmp_path / "missing.toml")
 
 
+def test_a_base_arrives_at_waypoint_and_goal_in_time() -> None:
+    via = {"xy": [0.3, 0.0], "z": 0.52, "yaw": 0.1, "time": 1.4}
+    task = cregopt.Task(ROBOT, FLAT, {"xy": [0.6, 0.0], "time": 3.1}, via=[via])
+    gait = cregopt.search(task, first=True, device="cpu")
+    first, last = (stage.trajectory for stage in gait.stages)
+    assert first.horizon == pytest.approx(1.4, abs=1e-9) and last.horizon == pytest.approx(1.7, abs=1e-9)
+    end = first.sample()
+    assert end.base_position[-1] == pytest.approx([0.3, 0.0, 0.52], abs=1e-3) and end.base_angles[-1, 2] == pytest.approx(0.1, abs=1e-3)
+    with pytest.raises(cregopt.Error, match="goal: time: 1, but it must be later than 1.4 s"):
+        cregopt.Task(ROBOT, FLAT, {"xy": [0.6, 0.0], "time": 1.0}, via=[via])
+
+
 def test_errors_name_invalid_waypoints() -> None:
     task = cregopt.Task(ROBOT, FLAT, goal=(2.0, 0.0), via=[(0.5, 0.1), {"xy": [1.0, 0.0]}, {"xy": [1.5, 0.0], "yaw": 0.2}])
     assert [place.get("yaw") for place in task.via] == [None, None, 0.2] and task.via[0]["xy"] == [0.5, 0.1]
