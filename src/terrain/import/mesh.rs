@@ -121,16 +121,17 @@ fn raise(heights: &mut [Vec<f64>], corners: [[f64; 3]; 3]) {
         low.ceil().max(0.) as usize..count.min(high.floor().max(-1.) as usize + 1)
     };
     let columns = range(1, heights[0].len());
+    let (low, high) = (a[2].min(b[2]).min(c[2]), a[2].max(b[2]).max(c[2]));
     for i in range(0, heights.len()) {
         for j in columns.clone() {
             let p = [i as f64, j as f64, 0.];
             // Distances from the sides times twice the area; negative outside.
             let parts = [cross(p, b, c), cross(a, p, c), cross(a, b, p)].map(|part| part * area.signum());
             if parts.iter().zip(sides).all(|(part, side)| *part >= -REACH * side) {
-                // Within the enlargement the height remains between those of the corners.
+                // Within the enlargement, and after rounding, the height remains between those of the corners.
                 let weights = parts.map(|part| part.max(0.));
                 let z = weights.iter().zip(corners).map(|(weight, corner)| weight * corner[2]).sum::<f64>() / weights.iter().sum::<f64>();
-                heights[i][j] = heights[i][j].max(z);
+                heights[i][j] = heights[i][j].max(z.clamp(low, high));
             }
         }
     }
