@@ -11,7 +11,8 @@ use crate::robot::Robot;
 use crate::terrain::Terrain;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-/// Fields of the message types, by package and name. Every type follows those that contain it.
+/// Fields of the message types by package and name, as `common_interfaces`, `rcl_interfaces` and `geometry2` of ROS 2 define them. Every
+/// type follows those that contain it.
 const TYPES: [(&str, &str); 15] = [
     ("trajectory_msgs/MultiDOFJointTrajectory", "std_msgs/Header header\nstring[] joint_names\nMultiDOFJointTrajectoryPoint[] points\n"),
     (
