@@ -236,16 +236,3 @@ def test_unknown_cells_are_holes_and_unknown_layers_are_named(tmp_path: pathlib.
         cregopt.Terrain.from_map(path, layer="elevaton")
     with pytest.raises(cregopt.Error, match="resolution of the map is 0.25 m"):
         cregopt.Terrain.from_map(path, cell=0.1)
-
-
-def test_meshes_and_height_maps_are_imported(tmp_path: pathlib.Path) -> None:
-    mesh = tmp_path / "ramp.obj"
-    mesh.write_text("v -1 -1 0\nv 3 -1 0.4\nv 3 1 0.4\nv -1 1 0\nf 1 2 3 4\n")
-    for terrain in (cregopt.Terrain.from_map(mesh, "hill", cell=0.5), cregopt.Terrain(str(mesh)), cregopt.Terrain.from_file(mesh)):
-        assert terrain.height(0.7, 0.3) == pytest.approx(0.17, abs=1e-9)
-    np.save(tmp_path / "map.npy", np.arange(6.0).reshape(2, 3) / 10)
-    assert cregopt.Terrain.from_map(tmp_path / "map.npy", cell=0.5, origin=(1.0, 2.0)).height(1.5, 3.0) == pytest.approx(0.5)
-    with pytest.raises(cregopt.Error, match="map.npy: --cell: missing"):
-        cregopt.Terrain.from_map(tmp_path / "map.npy")
-    with pytest.raises(cregopt.Error, match="from_map: unknown field `cel`.*did you mean `cell`"):
-        cregopt.Terrain.from_map(mesh, cel=0.5)  # type: ignore[call-arg]

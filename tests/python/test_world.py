@@ -40,6 +40,19 @@ def test_heights_are_at_the_positions_of_their_indices() -> None:
     assert cregopt.Terrain("flat", friction=0.5).friction == 0.5
 
 
+def test_meshes_and_height_maps_are_imported(tmp_path: pathlib.Path) -> None:
+    mesh = tmp_path / "ramp.obj"
+    mesh.write_text("v -1 -1 0\nv 3 -1 0.4\nv 3 1 0.4\nv -1 1 0\nf 1 2 3 4\n")
+    for terrain in (cregopt.Terrain.from_map(mesh, "hill", cell=0.5), cregopt.Terrain(str(mesh)), cregopt.Terrain.from_file(mesh)):
+        assert terrain.height(0.7, 0.3) == pytest.approx(0.17, abs=1e-9)
+    np.save(tmp_path / "map.npy", np.arange(6.0).reshape(2, 3) / 10)
+    assert cregopt.Terrain.from_map(tmp_path / "map.npy", cell=0.5, origin=(1.0, 2.0)).height(1.5, 3.0) == pytest.approx(0.5)
+    with pytest.raises(cregopt.Error, match="map.npy: --cell: missing"):
+        cregopt.Terrain.from_map(tmp_path / "map.npy")
+    with pytest.raises(cregopt.Error, match="from_map: cel: unknown field `cel`; did you mean `cell`"):
+        cregopt.Terrain.from_map(mesh, cel=0.5)  # type: ignore[call-arg]
+
+
 def test_a_task_has_the_given_start_and_goal() -> None:
     robot, terrain = cregopt.Robot("anymal"), cregopt.Terrain("flat")
     task = cregopt.Task(robot, terrain, goal=np.array([2.0, 0.3]), yaw=0.5, start=(1.0, 0.0), start_yaw=-0.1)
