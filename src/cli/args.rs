@@ -175,7 +175,7 @@ impl TermArgs {
             (Some(name), _) => Some(Ends::Scenario { name: name.clone(), target: self.target }),
             (None, Some(goal)) => {
                 let start = self.start.map_or(Goal::at(0., 0.), GoalArg::goal).yaw(self.start_yaw.unwrap_or(0.));
-                Some(Ends::Between(start, goal.goal().yaw(self.yaw.unwrap_or(0.))))
+                Some(Ends::Between(Box::new([start, goal.goal().yaw(self.yaw.unwrap_or(0.))])))
             }
             (None, None) => None,
         };
