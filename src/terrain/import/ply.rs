@@ -1,5 +1,5 @@
 //! Meshes as PLY, as text or binary: elements `vertex` with x, y, z and `face` with a list of vertices. Other elements and properties are
-//! skipped. Common parsers of PLY keep each number with its name, which takes a hundred times the memory of the mesh.
+//! skipped.
 
 use super::mesh::{Mesh, finite};
 use super::{Map, Placement};
